@@ -1,0 +1,4 @@
+//! placeholder
+pub mod safe;
+pub mod scalar;
+pub use scalar::{Mask, Scalar};

@@ -1,0 +1,202 @@
+//! The number under every equation of this crate.
+//!
+//! Physics, controllers and rewards are written once over [`Scalar`] and evaluated as plain floats, as dual numbers
+//! (derivatives), as SIMD lanes (one environment per lane) or as a recording ([`Trace`](super::Trace)) from which the
+//! adjoint is derived. For all of them to run the same lines, a kernel may not branch on a value: comparisons return
+//! a [`Mask`] and [`Scalar::select`] picks between two results that are both computed.
+
+use std::fmt::Debug;
+use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
+
+/// The truth value of a comparison: a `bool` for single numbers, one bit per lane for lanes.
+pub trait Mask: Copy {
+    /// Both.
+    fn and(self, other: Self) -> Self;
+    /// Either.
+    fn or(self, other: Self) -> Self;
+    /// Neither.
+    fn not(self) -> Self;
+}
+
+impl Mask for bool {
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        self & other
+    }
+    #[inline(always)]
+    fn or(self, other: Self) -> Self {
+        self | other
+    }
+    #[inline(always)]
+    fn not(self) -> Self {
+        !self
+    }
+}
+
+/// A real number, or several side by side.
+///
+/// There is deliberately no `PartialOrd`: a kernel that could branch on a value would neither trace nor run in lanes.
+/// Kernels call the functions of [`safe`](super::safe) where an argument may reach a singular point (norms, square
+/// roots, angles): a reverse sweep multiplies a masked zero by the infinite slope otherwise.
+pub trait Scalar:
+    Copy
+    + Debug
+    + 'static
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + AddAssign
+    + SubAssign
+    + MulAssign
+{
+    /// What a comparison returns.
+    type Mask: Mask;
+
+    /// A constant: the same in every lane, with zero derivative.
+    fn constant(x: f64) -> Self;
+    /// √x. Slope infinite at 0: see [`safe::sqrt`](super::safe::sqrt).
+    fn sqrt(self) -> Self;
+    /// (sin x, cos x).
+    fn sin_cos(self) -> (Self, Self);
+    /// eˣ.
+    fn exp(self) -> Self;
+    /// Natural logarithm, for x > 0.
+    fn ln(self) -> Self;
+    /// Hyperbolic tangent.
+    fn tanh(self) -> Self;
+    /// The angle of the point (`x`, `self`), in (−π, π]. Undefined slope at the origin: see
+    /// [`safe::atan2`](super::safe::atan2).
+    fn atan2(self, x: Self) -> Self;
+    /// `self < other`, lane by lane; derivatives play no part.
+    fn lt(self, other: Self) -> Self::Mask;
+    /// Lane by lane: `yes` where `mask` holds, else `no`. Both are already computed.
+    fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+
+    /// `self · a + b`: fused in lanes where the processor has it, two roundings elsewhere.
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        self * a + b
+    }
+    /// 0.
+    #[inline(always)]
+    fn zero() -> Self {
+        Self::constant(0.0)
+    }
+    /// 1.
+    #[inline(always)]
+    fn one() -> Self {
+        Self::constant(1.0)
+    }
+    /// 1/x.
+    #[inline(always)]
+    fn recip(self) -> Self {
+        Self::one() / self
+    }
+    /// The larger; at a tie, `self` and its derivative.
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self::select(self.lt(other), other, self)
+    }
+    /// The smaller; at a tie, `self` and its derivative.
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self::select(other.lt(self), other, self)
+    }
+    /// `self` held within [`lo`, `hi`]; derivative 1 on the closed interval, 0 outside.
+    #[inline(always)]
+    fn clamp(self, lo: Self, hi: Self) -> Self {
+        self.max(lo).min(hi)
+    }
+    /// |x|; derivative +1 at 0.
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self::select(self.lt(Self::zero()), -self, self)
+    }
+    /// x².
+    #[inline(always)]
+    fn square(self) -> Self {
+        self * self
+    }
+}
+
+impl Scalar for f64 {
+    type Mask = bool;
+    #[inline(always)]
+    fn constant(x: f64) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        f64::sqrt(self)
+    }
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        f64::sin_cos(self)
+    }
+    #[inline(always)]
+    fn exp(self) -> Self {
+        f64::exp(self)
+    }
+    #[inline(always)]
+    fn ln(self) -> Self {
+        f64::ln(self)
+    }
+    #[inline(always)]
+    fn tanh(self) -> Self {
+        f64::tanh(self)
+    }
+    #[inline(always)]
+    fn atan2(self, x: Self) -> Self {
+        f64::atan2(self, x)
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> bool {
+        self < other
+    }
+    #[inline(always)]
+    fn select(mask: bool, yes: Self, no: Self) -> Self {
+        if mask { yes } else { no }
+    }
+}
+
+impl Scalar for f32 {
+    type Mask = bool;
+    #[inline(always)]
+    fn constant(x: f64) -> Self {
+        x as f32
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        f32::sqrt(self)
+    }
+    #[inline(always)]
+    fn sin_cos(self) -> (Self, Self) {
+        f32::sin_cos(self)
+    }
+    #[inline(always)]
+    fn exp(self) -> Self {
+        f32::exp(self)
+    }
+    #[inline(always)]
+    fn ln(self) -> Self {
+        f32::ln(self)
+    }
+    #[inline(always)]
+    fn tanh(self) -> Self {
+        f32::tanh(self)
+    }
+    #[inline(always)]
+    fn atan2(self, x: Self) -> Self {
+        f32::atan2(self, x)
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> bool {
+        self < other
+    }
+    #[inline(always)]
+    fn select(mask: bool, yes: Self, no: Self) -> Self {
+        if mask { yes } else { no }
+    }
+}

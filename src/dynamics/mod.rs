@@ -1,0 +1,4 @@
+//! placeholder
+pub mod spatial;
+pub mod vehicle;
+pub use vehicle::*;

@@ -1,0 +1,153 @@
+//! The one error type of the crate. Every message names the value, the limit it broke and the remedy.
+
+use std::path::{Path, PathBuf};
+
+/// `std::result::Result` with this crate's [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// What can go wrong with data: files, configurations, sizes, names.
+///
+/// Numerical procedures report outcomes (solved, stalled, …) in their own types; this is for input that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A value that is not finite, not physical or outside its range.
+    #[error("{what} is {value}, but it must be {limit}. {remedy}")]
+    Value {
+        /// The quantity, with its place: `rotor 2: thrust_coefficient`.
+        what: String,
+        /// The value as given.
+        value: String,
+        /// The rule it broke: `> 0`.
+        limit: String,
+        /// What to do about it.
+        remedy: String,
+    },
+    /// A request larger than a fence set before the work starts.
+    #[error("{what} is {value}, over the limit of {limit}. {remedy}")]
+    Limit {
+        /// The quantity.
+        what: String,
+        /// The value as given.
+        value: String,
+        /// The fence.
+        limit: String,
+        /// How to stay below it or raise it.
+        remedy: String,
+    },
+    /// A name that is in no registry.
+    #[error("no {kind} is called '{name}'{}. Known: {}", suggestion(.name, .known), .known.join(", "))]
+    Unknown {
+        /// What was looked up: `vehicle`, `reference`.
+        kind: &'static str,
+        /// The name as given.
+        name: String,
+        /// Every name that would have worked.
+        known: Vec<String>,
+    },
+    /// A file that could not be read or written.
+    #[error("{}: {source}", .path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The operating system's answer.
+        source: std::io::Error,
+    },
+    /// A file whose text breaks a rule of its format.
+    #[error("{file}: {place}: {rule}. {remedy}")]
+    Format {
+        /// The file, or `<text>` where the text came from memory.
+        file: String,
+        /// Element, key or line.
+        place: String,
+        /// The rule that was broken, with the value.
+        rule: String,
+        /// What to do about it.
+        remedy: String,
+    },
+}
+
+impl Error {
+    /// A [`Error::Value`] from parts that can be displayed.
+    pub fn value(
+        what: impl Into<String>,
+        value: impl ToString,
+        limit: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self::Value { what: what.into(), value: value.to_string(), limit: limit.into(), remedy: remedy.into() }
+    }
+
+    /// A [`Error::Limit`] from parts that can be displayed.
+    pub fn limit(
+        what: impl Into<String>,
+        value: impl ToString,
+        limit: impl ToString,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self::Limit { what: what.into(), value: value.to_string(), limit: limit.to_string(), remedy: remedy.into() }
+    }
+
+    /// A [`Error::File`] for `path`.
+    pub fn file(path: impl AsRef<Path>, source: std::io::Error) -> Self {
+        Self::File { path: path.as_ref().to_path_buf(), source }
+    }
+}
+
+/// Checks that every number of `values` is finite; `what` names the first that is not.
+pub(crate) fn finite(what: &str, values: &[f64]) -> Result<()> {
+    match values.iter().position(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(i) => {
+            let name = if values.len() == 1 { what.to_string() } else { format!("{what}[{i}]") };
+            Err(Error::value(name, values[i], "a finite number", "Correct it at its source."))
+        }
+    }
+}
+
+/// ` (did you mean 'x'?)` for the nearest known name within two edits, else nothing.
+fn suggestion(name: &str, known: &[String]) -> String {
+    known
+        .iter()
+        .map(|k| (edit_distance(&name.to_lowercase(), &k.to_lowercase()), k))
+        .min()
+        .filter(|(d, _)| *d <= 2)
+        .map_or(String::new(), |(_, k)| format!(" (did you mean '{k}'?)"))
+}
+
+/// Levenshtein distance, by one row of the usual table.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, cb) in b.iter().enumerate() {
+            let substitute = diagonal + usize::from(ca != *cb);
+            diagonal = row[j + 1];
+            row[j + 1] = substitute.min(row[j] + 1).min(row[j + 1] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_name_suggests_the_nearest_known_one() {
+        let known = vec!["hummingbird".to_string(), "firefly".to_string()];
+        let text = Error::Unknown { kind: "vehicle", name: "humingbird".into(), known }.to_string();
+        assert_eq!(
+            text,
+            "no vehicle is called 'humingbird' (did you mean 'hummingbird'?). Known: hummingbird, firefly"
+        );
+    }
+
+    #[test]
+    fn a_non_finite_entry_is_named_with_its_index() {
+        let text = finite("mass", &[1.0, f64::NAN]).unwrap_err().to_string();
+        assert!(text.starts_with("mass[1] is NaN"), "{text}");
+    }
+}

@@ -1,0 +1,4 @@
+//! placeholder
+pub mod autodiff;
+pub mod dynamics;
+pub mod error;
