@@ -69,7 +69,7 @@ pub fn div<S: Scalar>(a: S, b: S, floor: f64) -> S {
     let tiny = b.abs().lt(S::constant(floor));
     let negative = b.lt(S::zero());
     let edge = S::select(negative, S::constant(-floor), S::constant(floor));
-    a / S::select(tiny, edge, b)
+    a * S::select(tiny, edge, b).recip()
 }
 
 /// sin(x)/x, even and smooth through 0 (series below |x| = 0.01).
@@ -79,7 +79,7 @@ pub fn sinc<S: Scalar>(x: S) -> S {
     let small = x2.lt(S::constant(1e-4));
     let guarded = S::select(small, S::one(), x);
     let series = x2.mul_add(x2.mul_add(S::constant(1.0 / 120.0), S::constant(-1.0 / 6.0)), S::one());
-    S::select(small, series, guarded.sin_cos().0 / guarded)
+    S::select(small, series, guarded.sin_cos().0 * guarded.recip())
 }
 
 /// True in every lane whose value is finite and below `limit` in magnitude.

@@ -1,0 +1,363 @@
+//! A scalar that records: run a kernel once over [`Trace`], get its straight-line graph, derive the adjoint.
+//!
+//! Because kernels do not branch on values, one recording is valid for every input. Equal nodes are shared
+//! (hash-consing) and constants folded as they are recorded; `x·0` folds to 0 and `x + 0` to `x`, so a recorded
+//! function returns 0 where the original would have multiplied an infinity by a constant zero.
+//!
+//! The adjoint of y = f(x) maps (x, ȳ) to x̄ = (∂f/∂x)ᵀ ȳ. It is another [`Recording`], made by walking the graph
+//! backwards once (Griewank and Walther 2008, chapter 3) with ordinary `Trace` arithmetic, so it is simplified, compiled
+//! and evaluated like any other.
+
+use super::scalar::{Mask, Scalar};
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Range, Sub, SubAssign};
+
+/// One operation on earlier nodes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Node {
+    Input(u32),
+    /// The bits of an `f64`.
+    Constant(u64),
+    Add(u32, u32),
+    Sub(u32, u32),
+    Mul(u32, u32),
+    Div(u32, u32),
+    Neg(u32),
+    Recip(u32),
+    Sqrt(u32),
+    Sin(u32),
+    Cos(u32),
+    Exp(u32),
+    Ln(u32),
+    Tanh(u32),
+    /// Of y, x.
+    Atan2(u32, u32),
+    Less(u32, u32),
+    And(u32, u32),
+    Or(u32, u32),
+    Not(u32),
+    /// Mask, yes, no.
+    Select(u32, u32, u32),
+}
+
+impl Node {
+    /// The nodes this one reads, in order; unused places repeat the last.
+    pub(crate) fn operands(self) -> impl Iterator<Item = u32> {
+        use Node::*;
+        let (list, n) = match self {
+            Input(_) | Constant(_) => ([0; 3], 0),
+            Neg(a) | Recip(a) | Sqrt(a) | Sin(a) | Cos(a) | Exp(a) | Ln(a) | Tanh(a) | Not(a) => ([a, 0, 0], 1),
+            Add(a, b) | Sub(a, b) | Mul(a, b) | Div(a, b) | Atan2(a, b) | Less(a, b) | And(a, b) | Or(a, b) => {
+                ([a, b, 0], 2)
+            }
+            Select(m, a, b) => ([m, a, b], 3),
+        };
+        list.into_iter().take(n)
+    }
+}
+
+/// Nodes so far, and where each is.
+#[derive(Default)]
+struct Graph {
+    nodes: Vec<Node>,
+    index: HashMap<Node, u32>,
+}
+
+thread_local! {
+    static GRAPH: RefCell<Graph> = RefCell::new(Graph::default());
+}
+
+impl Graph {
+    fn constant(&self, i: u32) -> Option<f64> {
+        match self.nodes[i as usize] {
+            Node::Constant(bits) => Some(f64::from_bits(bits)),
+            _ => None,
+        }
+    }
+
+    /// The node that `node` is equal to: an operand, a constant, or itself with its operands in order.
+    fn simplify(&self, node: Node) -> Result<Node, u32> {
+        use Node::*;
+        let c = |i| self.constant(i);
+        let value = |x: f64| Ok(Constant(x.to_bits()));
+        match node {
+            Add(a, b) => match (c(a), c(b)) {
+                (Some(x), Some(y)) => value(x + y),
+                (Some(0.0), _) => Err(b),
+                (_, Some(0.0)) => Err(a),
+                _ => Ok(Add(a.min(b), a.max(b))),
+            },
+            Sub(a, b) => match (c(a), c(b)) {
+                (Some(x), Some(y)) => value(x - y),
+                (_, Some(0.0)) => Err(a),
+                (Some(0.0), _) => self.simplify(Neg(b)),
+                _ => Ok(node),
+            },
+            Mul(a, b) => match (c(a), c(b)) {
+                (Some(x), Some(y)) => value(x * y),
+                (Some(0.0), _) | (_, Some(0.0)) => value(0.0),
+                (Some(1.0), _) => Err(b),
+                (_, Some(1.0)) => Err(a),
+                (Some(-1.0), _) => self.simplify(Neg(b)),
+                (_, Some(-1.0)) => self.simplify(Neg(a)),
+                _ => Ok(Mul(a.min(b), a.max(b))),
+            },
+            Div(a, b) => match (c(a), c(b)) {
+                (Some(x), Some(y)) => value(x / y),
+                (_, Some(1.0)) => Err(a),
+                _ => Ok(node),
+            },
+            Neg(a) => match (c(a), self.nodes[a as usize]) {
+                (Some(x), _) => value(-x),
+                (_, Neg(b)) => Err(b),
+                _ => Ok(node),
+            },
+            Recip(a) => c(a).map_or(Ok(node), |x| value(1.0 / x)),
+            Sqrt(a) => c(a).map_or(Ok(node), |x| value(x.sqrt())),
+            Sin(a) => c(a).map_or(Ok(node), |x| value(x.sin())),
+            Cos(a) => c(a).map_or(Ok(node), |x| value(x.cos())),
+            Exp(a) => c(a).map_or(Ok(node), |x| value(x.exp())),
+            Ln(a) => c(a).map_or(Ok(node), |x| value(x.ln())),
+            Tanh(a) => c(a).map_or(Ok(node), |x| value(x.tanh())),
+            Atan2(a, b) => match (c(a), c(b)) {
+                (Some(y), Some(x)) => value(y.atan2(x)),
+                _ => Ok(node),
+            },
+            Less(a, b) => match (c(a), c(b)) {
+                (Some(x), Some(y)) => value(f64::from(u8::from(x < y))),
+                _ => Ok(node),
+            },
+            Select(_, a, b) if a == b => Err(a),
+            Select(m, a, b) => match c(m) {
+                Some(x) => Err(if x > 0.5 { a } else { b }),
+                None => Ok(node),
+            },
+            _ => Ok(node),
+        }
+    }
+
+    fn push(&mut self, node: Node) -> u32 {
+        match self.simplify(node) {
+            Err(existing) => existing,
+            Ok(node) => *self.index.entry(node).or_insert_with(|| {
+                self.nodes.push(node);
+                (self.nodes.len() - 1) as u32
+            }),
+        }
+    }
+}
+
+fn push(node: Node) -> Trace {
+    Trace(GRAPH.with_borrow_mut(|g| g.push(node)))
+}
+
+/// A number whose every operation is recorded. Only meaningful inside [`Recording::of`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Trace(u32);
+
+/// A recorded truth value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TraceMask(u32);
+
+impl Add for Trace {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        push(Node::Add(self.0, other.0))
+    }
+}
+impl Sub for Trace {
+    type Output = Self;
+    fn sub(self, other: Self) -> Self {
+        push(Node::Sub(self.0, other.0))
+    }
+}
+impl Mul for Trace {
+    type Output = Self;
+    fn mul(self, other: Self) -> Self {
+        push(Node::Mul(self.0, other.0))
+    }
+}
+impl Div for Trace {
+    type Output = Self;
+    fn div(self, other: Self) -> Self {
+        push(Node::Div(self.0, other.0))
+    }
+}
+impl Neg for Trace {
+    type Output = Self;
+    fn neg(self) -> Self {
+        push(Node::Neg(self.0))
+    }
+}
+impl AddAssign for Trace {
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+impl SubAssign for Trace {
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+impl MulAssign for Trace {
+    fn mul_assign(&mut self, other: Self) {
+        *self = *self * other;
+    }
+}
+
+impl Mask for TraceMask {
+    fn and(self, other: Self) -> Self {
+        Self(push(Node::And(self.0, other.0)).0)
+    }
+    fn or(self, other: Self) -> Self {
+        Self(push(Node::Or(self.0, other.0)).0)
+    }
+    fn not(self) -> Self {
+        Self(push(Node::Not(self.0)).0)
+    }
+}
+
+impl Scalar for Trace {
+    type Mask = TraceMask;
+    fn constant(x: f64) -> Self {
+        push(Node::Constant(x.to_bits()))
+    }
+    fn sqrt(self) -> Self {
+        push(Node::Sqrt(self.0))
+    }
+    fn sin_cos(self) -> (Self, Self) {
+        (push(Node::Sin(self.0)), push(Node::Cos(self.0)))
+    }
+    fn exp(self) -> Self {
+        push(Node::Exp(self.0))
+    }
+    fn ln(self) -> Self {
+        push(Node::Ln(self.0))
+    }
+    fn tanh(self) -> Self {
+        push(Node::Tanh(self.0))
+    }
+    fn atan2(self, x: Self) -> Self {
+        push(Node::Atan2(self.0, x.0))
+    }
+    fn recip(self) -> Self {
+        push(Node::Recip(self.0))
+    }
+    fn lt(self, other: Self) -> TraceMask {
+        TraceMask(push(Node::Less(self.0, other.0)).0)
+    }
+    fn select(mask: TraceMask, yes: Self, no: Self) -> Self {
+        push(Node::Select(mask.0, yes.0, no.0))
+    }
+}
+
+/// A recorded function: nodes in the order of evaluation, and which of them are its results.
+#[derive(Debug, Clone)]
+pub struct Recording {
+    pub(crate) nodes: Vec<Node>,
+    pub(crate) n_input: usize,
+    pub(crate) outputs: Vec<u32>,
+}
+
+/// Runs `f` on a graph of its own, starting from `nodes`; the caller's graph is put back afterwards, even on panic.
+fn on_graph<T>(nodes: &[Node], f: impl FnOnce() -> T) -> (T, Vec<Node>) {
+    struct Restore(Option<Graph>);
+    impl Drop for Restore {
+        fn drop(&mut self) {
+            if let Some(graph) = self.0.take() {
+                GRAPH.set(graph);
+            }
+        }
+    }
+    let index = nodes.iter().enumerate().map(|(i, n)| (*n, i as u32)).collect();
+    let restore = Restore(Some(GRAPH.replace(Graph { nodes: nodes.to_vec(), index })));
+    let result = f();
+    let graph = GRAPH.take();
+    drop(restore);
+    (result, graph.nodes)
+}
+
+impl Recording {
+    /// Records `f` of `n_input` inputs.
+    pub fn of(n_input: usize, f: impl FnOnce(&[Trace]) -> Vec<Trace>) -> Self {
+        let (outputs, nodes) = on_graph(&[], || {
+            let inputs: Vec<Trace> = (0..n_input as u32).map(|k| push(Node::Input(k))).collect();
+            f(&inputs)
+        });
+        Self { nodes, n_input, outputs: outputs.iter().map(|o| o.0).collect() }
+    }
+
+    /// Number of inputs.
+    pub fn n_input(&self) -> usize {
+        self.n_input
+    }
+
+    /// Number of results.
+    pub fn n_output(&self) -> usize {
+        self.outputs.len()
+    }
+
+    /// The adjoint with respect to the inputs in `with_respect_to`: inputs `[x; ȳ]` (those of this recording, then one
+    /// seed per result), results x̄ over that range.
+    pub fn adjoint(&self, with_respect_to: Range<usize>) -> Self {
+        let n_seed = self.outputs.len();
+        let (outputs, nodes) = on_graph(&self.nodes, || {
+            let seeds: Vec<Trace> = (0..n_seed).map(|k| push(Node::Input((self.n_input + k) as u32))).collect();
+            let inputs: Vec<u32> = with_respect_to.map(|k| push(Node::Input(k as u32)).0).collect();
+            self.reverse_sweep(&seeds, &inputs)
+        });
+        Self { nodes, n_input: self.n_input + n_seed, outputs: outputs.iter().map(|o| o.0).collect() }
+    }
+
+    fn reverse_sweep(&self, seeds: &[Trace], inputs: &[u32]) -> Vec<Trace> {
+        let mut adjoint: Vec<Option<Trace>> = vec![None; self.nodes.len()];
+        let accumulate = |adjoint: &mut Vec<Option<Trace>>, i: u32, value: Trace| {
+            let sum = &mut adjoint[i as usize];
+            *sum = Some(sum.map_or(value, |s| s + value));
+        };
+        for (output, seed) in self.outputs.iter().zip(seeds) {
+            accumulate(&mut adjoint, *output, *seed);
+        }
+        for i in (0..self.nodes.len()).rev() {
+            let Some(g) = adjoint[i] else { continue };
+            for (operand, value) in pull_back(self.nodes[i], Trace(i as u32), g).into_iter().flatten() {
+                accumulate(&mut adjoint, operand, value);
+            }
+        }
+        inputs.iter().map(|i| adjoint.get(*i as usize).copied().flatten().unwrap_or_else(Trace::zero)).collect()
+    }
+}
+
+/// What `node` (whose value is `y`) passes to its operands when its own adjoint is `g`.
+fn pull_back(node: Node, y: Trace, g: Trace) -> [Option<(u32, Trace)>; 2] {
+    use Node::*;
+    let zero = Trace::zero;
+    match node {
+        Input(_) | Constant(_) | Less(..) | And(..) | Or(..) | Not(_) => [None, None],
+        Add(a, b) => [Some((a, g)), Some((b, g))],
+        Sub(a, b) => [Some((a, g)), Some((b, -g))],
+        Mul(a, b) => [Some((a, g * Trace(b))), Some((b, g * Trace(a)))],
+        Div(a, b) => {
+            let over = g * Trace(b).recip();
+            [Some((a, over)), Some((b, -(over * y)))]
+        }
+        Neg(a) => [Some((a, -g)), None],
+        Recip(a) => [Some((a, -(g * (y * y)))), None],
+        Sqrt(a) => [Some((a, g * (Trace::constant(0.5) * y.recip()))), None],
+        Sin(a) => [Some((a, g * push(Cos(a)))), None],
+        Cos(a) => [Some((a, -(g * push(Sin(a))))), None],
+        Exp(a) => [Some((a, g * y)), None],
+        Ln(a) => [Some((a, g * Trace(a).recip())), None],
+        Tanh(a) => [Some((a, g * (Trace::one() - y * y))), None],
+        Atan2(a, b) => {
+            let (ty, tx) = (Trace(a), Trace(b));
+            let over = g * (tx * tx + ty * ty).recip();
+            [Some((a, over * tx)), Some((b, -(over * ty)))]
+        }
+        Select(m, a, b) => [
+            Some((a, Trace::select(TraceMask(m), g, zero()))),
+            Some((b, Trace::select(TraceMask(m), zero(), g))),
+        ],
+    }
+}

@@ -1,0 +1,256 @@
+//! The lane kernel of a batch: one block of environments, one step.
+//!
+//! A block holds [`BLOCK`] environments as structure of arrays: row k is number k of every environment. State rows come
+//! first, then the action's, the disturbance's, the flag `alive`, then the model's constants, so that one pass touches
+//! one contiguous piece of memory.
+
+use crate::autodiff::lanes::Lanes;
+use crate::autodiff::program::BLOCK;
+use crate::autodiff::{Mask, Scalar, safe};
+use crate::dynamics::integrate::{Grid, step};
+use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, RotorModel};
+use pulp::{Simd, WithSimd};
+
+/// Largest magnitude of a healthy state, SI units.
+pub(crate) const EXPLODED: f64 = 1e8;
+
+/// Values of the row `alive`: stepping, stopped in this step, stopped earlier and listed.
+pub(crate) const ALIVE: f32 = 1.0;
+pub(crate) const STOPPED: f32 = 0.0;
+pub(crate) const LISTED: f32 = -1.0;
+
+/// Row numbers within a block of `R` (padded) rotors.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Rows {
+    pub action: usize,
+    pub disturbance: usize,
+    pub alive: usize,
+    pub model: usize,
+    pub count: usize,
+}
+
+impl Rows {
+    #[inline(always)]
+    pub(crate) const fn of(r: usize) -> Self {
+        let action = RIGID_DIM + r;
+        let disturbance = action + r;
+        let alive = disturbance + 9;
+        let model = alive + 1;
+        Self { action, disturbance, alive, model, count: model + LEAN_BODY + LEAN_ROTOR * r + REST_BODY + REST_ROTOR * r }
+    }
+}
+
+const LEAN_BODY: usize = 17;
+const LEAN_ROTOR: usize = 7;
+const REST_BODY: usize = 11;
+const REST_ROTOR: usize = 15;
+
+/// Whether any effect needs the constants behind the lean ones.
+#[inline(always)]
+fn needs_rest(e: Effects) -> bool {
+    e.quadratic_drag
+        || e.rotor_drag
+        || e.rolling_moment
+        || e.rotor_inertia
+        || e.ground_effect
+        || e.tilted_rotors
+        || e.products_of_inertia
+}
+
+/// A model as numbers in the order that [`unpack`] reads them.
+pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>) -> Vec<f64> {
+    let mut v = vec![m.gravity, m.inverse_mass];
+    v.extend(m.center_of_mass);
+    v.extend(&m.inertia[..3]);
+    v.extend(&m.inverse_inertia[..3]);
+    v.extend(m.linear_drag.iter().chain(&m.angular_drag));
+    for r in &m.rotors {
+        v.extend(&r.wrench[2..]);
+        v.extend([r.max_speed, r.decay_up, r.decay_down]);
+    }
+    v.push(m.mass);
+    v.extend(&m.inertia[3..]);
+    v.extend(&m.inverse_inertia[3..]);
+    v.extend(m.quadratic_drag);
+    v.push(m.ground_height);
+    for r in &m.rotors {
+        v.extend([r.wrench[0], r.wrench[1], r.rate_up, r.rate_down]);
+        v.extend(r.hub.iter().chain(&r.axis));
+        v.extend([r.spin_inertia, r.drag, r.axial_drag, r.rolling, r.radius]);
+    }
+    v
+}
+
+/// Reads rows one after the other at one register's place.
+struct Cursor<'a> {
+    rows: &'a [[f32; BLOCK]],
+    at: usize,
+    row: usize,
+}
+
+impl Cursor<'_> {
+    #[inline(always)]
+    fn next<S: Simd>(&mut self) -> Lanes<S> {
+        let value = Lanes::load(&self.rows[self.row][self.at..]);
+        self.row += 1;
+        value
+    }
+
+    #[inline(always)]
+    fn array<S: Simd, const N: usize>(&mut self) -> [Lanes<S>; N] {
+        let mut values = [Lanes::zero(); N];
+        for k in 0..N {
+            values[k] = self.next();
+        }
+        values
+    }
+}
+
+#[inline(always)]
+fn unpack<S: Simd, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> RigidModel<Lanes<S>, R> {
+    let o = Lanes::zero();
+    let (gravity, inverse_mass) = (c.next(), c.next());
+    let center_of_mass = c.array();
+    let [xx, yy, zz] = c.array();
+    let [ixx, iyy, izz] = c.array();
+    let (linear_drag, angular_drag) = (c.array(), c.array());
+    let mut rotors = [RotorModel::dead(); R];
+    for i in 0..R {
+        let [fz, mx, my, mz] = c.array();
+        rotors[i].wrench = [o, o, fz, mx, my, mz];
+        rotors[i].max_speed = c.next();
+        rotors[i].decay_up = c.next();
+        rotors[i].decay_down = c.next();
+    }
+    let mut model = RigidModel {
+        gravity,
+        mass: o,
+        inverse_mass,
+        center_of_mass,
+        inertia: [xx, yy, zz, o, o, o],
+        inverse_inertia: [ixx, iyy, izz, o, o, o],
+        linear_drag,
+        angular_drag,
+        quadratic_drag: [o; 3],
+        ground_height: o,
+        rotors,
+    };
+    if needs_rest(effects) {
+        unpack_rest(c, &mut model);
+    }
+    model
+}
+
+#[inline(always)]
+fn unpack_rest<S: Simd, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidModel<Lanes<S>, R>) {
+    model.mass = c.next();
+    for k in 3..6 {
+        model.inertia[k] = c.next();
+    }
+    for k in 3..6 {
+        model.inverse_inertia[k] = c.next();
+    }
+    model.quadratic_drag = c.array();
+    model.ground_height = c.next();
+    for i in 0..R {
+        let rotor = &mut model.rotors[i];
+        rotor.wrench[0] = c.next();
+        rotor.wrench[1] = c.next();
+        rotor.rate_up = c.next();
+        rotor.rate_down = c.next();
+        rotor.hub = c.array();
+        rotor.axis = c.array();
+        rotor.spin_inertia = c.next();
+        rotor.drag = c.next();
+        rotor.axial_drag = c.next();
+        rotor.rolling = c.next();
+        rotor.radius = c.next();
+    }
+}
+
+/// Steps every block of a chunk once, for the dispatcher.
+pub(crate) struct StepBlocks<'a, const R: usize> {
+    pub blocks: &'a mut [Vec<[f32; BLOCK]>],
+    pub effects: Effects,
+    pub grid: Grid,
+}
+
+impl<const R: usize> WithSimd for StepBlocks<'_, R> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        // constants here let the compiler leave out what is switched off
+        if self.effects == Effects::lean() {
+            for block in self.blocks {
+                step_block::<S, R>(block, Effects::lean(), self.grid);
+            }
+        } else {
+            for block in self.blocks {
+                step_block::<S, R>(block, self.effects, self.grid);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn step_block<S: Simd, const R: usize>(block: &mut [[f32; BLOCK]], effects: Effects, grid: Grid) {
+    let rows = Rows::of(R);
+    let block = &mut block[..rows.count];
+    let mut at = 0;
+    while at < BLOCK {
+        step_lanes::<S, R>(block, at, effects, grid);
+        at += Lanes::<S>::WIDTH;
+    }
+}
+
+/// One register of environments. A lane that was not alive, or whose new state is not finite and bounded, keeps its
+/// state and ceases to be alive; its neighbours do not notice.
+#[inline(always)]
+fn step_lanes<S: Simd, const R: usize>(block: &mut [[f32; BLOCK]], at: usize, effects: Effects, grid: Grid) {
+    let rows = Rows::of(R);
+    let mut c = Cursor { rows: block, at, row: 0 };
+    let x = RigidState::<Lanes<S>, R> {
+        position: c.array(),
+        velocity: c.array(),
+        attitude: c.array(),
+        angular_velocity: c.array(),
+        rotor_speed: c.array(),
+    };
+    let action: [Lanes<S>; R] = c.array();
+    let air = if effects.disturbance {
+        Disturbance { wind: c.array(), force: c.array(), moment: c.array() }
+    } else {
+        Disturbance::none()
+    };
+    c.row = rows.alive;
+    let alive: Lanes<S> = c.next();
+    let model = unpack::<S, R>(&mut c, effects);
+    let y = step(&model, effects, grid, &x, &action, &air);
+
+    let was_alive = Lanes::constant(0.5).lt(alive);
+    let mut ok = was_alive;
+    for k in 0..3 {
+        ok = ok.and(safe::is_bounded(y.position[k], EXPLODED));
+        ok = ok.and(safe::is_bounded(y.velocity[k], EXPLODED));
+        ok = ok.and(safe::is_bounded(y.angular_velocity[k], EXPLODED));
+    }
+    for k in 0..4 {
+        ok = ok.and(safe::is_bounded(y.attitude[k], EXPLODED));
+    }
+    for k in 0..R {
+        ok = ok.and(safe::is_bounded(y.rotor_speed[k], EXPLODED));
+    }
+    for k in 0..3 {
+        Lanes::select(ok, y.position[k], x.position[k]).store(&mut block[k][at..]);
+        Lanes::select(ok, y.velocity[k], x.velocity[k]).store(&mut block[3 + k][at..]);
+        Lanes::select(ok, y.angular_velocity[k], x.angular_velocity[k]).store(&mut block[10 + k][at..]);
+    }
+    for k in 0..4 {
+        Lanes::select(ok, y.attitude[k], x.attitude[k]).store(&mut block[6 + k][at..]);
+    }
+    for k in 0..R {
+        Lanes::select(ok, y.rotor_speed[k], x.rotor_speed[k]).store(&mut block[RIGID_DIM + k][at..]);
+    }
+    let stopped = Lanes::select(was_alive, Lanes::constant(f64::from(STOPPED)), alive);
+    Lanes::select(ok, alive, stopped).store(&mut block[rows.alive][at..]);
+}

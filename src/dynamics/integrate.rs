@@ -1,0 +1,158 @@
+//! One step of the rigid multirotor: RK4, or semi-implicit Euler with an implicit gyroscopic term.
+//!
+//! The rotor lag is not integrated: both use its closed form ([`RotorPath`](super::rigid)), so it does not depend on
+//! the step. Explicit Euler in ω is not offered; it gains energy without bound.
+
+use super::rigid::{Disturbance, Effects, Motion, RigidModel, RigidState, RotorPath, full, symmetric_times};
+use super::spatial::*;
+use crate::autodiff::Scalar;
+use serde::{Deserialize, Serialize};
+
+/// How a step is integrated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Integrator {
+    /// Classical Runge–Kutta, fourth order, then the quaternion renormalised.
+    #[default]
+    RungeKutta4,
+    /// First order, half the work: ω by one Newton step of the implicit gyroscopic equation in the body frame, then
+    /// velocity, then position and attitude with the new ones.
+    SemiImplicit,
+}
+
+/// Time grid of a step: `substeps` integrator steps of `substep` seconds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Grid {
+    pub integrator: Integrator,
+    pub substep: f64,
+    pub substeps: usize,
+}
+
+/// x⁺ after one step with rotor `action` in [−1, 1] and `air` held.
+#[inline(always)]
+pub(crate) fn step<S: Scalar, const R: usize>(
+    model: &RigidModel<S, R>,
+    effects: Effects,
+    grid: Grid,
+    x: &RigidState<S, R>,
+    action: &[S; R],
+    air: &Disturbance<S>,
+) -> RigidState<S, R> {
+    let target = model.target_speed(action);
+    let mut motion = model.to_center_of_mass(x);
+    let mut speed = x.rotor_speed;
+    for _ in 0..grid.substeps {
+        let path = model.rotor_path(speed, target);
+        motion = match grid.integrator {
+            Integrator::RungeKutta4 => runge_kutta_4(model, effects, grid.substep, &motion, &path, air),
+            Integrator::SemiImplicit => semi_implicit(model, effects, grid.substep, &motion, &path, air),
+        };
+        speed = path.end;
+    }
+    model.to_base_origin(&motion, speed)
+}
+
+/// d/dt of a motion.
+#[derive(Clone, Copy)]
+struct Rate<S> {
+    position: Vec3<S>,
+    velocity: Vec3<S>,
+    attitude: Quat<S>,
+    angular_velocity: Vec3<S>,
+}
+
+#[inline(always)]
+fn rate<S: Scalar, const R: usize>(
+    model: &RigidModel<S, R>,
+    effects: Effects,
+    m: &Motion<S>,
+    speed: &[S; R],
+    path: &RotorPath<S, R>,
+    air: &Disturbance<S>,
+) -> Rate<S> {
+    let (acceleration, moment, momentum) = model.loads(m, speed, path, air, effects);
+    Rate {
+        position: m.velocity,
+        velocity: acceleration,
+        attitude: derivative(m.attitude, m.angular_velocity),
+        angular_velocity: model.angular_acceleration(m.angular_velocity, moment, momentum, effects),
+    }
+}
+
+#[inline(always)]
+fn moved<S: Scalar>(m: &Motion<S>, h: S, k: &Rate<S>) -> Motion<S> {
+    Motion {
+        position: axpy(m.position, h, k.position),
+        velocity: axpy(m.velocity, h, k.velocity),
+        attitude: axpy(m.attitude, h, k.attitude),
+        angular_velocity: axpy(m.angular_velocity, h, k.angular_velocity),
+    }
+}
+
+#[inline(always)]
+fn runge_kutta_4<S: Scalar, const R: usize>(
+    model: &RigidModel<S, R>,
+    effects: Effects,
+    substep: f64,
+    m: &Motion<S>,
+    path: &RotorPath<S, R>,
+    air: &Disturbance<S>,
+) -> Motion<S> {
+    let (half, whole) = (S::constant(substep / 2.0), S::constant(substep));
+    let (sixth, third) = (S::constant(substep / 6.0), S::constant(substep / 3.0));
+    let k1 = rate(model, effects, m, &path.start, path, air);
+    let k2 = rate(model, effects, &moved(m, half, &k1), &path.middle, path, air);
+    let sum = moved(&moved(m, sixth, &k1), third, &k2);
+    let k3 = rate(model, effects, &moved(m, half, &k2), &path.middle, path, air);
+    let sum = moved(&sum, third, &k3);
+    let k4 = rate(model, effects, &moved(m, whole, &k3), &path.end, path, air);
+    let mut end = moved(&sum, sixth, &k4);
+    end.attitude = unit(end.attitude);
+    end
+}
+
+#[inline(always)]
+fn semi_implicit<S: Scalar, const R: usize>(
+    model: &RigidModel<S, R>,
+    effects: Effects,
+    substep: f64,
+    m: &Motion<S>,
+    path: &RotorPath<S, R>,
+    air: &Disturbance<S>,
+) -> Motion<S> {
+    let h = S::constant(substep);
+    let (acceleration, moment, momentum) = model.loads(m, &path.middle, path, air, effects);
+    let angular_velocity = implicit_gyroscopic(model, effects, h, m.angular_velocity, moment, momentum);
+    let velocity = axpy(m.velocity, h, acceleration);
+    Motion {
+        position: axpy(m.position, h, velocity),
+        velocity,
+        attitude: unit(axpy(m.attitude, h, derivative(m.attitude, angular_velocity))),
+        angular_velocity,
+    }
+}
+
+/// One Newton step from ω on J(ω⁺ − ω) + h ω⁺ × (Jω⁺ + H) = h M (Catto 2015, GDC "Numerical methods"):
+/// (J + h([ω]× J − [Jω + H]×)) Δω = h (M − ω × (Jω + H)).
+#[inline(always)]
+fn implicit_gyroscopic<S: Scalar, const R: usize>(
+    model: &RigidModel<S, R>,
+    effects: Effects,
+    h: S,
+    w: Vec3<S>,
+    moment: Vec3<S>,
+    momentum: Vec3<S>,
+) -> Vec3<S> {
+    let inertia = full(model.inertia);
+    let total = add(symmetric_times(&model.inertia, w, effects), momentum);
+    let residual = scale(h, sub(moment, cross(w, total)));
+    let spin = mat_mul(skew(w), inertia);
+    let lever = skew(total);
+    let mut jacobian = inertia;
+    for i in 0..3 {
+        for j in 0..3 {
+            jacobian[i][j] = h.mul_add(spin[i][j] - lever[i][j], inertia[i][j]);
+        }
+    }
+    add(w, mat_vec(inverse(jacobian), residual))
+}

@@ -1,0 +1,251 @@
+//! One rigid multirotor as a [`System`]: x⁺ = f(x, rotor actions), on any scalar.
+
+use super::integrate::{Grid, Integrator, step};
+use super::rigid::{
+    BODY_PARAMETERS, Disturbance, Effects, RIGID_DIM, ROTOR_PARAMETERS, RigidModel, RigidState, parameter_vector,
+};
+use super::vehicle::{GRAVITY, Vehicle};
+use crate::autodiff::{Scalar, System};
+use crate::error::{Error, Result, finite};
+use serde::{Deserialize, Serialize};
+
+/// Time step, integrator and effects of a simulation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Physics {
+    /// Seconds per step; commands are held within it.
+    pub dt: f64,
+    /// Integrator steps per step.
+    pub substeps: usize,
+    /// How each is integrated.
+    pub integrator: Integrator,
+    /// Optional effects.
+    pub effects: Effects,
+}
+
+impl Default for Physics {
+    /// RK4 at 2 ms with the default effects.
+    fn default() -> Self {
+        Self { dt: 0.002, substeps: 1, integrator: Integrator::default(), effects: Effects::default() }
+    }
+}
+
+impl Physics {
+    /// Checks dt in (0, 1] s and 1 to 1000 substeps.
+    pub fn validate(&self) -> Result<()> {
+        finite("dt", &[self.dt])?;
+        if self.dt <= 0.0 || self.dt > 1.0 {
+            return Err(Error::value("dt", self.dt, "in (0, 1] s", "2 ms suits control design, 16 ms the benchmark tasks."));
+        }
+        if self.substeps == 0 || self.substeps > 1000 {
+            return Err(Error::limit("substeps", self.substeps, "1 to 1000", "Lower dt instead."));
+        }
+        Ok(())
+    }
+
+    pub(crate) fn grid(&self) -> Grid {
+        Grid { integrator: self.integrator, substep: self.dt / self.substeps as f64, substeps: self.substeps }
+    }
+}
+
+/// A model for one of the compiled rotor counts; vehicles in between are padded with dead rotors.
+#[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "one per simulation, and read on every step")]
+pub(crate) enum AnyModel {
+    Four(RigidModel<f64, 4>),
+    Six(RigidModel<f64, 6>),
+    Eight(RigidModel<f64, 8>),
+    Twelve(RigidModel<f64, 12>),
+    Sixteen(RigidModel<f64, 16>),
+}
+
+impl AnyModel {
+    pub(crate) fn new(vehicle: &Vehicle, substep: f64) -> Self {
+        match vehicle.n_rotor() {
+            0..=4 => Self::Four(RigidModel::new(vehicle, substep)),
+            5..=6 => Self::Six(RigidModel::new(vehicle, substep)),
+            7..=8 => Self::Eight(RigidModel::new(vehicle, substep)),
+            9..=12 => Self::Twelve(RigidModel::new(vehicle, substep)),
+            _ => Self::Sixteen(RigidModel::new(vehicle, substep)),
+        }
+    }
+
+    pub(crate) fn effects_of(&self, effects: Effects) -> Effects {
+        match self {
+            Self::Four(m) => m.effects_of(effects),
+            Self::Six(m) => m.effects_of(effects),
+            Self::Eight(m) => m.effects_of(effects),
+            Self::Twelve(m) => m.effects_of(effects),
+            Self::Sixteen(m) => m.effects_of(effects),
+        }
+    }
+}
+
+/// One vehicle under given physics.
+///
+/// State: 13 + n numbers, see [`RigidState`]. Input: n rotor actions in [−1, 1] (clipped), then the nine numbers of a
+/// [`Disturbance`] if that effect is on. Parameters: none, or with [`Multirotor::with_parameters`] the vector of
+/// [`parameter_vector`].
+#[derive(Debug, Clone)]
+pub struct Multirotor {
+    vehicle: Vehicle,
+    physics: Physics,
+    effects: Effects,
+    model: AnyModel,
+    radii: Vec<f64>,
+    exposes_parameters: bool,
+}
+
+impl Multirotor {
+    /// Builds the model of a vehicle.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] when the vehicle or the physics are not valid.
+    pub fn new(vehicle: &Vehicle, physics: Physics) -> Result<Self> {
+        vehicle.validate()?;
+        physics.validate()?;
+        let model = AnyModel::new(vehicle, physics.grid().substep);
+        Ok(Self {
+            effects: model.effects_of(physics.effects),
+            radii: vehicle.rotors.iter().map(|r| r.radius).collect(),
+            vehicle: vehicle.clone(),
+            physics,
+            model,
+            exposes_parameters: false,
+        })
+    }
+
+    /// The same system with its physical parameters as θ; pass [`Multirotor::parameters`] to `step`.
+    pub fn with_parameters(mut self) -> Self {
+        self.exposes_parameters = true;
+        // a parameter that is zero now may be varied, so geometry may not be assumed
+        self.effects.tilted_rotors = true;
+        self.effects.products_of_inertia = true;
+        self
+    }
+
+    /// Nominal physical parameters: [`parameter_vector`] of the vehicle.
+    pub fn parameters(&self) -> Vec<f64> {
+        parameter_vector(&self.vehicle)
+    }
+
+    /// The vehicle.
+    pub fn vehicle(&self) -> &Vehicle {
+        &self.vehicle
+    }
+
+    /// Time step, integrator and effects.
+    pub fn physics(&self) -> &Physics {
+        &self.physics
+    }
+
+    /// Level hover at `position` with yaw 0: rotors at the speeds of [`Vehicle::hover_thrusts`].
+    ///
+    /// # Errors
+    /// [`Error::Value`] if the vehicle cannot hover.
+    pub fn hover_state(&self, position: [f64; 3]) -> Result<Vec<f64>> {
+        let mut x = vec![0.0; self.n_state()];
+        x[..3].copy_from_slice(&position);
+        x[6] = 1.0;
+        for ((speed, thrust), rotor) in
+            x[RIGID_DIM..].iter_mut().zip(self.vehicle.hover_thrusts()?).zip(&self.vehicle.rotors)
+        {
+            *speed = (thrust / rotor.thrust_coefficient).sqrt();
+        }
+        Ok(x)
+    }
+
+    /// Rotor actions that hold hover, with no disturbance.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if the vehicle cannot hover.
+    pub fn hover_input(&self) -> Result<Vec<f64>> {
+        let thrusts = self.vehicle.hover_thrusts()?;
+        let mut u: Vec<f64> =
+            thrusts.iter().zip(&self.vehicle.rotors).map(|(t, r)| 2.0 * t / r.max_thrust() - 1.0).collect();
+        u.resize(self.n_input(), 0.0);
+        Ok(u)
+    }
+
+    #[inline(always)]
+    fn step_padded<S: Scalar, const R: usize>(
+        &self,
+        nominal: &RigidModel<f64, R>,
+        state: &[S],
+        input: &[S],
+        parameters: &[S],
+        next: &mut [S],
+    ) {
+        let grid = self.physics.grid();
+        let model = if self.exposes_parameters {
+            RigidModel::from_parameters(parameters, &self.radii, grid.substep)
+        } else {
+            nominal.cast()
+        };
+        let n = self.radii.len();
+        let mut action = [-S::one(); R];
+        for i in 0..R {
+            if i < n {
+                action[i] = input[i];
+            }
+        }
+        let air = if self.effects.disturbance { Disturbance::read(&input[n..]) } else { Disturbance::none() };
+        let x = RigidState::<S, R>::read(state);
+        step(&model, self.effects, grid, &x, &action, &air).write(next);
+    }
+}
+
+impl System for Multirotor {
+    fn n_state(&self) -> usize {
+        RIGID_DIM + self.radii.len()
+    }
+    fn n_input(&self) -> usize {
+        self.radii.len() + if self.effects.disturbance { Disturbance::<f64>::DIM } else { 0 }
+    }
+    fn n_parameter(&self) -> usize {
+        if self.exposes_parameters { BODY_PARAMETERS.len() + self.radii.len() * ROTOR_PARAMETERS.len() } else { 0 }
+    }
+    fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
+        match &self.model {
+            AnyModel::Four(m) => self.step_padded(m, state, input, parameters, next),
+            AnyModel::Six(m) => self.step_padded(m, state, input, parameters, next),
+            AnyModel::Eight(m) => self.step_padded(m, state, input, parameters, next),
+            AnyModel::Twelve(m) => self.step_padded(m, state, input, parameters, next),
+            AnyModel::Sixteen(m) => self.step_padded(m, state, input, parameters, next),
+        }
+    }
+}
+
+impl Vehicle {
+    /// Thrust of each rotor in level hover, N: the least-norm solution of B u = (0, 0, m g, 0, 0, 0) on the rows that
+    /// matter (vertical force and the three moments).
+    ///
+    /// # Errors
+    /// [`Error::Value`] if weight and moments cannot be balanced within 0 ≤ T ≤ T_max.
+    pub fn hover_thrusts(&self) -> Result<Vec<f64>> {
+        let b = self.allocation_matrix().rows(2, 4).into_owned();
+        let weight = self.mass_properties().mass * GRAVITY;
+        let wanted = nalgebra::DVector::from_vec(vec![weight, 0.0, 0.0, 0.0]);
+        let svd = b.clone().svd(true, true);
+        let tolerance = 1e-9 * svd.singular_values.max();
+        let cannot = |why: String| {
+            Err(Error::value(
+                format!("vehicle '{}': hover", self.name),
+                why,
+                "a balance of weight and moments within the rotors' limits",
+                "Check rotor positions, spins, thrust coefficients and the mass.",
+            ))
+        };
+        let Ok(u) = svd.solve(&wanted, tolerance) else { return cannot("without a solution".into()) };
+        let residual = (&b * &u - &wanted).norm();
+        if residual > 1e-6 * weight {
+            return cannot(format!("off balance by {residual:.3e} N or N m"));
+        }
+        for (thrust, rotor) in u.iter().zip(&self.rotors) {
+            if *thrust < 0.0 || *thrust > rotor.max_thrust() {
+                return cannot(format!("{thrust:.3} N on rotor '{}' of at most {:.3} N", rotor.name, rotor.max_thrust()));
+            }
+        }
+        Ok(u.iter().copied().collect())
+    }
+}

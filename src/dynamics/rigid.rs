@@ -1,0 +1,677 @@
+//! The rigid multirotor in closed form: state, model, accelerations.
+//!
+//! At the centre of mass, with Tᵢ = k_f Ωᵢ² along nᵢ at rᵢ, spin σᵢ and H = Σ σᵢ I_p Ωᵢ nᵢ:
+//!
+//! ```text
+//! m v̇ = R Σ Tᵢ nᵢ + m g + F
+//! J ω̇ = Σ ((rᵢ − c) × Tᵢ nᵢ − σᵢ κᵢ Tᵢ nᵢ) − ω × Jω − Ḣ − ω × H + M
+//! ```
+//!
+//! (Mahony, Kumar and Corke 2012, with the rotor's angular momentum). The state holds the base origin; a step moves to
+//! the centre of mass, integrates there and moves back, so the centre of mass can be anywhere and be randomised.
+//!
+//! F and M are optional effects, each switched by one flag of [`Effects`]. Flags are plain settings: kernels branch on
+//! them, and a caller that passes a constant [`Effects`] gets code without the effects it leaves out.
+
+use super::aero::ground_effect;
+use super::spatial::*;
+use super::vehicle::{GRAVITY, Vehicle};
+use crate::autodiff::{Scalar, safe};
+use serde::{Deserialize, Serialize};
+
+/// Position and velocity of the base origin (world), attitude (body → world), angular velocity (body), rotor speeds.
+///
+/// In a slice: `[position 3, velocity 3, attitude 4 (w, x, y, z), angular_velocity 3, rotor_speed R]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RigidState<S, const R: usize> {
+    /// m, world.
+    pub position: Vec3<S>,
+    /// m/s, world.
+    pub velocity: Vec3<S>,
+    /// `[w, x, y, z]`, body → world.
+    pub attitude: Quat<S>,
+    /// rad/s, body.
+    pub angular_velocity: Vec3<S>,
+    /// rad/s, ≥ 0.
+    pub rotor_speed: [S; R],
+}
+
+/// Entries of a rigid state before the rotor speeds.
+pub const RIGID_DIM: usize = 13;
+
+impl<S: Scalar, const R: usize> RigidState<S, R> {
+    /// From a slice of 13 + n numbers, n ≤ R; rotors beyond n stand still.
+    #[inline(always)]
+    pub fn read(x: &[S]) -> Self {
+        let mut rotor_speed = [S::zero(); R];
+        let n = x.len() - RIGID_DIM;
+        for i in 0..R {
+            if i < n {
+                rotor_speed[i] = x[RIGID_DIM + i];
+            }
+        }
+        Self {
+            position: [x[0], x[1], x[2]],
+            velocity: [x[3], x[4], x[5]],
+            attitude: [x[6], x[7], x[8], x[9]],
+            angular_velocity: [x[10], x[11], x[12]],
+            rotor_speed,
+        }
+    }
+
+    /// Into a slice of 13 + n numbers, n ≤ R.
+    #[inline(always)]
+    pub fn write(&self, x: &mut [S]) {
+        for i in 0..3 {
+            x[i] = self.position[i];
+            x[3 + i] = self.velocity[i];
+            x[10 + i] = self.angular_velocity[i];
+        }
+        for i in 0..4 {
+            x[6 + i] = self.attitude[i];
+        }
+        let n = x.len() - RIGID_DIM;
+        for i in 0..R {
+            if i < n {
+                x[RIGID_DIM + i] = self.rotor_speed[i];
+            }
+        }
+    }
+}
+
+/// Which optional effects a model carries. Switched off, they cost nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Effects {
+    /// Linear and angular drag of the airframe: F = −D₁ v_a, M = −D_ω ω.
+    pub body_drag: bool,
+    /// Quadratic drag of the airframe: F = −C ‖v_a‖ v_a.
+    pub quadratic_drag: bool,
+    /// Rotor drag F = −Ω (k_d v⊥ + k_z v∥) at each hub (Martin and Salaün 2010; RotorS, Furrer et al. 2016).
+    pub rotor_drag: bool,
+    /// Rolling moment M = −σ Ω μ v⊥ at each hub. Not dissipative: it may feed rotation from translation.
+    pub rolling_moment: bool,
+    /// Angular momentum of the rotors: −Ḣ − ω × H.
+    pub rotor_inertia: bool,
+    /// Thrust gained near the ground (Cheeseman and Bennett 1955).
+    pub ground_effect: bool,
+    /// Wind, and force and moment from outside: [`Disturbance`].
+    pub disturbance: bool,
+    /// Set by [`RigidModel::effects_of`] where a rotor is not along body z.
+    #[serde(skip)]
+    pub tilted_rotors: bool,
+    /// Set by [`RigidModel::effects_of`] where the inertia has products.
+    #[serde(skip)]
+    pub products_of_inertia: bool,
+}
+
+impl Default for Effects {
+    /// Airframe drag, rotor drag and rotor inertia: what every real flight has, in still air away from the ground.
+    fn default() -> Self {
+        Self { body_drag: true, quadratic_drag: true, rotor_drag: true, rotor_inertia: true, ..Self::none() }
+    }
+}
+
+impl Effects {
+    /// Rotors, gravity and rigid body alone.
+    pub const fn none() -> Self {
+        Self {
+            body_drag: false,
+            quadratic_drag: false,
+            rotor_drag: false,
+            rolling_moment: false,
+            rotor_inertia: false,
+            ground_effect: false,
+            disturbance: false,
+            tilted_rotors: false,
+            products_of_inertia: false,
+        }
+    }
+
+    /// Every effect.
+    pub const fn all() -> Self {
+        Self {
+            body_drag: true,
+            quadratic_drag: true,
+            rotor_drag: true,
+            rolling_moment: true,
+            rotor_inertia: true,
+            ground_effect: true,
+            disturbance: true,
+            tilted_rotors: true,
+            products_of_inertia: true,
+        }
+    }
+
+    /// What most batches use: [`Effects::none`] with linear airframe drag.
+    pub const fn lean() -> Self {
+        Self { body_drag: true, ..Self::none() }
+    }
+
+    /// Whether any effect needs the air velocity at the rotors.
+    #[inline(always)]
+    fn rotor_air(self) -> bool {
+        self.rotor_drag || self.rolling_moment
+    }
+}
+
+/// Wind and whatever else pushes from outside, held during a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disturbance<S> {
+    /// Velocity of the air, m/s, world.
+    pub wind: Vec3<S>,
+    /// At the centre of mass, N, world.
+    pub force: Vec3<S>,
+    /// N m, body.
+    pub moment: Vec3<S>,
+}
+
+impl<S: Scalar> Disturbance<S> {
+    /// Entries in a slice: `[wind 3, force 3, moment 3]`.
+    pub const DIM: usize = 9;
+
+    /// Still air.
+    #[inline(always)]
+    pub fn none() -> Self {
+        let o = [S::zero(); 3];
+        Self { wind: o, force: o, moment: o }
+    }
+
+    /// From a slice of [`Self::DIM`] numbers.
+    #[inline(always)]
+    pub fn read(x: &[S]) -> Self {
+        Self { wind: [x[0], x[1], x[2]], force: [x[3], x[4], x[5]], moment: [x[6], x[7], x[8]] }
+    }
+}
+
+/// A symmetric 3×3 matrix: xx, yy, zz, xy, xz, yz.
+pub type Symmetric<S> = [S; 6];
+
+/// What the kernels multiply with, derived once from the parameters of a vehicle.
+#[derive(Debug, Clone, Copy)]
+pub struct RigidModel<S, const R: usize> {
+    pub(crate) gravity: S,
+    pub(crate) mass: S,
+    pub(crate) inverse_mass: S,
+    pub(crate) center_of_mass: Vec3<S>,
+    pub(crate) inertia: Symmetric<S>,
+    pub(crate) inverse_inertia: Symmetric<S>,
+    pub(crate) linear_drag: Vec3<S>,
+    pub(crate) angular_drag: Vec3<S>,
+    pub(crate) quadratic_drag: Vec3<S>,
+    pub(crate) ground_height: S,
+    pub(crate) rotors: [RotorModel<S>; R],
+}
+
+/// One rotor, as the kernels see it.
+#[derive(Debug, Clone, Copy)]
+pub struct RotorModel<S> {
+    /// k_f [n; (r − c) × n − σ κ n]: wrench about the centre of mass per Ω².
+    pub(crate) wrench: [S; 6],
+    pub(crate) max_speed: S,
+    /// e^{−h/2τ} over half a substep h.
+    pub(crate) decay_up: S,
+    pub(crate) decay_down: S,
+    /// 1/τ.
+    pub(crate) rate_up: S,
+    pub(crate) rate_down: S,
+    /// r − c.
+    pub(crate) hub: Vec3<S>,
+    pub(crate) axis: Vec3<S>,
+    /// σ I_p.
+    pub(crate) spin_inertia: S,
+    pub(crate) drag: S,
+    pub(crate) axial_drag: S,
+    /// σ μ.
+    pub(crate) rolling: S,
+    pub(crate) radius: S,
+}
+
+/// Physical parameters of one rotor in the parameter vector, in order.
+pub const ROTOR_PARAMETERS: [&str; 16] = [
+    "position_x",
+    "position_y",
+    "position_z",
+    "axis_x",
+    "axis_y",
+    "axis_z",
+    "spin",
+    "thrust_coefficient",
+    "moment_per_thrust",
+    "max_speed",
+    "time_constant_up",
+    "time_constant_down",
+    "inertia",
+    "drag_coefficient",
+    "axial_drag_coefficient",
+    "rolling_coefficient",
+];
+
+/// Physical parameters of the airframe in the parameter vector, in order; the rotors' follow.
+pub const BODY_PARAMETERS: [&str; 20] = [
+    "gravity",
+    "mass",
+    "center_of_mass_x",
+    "center_of_mass_y",
+    "center_of_mass_z",
+    "inertia_xx",
+    "inertia_yy",
+    "inertia_zz",
+    "inertia_xy",
+    "inertia_xz",
+    "inertia_yz",
+    "linear_drag_x",
+    "linear_drag_y",
+    "linear_drag_z",
+    "quadratic_drag_x",
+    "quadratic_drag_y",
+    "quadratic_drag_z",
+    "angular_drag_x",
+    "angular_drag_y",
+    "angular_drag_z",
+];
+
+/// Physical parameters of a vehicle as one vector, [`BODY_PARAMETERS`] then [`ROTOR_PARAMETERS`] per rotor: what
+/// derivatives with respect to physics are taken of, and what randomisation scales.
+pub fn parameter_vector(vehicle: &Vehicle) -> Vec<f64> {
+    let total = vehicle.mass_properties();
+    let (c, j) = (total.center_of_mass, total.inertia);
+    let drag = &vehicle.drag;
+    let mut p = vec![GRAVITY, total.mass, c.x, c.y, c.z];
+    p.extend([j[(0, 0)], j[(1, 1)], j[(2, 2)], j[(0, 1)], j[(0, 2)], j[(1, 2)]]);
+    p.extend(drag.linear.iter().chain(&drag.quadratic).chain(&drag.angular));
+    for r in &vehicle.rotors {
+        p.extend(r.position.iter().chain(&r.axis));
+        p.extend([r.spin, r.thrust_coefficient, r.moment_per_thrust, r.max_speed]);
+        p.extend([r.time_constant_up, r.time_constant_down, r.inertia]);
+        p.extend([r.drag_coefficient, r.axial_drag_coefficient, r.rolling_coefficient]);
+    }
+    p
+}
+
+/// Names of the entries of [`parameter_vector`].
+pub fn parameter_names(vehicle: &Vehicle) -> Vec<String> {
+    let body = BODY_PARAMETERS.iter().map(|n| n.to_string());
+    let rotors = vehicle.rotors.iter().flat_map(|r| ROTOR_PARAMETERS.iter().map(|n| format!("{}.{n}", r.name)));
+    body.chain(rotors).collect()
+}
+
+impl<const R: usize> RigidModel<f64, R> {
+    /// The model of a vehicle for substeps of `substep` seconds; rotors beyond the vehicle's are dead (zero thrust).
+    pub fn new(vehicle: &Vehicle, substep: f64) -> Self {
+        let radii: Vec<f64> = vehicle.rotors.iter().map(|r| r.radius).collect();
+        Self::from_parameters(&parameter_vector(vehicle), &radii, substep)
+    }
+
+    /// The same constants over another scalar.
+    #[inline(always)]
+    pub fn cast<S: Scalar>(&self) -> RigidModel<S, R> {
+        let c = S::constant;
+        let mut rotors = [RotorModel::dead(); R];
+        for i in 0..R {
+            rotors[i] = self.rotors[i].cast();
+        }
+        RigidModel {
+            gravity: c(self.gravity),
+            mass: c(self.mass),
+            inverse_mass: c(self.inverse_mass),
+            center_of_mass: constants(self.center_of_mass),
+            inertia: constants(self.inertia),
+            inverse_inertia: constants(self.inverse_inertia),
+            linear_drag: constants(self.linear_drag),
+            angular_drag: constants(self.angular_drag),
+            quadratic_drag: constants(self.quadratic_drag),
+            ground_height: c(self.ground_height),
+            rotors,
+        }
+    }
+
+    /// `effects` with the flags that the geometry decides.
+    pub fn effects_of(&self, effects: Effects) -> Effects {
+        let tilted = self.rotors.iter().any(|r| r.axis[0] != 0.0 || r.axis[1] != 0.0);
+        let largest = self.inertia[..3].iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+        let products = self.inertia[3..].iter().any(|j| j.abs() > 1e-9 * largest);
+        Effects { tilted_rotors: tilted, products_of_inertia: products, ..effects }
+    }
+}
+
+impl<S: Scalar> RotorModel<S> {
+    /// No thrust, no drag, no inertia: pads a vehicle to the next compiled rotor count.
+    #[inline(always)]
+    pub(crate) fn dead() -> Self {
+        let (o, l) = (S::zero(), S::one());
+        Self {
+            wrench: [o; 6],
+            max_speed: l,
+            decay_up: o,
+            decay_down: o,
+            rate_up: o,
+            rate_down: o,
+            hub: [o; 3],
+            axis: [o, o, l],
+            spin_inertia: o,
+            drag: o,
+            axial_drag: o,
+            rolling: o,
+            radius: o,
+        }
+    }
+
+    /// From its sixteen parameters (see [`ROTOR_PARAMETERS`]).
+    #[inline(always)]
+    fn from_parameters(p: &[S], center_of_mass: Vec3<S>, radius: f64, substep: f64) -> Self {
+        let (hub, axis) = (sub([p[0], p[1], p[2]], center_of_mass), [p[3], p[4], p[5]]);
+        let (spin, k_f, kappa) = (p[6], p[7], p[8]);
+        let force = scale(k_f, axis);
+        let moment = sub(cross(hub, force), scale(spin * kappa, force));
+        let half = S::constant(-0.5 * substep);
+        let (rate_up, rate_down) = (p[10].recip(), p[11].recip());
+        Self {
+            wrench: [force[0], force[1], force[2], moment[0], moment[1], moment[2]],
+            max_speed: p[9],
+            decay_up: (half * rate_up).exp(),
+            decay_down: (half * rate_down).exp(),
+            rate_up,
+            rate_down,
+            hub,
+            axis,
+            spin_inertia: spin * p[12],
+            drag: p[13],
+            axial_drag: p[14],
+            rolling: spin * p[15],
+            radius: S::constant(radius),
+        }
+    }
+}
+
+impl RotorModel<f64> {
+    #[inline(always)]
+    fn cast<S: Scalar>(&self) -> RotorModel<S> {
+        let c = S::constant;
+        RotorModel {
+            wrench: constants(self.wrench),
+            max_speed: c(self.max_speed),
+            decay_up: c(self.decay_up),
+            decay_down: c(self.decay_down),
+            rate_up: c(self.rate_up),
+            rate_down: c(self.rate_down),
+            hub: constants(self.hub),
+            axis: constants(self.axis),
+            spin_inertia: c(self.spin_inertia),
+            drag: c(self.drag),
+            axial_drag: c(self.axial_drag),
+            rolling: c(self.rolling),
+            radius: c(self.radius),
+        }
+    }
+}
+
+impl<S: Scalar, const R: usize> RigidModel<S, R> {
+    /// From the vector of [`parameter_vector`], so that derivatives reach every physical parameter. Rotor radii are
+    /// geometry, not parameters.
+    #[inline(always)]
+    pub fn from_parameters(p: &[S], radii: &[f64], substep: f64) -> Self {
+        let center_of_mass = [p[2], p[3], p[4]];
+        let inertia = [p[5], p[6], p[7], p[8], p[9], p[10]];
+        let mut rotors = [RotorModel::dead(); R];
+        for i in 0..R {
+            if i < radii.len() {
+                let at = BODY_PARAMETERS.len() + i * ROTOR_PARAMETERS.len();
+                let own = &p[at..at + ROTOR_PARAMETERS.len()];
+                rotors[i] = RotorModel::from_parameters(own, center_of_mass, radii[i], substep);
+            }
+        }
+        Self {
+            gravity: p[0],
+            mass: p[1],
+            inverse_mass: p[1].recip(),
+            center_of_mass,
+            inertia,
+            inverse_inertia: symmetric(inverse(full(inertia))),
+            linear_drag: [p[11], p[12], p[13]],
+            quadratic_drag: [p[14], p[15], p[16]],
+            angular_drag: [p[17], p[18], p[19]],
+            ground_height: S::zero(),
+            rotors,
+        }
+    }
+}
+
+/// The full matrix.
+#[inline(always)]
+pub(crate) fn full<S: Scalar>(s: Symmetric<S>) -> Mat3<S> {
+    [[s[0], s[3], s[4]], [s[3], s[1], s[5]], [s[4], s[5], s[2]]]
+}
+
+/// The upper triangle of a symmetric matrix.
+#[inline(always)]
+pub(crate) fn symmetric<S: Scalar>(m: Mat3<S>) -> Symmetric<S> {
+    [m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2]]
+}
+
+/// M v, leaving the products out where the model has none.
+#[inline(always)]
+pub(crate) fn symmetric_times<S: Scalar>(m: &Symmetric<S>, v: Vec3<S>, effects: Effects) -> Vec3<S> {
+    if effects.products_of_inertia {
+        mat_vec(full(*m), v)
+    } else {
+        hadamard([m[0], m[1], m[2]], v)
+    }
+}
+
+/// Motion of the centre of mass and the body: what an integrator advances.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Motion<S> {
+    pub position: Vec3<S>,
+    pub velocity: Vec3<S>,
+    pub attitude: Quat<S>,
+    pub angular_velocity: Vec3<S>,
+}
+
+/// Rotor speeds at the start, middle and end of a substep, from the closed form of the first-order lag.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RotorPath<S, const R: usize> {
+    pub start: [S; R],
+    pub middle: [S; R],
+    pub end: [S; R],
+    /// Ω_cmd.
+    pub target: [S; R],
+    /// 1/τ in force.
+    pub rate: [S; R],
+}
+
+/// Wrench about the centre of mass in the body frame.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Wrench<S> {
+    pub force: Vec3<S>,
+    pub moment: Vec3<S>,
+}
+
+impl<S: Scalar, const R: usize> RigidModel<S, R> {
+    /// Ω_cmd = Ω_max √max((a + 1)/2, 1e-4) of rotor actions a, clipped to [−1, 1]. The floor keeps the gradient finite
+    /// at a = −1.
+    #[inline(always)]
+    pub(crate) fn target_speed(&self, action: &[S; R]) -> [S; R] {
+        let mut target = [S::zero(); R];
+        let (one, half) = (S::one(), S::constant(0.5));
+        for i in 0..R {
+            let fraction = (action[i].clamp(-one, one) + one) * half;
+            target[i] = self.rotors[i].max_speed * safe::sqrt(fraction, 1e-4);
+        }
+        target
+    }
+
+    /// Ω(t) = Ω_cmd + (Ω₀ − Ω_cmd) e^{−t/τ} over one substep, τ chosen by the sign of Ω_cmd − Ω₀.
+    #[inline(always)]
+    pub(crate) fn rotor_path(&self, start: [S; R], target: [S; R]) -> RotorPath<S, R> {
+        let mut path = RotorPath { start, middle: start, end: start, target, rate: start };
+        for i in 0..R {
+            let rotor = &self.rotors[i];
+            let up = start[i].lt(target[i]);
+            let decay = S::select(up, rotor.decay_up, rotor.decay_down);
+            let gap = start[i] - target[i];
+            path.middle[i] = gap.mul_add(decay, target[i]);
+            path.end[i] = (gap * decay).mul_add(decay, target[i]);
+            path.rate[i] = S::select(up, rotor.rate_up, rotor.rate_down);
+        }
+        path
+    }
+
+    /// Base origin → centre of mass: p + R c, v + R (ω × c).
+    #[inline(always)]
+    pub(crate) fn to_center_of_mass(&self, x: &RigidState<S, R>) -> Motion<S> {
+        let (q, w) = (x.attitude, x.angular_velocity);
+        Motion {
+            position: add(x.position, rotate(q, self.center_of_mass)),
+            velocity: add(x.velocity, rotate(q, cross(w, self.center_of_mass))),
+            attitude: q,
+            angular_velocity: w,
+        }
+    }
+
+    /// Centre of mass → base origin.
+    #[inline(always)]
+    pub(crate) fn to_base_origin(&self, m: &Motion<S>, rotor_speed: [S; R]) -> RigidState<S, R> {
+        let (q, w) = (m.attitude, m.angular_velocity);
+        RigidState {
+            position: sub(m.position, rotate(q, self.center_of_mass)),
+            velocity: sub(m.velocity, rotate(q, cross(w, self.center_of_mass))),
+            attitude: q,
+            angular_velocity: w,
+            rotor_speed,
+        }
+    }
+
+    /// Rotor thrusts and reaction torques.
+    #[inline(always)]
+    fn rotor_wrench(&self, m: &Motion<S>, speed: &[S; R], effects: Effects) -> Wrench<S> {
+        let o = S::zero();
+        let mut force = [o; 3];
+        let mut moment = [o; 3];
+        for i in 0..R {
+            let rotor = &self.rotors[i];
+            let mut squared = speed[i] * speed[i];
+            if effects.ground_effect {
+                let hub = add(m.position, rotate(m.attitude, rotor.hub));
+                squared *= ground_effect::factor(hub[2] - self.ground_height, rotor.radius);
+            }
+            if effects.tilted_rotors {
+                force[0] = rotor.wrench[0].mul_add(squared, force[0]);
+                force[1] = rotor.wrench[1].mul_add(squared, force[1]);
+            }
+            force[2] = rotor.wrench[2].mul_add(squared, force[2]);
+            moment[0] = rotor.wrench[3].mul_add(squared, moment[0]);
+            moment[1] = rotor.wrench[4].mul_add(squared, moment[1]);
+            moment[2] = rotor.wrench[5].mul_add(squared, moment[2]);
+        }
+        Wrench { force, moment }
+    }
+
+    /// Drag of airframe and rotors; never feeds power in still air, the rolling moment aside.
+    #[inline(always)]
+    pub(crate) fn drag_wrench(
+        &self,
+        m: &Motion<S>,
+        speed: &[S; R],
+        air: &Disturbance<S>,
+        effects: Effects,
+    ) -> Wrench<S> {
+        let relative = if effects.disturbance { sub(m.velocity, air.wind) } else { m.velocity };
+        let velocity = rotate_back(m.attitude, relative);
+        let w = m.angular_velocity;
+        let o = [S::zero(); 3];
+        let mut drag = Wrench { force: o, moment: o };
+        if effects.body_drag {
+            drag.force = neg(hadamard(self.linear_drag, velocity));
+            drag.moment = neg(hadamard(self.angular_drag, w));
+        }
+        if effects.quadratic_drag {
+            let speed = safe::norm(velocity);
+            drag.force = axpy(drag.force, -speed, hadamard(self.quadratic_drag, velocity));
+        }
+        if effects.rotor_air() {
+            for i in 0..R {
+                let rotor = &self.rotors[i];
+                let at_hub = add(velocity, cross(w, rotor.hub));
+                let along = scale(dot(at_hub, rotor.axis), rotor.axis);
+                let across = sub(at_hub, along);
+                if effects.rotor_drag {
+                    let force = add(scale(rotor.drag, across), scale(rotor.axial_drag, along));
+                    let force = scale(-speed[i], force);
+                    drag.force = add(drag.force, force);
+                    drag.moment = add(drag.moment, cross(rotor.hub, force));
+                }
+                if effects.rolling_moment {
+                    drag.moment = axpy(drag.moment, -(rotor.rolling * speed[i]), across);
+                }
+            }
+        }
+        drag
+    }
+
+    /// H = Σ σ I_p Ω n and its rate, body frame.
+    #[inline(always)]
+    pub(crate) fn rotor_momentum(&self, speed: &[S; R], path: &RotorPath<S, R>) -> (Vec3<S>, Vec3<S>) {
+        let mut momentum = [S::zero(); 3];
+        let mut rate = [S::zero(); 3];
+        for i in 0..R {
+            let rotor = &self.rotors[i];
+            let acceleration = (path.target[i] - speed[i]) * path.rate[i];
+            momentum = axpy(momentum, rotor.spin_inertia * speed[i], rotor.axis);
+            rate = axpy(rate, rotor.spin_inertia * acceleration, rotor.axis);
+        }
+        (momentum, rate)
+    }
+
+    /// All forces and moments but ω × (Jω + H), which integrators treat each in their way: the acceleration of the
+    /// centre of mass (world), the moment (body) and H (body).
+    #[inline(always)]
+    pub(crate) fn loads(
+        &self,
+        m: &Motion<S>,
+        speed: &[S; R],
+        path: &RotorPath<S, R>,
+        air: &Disturbance<S>,
+        effects: Effects,
+    ) -> (Vec3<S>, Vec3<S>, Vec3<S>) {
+        let rotors = self.rotor_wrench(m, speed, effects);
+        let (mut force, mut moment) = (rotors.force, rotors.moment);
+        if effects.body_drag || effects.quadratic_drag || effects.rotor_air() {
+            let drag = self.drag_wrench(m, speed, air, effects);
+            if effects.tilted_rotors {
+                force = add(force, drag.force);
+            } else {
+                force = [drag.force[0], drag.force[1], force[2] + drag.force[2]];
+            }
+            moment = add(moment, drag.moment);
+        }
+        let mut momentum = [S::zero(); 3];
+        if effects.rotor_inertia {
+            let (h, rate) = self.rotor_momentum(speed, path);
+            momentum = h;
+            moment = sub(moment, rate);
+        }
+        let mut world = if effects.tilted_rotors || effects.body_drag || effects.quadratic_drag || effects.rotor_air() {
+            rotate(m.attitude, force)
+        } else {
+            scale(force[2], up_axis(m.attitude))
+        };
+        if effects.disturbance {
+            world = add(world, air.force);
+            moment = add(moment, air.moment);
+        }
+        let mut acceleration = scale(self.inverse_mass, world);
+        acceleration[2] -= self.gravity;
+        (acceleration, moment, momentum)
+    }
+
+    /// ω̇ = J⁻¹ (M − ω × (Jω + H)).
+    #[inline(always)]
+    pub(crate) fn angular_acceleration(&self, w: Vec3<S>, moment: Vec3<S>, momentum: Vec3<S>, effects: Effects) -> Vec3<S> {
+        let mut total = symmetric_times(&self.inertia, w, effects);
+        if effects.rotor_inertia {
+            total = add(total, momentum);
+        }
+        symmetric_times(&self.inverse_inertia, sub(moment, cross(w, total)), effects)
+    }
+}
