@@ -1,13 +1,35 @@
-//! placeholder
+//! Numbers that differentiate: one scalar trait, its implementations, and what is derived from them.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`scalar`] | the [`Scalar`] trait, `f32`, `f64` |
+//! | [`safe`] | norms, roots and angles that stay finite, values and derivatives, at their corners |
+//! | [`dual`] | num-dual's numbers as scalars: exact forward derivatives |
+//! | `lanes` | SIMD registers as scalars, chosen at run time |
+//! | [`trace`], [`program`] | recording scalar; compiled programs and derived adjoints |
+//! | [`system`] | what is differentiated: x⁺ = f(x, u, θ), costs |
+//! | [`derivative`] | Jacobians of one step by duals |
+//! | [`rollout`] | gradients through whole rollouts, reverse and forward |
+//! | [`certificate`] | adjoint against duals against differences, for anybody's system |
+//!
+//! This room does not know drones.
+
+pub mod certificate;
+pub mod derivative;
 pub mod dual;
 pub(crate) mod lanes;
+pub mod program;
+pub mod rollout;
 pub mod safe;
 pub mod scalar;
-pub use lanes::lane_width;
-pub use scalar::{Mask, Scalar};
-pub mod program;
-pub mod trace;
-pub use program::Program;
-pub use trace::{Recording, Trace};
 pub mod system;
+pub mod trace;
+
+pub use certificate::{Bounds, Certificate, certify};
+pub use derivative::{JacobianScratch, Linearisation, jacobian, linearise};
+pub use lanes::lane_width;
+pub use program::Program;
+pub use rollout::{Gradient, Rollout};
+pub use scalar::{Mask, Scalar};
 pub use system::{Objective, System};
+pub use trace::{Recording, Trace};

@@ -78,6 +78,13 @@ pub struct Workspace {
     slots: Vec<f64>,
 }
 
+impl Workspace {
+    /// Number of slots.
+    pub(crate) fn len(&self) -> usize {
+        self.slots.len()
+    }
+}
+
 /// Slots of one block evaluation; made once, reused without allocation.
 #[derive(Debug, Clone)]
 pub struct BlockWorkspace {

@@ -1,0 +1,345 @@
+//! Gradients of a cost along a whole trajectory, backwards (adjoint) or forwards (duals).
+//!
+//! Reverse: λ_T = ∂c_T/∂x, then λₖ = ∂c/∂x + (∂f/∂x)ᵀ λₖ₊₁ with ∂J/∂uₖ = ∂c/∂u + (∂f/∂u)ᵀ λₖ₊₁, and likewise summed
+//! for θ (Bryson and Ho 1975, section 2.2). One derived [`Program`] does a step's part of all three. States are kept at
+//! every √T-th step only and recomputed within (Griewank 1992), so memory grows with √T and the rollout runs twice.
+
+use super::program::{Program, Workspace};
+use super::system::{Objective, System};
+use super::trace::{Recording, Trace};
+use super::{Scalar, trace};
+use crate::error::{Error, Result};
+use num_dual::Dual64;
+
+/// The gradient of a rollout's cost.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Gradient {
+    /// ∂J/∂x₀, n.
+    pub state: Vec<f64>,
+    /// ∂J/∂u, row-major `[T, m]`; empty if not asked for.
+    pub inputs: Vec<f64>,
+    /// ∂J/∂θ, p.
+    pub parameters: Vec<f64>,
+}
+
+/// A system and an objective with their derived adjoints, ready to differentiate rollouts.
+///
+/// ```
+/// use omnidrones::autodiff::{Objective, Rollout, Scalar, System};
+///
+/// /// A point mass pushed for 20 ms at a time.
+/// struct Cart;
+/// impl System for Cart {
+///     fn n_state(&self) -> usize { 2 }
+///     fn n_input(&self) -> usize { 1 }
+///     fn step<S: Scalar>(&self, x: &[S], u: &[S], _: &[S], next: &mut [S]) {
+///         let h = S::constant(0.02);
+///         next[1] = h.mul_add(u[0], x[1]);
+///         next[0] = h.mul_add(next[1], x[0]);
+///     }
+/// }
+///
+/// /// Distance from the origin at the end, and effort on the way.
+/// struct Arrive;
+/// impl Objective for Arrive {
+///     fn stage<S: Scalar>(&self, _: &[S], u: &[S], _: &[S]) -> S { S::constant(1e-3) * u[0].square() }
+///     fn terminal<S: Scalar>(&self, x: &[S], _: &[S]) -> S { x[0].square() + x[1].square() }
+/// }
+///
+/// let rollout = Rollout::new(Cart, Arrive)?;
+/// let (cost, gradient) = rollout.gradient(&[1.0, 0.0], &vec![0.0; 100], &[]);
+/// assert_eq!(cost, 1.0);
+/// assert!(gradient.inputs[0] > gradient.inputs[99]); // an early push moves the end further
+/// # Ok::<(), omnidrones::error::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Rollout<F, C> {
+    system: F,
+    objective: C,
+    /// [x, u, θ, λ⁺, ρ] → [x̄, ū, θ̄] of λ⁺·f + ρ·c.
+    step_adjoint: Program,
+    /// [x, θ, ρ] → [x̄, θ̄] of ρ·c_T.
+    terminal_adjoint: Program,
+}
+
+/// Memory of a reverse sweep; made once, reused without allocation for horizons up to the longest seen.
+#[derive(Debug, Clone)]
+pub struct Scratch {
+    /// States at the start of each segment.
+    anchors: Vec<f64>,
+    /// States within one segment.
+    segment: Vec<f64>,
+    arguments: Vec<f64>,
+    results: Vec<f64>,
+    step: Workspace,
+    terminal: Workspace,
+}
+
+/// Steps per segment for a horizon of T: ⌈√T⌉.
+fn segment_length(horizon: usize) -> usize {
+    horizon.isqrt().max(1) + usize::from(horizon.isqrt().pow(2) < horizon)
+}
+
+impl Scratch {
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        let numbers = self.anchors.capacity()
+            + self.segment.capacity()
+            + self.arguments.capacity()
+            + self.results.capacity()
+            + self.step.len()
+            + self.terminal.len();
+        numbers * size_of::<f64>()
+    }
+}
+
+impl<F: System, C: Objective> Rollout<F, C> {
+    /// Records the step and the costs once and derives their adjoints.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] if a recording is too large to compile.
+    pub fn new(system: F, objective: C) -> Result<Self> {
+        let (n, m, p) = (system.n_state(), system.n_input(), system.n_parameter());
+        let step = record_step(&system, &objective).adjoint(0..n + m + p);
+        let terminal = Recording::of(n + p, |z| vec![objective.terminal(&z[..n], &z[n..])]).adjoint(0..n + p);
+        Ok(Self {
+            step_adjoint: Program::compile(&step)?,
+            terminal_adjoint: Program::compile(&terminal)?,
+            system,
+            objective,
+        })
+    }
+
+    /// The system.
+    pub fn system(&self) -> &F {
+        &self.system
+    }
+
+    /// The objective.
+    pub fn objective(&self) -> &C {
+        &self.objective
+    }
+
+    /// Instructions of a step's adjoint.
+    pub fn adjoint_len(&self) -> usize {
+        self.step_adjoint.len()
+    }
+
+    /// Memory for [`Rollout::gradient_into`].
+    pub fn scratch(&self) -> Scratch {
+        let (n, m, p) = self.sizes();
+        Scratch {
+            anchors: Vec::new(),
+            segment: Vec::new(),
+            arguments: vec![0.0; n + m + p + n + 1],
+            results: vec![0.0; n + m + p],
+            step: self.step_adjoint.workspace(),
+            terminal: self.terminal_adjoint.workspace(),
+        }
+    }
+
+    fn sizes(&self) -> (usize, usize, usize) {
+        (self.system.n_state(), self.system.n_input(), self.system.n_parameter())
+    }
+
+    /// The cost alone. `inputs` is row-major `[T, m]`.
+    ///
+    /// # Panics
+    /// If a slice does not have the system's length, or `inputs` no multiple of it.
+    pub fn cost(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> f64 {
+        self.cost_of(state.to_vec(), inputs, parameters, |u| u)
+    }
+
+    fn cost_of<S: Scalar>(&self, mut x: Vec<S>, inputs: &[f64], theta: &[S], lift: impl Fn(S) -> S) -> S {
+        let (n, m, p) = self.sizes();
+        assert_eq!((x.len(), theta.len(), inputs.len() % m.max(1)), (n, p, 0), "lengths of state, parameters, inputs");
+        let mut next = x.clone();
+        let mut u = vec![S::zero(); m];
+        let mut total = S::zero();
+        for row in inputs.chunks_exact(m.max(1)) {
+            for (u, value) in u.iter_mut().zip(row) {
+                *u = lift(S::constant(*value));
+            }
+            total += self.objective.stage(&x, &u, theta);
+            self.system.step(&x, &u, theta, &mut next);
+            std::mem::swap(&mut x, &mut next);
+        }
+        total + self.objective.terminal(&x, theta)
+    }
+
+    /// The states x₀ … x_T, row-major `[T + 1, n]`.
+    ///
+    /// # Panics
+    /// As [`Rollout::cost`].
+    pub fn trajectory(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Vec<f64> {
+        let (n, m, _) = self.sizes();
+        let mut states = state.to_vec();
+        let mut next = vec![0.0; n];
+        for u in inputs.chunks_exact(m) {
+            let x = &states[states.len() - n..];
+            self.system.step(x, u, parameters, &mut next);
+            states.extend_from_slice(&next);
+        }
+        states
+    }
+
+    /// Cost and full gradient by the adjoint. `inputs` is row-major `[T, m]`.
+    ///
+    /// # Panics
+    /// As [`Rollout::cost`].
+    pub fn gradient(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> (f64, Gradient) {
+        let (n, _, p) = self.sizes();
+        let mut gradient =
+            Gradient { state: vec![0.0; n], inputs: vec![0.0; inputs.len()], parameters: vec![0.0; p] };
+        let cost = self.gradient_into(&mut self.scratch(), state, inputs, parameters, &mut gradient);
+        (cost, gradient)
+    }
+
+    /// As [`Rollout::gradient`] into buffers of the caller; leaves out ∂J/∂u if `gradient.inputs` is empty.
+    ///
+    /// # Panics
+    /// As [`Rollout::cost`], and if a buffer has the wrong length.
+    pub fn gradient_into(
+        &self,
+        scratch: &mut Scratch,
+        state: &[f64],
+        inputs: &[f64],
+        parameters: &[f64],
+        gradient: &mut Gradient,
+    ) -> f64 {
+        let (n, m, p) = self.sizes();
+        assert_eq!((state.len(), parameters.len()), (n, p), "lengths of state and parameters");
+        assert!(m > 0 && inputs.len().is_multiple_of(m), "inputs are rows of {m} numbers, not {} in all", inputs.len());
+        assert_eq!((gradient.state.len(), gradient.parameters.len()), (n, p), "lengths of the gradient");
+        let horizon = inputs.len() / m;
+        let segment = segment_length(horizon);
+        scratch.segment.resize((segment + 1) * n, 0.0);
+        let mut cost = self.sweep_forward(scratch, segment, state, inputs, parameters);
+        cost += self.start_backward(scratch, parameters, gradient);
+        for s in (0..scratch.anchors.len() / n).rev() {
+            let (from, to) = (s * segment, ((s + 1) * segment).min(horizon));
+            if to < horizon {
+                self.refill(scratch, s, &inputs[from * m..to * m], parameters);
+            }
+            for k in (from..to).rev() {
+                let x = (k - from) * n;
+                self.step_backward(scratch, x, &inputs[k * m..(k + 1) * m], parameters, gradient, k);
+            }
+        }
+        cost
+    }
+
+    /// Runs the rollout, keeps the start of each segment and the whole of the last; returns Σ c.
+    fn sweep_forward(&self, w: &mut Scratch, segment: usize, state: &[f64], inputs: &[f64], theta: &[f64]) -> f64 {
+        let (n, m, _) = self.sizes();
+        let mut cost = 0.0;
+        w.anchors.clear();
+        w.segment[..n].copy_from_slice(state);
+        w.results[..n].copy_from_slice(state);
+        for (k, u) in inputs.chunks_exact(m).enumerate() {
+            let at = (k % segment) * n;
+            if at == 0 {
+                w.anchors.extend_from_slice(&w.results[..n]);
+                w.segment[..n].copy_from_slice(&w.results[..n]);
+            }
+            let (done, rest) = w.segment.split_at_mut(at + n);
+            let x = &done[at..];
+            cost += self.objective.stage(x, u, theta);
+            self.system.step(x, u, theta, &mut rest[..n]);
+            w.results[..n].copy_from_slice(&rest[..n]);
+        }
+        cost
+    }
+
+    /// λ_T into `gradient.state`, ∂c_T/∂θ into `gradient.parameters`; returns c_T.
+    fn start_backward(&self, w: &mut Scratch, theta: &[f64], gradient: &mut Gradient) -> f64 {
+        let (n, _, p) = self.sizes();
+        let cost = self.objective.terminal(&w.results[..n], theta);
+        w.arguments[..n].copy_from_slice(&w.results[..n]);
+        w.arguments[n..n + p].copy_from_slice(theta);
+        w.arguments[n + p] = 1.0;
+        self.terminal_adjoint.evaluate(&mut w.terminal, &w.arguments[..n + p + 1], &mut w.results[..n + p]);
+        gradient.state.copy_from_slice(&w.results[..n]);
+        gradient.parameters.copy_from_slice(&w.results[n..n + p]);
+        cost
+    }
+
+    /// States of segment `s` again, from its anchor.
+    fn refill(&self, w: &mut Scratch, s: usize, inputs: &[f64], theta: &[f64]) {
+        let (n, m, _) = self.sizes();
+        w.segment[..n].copy_from_slice(&w.anchors[s * n..(s + 1) * n]);
+        for (k, u) in inputs.chunks_exact(m).enumerate() {
+            let (done, rest) = w.segment.split_at_mut((k + 1) * n);
+            self.system.step(&done[k * n..], u, theta, &mut rest[..n]);
+        }
+    }
+
+    /// One step of λ, from the state at `x` in the segment.
+    fn step_backward(&self, w: &mut Scratch, x: usize, u: &[f64], theta: &[f64], gradient: &mut Gradient, k: usize) {
+        let (n, m, p) = self.sizes();
+        let (a, b, c) = (n, n + m, n + m + p);
+        w.arguments[..a].copy_from_slice(&w.segment[x..x + n]);
+        w.arguments[a..b].copy_from_slice(u);
+        w.arguments[b..c].copy_from_slice(theta);
+        w.arguments[c..c + n].copy_from_slice(&gradient.state);
+        w.arguments[c + n] = 1.0;
+        self.step_adjoint.evaluate(&mut w.step, &w.arguments, &mut w.results);
+        gradient.state.copy_from_slice(&w.results[..a]);
+        if !gradient.inputs.is_empty() {
+            gradient.inputs[k * m..(k + 1) * m].copy_from_slice(&w.results[a..b]);
+        }
+        for (sum, part) in gradient.parameters.iter_mut().zip(&w.results[b..c]) {
+            *sum += part;
+        }
+    }
+
+    /// Cost and gradient with respect to x₀ and θ by duals, one rollout per direction: the witness of
+    /// [`Rollout::gradient`], and the better choice for a handful of parameters. `inputs` of the result stay empty.
+    ///
+    /// # Panics
+    /// As [`Rollout::cost`].
+    pub fn gradient_forward(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> (f64, Gradient) {
+        let (n, _, p) = self.sizes();
+        let mut gradient = vec![0.0; n + p];
+        let mut cost = 0.0;
+        for (k, entry) in gradient.iter_mut().enumerate() {
+            let seed = |(i, v): (usize, &f64)| Dual64::new(*v, if i == k { 1.0 } else { 0.0 });
+            let lifted: Vec<Dual64> = state.iter().chain(parameters).enumerate().map(seed).collect();
+            let result = self.cost_of(lifted[..n].to_vec(), inputs, &lifted[n..], |u| u);
+            (cost, *entry) = (result.re, result.eps);
+        }
+        let parameters = gradient.split_off(n);
+        (cost, Gradient { state: gradient, inputs: Vec::new(), parameters })
+    }
+}
+
+/// [x, u, θ] → [f(x, u, θ), c(x, u, θ)].
+fn record_step<F: System, C: Objective>(system: &F, objective: &C) -> Recording {
+    let (n, m, p) = (system.n_state(), system.n_input(), system.n_parameter());
+    trace::Recording::of(n + m + p, |z| {
+        let (x, rest) = z.split_at(n);
+        let (u, theta) = rest.split_at(m);
+        let mut results = vec![Trace::zero(); n + 1];
+        system.step(x, u, theta, &mut results[..n]);
+        results[n] = objective.stage(x, u, theta);
+        results
+    })
+}
+
+/// Checks what [`Rollout`] asserts, for callers whose lengths come from data.
+///
+/// # Errors
+/// [`Error::Value`] naming the wrong length.
+pub fn check_lengths<F: System>(system: &F, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Result<()> {
+    let m = system.n_input();
+    for (what, got, wanted) in [
+        ("state", state.len(), system.n_state()),
+        ("parameters", parameters.len(), system.n_parameter()),
+        ("inputs modulo n_input", if m == 0 { inputs.len() } else { inputs.len() % m }, 0),
+    ] {
+        if got != wanted {
+            return Err(Error::value(format!("length of {what}"), got, wanted.to_string(), "See System::n_state and n_input."));
+        }
+    }
+    Ok(())
+}
