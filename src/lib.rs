@@ -2,3 +2,4 @@
 pub mod autodiff;
 pub mod dynamics;
 pub mod error;
+pub mod rng;
