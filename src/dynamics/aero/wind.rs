@@ -179,9 +179,9 @@ impl WindState {
         if let Wind::Dryden(dryden) = &self.wind {
             let rate = dryden.length().map(|length| dt * dryden.airspeed / length);
             self.filters[0][0] = step_first(self.filters[0][0], rate[0], self.stream.normal());
-            for axis in 1..3 {
+            for (filter, rate) in self.filters.iter_mut().zip(rate).skip(1) {
                 let noise = [self.stream.normal(), self.stream.normal()];
-                self.filters[axis] = step_second(self.filters[axis], rate[axis], noise);
+                *filter = step_second(*filter, rate, noise);
             }
         }
         self.velocity()
@@ -315,6 +315,7 @@ mod tests {
             let gusts = gusts(GUSTS, dt, n);
             for axis in 0..3 {
                 let variance = gusts.iter().map(|g| g[axis] * g[axis]).sum::<f64>() / n as f64;
+                // 1.001, 0.992, 1.002 for 2 ms; 1.003, 0.977, 1.005 for 20 ms
                 assert!((variance - 1.0).abs() < 0.05, "dt {dt}, axis {axis}: {variance} σ²");
             }
         }
@@ -324,13 +325,13 @@ mod tests {
     fn autocorrelation_of_the_samples_is_that_of_the_dryden_spectra() {
         let (dt, n) = (0.02, 400_000);
         let gusts = gusts(GUSTS, dt, n);
-        for axis in 0..3 {
-            let time = GUSTS.length()[axis] / GUSTS.airspeed;
+        for (axis, length) in GUSTS.length().into_iter().enumerate() {
+            let time = length / GUSTS.airspeed;
             for fraction in [0.25, 0.5, 1.0, 2.0, 3.0] {
                 let lag = (fraction * time / dt).round() as usize;
                 let x = lag as f64 * dt / time;
                 let mean = (0..n - lag).map(|i| gusts[i][axis] * gusts[i + lag][axis]).sum::<f64>() / (n - lag) as f64;
-                // Fourier transforms of the spectra: e^{−x} along, (1 − x/2) e^{−x} across
+                // Fourier transforms of the spectra: e^{−x} along, (1 − x/2) e^{−x} across; largest difference 0.023
                 let want = if axis == 0 { (-x).exp() } else { (1.0 - 0.5 * x) * (-x).exp() };
                 assert!((mean - want).abs() < 0.05, "axis {axis}, lag {x} T: {mean} against {want}");
             }
