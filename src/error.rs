@@ -116,7 +116,7 @@ fn suggestion(name: &str, known: &[String]) -> String {
 }
 
 /// Levenshtein distance, by one row of the usual table.
-fn edit_distance(a: &str, b: &str) -> usize {
+pub(crate) fn edit_distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();
     for (i, ca) in a.chars().enumerate() {
