@@ -1,4 +1,5 @@
 //! placeholder
 pub mod autodiff;
+pub mod controllers;
 pub mod dynamics;
 pub mod error;

@@ -1,4 +1,5 @@
 //! placeholder
+pub mod jet;
 pub mod safe;
 pub mod scalar;
 pub use scalar::{Mask, Scalar};
