@@ -1,5 +1,8 @@
 //! Truncated Taylor series as a number: the time derivatives of anything written over [`Scalar`], exactly.
 
+// Kernels are index loops: iterators and slice copies cost lanes their speed.
+#![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
+
 use super::scalar::Scalar;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
@@ -313,17 +316,19 @@ mod tests {
     #[test]
     fn each_coefficient_agrees_with_central_differences_of_the_one_below() {
         let h = 1e-5;
+        let mut worst = 0.0_f64;
         for t in [-1.1, -0.3, 0.4, 1.9] {
             let at = |t: f64| composite(J::variable(t));
             let (minus, here, plus) = (at(t - h), at(t), at(t + h));
             assert_eq!(here.value(), composite(t), "the value is the plain one, bit for bit");
             for k in 1..5 {
                 let difference = (plus.derivative(k - 1) - minus.derivative(k - 1)) / (2.0 * h);
-                let error = (difference - here.derivative(k)).abs() / (1.0 + difference.abs());
-                // measured: 4e-9
-                assert!(error < 1e-7, "t = {t}, derivative {k}: {error:e}");
+                worst = worst.max((difference - here.derivative(k)).abs() / (1.0 + difference.abs()));
             }
         }
+        println!("worst {worst:.1e}");
+        // measured: MEASURE
+        assert!(worst < 1e-7, "{worst:e}");
     }
 
     #[test]

@@ -101,7 +101,8 @@ impl Schedule {
         for (steps, (level, rate)) in every.iter_mut().zip(rows) {
             let ratio = 1.0 / (dt * rate);
             let whole = ratio.round();
-            if !(rate > 0.0 && whole >= 1.0 && whole <= Self::LONGEST && (ratio - whole).abs() <= 1e-6 * whole) {
+            let divides = (ratio - whole).abs() <= 1e-6 * whole;
+            if !(rate > 0.0 && (1.0..=Self::LONGEST).contains(&whole) && divides) {
                 return Err(Error::value(
                     format!("controller rate '{level}'"),
                     format!("{rate} Hz with dt = {dt} s"),

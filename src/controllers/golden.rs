@@ -59,8 +59,13 @@ pub(super) fn firefly() -> Vehicle {
     let sixth = std::f64::consts::FRAC_PI_6;
     let angles = [1.0, 3.0, 5.0, -5.0, -3.0, -1.0].map(|k| k * sixth);
     let spins = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
-    flat("firefly", 1.56779, [0.0347563, 0.0458929, 0.0977], 0.215, &angles, &spins)
+    // The published J_zz of 0.0977 is more than J_xx + J_yy: no body has it, and a vehicle is refused with it.
+    let inertia = [FIREFLY_INERTIA[0], FIREFLY_INERTIA[1], FIREFLY_INERTIA[0] + FIREFLY_INERTIA[1]];
+    flat("firefly", 1.56779, inertia, 0.215, &angles, &spins)
 }
+
+/// As published, kg m².
+const FIREFLY_INERTIA: [f64; 3] = [0.0347563, 0.0458929, 0.0977];
 
 pub(super) fn crazyflie() -> Vehicle {
     let eighth = std::f64::consts::FRAC_PI_4;
@@ -83,14 +88,17 @@ fn firefly_gains() -> Gains {
 }
 
 fn fly<const R: usize>(vehicle: &Vehicle, gains: &Gains, state: &Kinematics<f64>, target: [f64; 3]) -> [f64; R] {
-    let model = CascadeModel::<f64, R>::new(vehicle, gains).unwrap();
+    let mut model = CascadeModel::<f64, R>::new(vehicle, gains).unwrap();
+    if vehicle.name == "firefly" {
+        model.body.inertia[2][2] = FIREFLY_INERTIA[2];
+    }
     model.position(state, &model.initial(), &Sample::at_rest(target, 0.0), ONCE).rotors
 }
 
 fn assert_close(got: &[f64], expected: &[f64], tolerance: f64) {
-    for (a, b) in got.iter().zip(expected) {
-        assert!((a - b).abs() <= tolerance, "{got:?} for {expected:?}");
-    }
+    let worst = got.iter().zip(expected).fold(0.0_f64, |w, (a, b)| w.max((a - b).abs()));
+    println!("worst {worst:.1e}");
+    assert!(worst <= tolerance, "{got:?} for {expected:?}");
 }
 
 /// A state far from any symmetry.
@@ -202,6 +210,7 @@ fn the_flatness_feed_forward_is_the_derivative_of_the_desired_attitude() {
         Reference::Circle(reference::Circle { along_path: true, ..Default::default() }),
     ];
     let h = 1e-5;
+    let mut worst = [0.0_f64; 2];
     for shape in &shapes {
         for t in [0.4, 1.1, 2.3, 3.9, 5.2] {
             let (a, b, c) = (
@@ -212,15 +221,15 @@ fn the_flatness_feed_forward_is_the_derivative_of_the_desired_attitude() {
             let rate = scale(0.5 / h, unskew(mat_mul(transpose(b.attitude), difference(c.attitude, a.attitude))));
             let acceleration = scale(0.5 / h, sub(c.angular_velocity, a.angular_velocity));
             for i in 0..3 {
-                let e = (rate[i] - b.angular_velocity[i]).abs() / (1.0 + rate[i].abs());
-                // measured: 4e-9
-                assert!(e < 1e-7, "{}, t = {t}: {rate:?} {:?}", shape.name(), b.angular_velocity);
-                let e = (acceleration[i] - b.angular_acceleration[i]).abs() / (1.0 + acceleration[i].abs());
-                // measured: 1e-8
-                assert!(e < 1e-7, "{}, t = {t}: {acceleration:?} {:?}", shape.name(), b.angular_acceleration);
+                worst[0] = worst[0].max((rate[i] - b.angular_velocity[i]).abs() / (1.0 + rate[i].abs()));
+                let error = (acceleration[i] - b.angular_acceleration[i]).abs() / (1.0 + acceleration[i].abs());
+                worst[1] = worst[1].max(error);
             }
         }
     }
+    println!("worst {:.1e} {:.1e}", worst[0], worst[1]);
+    // measured: MEASURE
+    assert!(worst[0] < 1e-7 && worst[1] < 1e-7, "{worst:?}");
 }
 
 fn difference(a: Mat3<f64>, b: Mat3<f64>) -> Mat3<f64> {
@@ -241,6 +250,7 @@ fn the_cascade_on_duals_has_the_value_of_the_plain_one_and_the_slope_of_differen
     let run = |x: &[f64]| model.position(&Kinematics::read(x), &model.initial(), &sample, ONCE).rotors;
     let mut x = [0.0; 13];
     state.write(&mut x);
+    let mut worst = 0.0_f64;
     for seed in 0..13 {
         let mut dual = x.map(D::fixed);
         dual[seed] = D::variable(x[seed]);
@@ -255,10 +265,12 @@ fn the_cascade_on_duals_has_the_value_of_the_plain_one_and_the_slope_of_differen
         for i in 0..4 {
             assert_eq!(out[i].value(), mid[i]);
             let slope = (hi[i] - lo[i]) / (2.0 * h);
-            // measured: 4e-10
-            assert!((slope - out[i].derivative(1)).abs() < 1e-7, "{seed} {i}: {slope} {:?}", out[i]);
+            worst = worst.max((slope - out[i].derivative(1)).abs());
         }
     }
+    println!("worst {worst:.1e}");
+    // measured: MEASURE
+    assert!(worst < 1e-7, "{worst:e}");
 }
 
 #[test]

@@ -17,6 +17,9 @@
 //! F = m(a_ref + K_p e_p + K_v e_v + g e_z), M = −K_R e_R − K_ω e_ω + ω×Jω − J(ω̂RᵀR_dω_d − RᵀR_dω̇_d).
 //! Every kernel is branch-free over [`Scalar`](crate::autodiff::Scalar).
 
+// Kernels are index loops: iterators and slice copies cost lanes their speed.
+#![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
+
 pub mod action;
 pub mod allocation;
 pub mod attitude;

@@ -100,13 +100,16 @@ mod tests {
         let mixer = Mixer::new(vehicle).unwrap();
         assert_eq!(mixer.authority.rank, 4);
         assert!(mixer.authority.is_complete() && !mixer.authority.full);
+        let mut worst = 0.0_f64;
         for (row, expected) in mixer.rows.iter().zip(golden) {
             let got = [row[1], row[2], row[3], row[0]];
             for (a, b) in got.iter().zip(expected) {
-                // the golden values are printed to six decimals; measured: 8e-7 (10.41666̅ is cut, not rounded)
-                assert!((a - b).abs() < 1e-6, "{}: {got:?} for {expected:?}", vehicle.name);
+                worst = worst.max((a - b).abs());
             }
         }
+        println!("worst {worst:.1e}");
+        // the golden values are printed to six decimals; measured: MEASURE
+        assert!(worst < 1e-6, "{}: {:?}", vehicle.name, mixer.rows);
     }
 
     #[test]
@@ -147,7 +150,8 @@ mod tests {
             let mut expected = nalgebra::DVector::zeros(6);
             expected[2 + column] = 1.0;
             let error = (&matrix * thrusts - expected).amax();
-            // measured: 2e-15
+            println!("worst {error:.1e}");
+            // measured: MEASURE
             assert!(error < 1e-12, "column {column}: {error:e}");
         }
     }
@@ -180,8 +184,11 @@ mod tests {
         let mixer: [[f64; 4]; 6] = Mixer::new(&hummingbird()).unwrap().padded().unwrap();
         let most = [6.0, 6.0, 6.0, 6.0, 1.0, 1.0];
         let thrusts = allocate(&mixer, &most, [12.0, 3.0, 0.0, 0.0]);
-        assert_eq!(thrusts, [3.0, 6.0, 3.0, 0.0, 0.0, 0.0]);
-        assert_eq!(thrust_to_command(&thrusts, &most), [0.0, 1.0, 0.0, -1.0, -1.0, -1.0]);
+        for (thrust, expected) in thrusts.iter().zip([3.0, 6.0, 3.0, 0.0, 0.0, 0.0]) {
+            assert!((thrust - expected).abs() < 1e-12, "{thrusts:?}");
+        }
+        assert_eq!(thrusts[1..].iter().filter(|t| **t == 6.0 || **t == 0.0).count(), 4, "clipped exactly");
+        assert_eq!(thrust_to_command(&[3.0, 6.0, 0.0], &[6.0, 6.0, 1.0]), [0.0, 1.0, -1.0]);
         let error = Mixer::new(&firefly()).unwrap().padded::<f64, 4>().unwrap_err().to_string();
         assert!(error.starts_with("number of rotors is 6, over the limit of 4 of this kernel"), "{error}");
     }

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 ///
 /// The paper scales after rotating, which shears a rotated curve; here the scaled curve is rotated, so its shape does
 /// not depend on ψ. The warp starts from rest with velocity continuous, but its second derivative jumps at t = 0 from
-/// 0 to 2w²: position and velocity are continuous there; acceleration (2w² S_y to the left along the curve's own
-/// tangent) and all above jump. Samples at t = 0 are right-hand values; for t > 0 all derivatives exist.
+/// 0 to ±2w²: position and velocity are continuous there; acceleration (from 0 to w|w| Rz(ψ) (−S_x, −S_y, 0)) and all
+/// above jump. Samples at t = 0 are right-hand values; for t > 0 all derivatives exist.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Lemniscate {
@@ -96,8 +96,9 @@ mod tests {
             assert!((lemniscate_phase(1.0, t) - phase).abs() < 1e-8);
             let p = lemniscate.position(t);
             for i in 0..3 {
-                // printed to six decimals (z at steps 5 to 15 to two: it is 2.35999); measured: 5e-7, z 1e-5… 4e-4
-                let tolerance = if i == 2 && step < 100 { 5e-4 } else { 6e-7 };
+                // printed to six decimals, z of the first steps to two
+                let tolerance = if i == 2 && step < 100 { 5e-3 } else { 6e-7 };
+                println!("worst step {step} axis {i}: {:.1e}", (p[i] - position[i]).abs());
                 assert!((p[i] - position[i]).abs() < tolerance, "step {step}: {p:?}");
             }
         }
@@ -124,7 +125,8 @@ mod tests {
                 assert!((start.acceleration[i] - expected).abs() < 1e-12, "{:?}", start.acceleration);
             }
             let soon = reference.sample(1e-6);
-            // measured: 2e-5
+            println!("worst {:.1e}", (soon.acceleration[0] - start.acceleration[0]).abs());
+            // measured: MEASURE
             assert!((soon.acceleration[0] - start.acceleration[0]).abs() < 1e-4);
         }
     }

@@ -165,6 +165,7 @@ mod tests {
             let reference = Reference::by_name(name).unwrap();
             reference.validate().unwrap();
             assert_eq!(reference.name(), *name);
+            let mut worst = 0.0_f64;
             for t in [0.3, 0.777, 1.5, 2.9, 5.21, 7.3] {
                 let (a, b, c) = (reference.sample(t - h), reference.sample(t), reference.sample(t + h));
                 let series = |s: &Sample<f64>| [s.position, s.velocity, s.acceleration, s.jerk, s.snap];
@@ -172,12 +173,13 @@ mod tests {
                 for k in 0..4 {
                     for i in 0..3 {
                         let difference = (c[k][i] - a[k][i]) / (2.0 * h);
-                        let error = (difference - exact[k + 1][i]).abs() / (1.0 + difference.abs());
-                        // measured: 2.3e-7 (snap of the circle: truncation error of the difference)
-                        assert!(error < 1e-6, "{name}, t = {t}, derivative {}: {error:e}", k + 1);
+                        worst = worst.max((difference - exact[k + 1][i]).abs() / (1.0 + difference.abs()));
                     }
                 }
             }
+            println!("worst {name} {worst:.1e}");
+            // measured: MEASURE
+            assert!(worst < 1e-6, "{name}: {worst:e}");
         }
     }
 
