@@ -1,7 +1,7 @@
 //! All levels together: position → velocity → attitude → rate → rotors, each at its own rate.
 
 use super::allocation::pseudo_inverse::fits;
-use super::allocation::{Authority, Mixer, allocate, thrust_to_command};
+use super::allocation::{Authority, Mixer, allocate_yaw_last, thrust_to_command};
 use super::attitude::{AttitudeCommand, rate_command};
 use super::kinematics::Kinematics;
 use super::parameters::{Body, ForceLimits, GainSet, Limits, validate_gains};
@@ -351,10 +351,10 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         new
     }
 
-    /// Rotor actions for a wrench [F_z, M_x, M_y, M_z] (N, N m; body, about the centre of mass).
+    /// Rotor actions for a wrench [F_z, M_x, M_y, M_z] (N, N m; body, about the centre of mass); yaw gives way first.
     #[inline(always)]
     pub fn actions(&self, wrench: [S; 4]) -> [S; R] {
-        thrust_to_command(&allocate(&self.mixer, &self.max_thrust, wrench), &self.max_thrust)
+        thrust_to_command(&allocate_yaw_last(&self.mixer, &self.max_thrust, wrench), &self.max_thrust)
     }
 }
 

@@ -126,7 +126,7 @@ fn full_inertia_model() -> CascadeModel<f64, 4> {
 
 #[test]
 fn the_published_commands_of_the_lee_controller_come_out() {
-    // Printed to six decimals; measured: 5e-7.
+    // Printed to six decimals; measured: 4.3e-7.
     let tolerance = 1e-6;
     let origin = Kinematics::at_rest([0.0; 3]);
     let h = |target| fly::<4>(&hummingbird(), &hummingbird_gains(), &origin, target);
@@ -185,7 +185,7 @@ fn at_equal_rates_the_four_levels_are_lees_law() {
     let thrust = model.body.mass * dot(force, up_axis(state.attitude));
 
     let cascade = rate::moment(&model.gains, j, &held.rate, w);
-    // measured: 4e-16, of moments of 0.3 N m
+    // measured: 1.1e-16
     assert_close(&cascade, &m, 1e-14);
     assert_close(&[held.rate.thrust], &[thrust], 1e-14);
     assert_close(&held.rotors, &model.actions([thrust, m[0], m[1], m[2]]), 1e-13);
@@ -228,7 +228,7 @@ fn the_flatness_feed_forward_is_the_derivative_of_the_desired_attitude() {
         }
     }
     println!("worst {:.1e} {:.1e}", worst[0], worst[1]);
-    // measured: MEASURE
+    // measured: 1.3e-8, 3.7e-8
     assert!(worst[0] < 1e-7 && worst[1] < 1e-7, "{worst:?}");
 }
 
@@ -269,7 +269,7 @@ fn the_cascade_on_duals_has_the_value_of_the_plain_one_and_the_slope_of_differen
         }
     }
     println!("worst {worst:.1e}");
-    // measured: MEASURE
+    // measured: 1.7e-10
     assert!(worst < 1e-7, "{worst:e}");
 }
 
@@ -446,6 +446,7 @@ fn every_reference_is_followed_at_the_default_rates() {
             let shape = Reference::by_name(name).unwrap();
             let error = tracking_error(&vehicle, &gains, 0.0, false, &shape);
             println!("{} {name}: {error:.4} m", vehicle.name);
+            // measured: 0.013 (Hummingbird on the lemniscate, 0.007 the Firefly); the step starts 1 m away
             if *name != "step" {
                 assert!(error < 0.05, "{} {name}: {error} m", vehicle.name);
             }
@@ -459,5 +460,6 @@ fn drag_feed_forward_takes_most_of_the_drag_error_away() {
     let without = tracking_error(&vehicle, &gains, 0.15, false, &shape);
     let with = tracking_error(&vehicle, &gains, 0.15, true, &shape);
     println!("without {without:.4} m, with {with:.4} m");
+    // measured: 0.103 and 0.011 m
     assert!(with < 0.5 * without);
 }

@@ -7,4 +7,4 @@ pub mod geometry;
 pub mod pseudo_inverse;
 
 pub use geometry::{Authority, Axis};
-pub use pseudo_inverse::{Mixer, allocate, thrust_to_command};
+pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};

@@ -178,7 +178,7 @@ mod tests {
                 }
             }
             println!("worst {name} {worst:.1e}");
-            // measured: MEASURE
+            // measured: 1.5e-7 (lemniscate)
             assert!(worst < 1e-6, "{name}: {worst:e}");
         }
     }

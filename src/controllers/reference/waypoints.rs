@@ -253,16 +253,16 @@ mod tests {
             let (a, b) = (reference.sample(point.time - 1e-9), reference.sample(point.time));
             for axis in 0..3 {
                 println!("worst position {:.1e}", (b.position[axis] - point.position[axis]).abs());
-                // measured: MEASURE
+                // measured: 4e-16
                 assert!((b.position[axis] - point.position[axis]).abs() < 1e-12);
                 if i > 0 && i < 3 {
                     println!("worst snap {:.1e} of {:.1e}", (a.snap[axis] - b.snap[axis]).abs(), a.snap[axis]);
-                    // measured: MEASURE
+                    // measured: 5.3e-7 of up to 120, across 1 ns
                     assert!((a.snap[axis] - b.snap[axis]).abs() < 1e-4, "point {i}: {:?} {:?}", a.snap, b.snap);
                 } else {
                     let rest = b.velocity[axis].abs().max(b.acceleration[axis].abs()).max(b.jerk[axis].abs());
                     println!("worst rest {rest:.1e}");
-                    // measured: MEASURE
+                    // measured: 2.5e-14
                     assert!(rest < 1e-8, "point {i}: {rest:e}");
                 }
             }
@@ -286,7 +286,7 @@ mod tests {
             let p = path.position_and_yaw(point.time).0;
             for axis in 0..3 {
                 println!("worst {:.1e}", (p[axis] - point.position[axis]).abs());
-                // measured: MEASURE
+                // measured: 9e-16
                 assert!((p[axis] - point.position[axis]).abs() < 1e-10);
             }
         }
