@@ -9,7 +9,7 @@
 //! | [`velocity`] | velocity command → thrust, attitude, and feed-forward rates by differential flatness |
 //! | [`attitude`] | attitude command → rate command |
 //! | [`rate`] | rate command → moments |
-//! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry |
+//! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry, yaw last |
 //! | [`action`] | the paper's action modes, bounded |
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
 //!
