@@ -3,7 +3,7 @@
 //! | file | idea |
 //! |---|---|
 //! | [`kinematics`] | the state a controller sees |
-//! | [`reference`] | hover, step, circle, lemniscate, waypoints, with exact derivatives up to snap |
+//! | [`mod@reference`] | hover, step, circle, lemniscate, waypoints, with exact derivatives up to snap |
 //! | [`parameters`] | gains, body and limits as scalars, so that they can be traced, dual or per lane |
 //! | [`position`] | position error → velocity command |
 //! | [`velocity`] | velocity command → thrust, attitude, and feed-forward rates by differential flatness |
