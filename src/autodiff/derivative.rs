@@ -73,6 +73,7 @@ pub fn linearise<F: System>(system: &F, state: &[f64], input: &[f64], parameters
     jacobian(system, state, input, parameters, &mut JacobianScratch::new(system), &mut columns);
     let mut next = DVector::zeros(n);
     system.step(state, input, parameters, next.as_mut_slice());
-    let block = |from: usize, width: usize| DMatrix::from_column_slice(n, width, &columns[n * from..n * (from + width)]);
+    let block =
+        |from: usize, width: usize| DMatrix::from_column_slice(n, width, &columns[n * from..n * (from + width)]);
     Linearisation { next, state: block(0, n), input: block(n, m), parameters: block(n + m, p) }
 }

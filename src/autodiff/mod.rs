@@ -5,6 +5,7 @@
 //! | [`scalar`] | the [`Scalar`] trait, `f32`, `f64` |
 //! | [`safe`] | norms, roots and angles that stay finite, values and derivatives, at their corners |
 //! | [`dual`] | num-dual's numbers as scalars: exact forward derivatives |
+//! | [`jet`] | truncated Taylor series over any scalar |
 //! | `lanes` | SIMD registers as scalars, chosen at run time |
 //! | [`trace`], [`program`] | recording scalar; compiled programs and derived adjoints |
 //! | [`system`] | what is differentiated: x⁺ = f(x, u, θ), costs |
@@ -17,6 +18,7 @@
 pub mod certificate;
 pub mod derivative;
 pub mod dual;
+pub mod jet;
 pub(crate) mod lanes;
 pub mod program;
 pub mod rollout;

@@ -416,8 +416,11 @@ impl<'a> Compiler<'a> {
         match self.recording.nodes[node as usize] {
             Node::Input(_) | Node::Constant(_) => None,
             Node::Add(a, b) => {
-                let (product, other) =
-                    if let Some(p) = self.lone_product(b) { (Some((b, p)), a) } else { (self.lone_product(a).map(|p| (a, p)), b) };
+                let (product, other) = if let Some(p) = self.lone_product(b) {
+                    (Some((b, p)), a)
+                } else {
+                    (self.lone_product(a).map(|p| (a, p)), b)
+                };
                 match product {
                     Some((absorbed, (p, q))) => {
                         self.absorbed[absorbed as usize] = true;

@@ -189,8 +189,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
     /// As [`Rollout::cost`].
     pub fn gradient(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> (f64, Gradient) {
         let (n, _, p) = self.sizes();
-        let mut gradient =
-            Gradient { state: vec![0.0; n], inputs: vec![0.0; inputs.len()], parameters: vec![0.0; p] };
+        let mut gradient = Gradient { state: vec![0.0; n], inputs: vec![0.0; inputs.len()], parameters: vec![0.0; p] };
         let cost = self.gradient_into(&mut self.scratch(), state, inputs, parameters, &mut gradient);
         (cost, gradient)
     }
@@ -338,7 +337,12 @@ pub fn check_lengths<F: System>(system: &F, state: &[f64], inputs: &[f64], param
         ("inputs modulo n_input", if m == 0 { inputs.len() } else { inputs.len() % m }, 0),
     ] {
         if got != wanted {
-            return Err(Error::value(format!("length of {what}"), got, wanted.to_string(), "See System::n_state and n_input."));
+            return Err(Error::value(
+                format!("length of {what}"),
+                got,
+                wanted.to_string(),
+                "See System::n_state and n_input.",
+            ));
         }
     }
     Ok(())

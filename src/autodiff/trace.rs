@@ -355,9 +355,8 @@ fn pull_back(node: Node, y: Trace, g: Trace) -> [Option<(u32, Trace)>; 2] {
             let over = g * (tx * tx + ty * ty).recip();
             [Some((a, over * tx)), Some((b, -(over * ty)))]
         }
-        Select(m, a, b) => [
-            Some((a, Trace::select(TraceMask(m), g, zero()))),
-            Some((b, Trace::select(TraceMask(m), zero(), g))),
-        ],
+        Select(m, a, b) => {
+            [Some((a, Trace::select(TraceMask(m), g, zero()))), Some((b, Trace::select(TraceMask(m), zero(), g)))]
+        }
     }
 }

@@ -5,12 +5,10 @@
 //! | [`vehicle`] | a multirotor as plain data: parts, rotors, drag, gains |
 //! | [`vehicles`] | the built-in ones, one file each |
 //! | [`vehicle_file`] | vehicles as TOML |
-//! | [`urdf`] | vehicles from and to URDF |
 //! | [`gains`] | gains derived from inertia and motor lag |
 //! | [`rigid`] | the rigid multirotor's equations, over any scalar |
 //! | [`integrate`] | RK4 and the semi-implicit step |
 //! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
-//! | [`fleet`] | several vehicles that feel each other's downwash |
 //! | [`aero`] | ground effect, downwash, wind |
 //! | [`batch`] | many environments in lanes |
 //! | [`spatial`] | vectors and quaternions over any scalar |

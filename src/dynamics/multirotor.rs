@@ -35,7 +35,12 @@ impl Physics {
     pub fn validate(&self) -> Result<()> {
         finite("dt", &[self.dt])?;
         if self.dt <= 0.0 || self.dt > 1.0 {
-            return Err(Error::value("dt", self.dt, "in (0, 1] s", "2 ms suits control design, 16 ms the benchmark tasks."));
+            return Err(Error::value(
+                "dt",
+                self.dt,
+                "in (0, 1] s",
+                "2 ms suits control design, 16 ms the benchmark tasks.",
+            ));
         }
         if self.substeps == 0 || self.substeps > 1000 {
             return Err(Error::limit("substeps", self.substeps, "1 to 1000", "Lower dt instead."));
@@ -243,7 +248,11 @@ impl Vehicle {
         }
         for (thrust, rotor) in u.iter().zip(&self.rotors) {
             if *thrust < 0.0 || *thrust > rotor.max_thrust() {
-                return cannot(format!("{thrust:.3} N on rotor '{}' of at most {:.3} N", rotor.name, rotor.max_thrust()));
+                return cannot(format!(
+                    "{thrust:.3} N on rotor '{}' of at most {:.3} N",
+                    rotor.name,
+                    rotor.max_thrust()
+                ));
             }
         }
         Ok(u.iter().copied().collect())

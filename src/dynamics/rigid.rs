@@ -452,11 +452,7 @@ pub(crate) fn symmetric<S: Scalar>(m: Mat3<S>) -> Symmetric<S> {
 /// M v, leaving the products out where the model has none.
 #[inline(always)]
 pub(crate) fn symmetric_times<S: Scalar>(m: &Symmetric<S>, v: Vec3<S>, effects: Effects) -> Vec3<S> {
-    if effects.products_of_inertia {
-        mat_vec(full(*m), v)
-    } else {
-        hadamard([m[0], m[1], m[2]], v)
-    }
+    if effects.products_of_inertia { mat_vec(full(*m), v) } else { hadamard([m[0], m[1], m[2]], v) }
 }
 
 /// Motion of the centre of mass and the body: what an integrator advances.
@@ -667,7 +663,13 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
 
     /// ω̇ = J⁻¹ (M − ω × (Jω + H)).
     #[inline(always)]
-    pub(crate) fn angular_acceleration(&self, w: Vec3<S>, moment: Vec3<S>, momentum: Vec3<S>, effects: Effects) -> Vec3<S> {
+    pub(crate) fn angular_acceleration(
+        &self,
+        w: Vec3<S>,
+        moment: Vec3<S>,
+        momentum: Vec3<S>,
+        effects: Effects,
+    ) -> Vec3<S> {
         let mut total = symmetric_times(&self.inertia, w, effects);
         if effects.rotor_inertia {
             total = add(total, momentum);

@@ -35,11 +35,11 @@ pub fn factor<S: Scalar>(separation: Vec3<S>, thrust_direction: Vec3<S>, k_r: S,
     let missing = (one - gate) * S::constant(NEAR);
     // z² below the fade, never smaller than about NEAR²/4 within it
     let spread = z.mul_add(z, missing * missing);
-    let exponent = k_r * k_r * safe::squared_norm(across) / spread * S::constant(-0.5);
+    let exponent = k_r * k_r * safe::squared_norm(across) * spread.recip() * S::constant(-0.5);
     // e⁻⁸⁰ is nothing and still a normal number in f32
     let cone = exponent.max(S::constant(-80.0)).exp();
     let fade = (k_z.mul_add(z, one)).square();
-    gate * cone / fade
+    gate * cone * fade.recip()
 }
 
 /// Force on the affected vehicle, N, world: −a T_j for a source with thrust vector `thrust` = T_j (world, N).

@@ -15,7 +15,7 @@ use crate::autodiff::Scalar;
 pub fn factor<S: Scalar>(height: S, radius: S) -> S {
     // the second floor keeps 0/0 away from a rotor without radius on the ground; it is below R/2 of any real rotor
     let z = height.max(radius * S::constant(0.5)).max(S::constant(1e-6));
-    let ratio = radius / (z * S::constant(4.0));
+    let ratio = radius * (z * S::constant(4.0)).recip();
     (S::one() - ratio * ratio).recip()
 }
 

@@ -36,7 +36,13 @@ impl Rows {
         let disturbance = action + r;
         let alive = disturbance + 9;
         let model = alive + 1;
-        Self { action, disturbance, alive, model, count: model + LEAN_BODY + LEAN_ROTOR * r + REST_BODY + REST_ROTOR * r }
+        Self {
+            action,
+            disturbance,
+            alive,
+            model,
+            count: model + LEAN_BODY + LEAN_ROTOR * r + REST_BODY + REST_ROTOR * r,
+        }
     }
 }
 

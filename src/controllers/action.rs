@@ -1,0 +1,97 @@
+//! The action modes of the paper: numbers in [−1, 1] → commands, clipped.
+
+use super::attitude::AttitudeCommand;
+use super::rate::RateCommand;
+use super::velocity::VelocityCommand;
+use crate::autodiff::Scalar;
+use crate::dynamics::spatial::Quat;
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::{FRAC_PI_3, PI};
+
+/// What an action of 1 means. Actions are clipped to [−1, 1] first (the paper leaves them unbounded); NaN stays NaN,
+/// for the environment to contain.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ActionScale {
+    /// Velocity per axis, m/s. Default 1, as in the paper.
+    pub velocity: f64,
+    /// Yaw in velocity mode, rad. Default π, as in the paper.
+    pub yaw: f64,
+    /// Body rates in rate mode, rad/s. Default π, as in the paper.
+    pub rate: f64,
+    /// Yaw rate in attitude mode, rad/s. Default π, as in the paper.
+    pub yaw_rate: f64,
+    /// Roll and pitch in attitude mode, rad, < π/2. Default π/3; the paper's π asks for flight upside down.
+    pub tilt: f64,
+}
+
+impl Default for ActionScale {
+    fn default() -> Self {
+        Self { velocity: 1.0, yaw: PI, rate: PI, yaw_rate: PI, tilt: FRAC_PI_3 }
+    }
+}
+
+#[inline(always)]
+fn clip<S: Scalar>(a: S) -> S {
+    a.clamp(-S::one(), S::one())
+}
+
+/// (a + 1)/2 of the total thrust.
+#[inline(always)]
+fn thrust<S: Scalar>(a: S, total: S) -> S {
+    S::constant(0.5) * (clip(a) + S::one()) * total
+}
+
+impl ActionScale {
+    /// Checks that every scale is finite and > 0, and the tilt below π/2.
+    pub fn validate(&self) -> Result<()> {
+        let rows = [
+            ("action_scale.velocity", self.velocity, 1e3),
+            ("action_scale.yaw", self.yaw, 1e3),
+            ("action_scale.rate", self.rate, 1e3),
+            ("action_scale.yaw_rate", self.yaw_rate, 1e3),
+            ("action_scale.tilt", self.tilt, 1.5),
+        ];
+        for (what, value, most) in rows {
+            if !(value > 0.0 && value <= most) {
+                return Err(Error::value(what, value, format!("within (0, {most}]"), "Leave it out for the default."));
+            }
+        }
+        Ok(())
+    }
+
+    /// Velocity mode: [v_x, v_y, v_z, ψ], world.
+    #[inline(always)]
+    pub fn velocity<S: Scalar>(&self, action: [S; 4]) -> VelocityCommand<S> {
+        let v = S::constant(self.velocity);
+        VelocityCommand::constant(
+            [clip(action[0]) * v, clip(action[1]) * v, clip(action[2]) * v],
+            clip(action[3]) * S::constant(self.yaw),
+        )
+    }
+
+    /// Rate mode: [ω_x, ω_y, ω_z, thrust], body; thrust (a + 1)/2 · `total_thrust` (N).
+    #[inline(always)]
+    pub fn rate<S: Scalar>(&self, action: [S; 4], total_thrust: S) -> RateCommand<S> {
+        let w = S::constant(self.rate);
+        RateCommand::constant(
+            thrust(action[3], total_thrust),
+            [clip(action[0]) * w, clip(action[1]) * w, clip(action[2]) * w],
+        )
+    }
+
+    /// Attitude mode: [thrust, yaw rate, roll, pitch]; thrust (a + 1)/2 · `total_thrust` (N). The heading is that of
+    /// `attitude`, see [`AttitudeCommand::from_tilt`].
+    #[inline(always)]
+    pub fn attitude<S: Scalar>(&self, action: [S; 4], total_thrust: S, attitude: Quat<S>) -> AttitudeCommand<S> {
+        let tilt = S::constant(self.tilt);
+        AttitudeCommand::from_tilt(
+            thrust(action[0], total_thrust),
+            clip(action[1]) * S::constant(self.yaw_rate),
+            clip(action[2]) * tilt,
+            clip(action[3]) * tilt,
+            attitude,
+        )
+    }
+}

@@ -1,0 +1,133 @@
+//! What the rotors of a vehicle can do: rank, weakest direction, lost axes.
+
+use crate::dynamics::Vehicle;
+use nalgebra::{DMatrix, DVector, SVD};
+
+/// Singular values below this share of the largest count as zero. A direction is dropped rather than bought at more
+/// than a thousand times the thrust of the strongest one.
+pub const RANK_TOLERANCE: f64 = 1e-3;
+/// The lateral forces join the allocation (all six rows) where the weakest of the six directions has at least this
+/// share of the strongest; below, forcing them to zero would cost more thrust than they are worth.
+pub const FULL_TOLERANCE: f64 = 2e-2;
+
+/// A component of the wrench at the centre of mass, body axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Axis {
+    /// Force along x.
+    ForceX,
+    /// Force along y.
+    ForceY,
+    /// Force along z: the thrust.
+    Thrust,
+    /// Moment about x.
+    Roll,
+    /// Moment about y.
+    Pitch,
+    /// Moment about z.
+    Yaw,
+}
+
+impl Axis {
+    /// In wrench order `[force; moment]`.
+    pub const ALL: [Self; 6] = [Self::ForceX, Self::ForceY, Self::Thrust, Self::Roll, Self::Pitch, Self::Yaw];
+    /// What every multirotor is steered by, in the order of a mixer's columns.
+    pub const STEERED: [Self; 4] = [Self::Thrust, Self::Roll, Self::Pitch, Self::Yaw];
+}
+
+/// What an allocation can deliver.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Authority {
+    /// Independent directions of the full wrench, 0 to 6.
+    pub full_rank: usize,
+    /// Whether all six rows are allocated, with zero lateral force.
+    pub full: bool,
+    /// Independent directions among the allocated rows (4 or 6).
+    pub rank: usize,
+    /// Smallest singular value of the allocated rows, moments divided by [`length`](Self::length): the norm of the
+    /// weakest wrench (N) that rotor thrusts of norm 1 N can make.
+    pub smallest_singular_value: f64,
+    /// Largest singular value, likewise.
+    pub largest_singular_value: f64,
+    /// Characteristic length: the root mean square lever of the rotors, m.
+    pub length: f64,
+    /// Steered axes that cannot be commanded on their own; the mixer answers them as nearly as the rotors can.
+    pub dropped: Vec<Axis>,
+}
+
+impl Authority {
+    /// Whether thrust, roll, pitch and yaw are all independent.
+    pub fn is_complete(&self) -> bool {
+        self.dropped.is_empty()
+    }
+}
+
+/// The decomposed rows of one choice of axes.
+pub(super) struct Rows {
+    pub axes: &'static [Axis],
+    pub svd: SVD<f64, nalgebra::Dyn, nalgebra::Dyn>,
+    /// What each row was divided by.
+    pub scale: DVector<f64>,
+}
+
+impl Rows {
+    fn new(vehicle: &Vehicle, axes: &'static [Axis], length: f64) -> Self {
+        let full = vehicle.allocation_matrix();
+        let scale = DVector::from_fn(axes.len(), |i, _| if axes[i] as usize >= 3 { length } else { 1.0 });
+        let rows = DMatrix::from_fn(axes.len(), full.ncols(), |i, j| full[(axes[i] as usize, j)] / scale[i]);
+        Self { axes, svd: rows.svd(true, true), scale }
+    }
+
+    pub fn largest(&self) -> f64 {
+        self.svd.singular_values.max()
+    }
+
+    /// The smallest over all rows: 0 where there are fewer rotors than rows.
+    pub fn smallest(&self) -> f64 {
+        if self.svd.singular_values.len() < self.axes.len() { 0.0 } else { self.svd.singular_values.min() }
+    }
+
+    pub fn rank(&self) -> usize {
+        let floor = RANK_TOLERANCE * self.largest();
+        self.svd.singular_values.iter().filter(|s| **s > floor).count()
+    }
+
+    /// Share of a unit wrench along `row` that the rotors can make: the squared length of its projection.
+    fn reach(&self, row: usize) -> f64 {
+        let floor = RANK_TOLERANCE * self.largest();
+        let Some(u) = &self.svd.u else { return 0.0 };
+        (0..self.svd.singular_values.len())
+            .filter(|k| self.svd.singular_values[*k] > floor)
+            .map(|k| u[(row, k)] * u[(row, k)])
+            .sum()
+    }
+}
+
+/// Root mean square lever of the rotors' unit thrusts about the centre of mass, m; 1 where all levers are zero.
+fn characteristic_length(vehicle: &Vehicle) -> f64 {
+    let a = vehicle.allocation_matrix();
+    let levers = a.rows(3, 3).norm_squared() / vehicle.n_rotor() as f64;
+    if levers > 0.0 { levers.sqrt() } else { 1.0 }
+}
+
+/// Chooses the rows to allocate: all six where the vehicle is well able to hold them, else thrust and moments.
+pub(super) fn decompose(vehicle: &Vehicle) -> (Rows, Authority) {
+    let length = characteristic_length(vehicle);
+    let six = Rows::new(vehicle, &Axis::ALL, length);
+    let full_rank = six.rank();
+    let full = six.smallest() > FULL_TOLERANCE * six.largest();
+    let rows = if full { six } else { Rows::new(vehicle, &Axis::STEERED, length) };
+    let dropped = (0..rows.axes.len())
+        .filter(|row| Axis::STEERED.contains(&rows.axes[*row]) && rows.reach(*row) < 1.0 - 1e-9)
+        .map(|row| rows.axes[row])
+        .collect();
+    let authority = Authority {
+        full_rank,
+        full,
+        rank: rows.rank(),
+        smallest_singular_value: rows.smallest(),
+        largest_singular_value: rows.largest(),
+        length,
+        dropped,
+    };
+    (rows, authority)
+}

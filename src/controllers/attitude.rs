@@ -1,0 +1,105 @@
+//! Attitude level: attitude command → rate command.
+
+use super::parameters::GainSet;
+use super::rate::RateCommand;
+use crate::autodiff::{Scalar, safe};
+use crate::dynamics::spatial::{Mat3, Quat, Vec3, cross, from_euler, mat_mul, mat_vec, matrix, sub, transpose};
+
+/// Floor under rate gains the attitude level divides by, N m s/rad.
+const GAIN_FLOOR: f64 = 1e-12;
+
+/// What the attitude level is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AttitudeCommand<S> {
+    /// Total thrust along body z, N.
+    pub thrust: S,
+    /// R_d, desired body → world.
+    pub attitude: Mat3<S>,
+    /// ω_d of the desired frame, in its own axes, rad/s.
+    pub angular_velocity: Vec3<S>,
+    /// ω̇_d of the desired frame, in its own axes, rad/s².
+    pub angular_acceleration: Vec3<S>,
+}
+
+impl<S: Scalar> AttitudeCommand<S> {
+    /// Numbers in the flat form: thrust, R_d by rows, ω_d, ω̇_d.
+    pub const DIM: usize = 16;
+
+    /// Level, at rest, with the given thrust.
+    #[inline(always)]
+    pub fn level(thrust: S) -> Self {
+        let (o, i, zero) = (S::zero(), S::one(), [S::zero(); 3]);
+        Self { thrust, attitude: [[i, o, o], [o, i, o], [o, o, i]], angular_velocity: zero, angular_acceleration: zero }
+    }
+
+    /// The paper's attitude mode: thrust, heading rate ψ̇, roll and pitch. The heading is the vehicle's own, so it
+    /// drifts at ψ̇ without a yaw error: R_d = Rz(ψ) Ry(pitch) Rx(roll), ω_d = R_dᵀ (0, 0, ψ̇).
+    ///
+    /// The paper composes Rz Rx Ry and drops the yaw component of e_R; in that order the heading of R_d is not ψ when
+    /// both tilts are set, and keeping the component would make it yaw. At one tilt at a time the two are the same.
+    #[inline(always)]
+    pub fn from_tilt(thrust: S, yaw_rate: S, roll: S, pitch: S, attitude: Quat<S>) -> Self {
+        let r = matrix(attitude);
+        let heading = safe::atan2(r[1][0], r[0][0]);
+        let desired = matrix(from_euler(roll, pitch, heading));
+        let turn = [desired[2][0] * yaw_rate, desired[2][1] * yaw_rate, desired[2][2] * yaw_rate];
+        Self { thrust, attitude: desired, angular_velocity: turn, angular_acceleration: [S::zero(); 3] }
+    }
+
+    /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
+    #[inline(always)]
+    pub fn write(&self, out: &mut [S]) {
+        out[0] = self.thrust;
+        for i in 0..3 {
+            for j in 0..3 {
+                out[1 + 3 * i + j] = self.attitude[i][j];
+            }
+            out[10 + i] = self.angular_velocity[i];
+            out[13 + i] = self.angular_acceleration[i];
+        }
+    }
+
+    /// The inverse of [`write`](Self::write).
+    #[inline(always)]
+    pub fn read(x: &[S]) -> Self {
+        Self {
+            thrust: x[0],
+            attitude: [[x[1], x[2], x[3]], [x[4], x[5], x[6]], [x[7], x[8], x[9]]],
+            angular_velocity: [x[10], x[11], x[12]],
+            angular_acceleration: [x[13], x[14], x[15]],
+        }
+    }
+}
+
+/// e_R = ½(R_dᵀR − RᵀR_d)^∨ of E = R_dᵀR, body: a polynomial, so finite with all its derivatives everywhere. It is
+/// sin(angle)·axis: it vanishes at half a turn too.
+///
+/// Source: Lee, Leok and McClamroch 2010, eq. 10.
+#[inline(always)]
+pub fn attitude_error<S: Scalar>(desired: Mat3<S>, actual: Mat3<S>) -> Vec3<S> {
+    let e = mat_mul(transpose(desired), actual);
+    let half = S::constant(0.5);
+    [half * (e[2][1] - e[1][2]), half * (e[0][2] - e[2][0]), half * (e[1][0] - e[0][1])]
+}
+
+/// ω_cmd = RᵀR_d ω_d − (K_R/K_ω) e_R, α_ff = RᵀR_d ω̇_d − ω × RᵀR_d ω_d; body frame.
+///
+/// Source: the terms of Lee, Leok and McClamroch 2010, eq. 20, with K_ω drawn out for the rate level.
+#[inline(always)]
+pub fn rate_command<S: Scalar>(
+    gains: &GainSet<S>,
+    command: &AttitudeCommand<S>,
+    attitude: Quat<S>,
+    angular_velocity: Vec3<S>,
+) -> RateCommand<S> {
+    let r = matrix(attitude);
+    let error = attitude_error(command.attitude, r);
+    let to_body = mat_mul(transpose(r), command.attitude);
+    let turn = mat_vec(to_body, command.angular_velocity);
+    let mut rate = turn;
+    for i in 0..3 {
+        rate[i] -= safe::div(gains.attitude[i], gains.rate[i], GAIN_FLOOR) * error[i];
+    }
+    let acceleration = sub(mat_vec(to_body, command.angular_acceleration), cross(angular_velocity, turn));
+    RateCommand { thrust: command.thrust, angular_velocity: rate, angular_acceleration: acceleration }
+}

@@ -1,0 +1,426 @@
+//! All levels together: position → velocity → attitude → rate → rotors, each at its own rate.
+
+use super::allocation::pseudo_inverse::fits;
+use super::allocation::{Authority, Mixer, allocate_yaw_last, thrust_to_command};
+use super::attitude::{AttitudeCommand, rate_command};
+use super::kinematics::Kinematics;
+use super::parameters::{Body, ForceLimits, GainSet, Limits, validate_gains};
+use super::position::{add_drag, velocity_command};
+use super::rate::{RateCommand, moment};
+use super::reference::Sample;
+use super::velocity::{VelocityCommand, attitude_command};
+use crate::autodiff::Scalar;
+use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// Where commands enter the cascade.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// One command in [−1, 1] per rotor.
+    Rotor,
+    /// Thrust and body rates.
+    Rate,
+    /// Thrust and attitude.
+    Attitude,
+    /// Velocity and yaw.
+    Velocity,
+    /// A [`Sample`] of a reference.
+    Position,
+}
+
+impl Level {
+    /// From the rotors up.
+    pub const ALL: [Self; 5] = [Self::Rotor, Self::Rate, Self::Attitude, Self::Velocity, Self::Position];
+
+    /// Lower case, as on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rotor => "rotor",
+            Self::Rate => "rate",
+            Self::Attitude => "attitude",
+            Self::Velocity => "velocity",
+            Self::Position => "position",
+        }
+    }
+
+    /// The level called `name`.
+    pub fn by_name(name: &str) -> Result<Self> {
+        Self::ALL.into_iter().find(|level| level.name() == name).ok_or_else(|| Error::Unknown {
+            kind: "control level",
+            name: name.into(),
+            known: Self::ALL.map(|level| level.name().to_string()).into(),
+        })
+    }
+}
+
+/// How often each level computes, Hz.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Rates {
+    /// Rate level and allocation. Default 500.
+    pub rate: f64,
+    /// Attitude level. Default 250.
+    pub attitude: f64,
+    /// Velocity and position levels. Default 100.
+    pub velocity: f64,
+}
+
+impl Default for Rates {
+    fn default() -> Self {
+        Self { rate: 500.0, attitude: 250.0, velocity: 100.0 }
+    }
+}
+
+impl Rates {
+    /// Every level in every step of `dt` seconds.
+    pub fn every_step(dt: f64) -> Self {
+        Self { rate: 1.0 / dt, attitude: 1.0 / dt, velocity: 1.0 / dt }
+    }
+}
+
+/// [`Rates`] in whole simulation steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Schedule {
+    /// Steps between two computations of velocity and position, attitude, rate.
+    pub every: [u64; 3],
+}
+
+impl Schedule {
+    /// Most steps between two computations.
+    const LONGEST: f64 = 1e6;
+
+    /// Fails where a rate does not divide the simulation's own, 1/dt.
+    pub fn new(rates: &Rates, dt: f64) -> Result<Self> {
+        if !(dt > 0.0 && dt <= 1.0) {
+            return Err(Error::value("dt", dt, "within (0, 1] s", "Give the simulation step in seconds."));
+        }
+        let rows = [("velocity", rates.velocity), ("attitude", rates.attitude), ("rate", rates.rate)];
+        let mut every = [1; 3];
+        for (steps, (level, rate)) in every.iter_mut().zip(rows) {
+            let ratio = 1.0 / (dt * rate);
+            let whole = ratio.round();
+            let divides = (ratio - whole).abs() <= 1e-6 * whole;
+            if !(rate > 0.0 && (1.0..=Self::LONGEST).contains(&whole) && divides) {
+                return Err(Error::value(
+                    format!("controller rate '{level}'"),
+                    format!("{rate} Hz with dt = {dt} s"),
+                    format!("{:.6} Hz divided by a whole number", 1.0 / dt),
+                    "Change the rate or dt.",
+                ));
+            }
+            *steps = whole as u64;
+        }
+        Ok(Self { every })
+    }
+
+    /// 1 for each level that computes in this step, else 0: velocity and position, attitude, rate. All do in step 0.
+    pub fn ticks(&self, step: u64) -> [f64; 3] {
+        self.every.map(|n| if step.is_multiple_of(n) { 1.0 } else { 0.0 })
+    }
+}
+
+/// What each level said last: the memory of a cascade, held until the level computes again.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Held<S, const R: usize> {
+    /// Of the velocity level.
+    pub attitude: AttitudeCommand<S>,
+    /// Of the attitude level.
+    pub rate: RateCommand<S>,
+    /// Of the rate level and allocation: rotor actions in [−1, 1].
+    pub rotors: [S; R],
+}
+
+impl<S: Scalar, const R: usize> Held<S, R> {
+    /// Numbers in the flat form: attitude command, rate command, rotor actions.
+    pub const DIM: usize = AttitudeCommand::<S>::DIM + RateCommand::<S>::DIM + R;
+
+    /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
+    #[inline(always)]
+    pub fn write(&self, out: &mut [S]) {
+        let (attitude, rest) = out.split_at_mut(AttitudeCommand::<S>::DIM);
+        let (rate, rotors) = rest.split_at_mut(RateCommand::<S>::DIM);
+        self.attitude.write(attitude);
+        self.rate.write(rate);
+        for i in 0..R {
+            rotors[i] = self.rotors[i];
+        }
+    }
+
+    /// The inverse of [`write`](Self::write).
+    #[inline(always)]
+    pub fn read(x: &[S]) -> Self {
+        let (attitude, rest) = x.split_at(AttitudeCommand::<S>::DIM);
+        let (rate, actions) = rest.split_at(RateCommand::<S>::DIM);
+        let mut rotors = [S::zero(); R];
+        for i in 0..R {
+            rotors[i] = actions[i];
+        }
+        Self { attitude: AttitudeCommand::read(attitude), rate: RateCommand::read(rate), rotors }
+    }
+}
+
+/// `fresh` where `tick` > ½, else `held`.
+#[inline(always)]
+fn hold<S: Scalar, const N: usize>(tick: S, fresh: [S; N], held: [S; N]) -> [S; N] {
+    let now = S::constant(0.5).lt(tick);
+    let mut x = held;
+    for i in 0..N {
+        x[i] = S::select(now, fresh[i], held[i]);
+    }
+    x
+}
+
+#[inline(always)]
+fn hold_attitude<S: Scalar>(tick: S, fresh: &AttitudeCommand<S>, held: &AttitudeCommand<S>) -> AttitudeCommand<S> {
+    let (mut a, mut b) = ([S::zero(); 16], [S::zero(); 16]);
+    fresh.write(&mut a);
+    held.write(&mut b);
+    AttitudeCommand::read(&hold(tick, a, b))
+}
+
+#[inline(always)]
+fn hold_rate<S: Scalar>(tick: S, fresh: &RateCommand<S>, held: &RateCommand<S>) -> RateCommand<S> {
+    let (mut a, mut b) = ([S::zero(); 7], [S::zero(); 7]);
+    fresh.write(&mut a);
+    held.write(&mut b);
+    RateCommand::read(&hold(tick, a, b))
+}
+
+/// The parameters of a cascade for `R` rotor slots, and its entry points.
+///
+/// Each entry maps (state, memory, command, ticks) to the new memory, whose `rotors` are the actions to apply; nothing
+/// else is kept. Ticks are numbers (1 compute, 0 hold; velocity and position, attitude, rate), so that a whole closed
+/// loop is one branch-free function that can be traced and differentiated. Slots behind the vehicle's own rotors have
+/// zero mixer rows and T_max = 1: their action is −1. A NaN command gives NaN actions, never a panic; it is out of the
+/// memory as soon as every level has computed again.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CascadeModel<S, const R: usize> {
+    /// Mass, inertia, drag, gravity.
+    pub body: Body<S>,
+    /// Per level and axis.
+    pub gains: GainSet<S>,
+    /// Of tilt and thrust.
+    pub limits: ForceLimits<S>,
+    /// Rotor thrusts per [F_z, M_x, M_y, M_z].
+    pub mixer: [[S; 4]; R],
+    /// T_max per rotor, N.
+    pub max_thrust: [S; R],
+}
+
+impl<const R: usize> CascadeModel<f64, R> {
+    /// For a vehicle with its own mass, inertia, geometry and drag, and default [`Limits`].
+    pub fn new(vehicle: &Vehicle, gains: &Gains) -> Result<Self> {
+        Self::with_limits(vehicle, gains, &Limits::default())
+    }
+
+    /// Likewise, with given limits.
+    pub fn with_limits(vehicle: &Vehicle, gains: &Gains, limits: &Limits) -> Result<Self> {
+        vehicle.validate()?;
+        validate_gains(gains)?;
+        limits.validate()?;
+        fits(vehicle.n_rotor(), R)?;
+        let mixer = Mixer::new(vehicle)?;
+        let mut max_thrust = [1.0; R];
+        for (slot, rotor) in max_thrust.iter_mut().zip(&vehicle.rotors) {
+            *slot = rotor.max_thrust();
+        }
+        let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
+        if mixer.authority.dropped.contains(&super::Axis::Thrust) || lift <= 0.0 {
+            return Err(Error::value(
+                format!("vehicle '{}': thrust along body z", vehicle.name),
+                format!("{lift} N"),
+                "> 0 N and independent of the moments",
+                "Turn the rotor axes upwards.",
+            ));
+        }
+        Ok(Self {
+            body: Body::of(vehicle),
+            gains: GainSet::constant(gains),
+            limits: ForceLimits::constant(limits, lift),
+            mixer: mixer.padded()?,
+            max_thrust,
+        })
+    }
+}
+
+impl<S: Scalar, const R: usize> CascadeModel<S, R> {
+    /// The same parameters in every lane.
+    pub fn constant(model: &CascadeModel<f64, R>) -> Self {
+        let limits = &model.limits;
+        let gains = &model.gains;
+        let plain =
+            Gains { position: gains.position, velocity: gains.velocity, attitude: gains.attitude, rate: gains.rate };
+        Self {
+            body: Body::constant(&model.body),
+            gains: GainSet::constant(&plain),
+            limits: ForceLimits {
+                tilt_tangent: S::constant(limits.tilt_tangent),
+                vertical: S::constant(limits.vertical),
+                force: S::constant(limits.force),
+                thrust: S::constant(limits.thrust),
+            },
+            mixer: model.mixer.map(|row| row.map(S::constant)),
+            max_thrust: model.max_thrust.map(S::constant),
+        }
+    }
+
+    /// Memory before the first step: level, hovering.
+    #[inline(always)]
+    pub fn initial(&self) -> Held<S, R> {
+        let weight = self.body.mass * self.body.gravity;
+        let o = S::zero();
+        Held {
+            attitude: AttitudeCommand::level(weight),
+            rate: RateCommand::constant(weight, [o; 3]),
+            rotors: self.actions([weight, o, o, o]),
+        }
+    }
+
+    /// Enters at the position level with a sample of a reference.
+    #[inline(always)]
+    pub fn position(&self, state: &Kinematics<S>, held: &Held<S, R>, sample: &Sample<S>, ticks: [S; 3]) -> Held<S, R> {
+        let command = velocity_command(&self.gains, sample, state);
+        let wanted = [sample.velocity, sample.acceleration, sample.jerk];
+        self.velocity_level(state, held, &add_drag(&self.body, state, wanted, &command), ticks)
+    }
+
+    /// Enters at the velocity level.
+    #[inline(always)]
+    pub fn velocity(
+        &self,
+        state: &Kinematics<S>,
+        held: &Held<S, R>,
+        command: &VelocityCommand<S>,
+        ticks: [S; 3],
+    ) -> Held<S, R> {
+        let wanted = [command.velocity, command.acceleration, command.jerk];
+        self.velocity_level(state, held, &add_drag(&self.body, state, wanted, command), ticks)
+    }
+
+    #[inline(always)]
+    fn velocity_level(
+        &self,
+        state: &Kinematics<S>,
+        held: &Held<S, R>,
+        command: &VelocityCommand<S>,
+        ticks: [S; 3],
+    ) -> Held<S, R> {
+        let fresh = attitude_command(&self.gains, &self.body, &self.limits, command, state);
+        self.attitude(state, held, &hold_attitude(ticks[0], &fresh, &held.attitude), ticks)
+    }
+
+    /// Enters at the attitude level. The command is remembered as it is; the first tick plays no part.
+    #[inline(always)]
+    pub fn attitude(
+        &self,
+        state: &Kinematics<S>,
+        held: &Held<S, R>,
+        command: &AttitudeCommand<S>,
+        ticks: [S; 3],
+    ) -> Held<S, R> {
+        let fresh = rate_command(&self.gains, command, state.attitude, state.angular_velocity);
+        let rate = hold_rate(ticks[1], &fresh, &held.rate);
+        let mut new = self.rate(state, held, &rate, ticks);
+        new.attitude = *command;
+        new
+    }
+
+    /// Enters at the rate level. The first two ticks play no part.
+    #[inline(always)]
+    pub fn rate(
+        &self,
+        state: &Kinematics<S>,
+        held: &Held<S, R>,
+        command: &RateCommand<S>,
+        ticks: [S; 3],
+    ) -> Held<S, R> {
+        let m = moment(&self.gains, self.body.inertia, command, state.angular_velocity);
+        let fresh = self.actions([command.thrust, m[0], m[1], m[2]]);
+        Held { attitude: held.attitude, rate: *command, rotors: hold(ticks[2], fresh, held.rotors) }
+    }
+
+    /// Enters at the rotors: actions clipped to [−1, 1].
+    #[inline(always)]
+    pub fn rotor(&self, held: &Held<S, R>, actions: &[S; R]) -> Held<S, R> {
+        let mut new = *held;
+        for i in 0..R {
+            new.rotors[i] = actions[i].clamp(-S::one(), S::one());
+        }
+        new
+    }
+
+    /// Rotor actions for a wrench [F_z, M_x, M_y, M_z] (N, N m; body, about the centre of mass); yaw gives way first.
+    #[inline(always)]
+    pub fn actions(&self, wrench: [S; 4]) -> [S; R] {
+        thrust_to_command(&allocate_yaw_last(&self.mixer, &self.max_thrust, wrench), &self.max_thrust)
+    }
+}
+
+/// A cascade for one vehicle in plain `f64`: parameters, schedule, memory and step count together.
+#[derive(Debug, Clone)]
+pub struct Cascade<const R: usize = MAX_ROTORS> {
+    /// Parameters.
+    pub model: CascadeModel<f64, R>,
+    /// When each level computes.
+    pub schedule: Schedule,
+    /// What the vehicle's rotors can and cannot do.
+    pub authority: Authority,
+    held: Held<f64, R>,
+    step: u64,
+}
+
+impl<const R: usize> Cascade<R> {
+    /// For simulation steps of `dt` seconds.
+    pub fn new(vehicle: &Vehicle, gains: &Gains, rates: &Rates, dt: f64) -> Result<Self> {
+        let model = CascadeModel::new(vehicle, gains)?;
+        let authority = Mixer::new(vehicle)?.authority;
+        Ok(Self { model, schedule: Schedule::new(rates, dt)?, authority, held: model.initial(), step: 0 })
+    }
+
+    /// Forgets: the next step is step 0, from hover.
+    pub fn reset(&mut self) {
+        self.held = self.model.initial();
+        self.step = 0;
+    }
+
+    /// What each level said last.
+    pub fn held(&self) -> &Held<f64, R> {
+        &self.held
+    }
+
+    /// One step towards a sample of a reference; returns rotor actions in [−1, 1].
+    pub fn position(&mut self, state: &Kinematics<f64>, sample: &Sample<f64>) -> [f64; R] {
+        let ticks = self.tick();
+        self.held = self.model.position(state, &self.held, sample, ticks);
+        self.held.rotors
+    }
+
+    /// One step of a velocity command.
+    pub fn velocity(&mut self, state: &Kinematics<f64>, command: &VelocityCommand<f64>) -> [f64; R] {
+        let ticks = self.tick();
+        self.held = self.model.velocity(state, &self.held, command, ticks);
+        self.held.rotors
+    }
+
+    /// One step of an attitude command.
+    pub fn attitude(&mut self, state: &Kinematics<f64>, command: &AttitudeCommand<f64>) -> [f64; R] {
+        let ticks = self.tick();
+        self.held = self.model.attitude(state, &self.held, command, ticks);
+        self.held.rotors
+    }
+
+    /// One step of a rate command.
+    pub fn rate(&mut self, state: &Kinematics<f64>, command: &RateCommand<f64>) -> [f64; R] {
+        let ticks = self.tick();
+        self.held = self.model.rate(state, &self.held, command, ticks);
+        self.held.rotors
+    }
+
+    fn tick(&mut self) -> [f64; 3] {
+        let ticks = self.schedule.ticks(self.step);
+        self.step += 1;
+        ticks
+    }
+}

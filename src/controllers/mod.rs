@@ -1,0 +1,44 @@
+//! Commands: what a multirotor is asked to do, from a trajectory down to the thrust of each rotor.
+//!
+//! | file | idea |
+//! |---|---|
+//! | [`kinematics`] | the state a controller sees |
+//! | [`mod@reference`] | hover, step, circle, lemniscate, waypoints, with exact derivatives up to snap |
+//! | [`parameters`] | gains, body and limits as scalars, so that they can be traced, dual or per lane |
+//! | [`position`] | position error → velocity command |
+//! | [`velocity`] | velocity command → thrust, attitude, and feed-forward rates by differential flatness |
+//! | [`attitude`] | attitude command → rate command |
+//! | [`rate`] | rate command → moments |
+//! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry, yaw last |
+//! | [`action`] | the paper's action modes, bounded |
+//! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
+//!
+//! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
+//! F = m(a_ref + K_p e_p + K_v e_v + g e_z), M = −K_R e_R − K_ω e_ω + ω×Jω − J(ω̂RᵀR_dω_d − RᵀR_dω̇_d).
+//! Every kernel is branch-free over [`Scalar`](crate::autodiff::Scalar).
+
+// Kernels are index loops: iterators and slice copies cost lanes their speed.
+#![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
+
+pub mod action;
+pub mod allocation;
+pub mod attitude;
+pub mod cascade;
+#[cfg(test)]
+mod golden;
+pub mod kinematics;
+pub mod parameters;
+pub mod position;
+pub mod rate;
+pub mod reference;
+pub mod velocity;
+
+pub use action::ActionScale;
+pub use allocation::{Authority, Axis, Mixer};
+pub use attitude::AttitudeCommand;
+pub use cascade::{Cascade, CascadeModel, Held, Level, Rates, Schedule};
+pub use kinematics::Kinematics;
+pub use parameters::{Body, ForceLimits, GainSet, Limits};
+pub use rate::RateCommand;
+pub use reference::{Reference, Sample};
+pub use velocity::VelocityCommand;

@@ -1,0 +1,189 @@
+//! The numbers of a controller as scalars: gains, body and limits.
+
+use crate::autodiff::Scalar;
+use crate::dynamics::spatial::{Mat3, Vec3, constants};
+use crate::dynamics::{GRAVITY, Gains, Vehicle};
+use crate::error::{Error, Result, finite};
+use serde::{Deserialize, Serialize};
+
+/// [`Gains`] over any scalar, per axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GainSet<S> {
+    /// K_p, 1/s², world.
+    pub position: Vec3<S>,
+    /// K_v, 1/s, world.
+    pub velocity: Vec3<S>,
+    /// K_R, N m/rad, body.
+    pub attitude: Vec3<S>,
+    /// K_ω, N m s/rad, body.
+    pub rate: Vec3<S>,
+}
+
+impl<S: Scalar> GainSet<S> {
+    /// Numbers in the flat form: K_p, K_v, K_R, K_ω.
+    pub const DIM: usize = 12;
+
+    /// The same gains in every lane.
+    pub fn constant(gains: &Gains) -> Self {
+        Self {
+            position: constants(gains.position),
+            velocity: constants(gains.velocity),
+            attitude: constants(gains.attitude),
+            rate: constants(gains.rate),
+        }
+    }
+
+    /// Writes the flat form into the first [`Self::DIM`] numbers of `out`.
+    #[inline(always)]
+    pub fn write(&self, out: &mut [S]) {
+        for i in 0..3 {
+            out[i] = self.position[i];
+            out[3 + i] = self.velocity[i];
+            out[6 + i] = self.attitude[i];
+            out[9 + i] = self.rate[i];
+        }
+    }
+
+    /// The inverse of [`write`](Self::write).
+    #[inline(always)]
+    pub fn read(x: &[S]) -> Self {
+        Self {
+            position: [x[0], x[1], x[2]],
+            velocity: [x[3], x[4], x[5]],
+            attitude: [x[6], x[7], x[8]],
+            rate: [x[9], x[10], x[11]],
+        }
+    }
+}
+
+/// Checks gains before a cascade divides by them: finite, K_p and K_R ≥ 0, K_v and K_ω > 0.
+pub fn validate_gains(gains: &Gains) -> Result<()> {
+    let rows = [
+        ("gains.position", gains.position, false),
+        ("gains.velocity", gains.velocity, true),
+        ("gains.attitude", gains.attitude, false),
+        ("gains.rate", gains.rate, true),
+    ];
+    for (what, values, divides) in rows {
+        finite(what, &values)?;
+        for (i, value) in values.iter().enumerate() {
+            if *value < 0.0 || (divides && *value == 0.0) {
+                return Err(Error::value(
+                    format!("{what}[{i}]"),
+                    value,
+                    if divides { "> 0" } else { "≥ 0" },
+                    "The cascade divides position by velocity gains and attitude by rate gains.",
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// What a controller believes about the body it steers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Body<S> {
+    /// kg.
+    pub mass: S,
+    /// J about the centre of mass, body axes, kg m².
+    pub inertia: Mat3<S>,
+    /// Linear drag D of F = −D v, per body axis, N s/m: airframe plus rotors at hover speed. Zero switches the drag
+    /// feed-forward off.
+    pub drag: Vec3<S>,
+    /// g, m/s².
+    pub gravity: S,
+}
+
+impl Body<f64> {
+    /// Mass and inertia from the parts; drag linearised at hover: D = D₁ + Σ Ω_h (k_d (I − nnᵀ) + k_z nnᵀ), its
+    /// diagonal. Ω_h is the speed at which the rotors, at equal shares of their largest thrust, carry the weight.
+    pub fn of(vehicle: &Vehicle) -> Self {
+        let total = vehicle.mass_properties();
+        let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
+        let fraction = if lift > 0.0 { (total.mass * GRAVITY / lift).min(1.0) } else { 0.0 };
+        let mut drag = vehicle.drag.linear;
+        for rotor in &vehicle.rotors {
+            let speed = rotor.max_speed * fraction.sqrt();
+            for (axis, d) in drag.iter_mut().enumerate() {
+                let along = rotor.axis[axis] * rotor.axis[axis];
+                *d += speed * (rotor.drag_coefficient * (1.0 - along) + rotor.axial_drag_coefficient * along);
+            }
+        }
+        let j = total.inertia;
+        let inertia = [0, 1, 2].map(|row| [j[(row, 0)], j[(row, 1)], j[(row, 2)]]);
+        Self { mass: total.mass, inertia, drag, gravity: GRAVITY }
+    }
+}
+
+impl<S: Scalar> Body<S> {
+    /// The same body in every lane.
+    pub fn constant(body: &Body<f64>) -> Self {
+        Self {
+            mass: S::constant(body.mass),
+            inertia: [constants(body.inertia[0]), constants(body.inertia[1]), constants(body.inertia[2])],
+            drag: constants(body.drag),
+            gravity: S::constant(body.gravity),
+        }
+    }
+}
+
+/// How far the velocity level may tilt and push.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Largest tilt of the wanted thrust from the vertical, rad; (0, 1.5]. Default 1.2 (69°).
+    pub tilt: f64,
+    /// Least vertical specific force as a fraction of g; (0, 1). Default 0.1: the vehicle falls at 0.9 g at most and
+    /// never turns over, and the direction of the wanted force always exists.
+    pub vertical: f64,
+    /// Largest wanted force as a fraction of the rotors' total; (0, 1]. Default 0.9: the rest is left for moments.
+    pub thrust: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { tilt: 1.2, vertical: 0.1, thrust: 0.9 }
+    }
+}
+
+impl Limits {
+    /// Checks the ranges given with the fields.
+    pub fn validate(&self) -> Result<()> {
+        let rows = [
+            ("limits.tilt", self.tilt, 1.5, "within (0, 1.5] rad"),
+            ("limits.vertical", self.vertical, 0.999, "within (0, 0.999]"),
+            ("limits.thrust", self.thrust, 1.0, "within (0, 1]"),
+        ];
+        for (what, value, most, rule) in rows {
+            if !(value > 0.0 && value <= most) {
+                return Err(Error::value(what, value, rule, "Leave it out for the default."));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// [`Limits`] in the units of the kernel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForceLimits<S> {
+    /// tan of the largest tilt.
+    pub tilt_tangent: S,
+    /// Least vertical specific force, m/s².
+    pub vertical: S,
+    /// Largest norm of the wanted force, N.
+    pub force: S,
+    /// Largest total thrust along body z, N.
+    pub thrust: S,
+}
+
+impl<S: Scalar> ForceLimits<S> {
+    /// From the ratios of `limits` and the total thrust along body z, N.
+    pub fn constant(limits: &Limits, total_thrust: f64) -> Self {
+        Self {
+            tilt_tangent: S::constant(limits.tilt.tan()),
+            vertical: S::constant(limits.vertical * GRAVITY),
+            force: S::constant(limits.thrust * total_thrust),
+            thrust: S::constant(total_thrust),
+        }
+    }
+}

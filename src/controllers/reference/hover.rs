@@ -1,0 +1,75 @@
+//! Points: stay at one, or jump to another.
+
+use super::{coordinates, within};
+use crate::autodiff::Scalar;
+use crate::dynamics::spatial::{Vec3, constants};
+use crate::error::Result;
+use serde::{Deserialize, Serialize};
+
+/// Stay at a point.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Hover {
+    /// World, m. Default (0, 0, 2).
+    pub position: [f64; 3],
+    /// rad. Default 0.
+    pub yaw: f64,
+}
+
+impl Default for Hover {
+    fn default() -> Self {
+        Self { position: [0.0, 0.0, 2.0], yaw: 0.0 }
+    }
+}
+
+impl Hover {
+    pub(super) fn validate(&self) -> Result<()> {
+        coordinates("hover.position", &self.position)?;
+        coordinates("hover.yaw", &[self.yaw])
+    }
+
+    #[inline(always)]
+    pub(super) fn position<S: Scalar>(&self, _t: S) -> Vec3<S> {
+        constants(self.position)
+    }
+}
+
+/// Stay at one point, and from `time` on at another. The jump has no derivative: velocity and all above are zero on
+/// both sides, so the controller meets a pure position error.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Step {
+    /// World, m. Default (0, 0, 2).
+    pub from: [f64; 3],
+    /// World, m. Default (1, 0, 2).
+    pub to: [f64; 3],
+    /// When to jump, s, > 0. Default 1.
+    pub time: f64,
+    /// rad. Default 0.
+    pub yaw: f64,
+}
+
+impl Default for Step {
+    fn default() -> Self {
+        Self { from: [0.0, 0.0, 2.0], to: [1.0, 0.0, 2.0], time: 1.0, yaw: 0.0 }
+    }
+}
+
+impl Step {
+    pub(super) fn validate(&self) -> Result<()> {
+        coordinates("step.from", &self.from)?;
+        coordinates("step.to", &self.to)?;
+        within("step.time", &[self.time], 1e-9, 1e6)?;
+        coordinates("step.yaw", &[self.yaw])
+    }
+
+    #[inline(always)]
+    pub(super) fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
+        let before = t.lt(S::constant(self.time));
+        let mut p = constants(self.to);
+        for i in 0..3 {
+            p[i] = S::select(before, S::constant(self.from[i]), p[i]);
+        }
+        p
+    }
+}

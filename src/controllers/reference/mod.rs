@@ -1,0 +1,221 @@
+//! Where to be and when: reference trajectories with exact derivatives.
+//!
+//! Each shape writes its position and yaw once, over [`Scalar`]; evaluated on a fifth-order [`Jet`] in time the same
+//! lines give velocity, acceleration, jerk and snap. Before t = 0 every shape rests at its start.
+
+mod circle;
+mod hover;
+mod lemniscate;
+mod sample;
+mod waypoints;
+
+pub use circle::Circle;
+pub use hover::{Hover, Step};
+pub use lemniscate::{Lemniscate, lemniscate_curve, lemniscate_phase};
+pub use sample::Sample;
+pub use waypoints::{MAX_WAYPOINTS, Waypoint, Waypoints};
+
+use crate::autodiff::Scalar;
+use crate::autodiff::jet::Jet;
+use crate::dynamics::spatial::Vec3;
+use crate::error::{Error, Result, finite};
+use serde::{Deserialize, Serialize};
+
+/// A trajectory: its shape and numbers. In TOML: `kind = "lemniscate"` and the fields of the shape.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum Reference {
+    /// Stay at a point.
+    Hover(Hover),
+    /// Jump from one point to another.
+    Step(Step),
+    /// A horizontal circle with a smooth start.
+    Circle(Circle),
+    /// The lemniscate of the paper's Track tasks.
+    Lemniscate(Lemniscate),
+    /// Through points, with the least snap.
+    Waypoints(Waypoints),
+}
+
+impl Reference {
+    /// The names [`by_name`](Self::by_name) knows.
+    pub const NAMES: [&'static str; 5] = ["hover", "step", "circle", "lemniscate", "waypoints"];
+
+    /// A shape with its default numbers.
+    pub fn by_name(name: &str) -> Result<Self> {
+        match name {
+            "hover" => Ok(Self::Hover(Hover::default())),
+            "step" => Ok(Self::Step(Step::default())),
+            "circle" => Ok(Self::Circle(Circle::default())),
+            "lemniscate" => Ok(Self::Lemniscate(Lemniscate::default())),
+            "waypoints" => Ok(Self::Waypoints(Waypoints::default())),
+            _ => Err(Error::Unknown {
+                kind: "reference",
+                name: name.into(),
+                known: Self::NAMES.map(String::from).into(),
+            }),
+        }
+    }
+
+    /// The names [`by_name`](Self::by_name) knows.
+    pub fn names() -> &'static [&'static str] {
+        &Self::NAMES
+    }
+
+    /// The name of this shape.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Hover(_) => "hover",
+            Self::Step(_) => "step",
+            Self::Circle(_) => "circle",
+            Self::Lemniscate(_) => "lemniscate",
+            Self::Waypoints(_) => "waypoints",
+        }
+    }
+
+    /// One line for a list of shapes.
+    pub fn description(&self) -> &'static str {
+        match self {
+            Self::Hover(_) => "stay at a point",
+            Self::Step(_) => "jump from one point to another",
+            Self::Circle(_) => "a horizontal circle with a smooth start",
+            Self::Lemniscate(_) => "a figure of eight with a vertical part (the paper's Track tasks)",
+            Self::Waypoints(_) => "a minimum-snap path through points, rest to rest",
+        }
+    }
+
+    /// Checks every number. A valid reference gives finite samples at every finite time.
+    pub fn validate(&self) -> Result<()> {
+        match self {
+            Self::Hover(r) => r.validate(),
+            Self::Step(r) => r.validate(),
+            Self::Circle(r) => r.validate(),
+            Self::Lemniscate(r) => r.validate(),
+            Self::Waypoints(_) => Ok(()),
+        }
+    }
+
+    /// Position at time t (s), world, m; generic, so that a series in t gives its derivatives.
+    #[inline(always)]
+    pub fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
+        match self {
+            Self::Hover(r) => r.position(t),
+            Self::Step(r) => r.position(t),
+            Self::Circle(r) => r.position(t),
+            Self::Lemniscate(r) => r.position(t),
+            Self::Waypoints(r) => r.position_and_yaw(t).0,
+        }
+    }
+
+    /// Yaw at time t (s), rad, continuous (not wrapped).
+    #[inline(always)]
+    pub fn yaw<S: Scalar>(&self, t: S) -> S {
+        match self {
+            Self::Hover(r) => S::constant(r.yaw),
+            Self::Step(r) => S::constant(r.yaw),
+            Self::Circle(r) => r.yaw(t),
+            Self::Lemniscate(r) => S::constant(r.yaw),
+            Self::Waypoints(r) => r.position_and_yaw(t).1,
+        }
+    }
+
+    /// Everything the controllers use at time t (s), derivatives exact. Where a derivative jumps (see the shapes) the
+    /// value is the right-hand one.
+    pub fn sample(&self, t: f64) -> Sample<f64> {
+        let time = Jet::<f64, 5>::variable(t);
+        Sample::from_series(self.position(time), self.yaw(time))
+    }
+
+    /// When the motion is over, s; `None` for shapes without an end.
+    pub fn duration(&self) -> Option<f64> {
+        match self {
+            Self::Waypoints(r) => Some(r.end()),
+            _ => None,
+        }
+    }
+}
+
+/// Largest coordinate of a reference, m, and largest yaw, rad.
+const LARGEST: f64 = 1e6;
+
+/// Finite and no larger than a map.
+fn coordinates(what: &str, values: &[f64]) -> Result<()> {
+    within(what, values, -LARGEST, LARGEST)
+}
+
+/// Finite and within [`low`, `high`].
+fn within(what: &str, values: &[f64], low: f64, high: f64) -> Result<()> {
+    finite(what, values)?;
+    match values.iter().find(|v| **v < low || **v > high) {
+        None => Ok(()),
+        Some(v) => {
+            Err(Error::value(what, v, format!("within [{low}, {high}]"), "Give it in metres, radians, seconds."))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_derivative_agrees_with_central_differences() {
+        let h = 1e-4;
+        for name in Reference::names() {
+            let reference = Reference::by_name(name).unwrap();
+            reference.validate().unwrap();
+            assert_eq!(reference.name(), *name);
+            let mut worst = 0.0_f64;
+            for t in [0.3, 0.777, 1.5, 2.9, 5.21, 7.3] {
+                let (a, b, c) = (reference.sample(t - h), reference.sample(t), reference.sample(t + h));
+                let series = |s: &Sample<f64>| [s.position, s.velocity, s.acceleration, s.jerk, s.snap];
+                let (a, exact, c) = (series(&a), series(&b), series(&c));
+                for k in 0..4 {
+                    for i in 0..3 {
+                        let difference = (c[k][i] - a[k][i]) / (2.0 * h);
+                        worst = worst.max((difference - exact[k + 1][i]).abs() / (1.0 + difference.abs()));
+                    }
+                }
+            }
+            println!("worst {name} {worst:.1e}");
+            // measured: 1.5e-7 (lemniscate)
+            assert!(worst < 1e-6, "{name}: {worst:e}");
+        }
+    }
+
+    #[test]
+    fn before_its_start_every_shape_rests_at_its_start() {
+        for name in Reference::names() {
+            let reference = Reference::by_name(name).unwrap();
+            let s = reference.sample(-0.5);
+            assert_eq!(s.position, reference.sample(0.0).position);
+            assert_eq!((s.velocity, s.acceleration, s.jerk, s.snap), ([0.0; 3], [0.0; 3], [0.0; 3], [0.0; 3]));
+        }
+    }
+
+    #[test]
+    fn a_misspelt_name_is_answered_with_the_nearest() {
+        let text = Reference::by_name("lemniscat").unwrap_err().to_string();
+        assert!(text.starts_with("no reference is called 'lemniscat' (did you mean 'lemniscate'?)"), "{text}");
+    }
+
+    #[test]
+    fn references_survive_toml_and_unknown_keys_do_not() {
+        for name in Reference::names() {
+            let reference = Reference::by_name(name).unwrap();
+            let text = toml::to_string(&reference).unwrap();
+            assert_eq!(toml::from_str::<Reference>(&text).unwrap(), reference, "{text}");
+        }
+        let short: Reference = toml::from_str("kind = 'circle'\nradius = 3.0").unwrap();
+        assert_eq!(short, Reference::Circle(Circle { radius: 3.0, ..Circle::default() }));
+        assert!(toml::from_str::<Reference>("kind = 'circle'\nradios = 3.0").is_err());
+    }
+
+    #[test]
+    fn bad_numbers_are_named() {
+        let bad = Reference::Circle(Circle { radius: f64::NAN, ..Circle::default() });
+        assert!(bad.validate().unwrap_err().to_string().starts_with("circle.radius is NaN"));
+        let bad = Reference::Lemniscate(Lemniscate { rate: 1e9, ..Lemniscate::default() });
+        assert!(bad.validate().unwrap_err().to_string().starts_with("lemniscate.rate is 1000000000"));
+    }
+}

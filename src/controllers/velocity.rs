@@ -1,0 +1,127 @@
+//! Velocity level: velocity command → thrust, attitude and their feed-forward.
+
+use super::attitude::AttitudeCommand;
+use super::kinematics::Kinematics;
+use super::parameters::{Body, ForceLimits, GainSet};
+use crate::autodiff::jet::Jet;
+use crate::autodiff::{Scalar, safe};
+use crate::dynamics::spatial::{Mat3, Vec3, cross, dot, up_axis};
+
+/// What the velocity level is asked for; world frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VelocityCommand<S> {
+    /// m/s.
+    pub velocity: Vec3<S>,
+    /// Feed-forward, m/s².
+    pub acceleration: Vec3<S>,
+    /// Feed-forward, m/s³.
+    pub jerk: Vec3<S>,
+    /// Feed-forward, m/s⁴.
+    pub snap: Vec3<S>,
+    /// rad.
+    pub yaw: S,
+    /// rad/s.
+    pub yaw_rate: S,
+    /// rad/s².
+    pub yaw_acceleration: S,
+}
+
+impl<S: Scalar> VelocityCommand<S> {
+    /// A constant velocity at a constant yaw.
+    #[inline(always)]
+    pub fn constant(velocity: Vec3<S>, yaw: S) -> Self {
+        let (o, zero) = (S::zero(), [S::zero(); 3]);
+        Self { velocity, acceleration: zero, jerk: zero, snap: zero, yaw, yaw_rate: o, yaw_acceleration: o }
+    }
+}
+
+/// f = a_ref + K_v (v_cmd − v) + g e_z, the wanted force per mass, world, m/s².
+#[inline(always)]
+pub fn specific_force<S: Scalar>(
+    gains: &GainSet<S>,
+    gravity: S,
+    command: &VelocityCommand<S>,
+    velocity: Vec3<S>,
+) -> Vec3<S> {
+    let mut f = command.acceleration;
+    f[2] += gravity;
+    for i in 0..3 {
+        f[i] = gains.velocity[i].mul_add(command.velocity[i] - velocity[i], f[i]);
+    }
+    f
+}
+
+/// The nearest force the limits allow, height before direction: first the vertical part is held within
+/// [vertical, 0.95 · largest], then the horizontal part is shortened to the tilt limit and to what the largest norm
+/// leaves. Specific forces, world, m/s². Inside the limits the input comes back unchanged.
+#[inline(always)]
+pub fn limit_force<S: Scalar>(f: Vec3<S>, tilt_tangent: S, vertical: S, largest: S) -> Vec3<S> {
+    let z = f[2].clamp(vertical, S::constant(0.95) * largest);
+    let tilt = z * tilt_tangent;
+    let room = (largest * largest - z * z).min(tilt * tilt);
+    let horizontal = f[0].mul_add(f[0], f[1] * f[1]);
+    let over = room.lt(horizontal);
+    let denominator = S::select(over, horizontal, S::one());
+    let shorten = S::select(over, safe::sqrt(room * denominator.recip(), safe::SQUARED_NORM_FLOOR), S::one());
+    [f[0] * shorten, f[1] * shorten, z]
+}
+
+/// R_d of a wanted force and yaw: b₃ = f/‖f‖, b₁c = (cos ψ, sin ψ, 0), b₂ = b₃×b₁c/‖·‖, R_d = [b₂×b₃, b₂, b₃] by
+/// columns. Undefined where f is horizontal along b₁c; the tilt limit keeps away from it.
+///
+/// Source: Mellinger and Kumar 2011, section III; Lee, Leok and McClamroch 2010, eq. 22.
+#[inline(always)]
+pub fn desired_attitude<S: Scalar>(force: Vec3<S>, yaw: S) -> Mat3<S> {
+    let b3 = safe::normalise(force);
+    let (s, c) = yaw.sin_cos();
+    let b2 = safe::normalise([-(b3[2] * s), b3[2] * c, b3[0].mul_add(s, -(b3[1] * c))]);
+    let b1 = cross(b2, b3);
+    [[b1[0], b2[0], b3[0]], [b1[1], b2[1], b3[1]], [b1[2], b2[2], b3[2]]]
+}
+
+/// Thrust T = m f·(R e_z), R_d, and the rates ω_d, ω̇_d with which R_d turns while f follows its jerk and snap.
+///
+/// f(t) and ψ(t) are carried as second-order series through limits and axes, so that ω_d = (R_dᵀṘ_d)^∨ and ω̇_d are
+/// exact, also where a limit acts. ḟ and f̈ are the reference's jerk and snap: the derivative of the error terms would
+/// need the measured acceleration (differential flatness, Mellinger and Kumar 2011).
+#[inline(always)]
+pub fn attitude_command<S: Scalar>(
+    gains: &GainSet<S>,
+    body: &Body<S>,
+    limits: &ForceLimits<S>,
+    command: &VelocityCommand<S>,
+    state: &Kinematics<S>,
+) -> AttitudeCommand<S> {
+    let f = specific_force(gains, body.gravity, command, state.velocity);
+    let mut series = [Jet::<S, 3>::fixed(f[0]); 3];
+    for i in 0..3 {
+        series[i] = Jet::from_derivatives([f[i], command.jerk[i], command.snap[i]]);
+    }
+    let largest = limits.force * body.mass.recip();
+    let series = limit_force(series, Jet::fixed(limits.tilt_tangent), Jet::fixed(limits.vertical), Jet::fixed(largest));
+    let yaw = Jet::from_derivatives([command.yaw, command.yaw_rate, command.yaw_acceleration]);
+    let r = desired_attitude(series, yaw);
+
+    // Columns b₁, b₂, b₃ with their first and second derivatives: d[k][j] is b_j⁽ᵏ⁾.
+    let mut d = [[[S::zero(); 3]; 3]; 3];
+    let mut attitude = [[S::zero(); 3]; 3];
+    for row in 0..3 {
+        for column in 0..3 {
+            let entry = r[row][column];
+            attitude[row][column] = entry.value();
+            for k in 0..3 {
+                d[k][column][row] = entry.derivative(k);
+            }
+        }
+    }
+    // R_dᵀṘ_d = [ω_d]×: ω = (b₃·ḃ₂, b₁·ḃ₃, b₂·ḃ₁), and ω̇ by the product rule.
+    let angular_velocity = [dot(d[0][2], d[1][1]), dot(d[0][0], d[1][2]), dot(d[0][1], d[1][0])];
+    let angular_acceleration = [
+        dot(d[0][2], d[2][1]) + dot(d[1][2], d[1][1]),
+        dot(d[0][0], d[2][2]) + dot(d[1][0], d[1][2]),
+        dot(d[0][1], d[2][0]) + dot(d[1][1], d[1][0]),
+    ];
+    let force = [series[0].value(), series[1].value(), series[2].value()];
+    let thrust = body.mass * dot(force, up_axis(state.attitude));
+    AttitudeCommand { thrust: thrust.clamp(S::zero(), limits.thrust), attitude, angular_velocity, angular_acceleration }
+}
