@@ -99,6 +99,8 @@ fn log_ticks(lo: f64, hi: f64, wanted: usize) -> Vec<(f64, String)> {
     let decades = hi - lo;
     let every = ((decades / wanted.max(1) as f64).ceil() as i32).max(1);
     let factors: &[f64] = if decades < 1.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+    // Plain numbers or powers of ten, one way along the whole axis.
+    let plain = lo >= -3.01 && hi <= 5.0;
     let mut out = Vec::new();
     for exponent in lo.floor() as i32..=hi.ceil() as i32 {
         if exponent.rem_euclid(every) != 0 {
@@ -109,7 +111,6 @@ fn log_ticks(lo: f64, hi: f64, wanted: usize) -> Vec<(f64, String)> {
             if v < lo - 1e-9 || v > hi + 1e-9 {
                 continue;
             }
-            let plain = (-3..=4).contains(&exponent);
             let label = match (plain, *factor == 1.0) {
                 (true, _) => number(factor * 10f64.powi(exponent), (-exponent).max(0) as usize),
                 (false, true) => format!("10{}", superscript(exponent)),

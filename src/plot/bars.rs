@@ -145,5 +145,5 @@ impl Bars {
 }
 
 fn text(bar: &Bar) -> String {
-    if bar.note.is_empty() { short(bar.value) } else { format!("{}  {}", short(bar.value), bar.note) }
+    if bar.note.is_empty() { short(bar.value) } else { format!("{} {}", short(bar.value), bar.note) }
 }

@@ -7,7 +7,7 @@ use super::font;
 use super::theme::Colour;
 use crate::atomic_file;
 use crate::error::{Error, Result};
-use plotters::prelude::{BitMapBackend, DrawingBackend, DrawingErrorKind, SVGBackend};
+use plotters::prelude::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::style::{Color, RGBAColor, RGBColor, ShapeStyle};
 use std::path::Path;
 
@@ -120,7 +120,7 @@ impl Canvas {
         let size = ((self.width * SVG_STEPS).round() as u32, (self.height * SVG_STEPS).round() as u32);
         {
             let mut back = SVGBackend::with_string(&mut text, size);
-            self.replay(&mut back, SVG_STEPS, true).map_err(|e| drawing("<svg>", e))?;
+            self.replay(&mut back, SVG_STEPS, true, Path::new("<svg>"))?;
             back.present().map_err(|e| drawing("<svg>", e))?;
         }
         // Shown at one CSS pixel per figure unit; the view box keeps the finer grid. Round joins, since paths turn.
@@ -139,7 +139,7 @@ impl Canvas {
         let mut big = vec![255u8; big_w * big_h * 3];
         {
             let mut back = BitMapBackend::with_buffer(&mut big, (big_w as u32, big_h as u32));
-            self.replay(&mut back, (PIXELS_PER_UNIT * SAMPLES) as f64, false).map_err(|e| drawing(path, e))?;
+            self.replay(&mut back, (PIXELS_PER_UNIT * SAMPLES) as f64, false, path)?;
             back.present().map_err(|e| drawing(path, e))?;
         }
         let small = average(&big, w, h);
@@ -150,41 +150,37 @@ impl Canvas {
         })
     }
 
-    fn replay<B: DrawingBackend>(
-        &self,
-        back: &mut B,
-        scale: f64,
-        svg: bool,
-    ) -> std::result::Result<(), DrawingErrorKind<B::ErrorType>> {
+    fn replay<B: DrawingBackend>(&self, back: &mut B, scale: f64, svg: bool, path: &Path) -> Result<()> {
         font::register();
         let at = |p: &Point| ((p.0 * scale).round() as i32, (p.1 * scale).round() as i32);
         let solid = |colour: &Colour, opacity: f64| RGBAColor(colour.0, colour.1, colour.2, opacity).filled();
         let end = (self.width, self.height);
-        back.draw_rect((0, 0), at(&end), &solid(&Colour(255, 255, 255), 1.0), true)?;
+        back.draw_rect((0, 0), at(&end), &solid(&Colour(255, 255, 255), 1.0), true).map_err(|e| drawing(path, e))?;
         for shape in &self.shapes {
             match shape {
                 Shape::Line { points, colour, width } if svg => {
                     let color = RGBAColor(colour.0, colour.1, colour.2, 1.0);
                     let stroke_width = (width * scale).round().max(1.0) as u32;
-                    back.draw_path(points.iter().map(at), &ShapeStyle { color, filled: false, stroke_width })?;
+                    back.draw_path(points.iter().map(at), &ShapeStyle { color, filled: false, stroke_width })
+                        .map_err(|e| drawing(path, e))?;
                 }
                 Shape::Line { points, colour, width } => {
                     for piece in stroke(points, *width) {
-                        back.fill_polygon(piece.iter().map(at), &solid(colour, 1.0))?;
+                        back.fill_polygon(piece.iter().map(at), &solid(colour, 1.0)).map_err(|e| drawing(path, e))?;
                     }
                 }
                 Shape::Polygon { points, colour } => {
-                    back.fill_polygon(points.iter().map(at), &solid(colour, 1.0))?;
+                    back.fill_polygon(points.iter().map(at), &solid(colour, 1.0)).map_err(|e| drawing(path, e))?;
                 }
                 Shape::Rectangle { from, to, colour, opacity } => {
-                    back.draw_rect(at(from), at(to), &solid(colour, *opacity), true)?;
+                    back.draw_rect(at(from), at(to), &solid(colour, *opacity), true).map_err(|e| drawing(path, e))?;
                 }
                 Shape::Text { at: point, text, em, colour, anchor, vertical } => {
                     let ink = RGBColor(colour.0, colour.1, colour.2);
                     let (style, baseline) = font::style(em * scale, ink, *anchor, *vertical, svg);
                     let (x, y) = (point.0 * scale, point.1 * scale);
                     let (x, y) = if *vertical { (x - baseline, y) } else { (x, y - baseline) };
-                    back.draw_text(text, &style, (x.round() as i32, y.round() as i32))?;
+                    back.draw_text(text, &style, (x.round() as i32, y.round() as i32)).map_err(|e| drawing(path, e))?;
                 }
             }
         }

@@ -287,7 +287,7 @@ impl Panel {
         }
         let middle = at(0.5, 0.0);
         canvas.text((middle.0, area.y1 - 4.0), &self.x_label, size::LABEL, Colour::INK, Anchor::Middle, false);
-        let side = (area.x0 + left - layout.left + 9.0, 0.5 * (plot.y0 + plot.y1));
+        let side = (area.x0 + 9.0, 0.5 * (plot.y0 + plot.y1));
         canvas.text(side, &self.y_label, size::LABEL, Colour::INK, Anchor::Middle, true);
     }
 }

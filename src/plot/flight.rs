@@ -31,15 +31,18 @@ impl FlightFigures {
         let figure = |what: &str| Figure::new(format!("{name}: {what}")).subtitle(&numbers);
         let [roll, pitch, yaw] = angle_panels(log);
         let error_overview = error_panel(log, after, true);
+        // The page gives the path a tall room: seen from higher up it fills it.
+        let overview_path = Path3d { elevation_deg: 38.0, azimuth_deg: -52.0, ..path_chart(log) };
+        let path = Path3d { title: String::new(), ..path_chart(log) };
         Self {
             overview: figure("closed-loop flight")
                 .size(1000.0, 600.0)
-                .grid(&[1.12, 1.0], &[1.0, 1.0, 1.0])
-                .place((0, 0), (1, 3), path_chart(log))
+                .grid(&[1.06, 1.0], &[1.0, 1.0, 1.0])
+                .place((0, 0), (1, 3), overview_path)
                 .place((1, 0), (1, 1), without_x_label(error_overview))
                 .place((1, 1), (1, 1), without_x_label(rotor_panel(log)))
                 .place((1, 2), (1, 1), attitude_panel(log)),
-            path: figure("path").size(800.0, 560.0).chart(path_chart(log)),
+            path: figure("path").size(800.0, 560.0).chart(path),
             error: figure("tracking error")
                 .chart(without_x_label(error_panel(log, after, false)))
                 .chart(axis_error_panel(log, after)),
@@ -125,12 +128,15 @@ fn poses(log: &FlightLog) -> Vec<Pose> {
     let lap = last_lap(log);
     let lap_length: f64 = (lap.start + 1..lap.end).map(step).sum();
     let spacing = lap_length / POSES as f64;
-    let (mut out, mut travelled) = (Vec::new(), 0.5 * spacing);
+    let (mut out, mut travelled): (Vec<Pose>, f64) = (Vec::new(), 0.5 * spacing);
     for i in lap.start + 1..lap.end {
         travelled += step(i);
-        if travelled >= spacing && out.len() < POSES {
-            out.push(Pose { position: p[i], attitude: log.attitude[i] });
+        if travelled >= spacing {
             travelled -= spacing;
+            let apart = |q: &Pose| (0..3).map(|k| (p[i][k] - q.position[k]).powi(2)).sum::<f64>().sqrt();
+            if out.iter().all(|q| apart(q) > 0.5 * spacing) {
+                out.push(Pose { position: p[i], attitude: log.attitude[i] });
+            }
         }
     }
     out
@@ -185,7 +191,21 @@ fn error_panel(log: &FlightLog, after: f64, with_axes: bool) -> Panel {
         }
         panel = panel.level(format!("RMSE {}", length(rmse)), 100.0 * rmse, Colour::VERMILLION);
     }
-    excluded(panel, log, after)
+    cut_transient(excluded(panel, log, after), log, after)
+}
+
+/// Fits y to what happens from `after` on when the start is more than three times larger, and says so in the title:
+/// a far start would press the errors that count into a flat line.
+fn cut_transient(mut panel: Panel, log: &FlightLog, after: f64) -> Panel {
+    if let (Some(late), Some(overall)) = (log.max_error(after), log.max_error(f64::NEG_INFINITY))
+        && late > 0.0
+        && overall > 3.0 * late
+    {
+        let lowest = if panel.from_zero { 0.0 } else { -150.0 * late };
+        panel.y_range = Some((lowest, 150.0 * late));
+        panel.title += &format!(" (start cut off, up to {} cm)", super::axis::short(100.0 * overall));
+    }
+    panel
 }
 
 fn axis_errors(log: &FlightLog) -> Vec<Series> {
@@ -199,7 +219,7 @@ fn axis_errors(log: &FlightLog) -> Vec<Series> {
 fn axis_error_panel(log: &FlightLog, after: f64) -> Panel {
     let mut panel = Panel::new("Error per axis", "time [s]", "error [cm]");
     panel.series = axis_errors(log);
-    excluded(panel, log, after)
+    cut_transient(excluded(panel, log, after), log, after)
 }
 
 /// One line per rotor of a row-major rotor column, with the limits.
