@@ -36,7 +36,7 @@ impl FlightFigures {
         let path = Path3d { title: String::new(), ..path_chart(log) };
         Self {
             overview: figure("closed-loop flight")
-                .size(1000.0, 600.0)
+                .size(1000.0, 550.0)
                 .grid(&[1.06, 1.0], &[1.0, 1.0, 1.0])
                 .place((0, 0), (1, 3), overview_path)
                 .place((1, 0), (1, 1), without_x_label(error_overview))

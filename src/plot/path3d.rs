@@ -45,7 +45,7 @@ pub struct Path3d {
 }
 
 impl Path3d {
-    /// A path seen from between −x and −y, 24° above the horizon.
+    /// A path seen from between +x and −y, 26° above the horizon.
     pub fn new(title: impl Into<String>, flown: Vec<[f64; 3]>) -> Self {
         Self {
             title: title.into(),
@@ -355,7 +355,7 @@ fn draw_box(canvas: &mut Canvas, view: &View, scene: &Box3) {
     }
     let p = view.point([corner[0], corner[1], 0.5 * (floor + top)]);
     let widest = ticks(2).iter().map(|z| font::width(&label(*z), size::TICK)).fold(0.0, f64::max);
-    canvas.text((p.0 - widest - 10.0, p.1), "z [m]", size::LABEL, Colour::INK, Anchor::Middle, true);
+    canvas.text((p.0 - widest - 13.0, p.1), "z [m]", size::LABEL, Colour::INK, Anchor::Middle, true);
 }
 
 /// A small multirotor: two arms, four discs, an arrow along the thrust axis.
