@@ -170,7 +170,7 @@ impl FlightLog {
     /// √(mean ‖p − p_ref‖²) over t ≥ `after`, m; `None` when no sample is there or one of them is not finite.
     pub fn rmse(&self, after: f64) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0usize);
-        for (_, e) in self.time.iter().zip(self.error_norm()).filter(|(t, _)| !(**t < after)) {
+        for (_, e) in self.time.iter().zip(self.error_norm()).filter(|(t, _)| t.is_nan() || **t >= after) {
             sum += e * e;
             count += 1;
         }

@@ -129,13 +129,13 @@ fn poses(log: &FlightLog) -> Vec<Pose> {
     let lap_length: f64 = (lap.start + 1..lap.end).map(step).sum();
     let spacing = lap_length / POSES as f64;
     let (mut out, mut travelled): (Vec<Pose>, f64) = (Vec::new(), 0.5 * spacing);
-    for i in lap.start + 1..lap.end {
+    for (i, here) in p.iter().enumerate().take(lap.end).skip(lap.start + 1) {
         travelled += step(i);
         if travelled >= spacing {
             travelled -= spacing;
-            let apart = |q: &Pose| (0..3).map(|k| (p[i][k] - q.position[k]).powi(2)).sum::<f64>().sqrt();
+            let apart = |q: &Pose| (0..3).map(|k| (here[k] - q.position[k]).powi(2)).sum::<f64>().sqrt();
             if out.iter().all(|q| apart(q) > 0.5 * spacing) {
-                out.push(Pose { position: p[i], attitude: log.attitude[i] });
+                out.push(Pose { position: *here, attitude: log.attitude[i] });
             }
         }
     }
@@ -226,8 +226,9 @@ fn axis_error_panel(log: &FlightLog, after: f64) -> Panel {
 fn rotor_lines(log: &FlightLog, column: &[f64], title: &str, width: f64) -> Panel {
     let mut panel = Panel::new(title, "time [s]", "speed [rad/s]").from_zero();
     for i in 0..log.n_rotor() {
-        let name = format!("{}", i + 1);
-        panel = panel.series(Series::line(name, log.rotor_history(column, i)).width(width));
+        let line = Series::line((i + 1).to_string(), log.rotor_history(column, i)).width(width);
+        // The palette repeats after seven: the rest is dashed.
+        panel = panel.series(if i < 7 { line } else { line.dashed() });
     }
     let mut limits = log.max_rotor_speed.clone();
     limits.sort_by(f64::total_cmp);
