@@ -114,7 +114,7 @@ pub fn path_chart(log: &FlightLog) -> Path3d {
         .poses(poses(log))
 }
 
-/// Poses at equal distances along the first lap (until the path comes back to its start), or along all of it.
+/// Poses at equal distances along the last lap, fewer where the path comes close to itself.
 fn poses(log: &FlightLog) -> Vec<Pose> {
     let p = &log.position;
     let step = |i: usize| {

@@ -108,7 +108,7 @@ impl Header {
         Self { title: title.to_string(), entries, beside, height: first + below as f64 * ROW + 3.0 }
     }
 
-    /// Draws into the strip that ends at `bottom`.
+    /// Draws between `x0` and `x1`, from `top` down.
     pub fn draw(&self, canvas: &mut Canvas, x0: f64, x1: f64, top: f64) {
         canvas.text((x0, top + 11.5), &self.title, size::TITLE, Colour::INK, Anchor::Start, false);
         if self.beside {
