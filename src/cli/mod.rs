@@ -1,0 +1,4 @@
+//! What the command line shows on a terminal.
+
+pub mod progress;
+pub mod table;

@@ -1,0 +1,94 @@
+//! Tables for people: aligned numbers, units in the header, bold headers on a terminal only.
+
+use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, presets};
+use std::io::IsTerminal;
+
+/// How a column is aligned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Align {
+    /// Words.
+    Left,
+    /// Numbers.
+    Right,
+}
+
+/// A table filled row by row.
+#[derive(Debug, Clone)]
+pub struct Table {
+    columns: Vec<(String, Align)>,
+    rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// With these headers; a header carries its unit: `RMSE [mm]`.
+    pub fn new(columns: &[(&str, Align)]) -> Self {
+        Self { columns: columns.iter().map(|(name, align)| (name.to_string(), *align)).collect(), rows: Vec::new() }
+    }
+
+    /// Appends a row; missing cells stay empty, surplus ones are dropped.
+    pub fn row<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
+        let mut row: Vec<String> = cells.into_iter().map(Into::into).collect();
+        row.resize(self.columns.len(), String::new());
+        self.rows.push(row);
+        self
+    }
+
+    /// The table as text; `terminal` allows bold headers and fitting the width of the terminal.
+    pub fn render(&self, terminal: bool) -> String {
+        let mut table = comfy_table::Table::new();
+        table.load_style(presets::UTF8_HORIZONTAL_ONLY);
+        if terminal {
+            table.set_content_arrangement(ContentArrangement::Dynamic);
+            table.enforce_styling();
+        } else {
+            table.set_content_arrangement(ContentArrangement::Disabled);
+            table.force_no_tty();
+        }
+        let alignment = |align: Align| match align {
+            Align::Left => CellAlignment::Left,
+            Align::Right => CellAlignment::Right,
+        };
+        table.set_header(self.columns.iter().map(|(name, align)| {
+            let cell = Cell::new(name).set_alignment(alignment(*align));
+            if terminal { cell.add_attribute(Attribute::Bold) } else { cell }
+        }));
+        for row in &self.rows {
+            let cells = row.iter().zip(&self.columns);
+            table.add_row(cells.map(|(text, (_, align))| Cell::new(text).set_alignment(alignment(*align))));
+        }
+        table.trim_fmt()
+    }
+
+    /// Prints to standard output, styled only when that is a terminal.
+    pub fn print(&self) {
+        println!("{}", self.render(std::io::stdout().is_terminal()));
+    }
+}
+
+/// `v` with `decimals` digits; a dash for what is missing or not finite.
+pub fn number(v: impl Into<Option<f64>>, decimals: usize) -> String {
+    match v.into() {
+        Some(v) if v.is_finite() => format!("{v:.decimals$}"),
+        _ => "–".to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_outside_a_terminal_has_no_escape_codes_and_right_aligned_numbers() {
+        let mut table = Table::new(&[("vehicle", Align::Left), ("RMSE [mm]", Align::Right)]);
+        table.row(["hummingbird".to_string(), number(9.04, 1)]).row(["firefly".to_string(), number(f64::NAN, 1)]);
+        let text = table.render(false);
+        assert!(!text.contains('\u{1b}'), "{text:?}");
+        let ends: Vec<usize> = text
+            .lines()
+            .filter(|l| l.contains("9.0") || l.contains('–'))
+            .map(|l| l.trim_end().chars().count())
+            .collect();
+        assert_eq!(ends.len(), 2, "{text}");
+        assert_eq!(ends[0], ends[1], "{text}");
+    }
+}

@@ -1,0 +1,349 @@
+//! The record of one flight: what was, what should have been, what the rotors did; its key figures; its CSV file.
+
+use crate::dynamics::spatial::{Quat, Vec3, to_euler, up_axis};
+use crate::dynamics::vehicle::GRAVITY;
+use crate::error::{Error, Result};
+use serde::Serialize;
+
+/// Lowest rotor speed command over the largest speed: √1e-4, the floor of the rotor action.
+const IDLE_FRACTION: f64 = 0.01;
+
+/// One instant of a flight. Rotor slices have one entry per rotor of the log.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample<'a> {
+    /// s.
+    pub time: f64,
+    /// World, m.
+    pub position: [f64; 3],
+    /// World, m/s.
+    pub velocity: [f64; 3],
+    /// Body → world, `[w, x, y, z]`.
+    pub attitude: [f64; 4],
+    /// Body, rad/s.
+    pub angular_velocity: [f64; 3],
+    /// World, m.
+    pub reference_position: [f64; 3],
+    /// World, m/s.
+    pub reference_velocity: [f64; 3],
+    /// World, m/s².
+    pub reference_acceleration: [f64; 3],
+    /// rad.
+    pub reference_yaw: f64,
+    /// rad/s.
+    pub rotor_speed: &'a [f64],
+    /// Commanded rotor speed, rad/s (Ω_cmd, not the action in [−1, 1]).
+    pub rotor_command: &'a [f64],
+    /// N.
+    pub thrust: &'a [f64],
+    /// World, m/s.
+    pub wind: [f64; 3],
+}
+
+/// A flight in columns, row i of each belonging to `time[i]`. Rotor columns are row-major `[sample, rotor]`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FlightLog {
+    /// For titles.
+    pub vehicle: String,
+    /// Ω_max of each rotor, rad/s.
+    pub max_rotor_speed: Vec<f64>,
+    /// s.
+    pub time: Vec<f64>,
+    /// World, m.
+    pub position: Vec<[f64; 3]>,
+    /// World, m/s.
+    pub velocity: Vec<[f64; 3]>,
+    /// Body → world, `[w, x, y, z]`.
+    pub attitude: Vec<[f64; 4]>,
+    /// Body, rad/s.
+    pub angular_velocity: Vec<[f64; 3]>,
+    /// World, m.
+    pub reference_position: Vec<[f64; 3]>,
+    /// World, m/s.
+    pub reference_velocity: Vec<[f64; 3]>,
+    /// World, m/s².
+    pub reference_acceleration: Vec<[f64; 3]>,
+    /// rad.
+    pub reference_yaw: Vec<f64>,
+    /// rad/s.
+    pub rotor_speed: Vec<f64>,
+    /// Commanded speed, rad/s.
+    pub rotor_command: Vec<f64>,
+    /// N.
+    pub thrust: Vec<f64>,
+    /// World, m/s.
+    pub wind: Vec<[f64; 3]>,
+}
+
+/// The key figures of a flight.
+///
+/// The RMSE is `None` (`null`) when no sample lies in its window or one of them is not finite: a mean over the rest
+/// would hide a divergence. Maxima are over the finite samples; `non_finite_samples` says how many are not.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FlightSummary {
+    /// Name of the vehicle.
+    pub vehicle: String,
+    /// Number of samples.
+    pub samples: usize,
+    /// Last minus first time, s.
+    pub duration: f64,
+    /// Start of the window of `rmse`, s.
+    pub rmse_after: f64,
+    /// Root of the mean of ‖p − p_ref‖² for t ≥ `rmse_after`, m.
+    pub rmse: Option<f64>,
+    /// Largest ‖p − p_ref‖ for t ≥ `rmse_after`, m.
+    pub max_error: Option<f64>,
+    /// Largest ‖p − p_ref‖ of the whole flight, m.
+    pub max_error_overall: Option<f64>,
+    /// Largest ‖v‖, m/s.
+    pub max_speed: Option<f64>,
+    /// Largest angle between body z and world z, rad.
+    pub max_tilt: Option<f64>,
+    /// Share of rotor commands at Ω_max or at the idle floor, 0 to 1.
+    pub saturation: Option<f64>,
+    /// Samples with a position, velocity, attitude or reference that is not finite.
+    pub non_finite_samples: usize,
+}
+
+impl FlightLog {
+    /// An empty log of a vehicle whose rotors reach `max_rotor_speed` (rad/s, one per rotor).
+    pub fn new(vehicle: impl Into<String>, max_rotor_speed: &[f64]) -> Self {
+        Self { vehicle: vehicle.into(), max_rotor_speed: max_rotor_speed.to_vec(), ..Self::default() }
+    }
+
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.time.len()
+    }
+
+    /// Whether nothing was recorded.
+    pub fn is_empty(&self) -> bool {
+        self.time.is_empty()
+    }
+
+    /// Number of rotors.
+    pub fn n_rotor(&self) -> usize {
+        self.max_rotor_speed.len()
+    }
+
+    /// Appends a sample. Non-finite values are kept: they tell where a flight diverged.
+    pub fn push(&mut self, sample: Sample<'_>) -> Result<()> {
+        let n = self.n_rotor();
+        for (what, column) in
+            [("rotor_speed", sample.rotor_speed), ("rotor_command", sample.rotor_command), ("thrust", sample.thrust)]
+        {
+            if column.len() != n {
+                return Err(Error::value(
+                    format!("flight log: length of {what}"),
+                    column.len(),
+                    format!("{n}, the number of rotors"),
+                    "Make the log with one max_rotor_speed per rotor.",
+                ));
+            }
+        }
+        self.time.push(sample.time);
+        self.position.push(sample.position);
+        self.velocity.push(sample.velocity);
+        self.attitude.push(sample.attitude);
+        self.angular_velocity.push(sample.angular_velocity);
+        self.reference_position.push(sample.reference_position);
+        self.reference_velocity.push(sample.reference_velocity);
+        self.reference_acceleration.push(sample.reference_acceleration);
+        self.reference_yaw.push(sample.reference_yaw);
+        self.rotor_speed.extend_from_slice(sample.rotor_speed);
+        self.rotor_command.extend_from_slice(sample.rotor_command);
+        self.thrust.extend_from_slice(sample.thrust);
+        self.wind.push(sample.wind);
+        Ok(())
+    }
+
+    /// p − p_ref per sample, m.
+    pub fn tracking_error(&self) -> Vec<[f64; 3]> {
+        let pairs = self.position.iter().zip(&self.reference_position);
+        pairs.map(|(p, r)| [p[0] - r[0], p[1] - r[1], p[2] - r[2]]).collect()
+    }
+
+    /// ‖p − p_ref‖ per sample, m.
+    pub fn error_norm(&self) -> Vec<f64> {
+        self.tracking_error().iter().map(norm).collect()
+    }
+
+    /// √(mean ‖p − p_ref‖²) over t ≥ `after`, m; `None` when no sample is there or one of them is not finite.
+    pub fn rmse(&self, after: f64) -> Option<f64> {
+        let (mut sum, mut count) = (0.0, 0usize);
+        for (_, e) in self.time.iter().zip(self.error_norm()).filter(|(t, _)| t.is_nan() || **t >= after) {
+            sum += e * e;
+            count += 1;
+        }
+        let rmse = (sum / count as f64).sqrt();
+        rmse.is_finite().then_some(rmse)
+    }
+
+    /// Largest finite ‖p − p_ref‖ over t ≥ `after`, m.
+    pub fn max_error(&self, after: f64) -> Option<f64> {
+        let late = self.time.iter().zip(self.error_norm()).filter(|(t, _)| **t >= after);
+        largest(late.map(|(_, e)| e))
+    }
+
+    /// ‖v‖ per sample, m/s.
+    pub fn speed(&self) -> Vec<f64> {
+        self.velocity.iter().map(norm).collect()
+    }
+
+    /// Largest finite ‖v‖, m/s.
+    pub fn max_speed(&self) -> Option<f64> {
+        largest(self.speed().into_iter())
+    }
+
+    /// Angle between body z and world z per sample, rad.
+    pub fn tilt(&self) -> Vec<f64> {
+        let angle = |q: &Quat<f64>| {
+            let z = up_axis(*q);
+            z[0].hypot(z[1]).atan2(z[2])
+        };
+        self.attitude.iter().map(angle).collect()
+    }
+
+    /// Largest finite tilt, rad.
+    pub fn max_tilt(&self) -> Option<f64> {
+        largest(self.tilt().into_iter())
+    }
+
+    /// Share of rotor commands at or beyond Ω_max or the idle floor 0.01 Ω_max (to 1e-6 of Ω_max).
+    pub fn saturation_share(&self) -> Option<f64> {
+        let n = self.n_rotor();
+        if n == 0 || self.rotor_command.is_empty() {
+            return None;
+        }
+        let limits = self.max_rotor_speed.iter().cycle();
+        let at_limit = |(command, limit): &(&f64, &f64)| {
+            **command >= (1.0 - 1e-6) * **limit || **command <= (IDLE_FRACTION + 1e-6) * **limit
+        };
+        let count = self.rotor_command.iter().zip(limits).filter(at_limit).count();
+        Some(count as f64 / self.rotor_command.len() as f64)
+    }
+
+    /// Rotor `i` of a row-major rotor column, as (time, value).
+    pub fn rotor_history(&self, column: &[f64], i: usize) -> Vec<(f64, f64)> {
+        let n = self.n_rotor().max(1);
+        self.time.iter().copied().zip(column.iter().copied().skip(i).step_by(n)).collect()
+    }
+
+    /// (roll, pitch, yaw) per sample, rad.
+    pub fn euler_angles(&self) -> Vec<[f64; 3]> {
+        self.attitude.iter().map(|q| to_euler(*q)).collect()
+    }
+
+    /// (roll, pitch, yaw) per sample that the reference asks of a vehicle without drag, rad: body z along a_ref + g e_z,
+    /// heading from the reference yaw (Mellinger and Kumar 2011, section III). NaN in free fall.
+    pub fn reference_euler_angles(&self) -> Vec<[f64; 3]> {
+        let pairs = self.reference_acceleration.iter().zip(&self.reference_yaw);
+        pairs
+            .map(|(a, yaw)| {
+                let (s, c) = yaw.sin_cos();
+                // Thrust direction in the frame turned by the yaw alone.
+                let (x, y, z) = (c * a[0] + s * a[1], c * a[1] - s * a[0], a[2] + GRAVITY);
+                if x.hypot(y).hypot(z) < 1e-9 {
+                    return [f64::NAN; 3];
+                }
+                [(-y).atan2(x.hypot(z)), x.atan2(z), yaw.sin().atan2(yaw.cos())]
+            })
+            .collect()
+    }
+
+    /// Key figures, with the RMSE over t ≥ `after`.
+    pub fn summary(&self, after: f64) -> FlightSummary {
+        let duration = match (self.time.first(), self.time.last()) {
+            (Some(first), Some(last)) => last - first,
+            _ => 0.0,
+        };
+        let broken = |i: &usize| {
+            let fine = |v: &[f64]| v.iter().all(|x| x.is_finite());
+            !(fine(&self.position[*i])
+                && fine(&self.velocity[*i])
+                && fine(&self.attitude[*i])
+                && fine(&self.reference_position[*i]))
+        };
+        FlightSummary {
+            vehicle: self.vehicle.clone(),
+            samples: self.len(),
+            duration,
+            rmse_after: after,
+            rmse: self.rmse(after),
+            max_error: self.max_error(after),
+            max_error_overall: self.max_error(f64::NEG_INFINITY),
+            max_speed: self.max_speed(),
+            max_tilt: self.max_tilt(),
+            saturation: self.saturation_share(),
+            non_finite_samples: (0..self.len()).filter(broken).count(),
+        }
+    }
+
+    /// Names of the CSV columns, units in brackets, in the order they are written.
+    pub fn csv_header(&self) -> Vec<String> {
+        let xyz = |name: &str, unit: &str| ["x", "y", "z"].map(|axis| format!("{name}_{axis} [{unit}]"));
+        let rotors = |name: &str, unit: &str| -> Vec<String> {
+            (1..=self.n_rotor()).map(|i| format!("{name}_{i} [{unit}]")).collect()
+        };
+        let mut header = vec!["time [s]".to_string()];
+        header.extend(xyz("position", "m"));
+        header.extend(xyz("velocity", "m/s"));
+        header.extend(["w", "x", "y", "z"].map(|c| format!("attitude_{c} [-]")));
+        header.extend(xyz("angular_velocity", "rad/s"));
+        header.extend(xyz("reference_position", "m"));
+        header.extend(xyz("reference_velocity", "m/s"));
+        header.extend(xyz("reference_acceleration", "m/s^2"));
+        header.push("reference_yaw [rad]".to_string());
+        header.extend(rotors("rotor_speed", "rad/s"));
+        header.extend(rotors("rotor_command", "rad/s"));
+        header.extend(rotors("thrust", "N"));
+        header.extend(xyz("wind", "m/s"));
+        header
+    }
+
+    /// Row `i` in the order of [`csv_header`](Self::csv_header).
+    #[cfg(feature = "cli")]
+    fn csv_row(&self, i: usize, row: &mut Vec<f64>) {
+        let n = self.n_rotor();
+        row.clear();
+        row.push(self.time[i]);
+        row.extend(self.position[i]);
+        row.extend(self.velocity[i]);
+        row.extend(self.attitude[i]);
+        row.extend(self.angular_velocity[i]);
+        row.extend(self.reference_position[i]);
+        row.extend(self.reference_velocity[i]);
+        row.extend(self.reference_acceleration[i]);
+        row.push(self.reference_yaw[i]);
+        for column in [&self.rotor_speed, &self.rotor_command, &self.thrust] {
+            row.extend_from_slice(&column[i * n..(i + 1) * n]);
+        }
+        row.extend(self.wind[i]);
+    }
+
+    /// Writes the log as CSV: one header line with units, one line per sample, numbers that read back to the same bits
+    /// (`NaN`, `inf`, `-inf` where not finite). The file appears whole or not at all.
+    #[cfg(feature = "cli")]
+    pub fn write_csv(&self, path: impl AsRef<std::path::Path>) -> Result<()> {
+        let path = path.as_ref();
+        let failed = |e: csv::Error| Error::file(path, e.into());
+        crate::atomic_file::replace_with(path, |temporary| {
+            let file = std::fs::File::create(temporary).map_err(|e| Error::file(path, e))?;
+            let mut writer = csv::Writer::from_writer(std::io::BufWriter::new(file));
+            writer.write_record(self.csv_header()).map_err(failed)?;
+            let mut row = Vec::new();
+            for i in 0..self.len() {
+                self.csv_row(i, &mut row);
+                writer.write_record(row.iter().map(f64::to_string)).map_err(failed)?;
+            }
+            writer.flush().map_err(|e| Error::file(path, e))
+        })
+    }
+}
+
+fn norm(v: &Vec3<f64>) -> f64 {
+    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+}
+
+fn largest(values: impl Iterator<Item = f64>) -> Option<f64> {
+    values.filter(|v| v.is_finite()).max_by(f64::total_cmp)
+}
