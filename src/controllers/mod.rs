@@ -12,6 +12,9 @@
 //! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry, yaw last |
 //! | [`action`] | the paper's action modes, bounded |
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
+//! | [`closed_loop`] | vehicle and cascade as one differentiable system |
+//! | [`flight`] | a whole flight along a reference, logged |
+//! | [`design`] | tuning |
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
 //! F = m(a_ref + K_p e_p + K_v e_v + g e_z), M = −K_R e_R − K_ω e_ω + ω×Jω − J(ω̂RᵀR_dω_d − RᵀR_dω̇_d).
@@ -24,6 +27,8 @@ pub mod action;
 pub mod allocation;
 pub mod attitude;
 pub mod cascade;
+pub mod closed_loop;
+pub mod flight;
 #[cfg(test)]
 mod golden;
 pub mod kinematics;
@@ -37,6 +42,8 @@ pub use action::ActionScale;
 pub use allocation::{Authority, Axis, Mixer};
 pub use attitude::AttitudeCommand;
 pub use cascade::{Cascade, CascadeModel, Held, Level, Rates, Schedule};
+pub use closed_loop::ClosedLoop;
+pub use flight::{Flight, FlightPlan, fly};
 pub use kinematics::Kinematics;
 pub use parameters::{Body, ForceLimits, GainSet, Limits};
 pub use rate::RateCommand;

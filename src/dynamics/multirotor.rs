@@ -53,6 +53,9 @@ impl Physics {
     }
 }
 
+/// Largest compiled rotor count.
+pub(crate) const MAX_PADDED: usize = 16;
+
 /// A model for one of the compiled rotor counts; vehicles in between are padded with dead rotors.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "one per simulation, and read on every step")]
