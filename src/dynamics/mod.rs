@@ -1,4 +1,5 @@
 //! placeholder
 pub mod spatial;
+pub mod urdf;
 pub mod vehicle;
 pub use vehicle::*;
