@@ -38,11 +38,6 @@ pub(super) struct Joint {
 }
 
 impl Body {
-    /// `line 12, link 'base'`.
-    pub fn place(&self) -> String {
-        format!("line {}, link '{}'", self.line, clean(&self.name))
-    }
-
     pub fn has_inertia(&self) -> bool {
         self.inertia != Inertia::zero()
     }

@@ -36,7 +36,8 @@ pub(super) fn line(node: Node) -> u32 {
 
 fn element(node: Node) -> String {
     let tag = node.tag_name().name();
-    let owner = node.ancestors().find(|n| matches!(n.tag_name().name(), "link" | "joint") && n.attribute("name").is_some());
+    let owner =
+        node.ancestors().find(|n| matches!(n.tag_name().name(), "link" | "joint") && n.attribute("name").is_some());
     match owner.and_then(|n| Some((n, n.attribute("name")?))) {
         Some((owner, name)) if owner == node => format!("{tag} '{}'", clean(name)),
         Some((owner, name)) => format!("<{}> of {} '{}'", clean(tag), owner.tag_name().name(), clean(name)),
@@ -132,8 +133,13 @@ impl Diagnosis<'_> {
         let degrees = |v: &str| v.split_whitespace().filter_map(|w| w.parse().ok()).any(|x: f64| x.abs() > TAU);
         if node.attribute("rpy").is_some_and(degrees) {
             let value = clean(node.attribute("rpy").unwrap_or_default());
-            self.odd(node, "<origin rpy>".into(), format!("an angle beyond 2π ('{value}')"), "URDF angles are radians: \
-                     if these are degrees, convert them. Read as radians.");
+            self.odd(
+                node,
+                "<origin rpy>".into(),
+                format!("an angle beyond 2π ('{value}')"),
+                "URDF angles are radians: \
+                     if these are degrees, convert them. Read as radians.",
+            );
         }
         for (transposed, own) in [("iyx", "ixy"), ("izx", "ixz"), ("izy", "iyz")] {
             let number = |name| node.attribute(name).and_then(|v| v.trim().parse::<f64>().ok());
@@ -157,8 +163,12 @@ impl Diagnosis<'_> {
             let known = self.options.packages.contains_key(package);
             if !known {
                 let rule = format!("'package://{}' is not resolved", clean(package));
-                self.odd(node, kind(&format!("package://{}", clean(package))), rule,
-                    "Meshes are not needed to fly; name the folder in ImportOptions::packages to silence this.");
+                self.odd(
+                    node,
+                    kind(&format!("package://{}", clean(package))),
+                    rule,
+                    "Meshes are not needed to fly; name the folder in ImportOptions::packages to silence this.",
+                );
             } else if leaves(rest) {
                 let rule = format!("the path '{}' leaves its package", clean(path));
                 self.odd(node, kind("filename"), rule, "It is not opened: move the mesh into the package.");
@@ -170,7 +180,12 @@ impl Diagnosis<'_> {
         Ok(())
     }
 
-    fn children<'a, 'b>(&mut self, node: Node<'a, 'b>, rule: &'static Rule, stack: &mut Vec<Node<'a, 'b>>) -> Result<()> {
+    fn children<'a, 'b>(
+        &mut self,
+        node: Node<'a, 'b>,
+        rule: &'static Rule,
+        stack: &mut Vec<Node<'a, 'b>>,
+    ) -> Result<()> {
         let mut counts = vec![0usize; rule.children.len()];
         let first = stack.len();
         for child in node.children().filter(Node::is_element) {
@@ -181,8 +196,12 @@ impl Diagnosis<'_> {
             }
             let row = rule.children.iter().zip(&mut counts).find(|((name, _), _)| *name == tag.name());
             match row {
-                Some(((name, Times::Unused), _)) => self.odd(child, format!("<{name}> in <{}>", rule.element),
-                    "this element is not used by the import", "Its content has no effect here."),
+                Some(((name, Times::Unused), _)) => self.odd(
+                    child,
+                    format!("<{name}> in <{}>", rule.element),
+                    "this element is not used by the import",
+                    "Its content has no effect here.",
+                ),
                 Some(_) if tag.namespace().is_some() => {
                     return Err(self.fault(child, "a URDF element in a foreign namespace", "Remove the xmlns."));
                 }
@@ -194,8 +213,12 @@ impl Diagnosis<'_> {
                     }
                     stack.push(child);
                 }
-                None => self.odd(child, format!("<{}> in <{}>", clean(tag.name()), rule.element), "unknown element",
-                    "It is ignored with its content: remove it, or check its spelling."),
+                None => self.odd(
+                    child,
+                    format!("<{}> in <{}>", clean(tag.name()), rule.element),
+                    "unknown element",
+                    "It is ignored with its content: remove it, or check its spelling.",
+                ),
             }
         }
         stack.get_mut(first..).unwrap_or_default().reverse();
@@ -203,7 +226,8 @@ impl Diagnosis<'_> {
     }
 
     fn required(&self, node: Node, rule: &'static Rule, counts: &[usize]) -> Result<()> {
-        let missing = rule.children.iter().zip(counts).find(|((_, times), count)| *times == Times::Once && **count == 0);
+        let missing =
+            rule.children.iter().zip(counts).find(|((_, times), count)| *times == Times::Once && **count == 0);
         if let Some(((name, _), _)) = missing {
             return Err(self.fault(node, format!("<{name}> is missing"), format!("Add <{name} …/> inside it.")));
         }

@@ -3,7 +3,7 @@
 use super::bodies::{Body, hubs, total_mass};
 use super::import::{ImportOptions, Read, check_masses, read};
 use super::recognise::{alternating_spins, rotor_links, spacing};
-use super::{export, few, fault, resolve};
+use super::{export, fault, few, resolve};
 use crate::dynamics::vehicle::{GRAVITY, MAX_ROTORS, Vehicle};
 use crate::error::Result;
 use nalgebra::Vector3;

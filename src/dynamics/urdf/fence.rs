@@ -75,7 +75,12 @@ pub(super) fn check(text: &str, file: &str, limits: &Limits) -> Result<()> {
             Markup::Skipped => {}
             Markup::Unfinished(what) => {
                 let place = format!("line {}", scanner.line());
-                return Err(fault(file, place, format!("{what} is not closed"), "Close it, or restore the file's end."));
+                return Err(fault(
+                    file,
+                    place,
+                    format!("{what} is not closed"),
+                    "Close it, or restore the file's end.",
+                ));
             }
             Markup::DocumentType => {
                 return Err(fault(
@@ -166,7 +171,11 @@ impl Scanner<'_> {
         match self.rest().first() {
             Some(b'!') => Markup::DocumentType,
             Some(b'/') => {
-                if self.skip_past(b">") { Markup::Close } else { Markup::Unfinished("an end tag (</)") }
+                if self.skip_past(b">") {
+                    Markup::Close
+                } else {
+                    Markup::Unfinished("an end tag (</)")
+                }
             }
             _ => self.tag(),
         }
@@ -219,7 +228,9 @@ mod tests {
         let deep = format!("<a>\n{}", "<b>".repeat(64));
         assert!(message(&deep).starts_with("f.urdf: line 2: XML nesting depth is 65, over the limit of 64."));
         assert!(message(&"<a/>".repeat(100_001)).contains("number of XML elements is 100001"));
-        assert!(message(&format!("<a {}/>", "x='' ".repeat(257))).contains("number of attributes of one element is 257"));
+        assert!(
+            message(&format!("<a {}/>", "x='' ".repeat(257))).contains("number of attributes of one element is 257")
+        );
     }
 
     #[test]

@@ -57,9 +57,11 @@ pub fn import_file(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Im
 fn rotor_path(urdf: &Path, options: &ImportOptions) -> Option<PathBuf> {
     let beside = rotor_file_beside(urdf);
     match &options.rotors {
-        Some(folder) if folder.is_dir() => {
-            beside.file_name().map(|name| folder.join(name)).filter(|p| p.exists()).or(Some(beside).filter(|p| p.exists()))
-        }
+        Some(folder) if folder.is_dir() => beside
+            .file_name()
+            .map(|name| folder.join(name))
+            .filter(|p| p.exists())
+            .or(Some(beside).filter(|p| p.exists())),
         Some(file) => Some(file.clone()),
         None => Some(beside).filter(|p| p.exists()),
     }
@@ -71,12 +73,7 @@ fn rotor_path(urdf: &Path, options: &ImportOptions) -> Option<PathBuf> {
 /// # Errors
 /// [`Error::Limit`](crate::error::Error::Limit) for a fence, [`Error::Format`](crate::error::Error::Format) for
 /// everything that is wrong in the files, with place, rule and remedy. No text makes it panic, recurse or hang.
-pub fn import_text(
-    text: &str,
-    file_name: &str,
-    rotors: Option<&RotorFile>,
-    options: &ImportOptions,
-) -> Result<Import> {
+pub fn import_text(text: &str, file_name: &str, rotors: Option<&RotorFile>, options: &ImportOptions) -> Result<Import> {
     let mut read = read(text, file_name, options)?;
     let rotor_links: Vec<usize> = match (rotors, &read.properties) {
         (Some(file), _) => resolve::links(file, &read.bodies)?.into_iter().flatten().collect(),
@@ -136,9 +133,7 @@ impl Read {
                 }
                 resolve::rotors(file, &self.bodies, &mut self.assumptions)
             }
-            (None, Some(properties)) => {
-                properties.rotors(&self.file, &self.robot, &self.bodies, &mut self.assumptions)
-            }
+            (None, Some(properties)) => properties.rotors(&self.file, &self.robot, &self.bodies, &mut self.assumptions),
             (None, None) => Err(no_rotors(&self.file)),
         }
     }
@@ -191,7 +186,8 @@ pub(super) fn check_masses(read: &mut Read, rotors: &[usize]) -> Result<()> {
 fn gather(read: &mut Read, test: impl Fn(&&Body) -> bool, rule: &str, remedy: &str) {
     let names: Vec<&str> = read.bodies.iter().filter(&test).map(|b| b.name.as_str()).collect();
     let Some(line) = read.bodies.iter().filter(&test).map(|b| b.line).min() else { return };
-    let (plural, count) = if names.len() == 1 { ("link", String::new()) } else { ("links", format!("{} links ", names.len())) };
+    let (plural, count) =
+        if names.len() == 1 { ("link", String::new()) } else { ("links", format!("{} links ", names.len())) };
     let element = format!("{plural} {}", few(&names));
     read.warn(line, element, format!("{count}{rule}"), remedy);
 }
@@ -227,7 +223,12 @@ fn check_moving(read: &mut Read, rotors: &[usize]) -> Result<()> {
         read.assumptions.push(text);
     }
     for (line, element, rule) in warnings {
-        read.warn(line, element, rule, "Articulated vehicles come with a later release; make it fixed to be rid of this.");
+        read.warn(
+            line,
+            element,
+            rule,
+            "Articulated vehicles come with a later release; make it fixed to be rid of this.",
+        );
     }
     Ok(())
 }

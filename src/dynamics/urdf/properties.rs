@@ -94,11 +94,22 @@ impl Properties {
             return Ok(links);
         }
         let rule = format!("it describes rotors, but {} links are named like one", links.len());
-        Err(fault(file, self.place.clone(), rule, "Name the rotor links prop0_link, prop1_link, …, or write a rotor file."))
+        Err(fault(
+            file,
+            self.place.clone(),
+            rule,
+            "Name the rotor links prop0_link, prop1_link, …, or write a rotor file.",
+        ))
     }
 
     /// The rotors, with every conclusion and oddity added to `assumptions`.
-    pub fn rotors(&self, file: &str, robot: &str, bodies: &[Body], assumptions: &mut Vec<String>) -> Result<Vec<Rotor>> {
+    pub fn rotors(
+        &self,
+        file: &str,
+        robot: &str,
+        bodies: &[Body],
+        assumptions: &mut Vec<String>,
+    ) -> Result<Vec<Rotor>> {
         let links = self.links(file, bodies)?;
         let on: Vec<&Body> = links.iter().filter_map(|i| bodies.get(*i)).collect();
         let (positions, by_mass) = hubs(&on);

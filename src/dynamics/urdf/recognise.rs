@@ -45,7 +45,8 @@ pub(super) fn rotor_links(bodies: &[Body]) -> Vec<usize> {
             return by_link;
         }
         let by_joint = indices(bodies, |b| {
-            b.joint.as_ref().is_some_and(|j| says(&j.name, class)) && !words(&b.name).iter().any(|w| CARRIERS.contains(&w.as_str()))
+            b.joint.as_ref().is_some_and(|j| says(&j.name, class))
+                && !words(&b.name).iter().any(|w| CARRIERS.contains(&w.as_str()))
         });
         if !by_joint.is_empty() {
             return by_joint;
@@ -74,7 +75,8 @@ fn number(name: &str) -> Option<u64> {
 pub(super) fn alternating_spins(positions: &[Vector3<f64>]) -> Vec<f64> {
     let middle = positions.iter().sum::<Vector3<f64>>() / positions.len().max(1) as f64;
     let angle = |p: &Vector3<f64>| (p.y - middle.y).atan2(p.x - middle.x).rem_euclid(std::f64::consts::TAU);
-    let mut order: Vec<(usize, f64, &Vector3<f64>)> = positions.iter().enumerate().map(|(i, p)| (i, angle(p), p)).collect();
+    let mut order: Vec<(usize, f64, &Vector3<f64>)> =
+        positions.iter().enumerate().map(|(i, p)| (i, angle(p), p)).collect();
     order.sort_by(|a, b| a.1.total_cmp(&b.1).then(b.2.z.total_cmp(&a.2.z)));
     let mut spins = vec![1.0; positions.len()];
     let (mut first, mut spin) = (1.0, 1.0);
@@ -97,7 +99,8 @@ pub(super) fn alternating_spins(positions: &[Vector3<f64>]) -> Vec<f64> {
 
 /// Smallest distance between two hubs; `None` for fewer than two, or where two coincide in the plane.
 pub(super) fn spacing(positions: &[Vector3<f64>]) -> Option<f64> {
-    let pairs = positions.iter().enumerate().flat_map(|(i, a)| positions.iter().skip(i + 1).map(move |b| (a - b).xy().norm()));
+    let pairs =
+        positions.iter().enumerate().flat_map(|(i, a)| positions.iter().skip(i + 1).map(move |b| (a - b).xy().norm()));
     pairs.filter(|d| *d > 1e-3).min_by(f64::total_cmp)
 }
 

@@ -46,7 +46,12 @@ fn look_up(
     let place = file.rotors.get(index).map_or_else(String::new, |r| r.place(index));
     let rule = format!("the URDF has no {kind} '{}'{}", clean(name), clean(&suggestion(name, &known)));
     let listed: Vec<&str> = known.iter().map(String::as_str).take(8).collect();
-    Err(fault(&file.file, place, rule, format!("It has: {}.", listed.iter().map(|n| clean(n)).collect::<Vec<_>>().join(", "))))
+    Err(fault(
+        &file.file,
+        place,
+        rule,
+        format!("It has: {}.", listed.iter().map(|n| clean(n)).collect::<Vec<_>>().join(", ")),
+    ))
 }
 
 /// The rotors of a vehicle from its rotor file. What had to be concluded is added to `assumptions`.
@@ -92,7 +97,8 @@ pub(super) fn axis(body: &Body, assumptions: &mut Vec<String>) -> Vector3<f64> {
     let length = joint.axis.norm();
     let axis = if length > 1e-9 { joint.axis / length } else { up };
     if axis.z < -1e-9 {
-        assumptions.push(format!("The axis of joint '{}' points down: thrust is taken against it.", clean(&joint.name)));
+        assumptions
+            .push(format!("The axis of joint '{}' points down: thrust is taken against it.", clean(&joint.name)));
         return -axis;
     }
     axis
@@ -121,7 +127,8 @@ impl Values<'_> {
         assumptions: &mut Vec<String>,
     ) -> Result<Rotor> {
         let entry = self.entry;
-        let name = entry.name.clone().or_else(|| body.map(|b| b.name.clone())).unwrap_or_else(|| format!("rotor_{index}"));
+        let name =
+            entry.name.clone().or_else(|| body.map(|b| b.name.clone())).unwrap_or_else(|| format!("rotor_{index}"));
         let position = match (entry.position, hub) {
             (Some(position), _) => position,
             (None, Some(hub)) => hub.into(),
@@ -132,12 +139,12 @@ impl Values<'_> {
             (None, Some(body)) => axis(body, assumptions).into(),
             (None, None) => [0.0, 0.0, 1.0],
         };
-        let thrust_coefficient =
-            self.need("thrust_coefficient", |e| e.thrust_coefficient, "Give k_f in N s²/rad².")?;
+        let thrust_coefficient = self.need("thrust_coefficient", |e| e.thrust_coefficient, "Give k_f in N s²/rad².")?;
         self.positive("thrust_coefficient", thrust_coefficient)?;
-        let (up, down) = (|e: &RotorEntry| e.time_constant_up.or(e.time_constant), |e: &RotorEntry| {
-            e.time_constant_down.or(e.time_constant)
-        });
+        let (up, down) = (
+            |e: &RotorEntry| e.time_constant_up.or(e.time_constant),
+            |e: &RotorEntry| e.time_constant_down.or(e.time_constant),
+        );
         Ok(Rotor {
             name,
             position,
@@ -200,7 +207,9 @@ impl Values<'_> {
     fn moment_per_thrust(&self, thrust_coefficient: f64) -> Result<f64> {
         let own = self.entry.moment_per_thrust.is_some();
         match self.maybe("torque_coefficient", |e| e.torque_coefficient)? {
-            Some(torque) if self.entry.torque_coefficient.is_some() || !own && self.defaults.moment_per_thrust.is_none() => {
+            Some(torque)
+                if self.entry.torque_coefficient.is_some() || !own && self.defaults.moment_per_thrust.is_none() =>
+            {
                 Ok(torque / thrust_coefficient)
             }
             _ => self.need("moment_per_thrust", |e| e.moment_per_thrust, "Give κ = k_m/k_f in metres."),

@@ -144,13 +144,20 @@ impl RotorFile {
     fn check(&self) -> Result<()> {
         let at = |rule: String, remedy: &str| Err(fault(&self.file, "[[rotors]]", rule, remedy));
         if self.rotors.is_empty() {
-            return at("there is no rotor".into(), "List each rotor under [[rotors]] with its link or position and spin.");
+            return at(
+                "there is no rotor".into(),
+                "List each rotor under [[rotors]] with its link or position and spin.",
+            );
         }
         if self.rotors.len() > MAX_ROTORS {
-            return at(format!("there are {} rotors, over the limit of {MAX_ROTORS}", self.rotors.len()), "List fewer.");
+            return at(
+                format!("there are {} rotors, over the limit of {MAX_ROTORS}", self.rotors.len()),
+                "List fewer.",
+            );
         }
         let defaults = &self.defaults;
-        if defaults.name.is_some() || defaults.link.is_some() || defaults.joint.is_some() || defaults.position.is_some() {
+        if defaults.name.is_some() || defaults.link.is_some() || defaults.joint.is_some() || defaults.position.is_some()
+        {
             let rule = "it gives every rotor the same name, link, joint or position";
             return Err(fault(&self.file, "[defaults]", rule, "Move it into each [[rotors]]."));
         }
@@ -233,7 +240,10 @@ mod tests {
     fn an_unknown_key_names_its_line_and_the_nearest_known_key() {
         let text = SHORT.replace("max_speed", "max_sped");
         let error = RotorFile::parse(&text, "a.rotors.toml").unwrap_err().to_string();
-        assert!(error.starts_with("a.rotors.toml: line 2: key 'max_sped' is unknown (did you mean 'max_speed'?)"), "{error}");
+        assert!(
+            error.starts_with("a.rotors.toml: line 2: key 'max_sped' is unknown (did you mean 'max_speed'?)"),
+            "{error}"
+        );
     }
 
     #[test]

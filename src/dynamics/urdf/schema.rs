@@ -70,11 +70,7 @@ pub(super) const SCHEMA: &[Rule] = &[
         &[("inertial", Optional), ("visual", Many), ("collision", Many)],
     ),
     rule("inertial", &[], &[("origin", Optional), ("mass", Once), ("inertia", Once)]),
-    rule(
-        "origin",
-        &[("xyz", Numbers(3), false), ("rpy", Numbers(3), false), ("quat_xyzw", Numbers(4), false)],
-        &[],
-    ),
+    rule("origin", &[("xyz", Numbers(3), false), ("rpy", Numbers(3), false), ("quat_xyzw", Numbers(4), false)], &[]),
     rule("mass", &[("value", Numbers(1), true)], &[]),
     rule(
         "inertia",

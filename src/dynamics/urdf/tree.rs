@@ -125,8 +125,14 @@ fn end(joint: Node, tag: &str, file: &str, names: &HashMap<&str, usize>) -> Resu
 fn attach(joint: Node, file: &str, links: &mut [LinkSite], joints: &[JointSite], child: usize) -> Result<()> {
     let Some(link) = links.get_mut(child) else { return Ok(()) };
     if let Some(other) = link.joint.and_then(|i| joints.get(i)) {
-        let rule = format!("link '{}' has two parents: joint '{}' carries it too", clean(&link.name), clean(&other.name));
-        return Err(fault(file, place(joint), rule, "A link hangs on one joint: remove the other, or rename the child."));
+        let rule =
+            format!("link '{}' has two parents: joint '{}' carries it too", clean(&link.name), clean(&other.name));
+        return Err(fault(
+            file,
+            place(joint),
+            rule,
+            "A link hangs on one joint: remove the other, or rename the child.",
+        ));
     }
     link.joint = Some(joints.len());
     Ok(())
@@ -166,7 +172,12 @@ fn order(file: &str, links: &[LinkSite], joints: &[JointSite]) -> Result<Vec<usi
         let lost = reached.iter().position(|r| !r).unwrap_or(0);
         let line = links.get(lost).map_or(0, |l| l.line);
         let rule = format!("link '{}' hangs on itself through its joints (a cycle)", clean(name(lost)));
-        return Err(fault(file, format!("line {line}, link '{}'", clean(name(lost))), rule, "Remove a joint of the cycle."));
+        return Err(fault(
+            file,
+            format!("line {line}, link '{}'", clean(name(lost))),
+            rule,
+            "Remove a joint of the cycle.",
+        ));
     }
     if let [_, second, ..] = roots.as_slice() {
         let all: Vec<&str> = roots.iter().map(|i| name(*i)).collect();
