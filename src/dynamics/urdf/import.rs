@@ -6,7 +6,7 @@ use super::properties::{self, Properties};
 use super::{RotorFile, Vehicle, Warning, clean, diagnose, fault, few, in_file, resolve, tree};
 use crate::dynamics::vehicle::{Part, Rotor};
 use crate::error::Result;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// How to import.
@@ -81,10 +81,26 @@ pub fn import_text(text: &str, file_name: &str, rotors: Option<&RotorFile>, opti
         (None, None) => return Err(no_rotors(file_name)),
     };
     check_masses(&mut read, &rotor_links)?;
+    if let Some(file) = rotors {
+        check_part_names(&read.bodies, file)?;
+    }
     let list = read.rotors(rotors)?;
     let vehicle = read.vehicle(rotors, list);
     vehicle.validate().map_err(|e| in_file(e, rotors.map_or(file_name, |r| &r.file), "vehicle"))?;
     Ok(Import { vehicle, warnings: read.warnings, assumptions: read.assumptions })
+}
+
+/// Parts of the rotor file may not bear the name of a link or of each other.
+fn check_part_names(bodies: &[Body], file: &RotorFile) -> Result<()> {
+    let mut names: HashSet<&str> = bodies.iter().map(|b| b.name.as_str()).collect();
+    match file.parts.iter().enumerate().find(|(_, part)| !names.insert(part.name.as_str())) {
+        None => Ok(()),
+        Some((i, part)) => {
+            let name = clean(&part.name);
+            let rule = format!("a link or part is called '{name}' too");
+            Err(fault(&file.file, format!("[[parts]] {i} ('{name}')"), rule, "Rename it."))
+        }
+    }
 }
 
 fn no_rotors(file: &str) -> crate::error::Error {

@@ -18,7 +18,8 @@
 //! Further tables: `[[parts]]` (extra masses, as [`Part`]), `[drag]` ([`Drag`]) and `[gains]` ([`Gains`]).
 
 use super::fence::Limits;
-use super::{clean, fault};
+use super::schema::LARGEST;
+use super::{clean, fault, in_file};
 use crate::dynamics::vehicle::{Drag, Gains, MAX_ROTORS, Part};
 use crate::error::{Error, Result, suggestion};
 use serde::{Deserialize, Serialize};
@@ -162,7 +163,35 @@ impl RotorFile {
             return Err(fault(&self.file, "[defaults]", rule, "Move it into each [[rotors]]."));
         }
         defaults.check_pairs(&self.file, "[defaults]")?;
-        self.rotors.iter().enumerate().try_for_each(|(i, rotor)| rotor.check_pairs(&self.file, &rotor.place(i)))
+        self.rotors.iter().enumerate().try_for_each(|(i, rotor)| rotor.check_pairs(&self.file, &rotor.place(i)))?;
+        self.check_numbers()
+    }
+
+    /// Extra parts, drag and gains: sizes that cannot overflow the sums made of them.
+    fn check_numbers(&self) -> Result<()> {
+        for (i, rotor) in self.rotors.iter().enumerate() {
+            let place = rotor.place(i);
+            check_size(&self.file, &place, "position", &rotor.position.unwrap_or_default(), -LARGEST)?;
+            check_size(&self.file, &place, "axis", &rotor.axis.unwrap_or_default(), -LARGEST)?;
+        }
+        for (i, part) in self.parts.iter().enumerate() {
+            let place = format!("[[parts]] {i} ('{}')", clean(&part.name));
+            let tensor = part.inertia;
+            check_size(&self.file, &place, "mass", &[part.mass], 0.0)?;
+            check_size(&self.file, &place, "position", &part.position, -LARGEST)?;
+            check_size(&self.file, &place, "inertia", &[tensor.xx, tensor.yy, tensor.zz], 0.0)?;
+            check_size(&self.file, &place, "product of inertia", &[tensor.xy, tensor.xz, tensor.yz], -LARGEST)?;
+            tensor.validate("it").map_err(|e| in_file(e, &self.file, &place))?;
+        }
+        let Drag { linear, quadratic, angular } = self.drag;
+        for (name, values) in [("linear", linear), ("quadratic", quadratic), ("angular", angular)] {
+            check_size(&self.file, "[drag]", name, &values, 0.0)?;
+        }
+        let Some(Gains { position, velocity, attitude, rate }) = self.gains else { return Ok(()) };
+        for (name, values) in [("position", position), ("velocity", velocity), ("attitude", attitude), ("rate", rate)] {
+            check_size(&self.file, "[gains]", name, &values, 0.0)?;
+        }
+        Ok(())
     }
 }
 
@@ -197,6 +226,26 @@ impl RotorEntry {
             Some((a, b, _)) => {
                 Err(fault(file, place, format!("both {a} and {b} are given"), "Keep one: they say the same thing."))
             }
+        }
+    }
+}
+
+/// Every value between `least` and [`LARGEST`]; NaN is not.
+fn check_size(file: &str, place: &str, name: &str, values: &[f64], least: f64) -> Result<()> {
+    match values.iter().find(|x| !(least..=LARGEST).contains(*x)) {
+        None => Ok(()),
+        Some(x) => {
+            let sign = if least < 0.0 {
+                format!("between -{LARGEST:e} and {LARGEST:e}")
+            } else {
+                format!("≥ 0 and at most {LARGEST:e}")
+            };
+            Err(fault(
+                file,
+                place,
+                format!("{name} is {x:?}, but it must be finite, {sign}"),
+                "Check sign and SI units.",
+            ))
         }
     }
 }
