@@ -228,6 +228,12 @@ const WRONG_URDF: &[Row] = &[
         ["<limit> of joint 'rotor_0_joint'", "velocity is NaN", "finite number"],
     ),
     (
+        "limit without velocity",
+        "<axis xyz='0 0 1'/>",
+        "<axis xyz='0 0 1'/><limit effort='1'/>",
+        ["<limit> of joint 'rotor_0_joint'", "'velocity' is missing", "Add velocity="],
+    ),
+    (
         "mimics nothing",
         "<axis xyz='0 0 1'/>",
         "<axis xyz='0 0 1'/><mimic joint='ghost'/>",
@@ -292,6 +298,20 @@ const WRONG_URDF: &[Row] = &[
         "<robot name='r'><properties km='-1'/>",
         ["<properties>", "km is -1", "Check its sign"],
     ),
+];
+
+/// A file that carries its rotor data in `<properties>`, broken in one place; no rotor file.
+const WRONG_PROPERTIES: &[Row] = &[
+    ("no km", " km='5e-12'", "", ["<properties>", "km is missing", "write a rotor file"]),
+    ("zero kf", "kf='5e-10'", "kf='0'", ["<properties>", "kf is 0, but it must be > 0", "real rotor"]),
+    (
+        "absurd ratio",
+        "thrust2weight='2'",
+        "thrust2weight='1e200'",
+        ["<properties>", "must lie between 0 and 1e9", "sign and unit"],
+    ),
+    ("no rotor links", "rotor_", "wheel_", ["<properties>", "0 links are named like one", "Name the rotor links"]),
+    ("two of them", "<properties", "<properties/><properties", ["<properties>", "a second <properties>", "Keep one"]),
 ];
 
 const WRONG_ROTORS: &[Row] = &[
@@ -428,6 +448,38 @@ fn every_wrong_urdf_is_refused_with_place_rule_and_remedy() {
         bad.extend(judge(name, "v.urdf", words, import(&wrong, ROTORS)));
     }
     assert!(bad.is_empty(), "{} of {}:\n{}", bad.len(), WRONG_URDF.len(), bad.join("\n"));
+}
+
+#[test]
+fn every_wrong_properties_element_is_refused_with_place_rule_and_remedy() {
+    let text = sound().replacen(
+        "<robot name='r'>",
+        "<robot name='r'><properties kf='5e-10' km='5e-12' thrust2weight='2'/>",
+        1,
+    );
+    let import = |text: &str| import_text(text, "v.urdf", None, &ImportOptions::default());
+    assert!((import(&text).unwrap().vehicle.thrust_to_weight() - 2.0).abs() < 1e-12);
+    let broken = |from: &str, to: &str| text.replace(from, to);
+    let bad: Vec<_> = WRONG_PROPERTIES
+        .iter()
+        .filter_map(|(name, from, to, words)| judge(name, "v.urdf", words, import(&broken(from, to))))
+        .collect();
+    assert!(bad.is_empty(), "{}", bad.join("\n"));
+}
+
+#[test]
+fn a_quaternion_origin_is_read_from_version_1_1_on_and_warned_about_before() {
+    let text = sound().replacen(
+        "<origin xyz='0 0.2 0.01'/>",
+        "<origin xyz='0 0.2 0.01' quat_xyzw='0.7071067811865476 0 0 0.7071067811865476'/>",
+        1,
+    );
+    let old = import(&text, ROTORS).unwrap();
+    assert_eq!(old.vehicle.rotors[0].axis, [0.0, 0.0, 1.0]);
+    assert!(old.warnings[0].to_string().contains("<origin quat_xyzw>: quat_xyzw is read only from version 1.1 on"));
+    let new = import(&text.replacen("<robot ", "<robot version='1.1' ", 1), ROTORS).unwrap();
+    assert!(new.warnings.is_empty());
+    assert!((new.vehicle.rotors[0].axis[1] + 1.0).abs() < 1e-12, "{:?}", new.vehicle.rotors[0].axis);
 }
 
 #[test]

@@ -150,10 +150,26 @@ impl Diagnosis<'_> {
                 return Err(self.fault(node, rule, format!("Remove {transposed}, or make both equal.")));
             }
         }
+        self.versioned(node)?;
         match node.attribute("filename") {
             Some(path) if matches!(node.tag_name().name(), "mesh" | "texture") => self.path(node, path),
             _ => Ok(()),
         }
+    }
+
+    /// What depends on the version of the format.
+    fn versioned(&mut self, node: Node) -> Result<()> {
+        let version = version(node.document().root_element());
+        if node.has_tag_name("limit") && version < (1, 2) && node.attribute("velocity").is_none() {
+            let rule = "attribute 'velocity' is missing (it may be left out from version 1.2 on)";
+            return Err(self.fault(node, rule, "Add velocity=\"…\"."));
+        }
+        if node.attribute("quat_xyzw").is_some() && version < (1, 1) {
+            let rule = "quat_xyzw is read only from version 1.1 on";
+            let remedy = "It is ignored: write rpy, or <robot version=\"1.1\" …>.";
+            self.odd(node, "<origin quat_xyzw>".into(), rule, remedy);
+        }
+        Ok(())
     }
 
     fn path(&mut self, node: Node, path: &str) -> Result<()> {
@@ -254,6 +270,12 @@ impl Diagnosis<'_> {
         warnings.sort_by_key(|w| w.line);
         warnings
     }
+}
+
+/// The `version` attribute of `<robot>`; 1.0 where it is absent or odd, as urdfdom reads it.
+fn version(robot: Node) -> (u32, u32) {
+    let parts = robot.attribute("version").and_then(|v| v.trim().split_once('.'));
+    parts.and_then(|(major, minor)| Some((major.parse().ok()?, minor.parse().ok()?))).unwrap_or((1, 0))
 }
 
 /// Checks a name or path for length and emptiness.
