@@ -327,6 +327,36 @@ fn the_deepest_allowed_file_passes_every_parser_on_a_small_stack() {
 }
 
 #[test]
+fn files_at_the_limits_are_answered_in_seconds() {
+    let text = std::fs::read_to_string(root().join("assets/urdf/pocket.urdf")).unwrap();
+    let with = |inside: &str| text.replace("</robot>", &format!("{inside}</robot>"));
+    let unknown: String = (0..90_000).map(|i| format!("<odd{i} a='1'/>\n{}", " ".repeat(100))).collect();
+    let attributes: String = (0..255).map(|i| format!(" x{i}='0'")).collect();
+    let visual = "<visual><geometry><sphere radius='0.1'/></geometry></visual>\n";
+    let visuals = format!(
+        "<link name='many'>{}</link><joint name='m' type='fixed'><parent link='base_link'/><child link='many'/></joint>",
+        visual.repeat(30_000)
+    );
+    let links: String = (0..500)
+        .map(|i| format!("<link name='l{i}'/><joint name='j{i}' type='fixed'><parent link='base_link'/><child link='l{i}'/></joint>\n"))
+        .collect();
+    let cases = [
+        ("90 000 unknown elements", with(&unknown)),
+        ("5 000 elements of 255 attributes", with(&format!("<gazebo{attributes}/>").repeat(5_000))),
+        ("30 000 visuals", with(&visuals)),
+        ("500 links behind 15 MiB of lines", with(&format!("<!--{}-->{links}", "\n".repeat(15 << 20)))),
+        ("one name of 15 MiB", with(&format!("<link name='{}'/>", "n".repeat(15 << 20)))),
+    ];
+    for (name, text) in cases {
+        let start = std::time::Instant::now();
+        let result = import_text(&text, "pocket.urdf", None, &ImportOptions::default());
+        println!("{name}: {} bytes, {:?}, accepted: {}", text.len(), start.elapsed(), result.is_ok());
+        assert!(start.elapsed().as_secs() < 5, "{name}: {:?}", start.elapsed());
+        assert!(result.is_err() || result.is_ok_and(|import| import.warnings.len() < 80), "{name}");
+    }
+}
+
+#[test]
 fn a_file_over_the_size_limit_is_refused_before_it_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("huge.urdf");

@@ -29,9 +29,24 @@ pub(super) fn place(node: Node) -> String {
     format!("line {}, {}", line(node), element(node))
 }
 
-/// 1-based line of an element.
-pub(super) fn line(node: Node) -> u32 {
+/// 1-based line of an element; reads the text up to it, so it is for errors (one per import).
+fn line(node: Node) -> u32 {
     node.document().text_pos_at(node.range().start).row
+}
+
+/// Lines of many elements, from one pass over the text.
+pub(super) struct Lines(Vec<usize>);
+
+impl Lines {
+    pub fn new(document: &Document) -> Self {
+        Self(document.input_text().bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i).collect())
+    }
+
+    /// 1-based line of an element.
+    pub fn of(&self, node: Node) -> u32 {
+        let breaks = self.0.partition_point(|i| *i < node.range().start);
+        u32::try_from(breaks + 1).unwrap_or(u32::MAX)
+    }
 }
 
 fn element(node: Node) -> String {
@@ -52,7 +67,7 @@ pub(super) fn check(document: &Document, file: &str, options: &ImportOptions) ->
         let rule = format!("the root element is <{}>", clean(root.tag_name().name()));
         return Err(fault(file, place(root), rule, "A URDF's root element is <robot name=\"…\">."));
     }
-    let mut diagnosis = Diagnosis { file, options, kinds: BTreeMap::new() };
+    let mut diagnosis = Diagnosis { file, options, kinds: BTreeMap::new(), lines: Lines::new(document) };
     let mut stack = vec![root];
     while let Some(node) = stack.pop() {
         if let Some(rule) = schema::find(node.tag_name().name()) {
@@ -62,6 +77,9 @@ pub(super) fn check(document: &Document, file: &str, options: &ImportOptions) ->
     }
     Ok(diagnosis.warnings())
 }
+
+/// Kinds of oddities that are told apart.
+const MOST_KINDS: usize = 64;
 
 /// First line, count, rule and remedy of one kind of oddity.
 struct Oddity {
@@ -75,14 +93,22 @@ struct Diagnosis<'a> {
     file: &'a str,
     options: &'a ImportOptions,
     kinds: BTreeMap<String, Oddity>,
+    lines: Lines,
 }
 
 impl Diagnosis<'_> {
+    /// Counts an oddity of one kind; the first occurrence (documents are walked in order) gives line and rule.
     fn odd(&mut self, node: Node, kind: String, rule: impl Into<String>, remedy: &'static str) {
-        let line = line(node);
-        let oddity = self.kinds.entry(kind).or_insert_with(|| Oddity { line, count: 0, rule: rule.into(), remedy });
+        let full = self.kinds.len() >= MOST_KINDS && !self.kinds.contains_key(&kind);
+        let kind = if full { "further elements".to_string() } else { kind };
+        let line = self.lines.of(node);
+        let oddity = self.kinds.entry(kind).or_insert_with(|| Oddity {
+            line,
+            count: 0,
+            rule: if full { "odd in other ways".into() } else { rule.into() },
+            remedy: if full { "Correct the ones above first." } else { remedy },
+        });
         oddity.count += 1;
-        oddity.line = oddity.line.min(line);
     }
 
     fn fault(&self, node: Node, rule: impl Into<String>, remedy: impl Into<String>) -> Error {

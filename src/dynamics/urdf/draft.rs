@@ -66,7 +66,7 @@ fn guess(read: &Read, links: &[usize]) -> Draft {
     let (positions, from_links) = place(&on, mass, &mut assumptions);
     let lines = values(mass, &positions);
     let spins = alternating_spins(&positions);
-    assumptions.extend(lines.iter().map(|l| format!("{} = {:.6e}: {}.", l.key, l.value, l.why)));
+    assumptions.extend(lines.iter().map(|l| format!("{} = {:?}: {}.", l.key, l.value, l.why)));
     assumptions.push("Spins alternate around the vehicle; check them against the real propellers.".into());
     if spins.iter().sum::<f64>() != 0.0 {
         assumptions.push("The spins do not cancel: an odd number of rotors turns the vehicle in hover.".into());
@@ -74,7 +74,7 @@ fn guess(read: &Read, links: &[usize]) -> Draft {
     let mut toml = format!("# Draft for {}: every line marked 'assumed' is a guess.\n", super::clean(&read.file));
     let _ = write!(toml, "source = \"drafted from names and mass; nothing measured\"\n\n[defaults]\n");
     for line in &lines {
-        let _ = writeln!(toml, "{} = {:.6e} # assumed: {}", line.key, line.value, line.why);
+        let _ = writeln!(toml, "{} = {:?} # assumed: {}", line.key, line.value, line.why);
     }
     for (i, (position, spin)) in positions.iter().zip(&spins).enumerate() {
         let _ = write!(toml, "\n[[rotors]]\n");
@@ -119,13 +119,15 @@ fn values(mass: f64, positions: &[Vector3<f64>]) -> Vec<Line> {
     let radius = 0.4 * gap.clamp(0.01, 10.0);
     let thrust_coefficient = 0.1 * 1.225 * (2.0 * radius).powi(4) / (TAU * TAU);
     let thrust = 2.25 * mass * GRAVITY / n;
-    let line = |key, value, why: &str| Line { key, value, why: why.into() };
+    // Six digits: more would look measured.
+    let short = |x: f64| format!("{x:.5e}").parse().unwrap_or(x);
+    let line = |key, value, why: &str| Line { key, value: short(value), why: why.into() };
     vec![
         line("thrust_coefficient", thrust_coefficient, "C_T = 0.1 at this radius, air of 1.225 kg/m³"),
         line("moment_per_thrust", 0.16 * radius, "0.16 radii, as on the Hummingbird"),
         Line {
             key: "max_speed",
-            value: (thrust / thrust_coefficient).sqrt(),
+            value: short((thrust / thrust_coefficient).sqrt()),
             why: format!("thrust 2.25 times the weight of {mass:.4} kg"),
         },
         line("time_constant", 0.03, "30 ms, a mid-size brushless motor"),

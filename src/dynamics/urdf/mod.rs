@@ -15,6 +15,17 @@
 //! | `export.rs` | a vehicle written back as URDF and TOML |
 //! | `import.rs` | the steps above in order |
 //!
+//! ```
+//! use omnidrones::dynamics::urdf::{ImportOptions, import_file};
+//!
+//! let import = import_file("assets/urdf/plain_x.urdf", &ImportOptions::default())?; // reads plain_x.rotors.toml too
+//! assert_eq!(import.vehicle.n_rotor(), 4);
+//! for warning in &import.warnings {
+//!     println!("{warning}");
+//! }
+//! # Ok::<(), omnidrones::error::Error>(())
+//! ```
+//!
 //! An import starts no process, opens no file but the two it is given, loads no mesh, and resolves `package://` only
 //! through [`ImportOptions::packages`]. Links are merged into one rigid body: this release flies rigid vehicles.
 

@@ -5,7 +5,7 @@
 //! is this crate's rotor drag per rotor; yaw moment −Q₀ + Q₁ − Q₂ + Q₃, and the opposite for the racer.
 
 use super::bodies::{Body, hubs, total_mass};
-use super::diagnose::{line, numbers, place};
+use super::diagnose::{Lines, numbers, place};
 use super::recognise::{rotor_links, spacing};
 use super::schema::LARGEST;
 use super::{Warning, clean, fault, resolve};
@@ -39,6 +39,7 @@ pub(super) struct Properties {
 /// Reads the element where there is one with at least one of `kf`, `km`, `thrust2weight`.
 pub(super) fn read(document: &Document, file: &str, warnings: &mut Vec<Warning>) -> Result<Option<Properties>> {
     let Some(node) = document.root_element().children().find(|n| n.has_tag_name("properties")) else { return Ok(None) };
+    let line = Lines::new(document).of(node);
     let mut values = BTreeMap::new();
     for attribute in node.attributes() {
         let name = attribute.name();
@@ -47,7 +48,7 @@ pub(super) fn read(document: &Document, file: &str, warnings: &mut Vec<Warning>)
         } else {
             warnings.push(Warning {
                 file: file.to_string(),
-                line: Some(line(node)),
+                line: Some(line),
                 element: format!("<properties {}>", clean(name)),
                 rule: "unknown attribute".into(),
                 remedy: format!("It is ignored; known: {}.", KNOWN.join(", ")),
@@ -172,8 +173,9 @@ impl Properties {
     ) {
         let flip = if robot == "racer" { ", and the racer's yaw torques are the opposite" } else { "" };
         assumptions.push(format!(
-            "Rotors of {file} come from <properties>, read as gym-pybullet-drones does: kf, km per (rev/min)²; Ω_max from \
-             thrust2weight with g = {GRAVITY}; spins alternate, prop0 counter-clockwise{flip}."
+            "Rotors of {} come from <properties>, read as gym-pybullet-drones does: kf, km per (rev/min)²; Ω_max from \
+             thrust2weight with g = {GRAVITY}; spins alternate, prop0 counter-clockwise{flip}.",
+            clean(file)
         ));
         assumptions.push(
             "The ground-effect and downwash coefficients and max_speed_kmh are not part of a vehicle and are left out; rotor \

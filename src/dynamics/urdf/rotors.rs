@@ -17,12 +17,14 @@
 //!
 //! Further tables: `[[parts]]` (extra masses, as [`Part`]), `[drag]` ([`Drag`]) and `[gains]` ([`Gains`]).
 
-use super::fence::Limits;
 use super::schema::LARGEST;
 use super::{clean, fault, in_file};
 use crate::dynamics::vehicle::{Drag, Gains, MAX_ROTORS, Part};
 use crate::error::{Error, Result, suggestion};
 use serde::{Deserialize, Serialize};
+
+/// Largest rotor file, bytes.
+const LARGEST_FILE: usize = 1 << 20;
 
 /// What URDF cannot say about a vehicle.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -124,10 +126,14 @@ pub struct RotorEntry {
 impl RotorFile {
     /// Reads the TOML; `file` is named in messages. An unknown key is an error that suggests the nearest known one.
     pub fn parse(text: &str, file: &str) -> Result<Self> {
-        let limits = Limits::default();
-        if text.len() > limits.file_bytes {
-            let remedy = "A rotor file has a few dozen lines.";
-            return Err(Error::limit(format!("{file}: file size"), text.len(), limits.file_bytes, remedy));
+        if text.len() > LARGEST_FILE {
+            let (value, limit) = (format!("{} bytes", text.len()), format!("{LARGEST_FILE} bytes"));
+            return Err(Error::limit(
+                format!("{file}: file size"),
+                value,
+                limit,
+                "A rotor file has a few dozen lines.",
+            ));
         }
         let mut parsed: Self = toml::from_str(text).map_err(|e| syntax(&e, text, file))?;
         parsed.file = file.to_string();

@@ -1,6 +1,6 @@
 //! Links and joints as a tree: one root, no link with two parents, no cycle, every name known and unique.
 
-use super::diagnose::place;
+use super::diagnose::{Lines, place};
 use super::{ImportOptions, clean, fault, few};
 use crate::error::{Error, Result, suggestion};
 use roxmltree::{Document, Node};
@@ -55,6 +55,7 @@ pub(super) fn read(document: &Document, file: &str, options: &ImportOptions) -> 
     if bodies == 0 {
         return Err(fault(file, place(robot), "there is no <link>", "Add at least the airframe as a <link>."));
     }
+    let lines = Lines::new(document);
     let mut links = Vec::new();
     let mut names = HashMap::new();
     for node in of("link") {
@@ -62,16 +63,16 @@ pub(super) fn read(document: &Document, file: &str, options: &ImportOptions) -> 
         if names.insert(name, links.len()).is_some() {
             return Err(fault(file, place(node), format!("a second link is called '{}'", clean(name)), "Rename one."));
         }
-        links.push(LinkSite { name: name.to_string(), line: super::diagnose::line(node), joint: None });
+        links.push(LinkSite { name: name.to_string(), line: lines.of(node), joint: None });
     }
-    let joints = joints(of("joint"), file, &names, &mut links)?;
+    let joints = joints(of("joint"), (file, &lines), &names, &mut links)?;
     let order = order(file, &links, &joints)?;
     Ok(Tree { links, joints, order })
 }
 
 fn joints<'a, 'b: 'a>(
     nodes: impl Iterator<Item = Node<'a, 'b>>,
-    file: &str,
+    (file, lines): (&str, &Lines),
     names: &HashMap<&str, usize>,
     links: &mut [LinkSite],
 ) -> Result<Vec<JointSite>> {
@@ -95,8 +96,7 @@ fn joints<'a, 'b: 'a>(
         }
         mimics.extend(node.children().filter(|n| n.has_tag_name("mimic")));
         attach(node, file, links, &joints, child)?;
-        let line = super::diagnose::line(node);
-        joints.push(JointSite { name: name.to_string(), line, parent, child, kind: kind.to_string() });
+        joints.push(JointSite { name: name.to_string(), line: lines.of(node), parent, child, kind: kind.to_string() });
     }
     let lost = |n: &&Node| n.attribute("joint").is_some_and(|j| !taken.contains_key(j));
     match mimics.iter().find(lost) {
