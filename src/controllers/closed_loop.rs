@@ -17,7 +17,6 @@ enum AnyCascade {
     Four(CascadeModel<f64, 4>),
     Six(CascadeModel<f64, 6>),
     Eight(CascadeModel<f64, 8>),
-    Twelve(CascadeModel<f64, 12>),
     Sixteen(CascadeModel<f64, 16>),
 }
 
@@ -48,7 +47,6 @@ impl ClosedLoop {
             0..=4 => AnyCascade::Four(CascadeModel::new(vehicle, gains)?),
             5..=6 => AnyCascade::Six(CascadeModel::new(vehicle, gains)?),
             7..=8 => AnyCascade::Eight(CascadeModel::new(vehicle, gains)?),
-            9..=12 => AnyCascade::Twelve(CascadeModel::new(vehicle, gains)?),
             _ => AnyCascade::Sixteen(CascadeModel::new(vehicle, gains)?),
         };
         Ok(Self {
@@ -97,7 +95,6 @@ impl ClosedLoop {
             AnyCascade::Four(c) => c.initial().write(held),
             AnyCascade::Six(c) => c.initial().write(held),
             AnyCascade::Eight(c) => c.initial().write(held),
-            AnyCascade::Twelve(c) => c.initial().write(held),
             AnyCascade::Sixteen(c) => c.initial().write(held),
         }
         x
@@ -162,7 +159,6 @@ impl System for ClosedLoop {
                 AnyCascade::Four(_) => Held::<f64, 4>::DIM,
                 AnyCascade::Six(_) => Held::<f64, 6>::DIM,
                 AnyCascade::Eight(_) => Held::<f64, 8>::DIM,
-                AnyCascade::Twelve(_) => Held::<f64, 12>::DIM,
                 AnyCascade::Sixteen(_) => Held::<f64, 16>::DIM,
             }
     }
@@ -177,7 +173,6 @@ impl System for ClosedLoop {
             AnyCascade::Four(c) => self.step_with(c, state, input, parameters, next),
             AnyCascade::Six(c) => self.step_with(c, state, input, parameters, next),
             AnyCascade::Eight(c) => self.step_with(c, state, input, parameters, next),
-            AnyCascade::Twelve(c) => self.step_with(c, state, input, parameters, next),
             AnyCascade::Sixteen(c) => self.step_with(c, state, input, parameters, next),
         }
     }

@@ -63,7 +63,6 @@ pub(crate) enum AnyModel {
     Four(RigidModel<f64, 4>),
     Six(RigidModel<f64, 6>),
     Eight(RigidModel<f64, 8>),
-    Twelve(RigidModel<f64, 12>),
     Sixteen(RigidModel<f64, 16>),
 }
 
@@ -73,7 +72,6 @@ impl AnyModel {
             0..=4 => Self::Four(RigidModel::new(vehicle, substep)),
             5..=6 => Self::Six(RigidModel::new(vehicle, substep)),
             7..=8 => Self::Eight(RigidModel::new(vehicle, substep)),
-            9..=12 => Self::Twelve(RigidModel::new(vehicle, substep)),
             _ => Self::Sixteen(RigidModel::new(vehicle, substep)),
         }
     }
@@ -83,7 +81,6 @@ impl AnyModel {
             Self::Four(m) => m.effects_of(effects),
             Self::Six(m) => m.effects_of(effects),
             Self::Eight(m) => m.effects_of(effects),
-            Self::Twelve(m) => m.effects_of(effects),
             Self::Sixteen(m) => m.effects_of(effects),
         }
     }
@@ -218,7 +215,6 @@ impl System for Multirotor {
             AnyModel::Four(m) => self.step_padded(m, state, input, parameters, next),
             AnyModel::Six(m) => self.step_padded(m, state, input, parameters, next),
             AnyModel::Eight(m) => self.step_padded(m, state, input, parameters, next),
-            AnyModel::Twelve(m) => self.step_padded(m, state, input, parameters, next),
             AnyModel::Sixteen(m) => self.step_padded(m, state, input, parameters, next),
         }
     }

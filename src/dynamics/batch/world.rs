@@ -159,7 +159,6 @@ impl World {
             4 => self.step_padded::<4>(actions),
             6 => self.step_padded::<6>(actions),
             8 => self.step_padded::<8>(actions),
-            12 => self.step_padded::<12>(actions),
             _ => self.step_padded::<16>(actions),
         }
         self.collect_failures(actions);
@@ -314,7 +313,6 @@ fn padded_rotors(n: usize) -> usize {
         0..=4 => 4,
         5..=6 => 6,
         7..=8 => 8,
-        9..=12 => 12,
         _ => 16,
     }
 }
@@ -324,7 +322,6 @@ fn packed(vehicle: &Vehicle, physics: &Physics) -> Vec<f64> {
         AnyModel::Four(m) => pack(&m),
         AnyModel::Six(m) => pack(&m),
         AnyModel::Eight(m) => pack(&m),
-        AnyModel::Twelve(m) => pack(&m),
         AnyModel::Sixteen(m) => pack(&m),
     }
 }
