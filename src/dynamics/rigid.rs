@@ -97,10 +97,12 @@ pub struct Effects {
     pub ground_effect: bool,
     /// Wind, and force and moment from outside: [`Disturbance`].
     pub disturbance: bool,
-    /// Set by [`RigidModel::effects_of`] where a rotor is not along body z.
+    /// Set by [`RigidModel::effects_of`] where a rotor is not along body z; ask for it where rotors of later
+    /// vehicles of a batch may be tilted.
     #[serde(skip)]
     pub tilted_rotors: bool,
-    /// Set by [`RigidModel::effects_of`] where the inertia has products.
+    /// Set by [`RigidModel::effects_of`] where the inertia has products; ask for it where that of later vehicles of a
+    /// batch may.
     #[serde(skip)]
     pub products_of_inertia: bool,
 }
@@ -326,12 +328,16 @@ impl<const R: usize> RigidModel<f64, R> {
         }
     }
 
-    /// `effects` with the flags that the geometry decides.
+    /// `effects` with the flags that the geometry needs.
     pub fn effects_of(&self, effects: Effects) -> Effects {
         let tilted = self.rotors.iter().any(|r| r.axis[0] != 0.0 || r.axis[1] != 0.0);
         let largest = self.inertia[..3].iter().fold(0.0, |a: f64, b| a.max(b.abs()));
         let products = self.inertia[3..].iter().any(|j| j.abs() > 1e-9 * largest);
-        Effects { tilted_rotors: tilted, products_of_inertia: products, ..effects }
+        Effects {
+            tilted_rotors: effects.tilted_rotors || tilted,
+            products_of_inertia: effects.products_of_inertia || products,
+            ..effects
+        }
     }
 }
 

@@ -260,8 +260,20 @@ impl World {
             return Err(wrong_length("rotors of the vehicle", vehicle.n_rotor(), self.n_rotor));
         }
         let own = AnyModel::new(vehicle, self.grid.substep).effects_of(self.physics.effects);
-        self.effects.tilted_rotors |= own.tilted_rotors;
-        self.effects.products_of_inertia |= own.products_of_inertia;
+        // switching them on now would change the arithmetic of every other environment, hence its last bits
+        for (effect, needed, have) in [
+            ("tilted_rotors", own.tilted_rotors, self.effects.tilted_rotors),
+            ("products_of_inertia", own.products_of_inertia, self.effects.products_of_inertia),
+        ] {
+            if needed && !have {
+                return Err(Error::value(
+                    format!("effects.{effect} of the batch"),
+                    "off",
+                    format!("on for the geometry of vehicle '{}'", vehicle.name),
+                    format!("Build the world with Effects {{ {effect}: true, .. }}."),
+                ));
+            }
+        }
         for (row, value) in self.blocks[block][self.rows.model..].iter_mut().zip(packed(vehicle, &self.physics)) {
             row[lane] = value as f32;
         }
