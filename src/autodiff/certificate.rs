@@ -163,27 +163,26 @@ fn difference_error(evaluate: &impl Fn(&[f64]) -> Vec<f64>, point: &[f64], k: us
     LADDER.iter().map(error).fold(f64::INFINITY, f64::min)
 }
 
-/// Slope of the remainder between h = 1e-2 and 1e-3 along a fixed direction scaled to each entry; zeros are given each
-/// rung of the ladder for a size, and the slope nearest to 2 counts.
+/// Slope of log ‖remainder‖ between h and h/10 along a fixed direction scaled to each entry, for h = 1e-2 and 1e-3 (where
+/// a kink lies within the first, or the third order weighs in it); zeros are given each rung of the ladder for a size.
+/// The slope nearest to 2 counts.
 fn taylor_order(evaluate: &impl Fn(&[f64]) -> Vec<f64>, point: &[f64], value: &[f64], jacobian: &[f64]) -> f64 {
-    let order = |rung: &f64| {
+    let mut best = f64::NAN;
+    for rung in LADDER {
         let size = |z: f64| if z == 0.0 { 1e-3 * rung } else { z.abs().min(1.0) };
         let direction: Vec<f64> = point.iter().enumerate().map(|(k, z)| (1.0 + k as f64).sin() * size(*z)).collect();
-        let (coarse, fine) = (
-            remainder(evaluate, point, value, jacobian, &direction, 1e-2),
-            remainder(evaluate, point, value, jacobian, &direction, 1e-3),
-        );
-        if !(coarse.is_finite() && fine.is_finite()) {
-            f64::INFINITY
-        } else if fine < 1e-13 {
-            f64::NAN
-        } else {
-            (coarse / fine).log10()
+        let rest = [1e-2, 1e-3, 1e-4].map(|h| remainder(evaluate, point, value, jacobian, &direction, h));
+        if rest.iter().any(|r| !r.is_finite()) {
+            return f64::INFINITY;
         }
-    };
-    // min_by keeps the first of equals; NaN (nothing remains) sorts last
-    let orders = LADDER.map(|rung| order(&rung));
-    orders.into_iter().min_by(|a, b| (a - 2.0).abs().total_cmp(&(b - 2.0).abs())).unwrap_or(f64::NAN)
+        for pair in rest.windows(2).filter(|pair| pair[1] >= 1e-13) {
+            let order = (pair[0] / pair[1]).log10();
+            if best.is_nan() || (order - 2.0).abs() < (best - 2.0).abs() {
+                best = order;
+            }
+        }
+    }
+    best
 }
 
 /// ‖f(z + hd) − f(z) − h J d‖, each component relative to max(1, |f|).
