@@ -260,7 +260,7 @@ impl World {
             return Err(wrong_length("rotors of the vehicle", vehicle.n_rotor(), self.n_rotor));
         }
         let own = AnyModel::new(vehicle, self.grid.substep).effects_of(self.physics.effects);
-        // switching them on now would change the arithmetic of every other environment, hence its last bits
+        // switching them on now would change the rounding of every other environment where few effects are on
         for (effect, needed, have) in [
             ("tilted_rotors", own.tilted_rotors, self.effects.tilted_rotors),
             ("products_of_inertia", own.products_of_inertia, self.effects.products_of_inertia),
