@@ -262,7 +262,8 @@ fn corners(system: &Multirotor) -> Vec<(&'static str, Vec<f64>, Vec<f64>)> {
         (x, u)
     };
     let bottom = system.vehicle().rotors.iter().map(|r| r.position[2]).fold(f64::INFINITY, f64::min);
-    let list: Vec<(&'static str, (Vec<f64>, Vec<f64>))> = vec![
+    type Point = (Vec<f64>, Vec<f64>);
+    let list: Vec<(&'static str, Point)> = vec![
         ("exact hover: zero velocity, identity attitude, zero wind, motors at their command", with(&|_, _| ())),
         ("origin", with(&|x, _| x[..3].fill(0.0))),
         ("rotors on the ground", with(&|x, _| x[2] = -bottom)),
