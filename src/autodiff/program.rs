@@ -535,21 +535,22 @@ impl<'a> Compiler<'a> {
         let target;
         if planned.op == Op::SinCos {
             if self.slots[planned.node as usize].is_some() {
-                return Ok(None); // made together with its partner
+                // made together with its partner; the angle may end here
+                self.release(planned, time, last_use);
+                return Ok(None);
             }
-            (target, d) = self.take_sin_cos(planned, last_use)?;
+            // two results are written, so the angle's slot may not be one of theirs
+            (target, d) = self.take_sin_cos(planned)?;
+            self.release(planned, time, last_use);
         } else {
             self.release(planned, time, last_use);
             target = self.take(planned.node)?;
-        }
-        if planned.op == Op::SinCos {
-            self.release(planned, time, last_use);
         }
         Ok(Some(Instruction { op: planned.op, target, a, b, c, d }))
     }
 
     /// Slots of sine and cosine of one angle; the one that nobody reads is given back at once.
-    fn take_sin_cos(&mut self, planned: &Planned, last_use: &[usize]) -> Result<(u16, u16)> {
+    fn take_sin_cos(&mut self, planned: &Planned) -> Result<(u16, u16)> {
         let angle = planned.operands[0];
         let find = |wanted: Node| {
             self.recording.nodes.iter().position(|n| *n == wanted).filter(|&i| self.needed[i]).map(|i| i as u32)
@@ -566,7 +567,6 @@ impl<'a> Compiler<'a> {
         if cosine.is_none() {
             self.free.push(slots.1);
         }
-        let _ = last_use;
         Ok(slots)
     }
 
@@ -607,3 +607,6 @@ impl<'a> Compiler<'a> {
         Ok((self.n_slot - 1) as u16)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -166,3 +166,6 @@ fn implicit_gyroscopic<S: Scalar, const R: usize>(
     }
     add(w, mat_vec(inverse(jacobian), residual))
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,6 +4,7 @@ use super::integrate::{Grid, Integrator, step};
 use super::rigid::{
     BODY_PARAMETERS, Disturbance, Effects, RIGID_DIM, ROTOR_PARAMETERS, RigidModel, RigidState, parameter_vector,
 };
+use super::spatial::{Vec3, add, axpy, constants, rotate};
 use super::vehicle::{GRAVITY, Vehicle};
 use crate::autodiff::{Scalar, System};
 use crate::error::{Error, Result, finite};
@@ -56,13 +57,12 @@ impl Physics {
 /// Largest compiled rotor count.
 pub(crate) const MAX_PADDED: usize = 16;
 
-/// A model for one of the compiled rotor counts; vehicles in between are padded with dead rotors.
+/// A model with rotor loops unrolled for up to four, or with loops for up to sixteen. Two copies of the physics per
+/// scalar keep compile time small; lanes have more (see `batch`).
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "one per simulation, and read on every step")]
 pub(crate) enum AnyModel {
     Four(RigidModel<f64, 4>),
-    Six(RigidModel<f64, 6>),
-    Eight(RigidModel<f64, 8>),
     Sixteen(RigidModel<f64, 16>),
 }
 
@@ -70,8 +70,6 @@ impl AnyModel {
     pub(crate) fn new(vehicle: &Vehicle, substep: f64) -> Self {
         match vehicle.n_rotor() {
             0..=4 => Self::Four(RigidModel::new(vehicle, substep)),
-            5..=6 => Self::Six(RigidModel::new(vehicle, substep)),
-            7..=8 => Self::Eight(RigidModel::new(vehicle, substep)),
             _ => Self::Sixteen(RigidModel::new(vehicle, substep)),
         }
     }
@@ -79,8 +77,6 @@ impl AnyModel {
     pub(crate) fn effects_of(&self, effects: Effects) -> Effects {
         match self {
             Self::Four(m) => m.effects_of(effects),
-            Self::Six(m) => m.effects_of(effects),
-            Self::Eight(m) => m.effects_of(effects),
             Self::Sixteen(m) => m.effects_of(effects),
         }
     }
@@ -179,6 +175,7 @@ impl Multirotor {
         state: &[S],
         input: &[S],
         parameters: &[S],
+        push: Option<Vec3<S>>,
         next: &mut [S],
     ) {
         let grid = self.physics.grid();
@@ -194,9 +191,36 @@ impl Multirotor {
                 action[i] = input[i];
             }
         }
-        let air = if self.effects.disturbance { Disturbance::read(&input[n..]) } else { Disturbance::none() };
+        let mut effects = self.effects;
+        let mut air = if effects.disturbance { Disturbance::read(&input[n..]) } else { Disturbance::none() };
+        if let Some(force) = push {
+            effects.disturbance = true;
+            air.force = add(air.force, force);
+        }
         let x = RigidState::<S, R>::read(state);
-        step(&model, self.effects, grid, &x, &action, &air).write(next);
+        step(&model, effects, grid, &x, &action, &air).write(next);
+    }
+
+    fn step_any<S: Scalar>(&self, state: &[S], input: &[S], theta: &[S], push: Option<Vec3<S>>, next: &mut [S]) {
+        match &self.model {
+            AnyModel::Four(m) => self.step_padded(m, state, input, theta, push, next),
+            AnyModel::Sixteen(m) => self.step_padded(m, state, input, theta, push, next),
+        }
+    }
+
+    /// As [`System::step`] without parameters, with one more force at the centre of mass (N, world) held in the step.
+    pub(crate) fn step_pushed<S: Scalar>(&self, state: &[S], input: &[S], force: Vec3<S>, next: &mut [S]) {
+        self.step_any(state, input, &[], Some(force), next);
+    }
+
+    /// Σ k_f Ωᵢ² nᵢ of a state in the world, N: the rotors' thrust in free air.
+    pub(crate) fn thrust<S: Scalar>(&self, state: &[S]) -> Vec3<S> {
+        let mut force = [S::zero(); 3];
+        for (rotor, speed) in self.vehicle.rotors.iter().zip(&state[RIGID_DIM..]) {
+            let squared = S::constant(rotor.thrust_coefficient) * speed.square();
+            force = axpy(force, squared, constants(rotor.axis));
+        }
+        rotate([state[6], state[7], state[8], state[9]], force)
     }
 }
 
@@ -211,12 +235,7 @@ impl System for Multirotor {
         if self.exposes_parameters { BODY_PARAMETERS.len() + self.radii.len() * ROTOR_PARAMETERS.len() } else { 0 }
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        match &self.model {
-            AnyModel::Four(m) => self.step_padded(m, state, input, parameters, next),
-            AnyModel::Six(m) => self.step_padded(m, state, input, parameters, next),
-            AnyModel::Eight(m) => self.step_padded(m, state, input, parameters, next),
-            AnyModel::Sixteen(m) => self.step_padded(m, state, input, parameters, next),
-        }
+        self.step_any(state, input, parameters, None, next);
     }
 }
 
