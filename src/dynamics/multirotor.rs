@@ -172,18 +172,17 @@ impl Multirotor {
         Ok(u)
     }
 
+    /// What a step of one compiled rotor count needs: model, state, actions padded to R, air.
     #[inline(always)]
-    fn step_padded<S: Scalar, const R: usize>(
+    fn padded<S: Scalar, const R: usize>(
         &self,
         nominal: &RigidModel<f64, R>,
         state: &[S],
         input: &[S],
         parameters: &[S],
-        next: &mut [S],
-    ) {
-        let grid = self.physics.grid();
+    ) -> (RigidModel<S, R>, RigidState<S, R>, [S; R], Disturbance<S>) {
         let model = if self.exposes_parameters {
-            RigidModel::from_parameters(parameters, &self.radii, grid.substep)
+            RigidModel::from_parameters(parameters, &self.radii, self.physics.grid().substep)
         } else {
             nominal.cast()
         };
@@ -195,8 +194,68 @@ impl Multirotor {
             }
         }
         let air = if self.effects.disturbance { Disturbance::read(&input[n..]) } else { Disturbance::none() };
-        let x = RigidState::<S, R>::read(state);
-        step(&model, self.effects, grid, &x, &action, &air).write(next);
+        (model, RigidState::read(state), action, air)
+    }
+
+    #[inline(always)]
+    fn step_padded<S: Scalar, const R: usize>(
+        &self,
+        nominal: &RigidModel<f64, R>,
+        state: &[S],
+        input: &[S],
+        parameters: &[S],
+        next: &mut [S],
+    ) {
+        let (model, x, action, air) = self.padded(nominal, state, input, parameters);
+        step(&model, self.effects, self.physics.grid(), &x, &action, &air).write(next);
+    }
+
+    /// ẋ = f(x, u, θ) in continuous time: what a step integrates. `rate` has the layout of the state.
+    pub fn derivative<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], rate: &mut [S]) {
+        match &self.model {
+            AnyModel::Four(m) => self.derivative_padded(m, state, input, parameters, rate),
+            AnyModel::Six(m) => self.derivative_padded(m, state, input, parameters, rate),
+            AnyModel::Eight(m) => self.derivative_padded(m, state, input, parameters, rate),
+            AnyModel::Twelve(m) => self.derivative_padded(m, state, input, parameters, rate),
+            AnyModel::Sixteen(m) => self.derivative_padded(m, state, input, parameters, rate),
+        }
+    }
+
+    fn derivative_padded<S: Scalar, const R: usize>(
+        &self,
+        nominal: &RigidModel<f64, R>,
+        state: &[S],
+        input: &[S],
+        parameters: &[S],
+        rate: &mut [S],
+    ) {
+        let (model, x, action, air) = self.padded(nominal, state, input, parameters);
+        model.derivative(&x, &action, &air, self.effects).write(rate);
+    }
+
+    /// Drag of airframe and rotors in a state, `[force; moment]` about the centre of mass, body frame: the effects that
+    /// are on, the rolling moment among them.
+    pub fn drag_wrench<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S]) -> [S; 6] {
+        match &self.model {
+            AnyModel::Four(m) => self.drag_padded(m, state, input, parameters),
+            AnyModel::Six(m) => self.drag_padded(m, state, input, parameters),
+            AnyModel::Eight(m) => self.drag_padded(m, state, input, parameters),
+            AnyModel::Twelve(m) => self.drag_padded(m, state, input, parameters),
+            AnyModel::Sixteen(m) => self.drag_padded(m, state, input, parameters),
+        }
+    }
+
+    fn drag_padded<S: Scalar, const R: usize>(
+        &self,
+        nominal: &RigidModel<f64, R>,
+        state: &[S],
+        input: &[S],
+        parameters: &[S],
+    ) -> [S; 6] {
+        let (model, x, _, air) = self.padded(nominal, state, input, parameters);
+        let drag = model.drag_wrench(&model.to_center_of_mass(&x), &x.rotor_speed, &air, self.effects);
+        let (f, m) = (drag.force, drag.moment);
+        [f[0], f[1], f[2], m[0], m[1], m[2]]
     }
 }
 
