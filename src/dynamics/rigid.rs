@@ -573,7 +573,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         effects: Effects,
     ) -> Wrench<S> {
         let relative = if effects.disturbance { sub(m.velocity, air.wind) } else { m.velocity };
-        let velocity = rotate_back(m.attitude, relative);
+        let velocity = rotate_scaled(conjugate(m.attitude), relative);
         let w = m.angular_velocity;
         let o = [S::zero(); 3];
         let mut drag = Wrench { force: o, moment: o };
@@ -648,7 +648,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
             moment = sub(moment, rate);
         }
         let mut world = if effects.tilted_rotors || effects.body_drag || effects.quadratic_drag || effects.rotor_air() {
-            rotate(m.attitude, force)
+            rotate_scaled(m.attitude, force)
         } else {
             scale(force[2], up_axis(m.attitude))
         };
