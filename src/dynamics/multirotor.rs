@@ -281,15 +281,15 @@ impl System for Multirotor {
 }
 
 impl Vehicle {
-    /// Thrust of each rotor in level hover, N: the least-norm solution of B u = (0, 0, m g, 0, 0, 0) on the rows that
-    /// matter (vertical force and the three moments).
+    /// Thrust of each rotor in level hover, N: the least-norm solution of B u = (0, 0, m g, 0, 0, 0). Rows of upright
+    /// rotors' horizontal forces are zero and drop out; tilted rotors balance theirs.
     ///
     /// # Errors
     /// [`Error::Value`] if weight and moments cannot be balanced within 0 ≤ T ≤ T_max.
     pub fn hover_thrusts(&self) -> Result<Vec<f64>> {
-        let b = self.allocation_matrix().rows(2, 4).into_owned();
+        let b = self.allocation_matrix();
         let weight = self.mass_properties().mass * GRAVITY;
-        let wanted = nalgebra::DVector::from_vec(vec![weight, 0.0, 0.0, 0.0]);
+        let wanted = nalgebra::DVector::from_vec(vec![0.0, 0.0, weight, 0.0, 0.0, 0.0]);
         let svd = b.clone().svd(true, true);
         let tolerance = 1e-9 * svd.singular_values.max();
         let cannot = |why: String| {
