@@ -87,23 +87,22 @@ fn body_and_rotors_keep_their_total_angular_momentum_while_rotors_change_speed()
     for mut vehicle in vehicles::all() {
         silence(&mut vehicle);
         let body = Body::of(&vehicle);
-        let flight = Flight::without_gravity(&vehicle, rk4(0.001, Effects { rotor_inertia: true, ..Effects::none() }));
+        let flight = Flight::without_gravity(&vehicle, rk4(0.0005, Effects { rotor_inertia: true, ..Effects::none() }));
         let mut stream = stream(17);
         let mut x = random_state(&vehicle, &mut stream);
         set(&mut x, 10, random::<3>(&mut stream, 1.0));
         let first = body.angular_momentum(&x, rotor_momentum(&vehicle, &x));
         let size = first.norm() + vehicle.rotors.iter().map(|r| r.inertia * r.max_speed).sum::<f64>();
         let (mut worst, mut body_alone) = (0.0_f64, 0.0_f64);
-        for second in 0..5 {
+        for _ in 0..5 {
             let u: Vec<f64> = vehicle.rotors.iter().map(|_| stream.uniform(-1.0, 1.0)).collect();
-            for _ in 0..1000 {
+            for _ in 0..2000 {
                 x = flight.step(&x, &u);
                 let total = body.angular_momentum(&x, rotor_momentum(&vehicle, &x));
                 worst = worst.max((total - first).norm() / size);
                 let alone = body.angular_momentum(&x, Vector3::zeros());
                 body_alone = body_alone.max((alone - first).norm() / size);
             }
-            assert!(second < 5);
         }
         at_most(&format!("{}: total angular momentum", vehicle.name), worst, 1e-9);
         // twin: leave the rotors out of the sum
@@ -118,13 +117,14 @@ fn a_rotor_that_spins_up_turns_the_body_the_other_way_by_the_ratio_of_inertias()
             let mut lone = inert(1.0, rotor.position, Inertia::diagonal(0.01, 0.01, 0.01));
             lone.rotors = vec![rotor.clone()];
             silence(&mut lone);
-            let flight = Flight::without_gravity(&lone, rk4(0.001, Effects { rotor_inertia: true, ..Effects::none() }));
+            let flight =
+                Flight::without_gravity(&lone, rk4(0.00025, Effects { rotor_inertia: true, ..Effects::none() }));
             let mut x = vec![0.0; 14];
             x[6] = 1.0;
             let mut worst = 0.0_f64;
-            for step in 1..=1000 {
+            for step in 1..=4000 {
                 x = flight.step(&x, &[1.0]);
-                let t = 0.001 * f64::from(step);
+                let t = 0.00025 * f64::from(step);
                 let speed = rotor.max_speed * -(-t / rotor.time_constant_up).exp_m1();
                 let wanted = Unit::new_normalize(Vector3::from(rotor.axis)).into_inner()
                     * (-rotor.spin * rotor.inertia / 0.01 * speed);
