@@ -216,8 +216,7 @@ pub fn near(what: &str, value: f64, wanted: f64, slack: f64) {
     assert!((value - wanted).abs() <= slack, "{what}: {value:.9}, wanted {wanted} ± {slack:.1e}");
 }
 
-/// Defects for the twins: free rotation by the usual explicit form ω⁺ = ω − h J⁻¹ (ω × Jω), optionally with the
-/// gyroscopic term's sign reversed in the attitude's favour.
+/// Defect for twins: free rotation by the usual explicit form ω⁺ = ω − h J⁻¹ (ω × Jω).
 pub fn explicit_rotation(inertia: &Matrix3<f64>, mut w: Vector3<f64>, dt: f64, steps: usize) -> Vector3<f64> {
     let inverse = inertia.try_inverse().unwrap();
     for _ in 0..steps {

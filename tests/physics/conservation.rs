@@ -53,8 +53,11 @@ fn a_free_body_keeps_energy_and_momenta_over_a_million_rk4_steps_of_2_ms() {
     ];
     for (name, vehicle, w) in cases {
         let [energy, angular, linear] = drift(&vehicle, w, 0.002, 1_000_000);
+        // measured 7.7e-9 Hummingbird, 1.9e-11 tri-axial; the same off centre
         at_most(&format!("{name}: energy"), energy, 1e-8);
+        // measured 2.5e-9 and 1.1e-11
         at_most(&format!("{name}: angular momentum"), angular, 1e-8);
+        // measured 0 centred, 7.5e-14 off centre
         at_most(&format!("{name}: momentum"), linear, 1e-8);
     }
 }
@@ -64,6 +67,7 @@ fn energy_drift_of_rk4_falls_with_the_sixth_power_of_the_step() {
     let vehicle = inert(1.0, [0.0; 3], TRIAXIAL);
     let [coarse, ..] = drift(&vehicle, [1.0, 2.0, 3.0], 0.010, 100_000);
     let [fine, ..] = drift(&vehicle, [1.0, 2.0, 3.0], 0.005, 100_000);
+    // measured 62.9
     near("drift at 10 ms over drift at 5 ms", coarse / fine, 64.0, 10.0);
 }
 
@@ -75,6 +79,7 @@ fn explicit_euler_of_the_same_body_gains_energy_without_bound() {
     let energy = |w: Vector3<f64>| 0.5 * w.dot(&(j * w));
     // the twin of both claims on this page: 5 s at 16 ms
     let gain = energy(explicit_rotation(&j, w, 0.016, 312)) / energy(w);
+    // measured 4.08 after 5 s, 45.9 after 10 s
     assert!(gain > 2.0, "explicit Euler gained only {gain}");
     let later = energy(explicit_rotation(&j, w, 0.016, 624)) / energy(w);
     assert!(!(later < 2.0 * gain), "explicit Euler stopped gaining: {gain}, then {later}");
@@ -100,5 +105,6 @@ fn the_semi_implicit_step_gains_no_energy_at_16_ms_and_10_rad_per_s() {
             last = now;
         }
     }
+    // measured no gain at all
     at_most("largest relative gain in a step", largest, 1e-12);
 }

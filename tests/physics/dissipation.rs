@@ -27,8 +27,10 @@ fn largest_power(vehicle: &Vehicle, effects: Effects, cases: usize) -> f64 {
 fn drag_never_feeds_power_in_still_air() {
     for vehicle in vehicles::all() {
         // the vehicle as published, then with every coefficient in use and the centre of mass moved
+        // measured −0.046, Firefly
         at_most(&format!("{}: published drag", vehicle.name), largest_power(&vehicle, still_air(), 10_000), 0.0);
         let vehicle = with_everything(&vehicle);
+        // measured −0.79, Firefly
         at_most(&format!("{}: every drag", vehicle.name), largest_power(&vehicle, still_air(), 10_000), 0.0);
         let none = Effects::none();
         for (name, effects) in [
@@ -36,6 +38,7 @@ fn drag_never_feeds_power_in_still_air() {
             ("quadratic", Effects { quadratic_drag: true, ..none }),
             ("rotor", Effects { rotor_drag: true, ..none }),
         ] {
+            // measured −0.78 body, −0.90 quadratic, −0.51 rotor
             at_most(&format!("{}: {name} drag alone", vehicle.name), largest_power(&vehicle, effects, 10_000), 0.0);
         }
     }
@@ -70,6 +73,7 @@ fn a_gliding_vehicle_without_thrust_and_weight_comes_to_rest_monotonically() {
             assert!(now < last, "{}, step {step}: {last} to {now}", vehicle.name);
             last = now;
         }
+        // measured 0.017 to 0.019
         at_most(&format!("{}: energy left after 10 s", vehicle.name), last / first, 0.2);
     }
 }

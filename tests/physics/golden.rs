@@ -62,6 +62,7 @@ fn table(action: f64) -> Vec<(f64, f64, f64)> {
 
 #[test]
 fn the_benchmarks_motor_constant_is_28_46_ms() {
+    // measured 0.0284637
     near("τ, s", time_constant(), 0.02846, 5e-6);
 }
 
@@ -69,7 +70,7 @@ fn the_benchmarks_motor_constant_is_28_46_ms() {
 fn rotors_that_speed_up_follow_the_published_table() {
     for (k, (s, f, q)) in table(1.0).into_iter().enumerate() {
         let want = UP[k / 4];
-        // seven digits
+        // measured largest differences 2.8e-8, 6.1e-8 N, 3.7e-8 N m: the table is rounded
         near("throttle going up", s, want.0, 1e-7);
         near("thrust going up", f, want.1, 1e-6);
         near("torque going up", q, want.2, 1e-7);
@@ -85,10 +86,13 @@ fn rotors_that_slow_down_follow_the_published_table_but_for_the_floor_of_the_com
         let (k, want) = (row / 4, DOWN[row / 4]);
         let decay = (1.0 - GAIN).powi(k as i32 + 1);
         let floored = 0.01 + (START - 0.01) * decay;
+        // measured ≤ 1e-16
         near("throttle going down, closed form with the floor", s, floored, 1e-12);
         let delta = 0.01 * (1.0 - decay);
+        // measured 2.8e-8
         near("throttle going down, less the floor's part", s - delta, want.0, 1e-7);
         near(
+            // measured 6e-8 N
             "thrust going down, less the floor's part",
             f - k_f * (2.0 * want.0 * delta + delta * delta),
             want.1,
@@ -116,9 +120,11 @@ fn downwash_has_the_published_values_on_every_scalar() {
     for (z, r, want) in [(1.0_f64, 0.0_f64, 0.591716), (1.0, 0.2, 0.546223), (0.5, 0.3, 0.368055)] {
         let exact = (-0.5 * (2.0 * r / z).powi(2)).exp() / (1.0 + 0.3 * z).powi(2);
         let got = downwash::<f64>(z, r);
+        // measured 3.7e-7: six digits
         near("downwash, published", got, want, 6e-7);
         near("downwash, formula", got, exact, 1e-15);
         assert_eq!(downwash::<Dual64>(z, r).re, got);
+        // measured 7.5e-8
         near("downwash, f32", f64::from(downwash::<f32>(z, r)), exact, 1e-7);
     }
 }
@@ -133,5 +139,6 @@ fn downwash_is_felt_through_the_simulation_as_a_force() {
     let mut u = flight.system.hover_input().unwrap();
     let push = downwash::force([0.0, 0.0, 1.0], [0.0, 0.0, weight], 2.0, 0.3);
     set(&mut u, 7, push);
+    // measured 2.4e-7
     near("acceleration under a wake", flight.derivative(&x, &u)[5], -0.591716 * 9.81, 1e-5);
 }

@@ -70,6 +70,7 @@ fn a_mirrored_vehicle_flies_the_mirrored_trajectory() {
     let image = |vehicle: &Vehicle, _: f64, x: &mut Vec<f64>, u: &mut Vec<f64>, _: &mut Stream| {
         mirror(vehicle.n_rotor(), x, u);
     };
+    // measured 0: the arithmetic is the same
     at_most("mirror", largest_gap(21, Effects::all(), mirrored, image), 1e-12);
     // twin: mirrored arms without mirrored spins
     let half = |vehicle: &Vehicle| {
@@ -93,6 +94,7 @@ fn a_steady_wind_carries_the_whole_flight_along() {
             }
         }
     };
+    // measured 6.0e-15
     at_most("Galilean shift", largest_gap(22, effects, Vehicle::clone, carried(true)), 1e-12);
     // twin: the air stays behind
     assert!(largest_gap(22, effects, Vehicle::clone, carried(false)) > 1e-3);
@@ -108,6 +110,7 @@ fn the_same_flight_elsewhere_on_the_same_level_is_the_same_flight() {
             x[2] += vertical;
         }
     };
+    // measured 5.1e-15
     at_most("shift", largest_gap(23, Effects::all(), Vehicle::clone, shifted(0.0)), 1e-12);
     // twin: with the ground effect on, height matters
     assert!(largest_gap(23, Effects::all(), Vehicle::clone, shifted(1.0)) > 1e-9);
@@ -130,6 +133,7 @@ fn a_flight_turned_about_the_vertical_is_the_same_flight() {
             }
         }
     };
+    // measured 5.1e-15; 2.5e-7 while stages rotated as if their quaternions were unit
     at_most("yaw", largest_gap(24, Effects::all(), Vehicle::clone, turned(Vector3::z())), 1e-12);
     // twin: gravity and ground have a direction
     assert!(largest_gap(24, Effects::all(), Vehicle::clone, turned(Vector3::x())) > 1e-3);
@@ -147,6 +151,7 @@ fn the_order_in_which_rotors_are_listed_does_not_matter() {
         x[13..].reverse();
         u[..vehicle.n_rotor()].reverse();
     };
+    // measured 1.8e-15
     at_most("relabelling", largest_gap(25, Effects::all(), reversed, image), 1e-12);
     // twin: states reordered, commands not
     let half = |_: &Vehicle, _: f64, x: &mut Vec<f64>, _: &mut Vec<f64>, _: &mut Stream| x[13..].reverse();
@@ -221,5 +226,6 @@ fn the_choice_of_units_does_not_matter() {
             worst = worst.max(difference(&wanted, &y));
         }
     }
+    // measured 8.0e-15
     at_most("units", worst, 1e-12);
 }
