@@ -168,19 +168,17 @@ impl Multirotor {
         Ok(u)
     }
 
+    /// What a step of one compiled rotor count needs: model, state, actions padded to R, air.
     #[inline(always)]
-    fn step_padded<S: Scalar, const R: usize>(
+    fn padded<S: Scalar, const R: usize>(
         &self,
         nominal: &RigidModel<f64, R>,
         state: &[S],
         input: &[S],
         parameters: &[S],
-        push: Option<Vec3<S>>,
-        next: &mut [S],
-    ) {
-        let grid = self.physics.grid();
+    ) -> (RigidModel<S, R>, RigidState<S, R>, [S; R], Disturbance<S>) {
         let model = if self.exposes_parameters {
-            RigidModel::from_parameters(parameters, &self.radii, grid.substep)
+            RigidModel::from_parameters(parameters, &self.radii, self.physics.grid().substep)
         } else {
             nominal.cast()
         };
@@ -191,14 +189,69 @@ impl Multirotor {
                 action[i] = input[i];
             }
         }
+        let air = if self.effects.disturbance { Disturbance::read(&input[n..]) } else { Disturbance::none() };
+        (model, RigidState::read(state), action, air)
+    }
+
+    #[inline(always)]
+    fn step_padded<S: Scalar, const R: usize>(
+        &self,
+        nominal: &RigidModel<f64, R>,
+        state: &[S],
+        input: &[S],
+        parameters: &[S],
+        push: Option<Vec3<S>>,
+        next: &mut [S],
+    ) {
+        let (model, x, action, mut air) = self.padded(nominal, state, input, parameters);
         let mut effects = self.effects;
-        let mut air = if effects.disturbance { Disturbance::read(&input[n..]) } else { Disturbance::none() };
         if let Some(force) = push {
             effects.disturbance = true;
             air.force = add(air.force, force);
         }
-        let x = RigidState::<S, R>::read(state);
-        step(&model, effects, grid, &x, &action, &air).write(next);
+        step(&model, effects, self.physics.grid(), &x, &action, &air).write(next);
+    }
+
+    /// ẋ = f(x, u, θ) in continuous time: what a step integrates. `rate` has the layout of the state.
+    pub fn derivative<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], rate: &mut [S]) {
+        match &self.model {
+            AnyModel::Four(m) => self.derivative_padded(m, state, input, parameters, rate),
+            AnyModel::Sixteen(m) => self.derivative_padded(m, state, input, parameters, rate),
+        }
+    }
+
+    fn derivative_padded<S: Scalar, const R: usize>(
+        &self,
+        nominal: &RigidModel<f64, R>,
+        state: &[S],
+        input: &[S],
+        parameters: &[S],
+        rate: &mut [S],
+    ) {
+        let (model, x, action, air) = self.padded(nominal, state, input, parameters);
+        model.derivative(&x, &action, &air, self.effects).write(rate);
+    }
+
+    /// Drag of airframe and rotors in a state, `[force; moment]` about the centre of mass, body frame: the effects that
+    /// are on, the rolling moment among them.
+    pub fn drag_wrench<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S]) -> [S; 6] {
+        match &self.model {
+            AnyModel::Four(m) => self.drag_padded(m, state, input, parameters),
+            AnyModel::Sixteen(m) => self.drag_padded(m, state, input, parameters),
+        }
+    }
+
+    fn drag_padded<S: Scalar, const R: usize>(
+        &self,
+        nominal: &RigidModel<f64, R>,
+        state: &[S],
+        input: &[S],
+        parameters: &[S],
+    ) -> [S; 6] {
+        let (model, x, _, air) = self.padded(nominal, state, input, parameters);
+        let drag = model.drag_wrench(&model.to_center_of_mass(&x), &x.rotor_speed, &air, self.effects);
+        let (f, m) = (drag.force, drag.moment);
+        [f[0], f[1], f[2], m[0], m[1], m[2]]
     }
 
     fn step_any<S: Scalar>(&self, state: &[S], input: &[S], theta: &[S], push: Option<Vec3<S>>, next: &mut [S]) {
@@ -240,15 +293,15 @@ impl System for Multirotor {
 }
 
 impl Vehicle {
-    /// Thrust of each rotor in level hover, N: the least-norm solution of B u = (0, 0, m g, 0, 0, 0) on the rows that
-    /// matter (vertical force and the three moments).
+    /// Thrust of each rotor in level hover, N: the least-norm solution of B u = (0, 0, m g, 0, 0, 0). Rows of upright
+    /// rotors' horizontal forces are zero and drop out; tilted rotors balance theirs.
     ///
     /// # Errors
     /// [`Error::Value`] if weight and moments cannot be balanced within 0 ≤ T ≤ T_max.
     pub fn hover_thrusts(&self) -> Result<Vec<f64>> {
-        let b = self.allocation_matrix().rows(2, 4).into_owned();
+        let b = self.allocation_matrix();
         let weight = self.mass_properties().mass * GRAVITY;
-        let wanted = nalgebra::DVector::from_vec(vec![weight, 0.0, 0.0, 0.0]);
+        let wanted = nalgebra::DVector::from_vec(vec![0.0, 0.0, weight, 0.0, 0.0, 0.0]);
         let svd = b.clone().svd(true, true);
         let tolerance = 1e-9 * svd.singular_values.max();
         let cannot = |why: String| {

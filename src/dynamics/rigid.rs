@@ -591,7 +591,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         effects: Effects,
     ) -> Wrench<S> {
         let relative = if effects.disturbance { sub(m.velocity, air.wind) } else { m.velocity };
-        let velocity = rotate_back(m.attitude, relative);
+        let velocity = rotate_scaled(conjugate(m.attitude), relative);
         let w = m.angular_velocity;
         let o = [S::zero(); 3];
         let mut drag = Wrench { force: o, moment: o };
@@ -666,7 +666,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
             moment = sub(moment, rate);
         }
         let mut world = if effects.tilted_rotors || effects.body_drag || effects.quadratic_drag || effects.rotor_air() {
-            rotate(m.attitude, force)
+            rotate_scaled(m.attitude, force)
         } else {
             scale(force[2], up_axis(m.attitude))
         };
@@ -693,5 +693,32 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
             total = add(total, momentum);
         }
         symmetric_times(&self.inverse_inertia, sub(moment, cross(w, total)), effects)
+    }
+
+    /// ẋ in continuous time: [`Self::loads`] at the centre of mass, v̇ taken to the base origin, Ω̇ = (Ω_cmd − Ω)/τ.
+    pub(crate) fn derivative(
+        &self,
+        x: &RigidState<S, R>,
+        action: &[S; R],
+        air: &Disturbance<S>,
+        effects: Effects,
+    ) -> RigidState<S, R> {
+        let path = self.rotor_path(x.rotor_speed, self.target_speed(action));
+        let (m, w, c) = (self.to_center_of_mass(x), x.angular_velocity, self.center_of_mass);
+        let (acceleration, moment, momentum) = self.loads(&m, &x.rotor_speed, &path, air, effects);
+        let spin = self.angular_acceleration(w, moment, momentum, effects);
+        // v = v_c − R (ω × c), hence v̇ = v̇_c − R (ω̇ × c + ω × (ω × c))
+        let lever = add(cross(spin, c), cross(w, cross(w, c)));
+        let mut rotor_speed = x.rotor_speed;
+        for i in 0..R {
+            rotor_speed[i] = (path.target[i] - x.rotor_speed[i]) * path.rate[i];
+        }
+        RigidState {
+            position: x.velocity,
+            velocity: sub(acceleration, rotate(x.attitude, lever)),
+            attitude: derivative(x.attitude, w),
+            angular_velocity: spin,
+            rotor_speed,
+        }
     }
 }
