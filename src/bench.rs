@@ -226,7 +226,9 @@ impl Bench {
             self.system.step(&z[..n], &z[n..], &[], &mut next);
             next
         });
-        for (what, recording) in [("step", recording.clone()), ("adjoint", recording.adjoint(0..n + m))] {
+        let adjoint = recording.adjoint(0..n + m);
+        let jacobian = recording.jacobian(0..n + m);
+        for (what, recording) in [("step", recording), ("adjoint", adjoint), ("Jacobian", jacobian)] {
             let program = Program::compile(&recording)?;
             let mut arguments: Vec<f64> = self.state.iter().chain(&self.input).copied().collect();
             arguments.resize(program.n_input(), 0.3);

@@ -44,8 +44,8 @@ pub fn lane_width() -> usize {
     dispatch(Width)
 }
 
-/// Runs `op` once with every instruction set that this processor has, widest first: for tests and benches.
-#[cfg(target_arch = "x86_64")]
+/// Runs `op` once with every instruction set that this processor has, widest first.
+#[cfg(all(test, target_arch = "x86_64"))]
 pub(crate) fn dispatch_each<Op: WithSimd + Copy>(op: Op) -> Vec<(&'static str, Op::Output)> {
     let mut results = Vec::new();
     if let Some(token) = pulp::x86::V4::try_new() {
@@ -58,8 +58,8 @@ pub(crate) fn dispatch_each<Op: WithSimd + Copy>(op: Op) -> Vec<(&'static str, O
     results
 }
 
-/// Runs `op` once with every instruction set that this processor has: for tests and benches.
-#[cfg(not(target_arch = "x86_64"))]
+/// Runs `op` once with every instruction set that this processor has.
+#[cfg(all(test, not(target_arch = "x86_64")))]
 pub(crate) fn dispatch_each<Op: WithSimd + Copy>(op: Op) -> Vec<(&'static str, Op::Output)> {
     vec![("native", dispatch(op)), ("fallback", Simd::vectorize(pulp::Scalar, op))]
 }
@@ -71,7 +71,7 @@ fn token<S: Simd>() -> S {
     // SAFETY: tokens are zero-sized `Copy` proofs that the processor has their instructions; there are no bytes to
     // initialise. The proof itself holds because `Lanes<S>` is crate-private and only named inside `WithSimd::with_simd`,
     // whose caller owned a real token of the same type.
-    unsafe { std::mem::MaybeUninit::<S>::uninit().assume_init() }
+    unsafe { std::ptr::NonNull::<S>::dangling().read() }
 }
 
 /// Whether `mul_add` is one instruction. pulp emulates it through libm elsewhere, thirty times slower than two.

@@ -39,7 +39,7 @@ pub(crate) fn step<S: Scalar, const R: usize>(
     air: &Disturbance<S>,
 ) -> RigidState<S, R> {
     let target = model.target_speed(action);
-    let mut motion = model.to_center_of_mass(x);
+    let mut motion = model.center_of_mass_motion(x);
     let mut speed = x.rotor_speed;
     for _ in 0..grid.substeps {
         let path = model.rotor_path(speed, target);
@@ -49,7 +49,7 @@ pub(crate) fn step<S: Scalar, const R: usize>(
         };
         speed = path.end;
     }
-    model.to_base_origin(&motion, speed)
+    model.base_origin_state(&motion, speed)
 }
 
 /// d/dt of a motion.

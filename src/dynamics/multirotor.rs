@@ -249,7 +249,7 @@ impl Multirotor {
         parameters: &[S],
     ) -> [S; 6] {
         let (model, x, _, air) = self.padded(nominal, state, input, parameters);
-        let drag = model.drag_wrench(&model.to_center_of_mass(&x), &x.rotor_speed, &air, self.effects);
+        let drag = model.drag_wrench(&model.center_of_mass_motion(&x), &x.rotor_speed, &air, self.effects);
         let (f, m) = (drag.force, drag.moment);
         [f[0], f[1], f[2], m[0], m[1], m[2]]
     }

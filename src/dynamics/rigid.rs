@@ -533,7 +533,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
 
     /// Base origin → centre of mass: p + R c, v + R (ω × c).
     #[inline(always)]
-    pub(crate) fn to_center_of_mass(&self, x: &RigidState<S, R>) -> Motion<S> {
+    pub(crate) fn center_of_mass_motion(&self, x: &RigidState<S, R>) -> Motion<S> {
         let (q, w) = (x.attitude, x.angular_velocity);
         Motion {
             position: add(x.position, rotate(q, self.center_of_mass)),
@@ -545,7 +545,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
 
     /// Centre of mass → base origin.
     #[inline(always)]
-    pub(crate) fn to_base_origin(&self, m: &Motion<S>, rotor_speed: [S; R]) -> RigidState<S, R> {
+    pub(crate) fn base_origin_state(&self, m: &Motion<S>, rotor_speed: [S; R]) -> RigidState<S, R> {
         let (q, w) = (m.attitude, m.angular_velocity);
         RigidState {
             position: sub(m.position, rotate(q, self.center_of_mass)),
@@ -704,7 +704,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         effects: Effects,
     ) -> RigidState<S, R> {
         let path = self.rotor_path(x.rotor_speed, self.target_speed(action));
-        let (m, w, c) = (self.to_center_of_mass(x), x.angular_velocity, self.center_of_mass);
+        let (m, w, c) = (self.center_of_mass_motion(x), x.angular_velocity, self.center_of_mass);
         let (acceleration, moment, momentum) = self.loads(&m, &x.rotor_speed, &path, air, effects);
         let spin = self.angular_acceleration(w, moment, momentum, effects);
         // v = v_c − R (ω × c), hence v̇ = v̇_c − R (ω̇ × c + ω × (ω × c))
