@@ -106,7 +106,7 @@ pub(crate) fn finite(what: &str, values: &[f64]) -> Result<()> {
 }
 
 /// ` (did you mean 'x'?)` for the nearest known name within two edits, else nothing.
-fn suggestion(name: &str, known: &[String]) -> String {
+pub(crate) fn suggestion(name: &str, known: &[String]) -> String {
     known
         .iter()
         .map(|k| (edit_distance(&name.to_lowercase(), &k.to_lowercase()), k))

@@ -20,6 +20,7 @@ pub mod integrate;
 pub mod multirotor;
 pub mod rigid;
 pub mod spatial;
+pub mod urdf;
 pub mod vehicle;
 pub mod vehicle_file;
 pub mod vehicles;

@@ -1,0 +1,137 @@
+//! Every link's frame, mass and inertia in the base frame, with all joints at zero.
+
+use super::tree::Tree;
+use super::{clean, fault, in_file};
+use crate::dynamics::vehicle::Inertia;
+use crate::error::Result;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use std::collections::HashMap;
+
+/// A link in the base frame (the root link's frame).
+pub(super) struct Body {
+    pub name: String,
+    pub line: u32,
+    /// Origin of the link frame, m.
+    pub origin: Vector3<f64>,
+    /// Link frame → base frame.
+    pub rotation: Matrix3<f64>,
+    /// kg.
+    pub mass: f64,
+    /// Centre of mass, m.
+    pub center_of_mass: Vector3<f64>,
+    /// About the centre of mass, base axes, kg m².
+    pub inertia: Inertia,
+    /// Joint that carries the link; `None` for the root.
+    pub joint: Option<Joint>,
+}
+
+/// The joint of a [`Body`].
+pub(super) struct Joint {
+    pub name: String,
+    pub line: u32,
+    pub kind: String,
+    pub fixed: bool,
+    /// Base axes, not normalised.
+    pub axis: Vector3<f64>,
+    /// Index of the parent body.
+    pub parent: usize,
+}
+
+impl Body {
+    pub fn has_inertia(&self) -> bool {
+        self.inertia != Inertia::zero()
+    }
+}
+
+/// `R = Rz(yaw) Ry(pitch) Rx(roll)` of a URDF origin, and its offset.
+fn pose(pose: &urdf_rs::Pose) -> (Matrix3<f64>, Vector3<f64>) {
+    let [roll, pitch, yaw] = pose.rpy.0;
+    (*Rotation3::from_euler_angles(roll, pitch, yaw).matrix(), Vector3::from(pose.xyz.0))
+}
+
+/// Places all links, in the order of the file.
+pub(super) fn place(robot: &urdf_rs::Robot, tree: &Tree, file: &str) -> Result<Vec<Body>> {
+    let links: HashMap<&str, &urdf_rs::Link> = robot.links.iter().map(|l| (l.name.as_str(), l)).collect();
+    let joints: HashMap<&str, &urdf_rs::Joint> = robot.joints.iter().map(|j| (j.name.as_str(), j)).collect();
+    let mut bodies: Vec<Option<Body>> = tree.links.iter().map(|_| None).collect();
+    for &index in &tree.order {
+        let Some(site) = tree.links.get(index) else { continue };
+        let lost = || fault(file, format!("line {}", site.line), "urdf-rs read other names", "Use plain names.");
+        let link = links.get(site.name.as_str()).ok_or_else(lost)?;
+        let (mut rotation, mut origin, mut joint) = (Matrix3::identity(), Vector3::zeros(), None);
+        if let Some(at) = site.joint.and_then(|j| tree.joints.get(j)) {
+            let data = joints.get(at.name.as_str()).ok_or_else(lost)?;
+            let parent = bodies.get(at.parent).and_then(Option::as_ref).ok_or_else(lost)?;
+            let (turn, offset) = pose(&data.origin);
+            origin = parent.origin + parent.rotation * offset;
+            rotation = parent.rotation * turn;
+            joint = Some(Joint {
+                name: at.name.clone(),
+                line: at.line,
+                kind: at.kind.clone(),
+                fixed: at.is_fixed(),
+                axis: rotation * Vector3::from(data.axis.xyz.0),
+                parent: at.parent,
+            });
+        }
+        let body = body(link, site.line, (rotation, origin), joint, file)?;
+        if let Some(slot) = bodies.get_mut(index) {
+            *slot = Some(body);
+        }
+    }
+    Ok(bodies.into_iter().flatten().collect())
+}
+
+fn body(
+    link: &urdf_rs::Link,
+    line: u32,
+    (rotation, origin): (Matrix3<f64>, Vector3<f64>),
+    joint: Option<Joint>,
+    file: &str,
+) -> Result<Body> {
+    let place = format!("line {line}, link '{}'", clean(&link.name));
+    let mass = link.inertial.mass.value;
+    if mass < 0.0 {
+        let rule = format!("the mass is {mass} kg, but it must be ≥ 0");
+        return Err(fault(file, place, rule, "Correct the sign."));
+    }
+    let i = &link.inertial.inertia;
+    let own = Inertia { xx: i.ixx, yy: i.iyy, zz: i.izz, xy: i.ixy, xz: i.ixz, yz: i.iyz };
+    own.validate("it").map_err(|e| in_file(e, file, &place))?;
+    let (turn, offset) = pose(&link.inertial.origin);
+    let to_base = rotation * turn;
+    Ok(Body {
+        name: link.name.clone(),
+        line,
+        origin,
+        rotation,
+        mass,
+        center_of_mass: origin + rotation * offset,
+        inertia: turned(&own, &to_base),
+        joint,
+    })
+}
+
+/// R J Rᵀ, exact where R is the identity.
+fn turned(own: &Inertia, rotation: &Matrix3<f64>) -> Inertia {
+    if *rotation == Matrix3::identity() {
+        return *own;
+    }
+    let full = rotation * own.matrix() * rotation.transpose();
+    Inertia::from_matrix(&((full + full.transpose()) * 0.5))
+}
+
+/// Total mass, kg.
+pub(super) fn total_mass(bodies: &[Body]) -> f64 {
+    bodies.iter().map(|b| b.mass).sum()
+}
+
+/// Hub positions of rotor links: the frames' origins, or, where these all coincide while the centres of mass differ,
+/// the centres of mass (gym-pybullet-drones writes them so). True where the second rule was used.
+pub(super) fn hubs(rotors: &[&Body]) -> (Vec<Vector3<f64>>, bool) {
+    let apart = |a: &Vector3<f64>, b: &Vector3<f64>| (a - b).norm() > 1e-6;
+    let pairs = || rotors.iter().enumerate().flat_map(|(i, a)| rotors.iter().skip(i + 1).map(move |b| (*a, *b)));
+    let by_mass = rotors.len() > 1
+        && pairs().all(|(a, b)| !apart(&a.origin, &b.origin) && apart(&a.center_of_mass, &b.center_of_mass));
+    (rotors.iter().map(|b| if by_mass { b.center_of_mass } else { b.origin }).collect(), by_mass)
+}

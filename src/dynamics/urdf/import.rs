@@ -1,0 +1,264 @@
+//! The steps of an import, in order: fence, diagnosis, tree, urdf-rs, bodies, rotors, vehicle.
+
+use super::bodies::{self, Body, total_mass};
+use super::fence::{self, Limits};
+use super::properties::{self, Properties};
+use super::{RotorFile, Vehicle, Warning, clean, diagnose, fault, few, in_file, resolve, tree};
+use crate::dynamics::vehicle::{Part, Rotor};
+use crate::error::Result;
+use std::collections::{BTreeMap, HashSet};
+use std::path::{Path, PathBuf};
+
+/// How to import.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ImportOptions {
+    /// Fences.
+    pub limits: Limits,
+    /// Folders of `package://name/…` paths. Nothing is resolved without them, and no mesh is opened in any case.
+    pub packages: BTreeMap<String, PathBuf>,
+    /// The rotor file, or a folder that holds `<stem>.rotors.toml`; it wins over the one beside the URDF.
+    pub rotors: Option<PathBuf>,
+}
+
+/// What an import gives.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Import {
+    /// The vehicle; [`Vehicle::validate`] has passed.
+    pub vehicle: Vehicle,
+    /// Oddities of the file.
+    pub warnings: Vec<Warning>,
+    /// Everything that was concluded rather than read, one sentence each.
+    pub assumptions: Vec<String>,
+}
+
+/// The rotor file that belongs to a URDF: `dir/quad.urdf` → `dir/quad.rotors.toml`.
+pub fn rotor_file_beside(urdf: &Path) -> PathBuf {
+    urdf.with_extension("rotors.toml")
+}
+
+/// Reads a URDF file and its rotor file: that of [`ImportOptions::rotors`], else the one beside it, else none
+/// (then `<properties>` must be there).
+///
+/// # Errors
+/// [`Error::File`](crate::error::Error::File) where a file cannot be read; otherwise as [`import_text`].
+pub fn import_file(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Import> {
+    let path = path.as_ref();
+    let text = fence::read(path, &options.limits)?;
+    let rotors = match rotor_path(path, options) {
+        None => None,
+        Some(found) => {
+            let toml = fence::read(&found, &options.limits)?;
+            Some(RotorFile::parse(&toml, &found.display().to_string())?)
+        }
+    };
+    import_text(&text, &path.display().to_string(), rotors.as_ref(), options)
+}
+
+fn rotor_path(urdf: &Path, options: &ImportOptions) -> Option<PathBuf> {
+    let beside = rotor_file_beside(urdf);
+    match &options.rotors {
+        Some(folder) if folder.is_dir() => beside
+            .file_name()
+            .map(|name| folder.join(name))
+            .filter(|p| p.exists())
+            .or(Some(beside).filter(|p| p.exists())),
+        Some(file) => Some(file.clone()),
+        None => Some(beside).filter(|p| p.exists()),
+    }
+}
+
+/// Reads a URDF text. `file_name` is used in messages, and its stem as the vehicle's name; `rotors` wins over
+/// `<properties>`.
+///
+/// # Errors
+/// [`Error::Limit`](crate::error::Error::Limit) for a fence, [`Error::Format`](crate::error::Error::Format) for
+/// everything that is wrong in the files, with place, rule and remedy. No text makes it panic, recurse or hang.
+pub fn import_text(text: &str, file_name: &str, rotors: Option<&RotorFile>, options: &ImportOptions) -> Result<Import> {
+    let mut read = read(text, file_name, options)?;
+    let rotor_links: Vec<usize> = match (rotors, &read.properties) {
+        (Some(file), _) => resolve::links(file, &read.bodies)?.into_iter().flatten().collect(),
+        (None, Some(properties)) => properties.links(file_name, &read.bodies)?,
+        (None, None) => return Err(no_rotors(file_name)),
+    };
+    check_masses(&mut read, &rotor_links)?;
+    if let Some(file) = rotors {
+        check_part_names(&read.bodies, file)?;
+    }
+    let list = read.rotors(rotors)?;
+    let vehicle = read.vehicle(rotors, list);
+    vehicle.validate().map_err(|e| in_file(e, rotors.map_or(file_name, |r| &r.file), "vehicle"))?;
+    Ok(Import { vehicle, warnings: read.warnings, assumptions: read.assumptions })
+}
+
+/// Parts of the rotor file may not bear the name of a link or of each other.
+fn check_part_names(bodies: &[Body], file: &RotorFile) -> Result<()> {
+    let mut names: HashSet<&str> = bodies.iter().map(|b| b.name.as_str()).collect();
+    match file.parts.iter().enumerate().find(|(_, part)| !names.insert(part.name.as_str())) {
+        None => Ok(()),
+        Some((i, part)) => {
+            let name = clean(&part.name);
+            let rule = format!("a link or part is called '{name}' too");
+            Err(fault(&file.file, format!("[[parts]] {i} ('{name}')"), rule, "Rename it."))
+        }
+    }
+}
+
+fn no_rotors(file: &str) -> crate::error::Error {
+    let beside = rotor_file_beside(Path::new(file));
+    let rule = "there is no rotor file, and no <properties> element with kf, km and thrust2weight";
+    let remedy = format!(
+        "URDF cannot describe rotors: write {} ('omnidrones import' drafts one), or name it in ImportOptions::rotors.",
+        clean(&beside.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned()))
+    );
+    fault(file, "<robot>", rule, remedy)
+}
+
+/// A URDF before its rotors are known.
+pub(super) struct Read {
+    pub file: String,
+    pub robot: String,
+    pub bodies: Vec<Body>,
+    pub properties: Option<Properties>,
+    pub warnings: Vec<Warning>,
+    pub assumptions: Vec<String>,
+}
+
+/// Fence, diagnosis, tree, urdf-rs, bodies.
+pub(super) fn read(text: &str, file: &str, options: &ImportOptions) -> Result<Read> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    fence::check(text, file, &options.limits)?;
+    let document = diagnose::parse(text, file)?;
+    let mut warnings = diagnose::check(&document, file, options)?;
+    let tree = tree::read(&document, file, options)?;
+    let properties = properties::read(&document, file, &mut warnings)?;
+    let robot = urdf_rs::read_from_string(text).map_err(|e| {
+        let text: String = e.to_string().chars().take(300).map(|c| if c.is_control() { ' ' } else { c }).collect();
+        fault(file, "<robot>", format!("urdf-rs cannot read it ({text})"), "Compare with the URDF specification.")
+    })?;
+    let bodies = bodies::place(&robot, &tree, file)?;
+    Ok(Read { file: file.to_string(), robot: robot.name, bodies, properties, warnings, assumptions: Vec::new() })
+}
+
+impl Read {
+    fn rotors(&mut self, rotors: Option<&RotorFile>) -> Result<Vec<Rotor>> {
+        match (rotors, &self.properties) {
+            (Some(file), properties) => {
+                if properties.is_some() {
+                    let text = format!("{} is used for the rotors; <properties> is not.", file.file);
+                    self.assumptions.push(text);
+                }
+                resolve::rotors(file, &self.bodies, &mut self.assumptions)
+            }
+            (None, Some(properties)) => properties.rotors(&self.file, &self.robot, &self.bodies, &mut self.assumptions),
+            (None, None) => Err(no_rotors(&self.file)),
+        }
+    }
+
+    fn vehicle(&self, file: Option<&RotorFile>, rotors: Vec<Rotor>) -> Vehicle {
+        let own = self.bodies.iter().filter(|b| b.mass > 0.0 || b.has_inertia());
+        let parts = own.map(|b| Part::new(b.name.clone(), b.mass, b.center_of_mass.into(), b.inertia));
+        let extra = file.map_or(&[][..], |f| f.parts.as_slice());
+        Vehicle {
+            name: file.and_then(|f| f.name.clone()).unwrap_or_else(|| self.name()),
+            source: file.map_or_else(String::new, |f| f.source.clone()),
+            parts: parts.chain(extra.iter().cloned()).collect(),
+            rotors,
+            drag: file.map(|f| f.drag).unwrap_or_default(),
+            published_gains: file.and_then(|f| f.gains),
+        }
+    }
+
+    /// The file's stem, else the robot's name, in lower case.
+    pub fn name(&self) -> String {
+        let path = Path::new(&self.file);
+        let stem = path.extension().and(path.file_stem()).map(|s| s.to_string_lossy().to_lowercase());
+        let robot = Some(self.robot.to_lowercase()).filter(|s| !s.is_empty());
+        stem.or(robot).unwrap_or_else(|| "vehicle".into())
+    }
+
+    fn warn(&mut self, line: u32, element: String, rule: String, remedy: &str) {
+        let file = self.file.clone();
+        self.warnings.push(Warning { file, line: Some(line), element, rule, remedy: remedy.into() });
+    }
+}
+
+/// Mass where it is needed, and a word on every link that has none and every joint that would move.
+pub(super) fn check_masses(read: &mut Read, rotors: &[usize]) -> Result<()> {
+    if total_mass(&read.bodies) <= 0.0 {
+        let rule = "no link has a mass: the total is 0 kg, but it must be > 0";
+        return Err(fault(&read.file, "<robot>", rule, "Give the airframe an <inertial> with mass and inertia."));
+    }
+    check_moving(read, rotors)?;
+    let massless = |b: &&Body| b.mass <= 0.0 && !b.has_inertia();
+    let ghost = |b: &&Body| b.mass <= 0.0 && b.has_inertia();
+    let point = |b: &&Body| b.mass > 0.0 && !b.has_inertia();
+    gather(read, massless, "without mass", "Merged into the rest of the vehicle, to which it adds nothing.");
+    gather(read, ghost, "with inertia but no mass", "The inertia is kept; give the link its mass.");
+    gather(read, point, "with mass but no inertia", "Merged into the rest as a point mass at its centre of mass.");
+    Ok(())
+}
+
+/// One warning for all links that pass `test`.
+fn gather(read: &mut Read, test: impl Fn(&&Body) -> bool, rule: &str, remedy: &str) {
+    let names: Vec<&str> = read.bodies.iter().filter(&test).map(|b| b.name.as_str()).collect();
+    let Some(line) = read.bodies.iter().filter(&test).map(|b| b.line).min() else { return };
+    let (plural, count) =
+        if names.len() == 1 { ("link", String::new()) } else { ("links", format!("{} links ", names.len())) };
+    let element = format!("{plural} {}", few(&names));
+    read.warn(line, element, format!("{count}{rule}"), remedy);
+}
+
+/// Joints that move: rotors are held (their speed is a state of its own), others are held at zero and warned about.
+fn check_moving(read: &mut Read, rotors: &[usize]) -> Result<()> {
+    let carried = carried(&read.bodies);
+    let mut held = Vec::new();
+    let mut warnings = Vec::new();
+    for (i, body) in read.bodies.iter().enumerate() {
+        let Some(joint) = body.joint.as_ref().filter(|j| !j.fixed) else { continue };
+        let place = format!("line {}, joint '{}'", joint.line, clean(&joint.name));
+        if rotors.contains(&i) {
+            if !matches!(joint.kind.as_str(), "revolute" | "continuous") {
+                let rule = format!("the joint of a rotor is of type '{}'", clean(&joint.kind));
+                return Err(fault(&read.file, place, rule, "A rotor turns: use continuous, revolute or fixed."));
+            }
+            held.push(joint.name.as_str());
+            continue;
+        }
+        let (mass, extent) = carried.get(i).copied().unwrap_or_default();
+        if mass <= 0.0 || !extent {
+            let what = if mass <= 0.0 { "mass" } else { "inertia" };
+            let rule = format!("link '{}' moves on this {} joint but carries no {what}", clean(&body.name), joint.kind);
+            let remedy = "Give it an <inertial>, make the joint fixed, or declare the link a rotor.";
+            return Err(fault(&read.file, place, rule, remedy));
+        }
+        let rule = format!("a {} joint that is no rotor's is held at zero", joint.kind);
+        warnings.push((joint.line, format!("joint '{}'", clean(&joint.name)), rule));
+    }
+    if !held.is_empty() {
+        let text = format!("Rotor joints {} are held still: rotor speed is a state of the rotor model.", few(&held));
+        read.assumptions.push(text);
+    }
+    for (line, element, rule) in warnings {
+        read.warn(
+            line,
+            element,
+            rule,
+            "Articulated vehicles come with a later release; make it fixed to be rid of this.",
+        );
+    }
+    Ok(())
+}
+
+/// For every body the mass of its whole subtree, and whether that subtree has any inertia.
+fn carried(bodies: &[Body]) -> Vec<(f64, bool)> {
+    let mut sums: Vec<(f64, bool)> = vec![(0.0, false); bodies.len()];
+    for body in (0..bodies.len()).filter_map(|i| Some((i, bodies.get(i)?))) {
+        // Walks up from each body; the tree has no cycles, and at most `Limits::bodies` links.
+        let (mut at, mass, extent) = (Some(body.0), body.1.mass, body.1.has_inertia());
+        while let Some((sum, next)) = at.and_then(|i| Some((sums.get_mut(i)?, bodies.get(i)?))) {
+            *sum = (sum.0 + mass, sum.1 || extent);
+            at = next.joint.as_ref().map(|j| j.parent);
+        }
+    }
+    sums
+}

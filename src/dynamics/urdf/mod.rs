@@ -1,0 +1,136 @@
+//! URDF import and export: a file becomes a [`Vehicle`], with everything that had to be guessed said aloud.
+//!
+//! | file | idea |
+//! |---|---|
+//! | `fence.rs` | sizes and depth, counted before any recursive parser sees the text |
+//! | `schema.rs` | which elements, attributes and numbers URDF has |
+//! | `diagnose.rs` | the text against the schema, with line numbers |
+//! | `tree.rs` | links and joints: duplicates, dangling names, two roots, cycles |
+//! | `bodies.rs` | every link's frame, mass and inertia in the base frame |
+//! | `rotors.rs` | the TOML beside the file: what URDF cannot say about rotors |
+//! | `resolve.rs` | rotor entries placed on the bodies |
+//! | `properties.rs` | the `<properties>` element of the gym-pybullet-drones family |
+//! | `recognise.rs` | which links look like rotors, and how they would spin |
+//! | `draft.rs` | a first rotor file for a URDF that has none |
+//! | `export.rs` | a vehicle written back as URDF and TOML |
+//! | `import.rs` | the steps above in order |
+//!
+//! ```
+//! use omnidrones::dynamics::urdf::{ImportOptions, import_file};
+//!
+//! let import = import_file("assets/urdf/plain_x.urdf", &ImportOptions::default())?; // reads plain_x.rotors.toml too
+//! assert_eq!(import.vehicle.n_rotor(), 4);
+//! for warning in &import.warnings {
+//!     println!("{warning}");
+//! }
+//! # Ok::<(), omnidrones::error::Error>(())
+//! ```
+//!
+//! An import starts no process, opens no file but the two it is given, loads no mesh, and resolves `package://` only
+//! through [`ImportOptions::packages`]. Links are merged into one rigid body: this release flies rigid vehicles.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing))]
+
+mod bodies;
+mod diagnose;
+mod draft;
+mod export;
+mod fence;
+mod import;
+mod properties;
+mod recognise;
+mod resolve;
+mod rotors;
+mod schema;
+mod tree;
+
+pub use draft::{Draft, draft_rotors};
+pub use export::export;
+pub use fence::Limits;
+pub use import::{Import, ImportOptions, import_file, import_text, rotor_file_beside};
+pub use rotors::{RotorEntry, RotorFile};
+
+use super::vehicle::Vehicle;
+use crate::error::Error;
+
+/// Something in the file that was understood, but is probably not what its author meant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Warning {
+    /// The file, or `<text>`.
+    pub file: String,
+    /// 1-based line of the first occurrence, where there is one.
+    pub line: Option<u32>,
+    /// The element concerned: `<inertia iyx>`, `link 'arm_motor_0'`.
+    pub element: String,
+    /// What is odd, with the value or the count.
+    pub rule: String,
+    /// What was done about it, or what to do.
+    pub remedy: String,
+}
+
+impl std::fmt::Display for Warning {
+    /// One line: `file:line: element: rule. remedy`.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.file)?;
+        if let Some(line) = self.line {
+            write!(f, ":{line}")?;
+        }
+        write!(f, ": {}: {}. {}", self.element, self.rule, self.remedy)
+    }
+}
+
+/// An [`Error::Format`] from parts.
+fn fault(file: &str, place: impl Into<String>, rule: impl Into<String>, remedy: impl Into<String>) -> Error {
+    Error::Format { file: file.to_string(), place: place.into(), rule: rule.into(), remedy: remedy.into() }
+}
+
+/// Turns a value error of [`Vehicle::validate`] and its parts into one that names the file.
+fn in_file(error: Error, file: &str, place: &str) -> Error {
+    match error {
+        Error::Value { what, value, limit, remedy } | Error::Limit { what, value, limit, remedy } => {
+            fault(file, place, format!("{what} is {value}, but it must be {limit}"), remedy)
+        }
+        other => other,
+    }
+}
+
+/// A name from a file made fit for one line of text: control characters blanked, at most 64 characters.
+fn clean(name: &str) -> String {
+    let mut text: String = name.chars().take(64).map(|c| if c.is_control() { ' ' } else { c }).collect();
+    if text.len() < name.len() {
+        text.push('…');
+    }
+    text
+}
+
+/// `link 'a', 'b', 'c' and 5 more`-style list of at most three names.
+fn few(names: &[&str]) -> String {
+    let mut text = names.iter().take(3).map(|n| format!("'{}'", clean(n))).collect::<Vec<_>>().join(", ");
+    if names.len() > 3 {
+        text.push_str(&format!(" and {} more", names.len() - 3));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_warning_is_one_line_with_file_line_element_rule_and_remedy() {
+        let warning = Warning {
+            file: "a.urdf".into(),
+            line: Some(7),
+            element: "<inertia iyx>".into(),
+            rule: "unknown attribute".into(),
+            remedy: "Ignored.".into(),
+        };
+        assert_eq!(warning.to_string(), "a.urdf:7: <inertia iyx>: unknown attribute. Ignored.");
+    }
+
+    #[test]
+    fn names_from_a_file_cannot_break_the_line() {
+        assert_eq!(clean("a\nb"), "a b");
+        assert_eq!(clean(&"x".repeat(100)).chars().count(), 65);
+    }
+}
