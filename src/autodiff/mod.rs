@@ -11,10 +11,12 @@
 //! | [`system`] | what is differentiated: x⁺ = f(x, u, θ), costs |
 //! | [`derivative`] | Jacobians of one step by duals |
 //! | [`rollout`] | gradients through whole rollouts, reverse and forward |
+//! | [`mod@batch_rollout`] | the same for many rollouts at once, in lanes |
 //! | [`certificate`] | adjoint against duals against differences, for anybody's system |
 //!
 //! This room does not know drones.
 
+pub mod batch_rollout;
 pub mod certificate;
 pub mod derivative;
 pub mod dual;
@@ -27,6 +29,7 @@ pub mod scalar;
 pub mod system;
 pub mod trace;
 
+pub use batch_rollout::{BatchGradient, BatchRollout};
 pub use certificate::{Bounds, Certificate, certify};
 pub use derivative::{JacobianScratch, Linearisation, jacobian, linearise};
 pub use lanes::lane_width;

@@ -313,7 +313,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
 }
 
 /// [x, u, θ] → [f(x, u, θ), c(x, u, θ)].
-fn record_step<F: System, C: Objective>(system: &F, objective: &C) -> Recording {
+pub(crate) fn record_step<F: System, C: Objective>(system: &F, objective: &C) -> Recording {
     let (n, m, p) = (system.n_state(), system.n_input(), system.n_parameter());
     trace::Recording::of(n + m + p, |z| {
         let (x, rest) = z.split_at(n);

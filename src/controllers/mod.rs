@@ -28,6 +28,7 @@ pub mod allocation;
 pub mod attitude;
 pub mod cascade;
 pub mod closed_loop;
+pub mod design;
 pub mod flight;
 #[cfg(test)]
 mod golden;

@@ -1,0 +1,338 @@
+//! Gradients of many rollouts at once, 64 to a block, in lanes.
+//!
+//! The same reverse sweep as [`Rollout`](super::Rollout), with the step itself, its costs and their adjoints all run by
+//! the block interpreter in `f32`. The rollouts differ in their start; inputs and parameters are shared, and the
+//! gradient with respect to the parameters is the mean over the rollouts that stayed finite.
+
+use super::program::{BLOCK, BlockWorkspace, Program};
+use super::rollout::record_step;
+use super::system::{Objective, System};
+use super::trace::Recording;
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+
+/// One number of each environment of a block.
+type Row = [f32; BLOCK];
+
+/// A system and an objective, compiled for blocks of rollouts.
+#[derive(Debug, Clone)]
+pub struct BatchRollout {
+    n_state: usize,
+    n_input: usize,
+    n_parameter: usize,
+    /// [x, u, θ] → [x⁺, c].
+    step: Program,
+    /// [x, u, θ, λ⁺, ρ] → [x̄, θ̄].
+    step_adjoint: Program,
+    /// [x, θ] → c_T.
+    terminal: Program,
+    /// [x, θ, ρ] → [x̄, θ̄].
+    terminal_adjoint: Program,
+}
+
+/// Costs of a batch of rollouts and the mean gradient.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BatchGradient {
+    /// J of each rollout; not finite where it diverged.
+    pub costs: Vec<f32>,
+    /// Mean of ∂J/∂θ over the rollouts whose cost and gradient are finite.
+    pub parameters: Vec<f64>,
+    /// How many those are.
+    pub n_finite: usize,
+}
+
+/// Costs and gradients of one block.
+struct BlockResult {
+    costs: Row,
+    parameters: Vec<Row>,
+}
+
+impl BatchRollout {
+    /// Records and compiles.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] if a recording is too large to compile.
+    pub fn new<F: System, C: Objective>(system: &F, objective: &C) -> Result<Self> {
+        let (n, m, p) = (system.n_state(), system.n_input(), system.n_parameter());
+        let step = record_step(system, objective);
+        let terminal = Recording::of(n + p, |z| vec![objective.terminal(&z[..n], &z[n..])]);
+        let mut step_adjoint = step.adjoint(0..n + m + p);
+        step_adjoint.outputs.drain(n..n + m); // inputs are shared: nobody asks
+        Ok(Self {
+            n_state: n,
+            n_input: m,
+            n_parameter: p,
+            step: Program::compile(&step)?,
+            step_adjoint: Program::compile(&step_adjoint)?,
+            terminal: Program::compile(&terminal)?,
+            terminal_adjoint: Program::compile(&terminal.adjoint(0..n + p))?,
+        })
+    }
+
+    /// Costs and mean parameter gradient. `states`: row-major `[N, n]`; `inputs`: row-major `[T, m]`, shared.
+    ///
+    /// Results do not depend on the number of threads.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if a length does not fit.
+    pub fn gradient(
+        &self,
+        states: &[f32],
+        inputs: &[f64],
+        parameters: &[f64],
+        threads: &Threads,
+    ) -> Result<BatchGradient> {
+        let n_rollout = self.check(states, inputs, parameters)?;
+        let blocks = threads.map(n_rollout.div_ceil(BLOCK), |b| {
+            let rows = &states[b * BLOCK * self.n_state..states.len().min((b + 1) * BLOCK * self.n_state)];
+            Sweep::new(self).run(rows, inputs, parameters)
+        });
+        let mut result = BatchGradient {
+            costs: Vec::with_capacity(n_rollout),
+            parameters: vec![0.0; self.n_parameter],
+            n_finite: 0,
+        };
+        for (b, block) in blocks.iter().enumerate() {
+            for lane in 0..BLOCK.min(n_rollout - b * BLOCK) {
+                let cost = block.costs[lane];
+                result.costs.push(cost);
+                if !cost.is_finite() || block.parameters.iter().any(|row| !row[lane].is_finite()) {
+                    continue;
+                }
+                result.n_finite += 1;
+                for (sum, row) in result.parameters.iter_mut().zip(&block.parameters) {
+                    *sum += f64::from(row[lane]);
+                }
+            }
+        }
+        let scale = 1.0 / result.n_finite.max(1) as f64;
+        result.parameters.iter_mut().for_each(|g| *g *= scale);
+        Ok(result)
+    }
+
+    fn check(&self, states: &[f32], inputs: &[f64], parameters: &[f64]) -> Result<usize> {
+        for (what, got, row) in [("states", states.len(), self.n_state), ("inputs", inputs.len(), self.n_input)] {
+            if got == 0 || !got.is_multiple_of(row.max(1)) {
+                let rule = format!("a positive multiple of {row}");
+                return Err(Error::value(
+                    format!("length of {what}"),
+                    got,
+                    rule,
+                    "Rows are rollouts or steps, row-major.",
+                ));
+            }
+        }
+        if parameters.len() != self.n_parameter {
+            let wanted = self.n_parameter.to_string();
+            return Err(Error::value("length of parameters", parameters.len(), wanted, "See System::n_parameter."));
+        }
+        Ok(states.len() / self.n_state)
+    }
+}
+
+/// The memory of one block's sweep.
+struct Sweep<'a> {
+    of: &'a BatchRollout,
+    /// [x, u, θ, λ, ρ].
+    arguments: Vec<Row>,
+    results: Vec<Row>,
+    /// States at the start of each segment, and within one.
+    anchors: Vec<Row>,
+    segment: Vec<Row>,
+    step: BlockWorkspace,
+    step_adjoint: BlockWorkspace,
+    terminal: BlockWorkspace,
+    terminal_adjoint: BlockWorkspace,
+}
+
+impl<'a> Sweep<'a> {
+    fn new(of: &'a BatchRollout) -> Self {
+        let (n, m, p) = (of.n_state, of.n_input, of.n_parameter);
+        Self {
+            of,
+            arguments: vec![[0.0; BLOCK]; n + m + p + n + 1],
+            results: vec![[0.0; BLOCK]; (n + 1).max(n + p)],
+            anchors: Vec::new(),
+            segment: Vec::new(),
+            step: of.step.block_workspace(),
+            step_adjoint: of.step_adjoint.block_workspace(),
+            terminal: of.terminal.block_workspace(),
+            terminal_adjoint: of.terminal_adjoint.block_workspace(),
+        }
+    }
+
+    fn run(mut self, states: &[f32], inputs: &[f64], parameters: &[f64]) -> BlockResult {
+        let (n, m, p) = (self.of.n_state, self.of.n_input, self.of.n_parameter);
+        let horizon = inputs.len() / m;
+        let length = horizon.isqrt().max(1);
+        for (k, value) in parameters.iter().enumerate() {
+            self.arguments[n + m + k] = [*value as f32; BLOCK];
+        }
+        self.arguments[n + m + p + n] = [1.0; BLOCK];
+        self.load(states);
+
+        let mut costs = [0.0; BLOCK];
+        for (k, u) in inputs.chunks_exact(m).enumerate() {
+            if k % length == 0 {
+                self.anchors.extend_from_slice(&self.arguments[..n]);
+            }
+            self.step_forward(u);
+            for (sum, cost) in costs.iter_mut().zip(&self.results[n]) {
+                *sum += cost;
+            }
+        }
+        let mut gradient = self.start_backward(&mut costs);
+        for s in (0..self.anchors.len() / n).rev() {
+            let (from, to) = (s * length, ((s + 1) * length).min(horizon));
+            self.refill(s, &inputs[from * m..to * m]);
+            for k in (from..to).rev() {
+                self.step_backward(k - from, &inputs[k * m..(k + 1) * m], &mut gradient);
+            }
+        }
+        BlockResult { costs, parameters: gradient }
+    }
+
+    /// Rows of starts into columns; lanes beyond them repeat the last start.
+    fn load(&mut self, states: &[f32]) {
+        let n = self.of.n_state;
+        let last = states.len() / n - 1;
+        for lane in 0..BLOCK {
+            let row = &states[lane.min(last) * n..];
+            for k in 0..n {
+                self.arguments[k][lane] = row[k];
+            }
+        }
+    }
+
+    fn set_input(&mut self, u: &[f64]) {
+        for (k, value) in u.iter().enumerate() {
+            self.arguments[self.of.n_state + k] = [*value as f32; BLOCK];
+        }
+    }
+
+    /// x ← f(x, u, θ); the cost of the step is left in `results[n]`.
+    fn step_forward(&mut self, u: &[f64]) {
+        let (n, m, p) = (self.of.n_state, self.of.n_input, self.of.n_parameter);
+        self.set_input(u);
+        self.of.step.evaluate_block(&mut self.step, &self.arguments[..n + m + p], &mut self.results[..n + 1]);
+        self.arguments[..n].copy_from_slice(&self.results[..n]);
+    }
+
+    /// Adds c_T; λ_T into the arguments; returns ∂c_T/∂θ.
+    fn start_backward(&mut self, costs: &mut Row) -> Vec<Row> {
+        let (n, m, p) = (self.of.n_state, self.of.n_input, self.of.n_parameter);
+        let mut z: Vec<Row> = self.arguments[..n].to_vec();
+        z.extend_from_slice(&self.arguments[n + m..n + m + p]);
+        self.of.terminal.evaluate_block(&mut self.terminal, &z, &mut self.results[..1]);
+        for (sum, cost) in costs.iter_mut().zip(&self.results[0]) {
+            *sum += cost;
+        }
+        z.push([1.0; BLOCK]);
+        self.of.terminal_adjoint.evaluate_block(&mut self.terminal_adjoint, &z, &mut self.results[..n + p]);
+        self.arguments[n + m + p..n + m + p + n].copy_from_slice(&self.results[..n]);
+        self.results[n..n + p].to_vec()
+    }
+
+    /// States of segment `s` again, from its anchor.
+    fn refill(&mut self, s: usize, inputs: &[f64]) {
+        let n = self.of.n_state;
+        self.arguments[..n].copy_from_slice(&self.anchors[s * n..(s + 1) * n]);
+        self.segment.clear();
+        for u in inputs.chunks_exact(self.of.n_input) {
+            self.segment.extend_from_slice(&self.arguments[..n]);
+            self.step_forward(u);
+        }
+    }
+
+    /// λ ← x̄ from the state `k` of the segment, and θ̄ added to `gradient`.
+    fn step_backward(&mut self, k: usize, u: &[f64], gradient: &mut [Row]) {
+        let (n, m, p) = (self.of.n_state, self.of.n_input, self.of.n_parameter);
+        self.arguments[..n].copy_from_slice(&self.segment[k * n..(k + 1) * n]);
+        self.set_input(u);
+        self.of.step_adjoint.evaluate_block(&mut self.step_adjoint, &self.arguments, &mut self.results[..n + p]);
+        self.arguments[n + m + p..n + m + p + n].copy_from_slice(&self.results[..n]);
+        for (sum, row) in gradient.iter_mut().zip(&self.results[n..n + p]) {
+            for lane in 0..BLOCK {
+                sum[lane] += row[lane];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autodiff::{Rollout, Scalar};
+
+    /// A damped pendulum with stiffness and damping as parameters, pushed by u.
+    struct Pendulum;
+    impl System for Pendulum {
+        fn n_state(&self) -> usize {
+            2
+        }
+        fn n_input(&self) -> usize {
+            1
+        }
+        fn n_parameter(&self) -> usize {
+            2
+        }
+        fn step<S: Scalar>(&self, x: &[S], u: &[S], theta: &[S], next: &mut [S]) {
+            let h = S::constant(0.05);
+            let pull = theta[0] * x[0].sin_cos().0 + theta[1] * x[1];
+            next[1] = x[1] + h * (u[0] - pull);
+            next[0] = x[0] + h * next[1];
+        }
+    }
+    struct Rest;
+    impl Objective for Rest {
+        fn stage<S: Scalar>(&self, x: &[S], _: &[S], theta: &[S]) -> S {
+            x[0].square() + S::constant(0.01) * theta[1].square()
+        }
+        fn terminal<S: Scalar>(&self, x: &[S], theta: &[S]) -> S {
+            x[1].square() * theta[0]
+        }
+    }
+
+    #[test]
+    fn a_batch_gives_each_rollouts_cost_and_the_mean_of_their_gradients() {
+        let (theta, inputs) = ([2.0, 0.3], (0..90).map(|k| (f64::from(k) * 0.2).sin()).collect::<Vec<_>>());
+        let states: Vec<f32> = (0..100).flat_map(|i| [0.01 * i as f32, 0.5 - 0.02 * i as f32]).collect();
+        let batch = BatchRollout::new(&Pendulum, &Rest).unwrap();
+        let got = batch.gradient(&states, &inputs, &theta, &Threads::default()).unwrap();
+        let single = Rollout::new(Pendulum, Rest).unwrap();
+        let mut mean = [0.0; 2];
+        for (start, cost) in states.chunks(2).zip(&got.costs) {
+            let x0 = [f64::from(start[0]), f64::from(start[1])];
+            let (exact, gradient) = single.gradient(&x0, &inputs, &theta);
+            assert!((f64::from(*cost) - exact).abs() <= 3e-6 * exact.abs().max(1.0)); // measured 7e-7
+            mean[0] += gradient.parameters[0] / 100.0;
+            mean[1] += gradient.parameters[1] / 100.0;
+        }
+        for (a, b) in got.parameters.iter().zip(mean) {
+            assert!((a - b).abs() <= 2e-6 * b.abs().max(1.0), "{a} {b}"); // measured 2e-7
+        }
+        assert_eq!(got.n_finite, 100);
+    }
+
+    #[test]
+    fn a_diverged_rollout_is_left_out_of_the_mean_and_changes_no_other() {
+        let (theta, inputs) = ([2.0, 0.3], vec![0.1; 50]);
+        let healthy: Vec<f32> = (0..70).flat_map(|i| [0.01 * i as f32, 0.0]).collect();
+        let batch = BatchRollout::new(&Pendulum, &Rest).unwrap();
+        let alone = batch.gradient(&healthy, &inputs, &theta, &Threads::default()).unwrap();
+        let mut mixed = healthy.clone();
+        mixed.extend([f32::MAX, f32::MAX]);
+        let with = batch.gradient(&mixed, &inputs, &theta, &Threads::default()).unwrap();
+        assert_eq!((with.n_finite, &with.costs[..70], &with.parameters), (70, &alone.costs[..], &alone.parameters));
+        assert!(!with.costs[70].is_finite());
+    }
+
+    #[test]
+    fn the_number_of_threads_changes_no_bit() {
+        let states: Vec<f32> = (0..300).flat_map(|i| [0.003 * i as f32, 0.1]).collect();
+        let batch = BatchRollout::new(&Pendulum, &Rest).unwrap();
+        let run = |n| batch.gradient(&states, &[0.2; 40], &[1.0, 0.1], &Threads::new(n).unwrap()).unwrap();
+        assert_eq!(run(1), run(2));
+        assert_eq!(run(1), run(8));
+    }
+}

@@ -1,0 +1,366 @@
+//! Gains by gradient descent through closed-loop flights.
+//!
+//! θ = ln K, so gains stay positive and steps are relative. The cost of one flight is the mean squared position error
+//! along the reference from a random start; its gradient comes backwards through every step of the closed loop, motor
+//! lag, saturation and sampled controllers included ([`BatchRollout`], 64 flights to a block). Adam (Kingma and Ba
+//! 2015) descends on the root of the mean over the starts. The best gains on the training starts are kept; held-out
+//! starts judge, in `f64`.
+
+use crate::autodiff::batch_rollout::BatchRollout;
+use crate::autodiff::{Objective, Scalar, System};
+use crate::controllers::cascade::Rates;
+use crate::controllers::closed_loop::ClosedLoop;
+use crate::controllers::parameters::{GainSet, validate_gains};
+use crate::controllers::reference::{Reference, Sample};
+use crate::dynamics::spatial::from_euler;
+use crate::dynamics::{Disturbance, Gains, Physics, Vehicle};
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use crate::rng::{Purpose, Stream};
+use serde::{Deserialize, Serialize};
+
+/// What to tune on, and for how long.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TunePlan {
+    /// The reference of every flight.
+    pub reference: Reference,
+    /// Length of a flight, s.
+    pub duration: f64,
+    /// Time step, integrator, effects.
+    pub physics: Physics,
+    /// How often each control level computes.
+    pub rates: Rates,
+    /// Training starts.
+    pub n_start: usize,
+    /// Held-out starts, drawn from other streams.
+    pub n_held_out: usize,
+    /// Largest offset of a start from the reference, m per axis.
+    pub position_spread: f64,
+    /// Largest velocity of a start, m/s per axis.
+    pub velocity_spread: f64,
+    /// Largest roll and pitch of a start, rad; yaw spreads twice as far.
+    pub tilt_spread: f64,
+    /// Descent steps.
+    pub iterations: usize,
+    /// Relative change of a gain per step, at first; it falls to a tenth by the end.
+    pub learning_rate: f64,
+    /// Of the starts.
+    pub seed: u64,
+}
+
+impl Default for TunePlan {
+    /// Six seconds of the lemniscate from 64 starts within 0.3 m, 0.3 m/s and 0.2 rad, 60 descent steps.
+    fn default() -> Self {
+        Self {
+            reference: Reference::Lemniscate(Default::default()),
+            duration: 6.0,
+            physics: Physics::default(),
+            rates: Rates::default(),
+            n_start: 64,
+            n_held_out: 256,
+            position_spread: 0.3,
+            velocity_spread: 0.3,
+            tilt_spread: 0.2,
+            iterations: 60,
+            learning_rate: 0.08,
+            seed: 0,
+        }
+    }
+}
+
+/// Largest number of starts or held-out starts.
+pub const MAX_STARTS: usize = 1 << 16;
+
+impl TunePlan {
+    fn n_step(&self) -> Result<usize> {
+        self.physics.validate()?;
+        self.reference.validate()?;
+        for (what, n, least, most) in [
+            ("n_start", self.n_start, 1, MAX_STARTS),
+            ("n_held_out", self.n_held_out, 1, MAX_STARTS),
+            ("iterations", self.iterations, 1, 100_000),
+        ] {
+            if n < least || n > most {
+                return Err(Error::limit(what, n, format!("{least} to {most}"), "The defaults are a good start."));
+            }
+        }
+        for (what, value, most) in [
+            ("position_spread", self.position_spread, 100.0),
+            ("velocity_spread", self.velocity_spread, 100.0),
+            ("tilt_spread", self.tilt_spread, 1.5),
+            ("learning_rate", self.learning_rate, 1.0),
+        ] {
+            if !(0.0..=most).contains(&value) {
+                return Err(Error::value(what, value, format!("in [0, {most}]"), "Leave it out for the default."));
+            }
+        }
+        let steps = (self.duration / self.physics.dt).round();
+        if !(1.0..=100_000.0).contains(&steps) {
+            let value = format!("{} s ({steps} steps of {} s)", self.duration, self.physics.dt);
+            return Err(Error::limit("duration", value, "1 to 100000 steps", "Tune on a shorter flight."));
+        }
+        Ok(steps as usize)
+    }
+}
+
+/// One descent step.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Iteration {
+    /// From 0.
+    pub iteration: usize,
+    /// Root of the mean squared error over all training flights before the step, m.
+    pub rmse: f64,
+    /// ‖∂RMSE/∂ln K‖, m.
+    pub gradient_norm: f64,
+}
+
+/// Flights with one set of gains.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// Mean over the flights of their RMSE, the start included, m; over those that did not crash.
+    pub rmse: f64,
+    /// Largest of them.
+    pub worst: f64,
+    /// Flights that diverged or left the reference by more than [`CRASH_DISTANCE`].
+    pub crashed: usize,
+    /// Flights.
+    pub n: usize,
+}
+
+/// Distance from the reference at which a flight counts as crashed, m.
+pub const CRASH_DISTANCE: f64 = 5.0;
+
+/// The result of tuning.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Tuning {
+    /// The best gains.
+    pub gains: Gains,
+    /// The descent.
+    pub history: Vec<Iteration>,
+    /// Held-out flights with the gains it started from.
+    pub before: Evaluation,
+    /// Held-out flights with the best gains.
+    pub after: Evaluation,
+}
+
+/// ‖p − p_ref‖²/T per step.
+struct MeanSquaredError {
+    per_step: f64,
+}
+
+impl Objective for MeanSquaredError {
+    #[inline(always)]
+    fn stage<S: Scalar>(&self, state: &[S], input: &[S], _: &[S]) -> S {
+        let mut sum = S::zero();
+        for i in 0..3 {
+            sum += (state[i] - input[i]).square();
+        }
+        S::constant(self.per_step) * sum
+    }
+}
+
+/// The closed loop with θ = ln K.
+struct LogGains(ClosedLoop);
+
+impl System for LogGains {
+    fn n_state(&self) -> usize {
+        self.0.n_state()
+    }
+    fn n_input(&self) -> usize {
+        self.0.n_input()
+    }
+    fn n_parameter(&self) -> usize {
+        self.0.n_parameter()
+    }
+    fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
+        let mut gains = [S::zero(); GainSet::<f64>::DIM];
+        for (gain, log) in gains.iter_mut().zip(parameters) {
+            *gain = log.exp();
+        }
+        self.0.step(state, input, &gains, next);
+    }
+}
+
+/// Tunes all twelve gains of a vehicle's cascade from `gains`; `progress` sees each step.
+///
+/// # Errors
+/// [`Error::Value`] or [`Error::Limit`] if vehicle, gains or plan are not valid; a gain of zero cannot be tuned, since
+/// steps are relative.
+pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, mut progress: impl FnMut(&Iteration)) -> Result<Tuning> {
+    let n_step = plan.n_step()?;
+    validate_gains(gains)?;
+    let system = LogGains(ClosedLoop::new(vehicle, plan.physics, gains, &plan.rates)?.with_gains());
+    let mut theta = system.0.gain_vector();
+    if let Some(i) = theta.iter().position(|k| *k <= 0.0) {
+        return Err(Error::value(format!("gain {i}"), theta[i], "> 0", "Steps are relative: start from a small gain."));
+    }
+    theta.iter_mut().for_each(|k| *k = k.ln());
+
+    let threads = Threads::default();
+    let inputs = inputs(&system.0, &plan.reference, n_step);
+    let starts = starts(&system.0, plan, plan.n_start, TRAINING)?;
+    let batch = BatchRollout::new(&system, &MeanSquaredError { per_step: 1.0 / n_step as f64 })?;
+    let mut descent = Descent::new(theta, plan);
+    for iteration in 0..plan.iterations {
+        let (rmse, gradient) = root_mean_cost(&batch, &starts, &inputs, &descent.theta, &threads)?;
+        let gradient_norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
+        let step = Iteration { iteration, rmse, gradient_norm };
+        progress(&step);
+        descent.step(step, &gradient);
+    }
+    let tuned = gains_of(&descent.best);
+    let before = evaluate(vehicle, gains, plan)?;
+    let after = evaluate(vehicle, &tuned, plan)?;
+    Ok(Tuning { gains: tuned, history: descent.history, before, after })
+}
+
+/// Flies the held-out starts of a plan with given gains, in `f64`.
+///
+/// # Errors
+/// As [`tune`].
+pub fn evaluate(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Evaluation> {
+    let n_step = plan.n_step()?;
+    let system = ClosedLoop::new(vehicle, plan.physics, gains, &plan.rates)?;
+    let inputs = inputs(&system, &plan.reference, n_step);
+    let starts = starts(&system, plan, plan.n_held_out, HELD_OUT)?;
+    let flights: Vec<&[f32]> = starts.chunks(system.n_state()).collect();
+    let errors = Threads::default().map(flights.len(), |i| {
+        let start: Vec<f64> = flights[i].iter().map(|v| f64::from(*v)).collect();
+        flight_rmse(&system, &start, &inputs)
+    });
+    let flown: Vec<f64> = errors.iter().flatten().copied().collect();
+    let n = errors.len();
+    Ok(Evaluation {
+        rmse: flown.iter().sum::<f64>() / flown.len().max(1) as f64,
+        worst: flown.iter().fold(0.0, |a: f64, b| a.max(*b)),
+        crashed: n - flown.len(),
+        n,
+    })
+}
+
+/// RMSE of one flight; `None` if it crashed.
+fn flight_rmse(system: &ClosedLoop, start: &[f64], inputs: &[f64]) -> Option<f64> {
+    let mut x = start.to_vec();
+    let mut next = x.clone();
+    let mut sum = 0.0;
+    let steps = inputs.chunks_exact(system.n_input());
+    let n = steps.len() as f64;
+    for u in steps {
+        let squared: f64 = (0..3).map(|i| (x[i] - u[i]).powi(2)).sum();
+        if !(squared < CRASH_DISTANCE * CRASH_DISTANCE) {
+            return None;
+        }
+        sum += squared;
+        system.step(&x, u, &[], &mut next);
+        std::mem::swap(&mut x, &mut next);
+    }
+    Some((sum / n).sqrt())
+}
+
+/// √J̄ over the starts that stayed finite, and its gradient ∂J̄/(2√J̄).
+fn root_mean_cost(
+    batch: &BatchRollout,
+    starts: &[f32],
+    inputs: &[f64],
+    theta: &[f64],
+    threads: &Threads,
+) -> Result<(f64, Vec<f64>)> {
+    let result = batch.gradient(starts, inputs, theta, threads)?;
+    let finite = result.costs.iter().map(|c| f64::from(*c)).filter(|c| c.is_finite());
+    let mean = finite.sum::<f64>() / result.n_finite.max(1) as f64;
+    let rmse = mean.sqrt();
+    // starts that diverge make gains unwelcome without a gradient
+    let lost = (result.costs.len() - result.n_finite) as f64 / result.costs.len() as f64;
+    let gradient = result.parameters.iter().map(|g| g / (2.0 * rmse.max(1e-9))).collect();
+    Ok((rmse + 10.0 * lost, gradient))
+}
+
+/// Adam with a falling rate, and the best point seen.
+struct Descent {
+    theta: Vec<f64>,
+    mean: Vec<f64>,
+    square: Vec<f64>,
+    best: Vec<f64>,
+    best_rmse: f64,
+    history: Vec<Iteration>,
+    rate: f64,
+    n: usize,
+}
+
+impl Descent {
+    fn new(theta: Vec<f64>, plan: &TunePlan) -> Self {
+        let zero = vec![0.0; theta.len()];
+        Self {
+            best: theta.clone(),
+            theta,
+            mean: zero.clone(),
+            square: zero,
+            best_rmse: f64::INFINITY,
+            history: Vec::with_capacity(plan.iterations),
+            rate: plan.learning_rate,
+            n: plan.iterations,
+        }
+    }
+
+    fn step(&mut self, iteration: Iteration, gradient: &[f64]) {
+        self.history.push(iteration);
+        if iteration.rmse < self.best_rmse {
+            self.best_rmse = iteration.rmse;
+            self.best.copy_from_slice(&self.theta);
+        }
+        const DECAY: (f64, f64) = (0.9, 0.99);
+        let t = self.history.len() as i32;
+        let progress = f64::from(t) / self.n as f64;
+        let rate = self.rate * (1.0 - 0.9 * progress);
+        for (i, g) in gradient.iter().enumerate().filter(|(_, g)| g.is_finite()) {
+            self.mean[i] += (1.0 - DECAY.0) * (g - self.mean[i]);
+            self.square[i] += (1.0 - DECAY.1) * (g * g - self.square[i]);
+            let mean = self.mean[i] / (1.0 - DECAY.0.powi(t));
+            let square = self.square[i] / (1.0 - DECAY.1.powi(t));
+            self.theta[i] -= rate * mean / (square.sqrt() + 1e-8);
+        }
+    }
+}
+
+fn gains_of(theta: &[f64]) -> Gains {
+    let three = |at: usize| [theta[at].exp(), theta[at + 1].exp(), theta[at + 2].exp()];
+    Gains { position: three(0), velocity: three(3), attitude: three(6), rate: three(9) }
+}
+
+/// Inputs of the closed loop along a reference, row-major `[T, m]`.
+fn inputs(system: &ClosedLoop, reference: &Reference, n_step: usize) -> Vec<f64> {
+    let m = system.n_input();
+    let dt = system.plant().physics().dt;
+    let mut rows = vec![0.0; n_step * m];
+    for (k, row) in rows.chunks_exact_mut(m).enumerate() {
+        let sample: Sample<f64> = reference.sample(k as f64 * dt);
+        system.write_input(k as u64, &sample, &Disturbance::none(), row);
+    }
+    rows
+}
+
+/// Training and held-out starts come from streams that never meet.
+const TRAINING: u64 = 0;
+const HELD_OUT: u64 = 1;
+
+/// Random starts around the reference's, row-major `[n, n_state]`.
+fn starts(system: &ClosedLoop, plan: &TunePlan, n: usize, set: u64) -> Result<Vec<f32>> {
+    let wanted = plan.reference.sample(0.0);
+    let hover = system.plant().hover_state(wanted.position)?;
+    let mut rows = Vec::with_capacity(n * system.n_state());
+    for i in 0..n {
+        let mut stream = Stream::new(plan.seed, i as u64, set, Purpose::RESET);
+        let mut state = hover.clone();
+        let mut draw = |spread: f64| if spread > 0.0 { stream.uniform(-spread, spread) } else { 0.0 };
+        for k in 0..3 {
+            state[k] += draw(plan.position_spread);
+            state[3 + k] = wanted.velocity[k] + draw(plan.velocity_spread);
+        }
+        let (roll, pitch) = (draw(plan.tilt_spread), draw(plan.tilt_spread));
+        let yaw = wanted.yaw + draw(2.0 * plan.tilt_spread);
+        state[6..10].copy_from_slice(&from_euler(roll, pitch, yaw));
+        rows.extend(system.initial_state(&state).iter().map(|v| *v as f32));
+    }
+    Ok(rows)
+}
