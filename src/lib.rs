@@ -1,6 +1,7 @@
 //! placeholder
 pub(crate) mod atomic_file;
 pub mod autodiff;
+pub mod bench;
 pub mod controllers;
 pub mod dynamics;
 pub mod error;

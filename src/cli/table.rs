@@ -1,7 +1,6 @@
 //! Tables for people: aligned numbers, units in the header, bold headers on a terminal only.
 
 use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, presets};
-use std::io::IsTerminal;
 
 /// How a column is aligned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,11 +56,6 @@ impl Table {
             table.add_row(cells.map(|(text, (_, align))| Cell::new(text).set_alignment(alignment(*align))));
         }
         table.trim_fmt()
-    }
-
-    /// Prints to standard output, styled only when that is a terminal.
-    pub fn print(&self) {
-        println!("{}", self.render(std::io::stdout().is_terminal()));
     }
 }
 
