@@ -131,7 +131,14 @@ impl Bench {
         let plain = Plain { f64: self.step_time(|v| v), f32: self.step_time(|v| v as f32) };
         let mut row = |name: &str, time: f64| {
             let ratio = Some(time / plain.f64);
-            add(BenchRow { group: "step", name: name.into(), value: time * 1e9, unit: "ns", ratio, baseline: "f64 step" });
+            add(BenchRow {
+                group: "step",
+                name: name.into(),
+                value: time * 1e9,
+                unit: "ns",
+                ratio,
+                baseline: "f64 step",
+            });
         };
         row("f64", plain.f64);
         row("f32", plain.f32);

@@ -126,7 +126,7 @@ impl FlightArguments {
     pub fn gains(&self, vehicle: &Vehicle) -> Result<(Gains, String)> {
         let usual = if vehicle.published_gains.is_some() { "published" } else { "derived" };
         match self.gains.as_deref().unwrap_or(usual) {
-            "derived" => Ok((vehicle.derived_gains(), "derived from inertia and motor lag".into())),
+            "derived" => Ok((vehicle.derived_gains(), "derived".into())),
             "published" => match vehicle.published_gains {
                 Some(gains) => Ok((gains, "published".into())),
                 None => Err(omnidrones::error::Error::value(

@@ -10,6 +10,7 @@ use omnidrones::error::{Error, Result};
 use omnidrones::plot::{Bar, Bars, Colour, Figure};
 use serde_json::json;
 use std::path::PathBuf;
+use std::time::Duration;
 
 const ABOUT: &str = "\
 Measure how fast this machine steps and differentiates a multirotor: single steps on each kind of number, batches on \
@@ -20,23 +21,31 @@ const EXAMPLES: &str = "\
 Examples:
   omnidrones bench --quick               a first impression, in seconds
   omnidrones bench                       steadier figures
-  omnidrones bench --threads 1,2,4       batch throughput on these numbers of threads
+  omnidrones bench --threads 1           batches on one thread only
   omnidrones bench --json --no-plots     for a program
 
-Files in --out: bench.png or bench.svg, the ratios as bars. Close other programs: figures fall with their load.
+The subject is a Hummingbird under RK4 at 16 ms with linear drag. A ratio says how many times the baseline: in speed for rates, in time for durations.
+
+Files in --out: bench.png or bench.svg. Close other programs: figures fall with their load.
 
 Exit codes: 0 measured; 2 unusable arguments.";
+
+/// Time per row with --quick.
+const QUICK: Duration = Duration::from_millis(60);
 
 /// Arguments of `bench`.
 #[derive(Debug, clap::Args)]
 #[command(long_about = ABOUT, after_long_help = EXAMPLES)]
 pub struct Arguments {
-    /// Short runs: seconds instead of about a minute, and less steady figures
+    /// Short runs: about 2 s instead of 10 s, and less steady figures
     #[arg(long)]
     quick: bool,
-    /// Numbers of threads for the batch rows, each 1 to 1024 [default: 1 and all cores]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
-    threads: Vec<usize>,
+    /// Most threads of the batch rows: 1, 2, 4 … up to this [default: all cores]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Environments of the batch rows
+    #[arg(long, value_name = "N", default_value_t = BenchPlan::default().n_env)]
+    environments: usize,
     /// Folder for the plot
     #[arg(long, value_name = "DIR", default_value = "out/bench")]
     out: PathBuf,
@@ -53,15 +62,18 @@ pub struct Arguments {
 
 /// Measures.
 pub fn run(a: &Arguments) -> Result<Report> {
-    if let Some(n) = a.threads.iter().find(|n| !(1..=1024).contains(*n)) {
-        return Err(Error::limit("--threads", n, "1 to 1024 each", "Use as many as there are cores."));
+    let usual = BenchPlan::default();
+    let threads = a.threads.unwrap_or(usual.threads);
+    if !(1..=1024).contains(&threads) {
+        return Err(Error::limit("--threads", threads, "1 to 1024", "Use as many as there are cores."));
     }
     if !a.no_plots {
         files::prepare_folder(&a.out)?;
     }
     let spinner = progress::spinner("measuring", a.json);
-    let plan = BenchPlan { quick: a.quick, threads: a.threads.clone() };
-    let rows = bench::run(&plan, |what| spinner.set_message(format!("measuring {what}")))?;
+    let budget = if a.quick { QUICK } else { usual.budget };
+    let plan = BenchPlan { budget, n_env: a.environments, threads };
+    let rows = bench::run(&plan, |row| spinner.set_message(format!("measured {}: {}", row.group, row.name)))?;
     spinner.finish_and_clear();
 
     let mut written = Vec::new();
@@ -114,21 +126,31 @@ fn machine() -> String {
     format!("{threads} threads, {} lanes of f32 per SIMD register", lane_width())
 }
 
-/// The ratios, one colour per group.
+/// Throughput of batches, and every other figure as a multiple of its baseline.
 fn figure(rows: &[BenchRow]) -> Figure {
-    let mut bars = Bars::new("", "ratio to the plain loop of the same run").baseline("plain loop", 1.0).log();
+    let mut batch = Bars::new("Batches in SIMD lanes", "million environment steps per second");
+    let mut cost = Bars::new("Cost of the rest", "times one plain f64 step (a gradient: one rollout)")
+        .baseline("one step, one rollout", 1.0)
+        .log();
     let mut groups: Vec<&str> = Vec::new();
     for row in rows {
         let Some(ratio) = row.ratio else { continue };
+        if row.unit == "M steps/s" {
+            let note = format!("({} × {})", short(ratio, 3), row.baseline);
+            batch = batch.bar(Bar::new(row.name.clone(), row.value).note(note));
+            continue;
+        }
         if !groups.contains(&row.group) {
             groups.push(row.group);
         }
-        let bar = Bar::new(format!("{}: {}", row.group, row.name), ratio);
-        bars = bars.bar(
-            bar.note(format!("× · {} {}", short(row.value, 3), row.unit))
-                .colour(Colour::nth(groups.len().saturating_sub(1))),
-        );
+        let note = format!("× ({} {})", short(row.value, 3), row.unit);
+        cost = cost.bar(Bar::new(row.name.clone(), ratio).note(note).colour(Colour::nth(groups.len())));
     }
-    let height = 110.0 + 24.0 * bars.bars.len() as f64;
-    Figure::new("Speed of steps and derivatives").subtitle(machine()).size(900.0, height.min(3000.0)).chart(bars)
+    let heights = [&batch, &cost].map(|bars| 70.0 + 22.0 * bars.bars.len() as f64);
+    Figure::new("Hummingbird: speed of steps and derivatives")
+        .subtitle(machine())
+        .size(1000.0, (60.0 + heights[0] + heights[1]).min(3000.0))
+        .grid(&[1.0], &heights)
+        .place((0, 0), (1, 1), batch)
+        .place((0, 1), (1, 1), cost)
 }

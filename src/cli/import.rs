@@ -134,9 +134,12 @@ fn page(a: &Arguments, imported: &Imported, written: &[PathBuf]) -> String {
     let mut page = Page::new();
     let how = if imported.drafted { "a DRAFT of its rotors, " } else { "" };
     page.title(&vehicle.name, &format!("{} with {how}{}", a.file.display(), imported.rotors_from));
+    if !vehicle.source.is_empty() {
+        page.line(format!("  rotor data from: {}", vehicle.source));
+    }
     page.line("").facts(&sheet::key_facts(vehicle));
     page.heading("Bodies, merged into one").table(&sheet::parts(vehicle));
-    page.heading("Rotors").table(&sheet::rotors(vehicle));
+    sheet::rotors(&mut page, vehicle);
     let gains = gains(vehicle);
     page.heading("Gains").table(&sheet::gains_table(vehicle, &[gains]));
     let texts: Vec<String> = warnings.iter().map(ToString::to_string).collect();

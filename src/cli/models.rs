@@ -1,7 +1,7 @@
 //! `omnidrones models`: the built-in vehicles as a list, or one vehicle as a sheet, TOML or URDF.
 
 use super::arguments::VehicleArguments;
-use super::page::{Page, short};
+use super::page::{Fact, Page, short};
 use super::sheet::{self, KeyFigures};
 use super::table::{Align, Table, number};
 use super::{Report, files, source};
@@ -76,9 +76,6 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Ok(Report::json(&value, true));
     }
     source.describe(&mut page);
-    if !vehicle.source.is_empty() {
-        page.line(format!("  from {}", vehicle.source));
-    }
     page.line("");
     sheet::sheet(&mut page, vehicle)?;
     let mut sets = vec![("derived", vehicle.derived_gains())];
@@ -111,9 +108,8 @@ fn list(as_json: bool) -> Result<Report> {
         ("thrust / weight", Align::Right),
         ("hover command", Align::Right),
         ("motor lag up / down [ms]", Align::Right),
-        ("description", Align::Left),
-        ("numbers from", Align::Left),
     ]);
+    let mut stories = Vec::new();
     for entry in vehicles::REGISTRY {
         let vehicle = (entry.build)();
         let key = KeyFigures::of(&vehicle);
@@ -124,12 +120,12 @@ fn list(as_json: bool) -> Result<Report> {
             number(key.thrust_to_weight, 2),
             key.hover_command().map_or("–".into(), |a| format!("{a:+.3}")),
             key.motor(),
-            entry.description.to_string(),
-            vehicle.source.clone(),
         ]);
+        stories.push(Fact::new(entry.name, entry.description));
+        stories.push(Fact::new("", format!("numbers from: {}", vehicle.source)));
     }
     let mut page = Page::new();
-    page.table(&table);
-    page.line("  omnidrones models NAME prints one of them in full; omnidrones fly NAME flies it");
+    page.table(&table).line("").facts(&stories);
+    page.line("\nomnidrones models NAME prints one of them in full, omnidrones fly NAME flies it.");
     Ok(Report::done(page.finish()))
 }

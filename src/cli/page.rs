@@ -73,7 +73,7 @@ impl Page {
 
     /// A table.
     pub fn table(&mut self, table: &Table) -> &mut Self {
-        let _ = writeln!(self.text, "{}", table.render(self.styled));
+        self.text += &table.render(self.styled);
         self
     }
 

@@ -4,7 +4,7 @@ use super::page::{Fact, Page, short};
 use super::table::{Align, Table, number};
 use nalgebra::DMatrix;
 use omnidrones::controllers::Mixer;
-use omnidrones::dynamics::{GRAVITY, Gains, Vehicle};
+use omnidrones::dynamics::{GRAVITY, Gains, Rotor, Vehicle};
 use omnidrones::error::Result;
 use serde_json::{Value, json};
 
@@ -22,7 +22,7 @@ pub struct KeyFigures {
 
 impl KeyFigures {
     pub fn of(vehicle: &Vehicle) -> Self {
-        let slowest = |of: fn(&omnidrones::dynamics::Rotor) -> f64| vehicle.rotors.iter().map(of).fold(0.0, f64::max);
+        let slowest = |of: fn(&Rotor) -> f64| vehicle.rotors.iter().map(of).fold(0.0, f64::max);
         let share = |thrusts: Vec<f64>| {
             let shares = thrusts.iter().zip(&vehicle.rotors).map(|(t, r)| t / r.max_thrust());
             shares.sum::<f64>() / vehicle.n_rotor() as f64
@@ -116,9 +116,8 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
     facts.push(Fact::new("steered axes", control).note(format!("allocation of rank {}", authority.full_rank)));
     page.facts(&facts);
     page.heading("Parts").table(&parts(vehicle));
-    page.heading("Rotors").table(&rotors(vehicle));
-    page.line("  spin +1 turns counter-clockwise seen from the tip of the axis; κ is moment per thrust");
-    page.heading("Allocation matrix").table(&allocation(&vehicle.allocation_matrix()));
+    rotors(page, vehicle);
+    page.heading("Allocation matrix").table(&allocation(vehicle));
     page.line("  wrench about the centre of mass, base axes, per newton of each rotor's thrust");
     Ok(())
 }
@@ -147,50 +146,70 @@ pub fn parts(vehicle: &Vehicle) -> Table {
     table
 }
 
-/// Rotors, one line each; columns that are zero for every rotor are left out.
-pub fn rotors(vehicle: &Vehicle) -> Table {
-    type Column = (&'static str, fn(&omnidrones::dynamics::Rotor) -> f64, f64, bool);
-    let columns: [Column; 11] = [
-        ("spin", |r| r.spin, 1.0, true),
-        ("k_f [N s²]", |r| r.thrust_coefficient, 1.0, true),
-        ("κ [m]", |r| r.moment_per_thrust, 1.0, true),
-        ("Ω_max [rad/s]", |r| r.max_speed, 1.0, true),
-        ("T_max [N]", omnidrones::dynamics::Rotor::max_thrust, 1.0, true),
-        ("τ up [ms]", |r| r.time_constant_up, 1e3, true),
-        ("τ down [ms]", |r| r.time_constant_down, 1e3, true),
-        ("I [kg m²]", |r| r.inertia, 1.0, false),
-        ("radius [m]", |r| r.radius, 1.0, false),
-        ("drag [N s²/m]", |r| r.drag_coefficient, 1.0, false),
-        ("rolling [N s²]", |r| r.rolling_coefficient, 1.0, false),
-    ];
-    let shown: Vec<&Column> =
-        columns.iter().filter(|(_, of, _, always)| *always || vehicle.rotors.iter().any(|r| of(r) != 0.0)).collect();
-    let upright = vehicle.rotors.iter().all(|r| r.axis == [0.0, 0.0, 1.0]);
-    let mut headers = vec![("rotor", Align::Left), ("hub [m]", Align::Left)];
+/// A number that every rotor has: symbol, what it is, unit, scale to that unit, value.
+type RotorColumn = (&'static str, &'static str, &'static str, f64, fn(&Rotor) -> f64);
+
+const ROTOR_COLUMNS: [RotorColumn; 11] = [
+    ("k_f", "thrust per speed squared", "N s²/rad²", 1.0, |r| r.thrust_coefficient),
+    ("κ", "moment per thrust", "m", 1.0, |r| r.moment_per_thrust),
+    ("Ω_max", "largest speed", "rad/s", 1.0, |r| r.max_speed),
+    ("T_max", "largest thrust", "N", 1.0, Rotor::max_thrust),
+    ("τ up", "motor speeding up", "ms", 1e3, |r| r.time_constant_up),
+    ("τ down", "motor slowing down", "ms", 1e3, |r| r.time_constant_down),
+    ("I_p", "inertia about the axis", "kg m²", 1.0, |r| r.inertia),
+    ("radius", "hub to blade tip", "m", 1.0, |r| r.radius),
+    ("k_d", "drag across the axis", "N s²/(m rad)", 1.0, |r| r.drag_coefficient),
+    ("k_z", "drag along the axis", "N s²/(m rad)", 1.0, |r| r.axial_drag_coefficient),
+    ("μ", "rolling moment", "N s²/rad", 1.0, |r| r.rolling_coefficient),
+];
+
+/// Where each rotor is and how it turns, with whatever differs between rotors; then what all have in common.
+pub fn rotors(page: &mut Page, vehicle: &Vehicle) {
+    let rotors = &vehicle.rotors;
+    let upright = rotors.iter().all(|r| r.axis == [0.0, 0.0, 1.0]);
+    let (common, own): (Vec<&RotorColumn>, Vec<&RotorColumn>) =
+        ROTOR_COLUMNS.iter().partition(|(.., of)| rotors.windows(2).all(|pair| of(&pair[0]) == of(&pair[1])));
+    let mut headers = vec![("rotor".to_string(), Align::Left), ("hub [m]".into(), Align::Left)];
     if !upright {
-        headers.push(("axis", Align::Left));
+        headers.push(("axis".into(), Align::Left));
     }
-    headers.extend(shown.iter().map(|(name, ..)| (*name, Align::Right)));
+    headers.push(("spin".into(), Align::Left));
+    headers.extend(own.iter().map(|(symbol, _, unit, ..)| (format!("{symbol} [{unit}]"), Align::Right)));
+    let headers: Vec<(&str, Align)> = headers.iter().map(|(name, align)| (name.as_str(), *align)).collect();
     let mut table = Table::new(&headers);
-    for rotor in &vehicle.rotors {
+    for rotor in rotors {
         let mut row = vec![rotor.name.clone(), vector(&rotor.position, 3)];
         if !upright {
             row.push(vector(&rotor.axis, 3));
         }
-        row.extend(shown.iter().map(|(name, of, scale, _)| {
-            let v = scale * of(rotor);
-            if *name == "spin" { format!("{v:+.0}") } else { short(v, 4) }
-        }));
+        row.push(if rotor.spin > 0.0 { "counter-clockwise".into() } else { "clockwise".into() });
+        row.extend(own.iter().map(|(.., scale, of)| short(scale * of(rotor), 4)));
         table.row(row);
     }
-    table
+    page.heading("Rotors").table(&table);
+    page.line(if upright {
+        "  axes along body z; spins seen from above"
+    } else {
+        "  spins seen from the tip of the axis"
+    });
+    let Some(first) = rotors.first() else { return };
+    let facts: Vec<Fact> = common
+        .iter()
+        .map(|(symbol, what, unit, scale, of)| (symbol, what, unit, scale * of(first)))
+        .filter(|(.., value)| *value != 0.0)
+        .map(|(symbol, what, unit, value)| Fact::new(*symbol, format!("{} {unit}", short(value, 4))).note(*what))
+        .collect();
+    if !facts.is_empty() {
+        page.heading("Every rotor").facts(&facts);
+    }
 }
 
-fn allocation(matrix: &DMatrix<f64>) -> Table {
+fn allocation(vehicle: &Vehicle) -> Table {
+    let matrix = vehicle.allocation_matrix();
+    let names: Vec<&str> = vehicle.rotors.iter().map(|r| r.name.as_str()).collect();
     let n = matrix.ncols();
-    let names: Vec<String> = (0..n).map(|i| i.to_string()).collect();
-    let mut headers = vec![("per N of rotor", Align::Left)];
-    headers.extend(names.iter().map(|name| (name.as_str(), Align::Right)));
+    let mut headers = vec![("per N of", Align::Left)];
+    headers.extend(names.iter().map(|name| (*name, Align::Right)));
     let mut table = Table::new(&headers);
     for (row, name) in ["F_x", "F_y", "F_z", "M_x [m]", "M_y [m]", "M_z [m]"].iter().enumerate() {
         let tidy = |v: f64| if v.abs() < 5e-7 { "0".to_string() } else { short((1e6 * v).round() / 1e6, 4) };

@@ -130,6 +130,9 @@ impl Source {
     /// Title line, then up to three warnings and assumptions each.
     pub fn describe(&self, page: &mut Page) {
         page.title(&self.vehicle.name, &self.origin);
+        if !self.vehicle.source.is_empty() {
+            page.line(format!("  numbers from: {}", self.vehicle.source));
+        }
         let more = self.file.as_ref().map_or(String::new(), |f| format!("omnidrones import {}", f.display()));
         page.notes("warning", &self.warnings, 3, &more);
         page.notes("assumed", &self.assumptions, 3, &more);

@@ -1,7 +1,7 @@
 //! `omnidrones tune`: gains by gradients through closed-loop flights, judged on starts that the tuning never saw.
 
 use super::arguments::{FlightArguments, FormatName, VehicleArguments};
-use super::page::{Fact, Page, duration, length, short};
+use super::page::{Fact, Page, duration, length};
 use super::sheet::{self, KeyFigures};
 use super::{Report, files, progress, source};
 use omnidrones::controllers::design::tune::{Evaluation, Iteration, TunePlan, Tuning, tune};
@@ -219,11 +219,11 @@ fn figure(name: &str, tuning: &Tuning, gains: &Gains, before: &Flight, after: &F
         tuning.history.iter().map(|i| (i.iteration as f64, scale * of(i))).collect::<Vec<_>>()
     };
     let marked = |series: Series| if tuning.history.len() <= 40 { series.markers() } else { series };
-    let descent = Panel::new("Training flights", "descent step", "RMSE [cm]")
+    let descent = Panel::new("RMSE of the training flights", "descent step", "RMSE [cm]")
         .series(marked(Series::line("", history(|i| i.rmse, 100.0)).colour(Colour::BLUE)));
-    let gradient = Panel::new("Gradient", "descent step", "‖∂RMSE/∂ln K‖ [cm]")
+    let gradient = Panel::new("Gradient of the training RMSE", "descent step", "norm over ln K [cm]")
         .series(marked(Series::line("", history(|i| i.gradient_norm, 100.0)).colour(Colour::VERMILLION)))
-        .log_y();
+        .from_zero();
     let error = |flight: &Flight| -> Vec<(f64, f64)> {
         flight.log.time.iter().copied().zip(flight.log.error_norm().into_iter().map(|e| 100.0 * e)).collect()
     };
@@ -245,17 +245,17 @@ fn figure(name: &str, tuning: &Tuning, gains: &Gains, before: &Flight, after: &F
         }
     }
     let (b, a) = (&tuning.before, &tuning.after);
-    Figure::new(format!("{name}: gains tuned through {} closed-loop flights", a.n))
+    Figure::new(format!("{name}: gains tuned by gradients through closed-loop flights"))
         .subtitle(format!(
-            "held-out RMSE {} → {} ({:.1} % lower)   ·   worst {} → {}   ·   crashes {} → {}   ·   {} starts",
+            "RMSE on {} held-out starts: {} before, {} tuned ({:.1} % lower)   ·   worst {} before, {} tuned   ·   crashes {} before, {} tuned",
+            a.n,
             length(b.rmse),
             length(a.rmse),
             100.0 * (1.0 - a.rmse / b.rmse),
             length(b.worst),
             length(a.worst),
             b.crashed,
-            a.crashed,
-            short(a.n as f64, 5)
+            a.crashed
         ))
         .size(1000.0, 550.0)
         .grid(&[1.0, 1.0], &[1.0, 1.0])
