@@ -1,6 +1,9 @@
-//! The `omnidrones` command line.
+//! The `omnidrones` command line: `omnidrones --help`.
 
-#[allow(dead_code, reason = "the commands that print tables and progress follow")]
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
 mod cli;
 
-fn main() {}
+fn main() -> std::process::ExitCode {
+    cli::run()
+}

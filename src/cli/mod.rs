@@ -1,4 +1,129 @@
-//! What the command line shows on a terminal.
+//! The command line: arguments in, one page or one JSON object out, an exit code.
+//!
+//! | file | idea |
+//! |---|---|
+//! | `fly.rs`, `models.rs`, `import.rs`, `tune.rs`, `bench.rs` | one command each |
+//! | `arguments.rs` | arguments that commands share, and how they are read |
+//! | `source.rs` | a vehicle from a name, a TOML or a URDF |
+//! | `sheet.rs` | a vehicle's numbers as tables and JSON |
+//! | `files.rs` | reading and writing behind fences |
+//! | `page.rs`, `table.rs`, `progress.rs` | what a terminal shows |
+//!
+//! A command returns its whole [`Report`] before a line is printed: a broken pipe or a full disk then meets one write.
 
-pub mod progress;
-pub mod table;
+mod arguments;
+mod bench;
+mod files;
+mod fly;
+mod import;
+mod models;
+mod page;
+mod progress;
+mod sheet;
+mod source;
+mod table;
+mod tune;
+
+use clap::{Parser, Subcommand};
+use std::io::{ErrorKind, Write};
+use std::process::ExitCode;
+
+/// What a command leaves behind.
+pub struct Report {
+    /// For standard output: a page, or one JSON object.
+    pub text: String,
+    /// Whether it did what was asked: exit code 0 or 1.
+    pub success: bool,
+}
+
+impl Report {
+    /// A command that did what was asked.
+    pub fn done(text: String) -> Self {
+        Self { text, success: true }
+    }
+
+    /// `value` as JSON, readable by people too.
+    pub fn json(value: &serde_json::Value, success: bool) -> Self {
+        Self { text: format!("{value:#}\n"), success }
+    }
+}
+
+const LONG_ABOUT: &str = "\
+A differentiable multirotor simulator. One definition of the physics flies a vehicle closed loop, gives its exact \
+derivatives, and tunes its controller by gradients through whole flights.
+
+Vehicles are built in, or come from your URDF or TOML file. Every quantity is in SI units and radians unless a unit \
+is written beside it; world z points up.";
+
+const AFTER_HELP: &str = "\
+Examples:
+  omnidrones fly                            fly a quadrotor read from URDF, write plots
+  omnidrones fly firefly --wind 4,0,0       a built-in vehicle in 4 m/s of wind
+  omnidrones fly drone.urdf                 your own vehicle
+  omnidrones import drone.urdf              what is in a URDF, and what had to be assumed
+  omnidrones models                         the built-in vehicles
+  omnidrones tune hummingbird               better gains, by gradients through flights
+  omnidrones bench --quick                  how fast this machine steps and differentiates
+
+'omnidrones COMMAND --help' tells each command's options, files and units.
+
+Exit codes: 0 done; 1 ran, but the flight or the tuning failed; 2 unusable input or arguments.";
+
+#[derive(Debug, Parser)]
+#[command(name = "omnidrones", version, about = "A differentiable multirotor simulator", long_about = LONG_ABOUT,
+          after_help = AFTER_HELP, max_term_width = 100, subcommand_required = true, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Fly a vehicle along a reference, differentiate it, write plots
+    Fly(Box<fly::Arguments>),
+    /// List the built-in vehicles, or print everything about one
+    Models(models::Arguments),
+    /// Read a URDF: its bodies, what is odd, what had to be assumed; draft its rotor file
+    Import(import::Arguments),
+    /// Tune a vehicle's gains by gradients through closed-loop flights
+    Tune(Box<tune::Arguments>),
+    /// Measure how fast this machine steps and differentiates
+    Bench(bench::Arguments),
+}
+
+/// Parses, runs, prints; every outcome is an exit code.
+pub fn run() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // help and version come this way too, with code 0
+            let _ = error.print();
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
+    let outcome = match &cli.command {
+        Command::Fly(arguments) => fly::run(arguments),
+        Command::Models(arguments) => models::run(arguments),
+        Command::Import(arguments) => import::run(arguments),
+        Command::Tune(arguments) => tune::run(arguments),
+        Command::Bench(arguments) => bench::run(arguments),
+    };
+    match outcome {
+        Ok(report) => print(&report),
+        Err(error) => fail(&error.to_string()),
+    }
+}
+
+fn print(report: &Report) -> ExitCode {
+    let mut stdout = std::io::stdout().lock();
+    match stdout.write_all(report.text.as_bytes()).and_then(|()| stdout.flush()) {
+        // a reader that has seen enough (`| head`) is no failure
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => fail(&format!("standard output: {error}")),
+        _ => ExitCode::from(u8::from(!report.success)),
+    }
+}
+
+fn fail(message: &str) -> ExitCode {
+    let _ = writeln!(std::io::stderr(), "error: {message}");
+    ExitCode::from(2)
+}

@@ -1,7 +1,6 @@
 //! Tables for people: aligned numbers, units in the header, bold headers on a terminal only.
 
-use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, presets};
-use std::io::IsTerminal;
+use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, LineStyle, TableStyle};
 
 /// How a column is aligned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,13 +32,16 @@ impl Table {
         self
     }
 
-    /// The table as text; `terminal` allows bold headers and fitting the width of the terminal.
+    /// The table as text, one line per row, indented like a list of facts; `terminal` allows bold headers and fitting the width of the terminal.
     pub fn render(&self, terminal: bool) -> String {
         let mut table = comfy_table::Table::new();
-        table.load_style(presets::UTF8_HORIZONTAL_ONLY);
+        table.load_style(TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─')));
         if terminal {
             table.set_content_arrangement(ContentArrangement::Dynamic);
             table.enforce_styling();
+            if let Some(width) = table.width() {
+                table.set_width(width.saturating_sub(1).max(20));
+            }
         } else {
             table.set_content_arrangement(ContentArrangement::Disabled);
             table.force_no_tty();
@@ -56,12 +58,7 @@ impl Table {
             let cells = row.iter().zip(&self.columns);
             table.add_row(cells.map(|(text, (_, align))| Cell::new(text).set_alignment(alignment(*align))));
         }
-        table.trim_fmt()
-    }
-
-    /// Prints to standard output, styled only when that is a terminal.
-    pub fn print(&self) {
-        println!("{}", self.render(std::io::stdout().is_terminal()));
+        table.trim_fmt().lines().map(|line| format!(" {line}\n")).collect()
     }
 }
 

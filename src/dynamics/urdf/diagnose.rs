@@ -209,7 +209,7 @@ impl Diagnosis<'_> {
                     node,
                     kind(&format!("package://{}", clean(package))),
                     rule,
-                    "Meshes are not needed to fly; name the folder in ImportOptions::packages to silence this.",
+                    "Meshes are not needed to fly; --package NAME=DIR (ImportOptions::packages) silences this.",
                 );
             } else if leaves(rest) {
                 let rule = format!("the path '{}' leaves its package", clean(path));

@@ -107,7 +107,7 @@ fn no_rotors(file: &str) -> crate::error::Error {
     let beside = rotor_file_beside(Path::new(file));
     let rule = "there is no rotor file, and no <properties> element with kf, km and thrust2weight";
     let remedy = format!(
-        "URDF cannot describe rotors: write {} ('omnidrones import' drafts one), or name it in ImportOptions::rotors.",
+        "URDF cannot describe rotors: write {} ('omnidrones import' drafts one), or name it with --rotors (ImportOptions::rotors).",
         clean(&beside.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned()))
     );
     fault(file, "<robot>", rule, remedy)

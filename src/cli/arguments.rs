@@ -1,0 +1,290 @@
+//! Arguments that commands share.
+
+use super::files;
+use clap::{Args, ValueEnum};
+use omnidrones::controllers::{FlightPlan, Rates, Reference};
+use omnidrones::dynamics::aero::wind::{Dryden, Wind};
+use omnidrones::dynamics::{Effects, Gains, Integrator, Physics, Vehicle};
+use omnidrones::error::Result;
+use std::path::{Path, PathBuf};
+
+/// Which vehicle, and where its rotor data are.
+#[derive(Debug, Clone, Args)]
+pub struct VehicleArguments {
+    /// Rotor data of a URDF: which links are rotors, coefficients, motor, drag
+    ///
+    /// A TOML file, or a folder with STEM.rotors.toml. Without it the file beside the URDF is read (drone.urdf:
+    /// drone.rotors.toml), else the <properties> element in the URDF. 'omnidrones import' drafts one.
+    #[arg(long, value_name = "FILE.toml", help_heading = "Vehicle")]
+    pub rotors: Option<PathBuf>,
+    /// Folder of a package named in mesh paths (package://NAME/…); may be repeated
+    ///
+    /// Meshes are never opened and nobody needs them to fly; this silences the warning about them.
+    #[arg(long, value_name = "NAME=DIR", value_parser = package, help_heading = "Vehicle")]
+    pub package: Vec<(String, PathBuf)>,
+}
+
+/// What is flown, how finely, in what air.
+#[derive(Debug, Clone, Args)]
+pub struct FlightArguments {
+    /// What to track: hover, step, circle, lemniscate, waypoints, or a TOML file
+    ///
+    /// A file holds the kind and any of its numbers:
+    ///   kind = "circle"        # center, radius [m], rate [rad/s], spin_up [s], yaw, along_path
+    ///   kind = "lemniscate"    # rate [rad/s], scale [m], vertical, rotation [rad], origin [m], yaw
+    ///   kind = "hover"         # position [m], yaw [rad]
+    ///   kind = "step"          # from, to [m], time [s], yaw
+    ///   kind = "waypoints"     # points = [{ time = 0, position = [0, 0, 2] }, …]
+    #[arg(
+        long,
+        value_name = "NAME|FILE.toml",
+        default_value = "lemniscate",
+        help_heading = "Flight",
+        verbatim_doc_comment
+    )]
+    pub reference: String,
+    /// Simulation step [s], above 0 and at most 1; commands are held within a step
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 0.002,
+        allow_negative_numbers = true,
+        help_heading = "Simulation"
+    )]
+    pub dt: f64,
+    /// Integrator steps within a simulation step, 1 to 1000
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Simulation")]
+    pub substeps: usize,
+    /// How the equations of motion are integrated
+    #[arg(long, value_name = "NAME", default_value = "rk4", help_heading = "Simulation")]
+    pub integrator: IntegratorName,
+    /// Effects to simulate, separated by commas [default: body-drag,quadratic-drag,rotor-drag,rotor-inertia]
+    ///
+    /// An effect works only where the vehicle has coefficients for it. Wind comes with --wind.
+    #[arg(
+        long,
+        value_name = "LIST",
+        value_delimiter = ',',
+        help_heading = "Simulation",
+        conflicts_with = "no_effects"
+    )]
+    pub effects: Option<Vec<EffectName>>,
+    /// Rotors, gravity and a rigid body alone: no drag, no gyroscopic rotors
+    #[arg(long, help_heading = "Simulation")]
+    pub no_effects: bool,
+    /// How often the levels of the controller compute [Hz]; each must divide 1/dt [default: 500,250,100]
+    ///
+    /// Where dt does not allow the default, the nearest rates that it allows are taken.
+    #[arg(long, value_name = "RATE,ATTITUDE,VELOCITY", value_parser = rates, allow_hyphen_values = true,
+          help_heading = "Controller")]
+    pub rates: Option<Rates>,
+    /// Gains: published, derived (from inertia and motor lag), or a TOML file
+    ///
+    /// Published gains are used where they exist, else derived ones. A file holds four lines, each per body axis:
+    ///   position = [4, 4, 4]               # K_p, 1/s²
+    ///   velocity = [2.2, 2.2, 2.2]         # K_v, 1/s
+    ///   attitude = [0.7, 0.7, 0.035]       # K_R, N m/rad
+    ///   rate     = [0.1, 0.1, 0.025]       # K_ω, N m s/rad
+    /// 'omnidrones tune' writes such a file.
+    #[arg(long, value_name = "NAME|FILE.toml", help_heading = "Controller", verbatim_doc_comment)]
+    pub gains: Option<String>,
+}
+
+impl FlightArguments {
+    /// The reference, read and checked.
+    pub fn reference(&self) -> Result<Reference> {
+        let reference = if is_path(&self.reference) {
+            files::read_toml(Path::new(&self.reference))?
+        } else {
+            Reference::by_name(&self.reference)?
+        };
+        reference.validate()?;
+        Ok(reference)
+    }
+
+    /// Step, integrator, effects.
+    pub fn physics(&self) -> Physics {
+        let effects = match &self.effects {
+            _ if self.no_effects => Effects::none(),
+            None => Effects::default(),
+            Some(names) => names.iter().fold(Effects::none(), |effects, name| name.switch_on(effects)),
+        };
+        Physics { dt: self.dt, substeps: self.substeps, integrator: self.integrator.into(), effects }
+    }
+
+    /// The rates asked for, else the default ones fitted to dt.
+    pub fn rates(&self) -> Rates {
+        let fitted = |rate: f64| {
+            let every = (1.0 / (self.dt * rate)).round().max(1.0);
+            if every.is_finite() { 1.0 / (self.dt * every) } else { rate }
+        };
+        let Rates { rate, attitude, velocity } = Rates::default();
+        self.rates.unwrap_or(Rates { rate: fitted(rate), attitude: fitted(attitude), velocity: fitted(velocity) })
+    }
+
+    /// The gains to start from, and what they are called.
+    pub fn gains(&self, vehicle: &Vehicle) -> Result<(Gains, String)> {
+        let usual = if vehicle.published_gains.is_some() { "published" } else { "derived" };
+        match self.gains.as_deref().unwrap_or(usual) {
+            "derived" => Ok((vehicle.derived_gains(), "derived".into())),
+            "published" => match vehicle.published_gains {
+                Some(gains) => Ok((gains, "published".into())),
+                None => Err(omnidrones::error::Error::value(
+                    "--gains",
+                    format!("published, but nobody published gains for '{}'", vehicle.name),
+                    "derived or a TOML file for this vehicle",
+                    "Leave the option out for derived gains.",
+                )),
+            },
+            file => Ok((files::read_toml(Path::new(file))?, file.to_string())),
+        }
+    }
+
+    /// A plan of `duration` seconds (without one: 15, or until 2 s after the end of the reference).
+    pub fn plan(&self, duration: Option<f64>, wind: Wind, seed: u64) -> Result<FlightPlan> {
+        let reference = self.reference()?;
+        let usual = reference.duration().map_or(15.0, |end| end + 2.0);
+        let (physics, rates) = (self.physics(), self.rates());
+        Ok(FlightPlan { reference, duration: duration.unwrap_or(usual), physics, rates, wind, seed })
+    }
+}
+
+/// Names of integrators.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum IntegratorName {
+    /// Runge–Kutta of fourth order
+    Rk4,
+    /// First order, half the work, implicit gyroscopic term
+    SemiImplicit,
+}
+
+impl From<IntegratorName> for Integrator {
+    fn from(name: IntegratorName) -> Self {
+        match name {
+            IntegratorName::Rk4 => Self::RungeKutta4,
+            IntegratorName::SemiImplicit => Self::SemiImplicit,
+        }
+    }
+}
+
+/// Names of effects.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum EffectName {
+    /// Linear and angular drag of the airframe
+    BodyDrag,
+    /// Quadratic drag of the airframe
+    QuadraticDrag,
+    /// Drag of the rotors in the air that passes them
+    RotorDrag,
+    /// Rolling moment of the rotors in the air that passes them
+    RollingMoment,
+    /// Angular momentum of the rotors
+    RotorInertia,
+    /// Thrust gained within a few radii of the ground at z = 0
+    GroundEffect,
+}
+
+impl EffectName {
+    fn switch_on(self, effects: Effects) -> Effects {
+        match self {
+            Self::BodyDrag => Effects { body_drag: true, ..effects },
+            Self::QuadraticDrag => Effects { quadratic_drag: true, ..effects },
+            Self::RotorDrag => Effects { rotor_drag: true, ..effects },
+            Self::RollingMoment => Effects { rolling_moment: true, ..effects },
+            Self::RotorInertia => Effects { rotor_inertia: true, ..effects },
+            Self::GroundEffect => Effects { ground_effect: true, ..effects },
+        }
+    }
+}
+
+/// File type of figures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FormatName {
+    /// Pixels
+    Png,
+    /// Vectors
+    Svg,
+}
+
+impl FormatName {
+    /// As in a file name.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Svg => "svg",
+        }
+    }
+}
+
+/// Whether an argument that may be a name or a file means a file.
+pub fn is_path(text: &str) -> bool {
+    let path = Path::new(text);
+    text.contains(['/', '\\']) || path.extension().is_some() || path.exists()
+}
+
+fn number(text: &str) -> std::result::Result<f64, String> {
+    let v: f64 = text.trim().parse().map_err(|_| format!("'{}' is not a number", text.trim()))?;
+    if v.is_finite() { Ok(v) } else { Err(format!("{v} is not finite")) }
+}
+
+fn three(text: &str, what: &str) -> std::result::Result<[f64; 3], String> {
+    let numbers = text.split(',').map(number).collect::<std::result::Result<Vec<_>, _>>()?;
+    let n = numbers.len();
+    <[f64; 3]>::try_from(numbers).map_err(|_| format!("expected three numbers {what}, got {n}"))
+}
+
+fn rates(text: &str) -> std::result::Result<Rates, String> {
+    let [rate, attitude, velocity] = three(text, "RATE,ATTITUDE,VELOCITY in Hz")?;
+    Ok(Rates { rate, attitude, velocity })
+}
+
+/// `none`, `X,Y,Z`, `dryden:W20` or `dryden:W20:X,Y,Z`.
+pub fn wind(text: &str) -> std::result::Result<Wind, String> {
+    let wind = match text.strip_prefix("dryden:") {
+        _ if text == "none" => Wind::Calm,
+        Some(rest) => {
+            let (strength, mean) = rest.split_once(':').map_or((rest, None), |(w, mean)| (w, Some(mean)));
+            let wind_at_20_feet = number(strength)?;
+            let mean = mean.map_or(Ok([wind_at_20_feet, 0.0, 0.0]), |m| three(m, "X,Y,Z in m/s"))?;
+            let airspeed = mean.iter().map(|v| v * v).sum::<f64>().sqrt().max(1.0);
+            // 20 ft, where W₂₀ is measured
+            Wind::Dryden(Dryden { mean, wind_at_20_feet, height: 6.096, airspeed })
+        }
+        None if text.starts_with(|c: char| c.is_ascii_alphabetic()) => {
+            return Err("expected none, X,Y,Z (m/s), dryden:W20 or dryden:W20:X,Y,Z (m/s)".into());
+        }
+        None => Wind::Constant { velocity: three(text, "X,Y,Z in m/s")? },
+    };
+    wind.validate().map_err(|e| e.to_string())?;
+    Ok(wind)
+}
+
+fn package(text: &str) -> std::result::Result<(String, PathBuf), String> {
+    match text.split_once('=') {
+        Some((name, folder)) if !name.is_empty() && !folder.is_empty() => Ok((name.into(), folder.into())),
+        _ => Err("expected NAME=DIR, as in robots=/opt/robots".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn winds_are_read_or_refused_with_a_reason() {
+        assert_eq!(wind("none"), Ok(Wind::Calm));
+        assert_eq!(wind("-3,0.5,0"), Ok(Wind::Constant { velocity: [-3.0, 0.5, 0.0] }));
+        assert!(matches!(wind("dryden:7.7"), Ok(Wind::Dryden(d)) if d.mean == [7.7, 0.0, 0.0]));
+        assert!(matches!(wind("dryden:7.7:0,0,0"), Ok(Wind::Dryden(d)) if d.airspeed == 1.0));
+        for (text, words) in [
+            ("1,2", "got 2"),
+            ("nan,0,0", "not finite"),
+            ("storm", "expected none"),
+            ("dryden:-1", "it must be ≥ 0"),
+            ("dryden:", "'' is not a number"),
+        ] {
+            let refusal = wind(text).unwrap_err();
+            assert!(refusal.contains(words), "{text}: {refusal}");
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! `omnidrones bench`: how fast this machine steps and differentiates, against a plain loop in the same run.
+
+use super::arguments::FormatName;
+use super::page::{Page, short};
+use super::table::{Align, Table, number};
+use super::{Report, files, progress};
+use omnidrones::autodiff::lane_width;
+use omnidrones::bench::{self, BenchPlan, BenchRow};
+use omnidrones::error::{Error, Result};
+use omnidrones::plot::{Bar, Bars, Colour, Figure};
+use serde_json::json;
+use std::path::PathBuf;
+use std::time::Duration;
+
+const ABOUT: &str = "\
+Measure how fast this machine steps and differentiates a multirotor: single steps on each kind of number, batches on \
+one and more threads, Jacobians, adjoints, rollout gradients. Each figure is set against a plain loop measured in the \
+same run, so that ratios hold where absolute figures depend on the machine.";
+
+const EXAMPLES: &str = "\
+Examples:
+  omnidrones bench --quick               a first impression, in seconds
+  omnidrones bench                       steadier figures
+  omnidrones bench --threads 1           batches on one thread only
+  omnidrones bench --json --no-plots     for a program
+
+The subject is a Hummingbird under RK4 at 16 ms with linear drag. A ratio says how many times the baseline: in speed for rates, in time for durations.
+
+Files in --out: bench.png or bench.svg. Close other programs: figures fall with their load.
+
+Exit codes: 0 measured; 2 unusable arguments.";
+
+/// Time per row with --quick.
+const QUICK: Duration = Duration::from_millis(60);
+
+/// Arguments of `bench`.
+#[derive(Debug, clap::Args)]
+#[command(long_about = ABOUT, after_long_help = EXAMPLES)]
+pub struct Arguments {
+    /// Short runs: about 2 s instead of 10 s, and less steady figures
+    #[arg(long)]
+    quick: bool,
+    /// Most threads of the batch rows: 1, 2, 4 … up to this [default: all cores]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Environments of the batch rows
+    #[arg(long, value_name = "N", default_value_t = BenchPlan::default().n_env)]
+    environments: usize,
+    /// Folder for the plot
+    #[arg(long, value_name = "DIR", default_value = "out/bench")]
+    out: PathBuf,
+    /// File type of the plot
+    #[arg(long, value_name = "TYPE", default_value = "png")]
+    format: FormatName,
+    /// Draw nothing
+    #[arg(long)]
+    no_plots: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// Measures.
+pub fn run(a: &Arguments) -> Result<Report> {
+    let usual = BenchPlan::default();
+    let threads = a.threads.unwrap_or(usual.threads);
+    if !(1..=1024).contains(&threads) {
+        return Err(Error::limit("--threads", threads, "1 to 1024", "Use as many as there are cores."));
+    }
+    if !a.no_plots {
+        files::prepare_folder(&a.out)?;
+    }
+    let spinner = progress::spinner("measuring", a.json);
+    let budget = if a.quick { QUICK } else { usual.budget };
+    let plan = BenchPlan { budget, n_env: a.environments, threads };
+    let rows = bench::run(&plan, &mut |row| spinner.set_message(format!("measured {}: {}", row.group, row.name)))?;
+    spinner.finish_and_clear();
+
+    let mut written = Vec::new();
+    if !a.no_plots {
+        let path = a.out.join(format!("bench.{}", a.format.extension()));
+        figure(&rows).save(&path)?;
+        written.push(path);
+    }
+    if a.json {
+        let value = json!({
+            "command": "bench",
+            "version": env!("CARGO_PKG_VERSION"),
+            "quick": a.quick,
+            "lane_width": lane_width(),
+            "rows": rows,
+            "files": files::names(&written),
+        });
+        return Ok(Report::json(&value, true));
+    }
+    let mut page = Page::new();
+    page.line(machine());
+    let mut table = Table::new(&[
+        ("what", Align::Left),
+        ("", Align::Left),
+        ("figure", Align::Right),
+        ("unit", Align::Left),
+        ("ratio", Align::Right),
+        ("against", Align::Left),
+    ]);
+    let mut group = "";
+    for row in &rows {
+        let first = if row.group == group { "" } else { row.group };
+        group = row.group;
+        let (ratio, against) = match row.ratio {
+            Some(r) => (format!("{} ×", number(r, if r < 10.0 { 2 } else { 1 })), row.baseline),
+            None => (String::new(), ""),
+        };
+        table.row([first, &row.name, &short(row.value, 4), row.unit, &ratio, against].map(str::to_string));
+    }
+    page.table(&table);
+    for path in &written {
+        page.line(format!("written {}", path.display()));
+    }
+    Ok(Report::done(page.finish()))
+}
+
+/// What it ran on.
+fn machine() -> String {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    format!("{threads} threads, {} lanes of f32 per SIMD register", lane_width())
+}
+
+/// Throughput of batches, and every other figure as a multiple of its baseline.
+fn figure(rows: &[BenchRow]) -> Figure {
+    let mut batch = Bars::new("Batches in SIMD lanes", "million environment steps per second");
+    let mut cost = Bars::new("Cost of the rest", "times one plain f64 step (a gradient: one rollout)")
+        .baseline("one step, one rollout", 1.0)
+        .log();
+    let mut groups: Vec<&str> = Vec::new();
+    for row in rows {
+        let Some(ratio) = row.ratio else { continue };
+        if row.unit == "M steps/s" {
+            let note = format!("({} × {})", short(ratio, 3), row.baseline);
+            batch = batch.bar(Bar::new(row.name.clone(), row.value).note(note));
+            continue;
+        }
+        if !groups.contains(&row.group) {
+            groups.push(row.group);
+        }
+        let note = format!("× ({} {})", short(row.value, 3), row.unit);
+        cost = cost.bar(Bar::new(row.name.clone(), ratio).note(note).colour(Colour::nth(groups.len())));
+    }
+    let heights = [&batch, &cost].map(|bars| 70.0 + 22.0 * bars.bars.len() as f64);
+    Figure::new("Hummingbird: speed of steps and derivatives")
+        .subtitle(machine())
+        .size(1000.0, (60.0 + heights[0] + heights[1]).min(3000.0))
+        .grid(&[1.0], &heights)
+        .place((0, 0), (1, 1), batch)
+        .place((0, 1), (1, 1), cost)
+}

@@ -1,0 +1,371 @@
+//! `omnidrones fly`: a vehicle along a reference, its derivatives certified, its flight drawn.
+
+use super::arguments::{FlightArguments, FormatName, VehicleArguments};
+use super::page::{Fact, Page, duration, length, short};
+use super::sheet::{KeyFigures, key_facts};
+use super::source::{self, Source};
+use super::table::{Align, Table, number};
+use super::{Report, arguments, files, progress};
+use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
+use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, fly};
+use omnidrones::dynamics::aero::wind::Wind;
+use omnidrones::dynamics::{Disturbance, Gains, Multirotor, Vehicle};
+use omnidrones::error::{Error, Result};
+use omnidrones::flight::FlightSummary;
+use omnidrones::plot::flight::FlightFigures;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Seconds left out of the RMSE: the reference starts with a jump of acceleration.
+const TRANSIENT: f64 = 2.0;
+
+const ABOUT: &str = "\
+Fly a vehicle closed loop along a reference. The flight starts on the reference, at rest; position, velocity, attitude \
+and rate controllers compute at their own rates. Prints what the vehicle is, how well it tracked, and a certificate \
+that the derivatives of the very equations it flew are exact; writes plots.";
+
+const EXAMPLES: &str = "\
+Examples:
+  omnidrones fly                                      a quadrotor read from URDF, along the lemniscate
+  omnidrones fly crazyflie --reference circle         a built-in vehicle on a circle
+  omnidrones fly drone.urdf --rotors drone.toml       your vehicle; rotor data from a file of your choice
+  omnidrones fly iris --wind 4,0,0                    a steady wind of 4 m/s along x
+  omnidrones fly iris --wind dryden:7.7 --seed 3      7.7 m/s with gusts (light turbulence)
+  omnidrones fly firefly --gains out/firefly/gains.toml --format svg
+  omnidrones fly hummingbird --json --no-plots --max-rmse 0.1
+
+Files in --out: overview, path, error, rotors, attitude (.png or .svg), and with --csv flight.csv (one line per step, \
+units in the header).
+
+The tracking RMSE is the root mean square distance to the reference after the first 2 s (over the whole flight if it is \
+no longer than that).
+
+JSON: SI units, radians; thrusts and saturation as shares of 1; null where a number does not exist.
+
+Exit codes: 0 flown; 1 the flight diverged, its RMSE is not finite or above --max-rmse; 2 unusable input or arguments.";
+
+/// Arguments of `fly`.
+#[derive(Debug, clap::Args)]
+#[command(long_about = ABOUT, after_long_help = EXAMPLES)]
+pub struct Arguments {
+    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
+    ///
+    /// Without it, a quadrotor of 0.67 kg that this program carries as URDF.
+    #[arg(value_name = "VEHICLE|FILE")]
+    vehicle: Option<String>,
+    #[command(flatten)]
+    rotors: VehicleArguments,
+    #[command(flatten)]
+    flight: FlightArguments,
+    /// Length of the flight [s] [default: 15, or to 2 s after the last waypoint]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Flight")]
+    duration: Option<f64>,
+    /// Wind [m/s]: none, X,Y,Z, dryden:W20, or dryden:W20:X,Y,Z
+    ///
+    /// X,Y,Z is a steady velocity of the air in world axes. dryden adds turbulence (MIL-F-8785C, low altitude) for a
+    /// wind speed W20 at 20 ft: 7.7 light, 15 moderate, 23 severe; around a mean wind of W20 along x, or X,Y,Z. Wind
+    /// acts through drag: a vehicle without drag coefficients does not feel it.
+    #[arg(long, value_name = "WIND", default_value = "none", value_parser = arguments::wind, allow_hyphen_values = true,
+          help_heading = "Flight")]
+    wind: Wind,
+    /// Seed of the gusts
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Flight")]
+    seed: u64,
+    /// Exit with 1 if the tracking RMSE exceeds this [m]
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Flight")]
+    max_rmse: Option<f64>,
+    /// Folder for what is written [default: out/VEHICLE]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
+    out: Option<PathBuf>,
+    /// File type of the plots
+    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
+    format: FormatName,
+    /// Draw nothing
+    #[arg(long, help_heading = "Output")]
+    no_plots: bool,
+    /// Write every step to flight.csv
+    #[arg(long, help_heading = "Output")]
+    csv: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long, help_heading = "Output")]
+    json: bool,
+}
+
+/// Flies.
+pub fn run(a: &Arguments) -> Result<Report> {
+    if let Some(limit) = a.max_rmse.filter(|m| !(*m > 0.0 && m.is_finite())) {
+        return Err(Error::value("--max-rmse", limit, "> 0 m", "Leave it out to accept any finite error."));
+    }
+    let source = source::load(a.vehicle.as_deref(), &a.rotors)?;
+    let plan = a.flight.plan(a.duration, a.wind.clone(), a.seed)?;
+    let n_step = plan.n_step()?;
+    let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
+    let writes = a.csv || !a.no_plots;
+    let folder = a.out.clone().unwrap_or_else(|| files::default_folder(&source.vehicle.name));
+    // the certificate checks vehicle, gains and rates, so it comes before any folder is made
+    let derivatives = Derivatives::of(&source.vehicle, &gains, &plan)?;
+    if writes {
+        files::prepare_folder(&folder)?;
+    }
+
+    let bar = progress::bar(n_step, "flying", a.json);
+    let start = Instant::now();
+    let flight = fly(&source.vehicle, &gains, &plan, &mut |k| {
+        if k % 512 == 0 {
+            bar.set_position(k);
+        }
+    })?;
+    let wall_time = start.elapsed().as_secs_f64();
+    bar.finish_and_clear();
+
+    let after = if plan.duration > TRANSIENT { TRANSIENT } else { 0.0 };
+    let summary = flight.log.summary(after);
+    let mut written = Vec::new();
+    if !a.no_plots {
+        let spinner = progress::spinner("drawing", a.json);
+        written.extend(FlightFigures::new(&flight.log, after).save(&folder, a.format.extension())?);
+        spinner.finish_and_clear();
+    }
+    if a.csv {
+        let path = folder.join("flight.csv");
+        let spinner = progress::spinner("writing CSV", a.json);
+        flight.log.write_csv(&path)?;
+        spinner.finish_and_clear();
+        written.push(path);
+    }
+    let result = Flown { source, plan, gains, gains_name, derivatives, flight, summary, wall_time, written };
+    let verdict = result.verdict(a.max_rmse);
+    if a.json {
+        return Ok(Report::json(&result.json(&verdict), verdict.is_ok()));
+    }
+    Ok(Report { success: verdict.is_ok(), text: result.page(&verdict) })
+}
+
+struct Flown {
+    source: Source,
+    plan: FlightPlan,
+    gains: Gains,
+    gains_name: String,
+    derivatives: Derivatives,
+    flight: Flight,
+    summary: FlightSummary,
+    wall_time: f64,
+    written: Vec<PathBuf>,
+}
+
+impl Flown {
+    /// Whether it flew, or why not.
+    fn verdict(&self, max_rmse: Option<f64>) -> std::result::Result<(), String> {
+        if let Some(t) = self.flight.diverged_at {
+            return Err(format!(
+                "the flight diverged at {} s: gains too high for dt, or a reference beyond the vehicle",
+                short(t, 4)
+            ));
+        }
+        match (self.summary.rmse, max_rmse) {
+            (None, _) => Err("the tracking RMSE is not finite".into()),
+            (Some(rmse), Some(limit)) if rmse > limit => {
+                Err(format!("the tracking RMSE of {} exceeds --max-rmse {}", length(rmse), length(limit)))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Simulated over real time.
+    fn speed(&self) -> f64 {
+        self.summary.duration / self.wall_time.max(1e-9)
+    }
+
+    fn page(&self, verdict: &std::result::Result<(), String>) -> String {
+        let mut page = Page::new();
+        self.source.describe(&mut page);
+        page.heading("Vehicle").facts(&key_facts(&self.source.vehicle));
+        page.heading("Flight").facts(&self.facts());
+        page.heading("Derivatives of what was flown").table(&self.derivatives.table());
+        page.line(self.derivatives.remark());
+        if !self.written.is_empty() {
+            page.heading("Written");
+            for path in &self.written {
+                page.line(format!("  {}", path.display()));
+            }
+        }
+        if let Err(reason) = verdict {
+            page.line(format!("\nFAILED: {reason}"));
+        }
+        page.finish()
+    }
+
+    fn facts(&self) -> Vec<Fact> {
+        let (s, plan) = (&self.summary, &self.plan);
+        let from =
+            if s.rmse_after > 0.0 { format!("after the first {} s", s.rmse_after) } else { "whole flight".into() };
+        let rates = &plan.rates;
+        let hz = |rate: f64| short(rate, 4);
+        let mut facts = vec![
+            Fact::new("reference", plan.reference.name()).note(plan.reference.description()),
+            Fact::new("simulated", format!("{} s", short(s.duration, 5))).note(format!(
+                "{} steps of {} in {}: {} × real time",
+                s.samples.saturating_sub(1),
+                duration(plan.physics.dt),
+                duration(self.wall_time),
+                short(self.speed(), 3)
+            )),
+            Fact::new("gains", self.gains_name.clone()).note(format!(
+                "rate {} Hz, attitude {} Hz, velocity and position {} Hz",
+                hz(rates.rate),
+                hz(rates.attitude),
+                hz(rates.velocity)
+            )),
+        ];
+        if let Some(wind) = describe_wind(&plan.wind) {
+            facts.push(Fact::new("wind", wind));
+        }
+        facts.extend([
+            Fact::new("tracking RMSE", length(s.rmse)).note(from),
+            Fact::new("largest error", length(s.max_error))
+                .note(format!("{} with the start", length(s.max_error_overall))),
+            Fact::new("top speed", format!("{} m/s", number(s.max_speed, 2))),
+            Fact::new("largest tilt", format!("{}°", number(s.max_tilt.map(f64::to_degrees), 1))),
+            Fact::new("rotors at a limit", format!("{} %", number(s.saturation.map(|v| 100.0 * v), 1)))
+                .note("of all commands"),
+        ]);
+        facts
+    }
+
+    fn json(&self, verdict: &std::result::Result<(), String>) -> Value {
+        json!({
+            "command": "fly",
+            "version": env!("CARGO_PKG_VERSION"),
+            "success": verdict.is_ok(),
+            "failure": verdict.as_ref().err(),
+            "vehicle": KeyFigures::of(&self.source.vehicle).json(&self.source.vehicle),
+            "source": self.source.json(),
+            "plan": self.plan,
+            "gains": self.gains,
+            "gains_from": self.gains_name,
+            "flight": self.summary,
+            "diverged_at": self.flight.diverged_at,
+            "wall_time": self.wall_time,
+            "times_real_time": self.speed(),
+            "derivatives": self.derivatives.json(),
+            "files": files::names(&self.written),
+        })
+    }
+}
+
+fn describe_wind(wind: &Wind) -> Option<String> {
+    let three = |v: &[f64; 3]| super::sheet::vector(v, 3);
+    match wind {
+        Wind::Calm => None,
+        Wind::Constant { velocity } => Some(format!("{} m/s", three(velocity))),
+        Wind::Sinusoid(s) => Some(format!("{} harmonics around {} m/s", s.frequencies.len(), three(&s.mean))),
+        Wind::Dryden(d) => Some(format!(
+            "{} m/s with Dryden gusts of {} m/s rms",
+            three(&d.mean),
+            d.intensity().map(|s| short(s, 2)).join(", ")
+        )),
+    }
+}
+
+/// One system's Jacobian at a point, derived three ways.
+struct Row {
+    what: &'static str,
+    rows: usize,
+    columns: usize,
+    time: f64,
+    certificate: Certificate,
+}
+
+/// Proof that the equations that flew are differentiated exactly.
+struct Derivatives(Vec<Row>);
+
+impl Derivatives {
+    /// The vehicle leaving hover, and the closed loop with its gains half a second into the reference.
+    fn of(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<Self> {
+        let mut physics = plan.physics;
+        physics.effects.disturbance |= plan.wind != Wind::Calm;
+        let plant = Multirotor::new(vehicle, physics)?;
+        let hover = plant.hover_state(plan.reference.sample(0.0).position)?;
+        let mut action = plant.hover_input()?;
+        for a in action.iter_mut().take(vehicle.n_rotor()) {
+            // away from equilibrium, where the two time constants of a motor meet in a kink
+            *a += if *a < 0.8 { 0.1 } else { -0.1 };
+        }
+        let step = certified("one step of the vehicle", &plant, &hover, &action, &[])?;
+
+        let system = ClosedLoop::new(vehicle, physics, gains, &plan.rates)?.with_gains();
+        let theta = system.gain_vector();
+        let mut input = vec![0.0; system.n_input()];
+        system.write_input(0, &plan.reference.sample(0.5), &Disturbance::none(), &mut input);
+        let state = system.initial_state(&hover);
+        let closed = certified("one step of the closed loop", &system, &state, &input, &theta)?;
+        Ok(Self(vec![step, closed]))
+    }
+
+    fn table(&self) -> Table {
+        let mut table = Table::new(&[
+            ("Jacobian of", Align::Left),
+            ("size", Align::Right),
+            ("time", Align::Right),
+            ("adjoint − duals", Align::Right),
+            ("duals − differences", Align::Right),
+            ("Taylor order", Align::Right),
+            ("", Align::Left),
+        ]);
+        for row in &self.0 {
+            let c = &row.certificate;
+            let order = if c.taylor_order.is_nan() { "affine".into() } else { number(c.taylor_order, 3) };
+            table.row([
+                row.what.to_string(),
+                format!("{} × {}", row.rows, row.columns),
+                duration(row.time),
+                format!("{:.0e}", c.adjoint_error),
+                format!("{:.0e}", c.difference_error),
+                order,
+                if c.holds(Bounds::default()) { "certified".into() } else { "NOT HELD".to_string() },
+            ]);
+        }
+        table
+    }
+
+    fn remark(&self) -> &'static str {
+        if self.0.iter().all(|r| r.certificate.holds(Bounds::default())) {
+            "  reverse adjoint, forward duals and finite differences agree (relative); order 2 is exact"
+        } else {
+            "  not held: the point lies on a kink (a saturated command), or a derivative is wrong"
+        }
+    }
+
+    fn json(&self) -> Value {
+        let row = |r: &Row| {
+            json!({
+                "of": r.what,
+                "rows": r.rows,
+                "columns": r.columns,
+                "time": r.time,
+                "adjoint_error": r.certificate.adjoint_error,
+                "difference_error": r.certificate.difference_error,
+                "taylor_order": r.certificate.taylor_order,
+                "value_error": r.certificate.value_error,
+                "holds": r.certificate.holds(Bounds::default()),
+            })
+        };
+        self.0.iter().map(row).collect()
+    }
+}
+
+fn certified<F: System>(what: &'static str, system: &F, x: &[f64], u: &[f64], theta: &[f64]) -> Result<Row> {
+    let certificate = certify(system, x, u, theta)?;
+    let (rows, columns) = (system.n_state(), x.len() + u.len() + theta.len());
+    let mut scratch = JacobianScratch::new(system);
+    let mut entries = vec![0.0; rows * columns];
+    // the best of a few: other work on the machine only adds
+    let mut time = f64::INFINITY;
+    for _ in 0..50 {
+        let start = Instant::now();
+        jacobian(system, x, u, theta, &mut scratch, &mut entries);
+        time = time.min(start.elapsed().as_secs_f64());
+    }
+    Ok(Row { what, rows, columns, time, certificate })
+}

@@ -1,0 +1,275 @@
+//! A vehicle's numbers as facts, tables and JSON.
+
+use super::page::{Fact, Page, short};
+use super::table::{Align, Table, number};
+use nalgebra::DMatrix;
+use omnidrones::controllers::Mixer;
+use omnidrones::dynamics::{GRAVITY, Gains, Rotor, Vehicle};
+use omnidrones::error::Result;
+use serde_json::{Value, json};
+
+/// What characterises a vehicle; `None` where it cannot hover.
+pub struct KeyFigures {
+    pub mass: f64,
+    pub thrust_to_weight: f64,
+    /// Mean thrust of the rotors in hover over their largest, 0 to 1.
+    pub hover_thrust: Option<f64>,
+    /// Slowest time constants of the motors, up and down, s.
+    pub time_constants: [f64; 2],
+    /// 1/(4τ), rad/s.
+    pub bandwidth_limit: f64,
+}
+
+impl KeyFigures {
+    pub fn of(vehicle: &Vehicle) -> Self {
+        let slowest = |of: fn(&Rotor) -> f64| vehicle.rotors.iter().map(of).fold(0.0, f64::max);
+        let share = |thrusts: Vec<f64>| {
+            let shares = thrusts.iter().zip(&vehicle.rotors).map(|(t, r)| t / r.max_thrust());
+            shares.sum::<f64>() / vehicle.n_rotor() as f64
+        };
+        Self {
+            mass: vehicle.mass_properties().mass,
+            thrust_to_weight: vehicle.thrust_to_weight(),
+            hover_thrust: vehicle.hover_thrusts().ok().map(share),
+            time_constants: [slowest(|r| r.time_constant_up), slowest(|r| r.time_constant_down)],
+            bandwidth_limit: vehicle.bandwidth_limit(),
+        }
+    }
+
+    /// The rotor action in [−1, 1] that hovers.
+    pub fn hover_command(&self) -> Option<f64> {
+        self.hover_thrust.map(|t| 2.0 * t - 1.0)
+    }
+
+    /// `12.5 / 25`, or one number where both ways are equal; ms.
+    pub fn motor(&self) -> String {
+        let [up, down] = self.time_constants.map(|t| short(1e3 * t, 3));
+        if up == down { up } else { format!("{up} / {down}") }
+    }
+
+    pub fn json(&self, vehicle: &Vehicle) -> Value {
+        json!({
+            "name": vehicle.name,
+            "source": vehicle.source,
+            "rotors": vehicle.n_rotor(),
+            "mass": self.mass,
+            "thrust_to_weight": self.thrust_to_weight,
+            "max_thrust": vehicle.max_thrust(),
+            "hover_thrust": self.hover_thrust,
+            "hover_command": self.hover_command(),
+            "motor_time_constant_up": self.time_constants[0],
+            "motor_time_constant_down": self.time_constants[1],
+            "bandwidth_limit": self.bandwidth_limit,
+        })
+    }
+}
+
+/// Mass, rotors, thrust, hover, motors.
+pub fn key_facts(vehicle: &Vehicle) -> Vec<Fact> {
+    let key = KeyFigures::of(vehicle);
+    let weight = key.mass * GRAVITY;
+    let hover = match (key.hover_thrust, key.hover_command()) {
+        (Some(t), Some(a)) => Fact::new("hover", format!("{} %", number(100.0 * t, 1)))
+            .note(format!("of full thrust, rotor command {a:+.3}")),
+        _ => Fact::new("hover", "impossible").note("the rotors cannot balance weight and moments"),
+    };
+    let motor =
+        if key.time_constants[0] == key.time_constants[1] { "time constant" } else { "time constant up / down" };
+    vec![
+        Fact::new("mass", format!("{} kg", short(key.mass, 4))).note(format!("weight {} N", short(weight, 4))),
+        Fact::new("rotors", vehicle.n_rotor().to_string())
+            .note(format!("{} N together at full speed", short(vehicle.max_thrust(), 4))),
+        Fact::new("thrust / weight", number(key.thrust_to_weight, 2)),
+        hover,
+        Fact::new("motor lag", format!("{} ms", key.motor()))
+            .note(format!("{motor}; carries an attitude loop of {} rad/s", short(key.bandwidth_limit, 3))),
+    ]
+}
+
+/// Centre of mass, inertia, drag, authority, gains, then parts, rotors and allocation as tables.
+pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
+    let total = vehicle.mass_properties();
+    let j = total.inertia;
+    let authority = Mixer::new(vehicle)?.authority;
+    let drag = &vehicle.drag;
+    let mut facts = key_facts(vehicle);
+    facts.push(Fact::new("centre of mass", vector(total.center_of_mass.as_slice(), 3)).note("m, in the base frame"));
+    facts.push(Fact::new("inertia J", vector(&[j[(0, 0)], j[(1, 1)], j[(2, 2)]], 4)).note("kg m², xx yy zz about it"));
+    let products = [j[(0, 1)], j[(0, 2)], j[(1, 2)]];
+    if products.iter().any(|p| p.abs() > 1e-6 * j.trace()) {
+        facts.push(Fact::new("", vector(&products, 4)).note("kg m², xy xz yz"));
+    }
+    for (name, values, unit) in [
+        ("linear drag", drag.linear, "N s/m, body axes"),
+        ("quadratic drag", drag.quadratic, "N s²/m², body axes"),
+        ("angular drag", drag.angular, "N m s, body axes"),
+    ] {
+        if values != [0.0; 3] {
+            facts.push(Fact::new(name, vector(&values, 3)).note(unit));
+        }
+    }
+    let control = match authority.dropped.as_slice() {
+        [] if authority.full_rank == 6 => "thrust, roll, pitch, yaw and sideways force".to_string(),
+        [] => "thrust, roll, pitch, yaw".into(),
+        lost => format!("not {lost:?}"),
+    };
+    facts.push(Fact::new("steered axes", control).note(format!("allocation of rank {}", authority.full_rank)));
+    page.facts(&facts);
+    page.heading("Parts").table(&parts(vehicle));
+    rotors(page, vehicle);
+    page.heading("Allocation matrix").table(&allocation(vehicle));
+    page.line("  wrench about the centre of mass, base axes, per newton of each rotor's thrust");
+    Ok(())
+}
+
+/// `(0, 0, 0.01)`.
+pub fn vector(values: &[f64], digits: usize) -> String {
+    // centres of mass are sums: what is left of a cancellation is zero
+    let largest = values.iter().fold(0.0, |a: f64, v| a.max(v.abs()));
+    let clean = |v: &f64| if v.abs() < 1e-12 * largest.max(1e-3) { 0.0 } else { *v };
+    let texts: Vec<String> = values.iter().map(|v| short(clean(v), digits)).collect();
+    format!("({})", texts.join(", "))
+}
+
+/// Parts with mass, place and inertia; equal rows stay apart, since names matter.
+pub fn parts(vehicle: &Vehicle) -> Table {
+    let mut table = Table::new(&[
+        ("part", Align::Left),
+        ("mass [kg]", Align::Right),
+        ("centre of mass [m]", Align::Left),
+        ("inertia xx yy zz [kg m²]", Align::Left),
+    ]);
+    for part in &vehicle.parts {
+        let i = &part.inertia;
+        table.row([part.name.clone(), short(part.mass, 4), vector(&part.position, 3), vector(&[i.xx, i.yy, i.zz], 3)]);
+    }
+    table
+}
+
+/// A number that every rotor has: symbol, what it is, unit, scale to that unit, value.
+type RotorColumn = (&'static str, &'static str, &'static str, f64, fn(&Rotor) -> f64);
+
+const ROTOR_COLUMNS: [RotorColumn; 11] = [
+    ("k_f", "thrust per speed squared", "N s²/rad²", 1.0, |r| r.thrust_coefficient),
+    ("κ", "moment per thrust", "m", 1.0, |r| r.moment_per_thrust),
+    ("Ω_max", "largest speed", "rad/s", 1.0, |r| r.max_speed),
+    ("T_max", "largest thrust", "N", 1.0, Rotor::max_thrust),
+    ("τ up", "motor speeding up", "ms", 1e3, |r| r.time_constant_up),
+    ("τ down", "motor slowing down", "ms", 1e3, |r| r.time_constant_down),
+    ("I_p", "inertia about the axis", "kg m²", 1.0, |r| r.inertia),
+    ("radius", "hub to blade tip", "m", 1.0, |r| r.radius),
+    ("k_d", "drag across the axis", "N s²/(m rad)", 1.0, |r| r.drag_coefficient),
+    ("k_z", "drag along the axis", "N s²/(m rad)", 1.0, |r| r.axial_drag_coefficient),
+    ("μ", "rolling moment", "N s²/rad", 1.0, |r| r.rolling_coefficient),
+];
+
+/// Where each rotor is and how it turns, with whatever differs between rotors; then what all have in common.
+pub fn rotors(page: &mut Page, vehicle: &Vehicle) {
+    let rotors = &vehicle.rotors;
+    let upright = rotors.iter().all(|r| r.axis == [0.0, 0.0, 1.0]);
+    let (common, own): (Vec<&RotorColumn>, Vec<&RotorColumn>) =
+        ROTOR_COLUMNS.iter().partition(|(.., of)| rotors.windows(2).all(|pair| of(&pair[0]) == of(&pair[1])));
+    let mut headers = vec![("rotor".to_string(), Align::Left), ("hub [m]".into(), Align::Left)];
+    if !upright {
+        headers.push(("axis".into(), Align::Left));
+    }
+    headers.push(("spin".into(), Align::Left));
+    headers.extend(own.iter().map(|(symbol, _, unit, ..)| (format!("{symbol} [{unit}]"), Align::Right)));
+    let headers: Vec<(&str, Align)> = headers.iter().map(|(name, align)| (name.as_str(), *align)).collect();
+    let mut table = Table::new(&headers);
+    for rotor in rotors {
+        let mut row = vec![rotor.name.clone(), vector(&rotor.position, 3)];
+        if !upright {
+            row.push(vector(&rotor.axis, 3));
+        }
+        row.push(if rotor.spin > 0.0 { "counter-clockwise".into() } else { "clockwise".into() });
+        row.extend(own.iter().map(|(.., scale, of)| short(scale * of(rotor), 4)));
+        table.row(row);
+    }
+    page.heading("Rotors").table(&table);
+    page.line(if upright {
+        "  axes along body z; spins seen from above"
+    } else {
+        "  spins seen from the tip of the axis"
+    });
+    let Some(first) = rotors.first() else { return };
+    let facts: Vec<Fact> = common
+        .iter()
+        .map(|(symbol, what, unit, scale, of)| (symbol, what, unit, scale * of(first)))
+        .filter(|(.., value)| *value != 0.0)
+        .map(|(symbol, what, unit, value)| Fact::new(*symbol, format!("{} {unit}", short(value, 4))).note(*what))
+        .collect();
+    if !facts.is_empty() {
+        page.heading("Every rotor").facts(&facts);
+    }
+}
+
+fn allocation(vehicle: &Vehicle) -> Table {
+    let matrix = vehicle.allocation_matrix();
+    let names: Vec<&str> = vehicle.rotors.iter().map(|r| r.name.as_str()).collect();
+    let n = matrix.ncols();
+    let mut headers = vec![("per N of", Align::Left)];
+    headers.extend(names.iter().map(|name| (*name, Align::Right)));
+    let mut table = Table::new(&headers);
+    for (row, name) in ["F_x", "F_y", "F_z", "M_x [m]", "M_y [m]", "M_z [m]"].iter().enumerate() {
+        let tidy = |v: f64| if v.abs() < 5e-7 { "0".to_string() } else { short((1e6 * v).round() / 1e6, 4) };
+        let cells = (0..n).map(|i| tidy(matrix[(row, i)]));
+        table.row(std::iter::once(name.to_string()).chain(cells));
+    }
+    table
+}
+
+/// Gains side by side, with the bandwidth and damping that they give without motor lag.
+pub fn gains_table(vehicle: &Vehicle, sets: &[(&str, Gains)]) -> Table {
+    let mut headers = vec![("per axis x, y, z".to_string(), Align::Left)];
+    headers.extend(sets.iter().map(|(name, _)| (name.to_string(), Align::Left)));
+    let headers: Vec<(&str, Align)> = headers.iter().map(|(name, align)| (name.as_str(), *align)).collect();
+    let mut table = Table::new(&headers);
+    let rows: [(&str, fn(&Vehicle, &Gains) -> [f64; 3]); 8] = [
+        ("position K_p [1/s²]", |_, g| g.position),
+        ("velocity K_v [1/s]", |_, g| g.velocity),
+        ("attitude K_R [N m/rad]", |_, g| g.attitude),
+        ("rate K_ω [N m s/rad]", |_, g| g.rate),
+        ("position bandwidth [rad/s]", |_, g| g.position.map(f64::sqrt)),
+        ("position damping", |_, g| [0, 1, 2].map(|i| 0.5 * g.velocity[i] / g.position[i].sqrt())),
+        ("attitude bandwidth [rad/s]", |v, g| attitude_bandwidth(v, g)),
+        ("attitude damping", |v, g| {
+            let w = attitude_bandwidth(v, g);
+            [0, 1, 2].map(|i| 0.5 * g.rate[i] * w[i] / g.attitude[i])
+        }),
+    ];
+    for (name, of) in rows {
+        let cells = sets.iter().map(|(_, gains)| {
+            let values = of(vehicle, gains);
+            if values[0] == values[1] && values[1] == values[2] { short(values[0], 4) } else { vector(&values, 3) }
+        });
+        table.row(std::iter::once(name.to_string()).chain(cells));
+    }
+    table
+}
+
+fn attitude_bandwidth(vehicle: &Vehicle, gains: &Gains) -> [f64; 3] {
+    let inertia = vehicle.mass_properties().inertia;
+    [0, 1, 2].map(|i| (gains.attitude[i] / inertia[(i, i)]).sqrt())
+}
+
+/// Everything about a vehicle for JSON.
+pub fn json(vehicle: &Vehicle) -> Result<Value> {
+    let total = vehicle.mass_properties();
+    let rows = |m: &DMatrix<f64>| -> Vec<Vec<f64>> { m.row_iter().map(|r| r.iter().copied().collect()).collect() };
+    let inertia: Vec<Vec<f64>> = total.inertia.row_iter().map(|r| r.iter().copied().collect()).collect();
+    let mixer = Mixer::new(vehicle)?;
+    let mut value = KeyFigures::of(vehicle).json(vehicle);
+    value["center_of_mass"] = json!(total.center_of_mass.as_slice());
+    value["inertia"] = json!(inertia);
+    value["parts"] = json!(vehicle.parts);
+    value["rotor_table"] = json!(vehicle.rotors);
+    value["drag"] = json!(vehicle.drag);
+    value["allocation_matrix"] = json!(rows(&vehicle.allocation_matrix()));
+    value["mixer"] = json!(mixer.rows);
+    value["allocation_rank"] = json!(mixer.authority.full_rank);
+    value["gains"] = json!(vehicle.gains());
+    value["derived_gains"] = json!(vehicle.derived_gains());
+    value["published_gains"] = json!(vehicle.published_gains);
+    Ok(value)
+}
