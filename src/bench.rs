@@ -4,7 +4,9 @@
 //! scalar loop measured in the same run. `cargo bench` and `omnidrones bench` both print these rows.
 
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{JacobianScratch, Objective, Program, Recording, Rollout, Scalar, System, Trace, jacobian};
+use crate::autodiff::{
+    CompiledJacobian, JacobianScratch, Objective, Program, Recording, Rollout, Scalar, System, Trace, jacobian,
+};
 use crate::dynamics::{
     Disturbance, Effects, Integrator, Multirotor, Physics, RigidModel, RigidState, World, integrate, vehicles,
 };
@@ -221,14 +223,21 @@ impl Bench {
         };
         add(row(format!("{n}×{} Jacobian, Dual64 columns", n + m), time * 1e6, "µs", time / plain));
 
+        let mut compiled = CompiledJacobian::new(&self.system)?;
+        let time = self.seconds(|| {
+            compiled.evaluate(black_box(&self.state), &self.input, &[], &mut columns);
+            black_box(&columns);
+        });
+        let size = format!("{} instructions", compiled.len());
+        add(row(format!("{n}×{} Jacobian, compiled ({size})", n + m), time * 1e6, "µs", time / plain));
+
         let recording = Recording::of(n + m, |z| {
             let mut next = vec![Trace::zero(); n];
             self.system.step(&z[..n], &z[n..], &[], &mut next);
             next
         });
         let adjoint = recording.adjoint(0..n + m);
-        let jacobian = recording.jacobian(0..n + m);
-        for (what, recording) in [("step", recording), ("adjoint", adjoint), ("Jacobian", jacobian)] {
+        for (what, recording) in [("step", recording), ("adjoint", adjoint)] {
             let program = Program::compile(&recording)?;
             let mut arguments: Vec<f64> = self.state.iter().chain(&self.input).copied().collect();
             arguments.resize(program.n_input(), 0.3);

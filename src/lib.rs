@@ -94,3 +94,8 @@ pub mod rng;
 pub mod conventions {}
 #[doc = include_str!("../CHANGELOG.md")]
 pub mod changelog {}
+
+/// The README's examples, run with the documentation's.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct ReadmeDoctests;

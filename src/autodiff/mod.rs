@@ -9,7 +9,7 @@
 //! | `lanes` | SIMD registers as scalars, chosen at run time |
 //! | [`trace`], [`program`] | recording scalar; compiled programs and derived adjoints |
 //! | [`system`] | what is differentiated: x⁺ = f(x, u, θ), costs |
-//! | [`derivative`] | Jacobians of one step by duals |
+//! | [`derivative`] | Jacobians of one step, by duals and compiled |
 //! | [`rollout`] | gradients through whole rollouts, reverse and forward |
 //! | [`mod@batch_rollout`] | the same for many rollouts at once, in lanes |
 //! | [`certificate`] | adjoint against duals against differences, for anybody's system |
@@ -31,7 +31,7 @@ pub mod trace;
 
 pub use batch_rollout::{BatchGradient, BatchRollout};
 pub use certificate::{Bounds, Certificate, certify};
-pub use derivative::{JacobianScratch, Linearisation, jacobian, linearise};
+pub use derivative::{CompiledJacobian, JacobianScratch, Linearisation, jacobian, linearise};
 pub use lanes::lane_width;
 pub use program::Program;
 pub use rollout::{Gradient, Rollout};

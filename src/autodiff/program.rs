@@ -42,6 +42,10 @@ enum Op {
     NegMulAdd,
     /// a·b − c
     MulSub,
+    /// a·b + c·d
+    TwoProducts,
+    /// c·d − a·b
+    ProductDifference,
     Less,
     And,
     Or,
@@ -185,11 +189,17 @@ impl Program {
         }
         for i in &self.instructions {
             match i.op {
-                // the four kinds that make up nine tenths of a program, without the operands they do not have
+                // the kinds that make up nine tenths of a program, without the operands they do not have
                 Op::Add => slots[at(i.target)] = slots[at(i.a)] + slots[at(i.b)],
                 Op::Mul => slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)],
                 Op::MulAdd => slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)] + slots[at(i.c)],
                 Op::NegMulAdd => slots[at(i.target)] = slots[at(i.c)] - slots[at(i.a)] * slots[at(i.b)],
+                Op::TwoProducts => {
+                    slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)] + slots[at(i.c)] * slots[at(i.d)];
+                }
+                Op::ProductDifference => {
+                    slots[at(i.target)] = slots[at(i.c)] * slots[at(i.d)] - slots[at(i.a)] * slots[at(i.b)];
+                }
                 Op::SinCos => {
                     let (sine, cosine) = slots[at(i.a)].sin_cos();
                     slots[at(i.target)] = sine;
@@ -269,6 +279,8 @@ impl Program {
                 Op::MulAdd => run::<S>(slots, i, Op::MulAdd),
                 Op::NegMulAdd => run::<S>(slots, i, Op::NegMulAdd),
                 Op::MulSub => run::<S>(slots, i, Op::MulSub),
+                Op::TwoProducts => run::<S>(slots, i, Op::TwoProducts),
+                Op::ProductDifference => run::<S>(slots, i, Op::ProductDifference),
                 Op::Less => run::<S>(slots, i, Op::Less),
                 Op::And => run::<S>(slots, i, Op::And),
                 Op::Or => run::<S>(slots, i, Op::Or),
@@ -342,6 +354,8 @@ fn apply<S: Scalar>(op: Op, a: S, b: S, c: S, d: S) -> S {
         Op::MulAdd => a.mul_add(b, c),
         Op::NegMulAdd => (-a).mul_add(b, c),
         Op::MulSub => a.mul_add(b, -c),
+        Op::TwoProducts => a.mul_add(b, c * d),
+        Op::ProductDifference => (-a).mul_add(b, c * d),
         Op::Less => S::select(a.lt(b), S::one(), S::zero()),
         Op::And => a * b,
         Op::Or => a.max(b),
@@ -416,6 +430,12 @@ impl<'a> Compiler<'a> {
         }
     }
 
+    fn absorb(&mut self, nodes: &[u32]) {
+        for &node in nodes {
+            self.absorbed[node as usize] = true;
+        }
+    }
+
     /// Needed operations in order, with fusions decided.
     fn plan(&mut self) -> Vec<Planned> {
         let mut plan = Vec::new();
@@ -438,31 +458,36 @@ impl<'a> Compiler<'a> {
         };
         match self.recording.nodes[node as usize] {
             Node::Input(_) | Node::Constant(_) => None,
-            Node::Add(a, b) => {
-                let (product, other) = if let Some(p) = self.lone_product(b) {
-                    (Some((b, p)), a)
-                } else {
-                    (self.lone_product(a).map(|p| (a, p)), b)
-                };
-                match product {
-                    Some((absorbed, (p, q))) => {
-                        self.absorbed[absorbed as usize] = true;
-                        instruction(Op::MulAdd, &[p, q, other])
-                    }
-                    None => instruction(Op::Add, &[a, b]),
+            Node::Add(a, b) => match (self.lone_product(a), self.lone_product(b)) {
+                (Some((r, s)), Some((p, q))) if a != b => {
+                    self.absorb(&[a, b]);
+                    instruction(Op::TwoProducts, &[p, q, r, s])
                 }
-            }
-            Node::Sub(a, b) => {
-                if let Some((p, q)) = self.lone_product(b) {
-                    self.absorbed[b as usize] = true;
+                (_, Some((p, q))) => {
+                    self.absorb(&[b]);
+                    instruction(Op::MulAdd, &[p, q, a])
+                }
+                (Some((p, q)), None) => {
+                    self.absorb(&[a]);
+                    instruction(Op::MulAdd, &[p, q, b])
+                }
+                (None, None) => instruction(Op::Add, &[a, b]),
+            },
+            Node::Sub(a, b) => match (self.lone_product(a), self.lone_product(b)) {
+                (Some((r, s)), Some((p, q))) if a != b => {
+                    self.absorb(&[a, b]);
+                    instruction(Op::ProductDifference, &[p, q, r, s])
+                }
+                (_, Some((p, q))) => {
+                    self.absorb(&[b]);
                     instruction(Op::NegMulAdd, &[p, q, a])
-                } else if let Some((p, q)) = self.lone_product(a) {
-                    self.absorbed[a as usize] = true;
-                    instruction(Op::MulSub, &[p, q, b])
-                } else {
-                    instruction(Op::Sub, &[a, b])
                 }
-            }
+                (Some((p, q)), None) => {
+                    self.absorb(&[a]);
+                    instruction(Op::MulSub, &[p, q, b])
+                }
+                (None, None) => instruction(Op::Sub, &[a, b]),
+            },
             Node::Mul(a, b) => instruction(Op::Mul, &[a, b]),
             Node::Div(a, b) => instruction(Op::Div, &[a, b]),
             Node::Neg(a) => instruction(Op::Neg, &[a]),
