@@ -3,4 +3,5 @@
 mod kernel;
 mod world;
 
+pub(crate) use kernel::EXPLODED;
 pub use world::{Failure, Reason, World};
