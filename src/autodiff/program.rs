@@ -170,10 +170,12 @@ impl Program {
     /// `outputs = f(inputs)` in `f64`, with the same operations in the same order as the recorded function.
     ///
     /// # Panics
-    /// If `inputs`, `outputs` or the workspace are not of this program's sizes.
+    /// If `inputs` or `outputs` are not of this program's sizes or the workspace has too few slots. One that another
+    /// program made holds other constants: it gives wrong numbers.
     pub fn evaluate(&self, workspace: &mut Workspace, inputs: &[f64], outputs: &mut [f64]) {
         assert_eq!(inputs.len(), self.n_input, "inputs of the program");
         assert_eq!(outputs.len(), self.outputs.len(), "outputs of the program");
+        assert!(workspace.len() >= self.n_slot, "slots of the program");
         match &mut workspace.0 {
             Slots::Few(slots) => self.run(slots, inputs, outputs),
             Slots::Many(slots) => self.run(slots, inputs, outputs),

@@ -250,7 +250,7 @@ pub fn wind(text: &str) -> std::result::Result<Wind, String> {
             // 20 ft, where W₂₀ is measured
             Wind::Dryden(Dryden { mean, wind_at_20_feet, height: 6.096, airspeed })
         }
-        None if text.starts_with(|c: char| c.is_ascii_alphabetic()) => {
+        None if !text.contains(',') => {
             return Err("expected none, X,Y,Z (m/s), dryden:W20 or dryden:W20:X,Y,Z (m/s)".into());
         }
         None => Wind::Constant { velocity: three(text, "X,Y,Z in m/s")? },

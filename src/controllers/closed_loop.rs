@@ -7,7 +7,7 @@ use super::reference::Sample;
 use crate::autodiff::{Scalar, System};
 use crate::dynamics::multirotor::MAX_PADDED;
 use crate::dynamics::rigid::RIGID_DIM;
-use crate::dynamics::{Disturbance, Gains, Multirotor, Physics, Vehicle};
+use crate::dynamics::{Disturbance, Effects, Gains, Multirotor, Physics, Vehicle};
 use crate::error::Result;
 
 /// A cascade for one of the compiled rotor counts.
@@ -35,15 +35,17 @@ pub struct ClosedLoop {
 }
 
 impl ClosedLoop {
-    /// A vehicle under `physics`, steered with `gains` at `rates`.
+    /// A vehicle under `physics`, steered with `gains` at `rates`. The cascade feeds forward the drag that is simulated:
+    /// none where its effect is off.
     ///
     /// # Errors
     /// [`Error::Value`](crate::error::Error::Value) if vehicle, physics or gains are not valid, or a rate does not
     /// divide 1/dt.
     pub fn new(vehicle: &Vehicle, physics: Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
+        let believed = with_drag_of(vehicle, physics.effects);
         let cascade = match vehicle.n_rotor() {
-            0..=4 => AnyCascade::Four(CascadeModel::new(vehicle, gains)?),
-            _ => AnyCascade::Sixteen(CascadeModel::new(vehicle, gains)?),
+            0..=4 => AnyCascade::Four(CascadeModel::new(&believed, gains)?),
+            _ => AnyCascade::Sixteen(CascadeModel::new(&believed, gains)?),
         };
         Ok(Self {
             plant: Multirotor::new(vehicle, physics)?,
@@ -144,6 +146,20 @@ impl ClosedLoop {
         self.plant.step(plant, &plant_input[..n_input], &[], next_plant);
         write_held(&held, next_held);
     }
+}
+
+/// The vehicle with the drag that `effects` simulate.
+fn with_drag_of(vehicle: &Vehicle, effects: Effects) -> Vehicle {
+    let mut vehicle = vehicle.clone();
+    if !effects.body_drag {
+        vehicle.drag.linear = [0.0; 3];
+    }
+    if !effects.rotor_drag {
+        for rotor in &mut vehicle.rotors {
+            (rotor.drag_coefficient, rotor.axial_drag_coefficient) = (0.0, 0.0);
+        }
+    }
+    vehicle
 }
 
 /// Numbers of a memory padded to sixteen rotors.

@@ -5,6 +5,7 @@ use super::closed_loop::ClosedLoop;
 use super::reference::Reference;
 use crate::autodiff::{System, safe};
 use crate::dynamics::aero::wind::{Wind, WindState};
+use crate::dynamics::batch::EXPLODED;
 use crate::dynamics::rigid::RIGID_DIM;
 use crate::dynamics::{Disturbance, Gains, Physics, Vehicle};
 use crate::error::{Error, Result};
@@ -47,9 +48,10 @@ impl Default for FlightPlan {
 /// A finished flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flight {
-    /// Everything up to the end, or to the last finite state.
+    /// Everything up to the end, or to the last healthy state.
     pub log: FlightLog,
-    /// When the state ceased to be finite, s; `None` for a whole flight.
+    /// When the vehicle's state left |x| < 1e8 (SI units, as in a [`World`](crate::dynamics::World)) or became not a
+    /// number, s; `None` for a whole flight.
     pub diverged_at: Option<f64>,
 }
 
@@ -80,7 +82,7 @@ impl FlightPlan {
 
 /// Flies a vehicle with `gains` along the plan. `progress` is told the number of each finished step.
 ///
-/// A flight whose state ceases to be finite ends there; the log holds what came before.
+/// A flight that diverges ends there; the log holds what came before.
 ///
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if vehicle, gains or plan are not valid.
@@ -108,7 +110,7 @@ pub fn fly(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, progress: &mut d
         system.write_input(k, &wanted, &air, &mut input);
         system.step(&x, &input, &[], &mut next);
         record(&mut log, &system, time, &x, &next, &wanted, &air)?;
-        if next.iter().any(|v| !v.is_finite()) {
+        if next[..system.n_plant_state()].iter().any(|v| !safe::is_bounded(*v, EXPLODED)) {
             diverged_at = Some(time + physics.dt);
             break;
         }

@@ -164,6 +164,16 @@ fn a_workspace_used_before_gives_the_same_bits_again() {
     assert_eq!(first, again);
 }
 
+#[test]
+#[should_panic(expected = "slots of the program")]
+fn a_workspace_with_too_few_slots_is_refused_not_folded_onto_itself() {
+    let many = |z: &[Trace]| (0..5000).map(|k| z[0] + Trace::constant(f64::from(k) + 0.5)).collect();
+    let (_, large) = compiled(1, many);
+    let (_, small) = compiled(1, |z| vec![z[0] * z[0]]);
+    let mut outputs = vec![0.0; large.n_output()];
+    large.evaluate(&mut small.workspace(), &[1.0], &mut outputs);
+}
+
 /// A random expression graph over any scalar: the same for every scalar and seed. Values stay within about [−4, 4].
 ///
 /// `smooth` leaves out what has kinks.

@@ -3,4 +3,5 @@
 mod kernel;
 mod world;
 
+pub(crate) use kernel::EXPLODED;
 pub use world::{DEFAULT_MEMORY_LIMIT, Failure, Reason, World};
