@@ -118,7 +118,7 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
     page.heading("Parts").table(&parts(vehicle));
     rotors(page, vehicle);
     page.heading("Allocation matrix").table(&allocation(vehicle));
-    page.line("  wrench about the centre of mass, base axes, per newton of each rotor's thrust");
+    page.line("  one row per column of the matrix: wrench about the centre of mass, base axes");
     Ok(())
 }
 
@@ -206,15 +206,18 @@ pub fn rotors(page: &mut Page, vehicle: &Vehicle) {
 
 fn allocation(vehicle: &Vehicle) -> Table {
     let matrix = vehicle.allocation_matrix();
-    let names: Vec<&str> = vehicle.rotors.iter().map(|r| r.name.as_str()).collect();
-    let n = matrix.ncols();
-    let mut headers = vec![("per N of", Align::Left)];
-    headers.extend(names.iter().map(|name| (*name, Align::Right)));
-    let mut table = Table::new(&headers);
-    for (row, name) in ["F_x", "F_y", "F_z", "M_x [m]", "M_y [m]", "M_z [m]"].iter().enumerate() {
-        let tidy = |v: f64| if v.abs() < 5e-7 { "0".to_string() } else { short((1e6 * v).round() / 1e6, 4) };
-        let cells = (0..n).map(|i| tidy(matrix[(row, i)]));
-        table.row(std::iter::once(name.to_string()).chain(cells));
+    let tidy = |v: &f64| if v.abs() < 5e-7 { "0".to_string() } else { short((1e6 * v).round() / 1e6, 4) };
+    let mut table = Table::new(&[
+        ("per N of", Align::Left),
+        ("F_x", Align::Right),
+        ("F_y", Align::Right),
+        ("F_z", Align::Right),
+        ("M_x [m]", Align::Right),
+        ("M_y [m]", Align::Right),
+        ("M_z [m]", Align::Right),
+    ]);
+    for (rotor, column) in vehicle.rotors.iter().zip(matrix.column_iter()) {
+        table.row(std::iter::once(rotor.name.clone()).chain(column.iter().map(tidy)));
     }
     table
 }
