@@ -5,7 +5,9 @@
 
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{JacobianScratch, Objective, Program, Recording, Rollout, Scalar, System, Trace, jacobian};
-use crate::dynamics::{Effects, Integrator, Multirotor, Physics, World, vehicles};
+use crate::dynamics::{
+    Disturbance, Effects, Integrator, Multirotor, Physics, RigidModel, RigidState, World, integrate, vehicles,
+};
 use crate::error::Result;
 use crate::parallel::Threads;
 use num_dual::{Dual64, DualSVec64, HyperDual64};
@@ -71,7 +73,7 @@ fn seconds(budget: Duration, mut call: impl FnMut()) -> f64 {
 ///
 /// # Errors
 /// [`Error`](crate::error::Error) if `n_env` or `threads` is out of range.
-pub fn run(plan: &BenchPlan, mut progress: impl FnMut(&BenchRow)) -> Result<Vec<BenchRow>> {
+pub fn run(plan: &BenchPlan, progress: &mut dyn FnMut(&BenchRow)) -> Result<Vec<BenchRow>> {
     let bench = Bench::new(plan)?;
     let mut rows = Vec::new();
     let mut add = |row: BenchRow| {
@@ -127,8 +129,9 @@ impl Bench {
         })
     }
 
-    fn steps(&self, add: &mut impl FnMut(BenchRow)) -> Plain {
-        let plain = Plain { f64: self.step_time(|v| v), f32: self.step_time(|v| v as f32) };
+    fn steps(&self, add: &mut dyn FnMut(BenchRow)) -> Plain {
+        let plain = Plain { f64: self.step_time(|v| v), f32: 0.0 };
+        let plain = Plain { f32: self.plain_loop(), ..plain };
         let mut row = |name: &str, time: f64| {
             let ratio = Some(time / plain.f64);
             add(BenchRow {
@@ -141,14 +144,32 @@ impl Bench {
             });
         };
         row("f64", plain.f64);
-        row("f32", plain.f32);
+        row("f32, 4096 vehicles in a plain loop, each", plain.f32);
         row("Dual64 (one direction)", self.step_time(Dual64::from));
         row("DualSVec64<4> (four directions)", self.step_time(DualSVec64::<4>::from));
         row("HyperDual64 (second derivative)", self.step_time(HyperDual64::from));
         plain
     }
 
-    fn batches(&self, plain: f64, add: &mut impl FnMut(BenchRow)) -> Result<()> {
+    /// Seconds per step of 4096 vehicles, one after the other in `f32`, as a compiler makes it from the kernel itself:
+    /// what lanes are measured against.
+    fn plain_loop(&self) -> f64 {
+        const N: usize = 4096;
+        let nominal = RigidModel::<f64, 4>::new(self.system.vehicle(), PHYSICS.dt);
+        let state: Vec<f32> = self.state.iter().map(|v| *v as f32).collect();
+        let mut states = vec![RigidState::<f32, 4>::read(&state); N];
+        let actions = vec![[-0.41_f32; 4]; N];
+        let models = vec![nominal.cast::<f32>(); N];
+        let air = Disturbance::none();
+        let time = self.seconds(|| {
+            for ((x, action), model) in states.iter_mut().zip(black_box(&actions)).zip(&models) {
+                *x = integrate::step(model, Effects::lean(), PHYSICS.grid(), x, action, &air);
+            }
+        });
+        time / N as f64
+    }
+
+    fn batches(&self, plain: f64, add: &mut dyn FnMut(BenchRow)) -> Result<()> {
         let n = self.plan.n_env;
         let semi = Physics { integrator: Integrator::SemiImplicit, substeps: 2, ..PHYSICS };
         let default = Physics { effects: Effects::default(), ..PHYSICS };
@@ -182,7 +203,7 @@ impl Bench {
         Ok(())
     }
 
-    fn derivatives(&self, plain: f64, add: &mut impl FnMut(BenchRow)) -> Result<()> {
+    fn derivatives(&self, plain: f64, add: &mut dyn FnMut(BenchRow)) -> Result<()> {
         let (n, m) = (self.system.n_state(), self.system.n_input());
         let mut scratch = JacobianScratch::new(&self.system);
         let mut columns = vec![0.0; n * (n + m)];
@@ -205,7 +226,9 @@ impl Bench {
             self.system.step(&z[..n], &z[n..], &[], &mut next);
             next
         });
-        for (what, recording) in [("step", recording.clone()), ("adjoint", recording.adjoint(0..n + m))] {
+        let adjoint = recording.adjoint(0..n + m);
+        let jacobian = recording.jacobian(0..n + m);
+        for (what, recording) in [("step", recording), ("adjoint", adjoint), ("Jacobian", jacobian)] {
             let program = Program::compile(&recording)?;
             let mut arguments: Vec<f64> = self.state.iter().chain(&self.input).copied().collect();
             arguments.resize(program.n_input(), 0.3);
@@ -231,7 +254,7 @@ impl Bench {
         Ok(())
     }
 
-    fn gradients(&self, add: &mut impl FnMut(BenchRow)) -> Result<()> {
+    fn gradients(&self, add: &mut dyn FnMut(BenchRow)) -> Result<()> {
         let horizon = 500;
         let rollout = Rollout::new(self.system.clone(), Distance)?;
         let inputs = self.input.repeat(horizon);

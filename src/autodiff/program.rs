@@ -17,6 +17,9 @@ pub const BLOCK: usize = 64;
 /// Most slots of a program: they are numbered by `u16`.
 const MAX_SLOTS: usize = 1 << 16;
 
+/// Slots of a small workspace: 32 KiB.
+const FEW_SLOTS: usize = 1 << 12;
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 enum Op {
@@ -74,17 +77,23 @@ pub struct Program {
 
 /// Slots of one `f64` evaluation; made once, reused without allocation.
 ///
-/// As many as a `u16` can name, so that no access needs a bounds check; the system gives memory to those in use only.
+/// As many as a masked `u16` can name, so that no access needs a bounds check.
 #[derive(Debug, Clone)]
-pub struct Workspace {
-    slots: Box<[f64; MAX_SLOTS]>,
-    n_slot: usize,
+pub struct Workspace(Slots);
+
+#[derive(Debug, Clone)]
+enum Slots {
+    Few(Box<[f64; FEW_SLOTS]>),
+    Many(Box<[f64; MAX_SLOTS]>),
 }
 
 impl Workspace {
     /// Number of slots.
     pub(crate) fn len(&self) -> usize {
-        self.n_slot
+        match &self.0 {
+            Slots::Few(slots) => slots.len(),
+            Slots::Many(slots) => slots.len(),
+        }
     }
 }
 
@@ -130,11 +139,19 @@ impl Program {
 
     /// Scratch for [`Program::evaluate`].
     pub fn workspace(&self) -> Workspace {
-        let mut slots = Box::new([0.0; MAX_SLOTS]);
+        let mut slots = if self.n_slot <= FEW_SLOTS {
+            Slots::Few(Box::new([0.0; FEW_SLOTS]))
+        } else {
+            Slots::Many(Box::new([0.0; MAX_SLOTS]))
+        };
+        let all: &mut [f64] = match &mut slots {
+            Slots::Few(slots) => &mut slots[..],
+            Slots::Many(slots) => &mut slots[..],
+        };
         for &(slot, value) in &self.constants {
-            slots[slot as usize] = value;
+            all[slot as usize] = value;
         }
-        Workspace { slots, n_slot: self.n_slot }
+        Workspace(slots)
     }
 
     /// Scratch for [`Program::evaluate_block`].
@@ -153,34 +170,39 @@ impl Program {
     pub fn evaluate(&self, workspace: &mut Workspace, inputs: &[f64], outputs: &mut [f64]) {
         assert_eq!(inputs.len(), self.n_input, "inputs of the program");
         assert_eq!(outputs.len(), self.outputs.len(), "outputs of the program");
-        let slots = &mut *workspace.slots;
+        match &mut workspace.0 {
+            Slots::Few(slots) => self.run(slots, inputs, outputs),
+            Slots::Many(slots) => self.run(slots, inputs, outputs),
+        }
+    }
+
+    /// The `f64` interpreter. N is a power of two above every slot number, so that masking changes nothing and spares
+    /// the bounds checks.
+    fn run<const N: usize>(&self, slots: &mut [f64; N], inputs: &[f64], outputs: &mut [f64]) {
+        let at = |slot: u16| slot as usize & (N - 1);
         for &(slot, k) in &self.inputs {
-            slots[slot as usize] = inputs[k as usize];
+            slots[at(slot)] = inputs[k as usize];
         }
         for i in &self.instructions {
             match i.op {
                 // the four kinds that make up nine tenths of a program, without the operands they do not have
-                Op::Add => slots[i.target as usize] = slots[i.a as usize] + slots[i.b as usize],
-                Op::Mul => slots[i.target as usize] = slots[i.a as usize] * slots[i.b as usize],
-                Op::MulAdd => {
-                    slots[i.target as usize] = slots[i.a as usize] * slots[i.b as usize] + slots[i.c as usize];
-                }
-                Op::NegMulAdd => {
-                    slots[i.target as usize] = slots[i.c as usize] - slots[i.a as usize] * slots[i.b as usize];
-                }
+                Op::Add => slots[at(i.target)] = slots[at(i.a)] + slots[at(i.b)],
+                Op::Mul => slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)],
+                Op::MulAdd => slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)] + slots[at(i.c)],
+                Op::NegMulAdd => slots[at(i.target)] = slots[at(i.c)] - slots[at(i.a)] * slots[at(i.b)],
                 Op::SinCos => {
-                    let (sine, cosine) = slots[i.a as usize].sin_cos();
-                    slots[i.target as usize] = sine;
-                    slots[i.d as usize] = cosine;
+                    let (sine, cosine) = slots[at(i.a)].sin_cos();
+                    slots[at(i.target)] = sine;
+                    slots[at(i.d)] = cosine;
                 }
                 op => {
-                    let x = |slot: u16| slots[slot as usize];
-                    slots[i.target as usize] = apply(op, x(i.a), x(i.b), x(i.c), x(i.d));
+                    let x = |slot: u16| slots[at(slot)];
+                    slots[at(i.target)] = apply(op, x(i.a), x(i.b), x(i.c), x(i.d));
                 }
             }
         }
         for (output, slot) in outputs.iter_mut().zip(&self.outputs) {
-            *output = slots[*slot as usize];
+            *output = slots[at(*slot)];
         }
     }
 
@@ -195,18 +217,7 @@ impl Program {
         inputs: &[[f32; BLOCK]],
         outputs: &mut [[f32; BLOCK]],
     ) {
-        dispatch(Evaluate { program: self, workspace, inputs, outputs, repeat: 1 });
-    }
-
-    /// As [`Program::evaluate_block`], `repeat` times within one dispatch: for benches.
-    pub(crate) fn evaluate_block_repeatedly(
-        &self,
-        workspace: &mut BlockWorkspace,
-        inputs: &[[f32; BLOCK]],
-        outputs: &mut [[f32; BLOCK]],
-        repeat: usize,
-    ) {
-        dispatch(Evaluate { program: self, workspace, inputs, outputs, repeat });
+        dispatch(Evaluate { program: self, workspace, inputs, outputs });
     }
 }
 
@@ -216,16 +227,13 @@ struct Evaluate<'a> {
     workspace: &'a mut BlockWorkspace,
     inputs: &'a [[f32; BLOCK]],
     outputs: &'a mut [[f32; BLOCK]],
-    repeat: usize,
 }
 
 impl WithSimd for Evaluate<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        for _ in 0..self.repeat {
-            self.program.run_block::<S>(&mut self.workspace.slots, self.inputs, self.outputs);
-        }
+        self.program.run_block::<S>(&mut self.workspace.slots, self.inputs, self.outputs);
     }
 }
 
@@ -535,21 +543,22 @@ impl<'a> Compiler<'a> {
         let target;
         if planned.op == Op::SinCos {
             if self.slots[planned.node as usize].is_some() {
-                return Ok(None); // made together with its partner
+                // made together with its partner; the angle may end here
+                self.release(planned, time, last_use);
+                return Ok(None);
             }
-            (target, d) = self.take_sin_cos(planned, last_use)?;
+            // two results are written, so the angle's slot may not be one of theirs
+            (target, d) = self.take_sin_cos(planned)?;
+            self.release(planned, time, last_use);
         } else {
             self.release(planned, time, last_use);
             target = self.take(planned.node)?;
-        }
-        if planned.op == Op::SinCos {
-            self.release(planned, time, last_use);
         }
         Ok(Some(Instruction { op: planned.op, target, a, b, c, d }))
     }
 
     /// Slots of sine and cosine of one angle; the one that nobody reads is given back at once.
-    fn take_sin_cos(&mut self, planned: &Planned, last_use: &[usize]) -> Result<(u16, u16)> {
+    fn take_sin_cos(&mut self, planned: &Planned) -> Result<(u16, u16)> {
         let angle = planned.operands[0];
         let find = |wanted: Node| {
             self.recording.nodes.iter().position(|n| *n == wanted).filter(|&i| self.needed[i]).map(|i| i as u32)
@@ -566,7 +575,6 @@ impl<'a> Compiler<'a> {
         if cosine.is_none() {
             self.free.push(slots.1);
         }
-        let _ = last_use;
         Ok(slots)
     }
 
@@ -607,3 +615,6 @@ impl<'a> Compiler<'a> {
         Ok((self.n_slot - 1) as u16)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -137,7 +137,37 @@ impl Graph {
         }
     }
 
+    /// What −x is the negative of.
+    fn negated(&self, i: u32) -> Option<u32> {
+        match self.nodes[i as usize] {
+            Node::Neg(a) => Some(a),
+            _ => None,
+        }
+    }
+
+    /// Signs moved out of products and into sums, which changes no bit: a + (−b) = a − b, (−a) b = −(a b). Reverse sweeps
+    /// are full of them.
+    fn without_signs(&mut self, node: Node) -> Node {
+        use Node::*;
+        match node {
+            Add(a, b) => match (self.negated(a), self.negated(b)) {
+                (_, Some(c)) => self.without_signs(Sub(a, c)),
+                (Some(c), None) => Sub(b, c),
+                _ => node,
+            },
+            Sub(a, b) => self.negated(b).map_or(node, |c| Add(a, c)),
+            Mul(a, b) => match (self.negated(a), self.negated(b)) {
+                (Some(c), Some(d)) => Mul(c, d),
+                (Some(c), None) => Neg(self.push(Mul(c, b))),
+                (None, Some(d)) => Neg(self.push(Mul(a, d))),
+                _ => node,
+            },
+            _ => node,
+        }
+    }
+
     fn push(&mut self, node: Node) -> u32 {
+        let node = self.without_signs(node);
         match self.simplify(node) {
             Err(existing) => existing,
             Ok(node) => *self.index.entry(node).or_insert_with(|| {
@@ -304,19 +334,32 @@ impl Recording {
         let n_seed = self.outputs.len();
         let (outputs, nodes) = on_graph(&self.nodes, || {
             let seeds: Vec<Trace> = (0..n_seed).map(|k| push(Node::Input((self.n_input + k) as u32))).collect();
-            let inputs: Vec<u32> = with_respect_to.map(|k| push(Node::Input(k as u32)).0).collect();
-            self.reverse_sweep(&seeds, &inputs)
+            let inputs = input_nodes(with_respect_to);
+            let seeded: Vec<(u32, Trace)> = self.outputs.iter().copied().zip(seeds).collect();
+            self.reverse_sweep(&seeded, &inputs)
         });
         Self { nodes, n_input: self.n_input + n_seed, outputs: outputs.iter().map(|o| o.0).collect() }
     }
 
-    fn reverse_sweep(&self, seeds: &[Trace], inputs: &[u32]) -> Vec<Trace> {
+    /// The Jacobian with respect to the inputs in `with_respect_to`, column by column: one reverse sweep per result, all on
+    /// one graph. What is zero by structure costs nothing, and what the sweeps share is computed once.
+    pub fn jacobian(&self, with_respect_to: Range<usize>) -> Self {
+        let (outputs, nodes) = on_graph(&self.nodes, || {
+            let inputs = input_nodes(with_respect_to);
+            let rows: Vec<Vec<Trace>> =
+                self.outputs.iter().map(|o| self.reverse_sweep(&[(*o, Trace::one())], &inputs)).collect();
+            (0..inputs.len()).flat_map(|k| rows.iter().map(move |row| row[k])).collect::<Vec<_>>()
+        });
+        Self { nodes, n_input: self.n_input, outputs: outputs.iter().map(|o| o.0).collect() }
+    }
+
+    fn reverse_sweep(&self, seeds: &[(u32, Trace)], inputs: &[u32]) -> Vec<Trace> {
         let mut adjoint: Vec<Option<Trace>> = vec![None; self.nodes.len()];
         let accumulate = |adjoint: &mut Vec<Option<Trace>>, i: u32, value: Trace| {
             let sum = &mut adjoint[i as usize];
             *sum = Some(sum.map_or(value, |s| s + value));
         };
-        for (output, seed) in self.outputs.iter().zip(seeds) {
+        for (output, seed) in seeds {
             accumulate(&mut adjoint, *output, *seed);
         }
         for i in (0..self.nodes.len()).rev() {
@@ -327,6 +370,10 @@ impl Recording {
         }
         inputs.iter().map(|i| adjoint.get(*i as usize).copied().flatten().unwrap_or_else(Trace::zero)).collect()
     }
+}
+
+fn input_nodes(range: Range<usize>) -> Vec<u32> {
+    range.map(|k| push(Node::Input(k as u32)).0).collect()
 }
 
 /// What `node` (whose value is `y`) passes to its operands when its own adjoint is `g`.

@@ -73,7 +73,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let spinner = progress::spinner("measuring", a.json);
     let budget = if a.quick { QUICK } else { usual.budget };
     let plan = BenchPlan { budget, n_env: a.environments, threads };
-    let rows = bench::run(&plan, |row| spinner.set_message(format!("measured {}: {}", row.group, row.name)))?;
+    let rows = bench::run(&plan, &mut |row| spinner.set_message(format!("measured {}: {}", row.group, row.name)))?;
     spinner.finish_and_clear();
 
     let mut written = Vec::new();

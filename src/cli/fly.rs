@@ -111,7 +111,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
 
     let bar = progress::bar(n_step, "flying", a.json);
     let start = Instant::now();
-    let flight = fly(&source.vehicle, &gains, &plan, |k| {
+    let flight = fly(&source.vehicle, &gains, &plan, &mut |k| {
         if k % 512 == 0 {
             bar.set_position(k);
         }

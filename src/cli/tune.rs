@@ -104,7 +104,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let bar = progress::bar(a.iterations as u64, "judging, then tuning", a.json);
     bar.enable_steady_tick(Duration::from_millis(200));
     let start = Instant::now();
-    let tuning = tune(vehicle, &gains, &plan, |step| {
+    let tuning = tune(vehicle, &gains, &plan, &mut |step| {
         bar.set_position(step.iteration as u64 + 1);
         bar.set_message(format!("RMSE {}", length(step.rmse)));
     })?;
@@ -114,7 +114,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let mut written = vec![write_gains(&folder, a, vehicle, &gains_name, &tuning)?];
     if !a.no_plots {
         let path = folder.join(format!("tune.{}", a.format.extension()));
-        let flight = |gains: &Gains| fly(vehicle, gains, &nominal(&plan), |_| {});
+        let flight = |gains: &Gains| fly(vehicle, gains, &nominal(&plan), &mut |_| {});
         figure(&vehicle.name, &tuning, &gains, &flight(&gains)?, &flight(&tuning.gains)?).save(&path)?;
         written.push(path);
     }

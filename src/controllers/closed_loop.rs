@@ -15,16 +15,13 @@ use crate::error::Result;
 #[expect(clippy::large_enum_variant, reason = "one per simulation, and read on every step")]
 enum AnyCascade {
     Four(CascadeModel<f64, 4>),
-    Six(CascadeModel<f64, 6>),
-    Eight(CascadeModel<f64, 8>),
-    Twelve(CascadeModel<f64, 12>),
     Sixteen(CascadeModel<f64, 16>),
 }
 
 /// A multirotor that tracks a reference with the full cascade.
 ///
 /// - State: the vehicle's 13 + n numbers ([`RigidState`](crate::dynamics::RigidState)), then the cascade's memory
-///   ([`Held`], 23 + R numbers, R the padded rotor count).
+///   ([`Held`], 23 + n numbers).
 /// - Input: a [`Sample`] (18), three ticks (1 where velocity and position, attitude, rate compute, else 0), then a
 ///   [`Disturbance`] (9) if that effect is on. [`ClosedLoop::write_input`] fills it.
 /// - Parameters: none, or with [`ClosedLoop::with_gains`] the twelve of [`GainSet`].
@@ -46,9 +43,6 @@ impl ClosedLoop {
     pub fn new(vehicle: &Vehicle, physics: Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
         let cascade = match vehicle.n_rotor() {
             0..=4 => AnyCascade::Four(CascadeModel::new(vehicle, gains)?),
-            5..=6 => AnyCascade::Six(CascadeModel::new(vehicle, gains)?),
-            7..=8 => AnyCascade::Eight(CascadeModel::new(vehicle, gains)?),
-            9..=12 => AnyCascade::Twelve(CascadeModel::new(vehicle, gains)?),
             _ => AnyCascade::Sixteen(CascadeModel::new(vehicle, gains)?),
         };
         Ok(Self {
@@ -94,11 +88,8 @@ impl ClosedLoop {
         let (plant, held) = x.split_at_mut(self.plant.n_state());
         plant.copy_from_slice(vehicle_state);
         match &self.cascade {
-            AnyCascade::Four(c) => c.initial().write(held),
-            AnyCascade::Six(c) => c.initial().write(held),
-            AnyCascade::Eight(c) => c.initial().write(held),
-            AnyCascade::Twelve(c) => c.initial().write(held),
-            AnyCascade::Sixteen(c) => c.initial().write(held),
+            AnyCascade::Four(c) => write_held(&c.initial(), held),
+            AnyCascade::Sixteen(c) => write_held(&c.initial(), held),
         }
         x
     }
@@ -138,7 +129,7 @@ impl ClosedLoop {
         let (sample, rest) = input.split_at(Sample::<S>::DIM);
         let ticks = [rest[0], rest[1], rest[2]];
         let seen = Kinematics::read(plant);
-        let held = cascade.position(&seen, &Held::<S, R>::read(held), &Sample::read(sample), ticks);
+        let held = cascade.position(&seen, &read_held::<S, R>(held), &Sample::read(sample), ticks);
 
         let n = self.plant.vehicle().n_rotor();
         let mut plant_input = [S::zero(); MAX_PADDED + Disturbance::<f64>::DIM];
@@ -151,20 +142,32 @@ impl ClosedLoop {
         }
         let (next_plant, next_held) = next.split_at_mut(n_plant);
         self.plant.step(plant, &plant_input[..n_input], &[], next_plant);
-        held.write(next_held);
+        write_held(&held, next_held);
     }
+}
+
+/// Numbers of a memory padded to sixteen rotors.
+const MAX_HELD: usize = Held::<f64, MAX_PADDED>::DIM;
+
+/// Writes a memory of R rotors without those that the vehicle does not have.
+#[inline(always)]
+fn write_held<S: Scalar, const R: usize>(held: &Held<S, R>, out: &mut [S]) {
+    let mut padded = [S::zero(); MAX_HELD];
+    held.write(&mut padded[..Held::<S, R>::DIM]);
+    out.copy_from_slice(&padded[..out.len()]);
+}
+
+/// The inverse of [`write_held`]; missing rotors rest at −1.
+#[inline(always)]
+fn read_held<S: Scalar, const R: usize>(x: &[S]) -> Held<S, R> {
+    let mut padded = [-S::one(); MAX_HELD];
+    padded[..x.len()].copy_from_slice(x);
+    Held::read(&padded[..Held::<S, R>::DIM])
 }
 
 impl System for ClosedLoop {
     fn n_state(&self) -> usize {
-        self.plant.n_state()
-            + match &self.cascade {
-                AnyCascade::Four(_) => Held::<f64, 4>::DIM,
-                AnyCascade::Six(_) => Held::<f64, 6>::DIM,
-                AnyCascade::Eight(_) => Held::<f64, 8>::DIM,
-                AnyCascade::Twelve(_) => Held::<f64, 12>::DIM,
-                AnyCascade::Sixteen(_) => Held::<f64, 16>::DIM,
-            }
+        self.plant.n_state() + Held::<f64, 0>::DIM + self.plant.vehicle().n_rotor()
     }
     fn n_input(&self) -> usize {
         Sample::<f64>::DIM + 3 + self.plant.n_input() - (self.plant.n_state() - RIGID_DIM)
@@ -175,9 +178,6 @@ impl System for ClosedLoop {
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
         match &self.cascade {
             AnyCascade::Four(c) => self.step_with(c, state, input, parameters, next),
-            AnyCascade::Six(c) => self.step_with(c, state, input, parameters, next),
-            AnyCascade::Eight(c) => self.step_with(c, state, input, parameters, next),
-            AnyCascade::Twelve(c) => self.step_with(c, state, input, parameters, next),
             AnyCascade::Sixteen(c) => self.step_with(c, state, input, parameters, next),
         }
     }

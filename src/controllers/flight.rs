@@ -84,7 +84,7 @@ impl FlightPlan {
 ///
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if vehicle, gains or plan are not valid.
-pub fn fly(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, mut progress: impl FnMut(u64)) -> Result<Flight> {
+pub fn fly(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, progress: &mut dyn FnMut(u64)) -> Result<Flight> {
     let n_step = plan.n_step()?;
     let mut physics = plan.physics;
     let windy = plan.wind != Wind::Calm;

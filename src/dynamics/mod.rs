@@ -9,12 +9,14 @@
 //! | [`rigid`] | the rigid multirotor's equations, over any scalar |
 //! | [`integrate`] | RK4 and the semi-implicit step |
 //! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
+//! | [`fleet`] | several multirotors in each other's downwash, as one system |
 //! | [`aero`] | ground effect, downwash, wind |
 //! | [`batch`] | many environments in lanes |
 //! | [`spatial`] | vectors and quaternions over any scalar |
 
 pub mod aero;
 pub mod batch;
+pub mod fleet;
 pub mod gains;
 pub mod integrate;
 pub mod multirotor;
@@ -26,6 +28,7 @@ pub mod vehicle_file;
 pub mod vehicles;
 
 pub use batch::World;
+pub use fleet::{Downwash, Fleet};
 pub use integrate::Integrator;
 pub use multirotor::{Multirotor, Physics};
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};

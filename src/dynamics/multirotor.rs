@@ -4,6 +4,7 @@ use super::integrate::{Grid, Integrator, step};
 use super::rigid::{
     BODY_PARAMETERS, Disturbance, Effects, RIGID_DIM, ROTOR_PARAMETERS, RigidModel, RigidState, parameter_vector,
 };
+use super::spatial::{Vec3, add, axpy, constants, rotate};
 use super::vehicle::{GRAVITY, Vehicle};
 use crate::autodiff::{Scalar, System};
 use crate::error::{Error, Result, finite};
@@ -56,14 +57,12 @@ impl Physics {
 /// Largest compiled rotor count.
 pub(crate) const MAX_PADDED: usize = 16;
 
-/// A model for one of the compiled rotor counts; vehicles in between are padded with dead rotors.
+/// A model with rotor loops unrolled for up to four, or with loops for up to sixteen. Two copies of the physics per
+/// scalar keep compile time small; lanes have more (see `batch`).
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "one per simulation, and read on every step")]
 pub(crate) enum AnyModel {
     Four(RigidModel<f64, 4>),
-    Six(RigidModel<f64, 6>),
-    Eight(RigidModel<f64, 8>),
-    Twelve(RigidModel<f64, 12>),
     Sixteen(RigidModel<f64, 16>),
 }
 
@@ -71,9 +70,6 @@ impl AnyModel {
     pub(crate) fn new(vehicle: &Vehicle, substep: f64) -> Self {
         match vehicle.n_rotor() {
             0..=4 => Self::Four(RigidModel::new(vehicle, substep)),
-            5..=6 => Self::Six(RigidModel::new(vehicle, substep)),
-            7..=8 => Self::Eight(RigidModel::new(vehicle, substep)),
-            9..=12 => Self::Twelve(RigidModel::new(vehicle, substep)),
             _ => Self::Sixteen(RigidModel::new(vehicle, substep)),
         }
     }
@@ -81,9 +77,6 @@ impl AnyModel {
     pub(crate) fn effects_of(&self, effects: Effects) -> Effects {
         match self {
             Self::Four(m) => m.effects_of(effects),
-            Self::Six(m) => m.effects_of(effects),
-            Self::Eight(m) => m.effects_of(effects),
-            Self::Twelve(m) => m.effects_of(effects),
             Self::Sixteen(m) => m.effects_of(effects),
         }
     }
@@ -175,18 +168,17 @@ impl Multirotor {
         Ok(u)
     }
 
+    /// What a step of one compiled rotor count needs: model, state, actions padded to R, air.
     #[inline(always)]
-    fn step_padded<S: Scalar, const R: usize>(
+    fn padded<S: Scalar, const R: usize>(
         &self,
         nominal: &RigidModel<f64, R>,
         state: &[S],
         input: &[S],
         parameters: &[S],
-        next: &mut [S],
-    ) {
-        let grid = self.physics.grid();
+    ) -> (RigidModel<S, R>, RigidState<S, R>, [S; R], Disturbance<S>) {
         let model = if self.exposes_parameters {
-            RigidModel::from_parameters(parameters, &self.radii, grid.substep)
+            RigidModel::from_parameters(parameters, &self.radii, self.physics.grid().substep)
         } else {
             nominal.cast()
         };
@@ -198,8 +190,90 @@ impl Multirotor {
             }
         }
         let air = if self.effects.disturbance { Disturbance::read(&input[n..]) } else { Disturbance::none() };
-        let x = RigidState::<S, R>::read(state);
-        step(&model, self.effects, grid, &x, &action, &air).write(next);
+        (model, RigidState::read(state), action, air)
+    }
+
+    #[inline(always)]
+    fn step_padded<S: Scalar, const R: usize>(
+        &self,
+        nominal: &RigidModel<f64, R>,
+        state: &[S],
+        input: &[S],
+        parameters: &[S],
+        push: Option<Vec3<S>>,
+        next: &mut [S],
+    ) {
+        let (model, x, action, mut air) = self.padded(nominal, state, input, parameters);
+        let mut effects = self.effects;
+        if let Some(force) = push {
+            effects.disturbance = true;
+            air.force = add(air.force, force);
+        }
+        step(&model, effects, self.physics.grid(), &x, &action, &air).write(next);
+    }
+
+    /// ẋ = f(x, u, θ) in continuous time: what a step integrates. `rate` has the layout of the state.
+    pub fn derivative<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], rate: &mut [S]) {
+        match &self.model {
+            AnyModel::Four(m) => self.derivative_padded(m, state, input, parameters, rate),
+            AnyModel::Sixteen(m) => self.derivative_padded(m, state, input, parameters, rate),
+        }
+    }
+
+    fn derivative_padded<S: Scalar, const R: usize>(
+        &self,
+        nominal: &RigidModel<f64, R>,
+        state: &[S],
+        input: &[S],
+        parameters: &[S],
+        rate: &mut [S],
+    ) {
+        let (model, x, action, air) = self.padded(nominal, state, input, parameters);
+        model.derivative(&x, &action, &air, self.effects).write(rate);
+    }
+
+    /// Drag of airframe and rotors in a state, `[force; moment]` about the centre of mass, body frame: the effects that
+    /// are on, the rolling moment among them.
+    pub fn drag_wrench<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S]) -> [S; 6] {
+        match &self.model {
+            AnyModel::Four(m) => self.drag_padded(m, state, input, parameters),
+            AnyModel::Sixteen(m) => self.drag_padded(m, state, input, parameters),
+        }
+    }
+
+    fn drag_padded<S: Scalar, const R: usize>(
+        &self,
+        nominal: &RigidModel<f64, R>,
+        state: &[S],
+        input: &[S],
+        parameters: &[S],
+    ) -> [S; 6] {
+        let (model, x, _, air) = self.padded(nominal, state, input, parameters);
+        let drag = model.drag_wrench(&model.center_of_mass_motion(&x), &x.rotor_speed, &air, self.effects);
+        let (f, m) = (drag.force, drag.moment);
+        [f[0], f[1], f[2], m[0], m[1], m[2]]
+    }
+
+    fn step_any<S: Scalar>(&self, state: &[S], input: &[S], theta: &[S], push: Option<Vec3<S>>, next: &mut [S]) {
+        match &self.model {
+            AnyModel::Four(m) => self.step_padded(m, state, input, theta, push, next),
+            AnyModel::Sixteen(m) => self.step_padded(m, state, input, theta, push, next),
+        }
+    }
+
+    /// As [`System::step`] without parameters, with one more force at the centre of mass (N, world) held in the step.
+    pub(crate) fn step_pushed<S: Scalar>(&self, state: &[S], input: &[S], force: Vec3<S>, next: &mut [S]) {
+        self.step_any(state, input, &[], Some(force), next);
+    }
+
+    /// Σ k_f Ωᵢ² nᵢ of a state in the world, N: the rotors' thrust in free air.
+    pub(crate) fn thrust<S: Scalar>(&self, state: &[S]) -> Vec3<S> {
+        let mut force = [S::zero(); 3];
+        for (rotor, speed) in self.vehicle.rotors.iter().zip(&state[RIGID_DIM..]) {
+            let squared = S::constant(rotor.thrust_coefficient) * speed.square();
+            force = axpy(force, squared, constants(rotor.axis));
+        }
+        rotate([state[6], state[7], state[8], state[9]], force)
     }
 }
 
@@ -214,26 +288,20 @@ impl System for Multirotor {
         if self.exposes_parameters { BODY_PARAMETERS.len() + self.radii.len() * ROTOR_PARAMETERS.len() } else { 0 }
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        match &self.model {
-            AnyModel::Four(m) => self.step_padded(m, state, input, parameters, next),
-            AnyModel::Six(m) => self.step_padded(m, state, input, parameters, next),
-            AnyModel::Eight(m) => self.step_padded(m, state, input, parameters, next),
-            AnyModel::Twelve(m) => self.step_padded(m, state, input, parameters, next),
-            AnyModel::Sixteen(m) => self.step_padded(m, state, input, parameters, next),
-        }
+        self.step_any(state, input, parameters, None, next);
     }
 }
 
 impl Vehicle {
-    /// Thrust of each rotor in level hover, N: the least-norm solution of B u = (0, 0, m g, 0, 0, 0) on the rows that
-    /// matter (vertical force and the three moments).
+    /// Thrust of each rotor in level hover, N: the least-norm solution of B u = (0, 0, m g, 0, 0, 0). Rows of upright
+    /// rotors' horizontal forces are zero and drop out; tilted rotors balance theirs.
     ///
     /// # Errors
     /// [`Error::Value`] if weight and moments cannot be balanced within 0 ≤ T ≤ T_max.
     pub fn hover_thrusts(&self) -> Result<Vec<f64>> {
-        let b = self.allocation_matrix().rows(2, 4).into_owned();
+        let b = self.allocation_matrix();
         let weight = self.mass_properties().mass * GRAVITY;
-        let wanted = nalgebra::DVector::from_vec(vec![weight, 0.0, 0.0, 0.0]);
+        let wanted = nalgebra::DVector::from_vec(vec![0.0, 0.0, weight, 0.0, 0.0, 0.0]);
         let svd = b.clone().svd(true, true);
         let tolerance = 1e-9 * svd.singular_values.max();
         let cannot = |why: String| {

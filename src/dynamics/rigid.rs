@@ -97,10 +97,12 @@ pub struct Effects {
     pub ground_effect: bool,
     /// Wind, and force and moment from outside: [`Disturbance`].
     pub disturbance: bool,
-    /// Set by [`RigidModel::effects_of`] where a rotor is not along body z.
+    /// Set by [`RigidModel::effects_of`] where a rotor is not along body z; ask for it where rotors of later
+    /// vehicles of a batch may be tilted.
     #[serde(skip)]
     pub tilted_rotors: bool,
-    /// Set by [`RigidModel::effects_of`] where the inertia has products.
+    /// Set by [`RigidModel::effects_of`] where the inertia has products; ask for it where that of later vehicles of a
+    /// batch may.
     #[serde(skip)]
     pub products_of_inertia: bool,
 }
@@ -200,6 +202,8 @@ pub struct RigidModel<S, const R: usize> {
     pub(crate) angular_drag: Vec3<S>,
     pub(crate) quadratic_drag: Vec3<S>,
     pub(crate) ground_height: S,
+    /// Rotors in use; those behind are dead.
+    pub(crate) n_rotor: usize,
     pub(crate) rotors: [RotorModel<S>; R],
 }
 
@@ -308,7 +312,7 @@ impl<const R: usize> RigidModel<f64, R> {
     pub fn cast<S: Scalar>(&self) -> RigidModel<S, R> {
         let c = S::constant;
         let mut rotors = [RotorModel::dead(); R];
-        for i in 0..R {
+        for i in 0..self.n_loop() {
             rotors[i] = self.rotors[i].cast();
         }
         RigidModel {
@@ -322,16 +326,21 @@ impl<const R: usize> RigidModel<f64, R> {
             angular_drag: constants(self.angular_drag),
             quadratic_drag: constants(self.quadratic_drag),
             ground_height: c(self.ground_height),
+            n_rotor: self.n_rotor,
             rotors,
         }
     }
 
-    /// `effects` with the flags that the geometry decides.
+    /// `effects` with the flags that the geometry needs.
     pub fn effects_of(&self, effects: Effects) -> Effects {
         let tilted = self.rotors.iter().any(|r| r.axis[0] != 0.0 || r.axis[1] != 0.0);
         let largest = self.inertia[..3].iter().fold(0.0, |a: f64, b| a.max(b.abs()));
         let products = self.inertia[3..].iter().any(|j| j.abs() > 1e-9 * largest);
-        Effects { tilted_rotors: tilted, products_of_inertia: products, ..effects }
+        Effects {
+            tilted_rotors: effects.tilted_rotors || tilted,
+            products_of_inertia: effects.products_of_inertia || products,
+            ..effects
+        }
     }
 }
 
@@ -432,6 +441,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
             quadratic_drag: [p[14], p[15], p[16]],
             angular_drag: [p[17], p[18], p[19]],
             ground_height: S::zero(),
+            n_rotor: radii.len(),
             rotors,
         }
     }
@@ -483,6 +493,14 @@ pub(crate) struct Wrench<S> {
     pub moment: Vec3<S>,
 }
 
+impl<S, const R: usize> RigidModel<S, R> {
+    /// Rotors to loop over: all slots of a small model, so that loops unroll, else those in use.
+    #[inline(always)]
+    fn n_loop(&self) -> usize {
+        if R <= 8 { R } else { self.n_rotor }
+    }
+}
+
 impl<S: Scalar, const R: usize> RigidModel<S, R> {
     /// Ω_cmd = Ω_max √max((a + 1)/2, 1e-4) of rotor actions a, clipped to [−1, 1]. The floor keeps the gradient finite
     /// at a = −1.
@@ -490,7 +508,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
     pub(crate) fn target_speed(&self, action: &[S; R]) -> [S; R] {
         let mut target = [S::zero(); R];
         let (one, half) = (S::one(), S::constant(0.5));
-        for i in 0..R {
+        for i in 0..self.n_loop() {
             let fraction = (action[i].clamp(-one, one) + one) * half;
             target[i] = self.rotors[i].max_speed * safe::sqrt(fraction, 1e-4);
         }
@@ -501,7 +519,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
     #[inline(always)]
     pub(crate) fn rotor_path(&self, start: [S; R], target: [S; R]) -> RotorPath<S, R> {
         let mut path = RotorPath { start, middle: start, end: start, target, rate: start };
-        for i in 0..R {
+        for i in 0..self.n_loop() {
             let rotor = &self.rotors[i];
             let up = start[i].lt(target[i]);
             let decay = S::select(up, rotor.decay_up, rotor.decay_down);
@@ -515,7 +533,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
 
     /// Base origin → centre of mass: p + R c, v + R (ω × c).
     #[inline(always)]
-    pub(crate) fn to_center_of_mass(&self, x: &RigidState<S, R>) -> Motion<S> {
+    pub(crate) fn center_of_mass_motion(&self, x: &RigidState<S, R>) -> Motion<S> {
         let (q, w) = (x.attitude, x.angular_velocity);
         Motion {
             position: add(x.position, rotate(q, self.center_of_mass)),
@@ -527,7 +545,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
 
     /// Centre of mass → base origin.
     #[inline(always)]
-    pub(crate) fn to_base_origin(&self, m: &Motion<S>, rotor_speed: [S; R]) -> RigidState<S, R> {
+    pub(crate) fn base_origin_state(&self, m: &Motion<S>, rotor_speed: [S; R]) -> RigidState<S, R> {
         let (q, w) = (m.attitude, m.angular_velocity);
         RigidState {
             position: sub(m.position, rotate(q, self.center_of_mass)),
@@ -544,7 +562,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         let o = S::zero();
         let mut force = [o; 3];
         let mut moment = [o; 3];
-        for i in 0..R {
+        for i in 0..self.n_loop() {
             let rotor = &self.rotors[i];
             let mut squared = speed[i] * speed[i];
             if effects.ground_effect {
@@ -573,7 +591,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         effects: Effects,
     ) -> Wrench<S> {
         let relative = if effects.disturbance { sub(m.velocity, air.wind) } else { m.velocity };
-        let velocity = rotate_back(m.attitude, relative);
+        let velocity = rotate_scaled(conjugate(m.attitude), relative);
         let w = m.angular_velocity;
         let o = [S::zero(); 3];
         let mut drag = Wrench { force: o, moment: o };
@@ -586,7 +604,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
             drag.force = axpy(drag.force, -speed, hadamard(self.quadratic_drag, velocity));
         }
         if effects.rotor_air() {
-            for i in 0..R {
+            for i in 0..self.n_loop() {
                 let rotor = &self.rotors[i];
                 let at_hub = add(velocity, cross(w, rotor.hub));
                 let along = scale(dot(at_hub, rotor.axis), rotor.axis);
@@ -610,7 +628,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
     pub(crate) fn rotor_momentum(&self, speed: &[S; R], path: &RotorPath<S, R>) -> (Vec3<S>, Vec3<S>) {
         let mut momentum = [S::zero(); 3];
         let mut rate = [S::zero(); 3];
-        for i in 0..R {
+        for i in 0..self.n_loop() {
             let rotor = &self.rotors[i];
             let acceleration = (path.target[i] - speed[i]) * path.rate[i];
             momentum = axpy(momentum, rotor.spin_inertia * speed[i], rotor.axis);
@@ -648,7 +666,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
             moment = sub(moment, rate);
         }
         let mut world = if effects.tilted_rotors || effects.body_drag || effects.quadratic_drag || effects.rotor_air() {
-            rotate(m.attitude, force)
+            rotate_scaled(m.attitude, force)
         } else {
             scale(force[2], up_axis(m.attitude))
         };
@@ -675,5 +693,32 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
             total = add(total, momentum);
         }
         symmetric_times(&self.inverse_inertia, sub(moment, cross(w, total)), effects)
+    }
+
+    /// ẋ in continuous time: [`Self::loads`] at the centre of mass, v̇ taken to the base origin, Ω̇ = (Ω_cmd − Ω)/τ.
+    pub(crate) fn derivative(
+        &self,
+        x: &RigidState<S, R>,
+        action: &[S; R],
+        air: &Disturbance<S>,
+        effects: Effects,
+    ) -> RigidState<S, R> {
+        let path = self.rotor_path(x.rotor_speed, self.target_speed(action));
+        let (m, w, c) = (self.center_of_mass_motion(x), x.angular_velocity, self.center_of_mass);
+        let (acceleration, moment, momentum) = self.loads(&m, &x.rotor_speed, &path, air, effects);
+        let spin = self.angular_acceleration(w, moment, momentum, effects);
+        // v = v_c − R (ω × c), hence v̇ = v̇_c − R (ω̇ × c + ω × (ω × c))
+        let lever = add(cross(spin, c), cross(w, cross(w, c)));
+        let mut rotor_speed = x.rotor_speed;
+        for i in 0..R {
+            rotor_speed[i] = (path.target[i] - x.rotor_speed[i]) * path.rate[i];
+        }
+        RigidState {
+            position: x.velocity,
+            velocity: sub(acceleration, rotate(x.attitude, lever)),
+            attitude: derivative(x.attitude, w),
+            angular_velocity: spin,
+            rotor_speed,
+        }
     }
 }

@@ -187,7 +187,7 @@ impl System for LogGains {
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if vehicle, gains or plan are not valid; a gain of zero cannot be tuned, since
 /// steps are relative.
-pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, mut progress: impl FnMut(&Iteration)) -> Result<Tuning> {
+pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dyn FnMut(&Iteration)) -> Result<Tuning> {
     let n_step = plan.n_step()?;
     validate_gains(gains)?;
     let system = LogGains(ClosedLoop::new(vehicle, plan.physics, gains, &plan.rates)?.with_gains());

@@ -139,6 +139,7 @@ fn unpack<S: Simd, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rigi
         angular_drag,
         quadratic_drag: [o; 3],
         ground_height: o,
+        n_rotor: R,
         rotors,
     };
     if needs_rest(effects) {
@@ -259,4 +260,105 @@ fn step_lanes<S: Simd, const R: usize>(block: &mut [[f32; BLOCK]], at: usize, ef
     }
     let stopped = Lanes::select(was_alive, Lanes::constant(f64::from(STOPPED)), alive);
     Lanes::select(ok, alive, stopped).store(&mut block[rows.alive][at..]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autodiff::lanes::dispatch_each;
+    use crate::dynamics::multirotor::Physics;
+    use crate::dynamics::{Integrator, Vehicle, vehicles};
+    use crate::rng::{Purpose, Stream};
+
+    const STEPS: usize = 20;
+
+    /// A block stepped by one instruction set.
+    #[derive(Clone, Copy)]
+    struct Widths<'a, const R: usize> {
+        block: &'a [[f32; BLOCK]],
+        effects: Effects,
+        grid: Grid,
+    }
+
+    impl<const R: usize> WithSimd for Widths<'_, R> {
+        type Output = Vec<[f32; BLOCK]>;
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, token: S) -> Vec<[f32; BLOCK]> {
+            let mut blocks = [self.block.to_vec()];
+            for _ in 0..STEPS {
+                StepBlocks::<R> { blocks: &mut blocks, effects: self.effects, grid: self.grid }.with_simd(token);
+            }
+            let [block] = blocks;
+            block
+        }
+    }
+
+    /// Sixty-four different flights, one of them with a NaN action.
+    fn block<const R: usize>(vehicle: &Vehicle, model: &RigidModel<f64, R>) -> Vec<[f32; BLOCK]> {
+        let rows = Rows::of(R);
+        let mut block = vec![[0.0; BLOCK]; rows.count];
+        for lane in 0..BLOCK {
+            let mut r = Stream::new(80, lane as u64, 0, Purpose::user(80));
+            for k in 0..6 {
+                block[k][lane] = r.uniform(-2.0, 4.0) as f32;
+            }
+            let q: Vec<f64> = (0..4).map(|_| r.normal()).collect();
+            let norm = q.iter().map(|q| q * q).sum::<f64>().sqrt();
+            for k in 0..4 {
+                block[6 + k][lane] = (q[k] / norm) as f32;
+            }
+            for k in 10..13 {
+                block[k][lane] = r.uniform(-4.0, 4.0) as f32;
+            }
+            for (k, rotor) in vehicle.rotors.iter().enumerate() {
+                block[RIGID_DIM + k][lane] = (rotor.max_speed * r.uniform(0.0, 1.0)) as f32;
+                block[rows.action + k][lane] = r.uniform(-1.2, 1.2) as f32;
+            }
+            for k in 0..9 {
+                block[rows.disturbance + k][lane] = (0.01 * r.uniform(-1.0, 1.0)) as f32;
+            }
+        }
+        block[rows.action][37] = f32::NAN;
+        block[rows.alive] = [ALIVE; BLOCK];
+        for (row, value) in block[rows.model..].iter_mut().zip(pack(model)) {
+            *row = [value as f32; BLOCK];
+        }
+        block
+    }
+
+    #[test]
+    fn sixteen_and_eight_lanes_give_the_same_bits_and_one_lane_the_same_flight() {
+        const R: usize = 4;
+        let mut worst = 0.0_f32;
+        for vehicle in vehicles::all().iter().filter(|v| v.n_rotor() == R) {
+            for integrator in [Integrator::RungeKutta4, Integrator::SemiImplicit] {
+                for effects in [Effects::none(), Effects::lean(), Effects::default(), Effects::all()] {
+                    let physics = Physics { integrator, effects, ..Physics::default() };
+                    let grid = physics.grid();
+                    let model = RigidModel::<f64, R>::new(vehicle, grid.substep);
+                    let start = block(vehicle, &model);
+                    let op = Widths::<R> { block: &start, effects: model.effects_of(effects), grid };
+                    let results = dispatch_each(op);
+                    let alive = &results[0].1[Rows::of(R).alive];
+                    assert_eq!(alive.iter().filter(|a| **a != ALIVE).count(), 1, "the NaN action stops its lane alone");
+                    for (set, result) in &results[1..] {
+                        for (row, (a, b)) in results[0].1.iter().zip(result).take(Rows::of(R).action).enumerate() {
+                            for lane in 0..BLOCK {
+                                let (a, b) = (a[lane], b[lane]);
+                                let name = format!("{} {integrator:?} {effects:?} row {row} lane {lane}", vehicle.name);
+                                if *set == "fallback" {
+                                    let error = (a - b).abs() / a.abs().max(1.0);
+                                    worst = worst.max(error);
+                                    assert!(error <= 1e-3, "{name}: {a} against {b}");
+                                } else {
+                                    assert_eq!(a.to_bits(), b.to_bits(), "{name} on {set}: {a} against {b}");
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        println!("fallback after {STEPS} steps: {worst:.1e}"); // measured 2.1e-6: it rounds products twice
+    }
 }

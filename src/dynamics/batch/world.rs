@@ -5,7 +5,7 @@ use crate::autodiff::lanes::dispatch;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::integrate::Grid;
 use crate::dynamics::multirotor::{AnyModel, Multirotor, Physics};
-use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM};
+use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel};
 use crate::dynamics::vehicle::Vehicle;
 use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
@@ -159,7 +159,6 @@ impl World {
             4 => self.step_padded::<4>(actions),
             6 => self.step_padded::<6>(actions),
             8 => self.step_padded::<8>(actions),
-            12 => self.step_padded::<12>(actions),
             _ => self.step_padded::<16>(actions),
         }
         self.collect_failures(actions);
@@ -260,8 +259,20 @@ impl World {
             return Err(wrong_length("rotors of the vehicle", vehicle.n_rotor(), self.n_rotor));
         }
         let own = AnyModel::new(vehicle, self.grid.substep).effects_of(self.physics.effects);
-        self.effects.tilted_rotors |= own.tilted_rotors;
-        self.effects.products_of_inertia |= own.products_of_inertia;
+        // switching them on now would change the rounding of every other environment where few effects are on
+        for (effect, needed, have) in [
+            ("tilted_rotors", own.tilted_rotors, self.effects.tilted_rotors),
+            ("products_of_inertia", own.products_of_inertia, self.effects.products_of_inertia),
+        ] {
+            if needed && !have {
+                return Err(Error::value(
+                    format!("effects.{effect} of the batch"),
+                    "off",
+                    format!("on for the geometry of vehicle '{}'", vehicle.name),
+                    format!("Build the world with Effects {{ {effect}: true, .. }}."),
+                ));
+            }
+        }
         for (row, value) in self.blocks[block][self.rows.model..].iter_mut().zip(packed(vehicle, &self.physics)) {
             row[lane] = value as f32;
         }
@@ -314,18 +325,17 @@ fn padded_rotors(n: usize) -> usize {
         0..=4 => 4,
         5..=6 => 6,
         7..=8 => 8,
-        9..=12 => 12,
         _ => 16,
     }
 }
 
 fn packed(vehicle: &Vehicle, physics: &Physics) -> Vec<f64> {
-    match AnyModel::new(vehicle, physics.grid().substep) {
-        AnyModel::Four(m) => pack(&m),
-        AnyModel::Six(m) => pack(&m),
-        AnyModel::Eight(m) => pack(&m),
-        AnyModel::Twelve(m) => pack(&m),
-        AnyModel::Sixteen(m) => pack(&m),
+    let substep = physics.grid().substep;
+    match padded_rotors(vehicle.n_rotor()) {
+        4 => pack(&RigidModel::<f64, 4>::new(vehicle, substep)),
+        6 => pack(&RigidModel::<f64, 6>::new(vehicle, substep)),
+        8 => pack(&RigidModel::<f64, 8>::new(vehicle, substep)),
+        _ => pack(&RigidModel::<f64, 16>::new(vehicle, substep)),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Unit quaternions `[w, x, y, z]`, Hamilton product, body → world.
 
-use super::vector::{Mat3, Vec3, add, cross, scale};
+use super::vector::{Mat3, Vec3, add, cross, dot, scale};
 use crate::autodiff::{Scalar, safe};
 
 /// `[w, x, y, z]`.
@@ -20,6 +20,22 @@ pub fn rotate<S: Scalar>(q: Quat<S>, v: Vec3<S>) -> Vec3<S> {
     let t = add(t, t);
     let r = cross(u, t);
     [q[0].mul_add(t[0], v[0] + r[0]), q[0].mul_add(t[1], v[1] + r[1]), q[0].mul_add(t[2], v[2] + r[2])]
+}
+
+/// ‖q‖² R(q) v, for any q. Stages of an integrator leave the unit sphere by the order of the step; there [`rotate`]
+/// mixes in (1 − ‖q‖²) v, which does not turn with the body, so that a flight would depend on its heading.
+#[inline(always)]
+pub fn rotate_scaled<S: Scalar>(q: Quat<S>, v: Vec3<S>) -> Vec3<S> {
+    let u = [q[1], q[2], q[3]];
+    let n = dot(q, q);
+    let t = cross(u, v);
+    let t = add(t, t);
+    let r = cross(u, t);
+    [
+        q[0].mul_add(t[0], n.mul_add(v[0], r[0])),
+        q[0].mul_add(t[1], n.mul_add(v[1], r[1])),
+        q[0].mul_add(t[2], n.mul_add(v[2], r[2])),
+    ]
 }
 
 /// R(q)ᵀ v: world → body.

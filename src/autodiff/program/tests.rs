@@ -1,0 +1,315 @@
+use super::super::trace::Trace;
+use super::*;
+use crate::autodiff::Mask;
+use crate::rng::{Purpose, Stream};
+use num_dual::Dual64;
+
+fn compiled(n_input: usize, f: impl FnOnce(&[Trace]) -> Vec<Trace>) -> (Recording, Program) {
+    let recording = Recording::of(n_input, f);
+    let program = Program::compile(&recording).unwrap();
+    (recording, program)
+}
+
+fn run_f64(program: &Program, inputs: &[f64]) -> Vec<f64> {
+    let mut outputs = vec![f64::NAN; program.n_output()];
+    program.evaluate(&mut program.workspace(), inputs, &mut outputs);
+    outputs
+}
+
+fn ops(program: &Program) -> Vec<Op> {
+    program.instructions.iter().map(|i| i.op).collect()
+}
+
+#[test]
+fn constants_are_folded_while_they_are_recorded() {
+    let c = Trace::constant;
+    let (_, program) = compiled(1, |z| {
+        let two = c(0.5).mul_add(c(2.0), c(1.0));
+        let (sine, cosine) = c(0.3).sin_cos();
+        let unit = sine * sine + cosine * cosine;
+        let folded = (two.sqrt() * c(4.0).recip()).exp().ln() + c(1.0).atan2(c(2.0)) - c(0.1).tanh();
+        let picked = Trace::select(c(1.0).lt(c(2.0)), folded, z[0]);
+        vec![picked + unit, z[0] * c(0.0), z[0] + c(0.0), z[0] * c(1.0), z[0] - c(0.0), z[0] / c(1.0), -(-z[0])]
+    });
+    assert!(program.is_empty(), "{:?}", ops(&program));
+    let folded = (2.0_f64.sqrt() * 0.25).exp().ln() + 1.0_f64.atan2(2.0) - 0.1_f64.tanh();
+    let unit = 0.3_f64.sin() * 0.3_f64.sin() + 0.3_f64.cos() * 0.3_f64.cos();
+    assert_eq!(run_f64(&program, &[7.0]), [folded + unit, 0.0, 7.0, 7.0, 7.0, 7.0, 7.0]);
+}
+
+#[test]
+fn equal_expressions_are_computed_once() {
+    let (_, shared) = compiled(2, |z| vec![(z[0] + z[1]).sqrt() * z[0], (z[1] + z[0]).sqrt() / z[1]]);
+    assert_eq!(ops(&shared), [Op::Add, Op::Sqrt, Op::Mul, Op::Div]);
+    let (_, different) = compiled(2, |z| vec![(z[0] + z[1]).sqrt() * z[0], (z[1] - z[0]).sqrt() / z[1]]);
+    assert_eq!(different.len(), 6, "the twin: different sums are not shared");
+}
+
+#[test]
+fn what_no_result_needs_is_dropped() {
+    let (recording, program) = compiled(3, |z| {
+        let dead = (z[0] * z[1]).exp() / z[2].tanh();
+        let _ = dead.sin_cos();
+        vec![z[0] - z[1]]
+    });
+    assert!(recording.nodes.len() > 8);
+    assert_eq!(ops(&program), [Op::Sub]);
+    assert_eq!((program.inputs.len(), program.n_slot()), (2, 2), "not even the third input is loaded");
+    assert_eq!(run_f64(&program, &[5.0, 3.0, f64::NAN]), [2.0]);
+}
+
+#[test]
+fn a_product_read_by_one_sum_is_fused_into_it_and_one_read_twice_is_not() {
+    let (_, sum) = compiled(3, |z| vec![z[0] * z[1] + z[2]]);
+    let (_, from) = compiled(3, |z| vec![z[2] - z[0] * z[1]]);
+    let (_, less) = compiled(3, |z| vec![z[0] * z[1] - z[2]]);
+    assert_eq!((ops(&sum), ops(&from), ops(&less)), (vec![Op::MulAdd], vec![Op::NegMulAdd], vec![Op::MulSub]));
+    for (program, want) in [(&sum, 11.0), (&from, -1.0), (&less, 1.0)] {
+        assert_eq!(run_f64(program, &[2.0, 3.0, 5.0]), [want]);
+    }
+    let (_, shared) = compiled(3, |z| {
+        let product = z[0] * z[1];
+        vec![product + z[2], product]
+    });
+    assert_eq!(ops(&shared), [Op::Mul, Op::Add]);
+    let (_, doubled) = compiled(2, |z| {
+        let product = z[0] * z[1];
+        vec![product + product]
+    });
+    assert_eq!((ops(&doubled), run_f64(&doubled, &[2.0, 3.0])), (vec![Op::Mul, Op::Add], vec![12.0]));
+    let (_, both) = compiled(4, |z| vec![z[0] * z[1] + z[2] * z[3]]);
+    assert_eq!((ops(&both), run_f64(&both, &[2.0, 3.0, 5.0, 7.0])), (vec![Op::Mul, Op::MulAdd], vec![41.0]));
+    let (_, squared) = compiled(1, |z| vec![z[0] * z[0] + z[0]]);
+    assert_eq!(run_f64(&squared, &[3.0]), [12.0]);
+}
+
+#[test]
+fn a_comparison_read_by_one_selection_is_fused_into_it() {
+    let (_, one) = compiled(3, |z| vec![Trace::select(z[0].lt(z[1]), z[2], z[0])]);
+    assert_eq!(ops(&one), [Op::SelectLess]);
+    let (_, two) = compiled(3, |z| {
+        let mask = z[0].lt(z[1]);
+        vec![Trace::select(mask, z[2], z[0]), Trace::select(mask.not(), z[2], z[1])]
+    });
+    assert_eq!(ops(&two), [Op::Less, Op::SelectLess, Op::Not, Op::Select]);
+    assert_eq!(run_f64(&two, &[1.0, 2.0, 9.0]), [9.0, 2.0]);
+    assert_eq!(run_f64(&two, &[2.0, 1.0, 9.0]), [2.0, 9.0]);
+    assert_eq!(run_f64(&two, &[f64::NAN, 1.0, 9.0])[1], 9.0, "NaN is not less");
+}
+
+#[test]
+fn sine_and_cosine_of_one_angle_are_one_instruction_also_alone_and_when_the_angle_dies_between() {
+    let (s, c) = 1.1_f64.sin_cos();
+    let (_, both) = compiled(1, |z| {
+        let (s, c) = z[0].sin_cos();
+        vec![s, c]
+    });
+    assert_eq!((ops(&both), run_f64(&both, &[1.1])), (vec![Op::SinCos], vec![s, c]));
+    let (_, sine) = compiled(1, |z| vec![z[0].sin_cos().0]);
+    assert_eq!((ops(&sine), run_f64(&sine, &[1.1])), (vec![Op::SinCos], vec![s]));
+    let (_, cosine) = compiled(1, |z| vec![z[0].sin_cos().1]);
+    assert_eq!((ops(&cosine), run_f64(&cosine, &[1.1])), (vec![Op::SinCos], vec![c]));
+
+    // sine recorded, then slots come and go, then the cosine of the same angle is read
+    let f = |z: &[Trace]| {
+        let angle = z[0] + z[1];
+        let sine = angle.sin_cos().0;
+        let mut rest = sine.exp();
+        for k in 0..5 {
+            rest = (rest * z[1] + Trace::constant(f64::from(k))).tanh() + rest.sqrt();
+        }
+        vec![angle.sin_cos().1 * rest, rest, sine]
+    };
+    let (_, between) = compiled(2, f);
+    assert_eq!(ops(&between).iter().filter(|op| **op == Op::SinCos).count(), 1);
+    let (x, y) = (0.4_f64, 0.9_f64);
+    let sine = (x + y).sin();
+    let mut rest = sine.exp();
+    for k in 0..5 {
+        rest = (rest * y + f64::from(k)).tanh() + rest.sqrt();
+    }
+    assert_eq!(run_f64(&between, &[x, y]), [(x + y).cos() * rest, rest, sine]);
+}
+
+#[test]
+fn slots_of_angles_are_given_back_so_a_long_chain_of_rotations_needs_few() {
+    let (_, program) = compiled(1, |z| {
+        let mut angle = z[0];
+        for _ in 0..200 {
+            let (s, c) = angle.sin_cos();
+            angle = s - c;
+        }
+        vec![angle]
+    });
+    assert_eq!(program.len(), 400);
+    assert!(program.n_slot() <= 4, "{}", program.n_slot()); // measured 3; 202 when angles were never given back
+    let mut angle = 0.3_f64;
+    for _ in 0..200 {
+        angle = angle.sin() - angle.cos();
+    }
+    assert_eq!(run_f64(&program, &[0.3]), [angle]);
+}
+
+#[test]
+fn a_workspace_used_before_gives_the_same_bits_again() {
+    let (_, program) = compiled(3, |z| vec![(z[0] * z[1]).sin_cos().1 + z[2].exp(), z[0]]);
+    let mut workspace = program.workspace();
+    let (mut first, mut other, mut again) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+    program.evaluate(&mut workspace, &[0.1, 0.2, 0.3], &mut first);
+    program.evaluate(&mut workspace, &[f64::NAN, f64::INFINITY, -3.0], &mut other);
+    program.evaluate(&mut workspace, &[0.1, 0.2, 0.3], &mut again);
+    assert_eq!(first, again);
+}
+
+/// A random expression graph over any scalar: the same for every scalar and seed. Values stay within about [−4, 4].
+///
+/// `smooth` leaves out what has kinks.
+fn random_graph<S: Scalar>(seed: u64, inputs: &[S], smooth: bool) -> Vec<S> {
+    let mut r = Stream::new(60, seed, 0, Purpose::user(60));
+    let mut values = inputs.to_vec();
+    let size = 5 + r.below(60);
+    let c = S::constant;
+    for _ in 0..size {
+        let mut pick = || values[r.below(values.len() as u64) as usize];
+        let (x, y, z, w) = (pick(), pick(), pick(), pick());
+        let number = c(r.uniform(-2.0, 2.0));
+        let positive = |v: S| v * v + c(0.25);
+        // halved and squashed where they could grow
+        let new = match r.below(if smooth { 17 } else { 24 }) {
+            0 => (x + y) * c(0.5),
+            1 => (x - y) * c(0.5),
+            2 => (x * y + z) * c(0.2),
+            3 => (x - y * z) * c(0.2),
+            4 => (x * y - z) * c(0.2),
+            5 => x * positive(y).recip() * c(0.2),
+            6 => (x / positive(y)) * c(0.2),
+            7 => -x,
+            8 => positive(x).sqrt(),
+            9 => x.sin_cos().0,
+            10 => x.sin_cos().1,
+            11 => {
+                let (s, k) = x.sin_cos();
+                s * y * c(0.5) + k
+            }
+            12 => (x * c(0.25)).exp(),
+            13 => positive(x).ln(),
+            14 => x.tanh(),
+            15 => x.atan2(positive(y)),
+            16 => x * number * c(0.5) + number,
+            17 => S::select(x.lt(y), z, w),
+            18 => S::select(x.lt(y).and(z.lt(w)), z, w),
+            19 => S::select(x.lt(y).or(z.lt(w).not()), x, w),
+            20 => x.max(y),
+            21 => x.min(y).abs(),
+            22 => x.clamp(c(-1.0), number.abs()),
+            _ => {
+                let mask = x.lt(number);
+                S::select(mask, y, z) * c(0.5) - S::select(mask.not(), w, z) * c(0.5)
+            }
+        };
+        values.push(new);
+    }
+    let n = values.len();
+    let mut results: Vec<S> = values[n - 3..].to_vec();
+    results.push(values[inputs.len() + r.below(size) as usize]);
+    results.push(values[r.below(n as u64) as usize]);
+    results
+}
+
+const GRAPHS: u64 = 2000;
+const INPUTS: usize = 5;
+
+fn random_inputs(seed: u64) -> Vec<f64> {
+    let mut r = Stream::new(61, seed, 0, Purpose::user(61));
+    (0..INPUTS).map(|_| r.uniform(-2.0, 2.0)).collect()
+}
+
+#[test]
+fn a_thousand_random_graphs_and_more_compute_the_bits_of_direct_evaluation() {
+    let mut seen = std::collections::HashSet::new();
+    for seed in 0..GRAPHS {
+        let (_, program) = compiled(INPUTS, |z| random_graph(seed, z, false));
+        seen.extend(ops(&program).into_iter().map(|op| op as u8));
+        let mut workspace = program.workspace();
+        let mut got = vec![0.0; program.n_output()];
+        for k in 0..3 {
+            let inputs = random_inputs(3 * seed + k);
+            program.evaluate(&mut workspace, &inputs, &mut got);
+            let want = random_graph(seed, &inputs, false);
+            assert_eq!(got, want, "graph {seed}, inputs {k}");
+        }
+    }
+    assert_eq!(seen.len(), 21, "every instruction must occur");
+}
+
+#[test]
+fn a_thousand_random_graphs_and_more_compute_the_same_in_blocks_of_lanes() {
+    let mut worst = 0.0_f64;
+    for seed in 0..GRAPHS {
+        // smooth ones: rounding may fall on the other side of a comparison
+        let (_, program) = compiled(INPUTS, |z| random_graph(seed, z, true));
+        let mut inputs = vec![[0.0_f32; BLOCK]; INPUTS];
+        for lane in 0..BLOCK {
+            for (row, x) in inputs.iter_mut().zip(random_inputs(1000 * seed + lane as u64)) {
+                row[lane] = x as f32;
+            }
+        }
+        let mut outputs = vec![[0.0; BLOCK]; program.n_output()];
+        program.evaluate_block(&mut program.block_workspace(), &inputs, &mut outputs);
+        for lane in [0, 1, 17, 62, 63] {
+            let x: Vec<f64> = inputs.iter().map(|row| f64::from(row[lane])).collect();
+            for (row, want) in outputs.iter().zip(random_graph(seed, &x, true)) {
+                let error = (f64::from(row[lane]) - want).abs() / want.abs().max(1.0);
+                worst = worst.max(error);
+                assert!(error <= 1e-4, "graph {seed}, lane {lane}: {error:e}");
+            }
+        }
+    }
+    println!("lanes against f64: {worst:.1e}"); // measured 3.1e-7
+}
+
+#[test]
+fn the_block_evaluator_runs_comparisons_and_masks_like_scalar_f32() {
+    for seed in 0..GRAPHS {
+        let (_, program) = compiled(INPUTS, |z| {
+            let masks = [z[0].lt(z[1]), z[1].lt(z[2]).not(), z[3].lt(z[4])];
+            let pick = masks[(seed % 3) as usize].and(masks[0].or(masks[2]));
+            vec![Trace::select(pick, z[3], z[4]), z[0].max(z[1]).min(z[2]), Trace::select(masks[1], z[0], z[2])]
+        });
+        let x: Vec<f32> = random_inputs(seed).iter().map(|x| *x as f32).collect();
+        let inputs: Vec<_> = x.iter().map(|x| [*x; BLOCK]).collect();
+        let mut outputs = vec![[0.0; BLOCK]; 3];
+        program.evaluate_block(&mut program.block_workspace(), &inputs, &mut outputs);
+        let masks = [x[0] < x[1], x[1] >= x[2], x[3] < x[4]];
+        let pick = masks[(seed % 3) as usize] && (masks[0] || masks[2]);
+        let want = [
+            if pick { x[3] } else { x[4] },
+            Scalar::min(Scalar::max(x[0], x[1]), x[2]),
+            if masks[1] { x[0] } else { x[2] },
+        ];
+        for (row, want) in outputs.iter().zip(want) {
+            assert_eq!(*row, [want; BLOCK], "seed {seed}");
+        }
+    }
+}
+
+#[test]
+fn the_adjoint_of_random_smooth_graphs_is_their_dual_gradient() {
+    let mut worst = 0.0_f64;
+    for seed in 0..GRAPHS {
+        let recording = Recording::of(INPUTS, |z| random_graph(seed, z, true));
+        let adjoint = Program::compile(&recording.adjoint(0..INPUTS)).unwrap();
+        let x = random_inputs(seed);
+        let seeds: Vec<f64> = (0..recording.n_output()).map(|k| (1.0 + k as f64).cos()).collect();
+        let got = run_f64(&adjoint, &[&x[..], &seeds].concat());
+        for k in 0..INPUTS {
+            let lifted: Vec<Dual64> =
+                x.iter().enumerate().map(|(i, v)| Dual64::new(*v, if i == k { 1.0 } else { 0.0 })).collect();
+            let want: f64 = random_graph(seed, &lifted, true).iter().zip(&seeds).map(|(y, s)| y.eps * s).sum();
+            let error = (got[k] - want).abs() / want.abs().max(1.0);
+            worst = worst.max(error);
+            assert!(error <= 1e-11, "graph {seed}, input {k}: {error:e}");
+        }
+    }
+    println!("adjoint against duals: {worst:.1e}"); // measured 8.5e-16
+}
