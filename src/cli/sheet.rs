@@ -96,7 +96,7 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
     facts.push(Fact::new("centre of mass", vector(total.center_of_mass.as_slice(), 3)).note("m, in the base frame"));
     facts.push(Fact::new("inertia J", vector(&[j[(0, 0)], j[(1, 1)], j[(2, 2)]], 4)).note("kg m², xx yy zz about it"));
     let products = [j[(0, 1)], j[(0, 2)], j[(1, 2)]];
-    if products.iter().any(|p| p.abs() > 1e-6 * j.trace()) {
+    if products.iter().any(|p| p.abs() > 1e-4 * j.trace()) {
         facts.push(Fact::new("", vector(&products, 4)).note("kg m², xy xz yz"));
     }
     for (name, values, unit) in [
@@ -109,11 +109,11 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
         }
     }
     let control = match authority.dropped.as_slice() {
-        [] if authority.full_rank == 6 => "thrust, roll, pitch, yaw and sideways force".to_string(),
-        [] => "thrust, roll, pitch, yaw".into(),
-        lost => format!("not {lost:?}"),
+        [] if authority.full_rank == 6 => "steers thrust, roll, pitch, yaw, and can push sideways".to_string(),
+        [] => "steers thrust, roll, pitch, yaw".into(),
+        lost => format!("cannot steer {lost:?}"),
     };
-    facts.push(Fact::new("steered axes", control).note(format!("allocation of rank {}", authority.full_rank)));
+    facts.push(Fact::new("allocation", format!("rank {}", authority.full_rank)).note(control));
     page.facts(&facts);
     page.heading("Parts").table(&parts(vehicle));
     rotors(page, vehicle);
