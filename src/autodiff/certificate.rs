@@ -147,8 +147,12 @@ fn by_adjoint<F: system::System>(system: &F, point: &[f64]) -> Result<(Vec<f64>,
 /// Fractions of max(|z|, 1e-3) that an entry of unknown size may be moved by.
 const LADDER: [f64; 3] = [1.0, 1e-3, 1e-6];
 
+/// Multiples of ε^⅓ that a difference step may have: where a result is large (rotor speeds of hundreds of rad/s), its
+/// rounding asks for a longer step than the entry's own size suggests.
+const STEPS: [f64; 4] = [30.0, 1.0, 1e-3, 1e-6];
+
 /// Error of column k against central differences, at the step that confirms it best: 6e-6 relative to the entry (ε^⅓,
-/// where truncation and rounding balance) times each rung of the ladder.
+/// where truncation and rounding balance) times each of [`STEPS`].
 fn difference_error(evaluate: &impl Fn(&[f64]) -> Vec<f64>, point: &[f64], k: usize, column: &[f64]) -> f64 {
     let mut z = point.to_vec();
     let error = |rung: &f64| {
@@ -160,7 +164,7 @@ fn difference_error(evaluate: &impl Fn(&[f64]) -> Vec<f64>, point: &[f64], k: us
         let slope: Vec<f64> = plus.iter().zip(&minus).map(|(a, b)| (a - b) / (2.0 * h)).collect();
         column_error(column, &slope)
     };
-    LADDER.iter().map(error).fold(f64::INFINITY, f64::min)
+    STEPS.iter().map(error).fold(f64::INFINITY, f64::min)
 }
 
 /// Slope of log ‖remainder‖ between h and h/10 along a fixed direction scaled to each entry, for h = 1e-2 and 1e-3 (where

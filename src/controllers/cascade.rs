@@ -10,6 +10,7 @@ use super::rate::{RateCommand, moment};
 use super::reference::Sample;
 use super::velocity::{VelocityCommand, attitude_command};
 use crate::autodiff::Scalar;
+use crate::dynamics::spatial::{add, mat_vec, rotate_back};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -337,6 +338,8 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         ticks: [S; 3],
     ) -> Held<S, R> {
         let m = moment(&self.gains, self.body.inertia, command, state.angular_velocity);
+        // what rotor drag off the centre of mass will take away in still air
+        let m = add(m, mat_vec(self.body.drag_moment, rotate_back(state.attitude, state.velocity)));
         let fresh = self.actions([command.thrust, m[0], m[1], m[2]]);
         Held { attitude: held.attitude, rate: *command, rotors: hold(ticks[2], fresh, held.rotors) }
     }

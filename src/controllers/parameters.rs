@@ -4,6 +4,7 @@ use crate::autodiff::Scalar;
 use crate::dynamics::spatial::{Mat3, Vec3, constants};
 use crate::dynamics::{GRAVITY, Gains, Vehicle};
 use crate::error::{Error, Result, finite};
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// [`Gains`] over any scalar, per axis.
@@ -90,28 +91,36 @@ pub struct Body<S> {
     /// Linear drag D of F = −D v, per body axis, N s/m: airframe plus rotors at hover speed. Zero switches the drag
     /// feed-forward off.
     pub drag: Vec3<S>,
+    /// C of the moment M = −C v that rotor drag above or below the centre of mass makes, body axes, N s. Zero switches its
+    /// compensation off.
+    pub drag_moment: Mat3<S>,
     /// g, m/s².
     pub gravity: S,
 }
 
 impl Body<f64> {
     /// Mass and inertia from the parts; drag linearised at hover: D = D₁ + Σ Ω_h (k_d (I − nnᵀ) + k_z nnᵀ), its
-    /// diagonal. Ω_h is the speed at which the rotors, at equal shares of their largest thrust, carry the weight.
+    /// diagonal; the moment of the rotors' part is C = Σ [r − c]× Ω_h (k_d (I − nnᵀ) + k_z nnᵀ). Ω_h is the speed at which the rotors, at equal shares of their largest thrust, carry the weight.
     pub fn of(vehicle: &Vehicle) -> Self {
         let total = vehicle.mass_properties();
         let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
         let fraction = if lift > 0.0 { (total.mass * GRAVITY / lift).min(1.0) } else { 0.0 };
         let mut drag = vehicle.drag.linear;
+        let mut drag_moment = Matrix3::zeros();
         for rotor in &vehicle.rotors {
             let speed = rotor.max_speed * fraction.sqrt();
-            for (axis, d) in drag.iter_mut().enumerate() {
-                let along = rotor.axis[axis] * rotor.axis[axis];
-                *d += speed * (rotor.drag_coefficient * (1.0 - along) + rotor.axial_drag_coefficient * along);
+            let axis = Vector3::from(rotor.axis);
+            let along = axis * axis.transpose();
+            let resistance =
+                ((Matrix3::identity() - along) * rotor.drag_coefficient + along * rotor.axial_drag_coefficient) * speed;
+            let hub = Vector3::from(rotor.position) - total.center_of_mass;
+            drag_moment += hub.cross_matrix() * resistance;
+            for (k, d) in drag.iter_mut().enumerate() {
+                *d += resistance[(k, k)];
             }
         }
-        let j = total.inertia;
-        let inertia = [0, 1, 2].map(|row| [j[(row, 0)], j[(row, 1)], j[(row, 2)]]);
-        Self { mass: total.mass, inertia, drag, gravity: GRAVITY }
+        let rows = |m: Matrix3<f64>| [0, 1, 2].map(|row| [m[(row, 0)], m[(row, 1)], m[(row, 2)]]);
+        Self { mass: total.mass, inertia: rows(total.inertia), drag, drag_moment: rows(drag_moment), gravity: GRAVITY }
     }
 }
 
@@ -122,6 +131,11 @@ impl<S: Scalar> Body<S> {
             mass: S::constant(body.mass),
             inertia: [constants(body.inertia[0]), constants(body.inertia[1]), constants(body.inertia[2])],
             drag: constants(body.drag),
+            drag_moment: [
+                constants(body.drag_moment[0]),
+                constants(body.drag_moment[1]),
+                constants(body.drag_moment[2]),
+            ],
             gravity: S::constant(body.gravity),
         }
     }

@@ -1,0 +1,103 @@
+//! Whole flights: every built-in vehicle, our own URDF corpus and real URDF files by others track the paper's lemniscate
+//! (w = 1, S = (2.5, 2.5, 1.2)) at 2 ms, with rate, attitude and velocity loops at 500, 250 and 100 Hz.
+
+use omnidrones::controllers::{Flight, FlightPlan, Reference, fly};
+use omnidrones::dynamics::aero::wind::{Dryden, Wind};
+use omnidrones::dynamics::urdf::{ImportOptions, import_file};
+use omnidrones::dynamics::{Vehicle, vehicles};
+use std::path::{Path, PathBuf};
+
+/// Largest RMSE of a good flight after the first 2 s, m.
+const BOUND: f64 = 0.10;
+
+fn flown(vehicle: &Vehicle, plan: &FlightPlan) -> Flight {
+    fly(vehicle, &vehicle.gains(), plan, &mut |_| {}).unwrap()
+}
+
+fn assert_tracks(vehicle: &Vehicle) {
+    let flight = flown(vehicle, &FlightPlan::default());
+    let rmse = flight.log.rmse(2.0);
+    println!("{}: RMSE {rmse:?} m", vehicle.name);
+    assert_eq!(flight.diverged_at, None, "{} diverged", vehicle.name);
+    assert!(rmse.is_some_and(|r| r <= BOUND), "{}: RMSE {rmse:?} m", vehicle.name);
+}
+
+#[test]
+fn every_vehicle_tracks_the_lemniscate_within_ten_centimetres() {
+    // measured, mm: crazyflie 6.1, hummingbird 25.0, iris 9.9, firefly 13.7, neo11 13.0, omav 13.9
+    for vehicle in vehicles::all() {
+        assert_tracks(&vehicle);
+    }
+}
+
+/// URDF files of a folder, sorted; none if there is no such folder.
+fn urdf_files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut files: Vec<PathBuf> =
+        entries.map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "urdf")).collect();
+    files.sort();
+    files
+}
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+#[test]
+fn our_own_urdf_corpus_flies() {
+    let files = urdf_files(&root().join("assets/urdf"));
+    assert!(files.len() >= 3, "{files:?}");
+    // measured, mm: bare 12.9, hexa 8.6, plain_x 8.5, pocket 94.0 (a slow motor, and drag off its centre of mass)
+    for file in files {
+        assert_tracks(&import_file(&file, &ImportOptions::default()).unwrap().vehicle);
+    }
+}
+
+#[test]
+fn real_urdf_files_by_others_fly() {
+    let folder =
+        std::env::var_os("OMNIDRONES_URDF_DIR").map_or_else(|| root().join("../shared/data/urdf"), PathBuf::from);
+    let files = urdf_files(&folder);
+    if files.is_empty() {
+        println!("skipped: no URDF files in {}", folder.display());
+        return;
+    }
+    let options = ImportOptions { rotors: Some(root().join("assets/rotors")), ..Default::default() };
+    // measured, mm: aerialgym 41.8, cf2p 60.1, cf2x 48.0, hector 9.1, iris 18.5, racer 16.5, x500 11.0
+    for file in files {
+        assert_tracks(&import_file(&file, &options).unwrap().vehicle);
+    }
+}
+
+#[test]
+fn a_flight_repeats_bit_for_bit_and_its_wind_follows_the_seed() {
+    let vehicle = vehicles::by_name("hummingbird").unwrap();
+    let dryden = Dryden { mean: [2.0, -1.0, 0.0], wind_at_20_feet: 5.0, height: 10.0, airspeed: 3.0 };
+    let plan = |seed| FlightPlan { duration: 3.0, wind: Wind::Dryden(dryden), seed, ..Default::default() };
+    let first = flown(&vehicle, &plan(1)).log;
+    assert_eq!(first, flown(&vehicle, &plan(1)).log);
+    assert_ne!(first.position, flown(&vehicle, &plan(2)).log.position);
+}
+
+#[test]
+fn wind_costs_tracking_but_not_the_flight() {
+    let vehicle = vehicles::by_name("firefly").unwrap();
+    let wind = Wind::Constant { velocity: [4.0, 0.0, 0.0] };
+    let calm = flown(&vehicle, &FlightPlan::default()).log.rmse(2.0).unwrap();
+    let windy = flown(&vehicle, &FlightPlan { wind, ..Default::default() }).log.rmse(2.0).unwrap();
+    println!("calm {calm:.4} m, 4 m/s {windy:.4} m");
+    assert!(calm < windy && windy < 0.5);
+}
+
+#[test]
+fn every_reference_is_flown_by_every_vehicle() {
+    for vehicle in vehicles::all() {
+        for name in Reference::names() {
+            let plan = FlightPlan { reference: Reference::by_name(name).unwrap(), ..Default::default() };
+            let flight = flown(&vehicle, &plan);
+            let last = *flight.log.error_norm().last().unwrap();
+            println!("{} {name}: last error {last:.4} m", vehicle.name);
+            assert!(flight.diverged_at.is_none() && last < 0.25, "{} {name}: {last} m", vehicle.name);
+        }
+    }
+}
