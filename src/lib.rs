@@ -1,4 +1,83 @@
-//! placeholder
+//! A differentiable multirotor simulator. One definition of the physics flies a vehicle closed loop, gives its exact
+//! derivatives, steps thousands of copies at once, and tunes controllers by gradients through whole flights.
+//!
+//! ```
+//! use omnidrones::autodiff::linearise;
+//! use omnidrones::controllers::{FlightPlan, fly};
+//! use omnidrones::dynamics::{Multirotor, Physics, vehicles};
+//!
+//! let hummingbird = vehicles::by_name("hummingbird")?;
+//!
+//! // Fly: fifteen seconds of a lemniscate under the published gains.
+//! let flight = fly(&hummingbird, &hummingbird.gains(), &FlightPlan::default(), &mut |_| ())?;
+//! assert!(flight.log.rmse(2.0).unwrap() < 0.10); // m, after the first 2 s
+//!
+//! // Differentiate: the exact A and B of one 2 ms step at hover.
+//! let system = Multirotor::new(&hummingbird, Physics::default())?;
+//! let hover = linearise(&system, &system.hover_state([0.0, 0.0, 1.0])?, &system.hover_input()?, &[]);
+//! assert_eq!((hover.state.shape(), hover.input.shape()), ((17, 17), (17, 4)));
+//! assert!((hover.state[(0, 3)] - 0.002).abs() < 1e-6); // position grows by dt times velocity
+//! # Ok::<(), omnidrones::error::Error>(())
+//! ```
+//!
+//! # The rooms
+//!
+//! Imports go upwards in this table only: `autodiff` does not know drones, `dynamics` does not know controllers.
+//!
+//! | module | what | look here for |
+//! |---|---|---|
+//! | [`autodiff`] | numbers that differentiate | [`Scalar`](autodiff::Scalar), [`System`](autodiff::System), [`linearise`](autodiff::linearise()), [`Rollout`](autodiff::Rollout), [`certify`](autodiff::certify()) |
+//! | [`dynamics`] | bodies | [`Vehicle`](dynamics::Vehicle), [`vehicles`](dynamics::vehicles), [`urdf`](dynamics::urdf), [`Multirotor`](dynamics::Multirotor), [`World`](dynamics::World), [`Fleet`](dynamics::Fleet) |
+//! | [`controllers`] | commands | [`fly`](controllers::fly()), [`ClosedLoop`](controllers::ClosedLoop), [`Reference`](controllers::Reference), [`tune`](controllers::design::tune()) |
+//! | [`flight`] | what was flown | [`FlightLog`](flight::FlightLog), key figures, CSV |
+#![cfg_attr(
+    feature = "plot",
+    doc = "| [`plot`] | figures as PNG or SVG | [`Figure`](plot::Figure), [`FlightFigures`](plot::flight::FlightFigures) |"
+)]
+//! | [`bench`] | what a step and a gradient cost here | [`BenchPlan`](bench::BenchPlan) |
+//! | [`error`], [`rng`], [`parallel`] | serve all | [`Error`](error::Error), [`Stream`](rng::Stream), [`Threads`](parallel::Threads) |
+//! | [`conventions`] | frames, units, layouts, names | what any number means |
+//!
+//! # One scalar, many numbers
+//!
+//! Physics, controllers and costs are written once over [`Scalar`](autodiff::Scalar), without branches on values
+//! (`select`, `min`, `max`, `clamp`). The same lines then run as
+//!
+//! | scalar | gives |
+//! |---|---|
+//! | `f64`, `f32` | the reference simulation |
+//! | duals (`Dual64`, `DualSVec64`, `HyperDual64` of num-dual) | exact first and second derivatives |
+//! | [`Jet`](autodiff::jet::Jet) | time derivatives of a reference: velocity to snap |
+//! | SIMD lanes | one environment per lane, width chosen at run time: [`World`](dynamics::World) |
+//! | [`Trace`](autodiff::Trace) | a recording, compiled to a [`Program`](autodiff::Program) and its adjoint: gradients of rollouts |
+//!
+//! To differentiate a system of your own, implement [`System`](autodiff::System) and, before you trust its gradient,
+//! [`certify`](autodiff::certify()) it.
+//!
+//! # Promises
+//!
+//! Each is held by tests.
+//!
+//! - **One source.** A dual step has the value of the plain step bit for bit; lanes and compiled programs agree with it
+//!   to rounding; adjoints agree with duals to 1e-10, through motor saturation and closed loops.
+//! - **Determinism.** The result of an environment in a [`World`](dynamics::World) is bit-identical for any number of
+//!   threads, any batch size and any place in the batch.
+//! - **Containment.** A NaN action or a diverging state stops that environment with a [reason](dynamics::batch::Reason)
+//!   and changes no bit of its neighbours.
+//! - **No panic on data.** Files, configurations, names and sizes give an [`Error`](error::Error) that names the value,
+//!   the limit and the remedy; a hundred thousand mutated URDF files are part of the test suite. Functions that panic on
+//!   a mistake of the caller (a slice of the wrong length) say so.
+//! - **No allocation** while stepping, evaluating or differentiating, after warm-up.
+//!
+//! # Features
+//!
+//! - `cli` (default): the `omnidrones` command line, and CSV of flights. Implies `plot`.
+//! - `plot`: figures through plotters, with a bundled font.
+//!
+//! Without default features the library alone is built.
+
+#![warn(missing_docs)]
+
 pub(crate) mod atomic_file;
 pub mod autodiff;
 pub mod bench;
@@ -10,3 +89,8 @@ pub mod parallel;
 #[cfg(feature = "plot")]
 pub mod plot;
 pub mod rng;
+
+#[doc = include_str!("../CONVENTIONS.md")]
+pub mod conventions {}
+#[doc = include_str!("../CHANGELOG.md")]
+pub mod changelog {}

@@ -31,7 +31,7 @@ pub(crate) fn dispatch<Op: WithSimd>(op: Op) -> Op::Output {
     pulp::Arch::new().dispatch(op)
 }
 
-/// Number of `f32` lanes that [`dispatch`] uses on this processor.
+/// Number of `f32` lanes that batches use on this processor.
 pub fn lane_width() -> usize {
     struct Width;
     impl WithSimd for Width {

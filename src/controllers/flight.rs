@@ -66,7 +66,7 @@ impl FlightPlan {
         self.reference.validate()?;
         self.wind.validate()?;
         let steps = (self.duration / self.physics.dt).round();
-        if !(steps >= 1.0 && steps <= MAX_STEPS) {
+        if !(1.0..=MAX_STEPS).contains(&steps) {
             return Err(Error::limit(
                 "duration",
                 format!("{} s ({steps} steps of {} s)", self.duration, self.physics.dt),

@@ -248,7 +248,7 @@ fn flight_rmse(system: &ClosedLoop, start: &[f64], inputs: &[f64]) -> Option<f64
     let n = steps.len() as f64;
     for u in steps {
         let squared: f64 = (0..3).map(|i| (x[i] - u[i]).powi(2)).sum();
-        if !(squared < CRASH_DISTANCE * CRASH_DISTANCE) {
+        if squared.is_nan() || squared >= CRASH_DISTANCE * CRASH_DISTANCE {
             return None;
         }
         sum += squared;

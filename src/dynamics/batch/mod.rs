@@ -3,4 +3,4 @@
 mod kernel;
 mod world;
 
-pub use world::{Failure, Reason, World};
+pub use world::{DEFAULT_MEMORY_LIMIT, Failure, Reason, World};

@@ -106,7 +106,7 @@ pub fn transpose<S: Scalar>(m: Mat3<S>) -> Mat3<S> {
     [[m[0][0], m[1][0], m[2][0]], [m[0][1], m[1][1], m[2][1]], [m[0][2], m[1][2], m[2][2]]]
 }
 
-/// [v]×, the matrix with [v]× w = v × w.
+/// `[v]×`, the matrix with `[v]×` w = v × w.
 #[inline(always)]
 pub fn skew<S: Scalar>(v: Vec3<S>) -> Mat3<S> {
     let o = S::zero();

@@ -1,0 +1,44 @@
+//! Linearises every built-in vehicle at hover and prints its poles: the open loop's integrators, drag and motor lags,
+//! then those of the closed loop, which must all lie left of the axis.
+//!
+//! `cargo run --release --example linearise_and_poles`
+
+use nalgebra::DMatrix;
+use omnidrones::autodiff::linearise;
+use omnidrones::controllers::{ClosedLoop, Rates, Sample};
+use omnidrones::dynamics::{Disturbance, Multirotor, Physics, vehicles};
+use omnidrones::error::Result;
+
+/// Eigenvalues λ of a discrete step as continuous poles s = ln(λ)/dt, rad/s, slowest first; |λ| < 1e-6 left out.
+fn poles(step: &DMatrix<f64>, dt: f64) -> Vec<(f64, f64)> {
+    let eigenvalues = step.complex_eigenvalues();
+    let all = eigenvalues.iter().filter(|l| l.norm() > 1e-6);
+    let mut poles: Vec<(f64, f64)> = all.map(|l| (l.norm().ln() / dt, l.im.atan2(l.re) / dt)).collect();
+    poles.sort_by(|a, b| b.0.total_cmp(&a.0));
+    poles
+}
+
+fn main() -> Result<()> {
+    let physics = Physics::default();
+    for vehicle in vehicles::all() {
+        let plant = Multirotor::new(&vehicle, physics)?;
+        let hover = plant.hover_state([0.0, 0.0, 1.0])?;
+        let open = poles(&linearise(&plant, &hover, &plant.hover_input()?, &[]).state, physics.dt);
+
+        // Every level in every step, so that one step is the whole loop.
+        let system = ClosedLoop::new(&vehicle, physics, &vehicle.gains(), &Rates::every_step(physics.dt))?;
+        let mut input = vec![0.0; 21];
+        system.write_input(0, &Sample::at_rest([0.0, 0.0, 1.0], 0.0), &Disturbance::none(), &mut input);
+        let step = linearise(&system, &system.initial_state(&hover), &input, &[]).state;
+        // The memory of the cascade is rewritten in each step: the vehicle's block is the loop.
+        let n = system.n_plant_state();
+        let closed = poles(&step.view((0, 0), (n, n)).into_owned(), physics.dt);
+
+        println!("{}", vehicle.name);
+        for (name, poles) in [("open", open), ("closed", closed)] {
+            let text: Vec<String> = poles.iter().take(8).map(|(re, im)| format!("{re:.2}{im:+.2}i")).collect();
+            println!("  {name:6} {} … 1/s", text.join("  "));
+        }
+    }
+    Ok(())
+}
