@@ -144,7 +144,7 @@ fn rates_follow_a_coarser_step_unless_they_were_given() {
     let flown = json(0, folder.path(), &["fly", "--dt", "0.004", "--duration", "3", "--json", "--no-plots"]);
     assert_eq!(flown["plan"]["rates"]["rate"], 250.0);
     let (_, err) = exits(2, folder.path(), &["fly", "--dt", "0.004", "--rates", "500,250,100", "--no-plots"]);
-    assert!(err.contains("controller rate 'rate' is 500 Hz with dt = 0.004 s"), "{err}");
+    assert!(err.contains("controller rate 'velocity' is 100 Hz with dt = 0.004 s"), "{err}");
 }
 
 #[test]
@@ -264,6 +264,8 @@ fn unusable_input_names_value_limit_and_remedy_and_exits_with_2() {
     for (arguments, words) in [
         ("fly --dt 0", "dt is 0, but it must be in (0, 1] s. 2 ms suits"),
         ("fly --dt -1", "dt is -1"),
+        ("fly --dt 1e-320", "but it must be at least 1e-9 s"),
+        ("models iris --urdf /dev/null", "a folder that can be made"),
         ("fly --dt nan", "dt is NaN"),
         ("fly --dt inf", "dt is inf"),
         ("fly --dt abc", "invalid value 'abc' for '--dt <SECONDS>'"),
@@ -299,7 +301,7 @@ fn unusable_input_names_value_limit_and_remedy_and_exits_with_2() {
         ("fly some.obj", "ends in .toml or .urdf"),
         ("fly iris --rotors x.rotors.toml", "used with a URDF"),
         ("fly --package robots", "expected NAME=DIR"),
-        ("fly --out empty.toml/x", "Name another one with --out"),
+        ("fly --out empty.toml/x", "Name another one"),
         ("fly --format gif", "[possible values: png, svg]"),
         ("models iris --toml --json", "cannot be used with"),
         ("models --toml", "required arguments"),
@@ -433,7 +435,8 @@ fn help_of_every_command_names_every_option_with_examples_and_exit_codes() {
         ("bench", vec!["--quick", "--threads", "--environments", "--out", "--format", "--no-plots", "--json"]),
     ] {
         let (help, _) = exits(0, folder.path(), &[command, "--help"]);
-        for words in options.iter().chain(&["Examples:", "Exit codes:", &format!("omnidrones {command}")]) {
+        let about = if command == "fly" { "certificate" } else { "" };
+        for words in options.iter().chain(&["Examples:", "Exit codes:", about, &format!("omnidrones {command}")]) {
             assert!(help.contains(words), "{command}: {words}\n{help}");
         }
         let width = help.lines().map(|l| l.chars().count()).max().unwrap_or(0);

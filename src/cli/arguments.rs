@@ -5,8 +5,11 @@ use clap::{Args, ValueEnum};
 use omnidrones::controllers::{FlightPlan, Rates, Reference};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::{Effects, Gains, Integrator, Physics, Vehicle};
-use omnidrones::error::Result;
+use omnidrones::error::{Error, Result};
 use std::path::{Path, PathBuf};
+
+/// Least time step, s.
+const SHORTEST_STEP: f64 = 1e-9;
 
 /// Which vehicle, and where its rotor data are.
 #[derive(Debug, Clone, Args)]
@@ -30,8 +33,8 @@ pub struct FlightArguments {
     /// What to track: hover, step, circle, lemniscate, waypoints, or a TOML file
     ///
     /// A file holds the kind and any of its numbers:
-    ///   kind = "circle"        # center, radius [m], rate [rad/s], spin_up [s], yaw, along_path
-    ///   kind = "lemniscate"    # rate [rad/s], scale [m], vertical, rotation [rad], origin [m], yaw
+    ///   kind = "circle"        # center, radius [m], rate [rad/s], spin_up [s], along_path, yaw
+    ///   kind = "lemniscate"    # origin, scale [m], rate [rad/s], vertical, rotation, yaw
     ///   kind = "hover"         # position [m], yaw [rad]
     ///   kind = "step"          # from, to [m], time [s], yaw
     ///   kind = "waypoints"     # points = [{ time = 0, position = [0, 0, 2] }, …]
@@ -60,7 +63,7 @@ pub struct FlightArguments {
     pub integrator: IntegratorName,
     /// Effects to simulate, separated by commas [default: body-drag,quadratic-drag,rotor-drag,rotor-inertia]
     ///
-    /// An effect works only where the vehicle has coefficients for it. Wind comes with --wind.
+    /// An effect works only where the vehicle has coefficients for it. Wind is an option of 'fly'.
     #[arg(
         long,
         value_name = "LIST",
@@ -91,6 +94,16 @@ pub struct FlightArguments {
 }
 
 impl FlightArguments {
+    /// Refuses a step that no clock has, before counting the steps of a flight.
+    pub fn check(&self) -> Result<()> {
+        if self.dt > 0.0 && self.dt < SHORTEST_STEP {
+            let value = format!("{:e} s", self.dt);
+            let limit = format!("at least {SHORTEST_STEP:e} s");
+            return Err(Error::value("dt", value, limit, "2 ms suits control design, 16 ms the benchmark tasks."));
+        }
+        Ok(())
+    }
+
     /// The reference, read and checked.
     pub fn reference(&self) -> Result<Reference> {
         let reference = if is_path(&self.reference) {
@@ -129,7 +142,7 @@ impl FlightArguments {
             "derived" => Ok((vehicle.derived_gains(), "derived".into())),
             "published" => match vehicle.published_gains {
                 Some(gains) => Ok((gains, "published".into())),
-                None => Err(omnidrones::error::Error::value(
+                None => Err(Error::value(
                     "--gains",
                     format!("published, but nobody published gains for '{}'", vehicle.name),
                     "derived or a TOML file for this vehicle",

@@ -12,7 +12,8 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::time::Duration;
 
-const ABOUT: &str = "\
+/// What the command is for.
+pub const ABOUT: &str = "\
 Measure how fast this machine steps and differentiates a multirotor: single steps on each kind of number, batches on \
 one and more threads, Jacobians, adjoints, rollout gradients. Each figure is set against a plain loop measured in the \
 same run, so that ratios hold where absolute figures depend on the machine.";
@@ -35,7 +36,7 @@ const QUICK: Duration = Duration::from_millis(60);
 
 /// Arguments of `bench`.
 #[derive(Debug, clap::Args)]
-#[command(long_about = ABOUT, after_long_help = EXAMPLES)]
+#[command(after_long_help = EXAMPLES)]
 pub struct Arguments {
     /// Short runs: about 2 s instead of 10 s, and less steady figures
     #[arg(long)]
@@ -129,7 +130,7 @@ fn machine() -> String {
 /// Throughput of batches, and every other figure as a multiple of its baseline.
 fn figure(rows: &[BenchRow]) -> Figure {
     let mut batch = Bars::new("Batches in SIMD lanes", "million environment steps per second");
-    let mut cost = Bars::new("Cost of the rest", "times one plain f64 step (a gradient: one rollout)")
+    let mut cost = Bars::new("Cost of steps and derivatives", "times one plain f64 step (a gradient: one rollout)")
         .baseline("one step, one rollout", 1.0)
         .log();
     let mut groups: Vec<&str> = Vec::new();
@@ -144,7 +145,8 @@ fn figure(rows: &[BenchRow]) -> Figure {
             groups.push(row.group);
         }
         let note = format!("× ({} {})", short(row.value, 3), row.unit);
-        cost = cost.bar(Bar::new(row.name.clone(), ratio).note(note).colour(Colour::nth(groups.len())));
+        let name = if row.group == "step" { format!("step on {}", row.name) } else { row.name.clone() };
+        cost = cost.bar(Bar::new(name, ratio).note(note).colour(Colour::nth(groups.len())));
     }
     let heights = [&batch, &cost].map(|bars| 70.0 + 22.0 * bars.bars.len() as f64);
     Figure::new("Hummingbird: speed of steps and derivatives")

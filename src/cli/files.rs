@@ -60,7 +60,7 @@ pub fn prepare_folder(folder: &Path) -> Result<()> {
             "output folder",
             format!("'{}' ({e})", folder.display()),
             "a folder that can be made and written to",
-            "Name another one with --out.",
+            "Name another one.",
         )
     };
     std::fs::create_dir_all(folder).map_err(refused)?;
@@ -80,7 +80,7 @@ pub fn write_new(path: &Path, text: &str, force: bool) -> Result<()> {
         ));
     }
     if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-        std::fs::create_dir_all(parent).map_err(|e| Error::file(parent, e))?;
+        prepare_folder(parent)?;
     }
     std::fs::write(path, text).map_err(|e| Error::file(path, e))
 }

@@ -20,16 +20,17 @@ use std::time::Instant;
 /// Seconds left out of the RMSE: the reference starts with a jump of acceleration.
 const TRANSIENT: f64 = 2.0;
 
-const ABOUT: &str = "\
+/// What the command is for.
+pub const ABOUT: &str = "\
 Fly a vehicle closed loop along a reference. The flight starts on the reference, at rest; position, velocity, attitude \
 and rate controllers compute at their own rates. Prints what the vehicle is, how well it tracked, and a certificate \
 that the derivatives of the very equations it flew are exact; writes plots.";
 
 const EXAMPLES: &str = "\
 Examples:
-  omnidrones fly                                      a quadrotor read from URDF, along the lemniscate
+  omnidrones fly                                      a quadrotor read from URDF
   omnidrones fly crazyflie --reference circle         a built-in vehicle on a circle
-  omnidrones fly drone.urdf --rotors drone.toml       your vehicle; rotor data from a file of your choice
+  omnidrones fly drone.urdf --rotors drone.toml       your vehicle, with these rotor data
   omnidrones fly iris --wind 4,0,0                    a steady wind of 4 m/s along x
   omnidrones fly iris --wind dryden:7.7 --seed 3      7.7 m/s with gusts (light turbulence)
   omnidrones fly firefly --gains out/firefly/gains.toml --format svg
@@ -47,7 +48,7 @@ Exit codes: 0 flown; 1 the flight diverged, its RMSE is not finite or above --ma
 
 /// Arguments of `fly`.
 #[derive(Debug, clap::Args)]
-#[command(long_about = ABOUT, after_long_help = EXAMPLES)]
+#[command(after_long_help = EXAMPLES)]
 pub struct Arguments {
     /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
     ///
@@ -97,6 +98,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if let Some(limit) = a.max_rmse.filter(|m| !(*m > 0.0 && m.is_finite())) {
         return Err(Error::value("--max-rmse", limit, "> 0 m", "Leave it out to accept any finite error."));
     }
+    a.flight.check()?;
     let source = source::load(a.vehicle.as_deref(), &a.rotors)?;
     let plan = a.flight.plan(a.duration, a.wind.clone(), a.seed)?;
     let n_step = plan.n_step()?;
@@ -202,6 +204,10 @@ impl Flown {
             if s.rmse_after > 0.0 { format!("after the first {} s", s.rmse_after) } else { "whole flight".into() };
         let rates = &plan.rates;
         let hz = |rate: f64| short(rate, 4);
+        let (gains, file) = match self.gains_name.as_str() {
+            known @ ("published" | "derived") => (known, String::new()),
+            file => ("from a file", format!("{file}; ")),
+        };
         let mut facts = vec![
             Fact::new("reference", plan.reference.name()).note(plan.reference.description()),
             Fact::new("simulated", format!("{} s", short(s.duration, 5))).note(format!(
@@ -211,20 +217,23 @@ impl Flown {
                 duration(self.wall_time),
                 short(self.speed(), 3)
             )),
-            Fact::new("gains", self.gains_name.clone()).note(format!(
-                "rate {} Hz, attitude {} Hz, velocity and position {} Hz",
+            Fact::new("gains", gains).note(format!(
+                "{file}rate {} Hz, attitude {} Hz, velocity and position {} Hz",
                 hz(rates.rate),
                 hz(rates.attitude),
                 hz(rates.velocity)
             )),
         ];
-        if let Some(wind) = describe_wind(&plan.wind) {
-            facts.push(Fact::new("wind", wind));
+        if let Some((kind, wind)) = describe_wind(&plan.wind) {
+            facts.push(Fact::new("wind", kind).note(wind));
         }
+        let with_start = match (s.max_error, s.max_error_overall) {
+            (Some(late), Some(overall)) if overall > late => format!("{} with the start", length(overall)),
+            _ => String::new(),
+        };
         facts.extend([
             Fact::new("tracking RMSE", length(s.rmse)).note(from),
-            Fact::new("largest error", length(s.max_error))
-                .note(format!("{} with the start", length(s.max_error_overall))),
+            Fact::new("largest error", length(s.max_error)).note(with_start),
             Fact::new("top speed", format!("{} m/s", number(s.max_speed, 2))),
             Fact::new("largest tilt", format!("{}°", number(s.max_tilt.map(f64::to_degrees), 1))),
             Fact::new("rotors at a limit", format!("{} %", number(s.saturation.map(|v| 100.0 * v), 1)))
@@ -254,17 +263,18 @@ impl Flown {
     }
 }
 
-fn describe_wind(wind: &Wind) -> Option<String> {
+fn describe_wind(wind: &Wind) -> Option<(&'static str, String)> {
     let three = |v: &[f64; 3]| super::sheet::vector(v, 3);
     match wind {
         Wind::Calm => None,
-        Wind::Constant { velocity } => Some(format!("{} m/s", three(velocity))),
-        Wind::Sinusoid(s) => Some(format!("{} harmonics around {} m/s", s.frequencies.len(), three(&s.mean))),
-        Wind::Dryden(d) => Some(format!(
-            "{} m/s with Dryden gusts of {} m/s rms",
-            three(&d.mean),
-            d.intensity().map(|s| short(s, 2)).join(", ")
-        )),
+        Wind::Constant { velocity } => Some(("steady", format!("{} m/s", three(velocity)))),
+        Wind::Sinusoid(s) => {
+            Some(("sinusoidal", format!("{} harmonics around {} m/s", s.frequencies.len(), three(&s.mean))))
+        }
+        Wind::Dryden(d) => {
+            let gusts = d.intensity().map(|s| short(s, 2)).join(", ");
+            Some(("Dryden", format!("mean {} m/s, gusts of {gusts} m/s rms along, across, up", three(&d.mean))))
+        }
     }
 }
 

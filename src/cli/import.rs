@@ -11,7 +11,8 @@ use omnidrones::error::{Error, Result};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-const ABOUT: &str = "\
+/// What the command is for.
+pub const ABOUT: &str = "\
 Read a URDF and say what is in it: bodies, rotors, every oddity with its line, and every number that was concluded \
 rather than read. URDF cannot describe rotors; they come from a small TOML beside it (drone.urdf: drone.rotors.toml), \
 or from a <properties> element. Where neither exists, a draft of that TOML is written from the names of the links, with \
@@ -19,11 +20,11 @@ each guess marked for you to correct.";
 
 const EXAMPLES: &str = "\
 Examples:
-  omnidrones import drone.urdf                      report; without rotor data, write drone.rotors.toml beside it
+  omnidrones import drone.urdf                      report; a draft beside it if rotor data lack
   omnidrones import drone.urdf --out out            the draft goes to out/drone.rotors.toml
   omnidrones import drone.urdf --draft --out new    a new draft although rotor data exist
   omnidrones import drone.urdf --rotors mine.toml   with rotor data of your choice
-  omnidrones import drone.urdf --to drone.toml      one vehicle file with everything: omnidrones fly drone.toml
+  omnidrones import drone.urdf --to drone.toml      everything in one file that 'fly' reads
 
 No existing file is overwritten without --force. No program is started, no mesh is opened.
 JSON: SI units, radians.
@@ -32,7 +33,7 @@ Exit codes: 0 imported; 2 unusable input or arguments (each message names file, 
 
 /// Arguments of `import`.
 #[derive(Debug, clap::Args)]
-#[command(long_about = ABOUT, after_long_help = EXAMPLES)]
+#[command(after_long_help = EXAMPLES)]
 pub struct Arguments {
     /// The URDF
     #[arg(value_name = "FILE.urdf")]

@@ -80,14 +80,19 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Fly a vehicle along a reference, differentiate it, write plots
+    #[command(long_about = fly::ABOUT)]
     Fly(Box<fly::Arguments>),
     /// List the built-in vehicles, or print everything about one
+    #[command(long_about = models::ABOUT)]
     Models(models::Arguments),
     /// Read a URDF: its bodies, what is odd, what had to be assumed; draft its rotor file
+    #[command(long_about = import::ABOUT)]
     Import(import::Arguments),
     /// Tune a vehicle's gains by gradients through closed-loop flights
+    #[command(long_about = tune::ABOUT)]
     Tune(Box<tune::Arguments>),
     /// Measure how fast this machine steps and differentiates
+    #[command(long_about = bench::ABOUT)]
     Bench(bench::Arguments),
 }
 

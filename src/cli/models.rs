@@ -10,7 +10,8 @@ use omnidrones::error::Result;
 use serde_json::json;
 use std::path::PathBuf;
 
-const ABOUT: &str = "\
+/// What the command is for.
+pub const ABOUT: &str = "\
 List the built-in vehicles, or print everything about one: mass, inertia, parts, rotors, drag, the allocation matrix, \
 gains with their bandwidths, and where the numbers come from. The vehicle may also be your own TOML or URDF file.";
 
@@ -29,7 +30,7 @@ Exit codes: 0 printed; 2 unusable input or arguments.";
 
 /// Arguments of `models`.
 #[derive(Debug, clap::Args)]
-#[command(long_about = ABOUT, after_long_help = EXAMPLES)]
+#[command(after_long_help = EXAMPLES)]
 pub struct Arguments {
     /// A built-in vehicle, or a file FILE.toml or FILE.urdf; without it, the list
     #[arg(value_name = "VEHICLE|FILE")]

@@ -15,7 +15,8 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-const ABOUT: &str = "\
+/// What the command is for.
+pub const ABOUT: &str = "\
 Tune all twelve gains of a vehicle's position, velocity, attitude and rate controllers. Many flights from random starts \
 are simulated closed loop; the exact gradient of their mean squared tracking error comes back through every step \
 (motor lag, saturation and sampled controllers included), and Adam follows it. The result is judged on held-out starts \
@@ -23,7 +24,7 @@ that the tuning never saw.";
 
 const EXAMPLES: &str = "\
 Examples:
-  omnidrones tune hummingbird                               about the defaults below, then writes out/hummingbird
+  omnidrones tune hummingbird                               60 descent steps
   omnidrones tune firefly --iterations 30 --starts 64       shorter
   omnidrones tune drone.urdf --reference circle             your vehicle on another reference
   omnidrones tune iris --gains derived --json --no-plots    from derived gains, for a program
@@ -38,7 +39,7 @@ Exit codes: 0 better on the held-out starts, and no crash; 1 not better; 2 unusa
 
 /// Arguments of `tune`.
 #[derive(Debug, clap::Args)]
-#[command(long_about = ABOUT, after_long_help = EXAMPLES)]
+#[command(after_long_help = EXAMPLES)]
 pub struct Arguments {
     /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
     #[arg(value_name = "VEHICLE|FILE")]
@@ -83,6 +84,7 @@ pub struct Arguments {
 
 /// Tunes.
 pub fn run(a: &Arguments) -> Result<Report> {
+    a.flight.check()?;
     let source = source::load(Some(&a.vehicle), &a.rotors)?;
     let vehicle = &source.vehicle;
     let (gains, gains_name) = a.flight.gains(vehicle)?;
