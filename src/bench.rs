@@ -146,7 +146,7 @@ impl Bench {
             });
         };
         row("f64", plain.f64);
-        row("f32, 4096 vehicles in a plain loop, each", plain.f32);
+        row("f32, RK4, 4096 vehicles in a plain loop, each", plain.f32);
         row("Dual64 (one direction)", self.step_time(Dual64::from));
         row("DualSVec64<4> (four directions)", self.step_time(DualSVec64::<4>::from));
         row("HyperDual64 (second derivative)", self.step_time(HyperDual64::from));
@@ -197,7 +197,7 @@ impl Bench {
                     value: 1e-6 / per_step,
                     unit: "M steps/s",
                     ratio: Some(plain / per_step),
-                    baseline: "plain f32 loop",
+                    baseline: "plain f32 RK4 loop",
                 });
             }
             threads *= 2;

@@ -75,7 +75,7 @@ impl Error {
         limit: impl Into<String>,
         remedy: impl Into<String>,
     ) -> Self {
-        Self::Value { what: what.into(), value: value.to_string(), limit: limit.into(), remedy: remedy.into() }
+        Self::Value { what: what.into(), value: short(value.to_string()), limit: limit.into(), remedy: remedy.into() }
     }
 
     /// A [`Error::Limit`] from parts that can be displayed.
@@ -91,6 +91,14 @@ impl Error {
     /// A [`Error::File`] for `path`.
     pub fn file(path: impl AsRef<Path>, source: std::io::Error) -> Self {
         Self::File { path: path.as_ref().to_path_buf(), source }
+    }
+}
+
+/// A number of hundreds of digits in scientific notation; any other text as it is.
+fn short(text: String) -> String {
+    match text.parse::<f64>() {
+        Ok(number) if text.len() > 24 => format!("{number:e}"),
+        _ => text,
     }
 }
 

@@ -5,8 +5,9 @@
 //! a wrong derivative leaves h¹, a kink within h too. A derivative that is not a number fails all of them.
 //!
 //! Entries of a point have sizes from 1e-9 (a thrust coefficient) to 1e4 (a rotor speed), and a zero does not tell
-//! which. So errors are judged column by column, and steps are tried on a ladder: differences that agree at any rung
-//! confirm the derivative, since a wrong one agrees at none.
+//! which. So errors are judged column by column, relative to max(1, largest entry), and steps are tried on a ladder:
+//! differences that agree at one rung confirm the column. What this cannot see is an entry wrong by less than the bound
+//! times that scale: differences end there. Between adjoint and duals the bound is 1e-10 of the scale.
 
 use super::derivative::{JacobianScratch, jacobian};
 use super::program::Program;

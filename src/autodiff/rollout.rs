@@ -147,10 +147,10 @@ impl<F: System, C: Objective> Rollout<F, C> {
     /// # Panics
     /// If a slice does not have the system's length, or `inputs` no multiple of it.
     pub fn cost(&self, state: &[f64], inputs: &[f64], parameters: &[f64]) -> f64 {
-        self.cost_of(state.to_vec(), inputs, parameters, |u| u)
+        self.cost_of(state.to_vec(), inputs, parameters)
     }
 
-    fn cost_of<S: Scalar>(&self, mut x: Vec<S>, inputs: &[f64], theta: &[S], lift: impl Fn(S) -> S) -> S {
+    fn cost_of<S: Scalar>(&self, mut x: Vec<S>, inputs: &[f64], theta: &[S]) -> S {
         let (n, m, p) = self.sizes();
         assert_eq!((x.len(), theta.len(), inputs.len() % m.max(1)), (n, p, 0), "lengths of state, parameters, inputs");
         let mut next = x.clone();
@@ -158,7 +158,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
         let mut total = S::zero();
         for row in inputs.chunks_exact(m.max(1)) {
             for (u, value) in u.iter_mut().zip(row) {
-                *u = lift(S::constant(*value));
+                *u = S::constant(*value);
             }
             total += self.objective.stage(&x, &u, theta);
             self.system.step(&x, &u, theta, &mut next);
@@ -304,7 +304,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
         for (k, entry) in gradient.iter_mut().enumerate() {
             let seed = |(i, v): (usize, &f64)| Dual64::new(*v, if i == k { 1.0 } else { 0.0 });
             let lifted: Vec<Dual64> = state.iter().chain(parameters).enumerate().map(seed).collect();
-            let result = self.cost_of(lifted[..n].to_vec(), inputs, &lifted[n..], |u| u);
+            let result = self.cost_of(lifted[..n].to_vec(), inputs, &lifted[n..]);
             (cost, *entry) = (result.re, result.eps);
         }
         let parameters = gradient.split_off(n);

@@ -393,6 +393,17 @@ impl<S: Scalar> RotorModel<S> {
     }
 }
 
+impl<S: Scalar> RotorModel<S> {
+    /// The wrench per Ω² with thrust times `gain`: thrust grows near the ground, the reaction torque does not.
+    #[inline(always)]
+    fn near_ground(&self, gain: S) -> [S; 6] {
+        let w = self.wrench;
+        let force = scale(gain, [w[0], w[1], w[2]]);
+        let more = cross(self.hub, scale(gain - S::one(), [w[0], w[1], w[2]]));
+        [force[0], force[1], force[2], w[3] + more[0], w[4] + more[1], w[5] + more[2]]
+    }
+}
+
 impl RotorModel<f64> {
     #[inline(always)]
     fn cast<S: Scalar>(&self) -> RotorModel<S> {
@@ -564,19 +575,21 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         let mut moment = [o; 3];
         for i in 0..self.n_loop() {
             let rotor = &self.rotors[i];
-            let mut squared = speed[i] * speed[i];
+            let squared = speed[i] * speed[i];
+            let mut column = rotor.wrench;
             if effects.ground_effect {
                 let hub = add(m.position, rotate(m.attitude, rotor.hub));
-                squared *= ground_effect::factor(hub[2] - self.ground_height, rotor.radius);
+                let gain = ground_effect::factor(hub[2] - self.ground_height, rotor.radius);
+                column = rotor.near_ground(gain);
             }
             if effects.tilted_rotors {
-                force[0] = rotor.wrench[0].mul_add(squared, force[0]);
-                force[1] = rotor.wrench[1].mul_add(squared, force[1]);
+                force[0] = column[0].mul_add(squared, force[0]);
+                force[1] = column[1].mul_add(squared, force[1]);
             }
-            force[2] = rotor.wrench[2].mul_add(squared, force[2]);
-            moment[0] = rotor.wrench[3].mul_add(squared, moment[0]);
-            moment[1] = rotor.wrench[4].mul_add(squared, moment[1]);
-            moment[2] = rotor.wrench[5].mul_add(squared, moment[2]);
+            force[2] = column[2].mul_add(squared, force[2]);
+            moment[0] = column[3].mul_add(squared, moment[0]);
+            moment[1] = column[4].mul_add(squared, moment[1]);
+            moment[2] = column[5].mul_add(squared, moment[2]);
         }
         Wrench { force, moment }
     }

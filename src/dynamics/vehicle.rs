@@ -287,6 +287,7 @@ impl Vehicle {
         if total.mass <= 0.0 {
             return Err(Error::value(at("total mass"), total.mass, "> 0 kg", "Give the airframe its mass."));
         }
+        within(&at("total mass"), total.mass, 1e-9, 1e6)?;
         let total_inertia = Inertia::from_matrix(&total.inertia);
         total_inertia.validate(&at("whole vehicle"))?;
         if total.inertia.symmetric_eigenvalues().min() <= 0.0 {
@@ -296,6 +297,9 @@ impl Vehicle {
                 "> 0 kg m² about every axis",
                 "Give the airframe an inertia tensor.",
             ));
+        }
+        for moment in total.inertia.symmetric_eigenvalues().iter() {
+            within(&at("whole vehicle: principal moment of inertia"), *moment, 1e-18, 1e9)?;
         }
         for rotor in &self.rotors {
             self.validate_rotor(rotor)?;
@@ -363,18 +367,35 @@ impl Vehicle {
                 ));
             }
         }
-        non_negative(
-            &at("moment_per_thrust, inertia, radius or drag"),
-            &[
-                rotor.moment_per_thrust,
-                rotor.inertia,
-                rotor.radius,
-                rotor.drag_coefficient,
-                rotor.axial_drag_coefficient,
-                rotor.rolling_coefficient,
-            ],
-        )
+        within(&at("time_constant_up"), rotor.time_constant_up, 1e-6, 1e12)?;
+        within(&at("time_constant_down"), rotor.time_constant_down, 1e-6, 1e12)?;
+        within(&at("max_speed"), rotor.max_speed, 1e-6, 1e6)?;
+        within(&at("largest thrust"), rotor.max_thrust(), 1e-30, 1e9)?;
+        for coordinate in rotor.position {
+            within(&at("distance from the base origin"), coordinate.abs(), 0.0, 1e4)?;
+        }
+        for (name, value) in [
+            ("moment_per_thrust", rotor.moment_per_thrust),
+            ("inertia", rotor.inertia),
+            ("radius", rotor.radius),
+            ("drag_coefficient", rotor.drag_coefficient),
+            ("axial_drag_coefficient", rotor.axial_drag_coefficient),
+            ("rolling_coefficient", rotor.rolling_coefficient),
+        ] {
+            non_negative(&at(name), &[value])?;
+            within(&at(name), value, 0.0, 1e6)?;
+        }
+        Ok(())
     }
+}
+
+/// Sizes beyond which reciprocals and squares leave the range of `f32` lanes.
+fn within(what: &str, value: f64, least: f64, most: f64) -> Result<()> {
+    if (least..=most).contains(&value) {
+        return Ok(());
+    }
+    let limit = format!("between {least:e} and {most:e} in SI units");
+    Err(Error::value(what, value, limit, "Check the units; no multirotor is that small or large."))
 }
 
 fn non_negative(what: &str, values: &[f64]) -> Result<()> {
