@@ -219,13 +219,16 @@ fn allocation(vehicle: &Vehicle) -> Table {
     table
 }
 
+/// A number per axis, from a vehicle and its gains.
+type PerAxis = fn(&Vehicle, &Gains) -> [f64; 3];
+
 /// Gains side by side, with the bandwidth and damping that they give without motor lag.
 pub fn gains_table(vehicle: &Vehicle, sets: &[(&str, Gains)]) -> Table {
     let mut headers = vec![("per axis x, y, z".to_string(), Align::Left)];
     headers.extend(sets.iter().map(|(name, _)| (name.to_string(), Align::Left)));
     let headers: Vec<(&str, Align)> = headers.iter().map(|(name, align)| (name.as_str(), *align)).collect();
     let mut table = Table::new(&headers);
-    let rows: [(&str, fn(&Vehicle, &Gains) -> [f64; 3]); 8] = [
+    let rows: [(&str, PerAxis); 8] = [
         ("position K_p [1/s²]", |_, g| g.position),
         ("velocity K_v [1/s]", |_, g| g.velocity),
         ("attitude K_R [N m/rad]", |_, g| g.attitude),
