@@ -7,7 +7,7 @@ use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::error::Result;
 
 fn main() -> Result<()> {
-    let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/urdf/hexa_frames.urdf");
+    let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/urdf/plain_x.urdf");
     let file = std::env::args().nth(1).unwrap_or(sample.into());
 
     let import = import_file(&file, &ImportOptions::default())?;

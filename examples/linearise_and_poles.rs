@@ -1,5 +1,5 @@
-//! Linearises every built-in vehicle at hover and prints its poles: the open loop's integrators, drag and motor lags,
-//! then those of the closed loop, which must all lie left of the axis.
+//! Linearises every built-in vehicle at hover and prints its slowest poles: open, where rotor drag above the
+//! centre of mass can make it unstable, and closed, where all must lie left of the axis.
 //!
 //! `cargo run --release --example linearise_and_poles`
 
@@ -11,9 +11,10 @@ use omnidrones::error::Result;
 
 /// Eigenvalues λ of a discrete step as continuous poles s = ln(λ)/dt, rad/s, slowest first; |λ| < 1e-6 left out.
 fn poles(step: &DMatrix<f64>, dt: f64) -> Vec<(f64, f64)> {
-    let eigenvalues = step.complex_eigenvalues();
-    let all = eigenvalues.iter().filter(|l| l.norm() > 1e-6);
-    let mut poles: Vec<(f64, f64)> = all.map(|l| (l.norm().ln() / dt, l.im.atan2(l.re) / dt)).collect();
+    let step = faer::Mat::from_fn(step.nrows(), step.ncols(), |i, j| step[(i, j)]);
+    let eigenvalues = step.eigenvalues().expect("a finite matrix has eigenvalues");
+    let all = eigenvalues.iter().map(|l| (l.re.hypot(l.im), l.im.atan2(l.re))).filter(|(size, _)| *size > 1e-6);
+    let mut poles: Vec<(f64, f64)> = all.map(|(size, angle)| (size.ln() / dt, angle / dt)).collect();
     poles.sort_by(|a, b| b.0.total_cmp(&a.0));
     poles
 }

@@ -34,7 +34,7 @@
     feature = "plot",
     doc = "| [`plot`] | figures as PNG or SVG | [`Figure`](plot::Figure), [`FlightFigures`](plot::flight::FlightFigures) |"
 )]
-//! | [`bench`] | what a step and a gradient cost here | [`BenchPlan`](bench::BenchPlan) |
+//! | [`mod@bench`] | what a step and a gradient cost here | [`BenchPlan`](bench::BenchPlan) |
 //! | [`error`], [`rng`], [`parallel`] | serve all | [`Error`](error::Error), [`Stream`](rng::Stream), [`Threads`](parallel::Threads) |
 //! | [`conventions`] | frames, units, layouts, names | what any number means |
 //!

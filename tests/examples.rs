@@ -1,4 +1,5 @@
-//! Every file in `examples/` runs as it stands. Cargo builds them beside this test; a new one is found by itself.
+//! Every file in `examples/` runs as it stands; a new one is found by itself. `cargo test` builds them beside this test;
+//! to run it alone, first `cargo build --examples --profile test`.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -35,7 +36,7 @@ fn run(name: &str) -> Result<Duration, String> {
         .stdout(file("stdout"))
         .stderr(file("stderr"))
         .spawn()
-        .map_err(|e| format!("{name}: {} does not start: {e}", program.display()))?;
+        .map_err(|e| format!("{name} does not start: {e}. Build it: cargo build --examples --profile test"))?;
     let status = loop {
         match child.try_wait().unwrap() {
             Some(status) => break status,

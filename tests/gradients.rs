@@ -6,8 +6,8 @@ use common::{airframe, cases, input, state, stream};
 use omnidrones::autodiff::{
     Bounds, CompiledJacobian, JacobianScratch, Objective, Rollout, Scalar, System, certify, jacobian, linearise, safe,
 };
-use omnidrones::controllers::{CascadeModel, GainSet, Held, Kinematics, Rates, Reference, Sample, Schedule};
-use omnidrones::dynamics::{Effects, Multirotor, Physics, vehicles};
+use omnidrones::controllers::{ClosedLoop, Rates, Reference};
+use omnidrones::dynamics::{Disturbance, Effects, Multirotor, Physics, vehicles};
 
 /// The worst of what certificates measured.
 #[derive(Default)]
@@ -117,66 +117,27 @@ fn the_adjoint_of_a_rollout_is_its_dual_gradient_through_motor_saturation() {
     println!("reverse against forward: {worst:.1e}"); // measured 8.7e-15
 }
 
-/// A vehicle under its cascade: state [vehicle, held commands], input [ticks, sample], parameters the twelve gains.
-struct ClosedLoop {
-    plant: Multirotor,
-    cascade: CascadeModel<f64, SLOTS>,
-}
-const SLOTS: usize = 12;
-
-impl System for ClosedLoop {
-    fn n_state(&self) -> usize {
-        self.plant.n_state() + Held::<f64, SLOTS>::DIM
-    }
-    fn n_input(&self) -> usize {
-        3 + Sample::<f64>::DIM
-    }
-    fn n_parameter(&self) -> usize {
-        GainSet::<f64>::DIM
-    }
-    fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        let (x, memory) = state.split_at(self.plant.n_state());
-        let mut model = CascadeModel::<S, SLOTS>::constant(&self.cascade);
-        model.gains = GainSet::read(parameters);
-        let (seen, sample) = (Kinematics::read(&x[..13]), Sample::read(&input[3..]));
-        let held = model.position(&seen, &Held::read(memory), &sample, [input[0], input[1], input[2]]);
-        let (body, memory) = next.split_at_mut(x.len());
-        self.plant.step(x, &held.rotors[..self.plant.n_input()], &[], body);
-        held.write(memory);
-    }
-}
-
 #[test]
 fn the_adjoint_of_a_closed_loop_is_its_dual_gradient_in_state_and_gains() {
     struct Miss;
     impl Objective for Miss {
         fn stage<S: Scalar>(&self, x: &[S], u: &[S], _: &[S]) -> S {
-            (x[0] - u[3]).square() + (x[1] - u[4]).square() + (x[2] - u[5]).square()
+            (x[0] - u[0]).square() + (x[1] - u[1]).square() + (x[2] - u[2]).square()
         }
     }
     let mut worst = 0.0_f64;
     for vehicle in vehicles::all() {
         let physics = Physics::default();
-        let plant = Multirotor::new(&vehicle, physics).unwrap();
-        let gains = vehicle.gains();
-        let cascade = CascadeModel::new(&vehicle, &gains).unwrap();
-        let schedule = Schedule::new(&Rates::default(), physics.dt).unwrap();
+        let system = ClosedLoop::new(&vehicle, physics, &vehicle.gains(), &Rates::default()).unwrap().with_gains();
         let reference = Reference::by_name("lemniscate").unwrap();
-        let mut state = plant.hover_state([0.8, -0.6, 0.5]).unwrap();
-        let mut held = vec![0.0; Held::<f64, SLOTS>::DIM];
-        cascade.initial().write(&mut held);
-        state.extend(held);
-        let mut theta = vec![0.0; 12];
-        GainSet::constant(&gains).write(&mut theta);
-        let rollout = Rollout::new(ClosedLoop { plant, cascade }, Miss).unwrap();
+        let state = system.initial_state(&system.plant().hover_state([0.8, -0.6, 0.5]).unwrap());
+        let theta = system.gain_vector();
+        let rollout = Rollout::new(system.clone(), Miss).unwrap();
         for steps in [1, 10, 100, 500] {
-            let inputs: Vec<f64> = (0..steps)
-                .flat_map(|k| {
-                    let mut sample = [0.0; 18];
-                    reference.sample(k as f64 * physics.dt).write(&mut sample);
-                    [&schedule.ticks(k)[..], &sample].concat()
-                })
-                .collect();
+            let mut inputs = vec![0.0; steps * system.n_input()];
+            for (k, row) in inputs.chunks_mut(system.n_input()).enumerate() {
+                system.write_input(k as u64, &reference.sample(k as f64 * physics.dt), &Disturbance::none(), row);
+            }
             let (cost, reverse) = rollout.gradient(&state, &inputs, &theta);
             let (same, forward) = rollout.gradient_forward(&state, &inputs, &theta);
             assert_eq!(cost, same);

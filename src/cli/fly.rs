@@ -7,9 +7,10 @@ use super::source::{self, Source};
 use super::table::{Align, Table, number};
 use super::{Report, arguments, files, progress};
 use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
+use omnidrones::controllers::design::{Sensitivity, sensitivity};
 use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, fly};
 use omnidrones::dynamics::aero::wind::Wind;
-use omnidrones::dynamics::{Disturbance, Gains, Multirotor, Vehicle};
+use omnidrones::dynamics::{Gains, Multirotor, Vehicle};
 use omnidrones::error::{Error, Result};
 use omnidrones::flight::FlightSummary;
 use omnidrones::plot::flight::FlightFigures;
@@ -105,8 +106,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let writes = a.csv || !a.no_plots;
     let folder = a.out.clone().unwrap_or_else(|| files::default_folder(&source.vehicle.name));
-    // the certificate checks vehicle, gains and rates, so it comes before any folder is made
-    let derivatives = Derivatives::of(&source.vehicle, &gains, &plan)?;
+    // checks vehicle, gains and rates before any folder is made
+    ClosedLoop::new(&source.vehicle, plan.physics, &gains, &plan.rates)?;
     if writes {
         files::prepare_folder(&folder)?;
     }
@@ -120,6 +121,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
     })?;
     let wall_time = start.elapsed().as_secs_f64();
     bar.finish_and_clear();
+
+    let derivatives = Derivatives::of(&source.vehicle, &gains, &plan, &flight)?;
 
     let after = if plan.duration > TRANSIENT { TRANSIENT } else { 0.0 };
     let summary = flight.log.summary(after);
@@ -184,8 +187,17 @@ impl Flown {
         self.source.describe(&mut page);
         page.heading("Vehicle").facts(&key_facts(&self.source.vehicle));
         page.heading("Flight").facts(&self.facts());
-        page.heading("Derivatives of what was flown").table(&self.derivatives.table());
-        page.line(self.derivatives.remark());
+        page.heading("Derivatives of what was flown");
+        if !self.derivatives.certificates.is_empty() {
+            page.table(&self.derivatives.table());
+            page.line(self.derivatives.remark());
+        }
+        if let Some(line) = self.derivatives.gradient_line() {
+            page.line(&line);
+        }
+        for remark in &self.derivatives.left_out {
+            page.line(&format!("  left out: {remark}"));
+        }
         if !self.written.is_empty() {
             page.heading("Written");
             for path in &self.written {
@@ -258,6 +270,8 @@ impl Flown {
             "wall_time": self.wall_time,
             "times_real_time": self.speed(),
             "derivatives": self.derivatives.json(),
+            "sensitivity": self.derivatives.through.as_ref().map(|(s, _)| s),
+            "left_out": self.derivatives.left_out,
             "files": files::names(&self.written),
         })
     }
@@ -287,30 +301,68 @@ struct Row {
     certificate: Certificate,
 }
 
-/// Proof that the equations that flew are differentiated exactly.
-struct Derivatives(Vec<Row>);
+/// Certificates at the last point of the flight, and the gradient of its error through all of it.
+struct Derivatives {
+    certificates: Vec<Row>,
+    through: Option<(Sensitivity, f64)>,
+    /// What was left out, and why.
+    left_out: Vec<String>,
+}
 
 impl Derivatives {
-    /// The vehicle leaving hover, and the closed loop with its gains half a second into the reference.
-    fn of(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<Self> {
+    fn of(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, flight: &Flight) -> Result<Self> {
+        let mut d = Self { certificates: Vec::new(), through: None, left_out: Vec::new() };
+        if flight.diverged_at.is_some() {
+            d.left_out.push("the flight diverged: there is no finite point to differentiate at".into());
+            return Ok(d);
+        }
         let mut physics = plan.physics;
         physics.effects.disturbance |= plan.wind != Wind::Calm;
         let plant = Multirotor::new(vehicle, physics)?;
-        let hover = plant.hover_state(plan.reference.sample(0.0).position)?;
-        let mut action = plant.hover_input()?;
-        for a in action.iter_mut().take(vehicle.n_rotor()) {
-            // away from equilibrium, where the two time constants of a motor meet in a kink
-            *a += if *a < 0.8 { 0.1 } else { -0.1 };
-        }
-        let step = certified("one step of the vehicle", &plant, &hover, &action, &[])?;
-
         let system = ClosedLoop::new(vehicle, physics, gains, &plan.rates)?.with_gains();
-        let theta = system.gain_vector();
-        let mut input = vec![0.0; system.n_input()];
-        system.write_input(0, &plan.reference.sample(0.5), &Disturbance::none(), &mut input);
-        let state = system.initial_state(&hover);
-        let closed = certified("one step of the closed loop", &system, &state, &input, &theta)?;
-        Ok(Self(vec![step, closed]))
+        let (state, input) = &flight.last;
+        let (body, rotors) = (&state[..plant.n_state()], system.rotor_actions(state));
+        let mut action = rotors.to_vec();
+        action.extend(&input[input.len() - (plant.n_input() - rotors.len())..]);
+        let step = d.small_enough(certified("one step of the vehicle", &plant, body, &action, &[]))?;
+        let closed = certified("one step of the closed loop", &system, state, input, &system.gain_vector());
+        let closed = d.small_enough(closed)?;
+        d.certificates.extend(step.into_iter().chain(closed));
+        let start = Instant::now();
+        let through = d.small_enough(sensitivity(vehicle, gains, plan))?;
+        d.through = through.map(|s| (s, start.elapsed().as_secs_f64()));
+        Ok(d)
+    }
+
+    /// `None` with a remark where something is too large to record, or a gain is zero.
+    fn small_enough<T>(&mut self, result: Result<T>) -> Result<Option<T>> {
+        match result {
+            Ok(value) => Ok(Some(value)),
+            Err(e @ (Error::Limit { .. } | Error::Value { .. })) => {
+                let reason = e.to_string();
+                if !self.left_out.contains(&reason) {
+                    self.left_out.push(reason);
+                }
+                Ok(None)
+            }
+            Err(e) => Err(e),
+        }
+    }
+
+    /// The gain whose relative change moves the RMSE most, in words.
+    fn gradient_line(&self) -> Option<String> {
+        let (s, time) = self.through.as_ref()?;
+        let g = &s.gradient;
+        let named = [("position", g.position), ("velocity", g.velocity), ("attitude", g.attitude), ("rate", g.rate)];
+        let all = named.iter().flat_map(|(n, v)| ["x", "y", "z"].iter().zip(v).map(move |(a, x)| (*n, *a, *x)));
+        let (name, axis, most) = all.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()))?;
+        Some(format!(
+            "  gradient of the RMSE over 12 gains, backwards through {} closed-loop steps: {}\n  \
+             most felt: {name} gain {axis}, {:+.2} mm for 10 % more",
+            s.steps,
+            duration(*time),
+            most * 1.1_f64.ln() * 1e3
+        ))
     }
 
     fn table(&self) -> Table {
@@ -323,7 +375,7 @@ impl Derivatives {
             ("Taylor order", Align::Right),
             ("", Align::Left),
         ]);
-        for row in &self.0 {
+        for row in &self.certificates {
             let c = &row.certificate;
             let order = if c.taylor_order.is_nan() { "affine".into() } else { number(c.taylor_order, 3) };
             table.row([
@@ -340,7 +392,7 @@ impl Derivatives {
     }
 
     fn remark(&self) -> &'static str {
-        if self.0.iter().all(|r| r.certificate.holds(Bounds::default())) {
+        if self.certificates.iter().all(|r| r.certificate.holds(Bounds::default())) {
             "  reverse adjoint, forward duals and finite differences agree (relative); order 2 is exact"
         } else {
             "  not held: the point lies on a kink (a saturated command), or a derivative is wrong"
@@ -361,7 +413,7 @@ impl Derivatives {
                 "holds": r.certificate.holds(Bounds::default()),
             })
         };
-        self.0.iter().map(row).collect()
+        self.certificates.iter().map(row).collect()
     }
 }
 

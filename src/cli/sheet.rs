@@ -96,7 +96,7 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
     facts.push(Fact::new("centre of mass", vector(total.center_of_mass.as_slice(), 3)).note("m, in the base frame"));
     facts.push(Fact::new("inertia J", vector(&[j[(0, 0)], j[(1, 1)], j[(2, 2)]], 4)).note("kg m², xx yy zz about it"));
     let products = [j[(0, 1)], j[(0, 2)], j[(1, 2)]];
-    if products.iter().any(|p| p.abs() > 1e-4 * j.trace()) {
+    if products.iter().any(|p| p.abs() > 1e-6 * j.trace()) {
         facts.push(Fact::new("", vector(&products, 4)).note("kg m², xy xz yz"));
     }
     for (name, values, unit) in [
@@ -109,16 +109,16 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
         }
     }
     let control = match authority.dropped.as_slice() {
-        [] if authority.full_rank == 6 => "steers thrust, roll, pitch, yaw, and can push sideways".to_string(),
-        [] => "steers thrust, roll, pitch, yaw".into(),
-        lost => format!("cannot steer {lost:?}"),
+        [] if authority.full_rank == 6 => "thrust, roll, pitch, yaw and sideways force".to_string(),
+        [] => "thrust, roll, pitch, yaw".into(),
+        lost => format!("not {lost:?}"),
     };
-    facts.push(Fact::new("allocation", format!("rank {}", authority.full_rank)).note(control));
+    facts.push(Fact::new("steered axes", control).note(format!("allocation of rank {}", authority.full_rank)));
     page.facts(&facts);
     page.heading("Parts").table(&parts(vehicle));
     rotors(page, vehicle);
     page.heading("Allocation matrix").table(&allocation(vehicle));
-    page.line("  one row per column of the matrix: wrench about the centre of mass, base axes");
+    page.line("  wrench about the centre of mass, base axes, per newton of each rotor's thrust");
     Ok(())
 }
 
@@ -206,24 +206,21 @@ pub fn rotors(page: &mut Page, vehicle: &Vehicle) {
 
 fn allocation(vehicle: &Vehicle) -> Table {
     let matrix = vehicle.allocation_matrix();
-    let tidy = |v: &f64| if v.abs() < 5e-7 { "0".to_string() } else { short((1e6 * v).round() / 1e6, 4) };
-    let mut table = Table::new(&[
-        ("per N of", Align::Left),
-        ("F_x", Align::Right),
-        ("F_y", Align::Right),
-        ("F_z", Align::Right),
-        ("M_x [m]", Align::Right),
-        ("M_y [m]", Align::Right),
-        ("M_z [m]", Align::Right),
-    ]);
-    for (rotor, column) in vehicle.rotors.iter().zip(matrix.column_iter()) {
-        table.row(std::iter::once(rotor.name.clone()).chain(column.iter().map(tidy)));
+    let names: Vec<&str> = vehicle.rotors.iter().map(|r| r.name.as_str()).collect();
+    let n = matrix.ncols();
+    let mut headers = vec![("per N of", Align::Left)];
+    headers.extend(names.iter().map(|name| (*name, Align::Right)));
+    let mut table = Table::new(&headers);
+    for (row, name) in ["F_x", "F_y", "F_z", "M_x [m]", "M_y [m]", "M_z [m]"].iter().enumerate() {
+        let tidy = |v: f64| if v.abs() < 5e-7 { "0".to_string() } else { short((1e6 * v).round() / 1e6, 4) };
+        let cells = (0..n).map(|i| tidy(matrix[(row, i)]));
+        table.row(std::iter::once(name.to_string()).chain(cells));
     }
     table
 }
 
-/// A name and its value per axis.
-type GainRow = (&'static str, fn(&Vehicle, &Gains) -> [f64; 3]);
+/// A number per axis, from a vehicle and its gains.
+type PerAxis = fn(&Vehicle, &Gains) -> [f64; 3];
 
 /// Gains side by side, with the bandwidth and damping that they give without motor lag.
 pub fn gains_table(vehicle: &Vehicle, sets: &[(&str, Gains)]) -> Table {
@@ -231,7 +228,7 @@ pub fn gains_table(vehicle: &Vehicle, sets: &[(&str, Gains)]) -> Table {
     headers.extend(sets.iter().map(|(name, _)| (name.to_string(), Align::Left)));
     let headers: Vec<(&str, Align)> = headers.iter().map(|(name, align)| (name.as_str(), *align)).collect();
     let mut table = Table::new(&headers);
-    let rows: [GainRow; 8] = [
+    let rows: [(&str, PerAxis); 8] = [
         ("position K_p [1/s²]", |_, g| g.position),
         ("velocity K_v [1/s]", |_, g| g.velocity),
         ("attitude K_R [N m/rad]", |_, g| g.attitude),

@@ -53,6 +53,8 @@ pub struct Flight {
     /// When the vehicle's state left |x| < 1e8 (SI units, as in a [`World`](crate::dynamics::World)) or became not a
     /// number, s; `None` for a whole flight.
     pub diverged_at: Option<f64>,
+    /// Last state of the [`ClosedLoop`], and the input it met: a point of the flight to take derivatives at.
+    pub last: (Vec<f64>, Vec<f64>),
 }
 
 /// Longest flight, in steps: what a log may hold.
@@ -117,7 +119,7 @@ pub fn fly(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, progress: &mut d
         std::mem::swap(&mut x, &mut next);
         progress(k);
     }
-    Ok(Flight { log, diverged_at })
+    Ok(Flight { log, diverged_at, last: (x, input) })
 }
 
 /// Hover at a point with a yaw.

@@ -145,8 +145,14 @@ pub struct Tuning {
 }
 
 /// ‖p − p_ref‖²/T per step.
-struct MeanSquaredError {
+pub(super) struct MeanSquaredError {
     per_step: f64,
+}
+
+impl MeanSquaredError {
+    pub(super) fn over(steps: usize) -> Self {
+        Self { per_step: 1.0 / steps as f64 }
+    }
 }
 
 impl Objective for MeanSquaredError {
@@ -161,7 +167,7 @@ impl Objective for MeanSquaredError {
 }
 
 /// The closed loop with θ = ln K.
-struct LogGains(ClosedLoop);
+pub(super) struct LogGains(pub(super) ClosedLoop);
 
 impl System for LogGains {
     fn n_state(&self) -> usize {
@@ -200,7 +206,7 @@ pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dy
     let threads = Threads::default();
     let inputs = inputs(&system.0, &plan.reference, n_step);
     let starts = starts(&system.0, plan, plan.n_start, TRAINING)?;
-    let batch = BatchRollout::new(&system, &MeanSquaredError { per_step: 1.0 / n_step as f64 })?;
+    let batch = BatchRollout::new(&system, &MeanSquaredError::over(n_step))?;
     let mut descent = Descent::new(theta, plan);
     for iteration in 0..plan.iterations {
         let (rmse, gradient) = root_mean_cost(&batch, &starts, &inputs, &descent.theta, &threads)?;

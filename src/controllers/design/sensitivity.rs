@@ -1,0 +1,73 @@
+//! How the tracking error of one whole flight depends on each gain: one reverse sweep through every step of it.
+
+use super::tune::{LogGains, MeanSquaredError};
+use crate::autodiff::{Gradient, Rollout, System};
+use crate::controllers::closed_loop::ClosedLoop;
+use crate::controllers::flight::FlightPlan;
+use crate::dynamics::aero::wind::{Wind, WindState};
+use crate::dynamics::{Disturbance, Gains, Vehicle};
+use crate::error::{Error, Result};
+use crate::rng::{Purpose, Stream};
+use serde::Serialize;
+
+/// Longest flight that is differentiated, in steps: its inputs are held in memory.
+pub const MAX_STEPS: u64 = 200_000;
+
+/// The gradient of a flight's RMSE.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Sensitivity {
+    /// RMSE over the whole flight, start included, m.
+    pub rmse: f64,
+    /// ∂RMSE/∂ln K per gain, m: what doubling a gain would change, to first order, times 1/ln 2.
+    pub gradient: Gains,
+    /// Steps differentiated through.
+    pub steps: u64,
+}
+
+/// Flies the plan and sweeps back through it.
+///
+/// # Errors
+/// [`Error::Limit`] for more than [`MAX_STEPS`] steps or a step too large to record; [`Error::Value`] if vehicle, gains or
+/// plan are not valid, or a gain is 0 (its logarithm has no derivative).
+pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<Sensitivity> {
+    let steps = plan.n_step()?;
+    if steps > MAX_STEPS {
+        return Err(Error::limit("steps to differentiate", steps, MAX_STEPS, "Fly shorter, or with a larger dt."));
+    }
+    let mut physics = plan.physics;
+    physics.effects.disturbance |= plan.wind != Wind::Calm;
+    let system = LogGains(ClosedLoop::new(vehicle, physics, gains, &plan.rates)?.with_gains());
+    let theta: Vec<f64> = system.0.gain_vector().iter().map(|k| k.ln()).collect();
+    crate::error::finite("logarithm of gain", &theta)?;
+    let start = plan.reference.sample(0.0);
+    let mut plant_state = system.0.plant().hover_state(start.position)?;
+    let (s, c) = (0.5 * start.yaw).sin_cos();
+    plant_state[6..10].copy_from_slice(&[c, 0.0, 0.0, s]);
+    let state = system.0.initial_state(&plant_state);
+    let inputs = inputs(&system.0, plan, steps)?;
+
+    let mut gradient =
+        Gradient { state: vec![0.0; system.n_state()], inputs: Vec::new(), parameters: vec![0.0; theta.len()] };
+    let rollout = Rollout::new(system, MeanSquaredError::over(steps as usize))?;
+    let cost = rollout.gradient_into(&mut rollout.scratch(), &state, &inputs, &theta, &mut gradient);
+    let rmse = cost.sqrt();
+    let slope = |at: usize| [0, 1, 2].map(|i| gradient.parameters[at + i] / (2.0 * rmse));
+    let gradient = Gains { position: slope(0), velocity: slope(3), attitude: slope(6), rate: slope(9) };
+    Ok(Sensitivity { rmse, gradient, steps })
+}
+
+/// Inputs of the closed loop along the plan, wind included, row-major `[steps, m]`.
+fn inputs(system: &ClosedLoop, plan: &FlightPlan, steps: u64) -> Result<Vec<f64>> {
+    let m = system.n_input();
+    let dt = plan.physics.dt;
+    let mut wind = WindState::new(plan.wind.clone(), Stream::new(plan.seed, 0, 0, Purpose::WIND))?;
+    let mut air = Disturbance::none();
+    let mut rows = vec![0.0; steps as usize * m];
+    for (k, row) in rows.chunks_exact_mut(m).enumerate() {
+        if plan.wind != Wind::Calm {
+            air.wind = wind.sample(dt);
+        }
+        system.write_input(k as u64, &plan.reference.sample(k as f64 * dt), &air, row);
+    }
+    Ok(rows)
+}
