@@ -196,7 +196,7 @@ impl Flown {
             page.line(&line);
         }
         for remark in &self.derivatives.left_out {
-            page.line(&format!("  left out: {remark}"));
+            page.line(format!("  left out: {remark}"));
         }
         if !self.written.is_empty() {
             page.heading("Written");
