@@ -8,7 +8,7 @@ use super::table::{Align, Table, number};
 use super::{Report, arguments, files, progress};
 use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
 use omnidrones::controllers::design::{Sensitivity, sensitivity};
-use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, fly};
+use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, fly};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::{Gains, Multirotor, Vehicle};
 use omnidrones::error::{Error, Result};
@@ -301,7 +301,7 @@ struct Row {
     certificate: Certificate,
 }
 
-/// Certificates at the last point of the flight, and the gradient of its error through all of it.
+/// Certificates at the point of the flight farthest from kinks, and the gradient of its error through all of it.
 struct Derivatives {
     certificates: Vec<Row>,
     through: Option<(Sensitivity, f64)>,
@@ -320,10 +320,10 @@ impl Derivatives {
         physics.effects.disturbance |= plan.wind != Wind::Calm;
         let plant = Multirotor::new(vehicle, physics)?;
         let system = ClosedLoop::new(vehicle, physics, gains, &plan.rates)?.with_gains();
-        let (state, input) = &flight.last;
-        let (body, rotors) = (&state[..plant.n_state()], system.rotor_actions(state));
-        let mut action = rotors.to_vec();
-        action.extend(&input[input.len() - (plant.n_input() - rotors.len())..]);
+        let SmoothPoint { state, input, actions, .. } = &flight.smoothest;
+        let body = &state[..plant.n_state()];
+        let mut action = actions.clone();
+        action.extend(&input[input.len() - (plant.n_input() - actions.len())..]);
         let step = d.small_enough(certified("one step of the vehicle", &plant, body, &action, &[]))?;
         let closed = certified("one step of the closed loop", &system, state, input, &system.gain_vector());
         let closed = d.small_enough(closed)?;

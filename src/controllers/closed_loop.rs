@@ -107,6 +107,11 @@ impl ClosedLoop {
         }
     }
 
+    /// Whether every level computes in step `k`.
+    pub fn computes_all(&self, k: u64) -> bool {
+        self.schedule.ticks(k) == [1.0; 3]
+    }
+
     /// Rotor actions that the cascade holds in a state.
     pub fn rotor_actions<'a>(&self, state: &'a [f64]) -> &'a [f64] {
         let at = self.plant.n_state() + Held::<f64, 0>::DIM;

@@ -7,7 +7,7 @@ use crate::autodiff::{System, safe};
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
 use crate::dynamics::rigid::RIGID_DIM;
-use crate::dynamics::{Disturbance, Gains, Physics, Vehicle};
+use crate::dynamics::{Disturbance, Gains, Physics, Rotor, Vehicle};
 use crate::error::{Error, Result};
 use crate::flight::{FlightLog, Sample};
 use crate::rng::{Purpose, Stream};
@@ -53,8 +53,51 @@ pub struct Flight {
     /// When the vehicle's state left |x| < 1e8 (SI units, as in a [`World`](crate::dynamics::World)) or became not a
     /// number, s; `None` for a whole flight.
     pub diverged_at: Option<f64>,
-    /// Last state of the [`ClosedLoop`], and the input it met: a point of the flight to take derivatives at.
-    pub last: (Vec<f64>, Vec<f64>),
+    /// Where to take derivatives.
+    pub smoothest: SmoothPoint,
+}
+
+/// The step of a flight, of those in which every level computed, that lies farthest from the kinks of the closed loop:
+/// rotor commands at a limit, and motors between speeding up and slowing down.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SmoothPoint {
+    /// State of the [`ClosedLoop`].
+    pub state: Vec<f64>,
+    /// Input of the [`ClosedLoop`].
+    pub input: Vec<f64>,
+    /// The rotor actions it answered with.
+    pub actions: Vec<f64>,
+    /// Least distance to a kink over the rotors, as a fraction of the range of a command or speed; negative if no step
+    /// qualified.
+    pub margin: f64,
+}
+
+impl SmoothPoint {
+    fn new(system: &ClosedLoop, state: &[f64]) -> Self {
+        let (input, actions) = (vec![0.0; system.n_input()], vec![0.0; system.plant().vehicle().n_rotor()]);
+        Self { state: state.to_vec(), input, actions, margin: -1.0 }
+    }
+
+    /// Moves here if this step is farther from the kinks.
+    fn consider(&mut self, system: &ClosedLoop, x: &[f64], input: &[f64], next: &[f64]) {
+        let actions = system.rotor_actions(next);
+        let mut margin = f64::INFINITY;
+        for ((rotor, a), speed) in system.plant().vehicle().rotors.iter().zip(actions).zip(&x[RIGID_DIM..]) {
+            let gap = (commanded_speed(rotor, *a) - speed).abs() / rotor.max_speed;
+            margin = margin.min(gap).min(1.0 - a.abs());
+        }
+        if margin > self.margin {
+            self.margin = margin;
+            self.state.copy_from_slice(x);
+            self.input.copy_from_slice(input);
+            self.actions.copy_from_slice(actions);
+        }
+    }
+}
+
+/// Ω_cmd of an action.
+fn commanded_speed(rotor: &Rotor, action: f64) -> f64 {
+    rotor.max_speed * safe::sqrt((action.clamp(-1.0, 1.0) + 1.0) * 0.5, 1e-4)
 }
 
 /// Longest flight, in steps: what a log may hold.
@@ -103,6 +146,7 @@ pub fn fly(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, progress: &mut d
     let mut input = vec![0.0; system.n_input()];
     let mut log = FlightLog::new(&vehicle.name, &vehicle.rotors.iter().map(|r| r.max_speed).collect::<Vec<_>>());
     let mut diverged_at = None;
+    let mut smoothest = SmoothPoint::new(&system, &x);
     for k in 0..=n_step {
         let time = k as f64 * physics.dt;
         let wanted = plan.reference.sample(time);
@@ -116,10 +160,13 @@ pub fn fly(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, progress: &mut d
             diverged_at = Some(time + physics.dt);
             break;
         }
+        if system.computes_all(k) {
+            smoothest.consider(&system, &x, &input, &next);
+        }
         std::mem::swap(&mut x, &mut next);
         progress(k);
     }
-    Ok(Flight { log, diverged_at, last: (x, input) })
+    Ok(Flight { log, diverged_at, smoothest })
 }
 
 /// Hover at a point with a yaw.
@@ -143,11 +190,8 @@ fn record(
     let rotors = &system.plant().vehicle().rotors;
     let speed = &x[RIGID_DIM..RIGID_DIM + rotors.len()];
     let thrust: Vec<f64> = rotors.iter().zip(speed).map(|(r, s)| r.thrust_coefficient * s * s).collect();
-    let command: Vec<f64> = rotors
-        .iter()
-        .zip(system.rotor_actions(next))
-        .map(|(r, a)| r.max_speed * safe::sqrt((a.clamp(-1.0, 1.0) + 1.0) * 0.5, 1e-4))
-        .collect();
+    let command: Vec<f64> =
+        rotors.iter().zip(system.rotor_actions(next)).map(|(r, a)| commanded_speed(r, *a)).collect();
     let three = |at: usize| [x[at], x[at + 1], x[at + 2]];
     log.push(Sample {
         time,

@@ -44,7 +44,7 @@ pub use allocation::{Authority, Axis, Mixer};
 pub use attitude::AttitudeCommand;
 pub use cascade::{Cascade, CascadeModel, Held, Level, Rates, Schedule};
 pub use closed_loop::ClosedLoop;
-pub use flight::{Flight, FlightPlan, fly};
+pub use flight::{Flight, FlightPlan, SmoothPoint, fly};
 pub use kinematics::Kinematics;
 pub use parameters::{Body, ForceLimits, GainSet, Limits};
 pub use rate::RateCommand;
