@@ -370,7 +370,7 @@ impl Vehicle {
         within(&at("time_constant_up"), rotor.time_constant_up, 1e-6, 1e12)?;
         within(&at("time_constant_down"), rotor.time_constant_down, 1e-6, 1e12)?;
         within(&at("max_speed"), rotor.max_speed, 1e-6, 1e8)?;
-        within(&at("largest thrust"), rotor.max_thrust(), 1e-30, 1e9)?;
+        within(&at("largest thrust"), rotor.max_thrust(), 1e-30, 1e12)?;
         for coordinate in rotor.position {
             within(&at("distance from the base origin"), coordinate.abs(), 0.0, 1e4)?;
         }
