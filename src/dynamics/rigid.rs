@@ -13,11 +13,16 @@
 //! F and M are optional effects, each switched by one flag of [`Effects`]. Flags are plain settings: kernels branch on
 //! them, and a caller that passes a constant [`Effects`] gets code without the effects it leaves out.
 
+mod effects;
+mod parameters;
+
+pub use effects::Effects;
+pub use parameters::{BODY_PARAMETERS, ROTOR_PARAMETERS, parameter_names, parameter_vector};
+
 use super::aero::ground_effect;
 use super::spatial::*;
-use super::vehicle::{GRAVITY, Vehicle};
+use super::vehicle::Vehicle;
 use crate::autodiff::{Scalar, safe};
-use serde::{Deserialize, Serialize};
 
 /// Position and velocity of the base origin (world), attitude (body → world), angular velocity (body), rotor speeds.
 ///
@@ -76,84 +81,6 @@ impl<S: Scalar, const R: usize> RigidState<S, R> {
                 x[RIGID_DIM + i] = self.rotor_speed[i];
             }
         }
-    }
-}
-
-/// Which optional effects a model carries. Switched off, they cost nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Effects {
-    /// Linear and angular drag of the airframe: F = −D₁ v_a, M = −D_ω ω.
-    pub body_drag: bool,
-    /// Quadratic drag of the airframe: F = −C ‖v_a‖ v_a.
-    pub quadratic_drag: bool,
-    /// Rotor drag F = −Ω (k_d v⊥ + k_z v∥) at each hub (Martin and Salaün 2010; RotorS, Furrer et al. 2016).
-    pub rotor_drag: bool,
-    /// Rolling moment M = −σ Ω μ v⊥ at each hub. Not dissipative: it may feed rotation from translation.
-    pub rolling_moment: bool,
-    /// Angular momentum of the rotors: −Ḣ − ω × H.
-    pub rotor_inertia: bool,
-    /// Thrust gained near the ground (Cheeseman and Bennett 1955).
-    pub ground_effect: bool,
-    /// Wind, and force and moment from outside: [`Disturbance`].
-    pub disturbance: bool,
-    /// Set by [`RigidModel::effects_of`] where a rotor is not along body z; ask for it where rotors of later
-    /// vehicles of a batch may be tilted.
-    #[serde(skip)]
-    pub tilted_rotors: bool,
-    /// Set by [`RigidModel::effects_of`] where the inertia has products; ask for it where that of later vehicles of a
-    /// batch may.
-    #[serde(skip)]
-    pub products_of_inertia: bool,
-}
-
-impl Default for Effects {
-    /// Airframe drag, rotor drag and rotor inertia: what every real flight has, in still air away from the ground.
-    fn default() -> Self {
-        Self { body_drag: true, quadratic_drag: true, rotor_drag: true, rotor_inertia: true, ..Self::none() }
-    }
-}
-
-impl Effects {
-    /// Rotors, gravity and rigid body alone.
-    pub const fn none() -> Self {
-        Self {
-            body_drag: false,
-            quadratic_drag: false,
-            rotor_drag: false,
-            rolling_moment: false,
-            rotor_inertia: false,
-            ground_effect: false,
-            disturbance: false,
-            tilted_rotors: false,
-            products_of_inertia: false,
-        }
-    }
-
-    /// Every effect.
-    pub const fn all() -> Self {
-        Self {
-            body_drag: true,
-            quadratic_drag: true,
-            rotor_drag: true,
-            rolling_moment: true,
-            rotor_inertia: true,
-            ground_effect: true,
-            disturbance: true,
-            tilted_rotors: true,
-            products_of_inertia: true,
-        }
-    }
-
-    /// What most batches use: [`Effects::none`] with linear airframe drag.
-    pub const fn lean() -> Self {
-        Self { body_drag: true, ..Self::none() }
-    }
-
-    /// Whether any effect needs the air velocity at the rotors.
-    #[inline(always)]
-    fn rotor_air(self) -> bool {
-        self.rotor_drag || self.rolling_moment
     }
 }
 
@@ -229,75 +156,6 @@ pub struct RotorModel<S> {
     /// σ μ.
     pub(crate) rolling: S,
     pub(crate) radius: S,
-}
-
-/// Physical parameters of one rotor in the parameter vector, in order.
-pub const ROTOR_PARAMETERS: [&str; 16] = [
-    "position_x",
-    "position_y",
-    "position_z",
-    "axis_x",
-    "axis_y",
-    "axis_z",
-    "spin",
-    "thrust_coefficient",
-    "moment_per_thrust",
-    "max_speed",
-    "time_constant_up",
-    "time_constant_down",
-    "inertia",
-    "drag_coefficient",
-    "axial_drag_coefficient",
-    "rolling_coefficient",
-];
-
-/// Physical parameters of the airframe in the parameter vector, in order; the rotors' follow.
-pub const BODY_PARAMETERS: [&str; 20] = [
-    "gravity",
-    "mass",
-    "center_of_mass_x",
-    "center_of_mass_y",
-    "center_of_mass_z",
-    "inertia_xx",
-    "inertia_yy",
-    "inertia_zz",
-    "inertia_xy",
-    "inertia_xz",
-    "inertia_yz",
-    "linear_drag_x",
-    "linear_drag_y",
-    "linear_drag_z",
-    "quadratic_drag_x",
-    "quadratic_drag_y",
-    "quadratic_drag_z",
-    "angular_drag_x",
-    "angular_drag_y",
-    "angular_drag_z",
-];
-
-/// Physical parameters of a vehicle as one vector, [`BODY_PARAMETERS`] then [`ROTOR_PARAMETERS`] per rotor: what
-/// derivatives with respect to physics are taken of, and what randomisation scales.
-pub fn parameter_vector(vehicle: &Vehicle) -> Vec<f64> {
-    let total = vehicle.mass_properties();
-    let (c, j) = (total.center_of_mass, total.inertia);
-    let drag = &vehicle.drag;
-    let mut p = vec![GRAVITY, total.mass, c.x, c.y, c.z];
-    p.extend([j[(0, 0)], j[(1, 1)], j[(2, 2)], j[(0, 1)], j[(0, 2)], j[(1, 2)]]);
-    p.extend(drag.linear.iter().chain(&drag.quadratic).chain(&drag.angular));
-    for r in &vehicle.rotors {
-        p.extend(r.position.iter().chain(&r.axis));
-        p.extend([r.spin, r.thrust_coefficient, r.moment_per_thrust, r.max_speed]);
-        p.extend([r.time_constant_up, r.time_constant_down, r.inertia]);
-        p.extend([r.drag_coefficient, r.axial_drag_coefficient, r.rolling_coefficient]);
-    }
-    p
-}
-
-/// Names of the entries of [`parameter_vector`].
-pub fn parameter_names(vehicle: &Vehicle) -> Vec<String> {
-    let body = BODY_PARAMETERS.iter().map(|n| n.to_string());
-    let rotors = vehicle.rotors.iter().flat_map(|r| ROTOR_PARAMETERS.iter().map(|n| format!("{}.{n}", r.name)));
-    body.chain(rotors).collect()
 }
 
 impl<const R: usize> RigidModel<f64, R> {

@@ -1,0 +1,81 @@
+//! Which optional effects a model carries.
+
+use serde::{Deserialize, Serialize};
+
+/// Which optional effects a model carries. Switched off, they cost nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Effects {
+    /// Linear and angular drag of the airframe: F = −D₁ v_a, M = −D_ω ω.
+    pub body_drag: bool,
+    /// Quadratic drag of the airframe: F = −C ‖v_a‖ v_a.
+    pub quadratic_drag: bool,
+    /// Rotor drag F = −Ω (k_d v⊥ + k_z v∥) at each hub (Martin and Salaün 2010; RotorS, Furrer et al. 2016).
+    pub rotor_drag: bool,
+    /// Rolling moment M = −σ Ω μ v⊥ at each hub. Not dissipative: it may feed rotation from translation.
+    pub rolling_moment: bool,
+    /// Angular momentum of the rotors: −Ḣ − ω × H.
+    pub rotor_inertia: bool,
+    /// Thrust gained near the ground (Cheeseman and Bennett 1955).
+    pub ground_effect: bool,
+    /// Wind, and force and moment from outside: [`Disturbance`].
+    pub disturbance: bool,
+    /// Set by [`RigidModel::effects_of`] where a rotor is not along body z; ask for it where rotors of later
+    /// vehicles of a batch may be tilted.
+    #[serde(skip)]
+    pub tilted_rotors: bool,
+    /// Set by [`RigidModel::effects_of`] where the inertia has products; ask for it where that of later vehicles of a
+    /// batch may.
+    #[serde(skip)]
+    pub products_of_inertia: bool,
+}
+
+impl Default for Effects {
+    /// Airframe drag, rotor drag and rotor inertia: what every real flight has, in still air away from the ground.
+    fn default() -> Self {
+        Self { body_drag: true, quadratic_drag: true, rotor_drag: true, rotor_inertia: true, ..Self::none() }
+    }
+}
+
+impl Effects {
+    /// Rotors, gravity and rigid body alone.
+    pub const fn none() -> Self {
+        Self {
+            body_drag: false,
+            quadratic_drag: false,
+            rotor_drag: false,
+            rolling_moment: false,
+            rotor_inertia: false,
+            ground_effect: false,
+            disturbance: false,
+            tilted_rotors: false,
+            products_of_inertia: false,
+        }
+    }
+
+    /// Every effect.
+    pub const fn all() -> Self {
+        Self {
+            body_drag: true,
+            quadratic_drag: true,
+            rotor_drag: true,
+            rolling_moment: true,
+            rotor_inertia: true,
+            ground_effect: true,
+            disturbance: true,
+            tilted_rotors: true,
+            products_of_inertia: true,
+        }
+    }
+
+    /// What most batches use: [`Effects::none`] with linear airframe drag.
+    pub const fn lean() -> Self {
+        Self { body_drag: true, ..Self::none() }
+    }
+
+    /// Whether any effect needs the air velocity at the rotors.
+    #[inline(always)]
+    pub(super) fn rotor_air(self) -> bool {
+        self.rotor_drag || self.rolling_moment
+    }
+}
