@@ -113,7 +113,7 @@ impl Program {
     /// Compiles a recording.
     ///
     /// # Errors
-    /// [`Error::Limit`] when more than 65 535 values are alive at once.
+    /// [`Error::Limit`](crate::error::Error::Limit) when more than 65 535 values are alive at once.
     pub fn compile(recording: &Recording) -> Result<Self> {
         compile::Compiler::new(recording).run()
     }

@@ -64,7 +64,7 @@ fn accelerations_are_those_of_mujoco_with_spinning_rotors_for_every_vehicle() {
 
 /// Prints what the oracle script reads.
 #[test]
-#[ignore = "prints the vehicles for tests/oracle/mujoco_rigid.py"]
+#[ignore = "cargo test --test physics -- --ignored --nocapture: prints the vehicles for tests/oracle/mujoco_rigid.py"]
 fn print_vehicles() {
     println!("VEHICLES {}", serde_json::to_string(&vehicles::all()).unwrap());
 }

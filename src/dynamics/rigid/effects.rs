@@ -18,13 +18,13 @@ pub struct Effects {
     pub rotor_inertia: bool,
     /// Thrust gained near the ground (Cheeseman and Bennett 1955).
     pub ground_effect: bool,
-    /// Wind, and force and moment from outside: [`Disturbance`].
+    /// Wind, and force and moment from outside: [`Disturbance`](super::Disturbance).
     pub disturbance: bool,
-    /// Set by [`RigidModel::effects_of`] where a rotor is not along body z; ask for it where rotors of later
+    /// Set by [`RigidModel::effects_of`](super::RigidModel::effects_of) where a rotor is not along body z; ask for it where rotors of later
     /// vehicles of a batch may be tilted.
     #[serde(skip)]
     pub tilted_rotors: bool,
-    /// Set by [`RigidModel::effects_of`] where the inertia has products; ask for it where that of later vehicles of a
+    /// Set by [`RigidModel::effects_of`](super::RigidModel::effects_of) where the inertia has products; ask for it where that of later vehicles of a
     /// batch may.
     #[serde(skip)]
     pub products_of_inertia: bool,
