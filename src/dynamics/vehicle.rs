@@ -156,6 +156,66 @@ impl Rotor {
     pub fn max_thrust(&self) -> f64 {
         self.thrust_coefficient * self.max_speed * self.max_speed
     }
+
+    /// Checks every number; `owner` begins the message: `vehicle 'x': `.
+    pub(crate) fn validate(&self, owner: &str) -> Result<()> {
+        let rotor = self;
+        let at = |what: &str| format!("{owner}rotor '{}': {what}", rotor.name);
+        finite(&at("position"), &rotor.position)?;
+        finite(&at("axis"), &rotor.axis)?;
+        let length = Vector3::from(rotor.axis).norm();
+        if (length - 1.0).abs() > 1e-6 {
+            return Err(Error::value(
+                at("axis"),
+                format!("of length {length}"),
+                "a unit vector",
+                "Divide it by its length.",
+            ));
+        }
+        if rotor.spin.abs() != 1.0 {
+            return Err(Error::value(
+                at("spin"),
+                rotor.spin,
+                "+1 (counter-clockwise seen from +axis) or -1",
+                "Swap the sign if the vehicle yaws away.",
+            ));
+        }
+        for (name, value) in [
+            ("thrust_coefficient", rotor.thrust_coefficient),
+            ("max_speed", rotor.max_speed),
+            ("time_constant_up", rotor.time_constant_up),
+            ("time_constant_down", rotor.time_constant_down),
+        ] {
+            finite(&at(name), &[value])?;
+            if value <= 0.0 {
+                return Err(Error::value(
+                    at(name),
+                    value,
+                    "> 0",
+                    "Give the value of the real motor and propeller in SI units.",
+                ));
+            }
+        }
+        within(&at("time_constant_up"), rotor.time_constant_up, 1e-6, 1e12)?;
+        within(&at("time_constant_down"), rotor.time_constant_down, 1e-6, 1e12)?;
+        within(&at("max_speed"), rotor.max_speed, 1e-6, 1e8)?;
+        within(&at("largest thrust"), rotor.max_thrust(), 1e-30, 1e12)?;
+        for coordinate in rotor.position {
+            within(&at("distance from the base origin"), coordinate.abs(), 0.0, 1e4)?;
+        }
+        for (name, value) in [
+            ("moment_per_thrust", rotor.moment_per_thrust),
+            ("inertia", rotor.inertia),
+            ("radius", rotor.radius),
+            ("drag_coefficient", rotor.drag_coefficient),
+            ("axial_drag_coefficient", rotor.axial_drag_coefficient),
+            ("rolling_coefficient", rotor.rolling_coefficient),
+        ] {
+            non_negative(&at(name), &[value])?;
+            within(&at(name), value, 0.0, 1e6)?;
+        }
+        Ok(())
+    }
 }
 
 /// Drag of the airframe. Velocities are relative to the air, in the body frame, at the centre of mass.
@@ -302,7 +362,7 @@ impl Vehicle {
             within(&at("whole vehicle: principal moment of inertia"), *moment, 1e-18, 1e9)?;
         }
         for rotor in &self.rotors {
-            self.validate_rotor(rotor)?;
+            rotor.validate(&format!("vehicle '{}': ", self.name))?;
         }
         let drag = &self.drag;
         for (name, values) in
@@ -328,64 +388,6 @@ impl Vehicle {
         finite(&at("position"), &part.position)?;
         non_negative(&at("mass"), &[part.mass])?;
         part.inertia.validate(&format!("vehicle '{}': part '{}'", self.name, part.name))
-    }
-
-    fn validate_rotor(&self, rotor: &Rotor) -> Result<()> {
-        let at = |what: &str| format!("vehicle '{}': rotor '{}': {what}", self.name, rotor.name);
-        finite(&at("position"), &rotor.position)?;
-        finite(&at("axis"), &rotor.axis)?;
-        let length = Vector3::from(rotor.axis).norm();
-        if (length - 1.0).abs() > 1e-6 {
-            return Err(Error::value(
-                at("axis"),
-                format!("of length {length}"),
-                "a unit vector",
-                "Divide it by its length.",
-            ));
-        }
-        if rotor.spin.abs() != 1.0 {
-            return Err(Error::value(
-                at("spin"),
-                rotor.spin,
-                "+1 (counter-clockwise seen from +axis) or -1",
-                "Swap the sign if the vehicle yaws away.",
-            ));
-        }
-        for (name, value) in [
-            ("thrust_coefficient", rotor.thrust_coefficient),
-            ("max_speed", rotor.max_speed),
-            ("time_constant_up", rotor.time_constant_up),
-            ("time_constant_down", rotor.time_constant_down),
-        ] {
-            finite(&at(name), &[value])?;
-            if value <= 0.0 {
-                return Err(Error::value(
-                    at(name),
-                    value,
-                    "> 0",
-                    "Give the value of the real motor and propeller in SI units.",
-                ));
-            }
-        }
-        within(&at("time_constant_up"), rotor.time_constant_up, 1e-6, 1e12)?;
-        within(&at("time_constant_down"), rotor.time_constant_down, 1e-6, 1e12)?;
-        within(&at("max_speed"), rotor.max_speed, 1e-6, 1e8)?;
-        within(&at("largest thrust"), rotor.max_thrust(), 1e-30, 1e12)?;
-        for coordinate in rotor.position {
-            within(&at("distance from the base origin"), coordinate.abs(), 0.0, 1e4)?;
-        }
-        for (name, value) in [
-            ("moment_per_thrust", rotor.moment_per_thrust),
-            ("inertia", rotor.inertia),
-            ("radius", rotor.radius),
-            ("drag_coefficient", rotor.drag_coefficient),
-            ("axial_drag_coefficient", rotor.axial_drag_coefficient),
-            ("rolling_coefficient", rotor.rolling_coefficient),
-        ] {
-            non_negative(&at(name), &[value])?;
-            within(&at(name), value, 0.0, 1e6)?;
-        }
-        Ok(())
     }
 }
 

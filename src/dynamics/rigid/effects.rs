@@ -20,6 +20,11 @@ pub struct Effects {
     pub ground_effect: bool,
     /// Wind, and force and moment from outside: [`Disturbance`](super::Disturbance).
     pub disturbance: bool,
+    /// Wakes of the drones of one environment on each other ([`downwash`](crate::dynamics::aero::downwash)); in a
+    /// [`Multibody`](crate::dynamics::tree::Multibody), or a [`Fleet`](crate::dynamics::Fleet) through its own setting.
+    pub downwash: bool,
+    /// Forces between shapes that touch, and on the ground; in a [`Multibody`](crate::dynamics::tree::Multibody) only.
+    pub contact: bool,
     /// Set by [`RigidModel::effects_of`](super::RigidModel::effects_of) where a rotor is not along body z; ask for it where rotors of later
     /// vehicles of a batch may be tilted.
     #[serde(skip)]
@@ -48,12 +53,14 @@ impl Effects {
             rotor_inertia: false,
             ground_effect: false,
             disturbance: false,
+            downwash: false,
+            contact: false,
             tilted_rotors: false,
             products_of_inertia: false,
         }
     }
 
-    /// Every effect.
+    /// Every effect but contact, which needs shapes.
     pub const fn all() -> Self {
         Self {
             body_drag: true,
@@ -63,6 +70,8 @@ impl Effects {
             rotor_inertia: true,
             ground_effect: true,
             disturbance: true,
+            downwash: true,
+            contact: false,
             tilted_rotors: true,
             products_of_inertia: true,
         }
@@ -75,7 +84,7 @@ impl Effects {
 
     /// Whether any effect needs the air velocity at the rotors.
     #[inline(always)]
-    pub(super) fn rotor_air(self) -> bool {
+    pub(crate) fn rotor_air(self) -> bool {
         self.rotor_drag || self.rolling_moment
     }
 }

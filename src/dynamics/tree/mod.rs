@@ -1,0 +1,32 @@
+//! Articulated systems: bodies in a tree, joints, drives, rotors, over any scalar.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`model`] | an articulated system as checked, immutable data |
+//! | [`layout`] | where every number stands in state and input |
+//! | [`numbers`] | the physics as one vector, for derivatives and randomisation |
+//! | `topology` | what kernels branch on |
+//! | `scratch` | memory of one evaluation |
+//! | `kinematics` | where every body is and how it moves |
+//! | `loads` | rotors, air, disturbance, wakes |
+//! | `torque` | damping, springs, limits, drives |
+//! | `aba` | accelerations from forces |
+//! | `step` | RK4 and the semi-implicit step |
+//! | [`multibody`] | model + physics as a [`System`](crate::autodiff::System) |
+
+mod aba;
+mod kinematics;
+pub mod layout;
+mod loads;
+pub mod model;
+pub mod multibody;
+pub mod numbers;
+pub(crate) mod scratch;
+pub(crate) mod step;
+pub(crate) mod topology;
+mod torque;
+
+pub use layout::{BodyPlace, Layout, TreePlace};
+pub use model::*;
+pub use multibody::Multibody;
+pub use numbers::{BODY_NUMBERS, number_names, number_vector};

@@ -1,0 +1,144 @@
+//! The physics of a model as one vector of numbers, and how kernels read it.
+//!
+//! Gravity first; then [`BODY_NUMBERS`] per body, then [`ROTOR_PARAMETERS`](crate::dynamics::rigid::ROTOR_PARAMETERS)
+//! per rotor. The first twenty entries of a one-body model are those of
+//! [`parameter_vector`](crate::dynamics::rigid::parameter_vector). Rotations of joints, axes and topology are not
+//! numbers: they stay as they were built.
+
+use super::model::{Body, Model, MountedRotor};
+use crate::autodiff::Scalar;
+use crate::dynamics::rigid::ROTOR_PARAMETERS;
+use crate::dynamics::spatial::Vec3;
+
+/// Physical parameters of one body and its joint, in order.
+pub const BODY_NUMBERS: [&str; 32] = [
+    "mass",
+    "center_of_mass_x",
+    "center_of_mass_y",
+    "center_of_mass_z",
+    "inertia_xx",
+    "inertia_yy",
+    "inertia_zz",
+    "inertia_xy",
+    "inertia_xz",
+    "inertia_yz",
+    "linear_drag_x",
+    "linear_drag_y",
+    "linear_drag_z",
+    "quadratic_drag_x",
+    "quadratic_drag_y",
+    "quadratic_drag_z",
+    "angular_drag_x",
+    "angular_drag_y",
+    "angular_drag_z",
+    "joint_position_x",
+    "joint_position_y",
+    "joint_position_z",
+    "joint_damping",
+    "joint_stiffness",
+    "joint_rest",
+    "limit_lower",
+    "limit_upper",
+    "limit_stiffness",
+    "limit_dissipation",
+    "drive_stiffness",
+    "drive_damping",
+    "drive_max_torque",
+];
+
+/// All numbers of a model.
+pub fn number_vector(model: &Model) -> Vec<f64> {
+    let mut p = vec![model.parts().gravity];
+    model.bodies().iter().for_each(|b| push_body(&mut p, b));
+    model.rotors().iter().for_each(|r| push_rotor(&mut p, r));
+    p
+}
+
+fn push_body(p: &mut Vec<f64>, body: &Body) {
+    let (i, d, j) = (&body.inertia, &body.drag, &body.joint);
+    p.push(body.mass);
+    p.extend(body.center_of_mass);
+    p.extend([i.xx, i.yy, i.zz, i.xy, i.xz, i.yz]);
+    p.extend(d.linear.iter().chain(&d.quadratic).chain(&d.angular));
+    p.extend(j.position);
+    p.extend([j.damping, j.stiffness, j.rest]);
+    p.extend(j.limits.map_or([0.0; 4], |l| [l.lower, l.upper, l.stiffness, l.dissipation]));
+    p.extend(j.drive.map_or([0.0; 3], |d| [d.stiffness, d.damping, d.max_torque]));
+}
+
+fn push_rotor(p: &mut Vec<f64>, mounted: &MountedRotor) {
+    let r = &mounted.rotor;
+    p.extend(r.position.iter().chain(&r.axis));
+    p.extend([r.spin, r.thrust_coefficient, r.moment_per_thrust, r.max_speed]);
+    p.extend([r.time_constant_up, r.time_constant_down, r.inertia]);
+    p.extend([r.drag_coefficient, r.axial_drag_coefficient, r.rolling_coefficient]);
+}
+
+/// Names of the entries of [`number_vector`]: `body.mass`, `rotor.spin`.
+pub fn number_names(model: &Model) -> Vec<String> {
+    let bodies = model.bodies().iter().flat_map(|b| BODY_NUMBERS.iter().map(|n| format!("{}.{n}", b.name)));
+    let rotors = model.rotors().iter().flat_map(|r| ROTOR_PARAMETERS.iter().map(|n| format!("{}.{n}", r.rotor.name)));
+    std::iter::once("gravity".to_string()).chain(bodies).chain(rotors).collect()
+}
+
+/// A source of the numbers over a scalar: constants, parameters that derivatives are taken of, rows of a batch.
+pub(crate) trait Numbers<S: Scalar>: Copy {
+    /// Number k of [`number_vector`].
+    fn get(self, k: usize) -> S;
+
+    #[inline(always)]
+    fn vector(self, k: usize) -> Vec3<S> {
+        [self.get(k), self.get(k + 1), self.get(k + 2)]
+    }
+}
+
+/// The nominal numbers, without derivatives.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Constants<'a>(pub &'a [f64]);
+
+impl<S: Scalar> Numbers<S> for Constants<'_> {
+    #[inline(always)]
+    fn get(self, k: usize) -> S {
+        S::constant(self.0[k])
+    }
+}
+
+/// Numbers given over the scalar itself.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Values<'a, S>(pub &'a [S]);
+
+impl<S: Scalar> Numbers<S> for Values<'_, S> {
+    #[inline(always)]
+    fn get(self, k: usize) -> S {
+        self.0[k]
+    }
+}
+
+/// Places within the numbers of one body.
+pub(crate) mod at {
+    pub(crate) const MASS: usize = 0;
+    pub(crate) const CENTER_OF_MASS: usize = 1;
+    pub(crate) const INERTIA: usize = 4;
+    pub(crate) const LINEAR_DRAG: usize = 10;
+    pub(crate) const QUADRATIC_DRAG: usize = 13;
+    pub(crate) const ANGULAR_DRAG: usize = 16;
+    pub(crate) const JOINT_POSITION: usize = 19;
+    /// Damping, stiffness, rest.
+    pub(crate) const SPRING: usize = 22;
+    /// Lower, upper, stiffness, dissipation.
+    pub(crate) const LIMITS: usize = 25;
+    /// Stiffness, damping, max_torque.
+    pub(crate) const DRIVE: usize = 29;
+}
+
+/// Where the numbers of body `body` begin.
+#[inline(always)]
+pub(crate) const fn body_numbers(body: usize) -> usize {
+    1 + body * BODY_NUMBERS.len()
+}
+
+/// Where the numbers of rotor `rotor` begin in a model of `n_body` bodies.
+#[inline(always)]
+pub(crate) const fn rotor_numbers(n_body: usize, rotor: usize) -> usize {
+    1 + n_body * BODY_NUMBERS.len() + rotor * ROTOR_PARAMETERS.len()
+}

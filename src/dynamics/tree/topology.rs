@@ -1,0 +1,203 @@
+//! What kernels branch on: the shape of a model without its numbers.
+//!
+//! All of it is plain data, equal for every environment and every scalar, so that kernels may branch on it. Flags say
+//! where a number is zero in the model at hand; a batch whose environments differ keeps them general.
+
+use super::layout::Layout;
+use super::model::{Body, Drive, IDENTITY, Model, Motion};
+use crate::dynamics::rigid::Effects;
+
+/// Axis of a hinge or slide in its joint's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Axis {
+    X,
+    Y,
+    Z,
+    General([f64; 3]),
+}
+
+impl Axis {
+    fn of(axis: [f64; 3]) -> Self {
+        match axis {
+            [1.0, 0.0, 0.0] => Self::X,
+            [0.0, 1.0, 0.0] => Self::Y,
+            [0.0, 0.0, 1.0] => Self::Z,
+            general => Self::General(general),
+        }
+    }
+}
+
+/// A joint as kernels see it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Kind {
+    Floating,
+    Hinge(Axis),
+    Slide(Axis),
+    Ball,
+}
+
+/// One body as kernels see it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Link {
+    pub parent: Option<usize>,
+    pub kind: Kind,
+    /// Rotation of the joint's frame in the parent, if any.
+    pub turn: Option<[[f64; 3]; 3]>,
+    /// Places in the state.
+    pub position: usize,
+    pub velocity: usize,
+    /// First degree of freedom.
+    pub freedom: usize,
+    /// The joint's origin is the parent's.
+    pub coincident: bool,
+    /// No mass of its own.
+    pub massless: bool,
+    /// The centre of mass is the frame's origin.
+    pub centered: bool,
+    pub products: bool,
+    pub linear_drag: bool,
+    pub quadratic_drag: bool,
+    pub damped: bool,
+    pub sprung: bool,
+    pub limited: bool,
+    pub drive: Option<Servo>,
+    /// Rotors that it carries, a range of `Topology::rotor_order`.
+    pub rotors: (usize, usize),
+    /// Disturbance of its tree in the input, on a root.
+    pub disturbance: Option<usize>,
+    /// Wind of its tree in the input.
+    pub wind: Option<usize>,
+}
+
+/// A drive as kernels see it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Servo {
+    /// Its command in the input.
+    pub command: usize,
+    pub center: f64,
+    pub range: f64,
+    /// Whether the command is a position.
+    pub holds_position: bool,
+}
+
+/// One source of wakes as kernels see it.
+#[derive(Debug, Clone)]
+pub(crate) struct Source {
+    pub body: usize,
+    pub position: [f64; 3],
+    pub rotors: Vec<usize>,
+}
+
+/// The shape of a model under given effects.
+#[derive(Debug, Clone)]
+pub(crate) struct Topology {
+    pub links: Vec<Link>,
+    pub sources: Vec<Source>,
+    /// Rotor numbers sorted by the body that carries them.
+    pub rotor_order: Vec<usize>,
+    /// Per rotor.
+    pub rotor_body: Vec<usize>,
+    pub rotor_speed: Vec<usize>,
+    pub rotor_action: Vec<usize>,
+    pub rotor_radius: Vec<f64>,
+    pub layout: Layout,
+    pub n_state: usize,
+    pub n_input: usize,
+    pub effects: Effects,
+    pub has_drives: bool,
+}
+
+impl Topology {
+    /// `general` keeps every path open, for numbers that may differ from the model's.
+    pub(crate) fn new(model: &Model, effects: Effects, general: bool) -> Self {
+        let layout = Layout::with_disturbance(model.parts(), effects.disturbance);
+        let mut rotor_order: Vec<usize> = (0..model.rotors().len()).collect();
+        rotor_order.sort_by_key(|r| model.rotors()[*r].body);
+        let mut links = Vec::with_capacity(model.bodies().len());
+        for (i, body) in model.bodies().iter().enumerate() {
+            let mut link = Link::of(body, general);
+            let place = layout.bodies[i];
+            (link.position, link.velocity, link.freedom) = (place.position, place.velocity, place.freedom);
+            link.drive = body.joint.drive.as_ref().zip(layout.drive[i]).map(|(d, at)| Servo::of(d, at));
+            let first = rotor_order.partition_point(|r| model.rotors()[*r].body < i);
+            let last = rotor_order.partition_point(|r| model.rotors()[*r].body <= i);
+            link.rotors = (first, last);
+            let tree = layout.trees.iter().find(|t| t.bodies.contains(&i));
+            link.wind = tree.and_then(|t| t.disturbance);
+            link.disturbance = link.wind.filter(|_| body.parent.is_none());
+            links.push(link);
+        }
+        let sources = model.drones().iter().filter(|d| !d.rotors.is_empty());
+        Self {
+            has_drives: links.iter().any(|l| l.drive.is_some()),
+            links,
+            sources: sources.map(|d| Source { body: d.body, position: d.position, rotors: d.rotors.clone() }).collect(),
+            rotor_order,
+            rotor_body: model.rotors().iter().map(|r| r.body).collect(),
+            rotor_speed: layout.rotor_speed.clone(),
+            rotor_action: layout.rotor_action.clone(),
+            rotor_radius: model.rotors().iter().map(|r| r.rotor.radius).collect(),
+            n_state: layout.n_state(),
+            n_input: layout.n_input(),
+            layout,
+            effects,
+        }
+    }
+
+    /// Number of bodies.
+    #[inline(always)]
+    pub(crate) fn n_body(&self) -> usize {
+        self.links.len()
+    }
+
+    /// Number of rotors.
+    #[inline(always)]
+    pub(crate) fn n_rotor(&self) -> usize {
+        self.rotor_body.len()
+    }
+}
+
+impl Link {
+    fn of(body: &Body, general: bool) -> Self {
+        let j = &body.joint;
+        let kind = match j.motion {
+            Motion::Floating => Kind::Floating,
+            Motion::Revolute(axis) => Kind::Hinge(Axis::of(axis)),
+            Motion::Prismatic(axis) => Kind::Slide(Axis::of(axis)),
+            Motion::Ball => Kind::Ball,
+        };
+        let slides = matches!(kind, Kind::Slide(_));
+        let i = &body.inertia;
+        let any = |v: &[f64]| general || v.iter().any(|x| *x != 0.0);
+        let moving = kind != Kind::Floating;
+        // a body without mass and inertia stays so in every environment: mass is scaled, never added
+        let massless = body.mass == 0.0 && [i.xx, i.yy, i.zz].iter().all(|x| *x == 0.0);
+        Self {
+            parent: body.parent,
+            kind,
+            turn: (j.rotation != IDENTITY).then_some(j.rotation),
+            position: 0,
+            velocity: 0,
+            freedom: 0,
+            coincident: !slides && !any(&j.position),
+            massless,
+            centered: !any(&body.center_of_mass),
+            products: any(&[i.xy, i.xz, i.yz]),
+            linear_drag: any(&body.drag.linear) || any(&body.drag.angular),
+            quadratic_drag: any(&body.drag.quadratic),
+            damped: moving && any(&[j.damping]),
+            sprung: moving && any(&[j.stiffness]),
+            limited: j.limits.is_some(),
+            drive: None,
+            rotors: (0, 0),
+            disturbance: None,
+            wind: None,
+        }
+    }
+}
+
+impl Servo {
+    fn of(drive: &Drive, command: usize) -> Self {
+        Self { command, center: drive.center, range: drive.range, holds_position: drive.stiffness > 0.0 }
+    }
+}
