@@ -22,13 +22,7 @@ use crate::dynamics::spatial::*;
 ///
 /// # Panics
 /// If a slice has another length than the layout says.
-pub fn inverse_dynamics<S: Scalar>(
-    system: &Multibody,
-    state: &[S],
-    input: &[S],
-    acceleration: &[S],
-    force: &mut [S],
-) {
+pub fn inverse_dynamics<S: Scalar>(system: &Multibody, state: &[S], input: &[S], acceleration: &[S], force: &mut [S]) {
     let t = system.topology();
     let numbers = Constants(system.parameters());
     scratch_on_stack!(scratch, t, S);
