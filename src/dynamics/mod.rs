@@ -12,6 +12,7 @@
 //! | [`fleet`] | several multirotors in each other's downwash, as one system |
 //! | [`aero`] | ground effect, downwash, wind |
 //! | [`batch`] | many environments in lanes |
+//! | [`shape`] | spheres, capsules and boxes: volume, inertia, pose |
 //! | [`spatial`] | vectors and quaternions over any scalar |
 
 pub mod aero;
@@ -21,6 +22,7 @@ pub mod gains;
 pub mod integrate;
 pub mod multirotor;
 pub mod rigid;
+pub mod shape;
 pub mod spatial;
 pub mod urdf;
 pub mod vehicle;
