@@ -15,6 +15,7 @@
 //! | [`spatial`] | vectors and quaternions over any scalar |
 
 pub mod aero;
+pub mod assembly;
 pub mod batch;
 pub mod fleet;
 pub mod gains;
