@@ -10,10 +10,10 @@
 //! | [`integrate`] | RK4 and the semi-implicit step |
 //! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
 //! | [`fleet`] | several multirotors in each other's downwash, as one system |
+//! | [`contact`] | compliant contact with friction; distances between shapes |
 //! | [`aero`] | ground effect, downwash, wind |
 //! | [`batch`] | many environments in lanes |
 //! | [`shape`] | spheres, capsules and boxes: volume, inertia, pose |
-//! | [`contact`] | compliant contact with friction; distances between shapes |
 //! | [`scene`] | ground, gates and obstacles; distance to them |
 //! | [`spatial`] | vectors and quaternions over any scalar |
 
