@@ -178,6 +178,7 @@ impl Graph {
     }
 }
 
+#[inline(never)]
 fn push(node: Node) -> Trace {
     Trace(GRAPH.with_borrow_mut(|g| g.push(node)))
 }

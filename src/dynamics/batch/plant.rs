@@ -61,7 +61,7 @@ impl Plant {
 
     pub(crate) fn tree(model: &Model, physics: Physics, general: bool) -> Result<(Self, Vec<f64>)> {
         let system = Multibody::new(model, physics)?;
-        let topology = Topology::new(model, physics.effects, general);
+        let topology = Topology::new(model, physics.effects, physics.grid(), general);
         let disturbances: Vec<usize> = topology.layout.trees.iter().filter_map(|t| t.disturbance).collect();
         let is_action = |k: &usize| !disturbances.iter().any(|d| (*d..*d + Disturbance::<f64>::DIM).contains(k));
         let plant = TreePlant {
@@ -223,7 +223,8 @@ impl Plant {
                 "Give the environment a vehicle with World::set_vehicle, or build the world with World::of_model.",
             ));
         };
-        let own = Topology::new(model, p.topology.effects, p.general);
+        let mut own = Topology::new(model, p.topology.effects, p.grid, p.general);
+        own.keep_stiffness_of(&p.topology);
         if let Some(difference) = p.topology.difference(&own) {
             return Err(Error::value(
                 format!("model '{}'", model.name()),

@@ -10,7 +10,7 @@ use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::integrate::Grid;
 use crate::dynamics::tree::numbers::Numbers;
 use crate::dynamics::tree::scratch::{Scratch, scratch_on_stack};
-use crate::dynamics::tree::step::step_in_place;
+use crate::dynamics::tree::step::{self, Task};
 use crate::dynamics::tree::topology::Topology;
 use pulp::{Simd, WithSimd};
 
@@ -75,7 +75,7 @@ fn step_lanes<S: Simd>(
     for k in 0..t.n_input {
         scratch.input[k] = Lanes::load(&block[t.n_state + k][at..]);
     }
-    step_in_place(t, numbers, grid, scratch);
+    step::run(t, numbers, Task::Step(grid), scratch);
     let alive = Lanes::<S>::load(&block[t.n_state + t.n_input][at..]);
     let was_alive = Lanes::constant(0.5).lt(alive);
     let mut ok = was_alive;

@@ -136,7 +136,7 @@ fn to_parent<S: Scalar, P: Numbers<S>>(
     match link.kind {
         Kind::Floating => {}
         Kind::Hinge(_) | Kind::Slide(_) => {
-            let (torque, slope) = torque::of_axis(link, i, numbers, x, input, body.drive, pass);
+            let (torque, slope) = torque::of_axis(link, i, numbers, x, input, body.held, pass);
             let turns = matches!(link.kind, Kind::Hinge(_));
             eliminate_axis(body, torque, slope, turns);
         }

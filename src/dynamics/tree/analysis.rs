@@ -3,13 +3,12 @@
 use super::kinematics::forward;
 use super::model::{Frame, Model, Motion};
 use super::multibody::Multibody;
-use super::numbers::{Constants, Numbers, at, body_numbers};
+use super::numbers::{Numbers, Source, at, body_numbers};
 use super::scratch::{BodyScratch, scratch_on_stack};
 use super::topology::{Kind, Topology, joined};
 use super::touch;
 use crate::autodiff::Scalar;
-use crate::dynamics::multirotor::Physics;
-use crate::dynamics::rigid::{Effects, full};
+use crate::dynamics::rigid::full;
 use crate::dynamics::spatial::*;
 use crate::dynamics::{contact, shape};
 use crate::error::Result;
@@ -41,7 +40,7 @@ pub struct Momentum<S> {
 pub fn body_poses<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Pose<S>> {
     let t = system.topology();
     scratch_on_stack!(scratch, t, S);
-    forward(t, Constants(system.parameters()), state, scratch.bodies);
+    forward(t, Source::Constants(system.parameters()), state, scratch.bodies);
     scratch.bodies[..t.n_body()].iter().map(pose_of).collect()
 }
 
@@ -58,7 +57,7 @@ fn pose_of<S: Scalar>(body: &BodyScratch<S>) -> Pose<S> {
 pub fn frame_pose<S: Scalar>(system: &Multibody, state: &[S], frame: &Frame) -> Pose<S> {
     let t = system.topology();
     scratch_on_stack!(scratch, t, S);
-    forward(t, Constants(system.parameters()), state, scratch.bodies);
+    forward(t, Source::Constants(system.parameters()), state, scratch.bodies);
     let body = pose_of(&scratch.bodies[frame.body]);
     let lever = mat_vec(body.rotation, constants(frame.position));
     let own = [constants(frame.rotation[0]), constants(frame.rotation[1]), constants(frame.rotation[2])];
@@ -72,7 +71,7 @@ pub fn frame_pose<S: Scalar>(system: &Multibody, state: &[S], frame: &Frame) -> 
 
 /// Kinetic energy of all bodies, J; spinning rotors not counted.
 pub fn kinetic_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
-    let (t, numbers) = (system.topology(), Constants(system.parameters()));
+    let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
     scratch_on_stack!(scratch, t, S);
     forward(t, numbers, state, scratch.bodies);
     let mut twice = S::zero();
@@ -86,7 +85,7 @@ pub fn kinetic_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
 /// Potential energy of gravity (zero at z = 0), springs, compressed limits and, with that effect, contacts, J; position
 /// drives not counted.
 pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
-    let (t, numbers) = (system.topology(), Constants(system.parameters()));
+    let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
     scratch_on_stack!(scratch, t, S);
     forward(t, numbers, state, scratch.bodies);
     let (mut energy, half) = (S::zero(), S::constant(0.5));
@@ -125,7 +124,7 @@ pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
 
 /// Net contact force on every body, N, world: zero without the effect `contact`.
 pub fn contact_forces<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Vec3<S>> {
-    let (t, numbers) = (system.topology(), Constants(system.parameters()));
+    let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
     scratch_on_stack!(scratch, t, S);
     forward(t, numbers, state, scratch.bodies);
     if t.effects.contact {
@@ -182,7 +181,7 @@ pub fn separations<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Separation
 
 /// Centre of mass of all bodies, m, world.
 pub fn center_of_mass<S: Scalar>(system: &Multibody, state: &[S]) -> Vec3<S> {
-    let (t, numbers) = (system.topology(), Constants(system.parameters()));
+    let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
     scratch_on_stack!(scratch, t, S);
     forward(t, numbers, state, scratch.bodies);
     center(t, numbers, scratch.bodies)
@@ -200,7 +199,7 @@ fn center<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, bodies: &[BodyScra
 
 /// Momentum of all bodies.
 pub fn momentum<S: Scalar>(system: &Multibody, state: &[S]) -> Momentum<S> {
-    let (t, numbers) = (system.topology(), Constants(system.parameters()));
+    let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
     scratch_on_stack!(scratch, t, S);
     forward(t, numbers, state, scratch.bodies);
     let middle = center(t, numbers, scratch.bodies);
@@ -236,10 +235,17 @@ fn own_momentum<S: Scalar, P: Numbers<S>>(i: usize, numbers: P, body: &BodyScrat
 /// # Errors
 /// [`Error::Value`](crate::error::Error::Value) if the state has another length than the layout says.
 pub fn mass_matrix(model: &Model, state: &[f64]) -> Result<DMatrix<f64>> {
-    let physics = Physics { effects: Effects::none(), ..Physics::default() };
-    let system = Multibody::new(model, physics)?;
     Multibody::check_length("state", state.len(), model.layout().n_state())?;
-    let poses = body_poses(&system, state);
+    Ok(mass_matrix_of(model, state))
+}
+
+/// M at [`rest_state`](super::rest_state).
+pub(crate) fn mass_matrix_at_rest(model: &Model) -> DMatrix<f64> {
+    mass_matrix_of(model, &super::rest_state(model))
+}
+
+fn mass_matrix_of(model: &Model, state: &[f64]) -> DMatrix<f64> {
+    let poses = poses_of(model, state);
     let n = model.layout().n_velocity();
     let mut m = DMatrix::zeros(n, n);
     for (i, body) in model.bodies().iter().enumerate() {
@@ -252,7 +258,16 @@ pub fn mass_matrix(model: &Model, state: &[f64]) -> Result<DMatrix<f64>> {
         let inertia = r * body.inertia.matrix() * r.transpose();
         m += linear.transpose() * linear * body.mass + angular.transpose() * inertia * angular;
     }
-    Ok(m)
+    m
+}
+
+/// Poses of all bodies of a model alone.
+fn poses_of(model: &Model, state: &[f64]) -> Vec<Pose<f64>> {
+    let bare = Topology::bare(model);
+    let numbers = super::numbers::number_vector(model);
+    scratch_on_stack!(scratch, &bare, f64);
+    forward(&bare, Source::Constants(&numbers), state, scratch.bodies);
+    scratch.bodies[..bare.n_body()].iter().map(pose_of).collect()
 }
 
 /// Jacobian of a named frame, 6 × n: `[velocity of its origin; angular velocity]` (world) = J ν.
@@ -260,9 +275,8 @@ pub fn mass_matrix(model: &Model, state: &[f64]) -> Result<DMatrix<f64>> {
 /// # Errors
 /// [`Error::Value`](crate::error::Error::Value) if the state has another length than the layout says.
 pub fn frame_jacobian(model: &Model, state: &[f64], frame: &Frame) -> Result<DMatrix<f64>> {
-    let system = Multibody::new(model, Physics { effects: Effects::none(), ..Physics::default() })?;
     Multibody::check_length("state", state.len(), model.layout().n_state())?;
-    Ok(point_jacobian(model, &body_poses(&system, state), frame.body, frame.position))
+    Ok(point_jacobian(model, &poses_of(model, state), frame.body, frame.position))
 }
 
 /// Jacobian of a point of a body given in the body's frame.

@@ -1,9 +1,9 @@
 //! A model under given physics as a [`System`]: x⁺ = f(x, u, θ) on any scalar.
 
 use super::model::{Model, Motion};
-use super::numbers::{Constants, Values, number_vector};
+use super::numbers::{Source, number_vector};
 use super::scratch::scratch_on_stack;
-use super::step;
+use super::step::{self, Task};
 use super::topology::Topology;
 use crate::autodiff::{Scalar, System};
 use crate::dynamics::multirotor::Physics;
@@ -32,7 +32,7 @@ impl Multibody {
         physics.validate()?;
         Ok(Self {
             numbers: number_vector(model),
-            topology: Topology::new(model, physics.effects, false),
+            topology: Topology::new(model, physics.effects, physics.grid(), false),
             model: model.clone(),
             physics,
             exposes_parameters: false,
@@ -43,7 +43,7 @@ impl Multibody {
     pub fn with_parameters(mut self) -> Self {
         self.exposes_parameters = true;
         // a parameter that is zero now may be varied, so nothing may be left out
-        self.topology = Topology::new(&self.model, self.physics.effects, true);
+        self.topology = Topology::new(&self.model, self.physics.effects, self.physics.grid(), true);
         self
     }
 
@@ -71,37 +71,27 @@ impl Multibody {
         &self.topology
     }
 
-    /// Every joint at rest (springs relaxed, drives at their centre, else zero), every floating root where its joint says
-    /// (the world's origin, upright, unless it was placed), rotors still.
+    /// [`rest_state`] of the model.
     pub fn rest_state(&self) -> Vec<f64> {
-        let mut x = vec![0.0; self.topology.n_state];
-        for (body, place) in self.model.bodies().iter().zip(&self.topology.layout.bodies) {
-            let joint = &body.joint;
-            match joint.motion {
-                Motion::Floating => {
-                    x[place.position..place.position + 3].copy_from_slice(&joint.position);
-                    x[place.position + 6..place.position + 10].copy_from_slice(&from_matrix(joint.rotation));
-                }
-                Motion::Ball => x[place.position] = 1.0,
-                Motion::Revolute(_) | Motion::Prismatic(_) => {
-                    x[place.position] = match joint.drive {
-                        Some(drive) if drive.stiffness > 0.0 => drive.center,
-                        _ => joint.rest,
-                    };
-                }
-            }
-        }
-        x
+        rest_state(&self.model)
     }
 
-    /// Accelerations and all else: ẋ = f(x, u, θ) in continuous time. `rate` has the layout of the state.
+    /// ẋ = f(x, u, θ) in continuous time: what a step integrates. `rate` has the layout of the state.
     pub fn derivative<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], rate: &mut [S]) {
-        scratch_on_stack!(scratch, &self.topology, S);
-        if self.exposes_parameters {
-            step::derivative(&self.topology, Values(parameters), state, input, &mut scratch, rate);
-        } else {
-            step::derivative(&self.topology, Constants(&self.numbers), state, input, &mut scratch, rate);
-        }
+        self.run(Task::Derivative, state, input, parameters, rate);
+    }
+
+    /// One copy per scalar: the kernels are large.
+    #[inline(never)]
+    fn run<S: Scalar>(&self, task: Task, state: &[S], input: &[S], parameters: &[S], result: &mut [S]) {
+        let t = &self.topology;
+        scratch_on_stack!(scratch, t, S);
+        scratch.end[..t.n_state].copy_from_slice(state);
+        scratch.input[..t.n_input].copy_from_slice(input);
+        let constants = Source::Constants(&self.numbers);
+        step::run(t, if self.exposes_parameters { Source::Values(parameters) } else { constants }, task, &mut scratch);
+        let done = if task == Task::Derivative { &scratch.rate } else { &scratch.end };
+        result.copy_from_slice(&done[..t.n_state]);
     }
 
     /// Input of still rotors and drives at their centres.
@@ -123,6 +113,29 @@ impl Multibody {
     }
 }
 
+/// Every joint at rest (springs relaxed, position drives at their centre, else zero), every floating root where its joint
+/// says (the world's origin, upright, unless it was placed), rotors still.
+pub fn rest_state(model: &Model) -> Vec<f64> {
+    let mut x = vec![0.0; model.layout().n_state()];
+    for (body, place) in model.bodies().iter().zip(&model.layout().bodies) {
+        let joint = &body.joint;
+        match joint.motion {
+            Motion::Floating => {
+                x[place.position..place.position + 3].copy_from_slice(&joint.position);
+                x[place.position + 6..place.position + 10].copy_from_slice(&from_matrix(joint.rotation));
+            }
+            Motion::Ball => x[place.position] = 1.0,
+            Motion::Revolute(_) | Motion::Prismatic(_) => {
+                x[place.position] = match joint.drive {
+                    Some(drive) if drive.stiffness > 0.0 => drive.center,
+                    _ => joint.rest,
+                };
+            }
+        }
+    }
+    x
+}
+
 impl System for Multibody {
     fn n_state(&self) -> usize {
         self.topology.n_state
@@ -134,15 +147,6 @@ impl System for Multibody {
         if self.exposes_parameters { self.numbers.len() } else { 0 }
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        scratch_on_stack!(scratch, &self.topology, S);
-        let (t, grid) = (&self.topology, self.physics.grid());
-        scratch.end[..t.n_state].copy_from_slice(state);
-        scratch.input[..t.n_input].copy_from_slice(input);
-        if self.exposes_parameters {
-            step::step_in_place(t, Values(parameters), grid, &mut scratch);
-        } else {
-            step::step_in_place(t, Constants(&self.numbers), grid, &mut scratch);
-        }
-        next.copy_from_slice(&scratch.end[..t.n_state]);
+        self.run(Task::Step(self.physics.grid()), state, input, parameters, next);
     }
 }

@@ -109,25 +109,20 @@ pub(crate) trait Numbers<S: Scalar>: Copy {
     }
 }
 
-/// The nominal numbers, without derivatives.
+/// Numbers of a single system: nominal ones without derivatives, or values over the scalar itself.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Constants<'a>(pub &'a [f64]);
-
-impl<S: Scalar> Numbers<S> for Constants<'_> {
-    #[inline(always)]
-    fn get(self, k: usize) -> S {
-        S::constant(self.0[k])
-    }
+pub(crate) enum Source<'a, S> {
+    Constants(&'a [f64]),
+    Values(&'a [S]),
 }
 
-/// Numbers given over the scalar itself.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Values<'a, S>(pub &'a [S]);
-
-impl<S: Scalar> Numbers<S> for Values<'_, S> {
+impl<S: Scalar> Numbers<S> for Source<'_, S> {
     #[inline(always)]
     fn get(self, k: usize) -> S {
-        self.0[k]
+        match self {
+            Self::Constants(numbers) => S::constant(numbers[k]),
+            Self::Values(numbers) => numbers[k],
+        }
     }
 }
 

@@ -6,7 +6,7 @@
 use super::kinematics::forward;
 use super::loads;
 use super::multibody::Multibody;
-use super::numbers::{Constants, Numbers, at, body_numbers};
+use super::numbers::{Numbers, Source, at, body_numbers};
 use super::scratch::{BodyScratch, scratch_on_stack};
 use super::topology::{Kind, Topology};
 use crate::autodiff::Scalar;
@@ -24,7 +24,7 @@ use crate::dynamics::spatial::*;
 /// If a slice has another length than the layout says.
 pub fn inverse_dynamics<S: Scalar>(system: &Multibody, state: &[S], input: &[S], acceleration: &[S], force: &mut [S]) {
     let t = system.topology();
-    let numbers = Constants(system.parameters());
+    let numbers = Source::Constants(system.parameters());
     scratch_on_stack!(scratch, t, S);
     loads::prepare_rotors(t, numbers, input, scratch.rotors);
     loads::start_rotors(t, numbers, 1.0, state, scratch.rotors);

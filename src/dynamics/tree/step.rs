@@ -1,9 +1,13 @@
-//! One step of an articulated system.
+//! One step of an articulated system, or its time derivative.
 //!
 //! As for the closed-form multirotor: RK4 with quaternions renormalised, or semi-implicit Euler with gyroscopic moments,
 //! damping, springs and limits implicit. Rotor lag has its closed form. Drives are sampled once per substep: an implicit
 //! evaluation (h d + h² k added to the inertia that each drive moves) finds the torque, which is bounded and held, so that
-//! a stiff servo is stable at any step. Wakes are held through a substep too.
+//! a stiff servo is stable at any step. Damping and springs too fast for the step are sampled with them. Wakes are held
+//! through a substep too.
+//!
+//! Everything evaluates accelerations at one place, in a loop over stages: the kernels are large, and each copy of them
+//! would be compiled again for every scalar.
 
 use super::aba::accelerate;
 use super::kinematics::forward;
@@ -14,95 +18,106 @@ use super::topology::{Kind, Topology};
 use super::torque::{self, Drives, Pass};
 use crate::autodiff::Scalar;
 use crate::dynamics::integrate::{Grid, Integrator};
-use crate::dynamics::spatial::unit;
+use crate::dynamics::spatial::{derivative, unit};
 
-/// Replaces the state in `s.end` by x⁺ after one step with `s.input` held.
+/// What to do with accelerations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Task {
+    /// Replace the state in `end` by that after one step.
+    Step(Grid),
+    /// Leave d/dt of the state in `end` in `rate`, drives in continuous time.
+    Derivative,
+}
+
+/// The stages of a substep: 0 samples torques, 1 to 4 are those of RK4, and 1 is that of the semi-implicit step.
+const SAMPLE: usize = 0;
+const FIRST: usize = 1;
+
+/// Does the task with `s.input` held.
 #[inline(always)]
-pub(crate) fn step_in_place<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, grid: Grid, s: &mut Scratch<'_, S>) {
+pub(crate) fn run<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, task: Task, s: &mut Scratch<'_, S>) {
+    let (h, substeps, n_stage) = match task {
+        Task::Step(Grid { integrator: Integrator::RungeKutta4, substep, substeps }) => (substep, substeps, 4),
+        Task::Step(grid) => (grid.substep, grid.substeps, 1),
+        Task::Derivative => (1.0, 1, 1),
+    };
+    let semi_implicit = n_stage == 1 && task != Task::Derivative;
+    let begin = if t.holds_torque && task != Task::Derivative { SAMPLE } else { FIRST };
     loads::prepare_rotors(t, numbers, s.input, s.rotors);
-    for _ in 0..grid.substeps {
-        substep(t, numbers, grid, s);
-    }
-}
-
-#[inline(always)]
-fn substep<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, grid: Grid, s: &mut Scratch<'_, S>) {
-    let h = grid.substep;
-    loads::start_rotors(t, numbers, h, s.end, s.rotors);
-    let starts_early = t.has_drives || (t.effects.downwash && t.sources.len() > 1);
-    if starts_early {
-        forward(t, numbers, s.end, s.bodies);
-        loads::hold_wakes(t, s.bodies, s.rotors);
-    }
-    if t.has_drives {
-        sample_drives(t, numbers, h, s);
-    }
-    for k in 0..t.n_state {
-        s.at[k] = s.end[k];
-        s.start[k] = s.end[k];
-    }
-    match grid.integrator {
-        Integrator::RungeKutta4 => runge_kutta_4(t, numbers, h, s),
-        Integrator::SemiImplicit => semi_implicit(t, numbers, h, s),
-    }
-    normalise(t, s.end);
-    for r in 0..t.n_rotor() {
-        s.end[t.rotor_speed[r]] = s.rotors[r].speed;
-    }
-}
-
-#[inline(always)]
-fn sample_drives<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, s: &mut Scratch<'_, S>) {
-    loads::apply(t, numbers, s.input, s.bodies, s.rotors);
-    let pass = Pass { implicit: 0.0, drives: Drives::Sampled(h) };
-    accelerate(t, numbers, s.end, s.input, pass, s.bodies, s.rate);
-    for i in 0..t.n_body() {
-        let link = &t.links[i];
-        if let Some(servo) = &link.drive {
-            let sampled = (s.rate[link.velocity], h);
-            s.bodies[i].drive = torque::held(link, servo, i, numbers, s.end, s.input, sampled);
+    for _ in 0..substeps {
+        loads::start_rotors(t, numbers, h, s.end, s.rotors);
+        for k in 0..t.n_state {
+            s.start[k] = s.end[k];
+            s.at[k] = s.end[k];
+        }
+        for stage in begin..FIRST + n_stage {
+            if semi_implicit && stage == FIRST {
+                loads::advance_rotors(t, s.rotors);
+            }
+            let pass = match task {
+                Task::Derivative => Pass { implicit: 0.0, drives: Drives::Continuous },
+                Task::Step(_) if stage == SAMPLE => Pass { implicit: 0.0, drives: Drives::Sampled(h) },
+                Task::Step(_) => Pass { implicit: if semi_implicit { h } else { 0.0 }, drives: Drives::Held },
+            };
+            // sampling leaves the kinematics of the first stage behind
+            if stage != FIRST || begin == FIRST {
+                forward(t, numbers, s.at, s.bodies);
+            }
+            if stage == begin {
+                loads::hold_wakes(t, s.bodies, s.rotors);
+            }
+            loads::apply(t, numbers, s.input, s.bodies, s.rotors);
+            accelerate(t, numbers, s.at, s.input, pass, s.bodies, s.rate);
+            if stage == SAMPLE {
+                hold_torques(t, numbers, h, s);
+            } else if semi_implicit {
+                loads::advance_rotors(t, s.rotors);
+                velocities_then_positions(t, h, s);
+            } else if task != Task::Derivative {
+                runge_kutta_stage(t, stage - FIRST, h, s);
+            }
+        }
+        if task == Task::Derivative {
+            rotor_rates(t, s);
+        } else {
+            finish(t, s);
         }
     }
 }
 
-/// d/dt of `s.at` into `s.rate`, rotor speeds as they stand in `s.rotors`.
 #[inline(always)]
-fn evaluate<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, pass: Pass, s: &mut Scratch<'_, S>) {
-    forward(t, numbers, s.at, s.bodies);
-    loads::apply(t, numbers, s.input, s.bodies, s.rotors);
-    accelerate(t, numbers, s.at, s.input, pass, s.bodies, s.rate);
+fn hold_torques<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, s: &mut Scratch<'_, S>) {
+    for i in 0..t.n_body() {
+        let link = &t.links[i];
+        if link.drive.is_some() || link.stiff {
+            let sampled = (s.rate[link.velocity], h);
+            s.bodies[i].held = torque::held(link, i, numbers, s.at, s.input, sampled);
+        }
+    }
 }
 
+/// Adds a stage's share and moves on to where the next one is evaluated.
 #[inline(always)]
-fn runge_kutta_4<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, s: &mut Scratch<'_, S>) {
-    let pass = Pass { implicit: 0.0, drives: Drives::Held };
+fn runge_kutta_stage<S: Scalar>(t: &Topology, stage: usize, h: f64, s: &mut Scratch<'_, S>) {
     let weight = [h / 6.0, h / 3.0, h / 3.0, h / 6.0];
     let ahead = [0.5 * h, 0.5 * h, h, 0.0];
+    if stage % 2 == 0 {
+        loads::advance_rotors(t, s.rotors);
+    }
     for r in 0..t.n_rotor() {
         s.rate[t.rotor_speed[r]] = S::zero();
     }
-    // a loop, not four copies: a quarter of the code to compile and to keep in the instruction cache
-    for stage in 0..4 {
-        evaluate(t, numbers, pass, s);
-        if stage == 0 || stage == 2 {
-            loads::advance_rotors(t, s.rotors);
-        }
-        let (w, a) = (S::constant(weight[stage]), S::constant(ahead[stage]));
-        for k in 0..t.n_state {
-            let rate = s.rate[k];
-            s.at[k] = a.mul_add(rate, s.start[k]);
-            s.end[k] = w.mul_add(rate, s.end[k]);
-        }
+    let (w, a) = (S::constant(weight[stage]), S::constant(ahead[stage]));
+    for k in 0..t.n_state {
+        let rate = s.rate[k];
+        s.at[k] = a.mul_add(rate, s.start[k]);
+        s.end[k] = w.mul_add(rate, s.end[k]);
     }
 }
 
 /// Velocities first, then positions with the new ones.
 #[inline(always)]
-fn semi_implicit<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, s: &mut Scratch<'_, S>) {
-    let pass = Pass { implicit: h, drives: Drives::Held };
-    loads::advance_rotors(t, s.rotors);
-    evaluate(t, numbers, pass, s);
-    loads::advance_rotors(t, s.rotors);
+fn velocities_then_positions<S: Scalar>(t: &Topology, h: f64, s: &mut Scratch<'_, S>) {
     let step = S::constant(h);
     for i in 0..t.n_body() {
         let (p, v) = (t.links[i].position, t.links[i].velocity);
@@ -133,46 +148,35 @@ fn semi_implicit<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, s: 
 #[inline(always)]
 fn turn<S: Scalar>(s: &mut Scratch<'_, S>, q: usize, w: usize, step: S) {
     let attitude = [s.at[q], s.at[q + 1], s.at[q + 2], s.at[q + 3]];
-    let turning = crate::dynamics::spatial::derivative(attitude, [s.end[w], s.end[w + 1], s.end[w + 2]]);
+    let turning = derivative(attitude, [s.end[w], s.end[w + 1], s.end[w + 2]]);
     for k in 0..4 {
         s.end[q + k] = step.mul_add(turning[k], attitude[k]);
     }
 }
 
+/// Unit quaternions, and the rotor speeds that their closed form has reached.
 #[inline(always)]
-fn normalise<S: Scalar>(t: &Topology, x: &mut [S]) {
+fn finish<S: Scalar>(t: &Topology, s: &mut Scratch<'_, S>) {
     for i in 0..t.n_body() {
         let q = match t.links[i].kind {
             Kind::Floating => t.links[i].position + 6,
             Kind::Ball => t.links[i].position,
             Kind::Hinge(_) | Kind::Slide(_) => continue,
         };
-        let attitude = unit([x[q], x[q + 1], x[q + 2], x[q + 3]]);
+        let attitude = unit([s.end[q], s.end[q + 1], s.end[q + 2], s.end[q + 3]]);
         for k in 0..4 {
-            x[q + k] = attitude[k];
+            s.end[q + k] = attitude[k];
         }
+    }
+    for r in 0..t.n_rotor() {
+        s.end[t.rotor_speed[r]] = s.rotors[r].speed;
     }
 }
 
-/// d/dt of state x in continuous time into `rate`: what a step integrates.
 #[inline(always)]
-pub(crate) fn derivative<S: Scalar, P: Numbers<S>>(
-    t: &Topology,
-    numbers: P,
-    x: &[S],
-    input: &[S],
-    s: &mut Scratch<'_, S>,
-    rate: &mut [S],
-) {
-    loads::prepare_rotors(t, numbers, input, s.rotors);
-    loads::start_rotors(t, numbers, 1.0, x, s.rotors);
-    forward(t, numbers, x, s.bodies);
-    loads::hold_wakes(t, s.bodies, s.rotors);
-    loads::apply(t, numbers, input, s.bodies, s.rotors);
-    let pass = Pass { implicit: 0.0, drives: Drives::Continuous };
-    accelerate(t, numbers, x, input, pass, s.bodies, rate);
+fn rotor_rates<S: Scalar>(t: &Topology, s: &mut Scratch<'_, S>) {
     for r in 0..t.n_rotor() {
         let rotor = &s.rotors[r];
-        rate[t.rotor_speed[r]] = (rotor.target - rotor.speed) * rotor.rate;
+        s.rate[t.rotor_speed[r]] = (rotor.target - rotor.speed) * rotor.rate;
     }
 }

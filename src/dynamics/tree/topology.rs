@@ -3,9 +3,11 @@
 //! All of it is plain data, equal for every environment and every scalar, so that kernels may branch on it. Flags say
 //! where a number is zero in the model at hand; a batch whose environments differ keeps them general.
 
+use super::analysis::mass_matrix_at_rest;
 use super::layout::Layout;
 use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion};
 use crate::dynamics::contact::pairs::{corners, segment};
+use crate::dynamics::integrate::{Grid, Integrator};
 use crate::dynamics::rigid::Effects;
 use crate::dynamics::shape::{Geometry, Pose};
 
@@ -61,6 +63,8 @@ pub(crate) struct Link {
     pub quadratic_drag: bool,
     pub damped: bool,
     pub sprung: bool,
+    /// Damping and spring are too fast for the step: sampled implicitly and held, as drives are.
+    pub stiff: bool,
     pub limited: bool,
     pub drive: Option<Servo>,
     /// Rotors that it carries, a range of `Topology::rotor_order`.
@@ -135,7 +139,8 @@ pub(crate) struct Topology {
     pub n_state: usize,
     pub n_input: usize,
     pub effects: Effects,
-    pub has_drives: bool,
+    /// Whether any joint torque is sampled at the start of a substep and held.
+    pub holds_torque: bool,
     pub features: Vec<Feature>,
     /// Features of bodies, where there is a ground.
     pub on_ground: Vec<usize>,
@@ -144,11 +149,24 @@ pub(crate) struct Topology {
 }
 
 impl Topology {
-    /// `general` keeps every path open, for numbers that may differ from the model's.
-    pub(crate) fn new(model: &Model, effects: Effects, general: bool) -> Self {
+    /// Of the bodies alone, without effects: enough for kinematics.
+    pub(crate) fn bare(model: &Model) -> Self {
+        Self::with_links(model, Effects::none(), Self::links(model, Effects::none(), false))
+    }
+
+    /// For steps on a grid. `general` keeps every path open, for numbers that may differ from the model's.
+    pub(crate) fn new(model: &Model, effects: Effects, grid: Grid, general: bool) -> Self {
+        let mut links = Self::links(model, effects, general);
+        // the semi-implicit step takes all damping and springs implicitly as it is
+        if grid.integrator == Integrator::RungeKutta4 {
+            mark_stiff(model, grid.substep, &mut links);
+        }
+        Self::with_links(model, effects, links)
+    }
+
+    fn links(model: &Model, effects: Effects, general: bool) -> Vec<Link> {
         let layout = Layout::with_disturbance(model.parts(), effects.disturbance);
-        let mut rotor_order: Vec<usize> = (0..model.rotors().len()).collect();
-        rotor_order.sort_by_key(|r| model.rotors()[*r].body);
+        let rotor_order = rotor_order(model);
         let mut links = Vec::with_capacity(model.bodies().len());
         for (i, body) in model.bodies().iter().enumerate() {
             let mut link = Link::of(body, general);
@@ -163,13 +181,19 @@ impl Topology {
             link.disturbance = link.wind.filter(|_| body.parent.is_none());
             links.push(link);
         }
+        links
+    }
+
+    fn with_links(model: &Model, effects: Effects, links: Vec<Link>) -> Self {
+        let layout = Layout::with_disturbance(model.parts(), effects.disturbance);
+        let rotor_order = rotor_order(model);
         let features = features(model);
         let sources = model.drones().iter().filter(|d| !d.rotors.is_empty());
         Self {
             on_ground: on_ground(model, &features),
             pairs: pairs(model, &features),
             features,
-            has_drives: links.iter().any(|l| l.drive.is_some()),
+            holds_torque: links.iter().any(|l| l.drive.is_some() || l.stiff),
             links,
             sources: sources.map(|d| Source { body: d.body, position: d.position, rotors: d.rotors.clone() }).collect(),
             rotor_order,
@@ -181,6 +205,13 @@ impl Topology {
             n_input: layout.n_input(),
             layout,
             effects,
+        }
+    }
+
+    /// Samples the joints that `other` samples: within a batch that is the batch's choice.
+    pub(crate) fn keep_stiffness_of(&mut self, other: &Self) {
+        for (own, link) in self.links.iter_mut().zip(&other.links) {
+            own.stiff = link.stiff;
         }
     }
 
@@ -243,12 +274,39 @@ impl Link {
             quadratic_drag: any(&body.drag.quadratic),
             damped: moving && any(&[j.damping]),
             sprung: moving && any(&[j.stiffness]),
+            stiff: false,
             limited: j.limits.is_some(),
             drive: None,
             rotors: (0, 0),
             disturbance: None,
             wind: None,
         }
+    }
+}
+
+/// Rotor numbers sorted by the body that carries them.
+fn rotor_order(model: &Model) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..model.rotors().len()).collect();
+    order.sort_by_key(|r| model.rotors()[*r].body);
+    order
+}
+
+/// Most that a joint's damping or spring may do in one explicit substep: h d/I and h √(k/I).
+const STIFF: f64 = 0.5;
+
+/// Marks the joints whose damping or spring is too fast for explicit steps of `substep` s, by the inertia 1/(M⁻¹)ᵢᵢ that
+/// each feels at rest.
+fn mark_stiff(model: &Model, substep: f64, links: &mut [Link]) {
+    if !links.iter().any(|l| l.damped || l.sprung) {
+        return;
+    }
+    let Some(inverse) = mass_matrix_at_rest(model).try_inverse() else { return };
+    for (link, body) in links.iter_mut().zip(model.bodies()) {
+        let mobility = inverse[(link.freedom, link.freedom)];
+        let rate = substep * body.joint.damping * mobility;
+        let frequency = substep * (body.joint.stiffness * mobility).sqrt();
+        let one_axis = matches!(link.kind, Kind::Hinge(_) | Kind::Slide(_));
+        link.stiff = one_axis && (rate > STIFF || frequency > STIFF);
     }
 }
 

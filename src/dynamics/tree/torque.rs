@@ -42,11 +42,16 @@ pub(crate) fn of_axis<S: Scalar, P: Numbers<S>>(
     let n = body_numbers(body);
     let h = S::constant(pass.implicit);
     let (mut torque, mut slope) = (S::zero(), S::zero());
-    if link.damped || link.sprung {
-        let [damping, stiffness, rest] = numbers.vector(n + at::SPRING);
-        let ahead = h.mul_add(rate, q);
-        torque = -(damping.mul_add(rate, stiffness * (ahead - rest)));
-        slope = h * h.mul_add(stiffness, damping);
+    let step = match pass.drives {
+        Drives::Sampled(step) if link.stiff => step,
+        _ => pass.implicit,
+    };
+    let is_held = link.stiff && pass.drives == Drives::Held;
+    if (link.damped || link.sprung) && !is_held {
+        (torque, slope) = spring(numbers, n, q, rate, step);
+    }
+    if is_held {
+        torque = held;
     }
     if link.limited {
         let (more, steeper) = limits(numbers, n, q, rate, h);
@@ -55,6 +60,7 @@ pub(crate) fn of_axis<S: Scalar, P: Numbers<S>>(
     }
     if let Some(servo) = &link.drive {
         match pass.drives {
+            Drives::Held if is_held => {}
             Drives::Held => torque += held,
             Drives::Continuous => {
                 let (wanted, _) = servo_torque(servo, numbers, n, q, rate, input, 0.0);
@@ -68,6 +74,16 @@ pub(crate) fn of_axis<S: Scalar, P: Numbers<S>>(
         }
     }
     (torque, slope)
+}
+
+/// τ = −d q̇ − k (q + h q̇ − rest) and s = h d + h² k.
+#[inline(always)]
+fn spring<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, q: S, rate: S, step: f64) -> (S, S) {
+    let [damping, stiffness, rest] = numbers.vector(n + at::SPRING);
+    let h = S::constant(step);
+    let ahead = h.mul_add(rate, q);
+    let torque = -(damping.mul_add(rate, stiffness * (ahead - rest)));
+    (torque, h * h.mul_add(stiffness, damping))
 }
 
 /// k δ (1 + d δ̇)₊ at either end.
@@ -117,11 +133,11 @@ fn bounded<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, torque: S) -> S {
     torque.clamp(-most, most)
 }
 
-/// The torque that a drive holds through a substep whose acceleration an implicit pass found to be `acceleration`.
+/// The torque of drive, and of stiff damping and spring, that a joint holds through a substep whose acceleration an
+/// implicit pass found to be `acceleration`.
 #[inline(always)]
 pub(crate) fn held<S: Scalar, P: Numbers<S>>(
     link: &Link,
-    servo: &Servo,
     body: usize,
     numbers: P,
     x: &[S],
@@ -129,8 +145,17 @@ pub(crate) fn held<S: Scalar, P: Numbers<S>>(
     (acceleration, step): (S, f64),
 ) -> S {
     let n = body_numbers(body);
-    let (wanted, slope) = servo_torque(servo, numbers, n, x[link.position], x[link.velocity], input, step);
-    bounded(numbers, n, (-slope).mul_add(acceleration, wanted))
+    let (q, rate) = (x[link.position], x[link.velocity]);
+    let mut sum = S::zero();
+    if let Some(servo) = &link.drive {
+        let (wanted, slope) = servo_torque(servo, numbers, n, q, rate, input, step);
+        sum = bounded(numbers, n, (-slope).mul_add(acceleration, wanted));
+    }
+    if link.stiff {
+        let (torque, slope) = spring(numbers, n, q, rate, step);
+        sum += (-slope).mul_add(acceleration, torque);
+    }
+    sum
 }
 
 /// Moment (world) and slope of a ball joint: −d ω_rel and the spring −k sin θ about the axis of rotation.
