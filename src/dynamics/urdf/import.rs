@@ -169,6 +169,7 @@ impl Read {
             parts: parts.chain(extra.iter().cloned()).collect(),
             rotors,
             drag: file.map(|f| f.drag).unwrap_or_default(),
+            shapes: vec![],
             published_gains: file.and_then(|f| f.gains),
         }
     }
