@@ -183,8 +183,8 @@ fn what_is_fixed_to_the_world_is_an_obstacle_and_what_hangs_on_it_is_a_root() {
     let model = a.model().unwrap();
     assert_eq!(model.bodies().len(), 2);
     assert_eq!((model.bodies()[0].parent, model.bodies()[0].joint.position), (None, [2.0, 0.0, 1.0]));
-    let fixed = a.fixed_shapes().unwrap();
-    assert_eq!((fixed.len(), fixed[0].0.as_str(), fixed[0].1.position), (1, "post", [2.0, 0.0, 0.5]));
+    let fixed: Vec<_> = model.shapes().iter().filter(|s| s.body.is_none()).collect();
+    assert_eq!((fixed.len(), fixed[0].part.as_str(), fixed[0].shape.position), (1, "post", [2.0, 0.0, 0.5]));
 }
 
 // -------------------------------------------------------------------------------------------------- scaling, servos
