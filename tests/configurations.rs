@@ -289,7 +289,7 @@ fn a_rate_servo_follows_its_command_with_its_lag_at_16_ms() {
 }
 
 #[test]
-fn every_servo_at_full_and_changing_command_stays_bounded_at_16_ms() {
+fn rate_servos_at_full_and_position_servos_within_half_a_radian_stay_bounded_at_16_ms() {
     for entry in REGISTRY {
         for integrator in [Integrator::RungeKutta4, Integrator::SemiImplicit] {
             let model = (entry.build)().unwrap();
@@ -303,20 +303,23 @@ fn every_servo_at_full_and_changing_command_stays_bounded_at_16_ms() {
             let mut next = x.clone();
             let mut fastest: f64 = 0.0;
             for step in 0..250 {
-                for (k, at) in layout.drive.iter().flatten().enumerate() {
-                    u[*at] = if (step / 20 + k) % 2 == 0 { 1.0 } else { -1.0 };
+                let drives =
+                    model.bodies().iter().zip(&layout.drive).filter_map(|(b, at)| Some((b.joint.drive?, (*at)?)));
+                for (k, (drive, at)) in drives.enumerate() {
+                    let most = if drive.stiffness > 0.0 { 0.5 / drive.range } else { 1.0 };
+                    u[at] = if (step / 20 + k) % 2 == 0 { most } else { -most };
                 }
                 system.step(&x, &u, &[], &mut next);
                 std::mem::swap(&mut x, &mut next);
                 assert!(x.iter().all(|v| v.is_finite()), "{} {integrator:?}: step {step}", entry.name);
                 for (body, place) in layout.bodies.iter().enumerate() {
                     if layout.drive[body].is_some() {
-                        fastest = fastest.max(x[place.velocity].abs());
+                        fastest = fastest.max(x[place.velocity].abs()); // measured: 3 and 10 rad/s
                     }
                 }
             }
             println!("{:18} {integrator:?}: fastest driven joint {fastest:.1} rad/s", entry.name);
-            assert!(fastest < 60.0, "{} {integrator:?}: {fastest}", entry.name);
+            assert!(fastest < 20.0, "{} {integrator:?}: {fastest}", entry.name);
         }
     }
 }
