@@ -182,9 +182,7 @@ impl<'a> Emitter<'a> {
         for (body, parts) in self.bodies.iter_mut().zip(&self.masses) {
             let own = combined(parts.iter().copied());
             body.mass = own.mass;
-            // rounding of turned parts, next to their lengths
-            let reach = parts.iter().map(|p| p.center_of_mass.norm()).fold(0.0, f64::max);
-            body.center_of_mass = clean(own.center_of_mass, reach);
+            body.center_of_mass = own.center_of_mass.into();
             body.inertia = cleaned(&own.inertia);
         }
     }

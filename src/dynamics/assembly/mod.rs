@@ -167,9 +167,10 @@ impl Assembly {
     ///
     /// The one part that hangs on no joint is the root and floats, unless a joint holds it to the world. Parents come
     /// before children, children in the order of their joints. Parts welded together become one body named after the
-    /// part next to the joint that moves it; what is welded to the world keeps its shapes there, as obstacles; every part keeps its own frame by name ([`Model::frame`]). A body has the
-    /// axes of that part and its origin at the joint. Drag of welded parts is summed along the body's axes; what a
-    /// turn puts off the diagonal is left out (nothing, for quarter turns).
+    /// part next to the joint that moves it; every part keeps its own frame by name ([`Model::frame`]). What is welded to
+    /// the world keeps its shapes there, as obstacles. A body has the axes of the part it is named after and its origin
+    /// at the joint. Drag of welded parts is summed along the body's axes; what a turn puts off the diagonal is left
+    /// out (nothing, for quarter turns).
     ///
     /// # Errors
     /// [`Error::Unknown`] or [`Error::Value`] naming the part or joint: unknown or repeated names, two roots, a loop or

@@ -1,5 +1,6 @@
 //! One rigid part before it is joined: shapes with a mass or density, a vehicle, or given mass properties.
 
+use super::placement::clean;
 use crate::dynamics::shape::{Geometry, Shape};
 use crate::dynamics::vehicle::{Drag, Inertia, MassProperties, Rotor, Vehicle};
 use crate::error::{Error, Result, finite};
@@ -264,7 +265,9 @@ pub fn rod(from: [f64; 3], to: [f64; 3], radius: f64) -> Shape {
 pub(crate) fn combined(parts: impl Iterator<Item = MassProperties> + Clone) -> MassProperties {
     let mass: f64 = parts.clone().map(|p| p.mass).sum();
     let moment: Vector3<f64> = parts.clone().map(|p| p.center_of_mass * p.mass).sum();
-    let center_of_mass = if mass > 0.0 { moment / mass } else { Vector3::zeros() };
+    // parts that balance leave a rounding error next to their lever arms
+    let reach: f64 = parts.clone().map(|p| p.center_of_mass.norm() * p.mass).sum();
+    let center_of_mass = if mass > 0.0 { Vector3::from(clean(moment, reach)) / mass } else { Vector3::zeros() };
     let inertia = parts
         .map(|p| {
             let d = p.center_of_mass - center_of_mass;

@@ -20,6 +20,9 @@
 //! | bend bound | 7 N m | our assumption |
 //! | damping | every body slowed at 0.2 1/s in translation and rotation | OmniDrones, of all drone assets |
 //!
+//! Bends beyond about 1 rad are stiffer than the integrators hold: a link turned along its neighbour's hinge has 1e-5 kg m²
+//! about it, against servos of 28.65 N m s/rad. Targets within ±0.5 rad are stable at 16 ms with either.
+//!
 //! A link has 0.613 kg, four 2.452 kg. DIFFERENCE: rotors' reaction torques act on the module that carries them, not on
 //! the link; rotors are the links' own in order, and there is one `Drone` per module.
 

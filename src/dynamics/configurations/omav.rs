@@ -4,7 +4,7 @@
 //!   core ──(tilt_j: about the arm, outwards)── unit_j with rotor_j above and rotor_(j+6) below
 //! ```
 //!
-//! Masses, places and rotors are those of the rigid vehicle [`omav`](crate::dynamics::vehicles::omav), bound by name;
+//! Masses, places and rotors are those of the rigid vehicle [`omav`], bound by name;
 //! sources stand there.
 //!
 //! | constant | value | source |
