@@ -289,37 +289,40 @@ fn a_rate_servo_follows_its_command_with_its_lag_at_16_ms() {
 }
 
 #[test]
-fn rate_servos_at_full_and_position_servos_within_half_a_radian_stay_bounded_at_16_ms() {
+fn every_servo_stays_bounded_at_full_command_whatever_the_step() {
+    let mut worst = 0.0_f64;
     for entry in REGISTRY {
         for integrator in [Integrator::RungeKutta4, Integrator::SemiImplicit] {
-            let model = (entry.build)().unwrap();
-            // joints damped without a motor are explicit in RK4, and a bar between two drones is too stiff for that
-            if integrator == Integrator::RungeKutta4 && model.layout().drive.iter().all(Option::is_none) {
-                continue;
+            for dt in [0.001, 0.004, 0.016] {
+                let fastest = swing(&(entry.build)().unwrap(), Physics { dt, ..coarse(integrator) });
+                println!("{:18} {integrator:?} at {dt} s: fastest driven joint {fastest:.1} rad/s", entry.name);
+                // a whipping chain turns its gimbals faster than 2 N m hold: 44 rad/s after 0.53 s as dt → 0
+                assert!(fastest < 100.0, "{} {integrator:?} at {dt} s: {fastest}", entry.name);
+                worst = worst.max(fastest);
             }
-            let system = Multibody::new(&model, coarse(integrator)).unwrap();
-            let layout = system.layout().clone();
-            let (mut x, mut u) = (system.rest_state(), system.rest_input());
-            let mut next = x.clone();
-            let mut fastest: f64 = 0.0;
-            for step in 0..250 {
-                let drives =
-                    model.bodies().iter().zip(&layout.drive).filter_map(|(b, at)| Some((b.joint.drive?, (*at)?)));
-                for (k, (drive, at)) in drives.enumerate() {
-                    let most = if drive.stiffness > 0.0 { 0.5 / drive.range } else { 1.0 };
-                    u[at] = if (step / 20 + k) % 2 == 0 { most } else { -most };
-                }
-                system.step(&x, &u, &[], &mut next);
-                std::mem::swap(&mut x, &mut next);
-                assert!(x.iter().all(|v| v.is_finite()), "{} {integrator:?}: step {step}", entry.name);
-                for (body, place) in layout.bodies.iter().enumerate() {
-                    if layout.drive[body].is_some() {
-                        fastest = fastest.max(x[place.velocity].abs()); // measured: 3 and 10 rad/s
-                    }
-                }
-            }
-            println!("{:18} {integrator:?}: fastest driven joint {fastest:.1} rad/s", entry.name);
-            assert!(fastest < 20.0, "{} {integrator:?}: {fastest}", entry.name);
         }
     }
+    println!("fastest {worst:.1} rad/s"); // measured 63.4
+}
+
+/// Fastest driven joint, rad/s, while every drive swings between its ends for 4 s.
+fn swing(model: &Model, physics: Physics) -> f64 {
+    let system = Multibody::new(model, physics).unwrap();
+    let layout = system.layout().clone();
+    let (mut x, mut u) = (system.rest_state(), system.rest_input());
+    let mut next = x.clone();
+    let mut fastest: f64 = 0.0;
+    for step in 0..(4.0 / physics.dt) as usize {
+        let phase = (step as f64 * physics.dt / 0.32) as usize;
+        for (k, at) in layout.drive.iter().flatten().enumerate() {
+            u[*at] = if (phase + k) % 2 == 0 { 1.0 } else { -1.0 };
+        }
+        system.step(&x, &u, &[], &mut next);
+        std::mem::swap(&mut x, &mut next);
+        assert!(x.iter().all(|v| v.is_finite()), "{} {physics:?}: step {step}", model.name());
+        for (place, _) in layout.bodies.iter().zip(&layout.drive).filter(|(_, d)| d.is_some()) {
+            fastest = fastest.max(x[place.velocity].abs());
+        }
+    }
+    fastest
 }

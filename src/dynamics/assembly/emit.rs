@@ -118,6 +118,7 @@ impl<'a> Emitter<'a> {
             damping: join.damping,
             stiffness: join.stiffness,
             rest: join.rest,
+            armature: join.armature,
             ..Joint::new(name, motion)
         };
         match join.kind {

@@ -84,6 +84,7 @@ pub struct Join {
     pub(crate) damping: f64,
     pub(crate) stiffness: f64,
     pub(crate) rest: f64,
+    pub(crate) armature: f64,
     pub(crate) stops: Option<Stops>,
     pub(crate) servo: Option<Servo>,
 }
@@ -101,6 +102,7 @@ impl Join {
             damping: 0.0,
             stiffness: 0.0,
             rest: 0.0,
+            armature: 0.0,
             stops: None,
             servo: None,
         }
@@ -124,6 +126,13 @@ impl Join {
     #[must_use]
     pub fn damping(mut self, damping: f64) -> Self {
         self.damping = damping;
+        self
+    }
+
+    /// Inertia of a geared motor per axis, as the joint feels it, kg m² or kg.
+    #[must_use]
+    pub fn armature(mut self, armature: f64) -> Self {
+        self.armature = armature;
         self
     }
 

@@ -18,10 +18,8 @@
 //! | gimbal servos | closed-loop lag 20 ms, bound 2 N m | our assumption (there 28.65 N m s/rad, no bound) |
 //! | bends | ±90°, spring 1 and damping 0.5 per degree: 57.3 N m/rad, 28.65 N m s/rad; targets ±π/2 rad at full command | OmniDrones |
 //! | bend bound | 7 N m | our assumption |
+//! | bend armature | 0.01 kg m²: a servo of 7 N m has about 1e-7 kg m² behind a gear of 1:350 | our assumption (none there) |
 //! | damping | every body slowed at 0.2 1/s in translation and rotation | OmniDrones, of all drone assets |
-//!
-//! Bends beyond about 1 rad are stiffer than the integrators hold: a link turned along its neighbour's hinge has 1e-5 kg m²
-//! about it, against servos of 28.65 N m s/rad. Targets within ±0.5 rad are stable at 16 ms with either.
 //!
 //! A link has 0.613 kg, four 2.452 kg. DIFFERENCE: rotors' reaction torques act on the module that carries them, not on
 //! the link; rotors are the links' own in order, and there is one `Drone` per module.
@@ -71,6 +69,8 @@ pub struct Dragon {
     pub bend_damping: f64,
     /// N m.
     pub bend_torque: f64,
+    /// Reflected inertia of a bend's motor, kg m².
+    pub bend_armature: f64,
     /// Either way from straight, of targets and stops, rad.
     pub bend_range: f64,
     /// Rates of loss of speed and of rotation of every body, 1/s.
@@ -96,6 +96,7 @@ impl Default for Dragon {
             bend_stiffness: PER_DEGREE,
             bend_damping: 0.5 * PER_DEGREE,
             bend_torque: 7.0,
+            bend_armature: 0.01,
             bend_range: FRAC_PI_2,
             damping: [0.2, 0.2],
         }
@@ -193,6 +194,7 @@ impl Dragon {
                 .at([half, 0.0, 0.0])
                 .child_at([-half, 0.0, 0.0])
                 .range(-self.bend_range, self.bend_range)
+                .armature(self.bend_armature)
                 .servo(servo),
         );
     }

@@ -69,7 +69,7 @@ pub fn frame_pose<S: Scalar>(system: &Multibody, state: &[S], frame: &Frame) -> 
     }
 }
 
-/// Kinetic energy of all bodies, J; spinning rotors not counted.
+/// Kinetic energy of all bodies and geared motors, J; spinning rotors not counted.
 pub fn kinetic_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
     scratch_on_stack!(scratch, t, S);
@@ -78,6 +78,11 @@ pub fn kinetic_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     for i in 0..t.n_body() {
         let (p, l) = own_momentum(i, numbers, &scratch.bodies[i]);
         twice += dot(p, center_velocity(&scratch.bodies[i])) + dot(l, scratch.bodies[i].angular_velocity);
+        let link = &t.links[i];
+        if matches!(link.kind, Kind::Hinge(_) | Kind::Slide(_)) {
+            let armature: S = numbers.get(body_numbers(i) + at::ARMATURE);
+            twice += armature * state[link.velocity].square();
+        }
     }
     twice * S::constant(0.5)
 }
@@ -249,6 +254,8 @@ fn mass_matrix_of(model: &Model, state: &[f64]) -> DMatrix<f64> {
     let n = model.layout().n_velocity();
     let mut m = DMatrix::zeros(n, n);
     for (i, body) in model.bodies().iter().enumerate() {
+        let own = model.layout().bodies[i].freedom;
+        m[(own, own)] += body.joint.armature;
         if body.mass == 0.0 {
             continue;
         }

@@ -82,6 +82,10 @@ pub struct Joint {
     pub stiffness: f64,
     /// q of the relaxed spring, rad or m.
     pub rest: f64,
+    /// Inertia of a geared motor seen at a hinge or slide, kg m² or kg: adds to what the joint accelerates and to nothing
+    /// else.
+    #[serde(default)]
+    pub armature: f64,
     /// Range of a hinge or slide.
     pub limits: Option<JointLimits>,
     /// Servo of a hinge or slide.
@@ -99,6 +103,7 @@ impl Joint {
             damping: 0.0,
             stiffness: 0.0,
             rest: 0.0,
+            armature: 0.0,
             limits: None,
             drive: None,
         }
@@ -485,13 +490,17 @@ impl Check<'_> {
                 ));
             }
         }
-        for (what, value) in [("damping", joint.damping), ("stiffness", joint.stiffness)] {
+        for (what, value) in [("damping", joint.damping), ("stiffness", joint.stiffness), ("armature", joint.armature)]
+        {
             finite(&at(what), &[value])?;
             if value < 0.0 {
                 return Err(Error::value(at(what), value, "≥ 0", "A negative one feeds energy in: check the sign."));
             }
         }
         finite(&at("rest"), &[joint.rest])?;
+        if joint.armature > 0.0 {
+            self.one_dimensional(joint, "armature")?;
+        }
         self.limits(joint)?;
         self.drive(joint)
     }

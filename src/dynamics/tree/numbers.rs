@@ -11,7 +11,7 @@ use crate::dynamics::rigid::ROTOR_PARAMETERS;
 use crate::dynamics::spatial::Vec3;
 
 /// Physical parameters of one body and its joint, in order.
-pub const BODY_NUMBERS: [&str; 32] = [
+pub const BODY_NUMBERS: [&str; 33] = [
     "mass",
     "center_of_mass_x",
     "center_of_mass_y",
@@ -37,6 +37,7 @@ pub const BODY_NUMBERS: [&str; 32] = [
     "joint_damping",
     "joint_stiffness",
     "joint_rest",
+    "joint_armature",
     "limit_lower",
     "limit_upper",
     "limit_stiffness",
@@ -74,7 +75,7 @@ fn push_body(p: &mut Vec<f64>, body: &Body) {
     p.extend([i.xx, i.yy, i.zz, i.xy, i.xz, i.yz]);
     p.extend(d.linear.iter().chain(&d.quadratic).chain(&d.angular));
     p.extend(j.position);
-    p.extend([j.damping, j.stiffness, j.rest]);
+    p.extend([j.damping, j.stiffness, j.rest, j.armature]);
     p.extend(j.limits.map_or([0.0; 4], |l| [l.lower, l.upper, l.stiffness, l.dissipation]));
     p.extend(j.drive.map_or([0.0; 3], |d| [d.stiffness, d.damping, d.max_torque]));
 }
@@ -137,10 +138,11 @@ pub(crate) mod at {
     pub(crate) const JOINT_POSITION: usize = 19;
     /// Damping, stiffness, rest.
     pub(crate) const SPRING: usize = 22;
+    pub(crate) const ARMATURE: usize = 25;
     /// Lower, upper, stiffness, dissipation.
-    pub(crate) const LIMITS: usize = 25;
+    pub(crate) const LIMITS: usize = 26;
     /// Stiffness, damping, max_torque.
-    pub(crate) const DRIVE: usize = 29;
+    pub(crate) const DRIVE: usize = 30;
 }
 
 /// Where the numbers of body `body` begin.

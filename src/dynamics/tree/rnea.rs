@@ -51,8 +51,8 @@ fn newton_euler<S: Scalar, P: Numbers<S>>(
         let body = &bodies[i];
         let n = link.freedom;
         match link.kind {
-            Kind::Hinge(_) => force[n] = dot(body.axis, body.bias_moment),
-            Kind::Slide(_) => force[n] = dot(body.axis, body.bias_force),
+            Kind::Hinge(_) => force[n] = dot(body.axis, body.bias_moment) + geared(numbers, i, acceleration[n]),
+            Kind::Slide(_) => force[n] = dot(body.axis, body.bias_force) + geared(numbers, i, acceleration[n]),
             Kind::Ball => write(force, n, mat_vec(transpose(body.rotation), body.bias_moment)),
             Kind::Floating => {
                 write(force, n, body.bias_force);
@@ -65,6 +65,12 @@ fn newton_euler<S: Scalar, P: Numbers<S>>(
             bodies[p].bias_moment = add(bodies[p].bias_moment, m);
         }
     }
+}
+
+/// Torque that speeds up a geared motor.
+#[inline(always)]
+fn geared<S: Scalar, P: Numbers<S>>(numbers: P, body: usize, acceleration: S) -> S {
+    numbers.get(body_numbers(body) + at::ARMATURE) * acceleration
 }
 
 #[inline(always)]

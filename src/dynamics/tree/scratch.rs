@@ -58,8 +58,8 @@ pub(crate) struct BodyScratch<S> {
     pub torque: Vec3<S>,
     pub acceleration: Vec3<S>,
     pub angular_acceleration: Vec3<S>,
-    /// Torque that the joint holds through a substep.
-    pub held: S,
+    /// Torque that the joint holds through a substep, and its slope against acceleration.
+    pub held: (S, S),
     /// Net contact force.
     pub contact: Vec3<S>,
     /// Wakes of other drones on the one at this body, held through a substep.
@@ -92,7 +92,7 @@ impl<S: Scalar> BodyScratch<S> {
             torque: v,
             acceleration: v,
             angular_acceleration: v,
-            held: o,
+            held: (o, o),
             contact: v,
             wake: v,
         }

@@ -69,7 +69,7 @@ pub(crate) fn run<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, task: Task
             loads::apply(t, numbers, s.input, s.bodies, s.rotors);
             accelerate(t, numbers, s.at, s.input, pass, s.bodies, s.rate);
             if stage == SAMPLE {
-                hold_torques(t, numbers, h, s);
+                hold_torques(t, numbers, h, semi_implicit, s);
             } else if semi_implicit {
                 loads::advance_rotors(t, s.rotors);
                 velocities_then_positions(t, h, s);
@@ -86,12 +86,18 @@ pub(crate) fn run<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, task: Task
 }
 
 #[inline(always)]
-fn hold_torques<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, s: &mut Scratch<'_, S>) {
+fn hold_torques<S: Scalar, P: Numbers<S>>(
+    t: &Topology,
+    numbers: P,
+    h: f64,
+    semi_implicit: bool,
+    s: &mut Scratch<'_, S>,
+) {
     for i in 0..t.n_body() {
         let link = &t.links[i];
         if link.drive.is_some() || link.stiff {
             let sampled = (s.rate[link.velocity], h);
-            s.bodies[i].held = torque::held(link, i, numbers, s.at, s.input, sampled);
+            s.bodies[i].held = torque::held(link, i, numbers, (s.at, s.input), sampled, semi_implicit);
         }
     }
 }

@@ -66,6 +66,7 @@ pub(crate) struct Link {
     /// Damping and spring are too fast for the step: sampled implicitly and held, as drives are.
     pub stiff: bool,
     pub limited: bool,
+    pub geared: bool,
     pub drive: Option<Servo>,
     /// Rotors that it carries, a range of `Topology::rotor_order`.
     pub rotors: (usize, usize),
@@ -276,6 +277,7 @@ impl Link {
             sprung: moving && any(&[j.stiffness]),
             stiff: false,
             limited: j.limits.is_some(),
+            geared: moving && any(&[j.armature]),
             drive: None,
             rotors: (0, 0),
             disturbance: None,

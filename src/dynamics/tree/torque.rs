@@ -1,7 +1,7 @@
 //! What joints do by themselves: damping, springs, soft limits, drives.
 //!
 //! Each torque comes as a pair (τ, s): the value, and how much an acceleration over the step ahead changes it, so that
-//! the joint obeys τ − s q̈. With s = 0 the torque is explicit.
+//! the joint obeys τ − s q̈. With s = 0 the torque is explicit; the inertia of a geared motor is an s of its own.
 
 use super::numbers::{Numbers, at, body_numbers};
 use super::topology::{Link, Servo};
@@ -35,7 +35,7 @@ pub(crate) fn of_axis<S: Scalar, P: Numbers<S>>(
     numbers: P,
     x: &[S],
     input: &[S],
-    held: S,
+    held: (S, S),
     pass: Pass,
 ) -> (S, S) {
     let (q, rate) = (x[link.position], x[link.velocity]);
@@ -51,17 +51,23 @@ pub(crate) fn of_axis<S: Scalar, P: Numbers<S>>(
         (torque, slope) = spring(numbers, n, q, rate, step);
     }
     if is_held {
-        torque = held;
+        torque = held.0;
     }
     if link.limited {
         let (more, steeper) = limits(numbers, n, q, rate, h);
         torque += more;
         slope += steeper;
     }
+    if link.geared {
+        slope += numbers.get(n + at::ARMATURE);
+    }
     if let Some(servo) = &link.drive {
         match pass.drives {
             Drives::Held if is_held => {}
-            Drives::Held => torque += held,
+            Drives::Held => {
+                torque += held.0;
+                slope += held.1;
+            }
             Drives::Continuous => {
                 let (wanted, _) = servo_torque(servo, numbers, n, q, rate, input, 0.0);
                 torque += bounded(numbers, n, wanted);
@@ -133,29 +139,38 @@ fn bounded<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, torque: S) -> S {
     torque.clamp(-most, most)
 }
 
-/// The torque of drive, and of stiff damping and spring, that a joint holds through a substep whose acceleration an
-/// implicit pass found to be `acceleration`.
+/// What drive, and stiff damping and spring, of a joint hold through a substep whose acceleration an implicit pass found
+/// to be `acceleration`.
+///
+/// RK4 holds the torque itself. The semi-implicit step repeats the implicit solve where the bound is not reached, so that
+/// it is stable even where the inertia that a joint feels changes fast.
 #[inline(always)]
 pub(crate) fn held<S: Scalar, P: Numbers<S>>(
     link: &Link,
     body: usize,
     numbers: P,
-    x: &[S],
-    input: &[S],
+    (x, input): (&[S], &[S]),
     (acceleration, step): (S, f64),
-) -> S {
+    semi_implicit: bool,
+) -> (S, S) {
     let n = body_numbers(body);
     let (q, rate) = (x[link.position], x[link.velocity]);
-    let mut sum = S::zero();
+    let (mut sum, mut kept) = (S::zero(), S::zero());
     if let Some(servo) = &link.drive {
         let (wanted, slope) = servo_torque(servo, numbers, n, q, rate, input, step);
-        sum = bounded(numbers, n, (-slope).mul_add(acceleration, wanted));
+        let free = (-slope).mul_add(acceleration, wanted);
+        sum = bounded(numbers, n, free);
+        if semi_implicit {
+            let within = free.abs().lt(numbers.get(n + at::DRIVE + 2));
+            sum = S::select(within, wanted, sum);
+            kept = S::select(within, slope, kept);
+        }
     }
     if link.stiff {
         let (torque, slope) = spring(numbers, n, q, rate, step);
         sum += (-slope).mul_add(acceleration, torque);
     }
-    sum
+    (sum, kept)
 }
 
 /// Moment (world) and slope of a ball joint: −d ω_rel and the spring −k sin θ about the axis of rotation.
