@@ -5,4 +5,5 @@
 
 mod accelerations;
 mod common;
+mod inverse;
 mod models;
