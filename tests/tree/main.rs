@@ -7,3 +7,4 @@ mod accelerations;
 mod common;
 mod inverse;
 mod models;
+mod one_body;
