@@ -205,7 +205,7 @@ impl Poison {
 
     fn apply(self, world: &mut World, victim: usize, actions: &mut [f32], vehicle: &Vehicle) {
         match self {
-            Self::NanAction => actions[victim * world.n_rotor()] = f32::NAN,
+            Self::NanAction => actions[victim * world.n_action()] = f32::NAN,
             Self::HugeState => {
                 let mut x = world.state(victim).unwrap();
                 x[3..6].fill(1e7);

@@ -10,12 +10,16 @@
 //! | [`integrate`] | RK4 and the semi-implicit step |
 //! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
 //! | [`fleet`] | several multirotors in each other's downwash, as one system |
+//! | [`contact`] | compliant contact with friction; distances between shapes |
 //! | [`aero`] | ground effect, downwash, wind |
 //! | [`batch`] | many environments in lanes |
+//! | [`shape`] | spheres, capsules and boxes: volume, inertia, pose |
 //! | [`spatial`] | vectors and quaternions over any scalar |
 
 pub mod aero;
+pub mod assembly;
 pub mod batch;
+pub mod contact;
 pub mod fleet;
 pub mod gains;
 pub mod integrate;

@@ -1,6 +1,8 @@
 //! Many environments at once, in lanes.
 
 mod kernel;
+mod plant;
+mod tree_kernel;
 mod world;
 
 pub(crate) use kernel::EXPLODED;

@@ -1,11 +1,11 @@
-//! N environments of one vehicle type, each with its own parameters, stepped in lanes over threads.
+//! N environments of one vehicle or articulated system, each with its own parameters, stepped in lanes over threads.
 
-use super::kernel::{ALIVE, LISTED, Rows, STOPPED, StepBlocks, pack};
-use crate::autodiff::lanes::dispatch;
+use super::kernel::{ALIVE, LISTED, STOPPED};
+use super::plant::{Block, Plant, wrong_length};
 use crate::autodiff::program::BLOCK;
-use crate::dynamics::integrate::Grid;
-use crate::dynamics::multirotor::{AnyModel, Multirotor, Physics};
-use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel};
+use crate::dynamics::multirotor::Physics;
+use crate::dynamics::rigid::Disturbance;
+use crate::dynamics::tree::Model;
 use crate::dynamics::vehicle::Vehicle;
 use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
@@ -36,7 +36,7 @@ pub struct Failure {
     pub reason: Reason,
 }
 
-/// N environments of one vehicle type in blocks of 64, one environment per SIMD lane.
+/// N environments of one vehicle or one articulated [`Model`] in blocks of 64, one environment per SIMD lane.
 ///
 /// The result of an environment depends on its own state, parameters and actions alone: it is bit-identical for any
 /// number of threads, any batch size and any position in the batch, and between 8 and 16 lanes on processors with fused
@@ -56,13 +56,9 @@ pub struct Failure {
 #[derive(Debug, Clone)]
 pub struct World {
     n_env: usize,
-    n_rotor: usize,
-    padded: usize,
     physics: Physics,
-    effects: Effects,
-    grid: Grid,
-    rows: Rows,
-    blocks: Vec<Vec<[f32; BLOCK]>>,
+    plant: Plant,
+    blocks: Vec<Block>,
     failures: Vec<Failure>,
     n_step: u64,
     threads: Threads,
@@ -83,13 +79,42 @@ impl World {
     /// # Errors
     /// As [`World::new`].
     pub fn with_memory_limit(vehicle: &Vehicle, physics: Physics, n_env: usize, limit: u64) -> Result<Self> {
-        let system = Multirotor::new(vehicle, physics)?;
-        let padded = padded_rotors(vehicle.n_rotor());
-        let rows = Rows::of(padded);
+        let (plant, hover, numbers) = Plant::rigid(vehicle, physics)?;
+        Self::of_plant(plant, physics, n_env, limit, &hover, &numbers)
+    }
+
+    /// `n_env` copies of an articulated system at rest ([`Multibody::rest_state`](crate::dynamics::tree::Multibody)).
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn of_model(model: &Model, physics: Physics, n_env: usize) -> Result<Self> {
+        let (plant, rest) = Plant::tree(model, physics, false)?;
+        Self::of_plant(plant, physics, n_env, DEFAULT_MEMORY_LIMIT, &rest, &[])
+    }
+
+    /// As [`World::of_model`], prepared for environments whose numbers differ where the model's are zero (a centre of
+    /// mass off the origin, products of inertia, drag, damping): a little slower, since nothing is left out.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn of_varied_model(model: &Model, physics: Physics, n_env: usize) -> Result<Self> {
+        let (plant, rest) = Plant::tree(model, physics, true)?;
+        Self::of_plant(plant, physics, n_env, DEFAULT_MEMORY_LIMIT, &rest, &[])
+    }
+
+    fn of_plant(
+        mut plant: Plant,
+        physics: Physics,
+        n_env: usize,
+        limit: u64,
+        state: &[f64],
+        numbers: &[f64],
+    ) -> Result<Self> {
         let n_block = n_env.div_ceil(BLOCK);
-        let needed = n_block as u128 * rows.count as u128 * size_of::<[f32; BLOCK]>() as u128;
+        let of_block = (plant.n_row() + plant.n_number()) * size_of::<[f32; BLOCK]>();
+        let needed = n_block as u128 * of_block as u128;
         if n_env == 0 || needed > u128::from(limit) {
-            let most = (u128::from(limit) / (rows.count * size_of::<[f32; BLOCK]>()) as u128) * BLOCK as u128;
+            let most = (u128::from(limit) / of_block as u128) * BLOCK as u128;
             return Err(Error::limit(
                 "n_env",
                 format!("{n_env} ({:.1} GiB)", needed as f64 / f64::from(1 << 30)),
@@ -97,23 +122,16 @@ impl World {
                 "Step fewer environments at once, or raise the limit with World::with_memory_limit.",
             ));
         }
-        let hover = system.hover_state([0.0; 3])?;
-        let mut block = vec![[0.0; BLOCK]; rows.count];
-        write_column(&mut block, &hover, &packed(vehicle, &physics), rows);
-        let world = Self {
+        plant.reserve(n_block);
+        Ok(Self {
             n_env,
-            n_rotor: vehicle.n_rotor(),
-            padded,
             physics,
-            effects: AnyModel::new(vehicle, physics.grid().substep).effects_of(physics.effects),
-            grid: physics.grid(),
-            rows,
-            blocks: vec![block; n_block],
+            blocks: vec![plant.block(state, numbers); n_block],
+            plant,
             failures: Vec::with_capacity(n_env),
             n_step: 0,
             threads: Threads::default(),
-        };
-        Ok(world)
+        })
     }
 
     /// Steps on these threads from now on.
@@ -126,14 +144,15 @@ impl World {
         self.n_env
     }
 
-    /// Numbers per state: 13 + rotors, ordered as in [`RigidState`](crate::dynamics::RigidState).
+    /// Numbers per state, ordered as in [`RigidState`](crate::dynamics::RigidState) or
+    /// [`Layout`](crate::dynamics::tree::Layout).
     pub fn n_state(&self) -> usize {
-        RIGID_DIM + self.n_rotor
+        self.plant.n_state()
     }
 
-    /// Rotors per vehicle: numbers per action.
-    pub fn n_rotor(&self) -> usize {
-        self.n_rotor
+    /// Numbers per action: rotors, then drives, tree by tree.
+    pub fn n_action(&self) -> usize {
+        self.plant.n_action()
     }
 
     /// Time step, integrator and effects.
@@ -146,7 +165,7 @@ impl World {
         &self.failures
     }
 
-    /// One step of every environment. `actions`: row-major `[n_env, n_rotor]`, each in [−1, 1] (clipped).
+    /// One step of every environment. `actions`: row-major `[n_env, n_action]`, each in [−1, 1] (clipped).
     ///
     /// An environment whose action is NaN or whose state diverges keeps its last healthy state, is listed in
     /// [`World::failures`], and stands still from then on; no other environment changes by a bit.
@@ -154,35 +173,28 @@ impl World {
     /// # Errors
     /// [`Error::Value`] if `actions` has another length.
     pub fn step(&mut self, actions: &[f32]) -> Result<()> {
-        self.check_length("actions", actions.len(), self.n_rotor)?;
-        match self.padded {
-            4 => self.step_padded::<4>(actions),
-            6 => self.step_padded::<6>(actions),
-            8 => self.step_padded::<8>(actions),
-            _ => self.step_padded::<16>(actions),
-        }
+        let (plant, n) = (&self.plant, self.plant.n_action());
+        self.check_length("actions", actions.len(), n)?;
+        let per_task = BLOCKS_PER_TASK * BLOCK * n;
+        self.threads.for_each_chunk(&mut self.blocks, BLOCKS_PER_TASK, |task, blocks| {
+            let actions = &actions[(task * per_task).min(actions.len())..actions.len().min((task + 1) * per_task)];
+            if n > 0 {
+                for (block, actions) in blocks.iter_mut().zip(actions.chunks(BLOCK * n)) {
+                    plant.write_actions(actions, block);
+                }
+            }
+            plant.step(task * BLOCKS_PER_TASK, blocks);
+        });
         self.collect_failures(actions);
         self.n_step += 1;
         Ok(())
     }
 
-    fn step_padded<const R: usize>(&mut self, actions: &[f32]) {
-        let (effects, grid, n, row) = (self.effects, self.grid, self.n_rotor, self.rows.action);
-        let per_task = BLOCKS_PER_TASK * BLOCK * n;
-        self.threads.for_each_chunk(&mut self.blocks, BLOCKS_PER_TASK, |task, blocks| {
-            let actions = &actions[task * per_task..actions.len().min((task + 1) * per_task)];
-            for (block, actions) in blocks.iter_mut().zip(actions.chunks(BLOCK * n)) {
-                transpose_in(actions, n, &mut block[row..row + n]);
-            }
-            dispatch(StepBlocks::<R> { blocks, effects, grid });
-        });
-    }
-
     /// Lists the environments that ceased to be alive in this step.
     fn collect_failures(&mut self, actions: &[f32]) {
-        let n = self.n_rotor;
+        let (n, alive_row) = (self.n_action(), self.plant.alive_row());
         for (b, block) in self.blocks.iter_mut().enumerate() {
-            let alive = &mut block[self.rows.alive];
+            let alive = &mut block[alive_row];
             // no early exit: this form is vectorised
             if alive.iter().fold(true, |all, a| all & (*a == ALIVE)) {
                 continue;
@@ -242,7 +254,7 @@ impl World {
         for (row, value) in self.blocks[block].iter_mut().zip(state) {
             row[lane] = *value;
         }
-        self.blocks[block][self.rows.alive][lane] = ALIVE;
+        self.blocks[block][self.plant.alive_row()][lane] = ALIVE;
         self.failures.retain(|f| f.environment != environment);
         Ok(())
     }
@@ -254,39 +266,40 @@ impl World {
     /// effects leave out; [`Error::Limit`] if there is no such environment.
     pub fn set_vehicle(&mut self, environment: usize, vehicle: &Vehicle) -> Result<()> {
         let (block, lane) = self.place(environment)?;
-        vehicle.validate()?;
-        if vehicle.n_rotor() != self.n_rotor {
-            return Err(wrong_length("rotors of the vehicle", vehicle.n_rotor(), self.n_rotor));
-        }
-        let own = AnyModel::new(vehicle, self.grid.substep).effects_of(self.physics.effects);
-        // switching them on now would change the rounding of every other environment where few effects are on
-        for (effect, needed, have) in [
-            ("tilted_rotors", own.tilted_rotors, self.effects.tilted_rotors),
-            ("products_of_inertia", own.products_of_inertia, self.effects.products_of_inertia),
-        ] {
-            if needed && !have {
-                return Err(Error::value(
-                    format!("effects.{effect} of the batch"),
-                    "off",
-                    format!("on for the geometry of vehicle '{}'", vehicle.name),
-                    format!("Build the world with Effects {{ {effect}: true, .. }}."),
-                ));
-            }
-        }
-        for (row, value) in self.blocks[block][self.rows.model..].iter_mut().zip(packed(vehicle, &self.physics)) {
-            row[lane] = value as f32;
-        }
-        Ok(())
+        self.plant.set_vehicle(&mut self.blocks[block], lane, vehicle)
     }
 
-    /// Sets wind, force and moment on one environment from now on. Needs the effect `disturbance`.
+    /// Gives one environment of an articulated system numbers of its own: masses, inertias, lengths, drives, rotors.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if the batch is of single multirotors, or the model has another topology than the batch's;
+    /// [`Error::Limit`] if there is no such environment.
+    pub fn set_model(&mut self, environment: usize, model: &Model) -> Result<()> {
+        let (block, lane) = self.place(environment)?;
+        self.plant.set_model(block, lane, model)
+    }
+
+    /// Sets wind, force and moment on every tree of one environment from now on; in a batch of single multirotors there
+    /// is one. Needs the effect `disturbance`.
     ///
     /// # Errors
     /// [`Error::Value`] if that effect is off or a number is not finite; [`Error::Limit`] if there is no such
     /// environment.
     pub fn set_disturbance(&mut self, environment: usize, air: &Disturbance<f32>) -> Result<()> {
+        for tree in 0..self.plant.disturbance_rows().len().max(1) {
+            self.set_tree_disturbance(environment, tree, air)?;
+        }
+        Ok(())
+    }
+
+    /// As [`World::set_disturbance`] on one tree alone: wind on all its bodies, force and moment on its root.
+    ///
+    /// # Errors
+    /// As [`World::set_disturbance`]; [`Error::Limit`] if there is no such tree.
+    pub fn set_tree_disturbance(&mut self, environment: usize, tree: usize, air: &Disturbance<f32>) -> Result<()> {
         let (block, lane) = self.place(environment)?;
-        if !self.effects.disturbance {
+        let rows = self.plant.disturbance_rows();
+        if rows.is_empty() {
             return Err(Error::value(
                 "effects.disturbance",
                 "off",
@@ -294,10 +307,13 @@ impl World {
                 "Build the world with Effects { disturbance: true, .. }.",
             ));
         }
+        let Some(first) = rows.get(tree) else {
+            return Err(Error::limit("tree", tree, rows.len() - 1, "Trees count from 0."));
+        };
         let numbers: Vec<f32> = air.wind.iter().chain(&air.force).chain(&air.moment).copied().collect();
         let wide: Vec<f64> = numbers.iter().map(|x| f64::from(*x)).collect();
         finite("disturbance", &wide)?;
-        for (row, value) in self.blocks[block][self.rows.disturbance..].iter_mut().zip(numbers) {
+        for (row, value) in self.blocks[block][*first..].iter_mut().zip(numbers) {
             row[lane] = value;
         }
         Ok(())
@@ -313,49 +329,5 @@ impl World {
 
     fn check_length(&self, what: &str, got: usize, per_env: usize) -> Result<()> {
         if got == self.n_env * per_env { Ok(()) } else { Err(wrong_length(what, got, self.n_env * per_env)) }
-    }
-}
-
-fn wrong_length(what: &str, got: usize, wanted: usize) -> Error {
-    Error::value(format!("length of {what}"), got, wanted.to_string(), "Rows are [environment, number], row-major.")
-}
-
-fn padded_rotors(n: usize) -> usize {
-    match n {
-        0..=4 => 4,
-        5..=6 => 6,
-        7..=8 => 8,
-        _ => 16,
-    }
-}
-
-fn packed(vehicle: &Vehicle, physics: &Physics) -> Vec<f64> {
-    let substep = physics.grid().substep;
-    match padded_rotors(vehicle.n_rotor()) {
-        4 => pack(&RigidModel::<f64, 4>::new(vehicle, substep)),
-        6 => pack(&RigidModel::<f64, 6>::new(vehicle, substep)),
-        8 => pack(&RigidModel::<f64, 8>::new(vehicle, substep)),
-        _ => pack(&RigidModel::<f64, 16>::new(vehicle, substep)),
-    }
-}
-
-/// The same state, parameters and life in every lane.
-fn write_column(block: &mut [[f32; BLOCK]], state: &[f64], model: &[f64], rows: Rows) {
-    for (row, value) in block.iter_mut().zip(state) {
-        *row = [*value as f32; BLOCK];
-    }
-    block[rows.alive] = [ALIVE; BLOCK];
-    for (row, value) in block[rows.model..].iter_mut().zip(model) {
-        *row = [*value as f32; BLOCK];
-    }
-}
-
-/// Rows of up to [`BLOCK`] environments into columns.
-#[inline]
-fn transpose_in(rows: &[f32], n: usize, columns: &mut [[f32; BLOCK]]) {
-    for (lane, row) in rows.chunks_exact(n).enumerate() {
-        for (column, value) in columns.iter_mut().zip(row) {
-            column[lane] = *value;
-        }
     }
 }

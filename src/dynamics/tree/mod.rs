@@ -11,22 +11,34 @@
 //! | `loads` | rotors, air, disturbance, wakes |
 //! | `torque` | damping, springs, limits, drives |
 //! | `aba` | accelerations from forces |
+//! | [`rnea`] | forces from accelerations |
+//! | [`analysis`] | energy, momentum, mass matrix, poses, Jacobians |
 //! | `step` | RK4 and the semi-implicit step |
 //! | [`multibody`] | model + physics as a [`System`](crate::autodiff::System) |
 
 mod aba;
+pub mod analysis;
 mod kinematics;
 pub mod layout;
 mod loads;
 pub mod model;
 pub mod multibody;
 pub mod numbers;
+pub mod rnea;
 pub(crate) mod scratch;
 pub(crate) mod step;
 pub(crate) mod topology;
 mod torque;
 
+pub use analysis::{
+    Momentum, Pose, body_poses, center_of_mass, frame_jacobian, frame_pose, kinetic_energy, mass_matrix, momentum,
+    potential_energy,
+};
 pub use layout::{BodyPlace, Layout, TreePlace};
 pub use model::*;
 pub use multibody::Multibody;
 pub use numbers::{BODY_NUMBERS, number_names, number_vector};
+pub use rnea::inverse_dynamics;
+
+#[cfg(test)]
+mod tests;

@@ -131,12 +131,14 @@ impl System for Multibody {
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
         scratch_on_stack!(scratch, &self.topology, S);
-        let grid = self.physics.grid();
+        let (t, grid) = (&self.topology, self.physics.grid());
+        scratch.end[..t.n_state].copy_from_slice(state);
+        scratch.input[..t.n_input].copy_from_slice(input);
         if self.exposes_parameters {
-            step::step(&self.topology, Values(parameters), grid, state, input, &mut scratch);
+            step::step_in_place(t, Values(parameters), grid, &mut scratch);
         } else {
-            step::step(&self.topology, Constants(&self.numbers), grid, state, input, &mut scratch);
+            step::step_in_place(t, Constants(&self.numbers), grid, &mut scratch);
         }
-        next.copy_from_slice(&scratch.end[..self.topology.n_state]);
+        next.copy_from_slice(&scratch.end[..t.n_state]);
     }
 }

@@ -119,11 +119,11 @@ impl<S: Scalar> RotorScratch<S> {
     }
 }
 
-/// Memory for up to B bodies, R rotors and X numbers of state.
+/// Memory for up to B bodies, R rotors and X numbers of state or input.
 pub(crate) struct Storage<S, const B: usize, const R: usize, const X: usize> {
     bodies: [BodyScratch<S>; B],
     rotors: [RotorScratch<S>; R],
-    vectors: [[S; X]; 4],
+    vectors: [[S; X]; 5],
 }
 
 /// Largest state: every body floating.
@@ -139,19 +139,19 @@ pub(crate) type Small<S> = Storage<S, 8, 16, 64>;
 impl<S: Scalar, const B: usize, const R: usize, const X: usize> Storage<S, B, R, X> {
     #[inline(always)]
     pub(crate) fn new() -> Self {
-        Self { bodies: [BodyScratch::blank(); B], rotors: [RotorScratch::blank(); R], vectors: [[S::zero(); X]; 4] }
+        Self { bodies: [BodyScratch::blank(); B], rotors: [RotorScratch::blank(); R], vectors: [[S::zero(); X]; 5] }
     }
 
     /// Whether a model has room.
     #[inline(always)]
     pub(crate) fn fits(t: &Topology) -> bool {
-        t.n_body() <= B && t.n_rotor() <= R && t.n_state <= X
+        t.n_body() <= B && t.n_rotor() <= R && t.n_state <= X && t.n_input <= X
     }
 
     #[inline(always)]
     pub(crate) fn view(&mut self) -> Scratch<'_, S> {
-        let [start, at, rate, end] = &mut self.vectors;
-        Scratch { bodies: &mut self.bodies, rotors: &mut self.rotors, start, at, rate, end }
+        let [input, start, at, rate, end] = &mut self.vectors;
+        Scratch { bodies: &mut self.bodies, rotors: &mut self.rotors, input, start, at, rate, end }
     }
 }
 
@@ -159,6 +159,8 @@ impl<S: Scalar, const B: usize, const R: usize, const X: usize> Storage<S, B, R,
 pub(crate) struct Scratch<'a, S> {
     pub bodies: &'a mut [BodyScratch<S>],
     pub rotors: &'a mut [RotorScratch<S>],
+    /// Input of a step.
+    pub input: &'a mut [S],
     /// State before a substep.
     pub start: &'a mut [S],
     /// State of a stage.

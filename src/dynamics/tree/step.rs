@@ -16,27 +16,17 @@ use crate::autodiff::Scalar;
 use crate::dynamics::integrate::{Grid, Integrator};
 use crate::dynamics::spatial::unit;
 
-/// x⁺ in `scratch.end` after one step from x with `input` held.
+/// Replaces the state in `s.end` by x⁺ after one step with `s.input` held.
 #[inline(always)]
-pub(crate) fn step<S: Scalar, P: Numbers<S>>(
-    t: &Topology,
-    numbers: P,
-    grid: Grid,
-    x: &[S],
-    input: &[S],
-    scratch: &mut Scratch<'_, S>,
-) {
-    loads::prepare_rotors(t, numbers, input, scratch.rotors);
-    for k in 0..t.n_state {
-        scratch.end[k] = x[k];
-    }
+pub(crate) fn step_in_place<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, grid: Grid, s: &mut Scratch<'_, S>) {
+    loads::prepare_rotors(t, numbers, s.input, s.rotors);
     for _ in 0..grid.substeps {
-        substep(t, numbers, grid, input, scratch);
+        substep(t, numbers, grid, s);
     }
 }
 
 #[inline(always)]
-fn substep<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, grid: Grid, input: &[S], s: &mut Scratch<'_, S>) {
+fn substep<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, grid: Grid, s: &mut Scratch<'_, S>) {
     let h = grid.substep;
     loads::start_rotors(t, numbers, h, s.end, s.rotors);
     let starts_early = t.has_drives || (t.effects.downwash && t.sources.len() > 1);
@@ -45,15 +35,15 @@ fn substep<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, grid: Grid, input
         loads::hold_wakes(t, s.bodies, s.rotors);
     }
     if t.has_drives {
-        sample_drives(t, numbers, h, input, s);
+        sample_drives(t, numbers, h, s);
     }
     for k in 0..t.n_state {
         s.at[k] = s.end[k];
         s.start[k] = s.end[k];
     }
     match grid.integrator {
-        Integrator::RungeKutta4 => runge_kutta_4(t, numbers, h, input, s),
-        Integrator::SemiImplicit => semi_implicit(t, numbers, h, input, s),
+        Integrator::RungeKutta4 => runge_kutta_4(t, numbers, h, s),
+        Integrator::SemiImplicit => semi_implicit(t, numbers, h, s),
     }
     normalise(t, s.end);
     for r in 0..t.n_rotor() {
@@ -62,29 +52,29 @@ fn substep<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, grid: Grid, input
 }
 
 #[inline(always)]
-fn sample_drives<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, input: &[S], s: &mut Scratch<'_, S>) {
-    loads::apply(t, numbers, input, s.bodies, s.rotors);
+fn sample_drives<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, s: &mut Scratch<'_, S>) {
+    loads::apply(t, numbers, s.input, s.bodies, s.rotors);
     let pass = Pass { implicit: 0.0, drives: Drives::Sampled(h) };
-    accelerate(t, numbers, s.end, input, pass, s.bodies, s.rate);
+    accelerate(t, numbers, s.end, s.input, pass, s.bodies, s.rate);
     for i in 0..t.n_body() {
         let link = &t.links[i];
         if let Some(servo) = &link.drive {
             let sampled = (s.rate[link.velocity], h);
-            s.bodies[i].drive = torque::held(link, servo, i, numbers, s.end, input, sampled);
+            s.bodies[i].drive = torque::held(link, servo, i, numbers, s.end, s.input, sampled);
         }
     }
 }
 
 /// d/dt of `s.at` into `s.rate`, rotor speeds as they stand in `s.rotors`.
 #[inline(always)]
-fn evaluate<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, input: &[S], pass: Pass, s: &mut Scratch<'_, S>) {
+fn evaluate<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, pass: Pass, s: &mut Scratch<'_, S>) {
     forward(t, numbers, s.at, s.bodies);
-    loads::apply(t, numbers, input, s.bodies, s.rotors);
-    accelerate(t, numbers, s.at, input, pass, s.bodies, s.rate);
+    loads::apply(t, numbers, s.input, s.bodies, s.rotors);
+    accelerate(t, numbers, s.at, s.input, pass, s.bodies, s.rate);
 }
 
 #[inline(always)]
-fn runge_kutta_4<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, input: &[S], s: &mut Scratch<'_, S>) {
+fn runge_kutta_4<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, s: &mut Scratch<'_, S>) {
     let pass = Pass { implicit: 0.0, drives: Drives::Held };
     let weight = [h / 6.0, h / 3.0, h / 3.0, h / 6.0];
     let ahead = [0.5 * h, 0.5 * h, h, 0.0];
@@ -93,7 +83,7 @@ fn runge_kutta_4<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, inp
     }
     // a loop, not four copies: a quarter of the code to compile and to keep in the instruction cache
     for stage in 0..4 {
-        evaluate(t, numbers, input, pass, s);
+        evaluate(t, numbers, pass, s);
         if stage == 0 || stage == 2 {
             loads::advance_rotors(t, s.rotors);
         }
@@ -108,10 +98,10 @@ fn runge_kutta_4<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, inp
 
 /// Velocities first, then positions with the new ones.
 #[inline(always)]
-fn semi_implicit<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, input: &[S], s: &mut Scratch<'_, S>) {
+fn semi_implicit<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, h: f64, s: &mut Scratch<'_, S>) {
     let pass = Pass { implicit: h, drives: Drives::Held };
     loads::advance_rotors(t, s.rotors);
-    evaluate(t, numbers, input, pass, s);
+    evaluate(t, numbers, pass, s);
     loads::advance_rotors(t, s.rotors);
     let step = S::constant(h);
     for i in 0..t.n_body() {

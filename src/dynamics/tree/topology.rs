@@ -37,7 +37,7 @@ pub(crate) enum Kind {
 }
 
 /// One body as kernels see it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Link {
     pub parent: Option<usize>,
     pub kind: Kind,
@@ -70,7 +70,7 @@ pub(crate) struct Link {
 }
 
 /// A drive as kernels see it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Servo {
     /// Its command in the input.
     pub command: usize,
@@ -81,7 +81,7 @@ pub(crate) struct Servo {
 }
 
 /// One source of wakes as kernels see it.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Source {
     pub body: usize,
     pub position: [f64; 3],
@@ -142,6 +142,19 @@ impl Topology {
             layout,
             effects,
         }
+    }
+
+    /// What another model has differently than numbers, if anything.
+    pub(crate) fn difference(&self, other: &Self) -> Option<String> {
+        if self.layout != other.layout || self.rotor_body != other.rotor_body {
+            return Some("with other bodies, joints, drives or rotors".into());
+        }
+        let unequal = self.links.iter().zip(&other.links).position(|(a, b)| a != b);
+        if let Some(i) = unequal {
+            return Some(format!("with body {i} joined otherwise or with numbers that are zero in one of the two"));
+        }
+        let same = self.rotor_radius == other.rotor_radius && self.sources == other.sources;
+        (!same).then(|| "with other rotor radii or drones".into())
     }
 
     /// Number of bodies.

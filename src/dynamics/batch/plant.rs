@@ -1,0 +1,281 @@
+//! What a batch steps: single multirotors in closed form, or articulated systems.
+
+use super::kernel::{ALIVE, Rows, StepBlocks, pack};
+use super::tree_kernel::StepTrees;
+use crate::autodiff::lanes::dispatch;
+use crate::autodiff::program::BLOCK;
+use crate::dynamics::integrate::Grid;
+use crate::dynamics::multirotor::{AnyModel, Multirotor, Physics};
+use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel};
+use crate::dynamics::tree::topology::Topology;
+use crate::dynamics::tree::{Model, Multibody, number_vector};
+use crate::dynamics::vehicle::Vehicle;
+use crate::error::{Error, Result};
+
+/// Rows of numbers, one column per environment.
+pub(crate) type Block = Vec<[f32; BLOCK]>;
+
+/// A kind of system with its kernel and the layout of its blocks: state first, then what the kernel needs.
+#[derive(Debug, Clone)]
+pub(crate) enum Plant {
+    Rigid(RigidPlant),
+    Tree(Box<TreePlant>),
+}
+
+/// A single multirotor in closed form; its numbers stand in the block.
+#[derive(Debug, Clone)]
+pub(crate) struct RigidPlant {
+    n_rotor: usize,
+    padded: usize,
+    physics: Physics,
+    effects: Effects,
+    rows: Rows,
+}
+
+/// An articulated system; its numbers stand in blocks of their own.
+#[derive(Debug, Clone)]
+pub(crate) struct TreePlant {
+    topology: Topology,
+    grid: Grid,
+    general: bool,
+    /// Actions in order → rows of the block.
+    action_rows: Vec<usize>,
+    disturbance_rows: Vec<usize>,
+    shared: Block,
+    own: Vec<Option<Block>>,
+}
+
+impl Plant {
+    pub(crate) fn rigid(vehicle: &Vehicle, physics: Physics) -> Result<(Self, Vec<f64>, Vec<f64>)> {
+        let system = Multirotor::new(vehicle, physics)?;
+        let padded = padded_rotors(vehicle.n_rotor());
+        let plant = RigidPlant {
+            n_rotor: vehicle.n_rotor(),
+            padded,
+            physics,
+            effects: AnyModel::new(vehicle, physics.grid().substep).effects_of(physics.effects),
+            rows: Rows::of(padded),
+        };
+        Ok((Self::Rigid(plant), system.hover_state([0.0; 3])?, packed(vehicle, &physics)))
+    }
+
+    pub(crate) fn tree(model: &Model, physics: Physics, general: bool) -> Result<(Self, Vec<f64>)> {
+        let system = Multibody::new(model, physics)?;
+        let topology = Topology::new(model, physics.effects, general);
+        let disturbances: Vec<usize> = topology.layout.trees.iter().filter_map(|t| t.disturbance).collect();
+        let is_action = |k: &usize| !disturbances.iter().any(|d| (*d..*d + Disturbance::<f64>::DIM).contains(k));
+        let plant = TreePlant {
+            grid: physics.grid(),
+            general,
+            action_rows: (0..topology.n_input).filter(is_action).map(|k| topology.n_state + k).collect(),
+            disturbance_rows: disturbances.iter().map(|d| topology.n_state + d).collect(),
+            shared: number_vector(model).iter().map(|v| [*v as f32; BLOCK]).collect(),
+            own: Vec::new(),
+            topology,
+        };
+        Ok((Self::Tree(Box::new(plant)), system.rest_state()))
+    }
+
+    /// Numbers of one state.
+    pub(crate) fn n_state(&self) -> usize {
+        match self {
+            Self::Rigid(p) => RIGID_DIM + p.n_rotor,
+            Self::Tree(p) => p.topology.n_state,
+        }
+    }
+
+    /// Numbers of one action.
+    pub(crate) fn n_action(&self) -> usize {
+        match self {
+            Self::Rigid(p) => p.n_rotor,
+            Self::Tree(p) => p.action_rows.len(),
+        }
+    }
+
+    /// Row that tells whether an environment is alive.
+    pub(crate) fn alive_row(&self) -> usize {
+        match self {
+            Self::Rigid(p) => p.rows.alive,
+            Self::Tree(p) => p.topology.n_state + p.topology.n_input,
+        }
+    }
+
+    /// Rows of one block.
+    pub(crate) fn n_row(&self) -> usize {
+        match self {
+            Self::Rigid(p) => p.rows.count,
+            Self::Tree(_) => self.alive_row() + 1,
+        }
+    }
+
+    /// Rows of a block's own numbers, where it needs any.
+    pub(crate) fn n_number(&self) -> usize {
+        match self {
+            Self::Rigid(_) => 0,
+            Self::Tree(p) => p.shared.len(),
+        }
+    }
+
+    /// First row of the nine numbers of each tree's disturbance; none without that effect.
+    pub(crate) fn disturbance_rows(&self) -> Vec<usize> {
+        match self {
+            Self::Rigid(p) if p.effects.disturbance => vec![p.rows.disturbance],
+            Self::Rigid(_) => Vec::new(),
+            Self::Tree(p) => p.disturbance_rows.clone(),
+        }
+    }
+
+    /// A block whose every column is the same environment, alive.
+    pub(crate) fn block(&self, state: &[f64], model: &[f64]) -> Block {
+        let mut block = vec![[0.0; BLOCK]; self.n_row()];
+        for (row, value) in block.iter_mut().zip(state) {
+            *row = [*value as f32; BLOCK];
+        }
+        block[self.alive_row()] = [ALIVE; BLOCK];
+        if let Self::Rigid(p) = self {
+            for (row, value) in block[p.rows.model..].iter_mut().zip(model) {
+                *row = [*value as f32; BLOCK];
+            }
+        }
+        block
+    }
+
+    /// Makes room for the numbers of so many blocks.
+    pub(crate) fn reserve(&mut self, n_block: usize) {
+        if let Self::Tree(p) = self {
+            p.own = vec![None; n_block];
+        }
+    }
+
+    /// Row-major actions of up to [`BLOCK`] environments into their rows.
+    #[inline]
+    pub(crate) fn write_actions(&self, actions: &[f32], block: &mut [[f32; BLOCK]]) {
+        match self {
+            Self::Rigid(p) => transpose_in(actions, p.n_rotor, &mut block[p.rows.action..p.rows.action + p.n_rotor]),
+            Self::Tree(p) => {
+                for (lane, row) in actions.chunks_exact(p.action_rows.len()).enumerate() {
+                    for (at, value) in p.action_rows.iter().zip(row) {
+                        block[*at][lane] = *value;
+                    }
+                }
+            }
+        }
+    }
+
+    /// One step of consecutive blocks, the first of which has number `first`.
+    pub(crate) fn step(&self, first: usize, blocks: &mut [Block]) {
+        match self {
+            Self::Rigid(p) => match p.padded {
+                4 => p.step::<4>(blocks),
+                6 => p.step::<6>(blocks),
+                8 => p.step::<8>(blocks),
+                _ => p.step::<16>(blocks),
+            },
+            Self::Tree(p) => {
+                let own = &p.own[first..first + blocks.len()];
+                dispatch(StepTrees { blocks, own, shared: &p.shared, topology: &p.topology, grid: p.grid });
+            }
+        }
+    }
+
+    /// The numbers of one environment from a vehicle of its own.
+    pub(crate) fn set_vehicle(&self, block: &mut Block, lane: usize, vehicle: &Vehicle) -> Result<()> {
+        let Self::Rigid(p) = self else {
+            return Err(Error::value(
+                "the batch",
+                "of articulated systems",
+                "one of single multirotors",
+                "Give the environment a model with World::set_model.",
+            ));
+        };
+        vehicle.validate()?;
+        if vehicle.n_rotor() != p.n_rotor {
+            return Err(wrong_length("rotors of the vehicle", vehicle.n_rotor(), p.n_rotor));
+        }
+        let own = AnyModel::new(vehicle, p.physics.grid().substep).effects_of(p.physics.effects);
+        // switching them on now would change the rounding of every other environment where few effects are on
+        for (effect, needed, have) in [
+            ("tilted_rotors", own.tilted_rotors, p.effects.tilted_rotors),
+            ("products_of_inertia", own.products_of_inertia, p.effects.products_of_inertia),
+        ] {
+            if needed && !have {
+                return Err(Error::value(
+                    format!("effects.{effect} of the batch"),
+                    "off",
+                    format!("on for the geometry of vehicle '{}'", vehicle.name),
+                    format!("Build the world with Effects {{ {effect}: true, .. }}."),
+                ));
+            }
+        }
+        for (row, value) in block[p.rows.model..].iter_mut().zip(packed(vehicle, &p.physics)) {
+            row[lane] = value as f32;
+        }
+        Ok(())
+    }
+
+    /// The numbers of one environment from a model of its own, with the same topology.
+    pub(crate) fn set_model(&mut self, number: usize, lane: usize, model: &Model) -> Result<()> {
+        let Self::Tree(p) = self else {
+            return Err(Error::value(
+                "the batch",
+                "of single multirotors",
+                "one of articulated systems",
+                "Give the environment a vehicle with World::set_vehicle, or build the world with World::of_model.",
+            ));
+        };
+        let own = Topology::new(model, p.topology.effects, p.general);
+        if let Some(difference) = p.topology.difference(&own) {
+            return Err(Error::value(
+                format!("model '{}'", model.name()),
+                difference,
+                "as in the model of the batch",
+                "Vary numbers alone, or build the world with World::of_varied_model.",
+            ));
+        }
+        let shared = &p.shared;
+        let block = p.own[number].get_or_insert_with(|| shared.clone());
+        for (row, value) in block.iter_mut().zip(number_vector(model)) {
+            row[lane] = value as f32;
+        }
+        Ok(())
+    }
+}
+
+impl RigidPlant {
+    fn step<const R: usize>(&self, blocks: &mut [Block]) {
+        dispatch(StepBlocks::<R> { blocks, effects: self.effects, grid: self.physics.grid() });
+    }
+}
+
+pub(crate) fn wrong_length(what: &str, got: usize, wanted: usize) -> Error {
+    Error::value(format!("length of {what}"), got, wanted.to_string(), "Rows are [environment, number], row-major.")
+}
+
+fn padded_rotors(n: usize) -> usize {
+    match n {
+        0..=4 => 4,
+        5..=6 => 6,
+        7..=8 => 8,
+        _ => 16,
+    }
+}
+
+fn packed(vehicle: &Vehicle, physics: &Physics) -> Vec<f64> {
+    let substep = physics.grid().substep;
+    match padded_rotors(vehicle.n_rotor()) {
+        4 => pack(&RigidModel::<f64, 4>::new(vehicle, substep)),
+        6 => pack(&RigidModel::<f64, 6>::new(vehicle, substep)),
+        8 => pack(&RigidModel::<f64, 8>::new(vehicle, substep)),
+        _ => pack(&RigidModel::<f64, 16>::new(vehicle, substep)),
+    }
+}
+
+/// Rows of up to [`BLOCK`] environments into columns.
+#[inline]
+fn transpose_in(rows: &[f32], n: usize, columns: &mut [[f32; BLOCK]]) {
+    for (lane, row) in rows.chunks_exact(n).enumerate() {
+        for (column, value) in columns.iter_mut().zip(row) {
+            column[lane] = *value;
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! Contact between bodies: compliant, with friction, smooth enough to differentiate.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`material`] | stiffness, dissipation, friction: as data and as numbers for kernels |
+//! | [`closest`] | nearest points of segments, directions that survive coincident centres |
+//! | [`pairs`] | where two bodies touch, along which normal, how deep |
+//! | [`force`] | from there to forces, and their sum per body |
+//! | [`distance`] | signed distance of every pair, those without a force included |
+//!
+//! Spheres and capsules push against plane, sphere and capsule; a box pushes with its eight corners against the plane.
+//! Every other pair has a signed distance: a collision flag without a force.
+//!
+//! The force in time is passive: what it gives back on the way out is at most what it took on the way in, and friction
+//! always opposes slip. An integrator keeps that only while its step resolves the contact: see
+//! [`ContactMaterial`] for the numbers.
+//!
+//! **Derivatives.** In depth the normal force is continuously differentiable, touch included (δ^{3/2} leaves with zero
+//! slope); its second derivative grows as δ^{−1/2} on the way to touch. It has one kink: where a body leaves faster than
+//! 2/(3d), the force is held at 0 instead of pulling. Friction is smooth in slip, with slope at most μ F_n/v_s. Contact
+//! points and normals jump where the nearest point does: at coincident centres, and at a crossing of axes. They do not for
+//! a capsule that lies flat (both ends push) nor for parallel capsules (the middle pushes). A gradient through an impact
+//! is that of the resolved, compliant impact: finite, and as steep as its stiffness.
+
+pub mod closest;
+pub mod distance;
+pub mod force;
+pub mod material;
+pub mod pairs;
+
+pub use distance::{distance, plane_distance};
+pub use force::{Load, Motion};
+pub use material::{ContactMaterial, Material};
+pub use pairs::{Contact, Contacts, MAX_CONTACTS, between, with_plane};
+
+#[cfg(test)]
+mod tests;

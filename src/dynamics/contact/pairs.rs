@@ -1,0 +1,195 @@
+//! Where two bodies touch: point, normal and depth for every pair that has a force.
+//!
+//! The functions on centres and segment ends take world coordinates over any scalar; [`between`] and [`with_plane`] call
+//! them for two [`Geometry`]s with their poses.
+
+use super::closest::{direction, point_on_segment, points_of_segments};
+use crate::autodiff::Scalar;
+use crate::dynamics::shape::{Geometry, Pose};
+use crate::dynamics::spatial::{Vec3, axpy, constants, sub};
+
+/// Most points at which one pair touches: the corners of a box.
+pub const MAX_CONTACTS: usize = 8;
+
+/// One point of contact between a first and a second body, world frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Contact<S> {
+    /// Where the force acts: half way between the two surfaces, m.
+    pub point: Vec3<S>,
+    /// Unit vector from the second body to the first: the way the first is pushed.
+    pub normal: Vec3<S>,
+    /// How deep the bodies overlap along the normal, m; negative across a gap.
+    pub depth: S,
+}
+
+impl<S: Scalar> Contact<S> {
+    /// No contact: infinitely far apart for every purpose of a force.
+    #[inline(always)]
+    pub fn none() -> Self {
+        let o = S::zero();
+        Self { point: [o; 3], normal: [o, o, S::one()], depth: -S::one() }
+    }
+}
+
+/// All contacts of one pair.
+#[derive(Debug, Clone, Copy)]
+pub struct Contacts<S> {
+    /// The first `count` are in use; their number depends on the kinds of bodies alone.
+    pub list: [Contact<S>; MAX_CONTACTS],
+    /// 0 for a pair without a force.
+    pub count: usize,
+}
+
+impl<S: Scalar> Contacts<S> {
+    /// None at all.
+    #[inline(always)]
+    pub fn none() -> Self {
+        Self { list: [Contact::none(); MAX_CONTACTS], count: 0 }
+    }
+
+    /// One more, up to [`MAX_CONTACTS`].
+    #[inline(always)]
+    pub fn push(&mut self, contact: Contact<S>) {
+        self.list[self.count] = contact;
+        self.count += 1;
+    }
+}
+
+/// A sphere on the plane z = `height`, which pushes up.
+#[inline(always)]
+pub fn sphere_plane<S: Scalar>(center: Vec3<S>, radius: S, height: S) -> Contact<S> {
+    let depth = height + radius - center[2];
+    let level = (height + center[2] - radius) * S::constant(0.5);
+    Contact { point: [center[0], center[1], level], normal: [S::zero(), S::zero(), S::one()], depth }
+}
+
+/// A capsule around the segment `a` → `b` on the plane z = `height`: one contact per end.
+#[inline(always)]
+pub fn capsule_plane<S: Scalar>(a: Vec3<S>, b: Vec3<S>, radius: S, height: S) -> [Contact<S>; 2] {
+    [sphere_plane(a, radius, height), sphere_plane(b, radius, height)]
+}
+
+/// Two spheres. Coincident centres are pushed apart along world z.
+#[inline(always)]
+pub fn sphere_sphere<S: Scalar>(center1: Vec3<S>, radius1: S, center2: Vec3<S>, radius2: S) -> Contact<S> {
+    let (normal, gap) = direction(sub(center1, center2));
+    let depth = radius1 + radius2 - gap;
+    // from the second centre to its surface, then half the overlap back
+    let reach = depth.mul_add(S::constant(-0.5), radius2);
+    Contact { point: axpy(center2, reach, normal), normal, depth }
+}
+
+/// A sphere and a capsule around the segment `a` → `b`.
+#[inline(always)]
+pub fn sphere_capsule<S: Scalar>(center: Vec3<S>, radius1: S, a: Vec3<S>, b: Vec3<S>, radius2: S) -> Contact<S> {
+    sphere_sphere(center, radius1, point_on_segment(a, b, center), radius2)
+}
+
+/// Two capsules around the segments `a1` → `b1` and `a2` → `b2`: one contact at their nearest points, in the middle of
+/// the common stretch where they are parallel.
+#[inline(always)]
+pub fn capsule_capsule<S: Scalar>(
+    [a1, b1]: [Vec3<S>; 2],
+    radius1: S,
+    [a2, b2]: [Vec3<S>; 2],
+    radius2: S,
+) -> Contact<S> {
+    let (p, q) = points_of_segments(a1, b1, a2, b2);
+    sphere_sphere(p, radius1, q, radius2)
+}
+
+/// The corners of a box of full edge lengths `size`, world.
+#[inline(always)]
+pub fn corners<S: Scalar>(pose: &Pose<S>, size: Vec3<S>) -> [Vec3<S>; 8] {
+    let mut corners = [pose.position; 8];
+    for i in 0..8 {
+        let mut local = size;
+        for k in 0..3 {
+            local[k] = size[k] * S::constant(if i >> k & 1 == 1 { 0.5 } else { -0.5 });
+        }
+        corners[i] = pose.point(local);
+    }
+    corners
+}
+
+/// A box on the plane z = `height`: one contact per corner.
+#[inline(always)]
+pub fn box_plane<S: Scalar>(pose: &Pose<S>, size: Vec3<S>, height: S) -> [Contact<S>; 8] {
+    let corners = corners(pose, size);
+    let mut contacts = [Contact::none(); 8];
+    for i in 0..8 {
+        contacts[i] = sphere_plane(corners[i], S::zero(), height);
+    }
+    contacts
+}
+
+/// The ends of a capsule's segment of `length`, along the local z axis, world.
+#[inline(always)]
+pub fn segment<S: Scalar>(pose: &Pose<S>, length: f64) -> [Vec3<S>; 2] {
+    let o = S::zero();
+    [pose.point([o, o, S::constant(-0.5 * length)]), pose.point([o, o, S::constant(0.5 * length)])]
+}
+
+/// Contacts of a body at `pose` with the plane z = `height` below it; the body is the first of the pair.
+#[inline(always)]
+pub fn with_plane<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S) -> Contacts<S> {
+    let mut contacts = Contacts::none();
+    match *geometry {
+        Geometry::Sphere { radius } => contacts.push(sphere_plane(pose.position, S::constant(radius), height)),
+        Geometry::Capsule { radius, length } => {
+            let [a, b] = segment(pose, length);
+            let pair = capsule_plane(a, b, S::constant(radius), height);
+            contacts.push(pair[0]);
+            contacts.push(pair[1]);
+        }
+        Geometry::Box { size } => {
+            let eight = box_plane(pose, constants(size), height);
+            for i in 0..8 {
+                contacts.push(eight[i]);
+            }
+        }
+    }
+    contacts
+}
+
+/// Contacts between two bodies; none where either is a box ([`distance`](super::distance()) answers those).
+#[inline(always)]
+pub fn between<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Geometry, pose2: &Pose<S>) -> Contacts<S> {
+    let mut contacts = Contacts::none();
+    if let (Some((r1, l1)), Some((r2, l2))) = (round(geometry1), round(geometry2)) {
+        contacts.push(round_contact((pose1, r1, l1), (pose2, r2, l2)));
+    }
+    contacts
+}
+
+/// (radius, length of the segment) of a sphere or capsule; a sphere's segment has none.
+#[inline(always)]
+pub(super) fn round(geometry: &Geometry) -> Option<(f64, Option<f64>)> {
+    match *geometry {
+        Geometry::Sphere { radius } => Some((radius, None)),
+        Geometry::Capsule { radius, length } => Some((radius, Some(length))),
+        Geometry::Box { .. } => None,
+    }
+}
+
+/// Contact of two of those, each with its pose, radius and length.
+#[inline(always)]
+pub(super) fn round_contact<S: Scalar>(
+    (pose1, radius1, length1): (&Pose<S>, f64, Option<f64>),
+    (pose2, radius2, length2): (&Pose<S>, f64, Option<f64>),
+) -> Contact<S> {
+    let (r1, r2) = (S::constant(radius1), S::constant(radius2));
+    let (c1, c2) = (pose1.position, pose2.position);
+    match (length1, length2) {
+        (None, None) => sphere_sphere(c1, r1, c2, r2),
+        (None, Some(l2)) => {
+            let [a, b] = segment(pose2, l2);
+            sphere_capsule(c1, r1, a, b, r2)
+        }
+        (Some(l1), None) => {
+            let [a, b] = segment(pose1, l1);
+            sphere_sphere(point_on_segment(a, b, c2), r1, c2, r2)
+        }
+        (Some(l1), Some(l2)) => capsule_capsule(segment(pose1, l1), r1, segment(pose2, l2), r2),
+    }
+}

@@ -1,0 +1,241 @@
+//! Energy, momentum, mass matrix, poses and Jacobians of an articulated system.
+
+use super::kinematics::forward;
+use super::model::{Frame, Model, Motion};
+use super::multibody::Multibody;
+use super::numbers::{Constants, Numbers, at, body_numbers};
+use super::scratch::{BodyScratch, scratch_on_stack};
+use super::topology::{Kind, Topology};
+use crate::autodiff::Scalar;
+use crate::dynamics::multirotor::Physics;
+use crate::dynamics::rigid::{Effects, full};
+use crate::dynamics::spatial::*;
+use crate::error::Result;
+use nalgebra::DMatrix;
+
+/// Where a frame is and how it moves, world axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose<S> {
+    /// Origin, m.
+    pub position: Vec3<S>,
+    /// Rotation matrix by rows, frame → world.
+    pub rotation: Mat3<S>,
+    /// Of the origin, m/s.
+    pub velocity: Vec3<S>,
+    /// rad/s.
+    pub angular_velocity: Vec3<S>,
+}
+
+/// Linear and angular momentum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Momentum<S> {
+    /// Σ m v, kg m/s, world.
+    pub linear: Vec3<S>,
+    /// About the centre of mass of all, kg m²/s, world; spinning rotors not counted.
+    pub angular: Vec3<S>,
+}
+
+/// Pose of every body, in the order of the model.
+pub fn body_poses<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Pose<S>> {
+    let t = system.topology();
+    scratch_on_stack!(scratch, t, S);
+    forward(t, Constants(system.parameters()), state, scratch.bodies);
+    scratch.bodies[..t.n_body()].iter().map(pose_of).collect()
+}
+
+fn pose_of<S: Scalar>(body: &BodyScratch<S>) -> Pose<S> {
+    Pose {
+        position: body.position,
+        rotation: body.rotation,
+        velocity: body.velocity,
+        angular_velocity: body.angular_velocity,
+    }
+}
+
+/// Pose of a named frame (see [`Model::frame`]).
+pub fn frame_pose<S: Scalar>(system: &Multibody, state: &[S], frame: &Frame) -> Pose<S> {
+    let t = system.topology();
+    scratch_on_stack!(scratch, t, S);
+    forward(t, Constants(system.parameters()), state, scratch.bodies);
+    let body = pose_of(&scratch.bodies[frame.body]);
+    let lever = mat_vec(body.rotation, constants(frame.position));
+    let own = [constants(frame.rotation[0]), constants(frame.rotation[1]), constants(frame.rotation[2])];
+    Pose {
+        position: add(body.position, lever),
+        rotation: mat_mul(body.rotation, own),
+        velocity: add(body.velocity, cross(body.angular_velocity, lever)),
+        angular_velocity: body.angular_velocity,
+    }
+}
+
+/// Kinetic energy of all bodies, J; spinning rotors not counted.
+pub fn kinetic_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
+    let (t, numbers) = (system.topology(), Constants(system.parameters()));
+    scratch_on_stack!(scratch, t, S);
+    forward(t, numbers, state, scratch.bodies);
+    let mut twice = S::zero();
+    for i in 0..t.n_body() {
+        let (p, l) = own_momentum(i, numbers, &scratch.bodies[i]);
+        twice += dot(p, center_velocity(&scratch.bodies[i])) + dot(l, scratch.bodies[i].angular_velocity);
+    }
+    twice * S::constant(0.5)
+}
+
+/// Potential energy of gravity (zero at z = 0), springs and compressed limits, J; contact and position drives not
+/// counted.
+pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
+    let (t, numbers) = (system.topology(), Constants(system.parameters()));
+    scratch_on_stack!(scratch, t, S);
+    forward(t, numbers, state, scratch.bodies);
+    let (mut energy, half) = (S::zero(), S::constant(0.5));
+    let gravity: S = numbers.get(0);
+    for i in 0..t.n_body() {
+        let (link, n) = (&t.links[i], body_numbers(i));
+        let height = scratch.bodies[i].position[2] + scratch.bodies[i].center[2];
+        let mass: S = numbers.get(n + at::MASS);
+        energy += mass * gravity * height;
+        let [_, stiffness, rest]: Vec3<S> = numbers.vector(n + at::SPRING);
+        match link.kind {
+            Kind::Hinge(_) | Kind::Slide(_) => {
+                let q = state[link.position];
+                energy += half * stiffness * (q - rest).square();
+                if link.limited {
+                    let lower: S = numbers.get(n + at::LIMITS);
+                    let upper: S = numbers.get(n + at::LIMITS + 1);
+                    let stop: S = numbers.get(n + at::LIMITS + 2);
+                    let out = (lower - q).max(S::zero()) + (q - upper).max(S::zero());
+                    energy += half * stop * out.square();
+                }
+            }
+            Kind::Ball => {
+                // 2 k sin²(θ/2)
+                let v = [state[link.position + 1], state[link.position + 2], state[link.position + 3]];
+                energy += (stiffness + stiffness) * dot(v, v);
+            }
+            Kind::Floating => {}
+        }
+    }
+    energy
+}
+
+/// Centre of mass of all bodies, m, world.
+pub fn center_of_mass<S: Scalar>(system: &Multibody, state: &[S]) -> Vec3<S> {
+    let (t, numbers) = (system.topology(), Constants(system.parameters()));
+    scratch_on_stack!(scratch, t, S);
+    forward(t, numbers, state, scratch.bodies);
+    center(t, numbers, scratch.bodies)
+}
+
+fn center<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, bodies: &[BodyScratch<S>]) -> Vec3<S> {
+    let (mut sum, mut total) = ([S::zero(); 3], S::zero());
+    for i in 0..t.n_body() {
+        let mass = numbers.get(body_numbers(i) + at::MASS);
+        sum = axpy(sum, mass, add(bodies[i].position, bodies[i].center));
+        total += mass;
+    }
+    scale(total.recip(), sum)
+}
+
+/// Momentum of all bodies.
+pub fn momentum<S: Scalar>(system: &Multibody, state: &[S]) -> Momentum<S> {
+    let (t, numbers) = (system.topology(), Constants(system.parameters()));
+    scratch_on_stack!(scratch, t, S);
+    forward(t, numbers, state, scratch.bodies);
+    let middle = center(t, numbers, scratch.bodies);
+    let (mut linear, mut angular) = ([S::zero(); 3], [S::zero(); 3]);
+    for i in 0..t.n_body() {
+        let body = &scratch.bodies[i];
+        let (p, l) = own_momentum(i, numbers, body);
+        let lever = sub(add(body.position, body.center), middle);
+        linear = add(linear, p);
+        angular = add(angular, add(l, cross(lever, p)));
+    }
+    Momentum { linear, angular }
+}
+
+fn center_velocity<S: Scalar>(body: &BodyScratch<S>) -> Vec3<S> {
+    add(body.velocity, cross(body.angular_velocity, body.center))
+}
+
+/// m v and J ω of one body at its centre of mass.
+fn own_momentum<S: Scalar, P: Numbers<S>>(i: usize, numbers: P, body: &BodyScratch<S>) -> (Vec3<S>, Vec3<S>) {
+    let n = body_numbers(i);
+    let (d, p) = (numbers.vector(n + at::INERTIA), numbers.vector(n + at::INERTIA + 3));
+    let inertia = full([d[0], d[1], d[2], p[0], p[1], p[2]]);
+    let own = mat_vec(transpose(body.rotation), body.angular_velocity);
+    (scale(numbers.get(n + at::MASS), center_velocity(body)), mat_vec(body.rotation, mat_vec(inertia, own)))
+}
+
+/// The joint-space mass matrix M(q) over the velocity vector ν of [`Layout`](super::Layout): kinetic energy is
+/// ½ νᵀ M ν.
+///
+/// Built from body Jacobians, Σ m Jvᵀ Jv + Jωᵀ (R J Rᵀ) Jω: for design, not for stepping.
+///
+/// # Errors
+/// [`Error::Value`](crate::error::Error::Value) if the state has another length than the layout says.
+pub fn mass_matrix(model: &Model, state: &[f64]) -> Result<DMatrix<f64>> {
+    let physics = Physics { effects: Effects::none(), ..Physics::default() };
+    let system = Multibody::new(model, physics)?;
+    Multibody::check_length("state", state.len(), model.layout().n_state())?;
+    let poses = body_poses(&system, state);
+    let n = model.layout().n_velocity();
+    let mut m = DMatrix::zeros(n, n);
+    for (i, body) in model.bodies().iter().enumerate() {
+        if body.mass == 0.0 {
+            continue;
+        }
+        let jacobian = point_jacobian(model, &poses, i, body.center_of_mass);
+        let (linear, angular) = (jacobian.rows(0, 3), jacobian.rows(3, 3));
+        let r = nalgebra::Matrix3::from_fn(|a, b| poses[i].rotation[a][b]);
+        let inertia = r * body.inertia.matrix() * r.transpose();
+        m += linear.transpose() * linear * body.mass + angular.transpose() * inertia * angular;
+    }
+    Ok(m)
+}
+
+/// Jacobian of a named frame, 6 × n: `[velocity of its origin; angular velocity]` (world) = J ν.
+///
+/// # Errors
+/// [`Error::Value`](crate::error::Error::Value) if the state has another length than the layout says.
+pub fn frame_jacobian(model: &Model, state: &[f64], frame: &Frame) -> Result<DMatrix<f64>> {
+    let system = Multibody::new(model, Physics { effects: Effects::none(), ..Physics::default() })?;
+    Multibody::check_length("state", state.len(), model.layout().n_state())?;
+    Ok(point_jacobian(model, &body_poses(&system, state), frame.body, frame.position))
+}
+
+/// Jacobian of a point of a body given in the body's frame.
+fn point_jacobian(model: &Model, poses: &[Pose<f64>], body: usize, point: [f64; 3]) -> DMatrix<f64> {
+    let mut j = DMatrix::zeros(6, model.layout().n_velocity());
+    let at = add(poses[body].position, mat_vec(poses[body].rotation, point));
+    let mut next = Some(body);
+    while let Some(i) = next {
+        let (place, pose) = (model.layout().bodies[i], &poses[i]);
+        let lever = sub(at, pose.position);
+        let mut column = |k: usize, linear: Vec3<f64>, angular: Vec3<f64>| {
+            for row in 0..3 {
+                j[(row, place.freedom + k)] = linear[row];
+                j[(row + 3, place.freedom + k)] = angular[row];
+            }
+        };
+        let axis = |k: usize| [pose.rotation[0][k], pose.rotation[1][k], pose.rotation[2][k]];
+        match model.bodies()[i].joint.motion {
+            // the body's own axis equals the joint's: a hinge leaves its axis where it was
+            Motion::Revolute(a) => {
+                let s = mat_vec(pose.rotation, a);
+                column(0, cross(s, lever), s);
+            }
+            Motion::Prismatic(a) => column(0, mat_vec(pose.rotation, a), [0.0; 3]),
+            Motion::Ball => (0..3).for_each(|k| column(k, cross(axis(k), lever), axis(k))),
+            Motion::Floating => {
+                for k in 0..3 {
+                    let mut unit = [0.0; 3];
+                    unit[k] = 1.0;
+                    column(k, unit, [0.0; 3]);
+                    column(3 + k, cross(axis(k), lever), axis(k));
+                }
+            }
+        }
+        next = model.bodies()[i].parent;
+    }
+    j
+}
