@@ -10,6 +10,9 @@
 //! | [`integrate`] | RK4 and the semi-implicit step |
 //! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
 //! | [`fleet`] | several multirotors in each other's downwash, as one system |
+//! | [`tree`] | articulated systems: bodies in a tree, joints, drives, rotors |
+//! | [`assembly`] | vehicles and primitives joined into such a system |
+//! | [`configurations`] | the built-in ones, one file each |
 //! | [`contact`] | compliant contact with friction; distances between shapes |
 //! | [`aero`] | ground effect, downwash, wind |
 //! | [`batch`] | many environments in lanes |
@@ -19,6 +22,7 @@
 pub mod aero;
 pub mod assembly;
 pub mod batch;
+pub mod configurations;
 pub mod contact;
 pub mod fleet;
 pub mod gains;

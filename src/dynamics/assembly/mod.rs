@@ -188,6 +188,3 @@ impl Assembly {
         })
     }
 }
-
-#[cfg(test)]
-mod tests;
