@@ -34,6 +34,7 @@ fn my_drone() -> Vehicle {
         ],
         rotors: corners.iter().enumerate().map(rotor).collect(),
         drag: Drag { linear: [0.08, 0.08, 0.12], ..Drag::default() },
+        shapes: vec![],
         published_gains: None,
     }
 }

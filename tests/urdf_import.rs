@@ -222,6 +222,7 @@ fn hand_made(n: usize) -> Vehicle {
         parts,
         rotors,
         drag,
+        shapes: vec![],
         published_gains: Some(gains),
     }
 }

@@ -45,6 +45,7 @@ fn flat(name: &str, mass: f64, inertia: [f64; 3], arm: f64, angles: &[f64], spin
         parts: vec![Part::new("airframe", mass, [0.0; 3], inertia)],
         rotors,
         drag: Drag::default(),
+        shapes: vec![],
         published_gains: None,
     }
 }

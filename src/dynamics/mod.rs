@@ -17,6 +17,7 @@
 //! | [`aero`] | ground effect, downwash, wind |
 //! | [`batch`] | many environments in lanes |
 //! | [`shape`] | spheres, capsules and boxes: volume, inertia, pose |
+//! | [`scene`] | ground, gates and obstacles; distance to them |
 //! | [`spatial`] | vectors and quaternions over any scalar |
 
 pub mod aero;
@@ -29,6 +30,7 @@ pub mod gains;
 pub mod integrate;
 pub mod multirotor;
 pub mod rigid;
+pub mod scene;
 pub mod shape;
 pub mod spatial;
 pub mod tree;

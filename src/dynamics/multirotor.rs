@@ -105,6 +105,14 @@ impl Multirotor {
     pub fn new(vehicle: &Vehicle, physics: Physics) -> Result<Self> {
         vehicle.validate()?;
         physics.validate()?;
+        if physics.effects.contact {
+            return Err(Error::value(
+                "effects.contact",
+                "on",
+                "off in the closed form, which has no shapes",
+                "Use tree::Multibody with assembly::single(&vehicle).",
+            ));
+        }
         let model = AnyModel::new(vehicle, physics.grid().substep);
         Ok(Self {
             effects: model.effects_of(physics.effects),

@@ -4,6 +4,7 @@
 //! state them again. Everything here is `f64` and serialisable; the kernels work on a
 //! [`RigidModel`](super::rigid::RigidModel) built from it.
 
+use super::shape::Shape;
 use crate::error::{Error, Result, finite};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -262,6 +263,9 @@ pub struct Vehicle {
     /// Drag of the airframe.
     #[serde(default)]
     pub drag: Drag,
+    /// What collides, in the base frame; none passes through everything.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub shapes: Vec<Shape>,
     /// Published gains; without them [`Vehicle::gains`] derives some.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub published_gains: Option<Gains>,
@@ -363,6 +367,9 @@ impl Vehicle {
         }
         for rotor in &self.rotors {
             rotor.validate(&format!("vehicle '{}': ", self.name))?;
+        }
+        for (i, shape) in self.shapes.iter().enumerate() {
+            shape.validate(&at(&format!("shapes[{i}]")))?;
         }
         let drag = &self.drag;
         for (name, values) in

@@ -5,6 +5,7 @@ use super::join::{Join, Kind};
 use super::placement::{clean, rows, snap};
 use super::solid::combined;
 use super::{Assembly, Placement};
+use crate::dynamics::contact::ContactMaterial;
 use crate::dynamics::shape::Shape;
 use crate::dynamics::tree::*;
 use crate::dynamics::vehicle::{Drag, Inertia, MassProperties, Rotor};
@@ -44,6 +45,10 @@ pub(super) fn emit(assembly: &Assembly, tree: &Tree) -> Result<Draft> {
     let drones = emitter.drones(&rotors)?;
     let rotors = rotors.into_iter().map(|(_, mounted)| mounted).collect();
     let (frames, shapes) = (emitter.frames(), emitter.shapes());
+    let mass: f64 = emitter.bodies.iter().map(|b| b.mass).sum();
+    // sinks by 0.5 mm on four points whatever it weighs, so that one step size suits all
+    let material = ContactMaterial::resting(mass, 4, 5e-4);
+    let contact = ContactSettings { material, ..assembly.contact };
     let parts = ModelParts {
         name: assembly.name.clone(),
         gravity: assembly.gravity,
@@ -52,22 +57,9 @@ pub(super) fn emit(assembly: &Assembly, tree: &Tree) -> Result<Draft> {
         drones,
         frames,
         shapes,
+        contact,
     };
     Ok(Draft { parts, source: emitter.source })
-}
-
-/// Shapes of parts that are fixed to the world.
-pub(super) fn fixed_shapes(assembly: &Assembly, tree: &Tree) -> Result<Vec<(String, Shape)>> {
-    let mut emitter = Emitter::new(assembly, tree);
-    emitter.place()?;
-    let mut found = Vec::new();
-    for (part, (name, solid)) in assembly.parts.iter().enumerate() {
-        let site = emitter.site(part);
-        if site.body.is_none() {
-            found.extend(solid.shapes().iter().map(|shape| (name.clone(), moved(shape, &site.place))));
-        }
-    }
-    Ok(found)
 }
 
 impl<'a> Emitter<'a> {
@@ -298,7 +290,7 @@ impl<'a> Emitter<'a> {
     fn shapes(&self) -> Vec<BodyShape> {
         let mut shapes = Vec::new();
         for (part, (name, solid)) in self.assembly.parts.iter().enumerate() {
-            let Site { body: Some(body), place } = self.site(part) else { continue };
+            let Site { body, place } = self.site(part);
             let on = |shape: &Shape| BodyShape {
                 body,
                 part: name.clone(),
@@ -312,7 +304,7 @@ impl<'a> Emitter<'a> {
 }
 
 /// A shape in the outer frame.
-fn moved(shape: &Shape, place: &Isometry3<f64>) -> Shape {
+pub(super) fn moved(shape: &Shape, place: &Isometry3<f64>) -> Shape {
     let own = Placement { position: shape.position, rotation: shape.rotation };
     let outer = Placement::of(&(place * own.isometry()));
     Shape { geometry: shape.geometry, position: clean(Vector3::from(outer.position), 1.0), rotation: outer.rotation }

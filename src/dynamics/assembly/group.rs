@@ -1,7 +1,8 @@
 //! Several models as one: a forest in one environment.
 
+use super::emit::moved as shape_moved;
 use super::placement::{Placement, clean, rows};
-use crate::dynamics::tree::{Model, ModelParts};
+use crate::dynamics::tree::{ContactSettings, Model, ModelParts};
 use crate::error::{Error, Result};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -38,7 +39,8 @@ pub fn group(name: impl Into<String>, members: &[Member]) -> Result<Model> {
     let blank = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (bodies, rotors, drones, frames, shapes) = blank;
     let gravity = first.model.parts().gravity;
-    let mut all = ModelParts { name: name.clone(), gravity, bodies, rotors, drones, frames, shapes };
+    let contact = contact_of(members, first);
+    let mut all = ModelParts { name: name.clone(), gravity, bodies, rotors, drones, frames, shapes, contact };
     for (i, member) in members.iter().enumerate() {
         member.place.validate(&at(&format!("place of '{}'", member.prefix)))?;
         if members[..i].iter().any(|m| m.prefix == member.prefix) {
@@ -83,13 +85,29 @@ fn append(all: &mut ModelParts, member: &Member) {
         (frame.name, frame.body) = (named(&frame.name), frame.body + body_0);
     }
     for shape in &mut own.shapes {
-        (shape.part, shape.body) = (named(&shape.part), shape.body + body_0);
+        shape.part = named(&shape.part);
+        match &mut shape.body {
+            Some(body) => *body += body_0,
+            None => shape.shape = shape_moved(&shape.shape, &place.isometry()),
+        }
     }
     all.bodies.append(&mut own.bodies);
     all.rotors.append(&mut own.rotors);
     all.drones.append(&mut own.drones);
     all.frames.append(&mut own.frames);
     all.shapes.append(&mut own.shapes);
+}
+
+/// Ground and flags of the first, the softest material of all: the lightest member sets the step.
+fn contact_of(members: &[Member], first: &Member) -> ContactSettings {
+    let mut contact = first.model.parts().contact;
+    for member in members {
+        let own = member.model.parts().contact.material;
+        if own.stiffness < contact.material.stiffness {
+            contact.material = own;
+        }
+    }
+    contact
 }
 
 /// A joint's frame on the world, moved.

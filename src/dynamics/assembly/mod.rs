@@ -39,9 +39,8 @@ pub use join::{Join, Kind, STOP_DISSIPATION, STOP_RATE, Servo, Stops, WORLD};
 pub use placement::Placement;
 pub use solid::{Solid, rod};
 
-use super::shape::Shape;
-use super::tree::Model;
-use super::vehicle::GRAVITY;
+use super::tree::{ContactSettings, Model};
+use super::vehicle::{GRAVITY, Vehicle};
 use crate::error::{Error, Result, finite};
 
 /// Parts and joints, collected in any order and checked by [`Assembly::model`].
@@ -53,6 +52,7 @@ pub struct Assembly {
     joins: Vec<Join>,
     drones: Vec<Group>,
     rotor_order: Option<Vec<String>>,
+    contact: ContactSettings,
 }
 
 /// A drone whose rotors sit on several parts.
@@ -74,12 +74,25 @@ impl Assembly {
             joins: Vec::new(),
             drones: Vec::new(),
             rotor_order: None,
+            contact: ContactSettings::default(),
         }
     }
 
     /// m/s², downwards.
     pub fn gravity(&mut self, gravity: f64) -> &mut Self {
         self.gravity = gravity;
+        self
+    }
+
+    /// Height of the ground, m, or none; z = 0 unless given.
+    pub fn ground(&mut self, height: Option<f64>) -> &mut Self {
+        self.contact.ground = height;
+        self
+    }
+
+    /// Whether bodies touch each other, those joined to each other apart; not unless given.
+    pub fn self_collision(&mut self, touches: bool) -> &mut Self {
+        self.contact.self_collision = touches;
         self
     }
 
@@ -154,7 +167,7 @@ impl Assembly {
     ///
     /// The one part that hangs on no joint is the root and floats, unless a joint holds it to the world. Parents come
     /// before children, children in the order of their joints. Parts welded together become one body named after the
-    /// part next to the joint that moves it; every part keeps its own frame by name ([`Model::frame`]). A body has the
+    /// part next to the joint that moves it; what is welded to the world keeps its shapes there, as obstacles; every part keeps its own frame by name ([`Model::frame`]). A body has the
     /// axes of that part and its origin at the joint. Drag of welded parts is summed along the body's axes; what a
     /// turn puts off the diagonal is left out (nothing, for quarter turns).
     ///
@@ -165,15 +178,6 @@ impl Assembly {
         let tree = connect::connect(self)?;
         let draft = emit::emit(self, &tree)?;
         tune::tune(draft)
-    }
-
-    /// Shapes of parts that are fixed to the world, in the world's frame, with the part's name: obstacles of a scene.
-    ///
-    /// # Errors
-    /// As [`Assembly::model`].
-    pub fn fixed_shapes(&self) -> Result<Vec<(String, Shape)>> {
-        let tree = connect::connect(self)?;
-        emit::fixed_shapes(self, &tree)
     }
 
     fn label(&self) -> String {
@@ -187,4 +191,14 @@ impl Assembly {
             known: self.parts.iter().map(|(name, _)| name.clone()).collect(),
         })
     }
+}
+
+/// A vehicle as a model of one floating body, with its rotors in their order and its shapes: what
+/// [`Multirotor`](super::Multirotor) computes in closed form, able to touch the ground.
+///
+/// # Errors
+/// [`Error::Value`] or [`Error::Limit`] when the vehicle is not valid.
+pub fn single(vehicle: &Vehicle) -> Result<Model> {
+    vehicle.validate()?;
+    Assembly::new(&vehicle.name).part(&vehicle.name, Solid::vehicle(vehicle)).model()
 }

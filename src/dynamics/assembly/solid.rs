@@ -63,14 +63,14 @@ impl Solid {
         Self::with(Weight::Explicit(MassProperties { mass, center_of_mass, inertia: inertia.matrix() }), Vec::new())
     }
 
-    /// A whole vehicle as one part: its mass, rotors and drag in its base frame. Rotors get the part's name before
+    /// A whole vehicle as one part: its mass, rotors, drag and shapes in its base frame. Rotors get the part's name before
     /// their own (`drone/rotor_0`), and the part is a [`Drone`](crate::dynamics::tree::Drone) centred on its origin.
     pub fn vehicle(vehicle: &Vehicle) -> Self {
         Self {
             rotors: vehicle.rotors.clone(),
             is_vehicle: true,
             drag: vehicle.drag,
-            ..Self::with(Weight::Explicit(vehicle.mass_properties()), Vec::new())
+            ..Self::with(Weight::Explicit(vehicle.mass_properties()), vehicle.shapes.clone())
         }
     }
 

@@ -184,7 +184,7 @@ impl Plant {
             return Err(Error::value(
                 "the batch",
                 "of articulated systems",
-                "one of single multirotors",
+                "one of single multirotors without contact",
                 "Give the environment a model with World::set_model.",
             ));
         };

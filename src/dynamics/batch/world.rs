@@ -3,8 +3,9 @@
 use super::kernel::{ALIVE, LISTED, STOPPED};
 use super::plant::{Block, Plant, wrong_length};
 use crate::autodiff::program::BLOCK;
-use crate::dynamics::multirotor::Physics;
-use crate::dynamics::rigid::Disturbance;
+use crate::dynamics::assembly::single;
+use crate::dynamics::multirotor::{Multirotor, Physics};
+use crate::dynamics::rigid::{Disturbance, Effects};
 use crate::dynamics::tree::Model;
 use crate::dynamics::vehicle::Vehicle;
 use crate::error::{Error, Result, finite};
@@ -65,7 +66,8 @@ pub struct World {
 }
 
 impl World {
-    /// `n_env` copies of a vehicle in level hover at the origin.
+    /// `n_env` copies of a vehicle in level hover at the origin. With the effect `contact` it is stepped as an articulated
+    /// system of one body.
     ///
     /// # Errors
     /// [`Error::Limit`] before any large allocation if the batch needs more than [`DEFAULT_MEMORY_LIMIT`];
@@ -79,7 +81,14 @@ impl World {
     /// # Errors
     /// As [`World::new`].
     pub fn with_memory_limit(vehicle: &Vehicle, physics: Physics, n_env: usize, limit: u64) -> Result<Self> {
-        let (plant, hover, numbers) = Plant::rigid(vehicle, physics)?;
+        let (plant, hover, numbers) = if physics.effects.contact {
+            let (plant, _) = Plant::tree(&single(vehicle)?, physics, true)?;
+            let above = Effects { contact: false, ..physics.effects };
+            let hover = Multirotor::new(vehicle, Physics { effects: above, ..physics })?.hover_state([0.0; 3])?;
+            (plant, hover, Vec::new())
+        } else {
+            Plant::rigid(vehicle, physics)?
+        };
         Self::of_plant(plant, physics, n_env, limit, &hover, &numbers)
     }
 

@@ -11,7 +11,7 @@
 //! that pair is unique.
 
 use super::closest::point_on_segment;
-use super::pairs::{round, round_contact, segment};
+use super::pairs::{capsule_capsule, round, round_contact, segment};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::shape::{Geometry, Pose};
 use crate::dynamics::spatial::{Vec3, axpy, constants, cross, dot, mat_mul, mat_vec, matrix, scale, sub, transpose};
@@ -89,6 +89,19 @@ pub fn distance<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Ge
         (None, Some((radius, length)), Geometry::Box { size }, _) => round_box(pose2, radius, length, pose1, size),
         (_, _, Geometry::Box { size: s1 }, Geometry::Box { size: s2 }) => box_box(pose1, s1, pose2, s2),
         _ => unreachable!("what is neither sphere nor capsule is a box"),
+    }
+}
+
+/// Distance of a geometry at `pose` to the capsule of `radius` around the segment `axis` of the world, m.
+#[inline(always)]
+pub fn to_capsule<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, axis: [Vec3<S>; 2], radius: f64) -> S {
+    let around = S::constant(radius);
+    match *geometry {
+        Geometry::Sphere { radius } => point_capsule(pose.position, axis[0], axis[1], around) - S::constant(radius),
+        Geometry::Capsule { radius, length } => {
+            -capsule_capsule(segment(pose, length), S::constant(radius), axis, around).depth
+        }
+        Geometry::Box { size } => segment_box(pose.local(axis[0]), pose.local(axis[1]), constants(half(size))) - around,
     }
 }
 

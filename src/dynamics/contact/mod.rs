@@ -6,7 +6,7 @@
 //! | [`closest`] | nearest points of segments, directions that survive coincident centres |
 //! | [`pairs`] | where two bodies touch, along which normal, how deep |
 //! | [`force`] | from there to forces, and their sum per body |
-//! | [`distance`] | signed distance of every pair, those without a force included |
+//! | [`mod@distance`] | signed distance of every pair, those without a force included |
 //!
 //! Spheres and capsules push against plane, sphere and capsule; a box pushes with its eight corners against the plane.
 //! Every other pair has a signed distance: a collision flag without a force.

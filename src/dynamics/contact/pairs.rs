@@ -193,3 +193,63 @@ pub(super) fn round_contact<S: Scalar>(
         (Some(l1), Some(l2)) => capsule_capsule(segment(pose1, l1), r1, segment(pose2, l2), r2),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dynamics::contact::distance::{plane_distance, point};
+    use crate::dynamics::spatial::{dot, from_euler};
+    use crate::rng::{Purpose, Stream};
+
+    const SHAPES: [Geometry; 3] = [
+        Geometry::Sphere { radius: 0.3 },
+        Geometry::Capsule { radius: 0.2, length: 0.7 },
+        Geometry::Box { size: [0.4, 0.6, 0.8] },
+    ];
+
+    fn pose(r: &mut Stream) -> Pose<f64> {
+        let mut u = |x: f64| r.uniform(-x, x);
+        Pose { position: [u(1.0), u(1.0), u(1.0)], attitude: from_euler(u(3.0), u(1.5), u(3.0)) }
+    }
+
+    #[test]
+    fn the_point_of_contact_lies_half_the_depth_inside_both_bodies() {
+        let mut r = Stream::new(31, 0, 0, Purpose::user(9));
+        for case in 0..400 {
+            let (one, two) = (SHAPES[case & 1], SHAPES[case >> 1 & 1]);
+            let (p, q) = (pose(&mut r), pose(&mut r));
+            let contacts = between(&one, &p, &two, &q);
+            let c = contacts.list[0];
+            assert!(contacts.count == 1 && (dot(c.normal, c.normal) - 1.0).abs() < 1e-12);
+            if c.depth > 0.39 {
+                continue; // half of it is beyond the axis of a capsule
+            }
+            for (geometry, pose) in [(&one, &p), (&two, &q)] {
+                let d = point(c.point, geometry, pose);
+                // across a gap both are half the gap away, in overlap both are half of it deep
+                assert!((d + 0.5 * c.depth).abs() < 1e-9, "case {case}: {d} at depth {}", c.depth);
+            }
+            // one step along the normal leaves the second body
+            let out = axpy(c.point, 1e-3, c.normal);
+            assert!(point(out, &two, &q) > point(c.point, &two, &q), "case {case}");
+        }
+        assert_eq!(between(&SHAPES[2], &pose(&mut r), &SHAPES[0], &pose(&mut r)).count, 0);
+    }
+
+    #[test]
+    fn the_deepest_contact_with_the_plane_is_as_deep_as_the_body() {
+        let mut r = Stream::new(32, 0, 0, Purpose::user(9));
+        for (geometry, count) in [(SHAPES[0], 1), (SHAPES[1], 2), (SHAPES[2], 8)] {
+            for _ in 0..100 {
+                let p = pose(&mut r);
+                let contacts = with_plane(&geometry, &p, 0.2);
+                assert_eq!(contacts.count, count);
+                let deepest = contacts.list[..count].iter().fold(f64::NEG_INFINITY, |d, c| d.max(c.depth));
+                assert!((deepest + plane_distance(&geometry, &p, 0.2)).abs() < 1e-14);
+                for c in &contacts.list[..count] {
+                    assert!(c.normal == [0.0, 0.0, 1.0] && (c.point[2] - 0.2 + 0.5 * c.depth).abs() < 1e-14);
+                }
+            }
+        }
+    }
+}

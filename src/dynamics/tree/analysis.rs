@@ -5,11 +5,13 @@ use super::model::{Frame, Model, Motion};
 use super::multibody::Multibody;
 use super::numbers::{Constants, Numbers, at, body_numbers};
 use super::scratch::{BodyScratch, scratch_on_stack};
-use super::topology::{Kind, Topology};
+use super::topology::{Kind, Topology, joined};
+use super::touch;
 use crate::autodiff::Scalar;
 use crate::dynamics::multirotor::Physics;
 use crate::dynamics::rigid::{Effects, full};
 use crate::dynamics::spatial::*;
+use crate::dynamics::{contact, shape};
 use crate::error::Result;
 use nalgebra::DMatrix;
 
@@ -81,8 +83,8 @@ pub fn kinetic_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     twice * S::constant(0.5)
 }
 
-/// Potential energy of gravity (zero at z = 0), springs and compressed limits, J; contact and position drives not
-/// counted.
+/// Potential energy of gravity (zero at z = 0), springs, compressed limits and, with that effect, contacts, J; position
+/// drives not counted.
 pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     let (t, numbers) = (system.topology(), Constants(system.parameters()));
     scratch_on_stack!(scratch, t, S);
@@ -115,7 +117,67 @@ pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
             Kind::Floating => {}
         }
     }
+    if t.effects.contact {
+        energy += touch::elastic_energy(t, numbers, scratch.bodies);
+    }
     energy
+}
+
+/// Net contact force on every body, N, world: zero without the effect `contact`.
+pub fn contact_forces<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Vec3<S>> {
+    let (t, numbers) = (system.topology(), Constants(system.parameters()));
+    scratch_on_stack!(scratch, t, S);
+    forward(t, numbers, state, scratch.bodies);
+    if t.effects.contact {
+        touch::apply(t, numbers, scratch.bodies);
+    }
+    scratch.bodies[..t.n_body()].iter().map(|b| b.contact).collect()
+}
+
+/// Two shapes, or a shape and the ground, and the signed distance between them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Separation<S> {
+    /// Numbers of the shapes in [`Model::shapes`]; the second is `None` for the ground.
+    pub shapes: (usize, Option<usize>),
+    /// m; negative where they overlap. See [`contact::distance`](crate::dynamics::contact::distance).
+    pub distance: S,
+}
+
+/// Signed distance of every pair of colliding shapes that may meet: on different trees, of a tree and the world or the
+/// ground, and within a tree those not joined to each other.
+pub fn separations<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Separation<S>> {
+    let model = system.model();
+    let shapes: Vec<usize> = (0..model.shapes().len()).filter(|i| model.shapes()[*i].collides).collect();
+    let poses = body_poses(system, state);
+    let pose = |i: usize| {
+        let own = &model.shapes()[i];
+        let carrier = match own.body {
+            Some(b) => shape::Pose { position: poses[b].position, attitude: from_matrix(poses[b].rotation) },
+            None => shape::Pose { position: [S::zero(); 3], attitude: identity() },
+        };
+        own.shape.pose(&carrier)
+    };
+    let mut list = Vec::new();
+    for (n, &i) in shapes.iter().enumerate() {
+        let first = &model.shapes()[i];
+        if let (Some(_), Some(height)) = (first.body, model.parts().contact.ground) {
+            let distance = contact::plane_distance(&first.shape.geometry, &pose(i), S::constant(height));
+            list.push(Separation { shapes: (i, None), distance });
+        }
+        for &j in &shapes[n + 1..] {
+            let second = &model.shapes()[j];
+            let meet = match (first.body, second.body) {
+                (None, None) => false,
+                (Some(a), Some(b)) => a != b && !joined(model, a, b),
+                _ => true,
+            };
+            if meet {
+                let distance = contact::distance(&first.shape.geometry, &pose(i), &second.shape.geometry, &pose(j));
+                list.push(Separation { shapes: (i, Some(j)), distance });
+            }
+        }
+    }
+    list
 }
 
 /// Centre of mass of all bodies, m, world.

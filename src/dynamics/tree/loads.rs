@@ -3,9 +3,10 @@
 //! The same equations as of the closed-form multirotor ([`rigid`](crate::dynamics::rigid)), body by body: wrenches are
 //! summed in the body's frame about its origin, then turned into world axes once.
 
-use super::numbers::{Numbers, at, body_numbers, rotor_numbers};
+use super::numbers::{Numbers, at, body_numbers, contact_numbers, rotor_numbers};
 use super::scratch::{BodyScratch, RotorScratch};
 use super::topology::{Link, Topology};
+use super::touch;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::aero::{downwash, ground_effect};
 use crate::dynamics::rigid::Effects;
@@ -114,6 +115,9 @@ pub(crate) fn apply<S: Scalar, P: Numbers<S>>(
             body.moment = add(add(body.moment, moment), cross(body.center, force));
         }
     }
+    if effects.contact {
+        touch::apply(t, numbers, bodies);
+    }
     if effects.downwash && t.sources.len() > 1 {
         for s in 0..t.sources.len() {
             let body = &mut bodies[t.sources[s].body];
@@ -147,7 +151,8 @@ fn rotor_wrench<S: Scalar, P: Numbers<S>>(
         let (mut force, mut moment) = (rotor.force, rotor.moment);
         if t.effects.ground_effect {
             let hub = numbers.vector(rotor_numbers(t.n_body(), r) + rotor_at::POSITION);
-            let height = body.position[2] + dot(body.rotation[2], hub);
+            let ground: S = numbers.get(contact_numbers(t.n_body(), t.n_rotor()) + 4);
+            let height = body.position[2] + dot(body.rotation[2], hub) - ground;
             let gain = ground_effect::factor(height, S::constant(t.rotor_radius[r]));
             // thrust grows near the ground, the reaction torque does not
             moment = add(moment, cross(hub, scale(gain - S::one(), force)));

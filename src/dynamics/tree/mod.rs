@@ -9,6 +9,7 @@
 //! | `scratch` | memory of one evaluation |
 //! | `kinematics` | where every body is and how it moves |
 //! | `loads` | rotors, air, disturbance, wakes |
+//! | `touch` | contact forces |
 //! | `torque` | damping, springs, limits, drives |
 //! | `aba` | accelerations from forces |
 //! | [`rnea`] | forces from accelerations |
@@ -29,15 +30,16 @@ pub(crate) mod scratch;
 pub(crate) mod step;
 pub(crate) mod topology;
 mod torque;
+mod touch;
 
 pub use analysis::{
-    Momentum, Pose, body_poses, center_of_mass, frame_jacobian, frame_pose, kinetic_energy, mass_matrix, momentum,
-    potential_energy,
+    Momentum, Pose, Separation, body_poses, center_of_mass, contact_forces, frame_jacobian, frame_pose, kinetic_energy,
+    mass_matrix, momentum, potential_energy, separations,
 };
 pub use layout::{BodyPlace, Layout, TreePlace};
 pub use model::*;
 pub use multibody::Multibody;
-pub use numbers::{BODY_NUMBERS, number_names, number_vector};
+pub use numbers::{BODY_NUMBERS, CONTACT_NUMBERS, number_names, number_vector};
 pub use rnea::inverse_dynamics;
 
 #[cfg(test)]

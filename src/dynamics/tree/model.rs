@@ -5,6 +5,7 @@
 //! vehicles and primitives, merges the former and splits the latter into two hinges with a massless body between.
 
 use super::layout::Layout;
+use crate::dynamics::contact::ContactMaterial;
 use crate::dynamics::shape::Shape;
 use crate::dynamics::vehicle::{Drag, Inertia, Rotor};
 use crate::error::{Error, Result, finite};
@@ -165,18 +166,37 @@ pub struct Frame {
     pub rotation: [[f64; 3]; 3],
 }
 
-/// A shape that a body carries, for contact and drawing.
+/// A shape that a body carries, or that stands still in the world, for contact and drawing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BodyShape {
-    /// Number of the body.
-    pub body: usize,
+    /// Number of the body; `None` for the world.
+    pub body: Option<usize>,
     /// Name of the part it belongs to.
     pub part: String,
-    /// In the body's frame.
+    /// In the body's frame, or in the world's.
     pub shape: Shape,
     /// Whether it touches others; else it is drawn only.
     pub collides: bool,
+}
+
+/// What contact is like in an environment; it acts with the effect `contact`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ContactSettings {
+    /// Of every pair that touches.
+    pub material: ContactMaterial,
+    /// Height of the ground in the world, m; `None` for no ground.
+    pub ground: Option<f64>,
+    /// Whether bodies of one tree touch each other, those joined to each other apart.
+    pub self_collision: bool,
+}
+
+impl Default for ContactSettings {
+    /// Ground at z = 0, the default material, no contact within a tree.
+    fn default() -> Self {
+        Self { material: ContactMaterial::default(), ground: Some(0.0), self_collision: false }
+    }
 }
 
 /// The parts of a [`Model`] before they are checked.
@@ -196,7 +216,11 @@ pub struct ModelParts {
     /// Named points.
     pub frames: Vec<Frame>,
     /// For contact and drawing.
+    #[serde(default)]
     pub shapes: Vec<BodyShape>,
+    /// Ground, material, what may touch what.
+    #[serde(default)]
+    pub contact: ContactSettings,
 }
 
 /// A checked articulated system: a forest of bodies whose roots hang on the world.
@@ -339,12 +363,18 @@ impl Check<'_> {
             self.rotation(&format!("frame '{}'", frame.name), &frame.rotation)?;
         }
         for shape in &p.shapes {
-            self.exists("shape", &shape.part, shape.body)?;
+            self.exists("shape", &shape.part, shape.body.unwrap_or(0))?;
             shape.shape.validate(&self.at(&format!("shape of '{}'", shape.part)))?;
         }
+        p.contact.material.validate(&self.at("contact.material"))?;
+        finite(&self.at("contact.ground"), &[p.contact.ground.unwrap_or(0.0)])?;
         for drone in &p.drones {
             self.exists("drone", &drone.name, drone.body)?;
             finite(&self.at(&format!("drone '{}': position", drone.name)), &drone.position)?;
+            if p.drones.iter().filter(|d| d.body == drone.body).count() > 1 {
+                let what = self.at(&format!("drone '{}': body", drone.name));
+                return Err(Error::value(what, drone.body, "the body of no other drone", "Merge the two drones."));
+            }
             if let Some(r) = drone.rotors.iter().find(|r| **r >= p.rotors.len()) {
                 let what = self.at(&format!("drone '{}': rotor", drone.name));
                 return Err(Error::value(what, r, format!("below {}", p.rotors.len()), "Rotors count from 0."));

@@ -7,6 +7,7 @@ use super::step;
 use super::topology::Topology;
 use crate::autodiff::{Scalar, System};
 use crate::dynamics::multirotor::Physics;
+use crate::dynamics::spatial::from_matrix;
 use crate::error::{Error, Result};
 
 /// An articulated system of bodies, joints, drives and rotors.
@@ -70,14 +71,17 @@ impl Multibody {
         &self.topology
     }
 
-    /// Every joint at rest (springs relaxed, drives at their centre, else zero), every floating root upright at the
-    /// world's origin, rotors still.
+    /// Every joint at rest (springs relaxed, drives at their centre, else zero), every floating root where its joint says
+    /// (the world's origin, upright, unless it was placed), rotors still.
     pub fn rest_state(&self) -> Vec<f64> {
         let mut x = vec![0.0; self.topology.n_state];
         for (body, place) in self.model.bodies().iter().zip(&self.topology.layout.bodies) {
             let joint = &body.joint;
             match joint.motion {
-                Motion::Floating => x[place.position + 6] = 1.0,
+                Motion::Floating => {
+                    x[place.position..place.position + 3].copy_from_slice(&joint.position);
+                    x[place.position + 6..place.position + 10].copy_from_slice(&from_matrix(joint.rotation));
+                }
                 Motion::Ball => x[place.position] = 1.0,
                 Motion::Revolute(_) | Motion::Prismatic(_) => {
                     x[place.position] = match joint.drive {

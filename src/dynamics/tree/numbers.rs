@@ -1,11 +1,11 @@
 //! The physics of a model as one vector of numbers, and how kernels read it.
 //!
 //! Gravity first; then [`BODY_NUMBERS`] per body, then [`ROTOR_PARAMETERS`](crate::dynamics::rigid::ROTOR_PARAMETERS)
-//! per rotor. The first twenty entries of a one-body model are those of
+//! per rotor, [`CONTACT_NUMBERS`], and the position of every shape that stands still in the world. The first twenty entries of a one-body model are those of
 //! [`parameter_vector`](crate::dynamics::rigid::parameter_vector). Rotations of joints, axes and topology are not
 //! numbers: they stay as they were built.
 
-use super::model::{Body, Model, MountedRotor};
+use super::model::{Body, BodyShape, Model, MountedRotor};
 use crate::autodiff::Scalar;
 use crate::dynamics::rigid::ROTOR_PARAMETERS;
 use crate::dynamics::spatial::Vec3;
@@ -46,12 +46,25 @@ pub const BODY_NUMBERS: [&str; 32] = [
     "drive_max_torque",
 ];
 
+/// Physical parameters of contact, in order.
+pub const CONTACT_NUMBERS: [&str; 5] =
+    ["contact.stiffness", "contact.dissipation", "contact.friction", "contact.slip_speed", "contact.ground"];
+
 /// All numbers of a model.
 pub fn number_vector(model: &Model) -> Vec<f64> {
     let mut p = vec![model.parts().gravity];
     model.bodies().iter().for_each(|b| push_body(&mut p, b));
     model.rotors().iter().for_each(|r| push_rotor(&mut p, r));
+    let contact = &model.parts().contact;
+    let m = &contact.material;
+    p.extend([m.stiffness, m.dissipation, m.friction, m.slip_speed, contact.ground.unwrap_or(0.0)]);
+    still_shapes(model).for_each(|s| p.extend(s.shape.position));
     p
+}
+
+/// Shapes that stand still in the world, in order.
+fn still_shapes(model: &Model) -> impl Iterator<Item = &BodyShape> {
+    model.shapes().iter().filter(|s| s.body.is_none())
 }
 
 fn push_body(p: &mut Vec<f64>, body: &Body) {
@@ -78,7 +91,11 @@ fn push_rotor(p: &mut Vec<f64>, mounted: &MountedRotor) {
 pub fn number_names(model: &Model) -> Vec<String> {
     let bodies = model.bodies().iter().flat_map(|b| BODY_NUMBERS.iter().map(|n| format!("{}.{n}", b.name)));
     let rotors = model.rotors().iter().flat_map(|r| ROTOR_PARAMETERS.iter().map(|n| format!("{}.{n}", r.rotor.name)));
-    std::iter::once("gravity".to_string()).chain(bodies).chain(rotors).collect()
+    let contact = CONTACT_NUMBERS.iter().map(|n| n.to_string());
+    let still = still_shapes(model)
+        .enumerate()
+        .flat_map(|(i, s)| ["x", "y", "z"].iter().map(move |axis| format!("{}.{i}.position_{axis}", s.part)));
+    std::iter::once("gravity".to_string()).chain(bodies).chain(rotors).chain(contact).chain(still).collect()
 }
 
 /// A source of the numbers over a scalar: constants, parameters that derivatives are taken of, rows of a batch.
@@ -141,4 +158,16 @@ pub(crate) const fn body_numbers(body: usize) -> usize {
 #[inline(always)]
 pub(crate) const fn rotor_numbers(n_body: usize, rotor: usize) -> usize {
     1 + n_body * BODY_NUMBERS.len() + rotor * ROTOR_PARAMETERS.len()
+}
+
+/// Where the numbers of contact begin.
+#[inline(always)]
+pub(crate) const fn contact_numbers(n_body: usize, n_rotor: usize) -> usize {
+    rotor_numbers(n_body, n_rotor)
+}
+
+/// Where the position of still shape `shape` begins.
+#[inline(always)]
+pub(crate) const fn still_numbers(n_body: usize, n_rotor: usize, shape: usize) -> usize {
+    contact_numbers(n_body, n_rotor) + CONTACT_NUMBERS.len() + 3 * shape
 }

@@ -60,6 +60,8 @@ pub(crate) struct BodyScratch<S> {
     pub angular_acceleration: Vec3<S>,
     /// Torque of the drive, held through a substep.
     pub drive: S,
+    /// Net contact force.
+    pub contact: Vec3<S>,
     /// Wakes of other drones on the one at this body, held through a substep.
     pub wake: Vec3<S>,
 }
@@ -91,6 +93,7 @@ impl<S: Scalar> BodyScratch<S> {
             acceleration: v,
             angular_acceleration: v,
             drive: o,
+            contact: v,
             wake: v,
         }
     }

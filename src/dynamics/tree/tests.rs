@@ -27,6 +27,7 @@ pub(crate) fn one_body(vehicle: &Vehicle) -> Model {
         drones: vec![],
         frames: vec![],
         shapes: vec![],
+        contact: ContactSettings::default(),
     })
     .unwrap()
 }

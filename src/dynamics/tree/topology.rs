@@ -4,8 +4,10 @@
 //! where a number is zero in the model at hand; a batch whose environments differ keeps them general.
 
 use super::layout::Layout;
-use super::model::{Body, Drive, IDENTITY, Model, Motion};
+use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion};
+use crate::dynamics::contact::pairs::{corners, segment};
 use crate::dynamics::rigid::Effects;
+use crate::dynamics::shape::{Geometry, Pose};
 
 /// Axis of a hinge or slide in its joint's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -88,6 +90,35 @@ pub(crate) struct Source {
     pub rotors: Vec<usize>,
 }
 
+/// A shape as points of a body with a radius around them, as contact sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Feature {
+    pub body: Option<usize>,
+    /// Place among the still shapes, where it has no body.
+    pub still: usize,
+    pub form: Form,
+    pub radius: f64,
+}
+
+/// Points in the body's frame, or about a still shape's position.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Form {
+    Sphere([f64; 3]),
+    Capsule([[f64; 3]; 2]),
+    Box([[f64; 3]; 8]),
+}
+
+impl Form {
+    #[inline(always)]
+    pub(crate) fn points(&self) -> &[[f64; 3]] {
+        match self {
+            Self::Sphere(point) => std::slice::from_ref(point),
+            Self::Capsule(points) => points,
+            Self::Box(points) => points,
+        }
+    }
+}
+
 /// The shape of a model under given effects.
 #[derive(Debug, Clone)]
 pub(crate) struct Topology {
@@ -105,6 +136,11 @@ pub(crate) struct Topology {
     pub n_input: usize,
     pub effects: Effects,
     pub has_drives: bool,
+    pub features: Vec<Feature>,
+    /// Features of bodies, where there is a ground.
+    pub on_ground: Vec<usize>,
+    /// Features that push on each other.
+    pub pairs: Vec<(usize, usize)>,
 }
 
 impl Topology {
@@ -127,8 +163,12 @@ impl Topology {
             link.disturbance = link.wind.filter(|_| body.parent.is_none());
             links.push(link);
         }
+        let features = features(model);
         let sources = model.drones().iter().filter(|d| !d.rotors.is_empty());
         Self {
+            on_ground: on_ground(model, &features),
+            pairs: pairs(model, &features),
+            features,
             has_drives: links.iter().any(|l| l.drive.is_some()),
             links,
             sources: sources.map(|d| Source { body: d.body, position: d.position, rotors: d.rotors.clone() }).collect(),
@@ -153,8 +193,11 @@ impl Topology {
         if let Some(i) = unequal {
             return Some(format!("with body {i} joined otherwise or with numbers that are zero in one of the two"));
         }
-        let same = self.rotor_radius == other.rotor_radius && self.sources == other.sources;
-        (!same).then(|| "with other rotor radii or drones".into())
+        let same = self.rotor_radius == other.rotor_radius
+            && self.sources == other.sources
+            && self.features == other.features
+            && (&self.on_ground, &self.pairs) == (&other.on_ground, &other.pairs);
+        (!same).then(|| "with other rotor radii, drones or shapes".into())
     }
 
     /// Number of bodies.
@@ -206,6 +249,78 @@ impl Link {
             disturbance: None,
             wind: None,
         }
+    }
+}
+
+/// Colliding shapes of a model, in order.
+fn features(model: &Model) -> Vec<Feature> {
+    let mut still = 0;
+    let mut list = Vec::new();
+    for shape in model.shapes() {
+        if shape.collides {
+            list.push(Feature::of(shape, still));
+        }
+        still += usize::from(shape.body.is_none());
+    }
+    list
+}
+
+fn on_ground(model: &Model, features: &[Feature]) -> Vec<usize> {
+    let falls = |f: &usize| features[*f].body.is_some() && model.parts().contact.ground.is_some();
+    (0..features.len()).filter(falls).collect()
+}
+
+/// Pairs with a force: spheres and capsules of different trees, of a tree and the world, and of one tree where it
+/// collides with itself, those joined to each other (massless bodies between not counted) apart.
+fn pairs(model: &Model, features: &[Feature]) -> Vec<(usize, usize)> {
+    let roots = super::model::root_of(model.bodies());
+    let mut list = Vec::new();
+    for i in 0..features.len() {
+        for j in i + 1..features.len() {
+            let rounded = [i, j].iter().all(|k| !matches!(features[*k].form, Form::Box(_)));
+            let may = match (features[i].body, features[j].body) {
+                (None, None) => false,
+                (None, Some(_)) | (Some(_), None) => true,
+                (Some(a), Some(b)) if roots[a] != roots[b] => true,
+                (Some(a), Some(b)) => model.parts().contact.self_collision && a != b && !joined(model, a, b),
+            };
+            if rounded && may {
+                list.push((i, j));
+            }
+        }
+    }
+    list
+}
+
+/// Whether one body hangs on the other, with nothing but massless bodies between.
+pub(crate) fn joined(model: &Model, a: usize, b: usize) -> bool {
+    let hangs_on = |child: usize, parent: usize| {
+        let mut at = model.bodies()[child].parent;
+        while let Some(i) = at {
+            if i == parent {
+                return true;
+            }
+            if model.bodies()[i].mass > 0.0 {
+                return false;
+            }
+            at = model.bodies()[i].parent;
+        }
+        false
+    };
+    hangs_on(a, b) || hangs_on(b, a)
+}
+
+impl Feature {
+    fn of(shape: &BodyShape, still: usize) -> Self {
+        let own = Pose::<f64> { position: shape.shape.position, attitude: shape.shape.rotation };
+        // a still shape's position is a number of the model, so its points count from there
+        let pose = if shape.body.is_none() { Pose { position: [0.0; 3], ..own } } else { own };
+        let (form, radius) = match shape.shape.geometry {
+            Geometry::Sphere { radius } => (Form::Sphere(pose.position), radius),
+            Geometry::Capsule { radius, length } => (Form::Capsule(segment(&pose, length)), radius),
+            Geometry::Box { size } => (Form::Box(corners(&pose, size)), 0.0),
+        };
+        Self { body: shape.body, still, form, radius }
     }
 }
 

@@ -2,9 +2,11 @@
 
 use super::tree::Tree;
 use super::{clean, fault, in_file};
+use crate::dynamics::assembly::Placement;
+use crate::dynamics::shape::{Geometry, Shape};
 use crate::dynamics::vehicle::Inertia;
 use crate::error::Result;
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use std::collections::HashMap;
 
 /// A link in the base frame (the root link's frame).
@@ -23,6 +25,10 @@ pub(super) struct Body {
     pub inertia: Inertia,
     /// Joint that carries the link; `None` for the root.
     pub joint: Option<Joint>,
+    /// What of its collision geometry this crate has, in the link's frame.
+    pub shapes: Vec<Shape>,
+    /// How many of its collision geometries this crate has not: cylinders and meshes.
+    pub other_shapes: usize,
 }
 
 /// The joint of a [`Body`].
@@ -35,6 +41,18 @@ pub(super) struct Joint {
     pub axis: Vector3<f64>,
     /// Index of the parent body.
     pub parent: usize,
+    /// Of the joint's frame in the parent's.
+    pub place: Placement,
+    /// In the joint's frame, not normalised.
+    pub own_axis: [f64; 3],
+    /// Of `<limit>`, 0 where absent; rad or m.
+    pub range: [f64; 2],
+    /// Of `<dynamics>`, N m s/rad or N s/m.
+    pub damping: f64,
+    /// Of `<dynamics>`, N m or N.
+    pub friction: f64,
+    /// The joint that it mimics.
+    pub mimics: Option<String>,
 }
 
 impl Body {
@@ -47,6 +65,30 @@ impl Body {
 fn pose(pose: &urdf_rs::Pose) -> (Matrix3<f64>, Vector3<f64>) {
     let [roll, pitch, yaw] = pose.rpy.0;
     (*Rotation3::from_euler_angles(roll, pitch, yaw).matrix(), Vector3::from(pose.xyz.0))
+}
+
+/// The same for the builder of models.
+fn placement(pose: &urdf_rs::Pose) -> Placement {
+    let [roll, pitch, yaw] = pose.rpy.0;
+    let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+    Placement { position: pose.xyz.0, rotation: [q.w, q.i, q.j, q.k] }
+}
+
+/// Boxes, balls and capsules of a link's collision geometry, and how many others there are.
+fn shapes(link: &urdf_rs::Link) -> (Vec<Shape>, usize) {
+    let found = link.collision.iter().filter_map(|collision| {
+        let geometry = match &collision.geometry {
+            urdf_rs::Geometry::Box { size } => Geometry::Box { size: size.0 },
+            urdf_rs::Geometry::Sphere { radius } => Geometry::Sphere { radius: *radius },
+            urdf_rs::Geometry::Capsule { radius, length } => Geometry::Capsule { radius: *radius, length: *length },
+            urdf_rs::Geometry::Cylinder { .. } | urdf_rs::Geometry::Mesh { .. } => return None,
+        };
+        let Placement { position, rotation } = placement(&collision.origin);
+        Some(Shape { geometry, position, rotation })
+    });
+    let shapes: Vec<Shape> = found.collect();
+    let others = link.collision.len() - shapes.len();
+    (shapes, others)
 }
 
 /// Places all links, in the order of the file.
@@ -72,6 +114,12 @@ pub(super) fn place(robot: &urdf_rs::Robot, tree: &Tree, file: &str) -> Result<V
                 fixed: at.is_fixed(),
                 axis: rotation * Vector3::from(data.axis.xyz.0),
                 parent: at.parent,
+                place: placement(&data.origin),
+                own_axis: data.axis.xyz.0,
+                range: [data.limit.lower, data.limit.upper],
+                damping: data.dynamics.as_ref().map_or(0.0, |d| d.damping),
+                friction: data.dynamics.as_ref().map_or(0.0, |d| d.friction),
+                mimics: data.mimic.as_ref().map(|m| m.joint.clone()),
             });
         }
         let body = body(link, site.line, (rotation, origin), joint, file)?;
@@ -100,7 +148,10 @@ fn body(
     own.validate("it").map_err(|e| in_file(e, file, &place))?;
     let (turn, offset) = pose(&link.inertial.origin);
     let to_base = rotation * turn;
+    let (shapes, other_shapes) = shapes(link);
     Ok(Body {
+        shapes,
+        other_shapes,
         name: link.name.clone(),
         line,
         origin,

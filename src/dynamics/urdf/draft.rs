@@ -39,6 +39,7 @@ pub fn draft_rotors(text: &str, file_name: &str, options: &ImportOptions) -> Res
             parts: Vec::new(),
             rotors,
             drag: Default::default(),
+            shapes: vec![],
             published_gains: None,
         };
         let notes: String = read.assumptions.iter().map(|a| format!("# assumed: {a}\n")).collect();

@@ -42,7 +42,12 @@ pub fn rotor_file_beside(urdf: &Path) -> PathBuf {
 /// # Errors
 /// [`Error::File`](crate::error::Error::File) where a file cannot be read; otherwise as [`import_text`].
 pub fn import_file(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Import> {
-    let path = path.as_ref();
+    let (text, file, rotors) = read_files(path.as_ref(), options)?;
+    import_text(&text, &file, rotors.as_ref(), options)
+}
+
+/// Text and name of a URDF, and its rotor file if there is one.
+pub(super) fn read_files(path: &Path, options: &ImportOptions) -> Result<(String, String, Option<RotorFile>)> {
     let text = fence::read(path, &options.limits)?;
     let rotors = match rotor_path(path, options) {
         None => None,
@@ -51,7 +56,7 @@ pub fn import_file(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Im
             Some(RotorFile::parse(&toml, &found.display().to_string())?)
         }
     };
-    import_text(&text, &path.display().to_string(), rotors.as_ref(), options)
+    Ok((text, path.display().to_string(), rotors))
 }
 
 fn rotor_path(urdf: &Path, options: &ImportOptions) -> Option<PathBuf> {
@@ -91,7 +96,7 @@ pub fn import_text(text: &str, file_name: &str, rotors: Option<&RotorFile>, opti
 }
 
 /// Parts of the rotor file may not bear the name of a link or of each other.
-fn check_part_names(bodies: &[Body], file: &RotorFile) -> Result<()> {
+pub(super) fn check_part_names(bodies: &[Body], file: &RotorFile) -> Result<()> {
     let mut names: HashSet<&str> = bodies.iter().map(|b| b.name.as_str()).collect();
     match file.parts.iter().enumerate().find(|(_, part)| !names.insert(part.name.as_str())) {
         None => Ok(()),
@@ -140,7 +145,7 @@ pub(super) fn read(text: &str, file: &str, options: &ImportOptions) -> Result<Re
 }
 
 impl Read {
-    fn rotors(&mut self, rotors: Option<&RotorFile>) -> Result<Vec<Rotor>> {
+    pub(super) fn rotors(&mut self, rotors: Option<&RotorFile>) -> Result<Vec<Rotor>> {
         match (rotors, &self.properties) {
             (Some(file), properties) => {
                 if properties.is_some() {
@@ -164,6 +169,7 @@ impl Read {
             parts: parts.chain(extra.iter().cloned()).collect(),
             rotors,
             drag: file.map(|f| f.drag).unwrap_or_default(),
+            shapes: vec![],
             published_gains: file.and_then(|f| f.gains),
         }
     }
@@ -176,7 +182,7 @@ impl Read {
         stem.or(robot).unwrap_or_else(|| "vehicle".into())
     }
 
-    fn warn(&mut self, line: u32, element: String, rule: String, remedy: &str) {
+    pub(super) fn warn(&mut self, line: u32, element: String, rule: String, remedy: &str) {
         let file = self.file.clone();
         self.warnings.push(Warning { file, line: Some(line), element, rule, remedy: remedy.into() });
     }
@@ -239,12 +245,7 @@ fn check_moving(read: &mut Read, rotors: &[usize]) -> Result<()> {
         read.assumptions.push(text);
     }
     for (line, element, rule) in warnings {
-        read.warn(
-            line,
-            element,
-            rule,
-            "Articulated vehicles come with a later release; make it fixed to be rid of this.",
-        );
+        read.warn(line, element, rule, "Import it as a model (import_model_file) to let it move, or make it fixed.");
     }
     Ok(())
 }

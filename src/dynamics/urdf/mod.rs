@@ -14,6 +14,7 @@
 //! | `draft.rs` | a first rotor file for a URDF that has none |
 //! | `export.rs` | a vehicle written back as URDF and TOML |
 //! | `import.rs` | the steps above in order |
+//! | `articulated.rs` | the same links and joints through the assembly, as a model that moves |
 //!
 //! ```
 //! use omnidrones::dynamics::urdf::{ImportOptions, import_file};
@@ -27,10 +28,12 @@
 //! ```
 //!
 //! An import starts no process, opens no file but the two it is given, loads no mesh, and resolves `package://` only
-//! through [`ImportOptions::packages`]. Links are merged into one rigid body: this release flies rigid vehicles.
+//! through [`ImportOptions::packages`]. [`import_file`] merges all links into one rigid vehicle; [`import_model_file`] keeps
+//! the joints that move.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing))]
 
+mod articulated;
 mod bodies;
 mod diagnose;
 mod draft;
@@ -44,6 +47,7 @@ mod rotors;
 mod schema;
 mod tree;
 
+pub use articulated::{ModelImport, import_model_file, import_model_text};
 pub use draft::{Draft, draft_rotors};
 pub use export::export;
 pub use fence::Limits;

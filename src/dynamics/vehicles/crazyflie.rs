@@ -31,6 +31,7 @@
 //! - OmniDrones has no gains for it and cannot fly it with a controller.
 
 use super::{Blade, with_blades};
+use crate::dynamics::shape::{Geometry, Shape};
 use crate::dynamics::vehicle::{Drag, Inertia, Part, Rotor, Vehicle};
 
 const RADIUS: f64 = 0.0231348;
@@ -70,6 +71,8 @@ pub fn vehicle() -> Vehicle {
         ),
         rotors,
         drag: Drag::default(),
+        // inscribed in the cylinder of radius 0.06 m and height 0.03 m of OmniDrones' collider
+        shapes: vec![Shape::new(Geometry::Box { size: [0.085, 0.085, 0.03] })],
         published_gains: None,
     }
 }

@@ -20,6 +20,7 @@
 //!   body drag is taken, since RotorS has none. Axial rotor drag stays zero, as in RotorS.
 
 use super::{Blade, with_blades};
+use crate::dynamics::shape::{Geometry, Shape};
 use crate::dynamics::vehicle::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
 
 const BLADE: Blade = Blade::rotors(0.009, 0.1);
@@ -57,6 +58,7 @@ pub fn vehicle() -> Vehicle {
         ),
         rotors,
         drag: Drag { quadratic: [0.005, 0.005, 0.01], ..Drag::default() },
+        shapes: vec![Shape::new(Geometry::Box { size: [0.1, 0.1, 0.12] })],
         published_gains: Some(Gains {
             position: [4.0; 3],
             velocity: [2.2; 3],

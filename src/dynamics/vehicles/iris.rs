@@ -23,6 +23,7 @@
 //! - Rotor inertia 4.26e-6 kg m², a tenth of the published 4.26e-5 (defect 4); total mass throughout (defect 5).
 
 use super::{Blade, with_blades};
+use crate::dynamics::shape::{Geometry, Shape};
 use crate::dynamics::vehicle::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
 
 const IXX: f64 = 0.0347563;
@@ -62,6 +63,7 @@ pub fn vehicle() -> Vehicle {
         ),
         rotors,
         drag: Drag::default(),
+        shapes: vec![Shape::new(Geometry::Box { size: [0.47, 0.47, 0.11] })],
         published_gains: Some(Gains {
             position: [6.0; 3],
             velocity: [4.7; 3],

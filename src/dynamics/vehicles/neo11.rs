@@ -22,6 +22,7 @@
 //! - Rotor inertia 8.2e-6 kg m², a tenth of the published 8.225e-5 (defect 4).
 
 use super::{Blade, with_blades};
+use crate::dynamics::shape::{Geometry, Shape};
 use crate::dynamics::vehicle::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
 
 const IXX: f64 = 0.060887;
@@ -68,6 +69,7 @@ pub fn vehicle() -> Vehicle {
         ),
         rotors,
         drag: Drag::default(),
+        shapes: vec![Shape::new(Geometry::Box { size: [0.2, 0.2, 0.234] })],
         published_gains: Some(Gains {
             position: [8.0, 8.0, 17.0],
             velocity: [6.0, 6.0, 10.0],

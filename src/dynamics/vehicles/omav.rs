@@ -26,6 +26,7 @@
 //! - Tilting (six more inputs at ≤ 10 rad/s) belongs to a later configuration; so held, it flies as a plain hexarotor.
 
 use super::{Blade, with_blades};
+use crate::dynamics::shape::{Geometry, Shape};
 use crate::dynamics::vehicle::{Drag, Inertia, Part, Rotor, Vehicle};
 
 /// Chord and thickness from the published moments, which are not those of RotorS's usual box.
@@ -56,6 +57,7 @@ pub fn vehicle() -> Vehicle {
         parts: with_blades(airframe, &rotors, BLADE),
         rotors,
         drag: Drag::default(),
+        shapes: vec![Shape::new(Geometry::Box { size: [0.22, 0.22, 0.35] })],
         published_gains: None,
     }
 }

@@ -1,0 +1,262 @@
+//! What stands around the vehicles: ground, gates, obstacles, and the signed distance to them.
+//!
+//! A [`Scene`] is plain data, shared by all environments of a batch. What differs between them, offsets and slides, is
+//! their **placement**, a flat slice over any scalar:
+//!
+//! | entries | what |
+//! |---|---|
+//! | per gate, in order: 3 | offset of its position, world, m |
+//! | then, for a sliding gate: 1 | slide coordinate along its local y, m |
+//! | per obstacle, in order: 3 | offset of its position, world, m |
+//!
+//! Zeros are the nominal placement. A placement of another length is a mistake of the program: kernels panic.
+
+mod gate;
+
+pub use gate::{Gate, Passage, Slide};
+
+use super::contact::distance::{self, plane_distance};
+use super::shape::{Geometry, MAX_SIZE, Pose, Shape, within};
+use super::spatial::{Vec3, add, constants};
+use crate::autodiff::Scalar;
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::collections::HashSet;
+
+/// Most gates, and most obstacles, of one scene.
+pub const MAX_ELEMENTS: usize = 4096;
+/// Distance to a scene without elements, m.
+pub const FAR: f64 = 1e6;
+
+/// A solid that does not move, with its pose in the world.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Obstacle {
+    /// Unique in its scene; for messages.
+    pub name: String,
+    /// Geometry and pose in the world.
+    pub shape: Shape,
+}
+
+/// Ground, gates and obstacles.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Scene {
+    /// Height of the ground, a level plane, m; `None` for none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ground: Option<f64>,
+    /// Fixed and sliding.
+    pub gates: Vec<Gate>,
+    /// Capsules, boxes, spheres.
+    pub obstacles: Vec<Obstacle>,
+}
+
+/// One thing of a [`Scene`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Element {
+    /// The plane.
+    Ground,
+    /// By its index in [`Scene::gates`].
+    Gate(usize),
+    /// By its index in [`Scene::obstacles`].
+    Obstacle(usize),
+}
+
+impl Scene {
+    /// Level ground at z = 0 and nothing else.
+    pub fn grounded() -> Self {
+        Self { ground: Some(0.0), ..Self::default() }
+    }
+
+    /// Numbers of a placement.
+    pub fn n_placement(&self) -> usize {
+        self.obstacle_start() + 3 * self.obstacles.len()
+    }
+
+    /// Where everything stands as its own fields say: zeros.
+    pub fn nominal_placement(&self) -> Vec<f64> {
+        vec![0.0; self.n_placement()]
+    }
+
+    /// Where in a placement the offset of a gate or obstacle starts; a sliding gate's coordinate follows it. `None` for the
+    /// ground.
+    ///
+    /// # Panics
+    /// On an index that the scene does not have.
+    pub fn placement_index(&self, element: Element) -> Option<usize> {
+        match element {
+            Element::Ground => None,
+            Element::Gate(i) => {
+                assert!(i < self.gates.len(), "gate {i} of {}", self.gates.len());
+                Some(self.gate_start(i))
+            }
+            Element::Obstacle(i) => {
+                assert!(i < self.obstacles.len(), "obstacle {i} of {}", self.obstacles.len());
+                Some(self.obstacle_start() + 3 * i)
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn gate_start(&self, i: usize) -> usize {
+        let mut at = 0;
+        for k in 0..i {
+            at += if self.gates[k].slide.is_some() { 4 } else { 3 };
+        }
+        at
+    }
+
+    #[inline(always)]
+    fn obstacle_start(&self) -> usize {
+        self.gate_start(self.gates.len())
+    }
+
+    /// Pose of the frame of gate `i`, world.
+    #[inline(always)]
+    pub fn gate_pose<S: Scalar>(&self, placement: &[S], i: usize) -> Pose<S> {
+        self.gate_pose_at(placement, i, self.gate_start(i))
+    }
+
+    #[inline(always)]
+    fn gate_pose_at<S: Scalar>(&self, placement: &[S], i: usize, at: usize) -> Pose<S> {
+        let gate = &self.gates[i];
+        let slide = if gate.slide.is_some() { placement[at + 3] } else { S::zero() };
+        gate.pose([placement[at], placement[at + 1], placement[at + 2]], slide)
+    }
+
+    /// Pose of obstacle `i`, world.
+    #[inline(always)]
+    pub fn obstacle_pose<S: Scalar>(&self, placement: &[S], i: usize) -> Pose<S> {
+        self.obstacle_pose_at(placement, i, self.obstacle_start() + 3 * i)
+    }
+
+    #[inline(always)]
+    fn obstacle_pose_at<S: Scalar>(&self, placement: &[S], i: usize, at: usize) -> Pose<S> {
+        let shape = &self.obstacles[i].shape;
+        let offset = [placement[at], placement[at + 1], placement[at + 2]];
+        Pose { position: add(constants(shape.position), offset), attitude: constants(shape.rotation) }
+    }
+
+    /// Signed distance of a world point to the nearest element, m: negative inside; [`FAR`] at most.
+    ///
+    /// Exact outside. The gradient in the point has unit norm wherever one nearest point of one surface is nearest; where
+    /// two are (half way between elements, on the axis of a bar, in the middle of a box) it is that of one of them, or 0
+    /// on the axis itself.
+    #[inline(always)]
+    pub fn distance<S: Scalar>(&self, placement: &[S], point: Vec3<S>) -> S {
+        self.check(placement.len());
+        let mut least = S::constant(FAR);
+        if let Some(height) = self.ground {
+            least = least.min(point[2] - S::constant(height));
+        }
+        let mut at = 0;
+        for i in 0..self.gates.len() {
+            let pose = self.gate_pose_at(placement, i, at);
+            least = least.min(self.gates[i].distance(&pose, point));
+            at += if self.gates[i].slide.is_some() { 4 } else { 3 };
+        }
+        for i in 0..self.obstacles.len() {
+            let pose = self.obstacle_pose_at(placement, i, at);
+            least = least.min(distance::point(point, &self.obstacles[i].shape.geometry, &pose));
+            at += 3;
+        }
+        least
+    }
+
+    /// Signed distance of a body to the nearest element, m; [`FAR`] at most. As exact as
+    /// [`contact::distance`](mod@super::contact::distance) is for the pair: the sign is right for all.
+    #[inline(always)]
+    pub fn clearance<S: Scalar>(&self, placement: &[S], geometry: &Geometry, pose: &Pose<S>) -> S {
+        self.check(placement.len());
+        let mut least = S::constant(FAR);
+        if let Some(height) = self.ground {
+            least = least.min(plane_distance(geometry, pose, S::constant(height)));
+        }
+        let mut at = 0;
+        for i in 0..self.gates.len() {
+            let gate = &self.gates[i];
+            let bars = gate.bars(&self.gate_pose_at(placement, i, at));
+            for k in 0..4 {
+                least = least.min(distance::to_capsule(geometry, pose, bars[k], gate.bar_radius()));
+            }
+            at += if gate.slide.is_some() { 4 } else { 3 };
+        }
+        for i in 0..self.obstacles.len() {
+            let other = self.obstacle_pose_at(placement, i, at);
+            least = least.min(distance::distance(geometry, pose, &self.obstacles[i].shape.geometry, &other));
+            at += 3;
+        }
+        least
+    }
+
+    /// The element nearest to a world point, and its signed distance, m; `None` for an empty scene.
+    ///
+    /// # Panics
+    /// On a placement of another length than [`n_placement`](Self::n_placement).
+    pub fn nearest(&self, placement: &[f64], point: Vec3<f64>) -> Option<(Element, f64)> {
+        self.check(placement.len());
+        let ground = self.ground.map(|height| (Element::Ground, point[2] - height));
+        let gates = self
+            .gates
+            .iter()
+            .enumerate()
+            .map(|(i, gate)| (Element::Gate(i), gate.distance(&self.gate_pose(placement, i), point)));
+        let obstacles = self.obstacles.iter().enumerate().map(|(i, o)| {
+            let pose = self.obstacle_pose(placement, i);
+            (Element::Obstacle(i), distance::point(point, &o.shape.geometry, &pose))
+        });
+        ground.into_iter().chain(gates).chain(obstacles).min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// How the step from `from` to `to` (world, m) meets the opening of gate `i`.
+    #[inline(always)]
+    pub fn passage<S: Scalar>(&self, placement: &[S], i: usize, from: Vec3<S>, to: Vec3<S>) -> Passage<S> {
+        self.check(placement.len());
+        self.gates[i].passage(&self.gate_pose(placement, i), from, to)
+    }
+
+    #[inline(always)]
+    fn check(&self, length: usize) {
+        let want = self.n_placement();
+        assert!(length == want, "a placement of {length} numbers for a scene of {want}");
+    }
+
+    /// Checks every element; errors name it: `gate 'second'`, `obstacle 'pillar'`.
+    ///
+    /// # Errors
+    /// Numbers as [`Gate::validate`] and [`Shape::validate`] refuse; a ground beyond [`MAX_SIZE`]; a name used twice; more
+    /// than [`MAX_ELEMENTS`] gates or obstacles.
+    pub fn validate(&self) -> Result<()> {
+        if let Some(height) = self.ground {
+            within("scene: ground", height, -MAX_SIZE, MAX_SIZE)?;
+        }
+        for (what, count) in [("gates", self.gates.len()), ("obstacles", self.obstacles.len())] {
+            if count > MAX_ELEMENTS {
+                let remedy = "Leave out what no vehicle can reach.";
+                return Err(Error::limit(format!("scene: number of {what}"), count, MAX_ELEMENTS, remedy));
+            }
+        }
+        for gate in &self.gates {
+            gate.validate(&format!("gate '{}'", gate.name))?;
+        }
+        for obstacle in &self.obstacles {
+            obstacle.shape.validate(&format!("obstacle '{}'", obstacle.name))?;
+        }
+        unique("gate", self.gates.iter().map(|gate| gate.name.as_str()))?;
+        unique("obstacle", self.obstacles.iter().map(|obstacle| obstacle.name.as_str()))
+    }
+}
+
+fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<()> {
+    let mut seen = HashSet::new();
+    for name in names {
+        if !seen.insert(name) {
+            let what = format!("scene: {kind} name");
+            return Err(Error::value(what, format!("'{name}' twice"), "unique", "Rename one of them."));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;
