@@ -109,7 +109,8 @@ fn unbalanced(
     }
 }
 
-/// Largest unbalanced force or moment over the largest that any joint passes on.
+/// Largest unbalanced force or moment over the largest product of an inertia and an acceleration, or force on a joint: what
+/// rounding is relative to.
 fn residual(system: &Multibody, x: &[f64], rate: &[f64]) -> f64 {
     let (bodies, places) = (system.model().bodies(), &system.layout().bodies);
     let gravity = system.model().parts().gravity;
@@ -119,7 +120,11 @@ fn residual(system: &Multibody, x: &[f64], rate: &[f64]) -> f64 {
         frames.push(moved(&up, body, place, x, rate));
     }
     let mut loads: Vec<(V, V)> = bodies.iter().zip(&frames).map(|(b, f)| needed(b, f, gravity)).collect();
-    let mut scale = 0.0_f64;
+    let sizes = bodies.iter().zip(&frames).map(|(b, f)| {
+        let turning = b.inertia.matrix().norm() * f.spin_rate.norm();
+        turning.max(b.mass * f.acceleration.norm())
+    });
+    let mut scale = sizes.fold(0.0, f64::max);
     for (mounted, at) in system.model().rotors().iter().zip(&system.layout().rotor_speed) {
         let (rotor, rotation) = (&mounted.rotor, frames[mounted.body].rotation);
         let thrust = rotation * V::from(rotor.axis) * (rotor.thrust_coefficient * x[*at] * x[*at]);
@@ -146,7 +151,7 @@ fn residual(system: &Multibody, x: &[f64], rate: &[f64]) -> f64 {
 
 #[test]
 fn inverse_dynamics_of_our_accelerations_gives_back_what_acted() {
-    for model in models::all() {
+    for model in models::all().into_iter().chain(models::combined()) {
         let system = bare(&model);
         let mut stream = stream(5);
         let mut worst = 0.0_f64;

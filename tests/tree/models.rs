@@ -1,26 +1,42 @@
-//! Models under test: every vehicle as one body, and systems that use every kind of joint in every place.
+//! Models under test: every vehicle as one body, every configuration, and systems that use every kind of joint in every
+//! place.
 
+use omnidrones::dynamics::assembly::{Assembly, Solid};
+use omnidrones::dynamics::configurations::{self, InvertedPendulum, Payload, Platform, Transport};
 use omnidrones::dynamics::tree::{Body, IDENTITY, Joint, Model, ModelParts, Motion, MountedRotor};
 use omnidrones::dynamics::{Drag, Inertia, Vehicle, vehicle::GRAVITY, vehicles};
 
 /// All of them, by unique names.
 pub fn all() -> Vec<Model> {
     let vehicles = vehicles::all().into_iter().map(|v| of_vehicle(&v));
-    vehicles.chain([universal_load(), every_joint(), arm(), two_trees()]).collect()
+    let configurations = configurations::all().unwrap();
+    vehicles.chain(configurations).chain([universal_load(), every_joint(), arm(), two_trees()]).collect()
+}
+
+/// Every configuration that takes a vehicle, with every vehicle.
+pub fn combined() -> Vec<Model> {
+    let mut out = Vec::new();
+    for drone in vehicles::all() {
+        let models = [
+            Payload { drone: drone.clone(), ..Payload::default() }.build().unwrap().model,
+            InvertedPendulum { drone: drone.clone(), ..InvertedPendulum::default() }.build().unwrap().model,
+            Platform { drone: drone.clone(), ..Platform::default() }.build().unwrap().model,
+            Transport { drone: drone.clone(), ..Transport::four() }.build().unwrap().model,
+        ];
+        for model in models {
+            let mut parts = model.parts().clone();
+            parts.name = format!("{}_of_{}", parts.name, drone.name);
+            out.push(Model::new(parts).unwrap());
+        }
+    }
+    out
 }
 
 /// A vehicle as one floating body.
 pub fn of_vehicle(vehicle: &Vehicle) -> Model {
-    let total = vehicle.mass_properties();
-    let body = Body {
-        mass: total.mass,
-        center_of_mass: total.center_of_mass.into(),
-        inertia: Inertia::from_matrix(&total.inertia),
-        drag: vehicle.drag,
-        ..body("base", None, Joint::new("base", Motion::Floating), 0.0)
-    };
-    let rotors = vehicle.rotors.iter().map(|r| MountedRotor { body: 0, rotor: r.clone() }).collect();
-    model(&vehicle.name, vec![body], rotors)
+    let mut assembly = Assembly::new(&vehicle.name);
+    assembly.part("drone", Solid::vehicle(vehicle));
+    assembly.model().unwrap()
 }
 
 fn model(name: &str, bodies: Vec<Body>, rotors: Vec<MountedRotor>) -> Model {

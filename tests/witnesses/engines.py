@@ -334,6 +334,7 @@ class Pinocchio:
             else:
                 q[iq] = x[at]
                 tau[iv] -= body["joint"]["stiffness"] * (x[at] - body["joint"]["rest"])
+        self.q = q
         a = pin.aba(self.m, self.d, q, v, tau, forces)
         out = np.zeros(model.n_velocity)
         for i, body in enumerate(model.bodies):
@@ -343,3 +344,8 @@ class Pinocchio:
                 turned = a[iv:iv + 3] + np.cross(v[iv + 3:iv + 6], v[iv:iv + 3])
                 out[f:f + 3] = matrix(x[at + 6:at + 10]) @ turned
         return out
+
+    def condition(self):
+        """Of the mass matrix, at the state last seen."""
+        upper = np.triu(self.pin.crba(self.m, self.d, self.q))
+        return np.linalg.cond(upper + np.triu(upper, 1).T)
