@@ -3,7 +3,7 @@
 
 use omnidrones::dynamics::assembly::{Assembly, Solid};
 use omnidrones::dynamics::configurations::{self, InvertedPendulum, Payload, Platform, Transport};
-use omnidrones::dynamics::tree::{Body, IDENTITY, Joint, Model, ModelParts, Motion, MountedRotor};
+use omnidrones::dynamics::tree::{Body, ContactSettings, IDENTITY, Joint, Model, ModelParts, Motion, MountedRotor};
 use omnidrones::dynamics::{Drag, Inertia, Vehicle, vehicle::GRAVITY, vehicles};
 
 /// All of them, by unique names.
@@ -41,7 +41,8 @@ pub fn of_vehicle(vehicle: &Vehicle) -> Model {
 
 fn model(name: &str, bodies: Vec<Body>, rotors: Vec<MountedRotor>) -> Model {
     let (drones, frames, shapes) = (Vec::new(), Vec::new(), Vec::new());
-    Model::new(ModelParts { name: name.into(), gravity: GRAVITY, bodies, rotors, drones, frames, shapes }).unwrap()
+    let (name, gravity, contact) = (name.into(), GRAVITY, ContactSettings::default());
+    Model::new(ModelParts { name, gravity, bodies, rotors, drones, frames, shapes, contact }).unwrap()
 }
 
 fn body(name: &str, parent: Option<usize>, joint: Joint, mass: f64) -> Body {
