@@ -99,7 +99,7 @@ fn physics(model: &Model) -> Vec<f64> {
         let (i, j) = (&b.inertia, &b.joint);
         out.extend([b.parent.map_or(-1.0, |p| p as f64), kind]);
         out.extend(axis.iter().chain(&j.position).chain(j.rotation.as_flattened()));
-        out.extend([j.damping, j.stiffness, j.rest, b.mass]);
+        out.extend([j.damping, j.stiffness, j.rest, j.armature, b.mass]);
         out.extend(b.center_of_mass);
         out.extend([i.xx, i.yy, i.zz, i.xy, i.xz, i.yz]);
     }

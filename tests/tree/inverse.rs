@@ -87,21 +87,21 @@ fn needed(body: &Body, frame: &Frame, gravity: f64) -> (V, V) {
     (force, inertia * w_rate + w.cross(&(inertia * w)) + c.cross(&force))
 }
 
-/// How far what a joint passes on is from what its damper and spring give; all of it on a floating body.
+/// How far what a joint passes on is from what its damper, spring and motor's inertia give; all of it on a floating body.
 fn unbalanced(
     body: &Body,
     place: &BodyPlace,
-    x: &[f64],
+    (x, rates): (&[f64], &[f64]),
     frame: &Matrix3<f64>,
     own: &Matrix3<f64>,
     load: (V, V),
 ) -> f64 {
     let (p, v, joint, (force, moment)) = (place.position, place.velocity, &body.joint, load);
-    let given = |q: f64, rate: f64| -joint.damping * rate - joint.stiffness * (q - joint.rest);
+    let given = || -joint.damping * x[v] - joint.stiffness * (x[p] - joint.rest) - joint.armature * rates[v];
     match joint.motion {
         Motion::Floating => force.norm().max(moment.norm()),
-        Motion::Revolute(a) => ((frame * V::from(a)).dot(&moment) - given(x[p], x[v])).abs(),
-        Motion::Prismatic(a) => ((frame * V::from(a)).dot(&force) - given(x[p], x[v])).abs(),
+        Motion::Revolute(a) => ((frame * V::from(a)).dot(&moment) - given()).abs(),
+        Motion::Prismatic(a) => ((frame * V::from(a)).dot(&force) - given()).abs(),
         Motion::Ball => {
             let sine = vector(x, p + 1) * (2.0 * x[p]);
             (own.transpose() * moment + vector(x, v) * joint.damping + sine * joint.stiffness).norm()
@@ -139,7 +139,7 @@ fn residual(system: &Multibody, x: &[f64], rate: &[f64]) -> f64 {
         let (force, moment) = loads[i];
         scale = scale.max(force.norm()).max(moment.norm());
         let frame = joint_frame(&up, &bodies[i]);
-        worst = worst.max(unbalanced(&bodies[i], &places[i], x, &frame, &frames[i].rotation, loads[i]));
+        worst = worst.max(unbalanced(&bodies[i], &places[i], (x, rate), &frame, &frames[i].rotation, loads[i]));
         if let Some(k) = bodies[i].parent {
             let arm = frames[i].position - frames[k].position;
             loads[k].0 += force;

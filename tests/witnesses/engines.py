@@ -154,7 +154,7 @@ class Model:
             out.extend(axis(b) if FREEDOMS[kind(b)] == 1 else [0, 0, 0])
             out.extend(j["position"])
             out.extend(np.ravel(j["rotation"]))
-            out.extend([j["damping"], j["stiffness"], j["rest"], b["mass"], *b["center_of_mass"]])
+            out.extend([j["damping"], j["stiffness"], j["rest"], j["armature"], b["mass"], *b["center_of_mass"]])
             out.extend(b["inertia"][k] for k in ("xx", "yy", "zz", "xy", "xz", "yz"))
         for mounted in self.rotors:
             r = mounted["rotor"]
@@ -200,6 +200,7 @@ class MuJoCo:
                 raise ValueError(f"{self.model.name}: a massless body on a ball joint, '{body['name']}'")
             return out + ' type="ball"/>'
         out += f' axis={text(rotation.T @ axis(body))} stiffness="{j["stiffness"]!r}" springref="{j["rest"]!r}"'
+        out += f' armature="{j["armature"]!r}"'
         return out + f' type="{"hinge" if k == "revolute" else "slide"}"/>'
 
     def mjcf(self, sites, option):
@@ -309,6 +310,9 @@ class Pinocchio:
             inertia = pin.Inertia(body["mass"], np.array(body["center_of_mass"]), tensor(body))
             self.m.appendBodyToJoint(at, inertia, pin.SE3.Identity())
             self.ids.append(at)
+        for i, body in enumerate(model.bodies):
+            if FREEDOMS[kind(body)] == 1:
+                self.m.armature[self.m.joints[self.ids[i]].idx_v] = body["joint"]["armature"]
         self.d = self.m.createData()
 
     def accelerations(self, x):
