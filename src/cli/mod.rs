@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `fly.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
+//! | `fly_rig.rs` | `fly` for configurations, and drops |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `rig.rs` | an articulated system from a name or a vehicle |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
@@ -16,6 +17,7 @@ mod arguments;
 mod bench;
 mod files;
 mod fly;
+mod fly_rig;
 mod import;
 mod models;
 mod page;

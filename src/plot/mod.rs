@@ -13,7 +13,7 @@
 //! | `projection.rs` | space onto the page |
 //! | `chart.rs`, `path3d.rs`, `drawing.rs`, `bars.rs` | the four charts |
 //! | `flight.rs` | the figures of a flight |
-//! | `model.rs` | an articulated system as a drawing |
+//! | `model.rs`, `rig.rs` | an articulated system as a drawing; the figures of its flight or fall |
 //!
 //! ```
 //! use omnidrones::plot::{Figure, Panel, Series};
@@ -35,6 +35,7 @@ mod legend;
 pub mod model;
 mod path3d;
 mod projection;
+pub mod rig;
 mod theme;
 
 pub use bars::{Bar, Bars};
