@@ -101,8 +101,7 @@ impl FlightArguments {
     /// The reference, read and checked.
     pub fn reference(&self) -> Result<Reference> {
         let named = self.reference.as_deref().unwrap_or("lemniscate");
-        let reference =
-            if is_path(named) { files::read_toml(Path::new(named))? } else { Reference::by_name(named)? };
+        let reference = if is_path(named) { files::read_toml(Path::new(named))? } else { Reference::by_name(named)? };
         reference.validate()?;
         Ok(reference)
     }

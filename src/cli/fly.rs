@@ -28,9 +28,9 @@ and rate controllers compute at their own rates. Prints what the vehicle is, how
 that the derivatives of the very equations it flew are exact; writes plots.
 
 Configurations fly with simple controllers: drones that carry something each hold their own place (payload, platform, \
-transport), servos hold the rest pose under one cascade (dragon, omav_tilting), a load on top is balanced \
-(inverted_pendulum). They follow a slow lemniscate, high enough for what hangs below. With --drop anything falls to the \
-ground instead.";
+transport), servos hold the rest pose under one cascade (omav_tilting), a load on top is balanced (inverted_pendulum). They follow a \
+slow lemniscate, high enough for what hangs below. Nobody steers the dragon yet: it falls to the ground, as anything \
+does with --drop.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -43,7 +43,7 @@ Examples:
   omnidrones fly hummingbird --json --no-plots --max-rmse 0.1
   omnidrones fly transport --reference hover          four drones hold a box
   omnidrones fly payload --effects downwash,contact   with these effects
-  omnidrones fly dragon --drop=0.5                    falls half a metre to the ground
+  omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
 Files in --out: overview, path, error, rotors, attitude (.png or .svg), and with --csv flight.csv (one line per step, \
 units in the header). Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv.

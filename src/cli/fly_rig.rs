@@ -5,16 +5,16 @@ use super::page::{Fact, Page, duration, length, short};
 use super::rig::{self, Rig};
 use super::table::{Align, Table, number};
 use super::{Report, files, progress};
-use omnidrones::controllers::pilot::{clearance, start_above, start_on};
+use omnidrones::controllers::pilot::{clearance, start_above, start_on, steerable, substeps_for_damping};
 use omnidrones::controllers::reference::{Hover, Lemniscate};
 use omnidrones::controllers::{FlightPlan, Passive, Reference, RigFlight, fly_rig, suited};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::tree::{Multibody, contact_forces, kinetic_energy, potential_energy};
-use omnidrones::dynamics::{Gains, configurations};
+use omnidrones::dynamics::{Gains, Integrator, configurations};
 use omnidrones::error::{Error, Result};
 use omnidrones::flight::FlightSummary;
-use omnidrones::plot::rig::{Fall, JointHistory, RigFigures, fall, joints};
 use omnidrones::plot::model;
+use omnidrones::plot::rig::{Fall, JointHistory, RigFigures, fall, joints};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -31,7 +31,9 @@ const ROOM: f64 = 0.5;
 pub fn run(a: &Arguments) -> Result<Report> {
     let named = a.vehicle.as_deref().unwrap_or("hummingbird");
     let rig = rig::load(named, &a.rotors)?;
-    if a.drop.is_some() { dropped(a, &rig) } else { flown(a, &rig) }
+    // what nobody steers yet falls
+    let alone = !rig.model.drones().is_empty() && !steerable(&rig.model);
+    if a.drop.is_some() || alone { dropped(a, &rig) } else { flown(a, &rig) }
 }
 
 /// The system with the effects of the arguments, and of the wind.
@@ -39,6 +41,9 @@ fn system(a: &Arguments, rig: &Rig, contact: bool) -> Result<Multibody> {
     let mut physics = a.flight.physics();
     physics.effects.disturbance |= a.wind != Wind::Calm;
     physics.effects.contact |= contact;
+    if physics.integrator == Integrator::RungeKutta4 && physics.dt > 0.0 {
+        physics.substeps = physics.substeps.max(substeps_for_damping(&rig.model, physics.dt)?);
+    }
     Multibody::new(&rig.model, physics)
 }
 
@@ -187,8 +192,7 @@ impl Flown<'_> {
         page.line(format!("  {}", self.rig.description));
         page.heading("Flight").facts(&self.facts());
         if !self.joints.is_empty() {
-            let mut table =
-                Table::new(&[("joint", Align::Left), ("largest", Align::Right), ("rms", Align::Right)]);
+            let mut table = Table::new(&[("joint", Align::Left), ("largest", Align::Right), ("rms", Align::Right)]);
             for joint in &self.joints {
                 let show = |v: f64| {
                     if joint.turns { format!("{}°", number(v.to_degrees(), 1)) } else { length(v) }
@@ -213,7 +217,9 @@ impl Flown<'_> {
     fn facts(&self) -> Vec<Fact> {
         let (s, plan) = (&self.summary, &self.plan);
         let speed = match &plan.reference {
-            Reference::Lemniscate(l) => format!("; {} rad/s around ({}) m", l.rate, l.origin.map(|v| short(v, 3)).join(", ")),
+            Reference::Lemniscate(l) => {
+                format!("; {} rad/s around ({}) m", l.rate, l.origin.map(|v| short(v, 3)).join(", "))
+            }
             Reference::Hover(Hover { position, .. }) => format!("; ({}) m", position.map(|v| short(v, 3)).join(", ")),
             _ => String::new(),
         };
@@ -226,9 +232,14 @@ impl Flown<'_> {
             Fact::new("controller", &self.controller[0]).note(&self.controller[1]),
             Fact::new("reference", plan.reference.name()).note(format!("{}{speed}", plan.reference.description())),
             Fact::new("simulated", format!("{} s", short(s.duration, 5))).note(format!(
-                "{} steps of {} in {}: {} × real time",
+                "{} steps of {}{} in {}: {} × real time",
                 s.samples.saturating_sub(1),
                 duration(plan.physics.dt),
+                if plan.physics.substeps > 1 {
+                    format!(" ({} substeps)", plan.physics.substeps)
+                } else {
+                    String::new()
+                },
                 duration(self.wall_time),
                 short(s.duration / self.wall_time.max(1e-9), 3)
             )),
@@ -276,7 +287,8 @@ fn uncontrolled(a: &Arguments) -> Result<()> {
     match given.into_iter().find(|(_, given)| *given) {
         None => Ok(()),
         Some((name, _)) => {
-            Err(Error::value(name, "with --drop", "left out: nothing is controlled", "Leave one of the two out."))
+            let value = if a.drop.is_some() { "with --drop" } else { "for a configuration that nobody steers yet" };
+            Err(Error::value(name, value, "left out: nothing is controlled", "It falls to the ground: leave it out."))
         }
     }
 }
@@ -403,6 +415,9 @@ impl<'a> Fallen<'a> {
         ];
         if let Some(t) = self.flight.diverged_at {
             facts.push(Fact::new("diverged", format!("{} s", short(t, 4))).note("a smaller --dt may help"));
+        }
+        if !steerable(&self.rig.model) {
+            page.line("  nobody steers it yet: it falls, rotors idle");
         }
         page.heading("Drop").facts(&facts);
         if !written.is_empty() {

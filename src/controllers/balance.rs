@@ -2,7 +2,7 @@
 //!
 //! With the load's lean r (its horizontal offset from the drone), the bar's length l and the drone's acceleration a:
 //! r̈ = (g/l) r − a. All four poles of each axis are placed at −p by a = k₁ e + k₂ ė + k₃ ρ + k₄ ρ̇ + a_ref, where e is
-//! the drone's offset from the reference and ρ = r − (l/g) a_ref the lean that is not wanted:
+//! the drone's offset from the reference and ρ = r − (l/g)(a_ref + (l/g) s_ref) the lean that is not wanted (s_ref the snap):
 //!
 //! ```text
 //! k₁ = p⁴ l/g,   k₂ = 4 p³ l/g,   k₃ = 6 p² + k₁ + g/l,   k₄ = 4 p + k₂
@@ -15,13 +15,13 @@ use super::formation::{carrier, root};
 use super::kinematics::Kinematics;
 use super::pilot::{Command, Pilot};
 use super::velocity::VelocityCommand;
-use crate::dynamics::spatial::{add, mat_vec, sub};
+use crate::dynamics::spatial::{add, cross, mat_vec, sub, up_axis};
 use crate::dynamics::tree::{Model, Multibody, body_poses};
 use crate::dynamics::{GRAVITY, Gains};
 use crate::error::{Error, Result};
 
 /// p, 1/s: slower than the attitude loop that carries it out.
-const POLE: f64 = 2.0;
+const POLE: f64 = 2.4;
 
 /// State feedback of one drone with one load above it.
 #[derive(Debug, Clone)]
@@ -92,21 +92,31 @@ impl Pilot for Balance {
         let (own, poses) = (self.tracked(moment.state), body_poses(&self.system, moment.state));
         let (pose, center) = (&poses[self.load], self.system.model().bodies()[self.load].center_of_mass);
         let lever = mat_vec(pose.rotation, center);
-        let drift = crate::dynamics::spatial::cross(pose.angular_velocity, lever);
+        let drift = cross(pose.angular_velocity, lever);
         let lean = sub(add(pose.position, lever), own.position);
         let leaning = sub(add(pose.velocity, drift), own.velocity);
         let wanted = moment.reference.sample(moment.time);
         let ([k1, k2, k3, k4], per) = (self.feedback, self.length / GRAVITY);
+        let up = up_axis(own.attitude);
         let mut command = VelocityCommand::constant(own.velocity, wanted.yaw);
         for i in 0..2 {
-            let unwanted = lean[i] - per * wanted.acceleration[i];
+            let unwanted = lean[i] - per * (wanted.acceleration[i] + per * wanted.snap[i]);
             let drifting = leaning[i] - per * wanted.jerk[i];
             let a = wanted.acceleration[i]
                 + k1 * (own.position[i] - wanted.position[i])
                 + k2 * (own.velocity[i] - wanted.velocity[i])
                 + k3 * unwanted
                 + k4 * drifting;
+            // its derivative, from the acceleration that the attitude gives now: the attitude then lags less
+            let push = GRAVITY * up[i] / up[2].max(0.3);
+            let excess = (push - self.share * lean[i] / per) / (1.0 - self.share) - wanted.acceleration[i];
+            let change = wanted.jerk[i]
+                + k1 * (own.velocity[i] - wanted.velocity[i])
+                + k2 * excess
+                + k3 * drifting
+                + k4 * (unwanted / per - excess);
             command.acceleration[i] = (1.0 - self.share) * a + self.share * lean[i] / per;
+            command.jerk[i] = (1.0 - self.share) * change + self.share * leaning[i] / per;
         }
         let gains = &self.cascade.model.gains;
         command.acceleration[2] = wanted.acceleration[2]

@@ -13,7 +13,7 @@ use crate::error::Result;
 use nalgebra::{Matrix3, Vector3};
 
 /// How fast a rate servo is sent back to rest, 1/s: well below the inverse of its lag.
-const RETURN_RATE: f64 = 8.0;
+const RETURN_RATE: f64 = 10.0;
 
 /// One cascade over all rotors of a model.
 #[derive(Debug, Clone)]
@@ -83,9 +83,8 @@ pub fn rigid(system: &Multibody) -> Vehicle {
     let poses = body_poses(system, &rest);
     let (root, center) = (super::formation::root(system, &rest).attitude, center_of_mass(system, &rest));
     let local = |v: [f64; 3]| rotate_back(root, v);
-    let point = |body: usize, p: [f64; 3]| {
-        local(sub(add(poses[body].position, mat_vec(poses[body].rotation, p)), center))
-    };
+    let point =
+        |body: usize, p: [f64; 3]| local(sub(add(poses[body].position, mat_vec(poses[body].rotation, p)), center));
     let mut drag = Drag::default();
     let mut parts = Vec::new();
     for (i, body) in model.bodies().iter().enumerate().filter(|(_, b)| b.mass > 0.0) {

@@ -10,11 +10,12 @@ use super::reference::{Reference, Sample};
 use crate::autodiff::{System, safe};
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
-use crate::dynamics::tree::{Model, Motion, Multibody, body_poses};
-use crate::dynamics::Gains;
+use crate::dynamics::tree::{Model, Motion, Multibody, body_poses, mass_matrix};
+use crate::dynamics::{Effects, Gains, Physics};
 use crate::error::{Error, Result};
 use crate::flight::{self, FlightLog};
 use crate::rng::{Purpose, Stream};
+use nalgebra::DMatrix;
 
 /// What a pilot is told in every step.
 #[derive(Debug, Clone, Copy)]
@@ -74,13 +75,27 @@ pub fn suited(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Resul
         let what = format!("model '{}': number of drones", model.name());
         return Err(Error::value(what, 0, "≥ 1 to fly", "Drop it instead."));
     }
-    if model.bodies().iter().any(|b| b.joint.drive.is_some()) {
+    if !steerable(model) {
+        let what = format!("model '{}': drones", model.name());
+        let rule = "on the root, or without servos between them";
+        return Err(Error::value(what, "on gimbals along a chain", rule, "Nobody steers it yet: drop it instead."));
+    }
+    if has_servos(model) {
         return Ok(Box::new(Frozen::new(system, gains, rates)?));
     }
     if balanced(model).is_some() {
         return Ok(Box::new(Balance::new(system, gains, rates)?));
     }
     Ok(Box::new(Formation::new(system, gains, rates)?))
+}
+
+fn has_servos(model: &Model) -> bool {
+    model.bodies().iter().any(|b| b.joint.drive.is_some())
+}
+
+/// Whether [`suited`] knows a pilot: drones that sit on servos themselves, away from the root, have none yet.
+pub fn steerable(model: &Model) -> bool {
+    !model.drones().is_empty() && (!has_servos(model) || model.drones().iter().all(|d| d.body == 0))
 }
 
 /// Refuses models that cannot move as a whole.
@@ -90,6 +105,27 @@ fn free(model: &Model) -> Result<()> {
     }
     let what = format!("model '{}': root '{}'", model.name(), model.bodies()[0].name);
     Err(Error::value(what, "fixed to the world", "free to move", "It can be shown, not flown or dropped."))
+}
+
+/// Integrator steps within one of `dt` seconds that explicit integration needs for the damping of the joints: the
+/// fastest rate at which damping stops a joint at rest, λ of M⁻¹D, times the step may be 2 at most.
+///
+/// # Errors
+/// As [`mass_matrix`].
+pub fn substeps_for_damping(model: &Model, dt: f64) -> Result<usize> {
+    let physics = Physics { effects: Effects::none(), ..Physics::default() };
+    let mass = mass_matrix(model, &Multibody::new(model, physics)?.rest_state())?;
+    let n = mass.nrows();
+    let mut root = DMatrix::zeros(n, n);
+    for (body, place) in model.bodies().iter().zip(&model.layout().bodies) {
+        for k in 0..place.n_freedom {
+            root[(place.freedom + k, place.freedom + k)] = body.joint.damping.max(0.0).sqrt();
+        }
+    }
+    // of √D M⁻¹ √D, which is symmetric
+    let Some(inverse) = mass.cholesky().map(|c| c.inverse()) else { return Ok(1) };
+    let fastest = (&root * inverse * &root).symmetric_eigenvalues().max();
+    Ok((0.5 * fastest * dt).ceil().clamp(1.0, 1000.0) as usize)
 }
 
 /// A finished flight of an articulated system.
