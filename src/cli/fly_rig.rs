@@ -413,6 +413,11 @@ impl<'a> Fallen<'a> {
             Fact::new("energy", format!("{} J", short(last, 4))).note(format!("{} J at the start", short(first, 4))),
             Fact::new("speed at the end", format!("{} m/s", short(self.speed, 2))).note("of all masses, rms"),
         ];
+        let ghosts = self.rig.model.shapes().iter().filter(|s| !s.collides).count();
+        if ghosts > 0 {
+            let all = self.rig.model.shapes().len();
+            facts.push(Fact::new("untouchable", format!("{ghosts} of {all}")).note("shapes pass through the ground"));
+        }
         if let Some(t) = self.flight.diverged_at {
             facts.push(Fact::new("diverged", format!("{} s", short(t, 4))).note("a smaller --dt may help"));
         }

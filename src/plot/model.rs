@@ -103,6 +103,15 @@ pub fn sticks(system: &Multibody, state: &[f64]) -> Vec<[[f64; 3]; 2]> {
             let ends = [sub(shape.shape.position, z), add(shape.shape.position, z)];
             lines.push(ends.map(|p| on(&poses[b], p)));
         }
+        if let (Some(b), Geometry::Box { size }) = (shape.body, shape.shape.geometry)
+            && !carries_rotors(model, b)
+        {
+            let corner = |k: usize| [0, 1, 2].map(|i| if k >> i & 1 == 0 { -0.5 * size[i] } else { 0.5 * size[i] });
+            let at =
+                |k: usize| on(&poses[b], add(shape.shape.position, mat_vec(matrix(shape.shape.rotation), corner(k))));
+            let edges = (0..3).flat_map(|i| (0..8usize).filter(move |k| k >> i & 1 == 0).map(move |k| (k, k | 1 << i)));
+            lines.extend(edges.map(|(a, b)| [at(a), at(b)]));
+        }
     }
     lines
 }

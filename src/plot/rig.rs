@@ -87,12 +87,13 @@ impl RigFigures {
     }
 }
 
-/// The system's lines at seven moments, equally far apart in time.
+/// The system's lines at a few moments, equally far apart in time.
 fn along(system: &Multibody, states: &[f64]) -> Vec<[[f64; 3]; 2]> {
     let n = system.rest_state().len();
     let rows: Vec<&[f64]> = states.chunks_exact(n).filter(|row| row.iter().all(|v| v.is_finite())).collect();
     let last = rows.len().saturating_sub(1);
-    let mut picked: Vec<usize> = (0..7).map(|k| last * k / 6).collect();
+    let moments = if system.model().rotors().len() > 8 { 3 } else { 6 };
+    let mut picked: Vec<usize> = (0..=moments).map(|k| last * k / moments).collect();
     picked.dedup();
     picked.into_iter().filter_map(|i| rows.get(i)).flat_map(|row| sticks(system, row)).collect()
 }
