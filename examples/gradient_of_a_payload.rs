@@ -61,16 +61,18 @@ fn main() -> Result<()> {
     let rollout = Rollout::new(system, objective)?;
 
     let mut momentum = vec![0.0; inputs.len()];
-    for iteration in 0..=120 {
+    for iteration in 0..=90 {
         let (cost, gradient) = rollout.gradient(&start, &inputs, &[]);
-        if iteration % 40 == 0 {
+        if iteration % 30 == 0 {
             let states = rollout.trajectory(&start, &inputs, &[]);
             let end = &states[states.len() - start.len()..];
             println!("{iteration:4}  cost {cost:.5}  rope at ({:+.3}, {:+.3}) rad", end[angle[0]], end[angle[1]]);
         }
+        // steps of bounded length that shrink to nothing
+        let step = 0.01 * (1.0 - f64::from(iteration) / 90.0);
         let length = gradient.inputs.iter().map(|g| g * g).sum::<f64>().sqrt().max(1e-3);
         for ((u, m), g) in inputs.iter_mut().zip(&mut momentum).zip(&gradient.inputs) {
-            *m = 0.9 * *m - 0.01 * g / length;
+            *m = 0.9 * *m - step * g / length;
             *u = (*u + *m).clamp(-1.0, 1.0);
         }
     }
