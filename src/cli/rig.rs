@@ -4,7 +4,7 @@ use super::arguments::{VehicleArguments, is_path};
 use super::source;
 use omnidrones::dynamics::assembly::single;
 use omnidrones::dynamics::tree::Model;
-use omnidrones::dynamics::{Vehicle, configurations, vehicles};
+use omnidrones::dynamics::{configurations, vehicles};
 use omnidrones::error::{Error, Result};
 
 /// A model and its story.
@@ -15,8 +15,6 @@ pub struct Rig {
     pub origin: String,
     /// One line, empty for a file.
     pub description: String,
-    /// What became the one body.
-    pub vehicle: Option<Vehicle>,
 }
 
 /// The configuration of that name, if there is one.
@@ -35,7 +33,6 @@ pub fn load(named: &str, arguments: &VehicleArguments) -> Result<Rig> {
             model: (entry.build)()?,
             origin: "configuration, built in".into(),
             description: entry.description.into(),
-            vehicle: None,
         });
     }
     known(named)?;
@@ -45,7 +42,6 @@ pub fn load(named: &str, arguments: &VehicleArguments) -> Result<Rig> {
         model: single(&loaded.vehicle)?,
         origin: format!("vehicle as one body, {}", loaded.origin),
         description: built_in.map_or_else(String::new, |entry| entry.description.into()),
-        vehicle: Some(loaded.vehicle),
     })
 }
 

@@ -402,7 +402,7 @@ fn slices(model: &Model) -> Vec<(String, String)> {
 /// The first names, and how many more.
 fn few(names: &[&str]) -> String {
     match names {
-        [all @ ..] if all.len() <= 8 => all.join(", "),
+        all if all.len() <= 8 => all.join(", "),
         [first @ .., last] => format!("{}, … {last} ({} in the order of the tree)", first[..6].join(", "), names.len()),
         [] => String::new(),
     }

@@ -87,15 +87,21 @@ impl RigFigures {
     }
 }
 
-/// The system's lines at a few moments, equally far apart in time.
+/// The system's lines at a few moments, in places far from each other.
 fn along(system: &Multibody, states: &[f64]) -> Vec<[[f64; 3]; 2]> {
-    let n = system.rest_state().len();
-    let rows: Vec<&[f64]> = states.chunks_exact(n).filter(|row| row.iter().all(|v| v.is_finite())).collect();
-    let last = rows.len().saturating_sub(1);
+    let (n, root) = (system.rest_state().len(), system.layout().bodies[0].position);
+    let rows: Vec<&[f64]> =
+        states.chunks_exact(n).step_by(20).filter(|row| row.iter().all(|v| v.is_finite())).collect();
+    let apart = |a: &[f64], b: &[f64]| (root..root + 3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>();
     let moments = if system.model().rotors().len() > 8 { 3 } else { 6 };
-    let mut picked: Vec<usize> = (0..=moments).map(|k| last * k / moments).collect();
-    picked.dedup();
-    picked.into_iter().filter_map(|i| rows.get(i)).flat_map(|row| sticks(system, row)).collect()
+    let mut picked: Vec<&[f64]> = rows.last().copied().into_iter().collect();
+    while picked.len() < moments {
+        // the one farthest from all picked ones
+        let gap = |row: &&&[f64]| picked.iter().map(|p| apart(p, row)).fold(f64::INFINITY, f64::min);
+        let Some(next) = rows.iter().max_by(|a, b| gap(a).total_cmp(&gap(b))) else { break };
+        picked.push(*next);
+    }
+    picked.into_iter().flat_map(|row| sticks(system, row)).collect()
 }
 
 /// Rotor speeds; where they are many, without a legend.
