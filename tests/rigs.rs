@@ -100,8 +100,7 @@ fn a_flight_writes_its_figures_and_tables() {
 fn what_is_dropped_lands_and_loses_its_energy() {
     let folder = tempfile::tempdir().expect("a folder");
     for name in ["payload", "hummingbird"] {
-        let fallen =
-            json(folder.path(), &["fly", name, "--drop=0.4", "--duration", "1.5", "--json", "--format", "svg"]);
+        let fallen = json(folder.path(), &["fly", name, "--drop=0.4", "--duration", "3", "--json", "--format", "svg"]);
         let number = |key: &str| fallen[key].as_f64().expect("a number");
         // free fall over 0.4 m takes 0.286 s
         assert!((number("first_touch") - 0.286).abs() < 0.02, "{name}: {fallen:#}");
