@@ -30,7 +30,7 @@ pub struct VehicleArguments {
 /// What is flown, how finely, in what air.
 #[derive(Debug, Clone, Args)]
 pub struct FlightArguments {
-    /// What to track: hover, step, circle, lemniscate, waypoints, or a TOML file
+    /// What to track: hover, step, circle, lemniscate, waypoints, or a TOML file [default: lemniscate]
     ///
     /// A file holds the kind and any of its numbers:
     ///   kind = "circle"        # center, radius [m], rate [rad/s], spin_up [s], along_path, yaw
@@ -38,14 +38,8 @@ pub struct FlightArguments {
     ///   kind = "hover"         # position [m], yaw [rad]
     ///   kind = "step"          # from, to [m], time [s], yaw
     ///   kind = "waypoints"     # points = [{ time = 0, position = [0, 0, 2] }, …]
-    #[arg(
-        long,
-        value_name = "NAME|FILE.toml",
-        default_value = "lemniscate",
-        help_heading = "Flight",
-        verbatim_doc_comment
-    )]
-    pub reference: String,
+    #[arg(long, value_name = "NAME|FILE.toml", help_heading = "Flight", verbatim_doc_comment)]
+    pub reference: Option<String>,
     /// Simulation step [s], above 0 and at most 1; commands are held within a step
     #[arg(
         long,
@@ -106,11 +100,8 @@ impl FlightArguments {
 
     /// The reference, read and checked.
     pub fn reference(&self) -> Result<Reference> {
-        let reference = if is_path(&self.reference) {
-            files::read_toml(Path::new(&self.reference))?
-        } else {
-            Reference::by_name(&self.reference)?
-        };
+        let named = self.reference.as_deref().unwrap_or("lemniscate");
+        let reference = if is_path(named) { files::read_toml(Path::new(named))? } else { Reference::by_name(named)? };
         reference.validate()?;
         Ok(reference)
     }
@@ -195,6 +186,10 @@ pub enum EffectName {
     RotorInertia,
     /// Thrust gained within a few radii of the ground at z = 0
     GroundEffect,
+    /// Wakes of drones on each other; configurations only
+    Downwash,
+    /// Forces between bodies that touch, and on the ground at z = 0; configurations only, and --drop
+    Contact,
 }
 
 impl EffectName {
@@ -206,6 +201,8 @@ impl EffectName {
             Self::RollingMoment => Effects { rolling_moment: true, ..effects },
             Self::RotorInertia => Effects { rotor_inertia: true, ..effects },
             Self::GroundEffect => Effects { ground_effect: true, ..effects },
+            Self::Downwash => Effects { downwash: true, ..effects },
+            Self::Contact => Effects { contact: true, ..effects },
         }
     }
 }

@@ -5,12 +5,12 @@ use super::page::{Fact, Page, duration, length, short};
 use super::sheet::{KeyFigures, key_facts};
 use super::source::{self, Source};
 use super::table::{Align, Table, number};
-use super::{Report, arguments, files, progress};
+use super::{Report, arguments, files, fly_rig, progress, rig};
 use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
 use omnidrones::controllers::design::{Sensitivity, sensitivity};
 use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, fly};
 use omnidrones::dynamics::aero::wind::Wind;
-use omnidrones::dynamics::{Gains, Multirotor, Vehicle};
+use omnidrones::dynamics::{Effects, Gains, Multirotor, Vehicle};
 use omnidrones::error::{Error, Result};
 use omnidrones::flight::FlightSummary;
 use omnidrones::plot::flight::FlightFigures;
@@ -23,9 +23,14 @@ const TRANSIENT: f64 = 2.0;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
-Fly a vehicle closed loop along a reference. The flight starts on the reference, at rest; position, velocity, attitude \
+Fly a vehicle, or a configuration of several bodies, closed loop along a reference. The flight starts on the reference, at rest; position, velocity, attitude \
 and rate controllers compute at their own rates. Prints what the vehicle is, how well it tracked, and a certificate \
-that the derivatives of the very equations it flew are exact; writes plots.";
+that the derivatives of the very equations it flew are exact; writes plots.
+
+Configurations fly with simple controllers: drones that carry something each hold their own place (payload, platform, \
+transport), servos hold the rest pose under one cascade (omav_tilting), a load on top is balanced (inverted_pendulum). They follow a \
+slow lemniscate, high enough for what hangs below. Nobody steers the dragon yet: it falls to the ground, as anything \
+does with --drop.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -36,9 +41,12 @@ Examples:
   omnidrones fly iris --wind dryden:7.7 --seed 3      7.7 m/s with gusts (light turbulence)
   omnidrones fly firefly --gains out/firefly/gains.toml --format svg
   omnidrones fly hummingbird --json --no-plots --max-rmse 0.1
+  omnidrones fly transport --reference hover          four drones hold a box
+  omnidrones fly payload --effects downwash,contact   with these effects
+  omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
 Files in --out: overview, path, error, rotors, attitude (.png or .svg), and with --csv flight.csv (one line per step, \
-units in the header).
+units in the header). Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv.
 
 The tracking RMSE is the root mean square distance to the reference after the first 2 s (over the whole flight if it is \
 no longer than that).
@@ -51,18 +59,25 @@ Exit codes: 0 flown; 1 the flight diverged, its RMSE is not finite or above --ma
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 pub struct Arguments {
-    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
+    /// A vehicle ('omnidrones models'), a configuration ('omnidrones show'), or a file FILE.toml or FILE.urdf
     ///
-    /// Without it, a quadrotor of 0.67 kg that this program carries as URDF.
-    #[arg(value_name = "VEHICLE|FILE")]
-    vehicle: Option<String>,
+    /// Without it, a quadrotor of 0.67 kg that this program carries as URDF. 'omav' is the rigid vehicle, 'omav_tilting'
+    /// the one whose rotor units tilt.
+    #[arg(value_name = "VEHICLE|CONFIG|FILE")]
+    pub(super) vehicle: Option<String>,
     #[command(flatten)]
-    rotors: VehicleArguments,
+    pub(super) rotors: VehicleArguments,
     #[command(flatten)]
-    flight: FlightArguments,
-    /// Length of the flight [s] [default: 15, or to 2 s after the last waypoint]
+    pub(super) flight: FlightArguments,
+    /// Drop it from this height above the ground instead, rotors idle [default: 1]
+    ///
+    /// Bodies touch the ground at z = 0 and what is not joined to them. --seed disturbs the start a little.
+    #[arg(long, value_name = "METRES", num_args = 0..=1, require_equals = true, default_missing_value = "1",
+          allow_negative_numbers = true, help_heading = "Flight")]
+    pub(super) drop: Option<f64>,
+    /// Length of the flight [s] [default: 15, or to 2 s after the last waypoint; configurations 20, drops 3]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Flight")]
-    duration: Option<f64>,
+    pub(super) duration: Option<f64>,
     /// Wind [m/s]: none, X,Y,Z, dryden:W20, or dryden:W20:X,Y,Z
     ///
     /// X,Y,Z is a steady velocity of the air in world axes. dryden adds turbulence (MIL-F-8785C, low altitude) for a
@@ -70,28 +85,28 @@ pub struct Arguments {
     /// acts through drag: a vehicle without drag coefficients does not feel it.
     #[arg(long, value_name = "WIND", default_value = "none", value_parser = arguments::wind, allow_hyphen_values = true,
           help_heading = "Flight")]
-    wind: Wind,
-    /// Seed of the gusts
+    pub(super) wind: Wind,
+    /// Seed of the gusts, and of the start of a drop
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Flight")]
-    seed: u64,
+    pub(super) seed: u64,
     /// Exit with 1 if the tracking RMSE exceeds this [m]
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Flight")]
-    max_rmse: Option<f64>,
+    pub(super) max_rmse: Option<f64>,
     /// Folder for what is written [default: out/VEHICLE]
     #[arg(long, value_name = "DIR", help_heading = "Output")]
-    out: Option<PathBuf>,
+    pub(super) out: Option<PathBuf>,
     /// File type of the plots
     #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
-    format: FormatName,
+    pub(super) format: FormatName,
     /// Draw nothing
     #[arg(long, help_heading = "Output")]
-    no_plots: bool,
+    pub(super) no_plots: bool,
     /// Write every step to flight.csv
     #[arg(long, help_heading = "Output")]
-    csv: bool,
+    pub(super) csv: bool,
     /// Print one JSON object and nothing else
     #[arg(long, help_heading = "Output")]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// Flies.
@@ -100,6 +115,14 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Err(Error::value("--max-rmse", limit, "> 0 m", "Leave it out to accept any finite error."));
     }
     a.flight.check()?;
+    let configuration = a.vehicle.as_deref().is_some_and(|named| rig::configuration(named).is_some());
+    if configuration || a.drop.is_some() {
+        return fly_rig::run(a);
+    }
+    if let Some(named) = &a.vehicle {
+        rig::known(named)?;
+    }
+    alone(&a.flight.physics().effects)?;
     let source = source::load(a.vehicle.as_deref(), &a.rotors)?;
     let plan = a.flight.plan(a.duration, a.wind.clone(), a.seed)?;
     let n_step = plan.n_step()?;
@@ -145,6 +168,20 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Ok(Report::json(&result.json(&verdict), verdict.is_ok()));
     }
     Ok(Report { success: verdict.is_ok(), text: result.page(&verdict) })
+}
+
+/// Refuses effects that need more than one rigid vehicle.
+fn alone(effects: &Effects) -> Result<()> {
+    let wrong = [("contact", effects.contact, "Drop it with --drop."), ("downwash", effects.downwash, "Leave it out.")];
+    match wrong.into_iter().find(|(_, on, _)| *on) {
+        None => Ok(()),
+        Some((name, _, remedy)) => Err(Error::value(
+            "--effects",
+            format!("{name} for a single vehicle in flight"),
+            "used with a configuration",
+            remedy,
+        )),
+    }
 }
 
 struct Flown {

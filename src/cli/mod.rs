@@ -2,9 +2,11 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `models.rs`, `import.rs`, `tune.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
+//! | `fly_rig.rs` | `fly` for configurations, and drops |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
+//! | `rig.rs` | an articulated system from a name or a vehicle |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
 //! | `files.rs` | reading and writing behind fences |
 //! | `page.rs`, `table.rs`, `progress.rs` | what a terminal shows |
@@ -15,11 +17,14 @@ mod arguments;
 mod bench;
 mod files;
 mod fly;
+mod fly_rig;
 mod import;
 mod models;
 mod page;
 mod progress;
+mod rig;
 mod sheet;
+mod show;
 mod source;
 mod table;
 mod tune;
@@ -61,6 +66,8 @@ Examples:
   omnidrones fly firefly --wind 4,0,0       a built-in vehicle in 4 m/s of wind
   omnidrones fly drone.urdf                 your own vehicle
   omnidrones import drone.urdf              what is in a URDF, and what had to be assumed
+  omnidrones fly transport                  four drones carry a box
+  omnidrones show payload --plot rig.svg    the tree of an articulated system, drawn
   omnidrones models                         the built-in vehicles
   omnidrones tune hummingbird               better gains, by gradients through flights
   omnidrones bench --quick                  how fast this machine steps and differentiates
@@ -82,6 +89,9 @@ enum Command {
     /// Fly a vehicle along a reference, differentiate it, write plots
     #[command(long_about = fly::ABOUT)]
     Fly(Box<fly::Arguments>),
+    /// Show an articulated system: its tree, rotors, servos, totals; draw it
+    #[command(long_about = show::ABOUT)]
+    Show(show::Arguments),
     /// List the built-in vehicles, or print everything about one
     #[command(long_about = models::ABOUT)]
     Models(models::Arguments),
@@ -108,6 +118,7 @@ pub fn run() -> ExitCode {
     };
     let outcome = match &cli.command {
         Command::Fly(arguments) => fly::run(arguments),
+        Command::Show(arguments) => show::run(arguments),
         Command::Models(arguments) => models::run(arguments),
         Command::Import(arguments) => import::run(arguments),
         Command::Tune(arguments) => tune::run(arguments),

@@ -202,7 +202,7 @@ fn write_gains(folder: &Path, a: &Arguments, vehicle: &Vehicle, from: &str, tuni
         length(tuning.before.rmse),
         length(tuning.after.rmse),
         tuning.after.n,
-        a.flight.reference.escape_default(),
+        a.flight.reference.as_deref().unwrap_or("lemniscate").escape_default(),
         a.duration
     );
     text += &toml::to_string(&tuning.gains).map_err(|e| Error::Format {

@@ -14,6 +14,10 @@
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
 //! | [`closed_loop`] | vehicle and cascade as one differentiable system |
 //! | [`flight`] | a whole flight along a reference, logged |
+//! | [`pilot`] | who steers an articulated system; a whole flight of one |
+//! | [`formation`] | drones that hold their places and carry something together |
+//! | [`frozen`] | servos held at rest, flown as one rigid vehicle |
+//! | [`balance`] | a load kept upright above a drone |
 //! | [`design`] | tuning |
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
@@ -26,14 +30,18 @@
 pub mod action;
 pub mod allocation;
 pub mod attitude;
+pub mod balance;
 pub mod cascade;
 pub mod closed_loop;
 pub mod design;
 pub mod flight;
+pub mod formation;
+pub mod frozen;
 #[cfg(test)]
 mod golden;
 pub mod kinematics;
 pub mod parameters;
+pub mod pilot;
 pub mod position;
 pub mod rate;
 pub mod reference;
@@ -42,11 +50,15 @@ pub mod velocity;
 pub use action::ActionScale;
 pub use allocation::{Authority, Axis, Mixer};
 pub use attitude::AttitudeCommand;
+pub use balance::Balance;
 pub use cascade::{Cascade, CascadeModel, Held, Level, Rates, Schedule};
 pub use closed_loop::ClosedLoop;
 pub use flight::{Flight, FlightPlan, SmoothPoint, fly};
+pub use formation::Formation;
+pub use frozen::Frozen;
 pub use kinematics::Kinematics;
 pub use parameters::{Body, ForceLimits, GainSet, Limits};
+pub use pilot::{Passive, Pilot, RigFlight, fly_rig, suited};
 pub use rate::RateCommand;
 pub use reference::{Reference, Sample};
 pub use velocity::VelocityCommand;

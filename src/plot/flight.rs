@@ -79,7 +79,7 @@ impl FlightFigures {
 }
 
 /// One line: RMSE, largest error, speed and tilt, saturation, broken samples.
-fn key_figures(log: &FlightLog, after: f64) -> String {
+pub(super) fn key_figures(log: &FlightLog, after: f64) -> String {
     let s = log.summary(after);
     let from = if after > 0.0 { format!(" after {after} s") } else { String::new() };
     let mut parts = vec![match s.rmse {
@@ -101,7 +101,7 @@ fn length(metres: f64) -> String {
     if metres < 0.1 { format!("{:.1} mm", 1e3 * metres) } else { super::axis::short(metres) + " m" }
 }
 
-fn without_x_label(mut panel: Panel) -> Panel {
+pub(super) fn without_x_label(mut panel: Panel) -> Panel {
     panel.x_label.clear();
     panel
 }
@@ -115,7 +115,7 @@ pub fn path_chart(log: &FlightLog) -> Path3d {
 }
 
 /// Poses at equal distances along the last lap, fewer where the path comes close to itself.
-fn poses(log: &FlightLog) -> Vec<Pose> {
+pub(super) fn poses(log: &FlightLog) -> Vec<Pose> {
     let p = &log.position;
     let step = |i: usize| {
         let d = (0..3).map(|k| (p[i][k] - p[i - 1][k]).powi(2)).sum::<f64>().sqrt();
@@ -175,7 +175,7 @@ fn excluded(panel: Panel, log: &FlightLog, after: f64) -> Panel {
 }
 
 /// ‖p − p_ref‖ over time with its RMSE, in centimetres; with the axes too when `with_axes`.
-fn error_panel(log: &FlightLog, after: f64, with_axes: bool) -> Panel {
+pub(super) fn error_panel(log: &FlightLog, after: f64, with_axes: bool) -> Panel {
     let title = if with_axes { "Tracking error" } else { "Distance to the reference" };
     let mut panel = Panel::new(title, "time [s]", "error [cm]");
     if with_axes {
@@ -239,7 +239,7 @@ fn rotor_lines(log: &FlightLog, column: &[f64], title: &str, width: f64) -> Pane
     panel
 }
 
-fn rotor_panel(log: &FlightLog) -> Panel {
+pub(super) fn rotor_panel(log: &FlightLog) -> Panel {
     rotor_lines(log, &log.rotor_speed, "Rotor speeds", 1.1)
 }
 

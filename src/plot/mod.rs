@@ -1,6 +1,7 @@
 //! Figures as PNG or SVG files, without system fonts.
 //!
-//! A [`Figure`] is a grid of charts: [`Panel`] (curves, bands, limits), [`Path3d`] (a path in space), [`Bars`]. Axes,
+//! A [`Figure`] is a grid of charts: [`Panel`] (curves, bands, limits), [`Path3d`] (a path in space), [`Drawing`] (bodies
+//! in space), [`Bars`]. Axes,
 //! ticks, legends and the projection are laid out here, in figure units (one CSS pixel of an SVG, two pixels of a PNG);
 //! plotters paints. [`flight`] makes the figures of a [`FlightLog`](crate::flight::FlightLog).
 //!
@@ -9,8 +10,10 @@
 //! | `theme.rs`, `font.rs` | colours, sizes, the bundled font |
 //! | `canvas.rs` | shapes, replayed into PNG or SVG by plotters |
 //! | `axis.rs`, `legend.rs` | ticks and labels, legends beside or below the title |
-//! | `chart.rs`, `path3d.rs`, `bars.rs` | the three charts |
+//! | `projection.rs` | space onto the page |
+//! | `chart.rs`, `path3d.rs`, `drawing.rs`, `bars.rs` | the four charts |
 //! | `flight.rs` | the figures of a flight |
+//! | `model.rs`, `rig.rs` | an articulated system as a drawing; the figures of its flight or fall |
 //!
 //! ```
 //! use omnidrones::plot::{Figure, Panel, Series};
@@ -25,14 +28,19 @@ mod axis;
 mod bars;
 mod canvas;
 mod chart;
+mod drawing;
 pub mod flight;
 mod font;
 mod legend;
+pub mod model;
 mod path3d;
+mod projection;
+pub mod rig;
 mod theme;
 
 pub use bars::{Bar, Bars};
 pub use chart::{Band, Panel, Rule, Series};
+pub use drawing::{Drawing, Item, Label};
 pub use path3d::{Heat, Path3d, Pose};
 pub use theme::Colour;
 
@@ -52,6 +60,8 @@ pub enum Chart {
     Panel(Panel),
     /// A path in space.
     Path(Box<Path3d>),
+    /// Bodies in space.
+    Drawing(Box<Drawing>),
     /// Bars.
     Bars(Bars),
 }
@@ -65,6 +75,12 @@ impl From<Panel> for Chart {
 impl From<Path3d> for Chart {
     fn from(path: Path3d) -> Self {
         Self::Path(Box::new(path))
+    }
+}
+
+impl From<Drawing> for Chart {
+    fn from(drawing: Drawing) -> Self {
+        Self::Drawing(Box::new(drawing))
     }
 }
 
@@ -263,6 +279,7 @@ impl Figure {
                     panel.draw(&mut canvas, layout, left);
                 }
                 (Chart::Path(path), _) => path.draw(&mut canvas, area(cell)),
+                (Chart::Drawing(drawing), _) => drawing.draw(&mut canvas, area(cell)),
                 (Chart::Bars(bars), _) => bars.draw(&mut canvas, area(cell)),
                 _ => {}
             }

@@ -4,6 +4,7 @@ use super::axis::{drawable, number, short, step};
 use super::canvas::{Anchor, Area, Canvas, Point};
 use super::font;
 use super::legend::{Entry, Header, Mark};
+use super::projection::View;
 use super::theme::{Colour, size};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -38,6 +39,8 @@ pub struct Path3d {
     pub heat: Option<Heat>,
     /// Small vehicles drawn along the path.
     pub poses: Vec<Pose>,
+    /// Straight lines at true scale, m: what hangs on the vehicle, here and there along the path.
+    pub sticks: Vec<[[f64; 3]; 2]>,
     /// Direction of the viewer about z, counter-clockwise from +x, degrees.
     pub azimuth_deg: f64,
     /// Height of the viewer above the horizon, degrees in [5, 85].
@@ -53,6 +56,7 @@ impl Path3d {
             reference: Vec::new(),
             heat: None,
             poses: Vec::new(),
+            sticks: Vec::new(),
             azimuth_deg: -62.0,
             elevation_deg: 26.0,
         }
@@ -76,6 +80,12 @@ impl Path3d {
         self
     }
 
+    /// With straight lines at true scale.
+    pub fn sticks(mut self, sticks: Vec<[[f64; 3]; 2]>) -> Self {
+        self.sticks = sticks;
+        self
+    }
+
     pub(super) fn draw(&self, canvas: &mut Canvas, area: Area) {
         let seen = |p: &&[f64; 3]| p.iter().all(|v| drawable(*v, false));
         let heat_range = self.heat_range();
@@ -83,9 +93,17 @@ impl Path3d {
         header.draw(canvas, area.x0, area.x1, area.y0);
         let bar = if heat_range.is_some() { 24.0 } else { 0.0 };
         let room = Area { x0: area.x0, y0: area.y0 + header.height + 4.0, x1: area.x1, y1: area.y1 - bar };
-        let mut scene = Box3::around(self.flown.iter().chain(&self.reference).filter(seen));
+        let mut scene =
+            Box3::around(self.flown.iter().chain(&self.reference).chain(self.sticks.as_flattened()).filter(seen));
         scene.tidy();
-        let Some(view) = View::fit(self.azimuth_deg, self.elevation_deg, &scene, room) else { return };
+        let inner = Area {
+            x0: room.x0 + LABEL_ROOM.0,
+            y0: room.y0 + 4.0,
+            x1: room.x1 - LABEL_ROOM.0,
+            y1: room.y1 - LABEL_ROOM.1,
+        };
+        let elevation = if self.elevation_deg.is_finite() { self.elevation_deg.clamp(5.0, 85.0) } else { 23.0 };
+        let Some(view) = View::fit(self.azimuth_deg, elevation, &scene.corners(), inner) else { return };
         draw_box(canvas, &view, &scene);
         let floor = scene.lo[2];
         let shadow: Vec<Point> = self.flown.iter().map(|p| view.point([p[0], p[1], floor])).collect();
@@ -97,6 +115,9 @@ impl Path3d {
             canvas.dashed(&super::chart::decimate(run), Colour::INK, 1.0, 4.0, 3.0);
         }
         self.draw_flown(canvas, &view, heat_range);
+        for [a, b] in &self.sticks {
+            canvas.line(&[view.point(*a), view.point(*b)], Colour::INK, 0.9);
+        }
         let arm = 0.026 * scene.longest();
         for pose in &self.poses {
             draw_pose(canvas, &view, pose, arm);
@@ -190,6 +211,10 @@ impl Box3 {
         if bounds.lo[0] > bounds.hi[0] { Self { lo: [0.0; 3], hi: [1.0; 3] } } else { bounds }
     }
 
+    fn corners(&self) -> [[f64; 3]; 8] {
+        std::array::from_fn(|k| std::array::from_fn(|i| if k >> i & 1 == 0 { self.lo[i] } else { self.hi[i] }))
+    }
+
     fn longest(&self) -> f64 {
         (0..3).map(|i| self.hi[i] - self.lo[i]).fold(0.0, f64::max)
     }
@@ -212,62 +237,8 @@ impl Box3 {
     }
 }
 
-/// A parallel projection fitted into a rectangle.
-#[derive(Debug, Clone, Copy)]
-struct View {
-    right: Vector3<f64>,
-    up: Vector3<f64>,
-    toward: Vector3<f64>,
-    scale: f64,
-    offset: Point,
-    middle: Vector3<f64>,
-}
-
 /// Room for tick labels around the projected box, figure units.
 const LABEL_ROOM: (f64, f64) = (34.0, 26.0);
-
-impl View {
-    fn fit(azimuth_deg: f64, elevation_deg: f64, scene: &Box3, room: Area) -> Option<Self> {
-        let azimuth = if azimuth_deg.is_finite() { azimuth_deg.to_radians() } else { 0.0 };
-        let elevation = if elevation_deg.is_finite() { elevation_deg.clamp(5.0, 85.0).to_radians() } else { 0.4 };
-        let ((sa, ca), (se, ce)) = (azimuth.sin_cos(), elevation.sin_cos());
-        let middle = 0.5 * (Vector3::from(scene.lo) + Vector3::from(scene.hi));
-        let mut view = Self {
-            right: Vector3::new(-sa, ca, 0.0),
-            up: Vector3::new(-ca * se, -sa * se, ce),
-            toward: Vector3::new(ca * ce, sa * ce, se),
-            scale: 1.0,
-            offset: (0.0, 0.0),
-            middle,
-        };
-        let corners = (0..8usize).map(|k| {
-            let pick = |i: usize| if k >> i & 1 == 0 { scene.lo[i] } else { scene.hi[i] };
-            view.point([pick(0), pick(1), pick(2)])
-        });
-        let (mut lo, mut hi) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
-        for c in corners {
-            lo = (lo.0.min(c.0), lo.1.min(c.1));
-            hi = (hi.0.max(c.0), hi.1.max(c.1));
-        }
-        let free = (room.width() - 2.0 * LABEL_ROOM.0, room.height() - 4.0 - LABEL_ROOM.1);
-        if free.0 < 20.0 || free.1 < 20.0 {
-            return None;
-        }
-        view.scale = (free.0 / (hi.0 - lo.0)).min(free.1 / (hi.1 - lo.1));
-        let centre = (0.5 * (lo.0 + hi.0) * view.scale, 0.5 * (lo.1 + hi.1) * view.scale);
-        let target = (0.5 * (room.x0 + room.x1), 0.5 * (room.y0 + 4.0 + room.y1 - LABEL_ROOM.1));
-        view.offset = (target.0 - centre.0, target.1 - centre.1);
-        (view.scale.is_finite() && view.scale > 0.0).then_some(view)
-    }
-
-    fn point(&self, p: [f64; 3]) -> Point {
-        if !p.iter().all(|v| drawable(*v, false)) {
-            return (f64::NAN, f64::NAN);
-        }
-        let d = Vector3::from(p) - self.middle;
-        (self.offset.0 + self.scale * d.dot(&self.right), self.offset.1 - self.scale * d.dot(&self.up))
-    }
-}
 
 /// Floor, the two far walls, their grid, tick labels and axis names.
 fn draw_box(canvas: &mut Canvas, view: &View, scene: &Box3) {

@@ -34,6 +34,23 @@ impl Colour {
     pub(super) const FRAME: Self = Self(173, 181, 189);
     pub(super) const SHADOW: Self = Self(214, 218, 222);
 
+    /// Mixed with much white, for surfaces.
+    pub(super) fn tint(self) -> Self {
+        let pale = |v: u8| (0.22 * f64::from(v) + 0.78 * 255.0).round() as u8;
+        Self(pale(self.0), pale(self.1), pale(self.2))
+    }
+
+    /// For the edges of a surface of this colour.
+    pub(super) fn darker(self) -> Self {
+        self.times(0.55)
+    }
+
+    /// Brighter or darker by a factor, up to white.
+    pub(super) fn times(self, factor: f64) -> Self {
+        let of = |v: u8| (factor * f64::from(v)).clamp(0.0, 255.0) as u8;
+        Self(of(self.0), of(self.1), of(self.2))
+    }
+
     /// The `i`-th colour of a chart whose series name none; repeats after seven.
     pub fn nth(i: usize) -> Self {
         const ORDER: [Colour; 7] =
