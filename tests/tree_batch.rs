@@ -89,8 +89,8 @@ impl Script {
     /// One in four begins on the ground.
     fn start(&self, i: u64) -> Vec<f64> {
         let mut x = tree::state(&self.model, &mut stream(self.seed + 1000, i));
-        if i % 4 == 3 && self.model.bodies()[0].joint.motion == Motion::Floating {
-            x[2] -= 5.0;
+        if i % 4 == 3 {
+            tree::lower(&Multibody::new(&self.model, self.physics).unwrap(), &mut x, 0.001);
         }
         x
     }
@@ -474,10 +474,11 @@ fn a_step_in_lanes_is_the_step_of_a_single_system_to_single_precision() {
                 let mut samples = Vec::new();
                 let mut actions = Vec::new();
                 for k in 0..50 {
-                    let mut x = narrow(&tree::state(&model, &mut r));
-                    if k % 2 == 1 && model.bodies()[0].joint.motion == Motion::Floating {
-                        x[2] -= 4.5;
+                    let mut x = tree::state(&model, &mut r);
+                    if k % 2 == 1 {
+                        tree::lower(&system, &mut x, 0.001);
                     }
+                    let x = narrow(&x);
                     let u = narrow(&tree::input(&system, &mut r));
                     world.set_state(k, &x).unwrap();
                     let air = system.layout().trees[0].disturbance;
@@ -504,4 +505,37 @@ fn a_step_in_lanes_is_the_step_of_a_single_system_to_single_precision() {
         }
     }
     println!("lanes against f64 {:.1e}, against f32 {:.1e}", worst[0], worst[1]);
+}
+
+#[test]
+#[ignore]
+fn diagnose() {
+    let no_contact = Effects { contact: false, ..everything() };
+    let none = Effects { disturbance: true, ..Effects::none() };
+    for (name, model) in models() {
+        for (label, effects) in [("all", everything()), ("no contact", no_contact), ("none", none), ("none+contact", Effects { contact: true, ..none })] {
+            for (integrator, dt) in [(Integrator::RungeKutta4, 0.002), (Integrator::SemiImplicit, 0.004), (Integrator::SemiImplicit, 0.016)] {
+                let mut world = World::of_model(&model, Physics { dt, integrator, effects, substeps: 1 }, 64).unwrap();
+                let mut r = stream(63, 0);
+                for at in 0..64 {
+                    world.set_state(at, &narrow(&tree::state(&model, &mut r))).unwrap();
+                }
+                let n = world.n_action();
+                let mut a = vec![0.0_f32; 64 * n];
+                let mut before = vec![0.0f32; 64 * world.n_state()];
+                let mut first = None;
+                for step in 0..5000 {
+                    if step % 25 == 0 { a.iter_mut().for_each(|a| *a = r.uniform(-1.0, 1.0) as f32); }
+                    if first.is_none() { world.read_states(&mut before).unwrap(); }
+                    world.step(&a).unwrap();
+                    if first.is_none() && !world.failures().is_empty() { first = Some(world.failures()[0]); 
+                        let w = world.n_state(); let e = world.failures()[0].environment;
+                        println!("   {:?}", &before[e*w..(e+1)*w]); }
+                }
+                let mut steps: Vec<u64> = world.failures().iter().map(|f| f.step).collect();
+                steps.sort();
+                println!("{name} {label} {integrator:?} {dt}: {} diverged, steps {:?}", steps.len(), steps.iter().step_by(8).collect::<Vec<_>>());
+            }
+        }
+    }
 }

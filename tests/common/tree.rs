@@ -2,7 +2,7 @@
 #![allow(dead_code)] // each test file uses its part
 
 use omnidrones::dynamics::Effects;
-use omnidrones::dynamics::tree::{Model, Motion, Multibody};
+use omnidrones::dynamics::tree::{Model, Motion, Multibody, separations};
 use omnidrones::rng::{Purpose, Stream};
 
 pub fn stream(seed: u64, case: u64) -> Stream {
@@ -51,6 +51,16 @@ pub fn state(model: &Model, r: &mut Stream) -> Vec<f64> {
         x[*at] = rotor.rotor.max_speed * r.uniform(0.1, 0.95);
     }
     x
+}
+
+/// Lowers a floating root until the deepest point is `depth` m in the ground.
+pub fn lower(system: &Multibody, x: &mut [f64], depth: f64) {
+    if system.model().bodies()[0].joint.motion == Motion::Floating {
+        let list = separations(system, x);
+        let gaps = list.iter().filter(|s| s.shapes.1.is_none()).map(|s| s.distance);
+        let gap = gaps.fold(f64::INFINITY, f64::min);
+        x[2] -= if gap.is_finite() { gap + depth } else { 0.0 };
+    }
 }
 
 /// Commands within ±0.95; wind up to 3 m/s, forces up to 2 m/s² of the whole and moments up to 0.05 N m where asked for.

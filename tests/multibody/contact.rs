@@ -113,6 +113,7 @@ fn every_vehicle_dropped_at_any_tilt_rests_within_2_mm_and_creeps_less_than_1_mm
             let weight = model.mass() * 9.81;
             let force = contact_forces(&system, &x)[0];
             let what = format!("{} from {roll}, {pitch}", vehicle.name);
+            println!("{what}: {seen:?} {x:?}");
             at_most(&format!("{what}: contact force off its weight"), (force[2] / weight - 1.0).abs(), 1e-2);
             at_most(&format!("{what}: sideways"), norm(&force[..2]) / weight, 1e-2);
         }
@@ -135,6 +136,7 @@ fn a_capsule_rests_on_its_two_ends() {
 fn cradle(of: &[Shape]) -> Model {
     let mut rig = Assembly::new("cradle");
     rig.part("ball", Solid::sphere(0.1).mass(0.7)).ground(None);
+    rig.join(Join::new("free", Kind::Floating, WORLD, "ball"));
     for (k, shape) in of.iter().enumerate() {
         rig.part(format!("post_{k}"), Solid::of([*shape]));
         rig.join(Join::new(format!("stand_{k}"), Kind::Fixed, WORLD, format!("post_{k}")));
@@ -175,8 +177,8 @@ fn a_collision_keeps_both_momenta_and_loses_energy() {
     let mut hits = 0;
     let mut worst = [0.0_f64; 3];
     for (one, other) in [(SPHERE, SPHERE), (SPHERE, CAPSULE), (CAPSULE, SPHERE), (CAPSULE, CAPSULE)] {
-        let system = systems(&two(one, other), rk4(0.001, CONTACT));
-        for case in 0..25 {
+        let system = systems(&two(one, other), rk4(1e-4, CONTACT));
+        for case in 0..10 {
             let mut r = stream(51, case);
             let mut x = system.rest_state();
             for (at, side) in [(0, -1.0), (13, 1.0)] {
@@ -186,7 +188,7 @@ fn a_collision_keeps_both_momenta_and_loses_energy() {
                 x[at + 10..at + 13].fill_with(|| r.uniform(-3.0, 3.0));
             }
             let (before, start) = (momentum(&system, &x), energy(&system, &x));
-            for _ in 0..600 {
+            for _ in 0..6000 {
                 fly(&system, &mut x, &[], 1);
                 let force = contact_forces(&system, &x);
                 hits += usize::from(norm(&force[0]) > 0.0);

@@ -10,7 +10,7 @@ use omnidrones::dynamics::contact::{force, with_plane};
 use omnidrones::dynamics::shape;
 use omnidrones::dynamics::spatial::from_matrix;
 use omnidrones::dynamics::tree::{Multibody, Pose, body_poses};
-use omnidrones::dynamics::{Effects, vehicles};
+use omnidrones::dynamics::{Effects, Physics, vehicles};
 
 /// Body axes → world, then velocity of the origin and angular velocity in body axes.
 fn own(pose: &Pose<f64>) -> (Matrix3<f64>, Vector3<f64>, Vector3<f64>) {
@@ -99,7 +99,8 @@ fn imbalance(system: &Multibody, mut x: Vec<f64>, u: &[f64], steps: usize) -> (f
 #[test]
 fn energy_changes_by_the_work_of_rotors_drag_and_damping() {
     for (case, (name, model)) in configurations().filter(|(_, model)| floats(model)).enumerate() {
-        let system = Multibody::new(&loose(&model), rk4(0.001, Effects::default())).unwrap();
+        let physics = Physics { substeps: substeps(name), ..rk4(0.001, Effects::default()) };
+        let system = Multibody::new(&loose(&model), physics).unwrap();
         let mut x = in_motion(&system, 20 + case as u64, 0.5);
         let mut r = stream(20, case as u64);
         let mut u = system.rest_input();

@@ -3,9 +3,9 @@
 //! Each law moves state and input, flies both, and compares; the ground is level, so it keeps turns about z.
 
 use crate::common::*;
-use crate::tree::{everything, input, relative, state, stream};
+use crate::tree::{everything, input, lower, relative, state, stream};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use omnidrones::dynamics::Effects;
+use omnidrones::dynamics::{Effects, Physics};
 use omnidrones::dynamics::tree::{Model, Motion, Multibody};
 
 const STEPS: usize = 100;
@@ -49,15 +49,16 @@ fn compare(
     bound: f64,
 ) {
     for (config, (name, model)) in configurations().filter(|(_, model)| floats(model)).enumerate() {
-        let system = Multibody::new(&model, rk4(0.002, effects)).unwrap();
-        let twin = Multibody::new(&other(&model), rk4(0.002, effects)).unwrap();
+        let physics = Physics { substeps: substeps(name), ..rk4(0.002, effects) };
+        let system = Multibody::new(&model, physics).unwrap();
+        let twin = Multibody::new(&other(&model), physics).unwrap();
         let mut worst = 0.0_f64;
         for case in 0..CASES {
             let mut r = stream(40 + config as u64, case);
             let mut x = state(&model, &mut r);
             if effects.contact && case % 2 == 0 {
                 // into the ground
-                roots(&model).iter().for_each(|p| x[p + 2] -= 4.5);
+                lower(&system, &mut x, 0.001);
             }
             let u = input(&system, &mut r);
             let (mut y, mut w) = (moved(&model, &x, 0.0), u.clone());
