@@ -10,9 +10,9 @@ use omnidrones::autodiff::System;
 use omnidrones::dynamics::batch::Reason;
 use omnidrones::dynamics::configurations::{Dragon, Payload, REGISTRY, Transport};
 use omnidrones::dynamics::tree::{Model, ModelParts, Motion, Multibody};
-use omnidrones::dynamics::{Disturbance, Effects, Integrator, Physics, World};
+use omnidrones::dynamics::{Disturbance, Effects, Physics, World};
 use omnidrones::parallel::Threads;
-use tree::{everything, relative, stream};
+use tree::{everything, relative, stream, substeps};
 
 fn narrow(x: &[f64]) -> Vec<f32> {
     x.iter().map(|v| *v as f32).collect()
@@ -69,7 +69,10 @@ struct Script {
 
 impl Script {
     fn all(physics: Physics) -> impl Iterator<Item = Self> {
-        models().enumerate().map(move |(k, (name, model))| Self { name, model, physics, seed: 60 + k as u64 })
+        models().enumerate().map(move |(k, (name, model))| {
+            let physics = Physics { substeps: substeps(name), ..physics };
+            Self { name, model, physics, seed: 60 + k as u64 }
+        })
     }
 
     /// Environment `i` placed at number `at`.
@@ -172,7 +175,7 @@ fn an_environment_with_a_model_of_its_own_is_a_world_of_that_model() {
     for effects in [Effects::default(), everything()] {
         for (name, model) in models() {
             let own = other(&model, 1.3);
-            let physics = Physics { effects, ..Physics::default() };
+            let physics = Physics { effects, substeps: substeps(name), ..Physics::default() };
             let world = |model: &Model, n| World::of_model(model, physics, n).unwrap();
             let (mut mixed, mut alone, mut plain) = (world(&model, 70), world(&own, 1), world(&model, 1));
             mixed.set_model(1, &own).unwrap();
@@ -443,10 +446,11 @@ fn soak(name: &str, model: &Model, physics: Physics) -> usize {
 fn soak_every(which: impl Fn(usize) -> bool) {
     for (k, (name, model)) in models().enumerate() {
         if which(k) {
-            // both integrators, and the step of the tasks
-            let integrator = INTEGRATORS[k % 2];
-            let dt = if integrator == Integrator::SemiImplicit { 0.004 } else { 0.002 };
-            soak(name, &model, Physics { dt, integrator, effects: everything(), substeps: 1 });
+            let physics = Physics { effects: everything(), substeps: substeps(name), ..Physics::default() };
+            let diverged = soak(name, &model, physics);
+            // random rotors spin what hangs on light joints faster than 2 ms resolve: those are contained
+            let hangs = ["payload", "transport", "transport_6", "dragon"].contains(&name);
+            assert!(hangs || diverged == 0, "{name}: {diverged} diverged");
         }
     }
 }
@@ -467,7 +471,7 @@ fn a_step_in_lanes_is_the_step_of_a_single_system_to_single_precision() {
     for (case, (name, model)) in models().enumerate() {
         for integrator in INTEGRATORS {
             for effects in [Effects::none(), Effects::default(), everything()] {
-                let physics = Physics { integrator, effects, ..Physics::default() };
+                let physics = Physics { integrator, effects, substeps: substeps(name), ..Physics::default() };
                 let system = Multibody::new(&model, physics).unwrap();
                 let mut r = stream(64, case as u64);
                 let mut world = World::of_model(&model, physics, 50).unwrap();
@@ -505,37 +509,4 @@ fn a_step_in_lanes_is_the_step_of_a_single_system_to_single_precision() {
         }
     }
     println!("lanes against f64 {:.1e}, against f32 {:.1e}", worst[0], worst[1]);
-}
-
-#[test]
-#[ignore]
-fn diagnose() {
-    let no_contact = Effects { contact: false, ..everything() };
-    let none = Effects { disturbance: true, ..Effects::none() };
-    for (name, model) in models() {
-        for (label, effects) in [("all", everything()), ("no contact", no_contact), ("none", none), ("none+contact", Effects { contact: true, ..none })] {
-            for (integrator, dt) in [(Integrator::RungeKutta4, 0.002), (Integrator::SemiImplicit, 0.004), (Integrator::SemiImplicit, 0.016)] {
-                let mut world = World::of_model(&model, Physics { dt, integrator, effects, substeps: 1 }, 64).unwrap();
-                let mut r = stream(63, 0);
-                for at in 0..64 {
-                    world.set_state(at, &narrow(&tree::state(&model, &mut r))).unwrap();
-                }
-                let n = world.n_action();
-                let mut a = vec![0.0_f32; 64 * n];
-                let mut before = vec![0.0f32; 64 * world.n_state()];
-                let mut first = None;
-                for step in 0..5000 {
-                    if step % 25 == 0 { a.iter_mut().for_each(|a| *a = r.uniform(-1.0, 1.0) as f32); }
-                    if first.is_none() { world.read_states(&mut before).unwrap(); }
-                    world.step(&a).unwrap();
-                    if first.is_none() && !world.failures().is_empty() { first = Some(world.failures()[0]); 
-                        let w = world.n_state(); let e = world.failures()[0].environment;
-                        println!("   {:?}", &before[e*w..(e+1)*w]); }
-                }
-                let mut steps: Vec<u64> = world.failures().iter().map(|f| f.step).collect();
-                steps.sort();
-                println!("{name} {label} {integrator:?} {dt}: {} diverged, steps {:?}", steps.len(), steps.iter().step_by(8).collect::<Vec<_>>());
-            }
-        }
-    }
 }

@@ -1,5 +1,7 @@
 //! Systems, flights and bounds that several modules share.
 
+pub use crate::tree::substeps;
+
 use crate::tree::stream;
 use omnidrones::autodiff::System;
 use omnidrones::dynamics::configurations::REGISTRY;
@@ -12,12 +14,6 @@ pub fn rk4(dt: f64, effects: Effects) -> Physics {
 
 pub fn semi_implicit(dt: f64, effects: Effects) -> Physics {
     Physics { integrator: Integrator::SemiImplicit, ..rk4(dt, effects) }
-}
-
-/// Substeps that RK4 needs at 2 ms where a damper is stiff for what it holds: 0.0573 N m s/rad on either end of the two
-/// arms of `platform_2`, which turn about their own axis with 3e-5 kg m², is a rate of 4000 1/s.
-pub fn substeps(name: &str) -> usize {
-    if name == "platform_2" { 5 } else { 1 }
 }
 
 /// Every built-in configuration.

@@ -29,9 +29,9 @@ fn order(model: &Model, of: fn(f64, Effects) -> Physics, dt: f64, best: f64) -> 
 
 #[test]
 fn rk4_converges_with_order_four() {
-    for (name, model) in configurations().filter(|(_, model)| floats(model)) {
-        let dt = if substeps(name) == 1 { 0.004 } else { 0.0004 };
-        near(&format!("{name}: order of RK4"), order(&model, rk4, dt, dt / 32.0), 4.0, 0.1);
+    // 4 ms resolve every damper but that of platform_2
+    for (name, model) in configurations().filter(|(name, model)| floats(model) && substeps(name) == 1) {
+        near(&format!("{name}: order of RK4"), order(&model, rk4, 0.004, 1.25e-4), 4.0, 0.1);
     }
 }
 

@@ -5,8 +5,8 @@
 use crate::common::*;
 use crate::tree::{everything, input, lower, relative, state, stream};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use omnidrones::dynamics::{Effects, Physics};
 use omnidrones::dynamics::tree::{Model, Motion, Multibody};
+use omnidrones::dynamics::{Effects, Physics};
 
 const STEPS: usize = 100;
 const CASES: u64 = 5;
