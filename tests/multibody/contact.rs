@@ -80,13 +80,13 @@ fn a_step_that_does_not_resolve_the_impact_would_be_seen_to_gain() {
     assert!(most > 1.1, "{most}");
 }
 
-/// After 4 s to settle from a drop: deepest overlap, way moved and angle turned within 10 s.
+/// After 25 s to settle from a drop (a Firefly rocks for 15 on its side, at any step): deepest overlap, way moved and angle turned within 10 s.
 fn rest(model: &Model, effects: Effects, height: f64, q: [f64; 4]) -> (Multibody, Vec<f64>, [f64; 3]) {
     let system = systems(model, rk4(0.002, effects));
     let (mut x, u) = (system.rest_state(), system.rest_input());
     x[2] = height;
     x[6..10].copy_from_slice(&q);
-    fly(&system, &mut x, &u, 2000);
+    fly(&system, &mut x, &u, 12_500);
     let (from, mut deepest, mut moved) = (x.clone(), 0.0_f64, 0.0_f64);
     for _ in 0..100 {
         fly(&system, &mut x, &u, 50);
@@ -118,7 +118,9 @@ fn every_vehicle_dropped_at_any_tilt_rests_within_2_mm_and_creeps_less_than_1_mm
         }
         let [deep, moved, turned] = worst;
         at_most(&format!("{}: penetration at rest, m", vehicle.name), deep, 2e-3);
-        at_most(&format!("{}: creep in 10 s, m", vehicle.name), moved, 1e-3);
+        // on its side a vehicle creeps under its idling rotors at v_s T/(μ m g): 0.68 mm Hummingbird, 1.26 mm Omav
+        let most = if vehicle.name == "omav" { 1.5e-3 } else { 1e-3 };
+        at_most(&format!("{}: creep in 10 s, m", vehicle.name), moved, most);
         at_most(&format!("{}: turn in 10 s, rad", vehicle.name), turned, 1e-2);
     }
 }
@@ -202,7 +204,7 @@ fn a_collision_keeps_both_momenta_and_loses_energy() {
     }
     assert!(hits > 1000, "{hits} steps in touch");
     at_most("collision: momentum, kg m/s", worst[0], 1e-13);
-    at_most("collision: angular momentum, kg m²/s", worst[1], 1e-6);
+    at_most("collision: angular momentum, kg m²/s", worst[1], 1e-8);
     at_most("collision: gain of energy", worst[2], 1e-9);
 }
 
@@ -265,30 +267,6 @@ fn separations_from_the_ground_have_the_sign_of_the_gap() {
             let distance = separations(&system, &x)[0].distance;
             let lifted = contact_forces(&system, &x)[0][2];
             assert_eq!(lifted > 0.0, distance < 0.0, "{geometry:?}: {lifted} N at {distance} m");
-        }
-    }
-}
-
-#[test]
-#[ignore]
-fn debug_firefly() {
-    let model = single(&vehicles::by_name("firefly").unwrap()).unwrap();
-    println!("{:?} {:?} {:?}", model.bodies()[0].inertia, model.bodies()[0].center_of_mass, model.bodies()[0].mass);
-    for dt in [0.002, 0.001, 0.0005] {
-        let system = systems(&model, rk4(dt, Effects { contact: true, ..Effects::default() }));
-        let (mut x, u) = (system.rest_state(), system.rest_input());
-        x[2] = 0.4;
-        x[6..10].copy_from_slice(&from_euler(-0.2, 0.4, 0.7));
-        for k in 0..30 {
-            println!(
-                "{dt} {k} E {:.6} z {:.5} v {:.3?} w {:.3?} q {:.3?}",
-                energy(&system, &x),
-                x[2],
-                &x[3..6],
-                &x[10..13],
-                &x[6..10]
-            );
-            fly(&system, &mut x, &u, (0.5 / dt) as usize);
         }
     }
 }
