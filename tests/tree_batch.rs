@@ -7,7 +7,7 @@ mod tree;
 
 use common::INTEGRATORS;
 use omnidrones::autodiff::System;
-use omnidrones::dynamics::batch::Reason;
+use omnidrones::dynamics::batch::{Failure, Reason};
 use omnidrones::dynamics::configurations::{Dragon, Payload, REGISTRY, Transport};
 use omnidrones::dynamics::tree::{Model, ModelParts, Motion, Multibody};
 use omnidrones::dynamics::{Disturbance, Effects, Physics, World};
@@ -335,7 +335,7 @@ fn one_poisoned_environment_stops_with_a_reason_and_touches_no_bit_of_its_neighb
                 }
                 world.step(&actions).unwrap();
             }
-            let (own, others): (Vec<_>, Vec<_>) = world.failures().iter().partition(|f| f.environment == victim);
+            let (own, others): (Vec<Failure>, Vec<_>) = world.failures().iter().partition(|f| f.environment == victim);
             assert_eq!(others, clean.failures(), "{name}: others");
             assert_eq!(own.len(), 1, "{name}: reported once");
             assert_eq!(own[0].reason, poison.reason(), "{name}");
@@ -504,7 +504,7 @@ fn a_step_in_lanes_is_the_step_of_a_single_system_to_single_precision() {
                     system.step::<f32>(x, u, &[], &mut single);
                     let errors = [relative(&lane, &double), relative(&lane, &wide(&single))];
                     // the dragon's saturated servos amplify rounding
-                    let (worst, bound) = if name == "dragon" { (&mut worst[1], 1e-1) } else { (&mut worst[0], 1e-3) };
+                    let (worst, bound) = if name == "dragon" { (&mut worst[1], 1e-2) } else { (&mut worst[0], 1e-3) };
                     for (worst, error) in worst.iter_mut().zip(errors) {
                         *worst = worst.max(error);
                     }
@@ -513,5 +513,7 @@ fn a_step_in_lanes_is_the_step_of_a_single_system_to_single_precision() {
             }
         }
     }
-    println!("lanes against f64 and f32: {:.1e?}, dragon {:.1e?}", worst[0], worst[1]);
+    let [[a, b], [c, d]] = worst;
+    // measured 3.3e-4 and 6.7e-4 (in ground contact), dragon 1.1e-3 and 3.3e-3
+    println!("lanes against f64 {a:.1e} and f32 {b:.1e}, dragon {c:.1e} and {d:.1e}");
 }

@@ -60,6 +60,7 @@ fn a_dropped_box_and_a_bouncing_sphere_come_back_with_less_energy_each_time() {
                 }
             }
         }
+        // measured 4.6e-11 box, 3.6e-15 others
         at_most(&format!("{name}: gain from flight to flight, J"), gain, 1e-9);
     }
 }
@@ -117,6 +118,7 @@ fn every_vehicle_dropped_at_any_tilt_rests_within_2_mm_and_creeps_less_than_1_mm
             at_most(&format!("{what}: sideways"), norm(&force[..2]) / weight, 1e-2);
         }
         let [deep, moved, turned] = worst;
+        // measured 0.67 mm Firefly, 0.50 mm others
         at_most(&format!("{}: penetration at rest, m", vehicle.name), deep, 2e-3);
         // on its side a vehicle creeps under its idling rotors at v_s T/(μ m g): 0.68 mm Hummingbird, 1.26 mm Omav
         let most = if vehicle.name == "omav" { 1.5e-3 } else { 1e-3 };
@@ -128,6 +130,7 @@ fn every_vehicle_dropped_at_any_tilt_rests_within_2_mm_and_creeps_less_than_1_mm
 #[test]
 fn a_capsule_rests_on_its_two_ends() {
     let (system, x, [deep, moved, _]) = rest(&body(CAPSULE), CONTACT, 0.3, from_euler(0.0, 1.2, 0.3));
+    // measured 0.79 mm, 0 and 1e-9
     at_most("capsule: penetration at rest, m", deep, 2e-3);
     at_most("capsule: creep in 10 s, m", moved, 1e-3);
     near("capsule: contact force, N", contact_forces(&system, &x)[0][2], 0.7 * 9.81, 1e-6);
@@ -160,6 +163,7 @@ fn a_ball_rests_in_a_cradle_of_balls_and_on_two_rails() {
         [("balls", cradle(&[ball(0.2), ball(2.3), ball(4.4)])), ("rails", cradle(&[rail(0.07), rail(-0.07)]))]
     {
         let (system, x, [deep, moved, _]) = rest(&model, CONTACT, 0.16, [1.0, 0.0, 0.0, 0.0]);
+        // measured 0.69 mm balls, 0.89 mm rails, and 4e-18 m
         at_most(&format!("{name}: penetration at rest, m"), deep, 2e-3);
         at_most(&format!("{name}: creep in 10 s, m"), moved, 1e-3);
         near(&format!("{name}: contact force, N"), contact_forces(&system, &x)[0][2], 0.7 * 9.81, 1e-3);
@@ -203,6 +207,7 @@ fn a_collision_keeps_both_momenta_and_loses_energy() {
         }
     }
     assert!(hits > 1000, "{hits} steps in touch");
+    // measured 6.1e-16, 1.8e-10 and no gain
     at_most("collision: momentum, kg m/s", worst[0], 1e-13);
     at_most("collision: angular momentum, kg m²/s", worst[1], 1e-8);
     at_most("collision: gain of energy", worst[2], 1e-9);

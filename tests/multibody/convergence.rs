@@ -31,6 +31,7 @@ fn order(model: &Model, of: fn(f64, Effects) -> Physics, dt: f64, best: f64) -> 
 fn rk4_converges_with_order_four() {
     // 4 ms resolve every damper but that of platform_2
     for (name, model) in configurations().filter(|(name, model)| floats(model) && substeps(name) == 1) {
+        // measured 3.980 dragon to 4.003 Omav
         near(&format!("{name}: order of RK4"), order(&model, rk4, 0.004, 1.25e-4), 4.0, 0.1);
     }
 }
@@ -39,6 +40,7 @@ fn rk4_converges_with_order_four() {
 fn the_semi_implicit_step_converges_with_order_one_to_the_same_limit() {
     for (name, model) in configurations().filter(|(_, model)| floats(model)) {
         let order = order(&model, semi_implicit, 0.001, 1.25e-4);
+        // measured 0.989 dragon to 1.003
         near(&format!("{name}: order of the semi-implicit step"), order, 1.0, 0.1);
     }
 }
@@ -72,6 +74,8 @@ fn trajectory_error(name: &str, dt: f64) -> f64 {
 
 #[test]
 fn ten_seconds_at_1_ms_end_where_a_quarter_of_the_step_ends() {
+    // measured 5.8e-12
     at_most("payload: 10 s at 1 ms", trajectory_error("payload", 1e-3), 1e-7);
+    // measured 2.4e-7
     at_most("dragon: 10 s at 1 ms", trajectory_error("dragon", 1e-3), 3e-7);
 }

@@ -41,12 +41,15 @@ fn check(name: &str, steps: usize, energy: f64, momentum: f64) {
     at_most(&format!("{name}: energy after {steps} steps"), found.energy, energy);
     at_most(&format!("{name}: angular momentum"), found.angular, momentum);
     at_most(&format!("{name}: momentum"), found.linear, momentum);
+    // measured 2.2e-16
     at_most(&format!("{name}: length of a quaternion"), found.norm, 4.5e-16);
 }
 
 #[test]
 fn payload_and_dragon_keep_energy_and_momenta_over_a_hundred_thousand_steps_of_2_ms() {
+    // measured 1.1e-9 and 2.2e-9
     check("payload", 100_000, 5e-9, 5e-9);
+    // measured 3.0e-10 and 3.0e-10
     check("dragon", 100_000, 3e-8, 3e-8);
 }
 
@@ -54,7 +57,9 @@ fn payload_and_dragon_keep_energy_and_momenta_over_a_hundred_thousand_steps_of_2
 #[test]
 #[ignore = "half a minute"]
 fn payload_and_dragon_keep_energy_and_momenta_over_a_million_steps_of_2_ms() {
+    // measured 2.8e-9 and 5.1e-9
     check("payload", 1_000_000, 5e-8, 5e-8);
+    // measured 5.8e-10 and 4.5e-10
     check("dragon", 1_000_000, 3e-7, 3e-7);
 }
 
@@ -62,6 +67,7 @@ fn payload_and_dragon_keep_energy_and_momenta_over_a_million_steps_of_2_ms() {
 fn every_floating_configuration_keeps_energy_and_momenta() {
     for (name, model) in configurations() {
         if floats(&model) {
+            // measured 5.7e-9 and 5.6e-9 transport_6, 1.4e-9 and 2.4e-9 transport, less elsewhere
             check(name, 10_000, 1e-8, 1e-8);
         }
     }
@@ -74,6 +80,7 @@ fn a_gate_swings_on_its_spring_without_loss() {
     let mut x = vec![0.5, 0.3];
     let start = energy(&system, &x);
     fly(&system, &mut x, &[], 100_000);
+    // measured 5.0e-15
     at_most("gate: energy", (energy(&system, &x) / start - 1.0).abs(), 1e-11);
 }
 
@@ -86,6 +93,7 @@ fn damping_or_the_first_order_step_would_be_caught_by_the_same_measure() {
         });
         let lost = drift(&damped, rk4(0.002, Effects::none()), 10_000).energy;
         let first_order = drift(&bare(&configuration(name)), semi_implicit(0.002, Effects::none()), 10_000).energy;
+        // measured 3.0e-4 and 3.8e-2 payload, 1.1e-3 and 1.5e-2 dragon
         println!("{name}: damped {lost:.1e}, first order {first_order:.1e}");
         assert!(lost > 1e-6 && first_order > 1e-5, "{name}: {lost:e}, {first_order:e}");
     }

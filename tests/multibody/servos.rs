@@ -39,6 +39,7 @@ fn rate_servos_reach_63_percent_after_20_ms() {
             let before = if k == 0 { 0.0 } else { rates[k - 1] };
             let time = dt * (k as f64 + (level - before) / (rates[k] - before));
             let joint = &model.bodies()[i].joint.name;
+            // measured 19.0 ms dragon about x, where bends give way, 20.05 ms elsewhere
             near(&format!("{name}, {joint}: time to 63 %, s"), time, 0.02, 0.0015);
         }
     }
@@ -53,10 +54,13 @@ fn the_response_of_a_servo_ends_at_the_same_rate_at_16_ms_as_at_1_ms_and_does_no
                 let (coarse, fine) = (response(&model, i, at(0.016), 0.16), response(&model, i, at(0.001), 0.16));
                 let what = format!("{name}, {}, {integrator:?}", model.bodies()[i].joint.name);
                 // the implicit lag 1 − (1 + h/T)^−k: 0.44, 0.69, 0.83 …
+                // measured 0.084 dragon about x, 1e-4 elsewhere
                 at_most(&format!("{what}: first step off the implicit lag"), (coarse[0] - 0.4444).abs(), 0.1);
                 let most = coarse.iter().chain(&fine).fold(0.0_f64, |m, r| m.max(*r));
+                // measured 0.9996
                 at_most(&format!("{what}: largest rate over target"), most, 1.001);
                 let gap = (coarse[9] - fine[159]).abs();
+                // measured 4.7e-3 dragon about x, 2.4e-3 elsewhere
                 at_most(&format!("{what}: gap after 0.16 s"), gap, 0.01);
             }
         }
@@ -128,7 +132,8 @@ fn servos_are_stable_and_bounded_at_16_ms_even_with_a_thousand_times_the_gain() 
             let model = changed(&stiffer(&model, gain), |p| p.bodies.iter_mut().for_each(|b| b.joint.limits = None));
             let what = |part: &str| format!("{name} × {gain}: {part}");
             let [bound, rate, rest] = chatter(&model, semi_implicit(0.016, Effects::none()));
-            at_most(&what("torque over its bound, semi-implicit"), bound, 1.2);
+            // measured 1.0001 (to the implicit gyroscopic moment), 13 rad/s and less, 3.5e-3 rad/s and less
+            at_most(&what("torque over its bound, semi-implicit"), bound, 1.01);
             at_most(&what("hinge rate, semi-implicit"), rate, 60.0);
             at_most(&what("hinge rate 10 s later, semi-implicit"), rest, 1e-2);
             // known limit: the pass that samples torques does not know which of them their bounds cut, so that the dragon,

@@ -72,6 +72,7 @@ fn compare(
             let want = moved(&model, &x, steps(name) as f64 * 0.002);
             worst = worst.max(relative(&canonical(&model, &y), &canonical(&model, &want)));
         }
+        // measured 9e-13 turned (dragon 2.6e-12), 1.8e-14 shifted, 5e-14 mirrored
         at_most(&format!("{name}: {law}"), worst, bound);
     }
 }
