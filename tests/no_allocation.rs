@@ -12,7 +12,9 @@ use omnidrones::controllers::Cascade;
 use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::kinematics::Kinematics;
 use omnidrones::controllers::reference::Sample;
-use omnidrones::dynamics::{Multirotor, Physics, World, vehicles};
+use omnidrones::dynamics::configurations::REGISTRY;
+use omnidrones::dynamics::tree::Multibody;
+use omnidrones::dynamics::{Effects, Multirotor, Physics, World, vehicles};
 use omnidrones::parallel::Threads;
 use std::alloc::{GlobalAlloc, Layout, System as Heap};
 use std::cell::Cell;
@@ -129,7 +131,47 @@ fn stepping_evaluating_and_differentiating_allocate_nothing_after_warm_up_and_gr
         });
         assert_eq!(count, 0, "a cascade of {name}");
     }
+    articulated_systems_step_without_allocating();
     gradients_grow_with_the_root_of_the_horizon();
+}
+
+fn articulated_systems_step_without_allocating() {
+    let effects = Effects { contact: true, ..Effects::all() };
+    for entry in REGISTRY {
+        let (name, model) = (entry.name, (entry.build)().unwrap());
+        for integrator in common::INTEGRATORS {
+            let physics = Physics { integrator, effects, ..Physics::default() };
+            let system = Multibody::new(&model, physics).unwrap();
+            let (mut x, u) = (system.rest_state(), system.rest_input());
+            let mut next = x.clone();
+            let count = allocations(|| {
+                for _ in 0..5 {
+                    system.step::<f64>(&x, &u, &[], &mut next);
+                    std::mem::swap(&mut x, &mut next);
+                }
+                system.derivative::<f64>(&x, &u, &[], &mut next);
+            });
+            assert_eq!(count, 0, "Multibody::step and derivative of {name}");
+
+            let mut world = World::of_model(&model, physics, 100).unwrap();
+            world.set_threads(Threads::new(1).unwrap());
+            world.set_model(7, &model).unwrap();
+            let mut actions = vec![0.1; 100 * world.n_action()];
+            let mut states = vec![0.0; 100 * world.n_state()];
+            world.step(&actions).unwrap();
+            let expected = usize::from(world.n_action() > 0);
+            if expected == 1 {
+                actions[3 * world.n_action()] = f32::NAN;
+            }
+            let count = allocations(|| {
+                for _ in 0..5 {
+                    world.step(&actions).unwrap();
+                }
+                world.read_states(&mut states).unwrap();
+            });
+            assert_eq!((count, world.failures().len()), (0, expected), "World::step of {name}");
+        }
+    }
 }
 
 fn gradients_grow_with_the_root_of_the_horizon() {

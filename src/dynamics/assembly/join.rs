@@ -29,7 +29,8 @@ pub enum Kind {
 pub enum Servo {
     /// Follows q̇ = `range` · command with a first-order lag.
     ///
-    /// Its gain is d = I/T with the inertia I = 1/(M⁻¹)ᵢᵢ that the joint feels at the rest pose, all other joints free.
+    /// Its gain is d = I/T with the inertia I that the joint feels at the rest pose while all other servos hold and
+    /// joints without one are free: 1/(M⁻¹)ᵢᵢ of the mass matrix without the rows of the other servos.
     Rate {
         /// T, s.
         time_constant: f64,

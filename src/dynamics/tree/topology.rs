@@ -225,10 +225,12 @@ impl Topology {
         if let Some(i) = unequal {
             return Some(format!("with body {i} joined otherwise or with numbers that are zero in one of the two"));
         }
-        let same = self.rotor_radius == other.rotor_radius
-            && self.sources == other.sources
-            && self.features == other.features
-            && (&self.on_ground, &self.pairs) == (&other.on_ground, &other.pairs);
+        // what no effect reads may differ: a rope's length is not its capsule's where nothing touches
+        let e = self.effects;
+        let same = (!e.ground_effect || self.rotor_radius == other.rotor_radius)
+            && (!e.downwash || self.sources == other.sources)
+            && (!e.contact
+                || (&self.features, &self.on_ground, &self.pairs) == (&other.features, &other.on_ground, &other.pairs));
         (!same).then(|| "with other rotor radii, drones or shapes".into())
     }
 
