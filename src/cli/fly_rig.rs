@@ -5,12 +5,12 @@ use super::page::{Fact, Page, duration, length, short};
 use super::rig::{self, Rig};
 use super::table::{Align, Table, number};
 use super::{Report, files, progress};
-use omnidrones::controllers::pilot::{clearance, start_above, start_on, steerable, substeps_for_damping};
+use omnidrones::controllers::pilot::{clearance, start_above, start_on, steerable};
 use omnidrones::controllers::reference::{Hover, Lemniscate};
 use omnidrones::controllers::{FlightPlan, Passive, Reference, RigFlight, fly_rig, suited};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::tree::{Multibody, contact_forces, kinetic_energy, potential_energy};
-use omnidrones::dynamics::{Gains, Integrator, configurations};
+use omnidrones::dynamics::{Gains, configurations};
 use omnidrones::error::{Error, Result};
 use omnidrones::flight::FlightSummary;
 use omnidrones::plot::model;
@@ -41,9 +41,6 @@ fn system(a: &Arguments, rig: &Rig, contact: bool) -> Result<Multibody> {
     let mut physics = a.flight.physics();
     physics.effects.disturbance |= a.wind != Wind::Calm;
     physics.effects.contact |= contact;
-    if physics.integrator == Integrator::RungeKutta4 && physics.dt > 0.0 {
-        physics.substeps = physics.substeps.max(substeps_for_damping(&rig.model, physics.dt)?);
-    }
     Multibody::new(&rig.model, physics)
 }
 

@@ -8,14 +8,13 @@ use super::frozen::Frozen;
 use super::kinematics::Kinematics;
 use super::reference::{Reference, Sample};
 use crate::autodiff::{System, safe};
+use crate::dynamics::Gains;
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
-use crate::dynamics::tree::{Model, Motion, Multibody, body_poses, mass_matrix};
-use crate::dynamics::{Effects, Gains, Physics};
+use crate::dynamics::tree::{Model, Motion, Multibody, body_poses};
 use crate::error::{Error, Result};
 use crate::flight::{self, FlightLog};
 use crate::rng::{Purpose, Stream};
-use nalgebra::DMatrix;
 
 /// What a pilot is told in every step.
 #[derive(Debug, Clone, Copy)]
@@ -105,27 +104,6 @@ fn free(model: &Model) -> Result<()> {
     }
     let what = format!("model '{}': root '{}'", model.name(), model.bodies()[0].name);
     Err(Error::value(what, "fixed to the world", "free to move", "It can be shown, not flown or dropped."))
-}
-
-/// Integrator steps within one of `dt` seconds that explicit integration needs for the damping of the joints: the
-/// fastest rate at which damping stops a joint at rest, λ of M⁻¹D, times the step may be 2 at most.
-///
-/// # Errors
-/// As [`mass_matrix`].
-pub fn substeps_for_damping(model: &Model, dt: f64) -> Result<usize> {
-    let physics = Physics { effects: Effects::none(), ..Physics::default() };
-    let mass = mass_matrix(model, &Multibody::new(model, physics)?.rest_state())?;
-    let n = mass.nrows();
-    let mut root = DMatrix::zeros(n, n);
-    for (body, place) in model.bodies().iter().zip(&model.layout().bodies) {
-        for k in 0..place.n_freedom {
-            root[(place.freedom + k, place.freedom + k)] = body.joint.damping.max(0.0).sqrt();
-        }
-    }
-    // of √D M⁻¹ √D, which is symmetric
-    let Some(inverse) = mass.cholesky().map(|c| c.inverse()) else { return Ok(1) };
-    let fastest = (&root * inverse * &root).symmetric_eigenvalues().max();
-    Ok((0.5 * fastest * dt).ceil().clamp(1.0, 1000.0) as usize)
 }
 
 /// A finished flight of an articulated system.

@@ -14,12 +14,6 @@ pub fn everything() -> Effects {
     Effects { contact: true, ..Effects::all() }
 }
 
-/// Substeps that RK4 needs at 2 ms where a damper is stiff for what it holds: 0.0573 N m s/rad at either end of the two
-/// arms of `platform_2`, which turn about their own axis with 3e-5 kg m², is a rate of 4000 1/s, and twice the damper is tried.
-pub fn substeps(name: &str) -> usize {
-    if name == "platform_2" { 10 } else { 1 }
-}
-
 pub fn attitude(r: &mut Stream) -> [f64; 4] {
     let q: [f64; 4] = std::array::from_fn(|_| r.normal());
     let norm = q.iter().map(|q| q * q).sum::<f64>().sqrt();

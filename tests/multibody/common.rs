@@ -1,7 +1,5 @@
 //! Systems, flights and bounds that several modules share.
 
-pub use crate::tree::substeps;
-
 use crate::tree::stream;
 use omnidrones::autodiff::System;
 use omnidrones::dynamics::configurations::REGISTRY;

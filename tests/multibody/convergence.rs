@@ -30,7 +30,7 @@ fn order(model: &Model, of: fn(f64, Effects) -> Physics, dt: f64, best: f64) -> 
 #[test]
 fn rk4_converges_with_order_four() {
     // 4 ms resolve every damper but that of platform_2
-    for (name, model) in configurations().filter(|(name, model)| floats(model) && substeps(name) == 1) {
+    for (name, model) in configurations().filter(|(name, model)| floats(model) && *name != "platform_2") {
         // measured 3.980 dragon to 4.003 Omav
         near(&format!("{name}: order of RK4"), order(&model, rk4, 0.004, 1.25e-4), 4.0, 0.1);
     }

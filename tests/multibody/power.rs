@@ -99,7 +99,7 @@ fn imbalance(system: &Multibody, mut x: Vec<f64>, u: &[f64], steps: usize) -> (f
 #[test]
 fn energy_changes_by_the_work_of_rotors_drag_and_damping() {
     for (case, (name, model)) in configurations().filter(|(_, model)| floats(model)).enumerate() {
-        let physics = Physics { substeps: substeps(name), ..rk4(0.001, Effects::default()) };
+        let physics = Physics { ..rk4(0.001, Effects::default()) };
         let system = Multibody::new(&loose(&model), physics).unwrap();
         let mut x = in_motion(&system, 20 + case as u64, 0.5);
         let mut r = stream(20, case as u64);

@@ -53,7 +53,7 @@ fn compare(
     bound: f64,
 ) {
     for (config, (name, model)) in configurations().filter(|(_, model)| floats(model)).enumerate() {
-        let physics = Physics { substeps: substeps(name), ..rk4(0.002, effects) };
+        let physics = Physics { ..rk4(0.002, effects) };
         let system = Multibody::new(&model, physics).unwrap();
         let twin = Multibody::new(&other(&model), physics).unwrap();
         let mut worst = 0.0_f64;

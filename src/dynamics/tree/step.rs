@@ -2,8 +2,8 @@
 //!
 //! As for the closed-form multirotor: RK4 with quaternions renormalised, or semi-implicit Euler with gyroscopic moments,
 //! damping, springs and limits implicit. Rotor lag has its closed form. Drives are sampled once per substep: an implicit
-//! evaluation (h d + h² k added to the inertia that each drive moves) finds the torque, which is bounded and held, so that
-//! a stiff servo is stable at any step. Damping and springs too fast for the step are sampled with them. Wakes are held
+//! evaluation (h d + h² k added to the inertia that each drive moves) finds the torques, a second one those of the others
+//! where some have reached their bound; then they are held, so that a stiff servo is stable at any step. Damping and springs too fast for the step are sampled with them. Wakes are held
 //! through a substep too.
 //!
 //! Everything evaluates accelerations at one place, in a loop over stages: the kernels are large, and each copy of them
@@ -29,9 +29,11 @@ pub(crate) enum Task {
     Derivative,
 }
 
-/// The stages of a substep: 0 samples torques, 1 to 4 are those of RK4, and 1 is that of the semi-implicit step.
+/// The stages of a substep: torques without their bounds, torques with those that are reached, then four of RK4 or the
+/// one of the semi-implicit step, which keeps torques below their bound implicit and needs no second pass for them.
 const SAMPLE: usize = 0;
-const FIRST: usize = 1;
+const SETTLE: usize = 1;
+const FIRST: usize = 2;
 
 /// Does the task with `s.input` held.
 #[inline(always)]
@@ -51,6 +53,9 @@ pub(crate) fn run<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, task: Task
             s.at[k] = s.end[k];
         }
         for stage in begin..FIRST + n_stage {
+            if semi_implicit && stage == SETTLE {
+                continue;
+            }
             if semi_implicit && stage == FIRST {
                 loads::advance_rotors(t, s.rotors);
             }
@@ -59,8 +64,8 @@ pub(crate) fn run<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, task: Task
                 Task::Step(_) if stage == SAMPLE => Pass { implicit: 0.0, drives: Drives::Sampled(h) },
                 Task::Step(_) => Pass { implicit: if semi_implicit { h } else { 0.0 }, drives: Drives::Held },
             };
-            // sampling leaves the kinematics of the first stage behind
-            if stage != FIRST || begin == FIRST {
+            // up to the first stage the state stays as it was
+            if stage == begin || stage > FIRST {
                 forward(t, numbers, s.at, s.bodies);
             }
             if stage == begin {
@@ -68,8 +73,8 @@ pub(crate) fn run<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, task: Task
             }
             loads::apply(t, numbers, s.input, s.bodies, s.rotors);
             accelerate(t, numbers, s.at, s.input, pass, s.bodies, s.rate);
-            if stage == SAMPLE {
-                hold_torques(t, numbers, h, semi_implicit, s);
+            if stage < FIRST {
+                hold_torques(t, numbers, stage, h, s);
             } else if semi_implicit {
                 loads::advance_rotors(t, s.rotors);
                 velocities_then_positions(t, h, s);
@@ -86,18 +91,16 @@ pub(crate) fn run<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, task: Task
 }
 
 #[inline(always)]
-fn hold_torques<S: Scalar, P: Numbers<S>>(
-    t: &Topology,
-    numbers: P,
-    h: f64,
-    semi_implicit: bool,
-    s: &mut Scratch<'_, S>,
-) {
+fn hold_torques<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, stage: usize, h: f64, s: &mut Scratch<'_, S>) {
     for i in 0..t.n_body() {
         let link = &t.links[i];
         if link.drive.is_some() || link.stiff {
-            let sampled = (s.rate[link.velocity], h);
-            s.bodies[i].held = torque::held(link, i, numbers, (s.at, s.input), sampled, semi_implicit);
+            let found = (s.rate[link.velocity], h);
+            s.bodies[i].held = if stage == SAMPLE {
+                torque::split(link, i, numbers, (s.at, s.input), found)
+            } else {
+                torque::settle(link, i, numbers, s.at, s.bodies[i].held, found)
+            };
         }
     }
 }

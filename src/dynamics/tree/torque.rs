@@ -51,7 +51,7 @@ pub(crate) fn of_axis<S: Scalar, P: Numbers<S>>(
         (torque, slope) = spring(numbers, n, q, rate, step);
     }
     if is_held {
-        torque = held.0;
+        (torque, slope) = held;
     }
     if link.limited {
         let (more, steeper) = limits(numbers, n, q, rate, h);
@@ -139,38 +139,53 @@ fn bounded<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, torque: S) -> S {
     torque.clamp(-most, most)
 }
 
-/// What drive, and stiff damping and spring, of a joint hold through a substep whose acceleration an implicit pass found
-/// to be `acceleration`.
-///
-/// RK4 holds the torque itself. The semi-implicit step repeats the implicit solve where the bound is not reached, so that
-/// it is stable even where the inertia that a joint feels changes fast.
+/// What drive, and stiff damping and spring, of a joint give through a substep, from the `acceleration` that an implicit
+/// pass without bounds found: a drive over its bound gives the bound, all else stays implicit.
 #[inline(always)]
-pub(crate) fn held<S: Scalar, P: Numbers<S>>(
+pub(crate) fn split<S: Scalar, P: Numbers<S>>(
     link: &Link,
     body: usize,
     numbers: P,
     (x, input): (&[S], &[S]),
     (acceleration, step): (S, f64),
-    semi_implicit: bool,
 ) -> (S, S) {
     let n = body_numbers(body);
     let (q, rate) = (x[link.position], x[link.velocity]);
-    let (mut sum, mut kept) = (S::zero(), S::zero());
+    let (mut torque, mut slope) = (S::zero(), S::zero());
     if let Some(servo) = &link.drive {
-        let (wanted, slope) = servo_torque(servo, numbers, n, q, rate, input, step);
-        let free = (-slope).mul_add(acceleration, wanted);
-        sum = bounded(numbers, n, free);
-        if semi_implicit {
-            let within = free.abs().lt(numbers.get(n + at::DRIVE + 2));
-            sum = S::select(within, wanted, sum);
-            kept = S::select(within, slope, kept);
-        }
+        let (wanted, steep) = servo_torque(servo, numbers, n, q, rate, input, step);
+        let free = (-steep).mul_add(acceleration, wanted);
+        let within = free.abs().lt(numbers.get(n + at::DRIVE + 2));
+        torque = S::select(within, wanted, bounded(numbers, n, free));
+        slope = S::select(within, steep, slope);
     }
     if link.stiff {
-        let (torque, slope) = spring(numbers, n, q, rate, step);
-        sum += (-slope).mul_add(acceleration, torque);
+        let (more, steeper) = spring(numbers, n, q, rate, step);
+        torque += more;
+        slope += steeper;
     }
-    (sum, kept)
+    (torque, slope)
+}
+
+/// The torque that a joint then holds, from the acceleration that the pass with [`split`] torques found.
+#[inline(always)]
+pub(crate) fn settle<S: Scalar, P: Numbers<S>>(
+    link: &Link,
+    body: usize,
+    numbers: P,
+    x: &[S],
+    (torque, slope): (S, S),
+    (acceleration, step): (S, f64),
+) -> (S, S) {
+    let n = body_numbers(body);
+    let total = (-slope).mul_add(acceleration, torque);
+    let mut passive = S::zero();
+    if link.stiff {
+        let (more, steeper) = spring(numbers, n, x[link.position], x[link.velocity], step);
+        passive = (-steeper).mul_add(acceleration, more);
+    }
+    let held = if link.drive.is_some() { bounded(numbers, n, total - passive) + passive } else { total };
+    (held, S::zero())
 }
 
 /// Moment (world) and slope of a ball joint: −d ω_rel and the spring −k sin θ about the axis of rotation.
