@@ -3,6 +3,8 @@
 //! Machines are noisy and shared, so each figure is the least of many short repeats, and each is set beside a plain
 //! scalar loop measured in the same run. `cargo bench` and `omnidrones bench` both print these rows.
 
+mod articulated;
+
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{
     CompiledJacobian, JacobianScratch, Objective, Program, Recording, Rollout, Scalar, System, Trace, jacobian,
@@ -38,7 +40,7 @@ impl Default for BenchPlan {
 /// One measured figure.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BenchRow {
-    /// What it belongs to: `step`, `batch`, `derivative`, `gradient`.
+    /// What it belongs to: `step`, `batch`, `derivative`, `gradient`, `articulated`.
     pub group: &'static str,
     /// What was measured.
     pub name: String,
@@ -86,6 +88,7 @@ pub fn run(plan: &BenchPlan, progress: &mut dyn FnMut(&BenchRow)) -> Result<Vec<
     bench.batches(plain.f32, &mut add)?;
     bench.derivatives(plain.f64, &mut add)?;
     bench.gradients(&mut add)?;
+    articulated::run(plan, &mut add)?;
     Ok(rows)
 }
 

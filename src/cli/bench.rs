@@ -15,7 +15,7 @@ use std::time::Duration;
 /// What the command is for.
 pub const ABOUT: &str = "\
 Measure how fast this machine steps and differentiates a multirotor: single steps on each kind of number, batches on \
-one and more threads, Jacobians, adjoints, rollout gradients. Each figure is set against a plain loop measured in the \
+one and more threads, Jacobians, adjoints, rollout gradients; and steps of every built-in configuration. Each figure is set against a plain loop measured in the \
 same run, so that ratios hold where absolute figures depend on the machine.";
 
 const EXAMPLES: &str = "\
@@ -25,7 +25,7 @@ Examples:
   omnidrones bench --threads 1           batches on one thread only
   omnidrones bench --json --no-plots     for a program
 
-The subject is a Hummingbird under RK4 at 16 ms with linear drag. A ratio says how many times the baseline: in speed for rates, in time for durations.
+The subject is a Hummingbird, then every configuration, under RK4 at 16 ms with linear drag. A ratio says how many times the baseline: in speed for rates, in time for durations.
 
 Files in --out: bench.png or bench.svg. Close other programs: figures fall with their load.
 
@@ -38,7 +38,7 @@ const QUICK: Duration = Duration::from_millis(60);
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 pub struct Arguments {
-    /// Short runs: about 2 s instead of 10 s, and less steady figures
+    /// Short runs: about 5 s instead of 20 s, and less steady figures
     #[arg(long)]
     quick: bool,
     /// Most threads of the batch rows: 1, 2, 4 … up to this [default: all cores]
@@ -149,7 +149,7 @@ fn figure(rows: &[BenchRow]) -> Figure {
         cost = cost.bar(Bar::new(name, ratio).note(note).colour(Colour::nth(groups.len())));
     }
     let heights = [&batch, &cost].map(|bars| 70.0 + 22.0 * bars.bars.len() as f64);
-    Figure::new("Hummingbird: speed of steps and derivatives")
+    Figure::new("Speed of steps and derivatives")
         .subtitle(machine())
         .size(1000.0, (60.0 + heights[0] + heights[1]).min(3000.0))
         .grid(&[1.0], &heights)
