@@ -97,6 +97,16 @@ impl Gate {
         Ok(Configuration { model, map })
     }
 
+    /// The bars after `place` and `scale`, world.
+    pub(super) fn still_bars(&self) -> impl Iterator<Item = Shape> {
+        let (place, scale) = (self.place, self.scale);
+        self.bars().into_iter().map(move |bar| {
+            let own = Placement { position: bar.position, rotation: bar.rotation }.scaled(scale);
+            let outer = place.then(&own);
+            Shape { geometry: bar.geometry.scaled(scale), position: outer.position, rotation: outer.rotation }
+        })
+    }
+
     /// Left and right upright, upper and lower crossbar.
     fn bars(&self) -> [Shape; 4] {
         let corner = |y: f64, z: f64| [0.0, y * self.half_width, z * self.half_height];

@@ -24,6 +24,7 @@
 //! ```
 
 pub mod dragon;
+pub mod environment;
 pub mod gate;
 pub mod inverted_pendulum;
 pub mod omav;
@@ -32,6 +33,7 @@ pub mod platform;
 pub mod transport;
 
 pub use dragon::{Dragon, DragonLink, DragonMap};
+pub use environment::environment;
 pub use gate::{Gate, GateMap};
 pub use inverted_pendulum::{InvertedPendulum, InvertedPendulumMap};
 pub use omav::{Omav, OmavMap};
