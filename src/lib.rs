@@ -27,7 +27,7 @@
 //! | module | what | look here for |
 //! |---|---|---|
 //! | [`autodiff`] | numbers that differentiate | [`Scalar`](autodiff::Scalar), [`System`](autodiff::System), [`linearise`](autodiff::linearise()), [`Rollout`](autodiff::Rollout), [`certify`](autodiff::certify()) |
-//! | [`dynamics`] | bodies | [`Vehicle`](dynamics::Vehicle), [`vehicles`](dynamics::vehicles), [`urdf`](dynamics::urdf), [`Multirotor`](dynamics::Multirotor), [`World`](dynamics::World), [`Fleet`](dynamics::Fleet) |
+//! | [`dynamics`] | bodies | [`Vehicle`](dynamics::Vehicle), [`vehicles`](dynamics::vehicles), [`urdf`](dynamics::urdf), [`Multirotor`](dynamics::Multirotor), [`World`](dynamics::World), [`Fleet`](dynamics::Fleet), [`Assembly`](dynamics::assembly::Assembly), [`configurations`](dynamics::configurations), [`Multibody`](dynamics::tree::Multibody), [`Scene`](dynamics::scene::Scene) |
 //! | [`controllers`] | commands | [`fly`](controllers::fly()), [`ClosedLoop`](controllers::ClosedLoop), [`Reference`](controllers::Reference), [`tune`](controllers::design::tune()) |
 //! | [`flight`] | what was flown | [`FlightLog`](flight::FlightLog), key figures, CSV |
 #![cfg_attr(

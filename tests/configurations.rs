@@ -315,7 +315,7 @@ fn swing(model: &Model, physics: Physics) -> f64 {
     for step in 0..(4.0 / physics.dt) as usize {
         let phase = (step as f64 * physics.dt / 0.32) as usize;
         for (k, at) in layout.drive.iter().flatten().enumerate() {
-            u[*at] = if (phase + k) % 2 == 0 { 1.0 } else { -1.0 };
+            u[*at] = if (phase + k).is_multiple_of(2) { 1.0 } else { -1.0 };
         }
         system.step(&x, &u, &[], &mut next);
         std::mem::swap(&mut x, &mut next);

@@ -24,8 +24,8 @@ const TRANSIENT: f64 = 2.0;
 /// What the command is for.
 pub const ABOUT: &str = "\
 Fly a vehicle, or a configuration of several bodies, closed loop along a reference. The flight starts on the reference, at rest; position, velocity, attitude \
-and rate controllers compute at their own rates. Prints what the vehicle is, how well it tracked, and a certificate \
-that the derivatives of the very equations it flew are exact; writes plots.
+and rate controllers compute at their own rates. Prints what the vehicle is, how well it tracked, and, for a single \
+vehicle, a certificate that the derivatives of the very equations it flew are exact; writes plots.
 
 Configurations fly with simple controllers: drones that carry something each hold their own place (payload, platform, \
 transport), servos hold the rest pose under one cascade (omav_tilting), a load on top is balanced (inverted_pendulum). They follow a \

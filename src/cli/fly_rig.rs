@@ -325,7 +325,7 @@ fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
         files::write_new(&path, &fallen.csv(), true)?;
         written.push(path);
     }
-    let success = flight.diverged_at.is_none();
+    let success = flight.diverged_at.is_none() && !fallen.gained();
     let text = if a.json { format!("{:#}\n", fallen.json(&written)) } else { fallen.page(&written) };
     Ok(Report { success, text })
 }
@@ -386,6 +386,12 @@ impl<'a> Fallen<'a> {
         [self.energy.first(), self.energy.last()].map(|e| e.copied().unwrap_or(f64::NAN))
     }
 
+    /// Whether energy came from nowhere, which a step too long for the ground's stiffness does.
+    fn gained(&self) -> bool {
+        let most = self.energy.iter().fold(f64::NEG_INFINITY, |m, e| m.max(*e));
+        most > 1.01 * self.lost()[0] + 1e-6
+    }
+
     fn subtitle(&self) -> String {
         let when = self.touched().map_or("no touch".into(), |t| format!("touches the ground at {} s", short(t, 3)));
         format!(
@@ -414,6 +420,10 @@ impl<'a> Fallen<'a> {
         if ghosts > 0 {
             let all = self.rig.model.shapes().len();
             facts.push(Fact::new("untouchable", format!("{ghosts} of {all}")).note("shapes pass through the ground"));
+        }
+        if self.gained() {
+            let note = "energy came from nowhere: the step is too long for the ground, try --dt 0.002 or less";
+            facts.push(Fact::new("wrong", "energy gained").note(note));
         }
         if let Some(t) = self.flight.diverged_at {
             facts.push(Fact::new("diverged", format!("{} s", short(t, 4))).note("a smaller --dt may help"));

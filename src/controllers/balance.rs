@@ -15,9 +15,9 @@ use super::formation::{carrier, root};
 use super::kinematics::Kinematics;
 use super::pilot::{Command, Pilot};
 use super::velocity::VelocityCommand;
+use crate::dynamics::Gains;
 use crate::dynamics::spatial::{add, cross, mat_vec, sub, up_axis};
-use crate::dynamics::tree::{Model, Multibody, body_poses};
-use crate::dynamics::{GRAVITY, Gains};
+use crate::dynamics::tree::{Body, Model, Motion, Multibody, body_poses};
 use crate::error::{Error, Result};
 
 /// p, 1/s: slower than the attitude loop that carries it out.
@@ -33,6 +33,7 @@ pub struct Balance {
     /// k₁ to k₄.
     feedback: [f64; 4],
     length: f64,
+    gravity: f64,
     /// Of the load over the whole.
     share: f64,
 }
@@ -53,26 +54,30 @@ impl Balance {
         let mut cascade = Cascade::new(&vehicle, &gains, rates, system.physics().dt)?;
         cascade.model.body.mass = model.mass();
         cascade.reset();
-        let (p, rate) = (POLE, GRAVITY / length);
+        let gravity = model.parts().gravity;
+        let (p, rate) = (POLE, gravity / length);
         let (k1, k2) = (p.powi(4) / rate, 4.0 * p.powi(3) / rate);
         Ok(Self {
-            actions: model.drones()[0].rotors.iter().map(|r| model.layout().rotor_action[*r]).collect(),
+            actions: model.drones()[0].rotors.iter().map(|r| system.layout().rotor_action[*r]).collect(),
             feedback: [k1, k2, 6.0 * p * p + k1 + rate, 4.0 * p + k2],
             share: model.bodies()[load].mass / model.mass(),
             system: system.clone(),
             cascade,
             load,
             length,
+            gravity,
         })
     }
 }
 
-/// The one body that stands above the one drone, and how far its centre of mass is from the joint, m.
+/// The body that stands on a universal joint above the one drone, and how far its centre of mass is from the joint, m.
 pub fn balanced(model: &Model) -> Option<(usize, f64)> {
-    let heavy: Vec<usize> = (1..model.bodies().len()).filter(|i| model.bodies()[*i].mass > 0.0).collect();
-    let ([load], [drone]) = (heavy.as_slice(), model.drones()) else { return None };
-    let center = model.bodies()[*load].center_of_mass;
-    (drone.body == 0 && center[2] > 0.0).then_some((*load, center[2]))
+    let ([_, cross, load], [drone]) = (model.bodies(), model.drones()) else { return None };
+    let hinge = |body: &Body| matches!(body.joint.motion, Motion::Revolute(_));
+    let universal =
+        cross.parent == Some(0) && load.parent == Some(1) && cross.mass == 0.0 && hinge(cross) && hinge(load);
+    let height = load.center_of_mass[2];
+    (drone.body == 0 && universal && height > 0.0).then_some((2, height))
 }
 
 impl Pilot for Balance {
@@ -96,7 +101,7 @@ impl Pilot for Balance {
         let lean = sub(add(pose.position, lever), own.position);
         let leaning = sub(add(pose.velocity, drift), own.velocity);
         let wanted = moment.reference.sample(moment.time);
-        let ([k1, k2, k3, k4], per) = (self.feedback, self.length / GRAVITY);
+        let ([k1, k2, k3, k4], per) = (self.feedback, self.length / self.gravity);
         let up = up_axis(own.attitude);
         let mut command = VelocityCommand::constant(own.velocity, wanted.yaw);
         for i in 0..2 {
@@ -108,7 +113,7 @@ impl Pilot for Balance {
                 + k3 * unwanted
                 + k4 * drifting;
             // its derivative, from the acceleration that the attitude gives now: the attitude then lags less
-            let push = GRAVITY * up[i] / up[2].max(0.3);
+            let push = self.gravity * up[i] / up[2].max(0.3);
             let excess = (push - self.share * lean[i] / per) / (1.0 - self.share) - wanted.acceleration[i];
             let change = wanted.jerk[i]
                 + k1 * (own.velocity[i] - wanted.velocity[i])

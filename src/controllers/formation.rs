@@ -56,7 +56,7 @@ impl Formation {
             let yaw = |rotation| to_euler(from_matrix(rotation))[2];
             Ok(Member {
                 body: drone.body,
-                actions: drone.rotors.iter().map(|r| model.layout().rotor_action[*r]).collect(),
+                actions: drone.rotors.iter().map(|r| system.layout().rotor_action[*r]).collect(),
                 cascade,
                 place: mat_vec(transpose(root.rotation), offset),
                 yaw: yaw(pose.rotation) - yaw(root.rotation),

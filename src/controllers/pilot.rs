@@ -97,8 +97,13 @@ pub fn steerable(model: &Model) -> bool {
     !model.drones().is_empty() && (!has_servos(model) || model.drones().iter().all(|d| d.body == 0))
 }
 
-/// Refuses models that cannot move as a whole.
+/// Refuses models that cannot move as one whole.
 fn free(model: &Model) -> Result<()> {
+    let n_tree = model.layout().trees.len();
+    if n_tree != 1 {
+        let what = format!("model '{}': number of trees", model.name());
+        return Err(Error::value(what, n_tree, "1 to be flown or dropped", "Give each tree a pilot of its own."));
+    }
     if model.bodies()[0].joint.motion == Motion::Floating {
         return Ok(());
     }
@@ -187,7 +192,8 @@ pub fn clearance(system: &Multibody, state: &[f64]) -> Option<f64> {
 /// Flies `system` from `state` under a pilot along the plan. `progress` is told the number of each finished step.
 ///
 /// # Errors
-/// [`Error::Value`] or [`Error::Limit`] if the plan is not valid, or its physics are not those of the system.
+/// [`Error::Value`] or [`Error::Limit`] if the plan is not valid, its physics are not those of the system, or
+/// `state` has another length.
 pub fn fly_rig(
     system: &Multibody,
     pilot: &mut dyn Pilot,
@@ -197,6 +203,11 @@ pub fn fly_rig(
 ) -> Result<RigFlight> {
     let n_step = plan.n_step()?;
     let (model, layout) = (system.model(), system.layout());
+    Multibody::check_length("state", state.len(), layout.n_state())?;
+    if plan.physics != *system.physics() {
+        let remedy = "Give the plan the system's: plan.physics = *system.physics().";
+        return Err(Error::value("plan.physics", format!("{:?}", plan.physics), "those of the system", remedy));
+    }
     let windy = plan.wind != Wind::Calm;
     if windy && !system.physics().effects.disturbance {
         return Err(Error::value("effects.disturbance", "off", "on where there is wind", "Switch it on."));

@@ -25,7 +25,7 @@ impl Member {
     }
 }
 
-/// Concatenates models: state and input follow each other, tree by tree, in the order of the members.
+/// Concatenates models; ground and self-collision are the first member's, the contact material the softest: state and input follow each other, tree by tree, in the order of the members.
 ///
 /// # Errors
 /// [`Error::Value`] for no member, a repeated prefix, a place that is none, or gravities that differ; otherwise as

@@ -97,8 +97,16 @@ impl World {
     /// # Errors
     /// As [`World::new`].
     pub fn of_model(model: &Model, physics: Physics, n_env: usize) -> Result<Self> {
+        Self::of_model_with_memory_limit(model, physics, n_env, DEFAULT_MEMORY_LIMIT)
+    }
+
+    /// As [`World::of_model`] with another limit on memory, in bytes.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn of_model_with_memory_limit(model: &Model, physics: Physics, n_env: usize, limit: u64) -> Result<Self> {
         let (plant, rest) = Plant::tree(model, physics, false)?;
-        Self::of_plant(plant, physics, n_env, DEFAULT_MEMORY_LIMIT, &rest, &[])
+        Self::of_plant(plant, physics, n_env, limit, &rest, &[])
     }
 
     /// As [`World::of_model`], prepared for environments whose numbers differ where the model's are zero (a centre of
@@ -128,7 +136,14 @@ impl World {
                 "n_env",
                 format!("{n_env} ({:.1} GiB)", needed as f64 / f64::from(1 << 30)),
                 format!("1 to {most} ({:.1} GiB)", limit as f64 / f64::from(1 << 30)),
-                "Step fewer environments at once, or raise the limit with World::with_memory_limit.",
+                match plant {
+                    Plant::Rigid(_) => {
+                        "Step fewer environments at once, or raise the limit with World::with_memory_limit."
+                    }
+                    Plant::Tree(_) => {
+                        "Step fewer environments at once, or raise the limit with World::of_model_with_memory_limit."
+                    }
+                },
             ));
         }
         plant.reserve(n_block);

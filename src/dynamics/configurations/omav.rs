@@ -66,7 +66,9 @@ impl Omav {
     pub fn build(&self) -> Result<Configuration<OmavMap>> {
         let mut rig = Assembly::new("omav_tilting");
         let base = self.piece("base_link")?;
-        rig.part("core", self.damped(Solid::explicit(base.mass, base.position, base.inertia)));
+        let core = Solid::explicit(base.mass, base.position, base.inertia);
+        let core = self.vehicle.shapes.iter().fold(core, |solid, shape| solid.and(*shape));
+        rig.part("core", self.damped(core));
         for j in 0..N_UNIT {
             self.unit(&mut rig, j)?;
         }

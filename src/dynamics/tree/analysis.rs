@@ -143,7 +143,7 @@ pub fn contact_forces<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Vec3<S>
 pub struct Separation<S> {
     /// Numbers of the shapes in [`Model::shapes`]; the second is `None` for the ground.
     pub shapes: (usize, Option<usize>),
-    /// m; negative where they overlap. See [`contact::distance`](crate::dynamics::contact::distance).
+    /// m; negative where they overlap. See [`distance`](fn@crate::dynamics::contact::distance).
     pub distance: S,
 }
 
@@ -256,9 +256,6 @@ fn mass_matrix_of(model: &Model, state: &[f64]) -> DMatrix<f64> {
     for (i, body) in model.bodies().iter().enumerate() {
         let own = model.layout().bodies[i].freedom;
         m[(own, own)] += body.joint.armature;
-        if body.mass == 0.0 {
-            continue;
-        }
         let jacobian = point_jacobian(model, &poses, i, body.center_of_mass);
         let (linear, angular) = (jacobian.rows(0, 3), jacobian.rows(3, 3));
         let r = nalgebra::Matrix3::from_fn(|a, b| poses[i].rotation[a][b]);

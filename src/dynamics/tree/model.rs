@@ -340,6 +340,10 @@ impl Check<'_> {
     fn run(&self) -> Result<()> {
         let p = self.parts;
         finite(&self.at("gravity"), &[p.gravity])?;
+        if p.gravity < 0.0 {
+            let remedy = "It counts downwards: give 9.81 for Earth, 0 for none.";
+            return Err(Error::value(self.at("gravity"), p.gravity, "≥ 0 m/s²", remedy));
+        }
         for (what, n, least, most) in [
             ("number of bodies", p.bodies.len(), 1, MAX_BODIES),
             ("number of rotors", p.rotors.len(), 0, MAX_TREE_ROTORS),

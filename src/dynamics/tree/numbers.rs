@@ -1,6 +1,6 @@
 //! The physics of a model as one vector of numbers, and how kernels read it.
 //!
-//! Gravity first; then [`BODY_NUMBERS`] per body, then [`ROTOR_PARAMETERS`](crate::dynamics::rigid::ROTOR_PARAMETERS)
+//! Gravity first; then [`BODY_NUMBERS`] per body, then [`ROTOR_PARAMETERS`]
 //! per rotor, [`CONTACT_NUMBERS`], and the position of every shape that stands still in the world. The first twenty entries of a one-body model are those of
 //! [`parameter_vector`](crate::dynamics::rigid::parameter_vector). Rotations of joints, axes and topology are not
 //! numbers: they stay as they were built.

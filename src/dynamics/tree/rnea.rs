@@ -1,6 +1,6 @@
 //! Recursive Newton–Euler: forces from accelerations.
 //!
-//! Featherstone (2008, chapter 5) in the axes and accelerations of [`kinematics`](super::kinematics). With the loads left
+//! Featherstone (2008, chapter 5) in the axes and accelerations of `kinematics`. With the loads left
 //! out and accelerations zero it gives the bias h(q, ν); with loads, the generalised force that joints must supply.
 
 use super::kinematics::forward;

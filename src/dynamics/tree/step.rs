@@ -3,8 +3,9 @@
 //! As for the closed-form multirotor: RK4 with quaternions renormalised, or semi-implicit Euler with gyroscopic moments,
 //! damping, springs and limits implicit. Rotor lag has its closed form. Drives are sampled once per substep: an implicit
 //! evaluation (h d + h² k added to the inertia that each drive moves) finds the torques, a second one those of the others
-//! where some have reached their bound; then they are held, so that a stiff servo is stable at any step. Damping and springs too fast for the step are sampled with them. Wakes are held
-//! through a substep too.
+//! where some have reached their bound; then they are held, so that a stiff servo is stable at any step. Damping and
+//! springs of hinges and slides too fast for RK4 are sampled with them; those of ball joints are explicit in RK4. Wakes are
+//! held through a substep too.
 //!
 //! Everything evaluates accelerations at one place, in a loop over stages: the kernels are large, and each copy of them
 //! would be compiled again for every scalar.
@@ -110,7 +111,7 @@ fn hold_torques<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, stage: usize
 fn runge_kutta_stage<S: Scalar>(t: &Topology, stage: usize, h: f64, s: &mut Scratch<'_, S>) {
     let weight = [h / 6.0, h / 3.0, h / 3.0, h / 6.0];
     let ahead = [0.5 * h, 0.5 * h, h, 0.0];
-    if stage % 2 == 0 {
+    if stage == 0 || stage == 2 {
         loads::advance_rotors(t, s.rotors);
     }
     for r in 0..t.n_rotor() {

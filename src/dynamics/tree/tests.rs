@@ -192,3 +192,22 @@ fn energy_and_momentum_are_kept_where_nothing_dissipates() {
     println!("energy {drift:.1e}, linear {:.1e}, angular {turned:.1e}", relative(&start.linear, &end.linear));
     assert!(drift < 1e-7 && turned < 1e-8 && relative(&start.linear, &end.linear) < 1e-8);
 }
+
+#[test]
+fn a_frames_jacobian_gives_its_velocity() {
+    let model = menagerie();
+    let system = Multibody::new(&model, Physics::default()).unwrap();
+    let mut worst = 0.0_f64;
+    for seed in 0..20 {
+        let x = random_state(&model, seed);
+        let nu = nalgebra::DVector::from_vec(velocity_rates(&model, &x));
+        for body in 0..model.bodies().len() {
+            let frame = Frame { name: "probe".into(), body, position: [0.1, -0.2, 0.3], rotation: IDENTITY };
+            let got = frame_jacobian(&model, &x, &frame).unwrap() * &nu;
+            let pose = frame_pose(&system, &x, &frame);
+            let wanted: Vec<f64> = pose.velocity.into_iter().chain(pose.angular_velocity).collect();
+            worst = worst.max(relative(&wanted, got.as_slice()));
+        }
+    }
+    assert!(worst < 1e-13, "{worst:.1e}");
+}

@@ -63,7 +63,7 @@ pub(crate) struct Link {
     pub quadratic_drag: bool,
     pub damped: bool,
     pub sprung: bool,
-    /// Damping and spring are too fast for the step: sampled implicitly and held, as drives are.
+    /// Damping and spring of a hinge or slide are too fast for the step: sampled implicitly and held, as drives are.
     pub stiff: bool,
     pub limited: bool,
     pub geared: bool,
