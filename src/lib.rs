@@ -78,6 +78,7 @@
 
 #![warn(missing_docs)]
 
+#[cfg(feature = "plot")]
 pub(crate) mod atomic_file;
 pub mod autodiff;
 pub mod bench;
