@@ -103,15 +103,16 @@ impl Rows {
 }
 
 /// Root mean square lever of the rotors' unit thrusts about the centre of mass, m; 1 where all levers are zero.
-fn characteristic_length(vehicle: &Vehicle) -> f64 {
-    let a = vehicle.allocation_matrix();
-    let levers = a.rows(3, 3).norm_squared() / vehicle.n_rotor() as f64;
+///
+/// `geometry` is 6 × n, a column per unit thrust.
+pub fn characteristic_length(geometry: &DMatrix<f64>) -> f64 {
+    let levers = geometry.rows(3, 3).norm_squared() / geometry.ncols().max(1) as f64;
     if levers > 0.0 { levers.sqrt() } else { 1.0 }
 }
 
 /// Chooses the rows to allocate: all six where the vehicle is well able to hold them, else thrust and moments.
 pub(super) fn decompose(vehicle: &Vehicle) -> (Rows, Authority) {
-    let length = characteristic_length(vehicle);
+    let length = characteristic_length(&vehicle.allocation_matrix());
     let six = Rows::new(vehicle, &Axis::ALL, length);
     let full_rank = six.rank();
     let full = six.smallest() > FULL_TOLERANCE * six.largest();

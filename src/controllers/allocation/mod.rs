@@ -1,10 +1,24 @@
-//! Allocation: thrust along body z and three moments → rotor thrusts.
+//! Allocation: a wanted wrench → rotor thrusts and thrust vectors.
 //!
-//! [`geometry`] reads what a vehicle's rotors can do and where they fall short, [`pseudo_inverse`] turns it into a
-//! mixer and runs it. Bounded and prioritised allocation is a matter of other files.
+//! | file | idea |
+//! |---|---|
+//! | [`geometry`] | what a vehicle's rotors can do: rank, weakest direction, lost axes |
+//! | [`pseudo_inverse`] | the mixer: least thrusts, clipped, yaw last |
+//! | [`problem`] | the bounded problem: quadratic cost, bounds, cones |
+//! | [`allocator`] | its solvers behind one interface, with certificate, fallback and counts |
+//! | [`active_set`] | bounds: exact and fast, branch-free |
+//! | [`conic`] | cones: clarabel |
+//! | [`residual`](mod@residual) | the certificate |
 
+pub mod active_set;
+pub mod allocator;
+pub mod conic;
 pub mod geometry;
+pub mod problem;
 pub mod pseudo_inverse;
+pub mod residual;
 
+pub use allocator::{Allocator, Counts, Path, Reason, Settings, Solution};
 pub use geometry::{Authority, Axis};
+pub use problem::{Affine, Cone, Problem};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};

@@ -1,0 +1,368 @@
+//! What an allocation is asked: the quadratic program, its cones, and the measure of a solution.
+//!
+//! ```text
+//! minimise   ½ (B u − w)ᵀ W (B u − w) + ½ ρ ‖u − u_pref‖²
+//! subject to lower ≤ u ≤ upper,  ‖tailₖ(u)‖ ≤ headₖ(u)  for every cone k
+//! ```
+//!
+//! u are thrusts (N), one per rotor, or components of the force of a thruster that can turn. ρ > 0 makes the answer
+//! unique, so that it has derivatives.
+
+use super::geometry::characteristic_length;
+use crate::dynamics::Vehicle;
+use crate::error::{Error, Result, finite};
+use nalgebra::{DMatrix, DVector};
+
+/// Rows of a wrench: force, moment.
+pub const WRENCH: usize = 6;
+/// Most inputs of one problem.
+pub const MAX_INPUTS: usize = 48;
+/// ρ of [`Problem::of_vehicle`] over the largest diagonal entry of BᵀWB: bias of the delivered wrench 1e-6 along a
+/// direction as strong as one rotor.
+pub const REGULARISATION: f64 = 1e-6;
+
+/// c + Σ aᵢ u_{jᵢ}.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Affine {
+    /// (j, a).
+    pub terms: Vec<(usize, f64)>,
+    /// c.
+    pub constant: f64,
+}
+
+impl Affine {
+    /// A number.
+    pub fn constant(constant: f64) -> Self {
+        Self { terms: Vec::new(), constant }
+    }
+
+    /// Σ aᵢ u_{jᵢ} without constant.
+    pub fn linear(terms: impl IntoIterator<Item = (usize, f64)>) -> Self {
+        Self { terms: terms.into_iter().collect(), constant: 0.0 }
+    }
+
+    /// Its value at u.
+    pub fn at(&self, u: &[f64]) -> f64 {
+        self.terms.iter().fold(self.constant, |sum, (j, a)| sum + a * u[*j])
+    }
+
+    /// Its linear part along a direction.
+    pub fn slope(&self, direction: &[f64]) -> f64 {
+        self.terms.iter().map(|(j, a)| a * direction[*j]).sum()
+    }
+}
+
+/// ‖tail(u)‖ ≤ head(u); without a tail, the half-space head(u) ≥ 0.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cone {
+    /// The larger side.
+    pub head: Affine,
+    /// The vector.
+    pub tail: Vec<Affine>,
+}
+
+impl Cone {
+    /// ‖(u_i)‖ ≤ `radius` over the given inputs: the most that a thruster can push.
+    pub fn ball(inputs: impl IntoIterator<Item = usize>, radius: f64) -> Self {
+        Self { head: Affine::constant(radius), tail: inputs.into_iter().map(|j| Affine::linear([(j, 1.0)])).collect() }
+    }
+
+    /// ‖F‖ cos θ ≤ `axis`·F for the force F in the given inputs: at most θ away from a unit axis, cos θ > 0.
+    pub fn tilt<const N: usize>(inputs: [usize; N], axis: [f64; N], cosine: f64) -> Self {
+        let head = Affine::linear(inputs.iter().zip(axis).map(|(j, a)| (*j, a)));
+        Self { head, tail: inputs.iter().map(|j| Affine::linear([(*j, cosine)])).collect() }
+    }
+
+    /// `normal`·F ≥ `offset` over the given inputs.
+    pub fn half_space<const N: usize>(inputs: [usize; N], normal: [f64; N], offset: f64) -> Self {
+        let mut head = Affine::linear(inputs.iter().zip(normal).map(|(j, a)| (*j, a)));
+        head.constant = -offset;
+        Self { head, tail: Vec::new() }
+    }
+
+    /// head(u) − ‖tail(u)‖: how far inside.
+    pub fn slack(&self, u: &[f64]) -> f64 {
+        let squared: f64 = self.tail.iter().map(|t| t.at(u).powi(2)).sum();
+        self.head.at(u) - squared.sqrt()
+    }
+
+    /// Head, then tail.
+    pub fn rows(&self) -> impl Iterator<Item = &Affine> {
+        std::iter::once(&self.head).chain(&self.tail)
+    }
+
+    /// Number of rows.
+    pub fn dim(&self) -> usize {
+        1 + self.tail.len()
+    }
+}
+
+/// The numbers of an allocation; all but the wanted wrench.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Problem {
+    /// B, 6 × n: wrench `[force; moment]` per unit of each input, N and N m.
+    pub geometry: DMatrix<f64>,
+    /// Diagonal of W: 1/N² for the force, 1/(N m)² for the moment, times any priority.
+    pub weights: [f64; WRENCH],
+    /// ρ, 1/N² if inputs are thrusts.
+    pub regularisation: f64,
+    /// u_pref: where inputs go that the wrench leaves free.
+    pub preference: Vec<f64>,
+    /// May be −∞ where a cone bounds the input.
+    pub lower: Vec<f64>,
+    /// A failed rotor has 0 here, a weakened one less than its maximum.
+    pub upper: Vec<f64>,
+    /// Thrust vectors, tilts, windows.
+    pub cones: Vec<Cone>,
+    /// Strictly inside all cones (not necessarily inside the bounds): where a solution that violates one by rounding is
+    /// pulled to. Empty without cones.
+    pub anchor: Vec<f64>,
+}
+
+impl Problem {
+    /// The rotors of a rigid vehicle: B its [`allocation_matrix`](Vehicle::allocation_matrix), thrusts within
+    /// [0, T_max], the least thrusts preferred.
+    ///
+    /// Weights are 1 for forces and 1/L² for moments, L the [`characteristic_length`], so that a newton is a newton.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if the vehicle is not valid.
+    pub fn of_vehicle(vehicle: &Vehicle) -> Result<Self> {
+        vehicle.validate()?;
+        let length = characteristic_length(&vehicle.allocation_matrix());
+        let upper = vehicle.rotors.iter().map(|r| r.max_thrust()).collect();
+        Self::boxed(vehicle.allocation_matrix(), balanced_weights(length), upper)
+    }
+
+    /// Any geometry with inputs within [0, `upper`], the least preferred, ρ = [`REGULARISATION`] of the largest diagonal
+    /// entry of BᵀWB.
+    ///
+    /// # Errors
+    /// As [`validate`](Self::validate).
+    pub fn boxed(geometry: DMatrix<f64>, weights: [f64; WRENCH], upper: Vec<f64>) -> Result<Self> {
+        let n = geometry.ncols();
+        let largest = (0..n).map(|j| column_weight(&geometry, &weights, j)).fold(0.0, f64::max);
+        let problem = Self {
+            geometry,
+            weights,
+            regularisation: if largest > 0.0 { REGULARISATION * largest } else { REGULARISATION },
+            preference: vec![0.0; n],
+            lower: vec![0.0; n],
+            upper,
+            cones: Vec::new(),
+            anchor: Vec::new(),
+        };
+        problem.validate()?;
+        Ok(problem)
+    }
+
+    /// n.
+    pub fn n_input(&self) -> usize {
+        self.geometry.ncols()
+    }
+
+    /// Checks sizes, finiteness, signs and order of bounds.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] that names the number.
+    pub fn validate(&self) -> Result<()> {
+        let n = self.n_input();
+        if n > MAX_INPUTS {
+            return Err(Error::limit("allocation: inputs", n, MAX_INPUTS, "Allocate in groups."));
+        }
+        check("allocation: inputs", n, n > 0, "≥ 1", "Give it a rotor.")?;
+        check("allocation: rows of the geometry", self.geometry.nrows(), self.geometry.nrows() == WRENCH, "6", SIZE)?;
+        for (name, v) in [("preference", &self.preference), ("lower", &self.lower), ("upper", &self.upper)] {
+            let what = format!("allocation: length of {name}");
+            check(&what, v.len(), v.len() == n, &format!("{n}, one per input"), SIZE)?;
+        }
+        finite("allocation: geometry", self.geometry.as_slice())?;
+        finite("allocation: weights", &self.weights)?;
+        finite("allocation: preference", &self.preference)?;
+        for (i, weight) in self.weights.iter().enumerate() {
+            check(&format!("allocation: weights[{i}]"), weight, *weight >= 0.0, "≥ 0", "0 leaves a row out.")?;
+        }
+        let rho = self.regularisation;
+        let remedy = "It makes the answer unique; 1e-6 of the largest entry of BᵀWB is a good start.";
+        check("allocation: regularisation", rho, rho.is_finite() && rho > 0.0, "> 0 and finite", remedy)?;
+        for i in 0..n {
+            let (lo, hi) = (self.lower[i], self.upper[i]);
+            let what = format!("allocation: bounds of input {i}");
+            let remedy = "A failed rotor is [0, 0].";
+            check(
+                &what,
+                format!("[{lo}, {hi}]"),
+                lo <= hi && lo < f64::INFINITY && hi > f64::NEG_INFINITY,
+                "in order",
+                remedy,
+            )?;
+        }
+        self.validate_cones(n)
+    }
+
+    fn validate_cones(&self, n: usize) -> Result<()> {
+        for (k, cone) in self.cones.iter().enumerate() {
+            for row in cone.rows() {
+                let known = row.terms.iter().all(|(j, a)| *j < n && a.is_finite()) && row.constant.is_finite();
+                check(
+                    &format!("allocation: cone {k}"),
+                    "a row with a number out of range",
+                    known,
+                    "finite, on inputs that exist",
+                    SIZE,
+                )?;
+            }
+        }
+        if self.cones.is_empty() {
+            return Ok(());
+        }
+        check("allocation: length of anchor", self.anchor.len(), self.anchor.len() == n, "one per input", SIZE)?;
+        for (k, cone) in self.cones.iter().enumerate() {
+            let slack = cone.slack(&self.anchor);
+            let what = format!("allocation: slack of cone {k} at the anchor");
+            check(&what, slack, slack > 0.0, "> 0", "Choose the anchor strictly inside all cones.")?;
+        }
+        Ok(())
+    }
+
+    /// f(u) = ½ (Bu − w)ᵀ W (Bu − w) + ½ ρ ‖u − u_pref‖².
+    pub fn objective(&self, wrench: &[f64; WRENCH], u: &[f64]) -> f64 {
+        let miss: f64 = self.miss(wrench, u).iter().zip(&self.weights).map(|(e, w)| w * e * e).sum();
+        let far: f64 = u.iter().zip(&self.preference).map(|(a, b)| (a - b).powi(2)).sum();
+        0.5 * (miss + self.regularisation * far)
+    }
+
+    /// B u.
+    pub fn delivered(&self, u: &[f64]) -> [f64; WRENCH] {
+        let b = self.geometry.as_slice();
+        let mut w = [0.0; WRENCH];
+        for (j, u) in u.iter().enumerate() {
+            for i in 0..WRENCH {
+                w[i] += b[WRENCH * j + i] * u;
+            }
+        }
+        w
+    }
+
+    /// B u − w.
+    pub fn miss(&self, wrench: &[f64; WRENCH], u: &[f64]) -> [f64; WRENCH] {
+        let mut e = self.delivered(u);
+        for (e, w) in e.iter_mut().zip(wrench) {
+            *e -= w;
+        }
+        e
+    }
+
+    /// ∇f(u) = Bᵀ W (Bu − w) + ρ (u − u_pref), into `gradient`.
+    pub fn gradient(&self, wrench: &[f64; WRENCH], u: &[f64], gradient: &mut [f64]) {
+        let mut e = self.miss(wrench, u);
+        for (e, w) in e.iter_mut().zip(&self.weights) {
+            *e *= w;
+        }
+        let b = self.geometry.as_slice();
+        for (j, g) in gradient.iter_mut().enumerate() {
+            let column = &b[WRENCH * j..WRENCH * (j + 1)];
+            let pull: f64 = column.iter().zip(&e).map(|(b, e)| b * e).sum();
+            *g = pull + self.regularisation * (u[j] - self.preference[j]);
+        }
+    }
+
+    /// H = Bᵀ W B + ρ I.
+    pub fn hessian(&self) -> DMatrix<f64> {
+        let weighted = DMatrix::from_diagonal(&DVector::from_column_slice(&self.weights)) * &self.geometry;
+        let mut h = self.geometry.transpose() * weighted;
+        for i in 0..self.n_input() {
+            h[(i, i)] += self.regularisation;
+        }
+        h
+    }
+
+    /// Sizes that residuals are measured by: of inputs (the largest finite bound or constant of a cone, N) and of
+    /// gradients (BᵀWw and H times the size of inputs).
+    pub fn scales(&self, wrench: &[f64; WRENCH]) -> Scales {
+        let bounds = self.lower.iter().chain(&self.upper).chain(&self.preference).filter(|b| b.is_finite());
+        let heads = self.cones.iter().map(|c| &c.head.constant);
+        let input = bounds.chain(heads).fold(1e-12, |m: f64, b| m.max(b.abs()));
+        let n = self.n_input();
+        let steepest = (0..n).map(|j| column_weight(&self.geometry, &self.weights, j)).fold(0.0, f64::max);
+        let b = self.geometry.as_slice();
+        let pull = (0..n).map(|j| (0..WRENCH).map(|i| b[WRENCH * j + i] * self.weights[i] * wrench[i]).sum::<f64>());
+        let pull = pull.fold(0.0, |m: f64, p| m.max(p.abs()));
+        Scales { input, gradient: ((steepest + self.regularisation) * input).max(pull) }
+    }
+
+    /// Largest violation of any bound or cone, in the unit of the inputs; 0 where all hold exactly.
+    pub fn violation(&self, u: &[f64]) -> f64 {
+        let outside = u.iter().zip(&self.lower).zip(&self.upper).map(|((u, lo), hi)| (lo - u).max(u - hi));
+        let cones = self.cones.iter().map(|c| -c.slack(u));
+        outside.chain(cones).fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v) })
+    }
+
+    /// Moves u to where every bound and cone holds exactly: clips it, then pulls it towards the clipped anchor as little
+    /// as bisection finds.
+    pub fn repair(&self, u: &mut [f64]) {
+        let clip = |u: &mut [f64]| {
+            for ((u, lo), hi) in u.iter_mut().zip(&self.lower).zip(&self.upper) {
+                *u = if u.is_finite() { u.clamp(*lo, *hi) } else { 0.0_f64.clamp(*lo, *hi) };
+            }
+        };
+        clip(u);
+        let broken = |u: &[f64]| self.cones.iter().any(|c| c.slack(u) < 0.0);
+        if !broken(u) {
+            return;
+        }
+        let from = u.to_vec();
+        let mut inside = self.anchor.clone();
+        clip(&mut inside);
+        let along = |t: f64, u: &mut [f64]| {
+            for i in 0..u.len() {
+                u[i] = (from[i] + t * (inside[i] - from[i])).clamp(self.lower[i], self.upper[i]);
+            }
+        };
+        // the least power of two that is enough, then halving
+        let (mut low, mut high) = (0.0, 1e-16);
+        along(high, u);
+        while broken(u) && high < 1.0 {
+            (low, high) = (high, (2.0 * high).min(1.0));
+            along(high, u);
+        }
+        for _ in 0..8 {
+            let middle = 0.5 * (low + high);
+            along(middle, u);
+            if broken(u) { low = middle } else { high = middle }
+        }
+        along(high, u);
+    }
+}
+
+/// See [`Problem::scales`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scales {
+    /// N.
+    pub input: f64,
+    /// 1/N.
+    pub gradient: f64,
+}
+
+const SIZE: &str = "Build it with Problem::boxed or Problem::of_vehicle.";
+
+fn check(what: &str, value: impl ToString, holds: bool, limit: &str, remedy: &str) -> Result<()> {
+    if holds { Ok(()) } else { Err(Error::value(what, value, limit, remedy)) }
+}
+
+/// bⱼᵀ W bⱼ.
+fn column_weight(geometry: &DMatrix<f64>, weights: &[f64; WRENCH], j: usize) -> f64 {
+    geometry.column(j).iter().zip(weights).map(|(b, w)| w * b * b).sum()
+}
+
+/// 1 per force row, 1/L² per moment row.
+pub fn balanced_weights(length: f64) -> [f64; WRENCH] {
+    let m = 1.0 / (length * length);
+    [1.0, 1.0, 1.0, m, m, m]
+}
+
+/// Bounds of a tick: `lower` and `upper`, narrowed to what a change of at most `most` from `previous` reaches. Where
+/// they conflict (a rotor that has just failed) the absolute bounds win.
+pub fn rate_window(lower: f64, upper: f64, previous: f64, most: f64) -> (f64, f64) {
+    ((previous - most).clamp(lower, upper), (previous + most).clamp(lower, upper))
+}
