@@ -29,7 +29,7 @@ pub struct BoxProgram<S, const N: usize> {
 /// How exactly to work.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Precision {
-    /// Multipliers below this do not free an input.
+    /// Multipliers below this share of max(1, ‖q‖∞) do not free an input: rounding decides their sign.
     pub multiplier: f64,
     /// Least pivot of the factorisation over its diagonal entry: below, rounding decides.
     pub pivot: f64,
@@ -221,15 +221,18 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
         let mut pull = [zero; N];
         let mut worst = zero;
         let mut residual = zero;
+        let mut size = S::one();
         for i in 0..n {
+            size = size.max(self.linear[i].abs());
             let inward = S::select(at_lower(x.status[i]), -g[i], S::select(at_upper(x.status[i]), g[i], zero));
             // an input without room stays where it is
             pull[i] = S::select(self.lower[i].lt(self.upper[i]), inward, zero);
             worst = worst.max(pull[i]);
             residual = residual.max(S::select(is_free(x.status[i]), g[i].abs(), pull[i]));
         }
-        let wrong = S::constant(precision.multiplier).lt(worst);
-        let threshold = if many { S::constant(precision.multiplier) } else { worst };
+        let least = S::constant(precision.multiplier) * size;
+        let wrong = least.lt(worst);
+        let threshold = if many { least } else { worst };
         for i in 0..n {
             let frees = whole.and(wrong).and(pull[i].lt(threshold).not()).and(zero.lt(pull[i]));
             x.status[i] = S::select(frees, zero, x.status[i]);

@@ -9,16 +9,21 @@
 //! | [`active_set`] | bounds: exact and fast, branch-free |
 //! | [`conic`] | cones: clarabel |
 //! | [`residual`](mod@residual) | the certificate |
+//! | [`gradient`], [`variation`] | exact derivatives of an answer with respect to every number |
 
 pub mod active_set;
 pub mod allocator;
 pub mod conic;
 pub mod geometry;
+pub mod gradient;
 pub mod problem;
 pub mod pseudo_inverse;
 pub mod residual;
+pub mod variation;
 
 pub use allocator::{Allocator, Counts, Path, Reason, Settings, Solution};
 pub use geometry::{Authority, Axis};
+pub use gradient::Sensitivity;
 pub use problem::{Affine, Cone, Problem};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};
+pub use variation::{RowVariation, Variation};

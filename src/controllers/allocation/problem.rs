@@ -95,6 +95,10 @@ impl Cone {
     pub fn dim(&self) -> usize {
         1 + self.tail.len()
     }
+
+    pub(super) fn rows_mut(&mut self) -> impl Iterator<Item = &mut Affine> {
+        std::iter::once(&mut self.head).chain(&mut self.tail)
+    }
 }
 
 /// The numbers of an allocation; all but the wanted wrench.

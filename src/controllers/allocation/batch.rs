@@ -1,0 +1,336 @@
+//! Many allocations at once: the active set in lanes, one environment per lane, for a bounded number of steps.
+//!
+//! All environments share a geometry; wrenches and bounds are their own. Answers are within their bounds to the bit after
+//! any number of steps, exact once done. An environment stops when its own answer is exact, so that it does not depend on
+//! its neighbours.
+
+use super::active_set::{BoxProgram, FAR, Factor, Iterate, Precision};
+use super::problem::{Problem, WRENCH};
+use crate::autodiff::lanes::{Lanes, dispatch};
+use crate::autodiff::{Mask, Scalar, safe};
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use pulp::{Simd, WithSimd};
+
+/// Environments per block.
+const BLOCK: usize = 64;
+/// Most inputs.
+pub const MAX_LANE_INPUTS: usize = 16;
+
+/// Outcome of one batch call.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct BatchReport {
+    /// Environments whose wrench was not finite: their last inputs are held, within the bounds of now.
+    pub held: usize,
+    /// Environments that ran out of steps: within their bounds, perhaps not optimal.
+    pub unfinished: usize,
+}
+
+/// An allocator for `n_env` environments with one geometry.
+#[derive(Debug, Clone)]
+pub struct BatchAllocator {
+    shared: Shared,
+    n_env: usize,
+    blocks: Vec<Block>,
+    threads: Threads,
+}
+
+/// What all environments have in common, in units of the largest input and the largest entry of H.
+#[derive(Debug, Clone)]
+struct Shared {
+    n_input: usize,
+    hessian: Vec<Vec<f64>>,
+    /// −BᵀW and −ρ u_pref.
+    pull: Vec<[f64; WRENCH]>,
+    offset: Vec<f64>,
+    /// u = K w + k where no bound acts.
+    gain: Vec<[f64; WRENCH]>,
+    rest: Vec<f64>,
+    /// N, a power of two.
+    unit: f64,
+    steps: usize,
+}
+
+/// Bounds and memory of [`BLOCK`] environments, `[number][environment]`, in units.
+#[derive(Debug, Clone)]
+struct Block {
+    lower: [[f32; BLOCK]; MAX_LANE_INPUTS],
+    upper: [[f32; BLOCK]; MAX_LANE_INPUTS],
+    inputs: [[f32; BLOCK]; MAX_LANE_INPUTS],
+    status: [[f32; BLOCK]; MAX_LANE_INPUTS],
+    wrench: [[f32; BLOCK]; WRENCH],
+    finite: [f32; BLOCK],
+    done: [f32; BLOCK],
+}
+
+impl BatchAllocator {
+    /// `n_env` environments with the numbers of `problem`, at most `steps` steps each per call (24 suit 12 inputs from
+    /// cold; a warm tick takes a few).
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for more than [`MAX_LANE_INPUTS`] inputs, [`Error::Value`] for cones; otherwise as
+    /// [`Problem::validate`].
+    pub fn new(problem: &Problem, n_env: usize, steps: usize, threads: Threads) -> Result<Self> {
+        problem.validate()?;
+        let n = problem.n_input();
+        if n > MAX_LANE_INPUTS {
+            return Err(Error::limit("allocation: inputs in lanes", n, MAX_LANE_INPUTS, "Use an Allocator each."));
+        }
+        if !problem.cones.is_empty() {
+            let remedy = "Lanes take bounds alone: use an Allocator each.";
+            return Err(Error::value("allocation: cones in lanes", problem.cones.len(), "0", remedy));
+        }
+        let shared = Shared::of(problem, steps)?;
+        let zero = [[0.0; BLOCK]; MAX_LANE_INPUTS];
+        let block = Block {
+            lower: zero,
+            upper: zero,
+            inputs: zero,
+            status: zero,
+            wrench: [[0.0; BLOCK]; WRENCH],
+            finite: [1.0; BLOCK],
+            done: [0.0; BLOCK],
+        };
+        let mut batch = Self { shared, n_env, blocks: vec![block; n_env.div_ceil(BLOCK)], threads };
+        let rows = |v: &[f64]| (0..n_env).flat_map(|_| v.iter().map(|x| *x as f32)).collect::<Vec<_>>();
+        batch.set_bounds(&rows(&problem.lower), &rows(&problem.upper));
+        batch.forget();
+        Ok(batch)
+    }
+
+    /// Number of environments.
+    pub fn n_env(&self) -> usize {
+        self.n_env
+    }
+
+    /// Bounds of every environment, `[environment, input]`, N. Where a lower bound is above the upper, the upper holds.
+    ///
+    /// # Panics
+    /// If a slice is not of that size.
+    pub fn set_bounds(&mut self, lower: &[f32], upper: &[f32]) {
+        let (n, unit) = (self.shared.n_input, self.shared.unit as f32);
+        assert_eq!((lower.len(), upper.len()), (self.n_env * n, self.n_env * n), "bounds of all environments");
+        for (e, (lo, hi)) in lower.chunks(n).zip(upper.chunks(n)).enumerate() {
+            let (block, lane) = (&mut self.blocks[e / BLOCK], e % BLOCK);
+            for i in 0..n {
+                let hi = (hi[i] / unit).clamp(-FAR as f32, FAR as f32);
+                block.upper[i][lane] = if hi.is_nan() { 0.0 } else { hi };
+                let lo = (lo[i] / unit).clamp(-FAR as f32, block.upper[i][lane]);
+                block.lower[i][lane] = if lo.is_nan() { block.upper[i][lane].min(0.0) } else { lo };
+            }
+        }
+    }
+
+    /// Forgets the last answers: the next call starts cold.
+    pub fn forget(&mut self) {
+        for block in &mut self.blocks {
+            block.done.fill(0.0);
+        }
+    }
+
+    /// The best inputs of every environment: `wrenches` `[environment, 6]` (N, N m) → `inputs` `[environment, input]`.
+    /// No allocation.
+    ///
+    /// # Panics
+    /// If a slice is not of that size.
+    pub fn solve(&mut self, wrenches: &[f32], inputs: &mut [f32]) -> BatchReport {
+        let n = self.shared.n_input;
+        assert_eq!((wrenches.len(), inputs.len()), (self.n_env * WRENCH, self.n_env * n), "rows of all environments");
+        for (e, w) in wrenches.chunks_exact(WRENCH).enumerate() {
+            let (block, lane) = (&mut self.blocks[e / BLOCK], e % BLOCK);
+            let fine = w.iter().all(|w| safe::is_bounded(f64::from(*w), FAR));
+            block.finite[lane] = f32::from(u8::from(fine));
+            for k in 0..WRENCH {
+                block.wrench[k][lane] = if fine { w[k] } else { 0.0 };
+            }
+        }
+        let shared = &self.shared;
+        self.threads.for_each(&mut self.blocks, |_, block| shared.solve(block));
+        let mut report = BatchReport::default();
+        for (e, u) in inputs.chunks_exact_mut(n).enumerate() {
+            let (block, lane) = (&self.blocks[e / BLOCK], e % BLOCK);
+            for i in 0..n {
+                u[i] = block.inputs[i][lane] * self.shared.unit as f32;
+            }
+            let held = block.finite[lane] < 0.5;
+            report.held += usize::from(held);
+            report.unfinished += usize::from(!held && block.done[lane] < 0.5);
+        }
+        report
+    }
+}
+
+impl Shared {
+    fn of(problem: &Problem, steps: usize) -> Result<Self> {
+        let (n, h) = (problem.n_input(), problem.hessian());
+        let cost = h.diagonal().max();
+        let bounds = problem.lower.iter().chain(&problem.upper).filter(|b| b.is_finite());
+        // a power of two: bounds change units without rounding
+        let unit = bounds.fold(1e-12, |m: f64, b| m.max(b.abs())).log2().ceil().exp2();
+        let Some(cholesky) = h.clone().cholesky() else {
+            let remedy = "Raise its regularisation.";
+            return Err(Error::value("allocation: Hessian", "not positive", "positive definite", remedy));
+        };
+        let pull = nalgebra::DMatrix::from_fn(n, WRENCH, |j, i| problem.geometry[(i, j)] * problem.weights[i]);
+        let preferred = nalgebra::DVector::from_column_slice(&problem.preference) * problem.regularisation;
+        let (gain, rest) = (cholesky.solve(&pull) / unit, cholesky.solve(&preferred) / unit);
+        let rows = |m: &nalgebra::DMatrix<f64>, by: f64| {
+            (0..n).map(|j| std::array::from_fn(|i| m[(j, i)] / by)).collect::<Vec<_>>()
+        };
+        Ok(Self {
+            n_input: n,
+            hessian: (0..n).map(|i| (0..n).map(|j| h[(i, j)] / cost).collect()).collect(),
+            pull: rows(&pull, cost * unit),
+            offset: preferred.iter().map(|p| p / (cost * unit)).collect(),
+            gain: rows(&gain, 1.0),
+            rest: rest.iter().copied().collect(),
+            unit,
+            steps,
+        })
+    }
+
+    /// The kernel for the next larger compiled number of inputs.
+    fn solve(&self, block: &mut Block) {
+        match self.n_input {
+            0..=4 => dispatch(Kernel::<4> { shared: self, block }),
+            5..=8 => dispatch(Kernel::<8> { shared: self, block }),
+            9..=12 => dispatch(Kernel::<12> { shared: self, block }),
+            _ => dispatch(Kernel::<16> { shared: self, block }),
+        }
+    }
+}
+
+/// One block with N slots; slots behind the inputs are held at 0.
+struct Kernel<'a, const N: usize> {
+    shared: &'a Shared,
+    block: &'a mut Block,
+}
+
+impl<const N: usize> WithSimd for Kernel<'_, N> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let mut at = 0;
+        while at < BLOCK {
+            run::<S, N>(self.shared, self.block, at);
+            at += Lanes::<S>::WIDTH;
+        }
+    }
+}
+
+/// One register of environments.
+#[inline(always)]
+fn run<S: Simd, const N: usize>(shared: &Shared, block: &mut Block, at: usize) {
+    let (mut program, free) = load::<S, N>(shared, block, at);
+    let mut x = start(&mut program, block, &free, at);
+    let mut factor = Factor::new();
+    let finite = Lanes::<S>::load(&block.finite[at..]);
+    let half = Lanes::<S>::constant(0.5);
+    let mut lanes = [0.0_f32; 16];
+    for step in 0..shared.steps {
+        let before = x;
+        program.step(N, &mut x, &mut factor, step < shared.steps / 2, Precision::SINGLE);
+        keep(&mut x, &before);
+        // a lane without a finite wrench counts as done
+        Lanes::select(finite.lt(half), Lanes::one(), x.done).store(&mut lanes);
+        if all_done(&lanes, Lanes::<S>::WIDTH) {
+            break;
+        }
+    }
+    store(block, &program, &x, at);
+}
+
+#[inline(always)]
+fn all_done(lanes: &[f32; 16], width: usize) -> bool {
+    let mut done = true;
+    for i in 0..width {
+        done &= lanes[i] > 0.5;
+    }
+    done
+}
+
+/// Lanes that were done stay as they were.
+#[inline(always)]
+fn keep<S: Simd, const N: usize>(x: &mut Iterate<Lanes<S>, N>, before: &Iterate<Lanes<S>, N>) {
+    let done = Lanes::constant(0.5).lt(before.done);
+    for i in 0..N {
+        x.inputs[i] = Lanes::select(done, before.inputs[i], x.inputs[i]);
+        x.status[i] = Lanes::select(done, before.status[i], x.status[i]);
+    }
+    x.done = Lanes::select(done, before.done, x.done);
+}
+
+/// The programs of one register, and their answers without bounds.
+#[inline(always)]
+fn load<S: Simd, const N: usize>(
+    shared: &Shared,
+    block: &Block,
+    at: usize,
+) -> (BoxProgram<Lanes<S>, N>, [Lanes<S>; N]) {
+    let mut program = BoxProgram::empty();
+    let mut free = [Lanes::<S>::zero(); N];
+    let mut w = [Lanes::<S>::zero(); WRENCH];
+    for k in 0..WRENCH {
+        w[k] = Lanes::load(&block.wrench[k][at..]);
+    }
+    for i in 0..N {
+        program.hessian[i][i] = Lanes::one();
+    }
+    for i in 0..shared.n_input {
+        for j in 0..shared.n_input {
+            program.hessian[i][j] = Lanes::constant(shared.hessian[i][j]);
+        }
+        let mut q = Lanes::constant(-shared.offset[i]);
+        let mut u = Lanes::constant(shared.rest[i]);
+        for k in 0..WRENCH {
+            q = Lanes::constant(-shared.pull[i][k]).mul_add(w[k], q);
+            u = Lanes::constant(shared.gain[i][k]).mul_add(w[k], u);
+        }
+        (program.linear[i], free[i]) = (q, u);
+        program.lower[i] = Lanes::load(&block.lower[i][at..]);
+        program.upper[i] = Lanes::load(&block.upper[i][at..]);
+    }
+    (program, free)
+}
+
+/// From the last answer where that was exact, else from the clipped closed form.
+#[inline(always)]
+fn start<S: Simd, const N: usize>(
+    program: &mut BoxProgram<Lanes<S>, N>,
+    block: &Block,
+    free: &[Lanes<S>; N],
+    at: usize,
+) -> Iterate<Lanes<S>, N> {
+    let cold = program.start(N, free);
+    let mut earlier = cold;
+    for i in 0..N {
+        earlier.inputs[i] = Lanes::load(&block.inputs[i][at..]);
+        earlier.status[i] = Lanes::load(&block.status[i][at..]);
+    }
+    let mut x = program.restart(N, &earlier);
+    let warm = Lanes::<S>::constant(0.5).lt(Lanes::load(&block.done[at..]));
+    for i in 0..N {
+        x.inputs[i] = Lanes::select(warm, x.inputs[i], cold.inputs[i]);
+        x.status[i] = Lanes::select(warm, x.status[i], cold.status[i]);
+    }
+    x
+}
+
+/// Answers back to the block; a lane without a finite wrench keeps its last inputs, within the bounds of now.
+#[inline(always)]
+fn store<S: Simd, const N: usize>(
+    block: &mut Block,
+    program: &BoxProgram<Lanes<S>, N>,
+    x: &Iterate<Lanes<S>, N>,
+    at: usize,
+) {
+    let fine = Lanes::<S>::constant(0.5).lt(Lanes::load(&block.finite[at..]));
+    for i in 0..N {
+        let last = Lanes::load(&block.inputs[i][at..]).clamp(program.lower[i], program.upper[i]);
+        let held = Lanes::load(&block.status[i][at..]);
+        Lanes::select(fine, x.inputs[i], last).store(&mut block.inputs[i][at..]);
+        Lanes::select(fine, x.status[i], held).store(&mut block.status[i][at..]);
+    }
+    let done = Lanes::load(&block.done[at..]);
+    Lanes::select(fine, x.done, done).store(&mut block.done[at..]);
+}

@@ -1,0 +1,151 @@
+//! Derivatives of answers: forward against differences, reverse against forward, both against the closed form.
+
+use crate::problems::{Kind, gimballed, stream, tilting, trouble, vehicles, wanted};
+use nalgebra::DMatrix;
+use omnidrones::controllers::allocation::{Allocator, Path, Problem, Sensitivity, Settings, Variation};
+use omnidrones::rng::Stream;
+
+/// A random direction in all numbers that may move: bounds that are infinite or have no room between them stay.
+fn direction(problem: &Problem, wrench: &[f64; 6], r: &mut Stream) -> Variation {
+    let mut change = Variation::zero(problem);
+    change.numbers_mut().for_each(|x| *x = r.uniform(-1.0, 1.0));
+    let size = problem.scales(wrench).input;
+    for k in 0..6 {
+        change.wrench[k] *= size;
+        change.weights[k] *= problem.weights[k];
+    }
+    change.regularisation *= problem.regularisation;
+    for i in 0..problem.n_input() {
+        let shut = problem.lower[i] == problem.upper[i];
+        change.preference[i] *= size;
+        change.lower[i] *= if problem.lower[i].is_finite() && !shut { size } else { 0.0 };
+        change.upper[i] *= if problem.upper[i].is_finite() && !shut { size } else { 0.0 };
+    }
+    change
+}
+
+fn answer(problem: &Problem, wrench: &[f64; 6]) -> Vec<f64> {
+    let mut allocator =
+        Allocator::with_settings(problem.clone(), Settings { warm: false, ..Settings::default() }).unwrap();
+    let solution = allocator.solve(wrench);
+    assert_ne!(solution.path, Path::Held);
+    solution.inputs.clone()
+}
+
+/// Largest relative difference of forward derivative and central difference, and of the two sides of
+/// ⟨ū, du⟩ = ⟨θ̄, dθ⟩; `None` near a switch.
+fn check(problem: &Problem, wrench: &[f64; 6], step: f64, r: &mut Stream) -> Option<(f64, f64)> {
+    let mut allocator = Allocator::new(problem.clone()).unwrap();
+    let solution = allocator.solve(wrench).clone();
+    let sensitivity = Sensitivity::new(problem, wrench, &solution)?;
+    if sensitivity.margin() < 1e-3 {
+        return None;
+    }
+    let change = direction(problem, wrench, r);
+    let du = sensitivity.forward(&change);
+    let [more, less] = [step, -step].map(|h| {
+        let (moved, w) = change.applied(problem, wrench, h);
+        answer(&moved, &w)
+    });
+    let size = du.iter().fold(1e-12, |m: f64, x| m.max(x.abs()));
+    let miss = (0..du.len()).map(|i| ((more[i] - less[i]) / (2.0 * step) - du[i]).abs());
+    let cotangent: Vec<f64> = du.iter().map(|_| r.uniform(-1.0, 1.0)).collect();
+    let gradient = sensitivity.reverse(&cotangent);
+    let (left, right) = (cotangent.iter().zip(&du).map(|(a, b)| a * b).sum::<f64>(), gradient.dot(&change));
+    Some((miss.fold(0.0, f64::max) / size, (left - right).abs() / left.abs().max(size)))
+}
+
+#[test]
+fn derivatives_within_bounds_are_those_of_central_differences_away_from_switching() {
+    let (mut difference, mut transpose, mut n) = (0.0_f64, 0.0_f64, 0);
+    for (number, (name, base)) in vehicles().iter().enumerate() {
+        for (k, kind) in Kind::ALL.into_iter().enumerate().filter(|(_, k)| *k != Kind::NotFinite && *k != Kind::FarOut)
+        {
+            for case in 0..20 {
+                let mut r = stream(10, (1000 * number + 20 * k + case) as u64);
+                let (mut problem, wrench) = trouble(base, kind, &mut r);
+                // a weak ρ makes u* steep: differences then need steps below their own rounding
+                problem.regularisation *= 1e3;
+                if let Some((d, t)) = check(&problem, &wrench, 1e-6, &mut r) {
+                    assert!(d < 1e-6, "{name}, {kind:?}, case {case}: {d:e}");
+                    (difference, transpose, n) = (difference.max(d), transpose.max(t), n + 1);
+                }
+            }
+        }
+    }
+    println!("{n} cases: differences {difference:.1e}, transpose {transpose:.1e}");
+    assert!(n > 500 && transpose < 1e-10, "{n} {transpose:e}");
+}
+
+#[test]
+fn derivatives_through_cones_are_those_of_central_differences_away_from_switching() {
+    let (mut difference, mut transpose, mut n) = (0.0_f64, 0.0_f64, 0);
+    for case in 0..400 {
+        let mut r = stream(11, case);
+        let mut problem = if case % 2 == 0 { tilting(&mut r) } else { gimballed(&mut r) };
+        problem.regularisation = 1e-2;
+        let wrench = wanted(&problem, [0.2, 1.0, 3.0][r.below(3) as usize], &mut r);
+        if let Some((d, t)) = check(&problem, &wrench, 1e-4, &mut r) {
+            (difference, transpose, n) = (difference.max(d), transpose.max(t), n + 1);
+            println!("case {case}: {d:.1e}");
+            assert!(d < 1e-6, "case {case}: {d:e}");
+        }
+    }
+    println!("{n} cases: differences {difference:.1e}, transpose {transpose:.1e}");
+    assert!(n > 100 && transpose < 1e-10, "{n} {transpose:e}");
+}
+
+#[test]
+fn without_active_bounds_the_derivative_is_the_closed_form() {
+    let mut worst = 0.0_f64;
+    for (number, (name, base)) in vehicles().iter().enumerate() {
+        let half: Vec<f64> = base.upper.iter().map(|hi| 0.5 * hi).collect();
+        let problem = Problem { preference: half.clone(), ..base.clone() };
+        let wrench = problem.delivered(&half);
+        let mut allocator = Allocator::new(problem.clone()).unwrap();
+        let solution = allocator.solve(&wrench).clone();
+        assert_eq!(solution.path, Path::ClosedForm, "{name}");
+        let sensitivity = Sensitivity::new(&problem, &wrench, &solution).unwrap();
+        // du/dw = H⁻¹ BᵀW, du/du_pref = ρ H⁻¹
+        let inverse = problem.hessian().try_inverse().unwrap();
+        let weights = DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(&problem.weights));
+        let gain = &inverse * problem.geometry.transpose() * weights;
+        let mut r = stream(12, number as u64);
+        let cotangent: Vec<f64> = (0..problem.n_input()).map(|_| r.uniform(-1.0, 1.0)).collect();
+        let gradient = sensitivity.reverse(&cotangent);
+        let v = nalgebra::DVector::from_column_slice(&cotangent);
+        let expected = gain.transpose() * &v;
+        let size = expected.amax();
+        for k in 0..6 {
+            worst = worst.max((gradient.wrench[k] - expected[k]).abs() / size);
+        }
+        let expected = inverse * v * problem.regularisation;
+        for i in 0..problem.n_input() {
+            worst = worst.max((gradient.preference[i] - expected[i]).abs() / expected.amax());
+        }
+        assert!(gradient.lower.iter().chain(&gradient.upper).all(|x| *x == 0.0));
+    }
+    println!("worst {worst:.1e}");
+    assert!(worst <= 1e-10, "{worst:e}");
+}
+
+#[test]
+fn a_bound_that_touches_without_force_is_flagged_and_its_derivative_is_one_sided() {
+    // two equal rotors: thrust 2 wanted, the first may push exactly its share
+    let mut geometry = DMatrix::zeros(6, 2);
+    geometry[(2, 0)] = 1.0;
+    geometry[(2, 1)] = 1.0;
+    let mut problem = Problem::boxed(geometry, [1.0; 6], vec![1.0, 5.0]).unwrap();
+    problem.preference = vec![1.0, 1.0];
+    let wrench = [0.0, 0.0, 2.0, 0.0, 0.0, 0.0];
+    let mut allocator = Allocator::new(problem.clone()).unwrap();
+    let solution = allocator.solve(&wrench).clone();
+    let sensitivity = Sensitivity::new(&problem, &wrench, &solution).unwrap();
+    assert!(sensitivity.is_one_sided(), "margin {:e}", sensitivity.margin());
+    let mut change = Variation::zero(&problem);
+    change.wrench[2] = 1.0;
+    let du = sensitivity.forward(&change);
+    // more: the second alone, 1; less: both, a half each
+    let right = (du[0].abs() < 1e-9 && (du[1] - 1.0).abs() < 1e-5) || du.iter().all(|x| (x - 0.5).abs() < 1e-5);
+    assert!(right, "{du:?}");
+}
