@@ -55,6 +55,10 @@ macro_rules! scalar_from_num_dual {
             fn select(mask: bool, yes: Self, no: Self) -> Self {
                 if mask { yes } else { no }
             }
+            #[inline(always)]
+            fn detach(self) -> Self {
+                <$type>::from_re(self.re)
+            }
         }
     };
 }

@@ -287,6 +287,11 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
     }
 
     #[inline(always)]
+    fn detach(self) -> Self {
+        Self::fixed(self.coefficients[0].detach())
+    }
+
+    #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {
         let (x, y) = (&self.coefficients, &a.coefficients);
         let mut c = b.coefficients;

@@ -357,6 +357,10 @@ impl<S: Simd> Scalar for Lanes<S> {
         Self(token::<S>().select_f32s(mask.0, yes.0, no.0))
     }
     #[inline(always)]
+    fn detach(self) -> Self {
+        self
+    }
+    #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {
         if is_fused::<S>() { Self(token::<S>().mul_add_e_f32s(self.0, a.0, b.0)) } else { self * a + b }
     }

@@ -115,7 +115,7 @@ impl Program {
     /// # Errors
     /// [`Error::Limit`](crate::error::Error::Limit) when more than 65 535 values are alive at once.
     pub fn compile(recording: &Recording) -> Result<Self> {
-        compile::Compiler::new(recording).run()
+        compile::Compiler::new(&recording.attached()).run()
     }
 
     /// Number of inputs.

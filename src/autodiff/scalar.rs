@@ -73,6 +73,30 @@ pub trait Scalar:
     fn lt(self, other: Self) -> Self::Mask;
     /// Lane by lane: `yes` where `mask` holds, else `no`. Both are already computed.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+    /// The same value with derivative zero: a number that was found, not computed.
+    ///
+    /// An iteration that solves r(y, x) = 0 need not be differentiated. Run it on detached numbers, then take one Newton
+    /// step y − (∂r/∂y)⁻¹ r(y, x) with y and ∂r/∂y detached and x alive: the value stays, and the derivative is the exact
+    /// −(∂r/∂y)⁻¹ ∂r/∂x of the implicit function theorem, to the accuracy of the solution. Second derivatives of
+    /// such a step are not those of the solution.
+    ///
+    /// ```
+    /// use omnidrones::autodiff::Scalar;
+    /// use num_dual::Dual64;
+    ///
+    /// /// √a by iteration: y − (y² − a)/2y.
+    /// fn root<S: Scalar>(a: S) -> S {
+    ///     let step = |y: S, a: S| y - (y.square() - a) * (y + y).detach().recip();
+    ///     let mut y = S::one();
+    ///     for _ in 0..8 {
+    ///         y = step(y, a.detach());
+    ///     }
+    ///     step(y.detach(), a)
+    /// }
+    ///
+    /// assert_eq!(root(Dual64::new(4.0, 1.0)), Dual64::new(2.0, 0.25));
+    /// ```
+    fn detach(self) -> Self;
 
     /// `self · a + b`: fused in lanes where the processor has it, two roundings elsewhere.
     #[inline(always)]
@@ -159,6 +183,10 @@ impl Scalar for f64 {
     fn select(mask: bool, yes: Self, no: Self) -> Self {
         if mask { yes } else { no }
     }
+    #[inline(always)]
+    fn detach(self) -> Self {
+        self
+    }
 }
 
 impl Scalar for f32 {
@@ -198,5 +226,9 @@ impl Scalar for f32 {
     #[inline(always)]
     fn select(mask: bool, yes: Self, no: Self) -> Self {
         if mask { yes } else { no }
+    }
+    #[inline(always)]
+    fn detach(self) -> Self {
+        self
     }
 }

@@ -9,6 +9,7 @@
 //! and evaluated like any other.
 
 use super::scalar::{Mask, Scalar};
+use std::borrow::Cow;
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Range, Sub, SubAssign};
@@ -39,21 +40,35 @@ pub(crate) enum Node {
     Not(u32),
     /// Mask, yes, no.
     Select(u32, u32, u32),
+    /// The same number, that passes nothing back.
+    Detach(u32),
 }
 
 impl Node {
-    /// The nodes this one reads, in order; unused places repeat the last.
-    pub(crate) fn operands(self) -> impl Iterator<Item = u32> {
+    /// Where this one names the nodes it reads, in order.
+    fn operands_mut(&mut self) -> [Option<&mut u32>; 3] {
         use Node::*;
-        let (list, n) = match self {
-            Input(_) | Constant(_) => ([0; 3], 0),
-            Neg(a) | Recip(a) | Sqrt(a) | Sin(a) | Cos(a) | Exp(a) | Ln(a) | Tanh(a) | Not(a) => ([a, 0, 0], 1),
-            Add(a, b) | Sub(a, b) | Mul(a, b) | Div(a, b) | Atan2(a, b) | Less(a, b) | And(a, b) | Or(a, b) => {
-                ([a, b, 0], 2)
+        match self {
+            Input(_) | Constant(_) => [None, None, None],
+            Neg(a) | Recip(a) | Sqrt(a) | Sin(a) | Cos(a) | Exp(a) | Ln(a) | Tanh(a) | Not(a) | Detach(a) => {
+                [Some(a), None, None]
             }
-            Select(m, a, b) => ([m, a, b], 3),
-        };
-        list.into_iter().take(n)
+            Add(a, b) | Sub(a, b) | Mul(a, b) | Div(a, b) | Atan2(a, b) | Less(a, b) | And(a, b) | Or(a, b) => {
+                [Some(a), Some(b), None]
+            }
+            Select(m, a, b) => [Some(m), Some(a), Some(b)],
+        }
+    }
+
+    /// The nodes this one reads, in order.
+    pub(crate) fn operands(mut self) -> impl Iterator<Item = u32> {
+        self.operands_mut().map(|place| place.map(|operand| *operand)).into_iter().flatten()
+    }
+
+    /// The same operation on the nodes that `place` gives for its operands.
+    fn renamed(mut self, place: &[u32]) -> Self {
+        self.operands_mut().into_iter().flatten().for_each(|operand| *operand = place[*operand as usize]);
+        self
     }
 }
 
@@ -132,6 +147,10 @@ impl Graph {
             Select(m, a, b) => match c(m) {
                 Some(x) => Err(if x > 0.5 { a } else { b }),
                 None => Ok(node),
+            },
+            Detach(a) => match self.nodes[a as usize] {
+                Constant(_) | Detach(_) => Err(a),
+                _ => Ok(node),
             },
             _ => Ok(node),
         }
@@ -281,6 +300,9 @@ impl Scalar for Trace {
     fn select(mask: TraceMask, yes: Self, no: Self) -> Self {
         push(Node::Select(mask.0, yes.0, no.0))
     }
+    fn detach(self) -> Self {
+        push(Node::Detach(self.0))
+    }
 }
 
 /// A recorded function: nodes in the order of evaluation, and which of them are its results.
@@ -354,6 +376,25 @@ impl Recording {
         Self { nodes, n_input: self.n_input, outputs: outputs.iter().map(|o| o.0).collect() }
     }
 
+    /// The same function with every detached number taken for the number it is, which changes every later derivative and
+    /// no value: nodes that differed by a detachment alone become one.
+    pub(crate) fn attached(&self) -> Cow<'_, Self> {
+        if !self.nodes.iter().any(|node| matches!(node, Node::Detach(_))) {
+            return Cow::Borrowed(self);
+        }
+        let (outputs, nodes) = on_graph(&[], || {
+            let mut place: Vec<u32> = Vec::with_capacity(self.nodes.len());
+            for node in &self.nodes {
+                place.push(match node.renamed(&place) {
+                    Node::Detach(number) => number,
+                    node => push(node).0,
+                });
+            }
+            self.outputs.iter().map(|o| place[*o as usize]).collect()
+        });
+        Cow::Owned(Self { nodes, n_input: self.n_input, outputs })
+    }
+
     fn reverse_sweep(&self, seeds: &[(u32, Trace)], inputs: &[u32]) -> Vec<Trace> {
         let mut adjoint: Vec<Option<Trace>> = vec![None; self.nodes.len()];
         let accumulate = |adjoint: &mut Vec<Option<Trace>>, i: u32, value: Trace| {
@@ -382,7 +423,7 @@ fn pull_back(node: Node, y: Trace, g: Trace) -> [Option<(u32, Trace)>; 2] {
     use Node::*;
     let zero = Trace::zero;
     match node {
-        Input(_) | Constant(_) | Less(..) | And(..) | Or(..) | Not(_) => [None, None],
+        Input(_) | Constant(_) | Less(..) | And(..) | Or(..) | Not(_) | Detach(_) => [None, None],
         Add(a, b) => [Some((a, g)), Some((b, g))],
         Sub(a, b) => [Some((a, g)), Some((b, -g))],
         Mul(a, b) => [Some((a, g * Trace(b))), Some((b, g * Trace(a)))],

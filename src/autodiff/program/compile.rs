@@ -96,7 +96,8 @@ impl<'a> Compiler<'a> {
             Some(Planned { op, node, operands, n_operand: list.len() })
         };
         match self.recording.nodes[node as usize] {
-            Node::Input(_) | Node::Constant(_) => None,
+            // detached numbers are gone by now, see `Recording::attached`
+            Node::Input(_) | Node::Constant(_) | Node::Detach(_) => None,
             Node::Add(a, b) => match (self.lone_product(a), self.lone_product(b)) {
                 (Some((r, s)), Some((p, q))) if a != b => {
                     self.absorb(&[a, b]);

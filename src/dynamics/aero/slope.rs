@@ -87,4 +87,7 @@ impl Scalar for Slope {
     fn select(mask: bool, yes: Self, no: Self) -> Self {
         if mask { yes } else { no }
     }
+    fn detach(self) -> Self {
+        Self(self.0, 0.0)
+    }
 }
