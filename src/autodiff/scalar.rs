@@ -5,6 +5,7 @@
 //! adjoint is derived. For all of them to run the same lines, a kernel may not branch on a value: comparisons return
 //! a [`Mask`] and [`Scalar::select`] picks between two results that are both computed.
 
+use super::custom::{Operation, Scratch};
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
@@ -97,6 +98,9 @@ pub trait Scalar:
     /// assert_eq!(root(Dual64::new(4.0, 1.0)), Dual64::new(2.0, 0.25));
     /// ```
     fn detach(self) -> Self;
+    /// `outputs` = f(`inputs`) of a custom function; slices have its lengths. Kernels write [`Operation::call`], which
+    /// checks them.
+    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]);
 
     /// `self · a + b`: fused in lanes where the processor has it, two roundings elsewhere.
     #[inline(always)]
@@ -187,6 +191,10 @@ impl Scalar for f64 {
     fn detach(self) -> Self {
         self
     }
+    #[inline(always)]
+    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
+        operation.function().value(inputs, outputs);
+    }
 }
 
 impl Scalar for f32 {
@@ -230,5 +238,12 @@ impl Scalar for f32 {
     #[inline(always)]
     fn detach(self) -> Self {
         self
+    }
+    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
+        let mut scratch = Scratch::<f32, 256>::new();
+        let rows = scratch.of(inputs.len() + outputs.len());
+        rows[..inputs.len()].copy_from_slice(inputs);
+        operation.call_rows(1, rows);
+        outputs.copy_from_slice(&rows[inputs.len()..]);
     }
 }
