@@ -8,7 +8,9 @@
 //! exception: num-dual divides by multiplying with the reciprocal. Kernels of this crate therefore write
 //! `a * b.recip()`, never `a / b`.
 
+use super::custom::{Operation, Scratch, forward, unknown};
 use super::scalar::Scalar;
+use nalgebra::SVector;
 use num_dual::{Dual64, DualNum, DualSVec64, HyperDual64};
 
 macro_rules! scalar_from_num_dual {
@@ -55,6 +57,13 @@ macro_rules! scalar_from_num_dual {
             fn select(mask: bool, yes: Self, no: Self) -> Self {
                 if mask { yes } else { no }
             }
+            #[inline(always)]
+            fn detach(self) -> Self {
+                <$type>::from_re(self.re)
+            }
+            fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
+                call(operation, inputs, outputs);
+            }
         }
     };
 }
@@ -62,3 +71,82 @@ macro_rules! scalar_from_num_dual {
 scalar_from_num_dual!([] Dual64);
 scalar_from_num_dual!([const N: usize] DualSVec64<N>);
 scalar_from_num_dual!([] HyperDual64);
+
+/// A dual number as its value and its parts: first derivatives, then what moves with them.
+trait Parts: Scalar {
+    const N: usize;
+    fn value(&self) -> f64;
+    fn part(&self, k: usize) -> f64;
+    fn set_part(&mut self, k: usize, part: f64);
+    /// What second derivatives add to the parts of results, which are J times the inputs' parts so far.
+    fn add_second(_inputs: &[Self], _outputs: &mut [Self]) {}
+}
+
+/// f of the values and J of each part.
+fn call<D: Parts>(operation: &Operation, inputs: &[D], outputs: &mut [D]) {
+    let (n, m) = (inputs.len(), outputs.len());
+    let mut scratch = Scratch::<f64, 256>::new();
+    let (x, rest) = scratch.of(2 * n + m).split_at_mut(n);
+    let (dx, y) = rest.split_at_mut(n);
+    for i in 0..n {
+        x[i] = inputs[i].value();
+    }
+    operation.function().value(x, y);
+    for i in 0..m {
+        outputs[i] = D::constant(y[i]);
+    }
+    for k in 0..D::N {
+        for i in 0..n {
+            dx[i] = inputs[i].part(k);
+        }
+        forward(operation.function(), x, dx, y);
+        for i in 0..m {
+            outputs[i].set_part(k, y[i]);
+        }
+    }
+    D::add_second(inputs, outputs);
+}
+
+impl Parts for Dual64 {
+    const N: usize = 1;
+    fn value(&self) -> f64 {
+        self.re
+    }
+    fn part(&self, _: usize) -> f64 {
+        self.eps
+    }
+    fn set_part(&mut self, _: usize, part: f64) {
+        self.eps = part;
+    }
+}
+
+impl<const N: usize> Parts for DualSVec64<N> {
+    const N: usize = N;
+    fn value(&self) -> f64 {
+        self.re
+    }
+    fn part(&self, k: usize) -> f64 {
+        self.eps.0.map_or(0.0, |eps| eps[k])
+    }
+    fn set_part(&mut self, k: usize, part: f64) {
+        self.eps.0.get_or_insert_with(SVector::zeros)[k] = part;
+    }
+}
+
+impl Parts for HyperDual64 {
+    const N: usize = 3;
+    fn value(&self) -> f64 {
+        self.re
+    }
+    fn part(&self, k: usize) -> f64 {
+        [self.eps1, self.eps2, self.eps1eps2][k]
+    }
+    fn set_part(&mut self, k: usize, part: f64) {
+        *[&mut self.eps1, &mut self.eps2, &mut self.eps1eps2][k] = part;
+    }
+    fn add_second(inputs: &[Self], outputs: &mut [Self]) {
+        let direction = |k: usize| inputs.iter().map(|x| x.part(k)).collect::<Vec<_>>();
+        let bend = unknown(&direction(0), &direction(1));
+        outputs.iter_mut().for_each(|y| y.eps1eps2 += bend);
+    }
+}

@@ -3,6 +3,7 @@
 // Kernels are index loops: iterators and slice copies cost lanes their speed.
 #![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
 
+use super::custom::Operation;
 use super::scalar::Scalar;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
@@ -284,6 +285,33 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
             c[k] = S::select(mask, yes.coefficients[k], no.coefficients[k]);
         }
         Self { coefficients: c }
+    }
+
+    #[inline(always)]
+    fn detach(self) -> Self {
+        Self::fixed(self.coefficients[0].detach())
+    }
+
+    /// c₀ by the value, the others by the tangent. Those above c₁ are NaN where one below them is not zero: they would
+    /// need second derivatives.
+    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
+        let (n, m) = (inputs.len(), outputs.len());
+        let (mut x, mut y) = (vec![S::zero(); 2 * n], vec![S::zero(); m]);
+        let mut moved = S::zero();
+        for k in 0..N {
+            let order = if k == 0 { operation } else { operation.tangent() };
+            for i in 0..n {
+                x[if k == 0 { i } else { n + i }] = inputs[i].coefficients[k];
+            }
+            S::call(order, &x[..order.n_input()], &mut y);
+            let unknown = S::select(S::zero().lt(moved), S::constant(f64::NAN), S::zero());
+            for i in 0..m {
+                outputs[i].coefficients[k] = y[i] + unknown;
+            }
+            for i in 0..if k == 0 { 0 } else { n } {
+                moved += inputs[i].coefficients[k].abs();
+            }
+        }
     }
 
     #[inline(always)]

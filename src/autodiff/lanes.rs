@@ -12,6 +12,7 @@
 //! Elementary functions are polynomials after Cephes (Moshier 1989) in lane operations; errors are measured in the
 //! tests of this file. The fallback calls the standard library instead.
 
+use super::custom::{Operation, Scratch};
 use super::scalar::{Mask, Scalar};
 use pulp::{Simd, WithSimd};
 use std::fmt;
@@ -355,6 +356,23 @@ impl<S: Simd> Scalar for Lanes<S> {
     #[inline(always)]
     fn select(mask: LaneMask<S>, yes: Self, no: Self) -> Self {
         Self(token::<S>().select_f32s(mask.0, yes.0, no.0))
+    }
+    #[inline(always)]
+    fn detach(self) -> Self {
+        self
+    }
+    /// Lane by lane through `f64`.
+    #[inline(always)]
+    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
+        let mut scratch = Scratch::<f32, 1024>::new();
+        let rows = scratch.of((inputs.len() + outputs.len()) * Self::WIDTH);
+        for k in 0..inputs.len() {
+            inputs[k].store(&mut rows[k * Self::WIDTH..]);
+        }
+        operation.call_rows(Self::WIDTH, rows);
+        for k in 0..outputs.len() {
+            outputs[k] = Self::load(&rows[(inputs.len() + k) * Self::WIDTH..]);
+        }
     }
     #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {

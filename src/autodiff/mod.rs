@@ -7,6 +7,7 @@
 //! | [`dual`] | num-dual's numbers as scalars: exact forward derivatives |
 //! | [`jet`] | truncated Taylor series over any scalar |
 //! | `lanes` | SIMD registers as scalars, chosen at run time |
+//! | [`custom`] | functions with a derivative of their own, for solvers inside kernels |
 //! | [`trace`], [`program`] | recording scalar; compiled programs and derived adjoints |
 //! | [`system`] | what is differentiated: x⁺ = f(x, u, θ), costs |
 //! | [`derivative`] | Jacobians of one step, by duals and compiled |
@@ -18,6 +19,7 @@
 
 pub mod batch_rollout;
 pub mod certificate;
+pub mod custom;
 pub mod derivative;
 pub mod dual;
 pub mod jet;
@@ -31,6 +33,7 @@ pub mod trace;
 
 pub use batch_rollout::{BatchGradient, BatchRollout};
 pub use certificate::{Bounds, Certificate, certify};
+pub use custom::{CustomFunction, Operation};
 pub use derivative::{CompiledJacobian, JacobianScratch, Linearisation, jacobian, linearise};
 pub use lanes::lane_width;
 pub use program::Program;

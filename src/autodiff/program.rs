@@ -3,10 +3,11 @@
 //! Compilation drops dead nodes, fuses multiplications into the one addition that uses them, fuses comparisons into
 //! selections and sines with cosines, and gives slots by liveness so that the working set stays in cache. The
 //! interpreter pays about one nanosecond per instruction in `f64`; over a block of [`BLOCK`] environments that price is
-//! shared by all of them.
+//! shared by all of them. Calls of custom functions stand between runs of instructions, which know nothing of them.
 
 mod compile;
 
+use super::custom::Operation;
 use super::lanes::{Lanes, dispatch};
 use super::scalar::Scalar;
 use super::trace::Recording;
@@ -68,12 +69,25 @@ struct Instruction {
     d: u16,
 }
 
+/// A custom function of slots, made when the instructions before it are done.
+#[derive(Debug, Clone)]
+struct Call {
+    /// How many those are.
+    after: usize,
+    operation: Operation,
+    inputs: Vec<u16>,
+    /// (slot, result), for the results that matter.
+    outputs: Vec<(u16, u32)>,
+}
+
 /// A compiled recording.
 #[derive(Debug, Clone)]
 pub struct Program {
     n_input: usize,
     n_slot: usize,
     instructions: Vec<Instruction>,
+    /// In the order they are made.
+    calls: Vec<Call>,
     /// (slot, value), never overwritten.
     constants: Vec<(u16, f64)>,
     /// (slot, input), for the inputs that matter.
@@ -85,7 +99,10 @@ pub struct Program {
 ///
 /// As many as a masked `u16` can name, so that no access needs a bounds check.
 #[derive(Debug, Clone)]
-pub struct Workspace(Slots);
+pub struct Workspace {
+    slots: Slots,
+    scratch: Vec<f64>,
+}
 
 #[derive(Debug, Clone)]
 enum Slots {
@@ -94,12 +111,13 @@ enum Slots {
 }
 
 impl Workspace {
-    /// Number of slots.
+    /// Numbers held.
     pub(crate) fn len(&self) -> usize {
-        match &self.0 {
+        let slots = match &self.slots {
             Slots::Few(slots) => slots.len(),
             Slots::Many(slots) => slots.len(),
-        }
+        };
+        slots + self.scratch.len()
     }
 }
 
@@ -107,6 +125,7 @@ impl Workspace {
 #[derive(Debug, Clone)]
 pub struct BlockWorkspace {
     slots: Vec<[f32; BLOCK]>,
+    scratch: Vec<f64>,
 }
 
 impl Program {
@@ -115,7 +134,7 @@ impl Program {
     /// # Errors
     /// [`Error::Limit`](crate::error::Error::Limit) when more than 65 535 values are alive at once.
     pub fn compile(recording: &Recording) -> Result<Self> {
-        compile::Compiler::new(recording).run()
+        compile::Compiler::new(&recording.attached()).run()
     }
 
     /// Number of inputs.
@@ -128,14 +147,14 @@ impl Program {
         self.outputs.len()
     }
 
-    /// Number of instructions.
+    /// Number of instructions, with calls.
     pub fn len(&self) -> usize {
-        self.instructions.len()
+        self.instructions.len() + self.calls.len()
     }
 
     /// Whether there is nothing to do but copy constants and inputs.
     pub fn is_empty(&self) -> bool {
-        self.instructions.is_empty()
+        self.len() == 0
     }
 
     /// Number of slots: values alive at once, with constants.
@@ -157,7 +176,7 @@ impl Program {
         for &(slot, value) in &self.constants {
             all[slot as usize] = value;
         }
-        Workspace(slots)
+        Workspace { slots, scratch: self.scratch() }
     }
 
     /// Scratch for [`Program::evaluate_block`].
@@ -166,7 +185,13 @@ impl Program {
         for &(slot, value) in &self.constants {
             slots[slot as usize] = [value as f32; BLOCK];
         }
-        BlockWorkspace { slots }
+        BlockWorkspace { slots, scratch: self.scratch() }
+    }
+
+    /// Arguments and results of one call at a time.
+    fn scratch(&self) -> Vec<f64> {
+        let sizes = self.calls.iter().map(|call| call.operation.n_input() + call.operation.n_output());
+        vec![0.0; sizes.max().unwrap_or(0)]
     }
 
     /// `outputs = f(inputs)` in `f64`, with the same operations in the same order as the recorded function.
@@ -177,43 +202,28 @@ impl Program {
     pub fn evaluate(&self, workspace: &mut Workspace, inputs: &[f64], outputs: &mut [f64]) {
         assert_eq!(inputs.len(), self.n_input, "inputs of the program");
         assert_eq!(outputs.len(), self.outputs.len(), "outputs of the program");
-        assert!(workspace.len() >= self.n_slot, "slots of the program");
-        match &mut workspace.0 {
-            Slots::Few(slots) => self.run(slots, inputs, outputs),
-            Slots::Many(slots) => self.run(slots, inputs, outputs),
+        match &mut workspace.slots {
+            Slots::Few(slots) => self.run(slots, &mut workspace.scratch, inputs, outputs),
+            Slots::Many(slots) => self.run(slots, &mut workspace.scratch, inputs, outputs),
         }
     }
 
     /// The `f64` interpreter. N is a power of two above every slot number, so that masking changes nothing and spares
     /// the bounds checks.
-    fn run<const N: usize>(&self, slots: &mut [f64; N], inputs: &[f64], outputs: &mut [f64]) {
+    fn run<const N: usize>(&self, slots: &mut [f64; N], scratch: &mut [f64], inputs: &[f64], outputs: &mut [f64]) {
+        assert!(N >= self.n_slot, "slots of the program");
         let at = |slot: u16| slot as usize & (N - 1);
         for &(slot, k) in &self.inputs {
             slots[at(slot)] = inputs[k as usize];
         }
-        for i in &self.instructions {
-            match i.op {
-                // the kinds that make up nine tenths of a program, without the operands they do not have
-                Op::Add => slots[at(i.target)] = slots[at(i.a)] + slots[at(i.b)],
-                Op::Mul => slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)],
-                Op::MulAdd => slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)] + slots[at(i.c)],
-                Op::NegMulAdd => slots[at(i.target)] = slots[at(i.c)] - slots[at(i.a)] * slots[at(i.b)],
-                Op::TwoProducts => {
-                    slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)] + slots[at(i.c)] * slots[at(i.d)];
-                }
-                Op::ProductDifference => {
-                    slots[at(i.target)] = slots[at(i.c)] * slots[at(i.d)] - slots[at(i.a)] * slots[at(i.b)];
-                }
-                Op::SinCos => {
-                    let (sine, cosine) = slots[at(i.a)].sin_cos();
-                    slots[at(i.target)] = sine;
-                    slots[at(i.d)] = cosine;
-                }
-                op => {
-                    let x = |slot: u16| slots[at(slot)];
-                    slots[at(i.target)] = apply(op, x(i.a), x(i.b), x(i.c), x(i.d));
-                }
+        let mut done = 0;
+        for k in 0..self.calls.len() + 1 {
+            let end = self.calls.get(k).map_or(self.instructions.len(), |call| call.after);
+            run_straight(&self.instructions[done..end], slots);
+            if k < self.calls.len() {
+                self.calls[k].run(slots, scratch);
             }
+            done = end;
         }
         for (output, slot) in outputs.iter_mut().zip(&self.outputs) {
             *output = slots[at(*slot)];
@@ -235,6 +245,67 @@ impl Program {
     }
 }
 
+/// Instructions without calls in `f64`.
+fn run_straight<const N: usize>(instructions: &[Instruction], slots: &mut [f64; N]) {
+    let at = |slot: u16| slot as usize & (N - 1);
+    for i in instructions {
+        match i.op {
+            // the kinds that make up nine tenths of a program, without the operands they do not have
+            Op::Add => slots[at(i.target)] = slots[at(i.a)] + slots[at(i.b)],
+            Op::Mul => slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)],
+            Op::MulAdd => slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)] + slots[at(i.c)],
+            Op::NegMulAdd => slots[at(i.target)] = slots[at(i.c)] - slots[at(i.a)] * slots[at(i.b)],
+            Op::TwoProducts => {
+                slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)] + slots[at(i.c)] * slots[at(i.d)];
+            }
+            Op::ProductDifference => {
+                slots[at(i.target)] = slots[at(i.c)] * slots[at(i.d)] - slots[at(i.a)] * slots[at(i.b)];
+            }
+            Op::SinCos => {
+                let (sine, cosine) = slots[at(i.a)].sin_cos();
+                slots[at(i.target)] = sine;
+                slots[at(i.d)] = cosine;
+            }
+            op => {
+                let x = |slot: u16| slots[at(slot)];
+                slots[at(i.target)] = apply(op, x(i.a), x(i.b), x(i.c), x(i.d));
+            }
+        }
+    }
+}
+
+impl Call {
+    /// Arguments are read before results are written: they may share slots.
+    #[inline(never)]
+    fn run(&self, slots: &mut [f64], scratch: &mut [f64]) {
+        let (n, m) = (self.inputs.len(), self.operation.n_output());
+        let (x, y) = scratch[..n + m].split_at_mut(n);
+        for (x, slot) in x.iter_mut().zip(&self.inputs) {
+            *x = slots[*slot as usize];
+        }
+        self.operation.function().value(x, y);
+        for &(slot, k) in &self.outputs {
+            slots[slot as usize] = y[k as usize];
+        }
+    }
+
+    /// The same lane by lane.
+    #[inline(never)]
+    fn run_block(&self, slots: &mut [[f32; BLOCK]], scratch: &mut [f64]) {
+        let (n, m) = (self.inputs.len(), self.operation.n_output());
+        let (x, y) = scratch[..n + m].split_at_mut(n);
+        for lane in 0..BLOCK {
+            for (x, slot) in x.iter_mut().zip(&self.inputs) {
+                *x = f64::from(slots[*slot as usize][lane]);
+            }
+            self.operation.function().value(x, y);
+            for &(slot, k) in &self.outputs {
+                slots[slot as usize][lane] = y[k as usize] as f32;
+            }
+        }
+    }
+}
+
 /// One block evaluation, for the dispatcher.
 struct Evaluate<'a> {
     program: &'a Program,
@@ -247,54 +318,68 @@ impl WithSimd for Evaluate<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        self.program.run_block::<S>(&mut self.workspace.slots, self.inputs, self.outputs);
+        self.program.run_block::<S>(self.workspace, self.inputs, self.outputs);
     }
 }
 
 impl Program {
     /// The lane interpreter, inside a dispatched region.
     #[inline(always)]
-    pub(crate) fn run_block<S: Simd>(
+    fn run_block<S: Simd>(
         &self,
-        slots: &mut [[f32; BLOCK]],
+        workspace: &mut BlockWorkspace,
         inputs: &[[f32; BLOCK]],
         outputs: &mut [[f32; BLOCK]],
     ) {
         assert_eq!(inputs.len(), self.n_input, "inputs of the program");
         assert_eq!(outputs.len(), self.outputs.len(), "outputs of the program");
-        let slots = &mut slots[..self.n_slot];
+        let slots = &mut workspace.slots[..self.n_slot];
         for &(slot, k) in &self.inputs {
             slots[slot as usize] = inputs[k as usize];
         }
-        for i in &self.instructions {
-            match i.op {
-                Op::Add => run::<S>(slots, i, Op::Add),
-                Op::Sub => run::<S>(slots, i, Op::Sub),
-                Op::Mul => run::<S>(slots, i, Op::Mul),
-                Op::Div => run::<S>(slots, i, Op::Div),
-                Op::Neg => run::<S>(slots, i, Op::Neg),
-                Op::Recip => run::<S>(slots, i, Op::Recip),
-                Op::Sqrt => run::<S>(slots, i, Op::Sqrt),
-                Op::SinCos => run_sin_cos::<S>(slots, i),
-                Op::Exp => run::<S>(slots, i, Op::Exp),
-                Op::Ln => run::<S>(slots, i, Op::Ln),
-                Op::Tanh => run::<S>(slots, i, Op::Tanh),
-                Op::Atan2 => run::<S>(slots, i, Op::Atan2),
-                Op::MulAdd => run::<S>(slots, i, Op::MulAdd),
-                Op::NegMulAdd => run::<S>(slots, i, Op::NegMulAdd),
-                Op::MulSub => run::<S>(slots, i, Op::MulSub),
-                Op::TwoProducts => run::<S>(slots, i, Op::TwoProducts),
-                Op::ProductDifference => run::<S>(slots, i, Op::ProductDifference),
-                Op::Less => run::<S>(slots, i, Op::Less),
-                Op::And => run::<S>(slots, i, Op::And),
-                Op::Or => run::<S>(slots, i, Op::Or),
-                Op::Not => run::<S>(slots, i, Op::Not),
-                Op::Select => run::<S>(slots, i, Op::Select),
-                Op::SelectLess => run::<S>(slots, i, Op::SelectLess),
+        let mut done = 0;
+        for k in 0..self.calls.len() + 1 {
+            let end = if k < self.calls.len() { self.calls[k].after } else { self.instructions.len() };
+            run_block_straight::<S>(&self.instructions[done..end], slots);
+            if k < self.calls.len() {
+                self.calls[k].run_block(slots, &mut workspace.scratch);
             }
+            done = end;
         }
         for k in 0..outputs.len() {
             outputs[k] = slots[self.outputs[k] as usize];
+        }
+    }
+}
+
+/// Instructions without calls over a block.
+#[inline(always)]
+fn run_block_straight<S: Simd>(instructions: &[Instruction], slots: &mut [[f32; BLOCK]]) {
+    for i in instructions {
+        match i.op {
+            Op::Add => run::<S>(slots, i, Op::Add),
+            Op::Sub => run::<S>(slots, i, Op::Sub),
+            Op::Mul => run::<S>(slots, i, Op::Mul),
+            Op::Div => run::<S>(slots, i, Op::Div),
+            Op::Neg => run::<S>(slots, i, Op::Neg),
+            Op::Recip => run::<S>(slots, i, Op::Recip),
+            Op::Sqrt => run::<S>(slots, i, Op::Sqrt),
+            Op::SinCos => run_sin_cos::<S>(slots, i),
+            Op::Exp => run::<S>(slots, i, Op::Exp),
+            Op::Ln => run::<S>(slots, i, Op::Ln),
+            Op::Tanh => run::<S>(slots, i, Op::Tanh),
+            Op::Atan2 => run::<S>(slots, i, Op::Atan2),
+            Op::MulAdd => run::<S>(slots, i, Op::MulAdd),
+            Op::NegMulAdd => run::<S>(slots, i, Op::NegMulAdd),
+            Op::MulSub => run::<S>(slots, i, Op::MulSub),
+            Op::TwoProducts => run::<S>(slots, i, Op::TwoProducts),
+            Op::ProductDifference => run::<S>(slots, i, Op::ProductDifference),
+            Op::Less => run::<S>(slots, i, Op::Less),
+            Op::And => run::<S>(slots, i, Op::And),
+            Op::Or => run::<S>(slots, i, Op::Or),
+            Op::Not => run::<S>(slots, i, Op::Not),
+            Op::Select => run::<S>(slots, i, Op::Select),
+            Op::SelectLess => run::<S>(slots, i, Op::SelectLess),
         }
     }
 }

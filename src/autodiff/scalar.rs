@@ -5,6 +5,7 @@
 //! adjoint is derived. For all of them to run the same lines, a kernel may not branch on a value: comparisons return
 //! a [`Mask`] and [`Scalar::select`] picks between two results that are both computed.
 
+use super::custom::{Operation, Scratch};
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
@@ -73,6 +74,33 @@ pub trait Scalar:
     fn lt(self, other: Self) -> Self::Mask;
     /// Lane by lane: `yes` where `mask` holds, else `no`. Both are already computed.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+    /// The same value with derivative zero: a number that was found, not computed.
+    ///
+    /// An iteration that solves r(y, x) = 0 need not be differentiated. Run it on detached numbers, then take one Newton
+    /// step y − (∂r/∂y)⁻¹ r(y, x) with y and ∂r/∂y detached and x alive: the value stays, and the derivative is the exact
+    /// −(∂r/∂y)⁻¹ ∂r/∂x of the implicit function theorem, to the accuracy of the solution. Second derivatives of
+    /// such a step are not those of the solution.
+    ///
+    /// ```
+    /// use omnidrones::autodiff::Scalar;
+    /// use num_dual::Dual64;
+    ///
+    /// /// √a by iteration: y − (y² − a)/2y.
+    /// fn root<S: Scalar>(a: S) -> S {
+    ///     let step = |y: S, a: S| y - (y.square() - a) * (y + y).detach().recip();
+    ///     let mut y = S::one();
+    ///     for _ in 0..8 {
+    ///         y = step(y, a.detach());
+    ///     }
+    ///     step(y.detach(), a)
+    /// }
+    ///
+    /// assert_eq!(root(Dual64::new(4.0, 1.0)), Dual64::new(2.0, 0.25));
+    /// ```
+    fn detach(self) -> Self;
+    /// `outputs` = f(`inputs`) of a custom function; slices have its lengths. Kernels write [`Operation::call`], which
+    /// checks them.
+    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]);
 
     /// `self · a + b`: fused in lanes where the processor has it, two roundings elsewhere.
     #[inline(always)]
@@ -159,6 +187,14 @@ impl Scalar for f64 {
     fn select(mask: bool, yes: Self, no: Self) -> Self {
         if mask { yes } else { no }
     }
+    #[inline(always)]
+    fn detach(self) -> Self {
+        self
+    }
+    #[inline(always)]
+    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
+        operation.function().value(inputs, outputs);
+    }
 }
 
 impl Scalar for f32 {
@@ -198,5 +234,16 @@ impl Scalar for f32 {
     #[inline(always)]
     fn select(mask: bool, yes: Self, no: Self) -> Self {
         if mask { yes } else { no }
+    }
+    #[inline(always)]
+    fn detach(self) -> Self {
+        self
+    }
+    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
+        let mut scratch = Scratch::<f32, 256>::new();
+        let rows = scratch.of(inputs.len() + outputs.len());
+        rows[..inputs.len()].copy_from_slice(inputs);
+        operation.call_rows(1, rows);
+        outputs.copy_from_slice(&rows[inputs.len()..]);
     }
 }

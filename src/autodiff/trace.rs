@@ -8,10 +8,13 @@
 //! backwards once (Griewank and Walther 2008, chapter 3) with ordinary `Trace` arithmetic, so it is simplified, compiled
 //! and evaluated like any other.
 
+use super::custom::Operation;
 use super::scalar::{Mask, Scalar};
+use std::borrow::Cow;
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Range, Sub, SubAssign};
+use std::sync::Arc;
 
 /// One operation on earlier nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -39,29 +42,66 @@ pub(crate) enum Node {
     Not(u32),
     /// Mask, yes, no.
     Select(u32, u32, u32),
+    /// The same number, that passes nothing back.
+    Detach(u32),
+    /// A custom function, by number in the list of calls. Its results are the nodes right behind it.
+    Call(u32),
+    /// Of the call, which one.
+    Result(u32, u32),
+}
+
+/// A custom function of earlier nodes.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(crate) struct Call {
+    pub(crate) operation: Operation,
+    pub(crate) operands: Arc<[u32]>,
 }
 
 impl Node {
-    /// The nodes this one reads, in order; unused places repeat the last.
-    pub(crate) fn operands(self) -> impl Iterator<Item = u32> {
+    /// Where this one names the nodes it reads, in order.
+    fn operands_mut(&mut self) -> [Option<&mut u32>; 3] {
         use Node::*;
-        let (list, n) = match self {
-            Input(_) | Constant(_) => ([0; 3], 0),
-            Neg(a) | Recip(a) | Sqrt(a) | Sin(a) | Cos(a) | Exp(a) | Ln(a) | Tanh(a) | Not(a) => ([a, 0, 0], 1),
+        match self {
+            Input(_) | Constant(_) | Call(_) => [None, None, None],
+            Neg(a)
+            | Recip(a)
+            | Sqrt(a)
+            | Sin(a)
+            | Cos(a)
+            | Exp(a)
+            | Ln(a)
+            | Tanh(a)
+            | Not(a)
+            | Detach(a)
+            | Result(a, _) => [Some(a), None, None],
             Add(a, b) | Sub(a, b) | Mul(a, b) | Div(a, b) | Atan2(a, b) | Less(a, b) | And(a, b) | Or(a, b) => {
-                ([a, b, 0], 2)
+                [Some(a), Some(b), None]
             }
-            Select(m, a, b) => ([m, a, b], 3),
-        };
-        list.into_iter().take(n)
+            Select(m, a, b) => [Some(m), Some(a), Some(b)],
+        }
+    }
+
+    /// The nodes this one reads, in order; `calls` is the list that it may be in.
+    pub(crate) fn operands(mut self, calls: &[Call]) -> impl Iterator<Item = u32> {
+        let called: &[u32] = if let Node::Call(number) = self { &calls[number as usize].operands } else { &[] };
+        let own = self.operands_mut().map(|place| place.map(|operand| *operand));
+        own.into_iter().flatten().chain(called.iter().copied())
+    }
+
+    /// The same operation on the nodes that `place` gives for its operands.
+    fn renamed(mut self, place: &[u32]) -> Self {
+        self.operands_mut().into_iter().flatten().for_each(|operand| *operand = place[*operand as usize]);
+        self
     }
 }
 
-/// Nodes so far, and where each is.
+/// Nodes and calls so far, and at which node each is.
 #[derive(Default)]
 struct Graph {
     nodes: Vec<Node>,
+    calls: Vec<Call>,
     index: HashMap<Node, u32>,
+    called: HashMap<Call, u32>,
 }
 
 thread_local! {
@@ -133,6 +173,10 @@ impl Graph {
                 Some(x) => Err(if x > 0.5 { a } else { b }),
                 None => Ok(node),
             },
+            Detach(a) => match self.nodes[a as usize] {
+                Constant(_) | Detach(_) => Err(a),
+                _ => Ok(node),
+            },
             _ => Ok(node),
         }
     }
@@ -176,6 +220,49 @@ impl Graph {
             }),
         }
     }
+}
+
+impl Graph {
+    /// With these nodes and calls already recorded.
+    fn starting_from(nodes: &[Node], calls: &[Call]) -> Self {
+        let numbered = || nodes.iter().zip(0..);
+        let called = numbered().filter_map(|(node, i)| match node {
+            Node::Call(number) => Some((calls[*number as usize].clone(), i)),
+            _ => None,
+        });
+        Self {
+            index: numbered().map(|(node, i)| (*node, i)).collect(),
+            called: called.collect(),
+            nodes: nodes.to_vec(),
+            calls: calls.to_vec(),
+        }
+    }
+
+    /// The node of a call: the one that is already there, or a new one with its results behind it.
+    fn call(&mut self, call: Call) -> u32 {
+        if let Some(node) = self.called.get(&call) {
+            return *node;
+        }
+        let node = self.nodes.len() as u32;
+        self.nodes.push(Node::Call(self.calls.len() as u32));
+        self.nodes.extend((0..call.operation.n_output() as u32).map(|k| Node::Result(node, k)));
+        self.calls.push(call.clone());
+        self.called.insert(call, node);
+        node
+    }
+}
+
+/// The results of a call: constants if all its operands are.
+fn push_call(operation: &Operation, inputs: &[Trace]) -> Vec<Trace> {
+    let constants = GRAPH.with_borrow(|g| inputs.iter().map(|x| g.constant(x.0)).collect::<Option<Vec<f64>>>());
+    if let Some(x) = constants {
+        let mut y = vec![0.0; operation.n_output()];
+        operation.function().value(&x, &mut y);
+        return y.into_iter().map(Trace::constant).collect();
+    }
+    let call = Call { operation: operation.clone(), operands: inputs.iter().map(|x| x.0).collect() };
+    let node = GRAPH.with_borrow_mut(|g| g.call(call));
+    (1..=operation.n_output() as u32).map(|k| Trace(node + k)).collect()
 }
 
 #[inline(never)]
@@ -281,18 +368,25 @@ impl Scalar for Trace {
     fn select(mask: TraceMask, yes: Self, no: Self) -> Self {
         push(Node::Select(mask.0, yes.0, no.0))
     }
+    fn detach(self) -> Self {
+        push(Node::Detach(self.0))
+    }
+    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
+        outputs.copy_from_slice(&push_call(operation, inputs));
+    }
 }
 
 /// A recorded function: nodes in the order of evaluation, and which of them are its results.
 #[derive(Debug, Clone)]
 pub struct Recording {
     pub(crate) nodes: Vec<Node>,
+    pub(crate) calls: Vec<Call>,
     pub(crate) n_input: usize,
     pub(crate) outputs: Vec<u32>,
 }
 
-/// Runs `f` on a graph of its own, starting from `nodes`; the caller's graph is put back afterwards, even on panic.
-fn on_graph<T>(nodes: &[Node], f: impl FnOnce() -> T) -> (T, Vec<Node>) {
+/// Records `f` on a graph of its own, starting from `graph`; the caller's is put back afterwards, even on panic.
+fn record(graph: Graph, n_input: usize, f: impl FnOnce() -> Vec<Trace>) -> Recording {
     struct Restore(Option<Graph>);
     impl Drop for Restore {
         fn drop(&mut self) {
@@ -301,22 +395,20 @@ fn on_graph<T>(nodes: &[Node], f: impl FnOnce() -> T) -> (T, Vec<Node>) {
             }
         }
     }
-    let index = nodes.iter().enumerate().map(|(i, n)| (*n, i as u32)).collect();
-    let restore = Restore(Some(GRAPH.replace(Graph { nodes: nodes.to_vec(), index })));
-    let result = f();
-    let graph = GRAPH.take();
+    let restore = Restore(Some(GRAPH.replace(graph)));
+    let outputs = f().iter().map(|o| o.0).collect();
+    let Graph { nodes, calls, .. } = GRAPH.take();
     drop(restore);
-    (result, graph.nodes)
+    Recording { nodes, calls, n_input, outputs }
 }
 
 impl Recording {
     /// Records `f` of `n_input` inputs.
     pub fn of(n_input: usize, f: impl FnOnce(&[Trace]) -> Vec<Trace>) -> Self {
-        let (outputs, nodes) = on_graph(&[], || {
+        record(Graph::default(), n_input, || {
             let inputs: Vec<Trace> = (0..n_input as u32).map(|k| push(Node::Input(k))).collect();
             f(&inputs)
-        });
-        Self { nodes, n_input, outputs: outputs.iter().map(|o| o.0).collect() }
+        })
     }
 
     /// Number of inputs.
@@ -333,25 +425,53 @@ impl Recording {
     /// seed per result), results x̄ over that range.
     pub fn adjoint(&self, with_respect_to: Range<usize>) -> Self {
         let n_seed = self.outputs.len();
-        let (outputs, nodes) = on_graph(&self.nodes, || {
+        record(self.graph(), self.n_input + n_seed, || {
             let seeds: Vec<Trace> = (0..n_seed).map(|k| push(Node::Input((self.n_input + k) as u32))).collect();
             let inputs = input_nodes(with_respect_to);
             let seeded: Vec<(u32, Trace)> = self.outputs.iter().copied().zip(seeds).collect();
             self.reverse_sweep(&seeded, &inputs)
-        });
-        Self { nodes, n_input: self.n_input + n_seed, outputs: outputs.iter().map(|o| o.0).collect() }
+        })
     }
 
     /// The Jacobian with respect to the inputs in `with_respect_to`, column by column: one reverse sweep per result, all on
     /// one graph. What is zero by structure costs nothing, and what the sweeps share is computed once.
     pub fn jacobian(&self, with_respect_to: Range<usize>) -> Self {
-        let (outputs, nodes) = on_graph(&self.nodes, || {
+        record(self.graph(), self.n_input, || {
             let inputs = input_nodes(with_respect_to);
             let rows: Vec<Vec<Trace>> =
                 self.outputs.iter().map(|o| self.reverse_sweep(&[(*o, Trace::one())], &inputs)).collect();
-            (0..inputs.len()).flat_map(|k| rows.iter().map(move |row| row[k])).collect::<Vec<_>>()
-        });
-        Self { nodes, n_input: self.n_input, outputs: outputs.iter().map(|o| o.0).collect() }
+            (0..inputs.len()).flat_map(|k| rows.iter().map(move |row| row[k])).collect()
+        })
+    }
+
+    /// The same function with every detached number taken for the number it is, which changes every later derivative and
+    /// no value: nodes that differed by a detachment alone become one.
+    pub(crate) fn attached(&self) -> Cow<'_, Self> {
+        if !self.nodes.iter().any(|node| matches!(node, Node::Detach(_))) {
+            return Cow::Borrowed(self);
+        }
+        Cow::Owned(record(Graph::default(), self.n_input, || {
+            let mut place: Vec<u32> = Vec::with_capacity(self.nodes.len());
+            let mut results = Vec::new();
+            for node in &self.nodes {
+                place.push(match node.renamed(&place) {
+                    Node::Detach(number) => number,
+                    Node::Call(number) => {
+                        let Call { operation, operands } = &self.calls[number as usize];
+                        let inputs: Vec<Trace> = operands.iter().map(|i| Trace(place[*i as usize])).collect();
+                        results = push_call(operation, &inputs);
+                        0 // read by its results alone
+                    }
+                    Node::Result(_, k) => results[k as usize].0,
+                    node => push(node).0,
+                });
+            }
+            self.outputs.iter().map(|o| Trace(place[*o as usize])).collect()
+        }))
+    }
+
+    fn graph(&self) -> Graph {
+        Graph::starting_from(&self.nodes, &self.calls)
     }
 
     fn reverse_sweep(&self, seeds: &[(u32, Trace)], inputs: &[u32]) -> Vec<Trace> {
@@ -364,6 +484,11 @@ impl Recording {
             accumulate(&mut adjoint, *output, *seed);
         }
         for i in (0..self.nodes.len()).rev() {
+            if let Node::Call(number) = self.nodes[i] {
+                for (operand, value) in pull_back_call(&self.calls[number as usize], &adjoint[i + 1..]) {
+                    accumulate(&mut adjoint, operand, value);
+                }
+            }
             let Some(g) = adjoint[i] else { continue };
             for (operand, value) in pull_back(self.nodes[i], Trace(i as u32), g).into_iter().flatten() {
                 accumulate(&mut adjoint, operand, value);
@@ -377,12 +502,26 @@ fn input_nodes(range: Range<usize>) -> Vec<u32> {
     range.map(|k| push(Node::Input(k as u32)).0).collect()
 }
 
+/// What a call passes to its operands when its results' adjoints are the first of `behind`: its transposed, once; nothing
+/// where they are all zero.
+fn pull_back_call(call: &Call, behind: &[Option<Trace>]) -> Vec<(u32, Trace)> {
+    let zero = Trace::zero();
+    let seeds = behind.iter().take(call.operation.n_output()).map(|g| g.unwrap_or(zero));
+    if seeds.clone().all(|g| g == zero) {
+        return Vec::new();
+    }
+    let inputs: Vec<Trace> = call.operands.iter().map(|i| Trace(*i)).chain(seeds).collect();
+    call.operands.iter().copied().zip(push_call(call.operation.adjoint(), &inputs)).collect()
+}
+
 /// What `node` (whose value is `y`) passes to its operands when its own adjoint is `g`.
 fn pull_back(node: Node, y: Trace, g: Trace) -> [Option<(u32, Trace)>; 2] {
     use Node::*;
     let zero = Trace::zero;
     match node {
-        Input(_) | Constant(_) | Less(..) | And(..) | Or(..) | Not(_) => [None, None],
+        Input(_) | Constant(_) | Less(..) | And(..) | Or(..) | Not(_) | Detach(_) | Call(_) | Result(..) => {
+            [None, None]
+        }
         Add(a, b) => [Some((a, g)), Some((b, g))],
         Sub(a, b) => [Some((a, g)), Some((b, -g))],
         Mul(a, b) => [Some((a, g * Trace(b))), Some((b, g * Trace(a)))],

@@ -1,6 +1,6 @@
 //! From a recorded graph to instructions: dead nodes dropped, products fused into sums, slots given by liveness.
 
-use super::{Instruction, MAX_SLOTS, Op, Program};
+use super::{Call, Instruction, MAX_SLOTS, Op, Program};
 use crate::autodiff::trace::{Node, Recording};
 use crate::error::{Error, Result};
 
@@ -17,12 +17,29 @@ pub(super) struct Compiler<'a> {
     n_slot: usize,
 }
 
-/// An instruction before slots are known: operands are nodes.
+/// An instruction or a call before slots are known: operands are nodes.
 struct Planned {
-    op: Op,
+    what: What,
     node: u32,
     operands: [u32; 4],
     n_operand: usize,
+}
+
+#[derive(Clone, Copy)]
+enum What {
+    Op(Op),
+    /// Number in the recording; the operands are there.
+    Call(u32),
+}
+
+impl Planned {
+    /// The nodes read.
+    fn reads<'p>(&'p self, recording: &'p Recording) -> &'p [u32] {
+        match self.what {
+            What::Op(_) => &self.operands[..self.n_operand],
+            What::Call(number) => &recording.calls[number as usize].operands,
+        }
+    }
 }
 
 impl<'a> Compiler<'a> {
@@ -53,7 +70,7 @@ impl<'a> Compiler<'a> {
         }
         for i in (0..nodes.len()).rev() {
             if self.needed[i] {
-                for operand in nodes[i].operands() {
+                for operand in nodes[i].operands(&self.recording.calls) {
                     self.needed[operand as usize] = true;
                     self.uses[operand as usize] += 1;
                 }
@@ -93,10 +110,12 @@ impl<'a> Compiler<'a> {
         let instruction = |op, list: &[u32]| {
             let mut operands = [list[0]; 4];
             operands[..list.len()].copy_from_slice(list);
-            Some(Planned { op, node, operands, n_operand: list.len() })
+            Some(Planned { what: What::Op(op), node, operands, n_operand: list.len() })
         };
         match self.recording.nodes[node as usize] {
-            Node::Input(_) | Node::Constant(_) => None,
+            // results come with their call; detached numbers are gone by now, see `Recording::attached`
+            Node::Input(_) | Node::Constant(_) | Node::Result(..) | Node::Detach(_) => None,
+            Node::Call(number) => Some(Planned { what: What::Call(number), node, operands: [0; 4], n_operand: 0 }),
             Node::Add(a, b) => match (self.lone_product(a), self.lone_product(b)) {
                 (Some((r, s)), Some((p, q))) if a != b => {
                     self.absorb(&[a, b]);
@@ -159,7 +178,7 @@ impl<'a> Compiler<'a> {
         let n = self.recording.nodes.len();
         let mut last_use = vec![0usize; n];
         for (time, planned) in plan.iter().enumerate() {
-            for &operand in &planned.operands[..planned.n_operand] {
+            for &operand in planned.reads(self.recording) {
                 last_use[operand as usize] = time;
             }
         }
@@ -167,12 +186,20 @@ impl<'a> Compiler<'a> {
             last_use[output as usize] = usize::MAX;
         }
         let (constants, inputs) = self.assign_leaves(&mut last_use)?;
-        let mut instructions = Vec::with_capacity(plan.len());
+        let (mut instructions, mut calls) = (Vec::with_capacity(plan.len()), Vec::new());
         for (time, planned) in plan.iter().enumerate() {
-            instructions.extend(self.assign_one(planned, time, &last_use)?);
+            match planned.what {
+                What::Op(op) => instructions.extend(self.assign_one(op, planned, time, &last_use)?),
+                What::Call(number) => {
+                    let (inputs, outputs) = self.assign_call(number, planned, time, &last_use)?;
+                    let operation = self.recording.calls[number as usize].operation.clone();
+                    calls.push(Call { after: instructions.len(), operation, inputs, outputs });
+                }
+            }
         }
         let outputs = self.recording.outputs.iter().map(|&o| self.slot_of(o)).collect();
-        Ok(Program { n_input: self.recording.n_input, n_slot: self.n_slot, instructions, constants, inputs, outputs })
+        let (n_input, n_slot) = (self.recording.n_input, self.n_slot);
+        Ok(Program { n_input, n_slot, instructions, calls, constants, inputs, outputs })
     }
 
     #[expect(clippy::type_complexity, reason = "two parallel lists, used once")]
@@ -198,14 +225,41 @@ impl<'a> Compiler<'a> {
         Ok((constants, inputs))
     }
 
-    fn assign_one(&mut self, planned: &Planned, time: usize, last_use: &[usize]) -> Result<Option<Instruction>> {
+    /// Slots of a call's operands, and of those of its results that somebody needs.
+    #[expect(clippy::type_complexity, reason = "two parallel lists, used once")]
+    fn assign_call(
+        &mut self,
+        number: u32,
+        planned: &Planned,
+        time: usize,
+        last_use: &[usize],
+    ) -> Result<(Vec<u16>, Vec<(u16, u32)>)> {
+        let inputs = planned.reads(self.recording).iter().map(|&o| self.slot_of(o)).collect();
+        self.release(planned, time, last_use);
+        let mut outputs = Vec::new();
+        for k in 0..self.recording.calls[number as usize].operation.n_output() as u32 {
+            let result = planned.node + 1 + k;
+            if self.needed[result as usize] {
+                outputs.push((self.take(result)?, k));
+            }
+        }
+        Ok((inputs, outputs))
+    }
+
+    fn assign_one(
+        &mut self,
+        op: Op,
+        planned: &Planned,
+        time: usize,
+        last_use: &[usize],
+    ) -> Result<Option<Instruction>> {
         let mut places = [0u16; 4];
         for k in 0..4 {
             places[k] = self.slot_of(planned.operands[k]);
         }
         let [a, b, c, mut d] = places;
         let target;
-        if planned.op == Op::SinCos {
+        if op == Op::SinCos {
             if self.slots[planned.node as usize].is_some() {
                 // made together with its partner; the angle may end here
                 self.release(planned, time, last_use);
@@ -218,7 +272,7 @@ impl<'a> Compiler<'a> {
             self.release(planned, time, last_use);
             target = self.take(planned.node)?;
         }
-        Ok(Some(Instruction { op: planned.op, target, a, b, c, d }))
+        Ok(Some(Instruction { op, target, a, b, c, d }))
     }
 
     /// Slots of sine and cosine of one angle; the one that nobody reads is given back at once.
@@ -244,8 +298,9 @@ impl<'a> Compiler<'a> {
 
     /// Gives back the slots of operands read here for the last time.
     fn release(&mut self, planned: &Planned, time: usize, last_use: &[usize]) {
-        for (k, &operand) in planned.operands[..planned.n_operand].iter().enumerate() {
-            let repeated = planned.operands[..k].contains(&operand);
+        let reads = planned.reads(self.recording);
+        for (k, &operand) in reads.iter().enumerate() {
+            let repeated = reads[..k].contains(&operand);
             if last_use[operand as usize] == time && !repeated {
                 let slot = self.slot_of(operand);
                 self.free.push(slot);

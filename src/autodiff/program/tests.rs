@@ -1,8 +1,10 @@
 use super::super::trace::Trace;
 use super::*;
 use crate::autodiff::Mask;
+use crate::autodiff::jet::Jet;
 use crate::rng::{Purpose, Stream};
-use num_dual::Dual64;
+use nalgebra::Const;
+use num_dual::{Derivative, Dual64, DualSVec64, HyperDual64};
 
 fn compiled(n_input: usize, f: impl FnOnce(&[Trace]) -> Vec<Trace>) -> (Recording, Program) {
     let recording = Recording::of(n_input, f);
@@ -325,4 +327,100 @@ fn the_adjoint_of_random_smooth_graphs_is_their_dual_gradient() {
         }
     }
     println!("adjoint against duals: {worst:.1e}"); // measured 8.5e-16
+}
+
+#[test]
+fn programs_without_calls_have_the_instructions_and_slots_they_had_before_there_were_calls() {
+    let (mut forward, mut backward, mut slots) = (0, 0, 0);
+    for seed in 0..GRAPHS {
+        let (recording, program) = compiled(INPUTS, |z| random_graph(seed, z, false));
+        let adjoint = Program::compile(&recording.adjoint(0..INPUTS)).unwrap();
+        forward += program.len();
+        backward += adjoint.len();
+        slots += program.n_slot() + adjoint.n_slot();
+    }
+    assert_eq!((forward, backward, slots), (75_477, 172_639, 100_383)); // counted on the compiler without calls
+}
+
+/// √a by Newton's iteration on detached numbers, made differentiable by one live step.
+fn implicit_root<S: Scalar>(a: S) -> S {
+    let step = |y: S, a: S| y - (y.square() - a) * (y + y).detach().recip();
+    let mut y = S::one();
+    for _ in 0..8 {
+        y = step(y, a.detach());
+    }
+    step(y.detach(), a)
+}
+
+#[test]
+fn a_detached_number_has_its_value_and_no_derivative_in_every_scalar() {
+    fn f<S: Scalar>(x: S) -> S {
+        x.detach() * x + (x * x).detach().exp()
+    }
+    let (x, value) = (0.7, 0.7 * 0.7 + (0.7_f64 * 0.7).exp());
+    assert_eq!((f(x), f(x as f32)), (value, (x as f32) * (x as f32) + ((x as f32) * (x as f32)).exp()));
+    let dual = f(Dual64::new(x, 1.0));
+    assert_eq!((dual.re, dual.eps), (value, x));
+    let wide = f(DualSVec64::<2>::new(x, Derivative::some([1.0, 3.0].into())));
+    assert_eq!((wide.re, wide.eps.unwrap_generic(Const::<2>, Const::<1>)), (value, [x, 3.0 * x].into()));
+    let hyper = f(HyperDual64::new(x, 1.0, 2.0, 5.0));
+    assert_eq!((hyper.re, hyper.eps1, hyper.eps2, hyper.eps1eps2), (value, x, 2.0 * x, 5.0 * x));
+    let jet = f(Jet::<f64, 4> { coefficients: [x, 1.0, 2.0, 3.0] });
+    assert_eq!(jet.coefficients, [value, x, 2.0 * x, 3.0 * x]);
+    let within = Jet::<Dual64, 2>::variable(Dual64::new(x, 1.0)).detach();
+    assert_eq!(within.coefficients, [Dual64::from(x), Dual64::from(0.0)], "inner derivatives too");
+
+    let (recording, program) = compiled(1, |z| vec![f(z[0])]);
+    assert_eq!(run_f64(&program, &[x]), [value]);
+    let adjoint = Program::compile(&recording.adjoint(0..1)).unwrap();
+    assert_eq!(run_f64(&adjoint, &[x, 1.0]), [x]);
+    let jacobian = Program::compile(&recording.jacobian(0..1)).unwrap();
+    assert_eq!(run_f64(&jacobian, &[x]), [x]);
+}
+
+#[test]
+fn a_detached_number_costs_nothing_once_compiled() {
+    let (recording, program) = compiled(2, |z| vec![z[0].detach() * z[1] + (z[0] * z[1]).detach().tanh()]);
+    let (_, plain) = compiled(2, |z| vec![z[0] * z[1] + (z[0] * z[1]).tanh()]);
+    assert_eq!(ops(&program), ops(&plain), "and what it hid is shared");
+    assert_eq!(ops(&program), [Op::Mul, Op::Tanh, Op::Add]);
+    let adjoint = Program::compile(&recording.adjoint(0..2)).unwrap();
+    assert_eq!(ops(&adjoint), [Op::Mul], "ȳ z₀ for the second input, 0 for the first");
+    let (_, folded) = compiled(1, |z| vec![Trace::constant(2.0).detach() * Trace::constant(3.0), z[0].detach()]);
+    assert!(folded.is_empty());
+    assert_eq!(run_f64(&folded, &[5.0]), [6.0, 5.0]);
+}
+
+#[test]
+fn detached_iterations_and_one_live_step_have_the_exact_derivative_by_all_routes() {
+    let recording = Recording::of(1, |z| vec![implicit_root(z[0])]);
+    let adjoint = Program::compile(&recording.adjoint(0..1)).unwrap();
+    let mut worst = 0.0_f64;
+    for a in [0.3, 1.0, 2.0, 7.5] {
+        let exact = [f64::sqrt(a), 0.5 / f64::sqrt(a)];
+        let dual = implicit_root(Dual64::new(a, 1.0));
+        let wide = implicit_root(DualSVec64::<1>::new(a, Derivative::some([1.0].into())));
+        let jet = implicit_root(Jet::<f64, 2>::variable(a));
+        for got in [
+            [implicit_root(a), run_f64(&adjoint, &[a, 1.0])[0]],
+            [dual.re, dual.eps],
+            [wide.re, wide.eps.unwrap_generic(Const::<1>, Const::<1>)[0]],
+            jet.coefficients,
+        ] {
+            worst = worst.max((got[0] - exact[0]).abs()).max((got[1] - exact[1]).abs());
+        }
+    }
+    println!("worst {worst:.1e}");
+    assert!(worst <= 1e-15, "{worst:e}"); // measured 5.6e-17
+    // differentiated step by step: 113 instructions, against 33
+    let (undetached, _) = compiled(1, |z| {
+        let mut y = Trace::one();
+        for _ in 0..9 {
+            y = y - (y.square() - z[0]) * (y + y).recip();
+        }
+        vec![y]
+    });
+    let full = Program::compile(&undetached.adjoint(0..1)).unwrap();
+    println!("{} instructions, {} undetached", adjoint.len(), full.len());
+    assert!(adjoint.len() < full.len() / 2);
 }

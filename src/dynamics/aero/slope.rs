@@ -1,6 +1,6 @@
 //! The smallest dual number, (value, slope): a test of guards must see derivatives go through masked branches.
 
-use crate::autodiff::Scalar;
+use crate::autodiff::{Operation, Scalar};
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// A value and its derivative along one direction.
@@ -86,5 +86,17 @@ impl Scalar for Slope {
     }
     fn select(mask: bool, yes: Self, no: Self) -> Self {
         if mask { yes } else { no }
+    }
+    fn detach(self) -> Self {
+        Self(self.0, 0.0)
+    }
+    fn call(operation: &Operation, inputs: &[Self], outputs: &mut [Self]) {
+        let (x, dx): (Vec<f64>, Vec<f64>) = inputs.iter().map(|x| (x.0, x.1)).unzip();
+        let (mut y, mut dy) = (vec![0.0; outputs.len()], vec![0.0; outputs.len()]);
+        operation.function().value(&x, &mut y);
+        operation.function().forward(&x, &dx, &mut dy);
+        for (output, (y, dy)) in outputs.iter_mut().zip(y.into_iter().zip(dy)) {
+            *output = Self(y, dy);
+        }
     }
 }
