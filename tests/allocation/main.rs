@@ -1,5 +1,8 @@
 //! Bounded allocation: every answer is within its bounds, optimal, and differentiable.
 
 mod derivatives;
+mod lanes;
 mod problems;
+mod rollouts;
 mod solvers;
+mod stages;

@@ -255,9 +255,9 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
         let mut still = self.hessian;
         for i in 0..n {
             let bound = S::select(at_lower(x.status[i]), self.lower[i], self.upper[i]);
-            fixed.inputs[i] = S::select(is_free(x.status[i]), x.inputs[i], bound);
+            fixed.inputs[i] = S::select(is_free(x.status[i]), x.inputs[i].detach(), bound);
             for j in 0..n {
-                still[i][j] = self.hessian[i][j];
+                still[i][j] = self.hessian[i][j].detach();
             }
         }
         let mut p = self.gradient(n, &fixed.inputs);

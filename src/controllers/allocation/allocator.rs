@@ -146,6 +146,11 @@ impl Allocator {
         &self.problem
     }
 
+    /// The problem again.
+    pub fn into_problem(self) -> Problem {
+        self.problem
+    }
+
     /// The last answer; before the first, the preferred inputs.
     pub fn solution(&self) -> &Solution {
         &self.last

@@ -7,7 +7,7 @@
 use super::active_set::{BoxProgram, FAR, Factor, Iterate, Precision};
 use super::problem::{Problem, WRENCH};
 use crate::autodiff::lanes::{Lanes, dispatch};
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Scalar, safe};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use pulp::{Simd, WithSimd};

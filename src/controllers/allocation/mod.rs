@@ -8,22 +8,31 @@
 //! | [`allocator`] | its solvers behind one interface, with certificate, fallback and counts |
 //! | [`active_set`] | bounds: exact and fast, branch-free |
 //! | [`conic`] | cones: clarabel |
+//! | [`function`] | an answer with its derivative, called by kernels of any scalar |
+//! | [`batch`] | many environments in lanes |
+//! | [`stages`] | priorities without weights |
 //! | [`residual`](mod@residual) | the certificate |
 //! | [`gradient`], [`variation`] | exact derivatives of an answer with respect to every number |
 
 pub mod active_set;
 pub mod allocator;
+pub mod batch;
 pub mod conic;
+pub mod function;
 pub mod geometry;
 pub mod gradient;
 pub mod problem;
 pub mod pseudo_inverse;
 pub mod residual;
+pub mod stages;
 pub mod variation;
 
 pub use allocator::{Allocator, Counts, Path, Reason, Settings, Solution};
+pub use batch::{BatchAllocator, BatchReport};
+pub use function::AllocationFunction;
 pub use geometry::{Authority, Axis};
 pub use gradient::Sensitivity;
 pub use problem::{Affine, Cone, Problem};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};
+pub use stages::{StagedSolution, Stages};
 pub use variation::{RowVariation, Variation};

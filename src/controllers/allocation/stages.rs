@@ -65,7 +65,13 @@ impl Stages {
             rows.iter().for_each(|r| own[*r] = true);
             let mut staged = problem.clone();
             for k in 0..WRENCH {
-                staged.weights[k] *= if own[k] { 1.0 } else if kept[k] { FIRMNESS } else { 0.0 };
+                staged.weights[k] *= if own[k] {
+                    1.0
+                } else if kept[k] {
+                    FIRMNESS
+                } else {
+                    0.0
+                };
             }
             // a pass of a huge weight is solved to a residual relative to it
             let settings = Settings { tolerance: 1e-7, ..Settings::default() };
@@ -121,7 +127,8 @@ impl Stages {
         });
         let last = self.problem.delivered(&solution.inputs);
         let kept = self.stages.last().map_or([false; WRENCH], |s| s.kept);
-        let disturbed = (0..WRENCH).filter(|k| kept[*k]).map(|k| (last[k] - reached[k]).abs() / size).fold(0.0, f64::max);
+        let disturbed =
+            (0..WRENCH).filter(|k| kept[*k]).map(|k| (last[k] - reached[k]).abs() / size).fold(0.0, f64::max);
         StagedSolution { solution, disturbed, passes }
     }
 }
