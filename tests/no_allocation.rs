@@ -4,9 +4,11 @@
 
 mod common;
 
+use num_dual::Dual64;
 use omnidrones::autodiff::rollout::Scratch;
 use omnidrones::autodiff::{
-    Gradient, JacobianScratch, Objective, Program, Recording, Rollout, Scalar, System, Trace, jacobian,
+    CustomFunction, Gradient, JacobianScratch, Objective, Operation, Program, Recording, Rollout, Scalar, System,
+    Trace, jacobian,
 };
 use omnidrones::controllers::Cascade;
 use omnidrones::controllers::cascade::Rates;
@@ -131,8 +133,54 @@ fn stepping_evaluating_and_differentiating_allocate_nothing_after_warm_up_and_gr
         });
         assert_eq!(count, 0, "a cascade of {name}");
     }
+    custom_functions_are_called_without_allocating();
     articulated_systems_step_without_allocating();
     gradients_grow_with_the_root_of_the_horizon();
+}
+
+/// √|x| of three numbers, as a custom function.
+struct Roots;
+impl CustomFunction for Roots {
+    fn n_input(&self) -> usize {
+        3
+    }
+    fn n_output(&self) -> usize {
+        3
+    }
+    fn value(&self, x: &[f64], y: &mut [f64]) {
+        (0..3).for_each(|k| y[k] = x[k].abs().sqrt());
+    }
+    fn forward(&self, x: &[f64], dx: &[f64], dy: &mut [f64]) {
+        (0..3).for_each(|k| dy[k] = 0.5 * dx[k] * x[k].signum() / x[k].abs().sqrt());
+    }
+    fn reverse(&self, x: &[f64], y_bar: &[f64], x_bar: &mut [f64]) {
+        self.forward(x, y_bar, x_bar);
+    }
+}
+
+fn custom_functions_are_called_without_allocating() {
+    let roots = Operation::new(Roots);
+    let recording = Recording::of(3, |z| {
+        let mut y = [Trace::zero(); 3];
+        roots.call(z, &mut y);
+        y.to_vec()
+    });
+    let program = Program::compile(&recording.adjoint(0..3)).unwrap();
+    let (mut workspace, mut results) = (program.workspace(), [0.0; 3]);
+    let z = [4.0, 9.0, 16.0, 1.0, 1.0, 1.0];
+    assert_eq!(allocations(|| program.evaluate(&mut workspace, &z, &mut results)), 0, "a call in Program::evaluate");
+    assert_eq!(results, [0.25, 1.0 / 6.0, 0.125]);
+    let (mut block, mut rows) = (program.block_workspace(), [[0.0; 64]; 3]);
+    let inputs = z.map(|v| [v as f32; 64]);
+    let count = allocations(|| program.evaluate_block(&mut block, &inputs, &mut rows));
+    assert_eq!(count, 0, "a call in Program::evaluate_block");
+    let (x, mut y) = ([4.0, 9.0, 16.0].map(Dual64::from), [Dual64::from(0.0); 3]);
+    let (single, mut of_single) = ([4.0_f32, 9.0, 16.0], [0.0; 3]);
+    let count = allocations(|| {
+        roots.call(&x, &mut y);
+        roots.call(&single, &mut of_single);
+    });
+    assert_eq!((count, of_single), (0, [2.0, 3.0, 4.0]), "a call of duals and of f32");
 }
 
 fn articulated_systems_step_without_allocating() {

@@ -208,8 +208,8 @@ impl Program {
         }
     }
 
-    /// The `f64` interpreter. N is a power of two above every slot number, so that masking changes nothing and spares
-    /// the bounds checks.
+    /// The `f64` interpreter: instructions up to each call, the call, and so on. N is a power of two above every slot
+    /// number, so that masking changes nothing and spares the bounds checks.
     fn run<const N: usize>(&self, slots: &mut [f64; N], scratch: &mut [f64], inputs: &[f64], outputs: &mut [f64]) {
         assert!(N >= self.n_slot, "slots of the program");
         let at = |slot: u16| slot as usize & (N - 1);
@@ -245,7 +245,8 @@ impl Program {
     }
 }
 
-/// Instructions without calls in `f64`.
+/// Instructions without calls in `f64`. Inlined into its caller the loop was measured 10 % slower.
+#[inline(never)]
 fn run_straight<const N: usize>(instructions: &[Instruction], slots: &mut [f64; N]) {
     let at = |slot: u16| slot as usize & (N - 1);
     for i in instructions {

@@ -180,7 +180,7 @@ fn a_called_function_has_the_values_and_derivatives_of_the_written_one_by_every_
         }
     }
     println!("worst {error:.1e}");
-    assert!(error <= 1e-12, "{error:e}"); // measured
+    assert!(error <= 1e-12, "{error:e}"); // measured 1.9e-16
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn a_called_function_has_the_same_program_adjoint_and_compiled_jacobian() {
         error = error.max(worst(&run(&adjoint, &[x, seed].concat()), &want));
     }
     println!("worst {error:.1e}");
-    assert!(error <= 1e-12, "{error:e}"); // measured
+    assert!(error <= 1e-12, "{error:e}"); // measured 3.0e-16
 }
 
 /// Values by lanes and by single `f32`, for every width.
@@ -262,7 +262,7 @@ fn a_block_calls_for_each_of_its_environments_and_a_nan_stays_in_its_own() {
         }
     }
     println!("worst {error:.1e}");
-    assert!(error <= 2e-5, "{error:e}"); // measured
+    assert!(error <= 5e-6, "{error:e}"); // measured 4.8e-7
 
     let healthy = evaluate(&recording, &inputs);
     inputs[0][17] = f32::NAN;
@@ -321,14 +321,14 @@ fn a_rollout_through_called_functions_has_the_gradient_of_the_written_ones() {
     let written = worst(&[vec![cost], all(&gradient)].concat(), &[vec![plain_cost], all(&plain)].concat());
     let forward = worst(&[&gradient.state[..], &gradient.parameters].concat(), &all(&dual));
     println!("against the written {written:.1e}, against duals {forward:.1e}");
-    assert!(written <= 1e-12 && forward <= 1e-12, "{written:e} {forward:e}"); // measured
+    assert!(written <= 1e-12 && forward <= 1e-12, "{written:e} {forward:e}"); // measured 9.1e-16, 7.8e-16
 
     let batch = BatchRollout::new(&Particle(way.clone()), &Cost(way)).unwrap();
     let starts: Vec<f32> = (0..70).flat_map(|_| x0.map(|x| x as f32)).collect();
     let many = batch.gradient(&starts, &inputs, &theta, &Threads::new(2).unwrap()).unwrap();
     let error = worst(&many.parameters, &plain.parameters);
     println!("in lanes {error:.1e}");
-    assert!(error <= 1e-5 && many.n_finite == 70, "{error:e}"); // measured
+    assert!(error <= 2e-6 && many.n_finite == 70, "{error:e}"); // measured 1.6e-7
 }
 
 #[test]
@@ -597,7 +597,7 @@ fn an_implicit_step_and_a_custom_function_give_one_derivative_of_a_linear_system
     let by_program: Vec<f64> = by_program.chunks(2).flat_map(|c| [c[0], c[1], 0.0, 0.0, 0.0, 0.0]).collect();
     let error = worst(&by_step, &by_call).max(worst(&by_program, &by_call));
     println!("worst {error:.1e}");
-    assert!(error <= 1e-15, "{error:e}"); // measured
+    assert!(error <= 1e-15, "{error:e}"); // measured 5.6e-17
     for certificate in [certify(&custom, &z, &[], &[]).unwrap(), certify(&implicit, &z, &[], &[]).unwrap()] {
         assert!(certificate.holds(Bounds::default()), "{certificate}");
     }
@@ -642,7 +642,7 @@ fn random_graphs_with_calls_compute_the_bits_of_direct_evaluation_and_the_gradie
         error = error.max(worst(&run(&adjoint, &[&x[..], &seeds].concat()), &want));
     }
     println!("worst {error:.1e}");
-    assert!(error <= 1e-12, "{error:e}"); // measured
+    assert!(error <= 1e-12, "{error:e}"); // measured 1.7e-15
 }
 
 #[test]
