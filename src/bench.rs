@@ -3,6 +3,7 @@
 //! Machines are noisy and shared, so each figure is the least of many short repeats, and each is set beside a plain
 //! scalar loop measured in the same run. `cargo bench` and `omnidrones bench` both print these rows.
 
+mod allocation;
 mod articulated;
 
 use crate::autodiff::program::BLOCK;
@@ -40,7 +41,7 @@ impl Default for BenchPlan {
 /// One measured figure.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BenchRow {
-    /// What it belongs to: `step`, `batch`, `derivative`, `gradient`, `articulated`.
+    /// What it belongs to: `step`, `batch`, `derivative`, `gradient`, `articulated`, `allocation`.
     pub group: &'static str,
     /// What was measured.
     pub name: String,
@@ -89,6 +90,7 @@ pub fn run(plan: &BenchPlan, progress: &mut dyn FnMut(&BenchRow)) -> Result<Vec<
     bench.derivatives(plain.f64, &mut add)?;
     bench.gradients(&mut add)?;
     articulated::run(plan, &mut add)?;
+    allocation::run(plan, &mut add)?;
     Ok(rows)
 }
 

@@ -21,6 +21,12 @@ fn direction(problem: &Problem, wrench: &[f64; 6], r: &mut Stream) -> Variation 
         change.lower[i] *= if problem.lower[i].is_finite() && !shut { size } else { 0.0 };
         change.upper[i] *= if problem.upper[i].is_finite() && !shut { size } else { 0.0 };
     }
+    // a cone whose apex is the origin keeps it: thrust vectors have no direction there, and no derivative if it moves
+    for (cone, rows) in problem.cones.iter().zip(&mut change.cones) {
+        if cone.rows().all(|row| row.constant == 0.0) {
+            rows.iter_mut().for_each(|row| row.constant = 0.0);
+        }
+    }
     change
 }
 
@@ -34,7 +40,7 @@ fn answer(problem: &Problem, wrench: &[f64; 6]) -> Vec<f64> {
 
 /// Largest relative difference of forward derivative and central difference, and of the two sides of
 /// ⟨ū, du⟩ = ⟨θ̄, dθ⟩; `None` near a switch.
-fn check(problem: &Problem, wrench: &[f64; 6], step: f64, r: &mut Stream) -> Option<(f64, f64)> {
+fn check(problem: &Problem, wrench: &[f64; 6], r: &mut Stream) -> Option<(f64, f64)> {
     let mut allocator = Allocator::new(problem.clone()).unwrap();
     let solution = allocator.solve(wrench).clone();
     let sensitivity = Sensitivity::new(problem, wrench, &solution)?;
@@ -43,16 +49,20 @@ fn check(problem: &Problem, wrench: &[f64; 6], step: f64, r: &mut Stream) -> Opt
     }
     let change = direction(problem, wrench, r);
     let du = sensitivity.forward(&change);
-    let [more, less] = [step, -step].map(|h| {
-        let (moved, w) = change.applied(problem, wrench, h);
-        answer(&moved, &w)
-    });
     let size = du.iter().fold(1e-12, |m: f64, x| m.max(x.abs()));
-    let miss = (0..du.len()).map(|i| ((more[i] - less[i]) / (2.0 * step) - du[i]).abs());
+    // the step that suits: large ones bend, small ones drown in rounding
+    let miss = [1e-4, 1e-5, 1e-6, 1e-7].map(|step| {
+        let [more, less] = [step, -step].map(|h| {
+            let (moved, w) = change.applied(problem, wrench, h);
+            answer(&moved, &w)
+        });
+        let each = (0..du.len()).map(|i| ((more[i] - less[i]) / (2.0 * step) - du[i]).abs());
+        each.fold(0.0, f64::max)
+    });
     let cotangent: Vec<f64> = du.iter().map(|_| r.uniform(-1.0, 1.0)).collect();
     let gradient = sensitivity.reverse(&cotangent);
     let (left, right) = (cotangent.iter().zip(&du).map(|(a, b)| a * b).sum::<f64>(), gradient.dot(&change));
-    Some((miss.fold(0.0, f64::max) / size, (left - right).abs() / left.abs().max(size)))
+    Some((miss.into_iter().fold(f64::INFINITY, f64::min) / size, (left - right).abs() / left.abs().max(size)))
 }
 
 #[test]
@@ -66,7 +76,7 @@ fn derivatives_within_bounds_are_those_of_central_differences_away_from_switchin
                 let (mut problem, wrench) = trouble(base, kind, &mut r);
                 // a weak ρ makes u* steep: differences then need steps below their own rounding
                 problem.regularisation *= 1e3;
-                if let Some((d, t)) = check(&problem, &wrench, 1e-6, &mut r) {
+                if let Some((d, t)) = check(&problem, &wrench, &mut r) {
                     assert!(d < 1e-6, "{name}, {kind:?}, case {case}: {d:e}");
                     (difference, transpose, n) = (difference.max(d), transpose.max(t), n + 1);
                 }
@@ -78,6 +88,38 @@ fn derivatives_within_bounds_are_those_of_central_differences_away_from_switchin
 }
 
 #[test]
+fn the_fast_reverse_is_the_general_one() {
+    let mut worst = 0.0_f64;
+    for (number, (name, base)) in vehicles().iter().enumerate() {
+        for (k, kind) in Kind::ALL.into_iter().enumerate().filter(|(_, k)| *k != Kind::NotFinite) {
+            let mut r = stream(13, (20 * number + k) as u64);
+            let (problem, wrench) = trouble(base, kind, &mut r);
+            let problem = Problem { regularisation: 1e3 * problem.regularisation, ..problem };
+            let mut allocator = Allocator::new(problem.clone()).unwrap();
+            let solution = allocator.solve(&wrench).clone();
+            let cotangent: Vec<f64> = solution.inputs.iter().map(|_| r.uniform(-1.0, 1.0)).collect();
+            let mut fast = Variation::zero(&problem);
+            let margin = allocator.reverse(&wrench, &cotangent, &mut fast).unwrap();
+            let general = Sensitivity::new(&problem, &wrench, &solution).unwrap();
+            if general.margin() < 1e-9 {
+                continue;
+            }
+            assert!(
+                (margin - general.margin()).abs() <= 0.5 * margin,
+                "{name}, {kind:?}: {margin:e}, {:e}",
+                general.margin()
+            );
+            let general = general.reverse(&cotangent);
+            let size = general.numbers().fold(0.0, |m: f64, x| m.max(x.abs()));
+            let miss = fast.numbers().zip(general.numbers()).map(|(a, b)| (a - b).abs() / size);
+            worst = worst.max(miss.fold(0.0, f64::max));
+        }
+    }
+    println!("worst {worst:.1e}");
+    assert!(worst < 1e-10, "{worst:e}");
+}
+
+#[test]
 fn derivatives_through_cones_are_those_of_central_differences_away_from_switching() {
     let (mut difference, mut transpose, mut n) = (0.0_f64, 0.0_f64, 0);
     for case in 0..400 {
@@ -85,14 +127,17 @@ fn derivatives_through_cones_are_those_of_central_differences_away_from_switchin
         let mut problem = if case % 2 == 0 { tilting(&mut r) } else { gimballed(&mut r) };
         problem.regularisation = 1e-2;
         let wrench = wanted(&problem, [0.2, 1.0, 3.0][r.below(3) as usize], &mut r);
-        if let Some((d, t)) = check(&problem, &wrench, 1e-4, &mut r) {
+        if let Some((d, t)) = check(&problem, &wrench, &mut r) {
             (difference, transpose, n) = (difference.max(d), transpose.max(t), n + 1);
-            println!("case {case}: {d:.1e}");
-            assert!(d < 1e-6, "case {case}: {d:e}");
+            if d > 1e-6 {
+                let solution = Allocator::new(problem.clone()).unwrap().solve(&wrench).clone();
+                let at = Sensitivity::new(&problem, &wrench, &solution).unwrap();
+                println!("case {case}: {d:.1e}, residual {:.1e}, margin {:.1e}", solution.residual, at.margin());
+            }
         }
     }
     println!("{n} cases: differences {difference:.1e}, transpose {transpose:.1e}");
-    assert!(n > 100 && transpose < 1e-10, "{n} {transpose:e}");
+    assert!(n > 100 && transpose < 1e-10 && difference < 1e-6, "{n} {difference:e} {transpose:e}");
 }
 
 #[test]
@@ -100,7 +145,9 @@ fn without_active_bounds_the_derivative_is_the_closed_form() {
     let mut worst = 0.0_f64;
     for (number, (name, base)) in vehicles().iter().enumerate() {
         let half: Vec<f64> = base.upper.iter().map(|hi| 0.5 * hi).collect();
-        let problem = Problem { preference: half.clone(), ..base.clone() };
+        // κ(H) 1e4 instead of 1e6 and more, so that the witness below has eleven digits itself
+        let regularisation = 100.0 * base.regularisation;
+        let problem = Problem { preference: half.clone(), regularisation, ..base.clone() };
         let wrench = problem.delivered(&half);
         let mut allocator = Allocator::new(problem.clone()).unwrap();
         let solution = allocator.solve(&wrench).clone();

@@ -70,7 +70,8 @@ fn a_hundred_thousand_random_problems_are_solved_within_bounds_and_to_the_optimu
         assert_eq!(seen.refused, 0, "every answer of the fast path passes the certificate");
         assert!(seen.steps <= 40, "{} steps", seen.steps);
     }
-    assert_eq!(parts.iter().map(|s| s.held).sum::<u64>(), (CASES / Kind::ALL.len()) as u64);
+    let broken = (0..CASES).filter(|case| Kind::ALL[case / bases.len() % Kind::ALL.len()] == Kind::NotFinite).count();
+    assert_eq!(parts.iter().map(|s| s.held).sum::<u64>(), broken as u64);
 }
 
 #[test]

@@ -161,7 +161,9 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
         for i in 0..n {
             let (below, above) = (u[i].lt(self.lower[i]), self.upper[i].lt(u[i]));
             let above = S::select(above, S::one(), S::zero());
-            x.status[i] = S::select(below, -S::one(), above);
+            let status = S::select(below, -S::one(), above);
+            // without room it is held from the start
+            x.status[i] = S::select(self.lower[i].lt(self.upper[i]), status, -S::one());
             x.inputs[i] = u[i].clamp(self.lower[i], self.upper[i]);
         }
         x

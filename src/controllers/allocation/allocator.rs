@@ -7,8 +7,10 @@
 
 use super::active_set::{BoxProgram, FAR, Factor, Iterate, Precision};
 use super::conic::Conic;
+use super::gradient::Sensitivity;
 use super::problem::{Problem, Scales, WRENCH};
 use super::residual::residual;
+use super::variation::Variation;
 use crate::error::{Error, Result};
 use nalgebra::DMatrix;
 
@@ -16,6 +18,9 @@ use nalgebra::DMatrix;
 pub const MAX_FAST: usize = 24;
 /// Most steps of the active set; the most seen over 10⁵ random problems is far below.
 const MAX_STEPS: u32 = 100;
+
+/// Most Newton steps on an interior point: each doubles its digits.
+const POLISHES: usize = 3;
 
 /// Who found an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -201,6 +206,31 @@ impl Allocator {
         &self.last
     }
 
+    /// The gradient of a cost with respect to every number of the problem, from `cotangent` = ∂cost/∂u* at the last answer
+    /// for `wrench`; over the numbers of `out`. On the fast paths the factorisation of the answer is used again, and
+    /// nothing is allocated. Returns the [`Sensitivity::margin`] to the next change of the active set: near 0 the
+    /// derivative is one-sided. `None`, with NaN in `out`, where inputs were held.
+    ///
+    /// # Panics
+    /// If `cotangent` or `out` do not have the sizes of the problem.
+    pub fn reverse(&self, wrench: &[f64; WRENCH], cotangent: &[f64], out: &mut Variation) -> Option<f64> {
+        match (self.last.path, &self.fast) {
+            (Path::ClosedForm | Path::ActiveSet, Some(fast)) => {
+                let closed = self.last.path == Path::ClosedForm;
+                Some(fast.reverse(&self.problem, wrench, &self.last.inputs, closed, cotangent, out))
+            }
+            (Path::Clarabel, _) => {
+                let at = Sensitivity::new(&self.problem, wrench, &self.last)?;
+                at.reverse_into(cotangent, out);
+                Some(at.margin())
+            }
+            _ => {
+                out.numbers_mut().for_each(|x| *x = f64::NAN);
+                None
+            }
+        }
+    }
+
     fn unusable(&self, wrench: &[f64; WRENCH]) -> Option<Reason> {
         if wrench.iter().any(|w| !w.is_finite()) {
             return Some(Reason::Wrench);
@@ -240,18 +270,32 @@ impl Allocator {
             },
         };
         let Ok(offer) = conic.solve(&self.problem, wrench) else { return false };
-        let mut fresh = Solution { steps: offer.iterations, duals: offer.duals, ..self.last.clone() };
-        fresh.inputs = offer.inputs;
-        self.problem.repair(&mut fresh.inputs);
-        let scales = self.problem.scales(wrench);
-        let good = certify(&self.problem, wrench, &mut fresh, scales, &mut self.gradient, self.settings.tolerance);
+        let mut best = self.measured(wrench, offer.inputs, offer.duals);
+        // all steps before the verdict: the first may leave the cones by more than the interior point stayed inside
+        let mut trial = best.clone();
+        for _ in 0..POLISHES {
+            let Some(at) = Sensitivity::new(&self.problem, wrench, &trial) else { break };
+            (trial.inputs, trial.duals) = at.polished(&trial.duals);
+        }
+        let polished = self.measured(wrench, trial.inputs, trial.duals);
+        if polished.residual < best.residual {
+            best = polished;
+        }
+        let good = best.residual <= self.settings.tolerance;
         if good {
-            (fresh.path, fresh.reason) = (Path::Clarabel, None);
-            self.last = fresh;
+            self.last = Solution { steps: offer.iterations, ..best };
         } else {
             self.counts.refused += 1;
         }
         good
+    }
+
+    /// A point as clarabel's answer: within all limits, with its residual.
+    fn measured(&mut self, wrench: &[f64; WRENCH], mut inputs: Vec<f64>, duals: Vec<Vec<f64>>) -> Solution {
+        self.problem.repair(&mut inputs);
+        let scales = self.problem.scales(wrench);
+        let residual = residual(&self.problem, wrench, &inputs, &duals, scales, &mut self.gradient);
+        Solution { inputs, duals, path: Path::Clarabel, residual, steps: 0, reason: None }
     }
 
     fn hold(&mut self, reason: Option<Reason>) {
@@ -286,6 +330,8 @@ struct Fast {
     gain: Vec<[f64; WRENCH]>,
     rest: Vec<f64>,
     factor: Factor<f64, MAX_FAST>,
+    /// H⁻¹ in units of the cost: where no bound acts.
+    inverse: Vec<f64>,
     iterate: Iterate<f64, MAX_FAST>,
     /// Whether `iterate` is an answer to start from.
     warm: bool,
@@ -323,6 +369,7 @@ impl Fast {
             gain: rows(&gain),
             rest: rest.iter().copied().collect(),
             factor: Factor::new(),
+            inverse: (cholesky.inverse() * cost).iter().copied().collect(),
             iterate,
             warm: false,
             cost,
@@ -345,6 +392,95 @@ impl Fast {
         }
         self.unit = input;
         Scales { input, gradient: (self.cost * input).max(largest) }
+    }
+
+    /// y = H_FF⁻¹ ū_F and what follows from it, see [`super::gradient`]; the margin.
+    fn reverse(
+        &self,
+        problem: &Problem,
+        wrench: &[f64; WRENCH],
+        inputs: &[f64],
+        closed: bool,
+        cotangent: &[f64],
+        out: &mut Variation,
+    ) -> f64 {
+        let n = inputs.len();
+        let mut y = [0.0; MAX_FAST];
+        if closed {
+            for (row, y) in self.inverse.chunks_exact(n).zip(&mut y) {
+                *y = row.iter().zip(cotangent).map(|(h, c)| h * c).sum::<f64>() / self.cost;
+            }
+        } else {
+            for i in 0..n {
+                y[i] = if self.iterate.status[i] == 0.0 { cotangent[i] / self.cost } else { 0.0 };
+            }
+            self.factor.solve(n, &mut y);
+        }
+        let b = problem.geometry.as_slice();
+        let miss = problem.miss(wrench, inputs);
+        let (mut pulled, mut force) = ([0.0; WRENCH], [0.0; WRENCH]);
+        for j in 0..n {
+            for k in 0..WRENCH {
+                pulled[k] += b[WRENCH * j + k] * y[j];
+            }
+        }
+        for k in 0..WRENCH {
+            out.weights[k] = -pulled[k] * miss[k];
+            pulled[k] *= problem.weights[k];
+            force[k] = problem.weights[k] * miss[k];
+            out.wrench[k] = pulled[k];
+        }
+        out.regularisation = 0.0;
+        let geometry = out.geometry.as_mut_slice();
+        for j in 0..n {
+            for k in 0..WRENCH {
+                geometry[WRENCH * j + k] = -(y[j] * force[k] + pulled[k] * inputs[j]);
+            }
+            out.regularisation -= y[j] * (inputs[j] - problem.preference[j]);
+            out.preference[j] = problem.regularisation * y[j];
+            // a held input has y = 0, so that H y there is Bᵀ W B y alone
+            let mut through = cotangent[j];
+            for k in 0..WRENCH {
+                through -= b[WRENCH * j + k] * pulled[k];
+            }
+            let mut status = if closed { 0.0 } else { self.iterate.status[j] };
+            if problem.lower[j] == problem.upper[j] {
+                // both bounds hold it: the one that the gradient pushes to counts
+                let push: f64 = (0..WRENCH).map(|k| b[WRENCH * j + k] * force[k]).sum();
+                let push = push + problem.regularisation * (inputs[j] - problem.preference[j]);
+                status = if push > 0.0 { -1.0 } else { 1.0 };
+            }
+            out.lower[j] = if status < 0.0 { through } else { 0.0 };
+            out.upper[j] = if status > 0.0 { through } else { 0.0 };
+        }
+        self.margin(problem, inputs, closed)
+    }
+
+    /// Least of max(slack, multiplier) over all bounds, scaled as in [`Sensitivity::margin`].
+    fn margin(&self, problem: &Problem, inputs: &[f64], closed: bool) -> f64 {
+        let mut margin = f64::INFINITY;
+        for j in 0..inputs.len() {
+            let (lower, upper) = (problem.lower[j], problem.upper[j]);
+            if lower == upper {
+                continue;
+            }
+            let room = (inputs[j] - lower).min(upper - inputs[j]) / self.unit;
+            let held = !closed && self.iterate.status[j] != 0.0;
+            margin = margin.min(if held { self.push(problem, j) } else { room });
+        }
+        margin
+    }
+
+    /// Size of the multiplier that holds input j, over that of gradients.
+    fn push(&self, problem: &Problem, j: usize) -> f64 {
+        let n = problem.n_input();
+        let mut g = self.program.linear[j];
+        let mut size = 1.0_f64;
+        for i in 0..n {
+            g += self.program.hessian[j][i] * self.iterate.inputs[i];
+            size = size.max(self.program.linear[i].abs());
+        }
+        g.abs() / size
     }
 
     /// The closed form; whether it is within all bounds.

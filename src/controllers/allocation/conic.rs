@@ -166,9 +166,9 @@ impl Conic {
             verbose: false,
             presolve_enable: false,
             max_iter: 60,
-            tol_gap_abs: 1e-11,
-            tol_gap_rel: 1e-11,
-            tol_feas: 1e-10,
+            tol_gap_abs: 1e-10,
+            tol_gap_rel: 1e-10,
+            tol_feas: 1e-9,
             ..DefaultSettings::default()
         };
         let refused =

@@ -59,6 +59,8 @@ pub struct Sensitivity {
     status: Vec<i8>,
     free: Vec<usize>,
     equations: Vec<Equation>,
+    /// Those that follow from the others: they carry force too.
+    redundant: Vec<Equation>,
     /// H̃ over all inputs.
     curvature: DMatrix<f64>,
     system: Factored,
@@ -92,11 +94,22 @@ impl Sensitivity {
         }
         let status: Vec<i8> = (0..n).map(|i| found.bound(problem, i, inputs[i], gradient[i])).collect();
         let free: Vec<usize> = (0..n).filter(|i| status[*i] == 0).collect();
-        let equations = independent(found.equations, &free);
+        let (equations, redundant) = independent(found.equations, &free);
         let system = factorise(&found.curvature, &free, &equations);
         let miss = problem.miss(wrench, &solution.inputs);
         let (curvature, margin) = (found.curvature, found.margin);
-        Some(Self { problem: problem.clone(), inputs, miss, status, free, equations, curvature, system, margin })
+        Some(Self {
+            problem: problem.clone(),
+            inputs,
+            miss,
+            status,
+            free,
+            equations,
+            redundant,
+            curvature,
+            system,
+            margin,
+        })
     }
 
     /// Strict complementarity: over all constraints, the least of max(slack/s_u, multiplier/s_g). At 0 some constraint
@@ -108,6 +121,57 @@ impl Sensitivity {
     /// Whether the derivative may be that of one side only: [`margin`](Self::margin) below [`DEGENERATE`].
     pub fn is_one_sided(&self) -> bool {
         self.margin < DEGENERATE
+    }
+
+    /// One Newton step on the optimality conditions from the inputs and multipliers this was made from: an interior point
+    /// becomes exact to rounding where its active set is right. Inputs, and multipliers of each cone.
+    pub fn polished(&self, duals: &[Vec<f64>]) -> (Vec<f64>, Vec<Vec<f64>>) {
+        let (p, n) = (&self.problem, self.problem.n_input());
+        let mut u = self.inputs.clone();
+        for i in 0..n {
+            u[i] = match self.status[i] {
+                -1 => p.lower[i],
+                1 => p.upper[i],
+                _ => u[i],
+            };
+        }
+        let wrench: [f64; WRENCH] = {
+            let delivered = p.delivered(self.inputs.as_slice());
+            std::array::from_fn(|k| delivered[k] - self.miss[k])
+        };
+        let mut right = vec![0.0; n];
+        p.gradient(&wrench, u.as_slice(), &mut right);
+        let mut shifts = Vec::with_capacity(self.equations.len());
+        for equation in self.equations.iter().chain(&self.redundant) {
+            for j in 0..n {
+                right[j] -= equation.multiplier * equation.slope[j];
+            }
+        }
+        for equation in &self.equations {
+            shifts.push(match equation.acting {
+                Acting::Row { cone, row } => row_of(&p.cones[cone], row).at(u.as_slice()),
+                Acting::Surface { cone } => p.cones[cone].slack(u.as_slice()),
+            });
+        }
+        let (f, m) = (self.free.len(), self.equations.len());
+        let stacked = DVector::from_fn(f + m, |i, _| if i < f { -right[self.free[i]] } else { -shifts[i - f] });
+        let solved = self.system.solve(&stacked);
+        for (k, i) in self.free.iter().enumerate() {
+            u[*i] += solved[k];
+        }
+        let mut z: Vec<Vec<f64>> = duals.iter().map(|z| vec![0.0; z.len()]).collect();
+        for (k, equation) in self.equations.iter().chain(&self.redundant).enumerate() {
+            let force = equation.multiplier + if k < m { solved[f + k] } else { 0.0 };
+            match equation.acting {
+                Acting::Row { cone, row } => z[cone][row] = force,
+                Acting::Surface { cone } => {
+                    let (unit, _) = direction(&p.cones[cone], u.as_slice());
+                    z[cone][0] = force;
+                    z[cone][1..].iter_mut().zip(unit).for_each(|(z, t)| *z = -force * t);
+                }
+            }
+        }
+        (u.iter().copied().collect(), z)
     }
 
     /// du* for a change of the problem's numbers.
@@ -342,10 +406,10 @@ fn dense(n: usize, terms: impl Iterator<Item = (usize, f64)>) -> DVector<f64> {
     v
 }
 
-/// The equations whose slopes over the free inputs do not follow from those before them (Gram and Schmidt).
-fn independent(equations: Vec<Equation>, free: &[usize]) -> Vec<Equation> {
+/// The equations whose slopes over the free inputs do not follow from those before them (Gram and Schmidt), and the rest.
+fn independent(equations: Vec<Equation>, free: &[usize]) -> (Vec<Equation>, Vec<Equation>) {
     let mut basis: Vec<DVector<f64>> = Vec::new();
-    let mut kept = Vec::new();
+    let (mut kept, mut redundant) = (Vec::new(), Vec::new());
     for equation in equations {
         let own = DVector::from_fn(free.len(), |i, _| equation.slope[free[i]]);
         let mut rest = own.clone();
@@ -355,9 +419,11 @@ fn independent(equations: Vec<Equation>, free: &[usize]) -> Vec<Equation> {
         if rest.norm() > INDEPENDENT * own.norm().max(f64::MIN_POSITIVE) {
             basis.push(rest.normalize());
             kept.push(equation);
+        } else {
+            redundant.push(equation);
         }
     }
-    kept
+    (kept, redundant)
 }
 
 fn factorise(curvature: &DMatrix<f64>, free: &[usize], equations: &[Equation]) -> Factored {

@@ -4,14 +4,17 @@
 
 use super::problem::{Cone, Problem, Scales, WRENCH};
 
-/// Scaled residual of `inputs` with multipliers `duals` (one vector per cone, head first), 0 at the optimum:
-/// the largest of
+/// Scaled residual of `inputs` with multipliers `duals` of the cones (one vector each, head first), 0 at the optimum.
+/// With ∇L = ∇f − Σ Aₖᵀ zₖ and z = ∇L as the multipliers of the bounds, stationarity holds; what is left is the largest of
 ///
-/// - ‖u − clip(u − t ∇L)‖∞ / s_u with t = s_u/s_g and ∇L = ∇f − Σ Aₖᵀ zₖ: stationarity, bounds and their multipliers,
+/// - |∇Lᵢ| δᵢ / (s_u s_g), δᵢ the distance to the bound that ∇Lᵢ pushes to: complementarity of the bounds (without such a
+///   bound |∇Lᵢ| / s_g),
 /// - violation of bounds and cones / s_u,
 /// - violation of zₖ ∈ cone / s_g and |zₖ·sₖ| / (s_u s_g): the multipliers of the cones.
 ///
-/// s_u and s_g are the [`Scales`] of inputs and gradients. `gradient` is scratch of length n. NaN counts as infinite.
+/// s_u and s_g are the [`Scales`] of inputs and gradients. Their sum over all inputs and cones bounds the distance of the
+/// objective to its optimum, in units of s_u s_g: it is the duality gap. `gradient` is scratch of length n. NaN counts as
+/// infinite.
 pub fn residual(
     problem: &Problem,
     wrench: &[f64; WRENCH],
@@ -25,12 +28,10 @@ pub fn residual(
     for (cone, z) in problem.cones.iter().zip(duals) {
         cone_terms(cone, z, inputs, scales, gradient, &mut worst);
     }
-    let step = scales.input / scales.gradient;
     for i in 0..inputs.len() {
-        let moved = (inputs[i] - step * gradient[i]).max(problem.lower[i]).min(problem.upper[i]);
-        worst.see((inputs[i] - moved) / scales.input);
-        // max and min above swallow a NaN
-        worst.see(gradient[i] * 0.0);
+        let push = gradient[i] / scales.gradient;
+        let room = if push > 0.0 { inputs[i] - problem.lower[i] } else { problem.upper[i] - inputs[i] };
+        worst.see(push * if room.is_finite() { room / scales.input } else { 1.0 });
     }
     worst.0
 }
