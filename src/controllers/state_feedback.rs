@@ -1,0 +1,296 @@
+//! One drone that carries swinging loads, steered by the state feedback of least cost around its lower levels.
+//!
+//! The plant of the design is the whole articulated system under the drone's velocity, attitude and rate levels: it takes an
+//! acceleration command, with rotor lag, inner loops and the loads' motion inside. Linearised at hover on its
+//! [error state](super::design::error_state), lifted to the period of the velocity level, it has the optimal feedback
+//! of [`mod@super::design::lqr`]; with z = (p, v, a) of the reference,
+//!
+//! ```text
+//! a_cmd = a_ref − K (x ⊖ x_ref) + Σⱼ Gⱼ z(t + jT),   x_ref: hover at p_ref with v_ref
+//! ```
+//!
+//! in the frame of the drone's heading. The sum is the feed-forward: what the design's plant would miss of the reference,
+//! seen [`Weights::preview`] ahead. It leans a load before the drone turns, which no feedback of the present can, and
+//! hurries ahead of rotors and attitude.
+
+use super::cascade::{Cascade, CascadeModel, Rates};
+use super::design::{ErrorState, Regulator, bryson, lqr};
+use super::formation::{carrier, root};
+use super::kinematics::Kinematics;
+use super::pilot::{Command, Pilot};
+use super::reference::Sample;
+use super::velocity::VelocityCommand;
+use crate::autodiff::{Scalar, System, linearise, safe};
+use crate::dynamics::spatial::{add, matrix, multiply, sub};
+use crate::dynamics::tree::{Model, Motion, Multibody};
+use crate::dynamics::{Gains, MAX_ROTORS};
+use crate::error::{Error, Result};
+use nalgebra::{DMatrix, SMatrix, SVector};
+
+/// Largest drift of the hover that the design starts from, SI units per second.
+const STILL: f64 = 1e-6;
+
+/// Largest acceptable deviations, for Bryson's rule; ∞ weighs nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weights {
+    /// Of the root from the reference, horizontal and vertical, m.
+    pub position: [f64; 2],
+    /// m/s.
+    pub velocity: f64,
+    /// Rate of passive hinges, rad/s (slides: m/s).
+    pub swing: f64,
+    /// Of the acceleration command from the reference's, m/s².
+    pub acceleration: f64,
+    /// How far ahead the reference is seen, s; 0 for not at all.
+    pub preview: f64,
+}
+
+impl Default for Weights {
+    fn default() -> Self {
+        Self { position: [0.1, 0.1], velocity: f64::INFINITY, swing: 2.0, acceleration: 3.0, preview: 4.0 }
+    }
+}
+
+/// What the reference's position, velocity and acceleration at one instant add to the acceleration command.
+type Ahead = SMatrix<f64, 3, 9>;
+
+/// The state feedback of one drone with what hangs on it.
+#[derive(Debug, Clone)]
+pub struct Lqr {
+    system: Multibody,
+    errors: ErrorState,
+    /// At the origin.
+    hover: Vec<f64>,
+    cascade: Cascade,
+    actions: Vec<usize>,
+    regulator: Regulator,
+    ahead: Vec<Ahead>,
+    /// Of the velocity level, s.
+    period: f64,
+    step: u64,
+    said: VelocityCommand<f64>,
+}
+
+impl Lqr {
+    /// For a model with one drone on a floating root and loads on passive hinges or slides that hover can hold level.
+    /// Without `gains`, those of the inner levels are derived from the drone.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for another model, a load that the drone cannot steer, or rates that do not divide 1/dt.
+    pub fn new(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
+        Self::with_weights(system, gains, rates, &Weights::default())
+    }
+
+    /// Likewise, with given weights.
+    ///
+    /// # Errors
+    /// Likewise, and where a weight is not positive.
+    pub fn with_weights(system: &Multibody, gains: Option<&Gains>, rates: &Rates, weights: &Weights) -> Result<Self> {
+        let model = system.model();
+        fits(model)?;
+        let vehicle = carrier(model, 0)?;
+        let gains = gains.copied().unwrap_or_else(|| vehicle.derived_gains());
+        let mut cascade = Cascade::new(&vehicle, &gains, rates, system.physics().dt)?;
+        cascade.model.body.mass = model.mass();
+        cascade.reset();
+        let actions = model.drones()[0].rotors.iter().map(|r| system.layout().rotor_action[*r]).collect();
+        let plant = Inner { system, cascade: cascade.model, actions };
+        let (errors, hover) = (ErrorState::of(system), plant.hover());
+        let (a, b) = plant.linearised(&errors, &hover, cascade.schedule.every[0])?;
+        let (q, r) = costs(system, &errors, weights)?;
+        let regulator = lqr(&a, &b, &q, &r)?;
+        let period = cascade.schedule.every[0] as f64 * system.physics().dt;
+        if !(0.0..=60.0).contains(&weights.preview) {
+            return Err(Error::value("preview", weights.preview, "within [0, 60] s", "A few swings are enough."));
+        }
+        Ok(Self {
+            ahead: ahead(&a, &b, &regulator, (weights.preview / period).round() as usize),
+            actions: plant.actions,
+            said: VelocityCommand::constant([0.0; 3], 0.0),
+            system: system.clone(),
+            step: 0,
+            errors,
+            hover,
+            cascade,
+            regulator,
+            period,
+        })
+    }
+
+    /// The feedback, its poles per period of the velocity level.
+    pub fn regulator(&self) -> &Regulator {
+        &self.regulator
+    }
+
+    /// Order of the error state that the feedback multiplies.
+    pub fn errors(&self) -> &ErrorState {
+        &self.errors
+    }
+
+    /// a_cmd, world, m/s².
+    fn acceleration(&self, moment: Command<'_>, own: &Kinematics<f64>, wanted: &Sample<f64>) -> [f64; 3] {
+        let r = matrix(own.attitude);
+        let heading = safe::atan2(r[1][0], r[0][0]);
+        let local = |v: [f64; 3]| turned(v, -heading);
+        let mut state = moment.state.to_vec();
+        let (s, c) = (-0.5 * heading).sin_cos();
+        state[..3].copy_from_slice(&local(sub(own.position, wanted.position)));
+        state[3..6].copy_from_slice(&local(sub(own.velocity, wanted.velocity)));
+        state[6..10].copy_from_slice(&multiply([c, 0.0, 0.0, s], own.attitude));
+        let error = self.errors.difference(&state, &self.hover);
+        let mut sum = -(&self.regulator.gain * error);
+        for (j, gain) in self.ahead.iter().enumerate() {
+            let then = moment.reference.sample(moment.time + j as f64 * self.period);
+            let z = [sub(then.position, wanted.position), then.velocity, then.acceleration].map(local);
+            sum += gain * SVector::from_column_slice(z.as_flattened());
+        }
+        add(wanted.acceleration, turned([sum[0], sum[1], sum[2]], heading))
+    }
+}
+
+impl Pilot for Lqr {
+    fn name(&self) -> &'static str {
+        "lqr"
+    }
+
+    fn description(&self) -> String {
+        let slowest = self.regulator.poles.first().map_or(0.0, |p| p.norm().ln() / self.period);
+        format!("optimal state feedback with preview, slowest pole at {slowest:.2} 1/s")
+    }
+
+    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
+        root(&self.system, state)
+    }
+
+    fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
+        let own = self.tracked(moment.state);
+        if self.step.is_multiple_of(self.cascade.schedule.every[0]) {
+            let wanted = moment.reference.sample(moment.time);
+            self.said = VelocityCommand {
+                acceleration: self.acceleration(moment, &own, &wanted),
+                yaw_rate: wanted.yaw_rate,
+                yaw_acceleration: wanted.yaw_acceleration,
+                ..VelocityCommand::constant(own.velocity, wanted.yaw)
+            };
+        }
+        self.step += 1;
+        let actions = self.cascade.velocity(&own, &self.said);
+        for (at, action) in self.actions.iter().zip(actions) {
+            input[*at] = action;
+        }
+    }
+}
+
+/// v turned about the vertical.
+fn turned([x, y, z]: [f64; 3], angle: f64) -> [f64; 3] {
+    let (s, c) = angle.sin_cos();
+    [c * x - s * y, s * x + c * y, z]
+}
+
+/// Whether [`Lqr`] can take a model: one drone on a floating root, and something passive that moves on it.
+pub fn carries(model: &Model) -> bool {
+    let passive = |motion: &Motion| matches!(motion, Motion::Revolute(_) | Motion::Prismatic(_));
+    let [root, moved @ ..] = model.bodies() else { return false };
+    let [drone] = model.drones() else { return false };
+    root.joint.motion == Motion::Floating
+        && drone.body == 0
+        && !moved.is_empty()
+        && moved.iter().all(|b| b.joint.drive.is_none() && passive(&b.joint.motion))
+}
+
+fn fits(model: &Model) -> Result<()> {
+    if carries(model) {
+        return Ok(());
+    }
+    let what = format!("model '{}'", model.name());
+    let rule = "one drone on a floating root with passive hinges or slides on it";
+    Err(Error::value(what, "of another make", rule, "Ask controllers::suited for a pilot."))
+}
+
+/// The articulated system under the drone's levels, every one in every step: an acceleration command in, world axes, m/s².
+struct Inner<'a> {
+    system: &'a Multibody,
+    cascade: CascadeModel<f64, MAX_ROTORS>,
+    actions: Vec<usize>,
+}
+
+impl System for Inner<'_> {
+    fn n_state(&self) -> usize {
+        self.system.n_state()
+    }
+    fn n_input(&self) -> usize {
+        3
+    }
+    fn n_parameter(&self) -> usize {
+        0
+    }
+    fn step<S: Scalar>(&self, state: &[S], input: &[S], _: &[S], next: &mut [S]) {
+        let cascade = CascadeModel::<S, MAX_ROTORS>::constant(&self.cascade);
+        let own = Kinematics::read(state);
+        let mut command = VelocityCommand::constant(own.velocity, S::zero());
+        command.acceleration = [input[0], input[1], input[2]];
+        let held = cascade.velocity(&own, &cascade.initial(), &command, [S::one(); 3]);
+        let mut actions = vec![S::zero(); self.system.n_input()];
+        for (at, action) in self.actions.iter().zip(held.rotors) {
+            actions[*at] = action;
+        }
+        self.system.step(state, &actions, &[], next);
+    }
+}
+
+impl Inner<'_> {
+    /// Everything at rest at the origin, rotors at the speed that carries the weight.
+    fn hover(&self) -> Vec<f64> {
+        let (model, layout) = (self.system.model(), self.system.layout());
+        let mut state = self.system.rest_state();
+        state[..10].copy_from_slice(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        let carried = self.cascade.initial().rotors;
+        for (r, action) in model.drones()[0].rotors.iter().zip(carried) {
+            state[layout.rotor_speed[*r]] = model.rotors()[*r].rotor.max_speed * (0.5 * (action + 1.0)).sqrt();
+        }
+        state
+    }
+
+    /// A and B over `steps` steps with one command, on the error state about hover.
+    fn linearised(&self, errors: &ErrorState, hover: &[f64], steps: u64) -> Result<(DMatrix<f64>, DMatrix<f64>)> {
+        let one = linearise(self, hover, &[0.0; 3], &[]);
+        let drift = errors.difference(one.next.as_slice(), hover).amax() / self.system.physics().dt;
+        if drift.is_nan() || drift > STILL {
+            let what = format!("model '{}': drift of the level hover", self.system.model().name());
+            let remedy = "Hang the load below or above the drone's centre of mass, or fly it with a Formation.";
+            return Err(Error::value(what, drift, format!("≤ {STILL} (SI units per second)"), remedy));
+        }
+        let (a, b) = errors.reduce(hover, &one);
+        let (mut state, mut input) = (a.clone(), b.clone());
+        for _ in 1..steps {
+            input = &a * input + &b;
+            state = &a * state;
+        }
+        Ok((state, input))
+    }
+}
+
+/// Q and R by Bryson's rule.
+fn costs(system: &Multibody, errors: &ErrorState, weights: &Weights) -> Result<(DMatrix<f64>, DMatrix<f64>)> {
+    let mut most = vec![f64::INFINITY; errors.n_error()];
+    let [across, up] = weights.position;
+    most[..6].copy_from_slice(&[across, across, up, weights.velocity, weights.velocity, weights.velocity]);
+    for place in &system.layout().bodies[1..] {
+        most[errors.place(place.velocity)] = weights.swing;
+    }
+    Ok((bryson(&most)?, bryson(&[weights.acceleration; 3])?))
+}
+
+/// Gⱼ: with s = hover at p with v, the error x − s is disturbed by w = A s + B a − s⁺, which is linear in z and z⁺.
+fn ahead(a: &DMatrix<f64>, b: &DMatrix<f64>, regulator: &Regulator, n: usize) -> Vec<Ahead> {
+    let mut before = DMatrix::zeros(3, a.nrows());
+    let row = |f: DMatrix<f64>| {
+        let kept = &f * a.columns(0, 6) - before.columns(0, 6);
+        let mut gain = Ahead::zeros();
+        gain.fixed_columns_mut::<6>(0).copy_from(&kept);
+        gain.fixed_columns_mut::<3>(6).copy_from(&(&f * b));
+        before = f;
+        gain
+    };
+    regulator.preview(n).into_iter().map(row).collect()
+}
