@@ -14,14 +14,14 @@
 //! hurries ahead of rotors and attitude.
 
 use super::cascade::{Cascade, CascadeModel, Rates};
-use super::design::{ErrorState, Regulator, bryson, lqr};
+use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr};
 use super::formation::{carrier, root};
 use super::kinematics::Kinematics;
 use super::pilot::{Command, Pilot};
 use super::reference::Sample;
 use super::velocity::VelocityCommand;
 use crate::autodiff::{Scalar, System, linearise, safe};
-use crate::dynamics::spatial::{add, matrix, multiply, sub};
+use crate::dynamics::spatial::{matrix, multiply, sub, up_axis};
 use crate::dynamics::tree::{Model, Motion, Multibody};
 use crate::dynamics::{Gains, MAX_ROTORS};
 use crate::error::{Error, Result};
@@ -29,6 +29,9 @@ use nalgebra::{DMatrix, SMatrix, SVector};
 
 /// Largest drift of the hover that the design starts from, SI units per second.
 const STILL: f64 = 1e-6;
+
+/// Least cosine of the tilt that slopes are divided by.
+const LEAST_UP: f64 = 0.3;
 
 /// Largest acceptable deviations, for Bryson's rule; ∞ weighs nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,8 +54,10 @@ impl Default for Weights {
     }
 }
 
-/// What the reference's position, velocity and acceleration at one instant add to the acceleration command.
-type Ahead = SMatrix<f64, 3, 9>;
+/// Numbers of a reference that are fed forward: position, velocity, acceleration, jerk, snap.
+const N_FORWARD: usize = 15;
+/// What those of one instant add to the acceleration command.
+type Ahead = SMatrix<f64, 3, N_FORWARD>;
 
 /// The state feedback of one drone with what hangs on it.
 #[derive(Debug, Clone)]
@@ -64,6 +69,7 @@ pub struct Lqr {
     cascade: Cascade,
     actions: Vec<usize>,
     regulator: Regulator,
+    following: Following,
     ahead: Vec<Ahead>,
     /// Of the velocity level, s.
     period: f64,
@@ -103,8 +109,11 @@ impl Lqr {
         if !(0.0..=60.0).contains(&weights.preview) {
             return Err(Error::value("preview", weights.preview, "within [0, 60] s", "A few swings are enough."));
         }
+        let mut position = DMatrix::zeros(3, errors.n_error());
+        position.columns_mut(0, 3).fill_with_identity();
+        let following = follow(&a, &b, &position, period, N_FORWARD / 3)?;
         Ok(Self {
-            ahead: ahead(&a, &b, &regulator, (weights.preview / period).round() as usize),
+            ahead: ahead(&following, &regulator, (weights.preview / period).round() as usize),
             actions: plant.actions,
             said: VelocityCommand::constant([0.0; 3], 0.0),
             system: system.clone(),
@@ -113,6 +122,7 @@ impl Lqr {
             hover,
             cascade,
             regulator,
+            following,
             period,
         })
     }
@@ -131,20 +141,29 @@ impl Lqr {
     fn acceleration(&self, moment: Command<'_>, own: &Kinematics<f64>, wanted: &Sample<f64>) -> [f64; 3] {
         let r = matrix(own.attitude);
         let heading = safe::atan2(r[1][0], r[0][0]);
-        let local = |v: [f64; 3]| turned(v, -heading);
+        let z = |time: f64| {
+            let then = moment.reference.sample(time);
+            let from_here = sub(then.position, wanted.position);
+            let rows = [from_here, then.velocity, then.acceleration, then.jerk, then.snap];
+            SVector::<f64, N_FORWARD>::from_column_slice(rows.map(|v| turned(v, -heading)).as_flattened())
+        };
         let mut state = moment.state.to_vec();
         let (s, c) = (-0.5 * heading).sin_cos();
-        state[..3].copy_from_slice(&local(sub(own.position, wanted.position)));
-        state[3..6].copy_from_slice(&local(sub(own.velocity, wanted.velocity)));
+        state[..3].copy_from_slice(&turned(sub(own.position, wanted.position), -heading));
+        state[3..6].copy_from_slice(&turned(own.velocity, -heading));
         state[6..10].copy_from_slice(&multiply([c, 0.0, 0.0, s], own.attitude));
-        let error = self.errors.difference(&state, &self.hover);
-        let mut sum = -(&self.regulator.gain * error);
+        let mut error = self.errors.difference(&state, &self.hover);
+        let lift = 1.0 + wanted.acceleration[2] / self.cascade.model.body.gravity;
+        let up = up_axis([state[6], state[7], state[8], state[9]]);
+        let slope = lift / up[2].max(LEAST_UP);
+        (error[6], error[7]) = (-slope * up[1], slope * up[0]);
+        let now = z(moment.time);
+        error -= &self.following.state * now;
+        let mut sum = &self.following.input * now - &self.regulator.gain * error;
         for (j, gain) in self.ahead.iter().enumerate() {
-            let then = moment.reference.sample(moment.time + j as f64 * self.period);
-            let z = [sub(then.position, wanted.position), then.velocity, then.acceleration].map(local);
-            sum += gain * SVector::from_column_slice(z.as_flattened());
+            sum += gain * z(moment.time + j as f64 * self.period);
         }
-        add(wanted.acceleration, turned([sum[0], sum[1], sum[2]], heading))
+        turned([sum[0], sum[1], sum[2]], heading)
     }
 }
 
@@ -281,16 +300,13 @@ fn costs(system: &Multibody, errors: &ErrorState, weights: &Weights) -> Result<(
     Ok((bryson(&most)?, bryson(&[weights.acceleration; 3])?))
 }
 
-/// Gⱼ: with s = hover at p with v, the error x − s is disturbed by w = A s + B a − s⁺, which is linear in z and z⁺.
-fn ahead(a: &DMatrix<f64>, b: &DMatrix<f64>, regulator: &Regulator, n: usize) -> Vec<Ahead> {
-    let mut before = DMatrix::zeros(3, a.nrows());
+/// Gⱼ: the error from x = Π z is disturbed by w = Π (Φ z − z⁺).
+fn ahead(following: &Following, regulator: &Regulator, n: usize) -> Vec<Ahead> {
+    let mut before = DMatrix::zeros(3, N_FORWARD);
     let row = |f: DMatrix<f64>| {
-        let kept = &f * a.columns(0, 6) - before.columns(0, 6);
-        let mut gain = Ahead::zeros();
-        gain.fixed_columns_mut::<6>(0).copy_from(&kept);
-        gain.fixed_columns_mut::<3>(6).copy_from(&(&f * b));
-        before = f;
-        gain
+        let now = f * &following.state;
+        let gain = &now * &following.advance - std::mem::replace(&mut before, now);
+        Ahead::from_column_slice(gain.as_slice())
     };
     regulator.preview(n).into_iter().map(row).collect()
 }
