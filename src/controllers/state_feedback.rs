@@ -2,26 +2,30 @@
 //!
 //! The plant of the design is the whole articulated system under the drone's velocity, attitude and rate levels: it takes an
 //! acceleration command, with rotor lag, inner loops and the loads' motion inside. Linearised at hover on its
-//! [error state](super::design::error_state), lifted to the period of the velocity level, it has the optimal feedback
-//! of [`mod@super::design::lqr`]; with z = (p, v, a) of the reference,
+//! [error state](super::design::error_state) and held over the period T of the velocity level, it gets the optimal
+//! feedback K of [`mod@super::design::lqr`]. With z = (p, v, a, j, s) of the reference, in the frame of the drone's heading:
 //!
 //! ```text
-//! a_cmd = a_ref − K (x ⊖ x_ref) + Σⱼ Gⱼ z(t + jT),   x_ref: hover at p_ref with v_ref
+//! e = (x ⊖ hover) − Π z        a_cmd = Γ z − K e + Σⱼ Fⱼ Π (Φ zⱼ − zⱼ₊₁)
 //! ```
 //!
-//! in the frame of the drone's heading. The sum is the feed-forward: what the design's plant would miss of the reference,
-//! seen [`Weights::preview`] ahead. It leans a load before the drone turns, which no feedback of the present can, and
-//! hurries ahead of rotors and attitude.
+//! - Π z and Γ z are where the plant is, and what it is told, when it follows z exactly
+//!   ([`mod@super::design::follow`]): tilt, rates, rotor speeds and the loads' lean.
+//! - The sum sees [`Weights::preview`] ahead how far z departs from its Taylor series Φ z: it leans a load that stands before
+//!   the drone turns, which no feedback of the present can. Loads that hang need none of it.
+//! - Far from the reference the cost asks for more than tilt can give. d, the position from which the present tilt, lean and
+//!   velocities cost least, is held within [`Weights::reach`] of the target by moving the target towards it. Were it moved onto
+//!   d in every period, the cost would still fall in every one, so the load stays up; a start far away only takes longer.
 
 use super::cascade::{Cascade, CascadeModel, Rates};
-use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr};
+use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr, spectral_radius};
 use super::formation::{carrier, root};
 use super::kinematics::Kinematics;
 use super::pilot::{Command, Pilot};
 use super::reference::Sample;
 use super::velocity::VelocityCommand;
 use crate::autodiff::{Scalar, System, linearise, safe};
-use crate::dynamics::spatial::{matrix, multiply, sub, up_axis};
+use crate::dynamics::spatial::{matrix, multiply, sub};
 use crate::dynamics::tree::{Model, Motion, Multibody};
 use crate::dynamics::{Gains, MAX_ROTORS};
 use crate::error::{Error, Result};
@@ -30,29 +34,54 @@ use nalgebra::{DMatrix, SMatrix, SVector};
 /// Largest drift of the hover that the design starts from, SI units per second.
 const STILL: f64 = 1e-6;
 
-/// Least cosine of the tilt that slopes are divided by.
-const LEAST_UP: f64 = 0.3;
-
-/// Largest acceptable deviations, for Bryson's rule; ∞ weighs nothing.
+/// What the feedback is to hold, as largest acceptable deviations for Bryson's rule.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weights {
-    /// Of the root from the reference, horizontal and vertical, m.
-    pub position: [f64; 2],
-    /// m/s.
-    pub velocity: f64,
-    /// Rate of passive hinges, rad/s (slides: m/s).
+    /// Of the root from the reference, m. Default 0.15.
+    pub position: f64,
+    /// Of the rate of passive hinges from what the reference needs, rad/s (slides: m/s): smaller damps swinging more and
+    /// tracks less. Default 4.
     pub swing: f64,
-    /// Of the acceleration command from the reference's, m/s².
+    /// Of the acceleration command, m/s². Default 3.
     pub acceleration: f64,
-    /// How far ahead the reference is seen, s; 0 for not at all.
-    pub preview: f64,
+    /// How far ahead the reference is seen, s, up to 60; `None`, the default, for 4 s where a load falls without control,
+    /// and 0 otherwise.
+    pub preview: Option<f64>,
+    /// Largest error of position that is acted upon at once, m. Default 0.3.
+    pub reach: f64,
 }
 
 impl Default for Weights {
     fn default() -> Self {
-        Self { position: [0.1, 0.1], velocity: f64::INFINITY, swing: 2.0, acceleration: 3.0, preview: 4.0 }
+        Self { position: 0.15, swing: 4.0, acceleration: 3.0, preview: None, reach: 0.3 }
     }
 }
+
+impl Weights {
+    /// Checks the ranges given with the fields.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for the first that is outside; ∞ switches a weight off, but not that of the command.
+    pub fn validate(&self) -> Result<()> {
+        let preview = self.preview.unwrap_or(0.0);
+        let rows = [
+            ("weights.position", self.position, self.position > 0.0 && self.position.is_finite(), "> 0 m"),
+            ("weights.swing", self.swing, self.swing > 0.0, "> 0 rad/s"),
+            ("weights.acceleration", self.acceleration, self.acceleration > 0.0 && self.acceleration.is_finite(), "> 0 m/s²"),
+            ("weights.preview", preview, (0.0..=60.0).contains(&preview), "within [0, 60] s"),
+            ("weights.reach", self.reach, self.reach > 0.0, "> 0 m"),
+        ];
+        match rows.into_iter().find(|row| !row.2) {
+            None => Ok(()),
+            Some((what, value, _, rule)) => Err(Error::value(what, value, rule, "Leave it out for the default.")),
+        }
+    }
+}
+
+/// Preview where a load falls without control, s.
+const AHEAD: f64 = 4.0;
+/// Modulus of a discrete eigenvalue above which a plant counts as falling; integrators stand at 1 but for rounding.
+const FALLS: f64 = 1.0 + 1e-4;
 
 /// Numbers of a reference that are fed forward: position, velocity, acceleration, jerk, snap.
 const N_FORWARD: usize = 15;
@@ -71,6 +100,10 @@ pub struct Lqr {
     regulator: Regulator,
     following: Following,
     ahead: Vec<Ahead>,
+    /// 3 × n: the position, from the target, at which the rest of an error costs least.
+    nearest: DMatrix<f64>,
+    /// m.
+    reach: f64,
     /// Of the velocity level, s.
     period: f64,
     step: u64,
@@ -94,6 +127,7 @@ impl Lqr {
     pub fn with_weights(system: &Multibody, gains: Option<&Gains>, rates: &Rates, weights: &Weights) -> Result<Self> {
         let model = system.model();
         fits(model)?;
+        weights.validate()?;
         let vehicle = carrier(model, 0)?;
         let gains = gains.copied().unwrap_or_else(|| vehicle.derived_gains());
         let mut cascade = Cascade::new(&vehicle, &gains, rates, system.physics().dt)?;
@@ -106,14 +140,14 @@ impl Lqr {
         let (q, r) = costs(system, &errors, weights)?;
         let regulator = lqr(&a, &b, &q, &r)?;
         let period = cascade.schedule.every[0] as f64 * system.physics().dt;
-        if !(0.0..=60.0).contains(&weights.preview) {
-            return Err(Error::value("preview", weights.preview, "within [0, 60] s", "A few swings are enough."));
-        }
-        let mut position = DMatrix::zeros(3, errors.n_error());
-        position.columns_mut(0, 3).fill_with_identity();
+        let position = DMatrix::identity(3, errors.n_error());
         let following = follow(&a, &b, &position, period, N_FORWARD / 3)?;
+        let falls = spectral_radius(&a)? > FALLS;
+        let preview = weights.preview.unwrap_or(if falls { AHEAD } else { 0.0 });
         Ok(Self {
-            ahead: ahead(&following, &regulator, (weights.preview / period).round() as usize),
+            ahead: ahead(&following, &regulator, (preview / period).round() as usize),
+            nearest: nearest(&regulator.cost)?,
+            reach: weights.reach,
             actions: plant.actions,
             said: VelocityCommand::constant([0.0; 3], 0.0),
             system: system.clone(),
@@ -153,12 +187,13 @@ impl Lqr {
         state[3..6].copy_from_slice(&turned(own.velocity, -heading));
         state[6..10].copy_from_slice(&multiply([c, 0.0, 0.0, s], own.attitude));
         let mut error = self.errors.difference(&state, &self.hover);
-        let lift = 1.0 + wanted.acceleration[2] / self.cascade.model.body.gravity;
-        let up = up_axis([state[6], state[7], state[8], state[9]]);
-        let slope = lift / up[2].max(LEAST_UP);
-        (error[6], error[7]) = (-slope * up[1], slope * up[0]);
         let now = z(moment.time);
         error -= &self.following.state * now;
+        let dear = &self.nearest * &error;
+        let beyond = 1.0 - (self.reach / dear.norm().max(f64::MIN_POSITIVE)).min(1.0);
+        for k in 0..3 {
+            error[k] -= beyond * dear[k];
+        }
         let mut sum = &self.following.input * now - &self.regulator.gain * error;
         for (j, gain) in self.ahead.iter().enumerate() {
             sum += gain * z(moment.time + j as f64 * self.period);
@@ -174,7 +209,7 @@ impl Pilot for Lqr {
 
     fn description(&self) -> String {
         let slowest = self.regulator.poles.first().map_or(0.0, |p| p.norm().ln() / self.period);
-        format!("optimal state feedback with preview, slowest pole at {slowest:.2} 1/s")
+        format!("optimal feedback of the whole state, slowest pole at {slowest:.2} 1/s")
     }
 
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
@@ -292,12 +327,19 @@ impl Inner<'_> {
 /// Q and R by Bryson's rule.
 fn costs(system: &Multibody, errors: &ErrorState, weights: &Weights) -> Result<(DMatrix<f64>, DMatrix<f64>)> {
     let mut most = vec![f64::INFINITY; errors.n_error()];
-    let [across, up] = weights.position;
-    most[..6].copy_from_slice(&[across, across, up, weights.velocity, weights.velocity, weights.velocity]);
+    most[..3].fill(weights.position);
     for place in &system.layout().bodies[1..] {
         most[errors.place(place.velocity)] = weights.swing;
     }
     Ok((bryson(&most)?, bryson(&[weights.acceleration; 3])?))
+}
+
+/// Solves ∂(eᵀ X e)/∂(position) = 0 for the position.
+fn nearest(cost: &DMatrix<f64>) -> Result<DMatrix<f64>> {
+    let rows = cost.rows(0, 3).into_owned();
+    rows.columns(0, 3).into_owned().lu().solve(&rows).ok_or_else(|| {
+        Error::value("weight of the position", "lost to rounding", "of weight in the cost", "Lower weights.position.")
+    })
 }
 
 /// Gⱼ: the error from x = Π z is disturbed by w = Π (Φ z − z⁺).
