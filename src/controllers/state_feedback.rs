@@ -37,7 +37,7 @@ const STILL: f64 = 1e-6;
 /// What the feedback is to hold, as largest acceptable deviations for Bryson's rule.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weights {
-    /// Of the root from the reference, m. Default 0.15.
+    /// Of the root from the reference, m. Default 0.2.
     pub position: f64,
     /// Of the rate of passive hinges from what the reference needs, rad/s (slides: m/s): smaller damps swinging more and
     /// tracks less. Default 4.
@@ -47,13 +47,13 @@ pub struct Weights {
     /// How far ahead the reference is seen, s, up to 60; `None`, the default, for 4 s where a load falls without control,
     /// and 0 otherwise.
     pub preview: Option<f64>,
-    /// Largest error of position that is acted upon at once, m. Default 0.3.
+    /// Largest error of position that is acted upon at once, m. Default 0.2.
     pub reach: f64,
 }
 
 impl Default for Weights {
     fn default() -> Self {
-        Self { position: 0.15, swing: 4.0, acceleration: 3.0, preview: None, reach: 0.3 }
+        Self { position: 0.2, swing: 4.0, acceleration: 3.0, preview: None, reach: 0.2 }
     }
 }
 
@@ -85,8 +85,8 @@ const FALLS: f64 = 1.0 + 1e-4;
 
 /// Numbers of a reference that are fed forward: position, velocity, acceleration, jerk, snap.
 const N_FORWARD: usize = 15;
-/// What those of one instant add to the acceleration command.
-type Ahead = SMatrix<f64, 3, N_FORWARD>;
+/// What those of one instant add to the acceleration command, and to the position at which the rest costs least.
+type Ahead = SMatrix<f64, 6, N_FORWARD>;
 
 /// The state feedback of one drone with what hangs on it.
 #[derive(Debug, Clone)]
@@ -100,7 +100,7 @@ pub struct Lqr {
     regulator: Regulator,
     following: Following,
     ahead: Vec<Ahead>,
-    /// 3 × n: the position, from the target, at which the rest of an error costs least.
+    /// 3 × n: from the slope of the cost to the position, from the target, at which the rest costs least.
     nearest: DMatrix<f64>,
     /// m.
     reach: f64,
@@ -144,9 +144,10 @@ impl Lqr {
         let following = follow(&a, &b, &position, period, N_FORWARD / 3)?;
         let falls = spectral_radius(&a)? > FALLS;
         let preview = weights.preview.unwrap_or(if falls { AHEAD } else { 0.0 });
+        let nearest = nearest(&regulator.cost)?;
         Ok(Self {
-            ahead: ahead(&following, &regulator, (preview / period).round() as usize),
-            nearest: nearest(&regulator.cost)?,
+            ahead: ahead(&following, &regulator, &nearest, (preview / period).round() as usize),
+            nearest,
             reach: weights.reach,
             actions: plant.actions,
             said: VelocityCommand::constant([0.0; 3], 0.0),
@@ -189,15 +190,16 @@ impl Lqr {
         let mut error = self.errors.difference(&state, &self.hover);
         let now = z(moment.time);
         error -= &self.following.state * now;
-        let dear = &self.nearest * &error;
-        let beyond = 1.0 - (self.reach / dear.norm().max(f64::MIN_POSITIVE)).min(1.0);
-        for k in 0..3 {
-            error[k] -= beyond * dear[k];
-        }
-        let mut sum = &self.following.input * now - &self.regulator.gain * error;
+        let mut forward = SVector::<f64, 6>::zeros();
         for (j, gain) in self.ahead.iter().enumerate() {
-            sum += gain * z(moment.time + j as f64 * self.period);
+            forward += gain * z(moment.time + j as f64 * self.period);
         }
+        let away = &self.nearest * (&self.regulator.cost * &error) + forward.rows(3, 3);
+        let beyond = 1.0 - (self.reach / away.norm().max(f64::MIN_POSITIVE)).min(1.0);
+        for k in 0..3 {
+            error[k] -= beyond * away[k];
+        }
+        let sum = &self.following.input * now + forward.rows(0, 3) - &self.regulator.gain * error;
         turned([sum[0], sum[1], sum[2]], heading)
     }
 }
@@ -239,6 +241,11 @@ impl Pilot for Lqr {
 fn turned([x, y, z]: [f64; 3], angle: f64) -> [f64; 3] {
     let (s, c) = angle.sin_cos();
     [c * x - s * y, s * x + c * y, z]
+}
+
+/// Whether [`Lqr`] can take a model, and all that moves on the drone is one chain: its swings are then of different rates.
+pub fn suits(model: &Model) -> bool {
+    carries(model) && model.bodies().iter().enumerate().skip(1).all(|(i, b)| b.parent == Some(i - 1))
 }
 
 /// Whether [`Lqr`] can take a model: one drone on a floating root, and something passive that moves on it.
@@ -334,21 +341,27 @@ fn costs(system: &Multibody, errors: &ErrorState, weights: &Weights) -> Result<(
     Ok((bryson(&most)?, bryson(&[weights.acceleration; 3])?))
 }
 
-/// Solves ∂(eᵀ X e)/∂(position) = 0 for the position.
+/// (Eᵀ X E)⁻¹ Eᵀ, E the columns of the position: where the slope Xe + g of the cost has no part along the position.
 fn nearest(cost: &DMatrix<f64>) -> Result<DMatrix<f64>> {
-    let rows = cost.rows(0, 3).into_owned();
-    rows.columns(0, 3).into_owned().lu().solve(&rows).ok_or_else(|| {
-        Error::value("weight of the position", "lost to rounding", "of weight in the cost", "Lower weights.position.")
-    })
+    let Some(inverse) = cost.view((0, 0), (3, 3)).into_owned().try_inverse() else {
+        let remedy = "Lower weights.position.";
+        return Err(Error::value("weight of the position", "lost to rounding", "of weight in the cost", remedy));
+    };
+    Ok(inverse * DMatrix::identity(3, cost.nrows()))
 }
 
-/// Gⱼ: the error from x = Π z is disturbed by w = Π (Φ z − z⁺).
-fn ahead(following: &Following, regulator: &Regulator, n: usize) -> Vec<Ahead> {
-    let mut before = DMatrix::zeros(3, N_FORWARD);
+/// The error from x = Π z is disturbed by w = Π (Φ z − z⁺); per instant, what that adds to command and nearest position.
+/// The cost from e on is eᵀXe + 2eᵀg + …, g = Σ (A_cᵀ)ʲ⁺¹ X wⱼ, so X⁻¹g counts as error where positions are compared.
+fn ahead(following: &Following, regulator: &Regulator, nearest: &DMatrix<f64>, n: usize) -> Vec<Ahead> {
+    let size = regulator.cost.nrows();
+    let mut left = DMatrix::zeros(6, size);
+    left.rows_mut(0, 3).copy_from(&-&regulator.push);
+    left.rows_mut(3, 3).copy_from(&(nearest * regulator.closed_loop.transpose()));
+    let mut before = DMatrix::zeros(6, N_FORWARD);
     let row = |f: DMatrix<f64>| {
         let now = f * &following.state;
         let gain = &now * &following.advance - std::mem::replace(&mut before, now);
         Ahead::from_column_slice(gain.as_slice())
     };
-    regulator.preview(n).into_iter().map(row).collect()
+    regulator.preview(&left, n).into_iter().map(row).collect()
 }

@@ -28,7 +28,7 @@ pub struct Regulator {
     /// Eigenvalues of A − B K, largest modulus first, all within the unit circle.
     pub poles: Vec<Complex<f64>>,
     /// (R + Bᵀ X B)⁻¹ Bᵀ.
-    push: DMatrix<f64>,
+    pub push: DMatrix<f64>,
     /// Doublings of the Riccati equation.
     pub doublings: usize,
     /// Its relative residual.
@@ -60,14 +60,15 @@ pub fn lqr(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64
 }
 
 impl Regulator {
-    /// F₀ to F₍ₙ₋₁₎, m × n each: what a disturbance that comes j steps later adds to the input now.
-    pub fn preview(&self, n: usize) -> Vec<DMatrix<f64>> {
+    /// ((A − B K)ᵀ)ʲ X for j = 0 to n − 1, each multiplied by `left` from the left: what a disturbance that comes j steps
+    /// later weighs now. With [`push`](Self::push) negated these are F₀, F₁, … .
+    pub fn preview(&self, left: &DMatrix<f64>, n: usize) -> Vec<DMatrix<f64>> {
         let step = self.closed_loop.transpose();
-        let mut cost = -&self.cost;
+        let mut price = self.cost.clone();
         let mut gains = Vec::with_capacity(n);
         for _ in 0..n {
-            gains.push(&self.push * &cost);
-            cost = &step * cost;
+            gains.push(left * &price);
+            price = &step * price;
         }
         gains
     }
