@@ -67,7 +67,12 @@ impl Weights {
         let rows = [
             ("weights.position", self.position, self.position > 0.0 && self.position.is_finite(), "> 0 m"),
             ("weights.swing", self.swing, self.swing > 0.0, "> 0 rad/s"),
-            ("weights.acceleration", self.acceleration, self.acceleration > 0.0 && self.acceleration.is_finite(), "> 0 m/s²"),
+            (
+                "weights.acceleration",
+                self.acceleration,
+                self.acceleration > 0.0 && self.acceleration.is_finite(),
+                "> 0 m/s²",
+            ),
             ("weights.preview", preview, (0.0..=60.0).contains(&preview), "within [0, 60] s"),
             ("weights.reach", self.reach, self.reach > 0.0, "> 0 m"),
         ];

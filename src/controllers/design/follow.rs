@@ -36,7 +36,12 @@ pub fn follow(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, period: f64,
     let (n, m) = (a.nrows(), b.ncols());
     if c.shape() != (m, n) || a.ncols() != n || b.nrows() != n {
         let got = format!("{} × {}", c.nrows(), c.ncols());
-        return Err(Error::value("size of C", got, format!("{m} × {n}"), "Follow as many outputs as there are inputs."));
+        return Err(Error::value(
+            "size of C",
+            got,
+            format!("{m} × {n}"),
+            "Follow as many outputs as there are inputs.",
+        ));
     }
     let mut pencil = DMatrix::zeros(n + m, n + m);
     pencil.view_mut((0, 0), (n, n)).copy_from(&(a - DMatrix::identity(n, n)));

@@ -56,7 +56,15 @@ pub fn lqr(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64
         let remedy = "Bring states and inputs to comparable sizes: choose other units or weights.";
         return Err(Error::value("largest pole of the closed loop", size, "< 1", remedy));
     }
-    Ok(Regulator { gain, cost: x, closed_loop, poles, push, doublings: solution.doublings, residual: solution.residual })
+    Ok(Regulator {
+        gain,
+        cost: x,
+        closed_loop,
+        poles,
+        push,
+        doublings: solution.doublings,
+        residual: solution.residual,
+    })
 }
 
 impl Regulator {

@@ -99,7 +99,11 @@ pub fn lyapunov<T: RealField + Copy>(a: &DMatrix<T>, q: &DMatrix<T>) -> Result<S
 }
 
 /// The limit of H, and the doublings it took.
-fn doubled<T: RealField + Copy>(mut a: DMatrix<T>, mut g: DMatrix<T>, mut h: DMatrix<T>) -> Result<(DMatrix<T>, usize)> {
+fn doubled<T: RealField + Copy>(
+    mut a: DMatrix<T>,
+    mut g: DMatrix<T>,
+    mut h: DMatrix<T>,
+) -> Result<(DMatrix<T>, usize)> {
     let n = a.nrows();
     let (small, gone): (T, T) = (convert(1e-32), convert(1e-20));
     for k in 1..=MOST {
