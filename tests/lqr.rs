@@ -33,7 +33,7 @@ fn double_integrator<T: RealField + Copy>(dt: f64) -> [DMatrix<T>; 2] {
 #[test]
 fn a_scalar_plant_has_the_closed_form() {
     let one = |v: f64| Matrix::from_element(1, 1, v);
-    let (a, b, q, r) = (1.2, 0.7, 2.0, 0.5);
+    let (a, b, q, r) = (1.2_f64, 0.7, 2.0, 0.5);
     // b²x² + (r − a²r − qb²)x − qr = 0
     let p = r - a * a * r - q * b * b;
     let exact = (-p + (p * p + 4.0 * b * b * q * r).sqrt()) / (2.0 * b * b);
