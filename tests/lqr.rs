@@ -71,7 +71,7 @@ fn value_iteration_ends_where_doubling_does() {
 
 #[test]
 fn random_plants_are_stabilised_with_small_residuals() {
-    let mut worst = [0.0_f64; 4];
+    let (mut worst, mut n_kind) = ([[0.0_f64; 4]; 2], [0; 2]);
     for episode in 0..100 {
         let mut stream = stream(episode);
         let (n, m) = (2 + episode as usize % 9, 1 + episode as usize % 3);
@@ -84,14 +84,16 @@ fn random_plants_are_stabilised_with_small_residuals() {
         let loop_cost = riccati::lyapunov(&found.closed_loop, &(&q + found.gain.transpose() * &r * &found.gain));
         let same = (loop_cost.expect("stable").matrix - &found.cost).norm() / found.cost.norm();
         let all = [found.residual, continuous.residual, found.poles[0].norm(), same];
-        worst = [0, 1, 2, 3].map(|k| worst[k].max(all[k]));
+        // one of the hundred is all but out of reach of its one input: ‖X‖ = 2.6e7, and rounding alone leaves 2.7e-9
+        let kind = usize::from(found.cost.norm() > 1e6);
+        n_kind[kind] += 1;
+        worst[kind] = [0, 1, 2, 3].map(|k| worst[kind][k].max(all[k]));
     }
-    println!(
-        "worst residuals {:.1e} {:.1e}, radius {:.4}, cost of the loop {:.1e}",
-        worst[0], worst[1], worst[2], worst[3]
-    );
-    // measured: 2.7e-9, 1.2e-10, 0.955, 1.1e-7, where one input holds ten states of which some grow
-    assert!(worst[0] < 1e-8 && worst[1] < 1e-9 && worst[2] < 1.0 && worst[3] < 1e-6, "{worst:?}");
+    println!("residual, continuous, radius, cost of the loop: {n_kind:?} {worst:?}");
+    assert_eq!(n_kind, [99, 1]);
+    // measured: 9.2e-13, 1.2e-10, 0.955, 7.9e-12
+    assert!(worst[0][0] < 1e-10 && worst[0][1] < 1e-9 && worst[0][2] < 1.0 && worst[0][3] < 1e-9, "{worst:?}");
+    assert!(worst[1][0] < 1e-8 && worst[1][1] < 1e-8 && worst[1][2] < 1.0, "{worst:?}");
 }
 
 #[test]
