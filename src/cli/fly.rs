@@ -27,8 +27,9 @@ Fly a vehicle, or a configuration of several bodies, closed loop along a referen
 and rate controllers compute at their own rates. Prints what the vehicle is, how well it tracked, and, for a single \
 vehicle, a certificate that the derivatives of the very equations it flew are exact; writes plots.
 
-Configurations fly with simple controllers: drones that carry something each hold their own place (payload, platform, \
-transport), servos hold the rest pose under one cascade (omav_tilting), a load on top is balanced (inverted_pendulum). They follow a \
+Configurations have controllers by their make: one drone with a load has optimal feedback of the whole state (payload, \
+inverted_pendulum), several drones that carry something each hold their own place (platform, transport), servos hold the \
+rest pose under one cascade (omav_tilting). They follow a \
 slow lemniscate, high enough for what hangs below. Nobody steers the dragon yet: it falls to the ground, as anything \
 does with --drop.";
 

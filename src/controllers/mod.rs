@@ -18,7 +18,8 @@
 //! | [`formation`] | drones that hold their places and carry something together |
 //! | [`frozen`] | servos held at rest, flown as one rigid vehicle |
 //! | [`balance`] | a load kept upright above a drone |
-//! | [`design`] | tuning |
+//! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
+//! | [`design`] | Riccati equations, optimal feedback, tuning |
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
 //! F = m(a_ref + K_p e_p + K_v e_v + g e_z), M = −K_R e_R − K_ω e_ω + ω×Jω − J(ω̂RᵀR_dω_d − RᵀR_dω̇_d).
@@ -45,6 +46,7 @@ pub mod pilot;
 pub mod position;
 pub mod rate;
 pub mod reference;
+pub mod state_feedback;
 pub mod velocity;
 
 pub use action::ActionScale;
@@ -61,4 +63,5 @@ pub use parameters::{Body, ForceLimits, GainSet, Limits};
 pub use pilot::{Passive, Pilot, RigFlight, fly_rig, suited};
 pub use rate::RateCommand;
 pub use reference::{Reference, Sample};
+pub use state_feedback::Lqr;
 pub use velocity::VelocityCommand;

@@ -1,12 +1,12 @@
 //! Who steers an articulated system, and a whole flight of one, logged.
 
-use super::balance::{Balance, balanced};
 use super::cascade::Rates;
 use super::flight::FlightPlan;
 use super::formation::Formation;
 use super::frozen::Frozen;
 use super::kinematics::Kinematics;
 use super::reference::{Reference, Sample};
+use super::state_feedback::{Lqr, suits};
 use crate::autodiff::{System, safe};
 use crate::dynamics::Gains;
 use crate::dynamics::aero::wind::{Wind, WindState};
@@ -62,8 +62,9 @@ impl Pilot for Passive {
     }
 }
 
-/// The pilot that suits a model by its make: servos are held at rest under one cascade ([`Frozen`]), a load above a drone
-/// is balanced ([`Balance`]), everything else is flown by its drones ([`Formation`]).
+/// The pilot that suits a model by its make: servos are held at rest under one cascade ([`Frozen`]), one drone with one
+/// chain of passive joints gets optimal feedback ([`Lqr`]) where its level hover is one, everything else is flown by its
+/// drones ([`Formation`]).
 ///
 /// # Errors
 /// [`Error::Value`] for a model that nothing lifts or that is fixed to the world; otherwise as the pilots.
@@ -82,8 +83,10 @@ pub fn suited(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Resul
     if has_servos(model) {
         return Ok(Box::new(Frozen::new(system, gains, rates)?));
     }
-    if balanced(model).is_some() {
-        return Ok(Box::new(Balance::new(system, gains, rates)?));
+    if suits(model)
+        && let Ok(pilot) = Lqr::new(system, gains, rates)
+    {
+        return Ok(Box::new(pilot));
     }
     Ok(Box::new(Formation::new(system, gains, rates)?))
 }

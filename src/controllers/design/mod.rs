@@ -1,7 +1,23 @@
-//! Design on the differentiable loop: tuning gains by gradients through whole flights.
+//! Design on the differentiable loop: optimal feedback from linearisations, tuning gains by gradients through flights.
+//!
+//! | file | idea |
+//! |---|---|
+//! | [`riccati`] | Riccati and Lyapunov equations by doubling |
+//! | [`error_state`] | linearisations without the redundancy of quaternions |
+//! | [`mod@lqr`] | state feedback of least cost, its poles, weights by Bryson's rule |
+//! | [`mod@follow`] | feed-forward along smooth references |
+//! | [`mod@sensitivity`] | how the error of one flight depends on each gain |
+//! | [`mod@tune`] | gains by descent on flights |
 
+pub mod error_state;
+pub mod follow;
+pub mod lqr;
+pub mod riccati;
 pub mod sensitivity;
 pub mod tune;
 
+pub use error_state::ErrorState;
+pub use follow::{Following, follow};
+pub use lqr::{Regulator, bryson, eigenvalues, lqr, spectral_radius};
 pub use sensitivity::{Sensitivity, sensitivity};
 pub use tune::{Evaluation, Iteration, TunePlan, Tuning, tune};

@@ -1,0 +1,168 @@
+//! States with unit quaternions, as errors without redundancy.
+//!
+//! A quaternion q = q₀ ⊗ exp(½ δθ) stands for a rotation vector δθ (R = R₀ exp(δθ^), axes of the body): four numbers of the
+//! state, three of the error. All other numbers are their own errors. With E = ∂(x ⊕ δ)/∂δ at δ = 0 and E⁺ its
+//! pseudo-inverse, a step x⁺ = f(x, u) becomes
+//!
+//! ```text
+//! δ⁺ = E⁺(x⁺) A E(x) δ + E⁺(x⁺) B δu
+//! ```
+//!
+//! Unreduced, A carries a direction per quaternion that its norm forbids, which no input reaches: a Riccati equation
+//! has no use for it. For unit quaternions E⁺ = 4 Eᵀ in that block.
+
+use crate::autodiff::{Linearisation, System};
+use crate::dynamics::spatial::{Quat, conjugate, exponential, multiply};
+use crate::dynamics::tree::{Motion, Multibody};
+use crate::error::{Error, Result};
+use nalgebra::{DMatrix, DVector};
+
+/// Where unit quaternions stand in a state.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ErrorState {
+    n_state: usize,
+    /// First number of each, ascending.
+    quaternions: Vec<usize>,
+}
+
+impl ErrorState {
+    /// For states of `n_state` numbers with quaternions that begin at the given places.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if the places are not ascending, overlap or do not fit.
+    pub fn new(n_state: usize, quaternions: &[usize]) -> Result<Self> {
+        let apart = quaternions.windows(2).all(|pair| pair[0] + 4 <= pair[1]);
+        if !apart || quaternions.last().is_some_and(|at| at + 4 > n_state) {
+            let rule = format!("ascending, four apart and within {n_state} numbers");
+            let remedy = "Give the place of each quaternion's w in the state.";
+            return Err(Error::value("places of quaternions", format!("{quaternions:?}"), rule, remedy));
+        }
+        Ok(Self { n_state, quaternions: quaternions.to_vec() })
+    }
+
+    /// For an articulated system: floating bodies and ball joints have quaternions.
+    pub fn of(system: &Multibody) -> Self {
+        let bodies = system.model().bodies().iter().zip(&system.layout().bodies);
+        let mut quaternions: Vec<usize> = bodies
+            .filter_map(|(body, place)| match body.joint.motion {
+                Motion::Floating => Some(place.position + 6),
+                Motion::Ball => Some(place.position),
+                Motion::Revolute(_) | Motion::Prismatic(_) => None,
+            })
+            .collect();
+        quaternions.sort_unstable();
+        Self { n_state: system.n_state(), quaternions }
+    }
+
+    /// For a state that begins with the 13 numbers of a rigid vehicle: a [`Multirotor`](crate::dynamics::Multirotor), a
+    /// [`ClosedLoop`](crate::controllers::ClosedLoop).
+    ///
+    /// # Errors
+    /// [`Error::Value`] for fewer than ten numbers.
+    pub fn rigid(n_state: usize) -> Result<Self> {
+        Self::new(n_state, &[6])
+    }
+
+    /// Numbers of an error.
+    pub fn n_error(&self) -> usize {
+        self.n_state - self.quaternions.len()
+    }
+
+    /// Place in the error of a number of the state; for the w of a quaternion that of its rotation vector.
+    pub fn place(&self, number: usize) -> usize {
+        number - self.quaternions.iter().filter(|at| **at + 3 <= number).count()
+    }
+
+    /// x ⊖ x₀, rotations by the short way round.
+    ///
+    /// # Panics
+    /// If a slice does not have the length of the state.
+    pub fn difference(&self, x: &[f64], from: &[f64]) -> DVector<f64> {
+        assert_eq!((x.len(), from.len()), (self.n_state, self.n_state), "lengths of the states");
+        let mut error = DVector::zeros(self.n_error());
+        self.each(|at, to, turns| {
+            if turns {
+                let turn = logarithm(multiply(conjugate(quaternion(from, at)), quaternion(x, at)));
+                error.as_mut_slice()[to..to + 3].copy_from_slice(&turn);
+            } else {
+                error[to] = x[at] - from[at];
+            }
+        });
+        error
+    }
+
+    /// x₀ ⊕ δ, the inverse of [`difference`](Self::difference).
+    ///
+    /// # Panics
+    /// If a slice does not have the length of the state or of the error.
+    pub fn moved(&self, from: &[f64], error: &[f64]) -> Vec<f64> {
+        assert_eq!((from.len(), error.len()), (self.n_state, self.n_error()), "lengths of state and error");
+        let mut x = from.to_vec();
+        self.each(|at, to, turns| {
+            if turns {
+                let turn = exponential([error[to], error[to + 1], error[to + 2]]);
+                x[at..at + 4].copy_from_slice(&multiply(quaternion(from, at), turn));
+            } else {
+                x[at] += error[to];
+            }
+        });
+        x
+    }
+
+    /// E at x, `n_state` × [`n_error`](Self::n_error).
+    pub fn tangent(&self, x: &[f64]) -> DMatrix<f64> {
+        let mut e = DMatrix::zeros(self.n_state, self.n_error());
+        self.each(|at, to, turns| {
+            if !turns {
+                e[(at, to)] = 1.0;
+                return;
+            }
+            for k in 0..3 {
+                let mut half = [0.0; 4];
+                half[1 + k] = 0.5;
+                let column = multiply(quaternion(x, at), half);
+                e.view_mut((at, to + k), (4, 1)).copy_from_slice(&column);
+            }
+        });
+        e
+    }
+
+    /// E⁺ at x: E⁺ E = I, and what leaves the unit sphere is dropped.
+    pub fn cotangent(&self, x: &[f64]) -> DMatrix<f64> {
+        let mut back = self.tangent(x).transpose();
+        for at in &self.quaternions {
+            let mut rows = back.rows_mut(self.place(*at), 3);
+            rows *= 4.0;
+        }
+        back
+    }
+
+    /// A and B of the error, of a step linearised at x.
+    pub fn reduce(&self, x: &[f64], step: &Linearisation) -> (DMatrix<f64>, DMatrix<f64>) {
+        let back = self.cotangent(step.next.as_slice());
+        (&back * &step.state * self.tangent(x), back * &step.input)
+    }
+
+    /// Calls with (place in the state, place in the error, whether a quaternion begins there) for all of them.
+    fn each(&self, mut visit: impl FnMut(usize, usize, bool)) {
+        let (mut at, mut to) = (0, 0);
+        while at < self.n_state {
+            let turns = self.quaternions.contains(&at);
+            visit(at, to, turns);
+            (at, to) = if turns { (at + 4, to + 3) } else { (at + 1, to + 1) };
+        }
+    }
+}
+
+fn quaternion(x: &[f64], at: usize) -> Quat<f64> {
+    [x[at], x[at + 1], x[at + 2], x[at + 3]]
+}
+
+/// The rotation vector of a unit quaternion, |δθ| ≤ π.
+fn logarithm(q: Quat<f64>) -> [f64; 3] {
+    let q = if q[0] < 0.0 { q.map(|v| -v) } else { q };
+    let sine = q[1].hypot(q[2]).hypot(q[3]);
+    // 2 atan(s/w)/s → 2/w
+    let factor = if sine > 1e-9 { 2.0 * sine.atan2(q[0]) / sine } else { 2.0 / q[0] };
+    [1, 2, 3].map(|k| factor * q[k])
+}

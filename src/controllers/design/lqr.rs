@@ -1,0 +1,156 @@
+//! State feedback of least quadratic cost.
+//!
+//! For x⁺ = A x + B u the feedback u = −K x with K = (R + Bᵀ X B)⁻¹ Bᵀ X A has the least Σ xᵀ Q x + uᵀ R u; X solves the
+//! [Riccati equation](super::riccati::discrete). Where a disturbance is known ahead, x⁺ = A x + B u + w, the least cost is
+//! at
+//!
+//! ```text
+//! u = −K x + Σⱼ Fⱼ w(k + j),   Fⱼ = −(R + Bᵀ X B)⁻¹ Bᵀ ((A − B K)ᵀ)ʲ X
+//! ```
+//!
+//! A reference is such a disturbance of the error from it.
+//!
+//! Source: Anderson and Moore 1990, sections 2 and 4.
+
+use super::riccati;
+use crate::error::{Error, Result};
+use nalgebra::{Complex, DMatrix};
+
+/// An optimal feedback.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Regulator {
+    /// K, m × n: u = −K x.
+    pub gain: DMatrix<f64>,
+    /// X: xᵀ X x is the cost from x on.
+    pub cost: DMatrix<f64>,
+    /// A − B K.
+    pub closed_loop: DMatrix<f64>,
+    /// Eigenvalues of A − B K, largest modulus first, all within the unit circle.
+    pub poles: Vec<Complex<f64>>,
+    /// (R + Bᵀ X B)⁻¹ Bᵀ.
+    pub push: DMatrix<f64>,
+    /// Doublings of the Riccati equation.
+    pub doublings: usize,
+    /// Its relative residual.
+    pub residual: f64,
+}
+
+/// The feedback of least cost for x⁺ = A x + B u.
+///
+/// # Errors
+/// As [`riccati::discrete`]; where a mode of A that does not decay is out of reach of B, or unseen by Q, its eigenvalue is
+/// named.
+pub fn lqr(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>) -> Result<Regulator> {
+    let solution = riccati::discrete(a, b, q, r).map_err(|error| reason(a, b, q).unwrap_or(error))?;
+    let x = solution.matrix;
+    let inner = r + b.tr_mul(&(&x * b));
+    let Some(inner) = inner.cholesky() else {
+        return Err(Error::value("R + BᵀXB", "not positive definite", "positive definite", "Raise R."));
+    };
+    let push = inner.solve(&b.transpose());
+    let gain = &push * &x * a;
+    let closed_loop = a - b * &gain;
+    let poles = eigenvalues(&closed_loop)?;
+    let size = poles.first().map_or(0.0, |p| p.norm());
+    if size >= 1.0 {
+        let remedy = "Bring states and inputs to comparable sizes: choose other units or weights.";
+        return Err(Error::value("largest pole of the closed loop", size, "< 1", remedy));
+    }
+    Ok(Regulator {
+        gain,
+        cost: x,
+        closed_loop,
+        poles,
+        push,
+        doublings: solution.doublings,
+        residual: solution.residual,
+    })
+}
+
+impl Regulator {
+    /// ((A − B K)ᵀ)ʲ X for j = 0 to n − 1, each multiplied by `left` from the left: what a disturbance that comes j steps
+    /// later weighs now. With [`push`](Self::push) negated these are F₀, F₁, … .
+    pub fn preview(&self, left: &DMatrix<f64>, n: usize) -> Vec<DMatrix<f64>> {
+        let step = self.closed_loop.transpose();
+        let mut price = self.cost.clone();
+        let mut gains = Vec::with_capacity(n);
+        for _ in 0..n {
+            gains.push(left * &price);
+            price = &step * price;
+        }
+        gains
+    }
+}
+
+/// Bryson's rule: a diagonal weight 1/d² per number, where d is the largest acceptable deviation of it; ∞ weighs nothing.
+/// Every term of the cost is then 1 at its largest acceptable value.
+///
+/// # Errors
+/// [`Error::Value`] unless every d > 0.
+pub fn bryson(deviations: &[f64]) -> Result<DMatrix<f64>> {
+    if let Some(i) = deviations.iter().position(|d| d.is_nan() || *d <= 0.0) {
+        let what = format!("largest acceptable deviation {i}");
+        return Err(Error::value(what, deviations[i], "> 0", "Use infinity for what does not matter."));
+    }
+    let weights: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
+    Ok(DMatrix::from_diagonal(&weights.into()))
+}
+
+/// Eigenvalues, largest modulus first.
+///
+/// # Errors
+/// [`Error::Value`] if the matrix is not square or its eigenvalues are not found, as where a number is not finite.
+pub fn eigenvalues(matrix: &DMatrix<f64>) -> Result<Vec<Complex<f64>>> {
+    let n = matrix.nrows();
+    if n != matrix.ncols() || matrix.iter().any(|v| !v.is_finite()) {
+        let got = format!("{n} × {}, or not finite", matrix.ncols());
+        return Err(Error::value("matrix", got, "square and finite", "Correct it at its source."));
+    }
+    let dense = faer::Mat::from_fn(n, n, |i, j| matrix[(i, j)]);
+    let Ok(found) = dense.eigenvalues() else {
+        return Err(Error::value("eigenvalues", "not found", "found by the QR algorithm", "Scale the matrix."));
+    };
+    let mut values: Vec<Complex<f64>> = found.iter().map(|l| Complex::new(l.re, l.im)).collect();
+    values.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
+    Ok(values)
+}
+
+/// Largest modulus of an eigenvalue: a discrete loop settles where it is below 1.
+///
+/// # Errors
+/// As [`eigenvalues`].
+pub fn spectral_radius(matrix: &DMatrix<f64>) -> Result<f64> {
+    Ok(eigenvalues(matrix)?.first().map_or(0.0, |l| l.norm()))
+}
+
+/// Why no feedback was found: the mode that does not decay and is not reached by B, or not seen by Q (Popov, Belevitch,
+/// Hautus).
+fn reason(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<Error> {
+    let lasting = eigenvalues(a).ok()?.into_iter().filter(|l| l.norm() > 1.0 - 1e-9);
+    for mode in lasting {
+        let complaint = if hides(a, mode, b) {
+            ("reached by an input", "Give the system an input that moves it, or leave its states out.")
+        } else if hides(&a.transpose(), mode.conj(), q) {
+            ("seen by Q", "Weigh a state that takes part in it.")
+        } else {
+            continue;
+        };
+        let value = format!("{:.6}{:+.6}i and out of reach", mode.re, mode.im);
+        return Some(Error::value("a mode of A that does not decay", value, complaint.0, complaint.1));
+    }
+    None
+}
+
+/// Whether [A − λI, B] loses rank: its least singular value is below 1e-9 of its largest.
+fn hides(a: &DMatrix<f64>, mode: Complex<f64>, b: &DMatrix<f64>) -> bool {
+    let (n, m) = (a.nrows(), b.ncols());
+    let pencil = faer::Mat::from_fn(n, n + m, |i, j| {
+        let shift = if i == j { mode } else { Complex::new(0.0, 0.0) };
+        let value = if j < n { a[(i, j)] } else { b[(i, j - n)] };
+        faer::c64::new(value - shift.re, -shift.im)
+    });
+    match pencil.singular_values() {
+        Ok(values) => values.last().zip(values.first()).is_some_and(|(least, most)| *least <= 1e-9 * most),
+        Err(_) => false,
+    }
+}

@@ -1,0 +1,372 @@
+//! One drone that carries swinging loads, steered by the state feedback of least cost around its lower levels.
+//!
+//! The plant of the design is the whole articulated system under the drone's velocity, attitude and rate levels: it takes an
+//! acceleration command, with rotor lag, inner loops and the loads' motion inside. Linearised at hover on its
+//! [error state](super::design::error_state) and held over the period T of the velocity level, it gets the optimal
+//! feedback K of [`mod@super::design::lqr`]. With z = (p, v, a, j, s) of the reference, in the frame of the drone's heading:
+//!
+//! ```text
+//! e = (x ⊖ hover) − Π z        a_cmd = Γ z − K e + Σⱼ Fⱼ Π (Φ zⱼ − zⱼ₊₁)
+//! ```
+//!
+//! - Π z and Γ z are where the plant is, and what it is told, when it follows z exactly
+//!   ([`mod@super::design::follow`]): tilt, rates, rotor speeds and the loads' lean.
+//! - The sum sees [`Weights::preview`] ahead how far z departs from its Taylor series Φ z: it leans a load that stands before
+//!   the drone turns, which no feedback of the present can. Loads that hang need none of it.
+//! - Far from the reference the cost asks for more than tilt can give. d, the position from which the present tilt, lean and
+//!   velocities cost least, is held within [`Weights::reach`] of the target by moving the target towards it. Were it moved onto
+//!   d in every period, the cost would still fall in every one, so the load stays up; a start far away only takes longer.
+
+use super::cascade::{Cascade, CascadeModel, Rates};
+use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr, spectral_radius};
+use super::formation::{carrier, root};
+use super::kinematics::Kinematics;
+use super::pilot::{Command, Pilot};
+use super::reference::Sample;
+use super::velocity::VelocityCommand;
+use crate::autodiff::{Scalar, System, linearise, safe};
+use crate::dynamics::spatial::{matrix, multiply, sub};
+use crate::dynamics::tree::{Model, Motion, Multibody};
+use crate::dynamics::{Gains, MAX_ROTORS};
+use crate::error::{Error, Result};
+use nalgebra::{DMatrix, SMatrix, SVector};
+
+/// Largest drift of the hover that the design starts from, SI units per second.
+const STILL: f64 = 1e-6;
+
+/// What the feedback is to hold, as largest acceptable deviations for Bryson's rule.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weights {
+    /// Of the root from the reference, m. Default 0.2.
+    pub position: f64,
+    /// Of the rate of passive hinges from what the reference needs, rad/s (slides: m/s): smaller damps swinging more and
+    /// tracks less. Default 4.
+    pub swing: f64,
+    /// Of the acceleration command, m/s². Default 3.
+    pub acceleration: f64,
+    /// How far ahead the reference is seen, s, up to 60; `None`, the default, for 4 s where a load falls without control,
+    /// and 0 otherwise.
+    pub preview: Option<f64>,
+    /// Largest error of position that is acted upon at once, m. Default 0.2.
+    pub reach: f64,
+}
+
+impl Default for Weights {
+    fn default() -> Self {
+        Self { position: 0.2, swing: 4.0, acceleration: 3.0, preview: None, reach: 0.2 }
+    }
+}
+
+impl Weights {
+    /// Checks the ranges given with the fields.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for the first that is outside; ∞ switches a weight off, but not that of the command.
+    pub fn validate(&self) -> Result<()> {
+        let preview = self.preview.unwrap_or(0.0);
+        let rows = [
+            ("weights.position", self.position, self.position > 0.0 && self.position.is_finite(), "> 0 m"),
+            ("weights.swing", self.swing, self.swing > 0.0, "> 0 rad/s"),
+            (
+                "weights.acceleration",
+                self.acceleration,
+                self.acceleration > 0.0 && self.acceleration.is_finite(),
+                "> 0 m/s²",
+            ),
+            ("weights.preview", preview, (0.0..=60.0).contains(&preview), "within [0, 60] s"),
+            ("weights.reach", self.reach, self.reach > 0.0, "> 0 m"),
+        ];
+        match rows.into_iter().find(|row| !row.2) {
+            None => Ok(()),
+            Some((what, value, _, rule)) => Err(Error::value(what, value, rule, "Leave it out for the default.")),
+        }
+    }
+}
+
+/// Preview where a load falls without control, s.
+const AHEAD: f64 = 4.0;
+/// Modulus of a discrete eigenvalue above which a plant counts as falling; integrators stand at 1 but for rounding.
+const FALLS: f64 = 1.0 + 1e-4;
+
+/// Numbers of a reference that are fed forward: position, velocity, acceleration, jerk, snap.
+const N_FORWARD: usize = 15;
+/// What those of one instant add to the acceleration command, and to the position at which the rest costs least.
+type Ahead = SMatrix<f64, 6, N_FORWARD>;
+
+/// The state feedback of one drone with what hangs on it.
+#[derive(Debug, Clone)]
+pub struct Lqr {
+    system: Multibody,
+    errors: ErrorState,
+    /// At the origin.
+    hover: Vec<f64>,
+    cascade: Cascade,
+    actions: Vec<usize>,
+    regulator: Regulator,
+    following: Following,
+    ahead: Vec<Ahead>,
+    /// 3 × n: from the slope of the cost to the position, from the target, at which the rest costs least.
+    nearest: DMatrix<f64>,
+    /// m.
+    reach: f64,
+    /// Of the velocity level, s.
+    period: f64,
+    step: u64,
+    said: VelocityCommand<f64>,
+}
+
+impl Lqr {
+    /// For a model with one drone on a floating root and loads on passive hinges or slides that hover can hold level.
+    /// Without `gains`, those of the inner levels are derived from the drone.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for another model, a load that the drone cannot steer, or rates that do not divide 1/dt.
+    pub fn new(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
+        Self::with_weights(system, gains, rates, &Weights::default())
+    }
+
+    /// Likewise, with given weights.
+    ///
+    /// # Errors
+    /// Likewise, and where a weight is not positive.
+    pub fn with_weights(system: &Multibody, gains: Option<&Gains>, rates: &Rates, weights: &Weights) -> Result<Self> {
+        let model = system.model();
+        fits(model)?;
+        weights.validate()?;
+        let vehicle = carrier(model, 0)?;
+        let gains = gains.copied().unwrap_or_else(|| vehicle.derived_gains());
+        let mut cascade = Cascade::new(&vehicle, &gains, rates, system.physics().dt)?;
+        cascade.model.body.mass = model.mass();
+        cascade.reset();
+        let actions = model.drones()[0].rotors.iter().map(|r| system.layout().rotor_action[*r]).collect();
+        let plant = Inner { system, cascade: cascade.model, actions };
+        let (errors, hover) = (ErrorState::of(system), plant.hover());
+        let (a, b) = plant.linearised(&errors, &hover, cascade.schedule.every[0])?;
+        let (q, r) = costs(system, &errors, weights)?;
+        let regulator = lqr(&a, &b, &q, &r)?;
+        let period = cascade.schedule.every[0] as f64 * system.physics().dt;
+        let position = DMatrix::identity(3, errors.n_error());
+        let following = follow(&a, &b, &position, period, N_FORWARD / 3)?;
+        let falls = spectral_radius(&a)? > FALLS;
+        let preview = weights.preview.unwrap_or(if falls { AHEAD } else { 0.0 });
+        let nearest = nearest(&regulator.cost)?;
+        Ok(Self {
+            ahead: ahead(&following, &regulator, &nearest, (preview / period).round() as usize),
+            nearest,
+            reach: weights.reach,
+            actions: plant.actions,
+            said: VelocityCommand::constant([0.0; 3], 0.0),
+            system: system.clone(),
+            step: 0,
+            errors,
+            hover,
+            cascade,
+            regulator,
+            following,
+            period,
+        })
+    }
+
+    /// The feedback, its poles per period of the velocity level.
+    pub fn regulator(&self) -> &Regulator {
+        &self.regulator
+    }
+
+    /// Order of the error state that the feedback multiplies.
+    pub fn errors(&self) -> &ErrorState {
+        &self.errors
+    }
+
+    /// a_cmd, world, m/s².
+    fn acceleration(&self, moment: Command<'_>, own: &Kinematics<f64>, wanted: &Sample<f64>) -> [f64; 3] {
+        let r = matrix(own.attitude);
+        let heading = safe::atan2(r[1][0], r[0][0]);
+        let z = |time: f64| {
+            let then = moment.reference.sample(time);
+            let from_here = sub(then.position, wanted.position);
+            let rows = [from_here, then.velocity, then.acceleration, then.jerk, then.snap];
+            SVector::<f64, N_FORWARD>::from_column_slice(rows.map(|v| turned(v, -heading)).as_flattened())
+        };
+        let mut state = moment.state.to_vec();
+        let (s, c) = (-0.5 * heading).sin_cos();
+        state[..3].copy_from_slice(&turned(sub(own.position, wanted.position), -heading));
+        state[3..6].copy_from_slice(&turned(own.velocity, -heading));
+        state[6..10].copy_from_slice(&multiply([c, 0.0, 0.0, s], own.attitude));
+        let mut error = self.errors.difference(&state, &self.hover);
+        let now = z(moment.time);
+        error -= &self.following.state * now;
+        let mut forward = SVector::<f64, 6>::zeros();
+        for (j, gain) in self.ahead.iter().enumerate() {
+            forward += gain * z(moment.time + j as f64 * self.period);
+        }
+        let away = &self.nearest * (&self.regulator.cost * &error) + forward.rows(3, 3);
+        let beyond = 1.0 - (self.reach / away.norm().max(f64::MIN_POSITIVE)).min(1.0);
+        for k in 0..3 {
+            error[k] -= beyond * away[k];
+        }
+        let sum = &self.following.input * now + forward.rows(0, 3) - &self.regulator.gain * error;
+        turned([sum[0], sum[1], sum[2]], heading)
+    }
+}
+
+impl Pilot for Lqr {
+    fn name(&self) -> &'static str {
+        "lqr"
+    }
+
+    fn description(&self) -> String {
+        let slowest = self.regulator.poles.first().map_or(0.0, |p| p.norm().ln() / self.period);
+        format!("optimal feedback of the whole state, slowest pole at {slowest:.2} 1/s")
+    }
+
+    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
+        root(&self.system, state)
+    }
+
+    fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
+        let own = self.tracked(moment.state);
+        if self.step.is_multiple_of(self.cascade.schedule.every[0]) {
+            let wanted = moment.reference.sample(moment.time);
+            self.said = VelocityCommand {
+                acceleration: self.acceleration(moment, &own, &wanted),
+                yaw_rate: wanted.yaw_rate,
+                yaw_acceleration: wanted.yaw_acceleration,
+                ..VelocityCommand::constant(own.velocity, wanted.yaw)
+            };
+        }
+        self.step += 1;
+        let actions = self.cascade.velocity(&own, &self.said);
+        for (at, action) in self.actions.iter().zip(actions) {
+            input[*at] = action;
+        }
+    }
+}
+
+/// v turned about the vertical.
+fn turned([x, y, z]: [f64; 3], angle: f64) -> [f64; 3] {
+    let (s, c) = angle.sin_cos();
+    [c * x - s * y, s * x + c * y, z]
+}
+
+/// Whether [`Lqr`] can take a model, and all that moves on the drone is one chain: its swings are then of different rates.
+pub fn suits(model: &Model) -> bool {
+    carries(model) && model.bodies().iter().enumerate().skip(1).all(|(i, b)| b.parent == Some(i - 1))
+}
+
+/// Whether [`Lqr`] can take a model: one drone on a floating root, and something passive that moves on it.
+pub fn carries(model: &Model) -> bool {
+    let passive = |motion: &Motion| matches!(motion, Motion::Revolute(_) | Motion::Prismatic(_));
+    let [root, moved @ ..] = model.bodies() else { return false };
+    let [drone] = model.drones() else { return false };
+    root.joint.motion == Motion::Floating
+        && drone.body == 0
+        && !moved.is_empty()
+        && moved.iter().all(|b| b.joint.drive.is_none() && passive(&b.joint.motion))
+}
+
+fn fits(model: &Model) -> Result<()> {
+    if carries(model) {
+        return Ok(());
+    }
+    let what = format!("model '{}'", model.name());
+    let rule = "one drone on a floating root with passive hinges or slides on it";
+    Err(Error::value(what, "of another make", rule, "Ask controllers::suited for a pilot."))
+}
+
+/// The articulated system under the drone's levels, every one in every step: an acceleration command in, world axes, m/s².
+struct Inner<'a> {
+    system: &'a Multibody,
+    cascade: CascadeModel<f64, MAX_ROTORS>,
+    actions: Vec<usize>,
+}
+
+impl System for Inner<'_> {
+    fn n_state(&self) -> usize {
+        self.system.n_state()
+    }
+    fn n_input(&self) -> usize {
+        3
+    }
+    fn n_parameter(&self) -> usize {
+        0
+    }
+    fn step<S: Scalar>(&self, state: &[S], input: &[S], _: &[S], next: &mut [S]) {
+        let cascade = CascadeModel::<S, MAX_ROTORS>::constant(&self.cascade);
+        let own = Kinematics::read(state);
+        let mut command = VelocityCommand::constant(own.velocity, S::zero());
+        command.acceleration = [input[0], input[1], input[2]];
+        let held = cascade.velocity(&own, &cascade.initial(), &command, [S::one(); 3]);
+        let mut actions = vec![S::zero(); self.system.n_input()];
+        for (at, action) in self.actions.iter().zip(held.rotors) {
+            actions[*at] = action;
+        }
+        self.system.step(state, &actions, &[], next);
+    }
+}
+
+impl Inner<'_> {
+    /// Everything at rest at the origin, rotors at the speed that carries the weight.
+    fn hover(&self) -> Vec<f64> {
+        let (model, layout) = (self.system.model(), self.system.layout());
+        let mut state = self.system.rest_state();
+        state[..10].copy_from_slice(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
+        let carried = self.cascade.initial().rotors;
+        for (r, action) in model.drones()[0].rotors.iter().zip(carried) {
+            state[layout.rotor_speed[*r]] = model.rotors()[*r].rotor.max_speed * (0.5 * (action + 1.0)).sqrt();
+        }
+        state
+    }
+
+    /// A and B over `steps` steps with one command, on the error state about hover.
+    fn linearised(&self, errors: &ErrorState, hover: &[f64], steps: u64) -> Result<(DMatrix<f64>, DMatrix<f64>)> {
+        let one = linearise(self, hover, &[0.0; 3], &[]);
+        let drift = errors.difference(one.next.as_slice(), hover).amax() / self.system.physics().dt;
+        if drift.is_nan() || drift > STILL {
+            let what = format!("model '{}': drift of the level hover", self.system.model().name());
+            let remedy = "Hang the load below or above the drone's centre of mass, or fly it with a Formation.";
+            return Err(Error::value(what, drift, format!("≤ {STILL} (SI units per second)"), remedy));
+        }
+        let (a, b) = errors.reduce(hover, &one);
+        let (mut state, mut input) = (a.clone(), b.clone());
+        for _ in 1..steps {
+            input = &a * input + &b;
+            state = &a * state;
+        }
+        Ok((state, input))
+    }
+}
+
+/// Q and R by Bryson's rule.
+fn costs(system: &Multibody, errors: &ErrorState, weights: &Weights) -> Result<(DMatrix<f64>, DMatrix<f64>)> {
+    let mut most = vec![f64::INFINITY; errors.n_error()];
+    most[..3].fill(weights.position);
+    for place in &system.layout().bodies[1..] {
+        most[errors.place(place.velocity)] = weights.swing;
+    }
+    Ok((bryson(&most)?, bryson(&[weights.acceleration; 3])?))
+}
+
+/// (Eᵀ X E)⁻¹ Eᵀ, E the columns of the position: where the slope Xe + g of the cost has no part along the position.
+fn nearest(cost: &DMatrix<f64>) -> Result<DMatrix<f64>> {
+    let Some(inverse) = cost.view((0, 0), (3, 3)).into_owned().try_inverse() else {
+        let remedy = "Lower weights.position.";
+        return Err(Error::value("weight of the position", "lost to rounding", "of weight in the cost", remedy));
+    };
+    Ok(inverse * DMatrix::identity(3, cost.nrows()))
+}
+
+/// The error from x = Π z is disturbed by w = Π (Φ z − z⁺); per instant, what that adds to command and nearest position.
+/// The cost from e on is eᵀXe + 2eᵀg + …, g = Σ (A_cᵀ)ʲ⁺¹ X wⱼ, so X⁻¹g counts as error where positions are compared.
+fn ahead(following: &Following, regulator: &Regulator, nearest: &DMatrix<f64>, n: usize) -> Vec<Ahead> {
+    let size = regulator.cost.nrows();
+    let mut left = DMatrix::zeros(6, size);
+    left.rows_mut(0, 3).copy_from(&-&regulator.push);
+    left.rows_mut(3, 3).copy_from(&(nearest * regulator.closed_loop.transpose()));
+    let mut before = DMatrix::zeros(6, N_FORWARD);
+    let row = |f: DMatrix<f64>| {
+        let now = f * &following.state;
+        let gain = &now * &following.advance - std::mem::replace(&mut before, now);
+        Ahead::from_column_slice(gain.as_slice())
+    };
+    regulator.preview(&left, n).into_iter().map(row).collect()
+}
