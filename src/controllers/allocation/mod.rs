@@ -9,16 +9,22 @@
 //! | [`active_set`] | bounds: exact and fast, branch-free |
 //! | [`conic`] | cones: clarabel |
 //! | [`residual`](mod@residual) | the certificate |
+//! | [`reach`] | how far a wrench lies inside what bounded inputs can deliver |
+//! | [`failure`] | what is left of a vehicle after each loss of a rotor |
 
 pub mod active_set;
 pub mod allocator;
 pub mod conic;
+pub mod failure;
 pub mod geometry;
 pub mod problem;
 pub mod pseudo_inverse;
+pub mod reach;
 pub mod residual;
 
 pub use allocator::{Allocator, Counts, Path, Reason, Settings, Solution};
+pub use failure::{Assessment, Capability, Failure, FailureTable};
 pub use geometry::{Authority, Axis};
 pub use problem::{Affine, Cone, Problem};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};
+pub use reach::{Attainable, Facet, Margin, Reach};
