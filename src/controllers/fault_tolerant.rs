@@ -32,8 +32,8 @@ use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::Result;
 
 /// Priority of each row, as a factor of its balanced weight: sideways forces, thrust, roll and pitch, yaw.
-pub const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 10.0, 10.0, 1e-2];
-/// ρ over the largest diagonal entry of BᵀWB: below the weakest row's own, which is yaw's κ² 1e-2.
+pub const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 10.0, 10.0, 1e-3];
+/// ρ over the largest diagonal entry of BᵀWB: far below that of the weakest row.
 const REGULARISATION: f64 = 1e-9;
 /// Largest tilt of the wanted thrust with a failure, rad: less lift, less haste.
 const TILT: f64 = 0.6;
@@ -55,6 +55,9 @@ struct Broken {
     allocator: Allocator,
     /// Mean time constant of the motors, s.
     lag: f64,
+    /// Largest yaw moment worth asking for, N m: half the range of what is left. A wish far beyond it would outweigh
+    /// its low priority.
+    yaw: f64,
 }
 
 impl Broken {
@@ -105,10 +108,13 @@ impl FaultTolerant {
         // moments come before thrust in the allocation, so nothing need be kept back for them
         let lift = assessment.lift.max(1.1 * self.model.body.mass * self.model.body.gravity);
         self.model.limits = ForceLimits { force: lift, ..ForceLimits::constant(&limits, lift) };
-        let allocator = Allocator::new(prioritised(failure::problem(&self.vehicle, health)?))?;
+        let problem = prioritised(failure::problem(&self.vehicle, health)?);
+        let yaw =
+            0.5 * problem.geometry.row(5).iter().zip(&problem.upper).map(|(b, most)| (b * most).abs()).sum::<f64>();
+        let allocator = Allocator::new(problem)?;
         let constants = self.vehicle.rotors.iter().map(|r| 0.5 * (r.time_constant_up + r.time_constant_down));
         let lag = constants.sum::<f64>() / self.vehicle.n_rotor() as f64;
-        self.broken = Some(Broken { assessment, allocator, lag });
+        self.broken = Some(Broken { assessment, allocator, lag, yaw });
         Ok(())
     }
 
@@ -167,7 +173,7 @@ impl FaultTolerant {
                 if ticks[2] > 0.5 {
                     let spin = if broken.yaw_free() { state.angular_velocity[2] } else { 0.0 };
                     let [f, x, y, z] = spinning_wrench(&self.model, state, command, spin, broken.lag);
-                    broken.allocator.solve(&[0.0, 0.0, f, x, y, z]);
+                    broken.allocator.solve(&[0.0, 0.0, f, x, y, z.clamp(-broken.yaw, broken.yaw)]);
                     self.held.rotors = broken.actions();
                 }
             }

@@ -138,7 +138,7 @@ pub struct Assessment {
     pub steered: Reach,
     /// Hover over thrust, roll and pitch.
     pub without_yaw: Reach,
-    /// Most thrust along body z without roll and pitch moment, N; 0 where it cannot hover.
+    /// Most thrust along body z without roll and pitch moment, N; 0 where not even the weight is attainable.
     pub lift: f64,
 }
 

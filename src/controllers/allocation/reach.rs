@@ -251,7 +251,8 @@ impl Reach {
 
     /// The way to the nearest limit in words, strongest first: `+yaw`, or `+roll 0.87 −yaw 0.50`.
     pub fn weakest(&self) -> String {
-        let mut parts: Vec<(f64, Axis)> = self.margin.direction.iter().copied().zip(self.axes.iter().copied()).collect();
+        let mut parts: Vec<(f64, Axis)> =
+            self.margin.direction.iter().copied().zip(self.axes.iter().copied()).collect();
         parts.retain(|(n, _)| n.abs() > 0.05);
         parts.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
         let sign = |n: f64| if n < 0.0 { "−" } else { "+" };
