@@ -188,8 +188,8 @@ fn what_cannot_be_certified_is_refused_with_a_reason() {
     let mut endless = problem.clone();
     endless.lower[2] = f64::NEG_INFINITY;
     assert!(refusal(&endless, &Axis::STEERED).contains("bounds of input 2"));
-    let many = Problem::boxed(DMatrix::from_fn(6, 40, |i, j| (i + 7 * j) as f64 % 5.0), [1.0; 6], vec![1.0; 40]);
-    assert!(refusal(&many.unwrap(), &Axis::ALL).contains("over the limit of 100000"));
+    let many = random_problem(&mut Stream::new(4, 0, 0, Purpose::RESET), 40, &Axis::STEERED);
+    assert!(refusal(&many, &Axis::ALL).contains("over the limit of 100000"));
     assert!(Reach::of(&problem, &Axis::STEERED, &[f64::NAN; 6]).is_err());
     assert!(problem.n_input() == 6 && weight[2] > 0.0);
     let vehicle = vehicles::by_name("firefly").unwrap();
@@ -387,12 +387,13 @@ fn every_level_of_control_carries_on() {
     let vehicle = vehicles::by_name("firefly").unwrap();
     let mut health = vec![1.0; 6];
     health[2] = 0.0;
+    let whole = Multirotor::new(&vehicle, Physics::default()).unwrap();
     let plant = Multirotor::new(&damaged(&vehicle, &health), Physics::default()).unwrap();
     let weight = hover(&vehicle)[2];
     for level in ["velocity", "attitude", "rate"] {
         let mut pilot = FaultTolerant::new(&vehicle, &vehicle.gains(), &Rates::default(), 0.002).unwrap();
         pilot.tell(&health).unwrap();
-        let mut x = plant.hover_state([0.0, 0.0, 10.0]).unwrap();
+        let mut x = whole.hover_state([0.0, 0.0, 10.0]).unwrap();
         x[10] = 0.5;
         let mut next = x.clone();
         for _ in 0..1000 {

@@ -3,6 +3,7 @@
 use super::page::{Fact, Page, duration, length, short};
 use super::table::{Align, Table, number};
 use clap::Args;
+use omnidrones::controllers::allocation::Reach;
 use omnidrones::controllers::allocation::failure::{LEAST_MARGIN, health, hover};
 use omnidrones::controllers::{Assessment, Capability, Failure, FailureTable, Flight, FlightPlan};
 use omnidrones::dynamics::Vehicle;
@@ -200,19 +201,26 @@ impl Story {
 
 /// One sentence about margins.
 fn explanation(left: &Assessment) -> String {
-    let newtons = |reach: &omnidrones::controllers::allocation::Reach| format!("{} N", signed(reach.margin.distance));
+    let newtons_of = |v: f64| format!("{} N", signed(v));
+    let newtons = |reach: &Reach| newtons_of(reach.margin.distance);
     let (four, three) = (&left.steered, &left.without_yaw);
     match left.capability {
         Capability::Full => format!("hover is {} inside the limits; nearest is {}", newtons(four), four.weakest()),
+        Capability::YawSacrificed if four.margin.distance < 0.0 && newtons(four) != newtons_of(0.0) => format!(
+            "hover is {} inside the limits of thrust, roll and pitch, but leaves a yaw moment: it spins up",
+            newtons(three)
+        ),
         Capability::YawSacrificed => format!(
             "hover is {} inside the limits of thrust, roll and pitch; with yaw {} ({})",
             newtons(three),
             newtons(four),
             four.weakest()
         ),
-        Capability::None => {
-            format!("hover is {} inside the limits of thrust, roll and pitch ({})", newtons(three), three.weakest())
-        }
+        Capability::None => format!(
+            "hover is {} outside the limits of thrust, roll and pitch ({})",
+            newtons_of(-three.margin.distance),
+            three.weakest()
+        ),
     }
 }
 

@@ -2,8 +2,9 @@
 //!
 //! Until it is told of a failure it is the [`Cascade`](super::Cascade), bit for bit. Told, it changes two things:
 //!
-//! - **Allocation** becomes the bounded [`Problem`](super::allocation::Problem) with eᵢ T_max as upper bounds, roll and pitch before thrust before yaw
-//!   before sideways force ([`PRIORITIES`]). The attainable lift replaces the nominal one in the limits.
+//! - **Allocation** becomes the bounded [`Problem`](super::allocation::Problem) with eᵢ T_max as upper bounds, roll and
+//!   pitch before thrust before yaw before sideways force ([`PRIORITIES`]). The attainable lift replaces the nominal one
+//!   in the limits.
 //! - **Attitude**, where the rotors cannot hold yaw ([`Assessment`]), follows the direction of the thrust alone. With s
 //!   the wanted direction in the body frame,
 //!
@@ -14,7 +15,8 @@
 //!
 //! Heading is nobody's wish any more; yaw is only damped, M_z = −K_ω ω_z, as far as the bounds allow. The last term keeps
 //! the tilt error's decay steady in the *world* while the body spins under it. Motors that lag by τ deliver a moment
-//! that is steady in the world late by the angle ω_z τ: the command leads by it, M − τ ω_z e_z × M.
+//! that is steady in the world late by the angle ω_z τ: the command leads by it, M − τ ω_z e_z × M. Horizontal position
+//! and velocity gains are capped at a quarter of the attitude loop's bandwidth.
 //!
 //! Source: the reduced attitude of Mueller and D'Andrea (2014); priorities after Sun et al. (2022).
 
@@ -23,10 +25,11 @@ use super::allocation::{Allocator, Assessment, Capability, Counts, failure};
 use super::attitude::{AttitudeCommand, rate_command};
 use super::cascade::{CascadeModel, Held, Rates, Schedule, hold_rate};
 use super::kinematics::Kinematics;
-use super::parameters::{ForceLimits, Limits};
+use super::parameters::{ForceLimits, GainSet, Limits};
 use super::rate::RateCommand;
 use super::reference::Sample;
 use super::velocity::VelocityCommand;
+use crate::dynamics::gains::SEPARATION;
 use crate::dynamics::spatial::{Quat, Vec3, add, mat_mul, mat_vec, matrix, transpose};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::Result;
@@ -42,7 +45,7 @@ const TILT: f64 = 0.6;
 pub struct FaultTolerant {
     vehicle: Vehicle,
     model: CascadeModel<f64, MAX_ROTORS>,
-    whole: ForceLimits<f64>,
+    whole: CascadeModel<f64, MAX_ROTORS>,
     schedule: Schedule,
     held: Held<f64, MAX_ROTORS>,
     step: u64,
@@ -61,6 +64,15 @@ struct Broken {
 }
 
 impl Broken {
+    fn new(vehicle: &Vehicle, assessment: Assessment) -> Result<Self> {
+        let problem = prioritised(failure::problem(vehicle, &assessment.health)?);
+        let yaw_row = problem.geometry.row(5);
+        let yaw = 0.5 * yaw_row.iter().zip(&problem.upper).map(|(b, most)| (b * most).abs()).sum::<f64>();
+        let constants = vehicle.rotors.iter().map(|r| 0.5 * (r.time_constant_up + r.time_constant_down));
+        let lag = constants.sum::<f64>() / vehicle.n_rotor() as f64;
+        Ok(Self { assessment, allocator: Allocator::new(problem)?, lag, yaw })
+    }
+
     fn yaw_free(&self) -> bool {
         self.assessment.capability != Capability::Full
     }
@@ -86,7 +98,7 @@ impl FaultTolerant {
         Ok(Self {
             vehicle: vehicle.clone(),
             model,
-            whole: model.limits,
+            whole: model,
             schedule: Schedule::new(rates, dt)?,
             held: model.initial(),
             step: 0,
@@ -101,20 +113,20 @@ impl FaultTolerant {
     pub fn tell(&mut self, health: &[f64]) -> Result<()> {
         let assessment = Assessment::of(&self.vehicle, health)?;
         if assessment.broken().is_empty() {
-            (self.broken, self.model.limits) = (None, self.whole);
+            (self.broken, self.model) = (None, self.whole);
             return Ok(());
         }
-        let limits = Limits { tilt: TILT, ..Limits::default() };
+        let broken = Broken::new(&self.vehicle, assessment)?;
+        self.model = self.whole;
+        let body = &self.model.body;
         // moments come before thrust in the allocation, so nothing need be kept back for them
-        let lift = assessment.lift.max(1.1 * self.model.body.mass * self.model.body.gravity);
+        let lift = broken.assessment.lift.max(1.1 * body.mass * body.gravity);
+        let limits = Limits { tilt: TILT, ..Limits::default() };
         self.model.limits = ForceLimits { force: lift, ..ForceLimits::constant(&limits, lift) };
-        let problem = prioritised(failure::problem(&self.vehicle, health)?);
-        let yaw =
-            0.5 * problem.geometry.row(5).iter().zip(&problem.upper).map(|(b, most)| (b * most).abs()).sum::<f64>();
-        let allocator = Allocator::new(problem)?;
-        let constants = self.vehicle.rotors.iter().map(|r| 0.5 * (r.time_constant_up + r.time_constant_down));
-        let lag = constants.sum::<f64>() / self.vehicle.n_rotor() as f64;
-        self.broken = Some(Broken { assessment, allocator, lag, yaw });
+        if broken.yaw_free() {
+            self.model.gains = unhurried(&self.model);
+        }
+        self.broken = Some(broken);
         Ok(())
     }
 
@@ -217,6 +229,19 @@ fn spinning_wrench(
     let [f, x, y, z] = model.wrench(state, &command);
     let lead = lag * spin;
     [f, x + lead * y, y - lead * x, z]
+}
+
+/// Horizontal position and velocity gains no faster than [`SEPARATION`] allows beside the attitude loop ω = √(K_R/J):
+/// K_p ≤ (ω/4)², K_v ≤ ω/2. In a spinning body an outer loop that does not wait turns its errors into coning.
+fn unhurried(model: &CascadeModel<f64, MAX_ROTORS>) -> GainSet<f64> {
+    let mut gains = model.gains;
+    let bandwidth = |i: usize| (gains.attitude[i] / model.body.inertia[i][i]).sqrt();
+    let outer = bandwidth(0).min(bandwidth(1)) / SEPARATION;
+    for i in 0..2 {
+        gains.position[i] = gains.position[i].min(outer * outer);
+        gains.velocity[i] = gains.velocity[i].min(2.0 * outer);
+    }
+    gains
 }
 
 /// The problem with [`PRIORITIES`].

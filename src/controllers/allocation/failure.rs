@@ -4,6 +4,9 @@
 //! for in the rows thrust, roll, pitch and yaw, then without yaw, which is the axis to give up first: a vehicle that
 //! turns about its thrust still holds its place (Mueller and D'Andrea 2014). One that needs to tumble or spin *in order*
 //! to fly (a quadrotor on three rotors, after the same source) is outside this static analysis and counts as lost.
+//!
+//! Where the margin with yaw is negative, hover leaves a yaw moment, and the vehicle spins up until drag holds it; how
+//! fast is not part of the analysis.
 
 use super::geometry::Axis;
 use super::problem::{Problem, WRENCH};
