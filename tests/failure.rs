@@ -62,8 +62,9 @@ fn the_margin_is_the_radius_of_the_largest_ball_that_the_allocator_reaches() {
         least_outside = least_outside.min(miss(&mut allocator, &set, &beyond) / margin.distance);
     }
     // 5 % beyond the weakest direction is missed by 5 % exactly
+    // measured: 5.9e-8 within the ball
     println!("measured: miss within the ball {worst_inside:.1e}, 5 % beyond it {least_outside:.4} of the margin");
-    assert!(worst_inside < 1e-3 && (least_outside - 0.05).abs() < 1e-3);
+    assert!(worst_inside < 1e-6 && (least_outside - 0.05).abs() < 1e-4);
 }
 
 #[test]
@@ -85,8 +86,9 @@ fn every_facet_touches_a_vertex_and_leaves_none_outside() {
             worst = worst.max((support - facet.offset).abs());
         }
     }
+    // measured: 3.6e-15
     println!("worst {worst:.1e} N");
-    assert!(worst < 1e-12);
+    assert!(worst < 1e-13);
 }
 
 /// A hexarotor of Du et al. (2015), table 2: 1.535 kg, arms 0.275 m, 6.125 N per rotor, κ 0.1 m; spins by letter.
@@ -261,6 +263,7 @@ fn flown(vehicle: &Vehicle, plan: &FlightPlan) -> Flight {
 #[test]
 fn the_firefly_hovers_on_any_five_rotors() {
     let vehicle = vehicles::by_name("firefly").unwrap();
+    // measured, worst of six: 0.013 m in height, 0.027 m across, 2.5° of tilt, 0.09 rad/s of yaw
     for rotor in 0..6 {
         let worst = Worst::of(&flown(&vehicle, &hovering(vec![Failure::lost(rotor, 1.0)])));
         println!("rotor {rotor}: {worst:.3?}");
@@ -286,6 +289,7 @@ fn disturbed(vehicle: &Vehicle, rng: &mut Stream, size: f64) -> Vec<f64> {
 fn a_hundred_disturbed_starts_survive_the_loss_of_a_rotor() {
     let vehicle = vehicles::by_name("firefly").unwrap();
     let mut rng = Stream::new(3, 0, 0, Purpose::RESET);
+    // measured, worst of a hundred, starts included: 0.299 m in height, 0.581 m across, 27.4° of tilt, 1.09 rad/s of yaw
     let mut worst = Worst::none();
     for case in 0..100 {
         let start = disturbed(&vehicle, &mut rng, 1.0);
@@ -300,6 +304,8 @@ fn a_hundred_disturbed_starts_survive_the_loss_of_a_rotor() {
 
 #[test]
 fn every_vehicle_flies_after_every_loss_that_leaves_it_capable() {
+    // measured, worst of single and double losses: firefly 0.034 m in height, 0.033 m across, 2.6°, neo11 0.036 m, 0.120 m,
+    // 6.2° (two rotors of one spin lost: yaw at 13.3 and 13.4 rad/s), omav 0.014 m, 0.042 m, 3.3°
     for vehicle in vehicles::all() {
         let table = FailureTable::of(&vehicle).unwrap();
         let mut worst = Worst::none();
@@ -324,18 +330,21 @@ fn a_hexarotor_with_paired_spins_keeps_its_yaw() {
     let table = FailureTable::of(&vehicle).unwrap();
     let kept: Vec<bool> = table.single.iter().map(|a| a.capability == Capability::Full).collect();
     assert_eq!(kept, [true, true, true, true, false, false]);
+    // measured, worst of four: heading off by 0.014 rad, 1.9e-4 rad after 20 s; 0.027 m across
     for a in table.single.iter().filter(|a| a.capability == Capability::Full) {
         let plan = hovering(vec![Failure::lost(a.broken()[0], 1.0)]);
         let flight = flown(&vehicle, &plan);
         let yaw = flight.log.euler_angles().iter().map(|e| e[2].abs()).fold(0.0, f64::max);
         let last = flight.log.euler_angles().last().unwrap()[2];
         println!("{:?}: {:.3?}, heading off by {yaw:.3} rad, at the end {last:.1e}", a.broken(), Worst::of(&flight));
-        assert!(Worst::of(&flight).is_kept() && yaw < 0.7 && last.abs() < 0.02, "{:?}", a.broken());
+        assert!(Worst::of(&flight).is_kept() && yaw < 0.05 && last.abs() < 1e-3, "{:?}", a.broken());
     }
 }
 
 #[test]
 fn a_quadrotor_with_a_rotor_at_sixty_per_cent_flies_where_that_carries_it() {
+    // measured: crazyflie 0.072 m across and 8.1°, hummingbird 0.025 m, both with their heading; iris has not the thrust
+    // for it (3.60 N of 3.73 N) and gives up yaw: 0.026 m, 0.63 rad/s
     for vehicle in vehicles::all().into_iter().filter(|v| v.n_rotor() == 4) {
         for rotor in 0..4 {
             let mut health = [1.0; 4];
@@ -360,8 +369,9 @@ fn the_lemniscate_is_flown_on_without_a_rotor() {
     let plan = FlightPlan { duration: 20.0, failures: vec![Failure::lost(1, 3.0)], ..Default::default() };
     let flight = flown(&vehicle, &plan);
     let rmse = flight.log.rmse(5.0).unwrap();
+    // measured: 0.042 m, against 0.014 m with all six
     println!("RMSE {rmse:.4} m, {:.3?}", Worst::of(&flight));
-    assert!(rmse < 0.25, "{rmse}");
+    assert!(rmse < 0.1, "{rmse}");
 }
 
 #[test]
@@ -377,6 +387,7 @@ fn until_the_failure_the_flight_is_that_of_the_whole_vehicle_and_then_the_thrust
         let thrust = |time: f64| b.thrust[(time / 0.002).round() as usize * n];
         // with the lag of the motor: e⁻² of the thrust after one time constant, nothing after ten
         let left = thrust(1.0 + tau) / thrust(1.0);
+        // measured: 0.125 to 0.139; the step's grid and the command in force move it from e⁻² = 0.135
         println!("{}: {left:.3} of the thrust after τ", vehicle.name);
         assert!(left > 0.08 && left < 0.25 && thrust(1.0 + 10.0 * tau) < 2e-4 * vehicle.rotors[0].max_thrust());
     }
@@ -408,6 +419,7 @@ fn every_level_of_control_carries_on() {
         }
         let tilt = omnidrones::dynamics::spatial::up_axis([x[6], x[7], x[8], x[9]])[2].acos();
         println!("{level}: velocity {:.3?}, tilt {tilt:.4}, rates {:.4?}", &x[3..6], &x[10..13]);
+        // measured: 0.506 m/s of 0.5; tilt below 1e-4; rates below 0.002 rad/s
         let good = match level {
             "velocity" => (x[3] - 0.5).abs() < 0.05 && x[4].abs() < 0.05 && x[5].abs() < 0.05,
             "attitude" => tilt < 0.01,
@@ -422,6 +434,7 @@ fn every_level_of_control_carries_on() {
 #[test]
 fn the_thrust_is_steered_while_the_body_spins() {
     let vehicle = vehicles::by_name("firefly").unwrap();
+    // measured: 8.3 to 8.5° of tilt, never farther than the start; 1.3 rad/s are left of 15 after 20 s
     for spin in [5.0, 10.0, 15.0] {
         let at = Reference::by_name("hover").unwrap().sample(0.0).position;
         let mut x =
@@ -432,7 +445,7 @@ fn the_thrust_is_steered_while_the_body_spins() {
         let worst = Worst::of(&flight);
         let last = flight.log.angular_velocity.last().unwrap()[2];
         println!("{spin} rad/s: {worst:.3?}, {last:.2} rad/s after 20 s");
-        assert!(worst.is_kept() && worst.across < 0.6, "{spin} rad/s: {worst:?}");
+        assert!(worst.is_kept() && worst.across < 0.55, "{spin} rad/s: {worst:?}");
     }
 }
 
