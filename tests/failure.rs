@@ -285,21 +285,40 @@ fn disturbed(vehicle: &Vehicle, rng: &mut Stream, size: f64) -> Vec<f64> {
     x
 }
 
-#[test]
-fn a_hundred_disturbed_starts_survive_the_loss_of_a_rotor() {
-    let vehicle = vehicles::by_name("firefly").unwrap();
+/// A hundred starts, `size` times disturbed, a rotor lost at once and known of after `delay`: the worst of all, how many
+/// kept within half a metre of height, two metres and 45°, and how many ended within half a metre of the reference.
+fn hundred(vehicle: &Vehicle, size: f64, delay: f64) -> (Worst, usize, usize) {
     let mut rng = Stream::new(3, 0, 0, Purpose::RESET);
-    // measured, worst of a hundred, starts included: 0.299 m in height, 0.581 m across, 27.4° of tilt, 1.09 rad/s of yaw
-    let mut worst = Worst::none();
-    for case in 0..100 {
-        let start = disturbed(&vehicle, &mut rng, 1.0);
-        let plan = hovering(vec![Failure::lost(rng.below(6) as usize, 0.0)]);
-        let flight = fly_from(&vehicle, &vehicle.gains(), &plan, &start, &mut |_| {}).unwrap();
+    let (mut worst, mut kept, mut back) = (Worst::none(), 0, 0);
+    for _ in 0..100 {
+        let start = disturbed(vehicle, &mut rng, size);
+        let failures = vec![Failure::lost(rng.below(vehicle.n_rotor() as u64) as usize, 0.0)];
+        let plan = FlightPlan { detection_delay: delay, ..hovering(failures) };
+        let flight = fly_from(vehicle, &vehicle.gains(), &plan, &start, &mut |_| {}).unwrap();
         let one = Worst::of(&flight);
-        assert!(one.is_kept(), "start {case}: {one:?}");
+        kept += usize::from(one.is_kept());
+        back += usize::from(flight.log.error_norm().last().is_some_and(|e| *e < 0.5));
         worst = worst.and(one);
     }
-    println!("{worst:.3?}");
+    println!("{} {size} × disturbed, {delay} s: kept {kept}, back {back}, {worst:.3?}", vehicle.name);
+    (worst, kept, back)
+}
+
+#[test]
+fn a_hundred_disturbed_starts_survive_the_loss_of_a_rotor() {
+    // measured, worst of a hundred, starts included: firefly 0.299 m in height, 0.581 m across, 27.4° of tilt, 1.09 rad/s of
+    // yaw; neo11 0.30 m, 0.67 m, 30.4°, 1.33 rad/s; omav 0.30 m, 0.60 m, 27.4°, 0.99 rad/s
+    for name in ["firefly", "neo11", "omav"] {
+        let (worst, kept, back) = hundred(&vehicles::by_name(name).unwrap(), 1.0, 0.05);
+        assert!(kept == 100 && back == 100, "{name}: {worst:?}");
+    }
+    let firefly = vehicles::by_name("firefly").unwrap();
+    // known of only after 0.2 s, measured: 0.41 m, 0.60 m, 34.1°
+    let (worst, kept, _) = hundred(&firefly, 1.0, 0.2);
+    assert!(kept == 100, "{worst:?}");
+    // three times as disturbed (60° about each axis, 3 rad/s), measured: 2.36 m, 3.55 m, 80.8°, and all come back
+    let (worst, _, back) = hundred(&firefly, 3.0, 0.05);
+    assert!(back == 100 && worst.height < 3.0, "{worst:?}");
 }
 
 #[test]
@@ -434,7 +453,8 @@ fn every_level_of_control_carries_on() {
 #[test]
 fn the_thrust_is_steered_while_the_body_spins() {
     let vehicle = vehicles::by_name("firefly").unwrap();
-    // measured: 8.3 to 8.5° of tilt, never farther than the start; 1.3 rad/s are left of 15 after 20 s
+    // measured: 8.3 to 8.5° of tilt, never farther than the start; 1.3 rad/s are left of 15 after 20 s. Without the lead
+    // for the motors' lag 15 rad/s end 76 m low, without the turning of the rate command 9 m low
     for spin in [5.0, 10.0, 15.0] {
         let at = Reference::by_name("hover").unwrap().sample(0.0).position;
         let mut x =
