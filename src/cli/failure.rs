@@ -264,8 +264,8 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
             .collect();
         if !pairs.is_empty() {
             let (n, all) = (pairs.len(), table.double.len());
-            let which = if n == all { String::new() } else { format!(": {}", pairs.join(", ")) };
-            page.line(format!("  of {all} pairs lost together, {n}: {}{which}", capability.name()));
+            let which = if n == all { String::new() } else { format!(" ({})", pairs.join(", ")) };
+            page.line(format!("  {n} of {all} pairs lost together: {}{which}", capability.name()));
         }
     }
     page.line(format!(
