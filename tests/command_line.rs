@@ -490,3 +490,34 @@ fn a_reader_that_leaves_is_no_failure_and_a_full_disk_is_one() {
         assert!(text(&output.stderr).contains("standard output"), "{}", text(&output.stderr));
     }
 }
+
+#[test]
+fn a_failed_rotor_is_explained_and_flown_with() {
+    let folder = temporary();
+    let hover = ["fly", "firefly", "--reference", "hover", "--no-plots"];
+    let with = |more: &[&'static str]| [&hover[..], more].concat();
+    let flown = json(0, folder.path(), &with(&["--fail", "1", "--at", "1", "--duration", "5", "--json"]));
+    let stage = &flown["failures"]["stages"][0];
+    assert_eq!((stage["capability"].as_str(), stage["at"].as_f64()), (Some("yaw_sacrificed"), Some(1.0)));
+    assert!(flown["failures"]["largest_height_error"].as_f64().is_some_and(|e| e < 0.1));
+    let (page, _) = exits(0, folder.path(), &with(&["--fail", "rotor_2:0.5", "--fail", "3", "--at", "4", "--at", "6"]));
+    for words in ["50 % left at 4 s", "lost at 6 s", "full control", "yaw sacrificed"] {
+        assert!(page.contains(words), "'{words}' in\n{page}");
+    }
+    let (page, _) = exits(1, folder.path(), &["fly", "iris", "--reference", "hover", "--fail", "0", "--no-plots"]);
+    assert!(page.contains("cannot hover") && page.contains("FAILED: the vehicle was lost"), "{page}");
+    for (arguments, words) in [
+        (with(&["--fail", "9"]), "no rotor is called '9'"),
+        (with(&["--fail", "1:2"]), "in [0, 1)"),
+        (with(&["--fail", "1:half"]), "'half'"),
+        (with(&["--fail", "1", "--at", "1", "--at", "2"]), "--at: number of times is 2"),
+        (with(&["--at", "1"]), "--fail"),
+        (with(&["--fail", "1", "--detection", "-1"]), "detection_delay"),
+        (vec!["fly", "payload", "--fail", "1"], "a single vehicle"),
+    ] {
+        let (_, error) = exits(2, folder.path(), &arguments);
+        assert!(error.contains(words), "{arguments:?}: {error}");
+    }
+    let (sheet, _) = exits(0, folder.path(), &["models", "omav"]);
+    assert!(sheet.contains("When a rotor is lost") && sheet.contains("of 66 pairs lost together"), "{sheet}");
+}

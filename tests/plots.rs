@@ -150,3 +150,21 @@ fn empty_short_and_diverged_flights_give_all_figures() {
         }
     }
 }
+
+#[test]
+fn an_event_is_named_once_per_chart_with_room_and_drawn_in_all_over_time() {
+    let plain = FlightFigures::new(&lemniscate(), 2.0);
+    let marked = plain.clone().event("failure", 3.0);
+    let names = |figures: &FlightFigures| -> Vec<usize> {
+        figures
+            .named()
+            .iter()
+            .map(|(_, f)| f.svg().unwrap().lines().filter(|l| l.trim() == "failure").count())
+            .collect()
+    };
+    assert_eq!(names(&plain), [0; 5]);
+    // overview, path, error, rotors, attitude: charts with a shaded start have the line without its name
+    assert_eq!(names(&marked), [2, 0, 0, 2, 3]);
+    assert_ne!(plain.error.svg().unwrap(), marked.error.svg().unwrap());
+    assert_eq!(plain.path, marked.path);
+}

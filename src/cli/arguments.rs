@@ -149,7 +149,15 @@ impl FlightArguments {
         let reference = self.reference()?;
         let usual = reference.duration().map_or(15.0, |end| end + 2.0);
         let (physics, rates) = (self.physics(), self.rates());
-        Ok(FlightPlan { reference, duration: duration.unwrap_or(usual), physics, rates, wind, seed })
+        Ok(FlightPlan {
+            reference,
+            duration: duration.unwrap_or(usual),
+            physics,
+            rates,
+            wind,
+            seed,
+            ..FlightPlan::default()
+        })
     }
 }
 

@@ -1,6 +1,7 @@
 //! `omnidrones fly`: a vehicle along a reference, its derivatives certified, its flight drawn.
 
 use super::arguments::{FlightArguments, FormatName, VehicleArguments};
+use super::failure::{FailureArguments, Story};
 use super::page::{Fact, Page, duration, length, short};
 use super::sheet::{KeyFigures, key_facts};
 use super::source::{self, Source};
@@ -42,6 +43,8 @@ Examples:
   omnidrones fly iris --wind dryden:7.7 --seed 3      7.7 m/s with gusts (light turbulence)
   omnidrones fly firefly --gains out/firefly/gains.toml --format svg
   omnidrones fly hummingbird --json --no-plots --max-rmse 0.1
+  omnidrones fly firefly --reference hover --fail 1   a rotor stops at 3 s; it flies on, without yaw
+  omnidrones fly iris --fail 0:0.8 --at 5             a rotor keeps 80 % of its thrust from 5 s on
   omnidrones fly transport --reference hover          four drones hold a box
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
@@ -54,7 +57,8 @@ no longer than that).
 
 JSON: SI units, radians; thrusts and saturation as shares of 1; null where a number does not exist.
 
-Exit codes: 0 flown; 1 the flight diverged, its RMSE is not finite or above --max-rmse; 2 unusable input or arguments.";
+Exit codes: 0 flown; 1 the flight diverged, its RMSE is not finite or above --max-rmse, or a failure took the vehicle \
+more than 10 m away; 2 unusable input or arguments.";
 
 /// Arguments of `fly`.
 #[derive(Debug, clap::Args)]
@@ -90,6 +94,8 @@ pub struct Arguments {
     /// Seed of the gusts, and of the start of a drop
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Flight")]
     pub(super) seed: u64,
+    #[command(flatten)]
+    pub(super) failure: FailureArguments,
     /// Exit with 1 if the tracking RMSE exceeds this [m]
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Flight")]
     pub(super) max_rmse: Option<f64>,
@@ -118,6 +124,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
     a.flight.check()?;
     let configuration = a.vehicle.as_deref().is_some_and(|named| rig::configuration(named).is_some());
     if configuration || a.drop.is_some() {
+        if !a.failure.fail.is_empty() {
+            let limit = "a single vehicle that flies";
+            return Err(Error::value("--fail", "a configuration or a drop", limit, "Name a vehicle, without --drop."));
+        }
         return fly_rig::run(a);
     }
     if let Some(named) = &a.vehicle {
@@ -125,7 +135,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     alone(&a.flight.physics().effects)?;
     let source = source::load(a.vehicle.as_deref(), &a.rotors)?;
-    let plan = a.flight.plan(a.duration, a.wind.clone(), a.seed)?;
+    let mut plan = a.flight.plan(a.duration, a.wind.clone(), a.seed)?;
+    plan.failures = a.failure.of(&source.vehicle)?;
+    plan.detection_delay = a.failure.detection;
     let n_step = plan.n_step()?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let writes = a.csv || !a.no_plots;
@@ -147,13 +159,18 @@ pub fn run(a: &Arguments) -> Result<Report> {
     bar.finish_and_clear();
 
     let derivatives = Derivatives::of(&source.vehicle, &gains, &plan, &flight)?;
+    let story = Story::of(&source.vehicle, &plan, &flight)?;
 
     let after = if plan.duration > TRANSIENT { TRANSIENT } else { 0.0 };
     let summary = flight.log.summary(after);
     let mut written = Vec::new();
     if !a.no_plots {
         let spinner = progress::spinner("drawing", a.json);
-        written.extend(FlightFigures::new(&flight.log, after).save(&folder, a.format.extension())?);
+        let mut figures = FlightFigures::new(&flight.log, after);
+        for (at, name) in story.iter().flat_map(Story::events) {
+            figures = figures.event(&name, at);
+        }
+        written.extend(figures.save(&folder, a.format.extension())?);
         spinner.finish_and_clear();
     }
     if a.csv {
@@ -163,7 +180,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         spinner.finish_and_clear();
         written.push(path);
     }
-    let result = Flown { source, plan, gains, gains_name, derivatives, flight, summary, wall_time, written };
+    let result = Flown { source, plan, gains, gains_name, derivatives, story, flight, summary, wall_time, written };
     let verdict = result.verdict(a.max_rmse);
     if a.json {
         return Ok(Report::json(&result.json(&verdict), verdict.is_ok()));
@@ -191,6 +208,7 @@ struct Flown {
     gains: Gains,
     gains_name: String,
     derivatives: Derivatives,
+    story: Option<Story>,
     flight: Flight,
     summary: FlightSummary,
     wall_time: f64,
@@ -205,6 +223,9 @@ impl Flown {
                 "the flight diverged at {} s: gains too high for dt, or a reference beyond the vehicle",
                 short(t, 4)
             ));
+        }
+        if let Some(reason) = self.story.as_ref().and_then(Story::lost) {
+            return Err(reason);
         }
         match (self.summary.rmse, max_rmse) {
             (None, _) => Err("the tracking RMSE is not finite".into()),
@@ -225,6 +246,9 @@ impl Flown {
         self.source.describe(&mut page);
         page.heading("Vehicle").facts(&key_facts(&self.source.vehicle));
         page.heading("Flight").facts(&self.facts());
+        if let Some(story) = &self.story {
+            story.page(&mut page, &self.source.vehicle, &self.plan);
+        }
         page.heading("Derivatives of what was flown");
         if !self.derivatives.certificates.is_empty() {
             page.table(&self.derivatives.table());
@@ -305,6 +329,7 @@ impl Flown {
             "gains_from": self.gains_name,
             "flight": self.summary,
             "diverged_at": self.flight.diverged_at,
+            "failures": self.story.as_ref().map(|s| s.json(&self.source.vehicle)),
             "wall_time": self.wall_time,
             "times_real_time": self.speed(),
             "derivatives": self.derivatives.json(),
@@ -352,6 +377,10 @@ impl Derivatives {
         let mut d = Self { certificates: Vec::new(), through: None, left_out: Vec::new() };
         if flight.diverged_at.is_some() {
             d.left_out.push("the flight diverged: there is no finite point to differentiate at".into());
+            return Ok(d);
+        }
+        if !plan.failures.is_empty() {
+            d.left_out.push("the control law switches at a failure: fly without --fail for derivatives".into());
             return Ok(d);
         }
         let mut physics = plan.physics;

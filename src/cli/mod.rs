@@ -8,6 +8,7 @@
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `rig.rs` | an articulated system from a name or a vehicle |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
+//! | `failure.rs` | rotors that fail: arguments, what is left |
 //! | `files.rs` | reading and writing behind fences |
 //! | `page.rs`, `table.rs`, `progress.rs` | what a terminal shows |
 //!
@@ -15,6 +16,7 @@
 
 mod arguments;
 mod bench;
+mod failure;
 mod files;
 mod fly;
 mod fly_rig;

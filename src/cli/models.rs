@@ -4,7 +4,7 @@ use super::arguments::VehicleArguments;
 use super::page::{Fact, Page, short};
 use super::sheet::{self, KeyFigures};
 use super::table::{Align, Table, number};
-use super::{Report, files, source};
+use super::{Report, failure, files, source};
 use omnidrones::dynamics::{urdf, vehicles};
 use omnidrones::error::Result;
 use serde_json::json;
@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// What the command is for.
 pub const ABOUT: &str = "\
 List the built-in vehicles, or print everything about one: mass, inertia, parts, rotors, drag, the allocation matrix, \
-gains with their bandwidths, and where the numbers come from. The vehicle may also be your own TOML or URDF file.";
+what is left after the loss of a rotor, gains with their bandwidths, and where the numbers come from. The vehicle may also be your own TOML or URDF file.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -74,6 +74,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if a.json {
         let mut value = sheet::json(vehicle)?;
         value["origin"] = source.json();
+        value["failures"] = failure::json(vehicle)?;
         return Ok(Report::json(&value, true));
     }
     source.describe(&mut page);
@@ -83,6 +84,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if let Some(gains) = vehicle.published_gains {
         sets.insert(0, ("published (used)", gains));
     }
+    failure::sheet(&mut page, vehicle)?;
     page.heading("Gains").table(&sheet::gains_table(vehicle, &sets));
     page.line(format!(
         "  bandwidth and damping without motor lag; the motors carry up to {} rad/s in attitude",

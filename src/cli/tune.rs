@@ -168,6 +168,7 @@ fn nominal(plan: &TunePlan) -> FlightPlan {
         rates: plan.rates,
         wind: Wind::Calm,
         seed: 0,
+        ..FlightPlan::default()
     }
 }
 

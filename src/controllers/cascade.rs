@@ -182,7 +182,7 @@ fn hold_attitude<S: Scalar>(tick: S, fresh: &AttitudeCommand<S>, held: &Attitude
 }
 
 #[inline(always)]
-fn hold_rate<S: Scalar>(tick: S, fresh: &RateCommand<S>, held: &RateCommand<S>) -> RateCommand<S> {
+pub(super) fn hold_rate<S: Scalar>(tick: S, fresh: &RateCommand<S>, held: &RateCommand<S>) -> RateCommand<S> {
     let (mut a, mut b) = ([S::zero(); 7], [S::zero(); 7]);
     fresh.write(&mut a);
     held.write(&mut b);
@@ -282,9 +282,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     /// Enters at the position level with a sample of a reference.
     #[inline(always)]
     pub fn position(&self, state: &Kinematics<S>, held: &Held<S, R>, sample: &Sample<S>, ticks: [S; 3]) -> Held<S, R> {
-        let command = velocity_command(&self.gains, sample, state);
-        let wanted = [sample.velocity, sample.acceleration, sample.jerk];
-        self.velocity_level(state, held, &add_drag(&self.body, state, wanted, &command), ticks)
+        self.attitude(state, held, &self.attitude_of_position(state, held, sample, ticks), ticks)
     }
 
     /// Enters at the velocity level.
@@ -296,20 +294,46 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         command: &VelocityCommand<S>,
         ticks: [S; 3],
     ) -> Held<S, R> {
-        let wanted = [command.velocity, command.acceleration, command.jerk];
-        self.velocity_level(state, held, &add_drag(&self.body, state, wanted, command), ticks)
+        self.attitude(state, held, &self.attitude_of_velocity(state, held, command, ticks), ticks)
     }
 
+    /// What the position and velocity levels ask of the attitude level.
     #[inline(always)]
-    fn velocity_level(
+    pub(super) fn attitude_of_position(
+        &self,
+        state: &Kinematics<S>,
+        held: &Held<S, R>,
+        sample: &Sample<S>,
+        ticks: [S; 3],
+    ) -> AttitudeCommand<S> {
+        let command = velocity_command(&self.gains, sample, state);
+        let wanted = [sample.velocity, sample.acceleration, sample.jerk];
+        self.attitude_of_force(state, held, &add_drag(&self.body, state, wanted, &command), ticks)
+    }
+
+    /// What the velocity level asks of the attitude level.
+    #[inline(always)]
+    pub(super) fn attitude_of_velocity(
         &self,
         state: &Kinematics<S>,
         held: &Held<S, R>,
         command: &VelocityCommand<S>,
         ticks: [S; 3],
-    ) -> Held<S, R> {
+    ) -> AttitudeCommand<S> {
+        let wanted = [command.velocity, command.acceleration, command.jerk];
+        self.attitude_of_force(state, held, &add_drag(&self.body, state, wanted, command), ticks)
+    }
+
+    #[inline(always)]
+    fn attitude_of_force(
+        &self,
+        state: &Kinematics<S>,
+        held: &Held<S, R>,
+        command: &VelocityCommand<S>,
+        ticks: [S; 3],
+    ) -> AttitudeCommand<S> {
         let fresh = attitude_command(&self.gains, &self.body, &self.limits, command, state);
-        self.attitude(state, held, &hold_attitude(ticks[0], &fresh, &held.attitude), ticks)
+        hold_attitude(ticks[0], &fresh, &held.attitude)
     }
 
     /// Enters at the attitude level. The command is remembered as it is; the first tick plays no part.
@@ -337,11 +361,17 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         command: &RateCommand<S>,
         ticks: [S; 3],
     ) -> Held<S, R> {
+        let fresh = self.actions(self.wrench(state, command));
+        Held { attitude: held.attitude, rate: *command, rotors: hold(ticks[2], fresh, held.rotors) }
+    }
+
+    /// [F_z, M_x, M_y, M_z] that the rate level asks of the rotors.
+    #[inline(always)]
+    pub(super) fn wrench(&self, state: &Kinematics<S>, command: &RateCommand<S>) -> [S; 4] {
         let m = moment(&self.gains, self.body.inertia, command, state.angular_velocity);
         // what rotor drag off the centre of mass will take away in still air
         let m = add(m, mat_vec(self.body.drag_moment, rotate_back(state.attitude, state.velocity)));
-        let fresh = self.actions([command.thrust, m[0], m[1], m[2]]);
-        Held { attitude: held.attitude, rate: *command, rotors: hold(ticks[2], fresh, held.rotors) }
+        [command.thrust, m[0], m[1], m[2]]
     }
 
     /// Enters at the rotors: actions clipped to [−1, 1].

@@ -102,9 +102,7 @@ impl ClosedLoop {
         sample.write(&mut input[..Sample::<f64>::DIM]);
         let at = Sample::<f64>::DIM;
         input[at..at + 3].copy_from_slice(&self.schedule.ticks(k));
-        for (slot, value) in input[at + 3..].iter_mut().zip(air.wind.iter().chain(&air.force).chain(&air.moment)) {
-            *slot = *value;
-        }
+        air.write(&mut input[at + 3..]);
     }
 
     /// Whether every level computes in step `k`.
@@ -154,7 +152,7 @@ impl ClosedLoop {
 }
 
 /// The vehicle with the drag that `effects` simulate.
-fn with_drag_of(vehicle: &Vehicle, effects: Effects) -> Vehicle {
+pub(super) fn with_drag_of(vehicle: &Vehicle, effects: Effects) -> Vehicle {
     let mut vehicle = vehicle.clone();
     if !effects.body_drag {
         vehicle.drag.linear = [0.0; 3];

@@ -13,6 +13,7 @@
 //! | [`action`] | the paper's action modes, bounded |
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
 //! | [`closed_loop`] | vehicle and cascade as one differentiable system |
+//! | [`fault_tolerant`] | the cascade that flies on with the rotors that are left, yaw sacrificed first |
 //! | [`flight`] | a whole flight along a reference, logged |
 //! | [`pilot`] | who steers an articulated system; a whole flight of one |
 //! | [`formation`] | drones that hold their places and carry something together |
@@ -35,6 +36,7 @@ pub mod balance;
 pub mod cascade;
 pub mod closed_loop;
 pub mod design;
+pub mod fault_tolerant;
 pub mod flight;
 pub mod formation;
 pub mod frozen;
@@ -50,12 +52,13 @@ pub mod state_feedback;
 pub mod velocity;
 
 pub use action::ActionScale;
-pub use allocation::{Authority, Axis, Mixer};
+pub use allocation::{Assessment, Authority, Axis, Capability, Failure, FailureTable, Mixer};
 pub use attitude::AttitudeCommand;
 pub use balance::Balance;
 pub use cascade::{Cascade, CascadeModel, Held, Level, Rates, Schedule};
 pub use closed_loop::ClosedLoop;
-pub use flight::{Flight, FlightPlan, SmoothPoint, fly};
+pub use fault_tolerant::FaultTolerant;
+pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from};
 pub use formation::Formation;
 pub use frozen::Frozen;
 pub use kinematics::Kinematics;

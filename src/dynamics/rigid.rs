@@ -106,6 +106,14 @@ impl<S: Scalar> Disturbance<S> {
         Self { wind: o, force: o, moment: o }
     }
 
+    /// Into a slice, as far as it reaches.
+    #[inline(always)]
+    pub fn write(&self, x: &mut [S]) {
+        for (slot, value) in x.iter_mut().zip(self.wind.iter().chain(&self.force).chain(&self.moment)) {
+            *slot = *value;
+        }
+    }
+
     /// From a slice of [`Self::DIM`] numbers.
     #[inline(always)]
     pub fn read(x: &[S]) -> Self {

@@ -55,6 +55,18 @@ impl FlightFigures {
         }
     }
 
+    /// With an upright line at a time in every chart over time: a failure. An empty name stays out of the legends.
+    pub fn event(mut self, name: &str, time: f64) -> Self {
+        for figure in [&mut self.overview, &mut self.error, &mut self.rotors, &mut self.attitude] {
+            figure.for_each_panel(|panel| {
+                // legends of charts with a shaded start are full
+                let name = if panel.bands.is_empty() { name } else { "" };
+                *panel = std::mem::take(panel).event(name, time, Colour::VERMILLION);
+            });
+        }
+        self
+    }
+
     /// The figures with their file names (without extension).
     pub fn named(&self) -> [(&'static str, &Figure); 5] {
         [

@@ -152,6 +152,15 @@ impl Figure {
         }
     }
 
+    /// Changes every panel.
+    pub(super) fn for_each_panel(&mut self, mut change: impl FnMut(&mut Panel)) {
+        for cell in &mut self.cells {
+            if let Chart::Panel(panel) = &mut cell.chart {
+                change(panel);
+            }
+        }
+    }
+
     /// With a line of smaller text below the title: the numbers that matter.
     pub fn subtitle(mut self, text: impl Into<String>) -> Self {
         self.subtitle = text.into();

@@ -32,6 +32,23 @@ impl Axis {
     pub const ALL: [Self; 6] = [Self::ForceX, Self::ForceY, Self::Thrust, Self::Roll, Self::Pitch, Self::Yaw];
     /// What every multirotor is steered by, in the order of a mixer's columns.
     pub const STEERED: [Self; 4] = [Self::Thrust, Self::Roll, Self::Pitch, Self::Yaw];
+
+    /// Lower case, for tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ForceX => "force x",
+            Self::ForceY => "force y",
+            Self::Thrust => "thrust",
+            Self::Roll => "roll",
+            Self::Pitch => "pitch",
+            Self::Yaw => "yaw",
+        }
+    }
+
+    /// Whether it is a moment, which lengths scale.
+    pub fn is_moment(self) -> bool {
+        self as usize >= 3
+    }
 }
 
 /// What an allocation can deliver.
@@ -63,18 +80,18 @@ impl Authority {
 
 /// The decomposed rows of one choice of axes.
 pub(super) struct Rows {
-    pub axes: &'static [Axis],
+    pub axes: Vec<Axis>,
     pub svd: SVD<f64, nalgebra::Dyn, nalgebra::Dyn>,
     /// What each row was divided by.
     pub scale: DVector<f64>,
 }
 
 impl Rows {
-    fn new(vehicle: &Vehicle, axes: &'static [Axis], length: f64) -> Self {
-        let full = vehicle.allocation_matrix();
-        let scale = DVector::from_fn(axes.len(), |i, _| if axes[i] as usize >= 3 { length } else { 1.0 });
-        let rows = DMatrix::from_fn(axes.len(), full.ncols(), |i, j| full[(axes[i] as usize, j)] / scale[i]);
-        Self { axes, svd: rows.svd(true, true), scale }
+    /// Of a geometry of 6 × n, moments divided by `length`.
+    pub fn new(geometry: &DMatrix<f64>, axes: &[Axis], length: f64) -> Self {
+        let scale = DVector::from_fn(axes.len(), |i, _| if axes[i].is_moment() { length } else { 1.0 });
+        let rows = DMatrix::from_fn(axes.len(), geometry.ncols(), |i, j| geometry[(axes[i] as usize, j)] / scale[i]);
+        Self { axes: axes.to_vec(), svd: rows.svd(true, true), scale }
     }
 
     pub fn largest(&self) -> f64 {
@@ -89,6 +106,11 @@ impl Rows {
     pub fn rank(&self) -> usize {
         let floor = RANK_TOLERANCE * self.largest();
         self.svd.singular_values.iter().filter(|s| **s > floor).count()
+    }
+
+    /// Rows that cannot be commanded on their own.
+    pub fn dropped(&self) -> Vec<Axis> {
+        (0..self.axes.len()).filter(|row| self.reach(*row) < 1.0 - 1e-9).map(|row| self.axes[row]).collect()
     }
 
     /// Share of a unit wrench along `row` that the rotors can make: the squared length of its projection.
@@ -112,15 +134,13 @@ pub fn characteristic_length(geometry: &DMatrix<f64>) -> f64 {
 
 /// Chooses the rows to allocate: all six where the vehicle is well able to hold them, else thrust and moments.
 pub(super) fn decompose(vehicle: &Vehicle) -> (Rows, Authority) {
-    let length = characteristic_length(&vehicle.allocation_matrix());
-    let six = Rows::new(vehicle, &Axis::ALL, length);
+    let geometry = vehicle.allocation_matrix();
+    let length = characteristic_length(&geometry);
+    let six = Rows::new(&geometry, &Axis::ALL, length);
     let full_rank = six.rank();
     let full = six.smallest() > FULL_TOLERANCE * six.largest();
-    let rows = if full { six } else { Rows::new(vehicle, &Axis::STEERED, length) };
-    let dropped = (0..rows.axes.len())
-        .filter(|row| Axis::STEERED.contains(&rows.axes[*row]) && rows.reach(*row) < 1.0 - 1e-9)
-        .map(|row| rows.axes[row])
-        .collect();
+    let rows = if full { six } else { Rows::new(&geometry, &Axis::STEERED, length) };
+    let dropped = rows.dropped().into_iter().filter(|axis| Axis::STEERED.contains(axis)).collect();
     let authority = Authority {
         full_rank,
         full,

@@ -13,26 +13,32 @@
 //! | [`stages`] | priorities without weights |
 //! | [`residual`](mod@residual) | the certificate |
 //! | [`gradient`], [`variation`] | exact derivatives of an answer with respect to every number |
+//! | [`reach`] | how far a wrench lies inside what bounded inputs can deliver |
+//! | [`failure`] | what is left of a vehicle after each loss of a rotor |
 
 pub mod active_set;
 pub mod allocator;
 pub mod batch;
 pub mod conic;
+pub mod failure;
 pub mod function;
 pub mod geometry;
 pub mod gradient;
 pub mod problem;
 pub mod pseudo_inverse;
+pub mod reach;
 pub mod residual;
 pub mod stages;
 pub mod variation;
 
 pub use allocator::{Allocator, Counts, Path, Reason, Settings, Solution};
 pub use batch::{BatchAllocator, BatchReport};
+pub use failure::{Assessment, Capability, Failure, FailureTable};
 pub use function::AllocationFunction;
 pub use geometry::{Authority, Axis};
 pub use gradient::Sensitivity;
 pub use problem::{Affine, Cone, Problem};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};
+pub use reach::{Attainable, Facet, Margin, Reach};
 pub use stages::{StagedSolution, Stages};
 pub use variation::{RowVariation, Variation};

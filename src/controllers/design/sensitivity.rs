@@ -28,9 +28,13 @@ pub struct Sensitivity {
 ///
 /// # Errors
 /// [`Error::Limit`] for more than [`MAX_STEPS`] steps or a step too large to record; [`Error::Value`] if vehicle, gains or
-/// plan are not valid, or a gain is 0 (its logarithm has no derivative).
+/// plan are not valid, a gain is 0 (its logarithm has no derivative), or a rotor fails (the control law switches).
 pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<Sensitivity> {
     let steps = plan.n_step()?;
+    if !plan.failures.is_empty() {
+        let (what, remedy) = ("plan: failures", "Differentiate the flight of the whole vehicle.");
+        return Err(Error::value(what, plan.failures.len(), "none: the control law switches at a failure", remedy));
+    }
     if steps > MAX_STEPS {
         return Err(Error::limit("steps to differentiate", steps, MAX_STEPS, "Fly shorter, or with a larger dt."));
     }

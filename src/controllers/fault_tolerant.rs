@@ -1,0 +1,257 @@
+//! A cascade that flies on with the rotors that are left.
+//!
+//! Until it is told of a failure it is the [`Cascade`](super::Cascade), bit for bit. Told, it changes two things:
+//!
+//! - **Allocation** becomes the bounded [`Problem`] with eᵢ T_max as upper bounds, roll and
+//!   pitch before thrust before yaw before sideways force ([`PRIORITIES`]). The attainable lift replaces the nominal one
+//!   in the limits.
+//! - **Attitude**, where the rotors cannot hold yaw ([`Assessment`]), follows the direction of the thrust alone. With s
+//!   the wanted direction in the body frame,
+//!
+//! ```text
+//! ω_cmd = Rᵀω_n − (K_R/K_ω) (s × e_z)·(1, 1, 0),   ω_n the turn of the wanted direction, without twist
+//! M     = K_ω (ω_cmd − ω) + ω × Jω + J (α_ff − ω_z e_z × ω)
+//! ```
+//!
+//! Heading is nobody's wish any more; yaw is only damped, M_z = −K_ω ω_z, as far as the bounds allow. The last term keeps
+//! the tilt error's decay steady in the *world* while the body spins under it. Motors that lag by τ deliver a moment
+//! that is steady in the world late by the angle ω_z τ: the command leads by it, M − τ ω_z e_z × M. Horizontal position
+//! and velocity gains are capped at a quarter of the attitude loop's bandwidth. Without the lead, without the term in
+//! ω_z e_z × ω, or without the cap, Firefly or Neo11 with two rotors of one spin lost (13 rad/s) fall; with them
+//! they hover within 4 cm of height (`tests/failure.rs`).
+//!
+//! Source: the reduced attitude of Mueller and D'Andrea (2014); priorities after Sun et al. (2022).
+
+use super::allocation::problem::{Problem, WRENCH};
+use super::allocation::{Allocator, Assessment, Capability, Counts, failure};
+use super::attitude::{AttitudeCommand, rate_command};
+use super::cascade::{CascadeModel, Held, Rates, Schedule, hold_rate};
+use super::kinematics::Kinematics;
+use super::parameters::{ForceLimits, GainSet, Limits};
+use super::rate::RateCommand;
+use super::reference::Sample;
+use super::velocity::VelocityCommand;
+use crate::dynamics::gains::SEPARATION;
+use crate::dynamics::spatial::{Quat, Vec3, add, mat_mul, mat_vec, matrix, transpose};
+use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
+use crate::error::Result;
+
+/// Priority of each row, as a factor of its balanced weight: sideways forces, thrust, roll and pitch, yaw.
+pub const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 10.0, 10.0, 1e-3];
+/// ρ over the largest diagonal entry of BᵀWB: far below that of the weakest row.
+const REGULARISATION: f64 = 1e-9;
+/// Largest tilt of the wanted thrust with a failure, rad: less lift, less haste.
+const TILT: f64 = 0.6;
+
+/// A [`Cascade`](super::Cascade) that can be told which rotors failed.
+pub struct FaultTolerant {
+    vehicle: Vehicle,
+    model: CascadeModel<f64, MAX_ROTORS>,
+    whole: CascadeModel<f64, MAX_ROTORS>,
+    schedule: Schedule,
+    held: Held<f64, MAX_ROTORS>,
+    step: u64,
+    broken: Option<Broken>,
+}
+
+/// How it flies once something failed.
+struct Broken {
+    assessment: Assessment,
+    allocator: Allocator,
+    /// Mean time constant of the motors, s.
+    lag: f64,
+    /// Largest yaw moment worth asking for, N m: half the range of what is left. A wish far beyond it would outweigh
+    /// its low priority.
+    yaw: f64,
+}
+
+impl Broken {
+    fn new(vehicle: &Vehicle, assessment: Assessment) -> Result<Self> {
+        let problem = prioritised(failure::problem(vehicle, &assessment.health)?);
+        let yaw_row = problem.geometry.row(5);
+        let yaw = 0.5 * yaw_row.iter().zip(&problem.upper).map(|(b, most)| (b * most).abs()).sum::<f64>();
+        let constants = vehicle.rotors.iter().map(|r| 0.5 * (r.time_constant_up + r.time_constant_down));
+        let lag = constants.sum::<f64>() / vehicle.n_rotor() as f64;
+        Ok(Self { assessment, allocator: Allocator::new(problem)?, lag, yaw })
+    }
+
+    fn yaw_free(&self) -> bool {
+        self.assessment.capability != Capability::Full
+    }
+
+    /// Of the last allocation.
+    fn actions(&self) -> [f64; MAX_ROTORS] {
+        let (thrusts, most) = (&self.allocator.solution().inputs, &self.allocator.problem().upper);
+        let mut actions = [-1.0; MAX_ROTORS];
+        for ((action, thrust), most) in actions.iter_mut().zip(thrusts).zip(most).filter(|(_, most)| **most > 0.0) {
+            *action = 2.0 * thrust / most - 1.0;
+        }
+        actions
+    }
+}
+
+impl FaultTolerant {
+    /// For simulation steps of `dt` seconds, all rotors whole.
+    ///
+    /// # Errors
+    /// As [`CascadeModel::new`] and [`Schedule::new`].
+    pub fn new(vehicle: &Vehicle, gains: &Gains, rates: &Rates, dt: f64) -> Result<Self> {
+        let model = CascadeModel::new(vehicle, gains)?;
+        Ok(Self {
+            vehicle: vehicle.clone(),
+            model,
+            whole: model,
+            schedule: Schedule::new(rates, dt)?,
+            held: model.initial(),
+            step: 0,
+            broken: None,
+        })
+    }
+
+    /// From now on rotor i has effectiveness `health[i]`; all 1 is the nominal cascade again.
+    ///
+    /// # Errors
+    /// As [`Assessment::of`]; the controller then flies on as before.
+    pub fn tell(&mut self, health: &[f64]) -> Result<()> {
+        let assessment = Assessment::of(&self.vehicle, health)?;
+        if assessment.broken().is_empty() {
+            (self.broken, self.model) = (None, self.whole);
+            return Ok(());
+        }
+        let broken = Broken::new(&self.vehicle, assessment)?;
+        self.model = self.whole;
+        let body = &self.model.body;
+        // moments come before thrust in the allocation, so nothing need be kept back for them
+        let lift = broken.assessment.lift.max(1.1 * body.mass * body.gravity);
+        let limits = Limits { tilt: TILT, ..Limits::default() };
+        self.model.limits = ForceLimits { force: lift, ..ForceLimits::constant(&limits, lift) };
+        if broken.yaw_free() {
+            self.model.gains = unhurried(&self.model);
+        }
+        self.broken = Some(broken);
+        Ok(())
+    }
+
+    /// What it was told is left; `None` while whole.
+    pub fn assessment(&self) -> Option<&Assessment> {
+        self.broken.as_ref().map(|b| &b.assessment)
+    }
+
+    /// Who solved the allocations since it was told.
+    pub fn counts(&self) -> Option<Counts> {
+        self.broken.as_ref().map(|b| b.allocator.counts())
+    }
+
+    /// What each level said last.
+    pub fn held(&self) -> &Held<f64, MAX_ROTORS> {
+        &self.held
+    }
+
+    /// One step towards a sample of a reference; returns rotor actions in [−1, 1], of a failed rotor −1, of a weakened
+    /// one in its own range.
+    pub fn position(&mut self, state: &Kinematics<f64>, sample: &Sample<f64>) -> [f64; MAX_ROTORS] {
+        let ticks = self.schedule.ticks(self.step);
+        let command = self.model.attitude_of_position(state, &self.held, sample, ticks);
+        self.attitude(state, &command)
+    }
+
+    /// One step of a velocity command.
+    pub fn velocity(&mut self, state: &Kinematics<f64>, command: &VelocityCommand<f64>) -> [f64; MAX_ROTORS] {
+        let ticks = self.schedule.ticks(self.step);
+        let command = self.model.attitude_of_velocity(state, &self.held, command, ticks);
+        self.attitude(state, &command)
+    }
+
+    /// One step of an attitude command. Where yaw is lost, only the direction of its thrust counts.
+    pub fn attitude(&mut self, state: &Kinematics<f64>, command: &AttitudeCommand<f64>) -> [f64; MAX_ROTORS] {
+        let ticks = self.schedule.ticks(self.step);
+        let (q, w) = (state.attitude, state.angular_velocity);
+        let fresh = if self.broken.as_ref().is_some_and(Broken::yaw_free) {
+            self.rate_of_direction(command, q)
+        } else {
+            rate_command(&self.model.gains, command, q, w)
+        };
+        let command_of_rate = hold_rate(ticks[1], &fresh, &self.held.rate);
+        self.held.attitude = *command;
+        self.rate(state, &command_of_rate)
+    }
+
+    /// One step of a rate command. Where yaw is lost, its yaw rate is followed as far as the bounds allow.
+    pub fn rate(&mut self, state: &Kinematics<f64>, command: &RateCommand<f64>) -> [f64; MAX_ROTORS] {
+        let ticks = self.schedule.ticks(self.step);
+        self.step += 1;
+        match &mut self.broken {
+            None => self.held = self.model.rate(state, &self.held, command, ticks),
+            Some(broken) => {
+                self.held.rate = *command;
+                if ticks[2] > 0.5 {
+                    let spin = if broken.yaw_free() { state.angular_velocity[2] } else { 0.0 };
+                    let [f, x, y, z] = spinning_wrench(&self.model, state, command, spin, broken.lag);
+                    broken.allocator.solve(&[0.0, 0.0, f, x, y, z.clamp(-broken.yaw, broken.yaw)]);
+                    self.held.rotors = broken.actions();
+                }
+            }
+        }
+        self.held.rotors
+    }
+
+    /// Turns the thrust towards the wanted direction the short way; see the [module](self).
+    fn rate_of_direction(&self, command: &AttitudeCommand<f64>, attitude: Quat<f64>) -> RateCommand<f64> {
+        let to_body = mat_mul(transpose(matrix(attitude)), command.attitude);
+        let s = [to_body[0][2], to_body[1][2], to_body[2][2]];
+        // beyond 90° the sine of the angle would fade
+        let grow = if s[2] < 0.0 { s[0].hypot(s[1]).max(1e-6).recip() } else { 1.0 };
+        let error = [grow * s[1], -grow * s[0]];
+        let untwisted = |turn: Vec3<f64>| mat_vec(to_body, [turn[0], turn[1], 0.0]);
+        let mut rate = untwisted(command.angular_velocity);
+        for i in 0..2 {
+            rate[i] -= self.model.gains.attitude[i] / self.model.gains.rate[i] * error[i];
+        }
+        rate[2] = 0.0;
+        RateCommand {
+            thrust: command.thrust,
+            angular_velocity: rate,
+            angular_acceleration: untwisted(command.angular_acceleration),
+        }
+    }
+}
+
+/// [F_z, M_x, M_y, M_z] of the rate level for commands that are steady in the world while the body spins, led by the
+/// motors' lag.
+fn spinning_wrench(
+    model: &CascadeModel<f64, MAX_ROTORS>,
+    state: &Kinematics<f64>,
+    command: &RateCommand<f64>,
+    spin: f64,
+    lag: f64,
+) -> [f64; 4] {
+    let w = state.angular_velocity;
+    let mut command = *command;
+    command.angular_acceleration = add(command.angular_acceleration, [spin * w[1], -spin * w[0], 0.0]);
+    let [f, x, y, z] = model.wrench(state, &command);
+    let lead = lag * spin;
+    [f, x + lead * y, y - lead * x, z]
+}
+
+/// Horizontal position and velocity gains no faster than [`SEPARATION`] allows beside the attitude loop ω = √(K_R/J):
+/// K_p ≤ (ω/4)², K_v ≤ ω/2. In a spinning body an outer loop that does not wait turns its errors into coning.
+fn unhurried(model: &CascadeModel<f64, MAX_ROTORS>) -> GainSet<f64> {
+    let mut gains = model.gains;
+    let bandwidth = |i: usize| (gains.attitude[i] / model.body.inertia[i][i]).sqrt();
+    let outer = bandwidth(0).min(bandwidth(1)) / SEPARATION;
+    for i in 0..2 {
+        gains.position[i] = gains.position[i].min(outer * outer);
+        gains.velocity[i] = gains.velocity[i].min(2.0 * outer);
+    }
+    gains
+}
+
+/// The problem with [`PRIORITIES`].
+fn prioritised(mut problem: Problem) -> Problem {
+    for (weight, priority) in problem.weights.iter_mut().zip(PRIORITIES) {
+        *weight *= priority;
+    }
+    let h = problem.hessian();
+    problem.regularisation = REGULARISATION * h.diagonal().max();
+    problem
+}
