@@ -2,6 +2,7 @@
 
 use super::files;
 use clap::{Args, ValueEnum};
+use omnidrones::controllers::reference::Tilt;
 use omnidrones::controllers::{FlightPlan, Rates, Reference};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::{Effects, Gains, Integrator, Physics, Vehicle};
@@ -149,7 +150,7 @@ impl FlightArguments {
         let reference = self.reference()?;
         let usual = reference.duration().map_or(15.0, |end| end + 2.0);
         let (physics, rates) = (self.physics(), self.rates());
-        Ok(FlightPlan { reference, duration: duration.unwrap_or(usual), physics, rates, wind, seed })
+        Ok(FlightPlan { reference, tilt: Tilt::LEVEL, duration: duration.unwrap_or(usual), physics, rates, wind, seed })
     }
 }
 

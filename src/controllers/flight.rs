@@ -2,7 +2,7 @@
 
 use super::cascade::Rates;
 use super::closed_loop::ClosedLoop;
-use super::reference::Reference;
+use super::reference::{Reference, Tilt};
 use crate::autodiff::{System, safe};
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
@@ -19,6 +19,8 @@ use serde::{Deserialize, Serialize};
 pub struct FlightPlan {
     /// The reference to track; the flight starts on it, at rest.
     pub reference: Reference,
+    /// Roll and pitch beside it, for what can hold them; level unless told otherwise.
+    pub tilt: Tilt,
     /// s.
     pub duration: f64,
     /// Time step, integrator, effects; `disturbance` is switched on where there is wind.
@@ -36,6 +38,7 @@ impl Default for FlightPlan {
     fn default() -> Self {
         Self {
             reference: Reference::Lemniscate(Default::default()),
+            tilt: Tilt::LEVEL,
             duration: 15.0,
             physics: Physics::default(),
             rates: Rates::default(),
@@ -111,6 +114,7 @@ impl FlightPlan {
     pub fn n_step(&self) -> Result<u64> {
         self.physics.validate()?;
         self.reference.validate()?;
+        self.tilt.validate()?;
         self.wind.validate()?;
         let steps = (self.duration / self.physics.dt).round();
         if !(1.0..=MAX_STEPS).contains(&steps) {
@@ -133,6 +137,11 @@ impl FlightPlan {
 /// [`Error::Value`] or [`Error::Limit`] if vehicle, gains or plan are not valid.
 pub fn fly(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, progress: &mut dyn FnMut(u64)) -> Result<Flight> {
     let n_step = plan.n_step()?;
+    if !plan.tilt.is_level() {
+        let (what, rule) = (format!("tilt of vehicle '{}'", vehicle.name), "level: its force turns with it");
+        let value = format!("roll {}, pitch {} rad", plan.tilt.roll, plan.tilt.pitch);
+        return Err(Error::value(what, value, rule, "Fly one that can hold it, such as omav_tilting."));
+    }
     let mut physics = plan.physics;
     let windy = plan.wind != Wind::Calm;
     physics.effects.disturbance |= windy;

@@ -10,6 +10,7 @@
 //! | [`attitude`] | attitude command → rate command |
 //! | [`rate`] | rate command → moments |
 //! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry, yaw last |
+//! | [`six_axis`] | force and attitude independent of each other: pose → wrench |
 //! | [`action`] | the paper's action modes, bounded |
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
 //! | [`closed_loop`] | vehicle and cascade as one differentiable system |
@@ -45,11 +46,12 @@ pub mod pilot;
 pub mod position;
 pub mod rate;
 pub mod reference;
+pub mod six_axis;
 pub mod velocity;
 
 pub use action::ActionScale;
 pub use allocation::{Authority, Axis, Mixer};
-pub use attitude::AttitudeCommand;
+pub use attitude::{AttitudeCommand, Orientation};
 pub use balance::Balance;
 pub use cascade::{Cascade, CascadeModel, Held, Level, Rates, Schedule};
 pub use closed_loop::ClosedLoop;
@@ -60,5 +62,6 @@ pub use kinematics::Kinematics;
 pub use parameters::{Body, ForceLimits, GainSet, Limits};
 pub use pilot::{Passive, Pilot, RigFlight, fly_rig, suited};
 pub use rate::RateCommand;
-pub use reference::{Reference, Sample};
+pub use reference::{Reference, Sample, Tilt};
+pub use six_axis::SixAxis;
 pub use velocity::VelocityCommand;

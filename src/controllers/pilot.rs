@@ -6,7 +6,7 @@ use super::flight::FlightPlan;
 use super::formation::Formation;
 use super::frozen::Frozen;
 use super::kinematics::Kinematics;
-use super::reference::{Reference, Sample};
+use super::reference::{Reference, Sample, Tilt};
 use crate::autodiff::{System, safe};
 use crate::dynamics::Gains;
 use crate::dynamics::aero::wind::{Wind, WindState};
@@ -25,6 +25,8 @@ pub struct Command<'a> {
     pub state: &'a [f64],
     /// What to track.
     pub reference: &'a Reference,
+    /// Roll and pitch to hold beside it.
+    pub tilt: &'a Tilt,
 }
 
 /// A controller of an articulated system: called once per step, in order.
@@ -33,6 +35,10 @@ pub trait Pilot {
     fn name(&self) -> &'static str;
     /// What it does, for tables.
     fn description(&self) -> String;
+    /// Whether it holds a [`Tilt`] beside the reference.
+    fn holds_tilt(&self) -> bool {
+        false
+    }
     /// What follows the reference.
     fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
     /// Writes rotor actions and drive commands.
@@ -208,6 +214,11 @@ pub fn fly_rig(
         let remedy = "Give the plan the system's: plan.physics = *system.physics().";
         return Err(Error::value("plan.physics", format!("{:?}", plan.physics), "those of the system", remedy));
     }
+    if !plan.tilt.is_level() && !pilot.holds_tilt() {
+        let what = format!("tilt of '{}' under pilot '{}'", model.name(), pilot.name());
+        let value = format!("roll {}, pitch {} rad", plan.tilt.roll, plan.tilt.pitch);
+        return Err(Error::value(what, value, "level", "omav_tilting and dragon can hold a tilt."));
+    }
     let windy = plan.wind != Wind::Calm;
     if windy && !system.physics().effects.disturbance {
         return Err(Error::value("effects.disturbance", "off", "on where there is wind", "Switch it on."));
@@ -223,7 +234,7 @@ pub fn fly_rig(
         for at in layout.trees.iter().filter_map(|t| t.disturbance) {
             input[at..at + 3].copy_from_slice(&air);
         }
-        pilot.command(Command { time, state: &x, reference: &plan.reference }, &mut input);
+        pilot.command(Command { time, state: &x, reference: &plan.reference, tilt: &plan.tilt }, &mut input);
         record(&mut log, system, time, pilot.tracked(&x), (&x, &input), &plan.reference.sample(time), air)?;
         states.extend_from_slice(&x);
         system.step(&x, &input, &[], &mut next);

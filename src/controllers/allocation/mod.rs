@@ -2,6 +2,7 @@
 //!
 //! | file | idea |
 //! |---|---|
+//! | [`articulated`] | what the rotors of a system of many bodies can do in its present shape |
 //! | [`geometry`] | what a vehicle's rotors can do: rank, weakest direction, lost axes |
 //! | [`pseudo_inverse`] | the mixer: least thrusts, clipped, yaw last |
 //! | [`problem`] | the bounded problem: quadratic cost, bounds, cones |
@@ -12,6 +13,7 @@
 
 pub mod active_set;
 pub mod allocator;
+pub mod articulated;
 pub mod conic;
 pub mod geometry;
 pub mod problem;
@@ -19,6 +21,7 @@ pub mod pseudo_inverse;
 pub mod residual;
 
 pub use allocator::{Allocator, Counts, Path, Reason, Settings, Solution};
+pub use articulated::{composite_inertia, wrench_matrix};
 pub use geometry::{Authority, Axis};
 pub use problem::{Affine, Cone, Problem};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};
