@@ -9,7 +9,7 @@ use super::table::{Align, Table, number};
 use super::{Report, arguments, files, fly_rig, progress, rig};
 use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
 use omnidrones::controllers::design::{Sensitivity, sensitivity};
-use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, fly};
+use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, Tilt, fly};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::{Effects, Gains, Multirotor, Vehicle};
 use omnidrones::error::{Error, Result};
@@ -29,10 +29,12 @@ and rate controllers compute at their own rates. Prints what the vehicle is, how
 vehicle, a certificate that the derivatives of the very equations it flew are exact; writes plots.
 
 Configurations have controllers by their make: one drone with a load has optimal feedback of the whole state (payload, \
-inverted_pendulum), several drones that carry something each hold their own place (platform, transport), servos hold the \
-rest pose under one cascade (omav_tilting). They follow a \
-slow lemniscate, high enough for what hangs below. Nobody steers the dragon yet: it falls to the ground, as anything \
-does with --drop.";
+inverted_pendulum), several drones that carry something each hold their own place (platform, transport), thrusters that tilt \
+hold position and attitude apart (omav_tilting, dragon): --roll and --pitch turn them. They follow a slow lemniscate, high \
+enough for what hangs below. Anything falls to the ground with --drop.
+
+'omav' is a rigid vehicle that flies like any other; with --roll or --pitch it is flown as 'omav_tilting', the same machine with \
+its tilts free.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -46,6 +48,8 @@ Examples:
   omnidrones fly firefly --reference hover --fail 1   a rotor stops at 3 s; it flies on, without yaw
   omnidrones fly iris --fail 0:0.8 --at 5             a rotor keeps 80 % of its thrust from 5 s on
   omnidrones fly transport --reference hover          four drones hold a box
+  omnidrones fly omav --roll 30 --reference hover     30° of roll, held in place
+  omnidrones fly dragon --shape arc:40                a chain that bends while it flies
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
@@ -80,6 +84,18 @@ pub struct Arguments {
     #[arg(long, value_name = "METRES", num_args = 0..=1, require_equals = true, default_missing_value = "1",
           allow_negative_numbers = true, help_heading = "Flight")]
     pub(super) drop: Option<f64>,
+    /// Roll to hold beside the reference, -180 to 180 [degrees]; omav and dragon only
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Flight")]
+    pub(super) roll: f64,
+    /// Pitch to hold beside the reference, -90 to 90 [degrees]; omav and dragon only
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Flight")]
+    pub(super) pitch: f64,
+    /// When to turn to --roll and --pitch, and over how long [s]; a step unless told how long
+    #[arg(long, value_name = "AT[:RAMP]", default_value = "1", value_parser = arguments::tilt_at, help_heading = "Flight")]
+    pub(super) tilt_at: [f64; 2],
+    /// Shape that a chain takes in flight: straight, arc, zigzag, or arc:DEGREES [default: straight]; dragon only
+    #[arg(long, value_name = "SHAPE", help_heading = "Flight")]
+    pub(super) shape: Option<String>,
     /// Length of the flight [s] [default: 15, or to 2 s after the last waypoint; configurations 20, drops 3]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Flight")]
     pub(super) duration: Option<f64>,
@@ -116,13 +132,53 @@ pub struct Arguments {
     pub(super) json: bool,
 }
 
+impl Arguments {
+    /// The vehicle that was named; one that is to hold a tilt, with its tilts free.
+    pub(super) fn named(&self) -> Option<&str> {
+        match self.vehicle.as_deref() {
+            Some(named) if named.eq_ignore_ascii_case("omav") && self.turns() && self.drop.is_none() => {
+                Some("omav_tilting")
+            }
+            named => named,
+        }
+    }
+
+    fn turns(&self) -> bool {
+        self.roll != 0.0 || self.pitch != 0.0
+    }
+
+    /// What to hold beside the reference.
+    pub(super) fn tilt(&self) -> Result<Tilt> {
+        let [at, ramp] = self.tilt_at;
+        for (what, value, most) in [("--roll", self.roll, 180.0), ("--pitch", self.pitch, 90.0)] {
+            if !(value.abs() <= most) {
+                let rule = format!("within ±{most}");
+                return Err(Error::value(what, format!("{value}°"), rule, "Give it in degrees."));
+            }
+        }
+        let tilt = Tilt { roll: self.roll.to_radians(), pitch: self.pitch.to_radians(), at, ramp };
+        tilt.validate()?;
+        Ok(tilt)
+    }
+
+    /// Refuses a tilt or a shape for what has neither.
+    pub(super) fn level(&self) -> Result<()> {
+        let what = if self.shape.is_some() { "--shape" } else { "--roll or --pitch" };
+        if !self.turns() && self.shape.is_none() {
+            return Ok(());
+        }
+        let (value, rule) = ("for what does not tilt its thrusters", "left out");
+        Err(Error::value(what, value, rule, "omav_tilting and dragon hold a tilt, dragon takes a shape."))
+    }
+}
+
 /// Flies.
 pub fn run(a: &Arguments) -> Result<Report> {
     if let Some(limit) = a.max_rmse.filter(|m| !(*m > 0.0 && m.is_finite())) {
         return Err(Error::value("--max-rmse", limit, "> 0 m", "Leave it out to accept any finite error."));
     }
     a.flight.check()?;
-    let configuration = a.vehicle.as_deref().is_some_and(|named| rig::configuration(named).is_some());
+    let configuration = a.named().is_some_and(|named| rig::configuration(named).is_some());
     if configuration || a.drop.is_some() {
         if !a.failure.fail.is_empty() {
             let limit = "a single vehicle that flies";
@@ -130,6 +186,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         }
         return fly_rig::run(a);
     }
+    a.level()?;
     if let Some(named) = &a.vehicle {
         rig::known(named)?;
     }

@@ -167,7 +167,6 @@ fn nominal(plan: &TunePlan) -> FlightPlan {
         physics: plan.physics,
         rates: plan.rates,
         wind: Wind::Calm,
-        seed: 0,
         ..FlightPlan::default()
     }
 }

@@ -2,8 +2,9 @@
 
 use super::parameters::GainSet;
 use super::rate::RateCommand;
+use crate::autodiff::jet::Jet;
 use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{Mat3, Quat, Vec3, cross, from_euler, mat_mul, mat_vec, matrix, sub, transpose};
+use crate::dynamics::spatial::{Mat3, Quat, Vec3, cross, dot, from_euler, mat_mul, mat_vec, matrix, sub, transpose};
 
 /// Floor under rate gains the attitude level divides by, N m s/rad.
 const GAIN_FLOOR: f64 = 1e-12;
@@ -19,6 +20,57 @@ pub struct AttitudeCommand<S> {
     pub angular_velocity: Vec3<S>,
     /// ω̇_d of the desired frame, in its own axes, rad/s².
     pub angular_acceleration: Vec3<S>,
+}
+
+/// A desired frame and how it turns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Orientation<S> {
+    /// R_d, desired body → world.
+    pub attitude: Mat3<S>,
+    /// ω_d, in its own axes, rad/s.
+    pub angular_velocity: Vec3<S>,
+    /// ω̇_d, in its own axes, rad/s².
+    pub angular_acceleration: Vec3<S>,
+}
+
+impl<S: Scalar> Orientation<S> {
+    /// Constant.
+    #[inline(always)]
+    pub fn at_rest(attitude: Mat3<S>) -> Self {
+        Self { attitude, angular_velocity: [S::zero(); 3], angular_acceleration: [S::zero(); 3] }
+    }
+
+    /// From R_d(t) as a series in time: R_dᵀṘ_d = [ω_d]× gives ω_d = (b₃·ḃ₂, b₁·ḃ₃, b₂·ḃ₁) of its columns, and ω̇_d by the
+    /// product rule.
+    #[inline(always)]
+    pub fn of_series(r: Mat3<Jet<S, 3>>) -> Self {
+        // Columns b₁, b₂, b₃ with their first and second derivatives: d[k][j] is b_j⁽ᵏ⁾.
+        let mut d = [[[S::zero(); 3]; 3]; 3];
+        let mut attitude = [[S::zero(); 3]; 3];
+        for row in 0..3 {
+            for column in 0..3 {
+                let entry = r[row][column];
+                attitude[row][column] = entry.value();
+                for k in 0..3 {
+                    d[k][column][row] = entry.derivative(k);
+                }
+            }
+        }
+        let angular_velocity = [dot(d[0][2], d[1][1]), dot(d[0][0], d[1][2]), dot(d[0][1], d[1][0])];
+        let angular_acceleration = [
+            dot(d[0][2], d[2][1]) + dot(d[1][2], d[1][1]),
+            dot(d[0][0], d[2][2]) + dot(d[1][0], d[1][2]),
+            dot(d[0][1], d[2][0]) + dot(d[1][1], d[1][0]),
+        ];
+        Self { attitude, angular_velocity, angular_acceleration }
+    }
+
+    /// With a total thrust along body z, N.
+    #[inline(always)]
+    pub fn with_thrust(self, thrust: S) -> AttitudeCommand<S> {
+        let Self { attitude, angular_velocity, angular_acceleration } = self;
+        AttitudeCommand { thrust, attitude, angular_velocity, angular_acceleration }
+    }
 }
 
 impl<S: Scalar> AttitudeCommand<S> {

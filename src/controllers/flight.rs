@@ -5,7 +5,7 @@ use super::cascade::Rates;
 use super::closed_loop::{ClosedLoop, with_drag_of};
 use super::fault_tolerant::FaultTolerant;
 use super::kinematics::Kinematics;
-use super::reference::Reference;
+use super::reference::{Reference, Tilt};
 use crate::autodiff::{System, safe};
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
@@ -22,6 +22,8 @@ use serde::{Deserialize, Serialize};
 pub struct FlightPlan {
     /// The reference to track; the flight starts on it, at rest.
     pub reference: Reference,
+    /// Roll and pitch beside it, for what can hold them; level unless told otherwise.
+    pub tilt: Tilt,
     /// s.
     pub duration: f64,
     /// Time step, integrator, effects; `disturbance` is switched on where there is wind.
@@ -43,6 +45,7 @@ impl Default for FlightPlan {
     fn default() -> Self {
         Self {
             reference: Reference::Lemniscate(Default::default()),
+            tilt: Tilt::LEVEL,
             duration: 15.0,
             physics: Physics::default(),
             rates: Rates::default(),
@@ -120,6 +123,7 @@ impl FlightPlan {
     pub fn n_step(&self) -> Result<u64> {
         self.physics.validate()?;
         self.reference.validate()?;
+        self.tilt.validate()?;
         self.wind.validate()?;
         if !(0.0..=1e3).contains(&self.detection_delay) {
             let remedy = "Real detectors take 10 to 100 ms.";
@@ -164,6 +168,11 @@ pub fn fly_from(
     progress: &mut dyn FnMut(u64),
 ) -> Result<Flight> {
     let n_step = plan.n_step()?;
+    if !plan.tilt.is_level() {
+        let (what, rule) = (format!("tilt of vehicle '{}'", vehicle.name), "level: its force turns with it");
+        let value = format!("roll {}, pitch {} rad", plan.tilt.roll, plan.tilt.pitch);
+        return Err(Error::value(what, value, rule, "Fly one that can hold it, such as omav_tilting."));
+    }
     for failure in &plan.failures {
         failure.validate(vehicle.n_rotor())?;
     }

@@ -10,6 +10,7 @@
 //! | [`attitude`] | attitude command → rate command |
 //! | [`rate`] | rate command → moments |
 //! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry, yaw last |
+//! | [`six_axis`] | force and attitude independent of each other: pose → wrench |
 //! | [`action`] | the paper's action modes, bounded |
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
 //! | [`closed_loop`] | vehicle and cascade as one differentiable system |
@@ -18,6 +19,8 @@
 //! | [`pilot`] | who steers an articulated system; a whole flight of one |
 //! | [`formation`] | drones that hold their places and carry something together |
 //! | [`frozen`] | servos held at rest, flown as one rigid vehicle |
+//! | [`vectored`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
+//! | [`bends`] | the shape of a chain |
 //! | [`balance`] | a load kept upright above a drone |
 //! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
 //! | [`design`] | Riccati equations, optimal feedback, tuning |
@@ -33,6 +36,7 @@ pub mod action;
 pub mod allocation;
 pub mod attitude;
 pub mod balance;
+pub mod bends;
 pub mod cascade;
 pub mod closed_loop;
 pub mod design;
@@ -48,13 +52,16 @@ pub mod pilot;
 pub mod position;
 pub mod rate;
 pub mod reference;
+pub mod six_axis;
 pub mod state_feedback;
+pub mod vectored;
 pub mod velocity;
 
 pub use action::ActionScale;
 pub use allocation::{Assessment, Authority, Axis, Capability, Failure, FailureTable, Mixer};
-pub use attitude::AttitudeCommand;
+pub use attitude::{AttitudeCommand, Orientation};
 pub use balance::Balance;
+pub use bends::{Bends, Shape};
 pub use cascade::{Cascade, CascadeModel, Held, Level, Rates, Schedule};
 pub use closed_loop::ClosedLoop;
 pub use fault_tolerant::FaultTolerant;
@@ -63,8 +70,10 @@ pub use formation::Formation;
 pub use frozen::Frozen;
 pub use kinematics::Kinematics;
 pub use parameters::{Body, ForceLimits, GainSet, Limits};
-pub use pilot::{Passive, Pilot, RigFlight, fly_rig, suited};
+pub use pilot::{Note, Passive, Pilot, RigFlight, fly_rig, suited};
 pub use rate::RateCommand;
-pub use reference::{Reference, Sample};
+pub use reference::{Reference, Sample, Tilt};
+pub use six_axis::SixAxis;
 pub use state_feedback::Lqr;
+pub use vectored::{Vectored, vectored};
 pub use velocity::VelocityCommand;

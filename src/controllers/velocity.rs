@@ -1,6 +1,6 @@
 //! Velocity level: velocity command → thrust, attitude and their feed-forward.
 
-use super::attitude::AttitudeCommand;
+use super::attitude::{AttitudeCommand, Orientation};
 use super::kinematics::Kinematics;
 use super::parameters::{Body, ForceLimits, GainSet};
 use crate::autodiff::jet::Jet;
@@ -101,27 +101,7 @@ pub fn attitude_command<S: Scalar>(
     let series = limit_force(series, Jet::fixed(limits.tilt_tangent), Jet::fixed(limits.vertical), Jet::fixed(largest));
     let yaw = Jet::from_derivatives([command.yaw, command.yaw_rate, command.yaw_acceleration]);
     let r = desired_attitude(series, yaw);
-
-    // Columns b₁, b₂, b₃ with their first and second derivatives: d[k][j] is b_j⁽ᵏ⁾.
-    let mut d = [[[S::zero(); 3]; 3]; 3];
-    let mut attitude = [[S::zero(); 3]; 3];
-    for row in 0..3 {
-        for column in 0..3 {
-            let entry = r[row][column];
-            attitude[row][column] = entry.value();
-            for k in 0..3 {
-                d[k][column][row] = entry.derivative(k);
-            }
-        }
-    }
-    // R_dᵀṘ_d = [ω_d]×: ω = (b₃·ḃ₂, b₁·ḃ₃, b₂·ḃ₁), and ω̇ by the product rule.
-    let angular_velocity = [dot(d[0][2], d[1][1]), dot(d[0][0], d[1][2]), dot(d[0][1], d[1][0])];
-    let angular_acceleration = [
-        dot(d[0][2], d[2][1]) + dot(d[1][2], d[1][1]),
-        dot(d[0][0], d[2][2]) + dot(d[1][0], d[1][2]),
-        dot(d[0][1], d[2][0]) + dot(d[1][1], d[1][0]),
-    ];
     let force = [series[0].value(), series[1].value(), series[2].value()];
     let thrust = body.mass * dot(force, up_axis(state.attitude));
-    AttitudeCommand { thrust: thrust.clamp(S::zero(), limits.thrust), attitude, angular_velocity, angular_acceleration }
+    Orientation::of_series(r).with_thrust(thrust.clamp(S::zero(), limits.thrust))
 }

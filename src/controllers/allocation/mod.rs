@@ -2,6 +2,7 @@
 //!
 //! | file | idea |
 //! |---|---|
+//! | [`articulated`] | what the rotors of a system of many bodies can do in its present shape |
 //! | [`geometry`] | what a vehicle's rotors can do: rank, weakest direction, lost axes |
 //! | [`pseudo_inverse`] | the mixer: least thrusts, clipped, yaw last |
 //! | [`problem`] | the bounded problem: quadratic cost, bounds, cones |
@@ -18,6 +19,7 @@
 
 pub mod active_set;
 pub mod allocator;
+pub mod articulated;
 pub mod batch;
 pub mod conic;
 pub mod failure;
@@ -32,6 +34,7 @@ pub mod stages;
 pub mod variation;
 
 pub use allocator::{Allocator, Counts, Path, Reason, Settings, Solution};
+pub use articulated::{composite_inertia, resistance, wrench_matrix};
 pub use batch::{BatchAllocator, BatchReport};
 pub use failure::{Assessment, Capability, Failure, FailureTable};
 pub use function::AllocationFunction;

@@ -7,12 +7,14 @@ mod circle;
 mod hover;
 mod lemniscate;
 mod sample;
+mod tilt;
 mod waypoints;
 
 pub use circle::Circle;
 pub use hover::{Hover, Step};
 pub use lemniscate::{Lemniscate, lemniscate_curve, lemniscate_phase};
 pub use sample::Sample;
+pub use tilt::Tilt;
 pub use waypoints::{MAX_WAYPOINTS, Waypoint, Waypoints};
 
 use crate::autodiff::Scalar;
