@@ -245,14 +245,15 @@ fn number(text: &str) -> std::result::Result<f64, String> {
     if v.is_finite() { Ok(v) } else { Err(format!("{v} is not finite")) }
 }
 
-fn three(text: &str, what: &str) -> std::result::Result<[f64; 3], String> {
+/// N finite numbers between commas.
+pub fn list<const N: usize>(text: &str, what: &str) -> std::result::Result<[f64; N], String> {
     let numbers = text.split(',').map(number).collect::<std::result::Result<Vec<_>, _>>()?;
     let n = numbers.len();
-    <[f64; 3]>::try_from(numbers).map_err(|_| format!("expected three numbers {what}, got {n}"))
+    <[f64; N]>::try_from(numbers).map_err(|_| format!("expected {N} numbers {what}, got {n}"))
 }
 
 fn rates(text: &str) -> std::result::Result<Rates, String> {
-    let [rate, attitude, velocity] = three(text, "RATE,ATTITUDE,VELOCITY in Hz")?;
+    let [rate, attitude, velocity] = list(text, "RATE,ATTITUDE,VELOCITY in Hz")?;
     Ok(Rates { rate, attitude, velocity })
 }
 
@@ -269,7 +270,7 @@ pub fn wind(text: &str) -> std::result::Result<Wind, String> {
         Some(rest) => {
             let (strength, mean) = rest.split_once(':').map_or((rest, None), |(w, mean)| (w, Some(mean)));
             let wind_at_20_feet = number(strength)?;
-            let mean = mean.map_or(Ok([wind_at_20_feet, 0.0, 0.0]), |m| three(m, "X,Y,Z in m/s"))?;
+            let mean = mean.map_or(Ok([wind_at_20_feet, 0.0, 0.0]), |m| list(m, "X,Y,Z in m/s"))?;
             let airspeed = mean.iter().map(|v| v * v).sum::<f64>().sqrt().max(1.0);
             // 20 ft, where W₂₀ is measured
             Wind::Dryden(Dryden { mean, wind_at_20_feet, height: 6.096, airspeed })
@@ -277,7 +278,7 @@ pub fn wind(text: &str) -> std::result::Result<Wind, String> {
         None if !text.contains(',') => {
             return Err("expected none, X,Y,Z (m/s), dryden:W20 or dryden:W20:X,Y,Z (m/s)".into());
         }
-        None => Wind::Constant { velocity: three(text, "X,Y,Z in m/s")? },
+        None => Wind::Constant { velocity: list(text, "X,Y,Z in m/s")? },
     };
     wind.validate().map_err(|e| e.to_string())?;
     Ok(wind)

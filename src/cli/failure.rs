@@ -54,8 +54,9 @@ impl FailureArguments {
                 ));
             }
         };
+        let rotors: Vec<String> = vehicle.rotors.iter().map(|r| r.name.clone()).collect();
         let one = |(text, at): (&String, f64)| {
-            let (rotor, effectiveness) = named(text, vehicle)?;
+            let (rotor, effectiveness) = named(text, &rotors)?;
             let failure = Failure { rotor, at, effectiveness };
             failure.validate(vehicle.n_rotor())?;
             Ok(failure)
@@ -65,10 +66,10 @@ impl FailureArguments {
 }
 
 /// `1`, `rotor_1`, either with `:0.6`.
-fn named(text: &str, vehicle: &Vehicle) -> Result<(usize, f64)> {
+pub fn named(text: &str, rotors: &[String]) -> Result<(usize, f64)> {
     let index = |name: &str| {
-        let by_name = vehicle.rotors.iter().position(|r| r.name == name);
-        by_name.or_else(|| name.parse().ok().filter(|i| *i < vehicle.n_rotor()))
+        let by_name = rotors.iter().position(|r| r == name);
+        by_name.or_else(|| name.parse().ok().filter(|i| *i < rotors.len()))
     };
     if let Some(rotor) = index(text) {
         return Ok((rotor, 0.0));
@@ -78,8 +79,8 @@ fn named(text: &str, vehicle: &Vehicle) -> Result<(usize, f64)> {
         None => (text, "0"),
     };
     let Some(rotor) = index(name) else {
-        let numbers = (0..vehicle.n_rotor()).map(|i| i.to_string());
-        let known = numbers.chain(vehicle.rotors.iter().map(|r| r.name.clone())).collect();
+        let numbers = (0..rotors.len()).map(|i| i.to_string());
+        let known = numbers.chain(rotors.iter().cloned()).collect();
         return Err(Error::Unknown { kind: "rotor", name: name.into(), known });
     };
     match share.parse() {

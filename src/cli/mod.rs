@@ -2,7 +2,7 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
 //! | `fly_rig.rs` | `fly` for configurations, and drops |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
@@ -14,6 +14,7 @@
 //!
 //! A command returns its whole [`Report`] before a line is printed: a broken pipe or a full disk then meets one write.
 
+mod allocate;
 mod arguments;
 mod bench;
 mod failure;
@@ -71,6 +72,7 @@ Examples:
   omnidrones fly transport                  four drones carry a box
   omnidrones show payload --plot rig.svg    the tree of an articulated system, drawn
   omnidrones models                         the built-in vehicles
+  omnidrones allocate firefly --fail 2      which thrusts hold hover without rotor 2
   omnidrones tune hummingbird               better gains, by gradients through flights
   omnidrones bench --quick                  how fast this machine steps and differentiates
 
@@ -100,6 +102,9 @@ enum Command {
     /// Read a URDF: its bodies, what is odd, what had to be assumed; draft its rotor file
     #[command(long_about = import::ABOUT)]
     Import(import::Arguments),
+    /// Find the rotor thrusts that make a wrench within limits, and explain the answer
+    #[command(long_about = allocate::ABOUT)]
+    Allocate(Box<allocate::Arguments>),
     /// Tune a vehicle's gains by gradients through closed-loop flights
     #[command(long_about = tune::ABOUT)]
     Tune(Box<tune::Arguments>),
@@ -123,6 +128,7 @@ pub fn run() -> ExitCode {
         Command::Show(arguments) => show::run(arguments),
         Command::Models(arguments) => models::run(arguments),
         Command::Import(arguments) => import::run(arguments),
+        Command::Allocate(arguments) => allocate::run(arguments),
         Command::Tune(arguments) => tune::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
     };
