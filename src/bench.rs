@@ -310,9 +310,15 @@ pub fn text(rows: &[BenchRow]) -> String {
     let width = rows.iter().map(|r| r.name.chars().count()).max().unwrap_or(0);
     rows.iter()
         .map(|r| {
-            let ratio = r.ratio.map_or(String::new(), |x| format!("{x:8.2} × {}", r.baseline));
+            let ratio = r.ratio.map_or(String::new(), |x| format!("{:>8} × {}", three_digits(x), r.baseline));
             let pad = width - r.name.chars().count();
             format!("{:10} {}{} {:10.2} {:10} {ratio}\n", r.group, r.name, " ".repeat(pad), r.value, r.unit)
         })
         .collect()
+}
+
+/// A ratio to three digits, however small.
+fn three_digits(x: f64) -> String {
+    let decimals = (2.0 - x.abs().max(1e-6).log10().floor()).clamp(0.0, 6.0) as usize;
+    format!("{x:.decimals$}")
 }

@@ -521,3 +521,34 @@ fn a_failed_rotor_is_explained_and_flown_with() {
     let (sheet, _) = exits(0, folder.path(), &["models", "omav"]);
     assert!(sheet.contains("When a rotor is lost") && sheet.contains("of 66 pairs lost together"), "{sheet}");
 }
+
+#[test]
+fn allocate_explains_what_a_lost_rotor_leaves() {
+    let folder = temporary();
+    let whole = json(0, folder.path(), &["allocate", "firefly", "--json"]);
+    assert_eq!((whole["path"].as_str(), whole["rank"].as_u64()), (Some("closed form"), Some(4)));
+    assert!(whole["missing"].as_f64().unwrap() < 1e-4 && whole["margin"].as_f64().unwrap() > 1.0, "{whole}");
+    let lost = json(0, folder.path(), &["allocate", "firefly", "--fail", "2", "--json"]);
+    assert_eq!((lost["state"][2].as_str(), lost["thrusts"][2].as_f64()), (Some("lost"), Some(0.0)));
+    assert!(lost["margin"].as_f64().unwrap().abs() < 1e-6, "an alternating hexarotor is on the edge: {lost}");
+    assert!(lost["kkt_residual"].as_f64().unwrap() < 1e-7);
+    let weak = json(0, folder.path(), &["allocate", "firefly", "--fail", "rotor_2:0.5", "--json"]);
+    assert!(weak["margin"].as_f64().unwrap() > 0.1, "{weak}");
+    // beyond the limits the answer misses less than the clipped pseudo-inverse
+    let far = ["allocate", "firefly", "--wrench", "0,0,25,3,0,1", "--json"];
+    let far = json(0, folder.path(), &far);
+    let miss = |name: &str| far[name].as_f64().unwrap();
+    assert!(miss("missing") < 0.9 * miss("missing_by_clipped_pseudo_inverse"), "{far}");
+    assert!(miss("share_of_the_way_from_hover") < 1.0);
+    let page = exits(0, folder.path(), &["allocate", "platform", "--plot", "p.svg", "--gradient"]).0;
+    assert!(page.contains("rank") && page.contains("drone_0/rotor_0"), "{page}");
+    assert!(is_file(folder.path().join("p.svg")));
+    for (arguments, message) in [
+        (&["allocate", "firefly", "--fail", "9"][..], "no rotor is called '9'"),
+        (&["allocate", "firefly", "--wrench", "1,2"], "expected 6 numbers"),
+        (&["allocate", "gate"], "rotors"),
+    ] {
+        let (_, error) = exits(2, folder.path(), arguments);
+        assert!(error.contains(message), "{arguments:?}: {error}");
+    }
+}

@@ -252,3 +252,33 @@ fn gradients_grow_with_the_root_of_the_horizon() {
     // the twin: keeping every state would take ten times as much
     assert!(long.1 < 10_000 * n * size_of::<f64>() / 4);
 }
+
+#[test]
+fn allocating_thrusts_and_differentiating_them_allocates_no_memory_on_the_fast_paths() {
+    use omnidrones::controllers::allocation::{Allocator, BatchAllocator, Path, Problem, Variation};
+    for vehicle in vehicles::all() {
+        let problem = Problem::of_vehicle(&vehicle).unwrap();
+        let n = problem.n_input();
+        let half: Vec<f64> = problem.upper.iter().map(|hi| 0.5 * hi).collect();
+        let free = problem.delivered(&half);
+        let mut bound = free;
+        bound[3] += problem.upper.iter().sum::<f64>();
+        let (lower, upper) = (problem.lower.clone(), problem.upper.clone());
+        let mut gradient = Variation::zero(&problem);
+        let mut allocator = Allocator::new(Problem { preference: half, ..problem.clone() }).unwrap();
+        let count = allocations(|| {
+            for (wrench, path) in [(&free, Path::ClosedForm), (&bound, Path::ActiveSet), (&[f64::NAN; 6], Path::Held)] {
+                allocator.set_bounds(&lower, &upper);
+                assert_eq!(allocator.solve(wrench).path, path);
+                allocator.reverse(wrench, &upper, &mut gradient);
+            }
+        });
+        assert_eq!(count, 0, "Allocator of {}", vehicle.name);
+
+        let mut batch = BatchAllocator::new(&problem, 100, 24, Threads::new(1).unwrap()).unwrap();
+        let wrenches: Vec<f32> = (0..100).flat_map(|_| bound.map(|w| w as f32)).collect();
+        let mut inputs = vec![0.0; 100 * n];
+        let count = allocations(|| drop(batch.solve(&wrenches, &mut inputs)));
+        assert_eq!(count, 0, "BatchAllocator of {}", vehicle.name);
+    }
+}

@@ -210,10 +210,14 @@ const EXACT: f64 = 1e-4;
 fn headline(subject: &Subject, answer: &Answer) -> String {
     let size = subject.largest.iter().fold(0.0, |m: f64, t| m.max(*t));
     let held = held(subject, answer);
+    let limits = match held {
+        0 => "no rotor at a limit".into(),
+        1 => "one rotor at a limit".into(),
+        n => format!("{n} rotors at a limit"),
+    };
     match answer.missing(&answer.delivered) {
-        m if m > EXACT * size => format!("{} N of the wrench are missing, {held} rotors at a limit", short(m, 3)),
-        _ if held > 0 => format!("the wrench is made, {held} rotors at a limit"),
-        _ => "the wrench is made, no rotor at a limit".into(),
+        m if m > EXACT * size => format!("{} N of the wrench are missing, {limits}", short(m, 3)),
+        _ => format!("the wrench is made, {limits}"),
     }
 }
 
@@ -249,9 +253,14 @@ fn facts(subject: &Subject, answer: &Answer, a: &Arguments) -> Vec<Fact> {
             facts.push(Fact::new("not commanded alone", dropped.join(", ")));
         }
         let margin = reach.margin.distance;
-        let what = if margin >= 0.0 { "inside what the rotors can make" } else { "outside what the rotors can make" };
+        let what = match margin {
+            m if m.abs() < 1e-9 * subject.weight => "on the edge of what the rotors can make",
+            m if m > 0.0 => "inside what the rotors can make",
+            _ => "outside what the rotors can make",
+        };
         let note = format!("{what}; nearest limit {}", reach.weakest());
-        facts.push(Fact::new("margin", format!("{} N", short(margin, 3))).note(note));
+        let size = if margin.abs() < 1e-9 * subject.weight { 0.0 } else { margin };
+        facts.push(Fact::new("margin", format!("{} N", short(size, 3))).note(note));
     }
     if let Some(share) = answer.share
         && a.wrench.is_some()
@@ -362,6 +371,9 @@ fn figure(subject: &Subject, answer: &Answer) -> Figure {
     for (k, axis) in Axis::ALL.iter().enumerate() {
         let scale = if k < 3 { 1.0 } else { 1.0 / answer.length };
         let (want, got) = (answer.wanted[k], answer.delivered[k]);
+        if want.abs().max(got.abs()) * scale < EXACT * subject.weight {
+            continue;
+        }
         let note = |v: f64| format!("  ({} {})", tidy(v), UNITS[k]);
         axes = axes
             .bar(
@@ -369,10 +381,10 @@ fn figure(subject: &Subject, answer: &Answer) -> Figure {
             )
             .bar(Bar::new("delivered", (got * scale).abs()).note(note(got)));
     }
-    let rows = subject.rotors.len().max(6) as f64;
+    let (n, m) = (subject.rotors.len() as f64 + 3.0, axes.bars.len() as f64 + 3.0);
     Figure::new(format!("{}: {}", subject.name, headline(subject, answer)))
-        .size(900.0, 90.0 + 28.0 * rows.max(12.0))
-        .grid(&[1.0, 1.0], &[1.0])
+        .size(900.0, 60.0 + 26.0 * (n + m))
+        .grid(&[1.0], &[n, m])
         .chart(rotors)
         .chart(axes)
 }
