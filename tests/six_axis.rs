@@ -249,7 +249,8 @@ fn pose_loops_leave_the_tilt_servos_time_to_follow() {
         assert_eq!(pilot.name(), "vectored");
         let own = Vectored::new(&system, None, &Rates::default()).expect("a pilot").bandwidths().expect("placed");
         println!("{name}: attitude {:.3}, position {:.3} rad/s", own[0], own[1]);
-        // servos of 20 ms under k = 1/(2τ) follow at 25 rad/s
-        assert!(own[0] <= 25.0 / 4.0 * 1.05 && own[1] <= 0.5 * own[0], "{own:?}");
+        // Omav: servos of 20 ms under k = 1/(2τ) follow at 25 rad/s; Dragon: recoil keeps k at 10 rad/s or a little more
+        let follow = if name == "dragon" { 13.0 } else { 25.1 };
+        assert!(own[0] <= follow / 4.0 && own[1] <= 0.5 * own[0] && own[1] > 1.0, "{own:?}");
     }
 }
