@@ -67,7 +67,7 @@ impl Rig {
     }
 
     /// Histories of one number of every rate servo.
-    fn servos<'a>(&self, flight: &'a RigFlight, rate: bool) -> Vec<(f64, Vec<f64>)> {
+    fn servos(&self, flight: &RigFlight, rate: bool) -> Vec<(f64, Vec<f64>)> {
         let (layout, n) = (self.system.layout(), self.system.rest_state().len());
         let mut all = Vec::new();
         for (i, body) in self.system.model().bodies().iter().enumerate() {

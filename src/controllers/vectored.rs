@@ -25,7 +25,7 @@
 //! passes through the [inverse dynamics](crate::dynamics::tree::inverse_dynamics) of the tree: gyroscopic moments of
 //! rotors, drag, moving joints. The recoil of tilts that accelerate is left to feedback.
 //!
-//! **Bandwidths.** A servo of lag τ under k = 1/(2τ) is a loop of damping 0.7; its tilts follow like a lag of 1/k. Where
+//! **Bandwidths.** A servo of lag τ under k = 1/(2τ), with an integral of 10/k against loads, is a loop of damping 0.7; its tilts follow like a lag of 1/k. Where
 //! thrusters are a large share of the inertia, a tilt turns the carrier the other way (on the straight Dragon four fifths of
 //! it), and the rotors must first undo that: k ≤ ω_m/share, ω_m = 1/(4τ) of the motors. Pose loops are placed (ζ = 1, K_R = J ω² at
 //! the inertia of the present shape) at ω = k/4, as [`gains`](crate::dynamics::gains) places them at a quarter of the motors'
@@ -61,6 +61,8 @@ use std::f64::consts::{PI, TAU};
 pub const SWING: f64 = 0.5;
 /// Pose bandwidth over attitude bandwidth and tilt rate over pose bandwidth, see the [module](self).
 const SEPARATION: [f64; 2] = [2.0, 4.0];
+/// Time in which a tilt learns its load, times k: slow enough to cost its loop 6° of phase.
+const PATIENCE: f64 = 10.0;
 /// ρ of both stages: what a newton away from its preference costs, against a newton of force that is missing.
 const NULL_SPACE: f64 = 0.1;
 /// How fast preferred forces leave the last solution for each thruster's share of the weight, 1/s.
@@ -196,6 +198,8 @@ struct Held {
     rate: RateCommand<f64>,
     /// Wanted angles, thruster by thruster.
     angles: Vec<Vec<f64>>,
+    /// Rates that hold against loads, likewise, rad/s.
+    loads: Vec<Vec<f64>>,
     /// Of every rotor, N.
     preference: Vec<f64>,
 }
@@ -242,6 +246,7 @@ impl Vectored {
             inputs: slow.preference.clone(),
             force: [0.0, 0.0, mass * body.gravity],
             rate: RateCommand::constant(0.0, [0.0; 3]),
+            loads: thrusters.iter().map(|t| vec![0.0; t.hinges.len()]).collect(),
             angles: thrusters.iter().map(|t| t.hinges.iter().map(|h| rest[h.angle]).collect()).collect(),
             preference,
         };
@@ -378,12 +383,18 @@ impl Vectored {
         }
     }
 
-    /// Rates that send tilts where they are wanted, rad/s: k (α* − α) within the servo's range.
-    fn turn(&self, state: &[f64], input: &mut [f64]) {
+    /// Rates that send tilts where they are wanted, rad/s: k (α* − α) and what its integral has learned about the load
+    /// that drives the servo back, within the servo's range.
+    fn turn(&mut self, state: &[f64], input: &mut [f64]) {
+        let dt = self.system.physics().dt;
         for (n, thruster) in self.thrusters.iter().enumerate() {
             for (k, hinge) in thruster.hinges.iter().enumerate() {
                 let error = self.held.angles[n][k] - state[hinge.angle];
-                let rate = (hinge.gain * error).clamp(-hinge.range, hinge.range);
+                let load = &mut self.held.loads[n][k];
+                let rate = (hinge.gain * error + *load).clamp(-hinge.range, hinge.range);
+                if rate.abs() < hinge.range {
+                    *load += hinge.gain * error * (hinge.gain / PATIENCE) * dt;
+                }
                 input[hinge.drive] = rate / hinge.range;
             }
         }
