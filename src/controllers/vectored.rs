@@ -423,7 +423,7 @@ impl Pilot for Vectored {
         let mut notes = Vec::new();
         if let Some([attitude, position]) = self.placed {
             let tilts = self.thrusters.iter().flat_map(|t| &t.hinges).map(|h| h.gain).fold(f64::INFINITY, f64::min);
-            let note = format!("attitude; position {position:.2}, tilts follow at {tilts:.3}");
+            let note = format!("attitude; position {position:.2}, tilts follow at {tilts:.1} rad/s");
             notes.push(Note::new("bandwidth", format!("{attitude:.3} rad/s"), note));
         }
         for ((stage, name), worst) in self.stages().into_iter().zip(["tilt", "thrust"]).zip(self.residual) {
