@@ -57,7 +57,7 @@ fn json_holds_the_parts_and_the_sizes() {
 #[test]
 fn every_configuration_flies_or_says_why_not() {
     let folder = tempfile::tempdir().expect("a folder");
-    // measured over the first 5 s: payload 26 mm, pendulum 127 mm, platforms 14 to 18 mm, transports 113 mm, omav 3 mm
+    // measured over the first 5 s: payload 26 mm, pendulum 127 mm, platforms 14 to 18 mm, transports 113 mm
     for entry in configurations::REGISTRY {
         match entry.name {
             "gate" => {
@@ -75,6 +75,19 @@ fn every_configuration_flies_or_says_why_not() {
             }
         }
     }
+}
+
+#[test]
+fn an_omav_that_is_to_roll_flies_with_its_tilts_free() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let arguments = ["fly", "omav", "--roll", "30", "--reference", "hover", "--duration", "4", "--json", "--no-plots"];
+    let flown = json(folder.path(), &arguments);
+    assert_eq!((&flown["configuration"], &flown["controller"]), (&"omav_tilting".into(), &"vectored".into()));
+    let number = |v: &Value| v.as_f64().expect("a number");
+    // measured: 1.5 mm, 30°
+    assert!(number(&flown["flight"]["rmse"]) < 0.005, "{flown:#}");
+    assert!((number(&flown["flight"]["max_tilt"]).to_degrees() - 30.0).abs() < 1.0, "{flown:#}");
+    assert!(flown["controller_notes"].as_array().is_some_and(|n| n.len() == 3), "{flown:#}");
 }
 
 #[test]
@@ -119,6 +132,11 @@ fn mistakes_are_answered_with_value_limit_and_remedy() {
         (&["fly", "iris", "--drop", "--max-rmse", "1"], "nothing is controlled"),
         (&["fly", "iris", "--effects", "contact"], "Drop it with --drop."),
         (&["fly", "gate", "--drop"], "fixed to the world"),
+        (&["fly", "iris", "--roll", "10"], "omav_tilting and dragon hold a tilt"),
+        (&["fly", "payload", "--shape", "arc"], "dragon takes a shape"),
+        (&["fly", "omav", "--roll", "200"], "within ±180"),
+        (&["fly", "dragon", "--shape", "ark"], "did you mean 'arc'?"),
+        (&["fly", "omav_tilting", "--shape", "arc"], "position servos about z"),
     ] {
         let (out, err) = exits(2, folder.path(), arguments);
         assert!(out.is_empty() && err.contains(words), "{arguments:?}: {err}");

@@ -3,6 +3,7 @@
 use omnidrones::controllers::allocation::Path;
 use omnidrones::controllers::pilot::{Command, start_on};
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
+use omnidrones::controllers::vectored::Point;
 use omnidrones::controllers::{
     Bends, FlightPlan, Kinematics, Pilot, Rates, Reference, RigFlight, Shape, Tilt, Vectored, fly_rig, suited,
 };
@@ -67,7 +68,7 @@ impl Rig {
     }
 
     /// Histories of one number of every rate servo.
-    fn servos<'a>(&self, flight: &'a RigFlight, rate: bool) -> Vec<(f64, Vec<f64>)> {
+    fn servos(&self, flight: &RigFlight, rate: bool) -> Vec<(f64, Vec<f64>)> {
         let (layout, n) = (self.system.layout(), self.system.rest_state().len());
         let mut all = Vec::new();
         for (i, body) in self.system.model().bodies().iter().enumerate() {
@@ -120,14 +121,16 @@ fn assert_certified(rig: &Rig) {
     let counts = rig.pilot.pilot.stages().map(|s| s.counts());
     println!("residuals {worst:?}, {counts:?}");
     assert!(counts.iter().all(|c| c.of(Path::Held) == 0), "{counts:?}");
-    assert!(worst.iter().all(|w| *w <= 1e-7), "{worst:?}");
+    // measured: at most 3.0e-12 (clarabel), 1.3e-15 (box)
+    assert!(worst.iter().all(|w| *w <= 1e-9), "{worst:?}");
 }
 
 fn assert_servos_in_range(rig: &Rig, flight: &RigFlight) {
     assert!(rig.pilot.largest <= 1.0, "{}", rig.pilot.largest);
     let over = rig.servos(flight, true).iter().map(|(range, v)| largest(v) / range).fold(0.0, f64::max);
     println!("fastest tilt over its limit {over:.4}");
-    assert!(over < 1.01, "{over}");
+    // measured: up to 0.85 (Omav, −60° and 45°), 0.75 (Dragon)
+    assert!(over <= 1.0, "{over}");
 }
 
 #[test]
@@ -138,7 +141,8 @@ fn the_omav_holds_thirty_degrees_of_roll_in_hover() {
     println!("worst {early:.2e} m, settled {late:.2e} m, {:.2e}°", angle.to_degrees());
     assert_servos_in_range(&rig, &flight);
     assert_certified(&rig);
-    assert!(late < 0.005 && early < 0.05 && angle.to_degrees() < 0.1, "{early} {late} {angle}");
+    // measured: 9.7 mm on the way, 0.56 mm settled, 1.1e-4°
+    assert!(late < 0.002 && early < 0.02 && angle.to_degrees() < 0.01, "{early} {late} {angle}");
 }
 
 #[test]
@@ -150,7 +154,8 @@ fn the_omav_flies_a_lemniscate_at_a_constant_tilt() {
     println!("{late:.2e} m, {:.2e}°", angle.to_degrees());
     assert_servos_in_range(&rig, &flight);
     assert_certified(&rig);
-    assert!(late < 0.02 && angle.to_degrees() < 1.0, "{late} {angle}");
+    // measured: 5.4 mm, 0.026°
+    assert!(late < 0.01 && angle.to_degrees() < 0.1, "{late} {angle}");
 }
 
 #[test]
@@ -162,8 +167,9 @@ fn large_steps_of_attitude_do_not_unwind_the_tilts() {
         let far = rig.servos(&flight, false).iter().map(|(_, v)| largest(v)).fold(0.0, f64::max);
         println!("{roll} {pitch}: {early:.2e} m, settled {late:.2e} m, {:.2e}°, tilts to {far:.2}", angle.to_degrees());
         assert_servos_in_range(&rig, &flight);
-        assert!(late < 0.005 && early < 0.3 && angle.to_degrees() < 0.2, "{early} {late} {angle}");
-        assert!(far < std::f64::consts::PI, "{far}");
+        // measured: 13 mm on the way, 1.4 mm settled, 0.010°; tilts to 1.64 rad
+        assert!(late < 0.005 && early < 0.04 && angle.to_degrees() < 0.05, "{early} {late} {angle}");
+        assert!(far < 2.0, "{far}");
     }
 }
 
@@ -182,7 +188,11 @@ fn tilts_that_start_far_away_come_back_the_short_way() {
         let end = ends.iter().map(|(_, v)| v.last().copied().unwrap_or(9.0).abs()).fold(0.0, f64::max);
         let far = ends.iter().map(|(_, v)| largest(v)).fold(0.0, f64::max);
         println!("{away}: {early:.2e} m, settled {late:.2e} m, tilts end at {end:.3}, to {far:.3} rad");
-        assert!(late < 0.005 && end < 0.1 && far < away.abs().to_radians() + 0.2, "{late} {end} {far}");
+        // measured: 0.22 mm, 0.001 rad, never beyond the start; falls by 0.22 m at 90°, 0.61 m at 170°
+        assert!(
+            late < 0.002 && end < 0.01 && far < away.abs().to_radians() + 0.01 && early < 1.0,
+            "{late} {end} {far}"
+        );
     }
 }
 
@@ -195,7 +205,8 @@ fn the_straight_dragon_hovers_and_steps() {
     println!("settled {late:.2e} m, turned {:.2e}°", angle.to_degrees());
     assert_servos_in_range(&rig, &flight);
     assert_certified(&rig);
-    assert!(late < 0.01 && angle.to_degrees() < 10.0, "{late} {angle}");
+    // measured: 0.53 mm, 0.64° on the way
+    assert!(late < 0.003 && angle.to_degrees() < 2.0, "{late} {angle}");
 }
 
 #[test]
@@ -212,7 +223,8 @@ fn the_dragon_takes_shapes_in_flight_and_holds_its_pose() {
         println!("{name}: {early:.2e} m, settled {late:.2e} m, {:.2e}°, bends off by {off:.3}", angle.to_degrees());
         assert_servos_in_range(&rig, &flight);
         assert_certified(&rig);
-        assert!(early < 0.2 && late < 0.01 && angle.to_degrees() < 1.0 && off < 0.1, "{early} {late} {angle} {off}");
+        // measured: 37 mm on the way and 3.6 mm settled (zigzag), 0.032° (arc), bends 9e-5 rad off
+        assert!(early < 0.08 && late < 0.008 && angle.to_degrees() < 0.1 && off < 1e-3, "{early} {late} {angle} {off}");
     }
 }
 
@@ -225,7 +237,8 @@ fn the_dragon_flies_a_gentle_lemniscate() {
         let flight = rig.fly();
         let (late, angle) = (distance(&flight, 8.0), turn(&flight, &rig.plan, 8.0));
         println!("{shape:?}: {late:.2e} m, {:.2e}°", angle.to_degrees());
-        assert!(late < 0.05 && angle.to_degrees() < 3.0, "{late} {angle}");
+        // measured: 9.3 mm (straight), 7.6 mm and 0.22° (arc)
+        assert!(late < 0.02 && angle.to_degrees() < 0.5, "{late} {angle}");
     }
 }
 
@@ -237,7 +250,8 @@ fn dragons_of_other_lengths_hover() {
         let flight = rig.fly();
         let late = distance(&flight, 3.0);
         println!("{n_link} links: {late:.2e} m");
-        assert!(late < 0.01, "{n_link}: {late}");
+        // measured: 5.4e-10 m at most
+        assert!(late < 1e-6, "{n_link}: {late}");
     }
 }
 
@@ -249,7 +263,22 @@ fn pose_loops_leave_the_tilt_servos_time_to_follow() {
         assert_eq!(pilot.name(), "vectored");
         let own = Vectored::new(&system, None, &Rates::default()).expect("a pilot").bandwidths().expect("placed");
         println!("{name}: attitude {:.3}, position {:.3} rad/s", own[0], own[1]);
-        // servos of 20 ms under k = 1/(2τ) follow at 25 rad/s
-        assert!(own[0] <= 25.0 / 4.0 * 1.05 && own[1] <= 0.5 * own[0], "{own:?}");
+        // measured: (6.25, 3.125), (2.5, 1.25) rad/s
+        // Omav: servos of 20 ms under k = 1/(2τ) follow at 25 rad/s; Dragon: recoil keeps k at 10 rad/s or a little more
+        let follow = if name == "dragon" { 13.0 } else { 25.1 };
+        assert!(own[0] <= follow / 4.0 && own[1] <= 0.5 * own[0] && own[1] > 1.0, "{own:?}");
     }
+}
+
+#[test]
+fn the_root_can_be_tracked_instead_of_the_centre_of_mass() {
+    let model = Dragon::default().build().expect("built").model;
+    let mut rig = Rig::new(&model, hover(), Tilt::LEVEL, 12.0).bent(Shape::Arc(0.6));
+    rig.pilot.pilot = rig.pilot.pilot.tracking(Point::Root);
+    rig.start = start_on(&rig.system, &rig.pilot, &rig.plan.reference);
+    let flight = rig.fly();
+    let (early, late, angle) = (distance(&flight, 0.0), distance(&flight, 10.0), turn(&flight, &rig.plan, 10.0));
+    println!("{early:.2e} m, settled {late:.2e} m, {:.2e}°", angle.to_degrees());
+    // measured: 59 mm while it bends, 0.52 mm settled, 6e-4°
+    assert!(early < 0.12 && late < 0.002 && angle.to_degrees() < 0.01, "{early} {late} {angle}");
 }

@@ -109,7 +109,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let first = if row.group == group { "" } else { row.group };
         group = row.group;
         let (ratio, against) = match row.ratio {
-            Some(r) => (format!("{} ×", number(r, if r < 10.0 { 2 } else { 1 })), row.baseline),
+            Some(r) => (format!("{} ×", short(r, 3)), row.baseline),
             None => (String::new(), ""),
         };
         table.row([first, &row.name, &short(row.value, 4), row.unit, &ratio, against].map(str::to_string));

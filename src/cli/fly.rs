@@ -151,7 +151,7 @@ impl Arguments {
     pub(super) fn tilt(&self) -> Result<Tilt> {
         let [at, ramp] = self.tilt_at;
         for (what, value, most) in [("--roll", self.roll, 180.0), ("--pitch", self.pitch, 90.0)] {
-            if !(value.abs() <= most) {
+            if value.is_nan() || value.abs() > most {
                 let rule = format!("within ±{most}");
                 return Err(Error::value(what, format!("{value}°"), rule, "Give it in degrees."));
             }

@@ -40,7 +40,7 @@ impl<S: Scalar> Orientation<S> {
         Self { attitude, angular_velocity: [S::zero(); 3], angular_acceleration: [S::zero(); 3] }
     }
 
-    /// From R_d(t) as a series in time: R_dᵀṘ_d = [ω_d]× gives ω_d = (b₃·ḃ₂, b₁·ḃ₃, b₂·ḃ₁) of its columns, and ω̇_d by the
+    /// From R_d(t) as a series in time: `R_dᵀṘ_d = [ω_d]×` gives ω_d = (b₃·ḃ₂, b₁·ḃ₃, b₂·ḃ₁) of its columns, and ω̇_d by the
     /// product rule.
     #[inline(always)]
     pub fn of_series(r: Mat3<Jet<S, 3>>) -> Self {

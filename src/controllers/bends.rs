@@ -33,7 +33,7 @@ impl Shape {
             None => Self::USUAL,
             Some(degrees) => degrees.trim().parse::<f64>().map_or(f64::NAN, f64::to_radians),
         };
-        if !(angle.abs() <= FRAC_PI_2) {
+        if angle.is_nan() || angle.abs() > FRAC_PI_2 {
             return Err(Error::value("shape", text, "an angle within ±90°, as in arc:40", "Leave it out for 34°."));
         }
         match name {

@@ -19,7 +19,7 @@
 //! | [`pilot`] | who steers an articulated system; a whole flight of one |
 //! | [`formation`] | drones that hold their places and carry something together |
 //! | [`frozen`] | servos held at rest, flown as one rigid vehicle |
-//! | [`vectored`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
+//! | [`mod@vectored`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
 //! | [`bends`] | the shape of a chain |
 //! | [`balance`] | a load kept upright above a drone |
 //! | [`state_feedback`] | optimal feedback for a drone with swinging loads |

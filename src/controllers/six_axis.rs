@@ -131,7 +131,8 @@ mod tests {
             }
         }
         println!("worst {worst:.1e}");
-        assert!(worst < 1e-9, "{worst:e}");
+        // measured: 2.1e-14
+        assert!(worst < 1e-12, "{worst:e}");
     }
 
     #[test]

@@ -9,23 +9,28 @@
 //! two hinges (Dragon) give it three; a pair can also push unequally, which twists. All columns are those of the true
 //! geometry in the present shape: places, spins σ and reaction κ, about the instantaneous centre of mass.
 //!
-//! **Slow stage** (at the rate of the velocity level): min ‖Bf − w‖²_W + ρ‖f − f_share‖² with ‖F‖ ± Δ ≤ T_max (cones), no
+//! **Slow stage** (at the rate of the velocity level): min ‖Bf − w‖²_W + ρ‖f − f_pref‖² with ‖F‖ ± Δ ≤ T_max (cones), no
 //! rotor pulling, and F within the tilts that the servo reaches: ±δ, δ = α̇_max/k, since a servo commanded by k (α* − α) cannot
-//! be asked for more. f_share, each thruster's share of the weight, is the null-space goal. An error counts as the
+//! be asked for more. f_pref is the last solution, which
+//! returns to each thruster's share of the weight within a second: so ρ damps what the geometry can barely do (a weak
+//! direction is learned over some ticks, never amplified) and biases nothing that lasts. An error counts as the
 //! acceleration that it causes: W = diag(1, 1, 1, (mℓ/J_i)²), ℓ² = tr J/3m. So the weak axis of a straight chain is
 //! weighed by its small inertia and nothing is inverted. Where a force nearly vanishes its direction is kept; where the window
 //! leaves a thruster no force at all, it turns towards its share of the weight.
 //!
 //! **Fast stage** (at the rate of the rate level): thrusts within \[0, T_max\] for the same wrench at the tilts as they are,
-//! near those of the slow stage. ρ damps what thrusts alone can barely do (yaw of level rotors by κ): that waits for the tilts.
+//! near those of the slow stage; what thrusts alone can barely do (yaw of level rotors by κ) waits for the tilts.
 //!
 //! **Wrench.** The force is the law's, with drag of bodies and rotors at the reference's velocity fed forward. The moment
 //! passes through the [inverse dynamics](crate::dynamics::tree::inverse_dynamics) of the tree: gyroscopic moments of
-//! rotors, drag, moving joints, and the reaction of tilts that accelerate as their servos are told.
+//! rotors, drag, moving joints. The recoil of tilts that accelerate is left to feedback.
 //!
-//! **Bandwidths.** A servo of lag τ under k = 1/(2τ) is a loop of damping 0.7; its tilts follow like a lag of 1/k. Pose loops are
-//! placed (ζ = 1, K_R = J ω², at the inertia of the present shape) at ω ≤ k/4, as [`gains`](crate::dynamics::gains) places
-//! them at a quarter of the motors' 1/τ, and ω ≤ α̇_max/[`SWING`], so that ordinary errors do not saturate the servos; position at half of it.
+//! **Bandwidths.** A servo of lag τ under k = 1/(2τ), with an integral of 10/k against loads, is a loop of damping 0.7; its tilts follow like a lag of 1/k. Where
+//! thrusters are a large share of the inertia, a tilt turns the carrier the other way (on the straight Dragon four fifths of
+//! it), and the rotors must first undo that: k ≤ ω_m/share, ω_m = 1/(4τ) of the motors. Pose loops are placed (ζ = 1, K_R = J ω² at
+//! the inertia of the present shape) at ω = k/4, as [`gains`](crate::dynamics::gains) places them at a quarter of the motors'
+//! 1/τ, and no faster than α̇_max/[`SWING`], so that ordinary errors do not saturate the servos; position at half of it. Axes about
+//! which thrusts at the present tilts have authority of their own need not wait for tilts: they go up to ω_m.
 //!
 //! Sources: Kamel et al. 2018 (arXiv 1801.04581) and Bodie et al. 2020 (arXiv 2003.09512) for force components of tilting
 //! rotors; the reachable window as half-planes is ours.
@@ -42,6 +47,7 @@ use super::pilot::{Command, Note, Pilot};
 use super::position::velocity_command;
 use super::rate::RateCommand;
 use super::six_axis::{SixAxis, Wrench};
+use crate::dynamics::gains::SATURATION_ANGLE;
 use crate::dynamics::spatial::{Vec3, axpy, cross, dot, inverse, mat_vec, rotate_back, scale, sub};
 use crate::dynamics::tree::{
     Model, Motion, Multibody, Pose, body_poses, center_of_mass, inverse_dynamics, mass_matrix, momentum, rest_state,
@@ -55,8 +61,12 @@ use std::f64::consts::{PI, TAU};
 pub const SWING: f64 = 0.5;
 /// Pose bandwidth over attitude bandwidth and tilt rate over pose bandwidth, see the [module](self).
 const SEPARATION: [f64; 2] = [2.0, 4.0];
+/// Time in which a tilt learns its load, times k: slow enough to cost its loop 6° of phase.
+const PATIENCE: f64 = 10.0;
 /// ρ of both stages: what a newton away from its preference costs, against a newton of force that is missing.
-const NULL_SPACE: f64 = 1e-3;
+const NULL_SPACE: f64 = 0.1;
+/// How fast preferred forces leave the last solution for each thruster's share of the weight, 1/s.
+const RETURN: f64 = 1.0;
 /// Share of a thruster's largest force below which its direction is not trusted.
 const FAINT: f64 = 0.02;
 
@@ -72,8 +82,10 @@ struct Hinge {
     drive: usize,
     /// α̇_max, rad/s.
     range: f64,
-    /// Closed-loop lag of its rate at rest, s.
+    /// Closed-loop lag of its rate at rest, at least two periods of the slow stage, s.
     lag: f64,
+    /// k, 1/s.
+    gain: f64,
 }
 
 /// Rotors that push together, on one hinge or two.
@@ -166,6 +178,8 @@ pub struct Vectored {
     /// Whether gains follow the inertia of the present shape.
     placed: Option<[f64; 2]>,
     schedule: Schedule,
+    /// Of the slow stage, s.
+    period: f64,
     slow: Allocator,
     fast: Allocator,
     held: Held,
@@ -179,13 +193,15 @@ struct Held {
     step: u64,
     /// World, N.
     force: Vec3<f64>,
+    /// Last solution of the slow stage.
+    inputs: Vec<f64>,
     rate: RateCommand<f64>,
     /// Wanted angles, thruster by thruster.
     angles: Vec<Vec<f64>>,
+    /// Rates that hold against loads, likewise, rad/s.
+    loads: Vec<Vec<f64>>,
     /// Of every rotor, N.
     preference: Vec<f64>,
-    /// Commanded tilt rates, thruster by thruster, rad/s.
-    rates: Vec<Vec<f64>>,
 }
 
 impl Vectored {
@@ -196,10 +212,17 @@ impl Vectored {
     /// rates that do not divide 1/dt.
     pub fn new(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
         let (model, rest) = (system.model(), system.rest_state());
-        let thrusters = thrusters(model)?;
+        let mut thrusters = thrusters(model)?;
         let schedule = Schedule::new(rates, system.physics().dt)?;
         if let Some(gains) = gains {
             validate_gains(gains)?;
+        }
+        let shares = recoil(system, &thrusters)?;
+        let period = schedule.every[0] as f64 * system.physics().dt;
+        let motors = motor_bandwidth(model);
+        for (hinge, share) in thrusters.iter_mut().flat_map(|t| &mut t.hinges).zip(shares) {
+            hinge.lag = hinge.lag.max(2.0 * period);
+            hinge.gain = (0.5 / hinge.lag).min(motors / share);
         }
         let bandwidths = bandwidths(model, &thrusters);
         let lift: f64 = model.rotors().iter().map(|r| r.rotor.max_thrust()).sum();
@@ -211,22 +234,23 @@ impl Vectored {
             drag_moment: [[0.0; 3]; 3],
             gravity: model.parts().gravity,
         };
-        let given = gains.copied().unwrap_or_else(|| placed_gains(bandwidths, &body));
+        let given = gains.copied().unwrap_or_else(|| placed_gains([bandwidths[0]; 3], bandwidths[1], &body));
         let law =
             SixAxis { body, gains: GainSet::constant(&given), limits: ForceLimits::constant(&Limits::default(), lift) };
         let share = mass * body.gravity.min(GRAVITY) / lift;
         let preference: Vec<f64> = model.rotors().iter().map(|r| share * r.rotor.max_thrust()).collect();
+        let scene = Scene::of(system, &rest);
+        let slow = slow_problem(&thrusters, &body, &scene, &rest);
         let held = Held {
             step: 0,
+            inputs: slow.preference.clone(),
             force: [0.0, 0.0, mass * body.gravity],
             rate: RateCommand::constant(0.0, [0.0; 3]),
+            loads: thrusters.iter().map(|t| vec![0.0; t.hinges.len()]).collect(),
             angles: thrusters.iter().map(|t| t.hinges.iter().map(|h| rest[h.angle]).collect()).collect(),
-            rates: thrusters.iter().map(|t| vec![0.0; t.hinges.len()]).collect(),
             preference,
         };
-        let scene = Scene::of(system, &rest);
         let fast = fast_problem(system, &law.body, wrench_matrix(system, &rest), &held.preference)?;
-        let slow = slow_problem(&thrusters, &law.body, &scene, &rest);
         Ok(Self {
             system: system.clone(),
             bends: Bends::rest(model),
@@ -235,6 +259,7 @@ impl Vectored {
             slow: Allocator::new(slow)?,
             fast: Allocator::new(fast)?,
             residual: [0.0; 2],
+            period,
             thrusters,
             law,
             schedule,
@@ -282,16 +307,11 @@ impl Vectored {
     }
 
     /// Moment of the rotors about the centre of mass, body axes, that turns the root with `acceleration` (rad/s²) while
-    /// rotors keep their speed and servos follow their last command.
+    /// rotors and joints keep their speeds.
     fn needed_moment(&self, state: &[f64], acceleration: Vec3<f64>, matrix: &DMatrix<f64>) -> Vec3<f64> {
         let (model, layout) = (self.system.model(), self.system.layout());
         let mut wanted = vec![0.0; layout.n_velocity()];
         wanted[3..6].copy_from_slice(&acceleration);
-        for (thruster, rates) in self.thrusters.iter().zip(&self.held.rates) {
-            for (hinge, rate) in thruster.hinges.iter().zip(rates) {
-                wanted[hinge.freedom] = (rate - state[hinge.rate]) / hinge.lag;
-            }
-        }
         let mut still = self.system.rest_input();
         let mut thrusts = Vec::with_capacity(model.rotors().len());
         for (r, mounted) in model.rotors().iter().enumerate() {
@@ -314,7 +334,12 @@ impl Vectored {
     /// Force vectors for a wrench: wanted tilts and thrusts.
     fn solve_slow(&mut self, state: &[f64], wrench: &Wrench<f64>) {
         let scene = Scene::of(&self.system, state);
-        let problem = slow_problem(&self.thrusters, &self.law.body, &scene, state);
+        let mut problem = slow_problem(&self.thrusters, &self.law.body, &scene, state);
+        let shares = problem.preference.clone();
+        let leave = (RETURN * self.period).min(1.0);
+        for (wish, last) in problem.preference.iter_mut().zip(&self.held.inputs) {
+            *wish = last + leave * (*wish - last);
+        }
         if self.slow.update(|p| *p = problem).is_err() {
             return;
         }
@@ -323,13 +348,13 @@ impl Vectored {
             return;
         }
         self.residual[0] = self.residual[0].max(solution.residual);
-        let inputs = solution.inputs.clone();
+        self.held.inputs.clone_from(&solution.inputs);
         let mut first = 0;
         for (n, thruster) in self.thrusters.iter().enumerate() {
-            let (force, rest) = inputs[first..first + thruster.n_input()].split_at(thruster.n_force());
+            let (force, rest) = self.held.inputs[first..first + thruster.n_input()].split_at(thruster.n_force());
             let now: Vec<f64> = thruster.hinges.iter().map(|h| state[h.angle]).collect();
             let size = norm(force);
-            let share = &self.slow.problem().preference[first..first + thruster.n_force()];
+            let share = &shares[first..first + thruster.n_force()];
             let lean = if size < FAINT * thruster.max_thrust { share } else { force };
             let kept = thruster.direction(&now);
             let aim: Vec<f64> = lean.iter().zip(&kept).map(|(f, d)| f + FAINT * thruster.max_thrust * d).collect();
@@ -358,13 +383,18 @@ impl Vectored {
         }
     }
 
-    /// Rates that send tilts where they are wanted, rad/s: k (α* − α) within the servo's range.
+    /// Rates that send tilts where they are wanted, rad/s: k (α* − α) and what its integral has learned about the load
+    /// that drives the servo back, within the servo's range.
     fn turn(&mut self, state: &[f64], input: &mut [f64]) {
+        let dt = self.system.physics().dt;
         for (n, thruster) in self.thrusters.iter().enumerate() {
             for (k, hinge) in thruster.hinges.iter().enumerate() {
                 let error = self.held.angles[n][k] - state[hinge.angle];
-                let rate = (tilt_gain(hinge) * error).clamp(-hinge.range, hinge.range);
-                self.held.rates[n][k] = rate;
+                let load = &mut self.held.loads[n][k];
+                let rate = (hinge.gain * error + *load).clamp(-hinge.range, hinge.range);
+                if rate.abs() < hinge.range {
+                    *load += hinge.gain * error * (hinge.gain / PATIENCE) * dt;
+                }
                 input[hinge.drive] = rate / hinge.range;
             }
         }
@@ -392,8 +422,8 @@ impl Pilot for Vectored {
     fn notes(&self) -> Vec<Note> {
         let mut notes = Vec::new();
         if let Some([attitude, position]) = self.placed {
-            let tilts = self.thrusters.iter().flat_map(|t| &t.hinges).map(tilt_gain).fold(f64::INFINITY, f64::min);
-            let note = format!("attitude; position {position:.2}, tilts follow at {tilts:.3}");
+            let tilts = self.thrusters.iter().flat_map(|t| &t.hinges).map(|h| h.gain).fold(f64::INFINITY, f64::min);
+            let note = format!("attitude; position {position:.2}, tilts follow at {tilts:.1} rad/s");
             notes.push(Note::new("bandwidth", format!("{attitude:.3} rad/s"), note));
         }
         for ((stage, name), worst) in self.stages().into_iter().zip(["tilt", "thrust"]).zip(self.residual) {
@@ -425,8 +455,10 @@ impl Pilot for Vectored {
         self.held.step += 1;
         if velocity {
             self.law.body.inertia = composite_inertia(&self.system, state);
-            if let Some(bandwidths) = self.placed {
-                self.law.gains = GainSet::constant(&placed_gains(bandwidths, &self.law.body));
+            if let Some([tilts, position]) = self.placed {
+                let matrix = wrench_matrix(&self.system, state);
+                let axes = axis_bandwidths(self.system.model(), &matrix, &self.law.body, tilts);
+                self.law.gains = GainSet::constant(&placed_gains(axes, position, &self.law.body));
             }
             let mut command = velocity_command(&self.law.gains, &reference.sample(time), &own);
             let drag = mat_vec(resistance(&self.system, state), reference.sample(time).velocity);
@@ -469,29 +501,62 @@ impl Scene {
     }
 }
 
-/// k = 1/(2τ).
-fn tilt_gain(hinge: &Hinge) -> f64 {
-    0.5 / hinge.lag
-}
-
 /// Attitude and position bandwidth, rad/s.
 fn bandwidths(model: &Model, thrusters: &[Thruster]) -> [f64; 2] {
-    let slowest = |m: f64, r: &crate::dynamics::Rotor| m.max(r.time_constant_up).max(r.time_constant_down);
-    let motors = model.rotors().iter().map(|r| &r.rotor).fold(f64::MIN_POSITIVE, slowest);
     let hinges = thrusters.iter().flat_map(|t| &t.hinges);
-    let tilts = hinges.map(|h| (tilt_gain(h) / SEPARATION[1]).min(h.range / SWING)).fold(f64::INFINITY, f64::min);
-    let attitude = (0.25 / motors).min(tilts);
+    let tilts = hinges.map(|h| (h.gain / SEPARATION[1]).min(h.range / SWING)).fold(f64::INFINITY, f64::min);
+    let attitude = motor_bandwidth(model).min(tilts);
     [attitude, attitude / SEPARATION[0]]
 }
 
+/// A quarter of the slowest motor's 1/τ, rad/s.
+fn motor_bandwidth(model: &Model) -> f64 {
+    let slowest = |m: f64, r: &crate::dynamics::Rotor| m.max(r.time_constant_up).max(r.time_constant_down);
+    0.25 / model.rotors().iter().map(|r| &r.rotor).fold(f64::MIN_POSITIVE, slowest)
+}
+
+/// How much of a turn of each hinge the rest of the system makes the other way: inertia of all that turns about hinges like
+/// it, over that of the whole about the same axis at rest.
+fn recoil(system: &Multibody, thrusters: &[Thruster]) -> Result<Vec<f64>> {
+    let (rest, model) = (system.rest_state(), system.model());
+    let (poses, root, whole) = (body_poses(system, &rest), attitude(system, &rest), composite_inertia(system, &rest));
+    let matrix = mass_matrix(model, &rest)?;
+    let n = thrusters.len() as f64;
+    let of = |(thruster, hinge): (&Thruster, usize)| {
+        let own = thruster.hinges[hinge];
+        // with one hinge the axis is tangent × thrust turned back: thrust × tangent
+        let axis = match thruster.hinges.len() {
+            1 => cross(thruster.frame[1], thruster.frame[0]),
+            _ => thruster.frame[hinge],
+        };
+        let a = rotate_back(root, mat_vec(poses[thruster.carrier].rotation, axis));
+        (n * matrix[(own.freedom, own.freedom)] / dot(a, mat_vec(whole, a))).min(1.0)
+    };
+    Ok(thrusters.iter().flat_map(|t| (0..t.hinges.len()).map(move |h| (t, h))).map(of).collect())
+}
+
+/// Bandwidth about each axis of the body: what the motors carry where thrusts at the present tilts have the authority (an
+/// error of a radian asks for no more moment than they can add to an even share of the weight), else what the tilts carry.
+fn axis_bandwidths(model: &Model, matrix: &DMatrix<f64>, body: &Body<f64>, tilts: f64) -> Vec3<f64> {
+    let lift: f64 = model.rotors().iter().map(|r| r.rotor.max_thrust()).sum();
+    let share = body.mass * body.gravity / lift;
+    [0, 1, 2].map(|axis| {
+        let margin = |(j, r): (usize, &crate::dynamics::tree::MountedRotor)| {
+            matrix[(3 + axis, j)].abs() * r.rotor.max_thrust() * share.min(1.0 - share).max(0.05)
+        };
+        let authority: f64 = model.rotors().iter().enumerate().map(margin).sum();
+        (authority / (body.inertia[axis][axis] * SATURATION_ANGLE)).sqrt().min(motor_bandwidth(model)).max(tilts)
+    })
+}
+
 /// K_p = ω_p², K_v = 2 ω_p, K_R = J ω², K_ω = 2 J ω.
-fn placed_gains([attitude, position]: [f64; 2], body: &Body<f64>) -> Gains {
-    let inertia = [0, 1, 2].map(|i| body.inertia[i][i]);
+fn placed_gains(attitude: Vec3<f64>, position: f64, body: &Body<f64>) -> Gains {
+    let j = [0, 1, 2].map(|i| body.inertia[i][i]);
     Gains {
         position: [position * position; 3],
         velocity: [2.0 * position; 3],
-        attitude: inertia.map(|j| j * attitude * attitude),
-        rate: inertia.map(|j| 2.0 * j * attitude),
+        attitude: [0, 1, 2].map(|i| j[i] * attitude[i] * attitude[i]),
+        rate: [0, 1, 2].map(|i| 2.0 * j[i] * attitude[i]),
     }
 }
 
@@ -570,7 +635,7 @@ fn cones(thruster: &Thruster, first: usize, angles: &[f64], now: &[f64], cones: 
     if thruster.twist.is_none() {
         cones.push(Cone::ball(first..first + n, thruster.max_thrust));
     }
-    let reach = thruster.hinges.iter().map(|h| h.range / tilt_gain(h)).fold(f64::INFINITY, f64::min).min(1.5);
+    let reach = thruster.hinges.iter().map(|h| h.range / h.gain).fold(f64::INFINITY, f64::min).min(1.5);
     let (s, c) = reach.sin_cos();
     if n == 2 {
         let side = [now[1], -now[0]];
@@ -636,7 +701,7 @@ fn thruster(model: &Model, body: usize, lags: &[f64]) -> Result<Thruster> {
         let (Some(input), true) = (model.layout().drive[i], drive.stiffness == 0.0) else { break };
         let place = model.layout().bodies[i];
         let (angle, rate, freedom) = (place.position, place.velocity, place.freedom);
-        hinges.insert(0, Hinge { angle, rate, freedom, drive: input, range: drive.range, lag: lags[i] });
+        hinges.insert(0, Hinge { angle, rate, freedom, drive: input, range: drive.range, lag: lags[i], gain: 0.0 });
         joints.insert(0, (joint.rotation, turn));
         next = model.bodies()[i].parent;
         carrier = next.unwrap_or(i);

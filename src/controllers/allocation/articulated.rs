@@ -182,7 +182,8 @@ mod tests {
             let turning = momentum_rate(&system, &spun);
             let gap = (0..6).map(|i| (turning[i] - still[i] - wrench[i]).abs()).fold(0.0, f64::max);
             println!("worst {name} {gap:.1e} of {:.1}", wrench.amax());
-            assert!(gap < 1e-5 * wrench.amax(), "{name}: {gap:e}");
+            // measured: 3.1e-10 of 84 (omav), 4.3e-10 of 6.1 (dragon), 1.8e-10 of 31; momentum by central differences
+            assert!(gap < 1e-8 * wrench.amax(), "{name}: {gap:e}");
         }
     }
 
@@ -197,6 +198,7 @@ mod tests {
             let (j, own) = (composite_inertia(&system, &state), vehicle.mass_properties().inertia);
             let heavier = (0..9).map(|k| (j[k / 3][k % 3] - own[(k / 3, k % 3)]).abs()).fold(0.0, f64::max);
             println!("worst {} {gap:.1e} {heavier:.1e}", vehicle.name);
+            // measured: 1.6e-15 (firefly), 1.1e-16 (omav)
             assert!(gap < 1e-12 && heavier < 1e-14, "{}: {gap:e} {heavier:e}", vehicle.name);
         }
     }
