@@ -19,6 +19,9 @@
 //! | [`formation`] | drones that hold their places and carry something together |
 //! | [`frozen`] | servos held at rest, flown as one rigid vehicle |
 //! | [`balance`] | a load kept upright above a drone |
+//! | [`gimballed`] | a drone on a cardan joint that pushes its carrier with a wanted force |
+//! | [`platform`] | a frame under such drones, steered in six axes |
+//! | [`transport`] | a load under drones on bars, its own pose tracked |
 //! | [`design`] | tuning |
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
@@ -38,15 +41,18 @@ pub mod design;
 pub mod flight;
 pub mod formation;
 pub mod frozen;
+pub mod gimballed;
 #[cfg(test)]
 mod golden;
 pub mod kinematics;
 pub mod parameters;
 pub mod pilot;
+pub mod platform;
 pub mod position;
 pub mod rate;
 pub mod reference;
 pub mod six_axis;
+pub mod transport;
 pub mod velocity;
 
 pub use action::ActionScale;
@@ -60,8 +66,10 @@ pub use formation::Formation;
 pub use frozen::Frozen;
 pub use kinematics::Kinematics;
 pub use parameters::{Body, ForceLimits, GainSet, Limits};
+pub use platform::Platform;
 pub use pilot::{Passive, Pilot, RigFlight, fly_rig, suited};
 pub use rate::RateCommand;
 pub use reference::{Reference, Sample, Tilt};
 pub use six_axis::SixAxis;
+pub use transport::Transport;
 pub use velocity::VelocityCommand;

@@ -9,6 +9,7 @@
 //! | [`allocator`] | its solvers behind one interface, with certificate, fallback and counts |
 //! | [`active_set`] | bounds: exact and fast, branch-free |
 //! | [`conic`] | cones: clarabel |
+//! | [`nearest`] | of all inputs that make a wrench, those nearest to a goal |
 //! | [`residual`](mod@residual) | the certificate |
 
 pub mod active_set;
@@ -16,6 +17,7 @@ pub mod allocator;
 pub mod articulated;
 pub mod conic;
 pub mod geometry;
+pub mod nearest;
 pub mod problem;
 pub mod pseudo_inverse;
 pub mod residual;
