@@ -33,7 +33,7 @@ use crate::dynamics::{Gains, Vehicle};
 use crate::error::{Error, Result};
 
 /// ω_f over the bandwidth of the drone's attitude loop.
-pub const FILTER: f64 = 3.0;
+pub const FILTER: f64 = 5.0;
 /// See the [module](self).
 pub const LEAST_RATE_GAIN: f64 = 0.4;
 /// Largest wanted thrust over the most that the rotors give: the rest turns the drone.
@@ -200,6 +200,11 @@ impl Gimballed {
         self.vehicle.rotors.iter().map(|r| r.moment_per_thrust.abs()).sum::<f64>() / n
     }
 
+    /// By how much the direction of its force is late, s: the filter's delay 2/ω_f.
+    pub fn delay(&self) -> f64 {
+        2.0 / (FILTER * self.bandwidth)
+    }
+
     /// Linear drag in its own axes while it lifts `mass`, N s/m.
     pub fn drag_at(&self, mass: f64) -> Vec3<f64> {
         let mut loaded = self.vehicle.clone();
@@ -261,6 +266,21 @@ pub fn kinematics(pose: &Pose<f64>) -> Kinematics<f64> {
         attitude: from_matrix(pose.rotation),
         angular_velocity: mat_vec(transpose(pose.rotation), pose.angular_velocity),
     }
+}
+
+/// Refuses a model that its drones cannot hold up with [`THRUST_SHARE`] of their thrust.
+///
+/// # Errors
+/// [`Error::Value`] with weight and thrust.
+pub fn liftable(model: &Model, drones: &[Gimballed]) -> Result<()> {
+    let (weight, n) = (model.mass() * model.parts().gravity, drones.len() as f64);
+    let least = drones.iter().fold(f64::INFINITY, |least, d| least.min(THRUST_SHARE * d.max_thrust));
+    if weight < n * least {
+        return Ok(());
+    }
+    let what = format!("model '{}': weight per drone", model.name());
+    let limit = format!("below {least:.2} N, {} % of its thrust", 100.0 * THRUST_SHARE);
+    Err(Error::value(what, format!("{:.2} N", weight / n), limit, "Lighten the load or add drones."))
 }
 
 /// All drones of a model on their mounts.

@@ -27,21 +27,20 @@
 //! moment about it. The direction is left out (it follows the drones through the joints' damping).
 
 use super::allocation::nearest::Nearest;
-use super::allocation::{Cone, Problem};
+use super::allocation::{Axis, Cone, Problem};
 use super::attitude::Orientation;
 use super::cascade::{Rates, Schedule};
-use super::gimballed::{Gimballed, THRUST_SHARE, mounts};
+use super::gimballed::{Gimballed, THRUST_SHARE, liftable, mounts};
 use super::kinematics::Kinematics;
 use super::parameters::{Body, ForceLimits, GainSet, Limits};
 use super::pilot::{Command, Pilot};
+use super::position::velocity_command;
 use super::reference::Sample;
 use super::six_axis::{SixAxis, Wrench};
 use super::velocity::VelocityCommand;
 use crate::autodiff::safe;
 use crate::dynamics::Gains;
-use crate::dynamics::spatial::{
-    Mat3, Vec3, add, axpy, cross, dot, inverse, mat_mul, mat_vec, scale, sub, transpose,
-};
+use crate::dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_mul, mat_vec, scale, sub, transpose};
 use crate::dynamics::tree::{Model, Multibody, Pose, body_poses, center_of_mass, momentum};
 use crate::error::{Error, Result};
 use nalgebra::DMatrix;
@@ -123,6 +122,7 @@ impl Platform {
         let reach = mounts.iter().fold(directions.reach, |least, m| least.min(m.reach));
         let drones = mounts.into_iter().map(|m| Gimballed::new(system, m, gains, rates)).collect::<Result<Vec<_>>>()?;
         let slowest = drones.iter().fold(f64::INFINITY, |least, d| least.min(d.bandwidth));
+        liftable(model, &drones)?;
         let turning = separated(model.name(), gains, slowest)?;
         let n = drones.len();
         let share = model.mass() / n as f64;
@@ -164,12 +164,24 @@ impl Platform {
         [self.turning, self.drones.iter().fold(f64::INFINITY, |least, d| least.min(d.bandwidth))]
     }
 
-    /// Enters with a pose.
-    pub fn position(&mut self, state: &[f64], sample: &Sample<f64>, tilt: &Orientation<f64>, input: &mut [f64]) {
-        self.run(state, input, |law, own| law.position(own, sample, tilt));
+    /// From commands to the wrench; of the shape that the last command met.
+    pub fn law(&self) -> &SixAxis<f64> {
+        &self.law
     }
 
-    /// Enters with a velocity and an orientation.
+    /// Axes of the frame about which or along which nothing acts: with drones in one line, that line.
+    pub fn lost(&self) -> Vec<Axis> {
+        let reached = self.allocation.reached();
+        Axis::ALL.into_iter().zip(reached).filter(|(_, share)| *share < 0.5).map(|(axis, _)| axis).collect()
+    }
+
+    /// Enters with a pose.
+    pub fn position(&mut self, state: &[f64], sample: &Sample<f64>, tilt: &Orientation<f64>, input: &mut [f64]) {
+        let own = self.tracked(state);
+        self.velocity(state, &velocity_command(&self.law.gains, sample, &own), tilt, input);
+    }
+
+    /// Enters with a velocity and an orientation; [`early`](Self::early).
     pub fn velocity(
         &mut self,
         state: &[f64],
@@ -177,7 +189,8 @@ impl Platform {
         tilt: &Orientation<f64>,
         input: &mut [f64],
     ) {
-        self.run(state, input, |law, own| law.velocity(own, command, tilt));
+        let early = self.early(command);
+        self.run(state, input, |law, own| law.velocity(own, &early, tilt));
     }
 
     /// Enters with a force (world, N) and an orientation.
@@ -190,7 +203,19 @@ impl Platform {
         self.run(state, input, |_, _| *wrench);
     }
 
-    fn run(&mut self, state: &[f64], input: &mut [f64], wanted: impl FnOnce(&SixAxis<f64>, &Kinematics<f64>) -> Wrench<f64>) {
+    /// A command whose acceleration is as much ahead as forces turn late.
+    pub fn early(&self, command: &VelocityCommand<f64>) -> VelocityCommand<f64> {
+        let t = self.drones.iter().fold(0.0_f64, |most, d| most.max(d.delay()));
+        let acceleration = axpy(axpy(command.acceleration, t, command.jerk), 0.5 * t * t, command.snap);
+        VelocityCommand { acceleration, ..*command }
+    }
+
+    fn run(
+        &mut self,
+        state: &[f64],
+        input: &mut [f64],
+        wanted: impl FnOnce(&SixAxis<f64>, &Kinematics<f64>) -> Wrench<f64>,
+    ) {
         let poses = body_poses(&self.system, state);
         if self.schedule.ticks(self.step)[0] > 0.5 {
             self.renew(state, &poses);
@@ -376,11 +401,13 @@ impl Pilot for Platform {
     }
 
     fn description(&self) -> String {
-        let [frame, drones] = self.bandwidths();
-        format!(
-            "six axes of the frame, {} force vectors out of each other's wakes; poles at -{frame:.2} 1/s, drones {drones:.1} rad/s",
-            self.drones.len()
-        )
+        let ([frame, drones], n, lost) = (self.bandwidths(), self.drones.len(), self.lost());
+        let axes = if lost.is_empty() {
+            "six axes of the frame".into()
+        } else {
+            format!("all axes of the frame but {lost:?}")
+        };
+        format!("{axes} by {n} force vectors; poles at -{frame:.2} 1/s, drones {drones:.1} rad/s")
     }
 
     fn holds_tilt(&self) -> bool {

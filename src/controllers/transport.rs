@@ -15,47 +15,54 @@
 //! b its direction away from the load, a_j the acceleration that the pulls as they are give the anchor):
 //!
 //! ```text
-//! F_j = (b bᵀ) μ_j + m (a_j + g e_z) − m L |ḃ|² b + m L (I − b bᵀ)(b̈_d + k_ḃ (ḃ_d − ḃ) + k_b (b_d − b)),   b_d = μ_j/‖μ_j‖
+//! F_j = (bᵀ μ_j) b + m (a_j + g e_z) − m L |ḃ|² b + m L (I − b bᵀ)(b̈_d + k_ḃ (ḃ_d − ḃ) + k_b (b_d − b)),   b_d = μ_j/‖μ_j‖
 //! ```
 //!
 //! k_ḃ damps the swing. ḃ_d and b̈_d are those of the reference's jerk and snap. F_j is what the drone pushes with
-//! ([`gimballed`](super::gimballed)), with its drag.
+//! ([`gimballed`](super::gimballed)), its drag added; because forces turn late by T, the pull is taken along b + T ḃ and
+//! a_j ahead by T of the reference. It is limited, height before direction, to [`STEEP`] and 0.85 T_max: a drone that leaned
+//! far to stop a swing would let its bar go.
 //!
-//! **Poles.** Across the bars an error e of the load obeys ë = −K_v ė − K_p e through bars that follow with k_b, k_ḃ: with
-//! k_ḃ = 4p, k_b = 6p², K_v = ⅔p, K_p = p²/6 all four poles are at −p; so for yaw. Height, roll and pitch need no lean:
-//! both poles at −q. The drones' attitude loops are [`SEPARATION`] times as fast as p.
+//! **Poles.** Across the bars an error e of the load obeys ë = −K_v ė − K_p e through bars that follow with k_b, k_ḃ: the
+//! four poles of s⁴ + k_ḃ s³ + k_b s² + k_b K_v s + k_b K_p are those of Bessel's polynomial in s/c,
+//! s⁴ + 10 s³ + 45 s² + 105 s + 105, which for the same k_ḃ answers in 1/c instead of the 1.6/c of four equal poles and
+//! hardly overshoots; so for yaw. Height, roll and pitch need no lean: both poles at −q = −[`UPRIGHT`] c. c is the
+//! bandwidth of the drones' attitude loops over [`SEPARATION`].
 
 use super::allocation::nearest::Nearest;
 use super::allocation::{Affine, Cone, Problem};
 use super::attitude::Orientation;
 use super::cascade::{Rates, Schedule};
-use super::gimballed::{Gimballed, THRUST_SHARE, mounts};
+use super::gimballed::{Gimballed, Mount, THRUST_SHARE, liftable, mounts};
 use super::kinematics::Kinematics;
 use super::parameters::{Body, ForceLimits, GainSet, Limits};
 use super::pilot::{Command, Pilot};
 use super::reference::Sample;
 use super::six_axis::{SixAxis, Wrench};
-use super::velocity::VelocityCommand;
+use super::velocity::{VelocityCommand, limit_force};
 use crate::autodiff::jet::Jet;
 use crate::autodiff::safe;
 use crate::dynamics::Gains;
-use crate::dynamics::spatial::{
-    Mat3, Vec3, add, axpy, cross, dot, inverse, mat_vec, scale, sub, transpose,
-};
+use crate::dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_vec, scale, sub, transpose};
 use crate::dynamics::tree::{Model, Motion, Multibody, Pose, body_poses};
 use crate::error::{Error, Result};
 use nalgebra::{DMatrix, DVector};
 
-/// Bandwidth of the drones' attitude loops over p.
-pub const SEPARATION: f64 = 4.5;
-/// q over p.
-pub const UPRIGHT: f64 = 1.25;
+/// Bandwidth of the drones' attitude loops over c: k_ḃ = 10 c is then 1.25 times that bandwidth, a quarter of the filter's
+/// that carries it out.
+pub const SEPARATION: f64 = 8.0;
+/// q over c.
+pub const UPRIGHT: f64 = 2.5;
 /// Largest lean of a bar's pull, rad.
 pub const LEAN: f64 = 0.6;
 /// Least upward pull of a bar over an even share of the load's weight.
 pub const TAUT: f64 = 0.15;
 /// Largest lean of the wanted force on the load, rad.
 const TILT: f64 = 0.45;
+/// Largest lean of a drone's force, rad.
+pub const STEEP: f64 = 0.8;
+/// s⁴ + 10 s³ + 45 s² + 105 s + 105, the constant first: low frequencies are delayed alike, by 1 s.
+const BESSEL: [f64; 4] = [105.0, 105.0, 45.0, 10.0];
 
 /// A bar between load and drone.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,13 +86,15 @@ pub struct Transport {
     /// Of each drone, in its own axes, at its share of the weight, N s/m.
     drag: Vec<Vec3<f64>>,
     law: SixAxis<f64>,
-    /// p.
-    pole: f64,
+    /// c, 1/s.
+    pace: f64,
     allocation: Nearest,
     schedule: Schedule,
     step: u64,
     /// Wanted pulls with two derivatives, world, N.
     pulls: Vec<[Vec3<f64>; 3]>,
+    /// Jerk and snap of the reference, world.
+    ahead: [Vec3<f64>; 2],
 }
 
 /// Whether a model is a load without rotors under at least two drones, each on a cardan joint of a bar that stands on a
@@ -100,7 +109,7 @@ fn bars(model: &Model) -> Option<Vec<Bar>> {
     if bodies.len() != 1 + 4 * all.len() {
         return None;
     }
-    let bar = |m: &super::gimballed::Mount| {
+    let bar = |m: &Mount| {
         let middle = bodies[m.carrier].parent?;
         let hinge = |i: usize| matches!(bodies[i].joint.motion, Motion::Revolute(_)) && bodies[i].joint.drive.is_none();
         let stands = bodies[middle].parent == Some(0) && bodies[middle].mass == 0.0;
@@ -132,9 +141,10 @@ impl Transport {
         let drone = |m| Gimballed::new(system, m, gains, rates);
         let drones = mounts(model)?.into_iter().map(drone).collect::<Result<Vec<_>>>()?;
         let slowest = drones.iter().fold(f64::INFINITY, |least, d| least.min(d.bandwidth));
-        let pole = slowest / SEPARATION;
+        let pace = slowest / SEPARATION;
+        liftable(model, &drones)?;
         let share = model.mass() / drones.len() as f64;
-        let law = law(model, &drones, &bars, pole);
+        let law = law(model, &drones, &bars, pace);
         let up = [0.0, 0.0, 1.0];
         let problem = problem(&drones, &bars, law.body.mass * law.body.gravity, law.body.gravity, up);
         Ok(Self {
@@ -143,11 +153,12 @@ impl Transport {
             schedule: Schedule::new(rates, system.physics().dt)?,
             step: 0,
             pulls: vec![[[0.0; 3]; 3]; drones.len()],
+            ahead: STILL,
             system: system.clone(),
             drones,
             bars,
             law,
-            pole,
+            pace,
         })
     }
 
@@ -156,9 +167,14 @@ impl Transport {
         &self.allocation
     }
 
-    /// p, and bandwidth of the slowest drone, rad/s.
+    /// c, and bandwidth of the slowest drone, rad/s.
     pub fn bandwidths(&self) -> [f64; 2] {
-        [self.pole, self.pole * SEPARATION]
+        [self.pace, self.pace * SEPARATION]
+    }
+
+    /// From commands to the wrench on the load.
+    pub fn law(&self) -> &SixAxis<f64> {
+        &self.law
     }
 
     /// Enters with a pose.
@@ -199,6 +215,7 @@ impl Transport {
         let poses = body_poses(&self.system, state);
         if self.schedule.ticks(self.step)[0] > 0.5 {
             let wrench = wanted(&self.law, &self.tracked(state));
+            self.ahead = ahead;
             self.allocate(&poses[0], &wrench, ahead);
         }
         self.step += 1;
@@ -263,12 +280,18 @@ impl Transport {
         let [mu, rate, change] = self.pulls[j];
         let wanted = safe::normalise([0, 1, 2].map(|i| Jet::<f64, 3>::from_derivatives([mu[i], rate[i], change[i]])));
         let d = [0, 1, 2].map(|k| wanted.map(|x| x.derivative(k)));
-        let p = self.pole;
-        let swing = axpy(axpy(d[2], 4.0 * p, sub(d[1], turning)), 6.0 * p * p, sub(d[0], b));
+        let c = self.pace;
+        let swing = axpy(axpy(d[2], BESSEL[3] * c, sub(d[1], turning)), BESSEL[2] * c * c, sub(d[0], b));
         let across = axpy(axpy(swing, -dot(swing, b), b), -dot(turning, turning), b);
         let lift = add(anchor, [0.0, 0.0, self.law.body.gravity]);
-        let force = add(scale(dot(b, mu), b), scale(bar.mass, axpy(lift, bar.length, across)));
-        add(force, self.resistance(poses, j))
+        let t = self.drones[j].delay();
+        let [jerk, snap] = self.ahead;
+        let lift = axpy(axpy(lift, t, jerk), 0.5 * t * t, snap);
+        let pull = scale(dot(b, mu), axpy(b, t, turning));
+        let force = axpy(pull, bar.mass, axpy(lift, bar.length, across));
+        let force = add(force, self.resistance(poses, j));
+        let most = THRUST_SHARE * self.drones[j].max_thrust;
+        limit_force(force, STEEP.tan(), TAUT * bar.mass * self.law.body.gravity, most)
     }
 
     /// What balances the drag of a drone as it moves, world, N.
@@ -283,7 +306,7 @@ impl Transport {
 const STILL: [Vec3<f64>; 2] = [[0.0; 3]; 2];
 
 /// Load with the lower halves of its bars; gains by pole placement.
-fn law(model: &Model, drones: &[Gimballed], bars: &[Bar], p: f64) -> SixAxis<f64> {
+fn law(model: &Model, drones: &[Gimballed], bars: &[Bar], c: f64) -> SixAxis<f64> {
     let load = &model.bodies()[0];
     let own = load.inertia.matrix();
     let mut inertia: Mat3<f64> = [0, 1, 2].map(|i| [0, 1, 2].map(|k| own[(i, k)]));
@@ -296,8 +319,8 @@ fn law(model: &Model, drones: &[Gimballed], bars: &[Bar], p: f64) -> SixAxis<f64
             (0..3).for_each(|k| inertia[i][k] -= half * r[i] * r[k]);
         }
     }
-    let q = UPRIGHT * p;
-    let (slow, fast) = ([p * p / 6.0, 2.0 * p / 3.0], [q * q, 2.0 * q]);
+    let q = UPRIGHT * c;
+    let (slow, fast) = ([BESSEL[0] / BESSEL[2] * c * c, BESSEL[1] / BESSEL[2] * c], [q * q, 2.0 * q]);
     let gains = Gains {
         position: [slow[0], slow[0], fast[0]],
         velocity: [slow[1], slow[1], fast[1]],
@@ -359,8 +382,8 @@ impl Pilot for Transport {
     }
 
     fn description(&self) -> String {
-        let [p, drones] = self.bandwidths();
-        format!("pose of the load through {} bars; four poles at -{p:.2} 1/s, drones {drones:.1} rad/s", self.bars.len())
+        let [pace, drones] = self.bandwidths();
+        format!("pose of the load through {} bars, {:.1} s late; drones {drones:.1} rad/s", self.bars.len(), 1.0 / pace)
     }
 
     /// The load at its centre of mass.

@@ -36,7 +36,8 @@ impl Nearest {
     pub fn new(mut problem: Problem) -> Result<Self> {
         let n = problem.n_input();
         problem.preference = vec![0.0; n];
-        let largest = (0..n).map(|j| problem.geometry.column(j).iter().zip(&problem.weights).map(|(b, w)| w * b * b).sum());
+        let largest =
+            (0..n).map(|j| problem.geometry.column(j).iter().zip(&problem.weights).map(|(b, w)| w * b * b).sum());
         problem.regularisation = GIVE * largest.fold(f64::MIN_POSITIVE, f64::max);
         let allocator = Allocator::new(problem.clone())?;
         let inputs = if problem.cones.is_empty() { problem.preference.clone() } else { problem.anchor.clone() };
@@ -47,6 +48,12 @@ impl Nearest {
     /// B⁺, n × 6.
     pub fn inverse(&self) -> &DMatrix<f64> {
         &self.inverse
+    }
+
+    /// How much of each axis of a wrench the closed form makes, 0 to 1: the diagonal of B B⁺.
+    pub fn reached(&self) -> [f64; WRENCH] {
+        let all = &self.problem.geometry * &self.inverse;
+        std::array::from_fn(|k| all[(k, k)])
     }
 
     /// Changes geometry, bounds or cones.
