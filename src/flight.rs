@@ -72,6 +72,8 @@ pub struct FlightLog {
     pub thrust: Vec<f64>,
     /// World, m/s.
     pub wind: Vec<[f64; 3]>,
+    /// (roll, pitch, yaw) that were asked apart from the force, rad; empty where the force chose the attitude.
+    pub asked_angles: Vec<[f64; 3]>,
 }
 
 /// The key figures of a flight.
@@ -234,8 +236,12 @@ impl FlightLog {
     }
 
     /// (roll, pitch, yaw) per sample that the reference asks of a vehicle without drag, rad: body z along a_ref + g e_z,
-    /// heading from the reference yaw (Mellinger and Kumar 2011, section III). NaN in free fall.
+    /// heading from the reference yaw (Mellinger and Kumar 2011, section III); NaN in free fall. Where angles were asked apart
+    /// from the force, those.
     pub fn reference_euler_angles(&self) -> Vec<[f64; 3]> {
+        if !self.asked_angles.is_empty() {
+            return self.asked_angles.clone();
+        }
         let pairs = self.reference_acceleration.iter().zip(&self.reference_yaw);
         pairs
             .map(|(a, yaw)| {

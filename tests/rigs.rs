@@ -64,10 +64,6 @@ fn every_configuration_flies_or_says_why_not() {
                 let (_, err) = exits(2, folder.path(), &["fly", "gate"]);
                 assert!(err.contains("fixed to the world"), "{err}");
             }
-            "dragon" => {
-                let fallen = json(folder.path(), &["fly", "dragon", "--json", "--no-plots", "--duration", "1.5"]);
-                assert_eq!(fallen["dropped"], "dragon");
-            }
             name => {
                 let arguments =
                     ["fly", name, "--json", "--no-plots", "--duration", "5", "--dt", "0.004", "--max-rmse", "0.25"];

@@ -249,6 +249,12 @@ fn rates(text: &str) -> std::result::Result<Rates, String> {
     Ok(Rates { rate, attitude, velocity })
 }
 
+/// `AT` or `AT:RAMP`, s.
+pub fn tilt_at(text: &str) -> std::result::Result<[f64; 2], String> {
+    let (at, ramp) = text.split_once(':').map_or((text, "0"), |(at, ramp)| (at, ramp));
+    Ok([number(at)?, number(ramp)?])
+}
+
 /// `none`, `X,Y,Z`, `dryden:W20` or `dryden:W20:X,Y,Z`.
 pub fn wind(text: &str) -> std::result::Result<Wind, String> {
     let wind = match text.strip_prefix("dryden:") {

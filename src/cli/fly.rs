@@ -8,7 +8,7 @@ use super::table::{Align, Table, number};
 use super::{Report, arguments, files, fly_rig, progress, rig};
 use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
 use omnidrones::controllers::design::{Sensitivity, sensitivity};
-use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, fly};
+use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, Tilt, fly};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::{Effects, Gains, Multirotor, Vehicle};
 use omnidrones::error::{Error, Result};
@@ -27,10 +27,13 @@ Fly a vehicle, or a configuration of several bodies, closed loop along a referen
 and rate controllers compute at their own rates. Prints what the vehicle is, how well it tracked, and, for a single \
 vehicle, a certificate that the derivatives of the very equations it flew are exact; writes plots.
 
-Configurations fly with simple controllers: drones that carry something each hold their own place (payload, platform, \
-transport), servos hold the rest pose under one cascade (omav_tilting), a load on top is balanced (inverted_pendulum). They follow a \
-slow lemniscate, high enough for what hangs below. Nobody steers the dragon yet: it falls to the ground, as anything \
-does with --drop.";
+Configurations fly with pilots of their own: a drone carries what hangs from it (payload) or balances what stands on it \
+(inverted_pendulum), a load under several drones is tracked itself (transport), thrusters that tilt and drones on the joints of a frame \
+hold position and attitude apart (omav_tilting, dragon, platform): --roll and --pitch turn them. They follow a slow lemniscate, high enough for what hangs below. Anything falls to \
+the ground with --drop.
+
+'omav' is a rigid vehicle that flies like any other; with --roll or --pitch it is flown as 'omav_tilting', the same machine with \
+its tilts free.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -42,6 +45,9 @@ Examples:
   omnidrones fly firefly --gains out/firefly/gains.toml --format svg
   omnidrones fly hummingbird --json --no-plots --max-rmse 0.1
   omnidrones fly transport --reference hover          four drones hold a box
+  omnidrones fly omav --roll 30 --reference hover     30° of roll, held in place
+  omnidrones fly platform --roll 20                   a frame that flies on with 20° of roll
+  omnidrones fly dragon --shape arc:40                a chain that bends while it flies
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
@@ -75,6 +81,18 @@ pub struct Arguments {
     #[arg(long, value_name = "METRES", num_args = 0..=1, require_equals = true, default_missing_value = "1",
           allow_negative_numbers = true, help_heading = "Flight")]
     pub(super) drop: Option<f64>,
+    /// Roll to hold beside the reference, -180 to 180 [degrees]; omav, dragon and platform only
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Flight")]
+    pub(super) roll: f64,
+    /// Pitch to hold beside the reference, -90 to 90 [degrees]; omav, dragon and platform only
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Flight")]
+    pub(super) pitch: f64,
+    /// When to turn to --roll and --pitch, and over how long [s]; a step unless told how long
+    #[arg(long, value_name = "AT[:RAMP]", default_value = "1", value_parser = arguments::tilt_at, help_heading = "Flight")]
+    pub(super) tilt_at: [f64; 2],
+    /// Shape that a chain takes in flight: straight, arc, zigzag, or arc:DEGREES [default: straight]; dragon only
+    #[arg(long, value_name = "SHAPE", help_heading = "Flight")]
+    pub(super) shape: Option<String>,
     /// Length of the flight [s] [default: 15, or to 2 s after the last waypoint; configurations 20, drops 3]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Flight")]
     pub(super) duration: Option<f64>,
@@ -109,16 +127,57 @@ pub struct Arguments {
     pub(super) json: bool,
 }
 
+impl Arguments {
+    /// The vehicle that was named; one that is to hold a tilt, with its tilts free.
+    pub(super) fn named(&self) -> Option<&str> {
+        match self.vehicle.as_deref() {
+            Some(named) if named.eq_ignore_ascii_case("omav") && self.turns() && self.drop.is_none() => {
+                Some("omav_tilting")
+            }
+            named => named,
+        }
+    }
+
+    fn turns(&self) -> bool {
+        self.roll != 0.0 || self.pitch != 0.0
+    }
+
+    /// What to hold beside the reference.
+    pub(super) fn tilt(&self) -> Result<Tilt> {
+        let [at, ramp] = self.tilt_at;
+        for (what, value, most) in [("--roll", self.roll, 180.0), ("--pitch", self.pitch, 90.0)] {
+            if !(value.abs() <= most) {
+                let rule = format!("within ±{most}");
+                return Err(Error::value(what, format!("{value}°"), rule, "Give it in degrees."));
+            }
+        }
+        let tilt = Tilt { roll: self.roll.to_radians(), pitch: self.pitch.to_radians(), at, ramp };
+        tilt.validate()?;
+        Ok(tilt)
+    }
+
+    /// Refuses a tilt or a shape for what has neither.
+    pub(super) fn level(&self) -> Result<()> {
+        let what = if self.shape.is_some() { "--shape" } else { "--roll or --pitch" };
+        if !self.turns() && self.shape.is_none() {
+            return Ok(());
+        }
+        let (value, rule) = ("for what does not tilt its thrusters", "left out");
+        Err(Error::value(what, value, rule, "omav_tilting, dragon and platform hold a tilt, dragon takes a shape."))
+    }
+}
+
 /// Flies.
 pub fn run(a: &Arguments) -> Result<Report> {
     if let Some(limit) = a.max_rmse.filter(|m| !(*m > 0.0 && m.is_finite())) {
         return Err(Error::value("--max-rmse", limit, "> 0 m", "Leave it out to accept any finite error."));
     }
     a.flight.check()?;
-    let configuration = a.vehicle.as_deref().is_some_and(|named| rig::configuration(named).is_some());
+    let configuration = a.named().is_some_and(|named| rig::configuration(named).is_some());
     if configuration || a.drop.is_some() {
         return fly_rig::run(a);
     }
+    a.level()?;
     if let Some(named) = &a.vehicle {
         rig::known(named)?;
     }

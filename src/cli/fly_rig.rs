@@ -7,7 +7,9 @@ use super::table::{Align, Table, number};
 use super::{Report, files, progress};
 use omnidrones::controllers::pilot::{clearance, start_above, start_on, steerable};
 use omnidrones::controllers::reference::{Hover, Lemniscate};
-use omnidrones::controllers::{FlightPlan, Passive, Reference, RigFlight, fly_rig, suited};
+use omnidrones::controllers::{
+    Bends, FlightPlan, Note, Passive, Pilot, Reference, RigFlight, Shape, Vectored, fly_rig, suited, vectored,
+};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::tree::{Multibody, contact_forces, kinetic_energy, potential_energy};
 use omnidrones::dynamics::{Gains, configurations};
@@ -29,7 +31,7 @@ const ROOM: f64 = 0.5;
 
 /// Flies a configuration, or drops anything.
 pub fn run(a: &Arguments) -> Result<Report> {
-    let named = a.vehicle.as_deref().unwrap_or("hummingbird");
+    let named = a.named().unwrap_or("hummingbird");
     let rig = rig::load(named, &a.rotors)?;
     // what nobody steers yet falls
     let alone = !rig.model.drones().is_empty() && !steerable(&rig.model);
@@ -69,6 +71,21 @@ fn reference(a: &Arguments, system: &Multibody) -> Result<Reference> {
     Ok(Reference::Lemniscate(Lemniscate { rate: GENTLE, origin: [0.0, 0.0, (10.0 * height).ceil() / 10.0], ..usual }))
 }
 
+/// Who flies, in what shape.
+fn pilot(a: &Arguments, system: &Multibody, plan: &FlightPlan) -> Result<Box<dyn Pilot>> {
+    let gains = gains(a)?;
+    if !vectored(system.model()) {
+        let pilot = suited(system, gains.as_ref(), &plan.rates)?;
+        if a.shape.is_some() || !pilot.holds_tilt() {
+            a.level()?;
+        }
+        return Ok(pilot);
+    }
+    let shape = a.shape.as_deref().map_or(Ok(Shape::Straight), Shape::parse)?;
+    let bends = Bends::new(system.model(), shape, plan.tilt.at)?;
+    Ok(Box::new(Vectored::new(system, gains.as_ref(), &plan.rates)?.with_bends(bends)))
+}
+
 fn flown(a: &Arguments, rig: &Rig) -> Result<Report> {
     let system = system(a, rig, false)?;
     let reference = reference(a, &system)?;
@@ -76,7 +93,8 @@ fn flown(a: &Arguments, rig: &Rig) -> Result<Report> {
     let mut plan = a.flight.plan(Some(a.duration.unwrap_or(usual)), a.wind.clone(), a.seed)?;
     (plan.reference, plan.physics) = (reference, *system.physics());
     let n_step = plan.n_step()?;
-    let mut pilot = suited(&system, gains(a)?.as_ref(), &plan.rates)?;
+    plan.tilt = a.tilt()?;
+    let mut pilot = pilot(a, &system, &plan)?;
     let start = start_on(&system, pilot.as_ref(), &plan.reference);
     let folder = a.out.clone().unwrap_or_else(|| files::default_folder(rig.model.name()));
     if a.csv || !a.no_plots {
@@ -111,6 +129,7 @@ fn flown(a: &Arguments, rig: &Rig) -> Result<Report> {
     let result = Flown {
         rig,
         controller: [pilot.name().into(), pilot.description()],
+        notes: pilot.notes(),
         joints: joints(&system, &flight.states),
         lowest: heights.fold(f64::INFINITY, f64::min),
         summary: flight.log.summary(after),
@@ -152,6 +171,8 @@ struct Flown<'a> {
     rig: &'a Rig,
     /// Name and description.
     controller: [String; 2],
+    /// What it says about itself.
+    notes: Vec<Note>,
     plan: FlightPlan,
     flight: RigFlight,
     summary: FlightSummary,
@@ -225,7 +246,7 @@ impl Flown<'_> {
             (true, true) => "of all bodies and rotors: it touched the ground",
             (true, false) => "below the ground at 0, which is not simulated here: --effects contact",
         };
-        vec![
+        let mut facts = vec![
             Fact::new("controller", &self.controller[0]).note(&self.controller[1]),
             Fact::new("reference", plan.reference.name()).note(format!("{}{speed}", plan.reference.description())),
             Fact::new("simulated", format!("{} s", short(s.duration, 5))).note(format!(
@@ -247,7 +268,16 @@ impl Flown<'_> {
             Fact::new("rotors at a limit", format!("{} %", number(s.saturation.map(|v| 100.0 * v), 1)))
                 .note("of all commands"),
             Fact::new("lowest point", format!("{} m", short(self.lowest, 3))).note(ground),
-        ]
+        ];
+        if !plan.tilt.is_level() {
+            let [roll, pitch] = [plan.tilt.roll, plan.tilt.pitch].map(|a| short(a.to_degrees(), 3));
+            let over =
+                if plan.tilt.ramp > 0.0 { format!(" over {} s", short(plan.tilt.ramp, 3)) } else { String::new() };
+            let note = format!("from {} s on{over}", short(plan.tilt.at, 3));
+            facts.insert(2, Fact::new("held beside it", format!("roll {roll}°, pitch {pitch}°")).note(note));
+        }
+        facts.extend(self.notes.iter().map(|n| Fact::new(&n.name, &n.value).note(&n.note)));
+        facts
     }
 
     fn json(&self, verdict: &std::result::Result<(), String>) -> Value {
@@ -262,6 +292,7 @@ impl Flown<'_> {
             "failure": verdict.as_ref().err(),
             "configuration": self.rig.model.name(),
             "controller": self.controller[0],
+            "controller_notes": self.notes.iter().map(|n| json!([n.name, n.value, n.note])).collect::<Vec<_>>(),
             "plan": self.plan,
             "flight": self.summary,
             "joints": self.joints.iter().map(joint).collect::<Vec<_>>(),
@@ -292,6 +323,7 @@ fn uncontrolled(a: &Arguments) -> Result<()> {
 
 fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
     uncontrolled(a)?;
+    a.level()?;
     let height = a.drop.unwrap_or(1.0);
     if !(0.0..=1000.0).contains(&height) {
         return Err(Error::value("--drop", format!("{height} m"), "0 to 1000 m", "--drop alone means 1 m."));

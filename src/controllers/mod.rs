@@ -18,6 +18,8 @@
 //! | [`pilot`] | who steers an articulated system; a whole flight of one |
 //! | [`formation`] | drones that hold their places and carry something together |
 //! | [`frozen`] | servos held at rest, flown as one rigid vehicle |
+//! | [`vectored`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
+//! | [`bends`] | the shape of a chain |
 //! | [`balance`] | a load kept upright above a drone |
 //! | [`gimballed`] | a drone on a cardan joint that pushes its carrier with a wanted force |
 //! | [`platform`] | a frame under such drones, steered in six axes |
@@ -35,6 +37,7 @@ pub mod action;
 pub mod allocation;
 pub mod attitude;
 pub mod balance;
+pub mod bends;
 pub mod cascade;
 pub mod closed_loop;
 pub mod design;
@@ -53,12 +56,14 @@ pub mod rate;
 pub mod reference;
 pub mod six_axis;
 pub mod transport;
+pub mod vectored;
 pub mod velocity;
 
 pub use action::ActionScale;
 pub use allocation::{Authority, Axis, Mixer};
 pub use attitude::{AttitudeCommand, Orientation};
 pub use balance::Balance;
+pub use bends::{Bends, Shape};
 pub use cascade::{Cascade, CascadeModel, Held, Level, Rates, Schedule};
 pub use closed_loop::ClosedLoop;
 pub use flight::{Flight, FlightPlan, SmoothPoint, fly};
@@ -66,10 +71,11 @@ pub use formation::Formation;
 pub use frozen::Frozen;
 pub use kinematics::Kinematics;
 pub use parameters::{Body, ForceLimits, GainSet, Limits};
-pub use pilot::{Passive, Pilot, RigFlight, fly_rig, suited};
+pub use pilot::{Note, Passive, Pilot, RigFlight, fly_rig, suited};
 pub use platform::Platform;
 pub use rate::RateCommand;
 pub use reference::{Reference, Sample, Tilt};
 pub use six_axis::SixAxis;
 pub use transport::Transport;
+pub use vectored::{Vectored, vectored};
 pub use velocity::VelocityCommand;

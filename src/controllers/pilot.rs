@@ -9,10 +9,12 @@ use super::kinematics::Kinematics;
 use super::platform::{Platform, is_platform};
 use super::reference::{Reference, Sample, Tilt};
 use super::transport::{Transport, is_transport};
+use super::vectored::{Vectored, vectored};
 use crate::autodiff::{System, safe};
 use crate::dynamics::Gains;
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
+use crate::dynamics::spatial::{from_matrix, to_euler};
 use crate::dynamics::tree::{Model, Motion, Multibody, body_poses};
 use crate::error::{Error, Result};
 use crate::flight::{self, FlightLog};
@@ -31,6 +33,24 @@ pub struct Command<'a> {
     pub tilt: &'a Tilt,
 }
 
+/// Something a pilot says about itself after a flight.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Note {
+    /// What.
+    pub name: String,
+    /// How much, with unit.
+    pub value: String,
+    /// The rest.
+    pub note: String,
+}
+
+impl Note {
+    /// From its three parts.
+    pub fn new(name: impl Into<String>, value: impl Into<String>, note: impl Into<String>) -> Self {
+        Self { name: name.into(), value: value.into(), note: note.into() }
+    }
+}
+
 /// A controller of an articulated system: called once per step, in order.
 pub trait Pilot {
     /// One word.
@@ -40,6 +60,10 @@ pub trait Pilot {
     /// Whether it holds a [`Tilt`] beside the reference.
     fn holds_tilt(&self) -> bool {
         false
+    }
+    /// How it fared, for tables.
+    fn notes(&self) -> Vec<Note> {
+        Vec::new()
     }
     /// What follows the reference.
     fn tracked(&self, state: &[f64]) -> Kinematics<f64>;
@@ -70,9 +94,10 @@ impl Pilot for Passive {
     }
 }
 
-/// The pilot that suits a model by its make: servos are held at rest under one cascade ([`Frozen`]), a load above a drone
-/// is balanced ([`Balance`]), a frame on cardan joints is steered in six axes ([`Platform`]), a load under bars is tracked
-/// through them ([`Transport`]), everything else is flown by its drones ([`Formation`]).
+/// The pilot that suits a model by its make: where all rotors sit on tilting servos they are [`Vectored`]; other servos are
+/// held at rest under one cascade ([`Frozen`]), a load above a drone is balanced ([`Balance`]), a frame on cardan joints is
+/// steered in six axes ([`Platform`]), a load under bars is tracked through them ([`Transport`]), everything else is flown by
+/// its drones ([`Formation`]).
 ///
 /// # Errors
 /// [`Error::Value`] for a model that nothing lifts or that is fixed to the world; otherwise as the pilots.
@@ -87,6 +112,9 @@ pub fn suited(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Resul
         let what = format!("model '{}': drones", model.name());
         let rule = "on the root, or without servos between them";
         return Err(Error::value(what, "on gimbals along a chain", rule, "Nobody steers it yet: drop it instead."));
+    }
+    if vectored(model) {
+        return Ok(Box::new(Vectored::new(system, gains, rates)?));
     }
     if has_servos(model) {
         return Ok(Box::new(Frozen::new(system, gains, rates)?));
@@ -107,9 +135,9 @@ fn has_servos(model: &Model) -> bool {
     model.bodies().iter().any(|b| b.joint.drive.is_some())
 }
 
-/// Whether [`suited`] knows a pilot: drones that sit on servos themselves, away from the root, have none yet.
+/// Whether [`suited`] knows a pilot: drones that sit on servos, away from the root, have none unless all their rotors tilt.
 pub fn steerable(model: &Model) -> bool {
-    !model.drones().is_empty() && (!has_servos(model) || model.drones().iter().all(|d| d.body == 0))
+    !model.drones().is_empty() && (!has_servos(model) || vectored(model) || model.drones().iter().all(|d| d.body == 0))
 }
 
 /// Refuses models that cannot move as one whole.
@@ -245,6 +273,10 @@ pub fn fly_rig(
         }
         pilot.command(Command { time, state: &x, reference: &plan.reference, tilt: &plan.tilt }, &mut input);
         record(&mut log, system, time, pilot.tracked(&x), (&x, &input), &plan.reference.sample(time), air)?;
+        if pilot.holds_tilt() {
+            let asked = plan.tilt.orientation(&plan.reference, time).attitude;
+            log.asked_angles.push(to_euler(from_matrix(asked)));
+        }
         states.extend_from_slice(&x);
         system.step(&x, &input, &[], &mut next);
         if next.iter().any(|v| !safe::is_bounded(*v, EXPLODED)) {

@@ -33,7 +33,7 @@ use super::cascade::{Rates, Schedule};
 use super::gimballed::{Gimballed, THRUST_SHARE, liftable, mounts};
 use super::kinematics::Kinematics;
 use super::parameters::{Body, ForceLimits, GainSet, Limits};
-use super::pilot::{Command, Pilot};
+use super::pilot::{Command, Note, Pilot};
 use super::position::velocity_command;
 use super::reference::Sample;
 use super::six_axis::{SixAxis, Wrench};
@@ -412,6 +412,10 @@ impl Pilot for Platform {
 
     fn holds_tilt(&self) -> bool {
         true
+    }
+
+    fn notes(&self) -> Vec<Note> {
+        vec![self.allocation.note()]
     }
 
     /// The centre of mass of all, with the frame's attitude.

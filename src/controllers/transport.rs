@@ -36,7 +36,7 @@ use super::cascade::{Rates, Schedule};
 use super::gimballed::{Gimballed, Mount, THRUST_SHARE, liftable, mounts};
 use super::kinematics::Kinematics;
 use super::parameters::{Body, ForceLimits, GainSet, Limits};
-use super::pilot::{Command, Pilot};
+use super::pilot::{Command, Note, Pilot};
 use super::reference::Sample;
 use super::six_axis::{SixAxis, Wrench};
 use super::velocity::{VelocityCommand, limit_force};
@@ -384,6 +384,10 @@ impl Pilot for Transport {
     fn description(&self) -> String {
         let [pace, drones] = self.bandwidths();
         format!("pose of the load through {} bars, {:.1} s late; drones {drones:.1} rad/s", self.bars.len(), 1.0 / pace)
+    }
+
+    fn notes(&self) -> Vec<Note> {
+        vec![self.allocation.note()]
     }
 
     /// The load at its centre of mass.

@@ -55,6 +55,40 @@ pub fn composite_inertia(system: &Multibody, state: &[f64]) -> [[f64; 3]; 3] {
     total
 }
 
+/// D of the force −D v that the air puts on everything that moves at v, world axes, N s/m: linear drag of bodies and
+/// drag of rotors at their speeds, as far as those effects are on.
+///
+/// # Panics
+/// If the state is shorter than the layout says.
+pub fn resistance(system: &Multibody, state: &[f64]) -> [[f64; 3]; 3] {
+    let (poses, effects) = (body_poses(system, state), system.physics().effects);
+    let mut total = [[0.0; 3]; 3];
+    // Σ d e eᵀ
+    let mut along = |d: f64, e: Vec3<f64>| {
+        for i in 0..3 {
+            for j in 0..3 {
+                total[i][j] += d * e[i] * e[j];
+            }
+        }
+    };
+    if effects.body_drag {
+        for (body, pose) in system.model().bodies().iter().zip(&poses) {
+            (0..3).for_each(|k| along(body.drag.linear[k], [0, 1, 2].map(|i| pose.rotation[i][k])));
+        }
+    }
+    if effects.rotor_drag {
+        for (mounted, at) in system.model().rotors().iter().zip(&system.layout().rotor_speed) {
+            let (rotor, speed) = (&mounted.rotor, state[*at]);
+            let axis = mat_vec(poses[mounted.body].rotation, rotor.axis);
+            for e in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] {
+                along(rotor.drag_coefficient * speed, e);
+            }
+            along((rotor.axial_drag_coefficient - rotor.drag_coefficient) * speed, axis);
+        }
+    }
+    total
+}
+
 /// Attitude of the root, body → world.
 pub(crate) fn attitude(system: &Multibody, state: &[f64]) -> [f64; 4] {
     let root = system.layout().bodies[0].position;

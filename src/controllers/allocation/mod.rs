@@ -23,7 +23,7 @@ pub mod pseudo_inverse;
 pub mod residual;
 
 pub use allocator::{Allocator, Counts, Path, Reason, Settings, Solution};
-pub use articulated::{composite_inertia, wrench_matrix};
+pub use articulated::{composite_inertia, resistance, wrench_matrix};
 pub use geometry::{Authority, Axis};
 pub use problem::{Affine, Cone, Problem};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};

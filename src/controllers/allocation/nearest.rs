@@ -9,8 +9,9 @@
 //! what a limit costs: [`GIVE`] of the largest diagonal entry of BᵀWB lets the wrench miss about a thousandth of what
 //! inputs have to give way.
 
-use super::allocator::{Allocator, Counts};
+use super::allocator::{Allocator, Counts, Path};
 use super::problem::{Problem, WRENCH};
+use crate::controllers::pilot::Note;
 use crate::error::Result;
 use nalgebra::{DMatrix, DVector};
 
@@ -73,6 +74,19 @@ impl Nearest {
     /// How often the closed form was allowed, and what the allocator did otherwise.
     pub fn counts(&self) -> (u64, Counts) {
         (self.free, self.allocator.counts())
+    }
+
+    /// How often limits acted, for tables.
+    pub fn note(&self) -> Note {
+        let (free, counts) = self.counts();
+        let held = counts.of(Path::Held);
+        let all = free + counts.paths.iter().sum::<u64>();
+        let share = 100.0 * (all - free) as f64 / all.max(1) as f64;
+        Note::new(
+            "forces at a limit",
+            format!("{share:.1} %"),
+            format!("of {all} allocations; {held} held for want of a certificate"),
+        )
     }
 
     /// The inputs for a wrench. Where nothing is certified the last ones are held.

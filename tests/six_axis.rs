@@ -1,0 +1,255 @@
+//! Pose and shape apart from force: tilting Omav and Dragon under the vectored pilot.
+
+use omnidrones::controllers::allocation::Path;
+use omnidrones::controllers::pilot::{Command, start_on};
+use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
+use omnidrones::controllers::{
+    Bends, FlightPlan, Kinematics, Pilot, Rates, Reference, RigFlight, Shape, Tilt, Vectored, fly_rig, suited,
+};
+use omnidrones::dynamics::configurations::{self, Dragon, Omav};
+use omnidrones::dynamics::tree::{Model, Multibody};
+use omnidrones::dynamics::{Physics, spatial};
+
+/// A pilot with the largest command of any drive that it gave.
+struct Watched {
+    pilot: Vectored,
+    drives: Vec<usize>,
+    largest: f64,
+}
+
+impl Pilot for Watched {
+    fn name(&self) -> &'static str {
+        self.pilot.name()
+    }
+    fn description(&self) -> String {
+        self.pilot.description()
+    }
+    fn holds_tilt(&self) -> bool {
+        true
+    }
+    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
+        self.pilot.tracked(state)
+    }
+    fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
+        self.pilot.command(moment, input);
+        self.largest = self.drives.iter().fold(self.largest, |m, at| m.max(input[*at].abs()));
+    }
+}
+
+/// A system, its pilot and where it starts.
+struct Rig {
+    system: Multibody,
+    pilot: Watched,
+    start: Vec<f64>,
+    plan: FlightPlan,
+}
+
+impl Rig {
+    fn new(model: &Model, reference: Reference, tilt: Tilt, duration: f64) -> Self {
+        let system = Multibody::new(model, Physics::default()).expect("valid physics");
+        let pilot = Vectored::new(&system, None, &Rates::default()).expect("a pilot");
+        let drives = system.layout().drive.iter().flatten().copied().collect();
+        let plan = FlightPlan { reference, tilt, duration, ..FlightPlan::default() };
+        let start = start_on(&system, &pilot, &plan.reference);
+        Self { system, pilot: Watched { pilot, drives, largest: 0.0 }, start, plan }
+    }
+
+    fn bent(mut self, shape: Shape) -> Self {
+        let bends = Bends::new(self.system.model(), shape, 1.0).expect("a shape");
+        self.pilot.pilot = self.pilot.pilot.with_bends(bends);
+        self
+    }
+
+    fn fly(&mut self) -> RigFlight {
+        let flight = fly_rig(&self.system, &mut self.pilot, &self.plan, &self.start, &mut |_| ()).expect("a flight");
+        assert_eq!(flight.diverged_at, None);
+        flight
+    }
+
+    /// Histories of one number of every rate servo.
+    fn servos<'a>(&self, flight: &'a RigFlight, rate: bool) -> Vec<(f64, Vec<f64>)> {
+        let (layout, n) = (self.system.layout(), self.system.rest_state().len());
+        let mut all = Vec::new();
+        for (i, body) in self.system.model().bodies().iter().enumerate() {
+            if let Some(drive) = body.joint.drive.filter(|d| d.stiffness == 0.0) {
+                let at = if rate { layout.bodies[i].velocity } else { layout.bodies[i].position };
+                all.push((drive.range, flight.states.chunks_exact(n).map(|row| row[at]).collect()));
+            }
+        }
+        all
+    }
+}
+
+/// Largest distance to the reference from a time on, m.
+fn distance(flight: &RigFlight, after: f64) -> f64 {
+    let log = &flight.log;
+    let gap =
+        |i: usize| (0..3).map(|k| (log.position[i][k] - log.reference_position[i][k]).powi(2)).sum::<f64>().sqrt();
+    (0..log.time.len()).filter(|i| log.time[*i] >= after).map(gap).fold(0.0, f64::max)
+}
+
+/// Largest angle to the wanted attitude from a time on, rad.
+fn turn(flight: &RigFlight, plan: &FlightPlan, after: f64) -> f64 {
+    let log = &flight.log;
+    let gap = |i: usize| {
+        let wanted = spatial::from_matrix(plan.tilt.orientation(&plan.reference, log.time[i]).attitude);
+        let q = spatial::multiply(spatial::conjugate(wanted), log.attitude[i]);
+        2.0 * q[0].abs().min(1.0).acos()
+    };
+    (0..log.time.len()).filter(|i| log.time[*i] >= after).map(gap).fold(0.0, f64::max)
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |m: f64, v| m.max(v.abs()))
+}
+
+fn omav() -> Model {
+    Omav::default().build().expect("built").model
+}
+
+fn hover() -> Reference {
+    Reference::Hover(Hover::default())
+}
+
+fn tilted(roll: f64, pitch: f64) -> Tilt {
+    Tilt { roll: roll.to_radians(), pitch: pitch.to_radians(), ..Tilt::default() }
+}
+
+fn assert_certified(rig: &Rig) {
+    let worst = rig.pilot.pilot.residuals();
+    let counts = rig.pilot.pilot.stages().map(|s| s.counts());
+    println!("residuals {worst:?}, {counts:?}");
+    assert!(counts.iter().all(|c| c.of(Path::Held) == 0), "{counts:?}");
+    assert!(worst.iter().all(|w| *w <= 1e-7), "{worst:?}");
+}
+
+fn assert_servos_in_range(rig: &Rig, flight: &RigFlight) {
+    assert!(rig.pilot.largest <= 1.0, "{}", rig.pilot.largest);
+    let over = rig.servos(flight, true).iter().map(|(range, v)| largest(v) / range).fold(0.0, f64::max);
+    println!("fastest tilt over its limit {over:.4}");
+    assert!(over < 1.01, "{over}");
+}
+
+#[test]
+fn the_omav_holds_thirty_degrees_of_roll_in_hover() {
+    let mut rig = Rig::new(&omav(), hover(), tilted(30.0, 0.0), 5.0);
+    let flight = rig.fly();
+    let (early, late, angle) = (distance(&flight, 0.0), distance(&flight, 3.0), turn(&flight, &rig.plan, 3.0));
+    println!("worst {early:.2e} m, settled {late:.2e} m, {:.2e}°", angle.to_degrees());
+    assert_servos_in_range(&rig, &flight);
+    assert_certified(&rig);
+    assert!(late < 0.005 && early < 0.05 && angle.to_degrees() < 0.1, "{early} {late} {angle}");
+}
+
+#[test]
+fn the_omav_flies_a_lemniscate_at_a_constant_tilt() {
+    let reference = Reference::Lemniscate(Lemniscate { rate: 0.6, ..Lemniscate::default() });
+    let mut rig = Rig::new(&omav(), reference, tilted(30.0, 10.0), 12.0);
+    let flight = rig.fly();
+    let (late, angle) = (distance(&flight, 4.0), turn(&flight, &rig.plan, 4.0));
+    println!("{late:.2e} m, {:.2e}°", angle.to_degrees());
+    assert_servos_in_range(&rig, &flight);
+    assert_certified(&rig);
+    assert!(late < 0.02 && angle.to_degrees() < 1.0, "{late} {angle}");
+}
+
+#[test]
+fn large_steps_of_attitude_do_not_unwind_the_tilts() {
+    for (roll, pitch) in [(90.0, 0.0), (-60.0, 45.0), (0.0, 80.0)] {
+        let mut rig = Rig::new(&omav(), hover(), tilted(roll, pitch), 6.0);
+        let flight = rig.fly();
+        let (early, late, angle) = (distance(&flight, 0.0), distance(&flight, 4.0), turn(&flight, &rig.plan, 4.0));
+        let far = rig.servos(&flight, false).iter().map(|(_, v)| largest(v)).fold(0.0, f64::max);
+        println!("{roll} {pitch}: {early:.2e} m, settled {late:.2e} m, {:.2e}°, tilts to {far:.2}", angle.to_degrees());
+        assert_servos_in_range(&rig, &flight);
+        assert!(late < 0.005 && early < 0.3 && angle.to_degrees() < 0.2, "{early} {late} {angle}");
+        assert!(far < std::f64::consts::PI, "{far}");
+    }
+}
+
+#[test]
+fn tilts_that_start_far_away_come_back_the_short_way() {
+    for away in [90.0_f64, -90.0, 170.0] {
+        let mut rig = Rig::new(&omav(), hover(), Tilt::LEVEL, 6.0);
+        for (i, body) in rig.system.model().bodies().iter().enumerate() {
+            if body.joint.drive.is_some() {
+                rig.start[rig.system.layout().bodies[i].position] = away.to_radians();
+            }
+        }
+        let flight = rig.fly();
+        let (early, late) = (distance(&flight, 0.0), distance(&flight, 5.0));
+        let ends = rig.servos(&flight, false);
+        let end = ends.iter().map(|(_, v)| v.last().copied().unwrap_or(9.0).abs()).fold(0.0, f64::max);
+        let far = ends.iter().map(|(_, v)| largest(v)).fold(0.0, f64::max);
+        println!("{away}: {early:.2e} m, settled {late:.2e} m, tilts end at {end:.3}, to {far:.3} rad");
+        assert!(late < 0.005 && end < 0.1 && far < away.abs().to_radians() + 0.2, "{late} {end} {far}");
+    }
+}
+
+#[test]
+fn the_straight_dragon_hovers_and_steps() {
+    let reference = Reference::Step(Step { to: [0.5, 0.2, 2.2], ..Step::default() });
+    let mut rig = Rig::new(&Dragon::default().build().expect("built").model, reference, Tilt::LEVEL, 12.0);
+    let flight = rig.fly();
+    let (late, angle) = (distance(&flight, 10.0), turn(&flight, &rig.plan, 0.0));
+    println!("settled {late:.2e} m, turned {:.2e}°", angle.to_degrees());
+    assert_servos_in_range(&rig, &flight);
+    assert_certified(&rig);
+    assert!(late < 0.01 && angle.to_degrees() < 10.0, "{late} {angle}");
+}
+
+#[test]
+fn the_dragon_takes_shapes_in_flight_and_holds_its_pose() {
+    for (name, shape) in [("arc", Shape::Arc(0.8)), ("zigzag", Shape::Zigzag(0.8))] {
+        let model = Dragon::default().build().expect("built").model;
+        let tilt = Tilt { roll: 0.2, pitch: 0.1, at: 6.0, ramp: 2.0 };
+        let mut rig = Rig::new(&model, hover(), tilt, 14.0).bent(shape);
+        let flight = rig.fly();
+        let (early, late, angle) = (distance(&flight, 0.0), distance(&flight, 12.0), turn(&flight, &rig.plan, 12.0));
+        let bends = Bends::new(&model, shape, 1.0).expect("a shape");
+        let end = &flight.states[flight.states.len() - rig.system.rest_state().len()..];
+        let off = bends.targets(14.0).map(|(at, wanted)| (end[at] - wanted).abs()).fold(0.0, f64::max);
+        println!("{name}: {early:.2e} m, settled {late:.2e} m, {:.2e}°, bends off by {off:.3}", angle.to_degrees());
+        assert_servos_in_range(&rig, &flight);
+        assert_certified(&rig);
+        assert!(early < 0.2 && late < 0.01 && angle.to_degrees() < 1.0 && off < 0.1, "{early} {late} {angle} {off}");
+    }
+}
+
+#[test]
+fn the_dragon_flies_a_gentle_lemniscate() {
+    let reference = Reference::Lemniscate(Lemniscate { rate: 0.3, scale: [1.5, 1.5, 0.8], ..Lemniscate::default() });
+    for shape in [Shape::Straight, Shape::Arc(0.6)] {
+        let model = Dragon::default().build().expect("built").model;
+        let mut rig = Rig::new(&model, reference.clone(), Tilt::LEVEL, 20.0).bent(shape);
+        let flight = rig.fly();
+        let (late, angle) = (distance(&flight, 8.0), turn(&flight, &rig.plan, 8.0));
+        println!("{shape:?}: {late:.2e} m, {:.2e}°", angle.to_degrees());
+        assert!(late < 0.05 && angle.to_degrees() < 3.0, "{late} {angle}");
+    }
+}
+
+#[test]
+fn dragons_of_other_lengths_hover() {
+    for n_link in [2, 3, 6] {
+        let model = Dragon { n_link, ..Dragon::default() }.build().expect("built").model;
+        let mut rig = Rig::new(&model, hover(), Tilt::LEVEL, 4.0);
+        let flight = rig.fly();
+        let late = distance(&flight, 3.0);
+        println!("{n_link} links: {late:.2e} m");
+        assert!(late < 0.01, "{n_link}: {late}");
+    }
+}
+
+#[test]
+fn pose_loops_leave_the_tilt_servos_time_to_follow() {
+    for name in ["omav_tilting", "dragon"] {
+        let system = Multibody::new(&configurations::by_name(name).expect("built"), Physics::default()).expect("valid");
+        let pilot = suited(&system, None, &Rates::default()).expect("a pilot");
+        assert_eq!(pilot.name(), "vectored");
+        let own = Vectored::new(&system, None, &Rates::default()).expect("a pilot").bandwidths().expect("placed");
+        println!("{name}: attitude {:.3}, position {:.3} rad/s", own[0], own[1]);
+        // servos of 20 ms under k = 1/(2τ) follow at 25 rad/s
+        assert!(own[0] <= 25.0 / 4.0 * 1.05 && own[1] <= 0.5 * own[0], "{own:?}");
+    }
+}
