@@ -60,7 +60,7 @@ pub const TAUT: f64 = 0.15;
 /// Largest lean of the wanted force on the load, rad.
 const TILT: f64 = 0.45;
 /// Largest lean of a drone's force, rad.
-pub const STEEP: f64 = 0.8;
+pub const STEEP: f64 = 0.6;
 /// s⁴ + 10 s³ + 45 s² + 105 s + 105, the constant first: low frequencies are delayed alike, by 1 s.
 const BESSEL: [f64; 4] = [105.0, 105.0, 45.0, 10.0];
 

@@ -37,9 +37,7 @@ impl Nearest {
     pub fn new(mut problem: Problem) -> Result<Self> {
         let n = problem.n_input();
         problem.preference = vec![0.0; n];
-        let largest =
-            (0..n).map(|j| problem.geometry.column(j).iter().zip(&problem.weights).map(|(b, w)| w * b * b).sum());
-        problem.regularisation = GIVE * largest.fold(f64::MIN_POSITIVE, f64::max);
+        problem.regularisation = give(&problem);
         let allocator = Allocator::new(problem.clone())?;
         let inputs = if problem.cones.is_empty() { problem.preference.clone() } else { problem.anchor.clone() };
         let inverse = pseudo_inverse(&problem);
@@ -63,6 +61,7 @@ impl Nearest {
         change(&mut self.problem);
         if self.problem.geometry != before {
             self.inverse = pseudo_inverse(&self.problem);
+            self.problem.regularisation = give(&self.problem);
         }
     }
 
@@ -108,6 +107,13 @@ impl Nearest {
         }
         &self.inputs
     }
+}
+
+/// ρ of the present geometry; 1 for one of zeros.
+fn give(problem: &Problem) -> f64 {
+    let weight = |j| problem.geometry.column(j).iter().zip(&problem.weights).map(|(b, w)| w * b * b).sum();
+    let largest = (0..problem.n_input()).map(weight).fold(0.0, f64::max);
+    if largest > 0.0 { GIVE * largest } else { 1.0 }
 }
 
 /// B⁺ = (W^½ B)⁺ W^½ without the weak directions.
