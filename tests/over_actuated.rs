@@ -115,7 +115,8 @@ fn platforms_hold_a_tilt_of_20_degrees_in_place() {
                 println!(
                     "worst {name} {roll} {pitch} {ramp}: {drift:.2} mm {angle:.3}°, on the way {on_the_way:.1} mm"
                 );
-                assert!(drift < 20.0 && angle < 0.1 && on_the_way < 60.0, "{name}: {drift} {angle} {on_the_way}");
+                // measured: 0.08 mm and 0.037° (steps; ramps 0.003°), 7.3 mm on the way (platform, both axes, ramp)
+                assert!(drift < 1.0 && angle < 0.1 && on_the_way < 20.0, "{name}: {drift} {angle} {on_the_way}");
             }
         }
     }
@@ -131,7 +132,8 @@ fn platforms_turn_about_the_vertical_and_settle() {
             let flown = fly_from(&system, &mut pilot, &hover(degrees.to_radians()), Tilt::LEVEL, 10.0, &start);
             let ([drift, _], [angle, _]) = (flown.position(0.0), flown.attitude(6.0));
             println!("worst {name} yaw {degrees}: {drift:.1} mm over all, {angle:.3}° after 6 s");
-            assert!(drift < 60.0 && angle < 0.5, "{name}: {drift} {angle}");
+            // measured: 14.0 mm (platform_6, 90°), 0.24° (all, 90°; 0.08° at 45°)
+            assert!(drift < 40.0 && angle < 0.5, "{name}: {drift} {angle}");
         }
     }
 }
@@ -144,7 +146,8 @@ fn platforms_track_a_lemniscate_level_and_tilted() {
             let flown = fly(&system, &mut platform(&system), &lemniscate(), tilted(degrees, 0.0), 20.0);
             let ([_, rmse], [angle, _]) = (flown.position(2.0), flown.attitude(3.0));
             println!("worst {name} lemniscate at {degrees}°: RMSE {rmse:.1} mm, {angle:.2}°");
-            assert!(rmse < 30.0 && angle < 0.3, "{name}: {rmse} {angle}");
+            // measured: 9.6 mm and 0.05° level, 12.9 mm and 0.08° at 15° (platform_6; platform within 0.2 mm of it)
+            assert!(rmse < 25.0 && angle < 0.2, "{name}: {rmse} {angle}");
         }
     }
 }
@@ -158,12 +161,14 @@ fn two_drones_hold_all_but_the_angle_about_their_line() {
     let flown = fly(&system, &mut pilot, &hover(0.0), tilted(0.0, 20.0), 10.0);
     let ([drift, _], [angle, _]) = (flown.position(6.0), flown.attitude(6.0));
     println!("worst platform_2 pitch 20: {drift:.2} mm {angle:.3}°");
-    assert!(drift < 20.0 && angle < 0.1, "{drift} {angle}");
+    // measured: 0.09 mm, 0.003°
+    assert!(drift < 1.0 && angle < 0.05, "{drift} {angle}");
     // a bar along x follows its drones about x: they roll to fly along y
     let flown = fly(&system, &mut platform(&system), &lemniscate(), Tilt::LEVEL, 15.0);
     let ([_, rmse], [angle, _]) = (flown.position(2.0), flown.attitude(2.0));
     println!("worst platform_2 lemniscate: RMSE {rmse:.1} mm, {angle:.1}°");
-    assert!(rmse < 30.0 && angle < 20.0, "{rmse} {angle}");
+    // measured: 7.8 mm, 8.0°
+    assert!(rmse < 25.0 && angle < 16.0, "{rmse} {angle}");
 }
 
 /// A start at hover, disturbed: 0.5 m, 0.5 m/s, 0.3 rad, 0.5 rad/s, joints 0.3 rad.
@@ -195,7 +200,8 @@ fn twenty_disturbed_starts_all_settle() {
             angle = angle.max(flown.attitude(7.0)[0]);
         }
         println!("worst {name} of 20 starts: {drift:.2} mm {angle:.3}° after 7 s");
-        assert!(drift < 20.0 && angle < 1.0, "{name}: {drift} {angle}");
+        // measured: platforms 0.22 mm and 0.009°, loads 0.02 mm and 0.004°
+        assert!(drift < 5.0 && angle < 0.1, "{name}: {drift} {angle}");
     }
 }
 
@@ -233,6 +239,7 @@ fn drones_of_a_steep_platform_stay_out_of_each_others_wakes() {
     let (careless, _, (free, _)) = flight(10.0);
     let (clear, drift, (_, counts)) = flight(45.0);
     println!("worst wakes: {careless:.2}° without, {clear:.2}° with the condition; {drift:.2} mm; {counts:?}");
+    // measured: 35.00°; 45.06° and 0.25 mm, 841 cone programs
     assert!(free > 900 && (careless - 35.0).abs() < 0.5, "{free} {careless}");
     assert!(counts.of(Path::Clarabel) > 500 && counts.of(Path::Held) == 0, "{counts:?}");
     assert!(clear > 44.5 && drift < 20.0, "{clear} {drift}");
@@ -250,11 +257,13 @@ fn a_load_is_tracked_better_than_by_a_formation() {
         };
         let [old, new] = pair(&hover(0.0), 6.0).map(|f| f.position(0.0)[0]);
         println!("worst {name} hover: {old:.3} mm, now {new:.3} mm");
-        assert!(new < 1.0, "{new}");
+        // measured: both 0.000 mm: they start on it
+        assert!(new < 0.1, "{new}");
         let [old, new] = pair(&lemniscate(), 20.0);
         let ([_, was], [_, rmse]) = (old.position(2.0), new.position(2.0));
         let ([_, swung], [_, swings]) = (old.attitude(2.0), new.attitude(2.0));
         println!("worst {name} lemniscate: RMSE {was:.1} mm {swung:.2}°, now {rmse:.1} mm {swings:.2}°");
+        // measured: 152.3 mm and 1.20° to 9.3 mm and 0.13°; with six drones 150.6 mm and 0.94° to 9.4 mm and 0.12°
         assert!(rmse < 20.0 && 7.0 * rmse < was && swings < swung, "{was} {rmse}");
         let [old, new] = pair(&step, 15.0);
         let ([_, was], [_, rmse]) = (old.position(1.0), new.position(1.0));
@@ -262,7 +271,9 @@ fn a_load_is_tracked_better_than_by_a_formation() {
         println!(
             "worst {name} step: RMSE {was:.0} mm, within 30 mm after {rang:.2} s; now {rmse:.0} mm, {settled:.2} s"
         );
-        assert!(rmse < 1.02 * was && settled < 0.5 * rang, "{was} {rmse} {rang} {settled}");
+        // measured: 363 mm and 6.64 s to 360 mm and 1.86 s; with six drones 366 mm and 7.35 s to 369 mm and 1.91 s: the start
+        // of a step is as slow, but the load does not swing after it
+        assert!(rmse < 1.05 * was && settled < 0.5 * rang, "{was} {rmse} {rang} {settled}");
     }
 }
 
@@ -277,7 +288,8 @@ fn a_load_turns_by_45_degrees_without_leaving_its_place() {
         let [old, new] = [turn(Box::new(formation(&system))), turn(Box::new(transport(&system)))];
         let [(was_off, was_late), (off, late)] = [old, new].map(|f| (f.position(0.0)[0], f.attitude(5.0)[0]));
         println!("worst {name} turn: {was_off:.1} mm {was_late:.2}° after 5 s, now {off:.1} mm {late:.3}°");
-        assert!(off < was_off && late < was_late && late < 0.5, "{was_off} {off} {was_late} {late}");
+        // measured: 12.4 mm and 1.09° to 4.2 mm and 0.03°; with six drones 19.1 mm and 0.82° to 7.8 mm and 0.01°
+        assert!(off < 0.6 * was_off && late < 0.2 * was_late, "{was_off} {off} {was_late} {late}");
     }
 }
 
@@ -299,7 +311,8 @@ fn a_longer_step_and_wind_are_borne() {
         assert_eq!(flight.diverged_at, None);
         let rmse = 1e3 * flight.log.summary(2.0).rmse.unwrap();
         println!("worst {name} in 3 m/s at 4 ms: RMSE {rmse:.0} mm");
-        assert!(rmse < 600.0, "{name}: {rmse}");
+        // measured: platform 216 mm, transport 139 mm: nothing integrates
+        assert!(rmse < 400.0, "{name}: {rmse}");
     }
 }
 
@@ -359,8 +372,8 @@ fn pilots_are_found_by_structure_and_refuse_what_cannot_work() {
     let hasty = Gains { position: [9.0; 3], velocity: [6.0; 3], ..hummingbird };
     let text = Platform::new(&system("platform"), Some(&hasty), &Rates::default()).map(|_| ()).unwrap_err().to_string();
     assert!(text.contains("bandwidth of the drones over that of the frame") && text.contains("Lower"), "{text}");
+    // 1.78 and 8.90 rad/s
     let [frame, drones] = platform(&system("platform")).bandwidths();
-    println!("worst separation {frame:.3} {drones:.3}");
     assert!((drones / frame - 5.0).abs() < 1e-12);
     let heavy = configurations::Transport { box_mass: 8.0, ..configurations::Transport::four() }.build().unwrap();
     let heavy = Multibody::new(&heavy.model, Physics::default()).unwrap();

@@ -67,6 +67,22 @@ impl Default for Directions {
     }
 }
 
+impl Directions {
+    /// Checks the angles: a force across the frame has no attitude of a drone, a wake of 90° no direction left.
+    ///
+    /// # Errors
+    /// [`Error::Value`] that names the angle.
+    pub fn validate(&self) -> Result<()> {
+        for (what, angle, least) in [("directions.reach", self.reach, 0.1), ("directions.wake", self.wake, 0.0)] {
+            if !(least..=1.4).contains(&angle) {
+                let rule = format!("within [{least}, 1.4] rad");
+                return Err(Error::value(what, angle, rule, "Leave it at its default."));
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Six axes of a frame under drones on cardan joints.
 pub struct Platform {
     system: Multibody,
@@ -74,7 +90,7 @@ pub struct Platform {
     /// Of each drone, in its own axes, at its share of the weight, N s/m.
     drag: Vec<Vec3<f64>>,
     law: SixAxis<f64>,
-    /// Rate of both poles about each axis, rad/s, or the given gains' K_R and K_ω.
+    /// Both poles of the rotation about each axis are at its negative, 1/s.
     turning: f64,
     directions: Directions,
     allocation: Nearest,
@@ -118,6 +134,7 @@ impl Platform {
             let rule = "a frame under two or more drones on cardan joints";
             return Err(Error::value(what, "of another make", rule, "Let controllers::suited choose its pilot."));
         }
+        directions.validate()?;
         let mounts = mounts(model)?;
         let reach = mounts.iter().fold(directions.reach, |least, m| least.min(m.reach));
         let drones = mounts.into_iter().map(|m| Gimballed::new(system, m, gains, rates)).collect::<Result<Vec<_>>>()?;
@@ -277,7 +294,7 @@ fn separated(name: &str, gains: Option<&Gains>, drones: f64) -> Result<f64> {
     let Some(gains) = gains else { return Ok(drones / SEPARATION) };
     let frame = gains.position.iter().fold(0.0_f64, |most, k| most.max(k.max(0.0).sqrt()));
     if drones >= SEPARATION * frame {
-        return Ok(frame);
+        return Ok(if frame > 0.0 { frame } else { drones / SEPARATION });
     }
     Err(Error::value(
         format!("platform '{name}': bandwidth of the drones over that of the frame"),

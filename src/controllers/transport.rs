@@ -43,7 +43,7 @@ use super::velocity::{VelocityCommand, limit_force};
 use crate::autodiff::jet::Jet;
 use crate::autodiff::safe;
 use crate::dynamics::Gains;
-use crate::dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_vec, scale, sub, transpose};
+use crate::dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_vec, rotate, scale, sub, transpose};
 use crate::dynamics::tree::{Model, Motion, Multibody, Pose, body_poses};
 use crate::error::{Error, Result};
 use nalgebra::{DMatrix, DVector};
@@ -231,7 +231,10 @@ impl Transport {
         let (n, mass) = (self.drones.len(), self.law.body.mass);
         let up = load.rotation[2];
         let (drones, bars, gravity) = (&self.drones, &self.bars, self.law.body.gravity);
-        self.allocation.change(|p| p.cones = cones(drones, bars, mass * gravity, gravity, up));
+        self.allocation.change(|p| {
+            p.cones = cones(drones, bars, mass * gravity, gravity, up);
+            p.anchor = even(n, mass * gravity, up);
+        });
         let goal: Vec<f64> = (0..3 * n).map(|i| wrench[i % 3] / n as f64).collect();
         let inputs = self.allocation.solve(wrench, &goal).to_vec();
         let rates = ahead.map(|a| {
@@ -276,22 +279,25 @@ impl Transport {
         let lever = mat_vec(load.rotation, bar.anchor);
         let w = load.angular_velocity;
         let anchor = add(linear, add(cross(angular, lever), cross(w, cross(w, lever))));
+        let (t, [jerk, snap]) = (self.drones[j].delay(), self.ahead);
+        let lift = add(anchor, [0.0, 0.0, self.law.body.gravity]);
+        let lift = axpy(axpy(lift, t, jerk), 0.5 * t * t, snap);
         let [b, turning] = self.direction(poses, j);
+        let pull = scale(dot(b, self.pulls[j][0]), axpy(b, t, turning));
+        let force = axpy(pull, bar.mass, axpy(lift, bar.length, self.swing(j, b, turning)));
+        let force = add(force, self.resistance(poses, j));
+        let most = THRUST_SHARE * self.drones[j].max_thrust;
+        limit_force(force, STEEP.tan(), TAUT * bar.mass * self.law.body.gravity, most)
+    }
+
+    /// Wanted b̈ of a bar, 1/s²: across it towards b_d, along it what turning needs.
+    fn swing(&self, j: usize, b: Vec3<f64>, turning: Vec3<f64>) -> Vec3<f64> {
         let [mu, rate, change] = self.pulls[j];
         let wanted = safe::normalise([0, 1, 2].map(|i| Jet::<f64, 3>::from_derivatives([mu[i], rate[i], change[i]])));
         let d = [0, 1, 2].map(|k| wanted.map(|x| x.derivative(k)));
         let c = self.pace;
         let swing = axpy(axpy(d[2], BESSEL[3] * c, sub(d[1], turning)), BESSEL[2] * c * c, sub(d[0], b));
-        let across = axpy(axpy(swing, -dot(swing, b), b), -dot(turning, turning), b);
-        let lift = add(anchor, [0.0, 0.0, self.law.body.gravity]);
-        let t = self.drones[j].delay();
-        let [jerk, snap] = self.ahead;
-        let lift = axpy(axpy(lift, t, jerk), 0.5 * t * t, snap);
-        let pull = scale(dot(b, mu), axpy(b, t, turning));
-        let force = axpy(pull, bar.mass, axpy(lift, bar.length, across));
-        let force = add(force, self.resistance(poses, j));
-        let most = THRUST_SHARE * self.drones[j].max_thrust;
-        limit_force(force, STEEP.tan(), TAUT * bar.mass * self.law.body.gravity, most)
+        axpy(axpy(swing, -dot(swing, b), b), -dot(turning, turning), b)
     }
 
     /// What balances the drag of a drone as it moves, world, N.
@@ -359,8 +365,13 @@ fn problem(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Ve
         lower: vec![f64::NEG_INFINITY; n],
         upper: vec![f64::INFINITY; n],
         cones: cones(drones, bars, weight, gravity, up),
-        anchor: (0..n).map(|i| up[i % 3] * weight / bars.len() as f64).collect(),
+        anchor: even(bars.len(), weight, up),
     }
+}
+
+/// Upright pulls that share a weight.
+fn even(n: usize, weight: f64, up: Vec3<f64>) -> Vec<f64> {
+    (0..3 * n).map(|i| up[i % 3] * weight / n as f64).collect()
 }
 
 /// Thrust, lean and least pull of every bar; `up` in the axes of the load.
@@ -392,7 +403,11 @@ impl Pilot for Transport {
 
     /// The load at its centre of mass.
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
-        Kinematics::read(&state[self.system.layout().bodies[0].position..])
+        let own = Kinematics::read(&state[self.system.layout().bodies[0].position..]);
+        let lever = self.system.model().bodies()[0].center_of_mass;
+        let drift = rotate(own.attitude, cross(own.angular_velocity, lever));
+        let position = add(own.position, rotate(own.attitude, lever));
+        Kinematics { position, velocity: add(own.velocity, drift), ..own }
     }
 
     fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
