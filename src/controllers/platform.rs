@@ -422,7 +422,8 @@ impl Pilot for Platform {
         let axes = if lost.is_empty() {
             "six axes of the frame".into()
         } else {
-            format!("all axes of the frame but {lost:?}")
+            let names: Vec<_> = lost.iter().map(|axis| format!("{axis:?}").to_lowercase()).collect();
+            format!("all axes of the frame but {}, which nothing turns", names.join(" and "))
         };
         format!("{axes} by {n} force vectors; poles at -{frame:.2} 1/s, drones {drones:.1} rad/s")
     }
