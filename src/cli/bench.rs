@@ -2,7 +2,7 @@
 
 use super::arguments::FormatName;
 use super::page::{Page, short};
-use super::table::{Align, Table, number};
+use super::table::{Align, Table};
 use super::{Report, files, progress};
 use omnidrones::autodiff::lane_width;
 use omnidrones::bench::{self, BenchPlan, BenchRow};

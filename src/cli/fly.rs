@@ -29,9 +29,9 @@ and rate controllers compute at their own rates. Prints what the vehicle is, how
 vehicle, a certificate that the derivatives of the very equations it flew are exact; writes plots.
 
 Configurations have controllers by their make: one drone with a load has optimal feedback of the whole state (payload, \
-inverted_pendulum), several drones that carry something each hold their own place (platform, transport), thrusters that tilt \
-hold position and attitude apart (omav_tilting, dragon): --roll and --pitch turn them. They follow a slow lemniscate, high \
-enough for what hangs below. Anything falls to the ground with --drop.
+inverted_pendulum), a load under several drones is tracked itself (transport), thrusters that tilt and drones on the joints of \
+a frame hold position and attitude apart (omav_tilting, dragon, platform): --roll and --pitch turn them. They follow a slow \
+lemniscate, high enough for what hangs below. Anything falls to the ground with --drop.
 
 'omav' is a rigid vehicle that flies like any other; with --roll or --pitch it is flown as 'omav_tilting', the same machine with \
 its tilts free.";
@@ -49,6 +49,7 @@ Examples:
   omnidrones fly iris --fail 0:0.8 --at 5             a rotor keeps 80 % of its thrust from 5 s on
   omnidrones fly transport --reference hover          four drones hold a box
   omnidrones fly omav --roll 30 --reference hover     30° of roll, held in place
+  omnidrones fly platform --roll 20                   a frame that flies on with 20° of roll
   omnidrones fly dragon --shape arc:40                a chain that bends while it flies
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
@@ -84,10 +85,10 @@ pub struct Arguments {
     #[arg(long, value_name = "METRES", num_args = 0..=1, require_equals = true, default_missing_value = "1",
           allow_negative_numbers = true, help_heading = "Flight")]
     pub(super) drop: Option<f64>,
-    /// Roll to hold beside the reference, -180 to 180 [degrees]; omav and dragon only
+    /// Roll to hold beside the reference, -180 to 180 [degrees]; omav, dragon and platform only
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Flight")]
     pub(super) roll: f64,
-    /// Pitch to hold beside the reference, -90 to 90 [degrees]; omav and dragon only
+    /// Pitch to hold beside the reference, -90 to 90 [degrees]; omav, dragon and platform only
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Flight")]
     pub(super) pitch: f64,
     /// When to turn to --roll and --pitch, and over how long [s]; a step unless told how long
@@ -168,7 +169,7 @@ impl Arguments {
             return Ok(());
         }
         let (value, rule) = ("for what does not tilt its thrusters", "left out");
-        Err(Error::value(what, value, rule, "omav_tilting and dragon hold a tilt, dragon takes a shape."))
+        Err(Error::value(what, value, rule, "omav_tilting, dragon and platform hold a tilt, dragon takes a shape."))
     }
 }
 

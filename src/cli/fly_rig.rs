@@ -75,8 +75,11 @@ fn reference(a: &Arguments, system: &Multibody) -> Result<Reference> {
 fn pilot(a: &Arguments, system: &Multibody, plan: &FlightPlan) -> Result<Box<dyn Pilot>> {
     let gains = gains(a)?;
     if !vectored(system.model()) {
-        a.level()?;
-        return suited(system, gains.as_ref(), &plan.rates);
+        let pilot = suited(system, gains.as_ref(), &plan.rates)?;
+        if a.shape.is_some() || !pilot.holds_tilt() {
+            a.level()?;
+        }
+        return Ok(pilot);
     }
     let shape = a.shape.as_deref().map_or(Ok(Shape::Straight), Shape::parse)?;
     let bends = Bends::new(system.model(), shape, plan.tilt.at)?;

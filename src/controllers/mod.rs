@@ -23,6 +23,9 @@
 //! | [`bends`] | the shape of a chain |
 //! | [`balance`] | a load kept upright above a drone |
 //! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
+//! | [`gimballed`] | a drone on a cardan joint that pushes its carrier with a wanted force |
+//! | [`platform`] | a frame under such drones, steered in six axes |
+//! | [`transport`] | a load under drones on bars, its own pose tracked |
 //! | [`design`] | Riccati equations, optimal feedback, tuning |
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
@@ -44,16 +47,19 @@ pub mod fault_tolerant;
 pub mod flight;
 pub mod formation;
 pub mod frozen;
+pub mod gimballed;
 #[cfg(test)]
 mod golden;
 pub mod kinematics;
 pub mod parameters;
 pub mod pilot;
+pub mod platform;
 pub mod position;
 pub mod rate;
 pub mod reference;
 pub mod six_axis;
 pub mod state_feedback;
+pub mod transport;
 pub mod vectored;
 pub mod velocity;
 
@@ -71,9 +77,11 @@ pub use frozen::Frozen;
 pub use kinematics::Kinematics;
 pub use parameters::{Body, ForceLimits, GainSet, Limits};
 pub use pilot::{Note, Passive, Pilot, RigFlight, fly_rig, suited};
+pub use platform::Platform;
 pub use rate::RateCommand;
 pub use reference::{Reference, Sample, Tilt};
 pub use six_axis::SixAxis;
 pub use state_feedback::Lqr;
+pub use transport::Transport;
 pub use vectored::{Vectored, vectored};
 pub use velocity::VelocityCommand;

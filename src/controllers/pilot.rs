@@ -5,8 +5,10 @@ use super::flight::FlightPlan;
 use super::formation::Formation;
 use super::frozen::Frozen;
 use super::kinematics::Kinematics;
+use super::platform::{Platform, is_platform};
 use super::reference::{Reference, Sample, Tilt};
 use super::state_feedback::{Lqr, suits};
+use super::transport::{Transport, is_transport};
 use super::vectored::{Vectored, vectored};
 use crate::autodiff::{System, safe};
 use crate::dynamics::Gains;
@@ -94,7 +96,8 @@ impl Pilot for Passive {
 
 /// The pilot that suits a model by its make: where all rotors sit on tilting servos they are [`Vectored`], other servos
 /// are held at rest under one cascade ([`Frozen`]), one drone with one chain of passive joints gets optimal feedback
-/// ([`Lqr`]) where its level hover is one, everything else is flown by its drones ([`Formation`]).
+/// ([`Lqr`]) where its level hover is one, a frame on cardan joints is steered in six axes ([`Platform`]), a load under bars
+/// is tracked through them ([`Transport`]), everything else is flown by its drones ([`Formation`]).
 ///
 /// # Errors
 /// [`Error::Value`] for a model that nothing lifts or that is fixed to the world; otherwise as the pilots.
@@ -120,6 +123,12 @@ pub fn suited(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Resul
         && let Ok(pilot) = Lqr::new(system, gains, rates)
     {
         return Ok(Box::new(pilot));
+    }
+    if is_platform(model) {
+        return Ok(Box::new(Platform::new(system, gains, rates)?));
+    }
+    if is_transport(model) {
+        return Ok(Box::new(Transport::new(system, gains, rates)?));
     }
     Ok(Box::new(Formation::new(system, gains, rates)?))
 }
@@ -247,7 +256,7 @@ pub fn fly_rig(
     if !plan.tilt.is_level() && !pilot.holds_tilt() {
         let what = format!("tilt of '{}' under pilot '{}'", model.name(), pilot.name());
         let value = format!("roll {}, pitch {} rad", plan.tilt.roll, plan.tilt.pitch);
-        return Err(Error::value(what, value, "level", "omav_tilting and dragon can hold a tilt."));
+        return Err(Error::value(what, value, "level", "platform, omav_tilting and dragon can hold a tilt."));
     }
     let windy = plan.wind != Wind::Calm;
     if windy && !system.physics().effects.disturbance {

@@ -12,6 +12,7 @@
 //! | [`function`] | an answer with its derivative, called by kernels of any scalar |
 //! | [`batch`] | many environments in lanes |
 //! | [`stages`] | priorities without weights |
+//! | [`nearest`] | of all inputs that make a wrench, those nearest to a goal |
 //! | [`residual`](mod@residual) | the certificate |
 //! | [`gradient`], [`variation`] | exact derivatives of an answer with respect to every number |
 //! | [`reach`] | how far a wrench lies inside what bounded inputs can deliver |
@@ -26,6 +27,7 @@ pub mod failure;
 pub mod function;
 pub mod geometry;
 pub mod gradient;
+pub mod nearest;
 pub mod problem;
 pub mod pseudo_inverse;
 pub mod reach;
