@@ -275,7 +275,7 @@ fn unusable_input_names_value_limit_and_remedy_and_exits_with_2() {
         ("fly --duration 1e-9", "duration is"),
         ("fly --substeps 0", "substeps is 0, over the limit of 1 to 1000"),
         ("fly --substeps 1001", "substeps is 1001"),
-        ("fly --rates 500,250", "expected three numbers RATE,ATTITUDE,VELOCITY in Hz, got 2"),
+        ("fly --rates 500,250", "expected 3 numbers RATE,ATTITUDE,VELOCITY in Hz, got 2"),
         ("fly --rates 0,0,0", "0 Hz"),
         ("fly --rates -500,250,100", "-500 Hz"),
         ("fly --wind storm", "expected none, X,Y,Z (m/s), dryden:W20"),

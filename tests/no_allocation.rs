@@ -265,17 +265,21 @@ fn allocating_thrusts_and_differentiating_them_allocates_no_memory_on_the_fast_p
         bound[3] += problem.upper.iter().sum::<f64>();
         let (lower, upper) = (problem.lower.clone(), problem.upper.clone());
         let mut gradient = Variation::zero(&problem);
+        let preference = half.clone();
         let mut allocator = Allocator::new(Problem { preference: half, ..problem.clone() }).unwrap();
         let count = allocations(|| {
             for (wrench, path) in [(&free, Path::ClosedForm), (&bound, Path::ActiveSet), (&[f64::NAN; 6], Path::Held)] {
+                allocator.set_task(problem.geometry.as_slice(), problem.weights, &preference).unwrap();
                 allocator.set_bounds(&lower, &upper);
+                allocator.limit_rates(&preference, &upper);
                 assert_eq!(allocator.solve(wrench).path, path);
-                allocator.reverse(wrench, &upper, &mut gradient);
+                allocator.reverse(&upper, &mut gradient);
             }
         });
         assert_eq!(count, 0, "Allocator of {}", vehicle.name);
 
-        let mut batch = BatchAllocator::new(&problem, 100, 24, Threads::new(1).unwrap()).unwrap();
+        let coarse = Problem { regularisation: 1e3 * problem.regularisation, ..problem.clone() };
+        let mut batch = BatchAllocator::new(&coarse, 100, 24, Threads::new(1).unwrap()).unwrap();
         let wrenches: Vec<f32> = (0..100).flat_map(|_| bound.map(|w| w as f32)).collect();
         let mut inputs = vec![0.0; 100 * n];
         let count = allocations(|| {

@@ -360,8 +360,8 @@ fn pilots_are_found_by_structure_and_refuse_what_cannot_work() {
         ("platform_6", "platform"),
         ("transport", "transport"),
         ("transport_6", "transport"),
-        ("payload", "cascade"),
-        ("inverted_pendulum", "balance"),
+        ("payload", "lqr"),
+        ("inverted_pendulum", "lqr"),
     ] {
         assert_eq!(suited(&system(name), None, &Rates::default()).unwrap().name(), pilot, "{name}");
     }

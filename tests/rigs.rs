@@ -132,7 +132,7 @@ fn mistakes_are_answered_with_value_limit_and_remedy() {
         (&["fly", "iris", "--drop", "--max-rmse", "1"], "nothing is controlled"),
         (&["fly", "iris", "--effects", "contact"], "Drop it with --drop."),
         (&["fly", "gate", "--drop"], "fixed to the world"),
-        (&["fly", "iris", "--roll", "10"], "omav_tilting and dragon hold a tilt"),
+        (&["fly", "iris", "--roll", "10"], "omav_tilting, dragon and platform hold a tilt"),
         (&["fly", "payload", "--shape", "arc"], "dragon takes a shape"),
         (&["fly", "omav", "--roll", "200"], "within ±180"),
         (&["fly", "dragon", "--shape", "ark"], "did you mean 'arc'?"),

@@ -87,12 +87,14 @@ fn boxes(plan: &BenchPlan, problem: &Problem, conic: f64, add: &mut dyn FnMut(Be
             continue;
         }
         let wanted = if spread < 0.1 { Path::ClosedForm } else { Path::ActiveSet };
+        let share = allocator.counts().of(wanted) as f64 / allocator.counts().paths.iter().sum::<u64>() as f64;
+        add(row(&format!("  share of ticks by the {}", wanted.name()), 100.0 * share, "%", None));
         let mut tries = 0;
         while allocator.solve(&wrenches[k]).path != wanted && tries < TICKS {
             (k, tries) = ((k + 1) % TICKS, tries + 1);
         }
         let backward = seconds(plan.budget, || {
-            black_box(allocator.reverse(&wrenches[k], black_box(&cotangent), &mut out));
+            black_box(allocator.reverse(black_box(&cotangent), &mut out));
         });
         let mut gradient =
             row(&format!("  gradient by all numbers, {name}"), backward * 1e6, "µs", Some(backward / forward));
@@ -169,7 +171,7 @@ fn cones(plan: &BenchPlan, add: &mut dyn FnMut(BenchRow)) -> Result<()> {
     add(row("cones, Omav: polished and certified", forward * 1e6, "µs", Some(forward / conic)));
     let mut out = Variation::zero(&problem);
     let backward = seconds(plan.budget, || {
-        black_box(allocator.reverse(&wrenches[k], &[0.5; 12], &mut out));
+        black_box(allocator.reverse(&[0.5; 12], &mut out));
     });
     let mut gradient = row("  gradient by all numbers, cones", backward * 1e6, "µs", Some(backward / forward));
     gradient.baseline = "of its solve";

@@ -101,12 +101,12 @@ impl Subject {
 
     fn rig(a: &Arguments) -> Result<Self> {
         let model = rig::load(&a.vehicle, &a.rotors)?.model;
-        let system = Multibody::new(&model, Physics::default())?;
-        let geometry = wrench_matrix(&system, &system.rest_state());
         let largest: Vec<f64> = model.rotors().iter().map(|r| r.rotor.max_thrust()).collect();
         if largest.is_empty() {
             return Err(Error::value(format!("'{}': rotors", a.vehicle), 0, "≥ 1", "Name something that flies."));
         }
+        let system = Multibody::new(&model, Physics::default())?;
+        let geometry = wrench_matrix(&system, &system.rest_state());
         let weights = balanced_weights(characteristic_length(&geometry));
         let problem = Problem::boxed(geometry, weights, largest.clone())?;
         let rotors = model.rotors().iter().map(|r| r.rotor.name.clone()).collect();
@@ -215,6 +215,9 @@ fn headline(subject: &Subject, answer: &Answer) -> String {
         1 => "one rotor at a limit".into(),
         n => format!("{n} rotors at a limit"),
     };
+    if let Some(reason) = answer.solution.reason {
+        return format!("not solved ({reason:?}): the preferred thrusts, within their limits");
+    }
     match answer.missing(&answer.delivered) {
         m if m > EXACT * size => format!("{} N of the wrench are missing, {limits}", short(m, 3)),
         _ => format!("the wrench is made, {limits}"),
@@ -401,6 +404,7 @@ fn as_json(subject: &Subject, answer: &Answer) -> Value {
         "upper": subject.problem.upper,
         "state": (0..subject.rotors.len()).map(|i| state(subject, answer, i)).collect::<Vec<_>>(),
         "path": s.path.name(),
+        "held_because": s.reason.map(|r| format!("{r:?}")),
         "kkt_residual": s.residual,
         "steps": s.steps,
         "missing": answer.missing(&answer.delivered),

@@ -371,11 +371,7 @@ impl Vectored {
     /// Thrusts for a wrench at the tilts as they are.
     fn solve_fast(&mut self, matrix: DMatrix<f64>, wrench: &Wrench<f64>) {
         let (weights, preference) = (weights(&self.law.body), &self.held.preference);
-        let changed = self.fast.update(|p| {
-            (p.geometry, p.weights) = (matrix, weights);
-            p.preference.copy_from_slice(preference);
-        });
-        if changed.is_ok() {
+        if self.fast.set_task(matrix.as_slice(), weights, preference).is_ok() {
             let solution = self.fast.solve(wrench);
             if solution.path != Path::Held {
                 self.residual[1] = self.residual[1].max(solution.residual);

@@ -89,7 +89,7 @@ fn derivatives_within_bounds_are_those_of_central_differences_away_from_switchin
 
 #[test]
 fn the_fast_reverse_is_the_general_one() {
-    let mut worst = 0.0_f64;
+    let (mut worst, mut cases) = (0.0_f64, 0);
     for (number, (name, base)) in vehicles().iter().enumerate() {
         for (k, kind) in Kind::ALL.into_iter().enumerate().filter(|(_, k)| *k != Kind::NotFinite) {
             let mut r = stream(13, (20 * number + k) as u64);
@@ -99,7 +99,7 @@ fn the_fast_reverse_is_the_general_one() {
             let solution = allocator.solve(&wrench).clone();
             let cotangent: Vec<f64> = solution.inputs.iter().map(|_| r.uniform(-1.0, 1.0)).collect();
             let mut fast = Variation::zero(&problem);
-            let margin = allocator.reverse(&wrench, &cotangent, &mut fast).unwrap();
+            let margin = allocator.reverse(&cotangent, &mut fast).unwrap();
             let general = Sensitivity::new(&problem, &wrench, &solution).unwrap();
             if general.margin() < 1e-9 {
                 continue;
@@ -109,14 +109,15 @@ fn the_fast_reverse_is_the_general_one() {
                 "{name}, {kind:?}: {margin:e}, {:e}",
                 general.margin()
             );
+            cases += 1;
             let general = general.reverse(&cotangent);
             let size = general.numbers().fold(0.0, |m: f64, x| m.max(x.abs()));
             let miss = fast.numbers().zip(general.numbers()).map(|(a, b)| (a - b).abs() / size);
             worst = worst.max(miss.fold(0.0, f64::max));
         }
     }
-    println!("worst {worst:.1e}");
-    assert!(worst < 1e-10, "{worst:e}");
+    println!("{cases} cases, worst {worst:.1e}");
+    assert!(cases > 40 && worst < 1e-10, "{cases} {worst:e}");
 }
 
 #[test]

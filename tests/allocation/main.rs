@@ -1,6 +1,7 @@
 //! Bounded allocation: every answer is within its bounds, optimal, and differentiable.
 
 mod derivatives;
+mod hard;
 mod lanes;
 mod problems;
 mod rollouts;

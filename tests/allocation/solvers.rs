@@ -11,7 +11,7 @@ struct Seen {
     gap: f64,
     steps: u32,
     held: u64,
-    refused: u64,
+    refused: [u64; 3],
     paths: BTreeMap<&'static str, u64>,
 }
 
@@ -41,7 +41,7 @@ fn both(problem: Problem, wrench: [f64; 6], seen: &mut Seen, name: &str) {
     seen.residual = seen.residual.max(mine.residual);
     seen.gap = seen.gap.max(gap(&problem, &wrench, &mine.inputs, &other.inputs));
     seen.steps = seen.steps.max(mine.steps);
-    seen.refused += fast.counts().refused;
+    seen.refused.iter_mut().zip(fast.counts().refused).for_each(|(sum, n)| *sum += n);
     *seen.paths.entry(mine.path.name()).or_default() += 1;
 }
 
@@ -67,7 +67,7 @@ fn a_hundred_thousand_random_problems_are_solved_within_bounds_and_to_the_optimu
         println!("{seen:?}");
         assert!(seen.residual <= 1e-7, "KKT residual {:e}", seen.residual);
         assert!(seen.gap <= 1e-6, "objective gap to clarabel {:e}", seen.gap);
-        assert_eq!(seen.refused, 0, "every answer of the fast path passes the certificate");
+        assert_eq!(seen.refused, [0; 3], "every answer of the fast path passes the certificate");
         assert!(seen.steps <= 40, "{} steps", seen.steps);
     }
     let broken = (0..CASES).filter(|case| Kind::ALL[case / bases.len() % Kind::ALL.len()] == Kind::NotFinite).count();
@@ -77,7 +77,7 @@ fn a_hundred_thousand_random_problems_are_solved_within_bounds_and_to_the_optimu
 #[test]
 fn cones_are_solved_within_their_limits_by_clarabel_alone() {
     let mut worst = 0.0_f64;
-    let mut counts = omnidrones::controllers::allocation::Counts::default();
+    let mut refused = 0;
     for case in 0..2_000 {
         let mut r = stream(2, case);
         let problem = if case % 2 == 0 { tilting(&mut r) } else { gimballed(&mut r) };
@@ -90,9 +90,9 @@ fn cones_are_solved_within_their_limits_by_clarabel_alone() {
             assert_eq!(allocator.problem().violation(&solution.inputs), 0.0, "case {case}");
             worst = worst.max(solution.residual);
         }
-        counts.refused += allocator.counts().refused;
+        refused += allocator.counts().refused[2];
     }
-    println!("residual {worst:.1e}, refused {}", counts.refused);
+    println!("residual {worst:.1e}, refused {refused}");
     assert!(worst <= 1e-7, "{worst:e}");
 }
 

@@ -181,8 +181,8 @@ impl<S: Scalar, const N: usize> BoxProgram<S, N> {
         x
     }
 
-    /// One step. With `many`, all inputs with a wrong multiplier are freed at once (fewer steps), else the worst alone
-    /// (cannot cycle).
+    /// One step. With `many`, all inputs with a wrong multiplier are freed at once, which takes fewer steps but may come
+    /// back to a set it has left; else the worst alone (with its ties), after which the objective falls.
     #[inline(always)]
     pub fn step(&self, n: usize, x: &mut Iterate<S, N>, factor: &mut Factor<S, N>, many: bool, precision: Precision) {
         let (zero, one) = (S::zero(), S::one());

@@ -8,11 +8,10 @@
 use super::active_set::{BoxProgram, FAR, Factor, Iterate, Precision};
 use super::conic::Conic;
 use super::gradient::Sensitivity;
-use super::problem::{Problem, Scales, WRENCH};
+use super::problem::{Problem, Scales, WRENCH, rate_window};
 use super::residual::residual;
 use super::variation::Variation;
-use crate::error::{Error, Result};
-use nalgebra::DMatrix;
+use crate::error::{Error, Result, finite};
 
 /// Most inputs of the fast path.
 pub const MAX_FAST: usize = 24;
@@ -83,8 +82,8 @@ pub struct Solution {
 pub struct Counts {
     /// In the order of [`Path::ALL`].
     pub paths: [u64; 4],
-    /// Answers that did not pass the certificate and were passed on to the next solver.
-    pub refused: u64,
+    /// Answers of the closed form, the active set and clarabel that did not pass the certificate.
+    pub refused: [u64; 3],
 }
 
 impl Counts {
@@ -113,11 +112,19 @@ impl Default for Settings {
 
 /// A [`Problem`] set up once, solved tick by tick.
 pub struct Allocator {
+    /// With the bounds of now.
     problem: Problem,
+    /// Bounds before rates narrow them.
+    lower: Vec<f64>,
+    upper: Vec<f64>,
     settings: Settings,
     fast: Option<Box<Fast>>,
     conic: Option<Conic>,
     last: Solution,
+    /// What a solver offers before it is certified.
+    trial: Solution,
+    /// The wrench of `last`, until a number of the problem changes.
+    solved: Option<[f64; WRENCH]>,
     counts: Counts,
     gradient: Vec<f64>,
 }
@@ -137,13 +144,29 @@ impl Allocator {
     /// As [`Problem::validate`].
     pub fn with_settings(problem: Problem, settings: Settings) -> Result<Self> {
         problem.validate()?;
+        let tolerance = settings.tolerance;
+        if !(tolerance.is_finite() && tolerance > 0.0) {
+            let remedy = "1e-7 is usual.";
+            return Err(Error::value("allocation: settings.tolerance", tolerance, "> 0 and finite", remedy));
+        }
         let n = problem.n_input();
         let mut inputs = if problem.cones.is_empty() { problem.preference.clone() } else { problem.anchor.clone() };
-        problem.repair(&mut inputs);
+        problem.repair(&mut inputs, &[]);
         let last =
             Solution { inputs, duals: Vec::new(), path: Path::Held, residual: f64::INFINITY, steps: 0, reason: None };
-        let (fast, gradient) = (Fast::of(&problem, settings), vec![0.0; n]);
-        Ok(Self { problem, settings, fast, conic: None, last, counts: Counts::default(), gradient })
+        Ok(Self {
+            lower: problem.lower.clone(),
+            upper: problem.upper.clone(),
+            fast: Fast::of(&problem, settings),
+            trial: last.clone(),
+            problem,
+            settings,
+            conic: None,
+            last,
+            solved: None,
+            counts: Counts::default(),
+            gradient: vec![0.0; n],
+        })
     }
 
     /// The problem as it stands.
@@ -171,8 +194,59 @@ impl Allocator {
     /// # Panics
     /// If a slice does not have one number per input.
     pub fn set_bounds(&mut self, lower: &[f64], upper: &[f64]) {
+        self.lower.copy_from_slice(lower);
+        self.upper.copy_from_slice(upper);
         self.problem.lower.copy_from_slice(lower);
         self.problem.upper.copy_from_slice(upper);
+        self.solved = None;
+    }
+
+    /// Narrows the bounds to what changes of at most `most` from `previous` reach, until they are set again; does not
+    /// allocate. See [`rate_window`].
+    ///
+    /// # Panics
+    /// If a slice does not have one number per input.
+    pub fn limit_rates(&mut self, previous: &[f64], most: &[f64]) {
+        assert_eq!((previous.len(), most.len()), (self.lower.len(), self.lower.len()), "one number per input");
+        for i in 0..previous.len() {
+            (self.problem.lower[i], self.problem.upper[i]) =
+                rate_window(self.lower[i], self.upper[i], previous[i], most[i]);
+        }
+        self.solved = None;
+    }
+
+    /// New geometry (6 × n by columns), weights and preference; the active set is kept for the next start. Does not
+    /// allocate on the fast path.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for numbers that are not finite, weights below 0, or slices of another length; the allocator then
+    /// keeps its old problem.
+    pub fn set_task(&mut self, geometry: &[f64], weights: [f64; WRENCH], preference: &[f64]) -> Result<()> {
+        let n = self.problem.n_input();
+        if geometry.len() != WRENCH * n || preference.len() != n {
+            let sizes = format!("{} and {}", geometry.len(), preference.len());
+            let rule = format!("{} and {n}", WRENCH * n);
+            return Err(Error::value(
+                "allocation: lengths of geometry and preference",
+                sizes,
+                rule,
+                "Give all inputs.",
+            ));
+        }
+        finite("allocation: geometry", geometry)?;
+        finite("allocation: preference", preference)?;
+        finite("allocation: weights", &weights)?;
+        if let Some(weight) = weights.iter().find(|w| **w < 0.0) {
+            return Err(Error::value("allocation: weights", weight, "≥ 0", "0 leaves a row out."));
+        }
+        self.problem.geometry.as_mut_slice().copy_from_slice(geometry);
+        self.problem.weights = weights;
+        self.problem.preference.copy_from_slice(preference);
+        if let Some(fast) = &mut self.fast {
+            fast.prepare(&self.problem);
+        }
+        self.solved = None;
+        Ok(())
     }
 
     /// Changes anything else; sets the fast path up again.
@@ -187,8 +261,13 @@ impl Allocator {
             let (now, was) = (problem.n_input(), self.problem.n_input());
             return Err(Error::value("allocation: inputs", now, format!("{was} as before"), "Make a new allocator."));
         }
+        self.lower.copy_from_slice(&problem.lower);
+        self.upper.copy_from_slice(&problem.upper);
         self.problem = problem;
         self.fast = Fast::of(&self.problem, self.settings);
+        self.last.duals.clear();
+        self.trial.duals.clear();
+        self.solved = None;
         Ok(())
     }
 
@@ -199,111 +278,111 @@ impl Allocator {
             None if self.try_fast(wrench) || self.try_conic(wrench) => None,
             None => Some(Reason::Uncertified),
         };
-        if reason.is_some() {
-            self.hold(reason);
+        match reason {
+            None => {
+                std::mem::swap(&mut self.last, &mut self.trial);
+                self.last.reason = None;
+                self.solved = Some(*wrench);
+            }
+            Some(reason) => self.hold(reason),
         }
         self.counts.paths[self.last.path as usize] += 1;
         &self.last
     }
 
-    /// The gradient of a cost with respect to every number of the problem, from `cotangent` = ∂cost/∂u* at the last answer
-    /// for `wrench`; over the numbers of `out`. On the fast paths the factorisation of the answer is used again, and
-    /// nothing is allocated. Returns the [`Sensitivity::margin`] to the next change of the active set: near 0 the
-    /// derivative is one-sided. `None`, with NaN in `out`, where inputs were held.
+    /// The gradient of a cost with respect to every number of the problem, from `cotangent` = ∂cost/∂u* at the last
+    /// answer; over the numbers of `out`. On the fast paths the factorisation of the answer is used again, and nothing is
+    /// allocated. Returns the [`Sensitivity::margin`] to the next change of the active set: near 0 the derivative is
+    /// one-sided. `None`, with NaN in `out`, where inputs were held or the problem has changed since.
     ///
     /// # Panics
     /// If `cotangent` or `out` do not have the sizes of the problem.
-    pub fn reverse(&self, wrench: &[f64; WRENCH], cotangent: &[f64], out: &mut Variation) -> Option<f64> {
-        match (self.last.path, &self.fast) {
+    pub fn reverse(&self, cotangent: &[f64], out: &mut Variation) -> Option<f64> {
+        let margin = self.solved.and_then(|wrench| match (self.last.path, &self.fast) {
             (Path::ClosedForm | Path::ActiveSet, Some(fast)) => {
                 let closed = self.last.path == Path::ClosedForm;
-                Some(fast.reverse(&self.problem, wrench, &self.last.inputs, closed, cotangent, out))
+                Some(fast.reverse(&self.problem, &wrench, &self.last.inputs, closed, cotangent, out))
             }
-            (Path::Clarabel, _) => {
-                let at = Sensitivity::new(&self.problem, wrench, &self.last)?;
+            _ => {
+                let at = Sensitivity::new(&self.problem, &wrench, &self.last)?;
                 at.reverse_into(cotangent, out);
                 Some(at.margin())
             }
-            _ => {
-                out.numbers_mut().for_each(|x| *x = f64::NAN);
-                None
-            }
+        });
+        if margin.is_none() {
+            out.numbers_mut().for_each(|x| *x = f64::NAN);
         }
+        margin
     }
 
     fn unusable(&self, wrench: &[f64; WRENCH]) -> Option<Reason> {
-        if wrench.iter().any(|w| !w.is_finite()) {
-            return Some(Reason::Wrench);
-        }
         let ordered = |(lo, hi): (&f64, &f64)| lo <= hi && *lo < f64::INFINITY && *hi > f64::NEG_INFINITY;
-        let fine = self.problem.lower.iter().zip(&self.problem.upper).all(ordered);
-        (!fine).then_some(Reason::Bounds)
+        if !self.problem.lower.iter().zip(&self.problem.upper).all(ordered) {
+            return Some(Reason::Bounds);
+        }
+        let sane = wrench.iter().all(|w| w.is_finite()) && self.problem.scales(wrench).gradient.is_finite();
+        (!sane).then_some(Reason::Wrench)
     }
 
-    /// Closed form, then active set.
+    /// Closed form, then active set; the answer is in `trial`.
     fn try_fast(&mut self, wrench: &[f64; WRENCH]) -> bool {
         let Some(fast) = &mut self.fast else { return false };
-        let scales = fast.prepare(&self.problem, wrench);
-        if fast.free(&self.problem, wrench, &mut self.last.inputs)
-            && certify(&self.problem, wrench, &mut self.last, scales, &mut self.gradient, self.settings.tolerance)
-        {
-            (self.last.path, self.last.steps, self.last.reason) = (Path::ClosedForm, 0, None);
-            return true;
+        let (problem, trial, tolerance) = (&self.problem, &mut self.trial, self.settings.tolerance);
+        let scales = fast.task(problem, wrench);
+        if fast.free(problem, wrench, &mut trial.inputs) {
+            if certify(problem, wrench, trial, scales, &mut self.gradient, tolerance) {
+                (trial.path, trial.steps) = (Path::ClosedForm, 0);
+                return true;
+            }
+            self.counts.refused[0] += 1;
         }
-        self.last.steps = fast.search(&self.problem, self.settings.warm, &mut self.last.inputs);
-        let good = certify(&self.problem, wrench, &mut self.last, scales, &mut self.gradient, self.settings.tolerance);
+        let (steps, done) = fast.search(problem, self.settings.warm, &mut trial.inputs);
+        let good = done && certify(problem, wrench, trial, scales, &mut self.gradient, tolerance);
         fast.warm = good;
-        if good {
-            (self.last.path, self.last.reason) = (Path::ActiveSet, None);
-        } else {
-            self.counts.refused += 1;
-        }
+        (trial.path, trial.steps) = (Path::ActiveSet, steps);
+        self.counts.refused[1] += u64::from(!good);
         good
     }
 
     fn try_conic(&mut self, wrench: &[f64; WRENCH]) -> bool {
         let conic = match &mut self.conic {
-            Some(conic) => conic,
-            none => match Conic::new(&self.problem) {
-                Ok(conic) => none.insert(conic),
-                Err(_) => return false,
-            },
+            Some(conic) => Ok(conic),
+            none => Conic::new(&self.problem).map(|conic| none.insert(conic)),
         };
-        let Ok(offer) = conic.solve(&self.problem, wrench) else { return false };
-        let mut best = self.measured(wrench, offer.inputs, offer.duals);
+        let Ok(offer) = conic.and_then(|conic| conic.solve(&self.problem, wrench)) else {
+            self.counts.refused[2] += 1;
+            return false;
+        };
+        let first = self.measured(wrench, offer.inputs, offer.duals);
         // all steps before the verdict: the first may leave the cones by more than the interior point stayed inside
-        let mut trial = best.clone();
+        let mut trial = first.clone();
         for _ in 0..POLISHES {
             let Some(at) = Sensitivity::new(&self.problem, wrench, &trial) else { break };
             (trial.inputs, trial.duals) = at.polished(&trial.duals);
         }
         let polished = self.measured(wrench, trial.inputs, trial.duals);
-        if polished.residual < best.residual {
-            best = polished;
-        }
-        let good = best.residual <= self.settings.tolerance;
-        if good {
-            self.last = Solution { steps: offer.iterations, ..best };
-        } else {
-            self.counts.refused += 1;
-        }
+        let best = if polished.residual < first.residual { polished } else { first };
+        let good = best.residual <= self.settings.tolerance && self.problem.violation(&best.inputs) == 0.0;
+        self.trial = Solution { steps: offer.iterations, ..best };
+        self.counts.refused[2] += u64::from(!good);
         good
     }
 
     /// A point as clarabel's answer: within all limits, with its residual.
     fn measured(&mut self, wrench: &[f64; WRENCH], mut inputs: Vec<f64>, duals: Vec<Vec<f64>>) -> Solution {
-        self.problem.repair(&mut inputs);
+        self.problem.repair(&mut inputs, &self.last.inputs);
         let scales = self.problem.scales(wrench);
         let residual = residual(&self.problem, wrench, &inputs, &duals, scales, &mut self.gradient);
         Solution { inputs, duals, path: Path::Clarabel, residual, steps: 0, reason: None }
     }
 
-    fn hold(&mut self, reason: Option<Reason>) {
-        if reason != Some(Reason::Bounds) {
-            self.problem.repair(&mut self.last.inputs);
-        }
+    /// The last good inputs, within the bounds of now where those are in order.
+    fn hold(&mut self, reason: Reason) {
+        self.problem.repair(&mut self.last.inputs, &[]);
+        self.last.duals.clear();
         self.last.path = Path::Held;
-        (self.last.reason, self.last.residual, self.last.steps) = (reason, f64::INFINITY, 0);
+        (self.last.reason, self.last.residual, self.last.steps) = (Some(reason), f64::INFINITY, 0);
+        self.solved = None;
     }
 }
 
@@ -323,15 +402,16 @@ fn certify(
 /// What the fast path prepares: H and the closed form in units of inputs and gradients.
 struct Fast {
     program: BoxProgram<f64, MAX_FAST>,
-    /// −BᵀW by rows of inputs, and −ρ u_pref.
+    /// BᵀW by rows of inputs, and ρ u_pref.
     pull: Vec<[f64; WRENCH]>,
     offset: Vec<f64>,
     /// u = K w + k where no bound acts.
     gain: Vec<[f64; WRENCH]>,
     rest: Vec<f64>,
-    factor: Factor<f64, MAX_FAST>,
-    /// H⁻¹ in units of the cost: where no bound acts.
+    /// H⁻¹ in units of the cost, by rows.
     inverse: Vec<f64>,
+    /// Of the active set of the last answer.
+    factor: Factor<f64, MAX_FAST>,
     iterate: Iterate<f64, MAX_FAST>,
     /// Whether `iterate` is an answer to start from.
     warm: bool,
@@ -347,51 +427,119 @@ impl Fast {
         if !settings.fast || !problem.cones.is_empty() || n > MAX_FAST {
             return None;
         }
-        let hessian = problem.hessian();
-        let cost = hessian.diagonal().max();
-        let pull = DMatrix::from_fn(n, WRENCH, |j, i| problem.geometry[(i, j)] * problem.weights[i]);
-        let cholesky = hessian.clone().cholesky()?;
-        let gain = cholesky.solve(&pull);
-        let preferred = nalgebra::DVector::from_column_slice(&problem.preference) * problem.regularisation;
-        let rest = cholesky.solve(&preferred);
-        let mut program = BoxProgram::empty();
-        for i in 0..n {
-            for j in 0..n {
-                program.hessian[i][j] = hessian[(i, j)] / cost;
-            }
-        }
-        let rows = |m: &DMatrix<f64>| (0..n).map(|j| std::array::from_fn(|i| m[(j, i)])).collect::<Vec<_>>();
-        let iterate = program.start(n, &[0.0; MAX_FAST]);
-        Some(Box::new(Self {
+        let program = BoxProgram::empty();
+        let mut fast = Box::new(Self {
+            iterate: program.start(n, &[0.0; MAX_FAST]),
             program,
-            pull: rows(&pull),
-            offset: preferred.iter().copied().collect(),
-            gain: rows(&gain),
-            rest: rest.iter().copied().collect(),
+            pull: vec![[0.0; WRENCH]; n],
+            offset: vec![0.0; n],
+            gain: vec![[0.0; WRENCH]; n],
+            rest: vec![0.0; n],
+            inverse: vec![0.0; n * n],
             factor: Factor::new(),
-            inverse: (cholesky.inverse() * cost).iter().copied().collect(),
-            iterate,
             warm: false,
-            cost,
+            cost: 1.0,
             unit: 1.0,
-        }))
+        });
+        fast.prepare(problem);
+        Some(fast)
     }
 
-    /// Bounds and q of now, in units of the largest input; returns the scales of residuals.
-    fn prepare(&mut self, problem: &Problem, wrench: &[f64; WRENCH]) -> Scales {
+    /// All that depends on geometry, weights, ρ and preference. No allocation.
+    fn prepare(&mut self, problem: &Problem) {
         let n = problem.n_input();
-        let bounds = problem.lower.iter().chain(&problem.upper).chain(&problem.preference);
-        let input = bounds.filter(|b| b.is_finite()).fold(1e-12, |m: f64, b| m.max(b.abs()));
+        let b = problem.geometry.as_slice();
+        for j in 0..n {
+            self.pull[j] = std::array::from_fn(|k| b[WRENCH * j + k] * problem.weights[k]);
+            self.offset[j] = problem.regularisation * problem.preference[j];
+        }
+        let column = |j: usize| std::array::from_fn::<f64, WRENCH, _>(|k| b[WRENCH * j + k]);
+        self.cost = (0..n).map(|j| dot(&self.pull[j], &column(j))).fold(0.0, f64::max) + problem.regularisation;
+        for i in 0..n {
+            for j in 0..n {
+                let own = if i == j { problem.regularisation } else { 0.0 };
+                self.program.hessian[i][j] = (dot(&self.pull[i], &column(j)) + own) / self.cost;
+            }
+        }
+        self.invert(n);
+        for i in 0..n {
+            let row = &self.inverse[n * i..n * (i + 1)];
+            self.rest[i] = (0..n).map(|j| row[j] * self.offset[j]).sum::<f64>() / self.cost;
+            self.gain[i] = std::array::from_fn(|k| (0..n).map(|j| row[j] * self.pull[j][k]).sum::<f64>() / self.cost);
+        }
+    }
+
+    fn invert(&mut self, n: usize) {
+        let mut whole = Factor::new();
+        whole.of(n, &self.program.hessian, &[0.0; MAX_FAST], Precision::DOUBLE);
+        for i in 0..n {
+            let mut unit = [0.0; MAX_FAST];
+            unit[i] = 1.0;
+            whole.solve(n, &mut unit);
+            self.inverse[n * i..n * (i + 1)].copy_from_slice(&unit[..n]);
+        }
+    }
+
+    /// Bounds and q of now, in units of the size of the inputs; returns the scales of residuals.
+    fn task(&mut self, problem: &Problem, wrench: &[f64; WRENCH]) -> Scales {
         let mut largest = 0.0_f64;
+        let n = problem.n_input();
         for j in 0..n {
             let pulled = dot(&self.pull[j], wrench);
             largest = largest.max(pulled.abs());
-            self.program.linear[j] = -(pulled + self.offset[j]) / (self.cost * input);
-            self.program.lower[j] = (problem.lower[j] / input).max(-FAR);
-            self.program.upper[j] = (problem.upper[j] / input).min(FAR);
+            self.program.linear[j] = -(pulled + self.offset[j]);
         }
-        self.unit = input;
-        Scales { input, gradient: (self.cost * input).max(largest) }
+        let scales = problem.scales_of(self.cost, largest);
+        let change = self.unit / scales.input;
+        self.iterate.inputs.iter_mut().for_each(|u| *u *= change);
+        self.unit = scales.input;
+        for j in 0..n {
+            self.program.linear[j] /= self.cost * self.unit;
+            self.program.lower[j] = (problem.lower[j] / self.unit).clamp(-FAR, FAR);
+            self.program.upper[j] = (problem.upper[j] / self.unit).clamp(-FAR, FAR);
+        }
+        scales
+    }
+
+    /// The closed form; whether it is within all bounds, with room.
+    fn free(&self, problem: &Problem, wrench: &[f64; WRENCH], inputs: &mut [f64]) -> bool {
+        let mut inside = true;
+        for (j, u) in inputs.iter_mut().enumerate() {
+            *u = dot(&self.gain[j], wrench) + self.rest[j];
+            let (lower, upper) = (problem.lower[j], problem.upper[j]);
+            inside &= lower < upper && lower <= *u && *u <= upper;
+        }
+        inside
+    }
+
+    /// The active set from the last one, else from the clipped closed form in `inputs`: the number of steps, and whether
+    /// the last one changed nothing.
+    fn search(&mut self, problem: &Problem, warm: bool, inputs: &mut [f64]) -> (u32, bool) {
+        let n = inputs.len();
+        self.iterate = if warm && self.warm {
+            self.program.restart(n, &self.iterate)
+        } else {
+            let mut from = [0.0; MAX_FAST];
+            for (slot, u) in from.iter_mut().zip(&*inputs) {
+                *slot = u / self.unit;
+            }
+            self.program.start(n, &from)
+        };
+        let mut steps = 0;
+        while steps < MAX_STEPS && (steps == 0 || self.iterate.done < 0.5) {
+            let many = steps < MAX_STEPS / 4;
+            self.program.step(n, &mut self.iterate, &mut self.factor, many, Precision::DOUBLE);
+            steps += 1;
+        }
+        for (j, u) in inputs.iter_mut().enumerate() {
+            // a held input is its bound to the bit
+            *u = match self.iterate.status[j] {
+                s if s < -0.5 => problem.lower[j],
+                s if s > 0.5 => problem.upper[j],
+                _ => (self.iterate.inputs[j] * self.unit).max(problem.lower[j]).min(problem.upper[j]),
+            };
+        }
+        (steps, self.iterate.done > 0.5)
     }
 
     /// y = H_FF⁻¹ ū_F and what follows from it, see [`super::gradient`]; the margin.
@@ -481,46 +629,6 @@ impl Fast {
             size = size.max(self.program.linear[i].abs());
         }
         g.abs() / size
-    }
-
-    /// The closed form; whether it is within all bounds.
-    fn free(&self, problem: &Problem, wrench: &[f64; WRENCH], inputs: &mut [f64]) -> bool {
-        let mut inside = true;
-        for (j, u) in inputs.iter_mut().enumerate() {
-            *u = dot(&self.gain[j], wrench) + self.rest[j];
-            inside &= problem.lower[j] <= *u && *u <= problem.upper[j];
-        }
-        inside
-    }
-
-    /// The active set from the last one, else from the clipped closed form in `inputs`; returns the number of steps.
-    fn search(&mut self, problem: &Problem, warm: bool, inputs: &mut [f64]) -> u32 {
-        let n = inputs.len();
-        let unit = self.unit;
-        self.iterate = if warm && self.warm {
-            self.program.restart(n, &self.iterate)
-        } else {
-            let mut from = [0.0; MAX_FAST];
-            for (slot, u) in from.iter_mut().zip(&*inputs) {
-                *slot = u / unit;
-            }
-            self.program.start(n, &from)
-        };
-        let mut steps = 0;
-        while steps < MAX_STEPS && (steps == 0 || self.iterate.done < 0.5) {
-            let many = steps < MAX_STEPS / 4;
-            self.program.step(n, &mut self.iterate, &mut self.factor, many, Precision::DOUBLE);
-            steps += 1;
-        }
-        for (j, u) in inputs.iter_mut().enumerate() {
-            // a held input is its bound to the bit
-            *u = match self.iterate.status[j] {
-                s if s < -0.5 => problem.lower[j],
-                s if s > 0.5 => problem.upper[j],
-                _ => (self.iterate.inputs[j] * unit).clamp(problem.lower[j], problem.upper[j]),
-            };
-        }
-        steps
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::problem::WRENCH;
 use crate::dynamics::spatial::{Vec3, add, axpy, cross, mat_vec, rotate_back, scale, sub};
-use crate::dynamics::tree::{Multibody, Pose, body_poses, center_of_mass};
+use crate::dynamics::tree::{Motion, Multibody, Pose, body_poses, center_of_mass};
 use nalgebra::DMatrix;
 
 /// B, 6 × n: the wrench `[force; moment]` of each rotor per newton of its thrust, about the instantaneous centre of mass,
@@ -89,8 +89,11 @@ pub fn resistance(system: &Multibody, state: &[f64]) -> [[f64; 3]; 3] {
     total
 }
 
-/// Attitude of the root, body → world.
+/// Attitude of the root, body → world; level where the root does not float.
 pub(crate) fn attitude(system: &Multibody, state: &[f64]) -> [f64; 4] {
+    if system.model().bodies()[0].joint.motion != Motion::Floating {
+        return [1.0, 0.0, 0.0, 0.0];
+    }
     let root = system.layout().bodies[0].position;
     [0, 1, 2, 3].map(|k| state[root + 6 + k])
 }

@@ -14,6 +14,10 @@ use pulp::{Simd, WithSimd};
 
 /// Environments per block.
 const BLOCK: usize = 64;
+/// Largest scaled KKT residual of an answer that counts as finished: what `f32` can tell.
+pub const LANE_TOLERANCE: f64 = 1e-4;
+/// Least ρ over the largest diagonal entry of H: below, rounding to `f32` decides what the preference should.
+pub const LANE_REGULARISATION: f64 = 1e-5;
 /// Most inputs.
 pub const MAX_LANE_INPUTS: usize = 16;
 
@@ -22,7 +26,8 @@ pub const MAX_LANE_INPUTS: usize = 16;
 pub struct BatchReport {
     /// Environments whose wrench was not finite: their last inputs are held, within the bounds of now.
     pub held: usize,
-    /// Environments that ran out of steps: within their bounds, perhaps not optimal.
+    /// Environments whose answer is not certified: the scaled KKT residual, recomputed, is above [`LANE_TOLERANCE`] or steps
+    /// ran out. They are within their bounds and no worse than where they started, perhaps not optimal.
     pub unfinished: usize,
 }
 
@@ -68,8 +73,8 @@ impl BatchAllocator {
     /// cold; a warm tick takes a few).
     ///
     /// # Errors
-    /// [`Error::Limit`] for more than [`MAX_LANE_INPUTS`] inputs, [`Error::Value`] for cones; otherwise as
-    /// [`Problem::validate`].
+    /// [`Error::Limit`] for more than [`MAX_LANE_INPUTS`] inputs, [`Error::Value`] for cones or a ρ below
+    /// [`LANE_REGULARISATION`] of the largest entry of H; otherwise as [`Problem::validate`].
     pub fn new(problem: &Problem, n_env: usize, steps: usize, threads: Threads) -> Result<Self> {
         problem.validate()?;
         let n = problem.n_input();
@@ -79,6 +84,11 @@ impl BatchAllocator {
         if !problem.cones.is_empty() {
             let remedy = "Lanes take bounds alone: use an Allocator each.";
             return Err(Error::value("allocation: cones in lanes", problem.cones.len(), "0", remedy));
+        }
+        let (rho, least) = (problem.regularisation, LANE_REGULARISATION * problem.hessian().diagonal().max());
+        if rho < least {
+            let remedy = "Raise problem.regularisation: f32 cannot tell less from rounding.";
+            return Err(Error::value("allocation: regularisation in lanes", rho, format!("≥ {least:.1e}"), remedy));
         }
         let shared = Shared::of(problem, steps)?;
         let zero = [[0.0; BLOCK]; MAX_LANE_INPUTS];
@@ -128,6 +138,16 @@ impl BatchAllocator {
         }
     }
 
+    /// Whether the last answer of an environment is certified, or held after one that was.
+    pub fn is_finished(&self, environment: usize) -> bool {
+        self.blocks[environment / BLOCK].done[environment % BLOCK] > 0.5
+    }
+
+    /// Whether the last inputs of an environment were held, because its wrench was not finite.
+    pub fn is_held(&self, environment: usize) -> bool {
+        self.blocks[environment / BLOCK].finite[environment % BLOCK] < 0.5
+    }
+
     /// The best inputs of every environment: `wrenches` `[environment, 6]` (N, N m) → `inputs` `[environment, input]`.
     /// No allocation.
     ///
@@ -164,7 +184,7 @@ impl Shared {
     fn of(problem: &Problem, steps: usize) -> Result<Self> {
         let (n, h) = (problem.n_input(), problem.hessian());
         let cost = h.diagonal().max();
-        let bounds = problem.lower.iter().chain(&problem.upper).filter(|b| b.is_finite());
+        let bounds = problem.lower.iter().chain(&problem.upper).filter(|b| b.abs() < FAR);
         // a power of two: bounds change units without rounding
         let unit = bounds.fold(1e-12, |m: f64, b| m.max(b.abs())).log2().ceil().exp2();
         let Some(cholesky) = h.clone().cholesky() else {
@@ -331,6 +351,25 @@ fn store<S: Simd, const N: usize>(
         Lanes::select(fine, x.inputs[i], last).store(&mut block.inputs[i][at..]);
         Lanes::select(fine, x.status[i], held).store(&mut block.status[i][at..]);
     }
+    let certified = residual(program, x).lt(Lanes::constant(LANE_TOLERANCE));
+    let finished = Lanes::select(certified, x.done, Lanes::zero());
     let done = Lanes::load(&block.done[at..]);
-    Lanes::select(fine, x.done, done).store(&mut block.done[at..]);
+    Lanes::select(fine, finished, done).store(&mut block.done[at..]);
+}
+
+/// Scaled KKT residual as in [`residual`](super::residual), recomputed from the program: |gᵢ| δᵢ over max(1, ‖q‖∞). NaN
+/// counts as large.
+#[inline(always)]
+fn residual<S: Simd, const N: usize>(program: &BoxProgram<Lanes<S>, N>, x: &Iterate<Lanes<S>, N>) -> Lanes<S> {
+    let g = program.gradient(N, &x.inputs);
+    let (mut worst, mut size) = (Lanes::zero(), Lanes::one());
+    for i in 0..N {
+        size = size.max(program.linear[i].abs());
+        let down = Lanes::zero().lt(g[i]);
+        let room = Lanes::select(down, x.inputs[i] - program.lower[i], program.upper[i] - x.inputs[i]);
+        worst = worst.max(g[i].abs() * room.min(Lanes::one()));
+        // what `max` would drop
+        size = size + g[i] * Lanes::zero();
+    }
+    worst * size.recip()
 }

@@ -10,7 +10,8 @@ use crate::error::{Error, Result};
 /// u*(x), where x are all numbers of a [`Problem`] with its wrench, in the order of [`Variation::numbers`]: wrench 6,
 /// weights 6, ρ, geometry by columns, u_pref, lower, upper, then cone by cone, row by row, constant and coefficients.
 ///
-/// The derivative is that of [`Sensitivity`]. An answer that cannot be certified is NaN. Every evaluation starts cold, so
+/// The derivative is that of [`Sensitivity`]. An answer that cannot be certified is NaN, and so is one whose cones have
+/// moved until the template's anchor is outside: choose the anchor with room. Every evaluation starts cold, so
 /// that equal arguments have equal answers.
 ///
 /// ```

@@ -25,7 +25,7 @@ use super::variation::Variation;
 use nalgebra::{DMatrix, DVector};
 
 /// Below this [`Sensitivity::margin`] a derivative counts as one-sided.
-pub const DEGENERATE: f64 = 1e-6;
+pub const DEGENERATE: f64 = 1e-9;
 /// Rows of active constraints that keep less than this share of their length after those before them are dropped.
 const INDEPENDENT: f64 = 1e-9;
 
@@ -89,7 +89,7 @@ impl Sensitivity {
         let mut gradient = vec![0.0; n];
         problem.gradient(wrench, &solution.inputs, &mut gradient);
         for (k, cone) in problem.cones.iter().enumerate() {
-            let z = solution.duals.get(k)?;
+            let z = solution.duals.get(k).filter(|z| z.len() == cone.dim())?;
             found.cone(k, cone, z, &inputs, &mut gradient);
         }
         let status: Vec<i8> = (0..n).map(|i| found.bound(problem, i, inputs[i], gradient[i])).collect();
@@ -97,7 +97,9 @@ impl Sensitivity {
         let (equations, redundant) = independent(found.equations, &free);
         let system = factorise(&found.curvature, &free, &equations);
         let miss = problem.miss(wrench, &solution.inputs);
-        let (curvature, margin) = (found.curvature, found.margin);
+        // which of several dependent constraints gives way is decided by their order
+        let margin = if redundant.is_empty() { found.margin } else { 0.0 };
+        let curvature = found.curvature;
         Some(Self {
             problem: problem.clone(),
             inputs,
@@ -113,7 +115,8 @@ impl Sensitivity {
     }
 
     /// Strict complementarity: over all constraints, the least of max(slack/s_u, multiplier/s_g). At 0 some constraint
-    /// touches without force, and the derivative is one-sided.
+    /// touches without force, and the derivative is one-sided. Also 0 where acting constraints depend on each other, as at
+    /// the apex of a cone: moving one of them alone has no derivative.
     pub fn margin(&self) -> f64 {
         self.margin
     }

@@ -17,6 +17,8 @@ use nalgebra::{DMatrix, DVector};
 pub const WRENCH: usize = 6;
 /// Most inputs of one problem.
 pub const MAX_INPUTS: usize = 48;
+/// Bounds farther out than this many times what is asked for do not count as the size of the inputs.
+const LOOSE: f64 = 100.0;
 /// ρ of [`Problem::of_vehicle`] over the largest diagonal entry of BᵀWB: bias of the delivered wrench 1e-6 along a
 /// direction as strong as one rotor.
 pub const REGULARISATION: f64 = 1e-6;
@@ -281,18 +283,44 @@ impl Problem {
         h
     }
 
-    /// Sizes that residuals are measured by: of inputs (the largest finite bound or constant of a cone, N) and of
-    /// gradients (BᵀWw and H times the size of inputs).
+    /// Sizes that residuals are measured by. Of inputs: the largest bound or constant of a cone, but not more than a
+    /// hundred times what the wrench and the preference ask for, so that a loose bound does not make every residual
+    /// small. Of gradients: H times that size, at least BᵀWw.
     pub fn scales(&self, wrench: &[f64; WRENCH]) -> Scales {
-        let bounds = self.lower.iter().chain(&self.upper).chain(&self.preference).filter(|b| b.is_finite());
-        let heads = self.cones.iter().map(|c| &c.head.constant);
-        let input = bounds.chain(heads).fold(1e-12, |m: f64, b| m.max(b.abs()));
-        let n = self.n_input();
-        let steepest = (0..n).map(|j| column_weight(&self.geometry, &self.weights, j)).fold(0.0, f64::max);
         let b = self.geometry.as_slice();
-        let pull = (0..n).map(|j| (0..WRENCH).map(|i| b[WRENCH * j + i] * self.weights[i] * wrench[i]).sum::<f64>());
-        let pull = pull.fold(0.0, |m: f64, p| m.max(p.abs()));
-        Scales { input, gradient: ((steepest + self.regularisation) * input).max(pull) }
+        let (mut steepest, mut pull) = (0.0_f64, 0.0_f64);
+        for column in b.chunks_exact(WRENCH) {
+            let (mut curve, mut own) = (0.0, 0.0);
+            for k in 0..WRENCH {
+                curve += self.weights[k] * column[k] * column[k];
+                own += self.weights[k] * column[k] * wrench[k];
+            }
+            (steepest, pull) = (steepest.max(curve), pull.max(own.abs()));
+        }
+        self.scales_of(steepest + self.regularisation, pull)
+    }
+
+    /// [`scales`](Self::scales) from the largest diagonal entry of H and of BᵀWw.
+    pub(super) fn scales_of(&self, steepest: f64, pull: f64) -> Scales {
+        let mut asked = if steepest > 0.0 { pull / steepest } else { 0.0 };
+        let (mut allowed, mut tightest) = (0.0_f64, f64::INFINITY);
+        for i in 0..self.n_input() {
+            let (lower, upper) = (self.lower[i], self.upper[i]);
+            // the input nearest to rest
+            asked = asked.max(self.preference[i].abs()).max(lower).max(-upper);
+            for bound in [lower.abs(), upper.abs()] {
+                if bound > 0.0 && bound.is_finite() {
+                    (allowed, tightest) = (allowed.max(bound), tightest.min(bound));
+                }
+            }
+        }
+        for row in self.cones.iter().flat_map(Cone::rows) {
+            allowed = allowed.max(row.constant.abs());
+        }
+        // where nothing is asked for, the tightest bound is the size of what could be
+        let asked = LOOSE * if asked > 0.0 || tightest.is_infinite() { asked } else { tightest };
+        let input = if allowed > 0.0 { allowed.min(asked) } else { asked }.max(1e-12);
+        Scales { input, gradient: (steepest * input).max(pull) }
     }
 
     /// Largest violation of any bound or cone, in the unit of the inputs; 0 where all hold exactly.
@@ -302,38 +330,57 @@ impl Problem {
         outside.chain(cones).fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v) })
     }
 
-    /// Moves u to where every bound and cone holds exactly: clips it, then pulls it towards the clipped anchor as little
-    /// as bisection finds.
-    pub fn repair(&self, u: &mut [f64]) {
-        let clip = |u: &mut [f64]| {
-            for ((u, lo), hi) in u.iter_mut().zip(&self.lower).zip(&self.upper) {
-                *u = if u.is_finite() { u.clamp(*lo, *hi) } else { 0.0_f64.clamp(*lo, *hi) };
-            }
-        };
-        clip(u);
-        let broken = |u: &[f64]| self.cones.iter().any(|c| c.slack(u) < 0.0);
-        if !broken(u) {
+    /// Moves u to where every bound and cone holds exactly: clips it, then pulls it towards the clipped anchor (or, where
+    /// that is outside a cone, towards `good`) as little as bisection finds. Bounds that are out of order or NaN are left
+    /// out. Where neither point is inside, the clipped u remains; [`violation`](Self::violation) tells.
+    pub fn repair(&self, u: &mut [f64], good: &[f64]) {
+        self.clip(u);
+        if !self.breaks_a_cone(u) || self.anchor.len() != u.len() {
             return;
         }
-        let from = u.to_vec();
         let mut inside = self.anchor.clone();
-        clip(&mut inside);
+        self.clip(&mut inside);
+        if self.breaks_a_cone(&inside) && good.len() == u.len() {
+            inside.copy_from_slice(good);
+            self.clip(&mut inside);
+        }
+        if !self.breaks_a_cone(&inside) {
+            self.pull(u, &inside);
+        }
+    }
+
+    /// Each input within its own bounds, where those are in order; what is not a number becomes 0 first.
+    fn clip(&self, u: &mut [f64]) {
+        for ((u, lo), hi) in u.iter_mut().zip(&self.lower).zip(&self.upper) {
+            if lo <= hi {
+                *u = if u.is_finite() { *u } else { 0.0 }.max(*lo).min(*hi);
+            }
+        }
+    }
+
+    fn breaks_a_cone(&self, u: &[f64]) -> bool {
+        !self.cones.iter().all(|c| c.slack(u) >= 0.0)
+    }
+
+    /// The least power of two of the way to `inside` that is enough, then halving.
+    fn pull(&self, u: &mut [f64], inside: &[f64]) {
+        let from = u.to_vec();
         let along = |t: f64, u: &mut [f64]| {
             for i in 0..u.len() {
-                u[i] = (from[i] + t * (inside[i] - from[i])).clamp(self.lower[i], self.upper[i]);
+                u[i] = from[i] + t * (inside[i] - from[i]);
             }
+            self.clip(u);
         };
-        // the least power of two that is enough, then halving
         let (mut low, mut high) = (0.0, 1e-16);
         along(high, u);
-        while broken(u) && high < 1.0 {
+        while self.breaks_a_cone(u) && high < 1.0 {
             (low, high) = (high, (2.0 * high).min(1.0));
             along(high, u);
         }
         for _ in 0..8 {
             let middle = 0.5 * (low + high);
             along(middle, u);
-            if broken(u) { low = middle } else { high = middle }
+            if self.breaks_a_cone(u) { low = middle } else { high = middle }
         }
         along(high, u);
     }
@@ -366,7 +413,10 @@ pub fn balanced_weights(length: f64) -> [f64; WRENCH] {
 }
 
 /// Bounds of a tick: `lower` and `upper`, narrowed to what a change of at most `most` from `previous` reaches. Where
-/// they conflict (a rotor that has just failed) the absolute bounds win.
+/// they conflict (a rotor that has just failed) the absolute bounds win. A NaN bound stays one.
 pub fn rate_window(lower: f64, upper: f64, previous: f64, most: f64) -> (f64, f64) {
-    ((previous - most).clamp(lower, upper), (previous + most).clamp(lower, upper))
+    if !(lower <= upper && previous.is_finite() && most >= 0.0) {
+        return (lower, upper);
+    }
+    ((previous - most).max(lower).min(upper), (previous + most).max(lower).min(upper))
 }

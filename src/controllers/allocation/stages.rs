@@ -5,7 +5,7 @@
 //! weight, and every pass asks again for what is still missing. Each pass is an ordinary bounded problem with the same
 //! Hessian, so the fast solver serves, warm.
 
-use super::allocator::{Allocator, Path, Reason, Settings, Solution};
+use super::allocator::{Allocator, Path, Reason, Solution};
 use super::problem::{Problem, WRENCH};
 use crate::error::{Error, Result};
 
@@ -20,6 +20,19 @@ const KEPT: f64 = 1e-9;
 pub struct Stages {
     problem: Problem,
     stages: Vec<Stage>,
+    last: Vec<f64>,
+    counts: StageCounts,
+}
+
+/// How often answers were whole, stopped at an earlier stage, or held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StageCounts {
+    /// All stages solved.
+    pub whole: u64,
+    /// A later stage could not be solved: the answer of the one before it stands.
+    pub stopped: u64,
+    /// The first stage could not: the last inputs were held.
+    pub held: u64,
 }
 
 struct Stage {
@@ -73,12 +86,12 @@ impl Stages {
                     0.0
                 };
             }
-            // a pass of a huge weight is solved to a residual relative to it
-            let settings = Settings { tolerance: 1e-7, ..Settings::default() };
-            stages.push(Stage { allocator: Allocator::with_settings(staged, settings)?, own, kept });
+            stages.push(Stage { allocator: Allocator::new(staged)?, own, kept });
             (0..WRENCH).for_each(|k| kept[k] |= own[k]);
         }
-        Ok(Self { problem, stages })
+        let mut last = problem.preference.clone();
+        problem.repair(&mut last, &[]);
+        Ok(Self { problem, stages, last, counts: StageCounts::default() })
     }
 
     /// The problem, with the bounds of now.
@@ -96,40 +109,51 @@ impl Stages {
         self.stages.iter_mut().for_each(|s| s.allocator.set_bounds(lower, upper));
     }
 
+    /// How answers came about.
+    pub fn counts(&self) -> StageCounts {
+        self.counts
+    }
+
     /// The best inputs for a wrench, stage by stage. Where a stage cannot be solved, the answer of the one before it
-    /// stands; where the first cannot, inputs are held.
+    /// stands; where the first cannot, the last answer is held within the bounds of now.
     pub fn solve(&mut self, wrench: &[f64; WRENCH]) -> StagedSolution {
-        let size = self.problem.scales(wrench).input.max(wrench.iter().fold(0.0, |m: f64, w| m.max(w.abs())));
+        let size = self.problem.scales(wrench).input;
         let mut reached = [0.0; WRENCH];
+        let mut kept = [false; WRENCH];
         let mut answer: Option<Solution> = None;
         let mut passes = Vec::new();
+        let mut reason = None;
         for stage in &mut self.stages {
             let (fresh, n) = stage.solve(wrench, &reached, size, answer.is_none());
             passes.push(n);
-            if fresh.path == Path::Held && answer.is_some() {
+            if fresh.path == Path::Held {
+                reason = fresh.reason;
                 break;
             }
             let delivered = self.problem.delivered(&fresh.inputs);
             for k in 0..WRENCH {
-                if stage.own[k] {
-                    reached[k] = delivered[k];
-                }
+                reached[k] = if stage.own[k] { delivered[k] } else { reached[k] };
             }
+            kept = stage.kept;
             answer = Some(fresh);
         }
-        let solution = answer.unwrap_or_else(|| Solution {
-            inputs: self.problem.preference.clone(),
-            duals: Vec::new(),
-            path: Path::Held,
-            residual: f64::INFINITY,
-            steps: 0,
-            reason: Some(Reason::Uncertified),
-        });
+        match (&answer, reason) {
+            (Some(_), None) => self.counts.whole += 1,
+            (Some(_), Some(_)) => self.counts.stopped += 1,
+            (None, _) => self.counts.held += 1,
+        }
+        let solution = answer.unwrap_or_else(|| self.hold(reason));
+        self.last.copy_from_slice(&solution.inputs);
         let last = self.problem.delivered(&solution.inputs);
-        let kept = self.stages.last().map_or([false; WRENCH], |s| s.kept);
         let disturbed =
             (0..WRENCH).filter(|k| kept[*k]).map(|k| (last[k] - reached[k]).abs() / size).fold(0.0, f64::max);
         StagedSolution { solution, disturbed, passes }
+    }
+
+    fn hold(&self, reason: Option<Reason>) -> Solution {
+        let mut inputs = self.last.clone();
+        self.problem.repair(&mut inputs, &[]);
+        Solution { inputs, duals: Vec::new(), path: Path::Held, residual: f64::INFINITY, steps: 0, reason }
     }
 }
 
