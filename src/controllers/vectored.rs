@@ -56,7 +56,7 @@ pub const SWING: f64 = 0.5;
 /// Pose bandwidth over attitude bandwidth and tilt rate over pose bandwidth, see the [module](self).
 const SEPARATION: [f64; 2] = [2.0, 4.0];
 /// ρ of both stages: what a newton away from its preference costs, against a newton of force that is missing.
-const NULL_SPACE: f64 = 1e-3;
+pub(crate) const NULL_SPACE: f64 = 1e-3;
 /// Share of a thruster's largest force below which its direction is not trusted.
 const FAINT: f64 = 0.02;
 
@@ -495,8 +495,13 @@ fn placed_gains([attitude, position]: [f64; 2], body: &Body<f64>) -> Gains {
     }
 }
 
+/// The gains that a model is flown with where none are given.
+pub(crate) fn placed(model: &Model, body: &Body<f64>) -> Result<Gains> {
+    Ok(placed_gains(bandwidths(model, &thrusters(model)?), body))
+}
+
 /// W = diag(1, 1, 1, (mℓ/J_i)²), ℓ² = tr J/3m.
-fn weights(body: &Body<f64>) -> [f64; WRENCH] {
+pub(crate) fn weights(body: &Body<f64>) -> [f64; WRENCH] {
     let j = [0, 1, 2].map(|i| body.inertia[i][i]);
     let length = ((j[0] + j[1] + j[2]) / (3.0 * body.mass)).sqrt();
     let [x, y, z] = j.map(|j| (body.mass * length / j).powi(2));
