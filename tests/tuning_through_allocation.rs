@@ -1,9 +1,9 @@
 //! Gradients put to use through a bounded allocation: six-axis gains, null-space weight and tilt horizon of an Omav.
 
-use omnidrones::autodiff::{Rollout, System};
+use omnidrones::autodiff::{Bounds, Rollout, System, certify};
 use omnidrones::controllers::allocation::wrench_matrix;
 use omnidrones::controllers::design::tilting::{N_INPUT, N_PARAMETER, PoseError};
-use omnidrones::controllers::design::{Tilting, TiltingPlan, TiltingTuning, tune_tilting};
+use omnidrones::controllers::design::{Tilting, TiltingPlan, TiltingTuning, evaluate_tilting, tune_tilting};
 use omnidrones::dynamics::configurations::Omav;
 use omnidrones::dynamics::{Integrator, Physics};
 use std::time::Instant;
@@ -64,12 +64,21 @@ fn the_columns_are_those_of_the_true_geometry_and_its_slope_over_every_tilt() {
             largest = largest.max(difference[k].abs());
         }
     }
-    println!("direct {direct:.1e}, slope {slope:.1e} of {largest:.2}");
+    println!("direct {direct:.1e}, slope {slope:.1e} of {largest:.2}"); // measured 1.1e-16, 1.1e-10 of 1.07
     assert!(direct < 1e-12 && slope < 1e-8 && largest > 0.5, "{direct:e} {slope:e}");
 }
 
 #[test]
-fn the_gradient_through_the_allocation_is_its_dual_gradient_and_that_of_central_differences() {
+fn the_certificate_holds_for_a_step_of_the_whole_loop() {
+    let system = system();
+    let (x, u, theta) = moment(&system);
+    let c = certify(&system, &x, &u, &theta).unwrap();
+    println!("{c}"); // measured 4.9e-12, 4.9e-7
+    assert!(c.holds(Bounds::default()), "{c}");
+}
+
+#[test]
+fn the_gradient_of_a_flight_that_meets_bounds_is_its_dual_gradient_and_that_of_central_differences() {
     let (system, plan) = (system(), plan());
     let (inputs, starts) = (plan.inputs(&system).unwrap(), plan.training(&system));
     let (m, theta) = (system.n_input(), system.nominal().to_vec());
@@ -101,11 +110,13 @@ fn the_gradient_through_the_allocation_is_its_dual_gradient_and_that_of_central_
         })
         .collect();
     let difference = gap(&reverse.parameters, &central) / size;
+    // measured 11 020 instructions, 12 ms; thrusts 14, tilts 38 of 720; 8.4e-15, 9.0e-9
     println!("adjoint {} instructions, {reverse_time:.1?} over 120 steps", rollout.adjoint_len());
     println!("on bounds: thrusts {thrusts}, tilts {tilts} of {}", 120 * N_INPUT / 2);
     println!("cost {cost:.4e}, reverse against forward {witness:.1e}, against differences {difference:.1e}");
     println!("gradient {:?}", reverse.parameters);
     assert_eq!(cost, same);
+    assert!(thrusts > 0 && tilts > 0, "{thrusts} {tilts}");
     assert!(witness < 1e-9 && difference < 1e-5, "{witness:e} {difference:e}");
 }
 
@@ -118,23 +129,61 @@ fn report(tuning: &TiltingTuning, theta: &[f64]) {
 }
 
 #[test]
-fn a_short_descent_through_the_allocation_lowers_the_held_out_cost() {
+fn a_short_descent_through_the_allocation_lowers_the_held_out_root_cost_by_fifteen_percent() {
     let (system, clock) = (system(), Instant::now());
-    let tuning = tune_tilting(&system, &plan(), &mut |_| {}).unwrap();
+    let tuning = tune_tilting(&system, system.nominal(), &plan(), &mut |_| {}).unwrap();
     report(&tuning, system.nominal());
     println!("{:.1?}", clock.elapsed());
     assert_eq!((tuning.before.n, tuning.before.lost, tuning.after.lost), (32, 0, 0));
-    assert!(tuning.after.root_cost < 0.9 * tuning.before.root_cost);
+    // measured 0.1162 → 0.0923 m (21 %): position 0.1093 → 0.0860 m, e_R 0.0774 → 0.0642; 2 s
+    assert!(tuning.after.root_cost < 0.85 * tuning.before.root_cost);
+}
+
+#[test]
+fn slow_servos_make_the_null_space_weight_matter_and_descent_finds_it() {
+    let physics = Physics { dt: 0.005, integrator: Integrator::SemiImplicit, ..Physics::default() };
+    let system = Tilting::new(&Omav { max_rate: 2.0, ..Omav::default() }, physics).unwrap();
+    let plan = TiltingPlan { n_start: 4, iterations: 25, ..TiltingPlan::default() };
+    // a newton away from its preference as dear as a newton of force that is missing
+    let mut theta = system.nominal().to_vec();
+    theta[N_PARAMETER - 2] = 0.0;
+    let tuning = tune_tilting(&system, &theta, &plan, &mut |_| {}).unwrap();
+    report(&tuning, &theta);
+    let mut back = tuning.theta.clone();
+    back[N_PARAMETER - 2] = 0.0;
+    let back = evaluate_tilting(&system, &back, &plan).unwrap();
+    println!("with the weight put back {back:?}");
+    assert_eq!((tuning.before.lost, tuning.after.lost, back.lost), (0, 0, 0));
+    // measured 0.2424 → 0.1715 m, and 0.1915 m with all but the weight tuned
+    assert!(tuning.after.root_cost < 0.8 * tuning.before.root_cost);
+    assert!(tuning.after.root_cost < 0.95 * back.root_cost && tuning.theta[N_PARAMETER - 2] < -0.5);
 }
 
 /// `cargo test --release --test tuning_through_allocation -- --ignored --nocapture`
 #[test]
-#[ignore = "minutes"]
-fn a_long_descent_through_the_allocation_lowers_the_held_out_cost() {
-    let (system, clock) = (system(), Instant::now());
-    let tuning = tune_tilting(&system, &TiltingPlan::default(), &mut |_| {}).unwrap();
+#[ignore = "half a minute"]
+fn a_long_descent_lowers_the_held_out_root_cost_by_thirty_percent_and_holds_elsewhere() {
+    let (system, plan, clock) = (system(), TiltingPlan::default(), Instant::now());
+    let tuning = tune_tilting(&system, system.nominal(), &plan, &mut |_| {}).unwrap();
     report(&tuning, system.nominal());
     println!("{:.1?}", clock.elapsed());
     assert_eq!((tuning.after.n, tuning.after.lost), (32, 0));
-    assert!(tuning.after.root_cost < 0.8 * tuning.before.root_cost);
+    // measured 0.0862 → 0.0528 m (39 %): position 0.0813 → 0.0477 m, e_R 0.0548 → 0.0397; 22 s on one core
+    assert!(tuning.after.root_cost < 0.7 * tuning.before.root_cost);
+
+    // what each part of θ is worth, the other at its start: measured 0.0530 and 0.0866 m, so here it is the gains
+    let (nominal, tuned) = (system.nominal(), &tuning.theta);
+    let gains: Vec<f64> = tuned[..12].iter().chain(&nominal[12..]).copied().collect();
+    let allocation: Vec<f64> = nominal[..12].iter().chain(&tuned[12..]).copied().collect();
+    for (name, theta) in [("gains alone", gains), ("weight and horizon alone", allocation)] {
+        println!("{name}: {:?}", evaluate_tilting(&system, &theta, &plan).unwrap());
+    }
+    // elsewhere, three times as long and by RK4 at 2 ms: measured 0.0683 → 0.0325 m, 0.0867 → 0.0530 m
+    let fine = Tilting::new(&Omav::default(), Physics::default()).unwrap();
+    let long = TiltingPlan { duration: 9.0, ..plan.clone() };
+    for (name, system, plan) in [("nine seconds", &system, &long), ("RK4 at 2 ms", &fine, &plan)] {
+        let [before, after] = [nominal, tuned].map(|theta| evaluate_tilting(system, theta, plan).unwrap());
+        println!("{name}:\n  before {before:?}\n  after  {after:?}");
+        assert!(after.lost == 0 && after.root_cost < 0.8 * before.root_cost, "{name}");
+    }
 }
