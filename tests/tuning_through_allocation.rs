@@ -154,12 +154,13 @@ fn slow_servos_make_the_null_space_weight_matter_and_descent_finds_it() {
     let back = evaluate_tilting(&system, &back, &plan).unwrap();
     println!("with the weight put back {back:?}");
     assert_eq!((tuning.before.lost, tuning.after.lost, back.lost), (0, 0, 0));
-    // measured 0.2424 → 0.1715 m, and 0.1915 m with all but the weight tuned
+    // measured 0.2424 → 0.1715 m, and 0.1915 m with all but the weight tuned; position 0.2382 → 0.1597 m at the price of
+    // e_R 0.0761 → 0.1135
     assert!(tuning.after.root_cost < 0.8 * tuning.before.root_cost);
     assert!(tuning.after.root_cost < 0.95 * back.root_cost && tuning.theta[N_PARAMETER - 2] < -0.5);
 }
 
-/// `cargo test --release --test tuning_through_allocation -- --ignored --nocapture`
+/// `cargo test --no-default-features --test tuning_through_allocation -- --ignored --nocapture`
 #[test]
 #[ignore = "half a minute"]
 fn a_long_descent_lowers_the_held_out_root_cost_by_thirty_percent_and_holds_elsewhere() {

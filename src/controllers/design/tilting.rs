@@ -16,7 +16,7 @@
 //!
 //! Tⱼ (N) is what pair j pushes with, half from each rotor; tilts count as s = mg/6 newtons per radian. The preference is
 //! the wrench's own force f, spread over the arms with the least sum of squares: λ = (Σ (I − eeᵀ))⁻¹ f for hinges e,
-//! T* = ‖λ across eⱼ‖, and Δα* turns the thrust there. W is that of [`vectored`](crate::controllers::vectored). Tilts are
+//! T* = ‖λ across eⱼ‖, and Δα* turns the thrust there. W is that of [`vectored`]. Tilts are
 //! told to turn at Δα/h.
 //!
 //! **θ**, logarithms: the twelve gains, ρ and h; so geometry, preference, ρ and two of the four bounds live, and the
@@ -28,7 +28,8 @@
 //!
 //! **Measured** by `tests/tuning_through_allocation.rs`, 32 held-out starts, root of the mean cost: 0.0862 → 0.0528 m with
 //! servos of 10 rad/s, where gains do nearly all of it (0.0530 m without ρ and h); with servos of 2 rad/s from ρ = 1,
-//! 0.2424 → 0.1715 m, of which the weight is worth 10 % (0.1915 m with ρ put back).
+//! 0.2424 → 0.1715 m, of which the weight is worth 10 % (0.1915 m with ρ put back); there position gains at the price of
+//! attitude (e_R 0.076 → 0.114).
 //!
 //! Drag is not fed forward and neither is the reaction of moving tilts: the gains have to deal with both.
 //!
@@ -105,7 +106,7 @@ pub struct Tilting {
 
 impl Tilting {
     /// An Omav under `physics` that computes in every step. [`nominal`](Self::nominal) are the gains and the null-space
-    /// weight of the [`vectored`](crate::controllers::vectored) pilot, and h = 2τ, its tilt gain's reciprocal.
+    /// weight of the [`vectored`] pilot, and h = 2τ, its tilt gain's reciprocal.
     ///
     /// # Errors
     /// As [`Omav::build`] and [`Multibody::new`].
