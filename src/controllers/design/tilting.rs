@@ -16,7 +16,7 @@
 //!
 //! Tⱼ (N) is what pair j pushes with, half from each rotor; tilts count as s = mg/6 newtons per radian. The preference is
 //! the wrench's own force f, spread over the arms with the least sum of squares: λ = (Σ (I − eeᵀ))⁻¹ f for hinges e,
-//! T* = ‖λ across eⱼ‖, and Δα* turns the thrust there. W is that of [`vectored`]. Tilts are
+//! T* = ‖λ across eⱼ‖, and Δα* turns the thrust there. W is that of [`mod@vectored`]. Tilts are
 //! told to turn at Δα/h.
 //!
 //! **θ**, logarithms: the twelve gains, ρ and h; so geometry, preference, ρ and two of the four bounds live, and the
@@ -106,7 +106,7 @@ pub struct Tilting {
 
 impl Tilting {
     /// An Omav under `physics` that computes in every step. [`nominal`](Self::nominal) are the gains and the null-space
-    /// weight of the [`vectored`] pilot, and h = 2τ, its tilt gain's reciprocal.
+    /// weight of the [`mod@vectored`] pilot, and h = 2τ, its tilt gain's reciprocal.
     ///
     /// # Errors
     /// As [`Omav::build`] and [`Multibody::new`].
