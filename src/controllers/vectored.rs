@@ -556,8 +556,15 @@ fn placed_gains(attitude: Vec3<f64>, position: f64, body: &Body<f64>) -> Gains {
     }
 }
 
+/// Gains at the bandwidths that a system is flown with where none are given.
+pub(crate) fn placed(system: &Multibody, rates: &Rates, body: &Body<f64>) -> Result<Gains> {
+    let pilot = Vectored::new(system, None, rates)?;
+    let [attitude, position] = pilot.bandwidths().unwrap_or([1.0, 0.5]);
+    Ok(placed_gains([attitude; 3], position, body))
+}
+
 /// W = diag(1, 1, 1, (mℓ/J_i)²), ℓ² = tr J/3m.
-fn weights(body: &Body<f64>) -> [f64; WRENCH] {
+pub(crate) fn weights(body: &Body<f64>) -> [f64; WRENCH] {
     let j = [0, 1, 2].map(|i| body.inertia[i][i]);
     let length = ((j[0] + j[1] + j[2]) / (3.0 * body.mass)).sqrt();
     let [x, y, z] = j.map(|j| (body.mass * length / j).powi(2));

@@ -369,7 +369,7 @@ fn residual<S: Simd, const N: usize>(program: &BoxProgram<Lanes<S>, N>, x: &Iter
         let room = Lanes::select(down, x.inputs[i] - program.lower[i], program.upper[i] - x.inputs[i]);
         worst = worst.max(g[i].abs() * room.min(Lanes::one()));
         // what `max` would drop
-        size = size + g[i] * Lanes::zero();
+        size += g[i] * Lanes::zero();
     }
     worst * size.recip()
 }

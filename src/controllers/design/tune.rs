@@ -207,7 +207,7 @@ pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dy
     let inputs = inputs(&system.0, &plan.reference, n_step);
     let starts = starts(&system.0, plan, plan.n_start, TRAINING)?;
     let batch = BatchRollout::new(&system, &MeanSquaredError::over(n_step))?;
-    let mut descent = Descent::new(theta, plan);
+    let mut descent = Descent::new(theta, plan.learning_rate, plan.iterations);
     for iteration in 0..plan.iterations {
         let (rmse, gradient) = root_mean_cost(&batch, &starts, &inputs, &descent.theta, &threads)?;
         let gradient_norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
@@ -283,19 +283,20 @@ fn root_mean_cost(
 }
 
 /// Adam with a falling rate, and the best point seen.
-struct Descent {
-    theta: Vec<f64>,
+pub(super) struct Descent {
+    pub(super) theta: Vec<f64>,
     mean: Vec<f64>,
     square: Vec<f64>,
-    best: Vec<f64>,
+    pub(super) best: Vec<f64>,
     best_rmse: f64,
-    history: Vec<Iteration>,
+    pub(super) history: Vec<Iteration>,
     rate: f64,
     n: usize,
 }
 
 impl Descent {
-    fn new(theta: Vec<f64>, plan: &TunePlan) -> Self {
+    /// `n` steps, the first of relative size `rate`.
+    pub(super) fn new(theta: Vec<f64>, rate: f64, n: usize) -> Self {
         let zero = vec![0.0; theta.len()];
         Self {
             best: theta.clone(),
@@ -303,13 +304,13 @@ impl Descent {
             mean: zero.clone(),
             square: zero,
             best_rmse: f64::INFINITY,
-            history: Vec::with_capacity(plan.iterations),
-            rate: plan.learning_rate,
-            n: plan.iterations,
+            history: Vec::with_capacity(n),
+            rate,
+            n,
         }
     }
 
-    fn step(&mut self, iteration: Iteration, gradient: &[f64]) {
+    pub(super) fn step(&mut self, iteration: Iteration, gradient: &[f64]) {
         self.history.push(iteration);
         if iteration.rmse < self.best_rmse {
             self.best_rmse = iteration.rmse;
@@ -347,8 +348,8 @@ fn inputs(system: &ClosedLoop, reference: &Reference, n_step: usize) -> Vec<f64>
 }
 
 /// Training and held-out starts come from streams that never meet.
-const TRAINING: u64 = 0;
-const HELD_OUT: u64 = 1;
+pub(super) const TRAINING: u64 = 0;
+pub(super) const HELD_OUT: u64 = 1;
 
 /// Random starts around the reference's, row-major `[n, n_state]`.
 fn starts(system: &ClosedLoop, plan: &TunePlan, n: usize, set: u64) -> Result<Vec<f32>> {
