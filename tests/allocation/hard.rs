@@ -94,7 +94,7 @@ fn cones_with_bounds_and_rates_are_kept_from_tick_to_tick() {
             assert!(moved <= 1.5 + 1e-12, "case {case}: {moved}");
         }
     }
-    println!("{held} of {ticks} held"); // measured HELD
+    println!("{held} of {ticks} held"); // measured 0 of 2000
     assert!(held * 100 <= ticks, "{held} of {ticks}");
 }
 

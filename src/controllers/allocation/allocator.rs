@@ -408,8 +408,8 @@ struct Fast {
     /// u = K w + k where no bound acts.
     gain: Vec<[f64; WRENCH]>,
     rest: Vec<f64>,
-    /// H⁻¹ in units of the cost, by rows.
-    inverse: Vec<f64>,
+    /// Of H whole: where no bound acts.
+    whole: Factor<f64, MAX_FAST>,
     /// Of the active set of the last answer.
     factor: Factor<f64, MAX_FAST>,
     iterate: Iterate<f64, MAX_FAST>,
@@ -435,7 +435,7 @@ impl Fast {
             offset: vec![0.0; n],
             gain: vec![[0.0; WRENCH]; n],
             rest: vec![0.0; n],
-            inverse: vec![0.0; n * n],
+            whole: Factor::new(),
             factor: Factor::new(),
             warm: false,
             cost: 1.0,
@@ -461,22 +461,16 @@ impl Fast {
                 self.program.hessian[i][j] = (dot(&self.pull[i], &column(j)) + own) / self.cost;
             }
         }
-        self.invert(n);
-        for i in 0..n {
-            let row = &self.inverse[n * i..n * (i + 1)];
-            self.rest[i] = (0..n).map(|j| row[j] * self.offset[j]).sum::<f64>() / self.cost;
-            self.gain[i] = std::array::from_fn(|k| (0..n).map(|j| row[j] * self.pull[j][k]).sum::<f64>() / self.cost);
-        }
-    }
-
-    fn invert(&mut self, n: usize) {
-        let mut whole = Factor::new();
-        whole.of(n, &self.program.hessian, &[0.0; MAX_FAST], Precision::DOUBLE);
-        for i in 0..n {
-            let mut unit = [0.0; MAX_FAST];
-            unit[i] = 1.0;
-            whole.solve(n, &mut unit);
-            self.inverse[n * i..n * (i + 1)].copy_from_slice(&unit[..n]);
+        self.whole.of(n, &self.program.hessian, &[0.0; MAX_FAST], Precision::DOUBLE);
+        for k in 0..=WRENCH {
+            let mut column = [0.0; MAX_FAST];
+            for j in 0..n {
+                column[j] = if k < WRENCH { self.pull[j][k] } else { self.offset[j] } / self.cost;
+            }
+            self.whole.solve(n, &mut column);
+            for j in 0..n {
+                *(if k < WRENCH { &mut self.gain[j][k] } else { &mut self.rest[j] }) = column[j];
+            }
         }
     }
 
@@ -516,7 +510,8 @@ impl Fast {
     /// the last one changed nothing.
     fn search(&mut self, problem: &Problem, warm: bool, inputs: &mut [f64]) -> (u32, bool) {
         let n = inputs.len();
-        self.iterate = if warm && self.warm {
+        let near = warm && self.warm;
+        self.iterate = if near {
             self.program.restart(n, &self.iterate)
         } else {
             let mut from = [0.0; MAX_FAST];
@@ -529,6 +524,11 @@ impl Fast {
         while steps < MAX_STEPS && (steps == 0 || self.iterate.done < 0.5) {
             let many = steps < MAX_STEPS / 4;
             self.program.step(n, &mut self.iterate, &mut self.factor, many, Precision::DOUBLE);
+            steps += 1;
+        }
+        if !near {
+            // from afar the last step is long, and so is its rounding
+            self.program.step(n, &mut self.iterate, &mut self.factor, false, Precision::DOUBLE);
             steps += 1;
         }
         for (j, u) in inputs.iter_mut().enumerate() {
@@ -554,16 +554,11 @@ impl Fast {
     ) -> f64 {
         let n = inputs.len();
         let mut y = [0.0; MAX_FAST];
-        if closed {
-            for (row, y) in self.inverse.chunks_exact(n).zip(&mut y) {
-                *y = row.iter().zip(cotangent).map(|(h, c)| h * c).sum::<f64>() / self.cost;
-            }
-        } else {
-            for i in 0..n {
-                y[i] = if self.iterate.status[i] == 0.0 { cotangent[i] / self.cost } else { 0.0 };
-            }
-            self.factor.solve(n, &mut y);
+        for i in 0..n {
+            let free = closed || self.iterate.status[i] == 0.0;
+            y[i] = if free { cotangent[i] / self.cost } else { 0.0 };
         }
+        if closed { &self.whole } else { &self.factor }.solve(n, &mut y);
         let b = problem.geometry.as_slice();
         let miss = problem.miss(wrench, inputs);
         let (mut pulled, mut force) = ([0.0; WRENCH], [0.0; WRENCH]);

@@ -331,7 +331,7 @@ impl Problem {
     }
 
     /// Moves u to where every bound and cone holds exactly: clips it, then pulls it towards the clipped anchor (or, where
-    /// that is outside a cone, towards `good`) as little as bisection finds. Bounds that are out of order or NaN are left
+    /// that is outside a cone, towards a point between `good` and the anchor) as little as bisection finds. Bounds that are out of order or NaN are left
     /// out. Where neither point is inside, the clipped u remains; [`violation`](Self::violation) tells.
     pub fn repair(&self, u: &mut [f64], good: &[f64]) {
         self.clip(u);
@@ -341,12 +341,29 @@ impl Problem {
         let mut inside = self.anchor.clone();
         self.clip(&mut inside);
         if self.breaks_a_cone(&inside) && good.len() == u.len() {
-            inside.copy_from_slice(good);
-            self.clip(&mut inside);
+            self.inwards(good, &mut inside);
         }
         if !self.breaks_a_cone(&inside) {
             self.pull(u, &inside);
         }
+    }
+
+    /// Half of the way from `good` towards the anchor that the bounds allow: inside the cones where `good` is not outside.
+    fn inwards(&self, good: &[f64], inside: &mut [f64]) {
+        inside.copy_from_slice(good);
+        self.clip(inside);
+        let mut share = 1.0_f64;
+        for i in 0..inside.len() {
+            let way = self.anchor[i] - inside[i];
+            let room = if way > 0.0 { self.upper[i] - inside[i] } else { inside[i] - self.lower[i] };
+            if way.abs() > room {
+                share = share.min(room / way.abs());
+            }
+        }
+        for i in 0..inside.len() {
+            inside[i] += 0.5 * share * (self.anchor[i] - inside[i]);
+        }
+        self.clip(inside);
     }
 
     /// Each input within its own bounds, where those are in order; what is not a number becomes 0 first.
