@@ -388,8 +388,8 @@ fn figure(subject: &Subject, answer: &Answer) -> Figure {
     Figure::new(format!("{}: {}", subject.name, headline(subject, answer)))
         .size(900.0, 60.0 + 26.0 * (n + m))
         .grid(&[1.0], &[n, m])
-        .chart(rotors)
-        .chart(axes)
+        .place((0, 0), (1, 1), rotors)
+        .place((0, 1), (1, 1), axes)
 }
 
 fn as_json(subject: &Subject, answer: &Answer) -> Value {

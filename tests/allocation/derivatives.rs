@@ -83,6 +83,7 @@ fn derivatives_within_bounds_are_those_of_central_differences_away_from_switchin
             }
         }
     }
+    // measured: 799 cases, 4.7e-7, 1.1e-11
     println!("{n} cases: differences {difference:.1e}, transpose {transpose:.1e}");
     assert!(n > 500 && transpose < 1e-10, "{n} {transpose:e}");
 }
@@ -116,7 +117,7 @@ fn the_fast_reverse_is_the_general_one() {
             worst = worst.max(miss.fold(0.0, f64::max));
         }
     }
-    println!("{cases} cases, worst {worst:.1e}");
+    println!("{cases} cases, worst {worst:.1e}"); // measured 54, 1.4e-11
     assert!(cases > 40 && worst < 1e-10, "{cases} {worst:e}");
 }
 
@@ -137,6 +138,7 @@ fn derivatives_through_cones_are_those_of_central_differences_away_from_switchin
             }
         }
     }
+    // measured: 252 cases, 1.5e-9, 2.1e-13
     println!("{n} cases: differences {difference:.1e}, transpose {transpose:.1e}");
     assert!(n > 100 && transpose < 1e-10 && difference < 1e-6, "{n} {difference:e} {transpose:e}");
 }
@@ -173,7 +175,7 @@ fn without_active_bounds_the_derivative_is_the_closed_form() {
         }
         assert!(gradient.lower.iter().chain(&gradient.upper).all(|x| *x == 0.0));
     }
-    println!("worst {worst:.1e}");
+    println!("worst {worst:.1e}"); // measured 1.8e-12
     assert!(worst <= 1e-10, "{worst:e}");
 }
 
