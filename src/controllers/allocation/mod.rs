@@ -7,6 +7,7 @@
 //! | [`pseudo_inverse`] | the mixer: least thrusts, clipped, yaw last |
 //! | [`problem`] | the bounded problem: quadratic cost, bounds, cones |
 //! | [`allocator`] | its solvers behind one interface, with certificate, fallback and counts |
+//! | [`fast`] | its fast paths and their gradient |
 //! | [`active_set`] | bounds: exact and fast, branch-free |
 //! | [`conic`] | cones: clarabel |
 //! | [`function`] | an answer with its derivative, called by kernels of any scalar |
@@ -24,6 +25,7 @@ pub mod articulated;
 pub mod batch;
 pub mod conic;
 pub mod failure;
+pub mod fast;
 pub mod function;
 pub mod geometry;
 pub mod gradient;
