@@ -69,9 +69,10 @@ struct Data {
 }
 
 impl Data {
-    /// In units of `input` (N) for u and of `cost` for the diagonal of P.
-    fn fill(&mut self, problem: &Problem, wrench: &[f64; WRENCH], shape: &Shape, unit: Unit) {
+    /// All numbers, and the units they are in.
+    fn fill(&mut self, problem: &Problem, wrench: &[f64; WRENCH], shape: &Shape) -> Unit {
         let (n, h) = (problem.n_input(), problem.hessian());
+        let unit = Unit { input: problem.scales(wrench).input, cost: h.diagonal().max() };
         self.p.clear();
         for j in 0..n {
             self.p.extend((0..=j).map(|i| h[(i, j)] / unit.cost));
@@ -96,6 +97,7 @@ impl Data {
             self.b.push(affine.constant / unit.input);
             row += 1;
         }
+        unit
     }
 
     fn add(&mut self, row: usize, input: usize, value: f64) {
@@ -134,13 +136,6 @@ struct Unit {
     cost: f64,
 }
 
-impl Unit {
-    fn of(problem: &Problem, wrench: &[f64; WRENCH]) -> Self {
-        let h = problem.hessian();
-        Self { input: problem.scales(wrench).input, cost: h.diagonal().max() }
-    }
-}
-
 impl Conic {
     /// Sets the structure up.
     ///
@@ -151,7 +146,7 @@ impl Conic {
         let (shape, mut data) = (Shape::of(problem), Data::default());
         let (starts, of_rows) = data.pattern(&shape);
         let wrench = [0.0; WRENCH];
-        data.fill(problem, &wrench, &shape, Unit::of(problem, &wrench));
+        data.fill(problem, &wrench, &shape);
         let n = shape.n_input;
         let triangle = (0..=n).map(|j| j * (j + 1) / 2).collect();
         let p = CscMatrix::new(n, n, triangle, (0..n).flat_map(|j| 0..=j).collect(), data.p.clone());
@@ -187,8 +182,7 @@ impl Conic {
         if Shape::of(problem) != self.shape {
             *self = Self::new(problem)?;
         }
-        let unit = Unit::of(problem, wrench);
-        self.data.fill(problem, wrench, &self.shape, unit);
+        let unit = self.data.fill(problem, wrench, &self.shape);
         let data = &self.data;
         if let Err(why) = self.solver.update_data(&data.p, &data.q, &data.a, &data.b) {
             return Err(Error::value(
