@@ -6,13 +6,14 @@ mod common;
 mod tree;
 
 use common::INTEGRATORS;
+use common::relative;
 use omnidrones::autodiff::System;
 use omnidrones::dynamics::batch::{Failure, Reason};
 use omnidrones::dynamics::configurations::{Dragon, Payload, REGISTRY, Transport};
 use omnidrones::dynamics::tree::{Model, ModelParts, Motion, Multibody};
 use omnidrones::dynamics::{Disturbance, Effects, Physics, World};
 use omnidrones::parallel::Threads;
-use tree::{everything, relative, stream};
+use tree::{everything, stream};
 
 fn narrow(x: &[f64]) -> Vec<f32> {
     x.iter().map(|v| *v as f32).collect()

@@ -164,7 +164,7 @@ fn slow_servos_make_the_null_space_weight_matter_and_descent_finds_it() {
 
 /// `cargo test --no-default-features --test tuning_through_allocation -- --ignored --nocapture`
 #[test]
-#[ignore = "half a minute"]
+#[ignore = "cargo test --test tuning_through_allocation -- --ignored --nocapture: half a minute"]
 fn a_long_descent_lowers_the_held_out_root_cost_by_thirty_percent_and_holds_elsewhere() {
     let (system, plan, clock) = (system(), TiltingPlan::default(), Instant::now());
     let tuning = tune_tilting(&system, system.nominal(), &plan, &mut |_| {}).unwrap();

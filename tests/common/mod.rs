@@ -1,8 +1,11 @@
 //! What several test files share: random states, actions and effects, from seeds that failures print.
-#![allow(dead_code)] // each test file uses its part
+#![allow(dead_code, unused_imports)] // each test file uses its part
 
 use omnidrones::dynamics::{Effects, Integrator, Physics, Vehicle, vehicles};
 use omnidrones::rng::{Purpose, Stream};
+
+mod measure;
+pub use measure::relative;
 
 pub const INTEGRATORS: [Integrator; 2] = [Integrator::RungeKutta4, Integrator::SemiImplicit];
 
@@ -65,14 +68,4 @@ pub fn input(vehicle: &Vehicle, physics: &Physics, r: &mut Stream) -> Vec<f64> {
         u.extend((0..3).map(|k| r.uniform(-3.0, 3.0) * total.inertia[(k, k)]));
     }
     u
-}
-
-/// Largest |a − b| / max(1, |b|); infinite where either is not a number.
-pub fn relative(a: &[f64], b: &[f64]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    let error = |(x, y): (&f64, &f64)| {
-        let e = (x - y).abs() / y.abs().max(1.0);
-        if e.is_nan() { f64::INFINITY } else { e }
-    };
-    a.iter().zip(b).map(error).fold(0.0, f64::max)
 }

@@ -74,13 +74,3 @@ pub fn input(system: &Multibody, r: &mut Stream) -> Vec<f64> {
     }
     u
 }
-
-/// Largest |a − b| / max(1, |b|); infinite where either is not a number.
-pub fn relative(a: &[f64], b: &[f64]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    let error = |(x, y): (&f64, &f64)| {
-        let e = (x - y).abs() / y.abs().max(1.0);
-        if e.is_nan() { f64::INFINITY } else { e }
-    };
-    a.iter().zip(b).map(error).fold(0.0, f64::max)
-}

@@ -6,6 +6,8 @@ use omnidrones::dynamics::configurations::REGISTRY;
 use omnidrones::dynamics::tree::{Model, ModelParts, Motion, Multibody, kinetic_energy, potential_energy};
 use omnidrones::dynamics::{Effects, Integrator, Physics};
 
+pub use crate::measure::{at_most, near};
+
 pub fn rk4(dt: f64, effects: Effects) -> Physics {
     Physics { dt, substeps: 1, integrator: Integrator::RungeKutta4, effects }
 }
@@ -98,22 +100,4 @@ pub fn norm(v: &[f64]) -> f64 {
 
 pub fn apart(a: &[f64], b: &[f64]) -> f64 {
     norm(&a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<_>>())
-}
-
-/// Asserts `value` ≤ `bound`; with `PHYSICS_PRINT=1` prints what was measured.
-#[track_caller]
-pub fn at_most(what: &str, value: f64, bound: f64) {
-    if std::env::var_os("PHYSICS_PRINT").is_some() {
-        println!("{what}: {value:.3e} of {bound:.1e}");
-    }
-    assert!(value <= bound, "{what}: {value:.6e}, at most {bound:.1e} allowed");
-}
-
-/// Asserts |`value` − `wanted`| ≤ `slack`; with `PHYSICS_PRINT=1` prints what was measured.
-#[track_caller]
-pub fn near(what: &str, value: f64, wanted: f64, slack: f64) {
-    if std::env::var_os("PHYSICS_PRINT").is_some() {
-        println!("{what}: {value:.9} for {wanted} ± {slack:.1e}");
-    }
-    assert!((value - wanted).abs() <= slack, "{what}: {value:.9}, wanted {wanted} ± {slack:.1e}");
 }

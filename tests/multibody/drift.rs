@@ -55,7 +55,7 @@ fn payload_and_dragon_keep_energy_and_momenta_over_a_hundred_thousand_steps_of_2
 
 /// `cargo test --test multibody -- --ignored million`
 #[test]
-#[ignore = "half a minute"]
+#[ignore = "cargo test --test multibody -- --ignored --nocapture million: half a minute"]
 fn payload_and_dragon_keep_energy_and_momenta_over_a_million_steps_of_2_ms() {
     // measured 2.8e-9 and 5.1e-9
     check("payload", 1_000_000, 5e-8, 5e-8);

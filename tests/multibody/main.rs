@@ -15,6 +15,8 @@ mod common;
 mod contact;
 mod convergence;
 mod drift;
+#[path = "../common/measure.rs"]
+mod measure;
 mod power;
 mod servos;
 mod symmetry;

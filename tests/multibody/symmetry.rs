@@ -3,7 +3,8 @@
 //! Each law moves state and input, flies both, and compares; the ground is level, so it keeps turns about z.
 
 use crate::common::*;
-use crate::tree::{everything, input, lower, relative, state, stream};
+use crate::measure::relative;
+use crate::tree::{everything, input, lower, state, stream};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use omnidrones::dynamics::tree::{Model, Motion, Multibody};
 use omnidrones::dynamics::{Effects, Physics};

@@ -5,6 +5,10 @@ use omnidrones::autodiff::System;
 use omnidrones::dynamics::{Drag, Effects, Inertia, Integrator, Multirotor, Part, Physics, Vehicle, vehicles};
 use omnidrones::rng::{Purpose, Stream};
 
+#[path = "../common/measure.rs"]
+mod measure;
+pub use measure::{at_most, near};
+
 /// Constants of a vehicle as the physics textbook has them, summed from its parts.
 pub struct Body {
     pub mass: f64,
@@ -196,24 +200,6 @@ pub fn random_input(system: &Multirotor, stream: &mut Stream) -> Vec<f64> {
 /// Largest |a − b| / max(1, |a|).
 pub fn difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs() / a.abs().max(1.0)).fold(0.0, f64::max)
-}
-
-/// Asserts `value` ≤ `bound`; with `PHYSICS_PRINT=1` prints what was measured.
-#[track_caller]
-pub fn at_most(what: &str, value: f64, bound: f64) {
-    if std::env::var_os("PHYSICS_PRINT").is_some() {
-        println!("{what}: {value:.3e} of {bound:.1e}");
-    }
-    assert!(value <= bound, "{what}: {value:.6e}, at most {bound:.1e} allowed");
-}
-
-/// Asserts |`value` − `wanted`| ≤ `slack`; with `PHYSICS_PRINT=1` prints what was measured.
-#[track_caller]
-pub fn near(what: &str, value: f64, wanted: f64, slack: f64) {
-    if std::env::var_os("PHYSICS_PRINT").is_some() {
-        println!("{what}: {value:.9} for {wanted} ± {slack:.1e}");
-    }
-    assert!((value - wanted).abs() <= slack, "{what}: {value:.9}, wanted {wanted} ± {slack:.1e}");
 }
 
 /// Defect for twins: free rotation by the usual explicit form ω⁺ = ω − h J⁻¹ (ω × Jω).

@@ -5,6 +5,10 @@ use omnidrones::dynamics::tree::{Model, ModelParts, Motion, Multibody};
 use omnidrones::dynamics::{Effects, Physics};
 use omnidrones::rng::{Purpose, Stream};
 
+#[path = "../common/measure.rs"]
+mod measure;
+pub use measure::at_most;
+
 /// Bodies, joints with damping and springs, rotors and gravity alone: no drives, limits, drag or other effects.
 pub fn bare(model: &Model) -> Multibody {
     let mut parts: ModelParts = model.parts().clone();
@@ -91,13 +95,4 @@ pub fn vector(x: &[f64], at: usize) -> Vector3<f64> {
 /// A stream of this test binary, apart from the library's own uses.
 pub fn stream(seed: u64) -> Stream {
     Stream::new(seed, 0, 0, Purpose(0x7265_6574))
-}
-
-/// Asserts `value` ≤ `bound`; with `PHYSICS_PRINT=1` prints what was measured.
-#[track_caller]
-pub fn at_most(what: &str, value: f64, bound: f64) {
-    if std::env::var_os("PHYSICS_PRINT").is_some() {
-        println!("{what}: {value:.3e} of {bound:.1e}");
-    }
-    assert!(value <= bound, "{what}: {value:.6e}, at most {bound:.1e} allowed");
 }
