@@ -1,14 +1,15 @@
 //! The lane kernel of a batch: one block of environments, one step.
 //!
 //! A block holds [`BLOCK`] environments as structure of arrays: row k is number k of every environment. State rows come
-//! first, then the action's, the disturbance's, the flag `alive`, then the model's constants, so that one pass touches
-//! one contiguous piece of memory.
+//! first, then the action's, the disturbance's, the flag `alive`. The model's constants stand in rows of their own, one
+//! set for all environments that share them, so that a batch without randomisation reads them from cache.
 
 use crate::autodiff::lanes::Lanes;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::integrate::{Grid, step};
 use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, RotorModel};
+use super::plant::Block;
 use pulp::{Simd, WithSimd};
 
 /// Largest magnitude of a healthy state, SI units.
@@ -25,7 +26,6 @@ pub(crate) struct Rows {
     pub action: usize,
     pub disturbance: usize,
     pub alive: usize,
-    pub model: usize,
     pub count: usize,
 }
 
@@ -35,14 +35,7 @@ impl Rows {
         let action = RIGID_DIM + r;
         let disturbance = action + r;
         let alive = disturbance + 9;
-        let model = alive + 1;
-        Self {
-            action,
-            disturbance,
-            alive,
-            model,
-            count: model + LEAN_BODY + LEAN_ROTOR * r + REST_BODY + REST_ROTOR * r,
-        }
+        Self { action, disturbance, alive, count: alive + 1 }
     }
 }
 
@@ -50,6 +43,11 @@ const LEAN_BODY: usize = 17;
 const LEAN_ROTOR: usize = 7;
 const REST_BODY: usize = 11;
 const REST_ROTOR: usize = 15;
+
+/// Rows of a packed model of `r` (padded) rotors.
+pub(crate) const fn n_packed(r: usize) -> usize {
+    LEAN_BODY + REST_BODY + (LEAN_ROTOR + REST_ROTOR) * r
+}
 
 /// Whether any effect needs the constants behind the lean ones.
 #[inline(always)]
@@ -63,28 +61,30 @@ fn needs_rest(e: Effects) -> bool {
         || e.products_of_inertia
 }
 
-/// A model as numbers in the order that [`unpack`] reads them.
-pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>) -> Vec<f64> {
-    let mut v = vec![m.gravity, m.inverse_mass];
-    v.extend(m.center_of_mass);
-    v.extend(&m.inertia[..3]);
-    v.extend(&m.inverse_inertia[..3]);
-    v.extend(m.linear_drag.iter().chain(&m.angular_drag));
+/// A model as numbers in the order that [`unpack`] reads them, one by one into `put`.
+pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>, mut put: impl FnMut(f64)) {
+    let mut all = |numbers: &[f64]| numbers.iter().for_each(|x| put(*x));
+    all(&[m.gravity, m.inverse_mass]);
+    all(&m.center_of_mass);
+    all(&m.inertia[..3]);
+    all(&m.inverse_inertia[..3]);
+    all(&m.linear_drag);
+    all(&m.angular_drag);
     for r in &m.rotors {
-        v.extend(&r.wrench[2..]);
-        v.extend([r.max_speed, r.decay_up, r.decay_down]);
+        all(&r.wrench[2..]);
+        all(&[r.max_speed, r.decay_up, r.decay_down]);
     }
-    v.push(m.mass);
-    v.extend(&m.inertia[3..]);
-    v.extend(&m.inverse_inertia[3..]);
-    v.extend(m.quadratic_drag);
-    v.push(m.ground_height);
+    all(&[m.mass]);
+    all(&m.inertia[3..]);
+    all(&m.inverse_inertia[3..]);
+    all(&m.quadratic_drag);
+    all(&[m.ground_height]);
     for r in &m.rotors {
-        v.extend([r.wrench[0], r.wrench[1], r.rate_up, r.rate_down]);
-        v.extend(r.hub.iter().chain(&r.axis));
-        v.extend([r.spin_inertia, r.drag, r.axial_drag, r.rolling, r.radius]);
+        all(&[r.wrench[0], r.wrench[1], r.rate_up, r.rate_down]);
+        all(&r.hub);
+        all(&r.axis);
+        all(&[r.spin_inertia, r.drag, r.axial_drag, r.rolling, r.radius]);
     }
-    v
 }
 
 /// Reads rows one after the other at one register's place.
@@ -177,7 +177,9 @@ fn unpack_rest<S: Simd, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidMod
 
 /// Steps every block of a chunk once, for the dispatcher.
 pub(crate) struct StepBlocks<'a, const R: usize> {
-    pub blocks: &'a mut [Vec<[f32; BLOCK]>],
+    pub blocks: &'a mut [Block],
+    /// Numbers of all blocks without their own.
+    pub shared: &'a [[f32; BLOCK]],
     pub effects: Effects,
     pub grid: Grid,
 }
@@ -189,23 +191,27 @@ impl<const R: usize> WithSimd for StepBlocks<'_, R> {
         // constants here let the compiler leave out what is switched off
         if self.effects == Effects::lean() {
             for block in self.blocks {
-                step_block::<S, R>(block, Effects::lean(), self.grid);
+                step_block::<S, R>(block, self.shared, Effects::lean(), self.grid);
             }
         } else {
             for block in self.blocks {
-                step_block::<S, R>(block, self.effects, self.grid);
+                step_block::<S, R>(block, self.shared, self.effects, self.grid);
             }
         }
     }
 }
 
 #[inline(always)]
-fn step_block<S: Simd, const R: usize>(block: &mut [[f32; BLOCK]], effects: Effects, grid: Grid) {
-    let rows = Rows::of(R);
-    let block = &mut block[..rows.count];
+fn step_block<S: Simd, const R: usize>(block: &mut Block, shared: &[[f32; BLOCK]], effects: Effects, grid: Grid) {
+    let rows = &mut block.rows[..Rows::of(R).count];
     let mut at = 0;
     while at < BLOCK {
-        step_lanes::<S, R>(block, at, effects, grid);
+        let model = match &block.numbers {
+            Some(own) => Cursor { rows: own, at, row: 0 },
+            // equal in every lane: the first register's place stays in cache
+            None => Cursor { rows: shared, at: 0, row: 0 },
+        };
+        step_lanes::<S, R>(rows, model, at, effects, grid);
         at += Lanes::<S>::WIDTH;
     }
 }
@@ -213,7 +219,13 @@ fn step_block<S: Simd, const R: usize>(block: &mut [[f32; BLOCK]], effects: Effe
 /// One register of environments. A lane that was not alive, or whose new state is not finite and bounded, keeps its
 /// state and ceases to be alive; its neighbours do not notice.
 #[inline(always)]
-fn step_lanes<S: Simd, const R: usize>(block: &mut [[f32; BLOCK]], at: usize, effects: Effects, grid: Grid) {
+fn step_lanes<S: Simd, const R: usize>(
+    block: &mut [[f32; BLOCK]],
+    mut numbers: Cursor<'_>,
+    at: usize,
+    effects: Effects,
+    grid: Grid,
+) {
     let rows = Rows::of(R);
     let mut c = Cursor { rows: block, at, row: 0 };
     let x = RigidState::<Lanes<S>, R> {
@@ -231,7 +243,7 @@ fn step_lanes<S: Simd, const R: usize>(block: &mut [[f32; BLOCK]], at: usize, ef
     };
     c.row = rows.alive;
     let alive: Lanes<S> = c.next();
-    let model = unpack::<S, R>(&mut c, effects);
+    let model = unpack::<S, R>(&mut numbers, effects);
     let y = step(&model, effects, grid, &x, &action, &air);
 
     let was_alive = Lanes::constant(0.5).lt(alive);
@@ -276,6 +288,7 @@ mod tests {
     #[derive(Clone, Copy)]
     struct Widths<'a, const R: usize> {
         block: &'a [[f32; BLOCK]],
+        model: &'a [[f32; BLOCK]],
         effects: Effects,
         grid: Grid,
     }
@@ -284,17 +297,18 @@ mod tests {
         type Output = Vec<[f32; BLOCK]>;
         #[inline(always)]
         fn with_simd<S: Simd>(self, token: S) -> Vec<[f32; BLOCK]> {
-            let mut blocks = [self.block.to_vec()];
+            let mut blocks = [Block { rows: self.block.to_vec(), numbers: None }];
             for _ in 0..STEPS {
-                StepBlocks::<R> { blocks: &mut blocks, effects: self.effects, grid: self.grid }.with_simd(token);
+                let (shared, effects, grid) = (self.model, self.effects, self.grid);
+                StepBlocks::<R> { blocks: &mut blocks, shared, effects, grid }.with_simd(token);
             }
             let [block] = blocks;
-            block
+            block.rows
         }
     }
 
     /// Sixty-four different flights, one of them with a NaN action.
-    fn block<const R: usize>(vehicle: &Vehicle, model: &RigidModel<f64, R>) -> Vec<[f32; BLOCK]> {
+    fn block<const R: usize>(vehicle: &Vehicle) -> Vec<[f32; BLOCK]> {
         let rows = Rows::of(R);
         let mut block = vec![[0.0; BLOCK]; rows.count];
         for lane in 0..BLOCK {
@@ -320,9 +334,6 @@ mod tests {
         }
         block[rows.action][37] = f32::NAN;
         block[rows.alive] = [ALIVE; BLOCK];
-        for (row, value) in block[rows.model..].iter_mut().zip(pack(model)) {
-            *row = [value as f32; BLOCK];
-        }
         block
     }
 
@@ -336,8 +347,11 @@ mod tests {
                     let physics = Physics { integrator, effects, ..Physics::default() };
                     let grid = physics.grid();
                     let model = RigidModel::<f64, R>::new(vehicle, grid.substep);
-                    let start = block(vehicle, &model);
-                    let op = Widths::<R> { block: &start, effects: model.effects_of(effects), grid };
+                    let start = block::<R>(vehicle);
+                    let mut numbers = Vec::new();
+                    pack(&model, |x| numbers.push([x as f32; BLOCK]));
+                    let effects = model.effects_of(effects);
+                    let op = Widths::<R> { block: &start, model: &numbers, effects, grid };
                     let results = dispatch_each(op);
                     let alive = &results[0].1[Rows::of(R).alive];
                     assert_eq!(alive.iter().filter(|a| **a != ALIVE).count(), 1, "the NaN action stops its lane alone");

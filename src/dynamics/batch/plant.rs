@@ -1,19 +1,26 @@
 //! What a batch steps: single multirotors in closed form, or articulated systems.
 
-use super::kernel::{ALIVE, Rows, StepBlocks, pack};
+use super::kernel::{self, ALIVE, StepBlocks, n_packed, pack};
 use super::tree_kernel::StepTrees;
 use crate::autodiff::lanes::dispatch;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::integrate::Grid;
 use crate::dynamics::multirotor::{AnyModel, Multirotor, Physics};
-use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel};
+use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, parameter_vector};
 use crate::dynamics::tree::topology::Topology;
 use crate::dynamics::tree::{Model, Multibody, number_vector};
 use crate::dynamics::vehicle::Vehicle;
 use crate::error::{Error, Result};
 
 /// Rows of numbers, one column per environment.
-pub(crate) type Block = Vec<[f32; BLOCK]>;
+pub(crate) type Rows = Vec<[f32; BLOCK]>;
+
+/// Sixty-four environments: state, input, `alive`, and numbers of the model where they have their own.
+#[derive(Debug, Clone)]
+pub(crate) struct Block {
+    pub rows: Rows,
+    pub numbers: Option<Rows>,
+}
 
 /// A kind of system with its kernel and the layout of its blocks: state first, then what the kernel needs.
 #[derive(Debug, Clone)]
@@ -22,17 +29,19 @@ pub(crate) enum Plant {
     Tree(Box<TreePlant>),
 }
 
-/// A single multirotor in closed form; its numbers stand in the block.
+/// A single multirotor in closed form. Numbers are those of [`pack`].
 #[derive(Debug, Clone)]
 pub(crate) struct RigidPlant {
     n_rotor: usize,
     padded: usize,
     physics: Physics,
     effects: Effects,
-    rows: Rows,
+    rows: kernel::Rows,
+    radii: Vec<f64>,
+    shared: Rows,
 }
 
-/// An articulated system; its numbers stand in blocks of their own.
+/// An articulated system. Numbers are those of [`number_vector`].
 #[derive(Debug, Clone)]
 pub(crate) struct TreePlant {
     topology: Topology,
@@ -41,24 +50,30 @@ pub(crate) struct TreePlant {
     /// Actions in order → rows of the block.
     action_rows: Vec<usize>,
     disturbance_rows: Vec<usize>,
-    shared: Block,
-    own: Vec<Option<Block>>,
+    shared: Rows,
 }
 
 impl Plant {
-    pub(crate) fn rigid(vehicle: &Vehicle, physics: Physics) -> Result<(Self, Vec<f64>, Vec<f64>)> {
+    /// With the state of level hover.
+    pub(crate) fn rigid(vehicle: &Vehicle, physics: Physics) -> Result<(Self, Vec<f64>)> {
         let system = Multirotor::new(vehicle, physics)?;
         let padded = padded_rotors(vehicle.n_rotor());
-        let plant = RigidPlant {
+        let mut plant = RigidPlant {
             n_rotor: vehicle.n_rotor(),
             padded,
             physics,
             effects: AnyModel::new(vehicle, physics.grid().substep).effects_of(physics.effects),
-            rows: Rows::of(padded),
+            rows: kernel::Rows::of(padded),
+            radii: vehicle.rotors.iter().map(|r| r.radius).collect(),
+            shared: Vec::new(),
         };
-        Ok((Self::Rigid(plant), system.hover_state([0.0; 3])?, packed(vehicle, &physics)))
+        let mut shared = Vec::with_capacity(n_packed(padded));
+        plant.pack(&parameter_vector(vehicle), |x| shared.push([x as f32; BLOCK]));
+        plant.shared = shared;
+        Ok((Self::Rigid(plant), system.hover_state([0.0; 3])?))
     }
 
+    /// With the state at rest.
     pub(crate) fn tree(model: &Model, physics: Physics, general: bool) -> Result<(Self, Vec<f64>)> {
         let system = Multibody::new(model, physics)?;
         let topology = Topology::new(model, physics.effects, physics.grid(), general);
@@ -70,7 +85,6 @@ impl Plant {
             action_rows: (0..topology.n_input).filter(is_action).map(|k| topology.n_state + k).collect(),
             disturbance_rows: disturbances.iter().map(|d| topology.n_state + d).collect(),
             shared: number_vector(model).iter().map(|v| [*v as f32; BLOCK]).collect(),
-            own: Vec::new(),
             topology,
         };
         Ok((Self::Tree(Box::new(plant)), system.rest_state()))
@@ -108,11 +122,15 @@ impl Plant {
         }
     }
 
-    /// Rows of a block's own numbers, where it needs any.
+    /// Rows of the model's numbers, shared or a block's own.
     pub(crate) fn n_number(&self) -> usize {
+        self.shared().len()
+    }
+
+    fn shared(&self) -> &Rows {
         match self {
-            Self::Rigid(_) => 0,
-            Self::Tree(p) => p.shared.len(),
+            Self::Rigid(p) => &p.shared,
+            Self::Tree(p) => &p.shared,
         }
     }
 
@@ -125,26 +143,19 @@ impl Plant {
         }
     }
 
-    /// A block whose every column is the same environment, alive.
-    pub(crate) fn block(&self, state: &[f64], model: &[f64]) -> Block {
-        let mut block = vec![[0.0; BLOCK]; self.n_row()];
-        for (row, value) in block.iter_mut().zip(state) {
+    /// A block whose every column is the same environment, alive, with the shared numbers.
+    pub(crate) fn block(&self, state: &[f64]) -> Block {
+        let mut rows = vec![[0.0; BLOCK]; self.n_row()];
+        for (row, value) in rows.iter_mut().zip(state) {
             *row = [*value as f32; BLOCK];
         }
-        block[self.alive_row()] = [ALIVE; BLOCK];
-        if let Self::Rigid(p) = self {
-            for (row, value) in block[p.rows.model..].iter_mut().zip(model) {
-                *row = [*value as f32; BLOCK];
-            }
-        }
-        block
+        rows[self.alive_row()] = [ALIVE; BLOCK];
+        Block { rows, numbers: None }
     }
 
-    /// Makes room for the numbers of so many blocks.
-    pub(crate) fn reserve(&mut self, n_block: usize) {
-        if let Self::Tree(p) = self {
-            p.own = vec![None; n_block];
-        }
+    /// The block's own numbers, from now on.
+    fn own<'a>(&self, block: &'a mut Block) -> &'a mut Rows {
+        block.numbers.get_or_insert_with(|| self.shared().clone())
     }
 
     /// Row-major actions of up to [`BLOCK`] environments into their rows.
@@ -162,8 +173,8 @@ impl Plant {
         }
     }
 
-    /// One step of consecutive blocks, the first of which has number `first`.
-    pub(crate) fn step(&self, first: usize, blocks: &mut [Block]) {
+    /// One step of every block.
+    pub(crate) fn step(&self, blocks: &mut [Block]) {
         match self {
             Self::Rigid(p) => match p.padded {
                 4 => p.step::<4>(blocks),
@@ -172,8 +183,7 @@ impl Plant {
                 _ => p.step::<16>(blocks),
             },
             Self::Tree(p) => {
-                let own = &p.own[first..first + blocks.len()];
-                dispatch(StepTrees { blocks, own, shared: &p.shared, topology: &p.topology, grid: p.grid });
+                dispatch(StepTrees { blocks, shared: &p.shared, topology: &p.topology, grid: p.grid });
             }
         }
     }
@@ -207,14 +217,17 @@ impl Plant {
                 ));
             }
         }
-        for (row, value) in block[p.rows.model..].iter_mut().zip(packed(vehicle, &p.physics)) {
-            row[lane] = value as f32;
-        }
+        let mut rows = self.own(block).iter_mut();
+        p.pack(&parameter_vector(vehicle), |x| {
+            if let Some(row) = rows.next() {
+                row[lane] = x as f32;
+            }
+        });
         Ok(())
     }
 
     /// The numbers of one environment from a model of its own, with the same topology.
-    pub(crate) fn set_model(&mut self, number: usize, lane: usize, model: &Model) -> Result<()> {
+    pub(crate) fn set_model(&self, block: &mut Block, lane: usize, model: &Model) -> Result<()> {
         let Self::Tree(p) = self else {
             return Err(Error::value(
                 "the batch",
@@ -233,9 +246,7 @@ impl Plant {
                 "Vary numbers alone, or build the world with World::of_varied_model.",
             ));
         }
-        let shared = &p.shared;
-        let block = p.own[number].get_or_insert_with(|| shared.clone());
-        for (row, value) in block.iter_mut().zip(number_vector(model)) {
+        for (row, value) in self.own(block).iter_mut().zip(number_vector(model)) {
             row[lane] = value as f32;
         }
         Ok(())
@@ -244,7 +255,23 @@ impl Plant {
 
 impl RigidPlant {
     fn step<const R: usize>(&self, blocks: &mut [Block]) {
-        dispatch(StepBlocks::<R> { blocks, effects: self.effects, grid: self.physics.grid() });
+        dispatch(StepBlocks::<R> {
+            blocks,
+            shared: &self.shared,
+            effects: self.effects,
+            grid: self.physics.grid(),
+        });
+    }
+
+    /// The kernel's numbers of a vector of [`parameter_vector`], one by one; allocates nothing.
+    fn pack(&self, parameters: &[f64], put: impl FnMut(f64)) {
+        let (radii, substep) = (&self.radii, self.physics.grid().substep);
+        match self.padded {
+            4 => pack(&RigidModel::<f64, 4>::from_parameters(parameters, radii, substep), put),
+            6 => pack(&RigidModel::<f64, 6>::from_parameters(parameters, radii, substep), put),
+            8 => pack(&RigidModel::<f64, 8>::from_parameters(parameters, radii, substep), put),
+            _ => pack(&RigidModel::<f64, 16>::from_parameters(parameters, radii, substep), put),
+        }
     }
 }
 
@@ -258,16 +285,6 @@ fn padded_rotors(n: usize) -> usize {
         5..=6 => 6,
         7..=8 => 8,
         _ => 16,
-    }
-}
-
-fn packed(vehicle: &Vehicle, physics: &Physics) -> Vec<f64> {
-    let substep = physics.grid().substep;
-    match padded_rotors(vehicle.n_rotor()) {
-        4 => pack(&RigidModel::<f64, 4>::new(vehicle, substep)),
-        6 => pack(&RigidModel::<f64, 6>::new(vehicle, substep)),
-        8 => pack(&RigidModel::<f64, 8>::new(vehicle, substep)),
-        _ => pack(&RigidModel::<f64, 16>::new(vehicle, substep)),
     }
 }
 

@@ -4,6 +4,7 @@
 //! that share them, so that a batch without randomisation reads them from cache.
 
 use super::kernel::{EXPLODED, STOPPED};
+use super::plant::Block;
 use crate::autodiff::lanes::Lanes;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Scalar, safe};
@@ -30,10 +31,8 @@ impl<S: Simd> Numbers<Lanes<S>> for LaneNumbers<'_> {
 
 /// Steps every block of a chunk once, for the dispatcher.
 pub(crate) struct StepTrees<'a> {
-    pub blocks: &'a mut [Vec<[f32; BLOCK]>],
-    /// Numbers of each block, if it has its own.
-    pub own: &'a [Option<Vec<[f32; BLOCK]>>],
-    /// Numbers of all others.
+    pub blocks: &'a mut [Block],
+    /// Numbers of all blocks without their own.
     pub shared: &'a [[f32; BLOCK]],
     pub topology: &'a Topology,
     pub grid: Grid,
@@ -45,14 +44,15 @@ impl WithSimd for StepTrees<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         scratch_on_stack!(scratch, self.topology, Lanes<S>);
         for b in 0..self.blocks.len() {
+            let Block { rows, numbers: own } = &mut self.blocks[b];
             let mut at = 0;
             while at < BLOCK {
-                let numbers = match &self.own[b] {
+                let numbers = match own {
                     Some(own) => LaneNumbers { rows: own, at },
                     // equal in every lane: the first register's place stays in cache
                     None => LaneNumbers { rows: self.shared, at: 0 },
                 };
-                step_lanes::<S>(self.topology, numbers, self.grid, &mut self.blocks[b], at, &mut scratch);
+                step_lanes::<S>(self.topology, numbers, self.grid, rows, at, &mut scratch);
                 at += Lanes::<S>::WIDTH;
             }
         }

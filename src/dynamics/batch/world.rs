@@ -81,15 +81,15 @@ impl World {
     /// # Errors
     /// As [`World::new`].
     pub fn with_memory_limit(vehicle: &Vehicle, physics: Physics, n_env: usize, limit: u64) -> Result<Self> {
-        let (plant, hover, numbers) = if physics.effects.contact {
+        let (plant, hover) = if physics.effects.contact {
             let (plant, _) = Plant::tree(&single(vehicle)?, physics, true)?;
             let above = Effects { contact: false, ..physics.effects };
             let hover = Multirotor::new(vehicle, Physics { effects: above, ..physics })?.hover_state([0.0; 3])?;
-            (plant, hover, Vec::new())
+            (plant, hover)
         } else {
             Plant::rigid(vehicle, physics)?
         };
-        Self::of_plant(plant, physics, n_env, limit, &hover, &numbers)
+        Self::of_plant(plant, physics, n_env, limit, &hover)
     }
 
     /// `n_env` copies of an articulated system at rest ([`Multibody::rest_state`](crate::dynamics::tree::Multibody)).
@@ -106,7 +106,7 @@ impl World {
     /// As [`World::new`].
     pub fn of_model_with_memory_limit(model: &Model, physics: Physics, n_env: usize, limit: u64) -> Result<Self> {
         let (plant, rest) = Plant::tree(model, physics, false)?;
-        Self::of_plant(plant, physics, n_env, limit, &rest, &[])
+        Self::of_plant(plant, physics, n_env, limit, &rest)
     }
 
     /// As [`World::of_model`], prepared for environments whose numbers differ where the model's are zero (a centre of
@@ -116,17 +116,10 @@ impl World {
     /// As [`World::new`].
     pub fn of_varied_model(model: &Model, physics: Physics, n_env: usize) -> Result<Self> {
         let (plant, rest) = Plant::tree(model, physics, true)?;
-        Self::of_plant(plant, physics, n_env, DEFAULT_MEMORY_LIMIT, &rest, &[])
+        Self::of_plant(plant, physics, n_env, DEFAULT_MEMORY_LIMIT, &rest)
     }
 
-    fn of_plant(
-        mut plant: Plant,
-        physics: Physics,
-        n_env: usize,
-        limit: u64,
-        state: &[f64],
-        numbers: &[f64],
-    ) -> Result<Self> {
+    fn of_plant(plant: Plant, physics: Physics, n_env: usize, limit: u64, state: &[f64]) -> Result<Self> {
         let n_block = n_env.div_ceil(BLOCK);
         let of_block = (plant.n_row() + plant.n_number()) * size_of::<[f32; BLOCK]>();
         let needed = n_block as u128 * of_block as u128;
@@ -146,11 +139,10 @@ impl World {
                 },
             ));
         }
-        plant.reserve(n_block);
         Ok(Self {
             n_env,
             physics,
-            blocks: vec![plant.block(state, numbers); n_block],
+            blocks: vec![plant.block(state); n_block],
             plant,
             failures: Vec::with_capacity(n_env),
             n_step: 0,
@@ -204,10 +196,10 @@ impl World {
             let actions = &actions[(task * per_task).min(actions.len())..actions.len().min((task + 1) * per_task)];
             if n > 0 {
                 for (block, actions) in blocks.iter_mut().zip(actions.chunks(BLOCK * n)) {
-                    plant.write_actions(actions, block);
+                    plant.write_actions(actions, &mut block.rows);
                 }
             }
-            plant.step(task * BLOCKS_PER_TASK, blocks);
+            plant.step(blocks);
         });
         self.collect_failures(actions);
         self.n_step += 1;
@@ -218,7 +210,7 @@ impl World {
     fn collect_failures(&mut self, actions: &[f32]) {
         let (n, alive_row) = (self.n_action(), self.plant.alive_row());
         for (b, block) in self.blocks.iter_mut().enumerate() {
-            let alive = &mut block[alive_row];
+            let alive = &mut block.rows[alive_row];
             // no early exit: this form is vectorised
             if alive.iter().fold(true, |all, a| all & (*a == ALIVE)) {
                 continue;
@@ -247,7 +239,7 @@ impl World {
         for (block, rows) in self.blocks.iter().zip(states.chunks_mut(BLOCK * n)) {
             for (lane, row) in rows.chunks_mut(n).enumerate() {
                 for (k, value) in row.iter_mut().enumerate() {
-                    *value = block[k][lane];
+                    *value = block.rows[k][lane];
                 }
             }
         }
@@ -260,7 +252,7 @@ impl World {
     /// [`Error::Limit`] if there is no such environment.
     pub fn state(&self, environment: usize) -> Result<Vec<f32>> {
         let (block, lane) = self.place(environment)?;
-        Ok((0..self.n_state()).map(|k| self.blocks[block][k][lane]).collect())
+        Ok((0..self.n_state()).map(|k| self.blocks[block].rows[k][lane]).collect())
     }
 
     /// Sets the state of one environment and revives it if it had stopped.
@@ -275,10 +267,10 @@ impl World {
         }
         let wide: Vec<f64> = state.iter().map(|x| f64::from(*x)).collect();
         finite("state", &wide)?;
-        for (row, value) in self.blocks[block].iter_mut().zip(state) {
+        for (row, value) in self.blocks[block].rows.iter_mut().zip(state) {
             row[lane] = *value;
         }
-        self.blocks[block][self.plant.alive_row()][lane] = ALIVE;
+        self.blocks[block].rows[self.plant.alive_row()][lane] = ALIVE;
         self.failures.retain(|f| f.environment != environment);
         Ok(())
     }
@@ -300,7 +292,7 @@ impl World {
     /// [`Error::Limit`] if there is no such environment.
     pub fn set_model(&mut self, environment: usize, model: &Model) -> Result<()> {
         let (block, lane) = self.place(environment)?;
-        self.plant.set_model(block, lane, model)
+        self.plant.set_model(&mut self.blocks[block], lane, model)
     }
 
     /// Sets wind, force and moment on every tree of one environment from now on; in a batch of single multirotors there
@@ -337,7 +329,7 @@ impl World {
         let numbers: Vec<f32> = air.wind.iter().chain(&air.force).chain(&air.moment).copied().collect();
         let wide: Vec<f64> = numbers.iter().map(|x| f64::from(*x)).collect();
         finite("disturbance", &wide)?;
-        for (row, value) in self.blocks[block][*first..].iter_mut().zip(numbers) {
+        for (row, value) in self.blocks[block].rows[*first..].iter_mut().zip(numbers) {
             row[lane] = value;
         }
         Ok(())
