@@ -88,10 +88,36 @@ impl Error {
         Self::Limit { what: what.into(), value: value.to_string(), limit: limit.to_string(), remedy: remedy.into() }
     }
 
+    /// What the TOML parser said about `text`, with line and column, and for an unknown key the nearest known one.
+    pub fn of_toml(error: &toml::de::Error, text: &str, file: &str) -> Self {
+        let place = match error.span() {
+            None => "the text".to_string(),
+            Some(span) => {
+                let before = text.get(..span.start).unwrap_or(text);
+                let line_start = before.rfind('\n').map_or(0, |i| i + 1);
+                format!("line {}, column {}", before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+            }
+        };
+        let rule = error.message().lines().collect::<Vec<_>>().join(" ");
+        let remedy = unknown_key_remedy(&rule).unwrap_or_else(|| "Correct the file there.".into());
+        Self::Format { file: file.into(), place, rule, remedy }
+    }
+
     /// A [`Error::File`] for `path`.
     pub fn file(path: impl AsRef<Path>, source: std::io::Error) -> Self {
         Self::File { path: path.as_ref().to_path_buf(), source }
     }
+}
+
+/// serde says: unknown field `x`, expected one of `a`, `b`.
+fn unknown_key_remedy(message: &str) -> Option<String> {
+    let mut quoted = message.strip_prefix("unknown field ")?.split('`').skip(1).step_by(2);
+    let key = quoted.next()?;
+    let nearest = quoted.map(|known| (edit_distance(key, known), known)).min();
+    Some(match nearest {
+        Some((distance, known)) if 2 * distance <= known.len() => format!("Did you mean `{known}`?"),
+        _ => "Remove the key: it has no meaning there.".into(),
+    })
 }
 
 /// A number of hundreds of digits in scientific notation; any other text as it is.

@@ -90,6 +90,7 @@ pub mod parallel;
 #[cfg(feature = "plot")]
 pub mod plot;
 pub mod rng;
+pub mod tasks;
 
 #[doc = include_str!("../CONVENTIONS.md")]
 pub mod conventions {}

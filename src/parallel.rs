@@ -56,6 +56,15 @@ impl Threads {
         }
     }
 
+    /// `work(part)` for parts of `size` items of something that can be cut in two, in any order. Allocates nothing.
+    pub fn for_each_part<P: Divide>(&self, whole: P, size: usize, work: &(impl Fn(P) + Sync + Send)) {
+        if self.count() == 1 {
+            one_by_one(whole, size, work);
+        } else {
+            self.run(|| in_halves(whole, size, work));
+        }
+    }
+
     /// `work(index)` for every index, results in order.
     pub fn map<T: Send>(&self, n: usize, work: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
         if self.count() == 1 {
@@ -64,4 +73,30 @@ impl Threads {
             self.run(|| (0..n).into_par_iter().map(work).collect())
         }
     }
+}
+
+/// Items side by side, in whatever arrays, that can be cut into those before a place and those from it on.
+pub trait Divide: Sized + Send {
+    /// Number of items.
+    fn count(&self) -> usize;
+    /// The first `at` items and the rest.
+    fn divide(self, at: usize) -> (Self, Self);
+}
+
+fn one_by_one<P: Divide>(mut rest: P, size: usize, work: &impl Fn(P)) {
+    while rest.count() > size {
+        let (part, behind) = rest.divide(size);
+        work(part);
+        rest = behind;
+    }
+    work(rest);
+}
+
+fn in_halves<P: Divide>(whole: P, size: usize, work: &(impl Fn(P) + Sync + Send)) {
+    if whole.count() <= size {
+        return work(whole);
+    }
+    let half = whole.count().div_ceil(2 * size) * size;
+    let (a, b) = whole.divide(half);
+    rayon::join(|| in_halves(a, size, work), || in_halves(b, size, work));
 }

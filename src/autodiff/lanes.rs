@@ -13,6 +13,8 @@
 //! tests of this file. The fallback calls the standard library instead.
 
 use super::custom::{Operation, Scratch};
+use super::program::BLOCK;
+use super::rows::{Rows, RowsMut};
 use super::scalar::{Mask, Scalar};
 use pulp::{Simd, WithSimd};
 use std::fmt;
@@ -95,6 +97,25 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub(crate) fn store(self, target: &mut [f32]) {
         S::as_mut_simd_f32s(target).0[0] = self.0;
+    }
+
+    /// The registers at lanes `at` … of all rows of a block, to read.
+    #[inline(always)]
+    pub(crate) fn rows(block: &[[f32; BLOCK]], at: usize) -> Rows<'_, Self> {
+        let registers = S::as_simd_f32s(block.as_flattened()).0;
+        // SAFETY: `Lanes` is `repr(transparent)` over the register, so slices of the two have one layout.
+        let lanes = unsafe { std::slice::from_raw_parts(registers.as_ptr().cast::<Self>(), registers.len()) };
+        Rows::strided(&lanes[(at / Self::WIDTH).min(lanes.len())..], BLOCK / Self::WIDTH)
+    }
+
+    /// The registers at lanes `at` … of all rows of a block, to write.
+    #[inline(always)]
+    pub(crate) fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> RowsMut<'_, Self> {
+        let registers = S::as_mut_simd_f32s(block.as_flattened_mut()).0;
+        // SAFETY: as in `rows`; the borrow is exclusive and lives on in the result.
+        let lanes = unsafe { std::slice::from_raw_parts_mut(registers.as_mut_ptr().cast::<Self>(), registers.len()) };
+        let first = (at / Self::WIDTH).min(lanes.len());
+        RowsMut::strided(&mut lanes[first..], BLOCK / Self::WIDTH)
     }
 
     #[inline(always)]

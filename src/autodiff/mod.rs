@@ -26,6 +26,7 @@ pub mod jet;
 pub(crate) mod lanes;
 pub mod program;
 pub mod rollout;
+pub mod rows;
 pub mod safe;
 pub mod scalar;
 pub mod system;
@@ -38,6 +39,7 @@ pub use derivative::{CompiledJacobian, JacobianScratch, Linearisation, jacobian,
 pub use lanes::lane_width;
 pub use program::Program;
 pub use rollout::{Gradient, Rollout};
+pub use rows::{Pen, Rows, RowsMut};
 pub use scalar::{Mask, Scalar};
 pub use system::{Objective, System};
 pub use trace::{Recording, Trace};

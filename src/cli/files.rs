@@ -35,22 +35,7 @@ pub fn read_text(path: &Path, limit: u64) -> Result<String> {
 /// A TOML file as `T`; mistakes are named with line and column, unknown keys with the known ones.
 pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T> {
     let text = read_text(path, MAX_CONFIG_BYTES)?;
-    toml::from_str(&text).map_err(|error| {
-        let place = match error.span() {
-            None => "the text".into(),
-            Some(span) => {
-                let before = text.get(..span.start).unwrap_or(&text);
-                let line = before.rsplit('\n').next().unwrap_or("");
-                format!("line {}, column {}", before.matches('\n').count() + 1, line.chars().count() + 1)
-            }
-        };
-        Error::Format {
-            file: path.display().to_string(),
-            place,
-            rule: error.message().lines().collect::<Vec<_>>().join(" "),
-            remedy: "Correct the file there.".into(),
-        }
-    })
+    toml::from_str(&text).map_err(|error| Error::of_toml(&error, &text, &path.display().to_string()))
 }
 
 /// Makes `folder` and tries to write into it, so that a flight is not flown in vain.

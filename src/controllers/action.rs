@@ -2,9 +2,10 @@
 
 use super::attitude::AttitudeCommand;
 use super::rate::RateCommand;
+use super::reference::Sample;
 use super::velocity::VelocityCommand;
 use crate::autodiff::Scalar;
-use crate::dynamics::spatial::Quat;
+use crate::dynamics::spatial::{Quat, Vec3};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_3, PI};
@@ -14,9 +15,11 @@ use std::f64::consts::{FRAC_PI_3, PI};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ActionScale {
+    /// Offset of the target from the present position in position mode, per axis, m. Default 1.
+    pub position: f64,
     /// Velocity per axis, m/s. Default 1, as in the paper.
     pub velocity: f64,
-    /// Yaw in velocity mode, rad. Default π, as in the paper.
+    /// Yaw in velocity and position mode, rad. Default π, as in the paper.
     pub yaw: f64,
     /// Body rates in rate mode, rad/s. Default π, as in the paper.
     pub rate: f64,
@@ -28,7 +31,7 @@ pub struct ActionScale {
 
 impl Default for ActionScale {
     fn default() -> Self {
-        Self { velocity: 1.0, yaw: PI, rate: PI, yaw_rate: PI, tilt: FRAC_PI_3 }
+        Self { position: 1.0, velocity: 1.0, yaw: PI, rate: PI, yaw_rate: PI, tilt: FRAC_PI_3 }
     }
 }
 
@@ -47,6 +50,7 @@ impl ActionScale {
     /// Checks that every scale is finite and > 0, and the tilt below π/2.
     pub fn validate(&self) -> Result<()> {
         let rows = [
+            ("action_scale.position", self.position, 1e3),
             ("action_scale.velocity", self.velocity, 1e3),
             ("action_scale.yaw", self.yaw, 1e3),
             ("action_scale.rate", self.rate, 1e3),
@@ -59,6 +63,27 @@ impl ActionScale {
             }
         }
         Ok(())
+    }
+
+    /// Position mode: [Δx, Δy, Δz, ψ], world: a point at rest beside `position`.
+    #[inline(always)]
+    pub fn position<S: Scalar>(&self, action: [S; 4], position: Vec3<S>) -> Sample<S> {
+        let (o, zero, p) = (S::zero(), [S::zero(); 3], S::constant(self.position));
+        let mut target = position;
+        for i in 0..3 {
+            target[i] = clip(action[i]).mul_add(p, position[i]);
+        }
+        let yaw = clip(action[3]) * S::constant(self.yaw);
+        Sample {
+            position: target,
+            velocity: zero,
+            acceleration: zero,
+            jerk: zero,
+            snap: zero,
+            yaw,
+            yaw_rate: o,
+            yaw_acceleration: o,
+        }
     }
 
     /// Velocity mode: [v_x, v_y, v_z, ψ], world.

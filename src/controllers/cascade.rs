@@ -248,11 +248,19 @@ impl<const R: usize> CascadeModel<f64, R> {
 
 impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     /// The same parameters in every lane.
+    #[inline(always)]
     pub fn constant(model: &CascadeModel<f64, R>) -> Self {
         let limits = &model.limits;
         let gains = &model.gains;
         let plain =
             Gains { position: gains.position, velocity: gains.velocity, attitude: gains.attitude, rate: gains.rate };
+        let (mut mixer, mut max_thrust) = ([[S::zero(); 4]; R], [S::zero(); R]);
+        for i in 0..R {
+            for k in 0..4 {
+                mixer[i][k] = S::constant(model.mixer[i][k]);
+            }
+            max_thrust[i] = S::constant(model.max_thrust[i]);
+        }
         Self {
             body: Body::constant(&model.body),
             gains: GainSet::constant(&plain),
@@ -262,8 +270,8 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
                 force: S::constant(limits.force),
                 thrust: S::constant(limits.thrust),
             },
-            mixer: model.mixer.map(|row| row.map(S::constant)),
-            max_thrust: model.max_thrust.map(S::constant),
+            mixer,
+            max_thrust,
         }
     }
 

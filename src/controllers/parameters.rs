@@ -25,6 +25,7 @@ impl<S: Scalar> GainSet<S> {
     pub const DIM: usize = 12;
 
     /// The same gains in every lane.
+    #[inline(always)]
     pub fn constant(gains: &Gains) -> Self {
         Self {
             position: constants(gains.position),
@@ -126,6 +127,7 @@ impl Body<f64> {
 
 impl<S: Scalar> Body<S> {
     /// The same body in every lane.
+    #[inline(always)]
     pub fn constant(body: &Body<f64>) -> Self {
         Self {
             mass: S::constant(body.mass),

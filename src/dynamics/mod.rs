@@ -9,6 +9,7 @@
 //! | [`rigid`] | the rigid multirotor's equations, over any scalar |
 //! | [`integrate`] | RK4 and the semi-implicit step |
 //! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
+//! | [`frame`] | where a body is and how it moves |
 //! | [`fleet`] | several multirotors in each other's downwash, as one system |
 //! | [`tree`] | articulated systems: bodies in a tree, joints, drives, rotors |
 //! | [`assembly`] | vehicles and primitives joined into such a system |
@@ -26,6 +27,7 @@ pub mod batch;
 pub mod configurations;
 pub mod contact;
 pub mod fleet;
+pub mod frame;
 pub mod gains;
 pub mod integrate;
 pub mod multirotor;
@@ -41,6 +43,7 @@ pub mod vehicles;
 
 pub use batch::World;
 pub use fleet::{Downwash, Fleet};
+pub use frame::Frame;
 pub use integrate::Integrator;
 pub use multirotor::{Multirotor, Physics};
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};

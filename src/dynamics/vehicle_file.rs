@@ -24,7 +24,7 @@ impl Vehicle {
     /// ```
     pub fn from_toml_str(text: &str, file_name: &str) -> Result<Self> {
         check_size(text.len() as u64, file_name)?;
-        let vehicle: Self = toml::from_str(text).map_err(|error| syntax_error(&error, text, file_name))?;
+        let vehicle: Self = toml::from_str(text).map_err(|error| Error::of_toml(&error, text, file_name))?;
         vehicle.validate().and_then(|()| unique_names(&vehicle)).map_err(|error| in_file(error, file_name))?;
         Ok(vehicle)
     }
@@ -103,32 +103,6 @@ fn in_file(error: Error, file_name: &str) -> Error {
         }
         other => other,
     }
-}
-
-/// What the parser said, with line and column, and for an unknown key the nearest known one.
-fn syntax_error(error: &toml::de::Error, text: &str, file_name: &str) -> Error {
-    let place = match error.span() {
-        None => "the text".to_string(),
-        Some(span) => {
-            let before = text.get(..span.start).unwrap_or(text);
-            let line_start = before.rfind('\n').map_or(0, |i| i + 1);
-            format!("line {}, column {}", before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
-        }
-    };
-    let rule = error.message().lines().collect::<Vec<_>>().join(" ");
-    let remedy = unknown_key_remedy(&rule).unwrap_or_else(|| "Correct the file there.".into());
-    format_error(file_name, &place, &rule, &remedy)
-}
-
-/// serde says: unknown field `x`, expected one of `a`, `b`.
-fn unknown_key_remedy(message: &str) -> Option<String> {
-    let mut quoted = message.strip_prefix("unknown field ")?.split('`').skip(1).step_by(2);
-    let key = quoted.next()?;
-    let nearest = quoted.map(|known| (crate::error::edit_distance(key, known), known)).min();
-    Some(match nearest {
-        Some((distance, known)) if 2 * distance <= known.len() => format!("Did you mean `{known}`?"),
-        _ => "Remove the key: it has no meaning there.".into(),
-    })
 }
 
 #[cfg(test)]

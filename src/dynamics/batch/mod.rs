@@ -5,5 +5,6 @@ mod plant;
 mod tree_kernel;
 mod world;
 
-pub(crate) use kernel::EXPLODED;
+pub(crate) use kernel::{ALIVE, EXPLODED, STOPPED};
+pub(crate) use plant::{Block, Plant};
 pub use world::{DEFAULT_MEMORY_LIMIT, Failure, Reason, World};

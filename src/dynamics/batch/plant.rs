@@ -2,15 +2,18 @@
 
 use super::kernel::{self, ALIVE, StepBlocks, n_packed, pack};
 use super::tree_kernel::StepTrees;
-use crate::autodiff::lanes::dispatch;
+use crate::autodiff::lanes::{Lanes, dispatch};
 use crate::autodiff::program::BLOCK;
+use crate::dynamics::frame::Frame;
 use crate::dynamics::integrate::Grid;
 use crate::dynamics::multirotor::{AnyModel, Multirotor, Physics};
 use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, parameter_vector};
+use crate::dynamics::tree::frames;
 use crate::dynamics::tree::topology::Topology;
 use crate::dynamics::tree::{Model, Multibody, number_vector};
 use crate::dynamics::vehicle::Vehicle;
 use crate::error::{Error, Result};
+use pulp::{Simd, WithSimd};
 
 /// Rows of numbers, one column per environment.
 pub(crate) type Rows = Vec<[f32; BLOCK]>;
@@ -132,6 +135,37 @@ impl Plant {
             Self::Rigid(p) => &p.shared,
             Self::Tree(p) => &p.shared,
         }
+    }
+
+    /// Row of number k of the input: rotor actions, drives, disturbances as in the system's own.
+    pub(crate) fn input_row(&self, k: usize) -> usize {
+        match self {
+            Self::Rigid(p) if k < p.n_rotor => p.rows.action + k,
+            Self::Rigid(p) => p.rows.disturbance + k - p.n_rotor,
+            Self::Tree(p) => p.topology.n_state + k,
+        }
+    }
+
+    /// Gives one environment of a block numbers of its own, those of the system's vector at `which`. Allocates in a
+    /// block's first call only.
+    pub(crate) fn set_numbers(&self, block: &mut Block, lane: usize, numbers: &[f64], which: &[usize]) {
+        let rows = self.own(block);
+        match self {
+            Self::Rigid(p) => {
+                let mut rows = rows.iter_mut();
+                p.pack(numbers, |x| {
+                    if let Some(row) = rows.next() {
+                        row[lane] = x as f32;
+                    }
+                });
+            }
+            Self::Tree(_) => which.iter().for_each(|k| rows[*k][lane] = numbers[*k] as f32),
+        }
+    }
+
+    /// Writes the frames of all bodies of a block, [`FRAME`](crate::dynamics::frame::FRAME) rows each.
+    pub(crate) fn frames(&self, block: &Block, out: &mut [[f32; BLOCK]]) {
+        dispatch(WriteFrames { plant: self, block, out });
     }
 
     /// First row of the nine numbers of each tree's disturbance; none without that effect.
@@ -285,6 +319,37 @@ fn padded_rotors(n: usize) -> usize {
         5..=6 => 6,
         7..=8 => 8,
         _ => 16,
+    }
+}
+
+/// Frames of a block, for the dispatcher.
+struct WriteFrames<'a> {
+    plant: &'a Plant,
+    block: &'a Block,
+    out: &'a mut [[f32; BLOCK]],
+}
+
+impl WithSimd for WriteFrames<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let mut at = 0;
+        while at < BLOCK {
+            let state = Lanes::<S>::rows(&self.block.rows, at);
+            match self.plant {
+                Plant::Rigid(_) => {
+                    Frame::of_vehicle(&state).write(&mut Lanes::<S>::rows_mut(self.out, at).pen(0));
+                }
+                Plant::Tree(p) => {
+                    let numbers = match &self.block.numbers {
+                        Some(own) => Lanes::<S>::rows(own, at),
+                        None => Lanes::<S>::rows(&p.shared, 0),
+                    };
+                    frames::write(&p.topology, numbers, &state, &mut Lanes::<S>::rows_mut(self.out, at));
+                }
+            }
+            at += Lanes::<S>::WIDTH;
+        }
     }
 }
 

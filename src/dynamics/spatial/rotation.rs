@@ -122,6 +122,13 @@ pub fn from_euler<S: Scalar>(roll: S, pitch: S, yaw: S) -> Quat<S> {
     multiply([cy, o, o, sy], multiply([cp, o, sp, o], [cr, sr, o, o]))
 }
 
+/// The horizontal unit vector at a yaw, (cos ψ, sin ψ, 0).
+#[inline(always)]
+pub fn yawed<S: Scalar>(yaw: S) -> Vec3<S> {
+    let (s, c) = yaw.sin_cos();
+    [c, s, S::zero()]
+}
+
 /// (roll, pitch, yaw) of R = Rz(yaw) Ry(pitch) Rx(roll); for plots and files, not for control.
 #[inline(always)]
 pub fn to_euler<S: Scalar>(q: Quat<S>) -> Vec3<S> {

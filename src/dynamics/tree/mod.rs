@@ -8,6 +8,7 @@
 //! | `topology` | what kernels branch on |
 //! | `scratch` | memory of one evaluation |
 //! | `kinematics` | where every body is and how it moves |
+//! | `frames` | the same by quaternions, for observations |
 //! | `loads` | rotors, air, disturbance, wakes |
 //! | `touch` | contact forces |
 //! | `torque` | damping, springs, limits, drives |
@@ -19,6 +20,7 @@
 
 mod aba;
 pub mod analysis;
+pub(crate) mod frames;
 mod kinematics;
 pub mod layout;
 mod loads;

@@ -6,7 +6,7 @@
 //! numbers: they stay as they were built.
 
 use super::model::{Body, BodyShape, Model, MountedRotor};
-use crate::autodiff::Scalar;
+use crate::autodiff::{Rows, Scalar};
 use crate::dynamics::rigid::ROTOR_PARAMETERS;
 use crate::dynamics::spatial::Vec3;
 
@@ -124,6 +124,13 @@ impl<S: Scalar> Numbers<S> for Source<'_, S> {
             Self::Constants(numbers) => S::constant(numbers[k]),
             Self::Values(numbers) => numbers[k],
         }
+    }
+}
+
+impl<S: Scalar> Numbers<S> for Rows<'_, S> {
+    #[inline(always)]
+    fn get(self, k: usize) -> S {
+        Rows::get(&self, k)
     }
 }
 

@@ -1,0 +1,120 @@
+//! Frames of all bodies by quaternions: what tasks observe.
+//!
+//! The same chain as in `kinematics`, with attitudes as quaternions and without the biases that accelerations need:
+//! q_i = q_p ⊗ q_joint ⊗ q(θ), p_i = p_p + R_p r, v_i = v_p + ω_p × (p_i − p_p), ω_i = ω_p + R_i ω_J.
+
+use super::model::IDENTITY;
+use super::numbers::{Numbers, at, body_numbers};
+use super::topology::{Axis, Kind, Link, Topology};
+use crate::autodiff::{Rows, RowsMut, Scalar};
+use crate::dynamics::frame::{FRAME, Frame};
+use crate::dynamics::spatial::*;
+
+/// Writes the frame of every body, [`FRAME`] numbers each.
+#[inline(always)]
+pub(crate) fn write<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, x: &Rows<'_, S>, out: &mut RowsMut<'_, S>) {
+    for i in 0..t.n_body() {
+        let link = &t.links[i];
+        let origin = numbers.vector(body_numbers(i) + at::JOINT_POSITION);
+        let parent = match link.parent {
+            Some(p) => Frame::read(&out.rows().from(p * FRAME)),
+            None => world(),
+        };
+        let frame = place(link, origin, x, &parent);
+        frame.write(&mut out.pen(i * FRAME));
+    }
+}
+
+#[inline(always)]
+fn world<S: Scalar>() -> Frame<S> {
+    let o = [S::zero(); 3];
+    Frame { position: o, velocity: o, attitude: identity(), angular_velocity: o }
+}
+
+#[inline(always)]
+fn place<S: Scalar>(link: &Link, origin: Vec3<S>, x: &Rows<'_, S>, parent: &Frame<S>) -> Frame<S> {
+    if link.kind == Kind::Floating {
+        let mut own = Frame::of_vehicle(&x.from(link.position));
+        own.attitude = unit(own.attitude);
+        return own;
+    }
+    let fixed = match link.turn {
+        Some(turn) if turn != IDENTITY => multiply(parent.attitude, constants(from_matrix::<f64>(turn))),
+        _ => parent.attitude,
+    };
+    let (position, velocity) =
+        if link.coincident { (parent.position, parent.velocity) } else { parent.point(origin) };
+    let mut own = Frame { position, velocity, attitude: fixed, angular_velocity: parent.angular_velocity };
+    let (angle, rate) = (link.position, link.velocity);
+    match link.kind {
+        Kind::Hinge(axis) => {
+            let axis: Vec3<S> = vector(axis);
+            let (s, c) = (x.get(angle) * S::constant(0.5)).sin_cos();
+            own.attitude = multiply(fixed, [c, s * axis[0], s * axis[1], s * axis[2]]);
+            own.angular_velocity = axpy(own.angular_velocity, x.get(rate), rotate(fixed, axis));
+        }
+        Kind::Slide(axis) => {
+            let along = rotate(fixed, vector(axis));
+            let shift = scale(x.get(angle), along);
+            own.position = add(own.position, shift);
+            let carried = add(own.velocity, cross(parent.angular_velocity, shift));
+            own.velocity = axpy(carried, x.get(rate), along);
+        }
+        Kind::Ball | Kind::Floating => {
+            own.attitude = multiply(fixed, unit(x.array(angle)));
+            own.angular_velocity = add(own.angular_velocity, rotate(own.attitude, x.array(rate)));
+        }
+    }
+    own
+}
+
+/// An axis as a vector.
+#[inline(always)]
+fn vector<S: Scalar>(axis: Axis) -> Vec3<S> {
+    let (o, l) = (S::zero(), S::one());
+    match axis {
+        Axis::X => [l, o, o],
+        Axis::Y => [o, l, o],
+        Axis::Z => [o, o, l],
+        Axis::General(a) => constants(a),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dynamics::configurations;
+    use crate::dynamics::tree::kinematics::forward;
+    use crate::dynamics::tree::numbers::{Source, number_vector};
+    use crate::dynamics::tree::scratch::{Scratch, scratch_on_stack};
+    use crate::rng::{Purpose, Stream};
+
+    #[test]
+    fn frames_are_those_of_the_kinematics_that_accelerations_use() {
+        let mut worst = 0.0_f64;
+        for model in configurations::all().unwrap() {
+            let t = Topology::bare(&model);
+            let numbers = number_vector(&model);
+            let mut r = Stream::new(9, 0, 0, Purpose::user(9));
+            for _ in 0..20 {
+                let x: Vec<f64> = (0..t.n_state).map(|_| r.uniform(-1.0, 1.0)).collect();
+                let mut out = vec![0.0; t.n_body() * FRAME];
+                write(&t, Source::Constants(&numbers), &Rows::of(&x), &mut RowsMut::of(&mut out));
+                scratch_on_stack!(scratch, &t, f64);
+                forward(&t, Source::Constants(&numbers), &x, scratch.bodies);
+                for i in 0..t.n_body() {
+                    let (frame, body) = (Frame::read(&Rows::of(&out[i * FRAME..])), &scratch.bodies[i]);
+                    for k in 0..3 {
+                        worst = worst.max((frame.position[k] - body.position[k]).abs());
+                        worst = worst.max((frame.velocity[k] - body.velocity[k]).abs());
+                        worst = worst.max((frame.angular_velocity[k] - body.angular_velocity[k]).abs());
+                        let (a, b) = (matrix(frame.attitude)[k], body.rotation[k]);
+                        worst = (0..3).fold(worst, |w, j| w.max((a[j] - b[j]).abs()));
+                    }
+                }
+            }
+        }
+        println!("frames against kinematics {worst:.1e}");
+        assert!(worst < 1e-12, "{worst:e}"); // FILL
+    }
+}

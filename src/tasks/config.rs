@@ -1,0 +1,280 @@
+//! What an environment is made of, as plain data: in TOML by the same names.
+
+use super::observation::Stage;
+use super::randomise::Change;
+use super::rig::{Rig, benchmark, benchmark_effects};
+use crate::controllers::action::ActionScale;
+use crate::controllers::cascade::Level;
+use crate::dynamics::configurations::Omav;
+use crate::dynamics::integrate::Integrator;
+use crate::dynamics::{Effects, Physics, Vehicle, vehicles};
+use crate::error::{Error, Result};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Deserializer, Serialize};
+
+/// What a done environment does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Autoreset {
+    /// Restarts in the same step: `final_*` hold the end, `obs` the first observation of the next episode.
+    #[default]
+    SameStep,
+    /// Restarts in the next step, whose action is ignored and whose reward is 0 (Gymnasium's default).
+    NextStep,
+    /// Stands still until [`Env::reset`](super::Env::reset).
+    Disabled,
+}
+
+impl Autoreset {
+    /// All three.
+    pub const ALL: [Self; 3] = [Self::SameStep, Self::NextStep, Self::Disabled];
+}
+
+/// How numbers of an action become commands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind", deny_unknown_fields)]
+pub enum ActionSpace {
+    /// Each in [−1, 1].
+    #[default]
+    Continuous,
+    /// One number in 0 … levelsⁿ − 1 per agent: its digits to the base `levels` are the commands, evenly spaced over
+    /// [−1, 1], the first command the highest digit.
+    Discrete {
+        /// 2 or more.
+        levels: usize,
+    },
+    /// One number in 0 … levels − 1 per command.
+    MultiDiscrete {
+        /// 2 or more.
+        levels: usize,
+    },
+}
+
+/// Steps between an action and its effect, drawn anew for every episode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Delay {
+    /// Fewest.
+    pub min: usize,
+    /// Most, up to [`MAX_DELAY`].
+    pub max: usize,
+}
+
+/// Most steps of delay.
+pub const MAX_DELAY: usize = 32;
+/// Most steps of an episode.
+pub const MAX_HORIZON: usize = 10_000_000;
+/// Most memory of an environment unless [`EnvConfig::memory_limit`] says otherwise, bytes.
+pub const MEMORY_LIMIT: u64 = 8 << 30;
+
+/// A batch of environments: how many, what physics, which transforms. The task's own settings stand in `task`.
+///
+/// ```
+/// use omnidrones::tasks::EnvConfig;
+/// let config = EnvConfig::from_toml("n_env = 256\ncontrol = 'rate'\n[task]\nvehicle = 'crazyflie'", "my.toml")?;
+/// assert_eq!((config.n_env, config.control_steps()), (256, 4));
+/// # Ok::<(), omnidrones::error::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EnvConfig {
+    /// Environments, E.
+    #[serde(deserialize_with = "whole")]
+    pub n_env: usize,
+    /// Of all randomness.
+    pub seed: u64,
+    /// Number of the first environment: a shard of a larger batch gives its own.
+    pub first_environment: u64,
+    /// Where actions enter the cascade.
+    pub control: Level,
+    /// What an action of 1 means in the control modes.
+    pub action_scale: ActionScale,
+    /// Numbers of an action.
+    pub actions: ActionSpace,
+    /// Steps between an action and its effect.
+    pub delay: Delay,
+    /// Seconds per step of the environment.
+    pub dt: f64,
+    /// Computations of the control modes' rate level per step, each followed by the physics of its time; 0 means 1 in
+    /// rotor mode and 4 otherwise.
+    pub control_rate: usize,
+    /// Integrator steps per computation.
+    pub substeps: usize,
+    /// How each is integrated.
+    pub integrator: Integrator,
+    /// Transforms of the observation, in order.
+    pub observation: Vec<Stage>,
+    /// What differs between environments and episodes.
+    pub randomise: Vec<Change>,
+    /// What a done environment does.
+    pub autoreset: Autoreset,
+    /// Whether first episodes begin anywhere in time, so that time-outs do not come together.
+    pub stagger: bool,
+    /// Most memory, bytes.
+    pub memory_limit: u64,
+    /// The task's own settings.
+    pub task: toml::Table,
+}
+
+impl Default for EnvConfig {
+    fn default() -> Self {
+        Self {
+            n_env: 4096,
+            seed: 0,
+            first_environment: 0,
+            control: Level::Rotor,
+            action_scale: ActionScale::default(),
+            actions: ActionSpace::Continuous,
+            delay: Delay::default(),
+            dt: 0.016,
+            control_rate: 0,
+            substeps: 1,
+            integrator: Integrator::RungeKutta4,
+            observation: Vec::new(),
+            randomise: Vec::new(),
+            autoreset: Autoreset::SameStep,
+            stagger: false,
+            memory_limit: MEMORY_LIMIT,
+            task: toml::Table::new(),
+        }
+    }
+}
+
+/// A count that may be written as `1e6`; what it cannot be, the message says.
+fn whole<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<usize, D::Error> {
+    let value = f64::deserialize(deserializer)?;
+    if value >= 1.0 && value <= 9e15 && value.fract() == 0.0 {
+        return Ok(value as usize);
+    }
+    let text = format!("n_env is {value}, but it must be a whole number from 1 on. Memory sets the upper limit");
+    Err(serde::de::Error::custom(text))
+}
+
+impl EnvConfig {
+    /// From TOML text; `file` is for messages.
+    ///
+    /// # Errors
+    /// [`Error::Format`] with line, column and the nearest known key.
+    pub fn from_toml(text: &str, file: &str) -> Result<Self> {
+        toml::from_str(text).map_err(|e| Error::of_toml(&e, text, file))
+    }
+
+    /// Checks every number but the size of the batch, which needs the task.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
+    pub fn validate(&self) -> Result<()> {
+        self.physics().validate()?;
+        self.action_scale.validate()?;
+        let counts = [("control_rate", self.control_rate, 0, 1000), ("substeps", self.substeps, 1, 1000)];
+        for (what, value, least, most) in counts {
+            if value < least || value > most {
+                return Err(Error::limit(what, value, format!("{least} to {most}"), "Lower dt instead."));
+            }
+        }
+        if self.delay.min > self.delay.max || self.delay.max > MAX_DELAY {
+            let (value, limit) = (format!("{} to {}", self.delay.min, self.delay.max), format!("0 to {MAX_DELAY} steps"));
+            return Err(Error::limit("delay", value, limit, "Give min ≤ max."));
+        }
+        if let ActionSpace::Discrete { levels } | ActionSpace::MultiDiscrete { levels } = self.actions
+            && !(2..=1024).contains(&levels)
+        {
+            return Err(Error::limit("actions.levels", levels, "2 to 1024", "Use continuous actions."));
+        }
+        self.observation.iter().try_for_each(Stage::validate)?;
+        self.randomise.iter().try_for_each(Change::validate)
+    }
+
+    /// Computations of the control modes per step.
+    pub fn control_steps(&self) -> usize {
+        match (self.control_rate, self.control) {
+            (0, Level::Rotor) => 1,
+            (0, _) => 4,
+            (n, _) => n,
+        }
+    }
+
+    /// Physics of one computation: its time step is dt/[`control_steps`](Self::control_steps).
+    pub fn physics(&self) -> Physics {
+        let windy = self.randomise.iter().any(|c| c.blows());
+        Physics {
+            dt: self.dt / self.control_steps() as f64,
+            substeps: self.substeps,
+            integrator: self.integrator,
+            effects: Effects { disturbance: windy, ..benchmark_effects() },
+        }
+    }
+
+    /// As [`EnvConfig::physics`] with other effects beside the benchmark's.
+    pub fn physics_with(&self, change: impl FnOnce(&mut Effects)) -> Physics {
+        let mut physics = self.physics();
+        change(&mut physics.effects);
+        physics
+    }
+
+    /// The task's settings.
+    ///
+    /// # Errors
+    /// [`Error::Format`] with the nearest known key.
+    pub fn settings<T: DeserializeOwned>(&self) -> Result<T> {
+        let text = toml::to_string(&self.task).unwrap_or_default();
+        toml::from_str(&text).map_err(|e| Error::of_toml(&e, &text, "[task]"))
+    }
+
+    /// The benchmark's form of a built-in vehicle.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the nearest.
+    pub fn vehicle(&self, name: &str) -> Result<Vehicle> {
+        Ok(benchmark(&vehicles::by_name(name)?))
+    }
+
+    /// A single drone: any built-in vehicle, or `omav_tilting` with its tilting units.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the nearest.
+    pub fn single_rig(&self, name: &str) -> Result<Rig> {
+        if name.eq_ignore_ascii_case(TILTING) {
+            let rig = Omav { vehicle: self.vehicle("omav")?, ..Omav::default() }.build()?;
+            return Rig::of_model(&rig.model, self.physics(), None, |_| rig.map.units.to_vec());
+        }
+        let vehicle = vehicles::by_name(name).map_err(|error| match error {
+            Error::Unknown { kind, name, mut known } => {
+                known.push(TILTING.into());
+                Error::Unknown { kind, name, known }
+            }
+            other => other,
+        })?;
+        Rig::of_vehicle(&benchmark(&vehicle), self.physics())
+    }
+
+    /// `horizon` within its limits.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] otherwise.
+    pub fn check_horizon(horizon: usize) -> Result<()> {
+        if (1..=MAX_HORIZON).contains(&horizon) {
+            return Ok(());
+        }
+        Err(Error::limit("horizon", horizon, format!("1 to {MAX_HORIZON} steps"), "The benchmark's are 500 and 600."))
+    }
+}
+
+/// The Omav with tilting units, as a vehicle.
+pub const TILTING: &str = "omav_tilting";
+
+/// Settings of the tasks of one drone.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SingleSettings {
+    /// What flies.
+    pub vehicle: String,
+    /// T, steps.
+    pub horizon: usize,
+}
+
+impl Default for SingleSettings {
+    fn default() -> Self {
+        Self { vehicle: "hummingbird".into(), horizon: 500 }
+    }
+}

@@ -1,0 +1,216 @@
+//! Sixty-four environments: what they hold between steps, and the memory that a step works in.
+
+use crate::autodiff::program::BLOCK;
+use crate::dynamics::batch::Block;
+use crate::dynamics::frame::FRAME;
+
+/// Rows of numbers, one column per environment.
+pub(crate) type Columns = Vec<[f32; BLOCK]>;
+
+/// Zeros.
+pub(crate) fn columns(n: usize) -> Columns {
+    vec![[0.0; BLOCK]; n]
+}
+
+/// Rows of the book: what every task keeps.
+pub(crate) mod book {
+    /// Steps since the episode began.
+    pub(crate) const STEP: usize = 0;
+    /// Steps that the clock was ahead at the start.
+    pub(crate) const OFFSET: usize = 1;
+    /// 1 while the episode runs.
+    pub(crate) const RUNNING: usize = 2;
+    /// Sum of rewards.
+    pub(crate) const RETURN: usize = 3;
+    /// Step of the next event.
+    pub(crate) const EVENT: usize = 4;
+    /// Numbers of the last action that were clipped or not finite.
+    pub(crate) const CLIPPED: usize = 5;
+    /// Why the episode terminated: 0 not, n the n-th reason, one more than there are: diverged.
+    pub(crate) const REASON: usize = 6;
+    /// Whether it was truncated.
+    pub(crate) const TRUNCATED: usize = 7;
+    /// Steps of delay of the actions.
+    pub(crate) const DELAY: usize = 8;
+    /// Sums of the reward's terms follow.
+    pub(crate) const TERMS: usize = 9;
+}
+
+/// Numbers of one environment beside its physics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Sizes {
+    pub term: usize,
+    pub end: usize,
+    pub metric: usize,
+    pub goal: usize,
+    pub memo: usize,
+    /// Numbers of the physics that vary.
+    pub theta: usize,
+    /// Numbers of a randomised wind: 3 or none.
+    pub air: usize,
+    /// Agents.
+    pub agent: usize,
+    /// Commands of all agents.
+    pub command: usize,
+    /// Numbers of the actions of all agents.
+    pub action: usize,
+    /// Slots of the delay line.
+    pub delay: usize,
+    /// Of one agent, before and after the transforms.
+    pub raw: usize,
+    pub observation: usize,
+    /// Memory of the transforms of all agents.
+    pub history: usize,
+    pub central: usize,
+    pub frame: usize,
+    pub rotor: usize,
+    /// What cascades hold within a step.
+    pub held: usize,
+    /// Of one agent, that a normaliser sees.
+    pub normalised: usize,
+}
+
+impl Sizes {
+    pub(crate) fn book(&self) -> usize {
+        book::TERMS + self.term
+    }
+
+    /// Numbers of the information of one environment.
+    pub(crate) fn info(&self) -> usize {
+        INFOS.len() + self.term + self.metric
+    }
+}
+
+/// What every environment tells beside the reward, in front of terms and metrics.
+pub(crate) const INFOS: [&str; 6] = ["return", "length", "clipped", "reason", "success", "loss"];
+
+/// Sixty-four environments.
+#[derive(Debug, Clone)]
+pub(crate) struct EnvBlock {
+    pub plant: Block,
+    pub book: Columns,
+    pub goal: Columns,
+    pub memo: Columns,
+    pub theta: Columns,
+    /// Wind, m/s, where it is randomised.
+    pub air: Columns,
+    pub line: Columns,
+    pub history: Columns,
+    pub seed: [u64; BLOCK],
+    pub episode: [u64; BLOCK],
+    /// Observations that a normaliser has seen, and their sums and sums of squares about its mean.
+    pub count: f64,
+    pub sums: Vec<[f64; 2]>,
+}
+
+impl EnvBlock {
+    pub(crate) fn new(plant: Block, s: &Sizes) -> Self {
+        Self {
+            plant,
+            book: columns(s.book()),
+            goal: columns(s.goal),
+            memo: columns(s.memo),
+            theta: columns(s.theta),
+            air: columns(s.air),
+            line: columns(s.delay * s.command),
+            history: columns(s.history),
+            seed: [0; BLOCK],
+            episode: [0; BLOCK],
+            count: 0.0,
+            sums: vec![[0.0; 2]; s.normalised],
+        }
+    }
+
+    /// All rows that make up the state of the environments, in order.
+    pub(crate) fn all_rows(&self) -> impl Iterator<Item = &[f32; BLOCK]> {
+        let numbers = self.plant.numbers.iter().flatten();
+        let own =
+            [&self.book, &self.goal, &self.memo, &self.theta, &self.air, &self.line, &self.history];
+        self.plant.rows.iter().chain(numbers).chain(own.into_iter().flatten())
+    }
+
+    /// As [`EnvBlock::all_rows`], to write.
+    pub(crate) fn all_rows_mut(&mut self) -> impl Iterator<Item = &mut [f32; BLOCK]> {
+        let numbers = self.plant.numbers.iter_mut().flatten();
+        let own = [
+            &mut self.book,
+            &mut self.goal,
+            &mut self.memo,
+            &mut self.theta,
+            &mut self.air,
+            &mut self.line,
+            &mut self.history,
+        ];
+        self.plant.rows.iter_mut().chain(numbers).chain(own.into_iter().flatten())
+    }
+}
+
+/// What one worker needs for a block.
+#[derive(Debug, Clone)]
+pub(crate) struct Workspace {
+    pub frames: Columns,
+    pub speeds: Columns,
+    pub action: Columns,
+    pub command: Columns,
+    pub held: Columns,
+    pub memo: Columns,
+    pub terms: Columns,
+    /// One agent's after the other, before the transforms.
+    pub raw: Columns,
+    /// One agent's after the other.
+    pub observation: Columns,
+    pub central: Columns,
+    pub metrics: Columns,
+    /// Reward, success, loss, due events, was running.
+    pub signals: Columns,
+    /// Draws of the sensors' noise.
+    pub noise: Columns,
+    /// Which lanes moved on, which begin an episode.
+    pub moved: Columns,
+    /// What the normaliser sees.
+    pub seen: Columns,
+    pub state: Vec<f64>,
+    pub goal: Vec<f64>,
+    pub memory: Vec<f64>,
+    pub numbers: Vec<f64>,
+}
+
+/// Rows of [`Workspace::signals`].
+pub(crate) mod signal {
+    pub(crate) const REWARD: usize = 0;
+    pub(crate) const SUCCESS: usize = 1;
+    pub(crate) const LOSS: usize = 2;
+    pub(crate) const DUE: usize = 3;
+    pub(crate) const TERMINATED: usize = 4;
+    pub(crate) const TRUNCATED: usize = 5;
+    pub(crate) const COUNT: usize = 6;
+}
+
+/// Numbers that the cascade of one drone holds within a step: attitude command, rate command.
+pub(crate) const HELD: usize = 16 + 7;
+
+impl Workspace {
+    pub(crate) fn new(s: &Sizes, n_state: usize, n_number: usize, n_noise: usize) -> Self {
+        Self {
+            frames: columns(s.frame * FRAME),
+            speeds: columns(s.rotor),
+            action: columns(s.action),
+            command: columns(s.command),
+            held: columns(s.held),
+            memo: columns(s.memo),
+            terms: columns(s.term),
+            raw: columns(s.agent * s.raw),
+            observation: columns(s.agent * s.observation),
+            central: columns(s.central),
+            metrics: columns(s.metric),
+            signals: columns(signal::COUNT),
+            noise: columns(n_noise),
+            moved: columns(2),
+            seen: columns(s.agent * s.normalised),
+            state: vec![0.0; n_state],
+            goal: vec![0.0; s.goal],
+            memory: vec![0.0; s.memo],
+            numbers: vec![0.0; n_number],
+        }
+    }
+}

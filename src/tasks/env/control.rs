@@ -1,0 +1,405 @@
+//! From an agent's numbers to rotor actions: spaces, clipping, delay, and the cascade in the control modes.
+
+use super::block::{EnvBlock, HELD, Workspace, book};
+use crate::autodiff::lanes::{Lanes, dispatch};
+use crate::autodiff::program::BLOCK;
+use crate::autodiff::{Mask, Rows, RowsMut, Scalar, safe};
+use crate::controllers::action::ActionScale;
+use crate::controllers::attitude::AttitudeCommand;
+use crate::controllers::cascade::{CascadeModel, Held, Level};
+use crate::controllers::kinematics::Kinematics;
+use crate::controllers::rate::RateCommand;
+use crate::dynamics::GRAVITY;
+use crate::dynamics::batch::Plant;
+use crate::dynamics::frame::{FRAME, Frame};
+use crate::dynamics::spatial::rotate_back;
+use crate::error::{Error, Result};
+use crate::tasks::config::{ActionSpace, EnvConfig};
+use crate::tasks::rig::Rig;
+use pulp::{Simd, WithSimd};
+
+/// Rotor slots of the compiled cascades.
+#[derive(Debug, Clone)]
+enum Cascades {
+    Four(CascadeModel<f64, 4>),
+    Six(CascadeModel<f64, 6>),
+    Eight(CascadeModel<f64, 8>),
+    Sixteen(CascadeModel<f64, 16>),
+}
+
+/// How actions of a rig become inputs of its system.
+#[derive(Debug, Clone)]
+pub(crate) struct Control {
+    level: Level,
+    scale: ActionScale,
+    space: ActionSpace,
+    cascades: Option<Cascades>,
+    /// Commands of one agent.
+    pub n_command: usize,
+    /// What one agent does where its action is not a number.
+    pub safe: Vec<f64>,
+    /// Names of one agent's commands.
+    pub names: Vec<String>,
+    /// Per agent: places of its rotors, then drives, in the input.
+    inputs: Vec<Vec<usize>>,
+    /// Computations per step.
+    pub steps: usize,
+}
+
+impl Control {
+    pub(crate) fn new(config: &EnvConfig, rig: &Rig) -> Result<Self> {
+        let level = config.control;
+        let place = |d: &crate::tasks::rig::DronePlace| {
+            d.rotors.iter().map(|r| r.action).chain(d.drives.iter().map(|d| d.command)).collect()
+        };
+        let inputs: Vec<Vec<usize>> = rig.drones().iter().map(place).collect();
+        let mut own = Self {
+            level,
+            scale: config.action_scale,
+            space: config.actions,
+            cascades: None,
+            n_command: 4,
+            safe: Vec::new(),
+            names: Vec::new(),
+            inputs,
+            steps: config.control_steps(),
+        };
+        match level {
+            Level::Rotor => own.direct(rig)?,
+            _ => own.cascaded(rig)?,
+        }
+        own.fits()?;
+        Ok(own)
+    }
+
+    fn direct(&mut self, rig: &Rig) -> Result<()> {
+        let first = rig.drone();
+        let counts = rig.drones().iter().map(|d| (d.rotors.len(), d.drives.len()));
+        if let Some(other) = counts.into_iter().find(|c| *c != (first.rotors.len(), first.drives.len())) {
+            let value = format!("{} rotors and {} drives", other.0, other.1);
+            let limit = format!("{} and {} as its first", first.rotors.len(), first.drives.len());
+            return Err(Error::value("a drone of the rig", value, limit, "Agents of a team act alike."));
+        }
+        self.n_command = first.n_action();
+        for (i, rotor) in first.rotors.iter().enumerate() {
+            let share = rig.rest()[rotor.speed] / rotor.max_speed;
+            self.safe.push(2.0 * share * share - 1.0);
+            self.names.push(format!("rotor_{i}"));
+        }
+        self.names.extend((0..first.drives.len()).map(|i| format!("drive_{i}")));
+        self.safe.resize(self.n_command, 0.0);
+        Ok(())
+    }
+
+    fn cascaded(&mut self, rig: &Rig) -> Result<()> {
+        let Some(vehicle) = &rig.vehicle else {
+            let remedy = "Use control = 'rotor', or a vehicle with fixed rotors.";
+            return Err(Error::value("control", self.level.name(), "'rotor' for drones with tilting rotors", remedy));
+        };
+        let gains = vehicle.gains();
+        self.cascades = Some(match vehicle.n_rotor() {
+            0..=4 => Cascades::Four(CascadeModel::new(vehicle, &gains)?),
+            5..=6 => Cascades::Six(CascadeModel::new(vehicle, &gains)?),
+            7..=8 => Cascades::Eight(CascadeModel::new(vehicle, &gains)?),
+            _ => Cascades::Sixteen(CascadeModel::new(vehicle, &gains)?),
+        });
+        let weight = vehicle.mass_properties().mass * GRAVITY;
+        let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
+        let hover = 2.0 * weight / lift - 1.0;
+        let (names, safe) = match self.level {
+            Level::Rate => (["rate_x", "rate_y", "rate_z", "thrust"], [0.0, 0.0, 0.0, hover]),
+            Level::Attitude => (["thrust", "yaw_rate", "roll", "pitch"], [hover, 0.0, 0.0, 0.0]),
+            Level::Velocity => (["velocity_x", "velocity_y", "velocity_z", "yaw"], [0.0; 4]),
+            _ => (["offset_x", "offset_y", "offset_z", "yaw"], [0.0; 4]),
+        };
+        self.names = names.map(String::from).to_vec();
+        self.safe = safe.to_vec();
+        Ok(())
+    }
+
+    /// Joint discretisation grows with the power of the commands.
+    fn fits(&self) -> Result<()> {
+        if let ActionSpace::Discrete { levels } = self.space {
+            let values = (levels as f64).powi(self.n_command as i32);
+            if values > MAX_VALUES {
+                let value = format!("{levels} levels of {} commands, {values:.0} values", self.n_command);
+                let remedy = "Use actions = { kind = 'multi_discrete', levels = .. }.";
+                return Err(Error::limit("discrete actions", value, format!("{MAX_VALUES} values"), remedy));
+            }
+        }
+        Ok(())
+    }
+
+    /// Numbers of one agent's action.
+    pub(crate) fn n_action(&self) -> usize {
+        if matches!(self.space, ActionSpace::Discrete { .. }) { 1 } else { self.n_command }
+    }
+
+    /// Row-major actions of up to sixty-four environments into command rows, and how many of each were changed.
+    pub(crate) fn decode(&self, actions: &[f32], work: &mut Workspace, pages: &mut [[f32; BLOCK]]) {
+        let n_agent = self.inputs.len();
+        let n = n_agent * self.n_action();
+        match self.space {
+            ActionSpace::Continuous => {
+                for (lane, row) in actions.chunks_exact(n).enumerate() {
+                    for (k, value) in row.iter().enumerate() {
+                        work.action[k][lane] = *value;
+                    }
+                }
+                dispatch(Clip { control: self, action: &work.action, command: &mut work.command, pages });
+            }
+            ActionSpace::Discrete { levels } | ActionSpace::MultiDiscrete { levels } => {
+                let joint = self.n_action() == 1 && self.n_command > 1;
+                for (lane, row) in actions.chunks_exact(n).enumerate() {
+                    let mut changed = 0;
+                    for agent in 0..n_agent {
+                        let own = &row[agent * self.n_action()..(agent + 1) * self.n_action()];
+                        let out = &mut work.command[agent * self.n_command..(agent + 1) * self.n_command];
+                        changed += self.pick(own, levels, joint, |k, x| out[k][lane] = x);
+                    }
+                    pages[book::CLIPPED][lane] = changed as f32;
+                }
+            }
+        }
+    }
+
+    /// Commands of one agent's whole numbers; returns how many were out of range.
+    fn pick(&self, own: &[f32], levels: usize, joint: bool, mut put: impl FnMut(usize, f32)) -> usize {
+        let most = if joint { levels.pow(self.n_command as u32) } else { levels } - 1;
+        let level = |digit: usize| 2.0 * digit as f32 / (levels - 1) as f32 - 1.0;
+        let mut changed = 0;
+        for (i, number) in own.iter().enumerate() {
+            let whole = number.round().clamp(0.0, most as f32);
+            changed += usize::from(*number != whole);
+            let mut rest = whole as usize;
+            if !number.is_finite() {
+                let which = if joint { 0..self.n_command } else { i..i + 1 };
+                which.for_each(|k| put(k, self.safe[k] as f32));
+            } else if joint {
+                for k in (0..self.n_command).rev() {
+                    put(k, level(rest % levels));
+                    rest /= levels;
+                }
+            } else {
+                put(i, level(rest));
+            }
+        }
+        changed
+    }
+
+    /// Input rows of computation `step` of this step. Needs frames in all modes but rotor.
+    pub(crate) fn steer(&self, rig: &Rig, plant: &Plant, step: usize, block: &mut EnvBlock, work: &mut Workspace) {
+        match &self.cascades {
+            None if step > 0 => {}
+            None => {
+                for (agent, inputs) in self.inputs.iter().enumerate() {
+                    for (k, input) in inputs.iter().enumerate() {
+                        block.plant.rows[plant.input_row(*input)] = work.command[agent * self.n_command + k];
+                    }
+                }
+            }
+            Some(Cascades::Four(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
+            Some(Cascades::Six(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
+            Some(Cascades::Eight(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
+            Some(Cascades::Sixteen(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
+        }
+    }
+
+    /// Whether [`Control::steer`] reads frames.
+    pub(crate) fn needs_frames(&self) -> bool {
+        self.cascades.is_some()
+    }
+
+    /// As [`Control::steer`] for one environment over any scalar: commands (clipped) of all agents to inputs.
+    pub(crate) fn steer_one<S: Scalar>(
+        &self,
+        rig: &Rig,
+        step: usize,
+        frames: &Rows<'_, S>,
+        commands: &[S],
+        held: &mut [S],
+        input: &mut [S],
+    ) {
+        let n = self.n_command;
+        for agent in 0..self.inputs.len() {
+            let own = &commands[agent * n..(agent + 1) * n];
+            let frame = Frame::read(&frames.from(rig.drones()[agent].frame * FRAME));
+            let first = agent * (HELD + MAX_SLOTS);
+            let held = &mut held[first..first + HELD + MAX_SLOTS];
+            let out = &mut input[..];
+            match &self.cascades {
+                None => {
+                    for (k, place) in self.inputs[agent].iter().enumerate() {
+                        out[*place] = own[k];
+                    }
+                }
+                Some(Cascades::Four(m)) => self.one(m, agent, step, &frame, own, held, out),
+                Some(Cascades::Six(m)) => self.one(m, agent, step, &frame, own, held, out),
+                Some(Cascades::Eight(m)) => self.one(m, agent, step, &frame, own, held, out),
+                Some(Cascades::Sixteen(m)) => self.one(m, agent, step, &frame, own, held, out),
+            }
+        }
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "the parts of one level, named at its only caller")]
+    fn one<S: Scalar, const R: usize>(
+        &self,
+        model: &CascadeModel<f64, R>,
+        agent: usize,
+        step: usize,
+        frame: &Frame<S>,
+        commands: &[S],
+        held: &mut [S],
+        input: &mut [S],
+    ) {
+        let model = CascadeModel::<S, R>::constant(model);
+        let command = [commands[0], commands[1], commands[2], commands[3]];
+        let new = self.compute(&model, step, frame, command, &Held::read(&held[..HELD + R]));
+        new.write(&mut held[..HELD + R]);
+        for (k, place) in self.inputs[agent].iter().enumerate() {
+            input[*place] = new.rotors[k];
+        }
+    }
+
+    /// One computation of the cascade. Velocity and position are computed in the first of a step and held.
+    #[inline(always)]
+    fn compute<S: Scalar, const R: usize>(
+        &self,
+        model: &CascadeModel<S, R>,
+        step: usize,
+        frame: &Frame<S>,
+        command: [S; 4],
+        held: &Held<S, R>,
+    ) -> Held<S, R> {
+        let state = kinematics(frame);
+        let one = S::one();
+        let first = if step == 0 { one } else { S::zero() };
+        let ticks = [first, one, one];
+        let total = model.limits.thrust;
+        match self.level {
+            Level::Rotor | Level::Rate => model.rate(&state, held, &self.scale.rate(command, total), ticks),
+            Level::Attitude => {
+                // the heading of the command is that of the first computation
+                let fresh = self.scale.attitude(command, total, state.attitude);
+                let wanted = if step == 0 { fresh } else { held.attitude };
+                model.attitude(&state, held, &wanted, ticks)
+            }
+            Level::Velocity => model.velocity(&state, held, &self.scale.velocity(command), ticks),
+            Level::Position => {
+                model.position(&state, held, &self.scale.position(command, state.position), ticks)
+            }
+        }
+    }
+}
+
+/// Most rotor slots.
+pub(crate) const MAX_SLOTS: usize = 16;
+
+/// Most values of a joint discrete action: they are exact in `f32`.
+const MAX_VALUES: f64 = 65_536.0;
+
+#[inline(always)]
+fn kinematics<S: Scalar>(frame: &Frame<S>) -> Kinematics<S> {
+    Kinematics {
+        position: frame.position,
+        velocity: frame.velocity,
+        attitude: frame.attitude,
+        angular_velocity: rotate_back(frame.attitude, frame.angular_velocity),
+    }
+}
+
+/// A number within [−1, 1], or the safe one where it is not finite; and whether that changed it.
+#[inline(always)]
+pub(crate) fn clipped<S: Scalar>(a: S, safe_command: f64) -> (S, S::Mask) {
+    let finite = safe::is_bounded(a, f64::from(f32::MAX));
+    let used = S::select(finite, a.clamp(-S::one(), S::one()), S::constant(safe_command));
+    (used, a.lt(used).or(used.lt(a)).or(finite.not()))
+}
+
+/// Clips a block's actions.
+struct Clip<'a> {
+    control: &'a Control,
+    action: &'a [[f32; BLOCK]],
+    command: &'a mut [[f32; BLOCK]],
+    pages: &'a mut [[f32; BLOCK]],
+}
+
+impl WithSimd for Clip<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let n = self.control.n_command;
+        let mut at = 0;
+        while at < BLOCK {
+            let actions = Lanes::<S>::rows(self.action, at);
+            let mut commands = Lanes::<S>::rows_mut(self.command, at);
+            let mut changed = Lanes::<S>::zero();
+            for agent in 0..self.control.inputs.len() {
+                for k in 0..n {
+                    let (used, differs) = clipped(actions.get(agent * n + k), self.control.safe[k]);
+                    commands.set(agent * n + k, used);
+                    changed += Lanes::select(differs, Lanes::one(), Lanes::zero());
+                }
+            }
+            Lanes::<S>::rows_mut(self.pages, at).set(book::CLIPPED, changed);
+            at += Lanes::<S>::WIDTH;
+        }
+    }
+}
+
+/// One computation of the cascades of a block.
+struct Steer<'a, const R: usize> {
+    control: &'a Control,
+    model: &'a CascadeModel<f64, R>,
+    rig: &'a Rig,
+    plant: &'a Plant,
+    step: usize,
+    block: &'a mut EnvBlock,
+    work: &'a mut Workspace,
+}
+
+impl<const R: usize> WithSimd for Steer<'_, R> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let control = self.control;
+        let model = CascadeModel::<Lanes<S>, R>::constant(self.model);
+        let mut at = 0;
+        while at < BLOCK {
+            for agent in 0..control.inputs.len() {
+                let frames = Lanes::<S>::rows(&self.work.frames, at);
+                let frame = Frame::read(&frames.from(self.rig.drones()[agent].frame * FRAME));
+                let command = Lanes::<S>::rows(&self.work.command, at).array(agent * 4);
+                let mut held = Lanes::<S>::rows_mut(&mut self.work.held, at);
+                let first = agent * (HELD + MAX_SLOTS);
+                let new = control.compute(&model, self.step, &frame, command, &read_held(&held.rows().from(first)));
+                write_held(&new, &mut held, first);
+                let mut input = Lanes::<S>::rows_mut(&mut self.block.plant.rows, at);
+                for k in 0..control.inputs[agent].len() {
+                    input.set(self.plant.input_row(control.inputs[agent][k]), new.rotors[k]);
+                }
+            }
+            at += Lanes::<S>::WIDTH;
+        }
+    }
+}
+
+#[inline(always)]
+fn read_held<S: Scalar, const R: usize>(rows: &Rows<'_, S>) -> Held<S, R> {
+    Held {
+        attitude: AttitudeCommand::read(&rows.array::<16>(0)),
+        rate: RateCommand::read(&rows.array::<7>(16)),
+        rotors: rows.array(HELD),
+    }
+}
+
+#[inline(always)]
+fn write_held<S: Scalar, const R: usize>(held: &Held<S, R>, rows: &mut RowsMut<'_, S>, first: usize) {
+    let (mut attitude, mut rate) = ([S::zero(); 16], [S::zero(); 7]);
+    held.attitude.write(&mut attitude);
+    held.rate.write(&mut rate);
+    let mut pen = rows.pen(first);
+    pen.array(attitude);
+    pen.array(rate);
+    pen.array(held.rotors);
+}

@@ -1,0 +1,423 @@
+//! One step of sixty-four environments: commands, physics, judgement, restarts, rows.
+
+use super::block::{EnvBlock, HELD, INFOS, Sizes, Workspace, book, signal};
+use super::buffers::StepOut;
+use super::control::{Control, MAX_SLOTS};
+use super::engine::Engine;
+use super::transform::{Shift, Transform};
+use crate::autodiff::lanes::dispatch;
+use crate::autodiff::program::BLOCK;
+use crate::dynamics::batch::{ALIVE, Plant, STOPPED};
+use crate::rng::{Purpose, Stream};
+use crate::tasks::config::Autoreset;
+use crate::tasks::observation::{Pipeline, Statistics};
+use crate::tasks::randomise::Randomiser;
+use crate::tasks::rig::Rig;
+use crate::tasks::task::{Start, streams};
+
+/// Everything that all environments share and that a step only reads.
+pub(crate) struct Core {
+    pub engine: Box<dyn Engine>,
+    pub plant: Plant,
+    pub control: Control,
+    pub sizes: Sizes,
+    pub pipeline: Pipeline,
+    pub randomiser: Randomiser,
+    /// Numbers that vary between environments.
+    pub varied: Vec<usize>,
+    pub nominal: Vec<f64>,
+    pub disturbance_rows: Vec<usize>,
+    pub speed_rows: Vec<usize>,
+    pub statistics: Statistics,
+    /// Means, then 1/standard deviations, as stages read them.
+    pub frozen: Vec<f64>,
+    pub collects: bool,
+    pub delay: (usize, usize),
+    pub mode: Autoreset,
+    pub stagger: bool,
+    pub first_environment: u64,
+}
+
+/// One bit per lane of a row that is above ½.
+fn bits(row: &[f32; BLOCK]) -> u64 {
+    let mut mask = 0;
+    for (lane, x) in row.iter().enumerate() {
+        mask |= u64::from(*x > 0.5) << lane;
+    }
+    mask
+}
+
+/// The first `n` bits.
+fn first_bits(n: usize) -> u64 {
+    if n >= BLOCK { u64::MAX } else { (1 << n) - 1 }
+}
+
+/// Numbers of the bits that are set.
+fn lanes_of(mut mask: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let lane = mask.trailing_zeros() as usize;
+        (lane < BLOCK).then(|| {
+            mask &= mask - 1;
+            lane
+        })
+    })
+}
+
+impl Core {
+    fn rig(&self) -> &Rig {
+        self.engine.rig()
+    }
+
+    /// One step of a block; `n` environments of it are real, the first has number `first` in the batch.
+    pub(crate) fn step(
+        &self,
+        block: &mut EnvBlock,
+        work: &mut Workspace,
+        (first, n): (usize, usize),
+        actions: &[f32],
+        out: &mut StepOut<'_>,
+    ) {
+        let real = first_bits(n);
+        let running = bits(&block.book[book::RUNNING]) & real;
+        self.act(block, work, actions);
+        self.plant.frames(&block.plant, &mut work.frames);
+        self.engine.judge(&self.sizes, self.plant.alive_row(), block, work);
+        self.transform(block, work, running, 0, first);
+        let ended = (bits(&work.signals[signal::TERMINATED]) | bits(&work.signals[signal::TRUNCATED])) & running;
+        let events = bits(&work.signals[signal::DUE]) & running & !ended;
+        for lane in lanes_of(events) {
+            self.event(block, work, lane, first);
+        }
+        self.write_signals(block, work, n, out);
+        for lane in lanes_of(ended) {
+            self.write_ends(work, lane, out);
+        }
+        let restarts = match self.mode {
+            Autoreset::SameStep => ended,
+            Autoreset::NextStep => !running & real,
+            Autoreset::Disabled => 0,
+        };
+        if self.mode != Autoreset::SameStep {
+            let alive = self.plant.alive_row();
+            for lane in lanes_of(ended) {
+                block.book[book::RUNNING][lane] = 0.0;
+                block.plant.rows[alive][lane] = STOPPED;
+            }
+        }
+        if restarts != 0 {
+            lanes_of(restarts).for_each(|lane| self.restart(block, work, lane, first));
+            self.look_again(block, work, restarts, first);
+        }
+        if self.mode == Autoreset::NextStep {
+            lanes_of(restarts).for_each(|lane| self.clear(lane, out));
+        }
+        self.write_observation(block, work, n, out);
+    }
+
+    /// Restarts the lanes of a mask with their next episode and shows them.
+    pub(crate) fn reset(
+        &self,
+        block: &mut EnvBlock,
+        work: &mut Workspace,
+        (first, n): (usize, usize),
+        which: u64,
+        out: &mut StepOut<'_>,
+    ) {
+        let which = which & first_bits(n);
+        if which == 0 {
+            return;
+        }
+        lanes_of(which).for_each(|lane| self.restart(block, work, lane, first));
+        self.look_again(block, work, which, first);
+        for lane in lanes_of(which) {
+            self.clear(lane, out);
+            self.write_row(self.shown(work), lane, out.observation);
+            self.write_row(&work.central, lane, out.central);
+            self.write_row(&block.theta, lane, out.privileged);
+        }
+    }
+
+    /// Actions to physics.
+    fn act(&self, block: &mut EnvBlock, work: &mut Workspace, actions: &[f32]) {
+        self.control.decode(actions, work, &mut block.book);
+        if self.sizes.delay > 0 {
+            dispatch(Shift { slots: self.sizes.delay, n: self.sizes.command, block, command: &mut work.command });
+        }
+        for (row, speed) in work.speeds.iter_mut().zip(&self.speed_rows) {
+            *row = block.plant.rows[*speed];
+        }
+        if !self.disturbance_rows.is_empty() {
+            self.plant.frames(&block.plant, &mut work.frames);
+            self.engine.disturb(block, work, &self.disturbance_rows);
+        }
+        for step in 0..self.control.steps {
+            if self.control.needs_frames() {
+                self.plant.frames(&block.plant, &mut work.frames);
+            }
+            self.control.steer(self.rig(), &self.plant, step, block, work);
+            self.plant.step(std::slice::from_mut(&mut block.plant));
+        }
+    }
+
+    /// Frames, observation and transforms of the lanes that begin an episode; the others' stay as they are.
+    fn look_again(&self, block: &mut EnvBlock, work: &mut Workspace, fresh: u64, first: usize) {
+        self.plant.frames(&block.plant, &mut work.frames);
+        self.engine.observe(&self.sizes, block, work, fresh);
+        self.transform(block, work, fresh, fresh, first);
+    }
+
+    fn transform(&self, block: &mut EnvBlock, work: &mut Workspace, moved: u64, fresh: u64, first: usize) {
+        if self.pipeline.is_empty() {
+            return;
+        }
+        for lane in 0..BLOCK {
+            work.moved[0][lane] = ((moved >> lane) & 1) as f32;
+            work.moved[1][lane] = ((fresh >> lane) & 1) as f32;
+        }
+        if self.pipeline.noise > 0 {
+            (0..BLOCK).for_each(|lane| self.draw_noise(block, work, lane, first));
+        }
+        dispatch(Transform {
+            pipeline: &self.pipeline,
+            sizes: &self.sizes,
+            statistics: &self.frozen,
+            block,
+            work,
+        });
+        if self.collects && self.sizes.normalised > 0 {
+            self.collect(block, work, moved);
+        }
+    }
+
+    /// Adds what the normaliser saw of the lanes that moved on.
+    fn collect(&self, block: &mut EnvBlock, work: &Workspace, moved: u64) {
+        let n = self.sizes.normalised;
+        block.count += (moved.count_ones() as usize * self.sizes.agent) as f64;
+        for (k, column) in work.seen.iter().enumerate() {
+            let (mean, [sum, square]) = (self.statistics.mean[k % n], &mut block.sums[k % n]);
+            for lane in lanes_of(moved) {
+                let x = f64::from(column[lane]) - mean;
+                *sum += x;
+                *square += x * x;
+            }
+        }
+    }
+
+    /// Noise of one environment in this step: the same whenever it is asked for.
+    fn draw_noise(&self, block: &EnvBlock, work: &mut Workspace, lane: usize, first: usize) {
+        let n = self.sizes.agent * self.pipeline.noise;
+        let step = block.book[book::STEP][lane] as u64;
+        let environment = self.first_environment + (first + lane) as u64;
+        let key = [block.seed[lane], environment, block.episode[lane], Purpose::SENSORS.0];
+        // a normal draw takes four words
+        let mut stream = Stream::restore(key, 4 * n as u64 * step);
+        work.noise.iter_mut().for_each(|row| row[lane] = stream.normal() as f32);
+    }
+
+    /// Begins the next episode of a lane.
+    pub(crate) fn restart(&self, block: &mut EnvBlock, work: &mut Workspace, lane: usize, first: usize) {
+        block.episode[lane] = block.episode[lane].wrapping_add(1);
+        let key = [block.seed[lane], self.first_environment + (first + lane) as u64, block.episode[lane]];
+        work.state.copy_from_slice(self.rig().rest());
+        work.goal.fill(0.0);
+        work.memory.fill(0.0);
+        work.numbers.copy_from_slice(&self.nominal);
+        let [reset, task, once] = streams(key[0], key[1], key[2]);
+        let mut start = Start {
+            rig: self.rig(),
+            state: &mut work.state,
+            goal: &mut work.goal,
+            memo: &mut work.memory,
+            numbers: &mut work.numbers,
+            reset,
+            task,
+            once,
+            event_at: f64::INFINITY,
+        };
+        self.engine.start(&mut start);
+        let event_at = start.event_at;
+        let mut wind = [0.0; 3];
+        self.randomiser.apply(key, &mut work.numbers, &mut wind);
+        self.install(block, work, lane, wind);
+        let offset = self.offset(key);
+        let delay = self.draw_delay(key);
+        for row in &mut block.book {
+            row[lane] = 0.0;
+        }
+        block.book[book::OFFSET][lane] = offset;
+        block.book[book::RUNNING][lane] = 1.0;
+        block.book[book::EVENT][lane] = event_at.min(f64::from(f32::MAX)) as f32;
+        block.book[book::DELAY][lane] = delay;
+        for (k, row) in block.line.iter_mut().enumerate() {
+            row[lane] = self.control.safe[k % self.control.n_command] as f32;
+        }
+        block.history.iter_mut().for_each(|row| row[lane] = 0.0);
+    }
+
+    /// Copies the numbers of a start into a lane.
+    pub(crate) fn install(&self, block: &mut EnvBlock, work: &mut Workspace, lane: usize, wind: [f64; 3]) {
+        let write = |rows: &mut [[f32; BLOCK]], values: &[f64]| {
+            rows.iter_mut().zip(values).for_each(|(row, value)| row[lane] = *value as f32);
+        };
+        write(&mut block.plant.rows, &work.state);
+        block.plant.rows[self.plant.alive_row()][lane] = ALIVE;
+        write(&mut block.goal, &work.goal);
+        write(&mut block.memo, &work.memory);
+        write(&mut block.air, &wind);
+        if !self.varied.is_empty() {
+            self.plant.set_numbers(&mut block.plant, lane, &work.numbers, &self.varied);
+            for (row, k) in block.theta.iter_mut().zip(&self.varied) {
+                row[lane] = work.numbers[*k] as f32;
+            }
+        }
+        for (row, speed) in work.speeds.iter_mut().zip(&self.speed_rows) {
+            row[lane] = block.plant.rows[*speed][lane];
+        }
+    }
+
+    /// How far the clock is ahead in a first episode.
+    fn offset(&self, [seed, environment, episode]: [u64; 3]) -> f32 {
+        if !self.stagger || episode != 1 {
+            return 0.0;
+        }
+        Stream::new(seed, environment, episode, STAGGER).below(self.engine.horizon() as u64) as f32
+    }
+
+    fn draw_delay(&self, [seed, environment, episode]: [u64; 3]) -> f32 {
+        let (least, most) = self.delay;
+        if least == most {
+            return least as f32;
+        }
+        (least as u64 + Stream::new(seed, environment, episode, DELAY).below((most - least) as u64 + 1)) as f32
+    }
+
+    /// A task's event in one lane: its goal may change.
+    fn event(&self, block: &mut EnvBlock, work: &mut Workspace, lane: usize, first: usize) {
+        let step = block.book[book::STEP][lane];
+        let environment = self.first_environment + (first + lane) as u64;
+        let key = |purpose: Purpose| [block.seed[lane], environment, block.episode[lane], purpose.0];
+        // an event draws far fewer than 256 words
+        let stream = |purpose| Stream::restore(key(purpose), 256 * step as u64);
+        let read = |rows: &[[f32; BLOCK]], values: &mut [f64]| {
+            values.iter_mut().zip(rows).for_each(|(value, row)| *value = f64::from(row[lane]));
+        };
+        read(&block.plant.rows, &mut work.state);
+        read(&block.goal, &mut work.goal);
+        read(&block.memo, &mut work.memory);
+        work.numbers.copy_from_slice(&self.nominal);
+        for (row, k) in block.theta.iter().zip(&self.varied) {
+            work.numbers[*k] = f64::from(row[lane]);
+        }
+        let mut start = Start {
+            rig: self.rig(),
+            state: &mut work.state,
+            goal: &mut work.goal,
+            memo: &mut work.memory,
+            numbers: &mut work.numbers,
+            reset: stream(Purpose::user(0x0e11)),
+            task: stream(Purpose::DISTURBANCE),
+            once: stream(Purpose::user(0x0e12)),
+            event_at: f64::INFINITY,
+        };
+        // the step count, for tasks that say when the next one comes
+        start.event_at = f64::from(step);
+        self.engine.event(&mut start);
+        let next = start.event_at;
+        block.book[book::EVENT][lane] = if next > f64::from(step) { next.min(1e30) as f32 } else { f32::MAX };
+        block.goal.iter_mut().zip(&work.goal).for_each(|(row, value)| row[lane] = *value as f32);
+    }
+
+    /// Reward, flags and information of every environment.
+    fn write_signals(&self, block: &EnvBlock, work: &Workspace, n: usize, out: &mut StepOut<'_>) {
+        let s = &self.sizes;
+        for (lane, row) in out.reward.chunks_exact_mut(s.agent).enumerate() {
+            row.fill(work.signals[signal::REWARD][lane]);
+        }
+        for lane in 0..n {
+            out.terminated[lane] = u8::from(work.signals[signal::TERMINATED][lane] > 0.5);
+            out.truncated[lane] = u8::from(work.signals[signal::TRUNCATED][lane] > 0.5);
+        }
+        if out.info.is_empty() {
+            return;
+        }
+        let sources: [&[f32; BLOCK]; INFOS.len()] = [
+            &block.book[book::RETURN],
+            &block.book[book::STEP],
+            &block.book[book::CLIPPED],
+            &block.book[book::REASON],
+            &work.signals[signal::SUCCESS],
+            &work.signals[signal::LOSS],
+        ];
+        for (lane, row) in out.info.chunks_exact_mut(s.info()).enumerate() {
+            for (x, source) in row.iter_mut().zip(sources) {
+                *x = source[lane];
+            }
+            let rest = block.book[book::TERMS..].iter().chain(&work.metrics);
+            for (x, source) in row[INFOS.len()..].iter_mut().zip(rest) {
+                *x = source[lane];
+            }
+        }
+    }
+
+    /// What an episode ended with.
+    fn write_ends(&self, work: &Workspace, lane: usize, out: &mut StepOut<'_>) {
+        self.write_row(self.shown(work), lane, out.final_observation);
+        self.write_row(&work.central, lane, out.final_central);
+    }
+
+    /// One environment's row of an array that may have been left out.
+    fn write_row(&self, columns: &[[f32; BLOCK]], lane: usize, rows: &mut [f32]) {
+        let n = columns.len();
+        if n > 0 && !rows.is_empty() {
+            for (x, column) in rows[lane * n..(lane + 1) * n].iter_mut().zip(columns) {
+                *x = column[lane];
+            }
+        }
+    }
+
+    /// A first step: nothing was rewarded, nothing ended.
+    fn clear(&self, lane: usize, out: &mut StepOut<'_>) {
+        let a = self.sizes.agent;
+        out.reward[lane * a..(lane + 1) * a].fill(0.0);
+        (out.terminated[lane], out.truncated[lane]) = (0, 0);
+        let n = self.sizes.info();
+        if !out.info.is_empty() {
+            out.info[lane * n..(lane + 1) * n].fill(0.0);
+        }
+    }
+
+    fn write_observation(&self, block: &EnvBlock, work: &Workspace, n: usize, out: &mut StepOut<'_>) {
+        transpose(self.shown(work), n, out.observation);
+        transpose(&work.central, n, out.central);
+        transpose(&block.theta, n, out.privileged);
+    }
+
+    /// Observations as they leave.
+    fn shown<'a>(&self, work: &'a Workspace) -> &'a [[f32; BLOCK]] {
+        if self.pipeline.is_empty() { &work.raw } else { &work.observation }
+    }
+
+    /// Memory for one worker.
+    pub(crate) fn workspace(&self) -> Workspace {
+        let noise = self.sizes.agent * self.pipeline.noise;
+        Workspace::new(&self.sizes, self.rig().n_state(), self.nominal.len(), noise)
+    }
+}
+
+/// Slots that cascades hold per agent.
+pub(crate) const HELD_PER_AGENT: usize = HELD + MAX_SLOTS;
+const STAGGER: Purpose = Purpose::user(0x57a6);
+const DELAY: Purpose = Purpose::user(0xde1a);
+
+/// Columns of up to sixty-four environments into rows; nothing where the rows were left out.
+fn transpose(columns: &[[f32; BLOCK]], n_env: usize, rows: &mut [f32]) {
+    let n = columns.len();
+    if n == 0 || rows.is_empty() {
+        return;
+    }
+    for (lane, row) in rows.chunks_exact_mut(n).take(n_env).enumerate() {
+        for (x, column) in row.iter_mut().zip(columns) {
+            *x = column[lane];
+        }
+    }
+}

@@ -1,0 +1,549 @@
+//! Many environments of one task, stepped together: the API of learners.
+//!
+//! | file | what |
+//! |---|---|
+//! | `mod` | [`Env`]: make, reset, step, save, load |
+//! | [`spec`] | what an environment is, as data |
+//! | [`buffers`] | where a step writes |
+//! | `core` | one step of sixty-four environments, top to bottom |
+//! | `control` | from an agent's numbers to rotor actions |
+//! | `judge` | the task's part of a step |
+//! | `transform` | delay lines, transforms of observations |
+//! | `block` | what sixty-four environments hold |
+//! | `engine` | the door to tasks |
+//! | [`single`] | one environment, for newcomers |
+//! | [`check`] | whether an environment keeps its contract |
+
+pub(crate) mod block;
+pub mod buffers;
+pub mod check;
+pub(crate) mod control;
+pub(crate) mod core;
+pub(crate) mod engine;
+pub(crate) mod judge;
+pub mod single;
+pub mod spec;
+pub(crate) mod transform;
+
+pub use buffers::{Buffers, StepOut};
+pub use spec::{Info, Space, Spec};
+
+use self::block::{EnvBlock, INFOS, Sizes, Workspace};
+use self::buffers::Span;
+use self::control::Control;
+use self::core::{Core, HELD_PER_AGENT};
+use self::engine::{Engine, Typed};
+use crate::autodiff::program::BLOCK;
+use crate::dynamics::batch::Plant;
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use crate::rng::{Purpose, Stream};
+use crate::tasks::config::EnvConfig;
+use crate::tasks::observation::{Pipeline, Statistics};
+use crate::tasks::randomise::Randomiser;
+use crate::tasks::rig::Craft;
+use crate::tasks::sheet::{Slice, total};
+use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task};
+use std::sync::{Mutex, PoisonError};
+
+/// Blocks per task of a thread: their rows stay in its second-level cache.
+const BLOCKS_PER_PART: usize = 4;
+
+/// E environments of one task.
+///
+/// ```
+/// use omnidrones::tasks::{Buffers, Env, EnvConfig};
+///
+/// let mut env = Env::make("Hover", &EnvConfig { n_env: 100, ..EnvConfig::default() })?;
+/// let mut buffers = Buffers::new(env.spec());
+/// env.reset(None, None, &mut buffers.out())?;
+/// let actions = vec![-0.415; 100 * 4]; // [environment, agent, command]
+/// for _ in 0..10 {
+///     env.step(&actions, &mut buffers.out())?;
+/// }
+/// assert!(buffers.reward.iter().all(|r| *r <= env.spec().reward_bound as f32));
+/// # Ok::<(), omnidrones::error::Error>(())
+/// ```
+pub struct Env {
+    core: Core,
+    spec: Spec,
+    blocks: Vec<EnvBlock>,
+    pool: Mutex<Vec<Workspace>>,
+    threads: Threads,
+    started: bool,
+}
+
+impl std::fmt::Debug for Env {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Env({} × {})", self.spec.n_env, self.spec.task)
+    }
+}
+
+impl Env {
+    /// A registered task by its name (case does not matter), with its own defaults under the configuration.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the nearest name; otherwise as [`Env::of`].
+    pub fn make(task: &str, config: &EnvConfig) -> Result<Self> {
+        super::registry::by_name(task)?.env(config)
+    }
+
+    /// A task of one's own, built from the same configuration.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] before any large allocation if the batch needs more than
+    /// [`EnvConfig::memory_limit`]; [`Error::Value`] for settings that do not fit the task.
+    pub fn of(task: impl Task, name: &str, config: &EnvConfig) -> Result<Self> {
+        config.validate()?;
+        EnvConfig::check_horizon(task.horizon())?;
+        let sheet = task.sheet();
+        let counts = [("terms of the reward", sheet.reward.len(), MAX_TERMS), ("ends", sheet.ends.len(), MAX_ENDS)];
+        for (what, n, most) in counts {
+            if n > most {
+                return Err(Error::limit(format!("task {name}: {what}"), n, most, "Sum some of them."));
+            }
+        }
+        Self::of_engine(Box::new(Typed { task, sheet }), name, config)
+    }
+
+    fn of_engine(engine: Box<dyn Engine>, name: &str, config: &EnvConfig) -> Result<Self> {
+        let (rig, sheet) = (engine.rig(), engine.sheet());
+        let randomiser = Randomiser::new(&config.randomise, rig)?;
+        let mut varied: Vec<usize> = rig.varied().iter().copied().chain(randomiser.varied()).collect();
+        varied.sort_unstable();
+        varied.dedup();
+        let nominal = rig.numbers();
+        let names = rig.number_names();
+        let theta: Vec<(String, f64)> = varied.iter().map(|k| (names[*k].clone(), nominal[*k])).collect();
+        let pipeline = Pipeline::new(&config.observation, &sheet.observation, &theta)?;
+        let control = Control::new(config, rig)?;
+        let n_agent = engine.n_agent();
+        let sizes = Sizes {
+            term: sheet.reward.len(),
+            end: sheet.ends.len(),
+            metric: sheet.metrics.len(),
+            goal: total(&sheet.goal),
+            memo: total(&sheet.memo),
+            theta: varied.len(),
+            air: if randomiser.blows() { 3 } else { 0 },
+            agent: n_agent,
+            command: n_agent * control.n_command,
+            action: n_agent * control.n_action(),
+            delay: if config.delay.max > 0 { config.delay.max + 1 } else { 0 },
+            raw: total(&sheet.observation),
+            observation: total(&pipeline.slices),
+            history: n_agent * pipeline.memory,
+            central: total(&sheet.central),
+            frame: rig.n_frame(),
+            rotor: rig.drones().iter().map(|d| d.rotors.len()).sum(),
+            held: n_agent * HELD_PER_AGENT,
+            normalised: pipeline.normalised.unwrap_or(0),
+        };
+        // numbers that vary may leave zero, so nothing may be left out
+        let plant = match &rig.craft {
+            Craft::Vehicle(m) => Plant::rigid(m.vehicle(), vary_effects(*m.physics(), !varied.is_empty()))?.0,
+            Craft::Model(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
+        };
+        let n_env = config.n_env;
+        let bytes = bytes_per_env(&plant, &sizes);
+        check_memory(n_env, bytes + out_bytes(&sizes), config.memory_limit)?;
+        let speeds = rig.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
+        let disturbance_rows = rig.disturbances().iter().map(|k| plant.input_row(*k)).collect();
+        let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, theta, bytes);
+        let statistics = Statistics::of_nothing(sizes.normalised);
+        let rest = rig.rest().to_vec();
+        let core = Core {
+            statistics: statistics.clone(),
+            frozen: Vec::new(),
+            collects: true,
+            delay: (config.delay.min, config.delay.max),
+            mode: config.autoreset,
+            stagger: config.stagger,
+            first_environment: config.first_environment,
+            engine,
+            plant,
+            control,
+            sizes,
+            pipeline,
+            randomiser,
+            varied,
+            nominal,
+            disturbance_rows,
+            speed_rows: speeds,
+        };
+        let mut blocks = vec![EnvBlock::new(core.plant.block(&rest), &sizes); n_env.div_ceil(BLOCK)];
+        for block in &mut blocks {
+            block.seed = [config.seed; BLOCK];
+        }
+        let pool = Mutex::new(vec![core.workspace()]);
+        let mut env = Self { core, spec, blocks, pool, threads: Threads::default(), started: false };
+        env.freeze(statistics);
+        Ok(env)
+    }
+
+    /// Steps on these threads from now on.
+    pub fn set_threads(&mut self, threads: Threads) {
+        self.threads = threads;
+    }
+
+    /// Names, sizes, units, bounds.
+    pub fn spec(&self) -> &Spec {
+        &self.spec
+    }
+
+    /// Begins episodes: those of the environments marked in `which` (`[E]`), or all. `seeds` (`[E]`) are new seeds of
+    /// those; with a seed, episodes count from their first again. Writes observations, central states, and zero rewards
+    /// and flags of those environments.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length.
+    pub fn reset(&mut self, which: Option<&[bool]>, seeds: Option<&[u64]>, out: &mut StepOut<'_>) -> Result<()> {
+        out.check(&self.spec)?;
+        for (what, got) in [("which", which.map(<[bool]>::len)), ("seeds", seeds.map(<[u64]>::len))] {
+            if let Some(got) = got.filter(|n| *n != self.spec.n_env) {
+                let remedy = "Give one entry per environment.";
+                return Err(Error::value(format!("length of {what}"), got, self.spec.n_env.to_string(), remedy));
+            }
+        }
+        if let Some(seeds) = seeds {
+            for (i, seed) in seeds.iter().enumerate().filter(|(i, _)| which.is_none_or(|w| w[*i])) {
+                self.blocks[i / BLOCK].seed[i % BLOCK] = *seed;
+                self.blocks[i / BLOCK].episode[i % BLOCK] = 0;
+            }
+        }
+        let chosen = |first: usize| {
+            let own = |lane: usize| which.is_none_or(|w| w.get(first + lane).copied().unwrap_or(false));
+            (0..BLOCK).fold(0, |mask, lane| mask | (u64::from(own(lane)) << lane))
+        };
+        self.started = true;
+        self.for_each_block(&[], out, |core, block, work, (first, n), _, out| {
+            core.reset(block, work, (first, n), chosen(first), out);
+        });
+        Ok(())
+    }
+
+    /// The seed of every environment from now on; episodes count from their first again. Call [`Env::reset`] next.
+    pub fn seed(&mut self, seed: u64) {
+        for block in &mut self.blocks {
+            block.seed = [seed; BLOCK];
+            block.episode = [0; BLOCK];
+        }
+    }
+
+    /// One step of every environment. `actions`: row-major `[E, A, action]`. What is not a number acts as the task's safe
+    /// command, what is outside [−1, 1] is clipped; both are counted in the info `clipped`.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length, or before the first [`Env::reset`].
+    pub fn step(&mut self, actions: &[f32], out: &mut StepOut<'_>) -> Result<()> {
+        out.check(&self.spec)?;
+        let wanted = self.spec.n_env * self.core.sizes.action;
+        if actions.len() != wanted {
+            let remedy = "Rows are [environment, agent, action], row-major.";
+            return Err(Error::value("length of actions", actions.len(), wanted.to_string(), remedy));
+        }
+        if !self.started {
+            let remedy = "Call env.reset(None, None, ..) once.";
+            return Err(Error::value("environments", "not started", "reset before the first step", remedy));
+        }
+        self.for_each_block(actions, out, |core, block, work, place, actions, out| {
+            core.step(block, work, place, actions, out);
+        });
+        Ok(())
+    }
+
+    /// Runs `work` over all blocks with their rows, in parallel.
+    fn for_each_block(
+        &mut self,
+        actions: &[f32],
+        out: &mut StepOut<'_>,
+        work: impl Fn(&Core, &mut EnvBlock, &mut Workspace, (usize, usize), &[f32], &mut StepOut<'_>) + Sync + Send,
+    ) {
+        let (core, pool, n_env) = (&self.core, &self.pool, self.spec.n_env);
+        let span = Span {
+            blocks: &mut self.blocks,
+            first: 0,
+            n_env,
+            per_block: BLOCK,
+            actions,
+            out: out.reborrow(),
+        };
+        self.threads.for_each_part(span, BLOCKS_PER_PART, &|mut part: Span<'_, EnvBlock>| {
+            let mut own = pool.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_else(|| core.workspace());
+            while !part.blocks.is_empty() {
+                let (mut one, rest) = crate::parallel::Divide::divide(part, 1);
+                let place = (one.first * BLOCK, one.n_env);
+                work(core, &mut one.blocks[0], &mut own, place, one.actions, &mut one.out);
+                part = rest;
+            }
+            pool.lock().unwrap_or_else(PoisonError::into_inner).push(own);
+        });
+    }
+
+    /// Takes the statistics of all observations since the last call into the normaliser, block by block in order, and
+    /// freezes them. Without a stage `normalise` it does nothing.
+    pub fn update_normaliser(&mut self) {
+        let mut statistics = self.core.statistics.clone();
+        let (mut count, mut sums) = (0.0, vec![[0.0; 2]; self.core.sizes.normalised]);
+        for block in &mut self.blocks {
+            count += std::mem::take(&mut block.count);
+            for (sum, own) in sums.iter_mut().zip(&mut block.sums) {
+                let [a, b] = std::mem::take(own);
+                (sum[0], sum[1]) = (sum[0] + a, sum[1] + b);
+            }
+        }
+        let (a, b): (Vec<f64>, Vec<f64>) = sums.iter().map(|s| (s[0], s[1])).unzip();
+        statistics.merge(count, &a, &b);
+        self.freeze(statistics);
+    }
+
+    /// The normaliser's statistics.
+    pub fn statistics(&self) -> &Statistics {
+        &self.core.statistics
+    }
+
+    /// Freezes other statistics, and no longer collects any: for evaluation.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if they are of another number of entries.
+    pub fn set_statistics(&mut self, statistics: Statistics) -> Result<()> {
+        let (got, wanted) = (statistics.mean.len(), self.core.sizes.normalised);
+        if got != wanted || statistics.variance.len() != wanted {
+            let remedy = "Take them from an environment with the same transforms.";
+            return Err(Error::value("entries of the statistics", got, wanted.to_string(), remedy));
+        }
+        self.core.collects = false;
+        self.freeze(statistics);
+        Ok(())
+    }
+
+    fn freeze(&mut self, statistics: Statistics) {
+        let inverse = statistics.variance.iter().map(|v| 1.0 / (v + VARIANCE_FLOOR).sqrt());
+        self.core.frozen = statistics.mean.iter().copied().chain(inverse).collect();
+        self.core.statistics = statistics;
+    }
+
+    /// Random actions of every agent within their space, the same for the same `draw`.
+    pub fn sample(&self, draw: u64, actions: &mut [f32]) {
+        let mut stream = Stream::new(draw, self.core.first_environment, 0, Purpose::POLICY);
+        for a in actions.iter_mut() {
+            *a = match self.spec.action {
+                Space::Box { low, high, .. } => stream.uniform(f64::from(low), f64::from(high)) as f32,
+                Space::Discrete { n } => stream.below(n as u64) as f32,
+                Space::MultiDiscrete { levels, .. } => stream.below(levels as u64) as f32,
+            };
+        }
+    }
+
+    /// The physical state of one environment, in the layout of the task's rig.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] if there is no such environment.
+    pub fn state(&self, environment: usize) -> Result<Vec<f32>> {
+        self.check_environment(environment)?;
+        let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
+        Ok((0..self.core.engine.rig().n_state()).map(|k| block.plant.rows[k][lane]).collect())
+    }
+
+    /// Overwrites the physical state of one environment; its episode goes on.
+    ///
+    /// # Errors
+    /// As [`Env::state`]; [`Error::Value`] for a wrong length.
+    pub fn set_state(&mut self, environment: usize, state: &[f32]) -> Result<()> {
+        self.check_environment(environment)?;
+        let n = self.core.engine.rig().n_state();
+        if state.len() != n {
+            return Err(Error::value("length of state", state.len(), n.to_string(), "Take it from Env::state."));
+        }
+        let (block, lane) = (&mut self.blocks[environment / BLOCK], environment % BLOCK);
+        block.plant.rows.iter_mut().zip(state).for_each(|(row, x)| row[lane] = *x);
+        Ok(())
+    }
+
+    /// The goal of one environment: see the task's [`Sheet::goal`](super::Sheet::goal).
+    ///
+    /// # Errors
+    /// As [`Env::state`].
+    pub fn goal(&self, environment: usize) -> Result<Vec<f32>> {
+        self.check_environment(environment)?;
+        let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
+        Ok(block.goal.iter().map(|row| row[lane]).collect())
+    }
+
+    /// What flies.
+    pub fn rig(&self) -> &super::rig::Rig {
+        self.core.engine.rig()
+    }
+
+    /// What the task says about itself.
+    pub fn sheet(&self) -> &super::sheet::Sheet {
+        self.core.engine.sheet()
+    }
+
+    fn check_environment(&self, environment: usize) -> Result<()> {
+        if environment < self.spec.n_env {
+            return Ok(());
+        }
+        Err(Error::limit("environment", environment, self.spec.n_env - 1, "Environments count from 0."))
+    }
+
+    /// The exact state of all environments: physics, goals, episodes, random streams, transforms, statistics. Continuing
+    /// from it gives the same bits.
+    pub fn save(&self) -> Vec<u8> {
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend(self.fingerprint().to_le_bytes());
+        for block in &self.blocks {
+            block.all_rows().flatten().for_each(|x| bytes.extend(x.to_le_bytes()));
+            block.seed.iter().chain(&block.episode).for_each(|x| bytes.extend(x.to_le_bytes()));
+            bytes.extend(block.count.to_le_bytes());
+            block.sums.iter().flatten().for_each(|x| bytes.extend(x.to_le_bytes()));
+        }
+        let s = &self.core.statistics;
+        s.mean.iter().chain(&s.variance).chain([&s.count]).for_each(|x| bytes.extend(x.to_le_bytes()));
+        bytes.extend(spec::fnv(&bytes).to_le_bytes());
+        bytes
+    }
+
+    /// Continues from [`Env::save`]d bytes of an environment with the same configuration.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for bytes of another configuration or that were damaged; nothing is changed then.
+    pub fn load(&mut self, bytes: &[u8]) -> Result<()> {
+        let refuse = |rule: &str, remedy: &str| {
+            Err(Error::Format {
+                file: "<saved environment>".into(),
+                place: "the bytes".into(),
+                rule: rule.into(),
+                remedy: remedy.into(),
+            })
+        };
+        let wanted = self.save().len();
+        if bytes.len() != wanted || bytes[..8] != MAGIC || bytes[8..16] != self.fingerprint().to_le_bytes() {
+            return refuse("are not of this configuration", "Build the environment as it was when it was saved.");
+        }
+        let (body, sum) = bytes.split_at(wanted - 8);
+        if sum != spec::fnv(body).to_le_bytes() {
+            return refuse("were damaged", "Use another copy.");
+        }
+        let mut words = body[16..].iter().copied();
+        fn take<const N: usize>(words: &mut impl Iterator<Item = u8>) -> [u8; N] {
+            std::array::from_fn(|_| words.next().unwrap_or(0))
+        }
+        for block in &mut self.blocks {
+            for x in block.all_rows_mut().flatten() {
+                *x = f32::from_le_bytes(take(&mut words));
+            }
+            for x in block.seed.iter_mut().chain(&mut block.episode) {
+                *x = u64::from_le_bytes(take(&mut words));
+            }
+            block.count = f64::from_le_bytes(take(&mut words));
+            for x in block.sums.iter_mut().flatten() {
+                *x = f64::from_le_bytes(take(&mut words));
+            }
+        }
+        let mut s = self.core.statistics.clone();
+        for x in s.mean.iter_mut().chain(&mut s.variance) {
+            *x = f64::from_le_bytes(take(&mut words));
+        }
+        s.count = f64::from_le_bytes(take(&mut words));
+        self.freeze(s);
+        self.started = true;
+        Ok(())
+    }
+
+    /// Of everything that decides what saved numbers mean.
+    fn fingerprint(&self) -> u64 {
+        let config = EnvConfig { seed: 0, ..self.spec.config.clone() };
+        spec::fnv(serde_json::to_string(&(&self.spec.task, config)).unwrap_or_default().as_bytes())
+    }
+}
+
+const MAGIC: [u8; 8] = *b"omnienv1";
+/// Under a normaliser's variances.
+const VARIANCE_FLOOR: f64 = 1e-8;
+
+/// Effects with every path open that numbers of other environments may need.
+fn vary_effects(mut physics: crate::dynamics::Physics, varies: bool) -> crate::dynamics::Physics {
+    if varies {
+        physics.effects.products_of_inertia = true;
+    }
+    physics
+}
+
+/// Bytes that one environment keeps between steps.
+fn bytes_per_env(plant: &Plant, s: &Sizes) -> usize {
+    let numbers = if s.theta > 0 { plant.n_number() } else { 0 };
+    let rows = plant.n_row() + numbers + s.book() + s.goal + s.memo + s.theta + s.air;
+    (rows + s.delay * s.command + s.history) * size_of::<f32>() + 2 * size_of::<u64>()
+}
+
+/// Bytes of one environment's rows in [`Buffers`].
+fn out_bytes(s: &Sizes) -> usize {
+    let floats = 2 * s.agent * s.observation + s.agent + 2 * s.central + s.theta + s.info() + s.action;
+    floats * size_of::<f32>() + 2
+}
+
+fn check_memory(n_env: usize, bytes: usize, limit: u64) -> Result<()> {
+    let needed = n_env as u128 * bytes as u128;
+    if n_env > 0 && needed <= u128::from(limit) {
+        return Ok(());
+    }
+    let gib = |x: f64| x / f64::from(1 << 30);
+    Err(Error::limit(
+        "n_env",
+        format!("{n_env} ({:.1} GiB)", gib(needed as f64)),
+        format!("1 to {} ({:.1} GiB)", limit / bytes as u64, gib(limit as f64)),
+        "Step fewer environments at once, or raise memory_limit.",
+    ))
+}
+
+#[expect(clippy::too_many_arguments, reason = "the parts of an environment, named at its only caller")]
+fn spec_of(
+    name: &str,
+    config: &EnvConfig,
+    engine: &dyn Engine,
+    s: &Sizes,
+    pipeline: &Pipeline,
+    control: &Control,
+    privileged: Vec<(String, f64)>,
+    bytes_per_env: usize,
+) -> Spec {
+    let sheet = engine.sheet();
+    let info = |name: &str, unit: &str, meaning: &str| Info {
+        name: name.into(),
+        unit: unit.into(),
+        meaning: meaning.into(),
+    };
+    let meanings = [
+        ("-", "sum of rewards"),
+        ("steps", "since the episode began"),
+        ("-", "numbers of the action that were clipped or not finite"),
+        ("-", "why it terminated, counted from 1 as in `ends`"),
+        ("-", "1 where the goal counts as reached"),
+        ("-", "training loss of this step"),
+    ];
+    let mut infos: Vec<Info> = INFOS.iter().zip(meanings).map(|(n, (unit, what))| info(n, unit, what)).collect();
+    infos.extend(sheet.reward.iter().map(|t| info(&format!("reward_{}", t.name), "-", "sum of this term")));
+    infos.extend(sheet.metrics.iter().map(|m| info(m.name, m.unit, "now")));
+    let slices: Vec<Slice> = pipeline.slices.clone();
+    Spec {
+        task: name.into(),
+        n_env: config.n_env,
+        n_agent: s.agent,
+        n_observation: total(&slices),
+        observation: slices,
+        action: Space::of(config.actions, control.n_command),
+        commands: control.names.clone(),
+        n_central: s.central,
+        central: sheet.central.clone(),
+        privileged,
+        reward: sheet.reward.clone(),
+        reward_bound: sheet.reward_bound(),
+        ends: sheet.ends.clone(),
+        info: infos,
+        horizon: engine.horizon(),
+        dt: config.dt,
+        bytes_per_env,
+        config: config.clone(),
+    }
+}

@@ -1,0 +1,156 @@
+//! What a batch of environments is, as data: sizes, names, units, bounds.
+
+use crate::tasks::config::{ActionSpace, EnvConfig};
+use crate::tasks::sheet::{End, Slice, Term};
+use serde::Serialize;
+
+/// The numbers that an agent may answer.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum Space {
+    /// `n` numbers within [`low`, `high`].
+    Box {
+        /// How many.
+        n: usize,
+        /// Smallest.
+        low: f32,
+        /// Largest.
+        high: f32,
+    },
+    /// One whole number in 0 … n − 1.
+    Discrete {
+        /// How many values.
+        n: usize,
+    },
+    /// `n` whole numbers, each in 0 … levels − 1.
+    MultiDiscrete {
+        /// How many numbers.
+        n: usize,
+        /// Values of each.
+        levels: usize,
+    },
+}
+
+impl Space {
+    /// Numbers of an action.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Box { n, .. } | Self::MultiDiscrete { n, .. } => *n,
+            Self::Discrete { .. } => 1,
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Whether an action lies within.
+    pub fn contains(&self, action: &[f32]) -> bool {
+        let whole = |n: usize| move |a: &f32| a.fract() == 0.0 && *a >= 0.0 && *a < n as f32;
+        action.len() == self.len()
+            && match self {
+                Self::Box { low, high, .. } => action.iter().all(|a| (low..=high).contains(&a)),
+                Self::Discrete { n } => action.iter().all(whole(*n)),
+                Self::MultiDiscrete { levels, .. } => action.iter().all(whole(*levels)),
+            }
+    }
+
+    pub(crate) fn of(actions: ActionSpace, n_command: usize) -> Self {
+        match actions {
+            ActionSpace::Continuous => Self::Box { n: n_command, low: -1.0, high: 1.0 },
+            ActionSpace::Discrete { levels } => Self::Discrete { n: levels.pow(n_command as u32) },
+            ActionSpace::MultiDiscrete { levels } => Self::MultiDiscrete { n: n_command, levels },
+        }
+    }
+}
+
+/// One number of the information of an environment.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Info {
+    /// `return`, `position_error`.
+    pub name: String,
+    /// SI.
+    pub unit: String,
+    /// What it is. Every number is told in every step; where an episode ended it is that episode's.
+    pub meaning: String,
+}
+
+/// A batch of environments as data.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Spec {
+    /// Registered name.
+    pub task: String,
+    /// E.
+    pub n_env: usize,
+    /// A, drones as a rule. All share the reward of the team.
+    pub n_agent: usize,
+    /// Numbers of one agent's observation.
+    pub n_observation: usize,
+    /// Its slices, in order.
+    pub observation: Vec<Slice>,
+    /// One agent's actions.
+    pub action: Space,
+    /// Commands that one agent's actions become, in [−1, 1].
+    pub commands: Vec<String>,
+    /// Numbers of the central state.
+    pub n_central: usize,
+    /// Its slices, in order.
+    pub central: Vec<Slice>,
+    /// Numbers that differ between environments, with their nominal values.
+    pub privileged: Vec<(String, f64)>,
+    /// The reward's summands.
+    pub reward: Vec<Term>,
+    /// Largest reward of a step.
+    pub reward_bound: f64,
+    /// Reasons to terminate; `diverged` follows. The info `reason` counts them from 1.
+    pub ends: Vec<End>,
+    /// Columns of the information.
+    pub info: Vec<Info>,
+    /// T, steps.
+    pub horizon: usize,
+    /// Seconds per step.
+    pub dt: f64,
+    /// Bytes that one environment keeps between steps.
+    pub bytes_per_env: usize,
+    /// All settings.
+    pub config: EnvConfig,
+}
+
+impl Spec {
+    /// As JSON.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).unwrap_or_default()
+    }
+
+    /// 64 bits over names, sizes, units and scales of observation, action and central state: a policy fits environments
+    /// of equal hash. The number of environments, the seed and the rewards play no part.
+    pub fn hash(&self) -> u64 {
+        let shape = (&self.observation, &self.action, &self.commands, &self.central, self.n_agent);
+        let scales = (&self.config.control, &self.config.action_scale, &self.config.actions, self.dt);
+        let text = serde_json::to_string(&(shape, scales)).unwrap_or_default();
+        fnv(text.as_bytes())
+    }
+
+    /// Place of a slice in the observation.
+    pub fn observation_range(&self, name: &str) -> Option<std::ops::Range<usize>> {
+        let mut at = 0;
+        for slice in &self.observation {
+            if slice.name == name {
+                return Some(at..at + slice.size);
+            }
+            at += slice.size;
+        }
+        None
+    }
+
+    /// Column of the information called `name`.
+    pub fn info_column(&self, name: &str) -> Option<usize> {
+        self.info.iter().position(|i| i.name == name)
+    }
+}
+
+/// FNV-1a, 64 bits (Fowler, Noll and Vo 1991): the same on every machine and in every version.
+pub(crate) fn fnv(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3))
+}

@@ -1,0 +1,100 @@
+//! Delay lines and observation transforms over a block of lanes.
+
+use super::block::{EnvBlock, Sizes, Workspace, book};
+use crate::autodiff::lanes::Lanes;
+use crate::autodiff::program::BLOCK;
+use crate::autodiff::{RowsMut, Scalar};
+use crate::tasks::observation::{Moment, Pipeline};
+use pulp::{Simd, WithSimd};
+
+/// Puts the commands at the head of the delay line and takes out those that are due.
+pub(crate) struct Shift<'a> {
+    pub slots: usize,
+    pub n: usize,
+    pub block: &'a mut EnvBlock,
+    pub command: &'a mut [[f32; BLOCK]],
+}
+
+impl WithSimd for Shift<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let mut at = 0;
+        while at < BLOCK {
+            let delay = Lanes::<S>::rows(&self.block.book, at).get(book::DELAY);
+            let mut line = Lanes::<S>::rows_mut(&mut self.block.line, at);
+            let mut command = Lanes::<S>::rows_mut(self.command, at);
+            shift(self.slots, self.n, delay, &mut line, &mut command);
+            at += Lanes::<S>::WIDTH;
+        }
+    }
+}
+
+/// As [`Shift`] for any scalar.
+#[inline(always)]
+pub(crate) fn shift<S: Scalar>(
+    slots: usize,
+    n: usize,
+    delay: S,
+    line: &mut RowsMut<'_, S>,
+    command: &mut RowsMut<'_, S>,
+) {
+    for age in 1..slots {
+        let slot = slots - age;
+        for k in 0..n {
+            line.set(slot * n + k, line.get((slot - 1) * n + k));
+        }
+    }
+    for k in 0..n {
+        line.set(k, command.get(k));
+    }
+    for slot in 1..slots {
+        let due = S::constant(slot as f64 - 0.5).lt(delay);
+        for k in 0..n {
+            command.set(k, S::select(due, line.get(slot * n + k), command.get(k)));
+        }
+    }
+}
+
+/// Observations through the pipeline.
+pub(crate) struct Transform<'a> {
+    pub pipeline: &'a Pipeline,
+    pub sizes: &'a Sizes,
+    pub statistics: &'a [f64],
+    pub block: &'a mut EnvBlock,
+    pub work: &'a mut Workspace,
+}
+
+impl WithSimd for Transform<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (p, s, work) = (self.pipeline, self.sizes, self.work);
+        let half = Lanes::<S>::constant(0.5);
+        let mut at = 0;
+        while at < BLOCK {
+            let flags = Lanes::<S>::rows(&work.moved, at);
+            let (moved, fresh) = (half.lt(flags.get(0)), half.lt(flags.get(1)));
+            for agent in 0..s.agent {
+                let raw = Lanes::<S>::rows(&work.raw, at);
+                let mut out = Lanes::<S>::rows_mut(&mut work.observation, at);
+                let begin = agent * s.observation;
+                for k in 0..s.raw {
+                    out.set(begin + k, raw.get(agent * s.raw + k));
+                }
+                let moment = Moment {
+                    moved,
+                    fresh,
+                    noise: Lanes::<S>::rows(&work.noise, at).from(agent * p.noise),
+                    theta: Lanes::<S>::rows(&self.block.theta, at),
+                    statistics: self.statistics,
+                };
+                let mut memory = Lanes::<S>::rows_mut(&mut self.block.history, at);
+                let mut seen = Lanes::<S>::rows_mut(&mut work.seen, at);
+                let seen = Some((&mut seen, agent * s.normalised));
+                p.run(&moment, &mut memory, agent * p.memory, &mut out, begin, seen);
+            }
+            at += Lanes::<S>::WIDTH;
+        }
+    }
+}

@@ -1,0 +1,20 @@
+//! Goals: observations, rewards, ends, and many environments stepped together.
+
+pub mod config;
+pub mod env;
+pub mod observation;
+pub mod randomise;
+pub mod registry;
+pub mod reward;
+pub mod rig;
+pub mod sheet;
+pub mod suite;
+pub mod task;
+
+pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
+pub use env::{Buffers, Env, Info, Space, Spec, StepOut};
+pub use observation::{Stage, Statistics};
+pub use randomise::{Change, Quantity};
+pub use rig::Rig;
+pub use sheet::{End, Metric, Setting, Sheet, Slice, Smoothness, Term};
+pub use task::{Ends, Start, Task, View};

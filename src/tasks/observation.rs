@@ -1,0 +1,282 @@
+//! Transforms of observations: history, noise, normalisation, privileged numbers; in one pass, in the order given.
+//!
+//! Each stage maps one agent's numbers to one agent's numbers and says what they are called. The same lines run in lanes
+//! and on a recording, so gradients go through them; noise is a constant to a gradient.
+
+use super::sheet::{Slice, total};
+use crate::autodiff::{Rows, RowsMut, Scalar};
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// One transform. In TOML: `{ kind = "history", steps = 4 }`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind", deny_unknown_fields)]
+pub enum Stage {
+    /// The last `steps` observations, newest first; zeros before an episode began.
+    History {
+        /// 2 to [`MAX_HISTORY`].
+        steps: usize,
+    },
+    /// Independent normal noise in every step.
+    Noise {
+        /// Standard deviation.
+        std: f64,
+        /// Names of the slices that get it; all if empty.
+        #[serde(default)]
+        slices: Vec<String>,
+    },
+    /// (x − mean)/std of statistics that [`Env::update_normaliser`](super::Env::update_normaliser) takes from all
+    /// observations since its last call; frozen in between.
+    Normalise {
+        /// Results stay within ± this.
+        #[serde(default = "ten")]
+        clip: f64,
+    },
+    /// The physical numbers that differ between environments, as ratios to their nominal values (as they are where those
+    /// are zero).
+    Privileged {},
+}
+
+fn ten() -> f64 {
+    10.0
+}
+
+/// Most steps of history.
+pub const MAX_HISTORY: usize = 256;
+
+impl Stage {
+    /// Checks the numbers of a stage.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] or [`Error::Value`].
+    pub fn validate(&self) -> Result<()> {
+        let positive = |what: &str, x: f64| {
+            if x > 0.0 && x.is_finite() {
+                return Ok(());
+            }
+            Err(Error::value(what, x, "finite and > 0", "Leave the stage out."))
+        };
+        match self {
+            Self::History { steps } if !(2..=MAX_HISTORY).contains(steps) => {
+                let limit = format!("2 to {MAX_HISTORY}");
+                Err(Error::limit("observation.history.steps", steps, limit, "Leave the stage out for one step."))
+            }
+            Self::Noise { std, .. } => positive("observation.noise.std", *std),
+            Self::Normalise { clip } => positive("observation.normalise.clip", *clip),
+            Self::History { .. } | Self::Privileged {} => Ok(()),
+        }
+    }
+}
+
+/// Statistics of a normaliser, frozen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Statistics {
+    /// Observations behind them, of all agents.
+    pub count: f64,
+    /// Per number.
+    pub mean: Vec<f64>,
+    /// Mean square deviation per number.
+    pub variance: Vec<f64>,
+}
+
+impl Statistics {
+    /// Mean 0 and variance 1 of no observation.
+    pub fn of_nothing(n: usize) -> Self {
+        Self { count: 0.0, mean: vec![0.0; n], variance: vec![1.0; n] }
+    }
+
+    /// With the sums Σ(x − mean) and Σ(x − mean)² of `count` more observations about the present mean (Chan, Golub and
+    /// LeVeque 1979).
+    pub fn merge(&mut self, count: f64, sums: &[f64], squares: &[f64]) {
+        if count <= 0.0 {
+            return;
+        }
+        let all = self.count + count;
+        for k in 0..self.mean.len() {
+            let shift = sums[k] / count;
+            let within = (squares[k] - count * shift * shift).max(0.0);
+            let between = shift * shift * self.count * count / all;
+            let old = if self.count > 0.0 { self.variance[k] * self.count } else { 0.0 };
+            self.variance[k] = (old + within + between) / all;
+            self.mean[k] += shift * count / all;
+        }
+        self.count = all;
+    }
+}
+
+/// Stages prepared for the observation of one task.
+#[derive(Debug, Clone)]
+pub(crate) struct Pipeline {
+    steps: Vec<Step>,
+    /// Slices of one agent behind the last stage.
+    pub slices: Vec<Slice>,
+    /// Numbers of one agent's memory.
+    pub memory: usize,
+    /// Normal draws of one agent per step.
+    pub noise: usize,
+    /// Numbers that the normaliser sees, if there is one.
+    pub normalised: Option<usize>,
+}
+
+#[derive(Debug, Clone)]
+enum Step {
+    History { steps: usize, n: usize, memory: usize },
+    Noise { std: Vec<f64>, first: usize },
+    Normalise { n: usize, clip: f64 },
+    Privileged { n: usize, scale: Vec<f64> },
+}
+
+/// What stages need beside the observation.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Moment<'a, S: Scalar> {
+    /// Whether an environment moved on: history is kept otherwise.
+    pub moved: S::Mask,
+    /// Whether an episode begins.
+    pub fresh: S::Mask,
+    /// Standard normal draws of this agent.
+    pub noise: Rows<'a, S>,
+    /// Physical numbers that vary.
+    pub theta: Rows<'a, S>,
+    /// Means, then 1/standard deviations of the normaliser.
+    pub statistics: &'a [f64],
+}
+
+impl Pipeline {
+    /// For a task's slices and `theta` with its nominal values.
+    pub(crate) fn new(stages: &[Stage], raw: &[Slice], theta: &[(String, f64)]) -> Result<Self> {
+        let mut p = Self {
+            steps: Vec::new(),
+            slices: raw.to_vec(),
+            memory: 0,
+            noise: 0,
+            normalised: None,
+        };
+        for stage in stages {
+            p.add(stage, theta)?;
+        }
+        Ok(p)
+    }
+
+    fn add(&mut self, stage: &Stage, theta: &[(String, f64)]) -> Result<()> {
+        let n = total(&self.slices);
+        match stage {
+            Stage::History { steps } => {
+                self.steps.push(Step::History { steps: *steps, n, memory: self.memory });
+                self.memory += steps * n;
+                let older = (1..*steps).flat_map(|k| {
+                    let name = move |s: &Slice| Slice { name: format!("{}_{k}_ago", s.name), ..s.clone() };
+                    self.slices.iter().map(name).collect::<Vec<_>>()
+                });
+                self.slices = self.slices.iter().cloned().chain(older).collect();
+            }
+            Stage::Noise { std, slices } => {
+                if let Some(name) = slices.iter().find(|name| !self.slices.iter().any(|s| s.name == **name)) {
+                    let known = self.slices.iter().map(|s| s.name.clone()).collect();
+                    return Err(Error::Unknown { kind: "slice of the observation", name: name.clone(), known });
+                }
+                let of = |s: &Slice| {
+                    let noisy = slices.is_empty() || slices.contains(&s.name);
+                    vec![if noisy { *std } else { 0.0 }; s.size]
+                };
+                self.steps.push(Step::Noise { std: self.slices.iter().flat_map(of).collect(), first: self.noise });
+                self.noise += n;
+            }
+            Stage::Normalise { clip } => {
+                if self.normalised.is_some() {
+                    let remedy = "Leave one of them out.";
+                    return Err(Error::limit("observation stages of kind 'normalise'", 2, 1, remedy));
+                }
+                self.normalised = Some(n);
+                self.steps.push(Step::Normalise { n, clip: *clip });
+            }
+            Stage::Privileged {} => {
+                let scale = theta.iter().map(|(_, x)| if *x == 0.0 { 1.0 } else { 1.0 / x }).collect();
+                self.steps.push(Step::Privileged { n, scale });
+                let slice = |(name, x): &(String, f64)| {
+                    let unit = if *x == 0.0 { "as it is" } else { "ratio to nominal" };
+                    Slice::new(name.clone(), 1, unit, "varies between environments")
+                };
+                self.slices.extend(theta.iter().map(slice));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether there is nothing to do.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.steps.is_empty()
+    }
+
+    /// Transforms one agent's observation, which begins at `begin` of `a`, in place. Its memory begins at `first`. What a
+    /// normaliser sees goes to `seen`.
+    #[inline(always)]
+    pub(crate) fn run<S: Scalar>(
+        &self,
+        moment: &Moment<'_, S>,
+        memory: &mut RowsMut<'_, S>,
+        first: usize,
+        a: &mut RowsMut<'_, S>,
+        begin: usize,
+        mut seen: Option<(&mut RowsMut<'_, S>, usize)>,
+    ) {
+        for i in 0..self.steps.len() {
+            match &self.steps[i] {
+                Step::History { steps, n, memory: at } => {
+                    remember(moment, memory, first + at, a, begin, *steps, *n);
+                }
+                Step::Noise { std, first: from } => {
+                    for k in 0..std.len() {
+                        let noise = S::constant(std[k]) * moment.noise.get(from + k);
+                        a.set(begin + k, a.get(begin + k) + noise);
+                    }
+                }
+                Step::Normalise { n, clip } => {
+                    let most = S::constant(*clip);
+                    if let Some((rows, from)) = &mut seen {
+                        for k in 0..*n {
+                            rows.set(*from + k, a.get(begin + k));
+                        }
+                    }
+                    for k in 0..*n {
+                        let mean = S::constant(moment.statistics[k]);
+                        let scaled = (a.get(begin + k) - mean) * S::constant(moment.statistics[n + k]);
+                        a.set(begin + k, scaled.clamp(-most, most));
+                    }
+                }
+                Step::Privileged { n, scale } => {
+                    for k in 0..scale.len() {
+                        a.set(begin + n + k, moment.theta.get(k) * S::constant(scale[k]));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Shifts the memory by one observation where an environment moved on, and copies it out.
+#[inline(always)]
+fn remember<S: Scalar>(
+    moment: &Moment<'_, S>,
+    memory: &mut RowsMut<'_, S>,
+    first: usize,
+    a: &mut RowsMut<'_, S>,
+    begin: usize,
+    steps: usize,
+    n: usize,
+) {
+    for age in 0..steps {
+        let slot = steps - 1 - age;
+        for k in 0..n {
+            let old = memory.get(first + slot * n + k);
+            let new = if slot == 0 {
+                a.get(begin + k)
+            } else {
+                S::select(moment.fresh, S::zero(), memory.get(first + (slot - 1) * n + k))
+            };
+            memory.set(first + slot * n + k, S::select(moment.moved, new, old));
+        }
+    }
+    for k in 0..steps * n {
+        a.set(begin + k, memory.get(first + k));
+    }
+}

@@ -1,0 +1,349 @@
+//! What differs between environments: masses, inertias, rotors, motors, drag, wind, hidden loads; at the start of a run or
+//! of every episode.
+//!
+//! A [`Change`] names a quantity, a distribution and a time. Draws belong to the environment and episode (see
+//! [`rng`](crate::rng)), so they do not depend on the size of the batch. Changes apply in the order given; thrust as a ratio
+//! to weight uses the mass of that moment.
+
+use super::rig::{Inertial, Rig};
+use crate::dynamics::rigid::ROTOR_PARAMETERS;
+use crate::dynamics::tree::BODY_NUMBERS;
+use crate::error::{Error, Result, finite};
+use crate::rng::{Purpose, Stream};
+use serde::{Deserialize, Serialize};
+
+/// What changes.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// Of every drone's body, with its inertia (density changes).
+    Mass,
+    /// Principal moments of every drone's body, mass unchanged; kept physical (none above the sum of the others).
+    Inertia,
+    /// Of every drone's body, per axis.
+    CenterOfMass,
+    /// k_f of every rotor.
+    Thrust,
+    /// k_f of every rotor, times the ratio of the drone's mass to its nominal one.
+    ThrustToWeight,
+    /// k_m/k_f of every rotor.
+    MomentPerThrust,
+    /// Motor time constants of every rotor, s.
+    MotorTime,
+    /// Linear drag of every drone's body.
+    Drag,
+    /// Angular drag of every drone's body.
+    AngularDrag,
+    /// Constant wind per axis, m/s, world; `set` only.
+    Wind,
+    /// A box of 0.1 × 0.1 × 0.15 m stuck to every drone, mass as a share of the drone's; `set` only.
+    HiddenMass,
+    /// The height at which the hidden mass sits, m, body z; `set` only, before `hidden_mass`.
+    HiddenHeight,
+    /// Any number of the rig by its name, see [`Rig::number_names`].
+    Number(String),
+}
+
+/// How a drawn number acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Action {
+    /// Times the nominal value.
+    #[default]
+    Scale,
+    /// Added to it.
+    Add,
+    /// In its place.
+    Set,
+}
+
+/// When it is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Time {
+    /// For every episode.
+    #[default]
+    Reset,
+    /// Once per environment.
+    Startup,
+}
+
+/// One randomised quantity. In TOML:
+///
+/// ```toml
+/// [[randomise]]
+/// what = "thrust"
+/// range = [0.8, 1.2]
+/// each = true
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Change {
+    /// What.
+    pub what: Quantity,
+    /// Uniform between these.
+    pub range: [f64; 2],
+    /// How.
+    #[serde(default)]
+    pub by: Action,
+    /// When.
+    #[serde(default)]
+    pub when: Time,
+    /// Whether every rotor (axis, drone) has a draw of its own, or all one in common.
+    #[serde(default)]
+    pub each: bool,
+}
+
+impl Change {
+    /// Uniform factors on a quantity, drawn for every episode.
+    pub fn scale(what: Quantity, low: f64, high: f64) -> Self {
+        Self { what, range: [low, high], by: Action::Scale, when: Time::Reset, each: false }
+    }
+
+    /// Checks the range.
+    ///
+    /// # Errors
+    /// [`Error::Value`] naming the quantity.
+    pub fn validate(&self) -> Result<()> {
+        let what = format!("randomise.{:?}.range", self.what);
+        finite(&what, &self.range)?;
+        let [low, high] = self.range;
+        if low > high {
+            return Err(Error::value(what, format!("[{low}, {high}]"), "ordered", "Give the lower end first."));
+        }
+        let positive = !matches!(
+            self.what,
+            Quantity::CenterOfMass | Quantity::Wind | Quantity::HiddenHeight | Quantity::Number(_)
+        );
+        if positive && self.by != Action::Add && low <= 0.0 && !matches!(self.what, Quantity::Drag | Quantity::AngularDrag | Quantity::HiddenMass) {
+            return Err(Error::value(what, low, "> 0", "Masses, inertias and rotor constants stay positive."));
+        }
+        let only_set = matches!(self.what, Quantity::Wind | Quantity::HiddenMass | Quantity::HiddenHeight);
+        if only_set && self.by != Action::Set {
+            let what = format!("randomise.{:?}.by", self.what);
+            return Err(Error::value(what, format!("{:?}", self.by), "set", "Nominally it is zero."));
+        }
+        Ok(())
+    }
+
+    /// Whether it makes wind.
+    pub fn blows(&self) -> bool {
+        self.what == Quantity::Wind
+    }
+}
+
+/// A change with the places of its numbers.
+#[derive(Debug, Clone)]
+struct Prepared {
+    change: Change,
+    /// Groups that share a draw unless `each`.
+    places: Vec<usize>,
+}
+
+/// All changes, prepared for a rig.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Randomiser {
+    changes: Vec<Prepared>,
+    /// Bodies of the drones.
+    bodies: Vec<usize>,
+    /// Rotors of each drone, and where its numbers begin.
+    rotors: Vec<Vec<usize>>,
+    nominal: Vec<f64>,
+}
+
+impl Randomiser {
+    /// The rig with all numbers that the changes touch varying, and what changes them.
+    pub(crate) fn new(changes: &[Change], rig: &Rig) -> Result<Self> {
+        let names = rig.number_names();
+        let (bodies, rotors) = places(rig);
+        let mut own = Self { changes: Vec::new(), bodies, rotors, nominal: rig.numbers() };
+        for change in changes {
+            change.validate()?;
+            let places = own.touched(change, &names)?;
+            own.changes.push(Prepared { change: change.clone(), places });
+        }
+        Ok(own)
+    }
+
+    /// All numbers that changes touch.
+    pub(crate) fn varied(&self) -> impl Iterator<Item = usize> + '_ {
+        let inertial = self.changes.iter().any(|c| c.change.what == Quantity::HiddenMass);
+        let bodies = self.bodies.iter().filter(move |_| inertial).flat_map(|b| {
+            let place = Inertial::place(*b);
+            place..place + 10
+        });
+        self.changes.iter().flat_map(|c| c.places.iter().copied()).chain(bodies)
+    }
+
+    /// Whether there is a wind among them.
+    pub(crate) fn blows(&self) -> bool {
+        self.changes.iter().any(|c| c.change.blows())
+    }
+
+    fn touched(&self, change: &Change, names: &[String]) -> Result<Vec<usize>> {
+        let of_bodies = |range: std::ops::Range<usize>| {
+            self.bodies.iter().flat_map(|b| range.clone().map(|k| Inertial::place(*b) + k)).collect()
+        };
+        let of_rotors = |which: &[usize]| {
+            self.rotors.iter().flatten().flat_map(|at| which.iter().map(move |k| at + k)).collect()
+        };
+        Ok(match &change.what {
+            Quantity::Mass => of_bodies(0..10),
+            Quantity::Inertia => of_bodies(4..10),
+            Quantity::CenterOfMass => of_bodies(1..4),
+            Quantity::Drag => of_bodies(DRAG..DRAG + 3),
+            Quantity::AngularDrag => of_bodies(ANGULAR_DRAG..ANGULAR_DRAG + 3),
+            Quantity::Thrust | Quantity::ThrustToWeight => of_rotors(&[rotor("thrust_coefficient")]),
+            Quantity::MomentPerThrust => of_rotors(&[rotor("moment_per_thrust")]),
+            Quantity::MotorTime => of_rotors(&[rotor("time_constant_up"), rotor("time_constant_down")]),
+            Quantity::Wind | Quantity::HiddenMass | Quantity::HiddenHeight => Vec::new(),
+            Quantity::Number(name) => match names.iter().position(|n| n == name) {
+                Some(k) => vec![k],
+                None => {
+                    return Err(Error::Unknown {
+                        kind: "physical number",
+                        name: name.clone(),
+                        known: names.to_vec(),
+                    });
+                }
+            },
+        })
+    }
+
+    /// Draws everything of one episode into `numbers` and `wind`; allocates nothing.
+    pub(crate) fn apply(&self, key: [u64; 3], numbers: &mut [f64], wind: &mut [f64; 3]) {
+        if self.changes.is_empty() {
+            return;
+        }
+        let [seed, environment, episode] = key;
+        let mut now = Stream::new(seed, environment, episode, Purpose::PARAMETERS);
+        let mut once = Stream::new(seed, environment, 0, STARTUP);
+        let mut height = 0.0;
+        for prepared in &self.changes {
+            let change = &prepared.change;
+            let stream = if change.when == Time::Reset { &mut now } else { &mut once };
+            match change.what {
+                Quantity::Wind => *wind = [0, 1, 2].map(|_| change.draw(stream)),
+                Quantity::HiddenHeight => height = change.draw(stream),
+                Quantity::HiddenMass => self.hide(change, stream, height, numbers),
+                Quantity::Mass => self.weigh(change, stream, numbers),
+                Quantity::Inertia => self.spread(change, stream, numbers),
+                _ => self.vary(prepared, stream, numbers),
+            }
+        }
+    }
+
+    fn vary(&self, prepared: &Prepared, stream: &mut Stream, numbers: &mut [f64]) {
+        let change = &prepared.change;
+        let mut drawn = change.draw(stream);
+        for (i, k) in prepared.places.iter().enumerate() {
+            if change.each && i > 0 {
+                drawn = change.draw(stream);
+            }
+            let mut value = change.applied(numbers[*k], drawn);
+            if change.what == Quantity::ThrustToWeight {
+                value *= self.heavier(*k, numbers);
+            }
+            numbers[*k] = value;
+        }
+    }
+
+    /// Mass over nominal mass of the drone that carries the rotor with a number at `k`.
+    fn heavier(&self, k: usize, numbers: &[f64]) -> f64 {
+        let n = ROTOR_PARAMETERS.len();
+        let owner = self.rotors.iter().position(|own| own.iter().any(|at| (*at..at + n).contains(&k)));
+        let place = Inertial::place(self.bodies[owner.unwrap_or(0)]);
+        numbers[place] / self.nominal[place]
+    }
+
+    fn weigh(&self, change: &Change, stream: &mut Stream, numbers: &mut [f64]) {
+        let mut drawn = change.draw(stream);
+        for (i, body) in self.bodies.iter().enumerate() {
+            if change.each && i > 0 {
+                drawn = change.draw(stream);
+            }
+            let own = Inertial::read(numbers, *body);
+            let mass = change.applied(own.mass, drawn).max(f64::MIN_POSITIVE);
+            own.scaled(mass / own.mass).write(numbers, *body);
+        }
+    }
+
+    fn spread(&self, change: &Change, stream: &mut Stream, numbers: &mut [f64]) {
+        for body in &self.bodies {
+            let place = Inertial::place(*body) + 4;
+            let common = change.draw(stream);
+            let mut factors = [common; 3];
+            if change.each {
+                factors = [common, change.draw(stream), change.draw(stream)];
+            }
+            let mut moments = [0, 1, 2].map(|i| change.applied(numbers[place + i], factors[i]));
+            for i in 0..3 {
+                let others = moments[(i + 1) % 3] + moments[(i + 2) % 3];
+                moments[i] = moments[i].min(MOST_OF_OTHERS * others);
+            }
+            // products stay below what the smaller of their axes can carry
+            for (k, (a, b)) in [(0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
+                let nominal = self.nominal[place + 3 + k];
+                let room = (moments[a] * moments[b]).sqrt() / (self.nominal[place + a] * self.nominal[place + b]).sqrt();
+                numbers[place + 3 + k] = nominal * room;
+            }
+            numbers[place..place + 3].copy_from_slice(&moments);
+        }
+    }
+
+    fn hide(&self, change: &Change, stream: &mut Stream, height: f64, numbers: &mut [f64]) {
+        let mut drawn = change.draw(stream);
+        for (i, body) in self.bodies.iter().enumerate() {
+            if change.each && i > 0 {
+                drawn = change.draw(stream);
+            }
+            let own = Inertial::read(numbers, *body);
+            let mass = drawn.max(0.0) * self.nominal[Inertial::place(*body)];
+            own.and(&Inertial::cuboid(mass, HIDDEN_BOX, [0.0, 0.0, height])).write(numbers, *body);
+        }
+    }
+}
+
+/// Draws that stay for a run.
+const STARTUP: Purpose = Purpose::user(0x5712);
+/// Edges of the hidden load, m.
+const HIDDEN_BOX: [f64; 3] = [0.1, 0.1, 0.15];
+/// Largest principal moment as a share of the sum of the others: just inside a flat plate's.
+const MOST_OF_OTHERS: f64 = 0.999;
+const DRAG: usize = 10;
+const ANGULAR_DRAG: usize = 16;
+
+/// Place of a number among a rotor's.
+fn rotor(name: &str) -> usize {
+    ROTOR_PARAMETERS.iter().position(|n| *n == name).unwrap_or(0)
+}
+
+/// Bodies of the drones, and where the numbers of their rotors begin.
+fn places(rig: &Rig) -> (Vec<usize>, Vec<Vec<usize>>) {
+    let n_body = rig.n_frame();
+    let begin = |r: usize| match rig.model() {
+        None => 20 + r * ROTOR_PARAMETERS.len(),
+        Some(_) => 1 + n_body * BODY_NUMBERS.len() + r * ROTOR_PARAMETERS.len(),
+    };
+    match rig.model() {
+        None => (vec![0], vec![(0..rig.drone().rotors.len()).map(begin).collect()]),
+        Some(m) => (
+            m.drones().iter().map(|d| d.body).collect(),
+            m.drones().iter().map(|d| d.rotors.iter().map(|r| begin(*r)).collect()).collect(),
+        ),
+    }
+}
+
+impl Change {
+    fn draw(&self, stream: &mut Stream) -> f64 {
+        stream.uniform(self.range[0], self.range[1])
+    }
+
+    fn applied(&self, value: f64, drawn: f64) -> f64 {
+        match self.by {
+            Action::Scale => value * drawn,
+            Action::Add => value + drawn,
+            Action::Set => drawn,
+        }
+    }
+}

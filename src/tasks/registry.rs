@@ -1,0 +1,81 @@
+//! Every built-in task: one line each.
+
+use super::config::EnvConfig;
+use super::env::Env;
+use super::suite::*;
+use crate::error::{Error, Result};
+
+/// One line of the registry.
+#[derive(Debug, Clone, Copy)]
+pub struct Entry {
+    /// What users type.
+    pub name: &'static str,
+    /// One line for tables.
+    pub description: &'static str,
+    /// Its own defaults, as TOML of an [`EnvConfig`].
+    pub defaults: &'static str,
+    /// Documentation and code.
+    pub source: &'static str,
+    make: fn(&str, &EnvConfig) -> Result<Env>,
+}
+
+const fn entry(
+    name: &'static str,
+    description: &'static str,
+    source: &'static str,
+    make: fn(&str, &EnvConfig) -> Result<Env>,
+) -> Entry {
+    Entry { name, description, defaults: "", source, make }
+}
+
+/// Every built-in task.
+pub static REGISTRY: &[Entry] =
+    &[entry("Hover", "fly to a point and hold it, with a heading", include_str!("suite/hover.rs"), |name, config| {
+        Env::of(hover::Hover::new(config)?, name, config)
+    })];
+
+impl Entry {
+    /// The environment of a configuration, whose own settings win over the task's defaults.
+    ///
+    /// # Errors
+    /// As [`Env::of`].
+    pub fn env(&self, config: &EnvConfig) -> Result<Env> {
+        let defaults = self.default_config()?;
+        let mut own = config.clone();
+        for (key, value) in defaults.task {
+            own.task.entry(key).or_insert(value);
+        }
+        if own.randomise.is_empty() {
+            own.randomise = defaults.randomise;
+        }
+        if own.observation.is_empty() {
+            own.observation = defaults.observation;
+        }
+        (self.make)(self.name, &own)
+    }
+
+    /// The task's own defaults.
+    ///
+    /// # Errors
+    /// None for the registry as it is: a test reads them all.
+    pub fn default_config(&self) -> Result<EnvConfig> {
+        EnvConfig::from_toml(self.defaults, self.name)
+    }
+}
+
+/// The names that [`by_name`] knows.
+pub fn names() -> Vec<&'static str> {
+    REGISTRY.iter().map(|entry| entry.name).collect()
+}
+
+/// The built-in task of that name (case does not matter).
+///
+/// # Errors
+/// [`Error::Unknown`] with the nearest.
+pub fn by_name(name: &str) -> Result<&'static Entry> {
+    REGISTRY.iter().find(|entry| entry.name.eq_ignore_ascii_case(name)).ok_or_else(|| Error::Unknown {
+        kind: "task",
+        name: name.to_string(),
+        known: names().into_iter().map(String::from).collect(),
+    })
+}

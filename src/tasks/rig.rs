@@ -1,0 +1,379 @@
+//! What flies in a task: a vehicle or an articulated model, its drones, and where their numbers stand.
+//!
+//! Every task sees the same picture: **frames**, the motion of bodies along world axes, and **drones**, each with a frame,
+//! rotors and drives. A vehicle alone has one frame; a model has one per body.
+
+use crate::autodiff::{Rows, RowsMut, Scalar, System};
+use crate::dynamics::frame::Frame;
+use crate::dynamics::rigid::RIGID_DIM;
+use crate::dynamics::tree::numbers::Numbers;
+use crate::dynamics::tree::{Layout, Model, Multibody, frames, number_names, rest_state};
+use crate::dynamics::{Effects, Inertia, Multirotor, Physics, Vehicle, rigid, tree};
+use crate::error::Result;
+
+/// Time constant of the motors in the benchmark tasks, s: the paper's filter of 0.43 per 16 ms.
+pub const MOTOR_TIME_CONSTANT: f64 = 0.02846;
+/// Rates at which speed and rotation fade in the benchmark tasks, 1/s: F = −0.2 m v, M = −0.2 J ω.
+pub const DAMPING: f64 = 0.2;
+
+/// A vehicle as the benchmark tasks fly it: the paper's motor lag and effective damping, no other drag.
+pub fn benchmark(vehicle: &Vehicle) -> Vehicle {
+    let total = vehicle.mass_properties();
+    let mut own = vehicle.clone();
+    own.drag.linear = [DAMPING * total.mass; 3];
+    own.drag.quadratic = [0.0; 3];
+    own.drag.angular = [0, 1, 2].map(|i| DAMPING * total.inertia[(i, i)]);
+    for rotor in &mut own.rotors {
+        (rotor.time_constant_up, rotor.time_constant_down) = (MOTOR_TIME_CONSTANT, MOTOR_TIME_CONSTANT);
+    }
+    own
+}
+
+/// One rotor of a drone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RotorPlace {
+    /// Of its speed in the state.
+    pub speed: usize,
+    /// Of its action in the input.
+    pub action: usize,
+    /// Nominal largest speed, rad/s.
+    pub max_speed: f64,
+}
+
+/// A drive of a drone: a tilting unit, a gimbal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DrivePlace {
+    /// Of its angle in the state.
+    pub angle: usize,
+    /// Of its rate in the state.
+    pub rate: usize,
+    /// Of its command in the input.
+    pub command: usize,
+}
+
+/// One drone of a rig.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DronePlace {
+    /// Its frame.
+    pub frame: usize,
+    /// In the vehicle's order.
+    pub rotors: Vec<RotorPlace>,
+    /// What its other actions move.
+    pub drives: Vec<DrivePlace>,
+}
+
+impl DronePlace {
+    /// Numbers of its actions: rotors, then drives.
+    pub fn n_action(&self) -> usize {
+        self.rotors.len() + self.drives.len()
+    }
+}
+
+/// The system of a rig.
+#[derive(Debug, Clone)]
+pub(crate) enum Craft {
+    /// In closed form.
+    Vehicle(Multirotor),
+    /// Articulated.
+    Model(Multibody),
+}
+
+/// What flies in a task.
+#[derive(Debug, Clone)]
+pub struct Rig {
+    pub(crate) craft: Craft,
+    /// The vehicle of every drone, if they are plain multirotors; what control modes are built from.
+    pub(crate) vehicle: Option<Vehicle>,
+    drones: Vec<DronePlace>,
+    rest: Vec<f64>,
+    /// First of each tree's numbers in the state.
+    roots: Vec<usize>,
+    /// Numbers that differ between environments, ascending.
+    varied: Vec<usize>,
+}
+
+impl Rig {
+    /// A vehicle alone; build it with [`benchmark`] for the benchmark's physics.
+    ///
+    /// # Errors
+    /// As [`Multirotor::new`] and [`Multirotor::hover_state`].
+    pub fn of_vehicle(vehicle: &Vehicle, physics: Physics) -> Result<Self> {
+        let system = Multirotor::new(vehicle, physics)?;
+        let rotors = vehicle.rotors.iter().enumerate();
+        let drone = DronePlace {
+            frame: 0,
+            rotors: rotors
+                .map(|(i, r)| RotorPlace { speed: RIGID_DIM + i, action: i, max_speed: r.max_speed })
+                .collect(),
+            drives: Vec::new(),
+        };
+        Ok(Self {
+            rest: system.hover_state([0.0; 3])?,
+            craft: Craft::Vehicle(system),
+            vehicle: Some(vehicle.clone()),
+            drones: vec![drone],
+            roots: vec![0],
+            varied: Vec::new(),
+        })
+    }
+
+    /// A model: each of its drones is one, with the drives that `drives` gives it. Rotors rest at the share of weight that
+    /// falls on them.
+    ///
+    /// # Errors
+    /// As [`Multibody::new`].
+    pub fn of_model(
+        model: &Model,
+        physics: Physics,
+        vehicle: Option<&Vehicle>,
+        drives: impl Fn(usize) -> Vec<usize>,
+    ) -> Result<Self> {
+        let system = Multibody::new(model, physics)?;
+        let layout = system.layout();
+        let place = |(i, drone): (usize, &tree::Drone)| DronePlace {
+            frame: drone.body,
+            rotors: drone
+                .rotors
+                .iter()
+                .map(|r| RotorPlace {
+                    speed: layout.rotor_speed[*r],
+                    action: layout.rotor_action[*r],
+                    max_speed: model.rotors()[*r].rotor.max_speed,
+                })
+                .collect(),
+            drives: drives(i)
+                .into_iter()
+                .filter_map(|body| {
+                    let own = &layout.bodies[body];
+                    layout.drive[body].map(|command| DrivePlace { angle: own.position, rate: own.velocity, command })
+                })
+                .collect(),
+        };
+        let drones: Vec<DronePlace> = model.drones().iter().enumerate().map(place).collect();
+        let mut rest = rest_state(model);
+        set_hover_speeds(model, layout, &mut rest);
+        let roots = layout.trees.iter().map(|t| t.state.start).collect();
+        let vehicle = vehicle.cloned();
+        Ok(Self { craft: Craft::Model(system), vehicle, drones, rest, roots, varied: Vec::new() })
+    }
+
+    /// The same rig with these numbers ([`Rig::numbers`]) differing between environments.
+    pub fn varying(mut self, numbers: impl IntoIterator<Item = usize>) -> Self {
+        self.varied.extend(numbers);
+        self.varied.sort_unstable();
+        self.varied.dedup();
+        self
+    }
+
+    /// The same rig with mass, centre of mass and inertia of body `body` differing between environments.
+    pub fn varying_inertial(self, body: usize) -> Self {
+        let place = Inertial::place(body);
+        self.varying(place..place + 10)
+    }
+
+    /// Which of [`Rig::numbers`] differ between environments.
+    pub fn varied(&self) -> &[usize] {
+        &self.varied
+    }
+
+    /// Its drones, in the order of the agents.
+    pub fn drones(&self) -> &[DronePlace] {
+        &self.drones
+    }
+
+    /// Drone 0.
+    pub fn drone(&self) -> &DronePlace {
+        &self.drones[0]
+    }
+
+    /// The articulated model, if it is one.
+    pub fn model(&self) -> Option<&Model> {
+        match &self.craft {
+            Craft::Vehicle(_) => None,
+            Craft::Model(m) => Some(m.model()),
+        }
+    }
+
+    /// Time step, integrator, effects.
+    pub fn physics(&self) -> &Physics {
+        match &self.craft {
+            Craft::Vehicle(m) => m.physics(),
+            Craft::Model(m) => m.physics(),
+        }
+    }
+
+    /// Numbers of the state.
+    pub fn n_state(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// Numbers of the input, disturbances included.
+    pub fn n_input(&self) -> usize {
+        match &self.craft {
+            Craft::Vehicle(m) => m.n_input(),
+            Craft::Model(m) => m.n_input(),
+        }
+    }
+
+    /// Number of frames: one per body.
+    pub fn n_frame(&self) -> usize {
+        match &self.craft {
+            Craft::Vehicle(_) => 1,
+            Craft::Model(m) => m.model().bodies().len(),
+        }
+    }
+
+    /// Every joint at rest, rotors at hover: where [`Start`](super::Start) begins.
+    pub fn rest(&self) -> &[f64] {
+        &self.rest
+    }
+
+    /// Nominal numbers: [`parameter_vector`](crate::dynamics::rigid::parameter_vector) of a vehicle,
+    /// [`number_vector`](crate::dynamics::tree::number_vector) of a model.
+    pub fn numbers(&self) -> Vec<f64> {
+        match &self.craft {
+            Craft::Vehicle(m) => m.parameters(),
+            Craft::Model(m) => m.parameters().to_vec(),
+        }
+    }
+
+    /// Names of [`Rig::numbers`].
+    pub fn number_names(&self) -> Vec<String> {
+        match &self.craft {
+            Craft::Vehicle(m) => rigid::parameter_names(m.vehicle()),
+            Craft::Model(m) => number_names(m.model()),
+        }
+    }
+
+    /// First of each tree's numbers in the state.
+    pub(crate) fn roots(&self) -> &[usize] {
+        &self.roots
+    }
+
+    /// Where the nine numbers of each tree's disturbance stand in the input.
+    pub(crate) fn disturbances(&self) -> Vec<usize> {
+        match &self.craft {
+            Craft::Vehicle(m) if m.physics().effects.disturbance => vec![m.vehicle().n_rotor()],
+            Craft::Vehicle(_) => Vec::new(),
+            Craft::Model(m) => m.layout().trees.iter().filter_map(|t| t.disturbance).collect(),
+        }
+    }
+
+    /// Writes the frames of a state, [`FRAME`](crate::dynamics::frame::FRAME) numbers each. `numbers` are those of
+    /// [`Rig::numbers`].
+    pub(crate) fn frames<S: Scalar>(&self, numbers: impl Numbers<S>, state: &Rows<'_, S>, out: &mut RowsMut<'_, S>) {
+        match &self.craft {
+            Craft::Model(m) => frames::write(m.topology(), numbers, state, out),
+            Craft::Vehicle(_) => Frame::of_vehicle(state).write(&mut out.pen(0)),
+        }
+    }
+}
+
+/// Speeds at which the rotors of each tree carry its weight: the same fraction of every rotor's largest thrust.
+fn set_hover_speeds(model: &Model, layout: &Layout, state: &mut [f64]) {
+    for tree in &layout.trees {
+        let weight: f64 = model.bodies()[tree.bodies.clone()].iter().map(|b| b.mass).sum::<f64>() * model.parts().gravity;
+        let lift: f64 = model.rotors()[tree.rotors.clone()].iter().map(|r| r.rotor.max_thrust()).sum();
+        for r in tree.rotors.clone() {
+            let share = (weight / lift).clamp(0.0, 1.0);
+            state[layout.rotor_speed[r]] = model.rotors()[r].rotor.max_speed * share.sqrt();
+        }
+    }
+}
+
+/// The effects of the benchmark tasks: damping alone.
+pub fn benchmark_effects() -> Effects {
+    Effects::lean()
+}
+
+/// Mass, centre of mass and inertia about it, as a task changes them at a reset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Inertial {
+    /// kg.
+    pub mass: f64,
+    /// m, body.
+    pub center_of_mass: [f64; 3],
+    /// About the centre of mass, kg m².
+    pub inertia: Inertia,
+}
+
+impl Inertial {
+    /// A solid ball.
+    pub fn ball(mass: f64, radius: f64, center_of_mass: [f64; 3]) -> Self {
+        let i = 0.4 * mass * radius * radius;
+        Self { mass, center_of_mass, inertia: Inertia::diagonal(i, i, i) }
+    }
+
+    /// A solid box with edges `size`.
+    pub fn cuboid(mass: f64, size: [f64; 3], center_of_mass: [f64; 3]) -> Self {
+        let [x, y, z] = size.map(|s| s * s * mass / 12.0);
+        Self { mass, center_of_mass, inertia: Inertia::diagonal(y + z, x + z, x + y) }
+    }
+
+    /// The same body `factor` times as heavy.
+    pub fn scaled(&self, factor: f64) -> Self {
+        let i = &self.inertia;
+        let inertia = Inertia {
+            xx: factor * i.xx,
+            yy: factor * i.yy,
+            zz: factor * i.zz,
+            xy: factor * i.xy,
+            xz: factor * i.xz,
+            yz: factor * i.yz,
+        };
+        Self { mass: factor * self.mass, center_of_mass: self.center_of_mass, inertia }
+    }
+
+    /// Two bodies welded together (Steiner's theorem).
+    pub fn and(&self, other: &Self) -> Self {
+        let mass = self.mass + other.mass;
+        let center = [0, 1, 2].map(|i| {
+            (self.mass * self.center_of_mass[i] + other.mass * other.center_of_mass[i]) / mass.max(f64::MIN_POSITIVE)
+        });
+        let (a, b) = (self.about(center), other.about(center));
+        let inertia = Inertia {
+            xx: a.xx + b.xx,
+            yy: a.yy + b.yy,
+            zz: a.zz + b.zz,
+            xy: a.xy + b.xy,
+            xz: a.xz + b.xz,
+            yz: a.yz + b.yz,
+        };
+        Self { mass, center_of_mass: center, inertia }
+    }
+
+    fn about(&self, point: [f64; 3]) -> Inertia {
+        let [x, y, z] = [0, 1, 2].map(|i| self.center_of_mass[i] - point[i]);
+        let (m, i) = (self.mass, &self.inertia);
+        Inertia {
+            xx: i.xx + m * (y * y + z * z),
+            yy: i.yy + m * (x * x + z * z),
+            zz: i.zz + m * (x * x + y * y),
+            xy: i.xy - m * x * y,
+            xz: i.xz - m * x * z,
+            yz: i.yz - m * y * z,
+        }
+    }
+
+    /// From the numbers of body 0 of a [`Rig`]'s, or of body `body` where there are several.
+    pub fn read(numbers: &[f64], body: usize) -> Self {
+        let n = &numbers[Self::place(body)..];
+        Self {
+            mass: n[0],
+            center_of_mass: [n[1], n[2], n[3]],
+            inertia: Inertia { xx: n[4], yy: n[5], zz: n[6], xy: n[7], xz: n[8], yz: n[9] },
+        }
+    }
+
+    /// Over the numbers of body `body`.
+    pub fn write(&self, numbers: &mut [f64], body: usize) {
+        let (c, i) = (&self.center_of_mass, &self.inertia);
+        let own = [self.mass, c[0], c[1], c[2], i.xx, i.yy, i.zz, i.xy, i.xz, i.yz];
+        numbers[Self::place(body)..][..10].copy_from_slice(&own);
+    }
+
+    /// Where a body's mass stands among the numbers of a rig; centre of mass and inertia follow.
+    pub fn place(body: usize) -> usize {
+        1 + body * tree::BODY_NUMBERS.len()
+    }
+}

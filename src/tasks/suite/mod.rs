@@ -1,0 +1,28 @@
+//! The benchmark tasks, one file each.
+
+pub mod hover;
+
+use super::rig::DronePlace;
+use super::sheet::Slice;
+
+/// What [`View::observe_drone`](super::View::observe_drone) writes.
+pub fn drone_slices(drone: &DronePlace) -> Vec<Slice> {
+    let mut slices = vec![
+        Slice::new("attitude", 4, "-, body → world", "unit quaternion, w ≥ 0"),
+        Slice::new("velocity", 3, "m/s, world", "v"),
+        Slice::new("angular_velocity", 3, "rad/s, world", "ω"),
+        Slice::new("heading", 3, "-, world", "h = R e_x"),
+        Slice::new("up", 3, "-, world", "u = R e_z"),
+        Slice::new("throttle", drone.rotors.len(), "-", "2s − 1, s = Ω/Ω_max"),
+    ];
+    if !drone.drives.is_empty() {
+        slices.push(Slice::new("drive_angle", drone.drives.len(), "rad", "of its drives"));
+        slices.push(Slice::new("drive_rate", drone.drives.len(), "rad/s", "of its drives"));
+    }
+    slices
+}
+
+/// What [`View::observe_clock`](super::View::observe_clock) writes.
+pub fn clock_slice() -> Slice {
+    Slice::new("clock", 4, "-", "k/T, four times")
+}

@@ -1,0 +1,302 @@
+//! What a task is: goals, observations, rewards and ends, written once over any scalar.
+//!
+//! A task does not step physics. The environment does, then shows it a [`View`] of the new state; the task answers with
+//! numbers. Everything but the start of an episode is generic over [`Scalar`] and free of branches on values, so the same
+//! lines run in lanes (sixty-four environments at once), in `f64`, on duals and on a recording whose adjoint gives
+//! gradients through whole episodes.
+//!
+//! To add one: a file with a struct that implements [`Task`], and a line in the [registry](super::registry).
+
+use super::rig::{DronePlace, Rig};
+use super::sheet::Sheet;
+use crate::autodiff::{Mask, Pen, Rows, Scalar, safe};
+use crate::dynamics::frame::{FRAME, Frame};
+use crate::dynamics::spatial::{Quat, Vec3, from_euler, rotate};
+use crate::rng::{Purpose, Stream};
+use std::f64::consts::{PI, TAU};
+
+/// A task: what flies, where an episode starts, what is seen, rewarded and forbidden.
+///
+/// Methods over a scalar are called in lanes: mark them `#[inline(always)]` and use index loops, no closures or iterators
+/// (they cost a factor of seven, silently).
+pub trait Task: Send + Sync + 'static {
+    /// What flies.
+    fn rig(&self) -> &Rig;
+
+    /// Names, sizes, bounds: all that the methods below write, in the same order.
+    fn sheet(&self) -> Sheet;
+
+    /// Steps until truncation, T.
+    fn horizon(&self) -> usize;
+
+    /// Agents, one per drone unless said otherwise; each acts with its drone's rotors and drives.
+    fn n_agent(&self) -> usize {
+        self.rig().drones().len()
+    }
+
+    /// Draws the goal and the first state of an episode.
+    fn start(&self, start: &mut Start<'_>);
+
+    /// What happens to the goal at the time that [`Start::event_at`] asked for: a push, a new target. The state may not be
+    /// touched.
+    fn event(&self, _: &mut Start<'_>) {}
+
+    /// Wind, force and moment on tree `tree` in the coming step, as [`Disturbance`](crate::dynamics::Disturbance);
+    /// asked only where the rig's physics have that effect.
+    #[inline(always)]
+    fn disturb<S: Scalar>(&self, _view: &View<'_, S>, _tree: usize) -> [S; 9] {
+        [S::zero(); 9]
+    }
+
+    /// The new memo after a step, from a view with the old one.
+    #[inline(always)]
+    fn remember<S: Scalar>(&self, _view: &View<'_, S>, _memo: &mut Pen<'_, S>) {}
+
+    /// One agent's observation.
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut Pen<'_, S>);
+
+    /// The central state, for critics that see everything.
+    #[inline(always)]
+    fn central<S: Scalar>(&self, _view: &View<'_, S>, _out: &mut Pen<'_, S>) {}
+
+    /// The summands of the reward, in the order of [`Sheet::reward`]. All agents share the sum.
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>);
+
+    /// Which reasons to terminate hold, in the order of [`Sheet::ends`].
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>);
+
+    /// Figures in the order of [`Sheet::metrics`].
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>);
+
+    /// Whether the goal counts as reached in this step.
+    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask;
+
+    /// A cost per step that gradient methods minimise: smooth, and steep from afar too. The negative reward unless said
+    /// otherwise.
+    #[inline(always)]
+    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        let mut terms = [S::zero(); MAX_TERMS];
+        self.reward(view, &mut crate::autodiff::RowsMut::of(&mut terms).pen(0));
+        let mut sum = S::zero();
+        for i in 0..MAX_TERMS {
+            sum -= terms[i];
+        }
+        sum
+    }
+
+    /// A state and goal with which the reward, effort aside, comes within 1e-6 of its bound.
+    fn ideal(&self, start: &mut Start<'_>);
+}
+
+/// Most summands of a reward.
+pub const MAX_TERMS: usize = 8;
+/// Most reasons to terminate.
+pub const MAX_ENDS: usize = 8;
+
+/// What a task sees after a step.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a, S> {
+    /// What flies.
+    pub rig: &'a Rig,
+    /// Of the physics, in the rig's layout.
+    pub state: Rows<'a, S>,
+    /// Motion of every body.
+    pub frames: Rows<'a, S>,
+    /// Rotor speeds before the step, in the order of the drones; those of the state in the first view of an episode.
+    pub speeds_before: Rows<'a, S>,
+    /// What stays through the episode ([`Sheet::goal`]).
+    pub goal: Rows<'a, S>,
+    /// What the task keeps from step to step ([`Sheet::memo`]).
+    pub memo: Rows<'a, S>,
+    /// Steps since the episode began, k.
+    pub step: S,
+    /// Share of the time that is over: (k + offset)/T.
+    pub clock: S,
+}
+
+impl<S: Scalar> View<'_, S> {
+    /// Motion of body `body`.
+    #[inline(always)]
+    pub fn frame(&self, body: usize) -> Frame<S> {
+        Frame::read(&self.frames.from(body * FRAME))
+    }
+
+    /// Motion of drone `drone`.
+    #[inline(always)]
+    pub fn drone(&self, drone: usize) -> Frame<S> {
+        self.frame(self.rig.drones()[drone].frame)
+    }
+
+    /// s = Ω/Ω_max of a rotor.
+    #[inline(always)]
+    pub fn throttle(&self, drone: usize, rotor: usize) -> S {
+        let place = &self.rig.drones()[drone].rotors[rotor];
+        self.state.get(place.speed) * S::constant(1.0 / place.max_speed)
+    }
+
+    /// e = Σ s of a drone's rotors.
+    #[inline(always)]
+    pub fn effort(&self, drone: usize) -> S {
+        let mut sum = S::zero();
+        for i in 0..self.rig.drones()[drone].rotors.len() {
+            sum += self.throttle(drone, i);
+        }
+        sum
+    }
+
+    /// (1/m) Σ e^{−e_i} over the drones.
+    #[inline(always)]
+    pub fn mean_effort_reward(&self) -> S {
+        let m = self.rig.drones().len();
+        let mut sum = S::zero();
+        for i in 0..m {
+            sum += (-self.effort(i)).exp();
+        }
+        sum * S::constant(1.0 / m as f64)
+    }
+
+    /// Δs = ‖s − s_before‖ over a drone's rotors.
+    #[inline(always)]
+    pub fn throttle_difference(&self, drone: usize) -> S {
+        let mut first = 0;
+        for i in 0..drone {
+            first += self.rig.drones()[i].rotors.len();
+        }
+        let place: &DronePlace = &self.rig.drones()[drone];
+        let mut sum = S::zero();
+        for i in 0..place.rotors.len() {
+            let rotor = &place.rotors[i];
+            let change = self.state.get(rotor.speed) - self.speeds_before.get(first + i);
+            let change = change * S::constant(1.0 / rotor.max_speed);
+            sum = change.mul_add(change, sum);
+        }
+        safe::sqrt(sum, safe::SQUARED_NORM_FLOOR)
+    }
+
+    /// The part of a drone's observation that all tasks share, ŝ: attitude (w ≥ 0), velocity, angular velocity, heading,
+    /// up, 2s − 1 per rotor, then angle and rate of every drive.
+    #[inline(always)]
+    pub fn observe_drone(&self, drone: usize, out: &mut Pen<'_, S>) {
+        let frame = self.drone(drone);
+        out.array(frame.observed_attitude());
+        out.array(frame.velocity);
+        out.array(frame.angular_velocity);
+        out.array(frame.heading());
+        out.array(frame.up());
+        let place = &self.rig.drones()[drone];
+        let two = S::constant(2.0);
+        for i in 0..place.rotors.len() {
+            out.number(two.mul_add(self.throttle(drone, i), -S::one()));
+        }
+        for i in 0..place.drives.len() {
+            out.number(self.state.get(place.drives[i].angle));
+        }
+        for i in 0..place.drives.len() {
+            out.number(self.state.get(place.drives[i].rate));
+        }
+    }
+
+    /// The time code: the clock, four times.
+    #[inline(always)]
+    pub fn observe_clock(&self, out: &mut Pen<'_, S>) {
+        out.array([self.clock; 4]);
+    }
+}
+
+/// Reasons to terminate, one mask each.
+pub struct Ends<'a, S: Scalar> {
+    masks: &'a mut [S::Mask],
+    at: usize,
+}
+
+impl<'a, S: Scalar> Ends<'a, S> {
+    #[inline(always)]
+    pub(crate) fn new(masks: &'a mut [S::Mask]) -> Self {
+        Self { masks, at: 0 }
+    }
+
+    /// The next reason.
+    ///
+    /// # Panics
+    /// Behind [`MAX_ENDS`].
+    #[inline(always)]
+    pub fn when(&mut self, mask: S::Mask) {
+        self.masks[self.at] = mask;
+        self.at += 1;
+    }
+
+    /// The next reason: any of two.
+    #[inline(always)]
+    pub fn either(&mut self, a: S::Mask, b: S::Mask) {
+        self.when(a.or(b));
+    }
+}
+
+/// The start of an episode: draws, and where they go.
+pub struct Start<'a> {
+    /// What flies.
+    pub rig: &'a Rig,
+    /// Of the physics; [`Rig::rest`] until changed.
+    pub state: &'a mut [f64],
+    /// What stays through the episode; zeros until changed.
+    pub goal: &'a mut [f64],
+    /// What the task keeps from step to step; zeros until changed.
+    pub memo: &'a mut [f64],
+    /// Physical numbers as in [`Rig::numbers`]: the nominal ones until changed. A change counts where [`Rig::varied`]
+    /// names the number.
+    pub numbers: &'a mut [f64],
+    /// Initial states.
+    pub reset: Stream,
+    /// Goals.
+    pub task: Stream,
+    /// The same in every episode of an environment: geometry.
+    pub once: Stream,
+    /// Step at which [`Task::event`] is called; never if it is not finite.
+    pub event_at: f64,
+}
+
+impl Start<'_> {
+    /// Moves the root of tree `tree`: position, world, m, and attitude.
+    ///
+    /// # Panics
+    /// If there is no such tree.
+    pub fn place(&mut self, tree: usize, position: Vec3<f64>, attitude: Quat<f64>) {
+        let at = self.rig.roots()[tree];
+        self.state[at..at + 3].copy_from_slice(&position);
+        self.state[at + 6..at + 10].copy_from_slice(&attitude);
+    }
+
+    /// As [`Start::place`] such that the point `local` of the root comes to `point`.
+    ///
+    /// # Panics
+    /// If there is no such tree.
+    pub fn place_point(&mut self, tree: usize, local: Vec3<f64>, point: Vec3<f64>, attitude: Quat<f64>) {
+        let lever = rotate(attitude, local);
+        self.place(tree, [0, 1, 2].map(|i| point[i] - lever[i]), attitude);
+    }
+
+    /// Uniform in a box.
+    pub fn position(&mut self, low: Vec3<f64>, high: Vec3<f64>) -> Vec3<f64> {
+        [0, 1, 2].map(|i| self.reset.uniform(low[i], high[i]))
+    }
+
+    /// Roll and pitch uniform within ±`tilt`, yaw within [`yaw`.0, `yaw`.1].
+    pub fn attitude(&mut self, tilt: f64, yaw: (f64, f64)) -> Quat<f64> {
+        let (roll, pitch) = (self.reset.uniform(-tilt, tilt), self.reset.uniform(-tilt, tilt));
+        from_euler(roll, pitch, self.reset.uniform(yaw.0, yaw.1))
+    }
+}
+
+/// Any yaw.
+pub const ANY_YAW: (f64, f64) = (0.0, TAU);
+/// Roll and pitch of most starts, rad.
+pub const START_TILT: f64 = 0.2 * PI;
+
+/// The streams of one episode.
+pub(crate) fn streams(seed: u64, environment: u64, episode: u64) -> [Stream; 3] {
+    [
+        Stream::new(seed, environment, episode, Purpose::RESET),
+        Stream::new(seed, environment, episode, Purpose::TASK),
+        Stream::new(seed, environment, u64::MAX, Purpose::PARAMETERS),
+    ]
+}
