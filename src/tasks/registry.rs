@@ -29,10 +29,14 @@ const fn entry(
 }
 
 /// Every built-in task.
-pub static REGISTRY: &[Entry] =
-    &[entry("Hover", "fly to a point and hold it, with a heading", include_str!("suite/hover.rs"), |name, config| {
+pub static REGISTRY: &[Entry] = &[
+    entry("Hover", "fly to a point and hold it, with a heading", include_str!("suite/hover.rs"), |name, config| {
         Env::of(hover::Hover::new(config)?, name, config)
-    })];
+    }),
+    entry("Track", "follow a lemniscate", include_str!("suite/track.rs"), |name, config| {
+        Env::of(track::Track::new(config)?, name, config)
+    }),
+];
 
 impl Entry {
     /// The environment of a configuration, whose own settings win over the task's defaults.

@@ -40,7 +40,7 @@ pub fn group(name: impl Into<String>, members: &[Member]) -> Result<Model> {
     let (bodies, rotors, drones, frames, shapes) = blank;
     let gravity = first.model.parts().gravity;
     let contact = contact_of(members, first);
-    let mut all = ModelParts { name: name.clone(), gravity, bodies, rotors, drones, frames, shapes, contact };
+    let mut all = ModelParts { name: name.clone(), gravity, bodies, rotors, drones, frames, shapes, contact, pushed: Vec::new() };
     for (i, member) in members.iter().enumerate() {
         member.place.validate(&at(&format!("place of '{}'", member.prefix)))?;
         if members[..i].iter().any(|m| m.prefix == member.prefix) {
@@ -73,6 +73,7 @@ fn append(all: &mut ModelParts, member: &Member) {
             None => (body.joint.position, body.joint.rotation) = moved(place, body.joint.position, body.joint.rotation),
         }
     }
+    own.pushed.iter_mut().for_each(|body| *body += body_0);
     for rotor in &mut own.rotors {
         rotor.body += body_0;
         rotor.rotor.name = named(&rotor.rotor.name);

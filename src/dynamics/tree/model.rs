@@ -226,6 +226,10 @@ pub struct ModelParts {
     /// Ground, material, what may touch what.
     #[serde(default)]
     pub contact: ContactSettings,
+    /// Bodies that take force and moment of their tree's disturbance in place of the root, at their centre of mass; one
+    /// per tree.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pushed: Vec<usize>,
 }
 
 /// A checked articulated system: a forest of bodies whose roots hang on the world.
@@ -370,6 +374,9 @@ impl Check<'_> {
             self.exists("frame", &frame.name, frame.body)?;
             finite(&self.at(&format!("frame '{}': position", frame.name)), &frame.position)?;
             self.rotation(&format!("frame '{}'", frame.name), &frame.rotation)?;
+        }
+        for body in &p.pushed {
+            self.exists("pushed body", "", *body)?;
         }
         for shape in &p.shapes {
             self.exists("shape", &shape.part, shape.body.unwrap_or(0))?;

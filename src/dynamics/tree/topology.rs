@@ -179,7 +179,8 @@ impl Topology {
             link.rotors = (first, last);
             let tree = layout.trees.iter().find(|t| t.bodies.contains(&i));
             link.wind = tree.and_then(|t| t.disturbance);
-            link.disturbance = link.wind.filter(|_| body.parent.is_none());
+            let pushed = model.parts().pushed.iter().find(|b| tree.is_some_and(|t| t.bodies.contains(b)));
+            link.disturbance = link.wind.filter(|_| pushed.map_or(body.parent.is_none(), |b| *b == i));
             links.push(link);
         }
         links

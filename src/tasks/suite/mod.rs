@@ -1,6 +1,7 @@
 //! The benchmark tasks, one file each.
 
 pub mod hover;
+pub mod track;
 
 use super::rig::DronePlace;
 use super::sheet::Slice;
