@@ -13,7 +13,11 @@ pub mod suite;
 pub mod task;
 
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
-pub use env::{Buffers, Env, Info, Space, Spec, StepOut};
+pub use env::check::{Finding, check_env};
+pub use env::single::{Outcome, SingleEnv};
+pub use env::{
+    Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Space, Spec, StepOut, Sweep, SweepOptions, Tape,
+};
 pub use observation::{Stage, Statistics};
 pub use randomise::{Change, Quantity};
 pub use rig::Rig;

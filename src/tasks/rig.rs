@@ -3,11 +3,9 @@
 //! Every task sees the same picture: **frames**, the motion of bodies along world axes, and **drones**, each with a frame,
 //! rotors and drives. A vehicle alone has one frame; a model has one per body.
 
-use crate::autodiff::{Rows, RowsMut, Scalar, System};
-use crate::dynamics::frame::Frame;
+use crate::autodiff::System;
 use crate::dynamics::rigid::RIGID_DIM;
-use crate::dynamics::tree::numbers::Numbers;
-use crate::dynamics::tree::{Layout, Model, Multibody, frames, number_names, rest_state};
+use crate::dynamics::tree::{Layout, Model, Multibody, number_names, rest_state};
 use crate::dynamics::{Effects, Inertia, Multirotor, Physics, Vehicle, rigid, tree};
 use crate::error::Result;
 
@@ -256,15 +254,6 @@ impl Rig {
             Craft::Vehicle(m) if m.physics().effects.disturbance => vec![m.vehicle().n_rotor()],
             Craft::Vehicle(_) => Vec::new(),
             Craft::Model(m) => m.layout().trees.iter().filter_map(|t| t.disturbance).collect(),
-        }
-    }
-
-    /// Writes the frames of a state, [`FRAME`](crate::dynamics::frame::FRAME) numbers each. `numbers` are those of
-    /// [`Rig::numbers`].
-    pub(crate) fn frames<S: Scalar>(&self, numbers: impl Numbers<S>, state: &Rows<'_, S>, out: &mut RowsMut<'_, S>) {
-        match &self.craft {
-            Craft::Model(m) => frames::write(m.topology(), numbers, state, out),
-            Craft::Vehicle(_) => Frame::of_vehicle(state).write(&mut out.pen(0)),
         }
     }
 }

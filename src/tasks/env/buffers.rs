@@ -1,5 +1,7 @@
 //! Where a step writes: arrays of the caller, row-major, one row per environment.
 
+use super::block::EnvBlock;
+use super::gradient::BlockTape;
 use super::spec::Spec;
 use crate::error::{Error, Result};
 use crate::parallel::Divide;
@@ -127,8 +129,8 @@ impl StepOut<'_> {
 }
 
 /// Consecutive blocks with their rows of all arrays.
-pub(crate) struct Span<'a, B> {
-    pub blocks: &'a mut [B],
+pub(crate) struct Span<'a> {
+    pub blocks: &'a mut [EnvBlock],
     /// Number of the first block.
     pub first: usize,
     /// Environments in all blocks of the span.
@@ -138,6 +140,8 @@ pub(crate) struct Span<'a, B> {
     /// Row-major, one row per environment; may be empty.
     pub actions: &'a [f32],
     pub out: StepOut<'a>,
+    /// Of the same blocks, or empty.
+    pub tape: &'a mut [BlockTape],
 }
 
 fn cut<'a, T>(rows: &'a mut [T], at: usize, n: usize) -> (&'a mut [T], &'a mut [T]) {
@@ -145,7 +149,7 @@ fn cut<'a, T>(rows: &'a mut [T], at: usize, n: usize) -> (&'a mut [T], &'a mut [
     rows.split_at_mut(at * each)
 }
 
-impl<B: Send> Divide for Span<'_, B> {
+impl Divide for Span<'_> {
     fn count(&self) -> usize {
         self.blocks.len()
     }
@@ -188,9 +192,10 @@ impl<B: Send> Divide for Span<'_, B> {
             info: info.1,
         };
         let per_block = self.per_block;
+        let tape = self.tape.split_at_mut(at.min(self.tape.len()));
         (
-            Self { blocks: left, first: self.first, n_env: envs, per_block, actions: actions.0, out: a },
-            Self { blocks: right, first: self.first + at, n_env: n - envs, per_block, actions: actions.1, out: b },
+            Self { blocks: left, first: self.first, n_env: envs, per_block, actions: actions.0, out: a, tape: tape.0 },
+            Self { blocks: right, first: self.first + at, n_env: n - envs, per_block, actions: actions.1, out: b, tape: tape.1 },
         )
     }
 }

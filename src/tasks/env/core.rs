@@ -4,7 +4,9 @@ use super::block::{EnvBlock, HELD, INFOS, Sizes, Workspace, book, signal};
 use super::buffers::StepOut;
 use super::control::{Control, MAX_SLOTS};
 use super::engine::Engine;
+use super::gradient::Slot;
 use super::transform::{Shift, Transform};
+use super::transition::Places;
 use crate::autodiff::lanes::dispatch;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::{ALIVE, Plant, STOPPED};
@@ -12,7 +14,7 @@ use crate::rng::{Purpose, Stream};
 use crate::tasks::config::Autoreset;
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
-use crate::tasks::rig::Rig;
+use crate::tasks::rig::{Craft, Rig};
 use crate::tasks::task::{Start, streams};
 
 /// Everything that all environments share and that a step only reads.
@@ -26,6 +28,8 @@ pub(crate) struct Core {
     /// Numbers that vary between environments.
     pub varied: Vec<usize>,
     pub nominal: Vec<f64>,
+    /// The rig's system, with the numbers that vary as parameters if any do: what gradients are taken of.
+    pub exposed: Craft,
     pub disturbance_rows: Vec<usize>,
     pub speed_rows: Vec<usize>,
     pub statistics: Statistics,
@@ -53,7 +57,7 @@ fn first_bits(n: usize) -> u64 {
 }
 
 /// Numbers of the bits that are set.
-fn lanes_of(mut mask: u64) -> impl Iterator<Item = usize> {
+pub(crate) fn lanes_of(mut mask: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let lane = mask.trailing_zeros() as usize;
         (lane < BLOCK).then(|| {
@@ -76,14 +80,21 @@ impl Core {
         (first, n): (usize, usize),
         actions: &[f32],
         out: &mut StepOut<'_>,
+        mut slot: Option<(&Places, &mut Slot)>,
     ) {
         let real = first_bits(n);
         let running = bits(&block.book[book::RUNNING]) & real;
+        if let Some((places, slot)) = &mut slot {
+            slot.open(places, block, running);
+        }
         self.act(block, work, actions);
         self.plant.frames(&block.plant, &mut work.frames);
         self.engine.judge(&self.sizes, self.plant.alive_row(), block, work);
         self.transform(block, work, running, 0, first);
         let ended = (bits(&work.signals[signal::TERMINATED]) | bits(&work.signals[signal::TRUNCATED])) & running;
+        if let Some((places, slot)) = slot {
+            slot.close(places, &work.action, &work.noise, ended);
+        }
         let events = bits(&work.signals[signal::DUE]) & running & !ended;
         for lane in lanes_of(events) {
             self.event(block, work, lane, first);

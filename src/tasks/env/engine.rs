@@ -1,11 +1,16 @@
 //! The door between environments, which know no task, and tasks, which are generic over the scalar.
 
 use super::block::{EnvBlock, Sizes, Workspace};
+use super::core::Core;
 use super::judge::{Disturb, Judge, Observe};
+use super::transition::{Setting, ideal_terms, transition};
 use crate::autodiff::lanes::dispatch;
+use crate::autodiff::{Recording, Scalar, Trace};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::Sheet;
 use crate::tasks::task::{Start, Task};
+use nalgebra::DMatrix;
+use num_dual::Dual64;
 
 /// A task behind one pointer.
 pub(crate) trait Engine: Send + Sync {
@@ -15,13 +20,18 @@ pub(crate) trait Engine: Send + Sync {
     fn n_agent(&self) -> usize;
     fn start(&self, start: &mut Start<'_>);
     fn event(&self, start: &mut Start<'_>);
-    fn ideal(&self, start: &mut Start<'_>);
+    /// Summands of the reward in the task's ideal state.
+    fn ideal_terms(&self, core: &Core) -> Vec<f64>;
     /// Time, memo, reward, ends and observation after physics.
     fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace);
     /// Observation and central state where episodes begin.
     fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64);
     /// Disturbances of the coming step.
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]);
+    /// One step as a recording.
+    fn record(&self, setting: &Setting<'_>) -> Recording;
+    /// One step in `f64`, and its derivatives with respect to the first `n` arguments, column by column.
+    fn differentiate(&self, setting: &Setting<'_>, z: &[f64], n: usize) -> (Vec<f64>, DMatrix<f64>);
 }
 
 /// A task with its sheet.
@@ -49,8 +59,8 @@ impl<T: Task> Engine for Typed<T> {
     fn event(&self, start: &mut Start<'_>) {
         self.task.event(start);
     }
-    fn ideal(&self, start: &mut Start<'_>) {
-        self.task.ideal(start);
+    fn ideal_terms(&self, core: &Core) -> Vec<f64> {
+        ideal_terms(&self.task, core)
     }
     fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace) {
         dispatch(Judge { task: &self.task, sizes, alive_row, block, work });
@@ -60,5 +70,27 @@ impl<T: Task> Engine for Typed<T> {
     }
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]) {
         dispatch(Disturb { task: &self.task, block, work, rows });
+    }
+    fn record(&self, setting: &Setting<'_>) -> Recording {
+        Recording::of(setting.places.n_argument(), |z| {
+            let mut y = vec![Trace::zero(); setting.places.n_result()];
+            transition(&self.task, setting, z, &mut y);
+            y
+        })
+    }
+    fn differentiate(&self, setting: &Setting<'_>, z: &[f64], n: usize) -> (Vec<f64>, DMatrix<f64>) {
+        let n_result = setting.places.n_result();
+        let (mut value, mut matrix) = (vec![0.0; n_result], DMatrix::zeros(n_result, n));
+        let mut lifted: Vec<Dual64> = z.iter().map(|x| Dual64::from(*x)).collect();
+        let mut y = vec![Dual64::from(0.0); n_result];
+        for k in 0..n {
+            lifted[k].eps = 1.0;
+            transition(&self.task, setting, &lifted, &mut y);
+            lifted[k].eps = 0.0;
+            for (row, result) in y.iter().enumerate() {
+                (value[row], matrix[(row, k)]) = (result.re, result.eps);
+            }
+        }
+        (value, matrix)
     }
 }

@@ -10,6 +10,8 @@
 //! | `judge` | the task's part of a step |
 //! | `transform` | delay lines, transforms of observations |
 //! | `block` | what sixty-four environments hold |
+//! | `transition` | the same step over any scalar, for gradients |
+//! | [`gradient`] | tapes, sweeps, Jacobians |
 //! | `engine` | the door to tasks |
 //! | [`single`] | one environment, for newcomers |
 //! | [`check`] | whether an environment keeps its contract |
@@ -20,12 +22,15 @@ pub mod check;
 pub(crate) mod control;
 pub(crate) mod core;
 pub(crate) mod engine;
+pub mod gradient;
 pub(crate) mod judge;
 pub mod single;
 pub mod spec;
 pub(crate) mod transform;
+pub(crate) mod transition;
 
 pub use buffers::{Buffers, StepOut};
+pub use gradient::{Adjoint, Cotangents, Jacobian, Sweep, SweepOptions, Tape};
 pub use spec::{Info, Space, Spec};
 
 use self::block::{EnvBlock, INFOS, Sizes, Workspace};
@@ -33,6 +38,8 @@ use self::buffers::Span;
 use self::control::Control;
 use self::core::{Core, HELD_PER_AGENT};
 use self::engine::{Engine, Typed};
+use self::gradient::BlockTape;
+use self::transition::exposed;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::Plant;
 use crate::error::{Error, Result};
@@ -153,6 +160,7 @@ impl Env {
         let statistics = Statistics::of_nothing(sizes.normalised);
         let rest = rig.rest().to_vec();
         let core = Core {
+            exposed: exposed(&*engine, !varied.is_empty()),
             statistics: statistics.clone(),
             frozen: Vec::new(),
             collects: true,
@@ -216,8 +224,9 @@ impl Env {
             (0..BLOCK).fold(0, |mask, lane| mask | (u64::from(own(lane)) << lane))
         };
         self.started = true;
-        self.for_each_block(&[], out, |core, block, work, (first, n), _, out| {
-            core.reset(block, work, (first, n), chosen(first), out);
+        self.for_each_block(&[], out, &mut [], |core, work, part| {
+            let first = part.first * BLOCK;
+            core.reset(&mut part.blocks[0], work, (first, part.n_env), chosen(first), &mut part.out);
         });
         Ok(())
     }
@@ -236,6 +245,10 @@ impl Env {
     /// # Errors
     /// [`Error::Value`] for a slice of the wrong length, or before the first [`Env::reset`].
     pub fn step(&mut self, actions: &[f32], out: &mut StepOut<'_>) -> Result<()> {
+        self.step_into(actions, out, None)
+    }
+
+    fn step_into(&mut self, actions: &[f32], out: &mut StepOut<'_>, tape: Option<&mut Tape>) -> Result<()> {
         out.check(&self.spec)?;
         let wanted = self.spec.n_env * self.core.sizes.action;
         if actions.len() != wanted {
@@ -246,8 +259,13 @@ impl Env {
             let remedy = "Call env.reset(None, None, ..) once.";
             return Err(Error::value("environments", "not started", "reset before the first step", remedy));
         }
-        self.for_each_block(actions, out, |core, block, work, place, actions, out| {
-            core.step(block, work, place, actions, out);
+        let (t, places) = tape.as_ref().map_or((0, None), |tape| (tape.len(), Some(tape.places.clone())));
+        let tape = tape.map_or(&mut [][..], |tape| &mut tape.blocks[..]);
+        self.for_each_block(actions, out, tape, |core, work, part| {
+            let place = (part.first * BLOCK, part.n_env);
+            let slot = part.tape.first_mut().map(|block| &mut block.slots[t]);
+            let slot = places.as_ref().zip(slot);
+            core.step(&mut part.blocks[0], work, place, part.actions, &mut part.out, slot);
         });
         Ok(())
     }
@@ -257,7 +275,8 @@ impl Env {
         &mut self,
         actions: &[f32],
         out: &mut StepOut<'_>,
-        work: impl Fn(&Core, &mut EnvBlock, &mut Workspace, (usize, usize), &[f32], &mut StepOut<'_>) + Sync + Send,
+        tape: &mut [BlockTape],
+        work: impl Fn(&Core, &mut Workspace, &mut Span<'_>) + Sync + Send,
     ) {
         let (core, pool, n_env) = (&self.core, &self.pool, self.spec.n_env);
         let span = Span {
@@ -267,13 +286,13 @@ impl Env {
             per_block: BLOCK,
             actions,
             out: out.reborrow(),
+            tape,
         };
-        self.threads.for_each_part(span, BLOCKS_PER_PART, &|mut part: Span<'_, EnvBlock>| {
+        self.threads.for_each_part(span, BLOCKS_PER_PART, &|mut part: Span<'_>| {
             let mut own = pool.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_else(|| core.workspace());
             while !part.blocks.is_empty() {
                 let (mut one, rest) = crate::parallel::Divide::divide(part, 1);
-                let place = (one.first * BLOCK, one.n_env);
-                work(core, &mut one.blocks[0], &mut own, place, one.actions, &mut one.out);
+                work(core, &mut own, &mut one);
                 part = rest;
             }
             pool.lock().unwrap_or_else(PoisonError::into_inner).push(own);
@@ -368,6 +387,12 @@ impl Env {
         self.check_environment(environment)?;
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
         Ok(block.goal.iter().map(|row| row[lane]).collect())
+    }
+
+    /// The summands of the reward in a state that the task calls ideal: their sum comes within 1e-6 of
+    /// [`Spec::reward_bound`], effort aside.
+    pub fn ideal_terms(&self) -> Vec<f64> {
+        self.core.engine.ideal_terms(&self.core)
     }
 
     /// What flies.

@@ -1,0 +1,245 @@
+//! One step of one environment over any scalar: the function that gradients are taken of.
+//!
+//! The same parts as in `core`, in the same order (commands, physics, judgement, transforms), without restarts. Recorded
+//! once it gives the adjoint that runs in lanes; on duals it gives Jacobians.
+
+use super::control::clipped;
+use super::core::{Core, HELD_PER_AGENT};
+use super::engine::Engine;
+use super::judge::observe;
+use super::transform::shift;
+use crate::autodiff::{Rows, RowsMut, Scalar, System};
+use crate::dynamics::frame::{FRAME, Frame};
+use crate::dynamics::tree::frames;
+use crate::tasks::observation::Moment;
+use crate::tasks::rig::{Craft, Rig};
+use crate::tasks::task::{MAX_TERMS, Start, Task, View, streams};
+use std::ops::Range;
+
+/// Where everything stands among the arguments and results of a transition.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Places {
+    pub state: Range<usize>,
+    pub memo: Range<usize>,
+    pub line: Range<usize>,
+    pub history: Range<usize>,
+    pub action: Range<usize>,
+    pub theta: Range<usize>,
+    /// Step, offset, delay.
+    pub time: Range<usize>,
+    pub goal: Range<usize>,
+    pub air: Range<usize>,
+    pub noise: Range<usize>,
+    /// Among the results, behind what is carried.
+    pub observation: Range<usize>,
+    pub reward: usize,
+    pub loss: usize,
+}
+
+impl Places {
+    pub(crate) fn of(core: &Core) -> Self {
+        let s = &core.sizes;
+        let mut at = 0;
+        let mut next = |n: usize| {
+            at += n;
+            at - n..at
+        };
+        let (state, memo) = (next(core.engine.rig().n_state()), next(s.memo));
+        let (line, history) = (next(s.delay * s.command), next(s.history));
+        let (action, theta) = (next(s.command), next(s.theta));
+        let (time, goal, air) = (next(3), next(s.goal), next(s.air));
+        let noise = next(s.agent * core.pipeline.noise);
+        let seen = history.end..history.end + s.agent * s.observation;
+        let reward = seen.end;
+        let places =
+            Self { state, memo, line, history, action, theta, time, goal, air, noise, observation: seen, reward, loss: reward + 1 };
+        debug_assert_eq!(places.n_argument(), at);
+        places
+    }
+
+    /// Numbers that go from step to step.
+    pub(crate) fn n_carried(&self) -> usize {
+        self.history.end
+    }
+
+    pub(crate) fn n_argument(&self) -> usize {
+        self.noise.end
+    }
+
+    pub(crate) fn n_result(&self) -> usize {
+        self.loss + 1
+    }
+}
+
+/// The summands of the reward in the task's ideal state, in `f64`.
+pub(crate) fn ideal_terms<T: Task>(task: &T, core: &Core) -> Vec<f64> {
+    let (rig, s) = (task.rig(), &core.sizes);
+    let (mut state, mut numbers) = (rig.rest().to_vec(), core.nominal.clone());
+    let (mut goal, mut memo) = (vec![0.0; s.goal], vec![0.0; s.memo]);
+    let [reset, draw, once] = streams(0, 0, 0);
+    task.ideal(&mut Start {
+        rig,
+        state: &mut state,
+        goal: &mut goal,
+        memo: &mut memo,
+        numbers: &mut numbers,
+        reset,
+        task: draw,
+        once,
+        event_at: f64::INFINITY,
+    });
+    let mut frames = vec![0.0; rig.n_frame() * FRAME];
+    write_frames(core, &numbers, &state, &mut frames);
+    let speeds: Vec<f64> = core.speed_rows.iter().map(|k| state[*k]).collect();
+    let view = view(rig, &state, &frames, &speeds, &goal, &memo, 0.0, 0.0);
+    let mut terms = vec![0.0; s.term];
+    task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
+    terms
+}
+
+/// What a transition needs of the core, without the task.
+pub(crate) struct Setting<'a> {
+    pub core: &'a Core,
+    pub places: &'a Places,
+}
+
+/// `y` = step of `z`; see [`Places`].
+pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z: &[S], y: &mut [S]) {
+    let (core, p) = (setting.core, setting.places);
+    let (rig, s) = (task.rig(), &core.sizes);
+    let numbers = numbers(core, &z[p.theta.clone()]);
+    let mut state = z[p.state.clone()].to_vec();
+    let (memo, goal) = (&z[p.memo.clone()], &z[p.goal.clone()]);
+    let [step, offset, delay] = [z[p.time.start], z[p.time.start + 1], z[p.time.start + 2]];
+    let speeds: Vec<S> = core.speed_rows.iter().map(|k| state[*k]).collect();
+    let mut frames = vec![S::zero(); rig.n_frame() * FRAME];
+    write_frames(core, &numbers, &state, &mut frames);
+
+    let mut commands = z[p.action.clone()].to_vec();
+    let n_command = core.control.n_command;
+    for (k, command) in commands.iter_mut().enumerate() {
+        *command = clipped(*command, core.control.safe[k % n_command]).0;
+    }
+    let (carried, seen) = y.split_at_mut(p.n_carried());
+    carried[p.line.clone()].copy_from_slice(&z[p.line.clone()]);
+    if s.delay > 0 {
+        let mut line = RowsMut::of(&mut carried[p.line.clone()]);
+        shift(s.delay, s.command, delay, &mut line, &mut RowsMut::of(&mut commands));
+    }
+
+    let horizon = S::constant(1.0 / task.horizon() as f64);
+    let mut input = vec![S::zero(); rig.n_input()];
+    if !core.disturbance_rows.is_empty() {
+        let view = view(rig, &state, &frames, &speeds, goal, memo, step, (step + offset) * horizon);
+        for (tree, first) in rig.disturbances().into_iter().enumerate() {
+            input[first..first + 9].copy_from_slice(&task.disturb(&view, tree));
+            for (k, wind) in z[p.air.clone()].iter().enumerate() {
+                input[first + k] += *wind;
+            }
+        }
+    }
+    let mut held = vec![S::zero(); s.agent * HELD_PER_AGENT];
+    let mut next = state.clone();
+    for inner in 0..core.control.steps {
+        if inner > 0 && core.control.needs_frames() {
+            write_frames(core, &numbers, &state, &mut frames);
+        }
+        core.control.steer_one(rig, inner, &Rows::of(&frames), &commands, &mut held, &mut input);
+        physics(core, &state, &input, &numbers, &mut next);
+        std::mem::swap(&mut state, &mut next);
+    }
+    write_frames(core, &numbers, &state, &mut frames);
+
+    let (step, clock) = (step + S::one(), (step + S::one() + offset) * horizon);
+    if s.memo > 0 {
+        let before = view(rig, &state, &frames, &speeds, goal, memo, step, clock);
+        task.remember(&before, &mut RowsMut::of(&mut carried[p.memo.clone()]).pen(0));
+    }
+    let new_memo = carried[p.memo.clone()].to_vec();
+    let view = view(rig, &state, &frames, &speeds, goal, &new_memo, step, clock);
+    let mut terms = [S::zero(); MAX_TERMS];
+    task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
+    let mut raw = vec![S::zero(); s.agent * s.raw];
+    observe(task, s, &view, &mut RowsMut::of(&mut raw));
+    carried[p.state.clone()].copy_from_slice(&state);
+    carried[p.history.clone()].copy_from_slice(&z[p.history.clone()]);
+    let always = S::zero().lt(S::one());
+    for agent in 0..s.agent {
+        let begin = agent * s.observation;
+        seen[begin..begin + s.raw].copy_from_slice(&raw[agent * s.raw..(agent + 1) * s.raw]);
+        let moment = Moment {
+            moved: always,
+            fresh: S::one().lt(S::zero()),
+            noise: Rows::of(&z[p.noise.start + agent * core.pipeline.noise..]),
+            theta: Rows::of(&z[p.theta.clone()]),
+            statistics: &core.frozen,
+        };
+        let mut memory = RowsMut::of(&mut carried[p.history.clone()]);
+        core.pipeline.run(&moment, &mut memory, agent * core.pipeline.memory, &mut RowsMut::of(seen), begin, None);
+    }
+    let mut reward = S::zero();
+    for term in terms.iter().take(s.term) {
+        reward += *term;
+    }
+    seen[p.reward - p.n_carried()] = reward;
+    seen[p.loss - p.n_carried()] = task.loss(&view);
+}
+
+/// All physical numbers: nominal ones, with those that vary in their places.
+fn numbers<S: Scalar>(core: &Core, theta: &[S]) -> Vec<S> {
+    let mut numbers: Vec<S> = core.nominal.iter().map(|x| S::constant(*x)).collect();
+    for (k, value) in core.varied.iter().zip(theta) {
+        numbers[*k] = *value;
+    }
+    numbers
+}
+
+/// Frames of a state.
+fn write_frames<S: Scalar>(core: &Core, numbers: &[S], state: &[S], frames: &mut [S]) {
+    let (state, mut out) = (Rows::of(state), RowsMut::of(frames));
+    match &core.exposed {
+        Craft::Model(m) => frames::write(m.topology(), Rows::of(numbers), &state, &mut out),
+        Craft::Vehicle(_) => Frame::of_vehicle(&state).write(&mut out.pen(0)),
+    }
+}
+
+/// One step of the physics; constants stay constants where nothing varies.
+fn physics<S: Scalar>(core: &Core, state: &[S], input: &[S], numbers: &[S], next: &mut [S]) {
+    let theta = if core.varied.is_empty() { &[] } else { numbers };
+    match &core.exposed {
+        Craft::Vehicle(m) => m.step(state, input, theta, next),
+        Craft::Model(m) => m.step(state, input, theta, next),
+    }
+}
+
+#[expect(clippy::too_many_arguments, reason = "the parts of a view, named at its only callers")]
+fn view<'a, S: Scalar>(
+    rig: &'a Rig,
+    state: &'a [S],
+    frames: &'a [S],
+    speeds: &'a [S],
+    goal: &'a [S],
+    memo: &'a [S],
+    step: S,
+    clock: S,
+) -> View<'a, S> {
+    View {
+        rig,
+        state: Rows::of(state),
+        frames: Rows::of(frames),
+        speeds_before: Rows::of(speeds),
+        goal: Rows::of(goal),
+        memo: Rows::of(memo),
+        step,
+        clock,
+    }
+}
+
+/// The rig's system with the numbers that vary as parameters, if any do.
+pub(crate) fn exposed(engine: &dyn Engine, varies: bool) -> Craft {
+    match (engine.rig().craft.clone(), varies) {
+        (Craft::Vehicle(m), true) => Craft::Vehicle(m.with_parameters()),
+        (Craft::Model(m), true) => Craft::Model(m.with_parameters()),
+        (craft, false) => craft,
+    }
+}
