@@ -4,6 +4,7 @@ pub mod config;
 pub mod env;
 pub mod observation;
 pub mod path;
+pub mod probe;
 pub mod randomise;
 pub mod registry;
 pub mod reward;

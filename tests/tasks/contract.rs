@@ -3,7 +3,7 @@
 use crate::{config, everywhere};
 use omnidrones::controllers::cascade::Level;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{ActionSpace, Buffers, Delay, Env, EnvConfig, Stage, check_env, registry};
+use omnidrones::tasks::{ActionSpace, Buffers, Delay, Env, EnvConfig, check_env, registry};
 
 #[test]
 fn every_task_keeps_the_contract_in_every_control_mode() {

@@ -88,6 +88,7 @@ impl Core {
             slot.open(places, block, running);
         }
         self.act(block, work, actions);
+        self.replace_diverged(block, running);
         self.plant.frames(&block.plant, &mut work.frames);
         self.engine.judge(&self.sizes, self.plant.alive_row(), block, work);
         self.transform(block, work, running, 0, first);
@@ -145,6 +146,15 @@ impl Core {
             self.write_row(self.shown(work), lane, out.observation);
             self.write_row(&work.central, lane, out.central);
             self.write_row(&block.theta, lane, out.privileged);
+        }
+    }
+
+    /// Where physics gave up, the rest state stands in for one that may be of any size: its episode ends in this step, with
+    /// an observation to look at.
+    fn replace_diverged(&self, block: &mut EnvBlock, running: u64) {
+        let alive = bits(&block.plant.rows[self.plant.alive_row()]);
+        for lane in lanes_of(!alive & running) {
+            block.plant.rows.iter_mut().zip(self.rig().rest()).for_each(|(row, x)| row[lane] = *x as f32);
         }
     }
 

@@ -83,13 +83,12 @@ impl<T: Task> Engine for Typed<T> {
         let (mut value, mut matrix) = (vec![0.0; n_result], DMatrix::zeros(n_result, n));
         let mut lifted: Vec<Dual64> = z.iter().map(|x| Dual64::from(*x)).collect();
         let mut y = vec![Dual64::from(0.0); n_result];
+        transition(&self.task, setting, z, &mut value);
         for k in 0..n {
             lifted[k].eps = 1.0;
             transition(&self.task, setting, &lifted, &mut y);
             lifted[k].eps = 0.0;
-            for (row, result) in y.iter().enumerate() {
-                (value[row], matrix[(row, k)]) = (result.re, result.eps);
-            }
+            y.iter().enumerate().for_each(|(row, result)| matrix[(row, k)] = result.eps);
         }
         (value, matrix)
     }

@@ -216,13 +216,29 @@ impl Env {
         z[places.action.clone()].copy_from_slice(action);
         let n = places.theta.end;
         let (value, matrix) = self.core.engine.differentiate(&Setting { core: &self.core, places: &places }, &z, n);
-        Ok(Jacobian { value, matrix, places })
+        Ok(Jacobian { arguments: z, value, matrix, places })
+    }
+
+    /// The results of one step in `f64` for arguments as in [`Jacobian::arguments`].
+    ///
+    /// # Errors
+    /// [`Error::Value`] for another number of arguments.
+    pub fn evaluate(&self, arguments: &[f64]) -> Result<Vec<f64>> {
+        let places = Places::of(&self.core);
+        if arguments.len() != places.n_argument() {
+            let (got, wanted) = (arguments.len(), places.n_argument().to_string());
+            return Err(Error::value("length of arguments", got, wanted, "Take them from Env::jacobian."));
+        }
+        let setting = Setting { core: &self.core, places: &places };
+        Ok(self.core.engine.differentiate(&setting, arguments, 0).0)
     }
 }
 
 /// ∂(next, observation, reward, loss)/∂(carried, action, parameters) of one step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Jacobian {
+    /// Carried numbers, action, parameters, then what no derivative is taken of.
+    pub arguments: Vec<f64>,
     /// The results themselves.
     pub value: Vec<f64>,
     /// Rows: carried numbers, observation, reward, loss. Columns: carried numbers, action, parameters.

@@ -118,11 +118,12 @@ fn judge<S: Simd, T: Task>(
     for k in 0..sizes.term {
         reward += terms.get(k);
     }
-    let reward = Lanes::select(running, reward, zero);
+    let counts = running.and(diverged.not());
+    let reward = Lanes::select(counts, reward, zero);
 
     let mut pages = Lanes::<S>::rows_mut(&mut block.book, at);
     for k in 0..sizes.term {
-        let sum = pages.get(book::TERMS + k) + Lanes::select(running, terms.get(k), zero);
+        let sum = pages.get(book::TERMS + k) + Lanes::select(counts, terms.get(k), zero);
         pages.set(book::TERMS + k, sum);
     }
     pages.set(book::RETURN, pages.get(book::RETURN) + reward);

@@ -42,7 +42,7 @@ use self::gradient::BlockTape;
 use self::transition::exposed;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::Plant;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::config::EnvConfig;
@@ -367,13 +367,14 @@ impl Env {
     /// Overwrites the physical state of one environment; its episode goes on.
     ///
     /// # Errors
-    /// As [`Env::state`]; [`Error::Value`] for a wrong length.
+    /// As [`Env::state`]; [`Error::Value`] for a wrong length or a number that is not finite.
     pub fn set_state(&mut self, environment: usize, state: &[f32]) -> Result<()> {
         self.check_environment(environment)?;
         let n = self.core.engine.rig().n_state();
         if state.len() != n {
             return Err(Error::value("length of state", state.len(), n.to_string(), "Take it from Env::state."));
         }
+        finite("state", &state.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>())?;
         let (block, lane) = (&mut self.blocks[environment / BLOCK], environment % BLOCK);
         block.plant.rows.iter_mut().zip(state).for_each(|(row, x)| row[lane] = *x);
         Ok(())

@@ -1,0 +1,103 @@
+//! Tasks whose value is known in closed form: what learners are judged by.
+//!
+//! Time that runs out is not death. In [`Probe::forever`] every step pays 1 and episodes are cut after ten: the value of its one
+//! state is 1/(1 − γ), 100 at γ = 0.99. Who takes the cut for an end learns 9.2 (one-step targets, 1/(1 − 0.9 γ)) or 5.3
+//! (Monte-Carlo returns). In [`Probe::either_or`] whole episodes pay 0 or 1, and the observation says which: the value of either
+//! kind of state is that of paying for ever, and the advantage of a step of one episode may not contain rewards of the next
+//! (the trace of GAE runs on where only terminations cut it).
+
+use crate::autodiff::{Pen, Scalar};
+use crate::dynamics::Effects;
+use crate::error::Result;
+use crate::tasks::config::EnvConfig;
+use crate::tasks::rig::Rig;
+use crate::tasks::sheet::{Sheet, Slice, Term};
+use crate::tasks::task::{Ends, Start, Task, View};
+
+/// Steps until both are cut.
+pub const CUT: usize = 10;
+
+/// A vehicle in free space that nothing is asked of.
+fn idle(config: &EnvConfig) -> Result<Rig> {
+    let physics = config.physics_with(|e| *e = Effects::none());
+    Rig::of_vehicle(&config.vehicle("hummingbird")?, physics)
+}
+
+/// Episodes that pay their kind in every step, cut after [`CUT`].
+#[derive(Debug, Clone)]
+pub struct Probe {
+    rig: Rig,
+    /// Whether kinds are drawn, 0 or 1, or always 1.
+    drawn: bool,
+}
+
+impl Probe {
+    /// One state, reward 1 for ever: its value is 1/(1 − γ).
+    ///
+    /// # Errors
+    /// None for a valid configuration.
+    pub fn forever(config: &EnvConfig) -> Result<Self> {
+        Ok(Self { rig: idle(config)?, drawn: false })
+    }
+
+    /// Episodes of reward 0 or of reward 1, drawn at their start and observed.
+    ///
+    /// # Errors
+    /// None for a valid configuration.
+    pub fn either_or(config: &EnvConfig) -> Result<Self> {
+        Ok(Self { rig: idle(config)?, drawn: true })
+    }
+}
+
+impl Task for Probe {
+    fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    fn horizon(&self) -> usize {
+        CUT
+    }
+
+    fn sheet(&self) -> Sheet {
+        let kind = Slice::new("kind", 1, "-", "0 or 1");
+        Sheet {
+            observation: vec![kind.clone()],
+            central: Vec::new(),
+            reward: vec![Term::smooth("pay", "kind", 1.0)],
+            ends: Vec::new(),
+            metrics: Vec::new(),
+            goal: vec![kind],
+            memo: Vec::new(),
+            settings: Vec::new(),
+        }
+    }
+
+    fn start(&self, start: &mut Start<'_>) {
+        start.goal[0] = if self.drawn { start.task.below(2) as f64 } else { 1.0 };
+    }
+
+    #[inline(always)]
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
+        out.number(view.goal.get(0));
+    }
+
+    #[inline(always)]
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
+        terms.number(view.goal.get(0));
+    }
+
+    #[inline(always)]
+    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut Ends<'_, S>) {}
+
+    #[inline(always)]
+    fn metrics<S: Scalar>(&self, _: &View<'_, S>, _: &mut Pen<'_, S>) {}
+
+    #[inline(always)]
+    fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask {
+        S::one().lt(S::zero())
+    }
+
+    fn ideal(&self, start: &mut Start<'_>) {
+        start.goal[0] = 1.0;
+    }
+}
