@@ -95,7 +95,11 @@ impl Error {
             Some(span) => {
                 let before = text.get(..span.start).unwrap_or(text);
                 let line_start = before.rfind('\n').map_or(0, |i| i + 1);
-                format!("line {}, column {}", before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+                format!(
+                    "line {}, column {}",
+                    before.matches('\n').count() + 1,
+                    before[line_start..].chars().count() + 1
+                )
             }
         };
         let rule = error.message().lines().collect::<Vec<_>>().join(" ");

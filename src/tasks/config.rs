@@ -173,7 +173,8 @@ impl EnvConfig {
             }
         }
         if self.delay.min > self.delay.max || self.delay.max > MAX_DELAY {
-            let (value, limit) = (format!("{} to {}", self.delay.min, self.delay.max), format!("0 to {MAX_DELAY} steps"));
+            let (value, limit) =
+                (format!("{} to {}", self.delay.min, self.delay.max), format!("0 to {MAX_DELAY} steps"));
             return Err(Error::limit("delay", value, limit, "Give min ≤ max."));
         }
         if let ActionSpace::Discrete { levels } | ActionSpace::MultiDiscrete { levels } = self.actions

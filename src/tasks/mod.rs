@@ -1,7 +1,9 @@
 //! Goals: observations, rewards, ends, and many environments stepped together.
 
+pub mod baseline;
 pub mod config;
 pub mod env;
+pub mod evaluate;
 pub mod observation;
 pub mod path;
 pub mod probe;
@@ -13,12 +15,12 @@ pub mod sheet;
 pub mod suite;
 pub mod task;
 
+pub use baseline::Baseline;
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
 pub use env::check::{Finding, check_env};
 pub use env::single::{Outcome, SingleEnv};
-pub use env::{
-    Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Space, Spec, StepOut, Sweep, SweepOptions, Tape,
-};
+pub use env::{Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Space, Spec, StepOut, Sweep, SweepOptions, Tape};
+pub use evaluate::{Evaluation, evaluate};
 pub use observation::{Stage, Statistics};
 pub use randomise::{Change, Quantity};
 pub use rig::Rig;

@@ -144,13 +144,7 @@ pub(crate) struct Moment<'a, S: Scalar> {
 impl Pipeline {
     /// For a task's slices and `theta` with its nominal values.
     pub(crate) fn new(stages: &[Stage], raw: &[Slice], theta: &[(String, f64)]) -> Result<Self> {
-        let mut p = Self {
-            steps: Vec::new(),
-            slices: raw.to_vec(),
-            memory: 0,
-            noise: 0,
-            normalised: None,
-        };
+        let mut p = Self { steps: Vec::new(), slices: raw.to_vec(), memory: 0, noise: 0, normalised: None };
         for stage in stages {
             p.add(stage, theta)?;
         }

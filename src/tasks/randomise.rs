@@ -115,7 +115,11 @@ impl Change {
             self.what,
             Quantity::CenterOfMass | Quantity::Wind | Quantity::HiddenHeight | Quantity::Number(_)
         );
-        if positive && self.by != Action::Add && low <= 0.0 && !matches!(self.what, Quantity::Drag | Quantity::AngularDrag | Quantity::HiddenMass) {
+        if positive
+            && self.by != Action::Add
+            && low <= 0.0
+            && !matches!(self.what, Quantity::Drag | Quantity::AngularDrag | Quantity::HiddenMass)
+        {
             return Err(Error::value(what, low, "> 0", "Masses, inertias and rotor constants stay positive."));
         }
         let only_set = matches!(self.what, Quantity::Wind | Quantity::HiddenMass | Quantity::HiddenHeight);
@@ -184,9 +188,8 @@ impl Randomiser {
         let of_bodies = |range: std::ops::Range<usize>| {
             self.bodies.iter().flat_map(|b| range.clone().map(|k| Inertial::place(*b) + k)).collect()
         };
-        let of_rotors = |which: &[usize]| {
-            self.rotors.iter().flatten().flat_map(|at| which.iter().map(move |k| at + k)).collect()
-        };
+        let of_rotors =
+            |which: &[usize]| self.rotors.iter().flatten().flat_map(|at| which.iter().map(move |k| at + k)).collect();
         Ok(match &change.what {
             Quantity::Mass => of_bodies(0..10),
             Quantity::Inertia => of_bodies(4..10),
@@ -200,11 +203,7 @@ impl Randomiser {
             Quantity::Number(name) => match names.iter().position(|n| n == name) {
                 Some(k) => vec![k],
                 None => {
-                    return Err(Error::Unknown {
-                        kind: "physical number",
-                        name: name.clone(),
-                        known: names.to_vec(),
-                    });
+                    return Err(Error::Unknown { kind: "physical number", name: name.clone(), known: names.to_vec() });
                 }
             },
         })
@@ -284,7 +283,8 @@ impl Randomiser {
             // products stay below what the smaller of their axes can carry
             for (k, (a, b)) in [(0, 1), (0, 2), (1, 2)].into_iter().enumerate() {
                 let nominal = self.nominal[place + 3 + k];
-                let room = (moments[a] * moments[b]).sqrt() / (self.nominal[place + a] * self.nominal[place + b]).sqrt();
+                let room =
+                    (moments[a] * moments[b]).sqrt() / (self.nominal[place + a] * self.nominal[place + b]).sqrt();
                 numbers[place + 3 + k] = nominal * room;
             }
             numbers[place..place + 3].copy_from_slice(&moments);

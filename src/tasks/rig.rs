@@ -261,7 +261,8 @@ impl Rig {
 /// Speeds at which the rotors of each tree carry its weight: the same fraction of every rotor's largest thrust.
 fn set_hover_speeds(model: &Model, layout: &Layout, state: &mut [f64]) {
     for tree in &layout.trees {
-        let weight: f64 = model.bodies()[tree.bodies.clone()].iter().map(|b| b.mass).sum::<f64>() * model.parts().gravity;
+        let weight: f64 =
+            model.bodies()[tree.bodies.clone()].iter().map(|b| b.mass).sum::<f64>() * model.parts().gravity;
         let lift: f64 = model.rotors()[tree.rotors.clone()].iter().map(|r| r.rotor.max_thrust()).sum();
         for r in tree.rotors.clone() {
             let share = (weight / lift).clamp(0.0, 1.0);

@@ -10,6 +10,7 @@
 use super::rig::{DronePlace, Rig};
 use super::sheet::Sheet;
 use crate::autodiff::{Mask, Pen, Rows, Scalar, safe};
+use crate::controllers::reference::{Reference, Tilt};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::spatial::{Quat, Vec3, from_euler, rotate};
 use crate::rng::{Purpose, Stream};
@@ -82,6 +83,11 @@ pub trait Task: Send + Sync + 'static {
             sum -= terms[i];
         }
         sum
+    }
+
+    /// What a controller should track in an episode with this goal, if a reference can say it.
+    fn wanted(&self, _goal: &[f32]) -> Option<(Reference, Tilt)> {
+        None
     }
 
     /// A state and goal with which the reward, effort aside, comes within 1e-6 of its bound.

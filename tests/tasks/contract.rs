@@ -91,7 +91,12 @@ fn run(env: &mut Env, first: usize, total: usize, steps: u64) -> (Buffers, f64) 
 }
 
 /// Part of the arrays that belongs to environments `first` ….
-fn part(out: &Buffers, spec: &omnidrones::tasks::Spec, first: usize, n: usize) -> (Vec<f32>, Vec<f32>, Vec<u8>, Vec<f32>) {
+fn part(
+    out: &Buffers,
+    spec: &omnidrones::tasks::Spec,
+    first: usize,
+    n: usize,
+) -> (Vec<f32>, Vec<f32>, Vec<u8>, Vec<f32>) {
     let (a, o, i) = (spec.n_agent, spec.n_agent * spec.n_observation, spec.info.len());
     (
         out.observation[first * o..(first + n) * o].to_vec(),
@@ -118,7 +123,9 @@ fn threads_shards_and_places_in_the_batch_change_no_bit() {
         }
         // four shards, and one that begins within a block
         let quarter = n / 4;
-        for (first, count) in [(0, quarter), (quarter, quarter), (2 * quarter, quarter), (3 * quarter, quarter), (17, 70)] {
+        for (first, count) in
+            [(0, quarter), (quarter, quarter), (2 * quarter, quarter), (3 * quarter, quarter), (17, 70)]
+        {
             let shard = EnvConfig { n_env: count, first_environment: first as u64, ..base.clone() };
             let (own, _) = run(&mut make(&shard), first, n, steps);
             let spec = whole.spec();
@@ -151,8 +158,12 @@ fn tables_in_the_documentation_are_those_of_the_code() {
     for entry in registry::REGISTRY.iter().filter(|e| e.defaults.is_empty()) {
         let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
         let tables = env.sheet().tables();
-        let documented: Vec<&str> =
-            entry.source.lines().map_while(|l| l.strip_prefix("//!")).map(|l| l.strip_prefix(' ').unwrap_or(l)).collect();
+        let documented: Vec<&str> = entry
+            .source
+            .lines()
+            .map_while(|l| l.strip_prefix("//!"))
+            .map(|l| l.strip_prefix(' ').unwrap_or(l))
+            .collect();
         let missing = tables.lines().find(|line| !line.is_empty() && !documented.contains(line));
         if std::env::var_os("PRINT_TABLES").is_some() {
             println!("=== {}\n{tables}", entry.name);

@@ -49,8 +49,7 @@ fn certify(name: &str, env: &mut Env) -> (f64, f64) {
             z.iter_mut().zip(&direction).for_each(|(z, d)| *z += h * d * z.abs().max(0.1));
             env.evaluate(&z).unwrap()
         };
-        let scaled: Vec<f64> =
-            direction.iter().zip(&jacobian.arguments).map(|(d, z)| d * z.abs().max(0.1)).collect();
+        let scaled: Vec<f64> = direction.iter().zip(&jacobian.arguments).map(|(d, z)| d * z.abs().max(0.1)).collect();
         let exact = &jacobian.matrix * nalgebra::DVector::from_vec(scaled);
         let h = 1e-6;
         let differences: Vec<f64> = at(h).iter().zip(at(-h)).map(|(a, b)| (a - b) / (2.0 * h)).collect();
@@ -100,7 +99,10 @@ fn a_step_in_lanes_is_the_step_that_gradients_are_taken_of() {
             let shown = &value[value.len() - 2 - row..value.len() - 2];
             let reward = f64::from(out.reward[i * spec.n_agent]);
             let off = (reward - value[value.len() - 2]).abs();
-            assert!(worst < 1e-5 && relative(&seen, shown) < 1e-4 && off < 1e-3, "{name}: {worst:e}, reward off by {off:e}");
+            assert!(
+                worst < 1e-5 && relative(&seen, shown) < 1e-4 && off < 1e-3,
+                "{name}: {worst:e}, reward off by {off:e}"
+            );
         }
     });
 }
@@ -124,7 +126,11 @@ fn record(env: &mut Env, steps: usize) -> (omnidrones::tasks::Tape, Vec<Vec<f32>
 }
 
 /// Gradient of the sum of all rewards with respect to the actions.
-fn return_gradient(env: &Env, tape: &omnidrones::tasks::Tape, options: SweepOptions) -> (Vec<Vec<f32>>, Vec<f32>, usize) {
+fn return_gradient(
+    env: &Env,
+    tape: &omnidrones::tasks::Tape,
+    options: SweepOptions,
+) -> (Vec<Vec<f32>>, Vec<f32>, usize) {
     let adjoint = env.adjoint(false).unwrap();
     let mut sweep = adjoint.sweep(options);
     let ones = vec![1.0; env.spec().n_env];

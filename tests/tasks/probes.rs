@@ -98,7 +98,8 @@ fn an_advantage_holds_no_reward_of_the_next_episode() {
     // values of nothing: what is left in an advantage is rewards
     let of = |cuts| told.iter().map(move |own| (own, advantages(own, [0.0; 2], cuts)));
     let leak = |cuts| {
-        let unpaid = of(cuts).flat_map(|(own, a)| own.iter().zip(a).filter(|(s, _)| s.before == 0).map(|(_, a)| a).collect::<Vec<_>>());
+        let unpaid = of(cuts)
+            .flat_map(|(own, a)| own.iter().zip(a).filter(|(s, _)| s.before == 0).map(|(_, a)| a).collect::<Vec<_>>());
         unpaid.fold(0.0_f64, |most, a| most.max(a.abs()))
     };
     println!("leak {:.3}, of the twin {:.3}", leak(true), leak(false));

@@ -38,7 +38,8 @@ fn ten_million_hostile_steps_give_finite_numbers_and_every_clip_is_counted() {
             let from = (t * 131) % 997;
             let actions = &pool[from..from + 512 * n];
             env.step(actions, &mut out.out()).unwrap();
-            let arrays = [&out.observation, &out.reward, &out.central, &out.privileged, &out.info, &out.final_observation];
+            let arrays =
+                [&out.observation, &out.reward, &out.central, &out.privileged, &out.info, &out.final_observation];
             assert!(arrays.iter().all(|a| a.iter().all(|x| x.is_finite())), "{name}, step {t}");
             for i in (0..512).step_by(41) {
                 let wrong = actions[i * n..(i + 1) * n].iter().filter(|a| !(-1.0..=1.0).contains(*a)).count();
@@ -79,9 +80,15 @@ fn one_broken_environment_of_many_ends_alone() {
         let reason = spec.info_column("reason").unwrap();
         for t in 0..12 {
             let (a, b) = (&clean[t], &poisoned[t]);
-            assert!(b.observation.iter().chain(&b.info).chain(&b.final_observation).all(|x| x.is_finite()), "{}", entry.name);
+            assert!(
+                b.observation.iter().chain(&b.info).chain(&b.final_observation).all(|x| x.is_finite()),
+                "{}",
+                entry.name
+            );
             for i in (0..n).filter(|i| *i != victim) {
-                let of = |o: &Buffers| (o.observation[i * row..(i + 1) * row].to_vec(), o.info[i * width..(i + 1) * width].to_vec());
+                let of = |o: &Buffers| {
+                    (o.observation[i * row..(i + 1) * row].to_vec(), o.info[i * width..(i + 1) * width].to_vec())
+                };
                 assert!(of(a) == of(b), "{}: environment {i}, step {t}", entry.name);
             }
         }
@@ -120,7 +127,8 @@ fn impossible_configurations_are_refused_at_once_with_the_limit_and_the_nearest_
     ];
     for (text, wanted) in cases {
         let began = Instant::now();
-        let error = EnvConfig::from_toml(text, "bomb.toml").and_then(|c| Env::make("Hover", &c)).unwrap_err().to_string();
+        let error =
+            EnvConfig::from_toml(text, "bomb.toml").and_then(|c| Env::make("Hover", &c)).unwrap_err().to_string();
         let took = began.elapsed().as_millis();
         for part in *wanted {
             assert!(error.contains(part), "{text}: {error}");

@@ -40,7 +40,8 @@ pub fn group(name: impl Into<String>, members: &[Member]) -> Result<Model> {
     let (bodies, rotors, drones, frames, shapes) = blank;
     let gravity = first.model.parts().gravity;
     let contact = contact_of(members, first);
-    let mut all = ModelParts { name: name.clone(), gravity, bodies, rotors, drones, frames, shapes, contact, pushed: Vec::new() };
+    let mut all =
+        ModelParts { name: name.clone(), gravity, bodies, rotors, drones, frames, shapes, contact, pushed: Vec::new() };
     for (i, member) in members.iter().enumerate() {
         member.place.validate(&at(&format!("place of '{}'", member.prefix)))?;
         if members[..i].iter().any(|m| m.prefix == member.prefix) {

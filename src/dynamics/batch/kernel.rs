@@ -4,12 +4,12 @@
 //! first, then the action's, the disturbance's, the flag `alive`. The model's constants stand in rows of their own, one
 //! set for all environments that share them, so that a batch without randomisation reads them from cache.
 
+use super::plant::Block;
 use crate::autodiff::lanes::Lanes;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::integrate::{Grid, step};
 use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, RotorModel};
-use super::plant::Block;
 use pulp::{Simd, WithSimd};
 
 /// Largest magnitude of a healthy state, SI units.

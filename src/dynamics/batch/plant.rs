@@ -289,12 +289,7 @@ impl Plant {
 
 impl RigidPlant {
     fn step<const R: usize>(&self, blocks: &mut [Block]) {
-        dispatch(StepBlocks::<R> {
-            blocks,
-            shared: &self.shared,
-            effects: self.effects,
-            grid: self.physics.grid(),
-        });
+        dispatch(StepBlocks::<R> { blocks, shared: &self.shared, effects: self.effects, grid: self.physics.grid() });
     }
 
     /// The kernel's numbers of a vector of [`parameter_vector`], one by one; allocates nothing.

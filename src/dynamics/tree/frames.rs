@@ -42,8 +42,7 @@ fn place<S: Scalar>(link: &Link, origin: Vec3<S>, x: &Rows<'_, S>, parent: &Fram
         Some(turn) if turn != IDENTITY => multiply(parent.attitude, constants(from_matrix::<f64>(turn))),
         _ => parent.attitude,
     };
-    let (position, velocity) =
-        if link.coincident { (parent.position, parent.velocity) } else { parent.point(origin) };
+    let (position, velocity) = if link.coincident { (parent.position, parent.velocity) } else { parent.point(origin) };
     let mut own = Frame { position, velocity, attitude: fixed, angular_velocity: parent.angular_velocity };
     let (angle, rate) = (link.position, link.velocity);
     match link.kind {

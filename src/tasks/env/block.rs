@@ -124,8 +124,7 @@ impl EnvBlock {
     /// All rows that make up the state of the environments, in order.
     pub(crate) fn all_rows(&self) -> impl Iterator<Item = &[f32; BLOCK]> {
         let numbers = self.plant.numbers.iter().flatten();
-        let own =
-            [&self.book, &self.goal, &self.memo, &self.theta, &self.air, &self.line, &self.history];
+        let own = [&self.book, &self.goal, &self.memo, &self.theta, &self.air, &self.line, &self.history];
         self.plant.rows.iter().chain(numbers).chain(own.into_iter().flatten())
     }
 

@@ -195,7 +195,15 @@ impl Divide for Span<'_> {
         let tape = self.tape.split_at_mut(at.min(self.tape.len()));
         (
             Self { blocks: left, first: self.first, n_env: envs, per_block, actions: actions.0, out: a, tape: tape.0 },
-            Self { blocks: right, first: self.first + at, n_env: n - envs, per_block, actions: actions.1, out: b, tape: tape.1 },
+            Self {
+                blocks: right,
+                first: self.first + at,
+                n_env: n - envs,
+                per_block,
+                actions: actions.1,
+                out: b,
+                tape: tape.1,
+            },
         )
     }
 }

@@ -252,7 +252,11 @@ fn accounts(maker: &Maker<'_>) -> Result<Option<String>> {
             lengths[i] += 1.0;
             let row = &b.out.info[i * width..];
             if (row[0], row[1]) != (returns[i], lengths[i]) {
-                return Ok(Some(format!("environment {i}, step {t}: {:?} told, not {:?}", &row[..2], (returns[i], lengths[i]))));
+                return Ok(Some(format!(
+                    "environment {i}, step {t}: {:?} told, not {:?}",
+                    &row[..2],
+                    (returns[i], lengths[i])
+                )));
             }
             if ended[i] {
                 (returns[i], lengths[i]) = (0.0, 0.0);

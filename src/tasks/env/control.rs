@@ -285,9 +285,7 @@ impl Control {
                 model.attitude(&state, held, &wanted, ticks)
             }
             Level::Velocity => model.velocity(&state, held, &self.scale.velocity(command), ticks),
-            Level::Position => {
-                model.position(&state, held, &self.scale.position(command, state.position), ticks)
-            }
+            Level::Position => model.position(&state, held, &self.scale.position(command, state.position), ticks),
         }
     }
 }

@@ -198,13 +198,7 @@ impl Core {
         if self.pipeline.noise > 0 {
             (0..BLOCK).for_each(|lane| self.draw_noise(block, work, lane, first));
         }
-        dispatch(Transform {
-            pipeline: &self.pipeline,
-            sizes: &self.sizes,
-            statistics: &self.frozen,
-            block,
-            work,
-        });
+        dispatch(Transform { pipeline: &self.pipeline, sizes: &self.sizes, statistics: &self.frozen, block, work });
         if self.collects && self.sizes.normalised > 0 {
             self.collect(block, work, moved);
         }

@@ -6,6 +6,7 @@ use super::judge::{Disturb, Judge, Observe};
 use super::transition::{Setting, ideal_terms, transition};
 use crate::autodiff::lanes::dispatch;
 use crate::autodiff::{Recording, Scalar, Trace};
+use crate::controllers::reference::{Reference, Tilt};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::Sheet;
 use crate::tasks::task::{Start, Task};
@@ -20,6 +21,7 @@ pub(crate) trait Engine: Send + Sync {
     fn n_agent(&self) -> usize;
     fn start(&self, start: &mut Start<'_>);
     fn event(&self, start: &mut Start<'_>);
+    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)>;
     /// Summands of the reward in the task's ideal state.
     fn ideal_terms(&self, core: &Core) -> Vec<f64>;
     /// Time, memo, reward, ends and observation after physics.
@@ -58,6 +60,9 @@ impl<T: Task> Engine for Typed<T> {
     }
     fn event(&self, start: &mut Start<'_>) {
         self.task.event(start);
+    }
+    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
+        self.task.wanted(goal)
     }
     fn ideal_terms(&self, core: &Core) -> Vec<f64> {
         ideal_terms(&self.task, core)

@@ -199,8 +199,7 @@ impl<T: Task> WithSimd for Disturb<'_, T> {
         let mut at = 0;
         while at < BLOCK {
             for tree in 0..self.rows.len() {
-                let view =
-                    view::<S>(self.task.rig(), horizon, self.block, &self.work.frames, &self.work.speeds, at);
+                let view = view::<S>(self.task.rig(), horizon, self.block, &self.work.frames, &self.work.speeds, at);
                 let mut own = self.task.disturb(&view, tree);
                 if !self.block.air.is_empty() {
                     let wind = Lanes::<S>::rows(&self.block.air, at);

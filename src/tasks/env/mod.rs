@@ -41,6 +41,7 @@ use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
 use self::transition::exposed;
 use crate::autodiff::program::BLOCK;
+use crate::controllers::reference::{Reference, Tilt};
 use crate::dynamics::batch::Plant;
 use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
@@ -279,15 +280,8 @@ impl Env {
         work: impl Fn(&Core, &mut Workspace, &mut Span<'_>) + Sync + Send,
     ) {
         let (core, pool, n_env) = (&self.core, &self.pool, self.spec.n_env);
-        let span = Span {
-            blocks: &mut self.blocks,
-            first: 0,
-            n_env,
-            per_block: BLOCK,
-            actions,
-            out: out.reborrow(),
-            tape,
-        };
+        let span =
+            Span { blocks: &mut self.blocks, first: 0, n_env, per_block: BLOCK, actions, out: out.reborrow(), tape };
         self.threads.for_each_part(span, BLOCKS_PER_PART, &|mut part: Span<'_>| {
             let mut own = pool.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_else(|| core.workspace());
             while !part.blocks.is_empty() {
@@ -394,6 +388,16 @@ impl Env {
     /// [`Spec::reward_bound`], effort aside.
     pub fn ideal_terms(&self) -> Vec<f64> {
         self.core.engine.ideal_terms(&self.core)
+    }
+
+    /// Numbers of a goal.
+    pub fn goal_size(&self) -> usize {
+        self.core.sizes.goal
+    }
+
+    /// What a controller should track in an episode with this goal, if a reference can say it.
+    pub fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
+        self.core.engine.wanted(goal)
     }
 
     /// What flies.
@@ -535,11 +539,8 @@ fn spec_of(
     bytes_per_env: usize,
 ) -> Spec {
     let sheet = engine.sheet();
-    let info = |name: &str, unit: &str, meaning: &str| Info {
-        name: name.into(),
-        unit: unit.into(),
-        meaning: meaning.into(),
-    };
+    let info =
+        |name: &str, unit: &str, meaning: &str| Info { name: name.into(), unit: unit.into(), meaning: meaning.into() };
     let meanings = [
         ("-", "sum of rewards"),
         ("steps", "since the episode began"),

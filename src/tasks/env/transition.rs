@@ -51,8 +51,21 @@ impl Places {
         let noise = next(s.agent * core.pipeline.noise);
         let seen = history.end..history.end + s.agent * s.observation;
         let reward = seen.end;
-        let places =
-            Self { state, memo, line, history, action, theta, time, goal, air, noise, observation: seen, reward, loss: reward + 1 };
+        let places = Self {
+            state,
+            memo,
+            line,
+            history,
+            action,
+            theta,
+            time,
+            goal,
+            air,
+            noise,
+            observation: seen,
+            reward,
+            loss: reward + 1,
+        };
         debug_assert_eq!(places.n_argument(), at);
         places
     }

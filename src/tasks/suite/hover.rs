@@ -11,6 +11,7 @@
 //! - DIFFERENCE: total mass everywhere; the published hover throttle counts the base link alone (defect 5).
 
 use crate::autodiff::{Pen, Scalar, safe};
+use crate::controllers::reference::{self, Reference, Tilt};
 use crate::dynamics::spatial::{constants, dot, rotate, sub, yawed};
 use crate::error::Result;
 use crate::tasks::config::{EnvConfig, SingleSettings};
@@ -153,6 +154,11 @@ impl Task for Hover {
         let speed = S::constant(0.02) * safe::squared_norm(drone.velocity);
         let rate = S::constant(0.005) * safe::squared_norm(drone.angular_velocity);
         position + speed + rate + S::constant(0.3) * safe::squared_norm([e[3], e[4], e[5]])
+    }
+
+    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
+        let yaw = f64::from(goal[1]).atan2(f64::from(goal[0]));
+        Some((Reference::Hover(reference::Hover { position: TARGET, yaw }), Tilt::LEVEL))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

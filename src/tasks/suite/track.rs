@@ -11,6 +11,7 @@
 //! - DIFFERENCE: `position_error` is positive; the published tracking error is its negative (defect 27).
 
 use crate::autodiff::{Pen, Scalar, safe};
+use crate::controllers::reference::{Reference, Tilt};
 use crate::dynamics::spatial::sub;
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
@@ -86,8 +87,7 @@ impl Task for Track {
     }
 
     fn sheet(&self) -> Sheet {
-        let mut observation =
-            vec![Slice::new("path", 3 * POINTS, "m, world", "p_ref(k + 5i) − p for i = 0 … 3")];
+        let mut observation = vec![Slice::new("path", 3 * POINTS, "m, world", "p_ref(k + 5i) − p for i = 0 … 3")];
         observation.extend(drone_slices(self.rig.drone()));
         observation.push(clock_slice());
         let goal = Path::slices();
@@ -168,6 +168,10 @@ impl Task for Track {
         let position = smooth_norm(self.error(view, 0), 0.1);
         let speed = S::constant(0.02) * safe::squared_norm(slip);
         position + speed + S::constant(0.005) * safe::squared_norm(drone.angular_velocity)
+    }
+
+    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
+        Some((Reference::Lemniscate(self.path.reference(goal, 0.0)), Tilt::LEVEL))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -1,0 +1,89 @@
+//! How well a policy does: one episode of every environment, from fixed starts.
+
+use super::config::Autoreset;
+use super::env::{Buffers, Env};
+use crate::error::{Error, Result};
+use serde::Serialize;
+
+/// Figures over the episodes of a batch.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// Episodes.
+    pub n_episode: usize,
+    /// Mean of the returns.
+    pub return_mean: f64,
+    /// Their standard deviation.
+    pub return_std: f64,
+    /// Mean return over the largest, [`Spec::reward_bound`](super::Spec::reward_bound) times the horizon.
+    pub share_of_bound: f64,
+    /// Mean of the task's first metric in the last step, as a rule the position error, m.
+    pub final_error: f64,
+    /// Mean over all steps of all episodes, m.
+    pub mean_error: f64,
+    /// Share of episodes whose last step was a success and no termination.
+    pub success: f64,
+    /// Share of episodes that the task terminated.
+    pub crashed: f64,
+    /// Mean number of steps.
+    pub length: f64,
+    /// Mean of every metric in the last step, in the order of the task's metrics.
+    pub final_metrics: Vec<f64>,
+}
+
+/// Flies one episode of every environment, from the starts of its seeds. `policy` fills the actions from the arrays of
+/// the step before; `progress` is told the steps done.
+///
+/// # Errors
+/// [`Error::Value`] unless the environment was made with `autoreset = "disabled"`; otherwise as [`Env::step`].
+pub fn evaluate(
+    env: &mut Env,
+    policy: &mut dyn FnMut(&Env, &Buffers, &mut [f32]),
+    progress: &mut dyn FnMut(usize),
+) -> Result<Evaluation> {
+    if env.spec().config.autoreset != Autoreset::Disabled {
+        let remedy = "Build it with autoreset = 'disabled'.";
+        return Err(Error::value("autoreset", "on", "'disabled' to evaluate", remedy));
+    }
+    let spec = env.spec().clone();
+    let (n, width) = (spec.n_env, spec.info.len());
+    let n_metric = env.sheet().metrics.len();
+    let first = width - n_metric;
+    let column = |name: &str| spec.info_column(name).unwrap_or(0);
+    let (total, length, success) = (column("return"), column("length"), column("success"));
+    let mut out = Buffers::new(&spec);
+    let mut actions = vec![0.0; n * spec.n_agent * spec.action.len()];
+    env.reset(None, None, &mut out.out())?;
+    let mut flying = vec![true; n];
+    let (mut errors, mut steps) = (0.0, 0.0);
+    for t in 0..spec.horizon {
+        policy(env, &out, &mut actions);
+        env.step(&actions, &mut out.out())?;
+        for i in (0..n).filter(|i| flying[*i]) {
+            (errors, steps) = (errors + f64::from(out.info[i * width + first]), steps + 1.0);
+        }
+        for i in 0..n {
+            flying[i] &= out.terminated[i] == 0 && out.truncated[i] == 0;
+        }
+        progress(t + 1);
+        if !flying.contains(&true) {
+            break;
+        }
+    }
+    let of = |k: usize| (0..n).map(move |i| i * width + k);
+    let mean = |k: usize| of(k).map(|at| f64::from(out.info[at])).sum::<f64>() / n as f64;
+    let return_mean = mean(total);
+    let spread = of(total).map(|at| (f64::from(out.info[at]) - return_mean).powi(2)).sum::<f64>() / n as f64;
+    let count = |holds: &dyn Fn(usize) -> bool| (0..n).filter(|i| holds(*i)).count() as f64 / n as f64;
+    Ok(Evaluation {
+        n_episode: n,
+        return_mean,
+        return_std: spread.sqrt(),
+        share_of_bound: return_mean / (spec.reward_bound * spec.horizon as f64),
+        final_error: mean(first),
+        mean_error: errors / steps,
+        success: count(&|i| out.info[i * width + success] > 0.5 && out.terminated[i] == 0),
+        crashed: count(&|i| out.terminated[i] == 1),
+        length: mean(length),
+        final_metrics: (first..width).map(mean).collect(),
+    })
+}
