@@ -14,24 +14,26 @@ pub(crate) fn columns(n: usize) -> Columns {
 
 /// Rows of the book: what every task keeps.
 pub(crate) mod book {
-    /// Steps since the episode began.
-    pub(crate) const STEP: usize = 0;
     /// Steps that the clock was ahead at the start.
-    pub(crate) const OFFSET: usize = 1;
+    pub(crate) const OFFSET: usize = 0;
     /// 1 while the episode runs.
-    pub(crate) const RUNNING: usize = 2;
-    /// Sum of rewards.
-    pub(crate) const RETURN: usize = 3;
+    pub(crate) const RUNNING: usize = 1;
     /// Step of the next event.
-    pub(crate) const EVENT: usize = 4;
-    /// Numbers of the last action that were clipped or not finite.
-    pub(crate) const CLIPPED: usize = 5;
-    /// Why the episode terminated: 0 not, n the n-th reason, one more than there are: diverged.
-    pub(crate) const REASON: usize = 6;
+    pub(crate) const EVENT: usize = 2;
     /// Whether it was truncated.
-    pub(crate) const TRUNCATED: usize = 7;
+    pub(crate) const TRUNCATED: usize = 3;
     /// Steps of delay of the actions.
-    pub(crate) const DELAY: usize = 8;
+    pub(crate) const DELAY: usize = 4;
+    /// Sum of rewards.
+    pub(crate) const RETURN: usize = 5;
+    /// Steps since the episode began.
+    pub(crate) const STEP: usize = 6;
+    /// Numbers of the last action that were clipped or not finite.
+    pub(crate) const CLIPPED: usize = 7;
+    /// Why the episode terminated: 0 not, n the n-th reason, one more than there are: diverged.
+    pub(crate) const REASON: usize = 8;
+    /// Rows that are told as they are.
+    pub(crate) const TOLD: std::ops::Range<usize> = RETURN..TERMS;
     /// Sums of the reward's terms follow.
     pub(crate) const TERMS: usize = 9;
 }
@@ -179,6 +181,8 @@ pub(crate) mod signal {
     pub(crate) const REWARD: usize = 0;
     pub(crate) const SUCCESS: usize = 1;
     pub(crate) const LOSS: usize = 2;
+    /// Rows that are told as they are.
+    pub(crate) const TOLD: std::ops::Range<usize> = SUCCESS..DUE;
     pub(crate) const DUE: usize = 3;
     pub(crate) const TERMINATED: usize = 4;
     pub(crate) const TRUNCATED: usize = 5;

@@ -141,9 +141,9 @@ impl Control {
         let n = n_agent * self.n_action();
         match self.space {
             ActionSpace::Continuous => {
-                for (lane, row) in actions.chunks_exact(n).enumerate() {
-                    for (k, value) in row.iter().enumerate() {
-                        work.action[k][lane] = *value;
+                for (lane, row) in actions.chunks_exact(n).take(BLOCK).enumerate() {
+                    for (column, value) in work.action.iter_mut().zip(row) {
+                        column[lane] = *value;
                     }
                 }
                 dispatch(Clip { control: self, action: &work.action, command: &mut work.command, pages });

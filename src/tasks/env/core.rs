@@ -1,6 +1,6 @@
 //! One step of sixty-four environments: commands, physics, judgement, restarts, rows.
 
-use super::block::{EnvBlock, HELD, INFOS, Sizes, Workspace, book, signal};
+use super::block::{EnvBlock, HELD, Sizes, Workspace, book, signal};
 use super::buffers::StepOut;
 use super::control::{Control, MAX_SLOTS};
 use super::engine::Engine;
@@ -42,13 +42,16 @@ pub(crate) struct Core {
     pub first_environment: u64,
 }
 
-/// One bit per lane of a row that is above ½.
+/// One bit per lane of a row of zeros and ones. All equal is the rule, and found without a loop over lanes.
 fn bits(row: &[f32; BLOCK]) -> u64 {
-    let mut mask = 0;
-    for (lane, x) in row.iter().enumerate() {
-        mask |= u64::from(*x > 0.5) << lane;
+    let (any, all) = row.iter().fold((0, u32::MAX), |(any, all), x| (any | x.to_bits(), all & x.to_bits()));
+    if any == 0 {
+        return 0;
     }
-    mask
+    if all == 1.0_f32.to_bits() {
+        return u64::MAX;
+    }
+    row.iter().enumerate().fold(0, |mask, (lane, x)| mask | (u64::from(*x > 0.5) << lane))
 }
 
 /// The first `n` bits.
@@ -345,32 +348,18 @@ impl Core {
     /// Reward, flags and information of every environment.
     fn write_signals(&self, block: &EnvBlock, work: &Workspace, n: usize, out: &mut StepOut<'_>) {
         let s = &self.sizes;
-        for (lane, row) in out.reward.chunks_exact_mut(s.agent).enumerate() {
-            row.fill(work.signals[signal::REWARD][lane]);
+        for (row, reward) in out.reward.chunks_exact_mut(s.agent).zip(&work.signals[signal::REWARD]) {
+            row.fill(*reward);
         }
-        for lane in 0..n {
-            out.terminated[lane] = u8::from(work.signals[signal::TERMINATED][lane] > 0.5);
-            out.truncated[lane] = u8::from(work.signals[signal::TRUNCATED][lane] > 0.5);
+        for (flags, of) in [(&mut out.terminated, signal::TERMINATED), (&mut out.truncated, signal::TRUNCATED)] {
+            flags.iter_mut().zip(&work.signals[of]).for_each(|(flag, x)| *flag = u8::from(*x > 0.5));
         }
-        if out.info.is_empty() {
-            return;
-        }
-        let sources: [&[f32; BLOCK]; INFOS.len()] = [
-            &block.book[book::RETURN],
-            &block.book[book::STEP],
-            &block.book[book::CLIPPED],
-            &block.book[book::REASON],
-            &work.signals[signal::SUCCESS],
-            &work.signals[signal::LOSS],
-        ];
-        for (lane, row) in out.info.chunks_exact_mut(s.info()).enumerate() {
-            for (x, source) in row.iter_mut().zip(sources) {
-                *x = source[lane];
-            }
-            let rest = block.book[book::TERMS..].iter().chain(&work.metrics);
-            for (x, source) in row[INFOS.len()..].iter_mut().zip(rest) {
-                *x = source[lane];
-            }
+        let (width, terms) = (s.info(), &block.book[book::TERMS..]);
+        let groups = [&block.book[book::TOLD], &work.signals[signal::TOLD], terms, &work.metrics[..]];
+        let mut at = 0;
+        for group in groups {
+            transpose(group, n, out.info, width, at);
+            at += group.len();
         }
     }
 
@@ -402,9 +391,13 @@ impl Core {
     }
 
     fn write_observation(&self, block: &EnvBlock, work: &Workspace, n: usize, out: &mut StepOut<'_>) {
-        transpose(self.shown(work), n, out.observation);
-        transpose(&work.central, n, out.central);
-        transpose(&block.theta, n, out.privileged);
+        for (columns, rows) in [
+            (self.shown(work), &mut out.observation),
+            (&work.central, &mut out.central),
+            (&block.theta, &mut out.privileged),
+        ] {
+            transpose(columns, n, rows, columns.len(), 0);
+        }
     }
 
     /// Observations as they leave.
@@ -424,15 +417,26 @@ pub(crate) const HELD_PER_AGENT: usize = HELD + MAX_SLOTS;
 const STAGGER: Purpose = Purpose::user(0x57a6);
 const DELAY: Purpose = Purpose::user(0xde1a);
 
-/// Columns of up to sixty-four environments into rows; nothing where the rows were left out.
-fn transpose(columns: &[[f32; BLOCK]], n_env: usize, rows: &mut [f32]) {
-    let n = columns.len();
-    if n == 0 || rows.is_empty() {
+/// Columns of up to sixty-four environments into rows of `width` numbers from `first` on; nothing where the rows were
+/// left out.
+fn transpose(columns: &[[f32; BLOCK]], n_env: usize, rows: &mut [f32], width: usize, first: usize) {
+    if columns.is_empty() || rows.is_empty() {
         return;
     }
-    for (lane, row) in rows.chunks_exact_mut(n).take(n_env).enumerate() {
-        for (x, column) in row.iter_mut().zip(columns) {
-            *x = column[lane];
+    let whole = n_env & !3;
+    for lane in (0..whole).step_by(4) {
+        let four = &mut rows[lane * width..(lane + 4) * width];
+        let (a, rest) = four.split_at_mut(width);
+        let (b, rest) = rest.split_at_mut(width);
+        let (c, d) = rest.split_at_mut(width);
+        let columns =
+            columns.iter().zip(&mut a[first..]).zip(&mut b[first..]).zip(&mut c[first..]).zip(&mut d[first..]);
+        for ((((column, a), b), c), d) in columns {
+            (*a, *b, *c, *d) = (column[lane], column[lane + 1], column[lane + 2], column[lane + 3]);
         }
+    }
+    for lane in whole..n_env {
+        let row = &mut rows[lane * width + first..];
+        row.iter_mut().zip(columns).for_each(|(x, column)| *x = column[lane]);
     }
 }
