@@ -18,6 +18,7 @@ use omnidrones::dynamics::configurations::REGISTRY;
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{Effects, Multirotor, Physics, World, vehicles};
 use omnidrones::parallel::Threads;
+use omnidrones::tasks::{Buffers, Cotangents, EnvConfig, SweepOptions, registry};
 use std::alloc::{GlobalAlloc, Layout, System as Heap};
 use std::cell::Cell;
 
@@ -135,6 +136,7 @@ fn stepping_evaluating_and_differentiating_allocate_nothing_after_warm_up_and_gr
     }
     custom_functions_are_called_without_allocating();
     articulated_systems_step_without_allocating();
+    environments_step_without_allocating();
     gradients_grow_with_the_root_of_the_horizon();
 }
 
@@ -181,6 +183,53 @@ fn custom_functions_are_called_without_allocating() {
         roots.call(&single, &mut of_single);
     });
     assert_eq!((count, of_single), (0, [2.0, 3.0, 4.0]), "a call of duals and of f32");
+}
+
+/// With restarts, transforms, delays, randomisation and a tape.
+fn environments_step_without_allocating() {
+    for entry in registry::REGISTRY {
+        let text = "
+            n_env = 130
+            delay = { max = 2 }
+            observation = [{ kind = 'noise', std = 0.1 }, { kind = 'history', steps = 2 }, { kind = 'normalise' }]
+            randomise = [{ what = 'mass', range = [0.9, 1.1] }, { what = 'wind', range = [-1, 1], by = 'set' }]
+            task = { horizon = 3 }";
+        for config in [EnvConfig::from_toml(text, "all").unwrap(), EnvConfig { n_env: 130, ..EnvConfig::default() }] {
+            let mut env = entry.env(&config).unwrap();
+            env.set_threads(Threads::new(1).unwrap());
+            let mut out = Buffers::new(env.spec());
+            env.reset(None, None, &mut out.out()).unwrap();
+            let actions = vec![0.3; 130 * env.spec().n_agent * env.spec().action.len()];
+            let mut tape = env.tape(8);
+            env.step_recorded(&actions, &mut out.out(), &mut tape).unwrap();
+            let count = allocations(|| {
+                for _ in 0..7 {
+                    env.step(&actions, &mut out.out()).unwrap();
+                    env.step_recorded(&actions, &mut out.out(), &mut tape).unwrap();
+                }
+            });
+            assert_eq!(count, 0, "Env::step of {}", entry.name);
+        }
+    }
+    let mut env = registry::by_name("Hover").unwrap().env(&EnvConfig { n_env: 130, ..EnvConfig::default() }).unwrap();
+    env.set_threads(Threads::new(1).unwrap());
+    let mut out = Buffers::new(env.spec());
+    env.reset(None, None, &mut out.out()).unwrap();
+    let mut tape = env.tape(4);
+    for _ in 0..4 {
+        env.step_recorded(&[-0.4; 520], &mut out.out(), &mut tape).unwrap();
+    }
+    let adjoint = env.adjoint(true).unwrap();
+    let mut sweep = adjoint.sweep(SweepOptions::default());
+    let (ones, mut action) = (vec![1.0; 130], vec![0.0; 520]);
+    let count = allocations(|| {
+        sweep.restart();
+        for t in (0..4).rev() {
+            let up = Cotangents { reward: &ones, ..Cotangents::default() };
+            sweep.pull(&tape, t, &up, &mut action).unwrap();
+        }
+    });
+    assert_eq!(count, 0, "Sweep::pull");
 }
 
 fn articulated_systems_step_without_allocating() {

@@ -98,6 +98,7 @@ fn append(all: &mut ModelParts, member: &Member) {
     all.drones.append(&mut own.drones);
     all.frames.append(&mut own.frames);
     all.shapes.append(&mut own.shapes);
+    all.pushed.append(&mut own.pushed);
 }
 
 /// Ground and flags of the first, the softest material of all: the lightest member sets the step.
