@@ -86,7 +86,8 @@ impl Task for Track {
     }
 
     fn sheet(&self) -> Sheet {
-        let mut observation = vec![Slice::new("path", 3 * POINTS, "m, world", "p_ref(k + 5i) − p for i = 0 … 3")];
+        let mut observation =
+            vec![Slice::new("path", 3 * POINTS, "m, world", "p_ref(k + 5i) − p for i = 0 … 3")];
         observation.extend(drone_slices(self.rig.drone()));
         observation.push(clock_slice());
         let goal = Path::slices();
