@@ -5,6 +5,10 @@
 //!
 //! Masses are drawn for every episode, the length once for every environment. Bar and ball are one body, whose mass, centre
 //! of mass and inertia follow (Steiner). Rotors start at the speed that carries the drawn total weight.
+//!
+//! The joint has no stops. With one hinge near 90° the other turns the bar about its own axis, where it has a sixtieth of the
+//! inertia that stops at ±120° are made for: at 16 ms they blew up 421 of 4057 random flights of PayloadHover, at 2 ms 1 of
+//! 3898; without them none of 3879 did. Tumbling so far, a flight is lost.
 
 use crate::autodiff::{Pen, Scalar, safe};
 use crate::dynamics::Vehicle;
@@ -249,7 +253,8 @@ impl Plan<'_> {
             Side::Hanging => {
                 let defaults = Payload::default();
                 let own = Payload { drone, length, bar_radius, bar_mass, payload_radius, payload_mass, ..defaults };
-                own.build().map(|built| (built.model, built.map.bar))
+                let built = own.build()?;
+                Ok((without_stops(&built.model)?, built.map.bar))
             }
             Side::Standing => {
                 let defaults = InvertedPendulum::default();
@@ -264,6 +269,12 @@ impl Plan<'_> {
         let sign = if self.side == Side::Hanging { -1.0 } else { 1.0 };
         Load { rig: rig.varying_inertial(bar), bar, sign, length: self.length, bar_mass: self.bar, vehicle_mass }
     }
+}
+
+fn without_stops(model: &Model) -> Result<Model> {
+    let mut parts = model.parts().clone();
+    parts.bodies.iter_mut().for_each(|body| body.joint.limits = None);
+    Model::new(parts)
 }
 
 /// Lowest and highest of a setting, both > 0 and in order.

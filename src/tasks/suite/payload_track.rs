@@ -8,6 +8,7 @@
 //! Start: p one bar above the path, roll and pitch within ±0.1π, any yaw, the bar along the drone's −z, at rest.
 //!
 //! - DIFFERENCE: starts with d > `reset_distance` are drawn again; they come with bars above 1.8 m alone.
+//! - DIFFERENCE: the bar swings without stops; published ones are at ±120° (see [`load`](crate::tasks::suite::load)).
 //! - DIFFERENCE: a drawn mass takes centre of mass and inertia with it (defect 25).
 //! - DIFFERENCE: the ball's share is of the total mass, not of the base link's (defect 5).
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
