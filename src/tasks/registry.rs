@@ -36,6 +36,27 @@ pub static REGISTRY: &[Entry] = &[
     entry("Track", "follow a lemniscate", include_str!("suite/track.rs"), |name, config| {
         Env::of(track::Track::new(config)?, name, config)
     }),
+    entry("FlyThrough", "fly through a gate that slides sideways", include_str!("suite/fly_through.rs"), |name, config| {
+        Env::of(fly_through::FlyThrough::new(config)?, name, config)
+    }),
+    entry("InvPendulumHover", "balance a ball on a bar at a point", include_str!("suite/pendulum_hover.rs"), |name, config| {
+        Env::of(pendulum_hover::InvPendulumHover::new(config)?, name, config)
+    }),
+    entry("InvPendulumTrack", "lead a ball that stands on a bar along a lemniscate", include_str!("suite/pendulum_track.rs"), |name, config| {
+        Env::of(pendulum_track::InvPendulumTrack::new(config)?, name, config)
+    }),
+    entry("InvPendulumFlyThrough", "carry a ball that stands on a bar past two level bars", include_str!("suite/pendulum_fly_through.rs"), |name, config| {
+        Env::of(pendulum_fly_through::InvPendulumFlyThrough::new(config)?, name, config)
+    }),
+    entry("PayloadHover", "hold a slung ball at a point while it is pushed", include_str!("suite/payload_hover.rs"), |name, config| {
+        Env::of(payload_hover::PayloadHover::new(config)?, name, config)
+    }),
+    entry("PayloadTrack", "lead a slung ball along a lemniscate", include_str!("suite/payload_track.rs"), |name, config| {
+        Env::of(payload_track::PayloadTrack::new(config)?, name, config)
+    }),
+    entry("PayloadFlyThrough", "swing a slung ball past two level bars", include_str!("suite/payload_fly_through.rs"), |name, config| {
+        Env::of(payload_fly_through::PayloadFlyThrough::new(config)?, name, config)
+    }),
 ];
 
 impl Entry {

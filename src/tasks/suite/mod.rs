@@ -1,10 +1,23 @@
-//! The benchmark tasks, one file each.
+//! The benchmark tasks, one file each; `load` and `obstacles` hold what several share.
 
+pub mod fly_through;
 pub mod hover;
+pub mod load;
+mod obstacles;
+pub mod payload_fly_through;
+pub mod payload_hover;
+pub mod payload_track;
+pub mod pendulum_fly_through;
+pub mod pendulum_hover;
+pub mod pendulum_track;
 pub mod track;
+
+#[cfg(test)]
+mod tests_single;
 
 use super::rig::DronePlace;
 use super::sheet::Slice;
+use crate::autodiff::Scalar;
 
 /// What [`View::observe_drone`](super::View::observe_drone) writes.
 pub fn drone_slices(drone: &DronePlace) -> Vec<Slice> {
@@ -26,4 +39,10 @@ pub fn drone_slices(drone: &DronePlace) -> Vec<Slice> {
 /// What [`View::observe_clock`](super::View::observe_clock) writes.
 pub fn clock_slice() -> Slice {
     Slice::new("clock", 4, "-", "k/T, four times")
+}
+
+/// A flag of a memo that stays 1 once the mask held.
+#[inline(always)]
+pub(crate) fn latch<S: Scalar>(flag: S, now: S::Mask) -> S {
+    S::select(now, S::one(), flag)
 }

@@ -1,0 +1,210 @@
+//! Things in the way: what vehicles touch, how softly, and how far away it is.
+//!
+//! Contact pushes spheres and capsules apart. Boxes of vehicles have no force there, so where tasks put something in the
+//! way, each box is replaced by the capsules along its diagonals, as wide as its shortest edge: they stay within the box and
+//! reach towards its corners. Clearance, and with it every collision of the suite, is that of the very shapes that push.
+//!
+//! The material is that of rubber: k = 4e4 N/m^{3/2} per kg of vehicle stops it within 4 cm at 3 m/s, and substeps of 4 ms
+//! resolve that (√(3k√δ/2m) ≈ 100 rad/s for the vehicle, 230 rad/s for a load of a fifth of its mass). Ours.
+
+use crate::autodiff::{Mask, Pen, Scalar};
+use crate::dynamics::assembly::rod;
+use crate::dynamics::contact::ContactMaterial;
+use crate::dynamics::contact::distance::to_capsule;
+use crate::dynamics::scene::{FAR, Obstacle, Scene};
+use crate::dynamics::shape::{Geometry, Pose, Shape};
+use crate::dynamics::spatial::Vec3;
+use crate::dynamics::tree::numbers::still_numbers;
+use crate::dynamics::tree::{Model, ModelParts};
+use crate::dynamics::{Effects, Physics, Vehicle};
+use crate::error::Result;
+use crate::tasks::config::EnvConfig;
+use crate::tasks::sheet::Slice;
+use crate::tasks::task::{Start, View};
+
+/// Longest substep that resolves the material, s.
+const SUBSTEP: f64 = 0.004;
+/// k per kg of vehicle, N/m^{3/2}.
+const STIFFNESS: f64 = 4e4;
+
+/// Physics in which things touch.
+pub(super) fn touching(config: &EnvConfig) -> Physics {
+    let mut physics = config.physics_with(|e: &mut Effects| e.contact = true);
+    physics.substeps = physics.substeps.max((physics.dt / SUBSTEP).ceil() as usize);
+    physics
+}
+
+/// A model whose contacts are those of a vehicle of `mass` kg.
+///
+/// # Errors
+/// None for a mass that a vehicle may have.
+pub(super) fn softened(model: &Model, mass: f64) -> Result<Model> {
+    let mut parts: ModelParts = model.parts().clone();
+    parts.contact.material =
+        ContactMaterial { stiffness: STIFFNESS * mass, slip_speed: 1.0, ..ContactMaterial::default() };
+    Model::new(parts)
+}
+
+/// The vehicle with capsules for its boxes.
+pub(super) fn rounded(vehicle: &Vehicle) -> Vehicle {
+    let shapes = vehicle.shapes.iter().flat_map(|shape| match shape.geometry {
+        Geometry::Box { size } => diagonals(shape, size),
+        _ => vec![*shape],
+    });
+    Vehicle { shapes: shapes.collect(), ..vehicle.clone() }
+}
+
+/// Capsules within a box along those of its diagonals that differ.
+fn diagonals(shape: &Shape, size: [f64; 3]) -> Vec<Shape> {
+    let radius = 0.5 * size.into_iter().fold(f64::INFINITY, f64::min);
+    let half = size.map(|edge| 0.5 * edge - radius);
+    let mut ends: Vec<[f64; 3]> = Vec::new();
+    for [y, z] in [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]] {
+        let end = [half[0], y * half[1], z * half[2]];
+        if !ends.iter().any(|e| *e == end || *e == end.map(|x| -x)) {
+            ends.push(end);
+        }
+    }
+    let carrier = Pose { position: shape.position, attitude: shape.rotation };
+    ends.into_iter().map(|end| rod(carrier.point(end.map(|x| -x)), carrier.point(end), radius)).collect()
+}
+
+/// What touches: shapes of one tree, each with the body that carries it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Skin(Vec<(usize, Shape)>);
+
+impl Skin {
+    /// Of the model's first tree.
+    pub(super) fn of(model: &Model) -> Self {
+        let own = &model.layout().trees[0].bodies;
+        let touches = model.shapes().iter().filter(|s| s.collides);
+        Self(touches.filter_map(|s| s.body.filter(|b| own.contains(b)).map(|b| (b, s.shape))).collect())
+    }
+
+    /// Least distance to capsules of `radius` around `axes`, m: negative where they touch.
+    #[inline(always)]
+    pub(super) fn clearance<S: Scalar, const N: usize>(
+        &self,
+        view: &View<'_, S>,
+        axes: [[Vec3<S>; 2]; N],
+        radius: f64,
+    ) -> S {
+        let mut least = S::constant(FAR);
+        for i in 0..self.0.len() {
+            let (body, shape) = &self.0[i];
+            let carrier = view.frame(*body);
+            let pose = shape.pose(&Pose { position: carrier.position, attitude: carrier.attitude });
+            for k in 0..N {
+                least = least.min(to_capsule(&shape.geometry, &pose, axes[k], radius));
+            }
+        }
+        least
+    }
+}
+
+/// Whether a clearance means touch.
+#[inline(always)]
+pub(super) fn touches<S: Scalar>(clearance: S) -> S::Mask {
+    clearance.lt(S::zero())
+}
+
+/// 1 where nothing touches, else 0.
+#[inline(always)]
+pub(super) fn free<S: Scalar>(clearance: S) -> S {
+    S::select(touches(clearance), S::zero(), S::one())
+}
+
+/// The mask of an end that a setting switches on.
+#[inline(always)]
+pub(super) fn where_on<S: Scalar>(on: bool, mask: S::Mask) -> S::Mask {
+    if on { mask } else { mask.and(mask.not()) }
+}
+
+/// 0.5 e^{−10 c} of a clearance held above −0.2 m: what training losses pay near a bar.
+#[inline(always)]
+pub(super) fn nearness<S: Scalar>(clearance: S) -> S {
+    S::constant(0.5) * (S::constant(-10.0) * clearance.max(S::constant(-0.2))).exp()
+}
+
+/// Half length of a level bar, m.
+const HALF_LENGTH: f64 = 2.5;
+/// Of a level bar, m.
+const RADIUS: f64 = 0.04;
+/// Height of the lower bar, m.
+const LOW: f64 = 1.2;
+/// Numbers of two bars in a goal.
+pub(super) const BARS: usize = 2;
+
+/// Two level bars along y across the way, at x = 0: capsules of radius 0.04 m, 5 m long, one at z = 1.2 m, one above.
+#[derive(Debug, Clone)]
+pub(super) struct Bars {
+    skin: Skin,
+    /// Where their heights stand among the rig's numbers.
+    numbers: [usize; BARS],
+    /// Their distance, lowest and highest, m.
+    spacing: [f64; 2],
+    /// Where their heights stand in the goal.
+    goal: usize,
+}
+
+impl Bars {
+    /// At their nominal place.
+    pub(super) fn scene(spacing: [f64; 2]) -> Scene {
+        let bar = |name: &str, z: f64| Obstacle {
+            name: name.into(),
+            shape: rod([0.0, -HALF_LENGTH, z], [0.0, HALF_LENGTH, z], RADIUS),
+        };
+        let high = LOW + 0.5 * (spacing[0] + spacing[1]);
+        Scene { obstacles: vec![bar("lower", LOW), bar("upper", high)], ..Scene::default() }
+    }
+
+    /// Of a model in [`Bars::scene`], with their heights in the goal from `goal` on.
+    pub(super) fn of(model: &Model, spacing: [f64; 2], goal: usize) -> Self {
+        let z = |i| still_numbers(model.bodies().len(), model.rotors().len(), i) + 2;
+        Self { skin: Skin::of(model), numbers: [z(0), z(1)], spacing, goal }
+    }
+
+    /// Numbers of the rig that vary.
+    pub(super) fn numbers(&self) -> [usize; BARS] {
+        self.numbers
+    }
+
+    /// What they keep in the goal.
+    pub(super) fn slice() -> Slice {
+        Slice::new("bars", BARS, "m, world", "z of lower and upper bar")
+    }
+
+    /// What [`Bars::observe`] writes.
+    pub(super) fn observed() -> Slice {
+        Slice::new("bars", 2 * BARS, "m, world", "(x, z) of lower and upper bar − (x, z) of p")
+    }
+
+    /// Draws their heights.
+    pub(super) fn draw(&self, start: &mut Start<'_>) {
+        let heights = [LOW, LOW + start.task.uniform(self.spacing[0], self.spacing[1])];
+        start.goal[self.goal..self.goal + BARS].copy_from_slice(&heights);
+        for (place, z) in self.numbers.into_iter().zip(heights) {
+            start.numbers[place] = z;
+        }
+    }
+
+    /// Least distance of everything that flies, m.
+    #[inline(always)]
+    pub(super) fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        let (zero, y) = (S::zero(), S::constant(HALF_LENGTH));
+        let mut axes = [[[zero; 3]; 2]; BARS];
+        for i in 0..BARS {
+            let z = view.goal.get(self.goal + i);
+            axes[i] = [[zero, -y, z], [zero, y, z]];
+        }
+        self.skin.clearance(view, axes, RADIUS)
+    }
+
+    /// Where they are, seen from `position`.
+    #[inline(always)]
+    pub(super) fn observe<S: Scalar>(&self, view: &View<'_, S>, position: Vec3<S>, out: &mut Pen<'_, S>) {
+        for i in 0..BARS {
+            out.array([-position[0], view.goal.get(self.goal + i) - position[2]]);
+        }
+    }
+}

@@ -1,0 +1,324 @@
+//! Claims about the tasks of one drone with a gate, a slung ball or an inverted pendulum.
+
+use crate::autodiff::{Rows, RowsMut};
+use crate::dynamics::frame::FRAME;
+use crate::dynamics::tree::numbers::Source;
+use crate::dynamics::vehicles;
+use crate::tasks::env::{Buffers, Env};
+use crate::tasks::rig::{Inertial, Rig, RotorPlace};
+use crate::tasks::suite::load::{DRAWN_BAR, LIGHT_BAR, Load, Plan, Side};
+use crate::tasks::suite::*;
+use crate::tasks::task::{MAX_TERMS, Start, Task, View, streams};
+use crate::tasks::{EnvConfig, sheet};
+
+/// Name, numbers of an observation of the Hummingbird, reward ceiling.
+const TASKS: [(&str, usize, f64); 7] = [
+    ("FlyThrough", 33, 2.9),
+    ("InvPendulumHover", 39, 4.1),
+    ("InvPendulumTrack", 51, 1.1),
+    ("InvPendulumFlyThrough", 43, 4.1),
+    ("PayloadHover", 36, 2.1),
+    ("PayloadTrack", 51, 2.1),
+    ("PayloadFlyThrough", 40, 3.1),
+];
+
+fn config(n_env: usize, task: &str) -> EnvConfig {
+    EnvConfig { n_env, seed: 3, task: task.parse().unwrap(), ..EnvConfig::default() }
+}
+
+fn started(name: &str, config: &EnvConfig) -> (Env, Buffers) {
+    let mut env = Env::make(name, config).unwrap();
+    let mut buffers = Buffers::new(env.spec());
+    env.reset(None, None, &mut buffers.out()).unwrap();
+    (env, buffers)
+}
+
+/// Actions that hold the rotors' speeds.
+fn steady(env: &Env) -> Vec<f32> {
+    let rotors = &env.rig().drone().rotors;
+    let action = |state: &[f32], r: &RotorPlace| {
+        let share = state[r.speed] / r.max_speed as f32;
+        2.0 * share * share - 1.0
+    };
+    let states: Vec<Vec<f32>> = (0..env.spec().n_env).map(|i| env.state(i).unwrap()).collect();
+    states.iter().flat_map(|state| rotors.iter().map(|r| action(state, r))).collect()
+}
+
+/// The numbers of one slice of an environment's observation.
+fn observed(env: &Env, buffers: &Buffers, slice: &str, environment: usize) -> Vec<f32> {
+    let range = env.spec().observation_range(slice).unwrap();
+    buffers.observation[environment * env.spec().n_observation..][range].to_vec()
+}
+
+fn info(env: &Env, buffers: &Buffers, name: &str, environment: usize) -> f32 {
+    buffers.info[environment * env.spec().info.len() + env.spec().info_column(name).unwrap()]
+}
+
+#[test]
+fn observations_and_reward_ceilings_are_those_of_the_benchmark() {
+    for (name, size, bound) in TASKS {
+        let env = Env::make(name, &config(1, "")).unwrap();
+        assert_eq!(env.spec().n_observation, size, "{name}");
+        assert!((env.spec().reward_bound - bound).abs() < 1e-12, "{name}: {}", env.spec().reward_bound);
+    }
+}
+
+/// How far the ideal reward stays below its bound, effort aside.
+fn gap(task: &impl Task) -> f64 {
+    let (rig, sheet): (&Rig, sheet::Sheet) = (task.rig(), task.sheet());
+    let (mut state, mut numbers) = (rig.rest().to_vec(), rig.numbers());
+    let (mut goal, mut memo) = (vec![0.0; sheet::total(&sheet.goal)], vec![0.0; sheet::total(&sheet.memo)]);
+    let [reset, draws, once] = streams(1, 2, 3);
+    task.ideal(&mut Start {
+        rig,
+        state: &mut state,
+        goal: &mut goal,
+        memo: &mut memo,
+        numbers: &mut numbers,
+        reset,
+        task: draws,
+        once,
+        event_at: f64::INFINITY,
+    });
+    let mut frames = vec![0.0; rig.n_frame() * FRAME];
+    rig.frames(Source::Constants(&numbers), &Rows::of(&state), &mut RowsMut::of(&mut frames));
+    let speeds: Vec<f64> = rig.drone().rotors.iter().map(|r| state[r.speed]).collect();
+    let view = View {
+        rig,
+        state: Rows::of(&state),
+        frames: Rows::of(&frames),
+        speeds_before: Rows::of(&speeds),
+        goal: Rows::of(&goal),
+        memo: Rows::of(&memo),
+        step: 0.0,
+        clock: 0.0,
+    };
+    let mut terms = [0.0; MAX_TERMS];
+    task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
+    let pairs = sheet.reward.iter().zip(terms).filter(|(term, _)| term.name != "effort");
+    pairs.map(|(term, value)| term.bound - value).sum()
+}
+
+#[test]
+fn the_ideal_state_earns_the_bound() {
+    let c = config(1, "");
+    let gaps = [
+        gap(&fly_through::FlyThrough::new(&c).unwrap()),
+        gap(&pendulum_hover::InvPendulumHover::new(&c).unwrap()),
+        gap(&pendulum_track::InvPendulumTrack::new(&c).unwrap()),
+        gap(&pendulum_fly_through::InvPendulumFlyThrough::new(&c).unwrap()),
+        gap(&payload_hover::PayloadHover::new(&c).unwrap()),
+        gap(&payload_track::PayloadTrack::new(&c).unwrap()),
+        gap(&payload_fly_through::PayloadFlyThrough::new(&c).unwrap()),
+    ];
+    println!("below the bound by {gaps:?}");
+    for ((name, ..), gap) in TASKS.iter().zip(gaps) {
+        assert!((-1e-12..1e-6).contains(&gap), "{name}: {gap:e}");
+    }
+}
+
+#[test]
+fn random_flights_stay_finite_and_below_the_bound() {
+    for (name, _, bound) in TASKS {
+        let (mut env, mut buffers) = started(name, &config(64, ""));
+        let mut actions = vec![0.0; 64 * 4];
+        let (mut ends, mut diverged, mut best) = (0, 0, f32::NEG_INFINITY);
+        for step in 0..500 {
+            env.sample(step, &mut actions);
+            env.step(&actions, &mut buffers.out()).unwrap();
+            let all = [&buffers.observation, &buffers.reward, &buffers.info];
+            assert!(all.into_iter().flatten().all(|x| x.is_finite()), "{name}, step {step}");
+            best = buffers.reward.iter().fold(best, |a, b| a.max(*b));
+            let last = env.spec().ends.len() as f32 + 0.5;
+            for i in (0..64).filter(|i| buffers.terminated[*i] == 1) {
+                ends += 1;
+                diverged += usize::from(info(&env, &buffers, "reason", i) > last);
+            }
+        }
+        println!("{name}: {ends} ends, {diverged} diverged, best reward {best:.3}");
+        assert!(f64::from(best) < bound && diverged == 0, "{name}: {best}, {diverged} diverged");
+    }
+}
+
+#[test]
+fn no_episode_starts_terminated() {
+    for (name, ..) in TASKS {
+        let (mut env, mut buffers) = started(name, &config(4096, ""));
+        let actions = steady(&env);
+        env.step(&actions, &mut buffers.out()).unwrap();
+        for i in 0..4096 {
+            let reason = info(&env, &buffers, "reason", i);
+            assert_eq!(buffers.terminated[i], 0, "{name}, environment {i}: reason {reason}");
+        }
+    }
+}
+
+#[test]
+fn a_push_changes_the_balls_velocity_by_its_kick() {
+    let (mut env, mut buffers) = started("PayloadHover", &config(64, ""));
+    let (mut pushes, mut worst) = (0, 0.0_f32);
+    for step in 1..100 {
+        for i in 0..64 {
+            // all hang straight, at rest
+            let mut state = env.state(i).unwrap();
+            state[..17].copy_from_slice(&[0.0; 17]);
+            (state[2], state[6]) = (2.0, 1.0);
+            env.set_state(i, &state).unwrap();
+        }
+        let actions = steady(&env);
+        env.step(&actions, &mut buffers.out()).unwrap();
+        for i in 0..64 {
+            let (goal, velocity) = (env.goal(i).unwrap(), observed(&env, &buffers, "ball_velocity", i));
+            // the goal may hold the push of the coming step already
+            if goal[2] == step as f32 {
+                continue;
+            }
+            let kick = if goal[2] == (step - 1) as f32 { [goal[3], goal[4]] } else { [0.0; 2] };
+            pushes += usize::from(kick != [0.0; 2]);
+            worst = worst.max((velocity[0] - kick[0]).hypot(velocity[1] - kick[1]) / kick[0].hypot(kick[1]).max(0.2));
+        }
+    }
+    println!("{pushes} pushes, velocity off the kick by at most {worst:.3} of it");
+    // 64 environments, 1.6 s, one push in 2 s each: 51 of Poisson's, σ 7
+    assert!((30..73).contains(&pushes), "{pushes}");
+    assert!(worst < 0.03, "{worst}");
+}
+
+#[test]
+fn masses_are_drawn_within_range_and_inertia_follows() {
+    let vehicle = config(1, "").vehicle("hummingbird").unwrap().mass_properties().mass;
+    let cases =
+        [("PayloadHover", LIGHT_BAR, -1.0), ("PayloadTrack", LIGHT_BAR, -1.0), ("InvPendulumHover", DRAWN_BAR, 1.0)];
+    for (name, bar, sign) in cases {
+        let (env, buffers) = started(name, &config(256, "length = [0.5, 1.5]"));
+        let mut lengths = Vec::new();
+        for i in 0..256 {
+            let (goal, theta) = (env.goal(i).unwrap(), &buffers.privileged[10 * i..10 * i + 10]);
+            let (l, ball, total) = (f64::from(goal[0]), f64::from(goal[1]), f64::from(theta[0]));
+            let rod = total - ball;
+            assert!((0.2..0.3).contains(&(ball / vehicle)), "{name}: ball {ball}");
+            assert!((bar[0] - 1e-6..bar[1] + 1e-6).contains(&rod), "{name}: bar {rod}");
+            // a thin rod and a ball about their common centre of mass
+            let center = sign * l * (0.5 * rod + ball) / total;
+            let across = rod * l * l / 12.0 + 0.4 * ball * 0.0016 + rod * ball / total * 0.25 * l * l;
+            assert!((f64::from(theta[3]) - center).abs() < 1e-5, "{name}: centre {} for {center}", theta[3]);
+            assert!((f64::from(theta[4]) / across - 1.0).abs() < 0.02, "{name}: {} for {across}", theta[4]);
+            assert_eq!(theta[4], theta[5]);
+            lengths.push(l);
+        }
+        let least = lengths.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = lengths.iter().copied().fold(0.0, f64::max);
+        assert!((0.5..0.52).contains(&least) && (1.48..=1.5).contains(&most), "{name}: {least} to {most} m");
+    }
+}
+
+#[test]
+fn lengths_stay_through_episodes_and_masses_do_not() {
+    let (mut env, mut buffers) = started("InvPendulumHover", &config(8, "length = [0.5, 1.5]"));
+    let first: Vec<Vec<f32>> = (0..8).map(|i| env.goal(i).unwrap()).collect();
+    env.reset(None, None, &mut buffers.out()).unwrap();
+    for (i, goal) in first.iter().enumerate() {
+        let now = env.goal(i).unwrap();
+        assert!(now[0] == goal[0] && now[1] != goal[1], "{goal:?}, then {now:?}");
+    }
+}
+
+#[test]
+fn drawn_mass_properties_are_those_of_the_model_at_its_masses() {
+    let c = config(1, "");
+    for side in [Side::Hanging, Side::Standing] {
+        let load = Load::new(&c, &Plan { vehicle: "iris", side, length: [0.7; 2], bar: [0.03; 2] }).unwrap();
+        let bar = load.rig.model().unwrap().body("bar").unwrap();
+        let built = Inertial::read(&load.rig.numbers(), bar);
+        let drawn = load.inertial(0.7, 0.03, built.mass - 0.03);
+        assert!((built.center_of_mass[2] - drawn.center_of_mass[2]).abs() < 1e-12, "{built:?}, {drawn:?}");
+        let (a, b) = (&built.inertia, &drawn.inertia);
+        let off = [a.xx - b.xx, a.yy - b.yy, a.zz - b.zz].into_iter().fold(0.0_f64, |w, d| w.max(d.abs()));
+        assert!(off < 1e-12, "{side:?}: {off:e}");
+    }
+}
+
+/// Flies environment 0 from `position` at 3 m/s along x for 1 s with the rotors' speeds held; deepest clearance, and farthest x.
+fn thrown(name: &str, position: [f32; 3]) -> (f32, f32) {
+    let (mut env, mut buffers) = started(name, &config(1, ""));
+    let mut state = env.state(0).unwrap();
+    let first_rotor = env.rig().drone().rotors[0].speed;
+    state[..13].copy_from_slice(&[0.0; 13]);
+    state[..3].copy_from_slice(&position);
+    (state[3], state[6]) = (3.0, 1.0);
+    state[13..first_rotor].fill(0.0);
+    if name == "FlyThrough" {
+        // the gate's slide and its rate stand behind the rotors
+        let n = state.len();
+        state[n - 2..].fill(0.0);
+    }
+    env.set_state(0, &state).unwrap();
+    let (mut deepest, mut farthest) = (f32::INFINITY, f32::NEG_INFINITY);
+    for _ in 0..60 {
+        let actions = steady(&env);
+        env.step(&actions, &mut buffers.out()).unwrap();
+        if buffers.terminated[0] == 1 {
+            break;
+        }
+        let clearance = info(&env, &buffers, "clearance", 0);
+        deepest = deepest.min(clearance);
+        farthest = farthest.max(env.state(0).unwrap()[0]);
+        if name != "FlyThrough" {
+            assert_eq!(clearance < 0.0, buffers.reward[0] == 0.0, "{name}: reward is lost in touch alone");
+        }
+    }
+    (deepest, farthest)
+}
+
+#[test]
+fn nothing_flies_through_a_bar() {
+    // into the gate's left upright; into the upper bar; past both with the slung bar against the lower one
+    for (name, position) in [
+        ("FlyThrough", [-0.6, 0.66, 2.0]),
+        ("InvPendulumFlyThrough", [-0.6, 0.0, 1.2]),
+        ("PayloadFlyThrough", [-0.6, 0.0, 2.05]),
+    ] {
+        let (deepest, farthest) = thrown(name, position);
+        println!("{name}: {:.1} mm deep, up to x = {farthest:.2} m", -1000.0 * deepest);
+        assert!(deepest < 0.0 && deepest > -0.045, "{name}: clearance {deepest}");
+        assert!(farthest < 0.0, "{name}: reaches x = {farthest}");
+    }
+    let (deepest, _) = thrown("PayloadFlyThrough", [-0.6, 0.0, 1.65]);
+    println!("slung bar: {:.1} mm deep", -1000.0 * deepest);
+    assert!(deepest < 0.0 && deepest > -0.045, "slung bar: clearance {deepest}");
+}
+
+#[test]
+fn touch_ends_the_episode_where_asked() {
+    for (name, position) in [("FlyThrough", [0.0, 0.66, 2.0]), ("PayloadFlyThrough", [0.0, 0.0, 1.2])] {
+        for (task, reason) in [("reset_on_collision = true", "contact"), ("", "")] {
+            let (mut env, mut buffers) = started(name, &config(1, task));
+            let mut state = env.state(0).unwrap();
+            state[..3].copy_from_slice(&position);
+            state[0] = -0.05;
+            if name == "FlyThrough" {
+                let n = state.len();
+                state[n - 2..].fill(0.0);
+            }
+            env.set_state(0, &state).unwrap();
+            env.step(&steady(&env), &mut buffers.out()).unwrap();
+            let number = info(&env, &buffers, "reason", 0) as usize;
+            let have = if number == 0 { "" } else { env.spec().ends[number - 1].name };
+            assert_eq!(have, reason, "{name}");
+        }
+    }
+}
+
+#[test]
+fn every_vehicle_flies_every_task() {
+    for vehicle in vehicles::names() {
+        for (name, ..) in TASKS {
+            let (mut env, mut buffers) = started(name, &config(8, &format!("vehicle = '{vehicle}'")));
+            for _ in 0..20 {
+                let actions = steady(&env);
+                env.step(&actions, &mut buffers.out()).unwrap();
+                assert!(buffers.observation.iter().all(|x| x.is_finite()), "{name} with {vehicle}");
+            }
+        }
+    }
+}
