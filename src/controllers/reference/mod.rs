@@ -3,6 +3,7 @@
 //! Each shape writes its position and yaw once, over [`Scalar`]; evaluated on a fifth-order [`Jet`] in time the same
 //! lines give velocity, acceleration, jerk and snap. Before t = 0 every shape rests at its start.
 
+mod carried;
 mod circle;
 mod hover;
 mod lemniscate;
@@ -10,6 +11,7 @@ mod sample;
 mod tilt;
 mod waypoints;
 
+pub use carried::Carried;
 pub use circle::Circle;
 pub use hover::{Hover, Step};
 pub use lemniscate::{Lemniscate, lemniscate_curve, lemniscate_phase};
@@ -37,6 +39,8 @@ pub enum Reference {
     Lemniscate(Lemniscate),
     /// Through points, with the least snap.
     Waypoints(Waypoints),
+    /// Where a drone must be for its load to follow a lemniscate. Not among [`Reference::NAMES`]: it needs a lever.
+    Carried(Carried),
 }
 
 impl Reference {
@@ -72,6 +76,7 @@ impl Reference {
             Self::Circle(_) => "circle",
             Self::Lemniscate(_) => "lemniscate",
             Self::Waypoints(_) => "waypoints",
+            Self::Carried(_) => "carried",
         }
     }
 
@@ -83,6 +88,7 @@ impl Reference {
             Self::Circle(_) => "a horizontal circle with a smooth start",
             Self::Lemniscate(_) => "a figure of eight with a vertical part (the paper's Track tasks)",
             Self::Waypoints(_) => "a minimum-snap path through points, rest to rest",
+            Self::Carried(_) => "the way of a drone whose load follows a lemniscate",
         }
     }
 
@@ -94,6 +100,7 @@ impl Reference {
             Self::Circle(r) => r.validate(),
             Self::Lemniscate(r) => r.validate(),
             Self::Waypoints(_) => Ok(()),
+            Self::Carried(r) => r.validate(),
         }
     }
 
@@ -106,6 +113,7 @@ impl Reference {
             Self::Circle(r) => r.position(t),
             Self::Lemniscate(r) => r.position(t),
             Self::Waypoints(r) => r.position_and_yaw(t).0,
+            Self::Carried(r) => r.position(t),
         }
     }
 
@@ -118,6 +126,7 @@ impl Reference {
             Self::Circle(r) => r.yaw(t),
             Self::Lemniscate(r) => S::constant(r.yaw),
             Self::Waypoints(r) => r.position_and_yaw(t).1,
+            Self::Carried(r) => S::constant(r.path.yaw),
         }
     }
 

@@ -11,6 +11,7 @@
 //! 3898; without them none of 3879 did. Tumbling so far, a flight is lost.
 
 use crate::autodiff::{Pen, Scalar, safe};
+use crate::controllers::reference::{Carried, Hover, Reference, Tilt};
 use crate::dynamics::Vehicle;
 use crate::dynamics::assembly::Member;
 use crate::dynamics::configurations::{InvertedPendulum, Payload, environment};
@@ -217,6 +218,13 @@ impl Load {
         [ball[0], ball[1], ball[2] - self.sign * start.goal[0]]
     }
 
+    /// Where the drone must stay for the ball to stay at `target`.
+    pub(super) fn wanted(&self, goal: &[f32], target: Vec3<f64>) -> Option<(Reference, Tilt)> {
+        let below = self.sign * f64::from(goal[0]);
+        let position = [target[0], target[1], target[2] - below];
+        Some((Reference::Hover(Hover { position, yaw: 0.0 }), Tilt::LEVEL))
+    }
+
     /// Position and velocity of the ball, attitude and angular velocity of the bar.
     #[inline(always)]
     pub(super) fn ball<S: Scalar>(&self, view: &View<'_, S>) -> Frame<S> {
@@ -339,6 +347,13 @@ impl LoadTrack {
             dt,
         };
         Self { load, settings, path }
+    }
+
+    /// Where the drone must be for the ball to follow the path.
+    pub(super) fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
+        let path = self.path.reference(&goal[LOAD..], 0.0);
+        let lever = -self.load.sign * f64::from(goal[0]);
+        Some((Reference::Carried(Carried { path, lever }), Tilt::LEVEL))
     }
 
     /// What [`LoadTrack::observe_ahead`] writes.

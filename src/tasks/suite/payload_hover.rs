@@ -16,6 +16,7 @@
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 
 use crate::autodiff::{Pen, Scalar, safe};
+use crate::controllers::reference::{Reference, Tilt};
 use crate::dynamics::spatial::{constants, scale, sub};
 use crate::error::Result;
 use crate::rng::Stream;
@@ -176,6 +177,10 @@ impl Task for PayloadHover {
         let speed = S::constant(0.02) * safe::squared_norm(self.load.ball(view).velocity);
         let rate = S::constant(0.005) * safe::squared_norm(view.drone(0).angular_velocity);
         smooth_norm(self.error(view), 0.1) + speed + rate
+    }
+
+    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
+        self.load.wanted(goal, TARGET)
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

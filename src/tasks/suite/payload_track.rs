@@ -14,6 +14,7 @@
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 
 use crate::autodiff::{Pen, Scalar, safe};
+use crate::controllers::reference::{Reference, Tilt};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::path::Path;
@@ -114,6 +115,10 @@ impl Task for PayloadTrack {
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
         self.track.loss(view)
+    }
+
+    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
+        self.track.wanted(goal)
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

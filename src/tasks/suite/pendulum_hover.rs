@@ -13,6 +13,7 @@
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 
 use crate::autodiff::{Pen, Scalar, safe};
+use crate::controllers::reference::{Reference, Tilt};
 use crate::dynamics::spatial::{constants, sub};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
@@ -151,6 +152,10 @@ impl Task for InvPendulumHover {
         let speed = S::constant(0.02) * safe::squared_norm(ball.velocity);
         let rate = S::constant(0.005) * safe::squared_norm(view.drone(0).angular_velocity);
         smooth_norm(self.error(view), 0.1) + speed + rate + leaning(&ball)
+    }
+
+    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
+        self.load.wanted(goal, TARGET)
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -12,6 +12,7 @@
 //! - DIFFERENCE: the ball's share is of the total mass, not of the base link's (defect 5).
 
 use crate::autodiff::{Pen, Scalar, safe};
+use crate::controllers::reference::{Reference, Tilt};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::path::Path;
@@ -121,6 +122,10 @@ impl Task for InvPendulumTrack {
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
         self.track.loss(view) + leaning(&self.track.load.ball(view))
+    }
+
+    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
+        self.track.wanted(goal)
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
