@@ -1,7 +1,22 @@
 //! The benchmark tasks, one file each.
 
+pub mod dragon_hover;
+pub mod formation;
 pub mod hover;
+pub mod over;
+pub mod over_fly_through;
+pub mod over_hover;
+pub mod over_track;
+pub mod team;
 pub mod track;
+pub mod transport;
+pub mod transport_fly_through;
+pub mod transport_hover;
+pub mod transport_track;
+pub mod variants;
+
+#[cfg(test)]
+mod tests_multi;
 
 use super::rig::DronePlace;
 use super::sheet::Slice;
