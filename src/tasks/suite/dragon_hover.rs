@@ -15,6 +15,7 @@
 use super::clock_slice;
 use crate::autodiff::{Pen, Scalar, safe};
 use crate::dynamics::configurations::Dragon;
+use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Vec3, add, constants, dot, rotate, scale, sub, yawed};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
@@ -57,8 +58,8 @@ impl Default for DragonHoverSettings {
 pub struct DragonHover {
     rig: Rig,
     settings: DragonHoverSettings,
-    /// Bodies of the links.
-    links: [usize; LINKS],
+    /// Bodies of the links, and their middles in them.
+    links: [(usize, [f64; 3]); LINKS],
 }
 
 impl DragonHover {
@@ -73,9 +74,21 @@ impl DragonHover {
         let gimbals = of_links.iter().flat_map(|l| l.gimbal);
         let drives: Vec<usize> = gimbals.chain(of_links.iter().filter_map(|l| l.bend).flatten()).collect();
         debug_assert_eq!(drives.len(), DRIVES);
-        let links = std::array::from_fn(|i| of_links[i].body);
-        let rig = Rig::of_model_as_one(&model, config.physics(), links[0], &drives)?;
+        let mut links = [(0, [0.0; 3]); LINKS];
+        for (i, link) in links.iter_mut().enumerate() {
+            *link = (of_links[i].body, model.frame(&format!("link_{i}"))?.position);
+        }
+        let rig = Rig::of_model_as_one(&model, config.physics(), links[0].0, &drives)?;
         Ok(Self { rig, settings: config.settings()?, links })
+    }
+
+    /// Motion of the middle of a link.
+    #[inline(always)]
+    fn link<S: Scalar>(&self, view: &View<'_, S>, i: usize) -> Frame<S> {
+        let (body, middle) = self.links[i];
+        let frame = view.frame(body);
+        let (position, velocity) = frame.point(constants(middle));
+        Frame { position, velocity, ..frame }
     }
 
     /// p_t − p̄.
@@ -83,7 +96,7 @@ impl DragonHover {
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         let mut sum = [S::zero(); 3];
         for i in 0..LINKS {
-            sum = add(sum, view.frame(self.links[i]).position);
+            sum = add(sum, self.link(view, i).position);
         }
         sub(constants(TARGET), scale(S::constant(1.0 / LINKS as f64), sum))
     }
@@ -163,21 +176,21 @@ impl Task for DragonHover {
     fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
         out.array(self.error(view));
         for i in 0..LINKS {
-            out.array(sub(view.frame(self.links[i]).position, constants(TARGET)));
+            out.array(sub(self.link(view, i).position, constants(TARGET)));
         }
         for i in 0..LINKS {
-            out.array(view.frame(self.links[i]).observed_attitude());
+            out.array(self.link(view, i).observed_attitude());
         }
         for i in 0..LINKS {
-            let link = view.frame(self.links[i]);
+            let link = self.link(view, i);
             out.array(link.velocity);
             out.array(link.angular_velocity);
         }
         for i in 0..LINKS {
-            out.array(view.frame(self.links[i]).heading());
+            out.array(self.link(view, i).heading());
         }
         for i in 0..LINKS {
-            out.array(view.frame(self.links[i]).up());
+            out.array(self.link(view, i).up());
         }
         for i in 0..2 * LINKS {
             out.number(S::constant(2.0).mul_add(view.throttle(0, i), -S::one()));
@@ -201,9 +214,9 @@ impl Task for DragonHover {
 
     #[inline(always)]
     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
-        let mut lowest = view.frame(self.links[0]).position[2];
+        let mut lowest = self.link(view, 0).position[2];
         for i in 1..LINKS {
-            lowest = lowest.min(view.frame(self.links[i]).position[2]);
+            lowest = lowest.min(self.link(view, i).position[2]);
         }
         ends.when(lowest.lt(S::constant(0.2)));
         let error = both(self.error(view), Self::heading_error(view));
@@ -226,7 +239,7 @@ impl Task for DragonHover {
     fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let mut motion = S::zero();
         for i in 0..LINKS {
-            let link = view.frame(self.links[i]);
+            let link = self.link(view, i);
             motion += S::constant(0.02 / LINKS as f64) * safe::squared_norm(link.velocity);
             motion += S::constant(0.005 / LINKS as f64) * safe::squared_norm(link.angular_velocity);
         }

@@ -235,7 +235,7 @@ struct Pole {
     radius: f64,
 }
 
-/// Obstacles that give way by about 2 cm under a drone's weight: at steps of 16 ms anything harder throws it off.
+/// Obstacles that give way by about 2 cm under a drone's weight: a choice for steps of 16 ms, not tuned.
 ///
 /// With the default material a drone of 0.7 kg bobs at 170 rad/s, and an impact is faster still: see [`ContactMaterial`].
 pub fn padding(vehicle: &Vehicle) -> ContactMaterial {

@@ -2,10 +2,10 @@
 
 use super::team::{apart, squared_sum, team_mass};
 use crate::autodiff::{Pen, Scalar, safe};
-use crate::dynamics::Vehicle;
 use crate::dynamics::configurations::{Configuration, Transport, TransportMap};
 use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Vec3, constants, sub};
+use crate::dynamics::{Integrator, Physics, Vehicle};
 use crate::error::{Error, Result};
 use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::{smooth_norm, upright};
@@ -34,6 +34,13 @@ pub fn group(vehicle: &Vehicle, n_drone: usize, collides: bool) -> Result<Config
     Transport { drone: vehicle.clone(), box_mass, collides, ..shape }.build()
 }
 
+/// Time grid and effects. Always semi-implicit: of 64 groups under random actions for 200 steps of 16 ms, RK4 lost 122
+/// episodes of 216 to divergence, 8 of 192 with four substeps; this lost none of 196. Presumably a bar across a hinge,
+/// which turns about its own axis there (2e-6 kg m² against 0.011 N m s/rad); the cause was not isolated.
+pub fn stiff_physics(config: &EnvConfig, contact: bool) -> Physics {
+    Physics { integrator: Integrator::SemiImplicit, ..config.physics_with(|e| e.contact = contact) }
+}
+
 /// The rig of Hover and Track: nothing to touch.
 ///
 /// # Errors
@@ -41,7 +48,7 @@ pub fn group(vehicle: &Vehicle, n_drone: usize, collides: bool) -> Result<Config
 pub fn free_rig(config: &EnvConfig, vehicle: &str, n_drone: usize) -> Result<(Rig, Load)> {
     let vehicle = config.vehicle(vehicle)?;
     let built = group(&vehicle, n_drone, false)?;
-    let rig = Rig::of_model(&built.model, config.physics(), Some(&vehicle), |_| Vec::new())?;
+    let rig = Rig::of_model(&built.model, stiff_physics(config, false), Some(&vehicle), |_| Vec::new())?;
     Ok((rig.varying_inertial(BOX), Load::new(&vehicle, &built)))
 }
 
