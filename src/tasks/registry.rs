@@ -28,6 +28,13 @@ const fn entry(
     Entry { name, description, defaults: "", source, make }
 }
 
+impl Entry {
+    /// The same task with defaults of its own.
+    const fn with_defaults(self, defaults: &'static str) -> Self {
+        Self { defaults, ..self }
+    }
+}
+
 /// Every built-in task.
 pub static REGISTRY: &[Entry] = &[
     entry("Hover", "fly to a point and hold it, with a heading", include_str!("suite/hover.rs"), |name, config| {
@@ -36,26 +43,117 @@ pub static REGISTRY: &[Entry] = &[
     entry("Track", "follow a lemniscate", include_str!("suite/track.rs"), |name, config| {
         Env::of(track::Track::new(config)?, name, config)
     }),
-    entry("FlyThrough", "fly through a gate that slides sideways", include_str!("suite/fly_through.rs"), |name, config| {
-        Env::of(fly_through::FlyThrough::new(config)?, name, config)
-    }),
-    entry("InvPendulumHover", "balance a ball on a bar at a point", include_str!("suite/pendulum_hover.rs"), |name, config| {
-        Env::of(pendulum_hover::InvPendulumHover::new(config)?, name, config)
-    }),
-    entry("InvPendulumTrack", "lead a ball that stands on a bar along a lemniscate", include_str!("suite/pendulum_track.rs"), |name, config| {
-        Env::of(pendulum_track::InvPendulumTrack::new(config)?, name, config)
-    }),
-    entry("InvPendulumFlyThrough", "carry a ball that stands on a bar past two level bars", include_str!("suite/pendulum_fly_through.rs"), |name, config| {
-        Env::of(pendulum_fly_through::InvPendulumFlyThrough::new(config)?, name, config)
-    }),
-    entry("PayloadHover", "hold a slung ball at a point while it is pushed", include_str!("suite/payload_hover.rs"), |name, config| {
-        Env::of(payload_hover::PayloadHover::new(config)?, name, config)
-    }),
-    entry("PayloadTrack", "lead a slung ball along a lemniscate", include_str!("suite/payload_track.rs"), |name, config| {
-        Env::of(payload_track::PayloadTrack::new(config)?, name, config)
-    }),
-    entry("PayloadFlyThrough", "swing a slung ball past two level bars", include_str!("suite/payload_fly_through.rs"), |name, config| {
-        Env::of(payload_fly_through::PayloadFlyThrough::new(config)?, name, config)
+    entry(
+        "FlyThrough",
+        "fly through a gate that slides sideways",
+        include_str!("suite/fly_through.rs"),
+        |name, config| Env::of(fly_through::FlyThrough::new(config)?, name, config),
+    ),
+    entry(
+        "InvPendulumHover",
+        "balance a ball on a bar at a point",
+        include_str!("suite/pendulum_hover.rs"),
+        |name, config| Env::of(pendulum_hover::InvPendulumHover::new(config)?, name, config),
+    ),
+    entry(
+        "InvPendulumTrack",
+        "lead a ball that stands on a bar along a lemniscate",
+        include_str!("suite/pendulum_track.rs"),
+        |name, config| Env::of(pendulum_track::InvPendulumTrack::new(config)?, name, config),
+    ),
+    entry(
+        "InvPendulumFlyThrough",
+        "carry a ball that stands on a bar past two level bars",
+        include_str!("suite/pendulum_fly_through.rs"),
+        |name, config| Env::of(pendulum_fly_through::InvPendulumFlyThrough::new(config)?, name, config),
+    ),
+    entry(
+        "PayloadHover",
+        "hold a slung ball at a point while it is pushed",
+        include_str!("suite/payload_hover.rs"),
+        |name, config| Env::of(payload_hover::PayloadHover::new(config)?, name, config),
+    ),
+    entry(
+        "PayloadTrack",
+        "lead a slung ball along a lemniscate",
+        include_str!("suite/payload_track.rs"),
+        |name, config| Env::of(payload_track::PayloadTrack::new(config)?, name, config),
+    ),
+    entry(
+        "PayloadFlyThrough",
+        "swing a slung ball past two level bars",
+        include_str!("suite/payload_fly_through.rs"),
+        |name, config| Env::of(payload_fly_through::PayloadFlyThrough::new(config)?, name, config),
+    ),
+    entry(
+        "HoverRand",
+        "hover with another drone in every episode",
+        include_str!("suite/variants.rs"),
+        |name, config| Env::of(hover::Hover::new(config)?, name, config),
+    )
+    .with_defaults(variants::HOVER_RAND),
+    entry(
+        "TrackRand",
+        "follow a lemniscate with another drone in every episode",
+        include_str!("suite/variants.rs"),
+        |name, config| Env::of(track::Track::new(config)?, name, config),
+    )
+    .with_defaults(variants::TRACK_RAND),
+    entry("OmavHover", "hover with an Omav whose rotors tilt", include_str!("suite/variants.rs"), |name, config| {
+        Env::of(hover::Hover::new(config)?, name, config)
+    })
+    .with_defaults(variants::OMAV),
+    entry(
+        "OmavTrack",
+        "follow a lemniscate with an Omav whose rotors tilt",
+        include_str!("suite/variants.rs"),
+        |name, config| Env::of(track::Track::new(config)?, name, config),
+    )
+    .with_defaults(variants::OMAV),
+    entry(
+        "DragonHover",
+        "fly a chain of four links to a point",
+        include_str!("suite/dragon_hover.rs"),
+        |name, config| Env::of(dragon_hover::DragonHover::new(config)?, name, config),
+    ),
+    entry(
+        "OverHover",
+        "bring an over-actuated platform to a pose and hold it",
+        include_str!("suite/over_hover.rs"),
+        |name, config| Env::of(over_hover::OverHover::new(config)?, name, config),
+    ),
+    entry(
+        "OverTrack",
+        "carry an over-actuated platform along a lemniscate",
+        include_str!("suite/over_track.rs"),
+        |name, config| Env::of(over_track::OverTrack::new(config)?, name, config),
+    ),
+    entry(
+        "OverFlyThrough",
+        "bring an over-actuated platform through a row of poles",
+        include_str!("suite/over_fly_through.rs"),
+        |name, config| Env::of(over_fly_through::OverFlyThrough::new(config)?, name, config),
+    ),
+    entry(
+        "TransportHover",
+        "bring a box on bars to a point and hold it",
+        include_str!("suite/transport_hover.rs"),
+        |name, config| Env::of(transport_hover::TransportHover::new(config)?, name, config),
+    ),
+    entry(
+        "TransportTrack",
+        "carry a box on bars along a lemniscate",
+        include_str!("suite/transport_track.rs"),
+        |name, config| Env::of(transport_track::TransportTrack::new(config)?, name, config),
+    ),
+    entry(
+        "TransportFlyThrough",
+        "take a box on bars between two beams",
+        include_str!("suite/transport_fly_through.rs"),
+        |name, config| Env::of(transport_fly_through::TransportFlyThrough::new(config)?, name, config),
+    ),
+    entry("Formation", "form a figure in each other's downwash", include_str!("suite/formation.rs"), |name, config| {
+        Env::of(formation::Formation::new(config)?, name, config)
     }),
 ];
 

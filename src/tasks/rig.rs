@@ -27,6 +27,19 @@ pub fn benchmark(vehicle: &Vehicle) -> Vehicle {
     own
 }
 
+/// A model whose motors have the paper's lag.
+///
+/// # Errors
+/// As [`Model::new`].
+pub fn benchmark_motors(model: &Model) -> Result<Model> {
+    let mut parts = model.parts().clone();
+    for mounted in &mut parts.rotors {
+        let rotor = &mut mounted.rotor;
+        (rotor.time_constant_up, rotor.time_constant_down) = (MOTOR_TIME_CONSTANT, MOTOR_TIME_CONSTANT);
+    }
+    Model::new(parts)
+}
+
 /// One rotor of a drone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RotorPlace {
@@ -127,32 +140,29 @@ impl Rig {
         drives: impl Fn(usize) -> Vec<usize>,
     ) -> Result<Self> {
         let system = Multibody::new(model, physics)?;
-        let layout = system.layout();
-        let place = |(i, drone): (usize, &tree::Drone)| DronePlace {
-            frame: drone.body,
-            rotors: drone
-                .rotors
-                .iter()
-                .map(|r| RotorPlace {
-                    speed: layout.rotor_speed[*r],
-                    action: layout.rotor_action[*r],
-                    max_speed: model.rotors()[*r].rotor.max_speed,
-                })
-                .collect(),
-            drives: drives(i)
-                .into_iter()
-                .filter_map(|body| {
-                    let own = &layout.bodies[body];
-                    layout.drive[body].map(|command| DrivePlace { angle: own.position, rate: own.velocity, command })
-                })
-                .collect(),
-        };
-        let drones: Vec<DronePlace> = model.drones().iter().enumerate().map(place).collect();
+        let own = |(i, drone): (usize, &tree::Drone)| place(&system, drone.body, &drone.rotors, &drives(i));
+        let drones = model.drones().iter().enumerate().map(own).collect();
+        Ok(Self::of_places(system, drones, vehicle.cloned()))
+    }
+
+    /// A model as one drone with all its rotors, in their order, and these drives; body `frame` is where it is. For
+    /// machines whose parts are no drones by themselves.
+    ///
+    /// # Errors
+    /// As [`Multibody::new`].
+    pub fn of_model_as_one(model: &Model, physics: Physics, frame: usize, drives: &[usize]) -> Result<Self> {
+        let system = Multibody::new(model, physics)?;
+        let rotors: Vec<usize> = (0..model.rotors().len()).collect();
+        let drone = place(&system, frame, &rotors, drives);
+        Ok(Self::of_places(system, vec![drone], None))
+    }
+
+    fn of_places(system: Multibody, drones: Vec<DronePlace>, vehicle: Option<Vehicle>) -> Self {
+        let (model, layout) = (system.model(), system.layout());
         let mut rest = rest_state(model);
         set_hover_speeds(model, layout, &mut rest);
         let roots = layout.trees.iter().map(|t| t.state.start).collect();
-        let vehicle = vehicle.cloned();
-        Ok(Self { craft: Craft::Model(system), vehicle, drones, rest, roots, varied: Vec::new() })
+        Self { craft: Craft::Model(system), vehicle, drones, rest, roots, varied: Vec::new() }
     }
 
     /// The same rig with these numbers ([`Rig::numbers`]) differing between environments.
@@ -256,6 +266,21 @@ impl Rig {
             Craft::Model(m) => m.layout().trees.iter().filter_map(|t| t.disturbance).collect(),
         }
     }
+}
+
+/// A drone of a model: its frame, rotors and drives by number.
+fn place(system: &Multibody, frame: usize, rotors: &[usize], drives: &[usize]) -> DronePlace {
+    let (model, layout) = (system.model(), system.layout());
+    let rotor = |r: &usize| RotorPlace {
+        speed: layout.rotor_speed[*r],
+        action: layout.rotor_action[*r],
+        max_speed: model.rotors()[*r].rotor.max_speed,
+    };
+    let drive = |body: &usize| {
+        let own = &layout.bodies[*body];
+        layout.drive[*body].map(|command| DrivePlace { angle: own.position, rate: own.velocity, command })
+    };
+    DronePlace { frame, rotors: rotors.iter().map(rotor).collect(), drives: drives.iter().filter_map(drive).collect() }
 }
 
 /// Speeds at which the rotors of each tree carry its weight: the same fraction of every rotor's largest thrust.

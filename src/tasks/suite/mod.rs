@@ -1,16 +1,31 @@
 //! The benchmark tasks, one file each; `load` and `obstacles` hold what several share.
 
+pub mod dragon_hover;
 pub mod fly_through;
+pub mod formation;
 pub mod hover;
 pub mod load;
 mod obstacles;
+pub mod over;
+pub mod over_fly_through;
+pub mod over_hover;
+pub mod over_track;
 pub mod payload_fly_through;
 pub mod payload_hover;
 pub mod payload_track;
 pub mod pendulum_fly_through;
 pub mod pendulum_hover;
 pub mod pendulum_track;
+pub mod team;
 pub mod track;
+pub mod transport;
+pub mod transport_fly_through;
+pub mod transport_hover;
+pub mod transport_track;
+pub mod variants;
+
+#[cfg(test)]
+mod tests_multi;
 
 #[cfg(test)]
 mod tests_single;

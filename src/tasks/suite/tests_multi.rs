@@ -1,0 +1,220 @@
+//! Claims about the tasks of several drones and of the Dragon.
+
+use super::transport_hover::TransportHover;
+use super::*;
+use crate::autodiff::{Rows, RowsMut};
+use crate::dynamics::frame::FRAME;
+
+use crate::tasks::task::{Ends, MAX_ENDS, MAX_TERMS, streams};
+use crate::tasks::{Buffers, Env, EnvConfig, Start, Task, View, sheet::total};
+
+/// Name, size of one agent's observation, of the central state, agents.
+const SIZES: [(&str, usize, usize, usize); 8] = [
+    ("OverHover", 95, 137, 4),
+    ("OverTrack", 101, 143, 4),
+    ("OverFlyThrough", 101, 143, 4),
+    ("TransportHover", 95, 134, 4),
+    ("TransportTrack", 101, 140, 4),
+    ("TransportFlyThrough", 96, 135, 4),
+    ("Formation", 27 + 6 * 14, 7 * 23, 7),
+    ("DragonHover", 108, 0, 1),
+];
+
+fn config(n_env: usize, task: &str) -> EnvConfig {
+    EnvConfig { n_env, task: toml::from_str(task).unwrap(), ..EnvConfig::default() }
+}
+
+/// Ready to step.
+fn started(name: &str, n_env: usize, task: &str) -> (Env, Buffers) {
+    let mut env = Env::make(name, &config(n_env, task)).unwrap();
+    let mut buffers = Buffers::new(env.spec());
+    env.reset(None, None, &mut buffers.out()).unwrap();
+    (env, buffers)
+}
+
+/// All tasks of this file with what else they are built with.
+fn cases() -> Vec<(&'static str, &'static str)> {
+    let mut cases: Vec<_> = SIZES.iter().map(|(name, ..)| (*name, "")).collect();
+    cases.extend([
+        ("OverHover", "n_drone = 2"),
+        ("OverTrack", "n_drone = 6"),
+        ("OverFlyThrough", "reset_on_collision = true"),
+        ("TransportHover", "n_drone = 6"),
+        ("TransportFlyThrough", "n_drone = 6\nreset_on_collision = true"),
+        ("Formation", "formation = 'tetragon'"),
+        ("Formation", "formation = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [0.0, 2.0, 1.0]]"),
+        ("HoverRand", ""),
+        ("TrackRand", ""),
+        ("OmavHover", ""),
+        ("OmavTrack", ""),
+    ]);
+    cases
+}
+
+#[test]
+fn observations_and_central_states_have_the_published_sizes() {
+    for (name, observation, central, agents) in SIZES {
+        let env = Env::make(name, &config(1, "")).unwrap();
+        let spec = env.spec();
+        assert_eq!((spec.n_observation, spec.n_central, spec.n_agent), (observation, central, agents), "{name}");
+        assert_eq!(total(&env.sheet().observation), observation, "{name}");
+    }
+    assert_eq!(Env::make("DragonHover", &config(1, "")).unwrap().spec().action.len(), 22);
+}
+
+#[test]
+fn random_actions_stay_finite_and_below_the_bound() {
+    for (name, task) in cases() {
+        let (mut env, mut buffers) = started(name, 128, task);
+        let bound = env.spec().reward_bound as f32 + 1e-5;
+        let n_end = env.sheet().ends.len();
+        let reason = env.spec().info_column("reason").unwrap();
+        let mut actions = vec![0.0; 128 * env.spec().n_agent * env.spec().action.len()];
+        let (mut ended, mut diverged) = (0, 0);
+        for step in 0..500 {
+            env.sample(step, &mut actions);
+            env.step(&actions, &mut buffers.out()).unwrap();
+            let numbers =
+                buffers.observation.iter().chain(&buffers.central).chain(&buffers.info).chain(&buffers.reward);
+            assert!(numbers.clone().all(|x| x.is_finite()), "{name} {task}: step {step}");
+            assert!(buffers.reward.iter().all(|r| *r <= bound), "{name}: more than {bound}");
+            for (i, row) in buffers.info.chunks_exact(env.spec().info.len()).enumerate() {
+                ended += usize::from(buffers.terminated[i]);
+                diverged += usize::from(buffers.terminated[i] == 1 && row[reason] as usize == n_end + 1);
+            }
+        }
+        println!("{name} {task}: {ended} ended, {diverged} diverged");
+        assert_eq!(diverged, 0, "{name} {task}: of {ended}");
+    }
+}
+
+#[test]
+fn no_episode_begins_terminated() {
+    for (name, task) in cases() {
+        let (mut env, mut buffers) = started(name, 2048, task);
+        let actions = vec![f32::NAN; 2048 * env.spec().n_agent * env.spec().action.len()];
+        env.step(&actions, &mut buffers.out()).unwrap();
+        let ended = buffers.terminated.iter().filter(|t| **t == 1).count();
+        assert_eq!(ended, 0, "{name} {task}");
+    }
+}
+
+/// Reward terms and ends of a task at its ideal, in `f64`.
+fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
+    let (rig, sheet) = (task.rig(), task.sheet());
+    let (mut state, mut numbers) = (rig.rest().to_vec(), rig.numbers());
+    let (mut goal, mut memo) = (vec![0.0; total(&sheet.goal)], vec![0.0; total(&sheet.memo)]);
+    let [reset, draws, once] = streams(1, 2, 3);
+    task.ideal(&mut Start {
+        rig,
+        state: &mut state,
+        goal: &mut goal,
+        memo: &mut memo,
+        numbers: &mut numbers,
+        reset,
+        task: draws,
+        once,
+        event_at: f64::INFINITY,
+    });
+    let mut frames = vec![0.0; rig.n_frame() * FRAME];
+    rig.frames(Rows::of(&numbers[..]), &Rows::of(&state[..]), &mut RowsMut::of(&mut frames));
+    let speeds: Vec<f64> = rig.drones().iter().flat_map(|d| d.rotors.iter().map(|r| state[r.speed])).collect();
+    let mut new = memo.clone();
+    let mut view = View {
+        rig,
+        state: Rows::of(&state[..]),
+        frames: Rows::of(&frames[..]),
+        speeds_before: Rows::of(&speeds[..]),
+        goal: Rows::of(&goal[..]),
+        memo: Rows::of(&memo[..]),
+        step: 0.0,
+        clock: 0.0,
+    };
+    task.remember(&view, &mut RowsMut::of(&mut new).pen(0));
+    view.memo = Rows::of(&new[..]);
+    let mut terms = [0.0; MAX_TERMS];
+    task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
+    let mut ends = [false; MAX_ENDS];
+    task.ends(&view, &mut Ends::new(&mut ends));
+    assert!(task.success(&view));
+    (terms[..sheet.reward.len()].to_vec(), ends.contains(&true))
+}
+
+fn reaches_its_bounds(task: &impl Task) {
+    let (terms, ended) = at_ideal(task);
+    assert!(!ended);
+    for (term, value) in task.sheet().reward.iter().zip(terms) {
+        if term.name == "effort" {
+            assert!(value > 0.0 && value < term.bound, "effort {value}");
+        } else {
+            assert!((value - term.bound).abs() < 1e-6, "{}: {value} of {}", term.name, term.bound);
+        }
+    }
+}
+
+#[test]
+fn the_ideal_reaches_every_terms_bound() {
+    let c = config(1, "");
+    reaches_its_bounds(&over_hover::OverHover::new(&c).unwrap());
+    reaches_its_bounds(&over_track::OverTrack::new(&c).unwrap());
+    reaches_its_bounds(&over_fly_through::OverFlyThrough::new(&c).unwrap());
+    reaches_its_bounds(&TransportHover::new(&c).unwrap());
+    reaches_its_bounds(&TransportHover::new(&config(1, "n_drone = 6")).unwrap());
+    reaches_its_bounds(&transport_track::TransportTrack::new(&c).unwrap());
+    reaches_its_bounds(&transport_fly_through::TransportFlyThrough::new(&c).unwrap());
+    reaches_its_bounds(&formation::Formation::new(&c).unwrap());
+    reaches_its_bounds(&formation::Formation::new(&config(1, "formation = 'tetragon'")).unwrap());
+    reaches_its_bounds(&dragon_hover::DragonHover::new(&c).unwrap());
+}
+
+#[test]
+fn bounds_are_the_published_ones() {
+    let wanted = [3.25, 3.25, 3.1, 4.3, 4.2, 2.7, 3.4, 1.5];
+    for ((name, ..), bound) in SIZES.iter().zip(wanted) {
+        let env = Env::make(name, &config(1, "")).unwrap();
+        assert!((env.spec().reward_bound - bound).abs() < 1e-12, "{name}: {}", env.spec().reward_bound);
+    }
+}
+
+#[test]
+fn boxes_weigh_half_to_four_fifths_of_their_drones() {
+    let (env, buffers) = started("TransportHover", 1024, "");
+    let team = 4.0 * 0.716;
+    let n = env.spec().privileged.len();
+    assert_eq!(env.spec().privileged[0].0, "box.mass");
+    let shares: Vec<f32> = buffers.privileged.chunks_exact(n).map(|row| row[0] / team).collect();
+    let (least, most) = shares.iter().fold((f32::MAX, 0.0_f32), |(a, b), x| (a.min(*x), b.max(*x)));
+    assert!((0.5..0.503).contains(&least) && (0.797..=0.8).contains(&most), "{least} to {most}");
+    // a solid box of 1.5 × 1.0 × 0.4 m about z
+    for row in buffers.privileged.chunks_exact(n) {
+        assert!((row[6] / row[0] - (1.5 * 1.5 + 1.0) / 12.0).abs() < 1e-5, "inertia {} of {} kg", row[6], row[0]);
+    }
+}
+
+#[test]
+fn the_upper_beam_moves_in_physics_as_in_the_goal() {
+    let (env, buffers) = started("TransportFlyThrough", 256, "");
+    let names: Vec<&str> = env.spec().privileged.iter().map(|(name, _)| name.as_str()).collect();
+    let at = names.iter().position(|n| n.ends_with("position_z")).unwrap();
+    for (i, row) in buffers.privileged.chunks_exact(names.len()).enumerate() {
+        let goal = env.goal(i).unwrap()[3];
+        assert!(row[at] == goal && (2.2..=2.4).contains(&goal), "{} against {goal}", row[at]);
+    }
+}
+
+#[test]
+fn formations_start_in_different_cells() {
+    let (env, _) = started("Formation", 512, "");
+    for environment in 0..512 {
+        let state = env.state(environment).unwrap();
+        let place = |i: usize| {
+            let at = env.rig().roots()[i];
+            [state[at], state[at + 1], state[at + 2]]
+        };
+        for i in 1..7 {
+            for j in 0..i {
+                assert_ne!(place(i), place(j));
+            }
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! TransportFlyThrough: drones on bars take a box of unknown mass between two beams, bars lowered to fit.
+//!
+//! TABLES
+//!
+//! p, u box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the bars' joints as shares of their range of
+//! ±120°, sep the least distance of two drones, r_s = min((sep/0.5 m)², 1), c clearance: the least distance of the rig's
+//! bodies to a beam, negative in contact. Beams: two capsules along y of radius 0.04 m and length 5 m at x = 0, z = 1.2 m and
+//! 1 to 1.2 m above; the group is 1.3 m high. Mass of the box: uniform in [0.5, 0.8] Σ m_i. Target: uniform in
+//! [1.75, 2.25] × ±0.2 × [1.25, 1.75] m. Start: box uniform in [−2.5, −1.5] × ±0.5 × [1, 2] m, level, yaw within ±0.5π,
+//! drones upright above it, at rest. Success once ‖p_t − p‖ < 0.2 m with all drones beyond x = 0.05 m has held in the
+//! episode.
+//!
+//! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
+//!   0.65 Σ m_i.
+//! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
+//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`](super::transport::stiff_physics).
+//! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
+//! - DIFFERENCE: beams are padded, see [`padding`](super::team::padding); starts that touch them are drawn again.
+
+use super::team::{
+    Course, CourseSettings, apart, arrived, carried_slices, clearance, closeness, collision_limit, course_memo,
+    course_model, highest, hindmost, lowest, mean_throttle_difference, observe_drones, observe_load, observe_others,
+    observe_own, padding, pole, squared_separation,
+};
+use super::transport::{APART, BOX, Load, group, load_loss, stiff_physics};
+use crate::autodiff::{Mask, Pen, Scalar, safe};
+use crate::dynamics::spatial::{Vec3, sub};
+use crate::error::Result;
+use crate::tasks::config::EnvConfig;
+use crate::tasks::reward::{tip, upright};
+use crate::tasks::rig::Rig;
+use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term};
+use crate::tasks::task::{Ends, Start, Task, View};
+use std::f64::consts::FRAC_PI_2;
+
+/// Height of the lower beam, and of the upper one as built, m.
+const BEAMS: [f64; 2] = [1.2, 2.2];
+/// Of a beam, m.
+const RADIUS: f64 = 0.04;
+/// How much higher the upper beam may be than built, m.
+const LIFT: f64 = 0.2;
+
+/// See the [module](self).
+#[derive(Debug, Clone)]
+pub struct TransportFlyThrough {
+    rig: Rig,
+    settings: CourseSettings,
+    load: Load,
+    course: Course,
+    /// Height of the upper beam among the numbers of the rig.
+    upper: usize,
+}
+
+impl TransportFlyThrough {
+    /// With the vehicle and settings of a configuration.
+    ///
+    /// # Errors
+    /// As [`EnvConfig::settings`], [`EnvConfig::vehicle`] and [`group`].
+    pub fn new(config: &EnvConfig) -> Result<Self> {
+        let settings: CourseSettings = config.settings()?;
+        let vehicle = config.vehicle(&settings.vehicle)?;
+        let built = group(&vehicle, settings.n_drone, true)?;
+        let load = Load::new(&vehicle, &built);
+        let beams = BEAMS.iter().enumerate().map(|(i, z)| pole(i, [0.0, 0.0, *z], RADIUS, true));
+        let model = course_model("transport_fly_through", built.model, beams.collect(), padding(&vehicle))?;
+        let rig = Rig::of_model(&model, stiff_physics(config, true), Some(&vehicle), |_| Vec::new())?;
+        let upper = Course::place(&model, 1) + 2;
+        let rig = rig.varying_inertial(BOX).varying([upper]);
+        Ok(Self { rig, settings, load, course: Course::of(&model), upper })
+    }
+
+    /// p_t − p.
+    #[inline(always)]
+    fn error<S: Scalar>(view: &View<'_, S>) -> Vec3<S> {
+        sub(view.goal.array(0), view.frame(BOX).position)
+    }
+
+    /// What follows the drones in observations.
+    #[inline(always)]
+    fn observe_shared<S: Scalar>(view: &View<'_, S>, out: &mut Pen<'_, S>) {
+        let frame = view.frame(BOX);
+        let [x, _, z] = frame.position;
+        out.array(Self::error(view));
+        out.array([-x, S::constant(BEAMS[0]) - z, -x, view.goal.get(3) - z]);
+        observe_load(view, &frame, out);
+    }
+}
+
+impl Task for TransportFlyThrough {
+    fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    fn horizon(&self) -> usize {
+        self.settings.horizon
+    }
+
+    fn sheet(&self) -> Sheet {
+        let shared = [
+            Slice::new("target", 3, "m, world", "p_t − p"),
+            Slice::new("beams", 4, "m, world", "(x, z) of every beam − (x, z) of the box"),
+        ];
+        let (observation, central) = carried_slices(&self.rig, "box", true, &shared);
+        Sheet {
+            observation,
+            central,
+            reward: vec![
+                Term::piecewise("pose", "r_s r_p, r_p = e^{−‖p_t − p‖}", 1.0),
+                Term::piecewise("up", "r_s r_p ((u_z + 1)/2)²", 1.0),
+                Term::piecewise("joints", "0.5 r_s mean(1 − q̂²)", 0.5),
+                Term::piecewise("effort", "0.2 r_s · mean e^{−e_i}", 0.2),
+            ],
+            ends: vec![
+                End::new("crash", "min z_i < 0.2 m"),
+                End::new("high", "max z_i > 3.6 m"),
+                End::new("box_low", "z < 0.3 m"),
+                End::new("collision", "c < 0, if `reset_on_collision`"),
+            ],
+            metrics: vec![
+                Metric { name: "position_error", unit: "m" },
+                Metric { name: "uprightness", unit: "-" },
+                Metric { name: "separation", unit: "m" },
+                Metric { name: "clearance", unit: "m" },
+                Metric { name: "throttle_difference", unit: "-" },
+            ],
+            goal: vec![
+                Slice::new("target", 3, "m, world", "p_t"),
+                Slice::new("upper_beam", 1, "m, world", "height of the upper beam"),
+            ],
+            memo: course_memo(),
+            settings: vec![
+                Setting::new("vehicle", "\"hummingbird\"", "what flies on every bar"),
+                Setting::new("n_drone", 4, "drones: 4 or 6"),
+                Setting::new("horizon", 500, "T, steps"),
+                Setting::new("reset_on_collision", false, "whether touching a beam ends the episode"),
+            ],
+        }
+    }
+
+    fn start(&self, start: &mut Start<'_>) {
+        self.load.draw_mass(start);
+        let r = &mut start.task;
+        let target = [r.uniform(1.75, 2.25), r.uniform(-0.2, 0.2), r.uniform(1.25, 1.75)];
+        let upper = BEAMS[1] + r.uniform(0.0, LIFT);
+        start.goal[..3].copy_from_slice(&target);
+        start.goal[3] = upper;
+        start.numbers[self.upper] = upper;
+        let position = start.position([-2.5, -0.5, 1.0], [-1.5, 0.5, 2.0]);
+        let attitude = start.attitude(0.0, (-FRAC_PI_2, FRAC_PI_2));
+        start.place(BOX, position, attitude);
+    }
+
+    #[inline(always)]
+    fn remember<S: Scalar>(&self, view: &View<'_, S>, memo: &mut Pen<'_, S>) {
+        let near = safe::squared_norm(Self::error(view)).lt(S::constant(0.04));
+        let here = near.and(S::constant(0.05).lt(hindmost(view)));
+        memo.number(S::select(here, S::one(), arrived(view)));
+        memo.number(self.course.clearance(view, [S::zero(), view.goal.get(3) - S::constant(BEAMS[1])]));
+    }
+
+    #[inline(always)]
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut Pen<'_, S>) {
+        observe_own(view, agent, view.frame(BOX).position, out);
+        observe_others(view, agent, true, out);
+        Self::observe_shared(view, out);
+    }
+
+    #[inline(always)]
+    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
+        observe_drones(view, view.frame(BOX).position, out);
+        Self::observe_shared(view, out);
+    }
+
+    #[inline(always)]
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
+        let near = apart(view, APART);
+        let posed = near * tip(1.0, Self::error(view));
+        terms.number(posed);
+        terms.number(posed * upright(view.frame(BOX).up()));
+        terms.number(near * self.load.straight(view));
+        terms.number(near * S::constant(0.2) * view.mean_effort_reward());
+    }
+
+    #[inline(always)]
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
+        let limit = S::constant(collision_limit(self.settings.reset_on_collision));
+        ends.when(lowest(view).lt(S::constant(0.2)));
+        ends.when(S::constant(3.6).lt(highest(view)));
+        ends.when(view.frame(BOX).position[2].lt(S::constant(0.3)));
+        ends.when(clearance(view).lt(limit));
+    }
+
+    #[inline(always)]
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
+        out.number(safe::norm(Self::error(view)));
+        out.number(view.frame(BOX).up()[2]);
+        out.number(squared_separation(view).sqrt());
+        out.number(clearance(view));
+        out.number(mean_throttle_difference(view));
+    }
+
+    #[inline(always)]
+    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
+        S::constant(0.5).lt(arrived(view))
+    }
+
+    #[inline(always)]
+    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        load_loss(&view.frame(BOX), Self::error(view), [S::zero(); 3]) + closeness(view)
+    }
+
+    fn ideal(&self, start: &mut Start<'_>) {
+        let target = [2.0, 0.0, 1.5];
+        start.goal[..3].copy_from_slice(&target);
+        (start.goal[3], start.numbers[self.upper]) = (BEAMS[1], BEAMS[1]);
+        start.place(BOX, target, [1.0, 0.0, 0.0, 0.0]);
+    }
+}
