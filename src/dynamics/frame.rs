@@ -1,7 +1,7 @@
 //! Where a body is and how it moves, as tasks and controllers see it.
 
 use super::spatial::{Quat, Vec3, add, cross, rotate, up_axis};
-use crate::autodiff::{Pen, Rows, Scalar};
+use crate::autodiff::{Pen, Rows, Scalar, safe};
 
 /// Numbers of a frame: position, velocity, attitude, angular velocity.
 pub const FRAME: usize = 13;
@@ -62,6 +62,13 @@ impl<S: Scalar> Frame<S> {
     #[inline(always)]
     pub fn up(&self) -> Vec3<S> {
         up_axis(self.attitude)
+    }
+
+    /// Of the heading, rad.
+    #[inline(always)]
+    pub fn yaw(&self) -> S {
+        let [x, y, _] = self.heading();
+        safe::atan2(y, x)
     }
 
     /// The attitude with w ≥ 0: q and −q are one attitude, an observation should not say which.

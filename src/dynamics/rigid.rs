@@ -17,7 +17,7 @@ mod effects;
 mod parameters;
 
 pub use effects::Effects;
-pub use parameters::{BODY_PARAMETERS, ROTOR_PARAMETERS, parameter_names, parameter_vector};
+pub use parameters::{BODY_PARAMETERS, ROTOR_PARAMETERS, parameter_names, parameter_vector, vehicle_of};
 
 use super::aero::ground_effect;
 use super::spatial::*;
