@@ -16,20 +16,25 @@
 //! - Far from the reference the cost asks for more than tilt can give. d, the position from which the present tilt, lean and
 //!   velocities cost least, is held within [`Weights::reach`] of the target by moving the target towards it. Were it moved onto
 //!   d in every period, the cost would still fall in every one, so the load stays up; a start far away only takes longer.
+//!
+//! Where the reference is [`Carried`] and the load a single one on a universal joint, Π z and Γ z give way to the state and
+//! the force of [`FlatLoad`], exact however far the load leans: then a_cmd = F/(m + m_q) − g e_z − K (x ⊖ x_flat), F ahead by
+//! the rotors' lag, with its derivatives as jerk and snap. No preview is needed: that state obeys the dynamics.
 
 use super::cascade::{Cascade, CascadeModel, Rates};
 use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr, spectral_radius};
+use super::flat_load::FlatLoad;
 use super::formation::{carrier, root};
 use super::kinematics::Kinematics;
 use super::pilot::{Command, Pilot};
-use super::reference::Sample;
+use super::reference::{Carried, Reference, Sample};
 use super::velocity::VelocityCommand;
 use crate::autodiff::{Scalar, System, linearise, safe};
 use crate::dynamics::spatial::{matrix, multiply, sub};
 use crate::dynamics::tree::{Model, Motion, Multibody};
 use crate::dynamics::{Gains, MAX_ROTORS};
 use crate::error::{Error, Result};
-use nalgebra::{DMatrix, SMatrix, SVector};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 /// Largest drift of the hover that the design starts from, SI units per second.
 const STILL: f64 = 1e-6;
@@ -113,6 +118,9 @@ pub struct Lqr {
     period: f64,
     step: u64,
     said: VelocityCommand<f64>,
+    flat: Option<FlatLoad>,
+    /// By how much the rotors are late, s.
+    lag: f64,
 }
 
 impl Lqr {
@@ -156,6 +164,8 @@ impl Lqr {
             reach: weights.reach,
             actions: plant.actions,
             said: VelocityCommand::constant([0.0; 3], 0.0),
+            flat: FlatLoad::of(model),
+            lag: vehicle.rotors.iter().map(|r| r.time_constant_up.max(r.time_constant_down)).fold(0.0, f64::max),
             system: system.clone(),
             step: 0,
             errors,
@@ -177,10 +187,34 @@ impl Lqr {
         &self.errors
     }
 
+    /// Of the way of a load: a_cmd and its first two derivatives, world.
+    fn carried(&self, moment: Command<'_>, own: &Kinematics<f64>, flat: &FlatLoad, way: &Carried) -> [[f64; 3]; 3] {
+        let heading = heading(own);
+        let wanted = along(heading, &flat.state(&self.system, way, moment.time));
+        let mut error = self.errors.difference(&along(heading, moment.state), &wanted);
+        let away = &self.nearest * (&self.regulator.cost * &error);
+        self.within_reach(&mut error, &away);
+        let feedback = &self.regulator.gain * error;
+        let [mut push, jerk, snap] = flat.push(way, moment.time + self.lag);
+        let feedback = turned([feedback[0], feedback[1], feedback[2]], heading);
+        for k in 0..3 {
+            push[k] -= feedback[k];
+        }
+        push[2] -= self.system.model().parts().gravity;
+        [push, jerk, snap]
+    }
+
+    /// Moves the target towards the position `away` from it at which the rest costs least.
+    fn within_reach(&self, error: &mut DVector<f64>, away: &DVector<f64>) {
+        let beyond = 1.0 - (self.reach / away.norm().max(f64::MIN_POSITIVE)).min(1.0);
+        for k in 0..3 {
+            error[k] -= beyond * away[k];
+        }
+    }
+
     /// a_cmd, world, m/s².
     fn acceleration(&self, moment: Command<'_>, own: &Kinematics<f64>, wanted: &Sample<f64>) -> [f64; 3] {
-        let r = matrix(own.attitude);
-        let heading = safe::atan2(r[1][0], r[0][0]);
+        let heading = heading(own);
         let z = |time: f64| {
             let then = moment.reference.sample(time);
             let from_here = sub(then.position, wanted.position);
@@ -200,10 +234,7 @@ impl Lqr {
             forward += gain * z(moment.time + j as f64 * self.period);
         }
         let away = &self.nearest * (&self.regulator.cost * &error) + forward.rows(3, 3);
-        let beyond = 1.0 - (self.reach / away.norm().max(f64::MIN_POSITIVE)).min(1.0);
-        for k in 0..3 {
-            error[k] -= beyond * away[k];
-        }
+        self.within_reach(&mut error, &away);
         let sum = &self.following.input * now + forward.rows(0, 3) - &self.regulator.gain * error;
         turned([sum[0], sum[1], sum[2]], heading)
     }
@@ -227,8 +258,14 @@ impl Pilot for Lqr {
         let own = self.tracked(moment.state);
         if self.step.is_multiple_of(self.cascade.schedule.every[0]) {
             let wanted = moment.reference.sample(moment.time);
+            let [acceleration, jerk, snap] = match (&self.flat, moment.reference) {
+                (Some(flat), Reference::Carried(way)) => self.carried(moment, &own, flat, way),
+                _ => [self.acceleration(moment, &own, &wanted), [0.0; 3], [0.0; 3]],
+            };
             self.said = VelocityCommand {
-                acceleration: self.acceleration(moment, &own, &wanted),
+                acceleration,
+                jerk,
+                snap,
                 yaw_rate: wanted.yaw_rate,
                 yaw_acceleration: wanted.yaw_acceleration,
                 ..VelocityCommand::constant(own.velocity, wanted.yaw)
@@ -240,6 +277,25 @@ impl Pilot for Lqr {
             input[*at] = action;
         }
     }
+}
+
+/// Yaw of the root's x axis, rad.
+fn heading(own: &Kinematics<f64>) -> f64 {
+    let r = matrix(own.attitude);
+    safe::atan2(r[1][0], r[0][0])
+}
+
+/// A state turned about the world's origin so that this heading becomes 0.
+fn along(heading: f64, state: &[f64]) -> Vec<f64> {
+    let mut state = state.to_vec();
+    let (s, c) = (-0.5 * heading).sin_cos();
+    let attitude = multiply([c, 0.0, 0.0, s], [state[6], state[7], state[8], state[9]]);
+    for first in [0, 3] {
+        let v = turned([state[first], state[first + 1], state[first + 2]], -heading);
+        state[first..first + 3].copy_from_slice(&v);
+    }
+    state[6..10].copy_from_slice(&attitude);
+    state
 }
 
 /// v turned about the vertical.

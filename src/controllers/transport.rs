@@ -7,7 +7,7 @@
 //! **Pulls**, in the axes of the load, by [`Nearest`]: F = Σ μ_j, M = Σ r_j × μ_j with r_j the anchors, subject to
 //!
 //! ```text
-//! ‖μ_j + m g e_z‖ ≤ 0.85 T_max      ∠(μ_j, e_z) ≤ [`LEAN`]      e_z·μ_j ≥ [`TAUT`] of an even share
+//! ‖μ_j + m g e_z‖ ≤ 0.85 T_max      ∠(μ_j, e_z) ≤ [`Leans::pull`]      e_z·μ_j ≥ [`TAUT`] of an even share
 //! goal: the same pull on every bar, so that all lean alike and stand upright at hover
 //! ```
 //!
@@ -20,7 +20,7 @@
 //!
 //! k_ḃ damps the swing. ḃ_d and b̈_d are those of the reference's jerk and snap. F_j is what the drone pushes with
 //! ([`gimballed`](super::gimballed)), its drag added; because forces turn late by T, the pull is taken along b + T ḃ and
-//! a_j ahead by T of the reference. It is limited, height before direction, to [`STEEP`] and 0.85 T_max: a drone that leaned
+//! a_j ahead by T of the reference. It is limited, height before direction, to [`Leans::drone`] and 0.85 T_max: a drone that leaned
 //! far to stop a swing would let its bar go.
 //!
 //! **Poles.** Across the bars an error e of the load obeys ë = −K_v ė − K_p e through bars that follow with k_b, k_ḃ: the
@@ -53,14 +53,43 @@ use nalgebra::{DMatrix, DVector};
 pub const SEPARATION: f64 = 8.0;
 /// q over c.
 pub const UPRIGHT: f64 = 2.5;
-/// Largest lean of a bar's pull, rad.
-pub const LEAN: f64 = 0.6;
 /// Least upward pull of a bar over an even share of the load's weight.
 pub const TAUT: f64 = 0.15;
-/// Largest lean of the wanted force on the load, rad.
-const TILT: f64 = 0.45;
-/// Largest lean of a drone's force, rad.
-pub const STEEP: f64 = 0.6;
+/// Largest angles from the vertical, rad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Leans {
+    /// Of a bar's pull. Default 0.6.
+    pub pull: f64,
+    /// Of the wanted force on the load. Default 0.45.
+    pub load: f64,
+    /// Of the force that a drone is asked for. Default 0.6.
+    pub drone: f64,
+}
+
+impl Default for Leans {
+    fn default() -> Self {
+        Self { pull: 0.6, load: 0.45, drone: 0.6 }
+    }
+}
+
+impl Leans {
+    /// For paths that need accelerations beyond g: less is left when a start goes wrong.
+    pub const STEEP: Self = Self { pull: 1.1, load: 0.9, drone: 1.2 };
+
+    /// Checks the angles.
+    ///
+    /// # Errors
+    /// [`Error::Value`] that names the one outside (0, 1.4] rad.
+    pub fn validate(&self) -> Result<()> {
+        for (what, angle) in [("leans.pull", self.pull), ("leans.load", self.load), ("leans.drone", self.drone)] {
+            if !(angle > 0.0 && angle <= 1.4) {
+                return Err(Error::value(what, angle, "within (0, 1.4] rad", "Leave it at its default."));
+            }
+        }
+        Ok(())
+    }
+}
+
 /// s⁴ + 10 s³ + 45 s² + 105 s + 105, the constant first: low frequencies are delayed alike, by 1 s.
 const BESSEL: [f64; 4] = [105.0, 105.0, 45.0, 10.0];
 
@@ -88,6 +117,7 @@ pub struct Transport {
     law: SixAxis<f64>,
     /// c, 1/s.
     pace: f64,
+    leans: Leans,
     allocation: Nearest,
     schedule: Schedule,
     step: u64,
@@ -132,6 +162,15 @@ impl Transport {
     /// # Errors
     /// [`Error::Value`] for another model, a load that the drones cannot lift, or rates that do not divide 1/dt.
     pub fn new(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
+        Self::with_leans(system, gains, rates, Leans::default())
+    }
+
+    /// With given leans.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new) and [`Leans::validate`].
+    pub fn with_leans(system: &Multibody, gains: Option<&Gains>, rates: &Rates, leans: Leans) -> Result<Self> {
+        leans.validate()?;
         let model = system.model();
         let Some(bars) = bars(model).filter(|_| is_transport(model)) else {
             let what = format!("model '{}'", model.name());
@@ -144,9 +183,9 @@ impl Transport {
         let pace = slowest / SEPARATION;
         liftable(model, &drones)?;
         let share = model.mass() / drones.len() as f64;
-        let law = law(model, &drones, &bars, pace);
+        let law = law(model, &drones, &bars, pace, leans.load);
         let up = [0.0, 0.0, 1.0];
-        let problem = problem(&drones, &bars, law.body.mass * law.body.gravity, law.body.gravity, up);
+        let problem = problem(&drones, &bars, law.body.mass * law.body.gravity, law.body.gravity, up, leans.pull);
         Ok(Self {
             drag: drones.iter().map(|d| d.drag_at(share)).collect(),
             allocation: Nearest::new(problem)?,
@@ -159,6 +198,7 @@ impl Transport {
             bars,
             law,
             pace,
+            leans,
         })
     }
 
@@ -231,8 +271,9 @@ impl Transport {
         let (n, mass) = (self.drones.len(), self.law.body.mass);
         let up = load.rotation[2];
         let (drones, bars, gravity) = (&self.drones, &self.bars, self.law.body.gravity);
+        let lean = self.leans.pull;
         self.allocation.change(|p| {
-            p.cones = cones(drones, bars, mass * gravity, gravity, up);
+            p.cones = cones(drones, bars, mass * gravity, gravity, up, lean);
             p.anchor = even(n, mass * gravity, up);
         });
         let goal: Vec<f64> = (0..3 * n).map(|i| wrench[i % 3] / n as f64).collect();
@@ -287,7 +328,7 @@ impl Transport {
         let force = axpy(pull, bar.mass, axpy(lift, bar.length, self.swing(j, b, turning)));
         let force = add(force, self.resistance(poses, j));
         let most = THRUST_SHARE * self.drones[j].max_thrust;
-        limit_force(force, STEEP.tan(), TAUT * bar.mass * self.law.body.gravity, most)
+        limit_force(force, self.leans.drone.tan(), TAUT * bar.mass * self.law.body.gravity, most)
     }
 
     /// Wanted b̈ of a bar, 1/s²: across it towards b_d, along it what turning needs.
@@ -312,7 +353,7 @@ impl Transport {
 const STILL: [Vec3<f64>; 2] = [[0.0; 3]; 2];
 
 /// Load with the lower halves of its bars; gains by pole placement.
-fn law(model: &Model, drones: &[Gimballed], bars: &[Bar], c: f64) -> SixAxis<f64> {
+fn law(model: &Model, drones: &[Gimballed], bars: &[Bar], c: f64, lean: f64) -> SixAxis<f64> {
     let load = &model.bodies()[0];
     let own = load.inertia.matrix();
     let mut inertia: Mat3<f64> = [0, 1, 2].map(|i| [0, 1, 2].map(|k| own[(i, k)]));
@@ -339,12 +380,12 @@ fn law(model: &Model, drones: &[Gimballed], bars: &[Bar], c: f64) -> SixAxis<f64
     SixAxis {
         body: Body { mass, inertia, drag: load.drag.linear, drag_moment: [[0.0; 3]; 3], gravity },
         gains: GainSet::constant(&gains),
-        limits: ForceLimits::constant(&Limits { tilt: TILT, vertical: 0.3, thrust: 1.0 }, lift.max(0.0)),
+        limits: ForceLimits::constant(&Limits { tilt: lean, vertical: 0.3, thrust: 1.0 }, lift.max(0.0)),
     }
 }
 
 /// Pulls as inputs; a newton metre counts as a newton at the mean arm.
-fn problem(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Vec3<f64>) -> Problem {
+fn problem(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Vec3<f64>, lean: f64) -> Problem {
     let n = 3 * bars.len();
     let arm = bars.iter().map(|b| dot(b.anchor, b.anchor).sqrt()).sum::<f64>() / bars.len() as f64;
     let mut geometry = DMatrix::zeros(6, n);
@@ -364,7 +405,7 @@ fn problem(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Ve
         preference: vec![0.0; n],
         lower: vec![f64::NEG_INFINITY; n],
         upper: vec![f64::INFINITY; n],
-        cones: cones(drones, bars, weight, gravity, up),
+        cones: cones(drones, bars, weight, gravity, up, lean),
         anchor: even(bars.len(), weight, up),
     }
 }
@@ -375,13 +416,13 @@ fn even(n: usize, weight: f64, up: Vec3<f64>) -> Vec<f64> {
 }
 
 /// Thrust, lean and least pull of every bar; `up` in the axes of the load.
-fn cones(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Vec3<f64>) -> Vec<Cone> {
+fn cones(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Vec3<f64>, lean: f64) -> Vec<Cone> {
     let mut list = Vec::new();
     for (j, (drone, bar)) in drones.iter().zip(bars).enumerate() {
         let inputs = [0, 1, 2].map(|k| 3 * j + k);
         let tail = (0..3).map(|k| Affine { terms: vec![(inputs[k], 1.0)], constant: bar.mass * gravity * up[k] });
         list.push(Cone { head: Affine::constant(THRUST_SHARE * drone.max_thrust), tail: tail.collect() });
-        list.push(Cone::tilt(inputs, up, LEAN.cos()));
+        list.push(Cone::tilt(inputs, up, lean.cos()));
         list.push(Cone::half_space(inputs, up, TAUT * weight / bars.len() as f64));
     }
     list

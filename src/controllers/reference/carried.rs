@@ -1,6 +1,8 @@
 //! The way of a drone whose load follows a path.
 
 use super::lemniscate::Lemniscate;
+use super::sample::Sample;
+use super::waypoints::Waypoints;
 use crate::autodiff::jet::Jet;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::GRAVITY;
@@ -13,31 +15,74 @@ use serde::{Deserialize, Serialize};
 /// the slung load after Sreenath, Lee and Kumar (2013).
 ///
 /// Where q̈ jumps, as at the start of a lemniscate, p jumps too.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Carried {
     /// Path of the load.
-    pub path: Lemniscate,
+    pub path: LoadPath,
     /// l, m.
     pub lever: f64,
 }
 
+/// What a load can follow: paths with four continuous derivatives but for single moments.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum LoadPath {
+    /// See [`Lemniscate`].
+    Lemniscate(Lemniscate),
+    /// See [`Waypoints`].
+    Waypoints(Waypoints),
+}
+
+impl LoadPath {
+    /// Position (world, m) and yaw (rad) at time t.
+    #[inline(always)]
+    pub fn position_and_yaw<S: Scalar>(&self, t: S) -> (Vec3<S>, S) {
+        match self {
+            Self::Lemniscate(path) => (path.position(t), S::constant(path.yaw)),
+            Self::Waypoints(path) => path.position_and_yaw(t),
+        }
+    }
+}
+
 impl Carried {
     pub(super) fn validate(&self) -> Result<()> {
-        self.path.validate()?;
+        if let LoadPath::Lemniscate(path) = &self.path {
+            path.validate()?;
+        }
         super::within("carried.lever", &[self.lever], -1e3, 1e3)
     }
 
     #[inline(always)]
     pub(super) fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
-        let load = self.path.position(Jet::<S, 3>::variable(t));
-        let (mut position, mut pull) = ([S::zero(); 3], [S::zero(); 3]);
+        let load = self.path.position_and_yaw(Jet::<S, 3>::variable(t)).0;
+        let mut position = [S::zero(); 3];
         for i in 0..3 {
             position[i] = load[i].value();
+        }
+        axpy(position, S::constant(self.lever), self.bar(t))
+    }
+
+    /// n at time t, world: the direction of a bar that lets the load follow its path, upwards.
+    #[inline(always)]
+    pub fn bar<S: Scalar>(&self, t: S) -> Vec3<S> {
+        let load = self.path.position_and_yaw(Jet::<S, 3>::variable(t)).0;
+        let mut pull = [S::zero(); 3];
+        for i in 0..3 {
             pull[i] = load[i].derivative(2);
         }
-        let pull = add(pull, [S::zero(), S::zero(), S::constant(GRAVITY)]);
-        axpy(position, S::constant(self.lever), safe::normalise(pull))
+        safe::normalise(add(pull, [S::zero(), S::zero(), S::constant(GRAVITY)]))
+    }
+
+    #[inline(always)]
+    pub(in crate::controllers) fn yaw<S: Scalar>(&self, t: S) -> S {
+        self.path.position_and_yaw(t).1
+    }
+
+    /// Position, velocity, … of the load, and its yaw.
+    pub fn load(&self, t: f64) -> Sample<f64> {
+        let (position, yaw) = self.path.position_and_yaw(Jet::<f64, 5>::variable(t));
+        Sample::from_series(position, yaw)
     }
 }
 
@@ -48,9 +93,9 @@ mod tests {
 
     #[test]
     fn the_load_of_the_drone_accelerates_along_its_bar() {
-        let own = Carried { path: Lemniscate::default(), lever: 0.8 };
+        let own = Carried { path: LoadPath::Lemniscate(Lemniscate::default()), lever: 0.8 };
         for t in [0.4, 1.7, 5.0] {
-            let (drone, load) = (Reference::Carried(own).sample(t), Reference::Lemniscate(own.path).sample(t));
+            let (drone, load) = (Reference::Carried(own.clone()).sample(t), own.load(t));
             let bar: Vec<f64> = (0..3).map(|i| drone.position[i] - load.position[i]).collect();
             let pull = [load.acceleration[0], load.acceleration[1], load.acceleration[2] + GRAVITY];
             let (mut cosine, mut norms) = (0.0, [0.0; 2]);
@@ -65,7 +110,7 @@ mod tests {
 
     #[test]
     fn its_derivatives_are_those_of_differences() {
-        let reference = Reference::Carried(Carried { path: Lemniscate::default(), lever: -1.0 });
+        let reference = Reference::Carried(Carried { path: LoadPath::Lemniscate(Lemniscate::default()), lever: -1.0 });
         let (h, t) = (1e-4, 2.3);
         let (a, b, c) = (reference.sample(t - h), reference.sample(t), reference.sample(t + h));
         for i in 0..3 {

@@ -11,7 +11,7 @@ mod sample;
 mod tilt;
 mod waypoints;
 
-pub use carried::Carried;
+pub use carried::{Carried, LoadPath};
 pub use circle::Circle;
 pub use hover::{Hover, Step};
 pub use lemniscate::{Lemniscate, lemniscate_curve, lemniscate_phase};
@@ -39,7 +39,7 @@ pub enum Reference {
     Lemniscate(Lemniscate),
     /// Through points, with the least snap.
     Waypoints(Waypoints),
-    /// Where a drone must be for its load to follow a lemniscate. Not among [`Reference::NAMES`]: it needs a lever.
+    /// Where a drone must be for its load to follow a path. Not among [`Reference::NAMES`]: it needs a lever.
     Carried(Carried),
 }
 
@@ -88,7 +88,7 @@ impl Reference {
             Self::Circle(_) => "a horizontal circle with a smooth start",
             Self::Lemniscate(_) => "a figure of eight with a vertical part (the paper's Track tasks)",
             Self::Waypoints(_) => "a minimum-snap path through points, rest to rest",
-            Self::Carried(_) => "the way of a drone whose load follows a lemniscate",
+            Self::Carried(_) => "the way of a drone whose load follows a path",
         }
     }
 
@@ -126,7 +126,7 @@ impl Reference {
             Self::Circle(r) => r.yaw(t),
             Self::Lemniscate(r) => S::constant(r.yaw),
             Self::Waypoints(r) => r.position_and_yaw(t).1,
-            Self::Carried(r) => S::constant(r.path.yaw),
+            Self::Carried(r) => r.yaw(t),
         }
     }
 
