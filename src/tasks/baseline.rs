@@ -1,71 +1,69 @@
 //! The controllers of this crate as policies: what learners have to beat.
 //!
-//! A vehicle alone is flown by its cascade, all levels in every step; a model by the pilot that suits it
-//! ([`suited`]). Both see the true state and the task's
-//! [`wanted`](super::Task::wanted) reference, and act on the rotors.
+//! Free drones are flown by a cascade each, all levels in every step; what is joined together by the pilot that suits it
+//! ([`suited`]). All see the true state, the true masses of their episode (a free drone all its
+//! numbers) and what the task [wants](super::Task::wanted), and act on the rotors.
 
 use super::env::{Buffers, Env};
-use super::rig::{Craft, Rig};
+use super::rig::{Craft, Inertial, Rig};
+use super::task::Wanted;
 use crate::controllers::cascade::{Cascade, Level, Rates};
 use crate::controllers::kinematics::Kinematics;
 use crate::controllers::pilot::{Command, Pilot, suited};
-use crate::controllers::reference::{Reference, Tilt};
-use crate::dynamics::MAX_ROTORS;
+use crate::controllers::platform::{self, Platform, is_platform};
+use crate::controllers::state_feedback::{Lqr, Weights, carries};
+use crate::controllers::transport::{Leans, Transport, is_transport};
+use crate::dynamics::gains;
+use crate::dynamics::rigid::{RIGID_DIM, vehicle_of};
+use crate::dynamics::tree::{Model, Multibody};
+use crate::dynamics::{Gains, Vehicle};
 use crate::error::{Error, Result};
 
 /// One controller per environment.
 pub struct Baseline {
-    seats: Vec<Seat>,
+    /// From the first step of an episode on.
+    seats: Vec<Option<Seat>>,
     name: String,
     dt: f64,
     n_action: usize,
 }
 
 struct Seat {
-    controller: Controller,
-    reference: Reference,
-    tilt: Tilt,
+    crew: Crew,
+    wanted: Wanted,
     input: Vec<f64>,
     step: u64,
 }
 
-enum Controller {
-    Cascade(Box<Cascade>),
-    Pilot(Box<dyn Pilot>),
+enum Crew {
+    /// One per drone, each a tree of its own.
+    Free(Vec<Cascade>),
+    /// Of one tree.
+    Joined(Box<dyn Pilot>),
 }
 
 impl Baseline {
-    /// Controllers for every environment of a batch in rotor mode. They learn their references at the first call of
+    /// Controllers for every environment of a batch in rotor mode. They learn masses and references at the first call of
     /// [`Baseline::act`] after a reset: make a new one for new episodes.
     ///
     /// # Errors
     /// [`Error::Value`] if the environment is in another control mode or nothing is wanted that a reference can say;
     /// otherwise as the controllers.
     pub fn new(env: &Env) -> Result<Self> {
-        let (spec, rig) = (env.spec(), env.rig());
+        let spec = env.spec();
         if spec.config.control != Level::Rotor {
             let remedy = "Leave `control` out.";
             return Err(Error::value("control", spec.config.control.name(), "'rotor' for a controller", remedy));
         }
-        let blank = vec![0.0; env.goal_size()];
-        if env.wanted(&blank).is_none() {
+        if env.wanted(0)?.is_none() {
             let what = format!("task {}: reference", spec.task);
             return Err(Error::value(what, "none", "one that a controller can track", "Try --controller random."));
         }
-        let seat = || {
-            Ok(Seat {
-                controller: controller(rig, spec.dt)?,
-                reference: Reference::by_name("hover")?,
-                tilt: Tilt::LEVEL,
-                input: vec![0.0; rig.n_input()],
-                step: 0,
-            })
+        let name = match crew(env.rig(), &env.numbers(0)?, spec.dt)? {
+            Crew::Free(_) => "cascade".into(),
+            Crew::Joined(pilot) => pilot.name().into(),
         };
-        let seats = (0..spec.n_env).map(|_| seat()).collect::<Result<Vec<Seat>>>()?;
-        let name = match &seats[0].controller {
-            Controller::Cascade(_) => "cascade".into(),
-            Controller::Pilot(p) => p.name().into(),
-        };
+        let seats = (0..spec.n_env).map(|_| None).collect();
         Ok(Self { seats, name, dt: spec.dt, n_action: spec.n_agent * spec.action.len() })
     }
 
@@ -77,16 +75,16 @@ impl Baseline {
     /// Actions of all agents of all environments for the state as it is.
     ///
     /// # Errors
-    /// None for the environment it was made for.
+    /// As the controllers, for numbers of an episode that they cannot fly.
     pub fn act(&mut self, env: &Env, actions: &mut [f32]) -> Result<()> {
-        for (i, seat) in self.seats.iter_mut().enumerate() {
+        for i in 0..self.seats.len() {
             let state: Vec<f64> = env.state(i)?.iter().map(|x| f64::from(*x)).collect();
-            if seat.step == 0
-                && let Some((reference, tilt)) = env.wanted(&env.goal(i)?)
-            {
-                (seat.reference, seat.tilt) = (reference, tilt);
-            }
-            seat.fly(&state, self.dt);
+            let dt = self.dt;
+            let seat = match &mut self.seats[i] {
+                Some(seat) => seat,
+                empty => empty.insert(Seat::new(env, i, dt)?),
+            };
+            seat.fly(env.rig(), &state, dt);
             let mut own = actions[i * self.n_action..].iter_mut();
             for drone in env.rig().drones() {
                 let places = drone.rotors.iter().map(|r| r.action).chain(drone.drives.iter().map(|d| d.command));
@@ -99,37 +97,117 @@ impl Baseline {
     /// As a policy for [`evaluate`](super::evaluate()).
     pub fn policy(&mut self) -> impl FnMut(&Env, &Buffers, &mut [f32]) + '_ {
         |env, _, actions| {
-            // the environment is the one it was made for
+            // numbers that no controller can fly leave the actions of the step before
             let _ = self.act(env, actions);
         }
     }
 }
 
 impl Seat {
-    fn fly(&mut self, state: &[f64], dt: f64) {
+    fn new(env: &Env, environment: usize, dt: f64) -> Result<Self> {
+        let crew = crew(env.rig(), &env.numbers(environment)?, dt)?;
+        let wanted = env.wanted(environment)?.unwrap_or(Wanted::point([0.0; 3], 0.0));
+        Ok(Self { crew, wanted, input: vec![0.0; env.rig().n_input()], step: 0 })
+    }
+
+    fn fly(&mut self, rig: &Rig, state: &[f64], dt: f64) {
         let time = self.step as f64 * dt;
         self.step += 1;
-        match &mut self.controller {
-            Controller::Cascade(cascade) => {
-                let rotors = cascade.position(&Kinematics::read(state), &self.reference.sample(time));
-                let n = self.input.len().min(rotors.len());
-                self.input[..n].copy_from_slice(&rotors[..n]);
+        let references = &self.wanted.references;
+        match &mut self.crew {
+            Crew::Free(cascades) => {
+                for (i, cascade) in cascades.iter_mut().enumerate() {
+                    let own = Kinematics::read(&state[rig.roots()[i]..][..RIGID_DIM]);
+                    let wanted = &references[i.min(references.len() - 1)];
+                    let actions = cascade.position(&own, &wanted.sample(time));
+                    rig.drones()[i].rotors.iter().zip(actions).for_each(|(r, a)| self.input[r.action] = a);
+                }
             }
-            Controller::Pilot(pilot) => {
-                let moment = Command { time, state, reference: &self.reference, tilt: &self.tilt };
+            Crew::Joined(pilot) => {
+                let moment = Command { time, state, reference: &references[0], tilt: &self.wanted.tilt };
                 pilot.command(moment, &mut self.input);
             }
         }
     }
 }
 
-fn controller(rig: &Rig, dt: f64) -> Result<Controller> {
+/// For a rig with these numbers.
+fn crew(rig: &Rig, numbers: &[f64], dt: f64) -> Result<Crew> {
     let rates = Rates::every_step(dt);
-    Ok(match &rig.craft {
-        Craft::Vehicle(m) => {
-            let vehicle = m.vehicle();
-            Controller::Cascade(Box::new(Cascade::<MAX_ROTORS>::new(vehicle, &vehicle.gains(), &rates, dt)?))
+    match &rig.craft {
+        Craft::Vehicle(m) => Ok(Crew::Free(vec![cascade(&vehicle_of(m.vehicle(), numbers)?, dt)?])),
+        Craft::Model(m) if m.layout().trees.len() > 1 => {
+            let Some(vehicle) = &rig.vehicle else {
+                return Err(Error::value("drones", "no plain vehicles", "vehicles, to fly freely", "Join them."));
+            };
+            let own = rig.drones().iter().map(|_| cascade(vehicle, dt));
+            own.collect::<Result<Vec<_>>>().map(Crew::Free)
         }
-        Craft::Model(m) => Controller::Pilot(suited(m, None, &rates)?),
+        Craft::Model(m) => {
+            let known = Multibody::new(&with_numbers(m.model(), numbers)?, *m.physics())?;
+            pilot(&known, rig.vehicle.as_ref(), &rates).map(Crew::Joined)
+        }
+    }
+}
+
+/// The pilot that suits a model, with swift drones where its loops are placed by theirs.
+fn pilot(system: &Multibody, vehicle: Option<&Vehicle>, rates: &Rates) -> Result<Box<dyn Pilot>> {
+    let model = system.model();
+    Ok(match vehicle {
+        Some(vehicle) if carries(model) => {
+            let standing = model.bodies().iter().skip(1).any(|b| b.center_of_mass[2] > 0.0);
+            let weights = if standing { STANDING } else { Weights::default() };
+            Box::new(Lqr::with_weights(system, Some(&swift(vehicle, 2.0)), rates, &weights)?)
+        }
+        Some(vehicle) if is_platform(model) => {
+            let mut gains = swift(vehicle, 2.3);
+            let pole = gains.position[0].sqrt() * gains::SEPARATION / SEPARATION_OF_FRAMES;
+            (gains.position, gains.velocity) = ([pole * pole; 3], [2.0 * pole; 3]);
+            Box::new(Platform::new(system, Some(&gains), rates)?)
+        }
+        Some(_) if is_transport(model) => Box::new(Transport::with_leans(system, None, rates, Leans::STEEP)?),
+        _ => suited(system, None, rates)?,
     })
+}
+
+/// All levels in every step.
+fn cascade(vehicle: &Vehicle, dt: f64) -> Result<Cascade> {
+    Cascade::new(vehicle, &tight(vehicle), &Rates::every_step(dt), dt)
+}
+
+/// [`Vehicle::derived_gains`] with the outer poles at a third of the attitude loop's, damped 1.2 times critically: the
+/// tasks forgive slow recoveries less than small margins.
+fn tight(vehicle: &Vehicle) -> Gains {
+    let mut gains = vehicle.derived_gains();
+    let faster = gains::SEPARATION / 3.0;
+    gains.position = gains.position.map(|k| k * faster * faster);
+    gains.velocity = gains.velocity.map(|k| k * faster * 1.2);
+    gains
+}
+
+/// [`Vehicle::derived_gains`] with all poles `factor` times as fast.
+fn swift(vehicle: &Vehicle, factor: f64) -> Gains {
+    let derived = vehicle.derived_gains();
+    let [once, twice] = [factor, factor * factor];
+    Gains {
+        position: derived.position.map(|k| k * twice),
+        velocity: derived.velocity.map(|k| k * once),
+        attitude: derived.attitude.map(|k| k * twice),
+        rate: derived.rate.map(|k| k * once),
+    }
+}
+
+/// A load that stands is led gently: it has to lean before it can follow.
+const STANDING: Weights = Weights { position: 0.7, swing: 4.0, acceleration: 4.0, preview: Some(0.0), reach: 0.4 };
+/// A little more than the platform asks for.
+const SEPARATION_OF_FRAMES: f64 = 1.01 * platform::SEPARATION;
+
+/// The model with the masses that are in force.
+fn with_numbers(model: &Model, numbers: &[f64]) -> Result<Model> {
+    let mut parts = model.parts().clone();
+    for (i, body) in parts.bodies.iter_mut().enumerate() {
+        let own = Inertial::read(numbers, i);
+        (body.mass, body.center_of_mass, body.inertia) = (own.mass, own.center_of_mass, own.inertia);
+    }
+    Model::new(parts)
 }

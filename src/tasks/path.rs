@@ -81,8 +81,8 @@ impl Path {
     }
 
     /// The same path as a reference for controllers, with a yaw.
-    pub fn reference(&self, goal: &[f32], yaw: f64) -> Lemniscate {
-        let g: Vec<f64> = goal[..PATH].iter().map(|x| f64::from(*x)).collect();
+    pub fn reference(&self, goal: &Rows<'_, f64>, yaw: f64) -> Lemniscate {
+        let g: [f64; PATH] = goal.array(0);
         Lemniscate {
             rate: g[4],
             scale: [g[1], g[2], g[3]],

@@ -3,7 +3,8 @@
 //! Every task sees the same picture: **frames**, the motion of bodies along world axes, and **drones**, each with a frame,
 //! rotors and drives. A vehicle alone has one frame; a model has one per body.
 
-use crate::autodiff::System;
+use crate::autodiff::{Rows, RowsMut, Scalar, System};
+use crate::dynamics::frame::Frame;
 use crate::dynamics::rigid::RIGID_DIM;
 use crate::dynamics::tree::{Layout, Model, Multibody, number_names, rest_state};
 use crate::dynamics::{Effects, Inertia, Multirotor, Physics, Vehicle, rigid, tree};
@@ -87,6 +88,17 @@ pub(crate) enum Craft {
     Vehicle(Multirotor),
     /// Articulated.
     Model(Multibody),
+}
+
+impl Craft {
+    /// Motion of every body in a state, with these physical numbers.
+    pub(crate) fn write_frames<S: Scalar>(&self, numbers: &[S], state: &[S], frames: &mut [S]) {
+        let (state, mut out) = (Rows::of(state), RowsMut::of(frames));
+        match self {
+            Self::Model(m) => tree::frames::write(m.topology(), Rows::of(numbers), &state, &mut out),
+            Self::Vehicle(_) => Frame::of_vehicle(&state).write(&mut out.pen(0)),
+        }
+    }
 }
 
 /// What flies in a task.

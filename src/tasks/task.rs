@@ -10,9 +10,9 @@
 use super::rig::{DronePlace, Rig};
 use super::sheet::Sheet;
 use crate::autodiff::{Mask, Pen, Rows, Scalar, safe};
-use crate::controllers::reference::{Reference, Tilt};
+use crate::controllers::reference::{Hover, Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::frame::{FRAME, Frame};
-use crate::dynamics::spatial::{Quat, Vec3, from_euler, rotate};
+use crate::dynamics::spatial::{Quat, Vec3, from_euler, rotate, sub};
 use crate::rng::{Purpose, Stream};
 use std::f64::consts::{PI, TAU};
 
@@ -85,13 +85,50 @@ pub trait Task: Send + Sync + 'static {
         sum
     }
 
-    /// What a controller should track in an episode with this goal, if a reference can say it.
-    fn wanted(&self, _goal: &[f32]) -> Option<(Reference, Tilt)> {
+    /// What our controllers track in an episode that begins as `view` shows, if references can say it.
+    fn wanted(&self, _view: &View<'_, f64>) -> Option<Wanted> {
         None
     }
 
     /// A state and goal with which the reward, effort aside, comes within 1e-6 of its bound.
     fn ideal(&self, start: &mut Start<'_>);
+}
+
+/// What controllers track.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wanted {
+    /// One for the whole, or one per drone.
+    pub references: Vec<Reference>,
+    /// Roll and pitch to hold beside the one reference.
+    pub tilt: Tilt,
+}
+
+impl Wanted {
+    /// One reference for the whole, level.
+    pub fn one(reference: Reference) -> Self {
+        Self { references: vec![reference], tilt: Tilt::LEVEL }
+    }
+
+    /// A point, world, m, and a yaw, rad.
+    pub fn point(position: Vec3<f64>, yaw: f64) -> Self {
+        Self::one(Reference::Hover(Hover { position, yaw }))
+    }
+
+    /// From where a frame is to a point and a yaw, the short way round, in `slowness` · (1 + d/(1 m)) seconds over d metres,
+    /// with the least snap: a far point at once would ask for all the tilt there is.
+    pub fn way(from: &Frame<f64>, position: Vec3<f64>, yaw: f64, slowness: f64) -> Self {
+        let way = Self::waypoints(from, position, yaw, slowness);
+        way.map_or_else(|| Self::point(position, yaw), |way| Self::one(Reference::Waypoints(way)))
+    }
+
+    /// The path of [`way`](Self::way); `None` for numbers that are not finite.
+    pub fn waypoints(from: &Frame<f64>, position: Vec3<f64>, yaw: f64, slowness: f64) -> Option<Waypoints> {
+        let here = from.yaw();
+        let turn = (yaw - here + PI).rem_euclid(TAU) - PI;
+        let time = slowness * (1.0 + safe::norm(sub(position, from.position)));
+        let start = Waypoint { time: 0.0, position: from.position, yaw: here };
+        Waypoints::new(vec![start, Waypoint { time, position, yaw: here + turn }]).ok()
+    }
 }
 
 /// Most summands of a reward.

@@ -3,13 +3,12 @@
 use super::block::{EnvBlock, Sizes, Workspace};
 use super::core::Core;
 use super::judge::{Disturb, Judge, Observe};
-use super::transition::{Setting, ideal_terms, transition};
+use super::transition::{Setting, first_sight, ideal_terms, transition, view};
 use crate::autodiff::lanes::dispatch;
 use crate::autodiff::{Recording, Scalar, Trace};
-use crate::controllers::reference::{Reference, Tilt};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::Sheet;
-use crate::tasks::task::{Start, Task};
+use crate::tasks::task::{Start, Task, Wanted};
 use nalgebra::DMatrix;
 use num_dual::Dual64;
 
@@ -21,7 +20,8 @@ pub(crate) trait Engine: Send + Sync {
     fn n_agent(&self) -> usize;
     fn start(&self, start: &mut Start<'_>);
     fn event(&self, start: &mut Start<'_>);
-    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)>;
+    /// For one environment at the start of an episode.
+    fn wanted(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<Wanted>;
     /// Summands of the reward in the task's ideal state.
     fn ideal_terms(&self, core: &Core) -> Vec<f64>;
     /// Time, memo, reward, ends and observation after physics.
@@ -61,8 +61,9 @@ impl<T: Task> Engine for Typed<T> {
     fn event(&self, start: &mut Start<'_>) {
         self.task.event(start);
     }
-    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
-        self.task.wanted(goal)
+    fn wanted(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<Wanted> {
+        let (frames, speeds, memo) = first_sight(core, state);
+        self.task.wanted(&view(self.task.rig(), state, &frames, &speeds, goal, &memo, 0.0, 0.0))
     }
     fn ideal_terms(&self, core: &Core) -> Vec<f64> {
         ideal_terms(&self.task, core)

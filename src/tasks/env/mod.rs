@@ -41,7 +41,6 @@ use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
 use self::transition::exposed;
 use crate::autodiff::program::BLOCK;
-use crate::controllers::reference::{Reference, Tilt};
 use crate::dynamics::batch::Plant;
 use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
@@ -51,7 +50,7 @@ use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::rig::Craft;
 use crate::tasks::sheet::{Slice, total};
-use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task};
+use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, Wanted};
 use std::sync::{Mutex, PoisonError};
 
 /// Blocks per task of a thread: their rows stay in its second-level cache.
@@ -384,20 +383,37 @@ impl Env {
         Ok(block.goal.iter().map(|row| row[lane]).collect())
     }
 
+    /// The physical numbers that are in force in one environment, in the order of [`Rig::number_names`](super::Rig::number_names).
+    ///
+    /// # Errors
+    /// As [`Env::state`].
+    pub fn numbers(&self, environment: usize) -> Result<Vec<f64>> {
+        self.check_environment(environment)?;
+        let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
+        let mut numbers = self.core.nominal.clone();
+        if self.started {
+            for (row, k) in block.theta.iter().zip(&self.core.varied) {
+                numbers[*k] = f64::from(row[lane]);
+            }
+        }
+        Ok(numbers)
+    }
+
     /// The summands of the reward in a state that the task calls ideal: their sum comes within 1e-6 of
     /// [`Spec::reward_bound`], effort aside.
     pub fn ideal_terms(&self) -> Vec<f64> {
         self.core.engine.ideal_terms(&self.core)
     }
 
-    /// Numbers of a goal.
-    pub fn goal_size(&self) -> usize {
-        self.core.sizes.goal
-    }
-
-    /// What a controller should track in an episode with this goal, if a reference can say it.
-    pub fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
-        self.core.engine.wanted(goal)
+    /// What our controllers track from the state of one environment on, where an episode begins, if references can say
+    /// it.
+    ///
+    /// # Errors
+    /// As [`Env::state`].
+    pub fn wanted(&self, environment: usize) -> Result<Option<Wanted>> {
+        let exact = |numbers: Vec<f32>| numbers.into_iter().map(f64::from).collect::<Vec<f64>>();
+        let (state, goal) = (exact(self.state(environment)?), exact(self.goal(environment)?));
+        Ok(self.core.engine.wanted(&self.core, &state, &goal))
     }
 
     /// What flies.

@@ -9,8 +9,7 @@ use super::engine::Engine;
 use super::judge::observe;
 use super::transform::shift;
 use crate::autodiff::{Rows, RowsMut, Scalar, System};
-use crate::dynamics::frame::{FRAME, Frame};
-use crate::dynamics::tree::frames;
+use crate::dynamics::frame::FRAME;
 use crate::tasks::observation::Moment;
 use crate::tasks::rig::{Craft, Rig};
 use crate::tasks::task::{MAX_TERMS, Start, Task, View, streams};
@@ -102,12 +101,19 @@ pub(crate) fn ideal_terms<T: Task>(task: &T, core: &Core) -> Vec<f64> {
         event_at: f64::INFINITY,
     });
     let mut frames = vec![0.0; rig.n_frame() * FRAME];
-    write_frames(core, &numbers, &state, &mut frames);
+    core.exposed.write_frames(&numbers, &state, &mut frames);
     let speeds: Vec<f64> = core.speed_rows.iter().map(|k| state[*k]).collect();
     let view = view(rig, &state, &frames, &speeds, &goal, &memo, 0.0, 0.0);
     let mut terms = vec![0.0; s.term];
     task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
     terms
+}
+
+/// Frames, rotor speeds and a blank memo of a state with nominal numbers.
+pub(crate) fn first_sight(core: &Core, state: &[f64]) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+    let mut frames = vec![0.0; core.engine.rig().n_frame() * FRAME];
+    core.exposed.write_frames(&core.nominal, state, &mut frames);
+    (frames, core.speed_rows.iter().map(|k| state[*k]).collect(), vec![0.0; core.sizes.memo])
 }
 
 /// What a transition needs of the core, without the task.
@@ -126,7 +132,7 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
     let [step, offset, delay] = [z[p.time.start], z[p.time.start + 1], z[p.time.start + 2]];
     let speeds: Vec<S> = core.speed_rows.iter().map(|k| state[*k]).collect();
     let mut frames = vec![S::zero(); rig.n_frame() * FRAME];
-    write_frames(core, &numbers, &state, &mut frames);
+    core.exposed.write_frames(&numbers, &state, &mut frames);
 
     let mut commands = z[p.action.clone()].to_vec();
     let n_command = core.control.n_command;
@@ -155,13 +161,13 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
     let mut next = state.clone();
     for inner in 0..core.control.steps {
         if inner > 0 && core.control.needs_frames() {
-            write_frames(core, &numbers, &state, &mut frames);
+            core.exposed.write_frames(&numbers, &state, &mut frames);
         }
         core.control.steer_one(rig, inner, &Rows::of(&frames), &commands, &mut held, &mut input);
         physics(core, &state, &input, &numbers, &mut next);
         std::mem::swap(&mut state, &mut next);
     }
-    write_frames(core, &numbers, &state, &mut frames);
+    core.exposed.write_frames(&numbers, &state, &mut frames);
 
     let (step, clock) = (step + S::one(), (step + S::one() + offset) * horizon);
     if s.memo > 0 {
@@ -207,15 +213,6 @@ fn numbers<S: Scalar>(core: &Core, theta: &[S]) -> Vec<S> {
     numbers
 }
 
-/// Frames of a state.
-fn write_frames<S: Scalar>(core: &Core, numbers: &[S], state: &[S], frames: &mut [S]) {
-    let (state, mut out) = (Rows::of(state), RowsMut::of(frames));
-    match &core.exposed {
-        Craft::Model(m) => frames::write(m.topology(), Rows::of(numbers), &state, &mut out),
-        Craft::Vehicle(_) => Frame::of_vehicle(&state).write(&mut out.pen(0)),
-    }
-}
-
 /// One step of the physics; constants stay constants where nothing varies.
 fn physics<S: Scalar>(core: &Core, state: &[S], input: &[S], numbers: &[S], next: &mut [S]) {
     let theta = if core.varied.is_empty() { &[] } else { numbers };
@@ -226,7 +223,7 @@ fn physics<S: Scalar>(core: &Core, state: &[S], input: &[S], numbers: &[S], next
 }
 
 #[expect(clippy::too_many_arguments, reason = "the parts of a view, named at its only callers")]
-fn view<'a, S: Scalar>(
+pub(crate) fn view<'a, S: Scalar>(
     rig: &'a Rig,
     state: &'a [S],
     frames: &'a [S],

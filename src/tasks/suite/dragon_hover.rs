@@ -22,7 +22,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::{both, smooth_norm, tip};
 use crate::tasks::rig::{Rig, benchmark_motors};
 use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term};
-use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View};
+use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View, Wanted};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_1_PI;
 
@@ -248,6 +248,11 @@ impl Task for DragonHover {
         }
         let heading = S::constant(0.3) * safe::squared_norm(Self::heading_error(view));
         smooth_norm(self.error(view), 0.1) + heading + motion
+    }
+
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        let mean = Frame { position: sub(constants(TARGET), self.error(view)), ..view.drone(0) };
+        Some(Wanted::way(&mean, TARGET, view.goal.get(1).atan2(view.goal.get(0)), 1.9))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -14,6 +14,7 @@
 use super::team::{apart, lowest, mean_throttle_difference, observe_others, others_slice, squared_separation};
 use super::{clock_slice, drone_slices};
 use crate::autodiff::{Mask, Pen, Scalar, safe};
+use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::assembly::{Member, group, single};
 use crate::dynamics::spatial::{Vec3, add, constants, scale, sub};
 use crate::error::{Error, Result, finite};
@@ -21,7 +22,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::{bell, smooth_norm, tip};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term, total};
-use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View};
+use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View, Wanted};
 use serde::{Deserialize, Serialize};
 
 /// p_c, m, world.
@@ -36,6 +37,8 @@ const FIRST_CELL: [f64; 3] = [-1.75, -1.75, 0.625];
 const CELL: [f64; 3] = [0.5, 0.5, 0.25];
 /// Of the grid.
 const CELLS: [u64; 3] = [8, 8, 6];
+/// When our controllers have every drone at its point, s.
+const ARRIVAL: f64 = 4.0;
 /// Most drones: each sees all others.
 const MOST: usize = 32;
 
@@ -88,6 +91,27 @@ impl Figure {
 
 fn flat(points: &[[f64; 2]]) -> Vec<[f64; 3]> {
     points.iter().map(|[x, y]| [*x, *y, 0.0]).collect()
+}
+
+/// Which point each drone takes: swaps of two no longer shorten the sum of squared ways. On straight ways of the least sum,
+/// flown together, drones that begin and end apart stay apart (Turpin, Michael and Kumar 2014, theorem 3.1).
+fn places(from: &[Vec3<f64>], to: &[Vec3<f64>]) -> Vec<usize> {
+    let cost = |i: usize, j: usize| safe::squared_norm(sub(to[j], from[i]));
+    let mut places: Vec<usize> = (0..from.len()).collect();
+    let mut better = true;
+    while better {
+        better = false;
+        for i in 0..places.len() {
+            for k in 0..i {
+                let (a, b) = (places[i], places[k]);
+                if cost(i, b) + cost(k, a) < cost(i, a) + cost(k, b) - 1e-9 {
+                    places.swap(i, k);
+                    better = true;
+                }
+            }
+        }
+    }
+    places
 }
 
 /// Settings of [`Formation`].
@@ -312,6 +336,18 @@ impl Task for Formation {
         let shape = (self.squared_hausdorff(view) + S::constant(0.01)).sqrt();
         let mean = S::constant(1.0 / self.figure.len() as f64) * own;
         shape + smooth_norm(self.offset(view), 0.1) + missing + mean
+    }
+
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        let from: Vec<Vec3<f64>> = (0..self.figure.len()).map(|i| view.drone(i).position).collect();
+        let to: Vec<Vec3<f64>> = self.figure.iter().map(|f| add(CENTER, *f)).collect();
+        let way = |(i, place): (usize, usize)| {
+            let start = Waypoint { time: 0.0, position: from[i], yaw: view.drone(i).yaw() };
+            let end = Waypoint { time: ARRIVAL, position: to[place], yaw: 0.0 };
+            Waypoints::new(vec![start, end]).ok().map(Reference::Waypoints)
+        };
+        let references = places(&from, &to).into_iter().enumerate().map(way).collect::<Option<Vec<_>>>()?;
+        Some(Wanted { references, tilt: Tilt::LEVEL })
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -11,7 +11,6 @@
 //! - DIFFERENCE: total mass everywhere; the published hover throttle counts the base link alone (defect 5).
 
 use crate::autodiff::{Pen, Scalar, safe};
-use crate::controllers::reference::{self, Reference, Tilt};
 use crate::dynamics::spatial::{constants, dot, rotate, sub, yawed};
 use crate::error::Result;
 use crate::tasks::config::{EnvConfig, SingleSettings};
@@ -19,7 +18,7 @@ use crate::tasks::reward::{bell, both, smooth_norm, still, upright};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term};
 use crate::tasks::suite::{clock_slice, drone_slices};
-use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View};
+use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View, Wanted};
 
 /// The target, m, world.
 const TARGET: [f64; 3] = [0.0, 0.0, 2.0];
@@ -156,9 +155,8 @@ impl Task for Hover {
         position + speed + rate + S::constant(0.3) * safe::squared_norm([e[3], e[4], e[5]])
     }
 
-    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
-        let yaw = f64::from(goal[1]).atan2(f64::from(goal[0]));
-        Some((Reference::Hover(reference::Hover { position: TARGET, yaw }), Tilt::LEVEL))
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        Some(Wanted::way(&view.drone(0), TARGET, view.goal.get(1).atan2(view.goal.get(0)), 0.7))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -11,7 +11,7 @@
 //! 3898; without them none of 3879 did. Tumbling so far, a flight is lost.
 
 use crate::autodiff::{Pen, Scalar, safe};
-use crate::controllers::reference::{Carried, Hover, Reference, Tilt};
+use crate::controllers::reference::{Carried, LoadPath, Reference};
 use crate::dynamics::Vehicle;
 use crate::dynamics::assembly::Member;
 use crate::dynamics::configurations::{InvertedPendulum, Payload, environment};
@@ -26,7 +26,7 @@ use crate::tasks::reward::{bell, smooth_norm, still, tip};
 use crate::tasks::rig::{Inertial, Rig};
 use crate::tasks::sheet::{Setting, Slice, Term};
 use crate::tasks::suite::obstacles::{Bars, rounded, softened, touching};
-use crate::tasks::task::{ANY_YAW, Start, View};
+use crate::tasks::task::{ANY_YAW, Start, View, Wanted};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -40,6 +40,8 @@ const BALL_SHARE: [f64; 2] = [0.2, 0.3];
 pub(super) const LIGHT_BAR: [f64; 2] = [0.001; 2];
 /// Mass of a bar that is, kg.
 pub(super) const DRAWN_BAR: [f64; 2] = [0.01, 0.04];
+/// Of the ways that controllers give a ball ([`Wanted::way`]).
+const SLOWNESS: f64 = 1.3;
 /// Numbers of a load in a goal, where it comes first.
 pub(super) const LOAD: usize = 2;
 
@@ -218,11 +220,16 @@ impl Load {
         [ball[0], ball[1], ball[2] - self.sign * start.goal[0]]
     }
 
-    /// Where the drone must stay for the ball to stay at `target`.
-    pub(super) fn wanted(&self, goal: &[f32], target: Vec3<f64>) -> Option<(Reference, Tilt)> {
-        let below = self.sign * f64::from(goal[0]);
-        let position = [target[0], target[1], target[2] - below];
-        Some((Reference::Hover(Hover { position, yaw: 0.0 }), Tilt::LEVEL))
+    /// The way of the drone that brings the ball to `target`.
+    pub(super) fn wanted(&self, view: &View<'_, f64>, target: Vec3<f64>) -> Option<Wanted> {
+        let ball = Frame { attitude: view.drone(0).attitude, ..self.ball(view) };
+        let way = Wanted::waypoints(&ball, target, ball.yaw(), SLOWNESS)?;
+        Some(self.carried(view, LoadPath::Waypoints(way)))
+    }
+
+    /// The way of the drone for a path of the ball.
+    fn carried(&self, view: &View<'_, f64>, path: LoadPath) -> Wanted {
+        Wanted::one(Reference::Carried(Carried { path, lever: -self.sign * view.goal.get(0) }))
     }
 
     /// Position and velocity of the ball, attitude and angular velocity of the bar.
@@ -350,10 +357,9 @@ impl LoadTrack {
     }
 
     /// Where the drone must be for the ball to follow the path.
-    pub(super) fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
-        let path = self.path.reference(&goal[LOAD..], 0.0);
-        let lever = -self.load.sign * f64::from(goal[0]);
-        Some((Reference::Carried(Carried { path, lever }), Tilt::LEVEL))
+    pub(super) fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        let path = self.path.reference(&view.goal.from(LOAD), view.drone(0).yaw());
+        Some(self.load.carried(view, LoadPath::Lemniscate(path)))
     }
 
     /// What [`LoadTrack::observe_ahead`] writes.

@@ -1,17 +1,18 @@
 //! What the tasks of the over-actuated platform share: the model and its target attitude.
 
 use crate::autodiff::{Rows, Scalar, safe};
+use crate::controllers::reference::Tilt;
 use crate::dynamics::Vehicle;
 use crate::dynamics::configurations::{PER_DEGREE, Platform};
 use crate::dynamics::frame::Frame;
-use crate::dynamics::spatial::{Quat, Vec3, constants, dot, from_euler, rotate, sub};
+use crate::dynamics::spatial::{Quat, Vec3, constants, cross, dot, from_euler, from_matrix, rotate, sub, to_euler};
 use crate::dynamics::tree::Model;
 use crate::error::{Error, Result};
 use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::smooth_norm;
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::Slice;
-use crate::tasks::task::{ANY_YAW, START_TILT, Start};
+use crate::tasks::task::{ANY_YAW, START_TILT, Start, View, Wanted};
 
 /// The frame: the root of the model.
 pub const FRAME_BODY: usize = 0;
@@ -54,6 +55,16 @@ pub fn draw_attitude(start: &mut Start<'_>) {
     let (roll, pitch) = (r.uniform(-START_TILT, START_TILT), r.uniform(-START_TILT, START_TILT));
     let yaw = r.uniform(ANY_YAW.0, ANY_YAW.1);
     set_attitude(start, from_euler(roll, pitch, yaw));
+}
+
+/// The target attitude, held from the first second on.
+pub fn wanted_pose(view: &View<'_, f64>, target: [f64; 3]) -> Wanted {
+    let (h, u) = (view.goal.array(0), view.goal.array(3));
+    let side = cross(u, h);
+    let attitude: [[f64; 3]; 3] = [0, 1, 2].map(|k| [h[k], side[k], u[k]]);
+    let [roll, pitch, yaw] = to_euler(from_matrix(attitude));
+    let tilt = Tilt { roll, pitch, at: 0.0, ramp: 1.0 };
+    Wanted { tilt, ..Wanted::way(&view.frame(FRAME_BODY), target, yaw, 1.0) }
 }
 
 /// ((u·u_t + 1)/2)².

@@ -24,7 +24,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::{bell, tip};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Setting, Sheet, Term};
-use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View};
+use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View, Wanted};
 
 /// The target, m, world.
 const TARGET: [f64; 3] = [0.0, 0.0, 2.25];
@@ -160,6 +160,10 @@ impl Task for OverHover {
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
         pose_loss(&view.frame(FRAME_BODY), &Self::error(view))
+    }
+
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        Some(wanted_pose(view, TARGET))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

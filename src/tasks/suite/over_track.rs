@@ -17,6 +17,7 @@ use super::team::{
     squared_sum,
 };
 use crate::autodiff::{Pen, Scalar, safe};
+use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, dot, sub};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
@@ -24,7 +25,7 @@ use crate::tasks::path::{AHEAD, PATH, Path};
 use crate::tasks::reward::{bell, smooth_norm, tip};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term};
-use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View};
+use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View, Wanted};
 use serde::{Deserialize, Serialize};
 
 /// Look-ahead points.
@@ -213,6 +214,11 @@ impl Task for OverTrack {
         let motion = S::constant(0.02) * safe::squared_norm(slip);
         let turn = S::constant(0.3) * safe::squared_norm(tilt);
         position + motion + turn + S::constant(0.005) * safe::squared_norm(frame.angular_velocity)
+    }
+
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        let yaw = view.frame(FRAME_BODY).yaw();
+        Some(Wanted::one(Reference::Lemniscate(self.path.reference(&view.goal, yaw))))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

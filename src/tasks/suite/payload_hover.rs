@@ -16,38 +16,57 @@
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 
 use crate::autodiff::{Pen, Scalar, safe};
-use crate::controllers::reference::{Reference, Tilt};
 use crate::dynamics::spatial::{constants, scale, sub};
-use crate::error::Result;
+use crate::error::{Result, finite};
 use crate::rng::Stream;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::smooth_norm;
 use crate::tasks::rig::Rig;
-use crate::tasks::sheet::{End, Metric, Sheet, Slice};
+use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice};
 use crate::tasks::suite::load::{
     LIGHT_BAR, LOAD, Load, LoadSettings, Plan, Side, carry_reward, carry_terms, load_settings,
 };
 use crate::tasks::suite::{clock_slice, drone_slices};
-use crate::tasks::task::{ANY_YAW, Ends, Start, Task, View};
+use crate::tasks::task::{ANY_YAW, Ends, Start, Task, View, Wanted};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// q_t, m, world.
 const TARGET: [f64; 3] = [0.0, 0.0, 1.0];
 /// Lowest drone and ball, m.
 const LOW: f64 = 0.2;
-/// σ of a kick, m/s.
-const KICK: [f64; 3] = [1.0, 1.0, 0.5];
 /// Mean time between pushes, s.
 const CALM: f64 = 2.0;
 /// Places of the step of the last push and of its kick in the goal.
 const PUSH: usize = LOAD;
 const KICKED: usize = LOAD + 1;
 
+/// Settings of [`PayloadHover`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PayloadHoverSettings {
+    /// What flies.
+    pub vehicle: String,
+    /// T, steps.
+    pub horizon: usize,
+    /// Of the bar, lowest and highest, m.
+    pub length: [f64; 2],
+    /// σ of a push, world, m/s.
+    pub kick: [f64; 3],
+}
+
+impl Default for PayloadHoverSettings {
+    fn default() -> Self {
+        let LoadSettings { vehicle, horizon, length } = LoadSettings::default();
+        Self { vehicle, horizon, length, kick: [1.0, 1.0, 0.5] }
+    }
+}
+
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct PayloadHover {
     load: Load,
-    settings: LoadSettings,
+    settings: PayloadHoverSettings,
     /// Seconds per step.
     dt: f64,
 }
@@ -59,7 +78,8 @@ impl PayloadHover {
     /// As [`EnvConfig::settings`] and [`EnvConfig::vehicle`]; [`Error::Value`](crate::error::Error::Value) for a length that
     /// is none.
     pub fn new(config: &EnvConfig) -> Result<Self> {
-        let settings: LoadSettings = config.settings()?;
+        let settings: PayloadHoverSettings = config.settings()?;
+        finite("task.kick", &settings.kick)?;
         let (vehicle, length) = (settings.vehicle.as_str(), settings.length);
         let load = Load::pushed(config, &Plan { vehicle, side: Side::Hanging, length, bar: LIGHT_BAR })?;
         Ok(Self { load, settings, dt: config.dt })
@@ -106,7 +126,11 @@ impl Task for PayloadHover {
             ],
             goal,
             memo: Vec::new(),
-            settings: load_settings(500, "[1.0, 1.0]"),
+            settings: {
+                let mut settings = load_settings(500, "[1.0, 1.0]");
+                settings.push(Setting::new("kick", "[1.0, 1.0, 0.5]", "σ of a push, m/s"));
+                settings
+            },
         }
     }
 
@@ -125,7 +149,7 @@ impl Task for PayloadHover {
 
     fn event(&self, start: &mut Start<'_>) {
         start.goal[PUSH] = start.event_at;
-        for (i, sigma) in KICK.into_iter().enumerate() {
+        for (i, sigma) in self.settings.kick.into_iter().enumerate() {
             start.goal[KICKED + i] = sigma * start.task.normal().clamp(-3.0, 3.0);
         }
         start.event_at += self.wait(&mut start.task);
@@ -179,8 +203,8 @@ impl Task for PayloadHover {
         smooth_norm(self.error(view), 0.1) + speed + rate
     }
 
-    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
-        self.load.wanted(goal, TARGET)
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        self.load.wanted(view, TARGET)
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

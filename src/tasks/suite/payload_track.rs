@@ -14,7 +14,6 @@
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 
 use crate::autodiff::{Pen, Scalar, safe};
-use crate::controllers::reference::{Reference, Tilt};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::path::Path;
@@ -22,7 +21,7 @@ use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Sheet};
 use crate::tasks::suite::load::{LIGHT_BAR, Load, LoadTrack, LoadTrackSettings, Plan, Side, carry_reward, carry_terms};
 use crate::tasks::suite::{clock_slice, drone_slices};
-use crate::tasks::task::{Ends, Start, Task, View};
+use crate::tasks::task::{Ends, Start, Task, View, Wanted};
 
 /// See the [module](self).
 #[derive(Debug, Clone)]
@@ -117,8 +116,8 @@ impl Task for PayloadTrack {
         self.track.loss(view)
     }
 
-    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
-        self.track.wanted(goal)
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        self.track.wanted(view)
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

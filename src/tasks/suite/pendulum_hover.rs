@@ -13,7 +13,6 @@
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 
 use crate::autodiff::{Pen, Scalar, safe};
-use crate::controllers::reference::{Reference, Tilt};
 use crate::dynamics::spatial::{constants, sub};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
@@ -22,7 +21,7 @@ use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Sheet, Slice, Term};
 use crate::tasks::suite::load::{DRAWN_BAR, Load, LoadSettings, Plan, Side, leaning, load_settings};
 use crate::tasks::suite::{clock_slice, drone_slices};
-use crate::tasks::task::{ANY_YAW, Ends, Start, Task, View};
+use crate::tasks::task::{ANY_YAW, Ends, Start, Task, View, Wanted};
 use std::f64::consts::PI;
 
 /// q_t, m, world.
@@ -154,8 +153,8 @@ impl Task for InvPendulumHover {
         smooth_norm(self.error(view), 0.1) + speed + rate + leaning(&ball)
     }
 
-    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
-        self.load.wanted(goal, TARGET)
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        self.load.wanted(view, TARGET)
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -12,7 +12,6 @@
 //! - DIFFERENCE: the ball's share is of the total mass, not of the base link's (defect 5).
 
 use crate::autodiff::{Pen, Scalar, safe};
-use crate::controllers::reference::{Reference, Tilt};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::path::Path;
@@ -21,7 +20,7 @@ use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Sheet, Term};
 use crate::tasks::suite::load::{LIGHT_BAR, Load, LoadTrack, LoadTrackSettings, Plan, Side, leaning};
 use crate::tasks::suite::{clock_slice, drone_slices};
-use crate::tasks::task::{Ends, Start, Task, View};
+use crate::tasks::task::{Ends, Start, Task, View, Wanted};
 
 /// See the [module](self).
 #[derive(Debug, Clone)]
@@ -124,8 +123,8 @@ impl Task for InvPendulumTrack {
         self.track.loss(view) + leaning(&self.track.load.ball(view))
     }
 
-    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
-        self.track.wanted(goal)
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        self.track.wanted(view)
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

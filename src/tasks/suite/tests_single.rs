@@ -1,15 +1,10 @@
 //! Claims about the tasks of one drone with a gate, a slung ball or an inverted pendulum.
 
-use crate::autodiff::{Rows, RowsMut};
-use crate::dynamics::frame::FRAME;
-use crate::dynamics::tree::numbers::Source;
 use crate::dynamics::vehicles;
+use crate::tasks::EnvConfig;
 use crate::tasks::env::{Buffers, Env};
-use crate::tasks::rig::{Inertial, Rig, RotorPlace};
+use crate::tasks::rig::{Inertial, RotorPlace};
 use crate::tasks::suite::load::{DRAWN_BAR, LIGHT_BAR, Load, Plan, Side};
-use crate::tasks::suite::*;
-use crate::tasks::task::{MAX_TERMS, Start, Task, View, streams};
-use crate::tasks::{EnvConfig, sheet};
 
 /// Name, numbers of an observation of the Hummingbird, reward ceiling.
 const TASKS: [(&str, usize, f64); 7] = [
@@ -60,60 +55,6 @@ fn observations_and_reward_ceilings_are_those_of_the_benchmark() {
         let env = Env::make(name, &config(1, "")).unwrap();
         assert_eq!(env.spec().n_observation, size, "{name}");
         assert!((env.spec().reward_bound - bound).abs() < 1e-12, "{name}: {}", env.spec().reward_bound);
-    }
-}
-
-/// How far the ideal reward stays below its bound, effort aside.
-fn gap(task: &impl Task) -> f64 {
-    let (rig, sheet): (&Rig, sheet::Sheet) = (task.rig(), task.sheet());
-    let (mut state, mut numbers) = (rig.rest().to_vec(), rig.numbers());
-    let (mut goal, mut memo) = (vec![0.0; sheet::total(&sheet.goal)], vec![0.0; sheet::total(&sheet.memo)]);
-    let [reset, draws, once] = streams(1, 2, 3);
-    task.ideal(&mut Start {
-        rig,
-        state: &mut state,
-        goal: &mut goal,
-        memo: &mut memo,
-        numbers: &mut numbers,
-        reset,
-        task: draws,
-        once,
-        event_at: f64::INFINITY,
-    });
-    let mut frames = vec![0.0; rig.n_frame() * FRAME];
-    rig.frames(Source::Constants(&numbers), &Rows::of(&state), &mut RowsMut::of(&mut frames));
-    let speeds: Vec<f64> = rig.drone().rotors.iter().map(|r| state[r.speed]).collect();
-    let view = View {
-        rig,
-        state: Rows::of(&state),
-        frames: Rows::of(&frames),
-        speeds_before: Rows::of(&speeds),
-        goal: Rows::of(&goal),
-        memo: Rows::of(&memo),
-        step: 0.0,
-        clock: 0.0,
-    };
-    let mut terms = [0.0; MAX_TERMS];
-    task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
-    let pairs = sheet.reward.iter().zip(terms).filter(|(term, _)| term.name != "effort");
-    pairs.map(|(term, value)| term.bound - value).sum()
-}
-
-#[test]
-fn the_ideal_state_earns_the_bound() {
-    let c = config(1, "");
-    let gaps = [
-        gap(&fly_through::FlyThrough::new(&c).unwrap()),
-        gap(&pendulum_hover::InvPendulumHover::new(&c).unwrap()),
-        gap(&pendulum_track::InvPendulumTrack::new(&c).unwrap()),
-        gap(&pendulum_fly_through::InvPendulumFlyThrough::new(&c).unwrap()),
-        gap(&payload_hover::PayloadHover::new(&c).unwrap()),
-        gap(&payload_track::PayloadTrack::new(&c).unwrap()),
-        gap(&payload_fly_through::PayloadFlyThrough::new(&c).unwrap()),
-    ];
-    println!("below the bound by {gaps:?}");
-    for ((name, ..), gap) in TASKS.iter().zip(gaps) {
-        assert!((-1e-12..1e-6).contains(&gap), "{name}: {gap:e}");
     }
 }
 

@@ -11,7 +11,7 @@
 //! - DIFFERENCE: `position_error` is positive; the published tracking error is its negative (defect 27).
 
 use crate::autodiff::{Pen, Scalar, safe};
-use crate::controllers::reference::{Reference, Tilt};
+use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::sub;
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
@@ -20,7 +20,7 @@ use crate::tasks::reward::{bell, smooth_norm, still, tip};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term, total};
 use crate::tasks::suite::{clock_slice, drone_slices};
-use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View};
+use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View, Wanted};
 use serde::{Deserialize, Serialize};
 
 /// Look-ahead points.
@@ -170,8 +170,8 @@ impl Task for Track {
         position + speed + S::constant(0.005) * safe::squared_norm(drone.angular_velocity)
     }
 
-    fn wanted(&self, goal: &[f32]) -> Option<(Reference, Tilt)> {
-        Some((Reference::Lemniscate(self.path.reference(goal, 0.0)), Tilt::LEVEL))
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        Some(Wanted::one(Reference::Lemniscate(self.path.reference(&view.goal, view.drone(0).yaw()))))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

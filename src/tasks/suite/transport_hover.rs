@@ -25,7 +25,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::{both, tip};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice};
-use crate::tasks::task::{ANY_YAW, Ends, Start, Task, View};
+use crate::tasks::task::{ANY_YAW, Ends, Start, Task, View, Wanted};
 
 /// The target, m, world.
 const TARGET: [f64; 3] = [0.0, 0.0, 2.0];
@@ -157,6 +157,10 @@ impl Task for TransportHover {
     fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let heading = S::constant(0.3) * safe::squared_norm(Self::heading_error(view));
         load_loss(&view.frame(BOX), Self::error(view), [S::zero(); 3]) + heading
+    }
+
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        Some(Wanted::way(&view.frame(BOX), TARGET, view.goal.get(1).atan2(view.goal.get(0)), 1.5))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

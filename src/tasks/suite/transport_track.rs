@@ -20,6 +20,7 @@ use super::team::{
 };
 use super::transport::{BOX, Load, free_rig, load_loss, steady, steady_terms};
 use crate::autodiff::{Pen, Scalar, safe};
+use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, sub};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
@@ -27,7 +28,7 @@ use crate::tasks::path::{AHEAD, Path};
 use crate::tasks::reward::tip;
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice};
-use crate::tasks::task::{ANY_YAW, Ends, Start, Task, View};
+use crate::tasks::task::{ANY_YAW, Ends, Start, Task, View, Wanted};
 use serde::{Deserialize, Serialize};
 
 /// Look-ahead points.
@@ -180,6 +181,11 @@ impl Task for TransportTrack {
     fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let wanted = self.path.velocity(&view.goal, view.step);
         load_loss(&view.frame(BOX), self.error(view, 0), wanted)
+    }
+
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        let yaw = view.frame(BOX).yaw();
+        Some(Wanted::one(Reference::Lemniscate(self.path.reference(&view.goal, yaw))))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
