@@ -106,6 +106,8 @@ pub struct EnvConfig {
     pub observation: Vec<Stage>,
     /// What differs between environments and episodes.
     pub randomise: Vec<Change>,
+    /// Share of it, 0 to 1: where a curriculum begins.
+    pub difficulty: f64,
     /// What a done environment does.
     pub autoreset: Autoreset,
     /// Whether first episodes begin anywhere in time, so that time-outs do not come together.
@@ -114,6 +116,14 @@ pub struct EnvConfig {
     pub memory_limit: u64,
     /// The task's own settings.
     pub task: toml::Table,
+}
+
+/// A share of a curriculum.
+pub(crate) fn check_difficulty(share: f64) -> Result<()> {
+    if (0.0..=1.0).contains(&share) {
+        return Ok(());
+    }
+    Err(Error::value("difficulty", share, "within [0, 1]", "1 takes all randomisation, 0 none."))
 }
 
 impl Default for EnvConfig {
@@ -132,6 +142,7 @@ impl Default for EnvConfig {
             integrator: Integrator::RungeKutta4,
             observation: Vec::new(),
             randomise: Vec::new(),
+            difficulty: 1.0,
             autoreset: Autoreset::SameStep,
             stagger: false,
             memory_limit: MEMORY_LIMIT,
@@ -182,6 +193,7 @@ impl EnvConfig {
         {
             return Err(Error::limit("actions.levels", levels, "2 to 1024", "Use continuous actions."));
         }
+        check_difficulty(self.difficulty)?;
         self.observation.iter().try_for_each(Stage::validate)?;
         self.randomise.iter().try_for_each(Change::validate)
     }

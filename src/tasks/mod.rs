@@ -14,6 +14,7 @@ pub mod rig;
 pub mod sheet;
 pub mod suite;
 pub mod task;
+pub mod with;
 
 pub use baseline::Baseline;
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
@@ -22,7 +23,8 @@ pub use env::single::{Outcome, SingleEnv};
 pub use env::{Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Space, Spec, StepOut, Sweep, SweepOptions, Tape};
 pub use evaluate::{Evaluation, evaluate};
 pub use observation::{Stage, Statistics};
-pub use randomise::{Change, Quantity};
+pub use randomise::{Change, Distribution, Quantity};
 pub use rig::Rig;
 pub use sheet::{End, Metric, Setting, Sheet, Slice, Smoothness, Term};
-pub use task::{Ends, Start, Task, View};
+pub use task::{Ends, Start, Task, View, Wanted};
+pub use with::{Pick, Scale, Transform, With};

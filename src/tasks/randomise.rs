@@ -3,7 +3,8 @@
 //!
 //! A [`Change`] names a quantity, a distribution and a time. Draws belong to the environment and episode (see
 //! [`rng`](crate::rng)), so they do not depend on the size of the batch. Changes apply in the order given; thrust as a ratio
-//! to weight uses the mass of that moment.
+//! to weight uses the mass of that moment. A curriculum takes a share of every change
+//! ([`Env::set_difficulty`](super::Env::set_difficulty)).
 
 use super::rig::{Inertial, Rig};
 use crate::dynamics::rigid::ROTOR_PARAMETERS;
@@ -68,12 +69,26 @@ pub enum Time {
     Startup,
 }
 
+/// From what it is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Distribution {
+    /// Uniform over the range.
+    #[default]
+    Uniform,
+    /// Its logarithm uniform over that of the range: as often halved as doubled.
+    LogUniform,
+    /// Normal about the middle of the range, σ a quarter of its width; what falls outside is drawn again.
+    Normal,
+}
+
 /// One randomised quantity. In TOML:
 ///
 /// ```toml
 /// [[randomise]]
 /// what = "thrust"
-/// range = [0.8, 1.2]
+/// range = [0.8, 1.25]
+/// distribution = "log_uniform"
 /// each = true
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -81,8 +96,11 @@ pub enum Time {
 pub struct Change {
     /// What.
     pub what: Quantity,
-    /// Uniform between these.
+    /// Lowest and highest.
     pub range: [f64; 2],
+    /// How it is spread between them.
+    #[serde(default)]
+    pub distribution: Distribution,
     /// How.
     #[serde(default)]
     pub by: Action,
@@ -97,7 +115,8 @@ pub struct Change {
 impl Change {
     /// Uniform factors on a quantity, drawn for every episode.
     pub fn scale(what: Quantity, low: f64, high: f64) -> Self {
-        Self { what, range: [low, high], by: Action::Scale, when: Time::Reset, each: false }
+        let (distribution, by, when) = Default::default();
+        Self { what, range: [low, high], distribution, by, when, each: false }
     }
 
     /// Checks the range.
@@ -121,6 +140,9 @@ impl Change {
             && !matches!(self.what, Quantity::Drag | Quantity::AngularDrag | Quantity::HiddenMass)
         {
             return Err(Error::value(what, low, "> 0", "Masses, inertias and rotor constants stay positive."));
+        }
+        if self.distribution == Distribution::LogUniform && low <= 0.0 {
+            return Err(Error::value(what, low, "> 0 for log_uniform", "Use uniform where values may be negative."));
         }
         let only_set = matches!(self.what, Quantity::Wind | Quantity::HiddenMass | Quantity::HiddenHeight);
         if only_set && self.by != Action::Set {
@@ -209,8 +231,8 @@ impl Randomiser {
         })
     }
 
-    /// Draws everything of one episode into `numbers` and `wind`; allocates nothing.
-    pub(crate) fn apply(&self, key: [u64; 3], numbers: &mut [f64], wind: &mut [f64; 3]) {
+    /// Draws everything of one episode into `numbers` and `wind`, `share` of every change; allocates nothing.
+    pub(crate) fn apply(&self, key: [u64; 3], share: f64, numbers: &mut [f64], wind: &mut [f64; 3]) {
         if self.changes.is_empty() {
             return;
         }
@@ -222,24 +244,24 @@ impl Randomiser {
             let change = &prepared.change;
             let stream = if change.when == Time::Reset { &mut now } else { &mut once };
             match change.what {
-                Quantity::Wind => *wind = [0, 1, 2].map(|_| change.draw(stream)),
-                Quantity::HiddenHeight => height = change.draw(stream),
-                Quantity::HiddenMass => self.hide(change, stream, height, numbers),
-                Quantity::Mass => self.weigh(change, stream, numbers),
-                Quantity::Inertia => self.spread(change, stream, numbers),
-                _ => self.vary(prepared, stream, numbers),
+                Quantity::Wind => *wind = [0, 1, 2].map(|_| share * change.draw(stream)),
+                Quantity::HiddenHeight => height = share * change.draw(stream),
+                Quantity::HiddenMass => self.hide(change, (stream, share), height, numbers),
+                Quantity::Mass => self.weigh(change, (stream, share), numbers),
+                Quantity::Inertia => self.spread(change, (stream, share), numbers),
+                _ => self.vary(prepared, (stream, share), numbers),
             }
         }
     }
 
-    fn vary(&self, prepared: &Prepared, stream: &mut Stream, numbers: &mut [f64]) {
+    fn vary(&self, prepared: &Prepared, (stream, share): (&mut Stream, f64), numbers: &mut [f64]) {
         let change = &prepared.change;
         let mut drawn = change.draw(stream);
         for (i, k) in prepared.places.iter().enumerate() {
             if change.each && i > 0 {
                 drawn = change.draw(stream);
             }
-            let mut value = change.applied(numbers[*k], drawn);
+            let mut value = change.applied(numbers[*k], drawn, share);
             if change.what == Quantity::ThrustToWeight {
                 value *= self.heavier(*k, numbers);
             }
@@ -255,19 +277,19 @@ impl Randomiser {
         numbers[place] / self.nominal[place]
     }
 
-    fn weigh(&self, change: &Change, stream: &mut Stream, numbers: &mut [f64]) {
+    fn weigh(&self, change: &Change, (stream, share): (&mut Stream, f64), numbers: &mut [f64]) {
         let mut drawn = change.draw(stream);
         for (i, body) in self.bodies.iter().enumerate() {
             if change.each && i > 0 {
                 drawn = change.draw(stream);
             }
             let own = Inertial::read(numbers, *body);
-            let mass = change.applied(own.mass, drawn).max(f64::MIN_POSITIVE);
+            let mass = change.applied(own.mass, drawn, share).max(f64::MIN_POSITIVE);
             own.scaled(mass / own.mass).write(numbers, *body);
         }
     }
 
-    fn spread(&self, change: &Change, stream: &mut Stream, numbers: &mut [f64]) {
+    fn spread(&self, change: &Change, (stream, share): (&mut Stream, f64), numbers: &mut [f64]) {
         for body in &self.bodies {
             let place = Inertial::place(*body) + 4;
             let common = change.draw(stream);
@@ -275,7 +297,7 @@ impl Randomiser {
             if change.each {
                 factors = [common, change.draw(stream), change.draw(stream)];
             }
-            let mut moments = [0, 1, 2].map(|i| change.applied(numbers[place + i], factors[i]));
+            let mut moments = [0, 1, 2].map(|i| change.applied(numbers[place + i], factors[i], share));
             for i in 0..3 {
                 let others = moments[(i + 1) % 3] + moments[(i + 2) % 3];
                 moments[i] = moments[i].min(MOST_OF_OTHERS * others);
@@ -291,14 +313,14 @@ impl Randomiser {
         }
     }
 
-    fn hide(&self, change: &Change, stream: &mut Stream, height: f64, numbers: &mut [f64]) {
+    fn hide(&self, change: &Change, (stream, share): (&mut Stream, f64), height: f64, numbers: &mut [f64]) {
         let mut drawn = change.draw(stream);
         for (i, body) in self.bodies.iter().enumerate() {
             if change.each && i > 0 {
                 drawn = change.draw(stream);
             }
             let own = Inertial::read(numbers, *body);
-            let mass = drawn.max(0.0) * self.nominal[Inertial::place(*body)];
+            let mass = share * drawn.max(0.0) * self.nominal[Inertial::place(*body)];
             own.and(&Inertial::cuboid(mass, HIDDEN_BOX, [0.0, 0.0, height])).write(numbers, *body);
         }
     }
@@ -336,14 +358,28 @@ fn places(rig: &Rig) -> (Vec<usize>, Vec<Vec<usize>>) {
 
 impl Change {
     fn draw(&self, stream: &mut Stream) -> f64 {
-        stream.uniform(self.range[0], self.range[1])
+        let [low, high] = self.range;
+        match self.distribution {
+            Distribution::Uniform => stream.uniform(low, high),
+            Distribution::LogUniform => stream.uniform(low.ln(), high.ln()).exp().clamp(low, high),
+            Distribution::Normal => {
+                // ±2σ: one draw in twenty-two is repeated
+                let mut z = stream.normal();
+                while z.abs() > 2.0 {
+                    z = stream.normal();
+                }
+                0.5 * (low + high) + 0.25 * (high - low) * z
+            }
+        }
     }
 
-    fn applied(&self, value: f64, drawn: f64) -> f64 {
-        match self.by {
+    /// The value that a draw makes of another, at this share of the change.
+    fn applied(&self, value: f64, drawn: f64, share: f64) -> f64 {
+        let full = match self.by {
             Action::Scale => value * drawn,
             Action::Add => value + drawn,
             Action::Set => drawn,
-        }
+        };
+        if share == 1.0 { full } else { value + share * (full - value) }
     }
 }

@@ -296,6 +296,9 @@ pub struct Start<'a> {
     pub once: Stream,
     /// Step at which [`Task::event`] is called; never if it is not finite.
     pub event_at: f64,
+    /// Of a curriculum, 0 to 1 ([`Env::set_difficulty`](super::Env::set_difficulty)): what a task makes of it is its own
+    /// affair.
+    pub difficulty: f64,
 }
 
 impl Start<'_> {

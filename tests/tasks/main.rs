@@ -4,6 +4,7 @@ mod contract;
 mod gradients;
 mod probes;
 mod robustness;
+mod transforms;
 
 use omnidrones::controllers::cascade::Level;
 use omnidrones::tasks::{Env, EnvConfig, registry};

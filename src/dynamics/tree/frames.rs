@@ -82,10 +82,12 @@ fn vector<S: Scalar>(axis: Axis) -> Vec3<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::autodiff::safe;
     use crate::dynamics::configurations;
+    use crate::dynamics::tree::Motion;
     use crate::dynamics::tree::kinematics::forward;
     use crate::dynamics::tree::numbers::{Source, number_vector};
-    use crate::dynamics::tree::scratch::{Scratch, scratch_on_stack};
+    use crate::dynamics::tree::scratch::scratch_on_stack;
     use crate::rng::{Purpose, Stream};
 
     #[test]
@@ -96,7 +98,16 @@ mod tests {
             let numbers = number_vector(&model);
             let mut r = Stream::new(9, 0, 0, Purpose::user(9));
             for _ in 0..20 {
-                let x: Vec<f64> = (0..t.n_state).map(|_| r.uniform(-1.0, 1.0)).collect();
+                let mut x: Vec<f64> = (0..t.n_state).map(|_| r.uniform(-1.0, 1.0)).collect();
+                for (body, place) in model.bodies().iter().zip(&model.layout().bodies) {
+                    let first = match body.joint.motion {
+                        Motion::Floating => place.position + 6,
+                        Motion::Ball => place.position,
+                        Motion::Revolute(_) | Motion::Prismatic(_) => continue,
+                    };
+                    let unit = safe::normalise([x[first], x[first + 1], x[first + 2], x[first + 3]]);
+                    x[first..first + 4].copy_from_slice(&unit);
+                }
                 let mut out = vec![0.0; t.n_body() * FRAME];
                 write(&t, Source::Constants(&numbers), &Rows::of(&x), &mut RowsMut::of(&mut out));
                 scratch_on_stack!(scratch, &t, f64);

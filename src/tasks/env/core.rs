@@ -25,6 +25,8 @@ pub(crate) struct Core {
     pub sizes: Sizes,
     pub pipeline: Pipeline,
     pub randomiser: Randomiser,
+    /// Share of what makes episodes hard, 0 to 1.
+    pub difficulty: f64,
     /// Numbers that vary between environments.
     pub varied: Vec<usize>,
     pub nominal: Vec<f64>,
@@ -251,11 +253,12 @@ impl Core {
             task,
             once,
             event_at: f64::INFINITY,
+            difficulty: self.difficulty,
         };
         self.engine.start(&mut start);
         let event_at = start.event_at;
         let mut wind = [0.0; 3];
-        self.randomiser.apply(key, &mut work.numbers, &mut wind);
+        self.randomiser.apply(key, self.difficulty, &mut work.numbers, &mut wind);
         self.install(block, work, lane, wind);
         let offset = self.offset(key);
         let delay = self.draw_delay(key);
@@ -336,6 +339,7 @@ impl Core {
             task: stream(Purpose::DISTURBANCE),
             once: stream(Purpose::user(0x0e12)),
             event_at: f64::INFINITY,
+            difficulty: self.difficulty,
         };
         // the step count, for tasks that say when the next one comes
         start.event_at = f64::from(step);

@@ -45,7 +45,7 @@ use crate::dynamics::batch::Plant;
 use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
-use crate::tasks::config::EnvConfig;
+use crate::tasks::config::{EnvConfig, check_difficulty};
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::rig::Craft;
@@ -174,6 +174,7 @@ impl Env {
             sizes,
             pipeline,
             randomiser,
+            difficulty: config.difficulty,
             varied,
             nominal,
             disturbance_rows,
@@ -237,6 +238,18 @@ impl Env {
             block.seed = [seed; BLOCK];
             block.episode = [0; BLOCK];
         }
+    }
+
+    /// The curriculum's hook: from the next restarts on, episodes take this share of all randomisation, between the nominal
+    /// numbers (0) and the ranges of the configuration (1); tasks see it as [`Start::difficulty`](super::Start::difficulty).
+    /// Saved with the state.
+    ///
+    /// # Errors
+    /// [`Error::Value`] outside [0, 1].
+    pub fn set_difficulty(&mut self, share: f64) -> Result<()> {
+        check_difficulty(share)?;
+        self.core.difficulty = share;
+        Ok(())
     }
 
     /// One step of every environment. `actions`: row-major `[E, A, action]`. What is not a number acts as the task's safe
@@ -444,6 +457,7 @@ impl Env {
             bytes.extend(block.count.to_le_bytes());
             block.sums.iter().flatten().for_each(|x| bytes.extend(x.to_le_bytes()));
         }
+        bytes.extend(self.core.difficulty.to_le_bytes());
         let s = &self.core.statistics;
         s.mean.iter().chain(&s.variance).chain([&s.count]).for_each(|x| bytes.extend(x.to_le_bytes()));
         bytes.extend(spec::fnv(&bytes).to_le_bytes());
@@ -487,6 +501,7 @@ impl Env {
                 *x = f64::from_le_bytes(take(&mut words));
             }
         }
+        self.core.difficulty = f64::from_le_bytes(take(&mut words));
         let mut s = self.core.statistics.clone();
         for x in s.mean.iter_mut().chain(&mut s.variance) {
             *x = f64::from_le_bytes(take(&mut words));
@@ -504,7 +519,7 @@ impl Env {
     }
 }
 
-const MAGIC: [u8; 8] = *b"omnienv1";
+const MAGIC: [u8; 8] = *b"omnienv2";
 /// Under a normaliser's variances.
 const VARIANCE_FLOOR: f64 = 1e-8;
 

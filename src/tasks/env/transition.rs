@@ -99,6 +99,7 @@ pub(crate) fn ideal_terms<T: Task>(task: &T, core: &Core) -> Vec<f64> {
         task: draw,
         once,
         event_at: f64::INFINITY,
+        difficulty: 1.0,
     });
     let mut frames = vec![0.0; rig.n_frame() * FRAME];
     core.exposed.write_frames(&numbers, &state, &mut frames);

@@ -1,0 +1,251 @@
+//! Transforms of observations that are composed at compile time: a task [`With`] one is a task again.
+//!
+//! They run where the task writes its observation, in one pass with it, in lanes and on recordings alike. What needs memory,
+//! noise or statistics is a [`Stage`](super::Stage), named in the configuration and applied behind them.
+//!
+//! ```
+//! use omnidrones::tasks::suite::hover::Hover;
+//! use omnidrones::tasks::{Env, EnvConfig, Pick, Scale, With};
+//!
+//! let config = EnvConfig { n_env: 64, ..EnvConfig::default() };
+//! let task = With::new(Hover::new(&config)?, (Pick::without(&["clock"]), Scale::of(&[("target", 0.5)])))?;
+//! let env = Env::of(task, "HoverWithoutClock", &config)?;
+//! assert_eq!(env.spec().n_observation, 26);
+//! # Ok::<(), omnidrones::error::Error>(())
+//! ```
+
+use super::rig::Rig;
+use super::sheet::{Sheet, Slice, total};
+use super::task::{Ends, Start, Task, View, Wanted};
+use crate::autodiff::{Pen, Rows, RowsMut, Scalar};
+use crate::error::{Error, Result};
+
+/// Most numbers of an observation under a [`Transform`].
+pub const MOST: usize = 512;
+
+/// A map of one agent's observation that needs nothing but the view.
+///
+/// As [`Task`]: mark `map` `#[inline(always)]`, use index loops.
+pub trait Transform: Clone + Send + Sync + 'static {
+    /// Learns what it is given, and says what it makes of it.
+    ///
+    /// # Errors
+    /// [`Error`] for slices that it cannot take.
+    fn prepare(&mut self, given: &[Slice]) -> Result<Vec<Slice>>;
+
+    /// Writes what [`prepare`](Self::prepare) promised.
+    fn map<S: Scalar>(&self, view: &View<'_, S>, agent: usize, given: &Rows<'_, S>, out: &mut Pen<'_, S>);
+}
+
+/// One after the other; nest pairs for more.
+impl<A: Transform, B: Transform> Transform for (A, B) {
+    fn prepare(&mut self, given: &[Slice]) -> Result<Vec<Slice>> {
+        let between = self.0.prepare(given)?;
+        fits(&between)?;
+        self.1.prepare(&between)
+    }
+
+    #[inline(always)]
+    fn map<S: Scalar>(&self, view: &View<'_, S>, agent: usize, given: &Rows<'_, S>, out: &mut Pen<'_, S>) {
+        let mut between = [S::zero(); MOST];
+        self.0.map(view, agent, given, &mut RowsMut::of(&mut between).pen(0));
+        self.1.map(view, agent, &Rows::of(&between), out);
+    }
+}
+
+/// Leaves slices out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pick {
+    without: Vec<String>,
+    places: Vec<usize>,
+}
+
+impl Pick {
+    /// Everything but these slices.
+    pub fn without(names: &[&str]) -> Self {
+        Self { without: names.iter().map(|n| n.to_string()).collect(), places: Vec::new() }
+    }
+}
+
+impl Transform for Pick {
+    fn prepare(&mut self, given: &[Slice]) -> Result<Vec<Slice>> {
+        known(self.without.iter().map(String::as_str), given)?;
+        let (mut at, mut kept) = (0, Vec::new());
+        self.places.clear();
+        for slice in given {
+            if !self.without.iter().any(|name| *name == slice.name) {
+                self.places.extend(at..at + slice.size);
+                kept.push(slice.clone());
+            }
+            at += slice.size;
+        }
+        Ok(kept)
+    }
+
+    #[inline(always)]
+    fn map<S: Scalar>(&self, _: &View<'_, S>, _: usize, given: &Rows<'_, S>, out: &mut Pen<'_, S>) {
+        for i in 0..self.places.len() {
+            out.number(given.get(self.places[i]));
+        }
+    }
+}
+
+/// Multiplies slices by fixed factors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scale {
+    of: Vec<(String, f64)>,
+    factors: Vec<f64>,
+}
+
+impl Scale {
+    /// These slices; the others stay.
+    pub fn of(factors: &[(&str, f64)]) -> Self {
+        Self { of: factors.iter().map(|(name, factor)| (name.to_string(), *factor)).collect(), factors: Vec::new() }
+    }
+}
+
+impl Transform for Scale {
+    fn prepare(&mut self, given: &[Slice]) -> Result<Vec<Slice>> {
+        known(self.of.iter().map(|(name, _)| name.as_str()), given)?;
+        crate::error::finite("factor of Scale", &self.of.iter().map(|(_, factor)| *factor).collect::<Vec<_>>())?;
+        self.factors.clear();
+        let mut slices = given.to_vec();
+        for slice in &mut slices {
+            let own = self.of.iter().find(|(name, _)| *name == slice.name).map(|(_, factor)| *factor);
+            self.factors.extend(std::iter::repeat_n(own.unwrap_or(1.0), slice.size));
+            if let Some(factor) = own {
+                slice.unit = format!("{factor} × {}", slice.unit);
+            }
+        }
+        Ok(slices)
+    }
+
+    #[inline(always)]
+    fn map<S: Scalar>(&self, _: &View<'_, S>, _: usize, given: &Rows<'_, S>, out: &mut Pen<'_, S>) {
+        for i in 0..self.factors.len() {
+            out.number(S::constant(self.factors[i]) * given.get(i));
+        }
+    }
+}
+
+/// A task under a [`Transform`].
+#[derive(Debug, Clone)]
+pub struct With<T, O> {
+    task: T,
+    transform: O,
+    slices: Vec<Slice>,
+}
+
+impl<T: Task, O: Transform> With<T, O> {
+    /// The task, seen through the transform.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] above [`MOST`] numbers; as [`Transform::prepare`].
+    pub fn new(task: T, mut transform: O) -> Result<Self> {
+        let given = task.sheet().observation;
+        fits(&given)?;
+        let slices = transform.prepare(&given)?;
+        fits(&slices)?;
+        Ok(Self { task, transform, slices })
+    }
+}
+
+impl<T: Task, O: Transform> Task for With<T, O> {
+    fn rig(&self) -> &Rig {
+        self.task.rig()
+    }
+
+    fn sheet(&self) -> Sheet {
+        Sheet { observation: self.slices.clone(), ..self.task.sheet() }
+    }
+
+    fn horizon(&self) -> usize {
+        self.task.horizon()
+    }
+
+    fn n_agent(&self) -> usize {
+        self.task.n_agent()
+    }
+
+    fn start(&self, start: &mut Start<'_>) {
+        self.task.start(start);
+    }
+
+    fn event(&self, start: &mut Start<'_>) {
+        self.task.event(start);
+    }
+
+    #[inline(always)]
+    fn disturb<S: Scalar>(&self, view: &View<'_, S>, tree: usize) -> [S; 9] {
+        self.task.disturb(view, tree)
+    }
+
+    #[inline(always)]
+    fn remember<S: Scalar>(&self, view: &View<'_, S>, memo: &mut Pen<'_, S>) {
+        self.task.remember(view, memo);
+    }
+
+    #[inline(always)]
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut Pen<'_, S>) {
+        let mut given = [S::zero(); MOST];
+        self.task.observe(view, agent, &mut RowsMut::of(&mut given).pen(0));
+        self.transform.map(view, agent, &Rows::of(&given), out);
+    }
+
+    #[inline(always)]
+    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
+        self.task.central(view, out);
+    }
+
+    #[inline(always)]
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
+        self.task.reward(view, terms);
+    }
+
+    #[inline(always)]
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
+        self.task.ends(view, ends);
+    }
+
+    #[inline(always)]
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
+        self.task.metrics(view, out);
+    }
+
+    #[inline(always)]
+    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
+        self.task.success(view)
+    }
+
+    #[inline(always)]
+    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        self.task.loss(view)
+    }
+
+    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+        self.task.wanted(view)
+    }
+
+    fn ideal(&self, start: &mut Start<'_>) {
+        self.task.ideal(start);
+    }
+}
+
+fn fits(slices: &[Slice]) -> Result<()> {
+    let n = total(slices);
+    if n <= MOST {
+        return Ok(());
+    }
+    Err(Error::limit("numbers of an observation under a transform", n, MOST, "Use stages by name."))
+}
+
+/// Whether every name is one of the slices'.
+fn known<'a>(names: impl Iterator<Item = &'a str>, slices: &[Slice]) -> Result<()> {
+    for name in names {
+        if !slices.iter().any(|slice| slice.name == name) {
+            let known = slices.iter().map(|slice| slice.name.to_string()).collect();
+            return Err(Error::Unknown { kind: "slice of the observation", name: name.into(), known });
+        }
+    }
+    Ok(())
+}

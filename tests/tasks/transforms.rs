@@ -1,0 +1,113 @@
+//! Transforms composed at compile time, distributions, curricula.
+
+use crate::config;
+use omnidrones::tasks::suite::hover::Hover;
+use omnidrones::tasks::{Buffers, Change, Distribution, Env, EnvConfig, Pick, Quantity, Scale, With};
+
+fn stepped(mut env: Env, steps: usize) -> (Env, Buffers) {
+    let mut out = Buffers::new(env.spec());
+    env.reset(None, None, &mut out.out()).unwrap();
+    let mut actions = vec![0.0; env.spec().n_env * 4];
+    for t in 0..steps {
+        env.sample(t as u64, &mut actions);
+        env.step(&actions, &mut out.out()).unwrap();
+    }
+    (env, out)
+}
+
+#[test]
+fn a_transform_of_compile_time_gives_the_bits_of_the_map_it_stands_for() {
+    let config = config(100, 20);
+    let (plain, raw) = stepped(Env::make("Hover", &config).unwrap(), 30);
+    let transform = (Scale::of(&[("target", 0.5), ("velocity", 2.0)]), Pick::without(&["attitude", "clock"]));
+    let task = With::new(Hover::new(&config).unwrap(), transform).unwrap();
+    let (seen, out) = stepped(Env::of(task, "Hover", &config).unwrap(), 30);
+    assert_eq!((raw.reward, raw.info), (out.reward, out.info));
+    let (n, mut kept) = (plain.spec().n_observation, Vec::new());
+    for row in raw.observation.chunks(n) {
+        for slice in &plain.spec().observation {
+            let factor = match slice.name.as_str() {
+                "target" => 0.5,
+                "velocity" => 2.0,
+                _ => 1.0,
+            };
+            let range = plain.spec().observation_range(&slice.name).unwrap();
+            if slice.name != "attitude" && slice.name != "clock" {
+                kept.extend(row[range].iter().map(|x| factor * x));
+            }
+        }
+    }
+    assert_eq!(out.observation, kept);
+    assert_eq!(seen.spec().observation[0].unit, "0.5 × m, world");
+}
+
+#[test]
+fn a_transform_names_the_slice_it_does_not_know() {
+    let config = config(1, 20);
+    let error = With::new(Hover::new(&config).unwrap(), Pick::without(&["clocks"])).unwrap_err().to_string();
+    assert!(error.contains("clocks") && error.contains("clock"), "{error}");
+}
+
+/// Masses over nominal ones in 4 000 first episodes.
+fn masses(distribution: Distribution, difficulty: f64) -> Vec<f64> {
+    let change = Change { distribution, ..Change::scale(Quantity::Mass, 0.5, 2.0) };
+    let config = EnvConfig { n_env: 4000, randomise: vec![change], ..EnvConfig::default() };
+    let mut env = Env::make("Hover", &config).unwrap();
+    env.set_difficulty(difficulty).unwrap();
+    let mut out = Buffers::new(env.spec());
+    env.reset(None, None, &mut out.out()).unwrap();
+    let nominal = env.rig().numbers()[1];
+    (0..4000).map(|i| env.numbers(i).unwrap()[1] / nominal).collect()
+}
+
+#[test]
+fn distributions_have_the_moments_they_promise() {
+    let moments = |x: &[f64]| {
+        let mean = x.iter().sum::<f64>() / x.len() as f64;
+        (mean, (x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / x.len() as f64).sqrt())
+    };
+    // a normal draw within ±2σ has 0.8796 σ
+    let ln2 = 2.0_f64.ln();
+    for (distribution, mean, deviation) in [
+        (Distribution::Uniform, 1.25, 1.5 / 12.0_f64.sqrt()),
+        (Distribution::Normal, 1.25, 0.375 * 0.8796),
+        (Distribution::LogUniform, 1.5 / (2.0 * ln2), 0.4247),
+    ] {
+        let x = masses(distribution, 1.0);
+        assert!(x.iter().all(|x| (0.5..=2.0 + 1e-6).contains(x)));
+        let (m, d) = moments(&x);
+        println!("{distribution:?}: mean {m:.4} of {mean:.4}, deviation {d:.4} of {deviation:.4}");
+        // four standard errors of 4 000 draws, at most 0.027
+        assert!((m - mean).abs() < 0.028 && (d - deviation).abs() < 0.02, "{distribution:?}: {m}, {d}");
+    }
+}
+
+#[test]
+fn difficulty_takes_its_share_of_every_change() {
+    let (none, half, all) =
+        (masses(Distribution::Uniform, 0.0), masses(Distribution::Uniform, 0.5), masses(Distribution::Uniform, 1.0));
+    assert!(none.iter().all(|x| (x - 1.0).abs() < 1e-6));
+    for (h, a) in half.iter().zip(&all) {
+        assert!((h - (1.0 + 0.5 * (a - 1.0))).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn difficulty_is_part_of_the_saved_state() {
+    let change = Change::scale(Quantity::Mass, 0.5, 2.0);
+    let config = EnvConfig { randomise: vec![change], ..config(64, 10) };
+    let (mut env, _) = stepped(Env::make("Hover", &config).unwrap(), 3);
+    env.set_difficulty(0.25).unwrap();
+    let saved = env.save();
+    let go_on = |mut env: Env| {
+        let mut out = Buffers::new(env.spec());
+        for _ in 0..30 {
+            env.step(&[0.0; 256], &mut out.out()).unwrap();
+        }
+        out.privileged
+    };
+    let mut other = Env::make("Hover", &config).unwrap();
+    other.load(&saved).unwrap();
+    assert_eq!(go_on(env), go_on(other));
+    assert!(Env::make("Hover", &config).unwrap().set_difficulty(1.5).is_err());
+}
