@@ -39,7 +39,7 @@ Examples:
 Without a task the subject is a Hummingbird, then every configuration, under RK4 at 16 ms with linear drag. A ratio says how many times the baseline: in speed for rates, in time for durations.
 
 With a task: random actions close to hover, episodes that begin anywhere in time; 'rotor' and 'rate' are the level at \
-which actions enter. One environment in a loop is a batch of one: it too computes in a block of 64 lanes, so a batch is \
+which actions enter, --control and --integrator name one. One environment in a loop is a batch of one: it too computes in a block of 64 lanes, so a batch is \
 faster by up to 64 times on one thread.
 
 Files in --out: bench.png or bench.svg, with a task TASK.png or TASK.svg. Close other programs: figures fall with their load.
@@ -56,8 +56,6 @@ pub struct Arguments {
     /// A task ('omnidrones tasks'); without it, steps and derivatives of vehicles
     #[arg(value_name = "TASK")]
     task: Option<String>,
-    #[command(flatten)]
-    environment: EnvArguments,
     /// Short runs: about 5 s instead of 20 s, and less steady figures
     #[arg(long)]
     quick: bool,
@@ -79,6 +77,8 @@ pub struct Arguments {
     /// Print one JSON object and nothing else
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    environment: EnvArguments,
 }
 
 /// Measures.

@@ -185,7 +185,7 @@ const KEYS: [(&str, &str); 16] = [
     ("seed", "of all that is drawn"),
     ("first_environment", "number of the first: a shard of a larger batch gives its own"),
     ("control", "where actions enter: rotor, rate, attitude, velocity, position"),
-    ("action_scale", "what an action of 1 means in the control modes: m, m/s, rad, rad/s"),
+    ("action_scale", ""),
     ("actions", "or kind = \"discrete\", \"multi_discrete\" with levels = 3"),
     ("delay", "steps between an action and its effect, drawn for every episode"),
     ("dt", "s per step"),
@@ -197,6 +197,16 @@ const KEYS: [(&str, &str); 16] = [
     ("autoreset", "same_step, next_step, disabled"),
     ("stagger", "whether first episodes begin anywhere in time"),
     ("memory_limit", "bytes"),
+];
+
+/// The lines of `action_scale`.
+const SCALES: [(&str, &str); 6] = [
+    ("position", "what an action of 1 means in the control modes: distance per axis, m"),
+    ("velocity", "per axis, m/s"),
+    ("yaw", "in the levels velocity and position, rad"),
+    ("rate", "of the body, per axis, rad/s"),
+    ("yaw_rate", "in the level attitude, rad/s"),
+    ("tilt", "roll and pitch in the level attitude, rad"),
 ];
 
 /// A configuration as a file with comments, which [`EnvConfig::from_toml`] reads back; `own` is the task's environment.
@@ -215,6 +225,12 @@ pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
                 lines.push((format!("{key} = ["), meaning));
                 lines.extend(items.iter().map(|item| (format!("    {item},"), "")));
                 lines.push(("]".into(), ""));
+            }
+            Some(toml::Value::Table(scales)) if key == "action_scale" => {
+                let line = |(name, unit): &(&str, &'static str)| {
+                    Some((format!("{key}.{name} = {}", scales.get(*name)?), *unit))
+                };
+                lines.extend(SCALES.iter().filter_map(line));
             }
             Some(value) => lines.push((format!("{key} = {value}"), meaning)),
             None => {}
@@ -254,6 +270,7 @@ mod tests {
             assert_eq!(again.spec().hash(), env.spec().hash(), "{text}");
             assert_eq!(again.spec().privileged, env.spec().privileged, "{text}");
             assert_eq!(again.spec().horizon, env.spec().horizon, "{text}");
+            assert_eq!(EnvConfig { task: toml::Table::new(), randomise: Vec::new(), ..read }, config, "{text}");
             let keys = toml::Table::try_from(&config).unwrap();
             assert!(keys.keys().all(|key| key == "task" || KEYS.iter().any(|(k, _)| k == key)), "{keys:?}");
         }

@@ -5,6 +5,7 @@
 //! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout` and `bench` |
+//! | `rollout_all.rs` | `rollout --all`: every task, one line each |
 //! | `rollout_files.rs` | plots and CSV of `rollout` |
 //! | `fly_rig.rs` | `fly` for configurations, and drops |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
@@ -30,6 +31,7 @@ mod page;
 mod progress;
 mod rig;
 mod rollout;
+mod rollout_all;
 mod rollout_files;
 mod sheet;
 mod show;

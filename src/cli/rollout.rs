@@ -4,13 +4,13 @@ use super::arguments::FormatName;
 use super::environment::EnvArguments;
 use super::page::{Fact, Page, duration, short};
 use super::rollout_files::{self as out, LINES, percent};
-use super::table::{Align, Table, number};
-use super::{Report, files, progress};
+use super::table::{Align, Table};
+use super::{Report, files, progress, rollout_all};
 use clap::ValueEnum;
-use omnidrones::error::{Error, Result};
+use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::registry::{self, Entry, REGISTRY};
-use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spread, evaluate};
+use omnidrones::tasks::registry::{self, Entry};
+use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spread, Watched, evaluate};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -23,12 +23,13 @@ error of all episodes over time.";
 
 const EXAMPLES: &str = "\
 Examples:
-  omnidrones rollout Hover                              256 episodes under our controller
-  omnidrones rollout Hover --controller random          under random actions
-  omnidrones rollout Track --envs 1024 --seed 7 --csv   more episodes, other starts, all steps and episodes as CSV
-  omnidrones rollout Hover --vehicle crazyflie          with another drone
-  omnidrones rollout Hover --randomise mass:0.7:1.3     a drone of another mass in every episode
-  omnidrones rollout --all                              one line per task
+  omnidrones rollout Hover                             256 episodes under our controller
+  omnidrones rollout Hover --controller random         under random actions
+  omnidrones rollout Track --envs 1024 --seed 7        more episodes, other starts
+  omnidrones rollout Track --csv --out track           every step and every episode as CSV
+  omnidrones rollout Hover --vehicle crazyflie         with another drone
+  omnidrones rollout Hover --randomise mass:0.7:1.3    of another mass in every episode
+  omnidrones rollout --all                             one line per task
 
 Controllers: pd is the cascade (position, velocity, attitude, rate) for a drone alone, and for systems of bodies the \
 controller that 'omnidrones fly' takes; it sees the true state and acts on the rotors. random draws every command \
@@ -36,7 +37,7 @@ uniformly in every step.
 
 The bound is the best reward of a step times the steps of an episode: nothing reaches it, for the start counts too.
 
-Files in --out: rollout (.png or .svg), and with --csv steps.csv (one line per step: mean, 10 %, median, 90 % over the \
+Files in --out: rollout (.png or .svg; spreads as long as a tenth of the episodes goes on), and with --csv steps.csv (one line per step: mean, 10 %, median, 90 % over the \
 episodes that go on) and episodes.csv (one line per episode). Of --all: tasks (.png or .svg).
 
 JSON: SI units; shares from 0 to 1; null where a number does not exist.
@@ -55,7 +56,7 @@ pub struct Arguments {
     all: bool,
     /// What flies
     #[arg(long, value_name = "NAME", default_value = "pd")]
-    controller: ControllerName,
+    pub(super) controller: ControllerName,
     /// Environments, one episode each [default: 256; 32 of each task with --all]
     #[arg(long, alias = "environments", value_name = "N")]
     envs: Option<usize>,
@@ -66,19 +67,19 @@ pub struct Arguments {
     environment: EnvArguments,
     /// Folder for what is written [default: out/TASK, out/tasks with --all]
     #[arg(long, value_name = "DIR", help_heading = "Output")]
-    out: Option<PathBuf>,
+    pub(super) out: Option<PathBuf>,
     /// File type of the plots
     #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
-    format: FormatName,
+    pub(super) format: FormatName,
     /// Draw nothing
     #[arg(long, help_heading = "Output")]
-    no_plots: bool,
+    pub(super) no_plots: bool,
     /// Write every step and every episode as CSV
     #[arg(long, conflicts_with = "all", help_heading = "Output")]
     csv: bool,
     /// Print one JSON object and nothing else
     #[arg(long, help_heading = "Output")]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// Names of controllers.
@@ -91,7 +92,7 @@ pub enum ControllerName {
 }
 
 impl ControllerName {
-    fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Pd => "pd",
             Self::Random => "random",
@@ -104,16 +105,8 @@ pub struct Flown {
     pub record: Record,
     /// `cascade`, `random`.
     pub controller: String,
-    evaluation: Evaluation,
+    pub evaluation: Evaluation,
     wall_time: f64,
-}
-
-/// A task of `--all`: its figures, or why it was not flown.
-pub struct Line {
-    pub name: &'static str,
-    pub flown: std::result::Result<Evaluation, String>,
-    controller: String,
-    error: (String, String),
 }
 
 /// Flies.
@@ -124,7 +117,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
     match &a.task {
         Some(name) => one(a, registry::by_name(name)?, &config, &threads),
-        None => all(a, &config, &threads),
+        None => rollout_all::run(a, &config, &threads),
     }
 }
 
@@ -133,50 +126,59 @@ fn draw(seed: u64, step: usize) -> u64 {
     seed.rotate_left(32) ^ step as u64
 }
 
-fn fly(
-    entry: &Entry,
-    config: &EnvConfig,
-    threads: &Threads,
-    controller: ControllerName,
-    step: &mut dyn FnMut(usize),
-) -> Result<Flown> {
-    let mut env = entry.env(config)?;
-    env.set_threads(threads.clone());
-    let mut record = Record::new(&env, LINES);
-    let start = Instant::now();
-    let mut watch = |watched: &omnidrones::tasks::Watched<'_>| {
-        record.see(watched);
-        step(watched.step);
-    };
-    let (name, evaluation) = match controller {
-        ControllerName::Pd => {
-            let mut baseline = Baseline::new(&env)?;
-            let name = baseline.name().to_string();
-            (name, evaluate(&mut env, &mut baseline.policy(), &mut watch)?)
-        }
-        ControllerName::Random => {
-            let mut steps = 0;
-            let mut policy = |env: &Env, _: &Buffers, actions: &mut [f32]| {
-                env.sample(draw(config.seed, steps), actions);
-                steps += 1;
-            };
-            ("random".into(), evaluate(&mut env, &mut policy, &mut watch)?)
-        }
-    };
-    Ok(Flown { record, controller: name, evaluation, wall_time: start.elapsed().as_secs_f64() })
+/// Environments with who flies them.
+pub(super) struct Ready {
+    env: Env,
+    /// None draws at random.
+    baseline: Option<Baseline>,
+}
+
+impl Ready {
+    pub(super) fn new(
+        entry: &Entry,
+        config: &EnvConfig,
+        threads: &Threads,
+        controller: ControllerName,
+    ) -> Result<Self> {
+        let mut env = entry.env(config)?;
+        env.set_threads(threads.clone());
+        let baseline = match controller {
+            ControllerName::Pd => Some(Baseline::new(&env)?),
+            ControllerName::Random => None,
+        };
+        Ok(Self { env, baseline })
+    }
+
+    /// `step` is told the steps done.
+    pub(super) fn fly(mut self, step: &mut dyn FnMut(usize)) -> Result<Flown> {
+        let mut record = Record::new(&self.env, LINES);
+        let (seed, start) = (self.env.spec().config.seed, Instant::now());
+        let mut watch = |watched: &Watched<'_>| {
+            record.see(watched);
+            step(watched.step);
+        };
+        let mut steps = 0;
+        let mut random = |env: &Env, _: &Buffers, actions: &mut [f32]| {
+            env.sample(draw(seed, steps), actions);
+            steps += 1;
+        };
+        let (controller, evaluation) = match &mut self.baseline {
+            Some(own) => (own.name().to_string(), evaluate(&mut self.env, &mut own.policy(), &mut watch)?),
+            None => ("random".into(), evaluate(&mut self.env, &mut random, &mut watch)?),
+        };
+        Ok(Flown { record, controller, evaluation, wall_time: start.elapsed().as_secs_f64() })
+    }
 }
 
 fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> Result<Report> {
+    // before any folder is made
+    let ready = Ready::new(entry, config, threads, a.controller)?;
     let folder = a.out.clone().unwrap_or_else(|| Path::new("out").join(entry.name));
     if a.csv || !a.no_plots {
-        // what cannot be built shall leave no folder
-        entry.env(&EnvConfig { n_env: 1, ..config.clone() })?;
         files::prepare_folder(&folder)?;
     }
-    let bar = progress::bar(0, "flying", a.json);
-    let horizon = entry.env(&EnvConfig { n_env: 1, ..config.clone() })?.spec().horizon;
-    bar.set_length(horizon as u64);
-    let flown = fly(entry, config, threads, a.controller, &mut |k| bar.set_position(k as u64))?;
+    let bar = progress::bar(ready.env.spec().horizon as u64, "flying", a.json);
+    let flown = ready.fly(&mut |k| bar.set_position(k as u64))?;
     bar.finish_and_clear();
     let mut written = Vec::new();
     if !a.no_plots {
@@ -216,7 +218,10 @@ impl Flown {
             format!("success {}", percent(e.success)),
             format!("crashed {}", percent(e.crashed)),
         ];
-        parts.push(format!("{} at the end {} {}", error.name.replace('_', " "), short(e.final_error, 3), error.unit));
+        if let Some((_, unit, last)) = self.final_spreads().next() {
+            let name = error.name.replace('_', " ");
+            parts.push(format!("median {name} at the end {} {unit}", short(last.median, 3)));
+        }
         parts.join("   ·   ")
     }
 
@@ -261,9 +266,9 @@ impl Flown {
             )),
             Fact::new(format!("{}, mean", error.name.replace('_', " ")), with_unit(e.mean_error))
                 .note("over all steps, the start included"),
-            Fact::new("in the last step", with_unit(e.final_error)).note("crashed episodes included"),
+            Fact::new("in the last step", with_unit(e.final_error)).note("mean, crashed episodes included"),
             Fact::new("took", duration(self.wall_time))
-                .note(format!("{} steps per second, the controller included", short(rate, 3))),
+                .note(format!("{} k steps per second, the controller included", short(1e-3 * rate, 3))),
         ]
     }
 
@@ -344,121 +349,4 @@ impl Flown {
             "files": files::names(written),
         })
     }
-}
-
-/// Every task, one line each.
-fn all(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Report> {
-    let folder = a.out.clone().unwrap_or_else(|| Path::new("out").join("tasks"));
-    if !a.no_plots {
-        files::prepare_folder(&folder)?;
-    }
-    let bar = progress::bar(REGISTRY.len() as u64, "", a.json);
-    let mut lines = Vec::new();
-    for entry in REGISTRY {
-        bar.set_message(format!("flying {}", entry.name));
-        lines.push(line(entry, config, threads, a.controller));
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    if let Some(Line { flown: Err(reason), .. }) = lines.first().filter(|_| lines.iter().all(|l| l.flown.is_err())) {
-        let remedy = "Try one task alone: omnidrones rollout TASK.";
-        return Err(Error::value("number of tasks flown", format!("0 ({reason})"), "1 or more", remedy));
-    }
-    let mut written = Vec::new();
-    if !a.no_plots {
-        let path = folder.join(format!("tasks.{}", a.format.extension()));
-        out::draw_all(&lines, &path)?;
-        written.push(path);
-    }
-    if a.json {
-        let tasks: Vec<Value> = lines.iter().map(Line::json).collect();
-        let value = json!({
-            "command": "rollout",
-            "version": env!("CARGO_PKG_VERSION"),
-            "controller": a.controller.name(),
-            "config": config,
-            "tasks": tasks,
-            "files": files::names(&written),
-        });
-        return Ok(Report::json(&value, true));
-    }
-    Ok(Report::done(all_page(&lines, config, &written)))
-}
-
-fn line(entry: &'static Entry, config: &EnvConfig, threads: &Threads, controller: ControllerName) -> Line {
-    match fly(entry, config, threads, controller, &mut |_| ()) {
-        Ok(flown) => {
-            let error = &flown.record.spec().info[flown.record.first_metric()];
-            let error = (error.name.clone(), error.unit.clone());
-            Line { name: entry.name, flown: Ok(flown.evaluation), controller: flown.controller, error }
-        }
-        Err(reason) => Line {
-            name: entry.name,
-            flown: Err(reason.to_string()),
-            controller: "–".into(),
-            error: (String::new(), String::new()),
-        },
-    }
-}
-
-impl Line {
-    fn json(&self) -> Value {
-        json!({
-            "task": self.name,
-            "flown_by": self.flown.is_ok().then_some(&self.controller),
-            "error": self.error.0,
-            "evaluation": self.flown.as_ref().ok(),
-            "left_out": self.flown.as_ref().err(),
-        })
-    }
-}
-
-fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> String {
-    let mut table = Table::new(&[
-        ("task", Align::Left),
-        ("flown by", Align::Left),
-        ("return", Align::Right),
-        ("± std", Align::Right),
-        ("of bound [%]", Align::Right),
-        ("success [%]", Align::Right),
-        ("crashed [%]", Align::Right),
-        ("steps", Align::Right),
-        ("error, mean [m]", Align::Right),
-        ("at the end [m]", Align::Right),
-    ]);
-    let mut left_out = Vec::new();
-    for line in lines {
-        match &line.flown {
-            Ok(e) => table.row([
-                line.name.to_string(),
-                line.controller.clone(),
-                short(e.return_mean, 4),
-                short(e.return_std, 3),
-                number(100.0 * e.share_of_bound, 1),
-                number(100.0 * e.success, 0),
-                number(100.0 * e.crashed, 0),
-                number(e.length, 0),
-                number(e.mean_error, 3),
-                number(e.final_error, 3),
-            ]),
-            Err(reason) => {
-                left_out.push(format!("{}: {reason}", line.name));
-                table.row([line.name, "–"])
-            }
-        };
-    }
-    let mut page = Page::new();
-    page.title("Baselines", &format!("{} episodes of every task, seed {}", config.n_env, config.seed));
-    page.table(&table);
-    let named = lines.iter().filter(|l| !l.error.0.is_empty() && l.error.0 != "position_error");
-    let others: Vec<String> = named.map(|l| format!("{} ({})", l.name, l.error.0)).collect();
-    let but = if others.is_empty() { String::new() } else { format!(", but for {}", others.join(", ")) };
-    page.line(format!("\nError: position_error of the task{but}."));
-    if !left_out.is_empty() {
-        page.heading("Not flown").notes("", &left_out, left_out.len(), "");
-    }
-    for path in written {
-        page.line(format!("\nwritten {}", path.display()));
-    }
-    page.finish()
 }

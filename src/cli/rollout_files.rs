@@ -2,28 +2,31 @@
 
 use super::files;
 use super::page::short;
-use super::rollout::{Flown, Line};
+use super::rollout::Flown;
+use super::rollout_all::Line;
 use omnidrones::error::{Error, Result};
 use omnidrones::plot::{Bar, Bars, Colour, Figure, Panel, Series};
-use omnidrones::tasks::Record;
+use omnidrones::tasks::{Record, Recorded};
 use std::path::{Path, PathBuf};
 
 /// Single environments drawn behind the spread.
 pub const LINES: usize = 16;
-/// The spread needs a logarithmic axis where the median falls by more than this.
-const DECADES: f64 = 40.0;
+/// A median that ends below its largest value by more than this needs a logarithmic axis.
+const FALL: f64 = 40.0;
+/// Least share of the episodes over which a spread is drawn.
+const ENOUGH: f64 = 0.1;
 
 /// Draws one task: its error, its returns, its reward.
 pub fn draw(flown: &Flown, path: &Path) -> Result<()> {
     let record = &flown.record;
-    let height = if record.steps.iter().any(|s| s.n_flying < record.spec().n_env) { 0.35 } else { 0.0 };
+    let height = if record.steps.iter().any(|s| s.n_flying < record.spec().n_env) { 0.45 } else { 0.0 };
     let mut rows = vec![1.15, 1.0];
     if height > 0.0 {
         rows.insert(1, height);
     }
     let last = rows.len() - 1;
     let mut figure =
-        Figure::new(format!("{}: {} episodes flown by {}", flown.task(), record.spec().n_env, flown.controller))
+        Figure::new(format!("{}: {} episodes, flown by {}", flown.task(), record.spec().n_env, flown.controller))
             .subtitle(flown.headline())
             .size(1000.0, 560.0 + 300.0 * height)
             .grid(&[1.0, 1.0], &rows)
@@ -47,27 +50,37 @@ fn error(record: &Record) -> Panel {
     let title = name[..1].to_uppercase() + &name[1..];
     let dt = record.spec().dt;
     let mut panel = Panel::new(title, "time [s]", format!("{name} [{unit}]")).from_zero();
-    let median: Vec<(f64, f64)> = record.steps.iter().map(|s| (s.time, s.metrics[0].median)).collect();
-    let spread = record.steps.iter().map(|s| (s.time, s.metrics[0].low, s.metrics[0].high)).collect();
-    let ends = |of: fn(f64, f64) -> f64, from: f64| median.iter().map(|p| p.1).filter(|v| *v > 0.0).fold(from, of);
-    if ends(f64::max, 0.0) > DECADES * ends(f64::min, f64::INFINITY) {
+    let median: Vec<(f64, f64)> = crowded(record).map(|s| (s.time, s.metrics[0].median)).collect();
+    let spread = crowded(record).map(|s| (s.time, s.metrics[0].low, s.metrics[0].high)).collect();
+    let largest = median.iter().map(|p| p.1).fold(0.0, f64::max);
+    if median.last().is_some_and(|end| end.1 > 0.0 && largest > FALL * end.1) {
         panel = panel.log_y();
     }
-    panel = panel.ribbon("10 to 90 % of those that fly", spread, Colour::BLUE);
+    panel = panel.ribbon("10 to 90 % of the episodes that go on", spread, Colour::BLUE);
     for (i, line) in record.lines.iter().enumerate() {
         let points = line.iter().enumerate().map(|(k, e)| ((k + 1) as f64 * dt, f64::from(*e))).collect();
         let name = if i == 0 { "single episodes" } else { "" };
         panel = panel.series(Series::line(name, points).colour(Colour::SKY).width(0.5));
     }
-    panel.series(Series::line("median", median).colour(Colour::BLUE).width(2.0))
+    whole_time(panel.series(Series::line("median", median).colour(Colour::BLUE).width(2.0)), record)
+}
+
+/// Steps that enough episodes share.
+fn crowded(record: &Record) -> impl Iterator<Item = &Recorded> {
+    let least = ENOUGH * record.spec().n_env as f64;
+    record.steps.iter().filter(move |s| s.n_flying as f64 >= least)
+}
+
+/// From the start to the last step.
+fn whole_time(panel: Panel, record: &Record) -> Panel {
+    panel.x_range(0.0, record.steps.last().map_or(1.0, |s| s.time))
 }
 
 fn flying(record: &Record) -> Panel {
     let n = record.spec().n_env as f64;
     let share = record.steps.iter().map(|s| (s.time, 100.0 * s.n_flying as f64 / n)).collect();
-    Panel::new("Episodes that go on", "time [s]", "share [%]")
-        .y_range(0.0, 105.0)
-        .series(Series::line("", share).colour(Colour::VERMILLION))
+    let panel = Panel::new("Episodes that go on", "time [s]", "share [%]").y_range(0.0, 105.0);
+    whole_time(panel.series(Series::line("", share).colour(Colour::VERMILLION)), record)
 }
 
 fn returns(record: &Record) -> Panel {
@@ -87,32 +100,31 @@ fn returns(record: &Record) -> Panel {
 fn reward(record: &Record) -> Panel {
     let mut panel = Panel::new("Reward per step by term", "time [s]", "reward").from_zero();
     for (k, term) in record.spec().reward.iter().enumerate() {
-        let points = record.steps.iter().map(|s| (s.time, s.terms[k])).collect();
+        let points = crowded(record).map(|s| (s.time, s.terms[k])).collect();
         panel = panel.series(Series::line(term.name, points));
     }
-    panel
+    whole_time(panel, record)
 }
 
-/// All tasks side by side.
-pub fn draw_all(lines: &[Line], path: &Path) -> Result<()> {
-    let mut bars = Bars::new("Mean return", "share of the largest possible return [%]");
-    for line in lines {
-        let bar = match &line.flown {
-            Ok(e) => {
-                let note = format!("%   {} success, {} crashed", percent(e.success), percent(e.crashed));
-                let colour = if e.crashed > 0.05 { Colour::VERMILLION } else { Colour::BLUE };
-                Bar::new(line.name, 100.0 * e.share_of_bound).note(note).colour(colour)
-            }
-            Err(_) => Bar::new(line.name, f64::NAN).note("not flown").colour(Colour::GREY),
-        };
-        bars = bars.bar(bar);
+/// The tasks that were flown, side by side.
+pub fn draw_all(lines: &[Line], title: &str, path: &Path) -> Result<()> {
+    let mut bars =
+        Bars::new("Mean return", "share of the bound: best reward of a step × steps [%]").baseline("bound", 100.0);
+    for (line, e) in lines.iter().filter_map(|line| Some((line, line.flown.as_ref().ok()?))) {
+        let note = format!("%   {} success, {} crashed", percent(e.success), percent(e.crashed));
+        let colour = if e.crashed > CRASHES { Colour::VERMILLION } else { Colour::BLUE };
+        bars = bars.bar(Bar::new(line.name, 100.0 * e.share_of_bound).note(note).colour(colour));
     }
-    Figure::new("The benchmark tasks under our controllers")
-        .subtitle("vermillion: more than 5 % of the episodes crashed")
-        .size(900.0, 90.0 + 24.0 * lines.len() as f64)
+    let height = 100.0 + 24.0 * bars.bars.len() as f64;
+    Figure::new(title)
+        .subtitle(format!("vermillion: more than {} of the episodes crashed", percent(CRASHES)))
+        .size(900.0, height)
         .chart(bars)
         .save(path)
 }
+
+/// Share of crashes that colours a bar.
+const CRASHES: f64 = 0.05;
 
 /// `97 %`.
 pub fn percent(share: f64) -> String {

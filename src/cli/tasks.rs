@@ -24,7 +24,7 @@ Examples:
   omnidrones tasks Hover                        one task in full
   omnidrones tasks Hover --control rate         what changes if actions are body rates and thrust
   omnidrones tasks OverHover --set n_drone=6    with six drones
-  omnidrones tasks Hover --toml > hover.toml    a file to edit: omnidrones rollout Hover --config hover.toml
+  omnidrones tasks Hover --toml > hover.toml    a file to edit, for --config
   omnidrones tasks Track --json                 for a program
 
 Sizes count numbers. Best reward is the largest of one step: the sum of all terms' bounds. Memory is what one environment \
@@ -79,10 +79,10 @@ fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
     let mut table = Table::new(&[
         ("task", Align::Left),
         ("agents", Align::Right),
-        ("observation", Align::Right),
-        ("action", Align::Right),
+        ("sees", Align::Right),
+        ("acts", Align::Right),
         ("steps", Align::Right),
-        ("best reward", Align::Right),
+        ("best", Align::Right),
         ("goal", Align::Left),
     ]);
     let mut page = Page::new();
@@ -111,10 +111,13 @@ fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
     }
     page.table(&table);
     page.line(format!(
-        "\nPer agent and per step of {} s; all agents of a team share the reward.\n\
-         omnidrones tasks TASK prints one in full, omnidrones rollout TASK flies it.",
+        "
+'sees' and 'acts' count the numbers of one agent's observation and action in a step of {} s, 'steps' those of an \
+         episode;
+'best' is the largest reward of a step, which all agents of a team share.",
         short(config.dt, 3)
     ));
+    page.line("omnidrones tasks TASK prints one in full, omnidrones rollout TASK flies it.");
     Ok(Report::done(page.finish()))
 }
 
@@ -240,7 +243,7 @@ impl Described {
         ]);
         if !spec.privileged.is_empty() {
             let names: Vec<&str> = spec.privileged.iter().map(|(name, _)| name.as_str()).collect();
-            facts.push(Fact::new("drawn", format!("{} numbers", names.len())).note(some(&names, 4)));
+            facts.push(Fact::new("drawn", format!("{} numbers", names.len())).note(some(&names, 3)));
         }
         facts.push(match &self.controller {
             Ok(name) => Fact::new("controller", name).note("--controller pd of 'omnidrones rollout'"),
@@ -322,7 +325,7 @@ fn slices(slices: &[Slice]) -> Table {
     for s in slices {
         let place = if s.size == 1 { at.to_string() } else { format!("{at}–{}", (at + s.size).saturating_sub(1)) };
         at += s.size;
-        table.row([&place, &s.name, &s.size.to_string(), &s.unit, &s.meaning]);
+        table.row([&place, &s.name, &s.size.to_string(), &s.unit, &wrapped(&s.meaning, 48)]);
     }
     table.row(["", "all", &total(slices).to_string()]);
     table
@@ -358,6 +361,22 @@ fn commands(names: &[String]) -> String {
         [] => String::new(),
     };
     runs.map(run).collect::<Vec<_>>().join(", ")
+}
+
+/// In lines of at most `width`, cut between words.
+fn wrapped(text: &str, width: usize) -> String {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        let line = lines.last_mut().map_or(0, |l| l.chars().count());
+        match lines.last_mut() {
+            Some(last) if line == 0 || line + 1 + word.chars().count() <= width => {
+                last.push_str(if line == 0 { "" } else { " " });
+                last.push_str(word);
+            }
+            _ => lines.push(word.into()),
+        }
+    }
+    lines.join("\n")
 }
 
 /// The first `most`, and how many more there are.
