@@ -7,7 +7,7 @@ use super::rollout_files::{self as out, LINES, percent};
 use super::table::{Align, Table};
 use super::{Report, files, progress, rollout_all};
 use clap::ValueEnum;
-use omnidrones::error::Result;
+use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spread, Watched, evaluate};
@@ -43,6 +43,11 @@ episodes that go on) and episodes.csv (one line per episode). Of --all: tasks (.
 JSON: SI units; shares from 0 to 1; null where a number does not exist.
 
 Exit codes: 0 flown; 2 unusable input or arguments.";
+
+/// Most environments: each has a controller of its own.
+const MAX_EPISODES: usize = 100_000;
+/// Longest episode: each step is kept.
+const MAX_STEPS: usize = 100_000;
 
 /// Arguments of `rollout`.
 #[derive(Debug, clap::Args)]
@@ -114,6 +119,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let usual = EnvConfig { n_env: if a.all { 32 } else { 256 }, ..EnvConfig::default() };
     let config = a.environment.config(&usual)?;
     let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: a.envs.unwrap_or(config.n_env), ..config };
+    if !(1..=MAX_EPISODES).contains(&config.n_env) {
+        let limit = format!("1 to {MAX_EPISODES}");
+        return Err(Error::limit("n_env", config.n_env, limit, "256 episodes tell a mean return to a few percent."));
+    }
     let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
     match &a.task {
         Some(name) => one(a, registry::by_name(name)?, &config, &threads),
@@ -141,6 +150,15 @@ impl Ready {
         controller: ControllerName,
     ) -> Result<Self> {
         let mut env = entry.env(config)?;
+        if env.spec().horizon > MAX_STEPS {
+            let limit = format!("1 to {MAX_STEPS} steps");
+            return Err(Error::limit(
+                "horizon",
+                env.spec().horizon,
+                limit,
+                "Every step is recorded: fly shorter ones.",
+            ));
+        }
         env.set_threads(threads.clone());
         let baseline = match controller {
             ControllerName::Pd => Some(Baseline::new(&env)?),
