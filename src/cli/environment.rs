@@ -243,7 +243,7 @@ pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
         let value = own.map_or_else(|| setting.default.clone(), toml::Value::to_string);
         lines.push((format!("{} = {value}", setting.key), setting.meaning));
     }
-    let width = lines.iter().filter(|(_, m)| !m.is_empty()).map(|(l, _)| l.chars().count()).filter(|n| *n < 40).max();
+    let width = lines.iter().filter(|(_, m)| !m.is_empty()).map(|(l, _)| l.chars().count()).filter(|n| *n < 46).max();
     let width = width.unwrap_or(0);
     let mut text = format!("# {}: {}. Any line may be left out.\n", entry.name, entry.description);
     for (line, meaning) in lines {

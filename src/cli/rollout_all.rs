@@ -116,8 +116,8 @@ fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> String {
                     percent(e.success),
                     percent(e.crashed),
                     number(e.length, 0),
-                    number(e.mean_error, 3),
-                    number(e.final_error, 3),
+                    short(e.mean_error, 3),
+                    short(e.final_error, 3),
                 ]);
             }
             Err(reason) => {

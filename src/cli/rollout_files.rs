@@ -108,8 +108,7 @@ fn reward(record: &Record) -> Panel {
 
 /// The tasks that were flown, side by side.
 pub fn draw_all(lines: &[Line], title: &str, path: &Path) -> Result<()> {
-    let mut bars =
-        Bars::new("Mean return", "share of the bound: best reward of a step × steps [%]").baseline("bound", 100.0);
+    let mut bars = Bars::new("Mean return", "share of the bound: best reward of a step × steps [%]");
     for (line, e) in lines.iter().filter_map(|line| Some((line, line.flown.as_ref().ok()?))) {
         let note = format!("%   {} success, {} crashed", percent(e.success), percent(e.crashed));
         let colour = if e.crashed > CRASHES { Colour::VERMILLION } else { Colour::BLUE };

@@ -242,8 +242,11 @@ impl Described {
             Fact::new("memory", format!("{} bytes", spec.bytes_per_env)).note(together),
         ]);
         if !spec.privileged.is_empty() {
-            let names: Vec<&str> = spec.privileged.iter().map(|(name, _)| name.as_str()).collect();
-            facts.push(Fact::new("drawn", format!("{} numbers", names.len())).note(some(&names, 3)));
+            let owner = |name: &str| name.rsplit_once('.').map_or(name, |(owner, _)| owner).to_string();
+            let mut owners: Vec<String> = spec.privileged.iter().map(|(name, _)| owner(name)).collect();
+            owners.dedup();
+            let what = format!("of {}; constant through an episode", some(&owners, 3));
+            facts.push(Fact::new("drawn", format!("{} numbers", spec.privileged.len())).note(what));
         }
         facts.push(match &self.controller {
             Ok(name) => Fact::new("controller", name).note("--controller pd of 'omnidrones rollout'"),
@@ -380,8 +383,8 @@ fn wrapped(text: &str, width: usize) -> String {
 }
 
 /// The first `most`, and how many more there are.
-fn some(names: &[&str], most: usize) -> String {
-    let shown = names.iter().take(most).copied().collect::<Vec<_>>().join(", ");
+fn some(names: &[String], most: usize) -> String {
+    let shown = names.iter().take(most).cloned().collect::<Vec<_>>().join(", ");
     if names.len() > most { format!("{shown} … and {} more", names.len() - most) } else { shown }
 }
 
