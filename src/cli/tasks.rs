@@ -111,12 +111,10 @@ fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
     }
     page.table(&table);
     page.line(format!(
-        "
-'sees' and 'acts' count the numbers of one agent's observation and action in a step of {} s, 'steps' those of an \
-         episode;
-'best' is the largest reward of a step, which all agents of a team share.",
+        "\n'sees' and 'acts' count the numbers of one agent's observation and action in a step of {} s, 'steps' those of",
         short(config.dt, 3)
     ));
+    page.line("an episode; 'best' is the largest reward of a step, which all agents of a team share.\n");
     page.line("omnidrones tasks TASK prints one in full, omnidrones rollout TASK flies it.");
     Ok(Report::done(page.finish()))
 }
@@ -245,7 +243,7 @@ impl Described {
             let owner = |name: &str| name.rsplit_once('.').map_or(name, |(owner, _)| owner).to_string();
             let mut owners: Vec<String> = spec.privileged.iter().map(|(name, _)| owner(name)).collect();
             owners.dedup();
-            let what = format!("of {}; constant through an episode", some(&owners, 3));
+            let what = format!("per episode, of {}", some(&owners, 3));
             facts.push(Fact::new("drawn", format!("{} numbers", spec.privileged.len())).note(what));
         }
         facts.push(match &self.controller {
