@@ -65,7 +65,7 @@ impl Case {
 /// restart in the same step; the rest stays.
 ///
 /// # Errors
-/// As [`Entry::env`], and [`Error::Limit`](crate::error::Error::Limit) for threads.
+/// As [`Entry::env`], and [`Error::Limit`] for threads.
 pub fn run(
     plan: &BenchPlan,
     entry: &Entry,

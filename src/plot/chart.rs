@@ -345,10 +345,9 @@ fn draw_ribbon(canvas: &mut Canvas, ribbon: &Ribbon, plot: Area, place: impl Fn(
     let finite = |p: Point| p.0.is_finite() && p.1.is_finite() && (plot.x0 - 0.01..=plot.x1 + 0.01).contains(&p.0);
     let cut = |p: &Point| (p.0, p.1.clamp(plot.y0, plot.y1));
     for run in edges.split(|(low, high)| !(finite(*low) && finite(*high))) {
-        let [lower, upper] = [0, 1].map(|k| {
-            let edge: Vec<Point> = run.iter().map(|(low, high)| cut(if k == 0 { low } else { high })).collect();
-            decimate(&edge)
-        });
+        let edge =
+            |of: fn(&(Point, Point)) -> &Point| decimate(&run.iter().map(|e| cut(of(e))).collect::<Vec<Point>>());
+        let (lower, upper) = (edge(|e| &e.0), edge(|e| &e.1));
         canvas.polygon(lower.into_iter().chain(upper.into_iter().rev()).collect(), ribbon.colour.tint());
     }
 }
