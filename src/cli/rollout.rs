@@ -59,7 +59,7 @@ pub struct Arguments {
     /// Every task that the controller can fly, one line each
     #[arg(long)]
     all: bool,
-    /// What flies
+    /// Who commands it
     #[arg(long, value_name = "NAME", default_value = "pd")]
     pub(super) controller: ControllerName,
     /// Environments, one episode each [default: 256; 32 of each task with --all]
