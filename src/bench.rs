@@ -5,6 +5,7 @@
 
 mod allocation;
 mod articulated;
+pub mod environment;
 
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{
@@ -41,7 +42,8 @@ impl Default for BenchPlan {
 /// One measured figure.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BenchRow {
-    /// What it belongs to: `step`, `batch`, `derivative`, `gradient`, `articulated`, `allocation`.
+    /// What it belongs to: `step`, `batch`, `derivative`, `gradient`, `articulated`, `allocation`; of a task its control
+    /// level and integrator.
     pub group: &'static str,
     /// What was measured.
     pub name: String,
@@ -51,7 +53,7 @@ pub struct BenchRow {
     pub unit: &'static str,
     /// How many times the baseline: in speed for rates, in time for durations.
     pub ratio: Option<f64>,
-    /// What the ratio is taken of.
+    /// What the ratio is taken of; empty where there is none.
     pub baseline: &'static str,
 }
 

@@ -168,3 +168,18 @@ fn an_event_is_named_once_per_chart_with_room_and_drawn_in_all_over_time() {
     assert_ne!(plain.error.svg().unwrap(), marked.error.svg().unwrap());
     assert_eq!(plain.path, marked.path);
 }
+
+#[test]
+fn a_ribbon_fills_the_room_between_two_curves_and_leaves_gaps() {
+    let edge = |i: i32| (f64::from(i), 1.0, if i == 5 { f64::NAN } else { 2.0 + f64::from(i) });
+    let panel =
+        Panel::new("Spread", "time [s]", "error [m]").ribbon("10 to 90 %", (0..12).map(edge).collect(), Colour::BLUE);
+    let svg = Figure::new("A ribbon").chart(panel).svg().unwrap();
+    let plain = Figure::new("A ribbon").chart(Panel::new("Spread", "time [s]", "error [m]")).svg().unwrap();
+    let polygons = |text: &str| text.matches("<polygon").count();
+    assert_eq!(polygons(&svg), polygons(&plain) + 2, "one before the gap, one behind it");
+    assert!(
+        svg.contains("10 to 90 %") && svg.lines().any(|line| line == "12"),
+        "the axis reaches the upper edge: {svg}"
+    );
+}

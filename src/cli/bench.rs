@@ -1,13 +1,18 @@
-//! `omnidrones bench`: how fast this machine steps and differentiates, against a plain loop in the same run.
+//! `omnidrones bench`: how fast this machine steps and differentiates, against a plain loop in the same run; or how fast it
+//! steps the environments of a task.
 
 use super::arguments::FormatName;
+use super::environment::EnvArguments;
 use super::page::{Page, short};
 use super::table::{Align, Table};
 use super::{Report, files, progress};
 use omnidrones::autodiff::lane_width;
+use omnidrones::bench::environment::{self, Case, SIZES};
 use omnidrones::bench::{self, BenchPlan, BenchRow};
 use omnidrones::error::{Error, Result};
 use omnidrones::plot::{Bar, Bars, Colour, Figure};
+use omnidrones::tasks::EnvConfig;
+use omnidrones::tasks::registry::{self, Entry};
 use serde_json::json;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -16,7 +21,10 @@ use std::time::Duration;
 pub const ABOUT: &str = "\
 Measure how fast this machine steps and differentiates a multirotor: single steps on each kind of number, batches on \
 one and more threads, Jacobians, adjoints, rollout gradients; and steps of every built-in configuration. Each figure is set against a plain loop measured in the \
-same run, so that ratios hold where absolute figures depend on the machine.";
+same run, so that ratios hold where absolute figures depend on the machine.
+
+With a task: environment steps per second, everything included (actions, control, physics, observation, reward, ends, \
+resets), for batches of several sizes against one environment stepped in a loop.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -24,10 +32,17 @@ Examples:
   omnidrones bench                       steadier figures
   omnidrones bench --threads 1           batches on one thread only
   omnidrones bench --json --no-plots     for a program
+  omnidrones bench Hover                 environment steps per second of a task
+  omnidrones bench Track --environments 16384 --threads 2
+  omnidrones bench Hover --vehicle firefly --randomise mass:0.8:1.2
 
-The subject is a Hummingbird, then every configuration, under RK4 at 16 ms with linear drag. A ratio says how many times the baseline: in speed for rates, in time for durations.
+Without a task the subject is a Hummingbird, then every configuration, under RK4 at 16 ms with linear drag. A ratio says how many times the baseline: in speed for rates, in time for durations.
 
-Files in --out: bench.png or bench.svg. Close other programs: figures fall with their load.
+With a task: random actions close to hover, episodes that begin anywhere in time; 'rotor' and 'rate' are the level at \
+which actions enter, --control and --integrator name one. One environment in a loop is a batch of one: it too computes in a block of 64 lanes, so a batch is \
+faster by up to 64 times on one thread.
+
+Files in --out: bench.png or bench.svg, with a task TASK.png or TASK.svg. Close other programs: figures fall with their load.
 
 Exit codes: 0 measured; 2 unusable arguments.";
 
@@ -38,15 +53,18 @@ const QUICK: Duration = Duration::from_millis(60);
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 pub struct Arguments {
+    /// A task ('omnidrones tasks'); without it, steps and derivatives of vehicles
+    #[arg(value_name = "TASK")]
+    task: Option<String>,
     /// Short runs: about 5 s instead of 20 s, and less steady figures
     #[arg(long)]
     quick: bool,
     /// Most threads of the batch rows: 1, 2, 4 … up to this [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
-    /// Environments of the batch rows
-    #[arg(long, value_name = "N", default_value_t = BenchPlan::default().n_env)]
-    environments: usize,
+    /// Environments of the batch rows [default: 4096; of a task 1024, 4096 and 65536, with --quick 1024 and 4096]
+    #[arg(long, alias = "envs", value_name = "N")]
+    environments: Option<usize>,
     /// Folder for the plot
     #[arg(long, value_name = "DIR", default_value = "out/bench")]
     out: PathBuf,
@@ -59,6 +77,8 @@ pub struct Arguments {
     /// Print one JSON object and nothing else
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    environment: EnvArguments,
 }
 
 /// Measures.
@@ -68,19 +88,29 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if !(1..=1024).contains(&threads) {
         return Err(Error::limit("--threads", threads, "1 to 1024", "Use as many as there are cores."));
     }
+    let task = a.task.as_deref().map(registry::by_name).transpose()?;
+    if task.is_none() && a.environment.given() {
+        let remedy = "Name a task: omnidrones bench Hover.";
+        return Err(Error::value("options of environments", "given without a task", "left out", remedy));
+    }
     if !a.no_plots {
         files::prepare_folder(&a.out)?;
     }
     let spinner = progress::spinner("measuring", a.json);
     let budget = if a.quick { QUICK } else { usual.budget };
-    let plan = BenchPlan { budget, n_env: a.environments, threads };
-    let rows = bench::run(&plan, &mut |row| spinner.set_message(format!("measured {}: {}", row.group, row.name)))?;
+    let plan = BenchPlan { budget, n_env: a.environments.unwrap_or(usual.n_env), threads };
+    let mut tell = |row: &BenchRow| spinner.set_message(format!("measured {}: {}", row.group, row.name));
+    let rows = match task {
+        None => bench::run(&plan, &mut tell)?,
+        Some(entry) => measure(a, entry, &plan, &mut tell)?,
+    };
     spinner.finish_and_clear();
 
     let mut written = Vec::new();
     if !a.no_plots {
-        let path = a.out.join(format!("bench.{}", a.format.extension()));
-        figure(&rows).save(&path)?;
+        let name = task.map_or("bench", |entry| entry.name);
+        let path = a.out.join(format!("{name}.{}", a.format.extension()));
+        task.map_or_else(|| figure(&rows), |entry| task_figure(entry, &rows)).save(&path)?;
         written.push(path);
     }
     if a.json {
@@ -88,6 +118,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
             "command": "bench",
             "version": env!("CARGO_PKG_VERSION"),
             "quick": a.quick,
+            "task": task.map(|entry| entry.name),
             "lane_width": lane_width(),
             "rows": rows,
             "files": files::names(&written),
@@ -119,6 +150,45 @@ pub fn run(a: &Arguments) -> Result<Report> {
         page.line(format!("written {}", path.display()));
     }
     Ok(Report::done(page.finish()))
+}
+
+/// Steps of a task's environments.
+fn measure(a: &Arguments, entry: &Entry, plan: &BenchPlan, tell: &mut dyn FnMut(&BenchRow)) -> Result<Vec<BenchRow>> {
+    let config = a.environment.config(&EnvConfig::default())?;
+    let sizes = match a.environments {
+        Some(n) => vec![n],
+        None if a.quick => SIZES[..2].to_vec(),
+        None => SIZES.to_vec(),
+    };
+    let wanted = |case: &Case| {
+        a.environment.level().is_none_or(|level| level == case.control)
+            && a.environment.integrator().is_none_or(|integrator| integrator == case.integrator)
+    };
+    let mut cases: Vec<Case> = Case::USUAL.into_iter().filter(wanted).collect();
+    if let (Some(control), true) = (a.environment.level(), cases.is_empty()) {
+        let all = Case::USUAL.into_iter().take(2).map(|case| Case { control, ..case });
+        cases = all.filter(wanted).collect();
+    }
+    environment::run(plan, entry, &config, &cases, &sizes, tell)
+}
+
+/// Throughput by batch size, one colour per control level and integrator.
+fn task_figure(entry: &Entry, rows: &[BenchRow]) -> Figure {
+    let mut bars =
+        Bars::new("Whole steps: actions to observations, rewards, resets", "million environment steps per second");
+    let mut groups: Vec<&str> = Vec::new();
+    for row in rows.iter().filter(|row| row.unit == "M steps/s") {
+        if !groups.contains(&row.group) {
+            groups.push(row.group);
+        }
+        let note = row.ratio.filter(|r| *r != 1.0).map_or_else(String::new, |r| format!("({} ×)", short(r, 3)));
+        let name = format!("{}: {}", row.group, row.name);
+        bars = bars.bar(Bar::new(name, row.value).note(note).colour(Colour::nth(groups.len() - 1)));
+    }
+    Figure::new(format!("{}: speed of environments", entry.name))
+        .subtitle(format!("{}; (×) against one environment in a loop", machine()))
+        .size(1000.0, (130.0 + 22.0 * bars.bars.len() as f64).min(3000.0))
+        .chart(bars)
 }
 
 /// What it ran on.

@@ -2,8 +2,11 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
+//! | `environment.rs` | which environments: shared by `tasks`, `rollout` and `bench` |
+//! | `rollout_all.rs` | `rollout --all`: every task, one line each |
+//! | `rollout_files.rs` | plots and CSV of `rollout` |
 //! | `fly_rig.rs` | `fly` for configurations, and drops |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `rig.rs` | an articulated system from a name or a vehicle |
@@ -17,6 +20,7 @@
 mod allocate;
 mod arguments;
 mod bench;
+mod environment;
 mod failure;
 mod files;
 mod fly;
@@ -26,10 +30,14 @@ mod models;
 mod page;
 mod progress;
 mod rig;
+mod rollout;
+mod rollout_all;
+mod rollout_files;
 mod sheet;
 mod show;
 mod source;
 mod table;
+mod tasks;
 mod tune;
 
 use clap::{Parser, Subcommand};
@@ -74,7 +82,11 @@ Examples:
   omnidrones models                         the built-in vehicles
   omnidrones allocate firefly --fail 2      which thrusts hold hover without rotor 2
   omnidrones tune hummingbird               better gains, by gradients through flights
+  omnidrones tasks                          the benchmark tasks for learners
+  omnidrones tasks Hover                    what an agent sees, commands and is rewarded for
+  omnidrones rollout Hover                  256 episodes flown by our controller, with plots
   omnidrones bench --quick                  how fast this machine steps and differentiates
+  omnidrones bench Hover --quick            how fast it steps thousands of environments of a task
 
 'omnidrones COMMAND --help' tells each command's options, files and units.
 
@@ -108,9 +120,15 @@ enum Command {
     /// Tune a vehicle's gains by gradients through closed-loop flights
     #[command(long_about = tune::ABOUT)]
     Tune(Box<tune::Arguments>),
+    /// List the benchmark tasks, or print everything about one
+    #[command(long_about = tasks::ABOUT)]
+    Tasks(Box<tasks::Arguments>),
+    /// Fly the episodes of a task with a controller: returns, errors, crashes, plots
+    #[command(long_about = rollout::ABOUT)]
+    Rollout(Box<rollout::Arguments>),
     /// Measure how fast this machine steps and differentiates
     #[command(long_about = bench::ABOUT)]
-    Bench(bench::Arguments),
+    Bench(Box<bench::Arguments>),
 }
 
 /// Parses, runs, prints; every outcome is an exit code.
@@ -130,6 +148,8 @@ pub fn run() -> ExitCode {
         Command::Import(arguments) => import::run(arguments),
         Command::Allocate(arguments) => allocate::run(arguments),
         Command::Tune(arguments) => tune::run(arguments),
+        Command::Tasks(arguments) => tasks::run(arguments),
+        Command::Rollout(arguments) => rollout::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
     };
     match outcome {

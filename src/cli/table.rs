@@ -32,6 +32,11 @@ impl Table {
         self
     }
 
+    /// Whether it has no rows yet.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
     /// The table as text, one line per row, indented like a list of facts; `terminal` allows bold headers and fitting the width of the terminal.
     pub fn render(&self, terminal: bool) -> String {
         let mut table = comfy_table::Table::new();

@@ -71,6 +71,17 @@ pub struct Band {
     pub opacity: f64,
 }
 
+/// The room between two curves: a spread over many.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ribbon {
+    /// Shown in the legend; empty keeps it out.
+    pub name: String,
+    /// (x, lower, upper) with x ascending; what is not drawable leaves a gap.
+    pub points: Vec<(f64, f64, f64)>,
+    /// Drawn pale.
+    pub colour: Colour,
+}
+
 /// A straight line over the whole chart: a limit, a mean, an event.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rule {
@@ -97,6 +108,8 @@ pub struct Panel {
     pub series: Vec<Series>,
     /// Painted below the curves.
     pub bands: Vec<Band>,
+    /// Painted with the bands.
+    pub ribbons: Vec<Ribbon>,
     /// Painted above the bands, below the curves.
     pub rules: Vec<Rule>,
     /// Fixed range of x instead of that of the data.
@@ -132,6 +145,12 @@ impl Panel {
     /// With a shaded interval of y.
     pub fn y_band(mut self, name: impl Into<String>, from: f64, to: f64, colour: Colour) -> Self {
         self.bands.push(Band { name: name.into(), from, to, along_x: false, colour, opacity: 0.22 });
+        self
+    }
+
+    /// With the room between two curves shaded: (x, lower, upper).
+    pub fn ribbon(mut self, name: impl Into<String>, points: Vec<(f64, f64, f64)>, colour: Colour) -> Self {
+        self.ribbons.push(Ribbon { name: name.into(), points, colour });
         self
     }
 
@@ -197,7 +216,10 @@ impl Panel {
             colour: b.colour,
             mark: Mark::Band((b.opacity * 1.4).min(1.0)),
         });
-        let mut entries: Vec<Entry> = curves.chain(rules).chain(bands).filter(|e| !e.name.is_empty()).collect();
+        let ribbons =
+            self.ribbons.iter().map(|r| Entry { name: r.name.clone(), colour: r.colour.tint(), mark: Mark::Band(1.0) });
+        let mut entries: Vec<Entry> =
+            curves.chain(ribbons).chain(rules).chain(bands).filter(|e| !e.name.is_empty()).collect();
         let mut seen = std::collections::HashSet::new();
         entries.retain(|e| seen.insert(e.name.clone()));
         entries
@@ -205,7 +227,8 @@ impl Panel {
 
     /// Least and largest drawable value of x or y; the empty range is (∞, −∞).
     fn extent(&self, along_x: bool) -> (f64, f64) {
-        let points = self.series.iter().flat_map(|s| &s.points);
+        let edges = self.ribbons.iter().flat_map(|r| &r.points).flat_map(|p| [(p.0, p.1), (p.0, p.2)]);
+        let points = self.series.iter().flat_map(|s| s.points.iter().copied()).chain(edges);
         let both = points.filter(|p| drawable(p.0, self.log_x) && drawable(p.1, self.log_y));
         let values = both.map(|p| if along_x { p.0 } else { p.1 });
         let log = if along_x { self.log_x } else { self.log_y };
@@ -266,6 +289,9 @@ impl Panel {
                 canvas.rectangle(shade, band.colour, band.opacity);
             }
         }
+        for ribbon in &self.ribbons {
+            draw_ribbon(canvas, ribbon, plot, |x, y| at(x_axis.unit(x), y_axis.unit(y)));
+        }
         draw_grid(canvas, plot, &x_axis, y_axis);
         for rule in &self.rules {
             let u = if rule.along_x { x_axis.unit(rule.value) } else { y_axis.unit(rule.value) };
@@ -310,6 +336,19 @@ fn draw_series(canvas: &mut Canvas, series: &Series, points: &[Point], colour: C
                 canvas.disc(*p, series.width.max(1.0) * 1.9, colour);
             }
         }
+    }
+}
+
+/// One polygon per run of drawable points, cut to the height of the chart.
+fn draw_ribbon(canvas: &mut Canvas, ribbon: &Ribbon, plot: Area, place: impl Fn(f64, f64) -> Point) {
+    let edges: Vec<(Point, Point)> = ribbon.points.iter().map(|p| (place(p.0, p.1), place(p.0, p.2))).collect();
+    let finite = |p: Point| p.0.is_finite() && p.1.is_finite() && (plot.x0 - 0.01..=plot.x1 + 0.01).contains(&p.0);
+    let cut = |p: &Point| (p.0, p.1.clamp(plot.y0, plot.y1));
+    for run in edges.split(|(low, high)| !(finite(*low) && finite(*high))) {
+        let edge =
+            |of: fn(&(Point, Point)) -> &Point| decimate(&run.iter().map(|e| cut(of(e))).collect::<Vec<Point>>());
+        let (lower, upper) = (edge(|e| &e.0), edge(|e| &e.1));
+        canvas.polygon(lower.into_iter().chain(upper.into_iter().rev()).collect(), ribbon.colour.tint());
     }
 }
 

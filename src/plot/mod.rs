@@ -1,6 +1,6 @@
 //! Figures as PNG or SVG files, without system fonts.
 //!
-//! A [`Figure`] is a grid of charts: [`Panel`] (curves, bands, limits), [`Path3d`] (a path in space), [`Drawing`] (bodies
+//! A [`Figure`] is a grid of charts: [`Panel`] (curves, spreads, bands, limits), [`Path3d`] (a path in space), [`Drawing`] (bodies
 //! in space), [`Bars`]. Axes,
 //! ticks, legends and the projection are laid out here, in figure units (one CSS pixel of an SVG, two pixels of a PNG);
 //! plotters paints. [`flight`] makes the figures of a [`FlightLog`](crate::flight::FlightLog).
@@ -39,7 +39,7 @@ pub mod rig;
 mod theme;
 
 pub use bars::{Bar, Bars};
-pub use chart::{Band, Panel, Rule, Series};
+pub use chart::{Band, Panel, Ribbon, Rule, Series};
 pub use drawing::{Drawing, Item, Label};
 pub use path3d::{Heat, Path3d, Pose};
 pub use theme::Colour;

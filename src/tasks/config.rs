@@ -154,7 +154,7 @@ impl Default for EnvConfig {
 /// A count that may be written as `1e6`; what it cannot be, the message says.
 fn whole<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<usize, D::Error> {
     let value = f64::deserialize(deserializer)?;
-    if value >= 1.0 && value <= 9e15 && value.fract() == 0.0 {
+    if (1.0..=9e15).contains(&value) && value.fract() == 0.0 {
         return Ok(value as usize);
     }
     let text = format!("n_env is {value}, but it must be a whole number from 1 on. Memory sets the upper limit");

@@ -28,17 +28,34 @@ pub struct Evaluation {
     pub length: f64,
     /// Mean of every metric in the last step, in the order of the task's metrics.
     pub final_metrics: Vec<f64>,
+    /// Mean sum of every term of the reward, in the order of [`Spec::reward`](super::Spec::reward).
+    pub terms: Vec<f64>,
+    /// Share of episodes that ended by each of [`Spec::ends`](super::Spec::ends), then by divergence.
+    pub ends: Vec<f64>,
+}
+
+/// A step of an evaluation, as those see it who watch.
+#[derive(Debug, Clone, Copy)]
+pub struct Watched<'a> {
+    /// After the step.
+    pub env: &'a Env,
+    /// What the step wrote.
+    pub out: &'a Buffers,
+    /// Steps done, from 1 on.
+    pub step: usize,
+    /// `[E]`: whose episode the step belonged to; the others had ended before.
+    pub flying: &'a [bool],
 }
 
 /// Flies one episode of every environment, from the starts of its seeds. `policy` fills the actions from the arrays of
-/// the step before; `progress` is told the steps done.
+/// the step before; `watch` sees every step: a progress bar, a [`Record`](super::Record).
 ///
 /// # Errors
 /// [`Error::Value`] unless the environment was made with `autoreset = "disabled"`; otherwise as [`Env::step`].
 pub fn evaluate(
     env: &mut Env,
     policy: &mut dyn FnMut(&Env, &Buffers, &mut [f32]),
-    progress: &mut dyn FnMut(usize),
+    watch: &mut dyn FnMut(&Watched<'_>),
 ) -> Result<Evaluation> {
     if env.spec().config.autoreset != Autoreset::Disabled {
         let remedy = "Build it with autoreset = 'disabled'.";
@@ -50,6 +67,7 @@ pub fn evaluate(
     let first = width - n_metric;
     let column = |name: &str| spec.info_column(name).unwrap_or(0);
     let (total, length, success) = (column("return"), column("length"), column("success"));
+    let (reason, n_term) = (column("reason"), spec.reward.len());
     let mut out = Buffers::new(&spec);
     let mut actions = vec![0.0; n * spec.n_agent * spec.action.len()];
     env.reset(None, None, &mut out.out())?;
@@ -61,10 +79,10 @@ pub fn evaluate(
         for i in (0..n).filter(|i| flying[*i]) {
             (errors, steps) = (errors + f64::from(out.info[i * width + first]), steps + 1.0);
         }
+        watch(&Watched { env, out: &out, step: t + 1, flying: &flying });
         for i in 0..n {
             flying[i] &= out.terminated[i] == 0 && out.truncated[i] == 0;
         }
-        progress(t + 1);
         if !flying.contains(&true) {
             break;
         }
@@ -85,5 +103,7 @@ pub fn evaluate(
         crashed: count(&|i| out.terminated[i] == 1),
         length: mean(length),
         final_metrics: (first..width).map(mean).collect(),
+        terms: (first - n_term..first).map(mean).collect(),
+        ends: (1..spec.ends.len() + 2).map(|k| count(&|i| out.info[i * width + reason] as usize == k)).collect(),
     })
 }

@@ -28,7 +28,25 @@ const fn entry(
     Entry { name, description, defaults: "", source, make }
 }
 
+/// Groups of tasks by how their names begin or end; the first that fits counts.
+const FAMILIES: [(&str, &str, &str); 8] = [
+    ("", "Rand", "another drone in every episode"),
+    ("InvPendulum", "", "a ball that stands on a bar"),
+    ("Payload", "", "a slung ball"),
+    ("Over", "", "an over-actuated platform"),
+    ("Transport", "", "a box carried by a team"),
+    ("Formation", "", "a team of single drones"),
+    ("Omav", "", "thrusters that tilt"),
+    ("Dragon", "", "thrusters that tilt"),
+];
+
 impl Entry {
+    /// What the task is about, for tables in groups: the entries of a family follow each other.
+    pub fn family(&self) -> &'static str {
+        let fits = |(head, tail, _): &&(&str, &str, &str)| self.name.starts_with(head) && self.name.ends_with(tail);
+        FAMILIES.iter().find(fits).map_or("one drone", |(_, _, family)| family)
+    }
+
     /// The same task with defaults of its own.
     const fn with_defaults(self, defaults: &'static str) -> Self {
         Self { defaults, ..self }

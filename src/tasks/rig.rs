@@ -83,6 +83,7 @@ impl DronePlace {
 
 /// The system of a rig.
 #[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "a few per batch")]
 pub(crate) enum Craft {
     /// In closed form.
     Vehicle(Multirotor),

@@ -144,7 +144,7 @@ pub(crate) struct Span<'a> {
     pub tape: &'a mut [BlockTape],
 }
 
-fn cut<'a, T>(rows: &'a mut [T], at: usize, n: usize) -> (&'a mut [T], &'a mut [T]) {
+fn cut<T>(rows: &mut [T], at: usize, n: usize) -> (&mut [T], &mut [T]) {
     let each = rows.len().checked_div(n).unwrap_or(0);
     rows.split_at_mut(at * each)
 }

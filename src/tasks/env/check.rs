@@ -163,7 +163,9 @@ fn modes_agree(maker: &Maker<'_>) -> Result<Option<String>> {
             out[i * per_env..(i + 1) * per_env].copy_from_slice(&table[i * per_env..(i + 1) * per_env]);
         }
     };
-    let mut told: Vec<Vec<(Vec<f32>, f32, bool, Vec<f32>)>> = vec![Vec::new(); n];
+    // per environment and step: observation, reward, whether it ended, last observation
+    type Told = (Vec<f32>, f32, bool, Vec<f32>);
+    let mut told: Vec<Vec<Told>> = vec![Vec::new(); n];
     for t in 0..STEPS {
         a.random(t)?;
         let ended = a.ended();

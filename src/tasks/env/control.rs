@@ -20,6 +20,7 @@ use pulp::{Simd, WithSimd};
 
 /// Rotor slots of the compiled cascades.
 #[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "one per batch")]
 enum Cascades {
     Four(CascadeModel<f64, 4>),
     Six(CascadeModel<f64, 6>),

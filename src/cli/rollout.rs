@@ -1,0 +1,370 @@
+//! `omnidrones rollout`: the episodes of a task under a controller, as figures, tables and files.
+
+use super::arguments::FormatName;
+use super::environment::EnvArguments;
+use super::page::{Fact, Page, duration, short};
+use super::rollout_files::{self as out, LINES, percent};
+use super::table::{Align, Table};
+use super::{Report, files, progress, rollout_all};
+use clap::ValueEnum;
+use omnidrones::error::{Error, Result};
+use omnidrones::parallel::Threads;
+use omnidrones::tasks::registry::{self, Entry};
+use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spread, Watched, evaluate};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What the command is for.
+pub const ABOUT: &str = "\
+Fly one episode of every environment of a task, from fixed starts, with one of our controllers or with random actions: \
+what a learner has to beat. Prints return, errors, success, crashes by reason, and the reward by its terms; draws the \
+error of all episodes over time.";
+
+const EXAMPLES: &str = "\
+Examples:
+  omnidrones rollout Hover                             256 episodes under our controller
+  omnidrones rollout Hover --controller random         under random actions
+  omnidrones rollout Track --envs 1024 --seed 7        more episodes, other starts
+  omnidrones rollout Track --csv --out track           every step and every episode as CSV
+  omnidrones rollout Hover --vehicle crazyflie         with another drone
+  omnidrones rollout Hover --randomise mass:0.7:1.3    of another mass in every episode
+  omnidrones rollout --all                             one line per task
+
+Controllers: pd is the cascade (position, velocity, attitude, rate) for a drone alone, and for systems of bodies the \
+controller that 'omnidrones fly' takes; it sees the true state and acts on the rotors. random draws every command \
+uniformly in every step.
+
+The bound is the best reward of a step times the steps of an episode: nothing reaches it, for the start counts too.
+
+Files in --out: rollout (.png or .svg; spreads as long as a tenth of the episodes goes on), and with --csv steps.csv (one line per step: mean, 10 %, median, 90 % over the \
+episodes that go on) and episodes.csv (one line per episode). Of --all: tasks (.png or .svg).
+
+JSON: SI units; shares from 0 to 1; null where a number does not exist.
+
+Exit codes: 0 flown; 2 unusable input or arguments.";
+
+/// Most environments: each has a controller of its own.
+const MAX_EPISODES: usize = 100_000;
+/// Longest episode: each step is kept.
+const MAX_STEPS: usize = 100_000;
+
+/// Arguments of `rollout`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub struct Arguments {
+    /// A task ('omnidrones tasks')
+    #[arg(value_name = "TASK", required_unless_present = "all", conflicts_with = "all")]
+    task: Option<String>,
+    /// Every task that the controller can fly, one line each
+    #[arg(long)]
+    all: bool,
+    /// Who commands it
+    #[arg(long, value_name = "NAME", default_value = "pd")]
+    pub(super) controller: ControllerName,
+    /// Environments, one episode each [default: 256; 32 of each task with --all]
+    #[arg(long, alias = "environments", value_name = "N")]
+    envs: Option<usize>,
+    /// Threads that step the environments; the results do not depend on it [default: all cores]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    #[command(flatten)]
+    environment: EnvArguments,
+    /// Folder for what is written [default: out/TASK, out/tasks with --all]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
+    pub(super) out: Option<PathBuf>,
+    /// File type of the plots
+    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
+    pub(super) format: FormatName,
+    /// Draw nothing
+    #[arg(long, help_heading = "Output")]
+    pub(super) no_plots: bool,
+    /// Write every step and every episode as CSV
+    #[arg(long, conflicts_with = "all", help_heading = "Output")]
+    csv: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long, help_heading = "Output")]
+    pub(super) json: bool,
+}
+
+/// Names of controllers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ControllerName {
+    /// The controller of this crate that suits what flies
+    Pd,
+    /// Every command drawn uniformly in every step
+    Random,
+}
+
+impl ControllerName {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Pd => "pd",
+            Self::Random => "random",
+        }
+    }
+}
+
+/// What flew, and how well.
+pub struct Flown {
+    pub record: Record,
+    /// `cascade`, `random`.
+    pub controller: String,
+    pub evaluation: Evaluation,
+    wall_time: f64,
+}
+
+/// Flies.
+pub fn run(a: &Arguments) -> Result<Report> {
+    let usual = EnvConfig { n_env: if a.all { 32 } else { 256 }, ..EnvConfig::default() };
+    let config = a.environment.config(&usual)?;
+    let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: a.envs.unwrap_or(config.n_env), ..config };
+    if !(1..=MAX_EPISODES).contains(&config.n_env) {
+        let limit = format!("1 to {MAX_EPISODES}");
+        return Err(Error::limit("n_env", config.n_env, limit, "256 episodes tell a mean return to a few percent."));
+    }
+    let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
+    match &a.task {
+        Some(name) => one(a, registry::by_name(name)?, &config, &threads),
+        None => rollout_all::run(a, &config, &threads),
+    }
+}
+
+/// Draws of a random policy: one number per step, apart for every seed.
+fn draw(seed: u64, step: usize) -> u64 {
+    seed.rotate_left(32) ^ step as u64
+}
+
+/// Environments with who flies them.
+pub(super) struct Ready {
+    env: Env,
+    /// None draws at random.
+    baseline: Option<Baseline>,
+}
+
+impl Ready {
+    pub(super) fn new(
+        entry: &Entry,
+        config: &EnvConfig,
+        threads: &Threads,
+        controller: ControllerName,
+    ) -> Result<Self> {
+        let mut env = entry.env(config)?;
+        if env.spec().horizon > MAX_STEPS {
+            let limit = format!("1 to {MAX_STEPS} steps");
+            return Err(Error::limit(
+                "horizon",
+                env.spec().horizon,
+                limit,
+                "Every step is recorded: fly shorter ones.",
+            ));
+        }
+        env.set_threads(threads.clone());
+        let baseline = match controller {
+            ControllerName::Pd => Some(Baseline::new(&env)?),
+            ControllerName::Random => None,
+        };
+        Ok(Self { env, baseline })
+    }
+
+    /// `step` is told the steps done.
+    pub(super) fn fly(mut self, step: &mut dyn FnMut(usize)) -> Result<Flown> {
+        let mut record = Record::new(&self.env, LINES);
+        let (seed, start) = (self.env.spec().config.seed, Instant::now());
+        let mut watch = |watched: &Watched<'_>| {
+            record.see(watched);
+            step(watched.step);
+        };
+        let mut steps = 0;
+        let mut random = |env: &Env, _: &Buffers, actions: &mut [f32]| {
+            env.sample(draw(seed, steps), actions);
+            steps += 1;
+        };
+        let (controller, evaluation) = match &mut self.baseline {
+            Some(own) => (own.name().to_string(), evaluate(&mut self.env, &mut own.policy(), &mut watch)?),
+            None => ("random".into(), evaluate(&mut self.env, &mut random, &mut watch)?),
+        };
+        Ok(Flown { record, controller, evaluation, wall_time: start.elapsed().as_secs_f64() })
+    }
+}
+
+fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> Result<Report> {
+    // before any folder is made
+    let ready = Ready::new(entry, config, threads, a.controller)?;
+    let folder = a.out.clone().unwrap_or_else(|| Path::new("out").join(entry.name));
+    if a.csv || !a.no_plots {
+        files::prepare_folder(&folder)?;
+    }
+    let bar = progress::bar(ready.env.spec().horizon as u64, "flying", a.json);
+    let flown = ready.fly(&mut |k| bar.set_position(k as u64))?;
+    bar.finish_and_clear();
+    let mut written = Vec::new();
+    if !a.no_plots {
+        let path = folder.join(format!("rollout.{}", a.format.extension()));
+        let spinner = progress::spinner("drawing", a.json);
+        out::draw(&flown, &path)?;
+        spinner.finish_and_clear();
+        written.push(path);
+    }
+    if a.csv {
+        written.extend(out::write_csv(&flown.record, &folder)?);
+    }
+    if a.json {
+        return Ok(Report::json(&flown.json(a.controller, &written), true));
+    }
+    Ok(Report::done(flown.page(&written)))
+}
+
+impl Flown {
+    /// The registered name.
+    pub fn task(&self) -> &str {
+        &self.record.spec().task
+    }
+
+    /// Steps of episodes, all together.
+    fn n_step(&self) -> usize {
+        self.record.steps.iter().map(|s| s.n_flying).sum()
+    }
+
+    /// The numbers that matter.
+    pub fn headline(&self) -> String {
+        let (e, record) = (&self.evaluation, &self.record);
+        let error = &record.spec().info[record.first_metric()];
+        let mut parts = vec![
+            format!("return {} ± {}", short(e.return_mean, 4), short(e.return_std, 3)),
+            format!("{} of the bound", percent(e.share_of_bound)),
+            format!("success {}", percent(e.success)),
+            format!("crashed {}", percent(e.crashed)),
+        ];
+        if let Some((_, unit, last)) = self.final_spreads().next() {
+            let name = error.name.replace('_', " ");
+            parts.push(format!("median {name} at the end {} {unit}", short(last.median, 3)));
+        }
+        parts.join("   ·   ")
+    }
+
+    fn page(&self, written: &[PathBuf]) -> String {
+        let mut page = Page::new();
+        let spec = self.record.spec();
+        let how = format!("{} episodes, seed {}, flown by {}", spec.n_env, spec.config.seed, self.controller);
+        page.title(&spec.task, &how).facts(&self.facts());
+        page.heading("How episodes ended").table(&self.ends());
+        page.heading("Reward").table(&self.terms());
+        page.heading("In the last step").table(&self.metrics());
+        if !written.is_empty() {
+            page.heading("Written");
+            for path in written {
+                page.line(format!("  {}", path.display()));
+            }
+        }
+        page.finish()
+    }
+
+    fn facts(&self) -> Vec<Fact> {
+        let (e, spec) = (&self.evaluation, self.record.spec());
+        let error = &spec.info[self.record.first_metric()];
+        let with_unit = |v: f64| format!("{} {}", short(v, 3), error.unit);
+        let bound = spec.reward_bound * spec.horizon as f64;
+        let rate = self.n_step() as f64 / self.wall_time.max(1e-9);
+        vec![
+            Fact::new("return", format!("{} ± {}", short(e.return_mean, 4), short(e.return_std, 3)))
+                .note("mean and standard deviation over the episodes"),
+            Fact::new("share of the bound", percent(e.share_of_bound)).note(format!(
+                "{} = {} × {} steps",
+                short(bound, 5),
+                short(spec.reward_bound, 4),
+                spec.horizon
+            )),
+            Fact::new("success", percent(e.success)).note("goal reached in the last step, not crashed"),
+            Fact::new("crashed", percent(e.crashed)).note("ended before their time"),
+            Fact::new("length", format!("{} steps", short(e.length, 4))).note(format!(
+                "{} of {} s",
+                short(e.length * spec.dt, 3),
+                short(spec.horizon as f64 * spec.dt, 3)
+            )),
+            Fact::new(format!("{}, mean", error.name.replace('_', " ")), with_unit(e.mean_error))
+                .note("over all steps, the start included"),
+            Fact::new("in the last step", with_unit(e.final_error)).note("mean, crashed episodes included"),
+            Fact::new("took", duration(self.wall_time))
+                .note(format!("{} k steps per second, the controller included", short(1e-3 * rate, 3))),
+        ]
+    }
+
+    fn ends(&self) -> Table {
+        let (spec, e) = (self.record.spec(), &self.evaluation);
+        let mut table = Table::new(&[("reason", Align::Left), ("episodes", Align::Right), ("when", Align::Left)]);
+        let conditions = spec.ends.iter().map(|end| (end.name, end.condition.as_str()));
+        let diverged = ("diverged", "a number of the state leaves ±1e8");
+        for ((name, condition), share) in conditions.chain([diverged]).zip(&e.ends) {
+            table.row([name, &percent(*share), condition]);
+        }
+        table.row(["time", &percent(1.0 - e.crashed), &format!("{} steps are over", spec.horizon)]);
+        table
+    }
+
+    fn terms(&self) -> Table {
+        let mut table = Table::new(&[
+            ("term", Align::Left),
+            ("mean per episode", Align::Right),
+            ("share of its bound", Align::Right),
+            ("is", Align::Left),
+        ]);
+        let spec = self.record.spec();
+        for (term, mean) in spec.reward.iter().zip(&self.evaluation.terms) {
+            let share =
+                if term.bound > 0.0 { percent(mean / (term.bound * spec.horizon as f64)) } else { "–".into() };
+            table.row([term.name.to_string(), short(*mean, 4), share, term.formula.clone()]);
+        }
+        table
+    }
+
+    fn metrics(&self) -> Table {
+        let mut table = Table::new(&[
+            ("metric", Align::Left),
+            ("mean", Align::Right),
+            ("10 %", Align::Right),
+            ("median", Align::Right),
+            ("90 %", Align::Right),
+            ("unit", Align::Left),
+        ]);
+        for (name, unit, s) in self.final_spreads() {
+            let numbers = [s.mean, s.low, s.median, s.high].map(|v| short(v, 3));
+            let [mean, low, median, high] = &numbers;
+            table.row([name, mean, low, median, high, unit]);
+        }
+        table
+    }
+
+    fn final_spreads(&self) -> impl Iterator<Item = (&str, &str, Spread)> {
+        let first = self.record.first_metric();
+        let infos = self.record.spec().info.iter().enumerate().skip(first);
+        infos.map(|(k, info)| (info.name.as_str(), info.unit.as_str(), Spread::of(&mut self.record.ended(k))))
+    }
+
+    fn json(&self, controller: ControllerName, written: &[PathBuf]) -> Value {
+        let (spec, e) = (self.record.spec(), &self.evaluation);
+        let names = spec.ends.iter().map(|end| end.name).chain(["diverged"]);
+        let ends: serde_json::Map<_, _> = names.zip(&e.ends).map(|(name, share)| (name.into(), json!(share))).collect();
+        let terms = spec.reward.iter().zip(&e.terms);
+        let terms: serde_json::Map<_, _> = terms.map(|(t, mean)| (t.name.into(), json!(mean))).collect();
+        let metrics: serde_json::Map<_, _> =
+            self.final_spreads().map(|(name, unit, s)| (name.into(), json!({ "unit": unit, "last": s }))).collect();
+        json!({
+            "command": "rollout",
+            "version": env!("CARGO_PKG_VERSION"),
+            "task": spec.task,
+            "controller": controller.name(),
+            "flown_by": self.controller,
+            "evaluation": e,
+            "ends": ends,
+            "terms": terms,
+            "metrics": metrics,
+            "horizon": spec.horizon,
+            "dt": spec.dt,
+            "reward_bound": spec.reward_bound,
+            "wall_time": self.wall_time,
+            "config": spec.config,
+            "files": files::names(written),
+        })
+    }
+}

@@ -1,0 +1,157 @@
+//! `rollout --all`: every task that a controller can fly, one line each.
+
+use super::page::{Page, short};
+use super::rollout::{Arguments, ControllerName, Ready};
+use super::rollout_files::{self as out, percent};
+use super::table::{Align, Table, number};
+use super::{Report, files, progress};
+use omnidrones::error::{Error, Result};
+use omnidrones::parallel::Threads;
+use omnidrones::tasks::registry::{Entry, REGISTRY};
+use omnidrones::tasks::{EnvConfig, Evaluation};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// A task: its figures, or why it was not flown.
+pub struct Line {
+    pub name: &'static str,
+    pub flown: std::result::Result<Evaluation, String>,
+    controller: String,
+    error: (String, String),
+}
+
+/// Flies every task.
+pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Report> {
+    let folder = a.out.clone().unwrap_or_else(|| Path::new("out").join("tasks"));
+    if !a.no_plots {
+        files::prepare_folder(&folder)?;
+    }
+    let bar = progress::bar(REGISTRY.len() as u64, "", a.json);
+    let mut lines = Vec::new();
+    for entry in REGISTRY {
+        bar.set_message(format!("flying {}", entry.name));
+        lines.push(line(entry, config, threads, a.controller));
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    if let Some(Line { flown: Err(reason), .. }) = lines.first().filter(|_| lines.iter().all(|l| l.flown.is_err())) {
+        let remedy = "Try one task alone: omnidrones rollout TASK.";
+        return Err(Error::value("number of tasks flown", format!("0 ({reason})"), "1 or more", remedy));
+    }
+    let mut written = Vec::new();
+    if !a.no_plots {
+        let path = folder.join(format!("tasks.{}", a.format.extension()));
+        let title = match a.controller {
+            ControllerName::Pd => "The benchmark tasks under our controllers",
+            ControllerName::Random => "The benchmark tasks under random actions",
+        };
+        out::draw_all(&lines, title, &path)?;
+        written.push(path);
+    }
+    if a.json {
+        let tasks: Vec<Value> = lines.iter().map(Line::json).collect();
+        let value = json!({
+            "command": "rollout",
+            "version": env!("CARGO_PKG_VERSION"),
+            "controller": a.controller.name(),
+            "config": config,
+            "tasks": tasks,
+            "files": files::names(&written),
+        });
+        return Ok(Report::json(&value, true));
+    }
+    Ok(Report::done(all_page(&lines, config, &written)))
+}
+
+fn line(entry: &'static Entry, config: &EnvConfig, threads: &Threads, controller: ControllerName) -> Line {
+    match Ready::new(entry, config, threads, controller).and_then(|ready| ready.fly(&mut |_| ())) {
+        Ok(flown) => {
+            let error = &flown.record.spec().info[flown.record.first_metric()];
+            let error = (error.name.clone(), error.unit.clone());
+            Line { name: entry.name, flown: Ok(flown.evaluation), controller: flown.controller, error }
+        }
+        Err(reason) => Line {
+            name: entry.name,
+            flown: Err(reason.to_string()),
+            controller: "–".into(),
+            error: (String::new(), String::new()),
+        },
+    }
+}
+
+impl Line {
+    fn json(&self) -> Value {
+        json!({
+            "task": self.name,
+            "flown_by": self.flown.is_ok().then_some(&self.controller),
+            "error": self.error.0,
+            "evaluation": self.flown.as_ref().ok(),
+            "left_out": self.flown.as_ref().err(),
+        })
+    }
+}
+
+fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> String {
+    let mut table = Table::new(&[
+        ("task", Align::Left),
+        ("flown by", Align::Left),
+        ("return", Align::Right),
+        ("of bound", Align::Right),
+        ("success", Align::Right),
+        ("crashed", Align::Right),
+        ("steps", Align::Right),
+        ("mean error [m]", Align::Right),
+        ("last [m]", Align::Right),
+    ]);
+    // tasks by the reason for which they were not flown
+    let mut left_out: Vec<(String, Vec<&str>)> = Vec::new();
+    for line in lines {
+        match &line.flown {
+            Ok(e) => {
+                table.row([
+                    line.name.to_string(),
+                    line.controller.clone(),
+                    format!("{} ± {}", short(e.return_mean, 4), short(e.return_std, 3)),
+                    percent(e.share_of_bound),
+                    percent(e.success),
+                    percent(e.crashed),
+                    number(e.length, 0),
+                    short(e.mean_error, 3),
+                    short(e.final_error, 3),
+                ]);
+            }
+            Err(reason) => {
+                let reason = reason.replace(&format!("task {}: ", line.name), "");
+                match left_out.iter_mut().find(|(known, _)| *known == reason) {
+                    Some((_, names)) => names.push(line.name),
+                    None => left_out.push((reason, vec![line.name])),
+                }
+            }
+        }
+    }
+    let mut page = Page::new();
+    page.title("Baselines", &format!("{} episodes of every task, seed {}", config.n_env, config.seed));
+    page.table(&table);
+    let named = lines.iter().filter(|l| !l.error.0.is_empty() && l.error.0 != "position_error");
+    let others: Vec<String> = named.map(|l| format!("{} ({})", l.name, l.error.0)).collect();
+    let but = if others.is_empty() { String::new() } else { format!(", but for {}", others.join(", ")) };
+    page.line(format!(
+        "\nError: the task's position_error{but}; 'last' is its mean in the last step, crashed episodes included."
+    ));
+    if !left_out.is_empty() {
+        page.heading("Not flown");
+        for (reason, names) in &left_out {
+            page.line(format!("  {reason}"));
+            for some in names.chunks(5) {
+                page.line(format!("    {}", some.join(", ")));
+            }
+        }
+    }
+    if !written.is_empty() {
+        page.heading("Written");
+        for path in written {
+            page.line(format!("  {}", path.display()));
+        }
+    }
+    page.finish()
+}

@@ -1,0 +1,397 @@
+//! `omnidrones tasks`: the benchmark tasks as a list, or one of them with everything that a learner meets.
+
+use super::Report;
+use super::environment::{self, EnvArguments, QUANTITIES};
+use super::page::{Fact, Page, short};
+use super::table::{Align, Table};
+use omnidrones::controllers::cascade::Level;
+use omnidrones::error::Result;
+use omnidrones::tasks::randomise::Action;
+use omnidrones::tasks::registry::{self, Entry, REGISTRY};
+use omnidrones::tasks::sheet::{Slice, total};
+use omnidrones::tasks::{Baseline, Env, EnvConfig, Space, Spec};
+use serde_json::{Value, json};
+
+/// What the command is for.
+pub const ABOUT: &str = "\
+List the benchmark tasks, or print everything about one: what flies, what an agent sees and commands, how it is rewarded, \
+when an episode ends, which settings there are, and a configuration file to start from. Options show the task as they \
+would make it: another vehicle, control level, number of drones.";
+
+const EXAMPLES: &str = "\
+Examples:
+  omnidrones tasks                              the list
+  omnidrones tasks Hover                        one task in full
+  omnidrones tasks Hover --control rate         what changes if actions are body rates and thrust
+  omnidrones tasks OverHover --set n_drone=6    with six drones
+  omnidrones tasks Hover --toml > hover.toml    a file to edit, for --config
+  omnidrones tasks Track --json                 for a program
+
+Sizes count numbers. Best reward is the largest of one step: the sum of all terms' bounds. Memory is what one environment \
+keeps between steps, without the arrays that a step writes.
+
+JSON: 'spec' holds sizes, names, units and bounds of the environment; the list is under \"tasks\".
+
+Exit codes: 0 printed; 2 unusable input or arguments.";
+
+/// Arguments of `tasks`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub struct Arguments {
+    /// A task (case does not matter); without it, the list
+    #[arg(value_name = "TASK")]
+    task: Option<String>,
+    #[command(flatten)]
+    environment: EnvArguments,
+    /// Print the configuration as a file that --config reads
+    #[arg(long, requires = "task", conflicts_with = "json", help_heading = "Output")]
+    toml: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long, help_heading = "Output")]
+    json: bool,
+}
+
+/// One environment is built to be asked; the configuration speaks of as many as it says.
+fn build(entry: &Entry, config: &EnvConfig) -> Result<Env> {
+    entry.env(&EnvConfig { n_env: 1, ..config.clone() })
+}
+
+/// Prints.
+pub fn run(a: &Arguments) -> Result<Report> {
+    let config = a.environment.config(&EnvConfig::default())?;
+    let Some(name) = &a.task else { return list(&config, a.json) };
+    let task = Described::of(registry::by_name(name)?, config)?;
+    if a.toml {
+        return Ok(Report::done(environment::file(task.entry, &task.env, &task.config)?));
+    }
+    if a.json {
+        return Ok(Report::json(&task.json()?, true));
+    }
+    Ok(Report::done(task.page()?))
+}
+
+fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
+    let tasks: Vec<(&Entry, Env)> = REGISTRY.iter().map(|e| Ok((e, build(e, config)?))).collect::<Result<_>>()?;
+    if as_json {
+        let rows: Vec<Value> = tasks.iter().map(|(entry, env)| summary(entry, env.spec())).collect();
+        return Ok(Report::json(&json!({ "command": "tasks", "tasks": rows }), true));
+    }
+    let mut table = Table::new(&[
+        ("task", Align::Left),
+        ("agents", Align::Right),
+        ("sees", Align::Right),
+        ("acts", Align::Right),
+        ("steps", Align::Right),
+        ("best", Align::Right),
+        ("goal", Align::Left),
+    ]);
+    let mut page = Page::new();
+    let mut families: Vec<&str> = Vec::new();
+    for (entry, _) in &tasks {
+        if !families.contains(&entry.family()) {
+            families.push(entry.family());
+        }
+    }
+    for family in families {
+        if !table.is_empty() {
+            table.row([""]);
+        }
+        for (entry, env) in tasks.iter().filter(|(entry, _)| entry.family() == family) {
+            let spec = env.spec();
+            table.row([
+                entry.name.to_string(),
+                spec.n_agent.to_string(),
+                spec.n_observation.to_string(),
+                spec.action.len().to_string(),
+                spec.horizon.to_string(),
+                short(spec.reward_bound, 4),
+                entry.description.to_string(),
+            ]);
+        }
+    }
+    page.table(&table);
+    page.line(format!(
+        "\n'sees' and 'acts' count the numbers of one agent's observation and action in a step of {} s, 'steps' those of",
+        short(config.dt, 3)
+    ));
+    page.line("an episode; 'best' is the largest reward of a step, which all agents of a team share.\n");
+    page.line("omnidrones tasks TASK prints one in full, omnidrones rollout TASK flies it.");
+    Ok(Report::done(page.finish()))
+}
+
+fn summary(entry: &Entry, spec: &Spec) -> Value {
+    json!({
+        "name": entry.name,
+        "description": entry.description,
+        "family": entry.family(),
+        "n_agent": spec.n_agent,
+        "n_observation": spec.n_observation,
+        "n_action": spec.action.len(),
+        "n_central": spec.n_central,
+        "horizon": spec.horizon,
+        "dt": spec.dt,
+        "reward_bound": spec.reward_bound,
+        "bytes_per_env": spec.bytes_per_env,
+    })
+}
+
+/// A task as its configuration makes it.
+struct Described {
+    entry: &'static Entry,
+    config: EnvConfig,
+    env: Env,
+    /// Name of the controller that can fly it, or why none can.
+    controller: std::result::Result<String, String>,
+    levels: Vec<Level>,
+}
+
+impl Described {
+    fn of(entry: &'static Entry, config: EnvConfig) -> Result<Self> {
+        let env = build(entry, &config)?;
+        let at = |control| build(entry, &EnvConfig { control, ..config.clone() });
+        let controller = at(Level::Rotor).and_then(|env| Ok(Baseline::new(&env)?.name().to_string()));
+        let levels = Level::ALL.into_iter().filter(|level| at(*level).is_ok()).collect();
+        Ok(Self { entry, env, controller: controller.map_err(|e| e.to_string()), levels, config })
+    }
+
+    fn page(&self) -> Result<String> {
+        let mut page = Page::new();
+        let (spec, sheet) = (self.env.spec(), self.env.sheet());
+        page.title(self.entry.name, self.entry.description).facts(&self.facts());
+        page.heading("Observation").table(&slices(&spec.observation));
+        if !spec.central.is_empty() {
+            page.heading("Central state, for critics that see all").table(&slices(&spec.central));
+        }
+        page.heading("Reward").table(&self.reward());
+        page.heading("Episode end").table(&self.ends());
+        page.heading("Told in every step").table(&self.infos());
+        page.heading("Configuration").table(&self.settings());
+        page.heading("What --randomise can draw for every episode").facts(&quantities());
+        if !sheet.memo.is_empty() || !sheet.goal.is_empty() {
+            let names = |slices: &[Slice]| slices.iter().map(|s| s.name.clone()).collect::<Vec<_>>().join(", ");
+            let kept = [("goal", names(&sheet.goal)), ("memory", names(&sheet.memo))];
+            let kept: Vec<Fact> =
+                kept.into_iter().filter(|k| !k.1.is_empty()).map(|(n, what)| Fact::new(n, what)).collect();
+            page.heading("What the task keeps through an episode").facts(&kept);
+        }
+        page.heading("Configuration file, as --toml prints it");
+        for line in environment::file(self.entry, &self.env, &self.config)?.lines() {
+            page.line(if line.is_empty() { String::new() } else { format!("  {line}") });
+        }
+        Ok(page.finish())
+    }
+
+    /// What flies, in a few words.
+    fn craft(&self) -> (String, String) {
+        let (rig, settings) = (self.env.rig(), &self.env.sheet().settings);
+        let own = self.config.task.get("vehicle").and_then(|v| v.as_str()).map(String::from);
+        let defaults = self.entry.default_config().ok();
+        let by_default = defaults.as_ref().and_then(|c| c.task.get("vehicle")).and_then(|v| v.as_str());
+        let usual = settings.iter().find(|s| s.key == "vehicle").map(|s| s.default.trim_matches('"'));
+        let vehicle = own.or_else(|| by_default.or(usual).map(String::from));
+        let drone = rig.drone();
+        let drives = match drone.drives.len() {
+            0 => String::new(),
+            n => format!(" and {n} drives"),
+        };
+        let each = if rig.drones().len() == 1 { "" } else { " each" };
+        let parts = format!("{} rotors{drives}{each}", drone.rotors.len());
+        match (rig.model(), vehicle) {
+            (None, vehicle) => (vehicle.unwrap_or_else(|| "a vehicle".into()), parts),
+            (Some(model), Some(vehicle)) => {
+                let count = rig.drones().len();
+                let times = if count == 1 { String::new() } else { format!("{count} × ") };
+                (
+                    format!("{times}{vehicle}"),
+                    format!("{parts}; {} bodies, {} kg", model.bodies().len(), short(model.mass(), 4)),
+                )
+            }
+            (Some(model), None) => (
+                model.name().into(),
+                format!("{parts}; {} bodies, {} kg", model.bodies().len(), short(model.mass(), 4)),
+            ),
+        }
+    }
+
+    fn facts(&self) -> Vec<Fact> {
+        let (spec, (craft, parts)) = (self.env.spec(), self.craft());
+        let physics = self.env.rig().physics();
+        let seconds = spec.horizon as f64 * spec.dt;
+        let levels: Vec<&str> = self.levels.iter().map(|l| l.name()).collect();
+        let n = self.config.n_env;
+        let together =
+            format!("{n} environments keep {} MiB", short((n * spec.bytes_per_env) as f64 / f64::from(1 << 20), 3));
+        let share = if spec.n_agent == 1 { "" } else { "one per drone, they share the reward" };
+        let mut facts = vec![
+            Fact::new("what flies", craft).note(parts),
+            Fact::new("agents", spec.n_agent.to_string()).note(share),
+            Fact::new("action", action(&spec.action)).note(commands(&spec.commands)),
+            Fact::new("control", spec.config.control.name()).note(format!("possible: {}", levels.join(", "))),
+            Fact::new("observation", format!("{} numbers", spec.n_observation)).note("of each agent"),
+        ];
+        if spec.n_central > 0 {
+            facts.push(Fact::new("central state", format!("{} numbers", spec.n_central)));
+        }
+        facts.extend([
+            Fact::new("episode", format!("{} steps", spec.horizon)).note(format!("{} s", short(seconds, 3))),
+            Fact::new("step", format!("{} s", short(spec.dt, 4))).note(integration(physics, &self.config)),
+            Fact::new("best reward", short(spec.reward_bound, 4))
+                .note(format!("per step; {} per episode", short(spec.reward_bound * spec.horizon as f64, 5))),
+            Fact::new("memory", format!("{} bytes", spec.bytes_per_env)).note(together),
+        ]);
+        if !spec.privileged.is_empty() {
+            let owner = |name: &str| name.rsplit_once('.').map_or(name, |(owner, _)| owner).to_string();
+            let mut owners: Vec<String> = spec.privileged.iter().map(|(name, _)| owner(name)).collect();
+            owners.dedup();
+            let what = format!("per episode, of {}", some(&owners, 3));
+            facts.push(Fact::new("drawn", format!("{} numbers", spec.privileged.len())).note(what));
+        }
+        facts.push(match &self.controller {
+            Ok(name) => Fact::new("controller", name).note("--controller pd of 'omnidrones rollout'"),
+            Err(_) => Fact::new("controller", "none").note("no reference says what this task wants"),
+        });
+        facts
+    }
+
+    fn reward(&self) -> Table {
+        let mut table = Table::new(&[
+            ("term", Align::Left),
+            ("at most", Align::Right),
+            ("gradient", Align::Left),
+            ("is", Align::Left),
+        ]);
+        for t in &self.env.sheet().reward {
+            table.row([t.name.to_string(), short(t.bound, 4), t.smoothness.name().into(), t.formula.clone()]);
+        }
+        table.row(["sum".into(), short(self.env.spec().reward_bound, 4)]);
+        table
+    }
+
+    fn ends(&self) -> Table {
+        let mut table = Table::new(&[("reason", Align::Left), ("flag", Align::Left), ("when", Align::Left)]);
+        for e in &self.env.sheet().ends {
+            table.row([e.name, "terminated", &e.condition]);
+        }
+        table.row(["diverged", "terminated", "a number of the state leaves ±1e8"]);
+        table.row(["time", "truncated", &format!("{} steps are over", self.env.spec().horizon)]);
+        table
+    }
+
+    fn infos(&self) -> Table {
+        let mut table = Table::new(&[("info", Align::Left), ("unit", Align::Left), ("meaning", Align::Left)]);
+        for info in &self.env.spec().info {
+            table.row([&info.name, &info.unit, &info.meaning]);
+        }
+        table
+    }
+
+    fn settings(&self) -> Table {
+        let mut table =
+            Table::new(&[("key in [task]", Align::Left), ("default", Align::Left), ("meaning", Align::Left)]);
+        let defaults = self.entry.default_config().map(|c| c.task).unwrap_or_default();
+        for s in &self.env.sheet().settings {
+            let default = defaults.get(s.key).map_or_else(|| s.default.clone(), toml::Value::to_string);
+            table.row([s.key, &default, s.meaning]);
+        }
+        table
+    }
+
+    fn json(&self) -> Result<Value> {
+        let mut spec = self.env.spec().clone();
+        (spec.n_env, spec.config.n_env) = (self.config.n_env, self.config.n_env);
+        let quantities: Vec<String> = QUANTITIES.iter().map(|(what, ..)| environment::quantity_name(what)).collect();
+        let mut value = summary(self.entry, &spec);
+        value["command"] = json!("tasks");
+        value["what_flies"] = json!(self.craft().0);
+        value["control_levels"] = json!(self.levels);
+        value["controller"] = json!(self.controller.as_ref().ok());
+        value["sheet"] = json!(self.env.sheet());
+        value["randomise"] = json!(quantities);
+        value["spec"] = json!(spec);
+        value["toml"] = json!(environment::file(self.entry, &self.env, &self.config)?);
+        Ok(value)
+    }
+}
+
+/// Slices with their places.
+fn slices(slices: &[Slice]) -> Table {
+    let mut table = Table::new(&[
+        ("place", Align::Right),
+        ("name", Align::Left),
+        ("size", Align::Right),
+        ("unit, frame", Align::Left),
+        ("meaning", Align::Left),
+    ]);
+    let mut at = 0;
+    for s in slices {
+        let place = if s.size == 1 { at.to_string() } else { format!("{at}–{}", (at + s.size).saturating_sub(1)) };
+        at += s.size;
+        table.row([&place, &s.name, &s.size.to_string(), &s.unit, &wrapped(&s.meaning, 48)]);
+    }
+    table.row(["", "all", &total(slices).to_string()]);
+    table
+}
+
+fn quantities() -> Vec<Fact> {
+    let how = |action: Action| match action {
+        Action::Scale => "times",
+        Action::Add => "plus",
+        Action::Set => "is",
+    };
+    let fact = |(what, action, meaning): &(_, Action, &str)| {
+        Fact::new(environment::quantity_name(what), how(*action)).note(*meaning)
+    };
+    QUANTITIES.iter().map(fact).collect()
+}
+
+fn action(space: &Space) -> String {
+    match space {
+        Space::Box { n, low, high } => format!("{n} numbers in [{low}, {high}]"),
+        Space::Discrete { n } => format!("one of {n} values"),
+        Space::MultiDiscrete { n, levels } => format!("{n} numbers of {levels} values"),
+    }
+}
+
+/// `rotor_0 … rotor_3, drive_0 … drive_5`: runs of numbered names by their ends.
+fn commands(names: &[String]) -> String {
+    let stem = |name: &str| name.trim_end_matches(|c: char| c.is_ascii_digit()).to_string();
+    let runs = names.chunk_by(|a, b| stem(a) == stem(b) && stem(a) != *a);
+    let run = |run: &[String]| match run {
+        [one] => one.clone(),
+        [first, .., last] => format!("{first} … {last}"),
+        [] => String::new(),
+    };
+    runs.map(run).collect::<Vec<_>>().join(", ")
+}
+
+/// In lines of at most `width`, cut between words.
+fn wrapped(text: &str, width: usize) -> String {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        let line = lines.last_mut().map_or(0, |l| l.chars().count());
+        match lines.last_mut() {
+            Some(last) if line == 0 || line + 1 + word.chars().count() <= width => {
+                last.push_str(if line == 0 { "" } else { " " });
+                last.push_str(word);
+            }
+            _ => lines.push(word.into()),
+        }
+    }
+    lines.join("\n")
+}
+
+/// The first `most`, and how many more there are.
+fn some(names: &[String], most: usize) -> String {
+    let shown = names.iter().take(most).cloned().collect::<Vec<_>>().join(", ");
+    if names.len() > most { format!("{shown} … and {} more", names.len() - most) } else { shown }
+}
+
+fn integration(physics: &omnidrones::dynamics::Physics, config: &EnvConfig) -> String {
+    use omnidrones::dynamics::Integrator;
+    let name = match physics.integrator {
+        Integrator::RungeKutta4 => "Runge–Kutta 4",
+        Integrator::SemiImplicit => "semi-implicit",
+    };
+    let steps = config.control_steps() * physics.substeps;
+    format!("{name}, {}", if steps == 1 { "one integrator step".into() } else { format!("{steps} integrator steps") })
+}
