@@ -16,7 +16,7 @@ use crate::controllers::transport::{Leans, Transport, is_transport};
 use crate::dynamics::gains;
 use crate::dynamics::rigid::{RIGID_DIM, vehicle_of};
 use crate::dynamics::tree::{Model, Multibody};
-use crate::dynamics::{Gains, Vehicle};
+use crate::dynamics::{Gains, Rotor, Vehicle};
 use crate::error::{Error, Result};
 
 /// One controller per environment.
@@ -170,19 +170,15 @@ fn pilot(system: &Multibody, vehicle: Option<&Vehicle>, rates: &Rates) -> Result
     })
 }
 
-/// All levels in every step.
+/// All levels in every step; gains as if all motors had the mean lag.
 fn cascade(vehicle: &Vehicle, dt: f64) -> Result<Cascade> {
-    Cascade::new(vehicle, &tight(vehicle), &Rates::every_step(dt), dt)
-}
-
-/// [`Vehicle::derived_gains`] with the outer poles at a third of the attitude loop's, damped 1.2 times critically: the
-/// tasks forgive slow recoveries less than small margins.
-fn tight(vehicle: &Vehicle) -> Gains {
-    let mut gains = vehicle.derived_gains();
-    let faster = gains::SEPARATION / 3.0;
-    gains.position = gains.position.map(|k| k * faster * faster);
-    gains.velocity = gains.velocity.map(|k| k * faster * 1.2);
-    gains
+    let mut even = vehicle.clone();
+    let mean = |of: fn(&Rotor) -> f64| vehicle.rotors.iter().map(of).sum::<f64>() / vehicle.n_rotor() as f64;
+    let [up, down] = [mean(|r| r.time_constant_up), mean(|r| r.time_constant_down)];
+    even.rotors.iter_mut().for_each(|r| (r.time_constant_up, r.time_constant_down) = (up, down));
+    let mut gains = swift(&even, 2.0);
+    gains.velocity = gains.velocity.map(|k| 1.2 * k);
+    Cascade::new(vehicle, &gains, &Rates::every_step(dt), dt)
 }
 
 /// [`Vehicle::derived_gains`] with all poles `factor` times as fast.

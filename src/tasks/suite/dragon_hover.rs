@@ -1,6 +1,36 @@
 //! DragonHover: a chain of four links, rotors on gimbals, flies to a point and holds still there.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `target` | 3 | m, world | p_t − p̄ |
+//! | `positions` | 12 | m, world | p_i − p_t of every link |
+//! | `attitudes` | 16 | -, body → world | unit quaternions of every link, w ≥ 0 |
+//! | `velocities` | 24 | m/s, rad/s, world | v_i, ω_i of every link |
+//! | `headings` | 12 | -, world | R_i e_x of every link |
+//! | `ups` | 12 | -, world | R_i e_z of every link |
+//! | `throttle` | 8 | - | 2s − 1, s = Ω/Ω_max |
+//! | `gimbals` | 8 | half turns | angles/π, x then y of every link |
+//! | `bends` | 6 | half turns | angles/π, y then z of every joint |
+//! | `heading_error` | 3 | -, world | h_t − h |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 108 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | e^{−1.2 d} | 1 | piecewise |
+//! | `joints` | 0.5 · mean e^{−|q̇|} | 0.5 | piecewise |
+//! | *sum* | | 1.5 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | min z_i < 0.2 m |
+//! | `far` | d > 4 |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `horizon` | 500 | T, steps |
 //!
 //! p_i link middles, p̄ = ¼ Σ p_i, h = R_0 e_x heading of link 0, q joints: eight gimbal and six bend angles. One agent with
 //! 22 actions: eight rotors, then gimbal rates (x, y per link), then bend targets (y, z per joint). Target: (0, 0, 2) m,

@@ -1,6 +1,45 @@
 //! FlyThrough: fly through a gate that slides sideways, to a point behind it.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `target` | 3 | m, world | p_t − p |
+//! | `gate_velocity` | 3 | m/s, world | v_g |
+//! | `gate` | 3 | m, world | g − p |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 33 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | r_p = e^{−d} | 1 | piecewise |
+//! | `gate` | 0.5 (0.8 − \|g_y − y\| − \|g_z − z\|) e^{x} for x < 0, else 0.5 | 0.5 | non-smooth |
+//! | `up` | 0.5 (r_p + 0.3) ((u_z + 1)/2)² | 0.65 | piecewise |
+//! | `spin` | 0.5 (r_p + 0.3)/(1 + ω_z²) | 0.65 | piecewise |
+//! | `effort` | 0.1 e^{−e} | 0.1 | smooth |
+//! | *sum* | | 2.9 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | z < 0.2 m |
+//! | `high` | z > 2.5 m |
+//! | `wide` | \|y\| > 2 m |
+//! | `far` | d > 6 m |
+//! | `missed` | not \|g_y − y\| < 0.5 m and \|g_z − z\| < 0.5 m in the first step with x > 0 |
+//! | `contact` | touches the frame, if `reset_on_collision` |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies |
+//! | `horizon` | 500 | T, steps |
+//! | `gate_damping` | 1.0 | of the gate's slide, N s/m |
+//! | `reset_on_collision` | false | whether touch ends the episode |
 //!
 //! p = (x, y, z) drone, g, v_g position and velocity of the gate's frame, u = R e_z, ω angular velocity (world), e = Σ s effort,
 //! k steps, d = ‖p_t − p‖. The gate stands at (0, 0, 2) m, its opening has half sizes of 0.616 × 0.561 m; it starts within ±1 m

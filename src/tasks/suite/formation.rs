@@ -1,6 +1,38 @@
 //! Formation: free drones form a figure about a point, each facing +x, and keep apart in each other's downwash.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `center` | 3 | m, world | p_c − p_i |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `clock` | 4 | - | k/T, four times |
+//! | `others` | 84 | m, m, -, m/s, rad/s; world | p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending |
+//! | *total* | 111 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `shape` | r_s r_f, r_f = 1/(1 + (1.6 H)²) | 1 | piecewise |
+//! | `place` | r_s r_f e^{−c} | 1 | piecewise |
+//! | `heading` | r_s r_f · mean h_x | 1 | piecewise |
+//! | `center` | 0.4 r_s e^{−c} | 0.4 | piecewise |
+//! | *sum* | | 3.4 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | min z_i < 0.2 m |
+//! | `touch` | sep < 0.23 m |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies |
+//! | `formation` | "hexagon" | one drone per point: "hexagon" (7), "tetragon" (5) or a list of points, m |
+//! | `horizon` | 600 | T, steps |
 //!
 //! p_i drones, p̄ their mean, f_i the figure's points, f̄ their mean, h_i headings, sep the least distance of two drones,
 //! r_s = min((sep/0.4 m)², 1), k steps. H: the larger of max_i min_j ‖(p_i − p̄) − (f_j − f̄)‖ and

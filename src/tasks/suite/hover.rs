@@ -1,6 +1,37 @@
 //! Hover: fly to a point and hold it, with a heading.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `target` | 3 | m, world | p_t − p |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `heading_error` | 3 | -, world | h_t − h |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 30 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | r_p = 1/(1 + (1.2 d)²) | 1 | smooth |
+//! | `up` | r_p ((u_z + 1)/2)² | 1 | smooth |
+//! | `spin` | r_p/(1 + ω_z²) | 1 | smooth |
+//! | `effort` | 0.1 e^{−e} | 0.1 | smooth |
+//! | *sum* | | 3.1 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | z < 0.2 m |
+//! | `far` | d > 4 |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies |
+//! | `horizon` | 500 | T, steps |
 //!
 //! p drone, h = R e_x heading, u = R e_z, ω angular velocity (world), e = Σ s effort, k steps. Target: (0, 0, 2) m,
 //! heading h_t at a yaw drawn in [0, 2π). Start: p uniform in ±2.5 × ±2.5 × [1, 2.5] m, roll and pitch within ±0.2π,

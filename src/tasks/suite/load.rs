@@ -40,8 +40,8 @@ const BALL_SHARE: [f64; 2] = [0.2, 0.3];
 pub(super) const LIGHT_BAR: [f64; 2] = [0.001; 2];
 /// Mass of a bar that is, kg.
 pub(super) const DRAWN_BAR: [f64; 2] = [0.01, 0.04];
-/// Of the ways that controllers give a ball ([`Wanted::way`]).
-const SLOWNESS: f64 = 1.3;
+/// Of the ways that controllers give a ball that hangs and one that stands ([`Wanted::way`]).
+const SLOWNESS: [f64; 2] = [0.8, 1.3];
 /// Numbers of a load in a goal, where it comes first.
 pub(super) const LOAD: usize = 2;
 
@@ -223,7 +223,7 @@ impl Load {
     /// The way of the drone that brings the ball to `target`.
     pub(super) fn wanted(&self, view: &View<'_, f64>, target: Vec3<f64>) -> Option<Wanted> {
         let ball = Frame { attitude: view.drone(0).attitude, ..self.ball(view) };
-        let way = Wanted::waypoints(&ball, target, ball.yaw(), SLOWNESS)?;
+        let way = Wanted::waypoints(&ball, target, ball.yaw(), SLOWNESS[usize::from(self.sign > 0.0)])?;
         Some(self.carried(view, LoadPath::Waypoints(way)))
     }
 

@@ -1,6 +1,50 @@
 //! OverFlyThrough: drones on the arms of a frame bring it through a row of poles that it only passes tilted.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `place` | 3 | m, world | p_i − p of the frame |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `index` | 4 | - | 1 at i, else 0 |
+//! | `others` | 39 | m, -, m/s, rad/s; world | p_i − p_j, q_j, v_j, ω_j for every other j, ascending |
+//! | `target` | 3 | m, world | p_t − p |
+//! | `heading_error` | 3 | -, world | h_t − h |
+//! | `up_error` | 3 | -, world | u_t − u |
+//! | `poles` | 6 | m, world | (x, y) of every pole − (x, y) of the frame |
+//! | `frame_attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `frame_velocity` | 3 | m/s, world | v |
+//! | `frame_angular_velocity` | 3 | rad/s, world | ω |
+//! | `frame_heading` | 3 | -, world | h = R e_x |
+//! | `frame_up` | 3 | -, world | u = R e_z |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 101 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | r_p = 1/(1 + d²) | 1 | smooth |
+//! | `up` | r_p ((u·u_t + 1)/2)² | 1 | smooth |
+//! | `spin` | r_p/(1 + (|ω_x| + |ω_y| + |ω_z|)²) | 1 | piecewise |
+//! | `effort` | 0.1 · mean e^{−e_i} | 0.1 | smooth |
+//! | *sum* | | 3.1 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | min z_i < 0.2 m |
+//! | `aside` | |y| > 1.5 m |
+//! | `collision` | c < 0, if `reset_on_collision` |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies at every arm |
+//! | `n_drone` | 4 | drones: 2, 4 or 6 |
+//! | `horizon` | 500 | T, steps |
+//! | `reset_on_collision` | false | whether touching a pole ends the episode |
 //!
 //! p, h, u, ω frame (world), p_i drones, e_i = Σ s effort of drone i, c clearance: the least distance of the rig's bodies
 //! to a pole, negative in contact. Poles: three vertical capsules of radius 0.05 m and length 5 m about z = 2.5 m, at

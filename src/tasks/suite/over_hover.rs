@@ -1,6 +1,47 @@
 //! OverHover: drones on the arms of a frame bring it to a pose and hold it there, tilted.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `place` | 3 | m, world | p_i − p of the frame |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `index` | 4 | - | 1 at i, else 0 |
+//! | `others` | 39 | m, -, m/s, rad/s; world | p_i − p_j, q_j, v_j, ω_j for every other j, ascending |
+//! | `target` | 3 | m, world | p_t − p |
+//! | `heading_error` | 3 | -, world | h_t − h |
+//! | `up_error` | 3 | -, world | u_t − u |
+//! | `frame_attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `frame_velocity` | 3 | m/s, world | v |
+//! | `frame_angular_velocity` | 3 | rad/s, world | ω |
+//! | `frame_heading` | 3 | -, world | h = R e_x |
+//! | `frame_up` | 3 | -, world | u = R e_z |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 95 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | r_p = e^{−1.2 d} | 1 | piecewise |
+//! | `up` | r_p ((u·u_t + 1)/2)² | 1 | piecewise |
+//! | `spin` | r_p/(1 + (|ω_x| + |ω_y| + |ω_z|)²) | 1 | piecewise |
+//! | `effort` | 0.25 · mean e^{−e_i} | 0.25 | smooth |
+//! | *sum* | | 3.25 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | min z_i < 0.2 m |
+//! | `far` | d > 5 |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies at every arm |
+//! | `n_drone` | 4 | drones: 2, 4 or 6 |
+//! | `horizon` | 500 | T, steps |
 //!
 //! p, h, u, ω frame (world), p_i drones, e_i = Σ s effort of drone i, k steps. Target: (0, 0, 2.25) m, heading h_t and up
 //! u_t of an attitude with roll and pitch within ±0.2π and any yaw. Start: frame uniform in ±3 × ±3 × [1.5, 2.5] m, the

@@ -1,6 +1,41 @@
 //! PayloadHover: hold a slung ball at a point while it is pushed.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `drone_from_ball` | 3 | m, world | p − q |
+//! | `target` | 3 | m, world | q_t − q |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `ball_velocity` | 3 | m/s, world | v_q = q̇ |
+//! | `bar_angular_velocity` | 3 | rad/s, world | ω_b |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 36 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | r_p = e^{−1.6 d} | 1 | piecewise |
+//! | `up` | 0.5 r_p/(1 + (1 − u_z)²) | 0.5 | piecewise |
+//! | `spin` | 0.5 r_p/(1 + ω_z²) | 0.5 | piecewise |
+//! | `effort` | 0.1 e^{−e} | 0.1 | smooth |
+//! | *sum* | | 2.1 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | z < 0.2 m |
+//! | `ball_crash` | q_z < 0.2 m |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies |
+//! | `horizon` | 500 | T, steps |
+//! | `length` | [1.0, 1.0] | L, lowest and highest, m; drawn once per environment |
+//! | `kick` | [1.0, 1.0, 0.5] | σ of a push, m/s |
 //!
 //! p drone, q ball, m_q its mass, u = R e_z, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b
 //! angular velocity of the bar, d = ‖q_t − q‖. Ball 0.2 to 0.3 of the vehicle's mass, bar 1 g. Target: q_t = (0, 0, 1) m.

@@ -1,6 +1,41 @@
 //! PayloadTrack: lead a slung ball along a lemniscate.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `drone_from_ball` | 3 | m, world | p − q |
+//! | `path` | 18 | m, world | p_ref(k + 5i) − q for i = 0 … 5 |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `ball_velocity` | 3 | m/s, world | v_q = q̇ |
+//! | `bar_angular_velocity` | 3 | rad/s, world | ω_b |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 51 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | r_p = e^{−1.6 d} | 1 | piecewise |
+//! | `up` | 0.5 r_p/(1 + (1 − u_z)²) | 0.5 | piecewise |
+//! | `spin` | 0.5 r_p/(1 + ω_z²) | 0.5 | piecewise |
+//! | `effort` | 0.1 e^{−e} | 0.1 | smooth |
+//! | *sum* | | 2.1 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | z < 0.1 m |
+//! | `far` | d > `reset_distance` |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies |
+//! | `horizon` | 600 | T, steps |
+//! | `length` | [1.0, 1.0] | L, lowest and highest, m; drawn once per environment |
+//! | `reset_distance` | 0.8 | largest distance of the ball from the path, m |
 //!
 //! p drone, q ball, u = R e_z, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b angular velocity
 //! of the bar, p_ref(k) the path (see [`path`](crate::tasks::path)) with c within ±0.6, S within (1.8, 1.8, 1) … (3.2, 3.2,

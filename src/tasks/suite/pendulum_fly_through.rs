@@ -1,6 +1,48 @@
 //! InvPendulumFlyThrough: carry a ball that stands on a bar past two level bars.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `drone_from_ball` | 3 | m, world | p − q |
+//! | `position` | 3 | m, world | p |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `target` | 3 | m, world | q_t − q |
+//! | `ball_velocity` | 3 | m/s, world | v_q = q̇ |
+//! | `bar_angular_velocity` | 3 | rad/s, world | ω_b |
+//! | `bars` | 4 | m, world | (x, z) of lower and upper bar − (x, z) of p |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 43 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | (1 − c) r_p, r_p = 1/(1 + 1.2 d) | 1 | non-smooth |
+//! | `balance` | (1 − c) r_p b | 1 | non-smooth |
+//! | `spin` | (1 − c) r_p/(1 + ω_z²) | 1 | non-smooth |
+//! | `swing` | (1 − c) r_p e^{−‖v_q‖} | 1 | non-smooth |
+//! | `effort` | (1 − c) 0.1 e^{−e} | 0.1 | non-smooth |
+//! | *sum* | | 4.1 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | z < 0.2 m |
+//! | `wide` | \|y\| > 2 m |
+//! | `fall` | b < 0.1 |
+//! | `high` | q_z > 3 m |
+//! | `contact` | c = 1, if `reset_on_collision` |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies |
+//! | `horizon` | 500 | T, steps |
+//! | `length` | [0.85, 0.85] | L, lowest and highest, m; drawn once per environment |
+//! | `spacing` | [0.9, 1.2] | of the obstacles, lowest and highest, m |
+//! | `reset_on_collision` | false | whether touch ends the episode |
 //!
 //! p drone, q ball, b = (q − p)_z/L, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b angular
 //! velocity of the bar, d = ‖q_t − q‖, c = 1 while drone, bar or ball touch an obstacle, else 0. Ball 0.2 to 0.3 of the

@@ -1,6 +1,43 @@
 //! InvPendulumHover: balance a ball on a bar at a point.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `drone_from_ball` | 3 | m, world | p − q |
+//! | `position` | 3 | m, world | p |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `target` | 3 | m, world | q_t − q |
+//! | `ball_velocity` | 3 | m/s, world | v_q = q̇ |
+//! | `bar_angular_velocity` | 3 | rad/s, world | ω_b |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 39 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `balance` | b | 1 | smooth |
+//! | `pose` | e^{−1.2 d} | 1 | piecewise |
+//! | `spin` | b/(1 + ω_z²) | 1 | smooth |
+//! | `swing` | b e^{−‖v_q‖} | 1 | piecewise |
+//! | `effort` | 0.1 e^{−e} | 0.1 | smooth |
+//! | *sum* | | 4.1 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | z < 0.2 m |
+//! | `fall` | b < 0.2 |
+//! | `far` | d > 3.3 m |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies |
+//! | `horizon` | 500 | T, steps |
+//! | `length` | [1.0, 1.0] | L, lowest and highest, m; drawn once per environment |
 //!
 //! p drone, q ball, b = (q − p)_z/L, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b angular
 //! velocity of the bar, d = ‖q_t − q‖. Ball 0.2 to 0.3 of the vehicle's mass, bar 0.01 to 0.04 kg. Target: q_t = (0, 0, 2.5) m.

@@ -1,6 +1,40 @@
 //! InvPendulumTrack: lead a ball that stands on a bar along a lemniscate.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `drone_from_ball` | 3 | m, world | p − q |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `path` | 18 | m, world | p_ref(k + 5i) − q for i = 0 … 5 |
+//! | `ball_velocity` | 3 | m/s, world | v_q = q̇ |
+//! | `bar_angular_velocity` | 3 | rad/s, world | ω_b |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 51 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | e^{−1.6 d} | 1 | piecewise |
+//! | `effort` | 0.1 e^{−e} | 0.1 | smooth |
+//! | *sum* | | 1.1 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | z < 0.2 m |
+//! | `fall` | b < 0.2 |
+//! | `far` | d > `reset_distance` |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies |
+//! | `horizon` | 600 | T, steps |
+//! | `length` | [1.0, 1.0] | L, lowest and highest, m; drawn once per environment |
+//! | `reset_distance` | 0.8 | largest distance of the ball from the path, m |
 //!
 //! p drone, q ball, b = (q − p)_z/L, e = Σ s effort, k steps, v_q = q̇, ω_b angular velocity of the bar, p_ref(k) the path (see
 //! [`path`](crate::tasks::path)) with c within ±0.6, S within (1.8, 1.8, 1) … (3.2, 3.2, 1.5) m, |w| within 0.7 … 1 rad/s about

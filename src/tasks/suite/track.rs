@@ -1,6 +1,37 @@
 //! Track: follow a lemniscate.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `path` | 12 | m, world | p_ref(k + 5i) − p for i = 0 … 3 |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 36 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | r_p = e^{−1.6 d} | 1 | piecewise |
+//! | `up` | 0.5 r_p/(1 + (1 − u_z)²) | 0.5 | piecewise |
+//! | `spin` | 0.5 r_p/(1 + ω_z²) | 0.5 | piecewise |
+//! | `effort` | 0.1 e^{−e} | 0.1 | smooth |
+//! | *sum* | | 2.1 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | z < 0.1 m |
+//! | `far` | d > `reset_distance` |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies |
+//! | `horizon` | 600 | T, steps |
+//! | `reset_distance` | 0.5 | largest distance from the path, m |
 //!
 //! p drone, u = R e_z, ω angular velocity (world), e = Σ s effort, k steps, p_ref(k) the path (see
 //! [`path`](crate::tasks::path)) with c within ±0.6, S within (1.8, 1.8, 1) … (3.2, 3.2, 1.5) m, |w| within 0.8 … 1.1 rad/s

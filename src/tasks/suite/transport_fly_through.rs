@@ -1,6 +1,49 @@
 //! TransportFlyThrough: drones on bars take a box of unknown mass between two beams, bars lowered to fit.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `place` | 3 | m, world | p_i − p of the box |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `index` | 4 | - | 1 at i, else 0 |
+//! | `others` | 42 | m, m, -, m/s, rad/s; world | p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending |
+//! | `target` | 3 | m, world | p_t − p |
+//! | `beams` | 4 | m, world | (x, z) of every beam − (x, z) of the box |
+//! | `box_attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `box_velocity` | 3 | m/s, world | v |
+//! | `box_angular_velocity` | 3 | rad/s, world | ω |
+//! | `box_heading` | 3 | -, world | h = R e_x |
+//! | `box_up` | 3 | -, world | u = R e_z |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 96 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | r_s r_p, r_p = e^{−‖p_t − p‖} | 1 | piecewise |
+//! | `up` | r_s r_p ((u_z + 1)/2)² | 1 | piecewise |
+//! | `joints` | 0.5 r_s mean(1 − q̂²) | 0.5 | piecewise |
+//! | `effort` | 0.2 r_s · mean e^{−e_i} | 0.2 | piecewise |
+//! | *sum* | | 2.7 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | min z_i < 0.2 m |
+//! | `high` | max z_i > 3.6 m |
+//! | `box_low` | z < 0.3 m |
+//! | `collision` | c < 0, if `reset_on_collision` |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies on every bar |
+//! | `n_drone` | 4 | drones: 4 or 6 |
+//! | `horizon` | 500 | T, steps |
+//! | `reset_on_collision` | false | whether touching a beam ends the episode |
 //!
 //! p, u box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the bars' joints as shares of their range of
 //! ±120°, sep the least distance of two drones, r_s = min((sep/0.5 m)², 1), c clearance: the least distance of the rig's

@@ -1,6 +1,47 @@
 //! TransportHover: drones on bars bring a box of unknown mass to a point and hold it there, with a heading.
 //!
-//! TABLES
+//! | Observation | size | unit | meaning |
+//! |---|---|---|---|
+//! | `place` | 3 | m, world | p_i − p of the box |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `velocity` | 3 | m/s, world | v |
+//! | `angular_velocity` | 3 | rad/s, world | ω |
+//! | `heading` | 3 | -, world | h = R e_x |
+//! | `up` | 3 | -, world | u = R e_z |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
+//! | `index` | 4 | - | 1 at i, else 0 |
+//! | `others` | 42 | m, m, -, m/s, rad/s; world | p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending |
+//! | `target` | 3 | m, world | p_t − p |
+//! | `heading_error` | 3 | -, world | h_t − h |
+//! | `box_attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
+//! | `box_velocity` | 3 | m/s, world | v |
+//! | `box_angular_velocity` | 3 | rad/s, world | ω |
+//! | `box_heading` | 3 | -, world | h = R e_x |
+//! | `box_up` | 3 | -, world | u = R e_z |
+//! | `clock` | 4 | - | k/T, four times |
+//! | *total* | 95 | | |
+//!
+//! | Reward | term | at most | |
+//! |---|---|---|---|
+//! | `pose` | r_s r_p, r_p = e^{−1.2 ‖(p_t − p, h_t − h)‖} | 1 | piecewise |
+//! | `up` | r_s r_p ((u_z + 1)/2)² | 1 | piecewise |
+//! | `spin` | 0.8 r_s r_p e^{−(|ω_x| + |ω_y| + |ω_z|)²} | 0.8 | piecewise |
+//! | `swing` | 0.8 r_s r_p e^{−(|v_x| + |v_y| + |v_z|)²} | 0.8 | piecewise |
+//! | `joints` | 0.5 r_s mean(1 − q̂²) | 0.5 | piecewise |
+//! | `effort` | 0.2 r_s · mean e^{−e_i} | 0.2 | piecewise |
+//! | *sum* | | 4.3 | |
+//!
+//! | Episode end | when |
+//! |---|---|
+//! | `crash` | min z_i < 0.2 m |
+//! | `diverged` | a number of the state leaves ±1e8 |
+//! | *truncated* | k ≥ `horizon` |
+//!
+//! | Configuration | default | meaning |
+//! |---|---|---|
+//! | `vehicle` | "hummingbird" | what flies on every bar |
+//! | `n_drone` | 4 | drones: 4 or 6 |
+//! | `horizon` | 500 | T, steps |
 //!
 //! p, h, u, v, ω box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the bars' joints as shares of their
 //! range of ±120°, sep the least distance of two drones, r_s = min((sep/0.5 m)², 1), k steps. Mass of the box: uniform in
