@@ -1,16 +1,19 @@
 //! Steps of a benchmark task's environments: everything from actions to observations, with rewards, ends and resets, beside
-//! one environment that is stepped in a loop.
+//! a plain loop over the physics of one of them in `f64`, without any of that, and beside one environment that is stepped in
+//! a loop (which computes sixty-four and throws away all but one).
 //!
 //! Actions are random around those that hover, so that episodes end now and then, and first episodes begin anywhere in
 //! time: a steady share of environments resets in every step, which a row of its own tells.
 
 use super::{BenchPlan, BenchRow};
+use crate::autodiff::System;
 use crate::controllers::cascade::Level;
 use crate::dynamics::Integrator;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::registry::Entry;
+use crate::tasks::rig::Craft;
 use crate::tasks::{Autoreset, Buffers, Env, EnvConfig, SingleEnv};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -116,10 +119,12 @@ fn group(
         threads *= 2;
     }
     let slice = plan.budget / ROUNDS;
-    let mut plain = f64::INFINITY;
+    let (mut bare, mut plain) = (Bare::new(&mut alone), f64::INFINITY);
+    let mut single = f64::INFINITY;
     let mut least = vec![f64::INFINITY; batches.len() * pools.len()];
     for _ in 0..ROUNDS {
-        plain = plain.min(alone.time(slice)?);
+        plain = plain.min(bare.time(slice)?);
+        single = single.min(alone.time(slice)?);
         for (i, batch) in batches.iter_mut().enumerate() {
             for (j, (_, pool)) in pools.iter().enumerate() {
                 batch.env.set_threads(pool.clone());
@@ -136,7 +141,8 @@ fn group(
         ratio,
         baseline: if ratio.is_some() { BASELINE } else { "" },
     };
-    add(row("one environment in a loop, 1 thread".into(), 1e-6 / plain, "M steps/s", Some(1.0)));
+    add(row("physics of one in a plain loop, f64".into(), 1e-6 / plain, "M steps/s", Some(1.0)));
+    add(row("one environment in a loop".into(), 1e-6 / single, "M steps/s", Some(plain / single)));
     for (i, batch) in batches.iter().enumerate() {
         for (j, (threads, _)) in pools.iter().enumerate() {
             let time = least[i * pools.len() + j];
@@ -154,7 +160,7 @@ fn group(
 }
 
 /// What all ratios are of.
-const BASELINE: &str = "one environment in a loop";
+const BASELINE: &str = "physics in a plain loop";
 
 /// Environments with the actions they take in turn.
 struct Batch {
@@ -195,6 +201,49 @@ impl Batch {
         let ended = self.out.terminated.iter().zip(&self.out.truncated).filter(|(a, b)| **a + **b > 0).count();
         (self.stepped, self.ended) = (self.stepped + self.n(), self.ended + ended);
         Ok(least / self.n() as f64)
+    }
+}
+
+/// The physics of one environment in `f64`, as a simulator without batches steps it.
+struct Bare {
+    craft: Craft,
+    rest: Vec<f64>,
+    state: Vec<f64>,
+    next: Vec<f64>,
+    input: Vec<f64>,
+    /// Physics steps per step of the environment.
+    inner: usize,
+    step: usize,
+}
+
+impl Bare {
+    /// For the environment of another subject; its rotors hold their rest speeds.
+    fn new(alone: &mut Alone) -> Self {
+        let inner = alone.env.spec().config.control_steps();
+        let rig = alone.env.env().rig();
+        let rest = rig.rest().to_vec();
+        let mut input = vec![0.0; rig.n_input()];
+        for rotor in rig.drones().iter().flat_map(|d| &d.rotors) {
+            input[rotor.action] = 2.0 * (rest[rotor.speed] / rotor.max_speed).powi(2) - 1.0;
+        }
+        Self { craft: rig.craft.clone(), state: rest.clone(), next: rest.clone(), rest, input, inner, step: 0 }
+    }
+
+    fn time(&mut self, budget: Duration) -> Result<f64> {
+        repeat(budget, || {
+            self.step += 1;
+            if self.step.is_multiple_of(256) {
+                self.state.copy_from_slice(&self.rest);
+            }
+            for _ in 0..self.inner {
+                match &self.craft {
+                    Craft::Vehicle(m) => m.step(black_box(&self.state), &self.input, &[], &mut self.next),
+                    Craft::Model(m) => m.step(black_box(&self.state), &self.input, &[], &mut self.next),
+                }
+                std::mem::swap(&mut self.state, &mut self.next);
+            }
+            Ok(())
+        })
     }
 }
 

@@ -24,7 +24,7 @@ one and more threads, Jacobians, adjoints, rollout gradients; and steps of every
 same run, so that ratios hold where absolute figures depend on the machine.
 
 With a task: environment steps per second, everything included (actions, control, physics, observation, reward, ends, \
-resets), for batches of several sizes against one environment stepped in a loop.";
+resets), for batches of several sizes, against the physics alone of one environment in a plain loop.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -39,8 +39,8 @@ Examples:
 Without a task the subject is a Hummingbird, then every configuration, under RK4 at 16 ms with linear drag. A ratio says how many times the baseline: in speed for rates, in time for durations.
 
 With a task: random actions close to hover, episodes that begin anywhere in time; 'rotor' and 'rate' are the level at \
-which actions enter, --control and --integrator name one. One environment in a loop is a batch of one: it too computes in a block of 64 lanes, so a batch is \
-faster by up to 64 times on one thread.
+which actions enter, --control and --integrator name one. The plain loop steps one vehicle or model in f64, without task, observations or resets. One environment in a \
+loop is a batch of one: it computes a block of 64 lanes and uses one.
 
 Files in --out: bench.png or bench.svg, with a task TASK.png or TASK.svg. Close other programs: figures fall with their load.
 
@@ -186,7 +186,7 @@ fn task_figure(entry: &Entry, rows: &[BenchRow]) -> Figure {
         bars = bars.bar(Bar::new(name, row.value).note(note).colour(Colour::nth(groups.len() - 1)));
     }
     Figure::new(format!("{}: speed of environments", entry.name))
-        .subtitle(format!("{}; (×) against one environment in a loop", machine()))
+        .subtitle(format!("{}; (×) against the physics of one in a plain loop", machine()))
         .size(1000.0, (130.0 + 22.0 * bars.bars.len() as f64).min(3000.0))
         .chart(bars)
 }

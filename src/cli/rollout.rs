@@ -111,6 +111,8 @@ pub struct Flown {
     /// `cascade`, `random`.
     pub controller: String,
     pub evaluation: Evaluation,
+    /// How many episodes no controller could be made for, and why.
+    unflown: Option<String>,
     wall_time: f64,
 }
 
@@ -184,7 +186,11 @@ impl Ready {
             Some(own) => (own.name().to_string(), evaluate(&mut self.env, &mut own.policy(), &mut watch)?),
             None => ("random".into(), evaluate(&mut self.env, &mut random, &mut watch)?),
         };
-        Ok(Flown { record, controller, evaluation, wall_time: start.elapsed().as_secs_f64() })
+        let unflown = self.baseline.as_ref().and_then(|own| {
+            let (_, first) = own.failures().first()?;
+            Some(format!("{} of the episodes could not be flown, the first because: {first}", own.failures().len()))
+        });
+        Ok(Flown { record, controller, evaluation, unflown, wall_time: start.elapsed().as_secs_f64() })
     }
 }
 
@@ -248,6 +254,9 @@ impl Flown {
         let spec = self.record.spec();
         let how = format!("{} episodes, seed {}, flown by {}", spec.n_env, spec.config.seed, self.controller);
         page.title(&spec.task, &how).facts(&self.facts());
+        if let Some(note) = &self.unflown {
+            page.line(format!("  {note}"));
+        }
         page.heading("How episodes ended").table(&self.ends());
         page.heading("Reward").table(&self.terms());
         page.heading("In the last step").table(&self.metrics());

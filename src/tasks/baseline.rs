@@ -23,6 +23,7 @@ use crate::error::{Error, Result};
 pub struct Baseline {
     /// From the first step of an episode on.
     seats: Vec<Option<Seat>>,
+    failures: Vec<(usize, Error)>,
     name: String,
     dt: f64,
     n_action: usize,
@@ -40,6 +41,8 @@ enum Crew {
     Free(Vec<Cascade>),
     /// Of one tree.
     Joined(Box<dyn Pilot>),
+    /// Of numbers that no controller flies.
+    Nobody,
 }
 
 impl Baseline {
@@ -62,9 +65,10 @@ impl Baseline {
         let name = match crew(env.rig(), &env.numbers(0)?, spec.dt)? {
             Crew::Free(_) => "cascade".into(),
             Crew::Joined(pilot) => pilot.name().into(),
+            Crew::Nobody => "nobody".into(),
         };
         let seats = (0..spec.n_env).map(|_| None).collect();
-        Ok(Self { seats, name, dt: spec.dt, n_action: spec.n_agent * spec.action.len() })
+        Ok(Self { seats, failures: Vec::new(), name, dt: spec.dt, n_action: spec.n_agent * spec.action.len() })
     }
 
     /// What flies, in one word.
@@ -72,19 +76,19 @@ impl Baseline {
         &self.name
     }
 
-    /// Actions of all agents of all environments for the state as it is.
+    /// Actions of all agents of all environments for the state as it is. Who cannot fly the numbers of its episode keeps its
+    /// rotors at rest speed: see [`Baseline::failures`].
     ///
     /// # Errors
-    /// As the controllers, for numbers of an episode that they cannot fly.
+    /// None for the environment it was made for.
     pub fn act(&mut self, env: &Env, actions: &mut [f32]) -> Result<()> {
         for i in 0..self.seats.len() {
             let state: Vec<f64> = env.state(i)?.iter().map(|x| f64::from(*x)).collect();
-            let dt = self.dt;
-            let seat = match &mut self.seats[i] {
-                Some(seat) => seat,
-                empty => empty.insert(Seat::new(env, i, dt)?),
-            };
-            seat.fly(env.rig(), &state, dt);
+            if self.seats[i].is_none() {
+                self.seats[i] = Some(self.seat(env, i)?);
+            }
+            let Some(seat) = &mut self.seats[i] else { continue };
+            seat.fly(env.rig(), &state, self.dt);
             let mut own = actions[i * self.n_action..].iter_mut();
             for drone in env.rig().drones() {
                 let places = drone.rotors.iter().map(|r| r.action).chain(drone.drives.iter().map(|d| d.command));
@@ -94,22 +98,35 @@ impl Baseline {
         Ok(())
     }
 
+    /// Environments whose numbers no controller could be made for, and why.
+    pub fn failures(&self) -> &[(usize, Error)] {
+        &self.failures
+    }
+
     /// As a policy for [`evaluate`](super::evaluate()).
     pub fn policy(&mut self) -> impl FnMut(&Env, &Buffers, &mut [f32]) + '_ {
         |env, _, actions| {
-            // numbers that no controller can fly leave the actions of the step before
+            // only another environment makes an error, which the step that follows then tells
             let _ = self.act(env, actions);
         }
+    }
+
+    fn seat(&mut self, env: &Env, environment: usize) -> Result<Seat> {
+        let rig = env.rig();
+        let mut input = vec![0.0; rig.n_input()];
+        for rotor in rig.drones().iter().flat_map(|d| &d.rotors) {
+            input[rotor.action] = 2.0 * (rig.rest()[rotor.speed] / rotor.max_speed).powi(2) - 1.0;
+        }
+        let crew = crew(rig, &env.numbers(environment)?, self.dt).unwrap_or_else(|error| {
+            self.failures.push((environment, error));
+            Crew::Nobody
+        });
+        let wanted = env.wanted(environment)?.unwrap_or(Wanted::point([0.0; 3], 0.0));
+        Ok(Seat { crew, wanted, input, step: 0 })
     }
 }
 
 impl Seat {
-    fn new(env: &Env, environment: usize, dt: f64) -> Result<Self> {
-        let crew = crew(env.rig(), &env.numbers(environment)?, dt)?;
-        let wanted = env.wanted(environment)?.unwrap_or(Wanted::point([0.0; 3], 0.0));
-        Ok(Self { crew, wanted, input: vec![0.0; env.rig().n_input()], step: 0 })
-    }
-
     fn fly(&mut self, rig: &Rig, state: &[f64], dt: f64) {
         let time = self.step as f64 * dt;
         self.step += 1;
@@ -127,6 +144,7 @@ impl Seat {
                 let moment = Command { time, state, reference: &references[0], tilt: &self.wanted.tilt };
                 pilot.command(moment, &mut self.input);
             }
+            Crew::Nobody => {}
         }
     }
 }

@@ -86,10 +86,12 @@ impl<T: Task> Engine for Typed<T> {
     }
     fn differentiate(&self, setting: &Setting<'_>, z: &[f64], n: usize) -> (Vec<f64>, DMatrix<f64>) {
         let n_result = setting.places.n_result();
-        let (mut value, mut matrix) = (vec![0.0; n_result], DMatrix::zeros(n_result, n));
+        let mut matrix = DMatrix::zeros(n_result, n);
         let mut lifted: Vec<Dual64> = z.iter().map(|x| Dual64::from(*x)).collect();
         let mut y = vec![Dual64::from(0.0); n_result];
-        transition(&self.task, setting, z, &mut value);
+        // the value from duals too: a third kind of number would be compiled for every task
+        transition(&self.task, setting, &lifted, &mut y);
+        let value = y.iter().map(|result| result.re).collect();
         for k in 0..n {
             lifted[k].eps = 1.0;
             transition(&self.task, setting, &lifted, &mut y);
