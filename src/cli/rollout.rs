@@ -371,6 +371,7 @@ impl Flown {
             "horizon": spec.horizon,
             "dt": spec.dt,
             "reward_bound": spec.reward_bound,
+            "unflown": self.unflown,
             "wall_time": self.wall_time,
             "config": spec.config,
             "files": files::names(written),
