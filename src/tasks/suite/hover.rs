@@ -39,6 +39,7 @@
 //!
 //! - DIFFERENCE: starts with d > 4 are drawn again; published ones reach 4.18 and end at once (defect 26).
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
+//! - DIFFERENCE: the default vehicle is the Hummingbird; the published one's is the Firefly (`vehicle = "firefly"`).
 //! - DIFFERENCE: total mass everywhere; the published hover throttle counts the base link alone (defect 5).
 
 use crate::autodiff::{Pen, Scalar, safe};

@@ -1,30 +1,35 @@
 //! Things in the way: what vehicles touch, how softly, and how far away it is.
 //!
-//! Contact pushes spheres and capsules apart. Boxes of vehicles have no force there, so where tasks put something in the
-//! way, each box is replaced by the capsules along its diagonals, as wide as its shortest edge: they stay within the box and
-//! reach towards its corners. Clearance, and with it every collision of the suite, is that of the very shapes that push.
+//! Contact pushes spheres and capsules apart. Boxes have no force there, so where tasks put something in the way, capsules
+//! within them, as wide as their shortest edge, take their place: along the diagonals of a vehicle's boxes, as its arms are,
+//! and side by side along the longest edge of a load's. Clearance, and with it every collision of the suite, is that of the
+//! very shapes that push.
 //!
-//! The material is that of rubber: k = 4e4 N/m^{3/2} per kg of vehicle stops it within 4 cm at 3 m/s, and substeps of 4 ms
-//! resolve that (√(3k√δ/2m) ≈ 100 rad/s for the vehicle, 230 rad/s for a load of a fifth of its mass). Ours.
+//! The material is that of rubber: k = 4e4 N/m^{3/2} per kg of what flies stops it within 4 cm at 3 m/s, and substeps of
+//! 4 ms resolve that (√(3k√δ/2m) ≈ 100 rad/s for all of it, 230 rad/s for a fifth of its mass). What flies is the vehicle, or
+//! a team with what it holds: its thin bars are thinner than the way on which a vehicle's share of k would stop it. Ours.
 
-use crate::autodiff::{Mask, Pen, Scalar};
-use crate::dynamics::assembly::rod;
+use crate::autodiff::{Mask, Pen, Rows, Scalar};
+use crate::dynamics::assembly::{Member, rod};
+use crate::dynamics::configurations::environment;
 use crate::dynamics::contact::ContactMaterial;
 use crate::dynamics::contact::distance::to_capsule;
+use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::scene::{FAR, Obstacle, Scene};
 use crate::dynamics::shape::{Geometry, Pose, Shape};
 use crate::dynamics::spatial::Vec3;
 use crate::dynamics::tree::numbers::still_numbers;
-use crate::dynamics::tree::{Model, ModelParts};
+use crate::dynamics::tree::{BodyShape, Model, ModelParts};
 use crate::dynamics::{Effects, Physics, Vehicle};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
+use crate::tasks::rig::Rig;
 use crate::tasks::sheet::Slice;
 use crate::tasks::task::{Start, View};
 
 /// Longest substep that resolves the material, s.
 const SUBSTEP: f64 = 0.004;
-/// k per kg of vehicle, N/m^{3/2}.
+/// k per kg of what flies, N/m^{3/2}.
 const STIFFNESS: f64 = 4e4;
 
 /// Physics in which things touch.
@@ -34,18 +39,36 @@ pub(super) fn touching(config: &EnvConfig) -> Physics {
     physics
 }
 
-/// A model whose contacts are those of a vehicle of `mass` kg.
+/// A model whose contacts are those of `mass` kg that fly, with capsules for the boxes of its bodies.
 ///
 /// # Errors
 /// None for a mass that a vehicle may have.
 pub(super) fn softened(model: &Model, mass: f64) -> Result<Model> {
     let mut parts: ModelParts = model.parts().clone();
+    let shapes = parts.shapes.iter().flat_map(|own| {
+        match (own.body, own.shape.geometry) {
+            (Some(_), Geometry::Box { size }) => slats(&own.shape, size),
+            _ => vec![own.shape],
+        }
+        .into_iter()
+        .map(|shape| BodyShape { shape, ..own.clone() })
+    });
+    parts.shapes = shapes.collect();
     parts.contact.material =
         ContactMaterial { stiffness: STIFFNESS * mass, slip_speed: 1.0, ..ContactMaterial::default() };
     Model::new(parts)
 }
 
-/// The vehicle with capsules for its boxes.
+/// A team in a scene, with the contacts of all that it weighs.
+///
+/// # Errors
+/// As [`environment()`].
+pub(super) fn course(name: &str, team: Model, scene: &Scene) -> Result<Model> {
+    let mass = team.bodies().iter().map(|body| body.mass).sum();
+    softened(&environment(name, &[Member::new("rig", team, [0.0; 3])], scene)?, mass)
+}
+
+/// The vehicle with capsules along the diagonals of its boxes.
 pub(super) fn rounded(vehicle: &Vehicle) -> Vehicle {
     let shapes = vehicle.shapes.iter().flat_map(|shape| match shape.geometry {
         Geometry::Box { size } => diagonals(shape, size),
@@ -69,6 +92,26 @@ fn diagonals(shape: &Shape, size: [f64; 3]) -> Vec<Shape> {
     ends.into_iter().map(|end| rod(carrier.point(end.map(|x| -x)), carrier.point(end), radius)).collect()
 }
 
+/// Capsules within a box along its longest edge, side by side no further apart than ¾ of their width: no bar goes between.
+fn slats(shape: &Shape, size: [f64; 3]) -> Vec<Shape> {
+    let mut order = [0, 1, 2];
+    order.sort_by(|a, b| size[*a].total_cmp(&size[*b]));
+    let [short, middle, long] = order;
+    let radius = 0.5 * size[short];
+    let (reach, half) = (0.5 * size[middle] - radius, 0.5 * size[long] - radius);
+    let gaps = (reach / (0.75 * radius)).ceil();
+    let carrier = Pose { position: shape.position, attitude: shape.rotation };
+    let slat = |i: usize| {
+        let mut ends = [[0.0; 3]; 2];
+        for (end, sign) in ends.iter_mut().zip([-1.0, 1.0]) {
+            end[middle] = if gaps > 0.0 { reach * (2.0 * i as f64 / gaps - 1.0) } else { 0.0 };
+            end[long] = sign * half;
+        }
+        rod(carrier.point(ends[0]), carrier.point(ends[1]), radius)
+    };
+    (0..=gaps as usize).map(slat).collect()
+}
+
 /// What touches: shapes of one tree, each with the body that carries it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Skin(Vec<(usize, Shape)>);
@@ -79,6 +122,21 @@ impl Skin {
         let own = &model.layout().trees[0].bodies;
         let touches = model.shapes().iter().filter(|s| s.collides);
         Self(touches.filter_map(|s| s.body.filter(|b| own.contains(b)).map(|b| (b, s.shape))).collect())
+    }
+
+    /// All on the root, where joints at rest have it: for starts that place the root alone.
+    pub(super) fn at_rest(rig: &Rig, model: &Model) -> Self {
+        let mut state = rig.rest().to_vec();
+        state[..3].fill(0.0);
+        state[6..10].copy_from_slice(&[1.0, 0.0, 0.0, 0.0]);
+        let mut frames = vec![0.0; rig.n_frame() * FRAME];
+        rig.craft.write_frames(&rig.numbers(), &state, &mut frames);
+        let on_root = |(body, shape): (usize, Shape)| {
+            let carrier = Frame::read(&Rows::of(&frames[..]).from(body * FRAME));
+            let pose = shape.pose(&Pose { position: carrier.position, attitude: carrier.attitude });
+            (0, Shape { position: pose.position, rotation: pose.attitude, ..shape })
+        };
+        Self(Self::of(model).0.into_iter().map(on_root).collect())
     }
 
     /// Least distance to capsules of `radius` around `axes`, m: negative where they touch.
@@ -93,13 +151,27 @@ impl Skin {
         for i in 0..self.0.len() {
             let (body, shape) = &self.0[i];
             let carrier = view.frame(*body);
-            let pose = shape.pose(&Pose { position: carrier.position, attitude: carrier.attitude });
-            for k in 0..N {
-                least = least.min(to_capsule(&shape.geometry, &pose, axes[k], radius));
-            }
+            let pose = Pose { position: carrier.position, attitude: carrier.attitude };
+            least = least.min(gap(shape, &pose, axes, radius));
         }
         least
     }
+
+    /// The same of a skin [at rest](Skin::at_rest) whose root is at `pose`.
+    pub(super) fn clearance_at<const N: usize>(&self, pose: &Pose<f64>, axes: [[Vec3<f64>; 2]; N], radius: f64) -> f64 {
+        self.0.iter().fold(FAR, |least, (_, shape)| least.min(gap(shape, pose, axes, radius)))
+    }
+}
+
+/// Least distance of a shape on a carrier to capsules of `radius` around `axes`, m.
+#[inline(always)]
+fn gap<S: Scalar, const N: usize>(shape: &Shape, carrier: &Pose<S>, axes: [[Vec3<S>; 2]; N], radius: f64) -> S {
+    let pose = shape.pose(carrier);
+    let mut least = S::constant(FAR);
+    for k in 0..N {
+        least = least.min(to_capsule(&shape.geometry, &pose, axes[k], radius));
+    }
+    least
 }
 
 /// Whether a clearance means touch.
@@ -181,23 +253,38 @@ impl Bars {
 
     /// Draws their heights.
     pub(super) fn draw(&self, start: &mut Start<'_>) {
-        let heights = [LOW, LOW + start.task.uniform(self.spacing[0], self.spacing[1])];
+        let spacing = start.task.uniform(self.spacing[0], self.spacing[1]);
+        self.put(start, spacing);
+    }
+
+    fn put(&self, start: &mut Start<'_>, spacing: f64) {
+        let heights = [LOW, LOW + spacing];
         start.goal[self.goal..self.goal + BARS].copy_from_slice(&heights);
         for (place, z) in self.numbers.into_iter().zip(heights) {
             start.numbers[place] = z;
         }
     }
 
-    /// Least distance of everything that flies, m.
     #[inline(always)]
-    pub(super) fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
+    fn axes<S: Scalar>(&self, goal: &Rows<'_, S>) -> [[Vec3<S>; 2]; BARS] {
         let (zero, y) = (S::zero(), S::constant(HALF_LENGTH));
         let mut axes = [[[zero; 3]; 2]; BARS];
         for i in 0..BARS {
-            let z = view.goal.get(self.goal + i);
+            let z = goal.get(self.goal + i);
             axes[i] = [[zero, -y, z], [zero, y, z]];
         }
-        self.skin.clearance(view, axes, RADIUS)
+        axes
+    }
+
+    /// Least distance of everything that flies, m.
+    #[inline(always)]
+    pub(super) fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        self.skin.clearance(view, self.axes(&view.goal), RADIUS)
+    }
+
+    /// Whether a skin at rest, its root at `pose`, is clear of the bars as drawn.
+    pub(super) fn clear_of(&self, start: &Start<'_>, rest: &Skin, pose: &Pose<f64>) -> bool {
+        rest.clearance_at(pose, self.axes(&Rows::of(&start.goal[..])), RADIUS) > 0.0
     }
 
     /// Where they are, seen from `position`.

@@ -29,13 +29,14 @@ pub fn platform(vehicle: &Vehicle, n_drone: usize, damping: f64) -> Result<Model
     Ok(Platform { drone, n_drone, damping: damping * PER_DEGREE, ..Platform::default() }.build()?.model)
 }
 
-/// The rig of Hover and Track: nothing to touch.
+/// The rig of Hover and Track: wakes, nothing to touch.
 ///
 /// # Errors
 /// As [`platform`] and [`EnvConfig::vehicle`].
 pub fn free_rig(config: &EnvConfig, vehicle: &str, n_drone: usize) -> Result<Rig> {
     let vehicle = config.vehicle(vehicle)?;
-    Rig::of_model(&platform(&vehicle, n_drone, 0.002)?, config.physics(), Some(&vehicle), |_| Vec::new())
+    let physics = config.physics_with(|e| e.downwash = true);
+    Rig::of_model(&platform(&vehicle, n_drone, 0.002)?, physics, Some(&vehicle), |_| Vec::new())
 }
 
 /// What a target attitude keeps in the goal.

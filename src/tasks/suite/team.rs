@@ -1,19 +1,10 @@
-//! What the tasks of several drones share: who sees whom, how far apart they are, what they carry, what stands in the way.
+//! What the tasks of several drones share: who sees whom, how far apart they are, what they carry.
 
 use super::{clock_slice, drone_slices};
 use crate::autodiff::{Pen, Scalar, safe};
 use crate::dynamics::Vehicle;
-use crate::dynamics::assembly::Member;
-use crate::dynamics::configurations::environment;
-use crate::dynamics::contact::ContactMaterial;
-use crate::dynamics::contact::distance::to_capsule;
 use crate::dynamics::frame::Frame;
-use crate::dynamics::scene::{Obstacle, Scene};
-use crate::dynamics::shape::{Geometry, Pose, Shape};
-use crate::dynamics::spatial::{Vec3, add, constants, rotate, sub};
-use crate::dynamics::tree::numbers::still_numbers;
-use crate::dynamics::tree::{BodyShape, Model};
-use crate::error::Result;
+use crate::dynamics::spatial::{Vec3, sub};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{Slice, total};
 use crate::tasks::task::View;
@@ -220,100 +211,10 @@ pub fn team_mass(vehicle: &Vehicle, n_drone: usize) -> f64 {
     n_drone as f64 * vehicle.mass_properties().mass
 }
 
-/// Still capsules that a rig flies through, and how close it comes.
-#[derive(Debug, Clone)]
-pub struct Course {
-    poles: Vec<Pole>,
-    /// Shapes of the rig that can touch them.
-    shapes: Vec<(usize, Shape)>,
-}
-
-/// One capsule.
-#[derive(Debug, Clone, Copy)]
-struct Pole {
-    axis: [[f64; 3]; 2],
-    radius: f64,
-}
-
-/// Obstacles that give way by about 2 cm under a drone's weight: a choice for steps of 16 ms, not tuned.
-///
-/// With the default material a drone of 0.7 kg bobs at 170 rad/s, and an impact is faster still: see [`ContactMaterial`].
-pub fn padding(vehicle: &Vehicle) -> ContactMaterial {
-    let mass = vehicle.mass_properties().mass;
-    ContactMaterial { slip_speed: 0.5, ..ContactMaterial::resting(mass, 1, 0.02) }
-}
-
-/// A capsule of 5 m along y or z, named after its number.
-pub fn pole(number: usize, center: [f64; 3], radius: f64, along_y: bool) -> Obstacle {
-    let half = std::f64::consts::FRAC_1_SQRT_2;
-    let rotation = if along_y { [half, half, 0.0, 0.0] } else { [1.0, 0.0, 0.0, 0.0] };
-    let shape = Shape::new(Geometry::Capsule { radius, length: 5.0 }).at(center).turned(rotation);
-    Obstacle { name: format!("pole_{number}"), shape }
-}
-
-/// A rig among poles of 5 m, no ground, whose every contact has the same material.
-///
-/// # Errors
-/// As [`environment`].
-pub fn course_model(name: &str, rig: Model, poles: Vec<Obstacle>, material: ContactMaterial) -> Result<Model> {
-    let scene = Scene { ground: None, obstacles: poles, ..Scene::default() };
-    let mut parts = environment(name, &[Member::new("rig", rig, [0.0; 3])], &scene)?.parts().clone();
-    parts.contact.material = material;
-    Model::new(parts)
-}
-
-impl Course {
-    /// The still capsules of a model and what of it can touch them.
-    pub fn of(model: &Model) -> Self {
-        let pole = |s: &BodyShape| match (s.body, s.shape.geometry) {
-            (None, Geometry::Capsule { radius, length }) => {
-                let reach = rotate(s.shape.rotation, [0.0, 0.0, 0.5 * length]);
-                let at = s.shape.position;
-                Some(Pole { axis: [sub(at, reach), add(at, reach)], radius })
-            }
-            _ => None,
-        };
-        let moving = |s: &BodyShape| s.body.filter(|_| s.collides).map(|body| (body, s.shape));
-        Self {
-            poles: model.shapes().iter().filter_map(pole).collect(),
-            shapes: model.shapes().iter().filter_map(moving).collect(),
-        }
-    }
-
-    /// Where the three numbers of a pole's place stand among those of the rig.
-    pub fn place(model: &Model, pole: usize) -> usize {
-        still_numbers(model.bodies().len(), model.rotors().len(), pole)
-    }
-
-    /// Least distance of the rig to a pole, m; negative where they overlap. Pole k stands `lift[k]` above where it
-    /// was built.
-    #[inline(always)]
-    pub fn clearance<S: Scalar, const N: usize>(&self, view: &View<'_, S>, lift: [S; N]) -> S {
-        let mut least = S::constant(1e6);
-        for i in 0..self.shapes.len() {
-            let (body, shape) = &self.shapes[i];
-            let frame = view.frame(*body);
-            let pose = shape.pose(&Pose { position: frame.position, attitude: frame.attitude });
-            for k in 0..N {
-                let pole = &self.poles[k];
-                let raised = [S::zero(), S::zero(), lift[k]];
-                let axis = [add(constants(pole.axis[0]), raised), add(constants(pole.axis[1]), raised)];
-                least = least.min(to_capsule(&shape.geometry, &pose, axis, pole.radius));
-            }
-        }
-        least
-    }
-}
-
-/// Clearance below which an episode ends: 0, or never.
-pub fn collision_limit(ends: bool) -> f64 {
-    if ends { 0.0 } else { -1e6 }
-}
-
 /// What a task with a course remembers.
 pub fn course_memo() -> Vec<Slice> {
     vec![
-        Slice::new("arrived", 1, "-", "1 once the target was reached beyond the poles, else 0"),
+        Slice::new("arrived", 1, "-", "1 once the target was reached beyond the obstacles, else 0"),
         Slice::new("clearance", 1, "m", "c after the last step"),
     ]
 }
@@ -328,11 +229,4 @@ pub fn arrived<S: Scalar>(view: &View<'_, S>) -> S {
 #[inline(always)]
 pub fn clearance<S: Scalar>(view: &View<'_, S>) -> S {
     view.memo.get(1)
-}
-
-/// A cost of coming closer than 0.3 m to a pole.
-#[inline(always)]
-pub fn closeness<S: Scalar>(view: &View<'_, S>) -> S {
-    let missing = (S::constant(0.3) - clearance(view)).max(S::zero());
-    S::constant(10.0) * missing.square()
 }

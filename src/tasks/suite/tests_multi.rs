@@ -3,8 +3,10 @@
 use super::transport_hover::TransportHover;
 use super::*;
 use crate::autodiff::{Rows, RowsMut};
+use crate::dynamics::contact::distance;
 use crate::dynamics::frame::FRAME;
-
+use crate::dynamics::shape::{Geometry, Pose, Shape};
+use crate::tasks::rig::Rig;
 use crate::tasks::task::{Ends, MAX_ENDS, MAX_TERMS, streams};
 use crate::tasks::{Buffers, Env, EnvConfig, Start, Task, View, sheet::total};
 
@@ -198,10 +200,160 @@ fn boxes_weigh_half_to_four_fifths_of_their_drones() {
 fn the_upper_beam_moves_in_physics_as_in_the_goal() {
     let (env, buffers) = started("TransportFlyThrough", 256, "");
     let names: Vec<&str> = env.spec().privileged.iter().map(|(name, _)| name.as_str()).collect();
-    let at = names.iter().position(|n| n.ends_with("position_z")).unwrap();
+    let heights: Vec<usize> = (0..names.len()).filter(|i| names[*i].ends_with("position_z")).collect();
     for (i, row) in buffers.privileged.chunks_exact(names.len()).enumerate() {
-        let goal = env.goal(i).unwrap()[3];
-        assert!(row[at] == goal && (2.2..=2.4).contains(&goal), "{} against {goal}", row[at]);
+        let goal = env.goal(i).unwrap();
+        let bars = [row[heights[0]], row[heights[1]]];
+        assert!(bars == goal[3..5] && bars[0] == 1.2 && (2.2..=2.4).contains(&bars[1]), "{bars:?} against {goal:?}");
+    }
+}
+
+/// What came of a team that was thrown along x.
+struct Thrown {
+    /// Least clearance, m.
+    deepest: f32,
+    /// Largest x of its root, m.
+    farthest: f32,
+    /// Largest speed of its root, m/s.
+    fastest: f32,
+    diverged: bool,
+}
+
+/// Throws the team of environment 0, joints at rest, from `position` at `speed` along x for `steps` steps of 16 ms with the
+/// rotors' speeds held.
+fn thrown(name: &str, task: &str, position: [f32; 3], yaw: f32, speed: f32, steps: usize) -> Thrown {
+    let (mut env, mut buffers) = started(name, 1, task);
+    let column = |name: &str| env.spec().info_column(name).unwrap();
+    let (clearance, reason) = (column("clearance"), column("reason"));
+    let mut state: Vec<f32> = env.rig().rest().iter().map(|x| *x as f32).collect();
+    let (sin, cos) = (0.5 * yaw).sin_cos();
+    state[..3].copy_from_slice(&position);
+    state[3..10].copy_from_slice(&[speed, 0.0, 0.0, cos, 0.0, 0.0, sin]);
+    env.set_state(0, &state).unwrap();
+    let rotors = env.rig().drones().iter().flat_map(|d| &d.rotors);
+    let shares = rotors.map(|r| state[r.speed] / r.max_speed as f32);
+    let actions: Vec<f32> = shares.map(|s| 2.0 * s * s - 1.0).collect();
+    let mut have = Thrown { deepest: f32::INFINITY, farthest: f32::NEG_INFINITY, fastest: 0.0, diverged: false };
+    for _ in 0..steps {
+        env.step(&actions, &mut buffers.out()).unwrap();
+        if buffers.terminated[0] == 1 {
+            have.diverged = buffers.info[reason] as usize > env.spec().ends.len();
+            break;
+        }
+        let state = env.state(0).unwrap();
+        have.deepest = have.deepest.min(buffers.info[clearance]);
+        have.farthest = have.farthest.max(state[0]);
+        have.fastest = have.fastest.max(state[3].hypot(state[4]).hypot(state[5]));
+    }
+    have
+}
+
+#[test]
+fn nothing_flies_through_a_bar() {
+    let eighth = std::f32::consts::FRAC_PI_4;
+    // the box against the lower beam, of four and of six; an arm's drone against the middle pole, and two arms about it
+    let cases = [
+        ("TransportFlyThrough", "", [-1.2, 0.0, 1.2], 0.0, -0.7),
+        ("TransportFlyThrough", "n_drone = 6", [-1.45, 0.0, 1.2], 0.0, -0.95),
+        ("OverFlyThrough", "", [-1.3, 0.0, 2.0], 0.0, -0.85),
+        ("OverFlyThrough", "", [-0.6, 0.0, 2.0], eighth, 0.0),
+        ("OverFlyThrough", "n_drone = 6", [-1.3, 0.0, 2.0], 0.0, -0.85),
+    ];
+    let have: Vec<Thrown> = cases.iter().map(|(name, task, p, yaw, _)| thrown(name, task, *p, *yaw, 3.0, 30)).collect();
+    for ((name, task, ..), t) in cases.iter().zip(&have) {
+        println!("{name} {task}: {:.1} mm deep, up to x = {:.3} m", -1000.0 * t.deepest, t.farthest);
+    }
+    for ((name, task, .., beyond), t) in cases.iter().zip(&have) {
+        assert!(t.deepest < 0.0 && t.deepest > -0.048, "{name} {task}: clearance {}", t.deepest);
+        assert!(t.farthest < *beyond, "{name} {task}: reaches x = {}", t.farthest);
+    }
+}
+
+#[test]
+fn a_team_that_hits_something_anywhere_neither_sinks_in_nor_flies_apart() {
+    for (name, task, start) in [
+        ("TransportFlyThrough", "", [-1.2, 0.3]),
+        ("TransportFlyThrough", "n_drone = 6", [-1.5, 0.3]),
+        ("OverFlyThrough", "", [-1.1, 1.0]),
+        ("OverFlyThrough", "n_drone = 2", [-1.1, 1.0]),
+    ] {
+        let (mut deepest, mut fastest, mut diverged, mut through) = (0.0_f32, 0.0_f32, 0, 0);
+        for case in 0..48 {
+            let (height, yaw) = (start[1] + 0.22 * (case % 8) as f32, 0.26 * (case / 8 % 3) as f32);
+            let position = [start[0], 0.05 * (case % 5) as f32, height.max(0.5)];
+            let t = thrown(name, task, position, yaw, if case < 24 { 1.5 } else { 3.0 }, 60);
+            (deepest, fastest) = (deepest.min(t.deepest), fastest.max(t.fastest));
+            diverged += usize::from(t.diverged);
+            through += usize::from(t.farthest > 0.9);
+        }
+        println!("{name} {task}: {:.1} mm deep, {fastest:.2} m/s, {through} of 48 past", -1000.0 * deepest);
+        // a fall of 2 m on top of the throw, and thrust the wrong way, make no more than this
+        assert!(diverged == 0 && fastest < 12.0, "{name} {task}: {diverged} diverged, {fastest} m/s");
+        assert!(deepest > -0.05, "{name} {task}: clearance {deepest}");
+    }
+}
+
+#[test]
+fn slats_fill_the_box_of_a_load() {
+    for task in ["n_drone = 4", "n_drone = 6"] {
+        let free = TransportHover::new(&config(1, task)).unwrap();
+        let among = transport_fly_through::TransportFlyThrough::new(&config(1, task)).unwrap();
+        let shapes = |rig: &Rig| -> Vec<Shape> {
+            rig.model().unwrap().shapes().iter().filter(|s| s.body == Some(0)).map(|s| s.shape).collect()
+        };
+        let (whole, slats) = (shapes(free.rig()), shapes(among.rig()));
+        let Geometry::Box { size } = whole[0].geometry else { panic!("the box is one") };
+        let home = Pose { position: [0.0; 3], attitude: [1.0, 0.0, 0.0, 0.0] };
+        let mut worst = 0.0_f64;
+        for k in 0..27_u32 {
+            // corners, and the middles of edges and faces
+            let at = [k % 3, k / 3 % 3, k / 9].map(f64::from);
+            let point = [0, 1, 2].map(|i| 0.5 * size[i] * (at[i] - 1.0));
+            let gap = |s: &Shape| distance::point(point, &s.geometry, &s.pose(&home));
+            worst = worst.max(slats.iter().map(gap).fold(f64::INFINITY, f64::min));
+        }
+        println!("{} slats leave {worst:.3} m of a corner", slats.len());
+        // √3 − 1 of their radius
+        assert!(slats.len() == 3 && (worst - 0.2 * (3.0_f64.sqrt() - 1.0)).abs() < 1e-9, "{worst}");
+    }
+}
+
+#[test]
+fn starts_are_clear_of_what_stands_in_the_way() {
+    for (name, task) in
+        [("TransportFlyThrough", "n_drone = 6\nvehicle = 'iris'"), ("OverFlyThrough", "vehicle = 'omav'")]
+    {
+        let task = format!("{task}\nreset_on_collision = true");
+        let (mut env, mut buffers) = started(name, 512, &task);
+        let actions = vec![f32::NAN; 512 * env.spec().n_agent * env.spec().action.len()];
+        env.step(&actions, &mut buffers.out()).unwrap();
+        let (columns, clearance) = (env.spec().info.len(), env.spec().info_column("clearance").unwrap());
+        let least = buffers.info.chunks_exact(columns).fold(f32::INFINITY, |c, row| c.min(row[clearance]));
+        println!("{name}: clear by {least:.3} m");
+        assert!(least > 0.0 && buffers.terminated.iter().all(|t| *t == 0), "{name}: {least}");
+    }
+}
+
+#[test]
+fn a_box_on_the_ground_ends_transport_hover() {
+    let (mut env, mut buffers) = started("TransportHover", 2, "");
+    for (environment, height) in [(0, 0.25), (1, 0.15)] {
+        let mut state: Vec<f32> = env.rig().rest().iter().map(|x| *x as f32).collect();
+        (state[2], state[6]) = (height, 1.0);
+        env.set_state(environment, &state).unwrap();
+    }
+    let actions = vec![f32::NAN; 2 * env.spec().n_agent * env.spec().action.len()];
+    env.step(&actions, &mut buffers.out()).unwrap();
+    let reason = buffers.info[env.spec().info.len() + env.spec().info_column("reason").unwrap()] as usize;
+    assert_eq!((buffers.terminated[0], buffers.terminated[1]), (0, 1));
+    assert_eq!(env.spec().ends[reason - 1].name, "grounded");
+}
+
+#[test]
+fn teams_fly_in_their_wakes() {
+    for (name, ..) in SIZES.iter().filter(|(.., agents)| *agents > 1) {
+        let env = Env::make(name, &config(1, "")).unwrap();
+        assert!(env.rig().physics().effects.downwash, "{name}");
     }
 }
 

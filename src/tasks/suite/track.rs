@@ -38,6 +38,8 @@
 //! about (0, 0, 2) m. Start: on the path, roll and pitch within ±0.2π, any yaw, at rest. d = ‖p_ref(k) − p‖.
 //!
 //! - DIFFERENCE: truncates at T; published code one step before (defect 27).
+//! - DIFFERENCE: no wind of eight sines, which is off in the published defaults; `randomise` has a constant one per episode:
+//!   `{ what = "wind", range = [-1.0, 1.0], by = "set" }`.
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 //! - DIFFERENCE: `position_error` is positive; the published tracking error is its negative (defect 27).
 

@@ -3,9 +3,11 @@
 use super::team::{apart, squared_sum, team_mass};
 use crate::autodiff::{Pen, Scalar, safe};
 use crate::dynamics::configurations::{Configuration, Transport, TransportMap};
+use crate::dynamics::contact::distance::plane_distance;
 use crate::dynamics::frame::Frame;
+use crate::dynamics::shape::{Geometry, Pose};
 use crate::dynamics::spatial::{Vec3, constants, sub};
-use crate::dynamics::{Integrator, Physics, Vehicle};
+use crate::dynamics::{Effects, Integrator, Physics, Vehicle};
 use crate::error::{Error, Result};
 use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::{smooth_norm, upright};
@@ -34,11 +36,12 @@ pub fn group(vehicle: &Vehicle, n_drone: usize, collides: bool) -> Result<Config
     Transport { drone: vehicle.clone(), box_mass, collides, ..shape }.build()
 }
 
-/// Time grid and effects. Always semi-implicit: of 64 groups under random actions for 200 steps of 16 ms, RK4 lost 122
+/// Physics of a group: wakes, and semi-implicit always. Of 64 groups under random actions for 200 steps of 16 ms, RK4 lost 122
 /// episodes of 216 to divergence, 8 of 192 with four substeps; this lost none of 196. Presumably a bar across a hinge,
 /// which turns about its own axis there (2e-6 kg m² against 0.011 N m s/rad); the cause was not isolated.
-pub fn stiff_physics(config: &EnvConfig, contact: bool) -> Physics {
-    Physics { integrator: Integrator::SemiImplicit, ..config.physics_with(|e| e.contact = contact) }
+pub fn stiff_physics(physics: Physics) -> Physics {
+    let effects = Effects { downwash: true, ..physics.effects };
+    Physics { integrator: Integrator::SemiImplicit, effects, ..physics }
 }
 
 /// The rig of Hover and Track: nothing to touch.
@@ -48,7 +51,7 @@ pub fn stiff_physics(config: &EnvConfig, contact: bool) -> Physics {
 pub fn free_rig(config: &EnvConfig, vehicle: &str, n_drone: usize) -> Result<(Rig, Load)> {
     let vehicle = config.vehicle(vehicle)?;
     let built = group(&vehicle, n_drone, false)?;
-    let rig = Rig::of_model(&built.model, stiff_physics(config, false), Some(&vehicle), |_| Vec::new())?;
+    let rig = Rig::of_model(&built.model, stiff_physics(config.physics()), Some(&vehicle), |_| Vec::new())?;
     Ok((rig.varying_inertial(BOX), Load::new(&vehicle, &built)))
 }
 
@@ -61,16 +64,20 @@ pub struct Load {
     angles: Vec<usize>,
     /// 1/range² of those joints, 1/rad².
     weight: f64,
+    /// The box.
+    shape: Geometry,
 }
 
 impl Load {
     /// Of a group that was built with this vehicle.
     pub fn new(vehicle: &Vehicle, built: &Configuration<TransportMap>) -> Self {
+        let shape = built.model.shapes().iter().find(|s| s.body == Some(BOX));
         let hinges = built.map.carriers.iter().flat_map(|c| c.anchor.into_iter().chain(c.hook));
         Self {
             team_mass: team_mass(vehicle, built.map.carriers.len()),
             angles: hinges.map(|h| built.model.layout().bodies[h].position).collect(),
             weight: Transport::four().range.powi(-2),
+            shape: shape.map_or(Geometry::Sphere { radius: 0.0 }, |s| s.shape.geometry),
         }
     }
 
@@ -79,6 +86,13 @@ impl Load {
         let mass = self.team_mass * start.task.uniform(SHARE[0], SHARE[1]);
         let own = Inertial::read(start.numbers, BOX);
         own.scaled(mass / own.mass).write(start.numbers, BOX);
+    }
+
+    /// Height of its lowest corner above z = 0, m.
+    #[inline(always)]
+    pub fn height<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        let frame = view.frame(BOX);
+        plane_distance(&self.shape, &Pose { position: frame.position, attitude: frame.attitude }, S::zero())
     }
 
     /// r_j = 0.5 mean(1 − q̂²) over all bars' joints, q̂ = angle/range.

@@ -12,7 +12,7 @@
 //! | `index` | 4 | - | 1 at i, else 0 |
 //! | `others` | 42 | m, m, -, m/s, rad/s; world | p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending |
 //! | `target` | 3 | m, world | p_t − p |
-//! | `beams` | 4 | m, world | (x, z) of every beam − (x, z) of the box |
+//! | `bars` | 4 | m, world | (x, z) of lower and upper bar − (x, z) of p |
 //! | `box_attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
 //! | `box_velocity` | 3 | m/s, world | v |
 //! | `box_angular_velocity` | 3 | rad/s, world | ω |
@@ -45,28 +45,31 @@
 //! | `horizon` | 500 | T, steps |
 //! | `reset_on_collision` | false | whether touching a beam ends the episode |
 //!
-//! p, u box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the bars' joints as shares of their range of
-//! ±120°, sep the least distance of two drones, r_s = min((sep/0.5 m)², 1), c clearance: the least distance of the rig's
-//! bodies to a beam, negative in contact. Beams: two capsules along y of radius 0.04 m and length 5 m at x = 0, z = 1.2 m and
-//! 1 to 1.2 m above; the group is 1.3 m high. Mass of the box: uniform in [0.5, 0.8] Σ m_i. Target: uniform in
-//! [1.75, 2.25] × ±0.2 × [1.25, 1.75] m. Start: box uniform in [−2.5, −1.5] × ±0.5 × [1, 2] m, level, yaw within ±0.5π,
-//! drones upright above it, at rest. Success once ‖p_t − p‖ < 0.2 m with all drones beyond x = 0.05 m has held in the
-//! episode.
+//! p, u box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the joints of the bars that carry it as shares of
+//! their range of ±120°, sep the least distance of two drones, r_s = min((sep/0.5 m)², 1), c clearance: the least distance of
+//! the rig's bodies to a beam, negative in contact. Beams (`bars` when observed): two level capsules along y of radius 0.04 m
+//! and length 5 m at x = 0, z = 1.2 m and 1 to 1.2 m above; the group is 1.3 m high. Mass of the box: uniform in
+//! [0.5, 0.8] Σ m_i. Target: uniform in [1.75, 2.25] × ±0.2 × [1.25, 1.75] m. Start: box uniform in
+//! [−2.5, −1.5] × ±0.5 × [1, 2] m, level, yaw within ±0.5π, drones upright above it, at rest. Success once ‖p_t − p‖ < 0.2 m
+//! with all drones beyond x = 0.05 m has held in the episode.
 //!
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
-//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`](super::transport::stiff_physics).
+//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`](super::transport::stiff_physics),
+//!   in substeps of at most 4 ms.
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
-//! - DIFFERENCE: beams are padded, see [`padding`](super::team::padding); starts that touch them are drawn again.
+//! - DIFFERENCE: contact is that of capsules in the boxes of load and vehicles, on a material as of rubber.
+//! - DIFFERENCE: starts that touch a beam are drawn again; those of our vehicles never do.
 
+use super::obstacles::{Bars, Skin, course, nearness, rounded, touches, touching, where_on};
 use super::team::{
-    Course, CourseSettings, apart, arrived, carried_slices, clearance, closeness, collision_limit, course_memo,
-    course_model, highest, hindmost, lowest, mean_throttle_difference, observe_drones, observe_load, observe_others,
-    observe_own, padding, pole, squared_separation,
+    CourseSettings, apart, arrived, carried_slices, clearance, course_memo, highest, hindmost, lowest,
+    mean_throttle_difference, observe_drones, observe_load, observe_others, observe_own, squared_separation,
 };
 use super::transport::{APART, BOX, Load, group, load_loss, stiff_physics};
 use crate::autodiff::{Mask, Pen, Scalar, safe};
+use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::{Vec3, sub};
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
@@ -76,12 +79,10 @@ use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term};
 use crate::tasks::task::{Ends, Start, Task, View};
 use std::f64::consts::FRAC_PI_2;
 
-/// Height of the lower beam, and of the upper one as built, m.
-const BEAMS: [f64; 2] = [1.2, 2.2];
-/// Of a beam, m.
-const RADIUS: f64 = 0.04;
-/// How much higher the upper beam may be than built, m.
-const LIFT: f64 = 0.2;
+/// Of the beams, lowest and highest, m.
+const SPACING: [f64; 2] = [1.0, 1.2];
+/// Where their heights stand in the goal.
+const HEIGHTS: usize = 3;
 
 /// See the [module](self).
 #[derive(Debug, Clone)]
@@ -89,9 +90,9 @@ pub struct TransportFlyThrough {
     rig: Rig,
     settings: CourseSettings,
     load: Load,
-    course: Course,
-    /// Height of the upper beam among the numbers of the rig.
-    upper: usize,
+    bars: Bars,
+    /// Of starts.
+    rest: Skin,
 }
 
 impl TransportFlyThrough {
@@ -102,14 +103,12 @@ impl TransportFlyThrough {
     pub fn new(config: &EnvConfig) -> Result<Self> {
         let settings: CourseSettings = config.settings()?;
         let vehicle = config.vehicle(&settings.vehicle)?;
-        let built = group(&vehicle, settings.n_drone, true)?;
+        let built = group(&rounded(&vehicle), settings.n_drone, true)?;
         let load = Load::new(&vehicle, &built);
-        let beams = BEAMS.iter().enumerate().map(|(i, z)| pole(i, [0.0, 0.0, *z], RADIUS, true));
-        let model = course_model("transport_fly_through", built.model, beams.collect(), padding(&vehicle))?;
-        let rig = Rig::of_model(&model, stiff_physics(config, true), Some(&vehicle), |_| Vec::new())?;
-        let upper = Course::place(&model, 1) + 2;
-        let rig = rig.varying_inertial(BOX).varying([upper]);
-        Ok(Self { rig, settings, load, course: Course::of(&model), upper })
+        let model = course("transport_fly_through", built.model, &Bars::scene(SPACING))?;
+        let rig = Rig::of_model(&model, stiff_physics(touching(config)), Some(&vehicle), |_| Vec::new())?;
+        let (bars, rest) = (Bars::of(&model, SPACING, HEIGHTS), Skin::at_rest(&rig, &model));
+        Ok(Self { rig: rig.varying_inertial(BOX).varying(bars.numbers()), settings, load, bars, rest })
     }
 
     /// p_t − p.
@@ -120,11 +119,10 @@ impl TransportFlyThrough {
 
     /// What follows the drones in observations.
     #[inline(always)]
-    fn observe_shared<S: Scalar>(view: &View<'_, S>, out: &mut Pen<'_, S>) {
+    fn observe_shared<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
         let frame = view.frame(BOX);
-        let [x, _, z] = frame.position;
         out.array(Self::error(view));
-        out.array([-x, S::constant(BEAMS[0]) - z, -x, view.goal.get(3) - z]);
+        self.bars.observe(view, frame.position, out);
         observe_load(view, &frame, out);
     }
 }
@@ -139,10 +137,7 @@ impl Task for TransportFlyThrough {
     }
 
     fn sheet(&self) -> Sheet {
-        let shared = [
-            Slice::new("target", 3, "m, world", "p_t − p"),
-            Slice::new("beams", 4, "m, world", "(x, z) of every beam − (x, z) of the box"),
-        ];
+        let shared = [Slice::new("target", 3, "m, world", "p_t − p"), Bars::observed()];
         let (observation, central) = carried_slices(&self.rig, "box", true, &shared);
         Sheet {
             observation,
@@ -166,10 +161,7 @@ impl Task for TransportFlyThrough {
                 Metric { name: "clearance", unit: "m" },
                 Metric { name: "throttle_difference", unit: "-" },
             ],
-            goal: vec![
-                Slice::new("target", 3, "m, world", "p_t"),
-                Slice::new("upper_beam", 1, "m, world", "height of the upper beam"),
-            ],
+            goal: vec![Slice::new("target", 3, "m, world", "p_t"), Bars::slice()],
             memo: course_memo(),
             settings: vec![
                 Setting::new("vehicle", "\"hummingbird\"", "what flies on every bar"),
@@ -184,13 +176,16 @@ impl Task for TransportFlyThrough {
         self.load.draw_mass(start);
         let r = &mut start.task;
         let target = [r.uniform(1.75, 2.25), r.uniform(-0.2, 0.2), r.uniform(1.25, 1.75)];
-        let upper = BEAMS[1] + r.uniform(0.0, LIFT);
-        start.goal[..3].copy_from_slice(&target);
-        start.goal[3] = upper;
-        start.numbers[self.upper] = upper;
-        let position = start.position([-2.5, -0.5, 1.0], [-1.5, 0.5, 2.0]);
-        let attitude = start.attitude(0.0, (-FRAC_PI_2, FRAC_PI_2));
-        start.place(BOX, position, attitude);
+        start.goal[..HEIGHTS].copy_from_slice(&target);
+        self.bars.draw(start);
+        for _ in 0..100 {
+            let position = start.position([-2.5, -0.5, 1.0], [-1.5, 0.5, 2.0]);
+            let attitude = start.attitude(0.0, (-FRAC_PI_2, FRAC_PI_2));
+            start.place(BOX, position, attitude);
+            if self.bars.clear_of(start, &self.rest, &Pose { position, attitude }) {
+                break;
+            }
+        }
     }
 
     #[inline(always)]
@@ -198,20 +193,20 @@ impl Task for TransportFlyThrough {
         let near = safe::squared_norm(Self::error(view)).lt(S::constant(0.04));
         let here = near.and(S::constant(0.05).lt(hindmost(view)));
         memo.number(S::select(here, S::one(), arrived(view)));
-        memo.number(self.course.clearance(view, [S::zero(), view.goal.get(3) - S::constant(BEAMS[1])]));
+        memo.number(self.bars.clearance(view));
     }
 
     #[inline(always)]
     fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut Pen<'_, S>) {
         observe_own(view, agent, view.frame(BOX).position, out);
         observe_others(view, agent, true, out);
-        Self::observe_shared(view, out);
+        self.observe_shared(view, out);
     }
 
     #[inline(always)]
     fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
         observe_drones(view, view.frame(BOX).position, out);
-        Self::observe_shared(view, out);
+        self.observe_shared(view, out);
     }
 
     #[inline(always)]
@@ -226,11 +221,10 @@ impl Task for TransportFlyThrough {
 
     #[inline(always)]
     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
-        let limit = S::constant(collision_limit(self.settings.reset_on_collision));
         ends.when(lowest(view).lt(S::constant(0.2)));
         ends.when(S::constant(3.6).lt(highest(view)));
         ends.when(view.frame(BOX).position[2].lt(S::constant(0.3)));
-        ends.when(clearance(view).lt(limit));
+        ends.when(where_on::<S>(self.settings.reset_on_collision, touches(clearance(view))));
     }
 
     #[inline(always)]
@@ -249,13 +243,13 @@ impl Task for TransportFlyThrough {
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        load_loss(&view.frame(BOX), Self::error(view), [S::zero(); 3]) + closeness(view)
+        load_loss(&view.frame(BOX), Self::error(view), [S::zero(); 3]) + nearness(clearance(view))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
         let target = [2.0, 0.0, 1.5];
-        start.goal[..3].copy_from_slice(&target);
-        (start.goal[3], start.numbers[self.upper]) = (BEAMS[1], BEAMS[1]);
+        start.goal[..HEIGHTS].copy_from_slice(&target);
+        self.bars.draw(start);
         start.place(BOX, target, [1.0, 0.0, 0.0, 0.0]);
     }
 }

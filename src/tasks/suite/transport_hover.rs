@@ -34,6 +34,7 @@
 //! | Episode end | when |
 //! |---|---|
 //! | `crash` | min z_i < 0.2 m |
+//! | `grounded` | the box reaches below z = 0 |
 //! | `diverged` | a number of the state leaves ±1e8 |
 //! | *truncated* | k ≥ `horizon` |
 //!
@@ -52,6 +53,7 @@
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
 //! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`](super::transport::stiff_physics).
+//! - DIFFERENCE: `grounded` ends the episode, for there is no ground; the published box comes to rest on one.
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 
 use super::team::{
@@ -128,7 +130,7 @@ impl Task for TransportHover {
             observation,
             central,
             reward: steady_terms("e^{−1.2 ‖(p_t − p, h_t − h)‖}", 0.2),
-            ends: vec![End::new("crash", "min z_i < 0.2 m")],
+            ends: vec![End::new("crash", "min z_i < 0.2 m"), End::new("grounded", "the box reaches below z = 0")],
             metrics: vec![
                 Metric { name: "position_error", unit: "m" },
                 Metric { name: "heading_alignment", unit: "-" },
@@ -177,6 +179,7 @@ impl Task for TransportHover {
     #[inline(always)]
     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
         ends.when(lowest(view).lt(S::constant(0.2)));
+        ends.when(self.load.height(view).lt(S::zero()));
     }
 
     #[inline(always)]

@@ -16,6 +16,8 @@
 //!   that rate with the wrong sign (defect 1).
 //! - DIFFERENCE: motor lags are time constants; gains U(0.2, 1) per 16 ms mean 72 ms down to 0, ours end at 7 ms.
 //! - DIFFERENCE: masses and hidden loads scale the total mass (defect 5), and hidden loads are fixed, not on a spring.
+//! - DIFFERENCE: HoverRand's vehicle is Hover's Hummingbird; the published one's is the Firefly.
+//! - DIFFERENCE: rotors start at the speeds that carry the nominal mass; published ones at those of the drawn mass and thrust.
 //! - DIFFERENCE: TrackRand keeps the clock in its observation, and a drone's mass through its episode.
 
 /// Of OmavHover and OmavTrack.
