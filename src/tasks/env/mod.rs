@@ -32,6 +32,8 @@ mod normaliser;
 pub mod single;
 mod snapshot;
 pub mod spec;
+#[cfg(test)]
+mod tests;
 pub(crate) mod transform;
 pub(crate) mod transition;
 
