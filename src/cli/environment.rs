@@ -187,7 +187,7 @@ impl EnvArguments {
 }
 
 /// One line per setting of an environment, in the order of a file: key, and what it means.
-const KEYS: [(&str, &str); 16] = [
+const KEYS: &[(&str, &str)] = &[
     ("n_env", "environments stepped together"),
     ("seed", "of all that is drawn"),
     ("first_environment", "number of the first: a shard of a larger batch gives its own"),
@@ -201,13 +201,14 @@ const KEYS: [(&str, &str); 16] = [
     ("integrator", "runge_kutta4, semi_implicit"),
     ("observation", "transforms: history, noise, normalise, privileged"),
     ("randomise", "what differs between episodes"),
+    ("difficulty", "share of it, 0 to 1: where a curriculum begins"),
     ("autoreset", "same_step, next_step, disabled"),
     ("stagger", "whether first episodes begin anywhere in time"),
     ("memory_limit", "bytes"),
 ];
 
 /// The lines of `action_scale`.
-const SCALES: [(&str, &str); 6] = [
+const SCALES: &[(&str, &str)] = &[
     ("position", "what an action of 1 means in the control modes: distance per axis, m"),
     ("velocity", "per axis, m/s"),
     ("yaw", "in the levels velocity and position, rad"),
@@ -226,7 +227,7 @@ pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
     }
     let table = toml::Table::try_from(&whole).map_err(plain)?;
     let mut lines: Vec<(String, &str)> = Vec::new();
-    for (key, meaning) in KEYS {
+    for (key, meaning) in KEYS.iter().copied() {
         match table.get(key) {
             Some(toml::Value::Array(items)) if items.len() > 1 => {
                 lines.push((format!("{key} = ["), meaning));

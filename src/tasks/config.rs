@@ -3,6 +3,7 @@
 use super::observation::Stage;
 use super::randomise::Change;
 use super::rig::{Rig, benchmark, benchmark_effects};
+use super::sheet::find;
 use crate::controllers::action::ActionScale;
 use crate::controllers::cascade::Level;
 use crate::dynamics::configurations::Omav;
@@ -62,8 +63,8 @@ pub struct Delay {
 
 /// Most steps of delay.
 pub const MAX_DELAY: usize = 32;
-/// Most steps of an episode.
-pub const MAX_HORIZON: usize = 10_000_000;
+/// Most steps of an episode: batches count them in `f32`, exactly up to 2²⁴.
+pub const MAX_HORIZON: usize = 1 << 24;
 /// Most memory of an environment unless [`EnvConfig::memory_limit`] says otherwise, bytes.
 pub const MEMORY_LIMIT: u64 = 8 << 30;
 
@@ -194,8 +195,19 @@ impl EnvConfig {
             return Err(Error::limit("actions.levels", levels, "2 to 1024", "Use continuous actions."));
         }
         check_difficulty(self.difficulty)?;
+        self.check_task()?;
         self.observation.iter().try_for_each(Stage::validate)?;
         self.randomise.iter().try_for_each(Change::validate)
+    }
+
+    /// Every number of the task's settings is finite.
+    fn check_task(&self) -> Result<()> {
+        for (key, value) in &self.task {
+            if let Some(x) = find(value, &|x| !x.is_finite()) {
+                return Err(Error::value(format!("task.{key}"), x, "finite", "Leave it out for the task's own."));
+            }
+        }
+        Ok(())
     }
 
     /// Computations of the control modes per step.
@@ -228,8 +240,9 @@ impl EnvConfig {
     /// The task's settings.
     ///
     /// # Errors
-    /// [`Error::Format`] with the nearest known key.
+    /// [`Error::Format`] with the nearest known key; [`Error::Value`] for a number that is not finite.
     pub fn settings<T: DeserializeOwned>(&self) -> Result<T> {
+        self.check_task()?;
         let text = toml::to_string(&self.task).unwrap_or_default();
         toml::from_str(&text).map_err(|e| Error::of_toml(&e, &text, "[task]"))
     }

@@ -16,7 +16,7 @@ pub struct Evaluation {
     pub return_std: f64,
     /// Mean return over the largest, [`Spec::reward_bound`](super::Spec::reward_bound) times the horizon.
     pub share_of_bound: f64,
-    /// Mean of the task's first metric in the last step, as a rule the position error, m.
+    /// Mean of the task's first metric in the last step, as a rule the position error, m; 0 where a task has none.
     pub final_error: f64,
     /// Mean over all steps of all episodes, m.
     pub mean_error: f64,
@@ -65,6 +65,7 @@ pub fn evaluate(
     let (n, width) = (spec.n_env, spec.info.len());
     let n_metric = env.sheet().metrics.len();
     let first = width - n_metric;
+    let error = |out: &Buffers, i: usize| if n_metric > 0 { f64::from(out.info[i * width + first]) } else { 0.0 };
     let column = |name: &str| spec.info_column(name).unwrap_or(0);
     let (total, length, success) = (column("return"), column("length"), column("success"));
     let (reason, n_term) = (column("reason"), spec.reward.len());
@@ -77,7 +78,7 @@ pub fn evaluate(
         policy(env, &out, &mut actions);
         env.step(&actions, &mut out.out())?;
         for i in (0..n).filter(|i| flying[*i]) {
-            (errors, steps) = (errors + f64::from(out.info[i * width + first]), steps + 1.0);
+            (errors, steps) = (errors + error(&out, i), steps + 1.0);
         }
         watch(&Watched { env, out: &out, step: t + 1, flying: &flying });
         for i in 0..n {
@@ -97,7 +98,7 @@ pub fn evaluate(
         return_mean,
         return_std: spread.sqrt(),
         share_of_bound: return_mean / (spec.reward_bound * spec.horizon as f64),
-        final_error: mean(first),
+        final_error: (0..n).map(|i| error(&out, i)).sum::<f64>() / n as f64,
         mean_error: errors / steps,
         success: count(&|i| out.info[i * width + success] > 0.5 && out.terminated[i] == 0),
         crashed: count(&|i| out.terminated[i] == 1),

@@ -21,12 +21,14 @@ pub use baseline::Baseline;
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
 pub use env::check::{Finding, check_env};
 pub use env::single::{Outcome, SingleEnv};
-pub use env::{Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Space, Spec, StepOut, Sweep, SweepOptions, Tape};
+pub use env::{
+    Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Pending, Space, Spec, StepOut, Sweep, SweepOptions, Tape,
+};
 pub use evaluate::{Evaluation, Watched, evaluate};
 pub use observation::{Stage, Statistics};
 pub use randomise::{Change, Distribution, Quantity};
 pub use record::{Record, Recorded, Spread};
 pub use rig::Rig;
-pub use sheet::{End, Metric, Setting, Sheet, Slice, Smoothness, Term};
+pub use sheet::{End, Metric, Setting, Sheet, Sign, Slice, Smoothness, Term};
 pub use task::{Ends, Start, Task, View, Wanted};
 pub use with::{Pick, Scale, Transform, With};

@@ -3,6 +3,7 @@
 //! Each stage maps one agent's numbers to one agent's numbers and says what they are called. The same lines run in lanes
 //! and on a recording, so gradients go through them; noise is a constant to a gradient.
 
+use super::randomise::Kind;
 use super::sheet::{Slice, total};
 use crate::autodiff::{Rows, RowsMut, Scalar};
 use crate::error::{Error, Result};
@@ -32,8 +33,9 @@ pub enum Stage {
         #[serde(default = "ten")]
         clip: f64,
     },
-    /// The physical numbers that differ between environments, as ratios to their nominal values (as they are where those
-    /// are zero).
+    /// The physical numbers that differ between environments. What has a size by its nature (masses, moments of inertia,
+    /// coefficients of rotors, time constants, drag) is given as a ratio to its nominal value; what is nominally zero or
+    /// may have any sign (centres of mass, products of inertia, positions) as it is.
     Privileged {},
 }
 
@@ -43,6 +45,12 @@ fn ten() -> f64 {
 
 /// Most steps of history.
 pub const MAX_HISTORY: usize = 256;
+/// Most stages.
+pub const MAX_STAGES: usize = 16;
+/// Most numbers that all stages make, remember and draw for one agent.
+pub const MAX_NUMBERS: usize = 1 << 18;
+/// Nominal values below this are no unit to measure in.
+const LEAST_NOMINAL: f64 = 1e-12;
 
 impl Stage {
     /// Checks the numbers of a stage.
@@ -104,6 +112,48 @@ impl Statistics {
     }
 }
 
+/// Sizes that stages come to, found before anything is built.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Extent {
+    /// Numbers of one agent behind the last stage.
+    pub observation: usize,
+    /// Numbers of one agent's memory.
+    pub memory: usize,
+    /// Numbers that the normaliser sees, if there is one.
+    pub normalised: Option<usize>,
+}
+
+impl Extent {
+    /// For `raw` numbers of a task and `theta` that vary.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] for more than [`MAX_STAGES`] stages or [`MAX_NUMBERS`] numbers.
+    pub(crate) fn of(stages: &[Stage], raw: usize, theta: usize) -> Result<Self> {
+        if stages.len() > MAX_STAGES {
+            return Err(Error::limit("observation: stages", stages.len(), MAX_STAGES, "Leave some of them out."));
+        }
+        let mut own = Self { observation: raw, memory: 0, normalised: None };
+        let mut noise: usize = 0;
+        for stage in stages {
+            match stage {
+                Stage::History { steps } => {
+                    own.observation = own.observation.saturating_mul(*steps);
+                    own.memory = own.memory.saturating_add(own.observation);
+                }
+                Stage::Noise { .. } => noise = noise.saturating_add(own.observation),
+                Stage::Normalise { .. } => own.normalised = Some(own.observation),
+                Stage::Privileged {} => own.observation = own.observation.saturating_add(theta),
+            }
+            let all = own.observation.saturating_add(own.memory).saturating_add(noise);
+            if all > MAX_NUMBERS {
+                let remedy = "Remember fewer steps: histories of histories multiply.";
+                return Err(Error::limit("observation: numbers of one agent", all, MAX_NUMBERS, remedy));
+            }
+        }
+        Ok(own)
+    }
+}
+
 /// Stages prepared for the observation of one task.
 #[derive(Debug, Clone)]
 pub(crate) struct Pipeline {
@@ -114,8 +164,8 @@ pub(crate) struct Pipeline {
     pub memory: usize,
     /// Normal draws of one agent per step.
     pub noise: usize,
-    /// Numbers that the normaliser sees, if there is one.
-    pub normalised: Option<usize>,
+    /// Whether there is a normaliser.
+    normalises: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -144,7 +194,8 @@ pub(crate) struct Moment<'a, S: Scalar> {
 impl Pipeline {
     /// For a task's slices and `theta` with its nominal values.
     pub(crate) fn new(stages: &[Stage], raw: &[Slice], theta: &[(String, f64)]) -> Result<Self> {
-        let mut p = Self { steps: Vec::new(), slices: raw.to_vec(), memory: 0, noise: 0, normalised: None };
+        let mut p = Self { steps: Vec::new(), slices: raw.to_vec(), memory: 0, noise: 0, normalises: false };
+        Extent::of(stages, total(raw), theta.len())?;
         for stage in stages {
             p.add(stage, theta)?;
         }
@@ -176,19 +227,20 @@ impl Pipeline {
                 self.noise += n;
             }
             Stage::Normalise { clip } => {
-                if self.normalised.is_some() {
+                if self.normalises {
                     let remedy = "Leave one of them out.";
                     return Err(Error::limit("observation stages of kind 'normalise'", 2, 1, remedy));
                 }
-                self.normalised = Some(n);
+                self.normalises = true;
                 self.steps.push(Step::Normalise { n, clip: *clip });
             }
             Stage::Privileged {} => {
-                let scale = theta.iter().map(|(_, x)| if *x == 0.0 { 1.0 } else { 1.0 / x }).collect();
+                let is_ratio = |(name, x): &(String, f64)| *x > LEAST_NOMINAL && Kind::of(name) != Kind::Free;
+                let scale = theta.iter().map(|own| if is_ratio(own) { 1.0 / own.1 } else { 1.0 }).collect();
                 self.steps.push(Step::Privileged { n, scale });
-                let slice = |(name, x): &(String, f64)| {
-                    let unit = if *x == 0.0 { "as it is" } else { "ratio to nominal" };
-                    Slice::new(name.clone(), 1, unit, "varies between environments")
+                let slice = |own: &(String, f64)| {
+                    let unit = if is_ratio(own) { "ratio to nominal" } else { "as it is" };
+                    Slice::new(own.0.clone(), 1, unit, "varies between environments")
                 };
                 self.slices.extend(theta.iter().map(slice));
             }

@@ -3,12 +3,13 @@
 //!
 //! A [`Change`] names a quantity, a distribution and a time. Draws belong to the environment and episode (see
 //! [`rng`](crate::rng)), so they do not depend on the size of the batch. Changes apply in the order given; thrust as a ratio
-//! to weight uses the mass of that moment. A curriculum takes a share of every change
+//! to weight uses the mass of that moment. What could leave the physical is refused when the environment is built; rotors
+//! start at the speed that carries the weight drawn. A curriculum takes a share of every change
 //! ([`Env::set_difficulty`](super::Env::set_difficulty)).
 
-use super::rig::{Inertial, Rig};
-use crate::dynamics::rigid::ROTOR_PARAMETERS;
-use crate::dynamics::tree::BODY_NUMBERS;
+use super::rig::{Craft, Inertial, Rig};
+use crate::dynamics::rigid::{BODY_PARAMETERS, ROTOR_PARAMETERS};
+use crate::dynamics::tree::{BODY_NUMBERS, TreePlace};
 use crate::error::{Error, Result, finite};
 use crate::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
@@ -112,6 +113,62 @@ pub struct Change {
     pub each: bool,
 }
 
+/// What a physical number may be, by its nature.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// A size: a mass, a moment of inertia, a time constant.
+    Positive,
+    /// A loss or a stiffness.
+    NotNegative,
+    /// A position, a product of inertia, a sign.
+    Free,
+}
+
+impl Kind {
+    /// Of a number of [`Rig::number_names`].
+    pub(crate) fn of(name: &str) -> Self {
+        match name.rsplit('.').next().unwrap_or(name) {
+            "mass" | "inertia_xx" | "inertia_yy" | "inertia_zz" | "thrust_coefficient" | "max_speed"
+            | "time_constant_up" | "time_constant_down" | "slip_speed" => Self::Positive,
+            "moment_per_thrust"
+            | "inertia"
+            | "drag_coefficient"
+            | "axial_drag_coefficient"
+            | "rolling_coefficient"
+            | "joint_damping"
+            | "joint_stiffness"
+            | "joint_armature"
+            | "limit_stiffness"
+            | "limit_dissipation"
+            | "drive_stiffness"
+            | "drive_damping"
+            | "drive_max_torque"
+            | "stiffness"
+            | "dissipation"
+            | "friction" => Self::NotNegative,
+            drag if drag.contains("_drag_") => Self::NotNegative,
+            _ => Self::Free,
+        }
+    }
+
+    /// Whether a number may be `x`, also where it becomes an `f32`.
+    fn allows(self, x: f64) -> bool {
+        match self {
+            Self::Positive => x > f64::from(f32::MIN_POSITIVE),
+            Self::NotNegative => x >= 0.0,
+            Self::Free => x.is_finite(),
+        }
+    }
+
+    fn rule(self) -> &'static str {
+        match self {
+            Self::Positive => "> 0",
+            Self::NotNegative => "≥ 0",
+            Self::Free => "finite",
+        }
+    }
+}
+
 impl Change {
     /// Uniform factors on a quantity, drawn for every episode.
     pub fn scale(what: Quantity, low: f64, high: f64) -> Self {
@@ -127,19 +184,23 @@ impl Change {
         let what = format!("randomise.{:?}.range", self.what);
         finite(&what, &self.range)?;
         let [low, high] = self.range;
+        if let Some(large) = self.range.iter().find(|x| x.abs() > MOST) {
+            return Err(Error::value(what, large, format!("within ±{MOST:e}"), "Batches compute in f32."));
+        }
         if low > high {
             return Err(Error::value(what, format!("[{low}, {high}]"), "ordered", "Give the lower end first."));
         }
-        let positive = !matches!(
-            self.what,
-            Quantity::CenterOfMass | Quantity::Wind | Quantity::HiddenHeight | Quantity::Number(_)
-        );
-        if positive
-            && self.by != Action::Add
-            && low <= 0.0
-            && !matches!(self.what, Quantity::Drag | Quantity::AngularDrag | Quantity::HiddenMass)
-        {
-            return Err(Error::value(what, low, "> 0", "Masses, inertias and rotor constants stay positive."));
+        let kind = match &self.what {
+            Quantity::CenterOfMass | Quantity::Wind | Quantity::HiddenHeight => Kind::Free,
+            Quantity::Drag | Quantity::AngularDrag | Quantity::HiddenMass | Quantity::MomentPerThrust => {
+                Kind::NotNegative
+            }
+            Quantity::Number(name) => Kind::of(name),
+            _ => Kind::Positive,
+        };
+        // what is added to, the rig decides
+        if self.by != Action::Add && !kind.allows(low) {
+            return Err(Error::value(what, low, kind.rule(), "Factors and values of it do not change its sign."));
         }
         if self.distribution == Distribution::LogUniform && low <= 0.0 {
             return Err(Error::value(what, low, "> 0 for log_uniform", "Use uniform where values may be negative."));
@@ -175,6 +236,29 @@ pub(crate) struct Randomiser {
     /// Rotors of each drone, and where its numbers begin.
     rotors: Vec<Vec<usize>>,
     nominal: Vec<f64>,
+    /// Trees whose weight or lift changes.
+    flocks: Vec<Flock>,
+    /// Where inertias begin that could become unphysical.
+    inertias: Vec<usize>,
+}
+
+/// One tree: what is weighed, and what carries it.
+#[derive(Debug, Clone, Default)]
+struct Flock {
+    /// Places of the masses.
+    masses: Vec<usize>,
+    /// Rotors: where their numbers begin, and the place of their speed in the state.
+    rotors: Vec<(usize, usize)>,
+}
+
+impl Flock {
+    /// Weight over largest thrust.
+    fn share(&self, numbers: &[f64]) -> f64 {
+        let mass: f64 = self.masses.iter().map(|k| numbers[*k]).sum();
+        let (k_f, fastest) = (rotor("thrust_coefficient"), rotor("max_speed"));
+        let lift: f64 = self.rotors.iter().map(|(at, _)| numbers[at + k_f] * numbers[at + fastest].powi(2)).sum();
+        mass * numbers[0] / lift
+    }
 }
 
 impl Randomiser {
@@ -182,13 +266,62 @@ impl Randomiser {
     pub(crate) fn new(changes: &[Change], rig: &Rig) -> Result<Self> {
         let names = rig.number_names();
         let (bodies, rotors) = places(rig);
-        let mut own = Self { changes: Vec::new(), bodies, rotors, nominal: rig.numbers() };
+        let nominal = rig.numbers();
+        let mut least = nominal.clone();
+        let mut own = Self { changes: Vec::new(), bodies, rotors, nominal, flocks: Vec::new(), inertias: Vec::new() };
         for change in changes {
             change.validate()?;
             let places = own.touched(change, &names)?;
+            own.check(change, &places, &names, &mut least)?;
             own.changes.push(Prepared { change: change.clone(), places });
         }
+        let touches = |what: &[&str]| {
+            let named = |k: &usize| what.iter().any(|end| names[*k].rsplit('.').next() == Some(end));
+            own.varied().any(|k| named(&k))
+        };
+        if touches(&["mass", "thrust_coefficient", "max_speed", "gravity"]) {
+            own.flocks = flocks(rig);
+        }
+        own.inertias = (0..rig.n_frame())
+            .map(|body| Inertial::place(body) + 4)
+            .filter(|at| {
+                let own =
+                    own.changes.iter().filter(|c| matches!(c.change.what, Quantity::Inertia | Quantity::Number(_)));
+                own.flat_map(|c| &c.places).any(|k| (*at..at + 6).contains(k))
+            })
+            .collect();
         Ok(own)
+    }
+
+    /// Refuses what could leave the physical, whatever is drawn; `least` are the smallest values before and behind the
+    /// change. What interpolates between two values that are physical is so too.
+    fn check(&self, change: &Change, places: &[usize], names: &[String], least: &mut [f64]) -> Result<()> {
+        let low = change.range[0];
+        for k in places {
+            // a mass takes its inertia along, at a ratio that stays positive as the mass does
+            let is_mass = change.what != Quantity::Mass || self.bodies.iter().any(|b| Inertial::place(*b) == *k);
+            let kind = Kind::of(&names[*k]);
+            if kind == Kind::Free || !is_mass {
+                continue;
+            }
+            let mut full = change.applied(least[*k], low, 1.0);
+            if change.what == Quantity::ThrustToWeight {
+                full *= self.heavier(*k, least);
+            }
+            if !kind.allows(full) {
+                let what = format!("randomise.{:?}.range", change.what);
+                let rule = format!("such that {} ≥ {:.3e} stays {}", names[*k], least[*k], kind.rule());
+                return Err(Error::value(what, low, rule, "Raise the lower end."));
+            }
+            least[*k] = least[*k].min(full);
+            if change.what == Quantity::Mass && change.by != Action::Scale {
+                let ratio = (full / self.nominal[*k]).min(1.0);
+                least[k + 4..k + 7].iter_mut().for_each(|moment| *moment *= ratio);
+            } else if change.what == Quantity::Mass {
+                least[k + 4..k + 7].iter_mut().for_each(|moment| *moment *= low.min(1.0));
+            }
+        }
+        Ok(())
     }
 
     /// All numbers that changes touch.
@@ -252,6 +385,25 @@ impl Randomiser {
                 _ => self.vary(prepared, (stream, share), numbers),
             }
         }
+        self.inertias.iter().for_each(|at| settle(&mut numbers[*at..at + 6]));
+    }
+
+    /// Rotors that a task left at rest speed in `state` turn such that each tree carries the weight that was drawn, all its
+    /// rotors at the same share of their largest thrust.
+    pub(crate) fn hover(&self, rest: &[f64], numbers: &[f64], state: &mut [f64]) {
+        for flock in &self.flocks {
+            let (share, nominal) = (flock.share(numbers), flock.share(&self.nominal));
+            if !(share > 0.0 && nominal > 0.0) {
+                continue;
+            }
+            for (at, speed) in &flock.rotors {
+                let k = at + rotor("max_speed");
+                let factor = (share / nominal).sqrt() * numbers[k] / self.nominal[k];
+                if state[*speed] == rest[*speed] {
+                    state[*speed] = (rest[*speed] * factor).min(numbers[k]);
+                }
+            }
+        }
     }
 
     fn vary(&self, prepared: &Prepared, (stream, share): (&mut Stream, f64), numbers: &mut [f64]) {
@@ -284,7 +436,7 @@ impl Randomiser {
                 drawn = change.draw(stream);
             }
             let own = Inertial::read(numbers, *body);
-            let mass = change.applied(own.mass, drawn, share).max(f64::MIN_POSITIVE);
+            let mass = change.applied(own.mass, drawn, share);
             own.scaled(mass / own.mass).write(numbers, *body);
         }
     }
@@ -320,12 +472,69 @@ impl Randomiser {
                 drawn = change.draw(stream);
             }
             let own = Inertial::read(numbers, *body);
-            let mass = share * drawn.max(0.0) * self.nominal[Inertial::place(*body)];
+            let mass = share * drawn * self.nominal[Inertial::place(*body)];
             own.and(&Inertial::cuboid(mass, HIDDEN_BOX, [0.0, 0.0, height])).write(numbers, *body);
         }
     }
 }
 
+/// Makes principal moments and products of inertia (xx, yy, zz, xy, xz, yz) those of a body: no moment above the sum of
+/// the others, about any axes. Moments are lowered, then products; what is physical keeps its bits.
+fn settle(inertia: &mut [f64]) {
+    for i in 0..3 {
+        let others = inertia[(i + 1) % 3] + inertia[(i + 2) % 3];
+        if inertia[i] > others {
+            inertia[i] = MOST_OF_OTHERS * others;
+        }
+    }
+    if is_body(inertia, 1.0) {
+        return;
+    }
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..30 {
+        let middle = 0.5 * (low + high);
+        if is_body(inertia, middle) { low = middle } else { high = middle }
+    }
+    inertia[3..].iter_mut().for_each(|product| *product *= low);
+}
+
+/// Whether the second moments of mass, ½ tr(J) 1 − J, are positive semi-definite with `factor` times the products.
+fn is_body(j: &[f64], factor: f64) -> bool {
+    let half = 0.5 * (j[0] + j[1] + j[2]);
+    let d = [half - j[0], half - j[1], half - j[2]];
+    let [xy, xz, yz] = [j[3], j[4], j[5]].map(|x| -factor * x);
+    // rounding of bodies that are flat or thin
+    let slack = 1e-9 * half;
+    let minor = |a: f64, b: f64, c: f64| a * b - c * c >= -slack * slack;
+    let determinant = d[0] * (d[1] * d[2] - yz * yz) - xy * (xy * d[2] - yz * xz) + xz * (xy * yz - d[1] * xz);
+    d.iter().all(|x| *x >= -slack)
+        && minor(d[0], d[1], xy)
+        && minor(d[0], d[2], xz)
+        && minor(d[1], d[2], yz)
+        && determinant >= -slack * slack * slack
+}
+
+/// Trees with rotors.
+fn flocks(rig: &Rig) -> Vec<Flock> {
+    let n = ROTOR_PARAMETERS.len();
+    match &rig.craft {
+        Craft::Vehicle(_) => {
+            let rotors = rig.drone().rotors.iter().enumerate().map(|(i, r)| (BODY_PARAMETERS.len() + i * n, r.speed));
+            vec![Flock { masses: vec![Inertial::place(0)], rotors: rotors.collect() }]
+        }
+        Craft::Model(m) => {
+            let (layout, first) = (m.layout(), 1 + rig.n_frame() * BODY_NUMBERS.len());
+            let flock = |tree: &TreePlace| Flock {
+                masses: tree.bodies.clone().map(Inertial::place).collect(),
+                rotors: tree.rotors.clone().map(|r| (first + r * n, layout.rotor_speed[r])).collect(),
+            };
+            layout.trees.iter().map(flock).filter(|f| !f.rotors.is_empty()).collect()
+        }
+    }
+}
+
+/// Largest number of a range.
+const MOST: f64 = 1e9;
 /// Draws that stay for a run.
 const STARTUP: Purpose = Purpose::user(0x5712);
 /// Edges of the hidden load, m.
@@ -344,7 +553,7 @@ fn rotor(name: &str) -> usize {
 fn places(rig: &Rig) -> (Vec<usize>, Vec<Vec<usize>>) {
     let n_body = rig.n_frame();
     let begin = |r: usize| match rig.model() {
-        None => 20 + r * ROTOR_PARAMETERS.len(),
+        None => BODY_PARAMETERS.len() + r * ROTOR_PARAMETERS.len(),
         Some(_) => 1 + n_body * BODY_NUMBERS.len() + r * ROTOR_PARAMETERS.len(),
     };
     match rig.model() {

@@ -66,7 +66,7 @@ pub struct Recorded {
 pub struct Record {
     /// Every step.
     pub steps: Vec<Recorded>,
-    /// The task's first metric in every step of the first few environments.
+    /// The task's first metric in every step of the first few environments; 0 where a task has none.
     pub lines: Vec<Vec<f32>>,
     /// `[E, info]`: the columns of [`Spec::info`] in the last step of every episode.
     pub last: Vec<f32>,
@@ -98,7 +98,7 @@ impl Record {
         &self.spec
     }
 
-    /// First of the task's metrics among the columns of [`Spec::info`].
+    /// First of the task's metrics among the columns of [`Spec::info`]; their number where a task has none.
     pub fn first_metric(&self) -> usize {
         self.spec.info.len() - self.n_metric
     }
@@ -112,7 +112,7 @@ impl Record {
             self.last[i * width..][..width].copy_from_slice(&watched.out.info[i * width..][..width]);
         }
         for (i, line) in self.lines.iter_mut().enumerate().filter(|(i, _)| watched.flying[*i]) {
-            line.push(info(i, first));
+            line.push(if first < width { info(i, first) } else { 0.0 });
         }
         let metrics = (first..width)
             .map(|k| {

@@ -176,23 +176,51 @@ pub static REGISTRY: &[Entry] = &[
 ];
 
 impl Entry {
-    /// The environment of a configuration, whose own settings win over the task's defaults.
+    /// The environment of a configuration. What differs in it from [`EnvConfig::default`] wins over the task's own
+    /// defaults, each setting of `task` by itself; a list of observation stages or of changes replaces the task's list.
     ///
     /// # Errors
     /// As [`Env::of`].
     pub fn env(&self, config: &EnvConfig) -> Result<Env> {
-        let defaults = self.default_config()?;
-        let mut own = config.clone();
-        for (key, value) in defaults.task {
+        (self.make)(self.name, &self.merged(config)?)
+    }
+
+    /// The configuration over the task's own defaults.
+    fn merged(&self, config: &EnvConfig) -> Result<EnvConfig> {
+        let EnvConfig {
+            n_env,
+            seed,
+            first_environment,
+            control,
+            action_scale,
+            actions,
+            delay,
+            dt,
+            control_rate,
+            substeps,
+            integrator,
+            observation,
+            randomise,
+            difficulty,
+            autoreset,
+            stagger,
+            memory_limit,
+            task,
+        } = self.default_config()?;
+        let (mut own, usual) = (config.clone(), EnvConfig::default());
+        macro_rules! take {
+            ($($key:ident)*) => {
+                $(if own.$key == usual.$key {
+                    own.$key = $key;
+                })*
+            };
+        }
+        take!(n_env seed first_environment control action_scale actions delay dt control_rate substeps integrator);
+        take!(observation randomise difficulty autoreset stagger memory_limit);
+        for (key, value) in task {
             own.task.entry(key).or_insert(value);
         }
-        if own.randomise.is_empty() {
-            own.randomise = defaults.randomise;
-        }
-        if own.observation.is_empty() {
-            own.observation = defaults.observation;
-        }
-        (self.make)(self.name, &own)
+        Ok(own)
     }
 
     /// The task's own defaults.

@@ -3,6 +3,7 @@
 //! Names, sizes, units and bounds are used by the program (layouts, infos, checks) and printed for people; a test holds
 //! the tables in the documentation of every task against them.
 
+use crate::error::{Error, Result};
 use serde::Serialize;
 use std::fmt::Write as _;
 
@@ -101,7 +102,7 @@ impl End {
 }
 
 /// A number of a task's configuration.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Setting {
     /// Key in `[task]` of a configuration file.
     pub key: &'static str,
@@ -109,12 +110,61 @@ pub struct Setting {
     pub default: String,
     /// What it is, with unit.
     pub meaning: &'static str,
+    /// What its numbers may be.
+    pub sign: Sign,
+}
+
+/// What the numbers of a setting may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sign {
+    /// Any that is finite.
+    #[default]
+    Any,
+    /// > 0: distances, lengths.
+    Positive,
+    /// ≥ 0: losses, standard deviations.
+    NotNegative,
 }
 
 impl Setting {
-    /// From its parts.
+    /// From its parts; its numbers may be any that are finite.
     pub fn new(key: &'static str, default: impl ToString, meaning: &'static str) -> Self {
-        Self { key, default: default.to_string(), meaning }
+        Self { key, default: default.to_string(), meaning, sign: Sign::Any }
+    }
+
+    /// The same with numbers > 0.
+    pub fn positive(self) -> Self {
+        Self { sign: Sign::Positive, ..self }
+    }
+
+    /// The same with numbers ≥ 0.
+    pub fn not_negative(self) -> Self {
+        Self { sign: Sign::NotNegative, ..self }
+    }
+
+    /// Refuses numbers that the setting may not have.
+    pub(crate) fn check(&self, task: &toml::Table) -> Result<()> {
+        let (allows, rule): (fn(f64) -> bool, &str) = match self.sign {
+            Sign::Any => return Ok(()),
+            Sign::Positive => (|x| x > 0.0, "> 0"),
+            Sign::NotNegative => (|x| x >= 0.0, "≥ 0"),
+        };
+        let Some(wrong) = task.get(self.key).and_then(|value| find(value, &|x| !allows(x))) else {
+            return Ok(());
+        };
+        Err(Error::value(format!("task.{}", self.key), wrong, rule, format!("It is {}.", self.meaning)))
+    }
+}
+
+/// The first number of a value, at any depth, that `is`.
+pub(crate) fn find(value: &toml::Value, is: &dyn Fn(f64) -> bool) -> Option<f64> {
+    match value {
+        toml::Value::Float(x) => Some(*x).filter(|x| is(*x)),
+        toml::Value::Integer(x) => Some(*x as f64).filter(|x| is(*x)),
+        toml::Value::Array(all) => all.iter().find_map(|x| find(x, is)),
+        toml::Value::Table(all) => all.values().find_map(|x| find(x, is)),
+        _ => None,
     }
 }
 

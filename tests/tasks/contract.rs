@@ -3,7 +3,7 @@
 use crate::{config, everywhere};
 use omnidrones::controllers::cascade::Level;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{ActionSpace, Buffers, Delay, Env, EnvConfig, check_env, registry};
+use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Delay, Env, EnvConfig, Spec, check_env, registry};
 
 #[test]
 fn every_task_keeps_the_contract_in_every_control_mode() {
@@ -70,40 +70,39 @@ fn discrete_actions_keep_the_contract() {
     }
 }
 
-/// Steps with random actions; all arrays of the last step, and the sum of all rewards.
-fn run(env: &mut Env, first: usize, total: usize, steps: u64) -> (Buffers, f64) {
+/// Steps with random actions; all arrays of the last step.
+fn run(env: &mut Env, steps: u64) -> Buffers {
     let mut out = Buffers::new(env.spec());
     env.reset(None, None, &mut out.out()).unwrap();
-    let per_env = env.spec().n_agent * env.spec().action.len();
-    // drawn for the whole batch, of which this may be a part
-    let mut all = vec![0.0; total * per_env];
-    let mut rewards = 0.0;
-    let n_env = env.spec().n_env;
-    let whole = Env::make(&env.spec().task, &EnvConfig { n_env: 1, ..env.spec().config.clone() });
-    let sampler = EnvConfig { first_environment: 0, n_env: 1, ..whole.unwrap().spec().config.clone() };
-    let sampler = Env::make(&env.spec().task, &sampler).unwrap();
-    for t in 0..steps {
-        sampler.sample(t, &mut all);
-        env.step(&all[first * per_env..(first + n_env) * per_env], &mut out.out()).unwrap();
-        rewards += out.reward.iter().map(|r| f64::from(*r)).sum::<f64>();
-    }
-    (out, rewards)
+    go_on(env, &mut out, 0..steps);
+    out
 }
 
-/// Part of the arrays that belongs to environments `first` ….
-fn part(
-    out: &Buffers,
-    spec: &omnidrones::tasks::Spec,
-    first: usize,
-    n: usize,
-) -> (Vec<f32>, Vec<f32>, Vec<u8>, Vec<f32>) {
-    let (a, o, i) = (spec.n_agent, spec.n_agent * spec.n_observation, spec.info.len());
-    (
-        out.observation[first * o..(first + n) * o].to_vec(),
-        out.reward[first * a..(first + n) * a].to_vec(),
-        out.terminated[first..first + n].to_vec(),
-        out.info[first * i..(first + n) * i].to_vec(),
-    )
+/// Steps with the actions of these draws.
+fn go_on(env: &mut Env, out: &mut Buffers, draws: std::ops::Range<u64>) {
+    let mut actions = vec![0.0; env.spec().n_env * env.spec().n_agent * env.spec().action.len()];
+    for t in draws {
+        env.sample(t, &mut actions);
+        env.step(&actions, &mut out.out()).unwrap();
+    }
+}
+
+/// The arrays of `n` environments from `first` on.
+fn part(out: &Buffers, spec: &Spec, first: usize, n: usize) -> Buffers {
+    let cut = |rows: &[f32], each: usize| rows[first * each..(first + n) * each].to_vec();
+    let flags = |rows: &[u8]| rows[first..first + n].to_vec();
+    let seen = spec.n_agent * spec.n_observation;
+    Buffers {
+        observation: cut(&out.observation, seen),
+        reward: cut(&out.reward, spec.n_agent),
+        terminated: flags(&out.terminated),
+        truncated: flags(&out.truncated),
+        central: cut(&out.central, spec.n_central),
+        privileged: cut(&out.privileged, spec.privileged.len()),
+        final_observation: cut(&out.final_observation, seen),
+        final_central: cut(&out.final_central, spec.n_central),
+        info: cut(&out.info, spec.info.len()),
+    }
 }
 
 #[test]
@@ -115,11 +114,11 @@ fn threads_shards_and_places_in_the_batch_change_no_bit() {
         let make = |c: &EnvConfig| entry.env(c).unwrap();
         let mut whole = make(&base);
         whole.set_threads(Threads::new(1).unwrap());
-        let (reference, _) = run(&mut whole, 0, n, steps);
+        let reference = run(&mut whole, steps);
         for threads in [2, 8] {
             let mut env = make(&base);
             env.set_threads(Threads::new(threads).unwrap());
-            assert!(run(&mut env, 0, n, steps).0 == reference, "{} on {threads} threads", entry.name);
+            assert!(run(&mut env, steps) == reference, "{} on {threads} threads", entry.name);
         }
         // four shards, and one that begins within a block
         let quarter = n / 4;
@@ -127,9 +126,9 @@ fn threads_shards_and_places_in_the_batch_change_no_bit() {
             [(0, quarter), (quarter, quarter), (2 * quarter, quarter), (3 * quarter, quarter), (17, 70)]
         {
             let shard = EnvConfig { n_env: count, first_environment: first as u64, ..base.clone() };
-            let (own, _) = run(&mut make(&shard), first, n, steps);
+            let own = run(&mut make(&shard), steps);
             let spec = whole.spec();
-            assert!(part(&own, spec, 0, count) == part(&reference, spec, first, count), "{} from {first}", entry.name);
+            assert!(own == part(&reference, spec, first, count), "{} from {first}", entry.name);
         }
     }
 }
@@ -142,15 +141,142 @@ fn configurations_with_transforms_do_not_depend_on_threads_either() {
         .map(|threads| {
             let mut env = Env::make("Hover", &base).unwrap();
             env.set_threads(Threads::new(threads).unwrap());
-            let out = run(&mut env, 0, 1024, 30).0;
+            let out = run(&mut env, 30);
             env.update_normaliser();
             assert!(env.statistics().count > 30_000.0);
-            let after = run(&mut env, 0, 1024, 5).0;
+            let after = run(&mut env, 5);
             assert!(after != out);
             after
         })
         .collect();
     assert!(results[0] == results[1] && results[1] == results[2]);
+}
+
+#[test]
+fn saved_bytes_restore_into_a_fresh_environment_of_every_task() {
+    for entry in registry::REGISTRY {
+        for transforms in [false, true] {
+            let base = if transforms { transformed(&config(70, 25)) } else { config(70, 25) };
+            let mut env = entry.env(&base).unwrap();
+            let mut out = run(&mut env, 30);
+            let mut fresh = entry.env(&base).unwrap();
+            let empty = fresh.save();
+            fresh.load(&env.save()).unwrap();
+            let mut again = Buffers::new(fresh.spec());
+            fresh.observe(&mut again.out()).unwrap();
+            assert!(again.observation == out.observation && again.central == out.central, "{}", entry.name);
+            assert!(again.privileged == out.privileged, "{}", entry.name);
+            go_on(&mut env, &mut out, 30..60);
+            again = out.clone();
+            go_on(&mut fresh, &mut again, 30..60);
+            assert!(again == out && fresh.save() == env.save(), "{}", entry.name);
+            // bytes from before the first reset do not count as one
+            fresh.load(&empty).unwrap();
+            let actions = vec![0.0; fresh.spec().n_env * fresh.spec().n_agent * fresh.spec().action.len()];
+            let error = fresh.step(&actions, &mut again.out()).unwrap_err().to_string();
+            assert!(error.contains("environment 0") && error.contains("reset"), "{error}");
+        }
+    }
+}
+
+#[test]
+fn saved_bytes_do_not_depend_on_threads() {
+    let delay = Delay { min: 1, max: 2 };
+    for control in [Level::Rotor, Level::Rate] {
+        for base in
+            [transformed(&EnvConfig { control, ..config(262, 25) }), EnvConfig { control, delay, ..config(262, 25) }]
+        {
+            for actions in [ActionSpace::Continuous, ActionSpace::MultiDiscrete { levels: 3 }] {
+                let base = EnvConfig { actions, ..base.clone() };
+                let saved = [1, 2].map(|threads| {
+                    let mut env = Env::make("PayloadHover", &base).unwrap();
+                    env.set_threads(Threads::new(threads).unwrap());
+                    run(&mut env, 40);
+                    env.save()
+                });
+                assert!(saved[0] == saved[1], "{control:?}, {actions:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn shards_collect_statistics_that_merge_to_those_of_the_whole() {
+    let base = transformed(&config(256, 25));
+    let mut whole = Env::make("Hover", &base).unwrap();
+    run(&mut whole, 20);
+    let mut merged = whole.statistics().clone();
+    whole.update_normaliser();
+    let mut shards: Vec<Env> = (0..2)
+        .map(|k| Env::make("Hover", &EnvConfig { n_env: 128, first_environment: 128 * k, ..base.clone() }).unwrap())
+        .collect();
+    let mut outs: Vec<Buffers> = shards.iter_mut().map(|env| run(env, 20)).collect();
+    for shard in &mut shards {
+        let pending = shard.take_pending();
+        let mut own = merged.clone();
+        own.merge(pending.count, &pending.sums, &pending.squares);
+        // sums are about the frozen mean, 0 here: the other shard's are then about a new one
+        let shift: Vec<f64> = merged.mean.iter().map(|m| m * pending.count).collect();
+        let sums: Vec<f64> = pending.sums.iter().zip(&shift).map(|(s, d)| s - d).collect();
+        let squares: Vec<f64> = (0..sums.len())
+            .map(|k| pending.squares[k] - 2.0 * merged.mean[k] * pending.sums[k] + merged.mean[k] * shift[k])
+            .collect();
+        merged.merge(pending.count, &sums, &squares);
+    }
+    let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-9 * (1.0 + x.abs()));
+    assert_eq!(merged.count, whole.statistics().count);
+    assert!(close(&merged.mean, &whole.statistics().mean) && close(&merged.variance, &whole.statistics().variance));
+    // observations in hand follow, and collecting goes on only when asked
+    let before = outs[0].observation.clone();
+    shards[0].set_statistics(merged.clone()).unwrap();
+    shards[0].observe(&mut outs[0].out()).unwrap();
+    assert!(outs[0].observation != before);
+    let (shard, out) = (&mut shards[0], &mut outs[0]);
+    go_on(shard, out, 20..25);
+    assert_eq!(shard.take_pending().count, 0.0);
+    shard.set_collecting(true);
+    go_on(shard, out, 25..30);
+    assert!(shard.take_pending().count >= 640.0);
+}
+
+#[test]
+fn a_policy_fits_environments_of_equal_hash() {
+    let base = config(8, 25);
+    let hash = |text: &str| {
+        let own = EnvConfig::from_toml(text, "hash").unwrap();
+        Env::make("Hover", &EnvConfig { task: base.task.clone(), ..own }).unwrap().spec().hash()
+    };
+    let plain = hash("n_env = 8");
+    assert_eq!(plain, hash("n_env = 16\nseed = 3"));
+    let others = [
+        "observation = [{ kind = 'normalise' }]",
+        "observation = [{ kind = 'noise', std = 0.1 }]",
+        "observation = [{ kind = 'noise', std = 0.2 }]",
+        "observation = [{ kind = 'history', steps = 2 }]",
+        "actions = { kind = 'multi_discrete', levels = 3 }",
+        "control = 'rate'",
+    ];
+    let mut all: Vec<u64> = others.iter().map(|text| hash(&format!("n_env = 8\n{text}"))).chain([plain]).collect();
+    all.sort_unstable();
+    all.dedup();
+    assert_eq!(all.len(), others.len() + 1);
+    let mut spec = Env::make("Hover", &base).unwrap().spec().clone();
+    spec.observation[0].meaning.push_str(", in other words");
+    assert_eq!(spec.hash(), plain);
+}
+
+#[test]
+fn a_diverged_step_is_worth_nothing() {
+    let mut env = Env::make("Hover", &EnvConfig { autoreset: Autoreset::Disabled, ..config(3, 25) }).unwrap();
+    let mut out = run(&mut env, 1);
+    let mut state = env.state(1).unwrap();
+    state[3] = 1e18;
+    env.set_state(1, &state).unwrap();
+    go_on(&mut env, &mut out, 1..2);
+    let width = env.spec().info.len();
+    let told = |name: &str, i: usize| out.info[i * width + env.spec().info_column(name).unwrap()];
+    assert_eq!((out.terminated[1], out.reward[1], told("loss", 1), told("success", 1)), (1, 0.0, 0.0, 0.0));
+    assert!(told("loss", 0) != 0.0);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Every registered task keeps the contract of the batched environment.
 
 mod contract;
+mod events;
 mod gradients;
 mod probes;
 mod robustness;

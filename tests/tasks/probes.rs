@@ -2,7 +2,7 @@
 //! not.
 
 use omnidrones::tasks::probe::Probe;
-use omnidrones::tasks::{Autoreset, Buffers, Env, EnvConfig};
+use omnidrones::tasks::{Autoreset, Buffers, Env, EnvConfig, Record, evaluate};
 
 const DISCOUNT: f64 = 0.99;
 
@@ -105,4 +105,15 @@ fn an_advantage_holds_no_reward_of_the_next_episode() {
     println!("leak {:.3}, of the twin {:.3}", leak(true), leak(false));
     assert_eq!(leak(true), 0.0);
     assert!(leak(false) > 5.0); // measured 8.0
+}
+
+#[test]
+fn a_task_without_metrics_is_evaluated_and_recorded() {
+    let config = EnvConfig { n_env: 70, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
+    let mut env = Env::of(Probe::forever(&config).unwrap(), "forever", &config).unwrap();
+    let mut record = Record::new(&env, 2);
+    let result = evaluate(&mut env, &mut |_, _, actions| actions.fill(0.0), &mut |step| record.see(step)).unwrap();
+    assert_eq!((result.return_mean, result.length), (10.0, 10.0));
+    assert_eq!((result.final_error, result.mean_error, result.final_metrics.len()), (0.0, 0.0, 0));
+    assert_eq!(record.lines, vec![vec![0.0; 10]; 2]);
 }

@@ -2,7 +2,7 @@
 
 use crate::{config, everywhere};
 use omnidrones::rng::{Purpose, Stream};
-use omnidrones::tasks::{Autoreset, Buffers, Env, EnvConfig, registry};
+use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Env, EnvConfig, registry};
 use std::time::Instant;
 
 /// A number that no careful agent sends.
@@ -41,7 +41,7 @@ fn ten_million_hostile_steps_give_finite_numbers_and_every_clip_is_counted() {
             let arrays =
                 [&out.observation, &out.reward, &out.central, &out.privileged, &out.info, &out.final_observation];
             assert!(arrays.iter().all(|a| a.iter().all(|x| x.is_finite())), "{name}, step {t}");
-            for i in (0..512).step_by(41) {
+            for i in 0..512 {
                 let wrong = actions[i * n..(i + 1) * n].iter().filter(|a| !(-1.0..=1.0).contains(*a)).count();
                 assert_eq!(out.info[i * width + clipped] as usize, wrong, "{name}, step {t}, environment {i}");
             }
@@ -53,48 +53,104 @@ fn ten_million_hostile_steps_give_finite_numbers_and_every_clip_is_counted() {
 }
 
 #[test]
+fn hostile_whole_numbers_are_counted_in_every_environment() {
+    for actions in [ActionSpace::Discrete { levels: 2 }, ActionSpace::MultiDiscrete { levels: 5 }] {
+        let mut env = Env::make("Hover", &EnvConfig { actions, ..config(262, 50) }).unwrap();
+        let mut out = Buffers::new(env.spec());
+        env.reset(None, None, &mut out.out()).unwrap();
+        let (n, width) = (env.spec().action.len(), env.spec().info.len());
+        let most = if n == 1 { 16 } else { 5 };
+        let clipped = env.spec().info_column("clipped").unwrap();
+        let mut stream = Stream::new(78, 0, 0, Purpose::user(78));
+        for t in 0..100 {
+            let draw = |stream: &mut Stream| match stream.below(2) {
+                0 => hostile(stream),
+                _ => stream.below(20) as f32,
+            };
+            let actions: Vec<f32> = (0..262 * n).map(|_| draw(&mut stream)).collect();
+            env.step(&actions, &mut out.out()).unwrap();
+            assert!(out.observation.iter().chain(&out.info).all(|x| x.is_finite()), "step {t}");
+            for (i, own) in actions.chunks(n).enumerate() {
+                let wrong = own.iter().filter(|a| !(0..most).any(|k| **a == k as f32)).count();
+                assert_eq!(out.info[i * width + clipped] as usize, wrong, "step {t}, environment {i}: {own:?}");
+            }
+        }
+    }
+}
+
+/// How one environment is broken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Poison {
+    Velocity,
+    /// Slow to change: as good as a parameter.
+    RotorSpeed,
+    Action(f32),
+}
+
+#[test]
 fn one_broken_environment_of_many_ends_alone() {
     for entry in registry::REGISTRY {
         let n = if ["Hover", "Track"].contains(&entry.name) { 4096 } else { 256 };
-        let run = |poison: Option<usize>| {
+        let victim = n / 2 + 3;
+        let run = |poison: Option<Poison>| {
             let mut env = entry.env(&config(n, 60)).unwrap();
             let mut out = Buffers::new(env.spec());
             env.reset(None, None, &mut out.out()).unwrap();
             let mut actions = vec![0.0; n * env.spec().n_agent * env.spec().action.len()];
             let mut told = Vec::new();
             for t in 0..12 {
-                if let (Some(i), 7) = (poison, t) {
-                    let mut state = env.state(i).unwrap();
-                    state[3] = 1e18;
-                    env.set_state(i, &state).unwrap();
-                }
                 env.sample(t, &mut actions);
+                let mut state = env.state(victim).unwrap();
+                match poison.filter(|_| t == 7) {
+                    Some(Poison::Velocity) => state[3] = 1e18,
+                    Some(Poison::RotorSpeed) => {
+                        let speed = env.rig().drone().rotors[0].speed;
+                        state[speed] = 1e18;
+                    }
+                    Some(Poison::Action(a)) => {
+                        let each = actions.len() / n;
+                        actions[victim * each..(victim + 1) * each].fill(a);
+                    }
+                    None => {}
+                }
+                if t == 7 {
+                    env.set_state(victim, &state).unwrap();
+                }
                 env.step(&actions, &mut out.out()).unwrap();
                 told.push(out.clone());
             }
             (told, env.spec().clone())
         };
-        let victim = n / 2 + 3;
-        let ((clean, spec), (poisoned, _)) = (run(None), run(Some(victim)));
-        let (row, width) = (spec.n_agent * spec.n_observation, spec.info.len());
+        let (clean, spec) = run(None);
         let reason = spec.info_column("reason").unwrap();
-        for t in 0..12 {
-            let (a, b) = (&clean[t], &poisoned[t]);
-            assert!(
-                b.observation.iter().chain(&b.info).chain(&b.final_observation).all(|x| x.is_finite()),
-                "{}",
-                entry.name
-            );
-            for i in (0..n).filter(|i| *i != victim) {
-                let of = |o: &Buffers| {
-                    (o.observation[i * row..(i + 1) * row].to_vec(), o.info[i * width..(i + 1) * width].to_vec())
+        for poison in [Poison::Velocity, Poison::RotorSpeed, Poison::Action(f32::NAN), Poison::Action(f32::MAX)] {
+            let poisoned = run(Some(poison)).0;
+            for (t, (a, b)) in clean.iter().zip(&poisoned).enumerate() {
+                let place = format!("{}, {poison:?}, step {t}", entry.name);
+                let arrays = |o: &Buffers| {
+                    let bytes = |flags: &[u8]| flags.iter().map(|x| f32::from(*x)).collect::<Vec<f32>>();
+                    let (ends, cuts) = (bytes(&o.terminated), bytes(&o.truncated));
+                    let told = [&o.observation, &o.reward, &o.central, &o.privileged, &o.final_observation, &o.info];
+                    told.into_iter().cloned().chain([ends, cuts]).collect::<Vec<Vec<f32>>>()
                 };
-                assert!(of(a) == of(b), "{}: environment {i}, step {t}", entry.name);
+                for (x, y) in arrays(a).iter().zip(arrays(b)) {
+                    assert!(y.iter().all(|x| x.is_finite()), "{place}");
+                    let each = x.len() / n;
+                    let own = victim * each..(victim + 1) * each;
+                    assert!(x[..own.start] == y[..own.start] && x[own.end..] == y[own.end..], "{place}");
+                }
+            }
+            if poison == Poison::Velocity {
+                let (ended, width) = (&poisoned[7], spec.info.len());
+                assert_eq!(ended.terminated[victim], 1, "{}", entry.name);
+                assert_eq!(
+                    ended.info[victim * width + reason] as usize,
+                    spec.ends.len() + 1,
+                    "{}: diverged",
+                    entry.name
+                );
             }
         }
-        let ended = &poisoned[7];
-        assert_eq!(ended.terminated[victim], 1, "{}", entry.name);
-        assert_eq!(ended.info[victim * width + reason] as usize, spec.ends.len() + 1, "{}: diverged", entry.name);
     }
 }
 
@@ -108,7 +164,7 @@ fn impossible_configurations_are_refused_at_once_with_the_limit_and_the_nearest_
         ("n_env = 0", &["n_env is 0", "whole number"]),
         ("n_env = 1.5", &["n_env is 1.5", "whole number"]),
         ("n_envs = 10", &["unknown field `n_envs`", "Did you mean `n_env`?"]),
-        ("[task]\nhorizon = 1000000000000000", &["horizon is 1000000000000000", "1 to 10000000"]),
+        ("[task]\nhorizon = 1000000000000000", &["horizon is 1000000000000000", "1 to 16777216"]),
         ("[task]\nhorizonn = 10", &["unknown field `horizonn`", "Did you mean `horizon`?"]),
         ("[task]\nvehicle = 'humingbird'", &["did you mean 'hummingbird'?"]),
         ("control = 'rates'", &["rates", "rate"]),
@@ -123,6 +179,21 @@ fn impossible_configurations_are_refused_at_once_with_the_limit_and_the_nearest_
         ("observation = [{ kind = 'noise', std = 0.1, slices = ['velocty'] }]", &["did you mean 'velocity'?"]),
         ("[[randomise]]\nwhat = 'mass'\nrange = [2, 1]", &["ordered"]),
         ("[[randomise]]\nwhat = 'mass'\nrange = [-1, 1]", &["> 0"]),
+        (
+            "observation = [{ kind = 'history', steps = 256 }, { kind = 'history', steps = 256 }]",
+            &["over the limit of 262144"],
+        ),
+        ("[[randomise]]\nwhat = 'inertia'\nby = 'add'\nrange = [-1, -0.5]", &["range is -1", "inertia_xx", "> 0"]),
+        ("[[randomise]]\nwhat = 'drag'\nrange = [-50, -40]", &["range is -50", "≥ 0"]),
+        ("[[randomise]]\nwhat = 'drag'\nby = 'add'\nrange = [-50, 40]", &["range is -50", "linear_drag", "≥ 0"]),
+        ("[[randomise]]\nwhat = 'mass'\nby = 'add'\nrange = [-9, 0.1]", &["range is -9", "mass", "> 0"]),
+        ("[[randomise]]\nwhat = 'mass'\nby = 'set'\nrange = [1e-42, 1]", &["> 0"]),
+        ("[[randomise]]\nwhat = 'thrust'\nby = 'add'\nrange = [-1, 0]", &["thrust_coefficient", "> 0"]),
+        ("[[randomise]]\nwhat = 'motor_time'\nby = 'add'\nrange = [-1, 0]", &["time_constant", "> 0"]),
+        ("[[randomise]]\nwhat = 'hidden_mass'\nby = 'set'\nrange = [-1, 0]", &["≥ 0"]),
+        ("[[randomise]]\nwhat = { number = 'mass' }\nby = 'set'\nrange = [-1, 1]", &["range is -1", "> 0"]),
+        ("[[randomise]]\nwhat = { number = 'inertia_zz' }\nby = 'add'\nrange = [-1, 1]", &["inertia_zz", "> 0"]),
+        ("[[randomise]]\nwhat = 'thrust'\nrange = [1, 1e30]", &["within ±1e9"]),
         ("[[randomise]]\nwhat = { number = 'mas' }\nrange = [1, 2]", &["no physical number is called 'mas'", "'mass'"]),
     ];
     for (text, wanted) in cases {
@@ -140,6 +211,71 @@ fn impossible_configurations_are_refused_at_once_with_the_limit_and_the_nearest_
 }
 
 #[test]
+fn bombs_are_refused_at_once_by_every_task() {
+    let history = |steps: &[usize]| {
+        let stages: Vec<String> = steps.iter().map(|n| format!("{{ kind = 'history', steps = {n} }}")).collect();
+        format!("observation = [{}]", stages.join(", "))
+    };
+    let bombs = [
+        (history(&[256, 256, 8]), "over the limit of 262144"),
+        (history(&[256; 10]), "over the limit of 262144"),
+        (history(&[256; 16]), "over the limit of 262144"),
+        (history(&[2; 17]), "over the limit of 16"),
+        ("n_env = 1e12".into(), "n_env is 1000000000000"),
+        ("substeps = 1000000000".into(), "substeps is 1000000000"),
+        ("[task]\nhorizon = 16777217".into(), "horizon is 16777217"),
+    ];
+    for entry in registry::REGISTRY {
+        // what a task costs to build at all, and a little more
+        let began = Instant::now();
+        entry.env(&config(1, 25)).unwrap();
+        let usual = began.elapsed().as_millis();
+        for (text, words) in &bombs {
+            let began = Instant::now();
+            let read = EnvConfig::from_toml(text, "bomb.toml");
+            let error = read.and_then(|c| entry.env(&c)).unwrap_err().to_string();
+            let took = began.elapsed().as_millis();
+            assert!(error.contains(words), "{}: {error}", entry.name);
+            assert!(took <= 10 + usual, "{}, {text}: {took} ms of {usual}", entry.name);
+        }
+    }
+}
+
+#[test]
+fn settings_that_are_no_such_numbers_are_refused_with_their_key() {
+    fn with(value: &toml::Value, x: f64) -> Option<toml::Value> {
+        match value {
+            toml::Value::Float(_) => Some(toml::Value::Float(x)),
+            toml::Value::Integer(_) if x == -1.0 => Some(toml::Value::Integer(-1)),
+            toml::Value::Integer(_) => Some(toml::Value::Float(x)),
+            toml::Value::Array(all) => all.iter().map(|v| with(v, x)).collect::<Option<_>>().map(toml::Value::Array),
+            _ => None,
+        }
+    }
+    let mut count = 0;
+    for entry in registry::REGISTRY {
+        let began = Instant::now();
+        let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
+        let usual = began.elapsed().as_millis();
+        for setting in &env.sheet().settings {
+            let default = toml::from_str::<toml::Table>(&format!("x = {}", setting.default)).unwrap()["x"].clone();
+            for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1.0] {
+                let Some(value) = with(&default, bad) else { continue };
+                let mut config = EnvConfig { n_env: 1, ..EnvConfig::default() };
+                config.task.insert(setting.key.into(), value);
+                let began = Instant::now();
+                let error = entry.env(&config).unwrap_err().to_string();
+                let took = began.elapsed().as_millis();
+                assert!(error.contains(setting.key), "{}, {} = {bad}: {error}", entry.name, setting.key);
+                assert!(took <= 10 + usual, "{}, {}: {took} ms of {usual}", entry.name, setting.key);
+                count += 1;
+            }
+        }
+    }
+    assert!(count > 100, "{count}");
+}
+
+#[test]
 fn a_history_that_would_not_fit_is_refused_before_it_is_allocated() {
     let text = "n_env = 10000000\nobservation = [{ kind = 'history', steps = 256 }]";
     let error = Env::make("Hover", &EnvConfig::from_toml(text, "big").unwrap()).unwrap_err().to_string();
@@ -152,6 +288,11 @@ fn wrong_lengths_and_early_steps_are_errors() {
     let mut out = Buffers::new(env.spec());
     let early = env.step(&[0.0; 32], &mut out.out()).unwrap_err().to_string();
     assert!(early.contains("reset"), "{early}");
+    let half: Vec<bool> = (0..8).map(|i| i % 2 == 0).collect();
+    env.reset(Some(&half), None, &mut out.out()).unwrap();
+    let partial = env.step(&[0.0; 32], &mut out.out()).unwrap_err().to_string();
+    assert!(partial.contains("environment 1 is not started") && partial.contains("reset"), "{partial}");
+    assert!(env.observe(&mut out.out()).is_err());
     env.reset(None, None, &mut out.out()).unwrap();
     assert!(env.step(&[0.0; 31], &mut out.out()).unwrap_err().to_string().contains("length of actions is 31"));
     let mut short = out.clone();

@@ -111,3 +111,97 @@ fn difficulty_is_part_of_the_saved_state() {
     assert_eq!(go_on(env), go_on(other));
     assert!(Env::make("Hover", &config).unwrap().set_difficulty(1.5).is_err());
 }
+
+#[test]
+fn privileged_numbers_are_of_the_order_of_one() {
+    for task in ["HoverRand", "TrackRand"] {
+        for vehicle in ["hummingbird", "crazyflie", "firefly"] {
+            let text = "observation = [{ kind = 'privileged' }]";
+            let mut own = EnvConfig { n_env: 256, ..EnvConfig::from_toml(text, "seen").unwrap() };
+            own.task.insert("vehicle".into(), vehicle.into());
+            let mut env = Env::make(task, &own).unwrap();
+            let mut out = Buffers::new(env.spec());
+            env.reset(None, None, &mut out.out()).unwrap();
+            let (n, names) = (env.spec().n_observation, &env.spec().privileged);
+            for row in out.observation.chunks(n) {
+                for (x, (name, nominal)) in row[n - names.len()..].iter().zip(names) {
+                    assert!(x.abs() < 20.0, "{task}, {vehicle}: {name} is {x}, nominally {nominal}");
+                }
+            }
+            let slices = &env.spec().observation;
+            assert!(slices.iter().any(|s| s.name == "mass" && s.unit == "ratio to nominal"));
+            assert!(slices.iter().any(|s| s.name == "center_of_mass_x" && s.unit == "as it is"));
+        }
+    }
+}
+
+#[test]
+fn inertias_that_are_drawn_are_those_of_bodies() {
+    let text = "
+        n_env = 4000
+        [[randomise]]
+        what = 'inertia'
+        range = [0.026, 1.974]
+        each = true
+        [[randomise]]
+        what = { number = 'inertia_zz' }
+        range = [0.1, 10.0]
+        [[randomise]]
+        what = { number = 'inertia_xy' }
+        by = 'add'
+        range = [-0.01, 0.01]
+    ";
+    let mut env = Env::make("Hover", &EnvConfig::from_toml(text, "bodies").unwrap()).unwrap();
+    let mut out = Buffers::new(env.spec());
+    env.reset(None, None, &mut out.out()).unwrap();
+    for i in 0..4000 {
+        let p = env.numbers(i).unwrap();
+        let j = nalgebra::Matrix3::new(p[5], p[8], p[9], p[8], p[6], p[10], p[9], p[10], p[7]);
+        let mut moments: Vec<f64> = j.symmetric_eigenvalues().iter().copied().collect();
+        moments.sort_by(f64::total_cmp);
+        assert!(moments[0] > 0.0 && moments[2] <= (moments[0] + moments[1]) * (1.0 + 1e-5), "{i}: {moments:?}");
+    }
+}
+
+#[test]
+fn rotors_start_at_the_speed_that_carries_the_weight_drawn() {
+    let text = "
+        n_env = 500
+        [[randomise]]
+        what = 'mass'
+        range = [0.6, 1.4]
+        [[randomise]]
+        what = 'thrust'
+        range = [0.8, 1.2]
+        each = true
+    ";
+    for task in ["Hover", "PayloadHover", "TransportHover"] {
+        let mut env = Env::make(task, &EnvConfig::from_toml(text, "hover").unwrap()).unwrap();
+        let mut out = Buffers::new(env.spec());
+        env.reset(None, None, &mut out.out()).unwrap();
+        let names = env.rig().number_names();
+        let ends = |end: &'static str| names.iter().enumerate().filter(move |(_, n)| n.rsplit('.').next() == Some(end));
+        for i in 0..500 {
+            let (p, x) = (env.numbers(i).unwrap(), env.state(i).unwrap());
+            let weight: f64 = p[0] * ends("mass").map(|(k, _)| p[k]).sum::<f64>();
+            let speeds = env.rig().drones().iter().flat_map(|d| d.rotors.iter().map(|r| f64::from(x[r.speed])));
+            let lift: f64 = ends("thrust_coefficient").zip(speeds.clone()).map(|((k, _), s)| p[k] * s * s).sum();
+            let fastest = ends("max_speed").zip(speeds).all(|((k, _), s)| s <= p[k] * (1.0 + 1e-6));
+            assert!(fastest && (lift / weight - 1.0).abs() < 1e-4, "{task} {i}: {lift} N for {weight} N");
+        }
+    }
+}
+
+#[test]
+fn every_setting_of_an_entry_is_a_default_that_a_configuration_may_change() {
+    let seen = |text: &str| {
+        let own = EnvConfig::from_toml(text, "own").unwrap();
+        Env::make("TrackRand", &EnvConfig { n_env: 1, ..own }).unwrap().spec().config.clone()
+    };
+    let plain = seen("");
+    assert_eq!(plain.task["reset_distance"].as_float(), Some(0.6));
+    assert!(plain.randomise.len() > 5);
+    let own = seen("dt = 0.01\n[[randomise]]\nwhat = 'mass'\nrange = [0.9, 1.1]\n[task]\nreset_distance = 0.7");
+    // a list replaces the list
+    assert_eq!((own.dt, own.randomise.len(), own.task["reset_distance"].as_float()), (0.01, 1, Some(0.7)));
+}

@@ -187,6 +187,11 @@ impl Plant {
         Block { rows, numbers: None }
     }
 
+    /// Gives a block numbers of its own, the shared ones at first.
+    pub(crate) fn give_numbers(&self, block: &mut Block) {
+        self.own(block);
+    }
+
     /// The block's own numbers, from now on.
     fn own<'a>(&self, block: &'a mut Block) -> &'a mut Rows {
         block.numbers.get_or_insert_with(|| self.shared().clone())

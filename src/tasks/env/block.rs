@@ -100,6 +100,8 @@ pub(crate) struct EnvBlock {
     pub history: Columns,
     pub seed: [u64; BLOCK],
     pub episode: [u64; BLOCK],
+    /// One bit per environment that was reset once.
+    pub started: u64,
     /// Observations that a normaliser has seen, and their sums and sums of squares about its mean.
     pub count: f64,
     pub sums: Vec<[f64; 2]>,
@@ -118,6 +120,7 @@ impl EnvBlock {
             history: columns(s.history),
             seed: [0; BLOCK],
             episode: [0; BLOCK],
+            started: 0,
             count: 0.0,
             sums: vec![[0.0; 2]; s.normalised],
         }
@@ -161,12 +164,14 @@ pub(crate) struct Workspace {
     /// One agent's after the other.
     pub observation: Columns,
     pub central: Columns,
+    /// Observations before the transforms, then central states, of lanes that are looked at again.
+    pub again: Columns,
     pub metrics: Columns,
     /// Reward, success, loss, due events, was running.
     pub signals: Columns,
     /// Draws of the sensors' noise.
     pub noise: Columns,
-    /// Which lanes moved on, which begin an episode.
+    /// Which lanes moved on, which begin an episode, which are looked at again.
     pub moved: Columns,
     /// What the normaliser sees.
     pub seen: Columns,
@@ -205,10 +210,11 @@ impl Workspace {
             raw: columns(s.agent * s.raw),
             observation: columns(s.agent * s.observation),
             central: columns(s.central),
+            again: columns(s.agent * s.raw + s.central),
             metrics: columns(s.metric),
             signals: columns(signal::COUNT),
             noise: columns(n_noise),
-            moved: columns(2),
+            moved: columns(3),
             seen: columns(s.agent * s.normalised),
             state: vec![0.0; n_state],
             goal: vec![0.0; s.goal],

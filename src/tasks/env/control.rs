@@ -136,7 +136,8 @@ impl Control {
         if matches!(self.space, ActionSpace::Discrete { .. }) { 1 } else { self.n_command }
     }
 
-    /// Row-major actions of up to sixty-four environments into command rows, and how many of each were changed.
+    /// Row-major actions of up to sixty-four environments into command rows, and how many of each were changed. Lanes
+    /// behind the last environment get zeros, not what another block left.
     pub(crate) fn decode(&self, actions: &[f32], work: &mut Workspace, pages: &mut [[f32; BLOCK]]) {
         let n_agent = self.inputs.len();
         let n = n_agent * self.n_action();
@@ -147,10 +148,14 @@ impl Control {
                         column[lane] = *value;
                     }
                 }
+                let n_lane = (actions.len() / n).min(BLOCK);
+                work.action.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
                 dispatch(Clip { control: self, action: &work.action, command: &mut work.command, pages });
             }
             ActionSpace::Discrete { levels } | ActionSpace::MultiDiscrete { levels } => {
                 let joint = self.n_action() == 1 && self.n_command > 1;
+                let n_lane = (actions.len() / n).min(BLOCK);
+                work.command.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
                 for (lane, row) in actions.chunks_exact(n).enumerate() {
                     let mut changed = 0;
                     for agent in 0..n_agent {

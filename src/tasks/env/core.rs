@@ -57,7 +57,7 @@ fn bits(row: &[f32; BLOCK]) -> u64 {
 }
 
 /// The first `n` bits.
-fn first_bits(n: usize) -> u64 {
+pub(crate) fn first_bits(n: usize) -> u64 {
     if n >= BLOCK { u64::MAX } else { (1 << n) - 1 }
 }
 
@@ -96,14 +96,16 @@ impl Core {
         self.replace_diverged(block, running);
         self.plant.frames(&block.plant, &mut work.frames);
         self.engine.judge(&self.sizes, self.plant.alive_row(), block, work);
-        self.transform(block, work, running, 0, first);
         let ended = (bits(&work.signals[signal::TERMINATED]) | bits(&work.signals[signal::TRUNCATED])) & running;
+        let events = bits(&work.signals[signal::DUE]) & running & !ended;
+        if events != 0 {
+            lanes_of(events).for_each(|lane| self.event(block, work, lane, first));
+            // the reward was for the old goal, the next action is for the new one
+            self.look_again(block, work, events);
+        }
+        self.transform(block, work, running, 0, first);
         if let Some((places, slot)) = slot {
             slot.close(places, &work.action, &work.noise, ended);
-        }
-        let events = bits(&work.signals[signal::DUE]) & running & !ended;
-        for lane in lanes_of(events) {
-            self.event(block, work, lane, first);
         }
         self.write_signals(block, work, n, out);
         for lane in lanes_of(ended) {
@@ -123,7 +125,8 @@ impl Core {
         }
         if restarts != 0 {
             lanes_of(restarts).for_each(|lane| self.restart(block, work, lane, first));
-            self.look_again(block, work, restarts, first);
+            self.look_again(block, work, restarts);
+            self.transform(block, work, restarts, restarts, first);
         }
         if self.mode == Autoreset::NextStep {
             lanes_of(restarts).for_each(|lane| self.clear(lane, out));
@@ -145,7 +148,8 @@ impl Core {
             return;
         }
         lanes_of(which).for_each(|lane| self.restart(block, work, lane, first));
-        self.look_again(block, work, which, first);
+        self.look_again(block, work, which);
+        self.transform(block, work, which, which, first);
         for lane in lanes_of(which) {
             self.clear(lane, out);
             self.write_row(self.shown(work), lane, out.observation);
@@ -185,11 +189,29 @@ impl Core {
         }
     }
 
-    /// Frames, observation and transforms of the lanes that begin an episode; the others' stay as they are.
-    fn look_again(&self, block: &mut EnvBlock, work: &mut Workspace, fresh: u64, first: usize) {
+    /// Observations and central states of a block as it stands, into all rows.
+    pub(crate) fn show(
+        &self,
+        block: &mut EnvBlock,
+        work: &mut Workspace,
+        (first, n): (usize, usize),
+        out: &mut StepOut<'_>,
+    ) {
+        for (row, speed) in work.speeds.iter_mut().zip(&self.speed_rows) {
+            *row = block.plant.rows[*speed];
+        }
+        self.look_again(block, work, u64::MAX);
+        self.transform(block, work, 0, 0, first);
+        self.write_observation(block, work, n, out);
+    }
+
+    /// Observation and central state of these lanes, before the transforms; the others' stay as they are.
+    fn look_again(&self, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
         self.plant.frames(&block.plant, &mut work.frames);
-        self.engine.observe(&self.sizes, block, work, fresh);
-        self.transform(block, work, fresh, fresh, first);
+        for (lane, chosen) in work.moved[AGAIN].iter_mut().enumerate() {
+            *chosen = ((lanes >> lane) & 1) as f32;
+        }
+        self.engine.observe(&self.sizes, block, work, lanes);
     }
 
     fn transform(&self, block: &mut EnvBlock, work: &mut Workspace, moved: u64, fresh: u64, first: usize) {
@@ -259,6 +281,7 @@ impl Core {
         let event_at = start.event_at;
         let mut wind = [0.0; 3];
         self.randomiser.apply(key, self.difficulty, &mut work.numbers, &mut wind);
+        self.randomiser.hover(self.rig().rest(), &work.numbers, &mut work.state);
         self.install(block, work, lane, wind);
         let offset = self.offset(key);
         let delay = self.draw_delay(key);
@@ -273,6 +296,7 @@ impl Core {
             row[lane] = self.control.safe[k % self.control.n_command] as f32;
         }
         block.history.iter_mut().for_each(|row| row[lane] = 0.0);
+        block.started |= 1 << lane;
     }
 
     /// Copies the numbers of a start into a lane.
@@ -312,7 +336,7 @@ impl Core {
         (least as u64 + Stream::new(seed, environment, episode, DELAY).below((most - least) as u64 + 1)) as f32
     }
 
-    /// A task's event in one lane: its goal may change.
+    /// A task's event in one lane: its goal may change, its memo, and the numbers that vary.
     fn event(&self, block: &mut EnvBlock, work: &mut Workspace, lane: usize, first: usize) {
         let step = block.book[book::STEP][lane];
         let environment = self.first_environment + (first + lane) as u64;
@@ -346,7 +370,21 @@ impl Core {
         self.engine.event(&mut start);
         let next = start.event_at;
         block.book[book::EVENT][lane] = if next > f64::from(step) { next.min(1e30) as f32 } else { f32::MAX };
-        block.goal.iter_mut().zip(&work.goal).for_each(|(row, value)| row[lane] = *value as f32);
+        let write = |rows: &mut [[f32; BLOCK]], values: &[f64]| {
+            rows.iter_mut().zip(values).for_each(|(row, value)| row[lane] = *value as f32);
+        };
+        write(&mut block.goal, &work.goal);
+        write(&mut block.memo, &work.memory);
+        // what was drawn in f64 keeps its bits unless the task changed a number
+        let mut changed = false;
+        for (row, k) in block.theta.iter_mut().zip(&self.varied) {
+            let value = work.numbers[*k] as f32;
+            changed |= row[lane].to_bits() != value.to_bits();
+            row[lane] = value;
+        }
+        if changed {
+            self.plant.set_numbers(&mut block.plant, lane, &work.numbers, &self.varied);
+        }
     }
 
     /// Reward, flags and information of every environment.
@@ -416,6 +454,8 @@ impl Core {
     }
 }
 
+/// Row of [`Workspace::moved`]: lanes that are looked at again.
+pub(crate) const AGAIN: usize = 2;
 /// Slots that cascades hold per agent.
 pub(crate) const HELD_PER_AGENT: usize = HELD + MAX_SLOTS;
 const STAGGER: Purpose = Purpose::user(0x57a6);

@@ -26,7 +26,7 @@ pub(crate) trait Engine: Send + Sync {
     fn ideal_terms(&self, core: &Core) -> Vec<f64>;
     /// Time, memo, reward, ends and observation after physics.
     fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace);
-    /// Observation and central state where episodes begin.
+    /// Observation and central state of some lanes, where episodes begin and goals change.
     fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64);
     /// Disturbances of the coming step.
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]);

@@ -1,6 +1,7 @@
 //! The task's part of a step over a block of lanes: time, memo, reward, ends, observation.
 
 use super::block::{EnvBlock, Sizes, Workspace, book, signal};
+use super::core::AGAIN;
 use crate::autodiff::lanes::Lanes;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, RowsMut, Scalar};
@@ -85,7 +86,7 @@ fn judge<S: Simd, T: Task>(
     let (rig, horizon) = (task.rig(), task.horizon() as f64);
     let (half, zero) = (Lanes::<S>::constant(0.5), Lanes::<S>::zero());
     let mut pages = Lanes::<S>::rows_mut(&mut block.book, at);
-    let was = pages.get(book::RUNNING);
+    let (was, offset) = (pages.get(book::RUNNING), pages.get(book::OFFSET));
     let running = half.lt(was);
     pages.set(book::STEP, pages.get(book::STEP) + was);
 
@@ -112,7 +113,8 @@ fn judge<S: Simd, T: Task>(
     let alive = Lanes::<S>::rows(&block.plant.rows, at).get(alive_row);
     let diverged = alive.lt(Lanes::constant(f64::from(ALIVE) - 0.5));
     let code = Lanes::select(diverged, Lanes::constant((sizes.end + 1) as f64), code);
-    let over = view.clock.lt(Lanes::constant(1.0 - 0.25 / horizon)).not();
+    // in counts, which are exact up to MAX_HORIZON; shares of the time are not
+    let over = (view.step + offset).lt(Lanes::constant(horizon - 0.5)).not();
     let terms = Lanes::<S>::rows(&work.terms, at);
     let mut reward = zero;
     for k in 0..sizes.term {
@@ -135,8 +137,9 @@ fn judge<S: Simd, T: Task>(
     let terminated = number::<Lanes<S>>(half.lt(pages.get(book::REASON)));
     let mut signals = Lanes::<S>::rows_mut(&mut work.signals, at);
     signals.set(signal::REWARD, reward);
-    signals.set(signal::SUCCESS, number(success));
-    signals.set(signal::LOSS, Lanes::select(running, loss, zero));
+    // a diverged state is the rest state, which stands in for it: it is worth nothing
+    signals.set(signal::SUCCESS, Lanes::select(diverged, zero, number(success)));
+    signals.set(signal::LOSS, Lanes::select(counts, loss, zero));
     signals.set(signal::DUE, number(due));
     signals.set(signal::TERMINATED, terminated);
     signals.set(signal::TRUNCATED, truncated);
@@ -150,13 +153,13 @@ pub(crate) fn observe<S: Scalar, T: Task>(task: &T, sizes: &Sizes, view: &View<'
     }
 }
 
-/// Observations and central state of the block as it stands, after restarts.
+/// Observations and central state of some lanes as they stand, after restarts and events.
 pub(crate) struct Observe<'a, T> {
     pub task: &'a T,
     pub sizes: &'a Sizes,
     pub block: &'a EnvBlock,
     pub work: &'a mut Workspace,
-    /// Register groups without a restart are left out: bit i stands for lane i.
+    /// Bit i stands for lane i; the same as numbers stand in row [`AGAIN`] of [`Workspace::moved`].
     pub lanes: u64,
 }
 
@@ -166,15 +169,28 @@ impl<T: Task> WithSimd for Observe<'_, T> {
     fn with_simd<S: Simd>(self, _: S) {
         let (work, sizes) = (self.work, self.sizes);
         let horizon = self.task.horizon() as f64;
+        let half = Lanes::<S>::constant(0.5);
+        let n_raw = sizes.agent * sizes.raw;
         let width = Lanes::<S>::WIDTH;
         let mut at = 0;
         while at < BLOCK {
             let group = if width == BLOCK { u64::MAX } else { ((1u64 << width) - 1) << at };
             if self.lanes & group != 0 {
                 let view = view::<S>(self.task.rig(), horizon, self.block, &work.frames, &work.speeds, at);
-                observe(self.task, sizes, &view, &mut Lanes::rows_mut(&mut work.raw, at));
+                observe(self.task, sizes, &view, &mut Lanes::rows_mut(&mut work.again, at));
                 if sizes.central > 0 {
-                    self.task.central(&view, &mut Lanes::rows_mut(&mut work.central, at).pen(0));
+                    self.task.central(&view, &mut Lanes::rows_mut(&mut work.again, at).pen(n_raw));
+                }
+                // the neighbours keep what they saw
+                let chosen = half.lt(Lanes::<S>::rows(&work.moved, at).get(AGAIN));
+                let new = Lanes::<S>::rows(&work.again, at);
+                let mut raw = Lanes::<S>::rows_mut(&mut work.raw, at);
+                for k in 0..n_raw {
+                    raw.set(k, Lanes::select(chosen, new.get(k), raw.get(k)));
+                }
+                let mut central = Lanes::<S>::rows_mut(&mut work.central, at);
+                for k in 0..sizes.central {
+                    central.set(k, Lanes::select(chosen, new.get(n_raw + k), central.get(k)));
                 }
             }
             at += width;

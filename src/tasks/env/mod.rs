@@ -5,10 +5,13 @@
 //! | `mod` | [`Env`]: make, reset, step, save, load |
 //! | [`spec`] | what an environment is, as data |
 //! | [`buffers`] | where a step writes |
+//! | `limits` | whether a batch fits into memory |
 //! | `core` | one step of sixty-four environments, top to bottom |
 //! | `control` | from an agent's numbers to rotor actions |
 //! | `judge` | the task's part of a step |
 //! | `transform` | delay lines, transforms of observations |
+//! | `normaliser` | statistics of observations: collect, freeze, merge |
+//! | `snapshot` | the exact state as bytes |
 //! | `block` | what sixty-four environments hold |
 //! | `transition` | the same step over any scalar, for gradients |
 //! | [`gradient`] | tapes, sweeps, Jacobians |
@@ -24,32 +27,40 @@ pub(crate) mod core;
 pub(crate) mod engine;
 pub mod gradient;
 pub(crate) mod judge;
+mod limits;
+mod normaliser;
 pub mod single;
+mod snapshot;
 pub mod spec;
+#[cfg(test)]
+mod tests;
 pub(crate) mod transform;
 pub(crate) mod transition;
 
 pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Sweep, SweepOptions, Tape};
+pub use normaliser::Pending;
 pub use spec::{Info, Space, Spec};
 
-use self::block::{EnvBlock, INFOS, Sizes, Workspace};
+use self::block::{EnvBlock, Sizes, Workspace};
 use self::buffers::Span;
 use self::control::Control;
-use self::core::{Core, HELD_PER_AGENT};
+use self::core::{Core, HELD_PER_AGENT, first_bits};
 use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
+use self::limits::{bytes_per_env, check_memory, out_bytes};
+use self::spec::spec_of;
 use self::transition::exposed;
 use crate::autodiff::program::BLOCK;
-use crate::dynamics::batch::Plant;
+use crate::dynamics::batch::{Plant, STOPPED};
 use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::config::{EnvConfig, check_difficulty};
-use crate::tasks::observation::{Pipeline, Statistics};
+use crate::tasks::observation::{Extent, Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::rig::Craft;
-use crate::tasks::sheet::{Slice, total};
+use crate::tasks::sheet::total;
 use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, Wanted};
 use std::sync::{Mutex, PoisonError};
 
@@ -77,7 +88,6 @@ pub struct Env {
     blocks: Vec<EnvBlock>,
     pool: Mutex<Vec<Workspace>>,
     threads: Threads,
-    started: bool,
 }
 
 impl std::fmt::Debug for Env {
@@ -110,6 +120,7 @@ impl Env {
                 return Err(Error::limit(format!("task {name}: {what}"), n, most, "Sum some of them."));
             }
         }
+        sheet.settings.iter().try_for_each(|setting| setting.check(&config.task))?;
         Self::of_engine(Box::new(Typed { task, sheet }), name, config)
     }
 
@@ -122,7 +133,7 @@ impl Env {
         let nominal = rig.numbers();
         let names = rig.number_names();
         let theta: Vec<(String, f64)> = varied.iter().map(|k| (names[*k].clone(), nominal[*k])).collect();
-        let pipeline = Pipeline::new(&config.observation, &sheet.observation, &theta)?;
+        let extent = Extent::of(&config.observation, total(&sheet.observation), theta.len())?;
         let control = Control::new(config, rig)?;
         let n_agent = engine.n_agent();
         let sizes = Sizes {
@@ -138,13 +149,13 @@ impl Env {
             action: n_agent * control.n_action(),
             delay: if config.delay.max > 0 { config.delay.max + 1 } else { 0 },
             raw: total(&sheet.observation),
-            observation: total(&pipeline.slices),
-            history: n_agent * pipeline.memory,
+            observation: extent.observation,
+            history: n_agent * extent.memory,
             central: total(&sheet.central),
             frame: rig.n_frame(),
             rotor: rig.drones().iter().map(|d| d.rotors.len()).sum(),
             held: n_agent * HELD_PER_AGENT,
-            normalised: pipeline.normalised.unwrap_or(0),
+            normalised: extent.normalised.unwrap_or(0),
         };
         // numbers that vary may leave zero, so nothing may be left out
         let plant = match &rig.craft {
@@ -154,6 +165,7 @@ impl Env {
         let n_env = config.n_env;
         let bytes = bytes_per_env(&plant, &sizes);
         check_memory(n_env, bytes + out_bytes(&sizes), config.memory_limit)?;
+        let pipeline = Pipeline::new(&config.observation, &sheet.observation, &theta)?;
         let speeds = rig.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
         let disturbance_rows = rig.disturbances().iter().map(|k| plant.input_row(*k)).collect();
         let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, theta, bytes);
@@ -180,18 +192,28 @@ impl Env {
             disturbance_rows,
             speed_rows: speeds,
         };
-        let mut blocks = vec![EnvBlock::new(core.plant.block(&rest), &sizes); n_env.div_ceil(BLOCK)];
-        for block in &mut blocks {
-            block.seed = [config.seed; BLOCK];
+        let mut block = EnvBlock::new(core.plant.block(&rest), &sizes);
+        block.seed = [config.seed; BLOCK];
+        // until its first reset an environment stands still; lanes behind the last one always do
+        block.plant.rows[core.plant.alive_row()] = [STOPPED; BLOCK];
+        if sizes.theta > 0 {
+            core.plant.give_numbers(&mut block.plant);
+            for (row, k) in block.theta.iter_mut().zip(&core.varied) {
+                *row = [core.nominal[*k] as f32; BLOCK];
+            }
         }
-        let pool = Mutex::new(vec![core.workspace()]);
-        let mut env = Self { core, spec, blocks, pool, threads: Threads::default(), started: false };
+        let blocks = vec![block; n_env.div_ceil(BLOCK)];
+        let mut env = Self { core, spec, blocks, pool: Mutex::new(Vec::new()), threads: Threads::default() };
         env.freeze(statistics);
+        env.set_threads(Threads::default());
         Ok(env)
     }
 
-    /// Steps on these threads from now on.
+    /// Steps on these threads from now on, with memory for each of them: later steps allocate nothing.
     pub fn set_threads(&mut self, threads: Threads) {
+        let n = threads.count().min(self.blocks.len().div_ceil(BLOCKS_PER_PART)).max(1);
+        let core = &self.core;
+        self.pool.get_mut().unwrap_or_else(PoisonError::into_inner).resize_with(n, || core.workspace());
         self.threads = threads;
     }
 
@@ -202,7 +224,7 @@ impl Env {
 
     /// Begins episodes: those of the environments marked in `which` (`[E]`), or all. `seeds` (`[E]`) are new seeds of
     /// those; with a seed, episodes count from their first again. Writes observations, central states, and zero rewards
-    /// and flags of those environments.
+    /// and flags of those environments. Every environment must have been reset once before the first step.
     ///
     /// # Errors
     /// [`Error::Value`] for a slice of the wrong length.
@@ -224,7 +246,6 @@ impl Env {
             let own = |lane: usize| which.is_none_or(|w| w.get(first + lane).copied().unwrap_or(false));
             (0..BLOCK).fold(0, |mask, lane| mask | (u64::from(own(lane)) << lane))
         };
-        self.started = true;
         self.for_each_block(&[], out, &mut [], |core, work, part| {
             let first = part.first * BLOCK;
             core.reset(&mut part.blocks[0], work, (first, part.n_env), chosen(first), &mut part.out);
@@ -256,7 +277,7 @@ impl Env {
     /// command, what is outside [−1, 1] is clipped; both are counted in the info `clipped`.
     ///
     /// # Errors
-    /// [`Error::Value`] for a slice of the wrong length, or before the first [`Env::reset`].
+    /// [`Error::Value`] for a slice of the wrong length, or where an environment was never [reset](Env::reset).
     pub fn step(&mut self, actions: &[f32], out: &mut StepOut<'_>) -> Result<()> {
         self.step_into(actions, out, None)
     }
@@ -268,10 +289,7 @@ impl Env {
             let remedy = "Rows are [environment, agent, action], row-major.";
             return Err(Error::value("length of actions", actions.len(), wanted.to_string(), remedy));
         }
-        if !self.started {
-            let remedy = "Call env.reset(None, None, ..) once.";
-            return Err(Error::value("environments", "not started", "reset before the first step", remedy));
-        }
+        self.check_started()?;
         let (t, places) = tape.as_ref().map_or((0, None), |tape| (tape.len(), Some(tape.places.clone())));
         let tape = tape.map_or(&mut [][..], |tape| &mut tape.blocks[..]);
         self.for_each_block(actions, out, tape, |core, work, part| {
@@ -305,59 +323,41 @@ impl Env {
         });
     }
 
-    /// Takes the statistics of all observations since the last call into the normaliser, block by block in order, and
-    /// freezes them. Without a stage `normalise` it does nothing.
-    pub fn update_normaliser(&mut self) {
-        let mut statistics = self.core.statistics.clone();
-        let (mut count, mut sums) = (0.0, vec![[0.0; 2]; self.core.sizes.normalised]);
-        for block in &mut self.blocks {
-            count += std::mem::take(&mut block.count);
-            for (sum, own) in sums.iter_mut().zip(&mut block.sums) {
-                let [a, b] = std::mem::take(own);
-                (sum[0], sum[1]) = (sum[0] + a, sum[1] + b);
-            }
-        }
-        let (a, b): (Vec<f64>, Vec<f64>) = sums.iter().map(|s| (s[0], s[1])).unzip();
-        statistics.merge(count, &a, &b);
-        self.freeze(statistics);
-    }
-
-    /// The normaliser's statistics.
-    pub fn statistics(&self) -> &Statistics {
-        &self.core.statistics
-    }
-
-    /// Freezes other statistics, and no longer collects any: for evaluation.
-    ///
-    /// # Errors
-    /// [`Error::Value`] if they are of another number of entries.
-    pub fn set_statistics(&mut self, statistics: Statistics) -> Result<()> {
-        let (got, wanted) = (statistics.mean.len(), self.core.sizes.normalised);
-        if got != wanted || statistics.variance.len() != wanted {
-            let remedy = "Take them from an environment with the same transforms.";
-            return Err(Error::value("entries of the statistics", got, wanted.to_string(), remedy));
-        }
-        self.core.collects = false;
-        self.freeze(statistics);
-        Ok(())
-    }
-
-    fn freeze(&mut self, statistics: Statistics) {
-        let inverse = statistics.variance.iter().map(|v| 1.0 / (v + VARIANCE_FLOOR).sqrt());
-        self.core.frozen = statistics.mean.iter().copied().chain(inverse).collect();
-        self.core.statistics = statistics;
-    }
-
-    /// Random actions of every agent within their space, the same for the same `draw`.
+    /// Random actions of every agent within their space, `[E, A, action]`, the same for the same `draw`. They belong to the
+    /// environment: a shard draws its part of the whole batch.
     pub fn sample(&self, draw: u64, actions: &mut [f32]) {
-        let mut stream = Stream::new(draw, self.core.first_environment, 0, Purpose::POLICY);
-        for a in actions.iter_mut() {
+        for (i, own) in actions.chunks_mut(self.core.sizes.action.max(1)).enumerate() {
+            self.sample_one(draw, i, own);
+        }
+    }
+
+    /// The actions of one environment.
+    pub(crate) fn sample_one(&self, draw: u64, environment: usize, actions: &mut [f32]) {
+        let number = self.core.first_environment.wrapping_add(environment as u64);
+        let mut stream = Stream::new(draw, number, 0, Purpose::POLICY);
+        for a in actions {
             *a = match self.spec.action {
                 Space::Box { low, high, .. } => stream.uniform(f64::from(low), f64::from(high)) as f32,
                 Space::Discrete { n } => stream.below(n as u64) as f32,
                 Space::MultiDiscrete { levels, .. } => stream.below(levels as u64) as f32,
             };
         }
+    }
+
+    /// Writes what the environments look like now: observations with the statistics and noise of this moment, central
+    /// states and privileged numbers; nothing moves on. Call it where observations in hand are of another time: behind
+    /// [`Env::update_normaliser`], [`Env::set_state`] or [`Env::load`]. Rotor speeds before the step count as those of now,
+    /// and a history behind a normaliser keeps the scale that it remembered.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length, or where an environment was never reset.
+    pub fn observe(&mut self, out: &mut StepOut<'_>) -> Result<()> {
+        out.check(&self.spec)?;
+        self.check_started()?;
+        self.for_each_block(&[], out, &mut [], |core, work, part| {
+            core.show(&mut part.blocks[0], work, (part.first * BLOCK, part.n_env), &mut part.out);
+        });
+        Ok(())
     }
 
     /// The physical state of one environment, in the layout of the task's rig.
@@ -404,10 +404,8 @@ impl Env {
         self.check_environment(environment)?;
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
         let mut numbers = self.core.nominal.clone();
-        if self.started {
-            for (row, k) in block.theta.iter().zip(&self.core.varied) {
-                numbers[*k] = f64::from(row[lane]);
-            }
+        for (row, k) in block.theta.iter().zip(&self.core.varied) {
+            numbers[*k] = f64::from(row[lane]);
         }
         Ok(numbers)
     }
@@ -439,89 +437,26 @@ impl Env {
         self.core.engine.sheet()
     }
 
+    /// Every environment has begun an episode.
+    fn check_started(&self) -> Result<()> {
+        for (i, block) in self.blocks.iter().enumerate() {
+            let missing = first_bits(self.spec.n_env - i * BLOCK) & !block.started;
+            if missing != 0 {
+                let what = format!("environment {}", i * BLOCK + missing.trailing_zeros() as usize);
+                let remedy = "Call env.reset(None, None, ..) once.";
+                return Err(Error::value(what, "not started", "reset before the first step", remedy));
+            }
+        }
+        Ok(())
+    }
+
     fn check_environment(&self, environment: usize) -> Result<()> {
         if environment < self.spec.n_env {
             return Ok(());
         }
         Err(Error::limit("environment", environment, self.spec.n_env - 1, "Environments count from 0."))
     }
-
-    /// The exact state of all environments: physics, goals, episodes, random streams, transforms, statistics. Continuing
-    /// from it gives the same bits.
-    pub fn save(&self) -> Vec<u8> {
-        let mut bytes = MAGIC.to_vec();
-        bytes.extend(self.fingerprint().to_le_bytes());
-        for block in &self.blocks {
-            block.all_rows().flatten().for_each(|x| bytes.extend(x.to_le_bytes()));
-            block.seed.iter().chain(&block.episode).for_each(|x| bytes.extend(x.to_le_bytes()));
-            bytes.extend(block.count.to_le_bytes());
-            block.sums.iter().flatten().for_each(|x| bytes.extend(x.to_le_bytes()));
-        }
-        bytes.extend(self.core.difficulty.to_le_bytes());
-        let s = &self.core.statistics;
-        s.mean.iter().chain(&s.variance).chain([&s.count]).for_each(|x| bytes.extend(x.to_le_bytes()));
-        bytes.extend(spec::fnv(&bytes).to_le_bytes());
-        bytes
-    }
-
-    /// Continues from [`Env::save`]d bytes of an environment with the same configuration.
-    ///
-    /// # Errors
-    /// [`Error::Format`] for bytes of another configuration or that were damaged; nothing is changed then.
-    pub fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        let refuse = |rule: &str, remedy: &str| {
-            Err(Error::Format {
-                file: "<saved environment>".into(),
-                place: "the bytes".into(),
-                rule: rule.into(),
-                remedy: remedy.into(),
-            })
-        };
-        let wanted = self.save().len();
-        if bytes.len() != wanted || bytes[..8] != MAGIC || bytes[8..16] != self.fingerprint().to_le_bytes() {
-            return refuse("are not of this configuration", "Build the environment as it was when it was saved.");
-        }
-        let (body, sum) = bytes.split_at(wanted - 8);
-        if sum != spec::fnv(body).to_le_bytes() {
-            return refuse("were damaged", "Use another copy.");
-        }
-        let mut words = body[16..].iter().copied();
-        fn take<const N: usize>(words: &mut impl Iterator<Item = u8>) -> [u8; N] {
-            std::array::from_fn(|_| words.next().unwrap_or(0))
-        }
-        for block in &mut self.blocks {
-            for x in block.all_rows_mut().flatten() {
-                *x = f32::from_le_bytes(take(&mut words));
-            }
-            for x in block.seed.iter_mut().chain(&mut block.episode) {
-                *x = u64::from_le_bytes(take(&mut words));
-            }
-            block.count = f64::from_le_bytes(take(&mut words));
-            for x in block.sums.iter_mut().flatten() {
-                *x = f64::from_le_bytes(take(&mut words));
-            }
-        }
-        self.core.difficulty = f64::from_le_bytes(take(&mut words));
-        let mut s = self.core.statistics.clone();
-        for x in s.mean.iter_mut().chain(&mut s.variance) {
-            *x = f64::from_le_bytes(take(&mut words));
-        }
-        s.count = f64::from_le_bytes(take(&mut words));
-        self.freeze(s);
-        self.started = true;
-        Ok(())
-    }
-
-    /// Of everything that decides what saved numbers mean.
-    fn fingerprint(&self) -> u64 {
-        let config = EnvConfig { seed: 0, ..self.spec.config.clone() };
-        spec::fnv(serde_json::to_string(&(&self.spec.task, config)).unwrap_or_default().as_bytes())
-    }
 }
-
-const MAGIC: [u8; 8] = *b"omnienv2";
-/// Under a normaliser's variances.
-const VARIANCE_FLOOR: f64 = 1e-8;
 
 /// Effects with every path open that numbers of other environments may need.
 fn vary_effects(mut physics: crate::dynamics::Physics, varies: bool) -> crate::dynamics::Physics {
@@ -529,79 +464,4 @@ fn vary_effects(mut physics: crate::dynamics::Physics, varies: bool) -> crate::d
         physics.effects.products_of_inertia = true;
     }
     physics
-}
-
-/// Bytes that one environment keeps between steps.
-fn bytes_per_env(plant: &Plant, s: &Sizes) -> usize {
-    let numbers = if s.theta > 0 { plant.n_number() } else { 0 };
-    let rows = plant.n_row() + numbers + s.book() + s.goal + s.memo + s.theta + s.air;
-    (rows + s.delay * s.command + s.history) * size_of::<f32>() + 2 * size_of::<u64>()
-}
-
-/// Bytes of one environment's rows in [`Buffers`].
-fn out_bytes(s: &Sizes) -> usize {
-    let floats = 2 * s.agent * s.observation + s.agent + 2 * s.central + s.theta + s.info() + s.action;
-    floats * size_of::<f32>() + 2
-}
-
-fn check_memory(n_env: usize, bytes: usize, limit: u64) -> Result<()> {
-    let needed = n_env as u128 * bytes as u128;
-    if n_env > 0 && needed <= u128::from(limit) {
-        return Ok(());
-    }
-    let gib = |x: f64| x / f64::from(1 << 30);
-    Err(Error::limit(
-        "n_env",
-        format!("{n_env} ({:.1} GiB)", gib(needed as f64)),
-        format!("1 to {} ({:.1} GiB)", limit / bytes as u64, gib(limit as f64)),
-        "Step fewer environments at once, or raise memory_limit.",
-    ))
-}
-
-#[expect(clippy::too_many_arguments, reason = "the parts of an environment, named at its only caller")]
-fn spec_of(
-    name: &str,
-    config: &EnvConfig,
-    engine: &dyn Engine,
-    s: &Sizes,
-    pipeline: &Pipeline,
-    control: &Control,
-    privileged: Vec<(String, f64)>,
-    bytes_per_env: usize,
-) -> Spec {
-    let sheet = engine.sheet();
-    let info =
-        |name: &str, unit: &str, meaning: &str| Info { name: name.into(), unit: unit.into(), meaning: meaning.into() };
-    let meanings = [
-        ("-", "sum of rewards"),
-        ("steps", "since the episode began"),
-        ("-", "numbers of the action that were clipped or not finite"),
-        ("-", "why it terminated, counted from 1 as in `ends`"),
-        ("-", "1 where the goal counts as reached"),
-        ("-", "training loss of this step"),
-    ];
-    let mut infos: Vec<Info> = INFOS.iter().zip(meanings).map(|(n, (unit, what))| info(n, unit, what)).collect();
-    infos.extend(sheet.reward.iter().map(|t| info(&format!("reward_{}", t.name), "-", "sum of this term")));
-    infos.extend(sheet.metrics.iter().map(|m| info(m.name, m.unit, "now")));
-    let slices: Vec<Slice> = pipeline.slices.clone();
-    Spec {
-        task: name.into(),
-        n_env: config.n_env,
-        n_agent: s.agent,
-        n_observation: total(&slices),
-        observation: slices,
-        action: Space::of(config.actions, control.n_command),
-        commands: control.names.clone(),
-        n_central: s.central,
-        central: sheet.central.clone(),
-        privileged,
-        reward: sheet.reward.clone(),
-        reward_bound: sheet.reward_bound(),
-        ends: sheet.ends.clone(),
-        info: infos,
-        horizon: engine.horizon(),
-        dt: config.dt,
-        bytes_per_env,
-        config: config.clone(),
-    }
 }

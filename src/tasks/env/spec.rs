@@ -1,7 +1,11 @@
 //! What a batch of environments is, as data: sizes, names, units, bounds.
 
+use super::block::{INFOS, Sizes};
+use super::control::Control;
+use super::engine::Engine;
 use crate::tasks::config::{ActionSpace, EnvConfig};
-use crate::tasks::sheet::{End, Slice, Term};
+use crate::tasks::observation::Pipeline;
+use crate::tasks::sheet::{End, Slice, Term, total};
 use serde::Serialize;
 
 /// The numbers that an agent may answer.
@@ -123,12 +127,17 @@ impl Spec {
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
 
-    /// 64 bits over names, sizes, units and scales of observation, action and central state: a policy fits environments
-    /// of equal hash. The number of environments, the seed and the rewards play no part.
+    /// 64 bits over names, sizes, units and transforms of the observation, of actions and their scales, and of the central
+    /// state: a policy fits environments of equal hash. The number of environments, the seed, the rewards and what is
+    /// said for people play no part.
     pub fn hash(&self) -> u64 {
-        let shape = (&self.observation, &self.action, &self.commands, &self.central, self.n_agent);
-        let scales = (&self.config.control, &self.config.action_scale, &self.config.actions, self.dt);
-        let text = serde_json::to_string(&(shape, scales)).unwrap_or_default();
+        fn shape(slices: &[Slice]) -> Vec<(&str, usize, &str)> {
+            slices.iter().map(|s| (s.name.as_str(), s.size, s.unit.as_str())).collect()
+        }
+        let seen = (shape(&self.observation), shape(&self.central), &self.config.observation);
+        let done =
+            (&self.action, &self.commands, &self.config.control, &self.config.action_scale, &self.config.actions);
+        let text = serde_json::to_string(&(seen, done, self.n_agent, self.dt)).unwrap_or_default();
         fnv(text.as_bytes())
     }
 
@@ -153,4 +162,52 @@ impl Spec {
 /// FNV-1a, 64 bits (Fowler, Noll and Vo 1991): the same on every machine and in every version.
 pub(crate) fn fnv(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3))
+}
+
+#[expect(clippy::too_many_arguments, reason = "the parts of an environment, named at its only caller")]
+pub(crate) fn spec_of(
+    name: &str,
+    config: &EnvConfig,
+    engine: &dyn Engine,
+    s: &Sizes,
+    pipeline: &Pipeline,
+    control: &Control,
+    privileged: Vec<(String, f64)>,
+    bytes_per_env: usize,
+) -> Spec {
+    let sheet = engine.sheet();
+    let info =
+        |name: &str, unit: &str, meaning: &str| Info { name: name.into(), unit: unit.into(), meaning: meaning.into() };
+    let meanings = [
+        ("-", "sum of rewards"),
+        ("steps", "since the episode began"),
+        ("-", "numbers of the action that were clipped or not finite"),
+        ("-", "why it terminated, counted from 1 as in `ends`"),
+        ("-", "1 where the goal counts as reached"),
+        ("-", "training loss of this step"),
+    ];
+    let mut infos: Vec<Info> = INFOS.iter().zip(meanings).map(|(n, (unit, what))| info(n, unit, what)).collect();
+    infos.extend(sheet.reward.iter().map(|t| info(&format!("reward_{}", t.name), "-", "sum of this term")));
+    infos.extend(sheet.metrics.iter().map(|m| info(m.name, m.unit, "now")));
+    let slices: Vec<Slice> = pipeline.slices.clone();
+    Spec {
+        task: name.into(),
+        n_env: config.n_env,
+        n_agent: s.agent,
+        n_observation: total(&slices),
+        observation: slices,
+        action: Space::of(config.actions, control.n_command),
+        commands: control.names.clone(),
+        n_central: s.central,
+        central: sheet.central.clone(),
+        privileged,
+        reward: sheet.reward.clone(),
+        reward_bound: sheet.reward_bound(),
+        ends: sheet.ends.clone(),
+        info: infos,
+        horizon: engine.horizon(),
+        dt: config.dt,
+        bytes_per_env,
+        config: config.clone(),
+    }
 }

@@ -196,7 +196,7 @@ impl Task for FlyThrough {
             settings: vec![
                 Setting::new("vehicle", "\"hummingbird\"", "what flies"),
                 Setting::new("horizon", 500, "T, steps"),
-                Setting::new("gate_damping", "1.0", "of the gate's slide, N s/m"),
+                Setting::new("gate_damping", "1.0", "of the gate's slide, N s/m").not_negative(),
                 Setting::new("reset_on_collision", false, "whether touch ends the episode"),
             ],
         }

@@ -88,7 +88,7 @@ pub(super) fn load_settings(horizon: usize, length: &str) -> Vec<Setting> {
     vec![
         Setting::new("vehicle", "\"hummingbird\"", "what flies"),
         Setting::new("horizon", horizon, "T, steps"),
-        Setting::new("length", length, "L, lowest and highest, m; drawn once per environment"),
+        Setting::new("length", length, "L, lowest and highest, m; drawn once per environment").positive(),
     ]
 }
 
@@ -370,7 +370,7 @@ impl LoadTrack {
     /// Lines of the settings.
     pub(super) fn settings() -> Vec<Setting> {
         let mut settings = load_settings(600, "[1.0, 1.0]");
-        settings.push(Setting::new("reset_distance", 0.8, "largest distance of the ball from the path, m"));
+        settings.push(Setting::new("reset_distance", 0.8, "largest distance of the ball from the path, m").positive());
         settings
     }
 

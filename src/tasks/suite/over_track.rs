@@ -193,7 +193,7 @@ impl Task for OverTrack {
                 Setting::new("vehicle", "\"hummingbird\"", "what flies at every arm"),
                 Setting::new("n_drone", 4, "drones: 2, 4 or 6"),
                 Setting::new("horizon", 500, "T, steps"),
-                Setting::new("reset_distance", 0.5, "largest distance from the path, m"),
+                Setting::new("reset_distance", 0.5, "largest distance from the path, m").positive(),
             ],
         }
     }

@@ -161,7 +161,7 @@ impl Task for PayloadFlyThrough {
         goal.push(Bars::slice());
         goal.push(Slice::new("target", 3, "m, world", "q_t"));
         let mut settings = load_settings(500, "[1.0, 1.0]");
-        settings.push(Setting::new("spacing", "[0.85, 0.85]", "of the obstacles, lowest and highest, m"));
+        settings.push(Setting::new("spacing", "[0.85, 0.85]", "of the obstacles, lowest and highest, m").positive());
         settings.push(Setting::new("reset_on_collision", false, "whether touch ends the episode"));
         Sheet {
             observation,

@@ -163,7 +163,7 @@ impl Task for PayloadHover {
             memo: Vec::new(),
             settings: {
                 let mut settings = load_settings(500, "[1.0, 1.0]");
-                settings.push(Setting::new("kick", "[1.0, 1.0, 0.5]", "σ of a push, m/s"));
+                settings.push(Setting::new("kick", "[1.0, 1.0, 0.5]", "σ of a push, m/s").not_negative());
                 settings
             },
         }

@@ -152,7 +152,7 @@ impl Task for InvPendulumFlyThrough {
         let mut goal = Load::slices();
         goal.push(Bars::slice());
         let mut settings = load_settings(500, "[0.85, 0.85]");
-        settings.push(Setting::new("spacing", "[0.9, 1.2]", "of the obstacles, lowest and highest, m"));
+        settings.push(Setting::new("spacing", "[0.9, 1.2]", "of the obstacles, lowest and highest, m").positive());
         settings.push(Setting::new("reset_on_collision", false, "whether touch ends the episode"));
         Sheet {
             observation,

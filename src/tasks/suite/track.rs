@@ -145,7 +145,7 @@ impl Task for Track {
             settings: vec![
                 Setting::new("vehicle", "\"hummingbird\"", "what flies"),
                 Setting::new("horizon", 600, "T, steps"),
-                Setting::new("reset_distance", 0.5, "largest distance from the path, m"),
+                Setting::new("reset_distance", 0.5, "largest distance from the path, m").positive(),
             ],
         }
     }

@@ -169,7 +169,7 @@ impl Task for TransportTrack {
                 Setting::new("vehicle", "\"hummingbird\"", "what flies on every bar"),
                 Setting::new("n_drone", 4, "drones: 4 or 6"),
                 Setting::new("horizon", 600, "T, steps"),
-                Setting::new("reset_distance", 0.7, "largest distance from the path, m"),
+                Setting::new("reset_distance", 0.7, "largest distance from the path, m").positive(),
             ],
         }
     }

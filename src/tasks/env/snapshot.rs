@@ -1,0 +1,100 @@
+//! The exact state of all environments as bytes.
+
+use super::block::EnvBlock;
+use super::core::first_bits;
+use super::{Env, spec};
+use crate::autodiff::program::BLOCK;
+use crate::error::{Error, Result};
+use crate::tasks::config::EnvConfig;
+
+const MAGIC: [u8; 8] = *b"omnienv3";
+
+impl Env {
+    /// The exact state of all environments: physics, goals, episodes, random streams, transforms, statistics. Continuing
+    /// from it gives the same bits, in this environment or in a fresh one of the same configuration.
+    pub fn save(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(self.saved_len());
+        bytes.extend(MAGIC);
+        bytes.extend(self.fingerprint().to_le_bytes());
+        for block in &self.blocks {
+            block.all_rows().flatten().for_each(|x| bytes.extend(x.to_le_bytes()));
+            block.seed.iter().chain(&block.episode).chain([&block.started]).for_each(|x| bytes.extend(x.to_le_bytes()));
+            bytes.extend(block.count.to_le_bytes());
+            block.sums.iter().flatten().for_each(|x| bytes.extend(x.to_le_bytes()));
+        }
+        bytes.extend(self.core.difficulty.to_le_bytes());
+        bytes.extend(u64::from(self.core.collects).to_le_bytes());
+        let s = &self.core.statistics;
+        s.mean.iter().chain(&s.variance).chain([&s.count]).for_each(|x| bytes.extend(x.to_le_bytes()));
+        bytes.extend(spec::fnv(&bytes).to_le_bytes());
+        bytes
+    }
+
+    /// Continues from [`Env::save`]d bytes of an environment with the same configuration.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for bytes of another configuration or that were damaged; nothing is changed then.
+    pub fn load(&mut self, bytes: &[u8]) -> Result<()> {
+        let refuse = |rule: &str, remedy: &str| {
+            Err(Error::Format {
+                file: "<saved environment>".into(),
+                place: "the bytes".into(),
+                rule: rule.into(),
+                remedy: remedy.into(),
+            })
+        };
+        let wanted = self.saved_len();
+        if bytes.len() != wanted || bytes[..8] != MAGIC || bytes[8..16] != self.fingerprint().to_le_bytes() {
+            return refuse("are not of this configuration", "Build the environment as it was when it was saved.");
+        }
+        let (body, sum) = bytes.split_at(wanted - 8);
+        if sum != spec::fnv(body).to_le_bytes() {
+            return refuse("were damaged", "Use another copy.");
+        }
+        let mut words = Words(&body[16..]);
+        for (i, block) in self.blocks.iter_mut().enumerate() {
+            block.all_rows_mut().flatten().for_each(|x| *x = f32::from_le_bytes(words.take()));
+            block.seed.iter_mut().chain(&mut block.episode).for_each(|x| *x = u64::from_le_bytes(words.take()));
+            block.started = u64::from_le_bytes(words.take()) & first_bits(self.spec.n_env - i * BLOCK);
+            block.count = f64::from_le_bytes(words.take());
+            block.sums.iter_mut().flatten().for_each(|x| *x = f64::from_le_bytes(words.take()));
+        }
+        self.core.difficulty = f64::from_le_bytes(words.take());
+        self.core.collects = u64::from_le_bytes(words.take()) != 0;
+        let mut s = self.core.statistics.clone();
+        s.mean.iter_mut().chain(&mut s.variance).for_each(|x| *x = f64::from_le_bytes(words.take()));
+        s.count = f64::from_le_bytes(words.take());
+        self.freeze(s);
+        Ok(())
+    }
+
+    /// Bytes of a saved state: every block has the same rows.
+    fn saved_len(&self) -> usize {
+        let of_block = |block: &EnvBlock| {
+            let rows = block.all_rows().count() * size_of::<[f32; BLOCK]>();
+            rows + (2 * BLOCK + 2 + 2 * block.sums.len()) * size_of::<u64>()
+        };
+        let blocks = self.blocks.first().map_or(0, of_block) * self.blocks.len();
+        // magic, fingerprint; difficulty, whether it collects, statistics, sum
+        16 + blocks + (2 * self.core.sizes.normalised + 4) * size_of::<u64>()
+    }
+
+    /// Of everything that decides what saved numbers mean.
+    fn fingerprint(&self) -> u64 {
+        let config = EnvConfig { seed: 0, ..self.spec.config.clone() };
+        spec::fnv(serde_json::to_string(&(&self.spec.task, config)).unwrap_or_default().as_bytes())
+    }
+}
+
+/// Bytes that are read from their beginning; zeros behind their end.
+struct Words<'a>(&'a [u8]);
+
+impl Words<'_> {
+    fn take<const N: usize>(&mut self) -> [u8; N] {
+        let Some((word, rest)) = self.0.split_first_chunk() else {
+            return [0; N];
+        };
+        self.0 = rest;
+        *word
+    }
+}
