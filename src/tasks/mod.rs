@@ -21,7 +21,9 @@ pub use baseline::Baseline;
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
 pub use env::check::{Finding, check_env};
 pub use env::single::{Outcome, SingleEnv};
-pub use env::{Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Space, Spec, StepOut, Sweep, SweepOptions, Tape};
+pub use env::{
+    Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Places, Space, Spec, StepOut, Sweep, SweepOptions, Tape,
+};
 pub use evaluate::{Evaluation, Watched, evaluate};
 pub use observation::{Stage, Statistics};
 pub use randomise::{Change, Distribution, Quantity};

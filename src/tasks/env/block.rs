@@ -100,6 +100,8 @@ pub(crate) struct EnvBlock {
     pub history: Columns,
     pub seed: [u64; BLOCK],
     pub episode: [u64; BLOCK],
+    /// Lanes that something but a recorded step moved since the last one.
+    pub moved: u64,
     /// Observations that a normaliser has seen, and their sums and sums of squares about its mean.
     pub count: f64,
     pub sums: Vec<[f64; 2]>,
@@ -118,6 +120,7 @@ impl EnvBlock {
             history: columns(s.history),
             seed: [0; BLOCK],
             episode: [0; BLOCK],
+            moved: u64::MAX,
             count: 0.0,
             sums: vec![[0.0; 2]; s.normalised],
         }

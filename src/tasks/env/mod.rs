@@ -32,6 +32,7 @@ pub(crate) mod transition;
 pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Sweep, SweepOptions, Tape};
 pub use spec::{Info, Space, Spec};
+pub use transition::Places;
 
 use self::block::{EnvBlock, INFOS, Sizes, Workspace};
 use self::buffers::Span;
@@ -39,7 +40,7 @@ use self::control::Control;
 use self::core::{Core, HELD_PER_AGENT};
 use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
-use self::transition::exposed;
+use self::transition::{exposed, kin};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::Plant;
 use crate::error::{Error, Result, finite};
@@ -51,7 +52,7 @@ use crate::tasks::randomise::Randomiser;
 use crate::tasks::rig::Craft;
 use crate::tasks::sheet::{Slice, total};
 use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, Wanted};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Blocks per task of a thread: their rows stay in its second-level cache.
 const BLOCKS_PER_PART: usize = 4;
@@ -162,12 +163,13 @@ impl Env {
         let core = Core {
             exposed: exposed(&*engine, !varied.is_empty()),
             statistics: statistics.clone(),
-            frozen: Vec::new(),
+            frozen: Arc::default(),
             collects: true,
             delay: (config.delay.min, config.delay.max),
             mode: config.autoreset,
             stagger: config.stagger,
             first_environment: config.first_environment,
+            kin: kin(name, config, &varied),
             engine,
             plant,
             control,
@@ -383,6 +385,7 @@ impl Env {
         finite("state", &state.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>())?;
         let (block, lane) = (&mut self.blocks[environment / BLOCK], environment % BLOCK);
         block.plant.rows.iter_mut().zip(state).for_each(|(row, x)| row[lane] = *x);
+        block.moved |= 1 << lane;
         Ok(())
     }
 
@@ -496,6 +499,7 @@ impl Env {
             for x in block.seed.iter_mut().chain(&mut block.episode) {
                 *x = u64::from_le_bytes(take(&mut words));
             }
+            block.moved = u64::MAX;
             block.count = f64::from_le_bytes(take(&mut words));
             for x in block.sums.iter_mut().flatten() {
                 *x = f64::from_le_bytes(take(&mut words));
