@@ -200,7 +200,7 @@ fn environments_step_without_allocating() {
             let mut out = Buffers::new(env.spec());
             env.reset(None, None, &mut out.out()).unwrap();
             let actions = vec![0.3; 130 * env.spec().n_agent * env.spec().action.len()];
-            let mut tape = env.tape(8);
+            let mut tape = env.tape(8).unwrap();
             env.step_recorded(&actions, &mut out.out(), &mut tape).unwrap();
             let count = allocations(|| {
                 for _ in 0..7 {
@@ -215,19 +215,21 @@ fn environments_step_without_allocating() {
     env.set_threads(Threads::new(1).unwrap());
     let mut out = Buffers::new(env.spec());
     env.reset(None, None, &mut out.out()).unwrap();
-    let mut tape = env.tape(4);
+    let mut tape = env.tape(4).unwrap();
     for _ in 0..4 {
         env.step_recorded(&[-0.4; 520], &mut out.out(), &mut tape).unwrap();
     }
     let adjoint = env.adjoint(true).unwrap();
     let mut sweep = adjoint.sweep(SweepOptions::default());
-    let (ones, mut action) = (vec![1.0; 130], vec![0.0; 520]);
+    let (ones, mut action, mut carried) = (vec![1.0; 130], vec![0.0; 520], vec![0.0; 130 * adjoint.n_carried()]);
     let count = allocations(|| {
         sweep.restart();
         for t in (0..4).rev() {
             let up = Cotangents { reward: &ones, ..Cotangents::default() };
             sweep.pull(&tape, t, &up, &mut action).unwrap();
         }
+        sweep.carried_into(&mut carried).unwrap();
+        sweep.add_carried(&carried).unwrap();
     });
     assert_eq!(count, 0, "Sweep::pull");
 }

@@ -22,7 +22,7 @@ pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
 pub use env::check::{Finding, check_env};
 pub use env::single::{Outcome, SingleEnv};
 pub use env::{
-    Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Pending, Space, Spec, StepOut, Sweep, SweepOptions, Tape,
+    Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Pending, Places, Space, Spec, StepOut, Sweep, SweepOptions, Tape,
 };
 pub use evaluate::{Evaluation, Watched, evaluate};
 pub use observation::{Stage, Statistics};

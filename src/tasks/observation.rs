@@ -188,7 +188,26 @@ pub(crate) struct Moment<'a, S: Scalar> {
     /// Physical numbers that vary.
     pub theta: Rows<'a, S>,
     /// Means, then 1/standard deviations of the normaliser.
-    pub statistics: &'a [f64],
+    pub statistics: Frozen<'a, S>,
+}
+
+/// Statistics as a normaliser reads them.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Frozen<'a, S> {
+    /// The same for all environments.
+    Constants(&'a [f64]),
+    /// Arguments of a recording, so that it outlives them.
+    Arguments(Rows<'a, S>),
+}
+
+impl<S: Scalar> Frozen<'_, S> {
+    #[inline(always)]
+    fn get(&self, k: usize) -> S {
+        match self {
+            Self::Constants(numbers) => S::constant(numbers[k]),
+            Self::Arguments(rows) => rows.get(k),
+        }
+    }
 }
 
 impl Pipeline {
@@ -284,8 +303,8 @@ impl Pipeline {
                         }
                     }
                     for k in 0..*n {
-                        let mean = S::constant(moment.statistics[k]);
-                        let scaled = (a.get(begin + k) - mean) * S::constant(moment.statistics[n + k]);
+                        let (mean, inverse) = (moment.statistics.get(k), moment.statistics.get(n + k));
+                        let scaled = (a.get(begin + k) - mean) * inverse;
                         a.set(begin + k, scaled.clamp(-most, most));
                     }
                 }

@@ -102,6 +102,8 @@ pub(crate) struct EnvBlock {
     pub episode: [u64; BLOCK],
     /// One bit per environment that was reset once.
     pub started: u64,
+    /// Lanes that something but a recorded step moved since the last one.
+    pub moved: u64,
     /// Observations that a normaliser has seen, and their sums and sums of squares about its mean.
     pub count: f64,
     pub sums: Vec<[f64; 2]>,
@@ -121,6 +123,7 @@ impl EnvBlock {
             seed: [0; BLOCK],
             episode: [0; BLOCK],
             started: 0,
+            moved: u64::MAX,
             count: 0.0,
             sums: vec![[0.0; 2]; s.normalised],
         }

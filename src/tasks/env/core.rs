@@ -16,6 +16,7 @@ use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::rig::{Craft, Rig};
 use crate::tasks::task::{Start, streams};
+use std::sync::Arc;
 
 /// Everything that all environments share and that a step only reads.
 pub(crate) struct Core {
@@ -36,12 +37,14 @@ pub(crate) struct Core {
     pub speed_rows: Vec<usize>,
     pub statistics: Statistics,
     /// Means, then 1/standard deviations, as stages read them.
-    pub frozen: Vec<f64>,
+    pub frozen: Arc<[f64]>,
     pub collects: bool,
     pub delay: (usize, usize),
     pub mode: Autoreset,
     pub stagger: bool,
     pub first_environment: u64,
+    /// See [`kin`](super::transition::kin).
+    pub kin: u64,
 }
 
 /// One bit per lane of a row of zeros and ones. All equal is the rule, and found without a loop over lanes.
@@ -92,6 +95,7 @@ impl Core {
         if let Some((places, slot)) = &mut slot {
             slot.open(places, block, running);
         }
+        block.moved = if slot.is_some() { 0 } else { u64::MAX };
         self.act(block, work, actions);
         self.replace_diverged(block, running);
         self.plant.frames(&block.plant, &mut work.frames);
@@ -105,7 +109,8 @@ impl Core {
         }
         self.transform(block, work, running, 0, first);
         if let Some((places, slot)) = slot {
-            slot.close(places, &work.action, &work.noise, ended);
+            let alive = bits(&block.plant.rows[self.plant.alive_row()]);
+            slot.close(places, &work.action, &work.noise, ended, alive);
         }
         self.write_signals(block, work, n, out);
         for lane in lanes_of(ended) {
@@ -147,6 +152,7 @@ impl Core {
         if which == 0 {
             return;
         }
+        block.moved |= which;
         lanes_of(which).for_each(|lane| self.restart(block, work, lane, first));
         self.look_again(block, work, which);
         self.transform(block, work, which, which, first);
@@ -463,7 +469,7 @@ const DELAY: Purpose = Purpose::user(0xde1a);
 
 /// Columns of up to sixty-four environments into rows of `width` numbers from `first` on; nothing where the rows were
 /// left out.
-fn transpose(columns: &[[f32; BLOCK]], n_env: usize, rows: &mut [f32], width: usize, first: usize) {
+pub(crate) fn transpose(columns: &[[f32; BLOCK]], n_env: usize, rows: &mut [f32], width: usize, first: usize) {
     if columns.is_empty() || rows.is_empty() {
         return;
     }

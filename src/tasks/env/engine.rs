@@ -3,7 +3,7 @@
 use super::block::{EnvBlock, Sizes, Workspace};
 use super::core::Core;
 use super::judge::{Disturb, Judge, Observe};
-use super::transition::{Setting, first_sight, ideal_terms, transition, view};
+use super::transition::{Ideal, Setting, first_sight, ideal, ideal_terms, transition, view};
 use crate::autodiff::lanes::dispatch;
 use crate::autodiff::{Recording, Scalar, Trace};
 use crate::tasks::rig::Rig;
@@ -22,7 +22,9 @@ pub(crate) trait Engine: Send + Sync {
     fn event(&self, start: &mut Start<'_>);
     /// For one environment at the start of an episode.
     fn wanted(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<Wanted>;
-    /// Summands of the reward in the task's ideal state.
+    /// The task's ideal state.
+    fn ideal(&self, core: &Core) -> Ideal;
+    /// Summands of the reward in it.
     fn ideal_terms(&self, core: &Core) -> Vec<f64>;
     /// Time, memo, reward, ends and observation after physics.
     fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace);
@@ -64,6 +66,9 @@ impl<T: Task> Engine for Typed<T> {
     fn wanted(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<Wanted> {
         let (frames, speeds, memo) = first_sight(core, state);
         self.task.wanted(&view(self.task.rig(), state, &frames, &speeds, goal, &memo, 0.0, 0.0))
+    }
+    fn ideal(&self, core: &Core) -> Ideal {
+        ideal(&self.task, core)
     }
     fn ideal_terms(&self, core: &Core) -> Vec<f64> {
         ideal_terms(&self.task, core)

@@ -1,55 +1,75 @@
 //! Gradients through steps of many environments: a tape of what was stepped, its reverse sweep, and Jacobians.
 //!
-//! The tape keeps states and actions, not operations: a step's inside is recomputed by its adjoint program, as in
-//! [`Rollout`](crate::autodiff::Rollout). That takes 4 (n + m) bytes per environment and step. A sweep is pulled step by
-//! step, backwards, so that a policy between steps can turn the gradient of its action into one of its observation.
+//! The tape keeps what went into each step, not operations: a step's inside is recomputed by its adjoint program, as in
+//! [`Rollout`](crate::autodiff::Rollout). A sweep is pulled step by step, backwards, so that a policy between steps can
+//! turn the gradient of its action into one of its observation.
 //!
-//! Gradients are cut where an episode ends: a restart does not depend on what was before. What an earlier or later end
-//! does to the return, no gradient sees.
+//! Gradients are cut
+//! - where an episode ends: a restart does not depend on what was before. What an earlier or later end does to the return,
+//!   no gradient sees;
+//! - where the caller moved an environment between two recorded steps: by [`Env::reset`], [`Env::set_state`],
+//!   [`Env::load`], or a step that was not recorded;
+//! - in environments whose physics gave up in a step: that step has the gradient zero.
 
 use super::Env;
 use super::block::{Columns, EnvBlock, book, columns};
-use super::core::lanes_of;
+use super::core::{lanes_of, transpose};
 use super::transition::{Places, Setting};
 use crate::autodiff::Program;
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
 use crate::error::{Error, Result};
-use crate::parallel::Threads;
+use crate::parallel::{Divide, Threads};
 use crate::tasks::config::{ActionSpace, Autoreset};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// One block before one step, with what happened in it.
 #[derive(Debug, Clone)]
 pub(crate) struct Slot {
     arguments: Columns,
+    /// Lanes that stepped, and whose physics went well.
     running: u64,
     ended: u64,
+    /// Lanes that were moved from outside since the recorded step before.
+    moved: u64,
 }
 
 impl Slot {
+    fn new(places: &Places) -> Self {
+        Self { arguments: columns(places.n_kept()), running: 0, ended: 0, moved: 0 }
+    }
+
     fn copy(&mut self, to: &Range<usize>, rows: &[[f32; BLOCK]]) {
         self.arguments[to.clone()].copy_from_slice(&rows[..to.len()]);
     }
 
     /// Before the step.
     pub(crate) fn open(&mut self, p: &Places, block: &EnvBlock, running: u64) {
-        self.running = running;
+        (self.running, self.moved) = (running, block.moved);
         self.copy(&p.state, &block.plant.rows);
         self.copy(&p.memo, &block.memo);
         self.copy(&p.line, &block.line);
         self.copy(&p.history, &block.history);
-        self.copy(&p.theta, &block.theta);
+        self.copy(&p.parameters, &block.theta);
         for (at, k) in p.time.clone().zip([book::STEP, book::OFFSET, book::DELAY]) {
             self.arguments[at] = block.book[k];
         }
         self.copy(&p.goal, &block.goal);
-        self.copy(&p.air, &block.air);
+        self.copy(&p.wind, &block.air);
     }
 
-    /// Actions as they came, and the noise of the observation behind the step.
-    pub(crate) fn close(&mut self, p: &Places, action: &[[f32; BLOCK]], noise: &[[f32; BLOCK]], ended: u64) {
+    /// Actions as they came, the noise of the observation behind the step, and where physics went well.
+    pub(crate) fn close(
+        &mut self,
+        p: &Places,
+        action: &[[f32; BLOCK]],
+        noise: &[[f32; BLOCK]],
+        ended: u64,
+        alive: u64,
+    ) {
         self.ended = ended;
+        self.running &= alive;
         self.copy(&p.action, action);
         self.copy(&p.noise, noise);
     }
@@ -66,6 +86,9 @@ pub(crate) struct BlockTape {
 pub struct Tape {
     pub(crate) blocks: Vec<BlockTape>,
     pub(crate) places: Places,
+    /// The normaliser's, step by step.
+    statistics: Vec<Arc<[f64]>>,
+    n_env: usize,
     n_step: usize,
 }
 
@@ -87,13 +110,28 @@ impl Tape {
 
     /// Steps that fit.
     pub fn horizon(&self) -> usize {
-        self.blocks.first().map_or(0, |b| b.slots.len())
+        self.statistics.len()
+    }
+
+    /// Of memory.
+    pub fn bytes(&self) -> u64 {
+        tape_bytes(&self.places, self.blocks.len(), self.horizon()) as u64
     }
 }
 
-/// The adjoint of one step of a task. It holds for the normaliser's statistics at its making.
+/// What a tape takes: see [`Env::tape`].
+fn tape_bytes(places: &Places, n_block: usize, horizon: usize) -> u128 {
+    let slot = places.n_kept() * size_of::<[f32; BLOCK]>() + size_of::<Slot>();
+    horizon as u128 * (n_block as u128 * slot as u128 + size_of::<Arc<[f64]>>() as u128)
+}
+
+/// The adjoint of one step of a task; clones share it. The normaliser's statistics are arguments of it, so it outlives
+/// [`Env::update_normaliser`].
 #[derive(Debug, Clone)]
-pub struct Adjoint {
+pub struct Adjoint(Arc<Shared>);
+
+#[derive(Debug)]
+struct Shared {
     places: Places,
     program: Program,
     parameters: bool,
@@ -103,12 +141,22 @@ pub struct Adjoint {
 }
 
 /// Cotangents of what one step wrote; an empty slice stands for zeros.
+///
+/// Where an episode ended and restarted in the step ([`Autoreset::SameStep`]), `observation` and `central` show the next
+/// episode and are ignored. In the other modes they show the end, as `final_*` do, and both count.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Cotangents<'a> {
-    /// `[E, A, observation]`. Where an episode ended and restarted in the step it is ignored.
+    /// `[E, A, observation]`.
     pub observation: &'a [f32],
-    /// `[E, A, observation]`, used where an episode ended and restarted in the step.
+    /// `[E, A, observation]`, used where an episode ended in the step.
     pub final_observation: &'a [f32],
+    /// `[E, central]`.
+    pub central: &'a [f32],
+    /// `[E, central]`, used where an episode ended in the step.
+    pub final_central: &'a [f32],
+    /// `[E, carried]`, used where an episode ended in the step: of the numbers that it ended with, physics first. Where
+    /// none ended, [`Sweep::add_carried`] does it.
+    pub final_carried: &'a [f32],
     /// `[E]`, of the reward of the team.
     pub reward: &'a [f32],
     /// `[E]`, of the info `loss`.
@@ -131,19 +179,21 @@ impl Default for SweepOptions {
     }
 }
 
-/// A reverse sweep over a tape.
+/// A reverse sweep over a tape. It holds its adjoint, and allocates nothing after its making.
 #[derive(Debug, Clone)]
-pub struct Sweep<'a> {
-    adjoint: &'a Adjoint,
+pub struct Sweep {
+    adjoint: Adjoint,
     options: SweepOptions,
     blocks: Vec<BlockSweep>,
+    /// The step pulled last.
+    last: Option<usize>,
 }
 
 #[derive(Debug, Clone)]
 struct BlockSweep {
     carried: Columns,
     action: Columns,
-    theta: Columns,
+    parameters: Columns,
     arguments: Columns,
     results: Columns,
     workspace: BlockWorkspace,
@@ -151,6 +201,11 @@ struct BlockSweep {
 }
 
 impl Env {
+    /// Where the arguments and results of a step stand, for [`Jacobian::arguments`] and [`Env::evaluate`].
+    pub fn places(&self) -> Places {
+        Places::of(&self.core)
+    }
+
     /// The adjoint of a step, recorded once and compiled: milliseconds for a vehicle, up to seconds for a team. With
     /// `parameters`, sweeps also give gradients with respect to the numbers that differ between environments.
     ///
@@ -161,70 +216,88 @@ impl Env {
             let remedy = "Whole numbers have no gradient: leave `actions` out.";
             return Err(Error::value("actions", "discrete", "continuous for gradients", remedy));
         }
-        let places = Places::of(&self.core);
+        let places = self.places();
         let recording = self.core.engine.record(&Setting { core: &self.core, places: &places });
-        let wanted = if parameters { places.theta.end } else { places.action.end };
-        Ok(Adjoint {
+        let wanted = if parameters { places.parameters.end } else { places.action.end };
+        Ok(Adjoint(Arc::new(Shared {
             program: Program::compile(&recording.adjoint(0..wanted))?,
             parameters,
             mode: self.core.mode,
             threads: self.threads.clone(),
             n_env: self.spec.n_env,
             places,
-        })
+        })))
     }
 
-    /// Memory for `horizon` recorded steps.
-    pub fn tape(&self, horizon: usize) -> Tape {
-        let places = Places::of(&self.core);
-        let slot = Slot { arguments: columns(places.n_argument()), running: 0, ended: 0 };
-        let block = BlockTape { slots: vec![slot; horizon] };
-        Tape { blocks: vec![block; self.blocks.len()], places, n_step: 0 }
+    /// Memory for `horizon` recorded steps: per step and environment 4 bytes for each number that goes into a step
+    /// ([`Places`] up to `noise`), and 1 byte of book-keeping; for whole blocks of 64 environments.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] before any allocation if that is more than
+    /// [`EnvConfig::memory_limit`](crate::tasks::EnvConfig::memory_limit).
+    pub fn tape(&self, horizon: usize) -> Result<Tape> {
+        let (places, n_block) = (self.places(), self.blocks.len());
+        let (needed, limit) = (tape_bytes(&places, n_block, horizon), self.spec.config.memory_limit);
+        if needed > u128::from(limit) {
+            let gib = |bytes: f64| bytes / f64::from(1 << 30);
+            let most = u128::from(limit) / tape_bytes(&places, n_block, 1);
+            return Err(Error::limit(
+                "horizon of the tape",
+                format!("{horizon} ({:.1} GiB)", gib(needed as f64)),
+                format!("{most} ({:.1} GiB)", gib(limit as f64)),
+                "Sweep over shorter windows, step fewer environments at once, or raise memory_limit.",
+            ));
+        }
+        let block = BlockTape { slots: vec![Slot::new(&places); horizon] };
+        let statistics = vec![self.core.frozen.clone(); horizon];
+        Ok(Tape { blocks: vec![block; n_block], places, statistics, n_env: self.spec.n_env, n_step: 0 })
     }
 
     /// As [`Env::step`], remembered by the tape.
     ///
     /// # Errors
-    /// As [`Env::step`]; [`Error::Limit`] if the tape is full or of another environment.
+    /// As [`Env::step`]; [`Error::Limit`] if the tape is full, [`Error::Value`] if it is of another environment.
     pub fn step_recorded(&mut self, actions: &[f32], out: &mut super::StepOut<'_>, tape: &mut Tape) -> Result<()> {
-        let fits = tape.blocks.len() == self.blocks.len() && tape.places == Places::of(&self.core);
-        if !fits || tape.n_step >= tape.horizon() {
+        kindred(tape, &self.places(), self.spec.n_env)?;
+        if tape.n_step >= tape.horizon() {
             let remedy = "Clear it, or make a longer one with env.tape(horizon).";
             return Err(Error::limit("steps of the tape", tape.n_step + 1, tape.horizon(), remedy));
         }
         self.step_into(actions, out, Some(tape))?;
+        tape.statistics[tape.n_step].clone_from(&self.core.frozen);
         tape.n_step += 1;
         Ok(())
     }
 
-    /// Exact derivatives of one step of one environment as it stands, by duals in `f64`.
+    /// Exact derivatives of one step of one environment as it stands, by duals in `f64`; without noise of sensors.
     ///
     /// # Errors
     /// As [`Env::adjoint`] and [`Env::state`]; [`Error::Value`] for an action of the wrong length.
     pub fn jacobian(&self, environment: usize, action: &[f64]) -> Result<Jacobian> {
         self.check_environment(environment)?;
-        let places = Places::of(&self.core);
+        let places = self.places();
         let wanted = places.action.len();
         if action.len() != wanted || self.spec.config.actions != ActionSpace::Continuous {
             let remedy = "Give the actions of all agents, continuous.";
             return Err(Error::value("length of action", action.len(), wanted.to_string(), remedy));
         }
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
-        let mut slot = Slot { arguments: columns(places.n_argument()), running: 0, ended: 0 };
+        let mut slot = Slot::new(&places);
         slot.open(&places, block, u64::MAX);
         let mut z: Vec<f64> = slot.arguments.iter().map(|row| f64::from(row[lane])).collect();
         z[places.action.clone()].copy_from_slice(action);
-        let n = places.theta.end;
+        z.extend(self.core.frozen.iter());
+        let n = places.parameters.end;
         let (value, matrix) = self.core.engine.differentiate(&Setting { core: &self.core, places: &places }, &z, n);
         Ok(Jacobian { arguments: z, value, matrix, places })
     }
 
-    /// The results of one step in `f64` for arguments as in [`Jacobian::arguments`].
+    /// The results of one step in `f64` for arguments as in [`Jacobian::arguments`]; [`Env::places`] says what is where.
     ///
     /// # Errors
     /// [`Error::Value`] for another number of arguments.
     pub fn evaluate(&self, arguments: &[f64]) -> Result<Vec<f64>> {
-        let places = Places::of(&self.core);
+        let places = self.places();
         if arguments.len() != places.n_argument() {
             let (got, wanted) = (arguments.len(), places.n_argument().to_string());
             return Err(Error::value("length of arguments", got, wanted, "Take them from Env::jacobian."));
@@ -232,125 +305,233 @@ impl Env {
         let setting = Setting { core: &self.core, places: &places };
         Ok(self.core.engine.differentiate(&setting, arguments, 0).0)
     }
+
+    /// Arguments of a first step from the state that the task calls ideal, with the safe action: where norms and angles
+    /// have their corners.
+    pub fn ideal_arguments(&self) -> Vec<f64> {
+        let (core, p) = (&self.core, self.places());
+        let ideal = core.engine.ideal(core);
+        let mut z = vec![0.0; p.n_argument()];
+        z[p.state].copy_from_slice(&ideal.state);
+        z[p.memo].copy_from_slice(&ideal.memo);
+        z[p.goal].copy_from_slice(&ideal.goal);
+        z[p.statistics].copy_from_slice(&core.frozen);
+        for place in [p.line, p.action] {
+            z[place].iter_mut().zip(core.control.safe.iter().cycle()).for_each(|(x, safe)| *x = *safe);
+        }
+        z[p.parameters].iter_mut().zip(&core.varied).for_each(|(x, k)| *x = ideal.numbers[*k]);
+        z
+    }
 }
 
-/// ∂(next, observation, reward, loss)/∂(carried, action, parameters) of one step.
+/// Whether a tape is of an environment with these places.
+fn kindred(tape: &Tape, places: &Places, n_env: usize) -> Result<()> {
+    if tape.n_env != n_env {
+        let remedy = "Make it with env.tape(horizon) of that environment.";
+        return Err(Error::value("environments of the tape", tape.n_env, n_env.to_string(), remedy));
+    }
+    if tape.places != *places {
+        let limit = "of the same task and configuration";
+        let remedy = "Make tape and adjoint of the environment that is stepped.";
+        return Err(Error::value("the tape", "of another environment", limit, remedy));
+    }
+    Ok(())
+}
+
+/// ∂(next, observation, central, reward, loss)/∂(carried, action, parameters) of one step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Jacobian {
     /// Carried numbers, action, parameters, then what no derivative is taken of.
     pub arguments: Vec<f64>,
     /// The results themselves.
     pub value: Vec<f64>,
-    /// Rows: carried numbers, observation, reward, loss. Columns: carried numbers, action, parameters.
+    /// Rows: carried numbers, observation, central state, reward, loss. Columns: carried numbers, action, parameters.
     pub matrix: DMatrix<f64>,
-    places: Places,
+    /// What is where, in all three.
+    pub places: Places,
 }
 
 impl Jacobian {
-    fn part(&self, rows: Range<usize>, columns: &Range<usize>) -> DMatrix<f64> {
-        self.matrix.view((rows.start, columns.start), (rows.len(), columns.len())).into_owned()
+    /// Part of the matrix, by [`Jacobian::places`].
+    ///
+    /// # Panics
+    /// For columns behind the parameters or rows that there are not.
+    pub fn part(&self, rows: &Range<usize>, columns: &Range<usize>) -> DMatrixView<'_, f64> {
+        self.matrix.view((rows.start, columns.start), (rows.len(), columns.len()))
     }
 
-    /// A of x⁺ = A x + B a: of the physical state alone.
-    pub fn state(&self) -> DMatrix<f64> {
-        self.part(self.places.state.clone(), &self.places.state)
+    fn row(&self, row: usize, columns: &Range<usize>) -> DMatrixView<'_, f64> {
+        self.part(&(row..row + 1), columns)
     }
 
-    /// B of x⁺ = A x + B a.
-    pub fn action(&self) -> DMatrix<f64> {
-        self.part(self.places.state.clone(), &self.places.action)
+    /// A of x⁺ = A x + B a + C θ: of the physical state alone.
+    pub fn state(&self) -> DMatrixView<'_, f64> {
+        self.part(&self.places.state, &self.places.state)
+    }
+
+    /// B of x⁺ = A x + B a + C θ.
+    pub fn action(&self) -> DMatrixView<'_, f64> {
+        self.part(&self.places.state, &self.places.action)
+    }
+
+    /// C of x⁺ = A x + B a + C θ: by the numbers that differ between environments.
+    pub fn parameters(&self) -> DMatrixView<'_, f64> {
+        self.part(&self.places.state, &self.places.parameters)
     }
 
     /// ∂observation/∂state.
-    pub fn observation_state(&self) -> DMatrix<f64> {
-        self.part(self.places.observation.clone(), &self.places.state)
+    pub fn observation_state(&self) -> DMatrixView<'_, f64> {
+        self.part(&self.places.observation, &self.places.state)
+    }
+
+    /// ∂observation/∂action.
+    pub fn observation_action(&self) -> DMatrixView<'_, f64> {
+        self.part(&self.places.observation, &self.places.action)
     }
 
     /// ∂reward/∂state, one row.
-    pub fn reward_state(&self) -> DMatrix<f64> {
-        self.part(self.places.reward..self.places.reward + 1, &self.places.state)
+    pub fn reward_state(&self) -> DMatrixView<'_, f64> {
+        self.row(self.places.reward, &self.places.state)
     }
 
     /// ∂reward/∂action, one row.
-    pub fn reward_action(&self) -> DMatrix<f64> {
-        self.part(self.places.reward..self.places.reward + 1, &self.places.action)
+    pub fn reward_action(&self) -> DMatrixView<'_, f64> {
+        self.row(self.places.reward, &self.places.action)
+    }
+
+    /// ∂loss/∂state, one row.
+    pub fn loss_state(&self) -> DMatrixView<'_, f64> {
+        self.row(self.places.loss, &self.places.state)
+    }
+
+    /// ∂loss/∂action, one row.
+    pub fn loss_action(&self) -> DMatrixView<'_, f64> {
+        self.row(self.places.loss, &self.places.action)
     }
 }
 
 impl Adjoint {
     /// Instructions of the program.
     pub fn n_instruction(&self) -> usize {
-        self.program.len()
+        self.0.program.len()
     }
 
-    /// The program, for certificates.
+    /// The program, for certificates: from arguments, then cotangents of results, to those of the arguments that
+    /// derivatives are taken of.
     pub fn program(&self) -> &Program {
-        &self.program
+        &self.0.program
+    }
+
+    /// What is where among its arguments and results.
+    pub fn places(&self) -> &Places {
+        &self.0.places
     }
 
     /// Numbers that go from step to step: physics, memo, delay line, history.
     pub fn n_carried(&self) -> usize {
-        self.places.n_carried()
+        self.0.places.n_carried()
     }
 
-    /// A sweep that begins behind the last step of a tape, with nothing carried.
-    pub fn sweep(&self, options: SweepOptions) -> Sweep<'_> {
-        let p = &self.places;
+    /// A sweep that begins behind any step of a tape, with nothing carried.
+    pub fn sweep(&self, options: SweepOptions) -> Sweep {
+        let (p, program) = (&self.0.places, &self.0.program);
         let block = BlockSweep {
             carried: columns(p.n_carried()),
             action: columns(p.action.len()),
-            theta: columns(if self.parameters { p.theta.len() } else { 0 }),
-            arguments: columns(self.program.n_input()),
-            results: columns(self.program.n_output()),
-            workspace: self.program.block_workspace(),
+            parameters: columns(if self.0.parameters { p.parameters.len() } else { 0 }),
+            arguments: columns(program.n_input()),
+            results: columns(program.n_output()),
+            workspace: program.block_workspace(),
             dropped: 0,
         };
-        Sweep { adjoint: self, options, blocks: vec![block; self.n_env.div_ceil(BLOCK)] }
+        let blocks = vec![block; self.0.n_env.div_ceil(BLOCK)];
+        Sweep { adjoint: self.clone(), options, blocks, last: None }
     }
 }
 
-impl Sweep<'_> {
-    /// Begins again behind the last step, with nothing carried; keeps the memory.
-    pub fn restart(&mut self) {
-        for block in &mut self.blocks {
-            block.carried.iter_mut().chain(&mut block.theta).for_each(|row| *row = [0.0; BLOCK]);
-            block.dropped = 0;
-        }
+/// Blocks of a sweep with rows of the actions' cotangents.
+struct Pull<'a> {
+    blocks: &'a mut [BlockSweep],
+    /// Number of the first block.
+    first: usize,
+    action: &'a mut [f32],
+    /// Numbers of a row.
+    n_action: usize,
+}
+
+impl Divide for Pull<'_> {
+    fn count(&self) -> usize {
+        self.blocks.len()
     }
 
-    /// Pulls cotangents back through step `t` of a tape: `action` (`[E, A, command]`) gets those of its actions. Steps are
-    /// pulled from the last to the first. An environment whose gradient is not finite gets zeros and is counted.
+    fn divide(self, at: usize) -> (Self, Self) {
+        let (first, n_action) = (self.first, self.n_action);
+        let (left, right) = self.blocks.split_at_mut(at);
+        let (before, behind) = self.action.split_at_mut((at * BLOCK * n_action).min(self.action.len()));
+        (
+            Self { blocks: left, first, action: before, n_action },
+            Self { blocks: right, first: first + at, action: behind, n_action },
+        )
+    }
+}
+
+impl Sweep {
+    /// Begins again behind any step, with nothing carried; keeps the memory.
+    pub fn restart(&mut self) {
+        for block in &mut self.blocks {
+            block.carried.iter_mut().chain(&mut block.parameters).for_each(|row| *row = [0.0; BLOCK]);
+            block.dropped = 0;
+        }
+        self.last = None;
+    }
+
+    /// Pulls cotangents back through step `t` of a tape: `action` (`[E, A, command]`) gets those of its actions. The first
+    /// step pulled may be any, then each is the one before; [`Sweep::restart`] begins again. An environment whose gradient
+    /// is not finite gets zeros and is counted.
     ///
     /// # Errors
-    /// [`Error::Value`] for a slice of the wrong length; [`Error::Limit`] if the tape has no such step.
+    /// [`Error::Value`] for a tape of another task, configuration or number of environments, a step out of order, or a
+    /// slice of the wrong length; [`Error::Limit`] if the tape has no such step. Nothing is changed then.
     pub fn pull(&mut self, tape: &Tape, t: usize, up: &Cotangents<'_>, action: &mut [f32]) -> Result<()> {
-        let a = self.adjoint;
-        if t >= tape.n_step || tape.blocks.len() != self.blocks.len() {
+        let Self { adjoint: Adjoint(a), options, blocks, last } = self;
+        kindred(tape, &a.places, a.n_env)?;
+        if t >= tape.n_step {
             return Err(Error::limit("step of the tape", t, tape.n_step.saturating_sub(1), "Steps count from 0."));
         }
-        let (n_seen, n_act) = (a.places.observation.len(), a.places.action.len());
+        if let Some(last) = last.filter(|last| t + 1 != *last || *last >= tape.n_step) {
+            let wanted =
+                if last == 0 { "none, as all are pulled".into() } else { format!("{} of that tape", last - 1) };
+            let remedy = "Pull each step once, from the last to the first; sweep.restart() begins again.";
+            return Err(Error::value("step of the sweep", t, wanted, remedy));
+        }
+        let p = &a.places;
+        let (n_seen, n_central, n_action) = (p.observation.len(), p.central.len(), p.action.len());
         for (what, got, each, optional) in [
             ("observation", up.observation.len(), n_seen, true),
             ("final_observation", up.final_observation.len(), n_seen, true),
+            ("central", up.central.len(), n_central, true),
+            ("final_central", up.final_central.len(), n_central, true),
+            ("final_carried", up.final_carried.len(), p.n_carried(), true),
             ("reward", up.reward.len(), 1, true),
             ("loss", up.loss.len(), 1, true),
-            ("action", action.len(), n_act, false),
+            ("action", action.len(), n_action, false),
         ] {
             if got != a.n_env * each && !(optional && got == 0) {
                 let wanted = (a.n_env * each).to_string();
                 return Err(Error::value(format!("length of {what}"), got, wanted, "Rows are environments."));
             }
         }
-        let options = self.options;
-        a.threads.for_each(&mut self.blocks, |b, block| {
-            block.pull(a, &tape.blocks[b].slots[t], b * BLOCK, up, options);
-        });
-        for (b, block) in self.blocks.iter().enumerate() {
-            let rows = &mut action[b * BLOCK * n_act..];
-            for (lane, row) in rows.chunks_exact_mut(n_act).take(BLOCK).enumerate() {
-                row.iter_mut().zip(&block.action).for_each(|(x, column)| *x = column[lane]);
+        let (options, behind) = (*options, *last);
+        a.threads.for_each_part(Pull { blocks, first: 0, action, n_action }, 1, &|part: Pull<'_>| {
+            let slots = &tape.blocks[part.first].slots;
+            let moved = behind.map_or(0, |behind| slots[behind].moved);
+            let block = &mut part.blocks[0];
+            block.pull(a, &slots[t], &tape.statistics[t], moved, part.first * BLOCK, up, options);
+            if n_action > 0 {
+                transpose(&block.action, part.action.len() / n_action, part.action, n_action, 0);
             }
-        }
+        });
+        *last = Some(t);
         Ok(())
     }
 
@@ -359,25 +540,43 @@ impl Sweep<'_> {
         self.rows(|block| &block.carried)
     }
 
-    /// Sums over all steps pulled, `[E, parameter]`; empty unless the adjoint was made with parameters.
-    pub fn parameters(&self) -> Vec<f32> {
-        self.rows(|block| &block.theta)
+    /// As [`Sweep::carried`], written to an array of the caller.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length.
+    pub fn carried_into(&self, rows: &mut [f32]) -> Result<()> {
+        self.rows_into("carried", |block| &block.carried, rows)
     }
 
-    /// Adds to what is carried, `[E, carried]`: the gradient of a cost on the last state.
+    /// Sums over all steps pulled, `[E, parameter]`; empty unless the adjoint was made with parameters.
+    pub fn parameters(&self) -> Vec<f32> {
+        self.rows(|block| &block.parameters)
+    }
+
+    /// As [`Sweep::parameters`], written to an array of the caller.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length.
+    pub fn parameters_into(&self, rows: &mut [f32]) -> Result<()> {
+        self.rows_into("parameters", |block| &block.parameters, rows)
+    }
+
+    /// Adds to what is carried, `[E, carried]`, between pulls: before the first, the gradient of a cost on the state behind
+    /// the window; later, of one on the state before the step pulled last. An environment whose episode ended in the step
+    /// that is pulled next, which did not run in it, or which was moved from outside behind it, does not get it: what was
+    /// carried there is of another episode. A cost on the state an episode ended with goes into
+    /// [`Cotangents::final_carried`].
     ///
     /// # Errors
     /// [`Error::Value`] for a slice of the wrong length.
     pub fn add_carried(&mut self, cotangents: &[f32]) -> Result<()> {
         let n = self.adjoint.n_carried();
-        if cotangents.len() != n * self.adjoint.n_env {
-            let wanted = (n * self.adjoint.n_env).to_string();
-            return Err(Error::value("length of carried", cotangents.len(), wanted, "Rows are environments."));
-        }
-        for (i, row) in cotangents.chunks_exact(n).enumerate() {
-            let block = &mut self.blocks[i / BLOCK];
-            block.carried.iter_mut().zip(row).for_each(|(column, x)| column[i % BLOCK] += x);
-        }
+        check_rows("carried", cotangents.len(), n * self.adjoint.0.n_env)?;
+        self.adjoint.0.threads.for_each(&mut self.blocks, |b, block| {
+            for (lane, row) in cotangents[b * BLOCK * n..].chunks_exact(n).take(BLOCK).enumerate() {
+                block.carried.iter_mut().zip(row).for_each(|(column, x)| column[lane] += x);
+            }
+        });
         Ok(())
     }
 
@@ -386,42 +585,94 @@ impl Sweep<'_> {
         self.blocks.iter().map(|b| b.dropped).sum()
     }
 
-    fn rows(&self, of: impl Fn(&BlockSweep) -> &Columns) -> Vec<f32> {
-        let row = |i: usize| of(&self.blocks[i / BLOCK]).iter().map(move |column| column[i % BLOCK]);
-        (0..self.adjoint.n_env).flat_map(row).collect()
+    fn rows(&self, of: impl Fn(&BlockSweep) -> &Columns + Sync + Send) -> Vec<f32> {
+        let width = self.blocks.first().map_or(0, |block| of(block).len());
+        let mut rows = vec![0.0; width * self.adjoint.0.n_env];
+        self.write_rows(of, width, &mut rows);
+        rows
+    }
+
+    fn rows_into(
+        &self,
+        what: &str,
+        of: impl Fn(&BlockSweep) -> &Columns + Sync + Send,
+        rows: &mut [f32],
+    ) -> Result<()> {
+        let width = self.blocks.first().map_or(0, |block| of(block).len());
+        check_rows(what, rows.len(), width * self.adjoint.0.n_env)?;
+        self.write_rows(of, width, rows);
+        Ok(())
+    }
+
+    fn write_rows(&self, of: impl Fn(&BlockSweep) -> &Columns + Sync + Send, width: usize, rows: &mut [f32]) {
+        if width > 0 {
+            self.adjoint.0.threads.for_each_chunk(rows, BLOCK * width, |b, own| {
+                transpose(of(&self.blocks[b]), own.len() / width, own, width, 0);
+            });
+        }
     }
 }
 
+fn check_rows(what: &str, got: usize, wanted: usize) -> Result<()> {
+    if got == wanted {
+        return Ok(());
+    }
+    Err(Error::value(format!("length of {what}"), got, wanted.to_string(), "Rows are environments."))
+}
+
 /// Row-major rows of environments from `first` on into columns; zeros where there are none.
-fn spread(rows: &[f32], n: usize, first: usize, columns: &mut [[f32; BLOCK]]) {
+fn spread(rows: &[f32], first: usize, columns: &mut [[f32; BLOCK]]) {
     if rows.is_empty() {
         columns.iter_mut().for_each(|column| *column = [0.0; BLOCK]);
         return;
     }
+    let n = columns.len();
     for (lane, row) in rows[first * n..].chunks_exact(n).take(BLOCK).enumerate() {
         columns.iter_mut().zip(row).for_each(|(column, x)| column[lane] = *x);
     }
 }
 
+/// The row of environment `i` into one lane, on top of what is there or in its place; zeros where there are no rows.
+fn put(rows: &[f32], i: usize, lane: usize, columns: &mut [[f32; BLOCK]], add: bool) {
+    let n = columns.len();
+    for (k, column) in columns.iter_mut().enumerate() {
+        let x = rows.get(i * n + k).copied().unwrap_or(0.0);
+        column[lane] = if add { column[lane] + x } else { x };
+    }
+}
+
 impl BlockSweep {
-    fn pull(&mut self, a: &Adjoint, slot: &Slot, first: usize, up: &Cotangents<'_>, options: SweepOptions) {
+    #[expect(clippy::too_many_arguments, reason = "the parts of a pull, named at its only caller")]
+    fn pull(
+        &mut self,
+        a: &Shared,
+        slot: &Slot,
+        statistics: &[f64],
+        moved: u64,
+        first: usize,
+        up: &Cotangents<'_>,
+        options: SweepOptions,
+    ) {
         let p = &a.places;
         let (z, seeds) = self.arguments.split_at_mut(p.n_argument());
-        z.copy_from_slice(&slot.arguments);
+        z[..p.n_kept()].copy_from_slice(&slot.arguments);
+        z[p.statistics.clone()].iter_mut().zip(statistics).for_each(|(row, x)| *row = [*x as f32; BLOCK]);
         seeds[..p.n_carried()].copy_from_slice(&self.carried);
-        let n_seen = p.observation.len();
-        spread(up.observation, n_seen, first, &mut seeds[p.observation.clone()]);
-        spread(up.reward, 1, first, &mut seeds[p.reward..p.reward + 1]);
-        spread(up.loss, 1, first, &mut seeds[p.loss..p.loss + 1]);
-        let live = slot.running;
-        for lane in lanes_of(slot.ended) {
+        spread(up.observation, first, &mut seeds[p.observation.clone()]);
+        spread(up.central, first, &mut seeds[p.central.clone()]);
+        spread(up.reward, first, &mut seeds[p.reward..p.reward + 1]);
+        spread(up.loss, first, &mut seeds[p.loss..p.loss + 1]);
+        for lane in lanes_of(moved) {
             seeds[..p.n_carried()].iter_mut().for_each(|row| row[lane] = 0.0);
-            if a.mode == Autoreset::SameStep {
-                for (k, row) in seeds[p.observation.clone()].iter_mut().enumerate() {
-                    row[lane] = up.final_observation.get((first + lane) * n_seen + k).copied().unwrap_or(0.0);
-                }
-            }
         }
+        // with a restart in the same step, what it shows is of the next episode
+        let adds = a.mode != Autoreset::SameStep;
+        for lane in lanes_of(slot.ended) {
+            put(up.final_carried, first + lane, lane, &mut seeds[..p.n_carried()], false);
+            put(up.final_observation, first + lane, lane, &mut seeds[p.observation.clone()], adds);
+            put(up.final_central, first + lane, lane, &mut seeds[p.central.clone()], adds);
+        }
+        let live = slot.running;
         for lane in lanes_of(!live) {
             seeds.iter_mut().for_each(|row| row[lane] = 0.0);
         }
@@ -434,7 +685,7 @@ impl BlockSweep {
         }
         self.action.copy_from_slice(&self.results[p.action.clone()]);
         let from = p.action.end;
-        for (sum, part) in self.theta.iter_mut().zip(&self.results[from.min(self.results.len())..]) {
+        for (sum, part) in self.parameters.iter_mut().zip(&self.results[from.min(self.results.len())..]) {
             sum.iter_mut().zip(part).for_each(|(x, y)| *x += y);
         }
         if options.clip.is_finite() {
@@ -444,10 +695,14 @@ impl BlockSweep {
 
     /// Zeros where a gradient is not finite, and in lanes that do not count.
     fn contain(&mut self, live: u64, first: usize, n_env: usize) {
-        for lane in 0..BLOCK {
+        // 0 where all is finite, else NaN
+        let mut sound = [0.0; BLOCK];
+        for row in &self.results {
+            sound.iter_mut().zip(row).for_each(|(sum, x)| *sum += 0.0 * x);
+        }
+        for (lane, sum) in sound.iter().enumerate() {
             let counts = (live >> lane) & 1 == 1 && first + lane < n_env;
-            let finite = self.results.iter().fold(true, |all, row| all & row[lane].is_finite());
-            if !(counts && finite) {
+            if !counts || sum.is_nan() {
                 self.results.iter_mut().for_each(|row| row[lane] = 0.0);
                 self.dropped += usize::from(counts);
             }

@@ -41,6 +41,7 @@ pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Sweep, SweepOptions, Tape};
 pub use normaliser::Pending;
 pub use spec::{Info, Space, Spec};
+pub use transition::Places;
 
 use self::block::{EnvBlock, Sizes, Workspace};
 use self::buffers::Span;
@@ -50,7 +51,7 @@ use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
 use self::spec::spec_of;
-use self::transition::exposed;
+use self::transition::{exposed, kin};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::{Plant, STOPPED};
 use crate::error::{Error, Result, finite};
@@ -62,7 +63,7 @@ use crate::tasks::randomise::Randomiser;
 use crate::tasks::rig::Craft;
 use crate::tasks::sheet::total;
 use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, Wanted};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Blocks per task of a thread: their rows stay in its second-level cache.
 const BLOCKS_PER_PART: usize = 4;
@@ -174,12 +175,13 @@ impl Env {
         let core = Core {
             exposed: exposed(&*engine, !varied.is_empty()),
             statistics: statistics.clone(),
-            frozen: Vec::new(),
+            frozen: Arc::default(),
             collects: true,
             delay: (config.delay.min, config.delay.max),
             mode: config.autoreset,
             stagger: config.stagger,
             first_environment: config.first_environment,
+            kin: kin(name, config, &varied),
             engine,
             plant,
             control,
@@ -383,6 +385,7 @@ impl Env {
         finite("state", &state.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>())?;
         let (block, lane) = (&mut self.blocks[environment / BLOCK], environment % BLOCK);
         block.plant.rows.iter_mut().zip(state).for_each(|(row, x)| row[lane] = *x);
+        block.moved |= 1 << lane;
         Ok(())
     }
 

@@ -56,6 +56,7 @@ impl Env {
             block.all_rows_mut().flatten().for_each(|x| *x = f32::from_le_bytes(words.take()));
             block.seed.iter_mut().chain(&mut block.episode).for_each(|x| *x = u64::from_le_bytes(words.take()));
             block.started = u64::from_le_bytes(words.take()) & first_bits(self.spec.n_env - i * BLOCK);
+            block.moved = u64::MAX;
             block.count = f64::from_le_bytes(words.take());
             block.sums.iter_mut().flatten().for_each(|x| *x = f64::from_le_bytes(words.take()));
         }

@@ -4,7 +4,7 @@ use super::block::{EnvBlock, Sizes, Workspace, book};
 use crate::autodiff::lanes::Lanes;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{RowsMut, Scalar};
-use crate::tasks::observation::{Moment, Pipeline};
+use crate::tasks::observation::{Frozen, Moment, Pipeline};
 use pulp::{Simd, WithSimd};
 
 /// Puts the commands at the head of the delay line and takes out those that are due.
@@ -87,7 +87,7 @@ impl WithSimd for Transform<'_> {
                     fresh,
                     noise: Lanes::<S>::rows(&work.noise, at).from(agent * p.noise),
                     theta: Lanes::<S>::rows(&self.block.theta, at),
-                    statistics: self.statistics,
+                    statistics: Frozen::Constants(self.statistics),
                 };
                 let mut memory = Lanes::<S>::rows_mut(&mut self.block.history, at);
                 let mut seen = Lanes::<S>::rows_mut(&mut work.seen, at);

@@ -7,32 +7,55 @@ use super::control::clipped;
 use super::core::{Core, HELD_PER_AGENT};
 use super::engine::Engine;
 use super::judge::observe;
+use super::spec::fnv;
 use super::transform::shift;
 use crate::autodiff::{Rows, RowsMut, Scalar, System};
 use crate::dynamics::frame::FRAME;
-use crate::tasks::observation::Moment;
+use crate::tasks::config::EnvConfig;
+use crate::tasks::observation::{Frozen, Moment};
 use crate::tasks::rig::{Craft, Rig};
 use crate::tasks::task::{MAX_TERMS, Start, Task, View, streams};
 use std::ops::Range;
 
-/// Where everything stands among the arguments and results of a transition.
+/// Where everything stands among the arguments and results of a step that gradients are taken of.
+///
+/// Arguments are, in this order, what is carried from step to step (`state` to `history`), `action`, `parameters`, and
+/// what no derivative is taken of (`time` to `statistics`). Results are what is carried, in the same places, then
+/// `observation`, `central`, `reward`, `loss`.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Places {
+pub struct Places {
+    /// Physics, in the layout of the task's rig.
     pub state: Range<usize>,
+    /// What the task keeps from step to step.
     pub memo: Range<usize>,
+    /// Commands on their way.
     pub line: Range<usize>,
+    /// Memory of the transforms.
     pub history: Range<usize>,
+    /// Of all agents.
     pub action: Range<usize>,
-    pub theta: Range<usize>,
-    /// Step, offset, delay.
+    /// Physical numbers that differ between environments.
+    pub parameters: Range<usize>,
+    /// Steps since the episode began, steps the clock was ahead, steps of delay.
     pub time: Range<usize>,
+    /// What stays through the episode.
     pub goal: Range<usize>,
-    pub air: Range<usize>,
+    /// Randomised wind, m/s.
+    pub wind: Range<usize>,
+    /// Normal draws of the sensors.
     pub noise: Range<usize>,
-    /// Among the results, behind what is carried.
+    /// Of the normaliser: means, then 1/standard deviations.
+    pub statistics: Range<usize>,
+    /// Of all agents, behind the transforms; a result.
     pub observation: Range<usize>,
+    /// The central state; a result.
+    pub central: Range<usize>,
+    /// Of the team; a result.
     pub reward: usize,
+    /// A result.
     pub loss: usize,
+    /// Of everything that steps and gradients depend on beside numbers of environments.
+    kin: u64,
 }
 
 impl Places {
@@ -45,62 +68,106 @@ impl Places {
         };
         let (state, memo) = (next(core.engine.rig().n_state()), next(s.memo));
         let (line, history) = (next(s.delay * s.command), next(s.history));
-        let (action, theta) = (next(s.command), next(s.theta));
-        let (time, goal, air) = (next(3), next(s.goal), next(s.air));
-        let noise = next(s.agent * core.pipeline.noise);
-        let seen = history.end..history.end + s.agent * s.observation;
-        let reward = seen.end;
-        let places = Self {
+        let (action, parameters) = (next(s.command), next(s.theta));
+        let (time, goal, wind) = (next(3), next(s.goal), next(s.air));
+        let (noise, statistics) = (next(s.agent * core.pipeline.noise), next(2 * s.normalised));
+        at = history.end;
+        let mut next = |n: usize| {
+            at += n;
+            at - n..at
+        };
+        let (observation, central) = (next(s.agent * s.observation), next(s.central));
+        let reward = central.end;
+        Self {
             state,
             memo,
             line,
             history,
             action,
-            theta,
+            parameters,
             time,
             goal,
-            air,
+            wind,
             noise,
-            observation: seen,
+            statistics,
+            observation,
+            central,
             reward,
             loss: reward + 1,
-        };
-        debug_assert_eq!(places.n_argument(), at);
-        places
+            kin: core.kin,
+        }
     }
 
     /// Numbers that go from step to step.
-    pub(crate) fn n_carried(&self) -> usize {
+    pub fn n_carried(&self) -> usize {
         self.history.end
     }
 
-    pub(crate) fn n_argument(&self) -> usize {
-        self.noise.end
+    /// Numbers of arguments.
+    pub fn n_argument(&self) -> usize {
+        self.statistics.end
     }
 
-    pub(crate) fn n_result(&self) -> usize {
+    /// Numbers of results.
+    pub fn n_result(&self) -> usize {
         self.loss + 1
+    }
+
+    /// Arguments that differ between environments: those that a tape keeps.
+    pub(crate) fn n_kept(&self) -> usize {
+        self.noise.end
     }
 }
 
-/// The summands of the reward in the task's ideal state, in `f64`.
-pub(crate) fn ideal_terms<T: Task>(task: &T, core: &Core) -> Vec<f64> {
+/// 64 bits over what decides which gradient a step has: the task's name, the configuration without numbers that only
+/// decide what is drawn, and which physical numbers vary.
+pub(crate) fn kin(name: &str, config: &EnvConfig, varied: &[usize]) -> u64 {
+    let config = EnvConfig {
+        n_env: 0,
+        seed: 0,
+        first_environment: 0,
+        randomise: Vec::new(),
+        difficulty: 0.0,
+        stagger: false,
+        memory_limit: 0,
+        ..config.clone()
+    };
+    fnv(serde_json::to_string(&(name, config, varied)).unwrap_or_default().as_bytes())
+}
+
+/// What a task calls ideal.
+pub(crate) struct Ideal {
+    pub state: Vec<f64>,
+    pub goal: Vec<f64>,
+    pub memo: Vec<f64>,
+    pub numbers: Vec<f64>,
+}
+
+/// The task's ideal state.
+pub(crate) fn ideal<T: Task>(task: &T, core: &Core) -> Ideal {
     let (rig, s) = (task.rig(), &core.sizes);
-    let (mut state, mut numbers) = (rig.rest().to_vec(), core.nominal.clone());
-    let (mut goal, mut memo) = (vec![0.0; s.goal], vec![0.0; s.memo]);
+    let (state, numbers) = (rig.rest().to_vec(), core.nominal.clone());
+    let mut own = Ideal { state, goal: vec![0.0; s.goal], memo: vec![0.0; s.memo], numbers };
     let [reset, draw, once] = streams(0, 0, 0);
     task.ideal(&mut Start {
         rig,
-        state: &mut state,
-        goal: &mut goal,
-        memo: &mut memo,
-        numbers: &mut numbers,
+        state: &mut own.state,
+        goal: &mut own.goal,
+        memo: &mut own.memo,
+        numbers: &mut own.numbers,
         reset,
         task: draw,
         once,
         event_at: f64::INFINITY,
         difficulty: 1.0,
     });
+    own
+}
+
+/// The summands of the reward in the task's ideal state, in `f64`.
+pub(crate) fn ideal_terms<T: Task>(task: &T, core: &Core) -> Vec<f64> {
+    let (rig, s) = (task.rig(), &core.sizes);
+    let Ideal { state, goal, memo, numbers } = ideal(task, core);
     let mut frames = vec![0.0; rig.n_frame() * FRAME];
     core.exposed.write_frames(&numbers, &state, &mut frames);
     let speeds: Vec<f64> = core.speed_rows.iter().map(|k| state[*k]).collect();
@@ -127,7 +194,7 @@ pub(crate) struct Setting<'a> {
 pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z: &[S], y: &mut [S]) {
     let (core, p) = (setting.core, setting.places);
     let (rig, s) = (task.rig(), &core.sizes);
-    let numbers = numbers(core, &z[p.theta.clone()]);
+    let numbers = numbers(core, &z[p.parameters.clone()]);
     let mut state = z[p.state.clone()].to_vec();
     let (memo, goal) = (&z[p.memo.clone()], &z[p.goal.clone()]);
     let [step, offset, delay] = [z[p.time.start], z[p.time.start + 1], z[p.time.start + 2]];
@@ -153,7 +220,7 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
         let view = view(rig, &state, &frames, &speeds, goal, memo, step, (step + offset) * horizon);
         for (tree, first) in rig.disturbances().into_iter().enumerate() {
             input[first..first + 9].copy_from_slice(&task.disturb(&view, tree));
-            for (k, wind) in z[p.air.clone()].iter().enumerate() {
+            for (k, wind) in z[p.wind.clone()].iter().enumerate() {
                 input[first + k] += *wind;
             }
         }
@@ -191,11 +258,15 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
             moved: always,
             fresh: S::one().lt(S::zero()),
             noise: Rows::of(&z[p.noise.start + agent * core.pipeline.noise..]),
-            theta: Rows::of(&z[p.theta.clone()]),
-            statistics: &core.frozen,
+            theta: Rows::of(&z[p.parameters.clone()]),
+            statistics: Frozen::Arguments(Rows::of(&z[p.statistics.clone()])),
         };
         let mut memory = RowsMut::of(&mut carried[p.history.clone()]);
         core.pipeline.run(&moment, &mut memory, agent * core.pipeline.memory, &mut RowsMut::of(seen), begin, None);
+    }
+    if s.central > 0 {
+        let begin = p.central.start - p.n_carried();
+        task.central(&view, &mut RowsMut::of(seen).pen(begin));
     }
     let mut reward = S::zero();
     for term in terms.iter().take(s.term) {
