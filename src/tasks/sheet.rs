@@ -18,12 +18,20 @@ pub struct Slice {
     pub unit: String,
     /// What it is.
     pub meaning: String,
+    /// Of its numbers, as functions of the state.
+    pub smoothness: Smoothness,
 }
 
 impl Slice {
     /// From its parts.
     pub fn new(name: impl Into<String>, size: usize, unit: impl Into<String>, meaning: impl Into<String>) -> Self {
-        Self { name: name.into(), size, unit: unit.into(), meaning: meaning.into() }
+        let (name, unit, meaning) = (name.into(), unit.into(), meaning.into());
+        Self { name, size, unit, meaning, smoothness: Smoothness::Smooth }
+    }
+
+    /// Smooth but for something.
+    pub fn but(self, smoothness: Smoothness) -> Self {
+        Self { smoothness, ..self }
     }
 }
 
@@ -207,11 +215,12 @@ impl Sheet {
     /// The four tables, as the documentation of the task has them.
     pub fn tables(&self) -> String {
         let mut text = String::new();
-        let _ = writeln!(text, "| Observation | size | unit | meaning |\n|---|---|---|---|");
+        let _ = writeln!(text, "| Observation | size | unit | meaning | |\n|---|---|---|---|---|");
         for s in &self.observation {
-            let _ = writeln!(text, "| `{}` | {} | {} | {} |", s.name, s.size, s.unit, s.meaning);
+            let _ =
+                writeln!(text, "| `{}` | {} | {} | {} | {} |", s.name, s.size, s.unit, s.meaning, s.smoothness.name());
         }
-        let _ = writeln!(text, "| *total* | {} | | |\n", total(&self.observation));
+        let _ = writeln!(text, "| *total* | {} | | | |\n", total(&self.observation));
         let _ = writeln!(text, "| Reward | term | at most | |\n|---|---|---|---|");
         for t in &self.reward {
             let _ = writeln!(text, "| `{}` | {} | {} | {} |", t.name, t.formula, t.bound, t.smoothness.name());

@@ -1,19 +1,19 @@
 //! DragonHover: a chain of four links, rotors on gimbals, flies to a point and holds still there.
 //!
-//! | Observation | size | unit | meaning |
-//! |---|---|---|---|
-//! | `target` | 3 | m, world | p_t − p̄ |
-//! | `positions` | 12 | m, world | p_i − p_t of every link |
-//! | `attitudes` | 16 | -, body → world | unit quaternions of every link, w ≥ 0 |
-//! | `velocities` | 24 | m/s, rad/s, world | v_i, ω_i of every link |
-//! | `headings` | 12 | -, world | R_i e_x of every link |
-//! | `ups` | 12 | -, world | R_i e_z of every link |
-//! | `throttle` | 8 | - | 2s − 1, s = Ω/Ω_max |
-//! | `gimbals` | 8 | half turns | angles/π, x then y of every link |
-//! | `bends` | 6 | half turns | angles/π, y then z of every joint |
-//! | `heading_error` | 3 | -, world | h_t − h |
-//! | `clock` | 4 | - | k/T, four times |
-//! | *total* | 108 | | |
+//! | Observation | size | unit | meaning | |
+//! |---|---|---|---|---|
+//! | `target` | 3 | m, world | p_t − p̄ | smooth |
+//! | `positions` | 12 | m, world | p_i − p_t of every link | smooth |
+//! | `attitudes` | 16 | -, body → world | unit quaternions of every link, w ≥ 0 | non-smooth |
+//! | `velocities` | 24 | m/s, rad/s, world | v_i, ω_i of every link | smooth |
+//! | `headings` | 12 | -, world | R_i e_x of every link | smooth |
+//! | `ups` | 12 | -, world | R_i e_z of every link | smooth |
+//! | `throttle` | 8 | - | 2s − 1, s = Ω/Ω_max | smooth |
+//! | `gimbals` | 8 | half turns | angles/π, x then y of every link | smooth |
+//! | `bends` | 6 | half turns | angles/π, y then z of every joint | smooth |
+//! | `heading_error` | 3 | -, world | h_t − h | smooth |
+//! | `clock` | 4 | - | k/T, four times | smooth |
+//! | *total* | 108 | | | |
 //!
 //! | Reward | term | at most | |
 //! |---|---|---|---|
@@ -51,7 +51,7 @@ use crate::error::Result;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::{both, smooth_norm, tip};
 use crate::tasks::rig::{Rig, benchmark_motors};
-use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term};
+use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Smoothness, Term};
 use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View, Wanted};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_1_PI;
@@ -157,7 +157,8 @@ impl Task for DragonHover {
         let observation = vec![
             Slice::new("target", 3, "m, world", "p_t − p̄"),
             Slice::new("positions", 3 * LINKS, "m, world", "p_i − p_t of every link"),
-            Slice::new("attitudes", 4 * LINKS, "-, body → world", "unit quaternions of every link, w ≥ 0"),
+            Slice::new("attitudes", 4 * LINKS, "-, body → world", "unit quaternions of every link, w ≥ 0")
+                .but(Smoothness::NonSmooth),
             Slice::new("velocities", 6 * LINKS, "m/s, rad/s, world", "v_i, ω_i of every link"),
             Slice::new("headings", 3 * LINKS, "-, world", "R_i e_x of every link"),
             Slice::new("ups", 3 * LINKS, "-, world", "R_i e_z of every link"),

@@ -1,18 +1,18 @@
 //! FlyThrough: fly through a gate that slides sideways, to a point behind it.
 //!
-//! | Observation | size | unit | meaning |
-//! |---|---|---|---|
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
-//! | `velocity` | 3 | m/s, world | v |
-//! | `angular_velocity` | 3 | rad/s, world | ω |
-//! | `heading` | 3 | -, world | h = R e_x |
-//! | `up` | 3 | -, world | u = R e_z |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
-//! | `target` | 3 | m, world | p_t − p |
-//! | `gate_velocity` | 3 | m/s, world | v_g |
-//! | `gate` | 3 | m, world | g − p |
-//! | `clock` | 4 | - | k/T, four times |
-//! | *total* | 33 | | |
+//! | Observation | size | unit | meaning | |
+//! |---|---|---|---|---|
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
+//! | `velocity` | 3 | m/s, world | v | smooth |
+//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
+//! | `heading` | 3 | -, world | h = R e_x | smooth |
+//! | `up` | 3 | -, world | u = R e_z | smooth |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
+//! | `target` | 3 | m, world | p_t − p | smooth |
+//! | `gate_velocity` | 3 | m/s, world | v_g | smooth |
+//! | `gate` | 3 | m, world | g − p | smooth |
+//! | `clock` | 4 | - | k/T, four times | smooth |
+//! | *total* | 33 | | | |
 //!
 //! | Reward | term | at most | |
 //! |---|---|---|---|

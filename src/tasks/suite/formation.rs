@@ -1,17 +1,17 @@
 //! Formation: free drones form a figure about a point, each facing +x, and keep apart in each other's downwash.
 //!
-//! | Observation | size | unit | meaning |
-//! |---|---|---|---|
-//! | `center` | 3 | m, world | p_c − p_i |
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
-//! | `velocity` | 3 | m/s, world | v |
-//! | `angular_velocity` | 3 | rad/s, world | ω |
-//! | `heading` | 3 | -, world | h = R e_x |
-//! | `up` | 3 | -, world | u = R e_z |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
-//! | `clock` | 4 | - | k/T, four times |
-//! | `others` | 84 | m, m, -, m/s, rad/s; world | p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending |
-//! | *total* | 111 | | |
+//! | Observation | size | unit | meaning | |
+//! |---|---|---|---|---|
+//! | `center` | 3 | m, world | p_c − p_i | smooth |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
+//! | `velocity` | 3 | m/s, world | v | smooth |
+//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
+//! | `heading` | 3 | -, world | h = R e_x | smooth |
+//! | `up` | 3 | -, world | u = R e_z | smooth |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
+//! | `clock` | 4 | - | k/T, four times | smooth |
+//! | `others` | 84 | m, m, -, m/s, rad/s; world | p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending | non-smooth |
+//! | *total* | 111 | | | |
 //!
 //! | Reward | term | at most | |
 //! |---|---|---|---|

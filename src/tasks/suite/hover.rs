@@ -1,17 +1,17 @@
 //! Hover: fly to a point and hold it, with a heading.
 //!
-//! | Observation | size | unit | meaning |
-//! |---|---|---|---|
-//! | `target` | 3 | m, world | p_t − p |
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
-//! | `velocity` | 3 | m/s, world | v |
-//! | `angular_velocity` | 3 | rad/s, world | ω |
-//! | `heading` | 3 | -, world | h = R e_x |
-//! | `up` | 3 | -, world | u = R e_z |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
-//! | `heading_error` | 3 | -, world | h_t − h |
-//! | `clock` | 4 | - | k/T, four times |
-//! | *total* | 30 | | |
+//! | Observation | size | unit | meaning | |
+//! |---|---|---|---|---|
+//! | `target` | 3 | m, world | p_t − p | smooth |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
+//! | `velocity` | 3 | m/s, world | v | smooth |
+//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
+//! | `heading` | 3 | -, world | h = R e_x | smooth |
+//! | `up` | 3 | -, world | u = R e_z | smooth |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
+//! | `heading_error` | 3 | -, world | h_t − h | smooth |
+//! | `clock` | 4 | - | k/T, four times | smooth |
+//! | *total* | 30 | | | |
 //!
 //! | Reward | term | at most | |
 //! |---|---|---|---|

@@ -33,13 +33,13 @@ mod tests_multi;
 mod tests_single;
 
 use super::rig::DronePlace;
-use super::sheet::Slice;
+use super::sheet::{Slice, Smoothness};
 use crate::autodiff::Scalar;
 
 /// What [`View::observe_drone`](super::View::observe_drone) writes.
 pub fn drone_slices(drone: &DronePlace) -> Vec<Slice> {
     let mut slices = vec![
-        Slice::new("attitude", 4, "-, body → world", "unit quaternion, w ≥ 0"),
+        Slice::new("attitude", 4, "-, body → world", "unit quaternion, w ≥ 0").but(Smoothness::NonSmooth),
         Slice::new("velocity", 3, "m/s, world", "v"),
         Slice::new("angular_velocity", 3, "rad/s, world", "ω"),
         Slice::new("heading", 3, "-, world", "h = R e_x"),

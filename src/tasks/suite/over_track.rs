@@ -1,25 +1,25 @@
 //! OverTrack: drones on the arms of a frame carry it along a lemniscate while its axis points at a fixed point.
 //!
-//! | Observation | size | unit | meaning |
-//! |---|---|---|---|
-//! | `place` | 3 | m, world | p_i − p of the frame |
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
-//! | `velocity` | 3 | m/s, world | v |
-//! | `angular_velocity` | 3 | rad/s, world | ω |
-//! | `heading` | 3 | -, world | h = R e_x |
-//! | `up` | 3 | -, world | u = R e_z |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
-//! | `index` | 4 | - | 1 at i, else 0 |
-//! | `others` | 39 | m, -, m/s, rad/s; world | p_i − p_j, q_j, v_j, ω_j for every other j, ascending |
-//! | `path` | 12 | m, world | p_ref(k + 5i) − p for i = 0 … 3 |
-//! | `up_error` | 3 | -, world | u_t − u |
-//! | `frame_attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
-//! | `frame_velocity` | 3 | m/s, world | v |
-//! | `frame_angular_velocity` | 3 | rad/s, world | ω |
-//! | `frame_heading` | 3 | -, world | h = R e_x |
-//! | `frame_up` | 3 | -, world | u = R e_z |
-//! | `clock` | 4 | - | k/T, four times |
-//! | *total* | 101 | | |
+//! | Observation | size | unit | meaning | |
+//! |---|---|---|---|---|
+//! | `place` | 3 | m, world | p_i − p of the frame | smooth |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
+//! | `velocity` | 3 | m/s, world | v | smooth |
+//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
+//! | `heading` | 3 | -, world | h = R e_x | smooth |
+//! | `up` | 3 | -, world | u = R e_z | smooth |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
+//! | `index` | 4 | - | 1 at i, else 0 | smooth |
+//! | `others` | 39 | m, -, m/s, rad/s; world | p_i − p_j, q_j, v_j, ω_j for every other j, ascending | non-smooth |
+//! | `path` | 12 | m, world | p_ref(k + 5i) − p for i = 0 … 3 | smooth |
+//! | `up_error` | 3 | -, world | u_t − u | smooth |
+//! | `frame_attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
+//! | `frame_velocity` | 3 | m/s, world | v | smooth |
+//! | `frame_angular_velocity` | 3 | rad/s, world | ω | smooth |
+//! | `frame_heading` | 3 | -, world | h = R e_x | smooth |
+//! | `frame_up` | 3 | -, world | u = R e_z | smooth |
+//! | `clock` | 4 | - | k/T, four times | smooth |
+//! | *total* | 101 | | | |
 //!
 //! | Reward | term | at most | |
 //! |---|---|---|---|

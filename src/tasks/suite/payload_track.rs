@@ -1,19 +1,19 @@
 //! PayloadTrack: lead a slung ball along a lemniscate.
 //!
-//! | Observation | size | unit | meaning |
-//! |---|---|---|---|
-//! | `drone_from_ball` | 3 | m, world | p − q |
-//! | `path` | 18 | m, world | p_ref(k + 5i) − q for i = 0 … 5 |
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
-//! | `velocity` | 3 | m/s, world | v |
-//! | `angular_velocity` | 3 | rad/s, world | ω |
-//! | `heading` | 3 | -, world | h = R e_x |
-//! | `up` | 3 | -, world | u = R e_z |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
-//! | `ball_velocity` | 3 | m/s, world | v_q = q̇ |
-//! | `bar_angular_velocity` | 3 | rad/s, world | ω_b |
-//! | `clock` | 4 | - | k/T, four times |
-//! | *total* | 51 | | |
+//! | Observation | size | unit | meaning | |
+//! |---|---|---|---|---|
+//! | `drone_from_ball` | 3 | m, world | p − q | smooth |
+//! | `path` | 18 | m, world | p_ref(k + 5i) − q for i = 0 … 5 | smooth |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
+//! | `velocity` | 3 | m/s, world | v | smooth |
+//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
+//! | `heading` | 3 | -, world | h = R e_x | smooth |
+//! | `up` | 3 | -, world | u = R e_z | smooth |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
+//! | `ball_velocity` | 3 | m/s, world | v_q = q̇ | smooth |
+//! | `bar_angular_velocity` | 3 | rad/s, world | ω_b | smooth |
+//! | `clock` | 4 | - | k/T, four times | smooth |
+//! | *total* | 51 | | | |
 //!
 //! | Reward | term | at most | |
 //! |---|---|---|---|

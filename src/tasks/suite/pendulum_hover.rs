@@ -1,20 +1,20 @@
 //! InvPendulumHover: balance a ball on a bar at a point.
 //!
-//! | Observation | size | unit | meaning |
-//! |---|---|---|---|
-//! | `drone_from_ball` | 3 | m, world | p − q |
-//! | `position` | 3 | m, world | p |
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
-//! | `velocity` | 3 | m/s, world | v |
-//! | `angular_velocity` | 3 | rad/s, world | ω |
-//! | `heading` | 3 | -, world | h = R e_x |
-//! | `up` | 3 | -, world | u = R e_z |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
-//! | `target` | 3 | m, world | q_t − q |
-//! | `ball_velocity` | 3 | m/s, world | v_q = q̇ |
-//! | `bar_angular_velocity` | 3 | rad/s, world | ω_b |
-//! | `clock` | 4 | - | k/T, four times |
-//! | *total* | 39 | | |
+//! | Observation | size | unit | meaning | |
+//! |---|---|---|---|---|
+//! | `drone_from_ball` | 3 | m, world | p − q | smooth |
+//! | `position` | 3 | m, world | p | smooth |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
+//! | `velocity` | 3 | m/s, world | v | smooth |
+//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
+//! | `heading` | 3 | -, world | h = R e_x | smooth |
+//! | `up` | 3 | -, world | u = R e_z | smooth |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
+//! | `target` | 3 | m, world | q_t − q | smooth |
+//! | `ball_velocity` | 3 | m/s, world | v_q = q̇ | smooth |
+//! | `bar_angular_velocity` | 3 | rad/s, world | ω_b | smooth |
+//! | `clock` | 4 | - | k/T, four times | smooth |
+//! | *total* | 39 | | | |
 //!
 //! | Reward | term | at most | |
 //! |---|---|---|---|

@@ -6,7 +6,7 @@ use crate::dynamics::Vehicle;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Vec3, sub};
 use crate::tasks::rig::Rig;
-use crate::tasks::sheet::{Slice, total};
+use crate::tasks::sheet::{Slice, Smoothness, total};
 use crate::tasks::task::View;
 use serde::{Deserialize, Serialize};
 
@@ -73,7 +73,7 @@ pub fn others_slice(rig: &Rig, distance: bool) -> Slice {
         true => (14, "m, m, -, m/s, rad/s", "p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending"),
         false => (13, "m, -, m/s, rad/s", "p_i − p_j, q_j, v_j, ω_j for every other j, ascending"),
     };
-    Slice::new("others", size * n, format!("{unit}; world"), meaning)
+    Slice::new("others", size * n, format!("{unit}; world"), meaning).but(Smoothness::NonSmooth)
 }
 
 /// The other drones as drone `i` sees them, with their distances if asked for.
@@ -98,7 +98,7 @@ pub fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: bool, o
 /// What [`observe_load`] writes.
 fn load_slices(load: &str) -> Vec<Slice> {
     vec![
-        Slice::new(format!("{load}_attitude"), 4, "-, body → world", "unit quaternion, w ≥ 0"),
+        Slice::new(format!("{load}_attitude"), 4, "-, body → world", "unit quaternion, w ≥ 0").but(Smoothness::NonSmooth),
         Slice::new(format!("{load}_velocity"), 3, "m/s, world", "v"),
         Slice::new(format!("{load}_angular_velocity"), 3, "rad/s, world", "ω"),
         Slice::new(format!("{load}_heading"), 3, "-, world", "h = R e_x"),

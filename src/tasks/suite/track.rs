@@ -1,16 +1,16 @@
 //! Track: follow a lemniscate.
 //!
-//! | Observation | size | unit | meaning |
-//! |---|---|---|---|
-//! | `path` | 12 | m, world | p_ref(k + 5i) − p for i = 0 … 3 |
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
-//! | `velocity` | 3 | m/s, world | v |
-//! | `angular_velocity` | 3 | rad/s, world | ω |
-//! | `heading` | 3 | -, world | h = R e_x |
-//! | `up` | 3 | -, world | u = R e_z |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
-//! | `clock` | 4 | - | k/T, four times |
-//! | *total* | 36 | | |
+//! | Observation | size | unit | meaning | |
+//! |---|---|---|---|---|
+//! | `path` | 12 | m, world | p_ref(k + 5i) − p for i = 0 … 3 | smooth |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
+//! | `velocity` | 3 | m/s, world | v | smooth |
+//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
+//! | `heading` | 3 | -, world | h = R e_x | smooth |
+//! | `up` | 3 | -, world | u = R e_z | smooth |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
+//! | `clock` | 4 | - | k/T, four times | smooth |
+//! | *total* | 36 | | | |
 //!
 //! | Reward | term | at most | |
 //! |---|---|---|---|

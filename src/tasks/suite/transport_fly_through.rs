@@ -1,25 +1,25 @@
 //! TransportFlyThrough: drones on bars take a box of unknown mass between two beams, bars lowered to fit.
 //!
-//! | Observation | size | unit | meaning |
-//! |---|---|---|---|
-//! | `place` | 3 | m, world | p_i − p of the box |
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
-//! | `velocity` | 3 | m/s, world | v |
-//! | `angular_velocity` | 3 | rad/s, world | ω |
-//! | `heading` | 3 | -, world | h = R e_x |
-//! | `up` | 3 | -, world | u = R e_z |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max |
-//! | `index` | 4 | - | 1 at i, else 0 |
-//! | `others` | 42 | m, m, -, m/s, rad/s; world | p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending |
-//! | `target` | 3 | m, world | p_t − p |
-//! | `bars` | 4 | m, world | (x, z) of lower and upper bar − (x, z) of p |
-//! | `box_attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 |
-//! | `box_velocity` | 3 | m/s, world | v |
-//! | `box_angular_velocity` | 3 | rad/s, world | ω |
-//! | `box_heading` | 3 | -, world | h = R e_x |
-//! | `box_up` | 3 | -, world | u = R e_z |
-//! | `clock` | 4 | - | k/T, four times |
-//! | *total* | 96 | | |
+//! | Observation | size | unit | meaning | |
+//! |---|---|---|---|---|
+//! | `place` | 3 | m, world | p_i − p of the box | smooth |
+//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
+//! | `velocity` | 3 | m/s, world | v | smooth |
+//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
+//! | `heading` | 3 | -, world | h = R e_x | smooth |
+//! | `up` | 3 | -, world | u = R e_z | smooth |
+//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
+//! | `index` | 4 | - | 1 at i, else 0 | smooth |
+//! | `others` | 42 | m, m, -, m/s, rad/s; world | p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending | non-smooth |
+//! | `target` | 3 | m, world | p_t − p | smooth |
+//! | `bars` | 4 | m, world | (x, z) of lower and upper bar − (x, z) of p | smooth |
+//! | `box_attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
+//! | `box_velocity` | 3 | m/s, world | v | smooth |
+//! | `box_angular_velocity` | 3 | rad/s, world | ω | smooth |
+//! | `box_heading` | 3 | -, world | h = R e_x | smooth |
+//! | `box_up` | 3 | -, world | u = R e_z | smooth |
+//! | `clock` | 4 | - | k/T, four times | smooth |
+//! | *total* | 96 | | | |
 //!
 //! | Reward | term | at most | |
 //! |---|---|---|---|
