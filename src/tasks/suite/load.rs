@@ -34,8 +34,8 @@ use std::f64::consts::PI;
 const BAR_RADIUS: f64 = 0.01;
 /// m.
 const BALL_RADIUS: f64 = 0.04;
-/// Mass of the ball as a share of the vehicle's, lowest and highest.
-const BALL_SHARE: [f64; 2] = [0.2, 0.3];
+/// Mass of the ball as a share of the vehicle's, lowest and highest, unless a setting says otherwise.
+pub(super) const BALL_SHARE: [f64; 2] = [0.2, 0.3];
 /// Mass of a bar that is not drawn, kg.
 pub(super) const LIGHT_BAR: [f64; 2] = [0.001; 2];
 /// Mass of a bar that is, kg.
@@ -55,11 +55,13 @@ pub struct LoadSettings {
     pub horizon: usize,
     /// Of the bar, lowest and highest, m.
     pub length: [f64; 2],
+    /// Mass of the ball as a share of the vehicle's, lowest and highest.
+    pub ball_share: [f64; 2],
 }
 
 impl Default for LoadSettings {
     fn default() -> Self {
-        Self { vehicle: "hummingbird".into(), horizon: 500, length: [1.0, 1.0] }
+        Self { vehicle: "hummingbird".into(), horizon: 500, length: [1.0, 1.0], ball_share: BALL_SHARE }
     }
 }
 
@@ -73,13 +75,21 @@ pub struct LoadTrackSettings {
     pub horizon: usize,
     /// Of the bar, lowest and highest, m.
     pub length: [f64; 2],
+    /// Mass of the ball as a share of the vehicle's, lowest and highest.
+    pub ball_share: [f64; 2],
     /// Largest distance of the ball from the path, m.
     pub reset_distance: f64,
 }
 
 impl Default for LoadTrackSettings {
     fn default() -> Self {
-        Self { vehicle: "hummingbird".into(), horizon: 600, length: [1.0, 1.0], reset_distance: 0.8 }
+        Self {
+            vehicle: "hummingbird".into(),
+            horizon: 600,
+            length: [1.0, 1.0],
+            ball_share: BALL_SHARE,
+            reset_distance: 0.8,
+        }
     }
 }
 
@@ -89,6 +99,7 @@ pub(super) fn load_settings(horizon: usize, length: &str) -> Vec<Setting> {
         Setting::new("vehicle", "\"hummingbird\"", "what flies"),
         Setting::new("horizon", horizon, "T, steps"),
         Setting::new("length", length, "L, lowest and highest, m; drawn once per environment").positive(),
+        Setting::new("ball_share", "[0.2, 0.3]", "m_q over the vehicle's mass, lowest and highest").positive(),
     ]
 }
 
@@ -108,6 +119,8 @@ pub(super) struct Plan<'a> {
     pub side: Side,
     /// Lowest and highest, m.
     pub length: [f64; 2],
+    /// Mass of the ball as a share of the vehicle's, lowest and highest.
+    pub ball: [f64; 2],
     /// Mass of the bar, lowest and highest, kg.
     pub bar: [f64; 2],
 }
@@ -121,6 +134,7 @@ pub(super) struct Load {
     /// −1 below, +1 above.
     sign: f64,
     length: [f64; 2],
+    ball_share: [f64; 2],
     bar_mass: [f64; 2],
     /// Of the vehicle, kg.
     vehicle_mass: f64,
@@ -188,7 +202,7 @@ impl Load {
     /// Draws length and masses into goal, numbers and rotor speeds; returns the length, m.
     pub(super) fn draw(&self, start: &mut Start<'_>) -> f64 {
         let length = start.once.uniform(self.length[0], self.length[1]);
-        let ball = self.vehicle_mass * start.task.uniform(BALL_SHARE[0], BALL_SHARE[1]);
+        let ball = self.vehicle_mass * start.task.uniform(self.ball_share[0], self.ball_share[1]);
         let bar = start.task.uniform(self.bar_mass[0], self.bar_mass[1]);
         let nominal = Inertial::read(start.numbers, self.bar).mass;
         let own = self.inertial(length, bar, ball);
@@ -260,10 +274,11 @@ impl Plan<'_> {
     /// The model with the middle of every range, and its body of bar and ball.
     fn build(&self, drone: Vehicle) -> Result<(Model, usize)> {
         ordered("length", self.length)?;
+        ordered("ball_share", self.ball)?;
         let middle = |range: [f64; 2]| 0.5 * (range[0] + range[1]);
         let (length, bar_mass) = (middle(self.length), middle(self.bar));
         let (bar_radius, payload_radius) = (BAR_RADIUS, BALL_RADIUS);
-        let payload_mass = middle(BALL_SHARE) * drone.mass_properties().mass;
+        let payload_mass = middle(self.ball) * drone.mass_properties().mass;
         match self.side {
             Side::Hanging => {
                 let defaults = Payload::default();
@@ -282,7 +297,15 @@ impl Plan<'_> {
 
     fn load(&self, rig: Rig, bar: usize, vehicle_mass: f64) -> Load {
         let sign = if self.side == Side::Hanging { -1.0 } else { 1.0 };
-        Load { rig: rig.varying_inertial(bar), bar, sign, length: self.length, bar_mass: self.bar, vehicle_mass }
+        Load {
+            rig: rig.varying_inertial(bar),
+            bar,
+            sign,
+            length: self.length,
+            ball_share: self.ball,
+            bar_mass: self.bar,
+            vehicle_mass,
+        }
     }
 }
 

@@ -40,6 +40,7 @@
 //! | `vehicle` | "hummingbird" | what flies |
 //! | `horizon` | 500 | T, steps |
 //! | `length` | [1.0, 1.0] | L, lowest and highest, m; drawn once per environment |
+//! | `ball_share` | [0.2, 0.3] | m_q over the vehicle's mass, lowest and highest |
 //! | `spacing` | [0.85, 0.85] | of the obstacles, lowest and highest, m |
 //! | `reset_on_collision` | false | whether touch ends the episode |
 //!
@@ -64,7 +65,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::{bell, smooth_norm, still, tip, upright};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term};
-use crate::tasks::suite::load::{LIGHT_BAR, LOAD, Load, Plan, Side, load_settings};
+use crate::tasks::suite::load::{BALL_SHARE, LIGHT_BAR, LOAD, Load, Plan, Side, load_settings};
 use crate::tasks::suite::obstacles::{BARS, Bars, free, nearness, touches, where_on};
 use crate::tasks::suite::{clock_slice, drone_slices, latch};
 use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View};
@@ -85,6 +86,8 @@ pub struct PayloadFlyThroughSettings {
     pub horizon: usize,
     /// Of the bar, lowest and highest, m.
     pub length: [f64; 2],
+    /// Mass of the ball as a share of the vehicle's, lowest and highest.
+    pub ball_share: [f64; 2],
     /// Of the obstacles, lowest and highest, m.
     pub spacing: [f64; 2],
     /// Whether touch ends the episode.
@@ -97,6 +100,7 @@ impl Default for PayloadFlyThroughSettings {
             vehicle: "hummingbird".into(),
             horizon: 500,
             length: [1.0, 1.0],
+            ball_share: BALL_SHARE,
             spacing: [0.85, 0.85],
             reset_on_collision: false,
         }
@@ -119,8 +123,8 @@ impl PayloadFlyThrough {
     /// spacing that is none.
     pub fn new(config: &EnvConfig) -> Result<Self> {
         let settings: PayloadFlyThroughSettings = config.settings()?;
-        let (vehicle, length) = (settings.vehicle.as_str(), settings.length);
-        let plan = Plan { vehicle, side: Side::Hanging, length, bar: LIGHT_BAR };
+        let (vehicle, length, ball) = (settings.vehicle.as_str(), settings.length, settings.ball_share);
+        let plan = Plan { vehicle, side: Side::Hanging, length, ball, bar: LIGHT_BAR };
         let (load, bars) = Load::among_bars(config, &plan, settings.spacing)?;
         Ok(Self { load, bars, settings })
     }

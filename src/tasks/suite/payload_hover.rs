@@ -35,6 +35,7 @@
 //! | `vehicle` | "hummingbird" | what flies |
 //! | `horizon` | 500 | T, steps |
 //! | `length` | [1.0, 1.0] | L, lowest and highest, m; drawn once per environment |
+//! | `ball_share` | [0.2, 0.3] | m_q over the vehicle's mass, lowest and highest |
 //! | `kick` | [1.0, 1.0, 0.5] | σ of a push, m/s |
 //!
 //! p drone, q ball, m_q its mass, u = R e_z, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b
@@ -86,14 +87,16 @@ pub struct PayloadHoverSettings {
     pub horizon: usize,
     /// Of the bar, lowest and highest, m.
     pub length: [f64; 2],
+    /// Mass of the ball as a share of the vehicle's, lowest and highest.
+    pub ball_share: [f64; 2],
     /// σ of a push, world, m/s.
     pub kick: [f64; 3],
 }
 
 impl Default for PayloadHoverSettings {
     fn default() -> Self {
-        let LoadSettings { vehicle, horizon, length } = LoadSettings::default();
-        Self { vehicle, horizon, length, kick: [1.0, 1.0, 0.5] }
+        let LoadSettings { vehicle, horizon, length, ball_share } = LoadSettings::default();
+        Self { vehicle, horizon, length, ball_share, kick: [1.0, 1.0, 0.5] }
     }
 }
 
@@ -115,8 +118,8 @@ impl PayloadHover {
     pub fn new(config: &EnvConfig) -> Result<Self> {
         let settings: PayloadHoverSettings = config.settings()?;
         finite("task.kick", &settings.kick)?;
-        let (vehicle, length) = (settings.vehicle.as_str(), settings.length);
-        let load = Load::pushed(config, &Plan { vehicle, side: Side::Hanging, length, bar: LIGHT_BAR })?;
+        let (vehicle, length, ball) = (settings.vehicle.as_str(), settings.length, settings.ball_share);
+        let load = Load::pushed(config, &Plan { vehicle, side: Side::Hanging, length, ball, bar: LIGHT_BAR })?;
         Ok(Self { load, settings, dt: config.dt })
     }
 

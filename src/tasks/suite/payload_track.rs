@@ -35,6 +35,7 @@
 //! | `vehicle` | "hummingbird" | what flies |
 //! | `horizon` | 600 | T, steps |
 //! | `length` | [1.0, 1.0] | L, lowest and highest, m; drawn once per environment |
+//! | `ball_share` | [0.2, 0.3] | m_q over the vehicle's mass, lowest and highest |
 //! | `reset_distance` | 0.8 | largest distance of the ball from the path, m |
 //!
 //! p drone, q ball, u = R e_z, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b angular velocity
@@ -72,8 +73,8 @@ impl PayloadTrack {
     /// is none.
     pub fn new(config: &EnvConfig) -> Result<Self> {
         let settings: LoadTrackSettings = config.settings()?;
-        let (vehicle, length) = (settings.vehicle.as_str(), settings.length);
-        let load = Load::new(config, &Plan { vehicle, side: Side::Hanging, length, bar: LIGHT_BAR })?;
+        let (vehicle, length, ball) = (settings.vehicle.as_str(), settings.length, settings.ball_share);
+        let load = Load::new(config, &Plan { vehicle, side: Side::Hanging, length, ball, bar: LIGHT_BAR })?;
         Ok(Self { track: LoadTrack::new(load, settings, 2.0, config.dt) })
     }
 }

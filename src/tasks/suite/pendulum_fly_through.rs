@@ -41,6 +41,7 @@
 //! | `vehicle` | "hummingbird" | what flies |
 //! | `horizon` | 500 | T, steps |
 //! | `length` | [0.85, 0.85] | L, lowest and highest, m; drawn once per environment |
+//! | `ball_share` | [0.2, 0.3] | m_q over the vehicle's mass, lowest and highest |
 //! | `spacing` | [0.9, 1.2] | of the obstacles, lowest and highest, m |
 //! | `reset_on_collision` | false | whether touch ends the episode |
 //!
@@ -64,7 +65,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::reward::{smooth_norm, still, tip};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term};
-use crate::tasks::suite::load::{DRAWN_BAR, Load, Plan, Side, leaning, load_settings};
+use crate::tasks::suite::load::{BALL_SHARE, DRAWN_BAR, Load, Plan, Side, leaning, load_settings};
 use crate::tasks::suite::obstacles::{Bars, free, nearness, touches, where_on};
 use crate::tasks::suite::{clock_slice, drone_slices, latch};
 use crate::tasks::task::{ANY_YAW, Ends, Start, Task, View};
@@ -86,6 +87,8 @@ pub struct InvPendulumFlyThroughSettings {
     pub horizon: usize,
     /// Of the bar, lowest and highest, m.
     pub length: [f64; 2],
+    /// Mass of the ball as a share of the vehicle's, lowest and highest.
+    pub ball_share: [f64; 2],
     /// Of the obstacles, lowest and highest, m.
     pub spacing: [f64; 2],
     /// Whether touch ends the episode.
@@ -98,6 +101,7 @@ impl Default for InvPendulumFlyThroughSettings {
             vehicle: "hummingbird".into(),
             horizon: 500,
             length: [0.85, 0.85],
+            ball_share: BALL_SHARE,
             spacing: [0.9, 1.2],
             reset_on_collision: false,
         }
@@ -120,8 +124,8 @@ impl InvPendulumFlyThrough {
     /// spacing that is none.
     pub fn new(config: &EnvConfig) -> Result<Self> {
         let settings: InvPendulumFlyThroughSettings = config.settings()?;
-        let (vehicle, length) = (settings.vehicle.as_str(), settings.length);
-        let plan = Plan { vehicle, side: Side::Standing, length, bar: DRAWN_BAR };
+        let (vehicle, length, ball) = (settings.vehicle.as_str(), settings.length, settings.ball_share);
+        let plan = Plan { vehicle, side: Side::Standing, length, ball, bar: DRAWN_BAR };
         let (load, bars) = Load::among_bars(config, &plan, settings.spacing)?;
         Ok(Self { load, bars, settings })
     }

@@ -38,6 +38,7 @@
 //! | `vehicle` | "hummingbird" | what flies |
 //! | `horizon` | 500 | T, steps |
 //! | `length` | [1.0, 1.0] | L, lowest and highest, m; drawn once per environment |
+//! | `ball_share` | [0.2, 0.3] | m_q over the vehicle's mass, lowest and highest |
 //!
 //! p drone, q ball, b = (q − p)_z/L, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b angular
 //! velocity of the bar, d = ‖q_t − q‖. Ball 0.2 to 0.3 of the vehicle's mass, bar 0.01 to 0.04 kg. Target: q_t = (0, 0, 2.5) m.
@@ -81,8 +82,8 @@ impl InvPendulumHover {
     /// is none.
     pub fn new(config: &EnvConfig) -> Result<Self> {
         let settings: LoadSettings = config.settings()?;
-        let (vehicle, length) = (settings.vehicle.as_str(), settings.length);
-        let load = Load::new(config, &Plan { vehicle, side: Side::Standing, length, bar: DRAWN_BAR })?;
+        let (vehicle, length, ball) = (settings.vehicle.as_str(), settings.length, settings.ball_share);
+        let load = Load::new(config, &Plan { vehicle, side: Side::Standing, length, ball, bar: DRAWN_BAR })?;
         Ok(Self { load, settings })
     }
 

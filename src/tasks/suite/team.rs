@@ -98,7 +98,8 @@ pub fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: bool, o
 /// What [`observe_load`] writes.
 fn load_slices(load: &str) -> Vec<Slice> {
     vec![
-        Slice::new(format!("{load}_attitude"), 4, "-, body → world", "unit quaternion, w ≥ 0").but(Smoothness::NonSmooth),
+        Slice::new(format!("{load}_attitude"), 4, "-, body → world", "unit quaternion, w ≥ 0")
+            .but(Smoothness::NonSmooth),
         Slice::new(format!("{load}_velocity"), 3, "m/s, world", "v"),
         Slice::new(format!("{load}_angular_velocity"), 3, "rad/s, world", "ω"),
         Slice::new(format!("{load}_heading"), 3, "-, world", "h = R e_x"),

@@ -168,7 +168,8 @@ fn lengths_stay_through_episodes_and_masses_do_not() {
 fn drawn_mass_properties_are_those_of_the_model_at_its_masses() {
     let c = config(1, "");
     for side in [Side::Hanging, Side::Standing] {
-        let load = Load::new(&c, &Plan { vehicle: "iris", side, length: [0.7; 2], bar: [0.03; 2] }).unwrap();
+        let load =
+            Load::new(&c, &Plan { vehicle: "iris", side, length: [0.7; 2], ball: [0.2, 0.3], bar: [0.03; 2] }).unwrap();
         let bar = load.rig.model().unwrap().body("bar").unwrap();
         let built = Inertial::read(&load.rig.numbers(), bar);
         let drawn = load.inertial(0.7, 0.03, built.mass - 0.03);
