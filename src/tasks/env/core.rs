@@ -104,7 +104,7 @@ impl Core {
         let ended = (bits(&work.signals[signal::TERMINATED]) | bits(&work.signals[signal::TRUNCATED])) & running;
         if let Some((places, slot)) = slot {
             let alive = bits(&block.plant.rows[self.plant.alive_row()]);
-            slot.close(places, &work.action, &work.noise, ended, alive);
+            slot.close(places, block, &work.action, &work.noise, ended, alive);
         }
         let events = bits(&work.signals[signal::DUE]) & running & !ended;
         for lane in lanes_of(events) {
