@@ -530,11 +530,9 @@ impl Sweep {
         a.threads.for_each_part(Pull { blocks, first: 0, action, n_action }, 1, &|part: Pull<'_>| {
             let slots = &tape.blocks[part.first].slots;
             let moved = behind.map_or(0, |behind| slots[behind].moved);
-            let block = &mut part.blocks[0];
-            block.pull(a, &slots[t], &tape.statistics[t], moved, part.first * BLOCK, up, options);
-            if n_action > 0 {
-                transpose(&block.action, part.action.len() / n_action, part.action, n_action, 0);
-            }
+            let (block, first) = (&mut part.blocks[0], part.first * BLOCK);
+            block.pull(a, &slots[t], &tape.statistics[t], moved, first, up, options);
+            transpose(&block.action, (a.n_env - first).min(BLOCK), part.action, n_action, 0);
         });
         *last = Some(t);
         Ok(())
