@@ -46,7 +46,7 @@ fn certify(name: &str, env: &mut Env) -> (f64, f64) {
         of_duals = of_duals.max(relative(&result, wanted.as_slice()));
         // physical numbers go by their own size: masses and inertias lie far below 0.1
         let physical = columns - env.spec().privileged.len();
-        let scaled: Vec<f64> = (jacobian.arguments.iter().enumerate())
+        let scaled: Vec<f64> = (jacobian.arguments.iter().take(columns).enumerate())
             .map(|(k, z)| stream.normal() * if k < physical { z.abs().max(0.1) } else { z.abs() })
             .collect();
         let at = |h: f64| {

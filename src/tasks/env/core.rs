@@ -110,7 +110,7 @@ impl Core {
         self.transform(block, work, running, 0, first);
         if let Some((places, slot)) = slot {
             let alive = bits(&block.plant.rows[self.plant.alive_row()]);
-            slot.close(places, &work.action, &work.noise, ended, alive);
+            slot.close(places, block, &work.action, &work.noise, ended, alive);
         }
         self.write_signals(block, work, n, out);
         for lane in lanes_of(ended) {

@@ -59,10 +59,11 @@ impl Slot {
         self.copy(&p.wind, &block.air);
     }
 
-    /// Actions as they came, the noise of the observation behind the step, and where physics went well.
+    /// Actions as they came, the goal and the noise of the observation behind the step, and where physics went well.
     pub(crate) fn close(
         &mut self,
         p: &Places,
+        block: &EnvBlock,
         action: &[[f32; BLOCK]],
         noise: &[[f32; BLOCK]],
         ended: u64,
@@ -71,6 +72,7 @@ impl Slot {
         self.ended = ended;
         self.running &= alive;
         self.copy(&p.action, action);
+        self.copy(&p.next_goal, &block.goal);
         self.copy(&p.noise, noise);
     }
 }
@@ -269,7 +271,8 @@ impl Env {
         Ok(())
     }
 
-    /// Exact derivatives of one step of one environment as it stands, by duals in `f64`; without noise of sensors.
+    /// Exact derivatives of one step of one environment as it stands, by duals in `f64`; without noise of sensors and without
+    /// events.
     ///
     /// # Errors
     /// As [`Env::adjoint`] and [`Env::state`]; [`Error::Value`] for an action of the wrong length.
@@ -284,6 +287,7 @@ impl Env {
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
         let mut slot = Slot::new(&places);
         slot.open(&places, block, u64::MAX);
+        slot.copy(&places.next_goal, &block.goal);
         let mut z: Vec<f64> = slot.arguments.iter().map(|row| f64::from(row[lane])).collect();
         z[places.action.clone()].copy_from_slice(action);
         z.extend(self.core.frozen.iter());
@@ -315,6 +319,7 @@ impl Env {
         z[p.state].copy_from_slice(&ideal.state);
         z[p.memo].copy_from_slice(&ideal.memo);
         z[p.goal].copy_from_slice(&ideal.goal);
+        z[p.next_goal].copy_from_slice(&ideal.goal);
         z[p.statistics].copy_from_slice(&core.frozen);
         for place in [p.line, p.action] {
             z[place].iter_mut().zip(core.control.safe.iter().cycle()).for_each(|(x, safe)| *x = *safe);
@@ -525,11 +530,9 @@ impl Sweep {
         a.threads.for_each_part(Pull { blocks, first: 0, action, n_action }, 1, &|part: Pull<'_>| {
             let slots = &tape.blocks[part.first].slots;
             let moved = behind.map_or(0, |behind| slots[behind].moved);
-            let block = &mut part.blocks[0];
-            block.pull(a, &slots[t], &tape.statistics[t], moved, part.first * BLOCK, up, options);
-            if n_action > 0 {
-                transpose(&block.action, part.action.len() / n_action, part.action, n_action, 0);
-            }
+            let (block, first) = (&mut part.blocks[0], part.first * BLOCK);
+            block.pull(a, &slots[t], &tape.statistics[t], moved, first, up, options);
+            transpose(&block.action, (a.n_env - first).min(BLOCK), part.action, n_action, 0);
         });
         *last = Some(t);
         Ok(())

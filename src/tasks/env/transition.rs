@@ -38,8 +38,10 @@ pub struct Places {
     pub parameters: Range<usize>,
     /// Steps since the episode began, steps the clock was ahead, steps of delay.
     pub time: Range<usize>,
-    /// What stays through the episode.
+    /// What stays through the episode but for events.
     pub goal: Range<usize>,
+    /// The goal behind the step, which is what is observed: another one where an event changed it.
+    pub next_goal: Range<usize>,
     /// Randomised wind, m/s.
     pub wind: Range<usize>,
     /// Normal draws of the sensors.
@@ -69,7 +71,7 @@ impl Places {
         let (state, memo) = (next(core.engine.rig().n_state()), next(s.memo));
         let (line, history) = (next(s.delay * s.command), next(s.history));
         let (action, parameters) = (next(s.command), next(s.theta));
-        let (time, goal, wind) = (next(3), next(s.goal), next(s.air));
+        let (time, goal, next_goal, wind) = (next(3), next(s.goal), next(s.goal), next(s.air));
         let (noise, statistics) = (next(s.agent * core.pipeline.noise), next(2 * s.normalised));
         at = history.end;
         let mut next = |n: usize| {
@@ -87,6 +89,7 @@ impl Places {
             parameters,
             time,
             goal,
+            next_goal,
             wind,
             noise,
             statistics,
@@ -247,7 +250,8 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
     let mut terms = [S::zero(); MAX_TERMS];
     task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
     let mut raw = vec![S::zero(); s.agent * s.raw];
-    observe(task, s, &view, &mut RowsMut::of(&mut raw));
+    let shown = View { goal: Rows::of(&z[p.next_goal.clone()]), ..view };
+    observe(task, s, &shown, &mut RowsMut::of(&mut raw));
     carried[p.state.clone()].copy_from_slice(&state);
     carried[p.history.clone()].copy_from_slice(&z[p.history.clone()]);
     let always = S::zero().lt(S::one());
@@ -266,7 +270,7 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
     }
     if s.central > 0 {
         let begin = p.central.start - p.n_carried();
-        task.central(&view, &mut RowsMut::of(seen).pen(begin));
+        task.central(&shown, &mut RowsMut::of(seen).pen(begin));
     }
     let mut reward = S::zero();
     for term in terms.iter().take(s.term) {
