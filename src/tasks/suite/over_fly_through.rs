@@ -57,7 +57,7 @@
 //! - DIFFERENCE: target attitudes as above; published ones lack the factor π: ±0.2 rad, yaw up to 2 rad (defect 16).
 //! - DIFFERENCE: the spin term counts the three angular rates; the published one all six velocities (defect 15).
 //! - DIFFERENCE: total mass everywhere (defect 5).
-//! - DIFFERENCE: poles are padded, see [`padding`](super::team::padding); the published task states no success.
+//! - DIFFERENCE: poles are padded, see [`padding`]; the published task states no success.
 
 use super::over::*;
 use super::team::{

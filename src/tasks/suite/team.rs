@@ -254,7 +254,7 @@ pub fn pole(number: usize, center: [f64; 3], radius: f64, along_y: bool) -> Obst
 /// A rig among poles of 5 m, no ground, whose every contact has the same material.
 ///
 /// # Errors
-/// As [`environment`].
+/// As [`environment()`].
 pub fn course_model(name: &str, rig: Model, poles: Vec<Obstacle>, material: ContactMaterial) -> Result<Model> {
     let scene = Scene { ground: None, obstacles: poles, ..Scene::default() };
     let mut parts = environment(name, &[Member::new("rig", rig, [0.0; 3])], &scene)?.parts().clone();

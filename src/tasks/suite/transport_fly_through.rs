@@ -56,9 +56,9 @@
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
-//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`](super::transport::stiff_physics).
+//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`].
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
-//! - DIFFERENCE: beams are padded, see [`padding`](super::team::padding); starts that touch them are drawn again.
+//! - DIFFERENCE: beams are padded, see [`padding`]; starts that touch them are drawn again.
 
 use super::team::{
     Course, CourseSettings, apart, arrived, carried_slices, clearance, closeness, collision_limit, course_memo,
