@@ -180,7 +180,12 @@ impl Env {
             disturbance_rows,
             speed_rows: speeds,
         };
-        let mut blocks = vec![EnvBlock::new(core.plant.block(&rest), &sizes); n_env.div_ceil(BLOCK)];
+        let mut plant = core.plant.block(&rest);
+        if !core.varied.is_empty() {
+            // from the beginning, so that a fresh environment has the layout of a saved one
+            core.plant.set_numbers(&mut plant, 0, &core.nominal, &core.varied);
+        }
+        let mut blocks = vec![EnvBlock::new(plant, &sizes); n_env.div_ceil(BLOCK)];
         for block in &mut blocks {
             block.seed = [config.seed; BLOCK];
         }
