@@ -187,7 +187,7 @@ impl EnvArguments {
 }
 
 /// One line per setting of an environment, in the order of a file: key, and what it means.
-const KEYS: [(&str, &str); 16] = [
+const KEYS: [(&str, &str); 17] = [
     ("n_env", "environments stepped together"),
     ("seed", "of all that is drawn"),
     ("first_environment", "number of the first: a shard of a larger batch gives its own"),
@@ -201,6 +201,7 @@ const KEYS: [(&str, &str); 16] = [
     ("integrator", "runge_kutta4, semi_implicit"),
     ("observation", "transforms: history, noise, normalise, privileged"),
     ("randomise", "what differs between episodes"),
+    ("difficulty", "share of randomise, 0 to 1: where a curriculum begins"),
     ("autoreset", "same_step, next_step, disabled"),
     ("stagger", "whether first episodes begin anywhere in time"),
     ("memory_limit", "bytes"),
