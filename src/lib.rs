@@ -1,10 +1,12 @@
 //! A differentiable multirotor simulator. One definition of the physics flies a vehicle closed loop, gives its exact
-//! derivatives, steps thousands of copies at once, and tunes controllers by gradients through whole flights.
+//! derivatives, steps thousands of copies at once, tunes controllers by gradients through whole flights, and poses the tasks
+//! of a benchmark to learners.
 //!
 //! ```
 //! use omnidrones::autodiff::linearise;
 //! use omnidrones::controllers::{FlightPlan, fly};
 //! use omnidrones::dynamics::{Multirotor, Physics, vehicles};
+//! use omnidrones::tasks::{Buffers, Env, EnvConfig};
 //!
 //! let hummingbird = vehicles::by_name("hummingbird")?;
 //!
@@ -17,6 +19,13 @@
 //! let hover = linearise(&system, &system.hover_state([0.0, 0.0, 1.0])?, &system.hover_input()?, &[]);
 //! assert_eq!((hover.state.shape(), hover.input.shape()), ((17, 17), (17, 4)));
 //! assert!((hover.state[(0, 3)] - 0.002).abs() < 1e-6); // position grows by dt times velocity
+//!
+//! // Learn: many environments of one task, stepped into arrays of the caller.
+//! let mut env = Env::make("Hover", &EnvConfig { n_env: 64, ..EnvConfig::default() })?;
+//! let mut out = Buffers::new(env.spec());
+//! env.reset(None, None, &mut out.out())?;
+//! env.step(&[-0.4; 64 * 4], &mut out.out())?;
+//! assert!(out.reward.iter().all(|r| *r > 0.0));
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 //!
@@ -29,6 +38,7 @@
 //! | [`autodiff`] | numbers that differentiate | [`Scalar`](autodiff::Scalar), [`System`](autodiff::System), [`linearise`](autodiff::linearise()), [`Rollout`](autodiff::Rollout), [`certify`](autodiff::certify()) |
 //! | [`dynamics`] | bodies | [`Vehicle`](dynamics::Vehicle), [`vehicles`](dynamics::vehicles), [`urdf`](dynamics::urdf), [`Multirotor`](dynamics::Multirotor), [`World`](dynamics::World), [`Fleet`](dynamics::Fleet), [`Assembly`](dynamics::assembly::Assembly), [`configurations`](dynamics::configurations), [`Multibody`](dynamics::tree::Multibody), [`Scene`](dynamics::scene::Scene) |
 //! | [`controllers`] | commands | [`fly`](controllers::fly()), [`ClosedLoop`](controllers::ClosedLoop), [`Reference`](controllers::Reference), [`tune`](controllers::design::tune()) |
+//! | [`tasks`] | goals | [`Env`](tasks::Env), [`EnvConfig`](tasks::EnvConfig), [`SingleEnv`](tasks::SingleEnv), [`registry`](tasks::registry), [`Task`](tasks::Task), [`Tape`](tasks::Tape), [`evaluate`](tasks::evaluate()) |
 //! | [`flight`] | what was flown | [`FlightLog`](flight::FlightLog), key figures, CSV |
 #![cfg_attr(
     feature = "plot",
@@ -48,11 +58,12 @@
 //! | `f64`, `f32` | the reference simulation |
 //! | duals (`Dual64`, `DualSVec64`, `HyperDual64` of num-dual) | exact first and second derivatives |
 //! | [`Jet`](autodiff::jet::Jet) | time derivatives of a reference: velocity to snap |
-//! | SIMD lanes | one environment per lane, width chosen at run time: [`World`](dynamics::World) |
-//! | [`Trace`](autodiff::Trace) | a recording, compiled to a [`Program`](autodiff::Program) and its adjoint: gradients of rollouts |
+//! | SIMD lanes | one environment per lane, width chosen at run time: [`World`](dynamics::World), [`Env`](tasks::Env) |
+//! | [`Trace`](autodiff::Trace) | a recording, compiled to a [`Program`](autodiff::Program) and its adjoint: gradients of rollouts and of episodes |
 //!
 //! To differentiate a system of your own, implement [`System`](autodiff::System) and, before you trust its gradient,
-//! [`certify`](autodiff::certify()) it.
+//! [`certify`](autodiff::certify()) it. A [`Task`](tasks::Task) of your own is such lines too: observation and reward run in
+//! lanes and have gradients like the physics.
 //!
 //! # Promises
 //!
@@ -60,10 +71,11 @@
 //!
 //! - **One source.** A dual step has the value of the plain step bit for bit; lanes and compiled programs agree with it
 //!   to rounding; adjoints agree with duals to 1e-10, through motor saturation and closed loops.
-//! - **Determinism.** The result of an environment in a [`World`](dynamics::World) is bit-identical for any number of
-//!   threads, any batch size and any place in the batch.
-//! - **Containment.** A NaN action or a diverging state stops that environment with a [reason](dynamics::batch::Reason)
-//!   and changes no bit of its neighbours.
+//! - **Determinism.** The result of an environment in a [`World`](dynamics::World) or an [`Env`](tasks::Env) is bit-identical
+//!   for any number of threads, any batch size and any place in the batch; so is what follows a saved state.
+//! - **Containment.** A NaN action or a diverging state stops a vehicle of a [`World`](dynamics::World) with a
+//!   [reason](dynamics::batch::Reason) and changes no bit of its neighbours. In an [`Env`](tasks::Env) such an action flies
+//!   the safe command and is counted, and such a state ends the episode.
 //! - **No panic on data.** Files, configurations, names and sizes give an [`Error`](error::Error) that names the value,
 //!   the limit and the remedy; a hundred thousand mutated URDF files are part of the test suite. Functions that panic on
 //!   a mistake of the caller (a slice of the wrong length) say so.

@@ -1,7 +1,6 @@
 //! The lemniscate that Track tasks follow, drawn anew for every episode.
 //!
-//! p_ref(k) = origin + R_z(ψ) (S ∘ L(π/2 + τ(w k dt); c)), see
-//! [`Lemniscate`](crate::controllers::reference::Lemniscate).
+//! p_ref(k) = origin + R_z(ψ) (S ∘ L(π/2 + τ(w k dt); c)), see [`Lemniscate`].
 //!
 //! - DIFFERENCE: scaled before it is rotated, so a rotated curve is not sheared (defect 21).
 //! - DIFFERENCE: starts are on the scaled curve; published ones miss it by up to 0.18 m (defect 21).

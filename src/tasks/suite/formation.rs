@@ -177,8 +177,8 @@ impl Formation {
     /// With the vehicle and settings of a configuration.
     ///
     /// # Errors
-    /// As [`EnvConfig::settings`], [`EnvConfig::vehicle`] and [`group`]; [`Error::Limit`] for fewer than 2 or more than 32
-    /// points.
+    /// As [`EnvConfig::settings`], [`EnvConfig::vehicle`] and [`group()`]; [`Error::Limit`] for fewer than 2 or more than
+    /// 32 points.
     pub fn new(config: &EnvConfig) -> Result<Self> {
         let settings: FormationSettings = config.settings()?;
         let figure = settings.formation.points()?;
