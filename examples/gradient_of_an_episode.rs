@@ -19,7 +19,7 @@ fn main() -> Result<()> {
 
     // What a step is differentiated by, what is remembered of the steps, what walks back through them.
     let adjoint = env.adjoint(false)?;
-    let mut tape = env.tape(STEPS);
+    let mut tape = env.tape(STEPS)?;
     let mut sweep = adjoint.sweep(SweepOptions::default());
     println!("{} instructions per adjoint step, {} numbers carried", adjoint.n_instruction(), adjoint.n_carried());
 

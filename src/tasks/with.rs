@@ -73,7 +73,7 @@ impl Transform for Pick {
         let (mut at, mut kept) = (0, Vec::new());
         self.places.clear();
         for slice in given {
-            if !self.without.iter().any(|name| *name == slice.name) {
+            if !self.without.contains(&slice.name) {
                 self.places.extend(at..at + slice.size);
                 kept.push(slice.clone());
             }

@@ -56,7 +56,7 @@
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
-//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`](super::transport::stiff_physics),
+//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`],
 //!   in substeps of at most 4 ms.
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 //! - DIFFERENCE: contact is that of capsules in the boxes of load and vehicles, on a material as of rubber.
