@@ -8,7 +8,7 @@ use omnidrones::tasks::{Autoreset, Buffers, Cotangents, Env, EnvConfig, SweepOpt
 
 const N: usize = 4;
 const STEPS: usize = 60;
-const ITERATIONS: usize = 200;
+const ITERATIONS: usize = 120;
 
 fn main() -> Result<()> {
     let config = EnvConfig { n_env: N, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
@@ -38,7 +38,7 @@ fn main() -> Result<()> {
                 cost[i] += out.info[i * width + loss] / STEPS as f32;
             }
         }
-        if iteration % 40 == 0 {
+        if iteration % 20 == 0 {
             let errors: Vec<f32> = (0..N).map(|i| out.info[i * width + error]).collect();
             println!("{iteration:4}  mean loss {cost:.3?}  last distance {errors:.3?} m");
         }
