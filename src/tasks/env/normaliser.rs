@@ -63,7 +63,9 @@ impl Env {
         }
         finite("mean of the statistics", &statistics.mean)?;
         finite("variance of the statistics", &statistics.variance)?;
-        if let Some(least) = statistics.variance.iter().copied().chain([statistics.count]).find(|x| x.is_nan() || *x < 0.0) {
+        if let Some(least) =
+            statistics.variance.iter().copied().chain([statistics.count]).find(|x| x.is_nan() || *x < 0.0)
+        {
             let remedy = "Take them from Env::statistics.";
             return Err(Error::value("variance or count of the statistics", least, "≥ 0", remedy));
         }
