@@ -125,6 +125,7 @@ pub mod env;
 pub mod evaluate;
 pub mod observation;
 pub mod path;
+pub(crate) mod physical;
 pub mod probe;
 pub mod randomise;
 pub mod record;

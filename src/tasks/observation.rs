@@ -3,7 +3,7 @@
 //! Each stage maps one agent's numbers to one agent's numbers and says what they are called. The same lines run in lanes
 //! and on a recording, so gradients go through them; noise is a constant to a gradient.
 
-use super::randomise::Kind;
+use super::physical::Kind;
 use super::sheet::{Slice, total};
 use crate::autodiff::{Rows, RowsMut, Scalar};
 use crate::error::{Error, Result};

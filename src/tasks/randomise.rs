@@ -7,9 +7,10 @@
 //! start at the speed that carries the weight drawn. A curriculum takes a share of every change
 //! ([`Env::set_difficulty`](super::Env::set_difficulty)).
 
-use super::rig::{Craft, Inertial, Rig};
+use super::physical::{Flock, Kind, MOST_OF_OTHERS, flocks, rotor, settle};
+use super::rig::{Inertial, Rig};
 use crate::dynamics::rigid::{BODY_PARAMETERS, ROTOR_PARAMETERS};
-use crate::dynamics::tree::{BODY_NUMBERS, TreePlace};
+use crate::dynamics::tree::BODY_NUMBERS;
 use crate::error::{Error, Result, finite};
 use crate::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
@@ -113,62 +114,6 @@ pub struct Change {
     pub each: bool,
 }
 
-/// What a physical number may be, by its nature.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
-    /// A size: a mass, a moment of inertia, a time constant.
-    Positive,
-    /// A loss or a stiffness.
-    NotNegative,
-    /// A position, a product of inertia, a sign.
-    Free,
-}
-
-impl Kind {
-    /// Of a number of [`Rig::number_names`].
-    pub(crate) fn of(name: &str) -> Self {
-        match name.rsplit('.').next().unwrap_or(name) {
-            "mass" | "inertia_xx" | "inertia_yy" | "inertia_zz" | "thrust_coefficient" | "max_speed"
-            | "time_constant_up" | "time_constant_down" | "slip_speed" => Self::Positive,
-            "moment_per_thrust"
-            | "inertia"
-            | "drag_coefficient"
-            | "axial_drag_coefficient"
-            | "rolling_coefficient"
-            | "joint_damping"
-            | "joint_stiffness"
-            | "joint_armature"
-            | "limit_stiffness"
-            | "limit_dissipation"
-            | "drive_stiffness"
-            | "drive_damping"
-            | "drive_max_torque"
-            | "stiffness"
-            | "dissipation"
-            | "friction" => Self::NotNegative,
-            drag if drag.contains("_drag_") => Self::NotNegative,
-            _ => Self::Free,
-        }
-    }
-
-    /// Whether a number may be `x`, also where it becomes an `f32`.
-    fn allows(self, x: f64) -> bool {
-        match self {
-            Self::Positive => x > f64::from(f32::MIN_POSITIVE),
-            Self::NotNegative => x >= 0.0,
-            Self::Free => x.is_finite(),
-        }
-    }
-
-    fn rule(self) -> &'static str {
-        match self {
-            Self::Positive => "> 0",
-            Self::NotNegative => "≥ 0",
-            Self::Free => "finite",
-        }
-    }
-}
-
 impl Change {
     /// Uniform factors on a quantity, drawn for every episode.
     pub fn scale(what: Quantity, low: f64, high: f64) -> Self {
@@ -240,25 +185,6 @@ pub(crate) struct Randomiser {
     flocks: Vec<Flock>,
     /// Where inertias begin that could become unphysical.
     inertias: Vec<usize>,
-}
-
-/// One tree: what is weighed, and what carries it.
-#[derive(Debug, Clone, Default)]
-struct Flock {
-    /// Places of the masses.
-    masses: Vec<usize>,
-    /// Rotors: where their numbers begin, and the place of their speed in the state.
-    rotors: Vec<(usize, usize)>,
-}
-
-impl Flock {
-    /// Weight over largest thrust.
-    fn share(&self, numbers: &[f64]) -> f64 {
-        let mass: f64 = self.masses.iter().map(|k| numbers[*k]).sum();
-        let (k_f, fastest) = (rotor("thrust_coefficient"), rotor("max_speed"));
-        let lift: f64 = self.rotors.iter().map(|(at, _)| numbers[at + k_f] * numbers[at + fastest].powi(2)).sum();
-        mass * numbers[0] / lift
-    }
 }
 
 impl Randomiser {
@@ -391,19 +317,7 @@ impl Randomiser {
     /// Rotors that a task left at rest speed in `state` turn such that each tree carries the weight that was drawn, all its
     /// rotors at the same share of their largest thrust.
     pub(crate) fn hover(&self, rest: &[f64], numbers: &[f64], state: &mut [f64]) {
-        for flock in &self.flocks {
-            let (share, nominal) = (flock.share(numbers), flock.share(&self.nominal));
-            if !(share > 0.0 && nominal > 0.0) {
-                continue;
-            }
-            for (at, speed) in &flock.rotors {
-                let k = at + rotor("max_speed");
-                let factor = (share / nominal).sqrt() * numbers[k] / self.nominal[k];
-                if state[*speed] == rest[*speed] {
-                    state[*speed] = (rest[*speed] * factor).min(numbers[k]);
-                }
-            }
-        }
+        self.flocks.iter().for_each(|flock| flock.hover(rest, &self.nominal, numbers, state));
     }
 
     fn vary(&self, prepared: &Prepared, (stream, share): (&mut Stream, f64), numbers: &mut [f64]) {
@@ -478,76 +392,14 @@ impl Randomiser {
     }
 }
 
-/// Makes principal moments and products of inertia (xx, yy, zz, xy, xz, yz) those of a body: no moment above the sum of
-/// the others, about any axes. Moments are lowered, then products; what is physical keeps its bits.
-fn settle(inertia: &mut [f64]) {
-    for i in 0..3 {
-        let others = inertia[(i + 1) % 3] + inertia[(i + 2) % 3];
-        if inertia[i] > others {
-            inertia[i] = MOST_OF_OTHERS * others;
-        }
-    }
-    if is_body(inertia, 1.0) {
-        return;
-    }
-    let (mut low, mut high) = (0.0, 1.0);
-    for _ in 0..30 {
-        let middle = 0.5 * (low + high);
-        if is_body(inertia, middle) { low = middle } else { high = middle }
-    }
-    inertia[3..].iter_mut().for_each(|product| *product *= low);
-}
-
-/// Whether the second moments of mass, ½ tr(J) 1 − J, are positive semi-definite with `factor` times the products.
-fn is_body(j: &[f64], factor: f64) -> bool {
-    let half = 0.5 * (j[0] + j[1] + j[2]);
-    let d = [half - j[0], half - j[1], half - j[2]];
-    let [xy, xz, yz] = [j[3], j[4], j[5]].map(|x| -factor * x);
-    // rounding of bodies that are flat or thin
-    let slack = 1e-9 * half;
-    let minor = |a: f64, b: f64, c: f64| a * b - c * c >= -slack * slack;
-    let determinant = d[0] * (d[1] * d[2] - yz * yz) - xy * (xy * d[2] - yz * xz) + xz * (xy * yz - d[1] * xz);
-    d.iter().all(|x| *x >= -slack)
-        && minor(d[0], d[1], xy)
-        && minor(d[0], d[2], xz)
-        && minor(d[1], d[2], yz)
-        && determinant >= -slack * slack * slack
-}
-
-/// Trees with rotors.
-fn flocks(rig: &Rig) -> Vec<Flock> {
-    let n = ROTOR_PARAMETERS.len();
-    match &rig.craft {
-        Craft::Vehicle(_) => {
-            let rotors = rig.drone().rotors.iter().enumerate().map(|(i, r)| (BODY_PARAMETERS.len() + i * n, r.speed));
-            vec![Flock { masses: vec![Inertial::place(0)], rotors: rotors.collect() }]
-        }
-        Craft::Model(m) => {
-            let (layout, first) = (m.layout(), 1 + rig.n_frame() * BODY_NUMBERS.len());
-            let flock = |tree: &TreePlace| Flock {
-                masses: tree.bodies.clone().map(Inertial::place).collect(),
-                rotors: tree.rotors.clone().map(|r| (first + r * n, layout.rotor_speed[r])).collect(),
-            };
-            layout.trees.iter().map(flock).filter(|f| !f.rotors.is_empty()).collect()
-        }
-    }
-}
-
 /// Largest number of a range.
 const MOST: f64 = 1e9;
 /// Draws that stay for a run.
 const STARTUP: Purpose = Purpose::user(0x5712);
 /// Edges of the hidden load, m.
 const HIDDEN_BOX: [f64; 3] = [0.1, 0.1, 0.15];
-/// Largest principal moment as a share of the sum of the others: just inside a flat plate's.
-const MOST_OF_OTHERS: f64 = 0.999;
 const DRAG: usize = 10;
 const ANGULAR_DRAG: usize = 16;
-
-/// Place of a number among a rotor's.
-fn rotor(name: &str) -> usize {
-    ROTOR_PARAMETERS.iter().position(|n| *n == name).unwrap_or(0)
-}
 
 /// Bodies of the drones, and where the numbers of their rotors begin.
 fn places(rig: &Rig) -> (Vec<usize>, Vec<Vec<usize>>) {

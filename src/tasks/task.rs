@@ -38,8 +38,9 @@ pub trait Task: Send + Sync + 'static {
     /// Draws the goal and the first state of an episode.
     fn start(&self, start: &mut Start<'_>);
 
-    /// What happens to the goal at the time that [`Start::event_at`] asked for: a push, a new target. The state may not be
-    /// touched.
+    /// What happens to the goal at the time that [`Start::event_at`] asked for: a push, a new target. Changes of the memo and
+    /// of numbers that vary count too, those of the state do not. It comes behind the reward of its step and before the
+    /// observation, which shows the new goal; gradients take that observation for one of the old goal.
     fn event(&self, _: &mut Start<'_>) {}
 
     /// Wind, force and moment on tree `tree` in the coming step, as [`Disturbance`](crate::dynamics::Disturbance);

@@ -1,8 +1,8 @@
 //! Statistics of observations: collected while stepping, frozen in between.
 //!
 //! One batch: step, [`Env::update_normaliser`], [`Env::observe`]. Several shards of a batch: [`Env::take_pending`] of each,
-//! [`Statistics::merge`] in a fixed order, and [`Env::set_statistics`] in all of them. Evaluation: `set_statistics`, then
-//! `set_collecting(false)`.
+//! [`Pending::add`] in a fixed order, [`Statistics::merge`], then [`Env::set_statistics`] and `set_collecting(true)` in all of
+//! them. Evaluation: `set_statistics` alone.
 
 use super::Env;
 use crate::error::{Error, Result, finite};
@@ -17,6 +17,24 @@ pub struct Pending {
     pub sums: Vec<f64>,
     /// Σ(x − mean)² per number.
     pub squares: Vec<f64>,
+}
+
+impl Pending {
+    /// With what another shard saw since the same statistics were frozen.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if it is of another number of entries.
+    pub fn add(&mut self, other: &Self) -> Result<()> {
+        let (got, wanted) = (other.sums.len(), self.sums.len());
+        if got != wanted || other.squares.len() != self.squares.len() {
+            let remedy = "Take them from environments with the same transforms.";
+            return Err(Error::value("entries of the sums", got, wanted.to_string(), remedy));
+        }
+        self.count += other.count;
+        self.sums.iter_mut().zip(&other.sums).for_each(|(a, b)| *a += b);
+        self.squares.iter_mut().zip(&other.squares).for_each(|(a, b)| *a += b);
+        Ok(())
+    }
 }
 
 impl Env {
@@ -63,9 +81,8 @@ impl Env {
         }
         finite("mean of the statistics", &statistics.mean)?;
         finite("variance of the statistics", &statistics.variance)?;
-        if let Some(least) =
-            statistics.variance.iter().copied().chain([statistics.count]).find(|x| x.is_nan() || *x < 0.0)
-        {
+        finite("count of the statistics", &[statistics.count])?;
+        if let Some(least) = statistics.variance.iter().copied().chain([statistics.count]).find(|x| *x < 0.0) {
             let remedy = "Take them from Env::statistics.";
             return Err(Error::value("variance or count of the statistics", least, "≥ 0", remedy));
         }

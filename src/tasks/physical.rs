@@ -1,0 +1,164 @@
+//! What physical numbers may be, and what follows from them: signs, inertias of bodies, speeds that carry a weight.
+
+use super::rig::{Craft, Inertial, Rig};
+use crate::dynamics::rigid::{BODY_PARAMETERS, ROTOR_PARAMETERS};
+use crate::dynamics::tree::{BODY_NUMBERS, TreePlace};
+
+/// What a physical number may be, by its nature.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// A size: a mass, a moment of inertia, a time constant.
+    Positive,
+    /// A loss or a stiffness.
+    NotNegative,
+    /// A position, a product of inertia, a sign.
+    Free,
+}
+
+impl Kind {
+    /// Of a number of [`Rig::number_names`].
+    pub(crate) fn of(name: &str) -> Self {
+        match name.rsplit('.').next().unwrap_or(name) {
+            "mass" | "inertia_xx" | "inertia_yy" | "inertia_zz" | "thrust_coefficient" | "max_speed"
+            | "time_constant_up" | "time_constant_down" | "slip_speed" => Self::Positive,
+            "moment_per_thrust"
+            | "inertia"
+            | "drag_coefficient"
+            | "axial_drag_coefficient"
+            | "rolling_coefficient"
+            | "joint_damping"
+            | "joint_stiffness"
+            | "joint_armature"
+            | "limit_stiffness"
+            | "limit_dissipation"
+            | "drive_stiffness"
+            | "drive_damping"
+            | "drive_max_torque"
+            | "stiffness"
+            | "dissipation"
+            | "friction" => Self::NotNegative,
+            drag if drag.contains("_drag_") => Self::NotNegative,
+            _ => Self::Free,
+        }
+    }
+
+    /// Whether a number may be `x`, also where it becomes an `f32`.
+    pub(crate) fn allows(self, x: f64) -> bool {
+        match self {
+            Self::Positive => x > f64::from(f32::MIN_POSITIVE),
+            Self::NotNegative => x >= 0.0,
+            Self::Free => x.is_finite(),
+        }
+    }
+
+    pub(crate) fn rule(self) -> &'static str {
+        match self {
+            Self::Positive => "> 0",
+            Self::NotNegative => "≥ 0",
+            Self::Free => "finite",
+        }
+    }
+}
+
+/// One tree: what is weighed, and what carries it.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Flock {
+    /// Places of the masses.
+    masses: Vec<usize>,
+    /// Per rotor: places of its thrust coefficient and largest speed among the numbers, of its speed in the state.
+    rotors: Vec<[usize; 3]>,
+}
+
+impl Flock {
+    /// Of these bodies; per rotor where its numbers begin, and the place of its speed.
+    fn new(bodies: impl Iterator<Item = usize>, rotors: impl Iterator<Item = (usize, usize)>) -> Self {
+        let (k_f, fastest) = (rotor("thrust_coefficient"), rotor("max_speed"));
+        Self {
+            masses: bodies.map(Inertial::place).collect(),
+            rotors: rotors.map(|(at, speed)| [at + k_f, at + fastest, speed]).collect(),
+        }
+    }
+
+    /// Weight over largest thrust.
+    fn share(&self, numbers: &[f64]) -> f64 {
+        let mass: f64 = self.masses.iter().map(|k| numbers[*k]).sum();
+        let lift: f64 = self.rotors.iter().map(|[k_f, fastest, _]| numbers[*k_f] * numbers[*fastest].powi(2)).sum();
+        mass * numbers[0] / lift
+    }
+
+    /// Rotors that were left at rest speed in `state` turn such that the tree carries its weight by these numbers.
+    pub(crate) fn hover(&self, rest: &[f64], nominal: &[f64], numbers: &[f64], state: &mut [f64]) {
+        let (own, usual) = (self.share(numbers), self.share(nominal));
+        if !(own > 0.0 && usual > 0.0) {
+            return;
+        }
+        let factor = (own / usual).sqrt();
+        for [_, fastest, speed] in &self.rotors {
+            if state[*speed] == rest[*speed] {
+                let wanted = rest[*speed] * factor * numbers[*fastest] / nominal[*fastest];
+                state[*speed] = wanted.min(numbers[*fastest]);
+            }
+        }
+    }
+}
+
+/// Trees with rotors.
+pub(crate) fn flocks(rig: &Rig) -> Vec<Flock> {
+    let n = ROTOR_PARAMETERS.len();
+    match &rig.craft {
+        Craft::Vehicle(_) => {
+            let rotors = rig.drone().rotors.iter().enumerate().map(|(i, r)| (BODY_PARAMETERS.len() + i * n, r.speed));
+            vec![Flock::new(0..1, rotors)]
+        }
+        Craft::Model(m) => {
+            let (layout, first) = (m.layout(), 1 + rig.n_frame() * BODY_NUMBERS.len());
+            let rotor = |r: usize| (first + r * n, layout.rotor_speed[r]);
+            let flock = |tree: &TreePlace| Flock::new(tree.bodies.clone(), tree.rotors.clone().map(rotor));
+            layout.trees.iter().map(flock).filter(|f| !f.rotors.is_empty()).collect()
+        }
+    }
+}
+
+/// Makes principal moments and products of inertia (xx, yy, zz, xy, xz, yz) those of a body: no moment above the sum of
+/// the others, about any axes. Moments are lowered, then products; what is physical keeps its bits.
+pub(crate) fn settle(inertia: &mut [f64]) {
+    for i in 0..3 {
+        let others = inertia[(i + 1) % 3] + inertia[(i + 2) % 3];
+        if inertia[i] > others {
+            inertia[i] = MOST_OF_OTHERS * others;
+        }
+    }
+    if is_body(inertia, 1.0) {
+        return;
+    }
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..30 {
+        let middle = 0.5 * (low + high);
+        if is_body(inertia, middle) { low = middle } else { high = middle }
+    }
+    inertia[3..].iter_mut().for_each(|product| *product *= low);
+}
+
+/// Whether the second moments of mass, ½ tr(J) 1 − J, are positive semi-definite with `factor` times the products.
+fn is_body(j: &[f64], factor: f64) -> bool {
+    let half = 0.5 * (j[0] + j[1] + j[2]);
+    let d = [half - j[0], half - j[1], half - j[2]];
+    let [xy, xz, yz] = [j[3], j[4], j[5]].map(|x| -factor * x);
+    // rounding of bodies that are flat or thin
+    let slack = 1e-9 * half;
+    let minor = |a: f64, b: f64, c: f64| a * b - c * c >= -slack * slack;
+    let determinant = d[0] * (d[1] * d[2] - yz * yz) - xy * (xy * d[2] - yz * xz) + xz * (xy * yz - d[1] * xz);
+    d.iter().all(|x| *x >= -slack)
+        && minor(d[0], d[1], xy)
+        && minor(d[0], d[2], xz)
+        && minor(d[1], d[2], yz)
+        && determinant >= -slack * slack * slack
+}
+
+/// Largest principal moment as a share of the sum of the others: just inside a flat plate's.
+pub(crate) const MOST_OF_OTHERS: f64 = 0.999;
+
+/// Place of a number among a rotor's.
+pub(crate) fn rotor(name: &str) -> usize {
+    ROTOR_PARAMETERS.iter().position(|n| *n == name).unwrap_or(0)
+}
