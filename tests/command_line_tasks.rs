@@ -148,7 +148,8 @@ fn bench_of_a_task_compares_batches_with_one_environment() {
     let groups: Vec<&str> = rows.iter().filter_map(|r| r["group"].as_str()).collect();
     assert!(groups.contains(&"rotor, RK4") && groups.contains(&"rate, RK4"), "{groups:?}");
     let of = |name: &str| rows.iter().find(|r| r["name"] == name).unwrap_or_else(|| panic!("{name}\n{told}"));
-    assert_eq!(of("one environment in a loop, 1 thread")["ratio"], 1.0);
+    assert_eq!(of("physics of one in a plain loop, f64")["ratio"], 1.0);
+    assert!(of("one environment in a loop")["ratio"].as_f64().is_some_and(|r| r > 0.0));
     assert!(of("256 environments, 1 thread")["ratio"].as_f64().is_some_and(|r| r > 2.0), "{told}");
     assert!(of("memory of an environment")["value"].as_f64().is_some_and(|b| b > 100.0));
     assert!(of("steps that end an episode")["value"].as_f64().is_some_and(|s| (0.0..20.0).contains(&s)));
@@ -182,7 +183,7 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("rollout Hover --envs 0", "n_env is 0"),
         ("rollout Hover --envs 1000000000000", "over the limit of 1 to 100000"),
         ("rollout Hover --horizon 10000000", "over the limit of 1 to 100000 steps"),
-        ("rollout Hover --horizon 4294967295", "over the limit of 1 to 10000000 steps"),
+        ("rollout Hover --horizon 4294967295", "over the limit of 1 to 16777216 steps"),
         ("bench Hover --quick --environments 1000000000000", "Step fewer environments at once"),
         ("rollout Hover --threads 0", "number of threads is 0"),
         ("rollout Hover --control rate", "'rotor' for a controller"),

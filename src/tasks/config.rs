@@ -206,6 +206,9 @@ impl EnvConfig {
             if let Some(x) = find(value, &|x| !x.is_finite()) {
                 return Err(Error::value(format!("task.{key}"), x, "finite", "Leave it out for the task's own."));
             }
+            if let toml::Value::Integer(count @ ..0) = value {
+                return Err(Error::value(format!("task.{key}"), count, "≥ 0", "Leave it out for the task's own."));
+            }
         }
         Ok(())
     }

@@ -86,7 +86,7 @@ impl Flock {
         mass * numbers[0] / lift
     }
 
-    /// Rotors that were left at rest speed in `state` turn such that the tree carries its weight by these numbers.
+    /// Rotors turn such that the tree carries its weight by these numbers.
     pub(crate) fn hover(&self, rest: &[f64], nominal: &[f64], numbers: &[f64], state: &mut [f64]) {
         let (own, usual) = (self.share(numbers), self.share(nominal));
         if !(own > 0.0 && usual > 0.0) {
@@ -94,10 +94,8 @@ impl Flock {
         }
         let factor = (own / usual).sqrt();
         for [_, fastest, speed] in &self.rotors {
-            if state[*speed] == rest[*speed] {
-                let wanted = rest[*speed] * factor * numbers[*fastest] / nominal[*fastest];
-                state[*speed] = wanted.min(numbers[*fastest]);
-            }
+            let wanted = rest[*speed] * factor * numbers[*fastest] / nominal[*fastest];
+            state[*speed] = wanted.min(numbers[*fastest]);
         }
     }
 }

@@ -84,6 +84,12 @@ pub enum Distribution {
     Normal,
 }
 
+impl Distribution {
+    fn is_uniform(&self) -> bool {
+        *self == Self::Uniform
+    }
+}
+
 /// One randomised quantity. In TOML:
 ///
 /// ```toml
@@ -101,7 +107,7 @@ pub struct Change {
     /// Lowest and highest.
     pub range: [f64; 2],
     /// How it is spread between them.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Distribution::is_uniform")]
     pub distribution: Distribution,
     /// How.
     #[serde(default)]

@@ -125,7 +125,8 @@ fn privileged_numbers_are_of_the_order_of_one() {
             let (n, names) = (env.spec().n_observation, &env.spec().privileged);
             for row in out.observation.chunks(n) {
                 for (x, (name, nominal)) in row[n - names.len()..].iter().zip(names) {
-                    assert!(x.abs() < 20.0, "{task}, {vehicle}: {name} is {x}, nominally {nominal}");
+                    // a hidden box of 10 cm on a Crazyflie: 20.5
+                    assert!(x.abs() < 30.0, "{task}, {vehicle}: {name} is {x}, nominally {nominal}");
                 }
             }
             let slices = &env.spec().observation;

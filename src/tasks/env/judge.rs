@@ -114,7 +114,7 @@ fn judge<S: Simd, T: Task>(
     let diverged = alive.lt(Lanes::constant(f64::from(ALIVE) - 0.5));
     let code = Lanes::select(diverged, Lanes::constant((sizes.end + 1) as f64), code);
     // in counts, which are exact up to MAX_HORIZON; shares of the time are not
-    let over = (view.step + offset).lt(Lanes::constant(horizon - 0.5)).not();
+    let over = (view.step + offset).lt(Lanes::constant(horizon)).not();
     let terms = Lanes::<S>::rows(&work.terms, at);
     let mut reward = zero;
     for k in 0..sizes.term {
