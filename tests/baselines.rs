@@ -78,7 +78,7 @@ fn our_controllers_do_what_is_claimed_on_64_starts() {
 
 /// `cargo test --release --test baselines -- --ignored --nocapture`
 #[test]
-#[ignore = "two minutes in release: the table of the README"]
+#[ignore = "cargo test --release --test baselines -- --ignored --nocapture: two minutes"]
 fn our_controllers_do_what_is_claimed_on_256_starts() {
     check(256);
 }

@@ -222,10 +222,7 @@ impl Bare {
         let inner = alone.env.spec().config.control_steps();
         let rig = alone.env.env().rig();
         let rest = rig.rest().to_vec();
-        let mut input = vec![0.0; rig.n_input()];
-        for rotor in rig.drones().iter().flat_map(|d| &d.rotors) {
-            input[rotor.action] = 2.0 * (rest[rotor.speed] / rotor.max_speed).powi(2) - 1.0;
-        }
+        let input = rig.hover_input();
         Self { craft: rig.craft.clone(), state: rest.clone(), next: rest.clone(), rest, input, inner, step: 0 }
     }
 
@@ -313,8 +310,8 @@ fn actions(env: &Env) -> Vec<Vec<f32>> {
 /// One agent's commands that carry the weight: rotors at rest speed, thrust as theirs, everything else in the middle.
 fn hover(env: &Env) -> Vec<f64> {
     let rig = env.rig();
-    let rest: Vec<f64> =
-        rig.drone().rotors.iter().map(|r| 2.0 * (rig.rest()[r.speed] / r.max_speed).powi(2) - 1.0).collect();
+    let input = rig.hover_input();
+    let rest: Vec<f64> = rig.drone().rotors.iter().map(|r| input[r.action]).collect();
     let mean = rest.iter().sum::<f64>() / rest.len().max(1) as f64;
     let command = |(i, name): (usize, &String)| match name.as_str() {
         "thrust" => mean,

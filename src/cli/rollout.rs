@@ -10,6 +10,7 @@ use clap::ValueEnum;
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{self, Entry};
+use omnidrones::tasks::sheet::DIVERGED;
 use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spread, Watched, evaluate};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -303,8 +304,7 @@ impl Flown {
         let (spec, e) = (self.record.spec(), &self.evaluation);
         let mut table = Table::new(&[("reason", Align::Left), ("episodes", Align::Right), ("when", Align::Left)]);
         let conditions = spec.ends.iter().map(|end| (end.name, end.condition.as_str()));
-        let diverged = ("diverged", "a number of the state leaves ±1e8");
-        for ((name, condition), share) in conditions.chain([diverged]).zip(&e.ends) {
+        for ((name, condition), share) in conditions.chain([DIVERGED]).zip(&e.ends) {
             table.row([name, &percent(*share), condition]);
         }
         table.row(["time", &percent(1.0 - e.crashed), &format!("{} steps are over", spec.horizon)]);

@@ -8,6 +8,7 @@ use omnidrones::controllers::cascade::Level;
 use omnidrones::error::Result;
 use omnidrones::tasks::randomise::Action;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
+use omnidrones::tasks::sheet::DIVERGED;
 use omnidrones::tasks::sheet::{Slice, total};
 use omnidrones::tasks::{Baseline, Env, EnvConfig, Space, Spec};
 use serde_json::{Value, json};
@@ -272,7 +273,7 @@ impl Described {
         for e in &self.env.sheet().ends {
             table.row([e.name, "terminated", &e.condition]);
         }
-        table.row(["diverged", "terminated", "a number of the state leaves ±1e8"]);
+        table.row([DIVERGED.0, "terminated", DIVERGED.1]);
         table.row(["time", "truncated", &format!("{} steps are over", self.env.spec().horizon)]);
         table
     }

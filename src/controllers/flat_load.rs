@@ -11,7 +11,7 @@
 //! their rates from n and ṅ seen by the drone (flatness of the slung load: Sreenath, Lee and Kumar 2013).
 
 use super::attitude::Orientation;
-use super::reference::{Carried, Reference};
+use super::reference::Carried;
 use super::velocity::desired_attitude;
 use crate::autodiff::jet::Jet;
 use crate::autodiff::{Scalar, safe};
@@ -52,7 +52,7 @@ impl FlatLoad {
 
     /// F/(m + m_q) and its derivatives at time t, s.
     pub fn push(&self, way: &Carried, t: f64) -> Push {
-        let (drone, load) = (Reference::Carried(way.clone()).sample(t), way.load(t));
+        let (drone, load) = (way.drone(t), way.load(t));
         let share = self.drone / (self.drone + self.load);
         let mean = |a: Vec3<f64>, b: Vec3<f64>| [0, 1, 2].map(|i| share * a[i] + (1.0 - share) * b[i]);
         let mut force = mean(drone.acceleration, load.acceleration);
@@ -64,7 +64,7 @@ impl FlatLoad {
     pub fn state(&self, system: &Multibody, way: &Carried, t: f64) -> Vec<f64> {
         let (layout, model) = (system.layout(), system.model());
         let mut state = system.rest_state();
-        let drone = Reference::Carried(way.clone()).sample(t);
+        let drone = way.drone(t);
         let push = self.push(way, t);
         let series = [0, 1, 2].map(|i| Jet::<f64, 3>::from_derivatives([push[0][i], push[1][i], push[2][i]]));
         let time = Jet::<f64, 3>::variable(t);
@@ -95,7 +95,7 @@ mod tests {
     use crate::autodiff::System as _;
     use crate::controllers::cascade::Rates;
     use crate::controllers::pilot::{Command, Pilot};
-    use crate::controllers::reference::{Lemniscate, LoadPath, Tilt};
+    use crate::controllers::reference::{Lemniscate, LoadPath, Reference, Tilt};
     use crate::controllers::state_feedback::{Lqr, Weights};
     use crate::dynamics::configurations::{InvertedPendulum, Payload};
     use crate::dynamics::{Effects, Physics};
@@ -133,6 +133,7 @@ mod tests {
         for (name, model) in [("payload", hanging), ("pendulum", standing)] {
             let worst = flown(&model, lever(&model));
             println!("{name}: {worst:.4} m");
+            // measured 0.0216 m hanging, 0.0246 m standing
             assert!(worst < 0.1, "{name}: {worst}");
         }
     }

@@ -113,16 +113,12 @@ impl Baseline {
 
     fn seat(&mut self, env: &Env, environment: usize) -> Result<Seat> {
         let rig = env.rig();
-        let mut input = vec![0.0; rig.n_input()];
-        for rotor in rig.drones().iter().flat_map(|d| &d.rotors) {
-            input[rotor.action] = 2.0 * (rig.rest()[rotor.speed] / rotor.max_speed).powi(2) - 1.0;
-        }
         let crew = crew(rig, &env.numbers(environment)?, self.dt).unwrap_or_else(|error| {
             self.failures.push((environment, error));
             Crew::Nobody
         });
         let wanted = env.wanted(environment)?.unwrap_or(Wanted::point([0.0; 3], 0.0));
-        Ok(Seat { crew, wanted, input, step: 0 })
+        Ok(Seat { crew, wanted, input: rig.hover_input(), step: 0 })
     }
 }
 

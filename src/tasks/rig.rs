@@ -249,6 +249,15 @@ impl Rig {
         &self.rest
     }
 
+    /// Input that holds the rotors at the speeds of [`Rig::rest`], all else 0.
+    pub fn hover_input(&self) -> Vec<f64> {
+        let mut input = vec![0.0; self.n_input()];
+        for rotor in self.drones.iter().flat_map(|d| &d.rotors) {
+            input[rotor.action] = 2.0 * (self.rest[rotor.speed] / rotor.max_speed).powi(2) - 1.0;
+        }
+        input
+    }
+
     /// Nominal numbers: [`parameter_vector`](crate::dynamics::rigid::parameter_vector) of a vehicle,
     /// [`number_vector`](crate::dynamics::tree::number_vector) of a model.
     pub fn numbers(&self) -> Vec<f64> {

@@ -109,6 +109,9 @@ impl End {
     }
 }
 
+/// The end that every task has beside its own.
+pub const DIVERGED: (&str, &str) = ("diverged", "a number of the state leaves ±1e8");
+
 /// A number of a task's configuration.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Setting {
@@ -230,7 +233,7 @@ impl Sheet {
         for e in &self.ends {
             let _ = writeln!(text, "| `{}` | {} |", e.name, e.condition);
         }
-        let _ = writeln!(text, "| `diverged` | a number of the state leaves ±1e8 |");
+        let _ = writeln!(text, "| `{}` | {} |", DIVERGED.0, DIVERGED.1);
         let _ = writeln!(text, "| *truncated* | k ≥ `horizon` |\n");
         let _ = writeln!(text, "| Configuration | default | meaning |\n|---|---|---|");
         for s in &self.settings {

@@ -79,6 +79,12 @@ impl Carried {
         self.path.position_and_yaw(t).1
     }
 
+    /// Position, velocity, … of the drone, and its yaw.
+    pub fn drone(&self, t: f64) -> Sample<f64> {
+        let time = Jet::<f64, 5>::variable(t);
+        Sample::from_series(self.position(time), self.yaw(time))
+    }
+
     /// Position, velocity, … of the load, and its yaw.
     pub fn load(&self, t: f64) -> Sample<f64> {
         let (position, yaw) = self.path.position_and_yaw(Jet::<f64, 5>::variable(t));
