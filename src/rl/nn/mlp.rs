@@ -1,0 +1,640 @@
+//! Multi-layer perceptrons: forward into memory of the caller, hand-written backward into one arena of gradients.
+//!
+//! Every layer is y = f(norm(W x + b)), the last one without norm. All parameters of a network are one array, so that an
+//! optimiser, a norm of the gradient or a sum over threads is one loop. A block of rows (64 or so) goes through the whole
+//! network before the next one starts: its activations stay in cache.
+
+use super::activation::Activation;
+use super::init::Init;
+use super::product::{Begin, Left, PAD, padded, product};
+use crate::error::{Error, Result};
+use crate::rng::Stream;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// What a network is made of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Layers {
+    /// Units of the hidden layers.
+    pub hidden: Vec<usize>,
+    /// Of the hidden layers.
+    pub activation: Activation,
+    /// Whether hidden layers are normalised before their activation (Ba, Kiros and Hinton 2016).
+    pub layer_norm: bool,
+    /// First weights.
+    pub init: Init,
+}
+
+impl Default for Layers {
+    fn default() -> Self {
+        Self { hidden: vec![64, 64], activation: Activation::Tanh, layer_norm: false, init: Init::default() }
+    }
+}
+
+/// Most units of a layer.
+const MAX_UNITS: usize = 8192;
+/// Most hidden layers.
+const MAX_LAYERS: usize = 32;
+
+impl Layers {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] with the limit, before anything is allocated.
+    pub fn validate(&self) -> Result<()> {
+        if self.hidden.len() > MAX_LAYERS {
+            let limit = format!("{MAX_LAYERS} layers");
+            return Err(Error::limit("hidden", self.hidden.len(), limit, "Two or three are usual."));
+        }
+        if let Some(n) = self.hidden.iter().find(|n| !(1..=MAX_UNITS).contains(*n)) {
+            return Err(Error::limit("units of hidden", n, format!("1 to {MAX_UNITS}"), "32 to 256 are usual."));
+        }
+        self.init.validate()
+    }
+}
+
+/// One layer's place in the parameters.
+#[derive(Debug, Clone, PartialEq)]
+struct Layer {
+    n_in: usize,
+    n_out: usize,
+    /// [n_in, padded n_out], the transpose of what papers call W.
+    weight: Range<usize>,
+    /// [padded n_out].
+    bias: Range<usize>,
+    /// Gain and shift, [padded n_out] each.
+    norm: Option<[Range<usize>; 2]>,
+    activation: Activation,
+}
+
+impl Layer {
+    fn wide(&self) -> usize {
+        padded(self.n_out)
+    }
+}
+
+/// The shape of a network; its parameters are an array of the caller.
+///
+/// ```
+/// use omnidrones::rl::nn::{Activation, Layers, Mlp};
+/// use omnidrones::rng::{Purpose, Stream};
+///
+/// let mlp = Mlp::new(26, &Layers::default(), 4, Activation::Tanh)?;
+/// let weights = mlp.init(&mut Stream::new(7, 0, 0, Purpose::LEARNING));
+/// let mut memory = mlp.memory(2);
+/// let output = mlp.forward(&weights, &[0.1; 2 * 26], 2, &mut memory);
+/// assert_eq!(output.row(0), output.row(1));
+/// # Ok::<(), omnidrones::error::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mlp {
+    layers: Vec<Layer>,
+    n_parameter: usize,
+    init: Init,
+}
+
+/// A named part of the parameters, as checkpoints hold it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Part {
+    /// `0.weight`, `0.bias`, `0.norm.weight`, `0.norm.bias`.
+    pub name: String,
+    /// [out, in] or [out].
+    pub shape: Vec<usize>,
+    /// Row-major.
+    pub data: Vec<f32>,
+}
+
+impl Mlp {
+    /// A network from `n_in` numbers to `n_out`, the latter through `output`.
+    ///
+    /// # Errors
+    /// As [`Layers::validate`].
+    pub fn new(n_in: usize, layers: &Layers, n_out: usize, output: Activation) -> Result<Self> {
+        layers.validate()?;
+        let mut at = 0;
+        let mut take = |n: usize| {
+            at += n;
+            at - n..at
+        };
+        let widths: Vec<usize> = [n_in].into_iter().chain(layers.hidden.iter().copied()).chain([n_out]).collect();
+        let own = widths.windows(2).enumerate().map(|(l, width)| {
+            let (n_in, n_out, hidden) = (width[0], width[1], l < layers.hidden.len());
+            let wide = padded(n_out);
+            Layer {
+                n_in,
+                n_out,
+                weight: take(n_in * wide),
+                bias: take(wide),
+                norm: (hidden && layers.layer_norm).then(|| [take(wide), take(wide)]),
+                activation: if hidden { layers.activation } else { output },
+            }
+        });
+        let layers_own = own.collect();
+        Ok(Self { layers: layers_own, n_parameter: at, init: layers.init })
+    }
+
+    /// Numbers of the parameters, padding of rows included.
+    pub fn n_parameter(&self) -> usize {
+        self.n_parameter
+    }
+
+    /// Numbers that are learnt.
+    pub fn n_weight(&self) -> usize {
+        self.layers.iter().map(|l| (l.n_in + 1 + if l.norm.is_some() { 2 } else { 0 }) * l.n_out).sum()
+    }
+
+    /// Numbers of an input row.
+    pub fn n_input(&self) -> usize {
+        self.layers[0].n_in
+    }
+
+    /// Numbers of an output row.
+    pub fn n_output(&self) -> usize {
+        self.last().n_out
+    }
+
+    fn last(&self) -> &Layer {
+        &self.layers[self.layers.len() - 1]
+    }
+
+    /// First parameters; biases are zero.
+    pub fn init(&self, stream: &mut Stream) -> Vec<f32> {
+        let mut parameters = vec![0.0; self.n_parameter];
+        for (l, layer) in self.layers.iter().enumerate() {
+            let (wide, is_last) = (layer.wide(), l + 1 == self.layers.len());
+            let weights = self.init.draw(layer.n_out, layer.n_in, is_last, stream);
+            for (at, w) in weights.into_iter().enumerate() {
+                parameters[layer.weight.start + (at % layer.n_in) * wide + at / layer.n_in] = w;
+            }
+            if let Some([gain, _]) = &layer.norm {
+                parameters[gain.start..][..layer.n_out].fill(1.0);
+            }
+        }
+        parameters
+    }
+
+    /// The bias of the last layer.
+    pub fn output_bias<'a>(&self, parameters: &'a mut [f32]) -> &'a mut [f32] {
+        &mut parameters[self.last().bias.start..][..self.n_output()]
+    }
+
+    /// Memory for up to `rows` rows at once.
+    pub fn memory(&self, rows: usize) -> Memory {
+        let widest = self.layers.iter().map(|l| l.wide().max(padded(l.n_in))).max().unwrap_or(0);
+        let level = |layer: &Layer| Level {
+            y: vec![0.0; rows * layer.wide()],
+            normal: if layer.norm.is_some() { vec![0.0; rows * layer.wide()] } else { Vec::new() },
+            scale: if layer.norm.is_some() { vec![0.0; rows] } else { Vec::new() },
+        };
+        let levels = self.layers.iter().map(level).collect();
+        Memory { levels, up: vec![0.0; rows * widest], down: vec![0.0; rows * widest] }
+    }
+
+    /// Outputs of `rows` rows of `[rows, n_input]`; `memory` keeps what [`Mlp::backward`] needs.
+    ///
+    /// # Panics
+    /// For more rows than the memory was made for, or an input of another length.
+    pub fn forward<'m>(&self, parameters: &[f32], x: &[f32], rows: usize, memory: &'m mut Memory) -> Output<'m> {
+        for l in 0..self.layers.len() {
+            let layer = &self.layers[l];
+            let (before, own) = memory.levels.split_at_mut(l);
+            let (x, stride) = match before.last() {
+                None => (x, layer.n_in),
+                Some(level) => (&level.y[..], padded(layer.n_in)),
+            };
+            let level = &mut own[0];
+            let (k, wide) = (layer.n_in, layer.wide());
+            let begin = Begin::With(&parameters[layer.bias.clone()]);
+            let y = &mut level.y[..rows * wide];
+            product(Left::Rows(x, stride), &parameters[layer.weight.clone()], begin, y, (rows, k, wide));
+            if let Some([gain, shift]) = &layer.norm {
+                let [gain, shift] = [&parameters[gain.clone()], &parameters[shift.clone()]];
+                for (row, (y, normal)) in y.chunks_exact_mut(wide).zip(level.normal.chunks_exact_mut(wide)).enumerate()
+                {
+                    level.scale[row] = normalise(y, normal, layer.n_out, gain, shift);
+                }
+            }
+            layer.activation.apply(y);
+        }
+        memory.output(self, rows)
+    }
+
+    /// Adds to `gradient` the one of Σ `up` · output over the rows of the forward pass that `memory` and `x` are of, and
+    /// writes that of the input to `down` (`[rows, n_input]`), unless it is empty. `up`: `[rows, n_output]`.
+    ///
+    /// # Panics
+    /// As [`Mlp::forward`].
+    pub fn backward(&self, net: Weights<'_>, x: &[f32], rows: usize, memory: &mut Memory, up: &[f32], pass: Pass<'_>) {
+        let Memory { levels, up: d, down } = memory;
+        let (n_out, wide) = (self.n_output(), self.last().wide());
+        for (row, own) in d.chunks_exact_mut(wide).zip(up.chunks_exact(n_out)).take(rows) {
+            row[..n_out].copy_from_slice(own);
+            row[n_out..].fill(0.0);
+        }
+        for l in (0..self.layers.len()).rev() {
+            let layer = &self.layers[l];
+            let (k, wide) = (layer.n_in, layer.wide());
+            let (before, own) = levels.split_at(l);
+            let level = &own[0];
+            let d_own = &mut d[..rows * wide];
+            layer.activation.pull(&level.y[..rows * wide], d_own);
+            if let Some([gain, shift]) = &layer.norm {
+                let weights = &net.parameters[gain.clone()];
+                for (row, d) in d_own.chunks_exact_mut(wide).enumerate() {
+                    let normal = &level.normal[row * wide..][..wide];
+                    add_product(&mut pass.gradient[gain.clone()], d, normal);
+                    add(&mut pass.gradient[shift.clone()], d);
+                    pull_norm(d, normal, level.scale[row], layer.n_out, weights);
+                }
+            }
+            d_own.chunks_exact(wide).for_each(|d| add(&mut pass.gradient[layer.bias.clone()], d));
+            let (x, stride) = match before.last() {
+                None => (x, k),
+                Some(level) => (&level.y[..], padded(k)),
+            };
+            let weight = &mut pass.gradient[layer.weight.clone()];
+            product(Left::Columns(x, stride), d_own, Begin::Add, weight, (k, rows, wide));
+            if l == 0 && pass.down.is_empty() {
+                break;
+            }
+            let shape = (rows, layer.n_out, padded(k));
+            product(Left::Rows(d_own, wide), &net.transposed[l], Begin::Zero, down, shape);
+            std::mem::swap(d, down);
+        }
+        if !pass.down.is_empty() {
+            let (n, wide) = (self.n_input(), padded(self.n_input()));
+            for (own, row) in pass.down.chunks_exact_mut(n).zip(d.chunks_exact(wide)).take(rows) {
+                own.copy_from_slice(&row[..n]);
+            }
+        }
+    }
+
+    /// Weights as [`Mlp::backward`] reads them: pack them once per update.
+    pub fn transpose(&self, parameters: &[f32], transposed: &mut Transposed) {
+        transposed.0.resize(self.layers.len(), Vec::new());
+        for (layer, out) in self.layers.iter().zip(&mut transposed.0) {
+            let (wide, tall) = (layer.wide(), padded(layer.n_in));
+            out.resize(layer.n_out * tall, 0.0);
+            let weight = &parameters[layer.weight.clone()];
+            for (o, row) in out.chunks_exact_mut(tall).enumerate() {
+                row.iter_mut().zip(weight[o..].iter().step_by(wide)).take(layer.n_in).for_each(|(t, w)| *t = *w);
+            }
+        }
+    }
+
+    /// Parameters without padding, by name: weights `[out, in]` as in most libraries.
+    pub fn parts(&self, parameters: &[f32]) -> Vec<Part> {
+        let mut parts = Vec::new();
+        for (l, layer) in self.layers.iter().enumerate() {
+            let mut part =
+                |name: &str, shape: Vec<usize>, data| parts.push(Part { name: format!("{l}.{name}"), shape, data });
+            let column = |range: &Range<usize>| parameters[range.start..][..layer.n_out].to_vec();
+            let weight = |o: usize, i: usize| parameters[layer.weight.start + i * layer.wide() + o];
+            let weights = (0..layer.n_out).flat_map(|o| (0..layer.n_in).map(move |i| weight(o, i))).collect();
+            part("weight", vec![layer.n_out, layer.n_in], weights);
+            part("bias", vec![layer.n_out], column(&layer.bias));
+            if let Some([gain, shift]) = &layer.norm {
+                part("norm.weight", vec![layer.n_out], column(gain));
+                part("norm.bias", vec![layer.n_out], column(shift));
+            }
+        }
+        parts
+    }
+
+    /// The reverse of [`Mlp::parts`]: `part` is asked for each name and shape.
+    ///
+    /// # Errors
+    /// What `part` says; [`Error::Value`] for another number of values or one that is not finite.
+    pub fn from_parts(&self, mut part: impl FnMut(&str, &[usize]) -> Result<Vec<f32>>) -> Result<Vec<f32>> {
+        let mut parameters = vec![0.0; self.n_parameter];
+        for wanted in self.parts(&parameters) {
+            let data = part(&wanted.name, &wanted.shape)?;
+            if data.len() != wanted.data.len() {
+                let (got, limit) = (data.len(), wanted.data.len().to_string());
+                return Err(Error::value(format!("numbers of {}", wanted.name), got, limit, "Load another policy."));
+            }
+            if let Some(x) = data.iter().find(|x| !x.is_finite()) {
+                return Err(Error::value(format!("a number of {}", wanted.name), x, "finite", "Load another policy."));
+            }
+            let (l, name) = wanted.name.split_once('.').unwrap_or_default();
+            let layer = &self.layers[l.parse::<usize>().unwrap_or_default()];
+            let column = |range: &Range<usize>| range.start;
+            let start = match (name, &layer.norm) {
+                ("bias", _) => column(&layer.bias),
+                ("norm.weight", Some([gain, _])) => column(gain),
+                ("norm.bias", Some([_, shift])) => column(shift),
+                _ => {
+                    for (at, w) in data.into_iter().enumerate() {
+                        parameters[layer.weight.start + (at % layer.n_in) * layer.wide() + at / layer.n_in] = w;
+                    }
+                    continue;
+                }
+            };
+            parameters[start..][..data.len()].copy_from_slice(&data);
+        }
+        Ok(parameters)
+    }
+
+    /// Share of hidden units with |y| > `limit` in the memory's last forward pass: near 1 when tanh has saturated.
+    pub fn saturated(&self, memory: &Memory, rows: usize, limit: f32) -> f64 {
+        let (mut beyond, mut all) = (0, 0);
+        for (layer, level) in self.layers.iter().zip(&memory.levels).take(self.layers.len() - 1) {
+            for row in level.y.chunks_exact(layer.wide()).take(rows) {
+                beyond += row[..layer.n_out].iter().filter(|y| y.abs() > limit).count();
+                all += layer.n_out;
+            }
+        }
+        beyond as f64 / f64::from(all.max(1) as u32)
+    }
+}
+
+/// A network's numbers for a backward pass.
+#[derive(Debug, Clone, Copy)]
+pub struct Weights<'a> {
+    /// As the forward pass used them.
+    pub parameters: &'a [f32],
+    /// Of the same, by [`Mlp::transpose`].
+    pub transposed: &'a Transposed,
+}
+
+impl std::ops::Index<usize> for Transposed {
+    type Output = [f32];
+    fn index(&self, layer: usize) -> &[f32] {
+        &self.0[layer]
+    }
+}
+
+/// Where a backward pass writes.
+#[derive(Debug)]
+pub struct Pass<'a> {
+    /// Added to; as long as the parameters.
+    pub gradient: &'a mut [f32],
+    /// `[rows, n_input]`, or empty.
+    pub down: &'a mut [f32],
+}
+
+/// Transposed weights, layer by layer.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Transposed(Vec<Vec<f32>>);
+
+#[derive(Debug, Clone)]
+struct Level {
+    /// What the layer gave, [rows, wide].
+    y: Vec<f32>,
+    /// (z − mean)/deviation, where the layer is normalised.
+    normal: Vec<f32>,
+    /// 1/deviation of every row.
+    scale: Vec<f32>,
+}
+
+/// What one forward pass leaves for the backward pass.
+#[derive(Debug, Clone)]
+pub struct Memory {
+    levels: Vec<Level>,
+    up: Vec<f32>,
+    down: Vec<f32>,
+}
+
+impl Memory {
+    fn output(&self, mlp: &Mlp, rows: usize) -> Output<'_> {
+        let (n, wide) = (mlp.n_output(), mlp.last().wide());
+        Output { data: &self.levels[self.levels.len() - 1].y[..rows * wide], n, wide }
+    }
+}
+
+/// Rows that a network gave.
+#[derive(Debug, Clone, Copy)]
+pub struct Output<'m> {
+    data: &'m [f32],
+    n: usize,
+    wide: usize,
+}
+
+impl<'m> Output<'m> {
+    /// One row.
+    pub fn row(&self, row: usize) -> &'m [f32] {
+        &self.data[row * self.wide..][..self.n]
+    }
+
+    /// All rows without padding.
+    pub fn write(&self, rows: &mut [f32]) {
+        for (own, row) in rows.chunks_exact_mut(self.n).zip(self.data.chunks_exact(self.wide)) {
+            own.copy_from_slice(&row[..self.n]);
+        }
+    }
+}
+
+fn add(sum: &mut [f32], x: &[f32]) {
+    sum.iter_mut().zip(x).for_each(|(s, x)| *s += x);
+}
+
+fn add_product(sum: &mut [f32], a: &[f32], b: &[f32]) {
+    sum.iter_mut().zip(a).zip(b).for_each(|((s, a), b)| *s += a * b);
+}
+
+/// Under the variance of a row.
+const NORM_FLOOR: f32 = 1e-5;
+
+/// z ← gain (z − mean)/deviation + shift; keeps the normal numbers and gives 1/deviation.
+fn normalise(z: &mut [f32], normal: &mut [f32], n: usize, gain: &[f32], shift: &[f32]) -> f32 {
+    let mean = sum(&z[..n]) / n as f32;
+    z[..n].iter_mut().for_each(|z| *z -= mean);
+    let scale = 1.0 / (dot(&z[..n], &z[..n]) / n as f32 + NORM_FLOOR).sqrt();
+    for i in 0..n {
+        normal[i] = z[i] * scale;
+        z[i] = gain[i] * normal[i] + shift[i];
+    }
+    scale
+}
+
+/// d ← scale (g − mean g − normal · mean(g · normal)) with g = gain · d.
+fn pull_norm(d: &mut [f32], normal: &[f32], scale: f32, n: usize, gain: &[f32]) {
+    d[..n].iter_mut().zip(gain).for_each(|(d, g)| *d *= g);
+    let mean = sum(&d[..n]) / n as f32;
+    let along = dot(&d[..n], &normal[..n]) / n as f32;
+    for i in 0..n {
+        d[i] = scale * (d[i] - mean - normal[i] * along);
+    }
+}
+
+/// Eight sums side by side, so that it takes one register, then one sum of them.
+fn sum(x: &[f32]) -> f32 {
+    let mut lanes = [0.0; 8];
+    let chunks = x.chunks_exact(8);
+    let rest: f32 = chunks.remainder().iter().sum();
+    for chunk in chunks {
+        lanes.iter_mut().zip(chunk).for_each(|(s, x)| *s += x);
+    }
+    lanes.iter().sum::<f32>() + rest
+}
+
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut lanes = [0.0; 8];
+    let (left, right) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f32 = left.remainder().iter().zip(right.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in left.zip(right) {
+        lanes.iter_mut().zip(a).zip(b).for_each(|((s, a), b)| *s += a * b);
+    }
+    lanes.iter().sum::<f32>() + rest
+}
+
+const _: () = assert!(PAD.is_multiple_of(8));
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Purpose;
+
+    fn stream() -> Stream {
+        Stream::new(3, 0, 0, Purpose::user(3))
+    }
+
+    fn layers(activation: Activation, layer_norm: bool) -> Layers {
+        Layers { hidden: vec![20, 33], activation, layer_norm, ..Layers::default() }
+    }
+
+    /// The network in f64, from its named parts.
+    fn exact(mlp: &Mlp, parameters: &[f32], nudge: &dyn Fn(usize, usize) -> f64, x: &[f64]) -> Vec<f64> {
+        let parts = mlp.parts(parameters);
+        let mut x = x.to_vec();
+        for (l, layer) in mlp.layers.iter().enumerate() {
+            let of = |name: &str| parts.iter().position(|p| p.name == format!("{l}.{name}"));
+            let number = |p: usize, at: usize| f64::from(parts[p].data[at]) + nudge(p, at);
+            let (w, b) = (of("weight").unwrap(), of("bias").unwrap());
+            let mut z: Vec<f64> = (0..layer.n_out)
+                .map(|o| number(b, o) + (0..layer.n_in).map(|i| number(w, o * layer.n_in + i) * x[i]).sum::<f64>())
+                .collect();
+            if let (Some(gain), Some(shift)) = (of("norm.weight"), of("norm.bias")) {
+                let mean = z.iter().sum::<f64>() / z.len() as f64;
+                let variance = z.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / z.len() as f64;
+                let scale = 1.0 / (variance + f64::from(NORM_FLOOR)).sqrt();
+                z = z
+                    .iter()
+                    .enumerate()
+                    .map(|(o, z)| number(gain, o) * (z - mean) * scale + number(shift, o))
+                    .collect();
+            }
+            x = z
+                .into_iter()
+                .map(|z| match layer.activation {
+                    Activation::Tanh => z.tanh(),
+                    Activation::Elu => {
+                        if z > 0.0 {
+                            z
+                        } else {
+                            z.exp_m1()
+                        }
+                    }
+                    Activation::Relu => z.max(0.0),
+                    Activation::LeakyRelu => {
+                        if z > 0.0 {
+                            z
+                        } else {
+                            0.01 * z
+                        }
+                    }
+                    Activation::Identity => z,
+                })
+                .collect();
+        }
+        x
+    }
+
+    #[test]
+    fn gradients_are_differences_of_the_same_network_in_f64() {
+        let (n_in, n_out, rows) = (7, 3, 5);
+        for (activation, norm) in [
+            (Activation::Tanh, false),
+            (Activation::Elu, true),
+            (Activation::LeakyRelu, true),
+            (Activation::Relu, false),
+        ] {
+            let mlp = Mlp::new(n_in, &layers(activation, norm), n_out, Activation::Tanh).unwrap();
+            let mut s = stream();
+            let mut p = mlp.init(&mut s);
+            let named = mlp.parts(&p);
+            p = mlp
+                .from_parts(|name, _| {
+                    let part = named.iter().find(|part| part.name == name).unwrap();
+                    Ok(part.data.iter().map(|x| x + 0.3 * s.normal() as f32).collect())
+                })
+                .unwrap();
+            let x: Vec<f32> = (0..rows * n_in).map(|_| s.normal() as f32).collect();
+            let up: Vec<f32> = (0..rows * n_out).map(|_| s.normal() as f32).collect();
+            let mut memory = mlp.memory(rows);
+            let out = mlp.forward(&p, &x, rows, &mut memory);
+            let value = |nudge: &dyn Fn(usize, usize) -> f64, move_x: &dyn Fn(usize) -> f64| {
+                let each = (0..rows).map(|r| {
+                    let x: Vec<f64> = (0..n_in).map(|i| f64::from(x[r * n_in + i]) + move_x(r * n_in + i)).collect();
+                    let y = exact(&mlp, &p, nudge, &x);
+                    y.iter().zip(&up[r * n_out..]).map(|(y, u)| y * f64::from(*u)).sum::<f64>()
+                });
+                each.sum::<f64>()
+            };
+            for r in 0..rows {
+                let x: Vec<f64> = x[r * n_in..][..n_in].iter().map(|x| f64::from(*x)).collect();
+                for (got, want) in out.row(r).iter().zip(exact(&mlp, &p, &|_, _| 0.0, &x)) {
+                    assert!((f64::from(*got) - want).abs() < 3e-6, "{activation:?}: {got} {want}"); // measured 4e-7
+                }
+            }
+            let (mut gradient, mut down, mut transposed) =
+                (vec![0.0; p.len()], vec![0.0; x.len()], Transposed::default());
+            mlp.transpose(&p, &mut transposed);
+            let net = Weights { parameters: &p, transposed: &transposed };
+            let pass = Pass { gradient: &mut gradient, down: &mut down };
+            mlp.backward(net, &x, rows, &mut memory, &up, pass);
+            let mut worst: f64 = 0.0;
+            let h = 1e-5;
+            for (q, part) in mlp.parts(&gradient).iter().enumerate() {
+                for (at, got) in part.data.iter().enumerate().step_by(3) {
+                    let shifted = |h: f64| value(&|p, a| if (p, a) == (q, at) { h } else { 0.0 }, &|_| 0.0);
+                    let want = (shifted(h) - shifted(-h)) / (2.0 * h);
+                    worst = worst.max((f64::from(*got) - want).abs() / want.abs().max(1.0));
+                }
+            }
+            for (at, got) in down.iter().enumerate() {
+                let shifted = |h: f64| value(&|_, _| 0.0, &|a| if a == at { h } else { 0.0 });
+                let want = (shifted(h) - shifted(-h)) / (2.0 * h);
+                worst = worst.max((f64::from(*got) - want).abs() / want.abs().max(1.0));
+            }
+            println!("{activation:?} {norm}: {worst:.1e}");
+            assert!(worst < 2e-5, "{activation:?}: {worst:e}"); // measured at most 3e-6
+        }
+    }
+
+    #[test]
+    fn parts_and_parameters_are_one_to_one_and_padding_is_zero() {
+        let mlp = Mlp::new(5, &layers(Activation::Elu, true), 2, Activation::Identity).unwrap();
+        let p = mlp.init(&mut stream());
+        let parts = mlp.parts(&p);
+        assert_eq!(parts.iter().map(|p| p.data.len()).sum::<usize>(), mlp.n_weight());
+        let back = mlp.from_parts(|name, _| Ok(parts.iter().find(|p| p.name == name).unwrap().data.clone())).unwrap();
+        assert_eq!(back, p);
+        assert_eq!(parts[0].shape, [20, 5]);
+        assert!(mlp.from_parts(|_, shape| Ok(vec![f32::NAN; shape.iter().product()])).is_err());
+    }
+
+    #[test]
+    fn rows_do_not_depend_on_their_number() {
+        let mlp = Mlp::new(9, &layers(Activation::Tanh, true), 4, Activation::Tanh).unwrap();
+        let mut s = stream();
+        let p = mlp.init(&mut s);
+        let x: Vec<f32> = (0..64 * 9).map(|_| s.normal() as f32).collect();
+        let mut memory = mlp.memory(64);
+        let mut all = vec![0.0; 64 * 4];
+        mlp.forward(&p, &x, 64, &mut memory).write(&mut all);
+        for r in 0..64 {
+            let one = mlp.forward(&p, &x[r * 9..][..9], 1, &mut memory);
+            assert_eq!(one.row(0), &all[r * 4..][..4], "row {r}");
+        }
+    }
+
+    #[test]
+    fn bombs_are_refused_before_any_allocation() {
+        for hidden in [vec![1_000_000_000], vec![0], vec![64; 1000]] {
+            let layers = Layers { hidden, ..Layers::default() };
+            assert!(Mlp::new(10, &layers, 4, Activation::Tanh).is_err());
+        }
+    }
+}

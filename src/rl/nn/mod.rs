@@ -1,0 +1,23 @@
+//! Small networks on the processor: forward, backward, first weights, Adam.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`mlp`] | layers, forward, backward, named parts |
+//! | `product` | the one matrix product behind them |
+//! | [`activation`] | between layers |
+//! | [`init`] | first weights |
+//! | [`adam`] | the optimiser |
+//! | [`head`] | distributions of actions over outputs |
+
+pub mod activation;
+pub mod adam;
+pub mod head;
+pub mod init;
+pub mod mlp;
+pub(crate) mod product;
+
+pub use activation::Activation;
+pub use adam::{Adam, AdamConfig, clip_norm};
+pub use head::Head;
+pub use init::Init;
+pub use mlp::{Layers, Memory, Mlp, Output, Part, Pass, Transposed, Weights};
