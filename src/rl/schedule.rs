@@ -1,0 +1,284 @@
+//! Numbers that change while a learner learns: rates, entropy weights, clip ranges.
+//!
+//! In a configuration a schedule is a bare number or a table:
+//!
+//! ```toml
+//! entropy = 0.001
+//! learning_rate = { kind = "cosine", from = 0.01, to = 1e-4, warm_up = 0.02 }
+//! ```
+
+use crate::error::{Error, Result, finite};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::fmt;
+
+/// A number as a function of progress, the share of the training that is done.
+///
+/// With w the `warm_up` and q = (progress − w)/(1 − w) the share of what comes behind it, the number is the first one
+/// times progress/w before w, hence 0 at the very start, and behind it as the kind says.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self", tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Schedule {
+    /// Always `value`. Without a warm-up its text is the bare number.
+    Constant {
+        /// The number.
+        value: f64,
+        /// Share of the training, in [0, 1), in which the number rises from 0.
+        #[serde(default, skip_serializing_if = "is_zero")]
+        warm_up: f64,
+    },
+    /// from (1 − q) + to q.
+    Linear {
+        /// First number.
+        from: f64,
+        /// Last number.
+        to: f64,
+        /// Share of the training, in [0, 1), in which the number rises from 0.
+        #[serde(default, skip_serializing_if = "is_zero")]
+        warm_up: f64,
+    },
+    /// Half a wave, flat at both ends (Loshchilov and Hutter 2017): linear in (1 − cos πq)/2.
+    Cosine {
+        /// First number.
+        from: f64,
+        /// Last number.
+        to: f64,
+        /// Share of the training, in [0, 1), in which the number rises from 0.
+        #[serde(default, skip_serializing_if = "is_zero")]
+        warm_up: f64,
+    },
+    /// from^(1 − q) to^q: the same factor in equal times. Both above 0.
+    Exponential {
+        /// First number.
+        from: f64,
+        /// Last number.
+        to: f64,
+        /// Share of the training, in [0, 1), in which the number rises from 0.
+        #[serde(default, skip_serializing_if = "is_zero")]
+        warm_up: f64,
+    },
+}
+
+impl Schedule {
+    /// Half a cosine from one number to another, without a warm-up.
+    pub const fn cosine(from: f64, to: f64) -> Self {
+        Self::Cosine { from, to, warm_up: 0.0 }
+    }
+
+    /// Always `value`.
+    pub const fn constant(value: f64) -> Self {
+        Self::Constant { value, warm_up: 0.0 }
+    }
+
+    /// The number at a progress in [0, 1]. Outside it is that of the nearer end; for NaN that of the start.
+    pub fn at(&self, progress: f64) -> f64 {
+        let progress = if progress.is_nan() { 0.0 } else { progress.clamp(0.0, 1.0) };
+        let (first, _, warm_up) = self.parts();
+        if progress < warm_up {
+            return first * progress / warm_up;
+        }
+        let q = (progress - warm_up) / (1.0 - warm_up);
+        match *self {
+            Self::Constant { value, .. } => value,
+            Self::Linear { from, to, .. } => between(from, to, q),
+            Self::Cosine { from, to, .. } => between(from, to, 0.5 * (1.0 - (std::f64::consts::PI * q).cos())),
+            Self::Exponential { from, to, .. } => from.powf(1.0 - q) * to.powf(q),
+        }
+    }
+
+    /// Checks every number; `what` is the setting's name in the message.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for numbers that are not finite, ends of an exponential that are not positive, and a warm-up
+    /// outside [0, 1).
+    pub fn validate(&self, what: &str) -> Result<()> {
+        let (first, last, warm_up) = self.parts();
+        let names = if matches!(self, Self::Constant { .. }) { ["value"; 2] } else { ["from", "to"] };
+        for (name, x) in names.into_iter().zip([first, last]) {
+            finite(&format!("{what}: {name}"), &[x])?;
+            if matches!(self, Self::Exponential { .. }) && x <= 0.0 {
+                let remedy = "Use kind = 'linear' or 'cosine' to reach 0.";
+                return Err(Error::value(format!("{what}: {name}"), x, "> 0 of an exponential schedule", remedy));
+            }
+        }
+        if !(0.0..1.0).contains(&warm_up) {
+            let remedy = "It is a share of the training: 0.02 is its first fiftieth.";
+            return Err(Error::value(format!("{what}: warm_up"), warm_up, "in [0, 1)", remedy));
+        }
+        Ok(())
+    }
+
+    /// First number behind the warm-up, last number, warm-up.
+    fn parts(&self) -> (f64, f64, f64) {
+        match *self {
+            Self::Constant { value, warm_up } => (value, value, warm_up),
+            Self::Linear { from, to, warm_up }
+            | Self::Cosine { from, to, warm_up }
+            | Self::Exponential { from, to, warm_up } => (from, to, warm_up),
+        }
+    }
+}
+
+/// `from` at s = 0 and `to` at s = 1, to the bit.
+fn between(from: f64, to: f64, s: f64) -> f64 {
+    from * (1.0 - s) + to * s
+}
+
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
+}
+
+impl From<f64> for Schedule {
+    fn from(value: f64) -> Self {
+        Self::constant(value)
+    }
+}
+
+impl Serialize for Schedule {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        match self {
+            Self::Constant { value, warm_up: 0.0 } => serializer.serialize_f64(*value),
+            _ => Self::serialize(self, serializer),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Schedule {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        deserializer.deserialize_any(NumberOrTable)
+    }
+}
+
+/// An untagged enum would only say that no variant matched.
+struct NumberOrTable;
+
+impl<'de> Visitor<'de> for NumberOrTable {
+    type Value = Schedule;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a number or a table such as { kind = \"linear\", from = 1e-3, to = 0 }")
+    }
+
+    fn visit_f64<E>(self, value: f64) -> std::result::Result<Schedule, E> {
+        Ok(value.into())
+    }
+
+    fn visit_i64<E>(self, value: i64) -> std::result::Result<Schedule, E> {
+        Ok((value as f64).into())
+    }
+
+    fn visit_u64<E>(self, value: u64) -> std::result::Result<Schedule, E> {
+        Ok((value as f64).into())
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> std::result::Result<Schedule, A::Error> {
+        // the derived function of `remote = "Self"`, which knows tables only
+        Schedule::deserialize(MapAccessDeserializer::new(map))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, PartialEq, Serialize, Deserialize)]
+    struct File {
+        rate: Schedule,
+    }
+
+    fn read(text: &str) -> std::result::Result<Schedule, String> {
+        toml::from_str::<File>(&format!("rate = {text}")).map(|f| f.rate).map_err(|e| e.to_string())
+    }
+
+    const KINDS: [&str; 3] = ["linear", "cosine", "exponential"];
+
+    #[test]
+    fn a_bare_number_is_constant() {
+        for (text, value) in [("0.001", 0.001), ("3", 3.0), ("-2e-3", -0.002)] {
+            let schedule = read(text).unwrap();
+            assert_eq!(schedule, Schedule::constant(value));
+            assert!([-1.0, 0.0, 0.3, 1.0, 2.0, f64::NAN].iter().all(|p| schedule.at(*p) == value));
+        }
+        assert_eq!(serde_json::from_str::<Schedule>("3").unwrap(), 3.0.into());
+    }
+
+    #[test]
+    fn every_kind_begins_and_ends_at_its_numbers_to_the_bit() {
+        for kind in KINDS {
+            let schedule = read(&format!("{{ kind = '{kind}', from = 0.01, to = 1e-4 }}")).unwrap();
+            assert_eq!((schedule.at(0.0), schedule.at(1.0)), (0.01, 1e-4), "{kind}");
+            assert_eq!((schedule.at(f64::NAN), schedule.at(-1.0), schedule.at(7.0)), (0.01, 0.01, 1e-4), "{kind}");
+            let falls = (0..100).all(|k| schedule.at(f64::from(k) / 100.0) > schedule.at(f64::from(k + 1) / 100.0));
+            assert!(falls, "{kind}");
+        }
+    }
+
+    #[test]
+    fn a_quarter_of_the_way_has_the_closed_forms_number() {
+        let at = |kind: &str| read(&format!("{{ kind = '{kind}', from = 16, to = 1 }}")).unwrap().at(0.25);
+        let cosine = 1.0 + 15.0 * (1.0 + 0.5_f64.sqrt()) / 2.0;
+        for (kind, want) in KINDS.iter().zip([12.25, cosine, 8.0]) {
+            assert!((at(kind) - want).abs() < 1e-14, "{kind}: {} {want}", at(kind)); // 0
+        }
+    }
+
+    #[test]
+    fn a_warm_up_rises_from_zero_and_the_kind_takes_what_is_left() {
+        for kind in KINDS {
+            let plain = read(&format!("{{ kind = '{kind}', from = 4, to = 1 }}")).unwrap();
+            let warm = read(&format!("{{ kind = '{kind}', from = 4, to = 1, warm_up = 0.2 }}")).unwrap();
+            assert_eq!((warm.at(0.0), warm.at(0.05), warm.at(0.2), warm.at(1.0)), (0.0, 1.0, 4.0, 1.0), "{kind}");
+            assert!((warm.at(0.6) - plain.at(0.5)).abs() < 1e-14, "{kind}");
+            assert!((warm.at(0.2 - 1e-12) - 4.0).abs() < 1e-10, "{kind}: a jump");
+        }
+        let constant = read("{ kind = 'constant', value = 2, warm_up = 0.5 }").unwrap();
+        assert_eq!([0.0, 0.25, 0.5, 1.0].map(|p| constant.at(p)), [0.0, 1.0, 2.0, 2.0]);
+    }
+
+    #[test]
+    fn schedules_survive_their_own_text() {
+        for text in [
+            "0.5",
+            "{ kind = 'constant', value = 2.0, warm_up = 0.5 }",
+            "{ kind = 'linear', from = 1.0, to = 0.0 }",
+            "{ kind = 'cosine', from = 1.0, to = 0.0, warm_up = 0.1 }",
+            "{ kind = 'exponential', from = 1.0, to = 0.5 }",
+        ] {
+            let file = File { rate: read(text).unwrap() };
+            let toml = toml::to_string(&file).unwrap();
+            assert_eq!(toml::from_str::<File>(&toml).unwrap(), file, "{toml}");
+            let json = serde_json::to_string(&file).unwrap();
+            assert_eq!(serde_json::from_str::<File>(&json).unwrap(), file, "{json}");
+        }
+        assert_eq!(toml::to_string(&File { rate: 0.5.into() }).unwrap(), "rate = 0.5\n");
+    }
+
+    #[test]
+    fn texts_that_are_no_schedule_say_what_one_is() {
+        for (text, told) in [
+            ("'fast'", "a number or a table such as { kind = \"linear\""),
+            ("{ kind = 'step', from = 1, to = 0 }", "unknown variant `step`, expected one of `constant`"),
+            ("{ kind = 'linear', from = 1 }", "missing field `to`"),
+            ("{ kind = 'linear', from = 1, to = 0, warmup = 0.1 }", "unknown field `warmup`, expected one of"),
+            ("{ from = 1, to = 0 }", "missing field `kind`"),
+        ] {
+            let error = read(text).unwrap_err();
+            assert!(error.contains(told), "{text}: {error}");
+        }
+    }
+
+    #[test]
+    fn numbers_that_cannot_be_meant_are_named() {
+        let told = |text: &str| read(text).unwrap().validate("rate").unwrap_err().to_string();
+        assert!(told("nan").starts_with("rate: value is NaN, but it must be a finite number"));
+        assert!(told("{ kind = 'linear', from = 1, to = inf }").starts_with("rate: to is inf"));
+        let text = told("{ kind = 'exponential', from = 1, to = 0 }");
+        assert!(text.starts_with("rate: to is 0, but it must be > 0") && text.contains("linear"), "{text}");
+        for warm_up in ["1", "-0.1", "nan"] {
+            let text = told(&format!("{{ kind = 'cosine', from = 1, to = 0, warm_up = {warm_up} }}"));
+            assert!(text.starts_with("rate: warm_up is") && text.contains("in [0, 1)"), "{text}");
+        }
+        read("{ kind = 'cosine', from = 1, to = -1, warm_up = 0.99 }").unwrap().validate("rate").unwrap();
+    }
+}
