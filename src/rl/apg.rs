@@ -1,0 +1,287 @@
+//! APG: analytic policy gradients. The gradient of a loss along simulated windows, through the physics, straight into the
+//! policy.
+//!
+//! Each update
+//! 1. flies every environment on for a window of H steps under the deterministic policy a = tanh(network(o)), recording;
+//! 2. sweeps back: ∂L/∂θ of L = 1/(E·H) Σ loss(s_{t+1}), exact within the window and cut at its start and at ends of
+//!    episodes;
+//! 3. takes one Adam step on the clipped gradient.
+//!
+//! Windows continue where the last one stopped. There is no critic, so H must span the way from a rotor to what the loss
+//! sees: half a second to a second and a half. What is scarce is the number of updates, not of environment steps.
+//! (Wiedemann et al. 2023; Freeman et al. 2021 in Brax.)
+//!
+//! Too high a learning rate saturates the network and never recovers. [`ApgConfig::saturation`] watches for it: the run
+//! begins again at half the rate.
+
+use super::checkpoint::Tensors;
+use super::learner::{Learner, Update};
+use super::nn::{Adam, AdamConfig, Layers, Transposed, Weights, clip_norm};
+use super::policy::{Actor, Policy};
+use super::schedule::Schedule;
+use super::shards::{Make, shards};
+use super::state;
+use super::window::{Seen, Window, windows};
+
+pub use super::window::Objective;
+
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use crate::rng::{Purpose, Stream};
+use crate::tasks::{Env, EnvConfig, Spec, SweepOptions};
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// Settings; defaults fly the Hummingbird's Hover from random weights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ApgConfig {
+    /// Environments, E.
+    pub n_env: usize,
+    /// Environments of a shard: one thread steps it for a whole window.
+    pub shard: usize,
+    /// H, steps.
+    pub window: usize,
+    /// Updates of a run.
+    pub updates: u64,
+    /// Learning rate over the run.
+    pub rate: Schedule,
+    /// Largest norm of the gradient.
+    pub clip: f64,
+    /// Factor per step on the gradient that is carried back; 1 is exact.
+    pub decay: f32,
+    /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
+    /// would drown all others. Infinite for none.
+    pub carry_clip: f32,
+    /// What is minimised.
+    pub objective: Objective,
+    /// Share of hidden units beyond ±0.99 at which the run begins again at half the rate; 1 for never.
+    pub saturation: f64,
+    /// The optimiser.
+    pub adam: AdamConfig,
+    /// The policy.
+    pub network: Layers,
+}
+
+impl Default for ApgConfig {
+    fn default() -> Self {
+        Self {
+            n_env: 128,
+            shard: 64,
+            window: 48,
+            updates: 600,
+            rate: Schedule::cosine(0.01, 1e-4),
+            clip: 0.2,
+            decay: 1.0,
+            carry_clip: f32::INFINITY,
+            objective: Objective::Loss,
+            saturation: 0.25,
+            adam: AdamConfig { beta2: 0.99, ..AdamConfig::default() },
+            network: Layers::default(),
+        }
+    }
+}
+
+impl ApgConfig {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
+    pub fn validate(&self) -> Result<()> {
+        for (what, n, most) in
+            [("n_env", self.n_env, 1 << 24), ("shard", self.shard, 1 << 24), ("window", self.window, 1 << 16)]
+        {
+            if n == 0 || n > most {
+                return Err(Error::limit(what, n, format!("1 to {most}"), "128, 64 and 48 are usual."));
+            }
+        }
+        for (what, x) in [("clip", self.clip), ("decay", self.decay.into()), ("saturation", self.saturation)] {
+            if !(x.is_finite() && x > 0.0) {
+                return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 0.25 are usual."));
+            }
+        }
+        if self.carry_clip.is_nan() || self.carry_clip <= 0.0 {
+            return Err(Error::value("carry_clip", self.carry_clip, "> 0", "10 to 1000 are usual, inf is none."));
+        }
+        self.rate.validate("rate")?;
+        self.adam.validate()?;
+        self.network.validate()
+    }
+}
+
+/// Analytic policy gradients, in the middle of a run.
+pub struct Apg {
+    config: ApgConfig,
+    actor: Actor,
+    spec: Spec,
+    parameters: Vec<f32>,
+    transposed: Transposed,
+    adam: Adam,
+    workers: Vec<Worker>,
+    threads: Threads,
+    seed: u64,
+    update: u64,
+    env_steps: u64,
+    /// Times the run began again.
+    restarts: u32,
+    gradient: Vec<f32>,
+}
+
+/// A shard's window, and what went wrong in it.
+struct Worker {
+    window: Window,
+    failed: Option<Error>,
+}
+
+impl Apg {
+    /// A run from random weights on a task with this configuration; its `n_env` is [`ApgConfig::n_env`].
+    ///
+    /// # Errors
+    /// As [`ApgConfig::validate`], [`Env::make`](crate::tasks::Env::make), [`Env::adjoint`](crate::tasks::Env::adjoint).
+    pub fn new(task: &str, env: &EnvConfig, config: ApgConfig, seed: u64, threads: Threads) -> Result<Self> {
+        Self::with(&|config| Env::make(task, config), env, config, seed, threads)
+    }
+
+    /// As [`Apg::new`], on environments of one's own.
+    ///
+    /// # Errors
+    /// As there, and as `make`.
+    pub fn with(make: &Make<'_>, env: &EnvConfig, config: ApgConfig, seed: u64, threads: Threads) -> Result<Self> {
+        config.validate()?;
+        let env = EnvConfig { n_env: config.n_env, seed, ..env.clone() };
+        let shards = shards(make, &env, config.shard)?;
+        let spec = shards[0].env.spec().clone();
+        let actor = Actor::new(&spec, &config.network, true)?;
+        // the weight of a step: the mean over all environments and steps of the window
+        let share = 1.0 / (config.n_env * config.window) as f32;
+        let options = SweepOptions { decay: config.decay, clip: config.carry_clip * share };
+        let windows = windows(shards, &actor, config.window, config.objective, options)?;
+        let worker = |mut window: Window| {
+            window.steps.iter_mut().for_each(|step| step.weight.fill(share));
+            Worker { window, failed: None }
+        };
+        let workers: Vec<Worker> = windows.into_iter().map(worker).collect();
+        let n = actor.n_parameter();
+        let adam = Adam::new(config.adam, n);
+        let mut apg = Self {
+            actor,
+            spec,
+            parameters: Vec::new(),
+            transposed: Transposed::default(),
+            adam,
+            workers,
+            threads,
+            seed,
+            update: 0,
+            env_steps: 0,
+            restarts: 0,
+            gradient: vec![0.0; n],
+            config,
+        };
+        apg.begin();
+        Ok(apg)
+    }
+
+    /// Fresh weights and moments.
+    fn begin(&mut self) {
+        let mut stream = Stream::new(self.seed, 0, u64::from(self.restarts), Purpose::LEARNING);
+        self.parameters = self.actor.mlp.init(&mut stream);
+        self.parameters.resize(self.actor.n_parameter(), 0.0);
+        self.adam = Adam::new(self.config.adam, self.parameters.len());
+        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        self.update = 0;
+    }
+
+    /// Learning rate of the next update.
+    fn rate(&self) -> f64 {
+        let progress = self.update as f64 / self.config.updates.max(1) as f64;
+        self.config.rate.at(progress) * 0.5_f64.powi(self.restarts.min(60) as i32)
+    }
+}
+
+impl Learner for Apg {
+    fn update(&mut self) -> Result<Update> {
+        let begun = Instant::now();
+        let (actor, parameters, transposed) = (&self.actor, &self.parameters, &self.transposed);
+        let net = Weights { parameters, transposed };
+        self.threads.for_each(&mut self.workers, |_, Worker { window, failed }| {
+            *failed = window.fly(actor, net).and_then(|()| window.sweep(actor, net, &[]).map(|_| ())).err();
+        });
+        let mut seen = Seen::default();
+        self.gradient.fill(0.0);
+        for Worker { window, failed } in &mut self.workers {
+            if let Some(error) = failed.take() {
+                return Err(error);
+            }
+            self.gradient.iter_mut().zip(window.gradient()).for_each(|(sum, g)| *sum += g);
+            seen.add(&window.seen);
+        }
+        let windows = begun.elapsed();
+        let rate = self.rate();
+        let norm = clip_norm(&mut self.gradient, self.config.clip);
+        self.adam.descend(&mut self.parameters, &self.gradient, rate);
+        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        self.update += 1;
+        let n_step = (self.config.n_env * self.config.window) as f64;
+        self.env_steps += n_step as u64;
+        let n_worker = self.workers.len() as f64;
+        let share = seen.saturated / n_worker;
+        if share > self.config.saturation && self.config.saturation < 1.0 || norm.is_nan() {
+            self.restarts += 1;
+            self.begin();
+        }
+        let flying = windows.mul_f64((seen.flying / n_worker / windows.as_secs_f64()).clamp(0.0, 1.0));
+        Ok(Update {
+            loss: seen.cost / n_step,
+            reward: seen.reward / n_step,
+            episodes: seen.episodes,
+            gradient_norm: norm,
+            rate,
+            extra: vec![
+                ("saturated", share),
+                ("restarts", self.restarts.into()),
+                ("gradients_dropped", seen.dropped as f64),
+            ],
+            phases: vec![("fly", flying), ("sweep", windows - flying), ("learn", begun.elapsed() - windows)],
+        })
+    }
+
+    fn n_update(&self) -> u64 {
+        self.update
+    }
+
+    fn budget(&self) -> u64 {
+        self.config.updates
+    }
+
+    fn env_steps(&self) -> u64 {
+        self.env_steps
+    }
+
+    fn policy(&self) -> Result<Policy> {
+        let statistics = self.workers[0].window.shard.env.statistics();
+        let statistics = (!statistics.mean.is_empty()).then(|| statistics.clone());
+        Policy::new(self.actor.clone(), self.parameters.clone(), statistics, &self.spec)
+    }
+
+    fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
+        state::put_network(policy, "actor", &self.actor.mlp, &self.parameters)?;
+        state::put_adam(out, "actor", &self.adam)?;
+        state::put_counters(out, [self.update, self.env_steps, self.restarts.into()])?;
+        self.workers.iter().enumerate().try_for_each(|(k, w)| state::put_shard(out, k, &w.window.shard))
+    }
+
+    fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
+        let mut parameters = state::network(policy, "actor", &self.actor.mlp)?;
+        parameters.resize(self.actor.n_parameter(), 0.0);
+        let adam = state::adam(from, "actor", self.config.adam, parameters.len())?;
+        let [update, env_steps, restarts] = state::counters(from)?;
+        for (k, worker) in self.workers.iter_mut().enumerate() {
+            state::load_shard(from, k, &mut worker.window.shard)?;
+        }
+        (self.parameters, self.adam) = (parameters, adam);
+        (self.update, self.env_steps, self.restarts) = (update, env_steps, restarts as u32);
+        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        Ok(())
+    }
+}

@@ -1,0 +1,86 @@
+//! What all learning algorithms have in common, as the trainer sees them.
+
+use super::checkpoint::Tensors;
+use super::policy::Policy;
+use crate::error::Result;
+use serde::Serialize;
+use std::time::Duration;
+
+/// A learning algorithm in the middle of its run.
+pub trait Learner: Send {
+    /// Collects experience and improves the policy once.
+    ///
+    /// # Errors
+    /// As the environment's; learning itself does not fail, it reports.
+    fn update(&mut self) -> Result<Update>;
+
+    /// Updates done.
+    fn n_update(&self) -> u64;
+
+    /// Updates after which it is done.
+    fn budget(&self) -> u64;
+
+    /// Steps of environments done.
+    fn env_steps(&self) -> u64;
+
+    /// The policy as it is.
+    ///
+    /// # Errors
+    /// [`Error::Value`](crate::error::Error::Value) if its numbers are not finite.
+    fn policy(&self) -> Result<Policy>;
+
+    /// Puts what is needed to fly into `policy`, and what is needed to go on with the same bits into `state`.
+    ///
+    /// # Errors
+    /// None for a name that is used once.
+    fn save(&self, policy: &mut Tensors, state: &mut Tensors) -> Result<()>;
+
+    /// Continues from what [`Learner::save`] put there.
+    ///
+    /// # Errors
+    /// [`Error`](crate::error::Error) naming the tensor that is missing or has another shape.
+    fn load(&mut self, policy: &Tensors, state: &Tensors) -> Result<()>;
+}
+
+/// What one update did.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Update {
+    /// What was minimised, before the update; its meaning is the algorithm's.
+    pub loss: f64,
+    /// Mean reward of a step.
+    pub reward: f64,
+    /// Episodes that ended in it.
+    pub episodes: Episodes,
+    /// Norm of the policy's gradient before it was clipped.
+    pub gradient_norm: f64,
+    /// Learning rate used.
+    pub rate: f64,
+    /// More figures, by name.
+    pub extra: Vec<(&'static str, f64)>,
+    /// Time of each phase.
+    #[serde(skip)]
+    pub phases: Vec<(&'static str, Duration)>,
+}
+
+/// Figures over episodes that ended while training, exploration and all.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Episodes {
+    /// How many.
+    pub count: u64,
+    /// Σ return.
+    pub total_return: f64,
+    /// Σ steps.
+    pub total_length: f64,
+    /// How many the task ended.
+    pub crashed: u64,
+}
+
+impl Episodes {
+    /// With those of another part of the batch.
+    pub fn add(&mut self, other: &Self) {
+        self.count += other.count;
+        self.total_return += other.total_return;
+        self.total_length += other.total_length;
+        self.crashed += other.crashed;
+    }
+}

@@ -1,0 +1,151 @@
+//! What has been learnt: a network, a distribution over its outputs, and what it expects to see.
+
+use super::nn::head::Head;
+use super::nn::{Activation, Layers, Memory, Mlp};
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use crate::tasks::{Space, Spec, Statistics};
+
+/// Rows that go through a network together: their activations stay in the second-level cache.
+pub(crate) const ROWS: usize = 64;
+
+/// The shape of an actor: one network for all agents.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Actor {
+    /// From one agent's observation to outputs of the head.
+    pub mlp: Mlp,
+    /// From outputs to actions.
+    pub head: Head,
+    n_action: usize,
+}
+
+impl Actor {
+    /// For one agent of an environment. With `squashed`, outputs of continuous actions pass tanh.
+    ///
+    /// # Errors
+    /// As [`Mlp::new`].
+    pub fn new(spec: &Spec, layers: &Layers, squashed: bool) -> Result<Self> {
+        let head = match spec.action {
+            Space::Box { n, .. } => Head::Gaussian { n },
+            Space::Discrete { n } => Head::Categorical { n },
+            Space::MultiDiscrete { n, levels } => Head::MultiCategorical { n, levels },
+        };
+        let output = if squashed { Activation::Tanh } else { Activation::Identity };
+        let mlp = Mlp::new(spec.n_observation, layers, head.n_output(), output)?;
+        Ok(Self { mlp, head, n_action: spec.action.len() })
+    }
+
+    /// Numbers of one agent's action.
+    pub fn n_action(&self) -> usize {
+        self.n_action
+    }
+
+    /// Network parameters, then those of the head.
+    pub fn n_parameter(&self) -> usize {
+        self.mlp.n_parameter() + self.head.n_extra()
+    }
+
+    /// Deterministic actions `[rows, action]` for observations `[rows, observation]`.
+    pub(crate) fn modes(&self, parameters: &[f32], x: &[f32], memory: &mut Memory, actions: &mut [f32]) {
+        let (network, extra) = parameters.split_at(self.mlp.n_parameter());
+        let rows = x.len() / self.mlp.n_input();
+        let output = self.mlp.forward(network, x, rows, memory);
+        for (row, action) in actions.chunks_exact_mut(self.n_action).enumerate() {
+            self.head.mode(output.row(row), extra, action);
+        }
+    }
+}
+
+/// A policy that flies.
+///
+/// Actions are the distribution's most likely ones. Made by [`Learner::policy`](super::Learner::policy) or from a
+/// checkpoint; see [`evaluate`](super::evaluate()).
+#[derive(Debug, Clone)]
+pub struct Policy {
+    actor: Actor,
+    parameters: Vec<f32>,
+    statistics: Option<Statistics>,
+    spec_hash: u64,
+    memory: Vec<Memory>,
+    threads: Threads,
+}
+
+impl Policy {
+    /// From its parts; `statistics` are those of the stage `normalise` of the observation, if it has one.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for another number of parameters or one that is not finite.
+    pub fn new(actor: Actor, parameters: Vec<f32>, statistics: Option<Statistics>, spec: &Spec) -> Result<Self> {
+        if parameters.len() != actor.n_parameter() {
+            let (got, wanted) = (parameters.len(), actor.n_parameter().to_string());
+            return Err(Error::value("parameters of the policy", got, wanted, "Give those of this network."));
+        }
+        if let Some(x) = parameters.iter().find(|x| !x.is_finite()) {
+            let remedy = "Lower the learning rate, or load an earlier checkpoint.";
+            return Err(Error::value("a parameter of the policy", x, "finite", remedy));
+        }
+        Ok(Self {
+            actor,
+            parameters,
+            statistics,
+            spec_hash: spec.hash(),
+            memory: Vec::new(),
+            threads: Threads::default(),
+        })
+    }
+
+    /// What shape it has.
+    pub fn actor(&self) -> &Actor {
+        &self.actor
+    }
+
+    /// Network parameters, then those of the head.
+    pub fn parameters(&self) -> &[f32] {
+        &self.parameters
+    }
+
+    /// Of the normaliser it was trained behind.
+    pub fn statistics(&self) -> Option<&Statistics> {
+        self.statistics.as_ref()
+    }
+
+    /// Which environments it fits: [`Spec::hash`].
+    pub fn spec_hash(&self) -> u64 {
+        self.spec_hash
+    }
+
+    /// Acts on these threads from now on.
+    pub fn set_threads(&mut self, threads: Threads) {
+        self.threads = threads;
+    }
+
+    /// Checks that an environment shows and takes what the policy was trained with.
+    ///
+    /// # Errors
+    /// [`Error::Value`] otherwise.
+    pub fn fits(&self, spec: &Spec) -> Result<()> {
+        if spec.hash() == self.spec_hash {
+            return Ok(());
+        }
+        let (got, wanted) = (format!("{:016x}", spec.hash()), format!("{:016x}, that of the policy", self.spec_hash));
+        let remedy =
+            "Use the vehicle, control mode, dt and transforms that it was trained with: they stand in its checkpoint.";
+        Err(Error::value("hash of the environment", got, wanted, remedy))
+    }
+
+    /// Actions `[E, A, action]` for observations `[E, A, observation]`.
+    ///
+    /// # Panics
+    /// For arrays of the wrong length.
+    pub fn act(&mut self, observation: &[f32], actions: &mut [f32]) {
+        let (n_in, n_out) = (self.actor.mlp.n_input(), self.actor.n_action);
+        assert_eq!(observation.len() / n_in, actions.len() / n_out, "rows of observations and of actions");
+        let parts = actions.len().div_ceil(n_out * ROWS);
+        let missing = parts.saturating_sub(self.memory.len());
+        self.memory.extend((0..missing).map(|_| self.actor.mlp.memory(ROWS)));
+        let (actor, parameters) = (&self.actor, &self.parameters);
+        let own = observation.chunks(n_in * ROWS).zip(actions.chunks_mut(n_out * ROWS)).zip(&mut self.memory);
+        let mut own: Vec<_> = own.collect();
+        self.threads.for_each(&mut own, |_, ((x, actions), memory)| actor.modes(parameters, x, memory, actions));
+    }
+}
