@@ -1,0 +1,105 @@
+//! A value function: a network from what is seen to one number, fitted to targets.
+
+use super::minibatch::{Minibatch, Sums};
+use super::nn::{Activation, Adam, AdamConfig, Layers, Memory, Mlp, Pass, Transposed, Weights, clip_norm};
+use super::policy::ROWS;
+use crate::error::Result;
+use crate::parallel::Threads;
+use crate::rng::Stream;
+
+/// V(x), with its optimiser.
+pub(crate) struct Critic {
+    pub mlp: Mlp,
+    pub parameters: Vec<f32>,
+    pub adam: Adam,
+    transposed: Transposed,
+    batch: Minibatch,
+    memory: Vec<Memory>,
+}
+
+impl Critic {
+    /// From `n_in` numbers, for minibatches of up to `rows` rows.
+    pub fn new(n_in: usize, layers: &Layers, adam: AdamConfig, rows: usize, stream: &mut Stream) -> Result<Self> {
+        let mlp = Mlp::new(n_in, layers, 1, Activation::Identity)?;
+        let parameters = mlp.init(stream);
+        let mut critic = Self {
+            adam: Adam::new(adam, parameters.len()),
+            transposed: Transposed::default(),
+            batch: Minibatch::new(&mlp, 0, rows),
+            memory: Vec::new(),
+            mlp,
+            parameters,
+        };
+        critic.set_parameters_changed();
+        Ok(critic)
+    }
+
+    /// Call after writing [`Critic::parameters`].
+    pub fn set_parameters_changed(&mut self) {
+        self.mlp.transpose(&self.parameters, &mut self.transposed);
+    }
+
+    /// V of every row of `x`.
+    pub fn values(&mut self, threads: &Threads, x: &[f32], values: &mut [f32]) {
+        let n_in = self.mlp.n_input();
+        let missing = values.len().div_ceil(ROWS).min(64).saturating_sub(self.memory.len());
+        self.memory.extend((0..missing).map(|_| self.mlp.memory(ROWS)));
+        // as many parts as there is memory for, each of whole blocks
+        let each = values.len().div_ceil(ROWS).div_ceil(self.memory.len().max(1)) * ROWS;
+        let (mlp, parameters) = (&self.mlp, &self.parameters);
+        let parts = x.chunks(each.max(1) * n_in).zip(values.chunks_mut(each.max(1))).zip(&mut self.memory);
+        let mut parts: Vec<_> = parts.collect();
+        threads.for_each(&mut parts, |_, ((x, values), memory)| {
+            for (x, values) in x.chunks(ROWS * n_in).zip(values.chunks_mut(ROWS)) {
+                mlp.forward(parameters, x, values.len(), memory).write(values);
+            }
+        });
+    }
+
+    /// ∂/∂x of Σ up · V(x), rows of `[rows, n_in]`; `rows` at most `memory` was made for.
+    pub fn pull(&self, x: &[f32], up: &[f32], memory: &mut Memory, waste: &mut [f32], down: &mut [f32]) {
+        let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
+        self.mlp.forward(&self.parameters, x, up.len(), memory);
+        self.mlp.backward(net, x, up.len(), memory, up, Pass { gradient: waste, down });
+    }
+
+    /// One step down the mean of ½(V − target)² over the rows `chosen`; gives that mean from before. With `huber`, errors
+    /// beyond it count linearly (Huber 1964). Rows whose target is not finite do not count.
+    pub fn fit(&mut self, threads: &Threads, x: &[f32], target: &[f32], chosen: &[u32], step: Fit) -> f64 {
+        let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
+        let share = 1.0 / chosen.len().max(1) as f32;
+        let loss = |row: usize, v: &[f32], up: &mut [f32], _: &mut [f32], sums: &mut Sums| {
+            let error = v[0] - target[row];
+            if error.is_finite() {
+                let bounded = error.clamp(-step.huber, step.huber);
+                up[0] = share * bounded;
+                sums[0] += f64::from(bounded * (error - 0.5 * bounded));
+            }
+        };
+        let sums = self.batch.gradient(threads, &self.mlp, net, x, chosen, &loss);
+        clip_norm(&mut self.batch.gradient, step.clip);
+        self.adam.descend(&mut self.parameters, &self.batch.gradient, step.rate);
+        self.set_parameters_changed();
+        sums[0] * f64::from(share)
+    }
+}
+
+/// How far a critic steps.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Fit {
+    /// Learning rate.
+    pub rate: f64,
+    /// Largest norm of the gradient.
+    pub clip: f64,
+    /// Where errors begin to count linearly; infinite for never.
+    pub huber: f32,
+}
+
+/// 0 … n − 1 in random order (Fisher and Yates 1938).
+pub(crate) fn shuffle(order: &mut Vec<u32>, n: usize, stream: &mut Stream) {
+    order.clear();
+    order.extend(0..n as u32);
+    for i in (1..n).rev() {
+        order.swap(i, stream.below(i as u64 + 1) as usize);
+    }
+}

@@ -1,0 +1,94 @@
+//! The gradient of a sum over some rows of experience, for any network and any loss.
+//!
+//! Rows are cut into parts of fixed size; each part goes through the network block by block on one thread and has a
+//! gradient of its own; parts are folded in order. So a result is the same bits for any number of threads.
+
+use super::nn::{Memory, Mlp, Pass, Weights};
+use super::policy::ROWS;
+use crate::parallel::Threads;
+
+/// Rows of a part.
+const PART: usize = 4 * ROWS;
+
+/// Figures that a loss may sum up beside its gradient.
+pub(crate) type Sums = [f64; 8];
+
+/// Memory for minibatches of one network.
+pub(crate) struct Minibatch {
+    parts: Vec<Part>,
+    /// The last one's: of the network, then of `n_extra` parameters more.
+    pub gradient: Vec<f32>,
+}
+
+struct Part {
+    memory: Memory,
+    x: Vec<f32>,
+    up: Vec<f32>,
+    gradient: Vec<f32>,
+    sums: Sums,
+}
+
+impl Minibatch {
+    /// For up to `rows` rows.
+    pub fn new(mlp: &Mlp, n_extra: usize, rows: usize) -> Self {
+        let n = mlp.n_parameter() + n_extra;
+        let part = || Part {
+            memory: mlp.memory(ROWS),
+            x: vec![0.0; ROWS * mlp.n_input()],
+            up: vec![0.0; ROWS * mlp.n_output()],
+            gradient: vec![0.0; n],
+            sums: Sums::default(),
+        };
+        Self { parts: (0..rows.div_ceil(PART)).map(|_| part()).collect(), gradient: vec![0.0; n] }
+    }
+
+    /// Σ over the rows `chosen` of `x` (`[_, n_input]`) of ∂loss/∂parameters, into [`Minibatch::gradient`]. `loss` is asked
+    /// row by row: (row, output, ∂loss/∂output to be written, gradient of the extra parameters to be added to, sums).
+    pub fn gradient(
+        &mut self,
+        threads: &Threads,
+        mlp: &Mlp,
+        net: Weights<'_>,
+        x: &[f32],
+        chosen: &[u32],
+        loss: &(impl Fn(usize, &[f32], &mut [f32], &mut [f32], &mut Sums) + Sync),
+    ) -> Sums {
+        let n_part = chosen.len().div_ceil(PART);
+        threads.for_each(&mut self.parts[..n_part], |k, part| {
+            let own = &chosen[k * PART..chosen.len().min((k + 1) * PART)];
+            part.gradient.fill(0.0);
+            part.sums = Sums::default();
+            own.chunks(ROWS).for_each(|rows| part.block(mlp, net, x, rows, loss));
+        });
+        let mut sums = Sums::default();
+        self.gradient.fill(0.0);
+        for part in &self.parts[..n_part] {
+            self.gradient.iter_mut().zip(&part.gradient).for_each(|(sum, g)| *sum += g);
+            sums.iter_mut().zip(part.sums).for_each(|(sum, x)| *sum += x);
+        }
+        sums
+    }
+}
+
+impl Part {
+    fn block(
+        &mut self,
+        mlp: &Mlp,
+        net: Weights<'_>,
+        x: &[f32],
+        rows: &[u32],
+        loss: &impl Fn(usize, &[f32], &mut [f32], &mut [f32], &mut Sums),
+    ) {
+        let (n_in, n_out, n) = (mlp.n_input(), mlp.n_output(), rows.len());
+        for (to, row) in self.x.chunks_exact_mut(n_in).zip(rows) {
+            to.copy_from_slice(&x[*row as usize * n_in..][..n_in]);
+        }
+        let (own, extra) = self.gradient.split_at_mut(mlp.n_parameter());
+        let output = mlp.forward(net.parameters, &self.x, n, &mut self.memory);
+        for (k, (up, row)) in self.up.chunks_exact_mut(n_out).zip(rows).enumerate() {
+            up.fill(0.0);
+            loss(*row as usize, output.row(k), up, extra, &mut self.sums);
+        }
+        mlp.backward(net, &self.x, n, &mut self.memory, &self.up, Pass { gradient: own, down: &mut [] });
+    }
+}

@@ -1,0 +1,497 @@
+//! SHAC: short-horizon actor-critic. Analytic gradients over a window, and a learnt value for what comes after it.
+//!
+//! The cost of a window of H steps is
+//! L = 1/(E·H) Σ_environments [ Σ_t γ^t c_t + w γ^H V(o_H) ],
+//! with t counted from the window's start or from the last restart in it, and at an end of an episode
+//! - by time: V of the final observation;
+//! - by the task: c/(1 − γ), the last cost for ever. A cost is positive: an end worth nothing would be worth seeking.
+//!
+//! Its exact gradient trains the actor; the critic is fitted to TD(λ) targets along the same windows, with a slow copy of
+//! itself as V of what follows. The critic learns (1 − γ)V, a mean cost per step, so that its scale is that of the cost.
+//! w rises from 0 to 1 over the first part of the run ([`ShacConfig::ramp`]): the gradient of an untrained critic, times
+//! 1/(1 − γ), drowns the exact one. (Xu et al. 2022; the ramp is our own finding.)
+
+use super::checkpoint::Tensors;
+use super::critic::{Critic, Fit, shuffle};
+use super::gae::{Steps, advantages};
+use super::learner::{Learner, Update};
+use super::nn::{Activation, Adam, AdamConfig, Layers, Memory, Transposed, Weights, clip_norm};
+use super::policy::{Actor, Policy};
+use super::schedule::Schedule;
+use super::shards::{Make, shards};
+use super::state;
+use super::window::{Objective, Seen, Window, windows};
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use crate::rng::{Purpose, Stream};
+use crate::tasks::{Env, EnvConfig, Spec, SweepOptions};
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// Settings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ShacConfig {
+    /// Environments, E.
+    pub n_env: usize,
+    /// Environments of a shard: one thread steps it for a whole window.
+    pub shard: usize,
+    /// H, steps.
+    pub window: usize,
+    /// Updates of a run.
+    pub updates: u64,
+    /// γ.
+    pub discount: f64,
+    /// λ of the critic's targets.
+    pub lambda: f64,
+    /// Share of the run over which w rises from 0 to 1.
+    pub ramp: f64,
+    /// Learning rate of the actor over the run.
+    pub rate: Schedule,
+    /// Learning rate of the critic over the run.
+    pub critic_rate: Schedule,
+    /// Largest norm of the actor's gradient.
+    pub clip: f64,
+    /// Largest norm of the critic's gradient.
+    pub critic_clip: f64,
+    /// Passes of the critic over a window's experience.
+    pub critic_passes: usize,
+    /// Minibatches of a pass.
+    pub minibatches: usize,
+    /// Share of the critic's old copy that stays in an update: 0.2 replaces four fifths of it.
+    pub target_keep: f32,
+    /// Factor per step on the gradient that is carried back; 1 is exact.
+    pub decay: f32,
+    /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
+    /// would drown all others. Infinite for none.
+    pub carry_clip: f32,
+    /// What is minimised.
+    pub objective: Objective,
+    /// The optimiser of both.
+    pub adam: AdamConfig,
+    /// The policy.
+    pub network: Layers,
+    /// The critic.
+    pub critic: Layers,
+}
+
+impl Default for ShacConfig {
+    fn default() -> Self {
+        Self {
+            n_env: 128,
+            shard: 64,
+            window: 32,
+            updates: 750,
+            discount: 0.97,
+            lambda: 0.95,
+            ramp: 0.5,
+            rate: Schedule::cosine(0.01, 1e-4),
+            critic_rate: Schedule::cosine(0.002, 1e-4),
+            clip: 0.2,
+            critic_clip: 1.0,
+            critic_passes: 2,
+            minibatches: 4,
+            target_keep: 0.2,
+            decay: 1.0,
+            carry_clip: f32::INFINITY,
+            objective: Objective::Loss,
+            adam: AdamConfig { beta2: 0.99, ..AdamConfig::default() },
+            network: Layers::default(),
+            critic: Layers { activation: Activation::Elu, ..Layers::default() },
+        }
+    }
+}
+
+impl ShacConfig {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
+    pub fn validate(&self) -> Result<()> {
+        for (what, n, most) in [
+            ("n_env", self.n_env, 1 << 24),
+            ("shard", self.shard, 1 << 24),
+            ("window", self.window, 1 << 16),
+            ("critic_passes", self.critic_passes, 1 << 10),
+            ("minibatches", self.minibatches, 1 << 10),
+        ] {
+            if n == 0 || n > most {
+                let remedy = "128, 64, 32, 2 and 4 are usual.";
+                return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
+            }
+        }
+        for (what, x) in [("clip", self.clip), ("critic_clip", self.critic_clip), ("decay", self.decay.into())] {
+            if !(x.is_finite() && x > 0.0) {
+                return Err(Error::value(what, x, "finite and > 0", "0.2 and 1 are usual."));
+            }
+        }
+        let shares = [("lambda", self.lambda), ("ramp", self.ramp), ("target_keep", self.target_keep.into())];
+        for (what, x) in shares {
+            if !(0.0..=1.0).contains(&x) {
+                return Err(Error::value(what, x, "within [0, 1]", "0.95, 0.5 and 0.2 are usual."));
+            }
+        }
+        if !(0.0..1.0).contains(&self.discount) {
+            return Err(Error::value("discount", self.discount, "within [0, 1)", "0.97 looks half a second ahead."));
+        }
+        if self.carry_clip.is_nan() || self.carry_clip <= 0.0 {
+            return Err(Error::value("carry_clip", self.carry_clip, "> 0", "10 to 1000 are usual, inf is none."));
+        }
+        self.rate.validate("rate")?;
+        self.critic_rate.validate("critic_rate")?;
+        self.adam.validate()?;
+        self.network.validate()?;
+        self.critic.validate()
+    }
+}
+
+/// Short-horizon actor-critic, in the middle of a run.
+pub struct Shac {
+    config: ShacConfig,
+    actor: Actor,
+    spec: Spec,
+    parameters: Vec<f32>,
+    transposed: Transposed,
+    adam: Adam,
+    critic: Critic,
+    /// The critic's slow copy.
+    target: Vec<f32>,
+    workers: Vec<Worker>,
+    experience: Experience,
+    threads: Threads,
+    seed: u64,
+    update: u64,
+    env_steps: u64,
+    gradient: Vec<f32>,
+}
+
+/// A shard's window with what the critic says of it.
+struct Worker {
+    window: Window,
+    /// γ^k of the next step of every environment.
+    discount: Vec<f32>,
+    memory: Memory,
+    waste: Vec<f32>,
+    up: Vec<f32>,
+    d_last: Vec<f32>,
+    failed: Option<Error>,
+}
+
+/// All windows of an update, shard by shard, step by step: rows of the critic.
+#[derive(Default)]
+struct Experience {
+    x: Vec<f32>,
+    next: Vec<f32>,
+    value: Vec<f32>,
+    next_value: Vec<f32>,
+    cost: Vec<f32>,
+    terminated: Vec<u8>,
+    truncated: Vec<u8>,
+    advantage: Vec<f32>,
+    target: Vec<f32>,
+    order: Vec<u32>,
+}
+
+impl Shac {
+    /// A run from random weights on a task with this configuration; its `n_env` is [`ShacConfig::n_env`].
+    ///
+    /// # Errors
+    /// As [`ShacConfig::validate`], [`Env::make`](crate::tasks::Env::make), [`Env::adjoint`](crate::tasks::Env::adjoint).
+    pub fn new(task: &str, env: &EnvConfig, config: ShacConfig, seed: u64, threads: Threads) -> Result<Self> {
+        Self::with(&|config| Env::make(task, config), env, config, seed, threads)
+    }
+
+    /// As [`Shac::new`], on environments of one's own.
+    ///
+    /// # Errors
+    /// As there, and as `make`.
+    pub fn with(make: &Make<'_>, env: &EnvConfig, config: ShacConfig, seed: u64, threads: Threads) -> Result<Self> {
+        config.validate()?;
+        let env = EnvConfig { n_env: config.n_env, seed, ..env.clone() };
+        let shards = shards(make, &env, config.shard)?;
+        let spec = shards[0].env.spec().clone();
+        let actor = Actor::new(&spec, &config.network, true)?;
+        // the weight of a step: the mean over all environments and steps of the window
+        let share = 1.0 / (config.n_env * config.window) as f32;
+        let options = SweepOptions { decay: config.decay, clip: config.carry_clip * share };
+        let windows = windows(shards, &actor, config.window, config.objective, options)?;
+        let stream = |episode| Stream::new(seed, 0, episode, Purpose::LEARNING);
+        let mut parameters = actor.mlp.init(&mut stream(0));
+        parameters.resize(actor.n_parameter(), 0.0);
+        let n_row = config.n_env * spec.n_agent * config.window;
+        let rows = n_row.div_ceil(config.minibatches);
+        let critic = Critic::new(spec.n_observation, &config.critic, config.adam, rows, &mut stream(1))?;
+        let workers = windows.into_iter().map(|window| Worker::new(window, &critic)).collect();
+        let mut shac = Self {
+            adam: Adam::new(config.adam, parameters.len()),
+            gradient: vec![0.0; parameters.len()],
+            transposed: Transposed::default(),
+            target: critic.parameters.clone(),
+            experience: Experience::default(),
+            update: 0,
+            env_steps: 0,
+            actor,
+            spec,
+            parameters,
+            critic,
+            workers,
+            threads,
+            seed,
+            config,
+        };
+        shac.actor.mlp.transpose(&shac.parameters, &mut shac.transposed);
+        Ok(shac)
+    }
+
+    /// What the critic expects each row of `[rows, observation]` to cost from there on, Σ γ^t c.
+    pub fn cost_to_go(&mut self, observation: &[f32]) -> Vec<f32> {
+        let mut values = vec![0.0; observation.len() / self.critic.mlp.n_input()];
+        self.critic.values(&self.threads, observation, &mut values);
+        values.iter_mut().for_each(|v| *v /= (1.0 - self.config.discount) as f32);
+        values
+    }
+
+    /// TD(λ) targets over all windows, then minibatches.
+    fn fit_critic(&mut self, progress: f64) -> f64 {
+        let (config, e) = (&self.config, &mut self.experience);
+        let share = (1.0 - config.discount) as f32;
+        e.clear();
+        let mut from = 0;
+        for Worker { window, .. } in &self.workers {
+            e.take(window, share);
+            // the slow copy judges what follows
+            std::mem::swap(&mut self.critic.parameters, &mut self.target);
+            let rows = e.cost.len();
+            e.value.resize(rows, 0.0);
+            e.next_value.resize(rows, 0.0);
+            let n = self.critic.mlp.n_input();
+            self.critic.values(&self.threads, &e.x[from * n..], &mut e.value[from..]);
+            self.critic.values(&self.threads, &e.next[from * n..], &mut e.next_value[from..]);
+            std::mem::swap(&mut self.critic.parameters, &mut self.target);
+            e.advantage.resize(rows, 0.0);
+            e.target.resize(rows, 0.0);
+            let steps = Steps {
+                reward: &e.cost[from..],
+                value: &e.value[from..],
+                next_value: &e.next_value[from..],
+                terminated: &e.terminated[from / self.spec.n_agent..],
+                truncated: &e.truncated[from / self.spec.n_agent..],
+                n_env: window.shard.env.spec().n_env,
+                n_agent: self.spec.n_agent,
+            };
+            let (advantage, target) = (&mut e.advantage[from..], &mut e.target[from..]);
+            // lengths agree by construction
+            let _ = advantages(&steps, config.discount, config.lambda, advantage, target);
+            from = rows;
+        }
+        let fit = Fit { rate: config.critic_rate.at(progress), clip: config.critic_clip, huber: f32::INFINITY };
+        let (mut loss, mut count) = (0.0, 0.0);
+        for pass in 0..config.critic_passes as u64 {
+            let mut stream = Stream::new(self.seed, self.update, 2 + pass, Purpose::LEARNING);
+            shuffle(&mut e.order, e.target.len(), &mut stream);
+            for chosen in e.order.chunks(e.target.len().div_ceil(config.minibatches)) {
+                loss += self.critic.fit(&self.threads, &e.x, &e.target, chosen, fit);
+                count += 1.0;
+            }
+        }
+        let keep = config.target_keep;
+        let own = self.critic.parameters.iter();
+        self.target.iter_mut().zip(own).for_each(|(slow, new)| *slow = keep * *slow + (1.0 - keep) * new);
+        loss / count
+    }
+}
+
+impl Experience {
+    fn clear(&mut self) {
+        let Self { x, next, cost, terminated, truncated, .. } = self;
+        [x, next, cost].into_iter().for_each(Vec::clear);
+        [terminated, truncated].into_iter().for_each(Vec::clear);
+    }
+
+    /// One shard's window: [H, E, A] rows. Costs are scaled to those of (1 − γ)V; the last cost of an episode that the task
+    /// ended counts for ever.
+    fn take(&mut self, window: &Window, share: f32) {
+        let (n_env, rows) = (window.shard.env.spec().n_env, window.rows());
+        let (n_agent, n) = (rows / n_env, window.steps[0].observation.len() / rows);
+        for (t, step) in window.steps.iter().enumerate() {
+            self.x.extend(&step.observation);
+            let from = self.next.len();
+            let next = window.steps.get(t + 1).map_or(&window.shard.out.observation, |step| &step.observation);
+            self.next.extend(next);
+            for i in 0..n_env {
+                let ended = step.terminated[i] | step.truncated[i] == 1;
+                let own = i * n_agent * n..(i + 1) * n_agent * n;
+                if ended {
+                    self.next[from..][own.clone()].copy_from_slice(&step.final_observation[own]);
+                }
+                let scale = if step.terminated[i] == 1 { 1.0 } else { share };
+                self.cost.extend(std::iter::repeat_n(scale * step.cost[i], n_agent));
+            }
+            self.terminated.extend(&step.terminated);
+            self.truncated.extend(&step.truncated);
+        }
+    }
+}
+
+impl Worker {
+    fn new(window: Window, critic: &Critic) -> Self {
+        let n_env = window.shard.env.spec().n_env;
+        let n_seen = window.shard.out.observation.len();
+        Self {
+            discount: vec![1.0; n_env],
+            memory: critic.mlp.memory(window.rows()),
+            waste: vec![0.0; critic.parameters.len()],
+            up: vec![0.0; window.rows()],
+            d_last: vec![0.0; n_seen],
+            failed: None,
+            window,
+        }
+    }
+
+    /// Flies a window, weighs its steps and ends, and sweeps back over it.
+    fn learn(&mut self, actor: &Actor, net: Weights<'_>, critic: &Critic, how: Weighing) -> Result<()> {
+        self.window.fly(actor, net)?;
+        self.weigh(critic, how);
+        self.window.sweep(actor, net, &self.d_last).map(|_| ())
+    }
+
+    fn weigh(&mut self, critic: &Critic, how: Weighing) {
+        let Self { window, discount, memory, waste, up, d_last, .. } = self;
+        let n_env = discount.len();
+        let n_agent = up.len() / n_env;
+        let beyond = 1.0 / (1.0 - how.discount);
+        discount.fill(how.share);
+        for step in &mut window.steps {
+            step.d_final.clear();
+            let timed_out = |i: usize| step.truncated[i] == 1 && step.terminated[i] == 0;
+            if how.critic > 0.0 && (0..n_env).any(timed_out) {
+                for (k, up) in up.iter_mut().enumerate() {
+                    let i = k / n_agent;
+                    let own = discount[i] * how.discount * how.critic * beyond / n_agent as f32;
+                    *up = if timed_out(i) { own } else { 0.0 };
+                }
+                step.d_final.resize(step.observation.len(), 0.0);
+                critic.pull(&step.final_observation, up, memory, waste, &mut step.d_final);
+            }
+            for i in 0..n_env {
+                let lost = step.terminated[i] == 1;
+                step.weight[i] = discount[i] * if lost { 1.0 + how.critic * how.discount * beyond } else { 1.0 };
+                let ended = lost || step.truncated[i] == 1;
+                discount[i] = if ended { how.share } else { discount[i] * how.discount };
+            }
+        }
+        d_last.fill(0.0);
+        if how.critic > 0.0 {
+            for (k, up) in up.iter_mut().enumerate() {
+                *up = discount[k / n_agent] * how.critic * beyond / n_agent as f32;
+            }
+            critic.pull(&window.shard.out.observation, up, memory, waste, d_last);
+        }
+    }
+}
+
+/// How parts of a window's cost weigh.
+#[derive(Clone, Copy)]
+struct Weighing {
+    /// Of the first step: 1/(E·H).
+    share: f32,
+    /// γ.
+    discount: f32,
+    /// w.
+    critic: f32,
+}
+
+impl Learner for Shac {
+    fn update(&mut self) -> Result<Update> {
+        let begun = Instant::now();
+        let config = &self.config;
+        let progress = self.update as f64 / config.updates.max(1) as f64;
+        let (actor, critic) = (&self.actor, &self.critic);
+        let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
+        let n_step = (config.n_env * config.window) as f64;
+        let ramp = if config.ramp > 0.0 { (progress / config.ramp).min(1.0) } else { 1.0 };
+        let how = Weighing { share: (1.0 / n_step) as f32, discount: config.discount as f32, critic: ramp as f32 };
+        self.threads
+            .for_each(&mut self.workers, |_, worker| worker.failed = worker.learn(actor, net, critic, how).err());
+        let mut seen = Seen::default();
+        self.gradient.fill(0.0);
+        for Worker { window, failed, .. } in &mut self.workers {
+            if let Some(error) = failed.take() {
+                return Err(error);
+            }
+            self.gradient.iter_mut().zip(window.gradient()).for_each(|(sum, g)| *sum += g);
+            seen.add(&window.seen);
+        }
+        let windows = begun.elapsed();
+        let rate = config.rate.at(progress);
+        let norm = clip_norm(&mut self.gradient, config.clip);
+        self.adam.descend(&mut self.parameters, &self.gradient, rate);
+        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        let critic_loss = self.fit_critic(progress);
+        self.update += 1;
+        self.env_steps += n_step as u64;
+        let n_worker = self.workers.len() as f64;
+        let flying = windows.mul_f64((seen.flying / n_worker / windows.as_secs_f64()).clamp(0.0, 1.0));
+        Ok(Update {
+            loss: seen.cost / n_step,
+            reward: seen.reward / n_step,
+            episodes: seen.episodes,
+            gradient_norm: norm,
+            rate,
+            extra: vec![
+                ("saturated", seen.saturated / n_worker),
+                ("critic_loss", critic_loss),
+                ("critic_weight", ramp),
+                ("gradients_dropped", seen.dropped as f64),
+            ],
+            phases: vec![("fly", flying), ("sweep", windows - flying), ("critic", begun.elapsed() - windows)],
+        })
+    }
+
+    fn n_update(&self) -> u64 {
+        self.update
+    }
+
+    fn budget(&self) -> u64 {
+        self.config.updates
+    }
+
+    fn env_steps(&self) -> u64 {
+        self.env_steps
+    }
+
+    fn policy(&self) -> Result<Policy> {
+        let statistics = self.workers[0].window.shard.env.statistics();
+        let statistics = (!statistics.mean.is_empty()).then(|| statistics.clone());
+        Policy::new(self.actor.clone(), self.parameters.clone(), statistics, &self.spec)
+    }
+
+    fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
+        state::put_network(policy, "actor", &self.actor.mlp, &self.parameters)?;
+        state::put_network(out, "critic", &self.critic.mlp, &self.critic.parameters)?;
+        state::put_network(out, "target", &self.critic.mlp, &self.target)?;
+        state::put_adam(out, "actor", &self.adam)?;
+        state::put_adam(out, "critic", &self.critic.adam)?;
+        state::put_counters(out, [self.update, self.env_steps])?;
+        self.workers.iter().enumerate().try_for_each(|(k, w)| state::put_shard(out, k, &w.window.shard))
+    }
+
+    fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
+        let mut parameters = state::network(policy, "actor", &self.actor.mlp)?;
+        parameters.resize(self.actor.n_parameter(), 0.0);
+        let adam = state::adam(from, "actor", self.config.adam, parameters.len())?;
+        let critic = state::network(from, "critic", &self.critic.mlp)?;
+        let target = state::network(from, "target", &self.critic.mlp)?;
+        let critic_adam = state::adam(from, "critic", self.config.adam, critic.len())?;
+        let [update, env_steps] = state::counters(from)?;
+        for (k, worker) in self.workers.iter_mut().enumerate() {
+            state::load_shard(from, k, &mut worker.window.shard)?;
+        }
+        (self.parameters, self.adam, self.target) = (parameters, adam, target);
+        (self.critic.parameters, self.critic.adam) = (critic, critic_adam);
+        (self.update, self.env_steps) = (update, env_steps);
+        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        self.critic.set_parameters_changed();
+        Ok(())
+    }
+}
