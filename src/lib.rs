@@ -90,7 +90,6 @@
 
 #![warn(missing_docs)]
 
-#[cfg(feature = "plot")]
 pub(crate) mod atomic_file;
 pub mod autodiff;
 pub mod bench;
@@ -101,6 +100,7 @@ pub mod flight;
 pub mod parallel;
 #[cfg(feature = "plot")]
 pub mod plot;
+pub mod rl;
 pub mod rng;
 pub mod tasks;
 

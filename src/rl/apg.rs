@@ -19,7 +19,7 @@ use super::learner::{Learner, Update};
 use super::nn::{Adam, AdamConfig, Layers, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy};
 use super::schedule::Schedule;
-use super::shards::{Make, shards};
+use super::shards::{Make, normalise, shards};
 use super::state;
 use super::window::{Seen, Window, windows};
 
@@ -221,6 +221,7 @@ impl Learner for Apg {
         let norm = clip_norm(&mut self.gradient, self.config.clip);
         self.adam.descend(&mut self.parameters, &self.gradient, rate);
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        normalise(&mut self.workers.iter_mut().map(|w| &mut w.window.shard).collect::<Vec<_>>())?;
         self.update += 1;
         let n_step = (self.config.n_env * self.config.window) as f64;
         self.env_steps += n_step as u64;

@@ -18,7 +18,7 @@ use super::learner::{Learner, Update};
 use super::nn::{Activation, Adam, AdamConfig, Layers, Memory, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy};
 use super::schedule::Schedule;
-use super::shards::{Make, shards};
+use super::shards::{Make, normalise, shards};
 use super::state;
 use super::window::{Objective, Seen, Window, windows};
 use crate::error::{Error, Result};
@@ -428,6 +428,7 @@ impl Learner for Shac {
         self.adam.descend(&mut self.parameters, &self.gradient, rate);
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
         let critic_loss = self.fit_critic(progress);
+        normalise(&mut self.workers.iter_mut().map(|w| &mut w.window.shard).collect::<Vec<_>>())?;
         self.update += 1;
         self.env_steps += n_step as u64;
         let n_worker = self.workers.len() as f64;

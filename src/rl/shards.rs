@@ -7,6 +7,7 @@
 use super::learner::Episodes;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
+use crate::tasks::env::Pending;
 use crate::tasks::{Autoreset, Buffers, Env, EnvConfig, Spec};
 
 /// Makes environments of a configuration: of a built-in task `|config| Env::make("Hover", config)`, or of one's own
@@ -23,7 +24,7 @@ pub(crate) struct Shard {
 /// `config.n_env` environments in shards of at most `size`, all reset, with `config.autoreset` in the same step.
 ///
 /// # Errors
-/// [`Error::Value`] for a size of 0; otherwise as `make`.
+/// [`Error::Value`] for a size of 0, [`Error::Limit`] if all of them need too much memory; otherwise as `make`.
 pub(crate) fn shards(make: &Make<'_>, config: &EnvConfig, size: usize) -> Result<Vec<Shard>> {
     if size == 0 {
         return Err(Error::value("shard", size, "≥ 1", "64 fits the blocks of environments."));
@@ -42,7 +43,66 @@ pub(crate) fn shards(make: &Make<'_>, config: &EnvConfig, size: usize) -> Result
         env.reset(None, None, &mut out.out())?;
         Ok(Shard { env, out })
     };
-    (0..config.n_env).step_by(size).map(shard).collect()
+    let n = config.n_env.div_ceil(size);
+    let mut all = Vec::new();
+    for first in (0..config.n_env).step_by(size) {
+        all.push(shard(first)?);
+        if let [first] = &all[..] {
+            let spec = first.env.spec();
+            let bytes = spec.bytes_per_env as u128 * spec.n_env as u128 * n as u128;
+            within_memory("n_env", config.n_env, bytes, config.memory_limit)?;
+        }
+    }
+    Ok(all)
+}
+
+/// Whether what is about to be made fits.
+///
+/// # Errors
+/// [`Error::Limit`] if `bytes` are above `limit`.
+pub(crate) fn within_memory(what: &str, value: usize, bytes: u128, limit: u64) -> Result<()> {
+    if bytes <= u128::from(limit) {
+        return Ok(());
+    }
+    let gib = |bytes: f64| bytes / f64::from(1 << 30);
+    Err(Error::limit(
+        what,
+        format!("{value} ({:.1} GiB)", gib(bytes as f64)),
+        format!("{:.1} GiB", gib(limit as f64)),
+        "Take fewer environments or steps, or raise env.memory_limit.",
+    ))
+}
+
+/// Takes what all shards saw into their normalisers, in order; sums that are not finite are left out. Without a stage
+/// `normalise` it does nothing.
+///
+/// # Errors
+/// None for shards of one configuration.
+pub(crate) fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
+    let Some(mut statistics) = shards.first().map(|shard| shard.env.statistics().clone()) else { return Ok(()) };
+    if statistics.mean.is_empty() {
+        return Ok(());
+    }
+    let mut all: Option<Pending> = None;
+    for shard in shards.iter_mut() {
+        let own = shard.env.take_pending();
+        if !own.sums.iter().chain(&own.squares).all(|x| x.is_finite()) {
+            continue;
+        }
+        match &mut all {
+            Some(all) => all.add(&own)?,
+            None => all = Some(own),
+        }
+    }
+    if let Some(Pending { count, sums, squares }) = &all {
+        statistics.merge(*count, sums, squares);
+    }
+    for Shard { env, out } in shards {
+        env.set_statistics(statistics.clone())?;
+        env.set_collecting(true);
+        env.observe(&mut out.out())?;
+    }
+    Ok(())
 }
 
 /// Figures of the episodes that ended in the step that wrote `out`.
@@ -53,7 +113,8 @@ pub(crate) fn episodes(spec: &Spec, out: &Buffers) -> Episodes {
     for (i, info) in out.info.chunks_exact(width).enumerate() {
         if out.terminated[i] | out.truncated[i] == 1 {
             seen.count += 1;
-            seen.total_return += f64::from(info[total]);
+            // a number that is not finite is one environment's, not the mean's
+            seen.total_return += f64::from(if info[total].is_finite() { info[total] } else { 0.0 });
             seen.total_length += f64::from(info[length]);
             seen.crashed += u64::from(out.terminated[i]);
         }

@@ -3,7 +3,7 @@
 use super::learner::Episodes;
 use super::nn::{Memory, Pass, Weights};
 use super::policy::Actor;
-use super::shards::{Shard, episodes};
+use super::shards::{Shard, episodes, within_memory};
 use crate::error::Result;
 use crate::tasks::{Adjoint, Cotangents, StepOut, Sweep, SweepOptions, Tape};
 use serde::{Deserialize, Serialize};
@@ -88,6 +88,13 @@ pub(crate) fn windows(
     options: SweepOptions,
 ) -> Result<Vec<Window>> {
     let mut adjoint: Option<(usize, Adjoint)> = None;
+    if let Some(first) = shards.first() {
+        let spec = first.env.spec();
+        let row = 3 * spec.n_observation + spec.action.len() + 2 * actor.mlp.n_activation();
+        let tape = first.env.places().n_kept().div_ceil(spec.n_agent);
+        let rows = (shards.len() * spec.n_env * spec.n_agent) as u128 * horizon as u128;
+        within_memory("window", horizon, 4 * (row + tape) as u128 * rows, spec.config.memory_limit)?;
+    }
     let each = shards.into_iter().map(|shard| {
         let n = shard.env.spec().n_env;
         // all but the last are of one size

@@ -154,6 +154,11 @@ impl Mlp {
         self.last().n_out
     }
 
+    /// Numbers that a forward pass keeps per row.
+    pub fn n_activation(&self) -> usize {
+        self.layers.iter().map(Layer::wide).sum()
+    }
+
     fn last(&self) -> &Layer {
         &self.layers[self.layers.len() - 1]
     }

@@ -1,0 +1,231 @@
+//! The course of a run: one line of numbers now and then, as JSON and as CSV of the same texts.
+//!
+//! ```text
+//! <run>/log.jsonl    {"update":10,"env_steps":61440,"seconds":0.11,"loss":3.2,...}
+//! <run>/curve.csv    update,env_steps,seconds,loss,...
+//! ```
+//!
+//! A number that does not exist or is not finite is `null` in the one and empty in the other. A line is written as a whole
+//! and flushed; a run that goes on from a checkpoint first cuts both files back to it.
+
+use crate::atomic_file;
+use crate::error::{Error, Result};
+use std::fs::{File, OpenOptions};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+/// File of the lines as JSON objects.
+pub const JSON: &str = "log.jsonl";
+/// File of the lines as a table.
+pub const CSV: &str = "curve.csv";
+
+/// Numbers by name, in order. The first is `update`. Two that do not exist are equal.
+#[derive(Debug, Clone, Default)]
+pub struct Line(Vec<(String, f64)>);
+
+impl PartialEq for Line {
+    fn eq(&self, other: &Self) -> bool {
+        self.json() == other.json()
+    }
+}
+
+impl Line {
+    /// A line of this update.
+    pub fn new(update: u64) -> Self {
+        Self(vec![("update".into(), update as f64)])
+    }
+
+    /// With one more number; NaN for one that does not exist.
+    pub fn put(&mut self, name: impl Into<String>, value: f64) {
+        self.0.push((name.into(), value));
+    }
+
+    /// The number of that name, if there is one and it is finite.
+    pub fn get(&self, name: &str) -> Option<f64> {
+        self.0.iter().find(|(own, _)| own == name).map(|(_, x)| *x).filter(|x| x.is_finite())
+    }
+
+    /// All names and numbers.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, f64)> {
+        self.0.iter().map(|(name, x)| (name.as_str(), *x))
+    }
+
+    /// As a JSON object without line breaks.
+    pub fn json(&self) -> String {
+        let field = |(name, x): &(String, f64)| format!("{}:{}", serde_json::Value::from(name.as_str()), text(*x));
+        format!("{{{}}}", self.0.iter().map(field).collect::<Vec<_>>().join(","))
+    }
+
+    fn cells(&self, names: &[String]) -> String {
+        let cell = |name: &String| self.get(name).map_or(String::new(), text);
+        names.iter().map(cell).collect::<Vec<_>>().join(",")
+    }
+
+    fn of_cells(names: &[String], cells: &str) -> Self {
+        let number = |cell: &str| cell.parse().unwrap_or(f64::NAN);
+        Self(names.iter().cloned().zip(cells.split(',').map(number)).collect())
+    }
+}
+
+/// A number in the fewest digits that give it back; what is whole without a point.
+fn text(x: f64) -> String {
+    match x {
+        x if !x.is_finite() => "null".into(),
+        x if x.fract() == 0.0 && x.abs() < 9e15 => format!("{}", x as i64),
+        x => serde_json::Value::from(x).to_string(),
+    }
+}
+
+/// Both files, at their ends.
+#[derive(Debug)]
+pub(crate) struct Log {
+    json: (File, PathBuf),
+    csv: (File, PathBuf),
+    /// Columns of the table; none before the first line.
+    names: Vec<String>,
+}
+
+impl Log {
+    /// The files in `folder`, cut back to lines of updates up to `update`, and those lines.
+    ///
+    /// # Errors
+    /// [`Error::File`] if they cannot be read or written.
+    pub fn open(folder: &Path, update: u64) -> Result<(Self, Vec<Line>)> {
+        let (json, csv) = (folder.join(JSON), folder.join(CSV));
+        let of_json = |line: &str| serde_json::from_str::<serde_json::Value>(line).ok()?["update"].as_u64();
+        let of_csv = |line: &str| line.split(',').next()?.parse::<u64>().ok();
+        cut(&json, 0, |line| of_json(line).is_some_and(|u| u <= update))?;
+        let mut rows = cut(&csv, 1, |line| of_csv(line).is_some_and(|u| u <= update))?.into_iter();
+        let names: Vec<String> = rows.next().map_or_else(Vec::new, |head| head.split(',').map(String::from).collect());
+        let lines = rows.map(|row| Line::of_cells(&names, &row)).collect();
+        Ok((Self { json: (append(&json)?, json), csv: (append(&csv)?, csv), names }, lines))
+    }
+
+    /// Adds a line to both.
+    ///
+    /// # Errors
+    /// [`Error::File`] if the disk refuses.
+    pub fn write(&mut self, line: &Line) -> Result<()> {
+        let mut table = String::new();
+        if self.names.is_empty() {
+            self.names = line.iter().map(|(name, _)| name.to_string()).collect();
+            table = self.names.join(",") + "\n";
+        }
+        table += &(line.cells(&self.names) + "\n");
+        write(&mut self.json, &(line.json() + "\n"))?;
+        write(&mut self.csv, &table)
+    }
+
+    /// Down to the medium.
+    ///
+    /// # Errors
+    /// [`Error::File`] if the disk refuses.
+    pub fn sync(&self) -> Result<()> {
+        [&self.json, &self.csv]
+            .into_iter()
+            .try_for_each(|(file, path)| file.sync_data().map_err(|e| Error::file(path, e)))
+    }
+}
+
+fn write((file, path): &mut (File, PathBuf), text: &str) -> Result<()> {
+    file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(|e| Error::file(path, e))
+}
+
+fn append(path: &Path) -> Result<File> {
+    OpenOptions::new().create(true).append(true).open(path).map_err(|e| Error::file(path, e))
+}
+
+/// Leaves the first `head` lines and those behind them as long as they are whole and `keep` them; gives what is left.
+fn cut(path: &Path, head: usize, keep: impl Fn(&str) -> bool) -> Result<Vec<String>> {
+    let bytes = match std::fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(e) => return Err(Error::file(path, e)),
+    };
+    let text = String::from_utf8_lossy(&bytes);
+    let whole = text.split_inclusive('\n').map_while(|line| line.strip_suffix('\n')).enumerate();
+    let kept: Vec<String> =
+        whole.take_while(|(i, line)| *i < head || keep(line)).map(|(_, line)| line.to_string()).collect();
+    // a head alone would fix the columns before the first line does
+    let kept = if kept.len() <= head { Vec::new() } else { kept };
+    let left: String = kept.iter().flat_map(|line| [line.as_str(), "\n"]).collect();
+    if left.as_bytes() != bytes {
+        atomic_file::replace_with(path, |temporary| {
+            std::fs::write(temporary, &left).map_err(|e| Error::file(temporary, e))
+        })?;
+    }
+    Ok(kept)
+}
+
+/// The lines of a run.
+///
+/// # Errors
+/// [`Error::File`] if there is no such table in the folder.
+pub fn read(run: impl AsRef<Path>) -> Result<Vec<Line>> {
+    let path = run.as_ref().join(CSV);
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::file(&path, e))?;
+    let mut rows = text.split_inclusive('\n').map_while(|line| line.strip_suffix('\n'));
+    let names: Vec<String> = rows.next().map_or_else(Vec::new, |head| head.split(',').map(String::from).collect());
+    Ok(rows.map(|row| Line::of_cells(&names, row)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(update: u64) -> Line {
+        let mut line = Line::new(update);
+        line.put("loss", 0.1 * update as f64);
+        line.put("poisoned", f64::NAN);
+        line.put("rate", 1e-7);
+        line
+    }
+
+    #[test]
+    fn both_files_hold_the_same_texts_and_give_the_lines_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut log, kept) = Log::open(folder.path(), u64::MAX).unwrap();
+        assert!(kept.is_empty());
+        (1..4).for_each(|k| log.write(&line(k)).unwrap());
+        log.sync().unwrap();
+        let json = std::fs::read_to_string(folder.path().join(JSON)).unwrap();
+        let csv = std::fs::read_to_string(folder.path().join(CSV)).unwrap();
+        assert!(json.starts_with("{\"update\":1,\"loss\":0.1,\"poisoned\":null,\"rate\":1e-7}\n"), "{json}");
+        assert!(csv.starts_with("update,loss,poisoned,rate\n1,0.1,,1e-7\n"), "{csv}");
+        let back = read(folder.path()).unwrap();
+        assert_eq!(back.len(), 3);
+        assert_eq!((back[2].get("loss"), back[2].get("poisoned")), (Some(0.1 * 3.0), None));
+    }
+
+    #[test]
+    fn a_log_is_cut_back_to_an_update_and_torn_lines_go() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut log, _) = Log::open(folder.path(), 0).unwrap();
+        (1..6).for_each(|k| log.write(&line(k)).unwrap());
+        drop(log);
+        for (file, torn) in [(JSON, "{\"update\":3,\"lo"), (CSV, "3,0.")] {
+            append(&folder.path().join(file)).unwrap().write_all(torn.as_bytes()).unwrap();
+        }
+        let (mut log, kept) = Log::open(folder.path(), 3).unwrap();
+        assert_eq!(kept.iter().map(|l| l.get("update")).collect::<Vec<_>>(), [1.0, 2.0, 3.0].map(Some));
+        log.write(&line(4)).unwrap();
+        drop(log);
+        let (_, kept) = Log::open(folder.path(), 9).unwrap();
+        assert_eq!(kept.len(), 4);
+        let json = std::fs::read_to_string(folder.path().join(JSON)).unwrap();
+        assert_eq!(json.lines().count(), 4);
+        let (_, kept) = Log::open(folder.path(), 0).unwrap();
+        assert!(kept.is_empty() && std::fs::read(folder.path().join(CSV)).unwrap().is_empty());
+    }
+
+    #[test]
+    fn lines_of_no_update_end_what_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut log, _) = Log::open(folder.path(), 0).unwrap();
+        log.write(&line(1)).unwrap();
+        append(&folder.path().join(JSON)).unwrap().write_all(b"\xff\xfe\n[]\n").unwrap();
+        log.write(&line(2)).unwrap();
+        Log::open(folder.path(), 9).unwrap();
+        assert_eq!(std::fs::read_to_string(folder.path().join(JSON)).unwrap().lines().count(), 1);
+    }
+}

@@ -1,0 +1,83 @@
+//! Learning: from random weights to a policy that flies.
+//!
+//! A learner sees environments through the batch API alone ([`Env`](crate::tasks::Env)): observations in, actions out, and
+//! for the analytic methods the reverse sweep. All of them share the parts below; each algorithm is one file to be read
+//! from top to bottom.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`apg`] | analytic policy gradients: the default where the loss is smooth |
+//! | [`shac`] | the same over shorter windows, with a critic behind them |
+//! | [`ppo`] | proximal policy optimisation, for all tasks, teams and discrete actions |
+//! | [`config`], [`recipes`] | what a run is made of, and what proved good for each task |
+//! | [`trainer`] | the loop: update, log, evaluate, save, resume |
+//! | [`evaluate`](mod@evaluate) | a policy on fixed starts that no training saw |
+//! | [`policy`] | what was learnt |
+//! | [`checkpoint`] | files that survive a kill |
+//! | [`learner`] | what all algorithms have in common |
+//! | [`nn`] | networks, distributions, Adam |
+//! | `window` | a window of steps and its exact gradient |
+//! | `shards` | a batch cut into parts that one thread steps |
+//! | `minibatch`, `critic` | the gradient of a sum over rows; a value function |
+//! | [`gae`], [`value_norm`], [`replay`], [`schedule`] | advantages, scales, memory, rates |
+//!
+//! ```
+//! use omnidrones::parallel::Threads;
+//! use omnidrones::rl::{Learner, apg::{Apg, ApgConfig}};
+//! use omnidrones::tasks::EnvConfig;
+//!
+//! let config = ApgConfig { updates: 3, ..ApgConfig::default() }; // 600 fly
+//! let mut apg = Apg::new("Hover", &EnvConfig::default(), config, 0, Threads::default())?;
+//! while apg.n_update() < apg.budget() {
+//!     let update = apg.update()?;
+//!     assert!(update.loss.is_finite());
+//! }
+//! let mut policy = apg.policy()?;
+//! let mut actions = vec![0.0; 4];
+//! policy.act(&[0.0; 30], &mut actions);
+//! # Ok::<(), omnidrones::error::Error>(())
+//! ```
+//!
+//! # Time-outs are not deaths
+//!
+//! At time t the target is r + γ (1 − terminated) V(next), with the true final observation as next where an episode
+//! ended, and traces are cut by both kinds of end. Every algorithm passes the ten-fold test of it
+//! (`tests/learning.rs`): one state, reward 1, a time limit of ten steps, γ = 0.99; right is 100, and taking time-outs for
+//! deaths gives 5 to 9.
+//!
+//! # The same bits
+//!
+//! Results depend on the seed and the configuration, not on the number of threads: environments are cut into shards of
+//! fixed size, gradients into parts of fixed size, and sums are folded in order. A run that was killed goes on from its
+//! last checkpoint with the same bits.
+
+pub mod apg;
+pub mod checkpoint;
+pub mod config;
+pub(crate) mod critic;
+pub mod evaluate;
+pub mod gae;
+pub mod learner;
+pub mod log;
+pub(crate) mod minibatch;
+pub mod nn;
+pub mod policy;
+pub mod ppo;
+pub mod recipes;
+pub mod replay;
+pub(crate) mod rollout;
+pub mod saved;
+pub mod schedule;
+pub mod shac;
+pub mod shards;
+pub(crate) mod state;
+pub mod trainer;
+pub mod value_norm;
+pub(crate) mod window;
+
+pub use config::{Algorithm, TrainConfig};
+pub use evaluate::{Starts, evaluate, exam};
+pub use learner::{Learner, Update};
+pub use policy::Policy;
+pub use saved::load_policy;
+pub use trainer::Trainer;

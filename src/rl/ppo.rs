@@ -1,0 +1,424 @@
+//! PPO: proximal policy optimisation (Schulman et al. 2017), and MAPPO (Yu et al. 2022) where there are several agents.
+//!
+//! Each update
+//! 1. flies every environment T steps on under the stochastic policy, a ~ π(·|o), unsquashed: the environment clips;
+//! 2. estimates advantages A by GAE, with V of the true last observation where time ran out, and normalises them over
+//!    the batch;
+//! 3. goes over the batch `epochs` times in minibatches, and descends
+//!    L = −E[min(ρ A, clip(ρ, 1 − ε, 1 + ε) A)] − β E[H(π)] with ρ = π(a|o)/π_old(a|o), and fits the critic to A + V_old
+//!    by Huber's loss on the scale of [`ValueNorm`].
+//!
+//! Actor and critic have a network, an optimiser and a gradient limit each. The agents of a team share their parameters;
+//! where the environment has a central state, the critic sees that (centralised training, decentralised execution).
+//!
+//! Rows in which anything is not finite take no part, neither in weights nor in statistics, and are counted.
+//!
+//! With [`PpoConfig::target_kl`] the actor's rate follows the divergence KL(π_old, π) that minibatches find: × 2/3 above
+//! twice the target, × 3/2 below half of it (Schulman et al. 2017, section 4, as in Rudin et al. 2022).
+
+mod config;
+#[cfg(test)]
+mod tests;
+
+pub use config::PpoConfig;
+
+use super::checkpoint::Tensors;
+use super::critic::{Critic, Fit, shuffle};
+use super::learner::{Episodes, Learner, Update};
+use super::minibatch::{Minibatch, Sums};
+use super::nn::head::Head;
+use super::nn::{Adam, Transposed, Weights, clip_norm};
+use super::policy::{Actor, Policy};
+use super::rollout::{Collector, How, Rollout, Shape};
+use super::shards::{Make, normalise, shards};
+use super::state;
+use super::value_norm::ValueNorm;
+use crate::error::Result;
+use crate::parallel::Threads;
+use crate::rng::{Purpose, Stream};
+use crate::tasks::{Env, EnvConfig, Spec, Stage};
+use std::time::{Duration, Instant};
+
+/// Proximal policy optimisation, in the middle of a run.
+pub struct Ppo {
+    config: PpoConfig,
+    actor: Actor,
+    spec: Spec,
+    parameters: Vec<f32>,
+    transposed: Transposed,
+    adam: Adam,
+    batch: Minibatch,
+    critic: Critic,
+    norm: ValueNorm,
+    collectors: Vec<Collector>,
+    rollout: Rollout,
+    threads: Threads,
+    seed: u64,
+    update: u64,
+    env_steps: u64,
+    /// On the actor's rate: see [`PpoConfig::target_kl`].
+    scale: f64,
+    /// Rows of the actor and of the critic that take part, an order of them, and targets.
+    rows: [Vec<u32>; 2],
+    order: [Vec<u32>; 2],
+    targets: Vec<f32>,
+}
+
+/// Sums over rows that a minibatch gives.
+mod sum {
+    /// −min(ρ A, clip(ρ) A).
+    pub const SURROGATE: usize = 0;
+    pub const ENTROPY: usize = 1;
+    /// ρ − 1 − ln ρ, whose mean is KL(π_old, π) and which is never negative (Schulman 2020).
+    pub const KL: usize = 2;
+    /// Rows with ρ outside 1 ± ε.
+    pub const CLIPPED: usize = 3;
+    /// Rows.
+    pub const COUNT: usize = 4;
+}
+
+/// The actor's loss over a minibatch, row by row.
+struct Loss<'a> {
+    head: Head,
+    extra: &'a [f32],
+    rollout: &'a Rollout,
+    clip: f64,
+    entropy: f64,
+    /// 1/rows of the minibatch.
+    share: f64,
+}
+
+impl Loss<'_> {
+    /// For [`Minibatch::gradient`].
+    fn row(&self, row: usize, output: &[f32], up: &mut [f32], d_extra: &mut [f32], sums: &mut Sums) {
+        let (n, extra) = (self.rollout.shape.n_action, self.extra);
+        let action = &self.rollout.action[row * n..][..n];
+        let advantage = f64::from(self.rollout.advantage[self.rollout.shape.judged(row)]);
+        // within what f32 can weigh
+        let log_ratio = (self.head.log_prob(output, extra, action) - self.rollout.log_prob[row]).clamp(-30.0, 30.0);
+        let log_ratio = f64::from(log_ratio);
+        let ratio = log_ratio.exp();
+        let within = (1.0 - self.clip..=1.0 + self.clip).contains(&ratio);
+        // the clipped product is the smaller one where ρ has gone too far the way that A pulls
+        let passes = within || (ratio > 1.0) != (advantage > 0.0);
+        let surrogate = ratio.clamp(1.0 - self.clip, 1.0 + self.clip) * advantage;
+        let up_log_prob = if passes { -self.share * ratio * advantage } else { 0.0 };
+        let up_entropy = -self.share * self.entropy;
+        self.head.gradient(output, extra, action, up_log_prob as f32, up_entropy as f32, up, d_extra);
+        sums[sum::SURROGATE] -= if passes { ratio * advantage } else { surrogate };
+        sums[sum::ENTROPY] += f64::from(self.head.entropy(output, extra));
+        sums[sum::KL] += ratio - 1.0 - log_ratio;
+        sums[sum::CLIPPED] += if within { 0.0 } else { 1.0 };
+        sums[sum::COUNT] += 1.0;
+    }
+}
+
+impl Ppo {
+    /// A run from random weights on a task with this configuration; its `n_env` is [`PpoConfig::n_env`].
+    ///
+    /// # Errors
+    /// As [`PpoConfig::validate`] and [`Env::make`]; [`Error::Limit`](crate::error::Error::Limit) for rollouts beyond [`EnvConfig::memory_limit`].
+    pub fn new(task: &str, env: &EnvConfig, config: PpoConfig, seed: u64, threads: Threads) -> Result<Self> {
+        Self::with(&|own| Env::make(task, own), env, config, seed, threads)
+    }
+
+    /// As [`Ppo::new`] on a task of one's own: `make` builds each shard's environments from its configuration.
+    ///
+    /// # Errors
+    /// As [`Ppo::new`], and what `make` says.
+    pub fn with(make: &Make<'_>, env: &EnvConfig, config: PpoConfig, seed: u64, threads: Threads) -> Result<Self> {
+        config.validate()?;
+        let mut env = EnvConfig { n_env: config.n_env, seed, ..env.clone() };
+        if config.normalise_observation && !env.observation.iter().any(|s| matches!(s, Stage::Normalise { .. })) {
+            env.observation.push(Stage::Normalise { clip: 10.0 });
+        }
+        let shards = shards(make, &env, config.shard)?;
+        let spec = shards[0].env.spec().clone();
+        let shape = Shape::new(&spec, config.steps, config.central_critic);
+        shape.check(config.n_env, env.memory_limit)?;
+        let actor = Actor::new(&spec, &config.network, false)?;
+        let stream = |episode| Stream::new(seed, 0, episode, Purpose::LEARNING);
+        let mut parameters = actor.mlp.init(&mut stream(0));
+        parameters.resize(actor.n_parameter(), config.log_std as f32);
+        let part = |rows: usize| (config.n_env * config.steps * rows).div_ceil(config.minibatches);
+        let critic = Critic::new(shape.n_critic(), &config.critic, config.adam, part(shape.n_judged), &mut stream(1))?;
+        let mut ppo = Self {
+            adam: Adam::new(config.adam, parameters.len()),
+            batch: Minibatch::new(&actor.mlp, actor.head.n_extra(), part(shape.n_agent)),
+            norm: ValueNorm::new(config.value_beta)?,
+            collectors: shards.into_iter().map(|shard| Collector::new(shard, &actor, &critic)).collect(),
+            rollout: Rollout::new(shape, config.n_env),
+            transposed: Transposed::default(),
+            scale: 1.0,
+            update: 0,
+            env_steps: 0,
+            rows: Default::default(),
+            order: Default::default(),
+            targets: Vec::new(),
+            actor,
+            spec,
+            parameters,
+            critic,
+            threads,
+            seed,
+            config,
+        };
+        ppo.actor.mlp.transpose(&ppo.parameters, &mut ppo.transposed);
+        Ok(ppo)
+    }
+
+    /// Of a shard: its `config` is the one that evaluations take, normaliser and all.
+    pub fn spec(&self) -> &Spec {
+        &self.spec
+    }
+
+    /// A rollout of all shards, judged.
+    fn collect(&mut self) -> Result<()> {
+        let (actor, parameters, critic) = (&self.actor, &self.parameters, &self.critic);
+        let how = How { actor, parameters, critic, norm: &self.norm, seed: self.seed, update: self.update };
+        let parts = self.rollout.parts(self.collectors.iter().map(|c| c.shard.env.spec().n_env));
+        let mut own: Vec<_> = self.collectors.iter_mut().zip(parts).collect();
+        let (discount, lambda) = (self.config.discount, self.config.lambda);
+        self.threads.for_each(&mut own, |_, (collector, part)| {
+            let done = collector.collect(part, how).and_then(|()| part.judge(discount, lambda));
+            collector.failed = done.err();
+        });
+        match self.collectors.iter_mut().find_map(|c| c.failed.take()) {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
+    }
+
+    /// Which rows take part; advantages and targets on the scales that are learnt. Gives the share of the targets'
+    /// variance that the critic explained.
+    fn prepare(&mut self) -> f64 {
+        let Self { rollout: r, rows: [actors, judged], targets, .. } = self;
+        judged.clear();
+        judged.extend((0..r.target.len() as u32).filter(|k| {
+            let k = *k as usize;
+            r.target[k].is_finite() && r.advantage[k].is_finite()
+        }));
+        actors.clear();
+        actors.extend((0..r.log_prob.len() as u32).filter(|k| {
+            let k = *k as usize;
+            r.log_prob[k].is_finite() && r.advantage[r.shape.judged(k)].is_finite()
+        }));
+        targets.clear();
+        targets.extend(judged.iter().map(|k| r.target[*k as usize]));
+        let [mean, variance] = moments(judged.iter().map(|k| r.advantage[*k as usize]));
+        let explained = 1.0 - variance / moments(targets.iter().copied())[1].max(f64::MIN_POSITIVE);
+        let inverse = 1.0 / (variance.sqrt() + 1e-8);
+        r.advantage.iter_mut().for_each(|a| *a = ((f64::from(*a) - mean) * inverse) as f32);
+        self.norm.update(targets);
+        self.norm.normalise(&mut r.target);
+        explained
+    }
+
+    /// All passes over the rollout; gives the sums of the actor, of its gradient's norm and of the critic's loss, and
+    /// the time of the critic.
+    fn learn(&mut self) -> Learnt {
+        let progress = self.update as f64 / self.config.updates.max(1) as f64;
+        let fit = Fit {
+            rate: self.config.critic_rate.at(progress),
+            clip: self.config.gradient_clip,
+            huber: self.config.huber as f32,
+        };
+        let mut learnt = Learnt::default();
+        for epoch in 0..self.config.epochs as u64 {
+            let mut stream = Stream::new(self.seed, self.update, 2 + epoch, Purpose::LEARNING);
+            for (order, rows) in self.order.iter_mut().zip(&self.rows) {
+                shuffle(order, rows.len(), &mut stream);
+                order.iter_mut().for_each(|k| *k = rows[*k as usize]);
+            }
+            let [actors, judged] = std::mem::take(&mut self.order);
+            let size = |n: usize| n.div_ceil(self.config.minibatches).max(1);
+            let before = learnt.sums;
+            for (own, of_critic) in actors.chunks(size(actors.len())).zip(judged.chunks(size(judged.len()))) {
+                self.improve(own, progress, &mut learnt);
+                let begun = Instant::now();
+                let Rollout { target, .. } = &self.rollout;
+                learnt.value += self.critic.fit(&self.threads, self.rollout.seen(), target, of_critic, fit);
+                learnt.judging += begun.elapsed();
+                learnt.minibatches += 1.0;
+            }
+            self.order = [actors, judged];
+            let of_pass = |k: usize| learnt.sums[k] - before[k];
+            if self.config.stop_kl.is_some_and(|most| of_pass(sum::KL) > most * of_pass(sum::COUNT)) {
+                break;
+            }
+        }
+        learnt
+    }
+
+    /// One step of the actor.
+    fn improve(&mut self, chosen: &[u32], progress: f64, learnt: &mut Learnt) {
+        let (network, extra) = self.parameters.split_at(self.actor.mlp.n_parameter());
+        let loss = Loss {
+            head: self.actor.head,
+            extra,
+            rollout: &self.rollout,
+            clip: self.config.clip,
+            entropy: self.config.entropy.at(progress),
+            share: 1.0 / chosen.len() as f64,
+        };
+        let net = Weights { parameters: network, transposed: &self.transposed };
+        let x = &self.rollout.observation;
+        let row = |row: usize, y: &[f32], up: &mut [f32], d: &mut [f32], sums: &mut Sums| loss.row(row, y, up, d, sums);
+        let sums = self.batch.gradient(&self.threads, &self.actor.mlp, net, x, chosen, &row);
+        let rate = self.rate(progress, sums[sum::KL] / sums[sum::COUNT]);
+        learnt.gradient_norm += clip_norm(&mut self.batch.gradient, self.config.gradient_clip);
+        learnt.sums.iter_mut().zip(sums).for_each(|(all, own)| *all += own);
+        learnt.rate = rate;
+        self.adam.descend(&mut self.parameters, &self.batch.gradient, rate);
+        let (network, extra) = self.parameters.split_at_mut(self.actor.mlp.n_parameter());
+        self.actor.head.clamp_extra(extra);
+        self.actor.mlp.transpose(network, &mut self.transposed);
+    }
+
+    /// Learning rate of the actor's next step, behind a divergence of `kl`.
+    fn rate(&mut self, progress: f64, kl: f64) -> f64 {
+        let base = self.config.rate.at(progress);
+        let Some(target) = self.config.target_kl else {
+            return base;
+        };
+        if kl > 2.0 * target {
+            self.scale /= 1.5;
+        } else if kl < 0.5 * target {
+            self.scale *= 1.5;
+        }
+        self.scale = self.scale.clamp(1e-2, 10.0);
+        base * self.scale
+    }
+
+    /// Standard deviation of continuous actions, a mean over their numbers; 0 of others.
+    fn deviation(&self) -> f64 {
+        let extra = &self.parameters[self.actor.mlp.n_parameter()..];
+        extra.iter().map(|x| f64::from(*x).exp()).sum::<f64>() / extra.len().max(1) as f64
+    }
+}
+
+/// Sums over minibatches.
+#[derive(Default)]
+struct Learnt {
+    sums: Sums,
+    gradient_norm: f64,
+    value: f64,
+    minibatches: f64,
+    rate: f64,
+    judging: Duration,
+}
+
+/// Mean and variance.
+fn moments(x: impl Iterator<Item = f32> + Clone) -> [f64; 2] {
+    let n = x.clone().count().max(1) as f64;
+    let mean = x.clone().map(f64::from).sum::<f64>() / n;
+    [mean, x.map(|x| (f64::from(x) - mean).powi(2)).sum::<f64>() / n]
+}
+
+impl Learner for Ppo {
+    fn update(&mut self) -> Result<Update> {
+        let begun = Instant::now();
+        self.collect()?;
+        let collected = begun.elapsed();
+        let explained = self.prepare();
+        let learnt = self.learn();
+        let learning = begun.elapsed() - collected;
+        normalise(&mut self.collectors.iter_mut().map(|c| &mut c.shard).collect::<Vec<_>>())?;
+        let shape = self.rollout.shape;
+        let n_step = (self.config.n_env * self.config.steps) as f64;
+        self.update += 1;
+        self.env_steps += n_step as u64;
+        let (mut episodes, mut reward, mut times) = (Episodes::default(), 0.0, [0.0; 3]);
+        for Collector { seen, .. } in &self.collectors {
+            episodes.add(&seen.episodes);
+            reward += seen.reward;
+            times.iter_mut().zip(seen.times).for_each(|(sum, time)| *sum += time.as_secs_f64());
+        }
+        let all = times.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let [acting, stepping, valuing] = times.map(|time| collected.mul_f64(time / all));
+        let mean = |k: usize| learnt.sums[k] / learnt.sums[sum::COUNT].max(1.0);
+        let progress = (self.update - 1) as f64 / self.config.updates.max(1) as f64;
+        let minibatches = learnt.minibatches.max(1.0);
+        Ok(Update {
+            loss: mean(sum::SURROGATE) - self.config.entropy.at(progress) * mean(sum::ENTROPY),
+            reward: reward / n_step,
+            episodes,
+            gradient_norm: learnt.gradient_norm / minibatches,
+            rate: learnt.rate,
+            extra: vec![
+                ("critic_loss", learnt.value / minibatches),
+                ("explained_variance", explained),
+                ("entropy", mean(sum::ENTROPY)),
+                ("deviation", self.deviation()),
+                ("kl", mean(sum::KL)),
+                ("clipped", mean(sum::CLIPPED)),
+                ("rows_left_out", n_step * shape.n_agent as f64 - self.rows[0].len() as f64),
+            ],
+            phases: vec![
+                ("act", acting),
+                ("step", stepping),
+                ("value", valuing),
+                ("actor", learning - learnt.judging),
+                ("critic", learnt.judging),
+            ],
+        })
+    }
+
+    fn n_update(&self) -> u64 {
+        self.update
+    }
+
+    fn budget(&self) -> u64 {
+        self.config.updates
+    }
+
+    fn env_steps(&self) -> u64 {
+        self.env_steps
+    }
+
+    fn policy(&self) -> Result<Policy> {
+        let statistics = self.collectors[0].shard.env.statistics();
+        let statistics = (!statistics.mean.is_empty()).then(|| statistics.clone());
+        Policy::new(self.actor.clone(), self.parameters.clone(), statistics, &self.spec)
+    }
+
+    fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
+        state::put_network(policy, "actor", &self.actor.mlp, &self.parameters)?;
+        let extra = &self.parameters[self.actor.mlp.n_parameter()..];
+        if !extra.is_empty() {
+            policy.insert("actor.log_std", &[extra.len()], extra.to_vec())?;
+        }
+        state::put_network(out, "critic", &self.critic.mlp, &self.critic.parameters)?;
+        state::put_adam(out, "actor", &self.adam)?;
+        state::put_adam(out, "critic", &self.critic.adam)?;
+        state::put_counters(out, [self.update, self.env_steps])?;
+        out.insert("value_norm", &[4], self.norm.save().to_vec())?;
+        out.insert("rate_scale", &[1], vec![self.scale])?;
+        self.collectors.iter().enumerate().try_for_each(|(k, c)| state::put_shard(out, k, &c.shard))
+    }
+
+    fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
+        let mut parameters = state::network(policy, "actor", &self.actor.mlp)?;
+        let n_extra = self.actor.head.n_extra();
+        if n_extra > 0 {
+            parameters.extend(policy.get::<f32>("actor.log_std", &[n_extra])?);
+        }
+        let adam = state::adam(from, "actor", self.config.adam, parameters.len())?;
+        let critic = state::network(from, "critic", &self.critic.mlp)?;
+        let critic_adam = state::adam(from, "critic", self.config.adam, critic.len())?;
+        let [update, env_steps] = state::counters(from)?;
+        let mut norm = [0.0; 4];
+        norm.copy_from_slice(from.get::<f64>("value_norm", &[4])?);
+        let scale = from.get::<f64>("rate_scale", &[1])?[0];
+        self.norm.load(norm)?;
+        for (k, collector) in self.collectors.iter_mut().enumerate() {
+            state::load_shard(from, k, &mut collector.shard)?;
+        }
+        (self.parameters, self.adam, self.scale) = (parameters, adam, scale);
+        (self.critic.parameters, self.critic.adam) = (critic, critic_adam);
+        (self.update, self.env_steps) = (update, env_steps);
+        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        self.critic.set_parameters_changed();
+        Ok(())
+    }
+}

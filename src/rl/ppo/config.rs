@@ -1,0 +1,146 @@
+//! Settings of PPO.
+
+use crate::error::{Error, Result};
+use crate::rl::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
+use crate::rl::nn::{Activation, AdamConfig, Init, Layers};
+use crate::rl::schedule::Schedule;
+use crate::rl::value_norm::ValueNorm;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::SQRT_2;
+
+/// Settings; defaults fly the Hummingbird's Hover from random weights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PpoConfig {
+    /// Environments, E.
+    pub n_env: usize,
+    /// Environments of a shard: one thread steps it for a whole rollout.
+    pub shard: usize,
+    /// T, steps of a rollout.
+    pub steps: usize,
+    /// Updates of a run.
+    pub updates: u64,
+    /// Passes over a rollout.
+    pub epochs: usize,
+    /// Minibatches of a pass.
+    pub minibatches: usize,
+    /// Learning rate of the actor over the run.
+    pub rate: Schedule,
+    /// Learning rate of the critic over the run.
+    pub critic_rate: Schedule,
+    /// KL divergence that the actor's rate follows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target_kl: Option<f64>,
+    /// Mean KL divergence of a pass behind which no other follows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stop_kl: Option<f64>,
+    /// γ.
+    pub discount: f64,
+    /// λ of advantages and of the critic's targets.
+    pub lambda: f64,
+    /// ε.
+    pub clip: f64,
+    /// β, over the run.
+    pub entropy: Schedule,
+    /// Largest norm of the gradients of actor and critic.
+    pub gradient_clip: f64,
+    /// Errors of the critic beyond it count linearly, in standard deviations of the targets.
+    pub huber: f64,
+    /// What an update leaves of the statistics of the targets.
+    pub value_beta: f64,
+    /// First log standard deviation of continuous actions.
+    pub log_std: f64,
+    /// Whether observations are normalised by their running mean and deviation, frozen during a rollout.
+    pub normalise_observation: bool,
+    /// Whether the critic sees the central state where there is one.
+    pub central_critic: bool,
+    /// The optimiser of both.
+    pub adam: AdamConfig,
+    /// The policy.
+    pub network: Layers,
+    /// The critic.
+    pub critic: Layers,
+}
+
+/// ELU, orthogonal weights.
+pub(super) fn layers(last: f64) -> Layers {
+    let init = Init::Orthogonal { hidden: SQRT_2, last };
+    Layers { activation: Activation::Elu, init, ..Layers::default() }
+}
+
+impl Default for PpoConfig {
+    fn default() -> Self {
+        Self {
+            n_env: 512,
+            shard: 256,
+            steps: 64,
+            updates: 220,
+            epochs: 4,
+            minibatches: 16,
+            rate: Schedule::cosine(1e-3, 1e-5),
+            critic_rate: Schedule::cosine(2e-3, 1e-4),
+            target_kl: None,
+            stop_kl: None,
+            discount: 0.985,
+            lambda: 0.98,
+            clip: 0.2,
+            entropy: Schedule::cosine(5e-3, 1e-3),
+            gradient_clip: 1.0,
+            huber: 10.0,
+            value_beta: 0.995,
+            log_std: -0.5,
+            normalise_observation: true,
+            central_critic: true,
+            adam: AdamConfig { epsilon: 1e-5, ..AdamConfig::default() },
+            network: layers(0.01),
+            critic: layers(1.0),
+        }
+    }
+}
+
+impl PpoConfig {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
+    pub fn validate(&self) -> Result<()> {
+        for (what, n, most) in [
+            ("n_env", self.n_env, 1 << 24),
+            ("shard", self.shard, 1 << 24),
+            ("steps", self.steps, 1 << 16),
+            ("epochs", self.epochs, 1 << 10),
+            ("minibatches", self.minibatches, 1 << 16),
+        ] {
+            if n == 0 || n > most {
+                let remedy = "512, 256, 64, 4 and 16 are usual.";
+                return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
+            }
+        }
+        for (what, x) in [("clip", self.clip), ("gradient_clip", self.gradient_clip), ("huber", self.huber)] {
+            if !(x.is_finite() && x > 0.0) {
+                return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 10 are usual."));
+            }
+        }
+        for (what, x) in [("target_kl", self.target_kl), ("stop_kl", self.stop_kl)] {
+            if let Some(x) = x.filter(|x| !(x.is_finite() && *x > 0.0)) {
+                return Err(Error::value(what, x, "finite and > 0", "0.01 is usual, or leave it out."));
+            }
+        }
+        for (what, x) in [("discount", self.discount), ("lambda", self.lambda)] {
+            if !(0.0..=1.0).contains(&x) {
+                return Err(Error::value(what, x, "within [0, 1]", "0.99 and 0.95 are usual."));
+            }
+        }
+        if !(LOG_STD_MIN..=LOG_STD_MAX).contains(&self.log_std) {
+            let limit = format!("within [{LOG_STD_MIN}, {LOG_STD_MAX}]");
+            return Err(Error::value("log_std", self.log_std, limit, "-0.5 explores 0.6 to either side."));
+        }
+        for (what, schedule) in [("rate", self.rate), ("critic_rate", self.critic_rate), ("entropy", self.entropy)] {
+            schedule.validate(what)?;
+        }
+        ValueNorm::new(self.value_beta)?;
+        self.adam.validate()?;
+        self.network.validate()?;
+        self.critic.validate()
+    }
+}

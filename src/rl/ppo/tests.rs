@@ -1,0 +1,407 @@
+use super::config::layers;
+use super::*;
+use crate::autodiff::{Pen, Scalar};
+use crate::dynamics::Effects;
+use crate::rl::nn::Layers;
+use crate::rl::schedule::Schedule;
+use crate::tasks::config::ActionSpace;
+use crate::tasks::probe::{CUT, Probe};
+use crate::tasks::{Ends, Rig, Sheet, Slice, Start, Task, Term, View};
+
+fn hidden(n: usize, last: f64) -> Layers {
+    Layers { hidden: vec![n, n], ..layers(last) }
+}
+
+fn small() -> PpoConfig {
+    PpoConfig {
+        n_env: 24,
+        shard: 10,
+        steps: 8,
+        epochs: 2,
+        minibatches: 3,
+        updates: 10,
+        discount: 0.99,
+        lambda: 0.95,
+        normalise_observation: false,
+        network: hidden(16, 0.5),
+        critic: hidden(16, 1.0),
+        ..PpoConfig::default()
+    }
+}
+
+fn ppo(task: &str, env: &EnvConfig, config: PpoConfig, threads: usize) -> Ppo {
+    Ppo::new(task, env, config, 5, Threads::new(threads).unwrap()).unwrap()
+}
+
+/// Everything that goes on, as bits.
+fn saved(ppo: &Ppo) -> (Tensors, Tensors) {
+    let (mut policy, mut state) = (Tensors::new(), Tensors::new());
+    ppo.save(&mut policy, &mut state).unwrap();
+    (policy, state)
+}
+
+fn value_of(update: &Update, name: &str) -> f64 {
+    update.extra.iter().find(|(k, _)| *k == name).unwrap().1
+}
+
+#[test]
+fn before_the_first_step_the_ratio_is_one_and_the_divergence_nothing() {
+    for actions in [ActionSpace::Continuous, ActionSpace::MultiDiscrete { levels: 3 }] {
+        let mut ppo = ppo("Hover", &EnvConfig { actions, ..EnvConfig::default() }, small(), 1);
+        ppo.collect().unwrap();
+        ppo.prepare();
+        // rows in another order than they were flown in
+        let mut rows = ppo.rows[0].clone();
+        rows.reverse();
+        let [mut first, mut learnt] = [Learnt::default(), Learnt::default()];
+        ppo.improve(&rows[..64], 0.0, &mut first);
+        assert_eq!((first.sums[sum::KL], first.sums[sum::CLIPPED], first.sums[sum::COUNT]), (0.0, 0.0, 64.0));
+        ppo.improve(&rows[..64], 0.0, &mut learnt);
+        assert!(learnt.sums[sum::KL] > 1e-4, "{:?}", learnt.sums); // 0.1
+    }
+}
+
+/// A rollout of nothing but what the actor's loss reads, every sign of A with ρ on all three sides of the clip.
+fn invented(actor: &Actor, parameters: &[f32], stream: &mut Stream) -> (Rollout, Vec<u32>) {
+    let (n_in, n_action) = (actor.mlp.n_input(), actor.n_action());
+    let shape = Shape { steps: 5, n_agent: 2, n_judged: 1, n_observation: n_in, n_central: 3, n_action };
+    let mut rollout = Rollout::new(shape, 4);
+    let mut memory = actor.mlp.memory(1);
+    let (network, extra) = parameters.split_at(actor.mlp.n_parameter());
+    let rows = 4 * 5 * 2;
+    for row in 0..rows {
+        let x = &mut rollout.observation[row * n_in..][..n_in];
+        x.iter_mut().for_each(|x| *x = stream.normal() as f32);
+        let output = actor.mlp.forward(network, x, 1, &mut memory);
+        let action = &mut rollout.action[row * n_action..][..n_action];
+        let log_prob = actor.head.sample(output.row(0), extra, stream, action);
+        let ratio = [0.5, 0.93, 1.07, 1.8][row % 4] + 0.01 * stream.unit();
+        rollout.log_prob[row] = log_prob - ratio.ln() as f32;
+        rollout.advantage[row / 2] = stream.normal() as f32;
+    }
+    (rollout, (0..rows as u32).collect())
+}
+
+#[test]
+fn the_gradient_of_the_loss_is_that_of_finite_differences() {
+    for (seed, head) in
+        [Head::Gaussian { n: 2 }, Head::Categorical { n: 3 }, Head::MultiCategorical { n: 2, levels: 3 }]
+            .into_iter()
+            .enumerate()
+    {
+        let mut stream = Stream::new(3, seed as u64, 0, Purpose::LEARNING);
+        let mut spec = Env::make("Hover", &EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap().spec().clone();
+        spec.n_observation = 3;
+        spec.action = match head {
+            Head::Gaussian { n } | Head::TanhGaussian { n } => crate::tasks::Space::Box { n, low: -1.0, high: 1.0 },
+            Head::Categorical { n } => crate::tasks::Space::Discrete { n },
+            Head::MultiCategorical { n, levels } => crate::tasks::Space::MultiDiscrete { n, levels },
+        };
+        let actor = Actor::new(&spec, &hidden(5, 1.0), false).unwrap();
+        assert_eq!(actor.head, head);
+        let mut parameters = actor.mlp.init(&mut stream);
+        parameters.resize(actor.n_parameter(), -0.4);
+        let (rollout, rows) = invented(&actor, &parameters, &mut stream);
+        let mut batch = Minibatch::new(&actor.mlp, head.n_extra(), rows.len());
+        let threads = Threads::new(1).unwrap();
+        let mut run = |parameters: &[f32]| {
+            let (network, extra) = parameters.split_at(actor.mlp.n_parameter());
+            let share = 1.0 / rows.len() as f64;
+            let loss = Loss { head, extra, rollout: &rollout, clip: 0.2, entropy: 0.05, share };
+            let mut transposed = Transposed::default();
+            actor.mlp.transpose(network, &mut transposed);
+            let net = Weights { parameters: network, transposed: &transposed };
+            let row = |k: usize, y: &[f32], up: &mut [f32], d: &mut [f32], s: &mut Sums| loss.row(k, y, up, d, s);
+            let sums = batch.gradient(&threads, &actor.mlp, net, &rollout.observation, &rows, &row);
+            (share * (sums[sum::SURROGATE] - 0.05 * sums[sum::ENTROPY]), sums, batch.gradient.clone())
+        };
+        let (_, sums, gradient) = run(&parameters);
+        // the ratios are as they were invented: half of them outside the clip
+        assert_eq!((sums[sum::CLIPPED], sums[sum::COUNT]), (20.0, 40.0));
+        let norm = gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+        let h = 2e-3;
+        let mut worst = 0.0_f64;
+        for k in 0..parameters.len() {
+            let mut at = |by: f32| {
+                let mut moved = parameters.clone();
+                moved[k] += by;
+                run(&moved).0
+            };
+            // padding has neither
+            let slope = (at(h) - at(-h)) / (2.0 * f64::from(h));
+            if gradient[k] != 0.0 {
+                worst = worst.max((slope - f64::from(gradient[k])).abs());
+            }
+        }
+        println!("{head:?}: {worst:.1e} of {norm:.3}");
+        assert!(worst < 3e-4 * norm, "{head:?}: {worst:e} of {norm}"); // 1e-5, 2e-5, 5e-5 of it
+    }
+}
+
+#[test]
+fn results_are_the_same_bits_on_one_thread_and_on_two() {
+    let run = |threads| {
+        let config = PpoConfig { n_env: 150, shard: 32, normalise_observation: true, ..small() };
+        let mut ppo = ppo("Hover", &EnvConfig::default(), config, threads);
+        let told: Vec<Update> = (0..3).map(|_| Update { phases: Vec::new(), ..ppo.update().unwrap() }).collect();
+        (saved(&ppo), told)
+    };
+    let (one, two) = (run(1), run(2));
+    assert!(one == two);
+    assert!(one.1[0] != one.1[1]);
+}
+
+#[test]
+fn a_saved_run_goes_on_with_the_same_bits() {
+    let env = EnvConfig { stagger: true, ..EnvConfig::default() };
+    let config = PpoConfig { normalise_observation: true, ..small() };
+    let fresh = || ppo("Hover", &env, config.clone(), 1);
+    let mut whole = fresh();
+    (0..2).for_each(|_| drop(whole.update().unwrap()));
+    let (policy, state) = saved(&whole);
+    let mut resumed = fresh();
+    resumed.load(&policy, &state).unwrap();
+    assert!(saved(&resumed) == (policy, state));
+    for _ in 0..2 {
+        let [a, b] = [&mut whole, &mut resumed].map(|p| Update { phases: Vec::new(), ..p.update().unwrap() });
+        assert_eq!(a, b);
+    }
+    assert!(saved(&resumed) == saved(&whole));
+    assert_eq!((resumed.n_update(), resumed.env_steps()), (4, 4 * 24 * 8));
+}
+
+/// V of the only state of [`Probe::forever`] after learning; with `as_death`, time that runs out is taken for an end.
+fn learnt_value(make: &dyn Fn(&EnvConfig) -> Result<Env>, updates: usize, as_death: bool) -> f64 {
+    let config = PpoConfig {
+        n_env: 40,
+        shard: 16,
+        steps: CUT,
+        minibatches: 1,
+        value_beta: 0.5,
+        critic_rate: Schedule::constant(0.01),
+        ..small()
+    };
+    let env = EnvConfig { stagger: true, ..EnvConfig::default() };
+    let mut ppo = Ppo::with(make, &env, config, 1, Threads::new(1).unwrap()).unwrap();
+    for _ in 0..updates {
+        ppo.collect().unwrap();
+        if as_death {
+            for k in 0..ppo.rollout.terminated.len() {
+                ppo.rollout.terminated[k] |= ppo.rollout.truncated[k];
+            }
+            let (discount, lambda) = (ppo.config.discount, ppo.config.lambda);
+            for mut part in ppo.rollout.parts([16, 16, 8].into_iter()) {
+                part.judge(discount, lambda).unwrap();
+            }
+        }
+        ppo.prepare();
+        ppo.learn();
+        ppo.update += 1;
+    }
+    let mut value = [0.0];
+    ppo.critic.values(&ppo.threads, &[1.0], &mut value);
+    ppo.norm.denormalise(&mut value);
+    f64::from(value[0])
+}
+
+#[test]
+fn time_that_runs_out_is_not_death_and_the_value_differs_tenfold() {
+    let forever = |c: &EnvConfig| Env::of(Probe::forever(c)?, "forever", c);
+    let right = learnt_value(&forever, 400, false);
+    let wrong = learnt_value(&forever, 400, true);
+    println!("{right} {wrong}");
+    assert!((right - 100.0).abs() < 0.1, "{right}"); // 2e-4
+    assert!((5.3..9.3).contains(&wrong), "{wrong}"); // 7.2
+}
+
+/// [`Probe::forever`] with whole episodes in which nothing is a number.
+struct Broken {
+    rig: Rig,
+}
+
+impl Task for Broken {
+    fn rig(&self) -> &Rig {
+        &self.rig
+    }
+    fn horizon(&self) -> usize {
+        CUT
+    }
+    fn sheet(&self) -> Sheet {
+        let kind = Slice::new("kind", 1, "-", "1 or NaN");
+        Sheet {
+            observation: vec![kind.clone()],
+            central: Vec::new(),
+            reward: vec![Term::smooth("pay", "kind", 1.0)],
+            ends: Vec::new(),
+            metrics: Vec::new(),
+            goal: vec![kind],
+            memo: Vec::new(),
+            settings: Vec::new(),
+        }
+    }
+    fn start(&self, start: &mut Start<'_>) {
+        start.goal[0] = if start.task.below(4) == 0 { f64::NAN } else { 1.0 };
+    }
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
+        out.number(view.goal.get(0));
+    }
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
+        terms.number(view.goal.get(0));
+    }
+    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut Ends<'_, S>) {}
+    fn metrics<S: Scalar>(&self, _: &View<'_, S>, _: &mut Pen<'_, S>) {}
+    fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask {
+        S::one().lt(S::zero())
+    }
+    fn ideal(&self, start: &mut Start<'_>) {
+        start.goal[0] = 1.0;
+    }
+}
+
+fn broken(config: &EnvConfig) -> Result<Env> {
+    let physics = config.physics_with(|e| *e = Effects::none());
+    let rig = Rig::of_vehicle(&config.vehicle("hummingbird")?, physics)?;
+    Env::of(Broken { rig }, "broken", config)
+}
+
+#[test]
+fn environments_of_nothing_but_nan_are_left_out_and_the_others_learnt_from() {
+    for normalise_observation in [false, true] {
+        let config = PpoConfig { normalise_observation, ..small() };
+        let mut ppo = Ppo::with(&broken, &EnvConfig::default(), config, 1, Threads::new(1).unwrap()).unwrap();
+        let updates: Vec<Update> = (0..4).map(|_| ppo.update().unwrap()).collect();
+        assert!(ppo.parameters.iter().chain(&ppo.critic.parameters).all(|x| x.is_finite()));
+        assert!(ppo.norm.mean().is_finite() && ppo.norm.ignored() == 0);
+        let statistics = ppo.collectors[0].shard.env.statistics();
+        assert!(statistics.mean.iter().chain(&statistics.variance).all(|x| x.is_finite()), "{statistics:?}");
+        for update in updates {
+            let left_out = value_of(&update, "rows_left_out");
+            println!("{left_out}");
+            assert!((20.0..90.0).contains(&left_out), "{left_out}"); // of 192
+            assert!(update.reward.is_finite() && update.loss.is_finite() && update.gradient_norm.is_finite());
+        }
+    }
+    let value = learnt_value(&broken, 400, false);
+    assert!((value - 100.0).abs() < 1.0, "{value}");
+}
+
+#[test]
+fn a_poisoned_row_changes_no_bit_of_what_is_learnt_from_the_others() {
+    let config = small();
+    let run = |spoil: &dyn Fn(&mut Ppo)| {
+        let mut ppo = ppo("Hover", &EnvConfig::default(), config.clone(), 1);
+        ppo.collect().unwrap();
+        spoil(&mut ppo);
+        ppo.prepare();
+        ppo.learn();
+        let left_out = 24 * 8 - ppo.rows[0].len();
+        let numbers = ppo.parameters.iter().chain(&ppo.critic.parameters).chain(&ppo.adam.mean);
+        let bits: Vec<u32> = numbers.map(|x| x.to_bits()).collect();
+        (bits, ppo.norm.save(), left_out)
+    };
+    let judge = |ppo: &mut Ppo| {
+        for mut part in ppo.rollout.parts([10, 10, 4].into_iter()) {
+            part.judge(0.99, 0.95).unwrap();
+        }
+    };
+    // (observation, reward) of rows: steps 3 and 5 of environments 7 and 2 of the first shard
+    let (seen, paid) = (3 * 10 + 7, 5 * 10 + 2);
+    let poisoned = run(&|ppo| {
+        let n = ppo.rollout.shape.n_observation;
+        ppo.rollout.observation[seen * n + 4] = f32::NAN;
+        ppo.rollout.reward[paid] = f32::INFINITY;
+        judge(ppo);
+    });
+    let without = run(&|ppo| {
+        // a reward reaches back to where its episode began; none ended in so short a time
+        assert!(ppo.rollout.terminated.iter().chain(&ppo.rollout.truncated).all(|x| *x == 0));
+        for row in (0..6).map(|t| t * 10 + 2).chain([seen]) {
+            let r = &mut ppo.rollout;
+            (r.log_prob[row], r.advantage[row], r.target[row]) = (f32::NAN, f32::NAN, f32::NAN);
+        }
+    });
+    let clean = run(&|ppo| judge(ppo));
+    assert_eq!((poisoned.2, without.2, clean.2), (7, 7, 0));
+    assert!(poisoned == without);
+    assert!(poisoned.0 != clean.0);
+}
+
+#[test]
+fn whole_numbers_are_learnt_within_their_space() {
+    for actions in [ActionSpace::Discrete { levels: 2 }, ActionSpace::MultiDiscrete { levels: 3 }] {
+        let mut ppo = ppo("Hover", &EnvConfig { actions, ..EnvConfig::default() }, small(), 1);
+        let update = ppo.update().unwrap();
+        assert_eq!(value_of(&update, "rows_left_out"), 0.0);
+        let n = ppo.rollout.shape.n_action;
+        let flown = 10 * 8 * n;
+        assert!(ppo.rollout.action[..flown].chunks(n).all(|a| ppo.spec.action.contains(a)));
+        let mut policy = ppo.policy().unwrap();
+        let mut action = vec![f32::NAN; n];
+        policy.act(&vec![0.1; ppo.spec.n_observation], &mut action);
+        assert!(ppo.spec.action.contains(&action), "{action:?}");
+        let before = saved(&ppo);
+        let (policy, state) = &before;
+        ppo.load(policy, state).unwrap();
+        assert!(saved(&ppo) == before);
+    }
+}
+
+#[test]
+fn a_team_shares_its_policy_and_a_critic_of_its_central_state() {
+    let run = |central_critic| {
+        let mut ppo = ppo("Formation", &EnvConfig::default(), PpoConfig { central_critic, ..small() }, 1);
+        let update = ppo.update().unwrap();
+        assert_eq!(value_of(&update, "rows_left_out"), 0.0);
+        assert_eq!(ppo.rows[0].len(), 24 * 8 * ppo.spec.n_agent);
+        (ppo.spec.n_agent, ppo.spec.n_central, ppo.rollout.shape.n_judged, ppo.critic.mlp.n_input(), ppo.rows[1].len())
+    };
+    let (agents, central, judged, inputs, rows) = run(true);
+    assert!(agents > 1 && central > 0);
+    assert_eq!((judged, inputs, rows), (1, central, 24 * 8));
+    let (_, _, judged, inputs, rows) = run(false);
+    assert_eq!((judged, rows), (agents, 24 * 8 * agents));
+    assert!(inputs != central);
+}
+
+#[test]
+fn the_rate_follows_the_divergence() {
+    let mut ppo =
+        ppo("Hover", &EnvConfig::default(), PpoConfig { rate: 1e-3.into(), target_kl: Some(0.01), ..small() }, 1);
+    let target = 0.01;
+    assert_eq!(ppo.rate(0.0, target), 1e-3);
+    assert_eq!(ppo.rate(0.0, 3.0 * target), 1e-3 / 1.5);
+    assert_eq!(ppo.rate(0.0, f64::NAN), 1e-3 / 1.5);
+    for _ in 0..100 {
+        ppo.rate(0.0, 0.0);
+    }
+    assert_eq!(ppo.rate(0.0, target), 0.01);
+    ppo.config.target_kl = None;
+    assert_eq!(ppo.rate(0.0, 3.0 * target), 1e-3);
+}
+
+#[test]
+fn settings_survive_their_text_and_what_cannot_be_meant_is_named() {
+    let text = toml::to_string(&PpoConfig::default()).unwrap();
+    assert_eq!(toml::from_str::<PpoConfig>(&text).unwrap(), PpoConfig::default());
+    assert!(toml::from_str::<PpoConfig>("clipp = 0.1").unwrap_err().to_string().contains("unknown field `clipp`"));
+    let told = |text: &str| {
+        let config: PpoConfig = toml::from_str(text).unwrap();
+        let threads = Threads::new(1).unwrap();
+        Ppo::new("Hover", &EnvConfig::default(), config, 1, threads).err().unwrap().to_string()
+    };
+    for (text, what) in [
+        ("shard = 0", "shard is 0"),
+        ("n_env = 100000000000", "n_env is 100000000000, over the limit of 1 to 16777216"),
+        ("minibatches = 0", "minibatches is 0"),
+        ("clip = 0.0", "clip is 0"),
+        ("huber = nan", "huber is NaN"),
+        ("lambda = 1.5", "lambda is 1.5"),
+        ("log_std = 9.0", "log_std is 9"),
+        ("target_kl = -1.0", "target_kl is -1"),
+        ("value_beta = 1.0", "beta of the value norm is 1"),
+        ("n_env = 2048\nsteps = 65536", "a rollout is "),
+    ] {
+        let told = told(text);
+        assert!(told.starts_with(what), "{told}");
+    }
+}

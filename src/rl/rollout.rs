@@ -1,0 +1,362 @@
+//! What on-policy learners learn from: T steps of every environment under one policy, with the worth of each.
+//!
+//! Rows stand shard by shard, step by step, environment by environment, agent by agent. Every shard has T + 1 steps of
+//! them: the last one holds what is seen behind the rollout and its value, and has no action and no advantage. So an
+//! environment writes its observations where minibatches will read them.
+//!
+//! A critic that judges the central state has one row per environment, which is worth the mean reward of its agents;
+//! otherwise every agent has its own.
+
+use super::critic::Critic;
+use super::gae::{Steps, advantages};
+use super::learner::Episodes;
+use super::nn::Memory;
+use super::policy::{Actor, ROWS};
+use super::shards::{Shard, episodes};
+use super::value_norm::ValueNorm;
+use crate::error::{Error, Result};
+use crate::rng::{Purpose, Stream};
+use crate::tasks::{Spec, StepOut};
+use std::time::{Duration, Instant};
+
+/// Widths of all rows.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shape {
+    /// T.
+    pub steps: usize,
+    pub n_agent: usize,
+    /// Rows of the critic per environment: 1, or one per agent.
+    pub n_judged: usize,
+    pub n_observation: usize,
+    /// Of the state that the critic sees; 0 where it sees observations.
+    pub n_central: usize,
+    pub n_action: usize,
+}
+
+impl Shape {
+    pub fn new(spec: &Spec, steps: usize, central: bool) -> Self {
+        let central = central && spec.n_central > 0;
+        Self {
+            steps,
+            n_agent: spec.n_agent,
+            n_judged: if central { 1 } else { spec.n_agent },
+            n_observation: spec.n_observation,
+            n_central: if central { spec.n_central } else { 0 },
+            n_action: spec.action.len(),
+        }
+    }
+
+    /// Checks that rows of `n_env` environments can be counted and kept.
+    pub fn check(&self, n_env: usize, memory_limit: u64) -> Result<()> {
+        let slots = (n_env as u64).saturating_mul(self.steps as u64 + 1);
+        let rows = slots.saturating_mul(self.n_agent as u64);
+        let of_agent = (self.n_observation + self.n_action + 1) * self.n_agent + 5 * self.n_judged + self.n_central;
+        let bytes = slots.saturating_mul(4 * of_agent as u64 + 2);
+        if rows > u64::from(u32::MAX) || bytes > memory_limit {
+            let limit = format!("{memory_limit} B and {} rows", u32::MAX);
+            let remedy = "Take fewer environments or steps, or raise memory_limit.";
+            return Err(Error::limit("a rollout", format!("{bytes} B in {rows} rows"), limit, remedy));
+        }
+        Ok(())
+    }
+
+    /// Numbers that the critic sees.
+    pub fn n_critic(&self) -> usize {
+        if self.n_central > 0 { self.n_central } else { self.n_observation }
+    }
+
+    /// Row of the critic for the row of an agent.
+    pub fn judged(&self, row: usize) -> usize {
+        if self.n_judged == self.n_agent { row } else { row / self.n_agent }
+    }
+}
+
+/// The rows of all shards.
+pub(crate) struct Rollout {
+    pub shape: Shape,
+    /// One per agent.
+    pub observation: Vec<f32>,
+    pub action: Vec<f32>,
+    /// NaN where the row is no use.
+    pub log_prob: Vec<f32>,
+    /// One per environment, or empty.
+    pub central: Vec<f32>,
+    /// One per row of the critic.
+    pub reward: Vec<f32>,
+    pub value: Vec<f32>,
+    pub next_value: Vec<f32>,
+    /// NaN where the row is no use, as `target`.
+    pub advantage: Vec<f32>,
+    pub target: Vec<f32>,
+    /// One per environment.
+    pub terminated: Vec<u8>,
+    pub truncated: Vec<u8>,
+}
+
+/// The rows of one shard.
+pub(crate) struct Part<'a> {
+    pub shape: Shape,
+    pub n_env: usize,
+    pub observation: &'a mut [f32],
+    pub action: &'a mut [f32],
+    pub log_prob: &'a mut [f32],
+    pub central: &'a mut [f32],
+    pub reward: &'a mut [f32],
+    pub value: &'a mut [f32],
+    pub next_value: &'a mut [f32],
+    pub advantage: &'a mut [f32],
+    pub target: &'a mut [f32],
+    pub terminated: &'a mut [u8],
+    pub truncated: &'a mut [u8],
+}
+
+impl Rollout {
+    pub fn new(shape: Shape, n_env: usize) -> Self {
+        let slots = n_env * (shape.steps + 1);
+        let (rows, judged) = (slots * shape.n_agent, slots * shape.n_judged);
+        Self {
+            shape,
+            observation: vec![0.0; rows * shape.n_observation],
+            action: vec![0.0; rows * shape.n_action],
+            log_prob: vec![f32::NAN; rows],
+            central: vec![0.0; slots * shape.n_central],
+            reward: vec![0.0; judged],
+            value: vec![0.0; judged],
+            next_value: vec![0.0; judged],
+            advantage: vec![f32::NAN; judged],
+            target: vec![f32::NAN; judged],
+            terminated: vec![0; slots],
+            truncated: vec![0; slots],
+        }
+    }
+
+    /// What the critic sees.
+    pub fn seen(&self) -> &[f32] {
+        if self.shape.n_central > 0 { &self.central } else { &self.observation }
+    }
+
+    /// The rows of shards of so many environments each.
+    pub fn parts(&mut self, n_env: impl Iterator<Item = usize>) -> Vec<Part<'_>> {
+        fn take<'a, T>(rest: &mut &'a mut [T], n: usize) -> &'a mut [T] {
+            let (own, behind) = std::mem::take(rest).split_at_mut(n);
+            *rest = behind;
+            own
+        }
+        let s = self.shape;
+        let mut all = Part {
+            shape: s,
+            n_env: 0,
+            observation: &mut self.observation,
+            action: &mut self.action,
+            log_prob: &mut self.log_prob,
+            central: &mut self.central,
+            reward: &mut self.reward,
+            value: &mut self.value,
+            next_value: &mut self.next_value,
+            advantage: &mut self.advantage,
+            target: &mut self.target,
+            terminated: &mut self.terminated,
+            truncated: &mut self.truncated,
+        };
+        let own = |n_env: usize| {
+            let slots = n_env * (s.steps + 1);
+            let (rows, judged) = (slots * s.n_agent, slots * s.n_judged);
+            Part {
+                shape: s,
+                n_env,
+                observation: take(&mut all.observation, rows * s.n_observation),
+                action: take(&mut all.action, rows * s.n_action),
+                log_prob: take(&mut all.log_prob, rows),
+                central: take(&mut all.central, slots * s.n_central),
+                reward: take(&mut all.reward, judged),
+                value: take(&mut all.value, judged),
+                next_value: take(&mut all.next_value, judged),
+                advantage: take(&mut all.advantage, judged),
+                target: take(&mut all.target, judged),
+                terminated: take(&mut all.terminated, slots),
+                truncated: take(&mut all.truncated, slots),
+            }
+        };
+        n_env.map(own).collect()
+    }
+}
+
+impl Part<'_> {
+    /// Advantages and targets. Rows in which anything is not finite get an advantage, a target or a log-probability
+    /// that is not.
+    pub fn judge(&mut self, discount: f64, lambda: f64) -> Result<()> {
+        let s = self.shape;
+        let (flags, judged) = (s.steps * self.n_env, s.steps * self.n_env * s.n_judged);
+        let steps = Steps {
+            reward: &self.reward[..judged],
+            value: &self.value[..judged],
+            next_value: &self.next_value[..judged],
+            terminated: &self.terminated[..flags],
+            truncated: &self.truncated[..flags],
+            n_env: self.n_env,
+            n_agent: s.n_judged,
+        };
+        advantages(&steps, discount, lambda, &mut self.advantage[..judged], &mut self.target[..judged])?;
+        let broken = |x: &[f32]| x.iter().fold(false, |broken, x| broken | !x.is_finite());
+        let seen: &[f32] = if s.n_central > 0 { self.central } else { self.observation };
+        for (row, x) in seen.chunks_exact(s.n_critic()).take(judged).enumerate() {
+            if broken(x) {
+                (self.advantage[row], self.target[row]) = (f32::NAN, f32::NAN);
+            }
+        }
+        let observations = self.observation.chunks_exact(s.n_observation);
+        for (log_prob, x) in self.log_prob.iter_mut().zip(observations).take(flags * s.n_agent) {
+            if broken(x) {
+                *log_prob = f32::NAN;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What all shards share while they collect.
+#[derive(Clone, Copy)]
+pub(crate) struct How<'a> {
+    pub actor: &'a Actor,
+    /// Of its network, then of its head.
+    pub parameters: &'a [f32],
+    pub critic: &'a Critic,
+    pub norm: &'a ValueNorm,
+    pub seed: u64,
+    pub update: u64,
+}
+
+/// A shard of environments with what collecting needs.
+pub(crate) struct Collector {
+    pub shard: Shard,
+    pub seen: Seen,
+    pub failed: Option<Error>,
+    /// Noise of every environment.
+    streams: Vec<Stream>,
+    of_actor: Memory,
+    of_critic: Memory,
+    /// What was seen last in episodes that ran out of time, and in which rows of the critic.
+    ends: Vec<f32>,
+    end_rows: Vec<usize>,
+    end_values: Vec<f32>,
+}
+
+/// Figures of one shard's rollout.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Seen {
+    /// Σ over environments and steps.
+    pub reward: f64,
+    pub episodes: Episodes,
+    /// Time of the policy, of the environments, of the critic.
+    pub times: [Duration; 3],
+}
+
+impl Collector {
+    pub fn new(shard: Shard, actor: &Actor, critic: &Critic) -> Self {
+        Self {
+            seen: Seen::default(),
+            failed: None,
+            streams: Vec::with_capacity(shard.env.spec().n_env),
+            of_actor: actor.mlp.memory(ROWS),
+            of_critic: critic.mlp.memory(ROWS),
+            ends: Vec::new(),
+            end_rows: Vec::new(),
+            end_values: Vec::new(),
+            shard,
+        }
+    }
+
+    /// Flies T steps on from where the last rollout stopped, exploring, and values what was seen.
+    pub fn collect(&mut self, part: &mut Part<'_>, how: How<'_>) -> Result<()> {
+        let s = part.shape;
+        let n_env = part.n_env;
+        let (n_seen, n_central) = (n_env * s.n_agent * s.n_observation, n_env * s.n_central);
+        self.seen = Seen::default();
+        self.ends.clear();
+        self.end_rows.clear();
+        // a stream per environment and rollout: results depend neither on shards nor on threads, and none is saved
+        let first = self.shard.env.spec().config.first_environment;
+        self.streams.clear();
+        let stream = |i| Stream::new(how.seed, first.wrapping_add(i as u64), how.update, Purpose::POLICY);
+        self.streams.extend((0..n_env).map(stream));
+        part.observation[..n_seen].copy_from_slice(&self.shard.out.observation);
+        part.central[..n_central].copy_from_slice(&self.shard.out.central[..n_central]);
+        for t in 0..s.steps {
+            self.step(part, how, t)?;
+        }
+        self.shard.out.observation.copy_from_slice(&part.observation[s.steps * n_seen..]);
+        self.shard.out.central[..n_central].copy_from_slice(&part.central[s.steps * n_central..]);
+        self.value(part, how);
+        Ok(())
+    }
+
+    fn step(&mut self, part: &mut Part<'_>, how: How<'_>, t: usize) -> Result<()> {
+        let begun = Instant::now();
+        let s = part.shape;
+        let (n_env, rows) = (part.n_env, part.n_env * s.n_agent);
+        let (now, next) = part.observation[t * rows * s.n_observation..].split_at_mut(rows * s.n_observation);
+        let actions = &mut part.action[t * rows * s.n_action..][..rows * s.n_action];
+        let log_probs = &mut part.log_prob[t * rows..][..rows];
+        let (network, extra) = how.parameters.split_at(how.actor.mlp.n_parameter());
+        for (block, x) in now.chunks(ROWS * s.n_observation).enumerate() {
+            let output = how.actor.mlp.forward(network, x, x.len() / s.n_observation, &mut self.of_actor);
+            for row in block * ROWS..rows.min((block + 1) * ROWS) {
+                let action = &mut actions[row * s.n_action..][..s.n_action];
+                let stream = &mut self.streams[row / s.n_agent];
+                log_probs[row] = how.actor.head.sample(output.row(row % ROWS), extra, stream, action);
+            }
+        }
+        let acted = Instant::now();
+        let Shard { env, out } = &mut self.shard;
+        let mut to = StepOut {
+            observation: &mut next[..rows * s.n_observation],
+            central: &mut part.central[(t + 1) * n_env * s.n_central..][..n_env * s.n_central],
+            privileged: &mut [],
+            ..out.out()
+        };
+        env.step(actions, &mut to)?;
+        part.terminated[t * n_env..][..n_env].copy_from_slice(&out.terminated);
+        part.truncated[t * n_env..][..n_env].copy_from_slice(&out.truncated);
+        // as many agents as share a row of the critic
+        let team = s.n_agent / s.n_judged;
+        let judged = t * n_env * s.n_judged;
+        for (to, own) in part.reward[judged..].iter_mut().zip(out.reward.chunks_exact(team)) {
+            *to = own.iter().sum::<f32>() / team as f32;
+        }
+        let finite = out.reward.iter().filter(|x| x.is_finite());
+        self.seen.reward += finite.map(|x| f64::from(*x)).sum::<f64>() / s.n_agent as f64;
+        self.seen.episodes.add(&episodes(env.spec(), out));
+        let last = if s.n_central > 0 { &out.final_central } else { &out.final_observation };
+        let each = s.n_judged * s.n_critic();
+        for i in (0..n_env).filter(|i| out.truncated[*i] == 1 && out.terminated[*i] == 0) {
+            self.ends.extend(&last[i * each..][..each]);
+            self.end_rows.extend((0..s.n_judged).map(|k| judged + i * s.n_judged + k));
+        }
+        self.seen.times[0] += acted - begun;
+        self.seen.times[1] += acted.elapsed();
+        Ok(())
+    }
+
+    /// V of everything seen, and of what follows each step.
+    fn value(&mut self, part: &mut Part<'_>, how: How<'_>) {
+        let begun = Instant::now();
+        let n = part.shape.n_critic();
+        let critic = how.critic;
+        let mut value = |x: &[f32], values: &mut [f32]| {
+            for (x, values) in x.chunks(ROWS * n).zip(values.chunks_mut(ROWS)) {
+                critic.mlp.forward(&critic.parameters, x, values.len(), &mut self.of_critic).write(values);
+            }
+            how.norm.denormalise(values);
+        };
+        value(if part.shape.n_central > 0 { part.central } else { part.observation }, part.value);
+        self.end_values.resize(self.end_rows.len(), 0.0);
+        value(&self.ends, &mut self.end_values);
+        let step = part.n_env * part.shape.n_judged;
+        let kept = part.value.len() - step;
+        part.next_value[..kept].copy_from_slice(&part.value[step..]);
+        for (row, value) in self.end_rows.iter().zip(&self.end_values) {
+            part.next_value[*row] = *value;
+        }
+        self.seen.times[2] += begun.elapsed();
+    }
+}

@@ -1,0 +1,459 @@
+//! What all training has in common: update, log, evaluate, save, go on.
+//!
+//! ```text
+//! <run>/config.toml     every setting of the run
+//!       log.jsonl       the course of it, a JSON object per line
+//!       curve.csv       the same as a table
+//!       checkpoints/    the newest few, each whole or absent
+//! ```
+//!
+//! A run that was stopped or killed goes on from its newest whole checkpoint to the same bits as if nothing had happened:
+//! at most the updates since are flown again. Columns of the log:
+//!
+//! | name | what |
+//! |---|---|
+//! | `update`, `env_steps`, `seconds` | so far; the time is that of training, without evaluations |
+//! | `steps_per_second` | since the last line |
+//! | `loss`, `reward`, `gradient_norm` | means over the updates since the last line |
+//! | `episodes`, `return`, `length`, `crashed` | of episodes that ended since then: how many, means, share |
+//! | `rate` and more | the algorithm's own, in the last update |
+//! | `eval_…` | figures of an [`Evaluation`], where one was made |
+//! | `time_…` | share of each phase in the time since the last line |
+
+use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer};
+use super::config::TrainConfig;
+use super::evaluate::{Starts, evaluate};
+use super::learner::{Episodes, Learner, Update};
+use super::log::{Line, Log};
+use super::policy::Policy;
+use super::saved::put_policy;
+use crate::atomic_file;
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use crate::tasks::{Evaluation, registry};
+use serde_json::json;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// A run: a learner, its clock, its files.
+///
+/// ```
+/// use omnidrones::parallel::Threads;
+/// use omnidrones::rl::{TrainConfig, Trainer};
+/// use std::ops::ControlFlow;
+///
+/// let own = "evaluate.envs = 16\n[apg]\nn_env = 16\nwindow = 8\nupdates = 4\n[env.task]\nhorizon = 40";
+/// let config = TrainConfig::for_task("Hover", None, Some((own, "tiny")))?;
+/// let mut trainer = Trainer::new("Hover", config, Threads::default())?;
+/// let outcome = trainer.run(&mut |progress| {
+///     println!("{} of {}", progress.update, progress.budget);
+///     ControlFlow::Continue(()) // Break stops after this update
+/// })?;
+/// assert_eq!((outcome.updates, outcome.evaluation.n_episode), (4, 16));
+/// # Ok::<(), omnidrones::error::Error>(())
+/// ```
+pub struct Trainer {
+    task: &'static str,
+    config: TrainConfig,
+    threads: Threads,
+    learner: Box<dyn Learner>,
+    /// Updates so far; unlike the learner's it never goes back.
+    update: u64,
+    clock: Clock,
+    /// Since the run began or went on.
+    phases: Phases,
+    since: Since,
+    curve: Vec<Line>,
+    evaluation: Option<Evaluation>,
+    files: Option<Files>,
+}
+
+/// Where a run is kept.
+struct Files {
+    folder: PathBuf,
+    log: Log,
+    writer: Writer,
+    saved: Option<u64>,
+    skipped: Vec<Skipped>,
+}
+
+/// How far a run is, after an update.
+#[derive(Debug)]
+pub struct Progress<'a> {
+    /// Updates done, repeated ones included.
+    pub update: u64,
+    /// Of the learner's budget: falls back where a learner begins again.
+    pub done: u64,
+    /// Updates after which it ends.
+    pub budget: u64,
+    /// Steps of environments.
+    pub env_steps: u64,
+    /// Time spent training, s.
+    pub seconds: f64,
+    /// Share of each phase in the time of training.
+    pub phases: Vec<(&'static str, f64)>,
+    /// What the update said.
+    pub last: &'a Update,
+    /// The newest line of the log, and whether it is of this update.
+    pub line: Option<(&'a Line, bool)>,
+    /// The newest evaluation.
+    pub evaluation: Option<&'a Evaluation>,
+}
+
+/// What a run came to.
+#[derive(Debug)]
+pub struct Outcome {
+    /// Of the policy as it is now.
+    pub evaluation: Evaluation,
+    /// Ready to fly.
+    pub policy: Policy,
+    /// Updates done.
+    pub updates: u64,
+    /// Steps of environments.
+    pub env_steps: u64,
+    /// Time spent training, s, without evaluations.
+    pub seconds: f64,
+    /// Every line of the log.
+    pub curve: Vec<Line>,
+    /// Whether it was asked to stop before its end.
+    pub stopped: bool,
+    /// The newest checkpoint.
+    pub checkpoint: Option<PathBuf>,
+}
+
+impl Trainer {
+    /// A run from random weights, kept nowhere; the clock starts.
+    ///
+    /// # Errors
+    /// As [`TrainConfig::validate`], [`registry::by_name`], and the learner's.
+    pub fn new(task: &str, config: TrainConfig, threads: Threads) -> Result<Self> {
+        let clock = Clock::new();
+        config.validate()?;
+        let task = registry::by_name(task)?.name;
+        let learner = config.learner(task, &threads)?;
+        let since = Since::new(0, 0.0);
+        let (curve, evaluation, files) = (Vec::new(), None, None);
+        let phases = Phases::default();
+        Ok(Self { task, config, threads, learner, update: 0, clock, phases, since, curve, evaluation, files })
+    }
+
+    /// Keeps the run in `folder`. With `resume`, goes on from the newest whole checkpoint there, or begins if there is
+    /// none.
+    ///
+    /// # Errors
+    /// [`Error::Value`] without `resume` if there is a run already, with it if that has other settings (number of updates,
+    /// logs, evaluations and checkpoints may differ), and if another process writes there; [`Error::Format`] if no
+    /// checkpoint is whole; [`Error::File`] if the disk refuses.
+    pub fn in_folder(mut self, folder: impl AsRef<Path>, resume: bool) -> Result<Self> {
+        let folder = folder.as_ref();
+        if !resume && is_run(folder) {
+            let remedy = "Go on with it (--resume), or name another folder.";
+            return Err(Error::value("folder of the run", format!("'{}', in use", folder.display()), "new", remedy));
+        }
+        let mut writer = Store::open_to_write(folder, self.config.checkpoint.keep)?;
+        let found = writer.latest()?;
+        let skipped = match found {
+            None => Vec::new(),
+            Some(found) => {
+                self.go_on(&found.checkpoint, &found.folder)?;
+                found.skipped
+            }
+        };
+        let text = self.config.to_toml()?;
+        write_text(&folder.join("config.toml"), &text)?;
+        let (log, curve) = Log::open(folder, self.update)?;
+        self.curve = curve;
+        let saved = (self.update > 0).then_some(self.update);
+        self.files = Some(Files { folder: folder.to_path_buf(), log, writer, saved, skipped });
+        Ok(self)
+    }
+
+    fn go_on(&mut self, checkpoint: &Checkpoint, folder: &Path) -> Result<()> {
+        let Checkpoint { manifest, policy, state } = checkpoint;
+        let file = folder.join("manifest.json").display().to_string();
+        let then = TrainConfig::from_toml(&manifest.config, &file)?;
+        if manifest.task != self.task || !then.makes_the_same_as(&self.config)? {
+            let (what, limit) = (format!("settings of the run in {file}"), "those that it was begun with");
+            return Err(Error::value(what, "others", limit, "Repeat its options, or train in another folder."));
+        }
+        self.learner.load(policy, state)?;
+        (self.update, self.clock.before) = (manifest.update, manifest.seconds);
+        self.since = Since::new(self.learner.env_steps(), manifest.seconds);
+        Ok(())
+    }
+
+    /// Updates so far.
+    pub fn update(&self) -> u64 {
+        self.update
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &TrainConfig {
+        &self.config
+    }
+
+    /// Checkpoints that were damaged when the run went on.
+    pub fn skipped(&self) -> &[Skipped] {
+        self.files.as_ref().map_or(&[], |files| &files.skipped)
+    }
+
+    /// Trains to the end of the budget, or until `watch` breaks; then evaluates and saves. May be called again.
+    ///
+    /// # Errors
+    /// As the environment's, [`Error::File`] if the disk refuses, [`Error::Value`] if the policy is not finite. The
+    /// checkpoints of before remain.
+    pub fn run(&mut self, watch: &mut dyn FnMut(&Progress<'_>) -> ControlFlow<()>) -> Result<Outcome> {
+        let mut stopped = false;
+        while !stopped && self.learner.n_update() < self.learner.budget() {
+            let last = self.learner.update()?;
+            self.update += 1;
+            self.since.add(&last);
+            last.phases.iter().for_each(|(name, time)| self.phases.add(name, *time));
+            self.keep(&last)?;
+            stopped = watch(&self.progress(&last)).is_break();
+            if stopped && self.since.updates > 0 {
+                self.log(&last, None)?;
+            }
+        }
+        self.finish(stopped)
+    }
+
+    /// Evaluates, logs and saves after an update, where it is time.
+    fn keep(&mut self, last: &Update) -> Result<()> {
+        let (update, done) = (self.update, self.learner.n_update() >= self.learner.budget());
+        let due = |every: u64| done || every > 0 && update.is_multiple_of(every);
+        let evaluated = due(self.config.evaluate.every);
+        if evaluated {
+            self.evaluation = Some(self.evaluate()?);
+        }
+        let saves = due(self.config.checkpoint.every) && self.files.is_some();
+        if evaluated || saves || due(self.config.log_every) {
+            let figures = self.evaluation.clone().filter(|_| evaluated);
+            self.log(last, figures.as_ref())?;
+        }
+        if saves {
+            self.save()?;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, stopped: bool) -> Result<Outcome> {
+        let last = self.curve.last().is_some_and(|l| l.get("eval_success").is_some());
+        let evaluation = match self.evaluation.clone().filter(|_| last) {
+            Some(known) => known,
+            None => self.evaluate()?,
+        };
+        self.evaluation = Some(evaluation.clone());
+        if self.files.as_ref().is_some_and(|files| files.saved != Some(self.update)) {
+            self.save()?;
+        }
+        let newest = |files: &Files| Some(files.writer.store().path(files.saved?));
+        Ok(Outcome {
+            evaluation,
+            policy: self.learner.policy()?,
+            updates: self.update,
+            env_steps: self.learner.env_steps(),
+            seconds: self.clock.seconds(),
+            curve: self.curve.clone(),
+            stopped,
+            checkpoint: self.files.as_ref().and_then(newest),
+        })
+    }
+
+    fn evaluate(&mut self) -> Result<Evaluation> {
+        let begun = Instant::now();
+        let starts = Starts { n_env: self.config.evaluate.envs, seed: self.config.evaluate.seed };
+        let mut policy = self.learner.policy()?;
+        let told = evaluate(&mut policy, self.task, &self.config.seen_env(), starts, &self.threads, &mut |_| {});
+        self.clock.pause(begun.elapsed());
+        told
+    }
+
+    fn log(&mut self, last: &Update, evaluation: Option<&Evaluation>) -> Result<()> {
+        let (steps, seconds) = (self.learner.env_steps(), self.clock.seconds());
+        let line = self.since.line(self.update, steps, seconds, last, evaluation);
+        if let Some(files) = &mut self.files {
+            files.log.write(&line)?;
+        }
+        self.curve.push(line);
+        self.since = Since::new(steps, seconds);
+        Ok(())
+    }
+
+    fn save(&mut self) -> Result<()> {
+        let begun = Instant::now();
+        let (mut policy, mut state) = (Tensors::new(), Tensors::new());
+        let own = self.learner.policy()?;
+        self.learner.save(&mut policy, &mut state)?;
+        put_policy(&own, &mut policy, &mut state)?;
+        let mut manifest = Manifest {
+            algorithm: self.config.algorithm.name().into(),
+            task: self.task.into(),
+            spec_hash: own.spec_hash(),
+            config: self.config.to_toml()?,
+            seed: self.config.seed,
+            update: self.update,
+            env_steps: self.learner.env_steps(),
+            seconds: self.clock.seconds(),
+            ..Manifest::default()
+        };
+        if let Some(e) = &self.evaluation {
+            manifest.extra.insert("evaluation".into(), json!(e));
+        }
+        if let Some(files) = &mut self.files {
+            files.log.sync()?;
+            files.writer.save(&Checkpoint { manifest, policy, state })?;
+            files.saved = Some(self.update);
+        }
+        self.phases.add(SAVE, begun.elapsed());
+        self.since.phases.add(SAVE, begun.elapsed());
+        Ok(())
+    }
+
+    fn progress<'a>(&'a self, last: &'a Update) -> Progress<'a> {
+        let newest = self.curve.last();
+        Progress {
+            update: self.update,
+            done: self.learner.n_update(),
+            budget: self.learner.budget(),
+            env_steps: self.learner.env_steps(),
+            seconds: self.clock.seconds(),
+            phases: self.phases.shares(),
+            last,
+            line: newest.map(|line| (line, line.get("update") == Some(self.update as f64))),
+            evaluation: self.evaluation.as_ref(),
+        }
+    }
+
+    /// Where the run is kept.
+    pub fn folder(&self) -> Option<&Path> {
+        self.files.as_ref().map(|files| files.folder.as_path())
+    }
+}
+
+/// Whether a folder holds a run.
+fn is_run(folder: &Path) -> bool {
+    let begun = |name: &str| folder.join(name).metadata().is_ok_and(|m| m.len() > 0);
+    begun(super::log::JSON) || Store::open(folder).and_then(|s| s.updates()).is_ok_and(|u| !u.is_empty())
+}
+
+fn write_text(path: &Path, text: &str) -> Result<()> {
+    atomic_file::replace_with(path, |temporary| std::fs::write(temporary, text).map_err(|e| Error::file(path, e)))
+}
+
+/// Time spent training.
+struct Clock {
+    begun: Instant,
+    paused: Duration,
+    /// Before the run went on, s.
+    before: f64,
+}
+
+impl Clock {
+    fn new() -> Self {
+        Self { begun: Instant::now(), paused: Duration::ZERO, before: 0.0 }
+    }
+
+    fn pause(&mut self, time: Duration) {
+        self.paused += time;
+    }
+
+    fn seconds(&self) -> f64 {
+        self.before + self.begun.elapsed().saturating_sub(self.paused).as_secs_f64()
+    }
+}
+
+/// Writing a checkpoint, as a phase.
+const SAVE: &str = "save";
+
+/// Time by what it was spent on.
+#[derive(Clone, Default)]
+struct Phases(Vec<(&'static str, Duration)>);
+
+impl Phases {
+    fn add(&mut self, name: &'static str, time: Duration) {
+        match self.0.iter_mut().find(|(own, _)| *own == name) {
+            Some((_, sum)) => *sum += time,
+            None => self.0.push((name, time)),
+        }
+    }
+
+    fn shares(&self) -> Vec<(&'static str, f64)> {
+        let total: f64 = self.0.iter().map(|(_, time)| time.as_secs_f64()).sum();
+        self.0.iter().map(|(name, time)| (*name, time.as_secs_f64() / total.max(1e-12))).collect()
+    }
+}
+
+/// What happened since the last line of the log.
+struct Since {
+    updates: u64,
+    loss: f64,
+    reward: f64,
+    gradient_norm: f64,
+    episodes: Episodes,
+    phases: Phases,
+    env_steps: u64,
+    seconds: f64,
+}
+
+impl Since {
+    /// A line at these steps and seconds.
+    fn new(env_steps: u64, seconds: f64) -> Self {
+        Self {
+            updates: 0,
+            loss: 0.0,
+            reward: 0.0,
+            gradient_norm: 0.0,
+            episodes: Episodes::default(),
+            phases: Phases::default(),
+            env_steps,
+            seconds,
+        }
+    }
+
+    fn add(&mut self, update: &Update) {
+        self.updates += 1;
+        self.loss += update.loss;
+        self.reward += update.reward;
+        self.gradient_norm += update.gradient_norm;
+        self.episodes.add(&update.episodes);
+        update.phases.iter().for_each(|(name, time)| self.phases.add(name, *time));
+    }
+
+    fn line(&self, update: u64, steps: u64, seconds: f64, last: &Update, evaluation: Option<&Evaluation>) -> Line {
+        let mut line = Line::new(update);
+        let per_update = |sum: f64| sum / self.updates as f64;
+        let Episodes { count, total_return, total_length, crashed } = self.episodes;
+        // 0/0 where no episode ended: written as missing
+        let per_episode = |sum: f64| sum / count as f64;
+        let rate = (steps - self.env_steps) as f64 / (seconds - self.seconds);
+        let own = [
+            ("env_steps", steps as f64),
+            ("seconds", seconds),
+            ("steps_per_second", rate),
+            ("loss", per_update(self.loss)),
+            ("reward", per_update(self.reward)),
+            ("episodes", count as f64),
+            ("return", per_episode(total_return)),
+            ("length", per_episode(total_length)),
+            ("crashed", per_episode(crashed as f64)),
+            ("gradient_norm", per_update(self.gradient_norm)),
+            ("rate", last.rate),
+        ];
+        own.into_iter().chain(last.extra.iter().copied()).for_each(|(name, x)| line.put(name, x));
+        let figure = |of: fn(&Evaluation) -> f64| evaluation.map_or(f64::NAN, of);
+        line.put("eval_return", figure(|e| e.return_mean));
+        line.put("eval_share_of_bound", figure(|e| e.share_of_bound));
+        line.put("eval_success", figure(|e| e.success));
+        line.put("eval_crashed", figure(|e| e.crashed));
+        line.put("eval_length", figure(|e| e.length));
+        line.put("eval_final_error", figure(|e| e.final_error));
+        line.put("eval_mean_error", figure(|e| e.mean_error));
+        let mut phases = self.phases.clone();
+        // a column of every line
+        phases.add(SAVE, Duration::ZERO);
+        phases.shares().into_iter().for_each(|(name, share)| line.put(format!("time_{name}"), share));
+        line
+    }
+}
