@@ -129,7 +129,7 @@ fn change(text: &str) -> std::result::Result<Change, String> {
 }
 
 /// `n_drone=6`: the value as in a TOML file; a bare word is a string.
-fn setting(text: &str) -> std::result::Result<(String, toml::Value), String> {
+pub fn setting(text: &str) -> std::result::Result<(String, toml::Value), String> {
     let Some((key, value)) = text.split_once('=').filter(|(key, _)| !key.is_empty()) else {
         return Err("expected KEY=VALUE, as in n_drone=6".into());
     };

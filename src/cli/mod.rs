@@ -2,11 +2,12 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
-//! | `environment.rs` | which environments: shared by `tasks`, `rollout` and `bench` |
+//! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
 //! | `rollout_files.rs` | plots and CSV of `rollout` |
+//! | `train_plot.rs` | the learning curve of `train` |
 //! | `fly_rig.rs` | `fly` for configurations, and drops |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `rig.rs` | an articulated system from a name or a vehicle |
@@ -21,6 +22,7 @@ mod allocate;
 mod arguments;
 mod bench;
 mod environment;
+mod eval;
 mod failure;
 mod files;
 mod fly;
@@ -38,7 +40,11 @@ mod show;
 mod source;
 mod table;
 mod tasks;
+mod train;
+mod train_all;
+mod train_plot;
 mod tune;
+mod watch;
 
 use clap::{Parser, Subcommand};
 use std::io::{ErrorKind, Write};
@@ -66,7 +72,7 @@ impl Report {
 
 const LONG_ABOUT: &str = "\
 A differentiable multirotor simulator. One definition of the physics flies a vehicle closed loop, gives its exact \
-derivatives, and tunes its controller by gradients through whole flights.
+derivatives, tunes its controller by gradients through whole flights, and trains policies for the tasks of a benchmark.
 
 Vehicles are built in, or come from your URDF or TOML file. Every quantity is in SI units and radians unless a unit \
 is written beside it; world z points up.";
@@ -85,6 +91,9 @@ Examples:
   omnidrones tasks                          the benchmark tasks for learners
   omnidrones tasks Hover                    what an agent sees, commands and is rewarded for
   omnidrones rollout Hover                  256 episodes flown by our controller, with plots
+  omnidrones train Hover                    a policy from random weights, in seconds
+  omnidrones eval runs/Hover-apg-s0         fly it from held-out starts, with plots
+  omnidrones watch runs/Hover-apg-s0        see it fly, as a GIF
   omnidrones bench --quick                  how fast this machine steps and differentiates
   omnidrones bench Hover --quick            how fast it steps thousands of environments of a task
 
@@ -126,6 +135,18 @@ enum Command {
     /// Fly the episodes of a task with a controller: returns, errors, crashes, plots
     #[command(long_about = rollout::ABOUT)]
     Rollout(Box<rollout::Arguments>),
+    /// Train a policy for a task from random weights, evaluate it, draw how it learnt
+    #[command(long_about = train::ABOUT)]
+    Train(Box<train::Arguments>),
+    /// Train every task by its recipe: one table beside our controllers
+    #[command(long_about = train_all::ABOUT)]
+    TrainAll(Box<train_all::Arguments>),
+    /// Fly a trained policy from held-out starts: returns, errors, crashes, plots
+    #[command(long_about = eval::ABOUT)]
+    Eval(Box<eval::Arguments>),
+    /// Show a trained policy in flight: a GIF and plots
+    #[command(long_about = watch::ABOUT)]
+    Watch(Box<watch::Arguments>),
     /// Measure how fast this machine steps and differentiates
     #[command(long_about = bench::ABOUT)]
     Bench(Box<bench::Arguments>),
@@ -150,6 +171,10 @@ pub fn run() -> ExitCode {
         Command::Tune(arguments) => tune::run(arguments),
         Command::Tasks(arguments) => tasks::run(arguments),
         Command::Rollout(arguments) => rollout::run(arguments),
+        Command::Train(arguments) => train::run(arguments),
+        Command::TrainAll(arguments) => train_all::run(arguments),
+        Command::Eval(arguments) => eval::run(arguments),
+        Command::Watch(arguments) => watch::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
     };
     match outcome {

@@ -113,8 +113,8 @@ pub struct Flown {
     pub controller: String,
     pub evaluation: Evaluation,
     /// How many episodes no controller could be made for, and why.
-    unflown: Option<String>,
-    wall_time: f64,
+    pub(super) unflown: Option<String>,
+    pub(super) wall_time: f64,
 }
 
 /// Flies.
@@ -138,6 +138,16 @@ fn draw(seed: u64, step: usize) -> u64 {
     seed.rotate_left(32) ^ step as u64
 }
 
+/// Whether every step of an episode can be kept.
+pub(super) fn check_horizon(env: &Env) -> Result<()> {
+    let horizon = env.spec().horizon;
+    if horizon <= MAX_STEPS {
+        return Ok(());
+    }
+    let limit = format!("1 to {MAX_STEPS} steps");
+    Err(Error::limit("horizon", horizon, limit, "Every step is recorded: fly shorter ones."))
+}
+
 /// Environments with who flies them.
 pub(super) struct Ready {
     env: Env,
@@ -153,15 +163,7 @@ impl Ready {
         controller: ControllerName,
     ) -> Result<Self> {
         let mut env = entry.env(config)?;
-        if env.spec().horizon > MAX_STEPS {
-            let limit = format!("1 to {MAX_STEPS} steps");
-            return Err(Error::limit(
-                "horizon",
-                env.spec().horizon,
-                limit,
-                "Every step is recorded: fly shorter ones.",
-            ));
-        }
+        check_horizon(&env)?;
         env.set_threads(threads.clone());
         let baseline = match controller {
             ControllerName::Pd => Some(Baseline::new(&env)?),
@@ -217,7 +219,7 @@ fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> R
         written.extend(out::write_csv(&flown.record, &folder)?);
     }
     if a.json {
-        return Ok(Report::json(&flown.json(a.controller, &written), true));
+        return Ok(Report::json(&flown.json("rollout", a.controller.name(), &written), true));
     }
     Ok(Report::done(flown.page(&written)))
 }
@@ -250,7 +252,8 @@ impl Flown {
         parts.join("   ·   ")
     }
 
-    fn page(&self, written: &[PathBuf]) -> String {
+    /// All figures, and what was written.
+    pub fn page(&self, written: &[PathBuf]) -> String {
         let mut page = Page::new();
         let spec = self.record.spec();
         let how = format!("{} episodes, seed {}, flown by {}", spec.n_env, spec.config.seed, self.controller);
@@ -350,7 +353,8 @@ impl Flown {
         infos.map(|(k, info)| (info.name.as_str(), info.unit.as_str(), Spread::of(&mut self.record.ended(k))))
     }
 
-    fn json(&self, controller: ControllerName, written: &[PathBuf]) -> Value {
+    /// The same for programs.
+    pub fn json(&self, command: &str, controller: &str, written: &[PathBuf]) -> Value {
         let (spec, e) = (self.record.spec(), &self.evaluation);
         let names = spec.ends.iter().map(|end| end.name).chain(["diverged"]);
         let ends: serde_json::Map<_, _> = names.zip(&e.ends).map(|(name, share)| (name.into(), json!(share))).collect();
@@ -359,10 +363,10 @@ impl Flown {
         let metrics: serde_json::Map<_, _> =
             self.final_spreads().map(|(name, unit, s)| (name.into(), json!({ "unit": unit, "last": s }))).collect();
         json!({
-            "command": "rollout",
+            "command": command,
             "version": env!("CARGO_PKG_VERSION"),
             "task": spec.task,
-            "controller": controller.name(),
+            "controller": controller,
             "flown_by": self.controller,
             "evaluation": e,
             "ends": ends,

@@ -132,17 +132,22 @@ impl Canvas {
         Ok(text.replacen(&drawn, &shown, 1))
     }
 
-    /// Writes a PNG of two pixels per unit.
-    pub fn save_png(&self, path: &Path) -> Result<()> {
-        let (w, h) = (self.width.round() as usize * PIXELS_PER_UNIT, self.height.round() as usize * PIXELS_PER_UNIT);
+    /// Width, height and RGB bytes, row by row from the top, of a picture of `per_unit` pixels per unit.
+    pub fn pixels(&self, per_unit: usize, path: &Path) -> Result<(usize, usize, Vec<u8>)> {
+        let (w, h) = (self.width.round() as usize * per_unit, self.height.round() as usize * per_unit);
         let (big_w, big_h) = (w * SAMPLES, h * SAMPLES);
         let mut big = vec![255u8; big_w * big_h * 3];
         {
             let mut back = BitMapBackend::with_buffer(&mut big, (big_w as u32, big_h as u32));
-            self.replay(&mut back, (PIXELS_PER_UNIT * SAMPLES) as f64, false, path)?;
+            self.replay(&mut back, (per_unit * SAMPLES) as f64, false, path)?;
             back.present().map_err(|e| drawing(path, e))?;
         }
-        let small = average(&big, w, h);
+        Ok((w, h, average(&big, w, h)))
+    }
+
+    /// Writes a PNG of two pixels per unit.
+    pub fn save_png(&self, path: &Path) -> Result<()> {
+        let (w, h, small) = self.pixels(PIXELS_PER_UNIT, path)?;
         atomic_file::replace_with(path, |temporary| {
             let mut back = BitMapBackend::new(temporary, (w as u32, h as u32));
             back.blit_bitmap((0, 0), (w as u32, h as u32), &small).map_err(|e| drawing(path, e))?;

@@ -113,6 +113,8 @@ pub struct Drawing {
     pub elevation_deg: f64,
     /// Height of a floor to draw with a grid, m.
     pub floor: Option<f64>,
+    /// Opposite corners of a box that fills the chart whatever the items do: for pictures that follow each other.
+    pub room: Option<[[f64; 3]; 2]>,
     /// Whether to explain colours above the chart.
     pub legend: bool,
 }
@@ -127,6 +129,7 @@ impl Drawing {
             azimuth_deg: -58.0,
             elevation_deg: 24.0,
             floor: None,
+            room: None,
             legend: false,
         }
     }
@@ -149,6 +152,12 @@ impl Drawing {
         self
     }
 
+    /// With a box that fills the chart, by opposite corners.
+    pub fn room(mut self, corners: [[f64; 3]; 2]) -> Self {
+        self.room = Some(corners);
+        self
+    }
+
     /// With an explanation of the colours.
     pub fn legend(mut self) -> Self {
         self.legend = true;
@@ -165,8 +174,11 @@ impl Drawing {
             x1: area.x1 - side,
             y1: area.y1 - 34.0,
         };
-        let mut points: Vec<[f64; 3]> =
-            self.items.iter().flat_map(Item::extent).filter(|p| p.iter().all(|v| drawable(*v, false))).collect();
+        let mut points: Vec<[f64; 3]> = match self.room {
+            Some(box_) => (0..8).map(|k| [0, 1, 2].map(|i| box_[k >> i & 1][i])).collect(),
+            None => self.items.iter().flat_map(Item::extent).collect(),
+        };
+        points.retain(|p| p.iter().all(|v| drawable(*v, false)));
         let floor = self.floor.filter(|_| self.elevation_deg > 1.0 && !points.is_empty());
         let floor = floor.map(|height| Floor::under(&points, height));
         points.extend(floor.iter().flat_map(Floor::corners));

@@ -12,6 +12,7 @@
 //! | `axis.rs`, `legend.rs` | ticks and labels, legends beside or below the title |
 //! | `projection.rs` | space onto the page |
 //! | `chart.rs`, `path3d.rs`, `drawing.rs`, `bars.rs` | the four charts |
+//! | `animation.rs` | figures one after the other as a GIF |
 //! | `flight.rs` | the figures of a flight |
 //! | `model.rs`, `rig.rs` | an articulated system as a drawing; the figures of its flight or fall |
 //!
@@ -24,6 +25,7 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
+pub mod animation;
 mod axis;
 mod bars;
 mod canvas;

@@ -1,0 +1,143 @@
+//! `omnidrones eval`: a trained policy from held-out starts, as figures, tables and files.
+
+use super::arguments::FormatName;
+use super::environment::EnvArguments;
+use super::rollout::{Flown, check_horizon};
+use super::rollout_files::{self as out, LINES};
+use super::{Report, files, progress};
+use omnidrones::error::Result;
+use omnidrones::parallel::Threads;
+use omnidrones::rl::saved::{Saved, load_policy};
+use omnidrones::rl::{Starts, exam};
+use omnidrones::tasks::{Env, EnvConfig, Record, Watched, evaluate};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What the command is for.
+pub const ABOUT: &str = "\
+Fly a trained policy, one episode of every environment from starts that training never saw. Prints return, errors, \
+success, crashes by reason, and the reward by its terms; draws the error of all episodes over time. Options change the \
+environments: another vehicle, heavier ones, longer episodes; the policy stays as it is.";
+
+const EXAMPLES: &str = "\
+Examples:
+  omnidrones eval runs/Hover-apg-s0                           the newest checkpoint of a run
+  omnidrones eval runs/Hover-apg-s0/checkpoints/000000600     a certain one
+  omnidrones eval runs/Hover-apg-s0 --envs 4096 --seed 5      more episodes, other starts
+  omnidrones eval runs/Hover-apg-s0 --vehicle crazyflie       on a drone that it has not met
+  omnidrones eval runs/Hover-apg-s0 --randomise mass:0.7:1.3  on heavier and lighter ones
+  omnidrones eval runs/Hover-apg-s0 --csv                     every step and every episode as CSV
+
+A policy flies environments that show and take the same numbers: other control levels, time steps or numbers of rotors \
+are refused. Without options the environments, their number and their starts are those that training evaluated on.
+
+Files in --out: eval (.png or .svg), and with --csv steps.csv and episodes.csv, as of 'omnidrones rollout'.
+
+JSON: SI units; shares from 0 to 1; null where a number does not exist.
+
+Exit codes: 0 flown; 2 unusable input or arguments.";
+
+/// Arguments of `eval`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub struct Arguments {
+    /// Folder of a run, or of one of its checkpoints
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    /// Environments, one episode each [default: as in training, 1024]
+    #[arg(long, value_name = "N")]
+    envs: Option<usize>,
+    /// Threads; the results do not depend on it [default: all cores]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    #[command(flatten)]
+    environment: EnvArguments,
+    /// Folder for what is written [default: RUN/eval]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
+    out: Option<PathBuf>,
+    /// File type of the plot
+    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
+    format: FormatName,
+    /// Draw nothing
+    #[arg(long, help_heading = "Output")]
+    no_plots: bool,
+    /// Write every step and every episode as CSV
+    #[arg(long, help_heading = "Output")]
+    csv: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long, help_heading = "Output")]
+    json: bool,
+}
+
+/// Flies.
+pub fn run(a: &Arguments) -> Result<Report> {
+    let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
+    let mut ready = Ready::new(&a.run, &a.environment, a.envs, &threads)?;
+    let folder = a.out.clone().unwrap_or_else(|| a.run.join("eval"));
+    if a.csv || !a.no_plots {
+        files::prepare_folder(&folder)?;
+    }
+    let bar = progress::bar(ready.env.spec().horizon as u64, "flying", a.json);
+    let flown = ready.fly(&mut |watched| bar.set_position(watched.step as u64))?;
+    bar.finish_and_clear();
+    let mut written = Vec::new();
+    if !a.no_plots {
+        let path = folder.join(format!("eval.{}", a.format.extension()));
+        let spinner = progress::spinner("drawing", a.json);
+        out::draw(&flown, &path)?;
+        spinner.finish_and_clear();
+        written.push(path);
+    }
+    if a.csv {
+        written.extend(out::write_csv(&flown.record, &folder)?);
+    }
+    if a.json {
+        return Ok(Report::json(&flown.json("eval", &ready.saved.manifest.algorithm, &written), true));
+    }
+    Ok(Report::done(flown.page(&written)))
+}
+
+/// A policy and environments that it can fly.
+pub struct Ready {
+    pub saved: Saved,
+    pub env: Env,
+}
+
+impl Ready {
+    /// The policy of a run at the starts of its evaluations, but for what options change.
+    pub fn new(run: &Path, options: &EnvArguments, envs: Option<usize>, threads: &Threads) -> Result<Self> {
+        let mut saved = load_policy(run)?;
+        let usual = EnvConfig {
+            n_env: saved.config.evaluate.envs,
+            seed: saved.config.evaluate.seed,
+            ..saved.config.seen_env()
+        };
+        let config = options.config(&usual)?;
+        let starts = Starts { n_env: envs.unwrap_or(config.n_env), seed: config.seed };
+        let env = exam(&saved.policy, &saved.manifest.task, &config, starts, threads)?;
+        check_horizon(&env)?;
+        saved.policy.set_threads(threads.clone());
+        Ok(Self { saved, env })
+    }
+
+    /// One episode of every environment; `watch` sees every step.
+    pub fn fly(&mut self, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
+        let (manifest, policy) = (&self.saved.manifest, &mut self.saved.policy);
+        let mut record = Record::new(&self.env, LINES);
+        let begun = Instant::now();
+        let mut see = |watched: &Watched<'_>| {
+            record.see(watched);
+            watch(watched);
+        };
+        let act = &mut |_: &Env, out: &omnidrones::tasks::Buffers, actions: &mut [f32]| {
+            policy.act(&out.observation, actions);
+        };
+        let evaluation = evaluate(&mut self.env, act, &mut see)?;
+        let controller = format!("a policy ({}, update {})", manifest.algorithm, manifest.update);
+        let unflown =
+            self.saved.skipped.first().map(|first| {
+                format!("an older checkpoint flew: {} is damaged ({})", first.folder.display(), first.why)
+            });
+        Ok(Flown { record, controller, evaluation, unflown, wall_time: begun.elapsed().as_secs_f64() })
+    }
+}

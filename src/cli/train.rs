@@ -1,0 +1,446 @@
+//! `omnidrones train`: a task, a policy from random weights, and what it came to.
+
+use super::arguments::FormatName;
+use super::environment::{LevelName, setting};
+use super::page::{Fact, Page, duration, short};
+use super::rollout_files::percent;
+use super::table::{Align, Table};
+use super::train_plot::{self, Curves};
+use super::{Report, files, progress};
+use clap::ValueEnum;
+use omnidrones::controllers::cascade::Level;
+use omnidrones::error::Result;
+use omnidrones::parallel::Threads;
+use omnidrones::rl::trainer::{Outcome, Progress, Trainer};
+use omnidrones::rl::{Algorithm, Starts, TrainConfig, checkpoint};
+use omnidrones::tasks::registry::{self, Entry};
+use omnidrones::tasks::{Autoreset, Baseline, EnvConfig, Evaluation, Spec, evaluate};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+/// What the command is for.
+pub const ABOUT: &str = "\
+Train a policy for a task from random weights, evaluate it on starts that training never saw, and draw how it learnt. \
+Every run is kept in a folder from which it goes on after a kill, and from which 'eval' and 'watch' fly the policy.";
+
+const EXAMPLES: &str = "\
+Examples:
+  omnidrones train Hover                               from nothing to a policy that hovers
+  omnidrones train Hover --vehicle crazyflie           on another drone
+  omnidrones train Track --algo ppo --updates 100      with another algorithm, for 100 updates
+  omnidrones train Hover --set apg.window=32           with another setting
+  omnidrones train Hover --toml                        every setting, as a file for --config
+  omnidrones train Hover --resume                      go on after a kill
+  omnidrones eval runs/Hover-apg-s0                    fly the policy, with plots
+  omnidrones watch runs/Hover-apg-s0                   see it fly
+
+Algorithms: apg takes the gradient of a smooth loss through the physics; shac does so over shorter windows with a critic \
+behind them; ppo samples actions and needs no gradient of the physics. Without --algo a task has its usual one.
+
+Settings: options win over --config, the file wins over the task's recipe, the recipe over the defaults. A key of --set \
+is that of the file: seed, apg.window, apg.network.hidden=[32,32], env.dt, env.task.horizon.
+
+Ctrl-C is safe: what was saved last stays, and --resume goes on from there to the same bits. With --resume the settings \
+are those of the run; only --updates and --threads may change.
+
+Files in --out: config.toml (every setting), log.jsonl and curve.csv (the course of the run, one line every few updates), \
+checkpoints (weights as safetensors, state, manifest), curve (.png or .svg), result.json (what --json prints).
+
+JSON: SI units; shares from 0 to 1; null where a number does not exist.
+
+Exit codes: 0 trained; 2 unusable input or arguments.";
+
+/// Largest configuration file, bytes.
+const MAX_BYTES: u64 = 1 << 20;
+/// Most episodes that a controller flies for comparison: it is slower than a policy.
+const MAX_COMPARED: usize = 256;
+
+/// Arguments of `train`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub struct Arguments {
+    /// A task ('omnidrones tasks')
+    #[arg(value_name = "TASK")]
+    task: String,
+    /// How to learn [default: the task's usual one]
+    #[arg(long, value_name = "NAME")]
+    algo: Option<AlgorithmName>,
+    /// What flies: a built-in vehicle ('omnidrones models')
+    #[arg(long, value_name = "NAME")]
+    vehicle: Option<String>,
+    /// Where actions enter the controllers
+    #[arg(long, value_name = "LEVEL")]
+    control: Option<LevelName>,
+    /// Settings of the run; options win over it
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+    /// Another setting, by its name in the file; may be repeated: --set apg.window=32
+    #[arg(long, value_name = "KEY=VALUE", value_parser = setting)]
+    set: Vec<(String, toml::Value)>,
+    /// Seed of all that is random in the run [default: 0]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Updates after which it ends [default: the algorithm's]
+    #[arg(long, value_name = "N")]
+    updates: Option<u64>,
+    /// Threads; the results do not depend on it [default: all cores]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Go on with the run in the folder; begin it if there is none
+    #[arg(long)]
+    resume: bool,
+    /// Folder of the run [default: runs/TASK-ALGO-sSEED]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
+    out: Option<PathBuf>,
+    /// File type of the plot
+    #[arg(long, value_name = "TYPE", default_value = "svg", help_heading = "Output")]
+    format: FormatName,
+    /// Draw nothing
+    #[arg(long, help_heading = "Output")]
+    no_plots: bool,
+    /// Do not fly our controller from the same starts for comparison
+    #[arg(long, help_heading = "Output")]
+    no_baseline: bool,
+    /// Print every setting as a file that --config reads, and do not train
+    #[arg(long, conflicts_with = "json", help_heading = "Output")]
+    toml: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long, help_heading = "Output")]
+    json: bool,
+}
+
+/// Names of the algorithms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum AlgorithmName {
+    /// Analytic policy gradients
+    Apg,
+    /// Short-horizon actor-critic
+    Shac,
+    /// Proximal policy optimisation
+    Ppo,
+}
+
+impl From<AlgorithmName> for Algorithm {
+    fn from(name: AlgorithmName) -> Self {
+        match name {
+            AlgorithmName::Apg => Self::Apg,
+            AlgorithmName::Shac => Self::Shac,
+            AlgorithmName::Ppo => Self::Ppo,
+        }
+    }
+}
+
+/// Trains.
+pub fn run(a: &Arguments) -> Result<Report> {
+    let entry = registry::by_name(&a.task)?;
+    let mut config = a.config(entry)?;
+    if a.toml {
+        return Ok(Report::done(config.to_toml()?));
+    }
+    let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
+    let folder = a.out.clone().unwrap_or_else(|| {
+        Path::new("runs").join(format!("{}-{}-s{}", entry.name, config.algorithm.name(), config.seed))
+    });
+    if a.resume && !a.changes_settings() {
+        config = own_settings(&folder, a.updates)?.unwrap_or(config);
+    }
+    // before any folder is made
+    let trainer = Trainer::new(entry.name, config, threads.clone())?;
+    files::prepare_folder(&folder)?;
+    let mut trainer = trainer.in_folder(&folder, a.resume)?;
+    let notes = trainer.skipped().iter().map(|s| format!("{}: {}", s.folder.display(), s.why)).collect();
+    let outcome = train(&mut trainer, a.json)?;
+    let config = trainer.config().clone();
+    let spinner = progress::spinner("flying our controller from the same starts", a.json);
+    let baseline = if a.no_baseline { None } else { compare(entry, &config, &threads) };
+    spinner.finish_and_clear();
+    let (spec, unit) = spec(entry, &config)?;
+    let mut trained = Trained { entry, spec, unit, config, outcome, baseline, notes, written: Vec::new() };
+    if !a.no_plots {
+        let path = folder.join(format!("curve.{}", a.format.extension()));
+        train_plot::draw(&trained.curves(), &path)?;
+        trained.written.push(path);
+    }
+    let (path, text) = (folder.join("result.json"), format!("{:#}\n", trained.json()));
+    files::write_new(&path, &text, true)?;
+    let files = ["log.jsonl", "curve.csv", "config.toml"].map(|name| folder.join(name));
+    trained.written.extend(files.into_iter().chain([path]).chain(trained.outcome.checkpoint.clone()));
+    if a.json {
+        return Ok(Report::json(&trained.json(), true));
+    }
+    Ok(Report::done(trained.page(&folder)))
+}
+
+impl Arguments {
+    /// Defaults, recipe, file, options.
+    fn config(&self, entry: &Entry) -> Result<TrainConfig> {
+        let mut layers: Vec<(String, String)> = Vec::new();
+        if let Some(path) = &self.config {
+            layers.push((files::read_text(path, MAX_BYTES)?, path.display().to_string()));
+        }
+        let mut option = |key: &str, value: toml::Value, name: &str| {
+            layers.push((format!("{key} = {value}"), name.to_string()));
+        };
+        for (key, value) in &self.set {
+            option(key, value.clone(), &format!("--set {key}"));
+        }
+        if let Some(vehicle) = &self.vehicle {
+            option("env.task.vehicle", vehicle.as_str().into(), "--vehicle");
+        }
+        if let Some(level) = self.control {
+            option("env.control", Level::from(level).name().into(), "--control");
+        }
+        let layers: Vec<(&str, &str)> = layers.iter().map(|(text, name)| (text.as_str(), name.as_str())).collect();
+        let mut config = TrainConfig::layered(entry.name, self.algo.map(Algorithm::from), &layers)?;
+        config.seed = self.seed.unwrap_or(config.seed);
+        if let Some(updates) = self.updates {
+            config = config.with_updates(updates);
+        }
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// Whether options say how to train.
+    fn changes_settings(&self) -> bool {
+        let own = self.vehicle.is_some() || self.control.is_some() || self.config.is_some();
+        own || !self.set.is_empty()
+    }
+}
+
+/// The settings of the run in a folder, if there is one.
+fn own_settings(folder: &Path, updates: Option<u64>) -> Result<Option<TrainConfig>> {
+    let path = folder.join("config.toml");
+    if !path.exists() {
+        return Ok(None);
+    }
+    let config = TrainConfig::from_toml(&files::read_text(&path, MAX_BYTES)?, &path.display().to_string())?;
+    Ok(Some(updates.map_or_else(|| config.clone(), |n| config.clone().with_updates(n))))
+}
+
+/// Trains under a bar.
+fn train(trainer: &mut Trainer, quiet: bool) -> Result<Outcome> {
+    let bar = progress::bar(trainer.config().updates(), "training", quiet);
+    let (begun, before) = (std::time::Instant::now(), std::cell::Cell::new(None::<u64>));
+    let outcome = trainer.run(&mut |p| {
+        if !bar.is_hidden() {
+            let first = before.get().unwrap_or(p.env_steps);
+            before.set(Some(first));
+            bar.set_position(p.done);
+            bar.set_message(message(p, (p.env_steps - first) as f64 / begun.elapsed().as_secs_f64()));
+        }
+        ControlFlow::Continue(())
+    });
+    bar.finish_and_clear();
+    outcome
+}
+
+/// `return 412 · success 98 % · 3.1 M steps/s · fly 36 % sweep 61 %`.
+fn message(p: &Progress<'_>, rate: f64) -> String {
+    let mut parts = Vec::new();
+    if let Some(mean) = p.line.and_then(|(line, _)| line.get("return")) {
+        parts.push(format!("return {}", short(mean, 3)));
+    }
+    if let Some(e) = p.evaluation {
+        parts.push(format!("success {}", percent(e.success)));
+    }
+    parts.push(format!("{} steps/s", count(rate)));
+    let phases = p.phases.iter().filter(|(_, share)| *share > 0.05);
+    parts.push(phases.map(|(name, share)| format!("{name} {:.0} %", 100.0 * share)).collect::<Vec<_>>().join(" "));
+    parts.join(" · ")
+}
+
+/// `3.12 M`, `196 k`.
+pub fn count(n: f64) -> String {
+    match n {
+        n if n >= 999.5e6 => format!("{} G", short(1e-9 * n, 3)),
+        n if n >= 999.5e3 => format!("{} M", short(1e-6 * n, 3)),
+        n if n >= 999.5 => format!("{} k", short(1e-3 * n, 3)),
+        n => short(n, 3),
+    }
+}
+
+/// What an environment of the run is like, and the unit of the task's error.
+fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, String)> {
+    let env = entry.env(&EnvConfig { n_env: 1, ..config.seen_env() })?;
+    Ok((env.spec().clone(), env.sheet().metrics.first().map_or("–", |metric| metric.unit).into()))
+}
+
+/// Our controller from the first of the same starts, on the rotors; none if there is no controller for the task.
+pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option<(String, Evaluation)> {
+    let env = EnvConfig {
+        n_env: config.evaluate.envs.min(MAX_COMPARED),
+        seed: config.evaluate.seed,
+        autoreset: Autoreset::Disabled,
+        stagger: false,
+        control: Level::Rotor,
+        actions: Default::default(),
+        observation: Vec::new(),
+        ..config.env.clone()
+    };
+    let mut env = entry.env(&env).ok()?;
+    env.set_threads(threads.clone());
+    let mut own = Baseline::new(&env).ok()?;
+    let name = own.name().to_string();
+    let told = evaluate(&mut env, &mut own.policy(), &mut |_| {}).ok()?;
+    Some((name, told))
+}
+
+/// A run that is over.
+pub struct Trained<'a> {
+    entry: &'a Entry,
+    spec: Spec,
+    /// Of the task's error.
+    unit: String,
+    config: TrainConfig,
+    outcome: Outcome,
+    baseline: Option<(String, Evaluation)>,
+    /// Checkpoints that were passed over.
+    notes: Vec<String>,
+    written: Vec<PathBuf>,
+}
+
+impl Trained<'_> {
+    fn rate(&self) -> f64 {
+        self.outcome.env_steps as f64 / self.outcome.seconds.max(1e-9)
+    }
+
+    /// Share of each phase in the time of training.
+    fn phases(&self) -> Vec<(String, f64)> {
+        let mut sums: Vec<(String, f64)> = Vec::new();
+        let (mut before, mut total) = (0.0, 0.0);
+        for line in &self.outcome.curve {
+            let seconds = line.get("seconds").unwrap_or(before) - before;
+            (before, total) = (before + seconds, total + seconds);
+            for (name, share) in line.iter().filter_map(|(name, x)| Some((name.strip_prefix("time_")?, x))) {
+                match sums.iter_mut().find(|(own, _)| own == name) {
+                    Some((_, sum)) => *sum += seconds * share,
+                    None => sums.push((name.into(), seconds * share)),
+                }
+            }
+        }
+        sums.into_iter().map(|(name, sum)| (name, sum / total.max(1e-12))).collect()
+    }
+
+    fn headline(&self) -> String {
+        let (o, e) = (&self.outcome, &self.outcome.evaluation);
+        [
+            format!("success {}", percent(e.success)),
+            format!("crashed {}", percent(e.crashed)),
+            format!("return {}", short(e.return_mean, 4)),
+            format!("{} of the bound", percent(e.share_of_bound)),
+            format!("trained in {}", duration(o.seconds)),
+            format!("{} env steps", count(o.env_steps as f64)),
+        ]
+        .join("   ·   ")
+    }
+
+    fn curves(&self) -> Curves<'_> {
+        let vehicle = self.config.env.task.get("vehicle").and_then(toml::Value::as_str);
+        let of = vehicle.map_or(String::new(), |name| format!(", {name}"));
+        Curves {
+            title: format!("{}: {}{of}, seed {}", self.entry.name, self.config.algorithm.name(), self.config.seed),
+            subtitle: self.headline(),
+            lines: &self.outcome.curve,
+            bound: self.spec.reward_bound * self.spec.horizon as f64,
+            unit: &self.unit,
+            baseline: self.baseline.as_ref(),
+        }
+    }
+
+    fn page(&self, folder: &Path) -> String {
+        let (o, mut page) = (&self.outcome, Page::new());
+        let how = format!("{}, seed {}, {} updates", self.config.algorithm.name(), self.config.seed, o.updates);
+        page.title(self.entry.name, &how).facts(&self.facts());
+        page.notes("damaged", &self.notes, 3, "see the folder");
+        let starts = Starts { n_env: self.config.evaluate.envs, seed: self.config.evaluate.seed };
+        page.heading(&format!("Evaluation: {} episodes from held-out starts, seed {}", starts.n_env, starts.seed));
+        page.table(&self.table());
+        if self.baseline.is_some() && starts.n_env > MAX_COMPARED {
+            page.line(format!("  The controller flew the first {MAX_COMPARED} of these starts."));
+        }
+        page.heading("Written");
+        for path in &self.written {
+            page.line(format!("  {}", path.display()));
+        }
+        page.heading("Next");
+        page.line(format!("  omnidrones eval {}    errors over time, as plots", folder.display()));
+        page.line(format!("  omnidrones watch {}   the policy in flight, as a GIF", folder.display()));
+        page.finish()
+    }
+
+    fn facts(&self) -> Vec<Fact> {
+        let o = &self.outcome;
+        let phases = self.phases().into_iter().filter(|(_, share)| *share >= 0.005);
+        let phases: Vec<String> = phases.map(|(name, share)| format!("{name} {:.0} %", 100.0 * share)).collect();
+        let policy = &o.policy;
+        vec![
+            Fact::new("trained in", duration(o.seconds)).note("without evaluations"),
+            Fact::new("env steps", count(o.env_steps as f64)).note(format!("{} per second", count(self.rate()))),
+            Fact::new("phases", phases.join(", ")),
+            Fact::new("policy", format!("{} weights", policy.parameters().len())).note(format!(
+                "{} numbers in, {} out",
+                policy.actor().mlp.n_input(),
+                policy.actor().n_action()
+            )),
+        ]
+    }
+
+    fn table(&self) -> Table {
+        let unit = &self.unit;
+        let mut table = Table::new(&[
+            ("flown by", Align::Left),
+            ("success", Align::Right),
+            ("crashed", Align::Right),
+            (&format!("final error [{unit}]"), Align::Right),
+            (&format!("mean error [{unit}]"), Align::Right),
+            ("return", Align::Right),
+            ("share of bound", Align::Right),
+            ("length", Align::Right),
+        ]);
+        let mut row = |name: &str, e: &Evaluation| {
+            let numbers = [
+                percent(e.success),
+                percent(e.crashed),
+                short(e.final_error, 3),
+                short(e.mean_error, 3),
+                short(e.return_mean, 4),
+                percent(e.share_of_bound),
+                short(e.length, 4),
+            ];
+            table.row([name.to_string()].into_iter().chain(numbers));
+        };
+        row(&format!("policy ({})", self.config.algorithm.name()), &self.outcome.evaluation);
+        if let Some((name, e)) = &self.baseline {
+            row(name, e);
+        }
+        table
+    }
+
+    fn json(&self) -> Value {
+        let o = &self.outcome;
+        json!({
+            "command": "train",
+            "version": env!("CARGO_PKG_VERSION"),
+            "task": self.entry.name,
+            "algorithm": self.config.algorithm.name(),
+            "seed": self.config.seed,
+            "updates": o.updates,
+            "env_steps": o.env_steps,
+            "seconds": o.seconds,
+            "steps_per_second": self.rate(),
+            "phases": self.phases().into_iter().collect::<BTreeMap<_, _>>(),
+            "stopped": o.stopped,
+            "evaluation": o.evaluation,
+            "baseline": self.baseline.as_ref().map(|(name, e)| json!({ "flown_by": name, "evaluation": e })),
+            "reward_bound": self.spec.reward_bound,
+            "horizon": self.spec.horizon,
+            "config": self.config.to_toml().unwrap_or_default(),
+            "checkpoint": o.checkpoint.as_ref().map(|path| path.display().to_string()),
+            "passed_over": self.notes,
+            "format": checkpoint::FORMAT,
+            "files": files::names(&self.written),
+        })
+    }
+}
