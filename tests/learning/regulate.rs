@@ -1,0 +1,168 @@
+//! A problem whose optimum is known: hold a Hummingbird near its hover at a quadratic cost.
+
+use nalgebra::{DMatrix, DVector};
+use omnidrones::autodiff::{Pen, Scalar, safe};
+use omnidrones::controllers::design::riccati;
+use omnidrones::error::Result;
+use omnidrones::tasks::{End, Ends, Env, EnvConfig, Rig, Sheet, Slice, Start, Task, Term, View};
+
+/// Steps of an episode: three times as long as the slowest mode takes to settle.
+pub const STEPS: usize = 120;
+/// Weights of position, velocity, twice the vector part of the attitude, angular velocity, and of throttles' distance
+/// from hover.
+pub const WEIGHTS: [f64; 5] = [400.0, 40.0, 100.0, 2.0, 200.0];
+const TARGET: [f64; 3] = [0.0, 0.0, 2.0];
+/// Numbers of the deviation: all of the state but w of the quaternion.
+pub const N: usize = 16;
+
+/// What is seen is so many times the deviation: numbers of order one learn best.
+const SCALE: f64 = 20.0;
+
+/// Weight of number `i` of what is seen.
+pub fn weight(i: usize) -> f64 {
+    WEIGHTS[(i / 3).min(4)] / (SCALE * SCALE)
+}
+
+/// Fly to a point that is near.
+pub struct Regulate {
+    rig: Rig,
+    hover: f64,
+}
+
+impl Regulate {
+    pub fn new(config: &EnvConfig) -> Result<Self> {
+        let rig = config.single_rig("hummingbird")?;
+        let hover = (0.5 * (rig.hover_input()[0] + 1.0)).sqrt();
+        Ok(Self { rig, hover })
+    }
+
+    /// Deviations from hover, in the order of the state.
+    #[inline(always)]
+    fn deviation<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
+        let (drone, scale) = (view.drone(0), S::constant(SCALE));
+        for i in 0..3 {
+            out.number(scale * (drone.position[i] - S::constant(TARGET[i])));
+        }
+        for i in 0..3 {
+            out.number(scale * drone.velocity[i]);
+        }
+        for i in 1..4 {
+            out.number(scale * S::constant(2.0) * drone.attitude[i]);
+        }
+        for i in 0..3 {
+            out.number(scale * drone.angular_velocity[i]);
+        }
+        for rotor in 0..4 {
+            out.number(scale * (view.throttle(0, rotor) - S::constant(self.hover)));
+        }
+    }
+
+    #[inline(always)]
+    fn cost<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        let drone = view.drone(0);
+        let error = [0, 1, 2].map(|i| drone.position[i] - S::constant(TARGET[i]));
+        let tilt = [1, 2, 3].map(|i| S::constant(2.0) * drone.attitude[i]);
+        let throttle = [0, 1, 2, 3].map(|rotor| view.throttle(0, rotor) - S::constant(self.hover));
+        let [p, v, q, w, s] = WEIGHTS.map(S::constant);
+        p * safe::squared_norm(error)
+            + v * safe::squared_norm(drone.velocity)
+            + q * safe::squared_norm(tilt)
+            + w * safe::squared_norm(drone.angular_velocity)
+            + s * safe::squared_norm(throttle)
+    }
+}
+
+impl Task for Regulate {
+    fn rig(&self) -> &Rig {
+        &self.rig
+    }
+    fn horizon(&self) -> usize {
+        STEPS
+    }
+    fn sheet(&self) -> Sheet {
+        Sheet {
+            observation: vec![Slice::new("deviation", N, "SI", "state less hover")],
+            central: Vec::new(),
+            reward: vec![Term::smooth("cost", "−xᵀQx", 0.0)],
+            ends: vec![End::new("far", "|p − p_t| > 0.5 m")],
+            metrics: Vec::new(),
+            goal: Vec::new(),
+            memo: Vec::new(),
+            settings: Vec::new(),
+        }
+    }
+    fn start(&self, start: &mut Start<'_>) {
+        let position = start.position([-0.03, -0.03, 1.97], [0.03, 0.03, 2.03]);
+        let attitude = start.attitude(0.02, (-0.02, 0.02));
+        start.place(0, position, attitude);
+    }
+    #[inline(always)]
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
+        self.deviation(view, out);
+    }
+    #[inline(always)]
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
+        terms.number(-self.cost(view));
+    }
+    #[inline(always)]
+    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        self.cost(view)
+    }
+    #[inline(always)]
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
+        let position = view.drone(0).position;
+        let error = [0, 1, 2].map(|i| position[i] - S::constant(TARGET[i]));
+        ends.when(S::constant(0.25).lt(safe::squared_norm(error)));
+    }
+    #[inline(always)]
+    fn metrics<S: Scalar>(&self, _: &View<'_, S>, _: &mut Pen<'_, S>) {}
+    #[inline(always)]
+    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
+        self.cost(view).lt(S::constant(1.0))
+    }
+    fn ideal(&self, start: &mut Start<'_>) {
+        start.place(0, TARGET, [1.0, 0.0, 0.0, 0.0]);
+    }
+}
+
+pub fn make(config: &EnvConfig) -> Result<Env> {
+    Env::of(Regulate::new(config)?, "regulate", config)
+}
+
+/// The optimum of Σ γ^t xᵀQx over the linearised step: gains K of a = a₀ − K x and the cost to go P, x as observed.
+pub fn optimum(discount: f64) -> (DMatrix<f64>, DMatrix<f64>, Vec<f64>) {
+    let config = EnvConfig { n_env: 1, ..EnvConfig::default() };
+    let mut env = make(&config).unwrap();
+    let mut out = omnidrones::tasks::Buffers::new(env.spec());
+    env.reset(None, None, &mut out.out()).unwrap();
+    let z = env.ideal_arguments();
+    let action: Vec<f64> = z[env.places().action.clone()].to_vec();
+    let state: Vec<f32> = z[env.places().state.clone()].iter().map(|x| *x as f32).collect();
+    env.set_state(0, &state).unwrap();
+    let jacobian = env.jacobian(0, &action).unwrap();
+    let (full_a, full_b) = (jacobian.state(), jacobian.action());
+    let seen = jacobian.observation_state();
+    let next = jacobian.observation_action();
+    // the observation follows the step: x⁺ = C(A x_state + B a); state columns without w of the quaternion
+    let columns: Vec<usize> = (0..full_a.nrows()).filter(|k| *k != 6).collect();
+    // scale from state to observation at hover: diagonal
+    let scale: Vec<f64> = columns.iter().enumerate().map(|(i, _)| observed_per_state(i, &env)).collect();
+    let a = DMatrix::from_fn(N, N, |i, j| seen[(i, columns[j])] / scale[j]);
+    let b = DMatrix::from_fn(N, full_b.ncols(), |i, j| next[(i, j)]);
+    let q = DMatrix::from_diagonal(&DVector::from_fn(N, |i, _| weight(i)));
+    let r = DMatrix::identity(4, 4) * 1e-4;
+    let root = discount.sqrt();
+    let p = riccati::discrete(&(&a * root), &(&b * root), &q, &r).unwrap().matrix;
+    let gain = (&r + b.transpose() * &p * &b * discount).lu().solve(&(b.transpose() * &p * &a * discount)).unwrap();
+    (gain, p, action)
+}
+
+/// ∂(number i as observed)/∂(state) at hover: 2 for the attitude, 1/Ω_max for rotors, else 1.
+fn observed_per_state(i: usize, env: &Env) -> f64 {
+    SCALE
+        * match i {
+            6..=8 => 2.0,
+            12.. => 1.0 / env.rig().drone().rotors[i - 12].max_speed,
+            _ => 1.0,
+        }
+}

@@ -1,0 +1,192 @@
+//! Training as a whole: runs that stop, go on, and come to the same bits.
+
+use omnidrones::error::Result;
+use omnidrones::parallel::Threads;
+use omnidrones::rl::checkpoint::{Checkpoint, Store};
+use omnidrones::rl::trainer::{Outcome, Trainer};
+use omnidrones::rl::{Algorithm, Starts, TrainConfig, evaluate, load_policy, log};
+use std::ops::ControlFlow;
+use std::path::Path;
+
+/// Small enough for a second, large enough to have two shards, minibatches and ends of episodes.
+fn tiny(algorithm: Algorithm) -> TrainConfig {
+    let own = match algorithm {
+        Algorithm::Apg => "[apg]\nn_env = 24\nshard = 16\nwindow = 6\nupdates = 9",
+        Algorithm::Shac => "[shac]\nn_env = 24\nshard = 16\nwindow = 6\nupdates = 9",
+        Algorithm::Ppo => {
+            "[ppo]\nn_env = 24\nshard = 16\nsteps = 6\nminibatches = 3\nupdates = 9\nnormalise_observation = true"
+        }
+    };
+    let text = format!(
+        "seed = 4\nlog_every = 2\nevaluate = {{ every = 4, envs = 8, seed = 1 }}\ncheckpoint.every = 3\n\
+         {own}\nnetwork.hidden = [12]\n[env.task]\nhorizon = 20"
+    );
+    TrainConfig::for_task("Hover", Some(algorithm), Some((&text, "tiny"))).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+fn trainer(config: TrainConfig, threads: usize) -> Trainer {
+    Trainer::new("hover", config, Threads::new(threads).unwrap()).unwrap()
+}
+
+/// Trains until `stop` updates in all are done.
+fn train(mut trainer: Trainer, stop: u64) -> Result<Outcome> {
+    trainer.run(&mut |p| if p.update >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+}
+
+fn newest(run: &Path) -> Checkpoint {
+    Store::open(run).unwrap().latest().unwrap().expect("a checkpoint").checkpoint
+}
+
+/// Everything in a log but times.
+fn course(run: &Path) -> Vec<Vec<(String, Option<f64>)>> {
+    let timed = |name: &str| name.starts_with("time_") || name.contains("second");
+    let line = |line: &log::Line| {
+        let names = line.iter().map(|(name, _)| name).filter(|name| !timed(name));
+        names.map(|name| (name.to_string(), line.get(name))).collect()
+    };
+    log::read(run).unwrap().iter().map(line).collect()
+}
+
+#[test]
+fn a_run_that_was_dropped_and_resumed_comes_to_the_same_bits() {
+    for algorithm in Algorithm::ALL {
+        let folder = tempfile::tempdir().unwrap();
+        let [whole, parts] = ["whole", "parts"].map(|name| folder.path().join(name));
+        let told = train(trainer(tiny(algorithm), 1).in_folder(&whole, false).unwrap(), u64::MAX).unwrap();
+        assert_eq!((told.updates, told.stopped), (9, false));
+        for (from, stop, threads) in [(0, 3, 1), (3, 5, 2), (5, u64::MAX, 2)] {
+            let again = trainer(tiny(algorithm), threads).in_folder(&parts, true).unwrap();
+            assert_eq!(again.update(), from);
+            drop(train(again, stop).unwrap());
+        }
+        let (a, b) = (newest(&whole), newest(&parts));
+        assert_eq!((a.manifest.update, a.manifest.env_steps), (b.manifest.update, b.manifest.env_steps));
+        assert!(a.policy == b.policy && a.state == b.state, "{}: other bits", algorithm.name());
+    }
+}
+
+#[test]
+fn work_since_the_last_checkpoint_is_done_again_and_the_log_tells_it_once() {
+    for algorithm in Algorithm::ALL {
+        let folder = tempfile::tempdir().unwrap();
+        let [whole, parts] = ["whole", "parts"].map(|name| folder.path().join(name));
+        train(trainer(tiny(algorithm), 2).in_folder(&whole, false).unwrap(), u64::MAX).unwrap();
+        let mut lost = trainer(tiny(algorithm), 2).in_folder(&parts, false).unwrap();
+        // as a kill: what comes behind the watched update never happens
+        let killed = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            lost.run(&mut |p| {
+                if p.update == 5 { std::panic::resume_unwind(Box::new(())) } else { ControlFlow::Continue(()) }
+            })
+        }));
+        assert!(killed.is_err());
+        drop(lost);
+        let again = trainer(tiny(algorithm), 1).in_folder(&parts, true).unwrap();
+        assert_eq!(again.update(), 3);
+        train(again, u64::MAX).unwrap();
+        assert!(newest(&whole).state == newest(&parts).state, "{}", algorithm.name());
+        assert_eq!(course(&whole), course(&parts), "{}", algorithm.name());
+    }
+}
+
+#[test]
+fn neither_folder_nor_threads_nor_evaluations_change_the_policy() {
+    let plain = train(trainer(tiny(Algorithm::Apg), 1), u64::MAX).unwrap();
+    let mut config = tiny(Algorithm::Apg);
+    (config.evaluate.every, config.log_every) = (0, 1);
+    let folder = tempfile::tempdir().unwrap();
+    let kept = train(trainer(config, 2).in_folder(folder.path().join("run"), false).unwrap(), u64::MAX).unwrap();
+    assert_eq!(plain.policy.parameters(), kept.policy.parameters());
+    assert_eq!(plain.evaluation, kept.evaluation);
+    assert_eq!((plain.curve.len(), kept.curve.len()), (5, 9)); // 2, 4, 6, 8, 9 and 1 … 9
+}
+
+#[test]
+fn json_and_table_of_a_run_tell_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    train(trainer(tiny(Algorithm::Ppo), 1).in_folder(folder.path(), false).unwrap(), u64::MAX).unwrap();
+    let text = std::fs::read_to_string(folder.path().join(log::JSON)).unwrap();
+    let lines: Vec<serde_json::Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let table = log::read(folder.path()).unwrap();
+    assert_eq!((lines.len(), table.len()), (6, 6)); // 2, 3, 4, 6, 8, 9
+    for (json, row) in lines.iter().zip(&table) {
+        assert_eq!(json.as_object().unwrap().len(), row.iter().count());
+        for (name, _) in row.iter() {
+            assert_eq!(json[name].as_f64(), row.get(name), "{name}");
+        }
+        let phases: f64 = row.iter().filter(|(name, _)| name.starts_with("time_")).map(|(_, share)| share).sum();
+        assert!((phases - 1.0).abs() < 1e-9);
+    }
+    let last = &lines[lines.len() - 1];
+    assert!(last["update"] == 9 && last["eval_return"].is_number() && lines[0]["eval_return"].is_null(), "{last}");
+}
+
+#[test]
+fn a_saved_policy_flies_as_the_trained_one() {
+    for algorithm in Algorithm::ALL {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path();
+        let told = train(trainer(tiny(algorithm), 2).in_folder(run, false).unwrap(), u64::MAX).unwrap();
+        for path in [run, &told.checkpoint.clone().unwrap()] {
+            let mut saved = load_policy(path).unwrap();
+            assert_eq!((saved.manifest.update, saved.skipped.len()), (9, 0));
+            assert_eq!(saved.policy.parameters(), told.policy.parameters());
+            let (starts, env) = (Starts { n_env: 8, seed: 1 }, saved.config.seen_env());
+            let flown = evaluate(&mut saved.policy, "Hover", &env, starts, &Threads::default(), &mut |_| {}).unwrap();
+            assert_eq!(flown, told.evaluation, "{}", algorithm.name());
+        }
+    }
+}
+
+#[test]
+fn a_damaged_checkpoint_is_passed_over_and_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path();
+    let told = train(trainer(tiny(Algorithm::Apg), 1).in_folder(run, false).unwrap(), u64::MAX).unwrap();
+    let newest_state = told.checkpoint.unwrap().join("state.safetensors");
+    let mut bytes = std::fs::read(&newest_state).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(&newest_state, bytes).unwrap();
+    let saved = load_policy(run).unwrap();
+    assert_eq!((saved.manifest.update, saved.skipped.len()), (6, 1));
+    assert!(saved.skipped[0].why.to_string().contains("SHA-256"), "{}", saved.skipped[0].why);
+    let again = trainer(tiny(Algorithm::Apg), 1).in_folder(run, true).unwrap();
+    assert_eq!((again.update(), again.skipped().len()), (6, 1));
+    let twice = train(again, u64::MAX).unwrap();
+    assert_eq!(twice.policy.parameters(), told.policy.parameters());
+}
+
+#[test]
+fn a_folder_holds_one_run_with_one_set_of_settings() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path();
+    train(trainer(tiny(Algorithm::Apg), 1).in_folder(run, false).unwrap(), 3).unwrap();
+    let refused = |config: TrainConfig, resume| trainer(config, 1).in_folder(run, resume).err().unwrap().to_string();
+    assert!(refused(tiny(Algorithm::Apg), false).contains("in use, but it must be new. Go on with it (--resume)"));
+    for config in [tiny(Algorithm::Ppo), TrainConfig { seed: 5, ..tiny(Algorithm::Apg) }] {
+        assert!(refused(config, true).contains("those that it was begun with"));
+    }
+    let longer = TrainConfig { log_every: 1, ..tiny(Algorithm::Apg) }.with_updates(12);
+    let told = train(trainer(longer, 1).in_folder(run, true).unwrap(), u64::MAX).unwrap();
+    assert_eq!((told.updates, newest(run).manifest.update), (12, 12));
+}
+
+#[test]
+fn a_run_that_is_over_is_evaluated_again_and_nothing_more() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = || trainer(tiny(Algorithm::Shac), 1).in_folder(folder.path(), true).unwrap();
+    let first = train(run(), u64::MAX).unwrap();
+    let lines = log::read(folder.path()).unwrap();
+    let again = train(run(), u64::MAX).unwrap();
+    assert_eq!((again.updates, &again.evaluation), (9, &first.evaluation));
+    assert_eq!(log::read(folder.path()).unwrap(), lines);
+    assert_eq!(again.curve, lines);
+}
+
+#[test]
+fn a_stop_is_kept_and_evaluated() {
+    let folder = tempfile::tempdir().unwrap();
+    let told = train(trainer(tiny(Algorithm::Apg), 1).in_folder(folder.path(), false).unwrap(), 5).unwrap();
+    assert_eq!((told.updates, told.stopped, newest(folder.path()).manifest.update), (5, true, 5));
+    assert_eq!(told.curve.last().unwrap().get("update"), Some(5.0));
+    assert_eq!(told.evaluation.n_episode, 8);
+}
