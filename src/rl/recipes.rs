@@ -20,6 +20,16 @@ pub static RECIPES: &[(&str, Algorithm, &str)] = &[
     ("OmavTrack", Algorithm::Apg, OMAV_TRACK),
     ("OverHover", Algorithm::Shac, OVER_HOVER),
     ("Track", Algorithm::Ppo, "[ppo]\nupdates = 150"),
+    ("InvPendulumTrack", Algorithm::Ppo, ""),
+    ("InvPendulumFlyThrough", Algorithm::Ppo, ""),
+    ("PayloadFlyThrough", Algorithm::Ppo, ""),
+    ("OverTrack", Algorithm::Ppo, TEAM),
+    ("OverFlyThrough", Algorithm::Ppo, TEAM),
+    ("TransportHover", Algorithm::Ppo, TEAM),
+    ("TransportTrack", Algorithm::Ppo, TEAM),
+    ("TransportFlyThrough", Algorithm::Ppo, TEAM),
+    ("Formation", Algorithm::Ppo, TEAM),
+    ("DragonHover", Algorithm::Ppo, "[ppo]\nupdates = 100"),
 ];
 
 /// Drones that tumble have gradients a million times as large as the others.
@@ -62,6 +72,13 @@ updates = 1500
 clip = 0.02
 carry_clip = 30
 rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
+
+/// Rows are drones: a batch of a team is as large as one of four times as many drones alone.
+const TEAM: &str = "\
+[ppo]
+n_env = 256
+shard = 64
+updates = 100";
 
 /// Four drones on bars: what a window does not see is long.
 const OVER_HOVER: &str = "\
