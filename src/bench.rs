@@ -6,6 +6,7 @@
 mod allocation;
 mod articulated;
 pub mod environment;
+pub mod learning;
 
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{

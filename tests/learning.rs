@@ -206,15 +206,12 @@ fn shac_finds_the_linear_regulator() {
 #[test]
 fn ppo_finds_the_linear_regulator() {
     let config = PpoConfig {
-        n_env: 256,
-        shard: 128,
-        steps: 40,
-        updates: 300,
+        updates: 800,
         discount: 0.97,
-        rate: Schedule::cosine(3e-3, 1e-5),
-        entropy: Schedule::constant(0.0),
-        log_std: -2.5,
+        lambda: 0.95,
+        log_std: -1.5,
         normalise_observation: false,
+        entropy: Schedule::constant(0.0),
         network: Layers { hidden: Vec::new(), ..PpoConfig::default().network },
         ..PpoConfig::default()
     };

@@ -8,7 +8,7 @@ use super::table::{Align, Table};
 use super::{Report, files, progress};
 use omnidrones::autodiff::lane_width;
 use omnidrones::bench::environment::{self, Case, SIZES};
-use omnidrones::bench::{self, BenchPlan, BenchRow};
+use omnidrones::bench::{self, BenchPlan, BenchRow, learning};
 use omnidrones::error::{Error, Result};
 use omnidrones::plot::{Bar, Bars, Colour, Figure};
 use omnidrones::tasks::EnvConfig;
@@ -34,6 +34,7 @@ Examples:
   omnidrones bench --json --no-plots     for a program
   omnidrones bench Hover                 environment steps per second of a task
   omnidrones bench Track --environments 16384 --threads 2
+  omnidrones bench --policy              Track and OverHover with a 3 × 256 policy, beside the paper
   omnidrones bench Hover --vehicle firefly --randomise mass:0.8:1.2
 
 Without a task the subject is a Hummingbird, then every configuration, under RK4 at 16 ms with linear drag. A ratio says how many times the baseline: in speed for rates, in time for durations.
@@ -65,6 +66,11 @@ pub struct Arguments {
     /// Environments of the batch rows [default: 4096; of a task 1024, 4096 and 65536, with --quick 1024 and 4096]
     #[arg(long, alias = "envs", value_name = "N")]
     environments: Option<usize>,
+    /// Track and OverHover with a policy of these hidden layers in the loop, beside the OmniDrones paper [without units:
+    /// 256,256,256]
+    #[arg(long, value_name = "UNITS", value_delimiter = ',', num_args = 0..=1, default_missing_value = "256,256,256")]
+    #[arg(conflicts_with_all = ["task", "environments"])]
+    policy: Vec<usize>,
     /// Folder for the plot
     #[arg(long, value_name = "DIR", default_value = "out/bench")]
     out: PathBuf,
@@ -101,6 +107,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let plan = BenchPlan { budget, n_env: a.environments.unwrap_or(usual.n_env), threads };
     let mut tell = |row: &BenchRow| spinner.set_message(format!("measured {}: {}", row.group, row.name));
     let rows = match task {
+        None if !a.policy.is_empty() => learning::run(&plan, &a.policy, &mut tell)?,
         None => bench::run(&plan, &mut tell)?,
         Some(entry) => measure(a, entry, &plan, &mut tell)?,
     };
@@ -108,9 +115,14 @@ pub fn run(a: &Arguments) -> Result<Report> {
 
     let mut written = Vec::new();
     if !a.no_plots {
-        let name = task.map_or("bench", |entry| entry.name);
+        let name = task.map_or(if a.policy.is_empty() { "bench" } else { "policy" }, |entry| entry.name);
         let path = a.out.join(format!("{name}.{}", a.format.extension()));
-        task.map_or_else(|| figure(&rows), |entry| task_figure(entry, &rows)).save(&path)?;
+        match task {
+            Some(entry) => task_figure(entry, &rows),
+            None if !a.policy.is_empty() => policy_figure(&a.policy, &rows),
+            None => figure(&rows),
+        }
+        .save(&path)?;
         written.push(path);
     }
     if a.json {
@@ -188,6 +200,22 @@ fn task_figure(entry: &Entry, rows: &[BenchRow]) -> Figure {
     Figure::new(format!("{}: speed of environments", entry.name))
         .subtitle(format!("{}; (×) against the physics of one in a plain loop", machine()))
         .size(1000.0, (130.0 + 22.0 * bars.bars.len() as f64).min(3000.0))
+        .chart(bars)
+}
+
+/// Frames per second with a policy in the loop, and the paper's beside each.
+fn policy_figure(hidden: &[usize], rows: &[BenchRow]) -> Figure {
+    let mut bars = Bars::new("Observation, policy, action, step", "thousand environment steps per second");
+    for row in rows {
+        let name = format!("{}, {}", row.group, row.name);
+        bars = bars.bar(Bar::new(format!("{name}: here"), row.value).colour(Colour::BLUE));
+        let paper = row.value / row.ratio.unwrap_or(1.0);
+        bars = bars.bar(Bar::new(format!("{name}: paper"), paper).colour(Colour::GREY));
+    }
+    let units: Vec<String> = hidden.iter().map(usize::to_string).collect();
+    Figure::new("Environments with a policy in the loop")
+        .subtitle(format!("hidden layers {}; {}; paper: one RTX 4090", units.join(", "), machine()))
+        .size(1000.0, 130.0 + 22.0 * bars.bars.len() as f64)
         .chart(bars)
 }
 

@@ -66,10 +66,10 @@ pub struct ApgConfig {
 impl Default for ApgConfig {
     fn default() -> Self {
         Self {
-            n_env: 128,
-            shard: 64,
+            n_env: 64,
+            shard: 32,
             window: 48,
-            updates: 600,
+            updates: 800,
             rate: Schedule::cosine(0.01, 1e-4),
             clip: 0.2,
             decay: 1.0,
@@ -92,7 +92,7 @@ impl ApgConfig {
             [("n_env", self.n_env, 1 << 24), ("shard", self.shard, 1 << 24), ("window", self.window, 1 << 16)]
         {
             if n == 0 || n > most {
-                return Err(Error::limit(what, n, format!("1 to {most}"), "128, 64 and 48 are usual."));
+                return Err(Error::limit(what, n, format!("1 to {most}"), "64, 32 and 48 are usual."));
             }
         }
         for (what, x) in [("clip", self.clip), ("decay", self.decay.into()), ("saturation", self.saturation)] {

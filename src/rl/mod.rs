@@ -26,7 +26,7 @@
 //! use omnidrones::rl::{Learner, apg::{Apg, ApgConfig}};
 //! use omnidrones::tasks::EnvConfig;
 //!
-//! let config = ApgConfig { updates: 3, ..ApgConfig::default() }; // 600 fly
+//! let config = ApgConfig { updates: 3, ..ApgConfig::default() }; // 800 fly
 //! let mut apg = Apg::new("Hover", &EnvConfig::default(), config, 0, Threads::default())?;
 //! while apg.n_update() < apg.budget() {
 //!     let update = apg.update()?;

@@ -9,13 +9,17 @@ use super::config::Algorithm;
 /// Task, algorithm, and what differs from the defaults.
 pub static RECIPES: &[(&str, Algorithm, &str)] = &[
     ("Hover", Algorithm::Apg, ""),
-    ("Track", Algorithm::Apg, "[apg]\nwindow = 64\nupdates = 800"),
+    ("Track", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nwindow = 64\nupdates = 800"),
     ("HoverRand", Algorithm::Apg, HOVER_RAND),
     ("TrackRand", Algorithm::Apg, TRACK_RAND),
-    ("FlyThrough", Algorithm::Apg, "[apg]\nwindow = 64\nupdates = 1000"),
+    ("FlyThrough", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nwindow = 64\nupdates = 1000"),
     ("PayloadHover", Algorithm::Shac, PAYLOAD_HOVER),
-    ("PayloadTrack", Algorithm::Apg, "[apg]\nwindow = 96\nupdates = 1500\ncarry_clip = 30"),
-    ("InvPendulumHover", Algorithm::Apg, "[apg]\nwindow = 96\nupdates = 2000\ncarry_clip = 30"),
+    ("PayloadTrack", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nwindow = 96\nupdates = 1500\ncarry_clip = 30"),
+    (
+        "InvPendulumHover",
+        Algorithm::Apg,
+        "[apg]\nn_env = 128\nshard = 64\nwindow = 96\nupdates = 2000\ncarry_clip = 30",
+    ),
     ("OmavHover", Algorithm::Apg, OMAV_HOVER),
     ("OmavTrack", Algorithm::Apg, OMAV_TRACK),
     ("OverHover", Algorithm::Shac, OVER_HOVER),
@@ -36,12 +40,14 @@ pub static RECIPES: &[(&str, Algorithm, &str)] = &[
 const HOVER_RAND: &str = "\
 [apg]
 window = 64
-updates = 2000
+updates = 3000
 carry_clip = 30
 rate = { kind = 'cosine', from = 0.005, to = 1e-4 }";
 
 const TRACK_RAND: &str = "\
 [apg]
+n_env = 128
+shard = 64
 window = 64
 updates = 2000
 carry_clip = 30
@@ -59,6 +65,8 @@ rate = { kind = 'cosine', from = 0.007, to = 1e-4 }";
 /// Twelve rotors lift six times the weight: steps must be small.
 const OMAV_HOVER: &str = "\
 [apg]
+n_env = 128
+shard = 64
 window = 48
 updates = 1500
 clip = 0.05
@@ -67,6 +75,8 @@ rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
 
 const OMAV_TRACK: &str = "\
 [apg]
+n_env = 128
+shard = 64
 window = 48
 updates = 1500
 clip = 0.02
