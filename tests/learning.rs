@@ -109,6 +109,45 @@ fn a_critic_values_a_cut_as_if_it_went_on() {
     assert!((value + 100.0).abs() < 1.0, "{value}"); // measured
 }
 
+#[test]
+fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
+    let env = EnvConfig { stagger: true, ..EnvConfig::default() };
+    let network = Layers { hidden: Vec::new(), ..Layers::default() };
+    let (n_env, window, updates, clip) = (64, 32, 200, 1.0);
+    let apg = ApgConfig { n_env, window, updates, clip, network: network.clone(), ..ApgConfig::default() };
+    let shac = ShacConfig { n_env, window, updates, clip, network, ..ShacConfig::default() };
+    let ppo = PpoConfig {
+        n_env: 64,
+        shard: 32,
+        updates: 200,
+        minibatches: 4,
+        normalise_observation: false,
+        ..PpoConfig::default()
+    };
+    let learners: [Box<dyn Learner>; 3] = [
+        Box::new(Apg::with(&regulate::make_poisoned, &env, apg, 1, threads(2)).unwrap()),
+        Box::new(Shac::with(&regulate::make_poisoned, &env, shac, 1, threads(2)).unwrap()),
+        Box::new(Ppo::with(&regulate::make_poisoned, &env, ppo, 1, threads(2)).unwrap()),
+    ];
+    for (name, mut learner) in ALGORITHMS.into_iter().zip(learners) {
+        let paid = |learner: &dyn Learner| {
+            let mut policy = learner.policy().expect("weights are finite");
+            costs(0.97, &mut |x, actions| policy.act(x, actions)).0
+        };
+        let (before, mut left_out) = (paid(&*learner), 0.0);
+        for update in 0..200 {
+            let told = learner.update().unwrap();
+            assert!(told.reward.is_finite(), "{name}: reward in update {update}");
+            let counted = told.extra.iter().find(|(k, _)| ["gradients_dropped", "rows_left_out"].contains(k)).unwrap();
+            left_out += counted.1;
+        }
+        let after = paid(&*learner);
+        println!("{name}: cost {before:.0}, then {after:.0}; {left_out} rows left out");
+        assert!(left_out > 1000.0, "{name}: nothing was poisoned");
+        assert!(after < 0.5 * before, "{name} did not learn: {before} {after}");
+    }
+}
+
 /// Mean discounted cost of a policy over 64 starts, and of the optimum by the Riccati equation.
 fn costs(discount: f64, act: &mut dyn FnMut(&[f32], &mut [f32])) -> (f64, f64) {
     let config = EnvConfig { n_env: 64, seed: 99, autoreset: Autoreset::Disabled, ..EnvConfig::default() };

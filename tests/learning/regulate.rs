@@ -28,21 +28,25 @@ pub fn weight(i: usize) -> f64 {
 pub struct Regulate {
     rig: Rig,
     hover: f64,
+    /// Share of episodes in which nothing finite is seen.
+    poison: f64,
 }
 
 impl Regulate {
     pub fn new(config: &EnvConfig) -> Result<Self> {
         let rig = config.single_rig("hummingbird")?;
         let hover = (0.5 * (rig.hover_input()[0] + 1.0)).sqrt();
-        Ok(Self { rig, hover })
+        Ok(Self { rig, hover, poison: 0.0 })
     }
 
     /// Deviations from hover, in the order of the state.
     #[inline(always)]
     fn deviation<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
         let (drone, scale) = (view.drone(0), S::constant(SCALE));
+        // 0, or NaN
+        let poison = S::zero() / (S::one() - view.goal.get(0));
         for i in 0..3 {
-            out.number(scale * (drone.position[i] - S::constant(TARGET[i])));
+            out.number(poison + scale * (drone.position[i] - S::constant(TARGET[i])));
         }
         for i in 0..3 {
             out.number(scale * drone.velocity[i]);
@@ -87,12 +91,13 @@ impl Task for Regulate {
             reward: vec![Term::smooth("cost", "20 − xᵀQx", BONUS)],
             ends: vec![End::new("far", "|p − p_t| > 0.5 m")],
             metrics: Vec::new(),
-            goal: Vec::new(),
+            goal: vec![Slice::new("poison", 1, "-", "1 where what is seen is not finite")],
             memo: Vec::new(),
             settings: Vec::new(),
         }
     }
     fn start(&self, start: &mut Start<'_>) {
+        start.goal[0] = f64::from(u8::from(start.task.unit() < self.poison));
         let position = start.position([-0.03, -0.03, 1.97], [0.03, 0.03, 2.03]);
         let attitude = start.attitude(0.02, (-0.02, 0.02));
         start.place(0, position, attitude);
@@ -129,6 +134,11 @@ impl Task for Regulate {
 
 pub fn make(config: &EnvConfig) -> Result<Env> {
     Env::of(Regulate::new(config)?, "regulate", config)
+}
+
+/// With a tenth of all episodes poisoned.
+pub fn make_poisoned(config: &EnvConfig) -> Result<Env> {
+    Env::of(Regulate { poison: 0.1, ..Regulate::new(config)? }, "regulate", config)
 }
 
 /// The optimum of Σ γ^t xᵀQx over the linearised step: gains K of a = a₀ − K x and the cost to go P, x as observed.
