@@ -178,6 +178,38 @@ fn unusable_arguments_name_value_limit_and_remedy() {
 }
 
 #[test]
+fn tasks_are_trained_together_and_a_table_that_was_stopped_goes_on() {
+    let folder = temporary();
+    let arguments = ["train-all", "--tasks", "Hover,Track", "--seeds", "2", "--budget", "0.002"];
+    let told = json(folder.path(), &arguments);
+    let tasks = told["tasks"].as_array().expect("tasks");
+    let named: Vec<_> = tasks.iter().map(|t| (t["task"].as_str(), t["algorithm"].as_str())).collect();
+    assert_eq!(named, [(Some("Hover"), Some("apg")), (Some("Track"), Some("apg"))]);
+    for task in tasks {
+        assert_eq!(task["runs"].as_array().map(Vec::len), Some(2), "{task}");
+        assert!(task["baseline"]["evaluation"]["success"].is_number());
+    }
+    assert!(size(folder.path(), "runs/all/curves.svg") > 1000);
+    let again = json(folder.path(), &arguments);
+    let result = |told: &Value| told["tasks"][0]["runs"][1]["evaluation"].clone();
+    assert_eq!(result(&told), result(&again), "runs that are over are not trained again");
+    let (page, _) = exits(0, folder.path(), &arguments);
+    assert!(page.contains("Hover") && page.contains("cascade") && widest(&page) <= 160, "{page}");
+    let (_, error) = exits(2, folder.path(), &["train-all", "--tasks", "Hovr"]);
+    assert!(error.contains("Hover"), "{error}");
+    exits(2, folder.path(), &["train-all", "--budget", "-1"]);
+}
+
+#[test]
+fn a_policy_in_the_loop_is_measured_beside_the_paper() {
+    let folder = temporary();
+    let told = json(folder.path(), &["bench", "--policy", "8", "--quick", "--no-plots"]);
+    let rows = told["rows"].as_array().expect("rows");
+    assert_eq!(rows.len(), 6);
+    assert!(rows.iter().all(|row| row["ratio"].as_f64().is_some_and(|r| r > 0.0)));
+}
+
+#[test]
 fn help_names_every_option_with_examples_that_are_real() {
     let folder = temporary();
     let train =

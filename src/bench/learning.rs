@@ -64,7 +64,8 @@ fn frames_per_second(task: &str, n_env: usize, layers: &Layers, threads: &Thread
     let config = EnvConfig { n_env, stagger: true, ..EnvConfig::default() };
     let shards = shards(&|config| Env::make(task, config), &config, SHARD)?;
     let actor = Actor::new(shards[0].env.spec(), layers, true)?;
-    let parameters = actor.mlp.init(&mut Stream::new(1, 0, 0, Purpose::LEARNING));
+    let mut parameters = actor.mlp.init(&mut Stream::new(1, 0, 0, Purpose::LEARNING));
+    parameters.resize(actor.n_parameter(), 0.0);
     let worker = |shard: Shard| Worker {
         action: vec![0.0; shard.out.reward.len() * actor.n_action()],
         memory: actor.mlp.memory(ROWS),
