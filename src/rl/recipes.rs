@@ -56,11 +56,11 @@ rate = { kind = 'cosine', from = 0.004, to = 1e-4 }";
 /// The ball is pushed at random: beyond three quarters of a second a critic knows more than a gradient.
 const PAYLOAD_HOVER: &str = "\
 [shac]
-window = 48
+window = 40
 updates = 2000
-discount = 0.985
+discount = 0.98
 carry_clip = 30
-rate = { kind = 'cosine', from = 0.007, to = 1e-4 }";
+rate = { kind = 'cosine', from = 0.005, to = 1e-4 }";
 
 /// Twelve rotors lift six times the weight: steps must be small.
 const OMAV_HOVER: &str = "\
