@@ -143,8 +143,12 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let folder = a.out.clone().unwrap_or_else(|| {
         Path::new("runs").join(format!("{}-{}-s{}", entry.name, config.algorithm.name(), config.seed))
     });
-    if a.resume && !a.changes_settings() {
-        config = own_settings(&folder, a.updates)?.unwrap_or(config);
+    if let Some(own) = own_settings(&folder)?.filter(|_| a.resume) {
+        // what options ask for must be what the run is, but for its length
+        let given = a.changes_settings() || a.seed.is_some() || a.algo.is_some();
+        let seed = a.seed.unwrap_or(own.seed);
+        let length = a.updates.unwrap_or(own.updates());
+        config = if given { TrainConfig { seed, ..config } } else { own }.with_updates(length);
     }
     // before any folder is made
     let trainer = Trainer::new(entry.name, config, threads.clone())?;
@@ -210,13 +214,12 @@ impl Arguments {
 }
 
 /// The settings of the run in a folder, if there is one.
-fn own_settings(folder: &Path, updates: Option<u64>) -> Result<Option<TrainConfig>> {
+fn own_settings(folder: &Path) -> Result<Option<TrainConfig>> {
     let path = folder.join("config.toml");
     if !path.exists() {
         return Ok(None);
     }
-    let config = TrainConfig::from_toml(&files::read_text(&path, MAX_BYTES)?, &path.display().to_string())?;
-    Ok(Some(updates.map_or_else(|| config.clone(), |n| config.clone().with_updates(n))))
+    TrainConfig::from_toml(&files::read_text(&path, MAX_BYTES)?, &path.display().to_string()).map(Some)
 }
 
 /// Trains under a bar.

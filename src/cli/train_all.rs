@@ -105,7 +105,7 @@ fn line(entry: &'static Entry, a: &Arguments, threads: &Threads, bar: &indicatif
     };
     let algorithm = config.algorithm.name();
     let each = (0..a.seeds).map(|seed| {
-        let folder = a.out.join(format!("{}-{algorithm}-s{seed}", entry.name));
+        let folder = a.out.join(format!("{}-{algorithm}-u{}-s{seed}", entry.name, config.updates()));
         let own = TrainConfig { seed, ..config.clone() };
         let mut trainer = Trainer::new(entry.name, own, threads.clone())?.in_folder(folder, true)?;
         let outcome = trainer.run(&mut |p| {

@@ -55,7 +55,7 @@ pub struct ApgConfig {
     pub carry_clip: f32,
     /// What is minimised.
     pub objective: Objective,
-    /// Share of hidden units beyond ±0.99 at which the run begins again at half the rate; 1 for never.
+    /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
     pub saturation: f64,
     /// The optimiser.
     pub adam: AdamConfig,
@@ -108,6 +108,9 @@ impl ApgConfig {
         self.network.validate()
     }
 }
+
+/// Most times that a run begins again: where it saturates at a sixty-fourth of the rate, the rate is not the cause.
+const MAX_RESTARTS: u32 = 6;
 
 /// Analytic policy gradients, in the middle of a run.
 pub struct Apg {
@@ -227,7 +230,8 @@ impl Learner for Apg {
         self.env_steps += n_step as u64;
         let n_worker = self.workers.len() as f64;
         let share = seen.saturated / n_worker;
-        if share > self.config.saturation && self.config.saturation < 1.0 || norm.is_nan() {
+        let cliff = share > self.config.saturation && self.config.saturation < 1.0;
+        if cliff && self.restarts < MAX_RESTARTS {
             self.restarts += 1;
             self.begin();
         }
@@ -284,5 +288,27 @@ impl Learner for Apg {
         (self.update, self.env_steps, self.restarts) = (update, env_steps, restarts as u32);
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rl::nn::Activation;
+
+    #[test]
+    fn a_run_ends_though_every_unit_is_beyond_the_limit_of_saturation() {
+        for (activation, saturation) in [(Activation::Relu, 0.25), (Activation::Tanh, 1e-9)] {
+            let network = Layers { activation, ..Layers::default() };
+            let (n_env, shard, window, updates) = (8, 8, 4, 3);
+            let config = ApgConfig { n_env, shard, window, updates, saturation, network, ..ApgConfig::default() };
+            let mut apg = Apg::new("Hover", &EnvConfig::default(), config, 1, Threads::new(1).unwrap()).unwrap();
+            for _ in 0..3 * (1 + MAX_RESTARTS) {
+                if apg.n_update() < apg.budget() {
+                    apg.update().unwrap();
+                }
+            }
+            assert_eq!(apg.n_update(), apg.budget(), "{activation:?} after {} restarts", apg.restarts);
+        }
     }
 }

@@ -80,7 +80,7 @@ pub struct Evaluate {
 
 impl Default for Evaluate {
     fn default() -> Self {
-        Self { every: 100, envs: 1024, seed: 77 }
+        Self { every: 100, envs: 1024, seed: 1_000_003 }
     }
 }
 
@@ -239,6 +239,10 @@ impl TrainConfig {
         if i64::try_from(self.seed.max(self.evaluate.seed)).is_err() {
             let remedy = "Files hold no larger ones.";
             return Err(Error::limit("seed", self.seed.max(self.evaluate.seed), i64::MAX, remedy));
+        }
+        if self.seed == self.evaluate.seed {
+            let remedy = "Starts must be new to the policy.";
+            return Err(Error::value("evaluate.seed", self.evaluate.seed, "another one than seed", remedy));
         }
         if self.log_every == 0 {
             return Err(Error::value("log_every", 0, "≥ 1 update", "1 logs every update."));

@@ -41,9 +41,9 @@
 //! # Time-outs are not deaths
 //!
 //! At time t the target is r + γ (1 − terminated) V(next), with the true final observation as next where an episode
-//! ended, and traces are cut by both kinds of end. Every algorithm passes the ten-fold test of it
-//! (`tests/learning.rs`): one state, reward 1, a time limit of ten steps, γ = 0.99; right is 100, and taking time-outs for
-//! deaths gives 5 to 9.
+//! ended, and traces are cut by both kinds of end. Every critic passes the ten-fold test of it
+//! (`tests/learning.rs`, `ppo/tests.rs`; APG has none): one state, reward 1, a time limit of ten steps, γ = 0.99; right is
+//! 100, and taking time-outs for deaths gives 5 to 9.
 //!
 //! # The same bits
 //!

@@ -4,10 +4,11 @@
 //! L = 1/(E·H) Σ_environments [ Σ_t γ^t c_t + w γ^H V(o_H) ],
 //! with t counted from the window's start or from the last restart in it, and at an end of an episode
 //! - by time: V of the final observation;
-//! - by the task: c/(1 − γ), the last cost for ever. A cost is positive: an end worth nothing would be worth seeking.
+//! - by the task: γ c/(1 − γ), the last cost for ever, under the task's loss, which is positive: an end worth nothing would
+//!   be worth seeking. Under the reward it is worth nothing, as rewards are positive.
 //!
 //! Its exact gradient trains the actor; the critic is fitted to TD(λ) targets along the same windows, with a slow copy of
-//! itself as V of what follows. The critic learns (1 − γ)V, a mean cost per step, so that its scale is that of the cost.
+//! itself as V of what follows (the actor's gradient takes the critic itself). The critic learns (1 − γ)V, a mean cost per step, so that its scale is that of the cost.
 //! w rises from 0 to 1 over the first part of the run ([`ShacConfig::ramp`]): the gradient of an untrained critic, times
 //! 1/(1 − γ), drowns the exact one. (Xu et al. 2022; the ramp is our own finding.)
 
@@ -258,7 +259,7 @@ impl Shac {
         e.clear();
         let mut from = 0;
         for Worker { window, .. } in &self.workers {
-            e.take(window, share);
+            e.take(window, share, config.objective == Objective::Loss);
             // the slow copy judges what follows
             std::mem::swap(&mut self.critic.parameters, &mut self.target);
             let rows = e.cost.len();
@@ -310,7 +311,7 @@ impl Experience {
 
     /// One shard's window: [H, E, A] rows. Costs are scaled to those of (1 − γ)V; the last cost of an episode that the task
     /// ended counts for ever.
-    fn take(&mut self, window: &Window, share: f32) {
+    fn take(&mut self, window: &Window, share: f32, lasting: bool) {
         let (n_env, rows) = (window.shard.env.spec().n_env, window.rows());
         let (n_agent, n) = (rows / n_env, window.steps[0].observation.len() / rows);
         for (t, step) in window.steps.iter().enumerate() {
@@ -324,9 +325,12 @@ impl Experience {
                 if ended {
                     self.next[from..][own.clone()].copy_from_slice(&step.final_observation[own]);
                 }
-                let scale = if step.terminated[i] == 1 { 1.0 } else { share };
+                let scale = if lasting && step.terminated[i] == 1 { 1.0 } else { share };
                 self.cost.extend(std::iter::repeat_n(scale * step.cost[i], n_agent));
             }
+            // what flew blind tells nothing: a target that is not finite is left out
+            let first = self.cost.len() - rows;
+            step.blind.iter().for_each(|row| self.cost[first + row] = f32::NAN);
             self.terminated.extend(&step.terminated);
             self.truncated.extend(&step.truncated);
         }
@@ -375,7 +379,8 @@ impl Worker {
             }
             for i in 0..n_env {
                 let lost = step.terminated[i] == 1;
-                step.weight[i] = discount[i] * if lost { 1.0 + how.critic * how.discount * beyond } else { 1.0 };
+                step.weight[i] =
+                    discount[i] * if lost && how.lasting { 1.0 + how.critic * how.discount * beyond } else { 1.0 };
                 let ended = lost || step.truncated[i] == 1;
                 discount[i] = if ended { how.share } else { discount[i] * how.discount };
             }
@@ -399,6 +404,8 @@ struct Weighing {
     discount: f32,
     /// w.
     critic: f32,
+    /// Whether an end by the task costs its last cost for ever.
+    lasting: bool,
 }
 
 impl Learner for Shac {
@@ -410,7 +417,12 @@ impl Learner for Shac {
         let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
         let n_step = (config.n_env * config.window) as f64;
         let ramp = if config.ramp > 0.0 { (progress / config.ramp).min(1.0) } else { 1.0 };
-        let how = Weighing { share: (1.0 / n_step) as f32, discount: config.discount as f32, critic: ramp as f32 };
+        let how = Weighing {
+            share: (1.0 / n_step) as f32,
+            discount: config.discount as f32,
+            critic: ramp as f32,
+            lasting: config.objective == Objective::Loss,
+        };
         self.threads
             .for_each(&mut self.workers, |_, worker| worker.failed = worker.learn(actor, net, critic, how).err());
         let mut seen = Seen::default();

@@ -14,6 +14,9 @@ use crate::tasks::{Autoreset, Buffers, Env, EnvConfig, Spec};
 /// `|config| Env::of(Climb::new(config)?, "Climb", config)`.
 pub type Make<'a> = dyn Fn(&EnvConfig) -> Result<Env> + 'a;
 
+/// Most shards of a batch: each has tensors of its own in a checkpoint.
+const MAX_SHARDS: usize = 2048;
+
 /// Environments of one shard.
 pub(crate) struct Shard {
     pub env: Env,
@@ -28,6 +31,10 @@ pub(crate) struct Shard {
 pub(crate) fn shards(make: &Make<'_>, config: &EnvConfig, size: usize) -> Result<Vec<Shard>> {
     if size == 0 {
         return Err(Error::value("shard", size, "≥ 1", "64 fits the blocks of environments."));
+    }
+    if config.n_env.div_ceil(size) > MAX_SHARDS {
+        let n = config.n_env.div_ceil(size);
+        return Err(Error::limit("shards, n_env/shard", n, MAX_SHARDS, "Take larger shards."));
     }
     let one = Threads::new(1)?;
     let shard = |first: usize| {

@@ -52,7 +52,7 @@ pub(crate) struct Step {
     /// ∂L/∂final_observation, or empty.
     pub d_final: Vec<f32>,
     /// Rows whose observation was not finite: they see zeros, and no gradient passes them.
-    blind: Vec<usize>,
+    pub blind: Vec<usize>,
     memory: Memory,
 }
 
@@ -93,7 +93,9 @@ pub(crate) fn windows(
         let row = 3 * spec.n_observation + spec.action.len() + 2 * actor.mlp.n_activation();
         let tape = first.env.places().n_kept().div_ceil(spec.n_agent);
         let rows = (shards.len() * spec.n_env * spec.n_agent) as u128 * horizon as u128;
-        within_memory("window", horizon, 4 * (row + tape) as u128 * rows, spec.config.memory_limit)?;
+        let gradients = (shards.len() * actor.n_parameter()) as u128;
+        let bytes = 4 * ((row + tape) as u128 * rows + gradients);
+        within_memory("window", horizon, bytes, spec.config.memory_limit)?;
     }
     let each = shards.into_iter().map(|shard| {
         let n = shard.env.spec().n_env;

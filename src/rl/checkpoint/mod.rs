@@ -8,14 +8,16 @@
 //!
 //! A checkpoint is tensors with names, and a [`Manifest`]. What the names mean is the business of whoever saves; the
 //! convention is `<network>.<layer>.weight` of shape `[out, in]` and `<network>.<layer>.bias` of shape `[out]`,
-//! row-major, layers counted from 0. So PyTorch flies a policy in five lines:
+//! row-major, layers counted from 0. So PyTorch flies a policy of APG or SHAC in five lines (PPO's
+//! has ELU between its layers and none behind the last; its `normaliser.mean` and `normaliser.variance` in the same file go
+//! before the first):
 //!
 //! ```python
 //! from safetensors.torch import load_file
 //! from torch.nn.functional import linear
-//! w = load_file("run/checkpoints/000000120/policy.safetensors")
-//! y = linear(observation, w["actor.0.weight"], w["actor.0.bias"]).tanh()
-//! y = linear(y, w["actor.1.weight"], w["actor.1.bias"])
+//! w, y = load_file("run/checkpoints/000000120/policy.safetensors"), observation
+//! for l in range(3):
+//!     y = linear(y, w[f"actor.{l}.weight"], w[f"actor.{l}.bias"]).tanh()
 //! ```
 //!
 //! **Killed is not lost.** [`Writer::save`] writes and syncs all files in a folder aside, renames that folder into

@@ -34,10 +34,12 @@ impl AdamConfig {
                 return Err(Error::value(what, beta, "within [0, 1)", "0.9 and 0.999 are usual."));
             }
         }
-        for (what, x) in [("epsilon", self.epsilon), ("weight_decay", self.weight_decay)] {
-            if !(x.is_finite() && x >= 0.0) {
-                return Err(Error::value(what, x, "finite and ≥ 0", "Leave it out."));
-            }
+        // below it 0/0 makes NaN of weights that have no gradient
+        if !(self.epsilon.is_finite() && self.epsilon as f32 >= f32::MIN_POSITIVE) {
+            return Err(Error::value("epsilon", self.epsilon, "finite and ≥ 1.2e-38", "1e-8 is usual."));
+        }
+        if !(self.weight_decay.is_finite() && self.weight_decay >= 0.0) {
+            return Err(Error::value("weight_decay", self.weight_decay, "finite and ≥ 0", "Leave it out."));
         }
         Ok(())
     }
@@ -66,7 +68,7 @@ impl Adam {
     /// One step with learning rate `rate`.
     pub fn descend(&mut self, parameters: &mut [f32], gradient: &[f32], rate: f64) {
         let AdamConfig { beta1, beta2, epsilon, weight_decay } = self.config;
-        self.step += 1;
+        self.step = self.step.saturating_add(1);
         let power = self.step.min(1 << 30) as i32;
         let (mean_rate, square_scale) = (rate / (1.0 - beta1.powi(power)), 1.0 / (1.0 - beta2.powi(power)));
         let [b1, b2, c1, c2] = [beta1, beta2, 1.0 - beta1, 1.0 - beta2].map(|x| x as f32);
@@ -124,6 +126,14 @@ mod tests {
         }
         println!("{worst:.1e}");
         assert!(worst < 1e-5, "{worst:e}"); // measured 4.5e-6
+    }
+
+    #[test]
+    fn an_epsilon_that_rounds_to_zero_is_refused() {
+        for epsilon in [0.0, 1e-60, -1.0, f64::NAN] {
+            assert!(AdamConfig { epsilon, ..AdamConfig::default() }.validate().is_err(), "{epsilon}");
+        }
+        AdamConfig::default().validate().unwrap();
     }
 
     #[test]

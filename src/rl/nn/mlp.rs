@@ -34,6 +34,8 @@ impl Default for Layers {
 
 /// Most units of a layer.
 const MAX_UNITS: usize = 8192;
+/// Most weights of a network: 128 MiB.
+const MAX_WEIGHTS: usize = 1 << 25;
 /// Most hidden layers.
 const MAX_LAYERS: usize = 32;
 
@@ -131,6 +133,14 @@ impl Mlp {
             }
         });
         let layers_own = own.collect();
+        if at > MAX_WEIGHTS {
+            return Err(Error::limit(
+                "weights of a network",
+                at,
+                MAX_WEIGHTS,
+                "Two or three layers of 64 to 256 units are usual.",
+            ));
+        }
         Ok(Self { layers: layers_own, n_parameter: at, init: layers.init })
     }
 
@@ -341,10 +351,12 @@ impl Mlp {
         Ok(parameters)
     }
 
-    /// Share of hidden units with |y| > `limit` in the memory's last forward pass: near 1 when tanh has saturated.
+    /// Share of the hidden units under tanh with |y| > `limit` in the memory's last forward pass; 0 where there are none.
+    /// Other activations do not saturate.
     pub fn saturated(&self, memory: &Memory, rows: usize, limit: f32) -> f64 {
         let (mut beyond, mut all) = (0, 0);
-        for (layer, level) in self.layers.iter().zip(&memory.levels).take(self.layers.len() - 1) {
+        let hidden = self.layers.iter().zip(&memory.levels).take(self.layers.len() - 1);
+        for (layer, level) in hidden.filter(|(layer, _)| layer.activation == Activation::Tanh) {
             for row in level.y.chunks_exact(layer.wide()).take(rows) {
                 beyond += row[..layer.n_out].iter().filter(|y| y.abs() > limit).count();
                 all += layer.n_out;

@@ -240,6 +240,12 @@ impl Core {
     /// Adds what the normaliser saw of the lanes that moved on.
     fn collect(&self, block: &mut EnvBlock, work: &Workspace, moved: u64) {
         let n = self.sizes.normalised;
+        // what one environment sees must not spoil the statistics of all: 0 where all is finite, else NaN
+        let mut sound = [0.0_f32; BLOCK];
+        for column in &work.seen {
+            sound.iter_mut().zip(column).for_each(|(sum, x)| *sum += 0.0 * x);
+        }
+        let moved = lanes_of(moved).filter(|lane| sound[*lane] == 0.0).fold(0, |mask, lane| mask | (1_u64 << lane));
         block.count += (moved.count_ones() as usize * self.sizes.agent) as f64;
         for (k, column) in work.seen.iter().enumerate() {
             let (mean, [sum, square]) = (self.statistics.mean[k % n], &mut block.sums[k % n]);
