@@ -246,7 +246,7 @@ impl Replay {
     /// Where the task wants whose drones, at a time.
     fn targets(&self, time: f64) -> Vec<(usize, [f64; 3])> {
         let of = |(i, references): (usize, &Vec<Reference>)| {
-            references.iter().map(move |r| (i, r.sample(time).position.into())).collect::<Vec<(usize, [f64; 3])>>()
+            references.iter().map(move |r| (i, r.sample(time).position)).collect::<Vec<(usize, [f64; 3])>>()
         };
         self.wanted.iter().enumerate().flat_map(of).collect()
     }
@@ -312,7 +312,7 @@ impl Replay {
 
     /// The ways of environment i's drones up to picture k.
     fn trail(&self, k: usize, i: usize, scene: &Scene, items: &mut Vec<Item>) {
-        let far = |p: &[f64; 3]| p.iter().any(|x| !(x.abs() < FARTHEST));
+        let far = |p: &[f64; 3]| p.iter().any(|x| x.is_nan() || x.abs() >= FARTHEST);
         for drone in 0..self.frames.len() {
             for pair in scene.places[..=k].windows(2) {
                 let [from, to] = [pair[0][i][drone], pair[1][i][drone]];

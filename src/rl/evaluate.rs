@@ -40,7 +40,7 @@ pub fn exam(policy: &Policy, task: &str, env: &EnvConfig, starts: Starts, thread
 /// Flies one episode of every environment; `watch` sees every step.
 ///
 /// # Errors
-/// As [`exam`] and [`tasks::evaluate`].
+/// As [`exam`] and [`tasks::evaluate()`].
 pub fn evaluate(
     policy: &mut Policy,
     task: &str,

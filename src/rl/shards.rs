@@ -1,7 +1,7 @@
 //! A batch of environments, cut into shards that one thread each steps from update to update.
 //!
 //! Between two updates of a policy its environments have nothing to do with each other. So the unit of work is not a step
-//! of all of them, after which all threads wait, but a whole window of some: a [`Shard`]. Shards are cut by size alone and
+//! of all of them, after which all threads wait, but a whole window of some: a shard. Shards are cut by size alone and
 //! folded in order, so that results are the same bits for any number of threads.
 
 use super::learner::Episodes;

@@ -101,7 +101,7 @@ pub struct Mlp {
 pub struct Part {
     /// `0.weight`, `0.bias`, `0.norm.weight`, `0.norm.bias`.
     pub name: String,
-    /// [out, in] or [out].
+    /// `[out, in]` or `[out]`.
     pub shape: Vec<usize>,
     /// Row-major.
     pub data: Vec<f32>,
