@@ -22,7 +22,7 @@ environments: another vehicle, heavier ones, longer episodes; the policy stays a
 const EXAMPLES: &str = "\
 Examples:
   omnidrones eval runs/Hover-apg-s0                           the newest checkpoint of a run
-  omnidrones eval runs/Hover-apg-s0/checkpoints/000000600     a certain one
+  omnidrones eval runs/Hover-apg-s0/checkpoints/000000800     a certain one
   omnidrones eval runs/Hover-apg-s0 --envs 4096 --seed 5      more episodes, other starts
   omnidrones eval runs/Hover-apg-s0 --vehicle crazyflie       on a drone that it has not met
   omnidrones eval runs/Hover-apg-s0 --randomise mass:0.7:1.3  on heavier and lighter ones
