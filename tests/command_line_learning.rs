@@ -2,6 +2,10 @@
 
 #![cfg(feature = "cli")]
 
+#[path = "common/command.rs"]
+mod command;
+
+use command::{command, exits, json, size, temporary, widest};
 use omnidrones::rl::checkpoint::{Found, Store};
 use omnidrones::rl::{load_policy, log};
 use omnidrones::rng::{Purpose, Stream};
@@ -9,40 +13,6 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-
-/// The binary with these arguments, in a folder.
-fn command(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_omnidrones"));
-    command.args(arguments).current_dir(folder).stdin(Stdio::null());
-    command
-}
-
-/// Runs a command that must exit with `code`; its standard output and error.
-fn exits(code: i32, folder: &Path, arguments: &[&str]) -> (String, String) {
-    let output = command(folder, arguments).output().expect("the binary starts");
-    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).expect("UTF-8"));
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}\n{out}\n{err}");
-    (out, err)
-}
-
-/// The one JSON object that a command prints.
-fn json(folder: &Path, arguments: &[&str]) -> Value {
-    let (out, err) = exits(0, folder, &[arguments, &["--json"]].concat());
-    assert_eq!(err, "", "{arguments:?}");
-    serde_json::from_str(&out).unwrap_or_else(|e| panic!("{arguments:?}: {e}\n{out}"))
-}
-
-fn temporary() -> tempfile::TempDir {
-    tempfile::tempdir().expect("a temporary folder")
-}
-
-fn size(folder: &Path, file: &str) -> u64 {
-    std::fs::metadata(folder.join(file)).map_or(0, |m| m.len())
-}
-
-fn widest(text: &str) -> usize {
-    text.lines().map(|l| l.chars().count()).max().unwrap_or(0)
-}
 
 /// A run of a moment.
 const TINY: [&str; 14] = [
@@ -315,7 +285,7 @@ fn killed_runs_go_on_to_the_same_bits() {
 
 /// `cargo test --release --test command_line_learning -- --ignored`
 #[test]
-#[ignore = "two minutes"]
+#[ignore = "cargo test --release --test command_line_learning -- --ignored: two minutes"]
 fn two_hundred_killed_runs_go_on_to_the_same_bits() {
     killed(200);
 }

@@ -2,38 +2,13 @@
 
 #![cfg(feature = "cli")]
 
+#[path = "common/command.rs"]
+#[allow(dead_code, reason = "other tests start commands that live on")]
+mod command;
+
+use command::{exits, json, size, temporary, widest};
 use omnidrones::tasks::{EnvConfig, registry};
 use serde_json::Value;
-use std::path::Path;
-use std::process::{Command, Stdio};
-
-/// Runs a command that must exit with `code`; its standard output and error.
-fn exits(code: i32, folder: &Path, arguments: &[&str]) -> (String, String) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_omnidrones"));
-    let output = command.args(arguments).current_dir(folder).stdin(Stdio::null()).output().expect("the binary starts");
-    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).expect("UTF-8"));
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}\n{out}\n{err}");
-    (out, err)
-}
-
-/// The one JSON object that a command prints.
-fn json(folder: &Path, arguments: &[&str]) -> Value {
-    let (out, err) = exits(0, folder, &[arguments, &["--json"]].concat());
-    assert_eq!(err, "", "{arguments:?}");
-    serde_json::from_str(&out).unwrap_or_else(|e| panic!("{arguments:?}: {e}\n{out}"))
-}
-
-fn temporary() -> tempfile::TempDir {
-    tempfile::tempdir().expect("a temporary folder")
-}
-
-fn size(folder: &Path, file: &str) -> u64 {
-    std::fs::metadata(folder.join(file)).map_or(0, |m| m.len())
-}
-
-fn widest(text: &str) -> usize {
-    text.lines().map(|l| l.chars().count()).max().unwrap_or(0)
-}
 
 #[test]
 fn the_list_covers_the_registry() {

@@ -21,14 +21,14 @@ use super::policy::{Actor, Policy};
 use super::schedule::Schedule;
 use super::shards::{Make, normalise, shards};
 use super::state;
-use super::window::{Seen, Window, windows};
+use super::window::{Window, gather, windows};
 
 pub use super::window::Objective;
 
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
-use crate::tasks::{Env, EnvConfig, Spec, SweepOptions};
+use crate::tasks::{Env, EnvConfig, SweepOptions};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -116,7 +116,6 @@ const MAX_RESTARTS: u32 = 6;
 pub struct Apg {
     config: ApgConfig,
     actor: Actor,
-    spec: Spec,
     parameters: Vec<f32>,
     transposed: Transposed,
     adam: Adam,
@@ -153,8 +152,7 @@ impl Apg {
         config.validate()?;
         let env = EnvConfig { n_env: config.n_env, seed, ..env.clone() };
         let shards = shards(make, &env, config.shard)?;
-        let spec = shards[0].env.spec().clone();
-        let actor = Actor::new(&spec, &config.network, true)?;
+        let actor = Actor::new(shards[0].env.spec(), &config.network, true)?;
         // the weight of a step: the mean over all environments and steps of the window
         let share = 1.0 / (config.n_env * config.window) as f32;
         let options = SweepOptions { decay: config.decay, clip: config.carry_clip * share };
@@ -168,7 +166,6 @@ impl Apg {
         let adam = Adam::new(config.adam, n);
         let mut apg = Self {
             actor,
-            spec,
             parameters: Vec::new(),
             transposed: Transposed::default(),
             adam,
@@ -210,15 +207,8 @@ impl Learner for Apg {
         self.threads.for_each(&mut self.workers, |_, Worker { window, failed }| {
             *failed = window.fly(actor, net).and_then(|()| window.sweep(actor, net, &[]).map(|_| ())).err();
         });
-        let mut seen = Seen::default();
-        self.gradient.fill(0.0);
-        for Worker { window, failed } in &mut self.workers {
-            if let Some(error) = failed.take() {
-                return Err(error);
-            }
-            self.gradient.iter_mut().zip(window.gradient()).for_each(|(sum, g)| *sum += g);
-            seen.add(&window.seen);
-        }
+        let flown = self.workers.iter_mut().map(|worker| (&worker.window, worker.failed.take()));
+        let seen = gather(flown, &mut self.gradient)?;
         let windows = begun.elapsed();
         let rate = self.rate();
         let norm = clip_norm(&mut self.gradient, self.config.clip);
@@ -228,14 +218,12 @@ impl Learner for Apg {
         self.update += 1;
         let n_step = (self.config.n_env * self.config.window) as f64;
         self.env_steps += n_step as u64;
-        let n_worker = self.workers.len() as f64;
-        let share = seen.saturated / n_worker;
-        let cliff = share > self.config.saturation && self.config.saturation < 1.0;
+        let cliff = seen.saturated > self.config.saturation && self.config.saturation < 1.0;
         if cliff && self.restarts < MAX_RESTARTS {
             self.restarts += 1;
             self.begin();
         }
-        let flying = windows.mul_f64((seen.flying / n_worker / windows.as_secs_f64()).clamp(0.0, 1.0));
+        let flying = seen.time_flying(windows);
         Ok(Update {
             loss: seen.cost / n_step,
             reward: seen.reward / n_step,
@@ -243,7 +231,7 @@ impl Learner for Apg {
             gradient_norm: norm,
             rate,
             extra: vec![
-                ("saturated", share),
+                ("saturated", seen.saturated),
                 ("restarts", self.restarts.into()),
                 ("gradients_dropped", seen.dropped as f64),
             ],
@@ -264,9 +252,7 @@ impl Learner for Apg {
     }
 
     fn policy(&self) -> Result<Policy> {
-        let statistics = self.workers[0].window.shard.env.statistics();
-        let statistics = (!statistics.mean.is_empty()).then(|| statistics.clone());
-        Policy::new(self.actor.clone(), self.parameters.clone(), statistics, &self.spec)
+        Policy::of(&self.actor, &self.parameters, &self.workers[0].window.shard.env)
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {

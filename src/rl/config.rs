@@ -23,7 +23,7 @@ use super::recipes::recipe;
 use super::shac::{Shac, ShacConfig};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
-use crate::tasks::{EnvConfig, Spec, Stage, registry};
+use crate::tasks::{EnvConfig, Spec, registry};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -313,12 +313,10 @@ impl TrainConfig {
 
     /// The environments as the policy sees them: `env`, with the stage that the algorithm adds to its observation.
     pub fn seen_env(&self) -> EnvConfig {
-        let mut env = self.env.clone();
-        let normalises = self.algorithm == Algorithm::Ppo && self.ppo.normalise_observation;
-        if normalises && !env.observation.iter().any(|stage| matches!(stage, Stage::Normalise { .. })) {
-            env.observation.push(Stage::Normalise { clip: 10.0 });
+        match self.algorithm {
+            Algorithm::Ppo => self.ppo.seen(&self.env),
+            Algorithm::Apg | Algorithm::Shac => self.env.clone(),
         }
-        env
     }
 
     /// The shape of the learner's policy.

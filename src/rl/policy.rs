@@ -4,7 +4,7 @@ use super::nn::head::Head;
 use super::nn::{Activation, Layers, Memory, Mlp};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
-use crate::tasks::{Space, Spec, Statistics};
+use crate::tasks::{Env, Space, Spec, Statistics};
 
 /// Rows that go through a network together: their activations stay in the second-level cache.
 pub(crate) const ROWS: usize = 64;
@@ -92,6 +92,13 @@ impl Policy {
             memory: Vec::new(),
             threads: Threads::default(),
         })
+    }
+
+    /// What a learner has learnt in environments like `env`.
+    pub(crate) fn of(actor: &Actor, parameters: &[f32], env: &Env) -> Result<Self> {
+        let statistics = env.statistics();
+        let statistics = (!statistics.mean.is_empty()).then(|| statistics.clone());
+        Self::new(actor.clone(), parameters.to_vec(), statistics, env.spec())
     }
 
     /// What shape it has.

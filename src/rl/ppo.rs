@@ -36,7 +36,7 @@ use super::value_norm::ValueNorm;
 use crate::error::Result;
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
-use crate::tasks::{Env, EnvConfig, Spec, Stage};
+use crate::tasks::{Env, EnvConfig, Spec};
 use std::time::{Duration, Instant};
 
 /// Proximal policy optimisation, in the middle of a run.
@@ -128,10 +128,7 @@ impl Ppo {
     /// As [`Ppo::new`], and what `make` says.
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: PpoConfig, seed: u64, threads: Threads) -> Result<Self> {
         config.validate()?;
-        let mut env = EnvConfig { n_env: config.n_env, seed, ..env.clone() };
-        if config.normalise_observation && !env.observation.iter().any(|s| matches!(s, Stage::Normalise { .. })) {
-            env.observation.push(Stage::Normalise { clip: 10.0 });
-        }
+        let env = EnvConfig { n_env: config.n_env, seed, ..config.seen(env) };
         let shards = shards(make, &env, config.shard)?;
         let spec = shards[0].env.spec().clone();
         let shape = Shape::new(&spec, config.steps, config.central_critic);
@@ -377,9 +374,7 @@ impl Learner for Ppo {
     }
 
     fn policy(&self) -> Result<Policy> {
-        let statistics = self.collectors[0].shard.env.statistics();
-        let statistics = (!statistics.mean.is_empty()).then(|| statistics.clone());
-        Policy::new(self.actor.clone(), self.parameters.clone(), statistics, &self.spec)
+        Policy::of(&self.actor, &self.parameters, &self.collectors[0].shard.env)
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {

@@ -21,7 +21,7 @@ use super::policy::{Actor, Policy};
 use super::schedule::Schedule;
 use super::shards::{Make, normalise, shards};
 use super::state;
-use super::window::{Objective, Seen, Window, windows};
+use super::window::{Objective, Window, gather, windows};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
@@ -425,15 +425,8 @@ impl Learner for Shac {
         };
         self.threads
             .for_each(&mut self.workers, |_, worker| worker.failed = worker.learn(actor, net, critic, how).err());
-        let mut seen = Seen::default();
-        self.gradient.fill(0.0);
-        for Worker { window, failed, .. } in &mut self.workers {
-            if let Some(error) = failed.take() {
-                return Err(error);
-            }
-            self.gradient.iter_mut().zip(window.gradient()).for_each(|(sum, g)| *sum += g);
-            seen.add(&window.seen);
-        }
+        let flown = self.workers.iter_mut().map(|worker| (&worker.window, worker.failed.take()));
+        let seen = gather(flown, &mut self.gradient)?;
         let windows = begun.elapsed();
         let rate = config.rate.at(progress);
         let norm = clip_norm(&mut self.gradient, config.clip);
@@ -443,8 +436,7 @@ impl Learner for Shac {
         normalise(&mut self.workers.iter_mut().map(|w| &mut w.window.shard).collect::<Vec<_>>())?;
         self.update += 1;
         self.env_steps += n_step as u64;
-        let n_worker = self.workers.len() as f64;
-        let flying = windows.mul_f64((seen.flying / n_worker / windows.as_secs_f64()).clamp(0.0, 1.0));
+        let flying = seen.time_flying(windows);
         Ok(Update {
             loss: seen.cost / n_step,
             reward: seen.reward / n_step,
@@ -452,7 +444,7 @@ impl Learner for Shac {
             gradient_norm: norm,
             rate,
             extra: vec![
-                ("saturated", seen.saturated / n_worker),
+                ("saturated", seen.saturated),
                 ("critic_loss", critic_loss),
                 ("critic_weight", ramp),
                 ("gradients_dropped", seen.dropped as f64),
@@ -474,9 +466,7 @@ impl Learner for Shac {
     }
 
     fn policy(&self) -> Result<Policy> {
-        let statistics = self.workers[0].window.shard.env.statistics();
-        let statistics = (!statistics.mean.is_empty()).then(|| statistics.clone());
-        Policy::new(self.actor.clone(), self.parameters.clone(), statistics, &self.spec)
+        Policy::of(&self.actor, &self.parameters, &self.workers[0].window.shard.env)
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {

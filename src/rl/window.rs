@@ -4,10 +4,10 @@ use super::learner::Episodes;
 use super::nn::{Memory, Pass, Weights};
 use super::policy::Actor;
 use super::shards::{Shard, episodes, within_memory};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::tasks::{Adjoint, Cotangents, StepOut, Sweep, SweepOptions, Tape};
 use serde::{Deserialize, Serialize};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What is minimised in every step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -64,12 +64,17 @@ pub(crate) struct Seen {
     pub saturated: f64,
     pub dropped: usize,
     /// Seconds.
-    pub flying: f64,
+    flying: f64,
     pub episodes: Episodes,
 }
 
 impl Seen {
-    pub fn add(&mut self, other: &Self) {
+    /// How much of the time of all windows, flown side by side, they flew rather than swept.
+    pub fn time_flying(&self, windows: Duration) -> Duration {
+        windows.mul_f64((self.flying / windows.as_secs_f64()).clamp(0.0, 1.0))
+    }
+
+    fn add(&mut self, other: &Self) {
         self.cost += other.cost;
         self.reward += other.reward;
         self.saturated += other.saturated;
@@ -77,6 +82,29 @@ impl Seen {
         self.flying += other.flying;
         self.episodes.add(&other.episodes);
     }
+}
+
+/// Takes in what every window came to, in order: gradients are added up in `gradient`. `saturated` and `flying` become means
+/// over the windows.
+///
+/// # Errors
+/// The first that a window met.
+pub(crate) fn gather<'a>(
+    windows: impl ExactSizeIterator<Item = (&'a Window, Option<Error>)>,
+    gradient: &mut [f32],
+) -> Result<Seen> {
+    let n = windows.len() as f64;
+    let mut seen = Seen::default();
+    gradient.fill(0.0);
+    for (window, failed) in windows {
+        if let Some(error) = failed {
+            return Err(error);
+        }
+        gradient.iter_mut().zip(&window.gradient).for_each(|(sum, g)| *sum += g);
+        seen.add(&window.seen);
+    }
+    (seen.saturated, seen.flying) = (seen.saturated / n, seen.flying / n);
+    Ok(seen)
 }
 
 /// Windows of `horizon` steps for all shards. Their adjoint program is derived once.
@@ -218,11 +246,6 @@ impl Window {
         }
         self.seen.dropped += self.sweep.dropped();
         Ok(&self.gradient)
-    }
-
-    /// The gradient of the last sweep.
-    pub fn gradient(&self) -> &[f32] {
-        &self.gradient
     }
 }
 

@@ -578,7 +578,7 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "the child of a_writer_killed_at_any_instant_leaves_a_whole_checkpoint"]
+    #[ignore = "cargo test --lib a_writer_killed_at_any_instant: this is the child that it starts and kills"]
     fn saves_for_ever() {
         let Ok(run) = std::env::var(RUN) else { return };
         let (mut writer, mut large) = (Store::open_to_write(run, 2).unwrap(), Large::new());

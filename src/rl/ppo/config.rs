@@ -5,6 +5,7 @@ use crate::rl::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
 use crate::rl::nn::{Activation, AdamConfig, Init, Layers};
 use crate::rl::schedule::Schedule;
 use crate::rl::value_norm::ValueNorm;
+use crate::tasks::{EnvConfig, Stage};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::SQRT_2;
 
@@ -99,6 +100,15 @@ impl Default for PpoConfig {
 }
 
 impl PpoConfig {
+    /// The environments as the policy sees them: with a stage `normalise`, where the settings ask for one and there is none.
+    pub(crate) fn seen(&self, env: &EnvConfig) -> EnvConfig {
+        let mut env = env.clone();
+        if self.normalise_observation && !env.observation.iter().any(|s| matches!(s, Stage::Normalise { .. })) {
+            env.observation.push(Stage::Normalise { clip: 10.0 });
+        }
+        env
+    }
+
     /// Checks every number.
     ///
     /// # Errors
