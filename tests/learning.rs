@@ -6,7 +6,6 @@ mod regulate;
 use nalgebra::DVector;
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
-use omnidrones::rl::apg::Objective;
 use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::nn::{AdamConfig, Layers};
@@ -14,7 +13,6 @@ use omnidrones::rl::ppo::{Ppo, PpoConfig};
 use omnidrones::rl::schedule::Schedule;
 use omnidrones::rl::shac::{Shac, ShacConfig};
 use omnidrones::rl::{Learner, Policy};
-use omnidrones::tasks::probe::Probe;
 use omnidrones::tasks::{Autoreset, Buffers, Env, EnvConfig, evaluate};
 
 const HOVER: &str = "Hover";
@@ -87,26 +85,6 @@ fn a_run_goes_on_from_saved_tensors_with_the_same_bits() {
         let other = small(if algorithm == "apg" { "shac" } else { "apg" }, 1).load(&policy, &Tensors::new());
         assert!(other.is_err(), "{algorithm}: a state of nothing is loaded");
     }
-}
-
-#[test]
-fn a_critic_values_a_cut_as_if_it_went_on() {
-    let make = |config: &EnvConfig| Env::of(Probe::forever(config)?, "forever", config);
-    let config = ShacConfig {
-        n_env: 16,
-        window: 16,
-        updates: 400,
-        discount: 0.99,
-        critic_rate: Schedule::cosine(0.01, 1e-4),
-        objective: Objective::Reward,
-        ..ShacConfig::default()
-    };
-    let mut shac = Shac::with(&make, &EnvConfig::default(), config, 1, threads(1)).unwrap();
-    run(&mut shac, 400);
-    let value = shac.cost_to_go(&[1.0])[0];
-    println!("{value}");
-    // reward 1 for ever at γ = 0.99; a cut taken for an end of no worth gives 5.3 to 9.2
-    assert!((value + 100.0).abs() < 1.0, "{value}"); // measured
 }
 
 #[test]

@@ -11,12 +11,17 @@
 //! sees: half a second to a second and a half. What is scarce is the number of updates, not of environment steps.
 //! (Wiedemann et al. 2023; Freeman et al. 2021 in Brax.)
 //!
+//! An episode that the task ends inside a window costs its last loss for the window's remaining steps, under the task's
+//! loss, which is positive: an end worth nothing would be worth seeking. Under the reward it is worth nothing, as rewards
+//! are positive.
+//!
 //! Too high a learning rate saturates the network and never recovers. [`ApgConfig::saturation`] watches for it: the run
 //! begins again at half the rate.
 
 use super::checkpoint::Tensors;
+use super::descent::{Descent, check};
 use super::learner::{Learner, Update};
-use super::nn::{Adam, AdamConfig, Layers, Transposed, Weights, clip_norm};
+use super::nn::{AdamConfig, Layers};
 use super::policy::{Actor, Policy};
 use super::schedule::Schedule;
 use super::shards::{Make, normalise, shards};
@@ -27,7 +32,6 @@ pub use super::window::Objective;
 
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
 use crate::tasks::{Env, EnvConfig, SweepOptions};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -95,38 +99,21 @@ impl ApgConfig {
                 return Err(Error::limit(what, n, format!("1 to {most}"), "64, 32 and 48 are usual."));
             }
         }
-        for (what, x) in [("clip", self.clip), ("decay", self.decay.into()), ("saturation", self.saturation)] {
-            if !(x.is_finite() && x > 0.0) {
-                return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 0.25 are usual."));
-            }
-        }
-        if self.carry_clip.is_nan() || self.carry_clip <= 0.0 {
-            return Err(Error::value("carry_clip", self.carry_clip, "> 0", "10 to 1000 are usual, inf is none."));
-        }
+        check(self.clip, self.decay, self.carry_clip, self.saturation)?;
         self.rate.validate("rate")?;
         self.adam.validate()?;
         self.network.validate()
     }
 }
 
-/// Most times that a run begins again: where it saturates at a sixty-fourth of the rate, the rate is not the cause.
-const MAX_RESTARTS: u32 = 6;
-
 /// Analytic policy gradients, in the middle of a run.
 pub struct Apg {
     config: ApgConfig,
-    actor: Actor,
-    parameters: Vec<f32>,
-    transposed: Transposed,
-    adam: Adam,
+    descent: Descent,
     workers: Vec<Worker>,
     threads: Threads,
-    seed: u64,
     update: u64,
     env_steps: u64,
-    /// Times the run began again.
-    restarts: u32,
-    gradient: Vec<f32>,
 }
 
 /// A shard's window, and what went wrong in it.
@@ -157,71 +144,46 @@ impl Apg {
         let share = 1.0 / (config.n_env * config.window) as f32;
         let options = SweepOptions { decay: config.decay, clip: config.carry_clip * share };
         let windows = windows(shards, &actor, config.window, config.objective, options)?;
-        let worker = |mut window: Window| {
-            window.steps.iter_mut().for_each(|step| step.weight.fill(share));
-            Worker { window, failed: None }
-        };
-        let workers: Vec<Worker> = windows.into_iter().map(worker).collect();
-        let n = actor.n_parameter();
-        let adam = Adam::new(config.adam, n);
-        let mut apg = Self {
-            actor,
-            parameters: Vec::new(),
-            transposed: Transposed::default(),
-            adam,
-            workers,
-            threads,
-            seed,
-            update: 0,
-            env_steps: 0,
-            restarts: 0,
-            gradient: vec![0.0; n],
-            config,
-        };
-        apg.begin();
-        Ok(apg)
+        let workers = windows.into_iter().map(|window| Worker { window, failed: None }).collect();
+        let descent = Descent::new(actor, config.adam, seed);
+        Ok(Self { config, descent, workers, threads, update: 0, env_steps: 0 })
     }
+}
 
-    /// Fresh weights and moments.
-    fn begin(&mut self) {
-        let mut stream = Stream::new(self.seed, 0, u64::from(self.restarts), Purpose::LEARNING);
-        self.parameters = self.actor.mlp.init(&mut stream);
-        self.parameters.resize(self.actor.n_parameter(), 0.0);
-        self.adam = Adam::new(self.config.adam, self.parameters.len());
-        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
-        self.update = 0;
-    }
-
-    /// Learning rate of the next update.
-    fn rate(&self) -> f64 {
-        let progress = self.update as f64 / self.config.updates.max(1) as f64;
-        self.config.rate.at(progress) * 0.5_f64.powi(self.restarts.min(60) as i32)
+impl Worker {
+    /// Flies a window, weighs its steps and sweeps back over it. `share` is the weight of a step; with `lasting`, what an
+    /// episode cost last goes on to the window's end if the task ended it.
+    fn learn(&mut self, descent: &Descent, share: f32, lasting: bool) -> Result<()> {
+        let (actor, net) = (&descent.actor, descent.net());
+        self.window.fly(actor, net)?;
+        for (left, step) in self.window.steps.iter_mut().rev().enumerate() {
+            for (weight, lost) in step.weight.iter_mut().zip(&step.terminated) {
+                *weight = share * if lasting && *lost == 1 { 1.0 + left as f32 } else { 1.0 };
+            }
+        }
+        self.window.sweep(actor, net, &[]).map(|_| ())
     }
 }
 
 impl Learner for Apg {
     fn update(&mut self) -> Result<Update> {
         let begun = Instant::now();
-        let (actor, parameters, transposed) = (&self.actor, &self.parameters, &self.transposed);
-        let net = Weights { parameters, transposed };
-        self.threads.for_each(&mut self.workers, |_, Worker { window, failed }| {
-            *failed = window.fly(actor, net).and_then(|()| window.sweep(actor, net, &[]).map(|_| ())).err();
-        });
+        let (config, descent) = (&self.config, &self.descent);
+        let n_step = (config.n_env * config.window) as f64;
+        // the mean over all environments and steps of the window
+        let (share, lasting) = ((1.0 / n_step) as f32, config.objective == Objective::Loss);
+        self.threads
+            .for_each(&mut self.workers, |_, worker| worker.failed = worker.learn(descent, share, lasting).err());
         let flown = self.workers.iter_mut().map(|worker| (&worker.window, worker.failed.take()));
-        let seen = gather(flown, &mut self.gradient)?;
+        let seen = gather(flown, &mut self.descent.gradient)?;
         let windows = begun.elapsed();
-        let rate = self.rate();
-        let norm = clip_norm(&mut self.gradient, self.config.clip);
-        self.adam.descend(&mut self.parameters, &self.gradient, rate);
-        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        let rate = self.descent.rate(config.rate.at(self.update as f64 / config.updates.max(1) as f64));
+        let norm = self.descent.descend(config.clip, rate);
         normalise(&mut self.workers.iter_mut().map(|w| &mut w.window.shard).collect::<Vec<_>>())?;
         self.update += 1;
-        let n_step = (self.config.n_env * self.config.window) as f64;
         self.env_steps += n_step as u64;
-        let cliff = seen.saturated > self.config.saturation && self.config.saturation < 1.0;
-        if cliff && self.restarts < MAX_RESTARTS {
-            self.restarts += 1;
-            self.begin();
+        if self.descent.fell(seen.saturated, config.saturation) {
+            self.update = 0;
         }
         let flying = seen.time_flying(windows);
         Ok(Update {
@@ -232,7 +194,7 @@ impl Learner for Apg {
             rate,
             extra: vec![
                 ("saturated", seen.saturated),
-                ("restarts", self.restarts.into()),
+                ("restarts", self.descent.restarts as f64),
                 ("gradients_dropped", seen.dropped as f64),
             ],
             phases: vec![("fly", flying), ("sweep", windows - flying), ("learn", begun.elapsed() - windows)],
@@ -252,33 +214,29 @@ impl Learner for Apg {
     }
 
     fn policy(&self) -> Result<Policy> {
-        Policy::of(&self.actor, &self.parameters, &self.workers[0].window.shard.env)
+        self.descent.policy(&self.workers[0].window.shard.env)
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
-        state::put_network(policy, "actor", &self.actor.mlp, &self.parameters)?;
-        state::put_adam(out, "actor", &self.adam)?;
-        state::put_counters(out, [self.update, self.env_steps, self.restarts.into()])?;
+        self.descent.save(policy, out)?;
+        state::put_counters(out, [self.update, self.env_steps, self.descent.restarts])?;
         self.workers.iter().enumerate().try_for_each(|(k, w)| state::put_shard(out, k, &w.window.shard))
     }
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
-        let mut parameters = state::network(policy, "actor", &self.actor.mlp)?;
-        parameters.resize(self.actor.n_parameter(), 0.0);
-        let adam = state::adam(from, "actor", self.config.adam, parameters.len())?;
         let [update, env_steps, restarts] = state::counters(from)?;
+        self.descent.load(policy, from, restarts)?;
         for (k, worker) in self.workers.iter_mut().enumerate() {
             state::load_shard(from, k, &mut worker.window.shard)?;
         }
-        (self.parameters, self.adam) = (parameters, adam);
-        (self.update, self.env_steps, self.restarts) = (update, env_steps, restarts as u32);
-        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        (self.update, self.env_steps) = (update, env_steps);
         Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::descent::MAX_RESTARTS;
     use super::*;
     use crate::rl::nn::Activation;
 
@@ -294,7 +252,7 @@ mod tests {
                     apg.update().unwrap();
                 }
             }
-            assert_eq!(apg.n_update(), apg.budget(), "{activation:?} after {} restarts", apg.restarts);
+            assert_eq!(apg.n_update(), apg.budget(), "{activation:?} after {} restarts", apg.descent.restarts);
         }
     }
 }

@@ -1,8 +1,10 @@
 //! A value function: a network from what is seen to one number, fitted to targets.
 
+use super::checkpoint::Tensors;
 use super::minibatch::{Minibatch, Sums};
 use super::nn::{Activation, Adam, AdamConfig, Layers, Memory, Mlp, Pass, Transposed, Weights, clip_norm};
 use super::policy::ROWS;
+use super::state;
 use crate::error::Result;
 use crate::parallel::Threads;
 use crate::rng::Stream;
@@ -18,14 +20,20 @@ pub(crate) struct Critic {
 }
 
 impl Critic {
-    /// From `n_in` numbers, for minibatches of up to `rows` rows.
-    pub fn new(n_in: usize, layers: &Layers, adam: AdamConfig, rows: usize, stream: &mut Stream) -> Result<Self> {
+    /// From `n_in` numbers, for minibatches of up to `rows` rows within `limit` bytes.
+    pub fn new(
+        n_in: usize,
+        layers: &Layers,
+        adam: AdamConfig,
+        (rows, limit): (usize, u64),
+        stream: &mut Stream,
+    ) -> Result<Self> {
         let mlp = Mlp::new(n_in, layers, 1, Activation::Identity)?;
         let parameters = mlp.init(stream);
         let mut critic = Self {
             adam: Adam::new(adam, parameters.len()),
             transposed: Transposed::default(),
-            batch: Minibatch::new(&mlp, 0, rows),
+            batch: Minibatch::new(&mlp, 0, rows, limit)?,
             memory: Vec::new(),
             mlp,
             parameters,
@@ -34,9 +42,35 @@ impl Critic {
         Ok(critic)
     }
 
-    /// Call after writing [`Critic::parameters`].
-    pub fn set_parameters_changed(&mut self) {
+    /// With weights `by` times as large, for tests in which V must not vanish.
+    #[cfg(test)]
+    pub fn scale_for_test(&mut self, by: f32) {
+        self.parameters.iter_mut().for_each(|x| *x *= by);
+        self.set_parameters_changed();
+    }
+
+    fn set_parameters_changed(&mut self) {
         self.mlp.transpose(&self.parameters, &mut self.transposed);
+    }
+
+    /// Begins again from random weights.
+    pub fn begin(&mut self, stream: &mut Stream) {
+        self.parameters = self.mlp.init(stream);
+        self.adam = Adam::new(self.adam.config, self.parameters.len());
+        self.set_parameters_changed();
+    }
+
+    pub fn save(&self, out: &mut Tensors) -> Result<()> {
+        state::put_network(out, "critic", &self.mlp, &self.parameters)?;
+        state::put_adam(out, "critic", &self.adam)
+    }
+
+    pub fn load(&mut self, from: &Tensors) -> Result<()> {
+        let parameters = state::network(from, "critic", &self.mlp)?;
+        self.adam = state::adam(from, "critic", self.adam.config, parameters.len())?;
+        self.parameters = parameters;
+        self.set_parameters_changed();
+        Ok(())
     }
 
     /// V of every row of `x`.
@@ -66,8 +100,11 @@ impl Critic {
     /// One step down the mean of ½(V − target)² over the rows `chosen`; gives that mean from before. With `huber`, errors
     /// beyond it count linearly (Huber 1964). Rows whose target is not finite do not count.
     pub fn fit(&mut self, threads: &Threads, x: &[f32], target: &[f32], chosen: &[u32], step: Fit) -> f64 {
+        if chosen.is_empty() {
+            return 0.0;
+        }
         let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
-        let share = 1.0 / chosen.len().max(1) as f32;
+        let share = 1.0 / chosen.len() as f32;
         let loss = |row: usize, v: &[f32], up: &mut [f32], _: &mut [f32], sums: &mut Sums| {
             let error = v[0] - target[row];
             if error.is_finite() {

@@ -5,6 +5,8 @@
 
 use super::nn::{Memory, Mlp, Pass, Weights};
 use super::policy::ROWS;
+use super::shards::within_memory;
+use crate::error::Result;
 use crate::parallel::Threads;
 
 /// Rows of a part.
@@ -30,8 +32,13 @@ struct Part {
 
 impl Minibatch {
     /// For up to `rows` rows.
-    pub fn new(mlp: &Mlp, n_extra: usize, rows: usize) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::Limit`](crate::error::Error::Limit) for more than `limit` bytes: every part has a gradient of its own.
+    pub fn new(mlp: &Mlp, n_extra: usize, rows: usize, limit: u64) -> Result<Self> {
         let n = mlp.n_parameter() + n_extra;
+        let of_part = n + ROWS * (mlp.n_input() + mlp.n_output() + 2 * mlp.n_activation());
+        within_memory("rows of a minibatch", rows, 4 * of_part as u128 * rows.div_ceil(PART) as u128, limit)?;
         let part = || Part {
             memory: mlp.memory(ROWS),
             x: vec![0.0; ROWS * mlp.n_input()],
@@ -39,7 +46,7 @@ impl Minibatch {
             gradient: vec![0.0; n],
             sums: Sums::default(),
         };
-        Self { parts: (0..rows.div_ceil(PART)).map(|_| part()).collect(), gradient: vec![0.0; n] }
+        Ok(Self { parts: (0..rows.div_ceil(PART)).map(|_| part()).collect(), gradient: vec![0.0; n] })
     }
 
     /// Σ over the rows `chosen` of `x` (`[_, n_input]`) of ∂loss/∂parameters, into [`Minibatch::gradient`]. `loss` is asked

@@ -55,6 +55,7 @@ pub mod apg;
 pub mod checkpoint;
 pub mod config;
 pub(crate) mod critic;
+pub(crate) mod descent;
 pub mod evaluate;
 pub mod gae;
 pub mod learner;

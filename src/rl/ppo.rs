@@ -138,10 +138,11 @@ impl Ppo {
         let mut parameters = actor.mlp.init(&mut stream(0));
         parameters.resize(actor.n_parameter(), config.log_std as f32);
         let part = |rows: usize| (config.n_env * config.steps * rows).div_ceil(config.minibatches);
-        let critic = Critic::new(shape.n_critic(), &config.critic, config.adam, part(shape.n_judged), &mut stream(1))?;
+        let judged = (part(shape.n_judged), env.memory_limit);
+        let critic = Critic::new(shape.n_critic(), &config.critic, config.adam, judged, &mut stream(1))?;
         let mut ppo = Self {
             adam: Adam::new(config.adam, parameters.len()),
-            batch: Minibatch::new(&actor.mlp, actor.head.n_extra(), part(shape.n_agent)),
+            batch: Minibatch::new(&actor.mlp, actor.head.n_extra(), part(shape.n_agent), env.memory_limit)?,
             norm: ValueNorm::new(config.value_beta)?,
             collectors: shards.into_iter().map(|shard| Collector::new(shard, &actor, &critic)).collect(),
             rollout: Rollout::new(shape, config.n_env),
@@ -228,12 +229,12 @@ impl Ppo {
                 order.iter_mut().for_each(|k| *k = rows[*k as usize]);
             }
             let [actors, judged] = std::mem::take(&mut self.order);
-            let size = |n: usize| n.div_ceil(self.config.minibatches).max(1);
             let before = learnt.sums;
-            for (own, of_critic) in actors.chunks(size(actors.len())).zip(judged.chunks(size(judged.len()))) {
-                self.improve(own, progress, &mut learnt);
+            for k in 0..self.config.minibatches {
+                self.improve(part(&actors, k, self.config.minibatches), progress, &mut learnt);
                 let begun = Instant::now();
                 let Rollout { target, .. } = &self.rollout;
+                let of_critic = part(&judged, k, self.config.minibatches);
                 learnt.value += self.critic.fit(&self.threads, self.rollout.seen(), target, of_critic, fit);
                 learnt.judging += begun.elapsed();
                 learnt.minibatches += 1.0;
@@ -249,6 +250,9 @@ impl Ppo {
 
     /// One step of the actor.
     fn improve(&mut self, chosen: &[u32], progress: f64, learnt: &mut Learnt) {
+        if chosen.is_empty() {
+            return;
+        }
         let (network, extra) = self.parameters.split_at(self.actor.mlp.n_parameter());
         let loss = Loss {
             head: self.actor.head,
@@ -303,6 +307,12 @@ struct Learnt {
     minibatches: f64,
     rate: f64,
     judging: Duration,
+}
+
+/// Part `k` of `n`: all parts differ by one row at most, so that actor and critic take as many steps, however few rows they
+/// have.
+fn part(rows: &[u32], k: usize, n: usize) -> &[u32] {
+    &rows[k * rows.len() / n..(k + 1) * rows.len() / n]
 }
 
 /// Mean and variance.
@@ -383,9 +393,8 @@ impl Learner for Ppo {
         if !extra.is_empty() {
             policy.insert("actor.log_std", &[extra.len()], extra.to_vec())?;
         }
-        state::put_network(out, "critic", &self.critic.mlp, &self.critic.parameters)?;
         state::put_adam(out, "actor", &self.adam)?;
-        state::put_adam(out, "critic", &self.critic.adam)?;
+        self.critic.save(out)?;
         state::put_counters(out, [self.update, self.env_steps])?;
         out.insert("value_norm", &[4], self.norm.save().to_vec())?;
         out.insert("rate_scale", &[1], vec![self.scale])?;
@@ -399,21 +408,18 @@ impl Learner for Ppo {
             parameters.extend(policy.get::<f32>("actor.log_std", &[n_extra])?);
         }
         let adam = state::adam(from, "actor", self.config.adam, parameters.len())?;
-        let critic = state::network(from, "critic", &self.critic.mlp)?;
-        let critic_adam = state::adam(from, "critic", self.config.adam, critic.len())?;
         let [update, env_steps] = state::counters(from)?;
         let mut norm = [0.0; 4];
         norm.copy_from_slice(from.get::<f64>("value_norm", &[4])?);
         let scale = from.get::<f64>("rate_scale", &[1])?[0];
         self.norm.load(norm)?;
+        self.critic.load(from)?;
         for (k, collector) in self.collectors.iter_mut().enumerate() {
             state::load_shard(from, k, &mut collector.shard)?;
         }
         (self.parameters, self.adam, self.scale) = (parameters, adam, scale);
-        (self.critic.parameters, self.critic.adam) = (critic, critic_adam);
         (self.update, self.env_steps) = (update, env_steps);
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
-        self.critic.set_parameters_changed();
         Ok(())
     }
 }

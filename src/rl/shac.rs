@@ -14,9 +14,10 @@
 
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
+use super::descent::{Descent, check};
 use super::gae::{Steps, advantages};
 use super::learner::{Learner, Update};
-use super::nn::{Activation, Adam, AdamConfig, Layers, Memory, Transposed, Weights, clip_norm};
+use super::nn::{Activation, AdamConfig, Layers, Memory};
 use super::policy::{Actor, Policy};
 use super::schedule::Schedule;
 use super::shards::{Make, normalise, shards};
@@ -68,6 +69,8 @@ pub struct ShacConfig {
     pub carry_clip: f32,
     /// What is minimised.
     pub objective: Objective,
+    /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
+    pub saturation: f64,
     /// The optimiser of both.
     pub adam: AdamConfig,
     /// The policy.
@@ -96,6 +99,7 @@ impl Default for ShacConfig {
             decay: 1.0,
             carry_clip: f32::INFINITY,
             objective: Objective::Loss,
+            saturation: 0.25,
             adam: AdamConfig { beta2: 0.99, ..AdamConfig::default() },
             network: Layers::default(),
             critic: Layers { activation: Activation::Elu, ..Layers::default() },
@@ -121,10 +125,9 @@ impl ShacConfig {
                 return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
             }
         }
-        for (what, x) in [("clip", self.clip), ("critic_clip", self.critic_clip), ("decay", self.decay.into())] {
-            if !(x.is_finite() && x > 0.0) {
-                return Err(Error::value(what, x, "finite and > 0", "0.2 and 1 are usual."));
-            }
+        check(self.clip, self.decay, self.carry_clip, self.saturation)?;
+        if !(self.critic_clip.is_finite() && self.critic_clip > 0.0) {
+            return Err(Error::value("critic_clip", self.critic_clip, "finite and > 0", "1 is usual."));
         }
         let shares = [("lambda", self.lambda), ("ramp", self.ramp), ("target_keep", self.target_keep.into())];
         for (what, x) in shares {
@@ -134,9 +137,6 @@ impl ShacConfig {
         }
         if !(0.0..1.0).contains(&self.discount) {
             return Err(Error::value("discount", self.discount, "within [0, 1)", "0.97 looks half a second ahead."));
-        }
-        if self.carry_clip.is_nan() || self.carry_clip <= 0.0 {
-            return Err(Error::value("carry_clip", self.carry_clip, "> 0", "10 to 1000 are usual, inf is none."));
         }
         self.rate.validate("rate")?;
         self.critic_rate.validate("critic_rate")?;
@@ -149,11 +149,8 @@ impl ShacConfig {
 /// Short-horizon actor-critic, in the middle of a run.
 pub struct Shac {
     config: ShacConfig,
-    actor: Actor,
+    descent: Descent,
     spec: Spec,
-    parameters: Vec<f32>,
-    transposed: Transposed,
-    adam: Adam,
     critic: Critic,
     /// The critic's slow copy.
     target: Vec<f32>,
@@ -163,7 +160,6 @@ pub struct Shac {
     seed: u64,
     update: u64,
     env_steps: u64,
-    gradient: Vec<f32>,
 }
 
 /// A shard's window with what the critic says of it.
@@ -216,32 +212,14 @@ impl Shac {
         let share = 1.0 / (config.n_env * config.window) as f32;
         let options = SweepOptions { decay: config.decay, clip: config.carry_clip * share };
         let windows = windows(shards, &actor, config.window, config.objective, options)?;
-        let stream = |episode| Stream::new(seed, 0, episode, Purpose::LEARNING);
-        let mut parameters = actor.mlp.init(&mut stream(0));
-        parameters.resize(actor.n_parameter(), 0.0);
+        let descent = Descent::new(actor, config.adam, seed);
         let n_row = config.n_env * spec.n_agent * config.window;
-        let rows = n_row.div_ceil(config.minibatches);
-        let critic = Critic::new(spec.n_observation, &config.critic, config.adam, rows, &mut stream(1))?;
+        let rows = (n_row.div_ceil(config.minibatches), env.memory_limit);
+        let critic = Critic::new(spec.n_observation, &config.critic, config.adam, rows, &mut descent.stream(1))?;
         let workers = windows.into_iter().map(|window| Worker::new(window, &critic)).collect();
-        let mut shac = Self {
-            adam: Adam::new(config.adam, parameters.len()),
-            gradient: vec![0.0; parameters.len()],
-            transposed: Transposed::default(),
-            target: critic.parameters.clone(),
-            experience: Experience::default(),
-            update: 0,
-            env_steps: 0,
-            actor,
-            spec,
-            parameters,
-            critic,
-            workers,
-            threads,
-            seed,
-            config,
-        };
-        shac.actor.mlp.transpose(&shac.parameters, &mut shac.transposed);
-        Ok(shac)
+        let (target, experience) = (critic.parameters.clone(), Experience::default());
+        let (update, env_steps) = (0, 0);
+        Ok(Self { config, descent, spec, critic, target, workers, experience, threads, seed, update, env_steps })
     }
 
     /// What the critic expects each row of `[rows, observation]` to cost from there on, Σ γ^t c.
@@ -353,7 +331,8 @@ impl Worker {
     }
 
     /// Flies a window, weighs its steps and ends, and sweeps back over it.
-    fn learn(&mut self, actor: &Actor, net: Weights<'_>, critic: &Critic, how: Weighing) -> Result<()> {
+    fn learn(&mut self, descent: &Descent, critic: &Critic, how: Weighing) -> Result<()> {
+        let (actor, net) = (&descent.actor, descent.net());
         self.window.fly(actor, net)?;
         self.weigh(critic, how);
         self.window.sweep(actor, net, &self.d_last).map(|_| ())
@@ -413,8 +392,7 @@ impl Learner for Shac {
         let begun = Instant::now();
         let config = &self.config;
         let progress = self.update as f64 / config.updates.max(1) as f64;
-        let (actor, critic) = (&self.actor, &self.critic);
-        let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
+        let (descent, critic) = (&self.descent, &self.critic);
         let n_step = (config.n_env * config.window) as f64;
         let ramp = if config.ramp > 0.0 { (progress / config.ramp).min(1.0) } else { 1.0 };
         let how = Weighing {
@@ -423,19 +401,21 @@ impl Learner for Shac {
             critic: ramp as f32,
             lasting: config.objective == Objective::Loss,
         };
-        self.threads
-            .for_each(&mut self.workers, |_, worker| worker.failed = worker.learn(actor, net, critic, how).err());
+        self.threads.for_each(&mut self.workers, |_, worker| worker.failed = worker.learn(descent, critic, how).err());
         let flown = self.workers.iter_mut().map(|worker| (&worker.window, worker.failed.take()));
-        let seen = gather(flown, &mut self.gradient)?;
+        let seen = gather(flown, &mut self.descent.gradient)?;
         let windows = begun.elapsed();
-        let rate = config.rate.at(progress);
-        let norm = clip_norm(&mut self.gradient, config.clip);
-        self.adam.descend(&mut self.parameters, &self.gradient, rate);
-        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        let rate = self.descent.rate(config.rate.at(progress));
+        let norm = self.descent.descend(config.clip, rate);
         let critic_loss = self.fit_critic(progress);
         normalise(&mut self.workers.iter_mut().map(|w| &mut w.window.shard).collect::<Vec<_>>())?;
         self.update += 1;
         self.env_steps += n_step as u64;
+        if self.descent.fell(seen.saturated, self.config.saturation) {
+            self.update = 0;
+            self.critic.begin(&mut self.descent.stream(1));
+            self.target.copy_from_slice(&self.critic.parameters);
+        }
         let flying = seen.time_flying(windows);
         Ok(Update {
             loss: seen.cost / n_step,
@@ -445,6 +425,7 @@ impl Learner for Shac {
             rate,
             extra: vec![
                 ("saturated", seen.saturated),
+                ("restarts", self.descent.restarts as f64),
                 ("critic_loss", critic_loss),
                 ("critic_weight", ramp),
                 ("gradients_dropped", seen.dropped as f64),
@@ -466,35 +447,29 @@ impl Learner for Shac {
     }
 
     fn policy(&self) -> Result<Policy> {
-        Policy::of(&self.actor, &self.parameters, &self.workers[0].window.shard.env)
+        self.descent.policy(&self.workers[0].window.shard.env)
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
-        state::put_network(policy, "actor", &self.actor.mlp, &self.parameters)?;
-        state::put_network(out, "critic", &self.critic.mlp, &self.critic.parameters)?;
+        self.descent.save(policy, out)?;
+        self.critic.save(out)?;
         state::put_network(out, "target", &self.critic.mlp, &self.target)?;
-        state::put_adam(out, "actor", &self.adam)?;
-        state::put_adam(out, "critic", &self.critic.adam)?;
-        state::put_counters(out, [self.update, self.env_steps])?;
+        state::put_counters(out, [self.update, self.env_steps, self.descent.restarts])?;
         self.workers.iter().enumerate().try_for_each(|(k, w)| state::put_shard(out, k, &w.window.shard))
     }
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
-        let mut parameters = state::network(policy, "actor", &self.actor.mlp)?;
-        parameters.resize(self.actor.n_parameter(), 0.0);
-        let adam = state::adam(from, "actor", self.config.adam, parameters.len())?;
-        let critic = state::network(from, "critic", &self.critic.mlp)?;
-        let target = state::network(from, "target", &self.critic.mlp)?;
-        let critic_adam = state::adam(from, "critic", self.config.adam, critic.len())?;
-        let [update, env_steps] = state::counters(from)?;
+        let [update, env_steps, restarts] = state::counters(from)?;
+        self.descent.load(policy, from, restarts)?;
+        self.critic.load(from)?;
+        self.target = state::network(from, "target", &self.critic.mlp)?;
         for (k, worker) in self.workers.iter_mut().enumerate() {
             state::load_shard(from, k, &mut worker.window.shard)?;
         }
-        (self.parameters, self.adam, self.target) = (parameters, adam, target);
-        (self.critic.parameters, self.critic.adam) = (critic, critic_adam);
         (self.update, self.env_steps) = (update, env_steps);
-        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
-        self.critic.set_parameters_changed();
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -102,7 +102,7 @@ fn the_gradient_of_the_loss_is_that_of_finite_differences() {
         let mut parameters = actor.mlp.init(&mut stream);
         parameters.resize(actor.n_parameter(), -0.4);
         let (rollout, rows) = invented(&actor, &parameters, &mut stream);
-        let mut batch = Minibatch::new(&actor.mlp, head.n_extra(), rows.len());
+        let mut batch = Minibatch::new(&actor.mlp, head.n_extra(), rows.len(), 1 << 30).unwrap();
         let threads = Threads::new(1).unwrap();
         let mut run = |parameters: &[f32]| {
             let (network, extra) = parameters.split_at(actor.mlp.n_parameter());

@@ -1,0 +1,115 @@
+//! An actor that goes down exact gradients, and begins again where it fell off a cliff: what APG and SHAC share.
+//!
+//! Too high a learning rate saturates the network: its hidden units stand at ±1, gradients vanish, and it never recovers.
+//! Where the share of such units passes a limit, the weights are drawn again and the rate is halved.
+
+use super::checkpoint::Tensors;
+use super::nn::{Adam, AdamConfig, Transposed, Weights, clip_norm};
+use super::policy::{Actor, Policy};
+use super::state;
+use crate::error::{Error, Result};
+use crate::rng::{Purpose, Stream};
+use crate::tasks::Env;
+
+/// Most times that a run begins again: where it saturates at a sixty-fourth of the rate, the rate is not the cause.
+pub(crate) const MAX_RESTARTS: u64 = 6;
+
+/// Weights on their way down.
+pub(crate) struct Descent {
+    pub actor: Actor,
+    parameters: Vec<f32>,
+    transposed: Transposed,
+    adam: Adam,
+    /// Of what is minimised, with respect to the parameters.
+    pub gradient: Vec<f32>,
+    seed: u64,
+    /// Times it began again.
+    pub restarts: u64,
+}
+
+impl Descent {
+    /// From random weights.
+    pub fn new(actor: Actor, adam: AdamConfig, seed: u64) -> Self {
+        let n = actor.n_parameter();
+        let (parameters, transposed) = (Vec::new(), Transposed::default());
+        let mut descent =
+            Self { adam: Adam::new(adam, n), gradient: vec![0.0; n], actor, parameters, transposed, seed, restarts: 0 };
+        descent.begin();
+        descent
+    }
+
+    /// What a network of this run draws its weights from: number 0 is the actor's.
+    pub fn stream(&self, network: u64) -> Stream {
+        Stream::new(self.seed, 0, 2 * self.restarts + network, Purpose::LEARNING)
+    }
+
+    fn begin(&mut self) {
+        self.parameters = self.actor.mlp.init(&mut self.stream(0));
+        self.parameters.resize(self.actor.n_parameter(), 0.0);
+        self.adam = Adam::new(self.adam.config, self.parameters.len());
+        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+    }
+
+    pub fn net(&self) -> Weights<'_> {
+        Weights { parameters: &self.parameters, transposed: &self.transposed }
+    }
+
+    /// A learning rate, halved by every restart.
+    pub fn rate(&self, scheduled: f64) -> f64 {
+        scheduled * 0.5_f64.powi(self.restarts.min(60) as i32)
+    }
+
+    /// One step along the gradient, cut to the norm `clip`; gives its norm from before.
+    pub fn descend(&mut self, clip: f64, rate: f64) -> f64 {
+        let norm = clip_norm(&mut self.gradient, clip);
+        self.adam.descend(&mut self.parameters, &self.gradient, rate);
+        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        norm
+    }
+
+    /// Begins again if more than the share `limit` of hidden units is saturated; 1 for never. Gives whether it did.
+    pub fn fell(&mut self, saturated: f64, limit: f64) -> bool {
+        let fell = saturated > limit && limit < 1.0 && self.restarts < MAX_RESTARTS;
+        if fell {
+            self.restarts += 1;
+            self.begin();
+        }
+        fell
+    }
+
+    pub fn policy(&self, env: &Env) -> Result<Policy> {
+        Policy::of(&self.actor, &self.parameters, env)
+    }
+
+    /// Weights into `policy`, what goes on into `out`.
+    pub fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
+        state::put_network(policy, "actor", &self.actor.mlp, &self.parameters)?;
+        state::put_adam(out, "actor", &self.adam)
+    }
+
+    /// As saved; `restarts` is the caller's to count.
+    pub fn load(&mut self, policy: &Tensors, from: &Tensors, restarts: u64) -> Result<()> {
+        let mut parameters = state::network(policy, "actor", &self.actor.mlp)?;
+        parameters.resize(self.actor.n_parameter(), 0.0);
+        self.adam = state::adam(from, "actor", self.adam.config, parameters.len())?;
+        (self.parameters, self.restarts) = (parameters, restarts);
+        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        Ok(())
+    }
+}
+
+/// Checks what both have as settings.
+///
+/// # Errors
+/// [`Error::Value`] with the number, the rule and the remedy.
+pub(crate) fn check(clip: f64, decay: f32, carry_clip: f32, saturation: f64) -> Result<()> {
+    for (what, x) in [("clip", clip), ("decay", decay.into()), ("saturation", saturation)] {
+        if !(x.is_finite() && x > 0.0) {
+            return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 0.25 are usual."));
+        }
+    }
+    if carry_clip.is_nan() || carry_clip <= 0.0 {
+        return Err(Error::value("carry_clip", carry_clip, "> 0", "10 to 1000 are usual, inf is none."));
+    }
+    Ok(())
+}

@@ -1,0 +1,125 @@
+use super::*;
+use crate::rl::nn::{Transposed, Weights};
+use crate::tasks::probe::Probe;
+
+/// What the module's documentation says L is, in f64, from a window as it was flown.
+fn cost(worker: &Worker, critic: &mut Critic, how: Weighing) -> f64 {
+    let Window { steps, shard, .. } = &worker.window;
+    let n_env = shard.env.spec().n_env;
+    let [discount, w] = [how.discount, how.critic].map(f64::from);
+    let mut value = |x: &[f32]| {
+        let mut values = vec![0.0; n_env];
+        critic.values(&Threads::new(1).unwrap(), x, &mut values);
+        values.into_iter().map(|v| w * f64::from(v) / (1.0 - discount)).collect::<Vec<_>>()
+    };
+    let (mut sum, mut power) = (0.0, vec![1.0; n_env]);
+    for step in steps {
+        let last = value(&step.final_observation);
+        for i in 0..n_env {
+            let (lost, late) = (step.terminated[i] == 1, step.truncated[i] == 1);
+            let lasting = if lost && how.lasting { w * discount / (1.0 - discount) } else { 0.0 };
+            sum += power[i] * f64::from(step.cost[i]) * (1.0 + lasting);
+            sum += if late && !lost { power[i] * discount * last[i] } else { 0.0 };
+            power[i] = if lost || late { 1.0 } else { power[i] * discount };
+        }
+    }
+    sum += power.iter().zip(value(&shard.out.observation)).map(|(power, v)| power * v).sum::<f64>();
+    f64::from(how.share) * sum
+}
+
+fn flags(worker: &Worker) -> Vec<u8> {
+    worker.window.steps.iter().flat_map(|s| [&s.terminated[..], &s.truncated]).flatten().copied().collect()
+}
+
+#[test]
+fn the_gradient_of_a_window_with_ends_and_a_critic_is_that_of_differences() {
+    for objective in [Objective::Loss, Objective::Reward] {
+        let text = "n_env = 24\nseed = 5\nstagger = true\ntask.horizon = 40\ntask.reset_distance = 0.15";
+        let config = EnvConfig::from_toml(text, "test").unwrap();
+        let shard = shards(&|config| Env::make("Track", config), &config, 24).unwrap().remove(0);
+        let spec = shard.env.spec().clone();
+        let actor = Actor::new(&spec, &Layers { hidden: vec![16], ..Layers::default() }, true).unwrap();
+        let mut stream = Stream::new(9, 0, 0, Purpose::LEARNING);
+        let mut p = actor.mlp.init(&mut stream);
+        p.resize(actor.n_parameter(), 0.0);
+        // an even value would hide a wrong sign, a small one the whole critic
+        let wide = Layers { hidden: vec![16], activation: Activation::Elu, ..Layers::default() };
+        let mut critic =
+            Critic::new(spec.n_observation, &wide, AdamConfig::default(), (24, 1 << 30), &mut stream).unwrap();
+        critic.scale_for_test(3.0);
+        let window = windows(vec![shard], &actor, 12, objective, SweepOptions::default()).unwrap().remove(0);
+        let mut worker = Worker::new(window, &critic);
+        let lasting = objective == Objective::Loss;
+        let how = Weighing { share: 1.0 / 288.0, discount: 0.9, critic: 0.7, lasting };
+        let from = (worker.window.shard.env.save(), worker.window.shard.out.observation.clone());
+        let fly = |worker: &mut Worker, critic: &mut Critic, p: &[f32]| {
+            worker.window.shard.env.load(&from.0).unwrap();
+            worker.window.shard.out.observation.copy_from_slice(&from.1);
+            worker.window.fly(&actor, Weights { parameters: p, transposed: &Transposed::default() }).unwrap();
+            cost(worker, critic, how)
+        };
+        fly(&mut worker, &mut critic, &p);
+        let ends = flags(&worker);
+        let count = |late: usize| ends.chunks(24).skip(late).step_by(2).flatten().filter(|x| **x == 1).count();
+        assert!(count(0) > 2 && count(1) > 2, "{} lost, {} late", count(0), count(1));
+        worker.weigh(&critic, how);
+        let mut transposed = Transposed::default();
+        actor.mlp.transpose(&p, &mut transposed);
+        let net = Weights { parameters: &p, transposed: &transposed };
+        let gradient = worker.window.sweep(&actor, net, &worker.d_last).unwrap().to_vec();
+        for direction in 0..4 {
+            // along the gradient itself first, then random
+            let noise = if direction == 0 { 0.0 } else { 0.02 };
+            let d: Vec<f32> =
+                gradient.iter().map(|g| g + (noise * stream.normal()) as f32 * f32::from(*g != 0.0)).collect();
+            let size = d.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>().sqrt();
+            let h = 2e-3 / size;
+            let mut at = |h: f64| {
+                let moved: Vec<f32> = p.iter().zip(&d).map(|(p, d)| p + (h * f64::from(*d)) as f32).collect();
+                let cost = fly(&mut worker, &mut critic, &moved);
+                assert_eq!(flags(&worker), ends, "an end moved: choose another seed");
+                cost
+            };
+            let differences = (at(h) - at(-h)) / (2.0 * h);
+            let exact: f64 = gradient.iter().zip(&d).map(|(g, d)| f64::from(*g) * f64::from(*d)).sum();
+            let off = (differences - exact).abs() / exact.abs();
+            println!("{objective:?} {exact:.4e} {off:.1e}");
+            assert!(off < 1e-3, "{objective:?}: {exact} against {differences}"); // measured at most 1.7e-4
+        }
+    }
+}
+
+/// Σ γ^t c of the only state of [`Probe::forever`] after learning; with `as_death`, time that runs out is taken for an end.
+fn learnt_cost(as_death: bool) -> f32 {
+    let make = |config: &EnvConfig| Env::of(Probe::forever(config)?, "forever", config);
+    let config = ShacConfig {
+        n_env: 16,
+        window: 16,
+        updates: 400,
+        discount: 0.99,
+        critic_rate: Schedule::cosine(0.01, 1e-4),
+        objective: Objective::Reward,
+        ..ShacConfig::default()
+    };
+    let mut shac = Shac::with(&make, &EnvConfig::default(), config, 1, Threads::new(1).unwrap()).unwrap();
+    let how = Weighing { share: 1.0 / 256.0, discount: 0.99, critic: 1.0, lasting: false };
+    for update in 0..400 {
+        for worker in &mut shac.workers {
+            worker.learn(&shac.descent, &shac.critic, how).unwrap();
+            for step in worker.window.steps.iter_mut().filter(|_| as_death) {
+                step.terminated.copy_from_slice(&step.truncated);
+            }
+        }
+        shac.fit_critic(f64::from(update) / 400.0);
+        shac.update += 1;
+    }
+    shac.cost_to_go(&[1.0])[0]
+}
+
+#[test]
+fn time_that_runs_out_is_not_death_and_the_value_differs_tenfold() {
+    let (right, wrong) = (learnt_cost(false), learnt_cost(true));
+    println!("{right} {wrong}");
+    assert!((right + 100.0).abs() < 0.1, "{right}"); // -100.02
+    assert!((-9.3..-5.3).contains(&wrong), "{wrong}"); // -6.1
+}
