@@ -37,8 +37,13 @@
 //! p_i drones, p̄ their mean, f_i the figure's points, f̄ their mean, h_i headings, sep the least distance of two drones,
 //! r_s = min((sep/0.4 m)², 1), k steps. H: the larger of max_i min_j ‖(p_i − p̄) − (f_j − f̄)‖ and
 //! max_j min_i of the same: the Hausdorff distance of both figures, whoever takes which place, neither turned nor scaled.
+//! C is their Chamfer distance, ½ mean_i √(min_j ‖·‖² + 0.1²) + ½ mean_j √(min_i ‖·‖² + 0.1²).
 //! c = ‖p̄ − p_c‖ with the centre p_c = (0, 0, 1.5) m. Start: different cells of a grid over ±2 × ±2 × [0.5, 2] m with steps
 //! of 0.5, 0.5 and 0.25 m, at their centres; roll and pitch within ±0.2π, any yaw, at rest.
+//!
+//! - Success: `hausdorff` < 0.2 m and `center_error` < 0.2 m.
+//! - Loss: C + √(c² + 0.1²) + (1 − min((sep/0.8 m)², 1))² + means over the drones
+//!   of 0.02 ‖v_i‖², 0.005 ‖ω_i‖² and 0.3 (1 − h_i,x).
 //!
 //! - DIFFERENCE: total mass everywhere (defect 5).
 //! - DIFFERENCE: no contact: drones that come closer than 0.23 m end the episode before they touch.
@@ -230,6 +235,24 @@ impl Formation {
         most
     }
 
+    /// C: the Chamfer distance of both figures, smooth at 0. Unlike H it says to every drone where to go.
+    #[inline(always)]
+    fn chamfer<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        let (n, mean) = (self.figure.len(), self.mean(view));
+        let smooth = |squared: S| (squared + S::constant(0.01)).sqrt();
+        let mut sum = S::zero();
+        for i in 0..n {
+            let mut of_drone = self.squared_gap(view, mean, i, 0);
+            let mut of_point = self.squared_gap(view, mean, 0, i);
+            for j in 1..n {
+                of_drone = of_drone.min(self.squared_gap(view, mean, i, j));
+                of_point = of_point.min(self.squared_gap(view, mean, j, i));
+            }
+            sum += smooth(of_drone) + smooth(of_point);
+        }
+        sum * S::constant(0.5 / n as f64)
+    }
+
     /// Mean of h_x.
     #[inline(always)]
     fn facing<S: Scalar>(&self, view: &View<'_, S>) -> S {
@@ -365,9 +388,8 @@ impl Task for Formation {
             own += S::constant(0.005) * safe::squared_norm(drone.angular_velocity);
             own += S::constant(0.3) * (S::one() - drone.heading()[0]);
         }
-        let shape = (self.squared_hausdorff(view) + S::constant(0.01)).sqrt();
         let mean = S::constant(1.0 / self.figure.len() as f64) * own;
-        shape + smooth_norm(self.offset(view), 0.1) + missing + mean
+        self.chamfer(view) + smooth_norm(self.offset(view), 0.1) + missing + mean
     }
 
     fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
