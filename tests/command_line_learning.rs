@@ -48,30 +48,33 @@ fn a_run_is_trained_kept_flown_and_shown() {
         "policy (apg)",
         "cascade",
         "share of bound",
+        "Success, in the last step, not crashed: position_error < 0.1 m.",
         "omnidrones eval",
     ] {
         assert!(page.contains(words), "{words}\n{page}");
     }
     assert!(widest(&page) <= 120, "{page}");
     for file in
-        ["curve.svg", "curve.csv", "log.jsonl", "config.toml", "result.json", "checkpoints/000000020/manifest.json"]
+        ["curve.png", "curve.csv", "log.jsonl", "config.toml", "result.json", "checkpoints/000000020/manifest.json"]
     {
-        assert!(size(folder, &format!("runs/Hover-apg-s0/{file}")) > 100, "{file}");
+        assert!(size(folder, &format!("runs/Hover-crazyflie-apg-s0/{file}")) > 100, "{file}");
         assert!(page.contains(file.trim_end_matches("/manifest.json")), "{file}\n{page}");
     }
     let told: Value =
-        serde_json::from_slice(&std::fs::read(folder.join("runs/Hover-apg-s0/result.json")).unwrap()).unwrap();
+        serde_json::from_slice(&std::fs::read(folder.join("runs/Hover-crazyflie-apg-s0/result.json")).unwrap())
+            .unwrap();
     assert_eq!((&told["updates"], &told["env_steps"]), (&20.into(), &(20 * 16 * 6).into()));
-    let eval = json(folder, &["eval", "runs/Hover-apg-s0"]);
+    let eval = json(folder, &["eval", "runs/Hover-crazyflie-apg-s0"]);
     assert_eq!(eval["evaluation"], told["evaluation"]);
-    assert!(size(folder, "runs/Hover-apg-s0/eval/eval.png") > 1000);
-    let certain = json(folder, &["eval", "runs/Hover-apg-s0/checkpoints/000000020", "--no-plots"]);
+    assert!(size(folder, "runs/Hover-crazyflie-apg-s0/eval/eval.png") > 1000);
+    let certain = json(folder, &["eval", "runs/Hover-crazyflie-apg-s0/checkpoints/000000020", "--no-plots"]);
     assert_eq!(certain["evaluation"], told["evaluation"]);
-    let other = json(folder, &["eval", "runs/Hover-apg-s0", "--vehicle", "hummingbird", "--no-plots", "--envs", "9"]);
+    let other =
+        json(folder, &["eval", "runs/Hover-crazyflie-apg-s0", "--vehicle", "hummingbird", "--no-plots", "--envs", "9"]);
     assert_eq!(other["evaluation"]["n_episode"], 9);
-    let shown = json(folder, &["watch", "runs/Hover-apg-s0", "--envs", "2", "--out", "seen/fly.gif"]);
+    let shown = json(folder, &["watch", "runs/Hover-crazyflie-apg-s0", "--envs", "2", "--out", "seen/fly.gif"]);
     assert!(shown["pictures"].as_u64().is_some_and(|n| n >= 10), "{shown}");
-    for file in ["seen/fly.gif", "seen/watch.png", "seen/watch-errors.png"] {
+    for file in ["seen/fly.gif", "seen/fly.png", "seen/fly-errors.png"] {
         assert!(size(folder, file) > 1000, "{file}");
     }
     assert!(std::fs::read(folder.join("seen/fly.gif")).unwrap().starts_with(b"GIF89a"));
@@ -109,6 +112,117 @@ fn a_folder_in_use_is_refused_and_resumed_on_demand() {
     assert_eq!((&told["updates"], &told["env_steps"]), (&30.into(), &(30 * 16 * 6).into()));
     let (_, err) = exits(2, folder, &["train", "Hover", "--resume", "--set", "apg.clip=0.1"]);
     assert!(err.contains("those that it was begun with"), "{err}");
+}
+
+#[test]
+fn a_run_that_is_over_says_so_and_goes_no_shorter() {
+    let folder = temporary();
+    let folder = folder.path();
+    let plain = ["--no-plots", "--no-baseline"];
+    let first = json(folder, &[&tiny(&[])[..], &plain].concat());
+    let (page, _) = exits(0, folder, &[&tiny(&["--resume"])[..], &plain].concat());
+    assert!(page.contains("This run was over: update 20 of 20. Nothing was trained"), "{page}");
+    let again = json(folder, &[&["train", "Hover", "--resume"][..], &plain].concat());
+    assert_eq!((&first["was_over"], &again["was_over"]), (&false.into(), &true.into()));
+    assert_eq!(first["evaluation"], again["evaluation"]);
+    for (more, words) in [
+        (
+            &["--resume", "--set", "apg.window=7", "--seed", "1", "--out", "runs/Hover-apg-s0"][..],
+            "apg.window is 7, was 6",
+        ),
+        (&["--resume", "--seed", "1", "--out", "runs/Hover-apg-s0"], "others (seed is 1, was 0)"),
+    ] {
+        let (_, err) = exits(2, folder, &tiny(more));
+        assert!(err.contains(words), "{more:?}: {err}");
+    }
+    let (_, err) = exits(2, folder, &["train", "Hover", "--resume", "--updates", "10"]);
+    assert!(err.contains("number of updates is 10, but it must be ≥ 20"), "{err}");
+    let (_, err) = exits(2, folder, &["train", "Track", "--resume", "--out", "runs/Hover-apg-s0"]);
+    assert!(err.contains("task of the settings is Hover, but it must be Track"), "{err}");
+}
+
+#[test]
+fn a_policy_that_does_not_fit_is_refused_by_what_differs_and_runs_that_exist_are_named() {
+    let folder = temporary();
+    let folder = folder.path();
+    let (_, err) = exits(2, folder, &["eval", "nowhere"]);
+    assert!(err.contains("which does not exist") && err.contains("Train one: omnidrones train TASK"), "{err}");
+    json(folder, &tiny(&["--no-plots", "--no-baseline"]));
+    for command in ["eval", "watch"] {
+        let (_, err) = exits(2, folder, &[command, "Hover-apg-s0"]);
+        assert!(
+            err.contains("'Hover-apg-s0', which does not exist") && err.contains("There are runs/Hover-apg-s0"),
+            "{err}"
+        );
+        for (options, words) in [
+            ("--vehicle firefly", "32 numbers in an observation, not 30; 6 numbers in an action, not 4"),
+            ("--vehicle firefly", "task.vehicle is \"firefly\", was the task's own"),
+            ("--control rate", "control is \"rate\", was \"rotor\""),
+            ("--dt 0.02", "steps of 0.02 s, not 0.016 s"),
+            ("--config missing.toml", "make it: omnidrones tasks TASK --toml > missing.toml"),
+            ("--config runs/Hover-apg-s0/config.toml", "is a setting of a training run"),
+        ] {
+            let arguments: Vec<&str> = [command, "runs/Hover-apg-s0"].into_iter().chain(options.split(' ')).collect();
+            let (_, err) = exits(2, folder, &arguments);
+            assert!(err.contains(words) && !err.contains("hash"), "{arguments:?}: {err}");
+        }
+    }
+    let (page, _) = exits(0, folder, &["eval", "runs/Hover-apg-s0", "--no-plots", "--envs", "4"]);
+    assert!(page.contains("Success, in the last step, not crashed: position_error < 0.1 m."), "{page}");
+}
+
+#[test]
+fn settings_that_nothing_reads_are_refused_as_options_and_warned_of_in_files() {
+    let folder = temporary();
+    let folder = folder.path();
+    let (toml, _) = exits(0, folder, &["train", "Hover", "--toml"]);
+    assert!(toml.starts_with("task = \"Hover\"\n"), "{toml}");
+    std::fs::write(folder.join("hover.toml"), &toml).expect("written");
+    let (environments, _) = exits(0, folder, &["tasks", "Hover", "--toml"]);
+    std::fs::write(folder.join("environments.toml"), environments).expect("written");
+    for (arguments, words) in [
+        ("train Track --config hover.toml", "hover.toml: task: the settings are for Hover, but the run is of Track"),
+        ("train Hover --config environments.toml", "is a setting of environments"),
+        ("train Hover --config environments.toml", "'omnidrones train TASK --toml'"),
+        ("rollout Hover --config hover.toml", "is a setting of a training run"),
+        ("tasks Hover --config hover.toml", "'omnidrones tasks TASK --toml'"),
+        ("train Hover --set control=rate", "in a training run it is env.control"),
+        ("train Hover --set ppo.updates=3", "--set ppo.updates is a setting of ppo, but it must be one of apg"),
+        ("train Hover --config missing.toml", "make it: omnidrones train Hover --toml > missing.toml"),
+    ] {
+        let (_, err) = exits(2, folder, &arguments.split(' ').collect::<Vec<_>>());
+        assert!(err.contains(words), "{arguments}: {err}");
+    }
+    std::fs::write(folder.join("both.toml"), "[apg]\nwindow = 9\n[ppo]\nupdates = 3").expect("written");
+    let (toml, err) = exits(0, folder, &["train", "Hover", "--config", "both.toml", "--toml"]);
+    assert!(toml.contains("window = 9") && !toml.contains("[ppo]"), "{toml}");
+    assert!(err.contains("warning: both.toml: [ppo] is not used, for apg trains."), "{err}");
+    let (toml, err) = exits(0, folder, &["train", "Hover", "--algo", "mappo", "--set", "ppo.updates=3", "--toml"]);
+    assert!(toml.contains("algorithm = \"ppo\"") && toml.contains("updates = 3") && err.is_empty(), "{toml}{err}");
+}
+
+#[test]
+fn every_task_tells_its_goal_its_success_its_loss_and_what_an_action_means() {
+    let folder = temporary();
+    for entry in omnidrones::tasks::registry::REGISTRY {
+        let (page, _) = exits(0, folder.path(), &["tasks", entry.name]);
+        for words in ["Start: ", "Success: ", "Loss: ", "−1 … 1 means", "throttle: 0 … largest thrust"] {
+            assert!(page.contains(words), "{}: {words}\n{page}", entry.name);
+        }
+        let told = json(folder.path(), &["tasks", entry.name]);
+        let named = told["actions"].as_array().expect("a list").iter();
+        let named: usize = named.map(|group| group["commands"].as_array().expect("names").len()).sum();
+        assert_eq!(Some(named as u64), told["n_action"].as_u64(), "{}", entry.name);
+    }
+    for (level, words) in [
+        ("rate", "-3.142 … 3.142 rad/s, body"),
+        ("attitude", "-1.047 … 1.047 rad about the present heading"),
+        ("velocity", "-1 … 1 m/s, world"),
+        ("position", "-1 … 1 m from where the drone is, world"),
+    ] {
+        let (page, _) = exits(0, folder.path(), &["tasks", "Hover", "--control", level]);
+        assert!(page.contains(words), "{level}: {words}\n{page}");
+    }
 }
 
 #[test]
@@ -159,7 +273,7 @@ fn tasks_are_trained_together_and_a_table_that_was_stopped_goes_on() {
         assert_eq!(task["runs"].as_array().map(Vec::len), Some(2), "{task}");
         assert!(task["baseline"]["evaluation"]["success"].is_number());
     }
-    assert!(size(folder.path(), "runs/all/curves.svg") > 1000);
+    assert!(size(folder.path(), "runs/all/curves.png") > 1000);
     let again = json(folder.path(), &arguments);
     let result = |told: &Value| told["tasks"][0]["runs"][1]["evaluation"].clone();
     assert_eq!(result(&told), result(&again), "runs that are over are not trained again");
@@ -191,6 +305,7 @@ fn help_names_every_option_with_examples_that_are_real() {
         for words in options.iter().chain(&["--out", "--format", "--json", "Examples:", "Exit codes:"]) {
             assert!(help.contains(words), "{command}: {words}\n{help}");
         }
+        assert!(command == "watch" || help.contains("Success is the share of episodes"), "{help}");
         assert!(widest(&help) <= 100, "{help}");
         let mut seen = 0;
         for line in help.lines().filter_map(|l| l.strip_prefix("  omnidrones ")) {

@@ -5,6 +5,7 @@ use omnidrones::parallel::Threads;
 use omnidrones::rl::checkpoint::{Checkpoint, Store};
 use omnidrones::rl::trainer::{Outcome, Trainer};
 use omnidrones::rl::{Algorithm, Starts, TrainConfig, evaluate, load_policy, log};
+use omnidrones::tasks::EnvConfig;
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -189,4 +190,62 @@ fn a_stop_is_kept_and_evaluated() {
     assert_eq!((told.updates, told.stopped, newest(folder.path()).manifest.update), (5, true, 5));
     assert_eq!(told.curve.last().unwrap().get("update"), Some(5.0));
     assert_eq!(told.evaluation.n_episode, 8);
+}
+
+#[test]
+fn a_run_is_not_made_shorter_than_it_is_and_not_of_another_task() {
+    let folder = tempfile::tempdir().unwrap();
+    train(trainer(tiny(Algorithm::Apg), 1).in_folder(folder.path(), false).unwrap(), u64::MAX).unwrap();
+    let refused = |config: TrainConfig| trainer(config, 1).in_folder(folder.path(), true).err().unwrap().to_string();
+    let shorter = refused(tiny(Algorithm::Apg).with_updates(4));
+    assert!(shorter.contains("number of updates is 4, but it must be ≥ 9"), "{shorter}");
+    let other = refused(TrainConfig { seed: 5, ..tiny(Algorithm::Apg) });
+    assert!(other.contains("others (seed is 5, was 4)"), "{other}");
+    let again = trainer(tiny(Algorithm::Apg), 1).in_folder(folder.path(), true).unwrap();
+    assert!(again.is_over() && !trainer(tiny(Algorithm::Apg), 1).is_over());
+    let track = Trainer::new("Track", tiny(Algorithm::Apg), Threads::default()).err().unwrap().to_string();
+    assert!(track.contains("task of the settings is Hover, but it must be Track"), "{track}");
+}
+
+#[test]
+fn a_run_of_a_version_that_did_not_write_its_task_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let [new, old] = ["new", "old"].map(|name| folder.path().join(name));
+    train(trainer(tiny(Algorithm::Apg), 1).in_folder(&new, false).unwrap(), 3).unwrap();
+    let mut checkpoint = newest(&new);
+    let nameless = checkpoint.manifest.config.replacen("task = \"Hover\"\n", "", 1);
+    assert_ne!(nameless, checkpoint.manifest.config);
+    checkpoint.manifest.config = nameless;
+    Store::open_to_write(&old, 2).unwrap().save(&checkpoint).unwrap();
+    let again = trainer(tiny(Algorithm::Apg), 1).in_folder(&old, true).unwrap();
+    assert_eq!((again.update(), again.config().task.as_str()), (3, "Hover"));
+}
+
+#[test]
+fn environments_that_a_policy_does_not_fit_are_refused_by_what_differs() {
+    let folder = tempfile::tempdir().unwrap();
+    train(trainer(tiny(Algorithm::Apg), 1).in_folder(folder.path(), false).unwrap(), 3).unwrap();
+    let saved = load_policy(folder.path()).unwrap();
+    let own = saved.config.seen_env();
+    assert!(saved.check(&own).is_ok());
+    let with = |text: &str| {
+        let mut env = own.clone();
+        let asked = EnvConfig::from_toml(text, "asked").unwrap();
+        (env.control, env.dt) = (asked.control, asked.dt);
+        env.task.extend(asked.task);
+        saved.check(&env).err().map(|error| error.to_string())
+    };
+    assert_eq!(with("task.vehicle = 'crazyflie'"), None);
+    for (text, words) in [
+        ("task.vehicle = 'firefly'", "32 numbers in an observation, not 30; 6 numbers in an action, not 4"),
+        ("task.vehicle = 'firefly'", "task.vehicle is \"firefly\", was the task's own"),
+        ("control = 'rate'", "commands rate_x, rate_y, rate_z, thrust, not rotor_0"),
+        ("control = 'rate'", "control is \"rate\", was \"rotor\""),
+        ("dt = 0.02", "steps of 0.02 s, not 0.016 s"),
+    ] {
+        let refusal = with(text).unwrap();
+        assert!(refusal.contains(words), "{text}: {refusal}");
+    }
+    let refusal = load_policy(folder.path().join("nowhere")).unwrap_err().to_string();
+    assert!(refusal.contains("which holds no checkpoint"), "{refusal}");
 }

@@ -6,13 +6,11 @@ use clap::{Args, ValueEnum};
 use omnidrones::controllers::cascade::Level;
 use omnidrones::dynamics::Integrator;
 use omnidrones::error::{Error, Result};
+use omnidrones::rl::TrainConfig;
 use omnidrones::tasks::randomise::{Action, Distribution, Time};
 use omnidrones::tasks::registry::Entry;
-use omnidrones::tasks::{Change, Env, EnvConfig, Quantity};
-use std::path::PathBuf;
-
-/// Largest configuration file, bytes.
-const MAX_BYTES: u64 = 1 << 20;
+use omnidrones::tasks::{Change, Env, EnvConfig, Quantity, Sheet};
+use std::path::{Path, PathBuf};
 
 /// How environments are set up. Options win over the file, the file over the task's own defaults.
 #[derive(Debug, Clone, Args)]
@@ -161,7 +159,8 @@ impl EnvArguments {
         let mut config = match &self.config {
             None => usual.clone(),
             Some(path) => {
-                let text = files::read_text(path, MAX_BYTES)?;
+                let text = files::read_settings(path, "omnidrones tasks TASK --toml")?;
+                check_kind(&text, path)?;
                 let own = EnvConfig::from_toml(&text, &path.display().to_string())?;
                 let counts = text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("n_env"));
                 EnvConfig { n_env: if counts { own.n_env } else { usual.n_env }, ..own }
@@ -184,6 +183,25 @@ impl EnvArguments {
         config.validate()?;
         Ok(config)
     }
+}
+
+/// A file about a training run is no file about environments.
+fn check_kind(text: &str, path: &Path) -> Result<()> {
+    let Some(key) = TrainConfig::telling_key(text) else { return Ok(()) };
+    Err(Error::Format {
+        file: path.display().to_string(),
+        place: key,
+        rule: "is a setting of a training run, of the kind that 'train TASK --toml' prints and 'train' reads; this command \
+               reads settings of environments"
+            .into(),
+        remedy: "Take the file that 'omnidrones tasks TASK --toml' prints; what a run has under [env] goes to its top.".into(),
+    })
+}
+
+/// The vehicle of a task where nobody names one.
+pub fn usual_vehicle(entry: &Entry, sheet: &Sheet) -> Option<String> {
+    let own = entry.default_config().ok().and_then(|c| c.task.get("vehicle")?.as_str().map(String::from));
+    own.or_else(|| Some(sheet.settings.iter().find(|s| s.key == "vehicle")?.default.trim_matches('"').into()))
 }
 
 /// One line per setting of an environment, in the order of a file: key, and what it means.

@@ -5,7 +5,7 @@ use super::environment::EnvArguments;
 use super::rollout::{Flown, check_horizon};
 use super::rollout_files::{self as out, LINES};
 use super::{Report, files, progress};
-use omnidrones::error::Result;
+use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::saved::{Saved, load_policy};
 use omnidrones::rl::{Starts, exam};
@@ -30,6 +30,10 @@ Examples:
 
 A policy flies environments that show and take the same numbers: other control levels, time steps or numbers of rotors \
 are refused. Without options the environments, their number and their starts are those that training evaluated on.
+
+Success is the share of episodes whose last step meets the task's limit on the error, 0.1 m of position in Hover, and that \
+were not terminated (crashed). Nothing else counts: neither heading nor tilt nor speed. The page names the limit, and \
+'omnidrones tasks TASK' too.
 
 Files in --out: eval (.png or .svg), and with --csv steps.csv and episodes.csv, as of 'omnidrones rollout'.
 
@@ -97,6 +101,26 @@ pub fn run(a: &Arguments) -> Result<Report> {
     Ok(Report::done(flown.page(&written)))
 }
 
+/// Most runs that an error names.
+const MAX_NAMED: usize = 5;
+
+/// Refuses a folder that is no run, with the runs there are.
+fn check_run(run: &Path) -> Result<()> {
+    if run.join("manifest.json").exists() || run.join("checkpoints").is_dir() {
+        return Ok(());
+    }
+    let lacks = if run.exists() { "which holds no checkpoint" } else { "which does not exist" };
+    let runs = files::runs(Path::new("runs"));
+    let named: Vec<String> = runs.iter().take(MAX_NAMED).map(|path| path.display().to_string()).collect();
+    let remedy = match named.len() {
+        0 => "Train one: omnidrones train TASK. There are none under runs/.".into(),
+        n if n < runs.len() => format!("There are {}, … ({} in all).", named.join(", "), runs.len()),
+        _ => format!("There are {}. Or train one: omnidrones train TASK.", named.join(", ")),
+    };
+    let value = format!("'{}', {lacks}", run.display());
+    Err(Error::value("run", value, "the folder of a run or of one of its checkpoints", remedy))
+}
+
 /// A policy and environments that it can fly.
 pub struct Ready {
     pub saved: Saved,
@@ -106,6 +130,7 @@ pub struct Ready {
 impl Ready {
     /// The policy of a run at the starts of its evaluations, but for what options change.
     pub fn new(run: &Path, options: &EnvArguments, envs: Option<usize>, threads: &Threads) -> Result<Self> {
+        check_run(run)?;
         let mut saved = load_policy(run)?;
         let usual = EnvConfig {
             n_env: saved.config.evaluate.envs,
@@ -113,6 +138,7 @@ impl Ready {
             ..saved.config.seen_env()
         };
         let config = options.config(&usual)?;
+        saved.check(&config)?;
         let starts = Starts { n_env: envs.unwrap_or(config.n_env), seed: config.seed };
         let env = exam(&saved.policy, &saved.manifest.task, &config, starts, threads)?;
         check_horizon(&env)?;

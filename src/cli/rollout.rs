@@ -106,6 +106,11 @@ impl ControllerName {
     }
 }
 
+/// What a success is, as a line below a table.
+pub fn success(entry: &Entry) -> String {
+    format!("  Success, in the last step, not crashed: {}.", entry.success())
+}
+
 /// What flew, and how well.
 pub struct Flown {
     pub record: Record,
@@ -258,6 +263,9 @@ impl Flown {
         let spec = self.record.spec();
         let how = format!("{} episodes, seed {}, flown by {}", spec.n_env, spec.config.seed, self.controller);
         page.title(&spec.task, &how).facts(&self.facts());
+        if let Ok(entry) = registry::by_name(&spec.task) {
+            page.line(success(entry));
+        }
         if let Some(note) = &self.unflown {
             page.line(format!("  {note}"));
         }
@@ -288,7 +296,7 @@ impl Flown {
                 short(spec.reward_bound, 4),
                 spec.horizon
             )),
-            Fact::new("success", percent(e.success)).note("goal reached in the last step, not crashed"),
+            Fact::new("success", percent(e.success)).note("of the episodes; what counts stands below"),
             Fact::new("crashed", percent(e.crashed)).note("ended before their time"),
             Fact::new("length", format!("{} steps", short(e.length, 4))).note(format!(
                 "{} of {} s",

@@ -1,7 +1,7 @@
 //! `omnidrones tasks`: the benchmark tasks as a list, or one of them with everything that a learner meets.
 
 use super::Report;
-use super::environment::{self, EnvArguments, QUANTITIES};
+use super::environment::{self, EnvArguments, QUANTITIES, usual_vehicle};
 use super::page::{Fact, Page, short};
 use super::table::{Align, Table};
 use omnidrones::controllers::cascade::Level;
@@ -15,9 +15,10 @@ use serde_json::{Value, json};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
-List the benchmark tasks, or print everything about one: what flies, what an agent sees and commands, how it is rewarded, \
-when an episode ends, which settings there are, and a configuration file to start from. Options show the task as they \
-would make it: another vehicle, control level, number of drones.";
+List the benchmark tasks, or print everything about one: what flies, where episodes start and what the goal is, when \
+it counts as reached, what an agent sees and commands, how it is rewarded, the loss of training, when an episode \
+ends, which settings there are, and a configuration file to start from. Options show the task as they would make it: \
+another vehicle, control level, number of drones.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -29,7 +30,11 @@ Examples:
   omnidrones tasks Track --json                 for a program
 
 Sizes count numbers. Best reward is the largest of one step: the sum of all terms' bounds. Memory is what one environment \
-keeps between steps, without the arrays that a step writes.
+keeps between steps, without the arrays that a step writes. An episode is a success if its last step meets what the page \
+calls so and nothing terminated it.
+
+The file of --toml is about environments: 'rollout', 'bench', 'eval' and 'watch' read it too. That of a training run is \
+another, from 'omnidrones train TASK --toml'.
 
 JSON: 'spec' holds sizes, names, units and bounds of the environment; the list is under \"tasks\".
 
@@ -159,6 +164,15 @@ impl Described {
         let mut page = Page::new();
         let (spec, sheet) = (self.env.spec(), self.env.sheet());
         page.title(self.entry.name, self.entry.description).facts(&self.facts());
+        page.heading("Goal, start, success, loss of training");
+        lines(&mut page, "", &self.entry.setting());
+        lines(
+            &mut page,
+            "Success: ",
+            &format!("{} (last step, not terminated; nothing else counts)", self.entry.success()),
+        );
+        lines(&mut page, "Loss: ", &self.entry.loss());
+        page.heading("Action, each number clipped to [−1, 1]").table(&self.meanings());
         page.heading("Observation").table(&slices(&spec.observation));
         if !spec.central.is_empty() {
             page.heading("Central state, for critics that see all").table(&slices(&spec.central));
@@ -184,12 +198,9 @@ impl Described {
 
     /// What flies, in a few words.
     fn craft(&self) -> (String, String) {
-        let (rig, settings) = (self.env.rig(), &self.env.sheet().settings);
+        let rig = self.env.rig();
         let own = self.config.task.get("vehicle").and_then(|v| v.as_str()).map(String::from);
-        let defaults = self.entry.default_config().ok();
-        let by_default = defaults.as_ref().and_then(|c| c.task.get("vehicle")).and_then(|v| v.as_str());
-        let usual = settings.iter().find(|s| s.key == "vehicle").map(|s| s.default.trim_matches('"'));
-        let vehicle = own.or_else(|| by_default.or(usual).map(String::from));
+        let vehicle = own.or_else(|| usual_vehicle(self.entry, self.env.sheet()));
         let drone = rig.drone();
         let drives = match drone.drives.len() {
             0 => String::new(),
@@ -254,6 +265,15 @@ impl Described {
         facts
     }
 
+    /// What −1 … 1 of every command means.
+    fn meanings(&self) -> Table {
+        let mut table = Table::new(&[("command", Align::Left), ("−1 … 1 means", Align::Left)]);
+        for (names, meaning) in commands_of(&self.env) {
+            table.row([commands(&names), meaning]);
+        }
+        table
+    }
+
     fn reward(&self) -> Table {
         let mut table = Table::new(&[
             ("term", Align::Left),
@@ -305,12 +325,65 @@ impl Described {
         value["command"] = json!("tasks");
         value["what_flies"] = json!(self.craft().0);
         value["control_levels"] = json!(self.levels);
+        value["setting"] = json!(self.entry.setting());
+        value["success"] = json!(self.entry.success());
+        value["loss"] = json!(self.entry.loss());
+        let meanings = commands_of(&self.env);
+        value["actions"] = meanings.iter().map(|(names, means)| json!({ "commands": names, "means": means })).collect();
         value["controller"] = json!(self.controller.as_ref().ok());
         value["sheet"] = json!(self.env.sheet());
         value["randomise"] = json!(quantities);
         value["spec"] = json!(spec);
         value["toml"] = json!(environment::file(self.entry, &self.env, &self.config)?);
         Ok(value)
+    }
+}
+
+/// Commands of one agent that mean the same, and what that is.
+fn commands_of(env: &Env) -> Vec<(Vec<String>, String)> {
+    let (spec, scale) = (env.spec(), env.spec().config.action_scale);
+    let by = |k: f64, what: &str| format!("{} … {} {what}", short(-k, 4), short(k, 4));
+    let thrust = || "0 … the largest thrust of all rotors, along body z".to_string();
+    let three = |k: f64, what: &str| (3, by(k, what));
+    let groups: Vec<(usize, String)> = match spec.config.control {
+        Level::Rotor => {
+            let rotors = env.rig().drone().rotors.len();
+            let throttle =
+                "throttle: 0 … largest thrust, linear in thrust; the rotor follows with the lag of its motor";
+            [(rotors, throttle.to_string())].into_iter().chain(drives(env)).collect()
+        }
+        Level::Rate => vec![three(scale.rate, "rad/s, body"), (1, thrust())],
+        Level::Attitude => {
+            vec![(1, thrust()), (1, by(scale.yaw_rate, "rad/s")), (2, by(scale.tilt, "rad about the present heading"))]
+        }
+        Level::Velocity => vec![three(scale.velocity, "m/s, world"), (1, by(scale.yaw, "rad, world"))],
+        Level::Position => {
+            vec![three(scale.position, "m from where the drone is, world"), (1, by(scale.yaw, "rad, world"))]
+        }
+    };
+    let mut names = spec.commands.iter().cloned();
+    groups.into_iter().map(|(n, meaning)| (names.by_ref().take(n).collect(), meaning)).collect()
+}
+
+/// Drives of one drone in groups of the same target.
+fn drives(env: &Env) -> Vec<(usize, String)> {
+    let Some(model) = env.rig().model() else { return Vec::new() };
+    let layout = model.layout();
+    let target = |command: usize| {
+        let body = layout.drive.iter().position(|at| *at == Some(command))?;
+        let drive = model.bodies()[body].joint.drive?;
+        let ends = [drive.center - drive.range, drive.center + drive.range].map(|x| short(x, 4));
+        let of = if drive.stiffness == 0.0 { "rad/s, wanted rate of a joint" } else { "rad, wanted angle of a joint" };
+        Some(format!("{} … {} {of}", ends[0], ends[1]))
+    };
+    let all: Vec<String> = env.rig().drone().drives.iter().filter_map(|d| target(d.command)).collect();
+    all.chunk_by(|a, b| a == b).map(|group| (group.len(), group[0].clone())).collect()
+}
+
+/// A paragraph behind a word, cut between words.
+fn lines(page: &mut Page, head: &str, text: &str) {
+    for line in wrapped(&format!("{head}{text}"), 110).lines() {
+        page.line(format!("  {line}"));
     }
 }
 

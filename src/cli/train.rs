@@ -1,22 +1,24 @@
 //! `omnidrones train`: a task, a policy from random weights, and what it came to.
 
 use super::arguments::FormatName;
-use super::environment::{LevelName, setting};
+use super::environment::{LevelName, setting, usual_vehicle};
 use super::page::{Fact, Page, duration, short};
+use super::rollout::success;
 use super::rollout_files::percent;
 use super::table::{Align, Table};
 use super::train_plot::{self, Curves};
 use super::{Report, files, progress};
 use clap::ValueEnum;
 use omnidrones::controllers::cascade::Level;
-use omnidrones::error::Result;
+use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::trainer::{Outcome, Progress, Trainer};
 use omnidrones::rl::{Algorithm, Starts, TrainConfig, checkpoint};
 use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::{Autoreset, Baseline, EnvConfig, Evaluation, Spec, evaluate};
+use omnidrones::tasks::{Autoreset, Baseline, EnvConfig, Evaluation, Metric, Spec, evaluate};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -33,17 +35,25 @@ Examples:
   omnidrones train Hover --set apg.window=32           with another setting
   omnidrones train Hover --toml                        every setting, as a file for --config
   omnidrones train Hover --resume                      go on after a kill
+  omnidrones train Hover --resume --updates 2000       go on beyond its end
   omnidrones eval runs/Hover-apg-s0                    fly the policy, with plots
   omnidrones watch runs/Hover-apg-s0                   see it fly
 
-Algorithms: apg takes the gradient of a smooth loss through the physics; shac does so over shorter windows with a critic \
-behind them; ppo samples actions and needs no gradient of the physics. Without --algo a task has its usual one.
+Algorithms: apg takes the gradient of a smooth loss through the physics; shac does so over shorter windows with a \
+critic behind them; ppo samples actions and needs no gradient of the physics (mappo is another name of it, for \
+teams). Without --algo a task has its usual one.
 
 Settings: options win over --config, the file wins over the task's recipe, the recipe over the defaults. A key of --set \
-is that of the file: seed, apg.window, apg.network.hidden=[32,32], env.dt, env.task.horizon.
+is that of the file: seed, apg.window, apg.network.hidden=[32,32], env.dt, env.task.horizon. A file names its task and is \
+refused for another; it is of another kind than that of 'tasks --toml', which 'rollout', 'eval' and 'watch' read.
+
+Success is the share of episodes from held-out starts whose last step meets the task's limit on the error, 0.1 m of position \
+in Hover, and that were not terminated (crashed). Nothing else counts: neither heading nor tilt nor speed. The page names \
+the limit, and 'omnidrones tasks TASK' too.
 
 Ctrl-C is safe: what was saved last stays, and --resume goes on from there to the same bits. With --resume the settings \
-are those of the run; only --updates and --threads may change.
+are those of the run; only --updates and --threads may change. Schedules, as of the learning rate, stretch over the new \
+number of updates, so the result differs from a fresh run of as many.
 
 Files in --out: config.toml (every setting), log.jsonl and curve.csv (the course of the run, one line every few updates), \
 checkpoints (weights as safetensors, state, manifest), curve (.png or .svg), result.json (what --json prints).
@@ -52,8 +62,6 @@ JSON: SI units; shares from 0 to 1; null where a number does not exist.
 
 Exit codes: 0 trained; 2 unusable input or arguments.";
 
-/// Largest configuration file, bytes.
-const MAX_BYTES: u64 = 1 << 20;
 /// Most episodes that a controller flies for comparison: it is slower than a policy.
 const MAX_COMPARED: usize = 256;
 
@@ -92,10 +100,12 @@ pub struct Arguments {
     #[arg(long)]
     resume: bool,
     /// Folder of the run [default: runs/TASK-ALGO-sSEED]
+    ///
+    /// Behind TASK stand vehicle and control level, where they are not the task's usual ones: runs/Hover-crazyflie-apg-s0.
     #[arg(long, value_name = "DIR", help_heading = "Output")]
     out: Option<PathBuf>,
     /// File type of the plot
-    #[arg(long, value_name = "TYPE", default_value = "svg", help_heading = "Output")]
+    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
     format: FormatName,
     /// Draw nothing
     #[arg(long, help_heading = "Output")]
@@ -119,6 +129,7 @@ pub enum AlgorithmName {
     /// Short-horizon actor-critic
     Shac,
     /// Proximal policy optimisation
+    #[value(alias = "mappo")]
     Ppo,
 }
 
@@ -140,9 +151,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Ok(Report::done(config.to_toml()?));
     }
     let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
-    let folder = a.out.clone().unwrap_or_else(|| {
-        Path::new("runs").join(format!("{}-{}-s{}", entry.name, config.algorithm.name(), config.seed))
-    });
+    let folder = a.out.clone().map_or_else(|| default_folder(entry, &config), Ok)?;
     if let Some(own) = own_settings(&folder)?.filter(|_| a.resume) {
         // what options ask for must be what the run is, but for its length
         let given = a.changes_settings() || a.seed.is_some() || a.algo.is_some();
@@ -155,13 +164,14 @@ pub fn run(a: &Arguments) -> Result<Report> {
     files::prepare_folder(&folder)?;
     let mut trainer = trainer.in_folder(&folder, a.resume)?;
     let notes = trainer.skipped().iter().map(|s| format!("{}: {}", s.folder.display(), s.why)).collect();
+    let was_over = trainer.update() > 0 && trainer.is_over();
     let outcome = train(&mut trainer, a.json)?;
     let config = trainer.config().clone();
     let spinner = progress::spinner("flying our controller from the same starts", a.json);
     let baseline = if a.no_baseline { None } else { compare(entry, &config, &threads) };
     spinner.finish_and_clear();
-    let (spec, unit) = spec(entry, &config)?;
-    let mut trained = Trained { entry, spec, unit, config, outcome, baseline, notes, written: Vec::new() };
+    let (spec, error) = spec(entry, &config)?;
+    let mut trained = Trained { entry, spec, error, config, was_over, outcome, baseline, notes, written: Vec::new() };
     if !a.no_plots {
         let path = folder.join(format!("curve.{}", a.format.extension()));
         train_plot::draw(&trained.curves(), &path)?;
@@ -182,7 +192,8 @@ impl Arguments {
     fn config(&self, entry: &Entry) -> Result<TrainConfig> {
         let mut layers: Vec<(String, String)> = Vec::new();
         if let Some(path) = &self.config {
-            layers.push((files::read_text(path, MAX_BYTES)?, path.display().to_string()));
+            let text = files::read_settings(path, &format!("omnidrones train {} --toml", entry.name))?;
+            layers.push((text, path.display().to_string()));
         }
         let mut option = |key: &str, value: toml::Value, name: &str| {
             layers.push((format!("{key} = {value}"), name.to_string()));
@@ -203,7 +214,30 @@ impl Arguments {
             config = config.with_updates(updates);
         }
         config.validate()?;
+        self.check_used(&config, layers.first().filter(|_| self.config.is_some()))?;
         Ok(config)
+    }
+
+    /// Refuses options of algorithms that do not train; a file may carry such tables for other runs, and is warned of.
+    fn check_used(&self, config: &TrainConfig, file: Option<&(&str, &str)>) -> Result<()> {
+        let own = config.algorithm.name();
+        for (key, value) in &self.set {
+            if let [other, ..] = config.unused(&format!("{key} = {value}"))[..] {
+                let (value, limit) = (format!("a setting of {}", other.name()), format!("one of {own}, which trains"));
+                let remedy = format!("Add --algo {}, or leave it out.", other.name());
+                return Err(Error::value(format!("--set {key}"), value, limit, remedy));
+            }
+        }
+        if let Some((text, file)) = file {
+            for other in config.unused(text) {
+                let name = other.name();
+                let text =
+                    format!("warning: {file}: [{name}] is not used, for {own} trains. --algo {name} would use it.");
+                // nobody reads it: that is no reason not to train
+                let _ = writeln!(std::io::stderr(), "{text}");
+            }
+        }
+        Ok(())
     }
 
     /// Whether options say how to train.
@@ -213,13 +247,32 @@ impl Arguments {
     }
 }
 
+/// `runs/TASK-ALGO-sSEED`, behind the task vehicle and control level where they are not its usual ones.
+fn default_folder(entry: &Entry, config: &TrainConfig) -> Result<PathBuf> {
+    let algorithm = config.algorithm;
+    let usual = TrainConfig::for_task(entry.name, Some(algorithm), None)?;
+    let vehicle = |config: &TrainConfig| config.env.task.get("vehicle")?.as_str().map(str::to_lowercase);
+    let mut parts = vec![entry.name.to_string()];
+    if let Some(own) = vehicle(config) {
+        let env = entry.env(&EnvConfig { n_env: 1, ..usual.env.clone() })?;
+        let common = vehicle(&usual).or_else(|| usual_vehicle(entry, env.sheet()));
+        parts.extend(Some(files::plain_name(&own)).filter(|_| common.as_ref() != Some(&own)));
+    }
+    if config.env.control != usual.env.control {
+        parts.push(config.env.control.name().into());
+    }
+    parts.extend([algorithm.name().into(), format!("s{}", config.seed)]);
+    Ok(Path::new("runs").join(parts.join("-")))
+}
+
 /// The settings of the run in a folder, if there is one.
 fn own_settings(folder: &Path) -> Result<Option<TrainConfig>> {
     let path = folder.join("config.toml");
     if !path.exists() {
         return Ok(None);
     }
-    TrainConfig::from_toml(&files::read_text(&path, MAX_BYTES)?, &path.display().to_string()).map(Some)
+    TrainConfig::from_toml(&files::read_settings(&path, "omnidrones train TASK --toml")?, &path.display().to_string())
+        .map(Some)
 }
 
 /// Trains under a bar.
@@ -231,7 +284,7 @@ fn train(trainer: &mut Trainer, quiet: bool) -> Result<Outcome> {
             let first = before.get().unwrap_or(p.env_steps);
             before.set(Some(first));
             bar.set_position(p.done);
-            bar.set_message(message(p, (p.env_steps - first) as f64 / begun.elapsed().as_secs_f64()));
+            progress::say(&bar, &message(p, (p.env_steps - first) as f64 / begun.elapsed().as_secs_f64()));
         }
         ControlFlow::Continue(())
     });
@@ -264,10 +317,11 @@ pub fn count(n: f64) -> String {
     }
 }
 
-/// What an environment of the run is like, and the unit of the task's error.
-fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, String)> {
+/// What an environment of the run is like, and what the task's error is.
+pub fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, Metric)> {
     let env = entry.env(&EnvConfig { n_env: 1, ..config.seen_env() })?;
-    Ok((env.spec().clone(), env.sheet().metrics.first().map_or("–", |metric| metric.unit).into()))
+    let error = env.sheet().metrics.first().cloned();
+    Ok((env.spec().clone(), error.unwrap_or(Metric { name: "error", unit: "–" })))
 }
 
 /// Our controller from the first of the same starts, on the rotors; none if there is no controller for the task.
@@ -294,9 +348,11 @@ pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option
 pub struct Trained<'a> {
     entry: &'a Entry,
     spec: Spec,
-    /// Of the task's error.
-    unit: String,
+    /// The task's error.
+    error: Metric,
     config: TrainConfig,
+    /// Before the command came.
+    was_over: bool,
     outcome: Outcome,
     baseline: Option<(String, Evaluation)>,
     /// Checkpoints that were passed over.
@@ -346,8 +402,9 @@ impl Trained<'_> {
             title: format!("{}: {}{of}, seed {}", self.entry.name, self.config.algorithm.name(), self.config.seed),
             subtitle: self.headline(),
             lines: &self.outcome.curve,
+            algorithm: self.config.algorithm,
             bound: self.spec.reward_bound * self.spec.horizon as f64,
-            unit: &self.unit,
+            error: &self.error,
             baseline: self.baseline.as_ref(),
         }
     }
@@ -356,10 +413,17 @@ impl Trained<'_> {
         let (o, mut page) = (&self.outcome, Page::new());
         let how = format!("{}, seed {}, {} updates", self.config.algorithm.name(), self.config.seed, o.updates);
         page.title(self.entry.name, &how).facts(&self.facts());
+        if self.was_over {
+            let n = o.updates;
+            page.line(format!(
+                "  This run was over: update {n} of {n}. Nothing was trained; --resume --updates N goes on to N."
+            ));
+        }
         page.notes("damaged", &self.notes, 3, "see the folder");
         let starts = Starts { n_env: self.config.evaluate.envs, seed: self.config.evaluate.seed };
         page.heading(&format!("Evaluation: {} episodes from held-out starts, seed {}", starts.n_env, starts.seed));
         page.table(&self.table());
+        page.line(success(self.entry));
         if self.baseline.is_some() && starts.n_env > MAX_COMPARED {
             page.line(format!("  The controller flew the first {MAX_COMPARED} of these starts."));
         }
@@ -391,7 +455,7 @@ impl Trained<'_> {
     }
 
     fn table(&self) -> Table {
-        let unit = &self.unit;
+        let unit = self.error.unit;
         let mut table = Table::new(&[
             ("flown by", Align::Left),
             ("success", Align::Right),
@@ -435,6 +499,7 @@ impl Trained<'_> {
             "steps_per_second": self.rate(),
             "phases": self.phases().into_iter().collect::<BTreeMap<_, _>>(),
             "stopped": o.stopped,
+            "was_over": self.was_over,
             "evaluation": o.evaluation,
             "baseline": self.baseline.as_ref().map(|(name, e)| json!({ "flown_by": name, "evaluation": e })),
             "reward_bound": self.spec.reward_bound,
@@ -445,5 +510,38 @@ impl Trained<'_> {
             "format": checkpoint::FORMAT,
             "files": files::names(&self.written),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_named_after_what_is_not_usual() {
+        for (task, text, folder) in [
+            ("Hover", "", "Hover-apg-s0"),
+            ("Hover", "env.task.vehicle = 'Hummingbird'\nenv.control = 'rotor'", "Hover-apg-s0"),
+            ("Hover", "env.task.vehicle = 'crazyflie'", "Hover-crazyflie-apg-s0"),
+            ("Hover", "env.control = 'rate'\nalgorithm = 'ppo'\nseed = 3", "Hover-rate-ppo-s3"),
+            (
+                "HoverRand",
+                "env.task.vehicle = 'Firefly'\nenv.control = 'velocity'",
+                "HoverRand-firefly-velocity-apg-s0",
+            ),
+            ("OmavHover", "env.task.vehicle = 'omav_tilting'", "OmavHover-apg-s0"),
+            ("Hover", "env.task.vehicle = '../../etc'", "Hover-_.._etc-apg-s0"),
+        ] {
+            let config = TrainConfig::for_task(task, None, Some((text, "own"))).unwrap();
+            let named = default_folder(registry::by_name(task).unwrap(), &config).unwrap();
+            assert_eq!(named, Path::new("runs").join(folder), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_limit_that_the_help_names_is_that_of_hover() {
+        assert_eq!(registry::by_name("Hover").unwrap().success(), "position_error < 0.1 m");
+        let help = EXAMPLES.replace('\n', " ");
+        assert!(help.contains("limit on the error, 0.1 m of position in Hover"), "{help}");
     }
 }

@@ -1,6 +1,7 @@
 //! What a training run is made of, as plain data: in TOML by the same names.
 //!
 //! ```toml
+//! task = "Hover"
 //! algorithm = "apg"
 //! seed = 3
 //! [apg]
@@ -25,6 +26,7 @@ use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::tasks::{EnvConfig, Spec, registry};
 use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
 use toml::{Table, Value};
 
 /// How a policy learns.
@@ -116,6 +118,8 @@ impl Default for Checkpoints {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainConfig {
+    /// What is learnt; empty where a file does not say.
+    pub task: String,
     /// How to learn.
     pub algorithm: Algorithm,
     /// Of all that is random in the run.
@@ -139,6 +143,7 @@ pub struct TrainConfig {
 impl Default for TrainConfig {
     fn default() -> Self {
         Self {
+            task: String::new(),
             algorithm: Algorithm::default(),
             seed: 0,
             log_every: 10,
@@ -170,8 +175,8 @@ impl TrainConfig {
     /// is the first of: `algorithm`, that of the user's text, that of the task's first recipe, APG.
     ///
     /// # Errors
-    /// [`Error::Unknown`] for a task that is none, [`Error::Format`] with line, column and the nearest known key,
-    /// otherwise as [`TrainConfig::validate`].
+    /// [`Error::Unknown`] for a task that is none, [`Error::Format`] with line, column and the nearest known key, and for a
+    /// text that names another task; otherwise as [`TrainConfig::validate`].
     pub fn for_task(task: &str, algorithm: Option<Algorithm>, user: Option<(&str, &str)>) -> Result<Self> {
         Self::layered(task, algorithm, user.as_slice())
     }
@@ -185,6 +190,7 @@ impl TrainConfig {
         let (mut own, mut algorithm_of_file) = (Table::new(), None);
         for (text, file) in user {
             let (table, named) = read(text, file)?;
+            check_task(&table, task, file)?;
             merge(&mut own, table);
             algorithm_of_file = named.or(algorithm_of_file);
         }
@@ -194,7 +200,7 @@ impl TrainConfig {
         let mut merged = Self::default().table()?;
         merge(&mut merged, over);
         merge(&mut merged, own);
-        let config = Self { algorithm: algorithm.unwrap_or(usual), ..of_table(merged)? };
+        let config = Self { task: task.into(), algorithm: algorithm.unwrap_or(usual), ..of_table(merged)? };
         config.validate()?;
         Ok(config)
     }
@@ -211,7 +217,7 @@ impl TrainConfig {
         Ok(config)
     }
 
-    /// All settings but those of other algorithms, as TOML that [`TrainConfig::from_toml`] reads back.
+    /// All settings but those of other algorithms, the task first, as TOML that [`TrainConfig::from_toml`] reads back.
     ///
     /// # Errors
     /// [`Error::Value`] for a whole number above 2⁶³ − 1.
@@ -220,7 +226,9 @@ impl TrainConfig {
         for other in Algorithm::ALL.into_iter().filter(|a| *a != self.algorithm) {
             table.remove(other.name());
         }
-        toml::to_string(&table).map_err(unwritable)
+        let task = table.remove("task").filter(|_| !self.task.is_empty());
+        let first = task.map_or_else(String::new, |task| format!("task = {task}\n"));
+        toml::to_string(&table).map(|rest| first + &rest).map_err(unwritable)
     }
 
     fn table(&self) -> Result<Table> {
@@ -236,6 +244,9 @@ impl TrainConfig {
     /// # Errors
     /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
     pub fn validate(&self) -> Result<()> {
+        if !self.task.is_empty() {
+            registry::by_name(&self.task)?;
+        }
         if i64::try_from(self.seed.max(self.evaluate.seed)).is_err() {
             let remedy = "Files hold no larger ones.";
             return Err(Error::limit("seed", self.seed.max(self.evaluate.seed), i64::MAX, remedy));
@@ -285,17 +296,44 @@ impl TrainConfig {
         self
     }
 
-    /// Whether both train to the same bits, as long as both train: number of updates, logs, evaluations and checkpoints
-    /// may differ. (Schedules are stretched over the number of updates.)
+    /// The settings in which two runs differ that should train to the same bits, as long as both train: number of updates,
+    /// logs, evaluations and checkpoints may differ, and a task that one of them leaves out. (Schedules are stretched over
+    /// the number of updates.) Of different algorithms, the algorithm's own settings are left out.
     ///
     /// # Errors
     /// As [`TrainConfig::to_toml`].
-    pub fn makes_the_same_as(&self, other: &Self) -> Result<bool> {
-        let bare = |config: &Self| {
+    pub fn differences(&self, now: &Self) -> Result<Vec<Difference>> {
+        let task = if self.task.is_empty() { now.task.clone() } else { self.task.clone() };
+        let bare = |config: &Self| -> Result<Table> {
             let Self { log_every, evaluate, checkpoint, .. } = Self::default();
-            Self { log_every, evaluate, checkpoint, ..config.clone() }.with_updates(0).to_toml()
+            let task = if config.task.is_empty() { task.clone() } else { config.task.clone() };
+            Self { task, log_every, evaluate, checkpoint, ..config.clone() }.with_updates(0).table()
         };
-        Ok(bare(self)? == bare(other)?)
+        let mut differences = differences(&bare(self)?, &bare(now)?);
+        let counts = |key: &str| match Algorithm::ALL.into_iter().find(|a| of_algorithm(key, *a)) {
+            Some(algorithm) => algorithm == self.algorithm && algorithm == now.algorithm,
+            None => true,
+        };
+        differences.retain(|difference| counts(&difference.key));
+        Ok(differences)
+    }
+
+    /// The tables of other algorithms in a user's TOML, which `self` leaves unused.
+    pub fn unused(&self, text: &str) -> Vec<Algorithm> {
+        let table: Table = toml::from_str(text).unwrap_or_default();
+        Algorithm::ALL.into_iter().filter(|a| *a != self.algorithm && table.contains_key(a.name())).collect()
+    }
+
+    /// The first key of a TOML text that a training run has and environments do not: whether the text is of a run.
+    pub fn telling_key(text: &str) -> Option<String> {
+        let table: Table = toml::from_str(text).ok()?;
+        let own = Table::try_from(Self::default()).ok()?;
+        let telling = |key: &str, value: &Value| match key {
+            "seed" => false,
+            "task" => value.is_str(),
+            key => own.contains_key(key),
+        };
+        table.iter().find(|(key, value)| telling(key, value)).map(|(key, _)| key.clone())
     }
 
     /// The learner at its first update.
@@ -329,10 +367,101 @@ impl TrainConfig {
     }
 }
 
+/// A setting that two runs or two kinds of environments do not share.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// `apg.window`.
+    pub key: String,
+    /// As in a file; none where it is the task's own.
+    pub then: Option<String>,
+    /// Likewise.
+    pub now: Option<String>,
+}
+
+/// Most differences in a message.
+const MAX_TOLD: usize = 5;
+
+/// `apg.clip is 0.1, was 0.5; …`, the first few and how many more there are.
+pub(crate) fn told(differences: &[Difference]) -> String {
+    let usual = |value: &Option<String>| value.clone().unwrap_or_else(|| "the task's own".into());
+    let one = |d: &Difference| format!("{} is {}, was {}", d.key, usual(&d.now), usual(&d.then));
+    let mut parts: Vec<String> = differences.iter().take(MAX_TOLD).map(one).collect();
+    if differences.len() > MAX_TOLD {
+        parts.push(format!("and {} more", differences.len() - MAX_TOLD));
+    }
+    parts.join("; ")
+}
+
+/// Between two tables, key by key; a table with a `kind` is one value.
+pub(crate) fn differences(then: &Table, now: &Table) -> Vec<Difference> {
+    let (then, now) = (leaves(then), leaves(now));
+    let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
+    let difference =
+        |key: &String| Difference { key: key.clone(), then: then.get(key).cloned(), now: now.get(key).cloned() };
+    keys.into_iter().map(difference).filter(|d| d.then != d.now).collect()
+}
+
+/// The values of a table by their dotted keys.
+fn leaves(table: &Table) -> BTreeMap<String, String> {
+    let mut all = BTreeMap::new();
+    for (key, value) in table {
+        match value {
+            Value::Table(inner) if !inner.contains_key("kind") => {
+                all.extend(leaves(inner).into_iter().map(|(rest, value)| (format!("{key}.{rest}"), value)));
+            }
+            value => drop(all.insert(key.clone(), value.to_string())),
+        }
+    }
+    all
+}
+
+/// Whether a key is one of an algorithm's own settings.
+fn of_algorithm(key: &str, algorithm: Algorithm) -> bool {
+    key.strip_prefix(algorithm.name()).is_some_and(|rest| rest.starts_with('.'))
+}
+
+/// A text that names a task is for that one.
+fn check_task(table: &Table, task: &str, file: &str) -> Result<()> {
+    let Some(named) = table.get("task").and_then(Value::as_str) else { return Ok(()) };
+    let named = registry::by_name(named)?.name;
+    if named == task {
+        return Ok(());
+    }
+    Err(Error::Format {
+        file: file.into(),
+        place: "task".into(),
+        rule: format!("the settings are for {named}, but the run is of {task}"),
+        remedy: format!("Train {named} with them, or change the line to task = \"{task}\"."),
+    })
+}
+
+/// A text about environments alone is no text about a run.
+fn check_kind(table: &Table, text: &str, file: &str) -> Result<()> {
+    let environments = Table::try_from(EnvConfig::default()).map_err(unwritable)?;
+    let named = |key: &str, value: &Value| key == "task" && value.is_str();
+    let strange = |key: &str, value: &Value| key != "seed" && !named(key, value) && environments.contains_key(key);
+    let Some(key) = table.iter().find(|(key, value)| strange(key, value)).map(|(key, _)| key) else {
+        return Ok(());
+    };
+    if TrainConfig::telling_key(text).is_some() {
+        return Ok(());
+    }
+    Err(Error::Format {
+        file: file.into(),
+        place: key.clone(),
+        rule: format!(
+            "is a setting of environments, of the kind that 'tasks TASK --toml' prints and 'tasks', 'rollout', 'bench', \
+             'eval' and 'watch' read; in a training run it is env.{key}"
+        ),
+        remedy: "Write it so, or begin with the file that 'omnidrones train TASK --toml' prints.".into(),
+    })
+}
+
 /// The table of a text and the algorithm that it names. Everything in it is known, by itself.
 fn read(text: &str, file: &str) -> Result<(Table, Option<Algorithm>)> {
-    let whole: TrainConfig = toml::from_str(text).map_err(|e| Error::of_toml(&e, text, file))?;
     let table: Table = toml::from_str(text).map_err(|e| Error::of_toml(&e, text, file))?;
+    check_kind(&table, text, file)?;
+    let whole: TrainConfig = toml::from_str(text).map_err(|e| Error::of_toml(&e, text, file))?;
     for (key, remedy) in NOT_OF_ENV {
         if table.get("env").is_some_and(|env| env.get(key).is_some()) {
             let rule = "is no setting of a training run".into();
@@ -434,6 +563,55 @@ mod tests {
         }
         let error = TrainConfig::for_task("Hovr", None, None).unwrap_err().to_string();
         assert!(error.contains("did you mean 'Hover'?"), "{error}");
+    }
+
+    #[test]
+    fn a_text_names_its_task_first_and_is_refused_for_another() {
+        let config = hover("seed = 2").unwrap();
+        let text = config.to_toml().unwrap();
+        assert!(text.starts_with("task = \"Hover\"\n"), "{text}");
+        assert_eq!(TrainConfig::from_toml(&text, "t").unwrap().task, "Hover");
+        assert_eq!(hover(&text).unwrap(), config);
+        assert_eq!(hover("task = 'hover'").unwrap().task, "Hover");
+        let error = TrainConfig::for_task("Track", None, Some((&text, "my.toml"))).unwrap_err().to_string();
+        assert!(error.contains("my.toml: task: the settings are for Hover, but the run is of Track"), "{error}");
+        assert!(hover("task = 'Hovr'").unwrap_err().to_string().contains("did you mean 'Hover'?"));
+    }
+
+    #[test]
+    fn a_text_about_environments_is_told_from_one_about_a_run() {
+        for text in ["n_env = 9\n[task]\nhorizon = 3", "control = 'rate'", "[task]\nvehicle = 'iris'"] {
+            let error = hover(text).unwrap_err().to_string();
+            assert!(error.contains("is a setting of environments") && error.contains("train TASK --toml"), "{error}");
+            assert_eq!(TrainConfig::telling_key(text), None);
+        }
+        assert_eq!(TrainConfig::telling_key("seed = 3"), None);
+        assert_eq!(TrainConfig::telling_key("seed = 3\n[apg]\nwindow = 3").as_deref(), Some("apg"));
+        assert_eq!(TrainConfig::telling_key("task = 'Hover'").as_deref(), Some("task"));
+    }
+
+    #[test]
+    fn differences_are_named_by_their_keys_and_algorithms_by_themselves() {
+        let one = hover("seed = 1\n[apg]\nclip = 0.5").unwrap();
+        assert_eq!(one.differences(&one.clone().with_updates(7)).unwrap(), []);
+        let nameless = TrainConfig { task: String::new(), log_every: 3, ..one.clone() };
+        assert_eq!(nameless.differences(&one).unwrap(), []);
+        let other = hover("seed = 2\nenv.task.vehicle = 'iris'\n[apg]\nclip = 0.25").unwrap();
+        let text = told(&one.differences(&other).unwrap());
+        let wanted = "apg.clip is 0.25, was 0.5; env.task.vehicle is \"iris\", was the task's own; seed is 2, was 1";
+        assert_eq!(text, wanted);
+        let ppo = TrainConfig { algorithm: Algorithm::Ppo, ..one.clone() };
+        let all = one.differences(&ppo).unwrap();
+        assert_eq!(all.iter().map(|d| d.key.as_str()).collect::<Vec<_>>(), ["algorithm"]);
+        let many: Vec<Difference> = (0..7).map(|_| all[0].clone()).collect();
+        assert!(told(&many).ends_with("; and 2 more"));
+    }
+
+    #[test]
+    fn tables_of_other_algorithms_are_told() {
+        let config = hover("").unwrap();
+        assert_eq!(config.unused("ppo.updates = 3\napg.updates = 3"), [Algorithm::Ppo]);
+        assert_eq!(config.unused("seed = 3"), []);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! A policy from the files of a run, ready to fly, without the learner that made it.
 
 use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors};
-use super::config::TrainConfig;
+use super::config::{TrainConfig, differences, told};
 use super::policy::Policy;
 use super::state;
 use crate::error::{Error, Result};
@@ -23,16 +23,74 @@ pub struct Saved {
     pub skipped: Vec<Skipped>,
 }
 
+impl Saved {
+    /// Checks that environments show and take what the policy was trained with.
+    ///
+    /// # Errors
+    /// [`Error::Value`] that names what differs, with the settings behind it; otherwise as [`Env::make`].
+    pub fn check(&self, asked: &EnvConfig) -> Result<()> {
+        let trained = self.config.seen_env();
+        let spec = |env: &EnvConfig| {
+            Ok(Env::make(&self.manifest.task, &EnvConfig { n_env: 1, ..env.clone() })?.spec().clone())
+        };
+        let (then, now) = (spec(&trained)?, spec(asked)?);
+        if then.hash() == now.hash() {
+            return Ok(());
+        }
+        let settings = differences(&bare(&trained)?, &bare(asked)?);
+        let remedy = match &settings[..] {
+            [] => "Fly it with the version that trained it.".to_string(),
+            settings => format!("Leave these as they were in training: {}.", told(settings)),
+        };
+        let limit = "those that the policy was trained in";
+        Err(Error::value("environments", format!("others ({})", strange(&then, &now)), limit, remedy))
+    }
+}
+
+/// What an agent meets otherwise, in words.
+fn strange(then: &Spec, now: &Spec) -> String {
+    let mut parts = Vec::new();
+    let mut number = |what: &str, now: usize, then: usize| {
+        if now != then {
+            parts.push(format!("{now} {what}, not {then}"));
+        }
+    };
+    number("agents", now.n_agent, then.n_agent);
+    number("numbers in an observation", now.n_observation, then.n_observation);
+    number("numbers in an action", now.action.len(), then.action.len());
+    number("numbers in the central state", now.n_central, then.n_central);
+    if now.commands != then.commands {
+        parts.push(format!("commands {}, not {}", now.commands.join(", "), then.commands.join(", ")));
+    }
+    if now.dt != then.dt {
+        parts.push(format!("steps of {} s, not {} s", now.dt, then.dt));
+    }
+    if parts.is_empty() {
+        parts.push("other names, scales or transforms of as many numbers".into());
+    }
+    parts.join("; ")
+}
+
+/// What of a configuration a policy can meet.
+fn bare(env: &EnvConfig) -> Result<toml::Table> {
+    let EnvConfig { control, action_scale, actions, dt, observation, task, .. } = env.clone();
+    let own = EnvConfig { control, action_scale, actions, dt, observation, task, ..EnvConfig::default() };
+    toml::Table::try_from(&own).map_err(|e| Error::value("environments", e, "what TOML can hold", "Lower the numbers."))
+}
+
 /// The policy of a checkpoint's folder, or of the newest whole checkpoint of a run.
 ///
 /// # Errors
-/// [`Error::File`] if there is neither, [`Error::Format`] for damaged files, [`Error::Value`] if the task has changed
-/// since.
+/// [`Error::Value`] if there is neither or the task has changed since, [`Error::File`] if the disk refuses,
+/// [`Error::Format`] for damaged files.
 pub fn load_policy(path: impl AsRef<Path>) -> Result<Saved> {
     let path = path.as_ref();
     let (checkpoint, folder, skipped) = if path.join("manifest.json").exists() {
         (Checkpoint::load(path)?, path.to_path_buf(), Vec::new())
     } else {
+        if !path.join("checkpoints").is_dir() {
+            return Err(nothing(path));
+        }
         let found = Store::open(path)?.latest()?.ok_or_else(|| nothing(path))?;
         (found.checkpoint, found.folder, found.skipped)
     };
@@ -50,7 +108,9 @@ pub fn load_policy(path: impl AsRef<Path>) -> Result<Saved> {
 }
 
 fn nothing(path: &Path) -> Error {
-    Error::value("checkpoints", format!("none in {}", path.display()), "1 or more", "Train until the first is written.")
+    let value = format!("'{}', which holds no checkpoint", path.display());
+    let remedy = "Train one ('omnidrones train TASK'), or let it train until the first checkpoint is written.";
+    Error::value("run", value, "the folder of a run or of one of its checkpoints", remedy)
 }
 
 /// Names of the head's parameters and of the normaliser's statistics.

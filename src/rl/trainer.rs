@@ -21,7 +21,7 @@
 //! | `time_…` | share of each phase in the time since the last line |
 
 use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer};
-use super::config::TrainConfig;
+use super::config::{TrainConfig, told};
 use super::evaluate::{Starts, evaluate};
 use super::learner::{Episodes, Learner, Update};
 use super::log::{Line, Log};
@@ -126,11 +126,17 @@ impl Trainer {
     /// A run from random weights, kept nowhere; the clock starts.
     ///
     /// # Errors
-    /// As [`TrainConfig::validate`], [`registry::by_name`], and the learner's.
+    /// As [`TrainConfig::validate`], [`registry::by_name`], and the learner's; [`Error::Value`] for settings of another
+    /// task.
     pub fn new(task: &str, config: TrainConfig, threads: Threads) -> Result<Self> {
         let clock = Clock::new();
         config.validate()?;
         let task = registry::by_name(task)?.name;
+        if !config.task.is_empty() && !config.task.eq_ignore_ascii_case(task) {
+            let remedy = format!("Train {}, or take settings of {task}.", config.task);
+            return Err(Error::value("task of the settings", config.task, format!("{task}, which is trained"), remedy));
+        }
+        let config = TrainConfig { task: task.into(), ..config };
         let learner = config.learner(task, &threads)?;
         let since = Since::new(0, 0.0);
         let (curve, evaluation, files) = (Vec::new(), None, None);
@@ -143,7 +149,7 @@ impl Trainer {
     ///
     /// # Errors
     /// [`Error::Value`] without `resume` if there is a run already, with it if that has other settings (number of updates,
-    /// logs, evaluations and checkpoints may differ), and if another process writes there; [`Error::Format`] if no
+    /// logs, evaluations and checkpoints may differ) or is longer, and if another process writes there; [`Error::Format`] if no
     /// checkpoint is whole; [`Error::File`] if the disk refuses.
     pub fn in_folder(mut self, folder: impl AsRef<Path>, resume: bool) -> Result<Self> {
         let folder = folder.as_ref();
@@ -172,12 +178,20 @@ impl Trainer {
     fn go_on(&mut self, checkpoint: &Checkpoint, folder: &Path) -> Result<()> {
         let Checkpoint { manifest, policy, state } = checkpoint;
         let file = folder.join("manifest.json").display().to_string();
-        let then = TrainConfig::from_toml(&manifest.config, &file)?;
-        if manifest.task != self.task || !then.makes_the_same_as(&self.config)? {
+        let then = TrainConfig { task: manifest.task.clone(), ..TrainConfig::from_toml(&manifest.config, &file)? };
+        let differences = then.differences(&self.config)?;
+        if !differences.is_empty() {
             let (what, limit) = (format!("settings of the run in {file}"), "those that it was begun with");
-            return Err(Error::value(what, "others", limit, "Repeat its options, or train in another folder."));
+            let remedy = "Repeat its options, or train in another folder.";
+            return Err(Error::value(what, format!("others ({})", told(&differences)), limit, remedy));
         }
         self.learner.load(policy, state)?;
+        let (done, budget) = (self.learner.n_update(), self.learner.budget());
+        if done > budget {
+            let limit = format!("≥ {done}, the updates of the run in {file}");
+            let remedy = "Give a number from there on, none for that of the run, or train in another folder.";
+            return Err(Error::value("number of updates", budget, limit, remedy));
+        }
         (self.update, self.clock.before) = (manifest.update, manifest.seconds);
         self.since = Since::new(self.learner.env_steps(), manifest.seconds);
         Ok(())
@@ -186,6 +200,11 @@ impl Trainer {
     /// Updates so far.
     pub fn update(&self) -> u64 {
         self.update
+    }
+
+    /// Whether there is nothing left to train.
+    pub fn is_over(&self) -> bool {
+        self.learner.n_update() >= self.learner.budget()
     }
 
     /// The settings.

@@ -16,6 +16,8 @@ pub struct Entry {
     pub defaults: &'static str,
     /// Documentation and code.
     pub source: &'static str,
+    /// The source that describes it: its own, or that of the task whose variant it is.
+    described: &'static str,
     make: fn(&str, &EnvConfig) -> Result<Env>,
 }
 
@@ -25,7 +27,7 @@ const fn entry(
     source: &'static str,
     make: fn(&str, &EnvConfig) -> Result<Env>,
 ) -> Entry {
-    Entry { name, description, defaults: "", source, make }
+    Entry { name, description, defaults: "", source, described: source, make }
 }
 
 /// Groups of tasks by how their names begin or end; the first that fits counts.
@@ -47,10 +49,60 @@ impl Entry {
         FAMILIES.iter().find(fits).map_or("one drone", |(_, _, family)| family)
     }
 
-    /// The same task with defaults of its own.
-    const fn with_defaults(self, defaults: &'static str) -> Self {
-        Self { defaults, ..self }
+    /// The task that `described` describes, with defaults of its own.
+    const fn variant(self, described: &'static str, defaults: &'static str) -> Self {
+        Self { described, defaults, ..self }
     }
+
+    /// Symbols, target and start of an episode, in words.
+    pub fn setting(&self) -> String {
+        self.paragraphs().into_iter().skip(1).filter(|p| !p.starts_with("- ")).collect::<Vec<_>>().join(" ")
+    }
+
+    /// When the goal counts as reached in a step: what [`Task::success`](super::Task::success) asks.
+    pub fn success(&self) -> String {
+        self.item("- Success: ")
+    }
+
+    /// The formula of [`Task::loss`](super::Task::loss).
+    pub fn loss(&self) -> String {
+        self.item("- Loss: ")
+    }
+
+    fn item(&self, head: &str) -> String {
+        let found = self.paragraphs().into_iter().find_map(|p| p.strip_prefix(head).map(String::from));
+        found.unwrap_or_default().trim_end_matches('.').into()
+    }
+
+    /// The documentation without its tables; items of lists are paragraphs of their own.
+    fn paragraphs(&self) -> Vec<String> {
+        let mut all = vec![String::new()];
+        for line in self.described.lines().map_while(|line| line.strip_prefix("//!")).map(str::trim) {
+            if line.is_empty() || line.starts_with("- ") {
+                all.push(String::new());
+            }
+            if let Some(last) = all.last_mut().filter(|_| !line.starts_with('|')) {
+                last.push_str(if last.is_empty() { "" } else { " " });
+                last.push_str(line);
+            }
+        }
+        all.retain(|paragraph| !paragraph.is_empty());
+        all.iter().map(|paragraph| plain(paragraph)).collect()
+    }
+}
+
+/// Without marks of code and links: `[word](place)` is `word`.
+fn plain(text: &str) -> String {
+    let text = text.replace('`', "");
+    let mut parts = text.split("](crate::");
+    let mut out = parts.next().unwrap_or_default().to_string();
+    for part in parts {
+        if let Some(open) = out.rfind('[') {
+            out.remove(open);
+        }
+        out.push_str(part.split_once(')').map_or(part, |(_, rest)| rest));
+    }
+    out
 }
 
 /// Every built-in task.
@@ -109,25 +161,25 @@ pub static REGISTRY: &[Entry] = &[
         include_str!("suite/variants.rs"),
         |name, config| Env::of(hover::Hover::new(config)?, name, config),
     )
-    .with_defaults(variants::HOVER_RAND),
+    .variant(include_str!("suite/hover.rs"), variants::HOVER_RAND),
     entry(
         "TrackRand",
         "follow a lemniscate with another drone in every episode",
         include_str!("suite/variants.rs"),
         |name, config| Env::of(track::Track::new(config)?, name, config),
     )
-    .with_defaults(variants::TRACK_RAND),
+    .variant(include_str!("suite/track.rs"), variants::TRACK_RAND),
     entry("OmavHover", "hover with an Omav whose rotors tilt", include_str!("suite/variants.rs"), |name, config| {
         Env::of(hover::Hover::new(config)?, name, config)
     })
-    .with_defaults(variants::OMAV),
+    .variant(include_str!("suite/hover.rs"), variants::OMAV),
     entry(
         "OmavTrack",
         "follow a lemniscate with an Omav whose rotors tilt",
         include_str!("suite/variants.rs"),
         |name, config| Env::of(track::Track::new(config)?, name, config),
     )
-    .with_defaults(variants::OMAV),
+    .variant(include_str!("suite/track.rs"), variants::OMAV),
     entry(
         "DragonHover",
         "fly a chain of four links to a point",
@@ -247,4 +299,61 @@ pub fn by_name(name: &str) -> Result<&'static Entry> {
         name: name.to_string(),
         known: names().into_iter().map(String::from).collect(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::config::Autoreset;
+    use super::super::{Baseline, Watched, evaluate};
+    use super::*;
+
+    #[test]
+    fn every_task_tells_its_start_its_success_and_its_loss() {
+        for entry in REGISTRY {
+            let (setting, success, loss) = (entry.setting(), entry.success(), entry.loss());
+            assert!(setting.contains("Start: "), "{}: {setting}", entry.name);
+            assert!(success.contains(" < 0.") && loss.contains("√("), "{}: {success}; {loss}", entry.name);
+            for text in [setting, success, loss] {
+                assert!(!text.contains("](") && !text.contains('`'), "{}: {text}", entry.name);
+            }
+        }
+        assert_eq!(by_name("OmavHover").unwrap().success(), "position_error < 0.1 m");
+    }
+
+    /// `position_error < 0.1 m`: metric and limit of every condition.
+    fn limits(success: &str) -> Vec<(String, f64)> {
+        let limit = |text: &str| {
+            let (name, rest) = text.split_once(" < ").unwrap();
+            (name.to_string(), rest.split(' ').next().unwrap().parse().unwrap())
+        };
+        success.split(" and ").map(limit).collect()
+    }
+
+    const N: usize = 4;
+
+    #[test]
+    fn success_is_what_it_is_said_to_be() {
+        for entry in REGISTRY {
+            let mut config = EnvConfig { n_env: N, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
+            config.task.insert("horizon".into(), 300.into());
+            let (mut env, said) = (entry.env(&config).unwrap(), entry.success());
+            let Ok(mut own) = Baseline::new(&env) else { continue };
+            let (spec, limits) = (env.spec().clone(), limits(&said));
+            let (once, more) = (said.contains("once"), said.contains("with all"));
+            let mut before = [false; N];
+            let mut watch = |watched: &Watched<'_>| {
+                let told = |i: usize, name: &str| {
+                    f64::from(watched.out.info[i * spec.info.len() + spec.info_column(name).unwrap()])
+                };
+                for i in (0..N).filter(|i| watched.flying[*i] && watched.out.terminated[*i] == 0) {
+                    let near = limits.iter().any(|(name, limit)| (told(i, name) - limit).abs() < 1e-4);
+                    let now = limits.iter().all(|(name, limit)| told(i, name) < *limit);
+                    before[i] = now || once && before[i];
+                    let success = told(i, "success") > 0.5;
+                    assert!(near || success == before[i] || more && !success, "{}, step {}", entry.name, watched.step);
+                }
+            };
+            evaluate(&mut env, &mut own.policy(), &mut watch).unwrap();
+        }
+    }
 }

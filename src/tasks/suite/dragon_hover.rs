@@ -37,6 +37,10 @@
 //! heading h_t at any yaw. Start: link 0 uniform in ±2.5 × ±2.5 × [1, 2.5] m, roll and pitch within ±0.2π, any yaw, joints
 //! straight, at rest. d = ‖(p_t − p̄, h_t − h)‖.
 //!
+//! - Success: `position_error` < 0.1 m.
+//! - Loss: √(‖p_t − p̄‖² + 0.1²) + 0.3 ‖h_t − h‖² + means of 0.02 ‖v_i‖² and 0.005 ‖ω_i‖² over the links and of 0.01
+//!   q̇² over the joints.
+//!
 //! - DIFFERENCE: the whole body counts (defect 28): the mean of its links flies to the target, not link 0; Δs is that of
 //!   all rotors and reported (published: always 0). The heading stays that of link 0, so the chain may bend as it likes.
 //! - DIFFERENCE: starts with d > 3.8 are drawn again; 4 ends an episode.

@@ -44,7 +44,11 @@
 //! p = (x, y, z) drone, g, v_g position and velocity of the gate's frame, u = R e_z, ω angular velocity (world), e = Σ s effort,
 //! k steps, d = ‖p_t − p‖. The gate stands at (0, 0, 2) m, its opening has half sizes of 0.616 × 0.561 m; it starts within ±1 m
 //! along y and swings back on a spring (4 kg, 3 N/m). Target: uniform in [1.5, 2.5] × ±1 × [1.5, 2.5] m. Start: p uniform in
-//! [−2.5, −2] × ±1.5 × [1.5, 2.5] m, roll and pitch within ±0.2π, yaw 0, at rest. The goal counts as reached once d < 0.2 m.
+//! [−2.5, −2] × ±1.5 × [1.5, 2.5] m, roll and pitch within ±0.2π, yaw 0, at rest.
+//!
+//! - Success: `position_error` < 0.2 m, once in the episode.
+//! - Loss: √(d² + 0.1²) + (b² + c²)/(1 + 4a²) + 0.02 ‖v‖² + 0.005 ‖ω‖² + 0.5 e^{−10 max(`clearance`, −0.2 m)}, with
+//!   (a, b, c) = g − p.
 //!
 //! - DIFFERENCE: gate observations, rewards and ends read the frame; the published ones its fixed mount (defect 19).
 //! - DIFFERENCE: the slide is damped, ζ = 0.14, so the gate comes to rest; the published one swings for ever (defect 20).

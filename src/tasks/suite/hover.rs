@@ -37,6 +37,9 @@
 //! heading h_t at a yaw drawn in [0, 2π). Start: p uniform in ±2.5 × ±2.5 × [1, 2.5] m, roll and pitch within ±0.2π,
 //! any yaw, at rest. d = ‖(p_t − p, h_t − h)‖.
 //!
+//! - Success: `position_error` < 0.1 m.
+//! - Loss: √(‖p_t − p‖² + 0.1²) + 0.02 ‖v‖² + 0.005 ‖ω‖² + 0.3 ‖h_t − h‖².
+//!
 //! - DIFFERENCE: starts with d > 4 are drawn again; published ones reach 4.18 and end at once (defect 26).
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 //! - DIFFERENCE: the default vehicle is the Hummingbird; the published one's is the Firefly (`vehicle = "firefly"`).

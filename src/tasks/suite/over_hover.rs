@@ -47,6 +47,9 @@
 //! u_t of an attitude with roll and pitch within ±0.2π and any yaw. Start: frame uniform in ±3 × ±3 × [1.5, 2.5] m, the
 //! same attitudes, at rest, joints at zero. d = ‖(p_t − p, h_t − h, u_t − u)‖.
 //!
+//! - Success: `position_error` < 0.1 m.
+//! - Loss: √(‖p_t − p‖² + 0.1²) + 0.3 (‖h_t − h‖² + ‖u_t − u‖²) + 0.02 ‖v‖² + 0.005 ‖ω‖².
+//!
 //! - DIFFERENCE: target attitudes as above; published ones lack the factor π: ±0.2 rad, yaw up to 2 rad (defect 16).
 //! - DIFFERENCE: starts with d > 4.5 are drawn again; published ones reach 4.8 of the 5 that end an episode (defect 26).
 //! - DIFFERENCE: the spin term counts the three angular rates; the published one all six velocities (defect 15).

@@ -48,7 +48,10 @@
 //! of the bar, d = ‖q_t − q‖, c = 1 while drone, bar or ball touch an obstacle, else 0. Ball 0.2 to 0.3 of the vehicle's mass,
 //! bar 1 g. Obstacles: two level bars along y at x = 0, z = 1.2 m and `spacing` above. Target: q_t uniform in
 //! [1.3, 1.5] × 0 × [1, 1.5] m. Start: p uniform in [−2.5, −1] × 0 × [1.5, 2] m, roll and pitch within ±0.2π, any yaw, the bar
-//! along the drone's −z, at rest. The goal counts as reached once d < 0.2 m. Shapes that touch have the middle of `length`.
+//! along the drone's −z, at rest. Shapes that touch have the middle of `length`.
+//!
+//! - Success: `position_error` < 0.2 m, once in the episode.
+//! - Loss: √(d² + 0.1²) + 0.02 ‖v_q‖² + 0.005 ‖ω‖² + 0.5 e^{−10 max(`clearance`, −0.2 m)}.
 //!
 //! - DIFFERENCE: observes p − q; the published code p − q_t under that name (defect 18).
 //! - DIFFERENCE: c is geometric, of the shapes that push; the published one asks for a contact force.

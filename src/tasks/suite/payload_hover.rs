@@ -44,6 +44,9 @@
 //! rest. From step 1 on a push comes with probability 1 − e^{−dt/2} per step: for that step the world force m_q Δv/dt acts on
 //! the ball, a kick of Δv ~ N(0, (1, 1, 0.5) m/s). Along the bar the drone takes its share.
 //!
+//! - Success: `position_error` < 0.1 m.
+//! - Loss: √(d² + 0.1²) + 0.02 ‖v_q‖² + 0.005 ‖ω‖².
+//!
 //! - DIFFERENCE: Δv is clipped at ±3σ; published ones on the upper side alone (defect 22).
 //! - DIFFERENCE: starts with q_z < 0.2 m are drawn again; they come with bars above 1.3 m alone.
 //! - DIFFERENCE: the bar swings without stops; published ones are at ±120° (see [`load`](crate::tasks::suite::load)).

@@ -44,6 +44,9 @@
 //! velocity of the bar, d = ‖q_t − q‖. Ball 0.2 to 0.3 of the vehicle's mass, bar 0.01 to 0.04 kg. Target: q_t = (0, 0, 2.5) m.
 //! Start: p uniform in ±1.5 × ±1.5 × [1, 2] m, roll and pitch within ±0.15π, any yaw, the bar along the drone's z, at rest.
 //!
+//! - Success: `position_error` < 0.1 m.
+//! - Loss: √(d² + 0.1²) + 0.02 ‖v_q‖² + 0.005 ‖ω‖² + 1 − b.
+//!
 //! - DIFFERENCE: the bar is as long as configured; the published one is always 1 m (defect 23).
 //! - DIFFERENCE: starts with d > 3.3 m are drawn again; they come with bars of 1.7 m or more alone.
 //! - DIFFERENCE: a drawn mass takes centre of mass and inertia with it (defect 25).

@@ -50,8 +50,11 @@
 //! the rig's bodies to a beam, negative in contact. Beams (`bars` when observed): two level capsules along y of radius 0.04 m
 //! and length 5 m at x = 0, z = 1.2 m and 1 to 1.2 m above; the group is 1.3 m high. Mass of the box: uniform in
 //! [0.5, 0.8] Σ m_i. Target: uniform in [1.75, 2.25] × ±0.2 × [1.25, 1.75] m. Start: box uniform in
-//! [−2.5, −1.5] × ±0.5 × [1, 2] m, level, yaw within ±0.5π, drones upright above it, at rest. Success once ‖p_t − p‖ < 0.2 m
-//! with all drones beyond x = 0.05 m has held in the episode.
+//! [−2.5, −1.5] × ±0.5 × [1, 2] m, level, yaw within ±0.5π, drones upright above it, at rest.
+//!
+//! - Success: `position_error` < 0.2 m with all drones beyond x = 0.05 m, once in the episode.
+//! - Loss: √(‖p_t − p‖² + 0.1²) + 0.3 ‖e_z − u‖² + 0.02 ‖v‖² + 0.005 ‖ω‖² of the box + 0.5 e^{−10 max(`clearance`,
+//!   −0.2 m)}.
 //!
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.

@@ -49,6 +49,9 @@
 //! [0.5, 0.8] Σ m_i. Target: (0, 0, 2) m, heading h_t at any yaw. Start: box uniform in ±3 × ±3 × [1, 2.5] m, level, any
 //! yaw, drones upright above it, at rest.
 //!
+//! - Success: `position_error` < 0.1 m.
+//! - Loss: √(‖p_t − p‖² + 0.1²) + 0.3 (‖h_t − h‖² + ‖e_z − u‖²) + 0.02 ‖v‖² + 0.005 ‖ω‖².
+//!
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).

@@ -44,11 +44,14 @@
 //! | `horizon` | 600 | T, steps |
 //! | `reset_distance` | 0.7 | largest distance from the path, m |
 //!
-//! p, u, v, ω box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the bars' joints as shares of their range
-//! of ±120°, sep the least distance of two drones, r_s = min((sep/0.5 m)², 1), k steps, p_ref(k) the path (see
-//! [`path`](crate::tasks::path)) with c within ±0.6, S within (2.4, 2.4, 1.2) … (3.6, 3.6, 1.6) m, |w| within 0.8 … 1.1 rad/s
-//! about (0, 0, 2) m. Mass of the box: uniform in [0.5, 0.8] Σ m_i. Start: box on the path, level, any yaw, drones upright
-//! above it, at rest. d = ‖p_ref(k) − p‖.
+//! p, u, v, ω box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the bars' joints as shares of their
+//! range of ±120°, sep the least distance of two drones, r_s = min((sep/0.5 m)², 1), k steps, p_ref(k) the path (a
+//! [lemniscate](crate::tasks::path) of vertical part c, scale S and rate w) with c within ±0.6, S within (2.4, 2.4,
+//! 1.2) … (3.6, 3.6, 1.6) m, |w| within 0.8 … 1.1 rad/s about (0, 0, 2) m. Mass of the box: uniform in [0.5, 0.8] Σ
+//! m_i. Start: box on the path, level, any yaw, drones upright above it, at rest. d = ‖p_ref(k) − p‖.
+//!
+//! - Success: `position_error` < 0.3 m.
+//! - Loss: √(d² + 0.1²) + 0.3 ‖e_z − u‖² + 0.02 ‖ṗ_ref − v‖² + 0.005 ‖ω‖².
 //!
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
