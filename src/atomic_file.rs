@@ -6,7 +6,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Calls `write` with a temporary path in the folder of `path` (same extension), then renames it to `path`. Missing
 /// folders are made. After an error the temporary file is removed and an older `path` is untouched.
-pub(crate) fn replace_with(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+///
+/// # Errors
+/// [`Error::Value`] unless the path ends in a file name, [`Error::File`] if the disk refuses; otherwise those of `write`.
+pub fn replace_with(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
     static COUNTER: AtomicU64 = AtomicU64::new(0);
     let Some(name) = path.file_name() else {
         return Err(Error::value(

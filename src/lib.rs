@@ -90,7 +90,8 @@
 
 #![warn(missing_docs)]
 
-pub(crate) mod atomic_file;
+#[doc(hidden)]
+pub mod atomic_file;
 pub mod autodiff;
 pub mod bench;
 pub mod controllers;

@@ -7,7 +7,7 @@
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
 //! | `rollout_files.rs` | plots and CSV of `rollout` |
-//! | `train_plot.rs` | the learning curve of `train` |
+//! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
 //! | `fly_rig.rs` | `fly` for configurations, and drops |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `rig.rs` | an articulated system from a name or a vehicle |
@@ -42,6 +42,7 @@ mod table;
 mod tasks;
 mod train;
 mod train_all;
+mod train_all_plot;
 mod train_plot;
 mod tune;
 mod watch;

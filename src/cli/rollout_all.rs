@@ -91,6 +91,14 @@ impl Line {
     }
 }
 
+/// What errors are, of tasks and the names of theirs; no name where it is not known.
+pub fn told_errors<'a>(errors: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+    let others = errors.filter(|(_, name)| !name.is_empty() && *name != "position_error");
+    let others: Vec<String> = others.map(|(task, name)| format!("{task} ({name})")).collect();
+    let but = if others.is_empty() { String::new() } else { format!(", but for {}", others.join(", ")) };
+    format!("Error: the task's position_error{but}")
+}
+
 fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> String {
     let mut table = Table::new(&[
         ("task", Align::Left),
@@ -132,12 +140,8 @@ fn all_page(lines: &[Line], config: &EnvConfig, written: &[PathBuf]) -> String {
     let mut page = Page::new();
     page.title("Baselines", &format!("{} episodes of every task, seed {}", config.n_env, config.seed));
     page.table(&table);
-    let named = lines.iter().filter(|l| !l.error.0.is_empty() && l.error.0 != "position_error");
-    let others: Vec<String> = named.map(|l| format!("{} ({})", l.name, l.error.0)).collect();
-    let but = if others.is_empty() { String::new() } else { format!(", but for {}", others.join(", ")) };
-    page.line(format!(
-        "\nError: the task's position_error{but}; 'last' is its mean in the last step, crashed episodes included."
-    ));
+    let told = told_errors(lines.iter().map(|l| (l.name, l.error.0.as_str())));
+    page.line(format!("\n{told}; 'last' is its mean in the last step, crashed episodes included."));
     if !left_out.is_empty() {
         page.heading("Not flown");
         for (reason, names) in &left_out {

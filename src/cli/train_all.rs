@@ -2,20 +2,21 @@
 
 use super::arguments::FormatName;
 use super::page::{Page, duration, short};
+use super::rollout_all::told_errors;
 use super::rollout_files::percent;
 use super::table::{Align, Table};
-use super::train::{compare, count};
+use super::train::{compare, count, spec};
+use super::train_all_plot::{self, Learnt};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
-use omnidrones::plot::{Colour, Figure, Panel, Series};
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::trainer::{Outcome, Trainer};
-use omnidrones::tasks::Evaluation;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
+use omnidrones::tasks::{Evaluation, Metric};
 use serde_json::{Value, json};
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -31,7 +32,9 @@ Examples:
   omnidrones train-all --budget 0.1 --seeds 1          a quick look
 
 A figure is the mean over seeds, in brackets the least and the largest. Time is that of training alone; share is the mean \
-return over the largest reward of a step times the steps of an episode.";
+return over the largest reward of a step times the steps of an episode.
+
+Files in --out: a folder per run, table.json (what --json prints), curves (.png or .svg: success over environment steps).";
 
 /// Arguments of `train-all`.
 #[derive(Debug, clap::Args)]
@@ -53,7 +56,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR", default_value = "runs/all", help_heading = "Output")]
     out: PathBuf,
     /// File type of the plot
-    #[arg(long, value_name = "TYPE", default_value = "svg", help_heading = "Output")]
+    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
     format: FormatName,
     /// Print one JSON object and nothing else
     #[arg(long, help_heading = "Output")]
@@ -64,6 +67,8 @@ pub struct Arguments {
 struct Line {
     entry: &'static Entry,
     algorithm: &'static str,
+    /// What its error is; none where it was not trained.
+    error: Option<Metric>,
     runs: std::result::Result<Vec<Outcome>, String>,
     baseline: Option<(String, Evaluation)>,
 }
@@ -86,7 +91,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     bar.finish_and_clear();
     let mut written = vec![a.out.join(format!("curves.{}", a.format.extension())), a.out.join("table.json")];
-    draw(&lines, &written[0])?;
+    train_all_plot::draw(&learnt(&lines), &written[0])?;
     files::write_new(&written[1], &format!("{:#}\n", value(&lines, a)), true)?;
     if a.json {
         return Ok(Report::json(&value(&lines, a), true));
@@ -101,7 +106,9 @@ fn line(entry: &'static Entry, a: &Arguments, threads: &Threads, bar: &indicatif
             let updates = (config.updates() as f64 * a.budget).ceil().max(1.0) as u64;
             config.with_updates(updates)
         }
-        Err(error) => return Line { entry, algorithm: "–", runs: Err(error.to_string()), baseline: None },
+        Err(error) => {
+            return Line { entry, algorithm: "–", error: None, runs: Err(error.to_string()), baseline: None };
+        }
     };
     let algorithm = config.algorithm.name();
     let each = (0..a.seeds).map(|seed| {
@@ -109,15 +116,16 @@ fn line(entry: &'static Entry, a: &Arguments, threads: &Threads, bar: &indicatif
         let own = TrainConfig { seed, ..config.clone() };
         let mut trainer = Trainer::new(entry.name, own, threads.clone())?.in_folder(folder, true)?;
         let outcome = trainer.run(&mut |p| {
-            bar.set_message(format!("{} ({algorithm}, seed {seed}): {} of {}", entry.name, p.done, p.budget));
+            progress::say(bar, &format!("{} · seed {seed} · {} of {}", entry.name, p.done, p.budget));
             ControlFlow::Continue(())
         });
         bar.inc(1);
         outcome
     });
     let runs = each.collect::<Result<Vec<_>>>().map_err(|error| error.to_string());
-    bar.set_message(format!("{} by our controller", entry.name));
-    Line { entry, algorithm, runs, baseline: compare(entry, &config, threads) }
+    progress::say(bar, &format!("{} · by our controller", entry.name));
+    let error = spec(entry, &config).ok().map(|(_, error)| error);
+    Line { entry, algorithm, error, runs, baseline: compare(entry, &config, threads) }
 }
 
 /// Mean, least, largest.
@@ -133,14 +141,24 @@ fn shown([mean, least, most]: [f64; 3], show: impl Fn(f64) -> String) -> String 
     if least == most { mean } else { format!("{mean} ({least}–{most})") }
 }
 
+/// The unit of all errors in the table, if it is one: then it stands in the head, else with every number.
+fn unit<'a>(errors: impl Iterator<Item = &'a Metric>) -> Option<&'static str> {
+    let mut units = errors.map(|error| error.unit);
+    let first = units.next()?;
+    units.all(|unit| unit == first).then_some(first)
+}
+
 fn table(lines: &[Line]) -> Table {
+    let unit = unit(lines.iter().filter_map(|line| line.error.as_ref()));
+    let head = |name: &str| unit.map_or(name.to_string(), |unit| format!("{name} [{unit}]"));
+    let (last, mean) = (head("final error"), head("mean error"));
     let mut table = Table::new(&[
         ("task", Align::Left),
         ("flown by", Align::Left),
         ("success", Align::Right),
         ("crashed", Align::Right),
-        ("final error [m]", Align::Right),
-        ("mean error [m]", Align::Right),
+        (&last, Align::Right),
+        (&mean, Align::Right),
         ("return", Align::Right),
         ("share", Align::Right),
         ("time", Align::Right),
@@ -149,13 +167,15 @@ fn table(lines: &[Line]) -> Table {
     for line in lines {
         let Ok(runs) = &line.runs else { continue };
         let of = |figure: fn(&Evaluation) -> f64| spread(runs, |o| figure(&o.evaluation));
+        let own = line.error.as_ref().filter(|_| unit.is_none()).map_or(String::new(), |e| format!(" {}", e.unit));
+        let error = |x: f64| short(x, 3) + &own;
         table.row([
             line.entry.name.to_string(),
             line.algorithm.into(),
             shown(of(|e| e.success), percent),
             shown(of(|e| e.crashed), percent),
-            short(of(|e| e.final_error)[0], 3),
-            short(of(|e| e.mean_error)[0], 3),
+            error(of(|e| e.final_error)[0]),
+            error(of(|e| e.mean_error)[0]),
             short(of(|e| e.return_mean)[0], 4),
             percent(of(|e| e.share_of_bound)[0]),
             duration(spread(runs, |o| o.seconds)[0]),
@@ -167,8 +187,8 @@ fn table(lines: &[Line]) -> Table {
                 name.clone(),
                 percent(e.success),
                 percent(e.crashed),
-                short(e.final_error, 3),
-                short(e.mean_error, 3),
+                error(e.final_error),
+                error(e.mean_error),
                 short(e.return_mean, 4),
                 percent(e.share_of_bound),
                 "–".into(),
@@ -184,6 +204,8 @@ fn page(lines: &[Line], a: &Arguments, written: &[PathBuf]) -> String {
     let seeds = if a.seeds == 1 { "1 seed".into() } else { format!("{} seeds", a.seeds) };
     page.title("Learning", &format!("{seeds}, budgets × {}, held-out starts", short(a.budget, 3)));
     page.table(&table(lines));
+    let errors = lines.iter().filter_map(|line| Some((line.entry.name, line.error.as_ref()?.name)));
+    page.line(format!("\n{}; final: in the last step, also of who crashed.", told_errors(errors)));
     let failed: Vec<&Line> = lines.iter().filter(|line| line.runs.is_err()).collect();
     if !failed.is_empty() {
         page.heading("Not trained");
@@ -209,6 +231,7 @@ fn value(lines: &[Line], a: &Arguments) -> Value {
         json!({
             "task": line.entry.name,
             "algorithm": line.algorithm,
+            "error": line.error,
             "runs": runs,
             "not_trained": line.runs.as_ref().err(),
             "baseline": line.baseline.as_ref().map(|(name, e)| json!({ "flown_by": name, "evaluation": e })),
@@ -223,30 +246,14 @@ fn value(lines: &[Line], a: &Arguments) -> Value {
     })
 }
 
-/// Success over training time, a panel per task, a line per seed.
-fn draw(lines: &[Line], path: &Path) -> Result<()> {
-    const COLUMNS: usize = 4;
-    let trained: Vec<(&Line, &Vec<Outcome>)> =
-        lines.iter().filter_map(|line| Some((line, line.runs.as_ref().ok()?))).collect();
-    let rows = trained.len().div_ceil(COLUMNS).max(1);
-    let mut figure = Figure::new("Learning curves")
-        .subtitle("success from held-out starts over training time, a line per seed; dashed: our controller")
-        .size(1200.0, 60.0 + 210.0 * rows as f64)
-        .grid(&[1.0; COLUMNS], &vec![1.0; rows]);
-    for (k, (line, runs)) in trained.into_iter().enumerate() {
-        let title = format!("{} ({})", line.entry.name, line.algorithm);
-        let mut panel = Panel::new(&title, "time [s]", "success [%]").y_range(0.0, 104.0);
-        for outcome in runs {
-            let point = |l: &omnidrones::rl::log::Line| Some((l.get("seconds")?, 100.0 * l.get("eval_success")?));
-            let points = outcome.curve.iter().filter_map(point).collect();
-            panel = panel.series(Series::line("", points).colour(Colour::BLUE).width(1.2));
-        }
-        if let Some((_, e)) = &line.baseline {
-            panel = panel.level("", 100.0 * e.success, Colour::GREEN);
-        }
-        figure = figure.place((k % COLUMNS, k / COLUMNS), (1, 1), panel);
+/// What is drawn.
+fn learnt(lines: &[Line]) -> Vec<Learnt<'_>> {
+    fn of(line: &Line) -> Option<Learnt<'_>> {
+        let runs = line.runs.as_ref().ok()?.iter().map(|outcome| &outcome.curve[..]).collect();
+        let controller = line.baseline.as_ref().map(|(_, e)| e.success);
+        Some(Learnt { task: line.entry.name, algorithm: line.algorithm, runs, controller })
     }
-    figure.save(path)
+    lines.iter().filter_map(of).collect()
 }
 
 #[cfg(test)]
@@ -257,5 +264,13 @@ mod tests {
     fn a_figure_shows_its_edges_only_where_they_differ() {
         assert_eq!(shown([0.5, 0.4, 0.6], percent), "50 % (40 %–60 %)");
         assert_eq!(shown([1.0, 1.0, 1.0], percent), "100 %");
+    }
+
+    #[test]
+    fn a_unit_that_all_errors_share_stands_in_the_head() {
+        let (metre, other) = (Metric { name: "position_error", unit: "m" }, Metric { name: "heading", unit: "rad" });
+        assert_eq!(unit([&metre, &metre].into_iter()), Some("m"));
+        assert_eq!(unit([&metre, &other].into_iter()), None);
+        assert_eq!(unit([].into_iter()), None);
     }
 }

@@ -14,7 +14,7 @@ use omnidrones::plot::animation::save_gif;
 use omnidrones::plot::{Colour, Drawing, Figure, Item, Panel, Series, model};
 use omnidrones::tasks::{Env, Spec, Watched};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -32,7 +32,8 @@ Examples:
 In the pictures single drones are drawn larger than they are; systems of bodies are at true scale. Each episode has a \
 colour: the drone, its way so far with its shadow, and a ball where the task wants it. Who has crashed turns grey.
 
-Files: the GIF, and beside it watch (.png or .svg: the last picture) and watch-errors (the plot of 'eval').
+Files: the GIF, and beside it, named after it, the last picture and the plot of 'eval': watch.png and watch-errors.png, or \
+hover.png and hover-errors.png with --out hover.gif.
 
 Exit codes: 0 shown; 2 unusable input or arguments.";
 
@@ -95,8 +96,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     bar.finish_and_clear();
     let mut written = vec![path.clone()];
     if !a.no_plots {
-        let beside = |name: &str| path.with_file_name(format!("{name}.{}", a.format.extension()));
-        let (still, errors) = (beside("watch"), beside("watch-errors"));
+        let [still, errors] = stills(&path, a.format.extension());
         replay.figure(n - 1, &scene).save(&still)?;
         out::draw(&flown, &errors)?;
         written.extend([still, errors]);
@@ -130,6 +130,12 @@ pub fn run(a: &Arguments) -> Result<Report> {
         page.line(format!("  {}", path.display()));
     }
     Ok(Report::done(page.finish()))
+}
+
+/// The files beside an animation, named after it: two animations in one folder do not share them.
+fn stills(animation: &Path, extension: &str) -> [PathBuf; 2] {
+    let stem = animation.file_stem().map_or("watch".into(), |stem| stem.to_string_lossy());
+    ["", "-errors"].map(|what| animation.with_file_name(format!("{stem}{what}.{extension}")))
 }
 
 /// A few episodes, picture by picture.
@@ -331,7 +337,8 @@ const FARTHEST: f64 = 50.0;
 
 /// A multirotor as lines: arms, and a ring per rotor; the first arm points forward left.
 fn glyph(state: &[f64], n_rotor: usize, arm: f64, colour: Colour, items: &mut Vec<Item>) {
-    let [w, x, y, z] = [state[3], state[4], state[5], state[6]];
+    // behind position and velocity
+    let [w, x, y, z] = [state[6], state[7], state[8], state[9]];
     let turned = |[a, b, c]: [f64; 3]| {
         // v + 2 q × (q × v + w v)
         let t = [2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)];
@@ -376,5 +383,34 @@ fn plain(item: Item, colour: Colour) -> Vec<Item> {
             (0..14).map(|k| Item::Stick { from: rim(k), to: rim(k + 1), colour }).collect()
         }
         other => vec![other],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drone_is_drawn_by_its_attitude_and_in_its_size_however_fast_it_is() {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        // rolled by 90 degrees, at 13 m/s
+        let state = [1.0, 2.0, 3.0, 12.0, -5.0, 0.0, half, half, 0.0, 0.0];
+        let mut items = Vec::new();
+        glyph(&state, 4, 0.5, Colour::BLUE, &mut items);
+        let Some(Item::Stick { from, to, .. }) = items.last() else { panic!("{items:?}") };
+        let up = [0, 1, 2].map(|i| (to[i] - from[i]) / (0.9 * 0.5));
+        assert!((up[0]).hypot(up[1] + 1.0).hypot(up[2]) < 1e-12, "{up:?}");
+        let far = items.iter().filter_map(|item| match item {
+            Item::Stick { to, .. } => Some((to[0] - 1.0).hypot(to[1] - 2.0).hypot(to[2] - 3.0)),
+            _ => None,
+        });
+        assert!(far.fold(0.0, f64::max) < 2.0 * 0.5);
+    }
+
+    #[test]
+    fn stills_stand_beside_the_animation_and_bear_its_name() {
+        let names = |animation: &str| stills(Path::new(animation), "png").map(|path| path.display().to_string());
+        assert_eq!(names("runs/a/watch.gif"), ["runs/a/watch.png", "runs/a/watch-errors.png"]);
+        assert_eq!(names("v1.2.GIF"), ["v1.2.png", "v1.2-errors.png"]);
     }
 }
