@@ -5,13 +5,14 @@ use super::page::{Page, duration, short};
 use super::rollout_all::told_errors;
 use super::rollout_files::percent;
 use super::table::{Align, Table};
-use super::train::{compare, count, spec};
+use super::train::{AlgorithmName, compare, count, spec};
 use super::train_all_plot::{self, Learnt};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
-use omnidrones::rl::TrainConfig;
+use omnidrones::rl::recipes::recipes_of;
 use omnidrones::rl::trainer::{Outcome, Trainer};
+use omnidrones::rl::{Algorithm, TrainConfig};
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
 use serde_json::{Value, json};
@@ -26,8 +27,9 @@ killed goes on where it stopped.";
 
 const EXAMPLES: &str = "\
 Examples:
-  omnidrones train-all                                 every task, 3 seeds, the budgets of the recipes
+  omnidrones train-all                                 every task by all its recipes, 3 seeds each
   omnidrones train-all --tasks Hover,Track --seeds 10  some tasks, more seeds
+  omnidrones train-all --algo ppo                      every task by PPO: its recipe, or else the defaults
   omnidrones train-all --budget 4                      four times as many updates
   omnidrones train-all --budget 0.1 --seeds 1          a quick look
 
@@ -43,6 +45,9 @@ pub struct Arguments {
     /// Tasks, separated by commas [default: all that are registered]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     tasks: Vec<String>,
+    /// Train by this algorithm alone [default: by every algorithm that has a recipe for the task]
+    #[arg(long, value_name = "NAME")]
+    algo: Option<AlgorithmName>,
     /// Seeds of each task
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
@@ -63,7 +68,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// A task: its runs, or why it was not trained, and our controller.
+/// A task by an algorithm: its runs, or why it was not trained; our controller in the last line of a task.
 struct Line {
     entry: &'static Entry,
     algorithm: &'static str,
@@ -84,10 +89,18 @@ pub fn run(a: &Arguments) -> Result<Report> {
         names => names.iter().map(|name| registry::by_name(name)).collect::<Result<Vec<_>>>()?,
     };
     files::prepare_folder(&a.out)?;
-    let bar = progress::bar(entries.len() as u64 * a.seeds, "training", a.json);
+    let algorithms = |entry: &Entry| a.algo.map_or_else(|| recipes_of(entry.name), |one| vec![one.into()]);
+    let trained: Vec<(&'static Entry, Vec<Algorithm>)> = entries.into_iter().map(|e| (e, algorithms(e))).collect();
+    let n: usize = trained.iter().map(|(_, algorithms)| algorithms.len()).sum();
+    let bar = progress::bar(n as u64 * a.seeds, "training", a.json);
     let mut lines = Vec::new();
-    for entry in entries {
-        lines.push(line(entry, a, &threads, &bar));
+    for (entry, algorithms) in trained {
+        lines.extend(algorithms.into_iter().map(|algorithm| line(entry, algorithm, a, &threads, &bar)));
+        if let Some(last) = lines.last_mut() {
+            progress::say(&bar, &format!("{} · by our controller", entry.name));
+            let config = TrainConfig::for_task(entry.name, None, None)?;
+            last.baseline = compare(entry, &config, &threads);
+        }
     }
     bar.finish_and_clear();
     let mut written = vec![a.out.join(format!("curves.{}", a.format.extension())), a.out.join("table.json")];
@@ -100,15 +113,20 @@ pub fn run(a: &Arguments) -> Result<Report> {
     Ok(Report::done(page(&lines, a, &written)))
 }
 
-fn line(entry: &'static Entry, a: &Arguments, threads: &Threads, bar: &indicatif::ProgressBar) -> Line {
-    let config = match TrainConfig::for_task(entry.name, None, None) {
+fn line(
+    entry: &'static Entry,
+    algorithm: Algorithm,
+    a: &Arguments,
+    threads: &Threads,
+    bar: &indicatif::ProgressBar,
+) -> Line {
+    let baseline = None;
+    let config = match TrainConfig::for_task(entry.name, Some(algorithm), None) {
         Ok(config) => {
             let updates = (config.updates() as f64 * a.budget).ceil().max(1.0) as u64;
             config.with_updates(updates)
         }
-        Err(error) => {
-            return Line { entry, algorithm: "–", error: None, runs: Err(error.to_string()), baseline: None };
-        }
+        Err(error) => return Line { entry, algorithm: "–", error: None, runs: Err(error.to_string()), baseline },
     };
     let algorithm = config.algorithm.name();
     let each = (0..a.seeds).map(|seed| {
@@ -116,16 +134,16 @@ fn line(entry: &'static Entry, a: &Arguments, threads: &Threads, bar: &indicatif
         let own = TrainConfig { seed, ..config.clone() };
         let mut trainer = Trainer::new(entry.name, own, threads.clone())?.in_folder(folder, true)?;
         let outcome = trainer.run(&mut |p| {
-            progress::say(bar, &format!("{} · seed {seed} · {} of {}", entry.name, p.done, p.budget));
+            let words = format!("{} · {algorithm} · seed {seed} · {} of {}", entry.name, p.done, p.budget);
+            progress::say(bar, &words);
             ControlFlow::Continue(())
         });
         bar.inc(1);
         outcome
     });
     let runs = each.collect::<Result<Vec<_>>>().map_err(|error| error.to_string());
-    progress::say(bar, &format!("{} · by our controller", entry.name));
     let error = spec(entry, &config).ok().map(|(_, error)| error);
-    Line { entry, algorithm, error, runs, baseline: compare(entry, &config, threads) }
+    Line { entry, algorithm, error, runs, baseline }
 }
 
 /// Mean, least, largest.
@@ -248,12 +266,13 @@ fn value(lines: &[Line], a: &Arguments) -> Value {
 
 /// What is drawn.
 fn learnt(lines: &[Line]) -> Vec<Learnt<'_>> {
-    fn of(line: &Line) -> Option<Learnt<'_>> {
+    fn of<'a>(line: &'a Line, lines: &[Line]) -> Option<Learnt<'a>> {
         let runs = line.runs.as_ref().ok()?.iter().map(|outcome| &outcome.curve[..]).collect();
-        let controller = line.baseline.as_ref().map(|(_, e)| e.success);
+        let same = lines.iter().filter(|other| other.entry.name == line.entry.name);
+        let controller = same.filter_map(|other| other.baseline.as_ref()).map(|(_, e)| e.success).next();
         Some(Learnt { task: line.entry.name, algorithm: line.algorithm, runs, controller })
     }
-    lines.iter().filter_map(of).collect()
+    lines.iter().filter_map(|line| of(line, lines)).collect()
 }
 
 #[cfg(test)]

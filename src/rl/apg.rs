@@ -19,7 +19,7 @@
 //! begins again at half the rate.
 
 use super::checkpoint::Tensors;
-use super::descent::{Descent, check};
+use super::descent::{Descent, check_descent};
 use super::learner::{Learner, Update};
 use super::nn::{AdamConfig, Layers};
 use super::policy::{Actor, Policy};
@@ -99,7 +99,7 @@ impl ApgConfig {
                 return Err(Error::limit(what, n, format!("1 to {most}"), "64, 32 and 48 are usual."));
             }
         }
-        check(self.clip, self.decay, self.carry_clip, self.saturation)?;
+        check_descent(self.clip, self.decay, self.carry_clip, self.saturation)?;
         self.rate.validate("rate")?;
         self.adam.validate()?;
         self.network.validate()
@@ -253,6 +253,26 @@ mod tests {
                 }
             }
             assert_eq!(apg.n_update(), apg.budget(), "{activation:?} after {} restarts", apg.descent.restarts);
+        }
+    }
+    #[test]
+    fn a_last_cost_goes_on_to_the_windows_end_under_the_loss_alone() {
+        for objective in [Objective::Loss, Objective::Reward] {
+            let text = "seed = 5\nstagger = true\ntask.horizon = 40\ntask.reset_distance = 0.15";
+            let env = EnvConfig::from_toml(text, "test").unwrap();
+            let config = ApgConfig { n_env: 24, shard: 24, window: 12, objective, ..ApgConfig::default() };
+            let mut apg = Apg::new("Track", &env, config, 1, Threads::new(1).unwrap()).unwrap();
+            apg.update().unwrap();
+            let (mut lost, mut late) = (0, 0);
+            for (t, step) in apg.workers[0].window.steps.iter().enumerate() {
+                for (i, weight) in step.weight.iter().enumerate() {
+                    let ended = step.terminated[i] == 1;
+                    let on = if ended && objective == Objective::Loss { 12 - t } else { 1 };
+                    assert_eq!(*weight, on as f32 * (1.0 / 288.0), "step {t}");
+                    (lost, late) = (lost + u32::from(ended), late + u32::from(step.truncated[i]));
+                }
+            }
+            assert!(lost > 2 && late > 2, "{lost} lost, {late} late");
         }
     }
 }

@@ -38,9 +38,11 @@ impl Descent {
         descent
     }
 
-    /// What a network of this run draws its weights from: number 0 is the actor's.
+    /// What a network of this run draws its weights from: number 0 is the actor's. Shuffles of minibatches have the streams
+    /// of their updates, from number 2; those of restarts are counted from the top.
     pub fn stream(&self, network: u64) -> Stream {
-        Stream::new(self.seed, 0, 2 * self.restarts + network, Purpose::LEARNING)
+        let number = if self.restarts == 0 { network } else { u64::MAX - 2 * self.restarts - network };
+        Stream::new(self.seed, 0, number, Purpose::LEARNING)
     }
 
     fn begin(&mut self) {
@@ -102,7 +104,7 @@ impl Descent {
 ///
 /// # Errors
 /// [`Error::Value`] with the number, the rule and the remedy.
-pub(crate) fn check(clip: f64, decay: f32, carry_clip: f32, saturation: f64) -> Result<()> {
+pub(crate) fn check_descent(clip: f64, decay: f32, carry_clip: f32, saturation: f64) -> Result<()> {
     for (what, x) in [("clip", clip), ("decay", decay.into()), ("saturation", saturation)] {
         if !(x.is_finite() && x > 0.0) {
             return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 0.25 are usual."));

@@ -15,6 +15,11 @@ const PART: usize = 4 * ROWS;
 /// Figures that a loss may sum up beside its gradient.
 pub(crate) type Sums = [f64; 8];
 
+/// Minibatch `k` of `n`: all differ by one row at most, so that networks with more and with fewer rows take as many steps.
+pub(crate) fn part(rows: &[u32], k: usize, n: usize) -> &[u32] {
+    &rows[k * rows.len() / n..(k + 1) * rows.len() / n]
+}
+
 /// Memory for minibatches of one network.
 pub(crate) struct Minibatch {
     parts: Vec<Part>,
@@ -97,5 +102,23 @@ impl Part {
             loss(*row as usize, output.row(k), up, extra, &mut self.sums);
         }
         mlp.backward(net, &self.x, n, &mut self.memory, &self.up, Pass { gradient: own, down: &mut [] });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn minibatches_take_every_row_once_and_differ_by_one_at_most() {
+        for n_row in [0_u32, 1, 5, 8, 130] {
+            let rows: Vec<u32> = (0..n_row).collect();
+            for n in [1, 4, 7, 16] {
+                let parts: Vec<&[u32]> = (0..n).map(|k| part(&rows, k, n)).collect();
+                assert_eq!(parts.concat(), rows);
+                let (least, most) = (rows.len() / n, rows.len().div_ceil(n));
+                assert!(parts.iter().all(|p| (least..=most).contains(&p.len())), "{n_row} rows in {n}");
+            }
+        }
     }
 }

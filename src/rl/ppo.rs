@@ -25,7 +25,7 @@ pub use config::PpoConfig;
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
 use super::learner::{Episodes, Learner, Update};
-use super::minibatch::{Minibatch, Sums};
+use super::minibatch::{Minibatch, Sums, part};
 use super::nn::head::Head;
 use super::nn::{Adam, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy};
@@ -237,7 +237,7 @@ impl Ppo {
                 let of_critic = part(&judged, k, self.config.minibatches);
                 learnt.value += self.critic.fit(&self.threads, self.rollout.seen(), target, of_critic, fit);
                 learnt.judging += begun.elapsed();
-                learnt.minibatches += 1.0;
+                learnt.critic_steps += if of_critic.is_empty() { 0.0 } else { 1.0 };
             }
             self.order = [actors, judged];
             let of_pass = |k: usize| learnt.sums[k] - before[k];
@@ -270,6 +270,7 @@ impl Ppo {
         learnt.gradient_norm += clip_norm(&mut self.batch.gradient, self.config.gradient_clip);
         learnt.sums.iter_mut().zip(sums).for_each(|(all, own)| *all += own);
         learnt.rate = rate;
+        learnt.actor_steps += 1.0;
         self.adam.descend(&mut self.parameters, &self.batch.gradient, rate);
         let (network, extra) = self.parameters.split_at_mut(self.actor.mlp.n_parameter());
         self.actor.head.clamp_extra(extra);
@@ -304,15 +305,10 @@ struct Learnt {
     sums: Sums,
     gradient_norm: f64,
     value: f64,
-    minibatches: f64,
+    actor_steps: f64,
+    critic_steps: f64,
     rate: f64,
     judging: Duration,
-}
-
-/// Part `k` of `n`: all parts differ by one row at most, so that actor and critic take as many steps, however few rows they
-/// have.
-fn part(rows: &[u32], k: usize, n: usize) -> &[u32] {
-    &rows[k * rows.len() / n..(k + 1) * rows.len() / n]
 }
 
 /// Mean and variance.
@@ -345,15 +341,14 @@ impl Learner for Ppo {
         let [acting, stepping, valuing] = times.map(|time| collected.mul_f64(time / all));
         let mean = |k: usize| learnt.sums[k] / learnt.sums[sum::COUNT].max(1.0);
         let progress = (self.update - 1) as f64 / self.config.updates.max(1) as f64;
-        let minibatches = learnt.minibatches.max(1.0);
         Ok(Update {
             loss: mean(sum::SURROGATE) - self.config.entropy.at(progress) * mean(sum::ENTROPY),
             reward: reward / n_step,
             episodes,
-            gradient_norm: learnt.gradient_norm / minibatches,
+            gradient_norm: learnt.gradient_norm / learnt.actor_steps.max(1.0),
             rate: learnt.rate,
             extra: vec![
-                ("critic_loss", learnt.value / minibatches),
+                ("critic_loss", learnt.value / learnt.critic_steps.max(1.0)),
                 ("explained_variance", explained),
                 ("entropy", mean(sum::ENTROPY)),
                 ("deviation", self.deviation()),

@@ -9,38 +9,46 @@ use super::config::Algorithm;
 /// Task, algorithm, and what differs from the defaults.
 pub static RECIPES: &[(&str, Algorithm, &str)] = &[
     ("Hover", Algorithm::Apg, ""),
+    ("Hover", Algorithm::Ppo, ""),
     ("Track", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nwindow = 64\nupdates = 800"),
+    ("Track", Algorithm::Ppo, "[ppo]\nupdates = 150"),
     ("HoverRand", Algorithm::Apg, HOVER_RAND),
     ("TrackRand", Algorithm::Apg, TRACK_RAND),
+    ("FlyThrough", Algorithm::Ppo, ""),
     ("FlyThrough", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nwindow = 64\nupdates = 1000"),
     ("PayloadHover", Algorithm::Shac, PAYLOAD_HOVER),
     ("PayloadTrack", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nwindow = 96\nupdates = 1500\ncarry_clip = 30"),
+    ("PayloadFlyThrough", Algorithm::Ppo, ""),
     (
         "InvPendulumHover",
         Algorithm::Apg,
         "[apg]\nn_env = 128\nshard = 64\nwindow = 96\nupdates = 2000\ncarry_clip = 30",
     ),
+    ("InvPendulumTrack", Algorithm::Ppo, "[ppo]\nupdates = 110"),
+    ("InvPendulumFlyThrough", Algorithm::Ppo, "[ppo]\nupdates = 110"),
     ("OmavHover", Algorithm::Apg, OMAV_HOVER),
     ("OmavTrack", Algorithm::Apg, OMAV_TRACK),
+    ("DragonHover", Algorithm::Shac, DRAGON_HOVER),
     ("OverHover", Algorithm::Shac, OVER_HOVER),
-    ("Track", Algorithm::Ppo, "[ppo]\nupdates = 150"),
-    ("InvPendulumTrack", Algorithm::Ppo, ""),
-    ("InvPendulumFlyThrough", Algorithm::Ppo, ""),
-    ("PayloadFlyThrough", Algorithm::Ppo, ""),
-    ("OverTrack", Algorithm::Ppo, TEAM),
-    ("OverFlyThrough", Algorithm::Ppo, TEAM),
+    ("OverHover", Algorithm::Ppo, TEAM),
+    ("OverTrack", Algorithm::Shac, OVER_TRACK),
+    ("OverFlyThrough", Algorithm::Shac, TEAM_FLY_THROUGH),
+    ("TransportHover", Algorithm::Shac, TRANSPORT_HOVER),
     ("TransportHover", Algorithm::Ppo, TEAM),
-    ("TransportTrack", Algorithm::Ppo, TEAM),
-    ("TransportFlyThrough", Algorithm::Ppo, TEAM),
+    ("TransportTrack", Algorithm::Shac, TRANSPORT_TRACK),
+    ("TransportFlyThrough", Algorithm::Shac, TEAM_FLY_THROUGH),
+    ("Formation", Algorithm::Shac, FORMATION),
     ("Formation", Algorithm::Ppo, TEAM),
-    ("DragonHover", Algorithm::Ppo, "[ppo]\nupdates = 100"),
 ];
 
 /// Drones that tumble have gradients a million times as large as the others.
 const HOVER_RAND: &str = "\
 [apg]
+n_env = 128
+shard = 64
 window = 64
 updates = 3000
+clip = 0.05
 carry_clip = 30
 rate = { kind = 'cosine', from = 0.005, to = 1e-4 }";
 
@@ -50,8 +58,10 @@ n_env = 128
 shard = 64
 window = 64
 updates = 2000
+clip = 0.05
 carry_clip = 30
-rate = { kind = 'cosine', from = 0.004, to = 1e-4 }";
+rate = { kind = 'cosine', from = 0.004, to = 1e-4 }
+network.hidden = [128, 128]";
 
 /// The ball is pushed at random: beyond three quarters of a second a critic knows more than a gradient.
 const PAYLOAD_HOVER: &str = "\
@@ -60,7 +70,9 @@ window = 40
 updates = 2000
 discount = 0.98
 carry_clip = 30
-rate = { kind = 'cosine', from = 0.005, to = 1e-4 }";
+rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
+network.hidden = [128, 128]
+critic.hidden = [128, 128]";
 
 /// Twelve rotors lift six times the weight: steps must be small.
 const OMAV_HOVER: &str = "\
@@ -83,15 +95,8 @@ clip = 0.02
 carry_clip = 30
 rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
 
-/// Rows are drones: a batch of a team is as large as one of four times as many drones alone.
-const TEAM: &str = "\
-[ppo]
-n_env = 256
-shard = 64
-updates = 100";
-
-/// Four drones on bars: what a window does not see is long.
-const OVER_HOVER: &str = "\
+/// Layers of 64 units reach half the success of these.
+const DRAGON_HOVER: &str = "\
 [shac]
 n_env = 64
 shard = 32
@@ -99,13 +104,99 @@ window = 32
 updates = 2000
 critic_passes = 1
 carry_clip = 30
-rate = { kind = 'cosine', from = 0.005, to = 1e-4 }";
+rate = { kind = 'cosine', from = 0.002, to = 1e-4 }
+network.hidden = [128, 128]
+critic.hidden = [128, 128]";
+
+/// Four drones on bars: what a window does not see is long.
+const OVER_HOVER: &str = "\
+[shac]
+n_env = 64
+shard = 32
+window = 32
+updates = 1500
+critic_passes = 1
+carry_clip = 30
+rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
+network.hidden = [128, 128]
+critic.hidden = [128, 128]";
+
+const OVER_TRACK: &str = "\
+[shac]
+n_env = 64
+shard = 32
+window = 32
+updates = 1200
+critic_passes = 1
+carry_clip = 30
+rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
+network.hidden = [128, 128]
+critic.hidden = [128, 128]";
+
+const TRANSPORT_HOVER: &str = "\
+[shac]
+window = 32
+updates = 1500
+critic_passes = 1
+carry_clip = 30
+rate = { kind = 'cosine', from = 0.004, to = 1e-4 }";
+
+const TRANSPORT_TRACK: &str = "\
+[shac]
+n_env = 64
+shard = 32
+window = 32
+updates = 1600
+critic_passes = 1
+carry_clip = 30
+rate = { kind = 'cosine', from = 0.004, to = 1e-4 }
+network.hidden = [128, 128]
+critic.hidden = [128, 128]";
+
+/// Four integrator steps per step of the policy: dear.
+const TEAM_FLY_THROUGH: &str = "\
+[shac]
+n_env = 64
+shard = 32
+window = 32
+updates = 800
+critic_passes = 1
+carry_clip = 30
+rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
+network.hidden = [128, 128]
+critic.hidden = [128, 128]";
+
+const FORMATION: &str = "\
+[shac]
+n_env = 64
+shard = 32
+window = 32
+updates = 800
+critic_passes = 1
+carry_clip = 30
+rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
+network.hidden = [128, 128]
+critic.hidden = [128, 128]";
+
+/// Rows are drones: a batch of a team is as large as one of four times as many drones alone.
+const TEAM: &str = "\
+[ppo]
+n_env = 256
+shard = 64
+updates = 60";
 
 /// What differs from the defaults for a task under an algorithm, or under its usual one.
 pub fn recipe(task: &str, algorithm: Option<Algorithm>) -> Option<(Algorithm, &'static str)> {
     let fits = |(_, own, _): &&(&str, Algorithm, &str)| algorithm.is_none_or(|wanted| wanted == *own);
     let of_task = RECIPES.iter().filter(|(name, ..)| name.eq_ignore_ascii_case(task));
     of_task.clone().find(fits).map(|(_, own, text)| (*own, *text))
+}
+
+/// Algorithms that have a recipe for a task, the usual one first; APG for a task without any.
+pub fn recipes_of(task: &str) -> Vec<Algorithm> {
+    let of_task = RECIPES.iter().filter(|(name, ..)| name.eq_ignore_ascii_case(task));
+    let algorithms: Vec<Algorithm> = of_task.map(|(_, own, _)| *own).collect();
+    if algorithms.is_empty() { vec![Algorithm::default()] } else { algorithms }
 }
 
 #[cfg(test)]

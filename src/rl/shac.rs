@@ -3,20 +3,23 @@
 //! The cost of a window of H steps is
 //! L = 1/(E·H) Σ_environments [ Σ_t γ^t c_t + w γ^H V(o_H) ],
 //! with t counted from the window's start or from the last restart in it, and at an end of an episode
-//! - by time: V of the final observation;
-//! - by the task: γ c/(1 − γ), the last cost for ever, under the task's loss, which is positive: an end worth nothing would
-//!   be worth seeking. Under the reward it is worth nothing, as rewards are positive.
+//! - by time: w γ V of the final observation;
+//! - by the task: the last cost c goes on, Σ γ^i c over the window's remaining k steps and w times for ever behind it,
+//!   under the task's loss, which is positive: an end worth nothing would be worth seeking. Under the reward it is worth
+//!   nothing, as rewards are positive. (So it is where a state diverged, whose loss is 0: the critic leaves it out.)
 //!
 //! Its exact gradient trains the actor; the critic is fitted to TD(λ) targets along the same windows, with a slow copy of
-//! itself as V of what follows (the actor's gradient takes the critic itself). The critic learns (1 − γ)V, a mean cost per step, so that its scale is that of the cost.
+//! itself as V of what follows (the actor's gradient takes the critic itself). The critic learns (1 − γ)V, a mean cost per
+//! step, so that its scale is that of the cost.
 //! w rises from 0 to 1 over the first part of the run ([`ShacConfig::ramp`]): the gradient of an untrained critic, times
 //! 1/(1 − γ), drowns the exact one. (Xu et al. 2022; the ramp is our own finding.)
 
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
-use super::descent::{Descent, check};
+use super::descent::{Descent, check_descent};
 use super::gae::{Steps, advantages};
 use super::learner::{Learner, Update};
+use super::minibatch::part;
 use super::nn::{Activation, AdamConfig, Layers, Memory};
 use super::policy::{Actor, Policy};
 use super::schedule::Schedule;
@@ -125,7 +128,7 @@ impl ShacConfig {
                 return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
             }
         }
-        check(self.clip, self.decay, self.carry_clip, self.saturation)?;
+        check_descent(self.clip, self.decay, self.carry_clip, self.saturation)?;
         if !(self.critic_clip.is_finite() && self.critic_clip > 0.0) {
             return Err(Error::value("critic_clip", self.critic_clip, "finite and > 0", "1 is usual."));
         }
@@ -266,11 +269,13 @@ impl Shac {
         let fit = Fit { rate: config.critic_rate.at(progress), clip: config.critic_clip, huber: f32::INFINITY };
         let (mut loss, mut count) = (0.0, 0.0);
         for pass in 0..config.critic_passes as u64 {
-            let mut stream = Stream::new(self.seed, self.update, 2 + pass, Purpose::LEARNING);
+            let number = 2 + pass + (self.descent.restarts << 32);
+            let mut stream = Stream::new(self.seed, self.update, number, Purpose::LEARNING);
             shuffle(&mut e.order, e.target.len(), &mut stream);
-            for chosen in e.order.chunks(e.target.len().div_ceil(config.minibatches)) {
+            for k in 0..config.minibatches {
+                let chosen = part(&e.order, k, config.minibatches);
                 loss += self.critic.fit(&self.threads, &e.x, &e.target, chosen, fit);
-                count += 1.0;
+                count += if chosen.is_empty() { 0.0 } else { 1.0 };
             }
         }
         let keep = config.target_keep;
@@ -344,7 +349,8 @@ impl Worker {
         let n_agent = up.len() / n_env;
         let beyond = 1.0 / (1.0 - how.discount);
         discount.fill(how.share);
-        for step in &mut window.steps {
+        let n_step = window.steps.len();
+        for (t, step) in window.steps.iter_mut().enumerate() {
             step.d_final.clear();
             let timed_out = |i: usize| step.truncated[i] == 1 && step.terminated[i] == 0;
             if how.critic > 0.0 && (0..n_env).any(timed_out) {
@@ -356,10 +362,12 @@ impl Worker {
                 step.d_final.resize(step.observation.len(), 0.0);
                 critic.pull(&step.final_observation, up, memory, waste, &mut step.d_final);
             }
+            // γ^(k + 1) of the last cost lie behind the window
+            let behind = how.discount.powi((n_step - t) as i32);
+            let lasting = 1.0 + (how.discount - (1.0 - how.critic) * behind) * beyond;
             for i in 0..n_env {
                 let lost = step.terminated[i] == 1;
-                step.weight[i] =
-                    discount[i] * if lost && how.lasting { 1.0 + how.critic * how.discount * beyond } else { 1.0 };
+                step.weight[i] = discount[i] * if lost && how.lasting { lasting } else { 1.0 };
                 let ended = lost || step.truncated[i] == 1;
                 discount[i] = if ended { how.share } else { discount[i] * how.discount };
             }

@@ -40,7 +40,7 @@ pub(crate) struct Step {
     pub observation: Vec<f32>,
     /// [E, A, action].
     pub action: Vec<f32>,
-    /// What is minimised, [E].
+    /// What is minimised, [E]; NaN where the state diverged.
     pub cost: Vec<f32>,
     /// Where episodes ended, [E].
     pub terminated: Vec<u8>,
@@ -188,8 +188,9 @@ impl Window {
         let begun = Instant::now();
         let (rows, objective) = (self.rows(), self.objective);
         let Shard { env, out } = &mut self.shard;
-        let (n_info, loss, n_agent) =
-            (env.spec().info.len(), env.spec().info_column("loss").unwrap_or(0), env.spec().n_agent);
+        let column = |name: &str| env.spec().info_column(name).unwrap_or(0);
+        let (loss, reason, diverged) = (column("loss"), column("reason"), (env.spec().ends.len() + 1) as f32);
+        let (n_info, n_agent) = (env.spec().info.len(), env.spec().n_agent);
         self.seen = Seen::default();
         self.tape.clear();
         for step in &mut self.steps {
@@ -199,8 +200,13 @@ impl Window {
             let mut to = StepOut { privileged: &mut [], central: &mut [], final_central: &mut [], ..out.out() };
             env.step_recorded(&step.action, &mut to, &mut self.tape)?;
             for (i, cost) in step.cost.iter_mut().enumerate() {
-                *cost =
-                    if objective == Objective::Loss { out.info[i * n_info + loss] } else { -out.reward[i * n_agent] };
+                let info = &out.info[i * n_info..][..n_info];
+                *cost = match objective {
+                    // a state that diverged has no loss: 0 would make it the best of ends
+                    Objective::Loss if info[reason] == diverged => f32::NAN,
+                    Objective::Loss => info[loss],
+                    Objective::Reward => -out.reward[i * n_agent],
+                };
             }
             step.terminated.copy_from_slice(&out.terminated);
             step.truncated.copy_from_slice(&out.truncated);

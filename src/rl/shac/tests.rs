@@ -1,5 +1,6 @@
 use super::*;
-use crate::rl::nn::{Transposed, Weights};
+use crate::rl::descent::MAX_RESTARTS;
+use crate::rl::nn::{Init, Transposed, Weights};
 use crate::tasks::probe::Probe;
 
 /// What the module's documentation says L is, in f64, from a window as it was flown.
@@ -13,11 +14,14 @@ fn cost(worker: &Worker, critic: &mut Critic, how: Weighing) -> f64 {
         values.into_iter().map(|v| w * f64::from(v) / (1.0 - discount)).collect::<Vec<_>>()
     };
     let (mut sum, mut power) = (0.0, vec![1.0; n_env]);
-    for step in steps {
+    for (t, step) in steps.iter().enumerate() {
+        let left = (steps.len() - 1 - t) as i32;
         let last = value(&step.final_observation);
         for i in 0..n_env {
             let (lost, late) = (step.terminated[i] == 1, step.truncated[i] == 1);
-            let lasting = if lost && how.lasting { w * discount / (1.0 - discount) } else { 0.0 };
+            let inside: f64 = (1..=left).map(|k| discount.powi(k)).sum();
+            let behind = w * discount.powi(left + 1) / (1.0 - discount);
+            let lasting = if lost && how.lasting { inside + behind } else { 0.0 };
             sum += power[i] * f64::from(step.cost[i]) * (1.0 + lasting);
             sum += if late && !lost { power[i] * discount * last[i] } else { 0.0 };
             power[i] = if lost || late { 1.0 } else { power[i] * discount };
@@ -122,4 +126,28 @@ fn time_that_runs_out_is_not_death_and_the_value_differs_tenfold() {
     println!("{right} {wrong}");
     assert!((right + 100.0).abs() < 0.1, "{right}"); // -100.02
     assert!((-9.3..-5.3).contains(&wrong), "{wrong}"); // -6.1
+}
+
+#[test]
+fn a_run_that_began_again_goes_on_from_its_tensors_with_the_same_bits() {
+    // weights as large as these saturate in every update
+    let network = Layers { init: Init::Orthogonal { hidden: 50.0, last: 0.01 }, ..Layers::default() };
+    let config =
+        ShacConfig { n_env: 8, shard: 8, window: 4, updates: 3, saturation: 0.25, network, ..ShacConfig::default() };
+    let fresh = || Shac::new("Hover", &EnvConfig::default(), config.clone(), 1, Threads::new(1).unwrap()).unwrap();
+    let (mut whole, mut policy, mut state) = (fresh(), Tensors::new(), Tensors::new());
+    (0..2).for_each(|_| drop(whole.update().unwrap()));
+    assert_eq!((whole.descent.restarts, whole.n_update()), (2, 0));
+    assert_eq!(whole.critic.parameters, whole.target, "the critic began again, its slow copy did not");
+    whole.save(&mut policy, &mut state).unwrap();
+    let mut resumed = fresh();
+    resumed.load(&policy, &state).unwrap();
+    for learner in [&mut whole, &mut resumed] {
+        while learner.n_update() < learner.budget() {
+            learner.update().unwrap();
+        }
+    }
+    assert_eq!(whole.descent.restarts, MAX_RESTARTS);
+    assert_eq!(whole.policy().unwrap().parameters(), resumed.policy().unwrap().parameters());
+    assert_eq!(whole.critic.parameters, resumed.critic.parameters);
 }
