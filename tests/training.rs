@@ -246,6 +246,12 @@ fn environments_that_a_policy_does_not_fit_are_refused_by_what_differs() {
         let refusal = with(text).unwrap();
         assert!(refusal.contains(words), "{text}: {refusal}");
     }
-    let refusal = load_policy(folder.path().join("nowhere")).unwrap_err().to_string();
-    assert!(refusal.contains("which holds no checkpoint"), "{refusal}");
+    let empty = tempfile::tempdir().unwrap();
+    for (path, lack) in [
+        (empty.path().to_path_buf(), "which holds no checkpoint"),
+        (empty.path().join("nowhere"), "which does not exist"),
+    ] {
+        let refusal = load_policy(path).unwrap_err().to_string();
+        assert!(refusal.contains(lack) && refusal.contains("Train one"), "{refusal}");
+    }
 }

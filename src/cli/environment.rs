@@ -191,10 +191,12 @@ fn check_kind(text: &str, path: &Path) -> Result<()> {
     Err(Error::Format {
         file: path.display().to_string(),
         place: key,
-        rule: "is a setting of a training run, of the kind that 'train TASK --toml' prints and 'train' reads; this command \
-               reads settings of environments"
+        rule: "is a setting of a training run, of the kind that 'train TASK --toml' prints and 'train' reads; this \
+               command reads settings of environments"
             .into(),
-        remedy: "Take the file that 'omnidrones tasks TASK --toml' prints; what a run has under [env] goes to its top.".into(),
+        remedy: "Take the file that 'omnidrones tasks TASK --toml' prints; what a run has under [env] goes to its \
+                 top."
+            .into(),
     })
 }
 

@@ -2,12 +2,12 @@
 
 use super::arguments::FormatName;
 use super::environment::EnvArguments;
-use super::rollout::{Flown, check_horizon};
+use super::rollout::{Flown, SUCCESS, check_horizon};
 use super::rollout_files::{self as out, LINES};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
-use omnidrones::rl::saved::{Saved, load_policy};
+use omnidrones::rl::saved::{RUN, Saved, load_policy};
 use omnidrones::rl::{Starts, exam};
 use omnidrones::tasks::{Env, EnvConfig, Record, Watched, evaluate};
 use std::path::{Path, PathBuf};
@@ -29,12 +29,9 @@ Examples:
   omnidrones eval runs/Hover-apg-s0 --csv                     every step and every episode as CSV
 
 A policy flies environments that show and take the same numbers: other control levels, time steps or numbers of rotors \
-are refused. Without options the environments, their number and their starts are those that training evaluated on.
+are refused. Without options the environments, their number and their starts are those that training evaluated on.";
 
-Success is the share of episodes whose last step meets the task's limit on the error, 0.1 m of position in Hover, and that \
-were not terminated (crashed). Nothing else counts: neither heading nor tilt nor speed. The page names the limit, and \
-'omnidrones tasks TASK' too.
-
+const FILES: &str = "\
 Files in --out: eval (.png or .svg), and with --csv steps.csv and episodes.csv, as of 'omnidrones rollout'.
 
 JSON: SI units; shares from 0 to 1; null where a number does not exist.
@@ -43,7 +40,7 @@ Exit codes: 0 flown; 2 unusable input or arguments.";
 
 /// Arguments of `eval`.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = EXAMPLES)]
+#[command(after_long_help = format!("{EXAMPLES}\n\n{SUCCESS}\n\n{FILES}"))]
 pub struct Arguments {
     /// Folder of a run, or of one of its checkpoints
     #[arg(value_name = "RUN")]
@@ -104,21 +101,24 @@ pub fn run(a: &Arguments) -> Result<Report> {
 /// Most runs that an error names.
 const MAX_NAMED: usize = 5;
 
-/// Refuses a folder that is no run, with the runs there are.
-fn check_run(run: &Path) -> Result<()> {
-    if run.join("manifest.json").exists() || run.join("checkpoints").is_dir() {
-        return Ok(());
+/// The refusal of a folder that is no run with the runs there are; any other error as it is.
+fn with_runs(error: Error) -> Error {
+    match error {
+        Error::Value { what, value, limit, remedy } if what == RUN => {
+            Error::Value { what, value, limit, remedy: format!("{remedy} {}", known_runs()) }
+        }
+        other => other,
     }
-    let lacks = if run.exists() { "which holds no checkpoint" } else { "which does not exist" };
+}
+
+fn known_runs() -> String {
     let runs = files::runs(Path::new("runs"));
     let named: Vec<String> = runs.iter().take(MAX_NAMED).map(|path| path.display().to_string()).collect();
-    let remedy = match named.len() {
-        0 => "Train one: omnidrones train TASK. There are none under runs/.".into(),
+    match named.len() {
+        0 => "There are none under runs/.".into(),
         n if n < runs.len() => format!("There are {}, … ({} in all).", named.join(", "), runs.len()),
-        _ => format!("There are {}. Or train one: omnidrones train TASK.", named.join(", ")),
-    };
-    let value = format!("'{}', {lacks}", run.display());
-    Err(Error::value("run", value, "the folder of a run or of one of its checkpoints", remedy))
+        _ => format!("There are {}.", named.join(", ")),
+    }
 }
 
 /// A policy and environments that it can fly.
@@ -130,8 +130,7 @@ pub struct Ready {
 impl Ready {
     /// The policy of a run at the starts of its evaluations, but for what options change.
     pub fn new(run: &Path, options: &EnvArguments, envs: Option<usize>, threads: &Threads) -> Result<Self> {
-        check_run(run)?;
-        let mut saved = load_policy(run)?;
+        let mut saved = load_policy(run).map_err(with_runs)?;
         let usual = EnvConfig {
             n_env: saved.config.evaluate.envs,
             seed: saved.config.evaluate.seed,

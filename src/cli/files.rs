@@ -94,7 +94,8 @@ pub fn prepare_folder(folder: &Path) -> Result<()> {
     std::fs::remove_file(&probe).map_err(refused)
 }
 
-/// Writes `text`, whole or not at all; an existing file is kept unless `force`.
+/// Writes `text`, whole or not at all; an existing file is kept unless `force`. A link stays one and what it points to
+/// is written; where that does not exist, the file takes the place of the link.
 pub fn write_new(path: &Path, text: &str, force: bool) -> Result<()> {
     if !force && path.symlink_metadata().is_ok() {
         return Err(Error::value(
@@ -112,7 +113,6 @@ pub fn write_new(path: &Path, text: &str, force: bool) -> Result<()> {
     if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
         prepare_folder(parent)?;
     }
-    // a link stays one
     replace_with(&path.canonicalize().unwrap_or(path.to_path_buf()), write)
 }
 

@@ -1,5 +1,6 @@
 //! Progress on standard error: only when that is a terminal and the user did not ask for JSON.
 
+use super::table::columns;
 use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
 use std::io::IsTerminal;
 
@@ -7,9 +8,8 @@ use std::io::IsTerminal;
 const LEAST_BAR: usize = 10;
 /// Between two figures of a message.
 const BETWEEN: &str = " · ";
-/// Columns of a terminal below which the rate is left out, and of one whose width is not known.
+/// Columns of a terminal below which the rate is left out.
 const WIDE: usize = 110;
-const USUAL: usize = 80;
 /// Most characters of the rate and of the time left, with what is around them.
 const RATE: usize = 11;
 const LEFT: usize = 10;
@@ -41,11 +41,6 @@ pub fn say(bar: &ProgressBar, message: &str) {
     if !bar.is_hidden() {
         bar.set_message(fitting(message, room(columns(), bar.length().unwrap_or(0))));
     }
-}
-
-/// Width of the terminal behind standard error.
-fn columns() -> usize {
-    comfy_table::Table::new().use_stderr().width().map_or(USUAL, usize::from)
 }
 
 /// What is left for the message beside a bar of `total` steps.

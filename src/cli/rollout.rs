@@ -106,9 +106,17 @@ impl ControllerName {
     }
 }
 
+/// What a success is, for the help of commands that tell its share.
+pub const SUCCESS: &str = "\
+Success is the share of episodes that were not terminated (crashed) and whose last step, in most tasks, meets the \
+task's limit on the error, 0.1 m of position in Hover. Nothing else counts: neither heading nor tilt nor speed. \
+Formation has a second limit, on the place; the FlyThrough tasks ask for theirs once in the episode, OverFlyThrough and \
+TransportFlyThrough with all drones beyond x = 0.05 m. The page names the limit, and 'omnidrones tasks TASK' too.";
+
 /// What a success is, as a line below a table.
 pub fn success(entry: &Entry) -> String {
-    format!("  Success, in the last step, not crashed: {}.", entry.success())
+    let when = if entry.succeeds_once() { "" } else { "in the last step, " };
+    format!("  Success, {when}not crashed: {}.", entry.success())
 }
 
 /// What flew, and how well.

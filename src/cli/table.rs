@@ -67,6 +67,14 @@ impl Table {
     }
 }
 
+/// Columns of a terminal whose width is not known.
+const USUAL: usize = 80;
+
+/// Width of the terminal behind standard error, columns.
+pub fn columns() -> usize {
+    comfy_table::Table::new().use_stderr().width().map_or(USUAL, usize::from)
+}
+
 /// `v` with `decimals` digits; a dash for what is missing or not finite.
 pub fn number(v: impl Into<Option<f64>>, decimals: usize) -> String {
     match v.into() {

@@ -10,7 +10,7 @@ use omnidrones::tasks::randomise::Action;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::sheet::DIVERGED;
 use omnidrones::tasks::sheet::{Slice, total};
-use omnidrones::tasks::{Baseline, Env, EnvConfig, Space, Spec};
+use omnidrones::tasks::{ActionSpace, Baseline, Env, EnvConfig, Space, Spec};
 use serde_json::{Value, json};
 
 /// What the command is for.
@@ -31,7 +31,7 @@ Examples:
 
 Sizes count numbers. Best reward is the largest of one step: the sum of all terms' bounds. Memory is what one environment \
 keeps between steps, without the arrays that a step writes. An episode is a success if its last step meets what the page \
-calls so and nothing terminated it.
+calls so, or any step where the page says 'once', and nothing terminated it.
 
 The file of --toml is about environments: 'rollout', 'bench', 'eval' and 'watch' read it too. That of a training run is \
 another, from 'omnidrones train TASK --toml'.
@@ -166,13 +166,15 @@ impl Described {
         page.title(self.entry.name, self.entry.description).facts(&self.facts());
         page.heading("Goal, start, success, loss of training");
         lines(&mut page, "", &self.entry.setting());
-        lines(
-            &mut page,
-            "Success: ",
-            &format!("{} (last step, not terminated; nothing else counts)", self.entry.success()),
-        );
+        let when = if self.entry.succeeds_once() { "" } else { "last step, " };
+        let success = format!("{} ({when}not terminated; nothing else counts)", self.entry.success());
+        lines(&mut page, "Success: ", &success);
         lines(&mut page, "Loss: ", &self.entry.loss());
-        page.heading("Action, each number clipped to [−1, 1]").table(&self.meanings());
+        match whole_numbers(spec) {
+            None => page.heading("Action, each number clipped to [−1, 1]"),
+            Some(how) => page.heading("Commands behind the action").line(format!("  {how}\n")),
+        };
+        page.table(&self.meanings());
         page.heading("Observation").table(&slices(&spec.observation));
         if !spec.central.is_empty() {
             page.heading("Central state, for critics that see all").table(&slices(&spec.central));
@@ -423,6 +425,24 @@ fn action(space: &Space) -> String {
         Space::Box { n, low, high } => format!("{n} numbers in [{low}, {high}]"),
         Space::Discrete { n } => format!("one of {n} values"),
         Space::MultiDiscrete { n, levels } => format!("{n} numbers of {levels} values"),
+    }
+}
+
+/// How the whole numbers of an action become commands; none where the action is the commands.
+fn whole_numbers(spec: &Spec) -> Option<String> {
+    match spec.config.actions {
+        ActionSpace::Continuous => None,
+        ActionSpace::MultiDiscrete { levels } => {
+            let most = levels - 1;
+            Some(format!("A whole number k from 0 to {most} for each command, which is then 2k/{most} − 1."))
+        }
+        ActionSpace::Discrete { levels } => {
+            let (n, most) = (spec.commands.len(), levels - 1);
+            Some(format!(
+                "One whole number. Its {n} digits to the base {levels}, the highest first, stand for the commands: \
+                 digit k for 2k/{most} − 1."
+            ))
+        }
     }
 }
 

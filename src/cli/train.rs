@@ -3,7 +3,7 @@
 use super::arguments::FormatName;
 use super::environment::{LevelName, setting, usual_vehicle};
 use super::page::{Fact, Page, duration, short};
-use super::rollout::success;
+use super::rollout::{SUCCESS, success};
 use super::rollout_files::percent;
 use super::table::{Align, Table};
 use super::train_plot::{self, Curves};
@@ -45,12 +45,9 @@ teams). Without --algo a task has its usual one.
 
 Settings: options win over --config, the file wins over the task's recipe, the recipe over the defaults. A key of --set \
 is that of the file: seed, apg.window, apg.network.hidden=[32,32], env.dt, env.task.horizon. A file names its task and is \
-refused for another; it is of another kind than that of 'tasks --toml', which 'rollout', 'eval' and 'watch' read.
+refused for another; it is of another kind than that of 'tasks --toml', which 'rollout', 'eval' and 'watch' read.";
 
-Success is the share of episodes from held-out starts whose last step meets the task's limit on the error, 0.1 m of position \
-in Hover, and that were not terminated (crashed). Nothing else counts: neither heading nor tilt nor speed. The page names \
-the limit, and 'omnidrones tasks TASK' too.
-
+const FILES: &str = "\
 Ctrl-C is safe: what was saved last stays, and --resume goes on from there to the same bits. With --resume the settings \
 are those of the run; only --updates and --threads may change. Schedules, as of the learning rate, stretch over the new \
 number of updates, so the result differs from a fresh run of as many.
@@ -67,7 +64,7 @@ const MAX_COMPARED: usize = 256;
 
 /// Arguments of `train`.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = EXAMPLES)]
+#[command(after_long_help = format!("{EXAMPLES}\n\n{SUCCESS}\n\n{FILES}"))]
 pub struct Arguments {
     /// A task ('omnidrones tasks')
     #[arg(value_name = "TASK")]
@@ -90,7 +87,7 @@ pub struct Arguments {
     /// Seed of all that is random in the run [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Updates after which it ends [default: the algorithm's]
+    /// Updates after which it ends [default: the recipe's; the run's with --resume]
     #[arg(long, value_name = "N")]
     updates: Option<u64>,
     /// Threads; the results do not depend on it [default: all cores]
@@ -164,7 +161,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     files::prepare_folder(&folder)?;
     let mut trainer = trainer.in_folder(&folder, a.resume)?;
     let notes = trainer.skipped().iter().map(|s| format!("{}: {}", s.folder.display(), s.why)).collect();
-    let was_over = trainer.update() > 0 && trainer.is_over();
+    let was_over = (trainer.update() > 0 && trainer.is_over()).then(|| (trainer.done(), trainer.budget()));
     let outcome = train(&mut trainer, a.json)?;
     let config = trainer.config().clone();
     let spinner = progress::spinner("flying our controller from the same starts", a.json);
@@ -351,8 +348,8 @@ pub struct Trained<'a> {
     /// The task's error.
     error: Metric,
     config: TrainConfig,
-    /// Before the command came.
-    was_over: bool,
+    /// Before the command came: updates done, and its budget.
+    was_over: Option<(u64, u64)>,
     outcome: Outcome,
     baseline: Option<(String, Evaluation)>,
     /// Checkpoints that were passed over.
@@ -413,10 +410,10 @@ impl Trained<'_> {
         let (o, mut page) = (&self.outcome, Page::new());
         let how = format!("{}, seed {}, {} updates", self.config.algorithm.name(), self.config.seed, o.updates);
         page.title(self.entry.name, &how).facts(&self.facts());
-        if self.was_over {
-            let n = o.updates;
+        if let Some((done, budget)) = self.was_over {
             page.line(format!(
-                "  This run was over: update {n} of {n}. Nothing was trained; --resume --updates N goes on to N."
+                "  This run was over: update {done} of {budget}. Nothing was trained; \
+                 --resume --updates N goes on to N."
             ));
         }
         page.notes("damaged", &self.notes, 3, "see the folder");
@@ -499,7 +496,7 @@ impl Trained<'_> {
             "steps_per_second": self.rate(),
             "phases": self.phases().into_iter().collect::<BTreeMap<_, _>>(),
             "stopped": o.stopped,
-            "was_over": self.was_over,
+            "was_over": self.was_over.is_some(),
             "evaluation": o.evaluation,
             "baseline": self.baseline.as_ref().map(|(name, e)| json!({ "flown_by": name, "evaluation": e })),
             "reward_bound": self.spec.reward_bound,
@@ -539,9 +536,15 @@ mod tests {
     }
 
     #[test]
-    fn the_limit_that_the_help_names_is_that_of_hover() {
+    fn the_limit_that_the_help_names_is_that_of_hover_and_the_tasks_with_other_rules_are_named() {
         assert_eq!(registry::by_name("Hover").unwrap().success(), "position_error < 0.1 m");
-        let help = EXAMPLES.replace('\n', " ");
-        assert!(help.contains("limit on the error, 0.1 m of position in Hover"), "{help}");
+        assert!(SUCCESS.contains("limit on the error, 0.1 m of position in Hover"), "{SUCCESS}");
+        for entry in registry::REGISTRY {
+            let (name, said) = (entry.name, entry.success());
+            assert_eq!(said.contains(" and "), name == "Formation", "{name}: {said}");
+            assert_eq!(entry.succeeds_once(), name.ends_with("FlyThrough"), "{name}: {said}");
+            let beyond = ["OverFlyThrough", "TransportFlyThrough"].contains(&name);
+            assert_eq!(said.contains("with all drones beyond x = 0.05 m"), beyond, "{name}: {said}");
+        }
     }
 }

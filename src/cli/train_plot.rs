@@ -44,11 +44,16 @@ fn figure(title: &str, subtitle: &str, panels: Vec<Panel>) -> Figure {
     let mut figure =
         Figure::new(title).subtitle(subtitle).size(size.0, size.1).grid(&vec![1.0; columns], &vec![1.0; rows]);
     for (k, panel) in panels.into_iter().enumerate() {
-        // the last of an odd number has the row for itself
-        let wide = if k + 1 == n && k % columns == 0 { columns } else { 1 };
-        figure = figure.place((k % columns, k / columns), (wide, 1), panel);
+        let (at, wide) = place(k, n, columns);
+        figure = figure.place(at, (wide, 1), panel);
     }
     figure
+}
+
+/// Column and row of panel `k` of `n`, and over how many columns it goes: the last of an odd number has the row for
+/// itself.
+fn place(k: usize, n: usize, columns: usize) -> ((usize, usize), usize) {
+    ((k % columns, k / columns), if k + 1 == n && k % columns == 0 { columns } else { 1 })
 }
 
 /// Width of half a figure and height of a row, units.
@@ -182,7 +187,7 @@ fn returns(curves: &Curves<'_>, steps: &Steps) -> Panel {
 fn loss(curves: &Curves<'_>, steps: &Steps) -> Panel {
     let y = match curves.algorithm {
         Algorithm::Apg | Algorithm::Shac => "mean cost of a step",
-        Algorithm::Ppo => "clipped surrogate, negated",
+        Algorithm::Ppo => "−(clipped surrogate + entropy bonus)",
     };
     let points = steps.points(curves.lines, "loss", 1.0);
     let panel = with(steps.panel("Training loss", y), Series::line("", points).colour(Colour::PURPLE));
@@ -221,6 +226,11 @@ mod tests {
 
     #[test]
     fn panels_fill_a_grid_of_two_columns_whatever_their_number() {
+        let places = |n: usize| (0..n).map(|k| place(k, n, n.clamp(1, 2))).collect::<Vec<_>>();
+        assert_eq!(places(1), [((0, 0), 1)]);
+        assert_eq!(places(2), [((0, 0), 1), ((1, 0), 1)]);
+        assert_eq!(places(3), [((0, 0), 1), ((1, 0), 1), ((0, 1), 2)]);
+        assert_eq!(places(4), [((0, 0), 1), ((1, 0), 1), ((0, 1), 1), ((1, 1), 1)]);
         for n in 0..5 {
             assert!(figure("", "", vec![Panel::new("a", "b", "c"); n]).svg().is_ok(), "{n}");
         }

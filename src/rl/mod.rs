@@ -10,6 +10,7 @@
 //! | [`shac`] | the same over shorter windows, with a critic behind them |
 //! | [`ppo`] | proximal policy optimisation, for all tasks, teams and discrete actions |
 //! | [`config`], [`recipes`] | what a run is made of, and what proved good for each task |
+//! | [`differences`] | in which settings two runs differ |
 //! | [`trainer`] | the loop: update, log, evaluate, save, resume |
 //! | [`evaluate`](mod@evaluate) | a policy on fixed starts that no training saw |
 //! | [`policy`] | what was learnt |
@@ -56,6 +57,7 @@ pub mod checkpoint;
 pub mod config;
 pub(crate) mod critic;
 pub(crate) mod descent;
+pub mod differences;
 pub mod evaluate;
 pub mod gae;
 pub mod learner;

@@ -134,7 +134,8 @@ impl Policy {
         if spec.hash() == self.spec_hash {
             return Ok(());
         }
-        let remedy = "Fly it in environments as those of its training: their settings stand in its checkpoint.";
+        let remedy =
+            "Use the vehicle, control mode, dt and transforms that it was trained with: they stand in its checkpoint.";
         for (what, got, wanted) in [
             ("length of an observation", spec.n_observation, self.actor.mlp.n_input()),
             ("length of an action", spec.action.len(), self.actor.n_action),
@@ -144,8 +145,6 @@ impl Policy {
             }
         }
         let (got, wanted) = (format!("{:016x}", spec.hash()), format!("{:016x}, that of the policy", self.spec_hash));
-        let remedy =
-            "Use the vehicle, control mode, dt and transforms that it was trained with: they stand in its checkpoint.";
         Err(Error::value("hash of the environment", got, wanted, remedy))
     }
 

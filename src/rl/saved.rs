@@ -1,11 +1,12 @@
 //! A policy from the files of a run, ready to fly, without the learner that made it.
 
 use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors};
-use super::config::{TrainConfig, differences, told};
+use super::config::TrainConfig;
+use super::differences::{differences, told};
 use super::policy::Policy;
 use super::state;
 use crate::error::{Error, Result};
-use crate::tasks::{Env, EnvConfig, Spec, Statistics};
+use crate::tasks::{Env, EnvConfig, Spec, Stage, Statistics};
 use std::path::{Path, PathBuf};
 
 /// A policy and where it comes from.
@@ -29,15 +30,14 @@ impl Saved {
     /// # Errors
     /// [`Error::Value`] that names what differs, with the settings behind it; otherwise as [`Env::make`].
     pub fn check(&self, asked: &EnvConfig) -> Result<()> {
-        let trained = self.config.seen_env();
         let spec = |env: &EnvConfig| {
             Ok(Env::make(&self.manifest.task, &EnvConfig { n_env: 1, ..env.clone() })?.spec().clone())
         };
-        let (then, now) = (spec(&trained)?, spec(asked)?);
+        let (then, now) = (spec(&self.config.seen_env())?, spec(asked)?);
         if then.hash() == now.hash() {
             return Ok(());
         }
-        let settings = differences(&bare(&trained)?, &bare(asked)?);
+        let settings = differences(&bare(&then.config)?, &bare(&now.config)?);
         let remedy = match &settings[..] {
             [] => "Fly it with the version that trained it.".to_string(),
             settings => format!("Leave these as they were in training: {}.", told(settings)),
@@ -71,27 +71,30 @@ fn strange(then: &Spec, now: &Spec) -> String {
     parts.join("; ")
 }
 
-/// What of a configuration a policy can meet.
+/// What of a configuration a policy can meet: what is drawn only where it sees the numbers that are.
 fn bare(env: &EnvConfig) -> Result<toml::Table> {
-    let EnvConfig { control, action_scale, actions, dt, observation, task, .. } = env.clone();
-    let own = EnvConfig { control, action_scale, actions, dt, observation, task, ..EnvConfig::default() };
+    let EnvConfig { control, action_scale, actions, dt, observation, mut randomise, task, .. } = env.clone();
+    if !observation.iter().any(|stage| matches!(stage, Stage::Privileged {})) {
+        randomise.clear();
+    }
+    let own = EnvConfig { control, action_scale, actions, dt, observation, randomise, task, ..EnvConfig::default() };
     toml::Table::try_from(&own).map_err(|e| Error::value("environments", e, "what TOML can hold", "Lower the numbers."))
 }
 
 /// The policy of a checkpoint's folder, or of the newest whole checkpoint of a run.
 ///
 /// # Errors
-/// [`Error::Value`] if there is neither or the task has changed since, [`Error::File`] if the disk refuses,
-/// [`Error::Format`] for damaged files.
+/// [`Error::Value`] of a [`RUN`] if there is neither, and if the task has changed since; [`Error::File`] if the disk
+/// refuses, [`Error::Format`] for damaged files.
 pub fn load_policy(path: impl AsRef<Path>) -> Result<Saved> {
     let path = path.as_ref();
     let (checkpoint, folder, skipped) = if path.join("manifest.json").exists() {
         (Checkpoint::load(path)?, path.to_path_buf(), Vec::new())
     } else {
         if !path.join("checkpoints").is_dir() {
-            return Err(nothing(path));
+            return Err(no_run(path));
         }
-        let found = Store::open(path)?.latest()?.ok_or_else(|| nothing(path))?;
+        let found = Store::open(path)?.latest()?.ok_or_else(|| no_run(path))?;
         (found.checkpoint, found.folder, found.skipped)
     };
     let Checkpoint { manifest, policy, state } = checkpoint;
@@ -107,10 +110,14 @@ pub fn load_policy(path: impl AsRef<Path>) -> Result<Saved> {
     Ok(Saved { policy, manifest, config, folder, skipped })
 }
 
-fn nothing(path: &Path) -> Error {
-    let value = format!("'{}', which holds no checkpoint", path.display());
-    let remedy = "Train one ('omnidrones train TASK'), or let it train until the first checkpoint is written.";
-    Error::value("run", value, "the folder of a run or of one of its checkpoints", remedy)
+/// What the refusal of a folder without a checkpoint calls it: who knows of runs may add them.
+pub const RUN: &str = "run";
+
+fn no_run(path: &Path) -> Error {
+    let lacks = if path.exists() { "which holds no checkpoint" } else { "which does not exist" };
+    let remedy = "Train one: omnidrones train TASK, until its first checkpoint is written.";
+    let limit = "the folder of a run or of one of its checkpoints";
+    Error::value(RUN, format!("'{}', {lacks}", path.display()), limit, remedy)
 }
 
 /// Names of the head's parameters and of the normaliser's statistics.
@@ -151,4 +158,20 @@ fn policy_of(config: &TrainConfig, spec: &Spec, policy: &Tensors, state: &Tensor
         }
     };
     Policy::new(actor, parameters, statistics, spec)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_drawn_counts_where_the_policy_sees_it() {
+        let keys = |stages: &str| -> Vec<String> {
+            let bare = |more: &str| bare(&EnvConfig::from_toml(&format!("{stages}\n{more}"), "test").unwrap()).unwrap();
+            let all = differences(&bare(""), &bare("randomise = [{ what = 'mass', range = [0.7, 1.3] }]"));
+            all.into_iter().map(|difference| difference.key).collect()
+        };
+        assert_eq!(keys("observation = [{ kind = 'privileged' }]"), ["randomise"]);
+        assert!(keys("observation = [{ kind = 'history', steps = 2 }]").is_empty());
+    }
 }

@@ -7,8 +7,8 @@
 //!       checkpoints/    the newest few, each whole or absent
 //! ```
 //!
-//! A run that was stopped or killed goes on from its newest whole checkpoint to the same bits as if nothing had happened:
-//! at most the updates since are flown again. Columns of the log:
+//! A run that was stopped or killed goes on from its newest whole checkpoint to the same bits as if nothing had
+//! happened: at most the updates since are flown again. Columns of the log:
 //!
 //! | name | what |
 //! |---|---|
@@ -21,7 +21,8 @@
 //! | `time_…` | share of each phase in the time since the last line |
 
 use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer};
-use super::config::{TrainConfig, told};
+use super::config::TrainConfig;
+use super::differences::told;
 use super::evaluate::{Starts, evaluate};
 use super::learner::{Episodes, Learner, Update};
 use super::log::{Line, Log};
@@ -148,9 +149,9 @@ impl Trainer {
     /// none.
     ///
     /// # Errors
-    /// [`Error::Value`] without `resume` if there is a run already, with it if that has other settings (number of updates,
-    /// logs, evaluations and checkpoints may differ) or is longer, and if another process writes there; [`Error::Format`] if no
-    /// checkpoint is whole; [`Error::File`] if the disk refuses.
+    /// [`Error::Value`] without `resume` if there is a run already, with it if that has other settings (number of
+    /// updates, logs, evaluations and checkpoints may differ) or is longer, and if another process writes there;
+    /// [`Error::Format`] if no checkpoint is whole; [`Error::File`] if the disk refuses.
     pub fn in_folder(mut self, folder: impl AsRef<Path>, resume: bool) -> Result<Self> {
         let folder = folder.as_ref();
         if !resume && is_run(folder) {
@@ -186,10 +187,10 @@ impl Trainer {
             return Err(Error::value(what, format!("others ({})", told(&differences)), limit, remedy));
         }
         self.learner.load(policy, state)?;
-        let (done, budget) = (self.learner.n_update(), self.learner.budget());
+        let (done, budget) = (self.done(), self.budget());
         if done > budget {
             let limit = format!("≥ {done}, the updates of the run in {file}");
-            let remedy = "Give a number from there on, none for that of the run, or train in another folder.";
+            let remedy = "Give at least as many updates, or train in another folder.";
             return Err(Error::value("number of updates", budget, limit, remedy));
         }
         (self.update, self.clock.before) = (manifest.update, manifest.seconds);
@@ -197,14 +198,24 @@ impl Trainer {
         Ok(())
     }
 
-    /// Updates so far.
+    /// Updates so far, repeated ones included.
     pub fn update(&self) -> u64 {
         self.update
     }
 
+    /// Of the learner's budget: falls back where a learner begins again.
+    pub fn done(&self) -> u64 {
+        self.learner.n_update()
+    }
+
+    /// Updates after which it ends.
+    pub fn budget(&self) -> u64 {
+        self.learner.budget()
+    }
+
     /// Whether there is nothing left to train.
     pub fn is_over(&self) -> bool {
-        self.learner.n_update() >= self.learner.budget()
+        self.done() >= self.budget()
     }
 
     /// The settings.
@@ -224,7 +235,7 @@ impl Trainer {
     /// checkpoints of before remain.
     pub fn run(&mut self, watch: &mut dyn FnMut(&Progress<'_>) -> ControlFlow<()>) -> Result<Outcome> {
         let mut stopped = false;
-        while !stopped && self.learner.n_update() < self.learner.budget() {
+        while !stopped && !self.is_over() {
             let last = self.learner.update()?;
             self.update += 1;
             self.since.add(&last);
@@ -240,7 +251,7 @@ impl Trainer {
 
     /// Evaluates, logs and saves after an update, where it is time.
     fn keep(&mut self, last: &Update) -> Result<()> {
-        let (update, done) = (self.update, self.learner.n_update() >= self.learner.budget());
+        let (update, done) = (self.update, self.is_over());
         let due = |every: u64| done || every > 0 && update.is_multiple_of(every);
         let evaluated = due(self.config.evaluate.every);
         if evaluated {
@@ -334,8 +345,8 @@ impl Trainer {
         let newest = self.curve.last();
         Progress {
             update: self.update,
-            done: self.learner.n_update(),
-            budget: self.learner.budget(),
+            done: self.done(),
+            budget: self.budget(),
             env_steps: self.learner.env_steps(),
             seconds: self.clock.seconds(),
             phases: self.phases.shares(),

@@ -32,10 +32,11 @@
 //! |---|---|---|
 //! | `horizon` | 500 | T, steps |
 //!
-//! p_i link middles, p̄ = ¼ Σ p_i, h = R_0 e_x heading of link 0, q joints: eight gimbal and six bend angles. One agent with
-//! 22 actions: eight rotors, then gimbal rates (x, y per link), then bend targets (y, z per joint). Target: (0, 0, 2) m,
-//! heading h_t at any yaw. Start: link 0 uniform in ±2.5 × ±2.5 × [1, 2.5] m, roll and pitch within ±0.2π, any yaw, joints
-//! straight, at rest. d = ‖(p_t − p̄, h_t − h)‖.
+//! p_i link middles, v_i, ω_i velocities and angular velocities of the links (world), p̄ = ¼ Σ p_i, h = R_0 e_x heading
+//! of link 0, q joints: eight gimbal and six bend angles. One agent with 22 actions: eight rotors, then gimbal rates
+//! (x, y per link), then bend targets (y, z per joint). Target: (0, 0, 2) m, heading h_t at any yaw. Start: link 0
+//! uniform in ±2.5 × ±2.5 × [1, 2.5] m, roll and pitch within ±0.2π, any yaw, joints straight, at rest.
+//! d = ‖(p_t − p̄, h_t − h)‖.
 //!
 //! - Success: `position_error` < 0.1 m.
 //! - Loss: √(‖p_t − p̄‖² + 0.1²) + 0.3 ‖h_t − h‖² + means of 0.02 ‖v_i‖² and 0.005 ‖ω_i‖² over the links and of 0.01

@@ -41,10 +41,11 @@
 //! | `gate_damping` | 1.0 | of the gate's slide, N s/m |
 //! | `reset_on_collision` | false | whether touch ends the episode |
 //!
-//! p = (x, y, z) drone, g, v_g position and velocity of the gate's frame, u = R e_z, ω angular velocity (world), e = Σ s effort,
-//! k steps, d = ‖p_t − p‖. The gate stands at (0, 0, 2) m, its opening has half sizes of 0.616 × 0.561 m; it starts within ±1 m
-//! along y and swings back on a spring (4 kg, 3 N/m). Target: uniform in [1.5, 2.5] × ±1 × [1.5, 2.5] m. Start: p uniform in
-//! [−2.5, −2] × ±1.5 × [1.5, 2.5] m, roll and pitch within ±0.2π, yaw 0, at rest.
+//! p = (x, y, z) drone, v, ω velocity and angular velocity (world), g, v_g position and velocity of the gate's frame,
+//! u = R e_z, e = Σ s effort, k steps, d = ‖p_t − p‖. The gate stands at (0, 0, 2) m, its opening has half sizes of
+//! 0.616 × 0.561 m; it starts within ±1 m along y and swings back on a spring (4 kg, 3 N/m). Target: uniform in
+//! [1.5, 2.5] × ±1 × [1.5, 2.5] m. Start: p uniform in [−2.5, −2] × ±1.5 × [1.5, 2.5] m, roll and pitch within ±0.2π,
+//! yaw 0, at rest.
 //!
 //! - Success: `position_error` < 0.2 m, once in the episode.
 //! - Loss: √(d² + 0.1²) + (b² + c²)/(1 + 4a²) + 0.02 ‖v‖² + 0.005 ‖ω‖² + 0.5 e^{−10 max(`clearance`, −0.2 m)}, with

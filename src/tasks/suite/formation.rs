@@ -34,12 +34,13 @@
 //! | `formation` | "hexagon" | one drone per point: "hexagon" (7), "tetragon" (5) or a list of points, m |
 //! | `horizon` | 600 | T, steps |
 //!
-//! p_i drones, p̄ their mean, f_i the figure's points, f̄ their mean, h_i headings, sep the least distance of two drones,
-//! r_s = min((sep/0.4 m)², 1), k steps. H: the larger of max_i min_j ‖(p_i − p̄) − (f_j − f̄)‖ and
-//! max_j min_i of the same: the Hausdorff distance of both figures, whoever takes which place, neither turned nor scaled.
-//! C is their Chamfer distance, ½ mean_i √(min_j ‖·‖² + 0.1²) + ½ mean_j √(min_i ‖·‖² + 0.1²).
-//! c = ‖p̄ − p_c‖ with the centre p_c = (0, 0, 1.5) m. Start: different cells of a grid over ±2 × ±2 × [0.5, 2] m with steps
-//! of 0.5, 0.5 and 0.25 m, at their centres; roll and pitch within ±0.2π, any yaw, at rest.
+//! p_i, v_i, ω_i drones (world), p̄ their mean place, f_i the figure's points, f̄ their mean, h_i headings, sep the
+//! least distance of two drones, r_s = min((sep/0.4 m)², 1), k steps. H: the larger of max_i min_j
+//! ‖(p_i − p̄) − (f_j − f̄)‖ and max_j min_i of the same: the Hausdorff distance of both figures, whoever takes which
+//! place, neither turned nor scaled. C is their Chamfer distance, ½ mean_i √(min_j ‖·‖² + 0.1²) + ½ mean_j
+//! √(min_i ‖·‖² + 0.1²). c = ‖p̄ − p_c‖ with the centre p_c = (0, 0, 1.5) m. Start: different cells of a grid over
+//! ±2 × ±2 × [0.5, 2] m with steps of 0.5, 0.5 and 0.25 m, at their centres; roll and pitch within ±0.2π, any yaw, at
+//! rest.
 //!
 //! - Success: `hausdorff` < 0.2 m and `center_error` < 0.2 m.
 //! - Loss: C + √(c² + 0.1²) + (1 − min((sep/0.8 m)², 1))² + means over the drones

@@ -33,9 +33,9 @@
 //! | `vehicle` | "hummingbird" | what flies |
 //! | `horizon` | 500 | T, steps |
 //!
-//! p drone, h = R e_x heading, u = R e_z, ω angular velocity (world), e = Σ s effort, k steps. Target: (0, 0, 2) m,
-//! heading h_t at a yaw drawn in [0, 2π). Start: p uniform in ±2.5 × ±2.5 × [1, 2.5] m, roll and pitch within ±0.2π,
-//! any yaw, at rest. d = ‖(p_t − p, h_t − h)‖.
+//! p drone, v, ω velocity and angular velocity (world), h = R e_x heading, u = R e_z, e = Σ s effort, k steps. Target:
+//! (0, 0, 2) m, heading h_t at a yaw drawn in [0, 2π). Start: p uniform in ±2.5 × ±2.5 × [1, 2.5] m, roll and pitch
+//! within ±0.2π, any yaw, at rest. d = ‖(p_t − p, h_t − h)‖.
 //!
 //! - Success: `position_error` < 0.1 m.
 //! - Loss: √(‖p_t − p‖² + 0.1²) + 0.02 ‖v‖² + 0.005 ‖ω‖² + 0.3 ‖h_t − h‖².

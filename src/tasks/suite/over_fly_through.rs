@@ -46,11 +46,11 @@
 //! | `horizon` | 500 | T, steps |
 //! | `reset_on_collision` | false | whether touching a pole ends the episode |
 //!
-//! p, h, u, ω frame (world), p_i drones, e_i = Σ s effort of drone i, c clearance: the least distance of the rig's bodies
-//! to a pole, negative in contact. Poles: three vertical capsules of radius 0.05 m and length 5 m about z = 2.5 m, at
-//! x = 0, y = −1, 0, 1 m; the rig's arms reach 0.85 m. Target: (2, 0, 2.25) m, heading h_t and up u_t of an attitude with
-//! roll and pitch within ±0.2π and any yaw. Start: frame uniform in [−2.5, −2] × ±0.5 × [1.75, 2.5] m, roll and pitch
-//! within ±0.4π, any yaw, at rest, joints at zero. d = ‖(p_t − p, h_t − h, u_t − u)‖.
+//! p, h, u, v, ω frame (world), p_i drones, e_i = Σ s effort of drone i, c clearance: the least distance of the rig's
+//! bodies to a pole, negative in contact. Poles: three vertical capsules of radius 0.05 m and length 5 m about
+//! z = 2.5 m, at x = 0, y = −1, 0, 1 m; the rig's arms reach 0.85 m. Target: (2, 0, 2.25) m, heading h_t and up u_t of
+//! an attitude with roll and pitch within ±0.2π and any yaw. Start: frame uniform in [−2.5, −2] × ±0.5 × [1.75, 2.5] m,
+//! roll and pitch within ±0.4π, any yaw, at rest, joints at zero. d = ‖(p_t − p, h_t − h, u_t − u)‖.
 //!
 //! - Success: `position_error` < 0.2 m with all drones beyond x = 0.05 m, once in the episode.
 //! - Loss: √(‖p_t − p‖² + 0.1²) + 0.3 (‖h_t − h‖² + ‖u_t − u‖²) + 0.02 ‖v‖² + 0.005 ‖ω‖² + 0.5 e^{−10

@@ -43,9 +43,9 @@
 //! | `n_drone` | 4 | drones: 2, 4 or 6 |
 //! | `horizon` | 500 | T, steps |
 //!
-//! p, h, u, ω frame (world), p_i drones, e_i = Σ s effort of drone i, k steps. Target: (0, 0, 2.25) m, heading h_t and up
-//! u_t of an attitude with roll and pitch within ±0.2π and any yaw. Start: frame uniform in ±3 × ±3 × [1.5, 2.5] m, the
-//! same attitudes, at rest, joints at zero. d = ‖(p_t − p, h_t − h, u_t − u)‖.
+//! p, h, u, v, ω frame (world), p_i drones, e_i = Σ s effort of drone i, k steps. Target: (0, 0, 2.25) m, heading h_t
+//! and up u_t of an attitude with roll and pitch within ±0.2π and any yaw. Start: frame uniform in
+//! ±3 × ±3 × [1.5, 2.5] m, the same attitudes, at rest, joints at zero. d = ‖(p_t − p, h_t − h, u_t − u)‖.
 //!
 //! - Success: `position_error` < 0.1 m.
 //! - Loss: √(‖p_t − p‖² + 0.1²) + 0.3 (‖h_t − h‖² + ‖u_t − u‖²) + 0.02 ‖v‖² + 0.005 ‖ω‖².

@@ -43,11 +43,11 @@
 //! | `horizon` | 500 | T, steps |
 //! | `reset_distance` | 0.5 | largest distance from the path, m |
 //!
-//! p, u, ω frame (world), e_i = Σ s effort of drone i, k steps, p_ref(k) the path (a [lemniscate](crate::tasks::path)
-//! of vertical part c, scale S and rate w) with c within ±0.6, S within (2.4, 2.4, 1.2) … (3.6, 3.6, 1.6) m, |w| within
-//! 0.8 … 1.1 rad/s about (0, 0, 2) m. The point a to look at: 3 m from (0, 0, 2) m in any direction, then with its
-//! height above it made positive and 0.1 m added; u_t = (a − p)/‖a − p‖. Start: frame on the path, roll and pitch
-//! within ±0.2π, any yaw, at rest, joints at zero. d = ‖p_ref(k) − p‖.
+//! p, u, v, ω frame (world), e_i = Σ s effort of drone i, k steps, p_ref(k) the path
+//! (a [lemniscate](crate::tasks::path) of vertical part c, scale S and rate w) with c within ±0.6, S within
+//! (2.4, 2.4, 1.2) … (3.6, 3.6, 1.6) m, |w| within 0.8 … 1.1 rad/s about (0, 0, 2) m. The point a to look at: 3 m from
+//! (0, 0, 2) m in any direction, then with its height above it made positive and 0.1 m added; u_t = (a − p)/‖a − p‖.
+//! Start: frame on the path, roll and pitch within ±0.2π, any yaw, at rest, joints at zero. d = ‖p_ref(k) − p‖.
 //!
 //! - Success: `position_error` < 0.3 m.
 //! - Loss: √(d² + 0.1²) + 0.3 ‖u_t − u‖² + 0.02 ‖ṗ_ref − v‖² + 0.005 ‖ω‖².

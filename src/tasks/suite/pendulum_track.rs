@@ -37,14 +37,14 @@
 //! | `ball_share` | [0.2, 0.3] | m_q over the vehicle's mass, lowest and highest |
 //! | `reset_distance` | 0.8 | largest distance of the ball from the path, m |
 //!
-//! p drone, q ball, b = (q − p)_z/L, e = Σ s effort, k steps, v_q = q̇, ω_b angular velocity of the bar, p_ref(k) the
-//! path (a [lemniscate](crate::tasks::path) of vertical part c, scale S and rate w) with c within ±0.6, S within (1.8,
-//! 1.8, 1) … (3.2, 3.2, 1.5) m, |w| within 0.7 … 1 rad/s about (0, 0, 3) m, d = ‖p_ref(k) − q‖. Ball 0.2 to 0.3 of the
-//! vehicle's mass, bar 1 g. Start: p one bar below the path, roll and pitch within ±0.1π, any yaw, the bar along the
-//! drone's z, at rest.
+//! p drone, q ball, b = (q − p)_z/L, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b
+//! angular velocity of the bar, p_ref(k) the path (a [lemniscate](crate::tasks::path) of vertical part c, scale S and
+//! rate w) with c within ±0.6, S within (1.8, 1.8, 1) … (3.2, 3.2, 1.5) m, |w| within 0.7 … 1 rad/s about (0, 0, 3) m,
+//! d = ‖p_ref(k) − q‖. Ball 0.2 to 0.3 of the vehicle's mass, bar 1 g. Start: p one bar below the path, roll and pitch
+//! within ±0.1π, any yaw, the bar along the drone's z, at rest.
 //!
 //! - Success: `position_error` < 0.3 m.
-//! - Loss: √(d² + 0.1²) + 0.02 ‖ṗ_ref − v_q‖² + 0.005 ‖ω‖² + 1 − b, ω of the drone.
+//! - Loss: √(d² + 0.1²) + 0.02 ‖ṗ_ref − v_q‖² + 0.005 ‖ω‖² + 1 − b.
 //!
 //! - DIFFERENCE: starts with d > `reset_distance` are drawn again; they come with bars above 1.8 m alone.
 //! - DIFFERENCE: a drawn mass takes centre of mass and inertia with it (defect 25).

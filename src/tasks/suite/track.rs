@@ -33,10 +33,10 @@
 //! | `horizon` | 600 | T, steps |
 //! | `reset_distance` | 0.5 | largest distance from the path, m |
 //!
-//! p drone, u = R e_z, ω angular velocity (world), e = Σ s effort, k steps, p_ref(k) the path (a
-//! [lemniscate](crate::tasks::path) of vertical part c, scale S and rate w) with c within ±0.6, S within (1.8, 1.8, 1)
-//! … (3.2, 3.2, 1.5) m, |w| within 0.8 … 1.1 rad/s about (0, 0, 2) m. Start: on the path, roll and pitch within ±0.2π,
-//! any yaw, at rest. d = ‖p_ref(k) − p‖.
+//! p drone, v, ω velocity and angular velocity (world), u = R e_z, e = Σ s effort, k steps, p_ref(k) the path
+//! (a [lemniscate](crate::tasks::path) of vertical part c, scale S and rate w) with c within ±0.6, S within
+//! (1.8, 1.8, 1) … (3.2, 3.2, 1.5) m, |w| within 0.8 … 1.1 rad/s about (0, 0, 2) m. Start: on the path, roll and pitch
+//! within ±0.2π, any yaw, at rest. d = ‖p_ref(k) − p‖.
 //!
 //! - Success: `position_error` < 0.3 m.
 //! - Loss: √(d² + 0.1²) + 0.02 ‖ṗ_ref − v‖² + 0.005 ‖ω‖².

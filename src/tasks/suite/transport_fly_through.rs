@@ -45,12 +45,12 @@
 //! | `horizon` | 500 | T, steps |
 //! | `reset_on_collision` | false | whether touching a beam ends the episode |
 //!
-//! p, u box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the joints of the bars that carry it as shares of
-//! their range of ±120°, sep the least distance of two drones, r_s = min((sep/0.5 m)², 1), c clearance: the least distance of
-//! the rig's bodies to a beam, negative in contact. Beams (`bars` when observed): two level capsules along y of radius 0.04 m
-//! and length 5 m at x = 0, z = 1.2 m and 1 to 1.2 m above; the group is 1.3 m high. Mass of the box: uniform in
-//! [0.5, 0.8] Σ m_i. Target: uniform in [1.75, 2.25] × ±0.2 × [1.25, 1.75] m. Start: box uniform in
-//! [−2.5, −1.5] × ±0.5 × [1, 2] m, level, yaw within ±0.5π, drones upright above it, at rest.
+//! p, u, v, ω box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the joints of the bars that carry it
+//! as shares of their range of ±120°, sep the least distance of two drones, r_s = min((sep/0.5 m)², 1), c clearance:
+//! the least distance of the rig's bodies to a beam, negative in contact. Beams (`bars` when observed): two level
+//! capsules along y of radius 0.04 m and length 5 m at x = 0, z = 1.2 m and 1 to 1.2 m above; the group is 1.3 m high.
+//! Mass of the box: uniform in [0.5, 0.8] Σ m_i. Target: uniform in [1.75, 2.25] × ±0.2 × [1.25, 1.75] m. Start: box
+//! uniform in [−2.5, −1.5] × ±0.5 × [1, 2] m, level, yaw within ±0.5π, drones upright above it, at rest.
 //!
 //! - Success: `position_error` < 0.2 m with all drones beyond x = 0.05 m, once in the episode.
 //! - Loss: √(‖p_t − p‖² + 0.1²) + 0.3 ‖e_z − u‖² + 0.02 ‖v‖² + 0.005 ‖ω‖² of the box + 0.5 e^{−10 max(`clearance`,

@@ -22,6 +22,12 @@
 
 /// Of OmavHover and OmavTrack.
 pub const OMAV: &str = "[task]\nvehicle = 'omav_tilting'";
+/// What they have of their own, in words.
+pub const OMAV_OWN: &str = "The drone is the Omav: twelve rotors in six units, whose drives tilt them.";
+
+/// What HoverRand has of its own, in words.
+pub const HOVER_RAND_OWN: &str = "Another drone in every episode: its mass, moments of inertia, thrust, moment per \
+                                  thrust and drag are drawn, and a hidden load that it carries.";
 
 /// Of HoverRand.
 pub const HOVER_RAND: &str = r#"
@@ -37,6 +43,11 @@ randomise = [
     { what = "hidden_mass", range = [0.01, 0.4], by = "set" },
 ]
 "#;
+
+/// What TrackRand has of its own, in words.
+pub const TRACK_RAND_OWN: &str = "Another drone in every episode: its mass, moments of inertia, centre of mass, \
+                                  thrust, moment per thrust, drag and the lag of every motor are drawn, and a hidden \
+                                  load that it carries.";
 
 /// Of TrackRand.
 pub const TRACK_RAND: &str = r#"
