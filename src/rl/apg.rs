@@ -13,7 +13,8 @@
 //!
 //! An episode that the task ends inside a window costs its last loss for the window's remaining steps, under the task's
 //! loss, which is positive: an end worth nothing would be worth seeking. Under the reward it is worth nothing, as rewards
-//! are positive.
+//! are positive. ([`ApgConfig::lasting`]; vehicles that tumble fast end at gradients that drown all others, and learn
+//! better without.)
 //!
 //! Too high a learning rate saturates the network and never recovers. [`ApgConfig::saturation`] watches for it: the run
 //! begins again at half the rate.
@@ -59,6 +60,8 @@ pub struct ApgConfig {
     pub carry_clip: f32,
     /// What is minimised.
     pub objective: Objective,
+    /// Whether the last loss of an episode that the task ended goes on to the window's end.
+    pub lasting: bool,
     /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
     pub saturation: f64,
     /// The optimiser.
@@ -79,6 +82,7 @@ impl Default for ApgConfig {
             decay: 1.0,
             carry_clip: f32::INFINITY,
             objective: Objective::Loss,
+            lasting: true,
             saturation: 0.25,
             adam: AdamConfig { beta2: 0.99, ..AdamConfig::default() },
             network: Layers::default(),
@@ -171,7 +175,7 @@ impl Learner for Apg {
         let (config, descent) = (&self.config, &self.descent);
         let n_step = (config.n_env * config.window) as f64;
         // the mean over all environments and steps of the window
-        let (share, lasting) = ((1.0 / n_step) as f32, config.objective == Objective::Loss);
+        let (share, lasting) = ((1.0 / n_step) as f32, config.lasting && config.objective == Objective::Loss);
         self.threads
             .for_each(&mut self.workers, |_, worker| worker.failed = worker.learn(descent, share, lasting).err());
         let flown = self.workers.iter_mut().map(|worker| (&worker.window, worker.failed.take()));

@@ -83,6 +83,7 @@ window = 48
 updates = 1500
 clip = 0.05
 carry_clip = 30
+lasting = false
 rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
 
 const OMAV_TRACK: &str = "\
@@ -93,6 +94,7 @@ window = 48
 updates = 1500
 clip = 0.02
 carry_clip = 30
+lasting = false
 rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
 
 /// Layers of 64 units reach half the success of these.
