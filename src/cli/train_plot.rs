@@ -53,7 +53,7 @@ fn figure(title: &str, subtitle: &str, panels: Vec<Panel>) -> Figure {
 /// Column and row of panel `k` of `n`, and over how many columns it goes: the last of an odd number has the row for
 /// itself.
 fn place(k: usize, n: usize, columns: usize) -> ((usize, usize), usize) {
-    ((k % columns, k / columns), if k + 1 == n && k % columns == 0 { columns } else { 1 })
+    ((k % columns, k / columns), if k + 1 == n && k.is_multiple_of(columns) { columns } else { 1 })
 }
 
 /// Width of half a figure and height of a row, units.
