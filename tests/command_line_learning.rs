@@ -268,7 +268,8 @@ fn tasks_are_trained_together_and_a_table_that_was_stopped_goes_on() {
     let told = json(folder.path(), &arguments);
     let tasks = told["tasks"].as_array().expect("tasks");
     let named: Vec<_> = tasks.iter().map(|t| (t["task"].as_str(), t["algorithm"].as_str())).collect();
-    assert_eq!(named, [(Some("Hover"), Some("apg")), (Some("Track"), Some("apg"))]);
+    let by = |task, algorithm| (Some(task), Some(algorithm));
+    assert_eq!(named, [by("Hover", "apg"), by("Hover", "ppo"), by("Track", "apg"), by("Track", "ppo")]);
     for task in tasks {
         assert_eq!(task["runs"].as_array().map(Vec::len), Some(2), "{task}");
         assert!(task["baseline"]["evaluation"]["success"].is_number());

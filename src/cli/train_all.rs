@@ -252,7 +252,7 @@ fn value(lines: &[Line], a: &Arguments) -> Value {
             "error": line.error,
             "runs": runs,
             "not_trained": line.runs.as_ref().err(),
-            "baseline": line.baseline.as_ref().map(|(name, e)| json!({ "flown_by": name, "evaluation": e })),
+            "baseline": controller(line, lines).map(|(name, e)| json!({ "flown_by": name, "evaluation": e })),
         })
     });
     json!({
@@ -268,11 +268,15 @@ fn value(lines: &[Line], a: &Arguments) -> Value {
 fn learnt(lines: &[Line]) -> Vec<Learnt<'_>> {
     fn of<'a>(line: &'a Line, lines: &[Line]) -> Option<Learnt<'a>> {
         let runs = line.runs.as_ref().ok()?.iter().map(|outcome| &outcome.curve[..]).collect();
-        let same = lines.iter().filter(|other| other.entry.name == line.entry.name);
-        let controller = same.filter_map(|other| other.baseline.as_ref()).map(|(_, e)| e.success).next();
+        let controller = controller(line, lines).map(|(_, e)| e.success);
         Some(Learnt { task: line.entry.name, algorithm: line.algorithm, runs, controller })
     }
     lines.iter().filter_map(|line| of(line, lines)).collect()
+}
+
+/// What our controller does in the task of a line.
+fn controller<'a>(line: &Line, lines: &'a [Line]) -> Option<&'a (String, Evaluation)> {
+    lines.iter().filter(|other| other.entry.name == line.entry.name).find_map(|other| other.baseline.as_ref())
 }
 
 #[cfg(test)]
