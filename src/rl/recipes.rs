@@ -6,6 +6,21 @@
 
 use super::config::Algorithm;
 
+/// SHAC over half a second with layers of 128 units: (updates, first rate).
+macro_rules! wide {
+    ($updates:literal, $rate:literal) => {
+        concat!(
+            "[shac]\nn_env = 64\nshard = 32\nwindow = 32\ncritic_passes = 1\ncarry_clip = 30\n",
+            "network.hidden = [128, 128]\ncritic.hidden = [128, 128]\n",
+            "updates = ",
+            $updates,
+            "\nrate = { kind = 'cosine', from = ",
+            $rate,
+            ", to = 1e-4 }"
+        )
+    };
+}
+
 /// Task, algorithm, and what differs from the defaults.
 pub static RECIPES: &[(&str, Algorithm, &str)] = &[
     ("Hover", Algorithm::Apg, ""),
@@ -98,42 +113,12 @@ lasting = false
 rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
 
 /// Layers of 64 units reach half the success of these.
-const DRAGON_HOVER: &str = "\
-[shac]
-n_env = 64
-shard = 32
-window = 32
-updates = 2000
-critic_passes = 1
-carry_clip = 30
-rate = { kind = 'cosine', from = 0.002, to = 1e-4 }
-network.hidden = [128, 128]
-critic.hidden = [128, 128]";
+const DRAGON_HOVER: &str = wide!(2000, 0.002);
 
 /// Four drones on bars: what a window does not see is long.
-const OVER_HOVER: &str = "\
-[shac]
-n_env = 64
-shard = 32
-window = 32
-updates = 1500
-critic_passes = 1
-carry_clip = 30
-rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
-network.hidden = [128, 128]
-critic.hidden = [128, 128]";
+const OVER_HOVER: &str = wide!(1500, 0.003);
 
-const OVER_TRACK: &str = "\
-[shac]
-n_env = 64
-shard = 32
-window = 32
-updates = 1200
-critic_passes = 1
-carry_clip = 30
-rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
-network.hidden = [128, 128]
-critic.hidden = [128, 128]";
+const OVER_TRACK: &str = wide!(1200, 0.003);
 
 const TRANSPORT_HOVER: &str = "\
 [shac]
@@ -143,42 +128,12 @@ critic_passes = 1
 carry_clip = 30
 rate = { kind = 'cosine', from = 0.004, to = 1e-4 }";
 
-const TRANSPORT_TRACK: &str = "\
-[shac]
-n_env = 64
-shard = 32
-window = 32
-updates = 1600
-critic_passes = 1
-carry_clip = 30
-rate = { kind = 'cosine', from = 0.004, to = 1e-4 }
-network.hidden = [128, 128]
-critic.hidden = [128, 128]";
+const TRANSPORT_TRACK: &str = wide!(1600, 0.004);
 
 /// Four integrator steps per step of the policy: dear.
-const TEAM_FLY_THROUGH: &str = "\
-[shac]
-n_env = 64
-shard = 32
-window = 32
-updates = 800
-critic_passes = 1
-carry_clip = 30
-rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
-network.hidden = [128, 128]
-critic.hidden = [128, 128]";
+const TEAM_FLY_THROUGH: &str = wide!(800, 0.003);
 
-const FORMATION: &str = "\
-[shac]
-n_env = 64
-shard = 32
-window = 32
-updates = 800
-critic_passes = 1
-carry_clip = 30
-rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
-network.hidden = [128, 128]
-critic.hidden = [128, 128]";
+const FORMATION: &str = wide!(800, 0.003);
 
 /// Rows are drones: a batch of a team is as large as one of four times as many drones alone.
 const TEAM: &str = "\
