@@ -219,18 +219,25 @@ impl Formation {
         safe::squared_norm(sub(sub(view.drone(i).position, mean), constants(self.figure[j])))
     }
 
+    /// Of drone i the squared gap to the nearest point, of point i that to the nearest drone.
+    #[inline(always)]
+    fn nearest<S: Scalar>(&self, view: &View<'_, S>, mean: Vec3<S>, i: usize) -> (S, S) {
+        let mut of_drone = self.squared_gap(view, mean, i, 0);
+        let mut of_point = self.squared_gap(view, mean, 0, i);
+        for j in 1..self.figure.len() {
+            of_drone = of_drone.min(self.squared_gap(view, mean, i, j));
+            of_point = of_point.min(self.squared_gap(view, mean, j, i));
+        }
+        (of_drone, of_point)
+    }
+
     /// H².
     #[inline(always)]
     fn squared_hausdorff<S: Scalar>(&self, view: &View<'_, S>) -> S {
         let (n, mean) = (self.figure.len(), self.mean(view));
         let mut most = S::zero();
         for i in 0..n {
-            let mut of_drone = self.squared_gap(view, mean, i, 0);
-            let mut of_point = self.squared_gap(view, mean, 0, i);
-            for j in 1..n {
-                of_drone = of_drone.min(self.squared_gap(view, mean, i, j));
-                of_point = of_point.min(self.squared_gap(view, mean, j, i));
-            }
+            let (of_drone, of_point) = self.nearest(view, mean, i);
             most = most.max(of_drone).max(of_point);
         }
         most
@@ -243,12 +250,7 @@ impl Formation {
         let smooth = |squared: S| (squared + S::constant(0.01)).sqrt();
         let mut sum = S::zero();
         for i in 0..n {
-            let mut of_drone = self.squared_gap(view, mean, i, 0);
-            let mut of_point = self.squared_gap(view, mean, 0, i);
-            for j in 1..n {
-                of_drone = of_drone.min(self.squared_gap(view, mean, i, j));
-                of_point = of_point.min(self.squared_gap(view, mean, j, i));
-            }
+            let (of_drone, of_point) = self.nearest(view, mean, i);
             sum += smooth(of_drone) + smooth(of_point);
         }
         sum * S::constant(0.5 / n as f64)
