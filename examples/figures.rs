@@ -5,8 +5,8 @@
 use omnidrones::dynamics::spatial::from_euler;
 use omnidrones::error::Result;
 use omnidrones::flight::{FlightLog, Sample};
-use omnidrones::plot::flight::FlightFigures;
-use omnidrones::plot::{Bar, Bars, Colour, Figure, Panel, Series};
+use omnidrones_plot::flight::FlightFigures;
+use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
 use std::path::Path;
 
 fn main() -> Result<()> {

@@ -6,7 +6,7 @@ use omnidrones::controllers::{FlightPlan, fly};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::vehicles;
 use omnidrones::error::{Error, Result};
-use omnidrones::plot::flight::FlightFigures;
+use omnidrones_plot::flight::FlightFigures;
 use std::path::PathBuf;
 
 fn main() -> Result<()> {

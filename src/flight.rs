@@ -307,7 +307,6 @@ impl FlightLog {
     }
 
     /// Row `i` in the order of [`csv_header`](Self::csv_header).
-    #[cfg(feature = "cli")]
     fn csv_row(&self, i: usize, row: &mut Vec<f64>) {
         let n = self.n_rotor();
         row.clear();
@@ -328,7 +327,6 @@ impl FlightLog {
 
     /// Writes the log as CSV: one header line with units, one line per sample, numbers that read back to the same bits
     /// (`NaN`, `inf`, `-inf` where not finite). The file appears whole or not at all.
-    #[cfg(feature = "cli")]
     pub fn write_csv(&self, path: impl AsRef<std::path::Path>) -> Result<()> {
         let path = path.as_ref();
         let failed = |e: csv::Error| Error::file(path, e.into());

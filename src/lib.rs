@@ -40,11 +40,6 @@
 //! | [`controllers`] | commands | [`fly`](controllers::fly()), [`ClosedLoop`](controllers::ClosedLoop), [`Reference`](controllers::Reference), [`tune`](controllers::design::tune()) |
 //! | [`tasks`] | goals | [`Env`](tasks::Env), [`EnvConfig`](tasks::EnvConfig), [`SingleEnv`](tasks::SingleEnv), [`registry`](tasks::registry), [`Task`](tasks::Task), [`Tape`](tasks::Tape), [`evaluate`](tasks::evaluate()) |
 //! | [`flight`] | what was flown | [`FlightLog`](flight::FlightLog), key figures, CSV |
-#![cfg_attr(
-    feature = "plot",
-    doc = "| [`plot`] | figures as PNG or SVG | [`Figure`](plot::Figure), [`FlightFigures`](plot::flight::FlightFigures) |"
-)]
-//! | [`mod@bench`] | what a step and a gradient cost here | [`BenchPlan`](bench::BenchPlan) |
 //! | [`error`], [`rng`], [`parallel`] | serve all | [`Error`](error::Error), [`Stream`](rng::Stream), [`Threads`](parallel::Threads) |
 //! | [`conventions`] | frames, units, layouts, names | what any number means |
 //!
@@ -81,26 +76,22 @@
 //!   a mistake of the caller (a slice of the wrong length) say so.
 //! - **No allocation** while stepping, evaluating or differentiating, after warm-up.
 //!
-//! # Features
+//! # Beside the library
 //!
-//! - `cli` (default): the `omnidrones` command line, and CSV of flights. Implies `plot`.
-//! - `plot`: figures through plotters, with a bundled font.
-//!
-//! Without default features the library alone is built.
+//! Crates of the same workspace build on it: `omnidrones-plot` (figures as PNG, SVG and GIF), `omnidrones-bench` (what a step
+//! and a gradient cost on this machine) and `omnidrones-cli`, the `omnidrones` command.
 
 #![warn(missing_docs)]
 
-#[doc(hidden)]
-pub mod atomic_file;
+pub(crate) mod atomic_file;
 pub mod autodiff;
-pub mod bench;
 pub mod controllers;
 pub mod dynamics;
 pub mod error;
 pub mod flight;
+#[doc(hidden)]
+pub mod internals;
 pub mod parallel;
-#[cfg(feature = "plot")]
-pub mod plot;
 pub mod rl;
 pub mod rng;
 pub mod tasks;

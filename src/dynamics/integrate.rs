@@ -22,7 +22,9 @@ pub enum Integrator {
 
 /// Time grid of a step: `substeps` integrator steps of `substep` seconds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Grid {
+#[doc(hidden)]
+#[allow(missing_docs)]
+pub struct Grid {
     pub integrator: Integrator,
     pub substep: f64,
     pub substeps: usize,
@@ -30,7 +32,8 @@ pub(crate) struct Grid {
 
 /// x⁺ after one step with rotor `action` in [−1, 1] and `air` held.
 #[inline(always)]
-pub(crate) fn step<S: Scalar, const R: usize>(
+#[doc(hidden)]
+pub fn step<S: Scalar, const R: usize>(
     model: &RigidModel<S, R>,
     effects: Effects,
     grid: Grid,

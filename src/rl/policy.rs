@@ -7,7 +7,8 @@ use crate::parallel::Threads;
 use crate::tasks::{Env, Space, Spec, Statistics};
 
 /// Rows that go through a network together: their activations stay in the second-level cache.
-pub(crate) const ROWS: usize = 64;
+#[doc(hidden)]
+pub const ROWS: usize = 64;
 
 /// The shape of an actor: one network for all agents.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,7 +47,7 @@ impl Actor {
     }
 
     /// Deterministic actions `[rows, action]` for observations `[rows, observation]`.
-    pub(crate) fn modes(&self, parameters: &[f32], x: &[f32], memory: &mut Memory, actions: &mut [f32]) {
+    pub fn modes(&self, parameters: &[f32], x: &[f32], memory: &mut Memory, actions: &mut [f32]) {
         let (network, extra) = parameters.split_at(self.mlp.n_parameter());
         let rows = x.len() / self.mlp.n_input();
         let output = self.mlp.forward(network, x, rows, memory);

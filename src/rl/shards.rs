@@ -18,7 +18,9 @@ pub type Make<'a> = dyn Fn(&EnvConfig) -> Result<Env> + 'a;
 const MAX_SHARDS: usize = 2048;
 
 /// Environments of one shard.
-pub(crate) struct Shard {
+#[doc(hidden)]
+pub struct Shard {
+    /// The environments.
     pub env: Env,
     /// What the last step or reset wrote.
     pub out: Buffers,
@@ -28,7 +30,8 @@ pub(crate) struct Shard {
 ///
 /// # Errors
 /// [`Error::Value`] for a size of 0, [`Error::Limit`] if all of them need too much memory; otherwise as `make`.
-pub(crate) fn shards(make: &Make<'_>, config: &EnvConfig, size: usize) -> Result<Vec<Shard>> {
+#[doc(hidden)]
+pub fn shards(make: &Make<'_>, config: &EnvConfig, size: usize) -> Result<Vec<Shard>> {
     if size == 0 {
         return Err(Error::value("shard", size, "≥ 1", "64 fits the blocks of environments."));
     }

@@ -84,7 +84,9 @@ impl DronePlace {
 /// The system of a rig.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "a few per batch")]
-pub(crate) enum Craft {
+#[doc(hidden)]
+#[allow(missing_docs)]
+pub enum Craft {
     /// In closed form.
     Vehicle(Multirotor),
     /// Articulated.

@@ -4,7 +4,8 @@
 use omnidrones::dynamics::{Effects, Integrator, Physics, Vehicle, vehicles};
 use omnidrones::rng::{Purpose, Stream};
 
-mod measure;
+pub mod measure;
+pub mod tree;
 pub use measure::relative;
 
 pub const INTEGRATORS: [Integrator; 2] = [Integrator::RungeKutta4, Integrator::SemiImplicit];

@@ -1,7 +1,7 @@
 """Accelerations of every vehicle by MuJoCo, for tests/physics/witness.rs.
 
     pip install mujoco numpy
-    cargo test --test physics -- --ignored --nocapture print_vehicles > vehicles.txt
+    cargo test --test dynamics physics -- --ignored --nocapture print_vehicles > vehicles.txt
     python tests/oracle/mujoco_rigid.py vehicles.txt > tests/oracle/mujoco_rigid.json
 
 MuJoCo sums the parts itself: each is a body welded to a free base. A part that bears a rotor's name becomes a body on a

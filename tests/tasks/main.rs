@@ -1,5 +1,6 @@
 //! Every registered task keeps the contract of the batched environment.
 
+mod baselines;
 mod contract;
 mod events;
 mod gradients;

@@ -1,7 +1,7 @@
 """Accelerations of every model by MuJoCo and by Pinocchio, for tests/tree.
 
     pip install mujoco pin                     # numpy comes with them; versions used: golden/provenance.json
-    cargo test --test tree -- --ignored export_models
+    cargo test --test dynamics -- --ignored export_models
     python tests/witnesses/make.py target/tmp/models tests/witnesses/golden
 
 Writes NAME.bin per model and provenance.json. How the engines are fed: engines.py. Fails where the two disagree by more

@@ -1,0 +1,179 @@
+//! Files of the command line: read behind fences, written whole, folders tried before long work.
+
+use omnidrones::error::{Error, Result};
+use omnidrones::internals::replace_with;
+use serde::de::DeserializeOwned;
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+
+/// Largest configuration file (settings, gains, reference), bytes.
+const MAX_CONFIG_BYTES: u64 = 1 << 20;
+
+/// Text of a regular file of at most `limit` bytes.
+pub fn read_text(path: &Path, limit: u64) -> Result<String> {
+    let name = path.display().to_string();
+    let format = |rule: &str, remedy: &str| Error::Format {
+        file: name.clone(),
+        place: "the file".into(),
+        rule: rule.into(),
+        remedy: remedy.into(),
+    };
+    // before opening: a pipe or device has no size, and opening one may block
+    let about = std::fs::metadata(path).map_err(|e| unreadable(path, e, "Correct its name or its folder."))?;
+    if !about.is_file() {
+        return Err(format("is not a regular file", "Give the path of a file, not of a folder or device."));
+    }
+    let mut bytes = Vec::new();
+    let file = std::fs::File::open(path).map_err(|e| Error::file(path, e))?;
+    file.take(limit + 1).read_to_end(&mut bytes).map_err(|e| Error::file(path, e))?;
+    if bytes.len() as u64 > limit {
+        let (size, limit) = (format!("{} bytes", about.len()), format!("{limit} bytes"));
+        return Err(Error::limit(format!("size of {name}"), size, limit, "Check that this is the right file."));
+    }
+    String::from_utf8(bytes).map_err(|_| format("is not UTF-8 text", "Save the file as UTF-8."))
+}
+
+/// What the operating system says of a file that cannot be read; of one that is not there also where it was looked for.
+fn unreadable(path: &Path, error: std::io::Error, remedy: &str) -> Error {
+    if error.kind() != ErrorKind::NotFound {
+        return Error::file(path, error);
+    }
+    let here = std::env::current_dir().map_or_else(|_| "this folder".into(), |here| here.display().to_string());
+    Error::Format {
+        file: path.display().to_string(),
+        place: "No such file".into(),
+        rule: format!("looked for from {here}"),
+        remedy: remedy.into(),
+    }
+}
+
+/// Text of a file of settings; where there is none, `maker` is the command that prints one.
+pub fn read_settings(path: &Path, maker: &str) -> Result<String> {
+    if let Err(error) = std::fs::metadata(path) {
+        let remedy = format!("Correct its name, or make it: {maker} > {}", path.display());
+        return Err(unreadable(path, error, &remedy));
+    }
+    read_text(path, MAX_CONFIG_BYTES)
+}
+
+/// Folders of runs in `root`, and in the folders there, newest first.
+pub fn runs(root: &Path) -> Vec<PathBuf> {
+    let checkpoints = |folder: &Path| std::fs::metadata(folder.join("checkpoints")).ok().filter(|m| m.is_dir());
+    let folders = |at: &Path| -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(at).into_iter().flatten().flatten();
+        entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect()
+    };
+    let outer = folders(root);
+    let inner = outer.iter().filter(|folder| checkpoints(folder).is_none()).flat_map(|folder| folders(folder));
+    let all: Vec<PathBuf> = inner.chain(outer.iter().cloned()).collect();
+    let mut dated: Vec<_> =
+        all.into_iter().filter_map(|path| Some((checkpoints(&path)?.modified().ok()?, path))).collect();
+    dated.sort_by(|a, b| b.cmp(a));
+    dated.into_iter().map(|(_, path)| path).collect()
+}
+
+/// A TOML file as `T`; mistakes are named with line and column, unknown keys with the known ones.
+pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T> {
+    let text = read_text(path, MAX_CONFIG_BYTES)?;
+    toml::from_str(&text).map_err(|error| Error::of_toml(&error, &text, &path.display().to_string()))
+}
+
+/// Makes `folder` and tries to write into it, so that a flight is not flown in vain.
+pub fn prepare_folder(folder: &Path) -> Result<()> {
+    let refused = |e: std::io::Error| {
+        Error::value(
+            "output folder",
+            format!("'{}' ({e})", folder.display()),
+            "a folder that can be made and written to",
+            "Name another one.",
+        )
+    };
+    std::fs::create_dir_all(folder).map_err(refused)?;
+    let probe = folder.join(format!(".omnidrones-{}", std::process::id()));
+    std::fs::write(&probe, "").map_err(refused)?;
+    std::fs::remove_file(&probe).map_err(refused)
+}
+
+/// Writes `text`, whole or not at all; an existing file is kept unless `force`. A link stays one and what it points to
+/// is written; where that does not exist, the file takes the place of the link.
+pub fn write_new(path: &Path, text: &str, force: bool) -> Result<()> {
+    if !force && path.symlink_metadata().is_ok() {
+        return Err(Error::value(
+            "output file",
+            format!("'{}', which exists", path.display()),
+            "a new file",
+            "Add --force to overwrite it, or name another place.",
+        ));
+    }
+    let write = |to: &Path| std::fs::write(to, text).map_err(|e| Error::file(path, e));
+    // a device or pipe must not be replaced by a file
+    if path.metadata().is_ok_and(|about| !about.is_file()) {
+        return write(path);
+    }
+    if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+        prepare_folder(parent)?;
+    }
+    replace_with(&path.canonicalize().unwrap_or(path.to_path_buf()), write)
+}
+
+/// `out/NAME`, with whatever a vehicle file called itself reduced to one plain folder name.
+pub fn default_folder(vehicle: &str) -> PathBuf {
+    let name = plain_name(vehicle);
+    Path::new("out").join(if name.is_empty() { "vehicle" } else { &name })
+}
+
+/// Whatever a file or an option called something, as part of a file's name.
+pub fn plain_name(name: &str) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    name.trim_start_matches('.').chars().take(64).map(plain).collect()
+}
+
+/// Paths as text for JSON.
+pub fn names(paths: &[PathBuf]) -> Vec<String> {
+    paths.iter().map(|p| p.display().to_string()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_replaced_whole_its_links_stay_and_devices_are_written_to() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a/file");
+        write_new(&file, "old", false).unwrap();
+        assert!(write_new(&file, "new", false).is_err());
+        #[cfg(target_os = "linux")]
+        {
+            let link = folder.path().join("link");
+            std::os::unix::fs::symlink(&file, &link).unwrap();
+            write_new(&link, "new", true).unwrap();
+            assert!(link.symlink_metadata().unwrap().is_symlink());
+            assert_eq!(std::fs::read_to_string(&file).unwrap(), "new");
+            assert!(
+                write_new(Path::new("/dev/full"), "text", true).is_err_and(|e| e.to_string().contains("/dev/full"))
+            );
+            assert!(!Path::new("/dev/full").is_file());
+        }
+        assert_eq!(std::fs::read_dir(folder.path().join("a")).unwrap().count(), 1, "nothing is left beside it");
+    }
+
+    #[test]
+    fn runs_are_found_one_folder_down_newest_first() {
+        let root = tempfile::tempdir().unwrap();
+        for name in ["a", "all/b", "c"] {
+            std::fs::create_dir_all(root.path().join(name).join("checkpoints")).unwrap();
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+        std::fs::create_dir(root.path().join("none")).unwrap();
+        assert_eq!(runs(root.path()), ["c", "all/b", "a"].map(|name| root.path().join(name)));
+        assert!(runs(&root.path().join("nowhere")).is_empty());
+    }
+
+    #[test]
+    fn a_vehicle_cannot_name_its_way_out_of_the_output_folder() {
+        for (name, folder) in [("../../etc", "_.._etc"), ("a b/c", "a_b_c"), ("", "vehicle"), ("x500", "x500")] {
+            assert_eq!(default_folder(name), Path::new("out").join(folder));
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! What `rollout` leaves in a folder: figures, and every step and episode as CSV.
+
+use super::files;
+use super::page::short;
+use super::rollout::Flown;
+use super::rollout_all::Line;
+use omnidrones::error::{Error, Result};
+use omnidrones::tasks::{Record, Recorded};
+use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
+use std::path::{Path, PathBuf};
+
+/// Single environments drawn behind the spread.
+pub const LINES: usize = 16;
+/// A median that ends below its largest value by more than this needs a logarithmic axis.
+const FALL: f64 = 40.0;
+/// Least share of the episodes over which a spread is drawn.
+const ENOUGH: f64 = 0.1;
+
+/// Draws one task: its error, its returns, its reward.
+pub fn draw(flown: &Flown, path: &Path) -> Result<()> {
+    let record = &flown.record;
+    let height = if record.steps.iter().any(|s| s.n_flying < record.spec().n_env) { 0.45 } else { 0.0 };
+    let mut rows = vec![1.15, 1.0];
+    if height > 0.0 {
+        rows.insert(1, height);
+    }
+    let last = rows.len() - 1;
+    let mut figure =
+        Figure::new(format!("{}: {} episodes, flown by {}", flown.task(), record.spec().n_env, flown.controller))
+            .subtitle(flown.headline())
+            .size(1000.0, 560.0 + 300.0 * height)
+            .grid(&[1.0, 1.0], &rows)
+            .place((0, 0), (2, 1), error(record))
+            .place((0, last), (1, 1), returns(record))
+            .place((1, last), (1, 1), reward(record));
+    if height > 0.0 {
+        figure = figure.place((0, 1), (2, 1), flying(record));
+    }
+    figure.save(path)
+}
+
+/// Name of the task's first metric as people write it, with its unit.
+fn error_label(record: &Record) -> (String, String) {
+    let info = &record.spec().info[record.first_metric()];
+    (info.name.replace('_', " "), info.unit.clone())
+}
+
+fn error(record: &Record) -> Panel {
+    let (name, unit) = error_label(record);
+    let title = name[..1].to_uppercase() + &name[1..];
+    let dt = record.spec().dt;
+    let mut panel = Panel::new(title, "time [s]", format!("{name} [{unit}]")).from_zero();
+    let median: Vec<(f64, f64)> = crowded(record).map(|s| (s.time, s.metrics[0].median)).collect();
+    let spread = crowded(record).map(|s| (s.time, s.metrics[0].low, s.metrics[0].high)).collect();
+    let largest = median.iter().map(|p| p.1).fold(0.0, f64::max);
+    if median.last().is_some_and(|end| end.1 > 0.0 && largest > FALL * end.1) {
+        panel = panel.log_y();
+    }
+    panel = panel.ribbon("10 to 90 % of the episodes that go on", spread, Colour::BLUE);
+    for (i, line) in record.lines.iter().enumerate() {
+        let points = line.iter().enumerate().map(|(k, e)| ((k + 1) as f64 * dt, f64::from(*e))).collect();
+        let name = if i == 0 { "single episodes" } else { "" };
+        panel = panel.series(Series::line(name, points).colour(Colour::SKY).width(0.5));
+    }
+    whole_time(panel.series(Series::line("median", median).colour(Colour::BLUE).width(2.0)), record)
+}
+
+/// Steps that enough episodes share.
+fn crowded(record: &Record) -> impl Iterator<Item = &Recorded> {
+    let least = ENOUGH * record.spec().n_env as f64;
+    record.steps.iter().filter(move |s| s.n_flying as f64 >= least)
+}
+
+/// From the start to the last step.
+fn whole_time(panel: Panel, record: &Record) -> Panel {
+    panel.x_range(0.0, record.steps.last().map_or(1.0, |s| s.time))
+}
+
+fn flying(record: &Record) -> Panel {
+    let n = record.spec().n_env as f64;
+    let share = record.steps.iter().map(|s| (s.time, 100.0 * s.n_flying as f64 / n)).collect();
+    let panel = Panel::new("Episodes that go on", "time [s]", "share [%]").y_range(0.0, 105.0);
+    whole_time(panel.series(Series::line("", share).colour(Colour::VERMILLION)), record)
+}
+
+fn returns(record: &Record) -> Panel {
+    let spec = record.spec();
+    let mut returns = spec.info_column("return").map_or_else(Vec::new, |k| record.ended(k));
+    returns.sort_by(|a, b| f32::total_cmp(b, a));
+    let n = returns.len() as f64;
+    let points = returns.iter().enumerate().map(|(i, r)| (100.0 * (i as f64 + 0.5) / n, f64::from(*r))).collect();
+    let best = spec.reward_bound * spec.horizon as f64;
+    Panel::new("Returns, best first", "share of the episodes [%]", "return")
+        .from_zero()
+        .x_range(0.0, 100.0)
+        .series(Series::line("return", points).colour(Colour::BLUE).width(1.8))
+        .level("bound", best, Colour::GREY)
+}
+
+fn reward(record: &Record) -> Panel {
+    let mut panel = Panel::new("Reward per step by term", "time [s]", "reward").from_zero();
+    for (k, term) in record.spec().reward.iter().enumerate() {
+        let points = crowded(record).map(|s| (s.time, s.terms[k])).collect();
+        panel = panel.series(Series::line(term.name, points));
+    }
+    whole_time(panel, record)
+}
+
+/// The tasks that were flown, side by side.
+pub fn draw_all(lines: &[Line], title: &str, path: &Path) -> Result<()> {
+    let mut bars = Bars::new("Mean return", "share of the bound: best reward of a step × steps [%]");
+    for (line, e) in lines.iter().filter_map(|line| Some((line, line.flown.as_ref().ok()?))) {
+        let note = format!("%   {} success, {} crashed", percent(e.success), percent(e.crashed));
+        let colour = if e.crashed > CRASHES { Colour::VERMILLION } else { Colour::BLUE };
+        bars = bars.bar(Bar::new(line.name, 100.0 * e.share_of_bound).note(note).colour(colour));
+    }
+    let height = 100.0 + 24.0 * bars.bars.len() as f64;
+    Figure::new(title)
+        .subtitle(format!("vermillion: more than {} of the episodes crashed", percent(CRASHES)))
+        .size(900.0, height)
+        .chart(bars)
+        .save(path)
+}
+
+/// Share of crashes that colours a bar.
+const CRASHES: f64 = 0.05;
+
+/// `97 %`.
+pub fn percent(share: f64) -> String {
+    format!("{} %", short(100.0 * share, 3))
+}
+
+/// Writes steps.csv and episodes.csv.
+pub fn write_csv(record: &Record, folder: &Path) -> Result<Vec<PathBuf>> {
+    let steps = folder.join("steps.csv");
+    write(
+        &steps,
+        step_header(record),
+        record.steps.iter().map(|s| {
+            let spreads = s.metrics.iter().flat_map(|m| [m.mean, m.low, m.median, m.high]);
+            let numbers =
+                [s.time, s.n_flying as f64, s.reward].into_iter().chain(s.terms.iter().copied()).chain(spreads);
+            numbers.map(|x| x.to_string()).collect()
+        }),
+    )?;
+    let episodes = folder.join("episodes.csv");
+    let spec = record.spec();
+    let units = spec.info.iter().map(|i| format!("{} [{}]", i.name, i.unit));
+    let header = ["environment".to_string(), "ended_by".into()].into_iter().chain(units).collect();
+    write(
+        &episodes,
+        header,
+        record.last.chunks_exact(spec.info.len()).enumerate().map(|(i, row)| {
+            [i.to_string(), record.why(i).into()].into_iter().chain(row.iter().map(f32::to_string)).collect()
+        }),
+    )?;
+    Ok(vec![steps, episodes])
+}
+
+fn step_header(record: &Record) -> Vec<String> {
+    let spec = record.spec();
+    let mut header = vec!["time [s]".into(), "flying [-]".into(), "reward [-]".into()];
+    header.extend(spec.reward.iter().map(|t| format!("reward_{} [-]", t.name)));
+    for info in &spec.info[record.first_metric()..] {
+        header.extend(["mean", "p10", "median", "p90"].map(|what| format!("{}_{what} [{}]", info.name, info.unit)));
+    }
+    header
+}
+
+fn write(path: &Path, header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> Result<()> {
+    let mut text = csv::Writer::from_writer(Vec::new());
+    let failed = |e: csv::Error| Error::file(path, std::io::Error::other(e));
+    text.write_record(&header).map_err(failed)?;
+    for row in rows {
+        text.write_record(&row).map_err(failed)?;
+    }
+    let bytes = text.into_inner().map_err(|e| Error::file(path, std::io::Error::other(e.to_string())))?;
+    files::write_new(path, &String::from_utf8_lossy(&bytes), true)
+}

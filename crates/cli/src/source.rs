@@ -1,0 +1,145 @@
+//! A vehicle from whatever the user typed: a built-in name, a vehicle TOML, a URDF, or nothing.
+
+use super::arguments::{VehicleArguments, is_path};
+use super::page::Page;
+use omnidrones::dynamics::urdf::{Import, ImportOptions, RotorFile, import_file, import_text, rotor_file_beside};
+use omnidrones::dynamics::{Vehicle, vehicles};
+use omnidrones::error::{Error, Result};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// The URDF that is flown when nothing is named; built in, so that every folder gives the same flight.
+const DEFAULT_URDF: (&str, &str) = ("assets/urdf/plain_x.urdf", include_str!("../../../assets/urdf/plain_x.urdf"));
+const DEFAULT_ROTORS: (&str, &str) =
+    ("assets/urdf/plain_x.rotors.toml", include_str!("../../../assets/urdf/plain_x.rotors.toml"));
+
+/// A vehicle and its story.
+pub struct Source {
+    /// The vehicle; valid.
+    pub vehicle: Vehicle,
+    /// `built in`, `vehicle file x.toml`, `URDF x.urdf with x.rotors.toml`.
+    pub origin: String,
+    /// Oddities of a URDF.
+    pub warnings: Vec<String>,
+    /// What a URDF import concluded rather than read.
+    pub assumptions: Vec<String>,
+    /// The file, for hints.
+    pub file: Option<PathBuf>,
+}
+
+/// Loads what `named` means; without a name the URDF of our own corpus.
+pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source> {
+    let Some(named) = named else {
+        let rotors = RotorFile::parse(DEFAULT_ROTORS.1, DEFAULT_ROTORS.0)?;
+        let import = import_text(DEFAULT_URDF.1, DEFAULT_URDF.0, Some(&rotors), &options(arguments))?;
+        let origin = format!("URDF {} with {}, carried in this program", DEFAULT_URDF.0, DEFAULT_ROTORS.0);
+        return Ok(imported(import, origin, None));
+    };
+    let path = Path::new(named);
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    let known = vehicles::names().iter().any(|name| name.eq_ignore_ascii_case(named));
+    if known || !is_path(named) {
+        no_rotor_file(named, arguments)?;
+        let vehicle = vehicles::by_name(named)?;
+        return Ok(told(vehicle, "built in".into(), None));
+    }
+    match extension.as_deref() {
+        Some("toml") => {
+            no_rotor_file(named, arguments)?;
+            if named.ends_with(".rotors.toml") {
+                return Err(format(named, "is the rotor file of a URDF, not a vehicle", "Name the URDF beside it."));
+            }
+            Ok(told(Vehicle::from_toml_file(path)?, format!("vehicle file {named}"), Some(path)))
+        }
+        Some("urdf" | "xml") => {
+            let options = options(arguments);
+            let import = import_file(path, &options)?;
+            let origin = format!("URDF {named} with {}", rotor_source(path, &options));
+            Ok(imported(import, origin, Some(path)))
+        }
+        Some("xacro") => {
+            let remedy = "Expand it first: xacro FILE.xacro > FILE.urdf.";
+            Err(format(named, "is a xacro file, which is a program that makes a URDF", remedy))
+        }
+        _ => Err(Error::value(
+            "vehicle",
+            format!("'{named}'"),
+            "a built-in name, or a file that ends in .toml or .urdf",
+            "'omnidrones models' lists the built-in names.",
+        )),
+    }
+}
+
+/// Import options from the arguments.
+pub fn options(arguments: &VehicleArguments) -> ImportOptions {
+    ImportOptions {
+        rotors: arguments.rotors.clone(),
+        packages: arguments.package.iter().cloned().collect(),
+        ..ImportOptions::default()
+    }
+}
+
+/// The rotor file that an import reads, if any.
+pub fn rotor_file(urdf: &Path, options: &ImportOptions) -> Option<PathBuf> {
+    let beside = rotor_file_beside(urdf);
+    let candidates = match &options.rotors {
+        Some(folder) if folder.is_dir() => vec![folder.join(beside.file_name()?), beside],
+        Some(file) => return Some(file.clone()),
+        None => vec![beside],
+    };
+    candidates.into_iter().find(|p| p.exists())
+}
+
+/// The same in words.
+pub fn rotor_source(urdf: &Path, options: &ImportOptions) -> String {
+    rotor_file(urdf, options).map_or_else(|| "its <properties>".into(), |p| p.display().to_string())
+}
+
+fn imported(import: Import, origin: String, file: Option<&Path>) -> Source {
+    Source {
+        vehicle: import.vehicle,
+        origin,
+        warnings: import.warnings.iter().map(ToString::to_string).collect(),
+        assumptions: import.assumptions,
+        file: file.map(Path::to_path_buf),
+    }
+}
+
+fn told(vehicle: Vehicle, origin: String, file: Option<&Path>) -> Source {
+    let file = file.map(Path::to_path_buf);
+    Source { vehicle, origin, warnings: Vec::new(), assumptions: Vec::new(), file }
+}
+
+fn no_rotor_file(named: &str, arguments: &VehicleArguments) -> Result<()> {
+    match &arguments.rotors {
+        None => Ok(()),
+        Some(file) => Err(Error::value(
+            "--rotors",
+            format!("{} with vehicle '{named}'", file.display()),
+            "used with a URDF",
+            "Built-in vehicles and vehicle files have their rotors: leave it out.",
+        )),
+    }
+}
+
+fn format(file: &str, rule: &str, remedy: &str) -> Error {
+    Error::Format { file: file.into(), place: "the file".into(), rule: rule.into(), remedy: remedy.into() }
+}
+
+impl Source {
+    /// Title line, then up to three warnings and assumptions each.
+    pub fn describe(&self, page: &mut Page) {
+        page.title(&self.vehicle.name, &self.origin);
+        if !self.vehicle.source.is_empty() {
+            page.line(format!("  numbers from: {}", self.vehicle.source));
+        }
+        let more = self.file.as_ref().map_or(String::new(), |f| format!("omnidrones import {}", f.display()));
+        page.notes("warning", &self.warnings, 3, &more);
+        page.notes("assumed", &self.assumptions, 3, &more);
+    }
+
+    /// Origin, warnings and assumptions for JSON.
+    pub fn json(&self) -> Value {
+        json!({ "origin": self.origin, "warnings": self.warnings, "assumptions": self.assumptions })
+    }
+}

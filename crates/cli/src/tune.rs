@@ -1,0 +1,268 @@
+//! `omnidrones tune`: gains by gradients through closed-loop flights, judged on starts that the tuning never saw.
+
+use super::arguments::{FlightArguments, FormatName, VehicleArguments};
+use super::page::{Fact, Page, duration, length};
+use super::sheet::{self, KeyFigures};
+use super::{Report, files, progress, source};
+use omnidrones::controllers::design::tune::{Evaluation, Iteration, TunePlan, Tuning, tune};
+use omnidrones::controllers::{Flight, FlightPlan, fly};
+use omnidrones::dynamics::aero::wind::Wind;
+use omnidrones::dynamics::{Gains, Vehicle};
+use omnidrones::error::{Error, Result};
+use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
+use serde_json::json;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// What the command is for.
+pub const ABOUT: &str = "\
+Tune all twelve gains of a vehicle's position, velocity, attitude and rate controllers. Many flights from random starts \
+are simulated closed loop; the exact gradient of their mean squared tracking error comes back through every step \
+(motor lag, saturation and sampled controllers included), and Adam follows it. The result is judged on held-out starts \
+that the tuning never saw.";
+
+const EXAMPLES: &str = "\
+Examples:
+  omnidrones tune hummingbird                               60 descent steps
+  omnidrones tune firefly --iterations 30 --starts 64       shorter
+  omnidrones tune drone.urdf --reference circle             your vehicle on another reference
+  omnidrones tune iris --gains derived --json --no-plots    from derived gains, for a program
+
+Files in --out: gains.toml (fly with them: omnidrones fly VEHICLE --gains out/VEHICLE/gains.toml), and tune.png or \
+tune.svg: the descent, and one flight before and after.
+
+JSON: SI units; \"before\" and \"after\" are held-out flights: mean and worst RMSE (the start included), and crashes \
+(diverged, or more than 5 m off).
+
+Exit codes: 0 better on the held-out starts, and no crash; 1 not better; 2 unusable input or arguments.";
+
+/// Arguments of `tune`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub struct Arguments {
+    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
+    #[arg(value_name = "VEHICLE|FILE")]
+    vehicle: String,
+    #[command(flatten)]
+    rotors: VehicleArguments,
+    #[command(flatten)]
+    flight: FlightArguments,
+    /// Length of each training flight [s]
+    #[arg(long, value_name = "SECONDS", default_value_t = TunePlan::default().duration, allow_negative_numbers = true,
+          help_heading = "Flight")]
+    duration: f64,
+    /// Descent steps
+    #[arg(long, value_name = "N", default_value_t = TunePlan::default().iterations, help_heading = "Tuning")]
+    iterations: usize,
+    /// Random starts to tune on; multiples of 64 fill the SIMD lanes
+    #[arg(long, value_name = "N", default_value_t = TunePlan::default().n_start, help_heading = "Tuning")]
+    starts: usize,
+    /// Random starts to judge on
+    #[arg(long, value_name = "N", default_value_t = TunePlan::default().n_held_out, help_heading = "Tuning")]
+    held_out: usize,
+    /// Relative change of a gain per step, at first
+    #[arg(long, value_name = "SHARE", default_value_t = TunePlan::default().learning_rate,
+          allow_negative_numbers = true, help_heading = "Tuning")]
+    learning_rate: f64,
+    /// Seed of the starts
+    #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Tuning")]
+    seed: u64,
+    /// Folder for what is written [default: out/VEHICLE]
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
+    out: Option<PathBuf>,
+    /// File type of the plot
+    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
+    format: FormatName,
+    /// Draw nothing
+    #[arg(long, help_heading = "Output")]
+    no_plots: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long, help_heading = "Output")]
+    json: bool,
+}
+
+/// Tunes.
+pub fn run(a: &Arguments) -> Result<Report> {
+    a.flight.check()?;
+    let source = source::load(Some(&a.vehicle), &a.rotors)?;
+    let vehicle = &source.vehicle;
+    let (gains, gains_name) = a.flight.gains(vehicle)?;
+    let plan = TunePlan {
+        reference: a.flight.reference()?,
+        duration: a.duration,
+        physics: a.flight.physics(),
+        rates: a.flight.rates(),
+        n_start: a.starts,
+        n_held_out: a.held_out,
+        iterations: a.iterations,
+        learning_rate: a.learning_rate,
+        seed: a.seed,
+        ..TunePlan::default()
+    };
+    let folder = a.out.clone().unwrap_or_else(|| files::default_folder(&vehicle.name));
+    files::prepare_folder(&folder)?;
+
+    let bar = progress::bar(a.iterations as u64, "judging, then tuning", a.json);
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let start = Instant::now();
+    let tuning = tune(vehicle, &gains, &plan, &mut |step| {
+        bar.set_position(step.iteration as u64 + 1);
+        bar.set_message(format!("RMSE {}", length(step.rmse)));
+    })?;
+    let wall_time = start.elapsed().as_secs_f64();
+    bar.finish_and_clear();
+
+    let mut written = vec![write_gains(&folder, a, vehicle, &gains_name, &tuning)?];
+    if !a.no_plots {
+        let path = folder.join(format!("tune.{}", a.format.extension()));
+        let flight = |gains: &Gains| fly(vehicle, gains, &nominal(&plan), &mut |_| {});
+        figure(&vehicle.name, &tuning, &gains, &flight(&gains)?, &flight(&tuning.gains)?).save(&path)?;
+        written.push(path);
+    }
+    let better = tuning.after.crashed == 0 && tuning.after.rmse < tuning.before.rmse;
+    if a.json {
+        let value = json!({
+            "command": "tune",
+            "version": env!("CARGO_PKG_VERSION"),
+            "success": better,
+            "vehicle": KeyFigures::of(vehicle).json(vehicle),
+            "source": source.json(),
+            "plan": plan,
+            "gains_before": gains,
+            "gains": tuning.gains,
+            "history": tuning.history,
+            "before": tuning.before,
+            "after": tuning.after,
+            "improvement": 1.0 - tuning.after.rmse / tuning.before.rmse,
+            "wall_time": wall_time,
+            "files": files::names(&written),
+        });
+        return Ok(Report::json(&value, better));
+    }
+
+    let mut page = Page::new();
+    source.describe(&mut page);
+    page.heading("Tuning").facts(&facts(&plan, &tuning, wall_time));
+    page.heading("Gains").table(&sheet::gains_table(vehicle, &[(&gains_name, gains), ("tuned", tuning.gains)]));
+    page.heading("Written");
+    for path in &written {
+        page.line(format!("  {}", path.display()));
+    }
+    page.line("");
+    if better {
+        let gains = written.first().map_or_else(String::new, |p| p.display().to_string());
+        page.line(format!("Fly with them: omnidrones fly {} --gains {gains}", a.vehicle));
+    } else {
+        page.line("FAILED: not better on the held-out starts; try more --starts, or a smaller --learning-rate");
+    }
+    Ok(Report { text: page.finish(), success: better })
+}
+
+/// The flight that the plot shows: the plan's, from its very start.
+fn nominal(plan: &TunePlan) -> FlightPlan {
+    FlightPlan {
+        reference: plan.reference.clone(),
+        duration: plan.duration,
+        physics: plan.physics,
+        rates: plan.rates,
+        wind: Wind::Calm,
+        ..FlightPlan::default()
+    }
+}
+
+fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
+    let judged = |e: &Evaluation| {
+        let crashes = if e.crashed == 0 { "no crash".to_string() } else { format!("{} crashed", e.crashed) };
+        (length(e.rmse), format!("worst {}, {crashes}", length(e.worst)))
+    };
+    let ((before, before_note), (after, after_note)) = (judged(&tuning.before), judged(&tuning.after));
+    let best = tuning.history.iter().map(|i| i.rmse).fold(f64::INFINITY, f64::min);
+    let first = tuning.history.first().map_or(f64::NAN, |i| i.rmse);
+    let steps = tuning.history.len();
+    let per_step = duration(wall_time / steps.max(1) as f64);
+    vec![
+        Fact::new("reference", plan.reference.name())
+            .note(format!("{} s from {} random starts, {} held out", plan.duration, plan.n_start, plan.n_held_out)),
+        Fact::new("descent", format!("{steps} steps")).note(format!("{} in all, {per_step} each", duration(wall_time))),
+        Fact::new("training RMSE", format!("{} → {}", length(first), length(best))),
+        Fact::new("held-out RMSE before", before).note(before_note),
+        Fact::new("held-out RMSE after", after).note(after_note),
+        Fact::new("improvement", format!("{:.1} %", 100.0 * (1.0 - tuning.after.rmse / tuning.before.rmse)))
+            .note("of the held-out RMSE"),
+    ]
+}
+
+fn write_gains(folder: &Path, a: &Arguments, vehicle: &Vehicle, from: &str, tuning: &Tuning) -> Result<PathBuf> {
+    let path = folder.join("gains.toml");
+    let mut text = format!("# Tuned for {:?} by 'omnidrones tune', from gains {from:?}.\n", vehicle.name);
+    let _ = writeln!(
+        text,
+        "# Held-out RMSE {} before, {} after ({} starts of the {}, {} s each).",
+        length(tuning.before.rmse),
+        length(tuning.after.rmse),
+        tuning.after.n,
+        a.flight.reference.as_deref().unwrap_or("lemniscate").escape_default(),
+        a.duration
+    );
+    text += &toml::to_string(&tuning.gains).map_err(|e| Error::Format {
+        file: path.display().to_string(),
+        place: "the gains".into(),
+        rule: e.to_string(),
+        remedy: "Report this as a bug.".into(),
+    })?;
+    files::write_new(&path, &text, true)?;
+    Ok(path)
+}
+
+/// The descent, the relative change of each gain, and one flight with either set of gains.
+fn figure(name: &str, tuning: &Tuning, gains: &Gains, before: &Flight, after: &Flight) -> Figure {
+    let history = |of: fn(&Iteration) -> f64, scale: f64| {
+        tuning.history.iter().map(|i| (i.iteration as f64, scale * of(i))).collect::<Vec<_>>()
+    };
+    let marked = |series: Series| if tuning.history.len() <= 40 { series.markers() } else { series };
+    let descent = Panel::new("RMSE of the training flights", "descent step", "RMSE [cm]")
+        .series(marked(Series::line("", history(|i| i.rmse, 100.0)).colour(Colour::BLUE)));
+    let gradient = Panel::new("Gradient of the training RMSE", "descent step", "norm over ln K [cm]")
+        .series(marked(Series::line("", history(|i| i.gradient_norm, 100.0)).colour(Colour::VERMILLION)))
+        .from_zero();
+    let error = |flight: &Flight| -> Vec<(f64, f64)> {
+        flight.log.time.iter().copied().zip(flight.log.error_norm().into_iter().map(|e| 100.0 * e)).collect()
+    };
+    let flights = Panel::new("Flight from the start of the reference", "time [s]", "error [cm]")
+        .series(Series::line("before", error(before)).colour(Colour::GREY))
+        .series(Series::line("tuned", error(after)).colour(Colour::GREEN))
+        .from_zero();
+    let change = [
+        ("K_p", gains.position, tuning.gains.position),
+        ("K_v", gains.velocity, tuning.gains.velocity),
+        ("K_R", gains.attitude, tuning.gains.attitude),
+        ("K_ω", gains.rate, tuning.gains.rate),
+    ];
+    let mut bars = Bars::new("Tuned gains", "tuned / before").baseline("unchanged", 1.0);
+    for (group, (level, old, new)) in change.into_iter().enumerate() {
+        for (axis, letter) in ["x", "y", "z"].iter().enumerate() {
+            let bar = Bar::new(format!("{level} {letter}"), new[axis] / old[axis]);
+            bars = bars.bar(bar.note("×").colour(Colour::nth(group)));
+        }
+    }
+    let (b, a) = (&tuning.before, &tuning.after);
+    Figure::new(format!("{name}: gains tuned by gradients through closed-loop flights"))
+        .subtitle(format!(
+            "RMSE on {} held-out starts: {} before, {} tuned ({:.1} % lower)   ·   worst {} before, {} tuned   ·   crashes {} before, {} tuned",
+            a.n,
+            length(b.rmse),
+            length(a.rmse),
+            100.0 * (1.0 - a.rmse / b.rmse),
+            length(b.worst),
+            length(a.worst),
+            b.crashed,
+            a.crashed
+        ))
+        .size(1000.0, 550.0)
+        .grid(&[1.0, 1.0], &[1.0, 1.0])
+        .place((0, 0), (1, 1), descent)
+        .place((1, 0), (1, 1), flights)
+        .place((0, 1), (1, 1), gradient)
+        .place((1, 1), (1, 1), bars)
+}

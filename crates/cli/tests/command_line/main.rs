@@ -1,0 +1,7 @@
+//! The command line as a stranger meets it, through the built binary.
+
+mod command;
+mod general;
+mod learning;
+mod rigs;
+mod tasks;

@@ -1,0 +1,143 @@
+//! Configurations on the command line: shown, drawn, flown and dropped, every one of the registry.
+
+use omnidrones::dynamics::configurations;
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Runs a command that must exit with `code`; its standard output and error.
+fn exits(code: i32, folder: &Path, arguments: &[&str]) -> (String, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_omnidrones"));
+    let output = command.args(arguments).current_dir(folder).stdin(Stdio::null()).output().expect("the binary starts");
+    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).expect("UTF-8");
+    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}\n{out}\n{err}");
+    (out, err)
+}
+
+fn json(folder: &Path, arguments: &[&str]) -> Value {
+    let (out, err) = exits(0, folder, arguments);
+    assert_eq!(err, "", "{arguments:?}");
+    serde_json::from_str(&out).unwrap_or_else(|e| panic!("{arguments:?}: {e}\n{out}"))
+}
+
+#[test]
+fn every_configuration_is_listed_shown_and_drawn() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (list, _) = exits(0, folder.path(), &["show"]);
+    for entry in configurations::REGISTRY {
+        assert!(list.contains(entry.name) && list.contains(entry.description), "{list}");
+        let model = (entry.build)().expect("built");
+        let file = format!("{}.svg", entry.name);
+        let (page, _) = exits(0, folder.path(), &["show", entry.name, "--plot", &file]);
+        for body in model.bodies() {
+            assert!(page.contains(&body.name) && page.contains(&body.joint.name), "{}\n{page}", body.name);
+        }
+        assert!(page.contains("└─") && page.contains("degrees of freedom") && !page.contains('\u{1b}'), "{page}");
+        let svg = std::fs::read_to_string(folder.path().join(&file)).expect("written");
+        assert!(svg.len() > 8_000 && svg.contains("from above") && !svg.contains("NaN"), "{}", entry.name);
+        for body in model.bodies().iter().filter(|b| b.mass > 0.0) {
+            assert!(svg.contains(&body.name), "{}: no label {}", entry.name, body.name);
+        }
+    }
+}
+
+#[test]
+fn json_holds_the_parts_and_the_sizes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let shown = json(folder.path(), &["show", "omav_tilting", "--json"]);
+    assert_eq!(shown["n_input"], 18, "12 rotors and 6 tilts");
+    assert_eq!(shown["model"]["bodies"].as_array().map(Vec::len), Some(7));
+    let shown = json(folder.path(), &["show", "firefly", "--json"]);
+    assert_eq!((&shown["n_state"], &shown["n_input"]), (&19.into(), &6.into()));
+}
+
+#[test]
+fn every_configuration_flies_or_says_why_not() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // measured over the first 5 s: payload 26 mm, pendulum 127 mm, platforms 12 to 13 mm, transports 9 mm, omav 3 mm
+    for entry in configurations::REGISTRY {
+        match entry.name {
+            "gate" => {
+                let (_, err) = exits(2, folder.path(), &["fly", "gate"]);
+                assert!(err.contains("fixed to the world"), "{err}");
+            }
+            name => {
+                let arguments =
+                    ["fly", name, "--json", "--no-plots", "--duration", "5", "--dt", "0.004", "--max-rmse", "0.25"];
+                let flown = json(folder.path(), &arguments);
+                assert_eq!(flown["success"], true, "{name}");
+                for joint in flown["joints"].as_array().expect("a list") {
+                    assert!(joint["largest"].as_f64().expect("a number") < 0.5, "{name}: {joint}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn an_omav_that_is_to_roll_flies_with_its_tilts_free() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let arguments = ["fly", "omav", "--roll", "30", "--reference", "hover", "--duration", "4", "--json", "--no-plots"];
+    let flown = json(folder.path(), &arguments);
+    assert_eq!((&flown["configuration"], &flown["controller"]), (&"omav_tilting".into(), &"vectored".into()));
+    let number = |v: &Value| v.as_f64().expect("a number");
+    // measured: 1.5 mm, 30°
+    assert!(number(&flown["flight"]["rmse"]) < 0.005, "{flown:#}");
+    assert!((number(&flown["flight"]["max_tilt"]).to_degrees() - 30.0).abs() < 1.0, "{flown:#}");
+    assert!(flown["controller_notes"].as_array().is_some_and(|n| n.len() == 3), "{flown:#}");
+}
+
+#[test]
+fn a_flight_writes_its_figures_and_tables() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let arguments = ["fly", "payload", "--reference", "hover", "--duration", "1", "--csv", "--format", "svg", "--json"];
+    let flown = json(folder.path(), &arguments);
+    let files: Vec<&str> = flown["files"].as_array().expect("a list").iter().filter_map(Value::as_str).collect();
+    assert_eq!(files.len(), 8, "{files:?}");
+    for file in files {
+        let size = std::fs::metadata(folder.path().join(file)).expect("written").len();
+        assert!(size > 2_000, "{file}: {size} bytes");
+    }
+    let csv = std::fs::read_to_string(folder.path().join("out/payload/joints.csv")).expect("read");
+    assert!(csv.starts_with("time [s],swing.x [rad],swing.x rate [rad/s],swing.y [rad]"), "{csv:.80}");
+}
+
+#[test]
+fn what_is_dropped_lands_and_loses_its_energy() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for name in ["payload", "hummingbird"] {
+        let fallen = json(folder.path(), &["fly", name, "--drop=0.4", "--duration", "3", "--json", "--format", "svg"]);
+        let number = |key: &str| fallen[key].as_f64().expect("a number");
+        // free fall over 0.4 m takes 0.286 s
+        assert!((number("first_touch") - 0.286).abs() < 0.02, "{name}: {fallen:#}");
+        assert!(number("energy_end") < 0.5 * number("energy_start"), "{name}: {fallen:#}");
+        assert!(number("deepest") < 0.05, "{name}: {fallen:#}");
+        assert!(folder.path().join(format!("out/{name}/drop.svg")).exists());
+    }
+}
+
+#[test]
+fn mistakes_are_answered_with_value_limit_and_remedy() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (arguments, words) in [
+        (&["show", "paylod"][..], "did you mean 'payload'?"),
+        (&["fly", "transprt"], "did you mean 'transport'?"),
+        (&["show", "payload", "--plot", "rig.pdf"], "png or svg"),
+        (&["fly", "payload", "--gains", "published"], "nobody published gains"),
+        (&["fly", "payload", "--rotors", "x.toml"], "Leave it out"),
+        (&["fly", "payload", "--drop=-1"], "0 to 1000 m"),
+        (&["fly", "iris", "--drop", "--max-rmse", "1"], "nothing is controlled"),
+        (&["fly", "iris", "--effects", "contact"], "Drop it with --drop."),
+        (&["fly", "gate", "--drop"], "fixed to the world"),
+        (&["fly", "iris", "--roll", "10"], "omav_tilting, dragon and platform hold a tilt"),
+        (&["fly", "payload", "--shape", "arc"], "dragon takes a shape"),
+        (&["fly", "omav", "--roll", "200"], "within ±180"),
+        (&["fly", "dragon", "--shape", "ark"], "did you mean 'arc'?"),
+        (&["fly", "omav_tilting", "--shape", "arc"], "position servos about z"),
+    ] {
+        let (out, err) = exits(2, folder.path(), arguments);
+        assert!(out.is_empty() && err.contains(words), "{arguments:?}: {err}");
+    }
+    assert!(!folder.path().join("out").exists(), "a mistake leaves no folder");
+}

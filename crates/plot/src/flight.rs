@@ -1,0 +1,304 @@
+//! The figures of a flight: path, tracking error, rotors, attitude, and all of them on one page.
+
+use super::{Colour, Figure, Panel, Path3d, Pose, Series};
+use omnidrones::error::Result;
+use omnidrones::flight::FlightLog;
+use std::path::{Path, PathBuf};
+
+/// Most vehicles drawn along a path.
+const POSES: usize = 9;
+
+/// The five figures of a flight, with the key figures over t ≥ `after` (s).
+#[derive(Debug, Clone, PartialEq)]
+pub struct FlightFigures {
+    /// Everything on one page.
+    pub overview: Figure,
+    /// The path in space against its reference.
+    pub path: Figure,
+    /// Error per axis and its norm.
+    pub error: Figure,
+    /// Commands and speeds of the rotors.
+    pub rotors: Figure,
+    /// Roll, pitch, yaw.
+    pub attitude: Figure,
+}
+
+impl FlightFigures {
+    /// Makes the figures; the first `after` seconds are shaded and left out of the RMSE.
+    pub fn new(log: &FlightLog, after: f64) -> Self {
+        let name = if log.vehicle.is_empty() { "Flight" } else { log.vehicle.as_str() };
+        let numbers = key_figures(log, after);
+        let figure = |what: &str| Figure::new(format!("{name}: {what}")).subtitle(&numbers);
+        let [roll, pitch, yaw] = angle_panels(log);
+        let error_overview = error_panel(log, after, true);
+        // The page gives the path a tall room: seen from higher up it fills it.
+        let overview_path = Path3d { elevation_deg: 38.0, azimuth_deg: -52.0, ..path_chart(log) };
+        let path = Path3d { title: String::new(), ..path_chart(log) };
+        Self {
+            overview: figure("closed-loop flight")
+                .size(1000.0, 550.0)
+                .grid(&[1.06, 1.0], &[1.0, 1.0, 1.0])
+                .place((0, 0), (1, 3), overview_path)
+                .place((1, 0), (1, 1), without_x_label(error_overview))
+                .place((1, 1), (1, 1), without_x_label(rotor_panel(log)))
+                .place((1, 2), (1, 1), attitude_panel(log)),
+            path: figure("path").size(800.0, 560.0).chart(path),
+            error: figure("tracking error")
+                .chart(without_x_label(error_panel(log, after, false)))
+                .chart(axis_error_panel(log, after)),
+            rotors: figure("rotors").chart(without_x_label(command_panel(log))).chart(speed_panel(log)),
+            attitude: figure("attitude")
+                .size(800.0, 560.0)
+                .chart(without_x_label(roll))
+                .chart(without_x_label(pitch))
+                .chart(yaw),
+        }
+    }
+
+    /// With an upright line at a time in every chart over time: a failure. An empty name stays out of the legends.
+    pub fn event(mut self, name: &str, time: f64) -> Self {
+        for figure in [&mut self.overview, &mut self.error, &mut self.rotors, &mut self.attitude] {
+            figure.for_each_panel(|panel| {
+                // legends of charts with a shaded start are full
+                let name = if panel.bands.is_empty() { name } else { "" };
+                *panel = std::mem::take(panel).event(name, time, Colour::VERMILLION);
+            });
+        }
+        self
+    }
+
+    /// The figures with their file names (without extension).
+    pub fn named(&self) -> [(&'static str, &Figure); 5] {
+        [
+            ("overview", &self.overview),
+            ("path", &self.path),
+            ("error", &self.error),
+            ("rotors", &self.rotors),
+            ("attitude", &self.attitude),
+        ]
+    }
+
+    /// Writes all five into `folder`, as `png` or `svg`; returns their paths.
+    pub fn save(&self, folder: impl AsRef<Path>, extension: &str) -> Result<Vec<PathBuf>> {
+        let mut written = Vec::new();
+        for (name, figure) in self.named() {
+            let path = folder.as_ref().join(format!("{name}.{extension}"));
+            figure.save(&path)?;
+            written.push(path);
+        }
+        Ok(written)
+    }
+}
+
+/// One line: RMSE, largest error, speed and tilt, saturation, broken samples.
+pub(super) fn key_figures(log: &FlightLog, after: f64) -> String {
+    let s = log.summary(after);
+    let from = if after > 0.0 { format!(" after {after} s") } else { String::new() };
+    let mut parts = vec![match s.rmse {
+        Some(v) => format!("tracking RMSE {}{from}", length(v)),
+        None => "tracking RMSE undefined".to_string(),
+    }];
+    parts.extend(s.max_error.map(|v| format!("max error {}", length(v))));
+    parts.extend(s.max_speed.map(|v| format!("max speed {v:.2} m/s")));
+    parts.extend(s.max_tilt.map(|v| format!("max tilt {:.1}°", v.to_degrees())));
+    parts.extend(s.saturation.map(|v| format!("rotors saturated {:.1} % of the time", 100.0 * v)));
+    if s.non_finite_samples > 0 {
+        parts.push(format!("{} samples not finite", s.non_finite_samples));
+    }
+    parts.join("   ·   ")
+}
+
+/// Millimetres below a decimetre, else metres.
+fn length(metres: f64) -> String {
+    if metres < 0.1 { format!("{:.1} mm", 1e3 * metres) } else { super::axis::short(metres) + " m" }
+}
+
+pub(super) fn without_x_label(mut panel: Panel) -> Panel {
+    panel.x_label.clear();
+    panel
+}
+
+/// Flown path coloured by speed, dashed reference, up to nine vehicles at equal distances along the path.
+pub fn path_chart(log: &FlightLog) -> Path3d {
+    Path3d::new("Path", log.position.clone())
+        .reference(log.reference_position.clone())
+        .heat("speed [m/s]", log.speed())
+        .poses(poses(log))
+}
+
+/// Poses at equal distances along the last lap, fewer where the path comes close to itself.
+pub(super) fn poses(log: &FlightLog) -> Vec<Pose> {
+    let p = &log.position;
+    let step = |i: usize| {
+        let d = (0..3).map(|k| (p[i][k] - p[i - 1][k]).powi(2)).sum::<f64>().sqrt();
+        if d.is_finite() { d } else { 0.0 }
+    };
+    let total: f64 = (1..p.len()).map(step).sum();
+    if !(total > 1e-6 && total.is_finite()) {
+        return Vec::new();
+    }
+    let lap = last_lap(log);
+    let lap_length: f64 = (lap.start + 1..lap.end).map(step).sum();
+    let spacing = lap_length / POSES as f64;
+    let (mut out, mut travelled): (Vec<Pose>, f64) = (Vec::new(), 0.5 * spacing);
+    for (i, here) in p.iter().enumerate().take(lap.end).skip(lap.start + 1) {
+        travelled += step(i);
+        if travelled >= spacing {
+            travelled -= spacing;
+            let apart = |q: &Pose| (0..3).map(|k| (here[k] - q.position[k]).powi(2)).sum::<f64>().sqrt();
+            if out.iter().all(|q| apart(q) > 0.5 * spacing) {
+                out.push(Pose { position: *here, attitude: log.attitude[i] });
+            }
+        }
+    }
+    out
+}
+
+/// The samples since the reference last stood where it ends (with the same direction of motion): one lap of a periodic
+/// reference, the whole flight otherwise.
+fn last_lap(log: &FlightLog) -> std::ops::Range<usize> {
+    let (r, v) = (&log.reference_position, &log.reference_velocity);
+    let n = r.len();
+    let Some(last) = n.checked_sub(1) else { return 0..0 };
+    let distance = |i: usize| (0..3).map(|k| (r[i][k] - r[last][k]).powi(2)).sum::<f64>().sqrt();
+    let along = |i: usize| (0..3).map(|k| v[i][k] * v[last][k]).sum::<f64>() > 0.0;
+    let size = (0..n).map(distance).filter(|d| d.is_finite()).fold(0.0, f64::max);
+    let mut left = false;
+    for i in (0..n).rev() {
+        left |= distance(i) > 0.25 * size;
+        if left && distance(i) < 0.02 * size && along(i) {
+            return i..n;
+        }
+    }
+    0..n
+}
+
+fn timed(log: &FlightLog, values: impl Iterator<Item = f64>) -> Vec<(f64, f64)> {
+    log.time.iter().copied().zip(values).collect()
+}
+
+fn excluded(panel: Panel, log: &FlightLog, after: f64) -> Panel {
+    match log.time.first() {
+        Some(first) if after > *first => {
+            panel.x_band(format!("first {after} s, not counted"), *first, after, Colour::PALE)
+        }
+        _ => panel,
+    }
+}
+
+/// ‖p − p_ref‖ over time with its RMSE, in centimetres; with the axes too when `with_axes`.
+pub(super) fn error_panel(log: &FlightLog, after: f64, with_axes: bool) -> Panel {
+    let title = if with_axes { "Tracking error" } else { "Distance to the reference" };
+    let mut panel = Panel::new(title, "time [s]", "error [cm]");
+    if with_axes {
+        panel.series = axis_errors(log);
+    } else {
+        panel = panel.from_zero();
+    }
+    let norm = timed(log, log.error_norm().into_iter().map(|e| 100.0 * e));
+    panel = panel.series(Series::line("norm", norm).colour(Colour::INK).width(1.6));
+    if let Some(rmse) = log.rmse(after) {
+        if !with_axes {
+            panel = panel.y_band("", 0.0, 100.0 * rmse, Colour::ORANGE);
+        }
+        panel = panel.level(format!("RMSE {}", length(rmse)), 100.0 * rmse, Colour::VERMILLION);
+    }
+    cut_transient(excluded(panel, log, after), log, after)
+}
+
+/// Fits y to what happens from `after` on when the start is more than three times larger, and says so in the title:
+/// a far start would press the errors that count into a flat line.
+fn cut_transient(mut panel: Panel, log: &FlightLog, after: f64) -> Panel {
+    if let (Some(late), Some(overall)) = (log.max_error(after), log.max_error(f64::NEG_INFINITY))
+        && late > 0.0
+        && overall > 3.0 * late
+    {
+        let lowest = if panel.from_zero { 0.0 } else { -150.0 * late };
+        panel.y_range = Some((lowest, 150.0 * late));
+        panel.title += &format!(" (start cut off, up to {} cm)", super::axis::short(100.0 * overall));
+    }
+    panel
+}
+
+fn axis_errors(log: &FlightLog) -> Vec<Series> {
+    let errors = log.tracking_error();
+    let axis = |k: usize, name: &str| {
+        Series::line(name, timed(log, errors.iter().map(|e| 100.0 * e[k]))).colour(Colour::nth(k)).width(1.2)
+    };
+    vec![axis(0, "x"), axis(1, "y"), axis(2, "z")]
+}
+
+fn axis_error_panel(log: &FlightLog, after: f64) -> Panel {
+    let mut panel = Panel::new("Error per axis", "time [s]", "error [cm]");
+    panel.series = axis_errors(log);
+    cut_transient(excluded(panel, log, after), log, after)
+}
+
+/// One line per rotor of a row-major rotor column, with the limits.
+fn rotor_lines(log: &FlightLog, column: &[f64], title: &str, width: f64) -> Panel {
+    let mut panel = Panel::new(title, "time [s]", "speed [rad/s]").from_zero();
+    for i in 0..log.n_rotor() {
+        let line = Series::line((i + 1).to_string(), log.rotor_history(column, i)).width(width);
+        // The palette repeats after seven: the rest is dashed.
+        panel = panel.series(if i < 7 { line } else { line.dashed() });
+    }
+    let mut limits = log.max_rotor_speed.clone();
+    limits.sort_by(f64::total_cmp);
+    limits.dedup();
+    for limit in limits {
+        panel = panel.level("limit", limit, Colour::GREY);
+    }
+    panel
+}
+
+pub(super) fn rotor_panel(log: &FlightLog) -> Panel {
+    rotor_lines(log, &log.rotor_speed, "Rotor speeds", 1.1)
+}
+
+fn command_panel(log: &FlightLog) -> Panel {
+    rotor_lines(log, &log.rotor_command, "Commanded speed of each rotor", 1.2)
+}
+
+fn speed_panel(log: &FlightLog) -> Panel {
+    rotor_lines(log, &log.rotor_speed, "Speed of each rotor", 1.2)
+}
+
+/// Angles in degrees; jumps by a full turn become gaps.
+fn degrees(log: &FlightLog, angles: &[[f64; 3]], k: usize) -> Vec<(f64, f64)> {
+    let mut points = timed(log, angles.iter().map(|a| a[k].to_degrees()));
+    for i in 1..points.len() {
+        if (points[i].1 - points[i - 1].1).abs() > 180.0 {
+            points[i - 1].1 = f64::NAN;
+        }
+    }
+    points
+}
+
+const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
+
+/// Roll, pitch and yaw, each with what the reference asks (dashed).
+fn angle_panels(log: &FlightLog) -> [Panel; 3] {
+    let (actual, asked) = (log.euler_angles(), log.reference_euler_angles());
+    [0, 1, 2].map(|k| {
+        let name = ANGLES[k];
+        let title = name[..1].to_uppercase() + &name[1..];
+        Panel::new(title, "time [s]", format!("{name} [°]"))
+            .series(Series::line("flown", degrees(log, &actual, k)).colour(Colour::nth(k)))
+            .series(
+                Series::line("asked by the reference", degrees(log, &asked, k)).colour(Colour::INK).dashed().width(1.0),
+            )
+    })
+}
+
+fn attitude_panel(log: &FlightLog) -> Panel {
+    let (actual, asked) = (log.euler_angles(), log.reference_euler_angles());
+    let mut panel = Panel::new("Attitude", "time [s]", "angle [°]");
+    for (k, name) in ANGLES.iter().enumerate() {
+        panel = panel.series(Series::line(*name, degrees(log, &actual, k)).colour(Colour::nth(k)));
+    }
+    for k in 0..3 {
+        let dashed = Series::line("reference", degrees(log, &asked, k)).colour(Colour::INK).dashed().width(0.8);
+        panel = panel.series(dashed);
+    }
+    panel
+}

@@ -1,0 +1,226 @@
+//! An articulated system as a drawing: its shapes, rotors and joints in a given state.
+
+use super::drawing::{Drawing, Item, Label};
+use super::{Colour, Figure};
+use omnidrones::dynamics::shape::Geometry;
+use omnidrones::dynamics::spatial::{add, cross, dot, from_matrix, mat_vec, matrix, multiply, scale, sub, transpose};
+use omnidrones::dynamics::tree::{Model, Motion, Multibody, Pose, body_poses};
+
+/// Surfaces of bodies that carry rotors, and of the others.
+const DRONE: Colour = Colour(206, 213, 220);
+const LOAD: Colour = Colour(236, 217, 180);
+/// Of what stands in the world.
+const WORLD: Colour = Colour(222, 226, 230);
+/// Drawn radius of a rotor that does not tell its own, m.
+const ROTOR_RADIUS: f64 = 0.08;
+
+/// A page with the system in a state: one large view with names, and from above and from the side without.
+pub fn figure(system: &Multibody, state: &[f64]) -> Figure {
+    let model = system.model();
+    let items = items(system, state);
+    let floor = lowest(system, state);
+    let main = Drawing::new("", items.clone()).labels(labels(system, state)).floor(floor).legend();
+    let above = Drawing::new("from above", items.clone()).seen_from(-90.0, 90.0);
+    let side = side_view(items);
+    Figure::new(model.name())
+        .size(1000.0, 560.0)
+        .grid(&[2.1, 1.0], &[1.0, 1.0])
+        .place((0, 0), (1, 2), main)
+        .place((1, 0), (1, 1), above)
+        .place((1, 1), (1, 1), side)
+}
+
+/// Along y, or along x where the system is wider that way.
+fn side_view(items: Vec<Item>) -> Drawing {
+    let points: Vec<[f64; 3]> = items.iter().flat_map(Item::extent).collect();
+    let width = |i: usize| {
+        let values = points.iter().map(|p| p[i]);
+        values.clone().fold(f64::NEG_INFINITY, f64::max) - values.fold(f64::INFINITY, f64::min)
+    };
+    if width(1) > 1.2 * width(0) {
+        Drawing::new("from the front", items).seen_from(0.0, 0.0)
+    } else {
+        Drawing::new("from the side", items).seen_from(-90.0, 0.0)
+    }
+}
+
+/// Everything that can be seen of the system in a state.
+pub fn items(system: &Multibody, state: &[f64]) -> Vec<Item> {
+    let (model, poses) = (system.model(), body_poses(system, state));
+    let mut items = Vec::new();
+    for shape in model.shapes() {
+        let colour = match shape.body {
+            None => WORLD,
+            Some(b) if carries_rotors(model, b) => DRONE,
+            Some(_) => LOAD,
+        };
+        let (at, turn) = match shape.body {
+            Some(b) => {
+                (on(&poses[b], shape.shape.position), multiply(from_matrix(poses[b].rotation), shape.shape.rotation))
+            }
+            None => (shape.shape.position, shape.shape.rotation),
+        };
+        let r = transpose(matrix(turn));
+        items.push(match shape.shape.geometry {
+            Geometry::Sphere { radius } => Item::Ball { at, radius, colour },
+            Geometry::Capsule { radius, length } => {
+                let half = scale(0.5 * length, r[2]);
+                Item::Bar { from: sub(at, half), to: add(at, half), radius, colour }
+            }
+            Geometry::Box { size } => Item::Box { at, half: [0, 1, 2].map(|k| scale(0.5 * size[k], r[k])), colour },
+        });
+    }
+    for [from, to] in skeleton(model, &poses) {
+        items.push(Item::Stick { from, to, colour: Colour::GREY });
+    }
+    for (number, rotor) in model.rotors().iter().enumerate() {
+        let pose = &poses[rotor.body];
+        let radius = if rotor.rotor.radius > 0.0 { rotor.rotor.radius } else { ROTOR_RADIUS };
+        let axis = mat_vec(pose.rotation, rotor.rotor.axis);
+        let hub = on(pose, rotor.rotor.position);
+        let above = dot(rotor.rotor.position, rotor.rotor.axis) > 0.0;
+        items.push(Item::Rotor { hub, axis, radius, spin: rotor.rotor.spin, number, above });
+    }
+    for (i, body) in model.bodies().iter().enumerate() {
+        let (pose, at) = (&poses[i], poses[i].position);
+        match body.joint.motion {
+            Motion::Floating => {}
+            Motion::Revolute(axis) => items.push(Item::Hinge { at, axis: mat_vec(pose.rotation, axis) }),
+            Motion::Prismatic(axis) => items.push(Item::Slide { at, axis: mat_vec(pose.rotation, axis) }),
+            Motion::Ball => items.push(Item::Pivot { at }),
+        }
+    }
+    items
+}
+
+/// Lines for what no shape shows: from a body to its rotors and to the joints of its children.
+pub fn sticks(system: &Multibody, state: &[f64]) -> Vec<[[f64; 3]; 2]> {
+    let (model, poses) = (system.model(), body_poses(system, state));
+    let mut lines = skeleton(model, &poses);
+    for shape in model.shapes() {
+        if let (Some(b), Geometry::Capsule { length, .. }) = (shape.body, shape.shape.geometry) {
+            let z = mat_vec(matrix(shape.shape.rotation), [0.0, 0.0, 0.5 * length]);
+            let ends = [sub(shape.shape.position, z), add(shape.shape.position, z)];
+            lines.push(ends.map(|p| on(&poses[b], p)));
+        }
+        if let (Some(b), Geometry::Box { size }) = (shape.body, shape.shape.geometry)
+            && !carries_rotors(model, b)
+        {
+            let corner = |k: usize| [0, 1, 2].map(|i| if k >> i & 1 == 0 { -0.5 * size[i] } else { 0.5 * size[i] });
+            let at =
+                |k: usize| on(&poses[b], add(shape.shape.position, mat_vec(matrix(shape.shape.rotation), corner(k))));
+            let edges = (0..3).flat_map(|i| (0..8usize).filter(move |k| k >> i & 1 == 0).map(move |k| (k, k | 1 << i)));
+            lines.extend(edges.map(|(a, b)| [at(a), at(b)]));
+        }
+    }
+    lines
+}
+
+fn skeleton(model: &Model, poses: &[Pose<f64>]) -> Vec<[[f64; 3]; 2]> {
+    let mut lines = Vec::new();
+    let mut reach = |body: usize, point: [f64; 3]| {
+        let (start, covered) = nearest(model, body, point);
+        if !covered {
+            lines.push([on(&poses[body], start), on(&poses[body], point)]);
+        }
+    };
+    for rotor in model.rotors() {
+        reach(rotor.body, rotor.rotor.position);
+    }
+    for body in model.bodies() {
+        if let Some(parent) = body.parent.filter(|p| model.bodies()[*p].mass > 0.0) {
+            reach(parent, body.joint.position);
+        }
+    }
+    lines
+}
+
+/// The point of a body's shapes (else of its frame) from which a line to `point` starts, and whether a shape holds the
+/// point already; body frame.
+fn nearest(model: &Model, body: usize, point: [f64; 3]) -> ([f64; 3], bool) {
+    let own = model.shapes().iter().filter(|s| s.body == Some(body)).map(|s| &s.shape);
+    let foot = own.map(|shape| {
+        let r = matrix(shape.rotation);
+        let local = mat_vec(transpose(r), sub(point, shape.position));
+        // on the axis of a capsule, else the centre; how far the surface is from there
+        let (start, thickness) = match shape.geometry {
+            Geometry::Sphere { radius } => ([0.0; 3], radius),
+            Geometry::Capsule { radius, length } => ([0.0, 0.0, local[2].clamp(-0.5 * length, 0.5 * length)], radius),
+            Geometry::Box { size } => {
+                let inside = (0..3).all(|k| local[k].abs() <= 0.5 * size[k]);
+                ([0.0, 0.0, local[2].clamp(-0.5 * size[2], 0.5 * size[2])], if inside { f64::INFINITY } else { 0.0 })
+            }
+        };
+        let gap = sub(local, start);
+        let distance = dot(gap, gap).sqrt();
+        (add(shape.position, mat_vec(r, start)), distance <= thickness + 0.011, distance)
+    });
+    let best = foot.min_by(|a, b| a.2.total_cmp(&b.2));
+    best.map_or(([0.0; 3], dot(point, point) < 1e-6), |(start, covered, _)| (start, covered))
+}
+
+/// Names of bodies, and of joints where they are few.
+fn labels(system: &Multibody, state: &[f64]) -> Vec<Label> {
+    let (model, poses) = (system.model(), body_poses(system, state));
+    let mut labels = Vec::new();
+    for (i, body) in model.bodies().iter().enumerate().filter(|(_, b)| b.mass > 0.0) {
+        let at = on(&poses[i], visible_middle(model, i));
+        labels.push(Label { at, text: body.name.clone(), colour: Colour::INK });
+    }
+    let mut joints: Vec<Label> = Vec::new();
+    for (i, body) in model.bodies().iter().enumerate().filter(|(_, b)| b.joint.motion != Motion::Floating) {
+        let text = body.joint.name.split('.').next().unwrap_or_default().to_string();
+        // the two hinges of a universal joint share a name
+        if joints.iter().all(|l| l.text != text) {
+            joints.push(Label { at: poses[i].position, text, colour: JOINT_NAME });
+        }
+    }
+    if labels.len() + joints.len() <= 22 {
+        labels.extend(joints);
+    }
+    labels
+}
+
+const JOINT_NAME: Colour = Colour(163, 72, 121);
+
+/// Where a name belongs: the first shape's centre, else the centre of mass.
+fn visible_middle(model: &Model, body: usize) -> [f64; 3] {
+    let own = model.shapes().iter().find(|s| s.body == Some(body));
+    own.map_or(model.bodies()[body].center_of_mass, |s| s.shape.position)
+}
+
+/// Height of the lowest point of shapes and rotors, m; of the lowest body's origin where there are none.
+pub fn lowest(system: &Multibody, state: &[f64]) -> f64 {
+    let (model, poses) = (system.model(), body_poses(system, state));
+    let mut least = f64::INFINITY;
+    for shape in model.shapes() {
+        let Some(b) = shape.body else { continue };
+        let center = on(&poses[b], shape.shape.position)[2];
+        let turn = transpose(matrix(multiply(from_matrix(poses[b].rotation), shape.shape.rotation)));
+        least = least.min(center - below(&shape.shape.geometry, turn));
+    }
+    for rotor in model.rotors() {
+        let pose = &poses[rotor.body];
+        let axis = mat_vec(pose.rotation, rotor.rotor.axis);
+        let flat = cross(axis, [0.0, 0.0, 1.0]);
+        least = least.min(on(pose, rotor.rotor.position)[2] - rotor.rotor.radius * dot(flat, flat).sqrt());
+    }
+    if least.is_finite() { least } else { poses.iter().map(|p| p.position[2]).fold(f64::INFINITY, f64::min) }
+}
+
+/// How far a geometry with axes `turn` reaches below its centre, m.
+fn below(geometry: &Geometry, turn: [[f64; 3]; 3]) -> f64 {
+    match *geometry {
+        Geometry::Sphere { radius } => radius,
+        Geometry::Capsule { radius, length } => radius + 0.5 * length * turn[2][2].abs(),
+        Geometry::Box { size } => (0..3).map(|k| 0.5 * size[k] * turn[k][2].abs()).sum(),
+    }
+}
+
+fn on(pose: &Pose<f64>, point: [f64; 3]) -> [f64; 3] {
+    add(pose.position, mat_vec(pose.rotation, point))
+}
+
+fn carries_rotors(model: &Model, body: usize) -> bool {
+    model.rotors().iter().any(|r| r.body == body)
+}

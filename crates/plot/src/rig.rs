@@ -1,0 +1,187 @@
+//! The figures of an articulated system in flight, and of its fall.
+
+use super::drawing::Drawing;
+use super::flight::{FlightFigures, error_panel, key_figures, path_chart, rotor_panel, without_x_label};
+use super::model::{items, sticks};
+use super::{Colour, Figure, Panel, Path3d, Series};
+use omnidrones::dynamics::tree::{Motion, Multibody};
+use omnidrones::error::Result;
+use omnidrones::flight::FlightLog;
+use std::path::{Path, PathBuf};
+
+/// A joint's angle or way over time, the two hinges of a universal joint as one deflection.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointHistory {
+    /// Without the letter of a universal joint's axis.
+    pub name: String,
+    /// Whether it turns.
+    pub turns: bool,
+    /// From rest, rad or m, one per sample; never negative for two hinges.
+    pub values: Vec<f64>,
+}
+
+/// Histories of all hinges and slides, from states row by row.
+pub fn joints(system: &Multibody, states: &[f64]) -> Vec<JointHistory> {
+    let (layout, rest, n) = (system.layout(), system.rest_state(), system.rest_state().len());
+    let mut groups: Vec<(String, bool, Vec<usize>)> = Vec::new();
+    for (i, body) in system.model().bodies().iter().enumerate() {
+        let turns = match body.joint.motion {
+            Motion::Revolute(_) => true,
+            Motion::Prismatic(_) => false,
+            Motion::Floating | Motion::Ball => continue,
+        };
+        let (stem, at) = (body.joint.name.split('.').next().unwrap_or_default(), layout.bodies[i].position);
+        match groups.iter_mut().find(|g| g.0 == stem) {
+            Some(group) => group.2.push(at),
+            None => groups.push((stem.into(), turns, vec![at])),
+        }
+    }
+    let value = |row: &[f64], places: &[usize]| match places {
+        [at] => row[*at] - rest[*at],
+        _ => places.iter().map(|at| (row[*at] - rest[*at]).powi(2)).sum::<f64>().sqrt(),
+    };
+    let history = |(name, turns, places): (String, bool, Vec<usize>)| {
+        let values = states.chunks_exact(n).map(|row| value(row, &places)).collect();
+        JointHistory { name, turns, values }
+    };
+    groups.into_iter().map(history).collect()
+}
+
+/// The figures of a flight with those of its joints: `overview`, `path`, `error`, `rotors`, `attitude`, `joints`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RigFigures {
+    /// As of a single vehicle, the path with what hangs on it.
+    pub flight: FlightFigures,
+    /// Deflections over time.
+    pub joints: Figure,
+}
+
+impl RigFigures {
+    /// From the log and the states behind it; key figures over t ≥ `after` (s).
+    pub fn new(system: &Multibody, log: &FlightLog, states: &[f64], after: f64) -> Self {
+        let numbers = key_figures(log, after);
+        let figure = |what: &str| Figure::new(format!("{}: {what}", log.vehicle)).subtitle(&numbers);
+        let sticks = along(system, states);
+        let path = Path3d { poses: Vec::new(), ..path_chart(log) }.sticks(sticks);
+        let tall = Path3d { elevation_deg: 32.0, azimuth_deg: -52.0, ..path.clone() };
+        let panel = joint_panel(system, log, states);
+        let mut flight = FlightFigures::new(log, after);
+        flight.overview = figure("closed-loop flight")
+            .size(1000.0, 550.0)
+            .grid(&[1.06, 1.0], &[1.0, 1.0, 1.0])
+            .place((0, 0), (1, 3), tall)
+            .place((1, 0), (1, 1), without_x_label(error_panel(log, after, true)))
+            .place((1, 1), (1, 1), without_x_label(few_rotors(log)))
+            .place((1, 2), (1, 1), panel.clone());
+        flight.path = figure("path").size(800.0, 560.0).chart(Path3d { title: String::new(), ..path });
+        Self { flight, joints: figure("joints").chart(panel) }
+    }
+
+    /// Writes all six into `folder`, as `png` or `svg`; returns their paths.
+    pub fn save(&self, folder: impl AsRef<Path>, extension: &str) -> Result<Vec<PathBuf>> {
+        let mut written = self.flight.save(&folder, extension)?;
+        let path = folder.as_ref().join(format!("joints.{extension}"));
+        self.joints.save(&path)?;
+        written.push(path);
+        Ok(written)
+    }
+}
+
+/// The system's lines at a few moments, in places far from each other.
+fn along(system: &Multibody, states: &[f64]) -> Vec<[[f64; 3]; 2]> {
+    let (n, root) = (system.rest_state().len(), system.layout().bodies[0].position);
+    let rows: Vec<&[f64]> =
+        states.chunks_exact(n).step_by(20).filter(|row| row.iter().all(|v| v.is_finite())).collect();
+    let apart = |a: &[f64], b: &[f64]| (root..root + 3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>();
+    let moments = if system.model().rotors().len() > 8 { 3 } else { 6 };
+    let mut picked: Vec<&[f64]> = rows.last().copied().into_iter().collect();
+    while picked.len() < moments {
+        // the one farthest from all picked ones
+        let gap = |row: &&&[f64]| picked.iter().map(|p| apart(p, row)).fold(f64::INFINITY, f64::min);
+        let Some(next) = rows.iter().max_by(|a, b| gap(a).total_cmp(&gap(b))) else { break };
+        picked.push(*next);
+    }
+    picked.into_iter().flat_map(|row| sticks(system, row)).collect()
+}
+
+/// Rotor speeds; where they are many, without a legend.
+fn few_rotors(log: &FlightLog) -> Panel {
+    let mut panel = rotor_panel(log);
+    if log.n_rotor() > 8 {
+        panel.title = format!("Speeds of {} rotors", log.n_rotor());
+        for (i, series) in panel.series.iter_mut().enumerate() {
+            series.name.clear();
+            series.colour = Some(Colour::nth(i));
+        }
+    }
+    panel
+}
+
+fn joint_panel(system: &Multibody, log: &FlightLog, states: &[f64]) -> Panel {
+    let histories = joints(system, states);
+    let turns = histories.iter().all(|h| h.turns);
+    let mut panel = Panel::new("Joints", "time [s]", if turns { "angle [°]" } else { "angle [°] or way [cm]" });
+    for (i, h) in histories.iter().enumerate() {
+        let scale = if h.turns { 180.0 / std::f64::consts::PI } else { 100.0 };
+        let points = log.time.iter().zip(&h.values).map(|(t, v)| (*t, scale * v)).collect();
+        let line = Series::line(h.name.clone(), points).colour(Colour::nth(i)).width(1.2);
+        panel = panel.series(if i < 7 { line } else { line.dashed() });
+    }
+    panel
+}
+
+/// What a fall is drawn from.
+#[derive(Debug, Clone, Copy)]
+pub struct Fall<'a> {
+    /// Of every sample.
+    pub log: &'a FlightLog,
+    /// Row by row.
+    pub states: &'a [f64],
+    /// Least distance to the ground, m.
+    pub clearance: &'a [f64],
+    /// Kinetic and potential, J.
+    pub energy: &'a [f64],
+    /// Of the ground on everything, in weights.
+    pub load: &'a [f64],
+}
+
+/// The system before and after, its clearance, load, energy and joints over time.
+pub fn fall(system: &Multibody, fall: Fall<'_>) -> Figure {
+    let n = system.rest_state().len();
+    let ground = system.model().parts().contact.ground.unwrap_or(0.0);
+    let rows: Vec<&[f64]> = fall.states.chunks_exact(n).collect();
+    let drawing = |title: &str, row: Option<&&[f64]>| {
+        Drawing::new(title, row.map_or_else(Vec::new, |row| items(system, row))).floor(ground)
+    };
+    let timed = |values: &[f64], scale: f64| -> Vec<(f64, f64)> {
+        fall.log.time.iter().zip(values).map(|(t, v)| (*t, scale * v)).collect()
+    };
+    let panel = |title: &str, unit: &str, values: &[f64], scale: f64, colour| {
+        let line = Series::line("", timed(values, scale)).colour(colour);
+        Panel::new(title, "", unit).series(line)
+    };
+    let clearance = panel("Lowest point above the ground", "height [cm]", fall.clearance, 100.0, Colour::BLUE);
+    let load = panel("Force of the ground", "force / weight [-]", fall.load, 1.0, Colour::VERMILLION);
+    let mut energy = panel("Energy", "energy [J]", fall.energy, 1.0, Colour::GREEN);
+    let angles = joint_panel(system, fall.log, fall.states);
+    let title = format!("{}: drop", fall.log.vehicle);
+    let figure = Figure::new(title).size(1000.0, 600.0);
+    if angles.series.is_empty() {
+        energy.x_label = "time [s]".into();
+        let grid = figure.grid(&[1.0, 1.1], &[1.0; 6]);
+        return grid
+            .place((0, 0), (1, 3), drawing("at the start", rows.first()))
+            .place((0, 3), (1, 3), drawing("at the end", rows.last()))
+            .place((1, 0), (1, 2), clearance)
+            .place((1, 2), (1, 2), load)
+            .place((1, 4), (1, 2), energy);
+    }
+    figure
+        .grid(&[1.0, 1.1], &[1.0; 4])
+        .place((0, 0), (1, 2), drawing("at the start", rows.first()))
+        .place((0, 2), (1, 2), drawing("at the end", rows.last()))
+        .place((1, 0), (1, 1), clearance)
+        .place((1, 1), (1, 1), load)
+        .place((1, 2), (1, 1), energy)
+        .place((1, 3), (1, 1), angles)
+}

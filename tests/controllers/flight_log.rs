@@ -1,0 +1,95 @@
+//! The key figures of a flight have closed forms, and its file reads back.
+
+use omnidrones::dynamics::spatial::from_euler;
+use omnidrones::flight::{FlightLog, Sample};
+
+const LIMIT: f64 = 800.0;
+
+/// Error (3, 4, 0)·t cm at t = 0, 1, … 9 s, tilt 0.1·t rad, half of the rotor commands at the limit.
+fn log() -> FlightLog {
+    let mut log = FlightLog::new("closed form", &[LIMIT; 2]);
+    for i in 0..10 {
+        let t = f64::from(i);
+        let sample = Sample {
+            time: t,
+            position: [1.0 + 0.03 * t, 0.04 * t, 2.0],
+            velocity: [0.0, t, 0.0],
+            attitude: from_euler(0.1 * t, 0.0, 1.0),
+            angular_velocity: [0.0; 3],
+            reference_position: [1.0, 0.0, 2.0],
+            reference_velocity: [0.0; 3],
+            reference_acceleration: [9.81, 0.0, 0.0],
+            reference_yaw: 0.0,
+            rotor_speed: &[1.0, 2.0],
+            rotor_command: &[LIMIT, 0.5 * LIMIT],
+            thrust: &[0.1, 0.2],
+            wind: [0.0; 3],
+        };
+        log.push(sample).unwrap();
+    }
+    log
+}
+
+#[test]
+fn rmse_maxima_and_saturation_equal_their_closed_forms() {
+    let log = log();
+    // Errors 0.05·t: mean of squares over t = 2 … 9 is 0.05²·284/8.
+    assert!((log.rmse(2.0).unwrap() - 0.05 * (284.0f64 / 8.0).sqrt()).abs() < 1e-14);
+    assert!((log.max_error(0.0).unwrap() - 0.45).abs() < 1e-14);
+    assert!((log.max_tilt().unwrap() - 0.9).abs() < 1e-14);
+    assert_eq!((log.max_speed(), log.saturation_share()), (Some(9.0), Some(0.5)));
+    assert_eq!(log.summary(2.0).duration, 9.0);
+}
+
+#[test]
+fn the_reference_attitude_leans_towards_the_asked_acceleration() {
+    let [roll, pitch, yaw] = log().reference_euler_angles()[0];
+    assert!(roll.abs() < 1e-15 && (pitch - std::f64::consts::FRAC_PI_4).abs() < 1e-15 && yaw == 0.0);
+}
+
+#[test]
+fn a_diverged_flight_has_no_rmse_and_says_how_many_samples_broke() {
+    let mut log = log();
+    log.position[5] = [f64::NAN; 3];
+    let summary = log.summary(2.0);
+    assert_eq!((summary.rmse, summary.non_finite_samples), (None, 1));
+    assert!(summary.max_error.is_some() && log.rmse(6.0).is_some() && log.rmse(100.0).is_none());
+}
+
+#[test]
+fn a_sample_with_the_wrong_number_of_rotors_is_refused() {
+    let mut log = FlightLog::new("two", &[LIMIT; 2]);
+    let sample = Sample {
+        time: 0.0,
+        position: [0.0; 3],
+        velocity: [0.0; 3],
+        attitude: [1.0, 0.0, 0.0, 0.0],
+        angular_velocity: [0.0; 3],
+        reference_position: [0.0; 3],
+        reference_velocity: [0.0; 3],
+        reference_acceleration: [0.0; 3],
+        reference_yaw: 0.0,
+        rotor_speed: &[1.0],
+        rotor_command: &[1.0, 1.0],
+        thrust: &[1.0, 1.0],
+        wind: [0.0; 3],
+    };
+    let error = log.push(sample).unwrap_err().to_string();
+    assert!(error.contains("rotor_speed is 1") && log.is_empty(), "{error}");
+}
+
+#[test]
+fn the_csv_file_reads_back_to_the_same_bits_under_headers_with_units() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("deep/run.csv");
+    let mut log = log();
+    log.wind[9] = [0.1, f64::NAN, f64::NEG_INFINITY];
+    log.write_csv(&path).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let mut lines = text.lines();
+    assert!(lines.next().unwrap().starts_with("time [s],position_x [m],position_y [m]"));
+    let rows: Vec<Vec<f64>> = lines.map(|l| l.split(',').map(|v| v.parse().unwrap()).collect()).collect();
+    assert_eq!((rows.len(), rows[0].len()), (10, log.csv_header().len()));
+    assert_eq!(rows[7][1].to_bits(), log.position[7][0].to_bits());
+    assert!(rows[9].last() == Some(&f64::NEG_INFINITY) && rows[9][rows[9].len() - 2].is_nan());
+}

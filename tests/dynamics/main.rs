@@ -1,0 +1,16 @@
+//! Bodies: what the physics promises, one subject per file; files and parts that become models; batches.
+
+mod assembly;
+mod batch;
+#[path = "../common/mod.rs"]
+mod common;
+mod configurations;
+mod fleet;
+mod multibody;
+mod physics;
+mod tree;
+mod tree_batch;
+mod urdf_articulated;
+mod urdf_diagnosis;
+mod urdf_fuzz;
+mod urdf_import;

@@ -1,0 +1,274 @@
+//! What learning promises: the same bits, the right values, known optima, and nothing poisoned gets in.
+
+use nalgebra::DVector;
+use omnidrones::error::Result;
+use omnidrones::parallel::Threads;
+use omnidrones::rl::apg::{Apg, ApgConfig};
+use omnidrones::rl::checkpoint::Tensors;
+use omnidrones::rl::nn::{AdamConfig, Layers};
+use omnidrones::rl::ppo::{Ppo, PpoConfig};
+use omnidrones::rl::schedule::Schedule;
+use omnidrones::rl::shac::{Shac, ShacConfig};
+use omnidrones::rl::{Learner, Policy};
+use omnidrones::tasks::{Autoreset, Buffers, Env, EnvConfig, evaluate};
+
+const HOVER: &str = "Hover";
+
+fn threads(n: usize) -> Threads {
+    Threads::new(n).unwrap()
+}
+
+/// Every algorithm with a budget of a blink.
+fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
+    let (env, threads) = (EnvConfig { stagger: true, ..EnvConfig::default() }, threads(n_thread));
+    match algorithm {
+        "apg" => {
+            let config = ApgConfig { n_env: 40, shard: 16, window: 8, updates: 20, ..ApgConfig::default() };
+            Box::new(Apg::new(HOVER, &env, config, 3, threads).unwrap())
+        }
+        "ppo" => {
+            let config =
+                PpoConfig { n_env: 40, shard: 16, steps: 8, updates: 20, minibatches: 2, ..PpoConfig::default() };
+            Box::new(Ppo::new(HOVER, &env, config, 3, threads).unwrap())
+        }
+        _ => {
+            let config = ShacConfig { n_env: 40, shard: 16, window: 8, updates: 20, ..ShacConfig::default() };
+            Box::new(Shac::new(HOVER, &env, config, 3, threads).unwrap())
+        }
+    }
+}
+
+const ALGORITHMS: [&str; 3] = ["apg", "shac", "ppo"];
+
+fn bits(learner: &dyn Learner) -> Vec<u32> {
+    learner.policy().unwrap().parameters().iter().map(|x| x.to_bits()).collect()
+}
+
+fn run(learner: &mut dyn Learner, updates: u64) {
+    for _ in 0..updates {
+        learner.update().unwrap();
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits_for_any_number_of_threads() {
+    for algorithm in ALGORITHMS {
+        let of = |n| {
+            let mut learner = small(algorithm, n);
+            run(&mut *learner, 12);
+            bits(&*learner)
+        };
+        let one = of(1);
+        assert_eq!(one, of(1), "{algorithm}, twice");
+        assert_eq!(one, of(2), "{algorithm}, 2 threads");
+        assert_eq!(one, of(8), "{algorithm}, 8 threads");
+    }
+}
+
+#[test]
+fn a_run_goes_on_from_saved_tensors_with_the_same_bits() {
+    for algorithm in ALGORITHMS {
+        let mut whole = small(algorithm, 2);
+        run(&mut *whole, 5);
+        let (mut policy, mut state) = (Tensors::new(), Tensors::new());
+        whole.save(&mut policy, &mut state).unwrap();
+        run(&mut *whole, 7);
+        let mut resumed = small(algorithm, 1);
+        resumed.load(&policy, &state).unwrap();
+        assert_eq!(resumed.n_update(), 5);
+        run(&mut *resumed, 7);
+        assert_eq!(bits(&*whole), bits(&*resumed), "{algorithm}");
+        assert_eq!(whole.env_steps(), resumed.env_steps());
+        let other = small(if algorithm == "apg" { "shac" } else { "apg" }, 1).load(&policy, &Tensors::new());
+        assert!(other.is_err(), "{algorithm}: a state of nothing is loaded");
+    }
+}
+
+#[test]
+fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
+    let env = EnvConfig { stagger: true, ..EnvConfig::default() };
+    let network = Layers { hidden: Vec::new(), ..Layers::default() };
+    let (n_env, window, updates, clip) = (64, 32, 200, 1.0);
+    let apg = ApgConfig { n_env, window, updates, clip, network: network.clone(), ..ApgConfig::default() };
+    let shac = ShacConfig { n_env, window, updates, clip, network, ..ShacConfig::default() };
+    let ppo = PpoConfig {
+        n_env: 64,
+        shard: 32,
+        updates: 200,
+        minibatches: 4,
+        normalise_observation: false,
+        ..PpoConfig::default()
+    };
+    let learners: [Box<dyn Learner>; 3] = [
+        Box::new(Apg::with(&crate::regulate::make_poisoned, &env, apg, 1, threads(2)).unwrap()),
+        Box::new(Shac::with(&crate::regulate::make_poisoned, &env, shac, 1, threads(2)).unwrap()),
+        Box::new(Ppo::with(&crate::regulate::make_poisoned, &env, ppo, 1, threads(2)).unwrap()),
+    ];
+    for (name, mut learner) in ALGORITHMS.into_iter().zip(learners) {
+        let paid = |learner: &dyn Learner| {
+            let mut policy = learner.policy().expect("weights are finite");
+            costs(0.97, &mut |x, actions| policy.act(x, actions)).0
+        };
+        let (before, mut left_out) = (paid(&*learner), 0.0);
+        for update in 0..200 {
+            let told = learner.update().unwrap();
+            assert!(told.reward.is_finite(), "{name}: reward in update {update}");
+            let counted = told.extra.iter().find(|(k, _)| ["gradients_dropped", "rows_left_out"].contains(k)).unwrap();
+            left_out += counted.1;
+        }
+        let after = paid(&*learner);
+        println!("{name}: cost {before:.0}, then {after:.0}; {left_out} rows left out");
+        assert!(left_out > 1000.0, "{name}: nothing was poisoned");
+        assert!(after < 0.5 * before, "{name} did not learn: {before} {after}");
+    }
+}
+
+/// Mean discounted cost of a policy over 64 starts, and of the optimum by the Riccati equation.
+fn costs(discount: f64, act: &mut dyn FnMut(&[f32], &mut [f32])) -> (f64, f64) {
+    let config = EnvConfig { n_env: 64, seed: 99, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
+    let mut env = crate::regulate::make(&config).unwrap();
+    let (_, p, _) = crate::regulate::optimum(discount);
+    let column = env.spec().info_column("loss").unwrap();
+    let width = env.spec().info.len();
+    let (mut total, mut optimum) = (0.0, 0.0);
+    let mut step = 0;
+    evaluate(
+        &mut env,
+        &mut |_, out, actions| {
+            if step == 0 {
+                for x in out.observation.chunks_exact(crate::regulate::N) {
+                    let x = DVector::from_iterator(crate::regulate::N, x.iter().map(|x| f64::from(*x)));
+                    let now: f64 = (0..crate::regulate::N).map(|i| crate::regulate::weight(i) * x[i] * x[i]).sum();
+                    // costs count from the state behind the first step
+                    optimum += ((x.transpose() * &p * &x)[0] - now) / discount / 64.0;
+                }
+            }
+            step += 1;
+            act(&out.observation, actions);
+        },
+        &mut |watched| {
+            let now: f64 = watched.out.info.iter().skip(column).step_by(width).map(|x| f64::from(*x)).sum();
+            total += discount.powi(watched.step as i32 - 1) * now / 64.0;
+        },
+    )
+    .unwrap();
+    (total, optimum)
+}
+
+#[test]
+fn the_linear_regulator_costs_what_the_riccati_equation_says() {
+    for discount in [1.0, 0.97] {
+        let (gain, _, hover) = crate::regulate::optimum(discount);
+        let (cost, optimum) = costs(discount, &mut |x, actions| {
+            for (x, a) in x.chunks_exact(crate::regulate::N).zip(actions.chunks_exact_mut(4)) {
+                let x = DVector::from_iterator(crate::regulate::N, x.iter().map(|x| f64::from(*x)));
+                let u = &gain * x;
+                a.iter_mut().enumerate().for_each(|(k, a)| *a = (hover[k] - u[k]) as f32);
+            }
+        });
+        println!("γ = {discount}: {cost:.5} against {optimum:.5}");
+        assert!((cost / optimum - 1.0).abs() < 3e-3, "{cost} {optimum}");
+    }
+}
+
+fn check_against_riccati(name: &str, policy: &mut Policy, discount: f64, most: f64) {
+    let (cost, optimum) = costs(discount, &mut |x, actions| policy.act(x, actions));
+    println!("{name}: {cost:.5} is {:+.2} % from the optimum {optimum:.5}", 100.0 * (cost / optimum - 1.0));
+    assert!(cost / optimum < 1.0 + most, "{name}: {cost} against {optimum}");
+}
+
+#[test]
+fn apg_finds_the_linear_regulator() {
+    // one window is one episode, so nothing is cut off
+    let config = ApgConfig {
+        n_env: 32,
+        shard: 16,
+        window: crate::regulate::STEPS,
+        updates: 1500,
+        rate: Schedule::cosine(0.01, 1e-5),
+        clip: 1.0,
+        network: Layers { hidden: Vec::new(), ..Layers::default() },
+        ..ApgConfig::default()
+    };
+    let mut apg = Apg::with(&crate::regulate::make, &EnvConfig::default(), config, 1, Threads::default()).unwrap();
+    run(&mut apg, 1500);
+    check_against_riccati("APG", &mut apg.policy().unwrap(), 1.0, 0.01);
+}
+
+#[test]
+fn shac_finds_the_linear_regulator() {
+    let config = ShacConfig {
+        n_env: 64,
+        shard: 32,
+        window: 60,
+        updates: 2000,
+        discount: 0.97,
+        rate: Schedule::cosine(0.01, 1e-5),
+        critic_rate: Schedule::cosine(0.005, 1e-4),
+        critic_passes: 4,
+        clip: 1.0,
+        network: Layers { hidden: Vec::new(), ..Layers::default() },
+        adam: AdamConfig::default(),
+        ..ShacConfig::default()
+    };
+    let env = EnvConfig { stagger: true, ..EnvConfig::default() };
+    let mut shac = Shac::with(&crate::regulate::make, &env, config, 1, Threads::default()).unwrap();
+    run(&mut shac, 2000);
+    check_against_riccati("SHAC", &mut shac.policy().unwrap(), 0.97, 0.01);
+}
+
+#[test]
+fn ppo_finds_the_linear_regulator() {
+    let config = PpoConfig {
+        updates: 800,
+        discount: 0.97,
+        lambda: 0.95,
+        log_std: -1.5,
+        normalise_observation: false,
+        entropy: Schedule::constant(0.0),
+        network: Layers { hidden: Vec::new(), ..PpoConfig::default().network },
+        ..PpoConfig::default()
+    };
+    let updates = config.updates;
+    let env = EnvConfig { stagger: true, ..EnvConfig::default() };
+    let mut ppo = Ppo::with(&crate::regulate::make, &env, config, 1, Threads::default()).unwrap();
+    run(&mut ppo, updates);
+    check_against_riccati("PPO", &mut ppo.policy().unwrap(), 0.97, 0.05);
+}
+
+/// 1024 starts that no training saw.
+fn held_out(policy: &mut Policy, task: &str, config: &str) -> Result<omnidrones::tasks::Evaluation> {
+    let own = EnvConfig::from_toml(config, "test")?;
+    let mut env = Env::make(task, &EnvConfig { n_env: 1024, seed: 77, autoreset: Autoreset::Disabled, ..own })?;
+    evaluate(&mut env, &mut |_, out: &Buffers, actions| policy.act(&out.observation, actions), &mut |_| {})
+}
+
+#[test]
+fn hover_is_learnt_from_random_weights_with_the_defaults() {
+    for seed in [11, 12] {
+        let env = EnvConfig { stagger: true, ..EnvConfig::default() };
+        let mut apg = Apg::new(HOVER, &env, ApgConfig::default(), seed, Threads::default()).unwrap();
+        while apg.n_update() < apg.budget() {
+            apg.update().unwrap();
+        }
+        let result = held_out(&mut apg.policy().unwrap(), HOVER, "").unwrap();
+        println!("seed {seed}: success {:.4}, error {:.4} m", result.success, result.final_error);
+        assert!(result.success >= 0.99, "seed {seed}: {}", result.success);
+    }
+}
+
+#[test]
+fn rates_beyond_the_cliff_are_noticed_and_halved() {
+    let env = EnvConfig { stagger: true, ..EnvConfig::default() };
+    let config = ApgConfig { rate: Schedule::cosine(0.05, 1e-4), updates: 300, ..ApgConfig::default() };
+    let mut apg = Apg::new(HOVER, &env, config, 5, Threads::default()).unwrap();
+    let mut restarts: f64 = 0.0;
+    for _ in 0..900 {
+        if apg.n_update() >= apg.budget() {
+            break;
+        }
+        let update = apg.update().unwrap();
+        restarts = update.extra.iter().find(|(name, _)| *name == "restarts").unwrap().1;
+    }
+    assert!(restarts >= 1.0, "0.05 flew without a restart");
+}
