@@ -230,6 +230,42 @@ impl Program {
         }
     }
 
+    /// `outputs = f(inputs)` over any scalar; over duals the derivative along their directions, without another compiled
+    /// copy of the recorded function. Allocates its slots: [`Program::evaluate`] is the one for loops.
+    ///
+    /// # Panics
+    /// If `inputs` or `outputs` are not of this program's sizes.
+    pub fn evaluate_over<S: Scalar>(&self, inputs: &[S], outputs: &mut [S]) {
+        assert_eq!(inputs.len(), self.n_input, "inputs of the program");
+        assert_eq!(outputs.len(), self.outputs.len(), "outputs of the program");
+        let mut slots = vec![S::zero(); self.n_slot];
+        for &(slot, value) in &self.constants {
+            slots[slot as usize] = S::constant(value);
+        }
+        for &(slot, k) in &self.inputs {
+            slots[slot as usize] = inputs[k as usize];
+        }
+        let mut done = 0;
+        for k in 0..self.calls.len() + 1 {
+            let end = self.calls.get(k).map_or(self.instructions.len(), |call| call.after);
+            for i in &self.instructions[done..end] {
+                let [a, b, c, d] = [i.a, i.b, i.c, i.d].map(|slot| slots[slot as usize]);
+                if i.op == Op::SinCos {
+                    (slots[i.target as usize], slots[i.d as usize]) = a.sin_cos();
+                } else {
+                    slots[i.target as usize] = apply(i.op, a, b, c, d);
+                }
+            }
+            if let Some(call) = self.calls.get(k) {
+                call.run_over(&mut slots);
+            }
+            done = end;
+        }
+        for (output, slot) in outputs.iter_mut().zip(&self.outputs) {
+            *output = slots[*slot as usize];
+        }
+    }
+
     /// [`BLOCK`] evaluations side by side in `f32` lanes: `inputs[k]` and `outputs[k]` hold the k-th number of each
     /// environment.
     ///
@@ -285,6 +321,16 @@ impl Call {
             *x = slots[*slot as usize];
         }
         self.operation.function().value(x, y);
+        for &(slot, k) in &self.outputs {
+            slots[slot as usize] = y[k as usize];
+        }
+    }
+
+    /// The same over any scalar.
+    fn run_over<S: Scalar>(&self, slots: &mut [S]) {
+        let x: Vec<S> = self.inputs.iter().map(|slot| slots[*slot as usize]).collect();
+        let mut y = vec![S::zero(); self.operation.n_output()];
+        S::call(&self.operation, &x, &mut y);
         for &(slot, k) in &self.outputs {
             slots[slot as usize] = y[k as usize];
         }

@@ -270,6 +270,9 @@ fn push(node: Node) -> Trace {
     Trace(GRAPH.with_borrow_mut(|g| g.push(node)))
 }
 
+// Recording is slow whatever the compiler does, so its operations stay calls: kernels over `Trace` are then a third as long,
+// and so is the time it takes to compile them.
+
 /// A number whose every operation is recorded. Only meaningful inside [`Recording::of`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Trace(u32);
@@ -280,57 +283,68 @@ pub struct TraceMask(u32);
 
 impl Add for Trace {
     type Output = Self;
+    #[inline(never)]
     fn add(self, other: Self) -> Self {
         push(Node::Add(self.0, other.0))
     }
 }
 impl Sub for Trace {
     type Output = Self;
+    #[inline(never)]
     fn sub(self, other: Self) -> Self {
         push(Node::Sub(self.0, other.0))
     }
 }
 impl Mul for Trace {
     type Output = Self;
+    #[inline(never)]
     fn mul(self, other: Self) -> Self {
         push(Node::Mul(self.0, other.0))
     }
 }
 impl Div for Trace {
     type Output = Self;
+    #[inline(never)]
     fn div(self, other: Self) -> Self {
         push(Node::Div(self.0, other.0))
     }
 }
 impl Neg for Trace {
     type Output = Self;
+    #[inline(never)]
     fn neg(self) -> Self {
         push(Node::Neg(self.0))
     }
 }
 impl AddAssign for Trace {
+    #[inline(never)]
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
     }
 }
 impl SubAssign for Trace {
+    #[inline(never)]
     fn sub_assign(&mut self, other: Self) {
         *self = *self - other;
     }
 }
 impl MulAssign for Trace {
+    #[inline(never)]
     fn mul_assign(&mut self, other: Self) {
         *self = *self * other;
     }
 }
 
 impl Mask for TraceMask {
+    #[inline(never)]
     fn and(self, other: Self) -> Self {
         Self(push(Node::And(self.0, other.0)).0)
     }
+    #[inline(never)]
     fn or(self, other: Self) -> Self {
         Self(push(Node::Or(self.0, other.0)).0)
     }
+    #[inline(never)]
     fn not(self) -> Self {
         Self(push(Node::Not(self.0)).0)
     }
@@ -338,36 +352,46 @@ impl Mask for TraceMask {
 
 impl Scalar for Trace {
     type Mask = TraceMask;
+    #[inline(never)]
     fn constant(x: f64) -> Self {
         push(Node::Constant(x.to_bits()))
     }
+    #[inline(never)]
     fn sqrt(self) -> Self {
         push(Node::Sqrt(self.0))
     }
+    #[inline(never)]
     fn sin_cos(self) -> (Self, Self) {
         (push(Node::Sin(self.0)), push(Node::Cos(self.0)))
     }
+    #[inline(never)]
     fn exp(self) -> Self {
         push(Node::Exp(self.0))
     }
+    #[inline(never)]
     fn ln(self) -> Self {
         push(Node::Ln(self.0))
     }
+    #[inline(never)]
     fn tanh(self) -> Self {
         push(Node::Tanh(self.0))
     }
+    #[inline(never)]
     fn atan2(self, x: Self) -> Self {
         push(Node::Atan2(self.0, x.0))
     }
     fn recip(self) -> Self {
         push(Node::Recip(self.0))
     }
+    #[inline(never)]
     fn lt(self, other: Self) -> TraceMask {
         TraceMask(push(Node::Less(self.0, other.0)).0)
     }
+    #[inline(never)]
     fn select(mask: TraceMask, yes: Self, no: Self) -> Self {
         push(Node::Select(mask.0, yes.0, no.0))
     }
+    #[inline(never)]
     fn detach(self) -> Self {
         push(Node::Detach(self.0))
     }

@@ -6,9 +6,11 @@ use super::control::{Control, MAX_SLOTS};
 use super::engine::Engine;
 use super::gradient::Slot;
 use super::transform::{Shift, Transform};
-use super::transition::Places;
+use super::transition::{Places, Setting};
 use crate::autodiff::lanes::dispatch;
 use crate::autodiff::program::BLOCK;
+use crate::autodiff::{Program, Recording};
+use crate::error::Result;
 use crate::dynamics::batch::{ALIVE, Plant, STOPPED};
 use crate::rng::{Purpose, Stream};
 use crate::tasks::config::Autoreset;
@@ -16,7 +18,7 @@ use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::rig::{Craft, Rig};
 use crate::tasks::task::{Start, streams};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Everything that all environments share and that a step only reads.
 pub(crate) struct Core {
@@ -45,6 +47,8 @@ pub(crate) struct Core {
     pub first_environment: u64,
     /// See [`kin`](super::transition::kin).
     pub kin: u64,
+    /// One step in `f64`, made when it is first asked for.
+    pub program: OnceLock<Program>,
 }
 
 /// One bit per lane of a row of zeros and ones. All equal is the rule, and found without a loop over lanes.
@@ -78,6 +82,20 @@ pub(crate) fn lanes_of(mut mask: u64) -> impl Iterator<Item = usize> {
 impl Core {
     fn rig(&self) -> &Rig {
         self.engine.rig()
+    }
+
+    /// One step as a recording.
+    pub(crate) fn record(&self, places: &Places) -> Recording {
+        self.engine.record(&Setting { core: self, places })
+    }
+
+    /// One step as a program.
+    pub(crate) fn program(&self, places: &Places) -> Result<&Program> {
+        if let Some(program) = self.program.get() {
+            return Ok(program);
+        }
+        let compiled = Program::compile(&self.record(places))?;
+        Ok(self.program.get_or_init(|| compiled))
     }
 
     /// One step of a block; `n` environments of it are real, the first has number `first` in the batch.

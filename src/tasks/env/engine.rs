@@ -9,8 +9,6 @@ use crate::autodiff::{Recording, Scalar, Trace};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::Sheet;
 use crate::tasks::task::{Start, Task, Wanted};
-use nalgebra::DMatrix;
-use num_dual::Dual64;
 
 /// A task behind one pointer.
 pub(crate) trait Engine: Send + Sync {
@@ -34,8 +32,6 @@ pub(crate) trait Engine: Send + Sync {
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]);
     /// One step as a recording.
     fn record(&self, setting: &Setting<'_>) -> Recording;
-    /// One step in `f64`, and its derivatives with respect to the first `n` arguments, column by column.
-    fn differentiate(&self, setting: &Setting<'_>, z: &[f64], n: usize) -> (Vec<f64>, DMatrix<f64>);
 }
 
 /// A task with its sheet.
@@ -88,21 +84,5 @@ impl<T: Task> Engine for Typed<T> {
             transition(&self.task, setting, z, &mut y);
             y
         })
-    }
-    fn differentiate(&self, setting: &Setting<'_>, z: &[f64], n: usize) -> (Vec<f64>, DMatrix<f64>) {
-        let n_result = setting.places.n_result();
-        let mut matrix = DMatrix::zeros(n_result, n);
-        let mut lifted: Vec<Dual64> = z.iter().map(|x| Dual64::from(*x)).collect();
-        let mut y = vec![Dual64::from(0.0); n_result];
-        // the value from duals too: a third kind of number would be compiled for every task
-        transition(&self.task, setting, &lifted, &mut y);
-        let value = y.iter().map(|result| result.re).collect();
-        for k in 0..n {
-            lifted[k].eps = 1.0;
-            transition(&self.task, setting, &lifted, &mut y);
-            lifted[k].eps = 0.0;
-            y.iter().enumerate().for_each(|(row, result)| matrix[(row, k)] = result.eps);
-        }
-        (value, matrix)
     }
 }

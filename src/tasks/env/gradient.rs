@@ -14,13 +14,14 @@
 use super::Env;
 use super::block::{Columns, EnvBlock, book, columns};
 use super::core::{lanes_of, transpose};
-use super::transition::{Places, Setting};
+use super::transition::Places;
 use crate::autodiff::Program;
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
 use crate::error::{Error, Result};
 use crate::parallel::{Divide, Threads};
 use crate::tasks::config::{ActionSpace, Autoreset};
 use nalgebra::{DMatrix, DMatrixView};
+use num_dual::Dual64;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -219,7 +220,7 @@ impl Env {
             return Err(Error::value("actions", "discrete", "continuous for gradients", remedy));
         }
         let places = self.places();
-        let recording = self.core.engine.record(&Setting { core: &self.core, places: &places });
+        let recording = self.core.record(&places);
         let wanted = if parameters { places.parameters.end } else { places.action.end };
         Ok(Adjoint(Arc::new(Shared {
             program: Program::compile(&recording.adjoint(0..wanted))?,
@@ -271,8 +272,8 @@ impl Env {
         Ok(())
     }
 
-    /// Exact derivatives of one step of one environment as it stands, by duals in `f64`; without noise of sensors and without
-    /// events.
+    /// Exact derivatives of one step of one environment as it stands, by duals in `f64` through the recorded step, which is
+    /// made in the first call; without noise of sensors and without events.
     ///
     /// # Errors
     /// As [`Env::adjoint`] and [`Env::state`]; [`Error::Value`] for an action of the wrong length.
@@ -292,7 +293,10 @@ impl Env {
         z[places.action.clone()].copy_from_slice(action);
         z.extend(self.core.frozen.iter());
         let n = places.parameters.end;
-        let (value, matrix) = self.core.engine.differentiate(&Setting { core: &self.core, places: &places }, &z, n);
+        let program = self.core.program(&places)?;
+        let mut value = vec![0.0; places.n_result()];
+        program.evaluate(&mut program.workspace(), &z, &mut value);
+        let matrix = derivatives(program, &z, n);
         Ok(Jacobian { arguments: z, value, matrix, places })
     }
 
@@ -306,8 +310,10 @@ impl Env {
             let (got, wanted) = (arguments.len(), places.n_argument().to_string());
             return Err(Error::value("length of arguments", got, wanted, "Take them from Env::jacobian."));
         }
-        let setting = Setting { core: &self.core, places: &places };
-        Ok(self.core.engine.differentiate(&setting, arguments, 0).0)
+        let program = self.core.program(&places)?;
+        let mut value = vec![0.0; places.n_result()];
+        program.evaluate(&mut program.workspace(), arguments, &mut value);
+        Ok(value)
     }
 
     /// Arguments of a first step from the state that the task calls ideal, with the safe action: where norms and angles
@@ -327,6 +333,20 @@ impl Env {
         z[p.parameters].iter_mut().zip(&core.varied).for_each(|(x, k)| *x = ideal.numbers[*k]);
         z
     }
+}
+
+/// Derivatives with respect to the first `n` inputs, column by column.
+fn derivatives(program: &Program, z: &[f64], n: usize) -> DMatrix<f64> {
+    let mut matrix = DMatrix::zeros(program.n_output(), n);
+    let mut lifted: Vec<Dual64> = z.iter().map(|x| Dual64::from(*x)).collect();
+    let mut y = vec![Dual64::from(0.0); program.n_output()];
+    for k in 0..n {
+        lifted[k].eps = 1.0;
+        program.evaluate_over(&lifted, &mut y);
+        lifted[k].eps = 0.0;
+        y.iter().enumerate().for_each(|(row, result)| matrix[(row, k)] = result.eps);
+    }
+    matrix
 }
 
 /// Whether a tape is of an environment with these places.

@@ -63,7 +63,7 @@ use crate::tasks::randomise::Randomiser;
 use crate::tasks::rig::Craft;
 use crate::tasks::sheet::total;
 use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, Wanted};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Blocks per task of a thread: their rows stay in its second-level cache.
 const BLOCKS_PER_PART: usize = 4;
@@ -182,6 +182,7 @@ impl Env {
             stagger: config.stagger,
             first_environment: config.first_environment,
             kin: kin(name, config, &varied),
+            program: OnceLock::new(),
             engine,
             plant,
             control,
