@@ -23,8 +23,8 @@ pub enum Error {
         /// What to do about it.
         remedy: String,
     },
-    /// A request larger than a fence set before the work starts.
-    #[error("{what} is {value}, over the limit of {limit}. {remedy}")]
+    /// A request beyond a fence set before the work starts.
+    #[error("{what} is {value}, {} the limit of {limit}. {remedy}", side(.value, .limit))]
     Limit {
         /// The quantity.
         what: String,
@@ -65,6 +65,56 @@ pub enum Error {
         /// What to do about it.
         remedy: String,
     },
+    /// A folder that holds no trained policy.
+    #[error(
+        "run is '{}', {lacks}, but it must be the folder of a run or of one of its checkpoints. {remedy}", .path.display()
+    )]
+    NoRun {
+        /// The folder as given.
+        path: PathBuf,
+        /// What it lacks.
+        lacks: &'static str,
+        /// What to do about it.
+        remedy: String,
+    },
+}
+
+/// What kind it is, for who answers to one kind and passes the others on.
+///
+/// ```
+/// use omnidrones::dynamics::vehicles;
+/// assert!(vehicles::by_name("humingbird").is_err_and(|error| error.is_unknown_name()));
+/// ```
+impl Error {
+    /// A value that is not finite, not physical or outside its range.
+    pub fn is_value(&self) -> bool {
+        matches!(self, Self::Value { .. })
+    }
+
+    /// A request beyond a fence, below its least or above its most.
+    pub fn is_limit(&self) -> bool {
+        matches!(self, Self::Limit { .. })
+    }
+
+    /// A name that is in no registry.
+    pub fn is_unknown_name(&self) -> bool {
+        matches!(self, Self::Unknown { .. })
+    }
+
+    /// A file that the operating system would not read or write.
+    pub fn is_file(&self) -> bool {
+        matches!(self, Self::File { .. })
+    }
+
+    /// A text or table that breaks a rule of its format.
+    pub fn is_format(&self) -> bool {
+        matches!(self, Self::Format { .. })
+    }
+
+    /// A folder that holds no trained policy.
+    pub fn is_no_run(&self) -> bool {
+        matches!(self, Self::NoRun { .. })
+    }
 }
 
 impl Error {
@@ -85,13 +135,19 @@ impl Error {
         limit: impl ToString,
         remedy: impl Into<String>,
     ) -> Self {
-        Self::Limit { what: what.into(), value: value.to_string(), limit: limit.to_string(), remedy: remedy.into() }
+        Self::Limit {
+            what: what.into(),
+            value: short(value.to_string()),
+            limit: limit.to_string(),
+            remedy: remedy.into(),
+        }
     }
 
-    /// What the TOML parser said about `text`, with line and column, and for an unknown key the nearest known one.
+    /// What the TOML parser said about `text`, with line and column, and for an unknown key the nearest known one. Where a
+    /// table was read, not a text, the path of the key stands for the line.
     pub fn of_toml(error: &toml::de::Error, text: &str, file: &str) -> Self {
         let place = match error.span() {
-            None => "the text".to_string(),
+            None => key_path(error).unwrap_or_else(|| "the settings".into()),
             Some(span) => {
                 let before = text.get(..span.start).unwrap_or(text);
                 let line_start = before.rfind('\n').map_or(0, |i| i + 1);
@@ -103,7 +159,7 @@ impl Error {
             }
         };
         let rule = error.message().lines().collect::<Vec<_>>().join(" ");
-        let remedy = unknown_key_remedy(&rule).unwrap_or_else(|| "Correct the file there.".into());
+        let remedy = unknown_key_remedy(&rule).unwrap_or_else(|| "Correct it there.".into());
         Self::Format { file: file.into(), place, rule, remedy }
     }
 
@@ -111,6 +167,20 @@ impl Error {
     pub fn file(path: impl AsRef<Path>, source: std::io::Error) -> Self {
         Self::File { path: path.as_ref().to_path_buf(), source }
     }
+}
+
+/// The parser says, of a table: in `a.b`.
+fn key_path(error: &toml::de::Error) -> Option<String> {
+    let said = error.to_string();
+    let path = said.lines().last()?.strip_prefix("in `")?.strip_suffix('`')?;
+    Some(path.to_string())
+}
+
+/// On which side of a limit such as `1 to 16` a value lies.
+fn side(value: &str, limit: &str) -> &'static str {
+    let least = limit.split_once(" to ").and_then(|(least, _)| least.trim().parse::<f64>().ok());
+    let below = least.zip(value.parse::<f64>().ok()).is_some_and(|(least, value)| value < least);
+    if below { "below" } else { "over" }
 }
 
 /// serde says: unknown field `x`, expected one of `a`, `b`.
@@ -181,6 +251,22 @@ mod tests {
             text,
             "no vehicle is called 'humingbird' (did you mean 'hummingbird'?). Known: hummingbird, firefly"
         );
+    }
+
+    #[test]
+    fn a_limit_is_broken_on_the_side_where_it_is() {
+        let told = |n: usize| Error::limit("envs", n, "1 to 16", "").to_string();
+        assert!(told(0).starts_with("envs is 0, below the limit of 1 to 16"));
+        assert!(told(17).starts_with("envs is 17, over the limit of 1 to 16"));
+        assert!(Error::limit("size", "20 bytes", "16 bytes", "").to_string().contains("over the limit of 16 bytes"));
+    }
+
+    #[test]
+    fn kinds_can_be_told_apart_without_reading_the_message() {
+        let limit = Error::limit("envs", 0, "1 to 16", "");
+        assert!(limit.is_limit() && !limit.is_value() && !limit.is_file() && !limit.is_format());
+        let unknown = Error::Unknown { kind: "task", name: "Hovr".into(), known: Vec::new() };
+        assert!(unknown.is_unknown_name() && !unknown.is_no_run());
     }
 
     #[test]

@@ -86,11 +86,13 @@
 pub(crate) mod atomic_file;
 pub mod autodiff;
 pub mod controllers;
+pub(crate) mod documented;
 pub mod dynamics;
 pub mod error;
 pub mod flight;
 #[doc(hidden)]
 pub mod internals;
+pub mod layers;
 pub mod parallel;
 pub mod rl;
 pub mod rng;

@@ -411,6 +411,6 @@ fn non_negative(what: &str, values: &[f64]) -> Result<()> {
     finite(what, values)?;
     match values.iter().find(|v| **v < 0.0) {
         None => Ok(()),
-        Some(v) => Err(Error::value(what, v, "≥ 0", "Dissipation and size have no negative values: check the sign.")),
+        Some(v) => Err(Error::value(what, v, "≥ 0", "It has no negative values: check the sign.")),
     }
 }

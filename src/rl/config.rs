@@ -23,7 +23,9 @@ use super::policy::Actor;
 use super::ppo::{Ppo, PpoConfig};
 use super::recipes::recipe;
 use super::shac::{Shac, ShacConfig};
+use crate::documented::fields;
 use crate::error::{Error, Result};
+use crate::layers::{self, Layer, merge};
 use crate::parallel::Threads;
 use crate::tasks::{EnvConfig, Spec, registry};
 use serde::{Deserialize, Serialize};
@@ -165,42 +167,45 @@ const NOT_OF_ENV: [(&str, &str); 4] = [
     ("autoreset", "Remove it: environments restart in the same step while training."),
 ];
 
+/// Updates between two evaluations of PPO, whose updates are few and long.
+const PPO_EVALUATES: i64 = 20;
+
 /// Most environments of an evaluation.
 const MAX_EVALUATED: usize = 1 << 20;
 /// Most checkpoints kept.
 const MAX_KEPT: usize = 1 << 16;
 
 impl TrainConfig {
-    /// For a task: the defaults, its recipe, then a user's TOML (text and its file's name), table by table. The algorithm
-    /// is the first of: `algorithm`, that of the user's text, that of the task's first recipe, APG.
+    /// For a task: the defaults, the task's own, its recipe, then a user's TOML (text and its file's name), table by table.
+    /// The algorithm is the first of: `algorithm`, that of the user's text, that of the task's first recipe, APG.
     ///
     /// # Errors
     /// [`Error::Unknown`] for a task that is none, [`Error::Format`] with line, column and the nearest known key, and for a
     /// text that names another task; otherwise as [`TrainConfig::validate`].
     pub fn for_task(task: &str, algorithm: Option<Algorithm>, user: Option<(&str, &str)>) -> Result<Self> {
-        Self::layered(task, algorithm, user.as_slice())
+        let layers = user.map(|(text, file)| Layer::of_text(text, file)).transpose()?;
+        Self::layered(task, algorithm, layers.as_slice())
     }
 
-    /// As [`TrainConfig::for_task`] with several texts of a user, each over those before it.
+    /// As [`TrainConfig::for_task`] with several layers of a user, each over those before it. Settings of environments may
+    /// leave out `env.`: `dt` at the top is `env.dt`.
     ///
     /// # Errors
     /// As [`TrainConfig::for_task`].
-    pub fn layered(task: &str, algorithm: Option<Algorithm>, user: &[(&str, &str)]) -> Result<Self> {
-        let task = registry::by_name(task)?.name;
-        let (mut own, mut algorithm_of_file) = (Table::new(), None);
-        for (text, file) in user {
-            let (table, named) = read(text, file)?;
-            check_task(&table, task, file)?;
-            merge(&mut own, table);
-            algorithm_of_file = named.or(algorithm_of_file);
-        }
-        let algorithm = algorithm.or(algorithm_of_file);
+    pub fn layered(task: &str, algorithm: Option<Algorithm>, user: &[Layer]) -> Result<Self> {
+        let entry = registry::by_name(task)?;
+        let task = entry.name;
+        let user = user.iter().map(|layer| check(layer.clone().map(Self::lifted), task)).collect::<Result<Vec<_>>>()?;
+        let named = user.iter().rev().find_map(|layer| layer.table().get("algorithm")?.as_str());
+        let algorithm = algorithm.or(named.map(Algorithm::by_name).transpose()?);
         let (usual, text) = recipe(task, algorithm).unwrap_or((algorithm.unwrap_or_default(), ""));
-        let (over, _) = read(text, &format!("recipe of {task}"))?;
-        let mut merged = Self::default().table()?;
-        merge(&mut merged, over);
-        merge(&mut merged, own);
-        let config = Self { task: task.into(), algorithm: algorithm.unwrap_or(usual), ..of_table(merged)? };
+        let mut base = Self::default().table()?;
+        merge(&mut base, layers::at("env", Value::Table(entry.default_table()?)));
+        if algorithm.unwrap_or(usual) == Algorithm::Ppo {
+            merge(&mut base, layers::at("evaluate.every", PPO_EVALUATES.into()));
+        }
+        merge(&mut base, Layer::of_text(text, &format!("recipe of {task}"))?.table().clone());
+        let config = Self { task: task.into(), algorithm: algorithm.unwrap_or(usual), ..layers::read(base, &user)? };
         config.validate()?;
         Ok(config)
     }
@@ -210,11 +215,64 @@ impl TrainConfig {
     /// # Errors
     /// As [`TrainConfig::for_task`].
     pub fn from_toml(text: &str, file: &str) -> Result<Self> {
-        let mut merged = Self::default().table()?;
-        merge(&mut merged, read(text, file)?.0);
-        let config = of_table(merged)?;
+        let layer = Layer::of_text(text, file)?.map(Self::lifted);
+        check_env(&layer)?;
+        let mut base = Self::default().table()?;
+        if let Some(task) = layer.table().get("task").and_then(Value::as_str) {
+            merge(&mut base, layers::at("env", Value::Table(registry::by_name(task)?.default_table()?)));
+        }
+        let config: Self = layers::read(base, &[layer])?;
         config.validate()?;
         Ok(config)
+    }
+
+    /// A table with what it says of environments under `env`, where a run has it: settings that a run does not have, but
+    /// environments do, and a table `task`. What neither has stays where it is.
+    pub fn lifted(mut table: Table) -> Table {
+        let (run, env) = (Self::keys(), EnvConfig::keys());
+        let mut own = Table::new();
+        for (key, value) in std::mem::take(&mut table) {
+            let of_env = if key == "task" { value.is_table() } else { !run.contains(&key) && env.contains(&key) };
+            if of_env {
+                own.insert(key, value)
+            } else {
+                table.insert(key, value)
+            };
+        }
+        if !own.is_empty() {
+            // what stands under env is the more exact
+            merge(&mut own, table.remove("env").and_then(|env| env.as_table().cloned()).unwrap_or_default());
+            table.insert("env".into(), Value::Table(own));
+        }
+        table
+    }
+
+    /// The names of its settings.
+    pub fn keys() -> Vec<String> {
+        Table::try_from(Self::default()).unwrap_or_default().keys().cloned().collect()
+    }
+
+    /// What a setting means, by its table and key as in a file: `apg.network`, `hidden`.
+    pub fn meaning(table: &str, key: &str) -> Option<String> {
+        let (source, name) = match table.rsplit('.').next()? {
+            "" => (include_str!("config.rs"), "TrainConfig"),
+            "evaluate" => (include_str!("config.rs"), "Evaluate"),
+            "checkpoint" => (include_str!("config.rs"), "Checkpoints"),
+            "apg" => (include_str!("apg.rs"), "ApgConfig"),
+            "shac" => (include_str!("shac.rs"), "ShacConfig"),
+            "ppo" => (include_str!("ppo/config.rs"), "PpoConfig"),
+            "adam" => (include_str!("nn/adam.rs"), "AdamConfig"),
+            "network" | "critic" => (include_str!("nn/mlp.rs"), "Layers"),
+            _ => return None,
+        };
+        fields(source, name).into_iter().find_map(|(field, meaning)| (field == key).then_some(meaning))
+    }
+
+    /// Takes settings out of a [lifted](Self::lifted) table that a training run sets itself: their names, and where they
+    /// are given instead.
+    pub fn take_foreign(table: &mut Table) -> Vec<(&'static str, &'static str)> {
+        let Some(Value::Table(env)) = table.get_mut("env") else { return Vec::new() };
+        NOT_OF_ENV.into_iter().filter(|(key, _)| env.remove(*key).is_some()).collect()
     }
 
     /// All settings but those of other algorithms, the task first, as TOML that [`TrainConfig::from_toml`] reads back.
@@ -317,22 +375,9 @@ impl TrainConfig {
         Ok(differences)
     }
 
-    /// The tables of other algorithms in a user's TOML, which `self` leaves unused.
-    pub fn unused(&self, text: &str) -> Vec<Algorithm> {
-        let table: Table = toml::from_str(text).unwrap_or_default();
+    /// The tables of other algorithms in a user's settings, which `self` leaves unused.
+    pub fn unused(&self, table: &Table) -> Vec<Algorithm> {
         Algorithm::ALL.into_iter().filter(|a| *a != self.algorithm && table.contains_key(a.name())).collect()
-    }
-
-    /// The first key of a TOML text that a training run has and environments do not: whether the text is of a run.
-    pub fn telling_key(text: &str) -> Option<String> {
-        let table: Table = toml::from_str(text).ok()?;
-        let own = Table::try_from(Self::default()).ok()?;
-        let telling = |key: &str, value: &Value| match key {
-            "seed" => false,
-            "task" => value.is_str(),
-            key => own.contains_key(key),
-        };
-        table.iter().find(|(key, value)| telling(key, value)).map(|(key, _)| key.clone())
     }
 
     /// The learner at its first update.
@@ -371,71 +416,31 @@ fn of_algorithm(key: &str, algorithm: Algorithm) -> bool {
     key.strip_prefix(algorithm.name()).is_some_and(|rest| rest.starts_with('.'))
 }
 
-/// A text that names a task is for that one.
-fn check_task(table: &Table, task: &str, file: &str) -> Result<()> {
-    let Some(named) = table.get("task").and_then(Value::as_str) else { return Ok(()) };
+/// A layer that names a task is for that one, and sets nothing that a run sets itself.
+fn check(layer: Layer, task: &str) -> Result<Layer> {
+    check_env(&layer)?;
+    let Some(named) = layer.table().get("task").and_then(Value::as_str) else { return Ok(layer) };
     let named = registry::by_name(named)?.name;
     if named == task {
-        return Ok(());
+        return Ok(layer);
     }
     Err(Error::Format {
-        file: file.into(),
+        file: layer.name().into(),
         place: "task".into(),
         rule: format!("the settings are for {named}, but the run is of {task}"),
-        remedy: format!("Train {named} with them, or change the line to task = \"{task}\"."),
+        remedy: format!("Take {named} with them, or change the line to task = \"{task}\"."),
     })
 }
 
-/// A text about environments alone is no text about a run.
-fn check_kind(table: &Table, text: &str, file: &str) -> Result<()> {
-    let environments = Table::try_from(EnvConfig::default()).map_err(unwritable)?;
-    let named = |key: &str, value: &Value| key == "task" && value.is_str();
-    let strange = |key: &str, value: &Value| key != "seed" && !named(key, value) && environments.contains_key(key);
-    let Some(key) = table.iter().find(|(key, value)| strange(key, value)).map(|(key, _)| key) else {
-        return Ok(());
-    };
-    if TrainConfig::telling_key(text).is_some() {
-        return Ok(());
-    }
-    Err(Error::Format {
-        file: file.into(),
-        place: key.clone(),
-        rule: format!(
-            "is a setting of environments, of the kind that 'tasks TASK --toml' prints and 'tasks', 'rollout', 'bench', \
-             'eval' and 'watch' read; in a training run it is env.{key}"
-        ),
-        remedy: "Write it so, or begin with the file that 'omnidrones train TASK --toml' prints.".into(),
-    })
-}
-
-/// The table of a text and the algorithm that it names. Everything in it is known, by itself.
-fn read(text: &str, file: &str) -> Result<(Table, Option<Algorithm>)> {
-    let table: Table = toml::from_str(text).map_err(|e| Error::of_toml(&e, text, file))?;
-    check_kind(&table, text, file)?;
-    let whole: TrainConfig = toml::from_str(text).map_err(|e| Error::of_toml(&e, text, file))?;
+fn check_env(layer: &Layer) -> Result<()> {
     for (key, remedy) in NOT_OF_ENV {
-        if table.get("env").is_some_and(|env| env.get(key).is_some()) {
+        if layer.table().get("env").is_some_and(|env| env.get(key).is_some()) {
+            let (file, place) = (layer.name().into(), format!("env.{key}"));
             let rule = "is no setting of a training run".into();
-            return Err(Error::Format { file: file.into(), place: format!("env.{key}"), rule, remedy: remedy.into() });
+            return Err(Error::Format { file, place, rule, remedy: remedy.into() });
         }
     }
-    let named = table.contains_key("algorithm").then_some(whole.algorithm);
-    Ok((table, named))
-}
-
-/// Puts `over` on top of `under`, table by table. A table with a `kind` is a choice: it replaces the one below it.
-fn merge(under: &mut Table, over: Table) {
-    for (key, value) in over {
-        match (under.get_mut(&key), value) {
-            (Some(Value::Table(below)), Value::Table(above)) if !above.contains_key("kind") => merge(below, above),
-            (_, value) => drop(under.insert(key, value)),
-        }
-    }
-}
-
-fn of_table(table: Table) -> Result<TrainConfig> {
-    let text = toml::to_string(&table).map_err(unwritable)?;
-    toml::from_str(&text).map_err(|e| Error::of_toml(&e, &text, "configuration over the recipe"))
+    Ok(())
 }
 
 fn unwritable(error: toml::ser::Error) -> Error {
@@ -444,6 +449,7 @@ fn unwritable(error: toml::ser::Error) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use super::super::schedule::Schedule;
     use super::*;
     use std::time::{Duration, Instant};
 
@@ -464,12 +470,23 @@ mod tests {
     }
 
     #[test]
-    fn a_table_with_a_kind_replaces_another_kind() {
-        let mut under: Table =
-            toml::from_str("rate = { kind = 'linear', from = 1.0, to = 0.0 }\na.b = 1\na.c = 2").unwrap();
-        merge(&mut under, toml::from_str("rate = { kind = 'constant', value = 2.0 }\na.c = 3").unwrap());
-        let wanted = "rate = { kind = 'constant', value = 2.0 }\na.b = 1\na.c = 3";
-        assert_eq!(under, toml::from_str::<Table>(wanted).unwrap());
+    fn one_number_of_a_recipes_schedule_can_be_given() {
+        let (usual, own) = (hover("").unwrap(), hover("apg.rate.from = 0.005").unwrap());
+        assert_eq!((usual.apg.rate, own.apg.rate), (Schedule::cosine(0.01, 1e-4), Schedule::cosine(0.005, 1e-4)));
+        let error = hover("log_every = 3\napg.rate.fron = 0.005").unwrap_err().to_string();
+        assert!(error.starts_with("my.toml: apg.rate") && error.contains("Did you mean `from`?"), "{error}");
+    }
+
+    #[test]
+    fn a_value_that_equals_a_default_counts_over_the_task_and_its_recipe() {
+        let of = |task, text| TrainConfig::for_task(task, None, Some((text, "my.toml"))).unwrap();
+        assert_eq!(
+            (of("HoverRand", "").env.changes().len(), of("HoverRand", "env.randomise = []").env.changes().len()),
+            (9, 0)
+        );
+        let usual = TrainConfig::default().apg.n_env;
+        assert_ne!(of("HoverRand", "").apg.n_env, usual);
+        assert_eq!(of("HoverRand", &format!("apg.n_env = {usual}")).apg.n_env, usual);
     }
 
     #[test]
@@ -530,15 +547,15 @@ mod tests {
     }
 
     #[test]
-    fn a_text_about_environments_is_told_from_one_about_a_run() {
-        for text in ["n_env = 9\n[task]\nhorizon = 3", "control = 'rate'", "[task]\nvehicle = 'iris'"] {
-            let error = hover(text).unwrap_err().to_string();
-            assert!(error.contains("is a setting of environments") && error.contains("train TASK --toml"), "{error}");
-            assert_eq!(TrainConfig::telling_key(text), None);
-        }
-        assert_eq!(TrainConfig::telling_key("seed = 3"), None);
-        assert_eq!(TrainConfig::telling_key("seed = 3\n[apg]\nwindow = 3").as_deref(), Some("apg"));
-        assert_eq!(TrainConfig::telling_key("task = 'Hover'").as_deref(), Some("task"));
+    fn settings_of_environments_may_leave_out_env() {
+        let own = hover("control = 'rate'\nenv.dt = 0.01\n[task]\nhorizon = 3").unwrap();
+        assert_eq!(own, hover("env = { control = 'rate', dt = 0.01, task.horizon = 3 }").unwrap());
+        let error = hover("n_env = 9").unwrap_err().to_string();
+        assert!(error.contains("env.n_env: is no setting of a training run"), "{error}");
+        let mut table = TrainConfig::lifted(toml::from_str("n_env = 9\nseed = 3\nautoreset = 'disabled'").unwrap());
+        let foreign = TrainConfig::take_foreign(&mut table);
+        assert_eq!(foreign.iter().map(|(key, _)| *key).collect::<Vec<_>>(), ["n_env", "autoreset"]);
+        assert_eq!(table["seed"].as_integer(), Some(3));
     }
 
     #[test]
@@ -559,8 +576,29 @@ mod tests {
     #[test]
     fn tables_of_other_algorithms_are_told() {
         let config = hover("").unwrap();
-        assert_eq!(config.unused("ppo.updates = 3\napg.updates = 3"), [Algorithm::Ppo]);
-        assert_eq!(config.unused("seed = 3"), []);
+        let unused = |text: &str| config.unused(&toml::from_str(text).unwrap());
+        assert_eq!(unused("ppo.updates = 3\napg.updates = 3"), [Algorithm::Ppo]);
+        assert_eq!(unused("seed = 3"), []);
+    }
+
+    #[test]
+    fn every_setting_of_a_run_has_a_meaning() {
+        for algorithm in Algorithm::ALL {
+            let config = TrainConfig { algorithm, ..TrainConfig::default() };
+            let mut table: Table = toml::from_str(&config.to_toml().unwrap()).unwrap();
+            table.remove("env");
+            let mut tables = vec![(String::new(), table)];
+            while let Some((path, table)) = tables.pop() {
+                for (key, value) in table {
+                    match value {
+                        Value::Table(inner) if !inner.contains_key("kind") && key != "init" => {
+                            tables.push((format!("{path}.{key}"), inner));
+                        }
+                        _ => assert!(TrainConfig::meaning(&path, &key).is_some_and(|m| !m.is_empty()), "{path}.{key}"),
+                    }
+                }
+            }
+        }
     }
 
     #[test]

@@ -42,8 +42,8 @@ impl Saved {
             [] => "Fly it with the version that trained it.".to_string(),
             settings => format!("Leave these as they were in training: {}.", told(settings)),
         };
-        let limit = "those that the policy was trained in";
-        Err(Error::value("environments", format!("others ({})", strange(&then, &now)), limit, remedy))
+        let limit = "what it was trained in";
+        Err(Error::value("what the policy would meet", strange(&then, &now), limit, remedy))
     }
 }
 
@@ -73,18 +73,29 @@ fn strange(then: &Spec, now: &Spec) -> String {
 
 /// What of a configuration a policy can meet: what is drawn only where it sees the numbers that are.
 fn bare(env: &EnvConfig) -> Result<toml::Table> {
-    let EnvConfig { control, action_scale, actions, dt, observation, mut randomise, task, .. } = env.clone();
+    let EnvConfig { control, action_scale, actions, dt, observation, mut randomise, own_vehicle, task, .. } =
+        env.clone();
     if !observation.iter().any(|stage| matches!(stage, Stage::Privileged {})) {
-        randomise.clear();
+        randomise = None;
     }
-    let own = EnvConfig { control, action_scale, actions, dt, observation, randomise, task, ..EnvConfig::default() };
+    let own = EnvConfig {
+        control,
+        action_scale,
+        actions,
+        dt,
+        observation,
+        randomise,
+        own_vehicle,
+        task,
+        ..EnvConfig::default()
+    };
     toml::Table::try_from(&own).map_err(|e| Error::value("environments", e, "what TOML can hold", "Lower the numbers."))
 }
 
 /// The policy of a checkpoint's folder, or of the newest whole checkpoint of a run.
 ///
 /// # Errors
-/// [`Error::Value`] of a [`RUN`] if there is neither, and if the task has changed since; [`Error::File`] if the disk
+/// [`Error::NoRun`] if there is neither; [`Error::Value`] if the task has changed since; [`Error::File`] if the disk
 /// refuses, [`Error::Format`] for damaged files.
 pub fn load_policy(path: impl AsRef<Path>) -> Result<Saved> {
     let path = path.as_ref();
@@ -110,14 +121,10 @@ pub fn load_policy(path: impl AsRef<Path>) -> Result<Saved> {
     Ok(Saved { policy, manifest, config, folder, skipped })
 }
 
-/// What the refusal of a folder without a checkpoint calls it: who knows of runs may add them.
-pub const RUN: &str = "run";
-
 fn no_run(path: &Path) -> Error {
     let lacks = if path.exists() { "which holds no checkpoint" } else { "which does not exist" };
-    let remedy = "Train one: omnidrones train TASK, until its first checkpoint is written.";
-    let limit = "the folder of a run or of one of its checkpoints";
-    Error::value(RUN, format!("'{}', {lacks}", path.display()), limit, remedy)
+    let remedy = "Train one: omnidrones train TASK, until its first checkpoint is written.".into();
+    Error::NoRun { path: path.into(), lacks, remedy }
 }
 
 /// Names of the head's parameters and of the normaliser's statistics.

@@ -149,15 +149,16 @@ impl Trainer {
     /// none.
     ///
     /// # Errors
-    /// [`Error::Value`] without `resume` if there is a run already, with it if that has other settings (number of
+    /// [`Error::Value`] for a folder with files of another kind, without `resume` if there is a run already, with it if that has other settings (number of
     /// updates, logs, evaluations and checkpoints may differ) or is longer, and if another process writes there;
     /// [`Error::Format`] if no checkpoint is whole; [`Error::File`] if the disk refuses.
     pub fn in_folder(mut self, folder: impl AsRef<Path>, resume: bool) -> Result<Self> {
         let folder = folder.as_ref();
         if !resume && is_run(folder) {
-            let remedy = "Go on with it (--resume), or name another folder.";
+            let remedy = "Go on with it (--resume), replace it (--force), or name another folder.";
             return Err(Error::value("folder of the run", format!("'{}', in use", folder.display()), "new", remedy));
         }
+        check_own(folder)?;
         let mut writer = Store::open_to_write(folder, self.config.checkpoint.keep)?;
         let found = writer.latest()?;
         let skipped = match found {
@@ -182,9 +183,12 @@ impl Trainer {
         let then = TrainConfig { task: manifest.task.clone(), ..TrainConfig::from_toml(&manifest.config, &file)? };
         let differences = then.differences(&self.config)?;
         if !differences.is_empty() {
-            let (what, limit) = (format!("settings of the run in {file}"), "those that it was begun with");
-            let remedy = "Repeat its options, or train in another folder.";
-            return Err(Error::value(what, format!("others ({})", told(&differences)), limit, remedy));
+            return Err(Error::Format {
+                file,
+                place: "settings of the run".into(),
+                rule: format!("they differ from those that it was begun with ({})", told(&differences)),
+                remedy: "Repeat its options, or train in another folder.".into(),
+            });
         }
         self.learner.load(policy, state)?;
         let (done, budget) = (self.done(), self.budget());
@@ -366,6 +370,15 @@ impl Trainer {
 fn is_run(folder: &Path) -> bool {
     let begun = |name: &str| folder.join(name).metadata().is_ok_and(|m| m.len() > 0);
     begun(super::log::JSON) || Store::open(folder).and_then(|s| s.updates()).is_ok_and(|u| !u.is_empty())
+}
+
+/// Refuses a folder whose files would be overwritten, though no run wrote them.
+fn check_own(folder: &Path) -> Result<()> {
+    let names = ["config.toml", super::log::JSON, super::log::CSV];
+    let foreign = names.into_iter().find(|name| folder.join(name).symlink_metadata().is_ok());
+    let Some(name) = foreign.filter(|_| !folder.join("checkpoints").is_dir()) else { return Ok(()) };
+    let value = format!("'{}', whose {name} is of no run", folder.display());
+    Err(Error::value("folder of the run", value, "new, empty or that of a run", "Name another folder."))
 }
 
 fn write_text(path: &Path, text: &str) -> Result<()> {

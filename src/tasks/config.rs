@@ -10,6 +10,7 @@ use crate::dynamics::configurations::Omav;
 use crate::dynamics::integrate::Integrator;
 use crate::dynamics::{Effects, Physics, Vehicle, vehicles};
 use crate::error::{Error, Result};
+use crate::layers::{self, Layer};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -105,8 +106,9 @@ pub struct EnvConfig {
     pub integrator: Integrator,
     /// Transforms of the observation, in order.
     pub observation: Vec<Stage>,
-    /// What differs between environments and episodes.
-    pub randomise: Vec<Change>,
+    /// What differs between environments and episodes; none for the task's own, an empty list for nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub randomise: Option<Vec<Change>>,
     /// Share of it, 0 to 1: where a curriculum begins.
     pub difficulty: f64,
     /// What a done environment does.
@@ -115,6 +117,9 @@ pub struct EnvConfig {
     pub stagger: bool,
     /// Most memory, bytes.
     pub memory_limit: u64,
+    /// A vehicle of one's own, which the task's setting `vehicle` names like a built-in one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub own_vehicle: Option<Vehicle>,
     /// The task's own settings.
     pub task: toml::Table,
 }
@@ -142,11 +147,12 @@ impl Default for EnvConfig {
             substeps: 1,
             integrator: Integrator::RungeKutta4,
             observation: Vec::new(),
-            randomise: Vec::new(),
+            randomise: None,
             difficulty: 1.0,
             autoreset: Autoreset::SameStep,
             stagger: false,
             memory_limit: MEMORY_LIMIT,
+            own_vehicle: None,
             task: toml::Table::new(),
         }
     }
@@ -168,7 +174,27 @@ impl EnvConfig {
     /// # Errors
     /// [`Error::Format`] with line, column and the nearest known key.
     pub fn from_toml(text: &str, file: &str) -> Result<Self> {
-        toml::from_str(text).map_err(|e| Error::of_toml(&e, text, file))
+        layers::read(toml::Table::new(), &[Layer::of_text(text, file)?])
+    }
+
+    /// From a table, as other languages give it.
+    ///
+    /// # Errors
+    /// [`Error::Format`] with the path of the key and the nearest known one.
+    pub fn from_table(table: toml::Table) -> Result<Self> {
+        layers::read(toml::Table::new(), &[Layer::of_table("configuration", table)])
+    }
+
+    /// The names of its settings.
+    pub fn keys() -> Vec<String> {
+        let whole = Self { randomise: Some(Vec::new()), ..Self::default() };
+        let told = toml::Table::try_from(whole).unwrap_or_default();
+        told.keys().cloned().chain(["own_vehicle".into()]).collect()
+    }
+
+    /// The changes between environments and episodes, as far as the configuration says.
+    pub fn changes(&self) -> &[Change] {
+        self.randomise.as_deref().unwrap_or_default()
     }
 
     /// Checks every number but the size of the batch, which needs the task.
@@ -195,9 +221,10 @@ impl EnvConfig {
             return Err(Error::limit("actions.levels", levels, "2 to 1024", "Use continuous actions."));
         }
         check_difficulty(self.difficulty)?;
+        self.own_vehicle.as_ref().map_or(Ok(()), Vehicle::validate)?;
         self.check_task()?;
         self.observation.iter().try_for_each(Stage::validate)?;
-        self.randomise.iter().try_for_each(Change::validate)
+        self.changes().iter().try_for_each(Change::validate)
     }
 
     /// Every number of the task's settings is finite.
@@ -224,7 +251,7 @@ impl EnvConfig {
 
     /// Physics of one computation: its time step is dt/[`control_steps`](Self::control_steps).
     pub fn physics(&self) -> Physics {
-        let windy = self.randomise.iter().any(|c| c.blows());
+        let windy = self.changes().iter().any(|c| c.blows());
         Physics {
             dt: self.dt / self.control_steps() as f64,
             substeps: self.substeps,
@@ -246,19 +273,31 @@ impl EnvConfig {
     /// [`Error::Format`] with the nearest known key; [`Error::Value`] for a number that is not finite.
     pub fn settings<T: DeserializeOwned>(&self) -> Result<T> {
         self.check_task()?;
-        let text = toml::to_string(&self.task).unwrap_or_default();
-        toml::from_str(&text).map_err(|e| Error::of_toml(&e, &text, "[task]"))
+        layers::read(toml::Table::new(), &[Layer::of_table("[task]", self.task.clone())])
     }
 
-    /// The benchmark's form of a built-in vehicle.
+    /// The benchmark's form of a vehicle: the configuration's own, or a built-in one.
     ///
     /// # Errors
     /// [`Error::Unknown`] with the nearest.
     pub fn vehicle(&self, name: &str) -> Result<Vehicle> {
-        Ok(benchmark(&vehicles::by_name(name)?))
+        Ok(benchmark(&self.plain_vehicle(name)?))
     }
 
-    /// A single drone: any built-in vehicle, or `omav_tilting` with its tilting units.
+    /// As its file gives it.
+    fn plain_vehicle(&self, name: &str) -> Result<Vehicle> {
+        let own = self.own_vehicle.as_ref().filter(|own| own.name.eq_ignore_ascii_case(name));
+        let known = |error| match (error, &self.own_vehicle) {
+            (Error::Unknown { kind, name, mut known }, Some(own)) => {
+                known.push(own.name.clone());
+                Error::Unknown { kind, name, known }
+            }
+            (other, _) => other,
+        };
+        own.map_or_else(|| vehicles::by_name(name).map_err(known), |own| Ok(own.clone()))
+    }
+
+    /// A single drone: the configuration's own vehicle, any built-in one, or `omav_tilting` with its tilting units.
     ///
     /// # Errors
     /// [`Error::Unknown`] with the nearest.
@@ -267,7 +306,7 @@ impl EnvConfig {
             let rig = Omav { vehicle: self.vehicle("omav")?, ..Omav::default() }.build()?;
             return Rig::of_model(&rig.model, self.physics(), None, |_| rig.map.units.to_vec());
         }
-        let vehicle = vehicles::by_name(name).map_err(|error| match error {
+        let vehicle = self.plain_vehicle(name).map_err(|error| match error {
             Error::Unknown { kind, name, mut known } => {
                 known.push(TILTING.into());
                 Error::Unknown { kind, name, known }

@@ -4,6 +4,7 @@ use super::config::EnvConfig;
 use super::env::Env;
 use super::suite::*;
 use crate::error::{Error, Result};
+use crate::layers::{self, Layer};
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]
@@ -237,51 +238,31 @@ pub static REGISTRY: &[Entry] = &[
 ];
 
 impl Entry {
-    /// The environment of a configuration. What differs in it from [`EnvConfig::default`] wins over the task's own
-    /// defaults, each setting of `task` by itself; a list of observation stages or of changes replaces the task's list.
+    /// The environment of a configuration over the task's own defaults: they hold for settings of `task` that it does not
+    /// name, and for `randomise` where it is none.
     ///
     /// # Errors
     /// As [`Env::of`].
     pub fn env(&self, config: &EnvConfig) -> Result<Env> {
-        (self.make)(self.name, &self.merged(config)?)
-    }
-
-    /// The configuration over the task's own defaults.
-    fn merged(&self, config: &EnvConfig) -> Result<EnvConfig> {
-        let EnvConfig {
-            n_env,
-            seed,
-            first_environment,
-            control,
-            action_scale,
-            actions,
-            delay,
-            dt,
-            control_rate,
-            substeps,
-            integrator,
-            observation,
-            randomise,
-            difficulty,
-            autoreset,
-            stagger,
-            memory_limit,
-            task,
-        } = self.default_config()?;
-        let (mut own, usual) = (config.clone(), EnvConfig::default());
-        macro_rules! take {
-            ($($key:ident)*) => {
-                $(if own.$key == usual.$key {
-                    own.$key = $key;
-                })*
-            };
-        }
-        take!(n_env seed first_environment control action_scale actions delay dt control_rate substeps integrator);
-        take!(observation randomise difficulty autoreset stagger memory_limit);
-        for (key, value) in task {
+        let (mut own, usual) = (config.clone(), self.default_config()?);
+        own.randomise = own.randomise.or(usual.randomise);
+        for (key, value) in usual.task {
             own.task.entry(key).or_insert(value);
         }
-        Ok(own)
+        (self.make)(self.name, &own)
+    }
+
+    /// The configuration of layers, each over those before it, all over the task's own defaults.
+    ///
+    /// # Errors
+    /// As [`layers::read`].
+    pub fn config(&self, over: &[Layer]) -> Result<EnvConfig> {
+        layers::read(self.default_table()?, over)
+    }
+
+    /// The task's own defaults as a table.
+    pub(crate) fn default_table(&self) -> Result<toml::Table> {
+        Ok(Layer::of_text(self.defaults, self.name)?.table().clone())
     }
 
     /// The task's own defaults.
@@ -315,6 +296,27 @@ mod tests {
     use super::super::config::Autoreset;
     use super::super::{Baseline, Watched, evaluate};
     use super::*;
+
+    #[test]
+    fn a_list_that_is_given_empty_is_empty_and_one_that_is_not_given_is_the_tasks_own() {
+        let entry = by_name("HoverRand").unwrap();
+        let changes = |config: &EnvConfig| {
+            entry.env(&EnvConfig { n_env: 1, ..config.clone() }).unwrap().spec().config.changes().len()
+        };
+        let of = |text: &str| EnvConfig::from_toml(text, "my.toml").unwrap();
+        assert_eq!((changes(&of("")), changes(&of("randomise = []"))), (9, 0));
+        assert_eq!(changes(&EnvConfig { randomise: Some(Vec::new()), ..EnvConfig::default() }), 0);
+        let over = |text: &str| changes(&entry.config(&[Layer::of_text(text, "my.toml").unwrap()]).unwrap());
+        assert_eq!((over("dt = 0.016"), over("randomise = []")), (9, 0));
+    }
+
+    #[test]
+    fn the_defaults_of_a_task_are_changes_and_settings_of_the_task() {
+        for entry in REGISTRY {
+            let table = entry.default_table().unwrap();
+            assert!(table.keys().all(|key| key == "randomise" || key == "task"), "{}: {table}", entry.name);
+        }
+    }
 
     #[test]
     fn every_task_tells_its_start_its_success_and_its_loss() {

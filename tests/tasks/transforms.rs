@@ -51,7 +51,7 @@ fn a_transform_names_the_slice_it_does_not_know() {
 /// Masses over nominal ones in 4 000 first episodes.
 fn masses(distribution: Distribution, difficulty: f64) -> Vec<f64> {
     let change = Change { distribution, ..Change::scale(Quantity::Mass, 0.5, 2.0) };
-    let config = EnvConfig { n_env: 4000, randomise: vec![change], ..EnvConfig::default() };
+    let config = EnvConfig { n_env: 4000, randomise: Some(vec![change]), ..EnvConfig::default() };
     let mut env = Env::make("Hover", &config).unwrap();
     env.set_difficulty(difficulty).unwrap();
     let mut out = Buffers::new(env.spec());
@@ -95,7 +95,7 @@ fn difficulty_takes_its_share_of_every_change() {
 #[test]
 fn difficulty_is_part_of_the_saved_state() {
     let change = Change::scale(Quantity::Mass, 0.5, 2.0);
-    let config = EnvConfig { randomise: vec![change], ..config(64, 10) };
+    let config = EnvConfig { randomise: Some(vec![change]), ..config(64, 10) };
     let (mut env, _) = stepped(Env::make("Hover", &config).unwrap(), 3);
     env.set_difficulty(0.25).unwrap();
     let saved = env.save();
@@ -201,8 +201,8 @@ fn every_setting_of_an_entry_is_a_default_that_a_configuration_may_change() {
     };
     let plain = seen("");
     assert_eq!(plain.task["reset_distance"].as_float(), Some(0.6));
-    assert!(plain.randomise.len() > 5);
+    assert!(plain.changes().len() > 5);
     let own = seen("dt = 0.01\n[[randomise]]\nwhat = 'mass'\nrange = [0.9, 1.1]\n[task]\nreset_distance = 0.7");
     // a list replaces the list
-    assert_eq!((own.dt, own.randomise.len(), own.task["reset_distance"].as_float()), (0.01, 1, Some(0.7)));
+    assert_eq!((own.dt, own.changes().len(), own.task["reset_distance"].as_float()), (0.01, 1, Some(0.7)));
 }

@@ -1,7 +1,7 @@
 //! `omnidrones allocate`: which thrusts make a wrench, what they cannot make, and why.
 
 use super::Report;
-use super::arguments::{VehicleArguments, list};
+use super::arguments::{PlotArguments, VehicleArguments, list};
 use super::failure::named;
 use super::page::{Fact, Page, short};
 use super::rig;
@@ -15,9 +15,8 @@ use omnidrones::controllers::allocation::{
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{GRAVITY, Physics};
 use omnidrones::error::{Error, Result};
-use omnidrones_plot::{Bar, Bars, Colour, Figure, Format};
+use omnidrones_plot::{Bar, Bars, Colour, Figure};
 use serde_json::{Value, json};
-use std::path::PathBuf;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -46,6 +45,7 @@ Exit codes: 0 allocated, or told why not exactly; 2 unusable input or arguments.
 /// Arguments of `allocate`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("plot", |plot| plot.help("Draw thrusts, limits, wanted and delivered wrench into this file (.png or .svg)")))]
 pub struct Arguments {
     /// A built-in vehicle or configuration, or a file FILE.toml or FILE.urdf
     #[arg(value_name = "VEHICLE|CONFIG|FILE")]
@@ -64,12 +64,8 @@ pub struct Arguments {
     /// Print how each thrust answers to each axis of the wrench, limits included
     #[arg(long, conflicts_with = "yaw_last", help_heading = "Output")]
     gradient: bool,
-    /// Draw thrusts, limits, wanted and delivered wrench into this file (.png or .svg)
-    #[arg(long, visible_alias = "out", value_name = "FILE", help_heading = "Output")]
-    plot: Option<PathBuf>,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    json: bool,
+    #[command(flatten)]
+    output: PlotArguments,
 }
 
 fn wrench(text: &str) -> std::result::Result<[f64; WRENCH], String> {
@@ -177,17 +173,15 @@ impl Answer {
 
 /// Allocates and explains.
 pub fn run(a: &Arguments) -> Result<Report> {
-    if let Some(file) = &a.plot {
-        Format::of(file)?;
-    }
+    a.output.check()?;
     let mut subject = Subject::load(a)?;
     subject.fail(&a.fail)?;
     let wanted = a.wrench.unwrap_or([0.0, 0.0, subject.weight, 0.0, 0.0, 0.0]);
     let answer = Answer::of(&subject, wanted, a.yaw_last)?;
-    if let Some(file) = &a.plot {
+    if let Some(file) = &a.output.plot {
         figure(&subject, &answer).save(file)?;
     }
-    if a.json {
+    if a.output.json {
         return Ok(Report::json(&as_json(&subject, &answer), true));
     }
     let mut page = Page::new();
@@ -198,7 +192,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if a.gradient {
         gradient(&mut page, &subject, &answer);
     }
-    if let Some(file) = &a.plot {
+    if let Some(file) = &a.output.plot {
         page.line(format!("\nwritten {}", file.display()));
     }
     Ok(Report::done(page.finish()))
@@ -379,10 +373,8 @@ fn figure(subject: &Subject, answer: &Answer) -> Figure {
         }
         let note = |v: f64| format!("  ({} {})", tidy(v), UNITS[k]);
         axes = axes
-            .bar(
-                Bar::new(format!("{} wanted", axis.name()), (want * scale).abs()).note(note(want)).colour(Colour::GREY),
-            )
-            .bar(Bar::new("delivered", (got * scale).abs()).note(note(got)));
+            .bar(Bar::new(format!("{} wanted", axis.name()), want * scale).note(note(want)).colour(Colour::GREY))
+            .bar(Bar::new("delivered", got * scale).note(note(got)));
     }
     let (n, m) = (subject.rotors.len() as f64 + 3.0, axes.bars.len() as f64 + 3.0);
     Figure::new(format!("{}: {}", subject.name, headline(subject, answer)))

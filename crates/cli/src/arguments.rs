@@ -1,11 +1,13 @@
 //! Arguments that commands share.
 
 use super::files;
-use clap::{Args, ValueEnum};
+use clap::{Arg, Args, ValueEnum};
 use omnidrones::controllers::{FlightPlan, Rates, Reference};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::{Effects, Gains, Integrator, Physics, Vehicle};
 use omnidrones::error::{Error, Result};
+use omnidrones::parallel::Threads;
+use omnidrones_plot::Format;
 use std::path::{Path, PathBuf};
 
 /// Least time step, s.
@@ -140,7 +142,12 @@ impl FlightArguments {
                     "Leave the option out for derived gains.",
                 )),
             },
-            file => Ok((files::read_toml(Path::new(file))?, file.to_string())),
+            file if is_path(file) => Ok((files::read_toml(Path::new(file))?, file.to_string())),
+            name => Err(Error::Unknown {
+                kind: "set of gains",
+                name: name.into(),
+                known: ["published", "derived", "FILE.toml"].map(String::from).to_vec(),
+            }),
         }
     }
 
@@ -165,8 +172,10 @@ impl FlightArguments {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum IntegratorName {
     /// Runge–Kutta of fourth order
+    #[value(alias = "runge_kutta4")]
     Rk4,
     /// First order, half the work, implicit gyroscopic term
+    #[value(alias = "semi_implicit")]
     SemiImplicit,
 }
 
@@ -231,6 +240,84 @@ impl FormatName {
             Self::Png => "png",
             Self::Svg => "svg",
         }
+    }
+}
+
+/// Where output goes, and in what form.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Output")]
+pub struct OutputArguments {
+    /// Folder for what is written
+    ///
+    /// It must be new, empty or made by omnidrones, whose earlier output is then replaced.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Write into a folder of other files too, and replace those of the same names
+    #[arg(long)]
+    pub force: bool,
+    /// File type of the plots
+    #[arg(long, value_name = "TYPE", default_value = "png")]
+    pub format: FormatName,
+    /// Draw nothing
+    #[arg(long)]
+    pub no_plots: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The option `--out` of a command, with what is written there and where it is by default.
+pub fn out(option: Arg, what: &str) -> Arg {
+    let rule = "It must be new, empty or made by omnidrones, whose earlier output is then replaced.";
+    option.help(what.to_string()).long_help(format!("{what}\n\n{rule}"))
+}
+
+impl OutputArguments {
+    /// The folder, ready to be written into.
+    pub fn folder(&self, usual: impl Into<PathBuf>) -> Result<PathBuf> {
+        let folder = self.out.clone().unwrap_or_else(|| usual.into());
+        files::prepare(&folder, self.force)?;
+        Ok(folder)
+    }
+}
+
+/// One picture, for commands whose answer is a page.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Output")]
+pub struct PlotArguments {
+    /// Draw it into this file (.png or .svg)
+    #[arg(long, visible_alias = "out", value_name = "FILE")]
+    pub plot: Option<PathBuf>,
+    /// Replace a file that exists
+    #[arg(long, requires = "plot")]
+    pub force: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl PlotArguments {
+    /// Refuses a file that cannot be drawn into, before any work.
+    pub fn check(&self) -> Result<()> {
+        let Some(file) = &self.plot else { return Ok(()) };
+        Format::of(file)?;
+        files::check_new(file, self.force)?;
+        files::make_parent(file)
+    }
+}
+
+/// Threads of a command.
+#[derive(Debug, Clone, Args)]
+pub struct ThreadArguments {
+    /// Threads; the results do not depend on it [default: all cores]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+}
+
+impl ThreadArguments {
+    /// As many as were asked for.
+    pub fn threads(&self) -> Result<Threads> {
+        self.threads.map_or_else(|| Ok(Threads::default()), Threads::new)
     }
 }
 

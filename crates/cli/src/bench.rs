@@ -1,7 +1,7 @@
 //! `omnidrones bench`: how fast this machine steps and differentiates, against a plain loop in the same run; or how fast it
 //! steps the environments of a task.
 
-use super::arguments::FormatName;
+use super::arguments::{self, OutputArguments};
 use super::environment::EnvArguments;
 use super::page::{Page, short};
 use super::table::{Align, Table};
@@ -33,7 +33,7 @@ Examples:
   omnidrones bench --threads 1           batches on one thread only
   omnidrones bench --json --no-plots     for a program
   omnidrones bench Hover                 environment steps per second of a task
-  omnidrones bench Track --environments 16384 --threads 2
+  omnidrones bench Track --envs 16384 --threads 2
   omnidrones bench --policy              Track and OverHover with a 3 × 256 policy, beside the paper
   omnidrones bench Hover --vehicle firefly --randomise mass:0.8:1.2
 
@@ -53,6 +53,7 @@ const QUICK: Duration = Duration::from_millis(60);
 /// Arguments of `bench`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("out", |out| arguments::out(out, "Folder for the plot [default: out/bench]")))]
 pub struct Arguments {
     /// A task ('omnidrones tasks'); without it, steps and derivatives of vehicles
     #[arg(value_name = "TASK")]
@@ -64,25 +65,15 @@ pub struct Arguments {
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Environments of the batch rows [default: 4096; of a task 1024, 4096 and 65536, with --quick 1024 and 4096]
-    #[arg(long, alias = "envs", value_name = "N")]
-    environments: Option<usize>,
+    #[arg(long, alias = "environments", value_name = "N")]
+    envs: Option<usize>,
     /// Track and OverHover with a policy of these hidden layers in the loop, beside the OmniDrones paper [without units:
     /// 256,256,256]
     #[arg(long, value_name = "UNITS", value_delimiter = ',', num_args = 0..=1, default_missing_value = "256,256,256")]
-    #[arg(conflicts_with_all = ["task", "environments"])]
+    #[arg(conflicts_with_all = ["task", "envs"])]
     policy: Vec<usize>,
-    /// Folder for the plot
-    #[arg(long, value_name = "DIR", default_value = "out/bench")]
-    out: PathBuf,
-    /// File type of the plot
-    #[arg(long, value_name = "TYPE", default_value = "png")]
-    format: FormatName,
-    /// Draw nothing
-    #[arg(long)]
-    no_plots: bool,
-    /// Print one JSON object and nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
     #[command(flatten)]
     environment: EnvArguments,
 }
@@ -99,12 +90,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let remedy = "Name a task: omnidrones bench Hover.";
         return Err(Error::value("options of environments", "given without a task", "left out", remedy));
     }
-    if !a.no_plots {
-        files::prepare_folder(&a.out)?;
-    }
-    let spinner = progress::spinner("measuring", a.json);
+    let folder = if a.output.no_plots { PathBuf::new() } else { a.output.folder("out/bench")? };
+    let spinner = progress::spinner("measuring", a.output.json);
     let budget = if a.quick { QUICK } else { usual.budget };
-    let plan = BenchPlan { budget, n_env: a.environments.unwrap_or(usual.n_env), threads };
+    let plan = BenchPlan { budget, n_env: a.envs.unwrap_or(usual.n_env), threads };
     let mut tell = |row: &BenchRow| spinner.set_message(format!("measured {}: {}", row.group, row.name));
     let rows = match task {
         None if !a.policy.is_empty() => learning::run(&plan, &a.policy, &mut tell)?,
@@ -114,9 +103,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     spinner.finish_and_clear();
 
     let mut written = Vec::new();
-    if !a.no_plots {
+    if !a.output.no_plots {
         let name = task.map_or(if a.policy.is_empty() { "bench" } else { "policy" }, |entry| entry.name);
-        let path = a.out.join(format!("{name}.{}", a.format.extension()));
+        let path = folder.join(format!("{name}.{}", a.output.format.extension()));
         match task {
             Some(entry) => task_figure(entry, &rows),
             None if !a.policy.is_empty() => policy_figure(&a.policy, &rows),
@@ -125,7 +114,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         .save(&path)?;
         written.push(path);
     }
-    if a.json {
+    if a.output.json {
         let value = json!({
             "command": "bench",
             "version": env!("CARGO_PKG_VERSION"),
@@ -166,8 +155,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
 
 /// Steps of a task's environments.
 fn measure(a: &Arguments, entry: &Entry, plan: &BenchPlan, tell: &mut dyn FnMut(&BenchRow)) -> Result<Vec<BenchRow>> {
-    let config = a.environment.config(&EnvConfig::default())?;
-    let sizes = match a.environments {
+    let config = a.environment.config(&EnvConfig::default(), Some(entry))?;
+    let sizes = match a.envs {
         Some(n) => vec![n],
         None if a.quick => SIZES[..2].to_vec(),
         None => SIZES.to_vec(),
@@ -242,9 +231,11 @@ fn figure(rows: &[BenchRow]) -> Figure {
         if !groups.contains(&row.group) {
             groups.push(row.group);
         }
+        // a ratio of rates says how many times as fast, one of times how many times as dear
+        let cost_of = if row.unit.ends_with("/s") { 1.0 / ratio } else { ratio };
         let note = format!("× ({} {})", short(row.value, 3), row.unit);
         let name = if row.group == "step" { format!("step on {}", row.name) } else { row.name.clone() };
-        cost = cost.bar(Bar::new(name, ratio).note(note).colour(Colour::nth(groups.len())));
+        cost = cost.bar(Bar::new(name, cost_of).note(note).colour(Colour::nth(groups.len())));
     }
     let heights = [&batch, &cost].map(|bars| 70.0 + 22.0 * bars.bars.len() as f64);
     Figure::new("Speed of steps and derivatives")

@@ -1,28 +1,35 @@
 //! Which environments a command is about: a task, a configuration file, and what options change in it.
 
-use super::arguments::IntegratorName;
-use super::files;
+use super::arguments::{IntegratorName, VehicleArguments, is_path};
+use super::{files, source};
 use clap::{Args, ValueEnum};
 use omnidrones::controllers::cascade::Level;
-use omnidrones::dynamics::Integrator;
+use omnidrones::dynamics::{Integrator, vehicles};
 use omnidrones::error::{Error, Result};
+use omnidrones::layers::{self, Layer};
 use omnidrones::rl::TrainConfig;
+use omnidrones::tasks::config::TILTING;
 use omnidrones::tasks::randomise::{Action, Distribution, Time};
-use omnidrones::tasks::registry::Entry;
+use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{Change, Env, EnvConfig, Quantity, Sheet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use toml::Value;
 
 /// How environments are set up. Options win over the file, the file over the task's own defaults.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Environment")]
 pub struct EnvArguments {
-    /// Settings of the environments; options win over it
+    /// Settings; options win over it
     ///
-    /// 'omnidrones tasks TASK --toml' prints such a file with every setting and what it means.
+    /// 'omnidrones tasks TASK --toml' prints such a file with every setting of the environments and what it means,
+    /// 'omnidrones train TASK --toml' one with those of training too. Every command reads both.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
-    /// What flies: a built-in vehicle ('omnidrones models'), or omav_tilting in the tasks of one drone
-    #[arg(long, value_name = "NAME")]
+    /// What flies: a built-in vehicle ('omnidrones models'), a file FILE.toml or FILE.urdf, or omav_tilting in the tasks
+    /// of one drone
+    ///
+    /// A run keeps the numbers of a file, so that it goes on and is evaluated without it.
+    #[arg(long, value_name = "NAME|FILE")]
     vehicle: Option<String>,
     /// Where actions enter the controllers
     #[arg(long, value_name = "LEVEL")]
@@ -36,9 +43,11 @@ pub struct EnvArguments {
     /// Steps of an episode [default: the task's, 500 or 600]
     #[arg(long, value_name = "STEPS")]
     horizon: Option<u32>,
-    /// Another setting of the task, as in its Configuration table; may be repeated: --set n_drone=6
+    /// Any setting by its name in a file; may be repeated: --set n_drone=6
+    ///
+    /// A name is looked up in the run (apg.window), in its environments (substeps), in the task (horizon).
     #[arg(long, value_name = "KEY=VALUE", value_parser = setting)]
-    set: Vec<(String, toml::Value)>,
+    set: Vec<(String, Value)>,
     /// Draw a quantity anew for every episode, between two values; may be repeated: --randomise mass:0.8:1.2
     ///
     /// Factors of mass, inertia, thrust, thrust_to_weight, moment_per_thrust, motor_time, drag, angular_drag; metres added
@@ -127,7 +136,7 @@ fn change(text: &str) -> std::result::Result<Change, String> {
 }
 
 /// `n_drone=6`: the value as in a TOML file; a bare word is a string.
-pub fn setting(text: &str) -> std::result::Result<(String, toml::Value), String> {
+pub fn setting(text: &str) -> std::result::Result<(String, Value), String> {
     let Some((key, value)) = text.split_once('=').filter(|(key, _)| !key.is_empty()) else {
         return Err("expected KEY=VALUE, as in n_drone=6".into());
     };
@@ -154,50 +163,150 @@ impl EnvArguments {
         self.integrator.map(Integrator::from)
     }
 
-    /// The configuration that was asked for. A file that says nothing of `n_env` has that of `usual`.
-    pub fn config(&self, usual: &EnvConfig) -> Result<EnvConfig> {
-        let mut config = match &self.config {
-            None => usual.clone(),
-            Some(path) => {
-                let text = files::read_settings(path, "omnidrones tasks TASK --toml")?;
-                check_kind(&text, path)?;
-                let own = EnvConfig::from_toml(&text, &path.display().to_string())?;
-                let counts = text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("n_env"));
-                EnvConfig { n_env: if counts { own.n_env } else { usual.n_env }, ..own }
-            }
+    /// The seed that an option names.
+    pub fn seed(&self) -> Option<u64> {
+        self.seed
+    }
+
+    /// The file; `maker` is the command that prints one.
+    pub fn file(&self, maker: &str) -> Result<Option<Layer>> {
+        let Some(path) = &self.config else { return Ok(None) };
+        Layer::of_text(&files::read_settings(path, maker)?, &path.display().to_string()).map(Some)
+    }
+
+    /// The options as layers in the form of a run: settings of environments under `env`. `task` has the last word on what
+    /// its own settings are.
+    pub fn options(&self, task: Option<&Entry>) -> Result<Vec<Layer>> {
+        let mut layers = Vec::new();
+        let mut option = |name: &str, path: &str, value: Value| {
+            layers.push(Layer::of_table(name, layers::at(path, value)));
         };
-        config.control = self.control.map_or(config.control, Level::from);
-        config.integrator = self.integrator.map_or(config.integrator, Into::into);
-        config.dt = self.dt.unwrap_or(config.dt);
-        config.seed = self.seed.unwrap_or(config.seed);
-        if !self.randomise.is_empty() {
-            config.randomise.clone_from(&self.randomise);
+        for (key, value) in &self.set {
+            option(&format!("--set {key}"), &place(key, task)?, value.clone());
         }
-        if let Some(vehicle) = &self.vehicle {
-            config.task.insert("vehicle".into(), vehicle.as_str().into());
+        if let Some(named) = &self.vehicle {
+            if is_file(named) {
+                let source = source::load(Some(named), &VehicleArguments { rotors: None, package: Vec::new() })?;
+                let own = Value::try_from(&source.vehicle).map_err(unwritable)?;
+                option("--vehicle", "env.own_vehicle", own);
+                option("--vehicle", "env.task.vehicle", source.vehicle.name.into());
+            } else {
+                option("--vehicle", "env.task.vehicle", named.as_str().into());
+            }
+        }
+        if let Some(level) = self.level() {
+            option("--control", "env.control", level.name().into());
+        }
+        if let Some(integrator) = self.integrator() {
+            option("--integrator", "env.integrator", Value::try_from(integrator).map_err(unwritable)?);
+        }
+        if let Some(dt) = self.dt {
+            option("--dt", "env.dt", dt.into());
         }
         if let Some(horizon) = self.horizon {
-            config.task.insert("horizon".into(), i64::from(horizon).into());
+            option("--horizon", "env.task.horizon", i64::from(horizon).into());
         }
-        config.task.extend(self.set.iter().cloned());
+        if !self.randomise.is_empty() {
+            option("--randomise", "env.randomise", Value::try_from(&self.randomise).map_err(unwritable)?);
+        }
+        if let Some(seed) = self.seed {
+            let seed = i64::try_from(seed).map_err(|_| too_large(seed))?;
+            option("--seed", "seed", seed.into());
+        }
+        Ok(layers)
+    }
+
+    /// The environments that were asked for: options over the file, the file over `usual`.
+    pub fn config(&self, usual: &EnvConfig, task: Option<&Entry>) -> Result<EnvConfig> {
+        let own = self.file("omnidrones tasks TASK --toml")?.map(|file| of_environments(file, task)).transpose()?;
+        let options = self.options(task)?.into_iter().map(|option| of_environments(option, task));
+        let layers = own.into_iter().map(Ok).chain(options).collect::<Result<Vec<_>>>()?;
+        let config: EnvConfig = layers::read(toml::Table::try_from(usual).map_err(unwritable)?, &layers)?;
         config.validate()?;
         Ok(config)
     }
 }
 
-/// A file about a training run is no file about environments.
-fn check_kind(text: &str, path: &Path) -> Result<()> {
-    let Some(key) = TrainConfig::telling_key(text) else { return Ok(()) };
-    Err(Error::Format {
-        file: path.display().to_string(),
-        place: key,
-        rule: "is a setting of a training run, of the kind that 'train TASK --toml' prints and 'train' reads; this \
-               command reads settings of environments"
-            .into(),
-        remedy: "Take the file that 'omnidrones tasks TASK --toml' prints; what a run has under [env] goes to its \
-                 top."
-            .into(),
-    })
+/// Whether `--vehicle` means a file: everything else is a name.
+fn is_file(named: &str) -> bool {
+    is_path(named) && !vehicles::names().iter().any(|name| name.eq_ignore_ascii_case(named)) && named != TILTING
+}
+
+fn too_large(seed: u64) -> Error {
+    Error::limit("seed", seed, i64::MAX, "Files hold no larger ones.")
+}
+
+fn unwritable(error: toml::ser::Error) -> Error {
+    Error::value("configuration", error, "what TOML can hold", "Lower the seed or the limit of memory.")
+}
+
+/// Where a key of `--set` stands in a run: as it is if a run has it, under `env` if environments have it, else among the
+/// settings of the task.
+fn place(key: &str, task: Option<&Entry>) -> Result<String> {
+    let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
+    let (run, env) = (TrainConfig::keys(), EnvConfig::keys());
+    let has = |keys: &[String]| keys.iter().any(|own| own == first);
+    match first {
+        "task" if rest.is_some() => Ok(format!("env.{key}")),
+        _ if has(&run) => Ok(key.into()),
+        _ if has(&env) => Ok(format!("env.{key}")),
+        _ => {
+            let own = task.map(settings_of).transpose()?;
+            match own {
+                Some(own) if !has(&own) => {
+                    let known = own.into_iter().chain(env).chain(run).collect();
+                    Err(Error::Unknown { kind: "setting", name: key.into(), known })
+                }
+                _ => Ok(format!("env.task.{key}")),
+            }
+        }
+    }
+}
+
+/// Names of the settings of a task.
+fn settings_of(entry: &Entry) -> Result<Vec<String>> {
+    let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() })?;
+    Ok(env.sheet().settings.iter().map(|setting| setting.key.to_string()).collect())
+}
+
+/// What a layer says of environments. Settings of training in a file are for others; as an option they are a mistake.
+fn of_environments(layer: Layer, task: Option<&Entry>) -> Result<Layer> {
+    let env = EnvConfig::keys();
+    let of_run = |(key, value): (&String, &Value)| if key == "task" { value.is_str() } else { !env.contains(key) };
+    if !layer.table().iter().any(of_run) {
+        return Ok(layer);
+    }
+    if let (Some(named), Some(task)) = (layer.table().get("task").and_then(Value::as_str), task) {
+        let named = registry::by_name(named)?.name;
+        if named != task.name {
+            let (rule, remedy) = (
+                format!("the settings are for {named}, but the task is {}", task.name),
+                "Name that task, or change the line.".to_string(),
+            );
+            return Err(Error::Format { file: layer.name().into(), place: "task".into(), rule, remedy });
+        }
+    }
+    // every key is known, also those that only a run reads
+    let whole = toml::Table::try_from(TrainConfig::default()).map_err(unwritable)?;
+    let _: TrainConfig = layers::read(whole, &[layer.clone().map(TrainConfig::lifted)])?;
+    if let (Some(option), Some(key)) = (layer.name().strip_prefix("--set "), layer.table().keys().next())
+        && key != "env"
+        && key != "seed"
+    {
+        let limit = "one of environments or of the task";
+        return Err(Error::value(
+            format!("--set {option}"),
+            "a setting of training",
+            limit,
+            "Leave it out: this command trains nothing.",
+        ));
+    }
+    Ok(layer.map(|table| {
+        let mut table = TrainConfig::lifted(table);
+        let mut own = toml::Table::from_iter(table.remove_entry("seed"));
+        layers::merge(&mut own, table.remove("env").and_then(|env| env.as_table().cloned()).unwrap_or_default());
+        own
+    }))
 }
 
 /// The vehicle of a task where nobody names one.
@@ -218,7 +327,7 @@ const KEYS: &[(&str, &str)] = &[
     ("dt", "s per step"),
     ("control_rate", "computations of the control modes per step; 0: 1 for rotors, else 4"),
     ("substeps", "integrator steps per computation"),
-    ("integrator", "runge_kutta4, semi_implicit"),
+    ("integrator", "rk4, semi_implicit"),
     ("observation", "transforms: history, noise, normalise, privileged"),
     ("randomise", "what differs between episodes"),
     ("difficulty", "share of it, 0 to 1: where a curriculum begins"),
@@ -237,15 +346,46 @@ const SCALES: &[(&str, &str)] = &[
     ("tilt", "roll and pitch in the level attitude, rad"),
 ];
 
+/// A run's configuration as a file with comments, which `train --config` reads back to the same run.
+pub fn run_file(entry: &Entry, config: &TrainConfig) -> Result<String> {
+    let text = config.to_toml()?;
+    let env = entry.env(&EnvConfig { n_env: 1, ..config.env.clone() })?;
+    let of_env = KEYS.iter().chain(SCALES);
+    let meaning = |table: &str, key: &str| match table {
+        "env.task" => Some(env.sheet().settings.iter().find(|s| s.key == key)?.meaning.to_string()),
+        "env" | "env.action_scale" => Some(of_env.clone().find(|(own, _)| *own == key)?.1.to_string()),
+        _ => TrainConfig::meaning(table, key),
+    };
+    let (mut table, mut lines) = (String::new(), Vec::new());
+    for line in text.lines() {
+        if let Some(name) = line.strip_prefix('[') {
+            table = name.trim_matches(['[', ']']).to_string();
+        }
+        let key = line.split_once(" = ").map(|(key, _)| key);
+        lines.push((line.to_string(), key.and_then(|key| meaning(&table, key)).unwrap_or_default()));
+    }
+    Ok(commented(&format!("# {}: {}. Any line may be left out.\n", entry.name, entry.description), &lines))
+}
+
+/// Lines with remarks in one column.
+fn commented(head: &str, lines: &[(String, String)]) -> String {
+    let width = lines.iter().filter(|(_, m)| !m.is_empty()).map(|(l, _)| l.chars().count()).filter(|n| *n < 46).max();
+    let width = width.unwrap_or(0);
+    let mut text = head.to_string();
+    for (line, meaning) in lines {
+        let remark = if meaning.is_empty() { String::new() } else { format!("  # {meaning}") };
+        text += format!("{line:<width$}{remark}").trim_end();
+        text.push('\n');
+    }
+    text
+}
+
 /// A configuration as a file with comments, which [`EnvConfig::from_toml`] reads back; `own` is the task's environment.
 pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
-    let plain = |e: toml::ser::Error| Error::value("configuration", e, "what TOML can hold", "Lower seed or limit.");
     let defaults = entry.default_config()?;
     let mut whole = config.clone();
-    if whole.randomise.is_empty() {
-        whole.randomise = defaults.randomise;
-    }
-    let table = toml::Table::try_from(&whole).map_err(plain)?;
+    whole.randomise = whole.randomise.or(defaults.randomise).or(Some(Vec::new()));
+    let table = toml::Table::try_from(&whole).map_err(unwritable)?;
     let mut lines: Vec<(String, &str)> = Vec::new();
     for (key, meaning) in KEYS.iter().copied() {
         match table.get(key) {
@@ -271,15 +411,8 @@ pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
         let value = own.map_or_else(|| setting.default.clone(), toml::Value::to_string);
         lines.push((format!("{} = {value}", setting.key), setting.meaning));
     }
-    let width = lines.iter().filter(|(_, m)| !m.is_empty()).map(|(l, _)| l.chars().count()).filter(|n| *n < 46).max();
-    let width = width.unwrap_or(0);
-    let mut text = format!("# {}: {}. Any line may be left out.\n", entry.name, entry.description);
-    for (line, meaning) in lines {
-        let remark = if meaning.is_empty() { String::new() } else { format!("  # {meaning}") };
-        text += format!("{line:<width$}{remark}").trim_end();
-        text.push('\n');
-    }
-    Ok(text)
+    let lines: Vec<(String, String)> = lines.into_iter().map(|(line, meaning)| (line, meaning.to_string())).collect();
+    Ok(commented(&format!("# {}: {}. Any line may be left out.\n", entry.name, entry.description), &lines))
 }
 
 #[cfg(test)]
@@ -298,7 +431,7 @@ mod tests {
             assert_eq!(again.spec().hash(), env.spec().hash(), "{text}");
             assert_eq!(again.spec().privileged, env.spec().privileged, "{text}");
             assert_eq!(again.spec().horizon, env.spec().horizon, "{text}");
-            assert_eq!(EnvConfig { task: toml::Table::new(), randomise: Vec::new(), ..read }, config, "{text}");
+            assert_eq!(EnvConfig { task: toml::Table::new(), randomise: None, ..read }, config, "{text}");
             let keys = toml::Table::try_from(&config).unwrap();
             assert!(keys.keys().all(|key| key == "task" || KEYS.iter().any(|(k, _)| k == key)), "{keys:?}");
         }

@@ -1,14 +1,15 @@
 //! `omnidrones eval`: a trained policy from held-out starts, as figures, tables and files.
 
-use super::arguments::FormatName;
+use super::arguments::{self, OutputArguments, ThreadArguments};
 use super::environment::EnvArguments;
-use super::rollout::{Flown, SUCCESS, check_horizon};
+use super::rollout::{Commands, Flown, SUCCESS, check_horizon};
 use super::rollout_files::{self as out, LINES};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
-use omnidrones::rl::saved::{RUN, Saved, load_policy};
+use omnidrones::rl::saved::{Saved, load_policy};
 use omnidrones::rl::{Starts, exam};
+use omnidrones::tasks::registry;
 use omnidrones::tasks::{Env, EnvConfig, Record, Watched, evaluate};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -41,50 +42,38 @@ Exit codes: 0 flown; 2 unusable input or arguments.";
 /// Arguments of `eval`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = format!("{EXAMPLES}\n\n{SUCCESS}\n\n{FILES}"))]
+#[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: RUN/eval]")))]
 pub struct Arguments {
     /// Folder of a run, or of one of its checkpoints
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// Environments, one episode each [default: as in training, 1024]
-    #[arg(long, value_name = "N")]
+    #[arg(long, alias = "environments", value_name = "N")]
     envs: Option<usize>,
-    /// Threads; the results do not depend on it [default: all cores]
-    #[arg(long, value_name = "N")]
-    threads: Option<usize>,
+    #[command(flatten)]
+    threads: ThreadArguments,
     #[command(flatten)]
     environment: EnvArguments,
-    /// Folder for what is written [default: RUN/eval]
-    #[arg(long, value_name = "DIR", help_heading = "Output")]
-    out: Option<PathBuf>,
-    /// File type of the plot
-    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
-    format: FormatName,
-    /// Draw nothing
-    #[arg(long, help_heading = "Output")]
-    no_plots: bool,
+    #[command(flatten)]
+    output: OutputArguments,
     /// Write every step and every episode as CSV
     #[arg(long, help_heading = "Output")]
     csv: bool,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    json: bool,
 }
 
 /// Flies.
 pub fn run(a: &Arguments) -> Result<Report> {
-    let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
+    let threads = a.threads.threads()?;
     let mut ready = Ready::new(&a.run, &a.environment, a.envs, &threads)?;
-    let folder = a.out.clone().unwrap_or_else(|| a.run.join("eval"));
-    if a.csv || !a.no_plots {
-        files::prepare_folder(&folder)?;
-    }
-    let bar = progress::bar(ready.env.spec().horizon as u64, "flying", a.json);
+    let writes = a.csv || !a.output.no_plots;
+    let folder = if writes { a.output.folder(a.run.join("eval"))? } else { PathBuf::new() };
+    let bar = progress::bar(ready.env.spec().horizon as u64, "flying", a.output.json);
     let flown = ready.fly(&mut |watched| bar.set_position(watched.step as u64))?;
     bar.finish_and_clear();
     let mut written = Vec::new();
-    if !a.no_plots {
-        let path = folder.join(format!("eval.{}", a.format.extension()));
-        let spinner = progress::spinner("drawing", a.json);
+    if !a.output.no_plots {
+        let path = folder.join(format!("eval.{}", a.output.format.extension()));
+        let spinner = progress::spinner("drawing", a.output.json);
         out::draw(&flown, &path)?;
         spinner.finish_and_clear();
         written.push(path);
@@ -92,7 +81,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if a.csv {
         written.extend(out::write_csv(&flown.record, &folder)?);
     }
-    if a.json {
+    if a.output.json {
         return Ok(Report::json(&flown.json("eval", &ready.saved.manifest.algorithm, &written), true));
     }
     Ok(Report::done(flown.page(&written)))
@@ -104,8 +93,8 @@ const MAX_NAMED: usize = 5;
 /// The refusal of a folder that is no run with the runs there are; any other error as it is.
 fn with_runs(error: Error) -> Error {
     match error {
-        Error::Value { what, value, limit, remedy } if what == RUN => {
-            Error::Value { what, value, limit, remedy: format!("{remedy} {}", known_runs()) }
+        Error::NoRun { path, lacks, remedy } => {
+            Error::NoRun { path, lacks, remedy: format!("{remedy} {}", known_runs()) }
         }
         other => other,
     }
@@ -136,7 +125,7 @@ impl Ready {
             seed: saved.config.evaluate.seed,
             ..saved.config.seen_env()
         };
-        let config = options.config(&usual)?;
+        let config = options.config(&usual, registry::by_name(&saved.manifest.task).ok())?;
         saved.check(&config)?;
         let starts = Starts { n_env: envs.unwrap_or(config.n_env), seed: config.seed };
         let env = exam(&saved.policy, &saved.manifest.task, &config, starts, threads)?;
@@ -149,20 +138,22 @@ impl Ready {
     pub fn fly(&mut self, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
         let (manifest, policy) = (&self.saved.manifest, &mut self.saved.policy);
         let mut record = Record::new(&self.env, LINES);
-        let begun = Instant::now();
+        let (begun, commands) = (Instant::now(), Commands::new(&self.env));
         let mut see = |watched: &Watched<'_>| {
             record.see(watched);
+            commands.see(watched);
             watch(watched);
         };
         let act = &mut |_: &Env, out: &omnidrones::tasks::Buffers, actions: &mut [f32]| {
             policy.act(&out.observation, actions);
         };
-        let evaluation = evaluate(&mut self.env, act, &mut see)?;
+        let evaluation = evaluate(&mut self.env, &mut commands.of(act), &mut see)?;
         let controller = format!("a policy ({}, update {})", manifest.algorithm, manifest.update);
         let unflown =
             self.saved.skipped.first().map(|first| {
                 format!("an older checkpoint flew: {} is damaged ({})", first.folder.display(), first.why)
             });
-        Ok(Flown { record, controller, evaluation, unflown, wall_time: begun.elapsed().as_secs_f64() })
+        let commands = commands.told();
+        Ok(Flown { record, controller, evaluation, commands, unflown, wall_time: begun.elapsed().as_secs_f64() })
     }
 }

@@ -2,6 +2,7 @@
 
 use omnidrones::error::{Error, Result};
 use omnidrones::internals::replace_with;
+use omnidrones::rl::checkpoint::Store;
 use serde::de::DeserializeOwned;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -78,8 +79,78 @@ pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T> {
     toml::from_str(&text).map_err(|error| Error::of_toml(&error, &text, &path.display().to_string()))
 }
 
-/// Makes `folder` and tries to write into it, so that a flight is not flown in vain.
+/// What marks a folder as made by a command: what commands write there may be replaced.
+const MARK: &str = ".omnidrones";
+
+/// Whether what is in a folder came from a command: it bears the mark, or holds runs.
+fn is_ours(folder: &Path) -> bool {
+    folder.join(MARK).is_file() || folder.join("checkpoints").is_dir() || !runs(folder).is_empty()
+}
+
+/// [`prepare`] without force.
 pub fn prepare_folder(folder: &Path) -> Result<()> {
+    prepare(folder, false)
+}
+
+/// Makes and marks `folder` for output, and tries to write into it, so that a flight is not flown in vain. One that holds
+/// files of others is refused unless `force`: it then stays without the mark.
+pub fn prepare(folder: &Path, force: bool) -> Result<()> {
+    let first = std::fs::read_dir(folder).ok().and_then(|mut entries| entries.next()?.ok());
+    let Some(first) = first.filter(|_| !is_ours(folder)) else {
+        make_folder(folder)?;
+        return std::fs::write(folder.join(MARK), "Output of omnidrones: commands replace what they wrote here.\n")
+            .map_err(|e| Error::file(folder.join(MARK), e));
+    };
+    if force {
+        return make_folder(folder);
+    }
+    Err(Error::value(
+        "output folder",
+        format!("'{}', which holds other files ({}, …)", folder.display(), first.file_name().to_string_lossy()),
+        "new, empty or made by omnidrones",
+        "Name another one with --out, or add --force to replace files of the same names.",
+    ))
+}
+
+/// Removes what a run keeps in its folder, so that another begins there; refused while a process writes to it.
+pub fn remove_run(folder: &Path) -> Result<()> {
+    if folder.join("checkpoints").is_dir() {
+        drop(Store::open_to_write(folder, 2)?);
+        std::fs::remove_dir_all(folder.join("checkpoints")).map_err(|e| Error::file(folder, e))?;
+    }
+    for name in ["config.toml", "log.jsonl", "curve.csv", "result.json"] {
+        let path = folder.join(name);
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(Error::file(path, error)),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a file that exists, but for one in a folder that a command made, unless `force`.
+pub fn check_new(path: &Path, force: bool) -> Result<()> {
+    let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    // a device or pipe is written to, not replaced
+    let device = path.metadata().is_ok_and(|about| !about.is_file());
+    if force || device || is_ours(parent) || path.symlink_metadata().is_err() {
+        return Ok(());
+    }
+    Err(Error::value(
+        "output file",
+        format!("'{}', which exists", path.display()),
+        "a new file",
+        "Add --force to overwrite it, or name another place.",
+    ))
+}
+
+/// Makes the folder of a file.
+pub fn make_parent(path: &Path) -> Result<()> {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).map_or(Ok(()), make_folder)
+}
+
+/// Makes `folder` and tries to write into it.
+fn make_folder(folder: &Path) -> Result<()> {
     let refused = |e: std::io::Error| {
         Error::value(
             "output folder",
@@ -97,22 +168,13 @@ pub fn prepare_folder(folder: &Path) -> Result<()> {
 /// Writes `text`, whole or not at all; an existing file is kept unless `force`. A link stays one and what it points to
 /// is written; where that does not exist, the file takes the place of the link.
 pub fn write_new(path: &Path, text: &str, force: bool) -> Result<()> {
-    if !force && path.symlink_metadata().is_ok() {
-        return Err(Error::value(
-            "output file",
-            format!("'{}', which exists", path.display()),
-            "a new file",
-            "Add --force to overwrite it, or name another place.",
-        ));
-    }
+    check_new(path, force)?;
     let write = |to: &Path| std::fs::write(to, text).map_err(|e| Error::file(path, e));
     // a device or pipe must not be replaced by a file
     if path.metadata().is_ok_and(|about| !about.is_file()) {
         return write(path);
     }
-    if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-        prepare_folder(parent)?;
-    }
+    make_parent(path)?;
     replace_with(&path.canonicalize().unwrap_or(path.to_path_buf()), write)
 }
 

@@ -102,7 +102,11 @@ Examples:
 
 'omnidrones COMMAND --help' tells each command's options, files and units.
 
-Exit codes: 0 done; 1 ran, but the flight or the tuning failed; 2 unusable input or arguments.";
+Output: a folder must be new, empty or made by omnidrones, which then replaces its earlier output there; a file that \
+exists elsewhere is kept. --force writes into a folder of other files, or over a file. A training run is replaced with \
+--force alone; --resume goes on with it.
+
+Exit codes: 0 done; 1 ran, but the flight, the tuning or a training failed; 2 unusable input or arguments.";
 
 #[derive(Debug, Parser)]
 #[command(name = "omnidrones", version, about = "A differentiable multirotor simulator", long_about = LONG_ABOUT,
@@ -160,9 +164,12 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
-            // help and version come this way too, with code 0
-            let _ = error.print();
-            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+            // help and version come this way too, with code 0; a disk that is full is a failure of theirs too
+            let told = error.print().and_then(|()| std::io::stdout().flush());
+            return match told {
+                Err(refused) if refused.kind() != ErrorKind::BrokenPipe => fail(&format!("standard output: {refused}")),
+                _ => ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2)),
+            };
         }
     };
     let outcome = match &cli.command {
@@ -196,6 +203,6 @@ fn print(report: &Report) -> ExitCode {
 }
 
 fn fail(message: &str) -> ExitCode {
-    let _ = writeln!(std::io::stderr(), "error: {message}");
+    let _ = writeln!(std::io::stderr(), "error: {}", page::shown(message));
     ExitCode::from(2)
 }

@@ -41,6 +41,7 @@ impl Page {
     /// A title, with a remark beside it.
     pub fn title(&mut self, name: &str, remark: &str) -> &mut Self {
         let (on, off) = self.code("1");
+        let (name, remark) = (shown(name), shown(remark));
         let _ = writeln!(self.text, "{on}{name}{off}{}{remark}", if remark.is_empty() { "" } else { " · " });
         self
     }
@@ -54,7 +55,7 @@ impl Page {
 
     /// One line.
     pub fn line(&mut self, text: impl AsRef<str>) -> &mut Self {
-        let _ = writeln!(self.text, "{}", text.as_ref());
+        let _ = writeln!(self.text, "{}", shown(text.as_ref()));
         self
     }
 
@@ -64,8 +65,8 @@ impl Page {
         let (names, values) = (width(|f| &f.name), width(|f| &f.value));
         let (on, off) = self.code("2");
         for fact in facts {
-            let line = format!("  {:<names$}  {:<values$}", fact.name, fact.value);
-            let note = if fact.note.is_empty() { String::new() } else { format!("   {on}{}{off}", fact.note) };
+            let line = format!("  {:<names$}  {:<values$}", shown(&fact.name), shown(&fact.value));
+            let note = if fact.note.is_empty() { String::new() } else { format!("   {on}{}{off}", shown(&fact.note)) };
             let _ = writeln!(self.text, "{}{note}", if note.is_empty() { line.trim_end() } else { &line });
         }
         self
@@ -81,7 +82,7 @@ impl Page {
     pub fn notes(&mut self, word: &str, texts: &[String], most: usize, more: &str) -> &mut Self {
         let (on, off) = self.code("33");
         for text in texts.iter().take(most) {
-            let _ = writeln!(self.text, "  {on}{word}{off} {text}");
+            let _ = writeln!(self.text, "  {on}{word}{off} {}", shown(text));
         }
         if texts.len() > most {
             let _ = writeln!(self.text, "  {on}{word}{off} … and {} more: {more}", texts.len() - most);
@@ -97,6 +98,19 @@ impl Page {
     fn code(&self, code: &str) -> (String, &'static str) {
         if self.styled { (format!("\u{1b}[{code}m"), "\u{1b}[0m") } else { (String::new(), "") }
     }
+}
+
+/// Longest text shown at one place, characters.
+const LONGEST: usize = 4000;
+
+/// A text without what steers a terminal, and not endless: names come from files of anybody.
+pub fn shown(text: &str) -> String {
+    let plain = |c: char| if c.is_control() && c != '\n' { '·' } else { c };
+    let mut out: String = text.chars().take(LONGEST).map(plain).collect();
+    if text.chars().nth(LONGEST).is_some() {
+        out.push('…');
+    }
+    out
 }
 
 /// `v` to `digits` significant digits: plain from 0.001 to 99999, else with an exponent; a dash where not finite.
@@ -141,6 +155,12 @@ pub fn duration(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_name_cannot_steer_a_terminal_and_is_not_endless() {
+        assert_eq!(shown("a\u{1b}[31mb\u{7}"), "a·[31mb·");
+        assert_eq!(shown(&"x".repeat(400_000)).chars().count(), LONGEST + 1);
+    }
 
     #[test]
     fn numbers_keep_their_significant_digits_and_no_more() {

@@ -1,9 +1,9 @@
 //! `omnidrones rollout`: the episodes of a task under a controller, as figures, tables and files.
 
-use super::arguments::FormatName;
+use super::arguments::{self, OutputArguments, ThreadArguments};
 use super::environment::EnvArguments;
 use super::page::{Fact, Page, duration, short};
-use super::rollout_files::{self as out, LINES, percent};
+use super::rollout_files::{self as out, LINES, percent, share_of};
 use super::table::{Align, Table};
 use super::{Report, files, progress, rollout_all};
 use clap::ValueEnum;
@@ -13,6 +13,7 @@ use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::sheet::DIVERGED;
 use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spread, Watched, evaluate};
 use serde_json::{Value, json};
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -32,7 +33,7 @@ Examples:
   omnidrones rollout Hover --randomise mass:0.7:1.3    of another mass in every episode
   omnidrones rollout --all                             one line per task
 
-Controllers: pd is the cascade (position, velocity, attitude, rate) for a drone alone, and for systems of bodies the \
+Controllers: default is the cascade (position, velocity, attitude, rate) for a drone alone, and for systems of bodies the \
 controller that 'omnidrones fly' takes; it sees the true state and acts on the rotors. random draws every command \
 uniformly in every step.
 
@@ -53,6 +54,7 @@ const MAX_STEPS: usize = 100_000;
 /// Arguments of `rollout`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: out/TASK, out/tasks with --all]")))]
 pub struct Arguments {
     /// A task ('omnidrones tasks')
     #[arg(value_name = "TASK", required_unless_present = "all", conflicts_with = "all")]
@@ -61,38 +63,28 @@ pub struct Arguments {
     #[arg(long)]
     all: bool,
     /// Who commands it
-    #[arg(long, value_name = "NAME", default_value = "pd")]
+    #[arg(long, value_name = "NAME", default_value = "default")]
     pub(super) controller: ControllerName,
     /// Environments, one episode each [default: 256; 32 of each task with --all]
     #[arg(long, alias = "environments", value_name = "N")]
     envs: Option<usize>,
-    /// Threads that step the environments; the results do not depend on it [default: all cores]
-    #[arg(long, value_name = "N")]
-    threads: Option<usize>,
+    #[command(flatten)]
+    threads: ThreadArguments,
     #[command(flatten)]
     environment: EnvArguments,
-    /// Folder for what is written [default: out/TASK, out/tasks with --all]
-    #[arg(long, value_name = "DIR", help_heading = "Output")]
-    pub(super) out: Option<PathBuf>,
-    /// File type of the plots
-    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
-    pub(super) format: FormatName,
-    /// Draw nothing
-    #[arg(long, help_heading = "Output")]
-    pub(super) no_plots: bool,
+    #[command(flatten)]
+    pub(super) output: OutputArguments,
     /// Write every step and every episode as CSV
     #[arg(long, conflicts_with = "all", help_heading = "Output")]
     csv: bool,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    pub(super) json: bool,
 }
 
 /// Names of controllers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ControllerName {
     /// The controller of this crate that suits what flies
-    Pd,
+    #[value(alias = "pd")]
+    Default,
     /// Every command drawn uniformly in every step
     Random,
 }
@@ -100,7 +92,7 @@ pub enum ControllerName {
 impl ControllerName {
     pub(super) fn name(self) -> &'static str {
         match self {
-            Self::Pd => "pd",
+            Self::Default => "default",
             Self::Random => "random",
         }
     }
@@ -125,6 +117,8 @@ pub struct Flown {
     /// `cascade`, `random`.
     pub controller: String,
     pub evaluation: Evaluation,
+    /// Step by step, of every command of one agent.
+    pub commands: Vec<Vec<Spread>>,
     /// How many episodes no controller could be made for, and why.
     pub(super) unflown: Option<String>,
     pub(super) wall_time: f64,
@@ -133,16 +127,60 @@ pub struct Flown {
 /// Flies.
 pub fn run(a: &Arguments) -> Result<Report> {
     let usual = EnvConfig { n_env: if a.all { 32 } else { 256 }, ..EnvConfig::default() };
-    let config = a.environment.config(&usual)?;
+    let entry = a.task.as_deref().map(registry::by_name).transpose()?;
+    let config = a.environment.config(&usual, entry)?;
     let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: a.envs.unwrap_or(config.n_env), ..config };
     if !(1..=MAX_EPISODES).contains(&config.n_env) {
         let limit = format!("1 to {MAX_EPISODES}");
         return Err(Error::limit("n_env", config.n_env, limit, "256 episodes tell a mean return to a few percent."));
     }
-    let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
-    match &a.task {
-        Some(name) => one(a, registry::by_name(name)?, &config, &threads),
+    let threads = a.threads.threads()?;
+    match entry {
+        Some(entry) => one(a, entry, &config, &threads),
         None => rollout_all::run(a, &config, &threads),
+    }
+}
+
+/// Watches what is commanded: the actions of a step are gone when it is over.
+pub struct Commands {
+    n_command: usize,
+    given: RefCell<Vec<f32>>,
+    steps: RefCell<Vec<Vec<Spread>>>,
+}
+
+impl Commands {
+    pub fn new(env: &Env) -> Self {
+        let n_command = env.spec().action.len();
+        Self { n_command, given: RefCell::default(), steps: RefCell::default() }
+    }
+
+    /// The policy, watched.
+    pub fn of<'a>(
+        &'a self,
+        policy: &'a mut dyn FnMut(&Env, &Buffers, &mut [f32]),
+    ) -> impl FnMut(&Env, &Buffers, &mut [f32]) + 'a {
+        move |env, out, actions| {
+            policy(env, out, actions);
+            let mut given = self.given.borrow_mut();
+            given.clear();
+            given.extend_from_slice(actions);
+        }
+    }
+
+    /// Takes a step in: its commands over all agents whose episode it belonged to.
+    pub fn see(&self, watched: &Watched<'_>) {
+        let given = self.given.borrow();
+        let agents = given.chunks_exact(self.n_command.max(1));
+        let each = (agents.len() / watched.flying.len().max(1)).max(1);
+        let flying: Vec<&[f32]> =
+            agents.enumerate().filter(|(k, _)| watched.flying[k / each]).map(|(_, a)| a).collect();
+        let spread = |k: usize| Spread::of(&mut flying.iter().map(|a| a[k]).collect::<Vec<f32>>());
+        self.steps.borrow_mut().push((0..self.n_command).map(spread).collect());
+    }
+
+    /// Step by step.
+    pub fn told(self) -> Vec<Vec<Spread>> {
+        self.steps.into_inner()
     }
 }
 
@@ -179,7 +217,7 @@ impl Ready {
         check_horizon(&env)?;
         env.set_threads(threads.clone());
         let baseline = match controller {
-            ControllerName::Pd => Some(Baseline::new(&env)?),
+            ControllerName::Default => Some(Baseline::new(&env)?),
             ControllerName::Random => None,
         };
         Ok(Self { env, baseline })
@@ -189,8 +227,10 @@ impl Ready {
     pub(super) fn fly(mut self, step: &mut dyn FnMut(usize)) -> Result<Flown> {
         let mut record = Record::new(&self.env, LINES);
         let (seed, start) = (self.env.spec().config.seed, Instant::now());
+        let commands = Commands::new(&self.env);
         let mut watch = |watched: &Watched<'_>| {
             record.see(watched);
+            commands.see(watched);
             step(watched.step);
         };
         let mut steps = 0;
@@ -199,31 +239,33 @@ impl Ready {
             steps += 1;
         };
         let (controller, evaluation) = match &mut self.baseline {
-            Some(own) => (own.name().to_string(), evaluate(&mut self.env, &mut own.policy(), &mut watch)?),
-            None => ("random".into(), evaluate(&mut self.env, &mut random, &mut watch)?),
+            Some(own) => {
+                let name = own.name().to_string();
+                (name, evaluate(&mut self.env, &mut commands.of(&mut own.policy()), &mut watch)?)
+            }
+            None => ("random".into(), evaluate(&mut self.env, &mut commands.of(&mut random), &mut watch)?),
         };
+        let commands = commands.told();
         let unflown = self.baseline.as_ref().and_then(|own| {
             let (_, first) = own.failures().first()?;
             Some(format!("{} of the episodes could not be flown, the first because: {first}", own.failures().len()))
         });
-        Ok(Flown { record, controller, evaluation, unflown, wall_time: start.elapsed().as_secs_f64() })
+        Ok(Flown { record, controller, evaluation, commands, unflown, wall_time: start.elapsed().as_secs_f64() })
     }
 }
 
 fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> Result<Report> {
     // before any folder is made
     let ready = Ready::new(entry, config, threads, a.controller)?;
-    let folder = a.out.clone().unwrap_or_else(|| Path::new("out").join(entry.name));
-    if a.csv || !a.no_plots {
-        files::prepare_folder(&folder)?;
-    }
-    let bar = progress::bar(ready.env.spec().horizon as u64, "flying", a.json);
+    let writes = a.csv || !a.output.no_plots;
+    let folder = if writes { a.output.folder(Path::new("out").join(entry.name))? } else { PathBuf::new() };
+    let bar = progress::bar(ready.env.spec().horizon as u64, "flying", a.output.json);
     let flown = ready.fly(&mut |k| bar.set_position(k as u64))?;
     bar.finish_and_clear();
     let mut written = Vec::new();
-    if !a.no_plots {
-        let path = folder.join(format!("rollout.{}", a.format.extension()));
-        let spinner = progress::spinner("drawing", a.json);
+    if !a.output.no_plots {
+        let path = folder.join(format!("rollout.{}", a.output.format.extension()));
+        let spinner = progress::spinner("drawing", a.output.json);
         out::draw(&flown, &path)?;
         spinner.finish_and_clear();
         written.push(path);
@@ -231,7 +273,7 @@ fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> R
     if a.csv {
         written.extend(out::write_csv(&flown.record, &folder)?);
     }
-    if a.json {
+    if a.output.json {
         return Ok(Report::json(&flown.json("rollout", a.controller.name(), &written), true));
     }
     Ok(Report::done(flown.page(&written)))
@@ -256,7 +298,7 @@ impl Flown {
             format!("return {} ± {}", short(e.return_mean, 4), short(e.return_std, 3)),
             format!("{} of the bound", percent(e.share_of_bound)),
             format!("success {}", percent(e.success)),
-            format!("crashed {}", percent(e.crashed)),
+            format!("crashed {}", share_of(e.crashed, record.spec().n_env)),
         ];
         if let Some((_, unit, last)) = self.final_spreads().next() {
             let name = error.name.replace('_', " ");
@@ -305,7 +347,7 @@ impl Flown {
                 spec.horizon
             )),
             Fact::new("success", percent(e.success)).note("of the episodes; what counts stands below"),
-            Fact::new("crashed", percent(e.crashed)).note("ended before their time"),
+            Fact::new("crashed", share_of(e.crashed, spec.n_env)).note("ended before their time"),
             Fact::new("length", format!("{} steps", short(e.length, 4))).note(format!(
                 "{} of {} s",
                 short(e.length * spec.dt, 3),
@@ -324,7 +366,7 @@ impl Flown {
         let mut table = Table::new(&[("reason", Align::Left), ("episodes", Align::Right), ("when", Align::Left)]);
         let conditions = spec.ends.iter().map(|end| (end.name, end.condition.as_str()));
         for ((name, condition), share) in conditions.chain([DIVERGED]).zip(&e.ends) {
-            table.row([name, &percent(*share), condition]);
+            table.row([name, &share_of(*share, spec.n_env), condition]);
         }
         table.row(["time", &percent(1.0 - e.crashed), &format!("{} steps are over", spec.horizon)]);
         table

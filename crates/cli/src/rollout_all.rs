@@ -22,11 +22,9 @@ pub struct Line {
 
 /// Flies every task.
 pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Report> {
-    let folder = a.out.clone().unwrap_or_else(|| Path::new("out").join("tasks"));
-    if !a.no_plots {
-        files::prepare_folder(&folder)?;
-    }
-    let bar = progress::bar(REGISTRY.len() as u64, "", a.json);
+    let writes = !a.output.no_plots;
+    let folder = if writes { a.output.folder(Path::new("out").join("tasks"))? } else { PathBuf::new() };
+    let bar = progress::bar(REGISTRY.len() as u64, "", a.output.json);
     let mut lines = Vec::new();
     for entry in REGISTRY {
         bar.set_message(format!("flying {}", entry.name));
@@ -39,16 +37,16 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
         return Err(Error::value("number of tasks flown", format!("0 ({reason})"), "1 or more", remedy));
     }
     let mut written = Vec::new();
-    if !a.no_plots {
-        let path = folder.join(format!("tasks.{}", a.format.extension()));
+    if writes {
+        let path = folder.join(format!("tasks.{}", a.output.format.extension()));
         let title = match a.controller {
-            ControllerName::Pd => "The benchmark tasks under our controllers",
+            ControllerName::Default => "The benchmark tasks under our controllers",
             ControllerName::Random => "The benchmark tasks under random actions",
         };
         out::draw_all(&lines, title, &path)?;
         written.push(path);
     }
-    if a.json {
+    if a.output.json {
         let tasks: Vec<Value> = lines.iter().map(Line::json).collect();
         let value = json!({
             "command": "rollout",

@@ -5,7 +5,7 @@ use super::page::short;
 use super::rollout::Flown;
 use super::rollout_all::Line;
 use omnidrones::error::{Error, Result};
-use omnidrones::tasks::{Record, Recorded};
+use omnidrones::tasks::{ActionSpace, Record, Recorded, Spread, registry};
 use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
 use std::path::{Path, PathBuf};
 
@@ -20,19 +20,20 @@ const ENOUGH: f64 = 0.1;
 pub fn draw(flown: &Flown, path: &Path) -> Result<()> {
     let record = &flown.record;
     let height = if record.steps.iter().any(|s| s.n_flying < record.spec().n_env) { 0.45 } else { 0.0 };
-    let mut rows = vec![1.15, 1.0];
+    let mut rows = vec![1.15, 1.0, 0.8];
     if height > 0.0 {
         rows.insert(1, height);
     }
-    let last = rows.len() - 1;
+    let last = rows.len() - 2;
     let mut figure =
         Figure::new(format!("{}: {} episodes, flown by {}", flown.task(), record.spec().n_env, flown.controller))
             .subtitle(flown.headline())
-            .size(1000.0, 560.0 + 300.0 * height)
+            .size(1000.0, 760.0 + 300.0 * height)
             .grid(&[1.0, 1.0], &rows)
             .place((0, 0), (2, 1), error(record))
             .place((0, last), (1, 1), returns(record))
-            .place((1, last), (1, 1), reward(record));
+            .place((1, last), (1, 1), reward(record))
+            .place((0, last + 1), (2, 1), commands(flown));
     if height > 0.0 {
         figure = figure.place((0, 1), (2, 1), flying(record));
     }
@@ -62,8 +63,45 @@ fn error(record: &Record) -> Panel {
         let name = if i == 0 { "single episodes" } else { "" };
         panel = panel.series(Series::line(name, points).colour(Colour::SKY).width(0.5));
     }
+    if let Some(limit) = limit(record) {
+        panel = panel.level(format!("limit of a success, {limit} {unit}"), limit, Colour::GREEN);
+    }
     whole_time(panel.series(Series::line("median", median).colour(Colour::BLUE).width(2.0)), record)
 }
+
+/// The limit that a task's success sets on its first metric, if it sets one.
+fn limit(record: &Record) -> Option<f64> {
+    let spec = record.spec();
+    let said = registry::by_name(&spec.task).ok()?.success();
+    let of = format!("{} < ", spec.info[record.first_metric()].name);
+    said.split_once(&of)?.1.split(' ').next()?.parse().ok()
+}
+
+/// Median of every command over the agents, with the room from 10 to 90 % of them where they are few.
+fn commands(flown: &Flown) -> Panel {
+    let (record, names) = (&flown.record, &flown.record.spec().commands);
+    let n = flown.commands.first().map_or(0, Vec::len);
+    let mut panel = Panel::new("Commands, median over the episodes that go on", "time [s]", "command [-]");
+    let line = |k: usize, of: fn(&Spread) -> f64| {
+        let steps = record.steps.iter().zip(&flown.commands);
+        steps.map(|(s, spreads)| (s.time, of(&spreads[k]))).collect::<Vec<(f64, f64)>>()
+    };
+    for k in 0..n {
+        let (low, high) = (line(k, |s| s.low), line(k, |s| s.high));
+        if n <= FEW {
+            let room = low.into_iter().zip(high).map(|((t, lo), (_, hi))| (t, lo, hi)).collect();
+            panel = panel.ribbon("", room, Colour::nth(k));
+        }
+        let name = if n == names.len() && n <= NAMED { names[k].as_str() } else { "" };
+        panel = panel.series(Series::line(name, line(k, |s| s.median)).colour(Colour::nth(k)).width(1.2));
+    }
+    let continuous = record.spec().config.actions == ActionSpace::Continuous;
+    whole_time(if continuous { panel.y_range(-1.05, 1.05) } else { panel }, record)
+}
+
+/// Up to so many commands have their spread drawn, and up to so many a name.
+const FEW: usize = 2;
+const NAMED: usize = 12;
 
 /// Steps that enough episodes share.
 fn crowded(record: &Record) -> impl Iterator<Item = &Recorded> {
@@ -125,6 +163,12 @@ pub fn draw_all(lines: &[Line], title: &str, path: &Path) -> Result<()> {
 /// Share of crashes that colours a bar.
 const CRASHES: f64 = 0.05;
 
+/// The share of `n` as people say it: a count where it is a few of many, `1 of 1024`.
+pub fn share_of(share: f64, n: usize) -> String {
+    let count = (share * n as f64).round();
+    if count > 0.0 && share < 0.01 { format!("{count} of {n}") } else { percent(share) }
+}
+
 /// `97 %`.
 pub fn percent(share: f64) -> String {
     format!("{} %", short(100.0 * share, 3))
@@ -176,4 +220,14 @@ fn write(path: &Path, header: Vec<String>, rows: impl Iterator<Item = Vec<String
     }
     let bytes = text.into_inner().map_err(|e| Error::file(path, std::io::Error::other(e.to_string())))?;
     files::write_new(path, &String::from_utf8_lossy(&bytes), true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_few_of_many_are_counted() {
+        assert_eq!([share_of(1.0 / 1024.0, 1024), share_of(0.0, 1024), share_of(0.5, 4)], ["1 of 1024", "0 %", "50 %"]);
+    }
 }

@@ -1,15 +1,15 @@
 //! `omnidrones show`: an articulated system as a tree, as tables, as JSON, as a drawing.
 
-use super::arguments::VehicleArguments;
+use super::Report;
+use super::arguments::{PlotArguments, VehicleArguments};
 use super::page::{Fact, Page, short};
 use super::rig::{self, Rig};
 use super::sheet::vector;
 use super::table::{Align, Table};
-use super::{Report, files};
 use omnidrones::dynamics::tree::{Body, Drive, Joint, Model, Motion, Multibody, center_of_mass};
 use omnidrones::dynamics::{GRAVITY, Physics, configurations, vehicles};
 use omnidrones::error::Result;
-use omnidrones_plot::{Format, model};
+use omnidrones_plot::model;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -36,36 +36,28 @@ Exit codes: 0 shown; 2 unusable input or arguments.";
 /// Arguments of `show`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("plot", |plot| plot.help("Draw it at rest into this file (.png or .svg)")))]
 pub struct Arguments {
     /// A configuration, a built-in vehicle, or a file FILE.toml or FILE.urdf; without it, the list
     #[arg(value_name = "CONFIG|VEHICLE|FILE")]
     named: Option<String>,
     #[command(flatten)]
     rotors: VehicleArguments,
-    /// Draw it at rest into this file (.png or .svg)
-    #[arg(long, visible_alias = "out", value_name = "FILE", requires = "named", help_heading = "Output")]
-    plot: Option<PathBuf>,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    json: bool,
+    #[command(flatten)]
+    output: PlotArguments,
 }
 
 /// Shows.
 pub fn run(a: &Arguments) -> Result<Report> {
-    let Some(named) = &a.named else { return list(a.json) };
-    if let Some(file) = &a.plot {
-        Format::of(file)?;
-    }
+    let Some(named) = &a.named else { return list(a.output.json) };
+    a.output.check()?;
     let rig = rig::load(named, &a.rotors)?;
     let system = Multibody::new(&rig.model, Physics::default())?;
-    if let Some(file) = &a.plot {
-        if let Some(folder) = file.parent().filter(|p| !p.as_os_str().is_empty()) {
-            files::prepare_folder(folder)?;
-        }
+    if let Some(file) = &a.output.plot {
         model::figure(&system, &system.rest_state()).subtitle(subtitle(&rig)).save(file)?;
     }
-    if a.json {
-        return Ok(Report::json(&as_json(&rig, &system, a.plot.as_ref()), true));
+    if a.output.json {
+        return Ok(Report::json(&as_json(&rig, &system, a.output.plot.as_ref()), true));
     }
     let mut page = Page::new();
     page.title(rig.model.name(), &rig.origin);
@@ -75,7 +67,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     page.heading("Tree").table(&tree(&rig.model));
     page.heading("Totals").facts(&totals(&rig.model, &system));
     tables(&mut page, &rig.model);
-    if let Some(file) = &a.plot {
+    if let Some(file) = &a.output.plot {
         page.heading("Written").line(format!("  {}", file.display()));
     }
     Ok(Report::done(page.finish()))

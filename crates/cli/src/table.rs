@@ -1,5 +1,6 @@
 //! Tables for people: aligned numbers, units in the header, bold headers on a terminal only.
 
+use super::page::shown;
 use comfy_table::{Attribute, Cell, CellAlignment, ContentArrangement, LineStyle, TableStyle};
 
 /// How a column is aligned.
@@ -28,6 +29,7 @@ impl Table {
     pub fn row<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
         let mut row: Vec<String> = cells.into_iter().map(Into::into).collect();
         row.resize(self.columns.len(), String::new());
+        row.iter_mut().for_each(|cell| *cell = shown(cell));
         self.rows.push(row);
         self
     }

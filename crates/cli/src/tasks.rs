@@ -8,6 +8,7 @@ use omnidrones::controllers::cascade::Level;
 use omnidrones::error::Result;
 use omnidrones::tasks::randomise::Action;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
+use omnidrones::tasks::rig::{DAMPING, MOTOR_TIME_CONSTANT};
 use omnidrones::tasks::sheet::DIVERGED;
 use omnidrones::tasks::sheet::{Slice, total};
 use omnidrones::tasks::{ActionSpace, Baseline, Env, EnvConfig, Space, Spec};
@@ -33,8 +34,8 @@ Sizes count numbers. Best reward is the largest of one step: the sum of all term
 keeps between steps, without the arrays that a step writes. An episode is a success if its last step meets what the page \
 calls so, or any step where the page says 'once', and nothing terminated it.
 
-The file of --toml is about environments: 'rollout', 'bench', 'eval' and 'watch' read it too. That of a training run is \
-another, from 'omnidrones train TASK --toml'.
+The file of --toml is about environments; that of 'omnidrones train TASK --toml' has the settings of training too. Every \
+command with --config reads both.
 
 JSON: 'spec' holds sizes, names, units and bounds of the environment; the list is under \"tasks\".
 
@@ -64,9 +65,10 @@ fn build(entry: &Entry, config: &EnvConfig) -> Result<Env> {
 
 /// Prints.
 pub fn run(a: &Arguments) -> Result<Report> {
-    let config = a.environment.config(&EnvConfig::default())?;
-    let Some(name) = &a.task else { return list(&config, a.json) };
-    let task = Described::of(registry::by_name(name)?, config)?;
+    let entry = a.task.as_deref().map(registry::by_name).transpose()?;
+    let config = a.environment.config(&EnvConfig::default(), entry)?;
+    let Some(entry) = entry else { return list(&config, a.json) };
+    let task = Described::of(entry, config)?;
     if a.toml {
         return Ok(Report::done(environment::file(task.entry, &task.env, &task.config)?));
     }
@@ -176,6 +178,7 @@ impl Described {
         };
         page.table(&self.meanings());
         page.heading("Observation").table(&slices(&spec.observation));
+        page.line("  Quaternions are [w, x, y, z], body → world.");
         if !spec.central.is_empty() {
             page.heading("Central state, for critics that see all").table(&slices(&spec.central));
         }
@@ -243,6 +246,10 @@ impl Described {
             Fact::new("control", spec.config.control.name()).note(format!("possible: {}", levels.join(", "))),
             Fact::new("observation", format!("{} numbers", spec.n_observation)).note("of each agent"),
         ];
+        facts.push(
+            Fact::new("its motors and drag", format!("lag {} ms, fades at {DAMPING} 1/s", 1e3 * MOTOR_TIME_CONSTANT))
+                .note("the benchmark's, in place of the vehicle's own; mass, inertia and rotors are its own"),
+        );
         if spec.n_central > 0 {
             facts.push(Fact::new("central state", format!("{} numbers", spec.n_central)));
         }
@@ -261,7 +268,7 @@ impl Described {
             facts.push(Fact::new("drawn", format!("{} numbers", spec.privileged.len())).note(what));
         }
         facts.push(match &self.controller {
-            Ok(name) => Fact::new("controller", name).note("--controller pd of 'omnidrones rollout'"),
+            Ok(name) => Fact::new("controller", name).note("'omnidrones rollout' flies it"),
             Err(_) => Fact::new("controller", "none").note("no reference says what this task wants"),
         });
         facts

@@ -1,16 +1,17 @@
 //! `omnidrones train`: a task, a policy from random weights, and what it came to.
 
-use super::arguments::FormatName;
-use super::environment::{LevelName, setting, usual_vehicle};
+use super::arguments::{self, OutputArguments};
+use super::environment::{self, EnvArguments, usual_vehicle};
 use super::page::{Fact, Page, duration, short};
 use super::rollout::{SUCCESS, success};
-use super::rollout_files::percent;
+use super::rollout_files::{percent, share_of};
 use super::table::{Align, Table};
 use super::train_plot::{self, Curves};
 use super::{Report, files, progress};
 use clap::ValueEnum;
 use omnidrones::controllers::cascade::Level;
 use omnidrones::error::{Error, Result};
+use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::trainer::{Outcome, Progress, Trainer};
 use omnidrones::rl::{Algorithm, Starts, TrainConfig, checkpoint};
@@ -33,6 +34,8 @@ Examples:
   omnidrones train Hover --vehicle crazyflie           on another drone
   omnidrones train Track --algo ppo --updates 100      with another algorithm, for 100 updates
   omnidrones train Hover --set apg.window=32           with another setting
+  omnidrones train Hover --envs 128 --horizon 300      more environments, shorter episodes
+  omnidrones train Hover --randomise mass:0.7:1.3      of another mass in every episode
   omnidrones train Hover --toml                        every setting, as a file for --config
   omnidrones train Hover --resume                      go on after a kill
   omnidrones train Hover --resume --updates 2000       go on beyond its end
@@ -40,17 +43,19 @@ Examples:
   omnidrones watch runs/Hover-apg-s0                   see it fly
 
 Algorithms: apg takes the gradient of a smooth loss through the physics; shac does so over shorter windows with a \
-critic behind them; ppo samples actions and needs no gradient of the physics (mappo is another name of it, for \
-teams). Without --algo a task has its usual one.
+critic behind them; ppo samples actions and needs no gradient of the physics, mappo is its name for teams. Without --algo a task has its usual one.
 
 Settings: options win over --config, the file wins over the task's recipe, the recipe over the defaults. A key of --set \
-is that of the file: seed, apg.window, apg.network.hidden=[32,32], env.dt, env.task.horizon. A file names its task and is \
-refused for another; it is of another kind than that of 'tasks --toml', which 'rollout', 'eval' and 'watch' read.";
+is that of the file: seed, apg.window, apg.network.hidden=[32,32], apg.rate.from=0.005; dt is env.dt and horizon \
+env.task.horizon. A file that names its task is refused for another.";
 
 const FILES: &str = "\
 Ctrl-C is safe: what was saved last stays, and --resume goes on from there to the same bits. With --resume the settings \
 are those of the run; only --updates and --threads may change. Schedules, as of the learning rate, stretch over the new \
 number of updates, so the result differs from a fresh run of as many.
+
+A folder that holds other files is refused, and so is a run that is there already: --resume goes on with it, --force \
+begins another in its place.
 
 Files in --out: config.toml (every setting), log.jsonl and curve.csv (the course of the run, one line every few updates), \
 checkpoints (weights as safetensors, state, manifest), curve (.png or .svg), result.json (what --json prints).
@@ -65,6 +70,8 @@ const MAX_COMPARED: usize = 256;
 /// Arguments of `train`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = format!("{EXAMPLES}\n\n{SUCCESS}\n\n{FILES}"))]
+#[command(mut_arg("out", |out| arguments::out(out, "Folder of the run [default: runs/TASK-ALGO-sSEED, behind TASK vehicle and control level where \
+    they are not the task's usual ones]")))]
 pub struct Arguments {
     /// A task ('omnidrones tasks')
     #[arg(value_name = "TASK")]
@@ -72,21 +79,9 @@ pub struct Arguments {
     /// How to learn [default: the task's usual one]
     #[arg(long, value_name = "NAME")]
     algo: Option<AlgorithmName>,
-    /// What flies: a built-in vehicle ('omnidrones models')
-    #[arg(long, value_name = "NAME")]
-    vehicle: Option<String>,
-    /// Where actions enter the controllers
-    #[arg(long, value_name = "LEVEL")]
-    control: Option<LevelName>,
-    /// Settings of the run; options win over it
-    #[arg(long, value_name = "FILE.toml")]
-    config: Option<PathBuf>,
-    /// Another setting, by its name in the file; may be repeated: --set apg.window=32
-    #[arg(long, value_name = "KEY=VALUE", value_parser = setting)]
-    set: Vec<(String, toml::Value)>,
-    /// Seed of all that is random in the run [default: 0]
-    #[arg(long, value_name = "N")]
-    seed: Option<u64>,
+    /// Environments trained on at once: n_env of the algorithm [default: the recipe's]
+    #[arg(long, alias = "environments", value_name = "N")]
+    envs: Option<u64>,
     /// Updates after which it ends [default: the recipe's; the run's with --resume]
     #[arg(long, value_name = "N")]
     updates: Option<u64>,
@@ -96,26 +91,16 @@ pub struct Arguments {
     /// Go on with the run in the folder; begin it if there is none
     #[arg(long)]
     resume: bool,
-    /// Folder of the run [default: runs/TASK-ALGO-sSEED]
-    ///
-    /// Behind TASK stand vehicle and control level, where they are not the task's usual ones: runs/Hover-crazyflie-apg-s0.
-    #[arg(long, value_name = "DIR", help_heading = "Output")]
-    out: Option<PathBuf>,
-    /// File type of the plot
-    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
-    format: FormatName,
-    /// Draw nothing
-    #[arg(long, help_heading = "Output")]
-    no_plots: bool,
     /// Do not fly our controller from the same starts for comparison
     #[arg(long, help_heading = "Output")]
     no_baseline: bool,
     /// Print every setting as a file that --config reads, and do not train
     #[arg(long, conflicts_with = "json", help_heading = "Output")]
     toml: bool,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
+    #[command(flatten)]
+    environment: EnvArguments,
 }
 
 /// Names of the algorithms.
@@ -126,8 +111,19 @@ pub enum AlgorithmName {
     /// Short-horizon actor-critic
     Shac,
     /// Proximal policy optimisation
-    #[value(alias = "mappo")]
     Ppo,
+    /// Another name of ppo, for teams
+    Mappo,
+}
+
+impl AlgorithmName {
+    /// As it was asked for.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mappo => "mappo",
+            own => Algorithm::from(own).name(),
+        }
+    }
 }
 
 impl From<AlgorithmName> for Algorithm {
@@ -135,7 +131,7 @@ impl From<AlgorithmName> for Algorithm {
         match name {
             AlgorithmName::Apg => Self::Apg,
             AlgorithmName::Shac => Self::Shac,
-            AlgorithmName::Ppo => Self::Ppo,
+            AlgorithmName::Ppo | AlgorithmName::Mappo => Self::Ppo,
         }
     }
 }
@@ -145,32 +141,37 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let entry = registry::by_name(&a.task)?;
     let mut config = a.config(entry)?;
     if a.toml {
-        return Ok(Report::done(config.to_toml()?));
+        return Ok(Report::done(environment::run_file(entry, &config)?));
     }
     let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
-    let folder = a.out.clone().map_or_else(|| default_folder(entry, &config), Ok)?;
+    let folder = a.output.out.clone().map_or_else(|| default_folder(entry, &config, a.algo), Ok)?;
     if let Some(own) = own_settings(&folder)?.filter(|_| a.resume) {
         // what options ask for must be what the run is, but for its length
-        let given = a.changes_settings() || a.seed.is_some() || a.algo.is_some();
-        let seed = a.seed.unwrap_or(own.seed);
+        let given = a.changes_settings();
+        let seed = a.environment.seed().unwrap_or(own.seed);
         let length = a.updates.unwrap_or(own.updates());
         config = if given { TrainConfig { seed, ..config } } else { own }.with_updates(length);
     }
     // before any folder is made
     let trainer = Trainer::new(entry.name, config, threads.clone())?;
-    files::prepare_folder(&folder)?;
+    files::prepare(&folder, a.output.force)?;
+    if a.output.force && !a.resume {
+        files::remove_run(&folder)?;
+    }
     let mut trainer = trainer.in_folder(&folder, a.resume)?;
     let notes = trainer.skipped().iter().map(|s| format!("{}: {}", s.folder.display(), s.why)).collect();
     let was_over = (trainer.update() > 0 && trainer.is_over()).then(|| (trainer.done(), trainer.budget()));
-    let outcome = train(&mut trainer, a.json)?;
+    let outcome = train(&mut trainer, a.output.json)?;
     let config = trainer.config().clone();
-    let spinner = progress::spinner("flying our controller from the same starts", a.json);
+    let spinner = progress::spinner("flying our controller from the same starts", a.output.json);
     let baseline = if a.no_baseline { None } else { compare(entry, &config, &threads) };
     spinner.finish_and_clear();
     let (spec, error) = spec(entry, &config)?;
-    let mut trained = Trained { entry, spec, error, config, was_over, outcome, baseline, notes, written: Vec::new() };
-    if !a.no_plots {
-        let path = folder.join(format!("curve.{}", a.format.extension()));
+    let algorithm = a.algo.map_or(config.algorithm.name(), AlgorithmName::name);
+    let mut trained =
+        Trained { entry, spec, error, algorithm, config, was_over, outcome, baseline, notes, written: Vec::new() };
+    if !a.output.no_plots {
+        let path = folder.join(format!("curve.{}", a.output.format.extension()));
         train_plot::draw(&trained.curves(), &path)?;
         trained.written.push(path);
     }
@@ -178,7 +179,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     files::write_new(&path, &text, true)?;
     let files = ["log.jsonl", "curve.csv", "config.toml"].map(|name| folder.join(name));
     trained.written.extend(files.into_iter().chain([path]).chain(trained.outcome.checkpoint.clone()));
-    if a.json {
+    if a.output.json {
         return Ok(Report::json(&trained.json(), true));
     }
     Ok(Report::done(trained.page(&folder)))
@@ -187,65 +188,64 @@ pub fn run(a: &Arguments) -> Result<Report> {
 impl Arguments {
     /// Defaults, recipe, file, options.
     fn config(&self, entry: &Entry) -> Result<TrainConfig> {
-        let mut layers: Vec<(String, String)> = Vec::new();
-        if let Some(path) = &self.config {
-            let text = files::read_settings(path, &format!("omnidrones train {} --toml", entry.name))?;
-            layers.push((text, path.display().to_string()));
+        let file = self.environment.file(&format!("omnidrones train {} --toml", entry.name))?;
+        let mut foreign = Vec::new();
+        let file = file.map(|layer| {
+            layer.map(TrainConfig::lifted).map(|mut table| {
+                foreign = TrainConfig::take_foreign(&mut table);
+                table
+            })
+        });
+        let options = self.environment.options(Some(entry))?;
+        let mut layers: Vec<Layer> = file.iter().chain(&options).cloned().collect();
+        let algorithm = self.algo.map(Algorithm::from);
+        if let Some(n) = self.envs {
+            let algorithm = TrainConfig::layered(entry.name, algorithm, &layers)?.algorithm.name();
+            let n = i64::try_from(n).unwrap_or(i64::MAX);
+            layers.push(Layer::of_table("--envs", layers::at(&format!("{algorithm}.n_env"), n.into())));
         }
-        let mut option = |key: &str, value: toml::Value, name: &str| {
-            layers.push((format!("{key} = {value}"), name.to_string()));
-        };
-        for (key, value) in &self.set {
-            option(key, value.clone(), &format!("--set {key}"));
-        }
-        if let Some(vehicle) = &self.vehicle {
-            option("env.task.vehicle", vehicle.as_str().into(), "--vehicle");
-        }
-        if let Some(level) = self.control {
-            option("env.control", Level::from(level).name().into(), "--control");
-        }
-        let layers: Vec<(&str, &str)> = layers.iter().map(|(text, name)| (text.as_str(), name.as_str())).collect();
-        let mut config = TrainConfig::layered(entry.name, self.algo.map(Algorithm::from), &layers)?;
-        config.seed = self.seed.unwrap_or(config.seed);
+        let mut config = TrainConfig::layered(entry.name, algorithm, &layers)?;
         if let Some(updates) = self.updates {
             config = config.with_updates(updates);
         }
         config.validate()?;
-        self.check_used(&config, layers.first().filter(|_| self.config.is_some()))?;
+        for option in &options {
+            refuse_unused(&config, option)?;
+        }
+        if let Some(file) = &file {
+            for (key, remedy) in foreign {
+                warn(&format!("{}: {key} is not used in training. {remedy}", file.name()));
+            }
+            for other in config.unused(file.table()) {
+                let (name, own) = (other.name(), config.algorithm.name());
+                let file = file.name();
+                warn(&format!("{file}: [{name}] is not used, for {own} trains. --algo {name} would use it."));
+            }
+        }
         Ok(config)
-    }
-
-    /// Refuses options of algorithms that do not train; a file may carry such tables for other runs, and is warned of.
-    fn check_used(&self, config: &TrainConfig, file: Option<&(&str, &str)>) -> Result<()> {
-        let own = config.algorithm.name();
-        for (key, value) in &self.set {
-            if let [other, ..] = config.unused(&format!("{key} = {value}"))[..] {
-                let (value, limit) = (format!("a setting of {}", other.name()), format!("one of {own}, which trains"));
-                let remedy = format!("Add --algo {}, or leave it out.", other.name());
-                return Err(Error::value(format!("--set {key}"), value, limit, remedy));
-            }
-        }
-        if let Some((text, file)) = file {
-            for other in config.unused(text) {
-                let name = other.name();
-                let text =
-                    format!("warning: {file}: [{name}] is not used, for {own} trains. --algo {name} would use it.");
-                // nobody reads it: that is no reason not to train
-                let _ = writeln!(std::io::stderr(), "{text}");
-            }
-        }
-        Ok(())
     }
 
     /// Whether options say how to train.
     fn changes_settings(&self) -> bool {
-        let own = self.vehicle.is_some() || self.control.is_some() || self.config.is_some();
-        own || !self.set.is_empty()
+        self.environment.given() || self.envs.is_some() || self.algo.is_some()
     }
 }
 
+/// Nobody may read it: that is no reason not to train.
+fn warn(text: &str) {
+    let _ = writeln!(std::io::stderr(), "warning: {text}");
+}
+
+/// Refuses an option of an algorithm that does not train; a file may carry such tables for other runs.
+fn refuse_unused(config: &TrainConfig, option: &Layer) -> Result<()> {
+    let [other, ..] = config.unused(option.table())[..] else { return Ok(()) };
+    let limit = format!("one of {}, which trains", config.algorithm.name());
+    let remedy = format!("Add --algo {}, or leave it out.", other.name());
+    Err(Error::value(option.name(), format!("a setting of {}", other.name()), limit, remedy))
+}
+
 /// `runs/TASK-ALGO-sSEED`, behind the task vehicle and control level where they are not its usual ones.
-fn default_folder(entry: &Entry, config: &TrainConfig) -> Result<PathBuf> {
+fn default_folder(entry: &Entry, config: &TrainConfig, asked: Option<AlgorithmName>) -> Result<PathBuf> {
     let algorithm = config.algorithm;
     let usual = TrainConfig::for_task(entry.name, Some(algorithm), None)?;
     let vehicle = |config: &TrainConfig| config.env.task.get("vehicle")?.as_str().map(str::to_lowercase);
@@ -258,7 +258,7 @@ fn default_folder(entry: &Entry, config: &TrainConfig) -> Result<PathBuf> {
     if config.env.control != usual.env.control {
         parts.push(config.env.control.name().into());
     }
-    parts.extend([algorithm.name().into(), format!("s{}", config.seed)]);
+    parts.extend([asked.map_or(algorithm.name(), AlgorithmName::name).into(), format!("s{}", config.seed)]);
     Ok(Path::new("runs").join(parts.join("-")))
 }
 
@@ -347,6 +347,8 @@ pub struct Trained<'a> {
     spec: Spec,
     /// The task's error.
     error: Metric,
+    /// As it was asked for.
+    algorithm: &'static str,
     config: TrainConfig,
     /// Before the command came: updates done, and its budget.
     was_over: Option<(u64, u64)>,
@@ -360,6 +362,11 @@ pub struct Trained<'a> {
 impl Trained<'_> {
     fn rate(&self) -> f64 {
         self.outcome.env_steps as f64 / self.outcome.seconds.max(1e-9)
+    }
+
+    /// Updates of the task's recipe.
+    fn recipe(&self) -> Option<u64> {
+        Some(TrainConfig::for_task(self.entry.name, Some(self.config.algorithm), None).ok()?.updates())
     }
 
     /// Share of each phase in the time of training.
@@ -383,7 +390,7 @@ impl Trained<'_> {
         let (o, e) = (&self.outcome, &self.outcome.evaluation);
         [
             format!("success {}", percent(e.success)),
-            format!("crashed {}", percent(e.crashed)),
+            format!("crashed {}", share_of(e.crashed, e.n_episode)),
             format!("return {}", short(e.return_mean, 4)),
             format!("{} of the bound", percent(e.share_of_bound)),
             format!("trained in {}", duration(o.seconds)),
@@ -396,7 +403,7 @@ impl Trained<'_> {
         let vehicle = self.config.env.task.get("vehicle").and_then(toml::Value::as_str);
         let of = vehicle.map_or(String::new(), |name| format!(", {name}"));
         Curves {
-            title: format!("{}: {}{of}, seed {}", self.entry.name, self.config.algorithm.name(), self.config.seed),
+            title: format!("{}: {}{of}, seed {}", self.entry.name, self.algorithm, self.config.seed),
             subtitle: self.headline(),
             lines: &self.outcome.curve,
             algorithm: self.config.algorithm,
@@ -408,13 +415,16 @@ impl Trained<'_> {
 
     fn page(&self, folder: &Path) -> String {
         let (o, mut page) = (&self.outcome, Page::new());
-        let how = format!("{}, seed {}, {} updates", self.config.algorithm.name(), self.config.seed, o.updates);
+        let how = format!("{}, seed {}, {} updates", self.algorithm, self.config.seed, o.updates);
         page.title(self.entry.name, &how).facts(&self.facts());
         if let Some((done, budget)) = self.was_over {
             page.line(format!(
                 "  This run was over: update {done} of {budget}. Nothing was trained; \
                  --resume --updates N goes on to N."
             ));
+        }
+        if let Some(recipe) = self.recipe().filter(|recipe| *recipe > o.updates) {
+            page.line(format!("  The recipe trains for {recipe} updates: {} are a first look.", o.updates));
         }
         page.notes("damaged", &self.notes, 3, "see the folder");
         let starts = Starts { n_env: self.config.evaluate.envs, seed: self.config.evaluate.seed };
@@ -466,7 +476,7 @@ impl Trained<'_> {
         let mut row = |name: &str, e: &Evaluation| {
             let numbers = [
                 percent(e.success),
-                percent(e.crashed),
+                share_of(e.crashed, e.n_episode),
                 short(e.final_error, 3),
                 short(e.mean_error, 3),
                 short(e.return_mean, 4),
@@ -475,7 +485,7 @@ impl Trained<'_> {
             ];
             table.row([name.to_string()].into_iter().chain(numbers));
         };
-        row(&format!("policy ({})", self.config.algorithm.name()), &self.outcome.evaluation);
+        row(&format!("policy ({})", self.algorithm), &self.outcome.evaluation);
         if let Some((name, e)) = &self.baseline {
             row(name, e);
         }
@@ -488,7 +498,7 @@ impl Trained<'_> {
             "command": "train",
             "version": env!("CARGO_PKG_VERSION"),
             "task": self.entry.name,
-            "algorithm": self.config.algorithm.name(),
+            "algorithm": self.algorithm,
             "seed": self.config.seed,
             "updates": o.updates,
             "env_steps": o.env_steps,
@@ -530,7 +540,7 @@ mod tests {
             ("Hover", "env.task.vehicle = '../../etc'", "Hover-_.._etc-apg-s0"),
         ] {
             let config = TrainConfig::for_task(task, None, Some((text, "own"))).unwrap();
-            let named = default_folder(registry::by_name(task).unwrap(), &config).unwrap();
+            let named = default_folder(registry::by_name(task).unwrap(), &config, None).unwrap();
             assert_eq!(named, Path::new("runs").join(folder), "{text}");
         }
     }

@@ -1,6 +1,6 @@
 //! `omnidrones train-all`: every task by its recipe, several seeds, one table beside our controllers.
 
-use super::arguments::FormatName;
+use super::arguments::{self, OutputArguments, ThreadArguments};
 use super::page::{Page, duration, short};
 use super::rollout_all::told_errors;
 use super::rollout_files::percent;
@@ -17,7 +17,7 @@ use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
 use serde_json::{Value, json};
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -36,11 +36,14 @@ Examples:
 A figure is the mean over seeds, in brackets the least and the largest. Time is that of training alone; share is the mean \
 return over the largest reward of a step times the steps of an episode.
 
+Exit codes: 0 all trained; 1 something was not; 2 unusable input or arguments.
+
 Files in --out: a folder per run, table.json (what --json prints), curves (.png or .svg: success over environment steps).";
 
 /// Arguments of `train-all`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("out", |out| arguments::out(out, "Folder of the runs and of the table [default: runs/all]")))]
 pub struct Arguments {
     /// Tasks, separated by commas [default: all that are registered]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
@@ -54,18 +57,10 @@ pub struct Arguments {
     /// Updates, as a factor on those of the recipes
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     budget: f64,
-    /// Threads; the results do not depend on it [default: all cores]
-    #[arg(long, value_name = "N")]
-    threads: Option<usize>,
-    /// Folder of the runs and of the table
-    #[arg(long, value_name = "DIR", default_value = "runs/all", help_heading = "Output")]
-    out: PathBuf,
-    /// File type of the plot
-    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
-    format: FormatName,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    json: bool,
+    #[command(flatten)]
+    threads: ThreadArguments,
+    #[command(flatten)]
+    output: OutputArguments,
 }
 
 /// A task by an algorithm: its runs, or why it was not trained; our controller in the last line of a task.
@@ -83,19 +78,19 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if !(a.budget.is_finite() && a.budget > 0.0) {
         return Err(Error::value("--budget", a.budget, "finite and > 0", "1 takes the recipes' updates."));
     }
-    let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
+    let threads = a.threads.threads()?;
     let entries = match &a.tasks[..] {
         [] => REGISTRY.iter().collect(),
         names => names.iter().map(|name| registry::by_name(name)).collect::<Result<Vec<_>>>()?,
     };
-    files::prepare_folder(&a.out)?;
+    let folder = a.output.folder("runs/all")?;
     let algorithms = |entry: &Entry| a.algo.map_or_else(|| recipes_of(entry.name), |one| vec![one.into()]);
     let trained: Vec<(&'static Entry, Vec<Algorithm>)> = entries.into_iter().map(|e| (e, algorithms(e))).collect();
     let n: usize = trained.iter().map(|(_, algorithms)| algorithms.len()).sum();
-    let bar = progress::bar(n as u64 * a.seeds, "training", a.json);
+    let bar = progress::bar(n as u64 * a.seeds, "training", a.output.json);
     let mut lines = Vec::new();
     for (entry, algorithms) in trained {
-        lines.extend(algorithms.into_iter().map(|algorithm| line(entry, algorithm, a, &threads, &bar)));
+        lines.extend(algorithms.into_iter().map(|algorithm| line(entry, algorithm, a, &folder, &threads, &bar)));
         if let Some(last) = lines.last_mut() {
             progress::say(&bar, &format!("{} · by our controller", entry.name));
             let config = TrainConfig::for_task(entry.name, None, None)?;
@@ -103,20 +98,27 @@ pub fn run(a: &Arguments) -> Result<Report> {
         }
     }
     bar.finish_and_clear();
-    let mut written = vec![a.out.join(format!("curves.{}", a.format.extension())), a.out.join("table.json")];
-    train_all_plot::draw(&learnt(&lines), &written[0])?;
-    files::write_new(&written[1], &format!("{:#}\n", value(&lines, a)), true)?;
-    if a.json {
-        return Ok(Report::json(&value(&lines, a), true));
+    let mut written = Vec::new();
+    if !a.output.no_plots {
+        written.push(folder.join(format!("curves.{}", a.output.format.extension())));
+        train_all_plot::draw(&learnt(&lines), &written[0])?;
     }
-    written.push(a.out.clone());
-    Ok(Report::done(page(&lines, a, &written)))
+    let table = folder.join("table.json");
+    files::write_new(&table, &format!("{:#}\n", value(&lines, a)), true)?;
+    written.push(table);
+    let success = lines.iter().all(|line| line.runs.is_ok());
+    if a.output.json {
+        return Ok(Report::json(&value(&lines, a), success));
+    }
+    written.push(folder);
+    Ok(Report { text: page(&lines, a, &written), success })
 }
 
 fn line(
     entry: &'static Entry,
     algorithm: Algorithm,
     a: &Arguments,
+    folder: &Path,
     threads: &Threads,
     bar: &indicatif::ProgressBar,
 ) -> Line {
@@ -130,7 +132,7 @@ fn line(
     };
     let algorithm = config.algorithm.name();
     let each = (0..a.seeds).map(|seed| {
-        let folder = a.out.join(format!("{}-{algorithm}-u{}-s{seed}", entry.name, config.updates()));
+        let folder = folder.join(format!("{}-{algorithm}-u{}-s{seed}", entry.name, config.updates()));
         let own = TrainConfig { seed, ..config.clone() };
         let mut trainer = Trainer::new(entry.name, own, threads.clone())?.in_folder(folder, true)?;
         let outcome = trainer.run(&mut |p| {

@@ -33,7 +33,7 @@ pub fn draw(curves: &Curves<'_>, path: &Path) -> Result<()> {
 fn panels(curves: &Curves<'_>) -> Vec<Panel> {
     let steps = Steps::of(curves.lines);
     let panels = [shares(curves, &steps), errors(curves, &steps), returns(curves, &steps), loss(curves, &steps)];
-    let panels = panels.into_iter().filter(|panel| !panel.series.is_empty());
+    let panels = panels.into_iter().chain(health(curves, &steps)).filter(|panel| !panel.series.is_empty());
     panels.map(|panel| steps.align(panel)).collect()
 }
 
@@ -194,6 +194,24 @@ fn loss(curves: &Curves<'_>, steps: &Steps) -> Panel {
     if is_wide(&panel) { panel.log_y() } else { panel.from_zero() }
 }
 
+/// What tells whether an actor and a critic learn well: how far the policy moves, how freely it draws, how much of the
+/// returns the critic explains. Only what the algorithm logs.
+fn health(curves: &Curves<'_>, steps: &Steps) -> [Panel; 3] {
+    let of = |title: &str, y: &str, column: &str, colour| {
+        let series = Series::line("", steps.points(curves.lines, column, 1.0)).colour(colour);
+        with_training(steps.panel(title, y), series)
+    };
+    [
+        of("Divergence of the policy from the last", "KL [nat]", "kl", Colour::ORANGE).from_zero(),
+        of("Entropy of the policy", "entropy [nat]", "entropy", Colour::GREEN),
+        of("Explained by the critic", "explained variance [-]", "explained_variance", Colour::BLUE).level(
+            "all",
+            1.0,
+            Colour::GREY,
+        ),
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -222,6 +240,8 @@ mod tests {
         let all = [("loss", 2.0), ("eval_success", 0.0), ("eval_return", 1.0), ("eval_final_error", 1.0)];
         assert_eq!(titles(&[line(1, &all)]), ["Success and crashes", "Position error", "Return", "Training loss"]);
         assert!(titles(&[]).is_empty());
+        let ppo = [("kl", 0.01), ("entropy", 1.0), ("explained_variance", 0.5)];
+        assert_eq!(titles(&[line(1, &ppo)]).len(), 3);
     }
 
     #[test]

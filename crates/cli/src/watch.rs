@@ -1,12 +1,13 @@
 //! `omnidrones watch`: a trained policy in flight, as one animated file and as a plot.
 
-use super::arguments::FormatName;
+use super::arguments::OutputArguments;
 use super::environment::EnvArguments;
 use super::eval::Ready;
 use super::page::{Page, short};
 use super::rollout_files::{self as out, percent};
 use super::{Report, files, progress};
 use omnidrones::controllers::Reference;
+use omnidrones::controllers::reference::{Carried, LoadPath};
 use omnidrones::dynamics::tree::{Multibody, body_poses};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
@@ -30,7 +31,8 @@ Examples:
   omnidrones watch runs/Hover-apg-s0 --vehicle crazyflie      on a drone that it has not met
 
 In the pictures single drones are drawn larger than they are; systems of bodies are at true scale. Each episode has a \
-colour: the drone, its way so far with its shadow, and a ball where the task wants it. Who has crashed turns grey.
+colour: the drone, the last 3 s of its way with its shadow, of the load where that is what the task leads, and a ball \
+where the task wants it. The view closes in on what is still to come. Who has crashed turns grey.
 
 Files: the GIF, and beside it, named after it, the last picture and the plot of 'eval': watch.png and watch-errors.png, or \
 hover.png and hover-errors.png with --out hover.gif.
@@ -47,27 +49,18 @@ const MAX_PICTURES: usize = 400;
 /// Arguments of `watch`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("out", |out| out.value_name("FILE.gif").help("The animated file [default: RUN/watch.gif]").long_help("The animated file [default: RUN/watch.gif]")))]
 pub struct Arguments {
     /// Folder of a run, or of one of its checkpoints
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// Episodes shown at once, up to 16
-    #[arg(long, value_name = "N", default_value_t = 4)]
+    #[arg(long, alias = "environments", value_name = "N", default_value_t = 4)]
     envs: usize,
     #[command(flatten)]
     environment: EnvArguments,
-    /// The animated file [default: RUN/watch.gif]
-    #[arg(long, value_name = "FILE.gif", help_heading = "Output")]
-    out: Option<PathBuf>,
-    /// File type of the plots
-    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
-    format: FormatName,
-    /// Do not draw the plots beside it
-    #[arg(long, help_heading = "Output")]
-    no_plots: bool,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
 }
 
 /// Shows.
@@ -76,33 +69,35 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let remedy = "More cannot be told apart; 'eval' draws thousands.";
         return Err(Error::limit("envs", a.envs, format!("1 to {MAX_SHOWN}"), remedy));
     }
-    let path = a.out.clone().unwrap_or_else(|| a.run.join("watch.gif"));
+    let path = a.output.out.clone().unwrap_or_else(|| a.run.join("watch.gif"));
     if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("gif")) {
         let value = format!("'{}'", path.display());
         return Err(Error::value("animated file", value, "a name that ends in .gif", "Add .gif to it."));
     }
     let mut ready = Ready::new(&a.run, &a.environment, Some(a.envs), &Threads::default())?;
-    if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-        files::prepare_folder(folder)?;
+    let beside = if a.output.no_plots { Vec::new() } else { stills(&path, a.output.format.extension()).to_vec() };
+    for file in [&path].into_iter().chain(&beside) {
+        files::check_new(file, a.output.force)?;
     }
+    files::make_parent(&path)?;
     let mut replay = Replay::of(&ready)?;
     let flown = ready.fly(&mut |watched| replay.see(watched))?;
     replay.title = format!("{}: {}", flown.task(), flown.controller);
     let n = replay.pictures.len();
-    let bar = progress::bar(n as u64, "drawing", a.json);
+    let bar = progress::bar(n as u64, "drawing", a.output.json);
     let scene = replay.scene();
     let apart = replay.stride as f64 * replay.spec.dt;
     save_gif(&path, n, apart, &|k| replay.figure(k, &scene), &mut |k| bar.set_position(k as u64))?;
     bar.finish_and_clear();
     let mut written = vec![path.clone()];
-    if !a.no_plots {
-        let [still, errors] = stills(&path, a.format.extension());
+    if !a.output.no_plots {
+        let [still, errors] = stills(&path, a.output.format.extension());
         replay.figure(n - 1, &scene).save(&still)?;
         out::draw(&flown, &errors)?;
         written.extend([still, errors]);
     }
     let e = &flown.evaluation;
-    if a.json {
+    if a.output.json {
         let value = json!({
             "command": "watch",
             "version": env!("CARGO_PKG_VERSION"),
@@ -163,15 +158,29 @@ struct Picture {
     crashed: Vec<bool>,
 }
 
-/// What stays the same from picture to picture.
+/// What is known of all pictures together.
 struct Scene {
-    room: [[f64; 3]; 2],
-    /// Half width of a drawn drone, m.
-    arm: f64,
+    /// What each picture shows: all that is still to come, so that the view closes in as drones near their targets.
+    rooms: Vec<[[f64; 3]; 2]>,
     most_error: f64,
-    /// Places of all drones, picture by picture, environment by environment.
+    /// Places of what leaves trails, picture by picture, environment by environment.
     places: Vec<Vec<Vec<[f64; 3]>>>,
 }
+
+impl Scene {
+    /// Half width of a drone in picture k, m.
+    fn arm(&self, k: usize) -> f64 {
+        let [lo, hi] = self.rooms[k];
+        ARM * (0..3).map(|i| hi[i] - lo[i]).fold(0.0, f64::max)
+    }
+}
+
+/// Half width of a drawn drone in lengths of the room.
+const ARM: f64 = 0.04;
+/// Shortest side of a room around single drones, m.
+const CLOSEST: f64 = 1.0;
+/// How long a trail is, s.
+const TRAIL: f64 = 3.0;
 
 impl Replay {
     fn of(ready: &Ready) -> Result<Self> {
@@ -218,52 +227,83 @@ impl Replay {
         self.pictures.push(picture);
     }
 
-    /// Where the drones are in a state.
-    fn places(&self, state: &[f64]) -> Vec<[f64; 3]> {
+    /// Bodies that leave trails: the one that the task's error speaks of, where it can be told, else the drones.
+    fn trailing(&self) -> Vec<usize> {
+        let Some(system) = &self.system else { return self.frames.clone() };
+        if self.wanted.iter().any(|references| references.len() != 1) {
+            return self.frames.clone();
+        }
+        let n_body = system.model().bodies().len();
+        let mut misses = vec![(0.0, 0usize); n_body];
+        for picture in &self.pictures {
+            for (i, at) in self.targets(picture.time) {
+                let state = &picture.states[i];
+                if !picture.errors[i].is_finite() || state.iter().any(|x| !x.is_finite()) {
+                    continue;
+                }
+                for (pose, (sum, count)) in body_poses(system, state).iter().zip(&mut misses) {
+                    let distance = (0..3).map(|k| (pose.position[k] - at[k]).powi(2)).sum::<f64>().sqrt();
+                    *sum += (distance - picture.errors[i]).abs();
+                    *count += 1;
+                }
+            }
+        }
+        let mean = |body: &usize| misses[*body].0 / misses[*body].1.max(1) as f64;
+        let nearest = (0..n_body).filter(|body| misses[*body].1 > 0).min_by(|a, b| mean(a).total_cmp(&mean(b)));
+        nearest.filter(|body| mean(body) < 0.02).map_or_else(|| self.frames.clone(), |body| vec![body])
+    }
+
+    /// Where bodies are in a state.
+    fn places(&self, bodies: &[usize], state: &[f64]) -> Vec<[f64; 3]> {
         match &self.system {
             None => vec![[state[0], state[1], state[2]]],
             Some(system) => {
                 let poses = body_poses(system, state);
-                self.frames.iter().map(|frame| poses[*frame].position).collect()
+                bodies.iter().map(|body| poses[*body].position).collect()
             }
         }
     }
 
     fn scene(&self) -> Scene {
-        let places: Vec<Vec<Vec<[f64; 3]>>> =
-            self.pictures.iter().map(|p| p.states.iter().map(|s| self.places(s)).collect()).collect();
-        let targets = self.pictures.iter().flat_map(|p| self.targets(p.time).into_iter().map(|(_, at)| at));
+        let all = |bodies: &[usize]| -> Vec<Vec<Vec<[f64; 3]>>> {
+            self.pictures.iter().map(|p| p.states.iter().map(|s| self.places(bodies, s)).collect()).collect()
+        };
+        let (drones, places) = (all(&self.frames), all(&self.trailing()));
         let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for point in places.iter().flatten().flatten().copied().chain(targets) {
-            for i in (0..3).filter(|i| point[*i].is_finite()) {
-                (lo[i], hi[i]) = (lo[i].min(point[i].max(-FARTHEST)), hi[i].max(point[i].min(FARTHEST)));
+        let (reach, least) = if self.system.is_some() { (1.2, 0.0) } else { (0.3, CLOSEST) };
+        let all_lost = self.pictures.last().is_some_and(|last| last.crashed.iter().all(|lost| *lost));
+        let mut rooms = Vec::with_capacity(self.pictures.len());
+        for (k, picture) in self.pictures.iter().enumerate().rev() {
+            let flying = |i: &usize| !picture.crashed[*i] || all_lost && k + 1 == self.pictures.len();
+            let seen = (0..self.spec.n_env).filter(flying);
+            let own = seen.flat_map(|i| drones[k][i].iter().chain(&places[k][i]).copied().collect::<Vec<_>>());
+            for point in own.chain(self.targets(picture.time).into_iter().map(|(_, at)| at)) {
+                for i in (0..3).filter(|i| point[*i].is_finite()) {
+                    (lo[i], hi[i]) = (lo[i].min(point[i].max(-FARTHEST)), hi[i].max(point[i].min(FARTHEST)));
+                }
             }
+            rooms.push(room(lo, hi, reach, least));
         }
-        let reach = if self.system.is_some() { 1.2 } else { 0.3 };
-        for i in 0..3 {
-            (lo[i], hi[i]) = (lo[i] - reach, hi[i] + reach);
-        }
-        lo[2] = lo[2].min(0.0);
-        let longest = (0..3).map(|i| hi[i] - lo[i]).fold(0.0, f64::max);
+        rooms.reverse();
         let errors = self.pictures.iter().flat_map(|p| p.errors.iter().copied()).filter(|e| e.is_finite());
-        Scene { room: [lo, hi], arm: 0.032 * longest, most_error: errors.fold(1e-3, f64::max), places }
+        Scene { rooms, most_error: errors.fold(1e-3, f64::max), places }
     }
 
-    /// Where the task wants whose drones, at a time.
+    /// Where the task wants what, at a time, by environment.
     fn targets(&self, time: f64) -> Vec<(usize, [f64; 3])> {
         let of = |(i, references): (usize, &Vec<Reference>)| {
-            references.iter().map(move |r| (i, r.sample(time).position)).collect::<Vec<(usize, [f64; 3])>>()
+            references.iter().map(move |r| (i, goal(r, time))).collect::<Vec<(usize, [f64; 3])>>()
         };
         self.wanted.iter().enumerate().flat_map(of).collect()
     }
 
     fn figure(&self, k: usize, scene: &Scene) -> Figure {
-        let picture = &self.pictures[k];
+        let (picture, room) = (&self.pictures[k], scene.rooms[k]);
         let mut figure = Figure::new(&self.title)
             .subtitle(format!("t = {:.2} s   ·   {}", picture.time, self.told(picture)))
             .size(720.0, 600.0)
             .grid(&[1.0], &[2.7, 1.0])
-            .place((0, 0), (1, 1), Drawing::new("", self.items(k, scene)).room(scene.room).floor(scene.room[0][2]));
+            .place((0, 0), (1, 1), Drawing::new("", self.items(k, scene)).room(room).floor(room[0][2]));
         if let Some(panel) = self.error_panel(k, scene) {
             figure = figure.place((0, 1), (1, 1), panel);
         }
@@ -298,16 +338,16 @@ impl Replay {
     }
 
     fn items(&self, k: usize, scene: &Scene) -> Vec<Item> {
-        let picture = &self.pictures[k];
+        let (picture, arm) = (&self.pictures[k], scene.arm(k));
         let mut items = Vec::new();
         for (i, at) in self.targets(picture.time) {
-            items.push(Item::Ball { at, radius: 0.28 * scene.arm, colour: Colour::nth(i) });
+            items.push(Item::Ball { at, radius: 0.28 * arm, colour: Colour::nth(i) });
         }
         for (i, state) in picture.states.iter().enumerate().filter(|(_, s)| s.iter().all(|x| x.is_finite())) {
             let colour = if picture.crashed[i] { Colour::GREY } else { Colour::nth(i) };
             self.trail(k, i, scene, &mut items);
             match &self.system {
-                None => glyph(state, self.n_rotor, scene.arm, colour, &mut items),
+                None => glyph(state, self.n_rotor, arm, colour, &mut items),
                 Some(system) => {
                     items.extend(model::items(system, state).into_iter().flat_map(|item| plain(item, colour)))
                 }
@@ -316,20 +356,48 @@ impl Replay {
         items
     }
 
-    /// The ways of environment i's drones up to picture k.
+    /// The last of environment i's way before picture k, as far as the picture shows it.
     fn trail(&self, k: usize, i: usize, scene: &Scene, items: &mut Vec<Item>) {
-        let far = |p: &[f64; 3]| p.iter().any(|x| x.is_nan() || x.abs() >= FARTHEST);
-        for drone in 0..self.frames.len() {
-            for pair in scene.places[..=k].windows(2) {
-                let [from, to] = [pair[0][i][drone], pair[1][i][drone]];
-                if !far(&from) && !far(&to) {
-                    let on_floor = |p: [f64; 3]| [p[0], p[1], scene.room[0][2]];
+        let [lo, hi] = scene.rooms[k];
+        let inside = |p: &[f64; 3]| (0..3).all(|i| p[i].is_finite() && (lo[i]..=hi[i]).contains(&p[i]));
+        let pictures = (TRAIL / (self.stride as f64 * self.spec.dt)).ceil() as usize;
+        let recent = &scene.places[k.saturating_sub(pictures)..=k];
+        for body in 0..recent[0][i].len() {
+            for pair in recent.windows(2) {
+                let [from, to] = [pair[0][i][body], pair[1][i][body]];
+                if inside(&from) && inside(&to) {
+                    let on_floor = |p: [f64; 3]| [p[0], p[1], lo[2]];
                     items.push(Item::Stick { from: on_floor(from), to: on_floor(to), colour: Colour::PALE });
                     items.push(Item::Stick { from, to, colour: Colour::nth(i) });
                 }
             }
         }
     }
+}
+
+/// Where a reference leads at a time: on a path its point, on a way to a point that point, of a load its own place.
+fn goal(reference: &Reference, time: f64) -> [f64; 3] {
+    let whole = |reference: Reference| reference.sample(reference.duration().unwrap_or(time)).position;
+    match reference {
+        Reference::Waypoints(_) => whole(reference.clone()),
+        Reference::Carried(Carried { path: LoadPath::Waypoints(way), .. }) => whole(Reference::Waypoints(way.clone())),
+        Reference::Carried(Carried { path: LoadPath::Lemniscate(path), .. }) => {
+            Reference::Lemniscate(path.clone()).sample(time).position
+        }
+        other => other.sample(time).position,
+    }
+}
+
+/// The room around points from `lo` to `hi`, down to the ground where that is near, no side shorter than `least`, m.
+fn room(mut lo: [f64; 3], mut hi: [f64; 3], reach: f64, least: f64) -> [[f64; 3]; 2] {
+    for i in 0..3 {
+        let more = (0.5 * (least - (hi[i] - lo[i]))).max(reach);
+        (lo[i], hi[i]) = (lo[i] - more, hi[i] + more);
+    }
+    if lo[2] < hi[2] - lo[2] {
+        lo[2] = lo[2].min(0.0);
+    }
+    [lo, hi]
 }
 
 /// Nothing farther away is drawn, m.
@@ -367,21 +435,10 @@ fn glyph(state: &[f64], n_rotor: usize, arm: f64, colour: Colour, items: &mut Ve
 fn plain(item: Item, colour: Colour) -> Vec<Item> {
     match item {
         Item::Hinge { .. } | Item::Slide { .. } | Item::Pivot { .. } => Vec::new(),
-        Item::Rotor { hub, axis, radius, .. } => {
-            let least = if axis[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-            let cross = |a: [f64; 3], b: [f64; 3]| {
-                [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-            };
-            let u = cross(axis, least);
-            let norm = u.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-9);
-            let u = u.map(|x| x / norm);
-            let v = cross(axis, u);
-            let rim = |k: usize| {
-                let (s, c) = (std::f64::consts::TAU * k as f64 / 14.0).sin_cos();
-                [0, 1, 2].map(|i| hub[i] + radius * (c * u[i] + s * v[i]))
-            };
-            (0..14).map(|k| Item::Stick { from: rim(k), to: rim(k + 1), colour }).collect()
-        }
+        Item::Rotor { hub, axis, radius, .. } => model::rotor_ring(hub, axis, radius)
+            .into_iter()
+            .map(|[from, to]| Item::Stick { from, to, colour })
+            .collect(),
         other => vec![other],
     }
 }
@@ -405,6 +462,21 @@ mod tests {
             _ => None,
         });
         assert!(far.fold(0.0, f64::max) < 2.0 * 0.5);
+    }
+
+    #[test]
+    fn a_target_is_where_the_task_wants_it_not_where_the_controller_is_on_its_way() {
+        use omnidrones::controllers::reference::{Waypoint, Waypoints};
+        let at = |time, x| Waypoint { time, position: [x, 0.0, 2.0], yaw: 0.0 };
+        let way = Waypoints::new(vec![at(0.0, -2.0), at(3.0, 1.0)]).unwrap();
+        assert!((Reference::Waypoints(way.clone()).sample(0.0).position[0] + 2.0).abs() < 1e-9);
+        assert!((goal(&Reference::Waypoints(way), 0.0)[0] - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_room_is_never_smaller_than_what_a_drone_needs() {
+        let [lo, hi] = room([0.0, 0.0, 2.0], [0.1, 0.1, 2.1], 0.3, 1.0);
+        assert!((0..3).all(|i| hi[i] - lo[i] >= 1.0 - 1e-9) && lo[2] > 1.0, "{lo:?} {hi:?}");
     }
 
     #[test]

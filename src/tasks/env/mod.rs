@@ -112,6 +112,8 @@ impl Env {
     /// [`Error::Limit`] before any large allocation if the batch needs more than
     /// [`EnvConfig::memory_limit`]; [`Error::Value`] for settings that do not fit the task.
     pub fn of(task: impl Task, name: &str, config: &EnvConfig) -> Result<Self> {
+        // what a configuration leaves to the task, a task of one's own leaves out
+        let config = &EnvConfig { randomise: Some(config.changes().to_vec()), ..config.clone() };
         config.validate()?;
         EnvConfig::check_horizon(task.horizon())?;
         let sheet = task.sheet();
@@ -127,7 +129,7 @@ impl Env {
 
     fn of_engine(engine: Box<dyn Engine>, name: &str, config: &EnvConfig) -> Result<Self> {
         let (rig, sheet) = (engine.rig(), engine.sheet());
-        let randomiser = Randomiser::new(&config.randomise, rig)?;
+        let randomiser = Randomiser::new(config.changes(), rig)?;
         let mut varied: Vec<usize> = rig.varied().iter().copied().chain(randomiser.varied()).collect();
         varied.sort_unstable();
         varied.dedup();

@@ -129,7 +129,7 @@ pub(crate) fn kin(name: &str, config: &EnvConfig, varied: &[usize]) -> u64 {
         n_env: 0,
         seed: 0,
         first_environment: 0,
-        randomise: Vec::new(),
+        randomise: None,
         difficulty: 0.0,
         stagger: false,
         memory_limit: 0,

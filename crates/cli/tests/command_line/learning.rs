@@ -110,6 +110,65 @@ fn a_folder_in_use_is_refused_and_resumed_on_demand() {
 }
 
 #[test]
+fn files_of_others_are_kept_and_a_run_is_replaced_on_demand_alone() {
+    let folder = temporary();
+    let folder = folder.path();
+    let plain = ["--no-plots", "--no-baseline"];
+    std::fs::write(folder.join("config.toml"), "seed = 3").expect("written");
+    for more in [&["--out", "."][..], &["--out", ".", "--resume"]] {
+        let (_, err) = exits(2, folder, &[&tiny(&["--config", "config.toml"])[..], &plain, more].concat());
+        assert!(err.contains("which holds other files (config.toml, …)") && err.contains("--force"), "{err}");
+    }
+    assert_eq!(std::fs::read_to_string(folder.join("config.toml")).expect("kept"), "seed = 3");
+    let first = json(folder, &[&tiny(&[])[..], &plain].concat());
+    let (_, err) = exits(2, folder, &[&tiny(&["--seed", "0"])[..], &plain].concat());
+    assert!(err.contains("--resume") && err.contains("--force"), "{err}");
+    let again = json(folder, &[&tiny(&["--force", "--set", "apg.clip=0.1"])[..], &plain].concat());
+    assert_eq!(again["was_over"], false);
+    assert_ne!(first["evaluation"], again["evaluation"]);
+    let rollout = ["rollout", "Hover", "--envs", "2", "--horizon", "3", "--out"];
+    exits(0, folder, &[&rollout[..], &["new"]].concat());
+    exits(0, folder, &[&rollout[..], &["new"]].concat());
+    std::fs::create_dir(folder.join("mine")).expect("made");
+    std::fs::write(folder.join("mine/rollout.png"), "a picture").expect("written");
+    let (_, err) = exits(2, folder, &[&rollout[..], &["mine"]].concat());
+    assert!(err.contains("new, empty or made by omnidrones"), "{err}");
+    assert_eq!(size(folder, "mine/rollout.png"), 9);
+    exits(0, folder, &[&rollout[..], &["mine", "--force"]].concat());
+    assert!(size(folder, "mine/rollout.png") > 1000);
+}
+
+#[test]
+fn a_run_with_a_vehicle_of_a_file_needs_the_file_no_more() {
+    let folder = temporary();
+    let folder = folder.path();
+    let (own, _) = exits(0, folder, &["models", "crazyflie", "--toml"]);
+    std::fs::write(folder.join("mine.toml"), own.replace("name = \"crazyflie\"", "name = \"mine\"")).expect("written");
+    let plain = ["--no-plots", "--no-baseline"];
+    let mine = json(folder, &[&tiny(&["--vehicle", "mine.toml"])[..], &plain].concat());
+    let known = json(folder, &[&tiny(&["--vehicle", "crazyflie"])[..], &plain].concat());
+    assert_eq!(mine["evaluation"], known["evaluation"], "the same numbers fly the same");
+    exits(0, folder, &["rollout", "Hover", "--vehicle", "mine.toml", "--envs", "2", "--horizon", "3", "--no-plots"]);
+    std::fs::remove_file(folder.join("mine.toml")).expect("removed");
+    let run = "runs/Hover-mine-apg-s0";
+    let eval = json(folder, &["eval", run, "--no-plots"]);
+    assert_eq!(eval["evaluation"], mine["evaluation"]);
+    let longer = json(folder, &[&["train", "Hover", "--resume", "--updates", "30", "--out", run][..], &plain].concat());
+    assert_eq!(longer["updates"], 30);
+}
+
+#[test]
+fn a_run_shorter_than_its_recipe_says_so_and_mappo_is_called_mappo() {
+    let folder = temporary();
+    let (page, _) = exits(0, folder.path(), &tiny(&["--no-plots", "--no-baseline"]));
+    assert!(page.contains("The recipe trains for 800 updates"), "{page}");
+    let small = ["--set", "ppo.n_env=8", "--set", "ppo.steps=4", "--set", "ppo.minibatches=2", "--set", "horizon=10"];
+    let rest = ["--set", "evaluate={every=0,envs=4}", "--updates", "1", "--no-plots", "--no-baseline"];
+    let (page, _) = exits(0, folder.path(), &[&["train", "OverHover", "--algo", "mappo"][..], &small, &rest].concat());
+    assert!(page.contains("OverHover · mappo") && page.contains("runs/OverHover-mappo-s0"), "{page}");
+}
+
+#[test]
 fn a_run_that_is_over_says_so_and_goes_no_shorter() {
     let folder = temporary();
     let folder = folder.path();
@@ -125,7 +184,7 @@ fn a_run_that_is_over_says_so_and_goes_no_shorter() {
             &["--resume", "--set", "apg.window=7", "--seed", "1", "--out", "runs/Hover-apg-s0"][..],
             "apg.window is 7, was 6",
         ),
-        (&["--resume", "--seed", "1", "--out", "runs/Hover-apg-s0"], "others (seed is 1, was 0)"),
+        (&["--resume", "--seed", "1", "--out", "runs/Hover-apg-s0"], "begun with (seed is 1, was 0)"),
     ] {
         let (_, err) = exits(2, folder, &tiny(more));
         assert!(err.contains(words), "{more:?}: {err}");
@@ -155,7 +214,6 @@ fn a_policy_that_does_not_fit_is_refused_by_what_differs_and_runs_that_exist_are
             ("--control rate", "control is \"rate\", was \"rotor\""),
             ("--dt 0.02", "steps of 0.02 s, not 0.016 s"),
             ("--config missing.toml", "make it: omnidrones tasks TASK --toml > missing.toml"),
-            ("--config runs/Hover-apg-s0/config.toml", "is a setting of a training run"),
         ] {
             let arguments: Vec<&str> = [command, "runs/Hover-apg-s0"].into_iter().chain(options.split(' ')).collect();
             let (_, err) = exits(2, folder, &arguments);
@@ -171,22 +229,39 @@ fn settings_that_nothing_reads_are_refused_as_options_and_warned_of_in_files() {
     let folder = temporary();
     let folder = folder.path();
     let (toml, _) = exits(0, folder, &["train", "Hover", "--toml"]);
-    assert!(toml.starts_with("task = \"Hover\"\n"), "{toml}");
+    assert!(toml.contains("\ntask = \"Hover\"") && toml.contains("# Learning rate over the run"), "{toml}");
     std::fs::write(folder.join("hover.toml"), &toml).expect("written");
     let (environments, _) = exits(0, folder, &["tasks", "Hover", "--toml"]);
     std::fs::write(folder.join("environments.toml"), environments).expect("written");
     for (arguments, words) in [
         ("train Track --config hover.toml", "hover.toml: task: the settings are for Hover, but the run is of Track"),
-        ("train Hover --config environments.toml", "is a setting of environments"),
-        ("train Hover --config environments.toml", "'omnidrones train TASK --toml'"),
-        ("rollout Hover --config hover.toml", "is a setting of a training run"),
-        ("tasks Hover --config hover.toml", "'omnidrones tasks TASK --toml'"),
-        ("train Hover --set control=rate", "in a training run it is env.control"),
+        ("rollout Track --config hover.toml", "hover.toml: task: the settings are for Hover, but the task is Track"),
+        ("rollout Hover --set apg.window=3", "a setting of training"),
         ("train Hover --set ppo.updates=3", "--set ppo.updates is a setting of ppo, but it must be one of apg"),
         ("train Hover --config missing.toml", "make it: omnidrones train Hover --toml > missing.toml"),
     ] {
         let (_, err) = exits(2, folder, &arguments.split(' ').collect::<Vec<_>>());
         assert!(err.contains(words), "{arguments}: {err}");
+    }
+    for command in ["rollout", "tasks", "train"] {
+        let rest = ["--toml"].into_iter().filter(|_| command != "rollout");
+        let rest: Vec<&str> = rest
+            .chain(["--no-plots", "--envs", "2", "--horizon", "3"].into_iter().filter(|_| command == "rollout"))
+            .collect();
+        for file in ["hover.toml", "environments.toml"] {
+            exits(0, folder, &[&[command, "Hover", "--config", file][..], &rest].concat());
+        }
+    }
+    let toml = |arguments: &str| {
+        let list: Vec<&str> = arguments.split(' ').collect();
+        exits(0, folder, &[&["train", "Hover", "--toml"][..], &list].concat()).0
+    };
+    let own = toml(
+        "--set control=rate --set horizon=77 --set apg.rate.from=0.005 --randomise mass:0.7:1.3 --dt 0.02 --envs 48",
+    );
+    for words in ["control = \"rate\"", "horizon = 77", "from = 0.005", "range = [0.7, 1.3]", "dt = 0.02", "n_env = 48"]
+    {
+        assert!(own.contains(words), "{words}\n{own}");
     }
     std::fs::write(folder.join("both.toml"), "[apg]\nwindow = 9\n[ppo]\nupdates = 3").expect("written");
     let (toml, err) = exits(0, folder, &["train", "Hover", "--config", "both.toml", "--toml"]);
@@ -228,10 +303,10 @@ fn unusable_arguments_name_value_limit_and_remedy() {
     std::fs::create_dir(folder.join("empty")).expect("made");
     for (arguments, words) in [
         ("train Hove", "did you mean 'Hover'?"),
-        ("train Hover --algo sac", "[possible values: apg, shac, ppo]"),
+        ("train Hover --algo sac", "[possible values: apg, shac, ppo, mappo]"),
         ("train Hover --config bad.toml", "bad.toml: line 2, column 1: unknown field `windows`"),
         ("train Hover --config missing.toml", "missing.toml: No such file"),
-        ("train Hover --set apg.windows=3", "--set apg.windows: line 1"),
+        ("train Hover --set apg.windows=3", "--set apg.windows: apg"),
         ("train Hover --set apg.windows=3", "Did you mean `window`?"),
         ("train Hover --set apg", "expected KEY=VALUE"),
         ("train Hover --set env.n_env=5", "Give n_env in the table of the algorithm"),
@@ -246,7 +321,7 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("eval nowhere", "nowhere"),
         ("eval empty", "empty"),
         ("watch nowhere", "nowhere"),
-        ("watch nowhere --envs 0", "envs is 0, over the limit of 1 to 16"),
+        ("watch nowhere --envs 0", "envs is 0, below the limit of 1 to 16"),
         ("watch nowhere --out a.mp4", "a name that ends in .gif"),
     ] {
         let list: Vec<&str> = arguments.split(' ').collect();

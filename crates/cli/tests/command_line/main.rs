@@ -3,5 +3,6 @@
 mod command;
 mod general;
 mod learning;
+mod promises;
 mod rigs;
 mod tasks;

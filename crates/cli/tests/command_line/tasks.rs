@@ -66,7 +66,7 @@ fn both_controllers_fly_hover_and_ours_is_better() {
         let arguments = ["rollout", "Hover", "--envs", "6", "--horizon", "120", "--controller", controller];
         json(folder.path(), &[&arguments[..], more].concat())
     };
-    let (ours, random) = (fly("pd", &["--no-plots"]), fly("random", &["--no-plots"]));
+    let (ours, random) = (fly("default", &["--no-plots"]), fly("random", &["--no-plots"]));
     assert!(!folder.path().join("out").exists(), "--no-plots writes nothing");
     let [mine, theirs] = [&ours, &random].map(|r| r["evaluation"]["return_mean"].as_f64().expect("a number"));
     assert!(mine > 2.0 * theirs, "{mine} {theirs}");
@@ -139,24 +139,25 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("tasks Hover --randomise mas:1:2", "did you mean 'mass'?"),
         ("tasks Hover --randomise mass:1", "expected WHAT:LOW:HIGH"),
         ("tasks Hover --set horizon", "expected KEY=VALUE"),
-        ("tasks Hover --set horizn=3", "Did you mean `horizon`?"),
+        ("tasks Hover --set horizn=3", "did you mean 'horizon'?"),
         ("tasks DragonHover --vehicle iris", "unknown field `vehicle`"),
         ("tasks OmavHover --control rate", "'rotor' for drones with tilting rotors"),
         ("tasks Hover --control rotr", "'rotor'"),
         ("tasks Hover --dt 0", "dt is 0"),
         ("tasks Hover --dt -1", "dt is -1"),
         ("tasks Hover --horizon 0", "horizon is 0"),
+        ("fly hummingbird --gains lqr", "no set of gains is called 'lqr'"),
         ("tasks --toml", "required arguments"),
         ("rollout", "<TASK>"),
         ("rollout Hover --all", "cannot be used with"),
-        ("rollout Hover --envs 0", "n_env is 0"),
+        ("rollout Hover --envs 0", "n_env is 0, below the limit of 1 to"),
         ("rollout Hover --envs 1000000000000", "over the limit of 1 to 100000"),
         ("rollout Hover --horizon 10000000", "over the limit of 1 to 100000 steps"),
         ("rollout Hover --horizon 4294967295", "over the limit of 1 to 16777216 steps"),
         ("bench Hover --quick --environments 1000000000000", "Step fewer environments at once"),
         ("rollout Hover --threads 0", "number of threads is 0"),
         ("rollout Hover --control rate", "'rotor' for a controller"),
-        ("rollout Hover --controller lqr", "[possible values: pd, random]"),
+        ("rollout Hover --controller lqr", "[possible values: default, random]"),
         ("rollout --all --dt 0", "dt is 0"),
         ("bench --vehicle iris", "Name a task"),
         ("bench OmavHover --quick --control rate", "'rotor' for drones with tilting rotors"),
