@@ -1,6 +1,7 @@
 //! Vectors of fixed length as plain arrays.
 
 use crate::autodiff::Scalar;
+use crate::autodiff::unrolled::unrolled;
 
 /// Three components in one frame.
 pub type Vec3<S> = [S; 3];
@@ -11,9 +12,9 @@ pub type Mat3<S> = [[S; 3]; 3];
 #[inline(always)]
 pub fn add<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] += b[i];
-    }
+    });
     r
 }
 
@@ -21,9 +22,9 @@ pub fn add<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn sub<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] -= b[i];
-    }
+    });
     r
 }
 
@@ -31,9 +32,9 @@ pub fn sub<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn scale<S: Scalar, const N: usize>(s: S, a: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] *= s;
-    }
+    });
     r
 }
 
@@ -41,9 +42,9 @@ pub fn scale<S: Scalar, const N: usize>(s: S, a: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn hadamard<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] *= b[i];
-    }
+    });
     r
 }
 
@@ -51,9 +52,9 @@ pub fn hadamard<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn neg<S: Scalar, const N: usize>(a: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] = -a[i];
-    }
+    });
     r
 }
 
@@ -61,9 +62,9 @@ pub fn neg<S: Scalar, const N: usize>(a: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn axpy<S: Scalar, const N: usize>(a: [S; N], h: S, b: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] = h.mul_add(b[i], a[i]);
-    }
+    });
     r
 }
 
@@ -71,9 +72,11 @@ pub fn axpy<S: Scalar, const N: usize>(a: [S; N], h: S, b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn dot<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> S {
     let mut sum = a[0] * b[0];
-    for i in 1..N {
-        sum = a[i].mul_add(b[i], sum);
-    }
+    unrolled!(i in 0..N {
+        if i > 0 {
+            sum = a[i].mul_add(b[i], sum);
+        }
+    });
     sum
 }
 
@@ -126,8 +129,8 @@ pub fn inverse<S: Scalar>(m: Mat3<S>) -> Mat3<S> {
 #[inline(always)]
 pub fn constants<S: Scalar, const N: usize>(x: [f64; N]) -> [S; N] {
     let mut r = [S::zero(); N];
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] = S::constant(x[i]);
-    }
+    });
     r
 }

@@ -1,7 +1,7 @@
 //! From an agent's numbers to rotor actions: spaces, clipping, delay, and the cascade in the control modes.
 
 use super::block::{EnvBlock, HELD, Workspace, book};
-use crate::autodiff::lanes::{Lanes, dispatch};
+use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Rows, RowsMut, Scalar, safe};
 use crate::controllers::action::ActionScale;
@@ -16,7 +16,6 @@ use crate::dynamics::spatial::rotate_back;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
 use crate::tasks::rig::Rig;
-use pulp::{Simd, WithSimd};
 
 /// Rotor slots of the compiled cascades.
 #[derive(Debug, Clone)]
@@ -150,7 +149,8 @@ impl Control {
                 }
                 let n_lane = (actions.len() / n).min(BLOCK);
                 work.action.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
-                dispatch(Clip { control: self, action: &work.action, command: &mut work.command, pages });
+                let clip = Clip { control: self, action: &work.action, command: &mut work.command, pages };
+                each_register(n_lane, clip);
             }
             ActionSpace::Discrete { levels } | ActionSpace::MultiDiscrete { levels } => {
                 let joint = self.n_action() == 1 && self.n_command > 1;
@@ -204,11 +204,23 @@ impl Control {
                     }
                 }
             }
-            Some(Cascades::Four(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
-            Some(Cascades::Six(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
-            Some(Cascades::Eight(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
-            Some(Cascades::Sixteen(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
+            Some(Cascades::Four(model)) => self.cascade(model, rig, plant, step, block, work),
+            Some(Cascades::Six(model)) => self.cascade(model, rig, plant, step, block, work),
+            Some(Cascades::Eight(model)) => self.cascade(model, rig, plant, step, block, work),
+            Some(Cascades::Sixteen(model)) => self.cascade(model, rig, plant, step, block, work),
         }
+    }
+
+    fn cascade<const R: usize>(
+        &self,
+        model: &CascadeModel<f64, R>,
+        rig: &Rig,
+        plant: &Plant,
+        step: usize,
+        block: &mut EnvBlock,
+        work: &mut Workspace,
+    ) {
+        each_register(block.plant.occupied, Steer { control: self, model, rig, plant, step, block, work });
     }
 
     /// Whether [`Control::steer`] reads frames.
@@ -328,26 +340,21 @@ struct Clip<'a> {
     pages: &'a mut [[f32; BLOCK]],
 }
 
-impl WithSimd for Clip<'_> {
-    type Output = ();
+impl RegisterKernel for Clip<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run<L: Lanes>(&mut self, at: usize) {
         let n = self.control.n_command;
-        let mut at = 0;
-        while at < BLOCK {
-            let actions = Lanes::<S>::rows(self.action, at);
-            let mut commands = Lanes::<S>::rows_mut(self.command, at);
-            let mut changed = Lanes::<S>::zero();
-            for agent in 0..self.control.inputs.len() {
-                for k in 0..n {
-                    let (used, differs) = clipped(actions.get(agent * n + k), self.control.safe[k]);
-                    commands.set(agent * n + k, used);
-                    changed += Lanes::select(differs, Lanes::one(), Lanes::zero());
-                }
+        let actions = L::rows(self.action, at);
+        let mut commands = L::rows_mut(self.command, at);
+        let mut changed = L::zero();
+        for agent in 0..self.control.inputs.len() {
+            for k in 0..n {
+                let (used, differs) = clipped(actions.get(agent * n + k), self.control.safe[k]);
+                commands.set(agent * n + k, used);
+                changed += L::select(differs, L::one(), L::zero());
             }
-            Lanes::<S>::rows_mut(self.pages, at).set(book::CLIPPED, changed);
-            at += Lanes::<S>::WIDTH;
         }
+        L::rows_mut(self.pages, at).set(book::CLIPPED, changed);
     }
 }
 
@@ -362,28 +369,23 @@ struct Steer<'a, const R: usize> {
     work: &'a mut Workspace,
 }
 
-impl<const R: usize> WithSimd for Steer<'_, R> {
-    type Output = ();
+impl<const R: usize> RegisterKernel for Steer<'_, R> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run<L: Lanes>(&mut self, at: usize) {
         let control = self.control;
-        let model = CascadeModel::<Lanes<S>, R>::constant(self.model);
-        let mut at = 0;
-        while at < BLOCK {
-            for agent in 0..control.inputs.len() {
-                let frames = Lanes::<S>::rows(&self.work.frames, at);
-                let frame = Frame::read(&frames.from(self.rig.drones()[agent].frame * FRAME));
-                let command = Lanes::<S>::rows(&self.work.command, at).array(agent * 4);
-                let mut held = Lanes::<S>::rows_mut(&mut self.work.held, at);
-                let first = agent * (HELD + MAX_SLOTS);
-                let new = control.compute(&model, self.step, &frame, command, &read_held(&held.rows().from(first)));
-                write_held(&new, &mut held, first);
-                let mut input = Lanes::<S>::rows_mut(&mut self.block.plant.rows, at);
-                for k in 0..control.inputs[agent].len() {
-                    input.set(self.plant.input_row(control.inputs[agent][k]), new.rotors[k]);
-                }
+        let model = CascadeModel::<L, R>::constant(self.model);
+        for agent in 0..control.inputs.len() {
+            let frames = L::rows(&self.work.frames, at);
+            let frame = Frame::read(&frames.from(self.rig.drones()[agent].frame * FRAME));
+            let command = L::rows(&self.work.command, at).array(agent * 4);
+            let mut held = L::rows_mut(&mut self.work.held, at);
+            let first = agent * (HELD + MAX_SLOTS);
+            let new = control.compute(&model, self.step, &frame, command, &read_held(&held.rows().from(first)));
+            write_held(&new, &mut held, first);
+            let mut input = L::rows_mut(&mut self.block.plant.rows, at);
+            for k in 0..control.inputs[agent].len() {
+                input.set(self.plant.input_row(control.inputs[agent][k]), new.rotors[k]);
             }
-            at += Lanes::<S>::WIDTH;
         }
     }
 }

@@ -7,11 +7,11 @@ use super::engine::Engine;
 use super::gradient::Slot;
 use super::transform::{Shift, Transform};
 use super::transition::{Places, Setting};
-use crate::autodiff::lanes::dispatch;
+use crate::autodiff::lanes::each_register;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Program, Recording};
-use crate::error::Result;
 use crate::dynamics::batch::{ALIVE, Plant, STOPPED};
+use crate::error::Result;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::config::Autoreset;
 use crate::tasks::observation::{Pipeline, Statistics};
@@ -195,7 +195,8 @@ impl Core {
     fn act(&self, block: &mut EnvBlock, work: &mut Workspace, actions: &[f32]) {
         self.control.decode(actions, work, &mut block.book);
         if self.sizes.delay > 0 {
-            dispatch(Shift { slots: self.sizes.delay, n: self.sizes.command, block, command: &mut work.command });
+            let (slots, n) = (self.sizes.delay, self.sizes.command);
+            each_register(block.plant.occupied, Shift { slots, n, block, command: &mut work.command });
         }
         for (row, speed) in work.speeds.iter_mut().zip(&self.speed_rows) {
             *row = block.plant.rows[*speed];
@@ -247,9 +248,10 @@ impl Core {
             work.moved[1][lane] = ((fresh >> lane) & 1) as f32;
         }
         if self.pipeline.noise > 0 {
-            (0..BLOCK).for_each(|lane| self.draw_noise(block, work, lane, first));
+            (0..block.plant.occupied).for_each(|lane| self.draw_noise(block, work, lane, first));
         }
-        dispatch(Transform { pipeline: &self.pipeline, sizes: &self.sizes, statistics: &self.frozen, block, work });
+        let (pipeline, sizes, statistics) = (&self.pipeline, &self.sizes, &self.frozen[..]);
+        each_register(block.plant.occupied, Transform { pipeline, sizes, statistics, block, work });
         if self.collects && self.sizes.normalised > 0 {
             self.collect(block, work, moved);
         }

@@ -4,7 +4,7 @@ use super::block::{EnvBlock, Sizes, Workspace};
 use super::core::Core;
 use super::judge::{Disturb, Judge, Observe};
 use super::transition::{Ideal, Setting, first_sight, ideal, ideal_terms, transition, view};
-use crate::autodiff::lanes::dispatch;
+use crate::autodiff::lanes::each_register;
 use crate::autodiff::{Recording, Scalar, Trace};
 use crate::tasks::rig::Rig;
 use crate::tasks::sheet::Sheet;
@@ -70,13 +70,13 @@ impl<T: Task> Engine for Typed<T> {
         ideal_terms(&self.task, core)
     }
     fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace) {
-        dispatch(Judge { task: &self.task, sizes, alive_row, block, work });
+        each_register(block.plant.occupied, Judge { task: &self.task, sizes, alive_row, block, work });
     }
     fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
-        dispatch(Observe { task: &self.task, sizes, block, work, lanes });
+        each_register(block.plant.occupied, Observe { task: &self.task, sizes, block, work, lanes });
     }
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]) {
-        dispatch(Disturb { task: &self.task, block, work, rows });
+        each_register(block.plant.occupied, Disturb { task: &self.task, block, work, rows });
     }
     fn record(&self, setting: &Setting<'_>) -> Recording {
         Recording::of(setting.places.n_argument(), |z| {

@@ -12,7 +12,7 @@
 //! - in environments whose physics gave up in a step: that step has the gradient zero.
 
 use super::Env;
-use super::block::{Columns, EnvBlock, book, columns};
+use super::block::{Columns, EnvBlock, book};
 use super::core::{lanes_of, transpose};
 use super::transition::Places;
 use crate::autodiff::Program;
@@ -38,7 +38,7 @@ pub(crate) struct Slot {
 
 impl Slot {
     fn new(places: &Places) -> Self {
-        Self { arguments: columns(places.n_kept()), running: 0, ended: 0, moved: 0 }
+        Self { arguments: Columns::zeros(places.n_kept()), running: 0, ended: 0, moved: 0 }
     }
 
     fn copy(&mut self, to: &Range<usize>, rows: &[[f32; BLOCK]]) {
@@ -461,11 +461,11 @@ impl Adjoint {
     pub fn sweep(&self, options: SweepOptions) -> Sweep {
         let (p, program) = (&self.0.places, &self.0.program);
         let block = BlockSweep {
-            carried: columns(p.n_carried()),
-            action: columns(p.action.len()),
-            parameters: columns(if self.0.parameters { p.parameters.len() } else { 0 }),
-            arguments: columns(program.n_input()),
-            results: columns(program.n_output()),
+            carried: Columns::zeros(p.n_carried()),
+            action: Columns::zeros(p.action.len()),
+            parameters: Columns::zeros(if self.0.parameters { p.parameters.len() } else { 0 }),
+            arguments: Columns::zeros(program.n_input()),
+            results: Columns::zeros(program.n_output()),
             workspace: program.block_workspace(),
             dropped: 0,
         };

@@ -195,7 +195,7 @@ impl Env {
             disturbance_rows,
             speed_rows: speeds,
         };
-        let mut block = EnvBlock::new(core.plant.block(&rest), &sizes);
+        let mut block = EnvBlock::new(core.plant.block(&rest, BLOCK), &sizes);
         block.seed = [config.seed; BLOCK];
         // until its first reset an environment stands still; lanes behind the last one always do
         block.plant.rows[core.plant.alive_row()] = [STOPPED; BLOCK];
@@ -205,7 +205,10 @@ impl Env {
                 *row = [core.nominal[*k] as f32; BLOCK];
             }
         }
-        let blocks = vec![block; n_env.div_ceil(BLOCK)];
+        let mut blocks = vec![block; n_env.div_ceil(BLOCK)];
+        if let Some(last) = blocks.last_mut() {
+            last.plant.occupied = n_env - (n_env - 1) / BLOCK * BLOCK;
+        }
         let mut env = Self { core, spec, blocks, pool: Mutex::new(Vec::new()), threads: Threads::default() };
         env.freeze(statistics);
         env.set_threads(Threads::default());
