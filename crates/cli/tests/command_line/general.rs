@@ -502,6 +502,22 @@ fn a_failed_rotor_is_explained_and_flown_with() {
     for words in ["50 % left at 4 s", "lost at 6 s", "full control", "yaw sacrificed"] {
         assert!(page.contains(words), "'{words}' in\n{page}");
     }
+#[test]
+fn threads_that_cannot_be_had_are_no_failure() {
+    let folder = temporary();
+    let arguments =
+        ["rollout", "Hover", "--controller", "random", "--envs", "300", "--horizon", "5", "--no-plots", "--csv"];
+    let told = |key: &str, value: &str| {
+        let mut command = command(folder.path(), &arguments);
+        let output = command.env(key, value).args(["--out", key]).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{key}={value}: {}", text(&output.stderr));
+        std::fs::read_to_string(folder.path().join(key).join("steps.csv")).unwrap()
+    };
+    // no machine has stacks of an exabyte, and none has so many cores
+    let [refused, absurd] = [("RUST_MIN_STACK", (1_u64 << 60).to_string()), ("RAYON_NUM_THREADS", "20000".into())];
+    assert_eq!(told(refused.0, &refused.1), told(absurd.0, &absurd.1));
+}
+
     let (page, _) = exits(1, folder.path(), &["fly", "iris", "--reference", "hover", "--fail", "0", "--no-plots"]);
     assert!(page.contains("cannot hover") && page.contains("FAILED: the vehicle was lost"), "{page}");
     for (arguments, words) in [
