@@ -3,7 +3,7 @@
 use crate::{config, everywhere};
 use omnidrones::controllers::cascade::Level;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Delay, Env, EnvConfig, Spec, check_env, registry};
+use omnidrones::tasks::{ActionSpace, Autoreset, Baseline, Buffers, Delay, Env, EnvConfig, Spec, check_env, registry};
 
 #[test]
 fn every_task_keeps_the_contract_in_every_control_mode() {
@@ -307,5 +307,28 @@ fn every_entry_reads_its_defaults_and_has_a_name_of_its_own() {
     for entry in registry::REGISTRY {
         entry.default_config().unwrap();
         assert_eq!(names.iter().filter(|n| n.eq_ignore_ascii_case(entry.name)).count(), 1);
+    }
+}
+
+#[test]
+fn arrays_of_the_wrong_size_are_errors_and_no_panics() {
+    let config = EnvConfig { n_env: 3, ..EnvConfig::default() };
+    let [env, track] = ["Hover", "Track"].map(|task| Env::make(task, &config).unwrap());
+    let mut baseline = Baseline::new(&env).unwrap();
+    let act = |baseline: &mut Baseline, env: &Env, n: usize| baseline.act(env, &mut vec![0.0; n]).map(|()| n);
+    assert_eq!(act(&mut baseline, &env, 12).unwrap(), 12);
+    for (env, n, told) in [
+        (&env, 11, "length of actions is 11, but it must be 12."),
+        (&track, 12, "environment of a baseline is Env(3 × Track)"),
+    ] {
+        let error = act(&mut baseline, env, n).unwrap_err().to_string();
+        assert!(error.starts_with(told), "{error}");
+    }
+    let jacobian = env.jacobian(0, &[0.0; 4]).unwrap();
+    let (n_row, n_column) = jacobian.matrix.shape();
+    assert_eq!(jacobian.part(&(0..n_row), &(0..n_column)).unwrap(), jacobian.matrix);
+    #[expect(clippy::reversed_empty_ranges, reason = "what must be refused")]
+    for (rows, columns) in [(0..n_row + 1, 0..1), (0..1, n_column..n_column + 1), (3..2, 0..1)] {
+        assert!(jacobian.part(&rows, &columns).unwrap_err().to_string().contains(" of a Jacobian is "));
     }
 }

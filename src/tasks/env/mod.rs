@@ -469,3 +469,8 @@ fn vary_effects(mut physics: crate::dynamics::Physics, varies: bool) -> crate::d
     }
     physics
 }
+    /// Of one name, configuration and varied numbers: what fits one such environment fits the other.
+    pub(crate) fn kin(&self) -> u64 {
+        self.core.kin
+    }
+
