@@ -134,6 +134,10 @@ fn a_flight_that_fails_exits_with_1_and_says_why() {
     let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(value["success"], false);
     assert!(value["failure"].is_string());
+    // drifts away in a wind that its thrust cannot hold against
+    let blown = ["fly", "hummingbird", "--wind", "200,0,0", "--duration", "6", "--no-plots"];
+    let (out, _) = exits(1, folder.path(), &blown);
+    assert!(out.contains("FAILED: the reference was lost: farther than 5 m from "), "{out}");
 }
 
 #[test]
