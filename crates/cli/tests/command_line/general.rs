@@ -180,8 +180,16 @@ fn import_drafts_rotor_data_once_and_says_what_it_assumed() {
     copy(folder.path(), "plain_x", false);
     let (_, err) = exits(2, folder.path(), &["fly", "plain_x.urdf"]);
     assert!(err.contains("plain_x.rotors.toml") && err.contains("omnidrones import"), "{err}");
-    let (out, _) = exits(0, folder.path(), &["import", "plain_x.urdf"]);
-    for words in ["DRAFT", "Assumed, not read", "thrust_coefficient", "Written", "omnidrones fly plain_x.urdf"] {
+    let (out, err) = exits(0, folder.path(), &["import", "plain_x.urdf"]);
+    assert_eq!(err, "writing plain_x.rotors.toml: a draft of its rotors\n", "said before");
+    for words in [
+        "The cylinders or meshes (1) in the collision geometry of 'body' touch nothing",
+        "DRAFT",
+        "Assumed, not read",
+        "thrust_coefficient",
+        "Written",
+        "omnidrones fly plain_x.urdf",
+    ] {
         assert!(out.contains(words), "{words}\n{out}");
     }
     assert!(is_file(folder.path().join("plain_x.rotors.toml")));
