@@ -515,7 +515,7 @@ impl Derivatives {
         ]);
         for row in &self.certificates {
             let c = &row.certificate;
-            let order = if c.taylor_order.is_nan() { "affine".into() } else { number(c.taylor_order, 3) };
+            let order = c.taylor_order.map_or_else(|| "affine".into(), |order| number(order, 3));
             table.row([
                 row.what.to_string(),
                 format!("{} × {}", row.rows, row.columns),
