@@ -503,19 +503,6 @@ fn a_reader_that_leaves_is_no_failure_and_a_full_disk_is_one() {
 }
 
 #[test]
-fn a_failed_rotor_is_explained_and_flown_with() {
-    let folder = temporary();
-    let hover = ["fly", "firefly", "--reference", "hover", "--no-plots"];
-    let with = |more: &[&'static str]| [&hover[..], more].concat();
-    let flown = json(0, folder.path(), &with(&["--fail", "1", "--at", "1", "--duration", "5", "--json"]));
-    let stage = &flown["failures"]["stages"][0];
-    assert_eq!((stage["capability"].as_str(), stage["at"].as_f64()), (Some("yaw_sacrificed"), Some(1.0)));
-    assert!(flown["failures"]["largest_height_error"].as_f64().is_some_and(|e| e < 0.1));
-    let (page, _) = exits(0, folder.path(), &with(&["--fail", "rotor_2:0.5", "--fail", "3", "--at", "4", "--at", "6"]));
-    for words in ["50 % left at 4 s", "lost at 6 s", "full control", "yaw sacrificed"] {
-        assert!(page.contains(words), "'{words}' in\n{page}");
-    }
-#[test]
 fn threads_that_cannot_be_had_are_no_failure() {
     let folder = temporary();
     let arguments =
@@ -531,6 +518,19 @@ fn threads_that_cannot_be_had_are_no_failure() {
     assert_eq!(told(refused.0, &refused.1), told(absurd.0, &absurd.1));
 }
 
+#[test]
+fn a_failed_rotor_is_explained_and_flown_with() {
+    let folder = temporary();
+    let hover = ["fly", "firefly", "--reference", "hover", "--no-plots"];
+    let with = |more: &[&'static str]| [&hover[..], more].concat();
+    let flown = json(0, folder.path(), &with(&["--fail", "1", "--at", "1", "--duration", "5", "--json"]));
+    let stage = &flown["failures"]["stages"][0];
+    assert_eq!((stage["capability"].as_str(), stage["at"].as_f64()), (Some("yaw_sacrificed"), Some(1.0)));
+    assert!(flown["failures"]["largest_height_error"].as_f64().is_some_and(|e| e < 0.1));
+    let (page, _) = exits(0, folder.path(), &with(&["--fail", "rotor_2:0.5", "--fail", "3", "--at", "4", "--at", "6"]));
+    for words in ["50 % left at 4 s", "lost at 6 s", "full control", "yaw sacrificed"] {
+        assert!(page.contains(words), "'{words}' in\n{page}");
+    }
     let (page, _) = exits(1, folder.path(), &["fly", "iris", "--reference", "hover", "--fail", "0", "--no-plots"]);
     assert!(page.contains("cannot hover") && page.contains("FAILED: the vehicle was lost"), "{page}");
     for (arguments, words) in [
