@@ -327,8 +327,7 @@ fn arrays_of_the_wrong_size_are_errors_and_no_panics() {
     let jacobian = env.jacobian(0, &[0.0; 4]).unwrap();
     let (n_row, n_column) = jacobian.matrix.shape();
     assert_eq!(jacobian.part(&(0..n_row), &(0..n_column)).unwrap(), jacobian.matrix);
-    #[expect(clippy::reversed_empty_ranges, reason = "what must be refused")]
-    for (rows, columns) in [(0..n_row + 1, 0..1), (0..1, n_column..n_column + 1), (3..2, 0..1)] {
+    for (rows, columns) in [(0..n_row + 1, 0..1), (0..1, n_column..n_column + 1), (n_row..2, 0..1)] {
         assert!(jacobian.part(&rows, &columns).unwrap_err().to_string().contains(" of a Jacobian is "));
     }
 }
