@@ -29,7 +29,7 @@ fn main() -> Result<()> {
     let (mut paid, mut actions, mut weight) = (vec![0.0; 5], vec![0.0; 20], 1.0);
     let (width, loss) = (hover.spec().info.len(), hover.spec().info_column("loss").unwrap_or(0));
     for _ in 0..300 {
-        policy.act(&out.observation, &mut actions);
+        policy.act(&out.observation, &mut actions)?;
         hover.step(&actions, &mut out.out())?;
         paid.iter_mut().enumerate().for_each(|(i, sum)| *sum += weight * out.info[i * width + loss]);
         weight *= discount;

@@ -8,6 +8,9 @@ use serde::Serialize;
 /// Lowest rotor speed command over the largest speed: √1e-4, the floor of the rotor action.
 const IDLE_FRACTION: f64 = 0.01;
 
+/// Farther from the reference than this, what flies counts as lost, m.
+pub const LOST: f64 = 5.0;
+
 /// One instant of a flight. Rotor slices have one entry per rotor of the log.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample<'a> {
@@ -96,6 +99,8 @@ pub struct FlightSummary {
     pub max_error: Option<f64>,
     /// Largest ‖p − p_ref‖ of the whole flight, m.
     pub max_error_overall: Option<f64>,
+    /// Since when the reference was lost, s: [`FlightLog::lost_at`].
+    pub lost_at: Option<f64>,
     /// Largest ‖v‖, m/s.
     pub max_speed: Option<f64>,
     /// Largest angle between body z and world z, rad.
@@ -184,6 +189,12 @@ impl FlightLog {
     pub fn max_error(&self, after: f64) -> Option<f64> {
         let late = self.time.iter().zip(self.error_norm()).filter(|(t, _)| **t >= after);
         largest(late.map(|(_, e)| e))
+    }
+
+    /// Since when ‖p − p_ref‖ has been above [`LOST`] until the end, s; `None` where it is not in the end.
+    pub fn lost_at(&self) -> Option<f64> {
+        let found = self.error_norm().iter().rposition(|e| *e <= LOST);
+        self.time.get(found.map_or(0, |i| i + 1)).copied()
     }
 
     /// ‖v‖ per sample, m/s.
@@ -277,6 +288,7 @@ impl FlightLog {
             rmse: self.rmse(after),
             max_error: self.max_error(after),
             max_error_overall: self.max_error(f64::NEG_INFINITY),
+            lost_at: self.lost_at(),
             max_speed: self.max_speed(),
             max_tilt: self.max_tilt(),
             saturation: self.saturation_share(),

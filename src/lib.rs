@@ -74,7 +74,8 @@
 //! - **No panic on data.** Files, configurations, names and sizes give an [`Error`](error::Error) that names the value,
 //!   the limit and the remedy; a hundred thousand mutated URDF files are part of the test suite. Functions that panic on
 //!   a mistake of the caller (a slice of the wrong length) say so.
-//! - **No allocation** while stepping, evaluating or differentiating, after warm-up.
+//! - **No allocation** while stepping, evaluating or differentiating, after warm-up; clarabel, which solves allocations
+//!   with cones, does allocate.
 //!
 //! # Beside the library
 //!

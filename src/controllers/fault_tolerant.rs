@@ -124,7 +124,7 @@ impl FaultTolerant {
         // moments come before thrust in the allocation, so nothing need be kept back for them
         let lift = broken.assessment.lift.max(1.1 * body.mass * body.gravity);
         let limits = Limits { tilt: TILT, ..Limits::default() };
-        self.model.limits = ForceLimits { force: lift, ..ForceLimits::constant(&limits, lift) };
+        self.model.limits = ForceLimits { force: lift, ..ForceLimits::constant(&limits, lift, 0.0) };
         if broken.yaw_free() {
             self.model.gains = unhurried(&self.model);
         }

@@ -310,7 +310,7 @@ fn a_free_fall_request_keeps_a_level_attitude_and_finite_derivatives() {
 #[test]
 fn the_force_limits_shorten_the_horizontal_part_and_leave_feasible_forces_alone() {
     let tangent = 1.2_f64.tan();
-    let limit = |f| limit_force(f, tangent, 1.0, 20.0);
+    let limit = |f| limit_force(f, tangent, [1.0, 19.0], 20.0);
     assert_eq!(limit([3.0, -4.0, 9.0]), [3.0, -4.0, 9.0]);
     assert_close(&limit([300.0, -400.0, 9.0]), &[0.6 * 319.0_f64.sqrt(), -0.8 * 319.0_f64.sqrt(), 9.0], 1e-12);
     assert_close(&limit([3.0, 4.0, -50.0]), &[0.6 * tangent, 0.8 * tangent, 1.0], 1e-12);

@@ -52,7 +52,7 @@ impl Note {
 }
 
 /// A controller of an articulated system: called once per step, in order.
-pub trait Pilot {
+pub trait Pilot: Send {
     /// One word.
     fn name(&self) -> &'static str;
     /// What it does, for tables.

@@ -317,7 +317,7 @@ fn law(model: &Model, drones: &[Gimballed], gains: Option<&Gains>, pole: f64) ->
     SixAxis {
         body: Body { mass, inertia: zero, drag: [0.0; 3], drag_moment: zero, gravity },
         gains: GainSet::constant(&own),
-        limits: ForceLimits::constant(&Limits { thrust: THRUST_SHARE, ..Limits::default() }, lift),
+        limits: ForceLimits::constant(&Limits { thrust: THRUST_SHARE, ..Limits::default() }, lift, mass * gravity),
     }
 }
 

@@ -35,7 +35,7 @@ use super::attitude::Orientation;
 use super::cascade::{Rates, Schedule};
 use super::gimballed::{Gimballed, Mount, THRUST_SHARE, liftable, mounts};
 use super::kinematics::Kinematics;
-use super::parameters::{Body, ForceLimits, GainSet, Limits};
+use super::parameters::{Body, CEILING, ForceLimits, GainSet, Limits};
 use super::pilot::{Command, Note, Pilot};
 use super::reference::Sample;
 use super::six_axis::{SixAxis, Wrench};
@@ -328,7 +328,8 @@ impl Transport {
         let force = axpy(pull, bar.mass, axpy(lift, bar.length, self.swing(j, b, turning)));
         let force = add(force, self.resistance(poses, j));
         let most = THRUST_SHARE * self.drones[j].max_thrust;
-        limit_force(force, self.leans.drone.tan(), TAUT * bar.mass * self.law.body.gravity, most)
+        let vertical = [TAUT * bar.mass * self.law.body.gravity, CEILING * most];
+        limit_force(force, self.leans.drone.tan(), vertical, most)
     }
 
     /// Wanted b̈ of a bar, 1/s²: across it towards b_d, along it what turning needs.
@@ -380,7 +381,11 @@ fn law(model: &Model, drones: &[Gimballed], bars: &[Bar], c: f64, lean: f64) -> 
     SixAxis {
         body: Body { mass, inertia, drag: load.drag.linear, drag_moment: [[0.0; 3]; 3], gravity },
         gains: GainSet::constant(&gains),
-        limits: ForceLimits::constant(&Limits { tilt: lean, vertical: 0.3, thrust: 1.0 }, lift.max(0.0)),
+        limits: ForceLimits::constant(
+            &Limits { tilt: lean, vertical: 0.3, thrust: 1.0 },
+            lift.max(0.0),
+            mass * gravity,
+        ),
     }
 }
 

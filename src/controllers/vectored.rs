@@ -235,8 +235,8 @@ impl Vectored {
             gravity: model.parts().gravity,
         };
         let given = gains.copied().unwrap_or_else(|| placed_gains([bandwidths[0]; 3], bandwidths[1], &body));
-        let law =
-            SixAxis { body, gains: GainSet::constant(&given), limits: ForceLimits::constant(&Limits::default(), lift) };
+        let limits = ForceLimits::constant(&Limits::default(), lift, mass * body.gravity);
+        let law = SixAxis { body, gains: GainSet::constant(&given), limits };
         let share = mass * body.gravity.min(GRAVITY) / lift;
         let preference: Vec<f64> = model.rotors().iter().map(|r| share * r.rotor.max_thrust()).collect();
         let scene = Scene::of(system, &rest);

@@ -32,16 +32,18 @@ impl Default for Physics {
 }
 
 impl Physics {
-    /// Checks dt in (0, 1] s and 1 to 1000 substeps.
+    /// Shortest dt, s: no clock ticks as often, and time would not advance beside larger numbers.
+    pub const SHORTEST: f64 = 1e-9;
+
+    /// Checks dt in (0, 1] s, not below [`Physics::SHORTEST`], and 1 to 1000 substeps.
     pub fn validate(&self) -> Result<()> {
         finite("dt", &[self.dt])?;
+        let remedy = "2 ms suits control design, 16 ms the benchmark tasks.";
         if self.dt <= 0.0 || self.dt > 1.0 {
-            return Err(Error::value(
-                "dt",
-                self.dt,
-                "in (0, 1] s",
-                "2 ms suits control design, 16 ms the benchmark tasks.",
-            ));
+            return Err(Error::value("dt", self.dt, "in (0, 1] s", remedy));
+        }
+        if self.dt < Self::SHORTEST {
+            return Err(Error::value("dt", self.dt, format!("at least {:e} s", Self::SHORTEST), remedy));
         }
         if self.substeps == 0 || self.substeps > 1000 {
             return Err(Error::limit("substeps", self.substeps, "1 to 1000", "Lower dt instead."));

@@ -35,7 +35,7 @@
 //! }
 //! let mut policy = apg.policy()?;
 //! let mut actions = vec![0.0; 4];
-//! policy.act(&[0.0; 30], &mut actions);
+//! policy.act(&[0.0; 30], &mut actions)?;
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 //!

@@ -27,6 +27,8 @@ pub struct Baseline {
     name: String,
     dt: f64,
     n_action: usize,
+    /// Of the environment it was made for: what flies is numbered so.
+    kin: u64,
 }
 
 struct Seat {
@@ -68,7 +70,8 @@ impl Baseline {
             Crew::Nobody => "nobody".into(),
         };
         let seats = (0..spec.n_env).map(|_| None).collect();
-        Ok(Self { seats, failures: Vec::new(), name, dt: spec.dt, n_action: spec.n_agent * spec.action.len() })
+        let n_action = spec.n_agent * spec.action.len();
+        Ok(Self { seats, failures: Vec::new(), name, dt: spec.dt, n_action, kin: env.kin() })
     }
 
     /// What flies, in one word.
@@ -80,8 +83,17 @@ impl Baseline {
     /// rotors at rest speed: see [`Baseline::failures`].
     ///
     /// # Errors
-    /// None for the environment it was made for.
+    /// [`Error::Value`] for another environment than the one it was made for, or actions of the wrong length.
     pub fn act(&mut self, env: &Env, actions: &mut [f32]) -> Result<()> {
+        if env.kin() != self.kin || env.spec().n_env != self.seats.len() {
+            let (got, wanted) = (format!("{env:?}"), format!("one like that it was made for, of {}", self.seats.len()));
+            return Err(Error::value("environment of a baseline", got, wanted, "Make a new one: Baseline::new(&env)."));
+        }
+        let wanted = self.seats.len() * self.n_action;
+        if actions.len() != wanted {
+            let remedy = "Rows are [environment, agent, action], row-major.";
+            return Err(Error::value("length of actions", actions.len(), wanted.to_string(), remedy));
+        }
         for i in 0..self.seats.len() {
             let state: Vec<f64> = env.state(i)?.iter().map(|x| f64::from(*x)).collect();
             if self.seats[i].is_none() {
@@ -104,11 +116,8 @@ impl Baseline {
     }
 
     /// As a policy for [`evaluate`](super::evaluate()).
-    pub fn policy(&mut self) -> impl FnMut(&Env, &Buffers, &mut [f32]) + '_ {
-        |env, _, actions| {
-            // only another environment makes an error, which the step that follows then tells
-            let _ = self.act(env, actions);
-        }
+    pub fn policy(&mut self) -> impl FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + '_ {
+        |env, _, actions| self.act(env, actions)
     }
 
     fn seat(&mut self, env: &Env, environment: usize) -> Result<Seat> {

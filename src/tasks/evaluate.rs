@@ -51,10 +51,11 @@ pub struct Watched<'a> {
 /// the step before; `watch` sees every step: a progress bar, a [`Record`](super::Record).
 ///
 /// # Errors
-/// [`Error::Value`] unless the environment was made with `autoreset = "disabled"`; otherwise as [`Env::step`].
+/// [`Error::Value`] unless the environment was made with `autoreset = "disabled"`; those of the policy; otherwise as
+/// [`Env::step`].
 pub fn evaluate(
     env: &mut Env,
-    policy: &mut dyn FnMut(&Env, &Buffers, &mut [f32]),
+    policy: &mut dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()>,
     watch: &mut dyn FnMut(&Watched<'_>),
 ) -> Result<Evaluation> {
     if env.spec().config.autoreset != Autoreset::Disabled {
@@ -75,7 +76,7 @@ pub fn evaluate(
     let mut flying = vec![true; n];
     let (mut errors, mut steps) = (0.0, 0.0);
     for t in 0..spec.horizon {
-        policy(env, &out, &mut actions);
+        policy(env, &out, &mut actions)?;
         env.step(&actions, &mut out.out())?;
         for i in (0..n).filter(|i| flying[*i]) {
             (errors, steps) = (errors + error(&out, i), steps + 1.0);

@@ -2,7 +2,8 @@
 
 use crate::common::{airframe, cases, input, state, stream};
 use omnidrones::autodiff::{
-    Bounds, CompiledJacobian, JacobianScratch, Objective, Rollout, Scalar, System, certify, jacobian, linearise, safe,
+    Bounds, Certificate, CompiledJacobian, JacobianScratch, Objective, Rollout, Scalar, System, certify, jacobian,
+    linearise, safe,
 };
 use omnidrones::controllers::{ClosedLoop, Rates, Reference};
 use omnidrones::dynamics::{Disturbance, Effects, Multirotor, Physics, vehicles};
@@ -22,8 +23,8 @@ impl Worst {
         assert!(c.holds(Bounds::default()), "{name}: {c}");
         self.adjoint = self.adjoint.max(c.adjoint_error);
         self.difference = self.difference.max(c.difference_error);
-        if c.taylor_order.is_finite() {
-            self.taylor = self.taylor.max((c.taylor_order - 2.0).abs());
+        if let Some(order) = c.taylor_order {
+            self.taylor = self.taylor.max((order - 2.0).abs());
         }
     }
 
@@ -288,6 +289,7 @@ const SAFE_NORM: u8 = 1;
 const KINK: u8 = 2;
 const MASKED_ROOT: u8 = 3;
 const BLIND: u8 = 4;
+const SECANT: u8 = 5;
 
 impl<const KIND: u8> System for Toy<KIND> {
     fn n_state(&self) -> usize {
@@ -304,6 +306,11 @@ impl<const KIND: u8> System for Toy<KIND> {
             SAFE_NORM => safe::sqrt(squared, 1e-18),
             MASKED_ROOT => S::select(o.lt(squared), squared.sqrt(), o),
             KINK => x[0].abs() + u[0],
+            SECANT => {
+                let (still, bend) = (x[0].detach(), x[0].detach() - S::constant(1.0 + 1e-5));
+                let slope = S::constant(1.0 + 0.5 * (1.8e-4 - 1e-5) / 1.8e-4);
+                still + slope * (x[0] - still) + bend.max(o) + u[0]
+            }
             // the value of a branch, not its derivative: a step whose slope duals cannot see
             _ => S::select(o.lt(x[0]), S::one(), S::zero()) * u[0] + (x[0] * S::constant(1e9)).sin_cos().0,
         };
@@ -339,6 +346,11 @@ fn a_kink_at_the_point_or_a_slope_that_is_not_the_functions_own_breaks_the_certi
     assert!(kink.difference_error > 0.5 && !kink.holds(Bounds::default()), "{kink}");
     let beside = certify(&Toy::<KINK>, &[0.7, 1.0], &[0.5], &[]).unwrap();
     assert!(beside.holds(Bounds::default()), "{beside}");
+    // no step is chosen because it agrees: this slope is the difference over the kink, at one length of step
+    let secant = certify(&Toy::<SECANT>, &[1.0, 1.0], &[0.5], &[]).unwrap();
+    assert!(secant.difference_error > 0.4 && !secant.holds(Bounds::default()), "{secant}");
+    let unknown = Certificate { taylor_order: Some(f64::NAN), ..beside };
+    assert!(!unknown.holds(Bounds::default()), "{unknown}");
     let blind = certify(&Toy::<BLIND>, &[0.3, 1.0], &[0.5], &[]).unwrap();
     assert!(!blind.holds(Bounds::default()), "{blind}");
 }

@@ -4,7 +4,7 @@
 use omnidrones::controllers::{Flight, FlightPlan, Reference, fly};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
-use omnidrones::dynamics::{Effects, Physics, Vehicle, vehicles};
+use omnidrones::dynamics::{Effects, Physics, Vehicle, vehicle, vehicles};
 use std::path::{Path, PathBuf};
 
 /// Largest RMSE of a good flight after the first 2 s, m.
@@ -28,6 +28,47 @@ fn every_vehicle_tracks_the_lemniscate_within_ten_centimetres() {
     for vehicle in vehicles::all() {
         assert_tracks(&vehicle);
     }
+}
+
+/// With rotors that lift so many times its weight.
+fn with_lift(mut vehicle: Vehicle, over_weight: f64) -> Vehicle {
+    let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
+    let factor = over_weight * vehicle.mass_properties().mass * vehicle::GRAVITY / lift;
+    vehicle.rotors.iter_mut().for_each(|r| r.thrust_coefficient *= factor);
+    vehicle
+}
+
+#[test]
+fn a_vehicle_with_little_thrust_holds_its_height() {
+    for over_weight in [1.06, 1.10, 1.16] {
+        let vehicle = with_lift(vehicles::hummingbird::vehicle(), over_weight);
+        let plan =
+            FlightPlan { reference: Reference::by_name("hover").unwrap(), duration: 6.0, ..FlightPlan::default() };
+        let flight = flown(&vehicle, &plan);
+        let off = flight.log.tracking_error().iter().fold(0.0_f64, |m, e| m.max(e[2].abs()));
+        println!("thrust over weight {over_weight}: {:.1} mm off its height", 1e3 * off);
+        assert!(off < 0.05, "{over_weight}: {off} m");
+        assert_eq!(flight.log.lost_at(), None);
+    }
+}
+
+#[test]
+fn a_vehicle_that_cannot_steer_and_hold_its_height_is_refused() {
+    let vehicle = with_lift(vehicles::hummingbird::vehicle(), 1.03);
+    let refused = fly(&vehicle, &vehicle.gains(), &FlightPlan::default(), &mut |_| {}).map(drop);
+    let error = refused.unwrap_err().to_string();
+    assert!(error.contains("thrust over weight is 1.030 (") && error.contains("must be ≥ 1.05"), "{error}");
+}
+
+#[test]
+fn a_flight_tells_since_when_its_reference_is_lost() {
+    let mut log = flown(&vehicles::hummingbird::vehicle(), &FlightPlan { duration: 1.0, ..FlightPlan::default() }).log;
+    assert_eq!((log.lost_at(), log.summary(0.0).lost_at), (None, None));
+    let n = log.len();
+    log.position[n / 2][2] -= 100.0;
+    assert_eq!(log.lost_at(), None, "it came back");
+    log.position[n - 10..].iter_mut().for_each(|p| p[2] -= 5.5);
+    assert_eq!(log.summary(0.0).lost_at, Some(log.time[n - 10]));
 }
 
 /// URDF files of a folder, sorted; none if there is no such folder.

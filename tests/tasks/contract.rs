@@ -3,7 +3,7 @@
 use crate::{config, everywhere};
 use omnidrones::controllers::cascade::Level;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Delay, Env, EnvConfig, Spec, check_env, registry};
+use omnidrones::tasks::{ActionSpace, Autoreset, Baseline, Buffers, Delay, Env, EnvConfig, Spec, check_env, registry};
 
 #[test]
 fn every_task_keeps_the_contract_in_every_control_mode() {
@@ -307,5 +307,50 @@ fn every_entry_reads_its_defaults_and_has_a_name_of_its_own() {
     for entry in registry::REGISTRY {
         entry.default_config().unwrap();
         assert_eq!(names.iter().filter(|n| n.eq_ignore_ascii_case(entry.name)).count(), 1);
+    }
+}
+
+#[test]
+fn arrays_of_the_wrong_size_are_errors_and_no_panics() {
+    let config = EnvConfig { n_env: 3, ..EnvConfig::default() };
+    let [env, track] = ["Hover", "Track"].map(|task| Env::make(task, &config).unwrap());
+    let mut baseline = Baseline::new(&env).unwrap();
+    let act = |baseline: &mut Baseline, env: &Env, n: usize| baseline.act(env, &mut vec![0.0; n]).map(|()| n);
+    assert_eq!(act(&mut baseline, &env, 12).unwrap(), 12);
+    for (env, n, told) in [
+        (&env, 11, "length of actions is 11, but it must be 12."),
+        (&track, 12, "environment of a baseline is Env(3 × Track)"),
+    ] {
+        let error = act(&mut baseline, env, n).unwrap_err().to_string();
+        assert!(error.starts_with(told), "{error}");
+    }
+    let jacobian = env.jacobian(0, &[0.0; 4]).unwrap();
+    let (n_row, n_column) = jacobian.matrix.shape();
+    assert_eq!(jacobian.part(&(0..n_row), &(0..n_column)).unwrap(), jacobian.matrix);
+    for (rows, columns) in [(0..n_row + 1, 0..1), (0..1, n_column..n_column + 1), (n_row..2, 0..1)] {
+        assert!(jacobian.part(&rows, &columns).unwrap_err().to_string().contains(" of a Jacobian is "));
+    }
+}
+
+#[test]
+fn arrays_of_all_environments_are_those_of_each() {
+    let base = EnvConfig { n_env: 70, ..EnvConfig::default() };
+    for task in ["Hover", "PayloadTrack", "Formation"] {
+        let mut env = Env::make(task, &transformed(&base)).unwrap();
+        env.reset(None, None, &mut Buffers::new(env.spec()).out()).unwrap();
+        let each = |of: &dyn Fn(usize) -> Vec<f64>| (0..70).flat_map(of).collect::<Vec<f64>>();
+        let exact = |row: Vec<f32>| row.into_iter().map(f64::from).collect::<Vec<f64>>();
+        let states = each(&|i| exact(env.state(i).unwrap()));
+        let goals = each(&|i| exact(env.goal(i).unwrap()));
+        let numbers = each(&|i| env.numbers(i).unwrap());
+        let [mut all_states, mut all_goals] = [&states, &goals].map(|x| vec![f32::NAN; x.len()]);
+        let mut all_numbers = vec![f64::NAN; numbers.len()];
+        env.states_into(&mut all_states).unwrap();
+        env.goals_into(&mut all_goals).unwrap();
+        env.numbers_into(&mut all_numbers).unwrap();
+        assert_eq!((exact(all_states), exact(all_goals), all_numbers), (states, goals, numbers), "{task}");
+        let error = env.states_into(&mut [0.0; 3]).unwrap_err().to_string();
+        assert!(error.starts_with("length of states is 3, but it must be "), "{error}");
+        assert!(env.goals_into(&mut [0.0; 3]).is_err() && env.numbers_into(&mut [0.0; 3]).is_err());
     }
 }

@@ -154,9 +154,8 @@ impl Ready {
             record.see(watched);
             watch(watched);
         };
-        let act = &mut |_: &Env, out: &omnidrones::tasks::Buffers, actions: &mut [f32]| {
-            policy.act(&out.observation, actions);
-        };
+        let act =
+            &mut |_: &Env, out: &omnidrones::tasks::Buffers, actions: &mut [f32]| policy.act(&out.observation, actions);
         let evaluation = evaluate(&mut self.env, act, &mut see)?;
         let controller = format!("a policy ({}, update {})", manifest.algorithm, manifest.update);
         let unflown =

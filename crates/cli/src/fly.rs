@@ -13,7 +13,7 @@ use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, Tilt,
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::{Effects, Gains, Multirotor, Vehicle};
 use omnidrones::error::{Error, Result};
-use omnidrones::flight::FlightSummary;
+use omnidrones::flight::{FlightSummary, LOST};
 use omnidrones_plot::flight::FlightFigures;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -50,7 +50,7 @@ Examples:
   omnidrones fly transport --reference hover          four drones hold a box
   omnidrones fly omav --roll 30 --reference hover     30° of roll, held in place
   omnidrones fly platform --roll 20                   a frame that flies on with 20° of roll
-  omnidrones fly dragon --shape arc:40                a chain that bends while it flies
+  omnidrones fly dragon --shape arc:30                a chain that bends while it flies
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
@@ -62,7 +62,7 @@ no longer than that).
 
 JSON: SI units, radians; thrusts and saturation as shares of 1; null where a number does not exist.
 
-Exit codes: 0 flown; 1 the flight diverged, its RMSE is not finite or above --max-rmse, or a failure took the vehicle \
+Exit codes: 0 flown; 1 the flight diverged, its reference was lost (farther than 5 m in the end), its RMSE is not finite or above --max-rmse, or a failure took the vehicle \
 more than 10 m away; 2 unusable input or arguments.";
 
 /// Arguments of `fly`.
@@ -285,13 +285,7 @@ impl Flown {
         if let Some(reason) = self.story.as_ref().and_then(Story::lost) {
             return Err(reason);
         }
-        match (self.summary.rmse, max_rmse) {
-            (None, _) => Err("the tracking RMSE is not finite".into()),
-            (Some(rmse), Some(limit)) if rmse > limit => {
-                Err(format!("the tracking RMSE of {} exceeds --max-rmse {}", length(rmse), length(limit)))
-            }
-            _ => Ok(()),
-        }
+        tracked(&self.summary, max_rmse)
     }
 
     /// Simulated over real time.
@@ -413,6 +407,25 @@ fn describe_wind(wind: &Wind) -> Option<(&'static str, String)> {
     }
 }
 
+/// Whether a flight kept to its reference, or why not.
+pub fn tracked(summary: &FlightSummary, max_rmse: Option<f64>) -> std::result::Result<(), String> {
+    if let Some(since) = summary.lost_at {
+        let far = length(summary.max_error_overall);
+        return Err(format!(
+            "the reference was lost: farther than {} from {} s to the end, {far} at most",
+            length(LOST),
+            short(since, 3)
+        ));
+    }
+    match (summary.rmse, max_rmse) {
+        (None, _) => Err("the tracking RMSE is not finite".into()),
+        (Some(rmse), Some(limit)) if rmse > limit => {
+            Err(format!("the tracking RMSE of {} exceeds --max-rmse {}", length(rmse), length(limit)))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// One system's Jacobian at a point, derived three ways.
 struct Row {
     what: &'static str,
@@ -502,7 +515,7 @@ impl Derivatives {
         ]);
         for row in &self.certificates {
             let c = &row.certificate;
-            let order = if c.taylor_order.is_nan() { "affine".into() } else { number(c.taylor_order, 3) };
+            let order = c.taylor_order.map_or_else(|| "affine".into(), |order| number(order, 3));
             table.row([
                 row.what.to_string(),
                 format!("{} × {}", row.rows, row.columns),

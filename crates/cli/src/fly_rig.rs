@@ -1,6 +1,6 @@
 //! `omnidrones fly` for configurations, and drops of anything.
 
-use super::fly::Arguments;
+use super::fly::{Arguments, tracked};
 use super::page::{Fact, Page, duration, length, short};
 use super::rig::{self, Rig};
 use super::table::{Align, Table, number};
@@ -195,13 +195,7 @@ impl Flown<'_> {
         if let Some(t) = self.flight.diverged_at {
             return Err(format!("the flight diverged at {} s: try a slower --reference, or hover", short(t, 4)));
         }
-        match (self.summary.rmse, max_rmse) {
-            (None, _) => Err("the tracking RMSE is not finite".into()),
-            (Some(rmse), Some(limit)) if rmse > limit => {
-                Err(format!("the tracking RMSE of {} exceeds --max-rmse {}", length(rmse), length(limit)))
-            }
-            _ => Ok(()),
-        }
+        tracked(&self.summary, max_rmse)
     }
 
     fn page(&self, verdict: &std::result::Result<(), String>) -> String {

@@ -197,6 +197,7 @@ impl Ready {
         let mut random = |env: &Env, _: &Buffers, actions: &mut [f32]| {
             env.sample(draw(seed, steps), actions);
             steps += 1;
+            Ok(())
         };
         let (controller, evaluation) = match &mut self.baseline {
             Some(own) => (own.name().to_string(), evaluate(&mut self.env, &mut own.policy(), &mut watch)?),

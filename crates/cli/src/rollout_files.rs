@@ -147,11 +147,12 @@ pub fn write_csv(record: &Record, folder: &Path) -> Result<Vec<PathBuf>> {
     let spec = record.spec();
     let units = spec.info.iter().map(|i| format!("{} [{}]", i.name, i.unit));
     let header = ["environment".to_string(), "ended_by".into()].into_iter().chain(units).collect();
+    let ends = (0..spec.n_env).map(|i| record.why(i)).collect::<Result<Vec<_>>>()?;
     write(
         &episodes,
         header,
-        record.last.chunks_exact(spec.info.len()).enumerate().map(|(i, row)| {
-            [i.to_string(), record.why(i).into()].into_iter().chain(row.iter().map(f32::to_string)).collect()
+        record.last.chunks_exact(spec.info.len()).zip(ends).enumerate().map(|(i, (row, end))| {
+            [i.to_string(), end.into()].into_iter().chain(row.iter().map(f32::to_string)).collect()
         }),
     )?;
     Ok(vec![steps, episodes])

@@ -131,9 +131,10 @@ impl Tilting {
         };
         let gains = vectored::placed(&plant, &Rates::every_step(physics.dt), &body)?;
         let max_thrust = 2.0 * arms[0].rotors[0].max_thrust();
-        let limits = ForceLimits::constant(&Limits::default(), N_ARM as f64 * max_thrust);
+        let weight = body.mass * body.gravity;
+        let limits = ForceLimits::constant(&Limits::default(), N_ARM as f64 * max_thrust, weight);
         let law = SixAxis { body, gains: GainSet::constant(&gains), limits };
-        let (weights, share) = (vectored::weights(&body), body.mass * body.gravity / N_ARM as f64);
+        let (weights, share) = (vectored::weights(&body), weight / N_ARM as f64);
         let template = Problem::boxed(DMatrix::zeros(WRENCH, N_INPUT), weights, vec![max_thrust; N_INPUT])?;
         let function = AllocationFunction::new(template)?;
         let mut nominal = vec![0.0; GainSet::<f64>::DIM];
@@ -195,6 +196,7 @@ impl Tilting {
             limits: ForceLimits {
                 tilt_tangent: S::constant(limits.tilt_tangent),
                 vertical: S::constant(limits.vertical),
+                ceiling: S::constant(limits.ceiling),
                 force: S::constant(limits.force),
                 thrust: S::constant(limits.thrust),
             },

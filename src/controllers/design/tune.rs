@@ -5,6 +5,9 @@
 //! lag, saturation and sampled controllers included ([`BatchRollout`], 64 flights to a block). Adam (Kingma and Ba
 //! 2015) descends on the root of the mean over the starts. The best gains on the training starts are kept; held-out
 //! starts judge, in `f64`.
+//!
+//! Robustness is not part of the objective. Margins shrink while the error falls (Hummingbird: phase margin at a rotor input
+//! 41° → 15°, disk margin 0.73 → 0.24, delay margin 55 → 16 ms): try tuned gains with other rates, masses and winds.
 
 use crate::autodiff::batch_rollout::BatchRollout;
 use crate::autodiff::{Objective, Scalar, System};

@@ -337,7 +337,7 @@ fn whole_numbers_are_learnt_within_their_space() {
         assert!(ppo.rollout.action[..flown].chunks(n).all(|a| ppo.spec.action.contains(a)));
         let mut policy = ppo.policy().unwrap();
         let mut action = vec![f32::NAN; n];
-        policy.act(&vec![0.1; ppo.spec.n_observation], &mut action);
+        policy.act(&vec![0.1; ppo.spec.n_observation], &mut action).unwrap();
         assert!(ppo.spec.action.contains(&action), "{action:?}");
         let before = saved(&ppo);
         let (policy, state) = &before;

@@ -379,39 +379,55 @@ pub struct Jacobian {
 impl Jacobian {
     /// Part of the matrix, by [`Jacobian::places`].
     ///
-    /// # Panics
-    /// For columns behind the parameters or rows that there are not.
-    pub fn part(&self, rows: &Range<usize>, columns: &Range<usize>) -> DMatrixView<'_, f64> {
+    /// # Errors
+    /// [`Error::Value`] for columns behind the parameters or rows that there are not.
+    pub fn part(&self, rows: &Range<usize>, columns: &Range<usize>) -> Result<DMatrixView<'_, f64>> {
+        let (n_row, n_column) = self.matrix.shape();
+        for (what, range, n) in [("rows", rows, n_row), ("columns", columns, n_column)] {
+            if range.start > range.end || range.end > n {
+                let remedy = "Take them from Jacobian::places.";
+                return Err(Error::value(
+                    format!("{what} of a Jacobian"),
+                    format!("{range:?}"),
+                    format!("within 0..{n}"),
+                    remedy,
+                ));
+            }
+        }
+        Ok(self.view(rows, columns))
+    }
+
+    fn view(&self, rows: &Range<usize>, columns: &Range<usize>) -> DMatrixView<'_, f64> {
         self.matrix.view((rows.start, columns.start), (rows.len(), columns.len()))
     }
 
     fn row(&self, row: usize, columns: &Range<usize>) -> DMatrixView<'_, f64> {
-        self.part(&(row..row + 1), columns)
+        self.view(&(row..row + 1), columns)
     }
 
     /// A of x⁺ = A x + B a + C θ: of the physical state alone.
     pub fn state(&self) -> DMatrixView<'_, f64> {
-        self.part(&self.places.state, &self.places.state)
+        self.view(&self.places.state, &self.places.state)
     }
 
     /// B of x⁺ = A x + B a + C θ.
     pub fn action(&self) -> DMatrixView<'_, f64> {
-        self.part(&self.places.state, &self.places.action)
+        self.view(&self.places.state, &self.places.action)
     }
 
     /// C of x⁺ = A x + B a + C θ: by the numbers that differ between environments.
     pub fn parameters(&self) -> DMatrixView<'_, f64> {
-        self.part(&self.places.state, &self.places.parameters)
+        self.view(&self.places.state, &self.places.parameters)
     }
 
     /// ∂observation/∂state.
     pub fn observation_state(&self) -> DMatrixView<'_, f64> {
-        self.part(&self.places.observation, &self.places.state)
+        self.view(&self.places.observation, &self.places.state)
     }
 
     /// ∂observation/∂action.
     pub fn observation_action(&self) -> DMatrixView<'_, f64> {
-        self.part(&self.places.observation, &self.places.action)
+        self.view(&self.places.observation, &self.places.action)
     }
 
     /// ∂reward/∂state, one row.

@@ -46,7 +46,7 @@ pub use transition::Places;
 use self::block::{EnvBlock, Sizes, Workspace};
 use self::buffers::Span;
 use self::control::Control;
-use self::core::{Core, HELD_PER_AGENT, first_bits};
+use self::core::{Core, HELD_PER_AGENT, first_bits, transpose};
 use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
@@ -417,6 +417,61 @@ impl Env {
         Ok(numbers)
     }
 
+    /// [`Env::state`] of all environments, `[E, state]`, row-major; allocates nothing.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length.
+    pub fn states_into(&self, rows: &mut [f32]) -> Result<()> {
+        let n = self.rig().n_state();
+        self.check_rows("states", n, rows.len())?;
+        self.columns_into(|block| &block.plant.rows[..n], n, rows);
+        Ok(())
+    }
+
+    /// [`Env::goal`] of all environments, `[E, goal]`, row-major; allocates nothing. The sizes of
+    /// [`Sheet::goal`](super::Sheet::goal) add up to a row.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length.
+    pub fn goals_into(&self, rows: &mut [f32]) -> Result<()> {
+        let n = self.core.sizes.goal;
+        self.check_rows("goals", n, rows.len())?;
+        self.columns_into(|block| &block.goal, n, rows);
+        Ok(())
+    }
+
+    /// [`Env::numbers`] of all environments, `[E, number]`, row-major; allocates nothing.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length.
+    pub fn numbers_into(&self, rows: &mut [f64]) -> Result<()> {
+        let nominal = &self.core.nominal;
+        self.check_rows("numbers", nominal.len(), rows.len())?;
+        for (i, own) in rows.chunks_exact_mut(nominal.len()).enumerate() {
+            own.copy_from_slice(nominal);
+            let theta = self.blocks[i / BLOCK].theta.iter().zip(&self.core.varied);
+            theta.for_each(|(row, k)| own[*k] = f64::from(row[i % BLOCK]));
+        }
+        Ok(())
+    }
+
+    fn check_rows(&self, what: &str, n: usize, got: usize) -> Result<()> {
+        let wanted = self.spec.n_env * n;
+        if got == wanted {
+            return Ok(());
+        }
+        let remedy = format!("Rows are environments, {n} numbers each.");
+        Err(Error::value(format!("length of {what}"), got, wanted.to_string(), remedy))
+    }
+
+    /// Columns of every block as rows of `n` numbers.
+    fn columns_into(&self, of: impl Fn(&EnvBlock) -> &[[f32; BLOCK]], n: usize, rows: &mut [f32]) {
+        if n > 0 {
+            let own = self.blocks.iter().zip(rows.chunks_mut(BLOCK * n));
+            own.for_each(|(block, rows)| transpose(of(block), rows.len() / n, rows, n, 0));
+        }
+    }
+
     /// The summands of the reward in a state that the task calls ideal: their sum comes within 1e-6 of
     /// [`Spec::reward_bound`], effort aside.
     pub fn ideal_terms(&self) -> Vec<f64> {
@@ -432,6 +487,11 @@ impl Env {
         let exact = |numbers: Vec<f32>| numbers.into_iter().map(f64::from).collect::<Vec<f64>>();
         let (state, goal) = (exact(self.state(environment)?), exact(self.goal(environment)?));
         Ok(self.core.engine.wanted(&self.core, &state, &goal))
+    }
+
+    /// Of one name, configuration and varied numbers: what fits one such environment fits the other.
+    pub(crate) fn kin(&self) -> u64 {
+        self.core.kin
     }
 
     /// What flies.

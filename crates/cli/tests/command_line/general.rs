@@ -134,6 +134,10 @@ fn a_flight_that_fails_exits_with_1_and_says_why() {
     let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(value["success"], false);
     assert!(value["failure"].is_string());
+    // drifts away in a wind that its thrust cannot hold against
+    let blown = ["fly", "hummingbird", "--wind", "200,0,0", "--duration", "6", "--no-plots"];
+    let (out, _) = exits(1, folder.path(), &blown);
+    assert!(out.contains("FAILED: the reference was lost: farther than 5 m from "), "{out}");
 }
 
 #[test]
@@ -176,8 +180,16 @@ fn import_drafts_rotor_data_once_and_says_what_it_assumed() {
     copy(folder.path(), "plain_x", false);
     let (_, err) = exits(2, folder.path(), &["fly", "plain_x.urdf"]);
     assert!(err.contains("plain_x.rotors.toml") && err.contains("omnidrones import"), "{err}");
-    let (out, _) = exits(0, folder.path(), &["import", "plain_x.urdf"]);
-    for words in ["DRAFT", "Assumed, not read", "thrust_coefficient", "Written", "omnidrones fly plain_x.urdf"] {
+    let (out, err) = exits(0, folder.path(), &["import", "plain_x.urdf"]);
+    assert_eq!(err, "writing plain_x.rotors.toml: a draft of its rotors\n", "said before");
+    for words in [
+        "The cylinders or meshes (1) in the collision geometry of 'body' touch nothing",
+        "DRAFT",
+        "Assumed, not read",
+        "thrust_coefficient",
+        "Written",
+        "omnidrones fly plain_x.urdf",
+    ] {
         assert!(out.contains(words), "{words}\n{out}");
     }
     assert!(is_file(folder.path().join("plain_x.rotors.toml")));
@@ -213,6 +225,7 @@ fn tune_writes_gains_that_fly_better() {
     let tuned = json(0, folder.path(), &arguments);
     assert!(tuned["improvement"].as_f64().expect("a number") > 0.0, "{tuned}");
     assert_eq!(tuned["history"].as_array().expect("a list").len(), 3);
+    assert!(tuned["warning"].as_str().expect("a text").contains("robustness is not part of the objective"), "{tuned}");
     assert!(is_file(folder.path().join("out/hummingbird/tune.png")));
     let rmse = |more: &[&str]| {
         let arguments = [&["fly", "hummingbird", "--no-plots", "--json"], more].concat();
@@ -487,6 +500,22 @@ fn a_reader_that_leaves_is_no_failure_and_a_full_disk_is_one() {
         assert_eq!(output.status.code(), Some(2));
         assert!(text(&output.stderr).contains("standard output"), "{}", text(&output.stderr));
     }
+}
+
+#[test]
+fn threads_that_cannot_be_had_are_no_failure() {
+    let folder = temporary();
+    let arguments =
+        ["rollout", "Hover", "--controller", "random", "--envs", "300", "--horizon", "5", "--no-plots", "--csv"];
+    let told = |key: &str, value: &str| {
+        let mut command = command(folder.path(), &arguments);
+        let output = command.env(key, value).args(["--out", key]).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{key}={value}: {}", text(&output.stderr));
+        std::fs::read_to_string(folder.path().join(key).join("steps.csv")).unwrap()
+    };
+    // no machine has stacks of an exabyte, and none has so many cores
+    let [refused, absurd] = [("RUST_MIN_STACK", (1_u64 << 60).to_string()), ("RAYON_NUM_THREADS", "20000".into())];
+    assert_eq!(told(refused.0, &refused.1), told(absurd.0, &absurd.1));
 }
 
 #[test]
