@@ -219,7 +219,6 @@ impl Plant {
         match self {
             Self::Rigid(p) => match p.padded {
                 4 => p.step::<4>(blocks),
-                6 => p.step::<6>(blocks),
                 8 => p.step::<8>(blocks),
                 _ => p.step::<16>(blocks),
             },
@@ -304,7 +303,6 @@ impl RigidPlant {
         let (radii, substep) = (&self.radii, self.physics.grid().substep);
         match self.padded {
             4 => pack(&RigidModel::<f64, 4>::from_parameters(parameters, radii, substep), put),
-            6 => pack(&RigidModel::<f64, 6>::from_parameters(parameters, radii, substep), put),
             8 => pack(&RigidModel::<f64, 8>::from_parameters(parameters, radii, substep), put),
             _ => pack(&RigidModel::<f64, 16>::from_parameters(parameters, radii, substep), put),
         }
@@ -318,8 +316,7 @@ pub(crate) fn wrong_length(what: &str, got: usize, wanted: usize) -> Error {
 fn padded_rotors(n: usize) -> usize {
     match n {
         0..=4 => 4,
-        5..=6 => 6,
-        7..=8 => 8,
+        5..=8 => 8,
         _ => 16,
     }
 }

@@ -22,7 +22,6 @@ use crate::tasks::rig::Rig;
 #[expect(clippy::large_enum_variant, reason = "one per batch")]
 enum Cascades {
     Four(CascadeModel<f64, 4>),
-    Six(CascadeModel<f64, 6>),
     Eight(CascadeModel<f64, 8>),
     Sixteen(CascadeModel<f64, 16>),
 }
@@ -34,6 +33,8 @@ pub(crate) struct Control {
     scale: ActionScale,
     space: ActionSpace,
     cascades: Option<Cascades>,
+    /// The same cascade for recordings, which come out alike for any number of slots.
+    recorded: Option<Box<CascadeModel<f64, MAX_SLOTS>>>,
     /// Commands of one agent.
     pub n_command: usize,
     /// What one agent does where its action is not a number.
@@ -58,6 +59,7 @@ impl Control {
             scale: config.action_scale,
             space: config.actions,
             cascades: None,
+            recorded: None,
             n_command: 4,
             safe: Vec::new(),
             names: Vec::new(),
@@ -99,10 +101,10 @@ impl Control {
         let gains = vehicle.gains();
         self.cascades = Some(match vehicle.n_rotor() {
             0..=4 => Cascades::Four(CascadeModel::new(vehicle, &gains)?),
-            5..=6 => Cascades::Six(CascadeModel::new(vehicle, &gains)?),
-            7..=8 => Cascades::Eight(CascadeModel::new(vehicle, &gains)?),
+            5..=8 => Cascades::Eight(CascadeModel::new(vehicle, &gains)?),
             _ => Cascades::Sixteen(CascadeModel::new(vehicle, &gains)?),
         });
+        self.recorded = Some(Box::new(CascadeModel::new(vehicle, &gains)?));
         let weight = vehicle.mass_properties().mass * GRAVITY;
         let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
         let hover = 2.0 * weight / lift - 1.0;
@@ -205,7 +207,6 @@ impl Control {
                 }
             }
             Some(Cascades::Four(model)) => self.cascade(model, rig, plant, step, block, work),
-            Some(Cascades::Six(model)) => self.cascade(model, rig, plant, step, block, work),
             Some(Cascades::Eight(model)) => self.cascade(model, rig, plant, step, block, work),
             Some(Cascades::Sixteen(model)) => self.cascade(model, rig, plant, step, block, work),
         }
@@ -245,37 +246,22 @@ impl Control {
             let first = agent * (HELD + MAX_SLOTS);
             let held = &mut held[first..first + HELD + MAX_SLOTS];
             let out = &mut input[..];
-            match &self.cascades {
+            match &self.recorded {
                 None => {
                     for (k, place) in self.inputs[agent].iter().enumerate() {
                         out[*place] = own[k];
                     }
                 }
-                Some(Cascades::Four(m)) => self.one(m, agent, step, &frame, own, held, out),
-                Some(Cascades::Six(m)) => self.one(m, agent, step, &frame, own, held, out),
-                Some(Cascades::Eight(m)) => self.one(m, agent, step, &frame, own, held, out),
-                Some(Cascades::Sixteen(m)) => self.one(m, agent, step, &frame, own, held, out),
+                Some(model) => {
+                    let model = CascadeModel::<S, MAX_SLOTS>::constant(model);
+                    let before = Held::read(&held[..HELD + MAX_SLOTS]);
+                    let new = self.compute(&model, step, &frame, [own[0], own[1], own[2], own[3]], &before);
+                    new.write(&mut held[..HELD + MAX_SLOTS]);
+                    for (k, place) in self.inputs[agent].iter().enumerate() {
+                        out[*place] = new.rotors[k];
+                    }
+                }
             }
-        }
-    }
-
-    #[expect(clippy::too_many_arguments, reason = "the parts of one level, named at its only caller")]
-    fn one<S: Scalar, const R: usize>(
-        &self,
-        model: &CascadeModel<f64, R>,
-        agent: usize,
-        step: usize,
-        frame: &Frame<S>,
-        commands: &[S],
-        held: &mut [S],
-        input: &mut [S],
-    ) {
-        let model = CascadeModel::<S, R>::constant(model);
-        let command = [commands[0], commands[1], commands[2], commands[3]];
-        let new = self.compute(&model, step, frame, command, &Held::read(&held[..HELD + R]));
-        new.write(&mut held[..HELD + R]);
-        for (k, place) in self.inputs[agent].iter().enumerate() {
-            input[*place] = new.rotors[k];
         }
     }
 

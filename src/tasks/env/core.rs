@@ -5,6 +5,7 @@ use super::buffers::StepOut;
 use super::control::{Control, MAX_SLOTS};
 use super::engine::Engine;
 use super::gradient::Slot;
+use super::judge::Replace;
 use super::transform::{Shift, Transform};
 use super::transition::{Places, Setting};
 use crate::autodiff::lanes::each_register;
@@ -117,7 +118,7 @@ impl Core {
         self.act(block, work, actions);
         self.replace_diverged(block, running);
         self.plant.frames(&block.plant, &mut work.frames);
-        self.engine.judge(&self.sizes, self.plant.alive_row(), block, work);
+        self.engine.judge(&self.sizes, self.plant.alive_row(), block, work, None);
         let ended = (bits(&work.signals[signal::TERMINATED]) | bits(&work.signals[signal::TRUNCATED])) & running;
         let events = bits(&work.signals[signal::DUE]) & running & !ended;
         if events != 0 {
@@ -231,12 +232,13 @@ impl Core {
     }
 
     /// Observation and central state of these lanes, before the transforms; the others' stay as they are.
-    fn look_again(&self, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
+    fn look_again(&self, block: &mut EnvBlock, work: &mut Workspace, lanes: u64) {
         self.plant.frames(&block.plant, &mut work.frames);
         for (lane, chosen) in work.moved[AGAIN].iter_mut().enumerate() {
             *chosen = ((lanes >> lane) & 1) as f32;
         }
-        self.engine.observe(&self.sizes, block, work, lanes);
+        self.engine.judge(&self.sizes, self.plant.alive_row(), block, work, Some(lanes));
+        each_register(block.plant.occupied, Replace { sizes: &self.sizes, work });
     }
 
     fn transform(&self, block: &mut EnvBlock, work: &mut Workspace, moved: u64, fresh: u64, first: usize) {

@@ -2,7 +2,7 @@
 
 use super::block::{EnvBlock, Sizes, Workspace};
 use super::core::Core;
-use super::judge::{Disturb, Judge, Observe};
+use super::judge::{Disturb, Judge};
 use super::transition::{Ideal, Setting, first_sight, ideal, ideal_terms, transition, view};
 use crate::autodiff::lanes::each_register;
 use crate::autodiff::{Recording, Scalar, Trace};
@@ -24,10 +24,8 @@ pub(crate) trait Engine: Send + Sync {
     fn ideal(&self, core: &Core) -> Ideal;
     /// Summands of the reward in it.
     fn ideal_terms(&self, core: &Core) -> Vec<f64>;
-    /// Time, memo, reward, ends and observation after physics.
-    fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace);
-    /// Observation and central state of some lanes, where episodes begin and goals change.
-    fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64);
+    /// Time, memo, reward, ends and observation after physics; or observation and central state of the lanes `again` alone.
+    fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace, again: Option<u64>);
     /// Disturbances of the coming step.
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]);
     /// One step as a recording.
@@ -69,11 +67,8 @@ impl<T: Task> Engine for Typed<T> {
     fn ideal_terms(&self, core: &Core) -> Vec<f64> {
         ideal_terms(&self.task, core)
     }
-    fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace) {
-        each_register(block.plant.occupied, Judge { task: &self.task, sizes, alive_row, block, work });
-    }
-    fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
-        each_register(block.plant.occupied, Observe { task: &self.task, sizes, block, work, lanes });
+    fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace, again: Option<u64>) {
+        each_register(block.plant.occupied, Judge { task: &self.task, sizes, alive_row, block, work, again });
     }
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]) {
         each_register(block.plant.occupied, Disturb { task: &self.task, block, work, rows });

@@ -52,24 +52,45 @@ pub(crate) fn reason<S: Scalar, T: Task>(task: &T, view: &View<'_, S>, n_end: us
     code
 }
 
-/// After physics: everything but the observation's transforms.
+/// The task's part of a step but for the transforms of observations: all of it behind physics, or the observation alone
+/// where episodes begin and goals change. One kernel, since what tasks observe is most of what there is to compile.
 pub(crate) struct Judge<'a, T> {
     pub task: &'a T,
     pub sizes: &'a Sizes,
     pub alive_row: usize,
     pub block: &'a mut EnvBlock,
     pub work: &'a mut Workspace,
+    /// Whether these lanes alone are to be observed, into [`Workspace::again`]; bit i stands for lane i.
+    pub again: Option<u64>,
 }
 
 impl<T: Task> RegisterKernel for Judge<'_, T> {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
-        judge::<L, T>(self.task, self.sizes, self.alive_row, self.block, self.work, at);
+        let Self { task, sizes, block, work, .. } = self;
+        let group = if L::WIDTH == BLOCK { u64::MAX } else { ((1u64 << L::WIDTH) - 1) << at };
+        match self.again {
+            None => advance::<L, T>(task, sizes, self.alive_row, block, work, at),
+            Some(lanes) if lanes & group == 0 => return,
+            Some(_) => {}
+        }
+        let Workspace { raw, central, again, frames, speeds, .. } = &mut **work;
+        let view = view::<L>(task.rig(), task.horizon() as f64, block, frames, speeds, at);
+        let (seen, state) = if self.again.is_none() {
+            (&mut raw[..], &mut central[..])
+        } else {
+            again.split_at_mut(sizes.agent * sizes.raw)
+        };
+        observe(*task, sizes, &view, &mut L::rows_mut(seen, at));
+        if sizes.central > 0 {
+            task.central(&view, &mut L::rows_mut(state, at).pen(0));
+        }
     }
 }
 
+/// Time, memo, reward and ends.
 #[inline(always)]
-fn judge<L: Lanes, T: Task>(
+fn advance<L: Lanes, T: Task>(
     task: &T,
     sizes: &Sizes,
     alive_row: usize,
@@ -99,10 +120,6 @@ fn judge<L: Lanes, T: Task>(
     let success = task.success(&view);
     let loss = task.loss(&view);
     let code = reason(task, &view, sizes.end);
-    observe(task, sizes, &view, &mut L::rows_mut(&mut work.raw, at));
-    if sizes.central > 0 {
-        task.central(&view, &mut L::rows_mut(&mut work.central, at).pen(0));
-    }
 
     let alive = L::rows(&block.plant.rows, at).get(alive_row);
     let diverged = alive.lt(L::constant(f64::from(ALIVE) - 0.5));
@@ -147,44 +164,26 @@ pub(crate) fn observe<S: Scalar, T: Task>(task: &T, sizes: &Sizes, view: &View<'
     }
 }
 
-/// Observations and central state of some lanes as they stand, after restarts and events.
-pub(crate) struct Observe<'a, T> {
-    pub task: &'a T,
+/// What was observed again takes the place of what was observed; the neighbours keep what they saw.
+pub(crate) struct Replace<'a> {
     pub sizes: &'a Sizes,
-    pub block: &'a EnvBlock,
     pub work: &'a mut Workspace,
-    /// Bit i stands for lane i; the same as numbers stand in row [`AGAIN`] of [`Workspace::moved`].
-    pub lanes: u64,
 }
 
-impl<T: Task> RegisterKernel for Observe<'_, T> {
+impl RegisterKernel for Replace<'_> {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
-        let group = if L::WIDTH == BLOCK { u64::MAX } else { ((1u64 << L::WIDTH) - 1) << at };
-        if self.lanes & group != 0 {
-            observe_again::<L, T>(self.task, self.sizes, self.block, self.work, at);
+        let n_raw = self.sizes.agent * self.sizes.raw;
+        let chosen = L::constant(0.5).lt(L::rows(&self.work.moved, at).get(AGAIN));
+        let new = L::rows(&self.work.again, at);
+        let mut raw = L::rows_mut(&mut self.work.raw, at);
+        for k in 0..n_raw {
+            raw.set(k, L::select(chosen, new.get(k), raw.get(k)));
         }
-    }
-}
-
-/// The neighbours of the lanes that are meant keep what they saw.
-#[inline(always)]
-fn observe_again<L: Lanes, T: Task>(task: &T, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, at: usize) {
-    let n_raw = sizes.agent * sizes.raw;
-    let view = view::<L>(task.rig(), task.horizon() as f64, block, &work.frames, &work.speeds, at);
-    observe(task, sizes, &view, &mut L::rows_mut(&mut work.again, at));
-    if sizes.central > 0 {
-        task.central(&view, &mut L::rows_mut(&mut work.again, at).pen(n_raw));
-    }
-    let chosen = L::constant(0.5).lt(L::rows(&work.moved, at).get(AGAIN));
-    let new = L::rows(&work.again, at);
-    let mut raw = L::rows_mut(&mut work.raw, at);
-    for k in 0..n_raw {
-        raw.set(k, L::select(chosen, new.get(k), raw.get(k)));
-    }
-    let mut central = L::rows_mut(&mut work.central, at);
-    for k in 0..sizes.central {
-        central.set(k, L::select(chosen, new.get(n_raw + k), central.get(k)));
+        let mut central = L::rows_mut(&mut self.work.central, at);
+        for k in 0..self.sizes.central {
+            central.set(k, L::select(chosen, new.get(n_raw + k), central.get(k)));
+        }
     }
 }
 
