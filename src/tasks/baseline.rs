@@ -5,7 +5,7 @@
 //! numbers) and what the task [wants](super::Task::wanted), and act on the rotors.
 
 use super::env::{Buffers, Env};
-use super::rig::{Craft, Inertial, Rig};
+use super::rig::{Inertial, Rig};
 use super::task::Wanted;
 use crate::controllers::cascade::{Cascade, Level, Rates};
 use crate::controllers::kinematics::Kinematics;
@@ -16,7 +16,7 @@ use crate::controllers::transport::{Leans, Transport, is_transport};
 use crate::dynamics::gains;
 use crate::dynamics::rigid::{RIGID_DIM, vehicle_of};
 use crate::dynamics::tree::{Model, Multibody};
-use crate::dynamics::{Gains, Rotor, Vehicle};
+use crate::dynamics::{Gains, Plant, Rotor, Vehicle};
 use crate::error::{Error, Result};
 
 /// One controller per environment.
@@ -148,16 +148,16 @@ impl Seat {
 /// For a rig with these numbers.
 fn crew(rig: &Rig, numbers: &[f64], dt: f64) -> Result<Crew> {
     let rates = Rates::every_step(dt);
-    match &rig.craft {
-        Craft::Vehicle(m) => Ok(Crew::Free(vec![cascade(&vehicle_of(m.vehicle(), numbers)?, dt)?])),
-        Craft::Model(m) if m.layout().trees.len() > 1 => {
+    match rig.plant() {
+        Plant::Rigid(m) => Ok(Crew::Free(vec![cascade(&vehicle_of(m.vehicle(), numbers)?, dt)?])),
+        Plant::Tree(m) if m.layout().trees.len() > 1 => {
             let Some(vehicle) = &rig.vehicle else {
                 return Err(Error::value("drones", "no plain vehicles", "vehicles, to fly freely", "Join them."));
             };
             let own = rig.drones().iter().map(|_| cascade(vehicle, dt));
             own.collect::<Result<Vec<_>>>().map(Crew::Free)
         }
-        Craft::Model(m) => {
+        Plant::Tree(m) => {
             let known = Multibody::new(&with_numbers(m.model(), numbers)?, *m.physics())?;
             pilot(&known, rig.vehicle.as_ref(), &rates).map(Crew::Joined)
         }
