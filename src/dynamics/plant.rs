@@ -84,18 +84,6 @@ impl Plant {
         }
     }
 
-    /// The same plant under other physics.
-    ///
-    /// # Errors
-    /// As [`Multirotor::new`] and [`Multibody::new`].
-    pub fn under(&self, physics: Physics) -> Result<Self> {
-        let plain = match self {
-            Self::Rigid(m) => Self::of_vehicle(m.vehicle(), physics)?,
-            Self::Tree(m) => Self::of_model(m.model(), physics)?,
-        };
-        Ok(if self.n_parameter() > 0 { plain.with_parameters() } else { plain })
-    }
-
     /// The plant as it flies on when rotor i keeps the share `effectiveness[i]` of its largest thrust: √e of its largest
     /// speed, of a lost one 10⁻³.
     ///
