@@ -26,6 +26,7 @@ use super::allocation::problem::{Problem, WRENCH};
 use super::allocation::{Allocator, Assessment, Capability, Counts, failure};
 use super::attitude::{AttitudeCommand, rate_command};
 use super::cascade::{CascadeModel, Held, Rates, Schedule, hold_rate};
+use super::controller::{Controller, Measurement, Target};
 use super::kinematics::Kinematics;
 use super::parameters::{ForceLimits, GainSet, Limits};
 use super::rate::RateCommand;
@@ -213,6 +214,34 @@ impl FaultTolerant {
             angular_velocity: rate,
             angular_acceleration: untwisted(command.angular_acceleration),
         }
+    }
+}
+
+impl Controller for FaultTolerant {
+    fn name(&self) -> &str {
+        "fault_tolerant"
+    }
+
+    fn description(&self) -> String {
+        "the cascade, and with the rotors that are left: roll and pitch before thrust before yaw".into()
+    }
+
+    fn schedule(&self) -> Option<Schedule> {
+        Some(self.schedule)
+    }
+
+    fn reset(&mut self) {
+        (self.broken, self.model, self.held, self.step) = (None, self.whole, self.whole.initial(), 0);
+    }
+
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]) {
+        let actions = self.position(&Kinematics::read(seen.state), &target.sample(seen.time));
+        let n = self.vehicle.n_rotor();
+        commands[..n].copy_from_slice(&actions[..n]);
+    }
+
+    fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
+        FaultTolerant::tell(self, effectiveness)
     }
 }
 

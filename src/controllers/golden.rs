@@ -421,7 +421,7 @@ fn tracking_error(vehicle: &Vehicle, gains: &Gains, drag: f64, feed_drag: bool, 
     vehicle.drag.linear = if feed_drag { [drag; 3] } else { [0.0; 3] };
     let dt = 0.002;
     let mut cascade = Cascade::<6>::new(&vehicle, gains, &Rates::default(), dt).unwrap();
-    let mut state = Kinematics::at_rest(shape.position(0.0));
+    let mut state = Kinematics::at_rest(shape.sample(0.0).position);
     let (mut sum, mut count) = (0.0, 0.0);
     for k in 0..5000 {
         let sample = shape.sample(dt * f64::from(k));

@@ -46,6 +46,13 @@ impl<S: Scalar> GainSet<S> {
         }
     }
 
+    /// Names of the flat form, with something before each: `gains.position_x`.
+    pub fn names(prefix: &str) -> Vec<String> {
+        let levels = ["position", "velocity", "attitude", "rate"];
+        let of = |level: &str| ["x", "y", "z"].map(|axis| format!("{prefix}gains.{level}_{axis}"));
+        levels.into_iter().flat_map(of).collect()
+    }
+
     /// The inverse of [`write`](Self::write).
     #[inline(always)]
     pub fn read(x: &[S]) -> Self {

@@ -9,6 +9,7 @@
 //! | [`rigid`] | the rigid multirotor's equations, over any scalar |
 //! | [`integrate`] | RK4 and the semi-implicit step |
 //! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
+//! | [`plant`] | such a vehicle or an articulated system, behind one type |
 //! | [`frame`] | where a body is and how it moves |
 //! | [`fleet`] | several multirotors in each other's downwash, as one system |
 //! | [`tree`] | articulated systems: bodies in a tree, joints, drives, rotors |
@@ -31,6 +32,7 @@ pub mod frame;
 pub mod gains;
 pub mod integrate;
 pub mod multirotor;
+pub mod plant;
 pub mod rigid;
 pub mod scene;
 pub mod shape;
@@ -46,5 +48,6 @@ pub use fleet::{Downwash, Fleet};
 pub use frame::Frame;
 pub use integrate::Integrator;
 pub use multirotor::{Multirotor, Physics};
+pub use plant::Plant;
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};
 pub use vehicle::*;

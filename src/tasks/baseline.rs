@@ -1,22 +1,19 @@
 //! The controllers of this crate as policies: what learners have to beat.
 //!
-//! Free drones are flown by a cascade each, all levels in every step; what is joined together by the pilot that suits it
-//! ([`suited`]). All see the true state, the true masses of their episode (a free drone all its
+//! Free drones are flown by a cascade each, all levels in every step; what is joined together by its
+//! [`default_controller`]. All see the true state, the true masses of their episode (a free drone all its
 //! numbers) and what the task [wants](super::Task::wanted), and act on the rotors.
 
 use super::env::{Buffers, Env};
-use super::rig::{Craft, Inertial, Rig};
+use super::rig::{Inertial, Rig};
 use super::task::Wanted;
 use crate::controllers::cascade::{Cascade, Level, Rates};
+use crate::controllers::controller::{Controller, Measurement, Target};
 use crate::controllers::kinematics::Kinematics;
-use crate::controllers::pilot::{Command, Pilot, suited};
-use crate::controllers::platform::{self, Platform, is_platform};
-use crate::controllers::state_feedback::{Lqr, Weights, carries};
-use crate::controllers::transport::{Leans, Transport, is_transport};
-use crate::dynamics::gains;
+use crate::controllers::registry::{Setup, default_controller, swift};
 use crate::dynamics::rigid::{RIGID_DIM, vehicle_of};
-use crate::dynamics::tree::{Model, Multibody};
-use crate::dynamics::{Gains, Rotor, Vehicle};
+use crate::dynamics::tree::Model;
+use crate::dynamics::{Plant, Rotor, Vehicle};
 use crate::error::{Error, Result};
 
 /// One controller per environment.
@@ -42,7 +39,7 @@ enum Crew {
     /// One per drone, each a tree of its own.
     Free(Vec<Cascade>),
     /// Of one tree.
-    Joined(Box<dyn Pilot>),
+    Joined(Box<dyn Controller>),
     /// Of numbers that no controller flies.
     Nobody,
 }
@@ -66,7 +63,7 @@ impl Baseline {
         }
         let name = match crew(env.rig(), &env.numbers(0)?, spec.dt)? {
             Crew::Free(_) => "cascade".into(),
-            Crew::Joined(pilot) => pilot.name().into(),
+            Crew::Joined(one) => one.name().into(),
             Crew::Nobody => "nobody".into(),
         };
         let seats = (0..spec.n_env).map(|_| None).collect();
@@ -145,9 +142,9 @@ impl Seat {
                     rig.drones()[i].rotors.iter().zip(actions).for_each(|(r, a)| self.input[r.action] = a);
                 }
             }
-            Crew::Joined(pilot) => {
-                let moment = Command { time, state, reference: &references[0], tilt: &self.wanted.tilt };
-                pilot.command(moment, &mut self.input);
+            Crew::Joined(one) => {
+                let target = Target { reference: &references[0], tilt: &self.wanted.tilt };
+                one.tick(Measurement { time, state }, target, &mut self.input);
             }
             Crew::Nobody => {}
         }
@@ -156,41 +153,21 @@ impl Seat {
 
 /// For a rig with these numbers.
 fn crew(rig: &Rig, numbers: &[f64], dt: f64) -> Result<Crew> {
-    let rates = Rates::every_step(dt);
-    match &rig.craft {
-        Craft::Vehicle(m) => Ok(Crew::Free(vec![cascade(&vehicle_of(m.vehicle(), numbers)?, dt)?])),
-        Craft::Model(m) if m.layout().trees.len() > 1 => {
+    match rig.plant() {
+        Plant::Rigid(m) => Ok(Crew::Free(vec![cascade(&vehicle_of(m.vehicle(), numbers)?, dt)?])),
+        Plant::Tree(m) if m.layout().trees.len() > 1 => {
             let Some(vehicle) = &rig.vehicle else {
                 return Err(Error::value("drones", "no plain vehicles", "vehicles, to fly freely", "Join them."));
             };
             let own = rig.drones().iter().map(|_| cascade(vehicle, dt));
             own.collect::<Result<Vec<_>>>().map(Crew::Free)
         }
-        Craft::Model(m) => {
-            let known = Multibody::new(&with_numbers(m.model(), numbers)?, *m.physics())?;
-            pilot(&known, rig.vehicle.as_ref(), &rates).map(Crew::Joined)
+        Plant::Tree(m) => {
+            let known = Plant::of_model(&with_numbers(m.model(), numbers)?, *m.physics())?;
+            let setup = Setup { gains: None, rates: &Rates::every_step(dt), swift: rig.vehicle.as_ref() };
+            default_controller(&known, &setup).map(Crew::Joined)
         }
     }
-}
-
-/// The pilot that suits a model, with swift drones where its loops are placed by theirs.
-fn pilot(system: &Multibody, vehicle: Option<&Vehicle>, rates: &Rates) -> Result<Box<dyn Pilot>> {
-    let model = system.model();
-    Ok(match vehicle {
-        Some(vehicle) if carries(model) => {
-            let standing = model.bodies().iter().skip(1).any(|b| b.center_of_mass[2] > 0.0);
-            let weights = if standing { STANDING } else { Weights::default() };
-            Box::new(Lqr::with_weights(system, Some(&swift(vehicle, 2.0)), rates, &weights)?)
-        }
-        Some(vehicle) if is_platform(model) => {
-            let mut gains = swift(vehicle, 2.3);
-            let pole = gains.position[0].sqrt() * gains::SEPARATION / SEPARATION_OF_FRAMES;
-            (gains.position, gains.velocity) = ([pole * pole; 3], [2.0 * pole; 3]);
-            Box::new(Platform::new(system, Some(&gains), rates)?)
-        }
-        Some(_) if is_transport(model) => Box::new(Transport::with_leans(system, None, rates, Leans::STEEP)?),
-        _ => suited(system, None, rates)?,
-    })
 }
 
 /// All levels in every step; gains as if all motors had the mean lag.
@@ -203,23 +180,6 @@ fn cascade(vehicle: &Vehicle, dt: f64) -> Result<Cascade> {
     gains.velocity = gains.velocity.map(|k| 1.2 * k);
     Cascade::new(vehicle, &gains, &Rates::every_step(dt), dt)
 }
-
-/// [`Vehicle::derived_gains`] with all poles `factor` times as fast.
-fn swift(vehicle: &Vehicle, factor: f64) -> Gains {
-    let derived = vehicle.derived_gains();
-    let [once, twice] = [factor, factor * factor];
-    Gains {
-        position: derived.position.map(|k| k * twice),
-        velocity: derived.velocity.map(|k| k * once),
-        attitude: derived.attitude.map(|k| k * twice),
-        rate: derived.rate.map(|k| k * once),
-    }
-}
-
-/// A load that stands is led gently: it has to lean before it can follow.
-const STANDING: Weights = Weights { position: 0.7, swing: 4.0, acceleration: 4.0, preview: Some(0.0), reach: 0.4 };
-/// A little more than the platform asks for.
-const SEPARATION_OF_FRAMES: f64 = 1.01 * platform::SEPARATION;
 
 /// The model with the masses that are in force.
 fn with_numbers(model: &Model, numbers: &[f64]) -> Result<Model> {

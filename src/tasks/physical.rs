@@ -1,6 +1,7 @@
 //! What physical numbers may be, and what follows from them: signs, inertias of bodies, speeds that carry a weight.
 
-use super::rig::{Craft, Inertial, Rig};
+use super::rig::{Inertial, Rig};
+use crate::dynamics::Plant;
 use crate::dynamics::rigid::{BODY_PARAMETERS, ROTOR_PARAMETERS};
 use crate::dynamics::tree::{BODY_NUMBERS, TreePlace};
 
@@ -103,12 +104,12 @@ impl Flock {
 /// Trees with rotors.
 pub(crate) fn flocks(rig: &Rig) -> Vec<Flock> {
     let n = ROTOR_PARAMETERS.len();
-    match &rig.craft {
-        Craft::Vehicle(_) => {
+    match rig.plant() {
+        Plant::Rigid(_) => {
             let rotors = rig.drone().rotors.iter().enumerate().map(|(i, r)| (BODY_PARAMETERS.len() + i * n, r.speed));
             vec![Flock::new(0..1, rotors)]
         }
-        Craft::Model(m) => {
+        Plant::Tree(m) => {
             let (layout, first) = (m.layout(), 1 + rig.n_frame() * BODY_NUMBERS.len());
             let rotor = |r: usize| (first + r * n, layout.rotor_speed[r]);
             let flock = |tree: &TreePlace| Flock::new(tree.bodies.clone(), tree.rotors.clone().map(rotor));

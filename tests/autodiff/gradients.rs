@@ -5,7 +5,7 @@ use omnidrones::autodiff::{
     Bounds, Certificate, CompiledJacobian, JacobianScratch, Objective, Rollout, Scalar, System, certify, jacobian,
     linearise, safe,
 };
-use omnidrones::controllers::{ClosedLoop, Rates, Reference};
+use omnidrones::controllers::{ClosedLoop, Rates, Reference, Target};
 use omnidrones::dynamics::{Disturbance, Effects, Multirotor, Physics, vehicles};
 
 /// The worst of what certificates measured.
@@ -127,15 +127,17 @@ fn the_adjoint_of_a_closed_loop_is_its_dual_gradient_in_state_and_gains() {
     let mut worst = 0.0_f64;
     for vehicle in vehicles::all() {
         let physics = Physics::default();
-        let system = ClosedLoop::new(&vehicle, physics, &vehicle.gains(), &Rates::default()).unwrap().with_gains();
+        let system =
+            ClosedLoop::of_vehicle(&vehicle, physics, &vehicle.gains(), &Rates::default()).unwrap().with_gains();
         let reference = Reference::by_name("lemniscate").unwrap();
-        let state = system.initial_state(&system.plant().hover_state([0.8, -0.6, 0.5]).unwrap());
-        let theta = system.gain_vector();
+        let plant = Multirotor::new(&vehicle, physics).unwrap();
+        let state = system.initial_state(&plant.hover_state([0.8, -0.6, 0.5]).unwrap());
+        let theta = system.parameters();
         let rollout = Rollout::new(system.clone(), Miss).unwrap();
         for steps in [1, 10, 100, 500] {
             let mut inputs = vec![0.0; steps * system.n_input()];
             for (k, row) in inputs.chunks_mut(system.n_input()).enumerate() {
-                system.write_input(k as u64, &reference.sample(k as f64 * physics.dt), &Disturbance::none(), row);
+                system.write_input(k as u64, Target::level(&reference), &Disturbance::none(), row);
             }
             let (cost, reverse) = rollout.gradient(&state, &inputs, &theta);
             let (same, forward) = rollout.gradient_forward(&state, &inputs, &theta);

@@ -1,7 +1,7 @@
 //! Whole flights: every built-in vehicle, our own URDF corpus and real URDF files by others track the paper's lemniscate
 //! (w = 1, S = (2.5, 2.5, 1.2)) at 2 ms, with rate, attitude and velocity loops at 500, 250 and 100 Hz.
 
-use omnidrones::controllers::{Flight, FlightPlan, Reference, fly};
+use omnidrones::controllers::{Flight, FlightPlan, Reference, fly_vehicle};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::dynamics::{Effects, Physics, Vehicle, vehicle, vehicles};
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 const BOUND: f64 = 0.10;
 
 fn flown(vehicle: &Vehicle, plan: &FlightPlan) -> Flight {
-    fly(vehicle, &vehicle.gains(), plan, &mut |_| {}).unwrap()
+    fly_vehicle(vehicle, &vehicle.gains(), plan, &mut |_| {}).unwrap()
 }
 
 fn assert_tracks(vehicle: &Vehicle) {
@@ -55,7 +55,7 @@ fn a_vehicle_with_little_thrust_holds_its_height() {
 #[test]
 fn a_vehicle_that_cannot_steer_and_hold_its_height_is_refused() {
     let vehicle = with_lift(vehicles::hummingbird::vehicle(), 1.03);
-    let refused = fly(&vehicle, &vehicle.gains(), &FlightPlan::default(), &mut |_| {}).map(drop);
+    let refused = fly_vehicle(&vehicle, &vehicle.gains(), &FlightPlan::default(), &mut |_| {}).map(drop);
     let error = refused.unwrap_err().to_string();
     assert!(error.contains("thrust over weight is 1.030 (") && error.contains("must be ≥ 1.05"), "{error}");
 }
@@ -148,7 +148,7 @@ fn a_flight_that_leaves_for_other_planets_has_diverged_while_its_numbers_are_sti
     let mut feather = vehicles::by_name("hummingbird").unwrap();
     feather.parts.iter_mut().for_each(|p| p.mass *= 2e-9);
     let plan = FlightPlan { duration: 6.0, ..Default::default() };
-    let flight = fly(&feather, &feather.derived_gains(), &plan, &mut |_| {}).unwrap();
+    let flight = fly_vehicle(&feather, &feather.derived_gains(), &plan, &mut |_| {}).unwrap();
     assert!(flight.diverged_at.is_some());
     assert!(flight.log.position.iter().flatten().all(|p| p.abs() < 1e8));
 }

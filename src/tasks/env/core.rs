@@ -17,7 +17,7 @@ use crate::rng::{Purpose, Stream};
 use crate::tasks::config::Autoreset;
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
-use crate::tasks::rig::{Craft, Rig};
+use crate::tasks::rig::Rig;
 use crate::tasks::task::{Start, streams};
 use std::sync::{Arc, OnceLock};
 
@@ -35,7 +35,7 @@ pub(crate) struct Core {
     pub varied: Vec<usize>,
     pub nominal: Vec<f64>,
     /// The rig's system, with the numbers that vary as parameters if any do: what gradients are taken of.
-    pub exposed: Craft,
+    pub exposed: crate::dynamics::Plant,
     pub disturbance_rows: Vec<usize>,
     pub speed_rows: Vec<usize>,
     pub statistics: Statistics,

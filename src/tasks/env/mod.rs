@@ -60,7 +60,6 @@ use crate::rng::{Purpose, Stream};
 use crate::tasks::config::{EnvConfig, check_difficulty};
 use crate::tasks::observation::{Extent, Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
-use crate::tasks::rig::Craft;
 use crate::tasks::sheet::total;
 use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, Wanted};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -159,9 +158,11 @@ impl Env {
             normalised: extent.normalised.unwrap_or(0),
         };
         // numbers that vary may leave zero, so nothing may be left out
-        let plant = match &rig.craft {
-            Craft::Vehicle(m) => Plant::rigid(m.vehicle(), vary_effects(*m.physics(), !varied.is_empty()))?.0,
-            Craft::Model(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
+        let plant = match rig.plant() {
+            crate::dynamics::Plant::Rigid(m) => {
+                Plant::rigid(m.vehicle(), vary_effects(*m.physics(), !varied.is_empty()))?.0
+            }
+            crate::dynamics::Plant::Tree(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
         };
         let n_env = config.n_env;
         let bytes = bytes_per_env(&plant, &sizes);

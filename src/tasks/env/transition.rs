@@ -10,10 +10,11 @@ use super::judge::observe;
 use super::spec::fnv;
 use super::transform::shift;
 use crate::autodiff::{Rows, RowsMut, Scalar, System};
+use crate::dynamics::Plant;
 use crate::dynamics::frame::FRAME;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::observation::{Frozen, Moment};
-use crate::tasks::rig::{Craft, Rig};
+use crate::tasks::rig::Rig;
 use crate::tasks::task::{MAX_TERMS, Start, Task, View, streams};
 use std::ops::Range;
 
@@ -292,10 +293,7 @@ fn numbers<S: Scalar>(core: &Core, theta: &[S]) -> Vec<S> {
 /// One step of the physics; constants stay constants where nothing varies.
 fn physics<S: Scalar>(core: &Core, state: &[S], input: &[S], numbers: &[S], next: &mut [S]) {
     let theta = if core.varied.is_empty() { &[] } else { numbers };
-    match &core.exposed {
-        Craft::Vehicle(m) => m.step(state, input, theta, next),
-        Craft::Model(m) => m.step(state, input, theta, next),
-    }
+    core.exposed.step(state, input, theta, next);
 }
 
 #[expect(clippy::too_many_arguments, reason = "the parts of a view, named at its only callers")]
@@ -322,10 +320,7 @@ pub(crate) fn view<'a, S: Scalar>(
 }
 
 /// The rig's system with the numbers that vary as parameters, if any do.
-pub(crate) fn exposed(engine: &dyn Engine, varies: bool) -> Craft {
-    match (engine.rig().craft.clone(), varies) {
-        (Craft::Vehicle(m), true) => Craft::Vehicle(m.with_parameters()),
-        (Craft::Model(m), true) => Craft::Model(m.with_parameters()),
-        (craft, false) => craft,
-    }
+pub(crate) fn exposed(engine: &dyn Engine, varies: bool) -> Plant {
+    let plant = engine.rig().plant().clone();
+    if varies { plant.with_parameters() } else { plant }
 }

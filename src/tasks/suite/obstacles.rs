@@ -130,7 +130,7 @@ impl Skin {
         state[..3].fill(0.0);
         state[6..10].copy_from_slice(&[1.0, 0.0, 0.0, 0.0]);
         let mut frames = vec![0.0; rig.n_frame() * FRAME];
-        rig.craft.write_frames(&rig.numbers(), &state, &mut frames);
+        rig.plant().write_frames(&rig.numbers(), &state, &mut frames);
         let on_root = |(body, shape): (usize, Shape)| {
             let carrier = Frame::read(&Rows::of(&frames[..]).from(body * FRAME));
             let pose = shape.pose(&Pose { position: carrier.position, attitude: carrier.attitude });

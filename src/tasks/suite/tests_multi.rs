@@ -123,7 +123,7 @@ fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
         difficulty: 1.0,
     });
     let mut frames = vec![0.0; rig.n_frame() * FRAME];
-    rig.craft.write_frames(&numbers, &state, &mut frames);
+    rig.plant().write_frames(&numbers, &state, &mut frames);
     let speeds: Vec<f64> = rig.drones().iter().flat_map(|d| d.rotors.iter().map(|r| state[r.speed])).collect();
     let mut new = memo.clone();
     let mut view = View {
