@@ -10,6 +10,7 @@ use crate::autodiff::{System, safe};
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
 use crate::dynamics::rigid::RIGID_DIM;
+use crate::dynamics::rotor::commanded_speed;
 use crate::dynamics::{Disturbance, Gains, Multirotor, Physics, Rotor, Vehicle};
 use crate::error::{Error, Result};
 use crate::flight::{FlightLog, Sample};
@@ -94,7 +95,7 @@ impl SmoothPoint {
         let actions = system.rotor_actions(next);
         let mut margin = f64::INFINITY;
         for ((rotor, a), speed) in system.plant().vehicle().rotors.iter().zip(actions).zip(&x[RIGID_DIM..]) {
-            let gap = (commanded_speed(rotor, *a) - speed).abs() / rotor.max_speed;
+            let gap = (commanded_speed(rotor.max_speed, *a) - speed).abs() / rotor.max_speed;
             margin = margin.min(gap).min(1.0 - a.abs());
         }
         if margin > self.margin {
@@ -105,11 +106,6 @@ impl SmoothPoint {
             self.actions.copy_from_slice(actions);
         }
     }
-}
-
-/// Ω_cmd of an action.
-fn commanded_speed(rotor: &Rotor, action: f64) -> f64 {
-    rotor.max_speed * safe::sqrt((action.clamp(-1.0, 1.0) + 1.0) * 0.5, 1e-4)
 }
 
 /// Longest flight, in steps: what a log may hold.
@@ -354,7 +350,7 @@ fn record(
 ) -> Result<()> {
     let speed = &x[RIGID_DIM..RIGID_DIM + rotors.len()];
     let thrust: Vec<f64> = rotors.iter().zip(speed).map(|(r, s)| r.thrust_coefficient * s * s).collect();
-    let command: Vec<f64> = rotors.iter().zip(actions).map(|(r, a)| commanded_speed(r, *a)).collect();
+    let command: Vec<f64> = rotors.iter().zip(actions).map(|(r, a)| commanded_speed(r.max_speed, *a)).collect();
     let three = |at: usize| [x[at], x[at + 1], x[at + 2]];
     log.push(Sample {
         time,

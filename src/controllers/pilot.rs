@@ -14,6 +14,7 @@ use crate::autodiff::{System, safe};
 use crate::dynamics::Gains;
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
+use crate::dynamics::rotor::commanded_speed;
 use crate::dynamics::spatial::{from_matrix, to_euler};
 use crate::dynamics::tree::{Model, Motion, Multibody, body_poses};
 use crate::error::{Error, Result};
@@ -304,9 +305,8 @@ fn record(
     let (rotors, layout) = (system.model().rotors(), system.layout());
     let speed: Vec<f64> = layout.rotor_speed.iter().map(|at| state[*at]).collect();
     let thrust: Vec<f64> = rotors.iter().zip(&speed).map(|(r, s)| r.rotor.thrust_coefficient * s * s).collect();
-    let wanted_speed = |max: f64, a: f64| max * safe::sqrt((a.clamp(-1.0, 1.0) + 1.0) * 0.5, 1e-4);
-    let command: Vec<f64> =
-        rotors.iter().zip(&layout.rotor_action).map(|(r, at)| wanted_speed(r.rotor.max_speed, input[*at])).collect();
+    let commands = rotors.iter().zip(&layout.rotor_action);
+    let command: Vec<f64> = commands.map(|(r, at)| commanded_speed(r.rotor.max_speed, input[*at])).collect();
     log.push(flight::Sample {
         time,
         position: own.position,

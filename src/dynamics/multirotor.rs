@@ -1,9 +1,8 @@
 //! One rigid multirotor as a [`System`]: x⁺ = f(x, rotor actions), on any scalar.
 
 use super::integrate::{Grid, Integrator, step};
-use super::rigid::{
-    BODY_PARAMETERS, Disturbance, Effects, RIGID_DIM, ROTOR_PARAMETERS, RigidModel, RigidState, parameter_vector,
-};
+use super::rigid::{BODY_PARAMETERS, Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, parameter_vector};
+use super::rotor::ROTOR_PARAMETERS;
 use super::spatial::{Vec3, add, axpy, constants, rotate};
 use super::vehicle::{GRAVITY, Vehicle};
 use crate::autodiff::{Scalar, System};

@@ -4,9 +4,11 @@
 //! rotors and drives. A vehicle alone has one frame; a model has one per body.
 
 use crate::autodiff::{Rows, RowsMut, Scalar, System};
+use crate::dynamics::domain::Domain;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::rigid::RIGID_DIM;
-use crate::dynamics::tree::{Layout, Model, Multibody, number_names, rest_state};
+use crate::dynamics::rotor::holding_action;
+use crate::dynamics::tree::{Layout, Model, Multibody, number_domains, number_names, rest_state};
 use crate::dynamics::{Effects, Inertia, Multirotor, Physics, Vehicle, rigid, tree};
 use crate::error::Result;
 
@@ -255,7 +257,7 @@ impl Rig {
     pub fn hover_input(&self) -> Vec<f64> {
         let mut input = vec![0.0; self.n_input()];
         for rotor in self.drones.iter().flat_map(|d| &d.rotors) {
-            input[rotor.action] = 2.0 * (self.rest[rotor.speed] / rotor.max_speed).powi(2) - 1.0;
+            input[rotor.action] = holding_action(rotor.max_speed, self.rest[rotor.speed]);
         }
         input
     }
@@ -274,6 +276,14 @@ impl Rig {
         match &self.craft {
             Craft::Vehicle(m) => rigid::parameter_names(m.vehicle()),
             Craft::Model(m) => number_names(m.model()),
+        }
+    }
+
+    /// What each of [`Rig::numbers`] may be.
+    pub fn number_domains(&self) -> Vec<Domain> {
+        match &self.craft {
+            Craft::Vehicle(m) => rigid::parameter_domains(m.vehicle()),
+            Craft::Model(m) => number_domains(m.model()),
         }
     }
 

@@ -9,7 +9,7 @@ use crate::autodiff::lanes::Lanes;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::integrate::{Grid, step};
-use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, RotorModel};
+use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, no_rotors};
 use pulp::{Simd, WithSimd};
 
 /// Largest magnitude of a healthy state, SI units.
@@ -39,10 +39,32 @@ impl Rows {
     }
 }
 
+/// Applies a macro to the numbers of a rotor and its motors that lean kernels read, in the order of their rows.
+macro_rules! lean_rotor {
+    ($each:ident, $r:ident, $m:ident) => {
+        $each!($r.force[2], $r.moment[0], $r.moment[1], $r.moment[2], $r.max_speed, $m.0.decay, $m.1.decay)
+    };
+}
+
+/// As `lean_rotor` for what other kernels read besides.
+#[rustfmt::skip]
+macro_rules! rest_rotor {
+    ($each:ident, $r:ident, $m:ident) => {
+        $each!(
+            $r.force[0], $r.force[1], $m.0.rate, $m.1.rate, $r.hub[0], $r.hub[1], $r.hub[2],
+            $r.axis[0], $r.axis[1], $r.axis[2], $r.spin_inertia, $r.drag, $r.axial_drag, $r.rolling, $r.radius
+        )
+    };
+}
+
+macro_rules! count {
+    ($($number:expr),*) => { [$(stringify!($number)),*].len() };
+}
+
 const LEAN_BODY: usize = 17;
-const LEAN_ROTOR: usize = 7;
+const LEAN_ROTOR: usize = lean_rotor!(count, rotor, motors);
 const REST_BODY: usize = 11;
-const REST_ROTOR: usize = 15;
+const REST_ROTOR: usize = rest_rotor!(count, rotor, motors);
 
 /// Rows of a packed model of `r` (padded) rotors.
 pub(crate) const fn n_packed(r: usize) -> usize {
@@ -70,20 +92,19 @@ pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>, mut put: impl FnMut(f
     all(&m.inverse_inertia[..3]);
     all(&m.linear_drag);
     all(&m.angular_drag);
-    for r in &m.rotors {
-        all(&r.wrench[2..]);
-        all(&[r.max_speed, r.decay_up, r.decay_down]);
+    macro_rules! put {
+        ($($number:expr),*) => { all(&[$($number),*]) };
+    }
+    for (rotor, motors) in m.rotors.iter().zip(&m.motors) {
+        lean_rotor!(put, rotor, motors);
     }
     all(&[m.mass]);
     all(&m.inertia[3..]);
     all(&m.inverse_inertia[3..]);
     all(&m.quadratic_drag);
     all(&[m.ground_height]);
-    for r in &m.rotors {
-        all(&[r.wrench[0], r.wrench[1], r.rate_up, r.rate_down]);
-        all(&r.hub);
-        all(&r.axis);
-        all(&[r.spin_inertia, r.drag, r.axial_drag, r.rolling, r.radius]);
+    for (rotor, motors) in m.rotors.iter().zip(&m.motors) {
+        rest_rotor!(put, rotor, motors);
     }
 }
 
@@ -120,13 +141,13 @@ fn unpack<S: Simd, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rigi
     let [xx, yy, zz] = c.array();
     let [ixx, iyy, izz] = c.array();
     let (linear_drag, angular_drag) = (c.array(), c.array());
-    let mut rotors = [RotorModel::dead(); R];
+    macro_rules! take {
+        ($($number:expr),*) => { $($number = c.next();)* };
+    }
+    let (mut rotors, mut motors) = no_rotors();
     for i in 0..R {
-        let [fz, mx, my, mz] = c.array();
-        rotors[i].wrench = [o, o, fz, mx, my, mz];
-        rotors[i].max_speed = c.next();
-        rotors[i].decay_up = c.next();
-        rotors[i].decay_down = c.next();
+        let (rotor, motors) = (&mut rotors[i], &mut motors[i]);
+        lean_rotor!(take, rotor, motors);
     }
     let mut model = RigidModel {
         gravity,
@@ -141,6 +162,7 @@ fn unpack<S: Simd, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rigi
         ground_height: o,
         n_rotor: R,
         rotors,
+        motors,
     };
     if needs_rest(effects) {
         unpack_rest(c, &mut model);
@@ -150,6 +172,9 @@ fn unpack<S: Simd, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rigi
 
 #[inline(always)]
 fn unpack_rest<S: Simd, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidModel<Lanes<S>, R>) {
+    macro_rules! take {
+        ($($number:expr),*) => { $($number = c.next();)* };
+    }
     model.mass = c.next();
     for k in 3..6 {
         model.inertia[k] = c.next();
@@ -160,18 +185,8 @@ fn unpack_rest<S: Simd, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidMod
     model.quadratic_drag = c.array();
     model.ground_height = c.next();
     for i in 0..R {
-        let rotor = &mut model.rotors[i];
-        rotor.wrench[0] = c.next();
-        rotor.wrench[1] = c.next();
-        rotor.rate_up = c.next();
-        rotor.rate_down = c.next();
-        rotor.hub = c.array();
-        rotor.axis = c.array();
-        rotor.spin_inertia = c.next();
-        rotor.drag = c.next();
-        rotor.axial_drag = c.next();
-        rotor.rolling = c.next();
-        rotor.radius = c.next();
+        let (rotor, motors) = (&mut model.rotors[i], &mut model.motors[i]);
+        rest_rotor!(take, rotor, motors);
     }
 }
 

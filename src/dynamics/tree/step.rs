@@ -187,6 +187,6 @@ fn finish<S: Scalar>(t: &Topology, s: &mut Scratch<'_, S>) {
 fn rotor_rates<S: Scalar>(t: &Topology, s: &mut Scratch<'_, S>) {
     for r in 0..t.n_rotor() {
         let rotor = &s.rotors[r];
-        s.rate[t.rotor_speed[r]] = (rotor.target - rotor.speed) * rotor.rate;
+        s.rate[t.rotor_speed[r]] = rotor.lag.acceleration(rotor.speed);
     }
 }

@@ -12,6 +12,7 @@ use crate::controllers::rate::RateCommand;
 use crate::dynamics::GRAVITY;
 use crate::dynamics::batch::Plant;
 use crate::dynamics::frame::{FRAME, Frame};
+use crate::dynamics::rotor::holding_action;
 use crate::dynamics::spatial::rotate_back;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
@@ -83,8 +84,7 @@ impl Control {
         }
         self.n_command = first.n_action();
         for (i, rotor) in first.rotors.iter().enumerate() {
-            let share = rig.rest()[rotor.speed] / rotor.max_speed;
-            self.safe.push(2.0 * share * share - 1.0);
+            self.safe.push(holding_action(rotor.max_speed, rig.rest()[rotor.speed]));
             self.names.push(format!("rotor_{i}"));
         }
         self.names.extend((0..first.drives.len()).map(|i| format!("drive_{i}")));
