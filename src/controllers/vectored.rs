@@ -48,7 +48,7 @@ use super::position::velocity_command;
 use super::rate::RateCommand;
 use super::six_axis::{SixAxis, Wrench};
 use crate::dynamics::gains::SATURATION_ANGLE;
-use crate::dynamics::rotor::holding_action;
+use crate::dynamics::rotor::{holding_action, thrust_action};
 use crate::dynamics::spatial::{Vec3, axpy, cross, dot, inverse, mat_vec, rotate_back, scale, sub};
 use crate::dynamics::tree::{
     Model, Motion, Multibody, Pose, body_poses, center_of_mass, inverse_dynamics, mass_matrix, momentum, rest_state,
@@ -479,7 +479,7 @@ impl Pilot for Vectored {
         self.turn(state, input);
         for (r, thrust) in self.fast.solution().inputs.iter().enumerate() {
             let most = self.system.model().rotors()[r].rotor.max_thrust();
-            input[self.system.layout().rotor_action[r]] = 2.0 * thrust / most - 1.0;
+            input[self.system.layout().rotor_action[r]] = thrust_action(thrust / most);
         }
         self.bends.command(time, input);
     }

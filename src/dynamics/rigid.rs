@@ -19,7 +19,7 @@ mod parameters;
 pub use effects::Effects;
 pub use parameters::{BODY_PARAMETERS, parameter_domains, parameter_names, parameter_vector, vehicle_of};
 
-use super::rotor::{Lag, Motor, ROTOR_PARAMETERS, RotorModel, at, commanded_speed, position};
+use super::rotor::{Lag, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use super::spatial::*;
 use super::vehicle::Vehicle;
 use crate::autodiff::{Scalar, safe};
@@ -140,8 +140,6 @@ pub struct RigidModel<S, const R: usize> {
     /// Rotors in use; those behind are dead.
     pub(crate) n_rotor: usize,
     pub(crate) rotors: [RotorModel<S>; R],
-    /// Speeding up, slowing down.
-    pub(crate) motors: [(Motor<S>, Motor<S>); R],
 }
 
 impl<const R: usize> RigidModel<f64, R> {
@@ -155,10 +153,9 @@ impl<const R: usize> RigidModel<f64, R> {
     #[inline(always)]
     pub fn cast<S: Scalar>(&self) -> RigidModel<S, R> {
         let c = S::constant;
-        let (mut rotors, mut motors) = no_rotors();
+        let mut rotors = [RotorModel::dead(); R];
         for i in 0..self.n_loop() {
-            let (up, down) = self.motors[i];
-            (rotors[i], motors[i]) = (self.rotors[i].cast(), (up.cast(), down.cast()));
+            rotors[i] = self.rotors[i].cast();
         }
         RigidModel {
             gravity: c(self.gravity),
@@ -173,7 +170,6 @@ impl<const R: usize> RigidModel<f64, R> {
             ground_height: c(self.ground_height),
             n_rotor: self.n_rotor,
             rotors,
-            motors,
         }
     }
 
@@ -190,12 +186,6 @@ impl<const R: usize> RigidModel<f64, R> {
     }
 }
 
-/// Rotors that do nothing, and their motors.
-#[inline(always)]
-pub(crate) fn no_rotors<S: Scalar, const R: usize>() -> ([RotorModel<S>; R], [(Motor<S>, Motor<S>); R]) {
-    ([RotorModel::dead(); R], [(Motor::none(), Motor::none()); R])
-}
-
 impl<S: Scalar, const R: usize> RigidModel<S, R> {
     /// From the vector of [`parameter_vector`], so that derivatives reach every physical parameter. Rotor radii are
     /// geometry, not parameters.
@@ -203,12 +193,11 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
     pub fn from_parameters(p: &[S], radii: &[f64], substep: f64) -> Self {
         let center_of_mass = [p[2], p[3], p[4]];
         let inertia = [p[5], p[6], p[7], p[8], p[9], p[10]];
-        let (mut rotors, mut motors) = no_rotors();
+        let mut rotors = [RotorModel::dead(); R];
         for i in 0..R {
             if i < radii.len() {
-                let own = &p[BODY_PARAMETERS.len() + i * ROTOR_PARAMETERS.len()..];
-                rotors[i] = RotorModel::new(own, sub(position(own), center_of_mass), radii[i]);
-                motors[i] = (Motor::new(own[at::TIME_UP], substep), Motor::new(own[at::TIME_DOWN], substep));
+                let own = &p[BODY_PARAMETERS.len() + i * N_ROTOR_PARAMETER..];
+                rotors[i] = RotorModel::new(own, center_of_mass, radii[i], substep);
             }
         }
         Self {
@@ -224,7 +213,6 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
             ground_height: S::zero(),
             n_rotor: radii.len(),
             rotors,
-            motors,
         }
     }
 }
@@ -289,9 +277,8 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
     pub(crate) fn rotor_path(&self, start: [S; R], target: [S; R]) -> RotorPath<S, R> {
         let mut path = RotorPath { start, middle: start, end: start, lag: [Lag::none(); R] };
         for i in 0..self.n_loop() {
-            let (up, down) = &self.motors[i];
             let lag = &mut path.lag[i];
-            *lag = Lag::new(start[i], target[i], up, down);
+            *lag = Lag::new(&self.rotors[i], start[i], target[i]);
             path.middle[i] = lag.advance();
             path.end[i] = lag.advance();
         }

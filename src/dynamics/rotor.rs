@@ -14,7 +14,7 @@
 mod parameters;
 
 pub(crate) use parameters::at;
-pub use parameters::{ROTOR_PARAMETERS, RotorParameter};
+pub use parameters::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS, RotorParameter};
 
 use super::aero::ground_effect;
 use super::rigid::Effects;
@@ -33,10 +33,15 @@ pub fn commanded_speed<S: Scalar>(max_speed: S, action: S) -> S {
     max_speed * safe::sqrt(fraction, LEAST_THRUST)
 }
 
+/// The action that asks for a share of the largest thrust, within [0, 1]: a = 2 T/T_max − 1.
+#[inline(always)]
+pub fn thrust_action<S: Scalar>(share: S) -> S {
+    S::constant(2.0) * share - S::one()
+}
+
 /// The action that holds a speed, both in rad/s: the inverse of [`commanded_speed`] above its floor.
 pub fn holding_action(max_speed: f64, speed: f64) -> f64 {
-    let share = speed / max_speed;
-    2.0 * share * share - 1.0
+    thrust_action((speed / max_speed).powi(2))
 }
 
 /// The lag of a motor in one direction, for substeps of h seconds.
@@ -80,18 +85,11 @@ impl<S: Scalar> Lag<S> {
         Self { target: S::zero(), motor: Motor::none(), gap: S::zero() }
     }
 
-    /// From `start` towards `target`, with the motors of both directions.
+    /// From `start` towards `target`.
     #[inline(always)]
-    pub(crate) fn new(start: S, target: S, up: &Motor<S>, down: &Motor<S>) -> Self {
-        let rises = start.lt(target);
+    pub(crate) fn new(rotor: &RotorModel<S>, start: S, target: S) -> Self {
+        let (up, down, rises) = (rotor.up, rotor.down, start.lt(target));
         let motor = Motor { rate: S::select(rises, up.rate, down.rate), decay: S::select(rises, up.decay, down.decay) };
-        Self { target, motor, gap: start - target }
-    }
-
-    /// As [`Lag::new`] for time constants, at the price of one exponential.
-    #[inline(always)]
-    pub(crate) fn of_time_constants(start: S, target: S, up: S, down: S, substep: f64) -> Self {
-        let motor = Motor::new(S::select(start.lt(target), up, down), substep);
         Self { target, motor, gap: start - target }
     }
 
@@ -118,6 +116,10 @@ pub struct RotorModel<S> {
     /// k_f (r × n − σ κ n): moment per Ω².
     pub(crate) moment: Vec3<S>,
     pub(crate) max_speed: S,
+    /// Speeding up.
+    pub(crate) up: Motor<S>,
+    /// Slowing down.
+    pub(crate) down: Motor<S>,
     /// r, from the reference point.
     pub(crate) hub: Vec3<S>,
     pub(crate) axis: Vec3<S>,
@@ -139,6 +141,8 @@ impl<S: Scalar> RotorModel<S> {
             force: [o; 3],
             moment: [o; 3],
             max_speed: l,
+            up: Motor::none(),
+            down: Motor::none(),
             hub: [o; 3],
             axis: [o, o, l],
             spin_inertia: o,
@@ -149,21 +153,24 @@ impl<S: Scalar> RotorModel<S> {
         }
     }
 
-    /// From its numbers ([`ROTOR_PARAMETERS`]) and its hub as seen from the reference point.
+    /// From its numbers ([`ROTOR_PARAMETERS`]), about a reference point at `origin`, for substeps of `substep` seconds.
     #[inline(always)]
-    pub(crate) fn new(p: &[S], hub: Vec3<S>, radius: f64) -> Self {
-        let (axis, spin) = (three(p, at::AXIS), p[at::SPIN]);
-        let force = scale(p[at::THRUST], axis);
+    pub(crate) fn new(p: &[S], origin: Vec3<S>, radius: f64, substep: f64) -> Self {
+        let hub = sub([p[at::position_x], p[at::position_y], p[at::position_z]], origin);
+        let axis = [p[at::axis_x], p[at::axis_y], p[at::axis_z]];
+        let (spin, force) = (p[at::spin], scale(p[at::thrust_coefficient], axis));
         Self {
             force,
-            moment: sub(cross(hub, force), scale(spin * p[at::MOMENT_PER_THRUST], force)),
-            max_speed: p[at::MAX_SPEED],
+            moment: sub(cross(hub, force), scale(spin * p[at::moment_per_thrust], force)),
+            max_speed: p[at::max_speed],
+            up: Motor::new(p[at::time_constant_up], substep),
+            down: Motor::new(p[at::time_constant_down], substep),
             hub,
             axis,
-            spin_inertia: spin * p[at::INERTIA],
-            drag: p[at::DRAG],
-            axial_drag: p[at::AXIAL_DRAG],
-            rolling: spin * p[at::ROLLING],
+            spin_inertia: spin * p[at::inertia],
+            drag: p[at::drag_coefficient],
+            axial_drag: p[at::axial_drag_coefficient],
+            rolling: spin * p[at::rolling_coefficient],
             radius: S::constant(radius),
         }
     }
@@ -231,6 +238,8 @@ impl RotorModel<f64> {
             force: constants(self.force),
             moment: constants(self.moment),
             max_speed: c(self.max_speed),
+            up: Motor { rate: c(self.up.rate), decay: c(self.up.decay) },
+            down: Motor { rate: c(self.down.rate), decay: c(self.down.decay) },
             hub: constants(self.hub),
             axis: constants(self.axis),
             spin_inertia: c(self.spin_inertia),
@@ -240,25 +249,6 @@ impl RotorModel<f64> {
             radius: c(self.radius),
         }
     }
-}
-
-impl Motor<f64> {
-    /// The same constants over another scalar.
-    #[inline(always)]
-    pub(crate) fn cast<S: Scalar>(&self) -> Motor<S> {
-        Motor { rate: S::constant(self.rate), decay: S::constant(self.decay) }
-    }
-}
-
-/// The hub as it stands among a rotor's numbers.
-#[inline(always)]
-pub(crate) fn position<S: Scalar>(p: &[S]) -> Vec3<S> {
-    three(p, at::POSITION)
-}
-
-#[inline(always)]
-fn three<S: Scalar>(p: &[S], at: usize) -> Vec3<S> {
-    [p[at], p[at + 1], p[at + 2]]
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::rig::{Craft, Inertial, Rig};
 use crate::dynamics::rigid::BODY_PARAMETERS;
-use crate::dynamics::rotor::{ROTOR_PARAMETERS, at};
+use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
 use crate::dynamics::tree::{BODY_NUMBERS, TreePlace};
 
 /// One tree: what is weighed, and what carries it.
@@ -19,7 +19,9 @@ impl Flock {
     fn new(bodies: impl Iterator<Item = usize>, rotors: impl Iterator<Item = (usize, usize)>) -> Self {
         Self {
             masses: bodies.map(Inertial::place).collect(),
-            rotors: rotors.map(|(first, speed)| [first + at::THRUST, first + at::MAX_SPEED, speed]).collect(),
+            rotors: rotors
+                .map(|(first, speed)| [first + at::thrust_coefficient, first + at::max_speed, speed])
+                .collect(),
         }
     }
 
@@ -51,7 +53,7 @@ impl Flock {
 
 /// Trees with rotors.
 pub(crate) fn flocks(rig: &Rig) -> Vec<Flock> {
-    let n = ROTOR_PARAMETERS.len();
+    let n = N_ROTOR_PARAMETER;
     match &rig.craft {
         Craft::Vehicle(_) => {
             let rotors = rig.drone().rotors.iter().enumerate().map(|(i, r)| (BODY_PARAMETERS.len() + i * n, r.speed));

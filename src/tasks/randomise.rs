@@ -11,7 +11,7 @@ use super::physical::{Flock, MOST_OF_OTHERS, flocks, settle};
 use super::rig::{Inertial, Rig};
 use crate::dynamics::domain::Domain;
 use crate::dynamics::rigid::BODY_PARAMETERS;
-use crate::dynamics::rotor::{ROTOR_PARAMETERS, at};
+use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
 use crate::dynamics::tree::BODY_NUMBERS;
 use crate::error::{Error, Result, finite};
 use crate::rng::{Purpose, Stream};
@@ -143,16 +143,14 @@ impl Change {
         if low > high {
             return Err(Error::value(what, format!("[{low}, {high}]"), "ordered", "Give the lower end first."));
         }
-        let domain = match &self.what {
-            Quantity::CenterOfMass | Quantity::Wind | Quantity::HiddenHeight => Domain::AnySign,
+        // of a number by its name, and of what is added to, the rig decides
+        self.keeps(match &self.what {
+            Quantity::CenterOfMass | Quantity::Wind | Quantity::HiddenHeight | Quantity::Number(_) => Domain::AnySign,
             Quantity::Drag | Quantity::AngularDrag | Quantity::HiddenMass | Quantity::MomentPerThrust => {
                 Domain::NonNegative
             }
-            // the rig knows
-            Quantity::Number(_) => Domain::AnySign,
             _ => Domain::Positive,
-        };
-        self.keeps(domain)?;
+        })?;
         if self.distribution == Distribution::LogUniform && low <= 0.0 {
             return Err(Error::value(what, low, "> 0 for log_uniform", "Use uniform where values may be negative."));
         }
@@ -164,7 +162,7 @@ impl Change {
         Ok(())
     }
 
-    /// Refuses factors and values that a number of this domain may not have; what is added to, the rig decides.
+    /// Refuses factors and values that a number of this domain may not have.
     fn keeps(&self, domain: Domain) -> Result<()> {
         let (what, low) = (format!("randomise.{:?}.range", self.what), self.range[0]);
         if domain == Domain::Spin {
@@ -237,13 +235,8 @@ impl Randomiser {
 
     /// Refuses what could leave the physical, whatever is drawn; `least` are the smallest values before and behind the
     /// change. What interpolates between two values that are physical is so too.
-    fn check(
-        &self,
-        change: &Change,
-        places: &[usize],
-        (names, domains): (&[String], &[Domain]),
-        least: &mut [f64],
-    ) -> Result<()> {
+    fn check(&self, change: &Change, places: &[usize], known: (&[String], &[Domain]), least: &mut [f64]) -> Result<()> {
+        let (names, domains) = known;
         let low = change.range[0];
         for k in places {
             // a mass takes its inertia along, at a ratio that stays positive as the mass does
@@ -302,9 +295,9 @@ impl Randomiser {
             Quantity::CenterOfMass => of_bodies(1..4),
             Quantity::Drag => of_bodies(DRAG..DRAG + 3),
             Quantity::AngularDrag => of_bodies(ANGULAR_DRAG..ANGULAR_DRAG + 3),
-            Quantity::Thrust | Quantity::ThrustToWeight => of_rotors(&[at::THRUST]),
-            Quantity::MomentPerThrust => of_rotors(&[at::MOMENT_PER_THRUST]),
-            Quantity::MotorTime => of_rotors(&[at::TIME_UP, at::TIME_DOWN]),
+            Quantity::Thrust | Quantity::ThrustToWeight => of_rotors(&[at::thrust_coefficient]),
+            Quantity::MomentPerThrust => of_rotors(&[at::moment_per_thrust]),
+            Quantity::MotorTime => of_rotors(&[at::time_constant_up, at::time_constant_down]),
             Quantity::Wind | Quantity::HiddenMass | Quantity::HiddenHeight => Vec::new(),
             Quantity::Number(name) => match names.iter().position(|n| n == name) {
                 Some(k) => vec![k],
@@ -362,7 +355,7 @@ impl Randomiser {
 
     /// Mass over nominal mass of the drone that carries the rotor with a number at `k`.
     fn heavier(&self, k: usize, numbers: &[f64]) -> f64 {
-        let n = ROTOR_PARAMETERS.len();
+        let n = N_ROTOR_PARAMETER;
         let owner = self.rotors.iter().position(|own| own.iter().any(|at| (*at..at + n).contains(&k)));
         let place = Inertial::place(self.bodies[owner.unwrap_or(0)]);
         numbers[place] / self.nominal[place]
@@ -430,8 +423,8 @@ const ANGULAR_DRAG: usize = 16;
 fn places(rig: &Rig) -> (Vec<usize>, Vec<Vec<usize>>) {
     let n_body = rig.n_frame();
     let begin = |r: usize| match rig.model() {
-        None => BODY_PARAMETERS.len() + r * ROTOR_PARAMETERS.len(),
-        Some(_) => 1 + n_body * BODY_NUMBERS.len() + r * ROTOR_PARAMETERS.len(),
+        None => BODY_PARAMETERS.len() + r * N_ROTOR_PARAMETER,
+        Some(_) => 1 + n_body * BODY_NUMBERS.len() + r * N_ROTOR_PARAMETER,
     };
     match rig.model() {
         None => (vec![0], vec![(0..rig.drone().rotors.len()).map(begin).collect()]),

@@ -3,6 +3,7 @@
 use super::geometry::{Authority, Axis, RANK_TOLERANCE, decompose};
 use crate::autodiff::Scalar;
 use crate::dynamics::Vehicle;
+use crate::dynamics::rotor::thrust_action;
 use crate::dynamics::spatial::dot;
 use crate::error::{Error, Result};
 
@@ -115,7 +116,7 @@ pub fn allocate_yaw_last<S: Scalar, const R: usize>(
 pub fn thrust_to_command<S: Scalar, const R: usize>(thrusts: &[S; R], max_thrust: &[S; R]) -> [S; R] {
     let mut commands = *thrusts;
     for i in 0..R {
-        commands[i] = S::constant(2.0) * thrusts[i] * max_thrust[i].recip() - S::one();
+        commands[i] = thrust_action(thrusts[i] * max_thrust[i].recip());
     }
     commands
 }

@@ -9,7 +9,8 @@ use crate::autodiff::lanes::Lanes;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::integrate::{Grid, step};
-use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, no_rotors};
+use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState};
+use crate::dynamics::rotor::RotorModel;
 use pulp::{Simd, WithSimd};
 
 /// Largest magnitude of a healthy state, SI units.
@@ -39,36 +40,22 @@ impl Rows {
     }
 }
 
-/// Applies a macro to the numbers of a rotor and its motors that lean kernels read, in the order of their rows.
+/// Applies a macro to the numbers of a rotor that lean kernels read, in the order of their rows.
 macro_rules! lean_rotor {
-    ($each:ident, $r:ident, $m:ident) => {
-        $each!($r.force[2], $r.moment[0], $r.moment[1], $r.moment[2], $r.max_speed, $m.0.decay, $m.1.decay)
+    ($each:ident, $r:ident) => {
+        $each!($r.force[2], $r.moment[0], $r.moment[1], $r.moment[2], $r.max_speed, $r.up.decay, $r.down.decay)
     };
 }
 
 /// As `lean_rotor` for what other kernels read besides.
 #[rustfmt::skip]
 macro_rules! rest_rotor {
-    ($each:ident, $r:ident, $m:ident) => {
+    ($each:ident, $r:ident) => {
         $each!(
-            $r.force[0], $r.force[1], $m.0.rate, $m.1.rate, $r.hub[0], $r.hub[1], $r.hub[2],
+            $r.force[0], $r.force[1], $r.up.rate, $r.down.rate, $r.hub[0], $r.hub[1], $r.hub[2],
             $r.axis[0], $r.axis[1], $r.axis[2], $r.spin_inertia, $r.drag, $r.axial_drag, $r.rolling, $r.radius
         )
     };
-}
-
-macro_rules! count {
-    ($($number:expr),*) => { [$(stringify!($number)),*].len() };
-}
-
-const LEAN_BODY: usize = 17;
-const LEAN_ROTOR: usize = lean_rotor!(count, rotor, motors);
-const REST_BODY: usize = 11;
-const REST_ROTOR: usize = rest_rotor!(count, rotor, motors);
-
-/// Rows of a packed model of `r` (padded) rotors.
-pub(crate) const fn n_packed(r: usize) -> usize {
-    LEAN_BODY + REST_BODY + (LEAN_ROTOR + REST_ROTOR) * r
 }
 
 /// Whether any effect needs the constants behind the lean ones.
@@ -95,16 +82,16 @@ pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>, mut put: impl FnMut(f
     macro_rules! put {
         ($($number:expr),*) => { all(&[$($number),*]) };
     }
-    for (rotor, motors) in m.rotors.iter().zip(&m.motors) {
-        lean_rotor!(put, rotor, motors);
+    for rotor in &m.rotors {
+        lean_rotor!(put, rotor);
     }
     all(&[m.mass]);
     all(&m.inertia[3..]);
     all(&m.inverse_inertia[3..]);
     all(&m.quadratic_drag);
     all(&[m.ground_height]);
-    for (rotor, motors) in m.rotors.iter().zip(&m.motors) {
-        rest_rotor!(put, rotor, motors);
+    for rotor in &m.rotors {
+        rest_rotor!(put, rotor);
     }
 }
 
@@ -144,10 +131,10 @@ fn unpack<S: Simd, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rigi
     macro_rules! take {
         ($($number:expr),*) => { $($number = c.next();)* };
     }
-    let (mut rotors, mut motors) = no_rotors();
+    let mut rotors = [RotorModel::dead(); R];
     for i in 0..R {
-        let (rotor, motors) = (&mut rotors[i], &mut motors[i]);
-        lean_rotor!(take, rotor, motors);
+        let rotor = &mut rotors[i];
+        lean_rotor!(take, rotor);
     }
     let mut model = RigidModel {
         gravity,
@@ -162,7 +149,6 @@ fn unpack<S: Simd, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rigi
         ground_height: o,
         n_rotor: R,
         rotors,
-        motors,
     };
     if needs_rest(effects) {
         unpack_rest(c, &mut model);
@@ -185,8 +171,8 @@ fn unpack_rest<S: Simd, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidMod
     model.quadratic_drag = c.array();
     model.ground_height = c.next();
     for i in 0..R {
-        let (rotor, motors) = (&mut model.rotors[i], &mut model.motors[i]);
-        rest_rotor!(take, rotor, motors);
+        let rotor = &mut model.rotors[i];
+        rest_rotor!(take, rotor);
     }
 }
 

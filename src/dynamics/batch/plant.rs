@@ -1,6 +1,6 @@
 //! What a batch steps: single multirotors in closed form, or articulated systems.
 
-use super::kernel::{self, ALIVE, StepBlocks, n_packed, pack};
+use super::kernel::{self, ALIVE, StepBlocks, pack};
 use super::tree_kernel::StepTrees;
 use crate::autodiff::lanes::{Lanes, dispatch};
 use crate::autodiff::program::BLOCK;
@@ -70,7 +70,7 @@ impl Plant {
             radii: vehicle.rotors.iter().map(|r| r.radius).collect(),
             shared: Vec::new(),
         };
-        let mut shared = Vec::with_capacity(n_packed(padded));
+        let mut shared = Vec::new();
         plant.pack(&parameter_vector(vehicle), |x| shared.push([x as f32; BLOCK]));
         plant.shared = shared;
         Ok((Self::Rigid(plant), system.hover_state([0.0; 3])?))

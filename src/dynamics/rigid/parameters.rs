@@ -1,32 +1,20 @@
 //! The physics of a vehicle as one vector of numbers.
 
-use crate::dynamics::domain::Domain;
-use crate::dynamics::rotor::ROTOR_PARAMETERS;
+use crate::dynamics::domain::Domain::{self, AnySign, NonNegative, Positive};
+use crate::dynamics::rotor::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS};
 use crate::dynamics::vehicle::{GRAVITY, Inertia, Part, Rotor, Vehicle};
 use crate::error::{Error, Result};
 
 /// Physical parameters of the airframe in the parameter vector, in order, and what each may be; the rotors' follow.
+#[rustfmt::skip]
 pub const BODY_PARAMETERS: [(&str, Domain); 20] = [
-    ("gravity", Domain::AnySign),
-    ("mass", Domain::Positive),
-    ("center_of_mass_x", Domain::AnySign),
-    ("center_of_mass_y", Domain::AnySign),
-    ("center_of_mass_z", Domain::AnySign),
-    ("inertia_xx", Domain::Positive),
-    ("inertia_yy", Domain::Positive),
-    ("inertia_zz", Domain::Positive),
-    ("inertia_xy", Domain::AnySign),
-    ("inertia_xz", Domain::AnySign),
-    ("inertia_yz", Domain::AnySign),
-    ("linear_drag_x", Domain::NonNegative),
-    ("linear_drag_y", Domain::NonNegative),
-    ("linear_drag_z", Domain::NonNegative),
-    ("quadratic_drag_x", Domain::NonNegative),
-    ("quadratic_drag_y", Domain::NonNegative),
-    ("quadratic_drag_z", Domain::NonNegative),
-    ("angular_drag_x", Domain::NonNegative),
-    ("angular_drag_y", Domain::NonNegative),
-    ("angular_drag_z", Domain::NonNegative),
+    ("gravity", AnySign), ("mass", Positive),
+    ("center_of_mass_x", AnySign), ("center_of_mass_y", AnySign), ("center_of_mass_z", AnySign),
+    ("inertia_xx", Positive), ("inertia_yy", Positive), ("inertia_zz", Positive),
+    ("inertia_xy", AnySign), ("inertia_xz", AnySign), ("inertia_yz", AnySign),
+    ("linear_drag_x", NonNegative), ("linear_drag_y", NonNegative), ("linear_drag_z", NonNegative),
+    ("quadratic_drag_x", NonNegative), ("quadratic_drag_y", NonNegative), ("quadratic_drag_z", NonNegative),
+    ("angular_drag_x", NonNegative), ("angular_drag_y", NonNegative), ("angular_drag_z", NonNegative),
 ];
 
 /// Physical parameters of a vehicle as one vector, [`BODY_PARAMETERS`] then [`ROTOR_PARAMETERS`] per rotor: what
@@ -62,7 +50,7 @@ pub fn parameter_domains(vehicle: &Vehicle) -> Vec<Domain> {
 /// # Errors
 /// [`Error::Value`] for another length; as [`Vehicle::validate`] for numbers that are no vehicle.
 pub fn vehicle_of(vehicle: &Vehicle, parameters: &[f64]) -> Result<Vehicle> {
-    let wanted = BODY_PARAMETERS.len() + ROTOR_PARAMETERS.len() * vehicle.n_rotor();
+    let wanted = BODY_PARAMETERS.len() + N_ROTOR_PARAMETER * vehicle.n_rotor();
     if parameters.len() != wanted {
         let what = format!("vehicle '{}': number of parameters", vehicle.name);
         return Err(Error::value(what, parameters.len(), wanted.to_string(), "Take them from parameter_vector."));
@@ -92,7 +80,7 @@ mod tests {
             let mut wanted = parameter_vector(&vehicle);
             wanted[1] *= 1.3;
             wanted[4] += 0.01;
-            let thrust = BODY_PARAMETERS.len() + crate::dynamics::rotor::at::THRUST;
+            let thrust = BODY_PARAMETERS.len() + crate::dynamics::rotor::at::thrust_coefficient;
             wanted[thrust] *= 0.9;
             let own = vehicle_of(&vehicle, &wanted).unwrap();
             let off = parameter_vector(&own).iter().zip(&wanted).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));

@@ -9,44 +9,38 @@ use super::topology::{Link, Topology};
 use super::touch;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::aero::downwash;
-use crate::dynamics::rotor::{self, Lag, ROTOR_PARAMETERS, RotorModel, commanded_speed};
+use crate::dynamics::rotor::{Lag, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use crate::dynamics::spatial::*;
 
-/// Constants and target speed of every rotor: what stays the same through a step.
+/// Constants and target speed of every rotor: what stays the same through a step; h in seconds.
 #[inline(always)]
 pub(crate) fn prepare_rotors<S: Scalar, P: Numbers<S>>(
     t: &Topology,
     numbers: P,
+    substep: f64,
     input: &[S],
     rotors: &mut [RotorScratch<S>],
 ) {
+    let o = S::zero();
     for r in 0..t.n_rotor() {
         let n = rotor_numbers(t.n_body(), r);
-        let mut own = [S::zero(); ROTOR_PARAMETERS.len()];
-        for k in 0..ROTOR_PARAMETERS.len() {
+        let mut own = [o; N_ROTOR_PARAMETER];
+        for k in 0..N_ROTOR_PARAMETER {
             own[k] = numbers.get(n + k);
         }
         let rotor = &mut rotors[r];
-        rotor.model = RotorModel::new(&own, rotor::position(&own), t.rotor_radius[r]);
+        rotor.model = RotorModel::new(&own, [o; 3], t.rotor_radius[r], substep);
         rotor.lag.target = commanded_speed(rotor.model.max_speed, input[t.rotor_action[r]]);
     }
 }
 
-/// Every rotor at the start of a substep from its present speed; h in seconds.
+/// Every rotor at the start of a substep, from its present speed.
 #[inline(always)]
-pub(crate) fn start_rotors<S: Scalar, P: Numbers<S>>(
-    t: &Topology,
-    numbers: P,
-    substep: f64,
-    x: &[S],
-    rotors: &mut [RotorScratch<S>],
-) {
+pub(crate) fn start_rotors<S: Scalar>(t: &Topology, x: &[S], rotors: &mut [RotorScratch<S>]) {
     for r in 0..t.n_rotor() {
-        let n = rotor_numbers(t.n_body(), r);
-        let (up, down) = (numbers.get(n + rotor::at::TIME_UP), numbers.get(n + rotor::at::TIME_DOWN));
         let rotor = &mut rotors[r];
         rotor.speed = x[t.rotor_speed[r]];
-        rotor.lag = Lag::of_time_constants(rotor.speed, rotor.lag.target, up, down, substep);
+        rotor.lag = Lag::new(&rotor.model, rotor.speed, rotor.lag.target);
     }
 }
 

@@ -7,9 +7,9 @@
 
 use super::model::{Body, BodyShape, Model};
 use crate::autodiff::{Rows, Scalar};
-use crate::dynamics::domain::Domain;
+use crate::dynamics::domain::Domain::{self, AnySign, NonNegative, Positive};
 use crate::dynamics::rigid::BODY_PARAMETERS;
-use crate::dynamics::rotor::ROTOR_PARAMETERS;
+use crate::dynamics::rotor::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS};
 use crate::dynamics::spatial::Vec3;
 
 /// Physical parameters of one body and its joint, in order, and what each may be: those of an airframe but gravity, then
@@ -26,30 +26,21 @@ pub const BODY_NUMBERS: [(&str, Domain); OF_BODY + JOINT_NUMBERS.len()] = {
 
 const OF_BODY: usize = BODY_PARAMETERS.len() - 1;
 
+#[rustfmt::skip]
 const JOINT_NUMBERS: [(&str, Domain); 14] = [
-    ("joint_position_x", Domain::AnySign),
-    ("joint_position_y", Domain::AnySign),
-    ("joint_position_z", Domain::AnySign),
-    ("joint_damping", Domain::NonNegative),
-    ("joint_stiffness", Domain::NonNegative),
-    ("joint_rest", Domain::AnySign),
-    ("joint_armature", Domain::NonNegative),
-    ("limit_lower", Domain::AnySign),
-    ("limit_upper", Domain::AnySign),
-    ("limit_stiffness", Domain::NonNegative),
-    ("limit_dissipation", Domain::NonNegative),
-    ("drive_stiffness", Domain::NonNegative),
-    ("drive_damping", Domain::NonNegative),
-    ("drive_max_torque", Domain::NonNegative),
+    ("joint_position_x", AnySign), ("joint_position_y", AnySign), ("joint_position_z", AnySign),
+    ("joint_damping", NonNegative), ("joint_stiffness", NonNegative),
+    ("joint_rest", AnySign), ("joint_armature", NonNegative),
+    ("limit_lower", AnySign), ("limit_upper", AnySign),
+    ("limit_stiffness", NonNegative), ("limit_dissipation", NonNegative),
+    ("drive_stiffness", NonNegative), ("drive_damping", NonNegative), ("drive_max_torque", NonNegative),
 ];
 
 /// Physical parameters of contact, in order, and what each may be.
+#[rustfmt::skip]
 pub const CONTACT_NUMBERS: [(&str, Domain); 5] = [
-    ("contact.stiffness", Domain::NonNegative),
-    ("contact.dissipation", Domain::NonNegative),
-    ("contact.friction", Domain::NonNegative),
-    ("contact.slip_speed", Domain::Positive),
-    ("contact.ground", Domain::AnySign),
+    ("contact.stiffness", NonNegative), ("contact.dissipation", NonNegative), ("contact.friction", NonNegative),
+    ("contact.slip_speed", Positive), ("contact.ground", AnySign),
 ];
 
 /// All numbers of a model.
@@ -97,7 +88,7 @@ pub fn number_domains(model: &Model) -> Vec<Domain> {
     let of = |(_, domain): &(&str, Domain)| *domain;
     let bodies = model.bodies().iter().flat_map(|_| BODY_NUMBERS.iter().map(of));
     let rotors = model.rotors().iter().flat_map(|_| ROTOR_PARAMETERS.iter().map(|p| p.domain));
-    let still = still_shapes(model).flat_map(|_| [Domain::AnySign; 3]);
+    let still = still_shapes(model).flat_map(|_| [AnySign; 3]);
     let contact = CONTACT_NUMBERS.iter().map(of);
     std::iter::once(BODY_PARAMETERS[0].1).chain(bodies).chain(rotors).chain(contact).chain(still).collect()
 }
@@ -164,7 +155,7 @@ pub(crate) const fn body_numbers(body: usize) -> usize {
 /// Where the numbers of rotor `rotor` begin in a model of `n_body` bodies.
 #[inline(always)]
 pub(crate) const fn rotor_numbers(n_body: usize, rotor: usize) -> usize {
-    1 + n_body * BODY_NUMBERS.len() + rotor * ROTOR_PARAMETERS.len()
+    1 + n_body * BODY_NUMBERS.len() + rotor * N_ROTOR_PARAMETER
 }
 
 /// Where the numbers of contact begin.

@@ -12,7 +12,7 @@ use crate::controllers::rate::RateCommand;
 use crate::dynamics::GRAVITY;
 use crate::dynamics::batch::Plant;
 use crate::dynamics::frame::{FRAME, Frame};
-use crate::dynamics::rotor::holding_action;
+use crate::dynamics::rotor::{holding_action, thrust_action};
 use crate::dynamics::spatial::rotate_back;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
@@ -106,7 +106,7 @@ impl Control {
         });
         let weight = vehicle.mass_properties().mass * GRAVITY;
         let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
-        let hover = 2.0 * weight / lift - 1.0;
+        let hover = thrust_action(weight / lift);
         let (names, safe) = match self.level {
             Level::Rate => (["rate_x", "rate_y", "rate_z", "thrust"], [0.0, 0.0, 0.0, hover]),
             Level::Attitude => (["thrust", "yaw_rate", "roll", "pitch"], [hover, 0.0, 0.0, 0.0]),
