@@ -1,12 +1,10 @@
 //! The record of one flight: what was, what should have been, what the rotors did; its key figures; its CSV file.
 
+use crate::dynamics::rotor::LEAST_THRUST;
 use crate::dynamics::spatial::{Quat, Vec3, to_euler, up_axis};
 use crate::dynamics::vehicle::GRAVITY;
 use crate::error::{Error, Result};
 use serde::Serialize;
-
-/// Lowest rotor speed command over the largest speed: √1e-4, the floor of the rotor action.
-const IDLE_FRACTION: f64 = 0.01;
 
 /// Farther from the reference than this, what flies counts as lost, m.
 pub const LOST: f64 = 5.0;
@@ -228,8 +226,9 @@ impl FlightLog {
             return None;
         }
         let limits = self.max_rotor_speed.iter().cycle();
+        let idle = LEAST_THRUST.sqrt();
         let at_limit = |(command, limit): &(&f64, &f64)| {
-            **command >= (1.0 - 1e-6) * **limit || **command <= (IDLE_FRACTION + 1e-6) * **limit
+            **command >= (1.0 - 1e-6) * **limit || **command <= (idle + 1e-6) * **limit
         };
         let count = self.rotor_command.iter().zip(limits).filter(at_limit).count();
         Some(count as f64 / self.rotor_command.len() as f64)
@@ -300,7 +299,7 @@ impl FlightLog {
     pub fn csv_header(&self) -> Vec<String> {
         let xyz = |name: &str, unit: &str| ["x", "y", "z"].map(|axis| format!("{name}_{axis} [{unit}]"));
         let rotors = |name: &str, unit: &str| -> Vec<String> {
-            (1..=self.n_rotor()).map(|i| format!("{name}_{i} [{unit}]")).collect()
+            (0..self.n_rotor()).map(|i| format!("{name}_{i} [{unit}]")).collect()
         };
         let mut header = vec!["time [s]".to_string()];
         header.extend(xyz("position", "m"));

@@ -33,6 +33,7 @@ use super::rate::RateCommand;
 use super::reference::Sample;
 use super::velocity::VelocityCommand;
 use crate::dynamics::gains::SEPARATION;
+use crate::dynamics::rotor::thrust_action;
 use crate::dynamics::spatial::{Quat, Vec3, add, mat_mul, mat_vec, matrix, transpose};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::Result;
@@ -85,7 +86,7 @@ impl Broken {
         let (thrusts, most) = (&self.allocator.solution().inputs, &self.allocator.problem().upper);
         let mut actions = [-1.0; MAX_ROTORS];
         for ((action, thrust), most) in actions.iter_mut().zip(thrusts).zip(most).filter(|(_, most)| **most > 0.0) {
-            *action = 2.0 * thrust / most - 1.0;
+            *action = thrust_action(thrust / most);
         }
         actions
     }

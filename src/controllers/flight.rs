@@ -10,8 +10,9 @@ use super::start::start_on;
 use crate::autodiff::safe;
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
+use crate::dynamics::rotor::commanded_speed;
 use crate::dynamics::spatial::{from_matrix, to_euler};
-use crate::dynamics::{Disturbance, Gains, Physics, Plant, Rotor, Vehicle};
+use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
 use crate::flight::{self, FlightLog};
 use crate::rng::{Purpose, Stream};
@@ -124,18 +125,13 @@ impl SmoothPoint {
         let mut margin = f64::INFINITY;
         for (rotor, place) in plant.rotors().into_iter().zip(plant.rotor_places()) {
             let (a, speed) = (input[place.action], x[place.speed]);
-            let gap = (commanded_speed(rotor, a) - speed).abs() / rotor.max_speed;
+            let gap = (commanded_speed(rotor.max_speed, a) - speed).abs() / rotor.max_speed;
             margin = margin.min(gap).min(1.0 - a.abs());
         }
         if margin > self.margin {
             *self = Self { step, state: [x, memory].concat(), input: input.to_vec(), air: *air, margin };
         }
     }
-}
-
-/// Ω_cmd of an action.
-fn commanded_speed(rotor: &Rotor, action: f64) -> f64 {
-    rotor.max_speed * safe::sqrt((action.clamp(-1.0, 1.0) + 1.0) * 0.5, 1e-4)
 }
 
 /// Longest flight, in steps: what a log may hold.
@@ -305,7 +301,7 @@ fn record(
         let s = x[place.speed];
         speed.push(s);
         thrust.push(rotor.thrust_coefficient * s * s);
-        command.push(commanded_speed(rotor, system.applied()[place.action]));
+        command.push(commanded_speed(rotor.max_speed, system.applied()[place.action]));
     }
     log.push(flight::Sample {
         time,

@@ -30,6 +30,7 @@ use super::kinematics::Kinematics;
 use super::reference::{Carried, Reference, Sample};
 use super::velocity::VelocityCommand;
 use crate::autodiff::{Scalar, System, linearise, safe};
+use crate::dynamics::rotor::commanded_speed;
 use crate::dynamics::spatial::{matrix, multiply, sub};
 use crate::dynamics::tree::{Model, Motion, Multibody};
 use crate::dynamics::{Gains, MAX_ROTORS};
@@ -374,7 +375,7 @@ impl Inner<'_> {
         state[..10].copy_from_slice(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
         let carried = self.cascade.initial().rotors;
         for (r, action) in model.drones()[0].rotors.iter().zip(carried) {
-            state[layout.rotor_speed[*r]] = model.rotors()[*r].rotor.max_speed * (0.5 * (action + 1.0)).sqrt();
+            state[layout.rotor_speed[*r]] = commanded_speed(model.rotors()[*r].rotor.max_speed, action);
         }
         state
     }

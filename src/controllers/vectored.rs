@@ -48,6 +48,7 @@ use super::position::velocity_command;
 use super::rate::RateCommand;
 use super::six_axis::{SixAxis, Wrench};
 use crate::dynamics::gains::SATURATION_ANGLE;
+use crate::dynamics::rotor::{holding_action, thrust_action};
 use crate::dynamics::spatial::{Vec3, axpy, cross, dot, inverse, mat_vec, rotate_back, scale, sub};
 use crate::dynamics::tree::{
     Model, Motion, Multibody, Pose, body_poses, center_of_mass, inverse_dynamics, mass_matrix, momentum, rest_state,
@@ -321,7 +322,7 @@ impl Vectored {
         let mut thrusts = Vec::with_capacity(model.rotors().len());
         for (r, mounted) in model.rotors().iter().enumerate() {
             let (speed, rotor) = (state[layout.rotor_speed[r]], &mounted.rotor);
-            still[layout.rotor_action[r]] = 2.0 * (speed / rotor.max_speed).powi(2) - 1.0;
+            still[layout.rotor_action[r]] = holding_action(rotor.max_speed, speed);
             thrusts.push(rotor.thrust_coefficient * speed * speed);
         }
         let mut missing = vec![0.0; layout.n_velocity()];
@@ -511,7 +512,7 @@ impl Controller for Vectored {
         self.turn(state, input);
         for (r, thrust) in self.fast.solution().inputs.iter().enumerate() {
             let most = self.health[r] * self.system.model().rotors()[r].rotor.max_thrust();
-            input[self.system.layout().rotor_action[r]] = if most > 0.0 { 2.0 * thrust / most - 1.0 } else { -1.0 };
+            input[self.system.layout().rotor_action[r]] = if most > 0.0 { thrust_action(thrust / most) } else { -1.0 };
         }
         self.bends.command(time, input);
     }

@@ -6,6 +6,8 @@
 //! | [`vehicles`] | the built-in ones, one file each |
 //! | [`vehicle_file`] | vehicles as TOML |
 //! | [`gains`] | gains derived from inertia and motor lag |
+//! | [`rotor`] | one rotor: command, lag, wrench, and the table of its numbers |
+//! | [`domain`] | what a physical number may be |
 //! | [`rigid`] | the rigid multirotor's equations, over any scalar |
 //! | [`integrate`] | RK4 and the semi-implicit step |
 //! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
@@ -27,6 +29,7 @@ pub mod assembly;
 pub mod batch;
 pub mod configurations;
 pub mod contact;
+pub mod domain;
 pub mod fleet;
 pub mod frame;
 pub mod gains;
@@ -34,6 +37,7 @@ pub mod integrate;
 pub mod multirotor;
 pub mod plant;
 pub mod rigid;
+pub mod rotor;
 pub mod scene;
 pub mod shape;
 pub mod spatial;

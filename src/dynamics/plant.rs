@@ -1,5 +1,6 @@
 //! What flies, rigid or articulated, behind one type: state, inputs, parameters by name, step, frames, rotors.
 
+use super::domain::Domain;
 use super::frame::Frame;
 use super::multirotor::{Multirotor, Physics};
 use super::rigid::{self, RIGID_DIM};
@@ -137,6 +138,14 @@ impl Plant {
         match self {
             Self::Rigid(m) => rigid::parameter_names(m.vehicle()),
             Self::Tree(m) => tree::number_names(m.model()),
+        }
+    }
+
+    /// What each of [`Plant::parameters`] may be.
+    pub fn parameter_domains(&self) -> Vec<Domain> {
+        match self {
+            Self::Rigid(m) => rigid::parameter_domains(m.vehicle()),
+            Self::Tree(m) => tree::number_domains(m.model()),
         }
     }
 

@@ -3,9 +3,9 @@
 //! Each stage maps one agent's numbers to one agent's numbers and says what they are called. The same lines run in lanes
 //! and on a recording, so gradients go through them; noise is a constant to a gradient.
 
-use super::physical::Kind;
 use super::sheet::{Slice, total};
 use crate::autodiff::{Rows, RowsMut, Scalar};
+use crate::dynamics::domain::Domain;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -211,8 +211,8 @@ impl<S: Scalar> Frozen<'_, S> {
 }
 
 impl Pipeline {
-    /// For a task's slices and `theta` with its nominal values.
-    pub(crate) fn new(stages: &[Stage], raw: &[Slice], theta: &[(String, f64)]) -> Result<Self> {
+    /// For a task's slices and `theta` with its nominal values and domains.
+    pub(crate) fn new(stages: &[Stage], raw: &[Slice], theta: &[(String, f64, Domain)]) -> Result<Self> {
         let mut p = Self { steps: Vec::new(), slices: raw.to_vec(), memory: 0, noise: 0, normalises: false };
         Extent::of(stages, total(raw), theta.len())?;
         for stage in stages {
@@ -221,7 +221,7 @@ impl Pipeline {
         Ok(p)
     }
 
-    fn add(&mut self, stage: &Stage, theta: &[(String, f64)]) -> Result<()> {
+    fn add(&mut self, stage: &Stage, theta: &[(String, f64, Domain)]) -> Result<()> {
         let n = total(&self.slices);
         match stage {
             Stage::History { steps } => {
@@ -254,10 +254,10 @@ impl Pipeline {
                 self.steps.push(Step::Normalise { n, clip: *clip });
             }
             Stage::Privileged {} => {
-                let is_ratio = |(name, x): &(String, f64)| *x > LEAST_NOMINAL && Kind::of(name) != Kind::Free;
+                let is_ratio = |(_, x, domain): &(String, f64, Domain)| *x > LEAST_NOMINAL && domain.keeps_sign();
                 let scale = theta.iter().map(|own| if is_ratio(own) { 1.0 / own.1 } else { 1.0 }).collect();
                 self.steps.push(Step::Privileged { n, scale });
-                let slice = |own: &(String, f64)| {
+                let slice = |own: &(String, f64, Domain)| {
                     let unit = if is_ratio(own) { "ratio to nominal" } else { "as it is" };
                     Slice::new(own.0.clone(), 1, unit, "varies between environments")
                 };

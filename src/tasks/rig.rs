@@ -4,7 +4,9 @@
 //! rotors and drives. A vehicle alone has one frame; a model has one per body.
 
 use crate::autodiff::System;
+use crate::dynamics::domain::Domain;
 pub use crate::dynamics::plant::RotorPlace;
+use crate::dynamics::rotor::holding_action;
 use crate::dynamics::tree::{Model, Multibody};
 use crate::dynamics::{Effects, Inertia, Physics, Plant, Vehicle, tree};
 use crate::error::Result;
@@ -195,7 +197,7 @@ impl Rig {
     pub fn hover_input(&self) -> Vec<f64> {
         let mut input = vec![0.0; self.n_input()];
         for rotor in self.drones.iter().flat_map(|d| &d.rotors) {
-            input[rotor.action] = 2.0 * (self.rest[rotor.speed] / rotor.max_speed).powi(2) - 1.0;
+            input[rotor.action] = holding_action(rotor.max_speed, self.rest[rotor.speed]);
         }
         input
     }
@@ -208,6 +210,11 @@ impl Rig {
     /// Names of [`Rig::numbers`].
     pub fn number_names(&self) -> Vec<String> {
         self.plant.parameter_names()
+    }
+
+    /// What each of [`Rig::numbers`] may be.
+    pub fn number_domains(&self) -> Vec<Domain> {
+        self.plant.parameter_domains()
     }
 
     /// First of each tree's numbers in the state.

@@ -193,6 +193,11 @@ fn impossible_configurations_are_refused_at_once_with_the_limit_and_the_nearest_
         ("[[randomise]]\nwhat = 'hidden_mass'\nby = 'set'\nrange = [-1, 0]", &["≥ 0"]),
         ("[[randomise]]\nwhat = { number = 'mass' }\nby = 'set'\nrange = [-1, 1]", &["range is -1", "> 0"]),
         ("[[randomise]]\nwhat = { number = 'inertia_zz' }\nby = 'add'\nrange = [-1, 1]", &["inertia_zz", "> 0"]),
+        ("[[randomise]]\nwhat = { number = 'rotor_0.rolling_coefficient' }\nrange = [-1, 1]", &["range is -1", "≥ 0"]),
+        (
+            "[[randomise]]\nwhat = { number = 'rotor_0.spin' }\nrange = [0.9, 1.1]",
+            &["may vary", "one way or the other"],
+        ),
         ("[[randomise]]\nwhat = 'thrust'\nrange = [1, 1e30]", &["within ±1e9"]),
         ("[[randomise]]\nwhat = { number = 'mas' }\nrange = [1, 2]", &["no physical number is called 'mas'", "'mass'"]),
     ];

@@ -143,11 +143,8 @@ impl Story {
                     e => format!("{} % left", short(100.0 * e, 3)),
                 };
                 let name = &vehicle.rotors[failure.rotor].name;
-                let known = format!(
-                    "the controller knew {} later; curve {} of the plots",
-                    duration(plan.detection_delay),
-                    failure.rotor + 1
-                );
+                let delay = duration(plan.detection_delay);
+                let known = format!("the controller knew {delay} later; curve {} of the plots", failure.rotor);
                 facts.push(Fact::new(name, format!("{what} at {} s", short(*at, 4))).note(known));
             }
             facts.push(Fact::new("what is left", left.capability.name()).note(explanation(left)));

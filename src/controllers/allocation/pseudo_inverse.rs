@@ -3,6 +3,7 @@
 use super::geometry::{Authority, Axis, RANK_TOLERANCE, decompose};
 use crate::autodiff::Scalar;
 use crate::dynamics::Vehicle;
+use crate::dynamics::rotor::thrust_action;
 use crate::dynamics::spatial::dot;
 use crate::error::{Error, Result};
 
@@ -150,7 +151,7 @@ fn tilt_first<S: Scalar, const R: usize>(mixer: &[[S; 4]; R], max_thrust: &[S; R
 pub fn thrust_to_command<S: Scalar, const R: usize>(thrusts: &[S; R], max_thrust: &[S; R]) -> [S; R] {
     let mut commands = *thrusts;
     for i in 0..R {
-        commands[i] = S::constant(2.0) * thrusts[i] * max_thrust[i].recip() - S::one();
+        commands[i] = thrust_action(thrusts[i] * max_thrust[i].recip());
     }
     commands
 }

@@ -10,7 +10,8 @@ use crate::autodiff::program::BLOCK;
 use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Mask, safe};
 use crate::dynamics::integrate::{Grid, step};
-use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, RotorModel};
+use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState};
+use crate::dynamics::rotor::RotorModel;
 
 /// Largest magnitude of a healthy state, SI units.
 pub(crate) const EXPLODED: f64 = 1e8;
@@ -39,14 +40,22 @@ impl Rows {
     }
 }
 
-const LEAN_BODY: usize = 17;
-const LEAN_ROTOR: usize = 7;
-const REST_BODY: usize = 11;
-const REST_ROTOR: usize = 15;
+/// Applies a macro to the numbers of a rotor that lean kernels read, in the order of their rows.
+macro_rules! lean_rotor {
+    ($each:ident, $r:ident) => {
+        $each!($r.force[2], $r.moment[0], $r.moment[1], $r.moment[2], $r.max_speed, $r.up.decay, $r.down.decay)
+    };
+}
 
-/// Rows of a packed model of `r` (padded) rotors.
-pub(crate) const fn n_packed(r: usize) -> usize {
-    LEAN_BODY + REST_BODY + (LEAN_ROTOR + REST_ROTOR) * r
+/// As `lean_rotor` for what other kernels read besides.
+#[rustfmt::skip]
+macro_rules! rest_rotor {
+    ($each:ident, $r:ident) => {
+        $each!(
+            $r.force[0], $r.force[1], $r.up.rate, $r.down.rate, $r.hub[0], $r.hub[1], $r.hub[2],
+            $r.axis[0], $r.axis[1], $r.axis[2], $r.spin_inertia, $r.drag, $r.axial_drag, $r.rolling, $r.radius
+        )
+    };
 }
 
 /// Whether any effect needs the constants behind the lean ones.
@@ -70,20 +79,19 @@ pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>, mut put: impl FnMut(f
     all(&m.inverse_inertia[..3]);
     all(&m.linear_drag);
     all(&m.angular_drag);
-    for r in &m.rotors {
-        all(&r.wrench[2..]);
-        all(&[r.max_speed, r.decay_up, r.decay_down]);
+    macro_rules! put {
+        ($($number:expr),*) => { all(&[$($number),*]) };
+    }
+    for rotor in &m.rotors {
+        lean_rotor!(put, rotor);
     }
     all(&[m.mass]);
     all(&m.inertia[3..]);
     all(&m.inverse_inertia[3..]);
     all(&m.quadratic_drag);
     all(&[m.ground_height]);
-    for r in &m.rotors {
-        all(&[r.wrench[0], r.wrench[1], r.rate_up, r.rate_down]);
-        all(&r.hub);
-        all(&r.axis);
-        all(&[r.spin_inertia, r.drag, r.axial_drag, r.rolling, r.radius]);
+    for rotor in &m.rotors {
+        rest_rotor!(put, rotor);
     }
 }
 
@@ -120,13 +128,13 @@ fn unpack<L: Lanes, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rig
     let [xx, yy, zz] = c.array();
     let [ixx, iyy, izz] = c.array();
     let (linear_drag, angular_drag) = (c.array(), c.array());
+    macro_rules! take {
+        ($($number:expr),*) => { $($number = c.next();)* };
+    }
     let mut rotors = [RotorModel::dead(); R];
     for i in 0..R {
-        let [fz, mx, my, mz] = c.array();
-        rotors[i].wrench = [o, o, fz, mx, my, mz];
-        rotors[i].max_speed = c.next();
-        rotors[i].decay_up = c.next();
-        rotors[i].decay_down = c.next();
+        let rotor = &mut rotors[i];
+        lean_rotor!(take, rotor);
     }
     let mut model = RigidModel {
         gravity,
@@ -150,6 +158,9 @@ fn unpack<L: Lanes, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rig
 
 #[inline(always)]
 fn unpack_rest<L: Lanes, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidModel<L, R>) {
+    macro_rules! take {
+        ($($number:expr),*) => { $($number = c.next();)* };
+    }
     model.mass = c.next();
     for k in 3..6 {
         model.inertia[k] = c.next();
@@ -161,17 +172,7 @@ fn unpack_rest<L: Lanes, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidMo
     model.ground_height = c.next();
     for i in 0..R {
         let rotor = &mut model.rotors[i];
-        rotor.wrench[0] = c.next();
-        rotor.wrench[1] = c.next();
-        rotor.rate_up = c.next();
-        rotor.rate_down = c.next();
-        rotor.hub = c.array();
-        rotor.axis = c.array();
-        rotor.spin_inertia = c.next();
-        rotor.drag = c.next();
-        rotor.axial_drag = c.next();
-        rotor.rolling = c.next();
-        rotor.radius = c.next();
+        rest_rotor!(take, rotor);
     }
 }
 

@@ -1,6 +1,6 @@
 //! What a batch steps: single multirotors in closed form, or articulated systems.
 
-use super::kernel::{self, ALIVE, StepBlocks, n_packed, pack};
+use super::kernel::{self, ALIVE, StepBlocks, pack};
 use super::tree_kernel::StepTrees;
 use crate::autodiff::columns::Columns;
 use crate::autodiff::lanes::{Lanes, RegisterKernel, dispatch, each_register};
@@ -72,7 +72,7 @@ impl Plant {
             radii: vehicle.rotors.iter().map(|r| r.radius).collect(),
             shared: Rows::default(),
         };
-        let mut shared = Vec::with_capacity(n_packed(padded));
+        let mut shared = Vec::new();
         plant.pack(&parameter_vector(vehicle), |x| shared.push([x as f32; BLOCK]));
         plant.shared = shared.into_iter().collect();
         Ok((Self::Rigid(plant), system.hover_state([0.0; 3])?))

@@ -8,6 +8,20 @@ pub type Vec3<S> = [S; 3];
 /// A 3×3 matrix by rows.
 pub type Mat3<S> = [[S; 3]; 3];
 
+/// Force and moment about one point, along one set of axes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Wrench<S> {
+    pub force: Vec3<S>,
+    pub moment: Vec3<S>,
+}
+
+impl<S: Scalar> Wrench<S> {
+    #[inline(always)]
+    pub(crate) fn zero() -> Self {
+        Self { force: [S::zero(); 3], moment: [S::zero(); 3] }
+    }
+}
+
 /// a + b.
 #[inline(always)]
 pub fn add<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {

@@ -12,6 +12,7 @@ use crate::controllers::rate::RateCommand;
 use crate::dynamics::GRAVITY;
 use crate::dynamics::batch::Plant;
 use crate::dynamics::frame::{FRAME, Frame};
+use crate::dynamics::rotor::{holding_action, thrust_action};
 use crate::dynamics::spatial::rotate_back;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
@@ -84,8 +85,7 @@ impl Control {
         }
         self.n_command = first.n_action();
         for (i, rotor) in first.rotors.iter().enumerate() {
-            let share = rig.rest()[rotor.speed] / rotor.max_speed;
-            self.safe.push(2.0 * share * share - 1.0);
+            self.safe.push(holding_action(rotor.max_speed, rig.rest()[rotor.speed]));
             self.names.push(format!("rotor_{i}"));
         }
         self.names.extend((0..first.drives.len()).map(|i| format!("drive_{i}")));
@@ -107,7 +107,7 @@ impl Control {
         self.recorded = Some(Box::new(CascadeModel::new(vehicle, &gains)?));
         let weight = vehicle.mass_properties().mass * GRAVITY;
         let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
-        let hover = 2.0 * weight / lift - 1.0;
+        let hover = thrust_action(weight / lift);
         let (names, safe) = match self.level {
             Level::Rate => (["rate_x", "rate_y", "rate_z", "thrust"], [0.0, 0.0, 0.0, hover]),
             Level::Attitude => (["thrust", "yaw_rate", "roll", "pitch"], [hover, 0.0, 0.0, 0.0]),

@@ -131,8 +131,8 @@ impl Env {
         varied.sort_unstable();
         varied.dedup();
         let nominal = rig.numbers();
-        let names = rig.number_names();
-        let theta: Vec<(String, f64)> = varied.iter().map(|k| (names[*k].clone(), nominal[*k])).collect();
+        let (names, domains) = (rig.number_names(), rig.number_domains());
+        let theta: Vec<_> = varied.iter().map(|k| (names[*k].clone(), nominal[*k], domains[*k])).collect();
         let extent = Extent::of(&config.observation, total(&sheet.observation), theta.len())?;
         let control = Control::new(config, rig)?;
         let n_agent = engine.n_agent();
@@ -170,7 +170,8 @@ impl Env {
         let pipeline = Pipeline::new(&config.observation, &sheet.observation, &theta)?;
         let speeds = rig.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
         let disturbance_rows = rig.disturbances().iter().map(|k| plant.input_row(*k)).collect();
-        let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, theta, bytes);
+        let privileged = theta.into_iter().map(|(name, value, _)| (name, value)).collect();
+        let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, privileged, bytes);
         let statistics = Statistics::of_nothing(sizes.normalised);
         let rest = rig.rest().to_vec();
         let core = Core {

@@ -528,7 +528,9 @@ fn a_failed_rotor_is_explained_and_flown_with() {
     assert_eq!((stage["capability"].as_str(), stage["at"].as_f64()), (Some("yaw_sacrificed"), Some(1.0)));
     assert!(flown["failures"]["largest_height_error"].as_f64().is_some_and(|e| e < 0.1));
     let (page, _) = exits(0, folder.path(), &with(&["--fail", "rotor_2:0.5", "--fail", "3", "--at", "4", "--at", "6"]));
-    for words in ["50 % left at 4 s", "lost at 6 s", "full control", "yaw sacrificed"] {
+    for words in
+        ["50 % left at 4 s", "curve 2 of the plots", "lost at 6 s", "curve 3 of", "full control", "yaw sacrificed"]
+    {
         assert!(page.contains(words), "'{words}' in\n{page}");
     }
     let (page, _) = exits(1, folder.path(), &["fly", "iris", "--reference", "hover", "--fail", "0", "--no-plots"]);
