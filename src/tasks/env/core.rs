@@ -10,10 +10,11 @@ use super::transition::{Places, Setting};
 use crate::autodiff::lanes::dispatch;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Program, Recording};
-use crate::error::Result;
 use crate::dynamics::batch::{ALIVE, Plant, STOPPED};
+use crate::error::Result;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::config::Autoreset;
+use crate::tasks::declare::Goal;
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::rig::{Craft, Rig};
@@ -298,8 +299,8 @@ impl Core {
         let mut start = Start {
             rig: self.rig(),
             state: &mut work.state,
-            goal: &mut work.goal,
-            memo: &mut work.memory,
+            goal: Goal::over(&mut work.goal),
+            task_state: &mut work.memory,
             numbers: &mut work.numbers,
             reset,
             task,
@@ -386,8 +387,8 @@ impl Core {
         let mut start = Start {
             rig: self.rig(),
             state: &mut work.state,
-            goal: &mut work.goal,
-            memo: &mut work.memory,
+            goal: Goal::over(&mut work.goal),
+            task_state: &mut work.memory,
             numbers: &mut work.numbers,
             reset: stream(Purpose::user(0x0e11)),
             task: stream(Purpose::DISTURBANCE),

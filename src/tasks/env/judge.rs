@@ -6,8 +6,9 @@ use crate::autodiff::lanes::Lanes;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, RowsMut, Scalar};
 use crate::dynamics::batch::ALIVE;
+use crate::tasks::declare::{Masks, loss_of};
 use crate::tasks::rig::Rig;
-use crate::tasks::task::{Ends, MAX_ENDS, Task, View};
+use crate::tasks::task::{MAX_ENDS, Task, View};
 use pulp::{Simd, WithSimd};
 
 /// 1 where the mask holds, else 0.
@@ -34,7 +35,7 @@ fn view<'a, S: Simd>(
         frames: Lanes::rows(frames, at),
         speeds_before: Lanes::rows(speeds, at),
         goal: Lanes::rows(&block.goal, at),
-        memo: Lanes::rows(&block.memo, at),
+        task_state: Lanes::rows(&block.memo, at),
         step,
         clock: (step + book.get(book::OFFSET)) * Lanes::constant(1.0 / horizon),
     }
@@ -44,7 +45,7 @@ fn view<'a, S: Simd>(
 #[inline(always)]
 pub(crate) fn reason<S: Scalar, T: Task>(task: &T, view: &View<'_, S>, n_end: usize) -> S {
     let mut masks = [S::one().lt(S::zero()); MAX_ENDS];
-    task.ends(view, &mut Ends::new(&mut masks));
+    task.ends(view, &mut Masks::new(&mut masks));
     let mut code = S::zero();
     for i in 0..n_end {
         let k = n_end - 1 - i;
@@ -103,7 +104,7 @@ fn judge<S: Simd, T: Task>(
     task.reward(&view, &mut Lanes::rows_mut(&mut work.terms, at).pen(0));
     task.metrics(&view, &mut Lanes::rows_mut(&mut work.metrics, at).pen(0));
     let success = task.success(&view);
-    let loss = task.loss(&view);
+    let loss = loss_of(task, &view);
     let code = reason(task, &view, sizes.end);
     observe(task, sizes, &view, &mut Lanes::rows_mut(&mut work.raw, at));
     if sizes.central > 0 {
