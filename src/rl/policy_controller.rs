@@ -116,7 +116,7 @@ fn fits(env: &Env, plant: &Plant) -> Result<()> {
 
 /// The point that the task wants to be held.
 fn goal(env: &Env) -> Result<[f64; 3]> {
-    let wanted = env.wanted(0)?;
+    let wanted = env.reference(0)?;
     match wanted.as_ref().map(|w| &w.references[..]) {
         Some([Reference::Hover(point)]) => Ok(point.position),
         Some([way @ Reference::Waypoints(_)]) => Ok(way.sample(way.duration().unwrap_or(0.0)).position),

@@ -2,11 +2,11 @@
 //!
 //! Free drones are flown by a cascade each, all levels in every step; what is joined together by its
 //! [`default_controller`]. All see the true state, the true masses of their episode (a free drone all its
-//! numbers) and what the task [wants](super::Task::wanted), and act on the rotors.
+//! numbers) and what the task [tracks](super::Task::reference), and act on the rotors.
 
 use super::env::{Buffers, Env};
 use super::rig::{Inertial, Rig};
-use super::task::Wanted;
+use super::task::TaskReference;
 use crate::controllers::cascade::{Cascade, Level, Rates};
 use crate::controllers::controller::{Controller, Measurement, Target};
 use crate::controllers::kinematics::Kinematics;
@@ -30,7 +30,7 @@ pub struct Baseline {
 
 struct Seat {
     crew: Crew,
-    wanted: Wanted,
+    reference: TaskReference,
     input: Vec<f64>,
     step: u64,
 }
@@ -49,7 +49,7 @@ impl Baseline {
     /// [`Baseline::act`] after a reset: make a new one for new episodes.
     ///
     /// # Errors
-    /// [`Error::Value`] if the environment is in another control mode or nothing is wanted that a reference can say;
+    /// [`Error::Value`] if the environment is in another control mode or no reference says what the task tracks;
     /// otherwise as the controllers.
     pub fn new(env: &Env) -> Result<Self> {
         let spec = env.spec();
@@ -57,7 +57,7 @@ impl Baseline {
             let remedy = "Leave `control` out.";
             return Err(Error::value("control", spec.config.control.name(), "'rotor' for a controller", remedy));
         }
-        if env.wanted(0)?.is_none() {
+        if env.reference(0)?.is_none() {
             let what = format!("task {}: reference", spec.task);
             return Err(Error::value(what, "none", "one that a controller can track", "Try --controller random."));
         }
@@ -123,8 +123,8 @@ impl Baseline {
             self.failures.push((environment, error));
             Crew::Nobody
         });
-        let wanted = env.wanted(environment)?.unwrap_or(Wanted::point([0.0; 3], 0.0));
-        Ok(Seat { crew, wanted, input: rig.hover_input(), step: 0 })
+        let reference = env.reference(environment)?.unwrap_or(TaskReference::point([0.0; 3], 0.0));
+        Ok(Seat { crew, reference, input: rig.hover_input(), step: 0 })
     }
 }
 
@@ -132,7 +132,7 @@ impl Seat {
     fn fly(&mut self, rig: &Rig, state: &[f64], dt: f64) {
         let time = self.step as f64 * dt;
         self.step += 1;
-        let references = &self.wanted.references;
+        let references = &self.reference.references;
         match &mut self.crew {
             Crew::Free(cascades) => {
                 for (i, cascade) in cascades.iter_mut().enumerate() {
@@ -143,7 +143,7 @@ impl Seat {
                 }
             }
             Crew::Joined(one) => {
-                let target = Target { reference: &references[0], tilt: &self.wanted.tilt };
+                let target = Target { reference: &references[0], tilt: &self.reference.tilt };
                 one.tick(Measurement { time, state }, target, &mut self.input);
             }
             Crew::Nobody => {}

@@ -3,14 +3,13 @@
 use super::observation::Stage;
 use super::randomise::Change;
 use super::rig::{Rig, benchmark, benchmark_effects};
-use super::sheet::find;
+use super::settings::{Settings, find};
 use crate::controllers::action::ActionScale;
 use crate::controllers::cascade::Level;
 use crate::dynamics::configurations::Omav;
 use crate::dynamics::integrate::Integrator;
 use crate::dynamics::{Effects, Physics, Vehicle, vehicles};
 use crate::error::{Error, Result};
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// What a done environment does.
@@ -243,11 +242,10 @@ impl EnvConfig {
     /// The task's settings.
     ///
     /// # Errors
-    /// [`Error::Format`] with the nearest known key; [`Error::Value`] for a number that is not finite.
-    pub fn settings<T: DeserializeOwned>(&self) -> Result<T> {
+    /// As [`Settings::of`]; [`Error::Value`] for a number that is not finite.
+    pub fn settings<T: Settings>(&self) -> Result<T> {
         self.check_task()?;
-        let text = toml::to_string(&self.task).unwrap_or_default();
-        toml::from_str(&text).map_err(|e| Error::of_toml(&e, &text, "[task]"))
+        T::of(&self.task)
     }
 
     /// The benchmark's form of a built-in vehicle.
@@ -291,19 +289,3 @@ impl EnvConfig {
 
 /// The Omav with tilting units, as a vehicle.
 pub const TILTING: &str = "omav_tilting";
-
-/// Settings of the tasks of one drone.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SingleSettings {
-    /// What flies.
-    pub vehicle: String,
-    /// T, steps.
-    pub horizon: usize,
-}
-
-impl Default for SingleSettings {
-    fn default() -> Self {
-        Self { vehicle: "hummingbird".into(), horizon: 500 }
-    }
-}

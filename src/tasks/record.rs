@@ -1,6 +1,6 @@
 //! What happened in an evaluation, step by step and episode by episode: for plots and files.
 
-use super::env::{Env, Spec};
+use super::env::{Column, Env, Spec};
 use super::evaluate::Watched;
 use crate::error::{Error, Result};
 use serde::Serialize;
@@ -72,7 +72,6 @@ pub struct Record {
     /// `[E, info]`: the columns of [`Spec::info`] in the last step of every episode.
     pub last: Vec<f32>,
     spec: Spec,
-    n_metric: usize,
     /// Sums of terms one step ago.
     before: Vec<f32>,
     row: Vec<f32>,
@@ -87,7 +86,6 @@ impl Record {
             steps: Vec::new(),
             lines: vec![Vec::new(); n_line.min(n)],
             last: vec![0.0; n * spec.info.len()],
-            n_metric: env.sheet().metrics.len(),
             before: vec![0.0; n * spec.reward.len()],
             row: Vec::with_capacity(n),
             spec,
@@ -101,7 +99,7 @@ impl Record {
 
     /// First of the task's metrics among the columns of [`Spec::info`]; their number where a task has none.
     pub fn first_metric(&self) -> usize {
-        self.spec.info.len() - self.n_metric
+        self.spec.metric_columns().start
     }
 
     /// Takes a step in.
@@ -156,16 +154,16 @@ impl Record {
     ///
     /// # Errors
     /// [`Error::Value`] if there is no such environment.
-    pub fn why(&self, environment: usize) -> Result<&'static str> {
+    pub fn why(&self, environment: usize) -> Result<&str> {
         let (n, width) = (self.spec.n_env, self.spec.info.len());
         if environment >= n {
             let remedy = "Environments count from 0.";
             return Err(Error::value("environment", environment, format!("< {n}"), remedy));
         }
-        let code = self.spec.info_column("reason").map_or(0.0, |k| self.last[environment * width + k]);
+        let code = self.last[environment * width + Column::Reason.index()];
         Ok(match (code as usize).checked_sub(1) {
             None => "time",
-            Some(k) => self.spec.ends.get(k).map_or("diverged", |end| end.name),
+            Some(k) => self.spec.ends.get(k).map_or("diverged", |end| &end.name),
         })
     }
 }

@@ -271,23 +271,46 @@ fn a_diverged_step_is_worth_nothing() {
 }
 
 #[test]
-fn tables_in_the_documentation_are_those_of_the_code() {
-    for entry in registry::REGISTRY.iter().filter(|e| e.defaults.is_empty()) {
-        let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
-        let tables = env.sheet().tables();
-        let documented: Vec<&str> = entry
-            .source
-            .lines()
-            .map_while(|l| l.strip_prefix("//!"))
-            .map(|l| l.strip_prefix(' ').unwrap_or(l))
-            .collect();
-        let missing = tables.lines().find(|line| !line.is_empty() && !documented.contains(line));
-        if std::env::var_os("PRINT_TABLES").is_some() {
-            println!("=== {}\n{tables}", entry.name);
-        } else {
-            assert_eq!(missing, None, "{}: run with PRINT_TABLES=1 and paste", entry.name);
+fn observations_stay_within_the_bounds_that_they_declare() {
+    for entry in registry::REGISTRY {
+        let mut env = entry.env(&config(64, 40)).unwrap();
+        let (low, high) = env.spec().observation_bounds();
+        assert!(low.iter().zip(&high).any(|(a, b)| (*a, *b) == (-1.0, 1.0)), "{}: attitudes have bounds", entry.name);
+        assert_eq!(env.spec().observation.last().map(|f| f.low > f.high), Some(false));
+        let out = run(&mut env, 60);
+        for row in out.observation.chunks_exact(low.len()).chain(out.final_observation.chunks_exact(low.len())) {
+            for (k, x) in row.iter().enumerate() {
+                // a unit vector may be longer by rounding
+                let slack = 1e-5;
+                assert!((low[k] - slack..=high[k] + slack).contains(x), "{}: number {k} is {x}", entry.name);
+            }
         }
     }
+}
+
+#[test]
+fn every_key_and_field_of_a_task_has_a_name_of_its_own() {
+    for entry in registry::REGISTRY {
+        let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
+        let own = env.task_spec();
+        let keys: Vec<&str> = own.settings.iter().map(|s| s.key.as_str()).collect();
+        for names in [keys, own.observation.iter().map(|f| f.name.as_str()).collect()] {
+            let twice = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name));
+            assert_eq!(twice, None, "{}", entry.name);
+        }
+    }
+}
+
+#[test]
+fn a_spec_reads_back_from_its_text() {
+    for entry in registry::REGISTRY {
+        let text = "observation = [{ kind = 'history', steps = 2 }, { kind = 'noise', std = 0.1 }]\ndelay.max = 2";
+        let config = EnvConfig { n_env: 3, ..EnvConfig::from_toml(text, "own").unwrap() };
+        let spec = entry.env(&config).unwrap().spec().clone();
+        assert_eq!(Spec::from_json(&spec.to_json()).unwrap(), spec, "{}", entry.name);
+    }
+    let error = Spec::from_json("{}").unwrap_err().to_string();
+    assert!(error.contains("line 1") && error.contains("task"), "{error}");
 }
 
 #[test]

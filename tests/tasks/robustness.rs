@@ -2,7 +2,7 @@
 
 use crate::{config, everywhere};
 use omnidrones::rng::{Purpose, Stream};
-use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Env, EnvConfig, registry};
+use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Domain, Env, EnvConfig, registry};
 use std::time::Instant;
 
 /// A number that no careful agent sends.
@@ -262,12 +262,16 @@ fn settings_that_are_no_such_numbers_are_refused_with_their_key() {
         let began = Instant::now();
         let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
         let usual = began.elapsed().as_millis();
-        for setting in &env.sheet().settings {
-            let default = toml::from_str::<toml::Table>(&format!("x = {}", setting.default)).unwrap()["x"].clone();
+        for setting in &env.task_spec().settings {
+            let any = [Domain::Any, Domain::Ordered].contains(&setting.domain);
+            let whole = setting.default.is_integer();
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1.0] {
-                let Some(value) = with(&default, bad) else { continue };
+                if any && !whole && bad == -1.0 {
+                    continue;
+                }
+                let Some(value) = with(&setting.default, bad) else { continue };
                 let mut config = EnvConfig { n_env: 1, ..EnvConfig::default() };
-                config.task.insert(setting.key.into(), value);
+                config.task.insert(setting.key.clone(), value);
                 let began = Instant::now();
                 let error = entry.env(&config).unwrap_err().to_string();
                 let took = began.elapsed().as_millis();

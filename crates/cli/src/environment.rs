@@ -9,7 +9,7 @@ use omnidrones::error::{Error, Result};
 use omnidrones::rl::TrainConfig;
 use omnidrones::tasks::randomise::{Action, Distribution, Time};
 use omnidrones::tasks::registry::Entry;
-use omnidrones::tasks::{Change, Env, EnvConfig, Quantity, Sheet};
+use omnidrones::tasks::{Change, Env, EnvConfig, Quantity, TaskSpec};
 use std::path::{Path, PathBuf};
 
 /// How environments are set up. Options win over the file, the file over the task's own defaults.
@@ -200,10 +200,9 @@ fn check_kind(text: &str, path: &Path) -> Result<()> {
     })
 }
 
-/// The vehicle of a task where nobody names one.
-pub fn usual_vehicle(entry: &Entry, sheet: &Sheet) -> Option<String> {
-    let own = entry.default_config().ok().and_then(|c| c.task.get("vehicle")?.as_str().map(String::from));
-    own.or_else(|| Some(sheet.settings.iter().find(|s| s.key == "vehicle")?.default.trim_matches('"').into()))
+/// The vehicle of a task.
+pub fn usual_vehicle(task: &TaskSpec) -> Option<String> {
+    Some(task.settings.iter().find(|s| s.key == "vehicle")?.value.as_str()?.into())
 }
 
 /// One line per setting of an environment, in the order of a file: key, and what it means.
@@ -237,6 +236,9 @@ const SCALES: &[(&str, &str)] = &[
     ("tilt", "roll and pitch in the level attitude, rad"),
 ];
 
+/// Of a line of a file.
+const WIDEST: usize = 110;
+
 /// A configuration as a file with comments, which [`EnvConfig::from_toml`] reads back; `own` is the task's environment.
 pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
     let plain = |e: toml::ser::Error| Error::value("configuration", e, "what TOML can hold", "Lower seed or limit.");
@@ -246,17 +248,17 @@ pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
         whole.randomise = defaults.randomise;
     }
     let table = toml::Table::try_from(&whole).map_err(plain)?;
-    let mut lines: Vec<(String, &str)> = Vec::new();
-    for (key, meaning) in KEYS.iter().copied() {
+    let mut lines: Vec<(String, String)> = Vec::new();
+    for (key, meaning) in KEYS.iter().map(|(key, meaning)| (*key, meaning.to_string())) {
         match table.get(key) {
             Some(toml::Value::Array(items)) if items.len() > 1 => {
                 lines.push((format!("{key} = ["), meaning));
-                lines.extend(items.iter().map(|item| (format!("    {item},"), "")));
-                lines.push(("]".into(), ""));
+                lines.extend(items.iter().map(|item| (format!("    {item},"), String::new())));
+                lines.push(("]".into(), String::new()));
             }
             Some(toml::Value::Table(scales)) if key == "action_scale" => {
-                let line = |(name, unit): &(&str, &'static str)| {
-                    Some((format!("{key}.{name} = {}", scales.get(*name)?), *unit))
+                let line = |(name, unit): &(&str, &str)| {
+                    Some((format!("{key}.{name} = {}", scales.get(*name)?), unit.to_string()))
                 };
                 lines.extend(SCALES.iter().filter_map(line));
             }
@@ -264,19 +266,19 @@ pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
             None => {}
         }
     }
-    lines.push((String::new(), ""));
-    lines.push(("[task]".into(), ""));
-    for setting in &env.sheet().settings {
-        let own = config.task.get(setting.key).or_else(|| defaults.task.get(setting.key));
-        let value = own.map_or_else(|| setting.default.clone(), toml::Value::to_string);
-        lines.push((format!("{} = {value}", setting.key), setting.meaning));
+    lines.push((String::new(), String::new()));
+    lines.push(("[task]".into(), String::new()));
+    for setting in &env.task_spec().settings {
+        lines.push((format!("{} = {}", setting.key, setting.value), setting.text()));
     }
     let width = lines.iter().filter(|(_, m)| !m.is_empty()).map(|(l, _)| l.chars().count()).filter(|n| *n < 46).max();
     let width = width.unwrap_or(0);
     let mut text = format!("# {}: {}. Any line may be left out.\n", entry.name, entry.description);
     for (line, meaning) in lines {
         let remark = if meaning.is_empty() { String::new() } else { format!("  # {meaning}") };
-        text += format!("{line:<width$}{remark}").trim_end();
+        let whole = format!("{line:<width$}{remark}");
+        // what would be too wide has its remark above
+        text += &if whole.chars().count() > WIDEST { format!("# {meaning}\n{line}") } else { whole.trim_end().into() };
         text.push('\n');
     }
     Ok(text)

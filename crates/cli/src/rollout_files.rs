@@ -5,7 +5,7 @@ use super::page::short;
 use super::rollout::Flown;
 use super::rollout_all::Line;
 use omnidrones::error::{Error, Result};
-use omnidrones::tasks::{Record, Recorded};
+use omnidrones::tasks::{Column, Record, Recorded};
 use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
 use std::path::{Path, PathBuf};
 
@@ -85,7 +85,7 @@ fn flying(record: &Record) -> Panel {
 
 fn returns(record: &Record) -> Panel {
     let spec = record.spec();
-    let mut returns = spec.info_column("return").map_or_else(Vec::new, |k| record.ended(k));
+    let mut returns = record.ended(Column::Return.index());
     returns.sort_by(|a, b| f32::total_cmp(b, a));
     let n = returns.len() as f64;
     let points = returns.iter().enumerate().map(|(i, r)| (100.0 * (i as f64 + 0.5) / n, f64::from(*r))).collect();
@@ -101,7 +101,7 @@ fn reward(record: &Record) -> Panel {
     let mut panel = Panel::new("Reward per step by term", "time [s]", "reward").from_zero();
     for (k, term) in record.spec().reward.iter().enumerate() {
         let points = crowded(record).map(|s| (s.time, s.terms[k])).collect();
-        panel = panel.series(Series::line(term.name, points));
+        panel = panel.series(Series::line(term.name.as_str(), points));
     }
     whole_time(panel, record)
 }

@@ -1,5 +1,6 @@
 //! Sixty-four environments: what they hold between steps, and the memory that a step works in.
 
+use super::spec::Column;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::Block;
 use crate::dynamics::frame::FRAME;
@@ -73,12 +74,9 @@ impl Sizes {
 
     /// Numbers of the information of one environment.
     pub(crate) fn info(&self) -> usize {
-        INFOS.len() + self.term + self.metric
+        Column::ALL.len() + self.term + self.metric
     }
 }
-
-/// What every environment tells beside the reward, in front of terms and metrics.
-pub(crate) const INFOS: [&str; 6] = ["return", "length", "clipped", "reason", "success", "loss"];
 
 /// Sixty-four environments.
 #[derive(Debug, Clone)]

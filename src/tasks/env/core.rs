@@ -15,6 +15,7 @@ use crate::dynamics::batch::{ALIVE, Plant, STOPPED};
 use crate::error::Result;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::config::Autoreset;
+use crate::tasks::declare::Goal;
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
 use crate::tasks::rig::Rig;
@@ -302,8 +303,8 @@ impl Core {
         let mut start = Start {
             rig: self.rig(),
             state: &mut work.state,
-            goal: &mut work.goal,
-            memo: &mut work.memory,
+            goal: Goal::over(&mut work.goal),
+            task_state: &mut work.memory,
             numbers: &mut work.numbers,
             reset,
             task,
@@ -390,8 +391,8 @@ impl Core {
         let mut start = Start {
             rig: self.rig(),
             state: &mut work.state,
-            goal: &mut work.goal,
-            memo: &mut work.memory,
+            goal: Goal::over(&mut work.goal),
+            task_state: &mut work.memory,
             numbers: &mut work.numbers,
             reset: stream(Purpose::user(0x0e11)),
             task: stream(Purpose::DISTURBANCE),

@@ -7,19 +7,19 @@ use super::transition::{Ideal, Setting, first_sight, ideal, ideal_terms, transit
 use crate::autodiff::lanes::each_register;
 use crate::autodiff::{Recording, Scalar, Trace};
 use crate::tasks::rig::Rig;
-use crate::tasks::sheet::Sheet;
-use crate::tasks::task::{Start, Task, Wanted};
+use crate::tasks::task::{Start, Task, TaskReference};
+use crate::tasks::task_spec::TaskSpec;
 
 /// A task behind one pointer.
 pub(crate) trait Engine: Send + Sync {
     fn rig(&self) -> &Rig;
-    fn sheet(&self) -> &Sheet;
+    fn task_spec(&self) -> &TaskSpec;
     fn horizon(&self) -> usize;
     fn n_agent(&self) -> usize;
     fn start(&self, start: &mut Start<'_>);
     fn event(&self, start: &mut Start<'_>);
     /// For one environment at the start of an episode.
-    fn wanted(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<Wanted>;
+    fn reference(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference>;
     /// The task's ideal state.
     fn ideal(&self, core: &Core) -> Ideal;
     /// Summands of the reward in it.
@@ -32,18 +32,18 @@ pub(crate) trait Engine: Send + Sync {
     fn record(&self, setting: &Setting<'_>) -> Recording;
 }
 
-/// A task with its sheet.
+/// A task with what it says about itself.
 pub(crate) struct Typed<T> {
     pub task: T,
-    pub sheet: Sheet,
+    pub task_spec: TaskSpec,
 }
 
 impl<T: Task> Engine for Typed<T> {
     fn rig(&self) -> &Rig {
         self.task.rig()
     }
-    fn sheet(&self) -> &Sheet {
-        &self.sheet
+    fn task_spec(&self) -> &TaskSpec {
+        &self.task_spec
     }
     fn horizon(&self) -> usize {
         self.task.horizon()
@@ -57,9 +57,9 @@ impl<T: Task> Engine for Typed<T> {
     fn event(&self, start: &mut Start<'_>) {
         self.task.event(start);
     }
-    fn wanted(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<Wanted> {
+    fn reference(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference> {
         let (frames, speeds, memo) = first_sight(core, state);
-        self.task.wanted(&view(self.task.rig(), state, &frames, &speeds, goal, &memo, 0.0, 0.0))
+        self.task.reference(&view(self.task.rig(), state, &frames, &speeds, goal, &memo, 0.0, 0.0))
     }
     fn ideal(&self, core: &Core) -> Ideal {
         ideal(&self.task, core)

@@ -6,8 +6,9 @@ use crate::autodiff::lanes::{Lanes, RegisterKernel};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, RowsMut, Scalar};
 use crate::dynamics::batch::ALIVE;
+use crate::tasks::declare::{Masks, loss_of};
 use crate::tasks::rig::Rig;
-use crate::tasks::task::{Ends, MAX_ENDS, Task, View};
+use crate::tasks::task::{MAX_ENDS, Task, View};
 
 /// 1 where the mask holds, else 0.
 #[inline(always)]
@@ -33,7 +34,7 @@ fn view<'a, L: Lanes>(
         frames: L::rows(frames, at),
         speeds_before: L::rows(speeds, at),
         goal: L::rows(&block.goal, at),
-        memo: L::rows(&block.memo, at),
+        task_state: L::rows(&block.memo, at),
         step,
         clock: (step + book.get(book::OFFSET)) * L::constant(1.0 / horizon),
     }
@@ -43,7 +44,7 @@ fn view<'a, L: Lanes>(
 #[inline(always)]
 pub(crate) fn reason<S: Scalar, T: Task>(task: &T, view: &View<'_, S>, n_end: usize) -> S {
     let mut masks = [S::one().lt(S::zero()); MAX_ENDS];
-    task.ends(view, &mut Ends::new(&mut masks));
+    task.ends(view, &mut Masks::new(&mut masks));
     let mut code = S::zero();
     for i in 0..n_end {
         let k = n_end - 1 - i;
@@ -118,7 +119,7 @@ fn advance<L: Lanes, T: Task>(
     task.reward(&view, &mut L::rows_mut(&mut work.terms, at).pen(0));
     task.metrics(&view, &mut L::rows_mut(&mut work.metrics, at).pen(0));
     let success = task.success(&view);
-    let loss = task.loss(&view);
+    let loss = loss_of(task, &view);
     let code = reason(task, &view, sizes.end);
 
     let alive = L::rows(&block.plant.rows, at).get(alive_row);

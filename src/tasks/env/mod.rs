@@ -40,7 +40,7 @@ pub(crate) mod transition;
 pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Sweep, SweepOptions, Tape};
 pub use normaliser::Pending;
-pub use spec::{Info, Space, Spec};
+pub use spec::{Column, Info, Space, Spec};
 pub use transition::Places;
 
 use self::block::{EnvBlock, Sizes, Workspace};
@@ -58,10 +58,11 @@ use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::config::{EnvConfig, check_difficulty};
+use crate::tasks::declare::declare;
 use crate::tasks::observation::{Extent, Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
-use crate::tasks::sheet::total;
-use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, Wanted};
+use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, TaskReference};
+use crate::tasks::task_spec::{TaskSpec, total};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Blocks per task of a thread: their rows stay in its second-level cache.
@@ -113,19 +114,19 @@ impl Env {
     pub fn of(task: impl Task, name: &str, config: &EnvConfig) -> Result<Self> {
         config.validate()?;
         EnvConfig::check_horizon(task.horizon())?;
-        let sheet = task.sheet();
-        let counts = [("terms of the reward", sheet.reward.len(), MAX_TERMS), ("ends", sheet.ends.len(), MAX_ENDS)];
+        let task_spec = declare(&task)?;
+        let counts =
+            [("terms of the reward", task_spec.reward.len(), MAX_TERMS), ("ends", task_spec.ends.len(), MAX_ENDS)];
         for (what, n, most) in counts {
             if n > most {
                 return Err(Error::limit(format!("task {name}: {what}"), n, most, "Sum some of them."));
             }
         }
-        sheet.settings.iter().try_for_each(|setting| setting.check(&config.task))?;
-        Self::of_engine(Box::new(Typed { task, sheet }), name, config)
+        Self::of_engine(Box::new(Typed { task, task_spec }), name, config)
     }
 
     fn of_engine(engine: Box<dyn Engine>, name: &str, config: &EnvConfig) -> Result<Self> {
-        let (rig, sheet) = (engine.rig(), engine.sheet());
+        let (rig, own) = (engine.rig(), engine.task_spec());
         let randomiser = Randomiser::new(&config.randomise, rig)?;
         let mut varied: Vec<usize> = rig.varied().iter().copied().chain(randomiser.varied()).collect();
         varied.sort_unstable();
@@ -133,25 +134,25 @@ impl Env {
         let nominal = rig.numbers();
         let (names, domains) = (rig.number_names(), rig.number_domains());
         let theta: Vec<_> = varied.iter().map(|k| (names[*k].clone(), nominal[*k], domains[*k])).collect();
-        let extent = Extent::of(&config.observation, total(&sheet.observation), theta.len())?;
+        let extent = Extent::of(&config.observation, total(&own.observation), theta.len())?;
         let control = Control::new(config, rig)?;
         let n_agent = engine.n_agent();
         let sizes = Sizes {
-            term: sheet.reward.len(),
-            end: sheet.ends.len(),
-            metric: sheet.metrics.len(),
-            goal: total(&sheet.goal),
-            memo: total(&sheet.memo),
+            term: own.reward.len(),
+            end: own.ends.len(),
+            metric: own.metrics.len(),
+            goal: total(&own.goal),
+            memo: total(&own.task_state),
             theta: varied.len(),
             air: if randomiser.blows() { 3 } else { 0 },
             agent: n_agent,
             command: n_agent * control.n_command,
             action: n_agent * control.n_action(),
             delay: if config.delay.max > 0 { config.delay.max + 1 } else { 0 },
-            raw: total(&sheet.observation),
+            raw: total(&own.observation),
             observation: extent.observation,
             history: n_agent * extent.memory,
-            central: total(&sheet.central),
+            central: total(&own.central),
             frame: rig.n_frame(),
             rotor: rig.drones().iter().map(|d| d.rotors.len()).sum(),
             held: n_agent * HELD_PER_AGENT,
@@ -167,7 +168,7 @@ impl Env {
         let n_env = config.n_env;
         let bytes = bytes_per_env(&plant, &sizes);
         check_memory(n_env, bytes + out_bytes(&sizes), config.memory_limit)?;
-        let pipeline = Pipeline::new(&config.observation, &sheet.observation, &theta)?;
+        let pipeline = Pipeline::new(&config.observation, &own.observation, &theta)?;
         let speeds = rig.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
         let disturbance_rows = rig.disturbances().iter().map(|k| plant.input_row(*k)).collect();
         let privileged = theta.into_iter().map(|(name, value, _)| (name, value)).collect();
@@ -395,7 +396,7 @@ impl Env {
         Ok(())
     }
 
-    /// The goal of one environment: see the task's [`Sheet::goal`](super::Sheet::goal).
+    /// The goal of one environment: see the task's [`TaskSpec::goal`].
     ///
     /// # Errors
     /// As [`Env::state`].
@@ -485,10 +486,10 @@ impl Env {
     ///
     /// # Errors
     /// As [`Env::state`].
-    pub fn wanted(&self, environment: usize) -> Result<Option<Wanted>> {
+    pub fn reference(&self, environment: usize) -> Result<Option<TaskReference>> {
         let exact = |numbers: Vec<f32>| numbers.into_iter().map(f64::from).collect::<Vec<f64>>();
         let (state, goal) = (exact(self.state(environment)?), exact(self.goal(environment)?));
-        Ok(self.core.engine.wanted(&self.core, &state, &goal))
+        Ok(self.core.engine.reference(&self.core, &state, &goal))
     }
 
     /// Of one name, configuration and varied numbers: what fits one such environment fits the other.
@@ -502,8 +503,8 @@ impl Env {
     }
 
     /// What the task says about itself.
-    pub fn sheet(&self) -> &super::sheet::Sheet {
-        self.core.engine.sheet()
+    pub fn task_spec(&self) -> &TaskSpec {
+        self.core.engine.task_spec()
     }
 
     /// Every environment has begun an episode.

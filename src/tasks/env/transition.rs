@@ -13,6 +13,7 @@ use crate::autodiff::{Rows, RowsMut, Scalar, System};
 use crate::dynamics::Plant;
 use crate::dynamics::frame::FRAME;
 use crate::tasks::config::EnvConfig;
+use crate::tasks::declare::{Goal, loss_of};
 use crate::tasks::observation::{Frozen, Moment};
 use crate::tasks::rig::Rig;
 use crate::tasks::task::{MAX_TERMS, Start, Task, View, streams};
@@ -156,8 +157,8 @@ pub(crate) fn ideal<T: Task>(task: &T, core: &Core) -> Ideal {
     task.ideal(&mut Start {
         rig,
         state: &mut own.state,
-        goal: &mut own.goal,
-        memo: &mut own.memo,
+        goal: Goal::over(&mut own.goal),
+        task_state: &mut own.memo,
         numbers: &mut own.numbers,
         reset,
         task: draw,
@@ -278,7 +279,7 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
         reward += *term;
     }
     seen[p.reward - p.n_carried()] = reward;
-    seen[p.loss - p.n_carried()] = task.loss(&view);
+    seen[p.loss - p.n_carried()] = loss_of(task, &view);
 }
 
 /// All physical numbers: nominal ones, with those that vary in their places.
@@ -313,7 +314,7 @@ pub(crate) fn view<'a, S: Scalar>(
         frames: Rows::of(frames),
         speeds_before: Rows::of(speeds),
         goal: Rows::of(goal),
-        memo: Rows::of(memo),
+        task_state: Rows::of(memo),
         step,
         clock,
     }
