@@ -11,7 +11,7 @@ use super::theme::{Colour, size};
 pub struct Bar {
     /// Left of the bar.
     pub name: String,
-    /// Its length; not finite or negative shows as text alone.
+    /// Its length, to the left of zero where it is negative; not finite shows as text alone.
     pub value: f64,
     /// After the value, as in `4.1 ×`.
     pub note: String,
@@ -104,17 +104,19 @@ impl Bars {
         }
         let pitch = plot.height() / self.bars.len().max(1) as f64;
         let half = (0.34 * pitch).min(11.0);
+        let zero = if self.log { plot.x0 } else { plot.x0 + axis.unit(0.0).clamp(0.0, 1.0) * plot.width() };
         for (i, bar) in self.bars.iter().enumerate() {
             let y = plot.y0 + (i as f64 + 0.5) * pitch;
             let u = axis.unit(bar.value).clamp(0.0, 1.0);
-            let end = if u.is_finite() { plot.x0 + u * plot.width() } else { plot.x0 };
-            let shape = Area { x0: plot.x0, y0: y - half, x1: end, y1: y + half };
+            let tip = if u.is_finite() { plot.x0 + u * plot.width() } else { zero };
+            let end = tip.max(zero);
+            let shape = Area { x0: tip.min(zero), y0: y - half, x1: end, y1: y + half };
             canvas.rectangle(shape, bar.colour.unwrap_or(Colour::BLUE), 1.0);
             let base = y + 0.36 * size::LABEL;
             canvas.text((plot.x0 - 8.0, base), &bar.name, size::LABEL, Colour::INK, Anchor::End, false);
             canvas.text((end + 5.0, base), &text(bar), size::LABEL, Colour::INK, Anchor::Start, false);
         }
-        canvas.line(&[(plot.x0, plot.y0), (plot.x0, plot.y1)], Colour::FRAME, 0.9);
+        canvas.line(&[(zero, plot.y0), (zero, plot.y1)], Colour::FRAME, 0.9);
         if let Some((_, value)) = &self.baseline {
             let x = plot.x0 + axis.unit(*value) * plot.width();
             if (plot.x0..=plot.x1).contains(&x) {
@@ -137,10 +139,14 @@ impl Bars {
     fn axis(&self, width: f64) -> Axis {
         let values = self.bars.iter().map(|b| b.value).chain(self.baseline.iter().map(|b| b.1));
         let (lo, hi) = values
-            .filter(|v| *v >= 0.0 && drawable(*v, self.log))
+            .filter(|v| drawable(*v, self.log))
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v)));
         let wanted = ((width / 60.0) as usize).clamp(2, 8);
-        if self.log { Axis::fit(lo / 10.0, hi, true, 0.0, wanted) } else { Axis::fit(0.0, hi, false, 0.0, wanted) }
+        if self.log {
+            Axis::fit(lo / 10.0, hi, true, 0.0, wanted)
+        } else {
+            Axis::fit(lo.min(0.0), hi.max(0.0), false, 0.0, wanted)
+        }
     }
 }
 

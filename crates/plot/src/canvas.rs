@@ -11,6 +11,9 @@ use plotters::prelude::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::style::{Color, RGBAColor, RGBColor, ShapeStyle};
 use std::path::Path;
 
+/// Longest text drawn, characters: names come from files of anybody, and every letter costs.
+const LONGEST_TEXT: usize = 300;
+
 /// x to the right, y down, in figure units.
 pub(super) type Point = (f64, f64);
 
@@ -110,7 +113,14 @@ impl Canvas {
     /// Text whose baseline passes through `at`; `vertical` text runs upwards.
     pub fn text(&mut self, at: Point, text: &str, em: f64, colour: Colour, anchor: Anchor, vertical: bool) {
         if !text.is_empty() && at.0.is_finite() && at.1.is_finite() {
-            self.shapes.push(Shape::Text { at, text: text.to_string(), em, colour, anchor, vertical });
+            self.shapes.push(Shape::Text {
+                at,
+                text: text.chars().take(LONGEST_TEXT).collect(),
+                em,
+                colour,
+                anchor,
+                vertical,
+            });
         }
     }
 

@@ -257,7 +257,8 @@ impl Panel {
 
     /// Decides everything that depends on the room: header, axes, margins.
     pub(super) fn layout(&self, area: Area) -> PanelLayout {
-        let header = Header::new(&self.title, self.entries(), area.width());
+        // title and legend stand over the data, right of the axis
+        let header = Header::new(&self.title, self.entries(), area.width() - AXIS_ROOM);
         let below = 14.0 + if self.x_label.is_empty() { 0.0 } else { 14.0 };
         let y_axis = self.y_axis(area.height() - header.height - below);
         let longest = y_axis.ticks.iter().map(|t| font::width(&t.1, size::TICK)).fold(0.0, f64::max);
@@ -380,6 +381,9 @@ fn draw_grid(canvas: &mut Canvas, plot: Area, x_axis: &Axis, y_axis: &Axis) {
     let under = (plot.x1, plot.y1 + 23.5);
     canvas.text(under, &x_axis.multiplier, size::TICK, Colour::GREY, Anchor::End, false);
 }
+
+/// Room that labels and ticks of a y axis take, at most in most charts, figure units.
+const AXIS_ROOM: f64 = 56.0;
 
 /// What [`Panel::layout`] decided.
 #[derive(Debug, Clone)]

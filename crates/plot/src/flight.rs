@@ -34,19 +34,14 @@ impl FlightFigures {
         // The page gives the path a tall room: seen from higher up it fills it.
         let overview_path = Path3d { elevation_deg: 38.0, azimuth_deg: -52.0, ..path_chart(log) };
         let path = Path3d { title: String::new(), ..path_chart(log) };
+        let panels = [position_panel(log), error_overview, rotor_panel(log), attitude_panel(log)];
         Self {
-            overview: figure("closed-loop flight")
-                .size(1000.0, 550.0)
-                .grid(&[1.06, 1.0], &[1.0, 1.0, 1.0])
-                .place((0, 0), (1, 3), overview_path)
-                .place((1, 0), (1, 1), without_x_label(error_overview))
-                .place((1, 1), (1, 1), without_x_label(rotor_panel(log)))
-                .place((1, 2), (1, 1), attitude_panel(log)),
+            overview: beside(figure("closed-loop flight"), overview_path, panels.into_iter().chain(wind_panel(log))),
             path: figure("path").size(800.0, 560.0).chart(path),
             error: figure("tracking error")
                 .chart(without_x_label(error_panel(log, after, false)))
                 .chart(axis_error_panel(log, after)),
-            rotors: figure("rotors").chart(without_x_label(command_panel(log))).chart(speed_panel(log)),
+            rotors: rotor_figure(figure("rotors"), log),
             attitude: figure("attitude")
                 .size(800.0, 560.0)
                 .chart(without_x_label(roll))
@@ -90,6 +85,43 @@ impl FlightFigures {
     }
 }
 
+/// A path at the left, panels over time below each other at its right.
+pub(super) fn beside(figure: Figure, path: Path3d, panels: impl Iterator<Item = Panel>) -> Figure {
+    let panels: Vec<Panel> = panels.collect();
+    let n = panels.len();
+    let figure = figure.size(1000.0, 60.0 + 160.0 * n as f64).grid(&[1.06, 1.0], &vec![1.0; n]);
+    panels.into_iter().enumerate().fold(figure.place((0, 0), (1, n), path), |figure, (i, panel)| {
+        figure.place((1, i), (1, 1), if i + 1 < n { without_x_label(panel) } else { panel })
+    })
+}
+
+/// Where it was and where it should have been, per axis.
+pub(super) fn position_panel(log: &FlightLog) -> Panel {
+    let of = |rows: &[[f64; 3]], k: usize| timed(log, rows.iter().map(|p| p[k]));
+    let mut panel = Panel::new("Position", "time [s]", "position [m]");
+    for (k, name) in ["x", "y", "z"].into_iter().enumerate() {
+        panel = panel.series(Series::line(name, of(&log.position, k)).colour(Colour::nth(k)).width(1.2));
+    }
+    for k in 0..3 {
+        panel = panel
+            .series(Series::line("reference", of(&log.reference_position, k)).colour(Colour::INK).dashed().width(0.8));
+    }
+    panel
+}
+
+/// The air, where it moved.
+pub(super) fn wind_panel(log: &FlightLog) -> Option<Panel> {
+    if log.wind.iter().flatten().all(|v| *v == 0.0) {
+        return None;
+    }
+    let axis = |(k, name): (usize, &str)| {
+        Series::line(name, timed(log, log.wind.iter().map(|w| w[k]))).colour(Colour::nth(k)).width(1.1)
+    };
+    let mut panel = Panel::new("Wind", "time [s]", "speed [m/s]");
+    panel.series = ["x", "y", "z"].into_iter().enumerate().map(axis).collect();
+    Some(panel)
+}
+
 /// One line: RMSE, largest error, speed and tilt, saturation, broken samples.
 pub(super) fn key_figures(log: &FlightLog, after: f64) -> String {
     let s = log.summary(after);
@@ -124,6 +156,7 @@ pub fn path_chart(log: &FlightLog) -> Path3d {
         .reference(log.reference_position.clone())
         .heat("speed [m/s]", log.speed())
         .poses(poses(log))
+        .rotors(log.n_rotor())
 }
 
 /// Poses at equal distances along the last lap, fewer where the path comes close to itself.
@@ -189,49 +222,116 @@ fn excluded(panel: Panel, log: &FlightLog, after: f64) -> Panel {
 /// ‖p − p_ref‖ over time with its RMSE, in centimetres; with the axes too when `with_axes`.
 pub(super) fn error_panel(log: &FlightLog, after: f64, with_axes: bool) -> Panel {
     let title = if with_axes { "Tracking error" } else { "Distance to the reference" };
-    let mut panel = Panel::new(title, "time [s]", "error [cm]");
+    let unit = Unit::of(log);
+    let mut panel = Panel::new(title, "time [s]", unit.label);
     if with_axes {
-        panel.series = axis_errors(log);
+        panel.series = axis_errors(log, unit);
     } else {
         panel = panel.from_zero();
     }
-    let norm = timed(log, log.error_norm().into_iter().map(|e| 100.0 * e));
+    let norm = timed(log, log.error_norm().into_iter().map(|e| unit.scale * e));
     panel = panel.series(Series::line("norm", norm).colour(Colour::INK).width(1.6));
     if let Some(rmse) = log.rmse(after) {
         if !with_axes {
-            panel = panel.y_band("", 0.0, 100.0 * rmse, Colour::ORANGE);
+            panel = panel.y_band("", 0.0, unit.scale * rmse, Colour::ORANGE);
         }
-        panel = panel.level(format!("RMSE {}", length(rmse)), 100.0 * rmse, Colour::VERMILLION);
+        panel = panel.level(format!("RMSE {}", length(rmse)), unit.scale * rmse, Colour::VERMILLION);
     }
     cut_transient(excluded(panel, log, after), log, after)
 }
 
-/// Fits y to what happens from `after` on when the start is more than three times larger, and says so in the title:
-/// a far start would press the errors that count into a flat line.
+/// What an error is drawn in: centimetres, or metres where the flight went far.
+#[derive(Debug, Clone, Copy)]
+struct Unit {
+    label: &'static str,
+    name: &'static str,
+    scale: f64,
+}
+
+impl Unit {
+    fn of(log: &FlightLog) -> Self {
+        if log.max_error(f64::NEG_INFINITY).is_some_and(|most| most > FAR) {
+            Self { label: "error [m]", name: "m", scale: 1.0 }
+        } else {
+            Self { label: "error [cm]", name: "cm", scale: 100.0 }
+        }
+    }
+}
+
+/// Errors beyond this are drawn in metres, m.
+const FAR: f64 = 2.0;
+
+/// Fits y to what happens from `after` on when the flight began more than three times farther away, and says so in the
+/// title: a far start would press the errors that count into a flat line. What the reference does later, a step, stays.
 fn cut_transient(mut panel: Panel, log: &FlightLog, after: f64) -> Panel {
-    if let (Some(late), Some(overall)) = (log.max_error(after), log.max_error(f64::NEG_INFINITY))
+    let unit = Unit::of(log);
+    if let (Some(late), Some(first)) = (log.max_error(after), log.error_norm().first().copied())
         && late > 0.0
-        && overall > 3.0 * late
+        && first > 3.0 * late
     {
-        let lowest = if panel.from_zero { 0.0 } else { -150.0 * late };
-        panel.y_range = Some((lowest, 150.0 * late));
-        panel.title += &format!(" (start cut off, up to {} cm)", super::axis::short(100.0 * overall));
+        let most = 1.5 * unit.scale * late;
+        panel.y_range = Some((if panel.from_zero { 0.0 } else { -most }, most));
+        panel.title += &format!(" (start cut off, {} {})", super::axis::short(unit.scale * first), unit.name);
     }
     panel
 }
 
-fn axis_errors(log: &FlightLog) -> Vec<Series> {
+fn axis_errors(log: &FlightLog, unit: Unit) -> Vec<Series> {
     let errors = log.tracking_error();
     let axis = |k: usize, name: &str| {
-        Series::line(name, timed(log, errors.iter().map(|e| 100.0 * e[k]))).colour(Colour::nth(k)).width(1.2)
+        Series::line(name, timed(log, errors.iter().map(|e| unit.scale * e[k]))).colour(Colour::nth(k)).width(1.2)
     };
     vec![axis(0, "x"), axis(1, "y"), axis(2, "z")]
 }
 
 fn axis_error_panel(log: &FlightLog, after: f64) -> Panel {
-    let mut panel = Panel::new("Error per axis", "time [s]", "error [cm]");
-    panel.series = axis_errors(log);
+    let unit = Unit::of(log);
+    let mut panel = Panel::new("Error per axis", "time [s]", unit.label);
+    panel.series = axis_errors(log, unit);
     cut_transient(excluded(panel, log, after), log, after)
+}
+
+/// More rotors than this are a knot of curves.
+const MANY: usize = 8;
+/// Rotors of a panel where they are many: those of one drone, mostly.
+const GROUP: usize = 4;
+
+/// Speeds and commands, all rotors in one panel each; of many rotors, a panel for every few.
+fn rotor_figure(figure: Figure, log: &FlightLog) -> Figure {
+    let n = log.n_rotor();
+    if n <= MANY {
+        return figure.chart(without_x_label(command_panel(log))).chart(speed_panel(log));
+    }
+    let groups = n.div_ceil(GROUP);
+    let rows = groups.div_ceil(2);
+    let figure = figure.size(1000.0, 60.0 + 190.0 * rows as f64).grid(&[1.0, 1.0], &vec![1.0; rows]);
+    (0..groups).fold(figure, |figure, g| {
+        let own = g * GROUP..((g + 1) * GROUP).min(n);
+        let title = format!("Speed of rotors {} to {}", own.start + 1, own.end);
+        let mut panel = Panel::new(title, "time [s]", "speed [rad/s]").from_zero();
+        for i in own {
+            panel = panel.series(Series::line((i + 1).to_string(), log.rotor_history(&log.rotor_speed, i)).width(1.1));
+        }
+        let limit = log.max_rotor_speed[g * GROUP];
+        let panel = panel.level("limit", limit, Colour::GREY);
+        figure.place((g % 2, g / 2), (1, 1), if g / 2 + 1 < rows { without_x_label(panel) } else { panel })
+    })
+}
+
+/// Least, mean and most of all rotors.
+fn rotor_spread(log: &FlightLog, column: &[f64], title: &str) -> Panel {
+    let n = log.n_rotor();
+    let over = |fold: fn(&[f64]) -> f64| timed(log, column.chunks_exact(n).map(fold));
+    let least = |row: &[f64]| row.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = |row: &[f64]| row.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let mean = |row: &[f64]| row.iter().sum::<f64>() / row.len() as f64;
+    let spread = over(least).into_iter().zip(over(most)).map(|((t, lo), (_, hi))| (t, lo, hi)).collect();
+    let limit = most(&log.max_rotor_speed);
+    Panel::new(format!("{title} of {n} rotors"), "time [s]", "speed [rad/s]")
+        .from_zero()
+        .ribbon("least to most", spread, Colour::BLUE)
+        .series(Series::line("mean", over(mean)).colour(Colour::BLUE).width(1.4))
+        .level("limit", limit, Colour::GREY)
 }
 
 /// One line per rotor of a row-major rotor column, with the limits.
@@ -252,6 +352,9 @@ fn rotor_lines(log: &FlightLog, column: &[f64], title: &str, width: f64) -> Pane
 }
 
 pub(super) fn rotor_panel(log: &FlightLog) -> Panel {
+    if log.n_rotor() > MANY {
+        return rotor_spread(log, &log.rotor_speed, "Speeds");
+    }
     rotor_lines(log, &log.rotor_speed, "Rotor speeds", 1.1)
 }
 

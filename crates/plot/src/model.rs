@@ -93,6 +93,23 @@ pub fn items(system: &Multibody, state: &[f64]) -> Vec<Item> {
     items
 }
 
+/// The rim of a rotor's disc as lines: `hub` m, `axis` a unit vector, `radius` m.
+pub fn rotor_ring(hub: [f64; 3], axis: [f64; 3], radius: f64) -> Vec<[[f64; 3]; 2]> {
+    const SIDES: usize = 14;
+    let cross =
+        |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    let least = if axis[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+    let u = cross(axis, least);
+    let norm = dot(u, u).sqrt().max(1e-9);
+    let u = u.map(|x| x / norm);
+    let v = cross(axis, u);
+    let rim = |k: usize| {
+        let (s, c) = (std::f64::consts::TAU * k as f64 / SIDES as f64).sin_cos();
+        [0, 1, 2].map(|i| hub[i] + radius * (c * u[i] + s * v[i]))
+    };
+    (0..SIDES).map(|k| [rim(k), rim(k + 1)]).collect()
+}
+
 /// Lines for what no shape shows: from a body to its rotors and to the joints of its children.
 pub fn sticks(system: &Multibody, state: &[f64]) -> Vec<[[f64; 3]; 2]> {
     let (model, poses) = (system.model(), body_poses(system, state));

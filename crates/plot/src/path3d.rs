@@ -39,6 +39,10 @@ pub struct Path3d {
     pub heat: Option<Heat>,
     /// Small vehicles drawn along the path.
     pub poses: Vec<Pose>,
+    /// Rotors of each of them, evenly about its axis; 4 unless told otherwise.
+    pub n_rotor: usize,
+    /// Balls at true scale, m: what hangs on the vehicle, with its radius.
+    pub balls: Vec<([f64; 3], f64)>,
     /// Straight lines at true scale, m: what hangs on the vehicle, here and there along the path.
     pub sticks: Vec<[[f64; 3]; 2]>,
     /// Direction of the viewer about z, counter-clockwise from +x, degrees.
@@ -56,6 +60,8 @@ impl Path3d {
             reference: Vec::new(),
             heat: None,
             poses: Vec::new(),
+            n_rotor: 4,
+            balls: Vec::new(),
             sticks: Vec::new(),
             azimuth_deg: -62.0,
             elevation_deg: 26.0,
@@ -77,6 +83,18 @@ impl Path3d {
     /// With small vehicles along the path.
     pub fn poses(mut self, poses: Vec<Pose>) -> Self {
         self.poses = poses;
+        self
+    }
+
+    /// The vehicles with so many rotors.
+    pub fn rotors(mut self, n_rotor: usize) -> Self {
+        self.n_rotor = n_rotor;
+        self
+    }
+
+    /// With balls at true scale: centre and radius, m.
+    pub fn balls(mut self, balls: Vec<([f64; 3], f64)>) -> Self {
+        self.balls = balls;
         self
     }
 
@@ -118,9 +136,12 @@ impl Path3d {
         for [a, b] in &self.sticks {
             canvas.line(&[view.point(*a), view.point(*b)], Colour::INK, 0.9);
         }
+        for (at, radius) in &self.balls {
+            canvas.disc(view.point(*at), (radius * view.scale).max(2.0), Colour::ORANGE);
+        }
         let arm = 0.026 * scene.longest();
         for pose in &self.poses {
-            draw_pose(canvas, &view, pose, arm);
+            draw_pose(canvas, &view, pose, arm, self.n_rotor);
         }
         let ends = [self.flown.iter().find(seen), self.flown.iter().rev().find(seen)];
         if let [Some(first), Some(last)] = ends {
@@ -329,8 +350,14 @@ fn draw_box(canvas: &mut Canvas, view: &View, scene: &Box3) {
     canvas.text((p.0 - widest - 13.0, p.1), "z [m]", size::LABEL, Colour::INK, Anchor::Middle, true);
 }
 
-/// A small multirotor: two arms, four discs, an arrow along the thrust axis.
-fn draw_pose(canvas: &mut Canvas, view: &View, pose: &Pose, arm: f64) {
+/// Where the rotors of a small multirotor are, in arms: evenly about its axis, a pair to the front.
+fn rotor_places(n_rotor: usize) -> Vec<[f64; 2]> {
+    let angle = |i: usize| std::f64::consts::TAU * (i as f64 + 0.5) / n_rotor as f64;
+    (0..n_rotor).map(|i| [angle(i).cos(), angle(i).sin()]).collect()
+}
+
+/// A small multirotor: an arm and a disc per rotor, an arrow along the thrust axis.
+fn draw_pose(canvas: &mut Canvas, view: &View, pose: &Pose, arm: f64, n_rotor: usize) {
     let [w, x, y, z] = pose.attitude;
     let norm = (w * w + x * x + y * y + z * z).sqrt();
     if !(norm.is_finite() && norm > 1e-6 && pose.position.iter().all(|v| drawable(*v, false))) {
@@ -342,17 +369,18 @@ fn draw_pose(canvas: &mut Canvas, view: &View, pose: &Pose, arm: f64) {
         let p = origin + q * body;
         view.point([p.x, p.y, p.z])
     };
-    let tips = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].map(|(a, b)| Vector3::new(a, b, 0.0) * (0.7 * arm));
-    for pair in [(0, 2), (1, 3)] {
-        canvas.line(&[at(tips[pair.0]), at(tips[pair.1])], Colour::INK, 1.1);
-    }
-    for (i, tip) in tips.iter().enumerate() {
+    let places = rotor_places(n_rotor);
+    // discs of neighbours do not overlap
+    let radius = arm * 0.48f64.min(2.4 / n_rotor.max(1) as f64);
+    for place in &places {
+        let tip = Vector3::new(place[0], place[1], 0.0) * arm;
+        canvas.line(&[at(Vector3::zeros()), at(tip)], Colour::INK, 1.1);
         let rim = |k: usize| {
             let (s, c) = (k as f64 * std::f64::consts::TAU / 16.0).sin_cos();
-            at(tip + Vector3::new(c, s, 0.0) * (0.48 * arm))
+            at(tip + Vector3::new(c, s, 0.0) * radius)
         };
-        // The two front discs are red, so that the heading can be read.
-        let colour = if i == 0 || i == 3 { Colour::VERMILLION } else { Colour::INK };
+        // The front discs are red, so that the heading can be read.
+        let colour = if place[0] > 0.45 { Colour::VERMILLION } else { Colour::INK };
         let ring: Vec<Point> = (0..=16).map(rim).collect();
         canvas.line(&ring, colour, 0.9);
     }
@@ -385,4 +413,23 @@ fn draw_heat_bar(canvas: &mut Canvas, label: &str, (lo, hi): (f64, f64), middle:
         canvas.rectangle(Area { x0, y0: y - 8.0, x1, y1: y }, Colour::heat(f64::from(i) / 64.0), 1.0);
     }
     canvas.text((x + WIDTH + 5.0, y), &hi_text, size::TICK, Colour::GREY, Anchor::Start, false);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_vehicle_is_drawn_with_as_many_rotors_as_it_has_a_pair_of_them_in_front() {
+        for n in [4, 6, 8] {
+            let places = rotor_places(n);
+            assert_eq!((places.len(), places.iter().filter(|p| p[0] > 0.45).count()), (n, 2), "{n}");
+        }
+        let drawn = |n: usize| {
+            let poses = vec![Pose { position: [0.0; 3], attitude: [1.0, 0.0, 0.0, 0.0] }];
+            let chart = Path3d::new("", vec![[0.0; 3], [1.0, 1.0, 1.0]]).poses(poses).rotors(n);
+            crate::Figure::new("").chart(chart).svg().unwrap().matches("<polyline").count()
+        };
+        assert_eq!(drawn(6) - drawn(4), 4, "an arm and a disc per rotor");
+    }
 }

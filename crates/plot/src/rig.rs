@@ -1,8 +1,10 @@
 //! The figures of an articulated system in flight, and of its fall.
 
-use super::drawing::Drawing;
-use super::flight::{FlightFigures, error_panel, key_figures, path_chart, rotor_panel, without_x_label};
-use super::model::{items, sticks};
+use super::drawing::{Drawing, Item};
+use super::flight::{
+    FlightFigures, beside, error_panel, key_figures, path_chart, position_panel, rotor_panel, wind_panel,
+};
+use super::model::{items, rotor_ring, sticks};
 use super::{Colour, Figure, Panel, Path3d, Series};
 use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::error::Result;
@@ -61,18 +63,16 @@ impl RigFigures {
     pub fn new(system: &Multibody, log: &FlightLog, states: &[f64], after: f64) -> Self {
         let numbers = key_figures(log, after);
         let figure = |what: &str| Figure::new(format!("{}: {what}", log.vehicle)).subtitle(&numbers);
-        let sticks = along(system, states);
-        let path = Path3d { poses: Vec::new(), ..path_chart(log) }.sticks(sticks);
+        let moments = along(system, states);
+        let path = Path3d { poses: Vec::new(), ..path_chart(log) };
+        let path = path
+            .sticks(moments.iter().flat_map(|row| lines(system, row)).collect())
+            .balls(moments.iter().flat_map(|row| balls(system, row)).collect());
         let tall = Path3d { elevation_deg: 32.0, azimuth_deg: -52.0, ..path.clone() };
         let panel = joint_panel(system, log, states);
         let mut flight = FlightFigures::new(log, after);
-        flight.overview = figure("closed-loop flight")
-            .size(1000.0, 550.0)
-            .grid(&[1.06, 1.0], &[1.0, 1.0, 1.0])
-            .place((0, 0), (1, 3), tall)
-            .place((1, 0), (1, 1), without_x_label(error_panel(log, after, true)))
-            .place((1, 1), (1, 1), without_x_label(few_rotors(log)))
-            .place((1, 2), (1, 1), panel.clone());
+        let panels = [position_panel(log), error_panel(log, after, true), rotor_panel(log), panel.clone()];
+        flight.overview = beside(figure("closed-loop flight"), tall, panels.into_iter().chain(wind_panel(log)));
         flight.path = figure("path").size(800.0, 560.0).chart(Path3d { title: String::new(), ..path });
         Self { flight, joints: figure("joints").chart(panel) }
     }
@@ -87,8 +87,26 @@ impl RigFigures {
     }
 }
 
-/// The system's lines at a few moments, in places far from each other.
-fn along(system: &Multibody, states: &[f64]) -> Vec<[[f64; 3]; 2]> {
+/// Bars, boxes, arms and rings of the rotors.
+fn lines(system: &Multibody, row: &[f64]) -> Vec<[[f64; 3]; 2]> {
+    let ring = |item| match item {
+        Item::Rotor { hub, axis, radius, .. } => rotor_ring(hub, axis, radius),
+        _ => Vec::new(),
+    };
+    sticks(system, row).into_iter().chain(items(system, row).into_iter().flat_map(ring)).collect()
+}
+
+/// Centre and radius of every ball.
+fn balls(system: &Multibody, row: &[f64]) -> Vec<([f64; 3], f64)> {
+    let ball = |item| match item {
+        Item::Ball { at, radius, .. } => Some((at, radius)),
+        _ => None,
+    };
+    items(system, row).into_iter().filter_map(ball).collect()
+}
+
+/// States at a few moments, in places far from each other.
+fn along<'a>(system: &Multibody, states: &'a [f64]) -> Vec<&'a [f64]> {
     let (n, root) = (system.rest_state().len(), system.layout().bodies[0].position);
     let rows: Vec<&[f64]> =
         states.chunks_exact(n).step_by(20).filter(|row| row.iter().all(|v| v.is_finite())).collect();
@@ -101,20 +119,7 @@ fn along(system: &Multibody, states: &[f64]) -> Vec<[[f64; 3]; 2]> {
         let Some(next) = rows.iter().max_by(|a, b| gap(a).total_cmp(&gap(b))) else { break };
         picked.push(*next);
     }
-    picked.into_iter().flat_map(|row| sticks(system, row)).collect()
-}
-
-/// Rotor speeds; where they are many, without a legend.
-fn few_rotors(log: &FlightLog) -> Panel {
-    let mut panel = rotor_panel(log);
-    if log.n_rotor() > 8 {
-        panel.title = format!("Speeds of {} rotors", log.n_rotor());
-        for (i, series) in panel.series.iter_mut().enumerate() {
-            series.name.clear();
-            series.colour = Some(Colour::nth(i));
-        }
-    }
-    panel
+    picked
 }
 
 fn joint_panel(system: &Multibody, log: &FlightLog, states: &[f64]) -> Panel {

@@ -46,7 +46,7 @@ fn a_flight_gives_five_png_figures_of_two_pixels_per_unit() {
     let folder = tempfile::tempdir().unwrap();
     let written = FlightFigures::new(&lemniscate(), 2.0).save(folder.path(), "png").unwrap();
     let sizes: Vec<_> = written.iter().map(|p| png_size(&std::fs::read(p).unwrap())).collect();
-    assert_eq!(sizes, [(2000, 1100), (1600, 1120), (1600, 1000), (1600, 1000), (1600, 1120)]);
+    assert_eq!(sizes, [(2000, 1400), (1600, 1120), (1600, 1000), (1600, 1000), (1600, 1120)]);
     let files = std::fs::read_dir(folder.path()).unwrap().count();
     assert_eq!(files, 5, "temporary files were left behind");
 }
@@ -163,7 +163,7 @@ fn an_event_is_named_once_per_chart_with_room_and_drawn_in_all_over_time() {
     };
     assert_eq!(names(&plain), [0; 5]);
     // overview, path, error, rotors, attitude: charts with a shaded start have the line without its name
-    assert_eq!(names(&marked), [2, 0, 0, 2, 3]);
+    assert_eq!(names(&marked), [3, 0, 0, 2, 3]);
     assert_ne!(plain.error.svg().unwrap(), marked.error.svg().unwrap());
     assert_eq!(plain.path, marked.path);
 }
@@ -181,4 +181,46 @@ fn a_ribbon_fills_the_room_between_two_curves_and_leaves_gaps() {
         svg.contains("10 to 90 %") && svg.lines().any(|line| line == "12"),
         "the axis reaches the upper edge: {svg}"
     );
+}
+
+#[test]
+fn a_negative_bar_goes_to_the_left_of_zero() {
+    let edges = |value: f64| {
+        let svg = Figure::new("").chart(Bars::new("b", "x").bar(Bar::new("bar", value))).svg().unwrap();
+        svg.matches("<rect").count()
+    };
+    assert_eq!(edges(-2.0), edges(2.0), "it is drawn");
+}
+
+#[test]
+fn a_step_is_not_cut_off_and_a_far_start_is() {
+    let mut step = FlightLog::new("step", &[800.0; 4]);
+    for i in 0..1000 {
+        let t = 0.01 * f64::from(i);
+        let reference = if t < 1.0 { [0.0, 0.0, 2.0] } else { [2.0, 0.0, 2.0] };
+        let lag = if t < 1.0 { 0.0 } else { 2.0 * (-3.0 * (t - 1.0)).exp() };
+        push(&mut step, t, [reference[0] - lag, 0.0, 2.0], reference);
+    }
+    assert!(!FlightFigures::new(&step, 2.0).error.svg().unwrap().contains("start cut off"));
+    let mut far = FlightLog::new("far", &[800.0; 4]);
+    for i in 0..1000 {
+        let t = 0.01 * f64::from(i);
+        push(&mut far, t, [2.0 * (-3.0 * t).exp() + 0.001 * t.sin(), 0.0, 2.0], [0.0, 0.0, 2.0]);
+    }
+    assert!(FlightFigures::new(&far, 2.0).error.svg().unwrap().contains("start cut off"));
+}
+
+#[test]
+fn sixteen_rotors_are_panels_of_four_and_wind_has_one_of_its_own() {
+    let mut log = FlightLog::new("many", &[800.0; 16]);
+    for i in 0..100 {
+        push(&mut log, 0.01 * f64::from(i), [0.0; 3], [0.0; 3]);
+    }
+    let calm = FlightFigures::new(&log, 0.0);
+    let rotors = calm.rotors.svg().unwrap();
+    assert_eq!(rotors.matches("Speed of rotors").count(), 4, "{rotors}");
+    assert!(calm.overview.svg().unwrap().contains("Speeds of 16 rotors"));
+    assert!(!calm.overview.svg().unwrap().contains("Wind"));
+    log.wind = vec![[3.0, 0.0, 0.0]; log.len()];
+    assert!(FlightFigures::new(&log, 0.0).overview.svg().unwrap().contains("Wind"));
 }
