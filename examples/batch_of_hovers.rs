@@ -5,7 +5,7 @@
 
 use omnidrones::controllers::cascade::Level;
 use omnidrones::error::Result;
-use omnidrones::tasks::{Buffers, Env, EnvConfig};
+use omnidrones::tasks::{Buffers, Column, Env, EnvConfig};
 use std::f32::consts::PI;
 use std::time::Instant;
 
@@ -32,7 +32,7 @@ fn fly_straight(env: &Env, out: &Buffers, actions: &mut [f32]) {
 /// Steps the batch with a policy; prints what came of it.
 fn roll_out(name: &str, env: &mut Env, policy: &mut dyn FnMut(&Env, &Buffers, &mut [f32])) -> Result<()> {
     let spec = env.spec().clone();
-    let (total, success) = (spec.info_column("return").unwrap(), spec.info_column("success").unwrap());
+    let (total, success) = (Column::Return.index(), Column::Success.index());
     let mut out = Buffers::new(&spec);
     let mut actions = vec![0.0; N * spec.n_agent * spec.action.len()];
     env.reset(None, None, &mut out.out())?;

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example fly_and_plot [VEHICLE] [FOLDER]`
 
-use omnidrones::controllers::{FlightPlan, fly};
+use omnidrones::controllers::{FlightPlan, fly_vehicle};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::vehicles;
 use omnidrones::error::{Error, Result};
@@ -18,7 +18,7 @@ fn main() -> Result<()> {
     let gusts = Dryden { mean: [4.0, 0.0, 0.0], wind_at_20_feet: 6.0, height: 6.0, airspeed: 4.0 };
     for (name, wind) in [("calm", Wind::Calm), ("gusts", Wind::Dryden(gusts))] {
         let plan = FlightPlan { wind, ..FlightPlan::default() };
-        let flight = fly(&vehicle, &vehicle.gains(), &plan, &mut |_| ())?;
+        let flight = fly_vehicle(&vehicle, &vehicle.gains(), &plan, &mut |_| ())?;
         match (flight.diverged_at, flight.log.rmse(2.0)) {
             (None, Some(rmse)) => println!("{} in {name}: RMSE {:.1} mm after 2 s", vehicle.name, 1e3 * rmse),
             (at, _) => println!("{} in {name}: diverged at {at:?} s", vehicle.name),

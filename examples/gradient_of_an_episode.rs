@@ -4,7 +4,7 @@
 //! `cargo run --release --example gradient_of_an_episode`
 
 use omnidrones::error::Result;
-use omnidrones::tasks::{Autoreset, Buffers, Cotangents, Env, EnvConfig, SweepOptions};
+use omnidrones::tasks::{Autoreset, Buffers, Column, Cotangents, Env, EnvConfig, SweepOptions};
 
 const N: usize = 4;
 const STEPS: usize = 60;
@@ -14,8 +14,8 @@ fn main() -> Result<()> {
     let config = EnvConfig { n_env: N, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
     let mut env = Env::make("Hover", &config)?;
     let spec = env.spec().clone();
-    let column = |name: &str| spec.info_column(name).unwrap();
-    let (loss, error, width) = (column("loss"), column("position_error"), spec.info.len());
+    let error = spec.info_column("position_error").unwrap();
+    let (loss, width) = (Column::Loss.index(), spec.info.len());
 
     // What a step is differentiated by, what is remembered of the steps, what walks back through them.
     let adjoint = env.adjoint(false)?;

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example import_urdf [FILE.urdf]`
 
-use omnidrones::controllers::{FlightPlan, fly};
+use omnidrones::controllers::{FlightPlan, fly_vehicle};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::error::Result;
 
@@ -21,7 +21,7 @@ fn main() -> Result<()> {
     let mass = vehicle.mass_properties().mass;
     println!("{}: {mass:.3} kg, {} rotors, {} parts", vehicle.name, vehicle.n_rotor(), vehicle.parts.len());
 
-    let flight = fly(&vehicle, &vehicle.gains(), &FlightPlan::default(), &mut |_| ())?;
+    let flight = fly_vehicle(&vehicle, &vehicle.gains(), &FlightPlan::default(), &mut |_| ())?;
     println!("lemniscate: RMSE {:.4?} m after 2 s", flight.log.rmse(2.0));
     Ok(())
 }

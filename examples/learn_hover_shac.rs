@@ -7,7 +7,7 @@ use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::shac::{Shac, ShacConfig};
 use omnidrones::rl::{Learner, Starts, evaluate};
-use omnidrones::tasks::{Buffers, Env, EnvConfig};
+use omnidrones::tasks::{Buffers, Column, Env, EnvConfig};
 
 fn main() -> Result<()> {
     let (env, threads) = (EnvConfig { stagger: true, ..EnvConfig::default() }, Threads::default());
@@ -27,9 +27,9 @@ fn main() -> Result<()> {
     hover.reset(None, None, &mut out.out())?;
     let expected = shac.cost_to_go(&out.observation);
     let (mut paid, mut actions, mut weight) = (vec![0.0; 5], vec![0.0; 20], 1.0);
-    let (width, loss) = (hover.spec().info.len(), hover.spec().info_column("loss").unwrap_or(0));
+    let (width, loss) = (hover.spec().info.len(), Column::Loss.index());
     for _ in 0..300 {
-        policy.act(&out.observation, &mut actions);
+        policy.act(&out.observation, &mut actions)?;
         hover.step(&actions, &mut out.out())?;
         paid.iter_mut().enumerate().for_each(|(i, sum)| *sum += weight * out.info[i * width + loss]);
         weight *= discount;

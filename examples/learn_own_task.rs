@@ -1,12 +1,12 @@
 //! A task of one's own, learnt: climb two metres and stay. `cargo run --release --example learn_own_task`
 
-use omnidrones::autodiff::{Pen, Scalar, safe};
+use omnidrones::autodiff::{Scalar, safe};
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::Learner;
 use omnidrones::rl::apg::{Apg, ApgConfig};
-use omnidrones::tasks::reward::{bell, smooth_norm};
-use omnidrones::tasks::{End, Ends, Env, EnvConfig, Rig, Sheet, Slice, Start, Task, Term, View};
+use omnidrones::tasks::reward::{rational_kernel, smooth_norm};
+use omnidrones::tasks::{Ends, Env, EnvConfig, Loss, Rig, Start, Task, View, Writer};
 
 struct Climb {
     rig: Rig,
@@ -24,44 +24,31 @@ impl Task for Climb {
     fn horizon(&self) -> usize {
         200
     }
-    fn sheet(&self) -> Sheet {
-        let observation = vec![Slice::new("left", 1, "m", "2 − z"), Slice::new("motion", 9, "SI", "v, u, ω")];
-        Sheet {
-            observation,
-            central: Vec::new(),
-            reward: vec![Term::smooth("near", "1/(1 + left²)", 1.0)],
-            ends: vec![End::new("fast", "|v| > 5 m/s")],
-            metrics: Vec::new(),
-            goal: Vec::new(),
-            memo: Vec::new(),
-            settings: Vec::new(),
-        }
-    }
     fn start(&self, start: &mut Start<'_>) {
-        let position = start.position([0.0, 0.0, 0.5], [0.0, 0.0, 1.5]);
+        let position = start.position([[0.0, 0.0], [0.0, 0.0], [0.5, 1.5]]);
         start.place(0, position, [1.0, 0.0, 0.0, 0.0]);
     }
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
-        out.number(left(view));
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
         let drone = view.drone(0);
-        out.array(drone.velocity);
-        out.array(drone.up());
-        out.array(drone.angular_velocity);
+        out.field("left", "m", "2 − z").number(left(view));
+        out.field("velocity", "m/s, world", "v").array(drone.velocity);
+        out.field("up", "-, world", "u").within(-1.0, 1.0).array(drone.up());
+        out.field("angular_velocity", "rad/s, world", "ω").array(drone.angular_velocity);
     }
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
-        terms.number(bell(1.0, left(view).square()));
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        terms.term("near", "1/(1 + left²)", 1.0).number(rational_kernel(1.0, left(view).square()));
     }
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
-        ends.when(S::constant(25.0).lt(safe::squared_norm(view.drone(0).velocity)));
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+        ends.when("fast", "|v| > 5 m/s", S::constant(25.0).lt(safe::squared_norm(view.drone(0).velocity)));
     }
-    fn metrics<S: Scalar>(&self, _: &View<'_, S>, _: &mut Pen<'_, S>) {}
     fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
         left(view).abs().lt(S::constant(0.1))
     }
-    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
+    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let drone = view.drone(0);
         let restless = safe::squared_norm(drone.velocity) + safe::squared_norm(drone.angular_velocity);
-        smooth_norm([left(view)], 0.1) + S::constant(0.02) * restless
+        loss.add("√(left² + 0.1²)", smooth_norm([left(view)], 0.1));
+        loss.add("0.02 (‖v‖² + ‖ω‖²)", S::constant(0.02) * restless);
     }
     fn ideal(&self, start: &mut Start<'_>) {
         start.place(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]);

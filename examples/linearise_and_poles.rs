@@ -5,7 +5,8 @@
 
 use nalgebra::DMatrix;
 use omnidrones::autodiff::linearise;
-use omnidrones::controllers::{ClosedLoop, Rates, Sample};
+use omnidrones::controllers::reference::Hover;
+use omnidrones::controllers::{ClosedLoop, Rates, Reference, Target};
 use omnidrones::dynamics::{Disturbance, Multirotor, Physics, vehicles};
 use omnidrones::error::Result;
 
@@ -27,12 +28,13 @@ fn main() -> Result<()> {
         let open = poles(&linearise(&plant, &hover, &plant.hover_input()?, &[]).state, physics.dt);
 
         // Every level in every step, so that one step is the whole loop.
-        let system = ClosedLoop::new(&vehicle, physics, &vehicle.gains(), &Rates::every_step(physics.dt))?;
+        let system = ClosedLoop::of_vehicle(&vehicle, physics, &vehicle.gains(), &Rates::every_step(physics.dt))?;
         let mut input = vec![0.0; 21];
-        system.write_input(0, &Sample::at_rest([0.0, 0.0, 1.0], 0.0), &Disturbance::none(), &mut input);
+        let point = Reference::Hover(Hover { position: [0.0, 0.0, 1.0], yaw: 0.0 });
+        system.write_input(0, Target::level(&point), &Disturbance::none(), &mut input);
         let step = linearise(&system, &system.initial_state(&hover), &input, &[]).state;
         // The memory of the cascade is rewritten in each step: the vehicle's block is the loop.
-        let n = system.n_plant_state();
+        let n = hover.len();
         let closed = poles(&step.view((0, 0), (n, n)).into_owned(), physics.dt);
 
         println!("{}", vehicle.name);

@@ -1,11 +1,10 @@
 //! Optimal feedback for a drone with a ball on a rope and for one that balances it: designed on the linearised articulated
-//! system, flown against the simple pilots.
+//! system, flown against the drone's cascade alone.
 //!
 //! `cargo run --release --example lqr_payload`
 
-use omnidrones::controllers::pilot::start_on;
 use omnidrones::controllers::reference::Lemniscate;
-use omnidrones::controllers::{Balance, FlightPlan, Formation, Lqr, Pilot, Rates, Reference, fly_rig};
+use omnidrones::controllers::{Controller, FlightPlan, Formation, Lqr, Rates, Reference, fly};
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{Physics, configurations};
 use omnidrones::error::Result;
@@ -22,15 +21,12 @@ fn main() -> Result<()> {
         println!("{name}: {} doublings, residual {:.0e}", feedback.doublings, feedback.residual);
         println!("  {} feedback gains, largest poles {}", feedback.gain.len(), slowest.join(", "));
 
-        let simple: Box<dyn Pilot> = match name {
-            "payload" => Box::new(Formation::new(&system, None, &rates)?),
-            _ => Box::new(Balance::new(&system, None, &rates)?),
-        };
-        for mut pilot in [simple, Box::new(best)] {
-            let start = start_on(&system, pilot.as_ref(), &plan.reference);
-            let flight = fly_rig(&system, pilot.as_mut(), &plan, &start, &mut |_| {})?;
+        let simple = Formation::new(&system, None, &rates)?;
+        let mut pair: [Box<dyn Controller>; 2] = [Box::new(simple), Box::new(best)];
+        for controller in &mut pair {
+            let flight = fly(&system.clone().into(), controller, &plan, &mut |_| {})?;
             let rmse = flight.log.rmse(2.0).unwrap_or(f64::NAN);
-            println!("  {:8} tracking RMSE {:5.1} mm", pilot.name(), 1e3 * rmse);
+            println!("  {:8} tracking RMSE {:5.1} mm", controller.name(), 1e3 * rmse);
         }
     }
     Ok(())

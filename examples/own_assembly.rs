@@ -2,12 +2,12 @@
 //!
 //! `cargo run --release --example own_assembly`
 
-use omnidrones::controllers::pilot::start_on;
+use omnidrones::autodiff::System;
 use omnidrones::controllers::reference::Circle;
-use omnidrones::controllers::{FlightPlan, Rates, Reference, fly_rig, suited};
+use omnidrones::controllers::{FlightPlan, Reference, Setup, default_controller, fly};
 use omnidrones::dynamics::assembly::{Assembly, Join, Kind, Solid};
 use omnidrones::dynamics::tree::{Multibody, frame_pose};
-use omnidrones::dynamics::{Physics, vehicles};
+use omnidrones::dynamics::{Physics, Plant, vehicles};
 use omnidrones::error::Result;
 
 fn main() -> Result<()> {
@@ -33,11 +33,11 @@ fn main() -> Result<()> {
     let system = Multibody::new(&model, Physics::default())?;
     let reference = Reference::Circle(Circle { rate: 0.8, ..Circle::default() });
     let plan = FlightPlan { reference, duration: 8.0, ..FlightPlan::default() };
-    let mut pilot = suited(&system, None, &Rates::default())?;
-    let start = start_on(&system, pilot.as_ref(), &plan.reference);
-    let flight = fly_rig(&system, pilot.as_mut(), &plan, &start, &mut |_| {})?;
+    let plant = Plant::from(system.clone());
+    let mut controller = default_controller(&plant, &Setup::new(None, &plan.rates))?;
+    let flight = fly(&plant, &mut controller, &plan, &mut |_| {})?;
 
-    let end = &flight.states[flight.states.len() - start.len()..];
+    let end = &flight.states[flight.states.len() - plant.n_state()..];
     let lamp = frame_pose(&system, end, &model.frame("lamp_left")?);
     println!(
         "tracking RMSE {:.3} m; the left lamp ends at {:.2?} m",

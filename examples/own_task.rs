@@ -1,14 +1,29 @@
 //! A task of one's own: fly to a beacon that is drawn anew in every episode; and the check of all that learners rely on.
+//! What it writes it names in the same breath; what `[task]` may set stands in one line each.
 //!
 //! `cargo run --release --example own_task`
 
-use omnidrones::autodiff::{Pen, Scalar, safe};
+use omnidrones::autodiff::{Scalar, safe};
 use omnidrones::dynamics::spatial::sub;
 use omnidrones::error::Result;
-use omnidrones::tasks::{End, Ends, Env, EnvConfig, Metric, Rig, Sheet, Slice, Start, Task, Term, View, check_env};
-use omnidrones::tasks::{reward::bell, suite::drone_slices, task::ANY_YAW};
+use omnidrones::tasks::{Ends, Env, EnvConfig, Rig, Setting, Settings, Start, Success, Task, View, Writer, check_env};
+use omnidrones::tasks::{reward::rational_kernel, task::ANY_YAW};
 
-struct Beacon(Rig);
+omnidrones::settings! {
+    /// Of the beacon.
+    struct BeaconSettings {
+        vehicle: String = "crazyflie".into() => ("", "what flies", Any);
+        horizon: usize = 100 => ("steps", "T", Any);
+        beacon: [[f64; 2]; 3] = [[-2.0, 2.0], [-2.0, 2.0], [1.0, 5.0]]
+            => ("m, world", "where it stands, lowest and highest per axis", Ordered);
+        reward_near: f64 = 1.0 => ("-", "weight of the term near", NotNegative);
+    }
+}
+
+struct Beacon {
+    rig: Rig,
+    settings: BeaconSettings,
+}
 
 /// From the drone to the beacon, m, world.
 #[inline(always)]
@@ -16,52 +31,53 @@ fn way<S: Scalar>(view: &View<'_, S>) -> [S; 3] {
     sub(view.goal.array(0), view.drone(0).position)
 }
 
+fn set_beacon(start: &mut Start<'_>, beacon: [f64; 3]) {
+    start.goal.field("beacon", "m, world", "where it stands").array(beacon);
+}
+
 #[rustfmt::skip]
 impl Task for Beacon {
-    fn rig(&self) -> &Rig { &self.0 }
-    fn horizon(&self) -> usize { 100 }
-    fn sheet(&self) -> Sheet {
-        let mut observation = vec![Slice::new("way", 3, "m, world", "to the beacon")];
-        observation.extend(drone_slices(self.0.drone()));
-        Sheet {
-            observation, central: vec![], memo: vec![], settings: vec![],
-            reward: vec![Term::smooth("near", "1/(1 + d²)", 1.0)],
-            ends: vec![End::new("crash", "z < 0.2 m")],
-            metrics: vec![Metric { name: "distance", unit: "m" }],
-            goal: vec![Slice::new("beacon", 3, "m, world", "where it stands")],
-        }
-    }
+    fn rig(&self) -> &Rig { &self.rig }
+    fn horizon(&self) -> usize { self.settings.horizon }
+    fn settings(&self) -> Vec<Setting> { self.settings.list() }
     fn start(&self, start: &mut Start<'_>) {
-        let beacon = [-2.0, -2.0, 1.0].map(|low| start.task.uniform(low, low + 4.0));
-        start.goal.copy_from_slice(&beacon);
+        let beacon = self.settings.beacon.map(|[low, high]| start.task.uniform(low, high));
+        set_beacon(start, beacon);
         let attitude = start.attitude(0.3, ANY_YAW);
         start.place(0, [0.0, 0.0, 2.0], attitude);
     }
-    #[inline(always)] fn observe<S: Scalar>(&self, view: &View<'_, S>, _agent: usize, out: &mut Pen<'_, S>) {
-        out.array(way(view));
+    #[inline(always)] fn observe<S: Scalar>(&self, view: &View<'_, S>, _agent: usize, out: &mut impl Writer<S>) {
+        out.field("way", "m, world", "to the beacon").array(way(view));
         view.observe_drone(0, out);
     }
-    #[inline(always)] fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
-        terms.number(bell(1.0, safe::squared_norm(way(view))));
+    #[inline(always)] fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        let weight = self.settings.reward_near;
+        let near = S::constant(weight) * rational_kernel(1.0, safe::squared_norm(way(view)));
+        terms.term("near", "{×reward_near}1/(1 + d²)", weight).number(near);
     }
-    #[inline(always)] fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
-        ends.when(view.drone(0).position[2].lt(S::constant(0.2)));
+    #[inline(always)] fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+        ends.when("crash", "z < 0.2 m", view.drone(0).position[2].lt(S::constant(0.2)));
     }
-    #[inline(always)] fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
-        out.number(safe::norm(way(view)));
+    #[inline(always)] fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.metric("distance", "m", safe::norm(way(view)));
     }
     #[inline(always)] fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
         safe::squared_norm(way(view)).lt(S::constant(0.01))
     }
+    fn success_rule(&self) -> Success { Success::below("distance", 0.1) }
     fn ideal(&self, start: &mut Start<'_>) {
-        start.goal.copy_from_slice(&[0.0, 0.0, 2.0]);
+        set_beacon(start, [0.0, 0.0, 2.0]);
         start.place(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]);
     }
 }
 
+fn beacon(config: &EnvConfig) -> Result<Env> {
+    let settings: BeaconSettings = config.settings()?;
+    Env::of(Beacon { rig: config.single_rig(&settings.vehicle)?, settings }, "Beacon", config)
+}
+
 fn main() -> Result<()> {
-    let make = |config: &EnvConfig| Env::of(Beacon(config.single_rig("crazyflie")?), "Beacon", config);
-    for finding in check_env(&make, &EnvConfig::default())? {
+    for finding in check_env(&beacon, &EnvConfig::default())? {
         println!("{:<75} {}", finding.claim, finding.objection.as_deref().unwrap_or("holds"));
     }
     Ok(())

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example own_vehicle`
 
-use omnidrones::controllers::{FlightPlan, fly};
+use omnidrones::controllers::{FlightPlan, fly_vehicle};
 use omnidrones::dynamics::{Drag, Inertia, Part, Rotor, Vehicle};
 use omnidrones::error::Result;
 
@@ -49,7 +49,7 @@ fn main() -> Result<()> {
     println!("thrust to weight {:.2}", vehicle.thrust_to_weight());
     println!("hover thrusts {:.3?} N: the battery sits behind the middle", vehicle.hover_thrusts()?);
     println!("derived gains {:.4?}", vehicle.gains());
-    let flight = fly(&vehicle, &vehicle.gains(), &FlightPlan::default(), &mut |_| ())?;
+    let flight = fly_vehicle(&vehicle, &vehicle.gains(), &FlightPlan::default(), &mut |_| ())?;
     println!("lemniscate: RMSE {:.4?} m after 2 s", flight.log.rmse(2.0));
     Ok(())
 }

@@ -4,16 +4,20 @@
 //!
 //! `cargo run --release --example tune_through_allocation`
 
-use omnidrones::controllers::design::{Tilting, TiltingPlan, TiltingTuning, tune_tilting};
+#[allow(dead_code)] // the tests use the rest
+#[path = "../tests/controllers/tilting.rs"]
+mod tilting;
+
 use omnidrones::dynamics::configurations::Omav;
 use omnidrones::dynamics::{Integrator, Physics};
 use omnidrones::error::Result;
+use tilting::{TiltingPlan, TiltingTuning, tilting, tune_tilting};
 
 fn main() -> Result<()> {
     let physics = Physics { dt: 0.005, integrator: Integrator::SemiImplicit, ..Physics::default() };
-    let system = Tilting::new(&Omav::default(), physics)?;
+    let system = tilting(&Omav::default(), physics)?;
     let plan = TiltingPlan { duration: 1.0, n_start: 2, n_held_out: 8, iterations: 8, ..TiltingPlan::default() };
-    let tuning = tune_tilting(&system, system.nominal(), &plan, &mut |step| {
+    let tuning = tune_tilting(&system, system.law().nominal(), &plan, &mut |step| {
         println!("{:3}  root cost {:.4} m  gradient {:.4} m", step.iteration, step.rmse, step.gradient_norm);
     })?;
     for (name, flown) in [("before", tuning.before), ("after", tuning.after)] {

@@ -163,6 +163,14 @@ impl Error {
         Self::Format { file: file.into(), place, rule, remedy }
     }
 
+    /// A key of `file` that is none of those `known`.
+    pub(crate) fn unknown_key(file: &str, key: &str, known: &[String]) -> Self {
+        let list = known.iter().map(|k| format!("`{k}`")).collect::<Vec<_>>().join(", ");
+        let rule = format!("unknown field `{key}`, expected one of {list}");
+        let remedy = unknown_key_remedy(&rule).unwrap_or_default();
+        Self::Format { file: file.into(), place: key.into(), rule, remedy }
+    }
+
     /// A [`Error::File`] for `path`.
     pub fn file(path: impl AsRef<Path>, source: std::io::Error) -> Self {
         Self::File { path: path.as_ref().to_path_buf(), source }

@@ -1,12 +1,13 @@
 //! The record of one flight: what was, what should have been, what the rotors did; its key figures; its CSV file.
 
+use crate::dynamics::rotor::LEAST_THRUST;
 use crate::dynamics::spatial::{Quat, Vec3, to_euler, up_axis};
 use crate::dynamics::vehicle::GRAVITY;
 use crate::error::{Error, Result};
 use serde::Serialize;
 
-/// Lowest rotor speed command over the largest speed: √1e-4, the floor of the rotor action.
-const IDLE_FRACTION: f64 = 0.01;
+/// Farther from the reference than this, what flies counts as lost, m.
+pub const LOST: f64 = 5.0;
 
 /// One instant of a flight. Rotor slices have one entry per rotor of the log.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -96,6 +97,8 @@ pub struct FlightSummary {
     pub max_error: Option<f64>,
     /// Largest ‖p − p_ref‖ of the whole flight, m.
     pub max_error_overall: Option<f64>,
+    /// Since when the reference was lost, s: [`FlightLog::lost_at`].
+    pub lost_at: Option<f64>,
     /// Largest ‖v‖, m/s.
     pub max_speed: Option<f64>,
     /// Largest angle between body z and world z, rad.
@@ -186,6 +189,12 @@ impl FlightLog {
         largest(late.map(|(_, e)| e))
     }
 
+    /// Since when ‖p − p_ref‖ has been above [`LOST`] until the end, s; `None` where it is not in the end.
+    pub fn lost_at(&self) -> Option<f64> {
+        let found = self.error_norm().iter().rposition(|e| *e <= LOST);
+        self.time.get(found.map_or(0, |i| i + 1)).copied()
+    }
+
     /// ‖v‖ per sample, m/s.
     pub fn speed(&self) -> Vec<f64> {
         self.velocity.iter().map(norm).collect()
@@ -217,8 +226,9 @@ impl FlightLog {
             return None;
         }
         let limits = self.max_rotor_speed.iter().cycle();
+        let idle = LEAST_THRUST.sqrt();
         let at_limit = |(command, limit): &(&f64, &f64)| {
-            **command >= (1.0 - 1e-6) * **limit || **command <= (IDLE_FRACTION + 1e-6) * **limit
+            **command >= (1.0 - 1e-6) * **limit || **command <= (idle + 1e-6) * **limit
         };
         let count = self.rotor_command.iter().zip(limits).filter(at_limit).count();
         Some(count as f64 / self.rotor_command.len() as f64)
@@ -277,6 +287,7 @@ impl FlightLog {
             rmse: self.rmse(after),
             max_error: self.max_error(after),
             max_error_overall: self.max_error(f64::NEG_INFINITY),
+            lost_at: self.lost_at(),
             max_speed: self.max_speed(),
             max_tilt: self.max_tilt(),
             saturation: self.saturation_share(),
@@ -288,7 +299,7 @@ impl FlightLog {
     pub fn csv_header(&self) -> Vec<String> {
         let xyz = |name: &str, unit: &str| ["x", "y", "z"].map(|axis| format!("{name}_{axis} [{unit}]"));
         let rotors = |name: &str, unit: &str| -> Vec<String> {
-            (1..=self.n_rotor()).map(|i| format!("{name}_{i} [{unit}]")).collect()
+            (0..self.n_rotor()).map(|i| format!("{name}_{i} [{unit}]")).collect()
         };
         let mut header = vec!["time [s]".to_string()];
         header.extend(xyz("position", "m"));

@@ -4,14 +4,14 @@
 //!
 //! ```
 //! use omnidrones::autodiff::linearise;
-//! use omnidrones::controllers::{FlightPlan, fly};
+//! use omnidrones::controllers::{FlightPlan, fly_vehicle};
 //! use omnidrones::dynamics::{Multirotor, Physics, vehicles};
 //! use omnidrones::tasks::{Buffers, Env, EnvConfig};
 //!
 //! let hummingbird = vehicles::by_name("hummingbird")?;
 //!
 //! // Fly: fifteen seconds of a lemniscate under the published gains.
-//! let flight = fly(&hummingbird, &hummingbird.gains(), &FlightPlan::default(), &mut |_| ())?;
+//! let flight = fly_vehicle(&hummingbird, &hummingbird.gains(), &FlightPlan::default(), &mut |_| ())?;
 //! assert!(flight.log.rmse(2.0).unwrap() < 0.10); // m, after the first 2 s
 //!
 //! // Differentiate: the exact A and B of one 2 ms step at hover.
@@ -36,8 +36,8 @@
 //! | module | what | look here for |
 //! |---|---|---|
 //! | [`autodiff`] | numbers that differentiate | [`Scalar`](autodiff::Scalar), [`System`](autodiff::System), [`linearise`](autodiff::linearise()), [`Rollout`](autodiff::Rollout), [`certify`](autodiff::certify()) |
-//! | [`dynamics`] | bodies | [`Vehicle`](dynamics::Vehicle), [`vehicles`](dynamics::vehicles), [`urdf`](dynamics::urdf), [`Multirotor`](dynamics::Multirotor), [`World`](dynamics::World), [`Fleet`](dynamics::Fleet), [`Assembly`](dynamics::assembly::Assembly), [`configurations`](dynamics::configurations), [`Multibody`](dynamics::tree::Multibody), [`Scene`](dynamics::scene::Scene) |
-//! | [`controllers`] | commands | [`fly`](controllers::fly()), [`ClosedLoop`](controllers::ClosedLoop), [`Reference`](controllers::Reference), [`tune`](controllers::design::tune()) |
+//! | [`dynamics`] | bodies | [`Vehicle`](dynamics::Vehicle), [`vehicles`](dynamics::vehicles), [`urdf`](dynamics::urdf), [`Multirotor`](dynamics::Multirotor), [`Plant`](dynamics::Plant), [`World`](dynamics::World), [`Fleet`](dynamics::Fleet), [`Assembly`](dynamics::assembly::Assembly), [`configurations`](dynamics::configurations), [`Multibody`](dynamics::tree::Multibody), [`Scene`](dynamics::scene::Scene) |
+//! | [`controllers`] | commands | [`fly`](controllers::fly()), [`Controller`](controllers::Controller), [`ControlLaw`](controllers::ControlLaw), [`ClosedLoop`](controllers::ClosedLoop), [`Reference`](controllers::Reference), [`tune`](controllers::design::tune()) |
 //! | [`tasks`] | goals | [`Env`](tasks::Env), [`EnvConfig`](tasks::EnvConfig), [`SingleEnv`](tasks::SingleEnv), [`registry`](tasks::registry), [`Task`](tasks::Task), [`Tape`](tasks::Tape), [`evaluate`](tasks::evaluate()) |
 //! | [`flight`] | what was flown | [`FlightLog`](flight::FlightLog), key figures, CSV |
 //! | [`error`], [`rng`], [`parallel`] | serve all | [`Error`](error::Error), [`Stream`](rng::Stream), [`Threads`](parallel::Threads) |
@@ -74,7 +74,8 @@
 //! - **No panic on data.** Files, configurations, names and sizes give an [`Error`](error::Error) that names the value,
 //!   the limit and the remedy; a hundred thousand mutated URDF files are part of the test suite. Functions that panic on
 //!   a mistake of the caller (a slice of the wrong length) say so.
-//! - **No allocation** while stepping, evaluating or differentiating, after warm-up.
+//! - **No allocation** while stepping, evaluating or differentiating, after warm-up; clarabel, which solves allocations
+//!   with cones, does allocate.
 //!
 //! # Beside the library
 //!

@@ -5,72 +5,129 @@
 
 use crate::error::{Error, Result};
 use rayon::prelude::*;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-/// Threads to run on: rayon's global pool, or one of a given size.
+/// Most threads of a pool.
+const MOST: usize = 1024;
+
+/// Threads to run on: those that all of the process share, or a number of one's own.
+///
+/// They start at the first work for more than one. A process made by `fork` starts its own: threads of the parent do not
+/// exist in it. Where the system refuses threads, work runs on the caller's.
 #[derive(Debug, Clone, Default)]
-pub struct Threads(Option<Arc<rayon::ThreadPool>>);
+pub struct Threads(Option<Arc<Crew>>);
 
 impl Threads {
-    /// A pool of `n` threads (1 to 1024); 1 runs on the caller's.
+    /// `n` threads (1 to 1024); 1 runs on the caller's. [`Threads::default`] shares as many as there are cores, or as the
+    /// variable `RAYON_NUM_THREADS` says if that is within the same range.
     ///
     /// # Errors
-    /// [`Error::Limit`] outside that range or when the system refuses the threads.
+    /// [`Error::Limit`] outside that range.
     pub fn new(n: usize) -> Result<Self> {
-        let refuse = |remedy: String| Error::limit("number of threads", n, "1 to 1024", remedy);
-        if n == 0 || n > 1024 {
-            return Err(refuse("Use as many as there are cores.".into()));
+        if n == 0 || n > MOST {
+            let remedy = "Use as many as there are cores.";
+            return Err(Error::limit("number of threads", n, format!("1 to {MOST}"), remedy));
         }
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build();
-        Ok(Self(Some(Arc::new(pool.map_err(|e| refuse(format!("The system said: {e}.")))?))))
+        Ok(Self(Some(Arc::new(Crew { size: n, first: OnceLock::new() }))))
     }
 
-    /// Number of threads.
+    /// Number of threads asked for.
     pub fn count(&self) -> usize {
-        self.0.as_ref().map_or_else(rayon::current_num_threads, |p| p.current_num_threads())
+        self.crew().size
     }
 
-    /// Runs `work` within the pool.
-    pub fn run<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
-        match &self.0 {
-            Some(pool) if pool.current_num_threads() > 1 => pool.install(work),
-            Some(_) | None => work(),
-        }
+    fn crew(&self) -> &Crew {
+        static SHARED: OnceLock<Crew> = OnceLock::new();
+        self.0
+            .as_deref()
+            .unwrap_or_else(|| SHARED.get_or_init(|| Crew { size: default_size(), first: OnceLock::new() }))
+    }
+
+    /// The pool of this process for so many parts of work; `None` where they run on the caller's thread.
+    fn pool(&self, n_part: usize) -> Option<&rayon::ThreadPool> {
+        let crew = self.crew();
+        if n_part > 1 && crew.size > 1 { crew.pool() } else { None }
     }
 
     /// `work(index, item)` for every item, in any order.
     pub fn for_each<T: Send>(&self, items: &mut [T], work: impl Fn(usize, &mut T) + Sync + Send) {
-        if self.count() == 1 || items.len() == 1 {
-            items.iter_mut().enumerate().for_each(|(i, item)| work(i, item));
-        } else {
-            self.run(|| items.par_iter_mut().enumerate().for_each(|(i, item)| work(i, item)));
+        match self.pool(items.len()) {
+            Some(pool) => pool.install(|| items.par_iter_mut().enumerate().for_each(|(i, item)| work(i, item))),
+            None => items.iter_mut().enumerate().for_each(|(i, item)| work(i, item)),
         }
     }
 
     /// `work(chunk index, chunk)` for consecutive chunks of `size` items, in any order.
     pub fn for_each_chunk<T: Send>(&self, items: &mut [T], size: usize, work: impl Fn(usize, &mut [T]) + Sync + Send) {
-        if self.count() == 1 || items.len() <= size {
-            items.chunks_mut(size).enumerate().for_each(|(i, chunk)| work(i, chunk));
-        } else {
-            self.run(|| items.par_chunks_mut(size).enumerate().for_each(|(i, chunk)| work(i, chunk)));
+        match self.pool(items.len().div_ceil(size)) {
+            Some(pool) => pool.install(|| items.par_chunks_mut(size).enumerate().for_each(|(i, chunk)| work(i, chunk))),
+            None => items.chunks_mut(size).enumerate().for_each(|(i, chunk)| work(i, chunk)),
         }
     }
 
     /// `work(part)` for parts of `size` items of something that can be cut in two, in any order. Allocates nothing.
     pub fn for_each_part<P: Divide>(&self, whole: P, size: usize, work: &(impl Fn(P) + Sync + Send)) {
-        if self.count() == 1 {
-            one_by_one(whole, size, work);
-        } else {
-            self.run(|| in_halves(whole, size, work));
+        match self.pool(whole.count().div_ceil(size)) {
+            Some(pool) => pool.install(|| in_halves(whole, size, work)),
+            None => one_by_one(whole, size, work),
         }
     }
 
     /// `work(index)` for every index, results in order.
     pub fn map<T: Send>(&self, n: usize, work: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-        if self.count() == 1 {
-            (0..n).map(work).collect()
-        } else {
-            self.run(|| (0..n).into_par_iter().map(work).collect())
+        match self.pool(n) {
+            Some(pool) => pool.install(|| (0..n).into_par_iter().map(work).collect()),
+            None => (0..n).map(work).collect(),
+        }
+    }
+}
+
+/// `RAYON_NUM_THREADS` where it is a number that [`Threads::new`] takes, else the number of cores.
+fn default_size() -> usize {
+    let told = std::env::var("RAYON_NUM_THREADS").ok().and_then(|text| text.parse().ok());
+    let told = told.filter(|n| (1..=MOST).contains(n));
+    told.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get().min(MOST)))
+}
+
+/// One pool per process that works with it, each made at its first work and kept for the next.
+#[derive(Debug)]
+struct Crew {
+    size: usize,
+    first: OnceLock<Box<Pool>>,
+}
+
+/// The pool of one process, and those of the processes forked from it.
+#[derive(Debug)]
+struct Pool {
+    process: u32,
+    /// `None` where the system refused threads.
+    threads: Option<rayon::ThreadPool>,
+    next: OnceLock<Box<Pool>>,
+}
+
+impl Crew {
+    fn pool(&self) -> Option<&rayon::ThreadPool> {
+        let process = std::process::id();
+        let mut place = &self.first;
+        loop {
+            match place.get() {
+                Some(pool) if pool.process == process => return pool.threads.as_ref(),
+                Some(pool) => place = &pool.next,
+                None => {
+                    let threads = rayon::ThreadPoolBuilder::new().num_threads(self.size).build().ok();
+                    // made before it is set, so that a fork meanwhile finds nothing half done; who comes second drops its own
+                    let _ = place.set(Box::new(Pool { process, threads, next: OnceLock::new() }));
+                }
+            }
+        }
+    }
+}
+
+impl Drop for Pool {
+    /// Only the process that started threads may end them: elsewhere their locks may be held for ever.
+    fn drop(&mut self) {
+        if self.process != std::process::id() {
+            std::mem::forget(self.threads.take());
         }
     }
 }

@@ -306,7 +306,10 @@ fn gradients_grow_with_the_root_of_the_horizon() {
 
 #[test]
 fn allocating_thrusts_and_differentiating_them_allocates_no_memory_on_the_fast_paths() {
-    use omnidrones::controllers::allocation::{Allocator, BatchAllocator, Path, Problem, Variation};
+    use omnidrones::controllers::allocation::{
+        AllocationFunction, Allocator, BatchAllocator, Path, Problem, Variation,
+    };
+    const WRENCH: usize = 6;
     for vehicle in vehicles::all() {
         let problem = Problem::of_vehicle(&vehicle).unwrap();
         let n = problem.n_input();
@@ -337,5 +340,25 @@ fn allocating_thrusts_and_differentiating_them_allocates_no_memory_on_the_fast_p
             batch.solve(&wrenches, &mut inputs);
         });
         assert_eq!(count, 0, "BatchAllocator of {}", vehicle.name);
+
+        let function = AllocationFunction::new(problem.clone()).unwrap();
+        let recording = Recording::of(WRENCH, |w| {
+            let mut thrusts = vec![Trace::zero(); n];
+            function.call(&problem, &[w[0], w[1], w[2], w[3], w[4], w[5]], &mut thrusts);
+            thrusts
+        });
+        let program = Program::compile(&recording.adjoint(0..WRENCH)).unwrap();
+        let (mut workspace, mut pulled) = (program.workspace(), [0.0; WRENCH]);
+        let (mut thrusts, mut moved) = (vec![0.0; n], vec![Dual64::from(0.0); n]);
+        let mut arguments = [&[0.0; WRENCH][..], &vec![1.0; n]].concat();
+        let mut evaluate = |wrench: &[f64; WRENCH]| {
+            function.call(&problem, wrench, &mut thrusts);
+            function.call(&problem, &wrench.map(|w| Dual64::new(w, 1.0)), &mut moved);
+            arguments[..WRENCH].copy_from_slice(wrench);
+            program.evaluate(&mut workspace, &arguments, &mut pulled);
+        };
+        evaluate(&bound);
+        let count = allocations(|| [free, bound].iter().for_each(&mut evaluate));
+        assert_eq!(count, 0, "AllocationFunction of {}", vehicle.name);
     }
 }

@@ -4,6 +4,7 @@
 //! the block interpreter in `f32`. The rollouts differ in their start; inputs and parameters are shared, and the
 //! gradient with respect to the parameters is the mean over the rollouts that stayed finite.
 
+use super::columns::Columns;
 use super::program::{BLOCK, BlockWorkspace, Program};
 use super::rollout::record_step;
 use super::system::{Objective, System};
@@ -134,8 +135,8 @@ impl BatchRollout {
 struct Sweep<'a> {
     of: &'a BatchRollout,
     /// [x, u, θ, λ, ρ].
-    arguments: Vec<Row>,
-    results: Vec<Row>,
+    arguments: Columns,
+    results: Columns,
     /// States at the start of each segment, and within one.
     anchors: Vec<Row>,
     segment: Vec<Row>,
@@ -150,8 +151,8 @@ impl<'a> Sweep<'a> {
         let (n, m, p) = (of.n_state, of.n_input, of.n_parameter);
         Self {
             of,
-            arguments: vec![[0.0; BLOCK]; n + m + p + n + 1],
-            results: vec![[0.0; BLOCK]; (n + 1).max(n + p)],
+            arguments: Columns::zeros(n + m + p + n + 1),
+            results: Columns::zeros((n + 1).max(n + p)),
             anchors: Vec::new(),
             segment: Vec::new(),
             step: of.step.block_workspace(),

@@ -5,9 +5,12 @@
 //! a wrong derivative leaves h¹, a kink within h too. A derivative that is not a number fails all of them.
 //!
 //! Entries of a point have sizes from 1e-9 (a thrust coefficient) to 1e4 (a rotor speed), and a zero does not tell
-//! which. So errors are judged column by column, relative to max(1, largest entry), and steps are tried on a ladder:
-//! differences that agree at one rung confirm the column. What this cannot see is an entry wrong by less than the bound
-//! times that scale: differences end there. Between adjoint and duals the bound is 1e-10 of the scale.
+//! which. So errors are judged column by column, relative to max(1, largest entry), over a ladder of steps. A central
+//! difference D(h) = f' + c h² + O(ε |f|/h) tells its own error: truncation from the next rung, |D(h) − D(h/10)|, rounding
+//! from |f|. The rungs that predict at most 1e-7 count, whatever the derivative says, and the worst of them is reported;
+//! where none does, the one that predicts least. The Taylor remainder is judged likewise, where the function alone tells that
+//! its second order dominates. What this cannot see is an entry wrong by less than the bound times that scale: differences
+//! end there. Between adjoint and duals the bound is 1e-10 of the scale.
 
 use super::derivative::{JacobianScratch, jacobian};
 use super::program::Program;
@@ -39,11 +42,13 @@ impl Default for Bounds {
 pub struct Certificate {
     /// Largest |adjoint − dual| over all entries, relative to max(1, ‖column‖∞); infinite where either is not finite.
     pub adjoint_error: f64,
-    /// Largest |dual − central difference|, relative to max(1, ‖column‖∞); infinite where either is not finite.
+    /// Largest |dual − central difference| over all entries and all steps that count, relative to max(1, ‖column‖∞);
+    /// infinite where either is not finite.
     pub difference_error: f64,
-    /// Slope of log ‖remainder‖ over log h; 2 for a right derivative. `NaN` where the step is affine along the
-    /// direction, so that nothing remains; infinite where the remainder is not finite.
-    pub taylor_order: f64,
+    /// Slope of log ‖remainder‖ over log h, of all pairs of steps that count the one farthest from 2, which a right
+    /// derivative gives. `None` where the step is affine along the direction, so that nothing remains; infinite where the
+    /// remainder is not finite.
+    pub taylor_order: Option<f64>,
     /// Value of the program against the direct step, relative to max(1, |x|).
     pub value_error: f64,
     /// Entries of the Jacobian compared.
@@ -56,7 +61,7 @@ impl Certificate {
         self.adjoint_error <= bounds.adjoint
             && self.difference_error <= bounds.difference
             && self.value_error <= 1e-12
-            && (self.taylor_order.is_nan() || (self.taylor_order - 2.0).abs() <= bounds.taylor)
+            && self.taylor_order.is_none_or(|order| (order - 2.0).abs() <= bounds.taylor)
     }
 }
 
@@ -66,7 +71,10 @@ impl fmt::Display for Certificate {
         writeln!(f, "  program against direct value     {:.1e}", self.value_error)?;
         writeln!(f, "  adjoint against duals            {:.1e}", self.adjoint_error)?;
         writeln!(f, "  duals against central difference {:.1e}", self.difference_error)?;
-        write!(f, "  Taylor order (2 when right)      {:.3}", self.taylor_order)
+        match self.taylor_order {
+            Some(order) => write!(f, "  Taylor order (2 when right)      {order:.3}"),
+            None => write!(f, "  Taylor order                     none: the step is affine"),
+        }
     }
 }
 
@@ -95,7 +103,7 @@ pub fn certify<F: System>(system: &F, state: &[f64], input: &[f64], parameters: 
         value.iter().zip(&program_value).map(|(a, b)| (a - b).abs() / a.abs().max(1.0)).fold(0.0, largest);
     let columns = || dual.chunks_exact(n.max(1));
     let adjoint_error = columns().zip(adjoint.chunks_exact(n.max(1))).map(|(d, a)| column_error(d, a));
-    let difference_error = columns().enumerate().map(|(k, d)| difference_error(&evaluate, &point, k, d));
+    let difference_error = columns().enumerate().map(|(k, d)| difference_error(&evaluate, &point, &value, k, d));
     Ok(Certificate {
         adjoint_error: adjoint_error.fold(0.0, largest),
         difference_error: difference_error.fold(0.0, largest),
@@ -145,69 +153,120 @@ fn by_adjoint<F: system::System>(system: &F, point: &[f64]) -> Result<(Vec<f64>,
     Ok((jacobian, value))
 }
 
-/// Fractions of max(|z|, 1e-3) that an entry of unknown size may be moved by.
-const LADDER: [f64; 3] = [1.0, 1e-3, 1e-6];
+/// Steps of differences, in fractions of max(|z|, 1e-3): entries of 1e-9 stand beside zeros of unknown size.
+const STEPS: [f64; 9] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9];
+/// What a difference may predict of its own error to count, relative to max(1, ‖column‖∞): a tenth of [`Bounds`].
+const PREDICTED: f64 = 1e-7;
 
-/// Multiples of ε^⅓ that a difference step may have: where a result is large (rotor speeds of hundreds of rad/s), its
-/// rounding asks for a longer step than the entry's own size suggests.
-const STEPS: [f64; 4] = [30.0, 1.0, 1e-3, 1e-6];
-
-/// Error of column k against central differences, at the step that confirms it best: 6e-6 relative to the entry (ε^⅓,
-/// where truncation and rounding balance) times each of [`STEPS`].
-fn difference_error(evaluate: &impl Fn(&[f64]) -> Vec<f64>, point: &[f64], k: usize, column: &[f64]) -> f64 {
-    let mut z = point.to_vec();
-    let error = |rung: &f64| {
-        let h = 6e-6 * rung * point[k].abs().max(1e-3);
-        z[k] = point[k] + h;
-        let plus = evaluate(&z);
-        z[k] = point[k] - h;
-        let minus = evaluate(&z);
-        let slope: Vec<f64> = plus.iter().zip(&minus).map(|(a, b)| (a - b) / (2.0 * h)).collect();
-        column_error(column, &slope)
-    };
-    STEPS.iter().map(error).fold(f64::INFINITY, f64::min)
-}
-
-/// Slope of log ‖remainder‖ between h and h/10 along a fixed direction scaled to each entry, for h = 1e-2 and 1e-3 (where
-/// a kink lies within the first, or the third order weighs in it); zeros are given each rung of the ladder for a size.
-/// The slope nearest to 2 counts.
-fn taylor_order(evaluate: &impl Fn(&[f64]) -> Vec<f64>, point: &[f64], value: &[f64], jacobian: &[f64]) -> f64 {
-    let mut best = f64::NAN;
-    for rung in LADDER {
-        let size = |z: f64| if z == 0.0 { 1e-3 * rung } else { z.abs().min(1.0) };
-        let direction: Vec<f64> = point.iter().enumerate().map(|(k, z)| (1.0 + k as f64).sin() * size(*z)).collect();
-        let rest = [1e-2, 1e-3, 1e-4].map(|h| remainder(evaluate, point, value, jacobian, &direction, h));
-        if rest.iter().any(|r| !r.is_finite()) {
-            return f64::INFINITY;
-        }
-        for pair in rest.windows(2).filter(|pair| pair[1] >= 1e-13) {
-            let order = (pair[0] / pair[1]).log10();
-            if best.is_nan() || (order - 2.0).abs() < (best - 2.0).abs() {
-                best = order;
-            }
-        }
-    }
-    best
-}
-
-/// ‖f(z + hd) − f(z) − h J d‖, each component relative to max(1, |f|).
-fn remainder(
+/// Largest error of column k against the central differences that count; see the head of this file.
+fn difference_error(
     evaluate: &impl Fn(&[f64]) -> Vec<f64>,
     point: &[f64],
     value: &[f64],
-    jacobian: &[f64],
-    direction: &[f64],
-    h: f64,
+    k: usize,
+    column: &[f64],
 ) -> f64 {
-    let n = value.len();
-    let z: Vec<f64> = point.iter().zip(direction).map(|(z, d)| z + h * d).collect();
-    let moved = evaluate(&z);
-    let mut sum = 0.0;
-    for i in 0..n {
-        let slope: f64 = direction.iter().enumerate().map(|(k, d)| jacobian[k * n + i] * d).sum();
-        sum += ((moved[i] - value[i] - h * slope) / value[i].abs().max(1.0)).powi(2);
+    let mut z = point.to_vec();
+    let size = point[k].abs().max(1e-3);
+    let mut slope = |step: &f64| {
+        z[k] = point[k] + step * size;
+        let plus = evaluate(&z);
+        z[k] = point[k] - step * size;
+        let minus = evaluate(&z);
+        plus.iter().zip(&minus).map(|(a, b)| (a - b) / (2.0 * step * size)).collect::<Vec<f64>>()
+    };
+    let slopes: Vec<Vec<f64>> = STEPS.iter().map(&mut slope).collect();
+    let finite = |slope: &Vec<f64>| slope.iter().all(|x| x.is_finite());
+    // a long step may leave the domain, a shorter one than a step within it may not
+    let Some(first) = slopes.iter().position(finite) else { return f64::INFINITY };
+    if !slopes[first..].iter().all(finite) {
+        return f64::INFINITY;
     }
-    sum.sqrt()
+    let high = value.iter().fold(1.0, |m: f64, x| m.max(x.abs()));
+    let predicted = |i: usize| {
+        let scale = slopes[i].iter().fold(1.0, |m: f64, x| m.max(x.abs()));
+        column_error(&slopes[i], &slopes[i + 1]) + f64::EPSILON * high / (STEPS[i] * size * scale)
+    };
+    let rungs: Vec<(f64, f64)> =
+        (first..STEPS.len() - 1).map(|i| (predicted(i), column_error(column, &slopes[i]))).collect();
+    let least = rungs.iter().fold(f64::INFINITY, |m: f64, (own, _)| m.min(*own));
+    let counts = |own: f64| own <= PREDICTED.max(least);
+    let worst = rungs.iter().filter(|(own, _)| counts(*own)).map(|(_, error)| *error).reduce(largest);
+    worst.unwrap_or(f64::INFINITY)
+}
+
+/// Steps of the Taylor remainder.
+const TAYLOR: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
+/// Sizes that a zero is given, in thousandths.
+const LADDER: [f64; 3] = [1.0, 1e-3, 1e-6];
+/// Less than this of a second difference is rounding.
+const ROUNDING: f64 = 1e-13;
+/// How far the function itself may be from its second order between two steps to count: distance of the order of its second
+/// difference from 2, or share of its third order.
+const THIRD_ORDER: f64 = 0.05;
+
+/// Slope of log ‖remainder‖ between h and h/10 along a fixed direction scaled to each entry, zeros given each rung of the
+/// ladder for a size: the farthest from 2 over the pairs that count. Which do is told by the function alone: its second
+/// difference ‖f(z + hd) − 2 f(z) + f(z − hd)‖ falls with h², and its third order is small beside it. Where no pair does,
+/// the one nearest to that.
+fn taylor_order(evaluate: &impl Fn(&[f64]) -> Vec<f64>, point: &[f64], value: &[f64], jacobian: &[f64]) -> Option<f64> {
+    let mut pairs: Vec<(f64, f64)> = Vec::new();
+    for rung in LADDER {
+        let size = |z: f64| if z == 0.0 { 1e-3 * rung } else { z.abs().min(1.0) };
+        let direction: Vec<f64> = point.iter().enumerate().map(|(k, z)| (1.0 + k as f64).sin() * size(*z)).collect();
+        let slope: Vec<f64> = (0..value.len())
+            .map(|i| direction.iter().enumerate().map(|(k, d)| jacobian[k * value.len() + i] * d).sum())
+            .collect();
+        let sides = TAYLOR.map(|h| Sides::of(evaluate, point, value, &slope, &direction, h));
+        if sides.iter().any(|side| !side.remainder.is_finite()) {
+            return Some(f64::INFINITY);
+        }
+        for pair in sides.windows(2).filter(|pair| pair[1].remainder >= ROUNDING) {
+            let own = if pair[1].second >= ROUNDING {
+                let third =
+                    pair[0].odd.iter().zip(&pair[1].odd).map(|(a, b)| (a - 10.0 * b).powi(2)).sum::<f64>().sqrt();
+                ((pair[0].second / pair[1].second).log10() - 2.0).abs().max(third / pair[0].second)
+            } else {
+                f64::INFINITY
+            };
+            pairs.push((own, (pair[0].remainder / pair[1].remainder).log10()));
+        }
+    }
+    let least = pairs.iter().fold(f64::INFINITY, |m: f64, (own, _)| m.min(*own));
+    let counts = pairs.iter().filter(|(own, _)| *own <= THIRD_ORDER.max(least));
+    counts.map(|(_, order)| *order).reduce(|a, b| if (a - 2.0).abs() >= (b - 2.0).abs() { a } else { b })
+}
+
+/// A function on both sides of a point, each component relative to max(1, |f|).
+struct Sides {
+    /// ‖f(z + hd) − f(z) − h J d‖.
+    remainder: f64,
+    /// ½ ‖f(z + hd) − 2 f(z) + f(z − hd)‖.
+    second: f64,
+    /// ½ (f(z + hd) − f(z − hd)).
+    odd: Vec<f64>,
+}
+
+impl Sides {
+    fn of(
+        evaluate: &impl Fn(&[f64]) -> Vec<f64>,
+        point: &[f64],
+        value: &[f64],
+        slope: &[f64],
+        direction: &[f64],
+        h: f64,
+    ) -> Self {
+        let at = |h: f64| evaluate(&point.iter().zip(direction).map(|(z, d)| z + h * d).collect::<Vec<f64>>());
+        let (plus, minus) = (at(h), at(-h));
+        let (mut remainder, mut second, mut odd) = (0.0, 0.0, Vec::with_capacity(value.len()));
+        for (i, own) in value.iter().enumerate() {
+            let scale = own.abs().max(1.0);
+            remainder += ((plus[i] - own - h * slope[i]) / scale).powi(2);
+            second += (0.5 * (plus[i] - 2.0 * own + minus[i]) / scale).powi(2);
+            odd.push(0.5 * (plus[i] - minus[i]) / scale);
+        }
+        Self { remainder: remainder.sqrt(), second: second.sqrt(), odd }
+    }
 }
 
 /// Checks a certificate against bounds, with an error that says which part failed.

@@ -1,8 +1,9 @@
 //! SIMD lanes: one environment per lane, width and CPU features chosen at run time.
 //!
-//! [`Lanes<S>`] wraps the `f32` register of a pulp token `S`; [`dispatch`] picks the widest token the processor has
-//! (AVX-512, AVX2+FMA, NEON, else one lane) once per batch call. The type is crate-private: a lane value may only exist
-//! inside a dispatched region, where the token has proved that the processor has the instructions.
+//! A [`Kernel`] is a function over [`Lanes`], whatever their width; [`dispatch`] runs it with the widest instruction set that
+//! the processor has (AVX-512, AVX2+FMA, NEON, else one lane), and [`each_register`] with every register of a block, as a
+//! function of its own. The registers and tokens of pulp stay in this file: a [`Register`] may only exist inside a
+//! dispatched region, where the token has proved that the processor has the instructions.
 //!
 //! Lane code obeys one rule that the compiler does not check: every function `#[inline(always)]`, and no closures,
 //! iterator adaptors, `array::map` or `array::from_fn`. Those carry no target features, so register operations are not
@@ -16,55 +17,138 @@ use super::custom::{Operation, Scratch};
 use super::program::BLOCK;
 use super::rows::{Rows, RowsMut};
 use super::scalar::{Mask, Scalar};
+use super::unrolled::unrolled;
 use pulp::{Simd, WithSimd};
+use std::cell::Cell;
 use std::fmt;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
+
+/// `f32` numbers side by side, one environment each. Only [`dispatch`] makes them.
+pub(crate) trait Lanes: Scalar {
+    /// How many.
+    const WIDTH: usize;
+    /// The first [`WIDTH`](Self::WIDTH) numbers of `source`.
+    fn load(source: &[f32]) -> Self;
+    /// Writes the lanes over the first [`WIDTH`](Self::WIDTH) numbers of `target`.
+    fn store(self, target: &mut [f32]);
+    /// The registers at lanes `at` … of all rows of a block, to read.
+    fn rows(block: &[[f32; BLOCK]], at: usize) -> Rows<'_, Self>;
+    /// The registers at lanes `at` … of all rows of a block, to write.
+    fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> RowsMut<'_, Self>;
+    /// The registers of one row of a block, which may be that of several operands and of the result.
+    fn cells(row: &Cell<[f32; BLOCK]>) -> &[Cell<Self>];
+    /// Runs a kernel as a machine function of its own, with these lanes: what it holds in registers is then decided for
+    /// it alone, whatever the caller does around it.
+    fn outlined<K: Kernel>(kernel: K) -> K::Output;
+}
+
+/// A function over lanes. Mark [`run`](Self::run) and all that it calls `#[inline(always)]`.
+pub(crate) trait Kernel {
+    /// What it returns.
+    type Output;
+    /// Does it.
+    fn run<L: Lanes>(self) -> Self::Output;
+}
+
+/// A function of one register of environments of a block. Mark [`run`](Self::run) and all that it calls
+/// `#[inline(always)]`.
+pub(crate) trait RegisterKernel {
+    /// Does it for the environments at lanes `at` … of the block.
+    fn run<L: Lanes>(&mut self, at: usize);
+}
+
+/// A kernel, for pulp.
+#[derive(Clone, Copy)]
+struct Entry<K>(K);
+
+impl<K: Kernel> WithSimd for Entry<K> {
+    type Output = K::Output;
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> K::Output {
+        self.0.run::<Register<S>>()
+    }
+}
 
 /// One register of `f32`.
 #[derive(Clone, Copy)]
 #[repr(transparent)]
-pub(crate) struct Lanes<S: Simd>(S::f32s);
+struct Register<S: Simd>(S::f32s);
 
 /// One truth value per lane.
 #[derive(Clone, Copy)]
-pub(crate) struct LaneMask<S: Simd>(S::m32s);
+struct LaneMask<S: Simd>(S::m32s);
 
-/// Runs `op` with the widest instruction set of this processor.
-pub(crate) fn dispatch<Op: WithSimd>(op: Op) -> Op::Output {
-    pulp::Arch::new().dispatch(op)
+/// Runs `kernel` with the widest instruction set of this processor.
+pub(crate) fn dispatch<K: Kernel>(kernel: K) -> K::Output {
+    pulp::Arch::new().dispatch(Entry(kernel))
+}
+
+/// Runs `kernel` for the registers that hold the first `n` environments of a block, one after the other. The body is a
+/// function of its own: a loop around thousands of instructions takes the compiler twice as long and gains nothing.
+pub(crate) fn each_register<K: RegisterKernel>(n: usize, mut kernel: K) {
+    dispatch(EachRegister { n, kernel: &mut kernel });
+}
+
+struct EachRegister<'a, K> {
+    n: usize,
+    kernel: &'a mut K,
+}
+
+impl<K: RegisterKernel> Kernel for EachRegister<'_, K> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let mut at = 0;
+        while at < self.n {
+            L::outlined(OneRegister { at, kernel: self.kernel });
+            at += L::WIDTH;
+        }
+    }
+}
+
+struct OneRegister<'a, K> {
+    at: usize,
+    kernel: &'a mut K,
+}
+
+impl<K: RegisterKernel> Kernel for OneRegister<'_, K> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        self.kernel.run::<L>(self.at);
+    }
 }
 
 /// Number of `f32` lanes that batches use on this processor.
 pub fn lane_width() -> usize {
     struct Width;
-    impl WithSimd for Width {
+    impl Kernel for Width {
         type Output = usize;
         #[inline(always)]
-        fn with_simd<S: Simd>(self, _: S) -> usize {
-            S::F32_LANES
+        fn run<L: Lanes>(self) -> usize {
+            L::WIDTH
         }
     }
     dispatch(Width)
 }
 
-/// Runs `op` once with every instruction set that this processor has, widest first.
-#[cfg(all(test, target_arch = "x86_64"))]
-pub(crate) fn dispatch_each<Op: WithSimd + Copy>(op: Op) -> Vec<(&'static str, Op::Output)> {
+/// Runs `kernel` once with every instruction set that this processor has, widest first.
+#[cfg(test)]
+pub(crate) fn dispatch_each<K: Kernel + Copy>(kernel: K) -> Vec<(&'static str, K::Output)> {
     let mut results = Vec::new();
-    if let Some(token) = pulp::x86::V4::try_new() {
-        results.push(("AVX-512", Simd::vectorize(token, op)));
+    #[cfg(target_arch = "x86_64")]
+    {
+        if let Some(token) = pulp::x86::V4::try_new() {
+            results.push(("AVX-512", Simd::vectorize(token, Entry(kernel))));
+        }
+        if let Some(token) = pulp::x86::V3::try_new() {
+            results.push(("AVX2+FMA", Simd::vectorize(token, Entry(kernel))));
+        }
     }
-    if let Some(token) = pulp::x86::V3::try_new() {
-        results.push(("AVX2+FMA", Simd::vectorize(token, op)));
-    }
-    results.push(("fallback", Simd::vectorize(pulp::Scalar, op)));
+    #[cfg(not(target_arch = "x86_64"))]
+    results.push(("native", dispatch(kernel)));
+    results.push(("fallback", Simd::vectorize(pulp::Scalar, Entry(kernel))));
     results
-}
-
-/// Runs `op` once with every instruction set that this processor has.
-#[cfg(all(test, not(target_arch = "x86_64")))]
-pub(crate) fn dispatch_each<Op: WithSimd + Copy>(op: Op) -> Vec<(&'static str, Op::Output)> {
-    vec![("native", dispatch(op)), ("fallback", Simd::vectorize(pulp::Scalar, op))]
 }
 
 /// The token again, from nothing.
@@ -72,7 +156,7 @@ pub(crate) fn dispatch_each<Op: WithSimd + Copy>(op: Op) -> Vec<(&'static str, O
 fn token<S: Simd>() -> S {
     const { assert!(size_of::<S>() == 0) };
     // SAFETY: tokens are zero-sized `Copy` proofs that the processor has their instructions; there are no bytes to
-    // initialise. The proof itself holds because `Lanes<S>` is crate-private and only named inside `WithSimd::with_simd`,
+    // initialise. The proof itself holds because `Register<S>` is named in this file alone, and only inside `WithSimd::with_simd`,
     // whose caller owned a real token of the same type.
     unsafe { std::ptr::NonNull::<S>::dangling().read() }
 }
@@ -83,39 +167,57 @@ fn is_fused<S: Simd>() -> bool {
     S::F32_LANES > 1
 }
 
-impl<S: Simd> Lanes<S> {
-    /// Lanes of this register.
-    pub(crate) const WIDTH: usize = S::F32_LANES;
+impl<S: Simd> Lanes for Register<S> {
+    const WIDTH: usize = S::F32_LANES;
 
-    /// The first [`Self::WIDTH`] numbers of `source`.
     #[inline(always)]
-    pub(crate) fn load(source: &[f32]) -> Self {
+    fn load(source: &[f32]) -> Self {
         Self(S::as_simd_f32s(source).0[0])
     }
 
-    /// Writes the lanes over the first [`Self::WIDTH`] numbers of `target`.
     #[inline(always)]
-    pub(crate) fn store(self, target: &mut [f32]) {
+    fn store(self, target: &mut [f32]) {
         S::as_mut_simd_f32s(target).0[0] = self.0;
     }
 
-    /// The registers at lanes `at` … of all rows of a block, to read.
     #[inline(always)]
-    pub(crate) fn rows(block: &[[f32; BLOCK]], at: usize) -> Rows<'_, Self> {
-        let registers = S::as_simd_f32s(block.as_flattened()).0;
-        // SAFETY: `Lanes` is `repr(transparent)` over the register, so slices of the two have one layout.
-        let lanes = unsafe { std::slice::from_raw_parts(registers.as_ptr().cast::<Self>(), registers.len()) };
-        Rows::strided(&lanes[(at / Self::WIDTH).min(lanes.len())..], BLOCK / Self::WIDTH)
+    fn rows(block: &[[f32; BLOCK]], at: usize) -> Rows<'_, Self> {
+        let (first, n) = (at / Self::WIDTH, Self::registers(block.len()));
+        // SAFETY: `Register` has the layout of its numbers and needs no more alignment than they do, see `registers`; the
+        // slice covers the rows of the block exactly and borrows them.
+        let lanes = unsafe { std::slice::from_raw_parts(block.as_ptr().cast::<Self>(), n) };
+        Rows::strided(&lanes[first.min(n)..], BLOCK / Self::WIDTH)
     }
 
-    /// The registers at lanes `at` … of all rows of a block, to write.
     #[inline(always)]
-    pub(crate) fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> RowsMut<'_, Self> {
-        let registers = S::as_mut_simd_f32s(block.as_flattened_mut()).0;
+    fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> RowsMut<'_, Self> {
+        let (first, n) = (at / Self::WIDTH, Self::registers(block.len()));
         // SAFETY: as in `rows`; the borrow is exclusive and lives on in the result.
-        let lanes = unsafe { std::slice::from_raw_parts_mut(registers.as_mut_ptr().cast::<Self>(), registers.len()) };
-        let first = (at / Self::WIDTH).min(lanes.len());
-        RowsMut::strided(&mut lanes[first..], BLOCK / Self::WIDTH)
+        let lanes = unsafe { std::slice::from_raw_parts_mut(block.as_mut_ptr().cast::<Self>(), n) };
+        RowsMut::strided(&mut lanes[first.min(n)..], BLOCK / Self::WIDTH)
+    }
+
+    #[inline(always)]
+    fn cells(row: &Cell<[f32; BLOCK]>) -> &[Cell<Self>] {
+        // SAFETY: `Cell` and `Register` have the layout of what they hold, see `registers`; the result covers the row exactly
+        // and borrows it. Cells of another type than the row's are sound since all bits are numbers, and since a cell is
+        // not shared between threads.
+        unsafe { std::slice::from_raw_parts(row.as_ptr().cast::<Cell<Self>>(), Self::registers(1)) }
+    }
+
+    #[inline(never)]
+    fn outlined<K: Kernel>(kernel: K) -> K::Output {
+        Simd::vectorize(token::<S>(), Entry(kernel))
+    }
+}
+
+impl<S: Simd> Register<S> {
+    /// Registers of `n` rows of a block, which are nothing but the rows' numbers.
+    #[inline(always)]
+    fn registers(n: usize) -> usize {
+        const { assert!(size_of::<S::f32s>() == 4 * S::F32_LANES && align_of::<S::f32s>() <= align_of::<f32>()) };
+        const { assert!(BLOCK.is_multiple_of(S::F32_LANES)) };
+        n * (BLOCK / S::F32_LANES)
     }
 
     #[inline(always)]
@@ -139,9 +241,11 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     fn polynomial<const N: usize>(self, coefficients: [f64; N]) -> Self {
         let mut sum = Self::constant(coefficients[0]);
-        for i in 1..N {
-            sum = sum.mul_add(self, Self::constant(coefficients[i]));
-        }
+        unrolled!(i in 0..N {
+            if i > 0 {
+                sum = sum.mul_add(self, Self::constant(coefficients[i]));
+            }
+        });
         sum
     }
 
@@ -156,7 +260,7 @@ impl<S: Simd> Lanes<S> {
 
 const ROUND: f64 = 12_582_912.0;
 
-impl<S: Simd> fmt::Debug for Lanes<S> {
+impl<S: Simd> fmt::Debug for Register<S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.fmt(f)
     }
@@ -177,61 +281,61 @@ impl<S: Simd> Mask for LaneMask<S> {
     }
 }
 
-impl<S: Simd> Add for Lanes<S> {
+impl<S: Simd> Add for Register<S> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
         Self(token::<S>().add_f32s(self.0, other.0))
     }
 }
-impl<S: Simd> Sub for Lanes<S> {
+impl<S: Simd> Sub for Register<S> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
         Self(token::<S>().sub_f32s(self.0, other.0))
     }
 }
-impl<S: Simd> Mul for Lanes<S> {
+impl<S: Simd> Mul for Register<S> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
         Self(token::<S>().mul_f32s(self.0, other.0))
     }
 }
-impl<S: Simd> Div for Lanes<S> {
+impl<S: Simd> Div for Register<S> {
     type Output = Self;
     #[inline(always)]
     fn div(self, other: Self) -> Self {
         Self(token::<S>().div_f32s(self.0, other.0))
     }
 }
-impl<S: Simd> Neg for Lanes<S> {
+impl<S: Simd> Neg for Register<S> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
         Self(token::<S>().neg_f32s(self.0))
     }
 }
-impl<S: Simd> AddAssign for Lanes<S> {
+impl<S: Simd> AddAssign for Register<S> {
     #[inline(always)]
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
     }
 }
-impl<S: Simd> SubAssign for Lanes<S> {
+impl<S: Simd> SubAssign for Register<S> {
     #[inline(always)]
     fn sub_assign(&mut self, other: Self) {
         *self = *self - other;
     }
 }
-impl<S: Simd> MulAssign for Lanes<S> {
+impl<S: Simd> MulAssign for Register<S> {
     #[inline(always)]
     fn mul_assign(&mut self, other: Self) {
         *self = *self * other;
     }
 }
 
-impl<S: Simd> Scalar for Lanes<S> {
+impl<S: Simd> Scalar for Register<S> {
     type Mask = LaneMask<S>;
 
     #[inline(always)]
@@ -401,7 +505,9 @@ impl<S: Simd> Scalar for Lanes<S> {
     }
     #[inline(always)]
     fn abs(self) -> Self {
-        Self(token::<S>().abs_f32s(self.0))
+        // pulp's own calls a function that is not inlined
+        let t = token::<S>();
+        Self::from_bits(t.and_u32s(self.bits(), t.splat_u32s(0x7FFF_FFFF)))
     }
 }
 
@@ -429,20 +535,20 @@ mod tests {
         ("atan2(x, 1)", f64::atan),
     ];
 
-    impl WithSimd for Sweep {
+    impl Kernel for Sweep {
         type Output = f64;
-        fn with_simd<S: Simd>(self, _: S) -> f64 {
+        fn run<L: Lanes>(self) -> f64 {
             let mut worst: f64 = 0.0;
             for i in 0..20_000 {
                 let x = (self.from + (self.to - self.from) * f64::from(i) / 19_999.0) as f32;
-                let lanes = Lanes::<S>::constant(f64::from(x));
+                let lanes = L::constant(f64::from(x));
                 let y = match self.which {
                     0 => lanes.sin_cos().0,
                     1 => lanes.sin_cos().1,
                     2 => lanes.exp(),
                     3 => lanes.ln(),
                     4 => lanes.tanh(),
-                    _ => lanes.atan2(Lanes::constant(1.0)),
+                    _ => lanes.atan2(L::constant(1.0)),
                 };
                 let mut out = [0.0; 16];
                 y.store(&mut out);
@@ -467,14 +573,14 @@ mod tests {
 
     #[derive(Clone, Copy)]
     struct Quadrants;
-    impl WithSimd for Quadrants {
+    impl Kernel for Quadrants {
         type Output = f64;
-        fn with_simd<S: Simd>(self, _: S) -> f64 {
+        fn run<L: Lanes>(self) -> f64 {
             let mut worst: f64 = 0.0;
             for i in 0..720 {
                 let (y, x) = (f64::from(i) * 0.5).to_radians().sin_cos();
                 let mut out = [0.0; 16];
-                Lanes::<S>::constant(y).atan2(Lanes::constant(x)).store(&mut out);
+                L::constant(y).atan2(L::constant(x)).store(&mut out);
                 let exact = f64::from(y as f32).atan2(f64::from(x as f32));
                 worst = worst.max((f64::from(out[0]) - exact).abs());
             }
@@ -552,16 +658,16 @@ mod tests {
         }),
     ];
 
-    impl WithSimd for Parity<'_> {
+    impl Kernel for Parity<'_> {
         type Output = (bool, Vec<f32>);
         #[inline(always)]
-        fn with_simd<S: Simd>(self, _: S) -> (bool, Vec<f32>) {
+        fn run<L: Lanes>(self) -> (bool, Vec<f32>) {
             let mut out = vec![0.0; CASES];
             let mut at = 0;
             while at < CASES {
-                let a = Lanes::<S>::load(&self.a[at..]);
-                let b = Lanes::<S>::load(&self.b[at..]);
-                let c = Lanes::<S>::load(&self.c[at..]);
+                let a = L::load(&self.a[at..]);
+                let b = L::load(&self.b[at..]);
+                let c = L::load(&self.c[at..]);
                 let result = match self.which {
                     0 => a + b,
                     1 => a - b,
@@ -572,20 +678,20 @@ mod tests {
                     6 => a.abs(),
                     7 => a.max(b),
                     8 => a.min(b),
-                    9 => Lanes::select(a.lt(b), c, a),
+                    9 => L::select(a.lt(b), c, a),
                     10 => a.mul_add(b, c),
                     11 => a.recip(),
                     12 => a.clamp(b, c),
                     13 => a.square(),
                     _ => {
                         let between = a.lt(b).and(b.lt(c));
-                        Lanes::select(between.or(c.lt(a)).or(c.lt(Lanes::one()).not()), a, b)
+                        L::select(between.or(c.lt(a)).or(c.lt(L::one()).not()), a, b)
                     }
                 };
                 result.store(&mut out[at..]);
-                at += Lanes::<S>::WIDTH;
+                at += L::WIDTH;
             }
-            (is_fused::<S>(), out)
+            (L::WIDTH > 1, out)
         }
     }
 

@@ -6,7 +6,7 @@
 //! | [`safe`] | norms, roots and angles that stay finite, values and derivatives, at their corners |
 //! | [`dual`] | num-dual's numbers as scalars: exact forward derivatives |
 //! | [`jet`] | truncated Taylor series over any scalar |
-//! | `lanes` | SIMD registers as scalars, chosen at run time |
+//! | `lanes`, `columns`, `unrolled` | SIMD registers as scalars, chosen at run time; where their numbers stand; loops over components |
 //! | [`custom`] | functions with a derivative of their own, for solvers inside kernels |
 //! | [`trace`], [`program`] | recording scalar; compiled programs and derived adjoints |
 //! | [`system`] | what is differentiated: x⁺ = f(x, u, θ), costs |
@@ -19,6 +19,7 @@
 
 pub mod batch_rollout;
 pub mod certificate;
+pub(crate) mod columns;
 pub mod custom;
 pub mod derivative;
 pub mod dual;
@@ -31,6 +32,7 @@ pub mod safe;
 pub mod scalar;
 pub mod system;
 pub mod trace;
+pub(crate) mod unrolled;
 
 pub use batch_rollout::{BatchGradient, BatchRollout};
 pub use certificate::{Bounds, Certificate, certify};

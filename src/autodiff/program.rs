@@ -7,12 +7,14 @@
 
 mod compile;
 
+use super::columns::Columns;
 use super::custom::Operation;
-use super::lanes::{Lanes, dispatch};
+use super::lanes::{Kernel, Lanes, dispatch};
 use super::scalar::Scalar;
 use super::trace::Recording;
 use crate::error::Result;
-use pulp::{Simd, WithSimd};
+use std::cell::Cell;
+use std::ops::Range;
 
 /// Environments per block of the lane evaluator.
 pub const BLOCK: usize = 64;
@@ -57,6 +59,19 @@ enum Op {
     Select,
     /// c where a < b, else d.
     SelectLess,
+}
+
+impl Op {
+    /// How many of the operands a to d it reads.
+    #[inline(always)]
+    const fn n_operand(self) -> usize {
+        match self {
+            Op::Neg | Op::Recip | Op::Sqrt | Op::SinCos | Op::Exp | Op::Ln | Op::Tanh | Op::Not => 1,
+            Op::Add | Op::Sub | Op::Mul | Op::Div | Op::Atan2 | Op::Less | Op::And | Op::Or => 2,
+            Op::MulAdd | Op::NegMulAdd | Op::MulSub | Op::Select => 3,
+            Op::TwoProducts | Op::ProductDifference | Op::SelectLess => 4,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -124,7 +139,7 @@ impl Workspace {
 /// Slots of one block evaluation; made once, reused without allocation.
 #[derive(Debug, Clone)]
 pub struct BlockWorkspace {
-    slots: Vec<[f32; BLOCK]>,
+    slots: Columns,
     scratch: Vec<f64>,
 }
 
@@ -181,7 +196,7 @@ impl Program {
 
     /// Scratch for [`Program::evaluate_block`].
     pub fn block_workspace(&self) -> BlockWorkspace {
-        let mut slots = vec![[0.0; BLOCK]; self.n_slot];
+        let mut slots = Columns::zeros(self.n_slot);
         for &(slot, value) in &self.constants {
             slots[slot as usize] = [value as f32; BLOCK];
         }
@@ -277,7 +292,19 @@ impl Program {
         inputs: &[[f32; BLOCK]],
         outputs: &mut [[f32; BLOCK]],
     ) {
-        dispatch(Evaluate { program: self, workspace, inputs, outputs });
+        self.evaluate_lanes(BLOCK, workspace, inputs, outputs);
+    }
+
+    /// As [`Program::evaluate_block`] for the first `n` environments of the block; what comes out for the others is left
+    /// open.
+    pub(crate) fn evaluate_lanes(
+        &self,
+        n: usize,
+        workspace: &mut BlockWorkspace,
+        inputs: &[[f32; BLOCK]],
+        outputs: &mut [[f32; BLOCK]],
+    ) {
+        dispatch(Evaluate { program: self, n: n.clamp(1, BLOCK), workspace, inputs, outputs });
     }
 }
 
@@ -338,10 +365,10 @@ impl Call {
 
     /// The same lane by lane.
     #[inline(never)]
-    fn run_block(&self, slots: &mut [[f32; BLOCK]], scratch: &mut [f64]) {
+    fn run_block(&self, n_lane: usize, slots: &mut [[f32; BLOCK]], scratch: &mut [f64]) {
         let (n, m) = (self.inputs.len(), self.operation.n_output());
         let (x, y) = scratch[..n + m].split_at_mut(n);
-        for lane in 0..BLOCK {
+        for lane in 0..n_lane {
             for (x, slot) in x.iter_mut().zip(&self.inputs) {
                 *x = f64::from(slots[*slot as usize][lane]);
             }
@@ -356,118 +383,145 @@ impl Call {
 /// One block evaluation, for the dispatcher.
 struct Evaluate<'a> {
     program: &'a Program,
+    n: usize,
     workspace: &'a mut BlockWorkspace,
     inputs: &'a [[f32; BLOCK]],
     outputs: &'a mut [[f32; BLOCK]],
 }
 
-impl WithSimd for Evaluate<'_> {
+impl Kernel for Evaluate<'_> {
     type Output = ();
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        self.program.run_block::<S>(self.workspace, self.inputs, self.outputs);
-    }
-}
-
-impl Program {
-    /// The lane interpreter, inside a dispatched region.
-    #[inline(always)]
-    fn run_block<S: Simd>(
-        &self,
-        workspace: &mut BlockWorkspace,
-        inputs: &[[f32; BLOCK]],
-        outputs: &mut [[f32; BLOCK]],
-    ) {
-        assert_eq!(inputs.len(), self.n_input, "inputs of the program");
-        assert_eq!(outputs.len(), self.outputs.len(), "outputs of the program");
-        let slots = &mut workspace.slots[..self.n_slot];
-        for &(slot, k) in &self.inputs {
+    fn run<L: Lanes>(self) {
+        let Self { program, n, workspace, inputs, outputs } = self;
+        assert_eq!(inputs.len(), program.n_input, "inputs of the program");
+        assert_eq!(outputs.len(), program.outputs.len(), "outputs of the program");
+        let slots = &mut workspace.slots[..program.n_slot];
+        for &(slot, k) in &program.inputs {
             slots[slot as usize] = inputs[k as usize];
         }
         let mut done = 0;
-        for k in 0..self.calls.len() + 1 {
-            let end = if k < self.calls.len() { self.calls[k].after } else { self.instructions.len() };
-            run_block_straight::<S>(&self.instructions[done..end], slots);
-            if k < self.calls.len() {
-                self.calls[k].run_block(slots, &mut workspace.scratch);
+        for k in 0..program.calls.len() + 1 {
+            let end = if k < program.calls.len() { program.calls[k].after } else { program.instructions.len() };
+            let instructions = &program.instructions[done..end];
+            let cells = Cell::from_mut(&mut *slots).as_slice_of_cells();
+            // half a block at a time where the slots of a whole one leave the first cache
+            let width = if n > BLOCK / 2 && program.n_slot > NEAR_SLOTS { BLOCK / 2 } else { BLOCK };
+            for first in (0..n).step_by(width) {
+                let (lanes, slots) = (first..n.min(first + width), cells);
+                match lanes.len().div_ceil(L::WIDTH) {
+                    2 => L::outlined(Straight::<2> { instructions, slots, lanes }),
+                    4 => L::outlined(Straight::<4> { instructions, slots, lanes }),
+                    8 => L::outlined(Straight::<8> { instructions, slots, lanes }),
+                    _ => L::outlined(Straight::<0> { instructions, slots, lanes }),
+                }
+            }
+            if k < program.calls.len() {
+                program.calls[k].run_block(n, slots, &mut workspace.scratch);
             }
             done = end;
         }
         for k in 0..outputs.len() {
-            outputs[k] = slots[self.outputs[k] as usize];
+            outputs[k] = slots[program.outputs[k] as usize];
         }
     }
 }
 
-/// Instructions without calls over a block.
-#[inline(always)]
-fn run_block_straight<S: Simd>(instructions: &[Instruction], slots: &mut [[f32; BLOCK]]) {
-    for i in instructions {
+/// One slot of a block. A cell, since the slot of a result may be that of an operand: an instruction reads a register of
+/// each operand, then writes the same register of its result, and nothing has to wait in memory.
+type Slot = Cell<[f32; BLOCK]>;
+
+/// Slots of a block that stay in a first cache of 32 KiB.
+const NEAR_SLOTS: usize = 128;
+
+/// Instructions without calls over some lanes: over `N` registers, or over as many as it takes where that is 0.
+struct Straight<'a, const N: usize> {
+    instructions: &'a [Instruction],
+    slots: &'a [Slot],
+    lanes: Range<usize>,
+}
+
+impl<const N: usize> Kernel for Straight<'_, N> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let (slots, first) = (self.slots, self.lanes.start / L::WIDTH);
+        let n = if N > 0 { N } else { (self.lanes.end - self.lanes.start).div_ceil(L::WIDTH) };
+        for i in self.instructions {
+            match i.op {
+                Op::Add => each::<L>(slots, first, n, i, Op::Add),
+                Op::Sub => each::<L>(slots, first, n, i, Op::Sub),
+                Op::Mul => each::<L>(slots, first, n, i, Op::Mul),
+                Op::Neg => each::<L>(slots, first, n, i, Op::Neg),
+                Op::MulAdd => each::<L>(slots, first, n, i, Op::MulAdd),
+                Op::NegMulAdd => each::<L>(slots, first, n, i, Op::NegMulAdd),
+                Op::MulSub => each::<L>(slots, first, n, i, Op::MulSub),
+                Op::TwoProducts => each::<L>(slots, first, n, i, Op::TwoProducts),
+                Op::ProductDifference => each::<L>(slots, first, n, i, Op::ProductDifference),
+                Op::Select => each::<L>(slots, first, n, i, Op::Select),
+                Op::SelectLess => each::<L>(slots, first, n, i, Op::SelectLess),
+                // a twentieth of a program and most of the code: calls, so that the loop stays small
+                _ => L::outlined(Rare { slots, first, n, i }),
+            }
+        }
+    }
+}
+
+/// One of the operations that programs have few of.
+struct Rare<'a> {
+    slots: &'a [Slot],
+    first: usize,
+    n: usize,
+    i: &'a Instruction,
+}
+
+impl Kernel for Rare<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { slots, first, n, i } = self;
         match i.op {
-            Op::Add => run::<S>(slots, i, Op::Add),
-            Op::Sub => run::<S>(slots, i, Op::Sub),
-            Op::Mul => run::<S>(slots, i, Op::Mul),
-            Op::Div => run::<S>(slots, i, Op::Div),
-            Op::Neg => run::<S>(slots, i, Op::Neg),
-            Op::Recip => run::<S>(slots, i, Op::Recip),
-            Op::Sqrt => run::<S>(slots, i, Op::Sqrt),
-            Op::SinCos => run_sin_cos::<S>(slots, i),
-            Op::Exp => run::<S>(slots, i, Op::Exp),
-            Op::Ln => run::<S>(slots, i, Op::Ln),
-            Op::Tanh => run::<S>(slots, i, Op::Tanh),
-            Op::Atan2 => run::<S>(slots, i, Op::Atan2),
-            Op::MulAdd => run::<S>(slots, i, Op::MulAdd),
-            Op::NegMulAdd => run::<S>(slots, i, Op::NegMulAdd),
-            Op::MulSub => run::<S>(slots, i, Op::MulSub),
-            Op::TwoProducts => run::<S>(slots, i, Op::TwoProducts),
-            Op::ProductDifference => run::<S>(slots, i, Op::ProductDifference),
-            Op::Less => run::<S>(slots, i, Op::Less),
-            Op::And => run::<S>(slots, i, Op::And),
-            Op::Or => run::<S>(slots, i, Op::Or),
-            Op::Not => run::<S>(slots, i, Op::Not),
-            Op::Select => run::<S>(slots, i, Op::Select),
-            Op::SelectLess => run::<S>(slots, i, Op::SelectLess),
+            Op::SinCos => {
+                let [a, sine, cosine] = [i.a, i.target, i.d].map(|slot| &L::cells(&slots[slot as usize])[first..]);
+                for r in 0..n {
+                    let (s, c) = a[r].get().sin_cos();
+                    sine[r].set(s);
+                    cosine[r].set(c);
+                }
+            }
+            Op::Div => each::<L>(slots, first, n, i, Op::Div),
+            Op::Recip => each::<L>(slots, first, n, i, Op::Recip),
+            Op::Sqrt => each::<L>(slots, first, n, i, Op::Sqrt),
+            Op::Exp => each::<L>(slots, first, n, i, Op::Exp),
+            Op::Ln => each::<L>(slots, first, n, i, Op::Ln),
+            Op::Tanh => each::<L>(slots, first, n, i, Op::Tanh),
+            Op::Atan2 => each::<L>(slots, first, n, i, Op::Atan2),
+            Op::Less => each::<L>(slots, first, n, i, Op::Less),
+            Op::And => each::<L>(slots, first, n, i, Op::And),
+            Op::Or => each::<L>(slots, first, n, i, Op::Or),
+            Op::Not => each::<L>(slots, first, n, i, Op::Not),
+            _ => {}
         }
     }
 }
 
-/// Most registers worked on before results are stored: the target slot may be one of the operands'.
-const GROUP: usize = 8;
-
-/// One instruction over a block. `op` is known at compile time in each arm of the caller's match.
+/// One instruction over `n` registers from number `first` on. `op` is known at compile time in each arm of the caller's match.
 #[inline(always)]
-fn run<S: Simd>(slots: &mut [[f32; BLOCK]], i: &Instruction, op: Op) {
-    let group = if Lanes::<S>::WIDTH * GROUP < BLOCK { Lanes::<S>::WIDTH * GROUP } else { BLOCK };
-    let mut start = 0;
-    while start < BLOCK {
-        let mut results = [Lanes::<S>::zero(); GROUP];
-        let (a, b) = (&slots[i.a as usize], &slots[i.b as usize]);
-        let (c, d) = (&slots[i.c as usize], &slots[i.d as usize]);
-        for r in 0..group / Lanes::<S>::WIDTH {
-            let at = start + r * Lanes::<S>::WIDTH;
-            results[r] = apply(
-                op,
-                Lanes::<S>::load(&a[at..]),
-                Lanes::<S>::load(&b[at..]),
-                Lanes::<S>::load(&c[at..]),
-                Lanes::<S>::load(&d[at..]),
-            );
-        }
-        let target = &mut slots[i.target as usize];
-        for r in 0..group / Lanes::<S>::WIDTH {
-            results[r].store(&mut target[start + r * Lanes::<S>::WIDTH..]);
-        }
-        start += group;
-    }
-}
-
-#[inline(always)]
-fn run_sin_cos<S: Simd>(slots: &mut [[f32; BLOCK]], i: &Instruction) {
-    for r in 0..BLOCK / Lanes::<S>::WIDTH {
-        let at = r * Lanes::<S>::WIDTH;
-        let (sine, cosine) = Lanes::<S>::load(&slots[i.a as usize][at..]).sin_cos();
-        sine.store(&mut slots[i.target as usize][at..]);
-        cosine.store(&mut slots[i.d as usize][at..]);
+fn each<L: Lanes>(slots: &[Slot], first: usize, n: usize, i: &Instruction, op: Op) {
+    let a = L::cells(&slots[i.a as usize]);
+    let b = if op.n_operand() > 1 { L::cells(&slots[i.b as usize]) } else { a };
+    let c = if op.n_operand() > 2 { L::cells(&slots[i.c as usize]) } else { a };
+    let d = if op.n_operand() > 3 { L::cells(&slots[i.d as usize]) } else { a };
+    let target = L::cells(&slots[i.target as usize]);
+    let [a, b, c, d, target] = [
+        &a[first..first + n],
+        &b[first..first + n],
+        &c[first..first + n],
+        &d[first..first + n],
+        &target[first..first + n],
+    ];
+    for r in 0..n {
+        target[r].set(apply(op, a[r].get(), b[r].get(), c[r].get(), d[r].get()));
     }
 }
 

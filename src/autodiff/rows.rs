@@ -4,6 +4,7 @@
 //! same k is a register of a row, without a copy.
 
 use super::scalar::Scalar;
+use super::unrolled::unrolled;
 
 /// Numbers to read.
 #[derive(Debug, Clone, Copy)]
@@ -41,9 +42,9 @@ impl<'a, S: Scalar> Rows<'a, S> {
     #[inline(always)]
     pub fn array<const N: usize>(&self, k: usize) -> [S; N] {
         let mut values = [S::zero(); N];
-        for i in 0..N {
+        unrolled!(i in 0..N {
             values[i] = self.get(k + i);
-        }
+        });
         values
     }
 
@@ -133,9 +134,9 @@ impl<S: Scalar> Pen<'_, S> {
     /// Behind the last.
     #[inline(always)]
     pub fn array<const N: usize>(&mut self, values: [S; N]) {
-        for i in 0..N {
+        unrolled!(i in 0..N {
             self.number(values[i]);
-        }
+        });
     }
 
     /// How many stand before the pen.

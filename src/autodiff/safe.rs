@@ -5,6 +5,7 @@
 //! functions are constant in the guarded quantity, so their one-sided derivative there is 0 (or as stated).
 
 use super::scalar::{Mask, Scalar};
+use super::unrolled::unrolled;
 
 /// Floor on squared norms: below ‖v‖ = 1e-9 a direction is not defined.
 pub const SQUARED_NORM_FLOOR: f64 = 1e-18;
@@ -32,9 +33,9 @@ pub fn norm<S: Scalar, const N: usize>(v: [S; N]) -> S {
 pub fn normalise<S: Scalar, const N: usize>(v: [S; N]) -> [S; N] {
     let scale = recip_sqrt(squared_norm(v), SQUARED_NORM_FLOOR);
     let mut unit = v;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         unit[i] = v[i] * scale;
-    }
+    });
     unit
 }
 

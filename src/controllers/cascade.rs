@@ -4,7 +4,7 @@ use super::allocation::pseudo_inverse::fits;
 use super::allocation::{Authority, Mixer, allocate_yaw_last, thrust_to_command};
 use super::attitude::{AttitudeCommand, rate_command};
 use super::kinematics::Kinematics;
-use super::parameters::{Body, ForceLimits, GainSet, Limits, validate_gains};
+use super::parameters::{Body, ForceLimits, GainSet, LEAST_LIFT, Limits, validate_gains};
 use super::position::{add_drag, velocity_command};
 use super::rate::{RateCommand, moment};
 use super::reference::Sample;
@@ -236,10 +236,20 @@ impl<const R: usize> CascadeModel<f64, R> {
                 "Turn the rotor axes upwards.",
             ));
         }
+        let body = Body::of(vehicle);
+        let weight = body.mass * body.gravity;
+        if lift < LEAST_LIFT * weight {
+            return Err(Error::value(
+                format!("vehicle '{}': thrust over weight", vehicle.name),
+                format!("{:.3} ({lift:.2} N over {weight:.2} N)", lift / weight),
+                format!("≥ {LEAST_LIFT}, to hold its height and steer"),
+                "Take mass off, or give it stronger rotors: max_speed or thrust_coefficient.",
+            ));
+        }
         Ok(Self {
-            body: Body::of(vehicle),
             gains: GainSet::constant(gains),
-            limits: ForceLimits::constant(limits, lift),
+            limits: ForceLimits::constant(limits, lift, weight),
+            body,
             mixer: mixer.padded()?,
             max_thrust,
         })
@@ -267,6 +277,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
             limits: ForceLimits {
                 tilt_tangent: S::constant(limits.tilt_tangent),
                 vertical: S::constant(limits.vertical),
+                ceiling: S::constant(limits.ceiling),
                 force: S::constant(limits.force),
                 thrust: S::constant(limits.thrust),
             },

@@ -1,203 +1,486 @@
-//! A vehicle under its cascade as one [`System`]: the reference goes in, the gains are the parameters.
+//! A plant under a controller: latency, disturbances, injections and failures between them.
+//!
+//! ```text
+//! target ─▶ controller ─▶ (+) ─▶ latency ─▶ plant ─▶ state
+//!              ▲           ▲ plant input      ▲         │
+//!              └── (+) ◀── │ ───── wind, force, moment ─┤
+//!                   ▲ plant output                      ▼
+//! ```
+//!
+//! The plant is the truth; what the controller believes about it is what the controller was built for.
 
-use super::cascade::{CascadeModel, Held, Rates, Schedule};
-use super::kinematics::Kinematics;
-use super::parameters::GainSet;
-use super::reference::Sample;
+use super::allocation::failure::{Failure, health};
+use super::cascade::Rates;
+use super::cascade_law::CascadeLaw;
+use super::controller::{Controller, Measurement, Target};
+use super::law::{ControlLaw, Moment, Running};
 use crate::autodiff::{Scalar, System};
-use crate::dynamics::multirotor::MAX_PADDED;
-use crate::dynamics::rigid::RIGID_DIM;
-use crate::dynamics::{Disturbance, Effects, Gains, Multirotor, Physics, Vehicle};
-use crate::error::Result;
+use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
+use crate::error::{Error, Result};
+use std::collections::VecDeque;
 
-/// A cascade for one of the compiled rotor counts.
-#[derive(Debug, Clone)]
-#[expect(clippy::large_enum_variant, reason = "one per simulation, and read on every step")]
-enum AnyCascade {
-    Four(CascadeModel<f64, 4>),
-    Sixteen(CascadeModel<f64, 16>),
+/// Longest latency, steps.
+pub const MAX_LATENCY: usize = 1000;
+
+/// What acts on a loop from outside in one step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outside {
+    /// Wind, force and moment; plays no part where the effect `disturbance` is off.
+    pub air: Disturbance<f64>,
+    /// Added to the commands before their latency; empty for nothing.
+    pub at_input: Vec<f64>,
+    /// Added to the state that the controller sees: noise, bias, a probe; empty for nothing.
+    pub at_output: Vec<f64>,
 }
 
-/// A multirotor that tracks a reference with the full cascade.
+impl Outside {
+    /// Still air, no injection.
+    pub fn none() -> Self {
+        Self::air(Disturbance::none())
+    }
+
+    /// A disturbance alone.
+    pub fn air(air: Disturbance<f64>) -> Self {
+        Self { air, at_input: Vec::new(), at_output: Vec::new() }
+    }
+}
+
+/// A plant under a controller.
 ///
-/// - State: the vehicle's 13 + n numbers ([`RigidState`](crate::dynamics::RigidState)), then the cascade's memory
-///   ([`Held`], 23 + n numbers).
-/// - Input: a [`Sample`] (18), three ticks (1 where velocity and position, attitude, rate compute, else 0), then a
-///   [`Disturbance`] (9) if that effect is on. [`ClosedLoop::write_input`] fills it.
-/// - Parameters: none, or with [`ClosedLoop::with_gains`] the twelve of [`GainSet`].
+/// Any loop is stepped singly in `f64` by [`advance`](Self::advance). With a straight-line controller
+/// ([`Running`]) it is a [`System`] too: differentiable, and run in batches by [`MonteCarlo`](super::MonteCarlo).
+///
+/// - State: the plant's; the law's memory; where the law has a rate of its own, the commands it holds; the latency line,
+///   newest first.
+/// - Input: the law's target and ticks; where it has a rate of its own, 1 where it ticks; a [`Disturbance`] (9) if
+///   that effect is on; with [`with_injections`](Self::with_injections) what is added to the commands, then what is added
+///   to the measured state. [`write_input`](Self::write_input) fills it.
+/// - Parameters: with [`with_physics`](Self::with_physics) the plant's, then with [`with_gains`](Self::with_gains) the law's.
 #[derive(Debug, Clone)]
-pub struct ClosedLoop {
-    plant: Multirotor,
-    cascade: AnyCascade,
-    gains: Gains,
-    schedule: Schedule,
+pub struct ClosedLoop<C = Box<dyn Controller>> {
+    plant: Plant,
+    controller: C,
+    /// Of the plant's input: commands, and the first of each disturbance.
+    commands: Vec<usize>,
+    disturbances: Vec<usize>,
+    /// Commands that hold hover, in the line at first.
+    hover: Vec<f64>,
+    /// Steps between two ticks.
+    every: u64,
+    latency: usize,
+    injects: bool,
     exposes_gains: bool,
+    failures: Vec<Failure>,
+    detection_delay: f64,
+    run: Run,
 }
 
-impl ClosedLoop {
-    /// A vehicle under `physics`, steered with `gains` at `rates`. The cascade feeds forward the drag that is simulated:
-    /// none where its effect is off.
+/// Where a loop that is stepped singly stands.
+#[derive(Debug, Clone)]
+struct Run {
+    step: u64,
+    said: Vec<f64>,
+    applied: Vec<f64>,
+    line: VecDeque<Vec<f64>>,
+    seen: Vec<f64>,
+    /// The plant as it is by now, where rotors failed.
+    damaged: Option<Plant>,
+    health: Vec<f64>,
+    known: Vec<f64>,
+}
+
+impl ClosedLoop<Running<CascadeLaw>> {
+    /// A vehicle under the cascade built for it.
     ///
     /// # Errors
-    /// [`Error::Value`](crate::error::Error::Value) if vehicle, physics or gains are not valid, or a rate does not
-    /// divide 1/dt.
-    pub fn new(vehicle: &Vehicle, physics: Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
-        let believed = with_drag_of(vehicle, physics.effects);
-        let cascade = match vehicle.n_rotor() {
-            0..=4 => AnyCascade::Four(CascadeModel::new(&believed, gains)?),
-            _ => AnyCascade::Sixteen(CascadeModel::new(&believed, gains)?),
+    /// [`Error::Value`] if vehicle, physics or gains are not valid, or a rate does not divide 1/dt.
+    pub fn of_vehicle(vehicle: &Vehicle, physics: Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
+        let law = CascadeLaw::new(vehicle, &physics, gains, rates)?;
+        Self::new(Plant::of_vehicle(vehicle, physics)?, law.running())
+    }
+}
+
+impl<C: Controller> ClosedLoop<C> {
+    /// A plant, the truth, under a controller.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if the controller's rate does not divide 1/dt.
+    pub fn new(plant: Plant, controller: C) -> Result<Self> {
+        let every = steps_between(controller.rate(), plant.physics().dt)?;
+        let disturbances = plant.disturbances();
+        let outside = |k: &usize| disturbances.iter().any(|first| (*first..first + 9).contains(k));
+        let commands: Vec<usize> = (0..plant.n_input()).filter(|k| !outside(k)).collect();
+        let mut hover = vec![0.0; plant.n_input()];
+        if let Ok(state) = plant.hover_state() {
+            for rotor in plant.rotor_places() {
+                hover[rotor.action] = 2.0 * (state[rotor.speed] / rotor.max_speed).powi(2) - 1.0;
+            }
+        }
+        let whole = vec![1.0; plant.rotor_places().len()];
+        let run = Run {
+            step: 0,
+            said: vec![0.0; hover.len()],
+            applied: vec![0.0; hover.len()],
+            line: VecDeque::new(),
+            seen: Vec::new(),
+            damaged: None,
+            health: whole.clone(),
+            known: whole,
         };
         Ok(Self {
-            plant: Multirotor::new(vehicle, physics)?,
-            cascade,
-            gains: *gains,
-            schedule: Schedule::new(rates, physics.dt)?,
+            hover: commands.iter().map(|k| hover[*k]).collect(),
+            plant,
+            controller,
+            commands,
+            disturbances,
+            every,
+            latency: 0,
+            injects: false,
             exposes_gains: false,
+            failures: Vec::new(),
+            detection_delay: 0.0,
+            run,
         })
     }
 
-    /// The same loop with its gains as θ; pass [`ClosedLoop::gains`] in flat form to `step`.
+    /// Commands act this many steps after they were given; the line begins with those of hover.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] above [`MAX_LATENCY`].
+    pub fn with_latency(mut self, steps: usize) -> Result<Self> {
+        check_latency(steps)?;
+        self.latency = steps;
+        self.run.line = self.fresh_line();
+        Ok(self)
+    }
+
+    /// Rotors that fail on the way; the controller is told so much later, s. Of [`advance`](Self::advance) alone: as a
+    /// [`System`] the loop stays whole.
+    ///
+    /// # Errors
+    /// As [`Failure::validate`]; [`Error::Value`] for a delay that is negative or beyond 1000 s.
+    pub fn with_failures(mut self, failures: &[Failure], detection_delay: f64) -> Result<Self> {
+        let n = self.run.health.len();
+        failures.iter().try_for_each(|f| f.validate(n))?;
+        check_delay(detection_delay)?;
+        (self.failures, self.detection_delay) = (failures.to_vec(), detection_delay);
+        Ok(self)
+    }
+
+    /// The plant, whole.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// The plant as it is by now.
+    pub fn present(&self) -> &Plant {
+        self.run.damaged.as_ref().unwrap_or(&self.plant)
+    }
+
+    /// Who steers.
+    pub fn controller(&self) -> &C {
+        &self.controller
+    }
+
+    /// Number of commands: rotor actions and drives.
+    pub fn n_command(&self) -> usize {
+        self.commands.len()
+    }
+
+    /// The plant's input in the last step.
+    pub fn applied(&self) -> &[f64] {
+        &self.run.applied
+    }
+
+    /// Back to step 0, all rotors whole.
+    pub fn reset(&mut self) {
+        self.controller.reset();
+        let whole = vec![1.0; self.run.health.len()];
+        (self.run.step, self.run.damaged) = (0, None);
+        (self.run.health, self.run.known) = (whole.clone(), whole);
+        self.run.said.fill(0.0);
+        self.run.line = self.fresh_line();
+    }
+
+    fn fresh_line(&self) -> VecDeque<Vec<f64>> {
+        (0..self.latency).map(|_| self.hover.clone()).collect()
+    }
+
+    /// One step from a state of the plant; `next` gets the state after it.
+    ///
+    /// # Errors
+    /// What the controller says when it is told of a failure.
+    ///
+    /// # Panics
+    /// If `state` or `next` are not of the plant's length, or an injection is neither empty nor of its own.
+    pub fn advance(&mut self, state: &[f64], target: Target<'_>, outside: &Outside, next: &mut [f64]) -> Result<()> {
+        let dt = self.plant.physics().dt;
+        self.fail((self.run.step as f64 + 1e-6) * dt)?; // times are multiples of dt up to rounding
+        let run = &mut self.run;
+        if run.step.is_multiple_of(self.every) {
+            let time = run.step as f64 * dt;
+            let mut seen = state;
+            if !outside.at_output.is_empty() {
+                run.seen = add(state, &outside.at_output);
+                seen = &run.seen;
+            }
+            self.controller.tick(Measurement { time, state: seen }, target, &mut run.said);
+        }
+        let mut given: Vec<f64> = self.commands.iter().map(|k| run.said[*k]).collect();
+        if !outside.at_input.is_empty() {
+            given = add(&given, &outside.at_input);
+        }
+        run.line.push_front(given);
+        if let Some(due) = run.line.pop_back() {
+            self.commands.iter().zip(due).for_each(|(k, value)| run.applied[*k] = value);
+        }
+        for first in &self.disturbances {
+            outside.air.write(&mut run.applied[*first..]);
+        }
+        run.step += 1;
+        let theta = if self.plant.n_parameter() > 0 { self.present().parameters() } else { Vec::new() };
+        self.run.damaged.as_ref().unwrap_or(&self.plant).step(state, &self.run.applied, &theta, next);
+        Ok(())
+    }
+
+    fn fail(&mut self, time: f64) -> Result<()> {
+        if self.failures.is_empty() {
+            return Ok(());
+        }
+        let n = self.run.health.len();
+        let now = health(n, &self.failures, time);
+        if now != self.run.health {
+            let damaged = self.plant.damaged(&now)?;
+            self.run.damaged = Some(if self.plant.n_parameter() > 0 { damaged.with_parameters() } else { damaged });
+            self.run.health = now;
+        }
+        let known = health(n, &self.failures, time - self.detection_delay);
+        if known != self.run.known {
+            self.controller.tell(&known)?;
+            self.run.known = known;
+        }
+        Ok(())
+    }
+}
+
+impl<L: ControlLaw> ClosedLoop<Running<L>> {
+    /// The same loop with its law's parameters among θ.
+    #[must_use]
     pub fn with_gains(mut self) -> Self {
         self.exposes_gains = true;
         self
     }
 
-    /// The vehicle and its physics.
-    pub fn plant(&self) -> &Multirotor {
-        &self.plant
+    /// The same loop with the plant's physical parameters among θ.
+    #[must_use]
+    pub fn with_physics(mut self) -> Self {
+        self.plant = self.plant.with_parameters();
+        self
     }
 
-    /// The gains it was built with.
-    pub fn gains(&self) -> &Gains {
-        &self.gains
+    /// The same loop with both injection points among its inputs.
+    #[must_use]
+    pub fn with_injections(mut self) -> Self {
+        self.injects = true;
+        self
     }
 
-    /// The gains as a parameter vector: K_p, K_v, K_R, K_ω.
-    pub fn gain_vector(&self) -> Vec<f64> {
-        let mut theta = vec![0.0; GainSet::<f64>::DIM];
-        GainSet::constant(&self.gains).write(&mut theta);
+    /// The law.
+    pub fn law(&self) -> &L {
+        self.controller.law()
+    }
+
+    /// Nominal θ.
+    pub fn parameters(&self) -> Vec<f64> {
+        let mut theta = if self.plant.n_parameter() > 0 { self.plant.parameters() } else { Vec::new() };
+        if self.exposes_gains {
+            theta.extend(self.law().parameters());
+        }
         theta
     }
 
-    /// Length of the vehicle's part of the state.
-    pub fn n_plant_state(&self) -> usize {
-        self.plant.n_state()
+    /// Names of θ.
+    pub fn parameter_names(&self) -> Vec<String> {
+        let mut names = if self.plant.n_parameter() > 0 { self.plant.parameter_names() } else { Vec::new() };
+        if self.exposes_gains {
+            names.extend(self.law().parameter_names());
+        }
+        names
     }
 
-    /// The whole state for a vehicle state, with the memory of level hover.
-    pub fn initial_state(&self, vehicle_state: &[f64]) -> Vec<f64> {
-        let mut x = vec![0.0; self.n_state()];
-        let (plant, held) = x.split_at_mut(self.plant.n_state());
-        plant.copy_from_slice(vehicle_state);
-        match &self.cascade {
-            AnyCascade::Four(c) => write_held(&c.initial(), held),
-            AnyCascade::Sixteen(c) => write_held(&c.initial(), held),
-        }
+    /// Place of a parameter in θ.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the nearest name.
+    pub fn parameter(&self, name: &str) -> Result<usize> {
+        let known = self.parameter_names();
+        known.iter().position(|n| n == name).ok_or_else(|| Error::Unknown {
+            kind: "parameter of the loop",
+            name: name.into(),
+            known,
+        })
+    }
+
+    /// The whole state for a state of the plant: the law's memory before its first tick, the line at hover.
+    pub fn initial_state(&self, plant_state: &[f64]) -> Vec<f64> {
+        let mut x = plant_state.to_vec();
+        x.extend(self.law().memory());
+        (0..self.n_held()).for_each(|_| x.extend(&self.hover));
         x
     }
 
-    /// The input of step `k`: the reference now, which levels compute, and the air. `air` is left out where the effect
-    /// `disturbance` is off.
-    pub fn write_input(&self, k: u64, sample: &Sample<f64>, air: &Disturbance<f64>, input: &mut [f64]) {
-        sample.write(&mut input[..Sample::<f64>::DIM]);
-        let at = Sample::<f64>::DIM;
-        input[at..at + 3].copy_from_slice(&self.schedule.ticks(k));
-        air.write(&mut input[at + 3..]);
+    /// The input of step `k`: target and ticks now, and the air; injections are zero.
+    pub fn write_input(&self, k: u64, target: Target<'_>, air: &Disturbance<f64>, input: &mut [f64]) {
+        self.write_air(air, input);
+        self.write_clocked(k, target, &mut input[..self.n_clocked()]);
     }
 
-    /// Whether every level computes in step `k`.
-    pub fn computes_all(&self, k: u64) -> bool {
-        self.schedule.ticks(k) == [1.0; 3]
+    /// Numbers of the input that follow from the step alone: target and ticks. The others stand behind them.
+    pub(super) fn n_clocked(&self) -> usize {
+        self.law().n_target() + self.law().n_tick() + usize::from(self.holds())
     }
 
-    /// Rotor actions that the cascade holds in a state.
-    pub fn rotor_actions<'a>(&self, state: &'a [f64]) -> &'a [f64] {
-        let at = self.plant.n_state() + Held::<f64, 0>::DIM;
-        &state[at..at + self.plant.vehicle().n_rotor()]
+    /// Writes them.
+    pub(super) fn write_clocked(&self, k: u64, target: Target<'_>, input: &mut [f64]) {
+        let (law, time) = (self.law(), k as f64 * self.plant.physics().dt);
+        let (row, ticks) = input.split_at_mut(law.n_target());
+        law.write_target(target, time, row);
+        law.write_ticks(k / self.every, &mut ticks[..law.n_tick()]);
+        if self.holds() {
+            ticks[law.n_tick()] = if k.is_multiple_of(self.every) { 1.0 } else { 0.0 };
+        }
     }
 
+    /// Writes the air into an input that is zero else.
+    pub(super) fn write_air(&self, air: &Disturbance<f64>, input: &mut [f64]) {
+        input.fill(0.0);
+        if !self.disturbances.is_empty() {
+            air.write(&mut input[self.n_clocked()..]);
+        }
+    }
+
+    /// Whether commands are held between ticks.
+    fn holds(&self) -> bool {
+        self.law().rate().is_some()
+    }
+
+    /// Command vectors in the state: the held one, and the line.
+    fn n_held(&self) -> usize {
+        usize::from(self.holds()) + self.latency
+    }
+
+    fn n_air(&self) -> usize {
+        if self.disturbances.is_empty() { 0 } else { Disturbance::<f64>::DIM }
+    }
+
+    /// The law's new memory into `memory` and what it commands now into `commands`, the plant's whole input.
     #[inline(always)]
-    fn step_with<S: Scalar, const R: usize>(
-        &self,
-        nominal: &CascadeModel<f64, R>,
-        state: &[S],
-        input: &[S],
-        parameters: &[S],
-        next: &mut [S],
-    ) {
-        let mut cascade = CascadeModel::<S, R>::constant(nominal);
-        if self.exposes_gains {
-            cascade.gains = GainSet::read(parameters);
+    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, tick: Option<S>, held: &[S], memory: &mut [S], commands: &mut [S]) {
+        let Some(tick) = tick else { return self.law().tick(now, memory, commands) };
+        let (old, due) = (memory.to_vec(), S::constant(0.5).lt(tick));
+        self.law().tick(now, memory, commands);
+        for (new, old) in memory.iter_mut().zip(&old) {
+            *new = S::select(due, *new, *old);
         }
-        let n_plant = self.plant.n_state();
-        let (plant, held) = state.split_at(n_plant);
-        let (sample, rest) = input.split_at(Sample::<S>::DIM);
-        let ticks = [rest[0], rest[1], rest[2]];
-        let seen = Kinematics::read(plant);
-        let held = cascade.position(&seen, &read_held::<S, R>(held), &Sample::read(sample), ticks);
-
-        let n = self.plant.vehicle().n_rotor();
-        let mut plant_input = [S::zero(); MAX_PADDED + Disturbance::<f64>::DIM];
-        for i in 0..n {
-            plant_input[i] = held.rotors[i];
-        }
-        let n_input = self.plant.n_input();
-        for i in n..n_input {
-            plant_input[i] = rest[3 + i - n];
-        }
-        let (next_plant, next_held) = next.split_at_mut(n_plant);
-        self.plant.step(plant, &plant_input[..n_input], &[], next_plant);
-        write_held(&held, next_held);
-    }
-}
-
-/// The vehicle with the drag that `effects` simulate.
-pub(super) fn with_drag_of(vehicle: &Vehicle, effects: Effects) -> Vehicle {
-    let mut vehicle = vehicle.clone();
-    if !effects.body_drag {
-        vehicle.drag.linear = [0.0; 3];
-    }
-    if !effects.rotor_drag {
-        for rotor in &mut vehicle.rotors {
-            (rotor.drag_coefficient, rotor.axial_drag_coefficient) = (0.0, 0.0);
+        for (k, held) in self.commands.iter().zip(held) {
+            commands[*k] = S::select(due, commands[*k], *held);
         }
     }
-    vehicle
 }
 
-/// Numbers of a memory padded to sixteen rotors.
-const MAX_HELD: usize = Held::<f64, MAX_PADDED>::DIM;
-
-/// Writes a memory of R rotors without those that the vehicle does not have.
-#[inline(always)]
-fn write_held<S: Scalar, const R: usize>(held: &Held<S, R>, out: &mut [S]) {
-    let mut padded = [S::zero(); MAX_HELD];
-    held.write(&mut padded[..Held::<S, R>::DIM]);
-    out.copy_from_slice(&padded[..out.len()]);
+/// Checks how late a controller knows of a failure, s.
+pub(super) fn check_delay(delay: f64) -> Result<()> {
+    if (0.0..=1e3).contains(&delay) {
+        return Ok(());
+    }
+    Err(Error::value("detection_delay", delay, "within [0, 1000] s", "Real detectors take 10 to 100 ms."))
 }
 
-/// The inverse of [`write_held`]; missing rotors rest at −1.
-#[inline(always)]
-fn read_held<S: Scalar, const R: usize>(x: &[S]) -> Held<S, R> {
-    let mut padded = [-S::one(); MAX_HELD];
-    padded[..x.len()].copy_from_slice(x);
-    Held::read(&padded[..Held::<S, R>::DIM])
+/// Checks how many steps commands act late.
+pub(super) fn check_latency(steps: usize) -> Result<()> {
+    if steps <= MAX_LATENCY {
+        return Ok(());
+    }
+    Err(Error::limit("latency", steps, format!("0 to {MAX_LATENCY} steps"), "Give it in steps of dt."))
 }
 
-impl System for ClosedLoop {
+/// Steps between two ticks of a rate in Hz.
+fn steps_between(rate: Option<f64>, dt: f64) -> Result<u64> {
+    let Some(rate) = rate else { return Ok(1) };
+    let rates = Rates { rate, attitude: rate, velocity: rate };
+    Ok(super::cascade::Schedule::new(&rates, dt)?.every[0])
+}
+
+fn add(a: &[f64], b: &[f64]) -> Vec<f64> {
+    assert_eq!(a.len(), b.len(), "length of an injection");
+    a.iter().zip(b).map(|(a, b)| a + b).collect()
+}
+
+impl<L: ControlLaw> System for ClosedLoop<Running<L>> {
     fn n_state(&self) -> usize {
-        self.plant.n_state() + Held::<f64, 0>::DIM + self.plant.vehicle().n_rotor()
+        self.plant.n_state() + self.controller.memory().len() + self.n_held() * self.n_command()
     }
     fn n_input(&self) -> usize {
-        Sample::<f64>::DIM + 3 + self.plant.n_input() - (self.plant.n_state() - RIGID_DIM)
+        let injections = if self.injects { self.n_command() + self.plant.n_state() } else { 0 };
+        self.n_clocked() + self.n_air() + injections
     }
     fn n_parameter(&self) -> usize {
-        if self.exposes_gains { GainSet::<f64>::DIM } else { 0 }
+        self.plant.n_parameter() + if self.exposes_gains { self.law().parameters().len() } else { 0 }
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        match &self.cascade {
-            AnyCascade::Four(c) => self.step_with(c, state, input, parameters, next),
-            AnyCascade::Sixteen(c) => self.step_with(c, state, input, parameters, next),
+        let (law, n, n_command) = (self.law(), self.plant.n_state(), self.n_command());
+        let (physics, gains) = parameters.split_at(self.plant.n_parameter());
+        let (target, input) = input.split_at(law.n_target());
+        let (ticks, input) = input.split_at(law.n_tick());
+        let (tick, input) = input.split_at(usize::from(self.holds()));
+        let (air, input) = input.split_at(self.n_air());
+        let (body, rest) = state.split_at(n);
+        let (memory, held) = rest.split_at(rest.len() - self.n_held() * n_command);
+
+        let measured: Vec<S>;
+        let mut seen = body;
+        if self.injects {
+            measured = body.iter().zip(&input[n_command..]).map(|(x, e)| *x + *e).collect();
+            seen = &measured;
         }
+        let (next_body, next_rest) = next.split_at_mut(n);
+        let (next_memory, next_held) = next_rest.split_at_mut(memory.len());
+        next_memory.copy_from_slice(memory);
+        let mut small = [S::zero(); 32];
+        let mut large = Vec::new();
+        let commands = match self.plant.n_input() {
+            n_input @ 0..=32 => &mut small[..n_input],
+            n_input => {
+                large.resize(n_input, S::zero());
+                &mut large[..]
+            }
+        };
+        let now = Moment { state: seen, target, ticks, parameters: gains };
+        self.tick(&now, tick.first().copied(), held, next_memory, commands);
+
+        // the held commands, then the line: what is given enters in front, what is due leaves behind
+        let mut line = next_held;
+        let mut old = held;
+        if self.holds() {
+            let (first, behind) = line.split_at_mut(n_command);
+            self.commands.iter().zip(first).for_each(|(k, slot)| *slot = commands[*k]);
+            (line, old) = (behind, &old[n_command..]);
+        }
+        for (i, k) in self.commands.iter().enumerate() {
+            if self.injects {
+                commands[*k] += input[i];
+            }
+            if self.latency > 0 {
+                line[i] = commands[*k];
+                commands[*k] = old[old.len() - n_command + i];
+            }
+        }
+        if self.latency > 1 {
+            line[n_command..].copy_from_slice(&old[..old.len() - n_command]);
+        }
+        for first in &self.disturbances {
+            commands[*first..*first + air.len()].copy_from_slice(air);
+        }
+        self.plant.step(body, commands, physics, next_body);
     }
 }

@@ -26,12 +26,14 @@ use super::allocation::problem::{Problem, WRENCH};
 use super::allocation::{Allocator, Assessment, Capability, Counts, failure};
 use super::attitude::{AttitudeCommand, rate_command};
 use super::cascade::{CascadeModel, Held, Rates, Schedule, hold_rate};
+use super::controller::{Controller, Measurement, Target};
 use super::kinematics::Kinematics;
 use super::parameters::{ForceLimits, GainSet, Limits};
 use super::rate::RateCommand;
 use super::reference::Sample;
 use super::velocity::VelocityCommand;
 use crate::dynamics::gains::SEPARATION;
+use crate::dynamics::rotor::thrust_action;
 use crate::dynamics::spatial::{Quat, Vec3, add, mat_mul, mat_vec, matrix, transpose};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::Result;
@@ -84,7 +86,7 @@ impl Broken {
         let (thrusts, most) = (&self.allocator.solution().inputs, &self.allocator.problem().upper);
         let mut actions = [-1.0; MAX_ROTORS];
         for ((action, thrust), most) in actions.iter_mut().zip(thrusts).zip(most).filter(|(_, most)| **most > 0.0) {
-            *action = 2.0 * thrust / most - 1.0;
+            *action = thrust_action(thrust / most);
         }
         actions
     }
@@ -124,7 +126,7 @@ impl FaultTolerant {
         // moments come before thrust in the allocation, so nothing need be kept back for them
         let lift = broken.assessment.lift.max(1.1 * body.mass * body.gravity);
         let limits = Limits { tilt: TILT, ..Limits::default() };
-        self.model.limits = ForceLimits { force: lift, ..ForceLimits::constant(&limits, lift) };
+        self.model.limits = ForceLimits { force: lift, ..ForceLimits::constant(&limits, lift, 0.0) };
         if broken.yaw_free() {
             self.model.gains = unhurried(&self.model);
         }
@@ -213,6 +215,34 @@ impl FaultTolerant {
             angular_velocity: rate,
             angular_acceleration: untwisted(command.angular_acceleration),
         }
+    }
+}
+
+impl Controller for FaultTolerant {
+    fn name(&self) -> &str {
+        "fault_tolerant"
+    }
+
+    fn description(&self) -> String {
+        "the cascade, and with the rotors that are left: roll and pitch before thrust before yaw".into()
+    }
+
+    fn schedule(&self) -> Option<Schedule> {
+        Some(self.schedule)
+    }
+
+    fn reset(&mut self) {
+        (self.broken, self.model, self.held, self.step) = (None, self.whole, self.whole.initial(), 0);
+    }
+
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]) {
+        let actions = self.position(&Kinematics::read(seen.state), &target.sample(seen.time));
+        let n = self.vehicle.n_rotor();
+        commands[..n].copy_from_slice(&actions[..n]);
+    }
+
+    fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
+        FaultTolerant::tell(self, effectiveness)
     }
 }
 

@@ -11,7 +11,7 @@
 //! their rates from n and ṅ seen by the drone (flatness of the slung load: Sreenath, Lee and Kumar 2013).
 
 use super::attitude::Orientation;
-use super::reference::Carried;
+use super::reference::{Carried, Curve};
 use super::velocity::desired_attitude;
 use crate::autodiff::jet::Jet;
 use crate::autodiff::{Scalar, safe};
@@ -94,8 +94,8 @@ mod tests {
     use super::*;
     use crate::autodiff::System as _;
     use crate::controllers::cascade::Rates;
-    use crate::controllers::pilot::{Command, Pilot};
-    use crate::controllers::reference::{Lemniscate, LoadPath, Reference, Tilt};
+    use crate::controllers::controller::{Controller as _, Measurement, Target};
+    use crate::controllers::reference::{Lemniscate, LoadPath, Reference};
     use crate::controllers::state_feedback::{Lqr, Weights};
     use crate::dynamics::configurations::{InvertedPendulum, Payload};
     use crate::dynamics::{Effects, Physics};
@@ -105,7 +105,7 @@ mod tests {
         let physics = Physics { dt: 0.004, effects: Effects::lean(), ..Physics::default() };
         let system = Multibody::new(model, physics).unwrap();
         let rates = Rates::every_step(0.004);
-        let mut pilot = Lqr::with_weights(&system, None, &rates, &Weights::default()).unwrap();
+        let mut lqr = Lqr::with_weights(&system, None, &rates, &Weights::default()).unwrap();
         let path = Lemniscate { rate: 0.8, scale: [2.5, 2.5, 1.0], vertical: 0.5, ..Lemniscate::default() };
         let way = Carried { path: LoadPath::Lemniscate(path), lever };
         let reference = Reference::Carried(way.clone());
@@ -118,7 +118,7 @@ mod tests {
             let bar = [0, 1, 2].map(|i| -lever * poses[2].rotation[i][2]);
             let wanted = way.load(time).position;
             worst = worst.max(safe::norm([0, 1, 2].map(|i| x[i] + bar[i] - wanted[i])));
-            pilot.command(Command { time, state: &x, reference: &reference, tilt: &Tilt::LEVEL }, &mut input);
+            lqr.tick(Measurement { time, state: &x }, Target::level(&reference), &mut input);
             system.step(&x, &input, &[], &mut next);
             std::mem::swap(&mut x, &mut next);
         }

@@ -1,20 +1,25 @@
-//! A whole flight: a vehicle under its cascade along a reference, logged.
+//! A whole flight: a plant under its controller along a reference, logged.
 
-use super::allocation::failure::{Failure, damaged, health};
-use super::cascade::Rates;
-use super::closed_loop::{ClosedLoop, with_drag_of};
-use super::fault_tolerant::FaultTolerant;
-use super::kinematics::Kinematics;
-use super::reference::{Reference, Tilt};
-use crate::autodiff::{System, safe};
+use super::allocation::failure::Failure;
+use super::cascade::{Rates, Schedule};
+use super::closed_loop::{ClosedLoop, Outside, check_delay, check_latency};
+use super::controller::{Controller, Target};
+use super::reference::{Reference, Sample, Tilt};
+use super::registry::{Setup, controller};
+use super::start::start_on;
+use crate::autodiff::safe;
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
-use crate::dynamics::rigid::RIGID_DIM;
-use crate::dynamics::{Disturbance, Gains, Multirotor, Physics, Rotor, Vehicle};
+use crate::dynamics::rotor::commanded_speed;
+use crate::dynamics::spatial::{from_matrix, to_euler};
+use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
-use crate::flight::{FlightLog, Sample};
+use crate::flight::{self, FlightLog};
 use crate::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
+
+/// Farther from the reference than this, beyond what the reference itself jumps, a flight is lost, m.
+pub const LOST: f64 = 10.0;
 
 /// What to fly, for how long, in what air.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,7 +33,7 @@ pub struct FlightPlan {
     pub duration: f64,
     /// Time step, integrator, effects; `disturbance` is switched on where there is wind.
     pub physics: Physics,
-    /// How often each control level computes.
+    /// How often each control level computes: what the controller was built for.
     pub rates: Rates,
     /// Wind along the flight.
     pub wind: Wind,
@@ -38,6 +43,8 @@ pub struct FlightPlan {
     pub failures: Vec<Failure>,
     /// How long after a failure the controller knows of it and of what is left, s; until then it flies on as before.
     pub detection_delay: f64,
+    /// Steps by which commands act late.
+    pub latency: usize,
 }
 
 impl Default for FlightPlan {
@@ -53,6 +60,7 @@ impl Default for FlightPlan {
             seed: 0,
             failures: Vec::new(),
             detection_delay: 0.05,
+            latency: 0,
         }
     }
 }
@@ -60,62 +68,83 @@ impl Default for FlightPlan {
 /// A finished flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flight {
-    /// Everything up to the end, or to the last healthy state.
+    /// Of what was tracked, with all rotors, up to the end or to the last healthy state.
     pub log: FlightLog,
-    /// When the vehicle's state left |x| < 1e8 (SI units, as in a [`World`](crate::dynamics::World)) or became not a
+    /// Row-major `[sample, number]`: the plant's state, one row per entry of the log.
+    pub states: Vec<f64>,
+    /// When the plant's state left |x| < 1e8 (SI units, as in a [`World`](crate::dynamics::World)) or became not a
     /// number, s; `None` for a whole flight.
     pub diverged_at: Option<f64>,
-    /// Where to take derivatives; in a flight with failures nowhere (its margin is negative).
+    /// Where to take derivatives; in a flight with failures or latency nowhere (its margin is negative).
     pub smoothest: SmoothPoint,
+}
+
+impl Flight {
+    /// When the tracked point was first more than [`LOST`] from the reference, the largest jump of the reference between
+    /// two steps allowed for, s, and how far it came, m; `None` for a flight that was not lost.
+    pub fn lost(&self) -> Option<(f64, f64)> {
+        let (errors, wanted) = (self.log.error_norm(), &self.log.reference_position);
+        let jump = |pair: &[[f64; 3]]| safe::norm([0, 1, 2].map(|k| pair[1][k] - pair[0][k]));
+        let most = LOST + wanted.windows(2).map(jump).fold(0.0, f64::max);
+        let first = errors.iter().position(|e| e.is_nan() || *e > most)?;
+        Some((self.log.time[first], errors.iter().fold(0.0, |far: f64, e| far.max(*e))))
+    }
 }
 
 /// The step of a flight, of those in which every level computed, that lies farthest from the kinks of the closed loop:
 /// rotor commands at a limit, and motors between speeding up and slowing down.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SmoothPoint {
-    /// State of the [`ClosedLoop`].
+    /// Number of the step.
+    pub step: u64,
+    /// State of the loop before it: the plant's, then the controller's memory.
     pub state: Vec<f64>,
-    /// Input of the [`ClosedLoop`].
+    /// Input of the plant in it.
     pub input: Vec<f64>,
-    /// The rotor actions it answered with.
-    pub actions: Vec<f64>,
+    /// The air in it.
+    pub air: Disturbance<f64>,
     /// Least distance to a kink over the rotors, as a fraction of the range of a command or speed; negative if no step
     /// qualified.
     pub margin: f64,
 }
 
 impl SmoothPoint {
-    fn new(n_rotor: usize, state: &[f64]) -> Self {
-        Self { state: state.to_vec(), input: Vec::new(), actions: vec![0.0; n_rotor], margin: -1.0 }
+    fn nowhere() -> Self {
+        Self { step: 0, state: Vec::new(), input: Vec::new(), air: Disturbance::none(), margin: -1.0 }
     }
 
     /// Moves here if this step is farther from the kinks.
-    fn consider(&mut self, system: &ClosedLoop, x: &[f64], input: &[f64], next: &[f64]) {
-        let actions = system.rotor_actions(next);
+    fn consider(
+        &mut self,
+        plant: &Plant,
+        step: u64,
+        (x, memory): (&[f64], &[f64]),
+        input: &[f64],
+        air: &Disturbance<f64>,
+    ) {
         let mut margin = f64::INFINITY;
-        for ((rotor, a), speed) in system.plant().vehicle().rotors.iter().zip(actions).zip(&x[RIGID_DIM..]) {
-            let gap = (commanded_speed(rotor, *a) - speed).abs() / rotor.max_speed;
+        for (rotor, place) in plant.rotors().into_iter().zip(plant.rotor_places()) {
+            let (a, speed) = (input[place.action], x[place.speed]);
+            let gap = (commanded_speed(rotor.max_speed, a) - speed).abs() / rotor.max_speed;
             margin = margin.min(gap).min(1.0 - a.abs());
         }
         if margin > self.margin {
-            self.margin = margin;
-            self.state.copy_from_slice(x);
-            self.input.clear();
-            self.input.extend_from_slice(input);
-            self.actions.copy_from_slice(actions);
+            *self = Self { step, state: [x, memory].concat(), input: input.to_vec(), air: *air, margin };
         }
     }
-}
-
-/// Ω_cmd of an action.
-fn commanded_speed(rotor: &Rotor, action: f64) -> f64 {
-    rotor.max_speed * safe::sqrt((action.clamp(-1.0, 1.0) + 1.0) * 0.5, 1e-4)
 }
 
 /// Longest flight, in steps: what a log may hold.
 pub const MAX_STEPS: f64 = 5e6;
 
 impl FlightPlan {
+    /// Its physics, with the effect `disturbance` where there is wind.
+    pub fn air_physics(&self) -> Physics {
+        let mut physics = self.physics;
+        physics.effects.disturbance |= self.wind != Wind::Calm;
+        physics
+    }
+
     /// Number of steps.
     ///
     /// # Errors
@@ -125,10 +154,8 @@ impl FlightPlan {
         self.reference.validate()?;
         self.tilt.validate()?;
         self.wind.validate()?;
-        if !(0.0..=1e3).contains(&self.detection_delay) {
-            let remedy = "Real detectors take 10 to 100 ms.";
-            return Err(Error::value("detection_delay", self.detection_delay, "within [0, 1000] s", remedy));
-        }
+        check_delay(self.detection_delay)?;
+        check_latency(self.latency)?;
         let steps = (self.duration / self.physics.dt).round();
         if !(1.0..=MAX_STEPS).contains(&steps) {
             return Err(Error::limit(
@@ -142,233 +169,153 @@ impl FlightPlan {
     }
 }
 
-/// Flies a vehicle with `gains` along the plan, from rest on its reference. `progress` is told the number of each
+/// Flies a plant under a controller along the plan, from rest on its reference. `progress` is told the number of each
 /// finished step.
 ///
 /// A flight that diverges ends there; the log holds what came before. Where rotors fail, the plant loses them with the
-/// lag of their motors and [`FaultTolerant`] steers, told of each failure after the plan's delay.
+/// lag of their motors, and the controller is told after the plan's delay.
 ///
 /// # Errors
-/// [`Error::Value`] or [`Error::Limit`] if vehicle, gains or plan are not valid.
-pub fn fly(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, progress: &mut dyn FnMut(u64)) -> Result<Flight> {
-    let start = plan.reference.sample(0.0);
-    let state = start_state(&Multirotor::new(vehicle, plan.physics)?, start.position, start.yaw)?;
-    fly_from(vehicle, gains, plan, &state, progress)
+/// [`Error::Value`] or [`Error::Limit`] if the plan is not valid, or not for this plant and this controller: other physics
+/// (but for the effect `disturbance`), other rates, wind without that effect, a tilt that is not held.
+pub fn fly(
+    plant: &Plant,
+    controller: &mut dyn Controller,
+    plan: &FlightPlan,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Flight> {
+    let start = start_on(plant, controller, &plan.reference)?;
+    fly_from(plant, controller, plan, &start, progress)
 }
 
-/// As [`fly`], from any state of the vehicle (13 + n numbers, see [`RigidState`](crate::dynamics::RigidState)).
+/// As [`fly`], from any state of the plant.
 ///
 /// # Errors
-/// As [`fly`]; [`Error::Value`] if the state is not finite or not of this length.
+/// As [`fly`]; [`Error::Value`] if the state is not finite or not of the plant's length.
 pub fn fly_from(
-    vehicle: &Vehicle,
-    gains: &Gains,
+    plant: &Plant,
+    controller: &mut dyn Controller,
     plan: &FlightPlan,
     state: &[f64],
     progress: &mut dyn FnMut(u64),
 ) -> Result<Flight> {
     let n_step = plan.n_step()?;
-    if !plan.tilt.is_level() {
-        let (what, rule) = (format!("tilt of vehicle '{}'", vehicle.name), "level: its force turns with it");
-        let value = format!("roll {}, pitch {} rad", plan.tilt.roll, plan.tilt.pitch);
-        return Err(Error::value(what, value, rule, "Fly one that can hold it, such as omav_tilting."));
-    }
-    for failure in &plan.failures {
-        failure.validate(vehicle.n_rotor())?;
-    }
-    let n_state = RIGID_DIM + vehicle.n_rotor();
-    if state.len() != n_state {
-        let limit = format!("{n_state}, 13 and one per rotor");
-        return Err(Error::value("start: length of the state", state.len(), limit, "Take Multirotor::hover_state."));
-    }
-    crate::error::finite("start: state", state)?;
-    let mut physics = plan.physics;
-    physics.effects.disturbance |= plan.wind != Wind::Calm;
-    let mut system = Steered::new(vehicle, gains, plan, physics)?;
+    plant.check_state(state)?;
+    fits(plant, controller, plan)?;
+    let (dt, windy) = (plan.physics.dt, plan.wind != Wind::Calm);
+    let whole = plan.failures.is_empty() && plan.latency == 0;
+    let schedule = Schedule::new(&plan.rates, dt).ok().filter(|_| whole);
+    let holds_tilt = controller.holds_tilt();
+    let speeds: Vec<f64> = plant.rotors().iter().map(|r| r.max_speed).collect();
+    let mut log = FlightLog::new(plant.name(), &speeds);
+    let mut system = ClosedLoop::new(plant.clone(), controller)?
+        .with_failures(&plan.failures, plan.detection_delay)?
+        .with_latency(plan.latency)?;
     let mut wind = WindState::new(plan.wind.clone(), Stream::new(plan.seed, 0, 0, Purpose::WIND))?;
-    let mut air = Disturbance::none();
+    let target = Target { reference: &plan.reference, tilt: &plan.tilt };
+    let mut outside = Outside::none();
 
-    let mut x = system.initial_state(state);
-    let mut next = x.clone();
-    let mut log = FlightLog::new(&vehicle.name, &vehicle.rotors.iter().map(|r| r.max_speed).collect::<Vec<_>>());
-    let mut diverged_at = None;
-    let mut smoothest = SmoothPoint::new(vehicle.n_rotor(), &x);
+    let (mut x, mut next) = (state.to_vec(), state.to_vec());
+    let (mut states, mut memory) = (Vec::new(), Vec::new());
+    let (mut diverged_at, mut smoothest) = (None, SmoothPoint::nowhere());
     for k in 0..=n_step {
-        let time = k as f64 * physics.dt;
-        let wanted = plan.reference.sample(time);
-        if physics.effects.disturbance {
-            air.wind = wind.sample(physics.dt);
+        let time = k as f64 * dt;
+        if windy {
+            outside.air.wind = wind.sample(dt);
         }
-        system.step(k, &x, &wanted, &air, &mut next)?;
-        record(&mut log, system.rotors(), system.actions(&next), time, &x, &wanted, &air)?;
-        if next[..n_state].iter().any(|v| !safe::is_bounded(*v, EXPLODED)) {
-            diverged_at = Some(time + physics.dt);
+        memory.clear();
+        memory.extend_from_slice(system.controller().memory());
+        system.advance(&x, target, &outside, &mut next)?;
+        record(&mut log, &system, time, &x, &target.sample(time), outside.air.wind)?;
+        if holds_tilt {
+            log.asked_angles.push(to_euler(from_matrix(target.orientation(time).attitude)));
+        }
+        states.extend_from_slice(&x);
+        if next.iter().any(|v| !safe::is_bounded(*v, EXPLODED)) {
+            diverged_at = Some(time + dt);
             break;
         }
-        system.consider(k, &x, &next, &mut smoothest);
+        if schedule.is_some_and(|s| s.ticks(k) == [1.0; 3]) {
+            smoothest.consider(plant, k, (&x, &memory), system.applied(), &outside.air);
+        }
         std::mem::swap(&mut x, &mut next);
         progress(k);
     }
-    Ok(Flight { log, diverged_at, smoothest })
+    Ok(Flight { log, states, diverged_at, smoothest })
 }
 
-/// A vehicle and who steers it.
-enum Steered {
-    /// Whole, as one differentiable system.
-    Whole { system: Box<ClosedLoop>, input: Vec<f64> },
-    /// With rotors that fail.
-    Failing(Box<Failing>),
+/// A vehicle with `gains` under its cascade along the plan, from rest on its reference; with rotors that fail, under the
+/// one that flies on with what is left.
+///
+/// # Errors
+/// As [`fly`], and if vehicle or gains are not valid.
+pub fn fly_vehicle(
+    vehicle: &Vehicle,
+    gains: &Gains,
+    plan: &FlightPlan,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Flight> {
+    plan.n_step()?;
+    let plant = Plant::of_vehicle(vehicle, plan.air_physics())?;
+    let name = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
+    fly(&plant, &mut controller(name, &plant, &Setup::new(Some(gains), &plan.rates))?, plan, progress)
 }
 
-/// A vehicle as it is by now, and a controller that knows of it a little later.
-struct Failing {
-    vehicle: Vehicle,
-    failures: Vec<Failure>,
-    delay: f64,
-    plant: Multirotor,
-    health: Vec<f64>,
-    pilot: FaultTolerant,
-    known: Vec<f64>,
-    input: Vec<f64>,
+/// Refuses a plan that says otherwise than plant and controller.
+fn fits(plant: &Plant, controller: &dyn Controller, plan: &FlightPlan) -> Result<()> {
+    let (own, mut planned) = (plant.physics(), plan.physics);
+    planned.effects.disturbance = own.effects.disturbance;
+    if planned != *own {
+        let remedy = "Give the plan the plant's: plan.physics = *plant.physics().";
+        return Err(Error::value("plan.physics", format!("{:?}", plan.physics), "those of the plant", remedy));
+    }
+    if controller.schedule().is_some_and(|s| Schedule::new(&plan.rates, own.dt).ok() != Some(s)) {
+        let value = format!("{:?}", plan.rates);
+        let rule = format!("those that controller '{}' was built for", controller.name());
+        return Err(Error::value("plan.rates", value, rule, "Build the controller with plan.rates."));
+    }
+    if !plan.tilt.is_level() && !controller.holds_tilt() {
+        let what = format!("tilt of '{}' under controller '{}'", plant.name(), controller.name());
+        let value = format!("roll {}, pitch {} rad", plan.tilt.roll, plan.tilt.pitch);
+        let remedy = "platform, omav_tilting and dragon can hold a tilt.";
+        return Err(Error::value(what, value, "level: its force turns with it", remedy));
+    }
+    if plan.wind != Wind::Calm && !own.effects.disturbance {
+        return Err(Error::value("effects.disturbance", "off", "on where there is wind", "Switch it on."));
+    }
+    Ok(())
 }
 
-impl Steered {
-    fn new(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, physics: Physics) -> Result<Self> {
-        if plan.failures.is_empty() {
-            let system = Box::new(ClosedLoop::new(vehicle, physics, gains, &plan.rates)?);
-            let input = vec![0.0; system.n_input()];
-            return Ok(Self::Whole { system, input });
-        }
-        let plant = Multirotor::new(vehicle, physics)?;
-        let whole = vec![1.0; vehicle.n_rotor()];
-        Ok(Self::Failing(Box::new(Failing {
-            vehicle: vehicle.clone(),
-            failures: plan.failures.clone(),
-            delay: plan.detection_delay,
-            pilot: FaultTolerant::new(&with_drag_of(vehicle, physics.effects), gains, &plan.rates, physics.dt)?,
-            input: vec![0.0; plant.n_input()],
-            plant,
-            known: whole.clone(),
-            health: whole,
-        })))
-    }
-
-    fn initial_state(&self, vehicle_state: &[f64]) -> Vec<f64> {
-        match self {
-            Self::Whole { system, .. } => system.initial_state(vehicle_state),
-            Self::Failing(_) => vehicle_state.to_vec(),
-        }
-    }
-
-    /// The rotors as they are by now.
-    fn rotors(&self) -> &[Rotor] {
-        match self {
-            Self::Whole { system, .. } => &system.plant().vehicle().rotors,
-            Self::Failing(f) => &f.plant.vehicle().rotors,
-        }
-    }
-
-    /// The rotor actions of the step that led to `next`.
-    fn actions<'a>(&'a self, next: &'a [f64]) -> &'a [f64] {
-        match self {
-            Self::Whole { system, .. } => system.rotor_actions(next),
-            Self::Failing(f) => &f.input[..f.vehicle.n_rotor()],
-        }
-    }
-
-    fn step(
-        &mut self,
-        k: u64,
-        x: &[f64],
-        wanted: &super::Sample<f64>,
-        air: &Disturbance<f64>,
-        next: &mut [f64],
-    ) -> Result<()> {
-        match self {
-            Self::Whole { system, input } => {
-                system.write_input(k, wanted, air, input);
-                system.step(x, input, &[], next);
-                Ok(())
-            }
-            Self::Failing(f) => f.step(k, x, wanted, air, next),
-        }
-    }
-
-    fn consider(&self, k: u64, x: &[f64], next: &[f64], smoothest: &mut SmoothPoint) {
-        if let Self::Whole { system, input } = self
-            && system.computes_all(k)
-        {
-            smoothest.consider(system, x, input, next);
-        }
-    }
-}
-
-impl Failing {
-    fn step(
-        &mut self,
-        k: u64,
-        x: &[f64],
-        wanted: &super::Sample<f64>,
-        air: &Disturbance<f64>,
-        next: &mut [f64],
-    ) -> Result<()> {
-        let physics = *self.plant.physics();
-        let n = self.vehicle.n_rotor();
-        // times are multiples of dt up to rounding
-        let time = (k as f64 + 1e-6) * physics.dt;
-        let health_now = health(n, &self.failures, time);
-        if health_now != self.health {
-            self.plant = Multirotor::new(&damaged(&self.vehicle, &health_now), physics)?;
-            self.health = health_now;
-        }
-        let known_now = health(n, &self.failures, time - self.delay);
-        if known_now != self.known {
-            self.pilot.tell(&known_now)?;
-            self.known = known_now;
-        }
-        let actions = self.pilot.position(&Kinematics::read(x), wanted);
-        self.input[..n].copy_from_slice(&actions[..n]);
-        air.write(&mut self.input[n..]);
-        self.plant.step(x, &self.input, &[], next);
-        Ok(())
-    }
-}
-
-/// Hover at a point with a yaw.
-fn start_state(plant: &Multirotor, position: [f64; 3], yaw: f64) -> Result<Vec<f64>> {
-    let mut state = plant.hover_state(position)?;
-    let (s, c) = (0.5 * yaw).sin_cos();
-    state[6..10].copy_from_slice(&[c, 0.0, 0.0, s]);
-    Ok(state)
-}
-
-/// Logs the state `x` at `time` and the actions given in it.
+/// Logs the tracked point and all rotors in the state `x` at `time`, with the commands given in it.
 fn record(
     log: &mut FlightLog,
-    rotors: &[Rotor],
-    actions: &[f64],
+    system: &ClosedLoop<&mut dyn Controller>,
     time: f64,
     x: &[f64],
-    wanted: &super::Sample<f64>,
-    air: &Disturbance<f64>,
+    wanted: &Sample<f64>,
+    wind: [f64; 3],
 ) -> Result<()> {
-    let speed = &x[RIGID_DIM..RIGID_DIM + rotors.len()];
-    let thrust: Vec<f64> = rotors.iter().zip(speed).map(|(r, s)| r.thrust_coefficient * s * s).collect();
-    let command: Vec<f64> = rotors.iter().zip(actions).map(|(r, a)| commanded_speed(r, *a)).collect();
-    let three = |at: usize| [x[at], x[at + 1], x[at + 2]];
-    log.push(Sample {
+    let (plant, own) = (system.present(), system.controller().tracked(x));
+    let (mut speed, mut thrust, mut command) = (Vec::new(), Vec::new(), Vec::new());
+    for (rotor, place) in plant.rotors().into_iter().zip(plant.rotor_places()) {
+        let s = x[place.speed];
+        speed.push(s);
+        thrust.push(rotor.thrust_coefficient * s * s);
+        command.push(commanded_speed(rotor.max_speed, system.applied()[place.action]));
+    }
+    log.push(flight::Sample {
         time,
-        position: three(0),
-        velocity: three(3),
-        attitude: [x[6], x[7], x[8], x[9]],
-        angular_velocity: three(10),
+        position: own.position,
+        velocity: own.velocity,
+        attitude: own.attitude,
+        angular_velocity: own.angular_velocity,
         reference_position: wanted.position,
         reference_velocity: wanted.velocity,
         reference_acceleration: wanted.acceleration,
         reference_yaw: wanted.yaw,
-        rotor_speed: speed,
+        rotor_speed: &speed,
         rotor_command: &command,
         thrust: &thrust,
-        wind: air.wind,
+        wind,
     })
 }

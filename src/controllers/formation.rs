@@ -4,34 +4,50 @@
 //! its share of the whole. What hangs between them follows through passive joints. With a single drone this is the
 //! plain cascade, fed with the mass of all it carries.
 
-use super::cascade::{Cascade, Rates};
+use super::cascade::{CascadeModel, Held, Rates, Schedule};
+use super::controller::Target;
 use super::kinematics::Kinematics;
-use super::pilot::{Command, Pilot};
+use super::law::{ControlLaw, Moment, Running};
+use super::parameters::GainSet;
 use super::reference::{Reference, Sample};
+use crate::autodiff::Scalar;
 use crate::autodiff::jet::Jet;
 use crate::dynamics::spatial::{from_matrix, mat_vec, to_euler, transpose};
 use crate::dynamics::tree::{Model, Multibody, body_poses};
-use crate::dynamics::{Gains, Inertia, Part, Vehicle};
+use crate::dynamics::{Gains, Inertia, MAX_ROTORS, Part, Vehicle};
 use crate::error::{Error, Result};
 
+/// Such drones with the memory of their cascades.
+pub type Formation = Running<FormationLaw>;
+
 /// One cascade per drone of a model.
+///
+/// - Target: a [`Sample`] per drone. Ticks: velocity and position, attitude, rate, of all.
+/// - Memory: a [`Held`] of [`MAX_ROTORS`] rotors per drone. Parameters: twelve gains per drone.
 #[derive(Debug, Clone)]
-pub struct Formation {
+pub struct FormationLaw {
     system: Multibody,
     members: Vec<Member>,
+    schedule: Schedule,
 }
 
 #[derive(Debug, Clone)]
 struct Member {
+    name: String,
     body: usize,
     /// Its rotors' actions in the input.
     actions: Vec<usize>,
-    cascade: Cascade,
+    cascade: CascadeModel<f64, MAX_ROTORS>,
     /// Where it stands at rest, from the root, m.
     place: [f64; 3],
     /// Its yaw at rest from the root's, rad.
     yaw: f64,
 }
+
+/// Numbers of a member's memory, target and parameters.
+const HELD: usize = Held::<f64, MAX_ROTORS>::DIM;
+const SAMPLE: usize = Sample::<f64>::DIM;
+const GAINS: usize = GainSet::<f64>::DIM;
 
 impl Formation {
     /// For a model whose drones have all their rotors on one body each. Without `gains`, those derived from each drone.
@@ -39,6 +55,16 @@ impl Formation {
     /// # Errors
     /// [`Error::Value`] for a model without drones, a drone that is no vehicle of its own, or rates that do not divide
     /// 1/dt.
+    pub fn new(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
+        FormationLaw::new(system, gains, rates).map(Self::of)
+    }
+}
+
+impl FormationLaw {
+    /// As [`Formation::new`].
+    ///
+    /// # Errors
+    /// Likewise.
     pub fn new(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
         let model = system.model();
         let poses = body_poses(system, &system.rest_state());
@@ -48,13 +74,13 @@ impl Formation {
             let drone = &model.drones()[number];
             let vehicle = carrier(model, number)?;
             let gains = gains.copied().unwrap_or_else(|| vehicle.derived_gains());
-            let mut cascade = Cascade::new(&vehicle, &gains, rates, system.physics().dt)?;
-            cascade.model.body.mass = share;
-            cascade.reset();
+            let mut cascade = CascadeModel::new(&vehicle, &gains)?;
+            cascade.body.mass = share;
             let pose = &poses[drone.body];
             let offset = [0, 1, 2].map(|k| pose.position[k] - root.position[k]);
             let yaw = |rotation| to_euler(from_matrix(rotation))[2];
             Ok(Member {
+                name: drone.name.clone(),
                 body: drone.body,
                 actions: drone.rotors.iter().map(|r| system.layout().rotor_action[*r]).collect(),
                 cascade,
@@ -67,12 +93,12 @@ impl Formation {
             let what = format!("model '{}': number of drones", model.name());
             return Err(Error::value(what, 0, "≥ 1 for a formation", "Give it a vehicle."));
         }
-        Ok(Self { system: system.clone(), members })
+        Ok(Self { system: system.clone(), members, schedule: Schedule::new(rates, system.physics().dt)? })
     }
 }
 
-impl Pilot for Formation {
-    fn name(&self) -> &'static str {
+impl ControlLaw for FormationLaw {
+    fn name(&self) -> &str {
         if self.members.len() == 1 { "cascade" } else { "formation" }
     }
 
@@ -83,13 +109,53 @@ impl Pilot for Formation {
         }
     }
 
+    fn schedule(&self) -> Option<Schedule> {
+        Some(self.schedule)
+    }
+
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
         root(&self.system, state)
     }
 
-    fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
-        let poses = body_poses(&self.system, moment.state);
-        for member in &mut self.members {
+    fn n_target(&self) -> usize {
+        SAMPLE * self.members.len()
+    }
+
+    fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]) {
+        for (member, row) in self.members.iter().zip(row.chunks_exact_mut(SAMPLE)) {
+            place(target.reference, time, member.place, member.yaw).write(row);
+        }
+    }
+
+    fn n_tick(&self) -> usize {
+        3
+    }
+
+    fn write_ticks(&self, tick: u64, ticks: &mut [f64]) {
+        ticks.copy_from_slice(&self.schedule.ticks(tick));
+    }
+
+    fn memory(&self) -> Vec<f64> {
+        let mut memory = vec![0.0; HELD * self.members.len()];
+        let rows = memory.chunks_exact_mut(HELD);
+        self.members.iter().zip(rows).for_each(|(member, row)| member.cascade.initial().write(row));
+        memory
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        let mut theta = vec![0.0; GAINS * self.members.len()];
+        let rows = theta.chunks_exact_mut(GAINS);
+        self.members.iter().zip(rows).for_each(|(member, row)| member.cascade.gains.write(row));
+        theta
+    }
+
+    fn parameter_names(&self) -> Vec<String> {
+        self.members.iter().flat_map(|m| GainSet::<f64>::names(&format!("{}.", m.name))).collect()
+    }
+
+    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
+        let poses = body_poses(&self.system, now.state);
+        for (i, member) in self.members.iter().enumerate() {
             let pose = &poses[member.body];
             let own = Kinematics {
                 position: pose.position,
@@ -97,10 +163,17 @@ impl Pilot for Formation {
                 attitude: from_matrix(pose.rotation),
                 angular_velocity: mat_vec(transpose(pose.rotation), pose.angular_velocity),
             };
-            let wanted = place(moment.reference, moment.time, member.place, member.yaw);
-            let actions = member.cascade.position(&own, &wanted);
-            for (at, action) in member.actions.iter().zip(actions) {
-                input[*at] = action;
+            let mut cascade = CascadeModel::<S, MAX_ROTORS>::constant(&member.cascade);
+            if !now.parameters.is_empty() {
+                cascade.gains = GainSet::read(&now.parameters[GAINS * i..]);
+            }
+            let memory = &mut memory[HELD * i..HELD * (i + 1)];
+            let wanted = Sample::read(&now.target[SAMPLE * i..]);
+            let ticks = [now.ticks[0], now.ticks[1], now.ticks[2]];
+            let held = cascade.position(&own, &Held::read(memory), &wanted, ticks);
+            held.write(memory);
+            for (at, action) in member.actions.iter().zip(held.rotors) {
+                commands[*at] = action;
             }
         }
     }
@@ -108,10 +181,9 @@ impl Pilot for Formation {
 
 /// Where a point fixed to the reference's frame should be: p(t) + Rz(ψ(t)) o, with all derivatives.
 fn place(reference: &Reference, time: f64, offset: [f64; 3], yaw: f64) -> Sample<f64> {
-    let t = Jet::<f64, 5>::variable(time);
-    let (p, heading) = (reference.position(t), reference.yaw(t));
-    let (s, c) = crate::autodiff::Scalar::sin_cos(heading);
-    let constant = |v: f64| <Jet<f64, 5> as crate::autodiff::Scalar>::constant(v);
+    let (p, heading) = reference.series(time);
+    let (s, c) = Scalar::sin_cos(heading);
+    let constant = |v: f64| <Jet<f64, 5> as Scalar>::constant(v);
     let [x, y, z] = offset.map(constant);
     let moved = [p[0] + c * x - s * y, p[1] + s * x + c * y, p[2] + z];
     Sample::from_series(moved, heading + constant(yaw))

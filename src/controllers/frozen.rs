@@ -3,9 +3,9 @@
 //! Servos hold the rest pose: position servos by themselves, rate servos by a proportional loop around them. All rotors
 //! then serve one cascade, whose base frame stands at the centre of mass and keeps the root's axes.
 
-use super::cascade::{Cascade, Rates};
+use super::cascade::{Cascade, Rates, Schedule};
+use super::controller::{Controller, Measurement, Target};
 use super::kinematics::Kinematics;
-use super::pilot::{Command, Pilot};
 use crate::dynamics::spatial::{add, mat_vec, rotate_back, scale, sub};
 use crate::dynamics::tree::{Multibody, body_poses, center_of_mass, momentum};
 use crate::dynamics::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
@@ -50,8 +50,16 @@ impl Frozen {
     }
 }
 
-impl Pilot for Frozen {
-    fn name(&self) -> &'static str {
+impl Controller for Frozen {
+    fn schedule(&self) -> Option<Schedule> {
+        Some(self.cascade.schedule)
+    }
+
+    fn reset(&mut self) {
+        self.cascade.reset();
+    }
+
+    fn name(&self) -> &str {
         "frozen"
     }
 
@@ -65,14 +73,14 @@ impl Pilot for Frozen {
         Kinematics { position: center_of_mass(&self.system, state), velocity, ..own }
     }
 
-    fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
-        let own = self.tracked(moment.state);
-        let actions = self.cascade.position(&own, &moment.reference.sample(moment.time));
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, input: &mut [f64]) {
+        let own = self.tracked(seen.state);
+        let actions = self.cascade.position(&own, &target.sample(seen.time));
         for (at, action) in self.actions.iter().zip(actions) {
             input[*at] = action;
         }
         for (angle, rest, at, range) in &self.held {
-            input[*at] = (RETURN_RATE * (rest - moment.state[*angle]) / range).clamp(-1.0, 1.0);
+            input[*at] = (RETURN_RATE * (rest - seen.state[*angle]) / range).clamp(-1.0, 1.0);
         }
     }
 }

@@ -310,7 +310,7 @@ fn a_free_fall_request_keeps_a_level_attitude_and_finite_derivatives() {
 #[test]
 fn the_force_limits_shorten_the_horizontal_part_and_leave_feasible_forces_alone() {
     let tangent = 1.2_f64.tan();
-    let limit = |f| limit_force(f, tangent, 1.0, 20.0);
+    let limit = |f| limit_force(f, tangent, [1.0, 19.0], 20.0);
     assert_eq!(limit([3.0, -4.0, 9.0]), [3.0, -4.0, 9.0]);
     assert_close(&limit([300.0, -400.0, 9.0]), &[0.6 * 319.0_f64.sqrt(), -0.8 * 319.0_f64.sqrt(), 9.0], 1e-12);
     assert_close(&limit([3.0, 4.0, -50.0]), &[0.6 * tangent, 0.8 * tangent, 1.0], 1e-12);
@@ -421,7 +421,7 @@ fn tracking_error(vehicle: &Vehicle, gains: &Gains, drag: f64, feed_drag: bool, 
     vehicle.drag.linear = if feed_drag { [drag; 3] } else { [0.0; 3] };
     let dt = 0.002;
     let mut cascade = Cascade::<6>::new(&vehicle, gains, &Rates::default(), dt).unwrap();
-    let mut state = Kinematics::at_rest(shape.position(0.0));
+    let mut state = Kinematics::at_rest(shape.sample(0.0).position);
     let (mut sum, mut count) = (0.0, 0.0);
     for k in 0..5000 {
         let sample = shape.sample(dt * f64::from(k));

@@ -13,15 +13,19 @@
 //! | [`six_axis`] | force and attitude independent of each other: pose → wrench |
 //! | [`action`] | the paper's action modes, bounded |
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
-//! | [`closed_loop`] | vehicle and cascade as one differentiable system |
+//! | [`controller`] | what a controller is: a measurement and a target in, commands out |
+//! | [`law`] | straight-line controllers, over any scalar |
+//! | [`cascade_law`] | the cascade as such a law |
+//! | [`registry`] | which controller flies what |
+//! | [`closed_loop`] | a plant under a controller: latency, disturbances, injections, failures |
+//! | [`monte_carlo`] | one loop over thousands of randomised plants |
+//! | [`start`] | where flights and drops begin |
 //! | [`fault_tolerant`] | the cascade that flies on with the rotors that are left, yaw sacrificed first |
 //! | [`flight`] | a whole flight along a reference, logged |
-//! | [`pilot`] | who steers an articulated system; a whole flight of one |
 //! | [`formation`] | drones that hold their places and carry something together |
 //! | [`frozen`] | servos held at rest, flown as one rigid vehicle |
 //! | [`mod@vectored`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
 //! | [`bends`] | the shape of a chain |
-//! | [`balance`] | a load kept upright above a drone |
 //! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
 //! | [`gimballed`] | a drone on a cardan joint that pushes its carrier with a wanted force |
 //! | [`platform`] | a frame under such drones, steered in six axes |
@@ -38,10 +42,11 @@
 pub mod action;
 pub mod allocation;
 pub mod attitude;
-pub mod balance;
 pub mod bends;
 pub mod cascade;
+pub mod cascade_law;
 pub mod closed_loop;
+pub mod controller;
 pub mod design;
 pub mod fault_tolerant;
 pub mod flat_load;
@@ -52,13 +57,16 @@ pub mod gimballed;
 #[cfg(test)]
 mod golden;
 pub mod kinematics;
+pub mod law;
+pub mod monte_carlo;
 pub mod parameters;
-pub mod pilot;
 pub mod platform;
 pub mod position;
 pub mod rate;
 pub mod reference;
+pub mod registry;
 pub mod six_axis;
+pub mod start;
 pub mod state_feedback;
 pub mod transport;
 pub mod vectored;
@@ -67,22 +75,26 @@ pub mod velocity;
 pub use action::ActionScale;
 pub use allocation::{Assessment, Authority, Axis, Capability, Failure, FailureTable, Mixer};
 pub use attitude::{AttitudeCommand, Orientation};
-pub use balance::Balance;
 pub use bends::{Bends, Shape};
 pub use cascade::{Cascade, CascadeModel, Held, Level, Rates, Schedule};
-pub use closed_loop::ClosedLoop;
+pub use cascade_law::CascadeLaw;
+pub use closed_loop::{ClosedLoop, Outside};
+pub use controller::{Controller, Measurement, Note, Passive, Target};
 pub use fault_tolerant::FaultTolerant;
 pub use flat_load::FlatLoad;
-pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from};
-pub use formation::Formation;
+pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle};
+pub use formation::{Formation, FormationLaw};
 pub use frozen::Frozen;
 pub use kinematics::Kinematics;
+pub use law::{ControlLaw, Moment, RecordedLaw, Running};
+pub use monte_carlo::{Draw, MonteCarlo, Outcome};
 pub use parameters::{Body, ForceLimits, GainSet, Limits};
-pub use pilot::{Note, Passive, Pilot, RigFlight, fly_rig, suited};
 pub use platform::Platform;
 pub use rate::RateCommand;
-pub use reference::{Reference, Sample, Tilt};
+pub use reference::{Curve, Reference, Sample, Tilt, Trajectory};
+pub use registry::{Setup, default_controller};
 pub use six_axis::SixAxis;
+pub use start::start_on;
 pub use state_feedback::Lqr;
 pub use transport::Transport;
 pub use vectored::{Vectored, vectored};

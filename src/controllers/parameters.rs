@@ -46,6 +46,13 @@ impl<S: Scalar> GainSet<S> {
         }
     }
 
+    /// Names of the flat form, with something before each: `gains.position_x`.
+    pub fn names(prefix: &str) -> Vec<String> {
+        let levels = ["position", "velocity", "attitude", "rate"];
+        let of = |level: &str| ["x", "y", "z"].map(|axis| format!("{prefix}gains.{level}_{axis}"));
+        levels.into_iter().flat_map(of).collect()
+    }
+
     /// The inverse of [`write`](Self::write).
     #[inline(always)]
     pub fn read(x: &[S]) -> Self {
@@ -152,7 +159,8 @@ pub struct Limits {
     /// Least vertical specific force as a fraction of g; (0, 1). Default 0.1: the vehicle falls at 0.9 g at most and
     /// never turns over, and the direction of the wanted force always exists.
     pub vertical: f64,
-    /// Largest wanted force as a fraction of the rotors' total; (0, 1]. Default 0.9: the rest is left for moments.
+    /// Largest wanted force as a fraction of the rotors' total; (0, 1]. Default 0.9: the rest is left for moments. Exceeded
+    /// where it would not carry the weight: see [`ForceLimits::constant`].
     pub thrust: f64,
 }
 
@@ -179,6 +187,13 @@ impl Limits {
     }
 }
 
+/// Largest vertical part of the wanted force as a share of the whole: some is left to steer sideways.
+pub(crate) const CEILING: f64 = 0.95;
+/// What the wanted force may exceed the weight by at least, where half of what the rotors lift beyond it allows that.
+const MARGIN: f64 = 0.05;
+/// Least thrust over weight that is flown: below it, what keeps the height leaves nothing to steer with.
+pub(crate) const LEAST_LIFT: f64 = 1.05;
+
 /// [`Limits`] in the units of the kernel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceLimits<S> {
@@ -186,6 +201,8 @@ pub struct ForceLimits<S> {
     pub tilt_tangent: S,
     /// Least vertical specific force, m/s².
     pub vertical: S,
+    /// Largest vertical part as a share of the largest norm.
+    pub ceiling: S,
     /// Largest norm of the wanted force, N.
     pub force: S,
     /// Largest total thrust along body z, N.
@@ -193,12 +210,24 @@ pub struct ForceLimits<S> {
 }
 
 impl<S: Scalar> ForceLimits<S> {
-    /// From the ratios of `limits` and the total thrust along body z, N.
-    pub fn constant(limits: &Limits, total_thrust: f64) -> Self {
+    /// From the ratios of `limits`, the total thrust T along body z and the weight W, N.
+    ///
+    /// The vertical part is at most 0.95 · `limits.thrust` · T. Where that is less than W + min(0.05 W, (T − W)/2), it is
+    /// that much, and as much of T as it takes: what holds the height comes before what is kept for moments.
+    pub fn constant(limits: &Limits, total_thrust: f64, weight: f64) -> Self {
+        let usual = limits.thrust * total_thrust;
+        let needed = weight + (MARGIN * weight).min(0.5 * (total_thrust - weight));
+        let (force, ceiling) = if CEILING * usual >= needed {
+            (usual, CEILING)
+        } else {
+            let force = usual.max((needed / CEILING).min(total_thrust));
+            (force, (needed / force).min(1.0))
+        };
         Self {
             tilt_tangent: S::constant(limits.tilt.tan()),
             vertical: S::constant(limits.vertical * GRAVITY),
-            force: S::constant(limits.thrust * total_thrust),
+            ceiling: S::constant(ceiling),
+            force: S::constant(force),
             thrust: S::constant(total_thrust),
         }
     }

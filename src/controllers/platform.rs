@@ -30,10 +30,10 @@ use super::allocation::nearest::Nearest;
 use super::allocation::{Axis, Cone, Problem};
 use super::attitude::Orientation;
 use super::cascade::{Rates, Schedule};
+use super::controller::{Controller, Measurement, Note, Target};
 use super::gimballed::{Gimballed, THRUST_SHARE, liftable, mounts};
 use super::kinematics::Kinematics;
 use super::parameters::{Body, ForceLimits, GainSet, Limits};
-use super::pilot::{Command, Note, Pilot};
 use super::position::velocity_command;
 use super::reference::Sample;
 use super::six_axis::{SixAxis, Wrench};
@@ -94,6 +94,7 @@ pub struct Platform {
     turning: f64,
     directions: Directions,
     allocation: Nearest,
+    built_for: (Option<Gains>, Rates),
     schedule: Schedule,
     step: u64,
     /// World, N; and about the drones' z, N m.
@@ -132,7 +133,7 @@ impl Platform {
         if !is_platform(model) {
             let what = format!("model '{}'", model.name());
             let rule = "a frame under two or more drones on cardan joints";
-            return Err(Error::value(what, "of another make", rule, "Let controllers::suited choose its pilot."));
+            return Err(Error::value(what, "of another make", rule, "Let controllers::default_controller choose."));
         }
         directions.validate()?;
         let mounts = mounts(model)?;
@@ -147,10 +148,11 @@ impl Platform {
         let places: Vec<_> = drones.iter().map(|d| d.mount.place).collect();
         let mut problem = problem(&drones, &places);
         problem.cones = cones(&drones, directions, &places, &vec![[0.0, 0.0, 1.0]; n]);
-        let mut pilot = Self {
+        let mut own = Self {
             drag: drones.iter().map(|d| d.drag_at(share)).collect(),
             law: law(model, &drones, gains, turning),
             directions,
+            built_for: (gains.copied(), *rates),
             allocation: Nearest::new(problem)?,
             schedule: Schedule::new(rates, system.physics().dt)?,
             step: 0,
@@ -162,8 +164,8 @@ impl Platform {
         };
         let rest = system.rest_state();
         let poses = body_poses(system, &rest);
-        pilot.renew(&rest, &poses);
-        Ok(pilot)
+        own.renew(&rest, &poses);
+        Ok(own)
     }
 
     /// What the allocation did so far.
@@ -317,7 +319,7 @@ fn law(model: &Model, drones: &[Gimballed], gains: Option<&Gains>, pole: f64) ->
     SixAxis {
         body: Body { mass, inertia: zero, drag: [0.0; 3], drag_moment: zero, gravity },
         gains: GainSet::constant(&own),
-        limits: ForceLimits::constant(&Limits { thrust: THRUST_SHARE, ..Limits::default() }, lift),
+        limits: ForceLimits::constant(&Limits { thrust: THRUST_SHARE, ..Limits::default() }, lift, mass * gravity),
     }
 }
 
@@ -412,8 +414,8 @@ pub fn clear(way: Vec3<f64>, before: Vec3<f64>, angle: f64) -> Vec3<f64> {
     axpy(scale(c, side), s, way)
 }
 
-impl Pilot for Platform {
-    fn name(&self) -> &'static str {
+impl Controller for Platform {
+    fn name(&self) -> &str {
         "platform"
     }
 
@@ -426,6 +428,17 @@ impl Pilot for Platform {
             format!("all axes of the frame but {}, which nothing turns", names.join(" and "))
         };
         format!("{axes} by {n} force vectors; poles at -{frame:.2} 1/s, drones {drones:.1} rad/s")
+    }
+
+    fn schedule(&self) -> Option<Schedule> {
+        Some(self.schedule)
+    }
+
+    fn reset(&mut self) {
+        let (gains, rates) = self.built_for;
+        if let Ok(fresh) = Self::with_directions(&self.system, gains.as_ref(), &rates, self.directions) {
+            *self = fresh;
+        }
     }
 
     fn holds_tilt(&self) -> bool {
@@ -443,8 +456,8 @@ impl Pilot for Platform {
         Kinematics { position: center_of_mass(&self.system, state), velocity, ..own }
     }
 
-    fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
-        let tilt = moment.tilt.orientation(moment.reference, moment.time);
-        self.position(moment.state, &moment.reference.sample(moment.time), &tilt, input);
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, input: &mut [f64]) {
+        let tilt = target.orientation(seen.time);
+        self.position(seen.state, &target.sample(seen.time), &tilt, input);
     }
 }

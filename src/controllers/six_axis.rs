@@ -45,7 +45,8 @@ impl<S: Scalar> SixAxis<S> {
         let f = specific_force(&self.gains, self.body.gravity, &command, state.velocity);
         let limits = &self.limits;
         let largest = limits.force * self.body.mass.recip();
-        scale(self.body.mass, limit_force(f, limits.tilt_tangent, limits.vertical, largest))
+        let vertical = [limits.vertical, limits.ceiling * largest];
+        scale(self.body.mass, limit_force(f, limits.tilt_tangent, vertical, largest))
     }
 
     /// Enters with a pose: a sample of a reference (its yaw plays no part) and an orientation.
@@ -95,7 +96,7 @@ mod tests {
         SixAxis {
             body: Body { drag: [0.0; 3], drag_moment: [[0.0; 3]; 3], ..Body::of(&vehicle) },
             gains: GainSet::constant(&vehicle.derived_gains()),
-            limits: ForceLimits::constant(&Limits::default(), 30.0),
+            limits: ForceLimits::constant(&Limits::default(), 30.0, 0.0),
         }
     }
 

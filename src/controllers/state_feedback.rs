@@ -21,15 +21,16 @@
 //! the force of [`FlatLoad`], exact however far the load leans: then a_cmd = F/(m + m_q) − g e_z − K (x ⊖ x_flat), F ahead by
 //! the rotors' lag, with its derivatives as jerk and snap. No preview is needed: that state obeys the dynamics.
 
-use super::cascade::{Cascade, CascadeModel, Rates};
+use super::cascade::{Cascade, CascadeModel, Rates, Schedule};
+use super::controller::{Controller, Measurement, Target};
 use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr, spectral_radius};
 use super::flat_load::FlatLoad;
-use super::formation::{carrier, root};
+use super::formation::carrier;
 use super::kinematics::Kinematics;
-use super::pilot::{Command, Pilot};
 use super::reference::{Carried, Reference, Sample};
 use super::velocity::VelocityCommand;
 use crate::autodiff::{Scalar, System, linearise, safe};
+use crate::dynamics::rotor::commanded_speed;
 use crate::dynamics::spatial::{matrix, multiply, sub};
 use crate::dynamics::tree::{Model, Motion, Multibody};
 use crate::dynamics::{Gains, MAX_ROTORS};
@@ -188,14 +189,14 @@ impl Lqr {
     }
 
     /// Of the way of a load: a_cmd and its first two derivatives, world.
-    fn carried(&self, moment: Command<'_>, own: &Kinematics<f64>, flat: &FlatLoad, way: &Carried) -> [[f64; 3]; 3] {
+    fn carried(&self, seen: Measurement<'_>, own: &Kinematics<f64>, flat: &FlatLoad, way: &Carried) -> [[f64; 3]; 3] {
         let heading = heading(own);
-        let wanted = along(heading, &flat.state(&self.system, way, moment.time));
-        let mut error = self.errors.difference(&along(heading, moment.state), &wanted);
+        let wanted = along(heading, &flat.state(&self.system, way, seen.time));
+        let mut error = self.errors.difference(&along(heading, seen.state), &wanted);
         let away = &self.nearest * (&self.regulator.cost * &error);
         self.within_reach(&mut error, &away);
         let feedback = &self.regulator.gain * error;
-        let [mut push, jerk, snap] = flat.push(way, moment.time + self.lag);
+        let [mut push, jerk, snap] = flat.push(way, seen.time + self.lag);
         let feedback = turned([feedback[0], feedback[1], feedback[2]], heading);
         for k in 0..3 {
             push[k] -= feedback[k];
@@ -213,25 +214,26 @@ impl Lqr {
     }
 
     /// a_cmd, world, m/s².
-    fn acceleration(&self, moment: Command<'_>, own: &Kinematics<f64>, wanted: &Sample<f64>) -> [f64; 3] {
+    fn acceleration(&self, seen: Measurement<'_>, target: Target<'_>, wanted: &Sample<f64>) -> [f64; 3] {
+        let own = &self.tracked(seen.state);
         let heading = heading(own);
         let z = |time: f64| {
-            let then = moment.reference.sample(time);
+            let then = target.sample(time);
             let from_here = sub(then.position, wanted.position);
             let rows = [from_here, then.velocity, then.acceleration, then.jerk, then.snap];
             SVector::<f64, N_FORWARD>::from_column_slice(rows.map(|v| turned(v, -heading)).as_flattened())
         };
-        let mut state = moment.state.to_vec();
+        let mut state = seen.state.to_vec();
         let (s, c) = (-0.5 * heading).sin_cos();
         state[..3].copy_from_slice(&turned(sub(own.position, wanted.position), -heading));
         state[3..6].copy_from_slice(&turned(own.velocity, -heading));
         state[6..10].copy_from_slice(&multiply([c, 0.0, 0.0, s], own.attitude));
         let mut error = self.errors.difference(&state, &self.hover);
-        let now = z(moment.time);
+        let now = z(seen.time);
         error -= &self.following.state * now;
         let mut forward = SVector::<f64, 6>::zeros();
         for (j, gain) in self.ahead.iter().enumerate() {
-            forward += gain * z(moment.time + j as f64 * self.period);
+            forward += gain * z(seen.time + j as f64 * self.period);
         }
         let away = &self.nearest * (&self.regulator.cost * &error) + forward.rows(3, 3);
         self.within_reach(&mut error, &away);
@@ -240,8 +242,8 @@ impl Lqr {
     }
 }
 
-impl Pilot for Lqr {
-    fn name(&self) -> &'static str {
+impl Controller for Lqr {
+    fn name(&self) -> &str {
         "lqr"
     }
 
@@ -250,17 +252,22 @@ impl Pilot for Lqr {
         format!("optimal feedback of the whole state, slowest pole at {slowest:.2} 1/s")
     }
 
-    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
-        root(&self.system, state)
+    fn schedule(&self) -> Option<Schedule> {
+        Some(self.cascade.schedule)
     }
 
-    fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
-        let own = self.tracked(moment.state);
+    fn reset(&mut self) {
+        self.cascade.reset();
+        (self.step, self.said) = (0, VelocityCommand::constant([0.0; 3], 0.0));
+    }
+
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, input: &mut [f64]) {
+        let own = self.tracked(seen.state);
         if self.step.is_multiple_of(self.cascade.schedule.every[0]) {
-            let wanted = moment.reference.sample(moment.time);
-            let [acceleration, jerk, snap] = match (&self.flat, moment.reference) {
-                (Some(flat), Reference::Carried(way)) => self.carried(moment, &own, flat, way),
-                _ => [self.acceleration(moment, &own, &wanted), [0.0; 3], [0.0; 3]],
+            let wanted = target.sample(seen.time);
+            let [acceleration, jerk, snap] = match (&self.flat, target.reference) {
+                (Some(flat), Reference::Carried(way)) => self.carried(seen, &own, flat, way),
+                _ => [self.acceleration(seen, target, &wanted), [0.0; 3], [0.0; 3]],
             };
             self.said = VelocityCommand {
                 acceleration,
@@ -326,7 +333,7 @@ fn fits(model: &Model) -> Result<()> {
     }
     let what = format!("model '{}'", model.name());
     let rule = "one drone on a floating root with passive hinges or slides on it";
-    Err(Error::value(what, "of another make", rule, "Ask controllers::suited for a pilot."))
+    Err(Error::value(what, "of another make", rule, "Ask controllers::default_controller."))
 }
 
 /// The articulated system under the drone's levels, every one in every step: an acceleration command in, world axes, m/s².
@@ -368,7 +375,7 @@ impl Inner<'_> {
         state[..10].copy_from_slice(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
         let carried = self.cascade.initial().rotors;
         for (r, action) in model.drones()[0].rotors.iter().zip(carried) {
-            state[layout.rotor_speed[*r]] = model.rotors()[*r].rotor.max_speed * (0.5 * (action + 1.0)).sqrt();
+            state[layout.rotor_speed[*r]] = commanded_speed(model.rotors()[*r].rotor.max_speed, action);
         }
         state
     }

@@ -33,10 +33,10 @@ use super::allocation::nearest::Nearest;
 use super::allocation::{Affine, Cone, Problem};
 use super::attitude::Orientation;
 use super::cascade::{Rates, Schedule};
+use super::controller::{Controller, Measurement, Note, Target};
 use super::gimballed::{Gimballed, Mount, THRUST_SHARE, liftable, mounts};
 use super::kinematics::Kinematics;
-use super::parameters::{Body, ForceLimits, GainSet, Limits};
-use super::pilot::{Command, Note, Pilot};
+use super::parameters::{Body, CEILING, ForceLimits, GainSet, Limits};
 use super::reference::Sample;
 use super::six_axis::{SixAxis, Wrench};
 use super::velocity::{VelocityCommand, limit_force};
@@ -118,6 +118,7 @@ pub struct Transport {
     /// c, 1/s.
     pace: f64,
     leans: Leans,
+    built_for: (Option<Gains>, Rates),
     allocation: Nearest,
     schedule: Schedule,
     step: u64,
@@ -175,7 +176,7 @@ impl Transport {
         let Some(bars) = bars(model).filter(|_| is_transport(model)) else {
             let what = format!("model '{}'", model.name());
             let rule = "a load under two or more drones on bars with cardan joints";
-            return Err(Error::value(what, "of another make", rule, "Let controllers::suited choose its pilot."));
+            return Err(Error::value(what, "of another make", rule, "Let controllers::default_controller choose."));
         };
         let drone = |m| Gimballed::new(system, m, gains, rates);
         let drones = mounts(model)?.into_iter().map(drone).collect::<Result<Vec<_>>>()?;
@@ -188,6 +189,7 @@ impl Transport {
         let problem = problem(&drones, &bars, law.body.mass * law.body.gravity, law.body.gravity, up, leans.pull);
         Ok(Self {
             drag: drones.iter().map(|d| d.drag_at(share)).collect(),
+            built_for: (gains.copied(), *rates),
             allocation: Nearest::new(problem)?,
             schedule: Schedule::new(rates, system.physics().dt)?,
             step: 0,
@@ -328,7 +330,8 @@ impl Transport {
         let force = axpy(pull, bar.mass, axpy(lift, bar.length, self.swing(j, b, turning)));
         let force = add(force, self.resistance(poses, j));
         let most = THRUST_SHARE * self.drones[j].max_thrust;
-        limit_force(force, self.leans.drone.tan(), TAUT * bar.mass * self.law.body.gravity, most)
+        let vertical = [TAUT * bar.mass * self.law.body.gravity, CEILING * most];
+        limit_force(force, self.leans.drone.tan(), vertical, most)
     }
 
     /// Wanted b̈ of a bar, 1/s²: across it towards b_d, along it what turning needs.
@@ -380,7 +383,11 @@ fn law(model: &Model, drones: &[Gimballed], bars: &[Bar], c: f64, lean: f64) -> 
     SixAxis {
         body: Body { mass, inertia, drag: load.drag.linear, drag_moment: [[0.0; 3]; 3], gravity },
         gains: GainSet::constant(&gains),
-        limits: ForceLimits::constant(&Limits { tilt: lean, vertical: 0.3, thrust: 1.0 }, lift.max(0.0)),
+        limits: ForceLimits::constant(
+            &Limits { tilt: lean, vertical: 0.3, thrust: 1.0 },
+            lift.max(0.0),
+            mass * gravity,
+        ),
     }
 }
 
@@ -428,14 +435,25 @@ fn cones(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Vec3
     list
 }
 
-impl Pilot for Transport {
-    fn name(&self) -> &'static str {
+impl Controller for Transport {
+    fn name(&self) -> &str {
         "transport"
     }
 
     fn description(&self) -> String {
         let [pace, drones] = self.bandwidths();
         format!("pose of the load through {} bars, {:.1} s late; drones {drones:.1} rad/s", self.bars.len(), 1.0 / pace)
+    }
+
+    fn schedule(&self) -> Option<Schedule> {
+        Some(self.schedule)
+    }
+
+    fn reset(&mut self) {
+        let (gains, rates) = self.built_for;
+        if let Ok(fresh) = Self::with_leans(&self.system, gains.as_ref(), &rates, self.leans) {
+            *self = fresh;
+        }
     }
 
     fn notes(&self) -> Vec<Note> {
@@ -451,8 +469,8 @@ impl Pilot for Transport {
         Kinematics { position, velocity: add(own.velocity, drift), ..own }
     }
 
-    fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
-        let tilt = moment.tilt.orientation(moment.reference, moment.time);
-        self.position(moment.state, &moment.reference.sample(moment.time), &tilt, input);
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, input: &mut [f64]) {
+        let tilt = target.orientation(seen.time);
+        self.position(seen.state, &target.sample(seen.time), &tilt, input);
     }
 }

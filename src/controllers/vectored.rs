@@ -1,4 +1,4 @@
-//! Thrusters on tilting hinges: one pilot for every system whose rotors all sit on servo-driven tilts.
+//! Thrusters on tilting hinges: one controller for every system whose rotors all sit on servo-driven tilts.
 //!
 //! ```text
 //! pose ─▶ six-axis law ─▶ wrench ─┬─▶ slow: second-order cone program over force vectors ─▶ tilt rates
@@ -41,13 +41,14 @@ use super::allocation::{Allocator, Path};
 use super::attitude::rate_command;
 use super::bends::Bends;
 use super::cascade::{Rates, Schedule};
+use super::controller::{Controller, Measurement, Note, Target};
 use super::kinematics::Kinematics;
 use super::parameters::{Body, ForceLimits, GainSet, Limits, validate_gains};
-use super::pilot::{Command, Note, Pilot};
 use super::position::velocity_command;
 use super::rate::RateCommand;
 use super::six_axis::{SixAxis, Wrench};
 use crate::dynamics::gains::SATURATION_ANGLE;
+use crate::dynamics::rotor::{holding_action, thrust_action};
 use crate::dynamics::spatial::{Vec3, axpy, cross, dot, inverse, mat_vec, rotate_back, scale, sub};
 use crate::dynamics::tree::{
     Model, Motion, Multibody, Pose, body_poses, center_of_mass, inverse_dynamics, mass_matrix, momentum, rest_state,
@@ -167,7 +168,7 @@ pub enum Point {
     Root,
 }
 
-/// The pilot.
+/// The controller.
 pub struct Vectored {
     system: Multibody,
     thrusters: Vec<Thruster>,
@@ -177,6 +178,7 @@ pub struct Vectored {
     law: SixAxis<f64>,
     /// Whether gains follow the inertia of the present shape.
     placed: Option<[f64; 2]>,
+    built_for: (Option<Gains>, Rates),
     schedule: Schedule,
     /// Of the slow stage, s.
     period: f64,
@@ -185,6 +187,8 @@ pub struct Vectored {
     held: Held,
     /// Largest accepted residuals, slow and fast.
     residual: [f64; 2],
+    /// Share of its largest thrust that each rotor is known to have.
+    health: Vec<f64>,
 }
 
 /// What each level said last.
@@ -235,8 +239,8 @@ impl Vectored {
             gravity: model.parts().gravity,
         };
         let given = gains.copied().unwrap_or_else(|| placed_gains([bandwidths[0]; 3], bandwidths[1], &body));
-        let law =
-            SixAxis { body, gains: GainSet::constant(&given), limits: ForceLimits::constant(&Limits::default(), lift) };
+        let limits = ForceLimits::constant(&Limits::default(), lift, mass * body.gravity);
+        let law = SixAxis { body, gains: GainSet::constant(&given), limits };
         let share = mass * body.gravity.min(GRAVITY) / lift;
         let preference: Vec<f64> = model.rotors().iter().map(|r| share * r.rotor.max_thrust()).collect();
         let scene = Scene::of(system, &rest);
@@ -253,12 +257,14 @@ impl Vectored {
         let fast = fast_problem(system, &law.body, wrench_matrix(system, &rest), &held.preference)?;
         Ok(Self {
             system: system.clone(),
+            built_for: (gains.copied(), *rates),
             bends: Bends::rest(model),
             point: Point::Center,
             placed: gains.is_none().then_some(bandwidths),
             slow: Allocator::new(slow)?,
             fast: Allocator::new(fast)?,
             residual: [0.0; 2],
+            health: vec![1.0; model.rotors().len()],
             period,
             thrusters,
             law,
@@ -316,7 +322,7 @@ impl Vectored {
         let mut thrusts = Vec::with_capacity(model.rotors().len());
         for (r, mounted) in model.rotors().iter().enumerate() {
             let (speed, rotor) = (state[layout.rotor_speed[r]], &mounted.rotor);
-            still[layout.rotor_action[r]] = 2.0 * (speed / rotor.max_speed).powi(2) - 1.0;
+            still[layout.rotor_action[r]] = holding_action(rotor.max_speed, speed);
             thrusts.push(rotor.thrust_coefficient * speed * speed);
         }
         let mut missing = vec![0.0; layout.n_velocity()];
@@ -397,8 +403,8 @@ impl Vectored {
     }
 }
 
-impl Pilot for Vectored {
-    fn name(&self) -> &'static str {
+impl Controller for Vectored {
+    fn name(&self) -> &str {
         "vectored"
     }
 
@@ -409,6 +415,33 @@ impl Pilot for Vectored {
             "six axes; {} thrusters that tilt about {axes}, then all rotors at the actual tilts",
             self.thrusters.len()
         )
+    }
+
+    fn schedule(&self) -> Option<Schedule> {
+        Some(self.schedule)
+    }
+
+    fn reset(&mut self) {
+        let (gains, rates) = self.built_for;
+        if let Ok(fresh) = Self::new(&self.system, gains.as_ref(), &rates) {
+            let own = std::mem::replace(self, fresh);
+            (self.bends, self.point) = (own.bends, own.point);
+        }
+    }
+
+    /// Both stages allocate within what is left; a thruster with a rotor lost is asked for next to nothing.
+    fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
+        let rotors = self.system.model().rotors();
+        let left = |r: usize| effectiveness[r] * rotors[r].rotor.max_thrust();
+        for thruster in &mut self.thrusters {
+            let least =
+                |of: &dyn Fn(usize) -> f64| thruster.rotors.iter().map(|r| of(*r)).fold(f64::INFINITY, f64::min);
+            let whole = least(&|r| rotors[r].rotor.max_thrust());
+            thruster.max_thrust = thruster.rotors.len() as f64 * least(&left).max(FAINT * whole);
+        }
+        self.fast.update(|p| p.upper = (0..rotors.len()).map(left).collect())?;
+        self.health = effectiveness.to_vec();
+        Ok(())
     }
 
     fn holds_tilt(&self) -> bool {
@@ -444,8 +477,8 @@ impl Pilot for Vectored {
         }
     }
 
-    fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
-        let Command { time, state, reference, tilt } = moment;
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, input: &mut [f64]) {
+        let Measurement { time, state } = seen;
         let own = self.tracked(state);
         let [velocity, attitude, rate] = self.schedule.ticks(self.held.step).map(|tick| tick > 0.5);
         self.held.step += 1;
@@ -456,13 +489,14 @@ impl Pilot for Vectored {
                 let axes = axis_bandwidths(self.system.model(), &matrix, &self.law.body, tilts);
                 self.law.gains = GainSet::constant(&placed_gains(axes, position, &self.law.body));
             }
-            let mut command = velocity_command(&self.law.gains, &reference.sample(time), &own);
-            let drag = mat_vec(resistance(&self.system, state), reference.sample(time).velocity);
+            let wanted = target.sample(time);
+            let mut command = velocity_command(&self.law.gains, &wanted, &own);
+            let drag = mat_vec(resistance(&self.system, state), wanted.velocity);
             command.acceleration = axpy(command.acceleration, 1.0 / self.law.body.mass, drag);
             self.held.force = self.law.force(&own, &command);
         }
         if attitude {
-            let wanted = tilt.orientation(reference, time).with_thrust(0.0);
+            let wanted = target.orientation(time).with_thrust(0.0);
             self.held.rate = rate_command(&self.law.gains, &wanted, own.attitude, own.angular_velocity);
         }
         if velocity || rate {
@@ -477,8 +511,8 @@ impl Pilot for Vectored {
         }
         self.turn(state, input);
         for (r, thrust) in self.fast.solution().inputs.iter().enumerate() {
-            let most = self.system.model().rotors()[r].rotor.max_thrust();
-            input[self.system.layout().rotor_action[r]] = 2.0 * thrust / most - 1.0;
+            let most = self.health[r] * self.system.model().rotors()[r].rotor.max_thrust();
+            input[self.system.layout().rotor_action[r]] = if most > 0.0 { thrust_action(thrust / most) } else { -1.0 };
         }
         self.bends.command(time, input);
     }
@@ -557,14 +591,17 @@ fn placed_gains(attitude: Vec3<f64>, position: f64, body: &Body<f64>) -> Gains {
 }
 
 /// Gains at the bandwidths that a system is flown with where none are given.
-pub(crate) fn placed(system: &Multibody, rates: &Rates, body: &Body<f64>) -> Result<Gains> {
-    let pilot = Vectored::new(system, None, rates)?;
-    let [attitude, position] = pilot.bandwidths().unwrap_or([1.0, 0.5]);
+///
+/// # Errors
+/// As [`Vectored::new`].
+pub fn placed(system: &Multibody, rates: &Rates, body: &Body<f64>) -> Result<Gains> {
+    let own = Vectored::new(system, None, rates)?;
+    let [attitude, position] = own.bandwidths().unwrap_or([1.0, 0.5]);
     Ok(placed_gains([attitude; 3], position, body))
 }
 
 /// W = diag(1, 1, 1, (mℓ/J_i)²), ℓ² = tr J/3m.
-pub(crate) fn weights(body: &Body<f64>) -> [f64; WRENCH] {
+pub fn weights(body: &Body<f64>) -> [f64; WRENCH] {
     let j = [0, 1, 2].map(|i| body.inertia[i][i]);
     let length = ((j[0] + j[1] + j[2]) / (3.0 * body.mass)).sqrt();
     let [x, y, z] = j.map(|j| (body.mass * length / j).powi(2));
@@ -690,7 +727,7 @@ fn thruster(model: &Model, body: usize, lags: &[f64]) -> Result<Thruster> {
     let own = |r: usize| &model.rotors()[r].rotor;
     let refuse = |value: &str, limit: &str| {
         let what = format!("model '{}': rotor '{}'", model.name(), own(rotors[0]).name);
-        Err(Error::value(what, value, limit, "Other pilots fly rotors that do not tilt."))
+        Err(Error::value(what, value, limit, "Other controllers fly rotors that do not tilt."))
     };
     let axis = own(rotors[0]).axis;
     if rotors.iter().any(|r| dot(own(*r).axis, axis) < 1.0 - 1e-9) {

@@ -51,12 +51,12 @@ pub fn specific_force<S: Scalar>(
     f
 }
 
-/// The nearest force the limits allow, height before direction: first the vertical part is held within
-/// [vertical, 0.95 · largest], then the horizontal part is shortened to the tilt limit and to what the largest norm
-/// leaves. Specific forces, world, m/s². Inside the limits the input comes back unchanged.
+/// The nearest force the limits allow, height before direction: first the vertical part is held within `vertical`, least
+/// and most, then the horizontal part is shortened to the tilt limit and to what the largest norm leaves. Specific forces,
+/// world, m/s². Inside the limits the input comes back unchanged.
 #[inline(always)]
-pub fn limit_force<S: Scalar>(f: Vec3<S>, tilt_tangent: S, vertical: S, largest: S) -> Vec3<S> {
-    let z = f[2].clamp(vertical, S::constant(0.95) * largest);
+pub fn limit_force<S: Scalar>(f: Vec3<S>, tilt_tangent: S, vertical: [S; 2], largest: S) -> Vec3<S> {
+    let z = f[2].clamp(vertical[0], vertical[1]);
     let tilt = z * tilt_tangent;
     let room = (largest * largest - z * z).min(tilt * tilt);
     let horizontal = f[0].mul_add(f[0], f[1] * f[1]);
@@ -98,7 +98,8 @@ pub fn attitude_command<S: Scalar>(
         series[i] = Jet::from_derivatives([f[i], command.jerk[i], command.snap[i]]);
     }
     let largest = limits.force * body.mass.recip();
-    let series = limit_force(series, Jet::fixed(limits.tilt_tangent), Jet::fixed(limits.vertical), Jet::fixed(largest));
+    let vertical = [Jet::fixed(limits.vertical), Jet::fixed(limits.ceiling * largest)];
+    let series = limit_force(series, Jet::fixed(limits.tilt_tangent), vertical, Jet::fixed(largest));
     let yaw = Jet::from_derivatives([command.yaw, command.yaw_rate, command.yaw_acceleration]);
     let r = desired_attitude(series, yaw);
     let force = [series[0].value(), series[1].value(), series[2].value()];

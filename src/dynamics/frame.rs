@@ -1,6 +1,7 @@
 //! Where a body is and how it moves, as tasks and controllers see it.
 
 use super::spatial::{Quat, Vec3, add, cross, rotate, up_axis};
+use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Pen, Rows, Scalar, safe};
 
 /// Numbers of a frame: position, velocity, attitude, angular velocity.
@@ -76,9 +77,9 @@ impl<S: Scalar> Frame<S> {
     pub fn observed_attitude(&self) -> Quat<S> {
         let flip = self.attitude[0].lt(S::zero());
         let mut q = self.attitude;
-        for i in 0..4 {
+        unrolled!(i in 0..4 {
             q[i] = S::select(flip, -q[i], q[i]);
-        }
+        });
         q
     }
 }

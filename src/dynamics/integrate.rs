@@ -1,6 +1,6 @@
 //! One step of the rigid multirotor: RK4, or semi-implicit Euler with an implicit gyroscopic term.
 //!
-//! The rotor lag is not integrated: both use its closed form ([`RotorPath`](super::rigid)), so it does not depend on
+//! The rotor lag is not integrated: both use its closed form ([`rotor`](super::rotor)), so it does not depend on
 //! the step. Explicit Euler in ω is not offered; it gains energy without bound.
 
 use super::rigid::{Disturbance, Effects, Motion, RigidModel, RigidState, RotorPath, full, symmetric_times};
@@ -157,18 +157,23 @@ fn implicit_gyroscopic<S: Scalar, const R: usize>(
     moment: Vec3<S>,
     momentum: Vec3<S>,
 ) -> Vec3<S> {
-    let inertia = full(model.inertia);
     let total = add(symmetric_times(&model.inertia, w, effects), momentum);
     let residual = scale(h, sub(moment, cross(w, total)));
-    let spin = mat_mul(skew(w), inertia);
-    let lever = skew(total);
+    let jacobian = gyroscopic_jacobian(full(model.inertia), total, w, h);
+    add(w, mat_vec(inverse(jacobian), residual))
+}
+
+/// J + h([ω]× J − [L]×): how J(ω⁺ − ω) + h ω⁺ × L⁺ answers to ω⁺ at ω, where the angular momentum is L.
+#[inline(always)]
+pub(crate) fn gyroscopic_jacobian<S: Scalar>(inertia: Mat3<S>, momentum: Vec3<S>, w: Vec3<S>, h: S) -> Mat3<S> {
+    let (spin, lever) = (mat_mul(skew(w), inertia), skew(momentum));
     let mut jacobian = inertia;
     for i in 0..3 {
         for j in 0..3 {
             jacobian[i][j] = h.mul_add(spin[i][j] - lever[i][j], inertia[i][j]);
         }
     }
-    add(w, mat_vec(inverse(jacobian), residual))
+    jacobian
 }
 
 #[cfg(test)]

@@ -6,9 +6,12 @@
 //! | [`vehicles`] | the built-in ones, one file each |
 //! | [`vehicle_file`] | vehicles as TOML |
 //! | [`gains`] | gains derived from inertia and motor lag |
+//! | [`rotor`] | one rotor: command, lag, wrench, and the table of its numbers |
+//! | [`domain`] | what a physical number may be |
 //! | [`rigid`] | the rigid multirotor's equations, over any scalar |
 //! | [`integrate`] | RK4 and the semi-implicit step |
 //! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
+//! | [`plant`] | such a vehicle or an articulated system, behind one type |
 //! | [`frame`] | where a body is and how it moves |
 //! | [`fleet`] | several multirotors in each other's downwash, as one system |
 //! | [`tree`] | articulated systems: bodies in a tree, joints, drives, rotors |
@@ -26,12 +29,15 @@ pub mod assembly;
 pub mod batch;
 pub mod configurations;
 pub mod contact;
+pub mod domain;
 pub mod fleet;
 pub mod frame;
 pub mod gains;
 pub mod integrate;
 pub mod multirotor;
+pub mod plant;
 pub mod rigid;
+pub mod rotor;
 pub mod scene;
 pub mod shape;
 pub mod spatial;
@@ -46,5 +52,6 @@ pub use fleet::{Downwash, Fleet};
 pub use frame::Frame;
 pub use integrate::Integrator;
 pub use multirotor::{Multirotor, Physics};
+pub use plant::Plant;
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};
 pub use vehicle::*;

@@ -1,9 +1,8 @@
 //! One rigid multirotor as a [`System`]: x⁺ = f(x, rotor actions), on any scalar.
 
 use super::integrate::{Grid, Integrator, step};
-use super::rigid::{
-    BODY_PARAMETERS, Disturbance, Effects, RIGID_DIM, ROTOR_PARAMETERS, RigidModel, RigidState, parameter_vector,
-};
+use super::rigid::{BODY_PARAMETERS, Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, parameter_vector};
+use super::rotor::{N_ROTOR_PARAMETER, thrust_action};
 use super::spatial::{Vec3, add, axpy, constants, rotate};
 use super::vehicle::{GRAVITY, Vehicle};
 use crate::autodiff::{Scalar, System};
@@ -32,16 +31,18 @@ impl Default for Physics {
 }
 
 impl Physics {
-    /// Checks dt in (0, 1] s and 1 to 1000 substeps.
+    /// Shortest dt, s: no clock ticks as often, and time would not advance beside larger numbers.
+    pub const SHORTEST: f64 = 1e-9;
+
+    /// Checks dt in (0, 1] s, not below [`Physics::SHORTEST`], and 1 to 1000 substeps.
     pub fn validate(&self) -> Result<()> {
         finite("dt", &[self.dt])?;
+        let remedy = "2 ms suits control design, 16 ms the benchmark tasks.";
         if self.dt <= 0.0 || self.dt > 1.0 {
-            return Err(Error::value(
-                "dt",
-                self.dt,
-                "in (0, 1] s",
-                "2 ms suits control design, 16 ms the benchmark tasks.",
-            ));
+            return Err(Error::value("dt", self.dt, "in (0, 1] s", remedy));
+        }
+        if self.dt < Self::SHORTEST {
+            return Err(Error::value("dt", self.dt, format!("at least {:e} s", Self::SHORTEST), remedy));
         }
         if self.substeps == 0 || self.substeps > 1000 {
             return Err(Error::limit("substeps", self.substeps, "1 to 1000", "Lower dt instead."));
@@ -170,8 +171,8 @@ impl Multirotor {
     /// [`Error::Value`] if the vehicle cannot hover.
     pub fn hover_input(&self) -> Result<Vec<f64>> {
         let thrusts = self.vehicle.hover_thrusts()?;
-        let mut u: Vec<f64> =
-            thrusts.iter().zip(&self.vehicle.rotors).map(|(t, r)| 2.0 * t / r.max_thrust() - 1.0).collect();
+        let rotors = thrusts.iter().zip(&self.vehicle.rotors);
+        let mut u: Vec<f64> = rotors.map(|(t, r)| thrust_action(t / r.max_thrust())).collect();
         u.resize(self.n_input(), 0.0);
         Ok(u)
     }
@@ -293,7 +294,7 @@ impl System for Multirotor {
         self.radii.len() + if self.effects.disturbance { Disturbance::<f64>::DIM } else { 0 }
     }
     fn n_parameter(&self) -> usize {
-        if self.exposes_parameters { BODY_PARAMETERS.len() + self.radii.len() * ROTOR_PARAMETERS.len() } else { 0 }
+        if self.exposes_parameters { BODY_PARAMETERS.len() + self.radii.len() * N_ROTOR_PARAMETER } else { 0 }
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
         self.step_any(state, input, parameters, None, next);

@@ -17,9 +17,9 @@ mod effects;
 mod parameters;
 
 pub use effects::Effects;
-pub use parameters::{BODY_PARAMETERS, ROTOR_PARAMETERS, parameter_names, parameter_vector, vehicle_of};
+pub use parameters::{BODY_PARAMETERS, parameter_domains, parameter_names, parameter_vector, vehicle_of};
 
-use super::aero::ground_effect;
+use super::rotor::{Lag, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use super::spatial::*;
 use super::vehicle::Vehicle;
 use crate::autodiff::{Scalar, safe};
@@ -142,30 +142,6 @@ pub struct RigidModel<S, const R: usize> {
     pub(crate) rotors: [RotorModel<S>; R],
 }
 
-/// One rotor, as the kernels see it.
-#[derive(Debug, Clone, Copy)]
-pub struct RotorModel<S> {
-    /// k_f [n; (r − c) × n − σ κ n]: wrench about the centre of mass per Ω².
-    pub(crate) wrench: [S; 6],
-    pub(crate) max_speed: S,
-    /// e^{−h/2τ} over half a substep h.
-    pub(crate) decay_up: S,
-    pub(crate) decay_down: S,
-    /// 1/τ.
-    pub(crate) rate_up: S,
-    pub(crate) rate_down: S,
-    /// r − c.
-    pub(crate) hub: Vec3<S>,
-    pub(crate) axis: Vec3<S>,
-    /// σ I_p.
-    pub(crate) spin_inertia: S,
-    pub(crate) drag: S,
-    pub(crate) axial_drag: S,
-    /// σ μ.
-    pub(crate) rolling: S,
-    pub(crate) radius: S,
-}
-
 impl<const R: usize> RigidModel<f64, R> {
     /// The model of a vehicle for substeps of `substep` seconds; rotors beyond the vehicle's are dead (zero thrust).
     pub fn new(vehicle: &Vehicle, substep: f64) -> Self {
@@ -210,88 +186,6 @@ impl<const R: usize> RigidModel<f64, R> {
     }
 }
 
-impl<S: Scalar> RotorModel<S> {
-    /// No thrust, no drag, no inertia: pads a vehicle to the next compiled rotor count.
-    #[inline(always)]
-    pub(crate) fn dead() -> Self {
-        let (o, l) = (S::zero(), S::one());
-        Self {
-            wrench: [o; 6],
-            max_speed: l,
-            decay_up: o,
-            decay_down: o,
-            rate_up: o,
-            rate_down: o,
-            hub: [o; 3],
-            axis: [o, o, l],
-            spin_inertia: o,
-            drag: o,
-            axial_drag: o,
-            rolling: o,
-            radius: o,
-        }
-    }
-
-    /// From its sixteen parameters (see [`ROTOR_PARAMETERS`]).
-    #[inline(always)]
-    fn from_parameters(p: &[S], center_of_mass: Vec3<S>, radius: f64, substep: f64) -> Self {
-        let (hub, axis) = (sub([p[0], p[1], p[2]], center_of_mass), [p[3], p[4], p[5]]);
-        let (spin, k_f, kappa) = (p[6], p[7], p[8]);
-        let force = scale(k_f, axis);
-        let moment = sub(cross(hub, force), scale(spin * kappa, force));
-        let half = S::constant(-0.5 * substep);
-        let (rate_up, rate_down) = (p[10].recip(), p[11].recip());
-        Self {
-            wrench: [force[0], force[1], force[2], moment[0], moment[1], moment[2]],
-            max_speed: p[9],
-            decay_up: (half * rate_up).exp(),
-            decay_down: (half * rate_down).exp(),
-            rate_up,
-            rate_down,
-            hub,
-            axis,
-            spin_inertia: spin * p[12],
-            drag: p[13],
-            axial_drag: p[14],
-            rolling: spin * p[15],
-            radius: S::constant(radius),
-        }
-    }
-}
-
-impl<S: Scalar> RotorModel<S> {
-    /// The wrench per Ω² with thrust times `gain`: thrust grows near the ground, the reaction torque does not.
-    #[inline(always)]
-    fn near_ground(&self, gain: S) -> [S; 6] {
-        let w = self.wrench;
-        let force = scale(gain, [w[0], w[1], w[2]]);
-        let more = cross(self.hub, scale(gain - S::one(), [w[0], w[1], w[2]]));
-        [force[0], force[1], force[2], w[3] + more[0], w[4] + more[1], w[5] + more[2]]
-    }
-}
-
-impl RotorModel<f64> {
-    #[inline(always)]
-    fn cast<S: Scalar>(&self) -> RotorModel<S> {
-        let c = S::constant;
-        RotorModel {
-            wrench: constants(self.wrench),
-            max_speed: c(self.max_speed),
-            decay_up: c(self.decay_up),
-            decay_down: c(self.decay_down),
-            rate_up: c(self.rate_up),
-            rate_down: c(self.rate_down),
-            hub: constants(self.hub),
-            axis: constants(self.axis),
-            spin_inertia: c(self.spin_inertia),
-            drag: c(self.drag),
-            axial_drag: c(self.axial_drag),
-            rolling: c(self.rolling),
-            radius: c(self.radius),
-        }
-    }
-}
-
 impl<S: Scalar, const R: usize> RigidModel<S, R> {
     /// From the vector of [`parameter_vector`], so that derivatives reach every physical parameter. Rotor radii are
     /// geometry, not parameters.
@@ -302,9 +196,8 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         let mut rotors = [RotorModel::dead(); R];
         for i in 0..R {
             if i < radii.len() {
-                let at = BODY_PARAMETERS.len() + i * ROTOR_PARAMETERS.len();
-                let own = &p[at..at + ROTOR_PARAMETERS.len()];
-                rotors[i] = RotorModel::from_parameters(own, center_of_mass, radii[i], substep);
+                let own = &p[BODY_PARAMETERS.len() + i * N_ROTOR_PARAMETER..];
+                rotors[i] = RotorModel::new(own, center_of_mass, radii[i], substep);
             }
         }
         Self {
@@ -357,17 +250,7 @@ pub(crate) struct RotorPath<S, const R: usize> {
     pub start: [S; R],
     pub middle: [S; R],
     pub end: [S; R],
-    /// Ω_cmd.
-    pub target: [S; R],
-    /// 1/τ in force.
-    pub rate: [S; R],
-}
-
-/// Wrench about the centre of mass in the body frame.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Wrench<S> {
-    pub force: Vec3<S>,
-    pub moment: Vec3<S>,
+    pub lag: [Lag<S>; R],
 }
 
 impl<S, const R: usize> RigidModel<S, R> {
@@ -379,31 +262,25 @@ impl<S, const R: usize> RigidModel<S, R> {
 }
 
 impl<S: Scalar, const R: usize> RigidModel<S, R> {
-    /// Ω_cmd = Ω_max √max((a + 1)/2, 1e-4) of rotor actions a, clipped to [−1, 1]. The floor keeps the gradient finite
-    /// at a = −1.
+    /// Ω_cmd of rotor actions.
     #[inline(always)]
     pub(crate) fn target_speed(&self, action: &[S; R]) -> [S; R] {
         let mut target = [S::zero(); R];
-        let (one, half) = (S::one(), S::constant(0.5));
         for i in 0..self.n_loop() {
-            let fraction = (action[i].clamp(-one, one) + one) * half;
-            target[i] = self.rotors[i].max_speed * safe::sqrt(fraction, 1e-4);
+            target[i] = commanded_speed(self.rotors[i].max_speed, action[i]);
         }
         target
     }
 
-    /// Ω(t) = Ω_cmd + (Ω₀ − Ω_cmd) e^{−t/τ} over one substep, τ chosen by the sign of Ω_cmd − Ω₀.
+    /// Speeds over one substep.
     #[inline(always)]
     pub(crate) fn rotor_path(&self, start: [S; R], target: [S; R]) -> RotorPath<S, R> {
-        let mut path = RotorPath { start, middle: start, end: start, target, rate: start };
+        let mut path = RotorPath { start, middle: start, end: start, lag: [Lag::none(); R] };
         for i in 0..self.n_loop() {
-            let rotor = &self.rotors[i];
-            let up = start[i].lt(target[i]);
-            let decay = S::select(up, rotor.decay_up, rotor.decay_down);
-            let gap = start[i] - target[i];
-            path.middle[i] = gap.mul_add(decay, target[i]);
-            path.end[i] = (gap * decay).mul_add(decay, target[i]);
-            path.rate[i] = S::select(up, rotor.rate_up, rotor.rate_down);
+            let lag = &mut path.lag[i];
+            *lag = Lag::new(&self.rotors[i], start[i], target[i]);
+            path.middle[i] = lag.advance();
+            path.end[i] = lag.advance();
         }
         path
     }
@@ -433,31 +310,20 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         }
     }
 
-    /// Rotor thrusts and reaction torques.
+    /// Rotor thrusts and reaction torques about the centre of mass, body frame.
     #[inline(always)]
     fn rotor_wrench(&self, m: &Motion<S>, speed: &[S; R], effects: Effects) -> Wrench<S> {
-        let o = S::zero();
-        let mut force = [o; 3];
-        let mut moment = [o; 3];
+        let mut sum = Wrench::zero();
         for i in 0..self.n_loop() {
             let rotor = &self.rotors[i];
-            let squared = speed[i] * speed[i];
-            let mut column = rotor.wrench;
+            let mut height = None;
             if effects.ground_effect {
                 let hub = add(m.position, rotate(m.attitude, rotor.hub));
-                let gain = ground_effect::factor(hub[2] - self.ground_height, rotor.radius);
-                column = rotor.near_ground(gain);
+                height = Some(hub[2] - self.ground_height);
             }
-            if effects.tilted_rotors {
-                force[0] = column[0].mul_add(squared, force[0]);
-                force[1] = column[1].mul_add(squared, force[1]);
-            }
-            force[2] = column[2].mul_add(squared, force[2]);
-            moment[0] = column[3].mul_add(squared, moment[0]);
-            moment[1] = column[4].mul_add(squared, moment[1]);
-            moment[2] = column[5].mul_add(squared, moment[2]);
+            rotor.add_thrust(speed[i], height, effects.tilted_rotors, &mut sum);
         }
-        Wrench { force, moment }
+        sum
     }
 
     /// Drag of airframe and rotors; never feeds power in still air, the rolling moment aside.
@@ -472,8 +338,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         let relative = if effects.disturbance { sub(m.velocity, air.wind) } else { m.velocity };
         let velocity = rotate_scaled(conjugate(m.attitude), relative);
         let w = m.angular_velocity;
-        let o = [S::zero(); 3];
-        let mut drag = Wrench { force: o, moment: o };
+        let mut drag = Wrench::zero();
         if effects.body_drag {
             drag.force = neg(hadamard(self.linear_drag, velocity));
             drag.moment = neg(hadamard(self.angular_drag, w));
@@ -484,34 +349,20 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         }
         if effects.rotor_air() {
             for i in 0..self.n_loop() {
-                let rotor = &self.rotors[i];
-                let at_hub = add(velocity, cross(w, rotor.hub));
-                let along = scale(dot(at_hub, rotor.axis), rotor.axis);
-                let across = sub(at_hub, along);
-                if effects.rotor_drag {
-                    let force = add(scale(rotor.drag, across), scale(rotor.axial_drag, along));
-                    let force = scale(-speed[i], force);
-                    drag.force = add(drag.force, force);
-                    drag.moment = add(drag.moment, cross(rotor.hub, force));
-                }
-                if effects.rolling_moment {
-                    drag.moment = axpy(drag.moment, -(rotor.rolling * speed[i]), across);
-                }
+                self.rotors[i].add_drag(speed[i], velocity, w, effects, &mut drag);
             }
         }
         drag
     }
 
-    /// H = Σ σ I_p Ω n and its rate, body frame.
+    /// Angular momentum H of the rotors and its rate, body frame.
     #[inline(always)]
     pub(crate) fn rotor_momentum(&self, speed: &[S; R], path: &RotorPath<S, R>) -> (Vec3<S>, Vec3<S>) {
         let mut momentum = [S::zero(); 3];
         let mut rate = [S::zero(); 3];
         for i in 0..self.n_loop() {
-            let rotor = &self.rotors[i];
-            let acceleration = (path.target[i] - speed[i]) * path.rate[i];
-            momentum = axpy(momentum, rotor.spin_inertia * speed[i], rotor.axis);
-            rate = axpy(rate, rotor.spin_inertia * acceleration, rotor.axis);
+            let acceleration = path.lag[i].acceleration(speed[i]);
+            self.rotors[i].add_momentum(speed[i], acceleration, &mut momentum, &mut rate);
         }
         (momentum, rate)
     }
@@ -590,7 +441,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         let lever = add(cross(spin, c), cross(w, cross(w, c)));
         let mut rotor_speed = x.rotor_speed;
         for i in 0..R {
-            rotor_speed[i] = (path.target[i] - x.rotor_speed[i]) * path.rate[i];
+            rotor_speed[i] = path.lag[i].acceleration(x.rotor_speed[i]);
         }
         RigidState {
             position: x.velocity,

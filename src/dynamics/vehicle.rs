@@ -4,6 +4,8 @@
 //! state them again. Everything here is `f64` and serialisable; the kernels work on a
 //! [`RigidModel`](super::rigid::RigidModel) built from it.
 
+use super::domain::Domain;
+use super::rotor::ROTOR_PARAMETERS;
 use super::shape::Shape;
 use crate::error::{Error, Result, finite};
 use nalgebra::{Matrix3, Vector3};
@@ -181,20 +183,12 @@ impl Rotor {
                 "Swap the sign if the vehicle yaws away.",
             ));
         }
-        for (name, value) in [
-            ("thrust_coefficient", rotor.thrust_coefficient),
-            ("max_speed", rotor.max_speed),
-            ("time_constant_up", rotor.time_constant_up),
-            ("time_constant_down", rotor.time_constant_down),
-        ] {
-            finite(&at(name), &[value])?;
+        for parameter in ROTOR_PARAMETERS.iter().filter(|p| p.domain == Domain::Positive) {
+            let (what, value) = (at(parameter.name), (parameter.get)(rotor));
+            finite(&what, &[value])?;
             if value <= 0.0 {
-                return Err(Error::value(
-                    at(name),
-                    value,
-                    "> 0",
-                    "Give the value of the real motor and propeller in SI units.",
-                ));
+                let remedy = "Give the value of the real motor and propeller in SI units.";
+                return Err(Error::value(what, value, Domain::Positive.rule(), remedy));
             }
         }
         within(&at("time_constant_up"), rotor.time_constant_up, 1e-6, 1e12)?;
@@ -204,14 +198,8 @@ impl Rotor {
         for coordinate in rotor.position {
             within(&at("distance from the base origin"), coordinate.abs(), 0.0, 1e4)?;
         }
-        for (name, value) in [
-            ("moment_per_thrust", rotor.moment_per_thrust),
-            ("inertia", rotor.inertia),
-            ("radius", rotor.radius),
-            ("drag_coefficient", rotor.drag_coefficient),
-            ("axial_drag_coefficient", rotor.axial_drag_coefficient),
-            ("rolling_coefficient", rotor.rolling_coefficient),
-        ] {
+        let losses = ROTOR_PARAMETERS.iter().filter(|p| p.domain == Domain::NonNegative);
+        for (name, value) in losses.map(|p| (p.name, (p.get)(rotor))).chain([("radius", rotor.radius)]) {
             non_negative(&at(name), &[value])?;
             within(&at(name), value, 0.0, 1e6)?;
         }

@@ -97,6 +97,18 @@ mod tests {
     }
 
     #[test]
+    fn a_policy_refuses_rows_that_are_not_its_own() {
+        let mut own = policy(&short(), None);
+        let n = own.actor().mlp.n_input();
+        let mut act = |seen: usize, done: usize| own.act(&vec![0.0; seen], &mut vec![0.0; done]);
+        assert!(act(2 * n, 8).is_ok() && act(0, 0).is_ok());
+        for (seen, done, what) in [(2 * n, 4, "actions"), (n, 7, "actions"), (2 * n + 1, 8, "observations")] {
+            let error = act(seen, done).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("length of {what} is ")), "{error}");
+        }
+    }
+
+    #[test]
     fn statistics_of_the_policy_are_in_force_and_stay() {
         let env = EnvConfig { observation: vec![Stage::Normalise { clip: 10.0 }], ..short() };
         let n = policy(&env, None).actor().mlp.n_input();

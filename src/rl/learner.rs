@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::time::Duration;
 
 /// A learning algorithm in the middle of its run.
-pub trait Learner: Send {
+pub trait Learner: Send + Sync {
     /// Collects experience and improves the policy once.
     ///
     /// # Errors

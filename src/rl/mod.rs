@@ -35,7 +35,7 @@
 //! }
 //! let mut policy = apg.policy()?;
 //! let mut actions = vec![0.0; 4];
-//! policy.act(&[0.0; 30], &mut actions);
+//! policy.act(&[0.0; 30], &mut actions)?;
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 //!
@@ -65,6 +65,7 @@ pub mod log;
 pub(crate) mod minibatch;
 pub mod nn;
 pub mod policy;
+pub mod policy_controller;
 pub mod ppo;
 pub mod recipes;
 pub mod replay;
@@ -82,5 +83,6 @@ pub use config::{Algorithm, TrainConfig};
 pub use evaluate::{Starts, evaluate, exam};
 pub use learner::{Learner, Update};
 pub use policy::Policy;
+pub use policy_controller::PolicyController;
 pub use saved::load_policy;
 pub use trainer::Trainer;

@@ -151,11 +151,21 @@ impl Policy {
 
     /// Actions `[E, A, action]` for observations `[E, A, observation]`.
     ///
-    /// # Panics
-    /// For arrays of the wrong length.
-    pub fn act(&mut self, observation: &[f32], actions: &mut [f32]) {
+    /// # Errors
+    /// [`Error::Value`] for arrays that are not of whole rows, or not of equally many.
+    pub fn act(&mut self, observation: &[f32], actions: &mut [f32]) -> Result<()> {
         let (n_in, n_out) = (self.actor.mlp.n_input(), self.actor.n_action);
-        assert_eq!(observation.len() / n_in, actions.len() / n_out, "rows of observations and of actions");
+        let rows = observation.len() / n_in;
+        for (what, got, wanted) in [
+            ("length of observations", observation.len(), rows * n_in),
+            ("length of actions", actions.len(), rows * n_out),
+        ] {
+            if got != wanted {
+                let limit = format!("{wanted} for {rows} rows");
+                let remedy = format!("Rows are [environment, agent]: {n_in} numbers observed, {n_out} acted.");
+                return Err(Error::value(what, got, limit, remedy));
+            }
+        }
         let parts = actions.len().div_ceil(n_out * ROWS);
         let missing = parts.saturating_sub(self.memory.len());
         self.memory.extend((0..missing).map(|_| self.actor.mlp.memory(ROWS)));
@@ -163,5 +173,6 @@ impl Policy {
         let own = observation.chunks(n_in * ROWS).zip(actions.chunks_mut(n_out * ROWS)).zip(&mut self.memory);
         let mut own: Vec<_> = own.collect();
         self.threads.for_each(&mut own, |_, ((x, actions), memory)| actor.modes(parameters, x, memory, actions));
+        Ok(())
     }
 }

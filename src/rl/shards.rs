@@ -8,7 +8,7 @@ use super::learner::Episodes;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::tasks::env::Pending;
-use crate::tasks::{Autoreset, Buffers, Env, EnvConfig, Spec};
+use crate::tasks::{Autoreset, Buffers, Column, Env, EnvConfig, Spec};
 
 /// Makes environments of a configuration: of a built-in task `|config| Env::make("Hover", config)`, or of one's own
 /// `|config| Env::of(Climb::new(config)?, "Climb", config)`.
@@ -117,8 +117,7 @@ pub(crate) fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
 
 /// Figures of the episodes that ended in the step that wrote `out`.
 pub(crate) fn episodes(spec: &Spec, out: &Buffers) -> Episodes {
-    let column = |name: &str| spec.info_column(name).unwrap_or(0);
-    let (width, total, length) = (spec.info.len(), column("return"), column("length"));
+    let (width, total, length) = (spec.info.len(), Column::Return.index(), Column::Length.index());
     let mut seen = Episodes::default();
     for (i, info) in out.info.chunks_exact(width).enumerate() {
         if out.terminated[i] | out.truncated[i] == 1 {

@@ -5,7 +5,7 @@ use super::nn::{Memory, Pass, Weights};
 use super::policy::Actor;
 use super::shards::{Shard, episodes, within_memory};
 use crate::error::{Error, Result};
-use crate::tasks::{Adjoint, Cotangents, StepOut, Sweep, SweepOptions, Tape};
+use crate::tasks::{Adjoint, Column, Cotangents, StepOut, Sweep, SweepOptions, Tape};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
@@ -188,8 +188,8 @@ impl Window {
         let begun = Instant::now();
         let (rows, objective) = (self.rows(), self.objective);
         let Shard { env, out } = &mut self.shard;
-        let column = |name: &str| env.spec().info_column(name).unwrap_or(0);
-        let (loss, reason, diverged) = (column("loss"), column("reason"), (env.spec().ends.len() + 1) as f32);
+        let (loss, reason) = (Column::Loss.index(), Column::Reason.index());
+        let diverged = (env.spec().ends.len() + 1) as f32;
         let (n_info, n_agent) = (env.spec().info.len(), env.spec().n_agent);
         self.seen = Seen::default();
         self.tape.clear();

@@ -1,22 +1,19 @@
 //! The controllers of this crate as policies: what learners have to beat.
 //!
-//! Free drones are flown by a cascade each, all levels in every step; what is joined together by the pilot that suits it
-//! ([`suited`]). All see the true state, the true masses of their episode (a free drone all its
-//! numbers) and what the task [wants](super::Task::wanted), and act on the rotors.
+//! Free drones are flown by a cascade each, all levels in every step; what is joined together by its
+//! [`default_controller`]. All see the true state, the true masses of their episode (a free drone all its
+//! numbers) and what the task [tracks](super::Task::reference), and act on the rotors.
 
 use super::env::{Buffers, Env};
-use super::rig::{Craft, Inertial, Rig};
-use super::task::Wanted;
+use super::rig::{Inertial, Rig};
+use super::task::TaskReference;
 use crate::controllers::cascade::{Cascade, Level, Rates};
+use crate::controllers::controller::{Controller, Measurement, Target};
 use crate::controllers::kinematics::Kinematics;
-use crate::controllers::pilot::{Command, Pilot, suited};
-use crate::controllers::platform::{self, Platform, is_platform};
-use crate::controllers::state_feedback::{Lqr, Weights, carries};
-use crate::controllers::transport::{Leans, Transport, is_transport};
-use crate::dynamics::gains;
+use crate::controllers::registry::{Setup, default_controller, swift};
 use crate::dynamics::rigid::{RIGID_DIM, vehicle_of};
-use crate::dynamics::tree::{Model, Multibody};
-use crate::dynamics::{Gains, Rotor, Vehicle};
+use crate::dynamics::tree::Model;
+use crate::dynamics::{Plant, Rotor, Vehicle};
 use crate::error::{Error, Result};
 
 /// One controller per environment.
@@ -27,11 +24,13 @@ pub struct Baseline {
     name: String,
     dt: f64,
     n_action: usize,
+    /// Of the environment it was made for: what flies is numbered so.
+    kin: u64,
 }
 
 struct Seat {
     crew: Crew,
-    wanted: Wanted,
+    reference: TaskReference,
     input: Vec<f64>,
     step: u64,
 }
@@ -40,7 +39,7 @@ enum Crew {
     /// One per drone, each a tree of its own.
     Free(Vec<Cascade>),
     /// Of one tree.
-    Joined(Box<dyn Pilot>),
+    Joined(Box<dyn Controller>),
     /// Of numbers that no controller flies.
     Nobody,
 }
@@ -50,7 +49,7 @@ impl Baseline {
     /// [`Baseline::act`] after a reset: make a new one for new episodes.
     ///
     /// # Errors
-    /// [`Error::Value`] if the environment is in another control mode or nothing is wanted that a reference can say;
+    /// [`Error::Value`] if the environment is in another control mode or no reference says what the task tracks;
     /// otherwise as the controllers.
     pub fn new(env: &Env) -> Result<Self> {
         let spec = env.spec();
@@ -58,17 +57,18 @@ impl Baseline {
             let remedy = "Leave `control` out.";
             return Err(Error::value("control", spec.config.control.name(), "'rotor' for a controller", remedy));
         }
-        if env.wanted(0)?.is_none() {
+        if env.reference(0)?.is_none() {
             let what = format!("task {}: reference", spec.task);
             return Err(Error::value(what, "none", "one that a controller can track", "Try --controller random."));
         }
         let name = match crew(env.rig(), &env.numbers(0)?, spec.dt)? {
             Crew::Free(_) => "cascade".into(),
-            Crew::Joined(pilot) => pilot.name().into(),
+            Crew::Joined(one) => one.name().into(),
             Crew::Nobody => "nobody".into(),
         };
         let seats = (0..spec.n_env).map(|_| None).collect();
-        Ok(Self { seats, failures: Vec::new(), name, dt: spec.dt, n_action: spec.n_agent * spec.action.len() })
+        let n_action = spec.n_agent * spec.action.len();
+        Ok(Self { seats, failures: Vec::new(), name, dt: spec.dt, n_action, kin: env.kin() })
     }
 
     /// What flies, in one word.
@@ -80,8 +80,17 @@ impl Baseline {
     /// rotors at rest speed: see [`Baseline::failures`].
     ///
     /// # Errors
-    /// None for the environment it was made for.
+    /// [`Error::Value`] for another environment than the one it was made for, or actions of the wrong length.
     pub fn act(&mut self, env: &Env, actions: &mut [f32]) -> Result<()> {
+        if env.kin() != self.kin || env.spec().n_env != self.seats.len() {
+            let (got, wanted) = (format!("{env:?}"), format!("one like that it was made for, of {}", self.seats.len()));
+            return Err(Error::value("environment of a baseline", got, wanted, "Make a new one: Baseline::new(&env)."));
+        }
+        let wanted = self.seats.len() * self.n_action;
+        if actions.len() != wanted {
+            let remedy = "Rows are [environment, agent, action], row-major.";
+            return Err(Error::value("length of actions", actions.len(), wanted.to_string(), remedy));
+        }
         for i in 0..self.seats.len() {
             let state: Vec<f64> = env.state(i)?.iter().map(|x| f64::from(*x)).collect();
             if self.seats[i].is_none() {
@@ -104,11 +113,8 @@ impl Baseline {
     }
 
     /// As a policy for [`evaluate`](super::evaluate()).
-    pub fn policy(&mut self) -> impl FnMut(&Env, &Buffers, &mut [f32]) + '_ {
-        |env, _, actions| {
-            // only another environment makes an error, which the step that follows then tells
-            let _ = self.act(env, actions);
-        }
+    pub fn policy(&mut self) -> impl FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + '_ {
+        |env, _, actions| self.act(env, actions)
     }
 
     fn seat(&mut self, env: &Env, environment: usize) -> Result<Seat> {
@@ -117,8 +123,8 @@ impl Baseline {
             self.failures.push((environment, error));
             Crew::Nobody
         });
-        let wanted = env.wanted(environment)?.unwrap_or(Wanted::point([0.0; 3], 0.0));
-        Ok(Seat { crew, wanted, input: rig.hover_input(), step: 0 })
+        let reference = env.reference(environment)?.unwrap_or(TaskReference::point([0.0; 3], 0.0));
+        Ok(Seat { crew, reference, input: rig.hover_input(), step: 0 })
     }
 }
 
@@ -126,7 +132,7 @@ impl Seat {
     fn fly(&mut self, rig: &Rig, state: &[f64], dt: f64) {
         let time = self.step as f64 * dt;
         self.step += 1;
-        let references = &self.wanted.references;
+        let references = &self.reference.references;
         match &mut self.crew {
             Crew::Free(cascades) => {
                 for (i, cascade) in cascades.iter_mut().enumerate() {
@@ -136,9 +142,9 @@ impl Seat {
                     rig.drones()[i].rotors.iter().zip(actions).for_each(|(r, a)| self.input[r.action] = a);
                 }
             }
-            Crew::Joined(pilot) => {
-                let moment = Command { time, state, reference: &references[0], tilt: &self.wanted.tilt };
-                pilot.command(moment, &mut self.input);
+            Crew::Joined(one) => {
+                let target = Target { reference: &references[0], tilt: &self.reference.tilt };
+                one.tick(Measurement { time, state }, target, &mut self.input);
             }
             Crew::Nobody => {}
         }
@@ -147,41 +153,21 @@ impl Seat {
 
 /// For a rig with these numbers.
 fn crew(rig: &Rig, numbers: &[f64], dt: f64) -> Result<Crew> {
-    let rates = Rates::every_step(dt);
-    match &rig.craft {
-        Craft::Vehicle(m) => Ok(Crew::Free(vec![cascade(&vehicle_of(m.vehicle(), numbers)?, dt)?])),
-        Craft::Model(m) if m.layout().trees.len() > 1 => {
+    match rig.plant() {
+        Plant::Rigid(m) => Ok(Crew::Free(vec![cascade(&vehicle_of(m.vehicle(), numbers)?, dt)?])),
+        Plant::Tree(m) if m.layout().trees.len() > 1 => {
             let Some(vehicle) = &rig.vehicle else {
                 return Err(Error::value("drones", "no plain vehicles", "vehicles, to fly freely", "Join them."));
             };
             let own = rig.drones().iter().map(|_| cascade(vehicle, dt));
             own.collect::<Result<Vec<_>>>().map(Crew::Free)
         }
-        Craft::Model(m) => {
-            let known = Multibody::new(&with_numbers(m.model(), numbers)?, *m.physics())?;
-            pilot(&known, rig.vehicle.as_ref(), &rates).map(Crew::Joined)
+        Plant::Tree(m) => {
+            let known = Plant::of_model(&with_numbers(m.model(), numbers)?, *m.physics())?;
+            let setup = Setup { gains: None, rates: &Rates::every_step(dt), swift: rig.vehicle.as_ref() };
+            default_controller(&known, &setup).map(Crew::Joined)
         }
     }
-}
-
-/// The pilot that suits a model, with swift drones where its loops are placed by theirs.
-fn pilot(system: &Multibody, vehicle: Option<&Vehicle>, rates: &Rates) -> Result<Box<dyn Pilot>> {
-    let model = system.model();
-    Ok(match vehicle {
-        Some(vehicle) if carries(model) => {
-            let standing = model.bodies().iter().skip(1).any(|b| b.center_of_mass[2] > 0.0);
-            let weights = if standing { STANDING } else { Weights::default() };
-            Box::new(Lqr::with_weights(system, Some(&swift(vehicle, 2.0)), rates, &weights)?)
-        }
-        Some(vehicle) if is_platform(model) => {
-            let mut gains = swift(vehicle, 2.3);
-            let pole = gains.position[0].sqrt() * gains::SEPARATION / SEPARATION_OF_FRAMES;
-            (gains.position, gains.velocity) = ([pole * pole; 3], [2.0 * pole; 3]);
-            Box::new(Platform::new(system, Some(&gains), rates)?)
-        }
-        Some(_) if is_transport(model) => Box::new(Transport::with_leans(system, None, rates, Leans::STEEP)?),
-        _ => suited(system, None, rates)?,
-    })
 }
 
 /// All levels in every step; gains as if all motors had the mean lag.
@@ -194,23 +180,6 @@ fn cascade(vehicle: &Vehicle, dt: f64) -> Result<Cascade> {
     gains.velocity = gains.velocity.map(|k| 1.2 * k);
     Cascade::new(vehicle, &gains, &Rates::every_step(dt), dt)
 }
-
-/// [`Vehicle::derived_gains`] with all poles `factor` times as fast.
-fn swift(vehicle: &Vehicle, factor: f64) -> Gains {
-    let derived = vehicle.derived_gains();
-    let [once, twice] = [factor, factor * factor];
-    Gains {
-        position: derived.position.map(|k| k * twice),
-        velocity: derived.velocity.map(|k| k * once),
-        attitude: derived.attitude.map(|k| k * twice),
-        rate: derived.rate.map(|k| k * once),
-    }
-}
-
-/// A load that stands is led gently: it has to lean before it can follow.
-const STANDING: Weights = Weights { position: 0.7, swing: 4.0, acceleration: 4.0, preview: Some(0.0), reach: 0.4 };
-/// A little more than the platform asks for.
-const SEPARATION_OF_FRAMES: f64 = 1.01 * platform::SEPARATION;
 
 /// The model with the masses that are in force.
 fn with_numbers(model: &Model, numbers: &[f64]) -> Result<Model> {

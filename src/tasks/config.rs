@@ -3,7 +3,7 @@
 use super::observation::Stage;
 use super::randomise::Change;
 use super::rig::{Rig, benchmark, benchmark_effects};
-use super::sheet::find;
+use super::settings::{Settings, find};
 use crate::controllers::action::ActionScale;
 use crate::controllers::cascade::Level;
 use crate::dynamics::configurations::Omav;
@@ -11,7 +11,6 @@ use crate::dynamics::integrate::Integrator;
 use crate::dynamics::{Effects, Physics, Vehicle, vehicles};
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer};
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// What a done environment does.
@@ -270,10 +269,10 @@ impl EnvConfig {
     /// The task's settings.
     ///
     /// # Errors
-    /// [`Error::Format`] with the nearest known key; [`Error::Value`] for a number that is not finite.
-    pub fn settings<T: DeserializeOwned>(&self) -> Result<T> {
+    /// As [`Settings::of`]; [`Error::Value`] for a number that is not finite.
+    pub fn settings<T: Settings>(&self) -> Result<T> {
         self.check_task()?;
-        layers::read(toml::Table::new(), &[Layer::of_table("[task]", self.task.clone())])
+        T::of(&self.task)
     }
 
     /// The benchmark's form of a vehicle: the configuration's own, or a built-in one.
@@ -330,19 +329,3 @@ impl EnvConfig {
 
 /// The Omav with tilting units, as a vehicle.
 pub const TILTING: &str = "omav_tilting";
-
-/// Settings of the tasks of one drone.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SingleSettings {
-    /// What flies.
-    pub vehicle: String,
-    /// T, steps.
-    pub horizon: usize,
-}
-
-impl Default for SingleSettings {
-    fn default() -> Self {
-        Self { vehicle: "hummingbird".into(), horizon: 500 }
-    }
-}

@@ -1,7 +1,7 @@
 //! How well a policy does: one episode of every environment, from fixed starts.
 
 use super::config::Autoreset;
-use super::env::{Buffers, Env};
+use super::env::{Buffers, Column, Env};
 use crate::error::{Error, Result};
 use serde::Serialize;
 
@@ -51,10 +51,11 @@ pub struct Watched<'a> {
 /// the step before; `watch` sees every step: a progress bar, a [`Record`](super::Record).
 ///
 /// # Errors
-/// [`Error::Value`] unless the environment was made with `autoreset = "disabled"`; otherwise as [`Env::step`].
+/// [`Error::Value`] unless the environment was made with `autoreset = "disabled"`; those of the policy; otherwise as
+/// [`Env::step`].
 pub fn evaluate(
     env: &mut Env,
-    policy: &mut dyn FnMut(&Env, &Buffers, &mut [f32]),
+    policy: &mut dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()>,
     watch: &mut dyn FnMut(&Watched<'_>),
 ) -> Result<Evaluation> {
     if env.spec().config.autoreset != Autoreset::Disabled {
@@ -63,19 +64,18 @@ pub fn evaluate(
     }
     let spec = env.spec().clone();
     let (n, width) = (spec.n_env, spec.info.len());
-    let n_metric = env.sheet().metrics.len();
-    let first = width - n_metric;
-    let error = |out: &Buffers, i: usize| if n_metric > 0 { f64::from(out.info[i * width + first]) } else { 0.0 };
-    let column = |name: &str| spec.info_column(name).unwrap_or(0);
-    let (total, length, success) = (column("return"), column("length"), column("success"));
-    let (reason, n_term) = (column("reason"), spec.reward.len());
+    let metrics = spec.metric_columns();
+    let first = metrics.start;
+    let error = |out: &Buffers, i: usize| if metrics.is_empty() { 0.0 } else { f64::from(out.info[i * width + first]) };
+    let (total, length, success) = (Column::Return.index(), Column::Length.index(), Column::Success.index());
+    let reason = Column::Reason.index();
     let mut out = Buffers::new(&spec);
     let mut actions = vec![0.0; n * spec.n_agent * spec.action.len()];
     env.reset(None, None, &mut out.out())?;
     let mut flying = vec![true; n];
     let (mut errors, mut steps) = (0.0, 0.0);
     for t in 0..spec.horizon {
-        policy(env, &out, &mut actions);
+        policy(env, &out, &mut actions)?;
         env.step(&actions, &mut out.out())?;
         for i in (0..n).filter(|i| flying[*i]) {
             (errors, steps) = (errors + error(&out, i), steps + 1.0);
@@ -103,8 +103,8 @@ pub fn evaluate(
         success: count(&|i| out.info[i * width + success] > 0.5 && out.terminated[i] == 0),
         crashed: count(&|i| out.terminated[i] == 1),
         length: mean(length),
-        final_metrics: (first..width).map(mean).collect(),
-        terms: (first - n_term..first).map(mean).collect(),
+        final_metrics: metrics.clone().map(mean).collect(),
+        terms: spec.term_columns().map(mean).collect(),
         ends: (1..spec.ends.len() + 2).map(|k| count(&|i| out.info[i * width + reason] as usize == k)).collect(),
     })
 }

@@ -3,9 +3,11 @@
 //! | file | what |
 //! |---|---|
 //! | [`registry`] | the built-in tasks by name, one line each |
-//! | [`suite`] | the tasks of the benchmark, one file each, opened by their tables |
+//! | [`suite`] | the tasks of the benchmark, one file each |
 //! | [`task`](mod@task) | [`Task`]: what a task is; what it is shown ([`View`]) and where episodes begin ([`Start`]) |
-//! | [`sheet`] | [`Sheet`]: names, sizes, units and bounds of what a task writes |
+//! | [`declare`] | [`Writer`]: numbers with their names beside them, which kernels leave out |
+//! | [`task_spec`] | [`TaskSpec`]: names, sizes, units and bounds of what a task writes |
+//! | [`settings`](mod@settings) | [`settings!`]: what `[task]` sets, each number stated once |
 //! | [`rig`] | [`Rig`]: what flies, its drones and where their numbers stand |
 //! | [`reward`], [`path`] | shapes that rewards are made of; the lemniscate of the Track tasks |
 //! | [`config`] | [`EnvConfig`]: a batch as plain data, in TOML too |
@@ -23,7 +25,7 @@
 //! # The main path
 //!
 //! ```
-//! use omnidrones::tasks::{Buffers, Env, EnvConfig};
+//! use omnidrones::tasks::{Buffers, Column, Env, EnvConfig};
 //!
 //! let mut env = Env::make("Track", &EnvConfig { n_env: 100, ..EnvConfig::default() })?;
 //! let mut out = Buffers::new(env.spec());
@@ -33,7 +35,7 @@
 //!     env.sample(t, &mut actions); // a policy, from out.observation
 //!     env.step(&actions, &mut out.out())?; // out.reward, out.terminated, out.truncated, out.final_observation, ...
 //! }
-//! let column = env.spec().info_column("return").unwrap();
+//! let column = Column::Return.index();
 //! let returns: Vec<f32> = out.info.chunks(env.spec().info.len()).map(|row| row[column]).collect();
 //! assert!(returns.iter().all(|r| r.is_finite()));
 //! # Ok::<(), omnidrones::error::Error>(())
@@ -41,20 +43,30 @@
 //!
 //! # Adding a task
 //!
-//! A struct that implements [`Task`], in a file of its own in [`suite`], and one line of the [`registry`]:
-//! `entry("Climb", "rise to a height", include_str!("suite/climb.rs"), |name, config| Env::of(Climb::new(config)?, name,
-//! config))`. The tests that loop over the registry then hold its contract, its gradients, its tables and the bound of its
-//! reward. Outside the crate the struct alone is enough:
+//! A struct that implements [`Task`] and [`BuiltIn`](registry::BuiltIn), in a file of its own in [`suite`], and one line of the
+//! [`registry`]: `entry::<Climb>("Climb", ONE_DRONE, "rise to a height")`. The tests that loop over the registry then hold its
+//! contract, its gradients, its bounds and its success. Outside the crate the struct alone is enough. What it writes it names
+//! in the same breath; that is all of its documentation, its layout and its infos:
 //!
 //! ```
-//! use omnidrones::autodiff::{Pen, Scalar};
+//! use omnidrones::autodiff::Scalar;
 //! use omnidrones::error::Result;
-//! use omnidrones::tasks::reward::bell;
-//! use omnidrones::tasks::{End, Ends, Env, EnvConfig, Metric, Rig, Sheet, Slice, Start, Task, Term, View, check_env};
+//! use omnidrones::settings;
+//! use omnidrones::tasks::reward::rational_kernel;
+//! use omnidrones::tasks::{Ends, Env, EnvConfig, Rig, Setting, Settings, Start, Task, View, Writer, check_env};
+//!
+//! settings! {
+//!     /// What `[task]` may say.
+//!     struct ClimbSettings {
+//!         horizon: usize = 100 => ("steps", "T", Any);
+//!         height: [f64; 2] = [1.0, 4.0] => ("m, world", "to rise to, lowest and highest", PositiveOrdered);
+//!     }
+//! }
 //!
 //! /// Rises to a height that is drawn for every episode.
 //! struct Climb {
 //!     rig: Rig,
+//!     settings: ClimbSettings,
 //! }
 //!
 //! /// Height to go, m.
@@ -63,57 +75,57 @@
 //!     view.goal.get(0) - view.drone(0).position[2]
 //! }
 //!
+//! impl Climb {
+//!     fn begin(&self, start: &mut Start<'_>, height: f64) {
+//!         start.goal.field("height", "m, world", "to rise to").number(height);
+//!         start.place(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]); // otherwise at rest, rotors at hover
+//!     }
+//! }
+//!
 //! impl Task for Climb {
 //!     fn rig(&self) -> &Rig {
 //!         &self.rig
 //!     }
 //!     fn horizon(&self) -> usize {
-//!         100
+//!         self.settings.horizon
 //!     }
-//!     fn sheet(&self) -> Sheet {
-//!         Sheet {
-//!             observation: vec![Slice::new("left", 1, "m, world", "h"), Slice::new("velocity", 3, "m/s, world", "v")],
-//!             central: vec![],
-//!             reward: vec![Term::smooth("near", "1/(1 + h²)", 1.0)],
-//!             ends: vec![End::new("crash", "z < 0.2 m")],
-//!             metrics: vec![Metric { name: "height_error", unit: "m" }],
-//!             goal: vec![Slice::new("height", 1, "m, world", "to rise to")],
-//!             memo: vec![],
-//!             settings: vec![],
-//!         }
+//!     fn settings(&self) -> Vec<Setting> {
+//!         self.settings.list()
 //!     }
 //!     fn start(&self, start: &mut Start<'_>) {
-//!         start.goal[0] = start.task.uniform(1.0, 4.0);
-//!         start.place(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]); // otherwise at rest, rotors at hover
+//!         let height = start.task.uniform(self.settings.height[0], self.settings.height[1]);
+//!         self.begin(start, height);
 //!     }
 //!     #[inline(always)]
-//!     fn observe<S: Scalar>(&self, view: &View<'_, S>, _agent: usize, out: &mut Pen<'_, S>) {
-//!         out.number(left(view));
-//!         out.array(view.drone(0).velocity);
+//!     fn observe<S: Scalar>(&self, view: &View<'_, S>, _agent: usize, out: &mut impl Writer<S>) {
+//!         out.field("left", "m, world", "h").number(left(view));
+//!         out.field("velocity", "m/s, world", "v").array(view.drone(0).velocity);
 //!     }
 //!     #[inline(always)]
-//!     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
-//!         terms.number(bell(1.0, left(view).square()));
+//!     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+//!         terms.term("near", "1/(1 + h²)", 1.0).number(rational_kernel(1.0, left(view).square()));
 //!     }
 //!     #[inline(always)]
-//!     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
-//!         ends.when(view.drone(0).position[2].lt(S::constant(0.2)));
+//!     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+//!         ends.when("crash", "z < 0.2 m", view.drone(0).position[2].lt(S::constant(0.2)));
 //!     }
 //!     #[inline(always)]
-//!     fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
-//!         out.number(left(view).abs());
+//!     fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+//!         out.metric("height_error", "m", left(view).abs());
 //!     }
 //!     #[inline(always)]
 //!     fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
 //!         left(view).abs().lt(S::constant(0.1))
 //!     }
 //!     fn ideal(&self, start: &mut Start<'_>) {
-//!         start.goal[0] = 2.0;
-//!         start.place(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]);
+//!         self.begin(start, 2.0);
 //!     }
 //! }
 //!
-//! let make = |config: &EnvConfig| Env::of(Climb { rig: config.single_rig("hummingbird")? }, "Climb", config);
+//! let build = |config: &EnvConfig| -> Result<Climb> {
+//!     Ok(Climb { rig: config.single_rig("hummingbird")?, settings: config.settings()? })
+//! };
+//! let make = |config: &EnvConfig| Env::of(build(config)?, "Climb", config);
 //! let findings = check_env(&make, &EnvConfig::default())?;
 //! assert!(findings.iter().all(|finding| finding.objection.is_none()));
 //! # Ok::<(), omnidrones::error::Error>(())
@@ -121,6 +133,7 @@
 
 pub mod baseline;
 pub mod config;
+pub mod declare;
 pub mod env;
 pub mod evaluate;
 pub mod observation;
@@ -132,23 +145,28 @@ pub mod record;
 pub mod registry;
 pub mod reward;
 pub mod rig;
-pub mod sheet;
+pub mod settings;
 pub mod suite;
 pub mod task;
+pub mod task_spec;
 pub mod with;
 
 pub use baseline::Baseline;
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
+pub use declare::{Ends, Goal, Loss, Writer};
 pub use env::check::{Finding, check_env};
 pub use env::single::{Outcome, SingleEnv};
 pub use env::{
-    Adjoint, Buffers, Cotangents, Env, Info, Jacobian, Pending, Places, Space, Spec, StepOut, Sweep, SweepOptions, Tape,
+    Adjoint, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Places, Space, Spec, StepOut, Sweep,
+    SweepOptions, Tape,
 };
 pub use evaluate::{Evaluation, Watched, evaluate};
 pub use observation::{Stage, Statistics};
 pub use randomise::{Change, Distribution, Quantity};
 pub use record::{Record, Recorded, Spread};
+pub use registry::BuiltIn;
 pub use rig::Rig;
-pub use sheet::{End, Metric, Setting, Sheet, Sign, Slice, Smoothness, Term};
-pub use task::{Ends, Start, Task, View, Wanted};
+pub use settings::{Domain, Setting, Settings};
+pub use task::{Start, Task, TaskReference, View};
+pub use task_spec::{End, Field, Limit, Metric, Smoothness, Success, TaskSpec, Term};
 pub use with::{Pick, Scale, Transform, With};

@@ -3,9 +3,9 @@
 //! Each stage maps one agent's numbers to one agent's numbers and says what they are called. The same lines run in lanes
 //! and on a recording, so gradients go through them; noise is a constant to a gradient.
 
-use super::physical::Kind;
-use super::sheet::{Slice, total};
+use super::task_spec::{Field, total};
 use crate::autodiff::{Rows, RowsMut, Scalar};
+use crate::dynamics::domain::Domain;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +22,7 @@ pub enum Stage {
     Noise {
         /// Standard deviation.
         std: f64,
-        /// Names of the slices that get it; all if empty.
+        /// Names of the fields that get it; all if empty.
         #[serde(default)]
         slices: Vec<String>,
     },
@@ -158,8 +158,8 @@ impl Extent {
 #[derive(Debug, Clone)]
 pub(crate) struct Pipeline {
     steps: Vec<Step>,
-    /// Slices of one agent behind the last stage.
-    pub slices: Vec<Slice>,
+    /// Fields of one agent behind the last stage.
+    pub fields: Vec<Field>,
     /// Numbers of one agent's memory.
     pub memory: usize,
     /// Normal draws of one agent per step.
@@ -211,9 +211,9 @@ impl<S: Scalar> Frozen<'_, S> {
 }
 
 impl Pipeline {
-    /// For a task's slices and `theta` with its nominal values.
-    pub(crate) fn new(stages: &[Stage], raw: &[Slice], theta: &[(String, f64)]) -> Result<Self> {
-        let mut p = Self { steps: Vec::new(), slices: raw.to_vec(), memory: 0, noise: 0, normalises: false };
+    /// For a task's fields and `theta` with its nominal values and domains.
+    pub(crate) fn new(stages: &[Stage], raw: &[Field], theta: &[(String, f64, Domain)]) -> Result<Self> {
+        let mut p = Self { steps: Vec::new(), fields: raw.to_vec(), memory: 0, noise: 0, normalises: false };
         Extent::of(stages, total(raw), theta.len())?;
         for stage in stages {
             p.add(stage, theta)?;
@@ -221,28 +221,37 @@ impl Pipeline {
         Ok(p)
     }
 
-    fn add(&mut self, stage: &Stage, theta: &[(String, f64)]) -> Result<()> {
-        let n = total(&self.slices);
+    fn add(&mut self, stage: &Stage, theta: &[(String, f64, Domain)]) -> Result<()> {
+        let n = total(&self.fields);
         match stage {
             Stage::History { steps } => {
                 self.steps.push(Step::History { steps: *steps, n, memory: self.memory });
                 self.memory += steps * n;
                 let older = (1..*steps).flat_map(|k| {
-                    let name = move |s: &Slice| Slice { name: format!("{}_{k}_ago", s.name), ..s.clone() };
-                    self.slices.iter().map(name).collect::<Vec<_>>()
+                    // zeros before the episode
+                    let name = move |s: &Field| Field {
+                        name: format!("{}_{k}_ago", s.name),
+                        low: s.low.min(0.0),
+                        high: s.high.max(0.0),
+                        ..s.clone()
+                    };
+                    self.fields.iter().map(name).collect::<Vec<_>>()
                 });
-                self.slices = self.slices.iter().cloned().chain(older).collect();
+                self.fields = self.fields.iter().cloned().chain(older).collect();
             }
             Stage::Noise { std, slices } => {
-                if let Some(name) = slices.iter().find(|name| !self.slices.iter().any(|s| s.name == **name)) {
-                    let known = self.slices.iter().map(|s| s.name.clone()).collect();
-                    return Err(Error::Unknown { kind: "slice of the observation", name: name.clone(), known });
+                if let Some(name) = slices.iter().find(|name| !self.fields.iter().any(|s| s.name == **name)) {
+                    let known = self.fields.iter().map(|s| s.name.clone()).collect();
+                    return Err(Error::Unknown { kind: "field of the observation", name: name.clone(), known });
                 }
-                let of = |s: &Slice| {
+                let of = |s: &Field| {
                     let noisy = slices.is_empty() || slices.contains(&s.name);
                     vec![if noisy { *std } else { 0.0 }; s.size]
                 };
-                self.steps.push(Step::Noise { std: self.slices.iter().flat_map(of).collect(), first: self.noise });
+                self.steps.push(Step::Noise { std: self.fields.iter().flat_map(of).collect(), first: self.noise });
+                for field in self.fields.iter_mut().filter(|f| slices.is_empty() || slices.contains(&f.name)) {
+                    (field.low, field.high) = (f64::NEG_INFINITY, f64::INFINITY);
+                }
                 self.noise += n;
             }
             Stage::Normalise { clip } => {
@@ -252,16 +261,17 @@ impl Pipeline {
                 }
                 self.normalises = true;
                 self.steps.push(Step::Normalise { n, clip: *clip });
+                self.fields.iter_mut().for_each(|f| (f.low, f.high) = (-clip, *clip));
             }
             Stage::Privileged {} => {
-                let is_ratio = |(name, x): &(String, f64)| *x > LEAST_NOMINAL && Kind::of(name) != Kind::Free;
+                let is_ratio = |(_, x, domain): &(String, f64, Domain)| *x > LEAST_NOMINAL && domain.keeps_sign();
                 let scale = theta.iter().map(|own| if is_ratio(own) { 1.0 / own.1 } else { 1.0 }).collect();
                 self.steps.push(Step::Privileged { n, scale });
-                let slice = |own: &(String, f64)| {
+                let field = |own: &(String, f64, Domain)| {
                     let unit = if is_ratio(own) { "ratio to nominal" } else { "as it is" };
-                    Slice::new(own.0.clone(), 1, unit, "varies between environments")
+                    Field::new(own.0.clone(), 1, unit, "varies between environments")
                 };
-                self.slices.extend(theta.iter().map(slice));
+                self.fields.extend(theta.iter().map(field));
             }
         }
         Ok(())

@@ -1,64 +1,10 @@
-//! What physical numbers may be, and what follows from them: signs, inertias of bodies, speeds that carry a weight.
+//! What follows from physical numbers: inertias that are those of bodies, speeds that carry a weight.
 
-use super::rig::{Craft, Inertial, Rig};
-use crate::dynamics::rigid::{BODY_PARAMETERS, ROTOR_PARAMETERS};
+use super::rig::{Inertial, Rig};
+use crate::dynamics::Plant;
+use crate::dynamics::rigid::BODY_PARAMETERS;
+use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
 use crate::dynamics::tree::{BODY_NUMBERS, TreePlace};
-
-/// What a physical number may be, by its nature.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
-    /// A size: a mass, a moment of inertia, a time constant.
-    Positive,
-    /// A loss or a stiffness.
-    NotNegative,
-    /// A position, a product of inertia, a sign.
-    Free,
-}
-
-impl Kind {
-    /// Of a number of [`Rig::number_names`].
-    pub(crate) fn of(name: &str) -> Self {
-        match name.rsplit('.').next().unwrap_or(name) {
-            "mass" | "inertia_xx" | "inertia_yy" | "inertia_zz" | "thrust_coefficient" | "max_speed"
-            | "time_constant_up" | "time_constant_down" | "slip_speed" => Self::Positive,
-            "moment_per_thrust"
-            | "inertia"
-            | "drag_coefficient"
-            | "axial_drag_coefficient"
-            | "rolling_coefficient"
-            | "joint_damping"
-            | "joint_stiffness"
-            | "joint_armature"
-            | "limit_stiffness"
-            | "limit_dissipation"
-            | "drive_stiffness"
-            | "drive_damping"
-            | "drive_max_torque"
-            | "stiffness"
-            | "dissipation"
-            | "friction" => Self::NotNegative,
-            drag if drag.contains("_drag_") => Self::NotNegative,
-            _ => Self::Free,
-        }
-    }
-
-    /// Whether a number may be `x`, also where it becomes an `f32`.
-    pub(crate) fn allows(self, x: f64) -> bool {
-        match self {
-            Self::Positive => x > f64::from(f32::MIN_POSITIVE),
-            Self::NotNegative => x >= 0.0,
-            Self::Free => x.is_finite(),
-        }
-    }
-
-    pub(crate) fn rule(self) -> &'static str {
-        match self {
-            Self::Positive => "> 0",
-            Self::NotNegative => "≥ 0",
-            Self::Free => "finite",
-        }
-    }
-}
 
 /// One tree: what is weighed, and what carries it.
 #[derive(Debug, Clone, Default)]
@@ -72,11 +18,17 @@ pub(crate) struct Flock {
 impl Flock {
     /// Of these bodies; per rotor where its numbers begin, and the place of its speed.
     fn new(bodies: impl Iterator<Item = usize>, rotors: impl Iterator<Item = (usize, usize)>) -> Self {
-        let (k_f, fastest) = (rotor("thrust_coefficient"), rotor("max_speed"));
         Self {
             masses: bodies.map(Inertial::place).collect(),
-            rotors: rotors.map(|(at, speed)| [at + k_f, at + fastest, speed]).collect(),
+            rotors: rotors
+                .map(|(first, speed)| [first + at::thrust_coefficient, first + at::max_speed, speed])
+                .collect(),
         }
+    }
+
+    /// Whether its weight or its lift depends on number k.
+    pub(crate) fn depends_on(&self, k: usize) -> bool {
+        k == 0 || self.masses.contains(&k) || self.rotors.iter().any(|[k_f, fastest, _]| k == *k_f || k == *fastest)
     }
 
     /// Weight over largest thrust.
@@ -102,13 +54,13 @@ impl Flock {
 
 /// Trees with rotors.
 pub(crate) fn flocks(rig: &Rig) -> Vec<Flock> {
-    let n = ROTOR_PARAMETERS.len();
-    match &rig.craft {
-        Craft::Vehicle(_) => {
+    let n = N_ROTOR_PARAMETER;
+    match rig.plant() {
+        Plant::Rigid(_) => {
             let rotors = rig.drone().rotors.iter().enumerate().map(|(i, r)| (BODY_PARAMETERS.len() + i * n, r.speed));
             vec![Flock::new(0..1, rotors)]
         }
-        Craft::Model(m) => {
+        Plant::Tree(m) => {
             let (layout, first) = (m.layout(), 1 + rig.n_frame() * BODY_NUMBERS.len());
             let rotor = |r: usize| (first + r * n, layout.rotor_speed[r]);
             let flock = |tree: &TreePlace| Flock::new(tree.bodies.clone(), tree.rotors.clone().map(rotor));
@@ -155,8 +107,3 @@ fn is_body(j: &[f64], factor: f64) -> bool {
 
 /// Largest principal moment as a share of the sum of the others: just inside a flat plate's.
 pub(crate) const MOST_OF_OTHERS: f64 = 0.999;
-
-/// Place of a number among a rotor's.
-pub(crate) fn rotor(name: &str) -> usize {
-    ROTOR_PARAMETERS.iter().position(|n| *n == name).unwrap_or(0)
-}

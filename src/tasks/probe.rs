@@ -6,13 +6,13 @@
 //! kind of state is that of paying for ever, and the advantage of a step of one episode may not contain rewards of the next
 //! (the trace of GAE runs on where only terminations cut it).
 
-use crate::autodiff::{Pen, Scalar};
+use crate::autodiff::Scalar;
 use crate::dynamics::Effects;
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
+use crate::tasks::declare::{Ends, Writer};
 use crate::tasks::rig::Rig;
-use crate::tasks::sheet::{Sheet, Slice, Term};
-use crate::tasks::task::{Ends, Start, Task, View};
+use crate::tasks::task::{Start, Task, View};
 
 /// Steps until both are cut.
 pub const CUT: usize = 10;
@@ -58,39 +58,23 @@ impl Task for Probe {
         CUT
     }
 
-    fn sheet(&self) -> Sheet {
-        let kind = Slice::new("kind", 1, "-", "0 or 1");
-        Sheet {
-            observation: vec![kind.clone()],
-            central: Vec::new(),
-            reward: vec![Term::smooth("pay", "kind", 1.0)],
-            ends: Vec::new(),
-            metrics: Vec::new(),
-            goal: vec![kind],
-            memo: Vec::new(),
-            settings: Vec::new(),
-        }
-    }
-
     fn start(&self, start: &mut Start<'_>) {
-        start.goal[0] = if self.drawn { start.task.below(2) as f64 } else { 1.0 };
+        let kind = if self.drawn { start.task.below(2) as f64 } else { 1.0 };
+        start.goal.field("kind", "-", "0 or 1").number(kind);
     }
 
     #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
-        out.number(view.goal.get(0));
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+        out.field("kind", "-", "0 or 1").within(0.0, 1.0).number(view.goal.get(0));
     }
 
     #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
-        terms.number(view.goal.get(0));
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        terms.term("pay", "kind", 1.0).number(view.goal.get(0));
     }
 
     #[inline(always)]
-    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut Ends<'_, S>) {}
-
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, _: &View<'_, S>, _: &mut Pen<'_, S>) {}
+    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut impl Ends<S>) {}
 
     #[inline(always)]
     fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask {
@@ -98,6 +82,6 @@ impl Task for Probe {
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
-        start.goal[0] = 1.0;
+        start.goal.field("kind", "-", "0 or 1").number(1.0);
     }
 }

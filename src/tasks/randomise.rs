@@ -7,9 +7,11 @@
 //! start at the speed that carries the weight drawn. A curriculum takes a share of every change
 //! ([`Env::set_difficulty`](super::Env::set_difficulty)).
 
-use super::physical::{Flock, Kind, MOST_OF_OTHERS, flocks, rotor, settle};
+use super::physical::{Flock, MOST_OF_OTHERS, flocks, settle};
 use super::rig::{Inertial, Rig};
-use crate::dynamics::rigid::{BODY_PARAMETERS, ROTOR_PARAMETERS};
+use crate::dynamics::domain::Domain;
+use crate::dynamics::rigid::BODY_PARAMETERS;
+use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
 use crate::dynamics::tree::BODY_NUMBERS;
 use crate::error::{Error, Result, finite};
 use crate::rng::{Purpose, Stream};
@@ -141,18 +143,14 @@ impl Change {
         if low > high {
             return Err(Error::value(what, format!("[{low}, {high}]"), "ordered", "Give the lower end first."));
         }
-        let kind = match &self.what {
-            Quantity::CenterOfMass | Quantity::Wind | Quantity::HiddenHeight => Kind::Free,
+        // of a number by its name, and of what is added to, the rig decides
+        self.keeps(match &self.what {
+            Quantity::CenterOfMass | Quantity::Wind | Quantity::HiddenHeight | Quantity::Number(_) => Domain::AnySign,
             Quantity::Drag | Quantity::AngularDrag | Quantity::HiddenMass | Quantity::MomentPerThrust => {
-                Kind::NotNegative
+                Domain::NonNegative
             }
-            Quantity::Number(name) => Kind::of(name),
-            _ => Kind::Positive,
-        };
-        // what is added to, the rig decides
-        if self.by != Action::Add && !kind.allows(low) {
-            return Err(Error::value(what, low, kind.rule(), "Factors and values of it do not change its sign."));
-        }
+            _ => Domain::Positive,
+        })?;
         if self.distribution == Distribution::LogUniform && low <= 0.0 {
             return Err(Error::value(what, low, "> 0 for log_uniform", "Use uniform where values may be negative."));
         }
@@ -160,6 +158,19 @@ impl Change {
         if only_set && self.by != Action::Set {
             let what = format!("randomise.{:?}.by", self.what);
             return Err(Error::value(what, format!("{:?}", self.by), "set", "Nominally it is zero."));
+        }
+        Ok(())
+    }
+
+    /// Refuses factors and values that a number of this domain may not have.
+    fn keeps(&self, domain: Domain) -> Result<()> {
+        let (what, low) = (format!("randomise.{:?}.range", self.what), self.range[0]);
+        if domain == Domain::Spin {
+            let remedy = "A rotor turns one way or the other: build the vehicle that you mean.";
+            return Err(Error::value(what, low, "of a number that may vary", remedy));
+        }
+        if self.by != Action::Add && !domain.allows(low) {
+            return Err(Error::value(what, low, domain.rule(), "Factors and values of it do not change its sign."));
         }
         Ok(())
     }
@@ -196,7 +207,7 @@ pub(crate) struct Randomiser {
 impl Randomiser {
     /// The rig with all numbers that the changes touch varying, and what changes them.
     pub(crate) fn new(changes: &[Change], rig: &Rig) -> Result<Self> {
-        let names = rig.number_names();
+        let (names, domains) = (rig.number_names(), rig.number_domains());
         let (bodies, rotors) = places(rig);
         let nominal = rig.numbers();
         let mut least = nominal.clone();
@@ -204,15 +215,12 @@ impl Randomiser {
         for change in changes {
             change.validate()?;
             let places = own.touched(change, &names)?;
-            own.check(change, &places, &names, &mut least)?;
+            own.check(change, &places, (&names, &domains), &mut least)?;
             own.changes.push(Prepared { change: change.clone(), places });
         }
-        let touches = |what: &[&str]| {
-            let named = |k: &usize| what.iter().any(|end| names[*k].rsplit('.').next() == Some(end));
-            own.varied().any(|k| named(&k))
-        };
-        if touches(&["mass", "thrust_coefficient", "max_speed", "gravity"]) {
-            own.flocks = flocks(rig);
+        let flocks = flocks(rig);
+        if own.varied().any(|k| flocks.iter().any(|f| f.depends_on(k))) {
+            own.flocks = flocks;
         }
         own.inertias = (0..rig.n_frame())
             .map(|body| Inertial::place(body) + 4)
@@ -227,22 +235,26 @@ impl Randomiser {
 
     /// Refuses what could leave the physical, whatever is drawn; `least` are the smallest values before and behind the
     /// change. What interpolates between two values that are physical is so too.
-    fn check(&self, change: &Change, places: &[usize], names: &[String], least: &mut [f64]) -> Result<()> {
+    fn check(&self, change: &Change, places: &[usize], known: (&[String], &[Domain]), least: &mut [f64]) -> Result<()> {
+        let (names, domains) = known;
         let low = change.range[0];
         for k in places {
             // a mass takes its inertia along, at a ratio that stays positive as the mass does
             let is_mass = change.what != Quantity::Mass || self.bodies.iter().any(|b| Inertial::place(*b) == *k);
-            let kind = Kind::of(&names[*k]);
-            if kind == Kind::Free || !is_mass {
+            let domain = domains[*k];
+            if matches!(change.what, Quantity::Number(_)) {
+                change.keeps(domain)?;
+            }
+            if !domain.keeps_sign() || !is_mass {
                 continue;
             }
             let mut full = change.applied(least[*k], low, 1.0);
             if change.what == Quantity::ThrustToWeight {
                 full *= self.heavier(*k, least);
             }
-            if !kind.allows(full) {
+            if !domain.allows(full) {
                 let what = format!("randomise.{:?}.range", change.what);
-                let rule = format!("such that {} ≥ {:.3e} stays {}", names[*k], least[*k], kind.rule());
+                let rule = format!("such that {} ≥ {:.3e} stays {}", names[*k], least[*k], domain.rule());
                 return Err(Error::value(what, low, rule, "Raise the lower end."));
             }
             least[*k] = least[*k].min(full);
@@ -283,9 +295,9 @@ impl Randomiser {
             Quantity::CenterOfMass => of_bodies(1..4),
             Quantity::Drag => of_bodies(DRAG..DRAG + 3),
             Quantity::AngularDrag => of_bodies(ANGULAR_DRAG..ANGULAR_DRAG + 3),
-            Quantity::Thrust | Quantity::ThrustToWeight => of_rotors(&[rotor("thrust_coefficient")]),
-            Quantity::MomentPerThrust => of_rotors(&[rotor("moment_per_thrust")]),
-            Quantity::MotorTime => of_rotors(&[rotor("time_constant_up"), rotor("time_constant_down")]),
+            Quantity::Thrust | Quantity::ThrustToWeight => of_rotors(&[at::thrust_coefficient]),
+            Quantity::MomentPerThrust => of_rotors(&[at::moment_per_thrust]),
+            Quantity::MotorTime => of_rotors(&[at::time_constant_up, at::time_constant_down]),
             Quantity::Wind | Quantity::HiddenMass | Quantity::HiddenHeight => Vec::new(),
             Quantity::Number(name) => match names.iter().position(|n| n == name) {
                 Some(k) => vec![k],
@@ -343,7 +355,7 @@ impl Randomiser {
 
     /// Mass over nominal mass of the drone that carries the rotor with a number at `k`.
     fn heavier(&self, k: usize, numbers: &[f64]) -> f64 {
-        let n = ROTOR_PARAMETERS.len();
+        let n = N_ROTOR_PARAMETER;
         let owner = self.rotors.iter().position(|own| own.iter().any(|at| (*at..at + n).contains(&k)));
         let place = Inertial::place(self.bodies[owner.unwrap_or(0)]);
         numbers[place] / self.nominal[place]
@@ -411,8 +423,8 @@ const ANGULAR_DRAG: usize = 16;
 fn places(rig: &Rig) -> (Vec<usize>, Vec<Vec<usize>>) {
     let n_body = rig.n_frame();
     let begin = |r: usize| match rig.model() {
-        None => BODY_PARAMETERS.len() + r * ROTOR_PARAMETERS.len(),
-        Some(_) => 1 + n_body * BODY_NUMBERS.len() + r * ROTOR_PARAMETERS.len(),
+        None => BODY_PARAMETERS.len() + r * N_ROTOR_PARAMETER,
+        Some(_) => 1 + n_body * BODY_NUMBERS.len() + r * N_ROTOR_PARAMETER,
     };
     match rig.model() {
         None => (vec![0], vec![(0..rig.drone().rotors.len()).map(begin).collect()]),

@@ -1,7 +1,8 @@
 //! What happened in an evaluation, step by step and episode by episode: for plots and files.
 
-use super::env::{Env, Spec};
+use super::env::{Column, Env, Spec};
 use super::evaluate::Watched;
+use crate::error::{Error, Result};
 use serde::Serialize;
 
 /// A figure over all environments that fly.
@@ -71,7 +72,6 @@ pub struct Record {
     /// `[E, info]`: the columns of [`Spec::info`] in the last step of every episode.
     pub last: Vec<f32>,
     spec: Spec,
-    n_metric: usize,
     /// Sums of terms one step ago.
     before: Vec<f32>,
     row: Vec<f32>,
@@ -86,7 +86,6 @@ impl Record {
             steps: Vec::new(),
             lines: vec![Vec::new(); n_line.min(n)],
             last: vec![0.0; n * spec.info.len()],
-            n_metric: env.sheet().metrics.len(),
             before: vec![0.0; n * spec.reward.len()],
             row: Vec::with_capacity(n),
             spec,
@@ -100,7 +99,7 @@ impl Record {
 
     /// First of the task's metrics among the columns of [`Spec::info`]; their number where a task has none.
     pub fn first_metric(&self) -> usize {
-        self.spec.info.len() - self.n_metric
+        self.spec.metric_columns().start
     }
 
     /// Takes a step in.
@@ -146,28 +145,33 @@ impl Record {
         means
     }
 
-    /// Column `column` of [`Spec::info`] at the end of every episode.
+    /// Column `column` of [`Spec::info`] at the end of every episode; empty if there is no such column.
     pub fn ended(&self, column: usize) -> Vec<f32> {
-        self.last.chunks_exact(self.spec.info.len()).map(|row| row[column]).collect()
+        self.last.chunks_exact(self.spec.info.len()).filter_map(|row| row.get(column).copied()).collect()
     }
 
     /// Why episode `environment` ended: a name of [`Spec::ends`], `diverged`, or `time`.
     ///
-    /// # Panics
-    /// If there is no such environment.
-    pub fn why(&self, environment: usize) -> &'static str {
-        let at = environment * self.spec.info.len();
-        let code = self.spec.info_column("reason").map_or(0.0, |k| self.last[at + k]);
-        match (code as usize).checked_sub(1) {
-            None => "time",
-            Some(k) => self.spec.ends.get(k).map_or("diverged", |end| end.name),
+    /// # Errors
+    /// [`Error::Value`] if there is no such environment.
+    pub fn why(&self, environment: usize) -> Result<&str> {
+        let (n, width) = (self.spec.n_env, self.spec.info.len());
+        if environment >= n {
+            let remedy = "Environments count from 0.";
+            return Err(Error::value("environment", environment, format!("< {n}"), remedy));
         }
+        let code = self.last[environment * width + Column::Reason.index()];
+        Ok(match (code as usize).checked_sub(1) {
+            None => "time",
+            Some(k) => self.spec.ends.get(k).map_or("diverged", |end| &end.name),
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tasks::EnvConfig;
 
     #[test]
     fn a_spread_is_that_of_its_numbers_in_any_order() {
@@ -175,5 +179,14 @@ mod tests {
         assert_eq!((spread.mean, spread.low, spread.median, spread.high), (5.0, 1.0, 5.0, 9.0));
         assert!(Spread::of(&mut []).median.is_nan());
         assert_eq!(Spread::of(&mut [3.0]), Spread { mean: 3.0, low: 3.0, median: 3.0, high: 3.0 });
+    }
+
+    #[test]
+    fn an_episode_or_a_column_that_there_is_not_is_no_panic() {
+        let env = Env::make("Hover", &EnvConfig { n_env: 3, ..EnvConfig::default() }).unwrap();
+        let record = Record::new(&env, 1);
+        assert_eq!(record.why(2).unwrap(), "time");
+        assert!(record.why(3).unwrap_err().to_string().starts_with("environment is 3, but it must be < 3."));
+        assert!(record.ended(env.spec().info.len()).is_empty());
     }
 }

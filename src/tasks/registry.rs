@@ -2,239 +2,101 @@
 
 use super::config::EnvConfig;
 use super::env::Env;
-use super::suite::*;
+use super::suite::dragon_hover::DragonHover;
+use super::suite::fly_through::FlyThrough;
+use super::suite::formation::Formation;
+use super::suite::hover::Hover;
+use super::suite::over_fly_through::OverFlyThrough;
+use super::suite::over_hover::OverHover;
+use super::suite::over_track::OverTrack;
+use super::suite::payload_fly_through::PayloadFlyThrough;
+use super::suite::payload_hover::PayloadHover;
+use super::suite::payload_track::PayloadTrack;
+use super::suite::pendulum_fly_through::InvPendulumFlyThrough;
+use super::suite::pendulum_hover::InvPendulumHover;
+use super::suite::pendulum_track::InvPendulumTrack;
+use super::suite::track::Track;
+use super::suite::transport_fly_through::TransportFlyThrough;
+use super::suite::transport_hover::TransportHover;
+use super::suite::transport_track::TransportTrack;
+use super::suite::variants;
+use super::task::Task;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer};
+
+/// A task that is made from a configuration alone.
+pub trait BuiltIn: Task + Sized {
+    /// With the vehicle and settings of a configuration.
+    ///
+    /// # Errors
+    /// As [`EnvConfig::settings`], [`EnvConfig::vehicle`] and the model that flies.
+    fn new(config: &EnvConfig) -> Result<Self>;
+}
 
 /// One line of the registry.
 #[derive(Debug, Clone, Copy)]
 pub struct Entry {
     /// What users type.
     pub name: &'static str,
+    /// What the task is about, for tables in groups: the entries of a family follow each other.
+    pub family: &'static str,
     /// One line for tables.
     pub description: &'static str,
     /// Its own defaults, as TOML of an [`EnvConfig`].
     pub defaults: &'static str,
-    /// Documentation and code.
-    pub source: &'static str,
-    /// The source that describes it: its own, or that of the task whose variant it is.
-    described: &'static str,
-    /// What a variant has of its own, in words.
-    own: &'static str,
+    /// What a variant has of its own, in words; empty otherwise.
+    pub own: &'static str,
     make: fn(&str, &EnvConfig) -> Result<Env>,
 }
 
-const fn entry(
-    name: &'static str,
-    description: &'static str,
-    source: &'static str,
-    make: fn(&str, &EnvConfig) -> Result<Env>,
-) -> Entry {
-    Entry { name, description, defaults: "", source, described: source, own: "", make }
+const fn entry<T: BuiltIn>(name: &'static str, family: &'static str, description: &'static str) -> Entry {
+    Entry { name, family, description, defaults: "", own: "", make: make::<T> }
 }
 
-/// Groups of tasks by how their names begin or end; the first that fits counts.
-const FAMILIES: [(&str, &str, &str); 8] = [
-    ("", "Rand", "another drone in every episode"),
-    ("InvPendulum", "", "a ball that stands on a bar"),
-    ("Payload", "", "a slung ball"),
-    ("Over", "", "an over-actuated platform"),
-    ("Transport", "", "a box carried by a team"),
-    ("Formation", "", "a team of single drones"),
-    ("Omav", "", "thrusters that tilt"),
-    ("Dragon", "", "thrusters that tilt"),
-];
+fn make<T: BuiltIn>(name: &str, config: &EnvConfig) -> Result<Env> {
+    Env::of(T::new(config)?, name, config)
+}
 
 impl Entry {
-    /// What the task is about, for tables in groups: the entries of a family follow each other.
-    pub fn family(&self) -> &'static str {
-        let fits = |(head, tail, _): &&(&str, &str, &str)| self.name.starts_with(head) && self.name.ends_with(tail);
-        FAMILIES.iter().find(fits).map_or("one drone", |(_, _, family)| family)
-    }
-
-    /// The task that `described` describes, with defaults of its own, which `own` says in words.
-    const fn variant(self, described: &'static str, defaults: &'static str, own: &'static str) -> Self {
-        Self { described, defaults, own, ..self }
-    }
-
-    /// Symbols, target and start of an episode, in words; of a variant also what it has of its own.
-    pub fn setting(&self) -> String {
-        let paragraphs = self.paragraphs().into_iter().skip(1).filter(|p| !p.starts_with("- "));
-        let own = (!self.own.is_empty()).then(|| self.own.to_string());
-        paragraphs.chain(own).collect::<Vec<_>>().join(" ")
-    }
-
-    /// When the goal counts as reached in a step: what [`Task::success`](super::Task::success) asks.
-    pub fn success(&self) -> String {
-        self.item("- Success: ")
-    }
-
-    /// Whether an episode is a success if any of its steps was one, not its last.
-    pub fn succeeds_once(&self) -> bool {
-        self.success().contains("once in the episode")
-    }
-
-    /// The formula of [`Task::loss`](super::Task::loss).
-    pub fn loss(&self) -> String {
-        self.item("- Loss: ")
-    }
-
-    fn item(&self, head: &str) -> String {
-        let found = self.paragraphs().into_iter().find_map(|p| p.strip_prefix(head).map(String::from));
-        found.unwrap_or_default().trim_end_matches('.').into()
-    }
-
-    /// The documentation without its tables; items of lists are paragraphs of their own.
-    fn paragraphs(&self) -> Vec<String> {
-        let mut all = vec![String::new()];
-        for line in self.described.lines().map_while(|line| line.strip_prefix("//!")).map(str::trim) {
-            if line.is_empty() || line.starts_with("- ") {
-                all.push(String::new());
-            }
-            if let Some(last) = all.last_mut().filter(|_| !line.starts_with('|')) {
-                last.push_str(if last.is_empty() { "" } else { " " });
-                last.push_str(line);
-            }
-        }
-        all.retain(|paragraph| !paragraph.is_empty());
-        all.iter().map(|paragraph| plain(paragraph)).collect()
+    /// The same task with defaults of its own, which `own` says in words.
+    const fn variant(self, (defaults, own): (&'static str, &'static str)) -> Self {
+        Self { defaults, own, ..self }
     }
 }
 
-/// Without marks of code and links: `[word](place)` is `word`.
-fn plain(text: &str) -> String {
-    let text = text.replace('`', "");
-    let mut parts = text.split("](crate::");
-    let mut out = parts.next().unwrap_or_default().to_string();
-    for part in parts {
-        if let Some(open) = out.rfind('[') {
-            out.remove(open);
-        }
-        out.push_str(part.split_once(')').map_or(part, |(_, rest)| rest));
-    }
-    out
-}
+const ONE: &str = "one drone";
+const RANDOM: &str = "another drone in every episode";
+const PENDULUM: &str = "a ball that stands on a bar";
+const PAYLOAD: &str = "a slung ball";
+const OVER: &str = "an over-actuated platform";
+const TRANSPORT: &str = "a box carried by a team";
+const TEAM: &str = "a team of single drones";
+const TILTING: &str = "thrusters that tilt";
 
 /// Every built-in task.
+#[rustfmt::skip]
 pub static REGISTRY: &[Entry] = &[
-    entry("Hover", "fly to a point and hold it, with a heading", include_str!("suite/hover.rs"), |name, config| {
-        Env::of(hover::Hover::new(config)?, name, config)
-    }),
-    entry("Track", "follow a lemniscate", include_str!("suite/track.rs"), |name, config| {
-        Env::of(track::Track::new(config)?, name, config)
-    }),
-    entry(
-        "FlyThrough",
-        "fly through a gate that slides sideways",
-        include_str!("suite/fly_through.rs"),
-        |name, config| Env::of(fly_through::FlyThrough::new(config)?, name, config),
-    ),
-    entry(
-        "InvPendulumHover",
-        "balance a ball on a bar at a point",
-        include_str!("suite/pendulum_hover.rs"),
-        |name, config| Env::of(pendulum_hover::InvPendulumHover::new(config)?, name, config),
-    ),
-    entry(
-        "InvPendulumTrack",
-        "lead a ball that stands on a bar along a lemniscate",
-        include_str!("suite/pendulum_track.rs"),
-        |name, config| Env::of(pendulum_track::InvPendulumTrack::new(config)?, name, config),
-    ),
-    entry(
-        "InvPendulumFlyThrough",
-        "carry a ball that stands on a bar past two level bars",
-        include_str!("suite/pendulum_fly_through.rs"),
-        |name, config| Env::of(pendulum_fly_through::InvPendulumFlyThrough::new(config)?, name, config),
-    ),
-    entry(
-        "PayloadHover",
-        "hold a slung ball at a point while it is pushed",
-        include_str!("suite/payload_hover.rs"),
-        |name, config| Env::of(payload_hover::PayloadHover::new(config)?, name, config),
-    ),
-    entry(
-        "PayloadTrack",
-        "lead a slung ball along a lemniscate",
-        include_str!("suite/payload_track.rs"),
-        |name, config| Env::of(payload_track::PayloadTrack::new(config)?, name, config),
-    ),
-    entry(
-        "PayloadFlyThrough",
-        "swing a slung ball past two level bars",
-        include_str!("suite/payload_fly_through.rs"),
-        |name, config| Env::of(payload_fly_through::PayloadFlyThrough::new(config)?, name, config),
-    ),
-    entry(
-        "HoverRand",
-        "hover with another drone in every episode",
-        include_str!("suite/variants.rs"),
-        |name, config| Env::of(hover::Hover::new(config)?, name, config),
-    )
-    .variant(include_str!("suite/hover.rs"), variants::HOVER_RAND, variants::HOVER_RAND_OWN),
-    entry(
-        "TrackRand",
-        "follow a lemniscate with another drone in every episode",
-        include_str!("suite/variants.rs"),
-        |name, config| Env::of(track::Track::new(config)?, name, config),
-    )
-    .variant(include_str!("suite/track.rs"), variants::TRACK_RAND, variants::TRACK_RAND_OWN),
-    entry("OmavHover", "hover with an Omav whose rotors tilt", include_str!("suite/variants.rs"), |name, config| {
-        Env::of(hover::Hover::new(config)?, name, config)
-    })
-    .variant(include_str!("suite/hover.rs"), variants::OMAV, variants::OMAV_OWN),
-    entry(
-        "OmavTrack",
-        "follow a lemniscate with an Omav whose rotors tilt",
-        include_str!("suite/variants.rs"),
-        |name, config| Env::of(track::Track::new(config)?, name, config),
-    )
-    .variant(include_str!("suite/track.rs"), variants::OMAV, variants::OMAV_OWN),
-    entry(
-        "DragonHover",
-        "fly a chain of four links to a point",
-        include_str!("suite/dragon_hover.rs"),
-        |name, config| Env::of(dragon_hover::DragonHover::new(config)?, name, config),
-    ),
-    entry(
-        "OverHover",
-        "bring an over-actuated platform to a pose and hold it",
-        include_str!("suite/over_hover.rs"),
-        |name, config| Env::of(over_hover::OverHover::new(config)?, name, config),
-    ),
-    entry(
-        "OverTrack",
-        "carry an over-actuated platform along a lemniscate",
-        include_str!("suite/over_track.rs"),
-        |name, config| Env::of(over_track::OverTrack::new(config)?, name, config),
-    ),
-    entry(
-        "OverFlyThrough",
-        "bring an over-actuated platform through a row of poles",
-        include_str!("suite/over_fly_through.rs"),
-        |name, config| Env::of(over_fly_through::OverFlyThrough::new(config)?, name, config),
-    ),
-    entry(
-        "TransportHover",
-        "bring a box on bars to a point and hold it",
-        include_str!("suite/transport_hover.rs"),
-        |name, config| Env::of(transport_hover::TransportHover::new(config)?, name, config),
-    ),
-    entry(
-        "TransportTrack",
-        "carry a box on bars along a lemniscate",
-        include_str!("suite/transport_track.rs"),
-        |name, config| Env::of(transport_track::TransportTrack::new(config)?, name, config),
-    ),
-    entry(
-        "TransportFlyThrough",
-        "take a box on bars between two beams",
-        include_str!("suite/transport_fly_through.rs"),
-        |name, config| Env::of(transport_fly_through::TransportFlyThrough::new(config)?, name, config),
-    ),
-    entry("Formation", "form a figure in each other's downwash", include_str!("suite/formation.rs"), |name, config| {
-        Env::of(formation::Formation::new(config)?, name, config)
-    }),
+    entry::<Hover>("Hover", ONE, "fly to a point and hold it, with a heading"),
+    entry::<Track>("Track", ONE, "follow a lemniscate"),
+    entry::<FlyThrough>("FlyThrough", ONE, "fly through a gate that slides sideways"),
+    entry::<InvPendulumHover>("InvPendulumHover", PENDULUM, "balance a ball on a bar at a point"),
+    entry::<InvPendulumTrack>("InvPendulumTrack", PENDULUM, "lead a ball that stands on a bar along a lemniscate"),
+    entry::<InvPendulumFlyThrough>("InvPendulumFlyThrough", PENDULUM, "carry a ball that stands on a bar past two level bars"),
+    entry::<PayloadHover>("PayloadHover", PAYLOAD, "hold a slung ball at a point while it is pushed"),
+    entry::<PayloadTrack>("PayloadTrack", PAYLOAD, "lead a slung ball along a lemniscate"),
+    entry::<PayloadFlyThrough>("PayloadFlyThrough", PAYLOAD, "swing a slung ball past two level bars"),
+    entry::<Hover>("HoverRand", RANDOM, "hover with another drone in every episode").variant(variants::HOVER_RAND),
+    entry::<Track>("TrackRand", RANDOM, "follow a lemniscate with another drone in every episode").variant(variants::TRACK_RAND),
+    entry::<Hover>("OmavHover", TILTING, "hover with an Omav whose rotors tilt").variant(variants::OMAV),
+    entry::<Track>("OmavTrack", TILTING, "follow a lemniscate with an Omav whose rotors tilt").variant(variants::OMAV),
+    entry::<DragonHover>("DragonHover", TILTING, "fly a chain of four links to a point"),
+    entry::<OverHover>("OverHover", OVER, "bring an over-actuated platform to a pose and hold it"),
+    entry::<OverTrack>("OverTrack", OVER, "carry an over-actuated platform along a lemniscate"),
+    entry::<OverFlyThrough>("OverFlyThrough", OVER, "bring an over-actuated platform through a row of poles"),
+    entry::<TransportHover>("TransportHover", TRANSPORT, "bring a box on bars to a point and hold it"),
+    entry::<TransportTrack>("TransportTrack", TRANSPORT, "carry a box on bars along a lemniscate"),
+    entry::<TransportFlyThrough>("TransportFlyThrough", TRANSPORT, "take a box on bars between two beams"),
+    entry::<Formation>("Formation", TEAM, "form a figure in each other's downwash"),
 ];
 
 impl Entry {
@@ -294,8 +156,12 @@ pub fn by_name(name: &str) -> Result<&'static Entry> {
 #[cfg(test)]
 mod tests {
     use super::super::config::Autoreset;
-    use super::super::{Baseline, Watched, evaluate};
+    use super::super::{Baseline, Success, Watched, evaluate};
     use super::*;
+
+    fn one(name: &str) -> Env {
+        Env::make(name, &EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap()
+    }
 
     #[test]
     fn a_list_that_is_given_empty_is_empty_and_one_that_is_not_given_is_the_tasks_own() {
@@ -321,27 +187,36 @@ mod tests {
     #[test]
     fn every_task_tells_its_start_its_success_and_its_loss() {
         for entry in REGISTRY {
-            let (setting, success, loss) = (entry.setting(), entry.success(), entry.loss());
-            assert!(setting.contains("Start: "), "{}: {setting}", entry.name);
+            let env = one(entry.name);
+            let own = env.task_spec();
+            let (success, loss) = (own.success.text(), own.loss_text());
+            assert!(own.about.contains("Start: "), "{}: {}", entry.name, own.about);
             assert!(success.contains(" < 0.") && loss.contains("√("), "{}: {success}; {loss}", entry.name);
-            for text in [setting, success, loss] {
-                assert!(!text.contains("](") && !text.contains('`'), "{}: {text}", entry.name);
+            let fields = own.observation.iter().chain(&own.central).chain(&own.goal).chain(&own.task_state);
+            let formulas = own.reward.iter().map(|t| &t.formula).chain(own.ends.iter().map(|e| &e.condition));
+            let texts = [&own.about, &success, &loss].into_iter().chain(formulas);
+            for text in texts.chain(fields.map(|f| &f.meaning)) {
+                // e^{−x} is a formula, {key} a setting that there is not
+                let holes = text.replace("e^{", "").matches('{').count();
+                assert!(holes == 0 && !text.is_empty(), "{}: {text}", entry.name);
             }
         }
-        assert_eq!(by_name("OmavHover").unwrap().success(), "position_error < 0.1 m");
+        assert_eq!(one("OmavHover").task_spec().success.text(), "position_error < 0.1 m");
         for (name, own) in [("OmavTrack", "tilt"), ("HoverRand", "are drawn"), ("TrackRand", "every motor are drawn")] {
-            assert!(by_name(name).unwrap().setting().contains(own), "{name}");
+            assert!(by_name(name).unwrap().own.contains(own), "{name}");
         }
-        assert!(by_name("FlyThrough").unwrap().succeeds_once() && !by_name("Hover").unwrap().succeeds_once());
+        assert!(one("FlyThrough").task_spec().success.once && !one("Hover").task_spec().success.once);
     }
 
-    /// `position_error < 0.1 m`: metric and limit of every condition.
-    fn limits(success: &str) -> Vec<(String, f64)> {
-        let limit = |text: &str| {
-            let (name, rest) = text.split_once(" < ").unwrap();
-            (name.to_string(), rest.split(' ').next().unwrap().parse().unwrap())
-        };
-        success.split(" and ").map(limit).collect()
+    #[test]
+    fn the_words_of_a_task_follow_its_settings() {
+        let text = "[task]\nreward_effort = 0.25\nmax_distance = 3.5\nsuccess_distance = 0.05";
+        let config = EnvConfig { n_env: 1, ..EnvConfig::from_toml(text, "own").unwrap() };
+        let env = Env::make("Hover", &config).unwrap();
+        let own = env.task_spec();
+        assert_eq!((own.reward[3].formula.as_str(), own.reward[3].bound), ("0.25 e^{−e}", 0.25));
+        assert_eq!((own.ends[1].condition.as_str(), own.success.limits[0].below), ("d > 3.5", 0.05));
+        assert_eq!(env.spec().reward_bound, 3.25);
     }
 
     const N: usize = 4;
@@ -367,22 +242,27 @@ mod tests {
         for entry in REGISTRY {
             let mut config = EnvConfig { n_env: N, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
             config.task.insert("horizon".into(), 300.into());
-            let (mut env, said) = (entry.env(&config).unwrap(), entry.success());
+            let mut env = entry.env(&config).unwrap();
             let Ok(mut own) = Baseline::new(&env) else { continue };
-            let (spec, limits) = (env.spec().clone(), limits(&said));
-            let (once, more) = (entry.succeeds_once(), said.contains("with all"));
+            let spec = env.spec().clone();
+            let Success { limits, also, once } = spec.success.clone();
             let (mut before, mut seen) = ([false; N], [false; 2]);
             let mut watch = |watched: &Watched<'_>| {
                 let told = |i: usize, name: &str| {
                     f64::from(watched.out.info[i * spec.info.len() + spec.info_column(name).unwrap()])
                 };
                 for i in (0..N).filter(|i| watched.flying[*i] && watched.out.terminated[*i] == 0) {
-                    let near = limits.iter().any(|(name, limit)| (told(i, name) - limit).abs() < 1e-4);
-                    let now = limits.iter().all(|(name, limit)| told(i, name) < *limit);
+                    let near = limits.iter().any(|l| (told(i, &l.metric) - l.below).abs() < 1e-4);
+                    let now = limits.iter().all(|l| told(i, &l.metric) < l.below);
                     before[i] = now || once && before[i];
                     let success = told(i, "success") > 0.5;
                     seen[usize::from(success)] = true;
-                    assert!(near || success == before[i] || more && !success, "{}, step {}", entry.name, watched.step);
+                    assert!(
+                        near || success == before[i] || !also.is_empty() && !success,
+                        "{}, step {}",
+                        entry.name,
+                        watched.step
+                    );
                 }
             };
             evaluate(&mut env, &mut own.policy(), &mut watch).unwrap();

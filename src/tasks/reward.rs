@@ -5,13 +5,13 @@ use crate::dynamics::spatial::Vec3;
 
 /// 1/(1 + (a‖v‖)²) of a squared norm: smooth, also at zero.
 #[inline(always)]
-pub fn bell<S: Scalar>(a: f64, squared: S) -> S {
+pub fn rational_kernel<S: Scalar>(a: f64, squared: S) -> S {
     S::constant(a * a).mul_add(squared, S::one()).recip()
 }
 
 /// e^{−a‖v‖}: a tip at zero.
 #[inline(always)]
-pub fn tip<S: Scalar, const N: usize>(a: f64, v: [S; N]) -> S {
+pub fn exponential_kernel<S: Scalar, const N: usize>(a: f64, v: [S; N]) -> S {
     (S::constant(-a) * safe::norm(v)).exp()
 }
 
@@ -24,7 +24,7 @@ pub fn upright<S: Scalar>(up: Vec3<S>) -> S {
 /// 1/(1 + ω_z²), world. DIFFERENCE: the published code squares twice, ω_z⁴ (defect 14).
 #[inline(always)]
 pub fn still<S: Scalar>(angular_velocity: Vec3<S>) -> S {
-    bell(1.0, angular_velocity[2].square())
+    rational_kernel(1.0, angular_velocity[2].square())
 }
 
 /// √(‖v‖² + δ²): a norm without a tip, for training losses.

@@ -3,11 +3,12 @@
 //! Every task sees the same picture: **frames**, the motion of bodies along world axes, and **drones**, each with a frame,
 //! rotors and drives. A vehicle alone has one frame; a model has one per body.
 
-use crate::autodiff::{Rows, RowsMut, Scalar, System};
-use crate::dynamics::frame::Frame;
-use crate::dynamics::rigid::RIGID_DIM;
-use crate::dynamics::tree::{Layout, Model, Multibody, number_names, rest_state};
-use crate::dynamics::{Effects, Inertia, Multirotor, Physics, Vehicle, rigid, tree};
+use crate::autodiff::System;
+use crate::dynamics::domain::Domain;
+pub use crate::dynamics::plant::RotorPlace;
+use crate::dynamics::rotor::holding_action;
+use crate::dynamics::tree::{Model, Multibody};
+use crate::dynamics::{Effects, Inertia, Physics, Plant, Vehicle, tree};
 use crate::error::Result;
 
 /// Time constant of the motors in the benchmark tasks, s: the paper's filter of 0.43 per 16 ms.
@@ -41,17 +42,6 @@ pub fn benchmark_motors(model: &Model) -> Result<Model> {
     Model::new(parts)
 }
 
-/// One rotor of a drone.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RotorPlace {
-    /// Of its speed in the state.
-    pub speed: usize,
-    /// Of its action in the input.
-    pub action: usize,
-    /// Nominal largest speed, rad/s.
-    pub max_speed: f64,
-}
-
 /// A drive of a drone: a tilting unit, a gimbal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DrivePlace {
@@ -81,33 +71,10 @@ impl DronePlace {
     }
 }
 
-/// The system of a rig.
-#[derive(Debug, Clone)]
-#[expect(clippy::large_enum_variant, reason = "a few per batch")]
-#[doc(hidden)]
-#[allow(missing_docs)]
-pub enum Craft {
-    /// In closed form.
-    Vehicle(Multirotor),
-    /// Articulated.
-    Model(Multibody),
-}
-
-impl Craft {
-    /// Motion of every body in a state, with these physical numbers.
-    pub(crate) fn write_frames<S: Scalar>(&self, numbers: &[S], state: &[S], frames: &mut [S]) {
-        let (state, mut out) = (Rows::of(state), RowsMut::of(frames));
-        match self {
-            Self::Model(m) => tree::frames::write(m.topology(), Rows::of(numbers), &state, &mut out),
-            Self::Vehicle(_) => Frame::of_vehicle(&state).write(&mut out.pen(0)),
-        }
-    }
-}
-
 /// What flies in a task.
 #[derive(Debug, Clone)]
 pub struct Rig {
-    pub(crate) craft: Craft,
+    pub(crate) plant: Plant,
     /// The vehicle of every drone, if they are plain multirotors; what control modes are built from.
     pub(crate) vehicle: Option<Vehicle>,
     drones: Vec<DronePlace>,
@@ -122,25 +89,11 @@ impl Rig {
     /// A vehicle alone; build it with [`benchmark`] for the benchmark's physics.
     ///
     /// # Errors
-    /// As [`Multirotor::new`] and [`Multirotor::hover_state`].
+    /// As [`Plant::of_vehicle`] and [`Plant::hover_state`].
     pub fn of_vehicle(vehicle: &Vehicle, physics: Physics) -> Result<Self> {
-        let system = Multirotor::new(vehicle, physics)?;
-        let rotors = vehicle.rotors.iter().enumerate();
-        let drone = DronePlace {
-            frame: 0,
-            rotors: rotors
-                .map(|(i, r)| RotorPlace { speed: RIGID_DIM + i, action: i, max_speed: r.max_speed })
-                .collect(),
-            drives: Vec::new(),
-        };
-        Ok(Self {
-            rest: system.hover_state([0.0; 3])?,
-            craft: Craft::Vehicle(system),
-            vehicle: Some(vehicle.clone()),
-            drones: vec![drone],
-            roots: vec![0],
-            varied: Vec::new(),
-        })
+        let plant = Plant::of_vehicle(vehicle, physics)?;
+        let drone = DronePlace { frame: 0, rotors: plant.rotor_places(), drives: Vec::new() };
+        Self::of_plant(plant, vec![drone], Some(vehicle.clone()))
     }
 
     /// A model: each of its drones is one, with the drives that `drives` gives it. Rotors rest at the share of weight that
@@ -157,7 +110,7 @@ impl Rig {
         let system = Multibody::new(model, physics)?;
         let own = |(i, drone): (usize, &tree::Drone)| place(&system, drone.body, &drone.rotors, &drives(i));
         let drones = model.drones().iter().enumerate().map(own).collect();
-        Ok(Self::of_places(system, drones, vehicle.cloned()))
+        Self::of_plant(system.into(), drones, vehicle.cloned())
     }
 
     /// A model as one drone with all its rotors, in their order, and these drives; body `frame` is where it is. For
@@ -169,15 +122,11 @@ impl Rig {
         let system = Multibody::new(model, physics)?;
         let rotors: Vec<usize> = (0..model.rotors().len()).collect();
         let drone = place(&system, frame, &rotors, drives);
-        Ok(Self::of_places(system, vec![drone], None))
+        Self::of_plant(system.into(), vec![drone], None)
     }
 
-    fn of_places(system: Multibody, drones: Vec<DronePlace>, vehicle: Option<Vehicle>) -> Self {
-        let (model, layout) = (system.model(), system.layout());
-        let mut rest = rest_state(model);
-        set_hover_speeds(model, layout, &mut rest);
-        let roots = layout.trees.iter().map(|t| t.state.start).collect();
-        Self { craft: Craft::Model(system), vehicle, drones, rest, roots, varied: Vec::new() }
+    fn of_plant(plant: Plant, drones: Vec<DronePlace>, vehicle: Option<Vehicle>) -> Result<Self> {
+        Ok(Self { rest: plant.hover_state()?, roots: plant.roots(), plant, vehicle, drones, varied: Vec::new() })
     }
 
     /// The same rig with these numbers ([`Rig::numbers`]) differing between environments.
@@ -209,20 +158,19 @@ impl Rig {
         &self.drones[0]
     }
 
+    /// The system that is simulated.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
     /// The articulated model, if it is one.
     pub fn model(&self) -> Option<&Model> {
-        match &self.craft {
-            Craft::Vehicle(_) => None,
-            Craft::Model(m) => Some(m.model()),
-        }
+        self.plant.tree().map(Multibody::model)
     }
 
     /// Time step, integrator, effects.
     pub fn physics(&self) -> &Physics {
-        match &self.craft {
-            Craft::Vehicle(m) => m.physics(),
-            Craft::Model(m) => m.physics(),
-        }
+        self.plant.physics()
     }
 
     /// Numbers of the state.
@@ -232,18 +180,12 @@ impl Rig {
 
     /// Numbers of the input, disturbances included.
     pub fn n_input(&self) -> usize {
-        match &self.craft {
-            Craft::Vehicle(m) => m.n_input(),
-            Craft::Model(m) => m.n_input(),
-        }
+        self.plant.n_input()
     }
 
     /// Number of frames: one per body.
     pub fn n_frame(&self) -> usize {
-        match &self.craft {
-            Craft::Vehicle(_) => 1,
-            Craft::Model(m) => m.model().bodies().len(),
-        }
+        self.plant.n_frame()
     }
 
     /// Every joint at rest, rotors at hover: where [`Start`](super::Start) begins.
@@ -255,26 +197,24 @@ impl Rig {
     pub fn hover_input(&self) -> Vec<f64> {
         let mut input = vec![0.0; self.n_input()];
         for rotor in self.drones.iter().flat_map(|d| &d.rotors) {
-            input[rotor.action] = 2.0 * (self.rest[rotor.speed] / rotor.max_speed).powi(2) - 1.0;
+            input[rotor.action] = holding_action(rotor.max_speed, self.rest[rotor.speed]);
         }
         input
     }
 
-    /// Nominal numbers: [`parameter_vector`](crate::dynamics::rigid::parameter_vector) of a vehicle,
-    /// [`number_vector`](crate::dynamics::tree::number_vector) of a model.
+    /// Nominal numbers: [`Plant::parameters`].
     pub fn numbers(&self) -> Vec<f64> {
-        match &self.craft {
-            Craft::Vehicle(m) => m.parameters(),
-            Craft::Model(m) => m.parameters().to_vec(),
-        }
+        self.plant.parameters()
     }
 
     /// Names of [`Rig::numbers`].
     pub fn number_names(&self) -> Vec<String> {
-        match &self.craft {
-            Craft::Vehicle(m) => rigid::parameter_names(m.vehicle()),
-            Craft::Model(m) => number_names(m.model()),
-        }
+        self.plant.parameter_names()
+    }
+
+    /// What each of [`Rig::numbers`] may be.
+    pub fn number_domains(&self) -> Vec<Domain> {
+        self.plant.parameter_domains()
     }
 
     /// First of each tree's numbers in the state.
@@ -284,11 +224,7 @@ impl Rig {
 
     /// Where the nine numbers of each tree's disturbance stand in the input.
     pub(crate) fn disturbances(&self) -> Vec<usize> {
-        match &self.craft {
-            Craft::Vehicle(m) if m.physics().effects.disturbance => vec![m.vehicle().n_rotor()],
-            Craft::Vehicle(_) => Vec::new(),
-            Craft::Model(m) => m.layout().trees.iter().filter_map(|t| t.disturbance).collect(),
-        }
+        self.plant.disturbances()
     }
 }
 
@@ -305,19 +241,6 @@ fn place(system: &Multibody, frame: usize, rotors: &[usize], drives: &[usize]) -
         layout.drive[*body].map(|command| DrivePlace { angle: own.position, rate: own.velocity, command })
     };
     DronePlace { frame, rotors: rotors.iter().map(rotor).collect(), drives: drives.iter().filter_map(drive).collect() }
-}
-
-/// Speeds at which the rotors of each tree carry its weight: the same fraction of every rotor's largest thrust.
-fn set_hover_speeds(model: &Model, layout: &Layout, state: &mut [f64]) {
-    for tree in &layout.trees {
-        let weight: f64 =
-            model.bodies()[tree.bodies.clone()].iter().map(|b| b.mass).sum::<f64>() * model.parts().gravity;
-        let lift: f64 = model.rotors()[tree.rotors.clone()].iter().map(|r| r.rotor.max_thrust()).sum();
-        for r in tree.rotors.clone() {
-            let share = (weight / lift).clamp(0.0, 1.0);
-            state[layout.rotor_speed[r]] = model.rotors()[r].rotor.max_speed * share.sqrt();
-        }
-    }
 }
 
 /// The effects of the benchmark tasks: damping alone.

@@ -7,9 +7,11 @@
 //!
 //! To add one: a file with a struct that implements [`Task`], and a line in the [registry](super::registry).
 
+use super::declare::{Ends, Goal, Loss, Writer};
 use super::rig::{DronePlace, Rig};
-use super::sheet::Sheet;
-use crate::autodiff::{Mask, Pen, Rows, Scalar, safe};
+use super::settings::Setting;
+use super::task_spec::Success;
+use crate::autodiff::{Rows, Scalar, safe};
 use crate::controllers::reference::{Hover, Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::spatial::{Quat, Vec3, from_euler, rotate, sub};
@@ -18,14 +20,12 @@ use std::f64::consts::{PI, TAU};
 
 /// A task: what flies, where an episode starts, what is seen, rewarded and forbidden.
 ///
+/// Whatever is written is named as it is written ([`Writer`]): that is the whole of a task's [`TaskSpec`](super::TaskSpec).
 /// Methods over a scalar are called in lanes: mark them `#[inline(always)]` and use index loops, no closures or iterators
 /// (they cost a factor of seven, silently).
 pub trait Task: Send + Sync + 'static {
     /// What flies.
     fn rig(&self) -> &Rig;
-
-    /// Names, sizes, bounds: all that the methods below write, in the same order.
-    fn sheet(&self) -> Sheet;
 
     /// Steps until truncation, T.
     fn horizon(&self) -> usize;
@@ -35,11 +35,21 @@ pub trait Task: Send + Sync + 'static {
         self.rig().drones().len()
     }
 
+    /// What it is built with: [`Settings::list`](super::settings::Settings::list).
+    fn settings(&self) -> Vec<Setting> {
+        Vec::new()
+    }
+
+    /// Symbols, target and start of an episode, in words; `{key}` stands for the value of a setting.
+    fn about(&self) -> &'static str {
+        ""
+    }
+
     /// Draws the goal and the first state of an episode.
     fn start(&self, start: &mut Start<'_>);
 
-    /// What happens to the goal at the time that [`Start::event_at`] asked for: a push, a new target. Changes of the memo and
-    /// of numbers that vary count too, those of the state do not. It comes behind the reward of its step and before the
+    /// What happens to the goal at the time that [`Start::event_at`] asked for: a push, a new target. Changes of the task state
+    /// and of numbers that vary count too, those of the state do not. It comes behind the reward of its step and before the
     /// observation, which shows the new goal; gradients take that observation for one of the old goal.
     fn event(&self, _: &mut Start<'_>) {}
 
@@ -50,44 +60,50 @@ pub trait Task: Send + Sync + 'static {
         [S::zero(); 9]
     }
 
-    /// The new memo after a step, from a view with the old one.
+    /// What the task keeps, after a step, from a view with what it kept before; zeros where an episode begins.
     #[inline(always)]
-    fn remember<S: Scalar>(&self, _view: &View<'_, S>, _memo: &mut Pen<'_, S>) {}
+    fn remember<S: Scalar>(&self, _view: &View<'_, S>, _task_state: &mut impl Writer<S>) {}
 
     /// One agent's observation.
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut Pen<'_, S>);
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>);
 
     /// The central state, for critics that see everything.
     #[inline(always)]
-    fn central<S: Scalar>(&self, _view: &View<'_, S>, _out: &mut Pen<'_, S>) {}
+    fn central<S: Scalar>(&self, _view: &View<'_, S>, _out: &mut impl Writer<S>) {}
 
-    /// The summands of the reward, in the order of [`Sheet::reward`]. All agents share the sum.
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>);
+    /// The summands of the reward, [one](Writer::term) after the other. All agents share the sum.
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>);
 
-    /// Which reasons to terminate hold, in the order of [`Sheet::ends`].
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>);
+    /// Which reasons to terminate hold.
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>);
 
-    /// Figures in the order of [`Sheet::metrics`].
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>);
+    /// [Figures](Writer::metric) that are told in every step; the first is the error, as a rule.
+    #[inline(always)]
+    fn metrics<S: Scalar>(&self, _view: &View<'_, S>, _out: &mut impl Writer<S>) {}
 
     /// Whether the goal counts as reached in this step.
     fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask;
 
+    /// What [`success`](Self::success) asks, as data.
+    fn success_rule(&self) -> Success {
+        Success::default()
+    }
+
     /// A cost per step that gradient methods minimise: smooth, and steep from afar too. The negative reward unless said
     /// otherwise.
     #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
+    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let mut terms = [S::zero(); MAX_TERMS];
         self.reward(view, &mut crate::autodiff::RowsMut::of(&mut terms).pen(0));
         let mut sum = S::zero();
         for i in 0..MAX_TERMS {
             sum -= terms[i];
         }
-        sum
+        loss.add("−reward", sum);
     }
 
     /// What our controllers track in an episode that begins as `view` shows, if references can say it.
-    fn wanted(&self, _view: &View<'_, f64>) -> Option<Wanted> {
+    fn reference(&self, _view: &View<'_, f64>) -> Option<TaskReference> {
         None
     }
 
@@ -97,14 +113,14 @@ pub trait Task: Send + Sync + 'static {
 
 /// What controllers track.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Wanted {
+pub struct TaskReference {
     /// One for the whole, or one per drone.
     pub references: Vec<Reference>,
     /// Roll and pitch to hold beside the one reference.
     pub tilt: Tilt,
 }
 
-impl Wanted {
+impl TaskReference {
     /// One reference for the whole, level.
     pub fn one(reference: Reference) -> Self {
         Self { references: vec![reference], tilt: Tilt::LEVEL }
@@ -148,10 +164,10 @@ pub struct View<'a, S> {
     pub frames: Rows<'a, S>,
     /// Rotor speeds before the step, in the order of the drones; those of the state in the first view of an episode.
     pub speeds_before: Rows<'a, S>,
-    /// What stays through the episode ([`Sheet::goal`]).
+    /// What stays through the episode ([`TaskSpec::goal`](super::TaskSpec::goal)).
     pub goal: Rows<'a, S>,
-    /// What the task keeps from step to step ([`Sheet::memo`]).
-    pub memo: Rows<'a, S>,
+    /// What the task keeps from step to step ([`TaskSpec::task_state`](super::TaskSpec::task_state)).
+    pub task_state: Rows<'a, S>,
     /// Steps since the episode began, k.
     pub step: S,
     /// Share of the time that is over: (k + offset)/T.
@@ -220,59 +236,42 @@ impl<S: Scalar> View<'_, S> {
     /// The part of a drone's observation that all tasks share, ŝ: attitude (w ≥ 0), velocity, angular velocity, heading,
     /// up, 2s − 1 per rotor, then angle and rate of every drive.
     #[inline(always)]
-    pub fn observe_drone(&self, drone: usize, out: &mut Pen<'_, S>) {
+    pub fn observe_drone(&self, drone: usize, out: &mut impl Writer<S>) {
         let frame = self.drone(drone);
+        out.field("attitude", "-, body → world", "unit quaternion, w ≥ 0").within(-1.0, 1.0).non_smooth();
         out.array(frame.observed_attitude());
-        out.array(frame.velocity);
-        out.array(frame.angular_velocity);
-        out.array(frame.heading());
-        out.array(frame.up());
-        let place = &self.rig.drones()[drone];
+        out.field("velocity", "m/s, world", "v").array(frame.velocity);
+        out.field("angular_velocity", "rad/s, world", "ω").array(frame.angular_velocity);
+        out.field("heading", "-, world", "h = R e_x").within(-1.0, 1.0).array(frame.heading());
+        out.field("up", "-, world", "u = R e_z").within(-1.0, 1.0).array(frame.up());
+        self.observe_throttle(drone, out);
+        let drives = &self.rig.drones()[drone].drives;
+        if !drives.is_empty() {
+            out.field("drive_angle", "rad", "of its drives");
+            for i in 0..drives.len() {
+                out.number(self.state.get(drives[i].angle));
+            }
+            out.field("drive_rate", "rad/s", "of its drives");
+            for i in 0..drives.len() {
+                out.number(self.state.get(drives[i].rate));
+            }
+        }
+    }
+
+    /// 2s − 1 per rotor.
+    #[inline(always)]
+    pub fn observe_throttle(&self, drone: usize, out: &mut impl Writer<S>) {
+        out.field("throttle", "-", "2s − 1, s = Ω/Ω_max").within(-1.0, 1.0);
         let two = S::constant(2.0);
-        for i in 0..place.rotors.len() {
+        for i in 0..self.rig.drones()[drone].rotors.len() {
             out.number(two.mul_add(self.throttle(drone, i), -S::one()));
-        }
-        for i in 0..place.drives.len() {
-            out.number(self.state.get(place.drives[i].angle));
-        }
-        for i in 0..place.drives.len() {
-            out.number(self.state.get(place.drives[i].rate));
         }
     }
 
     /// The time code: the clock, four times.
     #[inline(always)]
-    pub fn observe_clock(&self, out: &mut Pen<'_, S>) {
-        out.array([self.clock; 4]);
-    }
-}
-
-/// Reasons to terminate, one mask each.
-pub struct Ends<'a, S: Scalar> {
-    masks: &'a mut [S::Mask],
-    at: usize,
-}
-
-impl<'a, S: Scalar> Ends<'a, S> {
-    #[inline(always)]
-    pub(crate) fn new(masks: &'a mut [S::Mask]) -> Self {
-        Self { masks, at: 0 }
-    }
-
-    /// The next reason.
-    ///
-    /// # Panics
-    /// Behind [`MAX_ENDS`].
-    #[inline(always)]
-    pub fn when(&mut self, mask: S::Mask) {
-        self.masks[self.at] = mask;
-        self.at += 1;
-    }
-
-    /// The next reason: any of two.
-    #[inline(always)]
-    pub fn either(&mut self, a: S::Mask, b: S::Mask) {
-        self.when(a.or(b));
+    pub fn observe_clock(&self, out: &mut impl Writer<S>) {
+        out.field("clock", "-", "k/T, four times").within(0.0, 1.0).array([self.clock; 4]);
     }
 }
 
@@ -282,10 +281,10 @@ pub struct Start<'a> {
     pub rig: &'a Rig,
     /// Of the physics; [`Rig::rest`] until changed.
     pub state: &'a mut [f64],
-    /// What stays through the episode; zeros until changed.
-    pub goal: &'a mut [f64],
+    /// What stays through the episode.
+    pub goal: Goal<'a>,
     /// What the task keeps from step to step; zeros until changed.
-    pub memo: &'a mut [f64],
+    pub task_state: &'a mut [f64],
     /// Physical numbers as in [`Rig::numbers`]: the nominal ones until changed. A change counts where [`Rig::varied`]
     /// names the number.
     pub numbers: &'a mut [f64],
@@ -322,20 +321,20 @@ impl Start<'_> {
         self.place(tree, [0, 1, 2].map(|i| point[i] - lever[i]), attitude);
     }
 
-    /// Uniform in a box.
-    pub fn position(&mut self, low: Vec3<f64>, high: Vec3<f64>) -> Vec3<f64> {
-        [0, 1, 2].map(|i| self.reset.uniform(low[i], high[i]))
+    /// Uniform in a box: lowest and highest per axis.
+    pub fn position(&mut self, range: [[f64; 2]; 3]) -> Vec3<f64> {
+        range.map(|[low, high]| self.reset.uniform(low, high))
     }
 
-    /// Roll and pitch uniform within ±`tilt`, yaw within [`yaw`.0, `yaw`.1].
-    pub fn attitude(&mut self, tilt: f64, yaw: (f64, f64)) -> Quat<f64> {
+    /// Roll and pitch uniform within ±`tilt`, yaw uniform within `yaw`.
+    pub fn attitude(&mut self, tilt: f64, yaw: [f64; 2]) -> Quat<f64> {
         let (roll, pitch) = (self.reset.uniform(-tilt, tilt), self.reset.uniform(-tilt, tilt));
-        from_euler(roll, pitch, self.reset.uniform(yaw.0, yaw.1))
+        from_euler(roll, pitch, self.reset.uniform(yaw[0], yaw[1]))
     }
 }
 
 /// Any yaw.
-pub const ANY_YAW: (f64, f64) = (0.0, TAU);
+pub const ANY_YAW: [f64; 2] = [0.0, TAU];
 /// Roll and pitch of most starts, rad.
 pub const START_TILT: f64 = 0.2 * PI;
 

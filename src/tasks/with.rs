@@ -5,7 +5,7 @@
 //!
 //! ```
 //! use omnidrones::tasks::suite::hover::Hover;
-//! use omnidrones::tasks::{Env, EnvConfig, Pick, Scale, With};
+//! use omnidrones::tasks::{BuiltIn, Env, EnvConfig, Pick, Scale, With};
 //!
 //! let config = EnvConfig { n_env: 64, ..EnvConfig::default() };
 //! let task = With::new(Hover::new(&config)?, (Pick::without(&["clock"]), Scale::of(&[("target", 0.5)])))?;
@@ -14,10 +14,12 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
+use super::declare::{Ends, Loss, Writer, declare};
 use super::rig::Rig;
-use super::sheet::{Sheet, Slice, total};
-use super::task::{Ends, Start, Task, View, Wanted};
-use crate::autodiff::{Pen, Rows, RowsMut, Scalar};
+use super::settings::Setting;
+use super::task::{Start, Task, TaskReference, View};
+use super::task_spec::{Field, Success, total};
+use crate::autodiff::{Rows, RowsMut, Scalar};
 use crate::error::{Error, Result};
 
 /// Most numbers of an observation under a [`Transform`].
@@ -30,30 +32,30 @@ pub trait Transform: Clone + Send + Sync + 'static {
     /// Learns what it is given, and says what it makes of it.
     ///
     /// # Errors
-    /// [`Error`] for slices that it cannot take.
-    fn prepare(&mut self, given: &[Slice]) -> Result<Vec<Slice>>;
+    /// [`Error`] for fields that it cannot take.
+    fn prepare(&mut self, given: &[Field]) -> Result<Vec<Field>>;
 
     /// Writes what [`prepare`](Self::prepare) promised.
-    fn map<S: Scalar>(&self, view: &View<'_, S>, agent: usize, given: &Rows<'_, S>, out: &mut Pen<'_, S>);
+    fn map<S: Scalar>(&self, view: &View<'_, S>, agent: usize, given: &Rows<'_, S>, out: &mut impl Writer<S>);
 }
 
 /// One after the other; nest pairs for more.
 impl<A: Transform, B: Transform> Transform for (A, B) {
-    fn prepare(&mut self, given: &[Slice]) -> Result<Vec<Slice>> {
+    fn prepare(&mut self, given: &[Field]) -> Result<Vec<Field>> {
         let between = self.0.prepare(given)?;
         fits(&between)?;
         self.1.prepare(&between)
     }
 
     #[inline(always)]
-    fn map<S: Scalar>(&self, view: &View<'_, S>, agent: usize, given: &Rows<'_, S>, out: &mut Pen<'_, S>) {
+    fn map<S: Scalar>(&self, view: &View<'_, S>, agent: usize, given: &Rows<'_, S>, out: &mut impl Writer<S>) {
         let mut between = [S::zero(); MOST];
         self.0.map(view, agent, given, &mut RowsMut::of(&mut between).pen(0));
         self.1.map(view, agent, &Rows::of(&between), out);
     }
 }
 
-/// Leaves slices out.
+/// Leaves fields out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pick {
     without: Vec<String>,
@@ -61,36 +63,36 @@ pub struct Pick {
 }
 
 impl Pick {
-    /// Everything but these slices.
+    /// Everything but these fields.
     pub fn without(names: &[&str]) -> Self {
         Self { without: names.iter().map(|n| n.to_string()).collect(), places: Vec::new() }
     }
 }
 
 impl Transform for Pick {
-    fn prepare(&mut self, given: &[Slice]) -> Result<Vec<Slice>> {
+    fn prepare(&mut self, given: &[Field]) -> Result<Vec<Field>> {
         known(self.without.iter().map(String::as_str), given)?;
         let (mut at, mut kept) = (0, Vec::new());
         self.places.clear();
-        for slice in given {
-            if !self.without.contains(&slice.name) {
-                self.places.extend(at..at + slice.size);
-                kept.push(slice.clone());
+        for field in given {
+            if !self.without.contains(&field.name) {
+                self.places.extend(at..at + field.size);
+                kept.push(field.clone());
             }
-            at += slice.size;
+            at += field.size;
         }
         Ok(kept)
     }
 
     #[inline(always)]
-    fn map<S: Scalar>(&self, _: &View<'_, S>, _: usize, given: &Rows<'_, S>, out: &mut Pen<'_, S>) {
+    fn map<S: Scalar>(&self, _: &View<'_, S>, _: usize, given: &Rows<'_, S>, out: &mut impl Writer<S>) {
         for i in 0..self.places.len() {
             out.number(given.get(self.places[i]));
         }
     }
 }
 
-/// Multiplies slices by fixed factors.
+/// Multiplies fields by fixed factors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scale {
     of: Vec<(String, f64)>,
@@ -98,30 +100,32 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// These slices; the others stay.
+    /// These fields; the others stay.
     pub fn of(factors: &[(&str, f64)]) -> Self {
         Self { of: factors.iter().map(|(name, factor)| (name.to_string(), *factor)).collect(), factors: Vec::new() }
     }
 }
 
 impl Transform for Scale {
-    fn prepare(&mut self, given: &[Slice]) -> Result<Vec<Slice>> {
+    fn prepare(&mut self, given: &[Field]) -> Result<Vec<Field>> {
         known(self.of.iter().map(|(name, _)| name.as_str()), given)?;
         crate::error::finite("factor of Scale", &self.of.iter().map(|(_, factor)| *factor).collect::<Vec<_>>())?;
         self.factors.clear();
-        let mut slices = given.to_vec();
-        for slice in &mut slices {
-            let own = self.of.iter().find(|(name, _)| *name == slice.name).map(|(_, factor)| *factor);
-            self.factors.extend(std::iter::repeat_n(own.unwrap_or(1.0), slice.size));
+        let mut fields = given.to_vec();
+        for field in &mut fields {
+            let own = self.of.iter().find(|(name, _)| *name == field.name).map(|(_, factor)| *factor);
+            self.factors.extend(std::iter::repeat_n(own.unwrap_or(1.0), field.size));
             if let Some(factor) = own {
-                slice.unit = format!("{factor} × {}", slice.unit);
+                field.unit = format!("{factor} × {}", field.unit);
+                let ends = [field.low, field.high].map(|bound| if factor == 0.0 { 0.0 } else { factor * bound });
+                (field.low, field.high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
             }
         }
-        Ok(slices)
+        Ok(fields)
     }
 
     #[inline(always)]
-    fn map<S: Scalar>(&self, _: &View<'_, S>, _: usize, given: &Rows<'_, S>, out: &mut Pen<'_, S>) {
+    fn map<S: Scalar>(&self, _: &View<'_, S>, _: usize, given: &Rows<'_, S>, out: &mut impl Writer<S>) {
         for i in 0..self.factors.len() {
             out.number(S::constant(self.factors[i]) * given.get(i));
         }
@@ -133,7 +137,7 @@ impl Transform for Scale {
 pub struct With<T, O> {
     task: T,
     transform: O,
-    slices: Vec<Slice>,
+    fields: Vec<Field>,
 }
 
 impl<T: Task, O: Transform> With<T, O> {
@@ -142,11 +146,11 @@ impl<T: Task, O: Transform> With<T, O> {
     /// # Errors
     /// [`Error::Limit`] above [`MOST`] numbers; as [`Transform::prepare`].
     pub fn new(task: T, mut transform: O) -> Result<Self> {
-        let given = task.sheet().observation;
+        let given = declare(&task)?.observation;
         fits(&given)?;
-        let slices = transform.prepare(&given)?;
-        fits(&slices)?;
-        Ok(Self { task, transform, slices })
+        let fields = transform.prepare(&given)?;
+        fits(&fields)?;
+        Ok(Self { task, transform, fields })
     }
 }
 
@@ -155,16 +159,20 @@ impl<T: Task, O: Transform> Task for With<T, O> {
         self.task.rig()
     }
 
-    fn sheet(&self) -> Sheet {
-        Sheet { observation: self.slices.clone(), ..self.task.sheet() }
-    }
-
     fn horizon(&self) -> usize {
         self.task.horizon()
     }
 
     fn n_agent(&self) -> usize {
         self.task.n_agent()
+    }
+
+    fn settings(&self) -> Vec<Setting> {
+        self.task.settings()
+    }
+
+    fn about(&self) -> &'static str {
+        self.task.about()
     }
 
     fn start(&self, start: &mut Start<'_>) {
@@ -181,34 +189,35 @@ impl<T: Task, O: Transform> Task for With<T, O> {
     }
 
     #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, memo: &mut Pen<'_, S>) {
-        self.task.remember(view, memo);
+    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+        self.task.remember(view, task_state);
     }
 
     #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut Pen<'_, S>) {
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
         let mut given = [S::zero(); MOST];
         self.task.observe(view, agent, &mut RowsMut::of(&mut given).pen(0));
+        out.fields(&self.fields);
         self.transform.map(view, agent, &Rows::of(&given), out);
     }
 
     #[inline(always)]
-    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
+    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
         self.task.central(view, out);
     }
 
     #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         self.task.reward(view, terms);
     }
 
     #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
         self.task.ends(view, ends);
     }
 
     #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
         self.task.metrics(view, out);
     }
 
@@ -217,13 +226,17 @@ impl<T: Task, O: Transform> Task for With<T, O> {
         self.task.success(view)
     }
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        self.task.loss(view)
+    fn success_rule(&self) -> Success {
+        self.task.success_rule()
     }
 
-    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
-        self.task.wanted(view)
+    #[inline(always)]
+    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+        self.task.loss(view, loss);
+    }
+
+    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
+        self.task.reference(view)
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
@@ -231,20 +244,20 @@ impl<T: Task, O: Transform> Task for With<T, O> {
     }
 }
 
-fn fits(slices: &[Slice]) -> Result<()> {
-    let n = total(slices);
+fn fits(fields: &[Field]) -> Result<()> {
+    let n = total(fields);
     if n <= MOST {
         return Ok(());
     }
     Err(Error::limit("numbers of an observation under a transform", n, MOST, "Use stages by name."))
 }
 
-/// Whether every name is one of the slices'.
-fn known<'a>(names: impl Iterator<Item = &'a str>, slices: &[Slice]) -> Result<()> {
+/// Whether every name is one of the fields'.
+fn known<'a>(names: impl Iterator<Item = &'a str>, fields: &[Field]) -> Result<()> {
     for name in names {
-        if !slices.iter().any(|slice| slice.name == name) {
-            let known = slices.iter().map(|slice| slice.name.to_string()).collect();
-            return Err(Error::Unknown { kind: "slice of the observation", name: name.into(), known });
+        if !fields.iter().any(|field| field.name == name) {
+            let known = fields.iter().map(|field| field.name.to_string()).collect();
+            return Err(Error::Unknown { kind: "field of the observation", name: name.into(), known });
         }
     }
     Ok(())

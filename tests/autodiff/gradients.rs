@@ -2,9 +2,10 @@
 
 use crate::common::{airframe, cases, input, state, stream};
 use omnidrones::autodiff::{
-    Bounds, CompiledJacobian, JacobianScratch, Objective, Rollout, Scalar, System, certify, jacobian, linearise, safe,
+    Bounds, Certificate, CompiledJacobian, JacobianScratch, Objective, Rollout, Scalar, System, certify, jacobian,
+    linearise, safe,
 };
-use omnidrones::controllers::{ClosedLoop, Rates, Reference};
+use omnidrones::controllers::{ClosedLoop, Rates, Reference, Target};
 use omnidrones::dynamics::{Disturbance, Effects, Multirotor, Physics, vehicles};
 
 /// The worst of what certificates measured.
@@ -22,8 +23,8 @@ impl Worst {
         assert!(c.holds(Bounds::default()), "{name}: {c}");
         self.adjoint = self.adjoint.max(c.adjoint_error);
         self.difference = self.difference.max(c.difference_error);
-        if c.taylor_order.is_finite() {
-            self.taylor = self.taylor.max((c.taylor_order - 2.0).abs());
+        if let Some(order) = c.taylor_order {
+            self.taylor = self.taylor.max((order - 2.0).abs());
         }
     }
 
@@ -126,15 +127,17 @@ fn the_adjoint_of_a_closed_loop_is_its_dual_gradient_in_state_and_gains() {
     let mut worst = 0.0_f64;
     for vehicle in vehicles::all() {
         let physics = Physics::default();
-        let system = ClosedLoop::new(&vehicle, physics, &vehicle.gains(), &Rates::default()).unwrap().with_gains();
+        let system =
+            ClosedLoop::of_vehicle(&vehicle, physics, &vehicle.gains(), &Rates::default()).unwrap().with_gains();
         let reference = Reference::by_name("lemniscate").unwrap();
-        let state = system.initial_state(&system.plant().hover_state([0.8, -0.6, 0.5]).unwrap());
-        let theta = system.gain_vector();
+        let plant = Multirotor::new(&vehicle, physics).unwrap();
+        let state = system.initial_state(&plant.hover_state([0.8, -0.6, 0.5]).unwrap());
+        let theta = system.parameters();
         let rollout = Rollout::new(system.clone(), Miss).unwrap();
         for steps in [1, 10, 100, 500] {
             let mut inputs = vec![0.0; steps * system.n_input()];
             for (k, row) in inputs.chunks_mut(system.n_input()).enumerate() {
-                system.write_input(k as u64, &reference.sample(k as f64 * physics.dt), &Disturbance::none(), row);
+                system.write_input(k as u64, Target::level(&reference), &Disturbance::none(), row);
             }
             let (cost, reverse) = rollout.gradient(&state, &inputs, &theta);
             let (same, forward) = rollout.gradient_forward(&state, &inputs, &theta);
@@ -288,6 +291,7 @@ const SAFE_NORM: u8 = 1;
 const KINK: u8 = 2;
 const MASKED_ROOT: u8 = 3;
 const BLIND: u8 = 4;
+const SECANT: u8 = 5;
 
 impl<const KIND: u8> System for Toy<KIND> {
     fn n_state(&self) -> usize {
@@ -304,6 +308,11 @@ impl<const KIND: u8> System for Toy<KIND> {
             SAFE_NORM => safe::sqrt(squared, 1e-18),
             MASKED_ROOT => S::select(o.lt(squared), squared.sqrt(), o),
             KINK => x[0].abs() + u[0],
+            SECANT => {
+                let (still, bend) = (x[0].detach(), x[0].detach() - S::constant(1.0 + 1e-5));
+                let slope = S::constant(1.0 + 0.5 * (1.8e-4 - 1e-5) / 1.8e-4);
+                still + slope * (x[0] - still) + bend.max(o) + u[0]
+            }
             // the value of a branch, not its derivative: a step whose slope duals cannot see
             _ => S::select(o.lt(x[0]), S::one(), S::zero()) * u[0] + (x[0] * S::constant(1e9)).sin_cos().0,
         };
@@ -339,6 +348,11 @@ fn a_kink_at_the_point_or_a_slope_that_is_not_the_functions_own_breaks_the_certi
     assert!(kink.difference_error > 0.5 && !kink.holds(Bounds::default()), "{kink}");
     let beside = certify(&Toy::<KINK>, &[0.7, 1.0], &[0.5], &[]).unwrap();
     assert!(beside.holds(Bounds::default()), "{beside}");
+    // no step is chosen because it agrees: this slope is the difference over the kink, at one length of step
+    let secant = certify(&Toy::<SECANT>, &[1.0, 1.0], &[0.5], &[]).unwrap();
+    assert!(secant.difference_error > 0.4 && !secant.holds(Bounds::default()), "{secant}");
+    let unknown = Certificate { taylor_order: Some(f64::NAN), ..beside };
+    assert!(!unknown.holds(Bounds::default()), "{unknown}");
     let blind = certify(&Toy::<BLIND>, &[0.3, 1.0], &[0.5], &[]).unwrap();
     assert!(!blind.holds(Bounds::default()), "{blind}");
 }

@@ -4,11 +4,12 @@ use nalgebra::DMatrix;
 use omnidrones::autodiff::System;
 use omnidrones::controllers::allocation::failure::{LEAST_MARGIN, damaged, hover};
 use omnidrones::controllers::allocation::{Allocator, Attainable, Path, Problem, Reach, problem::balanced_weights};
+use omnidrones::controllers::registry::controller;
 use omnidrones::controllers::{
     Assessment, AttitudeCommand, Axis, Capability, Failure, FailureTable, FaultTolerant, Flight, FlightPlan,
-    Kinematics, RateCommand, Rates, Reference, VelocityCommand, fly, fly_from,
+    Kinematics, RateCommand, Rates, Reference, Setup, VelocityCommand, fly_from, fly_vehicle,
 };
-use omnidrones::dynamics::{Multirotor, Physics, Vehicle, vehicles};
+use omnidrones::dynamics::{Multirotor, Physics, Plant, Vehicle, vehicles};
 use omnidrones::rng::{Purpose, Stream};
 
 const THREE: [Axis; 3] = [Axis::Thrust, Axis::Roll, Axis::Pitch];
@@ -201,7 +202,7 @@ fn what_cannot_be_certified_is_refused_with_a_reason() {
         (Failure { rotor: 0, at: 1.0, effectiveness: 1.0 }, "in [0, 1)"),
     ] {
         let plan = FlightPlan { failures: vec![failure], ..Default::default() };
-        let error = fly(&vehicle, &vehicle.gains(), &plan, &mut |_| {}).unwrap_err().to_string();
+        let error = fly_vehicle(&vehicle, &vehicle.gains(), &plan, &mut |_| {}).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
     }
 }
@@ -257,7 +258,14 @@ impl Worst {
 }
 
 fn flown(vehicle: &Vehicle, plan: &FlightPlan) -> Flight {
-    fly(vehicle, &vehicle.gains(), plan, &mut |_| {}).unwrap()
+    fly_vehicle(vehicle, &vehicle.gains(), plan, &mut |_| {}).unwrap()
+}
+
+fn flown_from(vehicle: &Vehicle, plan: &FlightPlan, start: &[f64]) -> Flight {
+    let plant = Plant::of_vehicle(vehicle, plan.physics).unwrap();
+    let gains = vehicle.gains();
+    let mut own = controller("fault_tolerant", &plant, &Setup::new(Some(&gains), &plan.rates)).unwrap();
+    fly_from(&plant, &mut own, plan, start, &mut |_| {}).unwrap()
 }
 
 #[test]
@@ -294,7 +302,7 @@ fn hundred(vehicle: &Vehicle, size: f64, delay: f64) -> (Worst, usize, usize) {
         let start = disturbed(vehicle, &mut rng, size);
         let failures = vec![Failure::lost(rng.below(vehicle.n_rotor() as u64) as usize, 0.0)];
         let plan = FlightPlan { detection_delay: delay, ..hovering(failures) };
-        let flight = fly_from(vehicle, &vehicle.gains(), &plan, &start, &mut |_| {}).unwrap();
+        let flight = flown_from(vehicle, &plan, &start);
         let one = Worst::of(&flight);
         kept += usize::from(one.is_kept());
         back += usize::from(flight.log.error_norm().last().is_some_and(|e| *e < 0.5));
@@ -461,7 +469,7 @@ fn the_thrust_is_steered_while_the_body_spins() {
             Multirotor::new(&vehicle, Physics::default()).unwrap().hover_state([at[0] + 0.5, at[1], at[2]]).unwrap();
         x[12] = spin;
         let plan = hovering(vec![Failure::lost(0, 0.0)]);
-        let flight = fly_from(&vehicle, &vehicle.gains(), &plan, &x, &mut |_| {}).unwrap();
+        let flight = flown_from(&vehicle, &plan, &x);
         let worst = Worst::of(&flight);
         let last = flight.log.angular_velocity.last().unwrap()[2];
         println!("{spin} rad/s: {worst:.3?}, {last:.2} rad/s after 20 s");

@@ -1,17 +1,17 @@
 //! Whole flights: every built-in vehicle, our own URDF corpus and real URDF files by others track the paper's lemniscate
 //! (w = 1, S = (2.5, 2.5, 1.2)) at 2 ms, with rate, attitude and velocity loops at 500, 250 and 100 Hz.
 
-use omnidrones::controllers::{Flight, FlightPlan, Reference, fly};
+use omnidrones::controllers::{Flight, FlightPlan, Reference, fly_vehicle};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
-use omnidrones::dynamics::{Effects, Physics, Vehicle, vehicles};
+use omnidrones::dynamics::{Effects, Physics, Vehicle, vehicle, vehicles};
 use std::path::{Path, PathBuf};
 
 /// Largest RMSE of a good flight after the first 2 s, m.
 const BOUND: f64 = 0.10;
 
 fn flown(vehicle: &Vehicle, plan: &FlightPlan) -> Flight {
-    fly(vehicle, &vehicle.gains(), plan, &mut |_| {}).unwrap()
+    fly_vehicle(vehicle, &vehicle.gains(), plan, &mut |_| {}).unwrap()
 }
 
 fn assert_tracks(vehicle: &Vehicle) {
@@ -28,6 +28,47 @@ fn every_vehicle_tracks_the_lemniscate_within_ten_centimetres() {
     for vehicle in vehicles::all() {
         assert_tracks(&vehicle);
     }
+}
+
+/// With rotors that lift so many times its weight.
+fn with_lift(mut vehicle: Vehicle, over_weight: f64) -> Vehicle {
+    let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
+    let factor = over_weight * vehicle.mass_properties().mass * vehicle::GRAVITY / lift;
+    vehicle.rotors.iter_mut().for_each(|r| r.thrust_coefficient *= factor);
+    vehicle
+}
+
+#[test]
+fn a_vehicle_with_little_thrust_holds_its_height() {
+    for over_weight in [1.06, 1.10, 1.16] {
+        let vehicle = with_lift(vehicles::hummingbird::vehicle(), over_weight);
+        let plan =
+            FlightPlan { reference: Reference::by_name("hover").unwrap(), duration: 6.0, ..FlightPlan::default() };
+        let flight = flown(&vehicle, &plan);
+        let off = flight.log.tracking_error().iter().fold(0.0_f64, |m, e| m.max(e[2].abs()));
+        println!("thrust over weight {over_weight}: {:.1} mm off its height", 1e3 * off);
+        assert!(off < 0.05, "{over_weight}: {off} m");
+        assert_eq!(flight.log.lost_at(), None);
+    }
+}
+
+#[test]
+fn a_vehicle_that_cannot_steer_and_hold_its_height_is_refused() {
+    let vehicle = with_lift(vehicles::hummingbird::vehicle(), 1.03);
+    let refused = fly_vehicle(&vehicle, &vehicle.gains(), &FlightPlan::default(), &mut |_| {}).map(drop);
+    let error = refused.unwrap_err().to_string();
+    assert!(error.contains("thrust over weight is 1.030 (") && error.contains("must be ≥ 1.05"), "{error}");
+}
+
+#[test]
+fn a_flight_tells_since_when_its_reference_is_lost() {
+    let mut log = flown(&vehicles::hummingbird::vehicle(), &FlightPlan { duration: 1.0, ..FlightPlan::default() }).log;
+    assert_eq!((log.lost_at(), log.summary(0.0).lost_at), (None, None));
+    let n = log.len();
+    log.position[n / 2][2] -= 100.0;
+    assert_eq!(log.lost_at(), None, "it came back");
+    log.position[n - 10..].iter_mut().for_each(|p| p[2] -= 5.5);
+    assert_eq!(log.summary(0.0).lost_at, Some(log.time[n - 10]));
 }
 
 /// URDF files of a folder, sorted; none if there is no such folder.
@@ -107,7 +148,7 @@ fn a_flight_that_leaves_for_other_planets_has_diverged_while_its_numbers_are_sti
     let mut feather = vehicles::by_name("hummingbird").unwrap();
     feather.parts.iter_mut().for_each(|p| p.mass *= 2e-9);
     let plan = FlightPlan { duration: 6.0, ..Default::default() };
-    let flight = fly(&feather, &feather.derived_gains(), &plan, &mut |_| {}).unwrap();
+    let flight = fly_vehicle(&feather, &feather.derived_gains(), &plan, &mut |_| {}).unwrap();
     assert!(flight.diverged_at.is_some());
     assert!(flight.log.position.iter().flatten().all(|p| p.abs() < 1e8));
 }

@@ -93,3 +93,12 @@ fn the_csv_file_reads_back_to_the_same_bits_under_headers_with_units() {
     assert_eq!(rows[7][1].to_bits(), log.position[7][0].to_bits());
     assert!(rows[9].last() == Some(&f64::NEG_INFINITY) && rows[9][rows[9].len() - 2].is_nan());
 }
+
+#[test]
+fn columns_of_rotors_count_from_0_as_their_names_do() {
+    let header = log().csv_header();
+    let of = |what: &str| header.iter().filter(|n| n.starts_with(what)).cloned().collect::<Vec<_>>();
+    assert_eq!(of("rotor_speed"), ["rotor_speed_0 [rad/s]", "rotor_speed_1 [rad/s]"]);
+    assert_eq!(of("rotor_command"), ["rotor_command_0 [rad/s]", "rotor_command_1 [rad/s]"]);
+    assert_eq!(of("thrust"), ["thrust_0 [N]", "thrust_1 [N]"]);
+}

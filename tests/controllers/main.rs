@@ -1,11 +1,13 @@
 //! Commands: flights, allocation, failures, optimal feedback, tuning.
 
 mod allocation;
+mod closed_loop;
 mod failure;
 mod flight;
 mod flight_log;
 mod lqr;
 mod over_actuated;
 mod six_axis;
+mod tilting;
 mod tuning;
 mod tuning_through_allocation;

@@ -1,14 +1,15 @@
-//! Frames and loads under several drones: what their pilots hold, track and keep clear of.
+//! Frames and loads under several drones: what their controllers hold, track and keep clear of.
 //!
 //! Nominal physics, RK4 at 2 ms unless a test says otherwise.
 
 use omnidrones::controllers::allocation::{Axis, Path};
-use omnidrones::controllers::pilot::start_on;
 use omnidrones::controllers::platform::Directions;
 use omnidrones::controllers::position::velocity_command;
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
-use omnidrones::controllers::{FlightPlan, Formation, Pilot, Platform, Rates, Reference, RigFlight, Tilt, Transport};
-use omnidrones::controllers::{fly_rig, suited};
+use omnidrones::controllers::{
+    self, Controller, Flight, FlightPlan, Formation, Platform, Rates, Reference, Setup, Tilt, Transport,
+    default_controller,
+};
 use omnidrones::dynamics::spatial::{dot, from_euler, mat_mul, matrix, scale, sub, transpose};
 use omnidrones::dynamics::tree::{Multibody, body_poses};
 use omnidrones::dynamics::{Gains, Physics, configurations};
@@ -16,6 +17,14 @@ use omnidrones::rng::{Purpose, Stream};
 
 fn system(name: &str) -> Multibody {
     Multibody::new(&configurations::by_name(name).unwrap(), Physics::default()).unwrap()
+}
+
+fn start_on(system: &Multibody, controller: &dyn Controller, reference: &Reference) -> Vec<f64> {
+    controllers::start_on(&system.clone().into(), controller, reference).unwrap()
+}
+
+fn suited(system: &Multibody, rates: &Rates) -> Box<dyn Controller> {
+    default_controller(&system.clone().into(), &Setup::new(None, rates)).unwrap()
 }
 
 fn platform(system: &Multibody) -> Platform {
@@ -46,18 +55,18 @@ fn tilted(roll: f64, pitch: f64) -> Tilt {
 
 /// A flight with its errors of position (m) and attitude (rad, the whole angle) at every step.
 struct Flown {
-    flight: RigFlight,
+    flight: Flight,
     errors: Vec<[f64; 2]>,
 }
 
-fn fly(system: &Multibody, pilot: &mut dyn Pilot, reference: &Reference, tilt: Tilt, duration: f64) -> Flown {
+fn fly(system: &Multibody, pilot: &mut dyn Controller, reference: &Reference, tilt: Tilt, duration: f64) -> Flown {
     let start = start_on(system, pilot, reference);
     fly_from(system, pilot, reference, tilt, duration, &start)
 }
 
 fn fly_from(
     system: &Multibody,
-    pilot: &mut dyn Pilot,
+    pilot: &mut dyn Controller,
     reference: &Reference,
     tilt: Tilt,
     duration: f64,
@@ -65,7 +74,7 @@ fn fly_from(
 ) -> Flown {
     let plan =
         FlightPlan { reference: reference.clone(), tilt, duration, physics: *system.physics(), ..Default::default() };
-    let flight = fly_rig(system, pilot, &plan, start, &mut |_| {}).unwrap();
+    let flight = controllers::fly_from(&system.clone().into(), pilot, &plan, start, &mut |_| {}).unwrap();
     assert_eq!(flight.diverged_at, None);
     let log = &flight.log;
     let error = |k: usize| {
@@ -172,7 +181,7 @@ fn two_drones_hold_all_but_the_angle_about_their_line() {
 }
 
 /// A start at hover, disturbed: 0.5 m, 0.5 m/s, 0.3 rad, 0.5 rad/s, joints 0.3 rad.
-fn disturbed(system: &Multibody, pilot: &dyn Pilot, seed: u64) -> Vec<f64> {
+fn disturbed(system: &Multibody, pilot: &dyn Controller, seed: u64) -> Vec<f64> {
     let mut stream = Stream::new(seed, 0, 0, Purpose::RESET);
     let mut within = |size: f64| size * (2.0 * stream.uniform(0.0, 1.0) - 1.0);
     let mut state = start_on(system, pilot, &hover(0.0));
@@ -193,7 +202,7 @@ fn twenty_disturbed_starts_all_settle() {
         let system = system(name);
         let (mut drift, mut angle) = (0.0_f64, 0.0_f64);
         for seed in 0..20 {
-            let mut pilot = suited(&system, None, &Rates::default()).unwrap();
+            let mut pilot = suited(&system, &Rates::default());
             let start = disturbed(&system, pilot.as_ref(), seed);
             let flown = fly_from(&system, pilot.as_mut(), &hover(0.0), Tilt::LEVEL, 8.0, &start);
             drift = drift.max(flown.position(7.0)[0]);
@@ -281,7 +290,7 @@ fn a_load_is_tracked_better_than_by_a_formation() {
 fn a_load_turns_by_45_degrees_without_leaving_its_place() {
     for name in ["transport", "transport_6"] {
         let system = system(name);
-        let turn = |mut pilot: Box<dyn Pilot>| {
+        let turn = |mut pilot: Box<dyn Controller>| {
             let start = start_on(&system, pilot.as_ref(), &hover(0.0));
             fly_from(&system, pilot.as_mut(), &hover(std::f64::consts::FRAC_PI_4), Tilt::LEVEL, 10.0, &start)
         };
@@ -303,11 +312,11 @@ fn a_longer_step_and_wind_are_borne() {
         let physics = Physics { dt: 0.004, effects, ..Physics::default() };
         let system = Multibody::new(&model, physics).unwrap();
         let rates = Rates { rate: 250.0, attitude: 250.0, velocity: 125.0 };
-        let mut pilot = suited(&system, None, &rates).unwrap();
+        let mut pilot = suited(&system, &rates);
         let start = start_on(&system, pilot.as_ref(), &lemniscate());
         let wind = Wind::Constant { velocity: [3.0, 0.0, 0.0] };
         let plan = FlightPlan { reference: lemniscate(), duration: 20.0, physics, rates, wind, ..Default::default() };
-        let flight = fly_rig(&system, pilot.as_mut(), &plan, &start, &mut |_| {}).unwrap();
+        let flight = controllers::fly_from(&system.clone().into(), pilot.as_mut(), &plan, &start, &mut |_| {}).unwrap();
         assert_eq!(flight.diverged_at, None);
         let rmse = 1e3 * flight.log.summary(2.0).rmse.unwrap();
         println!("worst {name} in 3 m/s at 4 ms: RMSE {rmse:.0} mm");
@@ -363,7 +372,7 @@ fn pilots_are_found_by_structure_and_refuse_what_cannot_work() {
         ("payload", "lqr"),
         ("inverted_pendulum", "lqr"),
     ] {
-        assert_eq!(suited(&system(name), None, &Rates::default()).unwrap().name(), pilot, "{name}");
+        assert_eq!(suited(&system(name), &Rates::default()).name(), pilot, "{name}");
     }
     let refusal =
         |name: &str| Platform::new(&system(name), None, &Rates::default()).map(|_| ()).unwrap_err().to_string();

@@ -1,15 +1,23 @@
 //! Pose and shape apart from force: tilting Omav and Dragon under the vectored pilot.
 
 use omnidrones::controllers::allocation::Path;
-use omnidrones::controllers::pilot::{Command, start_on};
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
 use omnidrones::controllers::vectored::Point;
 use omnidrones::controllers::{
-    Bends, FlightPlan, Kinematics, Pilot, Rates, Reference, RigFlight, Shape, Tilt, Vectored, fly_rig, suited,
+    self, Bends, Controller, Flight, FlightPlan, Kinematics, Measurement, Rates, Reference, Setup, Shape, Target, Tilt,
+    Vectored, default_controller,
 };
 use omnidrones::dynamics::configurations::{self, Dragon, Omav};
 use omnidrones::dynamics::tree::{Model, Multibody};
 use omnidrones::dynamics::{Physics, spatial};
+
+fn start_on(system: &Multibody, controller: &dyn Controller, reference: &Reference) -> Vec<f64> {
+    controllers::start_on(&system.clone().into(), controller, reference).unwrap()
+}
+
+fn suited(system: &Multibody, rates: &Rates) -> Box<dyn Controller> {
+    default_controller(&system.clone().into(), &Setup::new(None, rates)).unwrap()
+}
 
 /// A pilot with the largest command of any drive that it gave.
 struct Watched {
@@ -18,8 +26,8 @@ struct Watched {
     largest: f64,
 }
 
-impl Pilot for Watched {
-    fn name(&self) -> &'static str {
+impl Controller for Watched {
+    fn name(&self) -> &str {
         self.pilot.name()
     }
     fn description(&self) -> String {
@@ -31,8 +39,11 @@ impl Pilot for Watched {
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
         self.pilot.tracked(state)
     }
-    fn command(&mut self, moment: Command<'_>, input: &mut [f64]) {
-        self.pilot.command(moment, input);
+    fn reset(&mut self) {
+        self.pilot.reset();
+    }
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, input: &mut [f64]) {
+        self.pilot.tick(seen, target, input);
         self.largest = self.drives.iter().fold(self.largest, |m, at| m.max(input[*at].abs()));
     }
 }
@@ -61,14 +72,16 @@ impl Rig {
         self
     }
 
-    fn fly(&mut self) -> RigFlight {
-        let flight = fly_rig(&self.system, &mut self.pilot, &self.plan, &self.start, &mut |_| ()).expect("a flight");
+    fn fly(&mut self) -> Flight {
+        let plant = self.system.clone().into();
+        let flight = controllers::fly_from(&plant, &mut self.pilot, &self.plan, &self.start, &mut |_| ());
+        let flight = flight.expect("a flight");
         assert_eq!(flight.diverged_at, None);
         flight
     }
 
     /// Histories of one number of every rate servo.
-    fn servos(&self, flight: &RigFlight, rate: bool) -> Vec<(f64, Vec<f64>)> {
+    fn servos(&self, flight: &Flight, rate: bool) -> Vec<(f64, Vec<f64>)> {
         let (layout, n) = (self.system.layout(), self.system.rest_state().len());
         let mut all = Vec::new();
         for (i, body) in self.system.model().bodies().iter().enumerate() {
@@ -82,7 +95,7 @@ impl Rig {
 }
 
 /// Largest distance to the reference from a time on, m.
-fn distance(flight: &RigFlight, after: f64) -> f64 {
+fn distance(flight: &Flight, after: f64) -> f64 {
     let log = &flight.log;
     let gap =
         |i: usize| (0..3).map(|k| (log.position[i][k] - log.reference_position[i][k]).powi(2)).sum::<f64>().sqrt();
@@ -90,7 +103,7 @@ fn distance(flight: &RigFlight, after: f64) -> f64 {
 }
 
 /// Largest angle to the wanted attitude from a time on, rad.
-fn turn(flight: &RigFlight, plan: &FlightPlan, after: f64) -> f64 {
+fn turn(flight: &Flight, plan: &FlightPlan, after: f64) -> f64 {
     let log = &flight.log;
     let gap = |i: usize| {
         let wanted = spatial::from_matrix(plan.tilt.orientation(&plan.reference, log.time[i]).attitude);
@@ -125,7 +138,7 @@ fn assert_certified(rig: &Rig) {
     assert!(worst.iter().all(|w| *w <= 1e-9), "{worst:?}");
 }
 
-fn assert_servos_in_range(rig: &Rig, flight: &RigFlight) {
+fn assert_servos_in_range(rig: &Rig, flight: &Flight) {
     assert!(rig.pilot.largest <= 1.0, "{}", rig.pilot.largest);
     let over = rig.servos(flight, true).iter().map(|(range, v)| largest(v) / range).fold(0.0, f64::max);
     println!("fastest tilt over its limit {over:.4}");
@@ -259,7 +272,7 @@ fn dragons_of_other_lengths_hover() {
 fn pose_loops_leave_the_tilt_servos_time_to_follow() {
     for name in ["omav_tilting", "dragon"] {
         let system = Multibody::new(&configurations::by_name(name).expect("built"), Physics::default()).expect("valid");
-        let pilot = suited(&system, None, &Rates::default()).expect("a pilot");
+        let pilot = suited(&system, &Rates::default());
         assert_eq!(pilot.name(), "vectored");
         let own = Vectored::new(&system, None, &Rates::default()).expect("a pilot").bandwidths().expect("placed");
         println!("{name}: attitude {:.3}, position {:.3} rad/s", own[0], own[1]);

@@ -2,16 +2,18 @@
 
 use omnidrones::autodiff::{Bounds, Rollout, System, certify};
 use omnidrones::controllers::allocation::wrench_matrix;
-use omnidrones::controllers::design::tilting::{N_INPUT, N_PARAMETER, PoseError};
-use omnidrones::controllers::design::{Tilting, TiltingPlan, TiltingTuning, evaluate_tilting, tune_tilting};
 use omnidrones::dynamics::configurations::Omav;
 use omnidrones::dynamics::{Integrator, Physics};
 use std::time::Instant;
 
+use super::tilting::{
+    N_INPUT, N_PARAMETER, PoseError, Tilting, TiltingPlan, TiltingTuning, evaluate_tilting, tilting, tune_tilting,
+};
+
 /// 5 ms, semi-implicit.
 fn system() -> Tilting {
     let physics = Physics { dt: 0.005, integrator: Integrator::SemiImplicit, ..Physics::default() };
-    Tilting::new(&Omav::default(), physics).unwrap()
+    tilting(&Omav::default(), physics).unwrap()
 }
 
 /// A short flight.
@@ -21,7 +23,7 @@ fn plan() -> TiltingPlan {
 
 /// A state in motion, its input, and θ.
 fn moment(system: &Tilting) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-    let (plan, theta) = (plan(), system.nominal().to_vec());
+    let (plan, theta) = (plan(), system.law().nominal().to_vec());
     let (inputs, mut x) = (plan.inputs(system).unwrap(), plan.training(system).swap_remove(0));
     let mut next = x.clone();
     let rows: Vec<&[f64]> = inputs.chunks_exact(system.n_input()).collect();
@@ -36,7 +38,7 @@ fn moment(system: &Tilting) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
 fn the_columns_are_those_of_the_true_geometry_and_its_slope_over_every_tilt() {
     let system = system();
     let (x, _, _) = moment(&system);
-    let (plant, columns) = (system.plant(), system.columns(&x));
+    let (plant, columns) = (system.plant().tree().unwrap(), system.law().columns(&x));
     let rotors = plant.model().rotors();
     let thrusts = |x: &[f64]| {
         let speeds = plant.layout().rotor_speed.iter().zip(rotors);
@@ -83,14 +85,14 @@ fn the_certificate_holds_for_a_step_of_the_whole_loop() {
 fn the_gradient_of_a_flight_that_meets_bounds_is_its_dual_gradient_and_that_of_central_differences() {
     let (system, plan) = (system(), plan());
     let (inputs, starts) = (plan.inputs(&system).unwrap(), plan.training(&system));
-    let (m, theta) = (system.n_input(), system.nominal().to_vec());
+    let (m, theta) = (system.n_input(), system.law().nominal().to_vec());
     let inputs = &inputs[..120 * m];
     let rollout = Rollout::new(system.clone(), PoseError::over(&system, 120)).unwrap();
     let start = &starts[0];
     let states = rollout.trajectory(start, inputs, &theta);
     let (mut thrusts, mut tilts) = (0, 0);
     for (x, u) in states.chunks_exact(system.n_state()).zip(inputs.chunks_exact(m)) {
-        let [a, b] = system.n_bound(x, u, &theta);
+        let [a, b] = system.law().n_bound(x, u, &theta);
         (thrusts, tilts) = (thrusts + a, tilts + b);
     }
     let clock = Instant::now();
@@ -133,8 +135,8 @@ fn report(tuning: &TiltingTuning, theta: &[f64]) {
 #[test]
 fn a_short_descent_through_the_allocation_lowers_the_held_out_root_cost_by_fifteen_percent() {
     let (system, clock) = (system(), Instant::now());
-    let tuning = tune_tilting(&system, system.nominal(), &plan(), &mut |_| {}).unwrap();
-    report(&tuning, system.nominal());
+    let tuning = tune_tilting(&system, system.law().nominal(), &plan(), &mut |_| {}).unwrap();
+    report(&tuning, system.law().nominal());
     println!("{:.1?}", clock.elapsed());
     assert_eq!((tuning.before.n, tuning.before.lost, tuning.after.lost), (32, 0, 0));
     // measured 0.1162 → 0.0923 m (21 %): position 0.1093 → 0.0860 m, e_R 0.0774 → 0.0642; 2 s
@@ -144,10 +146,10 @@ fn a_short_descent_through_the_allocation_lowers_the_held_out_root_cost_by_fifte
 #[test]
 fn slow_servos_make_the_null_space_weight_matter_and_descent_finds_it() {
     let physics = Physics { dt: 0.005, integrator: Integrator::SemiImplicit, ..Physics::default() };
-    let system = Tilting::new(&Omav { max_rate: 2.0, ..Omav::default() }, physics).unwrap();
+    let system = tilting(&Omav { max_rate: 2.0, ..Omav::default() }, physics).unwrap();
     let plan = TiltingPlan { n_start: 4, iterations: 25, ..TiltingPlan::default() };
     // a newton away from its preference as dear as a newton of force that is missing
-    let mut theta = system.nominal().to_vec();
+    let mut theta = system.law().nominal().to_vec();
     theta[N_PARAMETER - 2] = 0.0;
     let tuning = tune_tilting(&system, &theta, &plan, &mut |_| {}).unwrap();
     report(&tuning, &theta);
@@ -167,22 +169,22 @@ fn slow_servos_make_the_null_space_weight_matter_and_descent_finds_it() {
 #[ignore = "cargo test --test controllers tuning_through -- --ignored --nocapture: half a minute"]
 fn a_long_descent_lowers_the_held_out_root_cost_by_thirty_percent_and_holds_elsewhere() {
     let (system, plan, clock) = (system(), TiltingPlan::default(), Instant::now());
-    let tuning = tune_tilting(&system, system.nominal(), &plan, &mut |_| {}).unwrap();
-    report(&tuning, system.nominal());
+    let tuning = tune_tilting(&system, system.law().nominal(), &plan, &mut |_| {}).unwrap();
+    report(&tuning, system.law().nominal());
     println!("{:.1?}", clock.elapsed());
     assert_eq!((tuning.after.n, tuning.after.lost), (32, 0));
     // measured 0.0862 → 0.0528 m (39 %): position 0.0813 → 0.0477 m, e_R 0.0548 → 0.0397; 22 s on one core
     assert!(tuning.after.root_cost < 0.7 * tuning.before.root_cost);
 
     // what each part of θ is worth, the other at its start: measured 0.0530 and 0.0866 m, so here it is the gains
-    let (nominal, tuned) = (system.nominal(), &tuning.theta);
+    let (nominal, tuned) = (system.law().nominal(), &tuning.theta);
     let gains: Vec<f64> = tuned[..12].iter().chain(&nominal[12..]).copied().collect();
     let allocation: Vec<f64> = nominal[..12].iter().chain(&tuned[12..]).copied().collect();
     for (name, theta) in [("gains alone", gains), ("weight and horizon alone", allocation)] {
         println!("{name}: {:?}", evaluate_tilting(&system, &theta, &plan).unwrap());
     }
     // elsewhere, three times as long and by RK4 at 2 ms: measured 0.0683 → 0.0325 m, 0.0867 → 0.0530 m
-    let fine = Tilting::new(&Omav::default(), Physics::default()).unwrap();
+    let fine = tilting(&Omav::default(), Physics::default()).unwrap();
     let long = TiltingPlan { duration: 9.0, ..plan.clone() };
     for (name, system, plan) in [("nine seconds", &system, &long), ("RK4 at 2 ms", &fine, &plan)] {
         let [before, after] = [nominal, tuned].map(|theta| evaluate_tilting(system, theta, plan).unwrap());

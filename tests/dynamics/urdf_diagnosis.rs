@@ -1,6 +1,7 @@
 //! Wrong files, one defect each: every message names the file, the place, the rule with the value, and the remedy.
 
-use omnidrones::dynamics::urdf::{Import, ImportOptions, RotorFile, import_text};
+use omnidrones::dynamics::shape::Geometry;
+use omnidrones::dynamics::urdf::{Import, ImportOptions, RotorFile, export, import_model_text, import_text};
 use omnidrones::error::{Error, Result};
 
 const ROTORS: &str = "
@@ -523,6 +524,58 @@ fn a_moving_joint_that_is_no_rotor_is_held_at_zero_with_a_warning() {
     );
     assert!(text.contains("import_model_file"), "{text}");
     assert!(import.assumptions.iter().any(|a| a.contains("'rotor_0_joint'")), "{:?}", import.assumptions);
+}
+
+#[test]
+fn a_moving_link_without_mass_is_taken_where_what_is_welded_to_it_resists_its_joint() {
+    let inertial =
+        "<inertial><mass value='0.02'/><inertia ixx='2e-6' ixy='0' ixz='0' iyy='2e-6' iyz='0' izz='3e-6'/></inertial>";
+    let tip = |x: &str| {
+        let tip = format!(
+            "<link name='tip'><inertial><mass value='0.02'/><inertia ixx='0' ixy='0' ixz='0' iyy='0' iyz='0' izz='0'/>\
+             </inertial></link><joint name='weld' type='fixed'><origin xyz='{x} 0 0.05'/><parent link='box'/>\
+             <child link='tip'/></joint></robot>"
+        );
+        let box_link = "<link name='box'>";
+        let moving = sound().replace("type='fixed'", "type='revolute'").replace("</robot>", &tip);
+        moving.replacen(&format!("{box_link}{inertial}"), box_link, 1).replace(
+            "xyz='0 0 1'/></joint>",
+            "xyz='0 0 1'/><limit velocity='1' effort='0.2' lower='-1' upper='1'/></joint>",
+        )
+    };
+    let rotors = RotorFile::parse(ROTORS, "v.rotors.toml").unwrap();
+    let model = import_model_text(&tip("0.1"), "v.urdf", Some(&rotors), &ImportOptions::default()).unwrap();
+    let rigid = import(&tip("0.1"), ROTORS).unwrap();
+    assert!((model.model.mass() - rigid.vehicle.mass_properties().mass).abs() < 1e-15);
+    for said in [&model.assumptions, &rigid.assumptions] {
+        assert!(said.iter().any(|s| s.starts_with("The limits of effort and velocity of joints '")), "{said:?}");
+    }
+    // on the axis, nothing resists
+    assert!(import(&tip("0"), ROTORS).unwrap_err().to_string().contains("carries no inertia"));
+}
+
+#[test]
+fn collision_shapes_are_those_of_the_vehicle_or_named_as_left_out() {
+    let shapes = "<collision><origin xyz='0 0 0.1' rpy='0 0 1.5707963267948966'/><geometry><box size='1 2 3'/></geometry>\
+                  </collision><collision><geometry><sphere radius='0.1'/></geometry></collision>\
+                  <collision><geometry><cylinder radius='0.1' length='1'/></geometry></collision>";
+    let text = sound().replacen("<link name='box'>", &format!("<link name='box'>{shapes}"), 1);
+    let text = text.replace("<axis", "<safety_controller k_velocity='1'/><axis");
+    let read = import(&text, ROTORS).unwrap();
+    let vehicle = &read.vehicle;
+    assert_eq!(vehicle.shapes[0].geometry, Geometry::Box { size: [1.0, 2.0, 3.0] });
+    assert_eq!(vehicle.shapes[0].position, [0.0, 0.0, 0.11]);
+    assert!((vehicle.shapes[0].rotation[3] - 0.5_f64.sqrt()).abs() < 1e-15);
+    assert_eq!((vehicle.shapes.len(), vehicle.shapes[1].position), (2, [0.0, 0.0, 0.01]));
+    let cylinder =
+        "The cylinders or meshes (1) in the collision geometry of 'box' touch nothing: use boxes, spheres or capsules.";
+    assert!(read.assumptions.iter().any(|s| s == cylinder), "{:?}", read.assumptions);
+    assert!(read.warnings.iter().any(|w| w.element == "<safety_controller> in <joint>"), "{:?}", read.warnings);
+    // and survive the way out and back
+    let (urdf, toml) = export(vehicle).unwrap();
+    let again = import(&urdf, &toml).unwrap().vehicle;
+    assert_eq!(again.shapes[1], vehicle.shapes[1]);
+    assert!((again.shapes[0].rotation[3] - vehicle.shapes[0].rotation[3]).abs() < 1e-15);
 }
 
 #[test]

@@ -107,7 +107,7 @@ fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
     for (name, mut learner) in ALGORITHMS.into_iter().zip(learners) {
         let paid = |learner: &dyn Learner| {
             let mut policy = learner.policy().expect("weights are finite");
-            costs(0.97, &mut |x, actions| policy.act(x, actions)).0
+            costs(0.97, &mut |x, actions| policy.act(x, actions).unwrap()).0
         };
         let (before, mut left_out) = (paid(&*learner), 0.0);
         for update in 0..200 {
@@ -145,6 +145,7 @@ fn costs(discount: f64, act: &mut dyn FnMut(&[f32], &mut [f32])) -> (f64, f64) {
             }
             step += 1;
             act(&out.observation, actions);
+            Ok(())
         },
         &mut |watched| {
             let now: f64 = watched.out.info.iter().skip(column).step_by(width).map(|x| f64::from(*x)).sum();
@@ -172,7 +173,7 @@ fn the_linear_regulator_costs_what_the_riccati_equation_says() {
 }
 
 fn check_against_riccati(name: &str, policy: &mut Policy, discount: f64, most: f64) {
-    let (cost, optimum) = costs(discount, &mut |x, actions| policy.act(x, actions));
+    let (cost, optimum) = costs(discount, &mut |x, actions| policy.act(x, actions).unwrap());
     println!("{name}: {cost:.5} is {:+.2} % from the optimum {optimum:.5}", 100.0 * (cost / optimum - 1.0));
     assert!(cost / optimum < 1.0 + most, "{name}: {cost} against {optimum}");
 }

@@ -1,10 +1,10 @@
 //! A problem whose optimum is known: hold a Hummingbird near its hover at a quadratic cost.
 
 use nalgebra::{DMatrix, DVector};
-use omnidrones::autodiff::{Pen, Scalar, safe};
+use omnidrones::autodiff::{Scalar, safe};
 use omnidrones::controllers::design::riccati;
 use omnidrones::error::Result;
-use omnidrones::tasks::{End, Ends, Env, EnvConfig, Rig, Sheet, Slice, Start, Task, Term, View};
+use omnidrones::tasks::{Ends, Env, EnvConfig, Loss, Rig, Start, Task, View, Writer};
 
 /// Steps of an episode: three times as long as the slowest mode takes to settle.
 pub const STEPS: usize = 120;
@@ -41,7 +41,8 @@ impl Regulate {
 
     /// Deviations from hover, in the order of the state.
     #[inline(always)]
-    fn deviation<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
+    fn deviation<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.field("deviation", "SI", "state less hover");
         let (drone, scale) = (view.drone(0), S::constant(SCALE));
         // 0, or NaN
         let poison = S::zero() / (S::one() - view.goal.get(0));
@@ -77,6 +78,10 @@ impl Regulate {
     }
 }
 
+fn set_poison(start: &mut Start<'_>, poison: f64) {
+    start.goal.field("poison", "-", "1 where what is seen is not finite").number(poison);
+}
+
 impl Task for Regulate {
     fn rig(&self) -> &Rig {
         &self.rig
@@ -84,50 +89,38 @@ impl Task for Regulate {
     fn horizon(&self) -> usize {
         STEPS
     }
-    fn sheet(&self) -> Sheet {
-        Sheet {
-            observation: vec![Slice::new("deviation", N, "SI", "state less hover")],
-            central: Vec::new(),
-            reward: vec![Term::smooth("cost", "20 − xᵀQx", BONUS)],
-            ends: vec![End::new("far", "|p − p_t| > 0.5 m")],
-            metrics: Vec::new(),
-            goal: vec![Slice::new("poison", 1, "-", "1 where what is seen is not finite")],
-            memo: Vec::new(),
-            settings: Vec::new(),
-        }
-    }
     fn start(&self, start: &mut Start<'_>) {
-        start.goal[0] = f64::from(u8::from(start.task.unit() < self.poison));
-        let position = start.position([-0.03, -0.03, 1.97], [0.03, 0.03, 2.03]);
-        let attitude = start.attitude(0.02, (-0.02, 0.02));
+        let poison = f64::from(u8::from(start.task.unit() < self.poison));
+        set_poison(start, poison);
+        let position = start.position([[-0.03, 0.03], [-0.03, 0.03], [1.97, 2.03]]);
+        let attitude = start.attitude(0.02, [-0.02, 0.02]);
         start.place(0, position, attitude);
     }
     #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
         self.deviation(view, out);
     }
     #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         // an end must not be worth seeking
-        terms.number(S::constant(BONUS) - self.cost(view));
+        terms.term("cost", "20 − xᵀQx", BONUS).number(S::constant(BONUS) - self.cost(view));
     }
     #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        self.cost(view)
+    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+        loss.add("xᵀQx", self.cost(view));
     }
     #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
         let position = view.drone(0).position;
         let error = [0, 1, 2].map(|i| position[i] - S::constant(TARGET[i]));
-        ends.when(S::constant(0.25).lt(safe::squared_norm(error)));
+        ends.when("far", "|p − p_t| > 0.5 m", S::constant(0.25).lt(safe::squared_norm(error)));
     }
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, _: &View<'_, S>, _: &mut Pen<'_, S>) {}
     #[inline(always)]
     fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
         self.cost(view).lt(S::constant(1.0))
     }
     fn ideal(&self, start: &mut Start<'_>) {
+        set_poison(start, 0.0);
         start.place(0, TARGET, [1.0, 0.0, 0.0, 0.0]);
     }
 }

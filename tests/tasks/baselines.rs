@@ -38,7 +38,7 @@ fn flown(entry: &registry::Entry, n_env: usize, task: &str) -> Option<(String, E
     let task = task.parse().unwrap();
     let config = EnvConfig { n_env, autoreset: Autoreset::Disabled, task, ..EnvConfig::default() };
     let mut env = entry.env(&config).unwrap();
-    env.wanted(0).unwrap()?;
+    env.reference(0).unwrap()?;
     let mut own = Baseline::new(&env).unwrap();
     let evaluation = evaluate(&mut env, &mut own.policy(), &mut |_| ()).unwrap();
     assert!(own.failures().is_empty(), "{}: {:?}", entry.name, own.failures());

@@ -3,7 +3,7 @@
 use crate::{config, everywhere};
 use omnidrones::controllers::cascade::Level;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Delay, Env, EnvConfig, Spec, check_env, registry};
+use omnidrones::tasks::{ActionSpace, Autoreset, Baseline, Buffers, Delay, Env, EnvConfig, Spec, check_env, registry};
 
 #[test]
 fn every_task_keeps_the_contract_in_every_control_mode() {
@@ -271,23 +271,46 @@ fn a_diverged_step_is_worth_nothing() {
 }
 
 #[test]
-fn tables_in_the_documentation_are_those_of_the_code() {
-    for entry in registry::REGISTRY.iter().filter(|e| e.defaults.is_empty()) {
-        let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
-        let tables = env.sheet().tables();
-        let documented: Vec<&str> = entry
-            .source
-            .lines()
-            .map_while(|l| l.strip_prefix("//!"))
-            .map(|l| l.strip_prefix(' ').unwrap_or(l))
-            .collect();
-        let missing = tables.lines().find(|line| !line.is_empty() && !documented.contains(line));
-        if std::env::var_os("PRINT_TABLES").is_some() {
-            println!("=== {}\n{tables}", entry.name);
-        } else {
-            assert_eq!(missing, None, "{}: run with PRINT_TABLES=1 and paste", entry.name);
+fn observations_stay_within_the_bounds_that_they_declare() {
+    for entry in registry::REGISTRY {
+        let mut env = entry.env(&config(64, 40)).unwrap();
+        let (low, high) = env.spec().observation_bounds();
+        assert!(low.iter().zip(&high).any(|(a, b)| (*a, *b) == (-1.0, 1.0)), "{}: attitudes have bounds", entry.name);
+        assert_eq!(env.spec().observation.last().map(|f| f.low > f.high), Some(false));
+        let out = run(&mut env, 60);
+        for row in out.observation.chunks_exact(low.len()).chain(out.final_observation.chunks_exact(low.len())) {
+            for (k, x) in row.iter().enumerate() {
+                // a unit vector may be longer by rounding
+                let slack = 1e-5;
+                assert!((low[k] - slack..=high[k] + slack).contains(x), "{}: number {k} is {x}", entry.name);
+            }
         }
     }
+}
+
+#[test]
+fn every_key_and_field_of_a_task_has_a_name_of_its_own() {
+    for entry in registry::REGISTRY {
+        let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
+        let own = env.task_spec();
+        let keys: Vec<&str> = own.settings.iter().map(|s| s.key.as_str()).collect();
+        for names in [keys, own.observation.iter().map(|f| f.name.as_str()).collect()] {
+            let twice = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name));
+            assert_eq!(twice, None, "{}", entry.name);
+        }
+    }
+}
+
+#[test]
+fn a_spec_reads_back_from_its_text() {
+    for entry in registry::REGISTRY {
+        let text = "observation = [{ kind = 'history', steps = 2 }, { kind = 'noise', std = 0.1 }]\ndelay.max = 2";
+        let config = EnvConfig { n_env: 3, ..EnvConfig::from_toml(text, "own").unwrap() };
+        let spec = entry.env(&config).unwrap().spec().clone();
+        assert_eq!(Spec::from_json(&spec.to_json()).unwrap(), spec, "{}", entry.name);
+    }
+    let error = Spec::from_json("{}").unwrap_err().to_string();
+    assert!(error.contains("line 1") && error.contains("task"), "{error}");
 }
 
 #[test]
@@ -307,5 +330,50 @@ fn every_entry_reads_its_defaults_and_has_a_name_of_its_own() {
     for entry in registry::REGISTRY {
         entry.default_config().unwrap();
         assert_eq!(names.iter().filter(|n| n.eq_ignore_ascii_case(entry.name)).count(), 1);
+    }
+}
+
+#[test]
+fn arrays_of_the_wrong_size_are_errors_and_no_panics() {
+    let config = EnvConfig { n_env: 3, ..EnvConfig::default() };
+    let [env, track] = ["Hover", "Track"].map(|task| Env::make(task, &config).unwrap());
+    let mut baseline = Baseline::new(&env).unwrap();
+    let act = |baseline: &mut Baseline, env: &Env, n: usize| baseline.act(env, &mut vec![0.0; n]).map(|()| n);
+    assert_eq!(act(&mut baseline, &env, 12).unwrap(), 12);
+    for (env, n, told) in [
+        (&env, 11, "length of actions is 11, but it must be 12."),
+        (&track, 12, "environment of a baseline is Env(3 × Track)"),
+    ] {
+        let error = act(&mut baseline, env, n).unwrap_err().to_string();
+        assert!(error.starts_with(told), "{error}");
+    }
+    let jacobian = env.jacobian(0, &[0.0; 4]).unwrap();
+    let (n_row, n_column) = jacobian.matrix.shape();
+    assert_eq!(jacobian.part(&(0..n_row), &(0..n_column)).unwrap(), jacobian.matrix);
+    for (rows, columns) in [(0..n_row + 1, 0..1), (0..1, n_column..n_column + 1), (n_row..2, 0..1)] {
+        assert!(jacobian.part(&rows, &columns).unwrap_err().to_string().contains(" of a Jacobian is "));
+    }
+}
+
+#[test]
+fn arrays_of_all_environments_are_those_of_each() {
+    let base = EnvConfig { n_env: 70, ..EnvConfig::default() };
+    for task in ["Hover", "PayloadTrack", "Formation"] {
+        let mut env = Env::make(task, &transformed(&base)).unwrap();
+        env.reset(None, None, &mut Buffers::new(env.spec()).out()).unwrap();
+        let each = |of: &dyn Fn(usize) -> Vec<f64>| (0..70).flat_map(of).collect::<Vec<f64>>();
+        let exact = |row: Vec<f32>| row.into_iter().map(f64::from).collect::<Vec<f64>>();
+        let states = each(&|i| exact(env.state(i).unwrap()));
+        let goals = each(&|i| exact(env.goal(i).unwrap()));
+        let numbers = each(&|i| env.numbers(i).unwrap());
+        let [mut all_states, mut all_goals] = [&states, &goals].map(|x| vec![f32::NAN; x.len()]);
+        let mut all_numbers = vec![f64::NAN; numbers.len()];
+        env.states_into(&mut all_states).unwrap();
+        env.goals_into(&mut all_goals).unwrap();
+        env.numbers_into(&mut all_numbers).unwrap();
+        assert_eq!((exact(all_states), exact(all_goals), all_numbers), (states, goals, numbers), "{task}");
+        let error = env.states_into(&mut [0.0; 3]).unwrap_err().to_string();
+        assert!(error.starts_with("length of states is 3, but it must be "), "{error}");
+        assert!(env.goals_into(&mut [0.0; 3]).is_err() && env.numbers_into(&mut [0.0; 3]).is_err());
     }
 }

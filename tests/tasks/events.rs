@@ -1,9 +1,9 @@
 //! Goals that jump in mid-episode: what is seen, and what stays with whom.
 
-use omnidrones::autodiff::{Pen, Scalar};
+use omnidrones::autodiff::Scalar;
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{Autoreset, Buffers, End, Ends, Env, EnvConfig, Rig, Sheet, Slice, Start, Task, Term, View};
+use omnidrones::tasks::{Autoreset, Buffers, Ends, Env, EnvConfig, Rig, Start, Task, View, Writer};
 
 /// A number that jumps every few steps, observed as it is; an episode ends a step after it jumped above 0.8. The jumps are
 /// counted, and change the mass.
@@ -27,62 +27,45 @@ impl Task for Jumping {
         40
     }
 
-    fn sheet(&self) -> Sheet {
-        let goal = Slice::new("target", 1, "-", "jumps");
-        let count = Slice::new("jumps", 1, "-", "so far");
-        Sheet {
-            observation: vec![goal.clone(), count.clone(), Slice::new("step", 1, "-", "k")],
-            central: vec![goal.clone()],
-            reward: vec![Term::smooth("target", "target", 1.0)],
-            ends: vec![End::new("high", "target > 0.8")],
-            metrics: Vec::new(),
-            goal: vec![goal],
-            memo: vec![count],
-            settings: Vec::new(),
-        }
-    }
-
     fn start(&self, start: &mut Start<'_>) {
-        start.goal[0] = start.task.uniform(0.0, 0.8);
+        let target = start.task.uniform(0.0, 0.8);
+        start.goal.field("target", "-", "jumps").number(target);
         start.event_at = 1.0 + start.task.below(5) as f64;
     }
 
     fn event(&self, start: &mut Start<'_>) {
         start.goal[0] = start.task.unit();
-        start.memo[0] += 1.0;
+        start.task_state[0] += 1.0;
         start.numbers[1] = 0.5 + start.goal[0];
         start.event_at += 1.0 + start.task.below(5) as f64;
     }
 
     #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, memo: &mut Pen<'_, S>) {
-        memo.number(view.memo.get(0));
+    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+        task_state.field("jumps", "-", "so far").number(view.task_state.get(0));
     }
 
     #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
-        out.number(view.goal.get(0));
-        out.number(view.memo.get(0));
-        out.number(view.step);
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+        out.field("target", "-", "jumps").number(view.goal.get(0));
+        out.field("jumps", "-", "so far").number(view.task_state.get(0));
+        out.field("step", "-", "k").number(view.step);
     }
 
     #[inline(always)]
-    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
-        out.number(view.goal.get(0));
+    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.field("target", "-", "jumps").number(view.goal.get(0));
     }
 
     #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
-        terms.number(view.goal.get(0));
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        terms.term("target", "target", 1.0).number(view.goal.get(0));
     }
 
     #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
-        ends.when(S::constant(0.8).lt(view.goal.get(0)));
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+        ends.when("high", "target > 0.8", S::constant(0.8).lt(view.goal.get(0)));
     }
-
-    #[inline(always)]
-    fn metrics<S: Scalar>(&self, _: &View<'_, S>, _: &mut Pen<'_, S>) {}
 
     #[inline(always)]
     fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask {
@@ -90,7 +73,7 @@ impl Task for Jumping {
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
-        start.goal[0] = 1.0;
+        start.goal.field("target", "-", "jumps").number(1.0);
     }
 }
 

@@ -458,7 +458,7 @@ fn critics_of_central_states_reach_the_actions() {
     let actions = warm_up(&mut env, &mut out, 2);
     let own: Vec<f64> = actions[..n].iter().map(|a| f64::from(*a)).collect();
     let jacobian = env.jacobian(0, &own).unwrap();
-    let wanted = jacobian.part(&jacobian.places.central, &jacobian.places.action).row_sum();
+    let wanted = jacobian.part(&jacobian.places.central, &jacobian.places.action).unwrap().row_sum();
     let mut tape = env.tape(1).unwrap();
     env.step_recorded(&actions, &mut out.out(), &mut tape).unwrap();
     assert!(out.terminated.iter().all(|t| *t == 0));

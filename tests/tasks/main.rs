@@ -6,6 +6,7 @@ mod events;
 mod gradients;
 mod probes;
 mod robustness;
+mod sendable;
 mod transforms;
 
 use omnidrones::controllers::cascade::Level;

@@ -112,7 +112,11 @@ fn a_task_without_metrics_is_evaluated_and_recorded() {
     let config = EnvConfig { n_env: 70, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
     let mut env = Env::of(Probe::forever(&config).unwrap(), "forever", &config).unwrap();
     let mut record = Record::new(&env, 2);
-    let result = evaluate(&mut env, &mut |_, _, actions| actions.fill(0.0), &mut |step| record.see(step)).unwrap();
+    let still = &mut |_: &Env, _: &Buffers, actions: &mut [f32]| {
+        actions.fill(0.0);
+        Ok(())
+    };
+    let result = evaluate(&mut env, still, &mut |step| record.see(step)).unwrap();
     assert_eq!((result.return_mean, result.length), (10.0, 10.0));
     assert_eq!((result.final_error, result.mean_error, result.final_metrics.len()), (0.0, 0.0, 0));
     assert_eq!(record.lines, vec![vec![0.0; 10]; 2]);

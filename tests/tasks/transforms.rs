@@ -2,7 +2,7 @@
 
 use crate::config;
 use omnidrones::tasks::suite::hover::Hover;
-use omnidrones::tasks::{Buffers, Change, Distribution, Env, EnvConfig, Pick, Quantity, Scale, With};
+use omnidrones::tasks::{Buffers, BuiltIn, Change, Distribution, Env, EnvConfig, Pick, Quantity, Scale, With};
 
 fn stepped(mut env: Env, steps: usize) -> (Env, Buffers) {
     let mut out = Buffers::new(env.spec());

@@ -8,9 +8,8 @@
 use super::{BenchPlan, BenchRow};
 use omnidrones::autodiff::System;
 use omnidrones::controllers::cascade::Level;
-use omnidrones::dynamics::Integrator;
+use omnidrones::dynamics::{Integrator, Plant};
 use omnidrones::error::{Error, Result};
-use omnidrones::internals::{Craft, craft};
 use omnidrones::parallel::Threads;
 use omnidrones::rng::{Purpose, Stream};
 use omnidrones::tasks::registry::Entry;
@@ -206,7 +205,7 @@ impl Batch {
 
 /// The physics of one environment in `f64`, as a simulator without batches steps it.
 struct Bare {
-    craft: Craft,
+    plant: Plant,
     rest: Vec<f64>,
     state: Vec<f64>,
     next: Vec<f64>,
@@ -223,7 +222,7 @@ impl Bare {
         let rig = alone.env.env().rig();
         let rest = rig.rest().to_vec();
         let input = rig.hover_input();
-        Self { craft: craft(rig).clone(), state: rest.clone(), next: rest.clone(), rest, input, inner, step: 0 }
+        Self { plant: rig.plant().clone(), state: rest.clone(), next: rest.clone(), rest, input, inner, step: 0 }
     }
 
     fn time(&mut self, budget: Duration) -> Result<f64> {
@@ -233,10 +232,7 @@ impl Bare {
                 self.state.copy_from_slice(&self.rest);
             }
             for _ in 0..self.inner {
-                match &self.craft {
-                    Craft::Vehicle(m) => m.step(black_box(&self.state), &self.input, &[], &mut self.next),
-                    Craft::Model(m) => m.step(black_box(&self.state), &self.input, &[], &mut self.next),
-                }
+                self.plant.step(black_box(&self.state), &self.input, &[], &mut self.next);
                 std::mem::swap(&mut self.state, &mut self.next);
             }
             Ok(())

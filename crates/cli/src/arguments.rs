@@ -10,9 +10,6 @@ use omnidrones::parallel::Threads;
 use omnidrones_plot::Format;
 use std::path::{Path, PathBuf};
 
-/// Least time step, s.
-const SHORTEST_STEP: f64 = 1e-9;
-
 /// Which vehicle, and where its rotor data are.
 #[derive(Debug, Clone, Args)]
 pub struct VehicleArguments {
@@ -92,12 +89,7 @@ pub struct FlightArguments {
 impl FlightArguments {
     /// Refuses a step that no clock has, before counting the steps of a flight.
     pub fn check(&self) -> Result<()> {
-        if self.dt > 0.0 && self.dt < SHORTEST_STEP {
-            let value = format!("{:e} s", self.dt);
-            let limit = format!("at least {SHORTEST_STEP:e} s");
-            return Err(Error::value("dt", value, limit, "2 ms suits control design, 16 ms the benchmark tasks."));
-        }
-        Ok(())
+        self.physics().validate()
     }
 
     /// The reference, read and checked.

@@ -11,7 +11,7 @@ use omnidrones::rl::TrainConfig;
 use omnidrones::tasks::config::TILTING;
 use omnidrones::tasks::randomise::{Action, Distribution, Time};
 use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::{Change, Env, EnvConfig, Quantity, Sheet};
+use omnidrones::tasks::{Change, Env, EnvConfig, Quantity, TaskSpec};
 use std::path::PathBuf;
 use toml::Value;
 
@@ -266,7 +266,7 @@ fn place(key: &str, task: Option<&Entry>) -> Result<String> {
 /// Names of the settings of a task.
 fn settings_of(entry: &Entry) -> Result<Vec<String>> {
     let env = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() })?;
-    Ok(env.sheet().settings.iter().map(|setting| setting.key.to_string()).collect())
+    Ok(env.task_spec().settings.iter().map(|setting| setting.key.clone()).collect())
 }
 
 /// What a layer says of environments. Settings of training in a file are for others; as an option they are a mistake.
@@ -309,10 +309,9 @@ fn of_environments(layer: Layer, task: Option<&Entry>) -> Result<Layer> {
     }))
 }
 
-/// The vehicle of a task where nobody names one.
-pub fn usual_vehicle(entry: &Entry, sheet: &Sheet) -> Option<String> {
-    let own = entry.default_config().ok().and_then(|c| c.task.get("vehicle")?.as_str().map(String::from));
-    own.or_else(|| Some(sheet.settings.iter().find(|s| s.key == "vehicle")?.default.trim_matches('"').into()))
+/// The vehicle of a task.
+pub fn usual_vehicle(task: &TaskSpec) -> Option<String> {
+    Some(task.settings.iter().find(|s| s.key == "vehicle")?.value.as_str()?.into())
 }
 
 /// One line per setting of an environment, in the order of a file: key, and what it means.
@@ -352,7 +351,7 @@ pub fn run_file(entry: &Entry, config: &TrainConfig) -> Result<String> {
     let env = entry.env(&EnvConfig { n_env: 1, ..config.env.clone() })?;
     let of_env = KEYS.iter().chain(SCALES);
     let meaning = |table: &str, key: &str| match table {
-        "env.task" => Some(env.sheet().settings.iter().find(|s| s.key == key)?.meaning.to_string()),
+        "env.task" => Some(env.task_spec().settings.iter().find(|s| s.key == key)?.text()),
         "env" | "env.action_scale" => Some(of_env.clone().find(|(own, _)| *own == key)?.1.to_string()),
         _ => TrainConfig::meaning(table, key),
     };
@@ -374,11 +373,20 @@ fn commented(head: &str, lines: &[(String, String)]) -> String {
     let mut text = head.to_string();
     for (line, meaning) in lines {
         let remark = if meaning.is_empty() { String::new() } else { format!("  # {meaning}") };
-        text += format!("{line:<width$}{remark}").trim_end();
+        let whole = format!("{line:<width$}{remark}");
+        // what would be too wide has its remark above
+        text += &if whole.chars().count() > WIDEST && !meaning.is_empty() {
+            format!("# {meaning}\n{line}")
+        } else {
+            whole.trim_end().into()
+        };
         text.push('\n');
     }
     text
 }
+
+/// Of a line of a file.
+const WIDEST: usize = 110;
 
 /// A configuration as a file with comments, which [`EnvConfig::from_toml`] reads back; `own` is the task's environment.
 pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
@@ -386,17 +394,17 @@ pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
     let mut whole = config.clone();
     whole.randomise = whole.randomise.or(defaults.randomise).or(Some(Vec::new()));
     let table = toml::Table::try_from(&whole).map_err(unwritable)?;
-    let mut lines: Vec<(String, &str)> = Vec::new();
-    for (key, meaning) in KEYS.iter().copied() {
+    let mut lines: Vec<(String, String)> = Vec::new();
+    for (key, meaning) in KEYS.iter().map(|(key, meaning)| (*key, meaning.to_string())) {
         match table.get(key) {
             Some(toml::Value::Array(items)) if items.len() > 1 => {
                 lines.push((format!("{key} = ["), meaning));
-                lines.extend(items.iter().map(|item| (format!("    {item},"), "")));
-                lines.push(("]".into(), ""));
+                lines.extend(items.iter().map(|item| (format!("    {item},"), String::new())));
+                lines.push(("]".into(), String::new()));
             }
             Some(toml::Value::Table(scales)) if key == "action_scale" => {
-                let line = |(name, unit): &(&str, &'static str)| {
-                    Some((format!("{key}.{name} = {}", scales.get(*name)?), *unit))
+                let line = |(name, unit): &(&str, &str)| {
+                    Some((format!("{key}.{name} = {}", scales.get(*name)?), unit.to_string()))
                 };
                 lines.extend(SCALES.iter().filter_map(line));
             }
@@ -404,14 +412,11 @@ pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
             None => {}
         }
     }
-    lines.push((String::new(), ""));
-    lines.push(("[task]".into(), ""));
-    for setting in &env.sheet().settings {
-        let own = config.task.get(setting.key).or_else(|| defaults.task.get(setting.key));
-        let value = own.map_or_else(|| setting.default.clone(), toml::Value::to_string);
-        lines.push((format!("{} = {value}", setting.key), setting.meaning));
+    lines.push((String::new(), String::new()));
+    lines.push(("[task]".into(), String::new()));
+    for setting in &env.task_spec().settings {
+        lines.push((format!("{} = {}", setting.key, setting.value), setting.text()));
     }
-    let lines: Vec<(String, String)> = lines.into_iter().map(|(line, meaning)| (line, meaning.to_string())).collect();
     Ok(commented(&format!("# {}: {}. Any line may be left out.\n", entry.name, entry.description), &lines))
 }
 

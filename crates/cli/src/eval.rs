@@ -144,9 +144,8 @@ impl Ready {
             commands.see(watched);
             watch(watched);
         };
-        let act = &mut |_: &Env, out: &omnidrones::tasks::Buffers, actions: &mut [f32]| {
-            policy.act(&out.observation, actions);
-        };
+        let act =
+            &mut |_: &Env, out: &omnidrones::tasks::Buffers, actions: &mut [f32]| policy.act(&out.observation, actions);
         let evaluation = evaluate(&mut self.env, &mut commands.of(act), &mut see)?;
         let controller = format!("a policy ({}, update {})", manifest.algorithm, manifest.update);
         let unflown =

@@ -10,9 +10,6 @@ use omnidrones::dynamics::Vehicle;
 use omnidrones::error::{Error, Result};
 use serde_json::{Value, json};
 
-/// Farther from the reference than this after a failure, the vehicle counts as lost, m.
-const LOST: f64 = 10.0;
-
 /// Which rotors fail, when, and who knows.
 #[derive(Debug, Clone, Args)]
 pub struct FailureArguments {
@@ -20,7 +17,8 @@ pub struct FailureArguments {
     ///
     /// ROTOR:SHARE weakens it to that share of its largest thrust: 1:0.6 leaves rotor 1 60 %. Its motor runs down with
     /// its own lag. The controller is told which rotor failed and how much is left, allocates within what is left, and
-    /// gives up yaw where that alone can no longer be held.
+    /// gives up yaw where that alone can no longer be held. Of the configurations, tilting thrusters allocate anew too; other
+    /// controllers fly on as before.
     #[arg(long, value_name = "ROTOR[:SHARE]", help_heading = "Failure")]
     pub fail: Vec<String>,
     /// When it fails [s]: once for all, or once for each --fail in order [default: 3]
@@ -38,8 +36,8 @@ pub struct FailureArguments {
 }
 
 impl FailureArguments {
-    /// The failures of a vehicle's rotors, checked.
-    pub fn of(&self, vehicle: &Vehicle) -> Result<Vec<Failure>> {
+    /// The failures of rotors of these names, checked.
+    pub fn of(&self, rotors: &[String]) -> Result<Vec<Failure>> {
         let times = match (self.at.len(), self.fail.len()) {
             (0, n) => vec![3.0; n],
             (1, n) => vec![self.at[0]; n],
@@ -54,11 +52,10 @@ impl FailureArguments {
                 ));
             }
         };
-        let rotors: Vec<String> = vehicle.rotors.iter().map(|r| r.name.clone()).collect();
         let one = |(text, at): (&String, f64)| {
-            let (rotor, effectiveness) = named(text, &rotors)?;
+            let (rotor, effectiveness) = named(text, rotors)?;
             let failure = Failure { rotor, at, effectiveness };
-            failure.validate(vehicle.n_rotor())?;
+            failure.validate(rotors.len())?;
             Ok(failure)
         };
         self.fail.iter().zip(times).map(one).collect()
@@ -129,12 +126,10 @@ impl Story {
         }))
     }
 
-    /// Why the flight counts as lost, if it does.
-    pub fn lost(&self) -> Option<String> {
-        let far = self.height.max(self.sideways);
+    /// What the rotors that are left can hold, in words.
+    pub fn left(&self) -> String {
         let left = self.stages.last().map_or("", |(_, a)| a.capability.name());
-        (far > LOST)
-            .then(|| format!("the vehicle was lost: {} from its reference ({left} with what is left)", length(far)))
+        format!("{left} with what is left")
     }
 
     /// The section of a page.
@@ -148,11 +143,8 @@ impl Story {
                     e => format!("{} % left", short(100.0 * e, 3)),
                 };
                 let name = &vehicle.rotors[failure.rotor].name;
-                let known = format!(
-                    "the controller knew {} later; curve {} of the plots",
-                    duration(plan.detection_delay),
-                    failure.rotor + 1
-                );
+                let delay = duration(plan.detection_delay);
+                let known = format!("the controller knew {delay} later; curve {} of the plots", failure.rotor);
                 facts.push(Fact::new(name, format!("{what} at {} s", short(*at, 4))).note(known));
             }
             facts.push(Fact::new("what is left", left.capability.name()).note(explanation(left)));

@@ -1,26 +1,43 @@
-//! `omnidrones fly`: a vehicle along a reference, its derivatives certified, its flight drawn.
+//! `omnidrones fly`: a vehicle or a configuration along a reference, its flight drawn; of a vehicle its derivatives certified.
 
+mod derivatives;
+mod drop;
+
+use self::derivatives::Derivatives;
 use super::arguments::{FlightArguments, FormatName, VehicleArguments};
 use super::failure::{FailureArguments, Story};
 use super::page::{Fact, Page, duration, length, short};
+use super::rig::{self, Rig};
 use super::sheet::{KeyFigures, key_facts};
 use super::source::{self, Source};
 use super::table::{Align, Table, number};
-use super::{Report, arguments, files, fly_rig, progress, rig};
-use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
-use omnidrones::controllers::design::{Sensitivity, sensitivity};
-use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, Tilt, fly};
+use super::{Report, arguments, files, progress};
+use omnidrones::controllers::reference::{Hover, Lemniscate};
+use omnidrones::controllers::registry::{controller, steerable};
+use omnidrones::controllers::{
+    Bends, Controller, Failure, Flight, FlightPlan, Note, Reference, Setup, Shape, Tilt, Vectored, default_controller,
+    fly, vectored,
+};
 use omnidrones::dynamics::aero::wind::Wind;
-use omnidrones::dynamics::{Effects, Gains, Multirotor, Vehicle};
+use omnidrones::dynamics::tree::{Motion, Multibody};
+use omnidrones::dynamics::{Effects, Gains, Plant};
 use omnidrones::error::{Error, Result};
-use omnidrones::flight::FlightSummary;
+use omnidrones::flight::{FlightSummary, LOST};
+use omnidrones::rl::{PolicyController, load_policy};
 use omnidrones_plot::flight::FlightFigures;
+use omnidrones_plot::model;
+use omnidrones_plot::rig::{JointHistory, RigFigures, joints};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Seconds left out of the RMSE: the reference starts with a jump of acceleration.
 const TRANSIENT: f64 = 2.0;
+/// Of the lemniscate that configurations follow unless told otherwise, rad/s.
+const GENTLE: f64 = 0.5;
+/// Least way between the ground and whatever hangs lowest on that lemniscate, m.
+const ROOM: f64 = 0.5;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -51,6 +68,7 @@ Examples:
   omnidrones fly omav --roll 30 --reference hover     30° of roll, held in place
   omnidrones fly platform --roll 20                   a frame that flies on with 20° of roll
   omnidrones fly dragon --shape arc:40                a chain that bends while it flies
+  omnidrones fly hummingbird --policy runs/Hover-apg-s0   what was learnt, on the vehicle as it is
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
@@ -62,8 +80,8 @@ no longer than that).
 
 JSON: SI units, radians; thrusts and saturation as shares of 1; null where a number does not exist.
 
-Exit codes: 0 flown; 1 the flight diverged, its RMSE is not finite or above --max-rmse, or a failure took the vehicle \
-more than 10 m away; 2 unusable input or arguments.";
+Exit codes: 0 flown; 1 the flight diverged, was lost (more than 10 m from its reference, or farther than 5 m in the end), or its \
+RMSE is not finite or above --max-rmse; 2 unusable input or arguments.";
 
 /// Arguments of `fly`.
 #[derive(Debug, clap::Args)]
@@ -74,32 +92,37 @@ pub struct Arguments {
     /// Without it, a quadrotor of 0.67 kg that this program carries as URDF. 'omav' is the rigid vehicle, 'omav_tilting'
     /// the one whose rotor units tilt.
     #[arg(value_name = "VEHICLE|CONFIG|FILE")]
-    pub(super) vehicle: Option<String>,
+    vehicle: Option<String>,
     #[command(flatten)]
-    pub(super) rotors: VehicleArguments,
+    rotors: VehicleArguments,
     #[command(flatten)]
-    pub(super) flight: FlightArguments,
+    flight: FlightArguments,
+    /// A policy flies: the folder of a run, trained to hold a point with this vehicle; the reference takes its goal's place
+    ///
+    /// Physics are those of the vehicle itself, without the motor lag and damping of the benchmark's tasks.
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["gains", "drop"], help_heading = "Flight")]
+    policy: Option<PathBuf>,
     /// Drop it from this height above the ground instead, rotors idle [default: 1]
     ///
     /// Bodies touch the ground at z = 0 and what is not joined to them. --seed disturbs the start a little.
     #[arg(long, value_name = "METRES", num_args = 0..=1, require_equals = true, default_missing_value = "1",
           allow_negative_numbers = true, help_heading = "Flight")]
-    pub(super) drop: Option<f64>,
+    drop: Option<f64>,
     /// Roll to hold beside the reference, -180 to 180 [degrees]; omav, dragon and platform only
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Flight")]
-    pub(super) roll: f64,
+    roll: f64,
     /// Pitch to hold beside the reference, -90 to 90 [degrees]; omav, dragon and platform only
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Flight")]
-    pub(super) pitch: f64,
+    pitch: f64,
     /// When to turn to --roll and --pitch, and over how long [s]; a step unless told how long
     #[arg(long, value_name = "AT[:RAMP]", default_value = "1", value_parser = arguments::tilt_at, help_heading = "Flight")]
-    pub(super) tilt_at: [f64; 2],
+    tilt_at: [f64; 2],
     /// Shape that a chain takes in flight: straight, arc, zigzag, or arc:DEGREES [default: straight]; dragon only
     #[arg(long, value_name = "SHAPE", help_heading = "Flight")]
-    pub(super) shape: Option<String>,
+    shape: Option<String>,
     /// Length of the flight [s] [default: 15, or to 2 s after the last waypoint; configurations 20, drops 3]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Flight")]
-    pub(super) duration: Option<f64>,
+    duration: Option<f64>,
     /// Wind [m/s]: none, X,Y,Z, dryden:W20, or dryden:W20:X,Y,Z
     ///
     /// X,Y,Z is a steady velocity of the air in world axes. dryden adds turbulence (MIL-F-8785C, low altitude) for a
@@ -107,35 +130,35 @@ pub struct Arguments {
     /// acts through drag: a vehicle without drag coefficients does not feel it.
     #[arg(long, value_name = "WIND", default_value = "none", value_parser = arguments::wind, allow_hyphen_values = true,
           help_heading = "Flight")]
-    pub(super) wind: Wind,
+    wind: Wind,
     /// Seed of the gusts, and of the start of a drop
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Flight")]
-    pub(super) seed: u64,
+    seed: u64,
     #[command(flatten)]
-    pub(super) failure: FailureArguments,
+    failure: FailureArguments,
     /// Exit with 1 if the tracking RMSE exceeds this [m]
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Flight")]
-    pub(super) max_rmse: Option<f64>,
+    max_rmse: Option<f64>,
     /// Folder for what is written [default: out/VEHICLE]
     #[arg(long, value_name = "DIR", help_heading = "Output")]
-    pub(super) out: Option<PathBuf>,
+    out: Option<PathBuf>,
     /// File type of the plots
     #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
-    pub(super) format: FormatName,
+    format: FormatName,
     /// Draw nothing
     #[arg(long, help_heading = "Output")]
-    pub(super) no_plots: bool,
+    no_plots: bool,
     /// Write every step to flight.csv
     #[arg(long, help_heading = "Output")]
-    pub(super) csv: bool,
+    csv: bool,
     /// Print one JSON object and nothing else
     #[arg(long, help_heading = "Output")]
-    pub(super) json: bool,
+    json: bool,
 }
 
 impl Arguments {
     /// The vehicle that was named; one that is to hold a tilt, with its tilts free.
-    pub(super) fn named(&self) -> Option<&str> {
+    fn named(&self) -> Option<&str> {
         match self.vehicle.as_deref() {
             Some(named) if named.eq_ignore_ascii_case("omav") && self.turns() && self.drop.is_none() => {
                 Some("omav_tilting")
@@ -149,7 +172,7 @@ impl Arguments {
     }
 
     /// What to hold beside the reference.
-    pub(super) fn tilt(&self) -> Result<Tilt> {
+    fn tilt(&self) -> Result<Tilt> {
         let [at, ramp] = self.tilt_at;
         for (what, value, most) in [("--roll", self.roll, 180.0), ("--pitch", self.pitch, 90.0)] {
             if value.is_nan() || value.abs() > most {
@@ -163,7 +186,7 @@ impl Arguments {
     }
 
     /// Refuses a tilt or a shape for what has neither.
-    pub(super) fn level(&self) -> Result<()> {
+    fn level(&self) -> Result<()> {
         let what = if self.shape.is_some() { "--shape" } else { "--roll or --pitch" };
         if !self.turns() && self.shape.is_none() {
             return Ok(());
@@ -180,13 +203,37 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     a.flight.check()?;
     let configuration = a.named().is_some_and(|named| rig::configuration(named).is_some());
-    if configuration || a.drop.is_some() {
-        if !a.failure.fail.is_empty() {
-            let limit = "a single vehicle that flies";
-            return Err(Error::value("--fail", "a configuration or a drop", limit, "Name a vehicle, without --drop."));
-        }
-        return fly_rig::run(a);
+    if !configuration && a.drop.is_none() {
+        return flown(a, vehicle(a)?);
     }
+    let rig = rig::load(a.named().unwrap_or("hummingbird"), &a.rotors)?;
+    // what nobody steers yet falls
+    let alone = !rig.model.drones().is_empty() && !steerable(&rig.model);
+    if a.drop.is_none() && !alone {
+        return flown(a, configured(a, rig)?);
+    }
+    if !a.failure.fail.is_empty() {
+        return Err(Error::value("--fail", "a drop", "something that flies", "Leave it out: rotors idle."));
+    }
+    drop::dropped(a, &rig)
+}
+
+/// What flies, under whom, along what.
+struct Flyer {
+    plant: Plant,
+    controller: Box<dyn Controller>,
+    plan: FlightPlan,
+    what: What,
+}
+
+/// Where it comes from.
+enum What {
+    Vehicle { source: Box<Source>, gains: Gains, gains_name: String },
+    Model(Box<Rig>),
+}
+
+/// A single vehicle.
+fn vehicle(a: &Arguments) -> Result<Flyer> {
     a.level()?;
     if let Some(named) = &a.vehicle {
         rig::known(named)?;
@@ -194,56 +241,95 @@ pub fn run(a: &Arguments) -> Result<Report> {
     alone(&a.flight.physics().effects)?;
     let source = source::load(a.vehicle.as_deref(), &a.rotors)?;
     let mut plan = a.flight.plan(a.duration, a.wind.clone(), a.seed)?;
-    plan.failures = a.failure.of(&source.vehicle)?;
-    plan.detection_delay = a.failure.detection;
-    let n_step = plan.n_step()?;
+    plan.n_step()?;
+    let plant = Plant::of_vehicle(&source.vehicle, plan.air_physics())?;
+    fail(a, &plant, &mut plan)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
-    let writes = a.csv || !a.no_plots;
-    let folder = a.out.clone().unwrap_or_else(|| files::default_folder(&source.vehicle.name));
-    // checks vehicle, gains and rates before any folder is made
-    ClosedLoop::new(&source.vehicle, plan.physics, &gains, &plan.rates)?;
-    if writes {
-        files::prepare_folder(&folder)?;
-    }
+    let name = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
+    let controller = match policy(a, &plant)? {
+        Some(policy) => policy,
+        None => controller(name, &plant, &Setup::new(Some(&gains), &plan.rates))?,
+    };
+    Ok(Flyer { plant, controller, plan, what: What::Vehicle { source: Box::new(source), gains, gains_name } })
+}
 
-    let bar = progress::bar(n_step, "flying", a.json);
-    let start = Instant::now();
-    let flight = fly(&source.vehicle, &gains, &plan, &mut |k| {
-        if k % 512 == 0 {
-            bar.set_position(k);
+/// A configuration.
+fn configured(a: &Arguments, rig: Rig) -> Result<Flyer> {
+    let plant = model_plant(a, &rig, false)?;
+    let reference = reference(a, &plant)?;
+    let usual = reference.duration().map_or(20.0, |end| end + 2.0);
+    let mut plan = a.flight.plan(Some(a.duration.unwrap_or(usual)), a.wind.clone(), a.seed)?;
+    (plan.reference, plan.physics) = (reference, *plant.physics());
+    plan.n_step()?;
+    plan.tilt = a.tilt()?;
+    fail(a, &plant, &mut plan)?;
+    let controller = model_controller(a, &plant, &plan)?;
+    Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(rig)) })
+}
+
+/// The policy of the arguments.
+fn policy(a: &Arguments, plant: &Plant) -> Result<Option<Box<dyn Controller>>> {
+    let Some(run) = &a.policy else { return Ok(None) };
+    Ok(Some(Box::new(PolicyController::new(load_policy(run)?, plant)?)))
+}
+
+/// The failures of the arguments.
+fn fail(a: &Arguments, plant: &Plant, plan: &mut FlightPlan) -> Result<()> {
+    let names: Vec<String> = plant.rotors().iter().map(|r| r.name.clone()).collect();
+    (plan.failures, plan.detection_delay) = (a.failure.of(&names)?, a.failure.detection);
+    Ok(())
+}
+
+/// A model with the effects of the arguments, and of the wind.
+fn model_plant(a: &Arguments, rig: &Rig, contact: bool) -> Result<Plant> {
+    let mut physics = a.flight.physics();
+    physics.effects.disturbance |= a.wind != Wind::Calm;
+    physics.effects.contact |= contact;
+    Plant::of_model(&rig.model, physics)
+}
+
+/// What was asked, else a slow lemniscate high enough for what hangs below.
+fn reference(a: &Arguments, plant: &Plant) -> Result<Reference> {
+    let (None, Some(system)) = (&a.flight.reference, plant.tree()) else { return a.flight.reference() };
+    let below = -model::lowest(system, &system.rest_state());
+    let usual = Lemniscate::default();
+    let dip = usual.scale[2] * usual.vertical;
+    let height = (ROOM + dip + below).max(usual.origin[2]);
+    Ok(Reference::Lemniscate(Lemniscate { rate: GENTLE, origin: [0.0, 0.0, (10.0 * height).ceil() / 10.0], ..usual }))
+}
+
+/// Who flies a configuration, in what shape.
+fn model_controller(a: &Arguments, plant: &Plant, plan: &FlightPlan) -> Result<Box<dyn Controller>> {
+    let gains: Option<Gains> = match a.flight.gains.as_deref() {
+        None | Some("derived") => None,
+        Some("published") => {
+            return Err(Error::value(
+                "--gains",
+                "published, but nobody published gains for configurations",
+                "derived or a TOML file",
+                "Leave the option out for gains derived from what each controller flies.",
+            ));
         }
-    })?;
-    let wall_time = start.elapsed().as_secs_f64();
-    bar.finish_and_clear();
-
-    let derivatives = Derivatives::of(&source.vehicle, &gains, &plan, &flight)?;
-    let story = Story::of(&source.vehicle, &plan, &flight)?;
-
-    let after = if plan.duration > TRANSIENT { TRANSIENT } else { 0.0 };
-    let summary = flight.log.summary(after);
-    let mut written = Vec::new();
-    if !a.no_plots {
-        let spinner = progress::spinner("drawing", a.json);
-        let mut figures = FlightFigures::new(&flight.log, after);
-        for (at, name) in story.iter().flat_map(Story::events) {
-            figures = figures.event(&name, at);
+        Some(file) => Some(files::read_toml(Path::new(file))?),
+    };
+    if let Some(policy) = policy(a, plant)? {
+        a.level()?;
+        return Ok(policy);
+    }
+    match plant.tree().filter(|system| vectored(system.model())) {
+        Some(system) => {
+            let shape = a.shape.as_deref().map_or(Ok(Shape::Straight), Shape::parse)?;
+            let bends = Bends::new(system.model(), shape, plan.tilt.at)?;
+            Ok(Box::new(Vectored::new(system, gains.as_ref(), &plan.rates)?.with_bends(bends)))
         }
-        written.extend(figures.save(&folder, a.format.extension())?);
-        spinner.finish_and_clear();
+        None => {
+            let own = default_controller(plant, &Setup::new(gains.as_ref(), &plan.rates))?;
+            if a.shape.is_some() || !own.holds_tilt() {
+                a.level()?;
+            }
+            Ok(own)
+        }
     }
-    if a.csv {
-        let path = folder.join("flight.csv");
-        let spinner = progress::spinner("writing CSV", a.json);
-        flight.log.write_csv(&path)?;
-        spinner.finish_and_clear();
-        written.push(path);
-    }
-    let result = Flown { source, plan, gains, gains_name, derivatives, story, flight, summary, wall_time, written };
-    let verdict = result.verdict(a.max_rmse);
-    if a.json {
-        return Ok(Report::json(&result.json(&verdict), verdict.is_ok()));
-    }
-    Ok(Report { success: verdict.is_ok(), text: result.page(&verdict) })
 }
 
 /// Refuses effects that need more than one rigid vehicle.
@@ -260,17 +346,152 @@ fn alone(effects: &Effects) -> Result<()> {
     }
 }
 
+fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
+    let Flyer { plant, mut controller, plan, what } = flyer;
+    let folder = a.out.clone().unwrap_or_else(|| files::default_folder(plant.name()));
+    if a.csv || !a.no_plots {
+        files::prepare_folder(&folder)?;
+    }
+    let bar = progress::bar(plan.n_step()?, "flying", a.json);
+    let clock = Instant::now();
+    let flight = fly(&plant, &mut controller, &plan, &mut |k| {
+        if k % 256 == 0 {
+            bar.set_position(k);
+        }
+    })?;
+    let wall_time = clock.elapsed().as_secs_f64();
+    bar.finish_and_clear();
+
+    let after = if plan.duration > TRANSIENT { TRANSIENT } else { 0.0 };
+    let (mut derivatives, mut story) = (None, None);
+    if let What::Vehicle { source, gains, .. } = &what {
+        if a.policy.is_none() {
+            derivatives = Some(Derivatives::of(&source.vehicle, gains, &plan, &flight)?);
+        }
+        story = Story::of(&source.vehicle, &plan, &flight)?;
+    }
+    let written = write(a, &folder, &plant, &flight, after, story.as_ref())?;
+    let (mut histories, mut lowest) = (Vec::new(), None);
+    if let Some(system) = plant.tree() {
+        let rows = flight.states.chunks_exact(system.rest_state().len()).step_by(5);
+        lowest = Some(rows.map(|row| model::lowest(system, row)).fold(f64::INFINITY, f64::min));
+        histories = joints(system, &flight.states);
+    }
+    let result = Flown {
+        controller: [controller.name().into(), controller.description()],
+        notes: controller.notes(),
+        summary: flight.log.summary(after),
+        joints: histories,
+        lowest,
+        learnt: a.policy.is_some(),
+        derivatives,
+        story,
+        what,
+        plant,
+        plan,
+        flight,
+        wall_time,
+        written,
+    };
+    let verdict = result.verdict(a.max_rmse);
+    if a.json {
+        return Ok(Report::json(&result.json(&verdict), verdict.is_ok()));
+    }
+    Ok(Report { success: verdict.is_ok(), text: result.page(&verdict) })
+}
+
+/// Figures and tables.
+fn write(
+    a: &Arguments,
+    folder: &Path,
+    plant: &Plant,
+    flight: &Flight,
+    after: f64,
+    story: Option<&Story>,
+) -> Result<Vec<PathBuf>> {
+    let mut written = Vec::new();
+    if !a.no_plots {
+        let spinner = progress::spinner("drawing", a.json);
+        written.extend(match plant.tree() {
+            Some(system) => {
+                let figures = RigFigures::new(system, &flight.log, &flight.states, after);
+                figures.save(folder, a.format.extension())?
+            }
+            None => {
+                let events = story.into_iter().flat_map(Story::events);
+                let figures = FlightFigures::new(&flight.log, after);
+                let figures = events.fold(figures, |figures, (at, name)| figures.event(&name, at));
+                figures.save(folder, a.format.extension())?
+            }
+        });
+        spinner.finish_and_clear();
+    }
+    if a.csv {
+        let spinner = progress::spinner("writing CSV", a.json);
+        let path = folder.join("flight.csv");
+        flight.log.write_csv(&path)?;
+        written.push(path);
+        if let Some(system) = plant.tree() {
+            let path = folder.join("joints.csv");
+            files::write_new(&path, &joint_csv(system, flight), true)?;
+            written.push(path);
+        }
+        spinner.finish_and_clear();
+    }
+    Ok(written)
+}
+
+/// Angles and rates of all joints, one line per sample.
+fn joint_csv(system: &Multibody, flight: &Flight) -> String {
+    let layout = system.layout();
+    let own = |i: &usize| layout.bodies[*i].n_freedom == 1;
+    let places: Vec<usize> = (0..layout.bodies.len()).filter(own).collect();
+    let mut text = String::from("time [s]");
+    for i in &places {
+        let body = &system.model().bodies()[*i];
+        let turns = matches!(body.joint.motion, Motion::Revolute(_));
+        let unit = if turns { "rad" } else { "m" };
+        let _ = write!(text, ",{0} [{unit}],{0} rate [{unit}/s]", body.joint.name);
+    }
+    text.push('\n');
+    for (time, row) in flight.log.time.iter().zip(flight.states.chunks_exact(system.rest_state().len())) {
+        let _ = write!(text, "{time}");
+        for i in &places {
+            let _ = write!(text, ",{},{}", row[layout.bodies[*i].position], row[layout.bodies[*i].velocity]);
+        }
+        text.push('\n');
+    }
+    text
+}
+
 struct Flown {
-    source: Source,
+    plant: Plant,
+    what: What,
+    /// Name and description.
+    controller: [String; 2],
+    /// What it says about itself.
+    notes: Vec<Note>,
     plan: FlightPlan,
-    gains: Gains,
-    gains_name: String,
-    derivatives: Derivatives,
-    story: Option<Story>,
     flight: Flight,
     summary: FlightSummary,
+    /// Of a vehicle.
+    derivatives: Option<Derivatives>,
+    /// Of a vehicle whose rotors fail.
+    story: Option<Story>,
+    joints: Vec<JointHistory>,
+    /// Of a configuration, m.
+    lowest: Option<f64>,
+    /// Whether a policy flew.
+    learnt: bool,
     wall_time: f64,
     written: Vec<PathBuf>,
+}
+
+/// Largest and root-mean-square value of a history.
+fn extremes(history: &JointHistory) -> [f64; 2] {
+    let v = &history.values;
+    let most = v.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    [most, (v.iter().map(|x| x * x).sum::<f64>() / v.len().max(1) as f64).sqrt()]
 }
 
 impl Flown {
@@ -278,20 +499,24 @@ impl Flown {
     fn verdict(&self, max_rmse: Option<f64>) -> std::result::Result<(), String> {
         if let Some(t) = self.flight.diverged_at {
             return Err(format!(
-                "the flight diverged at {} s: gains too high for dt, or a reference beyond the vehicle",
+                "the flight diverged at {} s: gains too high for dt, or a reference or shape beyond what flies",
                 short(t, 4)
             ));
         }
-        if let Some(reason) = self.story.as_ref().and_then(Story::lost) {
-            return Err(reason);
+        if let Some((at, far)) = self.flight.lost() {
+            let left = self.story.as_ref().map_or_else(String::new, |s| format!(" ({})", s.left()));
+            let at = short(at, 4);
+            let far = length(far);
+            return Err(match &self.what {
+                What::Vehicle { .. } => format!("the vehicle was lost at {at} s, {far} from its reference{left}"),
+                What::Model(rig) => format!(
+                    "the vehicle was lost at {at} s: '{}' came {far} from its reference; try a slower --reference, hover, or \
+                     less of --roll, --pitch or --shape",
+                    rig.model.name()
+                ),
+            });
         }
-        match (self.summary.rmse, max_rmse) {
-            (None, _) => Err("the tracking RMSE is not finite".into()),
-            (Some(rmse), Some(limit)) if rmse > limit => {
-                Err(format!("the tracking RMSE of {} exceeds --max-rmse {}", length(rmse), length(limit)))
-            }
-            _ => Ok(()),
-        }
+        tracked(&self.summary, max_rmse)
     }
 
     /// Simulated over real time.
@@ -301,22 +526,33 @@ impl Flown {
 
     fn page(&self, verdict: &std::result::Result<(), String>) -> String {
         let mut page = Page::new();
-        self.source.describe(&mut page);
-        page.heading("Vehicle").facts(&key_facts(&self.source.vehicle));
+        match &self.what {
+            What::Vehicle { source, .. } => {
+                source.describe(&mut page);
+                page.heading("Vehicle").facts(&key_facts(&source.vehicle));
+            }
+            What::Model(rig) => {
+                page.title(rig.model.name(), &rig.origin);
+                page.line(format!("  {}", rig.description));
+            }
+        }
         page.heading("Flight").facts(&self.facts());
-        if let Some(story) = &self.story {
-            story.page(&mut page, &self.source.vehicle, &self.plan);
+        if let (Some(story), What::Vehicle { source, .. }) = (&self.story, &self.what) {
+            story.page(&mut page, &source.vehicle, &self.plan);
         }
-        page.heading("Derivatives of what was flown");
-        if !self.derivatives.certificates.is_empty() {
-            page.table(&self.derivatives.table());
-            page.line(self.derivatives.remark());
+        if let Some(derivatives) = &self.derivatives {
+            derivatives.page(&mut page);
         }
-        if let Some(line) = self.derivatives.gradient_line() {
-            page.line(&line);
-        }
-        for remark in &self.derivatives.left_out {
-            page.line(format!("  left out: {remark}"));
+        if !self.joints.is_empty() {
+            let mut table = Table::new(&[("joint", Align::Left), ("largest", Align::Right), ("rms", Align::Right)]);
+            for joint in &self.joints {
+                let show = |v: f64| {
+                    if joint.turns { format!("{}°", number(v.to_degrees(), 1)) } else { length(v) }
+                };
+                table.row([joint.name.clone()].into_iter().chain(extremes(joint).map(show)));
+            }
+            page.heading("Joints").table(&table);
+            page.line("  away from rest; of a universal joint both hinges together");
         }
         if !self.written.is_empty() {
             page.heading("Written");
@@ -332,69 +568,142 @@ impl Flown {
 
     fn facts(&self) -> Vec<Fact> {
         let (s, plan) = (&self.summary, &self.plan);
-        let from =
-            if s.rmse_after > 0.0 { format!("after the first {} s", s.rmse_after) } else { "whole flight".into() };
-        let rates = &plan.rates;
-        let hz = |rate: f64| short(rate, 4);
-        let (gains, file) = match self.gains_name.as_str() {
-            known @ ("published" | "derived") => (known, String::new()),
-            file => ("from a file", format!("{file}; ")),
+        let place = match &plan.reference {
+            Reference::Lemniscate(l) => {
+                format!("; {} rad/s around ({}) m", l.rate, l.origin.map(|v| short(v, 3)).join(", "))
+            }
+            Reference::Hover(Hover { position, .. }) => format!("; ({}) m", position.map(|v| short(v, 3)).join(", ")),
+            _ => String::new(),
+        };
+        let substeps = match plan.physics.substeps {
+            1 => String::new(),
+            n => format!(" ({n} substeps)"),
         };
         let mut facts = vec![
-            Fact::new("reference", plan.reference.name()).note(plan.reference.description()),
-            Fact::new("simulated", format!("{} s", short(s.duration, 5))).note(format!(
-                "{} steps of {} in {}: {} × real time",
-                s.samples.saturating_sub(1),
-                duration(plan.physics.dt),
-                duration(self.wall_time),
-                short(self.speed(), 3)
-            )),
-            Fact::new("gains", gains).note(format!(
-                "{file}rate {} Hz, attitude {} Hz, velocity and position {} Hz",
-                hz(rates.rate),
-                hz(rates.attitude),
-                hz(rates.velocity)
-            )),
+            Fact::new("controller", &self.controller[0]).note(&self.controller[1]),
+            Fact::new("reference", plan.reference.name()).note(format!("{}{place}", plan.reference.description())),
         ];
+        facts.extend(self.tilt_fact());
+        facts.push(Fact::new("simulated", format!("{} s", short(s.duration, 5))).note(format!(
+            "{} steps of {}{substeps} in {}: {} × real time",
+            s.samples.saturating_sub(1),
+            duration(plan.physics.dt),
+            duration(self.wall_time),
+            short(self.speed(), 3)
+        )));
+        if !self.learnt {
+            facts.push(self.gains_fact());
+        }
         if let Some((kind, wind)) = describe_wind(&plan.wind) {
             facts.push(Fact::new("wind", kind).note(wind));
         }
+        facts.extend(self.failure_facts());
+        let from =
+            if s.rmse_after > 0.0 { format!("after the first {} s", s.rmse_after) } else { "whole flight".into() };
         let with_start = match (s.max_error, s.max_error_overall) {
             (Some(late), Some(overall)) if overall > late => format!("{} with the start", length(overall)),
             _ => String::new(),
         };
+        let whose = if self.plant.tree().is_some() { "of the root" } else { "" };
         facts.extend([
             Fact::new("tracking RMSE", length(s.rmse)).note(from),
             Fact::new("largest error", length(s.max_error)).note(with_start),
             Fact::new("top speed", format!("{} m/s", number(s.max_speed, 2))),
-            Fact::new("largest tilt", format!("{}°", number(s.max_tilt.map(f64::to_degrees), 1))),
+            Fact::new("largest tilt", format!("{}°", number(s.max_tilt.map(f64::to_degrees), 1))).note(whose),
             Fact::new("rotors at a limit", format!("{} %", number(s.saturation.map(|v| 100.0 * v), 1)))
                 .note("of all commands"),
         ]);
+        if let Some(lowest) = self.lowest {
+            let ground = match (lowest < 0.0, plan.physics.effects.contact) {
+                (false, _) => "of all bodies and rotors, over the whole flight",
+                (true, true) => "of all bodies and rotors: it touched the ground",
+                (true, false) => "below the ground at 0, which is not simulated here: --effects contact",
+            };
+            facts.push(Fact::new("lowest point", format!("{} m", short(lowest, 3))).note(ground));
+        }
+        facts.extend(self.notes.iter().map(|n| Fact::new(&n.name, &n.value).note(&n.note)));
         facts
     }
 
+    fn tilt_fact(&self) -> Option<Fact> {
+        let tilt = &self.plan.tilt;
+        let [roll, pitch] = [tilt.roll, tilt.pitch].map(|a| short(a.to_degrees(), 3));
+        let over = if tilt.ramp > 0.0 { format!(" over {} s", short(tilt.ramp, 3)) } else { String::new() };
+        let note = format!("from {} s on{over}", short(tilt.at, 3));
+        (!tilt.is_level()).then(|| Fact::new("held beside it", format!("roll {roll}°, pitch {pitch}°")).note(note))
+    }
+
+    fn gains_fact(&self) -> Fact {
+        let rates = &self.plan.rates;
+        let hz = |rate: f64| short(rate, 4);
+        let (gains, file) = match &self.what {
+            What::Model(_) => ("its own", String::new()),
+            What::Vehicle { gains_name, .. } => match gains_name.as_str() {
+                known @ ("published" | "derived") => (known, String::new()),
+                file => ("from a file", format!("{file}; ")),
+            },
+        };
+        Fact::new("gains", gains).note(format!(
+            "{file}rate {} Hz, attitude {} Hz, velocity and position {} Hz",
+            hz(rates.rate),
+            hz(rates.attitude),
+            hz(rates.velocity)
+        ))
+    }
+
+    /// What failed of a configuration; a vehicle has a story of it.
+    fn failure_facts(&self) -> Vec<Fact> {
+        let rotors = if self.story.is_none() { self.plant.rotors() } else { Vec::new() };
+        let known = format!("its controller was told {} later", duration(self.plan.detection_delay));
+        let fact = |f: &Failure| {
+            let left =
+                if f.effectiveness > 0.0 { format!("{} % left", 100.0 * f.effectiveness) } else { "lost".into() };
+            let rotor = rotors.get(f.rotor)?;
+            Some(Fact::new(&rotor.name, format!("{left} at {} s", short(f.at, 4))).note(&known))
+        };
+        self.plan.failures.iter().filter_map(fact).collect()
+    }
+
     fn json(&self, verdict: &std::result::Result<(), String>) -> Value {
-        json!({
+        let mut value = json!({
             "command": "fly",
             "version": env!("CARGO_PKG_VERSION"),
             "success": verdict.is_ok(),
             "failure": verdict.as_ref().err(),
-            "vehicle": KeyFigures::of(&self.source.vehicle).json(&self.source.vehicle),
-            "source": self.source.json(),
+            "controller": self.controller[0],
+            "controller_notes": self.notes.iter().map(|n| json!([n.name, n.value, n.note])).collect::<Vec<_>>(),
             "plan": self.plan,
-            "gains": self.gains,
-            "gains_from": self.gains_name,
             "flight": self.summary,
             "diverged_at": self.flight.diverged_at,
-            "failures": self.story.as_ref().map(|s| s.json(&self.source.vehicle)),
+            "lost_at": self.flight.lost().map(|(at, _)| at),
             "wall_time": self.wall_time,
             "times_real_time": self.speed(),
-            "derivatives": self.derivatives.json(),
-            "sensitivity": self.derivatives.through.as_ref().map(|(s, _)| s),
-            "left_out": self.derivatives.left_out,
             "files": files::names(&self.written),
-        })
+        });
+        match &self.what {
+            What::Vehicle { source, gains, gains_name } => {
+                value["vehicle"] = KeyFigures::of(&source.vehicle).json(&source.vehicle);
+                value["source"] = source.json();
+                value["gains"] = json!(gains);
+                value["gains_from"] = json!(gains_name);
+                value["failures"] = json!(self.story.as_ref().map(|s| s.json(&source.vehicle)));
+            }
+            What::Model(rig) => {
+                let joint = |j: &JointHistory| {
+                    let [largest, rms] = extremes(j);
+                    json!({ "name": j.name, "turns": j.turns, "largest": largest, "rms": rms })
+                };
+                value["configuration"] = json!(rig.model.name());
+                value["joints"] = self.joints.iter().map(joint).collect();
+                value["lowest"] = json!(self.lowest);
+            }
+        }
+        if let Some(derivatives) = &self.derivatives {
+            value["derivatives"] = derivatives.json();
+            value["sensitivity"] = json!(derivatives.through.as_ref().map(|(s, _)| s));
+            value["left_out"] = json!(derivatives.left_out);
+        }
+        value
     }
 }
 
@@ -413,146 +722,21 @@ fn describe_wind(wind: &Wind) -> Option<(&'static str, String)> {
     }
 }
 
-/// One system's Jacobian at a point, derived three ways.
-struct Row {
-    what: &'static str,
-    rows: usize,
-    columns: usize,
-    time: f64,
-    certificate: Certificate,
-}
-
-/// Certificates at the point of the flight farthest from kinks, and the gradient of its error through all of it.
-struct Derivatives {
-    certificates: Vec<Row>,
-    through: Option<(Sensitivity, f64)>,
-    /// What was left out, and why.
-    left_out: Vec<String>,
-}
-
-impl Derivatives {
-    fn of(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, flight: &Flight) -> Result<Self> {
-        let mut d = Self { certificates: Vec::new(), through: None, left_out: Vec::new() };
-        if flight.diverged_at.is_some() {
-            d.left_out.push("the flight diverged: there is no finite point to differentiate at".into());
-            return Ok(d);
+/// Whether a flight kept to its reference, or why not.
+pub fn tracked(summary: &FlightSummary, max_rmse: Option<f64>) -> std::result::Result<(), String> {
+    if let Some(since) = summary.lost_at {
+        let far = length(summary.max_error_overall);
+        return Err(format!(
+            "the reference was lost: farther than {} from {} s to the end, {far} at most",
+            length(LOST),
+            short(since, 3)
+        ));
+    }
+    match (summary.rmse, max_rmse) {
+        (None, _) => Err("the tracking RMSE is not finite".into()),
+        (Some(rmse), Some(limit)) if rmse > limit => {
+            Err(format!("the tracking RMSE of {} exceeds --max-rmse {}", length(rmse), length(limit)))
         }
-        if !plan.failures.is_empty() {
-            d.left_out.push("the control law switches at a failure: fly without --fail for derivatives".into());
-            return Ok(d);
-        }
-        let mut physics = plan.physics;
-        physics.effects.disturbance |= plan.wind != Wind::Calm;
-        let plant = Multirotor::new(vehicle, physics)?;
-        let system = ClosedLoop::new(vehicle, physics, gains, &plan.rates)?.with_gains();
-        let SmoothPoint { state, input, actions, .. } = &flight.smoothest;
-        let body = &state[..plant.n_state()];
-        let mut action = actions.clone();
-        action.extend(&input[input.len() - (plant.n_input() - actions.len())..]);
-        let step = d.small_enough(certified("one step of the vehicle", &plant, body, &action, &[]))?;
-        let closed = certified("one step of the closed loop", &system, state, input, &system.gain_vector());
-        let closed = d.small_enough(closed)?;
-        d.certificates.extend(step.into_iter().chain(closed));
-        let start = Instant::now();
-        let through = d.small_enough(sensitivity(vehicle, gains, plan))?;
-        d.through = through.map(|s| (s, start.elapsed().as_secs_f64()));
-        Ok(d)
+        _ => Ok(()),
     }
-
-    /// `None` with a remark where something is too large to record, or a gain is zero.
-    fn small_enough<T>(&mut self, result: Result<T>) -> Result<Option<T>> {
-        match result {
-            Ok(value) => Ok(Some(value)),
-            Err(e @ (Error::Limit { .. } | Error::Value { .. })) => {
-                let reason = e.to_string();
-                if !self.left_out.contains(&reason) {
-                    self.left_out.push(reason);
-                }
-                Ok(None)
-            }
-            Err(e) => Err(e),
-        }
-    }
-
-    /// The gain whose relative change moves the RMSE most, in words.
-    fn gradient_line(&self) -> Option<String> {
-        let (s, time) = self.through.as_ref()?;
-        let g = &s.gradient;
-        let named = [("position", g.position), ("velocity", g.velocity), ("attitude", g.attitude), ("rate", g.rate)];
-        let all = named.iter().flat_map(|(n, v)| ["x", "y", "z"].iter().zip(v).map(move |(a, x)| (*n, *a, *x)));
-        let (name, axis, most) = all.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()))?;
-        Some(format!(
-            "  gradient of the RMSE over 12 gains, backwards through {} closed-loop steps: {}\n  \
-             most felt: {name} gain {axis}, {:+.2} mm for 10 % more",
-            s.steps,
-            duration(*time),
-            most * 1.1_f64.ln() * 1e3
-        ))
-    }
-
-    fn table(&self) -> Table {
-        let mut table = Table::new(&[
-            ("Jacobian of", Align::Left),
-            ("size", Align::Right),
-            ("time", Align::Right),
-            ("adjoint − duals", Align::Right),
-            ("duals − differences", Align::Right),
-            ("Taylor order", Align::Right),
-            ("", Align::Left),
-        ]);
-        for row in &self.certificates {
-            let c = &row.certificate;
-            let order = if c.taylor_order.is_nan() { "affine".into() } else { number(c.taylor_order, 3) };
-            table.row([
-                row.what.to_string(),
-                format!("{} × {}", row.rows, row.columns),
-                duration(row.time),
-                format!("{:.0e}", c.adjoint_error),
-                format!("{:.0e}", c.difference_error),
-                order,
-                if c.holds(Bounds::default()) { "certified".into() } else { "NOT HELD".to_string() },
-            ]);
-        }
-        table
-    }
-
-    fn remark(&self) -> &'static str {
-        if self.certificates.iter().all(|r| r.certificate.holds(Bounds::default())) {
-            "  reverse adjoint, forward duals and finite differences agree (relative); order 2 is exact"
-        } else {
-            "  not held: the point lies on a kink (a saturated command), or a derivative is wrong"
-        }
-    }
-
-    fn json(&self) -> Value {
-        let row = |r: &Row| {
-            json!({
-                "of": r.what,
-                "rows": r.rows,
-                "columns": r.columns,
-                "time": r.time,
-                "adjoint_error": r.certificate.adjoint_error,
-                "difference_error": r.certificate.difference_error,
-                "taylor_order": r.certificate.taylor_order,
-                "value_error": r.certificate.value_error,
-                "holds": r.certificate.holds(Bounds::default()),
-            })
-        };
-        self.certificates.iter().map(row).collect()
-    }
-}
-
-fn certified<F: System>(what: &'static str, system: &F, x: &[f64], u: &[f64], theta: &[f64]) -> Result<Row> {
-    let certificate = certify(system, x, u, theta)?;
-    let (rows, columns) = (system.n_state(), x.len() + u.len() + theta.len());
-    let mut scratch = JacobianScratch::new(system);
-    let mut entries = vec![0.0; rows * columns];
-    // the best of a few: other work on the machine only adds
-    let mut time = f64::INFINITY;
-    for _ in 0..50 {
-        let start = Instant::now();
-        jacobian(system, x, u, theta, &mut scratch, &mut entries);
-        time = time.min(start.elapsed().as_secs_f64());
-    }
-    Ok(Row { what, rows, columns, time, certificate })
 }

@@ -16,7 +16,7 @@ pub const ABOUT: &str = "\
 Read a URDF and say what is in it: bodies, rotors, every oddity with its line, and every number that was concluded \
 rather than read. URDF cannot describe rotors; they come from a small TOML beside it (drone.urdf: drone.rotors.toml), \
 or from a <properties> element. Where neither exists, a draft of that TOML is written from the names of the links, with \
-each guess marked for you to correct.";
+each guess marked for you to correct: beside the URDF, or to --out. What will be written is said before.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -74,6 +74,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let imported = import(a, &options, &mut written)?;
     let vehicle = &imported.import.vehicle;
     if let Some(to) = &a.to {
+        announce(a, to, "the whole vehicle");
         files::write_new(to, &vehicle.to_toml()?, a.force)?;
         written.push(to.clone());
     }
@@ -115,11 +116,19 @@ fn import(a: &Arguments, options: &ImportOptions, written: &mut Vec<PathBuf>) ->
     let file_name = path.display().to_string();
     let rotors = RotorFile::parse(&toml, &file_name)?;
     let mut import = import_text(&text, &name, Some(&rotors), options)?;
+    announce(a, &path, "a draft of its rotors");
     files::write_new(&path, &toml, a.force)?;
     written.push(path);
     import.assumptions.retain(|known| !assumptions.contains(known));
     import.assumptions.splice(0..0, assumptions);
     Ok(Imported { import, rotors_from: file_name, drafted: true })
+}
+
+/// Says what will be written, before it is.
+fn announce(a: &Arguments, path: &Path, what: &str) {
+    if !a.json {
+        eprintln!("writing {}: {what}", path.display());
+    }
 }
 
 fn draft_path(urdf: &Path, out: Option<&Path>) -> PathBuf {

@@ -8,7 +8,7 @@
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
 //! | `rollout_files.rs` | plots and CSV of `rollout` |
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
-//! | `fly_rig.rs` | `fly` for configurations, and drops |
+//! | `fly/` | derivatives of what was flown; drops |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `rig.rs` | an articulated system from a name or a vehicle |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
@@ -28,7 +28,6 @@ mod eval;
 mod failure;
 mod files;
 mod fly;
-mod fly_rig;
 mod import;
 mod models;
 mod page;

@@ -10,8 +10,10 @@ use clap::ValueEnum;
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::sheet::DIVERGED;
-use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spread, Watched, evaluate};
+use omnidrones::tasks::task_spec::DIVERGED;
+use omnidrones::tasks::{
+    Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spec, Spread, Watched, evaluate,
+};
 use serde_json::{Value, json};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -106,9 +108,9 @@ Formation has a second limit, on the place; the FlyThrough tasks ask for theirs 
 TransportFlyThrough with all drones beyond x = 0.05 m. The page names the limit, and 'omnidrones tasks TASK' too.";
 
 /// What a success is, as a line below a table.
-pub fn success(entry: &Entry) -> String {
-    let when = if entry.succeeds_once() { "" } else { "in the last step, " };
-    format!("  Success, {when}not crashed: {}.", entry.success())
+pub fn success(spec: &Spec) -> String {
+    let when = if spec.success.once { "" } else { "in the last step, " };
+    format!("  Success, {when}not crashed: {}.", spec.success.text())
 }
 
 /// What flew, and how well.
@@ -157,13 +159,14 @@ impl Commands {
     /// The policy, watched.
     pub fn of<'a>(
         &'a self,
-        policy: &'a mut dyn FnMut(&Env, &Buffers, &mut [f32]),
-    ) -> impl FnMut(&Env, &Buffers, &mut [f32]) + 'a {
+        policy: &'a mut dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()>,
+    ) -> impl FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a {
         move |env, out, actions| {
-            policy(env, out, actions);
+            policy(env, out, actions)?;
             let mut given = self.given.borrow_mut();
             given.clear();
             given.extend_from_slice(actions);
+            Ok(())
         }
     }
 
@@ -237,6 +240,7 @@ impl Ready {
         let mut random = |env: &Env, _: &Buffers, actions: &mut [f32]| {
             env.sample(draw(seed, steps), actions);
             steps += 1;
+            Ok(())
         };
         let (controller, evaluation) = match &mut self.baseline {
             Some(own) => {
@@ -313,9 +317,7 @@ impl Flown {
         let spec = self.record.spec();
         let how = format!("{} episodes, seed {}, flown by {}", spec.n_env, spec.config.seed, self.controller);
         page.title(&spec.task, &how).facts(&self.facts());
-        if let Ok(entry) = registry::by_name(&spec.task) {
-            page.line(success(entry));
-        }
+        page.line(success(spec));
         if let Some(note) = &self.unflown {
             page.line(format!("  {note}"));
         }
@@ -364,7 +366,7 @@ impl Flown {
     fn ends(&self) -> Table {
         let (spec, e) = (self.record.spec(), &self.evaluation);
         let mut table = Table::new(&[("reason", Align::Left), ("episodes", Align::Right), ("when", Align::Left)]);
-        let conditions = spec.ends.iter().map(|end| (end.name, end.condition.as_str()));
+        let conditions = spec.ends.iter().map(|end| (end.name.as_str(), end.condition.as_str()));
         for ((name, condition), share) in conditions.chain([DIVERGED]).zip(&e.ends) {
             table.row([name, &share_of(*share, spec.n_env), condition]);
         }
@@ -414,10 +416,10 @@ impl Flown {
     /// The same for programs.
     pub fn json(&self, command: &str, controller: &str, written: &[PathBuf]) -> Value {
         let (spec, e) = (self.record.spec(), &self.evaluation);
-        let names = spec.ends.iter().map(|end| end.name).chain(["diverged"]);
+        let names = spec.ends.iter().map(|end| end.name.as_str()).chain(["diverged"]);
         let ends: serde_json::Map<_, _> = names.zip(&e.ends).map(|(name, share)| (name.into(), json!(share))).collect();
         let terms = spec.reward.iter().zip(&e.terms);
-        let terms: serde_json::Map<_, _> = terms.map(|(t, mean)| (t.name.into(), json!(mean))).collect();
+        let terms: serde_json::Map<_, _> = terms.map(|(t, mean)| (t.name.clone(), json!(mean))).collect();
         let metrics: serde_json::Map<_, _> =
             self.final_spreads().map(|(name, unit, s)| (name.into(), json!({ "unit": unit, "last": s }))).collect();
         json!({

@@ -5,7 +5,7 @@ use super::page::short;
 use super::rollout::Flown;
 use super::rollout_all::Line;
 use omnidrones::error::{Error, Result};
-use omnidrones::tasks::{ActionSpace, Record, Recorded, Spread, registry};
+use omnidrones::tasks::{ActionSpace, Column, Record, Recorded, Spread};
 use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
 use std::path::{Path, PathBuf};
 
@@ -72,9 +72,8 @@ fn error(record: &Record) -> Panel {
 /// The limit that a task's success sets on its first metric, if it sets one.
 fn limit(record: &Record) -> Option<f64> {
     let spec = record.spec();
-    let said = registry::by_name(&spec.task).ok()?.success();
-    let of = format!("{} < ", spec.info[record.first_metric()].name);
-    said.split_once(&of)?.1.split(' ').next()?.parse().ok()
+    let own = &spec.info.get(record.first_metric())?.name;
+    spec.success.limits.iter().find(|limit| limit.metric == *own).map(|limit| limit.below)
 }
 
 /// Median of every command over the agents, with the room from 10 to 90 % of them where they are few.
@@ -123,7 +122,7 @@ fn flying(record: &Record) -> Panel {
 
 fn returns(record: &Record) -> Panel {
     let spec = record.spec();
-    let mut returns = spec.info_column("return").map_or_else(Vec::new, |k| record.ended(k));
+    let mut returns = record.ended(Column::Return.index());
     returns.sort_by(|a, b| f32::total_cmp(b, a));
     let n = returns.len() as f64;
     let points = returns.iter().enumerate().map(|(i, r)| (100.0 * (i as f64 + 0.5) / n, f64::from(*r))).collect();
@@ -139,7 +138,7 @@ fn reward(record: &Record) -> Panel {
     let mut panel = Panel::new("Reward per step by term", "time [s]", "reward").from_zero();
     for (k, term) in record.spec().reward.iter().enumerate() {
         let points = crowded(record).map(|s| (s.time, s.terms[k])).collect();
-        panel = panel.series(Series::line(term.name, points));
+        panel = panel.series(Series::line(term.name.as_str(), points));
     }
     whole_time(panel, record)
 }
@@ -191,11 +190,12 @@ pub fn write_csv(record: &Record, folder: &Path) -> Result<Vec<PathBuf>> {
     let spec = record.spec();
     let units = spec.info.iter().map(|i| format!("{} [{}]", i.name, i.unit));
     let header = ["environment".to_string(), "ended_by".into()].into_iter().chain(units).collect();
+    let ends = (0..spec.n_env).map(|i| record.why(i)).collect::<Result<Vec<_>>>()?;
     write(
         &episodes,
         header,
-        record.last.chunks_exact(spec.info.len()).enumerate().map(|(i, row)| {
-            [i.to_string(), record.why(i).into()].into_iter().chain(row.iter().map(f32::to_string)).collect()
+        record.last.chunks_exact(spec.info.len()).zip(ends).enumerate().map(|(i, (row, end))| {
+            [i.to_string(), end.into()].into_iter().chain(row.iter().map(f32::to_string)).collect()
         }),
     )?;
     Ok(vec![steps, episodes])

@@ -4,6 +4,7 @@ use super::page::{Fact, Page, short};
 use super::table::{Align, Table, number};
 use nalgebra::DMatrix;
 use omnidrones::controllers::Mixer;
+use omnidrones::dynamics::rotor::ROTOR_PARAMETERS;
 use omnidrones::dynamics::{GRAVITY, Gains, Rotor, Vehicle};
 use omnidrones::error::Result;
 use serde_json::{Value, json};
@@ -146,29 +147,28 @@ pub fn parts(vehicle: &Vehicle) -> Table {
     table
 }
 
-/// A number that every rotor has: symbol, what it is, unit, scale to that unit, value.
+/// A size of a rotor: symbol, what it is, unit, scale to that unit, value.
 type RotorColumn = (&'static str, &'static str, &'static str, f64, fn(&Rotor) -> f64);
 
-const ROTOR_COLUMNS: [RotorColumn; 11] = [
-    ("k_f", "thrust per speed squared", "N s²/rad²", 1.0, |r| r.thrust_coefficient),
-    ("κ", "moment per thrust", "m", 1.0, |r| r.moment_per_thrust),
-    ("Ω_max", "largest speed", "rad/s", 1.0, |r| r.max_speed),
-    ("T_max", "largest thrust", "N", 1.0, Rotor::max_thrust),
-    ("τ up", "motor speeding up", "ms", 1e3, |r| r.time_constant_up),
-    ("τ down", "motor slowing down", "ms", 1e3, |r| r.time_constant_down),
-    ("I_p", "inertia about the axis", "kg m²", 1.0, |r| r.inertia),
-    ("radius", "hub to blade tip", "m", 1.0, |r| r.radius),
-    ("k_d", "drag across the axis", "N s²/(m rad)", 1.0, |r| r.drag_coefficient),
-    ("k_z", "drag along the axis", "N s²/(m rad)", 1.0, |r| r.axial_drag_coefficient),
-    ("μ", "rolling moment", "N s²/rad", 1.0, |r| r.rolling_coefficient),
-];
+/// The sizes among a rotor's parameters, times in milliseconds, then what follows from them or is geometry.
+fn rotor_columns() -> Vec<RotorColumn> {
+    let sizes = ROTOR_PARAMETERS.iter().filter(|p| p.domain.keeps_sign()).map(|p| {
+        let (unit, scale) = if p.unit == "s" { ("ms", 1e3) } else { (p.unit, 1.0) };
+        (p.symbol, p.meaning, unit, scale, p.get)
+    });
+    let others: [RotorColumn; 2] = [
+        ("T_max", "largest thrust", "N", 1.0, Rotor::max_thrust),
+        ("radius", "hub to blade tip", "m", 1.0, |r| r.radius),
+    ];
+    sizes.chain(others).collect()
+}
 
 /// Where each rotor is and how it turns, with whatever differs between rotors; then what all have in common.
 pub fn rotors(page: &mut Page, vehicle: &Vehicle) {
     let rotors = &vehicle.rotors;
     let upright = rotors.iter().all(|r| r.axis == [0.0, 0.0, 1.0]);
-    let (common, own): (Vec<&RotorColumn>, Vec<&RotorColumn>) =
-        ROTOR_COLUMNS.iter().partition(|(.., of)| rotors.windows(2).all(|pair| of(&pair[0]) == of(&pair[1])));
+    let (common, own): (Vec<RotorColumn>, Vec<RotorColumn>) =
+        rotor_columns().into_iter().partition(|(.., of)| rotors.windows(2).all(|pair| of(&pair[0]) == of(&pair[1])));
     let mut headers = vec![("rotor".to_string(), Align::Left), ("hub [m]".into(), Align::Left)];
     if !upright {
         headers.push(("axis".into(), Align::Left));

@@ -9,8 +9,7 @@ use omnidrones::error::Result;
 use omnidrones::tasks::randomise::Action;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::rig::{DAMPING, MOTOR_TIME_CONSTANT};
-use omnidrones::tasks::sheet::DIVERGED;
-use omnidrones::tasks::sheet::{Slice, total};
+use omnidrones::tasks::task_spec::{DIVERGED, Field, total};
 use omnidrones::tasks::{ActionSpace, Baseline, Env, EnvConfig, Space, Spec};
 use serde_json::{Value, json};
 
@@ -96,15 +95,15 @@ fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
     let mut page = Page::new();
     let mut families: Vec<&str> = Vec::new();
     for (entry, _) in &tasks {
-        if !families.contains(&entry.family()) {
-            families.push(entry.family());
+        if !families.contains(&entry.family) {
+            families.push(entry.family);
         }
     }
     for family in families {
         if !table.is_empty() {
             table.row([""]);
         }
-        for (entry, env) in tasks.iter().filter(|(entry, _)| entry.family() == family) {
+        for (entry, env) in tasks.iter().filter(|(entry, _)| entry.family == family) {
             let spec = env.spec();
             table.row([
                 entry.name.to_string(),
@@ -131,7 +130,7 @@ fn summary(entry: &Entry, spec: &Spec) -> Value {
     json!({
         "name": entry.name,
         "description": entry.description,
-        "family": entry.family(),
+        "family": entry.family,
         "n_agent": spec.n_agent,
         "n_observation": spec.n_observation,
         "n_action": spec.action.len(),
@@ -164,32 +163,32 @@ impl Described {
 
     fn page(&self) -> Result<String> {
         let mut page = Page::new();
-        let (spec, sheet) = (self.env.spec(), self.env.sheet());
+        let (spec, own) = (self.env.spec(), self.env.task_spec());
         page.title(self.entry.name, self.entry.description).facts(&self.facts());
         page.heading("Goal, start, success, loss of training");
-        lines(&mut page, "", &self.entry.setting());
-        let when = if self.entry.succeeds_once() { "" } else { "last step, " };
-        let success = format!("{} ({when}not terminated; nothing else counts)", self.entry.success());
+        lines(&mut page, "", &self.about());
+        let when = if own.success.once { "" } else { "last step, " };
+        let success = format!("{} ({when}not terminated; nothing else counts)", own.success.text());
         lines(&mut page, "Success: ", &success);
-        lines(&mut page, "Loss: ", &self.entry.loss());
+        lines(&mut page, "Loss: ", &own.loss_text());
         match whole_numbers(spec) {
             None => page.heading("Action, each number clipped to [−1, 1]"),
             Some(how) => page.heading("Commands behind the action").line(format!("  {how}\n")),
         };
         page.table(&self.meanings());
-        page.heading("Observation").table(&slices(&spec.observation));
+        page.heading("Observation").table(&fields(&spec.observation));
         page.line("  Quaternions are [w, x, y, z], body → world.");
         if !spec.central.is_empty() {
-            page.heading("Central state, for critics that see all").table(&slices(&spec.central));
+            page.heading("Central state, for critics that see all").table(&fields(&spec.central));
         }
         page.heading("Reward").table(&self.reward());
         page.heading("Episode end").table(&self.ends());
         page.heading("Told in every step").table(&self.infos());
         page.heading("Configuration").table(&self.settings());
         page.heading("What --randomise can draw for every episode").facts(&quantities());
-        if !sheet.memo.is_empty() || !sheet.goal.is_empty() {
-            let names = |slices: &[Slice]| slices.iter().map(|s| s.name.clone()).collect::<Vec<_>>().join(", ");
-            let kept = [("goal", names(&sheet.goal)), ("memory", names(&sheet.memo))];
+        if !own.task_state.is_empty() || !own.goal.is_empty() {
+            let names = |fields: &[Field]| fields.iter().map(|s| s.name.clone()).collect::<Vec<_>>().join(", ");
+            let kept = [("goal", names(&own.goal)), ("task state", names(&own.task_state))];
             let kept: Vec<Fact> =
                 kept.into_iter().filter(|k| !k.1.is_empty()).map(|(n, what)| Fact::new(n, what)).collect();
             page.heading("What the task keeps through an episode").facts(&kept);
@@ -201,11 +200,15 @@ impl Described {
         Ok(page.finish())
     }
 
+    /// Symbols, target and start, and what a variant has of its own.
+    fn about(&self) -> String {
+        format!("{} {}", self.env.task_spec().about, self.entry.own).trim_end().to_string()
+    }
+
     /// What flies, in a few words.
     fn craft(&self) -> (String, String) {
         let rig = self.env.rig();
-        let own = self.config.task.get("vehicle").and_then(|v| v.as_str()).map(String::from);
-        let vehicle = own.or_else(|| usual_vehicle(self.entry, self.env.sheet()));
+        let vehicle = usual_vehicle(self.env.task_spec());
         let drone = rig.drone();
         let drives = match drone.drives.len() {
             0 => String::new(),
@@ -290,7 +293,7 @@ impl Described {
             ("gradient", Align::Left),
             ("is", Align::Left),
         ]);
-        for t in &self.env.sheet().reward {
+        for t in &self.env.task_spec().reward {
             table.row([t.name.to_string(), short(t.bound, 4), t.smoothness.name().into(), t.formula.clone()]);
         }
         table.row(["sum".into(), short(self.env.spec().reward_bound, 4)]);
@@ -299,8 +302,8 @@ impl Described {
 
     fn ends(&self) -> Table {
         let mut table = Table::new(&[("reason", Align::Left), ("flag", Align::Left), ("when", Align::Left)]);
-        for e in &self.env.sheet().ends {
-            table.row([e.name, "terminated", &e.condition]);
+        for e in &self.env.task_spec().ends {
+            table.row([&e.name, "terminated", &e.condition]);
         }
         table.row([DIVERGED.0, "terminated", DIVERGED.1]);
         table.row(["time", "truncated", &format!("{} steps are over", self.env.spec().horizon)]);
@@ -319,9 +322,9 @@ impl Described {
         let mut table =
             Table::new(&[("key in [task]", Align::Left), ("default", Align::Left), ("meaning", Align::Left)]);
         let defaults = self.entry.default_config().map(|c| c.task).unwrap_or_default();
-        for s in &self.env.sheet().settings {
-            let default = defaults.get(s.key).map_or_else(|| s.default.clone(), toml::Value::to_string);
-            table.row([s.key, &default, s.meaning]);
+        for s in &self.env.task_spec().settings {
+            let default = defaults.get(&s.key).unwrap_or(&s.default).to_string();
+            table.row([&s.key, &default, &wrapped(&s.text(), 48)]);
         }
         table
     }
@@ -334,13 +337,13 @@ impl Described {
         value["command"] = json!("tasks");
         value["what_flies"] = json!(self.craft().0);
         value["control_levels"] = json!(self.levels);
-        value["setting"] = json!(self.entry.setting());
-        value["success"] = json!(self.entry.success());
-        value["loss"] = json!(self.entry.loss());
+        value["setting"] = json!(self.about());
+        value["success"] = json!(self.env.spec().success.text());
+        value["loss"] = json!(self.env.task_spec().loss_text());
         let meanings = commands_of(&self.env);
         value["actions"] = meanings.iter().map(|(names, means)| json!({ "commands": names, "means": means })).collect();
         value["controller"] = json!(self.controller.as_ref().ok());
-        value["sheet"] = json!(self.env.sheet());
+        value["sheet"] = json!(self.env.task_spec());
         value["randomise"] = json!(quantities);
         value["spec"] = json!(spec);
         value["toml"] = json!(environment::file(self.entry, &self.env, &self.config)?);
@@ -396,8 +399,8 @@ fn lines(page: &mut Page, head: &str, text: &str) {
     }
 }
 
-/// Slices with their places.
-fn slices(slices: &[Slice]) -> Table {
+/// Fields with their places.
+fn fields(fields: &[Field]) -> Table {
     let mut table = Table::new(&[
         ("place", Align::Right),
         ("name", Align::Left),
@@ -406,12 +409,12 @@ fn slices(slices: &[Slice]) -> Table {
         ("meaning", Align::Left),
     ]);
     let mut at = 0;
-    for s in slices {
+    for s in fields {
         let place = if s.size == 1 { at.to_string() } else { format!("{at}–{}", (at + s.size).saturating_sub(1)) };
         at += s.size;
         table.row([&place, &s.name, &s.size.to_string(), &s.unit, &wrapped(&s.meaning, 48)]);
     }
-    table.row(["", "all", &total(slices).to_string()]);
+    table.row(["", "all", &total(fields).to_string()]);
     table
 }
 

@@ -252,7 +252,7 @@ fn default_folder(entry: &Entry, config: &TrainConfig, asked: Option<AlgorithmNa
     let mut parts = vec![entry.name.to_string()];
     if let Some(own) = vehicle(config) {
         let env = entry.env(&EnvConfig { n_env: 1, ..usual.env.clone() })?;
-        let common = vehicle(&usual).or_else(|| usual_vehicle(entry, env.sheet()));
+        let common = vehicle(&usual).or_else(|| usual_vehicle(env.task_spec()));
         parts.extend(Some(files::plain_name(&own)).filter(|_| common.as_ref() != Some(&own)));
     }
     if config.env.control != usual.env.control {
@@ -317,8 +317,8 @@ pub fn count(n: f64) -> String {
 /// What an environment of the run is like, and what the task's error is.
 pub fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, Metric)> {
     let env = entry.env(&EnvConfig { n_env: 1, ..config.seen_env() })?;
-    let error = env.sheet().metrics.first().cloned();
-    Ok((env.spec().clone(), error.unwrap_or(Metric { name: "error", unit: "–" })))
+    let error = env.task_spec().metrics.first().cloned();
+    Ok((env.spec().clone(), error.unwrap_or(Metric { name: "error".into(), unit: "–".into() })))
 }
 
 /// Our controller from the first of the same starts, on the rotors; none if there is no controller for the task.
@@ -430,7 +430,7 @@ impl Trained<'_> {
         let starts = Starts { n_env: self.config.evaluate.envs, seed: self.config.evaluate.seed };
         page.heading(&format!("Evaluation: {} episodes from held-out starts, seed {}", starts.n_env, starts.seed));
         page.table(&self.table());
-        page.line(success(self.entry));
+        page.line(success(&self.spec));
         if self.baseline.is_some() && starts.n_env > MAX_COMPARED {
             page.line(format!("  The controller flew the first {MAX_COMPARED} of these starts."));
         }
@@ -462,7 +462,7 @@ impl Trained<'_> {
     }
 
     fn table(&self) -> Table {
-        let unit = self.error.unit;
+        let unit = &self.error.unit;
         let mut table = Table::new(&[
             ("flown by", Align::Left),
             ("success", Align::Right),
@@ -547,12 +547,15 @@ mod tests {
 
     #[test]
     fn the_limit_that_the_help_names_is_that_of_hover_and_the_tasks_with_other_rules_are_named() {
-        assert_eq!(registry::by_name("Hover").unwrap().success(), "position_error < 0.1 m");
+        let success =
+            |entry: &Entry| entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap().spec().success.clone();
+        assert_eq!(success(registry::by_name("Hover").unwrap()).text(), "position_error < 0.1 m");
         assert!(SUCCESS.contains("limit on the error, 0.1 m of position in Hover"), "{SUCCESS}");
         for entry in registry::REGISTRY {
-            let (name, said) = (entry.name, entry.success());
+            let (name, success) = (entry.name, success(entry));
+            let said = success.text();
             assert_eq!(said.contains(" and "), name == "Formation", "{name}: {said}");
-            assert_eq!(entry.succeeds_once(), name.ends_with("FlyThrough"), "{name}: {said}");
+            assert_eq!(success.once, name.ends_with("FlyThrough"), "{name}: {said}");
             let beyond = ["OverFlyThrough", "TransportFlyThrough"].contains(&name);
             assert_eq!(said.contains("with all drones beyond x = 0.05 m"), beyond, "{name}: {said}");
         }

@@ -162,8 +162,8 @@ fn shown([mean, least, most]: [f64; 3], show: impl Fn(f64) -> String) -> String 
 }
 
 /// The unit of all errors in the table, if it is one: then it stands in the head, else with every number.
-fn unit<'a>(errors: impl Iterator<Item = &'a Metric>) -> Option<&'static str> {
-    let mut units = errors.map(|error| error.unit);
+fn unit<'a>(errors: impl Iterator<Item = &'a Metric>) -> Option<&'a str> {
+    let mut units = errors.map(|error| error.unit.as_str());
     let first = units.next()?;
     units.all(|unit| unit == first).then_some(first)
 }
@@ -224,7 +224,7 @@ fn page(lines: &[Line], a: &Arguments, written: &[PathBuf]) -> String {
     let seeds = if a.seeds == 1 { "1 seed".into() } else { format!("{} seeds", a.seeds) };
     page.title("Learning", &format!("{seeds}, budgets × {}, held-out starts", short(a.budget, 3)));
     page.table(&table(lines));
-    let errors = lines.iter().filter_map(|line| Some((line.entry.name, line.error.as_ref()?.name)));
+    let errors = lines.iter().filter_map(|line| Some((line.entry.name, line.error.as_ref()?.name.as_str())));
     page.line(format!("\n{}; final: in the last step, also of who crashed.", told_errors(errors)));
     let failed: Vec<&Line> = lines.iter().filter(|line| line.runs.is_err()).collect();
     if !failed.is_empty() {
@@ -293,7 +293,8 @@ mod tests {
 
     #[test]
     fn a_unit_that_all_errors_share_stands_in_the_head() {
-        let (metre, other) = (Metric { name: "position_error", unit: "m" }, Metric { name: "heading", unit: "rad" });
+        let metric = |name: &str, unit: &str| Metric { name: name.into(), unit: unit.into() };
+        let (metre, other) = (metric("position_error", "m"), metric("heading", "rad"));
         assert_eq!(unit([&metre, &metre].into_iter()), Some("m"));
         assert_eq!(unit([&metre, &other].into_iter()), None);
         assert_eq!(unit([].into_iter()), None);

@@ -139,7 +139,7 @@ fn shares(curves: &Curves<'_>, steps: &Steps) -> Panel {
 }
 
 fn errors(curves: &Curves<'_>, steps: &Steps) -> Panel {
-    let (name, unit) = (curves.error.name.replace('_', " "), curves.error.unit);
+    let (name, unit) = (curves.error.name.replace('_', " "), &curves.error.unit);
     let of = |column| steps.points(curves.lines, column, 1.0);
     let title = name[..1].to_uppercase() + &name[1..];
     let panel = steps.panel(title, format!("{name} [{unit}]"));
@@ -216,7 +216,8 @@ fn health(curves: &Curves<'_>, steps: &Steps) -> [Panel; 3] {
 mod tests {
     use super::*;
 
-    const ERROR: Metric = Metric { name: "position_error", unit: "m" };
+    static ERROR: std::sync::LazyLock<Metric> =
+        std::sync::LazyLock::new(|| Metric { name: "position_error".into(), unit: "m".into() });
 
     fn line(update: u64, more: &[(&str, f64)]) -> Line {
         let mut line = Line::new(update);

@@ -187,8 +187,8 @@ impl Replay {
         let env = &ready.env;
         let (spec, rig) = (env.spec().clone(), env.rig());
         let system = rig.model().map(|model| Multibody::new(model, *rig.physics())).transpose()?;
-        let first = spec.info.len() - env.sheet().metrics.len();
-        let error = env.sheet().metrics.first().map(|m| (m.name.replace('_', " "), m.unit.to_string(), first));
+        let first = spec.metric_columns().start;
+        let error = spec.info.get(first).map(|m| (m.name.replace('_', " "), m.unit.clone(), first));
         let least = spec.horizon.div_ceil(MAX_PICTURES);
         Ok(Self {
             title: String::new(),
@@ -206,7 +206,7 @@ impl Replay {
     fn see(&mut self, watched: &Watched<'_>) {
         let (env, n) = (watched.env, self.spec.n_env);
         if watched.step == 1 {
-            let references = |env: &Env, i| env.wanted(i).ok().flatten().map_or_else(Vec::new, |w| w.references);
+            let references = |env: &Env, i| env.reference(i).ok().flatten().map_or_else(Vec::new, |w| w.references);
             self.wanted = (0..n).map(|i| references(env, i)).collect();
         }
         let over = (0..n).all(|i| !watched.flying[i] || watched.out.terminated[i] + watched.out.truncated[i] > 0);

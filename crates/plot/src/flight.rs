@@ -338,7 +338,7 @@ fn rotor_spread(log: &FlightLog, column: &[f64], title: &str) -> Panel {
 fn rotor_lines(log: &FlightLog, column: &[f64], title: &str, width: f64) -> Panel {
     let mut panel = Panel::new(title, "time [s]", "speed [rad/s]").from_zero();
     for i in 0..log.n_rotor() {
-        let line = Series::line((i + 1).to_string(), log.rotor_history(column, i)).width(width);
+        let line = Series::line(i.to_string(), log.rotor_history(column, i)).width(width);
         // The palette repeats after seven: the rest is dashed.
         panel = panel.series(if i < 7 { line } else { line.dashed() });
     }
@@ -404,4 +404,15 @@ fn attitude_panel(log: &FlightLog) -> Panel {
         panel = panel.series(dashed);
     }
     panel
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curves_of_rotors_count_from_0() {
+        let panel = rotor_panel(&FlightLog::new("four", &[800.0; 4]));
+        assert_eq!(panel.series.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(), ["0", "1", "2", "3"]);
+    }
 }

@@ -1,6 +1,6 @@
 use super::*;
 use crate::autodiff::jet::Jet;
-use crate::autodiff::lanes::{Lanes, dispatch_each};
+use crate::autodiff::lanes::{Kernel, Lanes, dispatch_each};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{
     BatchRollout, Bounds, JacobianScratch, Objective, Program, Recording, Rollout, System, Trace, certify, jacobian,
@@ -9,7 +9,6 @@ use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use nalgebra::Const;
 use num_dual::{Derivative, Dual64, DualSVec64, HyperDual64};
-use pulp::{Simd, WithSimd};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Smooth, 3 → 2.
@@ -207,21 +206,21 @@ fn a_called_function_has_the_same_program_adjoint_and_compiled_jacobian() {
 #[derive(Clone, Copy)]
 struct InLanes<'a>(&'a Way);
 
-impl WithSimd for InLanes<'_> {
+impl Kernel for InLanes<'_> {
     type Output = ();
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run<L: Lanes>(self) {
         let rows: Vec<Vec<f32>> =
             (0..3).map(|k| (0..16).map(|lane| 0.3 + 0.1 * k as f32 - 0.05 * lane as f32).collect()).collect();
         let Way::Called { swirl, .. } = self.0 else { return };
-        let mut y = [Lanes::<S>::zero(); 2];
-        swirl.call(&[0, 1, 2].map(|k| Lanes::<S>::load(&rows[k])), &mut y);
+        let mut y = [L::zero(); 2];
+        swirl.call(&[0, 1, 2].map(|k| L::load(&rows[k])), &mut y);
         for j in 0..2 {
             let mut got = [0.0; 16];
             y[j].store(&mut got);
-            for lane in 0..Lanes::<S>::WIDTH {
+            for lane in 0..L::WIDTH {
                 let mut single = [0.0; 2];
                 swirl.call(&[0, 1, 2].map(|k| rows[k][lane]), &mut single);
-                assert_eq!(got[lane].to_bits(), single[j].to_bits(), "lane {lane} of {}", Lanes::<S>::WIDTH);
+                assert_eq!(got[lane].to_bits(), single[j].to_bits(), "lane {lane} of {}", L::WIDTH);
                 let exact = super::tests::swirl(&[0, 1, 2].map(|k| f64::from(rows[k][lane])));
                 assert_eq!(single[j], exact[j] as f32, "f64 rounded once");
             }
@@ -487,15 +486,15 @@ impl CustomFunction for Many {
 #[derive(Clone, Copy)]
 struct ManyInLanes;
 
-impl WithSimd for ManyInLanes {
+impl Kernel for ManyInLanes {
     type Output = ();
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run<L: Lanes>(self) {
         check_many(
-            |x| Lanes::<S>::constant(f64::from(x)),
+            |x| L::constant(f64::from(x)),
             |y| {
                 let mut out = [0.0; 16];
                 y.store(&mut out);
-                f64::from(out[Lanes::<S>::WIDTH - 1])
+                f64::from(out[L::WIDTH - 1])
             },
         );
     }

@@ -145,8 +145,8 @@ impl Allocator {
             return Err(Error::value("allocation: settings.tolerance", tolerance, "> 0 and finite", remedy));
         }
         let n = problem.n_input();
-        let mut inputs = if problem.cones.is_empty() { problem.preference.clone() } else { problem.anchor.clone() };
-        problem.repair(&mut inputs, &[]);
+        let mut inputs = vec![0.0; n];
+        problem.start(&mut inputs);
         let last =
             Solution { inputs, duals: Vec::new(), path: Path::Held, residual: f64::INFINITY, steps: 0, reason: None };
         Ok(Self {
@@ -167,11 +167,6 @@ impl Allocator {
     /// The problem as it stands.
     pub fn problem(&self) -> &Problem {
         &self.problem
-    }
-
-    /// The problem again.
-    pub fn into_problem(self) -> Problem {
-        self.problem
     }
 
     /// The last answer; before the first, the preferred inputs.
@@ -266,6 +261,27 @@ impl Allocator {
         Ok(())
     }
 
+    /// Changes any number of the problem and forgets what was solved, so that the next answer is that of a new allocator.
+    /// Does not allocate where the problem has no cones.
+    ///
+    /// # Errors
+    /// As [`Problem::validate`]; nothing may then be solved before another start that is none.
+    pub(super) fn restart(&mut self, change: impl FnOnce(&mut Problem)) -> Result<()> {
+        change(&mut self.problem);
+        self.problem.validate()?;
+        self.lower.copy_from_slice(&self.problem.lower);
+        self.upper.copy_from_slice(&self.problem.upper);
+        if let Some(fast) = &mut self.fast {
+            fast.prepare(&self.problem);
+            fast.warm = false;
+        }
+        self.problem.start(&mut self.last.inputs);
+        self.last.duals.clear();
+        self.trial.duals.clear();
+        (self.conic, self.solved) = (None, None);
+        Ok(())
+    }
+
     /// The best inputs for a wrench.
     pub fn solve(&mut self, wrench: &[f64; WRENCH]) -> &Solution {
         let reason = match self.unusable(wrench) {
@@ -306,6 +322,29 @@ impl Allocator {
         });
         if margin.is_none() {
             out.numbers_mut().for_each(|x| *x = f64::NAN);
+        }
+        margin
+    }
+
+    /// The change of the last answer with a change of the problem's numbers, du*, into `out`: the transpose of
+    /// [`reverse`](Self::reverse), likewise without allocation on the fast paths. Returns the same margin, or `None`.
+    ///
+    /// # Panics
+    /// If `change` or `out` do not have the sizes of the problem.
+    pub fn forward(&self, change: &Variation, out: &mut [f64]) -> Option<f64> {
+        let margin = self.solved.and_then(|wrench| match (self.last.path, &self.fast) {
+            (Path::ClosedForm | Path::ActiveSet, Some(fast)) => {
+                let closed = self.last.path == Path::ClosedForm;
+                Some(fast.forward(&self.problem, &wrench, &self.last.inputs, closed, change, out))
+            }
+            _ => {
+                let at = Sensitivity::new(&self.problem, &wrench, &self.last)?;
+                out.copy_from_slice(&at.forward(change));
+                Some(at.margin())
+            }
+        });
+        if margin.is_none() {
+            out.fill(f64::NAN);
         }
         margin
     }

@@ -116,6 +116,7 @@ mod tests {
     use super::*;
     use crate::dynamics::assembly::single;
     use crate::dynamics::configurations;
+    use crate::dynamics::rotor::holding_action;
     use crate::dynamics::spatial::{from_euler, rotate};
     use crate::dynamics::tree::{Model, Motion, momentum};
     use crate::dynamics::{Effects, Physics, vehicles};
@@ -155,8 +156,7 @@ mod tests {
         let mut rate = vec![0.0; state.len()];
         let mut input = system.rest_input();
         for (r, (at, speed)) in system.layout().rotor_action.iter().zip(&system.layout().rotor_speed).enumerate() {
-            let share = state[*speed] / system.model().rotors()[r].rotor.max_speed;
-            input[*at] = 2.0 * share * share - 1.0;
+            input[*at] = holding_action(system.model().rotors()[r].rotor.max_speed, state[*speed]);
         }
         system.derivative(state, &input, &[], &mut rate);
         let h = 1e-6;

@@ -6,11 +6,10 @@
 
 use super::active_set::{BoxProgram, FAR, Factor, Iterate, Precision};
 use super::problem::{Problem, WRENCH};
-use crate::autodiff::lanes::{Lanes, dispatch};
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register};
+use crate::autodiff::safe;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
-use pulp::{Simd, WithSimd};
 
 /// Environments per block.
 const BLOCK: usize = 64;
@@ -212,48 +211,43 @@ impl Shared {
     /// The kernel for the next larger compiled number of inputs.
     fn solve(&self, block: &mut Block) {
         match self.n_input {
-            0..=4 => dispatch(Kernel::<4> { shared: self, block }),
-            5..=8 => dispatch(Kernel::<8> { shared: self, block }),
-            9..=12 => dispatch(Kernel::<12> { shared: self, block }),
-            _ => dispatch(Kernel::<16> { shared: self, block }),
+            0..=4 => each_register(BLOCK, Solve::<4> { shared: self, block }),
+            5..=8 => each_register(BLOCK, Solve::<8> { shared: self, block }),
+            9..=12 => each_register(BLOCK, Solve::<12> { shared: self, block }),
+            _ => each_register(BLOCK, Solve::<16> { shared: self, block }),
         }
     }
 }
 
 /// One block with N slots; slots behind the inputs are held at 0.
-struct Kernel<'a, const N: usize> {
+struct Solve<'a, const N: usize> {
     shared: &'a Shared,
     block: &'a mut Block,
 }
 
-impl<const N: usize> WithSimd for Kernel<'_, N> {
-    type Output = ();
+impl<const N: usize> RegisterKernel for Solve<'_, N> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let mut at = 0;
-        while at < BLOCK {
-            run::<S, N>(self.shared, self.block, at);
-            at += Lanes::<S>::WIDTH;
-        }
+    fn run<L: Lanes>(&mut self, at: usize) {
+        run::<L, N>(self.shared, self.block, at);
     }
 }
 
 /// One register of environments.
 #[inline(always)]
-fn run<S: Simd, const N: usize>(shared: &Shared, block: &mut Block, at: usize) {
-    let (mut program, free) = load::<S, N>(shared, block, at);
+fn run<L: Lanes, const N: usize>(shared: &Shared, block: &mut Block, at: usize) {
+    let (mut program, free) = load::<L, N>(shared, block, at);
     let mut x = start(&mut program, block, &free, at);
     let mut factor = Factor::new();
-    let finite = Lanes::<S>::load(&block.finite[at..]);
-    let half = Lanes::<S>::constant(0.5);
+    let finite = L::load(&block.finite[at..]);
+    let half = L::constant(0.5);
     let mut lanes = [0.0_f32; 16];
     for step in 0..shared.steps {
         let before = x;
         program.step(N, &mut x, &mut factor, step < shared.steps / 2, Precision::SINGLE);
         keep(&mut x, &before);
         // a lane without a finite wrench counts as done
-        Lanes::select(finite.lt(half), Lanes::one(), x.done).store(&mut lanes);
-        if all_done(&lanes, Lanes::<S>::WIDTH) {
+        L::select(finite.lt(half), L::one(), x.done).store(&mut lanes);
+        if all_done(&lanes, L::WIDTH) {
             break;
         }
     }
@@ -271,105 +265,96 @@ fn all_done(lanes: &[f32; 16], width: usize) -> bool {
 
 /// Lanes that were done stay as they were.
 #[inline(always)]
-fn keep<S: Simd, const N: usize>(x: &mut Iterate<Lanes<S>, N>, before: &Iterate<Lanes<S>, N>) {
-    let done = Lanes::constant(0.5).lt(before.done);
+fn keep<L: Lanes, const N: usize>(x: &mut Iterate<L, N>, before: &Iterate<L, N>) {
+    let done = L::constant(0.5).lt(before.done);
     for i in 0..N {
-        x.inputs[i] = Lanes::select(done, before.inputs[i], x.inputs[i]);
-        x.status[i] = Lanes::select(done, before.status[i], x.status[i]);
+        x.inputs[i] = L::select(done, before.inputs[i], x.inputs[i]);
+        x.status[i] = L::select(done, before.status[i], x.status[i]);
     }
-    x.done = Lanes::select(done, before.done, x.done);
+    x.done = L::select(done, before.done, x.done);
 }
 
 /// The programs of one register, and their answers without bounds.
 #[inline(always)]
-fn load<S: Simd, const N: usize>(
-    shared: &Shared,
-    block: &Block,
-    at: usize,
-) -> (BoxProgram<Lanes<S>, N>, [Lanes<S>; N]) {
+fn load<L: Lanes, const N: usize>(shared: &Shared, block: &Block, at: usize) -> (BoxProgram<L, N>, [L; N]) {
     let mut program = BoxProgram::empty();
-    let mut free = [Lanes::<S>::zero(); N];
-    let mut w = [Lanes::<S>::zero(); WRENCH];
+    let mut free = [L::zero(); N];
+    let mut w = [L::zero(); WRENCH];
     for k in 0..WRENCH {
-        w[k] = Lanes::load(&block.wrench[k][at..]);
+        w[k] = L::load(&block.wrench[k][at..]);
     }
     for i in 0..N {
-        program.hessian[i][i] = Lanes::one();
+        program.hessian[i][i] = L::one();
     }
     for i in 0..shared.n_input {
         for j in 0..shared.n_input {
-            program.hessian[i][j] = Lanes::constant(shared.hessian[i][j]);
+            program.hessian[i][j] = L::constant(shared.hessian[i][j]);
         }
-        let mut q = Lanes::constant(-shared.offset[i]);
-        let mut u = Lanes::constant(shared.rest[i]);
+        let mut q = L::constant(-shared.offset[i]);
+        let mut u = L::constant(shared.rest[i]);
         for k in 0..WRENCH {
-            q = Lanes::constant(-shared.pull[i][k]).mul_add(w[k], q);
-            u = Lanes::constant(shared.gain[i][k]).mul_add(w[k], u);
+            q = L::constant(-shared.pull[i][k]).mul_add(w[k], q);
+            u = L::constant(shared.gain[i][k]).mul_add(w[k], u);
         }
         (program.linear[i], free[i]) = (q, u);
-        program.lower[i] = Lanes::load(&block.lower[i][at..]);
-        program.upper[i] = Lanes::load(&block.upper[i][at..]);
+        program.lower[i] = L::load(&block.lower[i][at..]);
+        program.upper[i] = L::load(&block.upper[i][at..]);
     }
     (program, free)
 }
 
 /// From the last answer where that was exact, else from the clipped closed form.
 #[inline(always)]
-fn start<S: Simd, const N: usize>(
-    program: &mut BoxProgram<Lanes<S>, N>,
+fn start<L: Lanes, const N: usize>(
+    program: &mut BoxProgram<L, N>,
     block: &Block,
-    free: &[Lanes<S>; N],
+    free: &[L; N],
     at: usize,
-) -> Iterate<Lanes<S>, N> {
+) -> Iterate<L, N> {
     let cold = program.start(N, free);
     let mut earlier = cold;
     for i in 0..N {
-        earlier.inputs[i] = Lanes::load(&block.inputs[i][at..]);
-        earlier.status[i] = Lanes::load(&block.status[i][at..]);
+        earlier.inputs[i] = L::load(&block.inputs[i][at..]);
+        earlier.status[i] = L::load(&block.status[i][at..]);
     }
     let mut x = program.restart(N, &earlier);
-    let warm = Lanes::<S>::constant(0.5).lt(Lanes::load(&block.done[at..]));
+    let warm = L::constant(0.5).lt(L::load(&block.done[at..]));
     for i in 0..N {
-        x.inputs[i] = Lanes::select(warm, x.inputs[i], cold.inputs[i]);
-        x.status[i] = Lanes::select(warm, x.status[i], cold.status[i]);
+        x.inputs[i] = L::select(warm, x.inputs[i], cold.inputs[i]);
+        x.status[i] = L::select(warm, x.status[i], cold.status[i]);
     }
     x
 }
 
 /// Answers back to the block; a lane without a finite wrench keeps its last inputs, within the bounds of now.
 #[inline(always)]
-fn store<S: Simd, const N: usize>(
-    block: &mut Block,
-    program: &BoxProgram<Lanes<S>, N>,
-    x: &Iterate<Lanes<S>, N>,
-    at: usize,
-) {
-    let fine = Lanes::<S>::constant(0.5).lt(Lanes::load(&block.finite[at..]));
+fn store<L: Lanes, const N: usize>(block: &mut Block, program: &BoxProgram<L, N>, x: &Iterate<L, N>, at: usize) {
+    let fine = L::constant(0.5).lt(L::load(&block.finite[at..]));
     for i in 0..N {
-        let last = Lanes::load(&block.inputs[i][at..]).clamp(program.lower[i], program.upper[i]);
-        let held = Lanes::load(&block.status[i][at..]);
-        Lanes::select(fine, x.inputs[i], last).store(&mut block.inputs[i][at..]);
-        Lanes::select(fine, x.status[i], held).store(&mut block.status[i][at..]);
+        let last = L::load(&block.inputs[i][at..]).clamp(program.lower[i], program.upper[i]);
+        let held = L::load(&block.status[i][at..]);
+        L::select(fine, x.inputs[i], last).store(&mut block.inputs[i][at..]);
+        L::select(fine, x.status[i], held).store(&mut block.status[i][at..]);
     }
-    let certified = residual(program, x).lt(Lanes::constant(LANE_TOLERANCE));
-    let finished = Lanes::select(certified, x.done, Lanes::zero());
-    let done = Lanes::load(&block.done[at..]);
-    Lanes::select(fine, finished, done).store(&mut block.done[at..]);
+    let certified = residual(program, x).lt(L::constant(LANE_TOLERANCE));
+    let finished = L::select(certified, x.done, L::zero());
+    let done = L::load(&block.done[at..]);
+    L::select(fine, finished, done).store(&mut block.done[at..]);
 }
 
 /// Scaled KKT residual as in [`residual`](super::residual), recomputed from the program: |gᵢ| δᵢ over max(1, ‖q‖∞). NaN
 /// counts as large.
 #[inline(always)]
-fn residual<S: Simd, const N: usize>(program: &BoxProgram<Lanes<S>, N>, x: &Iterate<Lanes<S>, N>) -> Lanes<S> {
+fn residual<L: Lanes, const N: usize>(program: &BoxProgram<L, N>, x: &Iterate<L, N>) -> L {
     let g = program.gradient(N, &x.inputs);
-    let (mut worst, mut size) = (Lanes::zero(), Lanes::one());
+    let (mut worst, mut size) = (L::zero(), L::one());
     for i in 0..N {
         size = size.max(program.linear[i].abs());
-        let down = Lanes::zero().lt(g[i]);
-        let room = Lanes::select(down, x.inputs[i] - program.lower[i], program.upper[i] - x.inputs[i]);
-        worst = worst.max(g[i].abs() * room.min(Lanes::one()));
+        let down = L::zero().lt(g[i]);
+        let room = L::select(down, x.inputs[i] - program.lower[i], program.upper[i] - x.inputs[i]);
+        worst = worst.max(g[i].abs() * room.min(L::one()));
         // what `max` would drop
-        size += g[i] * Lanes::zero();
+        size += g[i] * L::zero();
     }
     worst * size.recip()
 }

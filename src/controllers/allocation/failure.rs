@@ -11,14 +11,13 @@
 use super::geometry::Axis;
 use super::problem::{Problem, WRENCH};
 use super::reach::{Attainable, Reach};
+pub use crate::dynamics::plant::damaged;
 use crate::dynamics::{GRAVITY, Vehicle};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Least margin that counts, as a share of the weight: published rotor positions are rounded by more.
 pub const LEAST_MARGIN: f64 = 0.01;
-/// Speed that a lost rotor keeps, as a share of its largest: the equations of a motor need one. Its thrust is 1e-6 T_max.
-const STOPPED: f64 = 1e-3;
 
 /// A rotor that weakens or stops in flight.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -69,18 +68,6 @@ pub fn health(n_rotor: usize, failures: &[Failure], time: f64) -> Vec<f64> {
         }
     }
     health
-}
-
-/// The vehicle as it flies on: rotor i reaches √eᵢ of its largest speed, hence eᵢ of its largest thrust. A lost one
-/// keeps 10⁻³ of its speed.
-pub fn damaged(vehicle: &Vehicle, health: &[f64]) -> Vehicle {
-    let mut vehicle = vehicle.clone();
-    for (rotor, e) in vehicle.rotors.iter_mut().zip(health) {
-        if *e < 1.0 {
-            rotor.max_speed *= e.sqrt().max(STOPPED);
-        }
-    }
-    vehicle
 }
 
 /// The allocation problem that is left: upper bounds eᵢ T_max.

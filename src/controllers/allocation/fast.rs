@@ -173,7 +173,8 @@ impl Fast {
         if closed { &self.whole } else { &self.factor }.solve(n, &mut y);
         let b = problem.geometry.as_slice();
         let miss = problem.miss(wrench, inputs);
-        let (mut pulled, mut force) = ([0.0; WRENCH], [0.0; WRENCH]);
+        let force = force(problem, &miss);
+        let mut pulled = [0.0; WRENCH];
         for j in 0..n {
             for k in 0..WRENCH {
                 pulled[k] += b[WRENCH * j + k] * y[j];
@@ -182,7 +183,6 @@ impl Fast {
         for k in 0..WRENCH {
             out.weights[k] = -pulled[k] * miss[k];
             pulled[k] *= problem.weights[k];
-            force[k] = problem.weights[k] * miss[k];
             out.wrench[k] = pulled[k];
         }
         out.regularisation = 0.0;
@@ -198,17 +198,74 @@ impl Fast {
             for k in 0..WRENCH {
                 through -= b[WRENCH * j + k] * pulled[k];
             }
-            let mut status = if closed { 0.0 } else { self.iterate.status[j] };
-            if problem.lower[j] == problem.upper[j] {
-                // both bounds hold it: the one that the gradient pushes to counts
-                let push: f64 = (0..WRENCH).map(|k| b[WRENCH * j + k] * force[k]).sum();
-                let push = push + problem.regularisation * (inputs[j] - problem.preference[j]);
-                status = if push > 0.0 { -1.0 } else { 1.0 };
-            }
+            let status = self.held(problem, &force, inputs, closed, j);
             out.lower[j] = if status < 0.0 { through } else { 0.0 };
             out.upper[j] = if status > 0.0 { through } else { 0.0 };
         }
         self.margin(problem, inputs, closed)
+    }
+
+    /// The transpose of [`reverse`](Self::reverse): du for a change of all numbers,
+    /// du_A = d(bound)_A, du_F = −H_FF⁻¹ (∂(Bᵀ W (B u − w) + ρ (u − u_pref))_F + H_FA du_A); the margin.
+    pub(super) fn forward(
+        &self,
+        problem: &Problem,
+        wrench: &[f64; WRENCH],
+        inputs: &[f64],
+        closed: bool,
+        change: &Variation,
+        du: &mut [f64],
+    ) -> f64 {
+        let n = inputs.len();
+        let (b, db) = (problem.geometry.as_slice(), change.geometry.as_slice());
+        let miss = problem.miss(wrench, inputs);
+        let force = force(problem, &miss);
+        // change of W (B u − w), held inputs with their bounds
+        let mut pull = change.wrench.map(|w| -w);
+        for j in 0..n {
+            let status = self.held(problem, &force, inputs, closed, j);
+            du[j] = match status {
+                s if s < 0.0 => change.lower[j],
+                s if s > 0.0 => change.upper[j],
+                _ => 0.0,
+            };
+            for k in 0..WRENCH {
+                pull[k] += b[WRENCH * j + k] * du[j] + db[WRENCH * j + k] * inputs[j];
+            }
+        }
+        for k in 0..WRENCH {
+            pull[k] = problem.weights[k] * pull[k] + change.weights[k] * miss[k];
+        }
+        let mut y = [0.0; MAX_FAST];
+        for j in 0..n {
+            if closed || self.iterate.status[j] == 0.0 {
+                let away = change.regularisation * (inputs[j] - problem.preference[j]);
+                let mut slope = away - problem.regularisation * change.preference[j];
+                for k in 0..WRENCH {
+                    slope += b[WRENCH * j + k] * pull[k] + db[WRENCH * j + k] * force[k];
+                }
+                y[j] = -slope / self.cost;
+            }
+        }
+        if closed { &self.whole } else { &self.factor }.solve(n, &mut y);
+        for j in 0..n {
+            if closed || self.iterate.status[j] == 0.0 {
+                du[j] = y[j];
+            }
+        }
+        self.margin(problem, inputs, closed)
+    }
+
+    /// −1 where input j is its lower bound, 1 where the upper, else 0. Where both are one, it is the bound that the gradient
+    /// pushes to.
+    fn held(&self, problem: &Problem, force: &[f64; WRENCH], inputs: &[f64], closed: bool, j: usize) -> f64 {
+        if problem.lower[j] == problem.upper[j] {
+            let b = problem.geometry.as_slice();
+            let push: f64 = (0..WRENCH).map(|k| b[WRENCH * j + k] * force[k]).sum();
+            let push = push + problem.regularisation * (inputs[j] - problem.preference[j]);
+            return if push > 0.0 { -1.0 } else { 1.0 };
+        }
+        if closed { 0.0 } else { self.iterate.status[j] }
     }
 
     /// Least of max(slack, multiplier) over all bounds, scaled as in [`Sensitivity::margin`].
@@ -237,6 +294,13 @@ impl Fast {
         }
         g.abs() / size
     }
+}
+
+/// W (B u − w).
+fn force(problem: &Problem, miss: &[f64; WRENCH]) -> [f64; WRENCH] {
+    let mut force = *miss;
+    force.iter_mut().zip(&problem.weights).for_each(|(f, w)| *f *= w);
+    force
 }
 
 fn dot(a: &[f64; WRENCH], b: &[f64; WRENCH]) -> f64 {

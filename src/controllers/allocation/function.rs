@@ -1,18 +1,19 @@
 //! An allocation as a differentiable function: for rollouts, duals and programs.
 
-use super::allocator::{Allocator, Settings, Solution};
-use super::gradient::Sensitivity;
+use super::allocator::{Allocator, Settings};
 use super::problem::{Problem, WRENCH};
 use super::variation::Variation;
 use crate::autodiff::{CustomFunction, Operation, Scalar};
 use crate::error::{Error, Result};
+use std::sync::{Mutex, PoisonError};
 
 /// u*(x), where x are all numbers of a [`Problem`] with its wrench, in the order of [`Variation::numbers`]: wrench 6,
 /// weights 6, ρ, geometry by columns, u_pref, lower, upper, then cone by cone, row by row, constant and coefficients.
 ///
-/// The derivative is that of [`Sensitivity`]. An answer that cannot be certified is NaN, and so is one whose cones have
+/// The derivative is that of [`Allocator::forward`] and [`Allocator::reverse`]. An answer that cannot be certified is NaN, and so is one whose cones have
 /// moved until the template's anchor is outside: choose the anchor with room. Every evaluation starts cold, so
-/// that equal arguments have equal answers.
+/// that equal arguments have equal answers. After warm-up an evaluation allocates nothing,
+/// unless it is left to clarabel: cones, or more inputs than the active set takes.
 ///
 /// ```
 /// use omnidrones::autodiff::Scalar;
@@ -35,10 +36,26 @@ pub struct AllocationFunction {
     n_number: usize,
 }
 
+/// Most numbers that a call keeps on the stack; the inputs of the active set have fewer.
+const FEW: usize = 256;
+
 /// Numbers in, inputs out.
 struct Inner {
     template: Problem,
     n_number: usize,
+    /// As many as have evaluated at once.
+    idle: Mutex<Vec<Box<Work>>>,
+}
+
+/// What an evaluation needs.
+struct Work {
+    allocator: Allocator,
+    /// The numbers asked for last.
+    at: Variation,
+    /// Whether their answer is certified.
+    solved: bool,
+    /// A direction, or a gradient.
+    change: Variation,
 }
 
 impl AllocationFunction {
@@ -53,7 +70,7 @@ impl AllocationFunction {
         if n_number > u16::MAX as usize {
             return Err(Error::limit("allocation: numbers", n_number, u16::MAX, format!("{n} inputs are too many.")));
         }
-        Ok(Self { operation: Operation::new(Inner { template, n_number }), n_number })
+        Ok(Self { operation: Operation::new(Inner { template, n_number, idle: Mutex::default() }), n_number })
     }
 
     /// Length of x.
@@ -66,9 +83,18 @@ impl AllocationFunction {
     /// # Panics
     /// If `problem` has another structure than the template, or `inputs` not one slot per input.
     pub fn call<S: Scalar>(&self, problem: &Problem, wrench: &[S; WRENCH], inputs: &mut [S]) {
-        let mut numbers: Vec<S> = flat(problem, &[0.0; WRENCH]).into_iter().map(S::constant).collect();
-        numbers[..WRENCH].copy_from_slice(wrench);
-        self.operation.call(&numbers, inputs);
+        assert_eq!(WRENCH + constants(problem).count(), self.n_number, "numbers of the problem and of the template");
+        let (mut few, mut many) = ([S::zero(); FEW], Vec::new());
+        let numbers = if self.n_number <= FEW {
+            &mut few[..self.n_number]
+        } else {
+            many.resize(self.n_number, S::zero());
+            &mut many[..]
+        };
+        let (first, rest) = numbers.split_at_mut(WRENCH);
+        first.copy_from_slice(wrench);
+        rest.iter_mut().zip(constants(problem)).for_each(|(to, x)| *to = S::constant(*x));
+        self.operation.call(numbers, inputs);
     }
 
     /// u* of all numbers, see [`AllocationFunction`] for their order.
@@ -80,55 +106,61 @@ impl AllocationFunction {
     }
 }
 
-/// All numbers in the order of [`Variation::numbers`].
-pub fn flat(problem: &Problem, wrench: &[f64; WRENCH]) -> Vec<f64> {
-    let mut all = Variation::zero(problem);
-    (all.wrench, all.weights, all.regularisation) = (*wrench, problem.weights, problem.regularisation);
-    all.geometry.copy_from(&problem.geometry);
-    all.preference.copy_from_slice(&problem.preference);
-    all.lower.copy_from_slice(&problem.lower);
-    all.upper.copy_from_slice(&problem.upper);
-    for (cone, rows) in problem.cones.iter().zip(&mut all.cones) {
-        for (row, to) in cone.rows().zip(rows) {
-            to.constant = row.constant;
-            to.terms.iter_mut().zip(&row.terms).for_each(|(to, (_, a))| *to = *a);
+/// All numbers but the wrench, in the order of [`Variation::numbers`].
+fn constants(problem: &Problem) -> impl Iterator<Item = &f64> {
+    let rows = problem.cones.iter().flat_map(|cone| cone.rows());
+    let rows = rows.flat_map(|row| std::iter::once(&row.constant).chain(row.terms.iter().map(|(_, a)| a)));
+    (problem.weights.iter().chain(std::iter::once(&problem.regularisation)))
+        .chain(problem.geometry.iter())
+        .chain(&problem.preference)
+        .chain(&problem.lower)
+        .chain(&problem.upper)
+        .chain(rows)
+}
+
+/// Gives a problem the numbers of `at`.
+fn give(at: &Variation, problem: &mut Problem) {
+    (problem.weights, problem.regularisation) = (at.weights, at.regularisation);
+    problem.geometry.copy_from(&at.geometry);
+    problem.preference.copy_from_slice(&at.preference);
+    problem.lower.copy_from_slice(&at.lower);
+    problem.upper.copy_from_slice(&at.upper);
+    for (cone, rows) in problem.cones.iter_mut().zip(&at.cones) {
+        for (row, by) in cone.rows_mut().zip(rows) {
+            row.constant = by.constant;
+            row.terms.iter_mut().zip(&by.terms).for_each(|((_, a), by)| *a = *by);
         }
     }
-    all.numbers().copied().collect()
+}
+
+impl Work {
+    fn new(template: &Problem) -> Result<Self> {
+        let allocator = Allocator::with_settings(template.clone(), Settings { warm: false, ..Settings::default() })?;
+        let zero = Variation::zero(template);
+        Ok(Self { allocator, at: zero.clone(), solved: false, change: zero })
+    }
+
+    /// Whether the numbers make a problem whose answer is certified; the allocator then holds it.
+    fn solve(&mut self, x: &[f64]) -> bool {
+        let known = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
+        if !(self.solved && self.at.numbers().zip(x).all(known)) {
+            self.at.numbers_mut().zip(x).for_each(|(to, x)| *to = *x);
+            let ready = self.allocator.restart(|problem| give(&self.at, problem));
+            self.solved = ready.is_ok() && self.allocator.solve(&self.at.wrench).residual.is_finite();
+        }
+        self.solved
+    }
 }
 
 impl Inner {
-    /// The problem of these numbers.
-    fn problem(&self, x: &[f64]) -> (Problem, [f64; WRENCH]) {
-        let mut numbers = Variation::zero(&self.template);
-        numbers.numbers_mut().zip(x).for_each(|(to, x)| *to = *x);
-        let mut problem = self.template.clone();
-        (problem.weights, problem.regularisation) = (numbers.weights, numbers.regularisation);
-        problem.geometry.copy_from(&numbers.geometry);
-        problem.preference.copy_from_slice(&numbers.preference);
-        problem.lower.copy_from_slice(&numbers.lower);
-        problem.upper.copy_from_slice(&numbers.upper);
-        for (cone, rows) in problem.cones.iter_mut().zip(&numbers.cones) {
-            for (row, by) in cone.rows_mut().zip(rows) {
-                row.constant = by.constant;
-                row.terms.iter_mut().zip(&by.terms).for_each(|((_, a), by)| *a = *by);
-            }
-        }
-        (problem, numbers.wrench)
-    }
-
-    /// `None` where the numbers make no problem or its answer is not certified.
-    fn solve(&self, x: &[f64]) -> Option<(Problem, [f64; WRENCH], Solution)> {
-        let (problem, wrench) = self.problem(x);
-        let mut allocator = Allocator::with_settings(problem, Settings { warm: false, ..Settings::default() }).ok()?;
-        let solution = allocator.solve(&wrench).clone();
-        let problem = allocator.into_problem();
-        solution.residual.is_finite().then_some((problem, wrench, solution))
-    }
-
-    fn sensitivity(&self, x: &[f64]) -> Option<Sensitivity> {
-        let (problem, wrench, solution) = self.solve(x)?;
-        Sensitivity::new(&problem, &wrench, &solution)
+    /// Runs `work` on a workspace that is not in use; false without one.
+    fn with(&self, work: impl FnOnce(&mut Work) -> bool) -> bool {
+        let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        let taken = idle().pop();
+        let Some(mut own) = taken.or_else(|| Work::new(&self.template).ok().map(Box::new)) else { return false };
+        let good = work(&mut own);
+        idle().push(own);
+        good
     }
 }
 
@@ -140,23 +172,32 @@ impl CustomFunction for Inner {
         self.template.n_input()
     }
     fn value(&self, x: &[f64], y: &mut [f64]) {
-        match self.solve(x) {
-            Some((_, _, solution)) => y.copy_from_slice(&solution.inputs),
-            None => y.fill(f64::NAN),
+        let good = self.with(|work| {
+            let good = work.solve(x);
+            y.copy_from_slice(&work.allocator.solution().inputs);
+            good
+        });
+        if !good {
+            y.fill(f64::NAN);
         }
     }
     fn forward(&self, x: &[f64], dx: &[f64], dy: &mut [f64]) {
-        let mut change = Variation::zero(&self.template);
-        change.numbers_mut().zip(dx).for_each(|(to, dx)| *to = *dx);
-        match self.sensitivity(x) {
-            Some(at) => dy.copy_from_slice(&at.forward(&change)),
-            None => dy.fill(f64::NAN),
+        let good = self.with(|work| {
+            work.change.numbers_mut().zip(dx).for_each(|(to, dx)| *to = *dx);
+            work.solve(x) && work.allocator.forward(&work.change, dy).is_some()
+        });
+        if !good {
+            dy.fill(f64::NAN);
         }
     }
     fn reverse(&self, x: &[f64], y_bar: &[f64], x_bar: &mut [f64]) {
-        match self.sensitivity(x) {
-            Some(at) => x_bar.iter_mut().zip(at.reverse(y_bar).numbers()).for_each(|(to, x)| *to = *x),
-            None => x_bar.fill(f64::NAN),
+        let good = self.with(|work| {
+            let good = work.solve(x) && work.allocator.reverse(y_bar, &mut work.change).is_some();
+            x_bar.iter_mut().zip(work.change.numbers()).for_each(|(to, x)| *to = *x);
+            good
+        });
+        if !good {
+            x_bar.fill(f64::NAN);
         }
     }
 }

@@ -11,7 +11,7 @@
 
 use super::allocator::{Allocator, Counts, Path};
 use super::problem::{Problem, WRENCH};
-use crate::controllers::pilot::Note;
+use crate::controllers::controller::Note;
 use crate::error::Result;
 use nalgebra::{DMatrix, DVector};
 

@@ -12,6 +12,7 @@ use super::geometry::characteristic_length;
 use crate::dynamics::Vehicle;
 use crate::error::{Error, Result, finite};
 use nalgebra::{DMatrix, DVector};
+use std::fmt::Display;
 
 /// Rows of a wrench: force, moment.
 pub const WRENCH: usize = 6;
@@ -179,25 +180,24 @@ impl Problem {
         check("allocation: inputs", n, n > 0, "≥ 1", "Give it a rotor.")?;
         check("allocation: rows of the geometry", self.geometry.nrows(), self.geometry.nrows() == WRENCH, "6", SIZE)?;
         for (name, v) in [("preference", &self.preference), ("lower", &self.lower), ("upper", &self.upper)] {
-            let what = format!("allocation: length of {name}");
-            check(&what, v.len(), v.len() == n, &format!("{n}, one per input"), SIZE)?;
+            let (what, rule) = (format_args!("allocation: length of {name}"), format_args!("{n}, one per input"));
+            check(what, v.len(), v.len() == n, rule, SIZE)?;
         }
         finite("allocation: geometry", self.geometry.as_slice())?;
         finite("allocation: weights", &self.weights)?;
         finite("allocation: preference", &self.preference)?;
         for (i, weight) in self.weights.iter().enumerate() {
-            check(&format!("allocation: weights[{i}]"), weight, *weight >= 0.0, "≥ 0", "0 leaves a row out.")?;
+            check(format_args!("allocation: weights[{i}]"), weight, *weight >= 0.0, "≥ 0", "0 leaves a row out.")?;
         }
         let rho = self.regularisation;
         let remedy = "It makes the answer unique; 1e-6 of the largest entry of BᵀWB is a good start.";
         check("allocation: regularisation", rho, rho.is_finite() && rho > 0.0, "> 0 and finite", remedy)?;
         for i in 0..n {
             let (lo, hi) = (self.lower[i], self.upper[i]);
-            let what = format!("allocation: bounds of input {i}");
             let remedy = "A failed rotor is [0, 0].";
             check(
-                &what,
-                format!("[{lo}, {hi}]"),
+                format_args!("allocation: bounds of input {i}"),
+                format_args!("[{lo}, {hi}]"),
                 lo <= hi && lo < f64::INFINITY && hi > f64::NEG_INFINITY,
                 "in order",
                 remedy,
@@ -211,7 +211,7 @@ impl Problem {
             for row in cone.rows() {
                 let known = row.terms.iter().all(|(j, a)| *j < n && a.is_finite()) && row.constant.is_finite();
                 check(
-                    &format!("allocation: cone {k}"),
+                    format_args!("allocation: cone {k}"),
                     "a row with a number out of range",
                     known,
                     "finite, on inputs that exist",
@@ -225,8 +225,8 @@ impl Problem {
         check("allocation: length of anchor", self.anchor.len(), self.anchor.len() == n, "one per input", SIZE)?;
         for (k, cone) in self.cones.iter().enumerate() {
             let slack = cone.slack(&self.anchor);
-            let what = format!("allocation: slack of cone {k} at the anchor");
-            check(&what, slack, slack > 0.0, "> 0", "Choose the anchor strictly inside all cones.")?;
+            let what = format_args!("allocation: slack of cone {k} at the anchor");
+            check(what, slack, slack > 0.0, "> 0", "Choose the anchor strictly inside all cones.")?;
         }
         Ok(())
     }
@@ -330,6 +330,13 @@ impl Problem {
         outside.chain(cones).fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v) })
     }
 
+    /// Where a solver without an earlier answer starts: the preference, or the anchor where there are cones, within all
+    /// limits.
+    pub(super) fn start(&self, u: &mut [f64]) {
+        u.copy_from_slice(if self.cones.is_empty() { &self.preference } else { &self.anchor });
+        self.repair(u, &[]);
+    }
+
     /// Moves u to where every bound and cone holds exactly: clips it, then pulls it towards the clipped anchor (or, where
     /// that is outside a cone, towards a point between `good` and the anchor) as little as bisection finds. Bounds that are out of order or NaN are left
     /// out. Where neither point is inside, the clipped u remains; [`violation`](Self::violation) tells.
@@ -414,8 +421,9 @@ pub struct Scales {
 
 const SIZE: &str = "Build it with Problem::boxed or Problem::of_vehicle.";
 
-fn check(what: &str, value: impl ToString, holds: bool, limit: &str, remedy: &str) -> Result<()> {
-    if holds { Ok(()) } else { Err(Error::value(what, value, limit, remedy)) }
+/// Writes its texts only where it fails, since every evaluation of an allocation is checked.
+fn check(what: impl Display, value: impl Display, holds: bool, limit: impl Display, remedy: &str) -> Result<()> {
+    if holds { Ok(()) } else { Err(Error::value(what.to_string(), value, limit.to_string(), remedy)) }
 }
 
 /// bⱼᵀ W bⱼ.

@@ -8,19 +8,16 @@
 //! | [`mod@follow`] | feed-forward along smooth references |
 //! | [`mod@sensitivity`] | how the error of one flight depends on each gain |
 //! | [`mod@tune`] | gains by descent on flights |
-//! | [`tilting`] | six-axis gains and null-space weight of a tilting Omav, through its bounded allocation |
 
 pub mod error_state;
 pub mod follow;
 pub mod lqr;
 pub mod riccati;
 pub mod sensitivity;
-pub mod tilting;
 pub mod tune;
 
 pub use error_state::ErrorState;
 pub use follow::{Following, follow};
 pub use lqr::{Regulator, bryson, eigenvalues, lqr, spectral_radius};
 pub use sensitivity::{Sensitivity, sensitivity};
-pub use tilting::{Tilting, TiltingEvaluation, TiltingPlan, TiltingTuning, evaluate_tilting, tune_tilting};
-pub use tune::{Evaluation, Iteration, TunePlan, Tuning, tune};
+pub use tune::{Descent, Evaluation, Iteration, TunePlan, Tuning, tune};

@@ -1,9 +1,11 @@
 //! How the tracking error of one whole flight depends on each gain: one reverse sweep through every step of it.
 
-use super::tune::{LogGains, MeanSquaredError};
+use super::tune::{LogGains, MeanSquaredError, VehicleLoop};
 use crate::autodiff::{Gradient, Rollout, System};
 use crate::controllers::closed_loop::ClosedLoop;
+use crate::controllers::controller::Target;
 use crate::controllers::flight::FlightPlan;
+use crate::controllers::start::start_on;
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::{Disturbance, Gains, Vehicle};
 use crate::error::{Error, Result};
@@ -38,16 +40,11 @@ pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Resul
     if steps > MAX_STEPS {
         return Err(Error::limit("steps to differentiate", steps, MAX_STEPS, "Fly shorter, or with a larger dt."));
     }
-    let mut physics = plan.physics;
-    physics.effects.disturbance |= plan.wind != Wind::Calm;
-    let system = LogGains(ClosedLoop::new(vehicle, physics, gains, &plan.rates)?.with_gains());
-    let theta: Vec<f64> = system.0.gain_vector().iter().map(|k| k.ln()).collect();
+    let own = ClosedLoop::of_vehicle(vehicle, plan.air_physics(), gains, &plan.rates)?.with_latency(plan.latency)?;
+    let system = LogGains(own.with_gains());
+    let theta: Vec<f64> = system.0.parameters().iter().map(|k| k.ln()).collect();
     crate::error::finite("logarithm of gain", &theta)?;
-    let start = plan.reference.sample(0.0);
-    let mut plant_state = system.0.plant().hover_state(start.position)?;
-    let (s, c) = (0.5 * start.yaw).sin_cos();
-    plant_state[6..10].copy_from_slice(&[c, 0.0, 0.0, s]);
-    let state = system.0.initial_state(&plant_state);
+    let state = system.0.initial_state(&start_on(system.0.plant(), system.0.controller(), &plan.reference)?);
     let inputs = inputs(&system.0, plan, steps)?;
 
     let mut gradient =
@@ -61,7 +58,7 @@ pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Resul
 }
 
 /// Inputs of the closed loop along the plan, wind included, row-major `[steps, m]`.
-fn inputs(system: &ClosedLoop, plan: &FlightPlan, steps: u64) -> Result<Vec<f64>> {
+fn inputs(system: &VehicleLoop, plan: &FlightPlan, steps: u64) -> Result<Vec<f64>> {
     let m = system.n_input();
     let dt = plan.physics.dt;
     let mut wind = WindState::new(plan.wind.clone(), Stream::new(plan.seed, 0, 0, Purpose::WIND))?;
@@ -71,7 +68,8 @@ fn inputs(system: &ClosedLoop, plan: &FlightPlan, steps: u64) -> Result<Vec<f64>
         if plan.wind != Wind::Calm {
             air.wind = wind.sample(dt);
         }
-        system.write_input(k as u64, &plan.reference.sample(k as f64 * dt), &air, row);
+        let target = Target { reference: &plan.reference, tilt: &plan.tilt };
+        system.write_input(k as u64, target, &air, row);
     }
     Ok(rows)
 }

@@ -1,5 +1,6 @@
 //! The way of a drone whose load follows a path.
 
+use super::Curve;
 use super::lemniscate::Lemniscate;
 use super::sample::Sample;
 use super::waypoints::Waypoints;
@@ -46,23 +47,6 @@ impl LoadPath {
 }
 
 impl Carried {
-    pub(super) fn validate(&self) -> Result<()> {
-        if let LoadPath::Lemniscate(path) = &self.path {
-            path.validate()?;
-        }
-        super::within("carried.lever", &[self.lever], -1e3, 1e3)
-    }
-
-    #[inline(always)]
-    pub(super) fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
-        let load = self.path.position_and_yaw(Jet::<S, 3>::variable(t)).0;
-        let mut position = [S::zero(); 3];
-        for i in 0..3 {
-            position[i] = load[i].value();
-        }
-        axpy(position, S::constant(self.lever), self.bar(t))
-    }
-
     /// n at time t, world: the direction of a bar that lets the load follow its path, upwards.
     #[inline(always)]
     pub fn bar<S: Scalar>(&self, t: S) -> Vec3<S> {
@@ -72,11 +56,6 @@ impl Carried {
             pull[i] = load[i].derivative(2);
         }
         safe::normalise(add(pull, [S::zero(), S::zero(), S::constant(GRAVITY)]))
-    }
-
-    #[inline(always)]
-    pub(in crate::controllers) fn yaw<S: Scalar>(&self, t: S) -> S {
-        self.path.position_and_yaw(t).1
     }
 
     /// Position, velocity, … of the drone, and its yaw.
@@ -89,6 +68,38 @@ impl Carried {
     pub fn load(&self, t: f64) -> Sample<f64> {
         let (position, yaw) = self.path.position_and_yaw(Jet::<f64, 5>::variable(t));
         Sample::from_series(position, yaw)
+    }
+}
+
+impl Curve for Carried {
+    fn name(&self) -> &'static str {
+        "carried"
+    }
+
+    fn description(&self) -> &'static str {
+        "the way of a drone whose load follows a path"
+    }
+
+    fn validate(&self) -> Result<()> {
+        if let LoadPath::Lemniscate(path) = &self.path {
+            path.validate()?;
+        }
+        super::within("carried.lever", &[self.lever], -1e3, 1e3)
+    }
+
+    #[inline(always)]
+    fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
+        let load = self.path.position_and_yaw(Jet::<S, 3>::variable(t)).0;
+        let mut position = [S::zero(); 3];
+        for i in 0..3 {
+            position[i] = load[i].value();
+        }
+        axpy(position, S::constant(self.lever), self.bar(t))
+    }
+
+    #[inline(always)]
+    fn yaw<S: Scalar>(&self, t: S) -> S {
+        self.path.position_and_yaw(t).1
     }
 }
 

@@ -1,6 +1,6 @@
 //! A horizontal circle with a smooth start.
 
-use super::{coordinates, within};
+use super::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::Vec3;
 use crate::error::Result;
@@ -32,14 +32,6 @@ impl Default for Circle {
 }
 
 impl Circle {
-    pub(super) fn validate(&self) -> Result<()> {
-        coordinates("circle.center", &self.center)?;
-        within("circle.radius", &[self.radius], 0.0, 1e6)?;
-        within("circle.rate", &[self.rate], -100.0, 100.0)?;
-        within("circle.spin_up", &[self.spin_up], 1e-3, 1e6)?;
-        coordinates("circle.yaw", &[self.yaw])
-    }
-
     /// φ(t): the integral of the smooth step, ω T (7x⁵ − 14x⁶ + 10x⁷ − 2.5x⁸) with x = t/T, then ω (t − T/2).
     #[inline(always)]
     fn phase<S: Scalar>(&self, t: S) -> S {
@@ -54,9 +46,27 @@ impl Circle {
         let steady = t - S::constant(0.5) * end;
         S::constant(self.rate) * S::select(t.lt(end), starting, steady)
     }
+}
+
+impl Curve for Circle {
+    fn name(&self) -> &'static str {
+        "circle"
+    }
+
+    fn description(&self) -> &'static str {
+        "a horizontal circle with a smooth start"
+    }
+
+    fn validate(&self) -> Result<()> {
+        coordinates("circle.center", &self.center)?;
+        within("circle.radius", &[self.radius], 0.0, 1e6)?;
+        within("circle.rate", &[self.rate], -100.0, 100.0)?;
+        within("circle.spin_up", &[self.spin_up], 1e-3, 1e6)?;
+        coordinates("circle.yaw", &[self.yaw])
+    }
 
     #[inline(always)]
-    pub(super) fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
+    fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
         let (s, c) = self.phase(t).sin_cos();
         let r = S::constant(self.radius);
         [
@@ -67,7 +77,7 @@ impl Circle {
     }
 
     #[inline(always)]
-    pub(super) fn yaw<S: Scalar>(&self, t: S) -> S {
+    fn yaw<S: Scalar>(&self, t: S) -> S {
         let fixed = S::constant(self.yaw);
         if !self.along_path {
             return fixed;

@@ -1,6 +1,6 @@
 //! Points: stay at one, or jump to another.
 
-use super::{coordinates, within};
+use super::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::{Vec3, constants};
 use crate::error::Result;
@@ -22,15 +22,28 @@ impl Default for Hover {
     }
 }
 
-impl Hover {
-    pub(super) fn validate(&self) -> Result<()> {
+impl Curve for Hover {
+    fn name(&self) -> &'static str {
+        "hover"
+    }
+
+    fn description(&self) -> &'static str {
+        "stay at a point"
+    }
+
+    fn validate(&self) -> Result<()> {
         coordinates("hover.position", &self.position)?;
         coordinates("hover.yaw", &[self.yaw])
     }
 
     #[inline(always)]
-    pub(super) fn position<S: Scalar>(&self, _t: S) -> Vec3<S> {
+    fn position<S: Scalar>(&self, _t: S) -> Vec3<S> {
         constants(self.position)
+    }
+
+    #[inline(always)]
+    fn yaw<S: Scalar>(&self, _t: S) -> S {
+        S::constant(self.yaw)
     }
 }
 
@@ -55,8 +68,16 @@ impl Default for Step {
     }
 }
 
-impl Step {
-    pub(super) fn validate(&self) -> Result<()> {
+impl Curve for Step {
+    fn name(&self) -> &'static str {
+        "step"
+    }
+
+    fn description(&self) -> &'static str {
+        "jump from one point to another"
+    }
+
+    fn validate(&self) -> Result<()> {
         coordinates("step.from", &self.from)?;
         coordinates("step.to", &self.to)?;
         within("step.time", &[self.time], 1e-9, 1e6)?;
@@ -64,7 +85,12 @@ impl Step {
     }
 
     #[inline(always)]
-    pub(super) fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
+    fn yaw<S: Scalar>(&self, _t: S) -> S {
+        S::constant(self.yaw)
+    }
+
+    #[inline(always)]
+    fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
         let before = t.lt(S::constant(self.time));
         let mut p = constants(self.to);
         for i in 0..3 {

@@ -1,6 +1,6 @@
 //! The figure of eight of the paper's Track tasks.
 
-use super::{coordinates, within};
+use super::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::Vec3;
 use crate::error::Result;
@@ -51,8 +51,16 @@ pub fn lemniscate_curve<S: Scalar>(phase: S, vertical: S) -> Vec3<S> {
     [c * scale, s * c * scale, vertical * s * scale]
 }
 
-impl Lemniscate {
-    pub(super) fn validate(&self) -> Result<()> {
+impl Curve for Lemniscate {
+    fn name(&self) -> &'static str {
+        "lemniscate"
+    }
+
+    fn description(&self) -> &'static str {
+        "a figure of eight with a vertical part (the paper's Track tasks)"
+    }
+
+    fn validate(&self) -> Result<()> {
         within("lemniscate.rate", &[self.rate], -100.0, 100.0)?;
         within("lemniscate.scale", &self.scale, 0.0, 1e6)?;
         coordinates("lemniscate.vertical", &[self.vertical])?;
@@ -62,7 +70,12 @@ impl Lemniscate {
     }
 
     #[inline(always)]
-    pub(super) fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
+    fn yaw<S: Scalar>(&self, _t: S) -> S {
+        S::constant(self.yaw)
+    }
+
+    #[inline(always)]
+    fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
         let phase = S::constant(std::f64::consts::FRAC_PI_2) + lemniscate_phase(S::constant(self.rate), t);
         let curve = lemniscate_curve(phase, S::constant(self.vertical));
         let (x, y) = (S::constant(self.scale[0]) * curve[0], S::constant(self.scale[1]) * curve[1]);

@@ -1,7 +1,8 @@
 //! Where to be and when: reference trajectories with exact derivatives.
 //!
-//! Each shape writes its position and yaw once, over [`Scalar`]; evaluated on a fifth-order [`Jet`] in time the same
-//! lines give velocity, acceleration, jerk and snap. Before t = 0 every shape rests at its start.
+//! Each shape is a [`Curve`]: it writes its position and yaw once, over [`Scalar`]; evaluated on a fifth-order [`Jet`] in
+//! time the same lines give velocity, acceleration, jerk and snap. Before t = 0 every shape here rests at its start. A
+//! curve of your own is a reference too ([`Reference::own`]), and so is anything else that gives samples ([`Trajectory`]).
 
 mod carried;
 mod circle;
@@ -9,6 +10,7 @@ mod hover;
 mod lemniscate;
 mod sample;
 mod tilt;
+mod trajectory;
 mod waypoints;
 
 pub use carried::{Carried, LoadPath};
@@ -17,13 +19,13 @@ pub use hover::{Hover, Step};
 pub use lemniscate::{Lemniscate, lemniscate_curve, lemniscate_phase};
 pub use sample::Sample;
 pub use tilt::Tilt;
+pub use trajectory::{Curve, Own, Series, Trajectory};
 pub use waypoints::{MAX_WAYPOINTS, Waypoint, Waypoints};
 
-use crate::autodiff::Scalar;
 use crate::autodiff::jet::Jet;
-use crate::dynamics::spatial::Vec3;
 use crate::error::{Error, Result, finite};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// A trajectory: its shape and numbers. In TOML: `kind = "lemniscate"` and the fields of the shape.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,6 +43,9 @@ pub enum Reference {
     Waypoints(Waypoints),
     /// Where a drone must be for its load to follow a path. Not among [`Reference::NAMES`]: it needs a lever.
     Carried(Carried),
+    /// Of your own: a value in a program, never in a file.
+    #[serde(skip)]
+    Own(Own),
 }
 
 impl Reference {
@@ -68,81 +73,63 @@ impl Reference {
         &Self::NAMES
     }
 
+    /// A trajectory of your own.
+    pub fn own(trajectory: impl Trajectory + 'static) -> Self {
+        Self::Own(Own(Arc::new(trajectory)))
+    }
+
+    fn trajectory(&self) -> &dyn Trajectory {
+        match self {
+            Self::Hover(r) => r,
+            Self::Step(r) => r,
+            Self::Circle(r) => r,
+            Self::Lemniscate(r) => r,
+            Self::Waypoints(r) => r,
+            Self::Carried(r) => r,
+            Self::Own(r) => &*r.0,
+        }
+    }
+
     /// The name of this shape.
     pub fn name(&self) -> &'static str {
-        match self {
-            Self::Hover(_) => "hover",
-            Self::Step(_) => "step",
-            Self::Circle(_) => "circle",
-            Self::Lemniscate(_) => "lemniscate",
-            Self::Waypoints(_) => "waypoints",
-            Self::Carried(_) => "carried",
-        }
+        self.trajectory().name()
     }
 
     /// One line for a list of shapes.
     pub fn description(&self) -> &'static str {
-        match self {
-            Self::Hover(_) => "stay at a point",
-            Self::Step(_) => "jump from one point to another",
-            Self::Circle(_) => "a horizontal circle with a smooth start",
-            Self::Lemniscate(_) => "a figure of eight with a vertical part (the paper's Track tasks)",
-            Self::Waypoints(_) => "a minimum-snap path through points, rest to rest",
-            Self::Carried(_) => "the way of a drone whose load follows a path",
-        }
+        self.trajectory().description()
     }
 
     /// Checks every number. A valid reference gives finite samples at every finite time.
     pub fn validate(&self) -> Result<()> {
-        match self {
-            Self::Hover(r) => r.validate(),
-            Self::Step(r) => r.validate(),
-            Self::Circle(r) => r.validate(),
-            Self::Lemniscate(r) => r.validate(),
-            Self::Waypoints(_) => Ok(()),
-            Self::Carried(r) => r.validate(),
-        }
-    }
-
-    /// Position at time t (s), world, m; generic, so that a series in t gives its derivatives.
-    #[inline(always)]
-    pub fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
-        match self {
-            Self::Hover(r) => r.position(t),
-            Self::Step(r) => r.position(t),
-            Self::Circle(r) => r.position(t),
-            Self::Lemniscate(r) => r.position(t),
-            Self::Waypoints(r) => r.position_and_yaw(t).0,
-            Self::Carried(r) => r.position(t),
-        }
-    }
-
-    /// Yaw at time t (s), rad, continuous (not wrapped).
-    #[inline(always)]
-    pub fn yaw<S: Scalar>(&self, t: S) -> S {
-        match self {
-            Self::Hover(r) => S::constant(r.yaw),
-            Self::Step(r) => S::constant(r.yaw),
-            Self::Circle(r) => r.yaw(t),
-            Self::Lemniscate(r) => S::constant(r.yaw),
-            Self::Waypoints(r) => r.position_and_yaw(t).1,
-            Self::Carried(r) => r.yaw(t),
-        }
+        self.trajectory().validate()
     }
 
     /// Everything the controllers use at time t (s), derivatives exact. Where a derivative jumps (see the shapes) the
     /// value is the right-hand one.
     pub fn sample(&self, t: f64) -> Sample<f64> {
-        let time = Jet::<f64, 5>::variable(t);
-        Sample::from_series(self.position(time), self.yaw(time))
+        self.trajectory().sample(t)
+    }
+
+    /// Position and yaw as Taylor series in time about t (s).
+    pub fn series(&self, t: f64) -> Series {
+        self.trajectory().series(t)
+    }
+
+    /// Yaw as a Taylor series in time about t (s), rad.
+    pub fn yaw(&self, t: f64) -> Jet<f64, 3> {
+        let [value, rate, change, ..] = self.series(t).1.coefficients;
+        Jet { coefficients: [value, rate, change] }
+    }
+
+    /// Roll and pitch as Taylor series in time about t (s): zero unless a trajectory of your own asks for more.
+    pub fn angles(&self, t: f64) -> [Jet<f64, 3>; 2] {
+        self.trajectory().angles(t)
     }
 
     /// When the motion is over, s; `None` for shapes without an end.
     pub fn duration(&self) -> Option<f64> {
-        match self {
-            Self::Waypoints(r) => Some(r.end()),
-            _ => None,
-        }
+        self.trajectory().duration()
     }
 }
 

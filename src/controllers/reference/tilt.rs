@@ -72,11 +72,11 @@ impl Tilt {
         [s * S::constant(self.roll), s * S::constant(self.pitch)]
     }
 
-    /// R_d, ω_d, ω̇_d at time t (s), with the yaw of `reference`; derivatives exact.
+    /// R_d, ω_d, ω̇_d at time t (s), with the yaw of `reference`; derivatives exact. Level, it gives way to the angles of the
+    /// reference itself.
     pub fn orientation(&self, reference: &Reference, t: f64) -> Orientation<f64> {
-        let time = Jet::<f64, 3>::variable(t);
-        let [roll, pitch] = self.angles(time);
-        Orientation::of_series(matrix(from_euler(roll, pitch, reference.yaw(time))))
+        let own = if self.is_level() { reference.angles(t) } else { self.angles(Jet::<f64, 3>::variable(t)) };
+        Orientation::of_series(matrix(from_euler(own[0], own[1], reference.yaw(t))))
     }
 }
 

@@ -1,6 +1,6 @@
 //! A path through points with the least snap.
 
-use super::{coordinates, within};
+use super::{Curve, coordinates, within};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::Vec3;
 use crate::error::{Error, Result};
@@ -119,6 +119,30 @@ impl Waypoints {
             }
         }
         ([p[0], p[1], p[2]], p[3])
+    }
+}
+
+impl Curve for Waypoints {
+    fn name(&self) -> &'static str {
+        "waypoints"
+    }
+
+    fn description(&self) -> &'static str {
+        "a minimum-snap path through points, rest to rest"
+    }
+
+    #[inline(always)]
+    fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
+        self.position_and_yaw(t).0
+    }
+
+    #[inline(always)]
+    fn yaw<S: Scalar>(&self, t: S) -> S {
+        self.position_and_yaw(t).1
+    }
+
+    fn duration(&self) -> Option<f64> {
+        Some(self.end())
     }
 }
 

@@ -5,12 +5,13 @@
 //! set for all environments that share them, so that a batch without randomisation reads them from cache.
 
 use super::plant::Block;
-use crate::autodiff::lanes::Lanes;
+use crate::autodiff::lanes::{Kernel, Lanes};
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::unrolled::unrolled;
+use crate::autodiff::{Mask, safe};
 use crate::dynamics::integrate::{Grid, step};
-use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, RotorModel};
-use pulp::{Simd, WithSimd};
+use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState};
+use crate::dynamics::rotor::RotorModel;
 
 /// Largest magnitude of a healthy state, SI units.
 pub(crate) const EXPLODED: f64 = 1e8;
@@ -39,14 +40,22 @@ impl Rows {
     }
 }
 
-const LEAN_BODY: usize = 17;
-const LEAN_ROTOR: usize = 7;
-const REST_BODY: usize = 11;
-const REST_ROTOR: usize = 15;
+/// Applies a macro to the numbers of a rotor that lean kernels read, in the order of their rows.
+macro_rules! lean_rotor {
+    ($each:ident, $r:ident) => {
+        $each!($r.force[2], $r.moment[0], $r.moment[1], $r.moment[2], $r.max_speed, $r.up.decay, $r.down.decay)
+    };
+}
 
-/// Rows of a packed model of `r` (padded) rotors.
-pub(crate) const fn n_packed(r: usize) -> usize {
-    LEAN_BODY + REST_BODY + (LEAN_ROTOR + REST_ROTOR) * r
+/// As `lean_rotor` for what other kernels read besides.
+#[rustfmt::skip]
+macro_rules! rest_rotor {
+    ($each:ident, $r:ident) => {
+        $each!(
+            $r.force[0], $r.force[1], $r.up.rate, $r.down.rate, $r.hub[0], $r.hub[1], $r.hub[2],
+            $r.axis[0], $r.axis[1], $r.axis[2], $r.spin_inertia, $r.drag, $r.axial_drag, $r.rolling, $r.radius
+        )
+    };
 }
 
 /// Whether any effect needs the constants behind the lean ones.
@@ -70,20 +79,19 @@ pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>, mut put: impl FnMut(f
     all(&m.inverse_inertia[..3]);
     all(&m.linear_drag);
     all(&m.angular_drag);
-    for r in &m.rotors {
-        all(&r.wrench[2..]);
-        all(&[r.max_speed, r.decay_up, r.decay_down]);
+    macro_rules! put {
+        ($($number:expr),*) => { all(&[$($number),*]) };
+    }
+    for rotor in &m.rotors {
+        lean_rotor!(put, rotor);
     }
     all(&[m.mass]);
     all(&m.inertia[3..]);
     all(&m.inverse_inertia[3..]);
     all(&m.quadratic_drag);
     all(&[m.ground_height]);
-    for r in &m.rotors {
-        all(&[r.wrench[0], r.wrench[1], r.rate_up, r.rate_down]);
-        all(&r.hub);
-        all(&r.axis);
-        all(&[r.spin_inertia, r.drag, r.axial_drag, r.rolling, r.radius]);
+    for rotor in &m.rotors {
+        rest_rotor!(put, rotor);
     }
 }
 
@@ -96,37 +104,37 @@ struct Cursor<'a> {
 
 impl Cursor<'_> {
     #[inline(always)]
-    fn next<S: Simd>(&mut self) -> Lanes<S> {
-        let value = Lanes::load(&self.rows[self.row][self.at..]);
+    fn next<L: Lanes>(&mut self) -> L {
+        let value = L::load(&self.rows[self.row][self.at..]);
         self.row += 1;
         value
     }
 
     #[inline(always)]
-    fn array<S: Simd, const N: usize>(&mut self) -> [Lanes<S>; N] {
-        let mut values = [Lanes::zero(); N];
-        for k in 0..N {
+    fn array<L: Lanes, const N: usize>(&mut self) -> [L; N] {
+        let mut values = [L::zero(); N];
+        unrolled!(k in 0..N {
             values[k] = self.next();
-        }
+        });
         values
     }
 }
 
 #[inline(always)]
-fn unpack<S: Simd, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> RigidModel<Lanes<S>, R> {
-    let o = Lanes::zero();
+fn unpack<L: Lanes, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> RigidModel<L, R> {
+    let o = L::zero();
     let (gravity, inverse_mass) = (c.next(), c.next());
     let center_of_mass = c.array();
     let [xx, yy, zz] = c.array();
     let [ixx, iyy, izz] = c.array();
     let (linear_drag, angular_drag) = (c.array(), c.array());
+    macro_rules! take {
+        ($($number:expr),*) => { $($number = c.next();)* };
+    }
     let mut rotors = [RotorModel::dead(); R];
     for i in 0..R {
-        let [fz, mx, my, mz] = c.array();
-        rotors[i].wrench = [o, o, fz, mx, my, mz];
-        rotors[i].max_speed = c.next();
-        rotors[i].decay_up = c.next();
-        rotors[i].decay_down = c.next();
+        let rotor = &mut rotors[i];
+        lean_rotor!(take, rotor);
     }
     let mut model = RigidModel {
         gravity,
@@ -149,7 +157,10 @@ fn unpack<S: Simd, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rigi
 }
 
 #[inline(always)]
-fn unpack_rest<S: Simd, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidModel<Lanes<S>, R>) {
+fn unpack_rest<L: Lanes, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidModel<L, R>) {
+    macro_rules! take {
+        ($($number:expr),*) => { $($number = c.next();)* };
+    }
     model.mass = c.next();
     for k in 3..6 {
         model.inertia[k] = c.next();
@@ -161,17 +172,7 @@ fn unpack_rest<S: Simd, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidMod
     model.ground_height = c.next();
     for i in 0..R {
         let rotor = &mut model.rotors[i];
-        rotor.wrench[0] = c.next();
-        rotor.wrench[1] = c.next();
-        rotor.rate_up = c.next();
-        rotor.rate_down = c.next();
-        rotor.hub = c.array();
-        rotor.axis = c.array();
-        rotor.spin_inertia = c.next();
-        rotor.drag = c.next();
-        rotor.axial_drag = c.next();
-        rotor.rolling = c.next();
-        rotor.radius = c.next();
+        rest_rotor!(take, rotor);
     }
 }
 
@@ -184,42 +185,54 @@ pub(crate) struct StepBlocks<'a, const R: usize> {
     pub grid: Grid,
 }
 
-impl<const R: usize> WithSimd for StepBlocks<'_, R> {
+impl<const R: usize> Kernel for StepBlocks<'_, R> {
     type Output = ();
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        // constants here let the compiler leave out what is switched off
-        if self.effects == Effects::lean() {
-            for block in self.blocks {
-                step_block::<S, R>(block, self.shared, Effects::lean(), self.grid);
-            }
-        } else {
-            for block in self.blocks {
-                step_block::<S, R>(block, self.shared, self.effects, self.grid);
+    fn run<L: Lanes>(self) {
+        let Self { blocks, shared, effects, grid } = self;
+        for b in 0..blocks.len() {
+            let mut at = 0;
+            while at < blocks[b].occupied {
+                let block = &mut blocks[b];
+                // a constant lets the compiler leave out what is switched off
+                if effects == Effects::lean() {
+                    L::outlined(StepRegister::<R, true> { block, at, shared, effects, grid });
+                } else {
+                    L::outlined(StepRegister::<R, false> { block, at, shared, effects, grid });
+                }
+                at += L::WIDTH;
             }
         }
     }
 }
 
-#[inline(always)]
-fn step_block<S: Simd, const R: usize>(block: &mut Block, shared: &[[f32; BLOCK]], effects: Effects, grid: Grid) {
-    let rows = &mut block.rows[..Rows::of(R).count];
-    let mut at = 0;
-    while at < BLOCK {
-        let model = match &block.numbers {
-            Some(own) => Cursor { rows: own, at, row: 0 },
+/// Steps one register of environments.
+struct StepRegister<'a, const R: usize, const LEAN: bool> {
+    block: &'a mut Block,
+    at: usize,
+    shared: &'a [[f32; BLOCK]],
+    effects: Effects,
+    grid: Grid,
+}
+
+impl<const R: usize, const LEAN: bool> Kernel for StepRegister<'_, R, LEAN> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let model = match &self.block.numbers {
+            Some(own) => Cursor { rows: own, at: self.at, row: 0 },
             // equal in every lane: the first register's place stays in cache
-            None => Cursor { rows: shared, at: 0, row: 0 },
+            None => Cursor { rows: self.shared, at: 0, row: 0 },
         };
-        step_lanes::<S, R>(rows, model, at, effects, grid);
-        at += Lanes::<S>::WIDTH;
+        let effects = if LEAN { Effects::lean() } else { self.effects };
+        step_lanes::<L, R>(&mut self.block.rows[..Rows::of(R).count], model, self.at, effects, self.grid);
     }
 }
 
 /// One register of environments. A lane that was not alive, or whose new state is not finite and bounded, keeps its
 /// state and ceases to be alive; its neighbours do not notice.
 #[inline(always)]
-fn step_lanes<S: Simd, const R: usize>(
+fn step_lanes<L: Lanes, const R: usize>(
     block: &mut [[f32; BLOCK]],
     mut numbers: Cursor<'_>,
     at: usize,
@@ -228,50 +241,50 @@ fn step_lanes<S: Simd, const R: usize>(
 ) {
     let rows = Rows::of(R);
     let mut c = Cursor { rows: block, at, row: 0 };
-    let x = RigidState::<Lanes<S>, R> {
+    let x = RigidState::<L, R> {
         position: c.array(),
         velocity: c.array(),
         attitude: c.array(),
         angular_velocity: c.array(),
         rotor_speed: c.array(),
     };
-    let action: [Lanes<S>; R] = c.array();
+    let action: [L; R] = c.array();
     let air = if effects.disturbance {
         Disturbance { wind: c.array(), force: c.array(), moment: c.array() }
     } else {
         Disturbance::none()
     };
     c.row = rows.alive;
-    let alive: Lanes<S> = c.next();
-    let model = unpack::<S, R>(&mut numbers, effects);
+    let alive: L = c.next();
+    let model = unpack::<L, R>(&mut numbers, effects);
     let y = step(&model, effects, grid, &x, &action, &air);
 
-    let was_alive = Lanes::constant(0.5).lt(alive);
+    let was_alive = L::constant(0.5).lt(alive);
     let mut ok = was_alive;
-    for k in 0..3 {
+    unrolled!(k in 0..3 {
         ok = ok.and(safe::is_bounded(y.position[k], EXPLODED));
         ok = ok.and(safe::is_bounded(y.velocity[k], EXPLODED));
         ok = ok.and(safe::is_bounded(y.angular_velocity[k], EXPLODED));
-    }
-    for k in 0..4 {
+    });
+    unrolled!(k in 0..4 {
         ok = ok.and(safe::is_bounded(y.attitude[k], EXPLODED));
-    }
-    for k in 0..R {
+    });
+    unrolled!(k in 0..R {
         ok = ok.and(safe::is_bounded(y.rotor_speed[k], EXPLODED));
-    }
-    for k in 0..3 {
-        Lanes::select(ok, y.position[k], x.position[k]).store(&mut block[k][at..]);
-        Lanes::select(ok, y.velocity[k], x.velocity[k]).store(&mut block[3 + k][at..]);
-        Lanes::select(ok, y.angular_velocity[k], x.angular_velocity[k]).store(&mut block[10 + k][at..]);
-    }
-    for k in 0..4 {
-        Lanes::select(ok, y.attitude[k], x.attitude[k]).store(&mut block[6 + k][at..]);
-    }
-    for k in 0..R {
-        Lanes::select(ok, y.rotor_speed[k], x.rotor_speed[k]).store(&mut block[RIGID_DIM + k][at..]);
-    }
-    let stopped = Lanes::select(was_alive, Lanes::constant(f64::from(STOPPED)), alive);
-    Lanes::select(ok, alive, stopped).store(&mut block[rows.alive][at..]);
+    });
+    unrolled!(k in 0..3 {
+        L::select(ok, y.position[k], x.position[k]).store(&mut block[k][at..]);
+        L::select(ok, y.velocity[k], x.velocity[k]).store(&mut block[3 + k][at..]);
+        L::select(ok, y.angular_velocity[k], x.angular_velocity[k]).store(&mut block[10 + k][at..]);
+    });
+    unrolled!(k in 0..4 {
+        L::select(ok, y.attitude[k], x.attitude[k]).store(&mut block[6 + k][at..]);
+    });
+    unrolled!(k in 0..R {
+        L::select(ok, y.rotor_speed[k], x.rotor_speed[k]).store(&mut block[RIGID_DIM + k][at..]);
+    });
+    let stopped = L::select(was_alive, L::constant(f64::from(STOPPED)), alive);
+    L::select(ok, alive, stopped).store(&mut block[rows.alive][at..]);
 }
 
 #[cfg(test)]
@@ -293,17 +306,17 @@ mod tests {
         grid: Grid,
     }
 
-    impl<const R: usize> WithSimd for Widths<'_, R> {
+    impl<const R: usize> Kernel for Widths<'_, R> {
         type Output = Vec<[f32; BLOCK]>;
         #[inline(always)]
-        fn with_simd<S: Simd>(self, token: S) -> Vec<[f32; BLOCK]> {
-            let mut blocks = [Block { rows: self.block.to_vec(), numbers: None }];
+        fn run<L: Lanes>(self) -> Vec<[f32; BLOCK]> {
+            let mut blocks = [Block { occupied: BLOCK, rows: self.block.iter().copied().collect(), numbers: None }];
             for _ in 0..STEPS {
                 let (shared, effects, grid) = (self.model, self.effects, self.grid);
-                StepBlocks::<R> { blocks: &mut blocks, shared, effects, grid }.with_simd(token);
+                StepBlocks::<R> { blocks: &mut blocks, shared, effects, grid }.run::<L>();
             }
             let [block] = blocks;
-            block.rows
+            block.rows.to_vec()
         }
     }
 

@@ -1,8 +1,9 @@
 //! What a batch steps: single multirotors in closed form, or articulated systems.
 
-use super::kernel::{self, ALIVE, StepBlocks, n_packed, pack};
+use super::kernel::{self, ALIVE, StepBlocks, pack};
 use super::tree_kernel::StepTrees;
-use crate::autodiff::lanes::{Lanes, dispatch};
+use crate::autodiff::columns::Columns;
+use crate::autodiff::lanes::{Lanes, RegisterKernel, dispatch, each_register};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::integrate::Grid;
@@ -13,14 +14,15 @@ use crate::dynamics::tree::topology::Topology;
 use crate::dynamics::tree::{Model, Multibody, number_vector};
 use crate::dynamics::vehicle::Vehicle;
 use crate::error::{Error, Result};
-use pulp::{Simd, WithSimd};
 
 /// Rows of numbers, one column per environment.
-pub(crate) type Rows = Vec<[f32; BLOCK]>;
+pub(crate) type Rows = Columns;
 
-/// Sixty-four environments: state, input, `alive`, and numbers of the model where they have their own.
+/// Up to sixty-four environments: state, input, `alive`, and numbers of the model where they have their own.
 #[derive(Debug, Clone)]
 pub(crate) struct Block {
+    /// Environments in it: the lanes behind them are padding, and registers of padding alone are not computed.
+    pub occupied: usize,
     pub rows: Rows,
     pub numbers: Option<Rows>,
 }
@@ -68,11 +70,11 @@ impl Plant {
             effects: AnyModel::new(vehicle, physics.grid().substep).effects_of(physics.effects),
             rows: kernel::Rows::of(padded),
             radii: vehicle.rotors.iter().map(|r| r.radius).collect(),
-            shared: Vec::new(),
+            shared: Rows::default(),
         };
-        let mut shared = Vec::with_capacity(n_packed(padded));
+        let mut shared = Vec::new();
         plant.pack(&parameter_vector(vehicle), |x| shared.push([x as f32; BLOCK]));
-        plant.shared = shared;
+        plant.shared = shared.into_iter().collect();
         Ok((Self::Rigid(plant), system.hover_state([0.0; 3])?))
     }
 
@@ -165,7 +167,7 @@ impl Plant {
 
     /// Writes the frames of all bodies of a block, [`FRAME`](crate::dynamics::frame::FRAME) rows each.
     pub(crate) fn frames(&self, block: &Block, out: &mut [[f32; BLOCK]]) {
-        dispatch(WriteFrames { plant: self, block, out });
+        each_register(block.occupied, WriteFrames { plant: self, block, out });
     }
 
     /// First row of the nine numbers of each tree's disturbance; none without that effect.
@@ -177,14 +179,14 @@ impl Plant {
         }
     }
 
-    /// A block whose every column is the same environment, alive, with the shared numbers.
-    pub(crate) fn block(&self, state: &[f64]) -> Block {
-        let mut rows = vec![[0.0; BLOCK]; self.n_row()];
+    /// A block of `occupied` environments, every column the same, alive, with the shared numbers.
+    pub(crate) fn block(&self, state: &[f64], occupied: usize) -> Block {
+        let mut rows = Rows::zeros(self.n_row());
         for (row, value) in rows.iter_mut().zip(state) {
             *row = [*value as f32; BLOCK];
         }
         rows[self.alive_row()] = [ALIVE; BLOCK];
-        Block { rows, numbers: None }
+        Block { occupied, rows, numbers: None }
     }
 
     /// Gives a block numbers of its own, the shared ones at first.
@@ -217,7 +219,6 @@ impl Plant {
         match self {
             Self::Rigid(p) => match p.padded {
                 4 => p.step::<4>(blocks),
-                6 => p.step::<6>(blocks),
                 8 => p.step::<8>(blocks),
                 _ => p.step::<16>(blocks),
             },
@@ -302,7 +303,6 @@ impl RigidPlant {
         let (radii, substep) = (&self.radii, self.physics.grid().substep);
         match self.padded {
             4 => pack(&RigidModel::<f64, 4>::from_parameters(parameters, radii, substep), put),
-            6 => pack(&RigidModel::<f64, 6>::from_parameters(parameters, radii, substep), put),
             8 => pack(&RigidModel::<f64, 8>::from_parameters(parameters, radii, substep), put),
             _ => pack(&RigidModel::<f64, 16>::from_parameters(parameters, radii, substep), put),
         }
@@ -316,8 +316,7 @@ pub(crate) fn wrong_length(what: &str, got: usize, wanted: usize) -> Error {
 fn padded_rotors(n: usize) -> usize {
     match n {
         0..=4 => 4,
-        5..=6 => 6,
-        7..=8 => 8,
+        5..=8 => 8,
         _ => 16,
     }
 }
@@ -329,26 +328,19 @@ struct WriteFrames<'a> {
     out: &'a mut [[f32; BLOCK]],
 }
 
-impl WithSimd for WriteFrames<'_> {
-    type Output = ();
+impl RegisterKernel for WriteFrames<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let mut at = 0;
-        while at < BLOCK {
-            let state = Lanes::<S>::rows(&self.block.rows, at);
-            match self.plant {
-                Plant::Rigid(_) => {
-                    Frame::of_vehicle(&state).write(&mut Lanes::<S>::rows_mut(self.out, at).pen(0));
-                }
-                Plant::Tree(p) => {
-                    let numbers = match &self.block.numbers {
-                        Some(own) => Lanes::<S>::rows(own, at),
-                        None => Lanes::<S>::rows(&p.shared, 0),
-                    };
-                    frames::write(&p.topology, numbers, &state, &mut Lanes::<S>::rows_mut(self.out, at));
-                }
+    fn run<L: Lanes>(&mut self, at: usize) {
+        let state = L::rows(&self.block.rows, at);
+        match self.plant {
+            Plant::Rigid(_) => Frame::of_vehicle(&state).write(&mut L::rows_mut(self.out, at).pen(0)),
+            Plant::Tree(p) => {
+                let numbers = match &self.block.numbers {
+                    Some(own) => L::rows(own, at),
+                    None => L::rows(&p.shared, 0),
+                };
+                frames::write(&p.topology, numbers, &state, &mut L::rows_mut(self.out, at));
             }
-            at += Lanes::<S>::WIDTH;
         }
     }
 }

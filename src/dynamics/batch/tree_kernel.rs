@@ -5,15 +5,14 @@
 
 use super::kernel::{EXPLODED, STOPPED};
 use super::plant::Block;
-use crate::autodiff::lanes::Lanes;
+use crate::autodiff::lanes::{Kernel, Lanes};
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{Mask, Scalar, safe};
+use crate::autodiff::{Mask, safe};
 use crate::dynamics::integrate::Grid;
 use crate::dynamics::tree::numbers::Numbers;
 use crate::dynamics::tree::scratch::{Scratch, scratch_on_stack};
 use crate::dynamics::tree::step::{self, Task};
 use crate::dynamics::tree::topology::Topology;
-use pulp::{Simd, WithSimd};
 
 /// The numbers of a model in rows, at one register's place.
 #[derive(Clone, Copy)]
@@ -22,10 +21,10 @@ struct LaneNumbers<'a> {
     at: usize,
 }
 
-impl<S: Simd> Numbers<Lanes<S>> for LaneNumbers<'_> {
+impl<L: Lanes> Numbers<L> for LaneNumbers<'_> {
     #[inline(always)]
-    fn get(self, k: usize) -> Lanes<S> {
-        Lanes::load(&self.rows[k][self.at..])
+    fn get(self, k: usize) -> L {
+        L::load(&self.rows[k][self.at..])
     }
 }
 
@@ -38,22 +37,22 @@ pub(crate) struct StepTrees<'a> {
     pub grid: Grid,
 }
 
-impl WithSimd for StepTrees<'_> {
+impl Kernel for StepTrees<'_> {
     type Output = ();
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        scratch_on_stack!(scratch, self.topology, Lanes<S>);
+    fn run<L: Lanes>(self) {
+        scratch_on_stack!(scratch, self.topology, L);
         for b in 0..self.blocks.len() {
-            let Block { rows, numbers: own } = &mut self.blocks[b];
+            let Block { occupied, rows, numbers: own } = &mut self.blocks[b];
             let mut at = 0;
-            while at < BLOCK {
+            while at < *occupied {
                 let numbers = match own {
                     Some(own) => LaneNumbers { rows: own, at },
                     // equal in every lane: the first register's place stays in cache
                     None => LaneNumbers { rows: self.shared, at: 0 },
                 };
-                step_lanes::<S>(self.topology, numbers, self.grid, rows, at, &mut scratch);
-                at += Lanes::<S>::WIDTH;
+                step_lanes::<L>(self.topology, numbers, self.grid, rows, at, &mut scratch);
+                at += L::WIDTH;
             }
         }
     }
@@ -61,31 +60,31 @@ impl WithSimd for StepTrees<'_> {
 
 /// One register of environments; lanes that stop keep their state, as in the kernel of single multirotors.
 #[inline(always)]
-fn step_lanes<S: Simd>(
+fn step_lanes<L: Lanes>(
     t: &Topology,
     numbers: LaneNumbers<'_>,
     grid: Grid,
     block: &mut [[f32; BLOCK]],
     at: usize,
-    scratch: &mut Scratch<'_, Lanes<S>>,
+    scratch: &mut Scratch<'_, L>,
 ) {
     for k in 0..t.n_state {
-        scratch.end[k] = Lanes::load(&block[k][at..]);
+        scratch.end[k] = L::load(&block[k][at..]);
     }
     for k in 0..t.n_input {
-        scratch.input[k] = Lanes::load(&block[t.n_state + k][at..]);
+        scratch.input[k] = L::load(&block[t.n_state + k][at..]);
     }
     step::run(t, numbers, Task::Step(grid), scratch);
-    let alive = Lanes::<S>::load(&block[t.n_state + t.n_input][at..]);
-    let was_alive = Lanes::constant(0.5).lt(alive);
+    let alive = L::load(&block[t.n_state + t.n_input][at..]);
+    let was_alive = L::constant(0.5).lt(alive);
     let mut ok = was_alive;
     for k in 0..t.n_state {
         ok = ok.and(safe::is_bounded(scratch.end[k], EXPLODED));
     }
     for k in 0..t.n_state {
-        let before = Lanes::load(&block[k][at..]);
-        Lanes::select(ok, scratch.end[k], before).store(&mut block[k][at..]);
+        let before = L::load(&block[k][at..]);
+        L::select(ok, scratch.end[k], before).store(&mut block[k][at..]);
     }
-    let stopped = Lanes::select(was_alive, Lanes::constant(f64::from(STOPPED)), alive);
-    Lanes::select(ok, alive, stopped).store(&mut block[t.n_state + t.n_input][at..]);
+    let stopped = L::select(was_alive, L::constant(f64::from(STOPPED)), alive);
+    L::select(ok, alive, stopped).store(&mut block[t.n_state + t.n_input][at..]);
 }

@@ -142,7 +142,7 @@ impl World {
         Ok(Self {
             n_env,
             physics,
-            blocks: vec![plant.block(state); n_block],
+            blocks: (0..n_block).map(|b| plant.block(state, (n_env - b * BLOCK).min(BLOCK))).collect(),
             plant,
             failures: Vec::with_capacity(n_env),
             n_step: 0,

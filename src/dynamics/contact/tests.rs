@@ -1,14 +1,13 @@
 //! What a contact does over time: energy, rest, sliding; and what its derivatives are.
 
 use super::*;
-use crate::autodiff::lanes::{Lanes, dispatch_each};
+use crate::autodiff::lanes::{Kernel, Lanes, dispatch_each};
 use crate::autodiff::{Program, Recording, Scalar, Trace, safe};
 use crate::dynamics::GRAVITY;
 use crate::dynamics::shape::{Geometry, Pose};
 use crate::dynamics::spatial::{Vec3, derivative, dot, from_euler, rotate, rotate_back, sub, unit};
 use crate::rng::{Purpose, Stream};
 use num_dual::Dual64;
-use pulp::{Simd, WithSimd};
 
 /// Position 3, velocity 3, attitude 4, angular velocity 3 (body).
 type State = [f64; 13];
@@ -386,22 +385,22 @@ fn a_recording_and_its_adjoint_agree_with_the_kernel_and_stay_finite() {
 #[derive(Clone, Copy)]
 struct InLanes<'a>(&'a [[f32; 16]; 18]);
 
-impl WithSimd for InLanes<'_> {
+impl Kernel for InLanes<'_> {
     type Output = [[f32; 16]; 3];
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+    fn run<L: Lanes>(self) -> Self::Output {
         let mut out = [[0.0; 16]; 3];
         let mut at = 0;
         while at < 16 {
-            let mut z = [Lanes::<S>::constant(0.0); 18];
+            let mut z = [L::constant(0.0); 18];
             for k in 0..18 {
-                z[k] = Lanes::load(&self.0[k][at..]);
+                z[k] = L::load(&self.0[k][at..]);
             }
             let f = capsule_force(&z, [LEVEL, [0.8, 0.6, 0.0, 0.0]]);
             for i in 0..3 {
                 f[i].store(&mut out[i][at..]);
             }
-            at += Lanes::<S>::WIDTH;
+            at += L::WIDTH;
         }
         out
     }

@@ -1,50 +1,20 @@
 //! The physics of a vehicle as one vector of numbers.
 
-use crate::dynamics::vehicle::{GRAVITY, Inertia, Part, Vehicle};
+use crate::dynamics::domain::Domain::{self, AnySign, NonNegative, Positive};
+use crate::dynamics::rotor::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS};
+use crate::dynamics::vehicle::{GRAVITY, Inertia, Part, Rotor, Vehicle};
 use crate::error::{Error, Result};
 
-/// Physical parameters of one rotor in the parameter vector, in order.
-pub const ROTOR_PARAMETERS: [&str; 16] = [
-    "position_x",
-    "position_y",
-    "position_z",
-    "axis_x",
-    "axis_y",
-    "axis_z",
-    "spin",
-    "thrust_coefficient",
-    "moment_per_thrust",
-    "max_speed",
-    "time_constant_up",
-    "time_constant_down",
-    "inertia",
-    "drag_coefficient",
-    "axial_drag_coefficient",
-    "rolling_coefficient",
-];
-
-/// Physical parameters of the airframe in the parameter vector, in order; the rotors' follow.
-pub const BODY_PARAMETERS: [&str; 20] = [
-    "gravity",
-    "mass",
-    "center_of_mass_x",
-    "center_of_mass_y",
-    "center_of_mass_z",
-    "inertia_xx",
-    "inertia_yy",
-    "inertia_zz",
-    "inertia_xy",
-    "inertia_xz",
-    "inertia_yz",
-    "linear_drag_x",
-    "linear_drag_y",
-    "linear_drag_z",
-    "quadratic_drag_x",
-    "quadratic_drag_y",
-    "quadratic_drag_z",
-    "angular_drag_x",
-    "angular_drag_y",
-    "angular_drag_z",
+/// Physical parameters of the airframe in the parameter vector, in order, and what each may be; the rotors' follow.
+#[rustfmt::skip]
+pub const BODY_PARAMETERS: [(&str, Domain); 20] = [
+    ("gravity", AnySign), ("mass", Positive),
+    ("center_of_mass_x", AnySign), ("center_of_mass_y", AnySign), ("center_of_mass_z", AnySign),
+    ("inertia_xx", Positive), ("inertia_yy", Positive), ("inertia_zz", Positive),
+    ("inertia_xy", AnySign), ("inertia_xz", AnySign), ("inertia_yz", AnySign),
+    ("linear_drag_x", NonNegative), ("linear_drag_y", NonNegative), ("linear_drag_z", NonNegative),
+    ("quadratic_drag_x", NonNegative), ("quadratic_drag_y", NonNegative), ("quadratic_drag_z", NonNegative),
+    ("angular_drag_x", NonNegative), ("angular_drag_y", NonNegative), ("angular_drag_z", NonNegative),
 ];
 
 /// Physical parameters of a vehicle as one vector, [`BODY_PARAMETERS`] then [`ROTOR_PARAMETERS`] per rotor: what
@@ -57,19 +27,21 @@ pub fn parameter_vector(vehicle: &Vehicle) -> Vec<f64> {
     p.extend([j[(0, 0)], j[(1, 1)], j[(2, 2)], j[(0, 1)], j[(0, 2)], j[(1, 2)]]);
     p.extend(drag.linear.iter().chain(&drag.quadratic).chain(&drag.angular));
     for r in &vehicle.rotors {
-        p.extend(r.position.iter().chain(&r.axis));
-        p.extend([r.spin, r.thrust_coefficient, r.moment_per_thrust, r.max_speed]);
-        p.extend([r.time_constant_up, r.time_constant_down, r.inertia]);
-        p.extend([r.drag_coefficient, r.axial_drag_coefficient, r.rolling_coefficient]);
+        p.extend(r.parameters());
     }
     p
 }
 
 /// Names of the entries of [`parameter_vector`].
 pub fn parameter_names(vehicle: &Vehicle) -> Vec<String> {
-    let body = BODY_PARAMETERS.iter().map(|n| n.to_string());
-    let rotors = vehicle.rotors.iter().flat_map(|r| ROTOR_PARAMETERS.iter().map(|n| format!("{}.{n}", r.name)));
-    body.chain(rotors).collect()
+    let body = BODY_PARAMETERS.iter().map(|(name, _)| name.to_string());
+    body.chain(vehicle.rotors.iter().flat_map(Rotor::parameter_names)).collect()
+}
+
+/// What each entry of [`parameter_vector`] may be.
+pub fn parameter_domains(vehicle: &Vehicle) -> Vec<Domain> {
+    let rotors = vehicle.rotors.iter().flat_map(|_| ROTOR_PARAMETERS.iter().map(|p| p.domain));
+    BODY_PARAMETERS.iter().map(|(_, domain)| *domain).chain(rotors).collect()
 }
 
 /// The vehicle that a [`parameter_vector`] describes, as one part; names and whatever the vector leaves out are those of
@@ -78,7 +50,7 @@ pub fn parameter_names(vehicle: &Vehicle) -> Vec<String> {
 /// # Errors
 /// [`Error::Value`] for another length; as [`Vehicle::validate`] for numbers that are no vehicle.
 pub fn vehicle_of(vehicle: &Vehicle, parameters: &[f64]) -> Result<Vehicle> {
-    let wanted = BODY_PARAMETERS.len() + ROTOR_PARAMETERS.len() * vehicle.n_rotor();
+    let wanted = BODY_PARAMETERS.len() + N_ROTOR_PARAMETER * vehicle.n_rotor();
     if parameters.len() != wanted {
         let what = format!("vehicle '{}': number of parameters", vehicle.name);
         return Err(Error::value(what, parameters.len(), wanted.to_string(), "Take them from parameter_vector."));
@@ -89,11 +61,8 @@ pub fn vehicle_of(vehicle: &Vehicle, parameters: &[f64]) -> Result<Vehicle> {
     let mut own = vehicle.clone();
     own.parts = vec![Part::new("body", body[1], three(2), inertia)];
     (own.drag.linear, own.drag.quadratic, own.drag.angular) = (three(11), three(14), three(17));
-    for (rotor, p) in own.rotors.iter_mut().zip(rotors.chunks_exact(ROTOR_PARAMETERS.len())) {
-        (rotor.position, rotor.axis) = ([p[0], p[1], p[2]], [p[3], p[4], p[5]]);
-        (rotor.spin, rotor.thrust_coefficient, rotor.moment_per_thrust, rotor.max_speed) = (p[6], p[7], p[8], p[9]);
-        (rotor.time_constant_up, rotor.time_constant_down, rotor.inertia) = (p[10], p[11], p[12]);
-        (rotor.drag_coefficient, rotor.axial_drag_coefficient, rotor.rolling_coefficient) = (p[13], p[14], p[15]);
+    for (rotor, values) in own.rotors.iter_mut().zip(rotors.as_chunks().0) {
+        rotor.set_parameters(values);
     }
     own.validate()?;
     Ok(own)
@@ -111,7 +80,7 @@ mod tests {
             let mut wanted = parameter_vector(&vehicle);
             wanted[1] *= 1.3;
             wanted[4] += 0.01;
-            let thrust = BODY_PARAMETERS.len() + 7;
+            let thrust = BODY_PARAMETERS.len() + crate::dynamics::rotor::at::thrust_coefficient;
             wanted[thrust] *= 0.9;
             let own = vehicle_of(&vehicle, &wanted).unwrap();
             let off = parameter_vector(&own).iter().zip(&wanted).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));

@@ -1,19 +1,34 @@
 //! Vectors of fixed length as plain arrays.
 
 use crate::autodiff::Scalar;
+use crate::autodiff::unrolled::unrolled;
 
 /// Three components in one frame.
 pub type Vec3<S> = [S; 3];
 /// A 3×3 matrix by rows.
 pub type Mat3<S> = [[S; 3]; 3];
 
+/// Force and moment about one point, along one set of axes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Wrench<S> {
+    pub force: Vec3<S>,
+    pub moment: Vec3<S>,
+}
+
+impl<S: Scalar> Wrench<S> {
+    #[inline(always)]
+    pub(crate) fn zero() -> Self {
+        Self { force: [S::zero(); 3], moment: [S::zero(); 3] }
+    }
+}
+
 /// a + b.
 #[inline(always)]
 pub fn add<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] += b[i];
-    }
+    });
     r
 }
 
@@ -21,9 +36,9 @@ pub fn add<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn sub<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] -= b[i];
-    }
+    });
     r
 }
 
@@ -31,9 +46,9 @@ pub fn sub<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn scale<S: Scalar, const N: usize>(s: S, a: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] *= s;
-    }
+    });
     r
 }
 
@@ -41,9 +56,9 @@ pub fn scale<S: Scalar, const N: usize>(s: S, a: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn hadamard<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] *= b[i];
-    }
+    });
     r
 }
 
@@ -51,9 +66,9 @@ pub fn hadamard<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn neg<S: Scalar, const N: usize>(a: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] = -a[i];
-    }
+    });
     r
 }
 
@@ -61,9 +76,9 @@ pub fn neg<S: Scalar, const N: usize>(a: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn axpy<S: Scalar, const N: usize>(a: [S; N], h: S, b: [S; N]) -> [S; N] {
     let mut r = a;
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] = h.mul_add(b[i], a[i]);
-    }
+    });
     r
 }
 
@@ -71,9 +86,11 @@ pub fn axpy<S: Scalar, const N: usize>(a: [S; N], h: S, b: [S; N]) -> [S; N] {
 #[inline(always)]
 pub fn dot<S: Scalar, const N: usize>(a: [S; N], b: [S; N]) -> S {
     let mut sum = a[0] * b[0];
-    for i in 1..N {
-        sum = a[i].mul_add(b[i], sum);
-    }
+    unrolled!(i in 0..N {
+        if i > 0 {
+            sum = a[i].mul_add(b[i], sum);
+        }
+    });
     sum
 }
 
@@ -126,8 +143,8 @@ pub fn inverse<S: Scalar>(m: Mat3<S>) -> Mat3<S> {
 #[inline(always)]
 pub fn constants<S: Scalar, const N: usize>(x: [f64; N]) -> [S; N] {
     let mut r = [S::zero(); N];
-    for i in 0..N {
+    unrolled!(i in 0..N {
         r[i] = S::constant(x[i]);
-    }
+    });
     r
 }

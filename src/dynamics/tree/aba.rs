@@ -17,6 +17,7 @@ use super::scratch::{Articulated, BodyScratch};
 use super::topology::{Kind, Topology};
 use super::torque::{self, Pass};
 use crate::autodiff::Scalar;
+use crate::dynamics::integrate::gyroscopic_jacobian;
 use crate::dynamics::rigid::{Symmetric, full, symmetric};
 use crate::dynamics::spatial::*;
 
@@ -107,15 +108,9 @@ fn times<S: Scalar>(m: &Symmetric<S>, v: Vec3<S>) -> Vec3<S> {
 /// (see [`integrate`](crate::dynamics::integrate)): ω × Jω as h → 0, never feeding energy in.
 #[inline(always)]
 fn implicit_gyroscopic<S: Scalar>(inertia: &Symmetric<S>, w: Vec3<S>, step: f64) -> Vec3<S> {
-    let (h, m) = (S::constant(step), full(*inertia));
+    let m = full(*inertia);
     let momentum = mat_vec(m, w);
-    let (spin, lever) = (mat_mul(skew(w), m), skew(momentum));
-    let mut jacobian = m;
-    for i in 0..3 {
-        for j in 0..3 {
-            jacobian[i][j] = h.mul_add(spin[i][j] - lever[i][j], m[i][j]);
-        }
-    }
+    let jacobian = gyroscopic_jacobian(m, momentum, w, S::constant(step));
     let change = mat_vec(inverse(jacobian), cross(w, momentum));
     mat_vec(m, change)
 }

@@ -8,74 +8,47 @@ use super::scratch::{BodyScratch, RotorScratch};
 use super::topology::{Link, Topology};
 use super::touch;
 use crate::autodiff::{Scalar, safe};
-use crate::dynamics::aero::{downwash, ground_effect};
-use crate::dynamics::rigid::Effects;
+use crate::dynamics::aero::downwash;
+use crate::dynamics::rotor::{Lag, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use crate::dynamics::spatial::*;
 
-/// Places within the numbers of one rotor.
-mod rotor_at {
-    pub(super) const POSITION: usize = 0;
-    pub(super) const AXIS: usize = 3;
-    pub(super) const SPIN: usize = 6;
-    pub(super) const THRUST: usize = 7;
-    pub(super) const MOMENT: usize = 8;
-    pub(super) const MAX_SPEED: usize = 9;
-    pub(super) const TIME_UP: usize = 10;
-    pub(super) const TIME_DOWN: usize = 11;
-    pub(super) const INERTIA: usize = 12;
-    pub(super) const DRAG: usize = 13;
-    pub(super) const AXIAL_DRAG: usize = 14;
-    pub(super) const ROLLING: usize = 15;
-}
-
-/// Wrench per Ω² and target speed of every rotor: what stays the same through a step.
+/// Constants and target speed of every rotor: what stays the same through a step; h in seconds.
 #[inline(always)]
 pub(crate) fn prepare_rotors<S: Scalar, P: Numbers<S>>(
     t: &Topology,
     numbers: P,
+    substep: f64,
     input: &[S],
     rotors: &mut [RotorScratch<S>],
 ) {
-    let (one, half) = (S::one(), S::constant(0.5));
+    let o = S::zero();
     for r in 0..t.n_rotor() {
         let n = rotor_numbers(t.n_body(), r);
+        let mut own = [o; N_ROTOR_PARAMETER];
+        for k in 0..N_ROTOR_PARAMETER {
+            own[k] = numbers.get(n + k);
+        }
         let rotor = &mut rotors[r];
-        let (hub, axis) = (numbers.vector(n + rotor_at::POSITION), numbers.vector(n + rotor_at::AXIS));
-        let (spin, kappa) = (numbers.get(n + rotor_at::SPIN), numbers.get(n + rotor_at::MOMENT));
-        rotor.force = scale(numbers.get(n + rotor_at::THRUST), axis);
-        rotor.moment = sub(cross(hub, rotor.force), scale(spin * kappa, rotor.force));
-        let fraction = (input[t.rotor_action[r]].clamp(-one, one) + one) * half;
-        rotor.target = numbers.get(n + rotor_at::MAX_SPEED) * safe::sqrt(fraction, 1e-4);
+        rotor.model = RotorModel::new(&own, [o; 3], t.rotor_radius[r], substep);
+        rotor.lag.target = commanded_speed(rotor.model.max_speed, input[t.rotor_action[r]]);
     }
 }
 
-/// τ and e^{−h/2τ} of every rotor for a substep from its present speeds; h in seconds.
+/// Every rotor at the start of a substep, from its present speed.
 #[inline(always)]
-pub(crate) fn start_rotors<S: Scalar, P: Numbers<S>>(
-    t: &Topology,
-    numbers: P,
-    substep: f64,
-    x: &[S],
-    rotors: &mut [RotorScratch<S>],
-) {
-    let half = S::constant(-0.5 * substep);
+pub(crate) fn start_rotors<S: Scalar>(t: &Topology, x: &[S], rotors: &mut [RotorScratch<S>]) {
     for r in 0..t.n_rotor() {
-        let n = rotor_numbers(t.n_body(), r);
         let rotor = &mut rotors[r];
-        rotor.start = x[t.rotor_speed[r]];
-        rotor.speed = rotor.start;
-        let (up, down) = (numbers.get(n + rotor_at::TIME_UP), numbers.get(n + rotor_at::TIME_DOWN));
-        rotor.rate = S::select(rotor.start.lt(rotor.target), up, down).recip();
-        rotor.decay = (half * rotor.rate).exp();
+        rotor.speed = x[t.rotor_speed[r]];
+        rotor.lag = Lag::new(&rotor.model, rotor.speed, rotor.lag.target);
     }
 }
 
-/// Half a substep on: Ω ← Ω_cmd + (Ω − Ω_cmd) e^{−h/2τ}.
+/// Half a substep on.
 #[inline(always)]
 pub(crate) fn advance_rotors<S: Scalar>(t: &Topology, rotors: &mut [RotorScratch<S>]) {
     for r in 0..t.n_rotor() {
-        let rotor = &mut rotors[r];
-        rotor.speed = (rotor.speed - rotor.target).mul_add(rotor.decay, rotor.target);
+        rotors[r].speed = rotors[r].lag.advance();
     }
 }
 
@@ -97,7 +70,7 @@ pub(crate) fn apply<S: Scalar, P: Numbers<S>>(
         let has_rotors = link.rotors.0 < link.rotors.1;
         let drags = (effects.body_drag && link.linear_drag) || (effects.quadratic_drag && link.quadratic_drag);
         if has_rotors || drags {
-            let mut wrench = Wrench { force: o, moment: o };
+            let mut wrench = Wrench::zero();
             if has_rotors {
                 wrench = rotor_wrench(t, link, numbers, body, rotors);
             }
@@ -129,12 +102,6 @@ pub(crate) fn apply<S: Scalar, P: Numbers<S>>(
 }
 
 /// About the body's origin, body axes.
-#[derive(Clone, Copy)]
-struct Wrench<S> {
-    force: Vec3<S>,
-    moment: Vec3<S>,
-}
-
 #[inline(always)]
 fn rotor_wrench<S: Scalar, P: Numbers<S>>(
     t: &Topology,
@@ -143,23 +110,15 @@ fn rotor_wrench<S: Scalar, P: Numbers<S>>(
     body: &BodyScratch<S>,
     rotors: &[RotorScratch<S>],
 ) -> Wrench<S> {
-    let mut sum = Wrench { force: [S::zero(); 3], moment: [S::zero(); 3] };
+    let mut sum = Wrench::zero();
     for k in link.rotors.0..link.rotors.1 {
-        let r = t.rotor_order[k];
-        let rotor = &rotors[r];
-        let squared = rotor.speed * rotor.speed;
-        let (mut force, mut moment) = (rotor.force, rotor.moment);
+        let rotor = &rotors[t.rotor_order[k]];
+        let mut height = None;
         if t.effects.ground_effect {
-            let hub = numbers.vector(rotor_numbers(t.n_body(), r) + rotor_at::POSITION);
             let ground: S = numbers.get(contact_numbers(t.n_body(), t.n_rotor()) + 4);
-            let height = body.position[2] + dot(body.rotation[2], hub) - ground;
-            let gain = ground_effect::factor(height, S::constant(t.rotor_radius[r]));
-            // thrust grows near the ground, the reaction torque does not
-            moment = add(moment, cross(hub, scale(gain - S::one(), force)));
-            force = scale(gain, force);
+            height = Some(body.position[2] + dot(body.rotation[2], rotor.model.hub) - ground);
         }
-        sum.force = axpy(sum.force, squared, force);
-        sum.moment = axpy(sum.moment, squared, moment);
+        rotor.model.add_thrust(rotor.speed, height, true, &mut sum);
     }
     sum
 }
@@ -197,50 +156,29 @@ fn air_wrench<S: Scalar, P: Numbers<S>>(
     if !link.centered {
         wrench.moment = add(wrench.moment, cross(center, force));
     }
-    rotor_air(t, link, effects, numbers, rotors, (velocity, w), wrench);
+    rotor_air(t, link, rotors, (velocity, w), wrench);
 }
 
 #[inline(always)]
-fn rotor_air<S: Scalar, P: Numbers<S>>(
+fn rotor_air<S: Scalar>(
     t: &Topology,
     link: &Link,
-    effects: Effects,
-    numbers: P,
     rotors: &[RotorScratch<S>],
     (velocity, w): (Vec3<S>, Vec3<S>),
     wrench: &mut Wrench<S>,
 ) {
-    let mut momentum = [S::zero(); 3];
+    let (mut momentum, mut rate) = ([S::zero(); 3], [S::zero(); 3]);
     for k in link.rotors.0..link.rotors.1 {
-        let r = t.rotor_order[k];
-        let (rotor, n) = (&rotors[r], rotor_numbers(t.n_body(), r));
-        let axis = numbers.vector(n + rotor_at::AXIS);
-        let spin = numbers.get(n + rotor_at::SPIN);
-        if effects.rotor_air() {
-            let hub = numbers.vector(n + rotor_at::POSITION);
-            let at_hub = add(velocity, cross(w, hub));
-            let along = scale(dot(at_hub, axis), axis);
-            let across = sub(at_hub, along);
-            if effects.rotor_drag {
-                let (k_d, k_z) = (numbers.get(n + rotor_at::DRAG), numbers.get(n + rotor_at::AXIAL_DRAG));
-                let force = scale(-rotor.speed, add(scale(k_d, across), scale(k_z, along)));
-                wrench.force = add(wrench.force, force);
-                wrench.moment = add(wrench.moment, cross(hub, force));
-            }
-            if effects.rolling_moment {
-                let rolling = spin * numbers.get(n + rotor_at::ROLLING);
-                wrench.moment = axpy(wrench.moment, -(rolling * rotor.speed), across);
-            }
+        let RotorScratch { model, lag, speed } = rotors[t.rotor_order[k]];
+        if t.effects.rotor_air() {
+            model.add_drag(speed, velocity, w, t.effects, wrench);
         }
-        if effects.rotor_inertia {
-            let inertia = spin * numbers.get(n + rotor_at::INERTIA);
-            let rate = (rotor.target - rotor.speed) * rotor.rate;
-            momentum = axpy(momentum, inertia * rotor.speed, axis);
-            wrench.moment = axpy(wrench.moment, -(inertia * rate), axis);
+        if t.effects.rotor_inertia {
+            model.add_momentum(speed, lag.acceleration(speed), &mut momentum, &mut rate);
         }
     }
-    if effects.rotor_inertia {
-        wrench.moment = sub(wrench.moment, cross(w, momentum));
+    if t.effects.rotor_inertia {
+        wrench.moment = sub(sub(wrench.moment, rate), cross(w, momentum));
     }
 }
 
@@ -287,7 +225,7 @@ fn thrust_of<S: Scalar>(
     for k in 0..source.rotors.len() {
         let r = source.rotors[k];
         let (rotor, body) = (&rotors[r], &bodies[t.rotor_body[r]]);
-        let force = scale(rotor.speed * rotor.speed, rotor.force);
+        let force = scale(rotor.speed * rotor.speed, rotor.model.force);
         thrust = add(thrust, mat_vec(body.rotation, force));
     }
     thrust

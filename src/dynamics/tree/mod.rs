@@ -41,7 +41,7 @@ pub use analysis::{
 pub use layout::{BodyPlace, Layout, TreePlace};
 pub use model::*;
 pub use multibody::{Multibody, rest_state};
-pub use numbers::{BODY_NUMBERS, CONTACT_NUMBERS, number_names, number_vector};
+pub use numbers::{BODY_NUMBERS, CONTACT_NUMBERS, number_domains, number_names, number_vector};
 pub use rnea::inverse_dynamics;
 
 #[cfg(test)]

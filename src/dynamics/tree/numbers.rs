@@ -5,57 +5,49 @@
 //! [`parameter_vector`](crate::dynamics::rigid::parameter_vector). Rotations of joints, axes and topology are not
 //! numbers: they stay as they were built.
 
-use super::model::{Body, BodyShape, Model, MountedRotor};
+use super::model::{Body, BodyShape, Model};
 use crate::autodiff::{Rows, Scalar};
-use crate::dynamics::rigid::ROTOR_PARAMETERS;
+use crate::dynamics::domain::Domain::{self, AnySign, NonNegative, Positive};
+use crate::dynamics::rigid::BODY_PARAMETERS;
+use crate::dynamics::rotor::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS};
 use crate::dynamics::spatial::Vec3;
 
-/// Physical parameters of one body and its joint, in order.
-pub const BODY_NUMBERS: [&str; 33] = [
-    "mass",
-    "center_of_mass_x",
-    "center_of_mass_y",
-    "center_of_mass_z",
-    "inertia_xx",
-    "inertia_yy",
-    "inertia_zz",
-    "inertia_xy",
-    "inertia_xz",
-    "inertia_yz",
-    "linear_drag_x",
-    "linear_drag_y",
-    "linear_drag_z",
-    "quadratic_drag_x",
-    "quadratic_drag_y",
-    "quadratic_drag_z",
-    "angular_drag_x",
-    "angular_drag_y",
-    "angular_drag_z",
-    "joint_position_x",
-    "joint_position_y",
-    "joint_position_z",
-    "joint_damping",
-    "joint_stiffness",
-    "joint_rest",
-    "joint_armature",
-    "limit_lower",
-    "limit_upper",
-    "limit_stiffness",
-    "limit_dissipation",
-    "drive_stiffness",
-    "drive_damping",
-    "drive_max_torque",
+/// Physical parameters of one body and its joint, in order, and what each may be: those of an airframe but gravity, then
+/// the joint's.
+pub const BODY_NUMBERS: [(&str, Domain); OF_BODY + JOINT_NUMBERS.len()] = {
+    let mut all = [JOINT_NUMBERS[0]; OF_BODY + JOINT_NUMBERS.len()];
+    let mut k = 0;
+    while k < all.len() {
+        all[k] = if k < OF_BODY { BODY_PARAMETERS[k + 1] } else { JOINT_NUMBERS[k - OF_BODY] };
+        k += 1;
+    }
+    all
+};
+
+const OF_BODY: usize = BODY_PARAMETERS.len() - 1;
+
+#[rustfmt::skip]
+const JOINT_NUMBERS: [(&str, Domain); 14] = [
+    ("joint_position_x", AnySign), ("joint_position_y", AnySign), ("joint_position_z", AnySign),
+    ("joint_damping", NonNegative), ("joint_stiffness", NonNegative),
+    ("joint_rest", AnySign), ("joint_armature", NonNegative),
+    ("limit_lower", AnySign), ("limit_upper", AnySign),
+    ("limit_stiffness", NonNegative), ("limit_dissipation", NonNegative),
+    ("drive_stiffness", NonNegative), ("drive_damping", NonNegative), ("drive_max_torque", NonNegative),
 ];
 
-/// Physical parameters of contact, in order.
-pub const CONTACT_NUMBERS: [&str; 5] =
-    ["contact.stiffness", "contact.dissipation", "contact.friction", "contact.slip_speed", "contact.ground"];
+/// Physical parameters of contact, in order, and what each may be.
+#[rustfmt::skip]
+pub const CONTACT_NUMBERS: [(&str, Domain); 5] = [
+    ("contact.stiffness", NonNegative), ("contact.dissipation", NonNegative), ("contact.friction", NonNegative),
+    ("contact.slip_speed", Positive), ("contact.ground", AnySign),
+];
 
 /// All numbers of a model.
 pub fn number_vector(model: &Model) -> Vec<f64> {
     let mut p = vec![model.parts().gravity];
     model.bodies().iter().for_each(|b| push_body(&mut p, b));
-    model.rotors().iter().for_each(|r| push_rotor(&mut p, r));
+    model.rotors().iter().for_each(|r| p.extend(r.rotor.parameters()));
     let contact = &model.parts().contact;
     let m = &contact.material;
     p.extend([m.stiffness, m.dissipation, m.friction, m.slip_speed, contact.ground.unwrap_or(0.0)]);
@@ -80,23 +72,25 @@ fn push_body(p: &mut Vec<f64>, body: &Body) {
     p.extend(j.drive.map_or([0.0; 3], |d| [d.stiffness, d.damping, d.max_torque]));
 }
 
-fn push_rotor(p: &mut Vec<f64>, mounted: &MountedRotor) {
-    let r = &mounted.rotor;
-    p.extend(r.position.iter().chain(&r.axis));
-    p.extend([r.spin, r.thrust_coefficient, r.moment_per_thrust, r.max_speed]);
-    p.extend([r.time_constant_up, r.time_constant_down, r.inertia]);
-    p.extend([r.drag_coefficient, r.axial_drag_coefficient, r.rolling_coefficient]);
-}
-
 /// Names of the entries of [`number_vector`]: `body.mass`, `rotor.spin`.
 pub fn number_names(model: &Model) -> Vec<String> {
-    let bodies = model.bodies().iter().flat_map(|b| BODY_NUMBERS.iter().map(|n| format!("{}.{n}", b.name)));
-    let rotors = model.rotors().iter().flat_map(|r| ROTOR_PARAMETERS.iter().map(|n| format!("{}.{n}", r.rotor.name)));
-    let contact = CONTACT_NUMBERS.iter().map(|n| n.to_string());
+    let bodies = model.bodies().iter().flat_map(|b| BODY_NUMBERS.iter().map(|(n, _)| format!("{}.{n}", b.name)));
+    let rotors = model.rotors().iter().flat_map(|r| r.rotor.parameter_names());
+    let contact = CONTACT_NUMBERS.iter().map(|(n, _)| n.to_string());
     let still = still_shapes(model)
         .enumerate()
         .flat_map(|(i, s)| ["x", "y", "z"].iter().map(move |axis| format!("{}.{i}.position_{axis}", s.part)));
     std::iter::once("gravity".to_string()).chain(bodies).chain(rotors).chain(contact).chain(still).collect()
+}
+
+/// What each entry of [`number_vector`] may be.
+pub fn number_domains(model: &Model) -> Vec<Domain> {
+    let of = |(_, domain): &(&str, Domain)| *domain;
+    let bodies = model.bodies().iter().flat_map(|_| BODY_NUMBERS.iter().map(of));
+    let rotors = model.rotors().iter().flat_map(|_| ROTOR_PARAMETERS.iter().map(|p| p.domain));
+    let still = still_shapes(model).flat_map(|_| [AnySign; 3]);
+    let contact = CONTACT_NUMBERS.iter().map(of);
+    std::iter::once(BODY_PARAMETERS[0].1).chain(bodies).chain(rotors).chain(contact).chain(still).collect()
 }
 
 /// A source of the numbers over a scalar: constants, parameters that derivatives are taken of, rows of a batch.
@@ -161,7 +155,7 @@ pub(crate) const fn body_numbers(body: usize) -> usize {
 /// Where the numbers of rotor `rotor` begin in a model of `n_body` bodies.
 #[inline(always)]
 pub(crate) const fn rotor_numbers(n_body: usize, rotor: usize) -> usize {
-    1 + n_body * BODY_NUMBERS.len() + rotor * ROTOR_PARAMETERS.len()
+    1 + n_body * BODY_NUMBERS.len() + rotor * N_ROTOR_PARAMETER
 }
 
 /// Where the numbers of contact begin.

@@ -6,6 +6,7 @@ use super::model::{MAX_BODIES, MAX_TREE_ROTORS};
 use super::topology::Topology;
 use crate::autodiff::Scalar;
 use crate::dynamics::rigid::Symmetric;
+use crate::dynamics::rotor::{Lag, RotorModel};
 use crate::dynamics::spatial::{Mat3, Vec3};
 
 /// Articulated inertia `[A B; Bᵀ D]`: (moment, force) about a point from the (angular, linear) acceleration of that
@@ -99,26 +100,20 @@ impl<S: Scalar> BodyScratch<S> {
     }
 }
 
-/// One rotor: its wrench per Ω² about the body's origin (body axes), and its speeds over a substep.
+/// One rotor: its constants about the body's origin (body axes), and its speed.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RotorScratch<S> {
-    pub force: Vec3<S>,
-    pub moment: Vec3<S>,
-    pub target: S,
-    /// 1/τ in force.
-    pub rate: S,
-    /// e^{−h/2τ} in force.
-    pub decay: S,
-    /// Speed in force during an evaluation.
+    pub model: RotorModel<S>,
+    /// Its target stands from the beginning of a step.
+    pub lag: Lag<S>,
+    /// In force during an evaluation.
     pub speed: S,
-    pub start: S,
 }
 
 impl<S: Scalar> RotorScratch<S> {
     #[inline(always)]
     fn blank() -> Self {
-        let o = S::zero();
-        Self { force: [o; 3], moment: [o; 3], target: o, rate: o, decay: o, speed: o, start: o }
+        Self { model: RotorModel::dead(), lag: Lag::none(), speed: S::zero() }
     }
 }
 

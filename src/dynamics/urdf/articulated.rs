@@ -1,6 +1,6 @@
 //! Links and joints through the assembly: a URDF as a model whose joints move.
 
-use super::bodies::{Body, Joint, total_mass};
+use super::bodies::{Body, Joint, NO_LIMIT, left_out, total_mass};
 use super::import::{Read, check_part_names, read, read_files};
 use super::{ImportOptions, RotorFile, Warning, clean, fault, few, in_file, resolve};
 use crate::dynamics::assembly::{Assembly, Join, Kind, Solid, WORLD};
@@ -9,9 +9,6 @@ use crate::dynamics::vehicle::{Inertia, Rotor};
 use crate::error::Result;
 use nalgebra::{Matrix3, Vector3};
 use std::path::Path;
-
-/// Ends of a range beyond which there is none, rad or m: files write 1e16 for "no limit".
-const NO_LIMIT: f64 = 1e6;
 
 /// What an import of a model gives.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,13 +128,10 @@ fn remark(read: &mut Read, mounts: &[Mount]) {
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         read.assumptions.push(format!("Joints {} are passive: URDF names no motor.", few(&names)));
     }
+    let said = left_out(&read.bodies, |i| is_rotor(mounts, i));
+    read.assumptions.extend(said);
     let mut odd = Vec::new();
     for (i, body) in read.bodies.iter().enumerate() {
-        if body.other_shapes > 0 {
-            let element = format!("link '{}'", clean(&body.name));
-            let rule = format!("{} cylinders or meshes in its collision geometry", body.other_shapes);
-            odd.push((body.line, element, rule, "They touch nothing: use boxes, spheres or capsules."));
-        }
         let Some(joint) = body.joint.as_ref().filter(|j| !j.fixed && !is_rotor(mounts, i)) else { continue };
         let element = format!("joint '{}'", clean(&joint.name));
         if joint.friction != 0.0 {

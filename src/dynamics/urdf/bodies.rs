@@ -1,9 +1,9 @@
 //! Every link's frame, mass and inertia in the base frame, with all joints at zero.
 
 use super::tree::Tree;
-use super::{clean, fault, in_file};
+use super::{clean, fault, few, in_file};
 use crate::dynamics::assembly::Placement;
-use crate::dynamics::shape::{Geometry, Shape};
+use crate::dynamics::shape::{Geometry, Pose, Shape};
 use crate::dynamics::vehicle::Inertia;
 use crate::error::Result;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -47,6 +47,8 @@ pub(super) struct Joint {
     pub own_axis: [f64; 3],
     /// Of `<limit>`, 0 where absent; rad or m.
     pub range: [f64; 2],
+    /// Whether `<limit>` bounds effort or rate.
+    pub bounded: bool,
     /// Of `<dynamics>`, N m s/rad or N s/m.
     pub damping: f64,
     /// Of `<dynamics>`, N m or N.
@@ -55,10 +57,56 @@ pub(super) struct Joint {
     pub mimics: Option<String>,
 }
 
+/// Limits beyond which there is none, SI: files write 1e16 for "no limit".
+pub(super) const NO_LIMIT: f64 = 1e6;
+
 impl Body {
     pub fn has_inertia(&self) -> bool {
         self.inertia != Inertia::zero()
     }
+
+    /// Its collision shapes in the base frame.
+    pub fn shapes_in_base(&self) -> impl Iterator<Item = Shape> + '_ {
+        let q = UnitQuaternion::from_matrix(&self.rotation);
+        let frame = Pose { position: self.origin.into(), attitude: [q.w, q.i, q.j, q.k] };
+        self.shapes.iter().map(move |shape| {
+            let Pose { position, attitude } = shape.pose(&frame);
+            Shape { geometry: shape.geometry, position, rotation: attitude }
+        })
+    }
+
+    /// Moment of inertia about an axis of unit length through `point`, base frame, kg m².
+    pub fn moment_about(&self, point: &Vector3<f64>, axis: &Vector3<f64>) -> f64 {
+        axis.dot(&(self.inertia.matrix() * axis)) + self.mass * (self.center_of_mass - point).cross(axis).norm_squared()
+    }
+}
+
+/// A word on what of the joints and of the collision geometry has no counterpart; `held` are the bodies whose joints do not
+/// move.
+pub(super) fn left_out(bodies: &[Body], held: impl Fn(usize) -> bool) -> Vec<String> {
+    let mut said = Vec::new();
+    let odd: Vec<&Body> = bodies.iter().filter(|b| b.other_shapes > 0).collect();
+    let count: usize = odd.iter().map(|b| b.other_shapes).sum();
+    if count > 0 {
+        let names: Vec<&str> = odd.iter().map(|b| b.name.as_str()).collect();
+        said.push(format!(
+            "The cylinders or meshes ({count}) in the collision geometry of {} touch nothing: use boxes, spheres or capsules.",
+            few(&names)
+        ));
+    }
+    let bounded = |(i, b): (usize, &Body)| {
+        let joint = b.joint.as_ref().filter(|j| !j.fixed && j.bounded && !held(i));
+        joint.map(|j| j.name.clone())
+    };
+    let names: Vec<String> = bodies.iter().enumerate().filter_map(bounded).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    if !names.is_empty() {
+        said.push(format!(
+            "The limits of effort and velocity of joints {} are left out: URDF names no motor, and nothing bounds a rate.",
+            few(&names)
+        ));
+    }
+    said
 }
 
 /// `R = Rz(yaw) Ry(pitch) Rx(roll)` of a URDF origin, and its offset.
@@ -117,6 +165,7 @@ pub(super) fn place(robot: &urdf_rs::Robot, tree: &Tree, file: &str) -> Result<V
                 place: placement(&data.origin),
                 own_axis: data.axis.xyz.0,
                 range: [data.limit.lower, data.limit.upper],
+                bounded: [data.limit.effort, data.limit.velocity].iter().any(|x| *x > 0.0 && *x < NO_LIMIT),
                 damping: data.dynamics.as_ref().map_or(0.0, |d| d.damping),
                 friction: data.dynamics.as_ref().map_or(0.0, |d| d.friction),
                 mimics: data.mimic.as_ref().map(|m| m.joint.clone()),

@@ -176,6 +176,11 @@ impl Diagnosis<'_> {
                 return Err(self.fault(node, rule, format!("Remove {transposed}, or make both equal.")));
             }
         }
+        let tag = node.tag_name().name();
+        if matches!(tag, "calibration" | "safety_controller") {
+            let remedy = "Its content has no effect here.";
+            self.odd(node, format!("<{tag}> in <joint>"), "this element is not used by the import", remedy);
+        }
         self.versioned(node)?;
         match node.attribute("filename") {
             Some(path) if matches!(node.tag_name().name(), "mesh" | "texture") => self.path(node, path),

@@ -1,6 +1,8 @@
 //! A vehicle written back as URDF and rotor file; importing the pair gives the same vehicle.
 
 use super::{RotorEntry, RotorFile, fault};
+use crate::dynamics::shape::{Geometry, Shape};
+use crate::dynamics::spatial::to_euler;
 use crate::dynamics::vehicle::{Part, Rotor, Vehicle};
 use crate::error::Result;
 use std::fmt::Write;
@@ -8,7 +10,7 @@ use std::fmt::Write;
 /// Writes a vehicle as (URDF text, rotor-file text).
 ///
 /// Every part becomes a link with its axes along the base axes; a part that bears a rotor's name gets its link frame at
-/// that rotor's hub. Hubs, axes and coefficients stand in the rotor file in full precision, so that mass, centre of
+/// that rotor's hub. Shapes are collision geometry of the first. Hubs, axes and coefficients stand in the rotor file in full precision, so that mass, centre of
 /// mass, inertia and rotors survive the round trip to 1e-12.
 ///
 /// # Errors
@@ -36,7 +38,8 @@ fn urdf(vehicle: &Vehicle) -> String {
     for (i, part) in vehicle.parts.iter().enumerate() {
         // The root link's frame is the base frame, whatever it is called.
         let hub = vehicle.rotors.iter().find(|r| i > 0 && r.name == part.name).map_or([0.0; 3], |r| r.position);
-        link(&mut text, part, hub);
+        let shapes = if i == 0 { vehicle.shapes.as_slice() } else { &[] };
+        link(&mut text, part, hub, shapes);
         if let Some(root) = root.filter(|_| i > 0) {
             joint(&mut text, &root.name, &part.name, hub);
         }
@@ -45,7 +48,7 @@ fn urdf(vehicle: &Vehicle) -> String {
     text
 }
 
-fn link(text: &mut String, part: &Part, hub: [f64; 3]) {
+fn link(text: &mut String, part: &Part, hub: [f64; 3], shapes: &[Shape]) {
     let [x, y, z] = part.position;
     let [a, b, c] = hub;
     let i = &part.inertia;
@@ -53,7 +56,7 @@ fn link(text: &mut String, part: &Part, hub: [f64; 3]) {
     let _ = write!(
         text,
         "  <link name=\"{}\">\n    <inertial>\n      <origin xyz=\"{:?} {:?} {:?}\"/>\n      <mass value=\"{:?}\"/>\n      \
-         <inertia ixx=\"{:?}\" ixy=\"{:?}\" ixz=\"{:?}\" iyy=\"{:?}\" iyz=\"{:?}\" izz=\"{:?}\"/>\n    </inertial>\n  </link>\n",
+         <inertia ixx=\"{:?}\" ixy=\"{:?}\" ixz=\"{:?}\" iyy=\"{:?}\" iyz=\"{:?}\" izz=\"{:?}\"/>\n    </inertial>\n",
         escaped(&part.name),
         x - a,
         y - b,
@@ -65,6 +68,22 @@ fn link(text: &mut String, part: &Part, hub: [f64; 3]) {
         i.yy,
         i.yz,
         i.zz
+    );
+    shapes.iter().for_each(|shape| collision(text, shape));
+    text.push_str("  </link>\n");
+}
+
+fn collision(text: &mut String, shape: &Shape) {
+    let ([x, y, z], [roll, pitch, yaw]) = (shape.position, to_euler(shape.rotation));
+    let geometry = match shape.geometry {
+        Geometry::Box { size: [a, b, c] } => format!("<box size=\"{a:?} {b:?} {c:?}\"/>"),
+        Geometry::Sphere { radius } => format!("<sphere radius=\"{radius:?}\"/>"),
+        Geometry::Capsule { radius, length } => format!("<capsule radius=\"{radius:?}\" length=\"{length:?}\"/>"),
+    };
+    let _ = write!(
+        text,
+        "    <collision>\n      <origin xyz=\"{x:?} {y:?} {z:?}\" rpy=\"{roll:?} {pitch:?} {yaw:?}\"/>\n      \
+         <geometry>{geometry}</geometry>\n    </collision>\n"
     );
 }
 

@@ -1,11 +1,12 @@
 //! The steps of an import, in order: fence, diagnosis, tree, urdf-rs, bodies, rotors, vehicle.
 
-use super::bodies::{self, Body, total_mass};
+use super::bodies::{self, Body, Joint, left_out, total_mass};
 use super::fence::{self, Limits};
 use super::properties::{self, Properties};
 use super::{RotorFile, Vehicle, Warning, clean, diagnose, fault, few, in_file, resolve, tree};
 use crate::dynamics::vehicle::{Part, Rotor};
 use crate::error::Result;
+use nalgebra::Vector3;
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -169,7 +170,7 @@ impl Read {
             parts: parts.chain(extra.iter().cloned()).collect(),
             rotors,
             drag: file.map(|f| f.drag).unwrap_or_default(),
-            shapes: vec![],
+            shapes: self.bodies.iter().flat_map(Body::shapes_in_base).collect(),
             published_gains: file.and_then(|f| f.gains),
         }
     }
@@ -195,6 +196,9 @@ pub(super) fn check_masses(read: &mut Read, rotors: &[usize]) -> Result<()> {
         return Err(fault(&read.file, "<robot>", rule, "Give the airframe an <inertial> with mass and inertia."));
     }
     check_moving(read, rotors)?;
+    // joints of other links are held, which check_moving tells
+    let said = left_out(&read.bodies, |i| !rotors.contains(&i));
+    read.assumptions.extend(said);
     let massless = |b: &&Body| b.mass <= 0.0 && !b.has_inertia();
     let ghost = |b: &&Body| b.mass <= 0.0 && b.has_inertia();
     let point = |b: &&Body| b.mass > 0.0 && !b.has_inertia();
@@ -216,7 +220,6 @@ fn gather(read: &mut Read, test: impl Fn(&&Body) -> bool, rule: &str, remedy: &s
 
 /// Joints that move: rotors are held (their speed is a state of its own), others are held at zero and warned about.
 fn check_moving(read: &mut Read, rotors: &[usize]) -> Result<()> {
-    let carried = carried(&read.bodies);
     let mut held = Vec::new();
     let mut warnings = Vec::new();
     for (i, body) in read.bodies.iter().enumerate() {
@@ -230,8 +233,8 @@ fn check_moving(read: &mut Read, rotors: &[usize]) -> Result<()> {
             held.push(joint.name.as_str());
             continue;
         }
-        let (mass, extent) = carried.get(i).copied().unwrap_or_default();
-        if mass <= 0.0 || !extent {
+        let (mass, moment) = carried(&read.bodies, i, body, joint);
+        if mass <= 0.0 || moment <= 0.0 {
             let what = if mass <= 0.0 { "mass" } else { "inertia" };
             let rule = format!("link '{}' moves on this {} joint but carries no {what}", clean(&body.name), joint.kind);
             let remedy = "Give it an <inertial>, make the joint fixed, or declare the link a rotor.";
@@ -250,16 +253,30 @@ fn check_moving(read: &mut Read, rotors: &[usize]) -> Result<()> {
     Ok(())
 }
 
-/// For every body the mass of its whole subtree, and whether that subtree has any inertia.
-fn carried(bodies: &[Body]) -> Vec<(f64, bool)> {
-    let mut sums: Vec<(f64, bool)> = vec![(0.0, false); bodies.len()];
-    for body in (0..bodies.len()).filter_map(|i| Some((i, bodies.get(i)?))) {
-        // Walks up from each body; the tree has no cycles, and at most `Limits::bodies` links.
-        let (mut at, mass, extent) = (Some(body.0), body.1.mass, body.1.has_inertia());
-        while let Some((sum, next)) = at.and_then(|i| Some((sums.get_mut(i)?, bodies.get(i)?))) {
-            *sum = (sum.0 + mass, sum.1 || extent);
-            at = next.joint.as_ref().map(|j| j.parent);
+/// Mass of all that hangs on a joint, and what resists its motion: a moment of inertia about the axis, kg m²; of a joint that
+/// slides, the mass; of any other, the least moment about an axis of the base frame.
+fn carried(bodies: &[Body], index: usize, body: &Body, joint: &Joint) -> (f64, f64) {
+    let axes = match joint.kind.as_str() {
+        "revolute" | "continuous" => vec![joint.axis.normalize()],
+        "prismatic" => Vec::new(),
+        _ => vec![Vector3::x(), Vector3::y(), Vector3::z()],
+    };
+    let mut mass = 0.0;
+    let mut moments = vec![0.0; axes.len()];
+    for own in (0..bodies.len()).filter(|i| hangs_on(bodies, *i, index)).filter_map(|i| bodies.get(i)) {
+        mass += own.mass;
+        moments.iter_mut().zip(&axes).for_each(|(sum, axis)| *sum += own.moment_about(&body.origin, axis));
+    }
+    (mass, moments.into_iter().reduce(f64::min).unwrap_or(mass))
+}
+
+/// Whether body `i` is `carrier` or hangs on it; the tree has no cycles, and at most `Limits::bodies` links.
+fn hangs_on(bodies: &[Body], mut i: usize, carrier: usize) -> bool {
+    while i != carrier {
+        match bodies.get(i).and_then(|b| b.joint.as_ref()) {
+            Some(joint) => i = joint.parent,
+            None => return false,
         }
     }
-    sums
+    true
 }

@@ -65,61 +65,42 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 #[serde(deny_unknown_fields)]
 pub struct RotorEntry {
     /// Unique name; without it the link's name, or `rotor_0`, `rotor_1`, ….
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// The link that is this rotor.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub link: Option<String>,
     /// The joint whose child link is this rotor.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<String>,
     /// Hub in the base frame, m; without a link or joint it is required, with one it overrides.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position: Option<[f64; 3]>,
     /// Thrust direction in the base frame, of any length; without it the joint's axis or the link's z.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis: Option<[f64; 3]>,
     /// +1 turns counter-clockwise seen from +axis, −1 clockwise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spin: Option<f64>,
     /// k_f, N s²/rad².
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub thrust_coefficient: Option<f64>,
     /// κ = k_m/k_f, m.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moment_per_thrust: Option<f64>,
     /// k_m, N m s²/rad², instead of `moment_per_thrust`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub torque_coefficient: Option<f64>,
     /// Ω_max, rad/s.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_speed: Option<f64>,
     /// k_f Ω_max², N, instead of `max_speed`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_thrust: Option<f64>,
     /// Motor time constant both ways, s.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_constant: Option<f64>,
     /// Motor time constant while speeding up, s.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_constant_up: Option<f64>,
     /// Motor time constant while slowing down, s.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_constant_down: Option<f64>,
     /// Moment of inertia about the axis, kg m²; 0 leaves its torques out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inertia: Option<f64>,
     /// Blade tip radius, m; 0 leaves the ground effect out.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub radius: Option<f64>,
     /// Rotor drag across the axis, N s²/(m rad).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drag_coefficient: Option<f64>,
     /// Rotor drag along the axis, N s²/(m rad).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axial_drag_coefficient: Option<f64>,
     /// Rolling moment, N s²/rad.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rolling_coefficient: Option<f64>,
 }
 
@@ -215,17 +196,13 @@ impl RotorEntry {
 
     /// Two keys for one quantity contradict each other sooner or later.
     fn check_pairs(&self, file: &str, place: &str) -> Result<()> {
-        let both = |a: bool, b: bool| a && b;
         let ways = self.time_constant_up.is_some() || self.time_constant_down.is_some();
+        let moment = self.moment_per_thrust.is_some() && self.torque_coefficient.is_some();
         let pairs = [
-            ("link", "joint", both(self.link.is_some(), self.joint.is_some())),
-            (
-                "moment_per_thrust",
-                "torque_coefficient",
-                both(self.moment_per_thrust.is_some(), self.torque_coefficient.is_some()),
-            ),
-            ("max_speed", "max_thrust", both(self.max_speed.is_some(), self.max_thrust.is_some())),
-            ("time_constant", "time_constant_up or _down", both(self.time_constant.is_some(), ways)),
+            ("link", "joint", self.link.is_some() && self.joint.is_some()),
+            ("moment_per_thrust", "torque_coefficient", moment),
+            ("max_speed", "max_thrust", self.max_speed.is_some() && self.max_thrust.is_some()),
+            ("time_constant", "time_constant_up or _down", self.time_constant.is_some() && ways),
         ];
         match pairs.into_iter().find(|pair| pair.2) {
             None => Ok(()),

@@ -1,9 +1,7 @@
 //! What stands between the layers of a network.
 
 use super::product::PAD;
-use crate::autodiff::Scalar;
-use crate::autodiff::lanes::{Lanes, dispatch};
-use pulp::{Simd, WithSimd};
+use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
 use serde::{Deserialize, Serialize};
 
 /// A function of one number, applied to each; all have f(0) = 0, so padding stays zero.
@@ -46,18 +44,18 @@ struct Apply<'a> {
     x: &'a mut [f32],
 }
 
-impl WithSimd for Apply<'_> {
+impl Kernel for Apply<'_> {
     type Output = ();
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        for x in self.x.chunks_exact_mut(Lanes::<S>::WIDTH) {
-            let value = Lanes::<S>::load(x);
-            let zero = Lanes::zero();
+    fn run<L: Lanes>(self) {
+        for x in self.x.chunks_exact_mut(L::WIDTH) {
+            let value = L::load(x);
+            let zero = L::zero();
             let result = match self.kind {
                 Activation::Tanh => tanh(value),
-                Activation::Elu => value.max(zero) + (value.min(zero).exp() - Lanes::one()),
+                Activation::Elu => value.max(zero) + (value.min(zero).exp() - L::one()),
                 Activation::Relu => value.max(zero),
-                Activation::LeakyRelu => value.max(zero) + Lanes::constant(LEAK) * value.min(zero),
+                Activation::LeakyRelu => value.max(zero) + L::constant(LEAK) * value.min(zero),
                 Activation::Identity => value,
             };
             result.store(x);
@@ -71,18 +69,18 @@ struct Pull<'a> {
     d: &'a mut [f32],
 }
 
-impl WithSimd for Pull<'_> {
+impl Kernel for Pull<'_> {
     type Output = ();
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let w = Lanes::<S>::WIDTH;
+    fn run<L: Lanes>(self) {
+        let w = L::WIDTH;
         for (d, y) in self.d.chunks_exact_mut(w).zip(self.y.chunks_exact(w)) {
-            let (up, y, zero, one) = (Lanes::<S>::load(d), Lanes::load(y), Lanes::zero(), Lanes::one());
+            let (up, y, zero, one) = (L::load(d), L::load(y), L::zero(), L::one());
             let slope = match self.kind {
                 Activation::Tanh => (-y).mul_add(y, one),
                 Activation::Elu => one + y.min(zero),
-                Activation::Relu => Lanes::select(zero.lt(y), one, zero),
-                Activation::LeakyRelu => Lanes::select(y.lt(zero), Lanes::constant(LEAK), one),
+                Activation::Relu => L::select(zero.lt(y), one, zero),
+                Activation::LeakyRelu => L::select(y.lt(zero), L::constant(LEAK), one),
                 Activation::Identity => one,
             };
             (up * slope).store(d);
@@ -95,8 +93,8 @@ const LEAK: f64 = 0.01;
 /// x p(x²)/q(x²) with degrees 13 and 6, for |x| ≤ 7.9 where tanh rounds to ±1: one division, half the cost of the
 /// function by exponentials. Coefficients of the minimax fraction in Eigen (Guennebaud, Jacob et al. 2010).
 #[inline(always)]
-fn tanh<S: Simd>(x: Lanes<S>) -> Lanes<S> {
-    let c = Lanes::<S>::constant;
+fn tanh<L: Lanes>(x: L) -> L {
+    let c = L::constant;
     let x = x.clamp(c(-LARGEST), c(LARGEST));
     let z = x * x;
     let mut p = c(NUMERATOR[0]);

@@ -4,9 +4,8 @@
 //! and C, whose widths are padded to [`PAD`] numbers, and numbers of A are broadcast. Against general products (the
 //! crate `gemm`) it packs nothing, which decides for networks of 64 units; see `omnidrones bench learning`.
 
-use crate::autodiff::Scalar;
-use crate::autodiff::lanes::{Lanes, dispatch};
-use pulp::{Simd, WithSimd};
+use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use crate::autodiff::unrolled::unrolled;
 
 /// Widths of rows are multiples of this: the widest register of any processor.
 pub(crate) const PAD: usize = 16;
@@ -52,94 +51,167 @@ struct Product<'a> {
     n: usize,
 }
 
-impl WithSimd for Product<'_> {
+impl Kernel for Product<'_> {
     type Output = ();
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) {
-        let w = Lanes::<S>::WIDTH;
+    fn run<L: Lanes>(mut self) {
         let mut column = 0;
-        while column + 2 * w <= self.n {
-            self.panel::<S, 2>(column);
-            column += 2 * w;
+        while column + 2 * L::WIDTH <= self.n {
+            self.panel::<L, 2>(column);
+            column += 2 * L::WIDTH;
         }
         while column < self.n {
-            self.panel::<S, 1>(column);
-            column += w;
+            self.panel::<L, 1>(column);
+            column += L::WIDTH;
         }
     }
 }
 
 impl Product<'_> {
-    /// `N` registers of columns from `column` on, all rows.
+    /// `N` registers of columns from `column` on, all rows. With two registers a tile of eight rows keeps sixteen sums, of
+    /// six twelve: as many as there are registers of either kind, and enough that no addition waits for the one before.
     #[inline(always)]
-    fn panel<S: Simd, const N: usize>(&mut self, column: usize) {
+    fn panel<L: Lanes, const N: usize>(&mut self, column: usize) {
         let mut i = 0;
-        while i + ROWS <= self.m {
-            self.tile::<S, ROWS, N>(i, column);
-            i += ROWS;
+        if L::WIDTH >= 16 {
+            i = self.tiles::<L, 8, N>(i, column);
+        } else {
+            i = self.tiles::<L, 6, N>(i, column);
         }
-        while i < self.m {
-            self.tile::<S, 1, N>(i, column);
-            i += 1;
-        }
+        i = self.tiles::<L, 4, N>(i, column);
+        i = self.tiles::<L, 2, N>(i, column);
+        self.tiles::<L, 1, N>(i, column);
     }
 
+    /// Tiles of `M` rows from row `i` on while they fit; the next row.
     #[inline(always)]
-    fn tile<S: Simd, const M: usize, const N: usize>(&mut self, i: usize, column: usize) {
-        let (w, n, k) = (Lanes::<S>::WIDTH, self.n, self.k);
-        let mut sum = [[Lanes::<S>::zero(); N]; M];
-        for r in 0..M {
-            for j in 0..N {
-                sum[r][j] = match self.begin {
-                    Begin::With(row) => Lanes::load(&row[column + j * w..]),
-                    Begin::Zero => Lanes::zero(),
-                    Begin::Add => Lanes::load(&self.c[(i + r) * n + column + j * w..]),
-                };
-            }
-        }
-        match self.a {
-            Left::Rows(a, stride) => {
-                let mut rows = [&a[..0]; M];
-                for r in 0..M {
-                    rows[r] = &a[(i + r) * stride..][..k];
+    fn tiles<L: Lanes, const M: usize, const N: usize>(&mut self, mut i: usize, column: usize) -> usize {
+        while i + M <= self.m {
+            let (b, c) = (&self.b[column..], &mut self.c[i * self.n + column..]);
+            let begin = match self.begin {
+                Begin::With(row) => Begin::With(&row[column..]),
+                other => other,
+            };
+            match self.a {
+                Left::Rows(a, stride) => {
+                    L::outlined(RowTile::<M, N> { a: &a[i * stride..], stride, b, begin, c, k: self.k, n: self.n });
                 }
-                for at in 0..k {
-                    let b = &self.b[at * n + column..][..N * w];
-                    for j in 0..N {
-                        let x = Lanes::load(&b[j * w..]);
-                        for r in 0..M {
-                            sum[r][j] = broadcast(rows[r][at]).mul_add(x, sum[r][j]);
-                        }
-                    }
+                Left::Columns(a, stride) => {
+                    L::outlined(ColumnTile::<M, N> { a: &a[i..], stride, b, begin, c, k: self.k, n: self.n });
                 }
             }
-            Left::Columns(a, stride) => {
-                for at in 0..k {
-                    let own = &a[at * stride + i..][..M];
-                    let b = &self.b[at * n + column..][..N * w];
-                    for j in 0..N {
-                        let x = Lanes::load(&b[j * w..]);
-                        for r in 0..M {
-                            sum[r][j] = broadcast(own[r]).mul_add(x, sum[r][j]);
-                        }
-                    }
-                }
-            }
+            i += M;
         }
-        for r in 0..M {
-            for j in 0..N {
-                sum[r][j].store(&mut self.c[(i + r) * n + column + j * w..]);
-            }
-        }
+        i
     }
 }
 
-/// Rows of a tile: with two registers of columns, twelve sums. More are not unrolled any more and take three times as long.
-const ROWS: usize = 6;
+/// M rows by N registers of C; every slice begins at the tile.
+struct RowTile<'a, const M: usize, const N: usize> {
+    a: &'a [f32],
+    stride: usize,
+    b: &'a [f32],
+    begin: Begin<'a>,
+    c: &'a mut [f32],
+    k: usize,
+    n: usize,
+}
+
+impl<const M: usize, const N: usize> Kernel for RowTile<'_, M, N> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let mut sums = first::<L, M, N>(self.begin, self.c, self.n);
+        let mut rows = [&self.a[..0]; M];
+        unrolled!(r in 0..M {
+            rows[r] = &self.a[r * self.stride..][..self.k];
+        });
+        let mut b = self.b;
+        for at in 0..self.k {
+            let mut x = [L::zero(); N];
+            unrolled!(j in 0..N {
+                x[j] = L::load(&b[j * L::WIDTH..]);
+            });
+            unrolled!(r in 0..M {
+                let own = broadcast::<L>(rows[r][at]);
+                unrolled!(j in 0..N {
+                    sums[r][j] = own.mul_add(x[j], sums[r][j]);
+                });
+            });
+            b = b.get(self.n..).unwrap_or_default();
+        }
+        store(&sums, self.c, self.n);
+    }
+}
+
+/// As [`RowTile`], of a transposed A.
+struct ColumnTile<'a, const M: usize, const N: usize> {
+    a: &'a [f32],
+    stride: usize,
+    b: &'a [f32],
+    begin: Begin<'a>,
+    c: &'a mut [f32],
+    k: usize,
+    n: usize,
+}
+
+impl<const M: usize, const N: usize> Kernel for ColumnTile<'_, M, N> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let mut sums = first::<L, M, N>(self.begin, self.c, self.n);
+        let (mut a, mut b) = (self.a, self.b);
+        for _ in 0..self.k {
+            let own = &a[..M];
+            let mut x = [L::zero(); N];
+            unrolled!(j in 0..N {
+                x[j] = L::load(&b[j * L::WIDTH..]);
+            });
+            unrolled!(r in 0..M {
+                let own = broadcast::<L>(own[r]);
+                unrolled!(j in 0..N {
+                    sums[r][j] = own.mul_add(x[j], sums[r][j]);
+                });
+            });
+            a = a.get(self.stride..).unwrap_or_default();
+            b = b.get(self.n..).unwrap_or_default();
+        }
+        store(&sums, self.c, self.n);
+    }
+}
+
+/// What the sums of a tile begin with.
+#[inline(always)]
+fn first<L: Lanes, const M: usize, const N: usize>(begin: Begin<'_>, c: &[f32], n: usize) -> [[L; N]; M] {
+    let mut sums = [[L::zero(); N]; M];
+    match begin {
+        Begin::With(row) => unrolled!(r in 0..M {
+            unrolled!(j in 0..N {
+                sums[r][j] = L::load(&row[j * L::WIDTH..]);
+            });
+        }),
+        Begin::Zero => {}
+        Begin::Add => unrolled!(r in 0..M {
+            unrolled!(j in 0..N {
+                sums[r][j] = L::load(&c[r * n + j * L::WIDTH..]);
+            });
+        }),
+    }
+    sums
+}
 
 #[inline(always)]
-fn broadcast<S: Simd>(x: f32) -> Lanes<S> {
-    Lanes::constant(f64::from(x))
+fn store<L: Lanes, const M: usize, const N: usize>(sums: &[[L; N]; M], c: &mut [f32], n: usize) {
+    unrolled!(r in 0..M {
+        unrolled!(j in 0..N {
+            sums[r][j].store(&mut c[r * n + j * L::WIDTH..]);
+        });
+    });
+}
+
+#[inline(always)]
+fn broadcast<L: Lanes>(x: f32) -> L {
+    L::constant(f64::from(x))
 }
 
 #[cfg(test)]

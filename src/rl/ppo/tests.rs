@@ -1,12 +1,12 @@
 use super::config::layers;
 use super::*;
-use crate::autodiff::{Pen, Scalar};
+use crate::autodiff::Scalar;
 use crate::dynamics::Effects;
 use crate::rl::nn::Layers;
 use crate::rl::schedule::Schedule;
 use crate::tasks::config::ActionSpace;
 use crate::tasks::probe::{CUT, Probe};
-use crate::tasks::{Ends, Rig, Sheet, Slice, Start, Task, Term, View};
+use crate::tasks::{Ends, Rig, Start, Task, View, Writer};
 
 fn hidden(n: usize, last: f64) -> Layers {
     Layers { hidden: vec![n, n], ..layers(last) }
@@ -226,35 +226,22 @@ impl Task for Broken {
     fn horizon(&self) -> usize {
         CUT
     }
-    fn sheet(&self) -> Sheet {
-        let kind = Slice::new("kind", 1, "-", "1 or NaN");
-        Sheet {
-            observation: vec![kind.clone()],
-            central: Vec::new(),
-            reward: vec![Term::smooth("pay", "kind", 1.0)],
-            ends: Vec::new(),
-            metrics: Vec::new(),
-            goal: vec![kind],
-            memo: Vec::new(),
-            settings: Vec::new(),
-        }
-    }
     fn start(&self, start: &mut Start<'_>) {
-        start.goal[0] = if start.task.below(4) == 0 { f64::NAN } else { 1.0 };
+        let kind = if start.task.below(4) == 0 { f64::NAN } else { 1.0 };
+        start.goal.field("kind", "-", "1 or NaN").number(kind);
     }
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
-        out.number(view.goal.get(0));
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+        out.field("kind", "-", "1 or NaN").number(view.goal.get(0));
     }
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
-        terms.number(view.goal.get(0));
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        terms.term("pay", "kind", 1.0).number(view.goal.get(0));
     }
-    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut Ends<'_, S>) {}
-    fn metrics<S: Scalar>(&self, _: &View<'_, S>, _: &mut Pen<'_, S>) {}
+    fn ends<S: Scalar>(&self, _: &View<'_, S>, _: &mut impl Ends<S>) {}
     fn success<S: Scalar>(&self, _: &View<'_, S>) -> S::Mask {
         S::one().lt(S::zero())
     }
     fn ideal(&self, start: &mut Start<'_>) {
-        start.goal[0] = 1.0;
+        start.goal.field("kind", "-", "1 or NaN").number(1.0);
     }
 }
 
@@ -337,7 +324,7 @@ fn whole_numbers_are_learnt_within_their_space() {
         assert!(ppo.rollout.action[..flown].chunks(n).all(|a| ppo.spec.action.contains(a)));
         let mut policy = ppo.policy().unwrap();
         let mut action = vec![f32::NAN; n];
-        policy.act(&vec![0.1; ppo.spec.n_observation], &mut action);
+        policy.act(&vec![0.1; ppo.spec.n_observation], &mut action).unwrap();
         assert!(ppo.spec.action.contains(&action), "{action:?}");
         let before = saved(&ppo);
         let (policy, state) = &before;

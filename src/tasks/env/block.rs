@@ -1,16 +1,11 @@
 //! Sixty-four environments: what they hold between steps, and the memory that a step works in.
 
+use super::spec::Column;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::Block;
 use crate::dynamics::frame::FRAME;
 
-/// Rows of numbers, one column per environment.
-pub(crate) type Columns = Vec<[f32; BLOCK]>;
-
-/// Zeros.
-pub(crate) fn columns(n: usize) -> Columns {
-    vec![[0.0; BLOCK]; n]
-}
+pub(crate) use crate::autodiff::columns::Columns;
 
 /// Rows of the book: what every task keeps.
 pub(crate) mod book {
@@ -79,12 +74,9 @@ impl Sizes {
 
     /// Numbers of the information of one environment.
     pub(crate) fn info(&self) -> usize {
-        INFOS.len() + self.term + self.metric
+        Column::ALL.len() + self.term + self.metric
     }
 }
-
-/// What every environment tells beside the reward, in front of terms and metrics.
-pub(crate) const INFOS: [&str; 6] = ["return", "length", "clipped", "reason", "success", "loss"];
 
 /// Sixty-four environments.
 #[derive(Debug, Clone)]
@@ -113,13 +105,13 @@ impl EnvBlock {
     pub(crate) fn new(plant: Block, s: &Sizes) -> Self {
         Self {
             plant,
-            book: columns(s.book()),
-            goal: columns(s.goal),
-            memo: columns(s.memo),
-            theta: columns(s.theta),
-            air: columns(s.air),
-            line: columns(s.delay * s.command),
-            history: columns(s.history),
+            book: Columns::zeros(s.book()),
+            goal: Columns::zeros(s.goal),
+            memo: Columns::zeros(s.memo),
+            theta: Columns::zeros(s.theta),
+            air: Columns::zeros(s.air),
+            line: Columns::zeros(s.delay * s.command),
+            history: Columns::zeros(s.history),
             seed: [0; BLOCK],
             episode: [0; BLOCK],
             started: 0,
@@ -203,22 +195,22 @@ pub(crate) const HELD: usize = 16 + 7;
 impl Workspace {
     pub(crate) fn new(s: &Sizes, n_state: usize, n_number: usize, n_noise: usize) -> Self {
         Self {
-            frames: columns(s.frame * FRAME),
-            speeds: columns(s.rotor),
-            action: columns(s.action),
-            command: columns(s.command),
-            held: columns(s.held),
-            memo: columns(s.memo),
-            terms: columns(s.term),
-            raw: columns(s.agent * s.raw),
-            observation: columns(s.agent * s.observation),
-            central: columns(s.central),
-            again: columns(s.agent * s.raw + s.central),
-            metrics: columns(s.metric),
-            signals: columns(signal::COUNT),
-            noise: columns(n_noise),
-            moved: columns(3),
-            seen: columns(s.agent * s.normalised),
+            frames: Columns::zeros(s.frame * FRAME),
+            speeds: Columns::zeros(s.rotor),
+            action: Columns::zeros(s.action),
+            command: Columns::zeros(s.command),
+            held: Columns::zeros(s.held),
+            memo: Columns::zeros(s.memo),
+            terms: Columns::zeros(s.term),
+            raw: Columns::zeros(s.agent * s.raw),
+            observation: Columns::zeros(s.agent * s.observation),
+            central: Columns::zeros(s.central),
+            again: Columns::zeros(s.agent * s.raw + s.central),
+            metrics: Columns::zeros(s.metric),
+            signals: Columns::zeros(signal::COUNT),
+            noise: Columns::zeros(n_noise),
+            moved: Columns::zeros(3),
+            seen: Columns::zeros(s.agent * s.normalised),
             state: vec![0.0; n_state],
             goal: vec![0.0; s.goal],
             memory: vec![0.0; s.memo],

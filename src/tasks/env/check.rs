@@ -1,6 +1,6 @@
 //! Whether an environment keeps its contract: what learners rely on, checked on any task, also one's own.
 
-use super::{Buffers, Env, Space};
+use super::{Buffers, Column, Env, Space};
 use crate::error::Result;
 use crate::tasks::config::{Autoreset, EnvConfig};
 
@@ -227,7 +227,7 @@ fn final_observation(maker: &Maker<'_>) -> Result<Option<String>> {
 fn truncates(maker: &Maker<'_>) -> Result<Option<String>> {
     let mut b = maker.bench(Autoreset::SameStep)?;
     let spec = b.env.spec().clone();
-    let (length, width) = (spec.info_column("length").unwrap_or(0), spec.info.len());
+    let (length, width) = (Column::Length.index(), spec.info.len());
     for t in 0..STEPS {
         b.random(t)?;
         for i in 0..spec.n_env {
@@ -305,7 +305,7 @@ fn survives(maker: &Maker<'_>) -> Result<Option<String>> {
     let mut b = maker.bench(Autoreset::SameStep)?;
     let hostile = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e38, -1e38, 1e-40, 7.0, -7.0];
     let spec = b.env.spec().clone();
-    let (clipped, width) = (spec.info_column("clipped").unwrap_or(0), spec.info.len());
+    let (clipped, width) = (Column::Clipped.index(), spec.info.len());
     let n = b.actions.len() / spec.n_env;
     let fits = |a: &f32| match spec.action {
         Space::Box { low, high, .. } => (low..=high).contains(a),

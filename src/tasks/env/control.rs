@@ -1,7 +1,7 @@
 //! From an agent's numbers to rotor actions: spaces, clipping, delay, and the cascade in the control modes.
 
 use super::block::{EnvBlock, HELD, Workspace, book};
-use crate::autodiff::lanes::{Lanes, dispatch};
+use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Rows, RowsMut, Scalar, safe};
 use crate::controllers::action::ActionScale;
@@ -12,18 +12,17 @@ use crate::controllers::rate::RateCommand;
 use crate::dynamics::GRAVITY;
 use crate::dynamics::batch::Plant;
 use crate::dynamics::frame::{FRAME, Frame};
+use crate::dynamics::rotor::{holding_action, thrust_action};
 use crate::dynamics::spatial::rotate_back;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
 use crate::tasks::rig::Rig;
-use pulp::{Simd, WithSimd};
 
 /// Rotor slots of the compiled cascades.
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "one per batch")]
 enum Cascades {
     Four(CascadeModel<f64, 4>),
-    Six(CascadeModel<f64, 6>),
     Eight(CascadeModel<f64, 8>),
     Sixteen(CascadeModel<f64, 16>),
 }
@@ -35,6 +34,8 @@ pub(crate) struct Control {
     scale: ActionScale,
     space: ActionSpace,
     cascades: Option<Cascades>,
+    /// The same cascade for recordings, which come out alike for any number of slots.
+    recorded: Option<Box<CascadeModel<f64, MAX_SLOTS>>>,
     /// Commands of one agent.
     pub n_command: usize,
     /// What one agent does where its action is not a number.
@@ -59,6 +60,7 @@ impl Control {
             scale: config.action_scale,
             space: config.actions,
             cascades: None,
+            recorded: None,
             n_command: 4,
             safe: Vec::new(),
             names: Vec::new(),
@@ -83,8 +85,7 @@ impl Control {
         }
         self.n_command = first.n_action();
         for (i, rotor) in first.rotors.iter().enumerate() {
-            let share = rig.rest()[rotor.speed] / rotor.max_speed;
-            self.safe.push(2.0 * share * share - 1.0);
+            self.safe.push(holding_action(rotor.max_speed, rig.rest()[rotor.speed]));
             self.names.push(format!("rotor_{i}"));
         }
         self.names.extend((0..first.drives.len()).map(|i| format!("drive_{i}")));
@@ -100,13 +101,13 @@ impl Control {
         let gains = vehicle.gains();
         self.cascades = Some(match vehicle.n_rotor() {
             0..=4 => Cascades::Four(CascadeModel::new(vehicle, &gains)?),
-            5..=6 => Cascades::Six(CascadeModel::new(vehicle, &gains)?),
-            7..=8 => Cascades::Eight(CascadeModel::new(vehicle, &gains)?),
+            5..=8 => Cascades::Eight(CascadeModel::new(vehicle, &gains)?),
             _ => Cascades::Sixteen(CascadeModel::new(vehicle, &gains)?),
         });
+        self.recorded = Some(Box::new(CascadeModel::new(vehicle, &gains)?));
         let weight = vehicle.mass_properties().mass * GRAVITY;
         let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
-        let hover = 2.0 * weight / lift - 1.0;
+        let hover = thrust_action(weight / lift);
         let (names, safe) = match self.level {
             Level::Rate => (["rate_x", "rate_y", "rate_z", "thrust"], [0.0, 0.0, 0.0, hover]),
             Level::Attitude => (["thrust", "yaw_rate", "roll", "pitch"], [hover, 0.0, 0.0, 0.0]),
@@ -150,7 +151,8 @@ impl Control {
                 }
                 let n_lane = (actions.len() / n).min(BLOCK);
                 work.action.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
-                dispatch(Clip { control: self, action: &work.action, command: &mut work.command, pages });
+                let clip = Clip { control: self, action: &work.action, command: &mut work.command, pages };
+                each_register(n_lane, clip);
             }
             ActionSpace::Discrete { levels } | ActionSpace::MultiDiscrete { levels } => {
                 let joint = self.n_action() == 1 && self.n_command > 1;
@@ -204,11 +206,22 @@ impl Control {
                     }
                 }
             }
-            Some(Cascades::Four(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
-            Some(Cascades::Six(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
-            Some(Cascades::Eight(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
-            Some(Cascades::Sixteen(model)) => dispatch(Steer { control: self, model, rig, plant, step, block, work }),
+            Some(Cascades::Four(model)) => self.cascade(model, rig, plant, step, block, work),
+            Some(Cascades::Eight(model)) => self.cascade(model, rig, plant, step, block, work),
+            Some(Cascades::Sixteen(model)) => self.cascade(model, rig, plant, step, block, work),
         }
+    }
+
+    fn cascade<const R: usize>(
+        &self,
+        model: &CascadeModel<f64, R>,
+        rig: &Rig,
+        plant: &Plant,
+        step: usize,
+        block: &mut EnvBlock,
+        work: &mut Workspace,
+    ) {
+        each_register(block.plant.occupied, Steer { control: self, model, rig, plant, step, block, work });
     }
 
     /// Whether [`Control::steer`] reads frames.
@@ -233,37 +246,22 @@ impl Control {
             let first = agent * (HELD + MAX_SLOTS);
             let held = &mut held[first..first + HELD + MAX_SLOTS];
             let out = &mut input[..];
-            match &self.cascades {
+            match &self.recorded {
                 None => {
                     for (k, place) in self.inputs[agent].iter().enumerate() {
                         out[*place] = own[k];
                     }
                 }
-                Some(Cascades::Four(m)) => self.one(m, agent, step, &frame, own, held, out),
-                Some(Cascades::Six(m)) => self.one(m, agent, step, &frame, own, held, out),
-                Some(Cascades::Eight(m)) => self.one(m, agent, step, &frame, own, held, out),
-                Some(Cascades::Sixteen(m)) => self.one(m, agent, step, &frame, own, held, out),
+                Some(model) => {
+                    let model = CascadeModel::<S, MAX_SLOTS>::constant(model);
+                    let before = Held::read(&held[..HELD + MAX_SLOTS]);
+                    let new = self.compute(&model, step, &frame, [own[0], own[1], own[2], own[3]], &before);
+                    new.write(&mut held[..HELD + MAX_SLOTS]);
+                    for (k, place) in self.inputs[agent].iter().enumerate() {
+                        out[*place] = new.rotors[k];
+                    }
+                }
             }
-        }
-    }
-
-    #[expect(clippy::too_many_arguments, reason = "the parts of one level, named at its only caller")]
-    fn one<S: Scalar, const R: usize>(
-        &self,
-        model: &CascadeModel<f64, R>,
-        agent: usize,
-        step: usize,
-        frame: &Frame<S>,
-        commands: &[S],
-        held: &mut [S],
-        input: &mut [S],
-    ) {
-        let model = CascadeModel::<S, R>::constant(model);
-        let command = [commands[0], commands[1], commands[2], commands[3]];
-        let new = self.compute(&model, step, frame, command, &Held::read(&held[..HELD + R]));
-        new.write(&mut held[..HELD + R]);
-        for (k, place) in self.inputs[agent].iter().enumerate() {
-            input[*place] = new.rotors[k];
         }
     }
 
@@ -328,26 +326,21 @@ struct Clip<'a> {
     pages: &'a mut [[f32; BLOCK]],
 }
 
-impl WithSimd for Clip<'_> {
-    type Output = ();
+impl RegisterKernel for Clip<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run<L: Lanes>(&mut self, at: usize) {
         let n = self.control.n_command;
-        let mut at = 0;
-        while at < BLOCK {
-            let actions = Lanes::<S>::rows(self.action, at);
-            let mut commands = Lanes::<S>::rows_mut(self.command, at);
-            let mut changed = Lanes::<S>::zero();
-            for agent in 0..self.control.inputs.len() {
-                for k in 0..n {
-                    let (used, differs) = clipped(actions.get(agent * n + k), self.control.safe[k]);
-                    commands.set(agent * n + k, used);
-                    changed += Lanes::select(differs, Lanes::one(), Lanes::zero());
-                }
+        let actions = L::rows(self.action, at);
+        let mut commands = L::rows_mut(self.command, at);
+        let mut changed = L::zero();
+        for agent in 0..self.control.inputs.len() {
+            for k in 0..n {
+                let (used, differs) = clipped(actions.get(agent * n + k), self.control.safe[k]);
+                commands.set(agent * n + k, used);
+                changed += L::select(differs, L::one(), L::zero());
             }
-            Lanes::<S>::rows_mut(self.pages, at).set(book::CLIPPED, changed);
-            at += Lanes::<S>::WIDTH;
         }
+        L::rows_mut(self.pages, at).set(book::CLIPPED, changed);
     }
 }
 
@@ -362,28 +355,23 @@ struct Steer<'a, const R: usize> {
     work: &'a mut Workspace,
 }
 
-impl<const R: usize> WithSimd for Steer<'_, R> {
-    type Output = ();
+impl<const R: usize> RegisterKernel for Steer<'_, R> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run<L: Lanes>(&mut self, at: usize) {
         let control = self.control;
-        let model = CascadeModel::<Lanes<S>, R>::constant(self.model);
-        let mut at = 0;
-        while at < BLOCK {
-            for agent in 0..control.inputs.len() {
-                let frames = Lanes::<S>::rows(&self.work.frames, at);
-                let frame = Frame::read(&frames.from(self.rig.drones()[agent].frame * FRAME));
-                let command = Lanes::<S>::rows(&self.work.command, at).array(agent * 4);
-                let mut held = Lanes::<S>::rows_mut(&mut self.work.held, at);
-                let first = agent * (HELD + MAX_SLOTS);
-                let new = control.compute(&model, self.step, &frame, command, &read_held(&held.rows().from(first)));
-                write_held(&new, &mut held, first);
-                let mut input = Lanes::<S>::rows_mut(&mut self.block.plant.rows, at);
-                for k in 0..control.inputs[agent].len() {
-                    input.set(self.plant.input_row(control.inputs[agent][k]), new.rotors[k]);
-                }
+        let model = CascadeModel::<L, R>::constant(self.model);
+        for agent in 0..control.inputs.len() {
+            let frames = L::rows(&self.work.frames, at);
+            let frame = Frame::read(&frames.from(self.rig.drones()[agent].frame * FRAME));
+            let command = L::rows(&self.work.command, at).array(agent * 4);
+            let mut held = L::rows_mut(&mut self.work.held, at);
+            let first = agent * (HELD + MAX_SLOTS);
+            let new = control.compute(&model, self.step, &frame, command, &read_held(&held.rows().from(first)));
+            write_held(&new, &mut held, first);
+            let mut input = L::rows_mut(&mut self.block.plant.rows, at);
+            for k in 0..control.inputs[agent].len() {
+                input.set(self.plant.input_row(control.inputs[agent][k]), new.rotors[k]);
             }
-            at += Lanes::<S>::WIDTH;
         }
     }
 }

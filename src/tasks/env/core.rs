@@ -5,18 +5,20 @@ use super::buffers::StepOut;
 use super::control::{Control, MAX_SLOTS};
 use super::engine::Engine;
 use super::gradient::Slot;
+use super::judge::Replace;
 use super::transform::{Shift, Transform};
 use super::transition::{Places, Setting};
-use crate::autodiff::lanes::dispatch;
+use crate::autodiff::lanes::each_register;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Program, Recording};
 use crate::dynamics::batch::{ALIVE, Plant, STOPPED};
 use crate::error::Result;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::config::Autoreset;
+use crate::tasks::declare::Goal;
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
-use crate::tasks::rig::{Craft, Rig};
+use crate::tasks::rig::Rig;
 use crate::tasks::task::{Start, streams};
 use std::sync::{Arc, OnceLock};
 
@@ -34,7 +36,7 @@ pub(crate) struct Core {
     pub varied: Vec<usize>,
     pub nominal: Vec<f64>,
     /// The rig's system, with the numbers that vary as parameters if any do: what gradients are taken of.
-    pub exposed: Craft,
+    pub exposed: crate::dynamics::Plant,
     pub disturbance_rows: Vec<usize>,
     pub speed_rows: Vec<usize>,
     pub statistics: Statistics,
@@ -117,7 +119,7 @@ impl Core {
         self.act(block, work, actions);
         self.replace_diverged(block, running);
         self.plant.frames(&block.plant, &mut work.frames);
-        self.engine.judge(&self.sizes, self.plant.alive_row(), block, work);
+        self.engine.judge(&self.sizes, self.plant.alive_row(), block, work, None);
         let ended = (bits(&work.signals[signal::TERMINATED]) | bits(&work.signals[signal::TRUNCATED])) & running;
         let events = bits(&work.signals[signal::DUE]) & running & !ended;
         if events != 0 {
@@ -195,7 +197,8 @@ impl Core {
     fn act(&self, block: &mut EnvBlock, work: &mut Workspace, actions: &[f32]) {
         self.control.decode(actions, work, &mut block.book);
         if self.sizes.delay > 0 {
-            dispatch(Shift { slots: self.sizes.delay, n: self.sizes.command, block, command: &mut work.command });
+            let (slots, n) = (self.sizes.delay, self.sizes.command);
+            each_register(block.plant.occupied, Shift { slots, n, block, command: &mut work.command });
         }
         for (row, speed) in work.speeds.iter_mut().zip(&self.speed_rows) {
             *row = block.plant.rows[*speed];
@@ -230,12 +233,13 @@ impl Core {
     }
 
     /// Observation and central state of these lanes, before the transforms; the others' stay as they are.
-    fn look_again(&self, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
+    fn look_again(&self, block: &mut EnvBlock, work: &mut Workspace, lanes: u64) {
         self.plant.frames(&block.plant, &mut work.frames);
         for (lane, chosen) in work.moved[AGAIN].iter_mut().enumerate() {
             *chosen = ((lanes >> lane) & 1) as f32;
         }
-        self.engine.observe(&self.sizes, block, work, lanes);
+        self.engine.judge(&self.sizes, self.plant.alive_row(), block, work, Some(lanes));
+        each_register(block.plant.occupied, Replace { sizes: &self.sizes, work });
     }
 
     fn transform(&self, block: &mut EnvBlock, work: &mut Workspace, moved: u64, fresh: u64, first: usize) {
@@ -247,9 +251,10 @@ impl Core {
             work.moved[1][lane] = ((fresh >> lane) & 1) as f32;
         }
         if self.pipeline.noise > 0 {
-            (0..BLOCK).for_each(|lane| self.draw_noise(block, work, lane, first));
+            (0..block.plant.occupied).for_each(|lane| self.draw_noise(block, work, lane, first));
         }
-        dispatch(Transform { pipeline: &self.pipeline, sizes: &self.sizes, statistics: &self.frozen, block, work });
+        let (pipeline, sizes, statistics) = (&self.pipeline, &self.sizes, &self.frozen[..]);
+        each_register(block.plant.occupied, Transform { pipeline, sizes, statistics, block, work });
         if self.collects && self.sizes.normalised > 0 {
             self.collect(block, work, moved);
         }
@@ -298,8 +303,8 @@ impl Core {
         let mut start = Start {
             rig: self.rig(),
             state: &mut work.state,
-            goal: &mut work.goal,
-            memo: &mut work.memory,
+            goal: Goal::over(&mut work.goal),
+            task_state: &mut work.memory,
             numbers: &mut work.numbers,
             reset,
             task,
@@ -386,8 +391,8 @@ impl Core {
         let mut start = Start {
             rig: self.rig(),
             state: &mut work.state,
-            goal: &mut work.goal,
-            memo: &mut work.memory,
+            goal: Goal::over(&mut work.goal),
+            task_state: &mut work.memory,
             numbers: &mut work.numbers,
             reset: stream(Purpose::user(0x0e11)),
             task: stream(Purpose::DISTURBANCE),

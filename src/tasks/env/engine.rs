@@ -2,50 +2,48 @@
 
 use super::block::{EnvBlock, Sizes, Workspace};
 use super::core::Core;
-use super::judge::{Disturb, Judge, Observe};
+use super::judge::{Disturb, Judge};
 use super::transition::{Ideal, Setting, first_sight, ideal, ideal_terms, transition, view};
-use crate::autodiff::lanes::dispatch;
+use crate::autodiff::lanes::each_register;
 use crate::autodiff::{Recording, Scalar, Trace};
 use crate::tasks::rig::Rig;
-use crate::tasks::sheet::Sheet;
-use crate::tasks::task::{Start, Task, Wanted};
+use crate::tasks::task::{Start, Task, TaskReference};
+use crate::tasks::task_spec::TaskSpec;
 
 /// A task behind one pointer.
 pub(crate) trait Engine: Send + Sync {
     fn rig(&self) -> &Rig;
-    fn sheet(&self) -> &Sheet;
+    fn task_spec(&self) -> &TaskSpec;
     fn horizon(&self) -> usize;
     fn n_agent(&self) -> usize;
     fn start(&self, start: &mut Start<'_>);
     fn event(&self, start: &mut Start<'_>);
     /// For one environment at the start of an episode.
-    fn wanted(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<Wanted>;
+    fn reference(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference>;
     /// The task's ideal state.
     fn ideal(&self, core: &Core) -> Ideal;
     /// Summands of the reward in it.
     fn ideal_terms(&self, core: &Core) -> Vec<f64>;
-    /// Time, memo, reward, ends and observation after physics.
-    fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace);
-    /// Observation and central state of some lanes, where episodes begin and goals change.
-    fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64);
+    /// Time, memo, reward, ends and observation after physics; or observation and central state of the lanes `again` alone.
+    fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace, again: Option<u64>);
     /// Disturbances of the coming step.
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]);
     /// One step as a recording.
     fn record(&self, setting: &Setting<'_>) -> Recording;
 }
 
-/// A task with its sheet.
+/// A task with what it says about itself.
 pub(crate) struct Typed<T> {
     pub task: T,
-    pub sheet: Sheet,
+    pub task_spec: TaskSpec,
 }
 
 impl<T: Task> Engine for Typed<T> {
     fn rig(&self) -> &Rig {
         self.task.rig()
     }
-    fn sheet(&self) -> &Sheet {
-        &self.sheet
+    fn task_spec(&self) -> &TaskSpec {
+        &self.task_spec
     }
     fn horizon(&self) -> usize {
         self.task.horizon()
@@ -59,9 +57,9 @@ impl<T: Task> Engine for Typed<T> {
     fn event(&self, start: &mut Start<'_>) {
         self.task.event(start);
     }
-    fn wanted(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<Wanted> {
+    fn reference(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference> {
         let (frames, speeds, memo) = first_sight(core, state);
-        self.task.wanted(&view(self.task.rig(), state, &frames, &speeds, goal, &memo, 0.0, 0.0))
+        self.task.reference(&view(self.task.rig(), state, &frames, &speeds, goal, &memo, 0.0, 0.0))
     }
     fn ideal(&self, core: &Core) -> Ideal {
         ideal(&self.task, core)
@@ -69,14 +67,11 @@ impl<T: Task> Engine for Typed<T> {
     fn ideal_terms(&self, core: &Core) -> Vec<f64> {
         ideal_terms(&self.task, core)
     }
-    fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace) {
-        dispatch(Judge { task: &self.task, sizes, alive_row, block, work });
-    }
-    fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
-        dispatch(Observe { task: &self.task, sizes, block, work, lanes });
+    fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace, again: Option<u64>) {
+        each_register(block.plant.occupied, Judge { task: &self.task, sizes, alive_row, block, work, again });
     }
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]) {
-        dispatch(Disturb { task: &self.task, block, work, rows });
+        each_register(block.plant.occupied, Disturb { task: &self.task, block, work, rows });
     }
     fn record(&self, setting: &Setting<'_>) -> Recording {
         Recording::of(setting.places.n_argument(), |z| {

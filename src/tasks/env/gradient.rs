@@ -12,7 +12,7 @@
 //! - in environments whose physics gave up in a step: that step has the gradient zero.
 
 use super::Env;
-use super::block::{Columns, EnvBlock, book, columns};
+use super::block::{Columns, EnvBlock, book};
 use super::core::{lanes_of, transpose};
 use super::transition::Places;
 use crate::autodiff::Program;
@@ -38,7 +38,7 @@ pub(crate) struct Slot {
 
 impl Slot {
     fn new(places: &Places) -> Self {
-        Self { arguments: columns(places.n_kept()), running: 0, ended: 0, moved: 0 }
+        Self { arguments: Columns::zeros(places.n_kept()), running: 0, ended: 0, moved: 0 }
     }
 
     fn copy(&mut self, to: &Range<usize>, rows: &[[f32; BLOCK]]) {
@@ -379,39 +379,55 @@ pub struct Jacobian {
 impl Jacobian {
     /// Part of the matrix, by [`Jacobian::places`].
     ///
-    /// # Panics
-    /// For columns behind the parameters or rows that there are not.
-    pub fn part(&self, rows: &Range<usize>, columns: &Range<usize>) -> DMatrixView<'_, f64> {
+    /// # Errors
+    /// [`Error::Value`] for columns behind the parameters or rows that there are not.
+    pub fn part(&self, rows: &Range<usize>, columns: &Range<usize>) -> Result<DMatrixView<'_, f64>> {
+        let (n_row, n_column) = self.matrix.shape();
+        for (what, range, n) in [("rows", rows, n_row), ("columns", columns, n_column)] {
+            if range.start > range.end || range.end > n {
+                let remedy = "Take them from Jacobian::places.";
+                return Err(Error::value(
+                    format!("{what} of a Jacobian"),
+                    format!("{range:?}"),
+                    format!("within 0..{n}"),
+                    remedy,
+                ));
+            }
+        }
+        Ok(self.view(rows, columns))
+    }
+
+    fn view(&self, rows: &Range<usize>, columns: &Range<usize>) -> DMatrixView<'_, f64> {
         self.matrix.view((rows.start, columns.start), (rows.len(), columns.len()))
     }
 
     fn row(&self, row: usize, columns: &Range<usize>) -> DMatrixView<'_, f64> {
-        self.part(&(row..row + 1), columns)
+        self.view(&(row..row + 1), columns)
     }
 
     /// A of x⁺ = A x + B a + C θ: of the physical state alone.
     pub fn state(&self) -> DMatrixView<'_, f64> {
-        self.part(&self.places.state, &self.places.state)
+        self.view(&self.places.state, &self.places.state)
     }
 
     /// B of x⁺ = A x + B a + C θ.
     pub fn action(&self) -> DMatrixView<'_, f64> {
-        self.part(&self.places.state, &self.places.action)
+        self.view(&self.places.state, &self.places.action)
     }
 
     /// C of x⁺ = A x + B a + C θ: by the numbers that differ between environments.
     pub fn parameters(&self) -> DMatrixView<'_, f64> {
-        self.part(&self.places.state, &self.places.parameters)
+        self.view(&self.places.state, &self.places.parameters)
     }
 
     /// ∂observation/∂state.
     pub fn observation_state(&self) -> DMatrixView<'_, f64> {
-        self.part(&self.places.observation, &self.places.state)
+        self.view(&self.places.observation, &self.places.state)
     }
 
     /// ∂observation/∂action.
     pub fn observation_action(&self) -> DMatrixView<'_, f64> {
-        self.part(&self.places.observation, &self.places.action)
+        self.view(&self.places.observation, &self.places.action)
     }
 
     /// ∂reward/∂state, one row.
@@ -461,11 +477,11 @@ impl Adjoint {
     pub fn sweep(&self, options: SweepOptions) -> Sweep {
         let (p, program) = (&self.0.places, &self.0.program);
         let block = BlockSweep {
-            carried: columns(p.n_carried()),
-            action: columns(p.action.len()),
-            parameters: columns(if self.0.parameters { p.parameters.len() } else { 0 }),
-            arguments: columns(program.n_input()),
-            results: columns(program.n_output()),
+            carried: Columns::zeros(p.n_carried()),
+            action: Columns::zeros(p.action.len()),
+            parameters: Columns::zeros(if self.0.parameters { p.parameters.len() } else { 0 }),
+            arguments: Columns::zeros(program.n_input()),
+            results: Columns::zeros(program.n_output()),
             workspace: program.block_workspace(),
             dropped: 0,
         };

@@ -2,13 +2,13 @@
 
 use super::block::{EnvBlock, Sizes, Workspace, book, signal};
 use super::core::AGAIN;
-use crate::autodiff::lanes::Lanes;
+use crate::autodiff::lanes::{Lanes, RegisterKernel};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, RowsMut, Scalar};
 use crate::dynamics::batch::ALIVE;
+use crate::tasks::declare::{Masks, loss_of};
 use crate::tasks::rig::Rig;
-use crate::tasks::task::{Ends, MAX_ENDS, Task, View};
-use pulp::{Simd, WithSimd};
+use crate::tasks::task::{MAX_ENDS, Task, View};
 
 /// 1 where the mask holds, else 0.
 #[inline(always)]
@@ -18,25 +18,25 @@ pub(crate) fn number<S: Scalar>(mask: S::Mask) -> S {
 
 /// The view of one register of environments. `memo` is given apart: before or after the step.
 #[inline(always)]
-fn view<'a, S: Simd>(
+fn view<'a, L: Lanes>(
     rig: &'a Rig,
     horizon: f64,
     block: &'a EnvBlock,
     frames: &'a [[f32; BLOCK]],
     speeds: &'a [[f32; BLOCK]],
     at: usize,
-) -> View<'a, Lanes<S>> {
-    let book = Lanes::<S>::rows(&block.book, at);
+) -> View<'a, L> {
+    let book = L::rows(&block.book, at);
     let step = book.get(book::STEP);
     View {
         rig,
-        state: Lanes::rows(&block.plant.rows, at),
-        frames: Lanes::rows(frames, at),
-        speeds_before: Lanes::rows(speeds, at),
-        goal: Lanes::rows(&block.goal, at),
-        memo: Lanes::rows(&block.memo, at),
+        state: L::rows(&block.plant.rows, at),
+        frames: L::rows(frames, at),
+        speeds_before: L::rows(speeds, at),
+        goal: L::rows(&block.goal, at),
+        task_state: L::rows(&block.memo, at),
         step,
-        clock: (step + book.get(book::OFFSET)) * Lanes::constant(1.0 / horizon),
+        clock: (step + book.get(book::OFFSET)) * L::constant(1.0 / horizon),
     }
 }
 
@@ -44,7 +44,7 @@ fn view<'a, S: Simd>(
 #[inline(always)]
 pub(crate) fn reason<S: Scalar, T: Task>(task: &T, view: &View<'_, S>, n_end: usize) -> S {
     let mut masks = [S::one().lt(S::zero()); MAX_ENDS];
-    task.ends(view, &mut Ends::new(&mut masks));
+    task.ends(view, &mut Masks::new(&mut masks));
     let mut code = S::zero();
     for i in 0..n_end {
         let k = n_end - 1 - i;
@@ -53,29 +53,45 @@ pub(crate) fn reason<S: Scalar, T: Task>(task: &T, view: &View<'_, S>, n_end: us
     code
 }
 
-/// After physics: everything but the observation's transforms.
+/// The task's part of a step but for the transforms of observations: all of it behind physics, or the observation alone
+/// where episodes begin and goals change. One kernel, since what tasks observe is most of what there is to compile.
 pub(crate) struct Judge<'a, T> {
     pub task: &'a T,
     pub sizes: &'a Sizes,
     pub alive_row: usize,
     pub block: &'a mut EnvBlock,
     pub work: &'a mut Workspace,
+    /// Whether these lanes alone are to be observed, into [`Workspace::again`]; bit i stands for lane i.
+    pub again: Option<u64>,
 }
 
-impl<T: Task> WithSimd for Judge<'_, T> {
-    type Output = ();
+impl<T: Task> RegisterKernel for Judge<'_, T> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let mut at = 0;
-        while at < BLOCK {
-            judge::<S, T>(self.task, self.sizes, self.alive_row, self.block, self.work, at);
-            at += Lanes::<S>::WIDTH;
+    fn run<L: Lanes>(&mut self, at: usize) {
+        let Self { task, sizes, block, work, .. } = self;
+        let group = if L::WIDTH == BLOCK { u64::MAX } else { ((1u64 << L::WIDTH) - 1) << at };
+        match self.again {
+            None => advance::<L, T>(task, sizes, self.alive_row, block, work, at),
+            Some(lanes) if lanes & group == 0 => return,
+            Some(_) => {}
+        }
+        let Workspace { raw, central, again, frames, speeds, .. } = &mut **work;
+        let view = view::<L>(task.rig(), task.horizon() as f64, block, frames, speeds, at);
+        let (seen, state) = if self.again.is_none() {
+            (&mut raw[..], &mut central[..])
+        } else {
+            again.split_at_mut(sizes.agent * sizes.raw)
+        };
+        observe(*task, sizes, &view, &mut L::rows_mut(seen, at));
+        if sizes.central > 0 {
+            task.central(&view, &mut L::rows_mut(state, at).pen(0));
         }
     }
 }
 
+/// Time, memo, reward and ends.
 #[inline(always)]
-fn judge<S: Simd, T: Task>(
+fn advance<L: Lanes, T: Task>(
     task: &T,
     sizes: &Sizes,
     alive_row: usize,
@@ -84,62 +100,58 @@ fn judge<S: Simd, T: Task>(
     at: usize,
 ) {
     let (rig, horizon) = (task.rig(), task.horizon() as f64);
-    let (half, zero) = (Lanes::<S>::constant(0.5), Lanes::<S>::zero());
-    let mut pages = Lanes::<S>::rows_mut(&mut block.book, at);
+    let (half, zero) = (L::constant(0.5), L::zero());
+    let mut pages = L::rows_mut(&mut block.book, at);
     let (was, offset) = (pages.get(book::RUNNING), pages.get(book::OFFSET));
     let running = half.lt(was);
     pages.set(book::STEP, pages.get(book::STEP) + was);
 
     if sizes.memo > 0 {
-        let before = view::<S>(rig, horizon, block, &work.frames, &work.speeds, at);
-        task.remember(&before, &mut Lanes::rows_mut(&mut work.memo, at).pen(0));
-        let (new, mut memo) = (Lanes::<S>::rows(&work.memo, at), Lanes::<S>::rows_mut(&mut block.memo, at));
+        let before = view::<L>(rig, horizon, block, &work.frames, &work.speeds, at);
+        task.remember(&before, &mut L::rows_mut(&mut work.memo, at).pen(0));
+        let (new, mut memo) = (L::rows(&work.memo, at), L::rows_mut(&mut block.memo, at));
         for k in 0..sizes.memo {
-            memo.set(k, Lanes::select(running, new.get(k), memo.get(k)));
+            memo.set(k, L::select(running, new.get(k), memo.get(k)));
         }
     }
 
-    let view = view::<S>(rig, horizon, block, &work.frames, &work.speeds, at);
-    task.reward(&view, &mut Lanes::rows_mut(&mut work.terms, at).pen(0));
-    task.metrics(&view, &mut Lanes::rows_mut(&mut work.metrics, at).pen(0));
+    let view = view::<L>(rig, horizon, block, &work.frames, &work.speeds, at);
+    task.reward(&view, &mut L::rows_mut(&mut work.terms, at).pen(0));
+    task.metrics(&view, &mut L::rows_mut(&mut work.metrics, at).pen(0));
     let success = task.success(&view);
-    let loss = task.loss(&view);
+    let loss = loss_of(task, &view);
     let code = reason(task, &view, sizes.end);
-    observe(task, sizes, &view, &mut Lanes::rows_mut(&mut work.raw, at));
-    if sizes.central > 0 {
-        task.central(&view, &mut Lanes::rows_mut(&mut work.central, at).pen(0));
-    }
 
-    let alive = Lanes::<S>::rows(&block.plant.rows, at).get(alive_row);
-    let diverged = alive.lt(Lanes::constant(f64::from(ALIVE) - 0.5));
-    let code = Lanes::select(diverged, Lanes::constant((sizes.end + 1) as f64), code);
+    let alive = L::rows(&block.plant.rows, at).get(alive_row);
+    let diverged = alive.lt(L::constant(f64::from(ALIVE) - 0.5));
+    let code = L::select(diverged, L::constant((sizes.end + 1) as f64), code);
     // in counts, which are exact up to MAX_HORIZON; shares of the time are not
-    let over = (view.step + offset).lt(Lanes::constant(horizon)).not();
-    let terms = Lanes::<S>::rows(&work.terms, at);
+    let over = (view.step + offset).lt(L::constant(horizon)).not();
+    let terms = L::rows(&work.terms, at);
     let mut reward = zero;
     for k in 0..sizes.term {
         reward += terms.get(k);
     }
     let counts = running.and(diverged.not());
-    let reward = Lanes::select(counts, reward, zero);
+    let reward = L::select(counts, reward, zero);
 
-    let mut pages = Lanes::<S>::rows_mut(&mut block.book, at);
+    let mut pages = L::rows_mut(&mut block.book, at);
     for k in 0..sizes.term {
-        let sum = pages.get(book::TERMS + k) + Lanes::select(counts, terms.get(k), zero);
+        let sum = pages.get(book::TERMS + k) + L::select(counts, terms.get(k), zero);
         pages.set(book::TERMS + k, sum);
     }
     pages.set(book::RETURN, pages.get(book::RETURN) + reward);
-    pages.set(book::REASON, Lanes::select(running, code, pages.get(book::REASON)));
-    let truncated = Lanes::select(running, number(over), pages.get(book::TRUNCATED));
+    pages.set(book::REASON, L::select(running, code, pages.get(book::REASON)));
+    let truncated = L::select(running, number(over), pages.get(book::TRUNCATED));
     pages.set(book::TRUNCATED, truncated);
     let due = pages.get(book::STEP).lt(pages.get(book::EVENT)).not().and(running);
 
-    let terminated = number::<Lanes<S>>(half.lt(pages.get(book::REASON)));
-    let mut signals = Lanes::<S>::rows_mut(&mut work.signals, at);
+    let terminated = number::<L>(half.lt(pages.get(book::REASON)));
+    let mut signals = L::rows_mut(&mut work.signals, at);
     signals.set(signal::REWARD, reward);
     // a diverged state is the rest state, which stands in for it: it is worth nothing
-    signals.set(signal::SUCCESS, Lanes::select(diverged, zero, number(success)));
-    signals.set(signal::LOSS, Lanes::select(counts, loss, zero));
+    signals.set(signal::SUCCESS, L::select(diverged, zero, number(success)));
+    signals.set(signal::LOSS, L::select(counts, loss, zero));
     signals.set(signal::DUE, number(due));
     signals.set(signal::TERMINATED, terminated);
     signals.set(signal::TRUNCATED, truncated);
@@ -153,47 +165,25 @@ pub(crate) fn observe<S: Scalar, T: Task>(task: &T, sizes: &Sizes, view: &View<'
     }
 }
 
-/// Observations and central state of some lanes as they stand, after restarts and events.
-pub(crate) struct Observe<'a, T> {
-    pub task: &'a T,
+/// What was observed again takes the place of what was observed; the neighbours keep what they saw.
+pub(crate) struct Replace<'a> {
     pub sizes: &'a Sizes,
-    pub block: &'a EnvBlock,
     pub work: &'a mut Workspace,
-    /// Bit i stands for lane i; the same as numbers stand in row [`AGAIN`] of [`Workspace::moved`].
-    pub lanes: u64,
 }
 
-impl<T: Task> WithSimd for Observe<'_, T> {
-    type Output = ();
+impl RegisterKernel for Replace<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let (work, sizes) = (self.work, self.sizes);
-        let horizon = self.task.horizon() as f64;
-        let half = Lanes::<S>::constant(0.5);
-        let n_raw = sizes.agent * sizes.raw;
-        let width = Lanes::<S>::WIDTH;
-        let mut at = 0;
-        while at < BLOCK {
-            let group = if width == BLOCK { u64::MAX } else { ((1u64 << width) - 1) << at };
-            if self.lanes & group != 0 {
-                let view = view::<S>(self.task.rig(), horizon, self.block, &work.frames, &work.speeds, at);
-                observe(self.task, sizes, &view, &mut Lanes::rows_mut(&mut work.again, at));
-                if sizes.central > 0 {
-                    self.task.central(&view, &mut Lanes::rows_mut(&mut work.again, at).pen(n_raw));
-                }
-                // the neighbours keep what they saw
-                let chosen = half.lt(Lanes::<S>::rows(&work.moved, at).get(AGAIN));
-                let new = Lanes::<S>::rows(&work.again, at);
-                let mut raw = Lanes::<S>::rows_mut(&mut work.raw, at);
-                for k in 0..n_raw {
-                    raw.set(k, Lanes::select(chosen, new.get(k), raw.get(k)));
-                }
-                let mut central = Lanes::<S>::rows_mut(&mut work.central, at);
-                for k in 0..sizes.central {
-                    central.set(k, Lanes::select(chosen, new.get(n_raw + k), central.get(k)));
-                }
-            }
-            at += width;
+    fn run<L: Lanes>(&mut self, at: usize) {
+        let n_raw = self.sizes.agent * self.sizes.raw;
+        let chosen = L::constant(0.5).lt(L::rows(&self.work.moved, at).get(AGAIN));
+        let new = L::rows(&self.work.again, at);
+        let mut raw = L::rows_mut(&mut self.work.raw, at);
+        for k in 0..n_raw {
+            raw.set(k, L::select(chosen, new.get(k), raw.get(k)));
+        }
+        let mut central = L::rows_mut(&mut self.work.central, at);
+        for k in 0..self.sizes.central {
+            central.set(k, L::select(chosen, new.get(n_raw + k), central.get(k)));
         }
     }
 }
@@ -207,28 +197,23 @@ pub(crate) struct Disturb<'a, T> {
     pub rows: &'a [usize],
 }
 
-impl<T: Task> WithSimd for Disturb<'_, T> {
-    type Output = ();
+impl<T: Task> RegisterKernel for Disturb<'_, T> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run<L: Lanes>(&mut self, at: usize) {
         let horizon = self.task.horizon() as f64;
-        let mut at = 0;
-        while at < BLOCK {
-            for tree in 0..self.rows.len() {
-                let view = view::<S>(self.task.rig(), horizon, self.block, &self.work.frames, &self.work.speeds, at);
-                let mut own = self.task.disturb(&view, tree);
-                if !self.block.air.is_empty() {
-                    let wind = Lanes::<S>::rows(&self.block.air, at);
-                    for k in 0..3 {
-                        own[k] += wind.get(k);
-                    }
-                }
-                let mut input = Lanes::<S>::rows_mut(&mut self.block.plant.rows, at);
-                for k in 0..9 {
-                    input.set(self.rows[tree] + k, own[k]);
+        for tree in 0..self.rows.len() {
+            let view = view::<L>(self.task.rig(), horizon, self.block, &self.work.frames, &self.work.speeds, at);
+            let mut own = self.task.disturb(&view, tree);
+            if !self.block.air.is_empty() {
+                let wind = L::rows(&self.block.air, at);
+                for k in 0..3 {
+                    own[k] += wind.get(k);
                 }
             }
-            at += Lanes::<S>::WIDTH;
+            let mut input = L::rows_mut(&mut self.block.plant.rows, at);
+            for k in 0..9 {
+                input.set(self.rows[tree] + k, own[k]);
+            }
         }
     }
 }

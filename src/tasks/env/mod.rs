@@ -40,13 +40,13 @@ pub(crate) mod transition;
 pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Sweep, SweepOptions, Tape};
 pub use normaliser::Pending;
-pub use spec::{Info, Space, Spec};
+pub use spec::{Column, Info, Space, Spec};
 pub use transition::Places;
 
 use self::block::{EnvBlock, Sizes, Workspace};
 use self::buffers::Span;
 use self::control::Control;
-use self::core::{Core, HELD_PER_AGENT, first_bits};
+use self::core::{Core, HELD_PER_AGENT, first_bits, transpose};
 use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
@@ -58,11 +58,11 @@ use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::config::{EnvConfig, check_difficulty};
+use crate::tasks::declare::declare;
 use crate::tasks::observation::{Extent, Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
-use crate::tasks::rig::Craft;
-use crate::tasks::sheet::total;
-use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, Wanted};
+use crate::tasks::task::{MAX_ENDS, MAX_TERMS, Task, TaskReference};
+use crate::tasks::task_spec::{TaskSpec, total};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Blocks per task of a thread: their rows stay in its second-level cache.
@@ -116,62 +116,65 @@ impl Env {
         let config = &EnvConfig { randomise: Some(config.changes().to_vec()), ..config.clone() };
         config.validate()?;
         EnvConfig::check_horizon(task.horizon())?;
-        let sheet = task.sheet();
-        let counts = [("terms of the reward", sheet.reward.len(), MAX_TERMS), ("ends", sheet.ends.len(), MAX_ENDS)];
+        let task_spec = declare(&task)?;
+        let counts =
+            [("terms of the reward", task_spec.reward.len(), MAX_TERMS), ("ends", task_spec.ends.len(), MAX_ENDS)];
         for (what, n, most) in counts {
             if n > most {
                 return Err(Error::limit(format!("task {name}: {what}"), n, most, "Sum some of them."));
             }
         }
-        sheet.settings.iter().try_for_each(|setting| setting.check(&config.task))?;
-        Self::of_engine(Box::new(Typed { task, sheet }), name, config)
+        Self::of_engine(Box::new(Typed { task, task_spec }), name, config)
     }
 
     fn of_engine(engine: Box<dyn Engine>, name: &str, config: &EnvConfig) -> Result<Self> {
-        let (rig, sheet) = (engine.rig(), engine.sheet());
+        let (rig, own) = (engine.rig(), engine.task_spec());
         let randomiser = Randomiser::new(config.changes(), rig)?;
         let mut varied: Vec<usize> = rig.varied().iter().copied().chain(randomiser.varied()).collect();
         varied.sort_unstable();
         varied.dedup();
         let nominal = rig.numbers();
-        let names = rig.number_names();
-        let theta: Vec<(String, f64)> = varied.iter().map(|k| (names[*k].clone(), nominal[*k])).collect();
-        let extent = Extent::of(&config.observation, total(&sheet.observation), theta.len())?;
+        let (names, domains) = (rig.number_names(), rig.number_domains());
+        let theta: Vec<_> = varied.iter().map(|k| (names[*k].clone(), nominal[*k], domains[*k])).collect();
+        let extent = Extent::of(&config.observation, total(&own.observation), theta.len())?;
         let control = Control::new(config, rig)?;
         let n_agent = engine.n_agent();
         let sizes = Sizes {
-            term: sheet.reward.len(),
-            end: sheet.ends.len(),
-            metric: sheet.metrics.len(),
-            goal: total(&sheet.goal),
-            memo: total(&sheet.memo),
+            term: own.reward.len(),
+            end: own.ends.len(),
+            metric: own.metrics.len(),
+            goal: total(&own.goal),
+            memo: total(&own.task_state),
             theta: varied.len(),
             air: if randomiser.blows() { 3 } else { 0 },
             agent: n_agent,
             command: n_agent * control.n_command,
             action: n_agent * control.n_action(),
             delay: if config.delay.max > 0 { config.delay.max + 1 } else { 0 },
-            raw: total(&sheet.observation),
+            raw: total(&own.observation),
             observation: extent.observation,
             history: n_agent * extent.memory,
-            central: total(&sheet.central),
+            central: total(&own.central),
             frame: rig.n_frame(),
             rotor: rig.drones().iter().map(|d| d.rotors.len()).sum(),
             held: n_agent * HELD_PER_AGENT,
             normalised: extent.normalised.unwrap_or(0),
         };
         // numbers that vary may leave zero, so nothing may be left out
-        let plant = match &rig.craft {
-            Craft::Vehicle(m) => Plant::rigid(m.vehicle(), vary_effects(*m.physics(), !varied.is_empty()))?.0,
-            Craft::Model(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
+        let plant = match rig.plant() {
+            crate::dynamics::Plant::Rigid(m) => {
+                Plant::rigid(m.vehicle(), vary_effects(*m.physics(), !varied.is_empty()))?.0
+            }
+            crate::dynamics::Plant::Tree(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
         };
         let n_env = config.n_env;
         let bytes = bytes_per_env(&plant, &sizes);
         check_memory(n_env, bytes + out_bytes(&sizes), config.memory_limit)?;
-        let pipeline = Pipeline::new(&config.observation, &sheet.observation, &theta)?;
+        let pipeline = Pipeline::new(&config.observation, &own.observation, &theta)?;
         let speeds = rig.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
         let disturbance_rows = rig.disturbances().iter().map(|k| plant.input_row(*k)).collect();
-        let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, theta, bytes);
+        let privileged = theta.into_iter().map(|(name, value, _)| (name, value)).collect();
+        let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, privileged, bytes);
         let statistics = Statistics::of_nothing(sizes.normalised);
         let rest = rig.rest().to_vec();
         let core = Core {
@@ -197,7 +200,7 @@ impl Env {
             disturbance_rows,
             speed_rows: speeds,
         };
-        let mut block = EnvBlock::new(core.plant.block(&rest), &sizes);
+        let mut block = EnvBlock::new(core.plant.block(&rest, BLOCK), &sizes);
         block.seed = [config.seed; BLOCK];
         // until its first reset an environment stands still; lanes behind the last one always do
         block.plant.rows[core.plant.alive_row()] = [STOPPED; BLOCK];
@@ -207,7 +210,10 @@ impl Env {
                 *row = [core.nominal[*k] as f32; BLOCK];
             }
         }
-        let blocks = vec![block; n_env.div_ceil(BLOCK)];
+        let mut blocks = vec![block; n_env.div_ceil(BLOCK)];
+        if let Some(last) = blocks.last_mut() {
+            last.plant.occupied = n_env - (n_env - 1) / BLOCK * BLOCK;
+        }
         let mut env = Self { core, spec, blocks, pool: Mutex::new(Vec::new()), threads: Threads::default() };
         env.freeze(statistics);
         env.set_threads(Threads::default());
@@ -392,7 +398,7 @@ impl Env {
         Ok(())
     }
 
-    /// The goal of one environment: see the task's [`Sheet::goal`](super::Sheet::goal).
+    /// The goal of one environment: see the task's [`TaskSpec::goal`].
     ///
     /// # Errors
     /// As [`Env::state`].
@@ -416,6 +422,61 @@ impl Env {
         Ok(numbers)
     }
 
+    /// [`Env::state`] of all environments, `[E, state]`, row-major; allocates nothing.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length.
+    pub fn states_into(&self, rows: &mut [f32]) -> Result<()> {
+        let n = self.rig().n_state();
+        self.check_rows("states", n, rows.len())?;
+        self.columns_into(|block| &block.plant.rows[..n], n, rows);
+        Ok(())
+    }
+
+    /// [`Env::goal`] of all environments, `[E, goal]`, row-major; allocates nothing. The sizes of
+    /// [`Sheet::goal`](super::Sheet::goal) add up to a row.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length.
+    pub fn goals_into(&self, rows: &mut [f32]) -> Result<()> {
+        let n = self.core.sizes.goal;
+        self.check_rows("goals", n, rows.len())?;
+        self.columns_into(|block| &block.goal, n, rows);
+        Ok(())
+    }
+
+    /// [`Env::numbers`] of all environments, `[E, number]`, row-major; allocates nothing.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a slice of the wrong length.
+    pub fn numbers_into(&self, rows: &mut [f64]) -> Result<()> {
+        let nominal = &self.core.nominal;
+        self.check_rows("numbers", nominal.len(), rows.len())?;
+        for (i, own) in rows.chunks_exact_mut(nominal.len()).enumerate() {
+            own.copy_from_slice(nominal);
+            let theta = self.blocks[i / BLOCK].theta.iter().zip(&self.core.varied);
+            theta.for_each(|(row, k)| own[*k] = f64::from(row[i % BLOCK]));
+        }
+        Ok(())
+    }
+
+    fn check_rows(&self, what: &str, n: usize, got: usize) -> Result<()> {
+        let wanted = self.spec.n_env * n;
+        if got == wanted {
+            return Ok(());
+        }
+        let remedy = format!("Rows are environments, {n} numbers each.");
+        Err(Error::value(format!("length of {what}"), got, wanted.to_string(), remedy))
+    }
+
+    /// Columns of every block as rows of `n` numbers.
+    fn columns_into(&self, of: impl Fn(&EnvBlock) -> &[[f32; BLOCK]], n: usize, rows: &mut [f32]) {
+        if n > 0 {
+            let own = self.blocks.iter().zip(rows.chunks_mut(BLOCK * n));
+            own.for_each(|(block, rows)| transpose(of(block), rows.len() / n, rows, n, 0));
+        }
+    }
+
     /// The summands of the reward in a state that the task calls ideal: their sum comes within 1e-6 of
     /// [`Spec::reward_bound`], effort aside.
     pub fn ideal_terms(&self) -> Vec<f64> {
@@ -427,10 +488,15 @@ impl Env {
     ///
     /// # Errors
     /// As [`Env::state`].
-    pub fn wanted(&self, environment: usize) -> Result<Option<Wanted>> {
+    pub fn reference(&self, environment: usize) -> Result<Option<TaskReference>> {
         let exact = |numbers: Vec<f32>| numbers.into_iter().map(f64::from).collect::<Vec<f64>>();
         let (state, goal) = (exact(self.state(environment)?), exact(self.goal(environment)?));
-        Ok(self.core.engine.wanted(&self.core, &state, &goal))
+        Ok(self.core.engine.reference(&self.core, &state, &goal))
+    }
+
+    /// Of one name, configuration and varied numbers: what fits one such environment fits the other.
+    pub(crate) fn kin(&self) -> u64 {
+        self.core.kin
     }
 
     /// What flies.
@@ -439,8 +505,8 @@ impl Env {
     }
 
     /// What the task says about itself.
-    pub fn sheet(&self) -> &super::sheet::Sheet {
-        self.core.engine.sheet()
+    pub fn task_spec(&self) -> &TaskSpec {
+        self.core.engine.task_spec()
     }
 
     /// Every environment has begun an episode.

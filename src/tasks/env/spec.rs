@@ -1,15 +1,17 @@
 //! What a batch of environments is, as data: sizes, names, units, bounds.
 
-use super::block::{INFOS, Sizes};
+use super::block::Sizes;
 use super::control::Control;
 use super::engine::Engine;
+use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
 use crate::tasks::observation::Pipeline;
-use crate::tasks::sheet::{End, Slice, Term, total};
-use serde::Serialize;
+use crate::tasks::task_spec::{End, Field, Success, Term, total};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// The numbers that an agent may answer.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum Space {
     /// `n` numbers within [`low`, `high`].
@@ -70,7 +72,7 @@ impl Space {
 }
 
 /// One number of the information of an environment.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Info {
     /// `return`, `position_error`.
     pub name: String,
@@ -80,8 +82,47 @@ pub struct Info {
     pub meaning: String,
 }
 
+/// Columns of the information that every task has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Column {
+    /// Sum of the episode's rewards so far.
+    Return,
+    /// Steps of the episode so far.
+    Length,
+    /// Numbers of the action that were clipped or not finite.
+    Clipped,
+    /// 0, or the place from 1 on of the reason to terminate.
+    Reason,
+    /// 1 where the goal counts as reached in this step.
+    Success,
+    /// Training loss of this step.
+    Loss,
+}
+
+impl Column {
+    /// All, in the order of the columns.
+    pub const ALL: [Self; 6] = [Self::Return, Self::Length, Self::Clipped, Self::Reason, Self::Success, Self::Loss];
+
+    /// Its place in a row of the information.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    fn info(self) -> Info {
+        let (name, unit, meaning) = match self {
+            Self::Return => ("return", "-", "sum of rewards"),
+            Self::Length => ("length", "steps", "since the episode began"),
+            Self::Clipped => ("clipped", "-", "numbers of the action that were clipped or not finite"),
+            Self::Reason => ("reason", "-", "why it terminated, counted from 1 as in `ends`"),
+            Self::Success => ("success", "-", "1 where the goal counts as reached"),
+            Self::Loss => ("loss", "-", "training loss of this step"),
+        };
+        Info { name: name.into(), unit: unit.into(), meaning: meaning.into() }
+    }
+}
+
 /// A batch of environments as data.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Spec {
     /// Registered name.
     pub task: String,
@@ -91,16 +132,16 @@ pub struct Spec {
     pub n_agent: usize,
     /// Numbers of one agent's observation.
     pub n_observation: usize,
-    /// Its slices, in order.
-    pub observation: Vec<Slice>,
+    /// Its fields, in order.
+    pub observation: Vec<Field>,
     /// One agent's actions.
     pub action: Space,
     /// Commands that one agent's actions become, in [−1, 1].
     pub commands: Vec<String>,
     /// Numbers of the central state.
     pub n_central: usize,
-    /// Its slices, in order.
-    pub central: Vec<Slice>,
+    /// Its fields, in order.
+    pub central: Vec<Field>,
     /// Numbers that differ between environments, with their nominal values.
     pub privileged: Vec<(String, f64)>,
     /// The reward's summands.
@@ -109,7 +150,9 @@ pub struct Spec {
     pub reward_bound: f64,
     /// Reasons to terminate; `diverged` follows. The info `reason` counts them from 1.
     pub ends: Vec<End>,
-    /// Columns of the information.
+    /// When an episode is a success.
+    pub success: Success,
+    /// Columns of the information: those of every task ([`Column`]), terms of the reward, the task's figures.
     pub info: Vec<Info>,
     /// T, steps.
     pub horizon: usize,
@@ -131,8 +174,8 @@ impl Spec {
     /// state: a policy fits environments of equal hash. The number of environments, the seed, the rewards and what is
     /// said for people play no part.
     pub fn hash(&self) -> u64 {
-        fn shape(slices: &[Slice]) -> Vec<(&str, usize, &str)> {
-            slices.iter().map(|s| (s.name.as_str(), s.size, s.unit.as_str())).collect()
+        fn shape(fields: &[Field]) -> Vec<(&str, usize, &str)> {
+            fields.iter().map(|s| (s.name.as_str(), s.size, s.unit.as_str())).collect()
         }
         let seen = (shape(&self.observation), shape(&self.central), &self.config.observation);
         let done =
@@ -141,19 +184,50 @@ impl Spec {
         fnv(text.as_bytes())
     }
 
-    /// Place of a slice in the observation.
-    pub fn observation_range(&self, name: &str) -> Option<std::ops::Range<usize>> {
+    /// From JSON.
+    ///
+    /// # Errors
+    /// [`Error::Format`] with line and column.
+    pub fn from_json(text: &str) -> Result<Self> {
+        serde_json::from_str(text).map_err(|e| Error::Format {
+            file: "<spec>".into(),
+            place: format!("line {}, column {}", e.line(), e.column()),
+            rule: e.to_string(),
+            remedy: "Take what Spec::to_json wrote.".into(),
+        })
+    }
+
+    /// Place of a field in the observation.
+    pub fn observation_range(&self, name: &str) -> Option<Range<usize>> {
         let mut at = 0;
-        for slice in &self.observation {
-            if slice.name == name {
-                return Some(at..at + slice.size);
+        for field in &self.observation {
+            if field.name == name {
+                return Some(at..at + field.size);
             }
-            at += slice.size;
+            at += field.size;
         }
         None
     }
 
-    /// Column of the information called `name`.
+    /// Least and largest value of every number of the observation; infinite where there is none.
+    pub fn observation_bounds(&self) -> (Vec<f32>, Vec<f32>) {
+        let each = |of: fn(&Field) -> f64| {
+            self.observation.iter().flat_map(|f| std::iter::repeat_n(of(f) as f32, f.size)).collect()
+        };
+        (each(|f| f.low), each(|f| f.high))
+    }
+
+    /// Columns of the information with the sums of the reward's terms.
+    pub fn term_columns(&self) -> Range<usize> {
+        Column::ALL.len()..Column::ALL.len() + self.reward.len()
+    }
+
+    /// Columns of the information with the task's figures; the first is the error, as a rule.
+    pub fn metric_columns(&self) -> Range<usize> {
+        self.term_columns().end..self.info.len()
+    }
+
+    /// Column of the information called `name`; those of every task are [`Column`]s.
     pub fn info_column(&self, name: &str) -> Option<usize> {
         self.info.iter().position(|i| i.name == name)
     }
@@ -175,35 +249,27 @@ pub(crate) fn spec_of(
     privileged: Vec<(String, f64)>,
     bytes_per_env: usize,
 ) -> Spec {
-    let sheet = engine.sheet();
-    let info =
-        |name: &str, unit: &str, meaning: &str| Info { name: name.into(), unit: unit.into(), meaning: meaning.into() };
-    let meanings = [
-        ("-", "sum of rewards"),
-        ("steps", "since the episode began"),
-        ("-", "numbers of the action that were clipped or not finite"),
-        ("-", "why it terminated, counted from 1 as in `ends`"),
-        ("-", "1 where the goal counts as reached"),
-        ("-", "training loss of this step"),
-    ];
-    let mut infos: Vec<Info> = INFOS.iter().zip(meanings).map(|(n, (unit, what))| info(n, unit, what)).collect();
-    infos.extend(sheet.reward.iter().map(|t| info(&format!("reward_{}", t.name), "-", "sum of this term")));
-    infos.extend(sheet.metrics.iter().map(|m| info(m.name, m.unit, "now")));
-    let slices: Vec<Slice> = pipeline.slices.clone();
+    let own = engine.task_spec();
+    let info = |name: String, unit: &str, meaning: &str| Info { name, unit: unit.into(), meaning: meaning.into() };
+    let mut infos: Vec<Info> = Column::ALL.into_iter().map(Column::info).collect();
+    infos.extend(own.reward.iter().map(|t| info(format!("reward_{}", t.name), "-", "sum of this term")));
+    infos.extend(own.metrics.iter().map(|m| info(m.name.clone(), &m.unit, "now")));
+    let fields: Vec<Field> = pipeline.fields.clone();
     Spec {
         task: name.into(),
         n_env: config.n_env,
         n_agent: s.agent,
-        n_observation: total(&slices),
-        observation: slices,
+        n_observation: total(&fields),
+        observation: fields,
         action: Space::of(config.actions, control.n_command),
         commands: control.names.clone(),
         n_central: s.central,
-        central: sheet.central.clone(),
+        central: own.central.clone(),
         privileged,
-        reward: sheet.reward.clone(),
-        reward_bound: sheet.reward_bound(),
-        ends: sheet.ends.clone(),
+        reward: own.reward.clone(),
+        reward_bound: own.reward_bound(),
+        ends: own.ends.clone(),
+        success: own.success.clone(),
         info: infos,
         horizon: engine.horizon(),
         dt: config.dt,

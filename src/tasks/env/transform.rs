@@ -1,11 +1,10 @@
 //! Delay lines and observation transforms over a block of lanes.
 
 use super::block::{EnvBlock, Sizes, Workspace, book};
-use crate::autodiff::lanes::Lanes;
+use crate::autodiff::lanes::{Lanes, RegisterKernel};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{RowsMut, Scalar};
 use crate::tasks::observation::{Frozen, Moment, Pipeline};
-use pulp::{Simd, WithSimd};
 
 /// Puts the commands at the head of the delay line and takes out those that are due.
 pub(crate) struct Shift<'a> {
@@ -15,18 +14,13 @@ pub(crate) struct Shift<'a> {
     pub command: &'a mut [[f32; BLOCK]],
 }
 
-impl WithSimd for Shift<'_> {
-    type Output = ();
+impl RegisterKernel for Shift<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let mut at = 0;
-        while at < BLOCK {
-            let delay = Lanes::<S>::rows(&self.block.book, at).get(book::DELAY);
-            let mut line = Lanes::<S>::rows_mut(&mut self.block.line, at);
-            let mut command = Lanes::<S>::rows_mut(self.command, at);
-            shift(self.slots, self.n, delay, &mut line, &mut command);
-            at += Lanes::<S>::WIDTH;
-        }
+    fn run<L: Lanes>(&mut self, at: usize) {
+        let delay = L::rows(&self.block.book, at).get(book::DELAY);
+        let mut line = L::rows_mut(&mut self.block.line, at);
+        let mut command = L::rows_mut(self.command, at);
+        shift(self.slots, self.n, delay, &mut line, &mut command);
     }
 }
 
@@ -65,36 +59,31 @@ pub(crate) struct Transform<'a> {
     pub work: &'a mut Workspace,
 }
 
-impl WithSimd for Transform<'_> {
-    type Output = ();
+impl RegisterKernel for Transform<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let (p, s, work) = (self.pipeline, self.sizes, self.work);
-        let half = Lanes::<S>::constant(0.5);
-        let mut at = 0;
-        while at < BLOCK {
-            let flags = Lanes::<S>::rows(&work.moved, at);
-            let (moved, fresh) = (half.lt(flags.get(0)), half.lt(flags.get(1)));
-            for agent in 0..s.agent {
-                let raw = Lanes::<S>::rows(&work.raw, at);
-                let mut out = Lanes::<S>::rows_mut(&mut work.observation, at);
-                let begin = agent * s.observation;
-                for k in 0..s.raw {
-                    out.set(begin + k, raw.get(agent * s.raw + k));
-                }
-                let moment = Moment {
-                    moved,
-                    fresh,
-                    noise: Lanes::<S>::rows(&work.noise, at).from(agent * p.noise),
-                    theta: Lanes::<S>::rows(&self.block.theta, at),
-                    statistics: Frozen::Constants(self.statistics),
-                };
-                let mut memory = Lanes::<S>::rows_mut(&mut self.block.history, at);
-                let mut seen = Lanes::<S>::rows_mut(&mut work.seen, at);
-                let seen = Some((&mut seen, agent * s.normalised));
-                p.run(&moment, &mut memory, agent * p.memory, &mut out, begin, seen);
+    fn run<L: Lanes>(&mut self, at: usize) {
+        let (p, s, work) = (self.pipeline, self.sizes, &mut *self.work);
+        let half = L::constant(0.5);
+        let flags = L::rows(&work.moved, at);
+        let (moved, fresh) = (half.lt(flags.get(0)), half.lt(flags.get(1)));
+        for agent in 0..s.agent {
+            let raw = L::rows(&work.raw, at);
+            let mut out = L::rows_mut(&mut work.observation, at);
+            let begin = agent * s.observation;
+            for k in 0..s.raw {
+                out.set(begin + k, raw.get(agent * s.raw + k));
             }
-            at += Lanes::<S>::WIDTH;
+            let moment = Moment {
+                moved,
+                fresh,
+                noise: L::rows(&work.noise, at).from(agent * p.noise),
+                theta: L::rows(&self.block.theta, at),
+                statistics: Frozen::Constants(self.statistics),
+            };
+            let mut memory = L::rows_mut(&mut self.block.history, at);
+            let mut seen = L::rows_mut(&mut work.seen, at);
+            let seen = Some((&mut seen, agent * s.normalised));
+            p.run(&moment, &mut memory, agent * p.memory, &mut out, begin, seen);
         }
     }
 }

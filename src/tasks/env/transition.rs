@@ -10,10 +10,12 @@ use super::judge::observe;
 use super::spec::fnv;
 use super::transform::shift;
 use crate::autodiff::{Rows, RowsMut, Scalar, System};
+use crate::dynamics::Plant;
 use crate::dynamics::frame::FRAME;
 use crate::tasks::config::EnvConfig;
+use crate::tasks::declare::{Goal, loss_of};
 use crate::tasks::observation::{Frozen, Moment};
-use crate::tasks::rig::{Craft, Rig};
+use crate::tasks::rig::Rig;
 use crate::tasks::task::{MAX_TERMS, Start, Task, View, streams};
 use std::ops::Range;
 
@@ -155,8 +157,8 @@ pub(crate) fn ideal<T: Task>(task: &T, core: &Core) -> Ideal {
     task.ideal(&mut Start {
         rig,
         state: &mut own.state,
-        goal: &mut own.goal,
-        memo: &mut own.memo,
+        goal: Goal::over(&mut own.goal),
+        task_state: &mut own.memo,
         numbers: &mut own.numbers,
         reset,
         task: draw,
@@ -277,7 +279,7 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
         reward += *term;
     }
     seen[p.reward - p.n_carried()] = reward;
-    seen[p.loss - p.n_carried()] = task.loss(&view);
+    seen[p.loss - p.n_carried()] = loss_of(task, &view);
 }
 
 /// All physical numbers: nominal ones, with those that vary in their places.
@@ -292,10 +294,7 @@ fn numbers<S: Scalar>(core: &Core, theta: &[S]) -> Vec<S> {
 /// One step of the physics; constants stay constants where nothing varies.
 fn physics<S: Scalar>(core: &Core, state: &[S], input: &[S], numbers: &[S], next: &mut [S]) {
     let theta = if core.varied.is_empty() { &[] } else { numbers };
-    match &core.exposed {
-        Craft::Vehicle(m) => m.step(state, input, theta, next),
-        Craft::Model(m) => m.step(state, input, theta, next),
-    }
+    core.exposed.step(state, input, theta, next);
 }
 
 #[expect(clippy::too_many_arguments, reason = "the parts of a view, named at its only callers")]
@@ -315,17 +314,14 @@ pub(crate) fn view<'a, S: Scalar>(
         frames: Rows::of(frames),
         speeds_before: Rows::of(speeds),
         goal: Rows::of(goal),
-        memo: Rows::of(memo),
+        task_state: Rows::of(memo),
         step,
         clock,
     }
 }
 
 /// The rig's system with the numbers that vary as parameters, if any do.
-pub(crate) fn exposed(engine: &dyn Engine, varies: bool) -> Craft {
-    match (engine.rig().craft.clone(), varies) {
-        (Craft::Vehicle(m), true) => Craft::Vehicle(m.with_parameters()),
-        (Craft::Model(m), true) => Craft::Model(m.with_parameters()),
-        (craft, false) => craft,
-    }
+pub(crate) fn exposed(engine: &dyn Engine, varies: bool) -> Plant {
+    let plant = engine.rig().plant().clone();
+    if varies { plant.with_parameters() } else { plant }
 }

@@ -1,55 +1,4 @@
-//! FlyThrough: fly through a gate that slides sideways, to a point behind it.
-//!
-//! | Observation | size | unit | meaning | |
-//! |---|---|---|---|---|
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
-//! | `velocity` | 3 | m/s, world | v | smooth |
-//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
-//! | `heading` | 3 | -, world | h = R e_x | smooth |
-//! | `up` | 3 | -, world | u = R e_z | smooth |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
-//! | `target` | 3 | m, world | p_t − p | smooth |
-//! | `gate_velocity` | 3 | m/s, world | v_g | smooth |
-//! | `gate` | 3 | m, world | g − p | smooth |
-//! | `clock` | 4 | - | k/T, four times | smooth |
-//! | *total* | 33 | | | |
-//!
-//! | Reward | term | at most | |
-//! |---|---|---|---|
-//! | `pose` | r_p = e^{−d} | 1 | piecewise |
-//! | `gate` | 0.5 (0.8 − \|g_y − y\| − \|g_z − z\|) e^{x} for x < 0, else 0.5 | 0.5 | non-smooth |
-//! | `up` | 0.5 (r_p + 0.3) ((u_z + 1)/2)² | 0.65 | piecewise |
-//! | `spin` | 0.5 (r_p + 0.3)/(1 + ω_z²) | 0.65 | piecewise |
-//! | `effort` | 0.1 e^{−e} | 0.1 | smooth |
-//! | *sum* | | 2.9 | |
-//!
-//! | Episode end | when |
-//! |---|---|
-//! | `crash` | z < 0.2 m |
-//! | `high` | z > 2.5 m |
-//! | `wide` | \|y\| > 2 m |
-//! | `far` | d > 6 m |
-//! | `missed` | not \|g_y − y\| < 0.5 m and \|g_z − z\| < 0.5 m in the first step with x > 0 |
-//! | `contact` | touches the frame, if `reset_on_collision` |
-//! | `diverged` | a number of the state leaves ±1e8 |
-//! | *truncated* | k ≥ `horizon` |
-//!
-//! | Configuration | default | meaning |
-//! |---|---|---|
-//! | `vehicle` | "hummingbird" | what flies |
-//! | `horizon` | 500 | T, steps |
-//! | `gate_damping` | 1.0 | of the gate's slide, N s/m |
-//! | `reset_on_collision` | false | whether touch ends the episode |
-//!
-//! p = (x, y, z) drone, v, ω velocity and angular velocity (world), g, v_g position and velocity of the gate's frame,
-//! u = R e_z, e = Σ s effort, k steps, d = ‖p_t − p‖. The gate stands at (0, 0, 2) m, its opening has half sizes of
-//! 0.616 × 0.561 m; it starts within ±1 m along y and swings back on a spring (4 kg, 3 N/m). Target: uniform in
-//! [1.5, 2.5] × ±1 × [1.5, 2.5] m. Start: p uniform in [−2.5, −2] × ±1.5 × [1.5, 2.5] m, roll and pitch within ±0.2π,
-//! yaw 0, at rest.
-//!
-//! - Success: `position_error` < 0.2 m, once in the episode.
-//! - Loss: √(d² + 0.1²) + (b² + c²)/(1 + 4a²) + 0.02 ‖v‖² + 0.005 ‖ω‖² + 0.5 e^{−10 max(`clearance`, −0.2 m)}, with
-//!   (a, b, c) = g − p.
+//! FlyThrough: fly through a gate that slides sideways.
 //!
 //! - DIFFERENCE: gate observations, rewards and ends read the frame; the published ones its fixed mount (defect 19).
 //! - DIFFERENCE: the slide is damped, ζ = 0.14, so the gate comes to rest; the published one swings for ever (defect 20).
@@ -58,40 +7,58 @@
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 //! - DIFFERENCE: ends `high` and `wide` are those of the current code; the paper's had neither.
 
-use crate::autodiff::{Mask, Pen, Scalar, safe};
+use super::obstacles::{NEARNESS, Skin, nearness, rounded, softened, touches, touching, where_on};
+use super::{
+    MotionLoss, PoseReward, StartAttitude, StartRange, ease_of_flight, farther, latch, less, made_of, more, nearer,
+    squared, succeeds_once, times,
+};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::assembly::{Member, single};
 use crate::dynamics::configurations::environment;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::scene::{Gate, Scene, Slide};
 use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::sub;
+use crate::dynamics::spatial::{Vec3, sub};
 use crate::error::Result;
+use crate::settings;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::reward::{bell, smooth_norm, still, tip, upright};
+use crate::tasks::declare::{Ends, Loss, Writer};
+use crate::tasks::registry::BuiltIn;
+use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
 use crate::tasks::rig::Rig;
-use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term};
-use crate::tasks::suite::obstacles::{Skin, nearness, rounded, softened, touches, touching, where_on};
-use crate::tasks::suite::{clock_slice, drone_slices, latch};
-use crate::tasks::task::{Ends, START_TILT, Start, Task, View};
-use serde::{Deserialize, Serialize};
+use crate::tasks::task::{Start, Task, View};
 
-/// Settings of [`FlyThrough`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct FlyThroughSettings {
-    /// What flies.
-    pub vehicle: String,
-    /// T, steps.
-    pub horizon: usize,
-    /// Of the gate's slide, N s/m.
-    pub gate_damping: f64,
-    /// Whether touch ends the episode.
-    pub reset_on_collision: bool,
+/// Where starts are.
+fn start_range() -> StartRange {
+    let position = [[-2.5, -2.0], [-1.5, 1.5], [1.5, 2.5]];
+    StartRange { position, attitude: StartAttitude { yaw: [0.0, 0.0], ..StartAttitude::default() } }
 }
 
-impl Default for FlyThroughSettings {
-    fn default() -> Self {
-        Self { vehicle: "hummingbird".into(), horizon: 500, gate_damping: 1.0, reset_on_collision: false }
+settings! {
+    /// Settings of [`FlyThrough`].
+    pub struct FlyThroughSettings {
+        vehicle: String = "hummingbird".into() => ("", "what flies", Any);
+        horizon: usize = 500 => ("steps", "T", Any);
+        gate_position: [f64; 3] = [0.0, 0.0, 2.0] => ("m, world", "of the gate at rest", Any);
+        gate_offset: f64 = 1.0 => ("m", "largest offset of the gate at the start, along y", NotNegative);
+        gate_damping: f64 = 1.0 => ("N s/m", "of the gate's slide", NotNegative);
+        gate_aperture: f64 = 0.5 => ("m", "farther beside the gate's middle along y or z it is missed", Positive);
+        reset_on_collision: bool = false => ("", "whether touch ends the episode", Any);
+        target: [[f64; 2]; 3] = [[1.5, 2.5], [-1.0, 1.0], [1.5, 2.5]]
+            => ("m, world", "p_t, lowest and highest per axis", Ordered);
+        start: StartRange = start_range() => group;
+        min_height: f64 = 0.2 => ("m", "lower is a crash", Any);
+        max_height: f64 = 2.5 => ("m", "higher ends the episode", Any);
+        max_side: f64 = 2.0 => ("m", "farther along y ends the episode", Positive);
+        max_distance: f64 = 6.0 => ("m", "farther from the target ends the episode", Positive);
+        success_distance: f64 = 0.2 => ("m", "position error of a success", Positive);
+        pose_scale: f64 = 1.0 => ("1/m", "how steeply r_p falls", NotNegative);
+        pose_floor: f64 = 0.3 => ("-", "what up and spin are worth far from the target", NotNegative);
+        reward: PoseReward = PoseReward { up: 0.5, spin: 0.5, ..PoseReward::default() } => group;
+        reward_gate: f64 = 0.5 => ("-", "weight of the term gate", NotNegative);
+        loss: MotionLoss = MotionLoss::default() => group;
+        loss_gate: f64 = 1.0 => ("1/m", "weight of the way to the gate's middle in the loss", NotNegative);
+        loss_clearance: f64 = 0.5 => ("m", "weight of the clearance in the loss", NotNegative);
     }
 }
 
@@ -108,16 +75,12 @@ pub struct FlyThrough {
     slide: usize,
 }
 
-impl FlyThrough {
-    /// With the vehicle and settings of a configuration.
-    ///
-    /// # Errors
-    /// As [`EnvConfig::settings`], [`EnvConfig::vehicle`] and [`environment()`].
-    pub fn new(config: &EnvConfig) -> Result<Self> {
+impl BuiltIn for FlyThrough {
+    fn new(config: &EnvConfig) -> Result<Self> {
         let settings: FlyThroughSettings = config.settings()?;
         let vehicle = config.vehicle(&settings.vehicle)?;
         let slide = Slide { damping: settings.gate_damping, ..Slide::default() };
-        let gate = Gate { position: [0.0, 0.0, 2.0], slide: Some(slide), ..Gate::default() };
+        let gate = Gate { position: settings.gate_position, slide: Some(slide), ..Gate::default() };
         let scene = Scene { gates: vec![gate.clone()], ..Scene::default() };
         let drone = Member::new("drone", single(&rounded(&vehicle))?, [0.0; 3]);
         let model = softened(&environment("fly_through", &[drone], &scene)?, vehicle.mass_properties().mass)?;
@@ -126,10 +89,12 @@ impl FlyThrough {
         let rig = Rig::of_model(&model, touching(config), Some(&vehicle), |_| vec![])?;
         Ok(Self { rig, settings, gate, skin: Skin::of(&model), frame, slide })
     }
+}
 
+impl FlyThrough {
     /// p_t − p.
     #[inline(always)]
-    fn error<S: Scalar>(view: &View<'_, S>) -> [S; 3] {
+    fn error<S: Scalar>(view: &View<'_, S>) -> Vec3<S> {
         sub(view.goal.array(0), view.drone(0).position)
     }
 
@@ -154,140 +119,113 @@ impl FlyThrough {
 }
 
 impl Task for FlyThrough {
-    fn rig(&self) -> &Rig {
-        &self.rig
-    }
+    made_of!(self: self.rig, self.settings);
 
-    fn horizon(&self) -> usize {
-        self.settings.horizon
-    }
-
-    fn sheet(&self) -> Sheet {
-        let mut observation = drone_slices(self.rig.drone());
-        observation.push(Slice::new("target", 3, "m, world", "p_t − p"));
-        observation.push(Slice::new("gate_velocity", 3, "m/s, world", "v_g"));
-        observation.push(Slice::new("gate", 3, "m, world", "g − p"));
-        observation.push(clock_slice());
-        Sheet {
-            observation,
-            central: Vec::new(),
-            reward: vec![
-                Term::piecewise("pose", "r_p = e^{−d}", 1.0),
-                Term::non_smooth("gate", "0.5 (0.8 − \\|g_y − y\\| − \\|g_z − z\\|) e^{x} for x < 0, else 0.5", 0.5),
-                Term::piecewise("up", "0.5 (r_p + 0.3) ((u_z + 1)/2)²", 0.65),
-                Term::piecewise("spin", "0.5 (r_p + 0.3)/(1 + ω_z²)", 0.65),
-                Term::smooth("effort", "0.1 e^{−e}", 0.1),
-            ],
-            ends: vec![
-                End::new("crash", "z < 0.2 m"),
-                End::new("high", "z > 2.5 m"),
-                End::new("wide", "\\|y\\| > 2 m"),
-                End::new("far", "d > 6 m"),
-                End::new("missed", "not \\|g_y − y\\| < 0.5 m and \\|g_z − z\\| < 0.5 m in the first step with x > 0"),
-                End::new("contact", "touches the frame, if `reset_on_collision`"),
-            ],
-            metrics: vec![
-                Metric { name: "position_error", unit: "m" },
-                Metric { name: "uprightness", unit: "-" },
-                Metric { name: "clearance", unit: "m" },
-                Metric { name: "throttle_difference", unit: "-" },
-            ],
-            goal: vec![Slice::new("target", 3, "m, world", "p_t")],
-            memo: vec![
-                Slice::new("crossed", 1, "-", "1 once x > 0"),
-                Slice::new("missed", 1, "-", "1 in the first step with x > 0 beside the gate"),
-                Slice::new("reached", 1, "-", "1 once d < 0.2 m"),
-            ],
-            settings: vec![
-                Setting::new("vehicle", "\"hummingbird\"", "what flies"),
-                Setting::new("horizon", 500, "T, steps"),
-                Setting::new("gate_damping", "1.0", "of the gate's slide, N s/m").not_negative(),
-                Setting::new("reset_on_collision", false, "whether touch ends the episode"),
-            ],
-        }
+    fn about(&self) -> &'static str {
+        "p drone, g, v_g the gate's middle and its velocity, v, ω velocity and angular velocity of the drone (world), \
+         u = R e_z, e = Σ s effort, k steps, d = ‖p_t − p‖. The gate stands at {gate_position} m, its opening has \
+         half sizes of 0.616 × 0.561 m; it starts within ±{gate_offset} m along y and swings back on a spring (4 kg, \
+         3 N/m). Target: p_t uniform in {target} m. Start: p uniform in {start_position} m, roll and pitch within \
+         ±{start_tilt} rad, yaw within {start_yaw} rad, at rest."
     }
 
     fn start(&self, start: &mut Start<'_>) {
-        let target = [(1.5, 2.5), (-1.0, 1.0), (1.5, 2.5)].map(|(low, high)| start.task.uniform(low, high));
-        start.goal.copy_from_slice(&target);
-        start.state[self.slide] = start.task.uniform(-1.0, 1.0);
-        let position = start.position([-2.5, -1.5, 1.5], [-2.0, 1.5, 2.5]);
-        let attitude = start.attitude(START_TILT, (0.0, 0.0));
+        let own = &self.settings;
+        let target = own.target.map(|[low, high]| start.task.uniform(low, high));
+        set_target(start, target);
+        start.state[self.slide] = start.task.uniform(-own.gate_offset, own.gate_offset);
+        let (position, attitude) = own.start.draw(start);
         start.place(0, position, attitude);
     }
 
     #[inline(always)]
-    fn remember<S: Scalar>(&self, view: &View<'_, S>, memo: &mut Pen<'_, S>) {
-        let (way, half) = (self.way(view), S::constant(0.5));
-        let crossed = view.memo.get(0);
+    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+        let (way, half, own) = (self.way(view), S::constant(0.5), &self.settings);
+        let crossed = view.task_state.get(0);
         let beyond = way[0].lt(S::zero());
-        let inside = way[1].abs().lt(half).and(way[2].abs().lt(half));
+        let inside = less(way[1].abs(), own.gate_aperture).and(less(way[2].abs(), own.gate_aperture));
         let missed = beyond.and(inside.not()).and(crossed.lt(half));
-        memo.number(latch(crossed, beyond));
-        memo.number(S::select(missed, S::one(), S::zero()));
-        memo.number(latch(view.memo.get(2), safe::squared_norm(Self::error(view)).lt(S::constant(0.04))));
+        task_state.field("crossed", "-", "1 once x > 0").number(latch(crossed, beyond));
+        let missed = S::select(missed, S::one(), S::zero());
+        task_state.field("missed", "-", "1 in the first step with x > 0 beside the gate").number(missed);
+        let reached = latch(view.task_state.get(2), nearer(Self::error(view), own.success_distance));
+        task_state.field("reached", "-", "1 once d < {success_distance} m").number(reached);
     }
 
     #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
         view.observe_drone(0, out);
-        out.array(Self::error(view));
-        out.array(self.gate(view).velocity);
-        out.array(self.way(view));
+        out.field("target", "m, world", "p_t − p").array(Self::error(view));
+        out.field("gate_velocity", "m/s, world", "v_g").array(self.gate(view).velocity);
+        out.field("gate", "m, world", "g − p").array(self.way(view));
         view.observe_clock(out);
     }
 
     #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
-        let (drone, way, half) = (view.drone(0), self.way(view), S::constant(0.5));
-        let pose = tip(1.0, Self::error(view));
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        let (drone, way, own, w) = (view.drone(0), self.way(view), &self.settings, &self.settings.reward);
+        let pose = exponential_kernel(own.pose_scale, Self::error(view));
         let (before, ahead) = (S::zero().lt(way[0]), way[0].max(S::zero()));
         let middle = (S::constant(0.8) - way[1].abs() - way[2].abs()) * (-ahead).exp();
-        let kept = half * (pose + S::constant(0.3));
-        terms.number(pose);
-        terms.number(half * S::select(before, middle, S::one()));
-        terms.number(kept * upright(drone.up()));
-        terms.number(kept * still(drone.angular_velocity));
-        terms.number(S::constant(0.1) * (-view.effort(0)).exp());
+        let kept = pose + S::constant(own.pose_floor);
+        let most = 1.0 + own.pose_floor;
+        terms
+            .term("pose", "{×reward_pose}r_p, r_p = e^{−{pose_scale} d}", w.pose)
+            .piecewise()
+            .number(times(w.pose, pose));
+        let formula = "{×reward_gate}(0.8 − |g_y − y| − |g_z − z|) e^{x} for x < 0, else {reward_gate}";
+        terms.term("gate", formula, own.reward_gate).non_smooth();
+        terms.number(times(own.reward_gate, S::select(before, middle, S::one())));
+        terms.term("up", "{×reward_up}(r_p + {pose_floor}) ((u_z + 1)/2)²", w.up * most).piecewise();
+        terms.number(times(w.up, kept) * upright(drone.up()));
+        terms.term("spin", "{×reward_spin}(r_p + {pose_floor})/(1 + ω_z²)", w.spin * most).piecewise();
+        terms.number(times(w.spin, kept) * still(drone.angular_velocity));
+        terms.term("effort", "{×reward_effort}e^{−e}", w.effort).number(ease_of_flight(w.effort, view));
     }
 
     #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
-        let position = view.drone(0).position;
-        ends.when(position[2].lt(S::constant(0.2)));
-        ends.when(S::constant(2.5).lt(position[2]));
-        ends.when(S::constant(2.0).lt(position[1].abs()));
-        ends.when(S::constant(36.0).lt(safe::squared_norm(Self::error(view))));
-        ends.when(S::constant(0.5).lt(view.memo.get(1)));
-        ends.when(where_on::<S>(self.settings.reset_on_collision, touches(self.clearance(view))));
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+        let (position, own) = (view.drone(0).position, &self.settings);
+        ends.when("crash", "z < {min_height} m", less(position[2], own.min_height));
+        ends.when("high", "z > {max_height} m", more(position[2], own.max_height));
+        ends.when("wide", "|y| > {max_side} m", more(position[1].abs(), own.max_side));
+        ends.when("far", "d > {max_distance} m", farther(Self::error(view), own.max_distance));
+        let missed = "not |g_y − y| < {gate_aperture} m and |g_z − z| < {gate_aperture} m in the first step with x > 0";
+        ends.when("missed", missed, more(view.task_state.get(1), 0.5));
+        let contact = where_on::<S>(own.reset_on_collision, touches(self.clearance(view)));
+        ends.when("contact", "touches the frame, if reset_on_collision", contact);
     }
 
     #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
-        out.number(safe::norm(Self::error(view)));
-        out.number(view.drone(0).up()[2]);
-        out.number(self.clearance(view));
-        out.number(view.throttle_difference(0));
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.metric("position_error", "m", safe::norm(Self::error(view)));
+        out.metric("uprightness", "-", view.drone(0).up()[2]);
+        out.metric("clearance", "m", self.clearance(view));
+        out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 
-    #[inline(always)]
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        S::constant(0.5).lt(view.memo.get(2))
-    }
+    succeeds_once!(self, view: view.task_state.get(2), self.settings.success_distance);
 
     #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        let (drone, way) = (view.drone(0), self.way(view));
+    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+        let (drone, way, own, w) = (view.drone(0), self.way(view), &self.settings, &self.settings.loss);
+        loss.add("√(d² + {loss_radius}²)", smooth_norm(Self::error(view), w.radius));
         // the middle of the opening counts near its plane
-        let aside = safe::squared_norm([way[1], way[2]]) * bell(2.0, way[0].square());
-        let speed = S::constant(0.02) * safe::squared_norm(drone.velocity);
-        let rate = S::constant(0.005) * safe::squared_norm(drone.angular_velocity);
-        smooth_norm(Self::error(view), 0.1) + aside + speed + rate + nearness(self.clearance(view))
+        let aside = squared(own.loss_gate, [way[1], way[2]]) * rational_kernel(2.0, way[0].square());
+        loss.add("{×loss_gate}(b² + c²)/(1 + 4a²) with (a, b, c) = g − p", aside);
+        loss.add("{×loss_velocity}‖v‖²", squared(w.velocity, drone.velocity));
+        loss.add("{×loss_rate}‖ω‖²", squared(w.rate, drone.angular_velocity));
+        loss.add(NEARNESS, nearness(own.loss_clearance, self.clearance(view)));
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
-        let target = [2.0, 0.0, 2.0];
-        start.goal.copy_from_slice(&target);
+        let target = self.settings.target.map(|[low, high]| 0.5 * (low + high));
+        set_target(start, target);
         start.place(0, target, [1.0, 0.0, 0.0, 0.0]);
     }
+}
+
+/// Keeps p_t.
+fn set_target(start: &mut Start<'_>, target: Vec3<f64>) {
+    start.goal.field("target", "m, world", "p_t").array(target);
 }

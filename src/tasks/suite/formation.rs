@@ -1,80 +1,25 @@
 //! Formation: free drones form a figure about a point, each facing +x, and keep apart in each other's downwash.
 //!
-//! | Observation | size | unit | meaning | |
-//! |---|---|---|---|---|
-//! | `center` | 3 | m, world | p_c − p_i | smooth |
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
-//! | `velocity` | 3 | m/s, world | v | smooth |
-//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
-//! | `heading` | 3 | -, world | h = R e_x | smooth |
-//! | `up` | 3 | -, world | u = R e_z | smooth |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
-//! | `clock` | 4 | - | k/T, four times | smooth |
-//! | `others` | 84 | m, m, -, m/s, rad/s; world | p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending | non-smooth |
-//! | *total* | 111 | | | |
-//!
-//! | Reward | term | at most | |
-//! |---|---|---|---|
-//! | `shape` | r_s r_f, r_f = 1/(1 + (1.6 H)²) | 1 | piecewise |
-//! | `place` | r_s r_f e^{−c} | 1 | piecewise |
-//! | `heading` | r_s r_f · mean h_x | 1 | piecewise |
-//! | `center` | 0.4 r_s e^{−c} | 0.4 | piecewise |
-//! | *sum* | | 3.4 | |
-//!
-//! | Episode end | when |
-//! |---|---|
-//! | `crash` | min z_i < 0.2 m |
-//! | `touch` | sep < 0.23 m |
-//! | `diverged` | a number of the state leaves ±1e8 |
-//! | *truncated* | k ≥ `horizon` |
-//!
-//! | Configuration | default | meaning |
-//! |---|---|---|
-//! | `vehicle` | "hummingbird" | what flies |
-//! | `formation` | "hexagon" | one drone per point: "hexagon" (7), "tetragon" (5) or a list of points, m |
-//! | `horizon` | 600 | T, steps |
-//!
-//! p_i, v_i, ω_i drones (world), p̄ their mean place, f_i the figure's points, f̄ their mean, h_i headings, sep the
-//! least distance of two drones, r_s = min((sep/0.4 m)², 1), k steps. H: the larger of max_i min_j
-//! ‖(p_i − p̄) − (f_j − f̄)‖ and max_j min_i of the same: the Hausdorff distance of both figures, whoever takes which
-//! place, neither turned nor scaled. C is their Chamfer distance, ½ mean_i √(min_j ‖·‖² + 0.1²) + ½ mean_j
-//! √(min_i ‖·‖² + 0.1²). c = ‖p̄ − p_c‖ with the centre p_c = (0, 0, 1.5) m. Start: different cells of a grid over
-//! ±2 × ±2 × [0.5, 2] m with steps of 0.5, 0.5 and 0.25 m, at their centres; roll and pitch within ±0.2π, any yaw, at
-//! rest.
-//!
-//! - Success: `hausdorff` < 0.2 m and `center_error` < 0.2 m.
-//! - Loss: C + √(c² + 0.1²) + (1 − min((sep/0.8 m)², 1))² + means over the drones
-//!   of 0.02 ‖v_i‖², 0.005 ‖ω_i‖² and 0.3 (1 − h_i,x).
-//!
 //! - DIFFERENCE: total mass everywhere (defect 5).
 //! - DIFFERENCE: no contact: drones that come closer than 0.23 m end the episode before they touch.
 
-use super::team::{apart, lowest, mean_throttle_difference, observe_others, others_slice, squared_separation};
-use super::{clock_slice, drone_slices};
-use crate::autodiff::{Mask, Pen, Scalar, safe};
+use super::team::{apart, lowest, mean_throttle_difference, observe_others, squared_separation};
+use super::{PoseLoss, StartAttitude, less, made_of, nearer, squared, times};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::assembly::{Member, group, single};
 use crate::dynamics::spatial::{Vec3, add, constants, scale, sub};
 use crate::error::{Error, Result, finite};
+use crate::settings;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::reward::{bell, smooth_norm, tip};
+use crate::tasks::declare::{Ends, Loss, Writer};
+use crate::tasks::registry::BuiltIn;
+use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm};
 use crate::tasks::rig::Rig;
-use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term, total};
-use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View, Wanted};
+use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::task_spec::Success;
 use serde::{Deserialize, Serialize};
 
-/// p_c, m, world.
-const CENTER: [f64; 3] = [0.0, 0.0, 1.5];
-/// sep that ends an episode, m.
-const TOUCH: f64 = 0.23;
-/// sep at which r_s reaches 1, m.
-const APART: f64 = 0.4;
-/// Centre of the grid's first cell, m.
-const FIRST_CELL: [f64; 3] = [-1.75, -1.75, 0.625];
-/// Of the grid, m.
-const CELL: [f64; 3] = [0.5, 0.5, 0.25];
-/// Of the grid.
-const CELLS: [u64; 3] = [8, 8, 6];
 /// When our controllers have every drone at its point, s.
 const ARRIVAL: f64 = 4.0;
 /// Most drones: each sees all others.
@@ -152,21 +97,43 @@ fn places(from: &[Vec3<f64>], to: &[Vec3<f64>]) -> Vec<usize> {
     places
 }
 
-/// Settings of [`Formation`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct FormationSettings {
-    /// What flies.
-    pub vehicle: String,
-    /// The figure, one drone per point.
-    pub formation: Figure,
-    /// T, steps.
-    pub horizon: usize,
+settings! {
+    /// The grid that drones start on, in cells of their own, at their centres.
+    pub struct StartGrid {
+        first: [f64; 3] = [-1.75, -1.75, 0.625] => ("m, world", "centre of the first cell that drones start in", Any);
+        step: [f64; 3] = [0.5, 0.5, 0.25] => ("m", "from cell to cell", Positive);
+        cells: [u64; 3] = [8, 8, 6] => ("", "cells per axis", Positive);
+        attitude: StartAttitude = StartAttitude::default() => flat;
+    }
 }
 
-impl Default for FormationSettings {
-    fn default() -> Self {
-        Self { vehicle: "hummingbird".into(), formation: Figure::Named(Named::Hexagon), horizon: 600 }
+settings! {
+    /// Weights of the reward.
+    pub struct FormationReward {
+        shape: f64 = 1.0 => ("-", "weight of the term shape", NotNegative);
+        place: f64 = 1.0 => ("-", "weight of the term place", NotNegative);
+        heading: f64 = 1.0 => ("-", "weight of the term heading", NotNegative);
+        center: f64 = 0.4 => ("-", "weight of the term center", NotNegative);
+    }
+}
+
+settings! {
+    /// Settings of [`Formation`].
+    pub struct FormationSettings {
+        vehicle: String = "hummingbird".into() => ("", "what flies", Any);
+        formation: Figure = Figure::Named(Named::Hexagon)
+            => ("m", "one drone per point: \"hexagon\" (7), \"tetragon\" (5) or a list of points", Any);
+        horizon: usize = 600 => ("steps", "T", Any);
+        center: [f64; 3] = [0.0, 0.0, 1.5] => ("m, world", "p_c", Any);
+        start: StartGrid = StartGrid::default() => group;
+        min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
+        min_separation: f64 = 0.23 => ("m", "closer drones touch", Positive);
+        separation: f64 = 0.4 => ("m", "least distance of two drones at which r_s reaches 1", Positive);
+        success_distance: f64 = 0.2 => ("m", "H and c of a success", Positive);
+        shape_scale: f64 = 1.6 => ("1/m", "how steeply r_f falls", NotNegative);
+        reward: FormationReward = FormationReward::default() => group;
+        loss: PoseLoss = PoseLoss::default() => group;
+        loss_separation: f64 = 0.8 => ("m", "least distance of two drones that costs nothing in the loss", Positive);
     }
 }
 
@@ -179,15 +146,15 @@ pub struct Formation {
     figure: Vec<[f64; 3]>,
 }
 
-impl Formation {
-    /// With the vehicle and settings of a configuration.
-    ///
-    /// # Errors
-    /// As [`EnvConfig::settings`], [`EnvConfig::vehicle`] and [`group()`]; [`Error::Limit`] for fewer than 2 or more than
-    /// 32 points.
-    pub fn new(config: &EnvConfig) -> Result<Self> {
+impl BuiltIn for Formation {
+    fn new(config: &EnvConfig) -> Result<Self> {
         let settings: FormationSettings = config.settings()?;
         let figure = settings.formation.points()?;
+        let cells = settings.start.cells.into_iter().fold(1, u64::saturating_mul);
+        if cells < figure.len() as u64 {
+            let limit = format!("{} or more, one per drone", figure.len());
+            return Err(Error::value("task.start_cells", format!("{cells} in all"), limit, "Give more cells."));
+        }
         let vehicle = config.vehicle(&settings.vehicle)?;
         let drone = single(&vehicle)?;
         let members: Vec<Member> =
@@ -196,7 +163,9 @@ impl Formation {
         let rig = Rig::of_model(&group("formation", &members)?, physics, Some(&vehicle), |_| Vec::new())?;
         Ok(Self { rig, settings, figure })
     }
+}
 
+impl Formation {
     /// p̄.
     #[inline(always)]
     fn mean<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
@@ -210,7 +179,7 @@ impl Formation {
     /// p̄ − p_c.
     #[inline(always)]
     fn offset<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
-        sub(self.mean(view), constants(CENTER))
+        sub(self.mean(view), constants(self.settings.center))
     }
 
     /// ‖(p_i − p̄) − (f_j − f̄)‖².
@@ -268,148 +237,134 @@ impl Formation {
 
     /// p_c − p_i and ŝ of a drone.
     #[inline(always)]
-    fn observe_own<S: Scalar>(view: &View<'_, S>, i: usize, out: &mut Pen<'_, S>) {
-        out.array(sub(constants(CENTER), view.drone(i).position));
+    fn observe_own<S: Scalar>(&self, view: &View<'_, S>, i: usize, out: &mut impl Writer<S>) {
+        let to_center = sub(constants(self.settings.center), view.drone(i).position);
+        out.field("center", "m, world", "p_c − p_i").array(to_center);
         view.observe_drone(i, out);
     }
 }
 
 impl Task for Formation {
-    fn rig(&self) -> &Rig {
-        &self.rig
-    }
+    made_of!(self: self.rig, self.settings);
 
-    fn horizon(&self) -> usize {
-        self.settings.horizon
-    }
-
-    fn sheet(&self) -> Sheet {
-        let mut observation = vec![Slice::new("center", 3, "m, world", "p_c − p_i")];
-        observation.extend(drone_slices(self.rig.drone()));
-        let n = total(&observation) * self.figure.len();
-        let central = vec![Slice::new("drones", n, "as observed", "center … throttle of every drone")];
-        observation.push(clock_slice());
-        observation.push(others_slice(&self.rig, true));
-        Sheet {
-            observation,
-            central,
-            reward: vec![
-                Term::piecewise("shape", "r_s r_f, r_f = 1/(1 + (1.6 H)²)", 1.0),
-                Term::piecewise("place", "r_s r_f e^{−c}", 1.0),
-                Term::piecewise("heading", "r_s r_f · mean h_x", 1.0),
-                Term::piecewise("center", "0.4 r_s e^{−c}", 0.4),
-            ],
-            ends: vec![End::new("crash", "min z_i < 0.2 m"), End::new("touch", "sep < 0.23 m")],
-            metrics: vec![
-                Metric { name: "hausdorff", unit: "m" },
-                Metric { name: "center_error", unit: "m" },
-                Metric { name: "heading_alignment", unit: "-" },
-                Metric { name: "separation", unit: "m" },
-                Metric { name: "throttle_difference", unit: "-" },
-            ],
-            goal: Vec::new(),
-            memo: Vec::new(),
-            settings: vec![
-                Setting::new("vehicle", "\"hummingbird\"", "what flies"),
-                Setting::new(
-                    "formation",
-                    "\"hexagon\"",
-                    "one drone per point: \"hexagon\" (7), \"tetragon\" (5) or a list of points, m",
-                ),
-                Setting::new("horizon", 600, "T, steps"),
-            ],
-        }
+    fn about(&self) -> &'static str {
+        "p_i, v_i, ω_i drones (world), p̄ their mean place, f_i the figure's points, f̄ their mean, h_i headings, sep \
+         the least distance of two drones, r_s = min((sep/{separation} m)², 1), k steps. H: the larger of max_i min_j \
+         ‖(p_i − p̄) − (f_j − f̄)‖ and max_j min_i of the same: the Hausdorff distance of both figures, whoever takes \
+         which place, neither turned nor scaled. C is their Chamfer distance, ½ mean_i √(min_j ‖·‖² + 0.1²) + ½ \
+         mean_j √(min_i ‖·‖² + 0.1²). c = ‖p̄ − p_c‖ with the centre p_c = {center} m. Start: different cells of a \
+         grid of {start_cells} cells from {start_first} m on in steps of {start_step} m, at their centres; roll and \
+         pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest."
     }
 
     fn start(&self, start: &mut Start<'_>) {
+        let grid = &self.settings.start;
+        let [nx, ny, nz] = grid.cells;
         let mut taken = [u64::MAX; MOST];
         for i in 0..self.figure.len() {
-            let mut cell = start.reset.below(CELLS[0] * CELLS[1] * CELLS[2]);
+            let mut cell = start.reset.below(nx * ny * nz);
             while taken[..i].contains(&cell) {
-                cell = start.reset.below(CELLS[0] * CELLS[1] * CELLS[2]);
+                cell = start.reset.below(nx * ny * nz);
             }
             taken[i] = cell;
-            let index = [cell % CELLS[0], cell / CELLS[0] % CELLS[1], cell / (CELLS[0] * CELLS[1])];
-            let position = [0, 1, 2].map(|k| FIRST_CELL[k] + CELL[k] * index[k] as f64);
-            let attitude = start.attitude(START_TILT, ANY_YAW);
+            let index = [cell % nx, cell / nx % ny, cell / (nx * ny)];
+            let position = [0, 1, 2].map(|k| grid.first[k] + grid.step[k] * index[k] as f64);
+            let attitude = grid.attitude.draw(start);
             start.place(i, position, attitude);
         }
     }
 
     #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut Pen<'_, S>) {
-        Self::observe_own(view, agent, out);
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
+        self.observe_own(view, agent, out);
         view.observe_clock(out);
         observe_others(view, agent, true, out);
     }
 
     #[inline(always)]
-    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
+    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.field("drones", "as observed", "center … throttle of every drone");
         for i in 0..self.figure.len() {
-            Self::observe_own(view, i, out);
+            self.observe_own(view, i, &mut out.unnamed());
         }
     }
 
     #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
-        let (near, place) = (apart(view, APART), tip(1.0, self.offset(view)));
-        let shape = near * bell(1.6, self.squared_hausdorff(view));
-        terms.number(shape);
-        terms.number(shape * place);
-        terms.number(shape * self.facing(view));
-        terms.number(near * S::constant(0.4) * place);
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        let (own, w) = (&self.settings, &self.settings.reward);
+        let (near, place) = (apart(view, own.separation), exponential_kernel(1.0, self.offset(view)));
+        let shape = near * rational_kernel(own.shape_scale, self.squared_hausdorff(view));
+        terms.term("shape", "{×reward_shape}r_s r_f, r_f = 1/(1 + ({shape_scale} H)²)", w.shape).piecewise();
+        terms.number(times(w.shape, shape));
+        terms.term("place", "{×reward_place}r_s r_f e^{−c}", w.place).piecewise();
+        terms.number(times(w.place, shape) * place);
+        terms.term("heading", "{×reward_heading}r_s r_f · mean h_x", w.heading).piecewise();
+        terms.number(times(w.heading, shape) * self.facing(view));
+        terms.term("center", "{×reward_center}r_s e^{−c}", w.center).piecewise();
+        terms.number(near * S::constant(w.center) * place);
     }
 
     #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
-        ends.when(lowest(view).lt(S::constant(0.2)));
-        ends.when(squared_separation(view).lt(S::constant(TOUCH * TOUCH)));
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+        let least = self.settings.min_separation;
+        ends.when("crash", "min z_i < {min_height} m", less(lowest(view), self.settings.min_height));
+        ends.when("touch", "sep < {min_separation} m", less(squared_separation(view), least * least));
     }
 
     #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
-        out.number(safe::sqrt(self.squared_hausdorff(view), safe::SQUARED_NORM_FLOOR));
-        out.number(safe::norm(self.offset(view)));
-        out.number(self.facing(view));
-        out.number(safe::sqrt(squared_separation(view), safe::SQUARED_NORM_FLOOR));
-        out.number(mean_throttle_difference(view));
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        let floor = safe::SQUARED_NORM_FLOOR;
+        out.metric("hausdorff", "m", safe::sqrt(self.squared_hausdorff(view), floor));
+        out.metric("center_error", "m", safe::norm(self.offset(view)));
+        out.metric("heading_alignment", "-", self.facing(view));
+        out.metric("separation", "m", safe::sqrt(squared_separation(view), floor));
+        out.metric("throttle_difference", "-", mean_throttle_difference(view));
     }
 
     #[inline(always)]
     fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        let limit = S::constant(0.04);
-        self.squared_hausdorff(view).lt(limit).and(safe::squared_norm(self.offset(view)).lt(limit))
+        let most = self.settings.success_distance;
+        less(self.squared_hausdorff(view), most * most).and(nearer(self.offset(view), most))
+    }
+
+    fn success_rule(&self) -> Success {
+        let most = self.settings.success_distance;
+        Success::below("hausdorff", most).and("center_error", most)
     }
 
     #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        let missing = (S::one() - apart(view, 2.0 * APART)).square();
+    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+        let w = &self.settings.loss;
         let mut own = S::zero();
         for i in 0..self.figure.len() {
             let drone = view.drone(i);
-            own += S::constant(0.02) * safe::squared_norm(drone.velocity);
-            own += S::constant(0.005) * safe::squared_norm(drone.angular_velocity);
-            own += S::constant(0.3) * (S::one() - drone.heading()[0]);
+            own += squared(w.motion.velocity, drone.velocity);
+            own += squared(w.motion.rate, drone.angular_velocity);
+            own += times(w.turn, S::one() - drone.heading()[0]);
         }
         let mean = S::constant(1.0 / self.figure.len() as f64) * own;
-        self.chamfer(view) + smooth_norm(self.offset(view), 0.1) + missing + mean
+        loss.add("C", self.chamfer(view));
+        loss.add("√(c² + {loss_radius}²)", smooth_norm(self.offset(view), w.motion.radius));
+        let missing = (S::one() - apart(view, self.settings.loss_separation)).square();
+        loss.add("(1 − min((sep/{loss_separation} m)², 1))²", missing);
+        loss.add("mean({×loss_velocity}‖v_i‖² + {×loss_rate}‖ω_i‖² + {×loss_turn}(1 − h_i,x))", mean);
     }
 
-    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
         let from: Vec<Vec3<f64>> = (0..self.figure.len()).map(|i| view.drone(i).position).collect();
-        let to: Vec<Vec3<f64>> = self.figure.iter().map(|f| add(CENTER, *f)).collect();
+        let to: Vec<Vec3<f64>> = self.figure.iter().map(|f| add(self.settings.center, *f)).collect();
         let way = |(i, place): (usize, usize)| {
             let start = Waypoint { time: 0.0, position: from[i], yaw: view.drone(i).yaw() };
             let end = Waypoint { time: ARRIVAL, position: to[place], yaw: 0.0 };
             Waypoints::new(vec![start, end]).ok().map(Reference::Waypoints)
         };
         let references = places(&from, &to).into_iter().enumerate().map(way).collect::<Option<Vec<_>>>()?;
-        Some(Wanted { references, tilt: Tilt::LEVEL })
+        Some(TaskReference { references, tilt: Tilt::LEVEL })
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
         for i in 0..self.figure.len() {
-            start.place(i, add(CENTER, self.figure[i]), [1.0, 0.0, 0.0, 0.0]);
+            start.place(i, add(self.settings.center, self.figure[i]), [1.0, 0.0, 0.0, 0.0]);
         }
     }
 }

@@ -10,7 +10,9 @@
 //! inertia that stops at ±120° are made for: at 16 ms they blew up 421 of 4057 random flights of PayloadHover, at 2 ms 1 of
 //! 3898; without them none of 3879 did. Tumbling so far, a flight is lost.
 
-use crate::autodiff::{Pen, Scalar, safe};
+use super::obstacles::{Bars, BarsSettings, rounded, softened, touching};
+use super::{MotionLoss, StartAttitude, StartRange, farther, latch, squared, times};
+use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::{Carried, LoadPath, Reference};
 use crate::dynamics::Vehicle;
 use crate::dynamics::assembly::Member;
@@ -19,88 +21,76 @@ use crate::dynamics::frame::Frame;
 use crate::dynamics::shape::Geometry;
 use crate::dynamics::spatial::{Quat, Vec3, add, rotate, sub};
 use crate::dynamics::tree::{Model, ModelParts};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::settings;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::path::{AHEAD, Path};
-use crate::tasks::reward::{bell, smooth_norm, still, tip};
+use crate::tasks::declare::{Loss, Writer};
+use crate::tasks::path::{Path, PathRange};
+use crate::tasks::reward::smooth_norm;
 use crate::tasks::rig::{Inertial, Rig};
-use crate::tasks::sheet::{Setting, Slice, Term};
-use crate::tasks::suite::obstacles::{Bars, rounded, softened, touching};
-use crate::tasks::task::{ANY_YAW, Start, View, Wanted};
-use serde::{Deserialize, Serialize};
+use crate::tasks::task::{Start, TaskReference, View};
 use std::f64::consts::PI;
 
 /// m.
 const BAR_RADIUS: f64 = 0.01;
 /// m.
 const BALL_RADIUS: f64 = 0.04;
-/// Mass of the ball as a share of the vehicle's, lowest and highest, unless a setting says otherwise.
-pub(super) const BALL_SHARE: [f64; 2] = [0.2, 0.3];
-/// Mass of a bar that is not drawn, kg.
-pub(super) const LIGHT_BAR: [f64; 2] = [0.001; 2];
-/// Mass of a bar that is, kg.
+/// Mass of a bar that is drawn, kg.
 pub(super) const DRAWN_BAR: [f64; 2] = [0.01, 0.04];
-/// Of the ways that controllers give a ball that hangs and one that stands ([`Wanted::way`]).
+/// Of the ways that controllers give a ball that hangs and one that stands ([`TaskReference::way`]).
 const SLOWNESS: [f64; 2] = [0.8, 1.3];
 /// Numbers of a load in a goal, where it comes first.
 pub(super) const LOAD: usize = 2;
 
-/// Settings of the hover tasks with a load.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct LoadSettings {
-    /// What flies.
-    pub vehicle: String,
-    /// T, steps.
-    pub horizon: usize,
-    /// Of the bar, lowest and highest, m.
-    pub length: [f64; 2],
-    /// Mass of the ball as a share of the vehicle's, lowest and highest.
-    pub ball_share: [f64; 2],
-}
-
-impl Default for LoadSettings {
-    fn default() -> Self {
-        Self { vehicle: "hummingbird".into(), horizon: 500, length: [1.0, 1.0], ball_share: BALL_SHARE }
+settings! {
+    /// A drone with a ball on a bar.
+    pub struct LoadSettings {
+        vehicle: String = "hummingbird".into() => ("", "what flies", Any);
+        length: [f64; 2] = [1.0, 1.0]
+            => ("m", "L of the bar, lowest and highest; drawn once per environment", PositiveOrdered);
+        ball_share: [f64; 2] = [0.2, 0.3] => ("-", "m_q over the vehicle's mass, lowest and highest", PositiveOrdered);
+        bar_mass: [f64; 2] = [0.001, 0.001] => ("kg", "of the bar, lowest and highest", PositiveOrdered);
     }
 }
 
-/// Settings of the track tasks with a load.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct LoadTrackSettings {
-    /// What flies.
-    pub vehicle: String,
-    /// T, steps.
-    pub horizon: usize,
-    /// Of the bar, lowest and highest, m.
-    pub length: [f64; 2],
-    /// Mass of the ball as a share of the vehicle's, lowest and highest.
-    pub ball_share: [f64; 2],
-    /// Largest distance of the ball from the path, m.
-    pub reset_distance: f64,
-}
-
-impl Default for LoadTrackSettings {
-    fn default() -> Self {
-        Self {
-            vehicle: "hummingbird".into(),
-            horizon: 600,
-            length: [1.0, 1.0],
-            ball_share: BALL_SHARE,
-            reset_distance: 0.8,
-        }
+settings! {
+    /// A ball that follows a path.
+    pub struct LoadTrackSettings {
+        load: LoadSettings = LoadSettings::default() => flat;
+        reset_distance: f64 = 0.8 => ("m", "largest distance of the ball from the path", Positive);
+        path: PathRange = PathRange { rate: [0.7, 1.0], ..PathRange::default() } => group;
+        start: StartAttitude = StartAttitude { tilt: 0.1 * PI, ..StartAttitude::default() } => group;
+        success_distance: f64 = 0.3 => ("m", "position error of a success", Positive);
+        pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
+        loss: MotionLoss = MotionLoss::default() => group;
     }
 }
 
-/// Lines of the settings that all tasks with a load have.
-pub(super) fn load_settings(horizon: usize, length: &str) -> Vec<Setting> {
-    vec![
-        Setting::new("vehicle", "\"hummingbird\"", "what flies"),
-        Setting::new("horizon", horizon, "T, steps"),
-        Setting::new("length", length, "L, lowest and highest, m; drawn once per environment").positive(),
-        Setting::new("ball_share", "[0.2, 0.3]", "m_q over the vehicle's mass, lowest and highest").positive(),
-    ]
+settings! {
+    /// A ball that goes past two level bars.
+    pub struct LoadCourseSettings {
+        load: LoadSettings = LoadSettings::default() => flat;
+        bars: BarsSettings = BarsSettings::default() => flat;
+        reset_on_collision: bool = false => ("", "whether touch ends the episode", Any);
+        start: StartRange = StartRange::default() => group;
+        min_height: f64 = 0.2 => ("m", "lower is a crash", Any);
+        max_side: f64 = 2.0 => ("m", "farther along y ends the episode", Positive);
+        success_distance: f64 = 0.2 => ("m", "position error of a success", Positive);
+        pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
+        loss: MotionLoss = MotionLoss::default() => group;
+        loss_clearance: f64 = 0.5 => ("m", "weight of the clearance in the loss", NotNegative);
+    }
+}
+
+settings! {
+    /// Weights of the reward for balancing.
+    pub struct BalanceReward {
+        balance: f64 = 1.0 => ("-", "weight of the term balance", NotNegative);
+        pose: f64 = 1.0 => ("-", "weight of the term pose", NotNegative);
+        spin: f64 = 1.0 => ("-", "weight of the term spin", NotNegative);
+        swing: f64 = 1.0 => ("-", "weight of the term swing", NotNegative);
+        effort: f64 = 0.1 => ("-", "weight of the term effort", NotNegative);
+    }
 }
 
 /// Which way the ball is.
@@ -112,19 +102,6 @@ pub(super) enum Side {
     Standing,
 }
 
-/// What a load is made of.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Plan<'a> {
-    pub vehicle: &'a str,
-    pub side: Side,
-    /// Lowest and highest, m.
-    pub length: [f64; 2],
-    /// Mass of the ball as a share of the vehicle's, lowest and highest.
-    pub ball: [f64; 2],
-    /// Mass of the bar, lowest and highest, kg.
-    pub bar: [f64; 2],
-}
-
 /// A drone with a load.
 #[derive(Debug, Clone)]
 pub(super) struct Load {
@@ -133,9 +110,7 @@ pub(super) struct Load {
     bar: usize,
     /// −1 below, +1 above.
     sign: f64,
-    length: [f64; 2],
-    ball_share: [f64; 2],
-    bar_mass: [f64; 2],
+    settings: LoadSettings,
     /// Of the vehicle, kg.
     vehicle_mass: f64,
 }
@@ -144,66 +119,43 @@ impl Load {
     /// In free air.
     ///
     /// # Errors
-    /// [`Error::Value`] for a length that is none; as [`EnvConfig::vehicle`] and [`Rig::of_model`].
-    pub(super) fn new(config: &EnvConfig, plan: &Plan<'_>) -> Result<Self> {
-        let vehicle = config.vehicle(plan.vehicle)?;
-        let (model, bar) = plan.build(vehicle.clone())?;
+    /// As [`EnvConfig::vehicle`] and [`Rig::of_model`].
+    pub(super) fn new(config: &EnvConfig, settings: &LoadSettings, side: Side) -> Result<Self> {
+        let vehicle = config.vehicle(&settings.vehicle)?;
+        let (model, bar) = build(settings, side, vehicle.clone())?;
         let rig = Rig::of_model(&model, config.physics(), Some(&vehicle), |_| vec![])?;
-        Ok(plan.load(rig, bar, vehicle.mass_properties().mass))
+        Ok(Self::of(settings, side, rig, bar, &vehicle))
     }
 
     /// In free air, with the disturbance of its tree on the ball.
     ///
     /// # Errors
     /// As [`Load::new`].
-    pub(super) fn pushed(config: &EnvConfig, plan: &Plan<'_>) -> Result<Self> {
-        let vehicle = config.vehicle(plan.vehicle)?;
-        let (model, bar) = plan.build(vehicle.clone())?;
+    pub(super) fn pushed(config: &EnvConfig, settings: &LoadSettings, side: Side) -> Result<Self> {
+        let vehicle = config.vehicle(&settings.vehicle)?;
+        let (model, bar) = build(settings, side, vehicle.clone())?;
         let model = Model::new(ModelParts { pushed: vec![bar], ..model.parts().clone() })?;
         let physics = config.physics_with(|e| e.disturbance = true);
         let rig = Rig::of_model(&model, physics, Some(&vehicle), |_| vec![])?;
-        Ok(plan.load(rig, bar, vehicle.mass_properties().mass))
+        Ok(Self::of(settings, side, rig, bar, &vehicle))
     }
 
-    /// With two bars in the way, whose heights follow the load in the goal.
-    ///
-    /// # Errors
-    /// As [`Load::new`].
-    pub(super) fn among_bars(config: &EnvConfig, plan: &Plan<'_>, spacing: [f64; 2]) -> Result<(Self, Bars)> {
-        ordered("spacing", spacing)?;
-        let vehicle = config.vehicle(plan.vehicle)?;
-        let (model, bar) = plan.build(rounded(&vehicle))?;
-        let member = Member::new(model.name(), model.clone(), [0.0; 3]);
-        let model = environment("fly_through", &[member], &Bars::scene(spacing))?;
-        let model = softened(&model, vehicle.mass_properties().mass)?;
-        let bars = Bars::of(&model, spacing, LOAD);
-        let rig = Rig::of_model(&model, touching(config), Some(&vehicle), |_| vec![])?.varying(bars.numbers());
-        Ok((plan.load(rig, bar, vehicle.mass_properties().mass), bars))
+    fn of(settings: &LoadSettings, side: Side, rig: Rig, bar: usize, vehicle: &Vehicle) -> Self {
+        Self {
+            rig: rig.varying_inertial(bar),
+            bar,
+            sign: if side == Side::Hanging { -1.0 } else { 1.0 },
+            settings: settings.clone(),
+            vehicle_mass: vehicle.mass_properties().mass,
+        }
     }
 
-    /// What it keeps in the goal.
-    pub(super) fn slices() -> Vec<Slice> {
-        vec![Slice::new("length", 1, "m", "L"), Slice::new("ball_mass", 1, "kg", "m_q")]
-    }
-
-    /// p − q as observed.
-    pub(super) fn lever_slice() -> Slice {
-        Slice::new("drone_from_ball", 3, "m, world", "p − q")
-    }
-
-    /// What [`Load::observe_motion`] writes.
-    pub(super) fn motion_slices() -> [Slice; 2] {
-        [
-            Slice::new("ball_velocity", 3, "m/s, world", "v_q = q̇"),
-            Slice::new("bar_angular_velocity", 3, "rad/s, world", "ω_b"),
-        ]
-    }
-
-    /// Draws length and masses into goal, numbers and rotor speeds; returns the length, m.
-    pub(super) fn draw(&self, start: &mut Start<'_>) -> f64 {
-        let length = start.once.uniform(self.length[0], self.length[1]);
-        let ball = self.vehicle_mass * start.task.uniform(self.ball_share[0], self.ball_share[1]);
-        let bar = start.task.uniform(self.bar_mass[0], self.bar_mass[1]);
+    /// Draws length and masses into goal, numbers and rotor speeds.
+    pub(super) fn draw(&self, start: &mut Start<'_>) {
+        let own = &self.settings;
+        let length = start.once.uniform(own.length[0], own.length[1]);
+        let ball = self.vehicle_mass * start.task.uniform(own.ball_share[0], own.ball_share[1]);
+        let bar = start.task.uniform(own.bar_mass[0], own.bar_mass[1]);
         let nominal = Inertial::read(start.numbers, self.bar).mass;
         let own = self.inertial(length, bar, ball);
         own.write(start.numbers, self.bar);
@@ -211,8 +163,8 @@ impl Load {
         for rotor in &start.rig.drone().rotors {
             start.state[rotor.speed] = (faster * start.state[rotor.speed]).min(rotor.max_speed);
         }
-        start.goal[..LOAD].copy_from_slice(&[length, ball]);
-        length
+        start.goal.field("length", "m", "L").number(length);
+        start.goal.field("ball_mass", "kg", "m_q").number(ball);
     }
 
     /// Of bar and ball in the frame of their body.
@@ -235,15 +187,15 @@ impl Load {
     }
 
     /// The way of the drone that brings the ball to `target`.
-    pub(super) fn wanted(&self, view: &View<'_, f64>, target: Vec3<f64>) -> Option<Wanted> {
+    pub(super) fn reference(&self, view: &View<'_, f64>, target: Vec3<f64>) -> Option<TaskReference> {
         let ball = Frame { attitude: view.drone(0).attitude, ..self.ball(view) };
-        let way = Wanted::waypoints(&ball, target, ball.yaw(), SLOWNESS[usize::from(self.sign > 0.0)])?;
+        let way = TaskReference::waypoints(&ball, target, ball.yaw(), SLOWNESS[usize::from(self.sign > 0.0)])?;
         Some(self.carried(view, LoadPath::Waypoints(way)))
     }
 
     /// The way of the drone for a path of the ball.
-    fn carried(&self, view: &View<'_, f64>, path: LoadPath) -> Wanted {
-        Wanted::one(Reference::Carried(Carried { path, lever: -self.sign * view.goal.get(0) }))
+    fn carried(&self, view: &View<'_, f64>, path: LoadPath) -> TaskReference {
+        TaskReference::one(Reference::Carried(Carried { path, lever: -self.sign * view.goal.get(0) }))
     }
 
     /// Position and velocity of the ball, attitude and angular velocity of the bar.
@@ -257,54 +209,37 @@ impl Load {
 
     /// p − q.
     #[inline(always)]
-    pub(super) fn observe_lever<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
-        out.array(sub(view.drone(0).position, self.ball(view).position));
+    pub(super) fn observe_lever<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.field("drone_from_ball", "m, world", "p − q").array(sub(view.drone(0).position, self.ball(view).position));
     }
 
     /// v_q, ω_b.
     #[inline(always)]
-    pub(super) fn observe_motion<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
+    pub(super) fn observe_motion<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
         let ball = self.ball(view);
-        out.array(ball.velocity);
-        out.array(ball.angular_velocity);
+        out.field("ball_velocity", "m/s, world", "v_q = q̇").array(ball.velocity);
+        out.field("bar_angular_velocity", "rad/s, world", "ω_b").array(ball.angular_velocity);
     }
 }
 
-impl Plan<'_> {
-    /// The model with the middle of every range, and its body of bar and ball.
-    fn build(&self, drone: Vehicle) -> Result<(Model, usize)> {
-        ordered("length", self.length)?;
-        ordered("ball_share", self.ball)?;
-        let middle = |range: [f64; 2]| 0.5 * (range[0] + range[1]);
-        let (length, bar_mass) = (middle(self.length), middle(self.bar));
-        let (bar_radius, payload_radius) = (BAR_RADIUS, BALL_RADIUS);
-        let payload_mass = middle(self.ball) * drone.mass_properties().mass;
-        match self.side {
-            Side::Hanging => {
-                let defaults = Payload::default();
-                let own = Payload { drone, length, bar_radius, bar_mass, payload_radius, payload_mass, ..defaults };
-                let built = own.build()?;
-                Ok((without_stops(&built.model)?, built.map.bar))
-            }
-            Side::Standing => {
-                let defaults = InvertedPendulum::default();
-                let own =
-                    InvertedPendulum { drone, length, bar_radius, bar_mass, payload_radius, payload_mass, ..defaults };
-                own.build().map(|built| (built.model, built.map.bar))
-            }
+/// The model with the middle of every range, and its body of bar and ball.
+fn build(settings: &LoadSettings, side: Side, drone: Vehicle) -> Result<(Model, usize)> {
+    let middle = |range: [f64; 2]| 0.5 * (range[0] + range[1]);
+    let (length, bar_mass) = (middle(settings.length), middle(settings.bar_mass));
+    let (bar_radius, payload_radius) = (BAR_RADIUS, BALL_RADIUS);
+    let payload_mass = middle(settings.ball_share) * drone.mass_properties().mass;
+    match side {
+        Side::Hanging => {
+            let defaults = Payload::default();
+            let own = Payload { drone, length, bar_radius, bar_mass, payload_radius, payload_mass, ..defaults };
+            let built = own.build()?;
+            Ok((without_stops(&built.model)?, built.map.bar))
         }
-    }
-
-    fn load(&self, rig: Rig, bar: usize, vehicle_mass: f64) -> Load {
-        let sign = if self.side == Side::Hanging { -1.0 } else { 1.0 };
-        Load {
-            rig: rig.varying_inertial(bar),
-            bar,
-            sign,
-            length: self.length,
-            ball_share: self.ball,
-            bar_mass: self.bar,
-            vehicle_mass,
+        Side::Standing => {
+            let defaults = InvertedPendulum::default();
+            let own =
+                InvertedPendulum { drone, length, bar_radius, bar_mass, payload_radius, payload_mass, ..defaults };
+            own.build().map(|built| (built.model, built.map.bar))
         }
     }
 }
@@ -315,44 +250,36 @@ fn without_stops(model: &Model) -> Result<Model> {
     Model::new(parts)
 }
 
-/// Lowest and highest of a setting, both > 0 and in order.
-fn ordered(what: &str, [low, high]: [f64; 2]) -> Result<()> {
-    if low > 0.0 && low <= high && high.is_finite() {
-        return Ok(());
-    }
-    Err(Error::value(
-        what,
-        format!("[{low}, {high}]"),
-        "[low, high] with 0 < low ≤ high",
-        "Give both the same to fix it.",
-    ))
-}
-
-/// Terms of the payload tasks that hold a point, with d the ball's distance from it.
-pub(super) fn carry_terms() -> Vec<Term> {
-    vec![
-        Term::piecewise("pose", "r_p = e^{−1.6 d}", 1.0),
-        Term::piecewise("up", "0.5 r_p/(1 + (1 − u_z)²)", 0.5),
-        Term::piecewise("spin", "0.5 r_p/(1 + ω_z²)", 0.5),
-        Term::smooth("effort", "0.1 e^{−e}", 0.1),
-    ]
-}
-
-/// Writes [`carry_terms`] of an error.
+/// w (1 − b) of a bar: what training losses pay for a pendulum that leans.
 #[inline(always)]
-pub(super) fn carry_reward<S: Scalar>(view: &View<'_, S>, error: Vec3<S>, terms: &mut Pen<'_, S>) {
-    let (drone, half) = (view.drone(0), S::constant(0.5));
-    let pose = tip(1.6, error);
-    terms.number(pose);
-    terms.number(half * pose * bell(1.0, (S::one() - drone.up()[2]).square()));
-    terms.number(half * pose * still(drone.angular_velocity));
-    terms.number(S::constant(0.1) * (-view.effort(0)).exp());
+pub(super) fn leaning<S: Scalar>(weight: f64, ball: &Frame<S>) -> S {
+    times(weight, S::one() - ball.up()[2])
 }
 
-/// 1 − b of a bar: what training losses pay for a pendulum that leans.
+/// Distance, slip of the ball against `velocity` and the drone's rate.
 #[inline(always)]
-pub(super) fn leaning<S: Scalar>(ball: &Frame<S>) -> S {
-    S::one() - ball.up()[2]
+fn motion_loss<S: Scalar>(
+    view: &View<'_, S>,
+    w: &MotionLoss,
+    error: Vec3<S>,
+    (formula, slip): (&'static str, Vec3<S>),
+    loss: &mut impl Loss<S>,
+) {
+    loss.add("√(d² + {loss_radius}²)", smooth_norm(error, w.radius));
+    loss.add(formula, squared(w.velocity, slip));
+    loss.add("{×loss_rate}‖ω‖²", squared(w.rate, view.drone(0).angular_velocity));
+}
+
+/// [`motion_loss`] of a ball that should stand still.
+#[inline(always)]
+pub(super) fn hold_loss<S: Scalar>(
+    view: &View<'_, S>,
+    w: &MotionLoss,
+    error: Vec3<S>,
+    ball: &Frame<S>,
+    loss: &mut impl Loss<S>,
+) {
+    motion_loss(view, w, error, ("{×loss_velocity}‖v_q‖²", ball.velocity), loss);
 }
 
 /// Look-ahead points of the track tasks.
@@ -362,96 +289,117 @@ const POINTS: usize = 6;
 #[derive(Debug, Clone)]
 pub(super) struct LoadTrack {
     pub load: Load,
-    pub settings: LoadTrackSettings,
     path: Path,
 }
 
 impl LoadTrack {
-    /// About (0, 0, `height`) m.
-    pub(super) fn new(load: Load, settings: LoadTrackSettings, height: f64, dt: f64) -> Self {
-        let path = Path {
-            vertical: 0.6,
-            scale: [[1.8, 1.8, 1.0], [3.2, 3.2, 1.5]],
-            rate: [0.7, 1.0],
-            origin: [0.0, 0.0, height],
-            dt,
-        };
-        Self { load, settings, path }
+    /// # Errors
+    /// As [`Load::new`].
+    pub(super) fn new(config: &EnvConfig, settings: &LoadTrackSettings, side: Side) -> Result<Self> {
+        Ok(Self { load: Load::new(config, &settings.load, side)?, path: Path::new(&settings.path, config.dt) })
     }
 
     /// Where the drone must be for the ball to follow the path.
-    pub(super) fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
+    pub(super) fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
         let path = self.path.reference(&view.goal.from(LOAD), view.drone(0).yaw());
         Some(self.load.carried(view, LoadPath::Lemniscate(path)))
     }
 
-    /// What [`LoadTrack::observe_ahead`] writes.
-    pub(super) fn ahead_slice() -> Slice {
-        Slice::new("path", 3 * POINTS, "m, world", "p_ref(k + 5i) − q for i = 0 … 5")
-    }
-
-    /// Lines of the settings.
-    pub(super) fn settings() -> Vec<Setting> {
-        let mut settings = load_settings(600, "[1.0, 1.0]");
-        settings.push(Setting::new("reset_distance", 0.8, "largest distance of the ball from the path, m").positive());
-        settings
-    }
-
     /// Draws load, path and a first state within `reset_distance`.
-    pub(super) fn start(&self, start: &mut Start<'_>) {
+    pub(super) fn start(&self, settings: &LoadTrackSettings, start: &mut Start<'_>) {
         self.load.draw(start);
-        let first = self.path.draw(start, LOAD);
+        let first = self.path.draw(start);
         let position = self.load.drone_of(start, first);
         for _ in 0..100 {
-            let attitude = start.attitude(0.1 * PI, ANY_YAW);
+            let attitude = settings.start.draw(start);
             let ball = self.load.place(start, position, attitude);
-            if safe::norm(sub(first, ball)) < self.settings.reset_distance {
+            if safe::norm(sub(first, ball)) < settings.reset_distance {
                 break;
             }
         }
     }
 
-    /// p_ref(k + ahead) − q.
+    /// p_ref(k) − q.
     #[inline(always)]
-    pub(super) fn error<S: Scalar>(&self, view: &View<'_, S>, ahead: usize) -> Vec3<S> {
-        let point = self.path.at(&view.goal.from(LOAD), view.step + S::constant(ahead as f64));
-        sub(point, self.load.ball(view).position)
+    pub(super) fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
+        sub(self.path.at(&view.goal.from(LOAD), view.step), self.load.ball(view).position)
     }
 
     /// The path ahead, seen from the ball.
     #[inline(always)]
-    pub(super) fn observe_ahead<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
-        for i in 0..POINTS {
-            out.array(self.error(view, AHEAD * i));
-        }
+    pub(super) fn observe_ahead<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.field("path", "m, world", "p_ref(k + 5i) − q for i = 0 … 5");
+        self.path.observe(&view.goal.from(LOAD), view.step, POINTS, self.load.ball(view).position, out);
     }
 
     /// d > `reset_distance`.
     #[inline(always)]
-    pub(super) fn far<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        let far = self.settings.reset_distance;
-        S::constant(far * far).lt(safe::squared_norm(self.error(view, 0)))
-    }
-
-    /// d < 0.3 m.
-    #[inline(always)]
-    pub(super) fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        safe::squared_norm(self.error(view, 0)).lt(S::constant(0.09))
+    pub(super) fn far<S: Scalar>(&self, settings: &LoadTrackSettings, view: &View<'_, S>) -> S::Mask {
+        farther(self.error(view), settings.reset_distance)
     }
 
     /// Distance, slip against the path and the drone's rate.
     #[inline(always)]
-    pub(super) fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
+    pub(super) fn loss<S: Scalar>(&self, w: &MotionLoss, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let slip = sub(self.path.velocity(&view.goal.from(LOAD), view.step), self.load.ball(view).velocity);
-        let rate = S::constant(0.005) * safe::squared_norm(view.drone(0).angular_velocity);
-        smooth_norm(self.error(view, 0), 0.1) + S::constant(0.02) * safe::squared_norm(slip) + rate
+        motion_loss(view, w, self.error(view), ("{×loss_velocity}‖ṗ_ref − v_q‖²", slip), loss);
     }
 
     /// The ball on the path, the bar upright.
     pub(super) fn ideal(&self, start: &mut Start<'_>) {
         self.load.draw(start);
-        let first = self.path.draw(start, LOAD);
+        let first = self.path.draw(start);
         let position = self.load.drone_of(start, first);
         self.load.place(start, position, [1.0, 0.0, 0.0, 0.0]);
+    }
+}
+
+/// A load with two bars in the way, whose heights follow it in the goal: what both fly-through tasks share.
+#[derive(Debug, Clone)]
+pub(super) struct LoadCourse {
+    pub load: Load,
+    pub bars: Bars,
+}
+
+impl LoadCourse {
+    /// # Errors
+    /// As [`Load::new`].
+    pub(super) fn new(config: &EnvConfig, settings: &LoadCourseSettings, side: Side) -> Result<Self> {
+        let vehicle = config.vehicle(&settings.load.vehicle)?;
+        let (model, bar) = build(&settings.load, side, rounded(&vehicle))?;
+        let member = Member::new(model.name(), model.clone(), [0.0; 3]);
+        let model = environment("fly_through", &[member], &Bars::scene(&settings.bars))?;
+        let model = softened(&model, vehicle.mass_properties().mass)?;
+        let bars = Bars::of(&model, &settings.bars, LOAD);
+        let rig = Rig::of_model(&model, touching(config), Some(&vehicle), |_| vec![])?.varying(bars.numbers());
+        Ok(Self { load: Load::of(&settings.load, side, rig, bar, &vehicle), bars })
+    }
+
+    /// Draws load and obstacles.
+    pub(super) fn draw(&self, start: &mut Start<'_>) {
+        self.load.draw(start);
+        self.bars.draw(start);
+    }
+
+    /// Keeps whether the goal was reached once.
+    #[inline(always)]
+    pub(super) fn remember<S: Scalar>(view: &View<'_, S>, now: S::Mask, task_state: &mut impl Writer<S>) {
+        let reached = latch(view.task_state.get(0), now);
+        task_state.field("reached", "-", "1 once d < {success_distance} m").number(reached);
+    }
+
+    /// Figures of both tasks, with what the middle one is called.
+    #[inline(always)]
+    pub(super) fn metrics<S: Scalar>(
+        &self,
+        view: &View<'_, S>,
+        error: Vec3<S>,
+        (name, upright): (&'static str, S),
+        out: &mut impl Writer<S>,
+    ) {
+        out.metric("position_error", "m", safe::norm(error));
+        out.metric(name, "-", upright);
+        out.metric("clearance", "m", self.bars.clearance(view));
+        out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 }

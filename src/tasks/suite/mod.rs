@@ -1,4 +1,6 @@
 //! The benchmark tasks, one file each; `load`, `team`, `over`, `transport` and `obstacles` hold what several share.
+//! What each observes, rewards and ends on stands where it writes it, its numbers in its settings; `omnidrones tasks NAME`
+//! prints both.
 //!
 //! - DIFFERENCE: metrics are those of the step; published ones are running means from 0, mostly 0.8 old + 0.2 new.
 
@@ -32,34 +34,188 @@ mod tests_multi;
 #[cfg(test)]
 mod tests_single;
 
-use super::rig::DronePlace;
-use super::sheet::{Slice, Smoothness};
-use crate::autodiff::Scalar;
+use super::task::{ANY_YAW, START_TILT, Start, View};
+use crate::autodiff::{Scalar, safe};
+use crate::dynamics::spatial::{Quat, Vec3};
+use crate::settings;
 
-/// What [`View::observe_drone`](super::View::observe_drone) writes.
-pub fn drone_slices(drone: &DronePlace) -> Vec<Slice> {
-    let mut slices = vec![
-        Slice::new("attitude", 4, "-, body → world", "unit quaternion, w ≥ 0").but(Smoothness::NonSmooth),
-        Slice::new("velocity", 3, "m/s, world", "v"),
-        Slice::new("angular_velocity", 3, "rad/s, world", "ω"),
-        Slice::new("heading", 3, "-, world", "h = R e_x"),
-        Slice::new("up", 3, "-, world", "u = R e_z"),
-        Slice::new("throttle", drone.rotors.len(), "-", "2s − 1, s = Ω/Ω_max"),
-    ];
-    if !drone.drives.is_empty() {
-        slices.push(Slice::new("drive_angle", drone.drives.len(), "rad", "of its drives"));
-        slices.push(Slice::new("drive_rate", drone.drives.len(), "rad/s", "of its drives"));
+settings! {
+    /// Attitudes that episodes start with.
+    pub struct StartAttitude {
+        tilt: f64 = START_TILT => ("rad", "largest roll and pitch of starts", NotNegative);
+        yaw: [f64; 2] = ANY_YAW => ("rad", "yaw of starts, lowest and highest", Ordered);
+        ease: f64 = 1.0 => ("-", "share of these ranges at difficulty 0, about their middles", Share);
     }
-    slices
 }
 
-/// What [`View::observe_clock`](super::View::observe_clock) writes.
-pub fn clock_slice() -> Slice {
-    Slice::new("clock", 4, "-", "k/T, four times")
+impl StartAttitude {
+    /// Roll, pitch and yaw, uniform.
+    pub fn draw(&self, start: &mut Start<'_>) -> Quat<f64> {
+        let share = self.share(start);
+        start.attitude(share * self.tilt, eased(self.yaw, share))
+    }
+
+    fn share(&self, start: &Start<'_>) -> f64 {
+        1.0 - (1.0 - self.ease) * (1.0 - start.difficulty)
+    }
 }
 
-/// A flag of a memo that stays 1 once the mask held.
+settings! {
+    /// Places and attitudes that episodes start with.
+    pub struct StartRange {
+        position: [[f64; 2]; 3] = [[-2.5, 2.5], [-2.5, 2.5], [1.0, 2.5]]
+            => ("m, world", "position of starts, lowest and highest per axis", Ordered);
+        attitude: StartAttitude = StartAttitude::default() => flat;
+    }
+}
+
+impl StartRange {
+    /// Position, then roll, pitch and yaw, uniform.
+    pub fn draw(&self, start: &mut Start<'_>) -> (Vec3<f64>, Quat<f64>) {
+        let share = self.attitude.share(start);
+        (start.position(self.position.map(|range| eased(range, share))), self.attitude.draw(start))
+    }
+}
+
+/// A share of a range, about its middle.
+fn eased([low, high]: [f64; 2], share: f64) -> [f64; 2] {
+    let (middle, half) = (0.5 * (low + high), 0.5 * share * (high - low));
+    if share == 1.0 { [low, high] } else { [middle - half, middle + half] }
+}
+
+settings! {
+    /// Weights of the terms that most rewards have.
+    pub struct PoseReward {
+        pose: f64 = 1.0 => ("-", "weight of the term pose", NotNegative);
+        up: f64 = 1.0 => ("-", "weight of the term up", NotNegative);
+        spin: f64 = 1.0 => ("-", "weight of the term spin", NotNegative);
+        effort: f64 = 0.1 => ("-", "weight of the term effort", NotNegative);
+    }
+}
+
+settings! {
+    /// How training losses weigh distance and motion.
+    pub struct MotionLoss {
+        radius: f64 = 0.1 => ("m", "δ in the loss's distance √(d² + δ²)", Positive);
+        velocity: f64 = 0.02 => ("s²/m", "weight of the squared velocity in the loss", NotNegative);
+        rate: f64 = 0.005 => ("m s²/rad²", "weight of the squared angular velocity in the loss", NotNegative);
+    }
+}
+
+settings! {
+    /// How training losses weigh distance, axes and motion.
+    pub struct PoseLoss {
+        motion: MotionLoss = MotionLoss::default() => flat;
+        turn: f64 = 0.3 => ("m", "weight of the squared errors of axes in the loss", NotNegative);
+    }
+}
+
+/// w x.
+#[inline(always)]
+pub(crate) fn times<S: Scalar>(weight: f64, x: S) -> S {
+    S::constant(weight) * x
+}
+
+/// w ‖x‖².
+#[inline(always)]
+pub(crate) fn squared<S: Scalar, const N: usize>(weight: f64, x: [S; N]) -> S {
+    times(weight, safe::squared_norm(x))
+}
+
+/// ‖x‖ < `limit`.
+#[inline(always)]
+pub(crate) fn nearer<S: Scalar, const N: usize>(x: [S; N], limit: f64) -> S::Mask {
+    safe::squared_norm(x).lt(S::constant(limit * limit))
+}
+
+/// ‖x‖ > `limit`.
+#[inline(always)]
+pub(crate) fn farther<S: Scalar, const N: usize>(x: [S; N], limit: f64) -> S::Mask {
+    S::constant(limit * limit).lt(safe::squared_norm(x))
+}
+
+/// x < `limit`.
+#[inline(always)]
+pub(crate) fn less<S: Scalar>(x: S, limit: f64) -> S::Mask {
+    x.lt(S::constant(limit))
+}
+
+/// x > `limit`.
+#[inline(always)]
+pub(crate) fn more<S: Scalar>(x: S, limit: f64) -> S::Mask {
+    S::constant(limit).lt(x)
+}
+
+/// w e^{−e} of the only drone.
+#[inline(always)]
+pub(crate) fn ease_of_flight<S: Scalar>(weight: f64, view: &View<'_, S>) -> S {
+    times(weight, (-view.effort(0)).exp())
+}
+
+/// A flag of the task state that stays 1 once the mask held.
 #[inline(always)]
 pub(crate) fn latch<S: Scalar>(flag: S, now: S::Mask) -> S {
     S::select(now, S::one(), flag)
 }
+
+/// What a task is built with: rig, horizon and settings, from the fields that hold them.
+macro_rules! made_of {
+    ($own:ident: $rig:expr, $settings:expr) => {
+        fn rig(&$own) -> &crate::tasks::Rig {
+            &$rig
+        }
+        fn horizon(&$own) -> usize {
+            $settings.horizon
+        }
+        fn settings(&$own) -> Vec<crate::tasks::Setting> {
+            crate::tasks::Settings::list(&$settings)
+        }
+    };
+}
+pub(crate) use made_of;
+
+/// A success in the last step by an error within a limit, `position_error`: what is asked and what is said of it.
+macro_rules! succeeds_within {
+    ($own:ident, $view:ident: $error:expr, $limit:expr) => {
+        #[inline(always)]
+        fn success<S: Scalar>(&$own, $view: &View<'_, S>) -> S::Mask {
+            crate::tasks::suite::nearer($error, $limit)
+        }
+        fn success_rule(&$own) -> crate::tasks::Success {
+            crate::tasks::Success::below("position_error", $limit)
+        }
+    };
+}
+pub(crate) use succeeds_within;
+
+/// A success in any step by a flag of the task state and an error within a limit.
+macro_rules! succeeds_once {
+    ($own:ident, $view:ident: $flag:expr, $limit:expr $(, $also:expr)?) => {
+        #[inline(always)]
+        fn success<S: Scalar>(&$own, $view: &View<'_, S>) -> S::Mask {
+            crate::tasks::suite::more($flag, 0.5)
+        }
+        fn success_rule(&$own) -> crate::tasks::Success {
+            crate::tasks::Success::below("position_error", $limit)$(.also($also))?.once()
+        }
+    };
+}
+pub(crate) use succeeds_once;
+
+/// What one of a team observes, and the central state: drones, then what the task's `observe_shared` adds.
+macro_rules! observes_team {
+    ($own:ident, $body:expr, $distance:expr) => {
+        #[inline(always)]
+        fn observe<S: Scalar>(&$own, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
+            crate::tasks::suite::team::observe_own(view, agent, view.frame($body).position, out);
+            crate::tasks::suite::team::observe_others(view, agent, $distance, out);
+            $own.observe_shared(view, out);
+        }
+        #[inline(always)]
+        fn central<S: Scalar>(&$own, view: &View<'_, S>, out: &mut impl Writer<S>) {
+            crate::tasks::suite::team::observe_drones(view, view.frame($body).position, out);
+            $own.observe_shared(view, out);
+        }
+    };
+}
+pub(crate) use observes_team;

@@ -9,7 +9,8 @@
 //! 4 ms resolve that (√(3k√δ/2m) ≈ 100 rad/s for all of it, 230 rad/s for a fifth of its mass). What flies is the vehicle, or
 //! a team with what it holds: its thin bars are thinner than the way on which a vehicle's share of k would stop it. Ours.
 
-use crate::autodiff::{Mask, Pen, Rows, Scalar};
+use super::times;
+use crate::autodiff::{Mask, Rows, Scalar};
 use crate::dynamics::assembly::{Member, rod};
 use crate::dynamics::configurations::environment;
 use crate::dynamics::contact::ContactMaterial;
@@ -22,9 +23,10 @@ use crate::dynamics::tree::numbers::still_numbers;
 use crate::dynamics::tree::{BodyShape, Model, ModelParts};
 use crate::dynamics::{Effects, Physics, Vehicle};
 use crate::error::Result;
+use crate::settings;
 use crate::tasks::config::EnvConfig;
+use crate::tasks::declare::Writer;
 use crate::tasks::rig::Rig;
-use crate::tasks::sheet::Slice;
 use crate::tasks::task::{Start, View};
 
 /// Longest substep that resolves the material, s.
@@ -130,7 +132,7 @@ impl Skin {
         state[..3].fill(0.0);
         state[6..10].copy_from_slice(&[1.0, 0.0, 0.0, 0.0]);
         let mut frames = vec![0.0; rig.n_frame() * FRAME];
-        rig.craft.write_frames(&rig.numbers(), &state, &mut frames);
+        rig.plant().write_frames(&rig.numbers(), &state, &mut frames);
         let on_root = |(body, shape): (usize, Shape)| {
             let carrier = Frame::read(&Rows::of(&frames[..]).from(body * FRAME));
             let pose = shape.pose(&Pose { position: carrier.position, attitude: carrier.attitude });
@@ -192,10 +194,21 @@ pub(super) fn where_on<S: Scalar>(on: bool, mask: S::Mask) -> S::Mask {
     if on { mask } else { mask.and(mask.not()) }
 }
 
-/// 0.5 e^{−10 c} of a clearance held above −0.2 m: what training losses pay near a bar.
+/// What training losses pay near a bar, see [`nearness`].
+pub(super) const NEARNESS: &str = "{×loss_clearance}e^{−10 max(clearance, −0.2 m)}";
+
+/// w e^{−10 c} of a clearance held above −0.2 m.
 #[inline(always)]
-pub(super) fn nearness<S: Scalar>(clearance: S) -> S {
-    S::constant(0.5) * (S::constant(-10.0) * clearance.max(S::constant(-0.2))).exp()
+pub(super) fn nearness<S: Scalar>(weight: f64, clearance: S) -> S {
+    times(weight, (S::constant(-10.0) * clearance.max(S::constant(-0.2))).exp())
+}
+
+settings! {
+    /// Two level bars in the way.
+    pub struct BarsSettings {
+        spacing: [f64; 2] = [0.85, 0.85] => ("m", "of the obstacles, lowest and highest", PositiveOrdered);
+        spacing_ease: f64 = 1.0 => ("-", "factor of the spacing at difficulty 0", Positive);
+    }
 }
 
 /// Half length of a level bar, m.
@@ -213,27 +226,26 @@ pub(super) struct Bars {
     skin: Skin,
     /// Where their heights stand among the rig's numbers.
     numbers: [usize; BARS],
-    /// Their distance, lowest and highest, m.
-    spacing: [f64; 2],
+    settings: BarsSettings,
     /// Where their heights stand in the goal.
     goal: usize,
 }
 
 impl Bars {
     /// At their nominal place.
-    pub(super) fn scene(spacing: [f64; 2]) -> Scene {
+    pub(super) fn scene(settings: &BarsSettings) -> Scene {
         let bar = |name: &str, z: f64| Obstacle {
             name: name.into(),
             shape: rod([0.0, -HALF_LENGTH, z], [0.0, HALF_LENGTH, z], RADIUS),
         };
-        let high = LOW + 0.5 * (spacing[0] + spacing[1]);
+        let high = LOW + 0.5 * (settings.spacing[0] + settings.spacing[1]);
         Scene { obstacles: vec![bar("lower", LOW), bar("upper", high)], ..Scene::default() }
     }
 
     /// Of a model in [`Bars::scene`], with their heights in the goal from `goal` on.
-    pub(super) fn of(model: &Model, spacing: [f64; 2], goal: usize) -> Self {
+    pub(super) fn of(model: &Model, settings: &BarsSettings, goal: usize) -> Self {
         let z = |i| still_numbers(model.bodies().len(), model.rotors().len(), i) + 2;
-        Self { skin: Skin::of(model), numbers: [z(0), z(1)], spacing, goal }
+        Self { skin: Skin::of(model), numbers: [z(0), z(1)], settings: settings.clone(), goal }
     }
 
     /// Numbers of the rig that vary.
@@ -241,25 +253,12 @@ impl Bars {
         self.numbers
     }
 
-    /// What they keep in the goal.
-    pub(super) fn slice() -> Slice {
-        Slice::new("bars", BARS, "m, world", "z of lower and upper bar")
-    }
-
-    /// What [`Bars::observe`] writes.
-    pub(super) fn observed() -> Slice {
-        Slice::new("bars", 2 * BARS, "m, world", "(x, z) of lower and upper bar − (x, z) of p")
-    }
-
-    /// Draws their heights.
+    /// Draws their heights into the goal.
     pub(super) fn draw(&self, start: &mut Start<'_>) {
-        let spacing = start.task.uniform(self.spacing[0], self.spacing[1]);
-        self.put(start, spacing);
-    }
-
-    fn put(&self, start: &mut Start<'_>, spacing: f64) {
-        let heights = [LOW, LOW + spacing];
-        start.goal[self.goal..self.goal + BARS].copy_from_slice(&heights);
+        let [low, high] = self.settings.spacing;
+        let factor = 1.0 - (1.0 - self.settings.spacing_ease) * (1.0 - start.difficulty);
+        let heights = [LOW, LOW + factor * start.task.uniform(low, high)];
+        start.goal.field("bars", "m, world", "z of lower and upper bar").array(heights);
         for (place, z) in self.numbers.into_iter().zip(heights) {
             start.numbers[place] = z;
         }
@@ -289,7 +288,8 @@ impl Bars {
 
     /// Where they are, seen from `position`.
     #[inline(always)]
-    pub(super) fn observe<S: Scalar>(&self, view: &View<'_, S>, position: Vec3<S>, out: &mut Pen<'_, S>) {
+    pub(super) fn observe<S: Scalar>(&self, view: &View<'_, S>, position: Vec3<S>, out: &mut impl Writer<S>) {
+        out.field("bars", "m, world", "(x, z) of lower and upper bar − (x, z) of p");
         for i in 0..BARS {
             out.array([-position[0], view.goal.get(self.goal + i) - position[2]]);
         }

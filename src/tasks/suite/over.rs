@@ -1,5 +1,7 @@
 //! What the tasks of the over-actuated platform share: the model and its target attitude.
 
+use super::team::{LoadNames, TeamSettings, mean_throttle_difference, squared_sum};
+use super::{PoseLoss, PoseReward, squared, times};
 use crate::autodiff::{Rows, Scalar, safe};
 use crate::controllers::reference::Tilt;
 use crate::dynamics::Vehicle;
@@ -8,11 +10,13 @@ use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Quat, Vec3, constants, cross, dot, from_euler, from_matrix, rotate, sub, to_euler};
 use crate::dynamics::tree::Model;
 use crate::error::{Error, Result};
+use crate::settings;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::reward::smooth_norm;
+use crate::tasks::declare::{Loss, Writer};
+use crate::tasks::reward::{rational_kernel, smooth_norm};
 use crate::tasks::rig::Rig;
-use crate::tasks::sheet::Slice;
-use crate::tasks::task::{ANY_YAW, START_TILT, Start, View, Wanted};
+use crate::tasks::task::{ANY_YAW, START_TILT, Start, TaskReference, View};
+use crate::tasks::task_spec::Smoothness;
 
 /// The frame: the root of the model.
 pub const FRAME_BODY: usize = 0;
@@ -33,39 +37,57 @@ pub fn platform(vehicle: &Vehicle, n_drone: usize, damping: f64) -> Result<Model
 ///
 /// # Errors
 /// As [`platform`] and [`EnvConfig::vehicle`].
-pub fn free_rig(config: &EnvConfig, vehicle: &str, n_drone: usize) -> Result<Rig> {
-    let vehicle = config.vehicle(vehicle)?;
+pub fn free_rig(config: &EnvConfig, team: &TeamSettings) -> Result<Rig> {
+    let vehicle = config.vehicle(&team.vehicle)?;
     let physics = config.physics_with(|e| e.downwash = true);
-    Rig::of_model(&platform(&vehicle, n_drone, 0.002)?, physics, Some(&vehicle), |_| Vec::new())
+    Rig::of_model(&platform(&vehicle, team.n_drone, 0.002)?, physics, Some(&vehicle), |_| Vec::new())
 }
 
-/// What a target attitude keeps in the goal.
-pub fn attitude_slices() -> Vec<Slice> {
-    vec![Slice::new("target_heading", 3, "-, world", "h_t"), Slice::new("target_up", 3, "-, world", "u_t")]
+/// What observations call the frame's attitude and motion.
+pub const FRAME_NAMES: LoadNames =
+    ["frame_attitude", "frame_velocity", "frame_angular_velocity", "frame_heading", "frame_up"];
+
+settings! {
+    /// A pose to reach.
+    pub struct TargetPose {
+        position: [f64; 3] = [0.0, 0.0, 2.25] => ("m, world", "p_t", Any);
+        tilt: f64 = START_TILT => ("rad", "largest roll and pitch of the target", NotNegative);
+        yaw: [f64; 2] = ANY_YAW => ("rad", "yaw of the target, lowest and highest", Ordered);
+    }
 }
 
 /// Keeps an attitude in the goal.
 pub fn set_attitude(start: &mut Start<'_>, attitude: Quat<f64>) {
-    start.goal[..3].copy_from_slice(&rotate(attitude, [1.0, 0.0, 0.0]));
-    start.goal[3..6].copy_from_slice(&rotate(attitude, [0.0, 0.0, 1.0]));
+    let axes = [rotate(attitude, [1.0, 0.0, 0.0]), rotate(attitude, [0.0, 0.0, 1.0])];
+    start.goal.field("target_heading", "-, world", "h_t").within(-1.0, 1.0).array(axes[0]);
+    start.goal.field("target_up", "-, world", "u_t").within(-1.0, 1.0).array(axes[1]);
 }
 
-/// Draws a target attitude into the goal: roll and pitch within ±0.2π, any yaw.
-pub fn draw_attitude(start: &mut Start<'_>) {
-    let r = &mut start.task;
-    let (roll, pitch) = (r.uniform(-START_TILT, START_TILT), r.uniform(-START_TILT, START_TILT));
-    let yaw = r.uniform(ANY_YAW.0, ANY_YAW.1);
-    set_attitude(start, from_euler(roll, pitch, yaw));
+impl TargetPose {
+    /// Draws an attitude into the goal.
+    pub fn draw(&self, start: &mut Start<'_>) {
+        let (r, tilt) = (&mut start.task, self.tilt);
+        let (roll, pitch) = (r.uniform(-tilt, tilt), r.uniform(-tilt, tilt));
+        let yaw = r.uniform(self.yaw[0], self.yaw[1]);
+        set_attitude(start, from_euler(roll, pitch, yaw));
+    }
+
+    /// The frame there, level.
+    pub fn ideal(&self, start: &mut Start<'_>) {
+        let level = [1.0, 0.0, 0.0, 0.0];
+        set_attitude(start, level);
+        start.place(FRAME_BODY, self.position, level);
+    }
 }
 
 /// The target attitude, held from the first second on.
-pub fn wanted_pose(view: &View<'_, f64>, target: [f64; 3]) -> Wanted {
+pub fn pose_reference(view: &View<'_, f64>, target: [f64; 3]) -> TaskReference {
     let (h, u) = (view.goal.array(0), view.goal.array(3));
     let side = cross(u, h);
     let attitude: [[f64; 3]; 3] = [0, 1, 2].map(|k| [h[k], side[k], u[k]]);
     let [roll, pitch, yaw] = to_euler(from_matrix(attitude));
     let tilt = Tilt { roll, pitch, at: 0.0, ramp: 1.0 };
-    Wanted { tilt, ..Wanted::way(&view.frame(FRAME_BODY), target, yaw, 1.0) }
+    TaskReference { tilt, ..TaskReference::way(&view.frame(FRAME_BODY), target, yaw, 1.0) }
 }
 
 /// ((u·u_t + 1)/2)².
@@ -83,26 +105,60 @@ pub fn pose_error<S: Scalar>(frame: &Frame<S>, target: [f64; 3], goal: &Rows<'_,
     [p[0], p[1], p[2], h[0], h[1], h[2], u[0], u[1], u[2]]
 }
 
-/// What [`pose_error`] gives, in an observation.
-pub fn error_slices() -> Vec<Slice> {
-    vec![
-        Slice::new("target", 3, "m, world", "p_t − p"),
-        Slice::new("heading_error", 3, "-, world", "h_t − h"),
-        Slice::new("up_error", 3, "-, world", "u_t − u"),
-    ]
+/// Writes a [`pose_error`].
+#[inline(always)]
+pub fn observe_error<S: Scalar>(e: &[S; 9], out: &mut impl Writer<S>) {
+    out.field("target", "m, world", "p_t − p").array([e[0], e[1], e[2]]);
+    out.field("heading_error", "-, world", "h_t − h").within(-2.0, 2.0).array([e[3], e[4], e[5]]);
+    out.field("up_error", "-, world", "u_t − u").within(-2.0, 2.0).array([e[6], e[7], e[8]]);
 }
 
-/// ‖p_t − p‖² of a [`pose_error`].
+/// p_t − p of a [`pose_error`].
 #[inline(always)]
-pub fn squared_distance<S: Scalar>(error: &[S; 9]) -> S {
-    safe::squared_norm([error[0], error[1], error[2]])
+pub fn place_error<S: Scalar>(error: &[S; 9]) -> Vec3<S> {
+    [error[0], error[1], error[2]]
+}
+
+/// The reward of a pose r_p, aligned with u_t and without spin, whose term is open.
+#[inline(always)]
+pub fn pose_reward<S: Scalar>(
+    view: &View<'_, S>,
+    (pose, smoothness): (S, Smoothness),
+    up: Vec3<S>,
+    w: &PoseReward,
+    terms: &mut impl Writer<S>,
+) {
+    let frame = view.frame(FRAME_BODY);
+    terms.smoothness(smoothness).number(times(w.pose, pose));
+    terms.term("up", "{×reward_up}r_p ((u·u_t + 1)/2)²", w.up).smoothness(smoothness);
+    terms.number(times(w.up, pose) * aligned(frame.up(), up));
+    terms.term("spin", "{×reward_spin}r_p/(1 + (|ω_x| + |ω_y| + |ω_z|)²)", w.spin).piecewise();
+    terms.number(times(w.spin, pose) * rational_kernel(1.0, squared_sum(frame.angular_velocity)));
+    terms.term("effort", "{×reward_effort}mean e^{−e_i}", w.effort).number(times(w.effort, view.mean_effort_reward()));
+}
+
+/// Figures of a pose.
+#[inline(always)]
+pub fn pose_metrics<S: Scalar>(view: &View<'_, S>, error: &[S; 9], out: &mut impl Writer<S>) {
+    let frame = view.frame(FRAME_BODY);
+    let distance = safe::sqrt(safe::squared_norm(place_error(error)), safe::SQUARED_NORM_FLOOR);
+    out.metric("position_error", "m", distance);
+    out.metric("heading_alignment", "-", dot(frame.heading(), view.goal.array(0)));
+    out.metric("up_alignment", "-", dot(frame.up(), view.goal.array(3)));
+}
+
+/// Δs, the last figure.
+#[inline(always)]
+pub fn throttle_metric<S: Scalar>(view: &View<'_, S>, out: &mut impl Writer<S>) {
+    out.metric("throttle_difference", "-", mean_throttle_difference(view));
 }
 
 /// A smooth cost of being away from a pose and of moving.
 #[inline(always)]
-pub fn pose_loss<S: Scalar>(frame: &Frame<S>, e: &[S; 9]) -> S {
-    let position = smooth_norm([e[0], e[1], e[2]], 0.1);
-    let turn = S::constant(0.3) * safe::squared_norm([e[3], e[4], e[5], e[6], e[7], e[8]]);
-    let speed = S::constant(0.02) * safe::squared_norm(frame.velocity);
-    position + turn + speed + S::constant(0.005) * safe::squared_norm(frame.angular_velocity)
+pub fn pose_loss<S: Scalar>(frame: &Frame<S>, e: &[S; 9], w: &PoseLoss, loss: &mut impl Loss<S>) {
+    loss.add("√(‖p_t − p‖² + {loss_radius}²)", smooth_norm(place_error(e), w.motion.radius));
+    let axes = [e[3], e[4], e[5], e[6], e[7], e[8]];
+    loss.add("{×loss_turn}(‖h_t − h‖² + ‖u_t − u‖²)", squared(w.turn, axes));
+    loss.add("{×loss_velocity}‖v‖²", squared(w.motion.velocity, frame.velocity));
+    loss.add("{×loss_rate}‖ω‖²", squared(w.motion.rate, frame.angular_velocity));
 }

@@ -1,52 +1,5 @@
 //! PayloadHover: hold a slung ball at a point while it is pushed.
 //!
-//! | Observation | size | unit | meaning | |
-//! |---|---|---|---|---|
-//! | `drone_from_ball` | 3 | m, world | p − q | smooth |
-//! | `target` | 3 | m, world | q_t − q | smooth |
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
-//! | `velocity` | 3 | m/s, world | v | smooth |
-//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
-//! | `heading` | 3 | -, world | h = R e_x | smooth |
-//! | `up` | 3 | -, world | u = R e_z | smooth |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
-//! | `ball_velocity` | 3 | m/s, world | v_q = q̇ | smooth |
-//! | `bar_angular_velocity` | 3 | rad/s, world | ω_b | smooth |
-//! | `clock` | 4 | - | k/T, four times | smooth |
-//! | *total* | 36 | | | |
-//!
-//! | Reward | term | at most | |
-//! |---|---|---|---|
-//! | `pose` | r_p = e^{−1.6 d} | 1 | piecewise |
-//! | `up` | 0.5 r_p/(1 + (1 − u_z)²) | 0.5 | piecewise |
-//! | `spin` | 0.5 r_p/(1 + ω_z²) | 0.5 | piecewise |
-//! | `effort` | 0.1 e^{−e} | 0.1 | smooth |
-//! | *sum* | | 2.1 | |
-//!
-//! | Episode end | when |
-//! |---|---|
-//! | `crash` | z < 0.2 m |
-//! | `ball_crash` | q_z < 0.2 m |
-//! | `diverged` | a number of the state leaves ±1e8 |
-//! | *truncated* | k ≥ `horizon` |
-//!
-//! | Configuration | default | meaning |
-//! |---|---|---|
-//! | `vehicle` | "hummingbird" | what flies |
-//! | `horizon` | 500 | T, steps |
-//! | `length` | [1.0, 1.0] | L, lowest and highest, m; drawn once per environment |
-//! | `ball_share` | [0.2, 0.3] | m_q over the vehicle's mass, lowest and highest |
-//! | `kick` | [1.0, 1.0, 0.5] | σ of a push, m/s |
-//!
-//! p drone, q ball, m_q its mass, u = R e_z, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b
-//! angular velocity of the bar, d = ‖q_t − q‖. Ball 0.2 to 0.3 of the vehicle's mass, bar 1 g. Target: q_t = (0, 0, 1) m.
-//! Start: p uniform in ±2.5 × ±2.5 × [1.5, 2.5] m, roll and pitch within ±0.1π, any yaw, the bar along the drone's −z, at
-//! rest. From step 1 on a push comes with probability 1 − e^{−dt/2} per step: for that step the world force m_q Δv/dt acts on
-//! the ball, a kick of Δv ~ N(0, (1, 1, 0.5) m/s). Along the bar the drone takes its share.
-//!
-//! - Success: `position_error` < 0.1 m.
-//! - Loss: √(d² + 0.1²) + 0.02 ‖v_q‖² + 0.005 ‖ω‖².
-//!
 //! - DIFFERENCE: Δv is clipped at ±3σ; published ones on the upper side alone (defect 22).
 //! - DIFFERENCE: starts with q_z < 0.2 m are drawn again; they come with bars above 1.3 m alone.
 //! - DIFFERENCE: the bar swings without stops; published ones are at ±120° (see [`load`](crate::tasks::suite::load)).
@@ -54,52 +7,45 @@
 //! - DIFFERENCE: the ball's share is of the total mass, not of the base link's (defect 5).
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 
-use crate::autodiff::{Pen, Scalar, safe};
-use crate::dynamics::spatial::{constants, scale, sub};
-use crate::error::{Result, finite};
+use super::load::{LOAD, Load, LoadSettings, Side, hold_loss};
+use super::track::calm_pose;
+use super::{MotionLoss, PoseReward, StartAttitude, StartRange, less, made_of, succeeds_within};
+use crate::autodiff::{Scalar, safe};
+use crate::dynamics::spatial::{Vec3, constants, scale, sub};
+use crate::error::Result;
 use crate::rng::Stream;
+use crate::settings;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::reward::smooth_norm;
-use crate::tasks::rig::Rig;
-use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice};
-use crate::tasks::suite::load::{
-    LIGHT_BAR, LOAD, Load, LoadSettings, Plan, Side, carry_reward, carry_terms, load_settings,
-};
-use crate::tasks::suite::{clock_slice, drone_slices};
-use crate::tasks::task::{ANY_YAW, Ends, Start, Task, View, Wanted};
-use serde::{Deserialize, Serialize};
+use crate::tasks::declare::{Ends, Loss, Writer};
+use crate::tasks::registry::BuiltIn;
+use crate::tasks::reward::exponential_kernel;
+use crate::tasks::task::{Start, Task, TaskReference, View};
 use std::f64::consts::PI;
 
-/// q_t, m, world.
-const TARGET: [f64; 3] = [0.0, 0.0, 1.0];
-/// Lowest drone and ball, m.
-const LOW: f64 = 0.2;
-/// Mean time between pushes, s.
-const CALM: f64 = 2.0;
 /// Places of the step of the last push and of its kick in the goal.
 const PUSH: usize = LOAD;
 const KICKED: usize = LOAD + 1;
 
-/// Settings of [`PayloadHover`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct PayloadHoverSettings {
-    /// What flies.
-    pub vehicle: String,
-    /// T, steps.
-    pub horizon: usize,
-    /// Of the bar, lowest and highest, m.
-    pub length: [f64; 2],
-    /// Mass of the ball as a share of the vehicle's, lowest and highest.
-    pub ball_share: [f64; 2],
-    /// σ of a push, world, m/s.
-    pub kick: [f64; 3],
+/// Where starts are.
+fn start_range() -> StartRange {
+    let position = [[-2.5, 2.5], [-2.5, 2.5], [1.5, 2.5]];
+    StartRange { position, attitude: StartAttitude { tilt: 0.1 * PI, ..StartAttitude::default() } }
 }
 
-impl Default for PayloadHoverSettings {
-    fn default() -> Self {
-        let LoadSettings { vehicle, horizon, length, ball_share } = LoadSettings::default();
-        Self { vehicle, horizon, length, ball_share, kick: [1.0, 1.0, 0.5] }
+settings! {
+    /// Settings of [`PayloadHover`].
+    pub struct PayloadHoverSettings {
+        load: LoadSettings = LoadSettings::default() => flat;
+        horizon: usize = 500 => ("steps", "T", Any);
+        kick: [f64; 3] = [1.0, 1.0, 0.5] => ("m/s, world", "σ of a push", NotNegative);
+        calm: f64 = 2.0 => ("s", "mean time between pushes", Positive);
+        target: [f64; 3] = [0.0, 0.0, 1.0] => ("m, world", "q_t", Any);
+        start: StartRange = start_range() => group;
+        min_height: f64 = 0.2 => ("m", "lower is a crash of drone or ball", Any);
+        success_distance: f64 = 0.1 => ("m", "position error of a success", Positive);
+        pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
+        reward: PoseReward = PoseReward { up: 0.5, spin: 0.5, ..PoseReward::default() } => group;
+        loss: MotionLoss = MotionLoss::default() => group;
     }
 }
 
@@ -112,77 +58,51 @@ pub struct PayloadHover {
     dt: f64,
 }
 
-impl PayloadHover {
-    /// With the vehicle and settings of a configuration.
-    ///
-    /// # Errors
-    /// As [`EnvConfig::settings`] and [`EnvConfig::vehicle`]; [`Error::Value`](crate::error::Error::Value) for a length that
-    /// is none.
-    pub fn new(config: &EnvConfig) -> Result<Self> {
+impl BuiltIn for PayloadHover {
+    fn new(config: &EnvConfig) -> Result<Self> {
         let settings: PayloadHoverSettings = config.settings()?;
-        finite("task.kick", &settings.kick)?;
-        let (vehicle, length, ball) = (settings.vehicle.as_str(), settings.length, settings.ball_share);
-        let load = Load::pushed(config, &Plan { vehicle, side: Side::Hanging, length, ball, bar: LIGHT_BAR })?;
-        Ok(Self { load, settings, dt: config.dt })
+        Ok(Self { load: Load::pushed(config, &settings.load, Side::Hanging)?, settings, dt: config.dt })
     }
+}
 
+impl PayloadHover {
     /// q_t − q.
     #[inline(always)]
-    fn error<S: Scalar>(&self, view: &View<'_, S>) -> [S; 3] {
-        sub(constants(TARGET), self.load.ball(view).position)
+    fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
+        sub(constants(self.settings.target), self.load.ball(view).position)
     }
 
     /// Steps until the next push, 1 or more: geometric.
     fn wait(&self, stream: &mut Stream) -> f64 {
-        1.0 + (-(1.0 - stream.unit()).ln() * CALM / self.dt).floor()
+        1.0 + (-(1.0 - stream.unit()).ln() * self.settings.calm / self.dt).floor()
+    }
+
+    /// Draws the load; no push yet.
+    fn draw(&self, start: &mut Start<'_>) {
+        self.load.draw(start);
+        start.goal.field("push_step", "steps", "k of the last push, −1 before the first").number(-1.0);
+        start.goal.field("push_kick", "m/s, world", "Δv of the last push").array([0.0; 3]);
     }
 }
 
 impl Task for PayloadHover {
-    fn rig(&self) -> &Rig {
-        &self.load.rig
-    }
+    made_of!(self: self.load.rig, self.settings);
 
-    fn horizon(&self) -> usize {
-        self.settings.horizon
-    }
-
-    fn sheet(&self) -> Sheet {
-        let mut observation = vec![Load::lever_slice(), Slice::new("target", 3, "m, world", "q_t − q")];
-        observation.extend(drone_slices(self.rig().drone()));
-        observation.extend(Load::motion_slices());
-        observation.push(clock_slice());
-        let mut goal = Load::slices();
-        goal.push(Slice::new("push_step", 1, "steps", "k of the last push, −1 before the first"));
-        goal.push(Slice::new("push_kick", 3, "m/s, world", "Δv of the last push"));
-        Sheet {
-            observation,
-            central: Vec::new(),
-            reward: carry_terms(),
-            ends: vec![End::new("crash", "z < 0.2 m"), End::new("ball_crash", "q_z < 0.2 m")],
-            metrics: vec![
-                Metric { name: "position_error", unit: "m" },
-                Metric { name: "uprightness", unit: "-" },
-                Metric { name: "throttle_difference", unit: "-" },
-            ],
-            goal,
-            memo: Vec::new(),
-            settings: {
-                let mut settings = load_settings(500, "[1.0, 1.0]");
-                settings.push(Setting::new("kick", "[1.0, 1.0, 0.5]", "σ of a push, m/s").not_negative());
-                settings
-            },
-        }
+    fn about(&self) -> &'static str {
+        "p drone, q ball, u = R e_z, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b \
+         angular velocity of the bar, d = ‖q_t − q‖. Ball {ball_share} of the vehicle's mass, bar {bar_mass} kg. \
+         Target: q_t = {target} m. Start: p uniform in {start_position} m, roll and pitch within ±{start_tilt} rad, \
+         yaw within {start_yaw} rad, the bar along the drone's −z, at rest. From step 1 on pushes come at random, \
+         every {calm} s on average: for that step the world force m_q Δv/dt acts on the ball, a kick of Δv ~ N(0, \
+         {kick} m/s). Along the bar the drone takes its share."
     }
 
     fn start(&self, start: &mut Start<'_>) {
-        self.load.draw(start);
-        start.goal[PUSH] = -1.0;
+        self.draw(start);
         start.event_at = self.wait(&mut start.task);
         for _ in 0..100 {
-            let position = start.position([-2.5, -2.5, 1.5], [2.5, 2.5, 2.5]);
-            let attitude = start.attitude(0.1 * PI, ANY_YAW);
-            if self.load.place(start, position, attitude)[2] > LOW {
+            let (position, attitude) = self.settings.start.draw(start);
+            if self.load.place(start, position, attitude)[2] > self.settings.min_height {
                 break;
             }
         }
@@ -206,52 +126,48 @@ impl Task for PayloadHover {
     }
 
     #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
         self.load.observe_lever(view, out);
-        out.array(self.error(view));
+        out.field("target", "m, world", "q_t − q").array(self.error(view));
         view.observe_drone(0, out);
         self.load.observe_motion(view, out);
         view.observe_clock(out);
     }
 
     #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
-        carry_reward(view, self.error(view), terms);
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        let pose = exponential_kernel(self.settings.pose_scale, self.error(view));
+        calm_pose(view, pose, &self.settings.reward, "{×reward_pose}r_p, r_p = e^{−{pose_scale} d}", terms);
     }
 
     #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
-        ends.when(view.drone(0).position[2].lt(S::constant(LOW)));
-        ends.when(self.load.ball(view).position[2].lt(S::constant(LOW)));
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+        let least = self.settings.min_height;
+        ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], least));
+        ends.when("ball_crash", "q_z < {min_height} m", less(self.load.ball(view).position[2], least));
     }
 
     #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
-        out.number(safe::norm(self.error(view)));
-        out.number(view.drone(0).up()[2]);
-        out.number(view.throttle_difference(0));
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.metric("position_error", "m", safe::norm(self.error(view)));
+        out.metric("uprightness", "-", view.drone(0).up()[2]);
+        out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
+
+    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
 
     #[inline(always)]
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        safe::squared_norm(self.error(view)).lt(S::constant(0.01))
+    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+        hold_loss(view, &self.settings.loss, self.error(view), &self.load.ball(view), loss);
     }
 
-    #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        let speed = S::constant(0.02) * safe::squared_norm(self.load.ball(view).velocity);
-        let rate = S::constant(0.005) * safe::squared_norm(view.drone(0).angular_velocity);
-        smooth_norm(self.error(view), 0.1) + speed + rate
-    }
-
-    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
-        self.load.wanted(view, TARGET)
+    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
+        self.load.reference(view, self.settings.target)
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
-        self.load.draw(start);
-        start.goal[PUSH] = -1.0;
-        let position = self.load.drone_of(start, TARGET);
+        self.draw(start);
+        let position = self.load.drone_of(start, self.settings.target);
         self.load.place(start, position, [1.0, 0.0, 0.0, 0.0]);
     }
 }

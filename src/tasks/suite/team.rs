@@ -1,84 +1,51 @@
 //! What the tasks of several drones share: who sees whom, how far apart they are, what they carry.
 
-use super::{clock_slice, drone_slices};
-use crate::autodiff::{Pen, Scalar, safe};
+use super::{PoseLoss, more};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::Vehicle;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Vec3, sub};
-use crate::tasks::rig::Rig;
-use crate::tasks::sheet::{Slice, Smoothness, total};
+use crate::settings;
+use crate::tasks::declare::Writer;
 use crate::tasks::task::View;
-use serde::{Deserialize, Serialize};
 
-/// Settings of a team that hovers.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct TeamSettings {
-    /// What flies.
-    pub vehicle: String,
-    /// Drones.
-    pub n_drone: usize,
-    /// T, steps.
-    pub horizon: usize,
-}
-
-impl Default for TeamSettings {
-    fn default() -> Self {
-        Self { vehicle: "hummingbird".into(), n_drone: 4, horizon: 500 }
+settings! {
+    /// Who flies, and for how long.
+    pub struct TeamSettings {
+        vehicle: String = "hummingbird".into() => ("", "what every drone is", Any);
+        n_drone: usize = 4 => ("", "drones", Any);
     }
 }
 
-/// Settings of a team that flies through obstacles.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct CourseSettings {
-    /// What flies.
-    pub vehicle: String,
-    /// Drones.
-    pub n_drone: usize,
-    /// T, steps.
-    pub horizon: usize,
-    /// Whether touching an obstacle ends the episode.
-    pub reset_on_collision: bool,
-}
-
-impl Default for CourseSettings {
-    fn default() -> Self {
-        Self { vehicle: "hummingbird".into(), n_drone: 4, horizon: 500, reset_on_collision: false }
+settings! {
+    /// Weights of a training loss with obstacles.
+    pub struct CourseLoss {
+        pose: PoseLoss = PoseLoss::default() => flat;
+        clearance: f64 = 0.5 => ("m", "weight of the clearance in the loss", NotNegative);
     }
 }
 
-/// What [`observe_own`] writes: where a drone is about its load, ŝ, and which of the team it is.
-fn own_slices(rig: &Rig, load: &str) -> Vec<Slice> {
-    let mut slices = vec![Slice::new("place", 3, "m, world", format!("p_i − p of the {load}"))];
-    slices.extend(drone_slices(rig.drone()));
-    slices.push(Slice::new("index", rig.drones().len(), "-", "1 at i, else 0"));
-    slices
-}
-
-/// Drone `i` as it sees itself.
+/// Drone `i` as it sees itself: where it is about its load, ŝ, and which of the team it is.
 #[inline(always)]
-pub fn observe_own<S: Scalar>(view: &View<'_, S>, i: usize, load: Vec3<S>, out: &mut Pen<'_, S>) {
-    out.array(sub(view.drone(i).position, load));
+pub fn observe_own<S: Scalar>(view: &View<'_, S>, i: usize, load: Vec3<S>, out: &mut impl Writer<S>) {
+    out.field("place", "m, world", "p_i − p of what it carries").array(sub(view.drone(i).position, load));
     view.observe_drone(i, out);
+    out.field("index", "-", "1 at i, else 0").within(0.0, 1.0);
     for j in 0..view.rig.drones().len() {
         out.number(if i == j { S::one() } else { S::zero() });
     }
 }
 
-/// What [`observe_others`] writes.
-pub fn others_slice(rig: &Rig, distance: bool) -> Slice {
-    let n = rig.drones().len() - 1;
-    let (size, unit, meaning) = match distance {
-        true => (14, "m, m, -, m/s, rad/s", "p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending"),
-        false => (13, "m, -, m/s, rad/s", "p_i − p_j, q_j, v_j, ω_j for every other j, ascending"),
-    };
-    Slice::new("others", size * n, format!("{unit}; world"), meaning).but(Smoothness::NonSmooth)
-}
-
 /// The other drones as drone `i` sees them, with their distances if asked for.
 #[inline(always)]
-pub fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: bool, out: &mut Pen<'_, S>) {
+pub fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: bool, out: &mut impl Writer<S>) {
+    if distance {
+        let meaning = "p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending";
+        out.field("others", "m, m, -, m/s, rad/s; world", meaning).non_smooth();
+    } else {
+        out.field("others", "m, -, m/s, rad/s; world", "p_i − p_j, q_j, v_j, ω_j for every other j, ascending")
+            .non_smooth();
+    }
     let own = view.drone(i).position;
     for j in 0..view.rig.drones().len() {
         if j != i {
@@ -95,49 +62,28 @@ pub fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: bool, o
     }
 }
 
-/// What [`observe_load`] writes.
-fn load_slices(load: &str) -> Vec<Slice> {
-    vec![
-        Slice::new(format!("{load}_attitude"), 4, "-, body → world", "unit quaternion, w ≥ 0")
-            .but(Smoothness::NonSmooth),
-        Slice::new(format!("{load}_velocity"), 3, "m/s, world", "v"),
-        Slice::new(format!("{load}_angular_velocity"), 3, "rad/s, world", "ω"),
-        Slice::new(format!("{load}_heading"), 3, "-, world", "h = R e_x"),
-        Slice::new(format!("{load}_up"), 3, "-, world", "u = R e_z"),
-        clock_slice(),
-    ]
-}
+/// Names of attitude, velocity, angular velocity, heading and up of what a team carries.
+pub type LoadNames = [&'static str; 5];
 
 /// Attitude and motion of what the team carries, and the clock.
 #[inline(always)]
-pub fn observe_load<S: Scalar>(view: &View<'_, S>, load: &Frame<S>, out: &mut Pen<'_, S>) {
+pub fn observe_load<S: Scalar>(view: &View<'_, S>, names: &LoadNames, load: &Frame<S>, out: &mut impl Writer<S>) {
+    out.field(names[0], "-, body → world", "unit quaternion, w ≥ 0").within(-1.0, 1.0).non_smooth();
     out.array(load.observed_attitude());
-    out.array(load.velocity);
-    out.array(load.angular_velocity);
-    out.array(load.heading());
-    out.array(load.up());
+    out.field(names[1], "m/s, world", "v").array(load.velocity);
+    out.field(names[2], "rad/s, world", "ω").array(load.angular_velocity);
+    out.field(names[3], "-, world", "h = R e_x").within(-1.0, 1.0).array(load.heading());
+    out.field(names[4], "-, world", "u = R e_z").within(-1.0, 1.0).array(load.up());
     view.observe_clock(out);
-}
-
-/// Observation and central state of a team with a load: drones first (one with the others, or all), then `goal`, which is
-/// the task's, then the load and the clock.
-pub fn carried_slices(rig: &Rig, load: &str, distance: bool, goal: &[Slice]) -> (Vec<Slice>, Vec<Slice>) {
-    let mut own = own_slices(rig, load);
-    let names: Vec<&str> = own.iter().map(|s| s.name.as_str()).collect();
-    let meaning = format!("{} of every drone", names.join(", "));
-    let mut central = vec![Slice::new("drones", total(&own) * rig.drones().len(), "as observed", meaning)];
-    own.push(others_slice(rig, distance));
-    for slices in [&mut own, &mut central] {
-        slices.extend(goal.iter().cloned().chain(load_slices(load)));
-    }
-    (own, central)
 }
 
 /// All drones as they see themselves.
 #[inline(always)]
-pub fn observe_drones<S: Scalar>(view: &View<'_, S>, load: Vec3<S>, out: &mut Pen<'_, S>) {
+pub fn observe_drones<S: Scalar>(view: &View<'_, S>, load: Vec3<S>, out: &mut impl Writer<S>) {
+    let own = "place, attitude, velocity, angular_velocity, heading, up, throttle, index of every drone";
+    out.field("drones", "as observed", own);
     for i in 0..view.rig.drones().len() {
-        observe_own(view, i, load, out);
+        observe_own(view, i, load, &mut out.unnamed());
     }
 }
 
@@ -212,22 +158,27 @@ pub fn team_mass(vehicle: &Vehicle, n_drone: usize) -> f64 {
     n_drone as f64 * vehicle.mass_properties().mass
 }
 
-/// What a task with a course remembers.
-pub fn course_memo() -> Vec<Slice> {
-    vec![
-        Slice::new("arrived", 1, "-", "1 once the target was reached beyond the obstacles, else 0"),
-        Slice::new("clearance", 1, "m", "c after the last step"),
-    ]
+/// What a task with a course remembers: whether the team was `here` once, all of it beyond the obstacles, and the clearance.
+#[inline(always)]
+pub fn remember_course<S: Scalar>(view: &View<'_, S>, here: S::Mask, clearance: S, task_state: &mut impl Writer<S>) {
+    let arrived = S::select(here.and(more(hindmost(view), BEYOND)), S::one(), arrived(view));
+    task_state.field("arrived", "-", "1 once the target was reached beyond the obstacles, else 0").number(arrived);
+    task_state.field("clearance", "m", "c after the last step").number(clearance);
 }
 
-/// The first of [`course_memo`].
+/// x of drones that are past the obstacles, m.
+const BEYOND: f64 = 0.05;
+/// What a success asks beside the error.
+pub(super) const ALL_BEYOND: &str = "with all drones beyond x = 0.05 m";
+
+/// The first of [`remember_course`].
 #[inline(always)]
 pub fn arrived<S: Scalar>(view: &View<'_, S>) -> S {
-    view.memo.get(0)
+    view.task_state.get(0)
 }
 
-/// The second of [`course_memo`].
+/// The second of [`remember_course`].
 #[inline(always)]
 pub fn clearance<S: Scalar>(view: &View<'_, S>) -> S {
-    view.memo.get(1)
+    view.task_state.get(1)
 }

@@ -6,9 +6,12 @@ use crate::autodiff::{Rows, RowsMut};
 use crate::dynamics::contact::distance;
 use crate::dynamics::frame::FRAME;
 use crate::dynamics::shape::{Geometry, Pose, Shape};
+use crate::tasks::declare::{Goal, Masks, declare};
+use crate::tasks::registry::BuiltIn;
 use crate::tasks::rig::Rig;
-use crate::tasks::task::{Ends, MAX_ENDS, MAX_TERMS, streams};
-use crate::tasks::{Buffers, Env, EnvConfig, Start, Task, View, sheet::total};
+use crate::tasks::task::{MAX_ENDS, MAX_TERMS, streams};
+use crate::tasks::task_spec::total;
+use crate::tasks::{Buffers, Env, EnvConfig, Start, Task, View};
 
 /// Name, size of one agent's observation, of the central state, agents.
 const SIZES: [(&str, usize, usize, usize); 8] = [
@@ -59,7 +62,7 @@ fn observations_and_central_states_have_the_published_sizes() {
         let env = Env::make(name, &config(1, "")).unwrap();
         let spec = env.spec();
         assert_eq!((spec.n_observation, spec.n_central, spec.n_agent), (observation, central, agents), "{name}");
-        assert_eq!(total(&env.sheet().observation), observation, "{name}");
+        assert_eq!(total(&env.task_spec().observation), observation, "{name}");
     }
     assert_eq!(Env::make("DragonHover", &config(1, "")).unwrap().spec().action.len(), 22);
 }
@@ -69,7 +72,7 @@ fn random_actions_stay_finite_and_below_the_bound() {
     for (name, task) in cases() {
         let (mut env, mut buffers) = started(name, 128, task);
         let bound = env.spec().reward_bound as f32 + 1e-5;
-        let n_end = env.sheet().ends.len();
+        let n_end = env.task_spec().ends.len();
         let reason = env.spec().info_column("reason").unwrap();
         let mut actions = vec![0.0; 128 * env.spec().n_agent * env.spec().action.len()];
         let (mut ended, mut diverged) = (0, 0);
@@ -106,15 +109,15 @@ fn no_episode_begins_terminated() {
 
 /// Reward terms and ends of a task at its ideal, in `f64`.
 fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
-    let (rig, sheet) = (task.rig(), task.sheet());
+    let (rig, own) = (task.rig(), declare(task).unwrap());
     let (mut state, mut numbers) = (rig.rest().to_vec(), rig.numbers());
-    let (mut goal, mut memo) = (vec![0.0; total(&sheet.goal)], vec![0.0; total(&sheet.memo)]);
+    let (mut goal, mut memo) = (vec![0.0; total(&own.goal)], vec![0.0; total(&own.task_state)]);
     let [reset, draws, once] = streams(1, 2, 3);
     task.ideal(&mut Start {
         rig,
         state: &mut state,
-        goal: &mut goal,
-        memo: &mut memo,
+        goal: Goal::over(&mut goal),
+        task_state: &mut memo,
         numbers: &mut numbers,
         reset,
         task: draws,
@@ -123,7 +126,7 @@ fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
         difficulty: 1.0,
     });
     let mut frames = vec![0.0; rig.n_frame() * FRAME];
-    rig.craft.write_frames(&numbers, &state, &mut frames);
+    rig.plant().write_frames(&numbers, &state, &mut frames);
     let speeds: Vec<f64> = rig.drones().iter().flat_map(|d| d.rotors.iter().map(|r| state[r.speed])).collect();
     let mut new = memo.clone();
     let mut view = View {
@@ -132,24 +135,24 @@ fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
         frames: Rows::of(&frames[..]),
         speeds_before: Rows::of(&speeds[..]),
         goal: Rows::of(&goal[..]),
-        memo: Rows::of(&memo[..]),
+        task_state: Rows::of(&memo[..]),
         step: 0.0,
         clock: 0.0,
     };
     task.remember(&view, &mut RowsMut::of(&mut new).pen(0));
-    view.memo = Rows::of(&new[..]);
+    view.task_state = Rows::of(&new[..]);
     let mut terms = [0.0; MAX_TERMS];
     task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
     let mut ends = [false; MAX_ENDS];
-    task.ends(&view, &mut Ends::new(&mut ends));
+    task.ends(&view, &mut Masks::new(&mut ends));
     assert!(task.success(&view));
-    (terms[..sheet.reward.len()].to_vec(), ends.contains(&true))
+    (terms[..own.reward.len()].to_vec(), ends.contains(&true))
 }
 
 fn reaches_its_bounds(task: &impl Task) {
     let (terms, ended) = at_ideal(task);
     assert!(!ended);
-    for (term, value) in task.sheet().reward.iter().zip(terms) {
+    for (term, value) in declare(task).unwrap().reward.iter().zip(terms) {
         if term.name == "effort" {
             assert!(value > 0.0 && value < term.bound, "effort {value}");
         } else {

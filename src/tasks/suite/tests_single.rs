@@ -4,7 +4,10 @@ use crate::dynamics::vehicles;
 use crate::tasks::EnvConfig;
 use crate::tasks::env::{Buffers, Env};
 use crate::tasks::rig::{Inertial, RotorPlace};
-use crate::tasks::suite::load::{DRAWN_BAR, LIGHT_BAR, Load, Plan, Side};
+use crate::tasks::suite::load::{DRAWN_BAR, Load, LoadSettings, Side};
+
+/// Mass of a bar that is not drawn, kg.
+const LIGHT_BAR: [f64; 2] = [0.001; 2];
 
 /// Name, numbers of an observation of the Hummingbird, reward ceiling.
 const TASKS: [(&str, usize, f64); 7] = [
@@ -168,8 +171,8 @@ fn lengths_stay_through_episodes_and_masses_do_not() {
 fn drawn_mass_properties_are_those_of_the_model_at_its_masses() {
     let c = config(1, "");
     for side in [Side::Hanging, Side::Standing] {
-        let load =
-            Load::new(&c, &Plan { vehicle: "iris", side, length: [0.7; 2], ball: [0.2, 0.3], bar: [0.03; 2] }).unwrap();
+        let own = LoadSettings { vehicle: "iris".into(), length: [0.7; 2], bar_mass: [0.03; 2], ..Default::default() };
+        let load = Load::new(&c, &own, side).unwrap();
         let bar = load.rig.model().unwrap().body("bar").unwrap();
         let built = Inertial::read(&load.rig.numbers(), bar);
         let drawn = load.inertial(0.7, 0.03, built.mass - 0.03);
@@ -245,7 +248,7 @@ fn touch_ends_the_episode_where_asked() {
             env.set_state(0, &state).unwrap();
             env.step(&steady(&env), &mut buffers.out()).unwrap();
             let number = info(&env, &buffers, "reason", 0) as usize;
-            let have = if number == 0 { "" } else { env.spec().ends[number - 1].name };
+            let have = if number == 0 { "" } else { env.spec().ends[number - 1].name.as_str() };
             assert_eq!(have, reason, "{name}");
         }
     }
@@ -262,5 +265,40 @@ fn every_vehicle_flies_every_task() {
                 assert!(buffers.observation.iter().all(|x| x.is_finite()), "{name} with {vehicle}");
             }
         }
+    }
+}
+
+#[test]
+fn starts_widen_with_the_difficulty_where_asked() {
+    let starts = |difficulty: f64, task: &str| -> Vec<Vec<f32>> {
+        let (env, _) = started("Hover", &EnvConfig { difficulty, ..config(64, task) });
+        (0..64).map(|i| env.state(i).unwrap()[..10].to_vec()).collect()
+    };
+    let usual = starts(1.0, "");
+    assert_eq!(starts(1.0, "start_ease = 0.0"), usual);
+    assert_eq!(starts(0.0, ""), usual);
+    assert!(starts(0.0, "start_ease = 0.0").iter().all(|s| s[..3] == [0.0, 0.0, 1.75]));
+    assert!(starts(0.5, "start_ease = 0.0").iter().all(|s| s[0].abs() <= 1.25 && (s[2] - 1.75).abs() <= 0.375));
+}
+
+#[test]
+fn a_weight_scales_its_term_and_no_other() {
+    let told = |task: &str| {
+        let (mut env, mut buffers) = started("Hover", &config(8, task));
+        env.step(&steady(&env), &mut buffers.out()).unwrap();
+        let terms = ["reward_pose", "reward_up", "reward_spin", "reward_effort", "loss"];
+        terms.map(|name| info(&env, &buffers, name, 5))
+    };
+    let (usual, more) = (told(""), told("reward_up = 4.0\nloss_velocity = 0.0"));
+    assert_eq!((more[0], more[1], more[2], more[3]), (usual[0], 4.0 * usual[1], usual[2], usual[3]));
+    assert!(more[4] < usual[4]);
+}
+
+#[test]
+fn a_target_may_be_anywhere() {
+    for (name, task) in [("Hover", "target = [1.0, 0.0, 2.0]"), ("OverHover", "target_position = [1.0, 0.0, 2.25]")] {
+        let there = Env::make(name, &config(1, task)).unwrap();
+        let here = Env::make(name, &config(1, "")).unwrap();
+        assert_eq!(there.ideal_terms(), here.ideal_terms(), "{name}");
     }
 }

@@ -1,83 +1,43 @@
 //! Track: follow a lemniscate.
 //!
-//! | Observation | size | unit | meaning | |
-//! |---|---|---|---|---|
-//! | `path` | 12 | m, world | p_ref(k + 5i) − p for i = 0 … 3 | smooth |
-//! | `attitude` | 4 | -, body → world | unit quaternion, w ≥ 0 | non-smooth |
-//! | `velocity` | 3 | m/s, world | v | smooth |
-//! | `angular_velocity` | 3 | rad/s, world | ω | smooth |
-//! | `heading` | 3 | -, world | h = R e_x | smooth |
-//! | `up` | 3 | -, world | u = R e_z | smooth |
-//! | `throttle` | 4 | - | 2s − 1, s = Ω/Ω_max | smooth |
-//! | `clock` | 4 | - | k/T, four times | smooth |
-//! | *total* | 36 | | | |
-//!
-//! | Reward | term | at most | |
-//! |---|---|---|---|
-//! | `pose` | r_p = e^{−1.6 d} | 1 | piecewise |
-//! | `up` | 0.5 r_p/(1 + (1 − u_z)²) | 0.5 | piecewise |
-//! | `spin` | 0.5 r_p/(1 + ω_z²) | 0.5 | piecewise |
-//! | `effort` | 0.1 e^{−e} | 0.1 | smooth |
-//! | *sum* | | 2.1 | |
-//!
-//! | Episode end | when |
-//! |---|---|
-//! | `crash` | z < 0.1 m |
-//! | `far` | d > `reset_distance` |
-//! | `diverged` | a number of the state leaves ±1e8 |
-//! | *truncated* | k ≥ `horizon` |
-//!
-//! | Configuration | default | meaning |
-//! |---|---|---|
-//! | `vehicle` | "hummingbird" | what flies |
-//! | `horizon` | 600 | T, steps |
-//! | `reset_distance` | 0.5 | largest distance from the path, m |
-//!
-//! p drone, v, ω velocity and angular velocity (world), u = R e_z, e = Σ s effort, k steps, p_ref(k) the path
-//! (a [lemniscate](crate::tasks::path) of vertical part c, scale S and rate w) with c within ±0.6, S within
-//! (1.8, 1.8, 1) … (3.2, 3.2, 1.5) m, |w| within 0.8 … 1.1 rad/s about (0, 0, 2) m. Start: on the path, roll and pitch
-//! within ±0.2π, any yaw, at rest. d = ‖p_ref(k) − p‖.
-//!
-//! - Success: `position_error` < 0.3 m.
-//! - Loss: √(d² + 0.1²) + 0.02 ‖ṗ_ref − v‖² + 0.005 ‖ω‖².
-//!
 //! - DIFFERENCE: truncates at T; published code one step before (defect 27).
 //! - DIFFERENCE: no wind of eight sines, which is off in the published defaults; `randomise` has a constant one per episode:
 //!   `{ what = "wind", range = [-1.0, 1.0], by = "set" }`.
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 //! - DIFFERENCE: `position_error` is positive; the published tracking error is its negative (defect 27).
 
-use crate::autodiff::{Pen, Scalar, safe};
+use super::{
+    MotionLoss, PoseReward, StartAttitude, ease_of_flight, farther, less, made_of, squared, succeeds_within, times,
+};
+use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
-use crate::dynamics::spatial::sub;
+use crate::dynamics::spatial::{Vec3, sub};
 use crate::error::Result;
+use crate::settings;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::path::{AHEAD, PATH, Path};
-use crate::tasks::reward::{bell, smooth_norm, still, tip};
+use crate::tasks::declare::{Ends, Loss, Writer};
+use crate::tasks::path::{Path, PathRange, about_path};
+use crate::tasks::registry::BuiltIn;
+use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still};
 use crate::tasks::rig::Rig;
-use crate::tasks::sheet::{End, Metric, Setting, Sheet, Slice, Term, total};
-use crate::tasks::suite::{clock_slice, drone_slices};
-use crate::tasks::task::{ANY_YAW, Ends, START_TILT, Start, Task, View, Wanted};
-use serde::{Deserialize, Serialize};
+use crate::tasks::task::{Start, Task, TaskReference, View};
 
 /// Look-ahead points.
 const POINTS: usize = 4;
 
-/// Settings of [`Track`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct TrackSettings {
-    /// What flies.
-    pub vehicle: String,
-    /// T, steps.
-    pub horizon: usize,
-    /// Largest distance from the path, m.
-    pub reset_distance: f64,
-}
-
-impl Default for TrackSettings {
-    fn default() -> Self {
-        Self { vehicle: "hummingbird".into(), horizon: 600, reset_distance: 0.5 }
+settings! {
+    /// Settings of [`Track`].
+    pub struct TrackSettings {
+        vehicle: String = "hummingbird".into() => ("", "what flies", Any);
+        horizon: usize = 600 => ("steps", "T", Any);
+        reset_distance: f64 = 0.5 => ("m", "largest distance from the path", Positive);
+        path: PathRange = PathRange::default() => group;
+        start: StartAttitude = StartAttitude::default() => group;
+        min_height: f64 = 0.1 => ("m", "lower is a crash", Any);
+        success_distance: f64 = 0.3 => ("m", "position error of a success", Positive);
+        pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
+        reward: PoseReward = PoseReward { up: 0.5, spin: 0.5, ..PoseReward::default() } => group;
+        loss: MotionLoss = MotionLoss::default() => group;
     }
 }
 
@@ -89,130 +49,103 @@ pub struct Track {
     path: Path,
 }
 
-impl Track {
-    /// With the vehicle and settings of a configuration.
-    ///
-    /// # Errors
-    /// As [`EnvConfig::settings`] and [`EnvConfig::single_rig`].
-    pub fn new(config: &EnvConfig) -> Result<Self> {
+impl BuiltIn for Track {
+    fn new(config: &EnvConfig) -> Result<Self> {
         let settings: TrackSettings = config.settings()?;
-        let path = Path {
-            vertical: 0.6,
-            scale: [[1.8, 1.8, 1.0], [3.2, 3.2, 1.5]],
-            rate: [0.8, 1.1],
-            origin: [0.0, 0.0, 2.0],
-            dt: config.dt,
-        };
+        let path = Path::new(&settings.path, config.dt);
         Ok(Self { rig: config.single_rig(&settings.vehicle)?, settings, path })
     }
+}
 
-    /// p_ref(k + ahead) − p.
+impl Track {
+    /// p_ref(k) − p.
     #[inline(always)]
-    fn error<S: Scalar>(&self, view: &View<'_, S>, ahead: usize) -> [S; 3] {
-        let point = self.path.at(&view.goal, view.step + S::constant(ahead as f64));
-        sub(point, view.drone(0).position)
+    fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
+        sub(self.path.at(&view.goal, view.step), view.drone(0).position)
     }
 }
 
 impl Task for Track {
-    fn rig(&self) -> &Rig {
-        &self.rig
-    }
+    made_of!(self: self.rig, self.settings);
 
-    fn horizon(&self) -> usize {
-        self.settings.horizon
-    }
-
-    fn sheet(&self) -> Sheet {
-        let mut observation = vec![Slice::new("path", 3 * POINTS, "m, world", "p_ref(k + 5i) − p for i = 0 … 3")];
-        observation.extend(drone_slices(self.rig.drone()));
-        observation.push(clock_slice());
-        let goal = Path::slices();
-        debug_assert_eq!(total(&goal), PATH);
-        Sheet {
-            observation,
-            central: Vec::new(),
-            reward: vec![
-                Term::piecewise("pose", "r_p = e^{−1.6 d}", 1.0),
-                Term::piecewise("up", "0.5 r_p/(1 + (1 − u_z)²)", 0.5),
-                Term::piecewise("spin", "0.5 r_p/(1 + ω_z²)", 0.5),
-                Term::smooth("effort", "0.1 e^{−e}", 0.1),
-            ],
-            ends: vec![End::new("crash", "z < 0.1 m"), End::new("far", "d > `reset_distance`")],
-            metrics: vec![
-                Metric { name: "position_error", unit: "m" },
-                Metric { name: "uprightness", unit: "-" },
-                Metric { name: "throttle_difference", unit: "-" },
-            ],
-            goal,
-            memo: Vec::new(),
-            settings: vec![
-                Setting::new("vehicle", "\"hummingbird\"", "what flies"),
-                Setting::new("horizon", 600, "T, steps"),
-                Setting::new("reset_distance", 0.5, "largest distance from the path, m").positive(),
-            ],
-        }
+    fn about(&self) -> &'static str {
+        concat!(
+            "p drone, v, ω velocity and angular velocity (world), u = R e_z, e = Σ s effort, k steps, ",
+            about_path!(),
+            ". Start: on the path, roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest. d = \
+             ‖p_ref(k) − p‖."
+        )
     }
 
     fn start(&self, start: &mut Start<'_>) {
-        let position = self.path.draw(start, 0);
-        let attitude = start.attitude(START_TILT, ANY_YAW);
+        let position = self.path.draw(start);
+        let attitude = self.settings.start.draw(start);
         start.place(0, position, attitude);
     }
 
     #[inline(always)]
-    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut Pen<'_, S>) {
-        for i in 0..POINTS {
-            out.array(self.error(view, AHEAD * i));
-        }
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+        out.field("path", "m, world", "p_ref(k + 5i) − p for i = 0 … 3");
+        self.path.observe(&view.goal, view.step, POINTS, view.drone(0).position, out);
         view.observe_drone(0, out);
         view.observe_clock(out);
     }
 
     #[inline(always)]
-    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut Pen<'_, S>) {
-        let (drone, half) = (view.drone(0), S::constant(0.5));
-        let pose = tip(1.6, self.error(view, 0));
-        terms.number(pose);
-        terms.number(half * pose * bell(1.0, (S::one() - drone.up()[2]).square()));
-        terms.number(half * pose * still(drone.angular_velocity));
-        terms.number(S::constant(0.1) * (-view.effort(0)).exp());
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        let (own, w) = (&self.settings, &self.settings.reward);
+        let pose = exponential_kernel(own.pose_scale, self.error(view));
+        calm_pose(view, pose, w, "{×reward_pose}r_p, r_p = e^{−{pose_scale} d}", terms);
     }
 
     #[inline(always)]
-    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut Ends<'_, S>) {
-        let far = self.settings.reset_distance;
-        ends.when(view.drone(0).position[2].lt(S::constant(0.1)));
-        ends.when(S::constant(far * far).lt(safe::squared_norm(self.error(view, 0))));
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+        ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], self.settings.min_height));
+        ends.when("far", "d > {reset_distance} m", farther(self.error(view), self.settings.reset_distance));
     }
 
     #[inline(always)]
-    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut Pen<'_, S>) {
-        out.number(safe::norm(self.error(view, 0)));
-        out.number(view.drone(0).up()[2]);
-        out.number(view.throttle_difference(0));
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.metric("position_error", "m", safe::norm(self.error(view)));
+        out.metric("uprightness", "-", view.drone(0).up()[2]);
+        out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 
-    #[inline(always)]
-    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
-        safe::squared_norm(self.error(view, 0)).lt(S::constant(0.09))
-    }
+    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
 
     #[inline(always)]
-    fn loss<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        let drone = view.drone(0);
+    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+        let (drone, w) = (view.drone(0), &self.settings.loss);
         let slip = sub(self.path.velocity(&view.goal, view.step), drone.velocity);
-        let position = smooth_norm(self.error(view, 0), 0.1);
-        let speed = S::constant(0.02) * safe::squared_norm(slip);
-        position + speed + S::constant(0.005) * safe::squared_norm(drone.angular_velocity)
+        loss.add("√(d² + {loss_radius}²)", smooth_norm(self.error(view), w.radius));
+        loss.add("{×loss_velocity}‖ṗ_ref − v‖²", squared(w.velocity, slip));
+        loss.add("{×loss_rate}‖ω‖²", squared(w.rate, drone.angular_velocity));
     }
 
-    fn wanted(&self, view: &View<'_, f64>) -> Option<Wanted> {
-        Some(Wanted::one(Reference::Lemniscate(self.path.reference(&view.goal, view.drone(0).yaw()))))
+    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
+        Some(TaskReference::one(Reference::Lemniscate(self.path.reference(&view.goal, view.drone(0).yaw()))))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
-        let position = self.path.draw(start, 0);
+        let position = self.path.draw(start);
         start.place(0, position, [1.0, 0.0, 0.0, 0.0]);
     }
+}
+
+/// The reward of a pose r_p that has a tip, upright and without spin.
+#[inline(always)]
+pub(super) fn calm_pose<S: Scalar>(
+    view: &View<'_, S>,
+    pose: S,
+    w: &PoseReward,
+    formula: &'static str,
+    terms: &mut impl Writer<S>,
+) {
+    let drone = view.drone(0);
+    terms.term("pose", formula, w.pose).piecewise().number(times(w.pose, pose));
+    terms.term("up", "{×reward_up}r_p/(1 + (1 − u_z)²)", w.up).piecewise();
+    terms.number(times(w.up, pose) * rational_kernel(1.0, (S::one() - drone.up()[2]).square()));
+    terms.term("spin", "{×reward_spin}r_p/(1 + ω_z²)", w.spin).piecewise();
+    terms.number(times(w.spin, pose) * still(drone.angular_velocity));
+    terms.term("effort", "{×reward_effort}e^{−e}", w.effort).number(ease_of_flight(w.effort, view));
 }

@@ -1,7 +1,8 @@
 //! What the tasks of the transport group share: the rig with a box of any mass, its reward terms.
 
-use super::team::{apart, squared_sum, team_mass};
-use crate::autodiff::{Pen, Scalar, safe};
+use super::team::{LoadNames, TeamSettings, apart, squared_sum, team_mass};
+use super::{PoseLoss, squared, times};
+use crate::autodiff::Scalar;
 use crate::dynamics::configurations::{Configuration, Transport, TransportMap};
 use crate::dynamics::contact::distance::plane_distance;
 use crate::dynamics::frame::Frame;
@@ -9,30 +10,58 @@ use crate::dynamics::shape::{Geometry, Pose};
 use crate::dynamics::spatial::{Vec3, constants, sub};
 use crate::dynamics::{Effects, Integrator, Physics, Vehicle};
 use crate::error::{Error, Result};
+use crate::settings;
 use crate::tasks::config::EnvConfig;
+use crate::tasks::declare::{Loss, Writer};
 use crate::tasks::reward::{smooth_norm, upright};
 use crate::tasks::rig::{Inertial, Rig};
-use crate::tasks::sheet::Term;
 use crate::tasks::task::{Start, View};
 
 /// The box: the root of the model.
 pub const BOX: usize = 0;
-/// Mass of the box as a share of the drones': uniform within.
-const SHARE: [f64; 2] = [0.5, 0.8];
-/// sep at which r_s reaches 1, m.
-pub const APART: f64 = 0.5;
+/// What observations call the box's attitude and motion.
+pub const BOX_NAMES: LoadNames = ["box_attitude", "box_velocity", "box_angular_velocity", "box_heading", "box_up"];
+
+settings! {
+    /// A team and the box that it carries.
+    pub struct GroupSettings {
+        team: TeamSettings = TeamSettings::default() => flat;
+        box_share: [f64; 2] = [0.5, 0.8]
+            => ("-", "mass of the box over the drones', lowest and highest", PositiveOrdered);
+        separation: f64 = 0.5 => ("m", "least distance of two drones at which r_s reaches 1", Positive);
+    }
+}
+
+settings! {
+    /// Weights of the terms that all rewards of the group have.
+    pub struct CarryReward {
+        pose: f64 = 1.0 => ("-", "weight of the term pose", NotNegative);
+        up: f64 = 1.0 => ("-", "weight of the term up", NotNegative);
+        joints: f64 = 0.5 => ("-", "weight of the term joints", NotNegative);
+        effort: f64 = 0.2 => ("-", "weight of the term effort", NotNegative);
+    }
+}
+
+settings! {
+    /// Weights of the rewards of Hover and Track.
+    pub struct SteadyReward {
+        carry: CarryReward = CarryReward::default() => flat;
+        spin: f64 = 0.8 => ("-", "weight of the term spin", NotNegative);
+        swing: f64 = 0.8 => ("-", "weight of the term swing", NotNegative);
+    }
+}
 
 /// The group, its box of the mean mass that episodes give it (its damping, 0.1 1/s of build mass, is fixed with it).
 ///
 /// # Errors
 /// [`Error::Value`] unless there are 4 or 6 drones.
-pub fn group(vehicle: &Vehicle, n_drone: usize, collides: bool) -> Result<Configuration<TransportMap>> {
-    let shape = match n_drone {
+pub fn group(vehicle: &Vehicle, own: &GroupSettings, collides: bool) -> Result<Configuration<TransportMap>> {
+    let shape = match own.team.n_drone {
         4 => Transport::four(),
         6 => Transport::six(),
         n => return Err(Error::value("task.n_drone", n, "4 or 6", "The benchmark's is 4.")),
     };
-    let box_mass = 0.5 * (SHARE[0] + SHARE[1]) * team_mass(vehicle, n_drone);
+    let box_mass = 0.5 * (own.box_share[0] + own.box_share[1]) * team_mass(vehicle, own.team.n_drone);
     Transport { drone: vehicle.clone(), box_mass, collides, ..shape }.build()
 }
 
@@ -48,11 +77,11 @@ pub fn stiff_physics(physics: Physics) -> Physics {
 ///
 /// # Errors
 /// As [`group`] and [`EnvConfig::vehicle`].
-pub fn free_rig(config: &EnvConfig, vehicle: &str, n_drone: usize) -> Result<(Rig, Load)> {
-    let vehicle = config.vehicle(vehicle)?;
-    let built = group(&vehicle, n_drone, false)?;
+pub fn free_rig(config: &EnvConfig, own: &GroupSettings) -> Result<(Rig, Load)> {
+    let vehicle = config.vehicle(&own.team.vehicle)?;
+    let built = group(&vehicle, own, false)?;
     let rig = Rig::of_model(&built.model, stiff_physics(config.physics()), Some(&vehicle), |_| Vec::new())?;
-    Ok((rig.varying_inertial(BOX), Load::new(&vehicle, &built)))
+    Ok((rig.varying_inertial(BOX), Load::new(&vehicle, own, &built)))
 }
 
 /// The box and what holds it.
@@ -60,6 +89,10 @@ pub fn free_rig(config: &EnvConfig, vehicle: &str, n_drone: usize) -> Result<(Ri
 pub struct Load {
     /// Of all drones, kg.
     team_mass: f64,
+    /// Mass of the box over that, lowest and highest.
+    share: [f64; 2],
+    /// sep at which r_s reaches 1, m.
+    separation: f64,
     /// Angles of all bars' joints in the state.
     angles: Vec<usize>,
     /// 1/range² of those joints, 1/rad².
@@ -70,11 +103,13 @@ pub struct Load {
 
 impl Load {
     /// Of a group that was built with this vehicle.
-    pub fn new(vehicle: &Vehicle, built: &Configuration<TransportMap>) -> Self {
+    pub fn new(vehicle: &Vehicle, own: &GroupSettings, built: &Configuration<TransportMap>) -> Self {
         let shape = built.model.shapes().iter().find(|s| s.body == Some(BOX));
         let hinges = built.map.carriers.iter().flat_map(|c| c.anchor.into_iter().chain(c.hook));
         Self {
             team_mass: team_mass(vehicle, built.map.carriers.len()),
+            share: own.box_share,
+            separation: own.separation,
             angles: hinges.map(|h| built.model.layout().bodies[h].position).collect(),
             weight: Transport::four().range.powi(-2),
             shape: shape.map_or(Geometry::Sphere { radius: 0.0 }, |s| s.shape.geometry),
@@ -83,7 +118,7 @@ impl Load {
 
     /// Draws the mass of the box; its inertia follows.
     pub fn draw_mass(&self, start: &mut Start<'_>) {
-        let mass = self.team_mass * start.task.uniform(SHARE[0], SHARE[1]);
+        let mass = self.team_mass * start.task.uniform(self.share[0], self.share[1]);
         let own = Inertial::read(start.numbers, BOX);
         own.scaled(mass / own.mass).write(start.numbers, BOX);
     }
@@ -95,47 +130,61 @@ impl Load {
         plane_distance(&self.shape, &Pose { position: frame.position, attitude: frame.attitude }, S::zero())
     }
 
-    /// r_j = 0.5 mean(1 − q̂²) over all bars' joints, q̂ = angle/range.
+    /// r_j = w mean(1 − q̂²) over all bars' joints, q̂ = angle/range.
     #[inline(always)]
-    pub fn straight<S: Scalar>(&self, view: &View<'_, S>) -> S {
+    pub fn straight<S: Scalar>(&self, weight: f64, view: &View<'_, S>) -> S {
         let mut sum = S::zero();
         for i in 0..self.angles.len() {
             sum += view.state.get(self.angles[i]).square();
         }
-        S::constant(0.5) - sum * S::constant(0.5 * self.weight / self.angles.len() as f64)
+        S::constant(weight) - sum * S::constant(weight * self.weight / self.angles.len() as f64)
+    }
+
+    /// r_s = min((sep/`separation`)², 1).
+    #[inline(always)]
+    pub fn apart<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        apart(view, self.separation)
+    }
+
+    /// The terms joints and effort.
+    #[inline(always)]
+    pub fn ease<S: Scalar>(&self, view: &View<'_, S>, near: S, w: &CarryReward, terms: &mut impl Writer<S>) {
+        terms.term("joints", "{×reward_joints}r_s mean(1 − q̂²)", w.joints).piecewise();
+        terms.number(near * self.straight(w.joints, view));
+        terms.term("effort", "{×reward_effort}r_s · mean e^{−e_i}", w.effort).piecewise();
+        terms.number(near * S::constant(w.effort) * view.mean_effort_reward());
     }
 }
 
-/// The terms of [`steady`].
-pub fn steady_terms(pose: &str, effort: f64) -> Vec<Term> {
-    vec![
-        Term::piecewise("pose", format!("r_s r_p, r_p = {pose}"), 1.0),
-        Term::piecewise("up", "r_s r_p ((u_z + 1)/2)²", 1.0),
-        Term::piecewise("spin", "0.8 r_s r_p e^{−(|ω_x| + |ω_y| + |ω_z|)²}", 0.8),
-        Term::piecewise("swing", "0.8 r_s r_p e^{−(|v_x| + |v_y| + |v_z|)²}", 0.8),
-        Term::piecewise("joints", "0.5 r_s mean(1 − q̂²)", 0.5),
-        Term::piecewise("effort", format!("{effort} r_s · mean e^{{−e_i}}"), effort),
-    ]
+/// The reward of Hover and Track, with the term of the pose r_p open.
+#[inline(always)]
+pub fn steady<S: Scalar>(view: &View<'_, S>, load: &Load, pose: S, w: &SteadyReward, terms: &mut impl Writer<S>) {
+    let (frame, near) = (view.frame(BOX), load.apart(view));
+    let posed = near * pose;
+    terms.piecewise().number(times(w.carry.pose, posed));
+    terms.term("up", "{×reward_up}r_s r_p ((u_z + 1)/2)²", w.carry.up).piecewise();
+    terms.number(times(w.carry.up, posed) * upright(frame.up()));
+    terms.term("spin", "{×reward_spin}r_s r_p e^{−(|ω_x| + |ω_y| + |ω_z|)²}", w.spin).piecewise();
+    terms.number(times(w.spin, posed) * (-squared_sum(frame.angular_velocity)).exp());
+    terms.term("swing", "{×reward_swing}r_s r_p e^{−(|v_x| + |v_y| + |v_z|)²}", w.swing).piecewise();
+    terms.number(times(w.swing, posed) * (-squared_sum(frame.velocity)).exp());
+    load.ease(view, near, &w.carry, terms);
 }
 
-/// The reward of Hover and Track.
+/// A smooth cost of the box being away (`error`, m), tilted and in motion relative to a `velocity`, with its formula.
 #[inline(always)]
-pub fn steady<S: Scalar>(view: &View<'_, S>, load: &Load, pose: S, effort: f64, terms: &mut Pen<'_, S>) {
-    let (frame, near) = (view.frame(BOX), apart(view, APART));
-    let (posed, calm) = (near * pose, S::constant(0.8));
-    terms.number(posed);
-    terms.number(posed * upright(frame.up()));
-    terms.number(calm * posed * (-squared_sum(frame.angular_velocity)).exp());
-    terms.number(calm * posed * (-squared_sum(frame.velocity)).exp());
-    terms.number(near * load.straight(view));
-    terms.number(near * S::constant(effort) * view.mean_effort_reward());
+pub fn load_loss<S: Scalar>(
+    frame: &Frame<S>,
+    (distance, error): (&'static str, Vec3<S>),
+    (motion, velocity): (&'static str, Vec3<S>),
+    w: &PoseLoss,
+    loss: &mut impl Loss<S>,
+) {
+    loss.add(distance, smooth_norm(error, w.motion.radius));
+    loss.add("{×loss_turn}‖e_z − u‖²", squared(w.turn, sub(constants([0.0, 0.0, 1.0]), frame.up())));
+    loss.add(motion, squared(w.motion.velocity, sub(velocity, frame.velocity)));
+    loss.add("{×loss_rate}‖ω‖²", squared(w.motion.rate, frame.angular_velocity));
 }
 
-/// A smooth cost of the box being away (`error`, m), tilted and in motion relative to `velocity`.
-#[inline(always)]
-pub fn load_loss<S: Scalar>(frame: &Frame<S>, error: Vec3<S>, velocity: Vec3<S>) -> S {
-    let tilt = sub(constants([0.0, 0.0, 1.0]), frame.up());
-    let motion = S::constant(0.02) * safe::squared_norm(sub(velocity, frame.velocity));
-    let turn = S::constant(0.005) * safe::squared_norm(frame.angular_velocity);
-    smooth_norm(error, 0.1) + S::constant(0.3) * safe::squared_norm(tilt) + motion + turn
-}
+/// Distance of a box from its target, and its motion.
+pub const TO_TARGET: [&str; 2] = ["√(‖p_t − p‖² + {loss_radius}²)", "{×loss_velocity}‖v‖²"];

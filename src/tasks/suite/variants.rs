@@ -20,17 +20,16 @@
 //! - DIFFERENCE: rotors start at the speeds that carry the nominal mass; published ones at those of the drawn mass and thrust.
 //! - DIFFERENCE: TrackRand keeps the clock in its observation, and a drone's mass through its episode.
 
-/// Of OmavHover and OmavTrack.
-pub const OMAV: &str = "[task]\nvehicle = 'omav_tilting'";
-/// What they have of their own, in words.
-pub const OMAV_OWN: &str = "The drone is the Omav: twelve rotors in six units, whose drives tilt them.";
+/// Defaults of a variant, as TOML of an [`EnvConfig`](crate::tasks::EnvConfig), and what it has of its own, in words.
+pub type Variant = (&'static str, &'static str);
 
-/// What HoverRand has of its own, in words.
-pub const HOVER_RAND_OWN: &str = "Another drone in every episode: its mass, moments of inertia, thrust, moment per \
-                                  thrust and drag are drawn, and a hidden load that it carries.";
+/// OmavHover and OmavTrack.
+pub const OMAV: Variant =
+    ("[task]\nvehicle = 'omav_tilting'", "The drone is the Omav: twelve rotors in six units, whose drives tilt them.");
 
-/// Of HoverRand.
-pub const HOVER_RAND: &str = r#"
+/// HoverRand.
+pub const HOVER_RAND: Variant = (
+    r#"
 randomise = [
     { what = "mass", range = [0.26, 1.74] },
     { what = "inertia", range = [0.026, 1.974], each = true },
@@ -42,15 +41,14 @@ randomise = [
     { what = "hidden_height", range = [-0.1, 0.1], by = "set" },
     { what = "hidden_mass", range = [0.01, 0.4], by = "set" },
 ]
-"#;
+"#,
+    "Another drone in every episode: its mass, moments of inertia, thrust, moment per thrust and drag are drawn, and \
+     a hidden load that it carries.",
+);
 
-/// What TrackRand has of its own, in words.
-pub const TRACK_RAND_OWN: &str = "Another drone in every episode: its mass, moments of inertia, centre of mass, \
-                                  thrust, moment per thrust, drag and the lag of every motor are drawn, and a hidden \
-                                  load that it carries.";
-
-/// Of TrackRand.
-pub const TRACK_RAND: &str = r#"
+/// TrackRand.
+pub const TRACK_RAND: Variant = (
+    r#"
 randomise = [
     { what = "mass", range = [0.26, 1.74] },
     { what = "inertia", range = [0.026, 1.974], each = true },
@@ -67,4 +65,7 @@ randomise = [
 
 [task]
 reset_distance = 0.6
-"#;
+"#,
+    "Another drone in every episode: its mass, moments of inertia, centre of mass, thrust, moment per thrust, drag \
+     and the lag of every motor are drawn, and a hidden load that it carries.",
+);

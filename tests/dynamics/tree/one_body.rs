@@ -97,6 +97,31 @@ fn every_effect_alone_is_the_closed_forms() {
     }
 }
 
+#[test]
+fn one_rotor_alone_pushes_and_lags_as_in_the_closed_form() {
+    let mut stream = stream(5);
+    for mut vehicle in vehicles::all() {
+        for rotor in &mut vehicle.rotors {
+            (rotor.inertia, rotor.radius, rotor.rolling_coefficient) = (4e-5, 0.1, 2e-6);
+        }
+        let pair = Pair::new(&vehicle, Physics { effects: Effects::all(), ..Physics::default() });
+        for own in 0..vehicle.n_rotor() {
+            let (mut x, u) = pair.draw(&mut stream);
+            (0..vehicle.n_rotor()).filter(|r| *r != own).for_each(|r| x[13 + r] = 0.0);
+            let (mut got, mut wanted) = (vec![0.0; x.len()], vec![0.0; x.len()]);
+            pair.tree.derivative::<f64>(&x, &u, &[], &mut got);
+            pair.closed.derivative::<f64>(&x, &u, &[], &mut wanted);
+            for part in [3..6, 10..13] {
+                let off = gap(&got[part.clone()], &wanted[part]);
+                at_most(&format!("{}: rotor {own} alone", vehicle.name), off, 1e-12);
+            }
+            pair.tree.step::<f64>(&x, &u, &[], &mut got);
+            pair.closed.step::<f64>(&x, &u, &[], &mut wanted);
+            assert_eq!(got[13..], wanted[13..], "{}: speeds after a step, to the bit", vehicle.name);
+        }
+    }
+}
+
 /// Largest gap after a step of `dt`, over the largest change of its kind in the step.
 fn largest_gap_of_a_step(vehicle: &Vehicle, integrator: Integrator, dt: f64) -> f64 {
     let pair = Pair::new(vehicle, Physics { dt, integrator, effects: Effects::all(), ..Physics::default() });

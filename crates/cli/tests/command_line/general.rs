@@ -134,6 +134,10 @@ fn a_flight_that_fails_exits_with_1_and_says_why() {
     let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(value["success"], false);
     assert!(value["failure"].is_string());
+    // drifts away in a wind that its thrust cannot hold against
+    let blown = ["fly", "hummingbird", "--wind", "200,0,0", "--duration", "6", "--no-plots"];
+    let (out, _) = exits(1, folder.path(), &blown);
+    assert!(out.contains("FAILED: the reference was lost: farther than 5 m from "), "{out}");
 }
 
 #[test]
@@ -176,8 +180,16 @@ fn import_drafts_rotor_data_once_and_says_what_it_assumed() {
     copy(folder.path(), "plain_x", false);
     let (_, err) = exits(2, folder.path(), &["fly", "plain_x.urdf"]);
     assert!(err.contains("plain_x.rotors.toml") && err.contains("omnidrones import"), "{err}");
-    let (out, _) = exits(0, folder.path(), &["import", "plain_x.urdf"]);
-    for words in ["DRAFT", "Assumed, not read", "thrust_coefficient", "Written", "omnidrones fly plain_x.urdf"] {
+    let (out, err) = exits(0, folder.path(), &["import", "plain_x.urdf"]);
+    assert_eq!(err, "writing plain_x.rotors.toml: a draft of its rotors\n", "said before");
+    for words in [
+        "The cylinders or meshes (1) in the collision geometry of 'body' touch nothing",
+        "DRAFT",
+        "Assumed, not read",
+        "thrust_coefficient",
+        "Written",
+        "omnidrones fly plain_x.urdf",
+    ] {
         assert!(out.contains(words), "{words}\n{out}");
     }
     assert!(is_file(folder.path().join("plain_x.rotors.toml")));
@@ -213,6 +225,7 @@ fn tune_writes_gains_that_fly_better() {
     let tuned = json(0, folder.path(), &arguments);
     assert!(tuned["improvement"].as_f64().expect("a number") > 0.0, "{tuned}");
     assert_eq!(tuned["history"].as_array().expect("a list").len(), 3);
+    assert!(tuned["warning"].as_str().expect("a text").contains("robustness is not part of the objective"), "{tuned}");
     assert!(is_file(folder.path().join("out/hummingbird/tune.png")));
     let rmse = |more: &[&str]| {
         let arguments = [&["fly", "hummingbird", "--no-plots", "--json"], more].concat();
@@ -490,6 +503,22 @@ fn a_reader_that_leaves_is_no_failure_and_a_full_disk_is_one() {
 }
 
 #[test]
+fn threads_that_cannot_be_had_are_no_failure() {
+    let folder = temporary();
+    let arguments =
+        ["rollout", "Hover", "--controller", "random", "--envs", "300", "--horizon", "5", "--no-plots", "--csv"];
+    let told = |key: &str, value: &str| {
+        let mut command = command(folder.path(), &arguments);
+        let output = command.env(key, value).args(["--out", key]).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{key}={value}: {}", text(&output.stderr));
+        std::fs::read_to_string(folder.path().join(key).join("steps.csv")).unwrap()
+    };
+    // no machine has stacks of an exabyte, and none has so many cores
+    let [refused, absurd] = [("RUST_MIN_STACK", (1_u64 << 60).to_string()), ("RAYON_NUM_THREADS", "20000".into())];
+    assert_eq!(told(refused.0, &refused.1), told(absurd.0, &absurd.1));
+}
+
+#[test]
 fn a_failed_rotor_is_explained_and_flown_with() {
     let folder = temporary();
     let hover = ["fly", "firefly", "--reference", "hover", "--no-plots"];
@@ -499,7 +528,9 @@ fn a_failed_rotor_is_explained_and_flown_with() {
     assert_eq!((stage["capability"].as_str(), stage["at"].as_f64()), (Some("yaw_sacrificed"), Some(1.0)));
     assert!(flown["failures"]["largest_height_error"].as_f64().is_some_and(|e| e < 0.1));
     let (page, _) = exits(0, folder.path(), &with(&["--fail", "rotor_2:0.5", "--fail", "3", "--at", "4", "--at", "6"]));
-    for words in ["50 % left at 4 s", "lost at 6 s", "full control", "yaw sacrificed"] {
+    for words in
+        ["50 % left at 4 s", "curve 2 of the plots", "lost at 6 s", "curve 3 of", "full control", "yaw sacrificed"]
+    {
         assert!(page.contains(words), "'{words}' in\n{page}");
     }
     let (page, _) = exits(1, folder.path(), &["fly", "iris", "--reference", "hover", "--fail", "0", "--no-plots"]);

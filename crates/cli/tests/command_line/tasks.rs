@@ -145,6 +145,8 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("tasks Hover --control rotr", "'rotor'"),
         ("tasks Hover --dt 0", "dt is 0"),
         ("tasks Hover --dt -1", "dt is -1"),
+        ("rollout Hover --dt 1e-300", "it must be at least 1e-9 s"),
+        ("train Hover --set env.dt=1e-300", "it must be at least 1e-9 s"),
         ("tasks Hover --horizon 0", "horizon is 0"),
         ("fly hummingbird --gains lqr", "no set of gains is called 'lqr'"),
         ("tasks --toml", "required arguments"),

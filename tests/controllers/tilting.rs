@@ -20,13 +20,13 @@
 //! told to turn at Δα/h.
 //!
 //! **θ**, logarithms: the twelve gains, ρ and h; so geometry, preference, ρ and two of the four bounds live, and the
-//! implicit derivative of [`AllocationFunction`] carries all of them. Where an input meets or leaves its bound the cost has
+//! implicit derivative of [`AllocationFunction`] carries all of them: an operation inside a law that is straight-line but for it. Where an input meets or leaves its bound the cost has
 //! a kink, and the derivative is that of one side.
 //!
 //! **Cost** of a flight, m²: the mean over its steps of ‖p − p_d‖² + ℓ² ‖e_R‖² + effort, ℓ = [`LEVER`], effort =
 //! [`EFFORT`] times the mean squares of thrusts over T_max and of tilt rates over α̇_max.
 //!
-//! **Measured** by `tests/tuning_through_allocation.rs`, 32 held-out starts, root of the mean cost: 0.0862 → 0.0528 m with
+//! **Measured** by `tuning_through_allocation.rs`, 32 held-out starts, root of the mean cost: 0.0862 → 0.0528 m with
 //! servos of 10 rad/s, where gains do nearly all of it (0.0530 m without ρ and h); with servos of 2 rad/s from ρ = 1,
 //! 0.2424 → 0.1715 m, of which the weight is worth 10 % (0.1915 m with ρ put back); there position gains at the price of
 //! attitude (e_R 0.076 → 0.114).
@@ -36,30 +36,33 @@
 //! Sources: differential allocation of tilting rotors after Ryll, Bülthoff and Robuffo Giordano (2015); implicit
 //! derivative of the program, [`gradient`](crate::controllers::allocation::gradient).
 
-use super::tune::{CRASH_DISTANCE, Descent, HELD_OUT, Iteration, MAX_STARTS, TRAINING};
-use crate::autodiff::jet::Jet;
-use crate::autodiff::rollout::Gradient;
-use crate::autodiff::{Objective, Rollout, Scalar, System, safe};
-use crate::controllers::allocation::problem::WRENCH;
-use crate::controllers::allocation::{AllocationFunction, Problem, composite_inertia};
-use crate::controllers::attitude::{AttitudeCommand, Orientation, attitude_error};
-use crate::controllers::cascade::Rates;
-use crate::controllers::kinematics::Kinematics;
-use crate::controllers::parameters::{Body, ForceLimits, GainSet, Limits};
-use crate::controllers::reference::{Reference, Sample};
-use crate::controllers::six_axis::SixAxis;
-use crate::controllers::vectored;
-use crate::dynamics::configurations::Omav;
-use crate::dynamics::spatial::*;
-use crate::dynamics::tree::{Motion, Multibody, body_poses, center_of_mass};
-use crate::dynamics::{Gains, Physics, Rotor};
-use crate::error::{Error, Result, finite};
-use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
 use nalgebra::DMatrix;
+use omnidrones::autodiff::{Gradient, Objective, Rollout, Scalar, System, safe};
+use omnidrones::controllers::allocation::problem::WRENCH;
+use omnidrones::controllers::allocation::{AllocationFunction, Problem, composite_inertia};
+use omnidrones::controllers::attitude::attitude_error;
+use omnidrones::controllers::design::tune::{CRASH_DISTANCE, MAX_STARTS};
+use omnidrones::controllers::design::{Descent, Iteration};
+use omnidrones::controllers::parameters::{Body, ForceLimits, GainSet, Limits};
+use omnidrones::controllers::reference::{Curve, Lemniscate};
+use omnidrones::controllers::{
+    AttitudeCommand, ClosedLoop, ControlLaw, Kinematics, Moment, Orientation, Rates, Reference, Running, Sample,
+    SixAxis, Target, vectored,
+};
+use omnidrones::dynamics::configurations::Omav;
+use omnidrones::dynamics::spatial::*;
+use omnidrones::dynamics::tree::{Motion, Multibody, body_poses, center_of_mass};
+use omnidrones::dynamics::{Disturbance, Gains, Physics, Rotor};
+use omnidrones::error::{Error, Result};
+use omnidrones::parallel::Threads;
+use omnidrones::rng::{Purpose, Stream};
 
 /// ρ to start from: what a newton away from its preference costs, against a newton of force that is missing.
 const NULL_SPACE: f64 = 1e-3;
+
+/// Training and held-out starts come from streams that never meet.
+const TRAINING: u64 = 0;
+const HELD_OUT: u64 = 1;
 
 /// Arms.
 const N_ARM: usize = 6;
@@ -89,10 +92,11 @@ struct Arm {
     range: f64,
 }
 
-/// The loop as a [`System`]: state as the plant's, input a [`Sample`] and an [`AttitudeCommand`] (its thrust plays no part),
-/// parameters as the [module](self) says.
-#[derive(Clone)]
-pub struct Tilting {
+/// The loop: θ as the [module](self) says.
+pub type Tilting = ClosedLoop<Running<TiltingLaw>>;
+
+/// Its law. Target: a [`Sample`] and an [`AttitudeCommand`], whose thrust plays no part.
+pub struct TiltingLaw {
     plant: Multibody,
     law: SixAxis<f64>,
     arms: Vec<Arm>,
@@ -108,9 +112,18 @@ pub struct Tilting {
     nominal: Vec<f64>,
 }
 
-impl Tilting {
-    /// An Omav under `physics` that computes in every step. [`nominal`](Self::nominal) are the gains of the
-    /// [`mod@vectored`] pilot, a null-space weight of 1e-3, and h = 2τ, the reciprocal of a tilt gain.
+/// An Omav under `physics` and the law for it.
+///
+/// # Errors
+/// As [`TiltingLaw::new`].
+pub fn tilting(omav: &Omav, physics: Physics) -> Result<Tilting> {
+    let law = TiltingLaw::new(omav, physics)?;
+    Ok(ClosedLoop::new(law.plant.clone().into(), Running::of(law))?.with_gains())
+}
+
+impl TiltingLaw {
+    /// For an Omav, computing in every step. [`nominal`](Self::nominal) are the gains of the [`mod@vectored`] controller, a
+    /// null-space weight of 1e-3, and h = 2τ, the reciprocal of a tilt gain.
     ///
     /// # Errors
     /// As [`Omav::build`] and [`Multibody::new`].
@@ -131,9 +144,10 @@ impl Tilting {
         };
         let gains = vectored::placed(&plant, &Rates::every_step(physics.dt), &body)?;
         let max_thrust = 2.0 * arms[0].rotors[0].max_thrust();
-        let limits = ForceLimits::constant(&Limits::default(), N_ARM as f64 * max_thrust);
+        let weight = body.mass * body.gravity;
+        let limits = ForceLimits::constant(&Limits::default(), N_ARM as f64 * max_thrust, weight);
         let law = SixAxis { body, gains: GainSet::constant(&gains), limits };
-        let (weights, share) = (vectored::weights(&body), body.mass * body.gravity / N_ARM as f64);
+        let (weights, share) = (vectored::weights(&body), weight / N_ARM as f64);
         let template = Problem::boxed(DMatrix::zeros(WRENCH, N_INPUT), weights, vec![max_thrust; N_INPUT])?;
         let function = AllocationFunction::new(template)?;
         let mut nominal = vec![0.0; GainSet::<f64>::DIM];
@@ -146,11 +160,6 @@ impl Tilting {
     /// θ to start from.
     pub fn nominal(&self) -> &[f64] {
         &self.nominal
-    }
-
-    /// The plant.
-    pub fn plant(&self) -> &Multibody {
-        &self.plant
     }
 
     /// B and s⁻¹D by columns: wrench per newton of each pair's thrust, and per newton s Δα of each tilt.
@@ -195,6 +204,7 @@ impl Tilting {
             limits: ForceLimits {
                 tilt_tangent: S::constant(limits.tilt_tangent),
                 vertical: S::constant(limits.vertical),
+                ceiling: S::constant(limits.ceiling),
                 force: S::constant(limits.force),
                 thrust: S::constant(limits.thrust),
             },
@@ -248,27 +258,35 @@ impl Tilting {
     }
 }
 
-impl System for Tilting {
-    fn n_state(&self) -> usize {
-        self.plant.n_state()
+impl ControlLaw for TiltingLaw {
+    fn is_batched(&self) -> bool {
+        false
     }
-    fn n_input(&self) -> usize {
+    fn n_target(&self) -> usize {
         Sample::<f64>::DIM + AttitudeCommand::<f64>::DIM
     }
-    fn n_parameter(&self) -> usize {
-        N_PARAMETER
+    fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]) {
+        target.sample(time).write(&mut row[..Sample::<f64>::DIM]);
+        target.orientation(time).with_thrust(0.0).write(&mut row[Sample::<f64>::DIM..]);
     }
-    fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        let allocated = self.allocate(state, input, parameters);
-        let per_radian = S::constant(self.share) * parameters[N_PARAMETER - 1].exp();
-        let mut command: Vec<S> = self.plant.rest_input().into_iter().map(S::constant).collect();
+    fn parameters(&self) -> Vec<f64> {
+        self.nominal.clone()
+    }
+    fn parameter_names(&self) -> Vec<String> {
+        let more = ["null_space", "horizon"].map(String::from);
+        GainSet::<f64>::names("").into_iter().chain(more).map(|name| format!("ln {name}")).collect()
+    }
+    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, _memory: &mut [S], commands: &mut [S]) {
+        let nominal = self.nominal.iter().map(|k| S::constant(*k)).collect();
+        let theta: Vec<S> = if now.parameters.is_empty() { nominal } else { now.parameters.to_vec() };
+        let allocated = self.allocate(now.state, now.target, &theta);
+        let per_radian = S::constant(self.share) * theta[N_PARAMETER - 1].exp();
         for (j, arm) in self.arms.iter().enumerate() {
             for at in arm.actions {
-                command[at] = allocated[j].mul_add(S::constant(2.0 / self.max_thrust), -S::one());
+                commands[at] = allocated[j].mul_add(S::constant(2.0 / self.max_thrust), -S::one());
             }
-            command[arm.drive] = allocated[N_ARM + j] * (per_radian * S::constant(arm.range)).recip();
+            commands[arm.drive] = allocated[N_ARM + j] * (per_radian * S::constant(arm.range)).recip();
         }
-        self.plant.step(state, &command, &[], next);
     }
 }
 
@@ -326,8 +344,8 @@ impl PoseError {
         let speeds = |a: &Arm| [0, 1].map(|k| (a.speeds[k], a.rotors[k].max_speed));
         Self {
             per_step: 1.0 / steps as f64,
-            speeds: system.arms.iter().flat_map(speeds).collect(),
-            rates: system.arms.iter().map(|a| (a.rate, a.range)).collect(),
+            speeds: system.law().arms.iter().flat_map(speeds).collect(),
+            rates: system.law().arms.iter().map(|a| (a.rate, a.range)).collect(),
         }
     }
 }
@@ -355,15 +373,24 @@ impl Objective for PoseError {
     }
 }
 
+/// The lemniscate, swaying: R_d = Rz(ψ) Ry(0.3 sin ωt/2) Rx(0.5 sin ωt), ω = 2 rad/s.
+struct Swaying;
+
+impl Curve for Swaying {
+    fn position<S: Scalar>(&self, t: S) -> [S; 3] {
+        Lemniscate::default().position(t)
+    }
+    fn angles<S: Scalar>(&self, t: S) -> [S; 2] {
+        let sine = |size: f64, rate: f64| (t * S::constant(rate)).sin_cos().0 * S::constant(size);
+        [sine(0.5, 2.0), sine(0.3, 1.0)]
+    }
+}
+
 /// What to tune on, and for how long.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TiltingPlan {
-    /// Of the position and the yaw.
+    /// Of the pose.
     pub reference: Reference,
-    /// Largest roll and pitch, rad: each follows a sine from zero.
-    pub sway: [f64; 2],
-    /// Of the sines, rad/s; pitch at half of it.
-    pub sway_rate: f64,
     /// Length of a flight, s.
     pub duration: f64,
     /// Training starts.
@@ -385,9 +412,7 @@ impl Default for TiltingPlan {
     /// 0.2 rad, 40 descent steps, judged on 32.
     fn default() -> Self {
         Self {
-            reference: Reference::Lemniscate(Default::default()),
-            sway: [0.5, 0.3],
-            sway_rate: 2.0,
+            reference: Reference::own(Swaying),
             duration: 3.0,
             n_start: 8,
             n_held_out: 32,
@@ -402,9 +427,6 @@ impl Default for TiltingPlan {
 impl TiltingPlan {
     fn n_step(&self, dt: f64) -> Result<usize> {
         self.reference.validate()?;
-        finite("sway", &self.sway)?;
-        finite("sway_rate, duration and learning_rate", &[self.sway_rate, self.duration, self.learning_rate])?;
-        finite("spread", &self.spread)?;
         for (what, n, most) in [
             ("n_start", self.n_start, MAX_STARTS),
             ("n_held_out", self.n_held_out, MAX_STARTS),
@@ -423,31 +445,22 @@ impl TiltingPlan {
     /// # Errors
     /// [`Error::Value`] or [`Error::Limit`] where the plan is not valid.
     pub fn inputs(&self, system: &Tilting) -> Result<Vec<f64>> {
-        let (dt, m) = (system.plant.physics().dt, system.n_input());
+        let (dt, m) = (system.plant().physics().dt, system.n_input());
         let mut rows = vec![0.0; self.n_step(dt)? * m];
         for (k, row) in rows.chunks_exact_mut(m).enumerate() {
-            let t = k as f64 * dt;
-            self.reference.sample(t).write(&mut row[..Sample::<f64>::DIM]);
-            self.orientation(t).with_thrust(0.0).write(&mut row[Sample::<f64>::DIM..]);
+            system.write_input(k as u64, Target::level(&self.reference), &Disturbance::none(), row);
         }
         Ok(rows)
     }
 
-    /// R_d = Rz(ψ) Ry(b sin ωt/2) Rx(a sin ωt) with its derivatives.
-    fn orientation(&self, t: f64) -> Orientation<f64> {
-        let time = Jet::<f64, 3>::variable(t);
-        let sine = |size: f64, rate: f64| (time * Jet::constant(rate)).sin_cos().0 * Jet::constant(size);
-        let (roll, pitch) = (sine(self.sway[0], self.sway_rate), sine(self.sway[1], 0.5 * self.sway_rate));
-        Orientation::of_series(matrix(from_euler(roll, pitch, self.reference.yaw(time))))
-    }
-
     /// Random starts around the reference's, at level tilts and hovering thrusts.
     fn starts(&self, system: &Tilting, n: usize, set: u64) -> Vec<Vec<f64>> {
-        let (sample, wanted) = (self.reference.sample(0.0), self.orientation(0.0));
-        let mut rest = system.plant.rest_state();
-        for arm in &system.arms {
+        let target = Target::level(&self.reference);
+        let (sample, wanted) = (target.sample(0.0), target.orientation(0.0));
+        let mut rest = system.law().plant.rest_state();
+        for arm in &system.law().arms {
             for (at, rotor) in arm.speeds.iter().zip(&arm.rotors) {
-                rest[*at] = (0.5 * system.share / rotor.thrust_coefficient).sqrt();
+                rest[*at] = (0.5 * system.law().share / rotor.thrust_coefficient).sqrt();
             }
         }
         let start = |i: usize| {
@@ -509,7 +522,7 @@ impl TiltingTuning {
     }
 }
 
-/// Tunes from `theta`, for one [`Tilting::nominal`], by Adam on the root of the mean cost over the training starts;
+/// Tunes from `theta`, for one [`TiltingLaw::nominal`], by Adam on the root of the mean cost over the training starts;
 /// `progress` sees each step.
 ///
 /// # Errors
@@ -534,13 +547,6 @@ pub fn tune_tilting(
     }
     let after = evaluate_tilting(system, &descent.best, plan)?;
     Ok(TiltingTuning { theta: descent.best, history: descent.history, before, after })
-}
-
-fn check_theta(theta: &[f64]) -> Result<()> {
-    if theta.len() == N_PARAMETER {
-        return finite("theta", theta);
-    }
-    Err(Error::value("length of theta", theta.len(), N_PARAMETER.to_string(), "Start from Tilting::nominal."))
 }
 
 /// √J̄ over the starts that stayed finite, and its gradient; a lost start costs 10 m over their number.
@@ -570,7 +576,6 @@ fn root_mean_cost(
 /// # Errors
 /// As [`tune_tilting`].
 pub fn evaluate_tilting(system: &Tilting, theta: &[f64], plan: &TiltingPlan) -> Result<TiltingEvaluation> {
-    check_theta(theta)?;
     let inputs = plan.inputs(system)?;
     let objective = PoseError::over(system, inputs.len() / system.n_input());
     let starts = plan.starts(system, plan.n_held_out, HELD_OUT);

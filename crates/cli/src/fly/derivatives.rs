@@ -1,0 +1,174 @@
+//! Derivatives of what was flown: certificates at one step, the gradient of the error through all of them.
+
+use crate::page::{Page, duration};
+use crate::table::{Align, Table, number};
+use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
+use omnidrones::controllers::design::{Sensitivity, sensitivity};
+use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, Target};
+use omnidrones::dynamics::{Gains, Vehicle};
+use omnidrones::error::{Error, Result};
+use serde_json::{Value, json};
+use std::time::Instant;
+
+/// One system's Jacobian at a point, derived three ways.
+struct Row {
+    what: &'static str,
+    rows: usize,
+    columns: usize,
+    time: f64,
+    certificate: Certificate,
+}
+
+/// Certificates at the point of the flight farthest from kinks, and the gradient of its error through all of it.
+pub struct Derivatives {
+    certificates: Vec<Row>,
+    /// And the seconds it took.
+    pub through: Option<(Sensitivity, f64)>,
+    /// What was left out, and why.
+    pub left_out: Vec<String>,
+}
+
+impl Derivatives {
+    /// Of a flight of a vehicle with these gains.
+    pub fn of(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, flight: &Flight) -> Result<Self> {
+        let mut d = Self { certificates: Vec::new(), through: None, left_out: Vec::new() };
+        if flight.diverged_at.is_some() {
+            d.left_out.push("the flight diverged: there is no finite point to differentiate at".into());
+            return Ok(d);
+        }
+        if !plan.failures.is_empty() {
+            d.left_out.push("the control law switches at a failure: fly without --fail for derivatives".into());
+            return Ok(d);
+        }
+        if flight.smoothest.margin < 0.0 {
+            d.left_out.push("no step lies away from every kink: there is no point to differentiate at".into());
+            return Ok(d);
+        }
+        let system = ClosedLoop::of_vehicle(vehicle, plan.air_physics(), gains, &plan.rates)?.with_gains();
+        let SmoothPoint { step, state, input, air, .. } = &flight.smoothest;
+        let (plant, mut outside) = (system.plant(), vec![0.0; system.n_input()]);
+        system.write_input(*step, Target { reference: &plan.reference, tilt: &plan.tilt }, air, &mut outside);
+        let body = &state[..plant.n_state()];
+        let step = d.small_enough(certified("one step of the vehicle", plant, body, input, &[]))?;
+        let closed = certified("one step of the closed loop", &system, state, &outside, &system.parameters());
+        let closed = d.small_enough(closed)?;
+        d.certificates.extend(step.into_iter().chain(closed));
+        let start = Instant::now();
+        let through = d.small_enough(sensitivity(vehicle, gains, plan))?;
+        d.through = through.map(|s| (s, start.elapsed().as_secs_f64()));
+        Ok(d)
+    }
+
+    /// `None` with a remark where something is too large to record, or a gain is zero.
+    fn small_enough<T>(&mut self, result: Result<T>) -> Result<Option<T>> {
+        match result {
+            Ok(value) => Ok(Some(value)),
+            Err(e @ (Error::Limit { .. } | Error::Value { .. })) => {
+                let reason = e.to_string();
+                if !self.left_out.contains(&reason) {
+                    self.left_out.push(reason);
+                }
+                Ok(None)
+            }
+            Err(e) => Err(e),
+        }
+    }
+
+    /// The gain whose relative change moves the RMSE most, in words.
+    fn gradient_line(&self) -> Option<String> {
+        let (s, time) = self.through.as_ref()?;
+        let g = &s.gradient;
+        let named = [("position", g.position), ("velocity", g.velocity), ("attitude", g.attitude), ("rate", g.rate)];
+        let all = named.iter().flat_map(|(n, v)| ["x", "y", "z"].iter().zip(v).map(move |(a, x)| (*n, *a, *x)));
+        let (name, axis, most) = all.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()))?;
+        Some(format!(
+            "  gradient of the RMSE over 12 gains, backwards through {} closed-loop steps: {}\n  \
+             most felt: {name} gain {axis}, {:+.2} mm for 10 % more",
+            s.steps,
+            duration(*time),
+            most * 1.1_f64.ln() * 1e3
+        ))
+    }
+
+    /// The section of a page.
+    pub fn page(&self, page: &mut Page) {
+        page.heading("Derivatives of what was flown");
+        if !self.certificates.is_empty() {
+            page.table(&self.table());
+            page.line(self.remark());
+        }
+        if let Some(line) = self.gradient_line() {
+            page.line(&line);
+        }
+        for remark in &self.left_out {
+            page.line(format!("  left out: {remark}"));
+        }
+    }
+
+    fn table(&self) -> Table {
+        let mut table = Table::new(&[
+            ("Jacobian of", Align::Left),
+            ("size", Align::Right),
+            ("time", Align::Right),
+            ("adjoint − duals", Align::Right),
+            ("duals − differences", Align::Right),
+            ("Taylor order", Align::Right),
+            ("", Align::Left),
+        ]);
+        for row in &self.certificates {
+            let c = &row.certificate;
+            let order = c.taylor_order.map_or_else(|| "affine".into(), |order| number(order, 3));
+            table.row([
+                row.what.to_string(),
+                format!("{} × {}", row.rows, row.columns),
+                duration(row.time),
+                format!("{:.0e}", c.adjoint_error),
+                format!("{:.0e}", c.difference_error),
+                order,
+                if c.holds(Bounds::default()) { "certified".into() } else { "NOT HELD".to_string() },
+            ]);
+        }
+        table
+    }
+
+    fn remark(&self) -> &'static str {
+        if self.certificates.iter().all(|r| r.certificate.holds(Bounds::default())) {
+            "  reverse adjoint, forward duals and finite differences agree (relative); order 2 is exact"
+        } else {
+            "  not held: the point lies on a kink (a saturated command), or a derivative is wrong"
+        }
+    }
+
+    /// For JSON.
+    pub fn json(&self) -> Value {
+        let row = |r: &Row| {
+            json!({
+                "of": r.what,
+                "rows": r.rows,
+                "columns": r.columns,
+                "time": r.time,
+                "adjoint_error": r.certificate.adjoint_error,
+                "difference_error": r.certificate.difference_error,
+                "taylor_order": r.certificate.taylor_order,
+                "value_error": r.certificate.value_error,
+                "holds": r.certificate.holds(Bounds::default()),
+            })
+        };
+        self.certificates.iter().map(row).collect()
+    }
+}
+
+fn certified<F: System>(what: &'static str, system: &F, x: &[f64], u: &[f64], theta: &[f64]) -> Result<Row> {
+    let certificate = certify(system, x, u, theta)?;
+    let (rows, columns) = (system.n_state(), x.len() + u.len() + theta.len());
+    let mut scratch = JacobianScratch::new(system);
+    let mut entries = vec![0.0; rows * columns];
+    // the best of a few: other work on the machine only adds
+    let mut time = f64::INFINITY;
+    for _ in 0..50 {
+        let start = Instant::now();
+        jacobian(system, x, u, theta, &mut scratch, &mut entries);
+        time = time.min(start.elapsed().as_secs_f64());
+    }
+    Ok(Row { what, rows, columns, time, certificate })
+}

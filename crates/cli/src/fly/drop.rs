@@ -1,0 +1,218 @@
+//! Drops: anything, rotors idle, onto the ground.
+
+use super::Arguments;
+use crate::page::{Fact, Page, length, short};
+use crate::rig::Rig;
+use crate::{Report, files, progress};
+use omnidrones::controllers::reference::{Hover, Reference};
+use omnidrones::controllers::registry::steerable;
+use omnidrones::controllers::start::{clearance, start_above};
+use omnidrones::controllers::{Flight, Passive, fly_from};
+use omnidrones::dynamics::configurations;
+use omnidrones::dynamics::tree::{Multibody, contact_forces, kinetic_energy, potential_energy};
+use omnidrones::error::{Error, Result};
+use omnidrones_plot::rig::{Fall, fall};
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Refuses arguments of a controller.
+fn uncontrolled(a: &Arguments) -> Result<()> {
+    let given = [
+        ("--reference", a.flight.reference.is_some()),
+        ("--gains", a.flight.gains.is_some()),
+        ("--rates", a.flight.rates.is_some()),
+        ("--max-rmse", a.max_rmse.is_some()),
+    ];
+    match given.into_iter().find(|(_, given)| *given) {
+        None => Ok(()),
+        Some((name, _)) => {
+            let value = if a.drop.is_some() { "with --drop" } else { "for a configuration that nobody steers yet" };
+            Err(Error::value(name, value, "left out: nothing is controlled", "It falls to the ground: leave it out."))
+        }
+    }
+}
+
+/// Drops it.
+pub fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
+    uncontrolled(a)?;
+    a.level()?;
+    let height = a.drop.unwrap_or(1.0);
+    if !(0.0..=1000.0).contains(&height) {
+        return Err(Error::value("--drop", format!("{height} m"), "0 to 1000 m", "--drop alone means 1 m."));
+    }
+    let plant = super::model_plant(a, rig, true)?;
+    let system = plant.tree().expect("a model");
+    let start = start_above(system, height, a.seed)?;
+    let mut plan = a.flight.plan(Some(a.duration.unwrap_or(3.0)), a.wind.clone(), a.seed)?;
+    (plan.physics, plan.reference) = (*system.physics(), Reference::Hover(Hover::default()));
+    let n_step = plan.n_step()?;
+    let folder = a.out.clone().unwrap_or_else(|| files::default_folder(rig.model.name()));
+    if a.csv || !a.no_plots {
+        files::prepare_folder(&folder)?;
+    }
+    let bar = progress::bar(n_step, "falling", a.json);
+    let flight = fly_from(&plant, &mut Passive::new(&plant), &plan, &start, &mut |k| {
+        if k % 64 == 0 {
+            bar.set_position(k);
+        }
+    })?;
+    bar.finish_and_clear();
+    let fallen = Fallen::of(rig, system, &flight, height);
+    let mut written = Vec::new();
+    if !a.no_plots {
+        let path = folder.join(format!("drop.{}", a.format.extension()));
+        let figure = fall(system, fallen.drawn());
+        figure.subtitle(fallen.subtitle()).save(&path)?;
+        written.push(path);
+    }
+    if a.csv {
+        let path = folder.join("drop.csv");
+        files::write_new(&path, &fallen.csv(), true)?;
+        written.push(path);
+    }
+    let success = flight.diverged_at.is_none() && !fallen.gained();
+    let text = if a.json { format!("{:#}\n", fallen.json(&written)) } else { fallen.page(&written) };
+    Ok(Report { success, text })
+}
+
+/// A fall and what it was like in every sample.
+struct Fallen<'a> {
+    rig: &'a Rig,
+    flight: &'a Flight,
+    height: f64,
+    clearance: Vec<f64>,
+    energy: Vec<f64>,
+    /// Of the ground on everything, in weights.
+    load: Vec<f64>,
+    speed: f64,
+}
+
+impl<'a> Fallen<'a> {
+    fn of(rig: &'a Rig, system: &Multibody, flight: &'a Flight, height: f64) -> Self {
+        let rows: Vec<&[f64]> = flight.states.chunks_exact(system.rest_state().len()).collect();
+        let weight = rig.model.mass() * rig.model.parts().gravity;
+        let force = |row: &&[f64]| contact_forces(system, row).iter().map(|f| f[2]).sum::<f64>() / weight;
+        let kinetic = |row: &&[f64]| kinetic_energy(system, row);
+        Self {
+            rig,
+            flight,
+            height,
+            clearance: rows.iter().map(|row| clearance(system, row).unwrap_or(f64::NAN)).collect(),
+            energy: rows.iter().map(|row| kinetic(row) + potential_energy(system, row)).collect(),
+            load: rows.iter().map(force).collect(),
+            speed: rows.last().map_or(f64::NAN, |row| (2.0 * kinetic(row) / rig.model.mass()).sqrt()),
+        }
+    }
+
+    fn drawn(&self) -> Fall<'_> {
+        Fall {
+            log: &self.flight.log,
+            states: &self.flight.states,
+            clearance: &self.clearance,
+            energy: &self.energy,
+            load: &self.load,
+        }
+    }
+
+    /// When something first touched the ground, s.
+    fn touched(&self) -> Option<f64> {
+        self.clearance.iter().position(|c| *c < 0.0).map(|i| self.flight.log.time[i])
+    }
+
+    fn deepest(&self) -> f64 {
+        self.clearance.iter().fold(0.0_f64, |m, c| m.max(-c))
+    }
+
+    fn hardest(&self) -> f64 {
+        self.load.iter().fold(0.0, |m: f64, v| m.max(*v))
+    }
+
+    fn lost(&self) -> [f64; 2] {
+        [self.energy.first(), self.energy.last()].map(|e| e.copied().unwrap_or(f64::NAN))
+    }
+
+    /// Whether energy came from nowhere, which a step too long for the ground's stiffness does.
+    fn gained(&self) -> bool {
+        let most = self.energy.iter().fold(f64::NEG_INFINITY, |m, e| m.max(*e));
+        most > 1.01 * self.lost()[0] + 1e-6
+    }
+
+    fn subtitle(&self) -> String {
+        let when = self.touched().map_or("no touch".into(), |t| format!("touches the ground at {} s", short(t, 3)));
+        format!(
+            "from {} m, rotors idle   ·   {when}   ·   at most {} weights   ·   sinks in by {} at most",
+            short(self.height, 3),
+            short(self.hardest(), 3),
+            length(self.deepest())
+        )
+    }
+
+    fn page(&self, written: &[PathBuf]) -> String {
+        let [first, last] = self.lost();
+        let mut page = Page::new();
+        page.title(self.rig.model.name(), &self.rig.origin);
+        let mut facts = vec![
+            Fact::new("height", format!("{} m", short(self.height, 4))).note("of the lowest point, rotors idle"),
+            Fact::new("first touch", self.touched().map_or("never".into(), |t| format!("{} s", short(t, 4)))).note(
+                format!("in free fall {} s", short((2.0 * self.height / self.rig.model.parts().gravity).sqrt(), 4)),
+            ),
+            Fact::new("hardest push", format!("{} weights", short(self.hardest(), 3))).note("upwards, of the ground"),
+            Fact::new("deepest", length(self.deepest())).note("into the ground, which is compliant"),
+            Fact::new("energy", format!("{} J", short(last, 4))).note(format!("{} J at the start", short(first, 4))),
+            Fact::new("speed at the end", format!("{} m/s", short(self.speed, 2))).note("of all masses, rms"),
+        ];
+        let ghosts = self.rig.model.shapes().iter().filter(|s| !s.collides).count();
+        if ghosts > 0 {
+            let all = self.rig.model.shapes().len();
+            facts.push(Fact::new("untouchable", format!("{ghosts} of {all}")).note("shapes pass through the ground"));
+        }
+        if self.gained() {
+            let note = "energy came from nowhere: the step is too long for the ground, try --dt 0.002 or less";
+            facts.push(Fact::new("wrong", "energy gained").note(note));
+        }
+        if let Some(t) = self.flight.diverged_at {
+            facts.push(Fact::new("diverged", format!("{} s", short(t, 4))).note("a smaller --dt may help"));
+        }
+        if !steerable(&self.rig.model) {
+            page.line("  nobody steers it yet: it falls, rotors idle");
+        }
+        page.heading("Drop").facts(&facts);
+        if !written.is_empty() {
+            page.heading("Written");
+            for path in written {
+                page.line(format!("  {}", path.display()));
+            }
+        }
+        page.finish()
+    }
+
+    fn csv(&self) -> String {
+        let mut text = String::from("time [s],lowest_point [m],energy [J],ground_force [weights]\n");
+        let rows = self.flight.log.time.iter().zip(&self.clearance).zip(&self.energy).zip(&self.load);
+        for (((time, clearance), energy), load) in rows {
+            let _ = writeln!(text, "{time},{clearance},{energy},{load}");
+        }
+        text
+    }
+
+    fn json(&self, written: &[PathBuf]) -> Value {
+        let [first, last] = self.lost();
+        json!({
+            "command": "fly",
+            "version": env!("CARGO_PKG_VERSION"),
+            "success": self.flight.diverged_at.is_none(),
+            "dropped": self.rig.model.name(),
+            "configuration": configurations::names().contains(&self.rig.model.name()),
+            "height": self.height,
+            "first_touch": self.touched(),
+            "largest_ground_force": self.hardest(),
+            "deepest": self.deepest(),
+            "energy_start": first,
+            "energy_end": last,
+            "speed_end": self.speed,
+            "diverged_at": self.flight.diverged_at,
+            "files": files::names(written),
+        })
+    }
+}

@@ -1,0 +1,203 @@
+//! What a controller is: a measurement and a target in, commands out, once per tick.
+
+use super::attitude::Orientation;
+use super::cascade::Schedule;
+use super::kinematics::Kinematics;
+use super::law::RecordedLaw;
+use super::reference::{Reference, Sample, Tilt};
+use crate::autodiff::System;
+use crate::dynamics::Plant;
+use crate::error::Result;
+
+/// What a controller may see.
+#[derive(Debug, Clone, Copy)]
+pub struct Measurement<'a> {
+    /// s.
+    pub time: f64,
+    /// Of the whole plant, in its layout: the truth, unless a [`ClosedLoop`](super::ClosedLoop) puts something between.
+    pub state: &'a [f64],
+}
+
+/// What a controller is to do: all of the reference, so that it may look ahead.
+#[derive(Debug, Clone, Copy)]
+pub struct Target<'a> {
+    /// What to track.
+    pub reference: &'a Reference,
+    /// Roll and pitch to hold beside it.
+    pub tilt: &'a Tilt,
+}
+
+impl<'a> Target<'a> {
+    /// A reference, level.
+    pub fn level(reference: &'a Reference) -> Self {
+        Self { reference, tilt: &Tilt::LEVEL }
+    }
+
+    /// The reference at a time, s.
+    pub fn sample(&self, time: f64) -> Sample<f64> {
+        self.reference.sample(time)
+    }
+
+    /// The wanted attitude at a time, s, for what holds it apart from the force.
+    pub fn orientation(&self, time: f64) -> Orientation<f64> {
+        self.tilt.orientation(self.reference, time)
+    }
+}
+
+/// Something a controller says about itself after a flight.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Note {
+    /// What.
+    pub name: String,
+    /// How much, with unit.
+    pub value: String,
+    /// The rest.
+    pub note: String,
+}
+
+impl Note {
+    /// From its three parts.
+    pub fn new(name: impl Into<String>, value: impl Into<String>, note: impl Into<String>) -> Self {
+        Self { name: name.into(), value: value.into(), note: note.into() }
+    }
+}
+
+/// A controller of a [`Plant`] in `f64`, with its memory.
+///
+/// One that is written without branches on values is better written as a [`ControlLaw`](super::ControlLaw), which
+/// [`Running`](super::Running) makes a controller: it can then also be differentiated and run in batches. Those with a
+/// solver inside implement this trait alone.
+pub trait Controller: Send {
+    /// One word.
+    fn name(&self) -> &str;
+    /// What it does, for tables.
+    fn description(&self) -> String {
+        String::new()
+    }
+    /// How often it ticks, Hz; must divide 1/dt. `None`: in every step. Between ticks its commands are held.
+    fn rate(&self) -> Option<f64> {
+        None
+    }
+    /// The schedule of its levels, where it was built for one.
+    fn schedule(&self) -> Option<Schedule> {
+        None
+    }
+    /// Whether it holds a [`Tilt`] beside the reference.
+    fn holds_tilt(&self) -> bool {
+        false
+    }
+    /// What follows the reference: the root of the plant unless told otherwise.
+    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
+        Kinematics::read(state)
+    }
+    /// Forgets: the next tick is the first.
+    fn reset(&mut self);
+    /// Writes rotor actions and drive commands, in [−1, 1], at their places in the plant's input.
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]);
+    /// Told what is left of each rotor, 1 for whole ones. A controller that knows no failures flies on as before.
+    ///
+    /// # Errors
+    /// As the allocation of what is left.
+    fn tell(&mut self, _effectiveness: &[f64]) -> Result<()> {
+        Ok(())
+    }
+    /// Its memory as a flat vector, where it has such a form.
+    fn memory(&self) -> &[f64] {
+        &[]
+    }
+    /// Whether it runs in batches: it is straight-line, without a solver inside.
+    fn is_batched(&self) -> bool {
+        false
+    }
+    /// Its form for a plant that runs on any scalar, behind one type; `None` for one that is no law.
+    ///
+    /// # Errors
+    /// [`Error::Limit`](crate::error::Error::Limit) where the recording is too large.
+    fn recorded(&self, _plant: &Plant) -> Result<Option<RecordedLaw>> {
+        Ok(None)
+    }
+    /// How it fared, for tables.
+    fn notes(&self) -> Vec<Note> {
+        Vec::new()
+    }
+}
+
+/// Whoever holds a controller is one.
+macro_rules! delegate {
+    ($($holder:ty),*) => {$(
+        impl<C: Controller + ?Sized> Controller for $holder {
+            fn name(&self) -> &str {
+                (**self).name()
+            }
+            fn description(&self) -> String {
+                (**self).description()
+            }
+            fn rate(&self) -> Option<f64> {
+                (**self).rate()
+            }
+            fn schedule(&self) -> Option<Schedule> {
+                (**self).schedule()
+            }
+            fn holds_tilt(&self) -> bool {
+                (**self).holds_tilt()
+            }
+            fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
+                (**self).tracked(state)
+            }
+            fn reset(&mut self) {
+                (**self).reset();
+            }
+            fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]) {
+                (**self).tick(seen, target, commands);
+            }
+            fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
+                (**self).tell(effectiveness)
+            }
+            fn memory(&self) -> &[f64] {
+                (**self).memory()
+            }
+            fn is_batched(&self) -> bool {
+                (**self).is_batched()
+            }
+            fn recorded(&self, plant: &Plant) -> Result<Option<RecordedLaw>> {
+                (**self).recorded(plant)
+            }
+            fn notes(&self) -> Vec<Note> {
+                (**self).notes()
+            }
+        }
+    )*};
+}
+
+delegate!(&mut C, Box<C>);
+
+/// Rotors idle and servos rest.
+#[derive(Debug, Clone)]
+pub struct Passive {
+    rest: Vec<f64>,
+}
+
+impl Passive {
+    /// For a plant.
+    pub fn new(plant: &Plant) -> Self {
+        let mut rest = vec![0.0; plant.n_input()];
+        plant.rotor_places().iter().for_each(|rotor| rest[rotor.action] = -1.0);
+        Self { rest }
+    }
+}
+
+impl Controller for Passive {
+    fn name(&self) -> &str {
+        "none"
+    }
+
+    fn description(&self) -> String {
+        "rotors idle, servos rest".into()
+    }
+
+    fn reset(&mut self) {}
+
+    fn tick(&mut self, _: Measurement<'_>, _: Target<'_>, commands: &mut [f64]) {
+        commands.copy_from_slice(&self.rest);
+    }
+}

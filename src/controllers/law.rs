@@ -1,0 +1,286 @@
+//! Straight-line controllers: written once over any scalar, run in `f64`, duals, recordings and batches.
+//!
+//! A solver inside a law is an [`Operation`](crate::autodiff::Operation), such as an
+//! [`AllocationFunction`](super::allocation::AllocationFunction): recordings then hold one call of it, with its derivative.
+
+use super::cascade::Schedule;
+use super::controller::{Controller, Measurement, Target};
+use super::kinematics::Kinematics;
+use super::reference::Sample;
+use crate::autodiff::trace::Recording;
+use crate::autodiff::{Program, Scalar, System};
+use crate::dynamics::Plant;
+use crate::error::Result;
+use std::sync::Arc;
+
+/// What a law gets in a tick.
+#[derive(Debug, Clone, Copy)]
+pub struct Moment<'a, S> {
+    /// What is measured: the state of the whole plant, in its layout.
+    pub state: &'a [S],
+    /// What [`ControlLaw::write_target`] wrote.
+    pub target: &'a [S],
+    /// What [`ControlLaw::write_ticks`] wrote.
+    pub ticks: &'a [S],
+    /// In place of [`ControlLaw::parameters`]; empty where those hold.
+    pub parameters: &'a [S],
+}
+
+impl<S: Scalar> Moment<'_, S> {
+    /// Motion of the plant's root.
+    #[inline(always)]
+    pub fn kinematics(&self) -> Kinematics<S> {
+        Kinematics::read(self.state)
+    }
+
+    /// The reference now, of a law that keeps the usual target.
+    #[inline(always)]
+    pub fn sample(&self) -> Sample<S> {
+        Sample::read(self.target)
+    }
+}
+
+/// A controller without branches on values (see [`Scalar`]). Whatever depends on time alone (the reference, which level
+/// computes) reaches it as numbers, so that a closed loop around it is one differentiable [`System`].
+pub trait ControlLaw: Send + Sync + 'static {
+    /// One word.
+    fn name(&self) -> &str {
+        "own"
+    }
+    /// What it does, for tables.
+    fn description(&self) -> String {
+        String::new()
+    }
+    /// How often it ticks, Hz; must divide 1/dt. `None`: in every step.
+    fn rate(&self) -> Option<f64> {
+        None
+    }
+    /// Whether flights side by side run it in lanes. A law that calls an [`Operation`](crate::autodiff::Operation) is no
+    /// longer batched: a recording holds one call of it, and lanes make theirs one after the other.
+    fn is_batched(&self) -> bool {
+        true
+    }
+    /// The schedule of its levels, where it was built for one.
+    fn schedule(&self) -> Option<Schedule> {
+        None
+    }
+    /// What follows the reference: the root of the plant unless told otherwise.
+    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
+        Kinematics::read(state)
+    }
+    /// Numbers of a target: those of a [`Sample`] unless told otherwise.
+    fn n_target(&self) -> usize {
+        Sample::<f64>::DIM
+    }
+    /// Writes the target at a time, s.
+    fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]) {
+        target.sample(time).write(row);
+    }
+    /// Numbers that say which of its levels compute; none unless told otherwise.
+    fn n_tick(&self) -> usize {
+        0
+    }
+    /// Writes them for a tick: 1 compute, 0 hold.
+    fn write_ticks(&self, _tick: u64, _ticks: &mut [f64]) {}
+    /// The memory before the first tick; none unless told otherwise.
+    fn memory(&self) -> Vec<f64> {
+        Vec::new()
+    }
+    /// Numbers that may be tuned and differentiated; none unless told otherwise.
+    fn parameters(&self) -> Vec<f64> {
+        Vec::new()
+    }
+    /// Their names.
+    fn parameter_names(&self) -> Vec<String> {
+        Vec::new()
+    }
+    /// One tick: the new memory over the old, commands in [−1, 1] at their places in the plant's input.
+    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S])
+    where
+        Self: Sized;
+}
+
+/// A law with its memory and its clock: a [`Controller`].
+#[derive(Debug)]
+pub struct Running<L> {
+    law: Arc<L>,
+    parameters: Vec<f64>,
+    memory: Vec<f64>,
+    target: Vec<f64>,
+    ticks: Vec<f64>,
+    tick: u64,
+}
+
+impl<L> Clone for Running<L> {
+    fn clone(&self) -> Self {
+        let [parameters, memory, target, ticks] =
+            [&self.parameters, &self.memory, &self.target, &self.ticks].map(|v| v.to_vec());
+        Self { law: self.law.clone(), parameters, memory, target, ticks, tick: self.tick }
+    }
+}
+
+impl<L: ControlLaw> Running<L> {
+    /// Before its first tick.
+    pub fn of(law: L) -> Self {
+        Self {
+            parameters: Vec::new(),
+            memory: law.memory(),
+            target: vec![0.0; law.n_target()],
+            ticks: vec![0.0; law.n_tick()],
+            tick: 0,
+            law: Arc::new(law),
+        }
+    }
+
+    /// With these numbers in place of [`ControlLaw::parameters`].
+    #[must_use]
+    pub fn with_parameters(mut self, parameters: &[f64]) -> Self {
+        self.parameters = parameters.to_vec();
+        self
+    }
+
+    /// The law.
+    pub fn law(&self) -> &L {
+        &self.law
+    }
+}
+
+impl<L: ControlLaw> Controller for Running<L> {
+    fn name(&self) -> &str {
+        self.law.name()
+    }
+
+    fn description(&self) -> String {
+        self.law.description()
+    }
+
+    fn rate(&self) -> Option<f64> {
+        self.law.rate()
+    }
+
+    fn schedule(&self) -> Option<Schedule> {
+        self.law.schedule()
+    }
+
+    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
+        self.law.tracked(state)
+    }
+
+    fn reset(&mut self) {
+        (self.memory, self.tick) = (self.law.memory(), 0);
+    }
+
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]) {
+        self.law.write_target(target, seen.time, &mut self.target);
+        self.law.write_ticks(self.tick, &mut self.ticks);
+        self.tick += 1;
+        let now = Moment { state: seen.state, target: &self.target, ticks: &self.ticks, parameters: &self.parameters };
+        self.law.tick(&now, &mut self.memory, commands);
+    }
+
+    fn memory(&self) -> &[f64] {
+        &self.memory
+    }
+
+    fn is_batched(&self) -> bool {
+        self.law.is_batched()
+    }
+
+    fn recorded(&self, plant: &Plant) -> Result<Option<RecordedLaw>> {
+        RecordedLaw::of(self.law.clone(), plant).map(Some)
+    }
+}
+
+/// Any straight-line law, recorded for a plant: one type for all of them, run on any scalar by an interpreter.
+#[derive(Clone)]
+pub struct RecordedLaw {
+    law: Arc<dyn ControlLaw>,
+    program: Arc<Program>,
+    parameters: Vec<f64>,
+}
+
+impl RecordedLaw {
+    fn of<L: ControlLaw>(law: Arc<L>, plant: &Plant) -> Result<Self> {
+        let (memory, parameters) = (law.memory(), law.parameters());
+        let (n_state, n_input) = (plant.n_state(), plant.n_input());
+        let cuts = [n_state, law.n_target(), law.n_tick(), parameters.len(), memory.len()];
+        let recording = Recording::of(cuts.iter().sum(), |z| {
+            let (state, z) = z.split_at(cuts[0]);
+            let (target, z) = z.split_at(cuts[1]);
+            let (ticks, z) = z.split_at(cuts[2]);
+            let (parameters, memory) = z.split_at(cuts[3]);
+            let mut memory = memory.to_vec();
+            let mut commands = vec![Scalar::zero(); n_input];
+            law.tick(&Moment { state, target, ticks, parameters }, &mut memory, &mut commands);
+            memory.append(&mut commands);
+            memory
+        });
+        Ok(Self { program: Arc::new(Program::compile(&recording)?), law, parameters })
+    }
+
+    /// Instructions of one tick.
+    pub fn len(&self) -> usize {
+        self.program.len()
+    }
+
+    /// Whether there is nothing to compute.
+    pub fn is_empty(&self) -> bool {
+        self.program.is_empty()
+    }
+}
+
+impl ControlLaw for RecordedLaw {
+    fn name(&self) -> &str {
+        self.law.name()
+    }
+    fn description(&self) -> String {
+        self.law.description()
+    }
+    fn rate(&self) -> Option<f64> {
+        self.law.rate()
+    }
+    fn is_batched(&self) -> bool {
+        self.law.is_batched()
+    }
+    fn schedule(&self) -> Option<Schedule> {
+        self.law.schedule()
+    }
+    fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
+        self.law.tracked(state)
+    }
+    fn n_target(&self) -> usize {
+        self.law.n_target()
+    }
+    fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]) {
+        self.law.write_target(target, time, row);
+    }
+    fn n_tick(&self) -> usize {
+        self.law.n_tick()
+    }
+    fn write_ticks(&self, tick: u64, ticks: &mut [f64]) {
+        self.law.write_ticks(tick, ticks);
+    }
+    fn memory(&self) -> Vec<f64> {
+        self.law.memory()
+    }
+    fn parameters(&self) -> Vec<f64> {
+        self.parameters.clone()
+    }
+    fn parameter_names(&self) -> Vec<String> {
+        self.law.parameter_names()
+    }
+    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
+        let mut inputs = [now.state, now.target, now.ticks].concat();
+        if now.parameters.is_empty() {
+            inputs.extend(self.parameters.iter().map(|p| S::constant(*p)));
+        } else {
+            inputs.extend_from_slice(now.parameters);
+        }
+        inputs.extend_from_slice(memory);
+        let mut results = vec![S::zero(); memory.len() + commands.len()];
+        self.program.evaluate_over(&inputs, &mut results);
+        let (new, given) = results.split_at(memory.len());
+        memory.copy_from_slice(new);
+        commands.copy_from_slice(given);
+    }
+}

@@ -1,0 +1,228 @@
+//! One loop over thousands of randomised plants: the recorded step of the loop, 64 flights to a block of lanes.
+//!
+//! Flights differ in their start, their physical parameters (and gains, where those are exposed) and their steady
+//! disturbance; the target is shared. The law believes what it was built for. Results do not depend on threads or on how
+//! many flights there are.
+
+use super::closed_loop::ClosedLoop;
+use super::controller::Target;
+use super::flight::LOST;
+use super::law::{ControlLaw, Running};
+use crate::autodiff::program::{BLOCK, BlockWorkspace};
+use crate::autodiff::{Program, Recording, Scalar, System};
+use crate::dynamics::Disturbance;
+use crate::dynamics::spatial::up_axis;
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use crate::rng::{Purpose, Stream};
+
+/// One number of each flight of a block.
+type Row = [f32; BLOCK];
+
+/// What one flight is flown with; nominal until it is changed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Draw {
+    /// State of the plant at the start.
+    pub start: Vec<f64>,
+    /// θ of the loop.
+    pub parameters: Vec<f64>,
+    /// Wind, force and moment, held all the way.
+    pub air: Disturbance<f64>,
+}
+
+/// How one flight went.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// Number of the flight.
+    pub flight: usize,
+    /// Root mean square distance of the root from the reference after the transient, m; up to where it was lost.
+    pub rmse: f64,
+    /// Largest distance after the transient, m.
+    pub worst: f64,
+    /// Largest angle between the root's z and the vertical, rad.
+    pub tilt: f64,
+    /// When it was first more than [`LOST`] away or not finite, s.
+    pub lost_at: Option<f64>,
+}
+
+/// Many flights of one loop.
+#[derive(Debug)]
+pub struct MonteCarlo<'a, L> {
+    system: &'a ClosedLoop<Running<L>>,
+    /// [x, u, θ] → x⁺.
+    step: Program,
+    /// s.
+    transient: f64,
+    seed: u64,
+}
+
+impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
+    /// Records and compiles the step of a loop; with [`ClosedLoop::with_physics`] its plants may differ.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] if the recording is too large.
+    pub fn new(system: &'a ClosedLoop<Running<L>>) -> Result<Self> {
+        let (n, m, p) = (system.n_state(), system.n_input(), system.n_parameter());
+        let recording = Recording::of(n + m + p, |z| {
+            let mut next = vec![Scalar::zero(); n];
+            system.step(&z[..n], &z[n..n + m], &z[n + m..], &mut next);
+            next
+        });
+        Ok(Self { system, step: Program::compile(&recording)?, transient: 0.0, seed: 0 })
+    }
+
+    /// With errors counted from so many seconds on; 0 unless told otherwise.
+    #[must_use]
+    pub fn after(mut self, seconds: f64) -> Self {
+        self.transient = seconds;
+        self
+    }
+
+    /// With another seed of the draws than 0.
+    #[must_use]
+    pub fn seeded(mut self, seed: u64) -> Self {
+        self.seed = seed;
+        self
+    }
+
+    /// Instructions of one step.
+    pub fn len(&self) -> usize {
+        self.step.len()
+    }
+
+    /// Whether a step computes nothing.
+    pub fn is_empty(&self) -> bool {
+        self.step.is_empty()
+    }
+
+    /// Flies `n_flight` flights of `n_step` steps from `start`; `draw` changes what flight i is flown with, from a stream of
+    /// its own.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if `start` or a draw is not of the plant's or the loop's length.
+    pub fn fly(
+        &self,
+        target: Target<'_>,
+        start: &[f64],
+        (n_flight, n_step): (usize, u64),
+        draw: &(dyn Fn(&mut Stream, &mut Draw) + Sync),
+        threads: &Threads,
+    ) -> Result<Vec<Outcome>> {
+        self.system.plant().check_state(start)?;
+        let nominal = Draw { start: start.to_vec(), parameters: self.system.parameters(), air: Disturbance::none() };
+        let blocks = threads.map(n_flight.div_ceil(BLOCK), |b| {
+            let flights = b * BLOCK..n_flight.min((b + 1) * BLOCK);
+            let draws: Vec<Draw> = flights
+                .map(|i| {
+                    let mut own = nominal.clone();
+                    draw(&mut Stream::new(self.seed, i as u64, 0, Purpose::RESET), &mut own);
+                    own
+                })
+                .collect();
+            Block::new(self, &draws)?.run(self, target, b * BLOCK, n_step)
+        });
+        Ok(blocks.into_iter().collect::<Result<Vec<_>>>()?.concat())
+    }
+}
+
+/// Flights side by side.
+struct Block {
+    n_flight: usize,
+    /// x, u, θ.
+    arguments: Vec<Row>,
+    next: Vec<Row>,
+    workspace: BlockWorkspace,
+    squares: [f64; BLOCK],
+    worst: Row,
+    /// Least cosine of the tilt.
+    upright: Row,
+    lost_at: [Option<f64>; BLOCK],
+    counted: [u64; BLOCK],
+}
+
+impl Block {
+    /// Lanes behind the flights repeat the last one.
+    fn new<L: ControlLaw>(of: &MonteCarlo<'_, L>, draws: &[Draw]) -> Result<Self> {
+        let (n, m, p) = (of.system.n_state(), of.system.n_input(), of.system.n_parameter());
+        let mut arguments = vec![[0.0; BLOCK]; n + m + p];
+        let mut input = vec![0.0; m];
+        for lane in 0..BLOCK {
+            let own = &draws[lane.min(draws.len() - 1)];
+            of.system.plant().check_state(&own.start)?;
+            if own.parameters.len() != p {
+                let wanted = format!("{p}, as ClosedLoop::parameter_names lists them");
+                return Err(Error::value("draw: parameters", own.parameters.len(), wanted, "Change them in place."));
+            }
+            of.system.write_air(&own.air, &mut input);
+            let all = of.system.initial_state(&own.start);
+            let numbers = all.iter().chain(&input).chain(&own.parameters);
+            arguments.iter_mut().zip(numbers).for_each(|(row, value)| row[lane] = *value as f32);
+        }
+        Ok(Self {
+            n_flight: draws.len(),
+            next: vec![[0.0; BLOCK]; n],
+            arguments,
+            workspace: of.step.block_workspace(),
+            squares: [0.0; BLOCK],
+            worst: [0.0; BLOCK],
+            upright: [1.0; BLOCK],
+            lost_at: [None; BLOCK],
+            counted: [0; BLOCK],
+        })
+    }
+
+    fn run<L: ControlLaw>(
+        mut self,
+        of: &MonteCarlo<'_, L>,
+        target: Target<'_>,
+        first: usize,
+        n_step: u64,
+    ) -> Result<Vec<Outcome>> {
+        let (n, root) = (of.system.n_state(), of.system.plant().roots()[0]);
+        let dt = of.system.plant().physics().dt;
+        let mut input = vec![0.0; of.system.n_clocked()];
+        for k in 0..=n_step {
+            let time = k as f64 * dt;
+            self.judge(root, target.sample(time).position, time, time >= of.transient);
+            of.system.write_clocked(k, target, &mut input);
+            for (row, value) in self.arguments[n..].iter_mut().zip(&input) {
+                *row = [*value as f32; BLOCK];
+            }
+            of.step.evaluate_block(&mut self.workspace, &self.arguments, &mut self.next);
+            self.arguments[..n].copy_from_slice(&self.next);
+        }
+        Ok((0..self.n_flight).map(|lane| self.outcome(first, lane)).collect())
+    }
+
+    /// Errors of the state before a step.
+    fn judge(&mut self, root: usize, wanted: [f64; 3], time: f64, counts: bool) {
+        for lane in 0..self.n_flight {
+            if self.lost_at[lane].is_some() {
+                continue;
+            }
+            let x = |k: usize| self.arguments[root + k][lane];
+            let squared = (0..3).map(|k| (f64::from(x(k)) - wanted[k]).powi(2)).sum::<f64>();
+            if !(squared <= LOST * LOST) {
+                self.lost_at[lane] = Some(time);
+                continue;
+            }
+            let up = up_axis([x(6), x(7), x(8), x(9)])[2];
+            self.upright[lane] = self.upright[lane].min(up);
+            if counts {
+                self.squares[lane] += squared;
+                self.counted[lane] += 1;
+                self.worst[lane] = self.worst[lane].max(squared.sqrt() as f32);
+            }
+        }
+    }
+
+    fn outcome(&self, first: usize, lane: usize) -> Outcome {
+        Outcome {
+            flight: first + lane,
+            rmse: (self.squares[lane] / self.counted[lane].max(1) as f64).sqrt(),
+            worst: f64::from(self.worst[lane]),
+            tilt: f64::from(self.upright[lane].clamp(-1.0, 1.0)).acos(),
+            lost_at: self.lost_at[lane],
+        }
+    }
+}

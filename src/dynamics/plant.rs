@@ -1,0 +1,396 @@
+//! What flies, rigid or articulated, behind one type: state, inputs, parameters by name, step, frames, rotors.
+
+use super::domain::Domain;
+use super::frame::Frame;
+use super::multirotor::{Multirotor, Physics};
+use super::rigid::{self, RIGID_DIM};
+use super::tree::{self, Model, Motion, Multibody};
+use super::vehicle::{Rotor, Vehicle};
+use crate::autodiff::{Rows, RowsMut, Scalar, System};
+use crate::error::{Error, Result};
+
+/// Speed that a lost rotor keeps, as a share of its largest: the equations of a motor need one. Its thrust is 1e-6 T_max.
+const STOPPED: f64 = 1e-3;
+
+/// A rigid vehicle in closed form or an articulated system, as a [`System`]: state, input and parameters as theirs.
+#[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "a few per simulation")]
+pub enum Plant {
+    /// One vehicle, in closed form.
+    Rigid(Multirotor),
+    /// Bodies in trees.
+    Tree(Multibody),
+}
+
+/// Name and unit of one number.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Quantity {
+    /// As in files and tables: `rotor_0.max_speed`.
+    pub name: String,
+    /// SI; `-` for a pure number.
+    pub unit: &'static str,
+}
+
+impl Quantity {
+    fn new(name: impl Into<String>, unit: &'static str) -> Self {
+        Self { name: name.into(), unit }
+    }
+}
+
+/// Where the numbers of one rotor stand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RotorPlace {
+    /// Of its speed in the state.
+    pub speed: usize,
+    /// Of its action in the input.
+    pub action: usize,
+    /// Nominal largest speed, rad/s.
+    pub max_speed: f64,
+}
+
+impl From<Multirotor> for Plant {
+    fn from(vehicle: Multirotor) -> Self {
+        Self::Rigid(vehicle)
+    }
+}
+
+impl From<Multibody> for Plant {
+    fn from(system: Multibody) -> Self {
+        Self::Tree(system)
+    }
+}
+
+impl Plant {
+    /// A vehicle in closed form.
+    ///
+    /// # Errors
+    /// As [`Multirotor::new`].
+    pub fn of_vehicle(vehicle: &Vehicle, physics: Physics) -> Result<Self> {
+        Multirotor::new(vehicle, physics).map(Self::Rigid)
+    }
+
+    /// An articulated model.
+    ///
+    /// # Errors
+    /// As [`Multibody::new`].
+    pub fn of_model(model: &Model, physics: Physics) -> Result<Self> {
+        Multibody::new(model, physics).map(Self::Tree)
+    }
+
+    /// The same plant with its physical parameters as θ; pass [`Plant::parameters`] to `step`.
+    pub fn with_parameters(self) -> Self {
+        match self {
+            Self::Rigid(m) => Self::Rigid(m.with_parameters()),
+            Self::Tree(m) => Self::Tree(m.with_parameters()),
+        }
+    }
+
+    /// The plant as it flies on when rotor i keeps the share `effectiveness[i]` of its largest thrust: √e of its largest
+    /// speed, of a lost one 10⁻³.
+    ///
+    /// # Errors
+    /// None for a valid plant.
+    pub fn damaged(&self, effectiveness: &[f64]) -> Result<Self> {
+        match self {
+            Self::Rigid(m) => Self::of_vehicle(&damaged(m.vehicle(), effectiveness), *m.physics()),
+            Self::Tree(m) => {
+                let mut parts = m.model().parts().clone();
+                parts.rotors.iter_mut().zip(effectiveness).for_each(|(r, e)| weaken(&mut r.rotor, *e));
+                Self::of_model(&Model::new(parts)?, *m.physics())
+            }
+        }
+    }
+
+    /// Name of the vehicle or model.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Rigid(m) => &m.vehicle().name,
+            Self::Tree(m) => m.model().name(),
+        }
+    }
+
+    /// Time step, integrator, effects.
+    pub fn physics(&self) -> &Physics {
+        match self {
+            Self::Rigid(m) => m.physics(),
+            Self::Tree(m) => m.physics(),
+        }
+    }
+
+    /// The articulated system, if it is one.
+    pub fn tree(&self) -> Option<&Multibody> {
+        match self {
+            Self::Rigid(_) => None,
+            Self::Tree(m) => Some(m),
+        }
+    }
+
+    /// Nominal physical parameters: [`rigid::parameter_vector`] of a vehicle, [`tree::number_vector`] of a model.
+    pub fn parameters(&self) -> Vec<f64> {
+        match self {
+            Self::Rigid(m) => m.parameters(),
+            Self::Tree(m) => m.parameters().to_vec(),
+        }
+    }
+
+    /// Names of [`Plant::parameters`].
+    pub fn parameter_names(&self) -> Vec<String> {
+        match self {
+            Self::Rigid(m) => rigid::parameter_names(m.vehicle()),
+            Self::Tree(m) => tree::number_names(m.model()),
+        }
+    }
+
+    /// What each of [`Plant::parameters`] may be.
+    pub fn parameter_domains(&self) -> Vec<Domain> {
+        match self {
+            Self::Rigid(m) => rigid::parameter_domains(m.vehicle()),
+            Self::Tree(m) => tree::number_domains(m.model()),
+        }
+    }
+
+    /// The state, number by number.
+    pub fn state_quantities(&self) -> Vec<Quantity> {
+        let Self::Tree(m) = self else {
+            let mut all = root_quantities("");
+            all.extend(self.rotors().iter().map(|r| Quantity::new(format!("{}.speed", r.name), "rad/s")));
+            return all;
+        };
+        let (model, layout) = (m.model(), m.layout());
+        let mut all = vec![Quantity::new("", "-"); layout.n_state()];
+        for (body, place) in model.bodies().iter().zip(&layout.bodies) {
+            let joint = &body.joint.name;
+            let mut put = |at: usize, name: String, unit| all[at] = Quantity::new(name, unit);
+            match body.joint.motion {
+                Motion::Floating => {
+                    let prefix = if layout.trees.len() > 1 { format!("{}.", body.name) } else { String::new() };
+                    let own = root_quantities(&prefix);
+                    all[place.position..place.position + RIGID_DIM].clone_from_slice(&own);
+                }
+                Motion::Ball => {
+                    ["w", "x", "y", "z"].iter().enumerate().for_each(|(k, c)| {
+                        put(place.position + k, format!("{joint}.attitude_{c}"), "-");
+                    });
+                    ["x", "y", "z"].iter().enumerate().for_each(|(k, c)| {
+                        put(place.velocity + k, format!("{joint}.rate_{c}"), "rad/s");
+                    });
+                }
+                Motion::Revolute(_) => {
+                    put(place.position, joint.clone(), "rad");
+                    put(place.velocity, format!("{joint}.rate"), "rad/s");
+                }
+                Motion::Prismatic(_) => {
+                    put(place.position, joint.clone(), "m");
+                    put(place.velocity, format!("{joint}.rate"), "m/s");
+                }
+            }
+        }
+        for (mounted, at) in model.rotors().iter().zip(&layout.rotor_speed) {
+            all[*at] = Quantity::new(format!("{}.speed", mounted.rotor.name), "rad/s");
+        }
+        all
+    }
+
+    /// The input, number by number: actions and drive commands in [−1, 1], disturbances.
+    pub fn input_quantities(&self) -> Vec<Quantity> {
+        let mut all = vec![Quantity::new("", "-"); self.n_input()];
+        for (rotor, place) in self.rotors().iter().zip(self.rotor_places()) {
+            all[place.action].name = format!("{}.action", rotor.name);
+        }
+        if let Self::Tree(m) = self {
+            for (body, at) in m.model().bodies().iter().zip(&m.layout().drive) {
+                at.iter().for_each(|at| all[*at].name = format!("{}.command", body.joint.name));
+            }
+        }
+        let several = self.disturbances().len() > 1;
+        for (i, first) in self.disturbances().into_iter().enumerate() {
+            let prefix = if several { format!("tree_{i}.") } else { String::new() };
+            for (block, (what, unit)) in [("wind", "m/s"), ("force", "N"), ("moment", "N m")].into_iter().enumerate() {
+                for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
+                    all[first + 3 * block + k] = Quantity::new(format!("{prefix}{what}_{axis}"), unit);
+                }
+            }
+        }
+        all
+    }
+
+    /// Its rotors, in order.
+    pub fn rotors(&self) -> Vec<&Rotor> {
+        match self {
+            Self::Rigid(m) => m.vehicle().rotors.iter().collect(),
+            Self::Tree(m) => m.model().rotors().iter().map(|r| &r.rotor).collect(),
+        }
+    }
+
+    /// Where the numbers of each rotor stand.
+    pub fn rotor_places(&self) -> Vec<RotorPlace> {
+        let place = |(i, rotor): (usize, &Rotor)| match self {
+            Self::Rigid(_) => RotorPlace { speed: RIGID_DIM + i, action: i, max_speed: rotor.max_speed },
+            Self::Tree(m) => RotorPlace {
+                speed: m.layout().rotor_speed[i],
+                action: m.layout().rotor_action[i],
+                max_speed: rotor.max_speed,
+            },
+        };
+        self.rotors().into_iter().enumerate().map(place).collect()
+    }
+
+    /// First of each tree's numbers in the state; a floating root's 13 begin there.
+    pub fn roots(&self) -> Vec<usize> {
+        match self {
+            Self::Rigid(_) => vec![0],
+            Self::Tree(m) => m.layout().trees.iter().map(|t| t.state.start).collect(),
+        }
+    }
+
+    /// Where the nine numbers of each tree's [`Disturbance`](super::Disturbance) stand in the input: none where that
+    /// effect is off.
+    pub fn disturbances(&self) -> Vec<usize> {
+        match self {
+            Self::Rigid(m) if m.physics().effects.disturbance => vec![m.vehicle().n_rotor()],
+            Self::Rigid(_) => Vec::new(),
+            Self::Tree(m) => m.layout().trees.iter().filter_map(|t| t.disturbance).collect(),
+        }
+    }
+
+    /// Number of frames: one per body.
+    pub fn n_frame(&self) -> usize {
+        match self {
+            Self::Rigid(_) => 1,
+            Self::Tree(m) => m.model().bodies().len(),
+        }
+    }
+
+    /// Motion of every body along world axes, [`FRAME`](super::frame::FRAME) numbers each, in a state with these
+    /// physical parameters.
+    pub fn write_frames<S: Scalar>(&self, parameters: &[S], state: &[S], frames: &mut [S]) {
+        let (state, mut out) = (Rows::of(state), RowsMut::of(frames));
+        match self {
+            Self::Tree(m) => tree::frames::write(m.topology(), Rows::of(parameters), &state, &mut out),
+            Self::Rigid(_) => Frame::of_vehicle(&state).write(&mut out.pen(0)),
+        }
+    }
+
+    /// Every joint at rest, level at the origin (or where the model says), rotors at the speeds that carry the weight: of
+    /// a vehicle those of [`Vehicle::hover_thrusts`], of a tree the same share of every rotor's largest thrust.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a vehicle that cannot hover.
+    pub fn hover_state(&self) -> Result<Vec<f64>> {
+        let m = match self {
+            Self::Rigid(m) => return m.hover_state([0.0; 3]),
+            Self::Tree(m) => m,
+        };
+        let (model, layout) = (m.model(), m.layout());
+        let mut state = m.rest_state();
+        for tree in &layout.trees {
+            let mass: f64 = model.bodies()[tree.bodies.clone()].iter().map(|b| b.mass).sum();
+            let weight = mass * model.parts().gravity;
+            let lift: f64 = model.rotors()[tree.rotors.clone()].iter().map(|r| r.rotor.max_thrust()).sum();
+            for r in tree.rotors.clone() {
+                let share = (weight / lift).clamp(0.0, 1.0);
+                state[layout.rotor_speed[r]] = model.rotors()[r].rotor.max_speed * share.sqrt();
+            }
+        }
+        Ok(state)
+    }
+
+    /// Checks the length of a state.
+    ///
+    /// # Errors
+    /// [`Error::Value`] that names both lengths, or a number that is not finite.
+    pub fn check_state(&self, state: &[f64]) -> Result<()> {
+        let n = self.n_state();
+        if state.len() != n {
+            let rule = format!("{n}, as Plant::state_quantities lists them");
+            return Err(Error::value("start: length of the state", state.len(), rule, "Take Plant::hover_state."));
+        }
+        crate::error::finite("start: state", state)
+    }
+}
+
+impl System for Plant {
+    fn n_state(&self) -> usize {
+        match self {
+            Self::Rigid(m) => m.n_state(),
+            Self::Tree(m) => m.n_state(),
+        }
+    }
+    fn n_input(&self) -> usize {
+        match self {
+            Self::Rigid(m) => m.n_input(),
+            Self::Tree(m) => m.n_input(),
+        }
+    }
+    fn n_parameter(&self) -> usize {
+        match self {
+            Self::Rigid(m) => m.n_parameter(),
+            Self::Tree(m) => m.n_parameter(),
+        }
+    }
+    fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
+        match self {
+            Self::Rigid(m) => m.step(state, input, parameters, next),
+            Self::Tree(m) => m.step(state, input, parameters, next),
+        }
+    }
+}
+
+/// The 13 numbers of a floating root.
+fn root_quantities(prefix: &str) -> Vec<Quantity> {
+    let block = |what: &str, axes: &[&str], unit| -> Vec<Quantity> {
+        axes.iter().map(|axis| Quantity::new(format!("{prefix}{what}_{axis}"), unit)).collect()
+    };
+    let xyz = ["x", "y", "z"];
+    [
+        block("position", &xyz, "m"),
+        block("velocity", &xyz, "m/s"),
+        block("attitude", &["w", "x", "y", "z"], "-"),
+        block("angular_velocity", &xyz, "rad/s"),
+    ]
+    .concat()
+}
+
+/// A rotor that keeps a share of its largest thrust.
+fn weaken(rotor: &mut Rotor, effectiveness: f64) {
+    if effectiveness < 1.0 {
+        rotor.max_speed *= effectiveness.sqrt().max(STOPPED);
+    }
+}
+
+/// The vehicle as it flies on: rotor i reaches √eᵢ of its largest speed, hence eᵢ of its largest thrust. A lost one
+/// keeps 10⁻³ of its speed.
+pub fn damaged(vehicle: &Vehicle, effectiveness: &[f64]) -> Vehicle {
+    let mut vehicle = vehicle.clone();
+    vehicle.rotors.iter_mut().zip(effectiveness).for_each(|(rotor, e)| weaken(rotor, *e));
+    vehicle
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dynamics::{Effects, configurations, vehicles};
+
+    #[test]
+    fn every_number_of_every_plant_has_a_name_of_its_own() {
+        let physics = Physics { effects: Effects { disturbance: true, ..Effects::default() }, ..Physics::default() };
+        let vehicles = vehicles::all().into_iter().map(|v| Plant::of_vehicle(&v, physics).unwrap());
+        let models = configurations::names()
+            .into_iter()
+            .map(|name| Plant::of_model(&configurations::by_name(name).unwrap(), physics).unwrap());
+        for plant in vehicles.chain(models) {
+            let names = |q: Vec<Quantity>| q.into_iter().map(|q| q.name).collect::<Vec<_>>();
+            for (mut list, n) in [
+                (names(plant.state_quantities()), plant.n_state()),
+                (names(plant.input_quantities()), plant.n_input()),
+                (plant.parameter_names(), plant.parameters().len()),
+            ] {
+                assert_eq!(list.len(), n, "{}", plant.name());
+                assert!(list.iter().all(|name| !name.is_empty()), "{}: {list:?}", plant.name());
+                list.sort();
+                list.dedup();
+                assert_eq!(list.len(), n, "{}", plant.name());
+            }
+        }
+    }
+}

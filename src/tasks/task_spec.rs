@@ -1,0 +1,233 @@
+//! What a task says about itself, as data: what came out of writing everything once ([`declare`](super::declare)).
+//!
+//! Names, sizes, units and bounds are used by the program (layouts, infos, checks) and printed for people by
+//! `omnidrones tasks NAME`.
+
+use super::settings::Setting;
+use serde::{Deserialize, Serialize};
+
+/// One named run of numbers in an observation, a state or a memory.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Field {
+    /// `relative_position`.
+    pub name: String,
+    /// Numbers.
+    pub size: usize,
+    /// SI, with the frame where there is one: `m, world`.
+    pub unit: String,
+    /// What it is.
+    pub meaning: String,
+    /// Least value of each of its numbers; −∞ (in JSON null) where there is none.
+    #[serde(with = "below")]
+    pub low: f64,
+    /// Largest value of each of its numbers; ∞ (in JSON null) where there is none.
+    #[serde(with = "above")]
+    pub high: f64,
+    /// Of its numbers, as functions of the state.
+    pub smoothness: Smoothness,
+}
+
+impl Field {
+    /// From its parts, smooth and without bounds.
+    pub fn new(name: impl Into<String>, size: usize, unit: impl Into<String>, meaning: impl Into<String>) -> Self {
+        let (name, unit, meaning) = (name.into(), unit.into(), meaning.into());
+        Self { name, size, unit, meaning, ..Self::default() }
+    }
+
+    /// The same with these bounds of its numbers.
+    pub fn within(self, low: f64, high: f64) -> Self {
+        Self { low, high, ..self }
+    }
+}
+
+impl Default for Field {
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            size: 0,
+            unit: String::new(),
+            meaning: String::new(),
+            low: f64::NEG_INFINITY,
+            high: f64::INFINITY,
+            smoothness: Smoothness::Smooth,
+        }
+    }
+}
+
+/// Numbers of all fields.
+pub fn total(fields: &[Field]) -> usize {
+    fields.iter().map(|s| s.size).sum()
+}
+
+/// JSON has no infinity: a bound that is none is null.
+macro_rules! bound {
+    ($name:ident, $none:expr) => {
+        mod $name {
+            use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+            pub(super) fn serialize<S: Serializer>(bound: &f64, to: S) -> Result<S::Ok, S::Error> {
+                Some(*bound).filter(|x| x.is_finite()).serialize(to)
+            }
+
+            pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+                Ok(Option::deserialize(from)?.unwrap_or($none))
+            }
+        }
+    };
+}
+bound!(below, f64::NEG_INFINITY);
+bound!(above, f64::INFINITY);
+
+/// How far a gradient may be trusted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Smoothness {
+    /// Differentiable everywhere that an episode goes.
+    Smooth,
+    /// Differentiable but on a thin set: a minimum over several, a clip, a norm at zero.
+    Piecewise,
+    /// Jumps: its gradient leaves out what matters.
+    NonSmooth,
+}
+
+impl Smoothness {
+    /// One word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Smooth => "smooth",
+            Self::Piecewise => "piecewise",
+            Self::NonSmooth => "non-smooth",
+        }
+    }
+}
+
+/// One summand of the reward.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Term {
+    /// `pose`.
+    pub name: String,
+    /// In the symbols of [`TaskSpec::about`].
+    pub formula: String,
+    /// Largest value in one step; ∞ (in JSON null) where there is none.
+    #[serde(with = "above")]
+    pub bound: f64,
+    /// Of the term in the state.
+    pub smoothness: Smoothness,
+}
+
+/// A reason to terminate.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct End {
+    /// `crash`.
+    pub name: String,
+    /// `z < 0.2 m`.
+    pub condition: String,
+}
+
+/// The end that every task has beside its own.
+pub const DIVERGED: (&str, &str) = ("diverged", "a number of the state leaves ±1e8");
+
+/// A figure of an environment that is told in every step beside the reward.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Metric {
+    /// `position_error`.
+    pub name: String,
+    /// `m`.
+    pub unit: String,
+}
+
+/// When an episode is a success: what [`Task::success`](super::Task::success) asks, as data.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Success {
+    /// All of these hold in the step.
+    pub limits: Vec<Limit>,
+    /// What is asked in the same step beside them, in words; mostly nothing.
+    pub also: String,
+    /// Whether an episode is a success if any of its steps was one, not its last.
+    pub once: bool,
+}
+
+/// A metric that stays below a number.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Limit {
+    /// Name of the metric.
+    pub metric: String,
+    /// It is less than this.
+    pub below: f64,
+    /// Of both.
+    pub unit: String,
+}
+
+impl Success {
+    /// A metric below a limit, in the last step of an episode.
+    pub fn below(metric: &str, limit: f64) -> Self {
+        Self::default().and(metric, limit)
+    }
+
+    /// And another one.
+    pub fn and(mut self, metric: &str, limit: f64) -> Self {
+        self.limits.push(Limit { metric: metric.into(), below: limit, unit: String::new() });
+        self
+    }
+
+    /// And more that is asked in the same step, in words: `with all drones beyond x = 0.05 m`.
+    pub fn also(self, words: impl Into<String>) -> Self {
+        Self { also: words.into(), ..self }
+    }
+
+    /// In any step of an episode.
+    pub fn once(self) -> Self {
+        Self { once: true, ..self }
+    }
+
+    /// `position_error < 0.1 m`, and what else is asked.
+    pub fn text(&self) -> String {
+        let limits = self.limits.iter().map(|l| format!("{} < {} {}", l.metric, l.below, l.unit));
+        let mut text = limits.collect::<Vec<_>>().join(" and ");
+        for (more, words) in
+            [(!self.also.is_empty(), format!(" {}", self.also)), (self.once, ", once in the episode".into())]
+        {
+            text += if more { &words } else { "" };
+        }
+        text
+    }
+}
+
+/// All that a task says about itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TaskSpec {
+    /// Symbols, target and start of an episode, in words.
+    pub about: String,
+    /// One agent's observation, in order.
+    pub observation: Vec<Field>,
+    /// The central state, in order; empty where there is none.
+    pub central: Vec<Field>,
+    /// The reward's summands.
+    pub reward: Vec<Term>,
+    /// Reasons to terminate, besides divergence.
+    pub ends: Vec<End>,
+    /// Figures beside the reward.
+    pub metrics: Vec<Metric>,
+    /// When an episode is a success.
+    pub success: Success,
+    /// Summands of the cost that gradient methods minimise.
+    pub loss: Vec<String>,
+    /// Numbers that stay through an episode: targets, references, obstacles.
+    pub goal: Vec<Field>,
+    /// Numbers that the task keeps from step to step.
+    pub task_state: Vec<Field>,
+    /// Keys of its configuration.
+    pub settings: Vec<Setting>,
+}
+
+impl TaskSpec {
+    /// Largest reward in one step: the sum of the terms' bounds.
+    pub fn reward_bound(&self) -> f64 {
+        self.reward.iter().map(|t| t.bound).sum()
+    }
+
+    /// The formula of the training loss.
+    pub fn loss_text(&self) -> String {
+        self.loss.join(" + ")
+    }
+}
