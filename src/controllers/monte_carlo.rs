@@ -202,7 +202,7 @@ impl Block {
             }
             let x = |k: usize| self.arguments[root + k][lane];
             let squared = (0..3).map(|k| (f64::from(x(k)) - wanted[k]).powi(2)).sum::<f64>();
-            if !(squared <= LOST * LOST) {
+            if squared.is_nan() || squared > LOST * LOST {
                 self.lost_at[lane] = Some(time);
                 continue;
             }

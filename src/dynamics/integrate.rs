@@ -159,8 +159,23 @@ fn implicit_gyroscopic<S: Scalar, const R: usize>(
 ) -> Vec3<S> {
     let total = add(symmetric_times(&model.inertia, w, effects), momentum);
     let residual = scale(h, sub(moment, cross(w, total)));
-    let jacobian = gyroscopic_jacobian(full(model.inertia), total, w, h);
+    let jacobian = if effects.products_of_inertia {
+        gyroscopic_jacobian(full(model.inertia), total, w, h)
+    } else {
+        principal_gyroscopic_jacobian([model.inertia[0], model.inertia[1], model.inertia[2]], total, w, h)
+    };
     add(w, mat_vec(inverse(jacobian), residual))
+}
+
+/// As [`gyroscopic_jacobian`] along principal axes, to the same bits: a lane does not know that its zeros are zeros.
+#[inline(always)]
+fn principal_gyroscopic_jacobian<S: Scalar>(inertia: Vec3<S>, momentum: Vec3<S>, w: Vec3<S>, h: S) -> Mat3<S> {
+    let ([a, b, c], [x, y, z]) = (inertia, momentum);
+    [
+        [a, h * (z - w[2] * b), h * (w[1] * c - y)],
+        [h * (w[2] * a - z), b, h * (x - w[0] * c)],
+        [h * (y - w[1] * a), h * (w[0] * b - x), c],
+    ]
 }
 
 /// J + h([ω]× J − [L]×): how J(ω⁺ − ω) + h ω⁺ × L⁺ answers to ω⁺ at ω, where the angular momentum is L.

@@ -154,7 +154,11 @@ impl Seat {
 /// For a rig with these numbers.
 fn crew(rig: &Rig, numbers: &[f64], dt: f64) -> Result<Crew> {
     match rig.plant() {
-        Plant::Rigid(m) => Ok(Crew::Free(vec![cascade(&vehicle_of(m.vehicle(), numbers)?, dt)?])),
+        Plant::Rigid(m) => {
+            // who cannot hold its height sinks under any controller: the nominal one's does not refuse to try
+            let own = cascade(&vehicle_of(m.vehicle(), numbers)?, dt);
+            Ok(Crew::Free(vec![own.or_else(|_| cascade(m.vehicle(), dt))?]))
+        }
         Plant::Tree(m) if m.layout().trees.len() > 1 => {
             let Some(vehicle) = &rig.vehicle else {
                 return Err(Error::value("drones", "no plain vehicles", "vehicles, to fly freely", "Join them."));

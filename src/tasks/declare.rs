@@ -1,7 +1,7 @@
 //! Tasks declare by writing: whoever writes a number says beside it what it is.
 //!
 //! Kernels hand a task writers that ignore the names, which leaves no trace in their code. Once, when an environment is made,
-//! [`declare`] lets the task write everything in `f64` in its ideal state, and keeps the names: that is its [`TaskSpec`].
+//! `declare` lets the task write everything in `f64` in its ideal state, and keeps the names: that is its [`TaskSpec`].
 //! Words are constants; `{key}` in them stands for the value of a setting, `{×key}` for a factor.
 
 use super::settings::{Setting, filled};

@@ -47,17 +47,16 @@ pub struct Watched<'a> {
     pub flying: &'a [bool],
 }
 
+/// Who fills the actions `[E, A, action]` of an environment from the arrays of the step before.
+pub type Act<'a> = dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a;
+
 /// Flies one episode of every environment, from the starts of its seeds. `policy` fills the actions from the arrays of
 /// the step before; `watch` sees every step: a progress bar, a [`Record`](super::Record).
 ///
 /// # Errors
 /// [`Error::Value`] unless the environment was made with `autoreset = "disabled"`; those of the policy; otherwise as
 /// [`Env::step`].
-pub fn evaluate(
-    env: &mut Env,
-    policy: &mut dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()>,
-    watch: &mut dyn FnMut(&Watched<'_>),
-) -> Result<Evaluation> {
+pub fn evaluate(env: &mut Env, policy: &mut Act<'_>, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Evaluation> {
     if env.spec().config.autoreset != Autoreset::Disabled {
         let remedy = "Build it with autoreset = 'disabled'.";
         return Err(Error::value("autoreset", "on", "'disabled' to evaluate", remedy));

@@ -7,7 +7,7 @@
 //! | [`task`](mod@task) | [`Task`]: what a task is; what it is shown ([`View`]) and where episodes begin ([`Start`]) |
 //! | [`declare`] | [`Writer`]: numbers with their names beside them, which kernels leave out |
 //! | [`task_spec`] | [`TaskSpec`]: names, sizes, units and bounds of what a task writes |
-//! | [`settings`](mod@settings) | [`settings!`]: what `[task]` sets, each number stated once |
+//! | [`settings`](mod@settings) | `settings!`: what `[task]` sets, each number stated once |
 //! | [`rig`] | [`Rig`]: what flies, its drones and where their numbers stand |
 //! | [`reward`], [`path`] | shapes that rewards are made of; the lemniscate of the Track tasks |
 //! | [`config`] | [`EnvConfig`]: a batch as plain data, in TOML too |
@@ -43,7 +43,7 @@
 //!
 //! # Adding a task
 //!
-//! A struct that implements [`Task`] and [`BuiltIn`](registry::BuiltIn), in a file of its own in [`suite`], and one line of the
+//! A struct that implements [`Task`] and [`BuiltIn`], in a file of its own in [`suite`], and one line of the
 //! [`registry`]: `entry::<Climb>("Climb", ONE_DRONE, "rise to a height")`. The tests that loop over the registry then hold its
 //! contract, its gradients, its bounds and its success. Outside the crate the struct alone is enough. What it writes it names
 //! in the same breath; that is all of its documentation, its layout and its infos:

@@ -27,7 +27,11 @@ pub struct Setting {
 impl Setting {
     /// What it is, with unit.
     pub fn text(&self) -> String {
-        if self.unit.is_empty() { self.meaning.clone() } else { format!("{}, {}", self.meaning, self.unit) }
+        if ["", "-"].contains(&self.unit.as_str()) {
+            self.meaning.clone()
+        } else {
+            format!("{}, {}", self.meaning, self.unit)
+        }
     }
 }
 

@@ -259,7 +259,7 @@ fn flights_in_lanes_are_those_in_f64_for_any_number_of_them_and_of_threads() {
             system.step(&x, &row, &own.parameters, &mut next);
             std::mem::swap(&mut x, &mut next);
         }
-        worst = worst.max((flown.rmse - (squares / n as f64).sqrt()).abs());
+        worst = worst.max((flown.rmse - (squares / n).sqrt()).abs());
     }
     println!("RMSE in f32 lanes off by {worst:.1e} m of {:.3} m", all[0].rmse);
     assert!(worst < 1e-4 && all.iter().all(|o| o.lost_at.is_none()), "{worst:e}");

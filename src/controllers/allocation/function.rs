@@ -44,7 +44,7 @@ struct Inner {
     template: Problem,
     n_number: usize,
     /// As many as have evaluated at once.
-    idle: Mutex<Vec<Box<Work>>>,
+    idle: Mutex<Vec<Work>>,
 }
 
 /// What an evaluation needs.
@@ -157,7 +157,7 @@ impl Inner {
     fn with(&self, work: impl FnOnce(&mut Work) -> bool) -> bool {
         let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
         let taken = idle().pop();
-        let Some(mut own) = taken.or_else(|| Work::new(&self.template).ok().map(Box::new)) else { return false };
+        let Some(mut own) = taken.or_else(|| Work::new(&self.template).ok()) else { return false };
         let good = work(&mut own);
         idle().push(own);
         good

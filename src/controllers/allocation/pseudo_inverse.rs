@@ -82,28 +82,22 @@ pub fn allocate<S: Scalar, const R: usize>(mixer: &[[S; 4]; R], max_thrust: &[S;
     thrusts
 }
 
-/// T = P [F', s M_x, s M_y, λ M_z] within [0, T_max], N: roll and pitch first, then thrust, then yaw.
+/// T = P [F_z, M_x, M_y, λ M_z] clipped to [0, T_max], N, with the largest λ ∈ [0, 1] that keeps every rotor within its
+/// bounds: yaw, the weakest axis, gives way before clipping falsifies thrust, roll and pitch. Inside the bounds λ = 1
+/// and this is [`allocate`]; where thrust, roll and pitch alone are out of bounds, λ = 0 and they are clipped.
 ///
-/// - s ∈ [0, 1] is the largest share of roll and pitch, both alike, that some thrust leaves room for;
-/// - F' is the thrust nearest to F_z that leaves that room: what rolls and pitches lifts or lowers all rotors together;
-/// - λ ∈ [0, 1] is the largest share of yaw that keeps every rotor within its bounds.
-///
-/// Inside the bounds s = λ = 1, F' = F_z, and this is [`allocate`], bit for bit but for the share of yaw. Rotors that do not
-/// lift play no part in s and F'; their thrust is clipped.
-///
-/// Source: the order of PX4's mixer; one scale for all rotors, so that no moment brings another with it.
+/// Source: the order of PX4's mixer (yaw last); one scale for all rotors, so that yaw brings no other moment with it.
 #[inline(always)]
 pub fn allocate_yaw_last<S: Scalar, const R: usize>(
     mixer: &[[S; 4]; R],
     max_thrust: &[S; R],
     wrench: [S; 4],
 ) -> [S; R] {
-    let [force, tilt] = tilt_first(mixer, max_thrust, wrench);
     let (mut base, mut yaw) = (*max_thrust, *max_thrust);
     let mut share = S::one();
     for i in 0..R {
         let row = mixer[i];
-        base[i] = dot([row[0], row[1], row[2]], [force, tilt * wrench[1], tilt * wrench[2]]);
+        base[i] = dot([row[0], row[1], row[2]], [wrench[0], wrench[1], wrench[2]]);
         yaw[i] = row[3] * wrench[3];
         let room = S::select(yaw[i].lt(S::zero()), base[i], max_thrust[i] - base[i]).max(S::zero());
         // The same small thrust above and below: a slot without yaw has a share of at least 1.
@@ -115,35 +109,6 @@ pub fn allocate_yaw_last<S: Scalar, const R: usize>(
         thrusts[i] = share.mul_add(yaw[i], base[i]).clamp(S::zero(), max_thrust[i]);
     }
     thrusts
-}
-
-/// F' and s of [`allocate_yaw_last`]. With lᵢ the share of the thrust that rotor i carries, aᵢ = (P [0, M_x, M_y, 0])ᵢ/lᵢ and
-/// cᵢ = T_max,i/lᵢ, rotor i is within its bounds where −s aᵢ ≤ F ≤ cᵢ − s aᵢ: some F is, for s (aᵢ − min a) ≤ cᵢ.
-#[inline(always)]
-fn tilt_first<S: Scalar, const R: usize>(mixer: &[[S; 4]; R], max_thrust: &[S; R], wrench: [S; 4]) -> [S; 2] {
-    let (mut tilts, mut ceilings) = (*max_thrust, *max_thrust);
-    let mut least = S::zero();
-    for i in 0..R {
-        let lifts = S::constant(1e-6).lt(mixer[i][0]);
-        let per_lift = S::select(lifts, mixer[i][0], S::one()).recip();
-        let tilt = dot([mixer[i][1], mixer[i][2]], [wrench[1], wrench[2]]) * per_lift;
-        tilts[i] = S::select(lifts, tilt, S::zero());
-        ceilings[i] = S::select(lifts, max_thrust[i] * per_lift, S::constant(1e9));
-        least = least.min(tilts[i]);
-    }
-    let mut share = S::one();
-    for i in 0..R {
-        // the same small thrust above and below: a rotor that does not tilt has a share of at least 1
-        let small = S::constant(1e-9) * ceilings[i];
-        share = share.min((ceilings[i] + small) * (tilts[i] - least + small).recip());
-    }
-    let mut most = S::constant(1e9);
-    for i in 0..R {
-        most = most.min(ceilings[i] - share * tilts[i]);
-    }
-    // where both bounds meet, rounding may cross them
-    let low = (-share * least).min(most);
-    [wrench[0].clamp(low, most), share]
 }
 
 /// a = 2T/T_max − 1, the rotor action that holds thrust T.
@@ -274,33 +239,9 @@ mod tests {
         }
         assert!(got[5] > 0.1 && got[5] < 0.3, "yaw {}", got[5]);
         assert_eq!(thrusts[6..], [0.0; 2]);
-        assert_eq!(tilt_first(&mixer, &most, wrench), [15.0, 1.0], "roll, pitch and thrust fit");
         let gentle = [15.0, 0.4, -0.3, 0.05];
         for (a, b) in allocate_yaw_last(&mixer, &most, gentle).iter().zip(allocate(&mixer, &most, gentle)) {
             assert!((a - b).abs() < 1e-14);
         }
-    }
-
-    #[test]
-    fn roll_and_pitch_are_kept_where_thrust_and_yaw_do_not_fit_beside_them() {
-        let vehicle = hummingbird();
-        let (mixer, most): ([[f64; 4]; 4], _) =
-            (Mixer::new(&vehicle).unwrap().padded().unwrap(), [vehicle.rotors[0].max_thrust(); 4]);
-        let total: f64 = most.iter().sum();
-        let delivered = |wrench| {
-            let thrusts = allocate_yaw_last(&mixer, &most, wrench);
-            assert!(thrusts.iter().zip(&most).all(|(t, most)| (0.0..=*most).contains(t)), "{thrusts:?}");
-            vehicle.allocation_matrix() * nalgebra::DVector::from_column_slice(&thrusts)
-        };
-        // hardly any lift, nearly all of it, and too much yaw: clipping gave 0.6 of the roll in the first two
-        for force in [0.02 * total, 0.98 * total] {
-            let got = delivered([force, 0.7, -0.5, 0.3]);
-            println!("{:.4}", got.transpose());
-            assert!((got[3] - 0.7).abs() < 1e-7 && (got[4] + 0.5).abs() < 1e-7, "{got}");
-            assert!((got[2] - force).abs() > 1.0, "the thrust gives way: {got}");
-        }
-        // more than any thrust allows: both shrink alike
-        let got = delivered([0.5 * total, 3.0, 1.5, 0.0]);
-        assert!(got[3] < 2.9 && (got[3] / got[4] - 2.0).abs() < 1e-6, "{got}");
     }
 }

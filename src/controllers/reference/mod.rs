@@ -1,6 +1,6 @@
 //! Where to be and when: reference trajectories with exact derivatives.
 //!
-//! Each shape is a [`Curve`]: it writes its position and yaw once, over [`Scalar`]; evaluated on a fifth-order [`Jet`] in
+//! Each shape is a [`Curve`]: it writes its position and yaw once, over [`Scalar`](crate::autodiff::Scalar); evaluated on a fifth-order [`Jet`] in
 //! time the same lines give velocity, acceleration, jerk and snap. Before t = 0 every shape here rests at its start. A
 //! curve of your own is a reference too ([`Reference::own`]), and so is anything else that gives samples ([`Trajectory`]).
 

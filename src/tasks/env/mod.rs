@@ -434,7 +434,7 @@ impl Env {
     }
 
     /// [`Env::goal`] of all environments, `[E, goal]`, row-major; allocates nothing. The sizes of
-    /// [`Sheet::goal`](super::Sheet::goal) add up to a row.
+    /// [`TaskSpec::goal`](super::TaskSpec::goal) add up to a row.
     ///
     /// # Errors
     /// [`Error::Value`] for a slice of the wrong length.

@@ -59,6 +59,7 @@ pub struct DragonHover {
 
 impl BuiltIn for DragonHover {
     fn new(config: &EnvConfig) -> Result<Self> {
+        let settings: DragonHoverSettings = config.settings()?;
         let built = Dragon { n_link: LINKS, ..Dragon::default() }.build()?;
         let model = benchmark_motors(&built.model)?;
         let of_links = &built.map.links;
@@ -70,7 +71,7 @@ impl BuiltIn for DragonHover {
             *link = (of_links[i].body, model.frame(&format!("link_{i}"))?.position);
         }
         let rig = Rig::of_model_as_one(&model, config.physics(), links[0].0, &drives)?;
-        Ok(Self { rig, settings: config.settings()?, links })
+        Ok(Self { rig, settings, links })
     }
 }
 
@@ -176,7 +177,7 @@ impl Task for DragonHover {
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let own = &self.settings;
         let pose = exponential_kernel(own.pose_scale, both(self.error(view), Self::heading_error(view)));
-        terms.term("pose", "{×reward_pose}e^{−{pose_scale} d}", own.reward_pose).piecewise();
+        terms.term("pose", "{×reward_pose}e^{−{×pose_scale}d}", own.reward_pose).piecewise();
         terms.number(S::constant(own.reward_pose) * pose);
         let mut calm = S::zero();
         for i in 0..DRIVES {

@@ -170,7 +170,7 @@ impl Task for FlyThrough {
         let kept = pose + S::constant(own.pose_floor);
         let most = 1.0 + own.pose_floor;
         terms
-            .term("pose", "{×reward_pose}r_p, r_p = e^{−{pose_scale} d}", w.pose)
+            .term("pose", "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", w.pose)
             .piecewise()
             .number(times(w.pose, pose));
         let formula = "{×reward_gate}(0.8 − |g_y − y| − |g_z − z|) e^{x} for x < 0, else {reward_gate}";

@@ -294,7 +294,7 @@ impl Task for Formation {
         let (own, w) = (&self.settings, &self.settings.reward);
         let (near, place) = (apart(view, own.separation), exponential_kernel(1.0, self.offset(view)));
         let shape = near * rational_kernel(own.shape_scale, self.squared_hausdorff(view));
-        terms.term("shape", "{×reward_shape}r_s r_f, r_f = 1/(1 + ({shape_scale} H)²)", w.shape).piecewise();
+        terms.term("shape", "{×reward_shape}r_s r_f, r_f = 1/(1 + ({×shape_scale}H)²)", w.shape).piecewise();
         terms.number(times(w.shape, shape));
         terms.term("place", "{×reward_place}r_s r_f e^{−c}", w.place).piecewise();
         terms.number(times(w.place, shape) * place);

@@ -105,7 +105,7 @@ impl Task for Hover {
         let (drone, own, w) = (view.drone(0), &self.settings, &self.settings.reward);
         let pose =
             rational_kernel(own.pose_scale, safe::squared_norm(both(self.error(view), Self::heading_error(view))));
-        terms.term("pose", "{×reward_pose}r_p, r_p = 1/(1 + ({pose_scale} d)²)", w.pose).number(times(w.pose, pose));
+        terms.term("pose", "{×reward_pose}r_p, r_p = 1/(1 + ({×pose_scale}d)²)", w.pose).number(times(w.pose, pose));
         terms.term("up", "{×reward_up}r_p ((u_z + 1)/2)²", w.up).number(times(w.up, pose) * upright(drone.up()));
         terms.term("spin", "{×reward_spin}r_p/(1 + ω_z²)", w.spin);
         terms.number(times(w.spin, pose) * still(drone.angular_velocity));

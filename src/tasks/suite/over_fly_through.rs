@@ -149,7 +149,7 @@ impl Task for OverFlyThrough {
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let w = &self.settings.reward;
         let pose = rational_kernel(self.settings.pose_scale, safe::squared_norm(self.error(view)));
-        terms.term("pose", "{×reward_pose}r_p, r_p = 1/(1 + ({pose_scale} d)²)", w.pose);
+        terms.term("pose", "{×reward_pose}r_p, r_p = 1/(1 + ({×pose_scale}d)²)", w.pose);
         pose_reward(view, (pose, Smoothness::Smooth), view.goal.array(3), w, terms);
     }
 

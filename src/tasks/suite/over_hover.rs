@@ -100,7 +100,7 @@ impl Task for OverHover {
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let w = &self.settings.reward;
         let pose = exponential_kernel(self.settings.pose_scale, self.error(view));
-        terms.term("pose", "{×reward_pose}r_p, r_p = e^{−{pose_scale} d}", w.pose);
+        terms.term("pose", "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", w.pose);
         pose_reward(view, (pose, Smoothness::Piecewise), view.goal.array(3), w, terms);
     }
 

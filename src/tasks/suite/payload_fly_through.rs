@@ -116,7 +116,7 @@ impl Task for PayloadFlyThrough {
         let (drone, own, w) = (view.drone(0), &self.settings, &self.settings.reward);
         let free = free(self.course.bars.clearance(view));
         let pose = free * rational_kernel(own.course.pose_scale, safe::squared_norm(self.error(view)));
-        let formula = "{×reward_pose}(1 − c) r_p, r_p = 1/(1 + ({pose_scale} d)²)";
+        let formula = "{×reward_pose}(1 − c) r_p, r_p = 1/(1 + ({×pose_scale}d)²)";
         terms.term("pose", formula, w.pose).non_smooth().number(times(w.pose, pose));
         terms.term("up", "{×reward_up}(1 − c) r_p ((u_z + 1)/2)²", w.up).non_smooth();
         terms.number(times(w.up, pose) * upright(drone.up()));

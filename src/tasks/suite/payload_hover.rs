@@ -137,7 +137,7 @@ impl Task for PayloadHover {
     #[inline(always)]
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let pose = exponential_kernel(self.settings.pose_scale, self.error(view));
-        calm_pose(view, pose, &self.settings.reward, "{×reward_pose}r_p, r_p = e^{−{pose_scale} d}", terms);
+        calm_pose(view, pose, &self.settings.reward, "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", terms);
     }
 
     #[inline(always)]

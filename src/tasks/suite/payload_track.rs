@@ -73,7 +73,7 @@ impl Task for PayloadTrack {
     #[inline(always)]
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let pose = exponential_kernel(self.settings.track.pose_scale, self.track.error(view));
-        calm_pose(view, pose, &self.settings.reward, "{×reward_pose}r_p, r_p = e^{−{pose_scale} d}", terms);
+        calm_pose(view, pose, &self.settings.reward, "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", terms);
     }
 
     #[inline(always)]

@@ -112,7 +112,7 @@ impl Task for InvPendulumFlyThrough {
         let free = free(self.course.bars.clearance(view));
         let distance = safe::norm(self.error(view));
         let pose = free * S::constant(own.course.pose_scale).mul_add(distance, S::one()).recip();
-        let formula = "{×reward_pose}(1 − c) r_p, r_p = 1/(1 + {pose_scale} d)";
+        let formula = "{×reward_pose}(1 − c) r_p, r_p = 1/(1 + {×pose_scale}d)";
         terms.term("pose", formula, w.pose).non_smooth().number(times(w.pose, pose));
         terms.term("balance", "{×reward_balance}(1 − c) r_p b", w.balance).non_smooth();
         terms.number(times(w.balance, pose) * ball.up()[2]);

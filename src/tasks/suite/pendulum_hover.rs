@@ -101,7 +101,7 @@ impl Task for InvPendulumHover {
         let (ball, own, w) = (self.load.ball(view), &self.settings, &self.settings.reward);
         let balance = ball.up()[2];
         terms.term("balance", "{×reward_balance}b", w.balance).number(times(w.balance, balance));
-        terms.term("pose", "{×reward_pose}e^{−{pose_scale} d}", w.pose).piecewise();
+        terms.term("pose", "{×reward_pose}e^{−{×pose_scale}d}", w.pose).piecewise();
         terms.number(times(w.pose, exponential_kernel(own.pose_scale, self.error(view))));
         terms.term("spin", "{×reward_spin}b/(1 + ω_z²)", w.spin);
         terms.number(times(w.spin, balance) * still(view.drone(0).angular_velocity));

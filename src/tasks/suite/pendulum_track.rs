@@ -79,7 +79,7 @@ impl Task for InvPendulumTrack {
     #[inline(always)]
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let own = &self.settings;
-        terms.term("pose", "{×reward_pose}e^{−{pose_scale} d}", own.reward_pose).piecewise();
+        terms.term("pose", "{×reward_pose}e^{−{×pose_scale}d}", own.reward_pose).piecewise();
         terms.number(times(own.reward_pose, exponential_kernel(own.track.pose_scale, self.track.error(view))));
         let effort = ease_of_flight(own.reward_effort, view);
         terms.term("effort", "{×reward_effort}e^{−e}", own.reward_effort).number(effort);

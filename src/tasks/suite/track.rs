@@ -95,7 +95,7 @@ impl Task for Track {
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let (own, w) = (&self.settings, &self.settings.reward);
         let pose = exponential_kernel(own.pose_scale, self.error(view));
-        calm_pose(view, pose, w, "{×reward_pose}r_p, r_p = e^{−{pose_scale} d}", terms);
+        calm_pose(view, pose, w, "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", terms);
     }
 
     #[inline(always)]

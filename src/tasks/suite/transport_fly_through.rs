@@ -143,7 +143,7 @@ impl Task for TransportFlyThrough {
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let (near, w) = (self.load.apart(view), &self.settings.reward);
         let posed = near * exponential_kernel(self.settings.pose_scale, Self::error(view));
-        terms.term("pose", "{×reward_pose}r_s r_p, r_p = e^{−{pose_scale} ‖p_t − p‖}", w.pose).piecewise();
+        terms.term("pose", "{×reward_pose}r_s r_p, r_p = e^{−{×pose_scale}‖p_t − p‖}", w.pose).piecewise();
         terms.number(times(w.pose, posed));
         terms.term("up", "{×reward_up}r_s r_p ((u_z + 1)/2)²", w.up).piecewise();
         terms.number(times(w.up, posed) * upright(view.frame(BOX).up()));

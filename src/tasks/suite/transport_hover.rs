@@ -106,7 +106,7 @@ impl Task for TransportHover {
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let w = &self.settings.reward;
         let pose = exponential_kernel(self.settings.pose_scale, both(self.error(view), Self::heading_error(view)));
-        terms.term("pose", "{×reward_pose}r_s r_p, r_p = e^{−{pose_scale} ‖(p_t − p, h_t − h)‖}", w.carry.pose);
+        terms.term("pose", "{×reward_pose}r_s r_p, r_p = e^{−{×pose_scale}‖(p_t − p, h_t − h)‖}", w.carry.pose);
         steady(view, &self.load, pose, w, terms);
     }
 

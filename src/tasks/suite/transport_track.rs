@@ -108,7 +108,7 @@ impl Task for TransportTrack {
     #[inline(always)]
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let w = &self.settings.reward;
-        terms.term("pose", "{×reward_pose}r_s r_p, r_p = e^{−{pose_scale} d}", w.carry.pose);
+        terms.term("pose", "{×reward_pose}r_s r_p, r_p = e^{−{×pose_scale}d}", w.carry.pose);
         steady(view, &self.load, exponential_kernel(self.settings.pose_scale, self.error(view)), w, terms);
     }
 

@@ -42,7 +42,9 @@ pub fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
         return Err(Error::value("--drop", format!("{height} m"), "0 to 1000 m", "--drop alone means 1 m."));
     }
     let plant = super::model_plant(a, rig, true)?;
-    let system = plant.tree().expect("a model");
+    let Some(system) = plant.tree() else {
+        return Err(Error::value("what falls", plant.name(), "an articulated system", "Name a configuration."));
+    };
     let start = start_above(system, height, a.seed)?;
     let mut plan = a.flight.plan(Some(a.duration.unwrap_or(3.0)), a.wind.clone(), a.seed)?;
     (plan.physics, plan.reference) = (*system.physics(), Reference::Hover(Hover::default()));

@@ -276,7 +276,7 @@ fn every_task_tells_its_goal_its_success_its_loss_and_what_an_action_means() {
     let folder = temporary();
     for entry in omnidrones::tasks::registry::REGISTRY {
         let (page, _) = exits(0, folder.path(), &["tasks", entry.name]);
-        for words in ["Start: ", "Success: ", "Loss: ", "−1 … 1 means", "throttle: 0 … largest thrust"] {
+        for words in ["Start:", "Success:", "Loss:", "−1 … 1 means", "throttle: 0 … largest thrust"] {
             assert!(page.contains(words), "{}: {words}\n{page}", entry.name);
         }
         let told = json(folder.path(), &["tasks", entry.name]);
