@@ -272,7 +272,11 @@ fn settings_of(entry: &Entry) -> Result<Vec<String>> {
 /// What a layer says of environments. Settings of training in a file are for others; as an option they are a mistake.
 fn of_environments(layer: Layer, task: Option<&Entry>) -> Result<Layer> {
     let env = EnvConfig::keys();
-    let of_run = |(key, value): (&String, &Value)| if key == "task" { value.is_str() } else { !env.contains(key) };
+    let run = TrainConfig::keys();
+    let of_run = |(key, value): (&String, &Value)| match key.as_str() {
+        "task" => value.is_str(),
+        _ => run.contains(key) && !env.contains(key),
+    };
     if !layer.table().iter().any(of_run) {
         return Ok(layer);
     }
@@ -357,11 +361,13 @@ pub fn run_file(entry: &Entry, config: &TrainConfig) -> Result<String> {
     };
     let (mut table, mut lines) = (String::new(), Vec::new());
     for line in text.lines() {
-        if let Some(name) = line.strip_prefix('[') {
+        let said = if let Some(name) = line.strip_prefix('[') {
             table = name.trim_matches(['[', ']']).to_string();
-        }
-        let key = line.split_once(" = ").map(|(key, _)| key);
-        lines.push((line.to_string(), key.and_then(|key| meaning(&table, key)).unwrap_or_default()));
+            table.rsplit_once('.').and_then(|(above, key)| meaning(above, key))
+        } else {
+            line.split_once(" = ").and_then(|(key, _)| meaning(&table, key))
+        };
+        lines.push((line.to_string(), said.unwrap_or_default()));
     }
     Ok(commented(&format!("# {}: {}. Any line may be left out.\n", entry.name, entry.description), &lines))
 }

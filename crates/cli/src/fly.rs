@@ -67,7 +67,7 @@ Examples:
   omnidrones fly transport --reference hover          four drones hold a box
   omnidrones fly omav --roll 30 --reference hover     30° of roll, held in place
   omnidrones fly platform --roll 20                   a frame that flies on with 20° of roll
-  omnidrones fly dragon --shape arc:40                a chain that bends while it flies
+  omnidrones fly dragon --shape arc:30                a chain that bends while it flies
   omnidrones fly hummingbird --policy runs/Hover-apg-s0   what was learnt, on the vehicle as it is
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground

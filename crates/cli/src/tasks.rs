@@ -251,7 +251,7 @@ impl Described {
         ];
         facts.push(
             Fact::new("its motors and drag", format!("lag {} ms, fades at {DAMPING} 1/s", 1e3 * MOTOR_TIME_CONSTANT))
-                .note("the benchmark's, in place of the vehicle's own; mass, inertia and rotors are its own"),
+                .note("the benchmark's, not the vehicle's; mass, inertia, rotors are its own"),
         );
         if spec.n_central > 0 {
             facts.push(Fact::new("central state", format!("{} numbers", spec.n_central)));

@@ -284,7 +284,7 @@ fn unusable_input_names_value_limit_and_remedy_and_exits_with_2() {
         ("fly --duration 0", "duration is 0 s"),
         ("fly --duration nan", "duration is NaN s"),
         ("fly --duration 1e-9", "duration is"),
-        ("fly --substeps 0", "substeps is 0, over the limit of 1 to 1000"),
+        ("fly --substeps 0", "substeps is 0, below the limit of 1 to 1000"),
         ("fly --substeps 1001", "substeps is 1001"),
         ("fly --rates 500,250", "expected 3 numbers RATE,ATTITUDE,VELOCITY in Hz, got 2"),
         ("fly --rates 0,0,0", "0 Hz"),
@@ -443,7 +443,7 @@ fn help_of_every_command_names_every_option_with_examples_and_exit_codes() {
         ("tune", [&vehicle[..], &flight, &tune].concat()),
         ("models", [&vehicle[..], &["--json", "--toml", "--urdf", "--force"]].concat()),
         ("import", [&vehicle[..], &["--draft", "--out", "--to", "--force", "--json"]].concat()),
-        ("bench", vec!["--quick", "--threads", "--environments", "--out", "--format", "--no-plots", "--json"]),
+        ("bench", vec!["--quick", "--threads", "--envs", "--out", "--format", "--no-plots", "--json"]),
     ] {
         let (help, _) = exits(0, folder.path(), &[command, "--help"]);
         let about = if command == "fly" { "certificate" } else { "" };
