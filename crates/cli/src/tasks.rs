@@ -250,8 +250,8 @@ impl Described {
             Fact::new("observation", format!("{} numbers", spec.n_observation)).note("of each agent"),
         ];
         facts.push(
-            Fact::new("its motors and drag", format!("lag {} ms, fades at {DAMPING} 1/s", 1e3 * MOTOR_TIME_CONSTANT))
-                .note("the benchmark's, not the vehicle's; mass, inertia, rotors are its own"),
+            Fact::new("motors and drag", format!("lag {} ms, fades at {DAMPING} 1/s", 1e3 * MOTOR_TIME_CONSTANT))
+                .note("the benchmark's; mass, inertia and rotors are the vehicle's own"),
         );
         if spec.n_central > 0 {
             facts.push(Fact::new("central state", format!("{} numbers", spec.n_central)));
