@@ -39,6 +39,7 @@
 //! | [`dynamics`] | bodies | [`Vehicle`](dynamics::Vehicle), [`vehicles`](dynamics::vehicles), [`urdf`](dynamics::urdf), [`Multirotor`](dynamics::Multirotor), [`Plant`](dynamics::Plant), [`World`](dynamics::World), [`Fleet`](dynamics::Fleet), [`Assembly`](dynamics::assembly::Assembly), [`configurations`](dynamics::configurations), [`Multibody`](dynamics::tree::Multibody), [`Scene`](dynamics::scene::Scene) |
 //! | [`controllers`] | commands | [`fly`](controllers::fly()), [`Controller`](controllers::Controller), [`ControlLaw`](controllers::ControlLaw), [`ClosedLoop`](controllers::ClosedLoop), [`Reference`](controllers::Reference), [`tune`](controllers::design::tune()) |
 //! | [`tasks`] | goals | [`Env`](tasks::Env), [`EnvConfig`](tasks::EnvConfig), [`SingleEnv`](tasks::SingleEnv), [`registry`](tasks::registry), [`Task`](tasks::Task), [`Tape`](tasks::Tape), [`evaluate`](tasks::evaluate()) |
+//! | [`rl`] | learning | [`Apg`](rl::apg::Apg), [`Shac`](rl::shac::Shac), [`Ppo`](rl::ppo::Ppo), [`Trainer`](rl::Trainer), [`Policy`](rl::Policy), [`checkpoint`](rl::checkpoint) |
 //! | [`flight`] | what was flown | [`FlightLog`](flight::FlightLog), key figures, CSV |
 //! | [`error`], [`rng`], [`parallel`] | serve all | [`Error`](error::Error), [`Stream`](rng::Stream), [`Threads`](parallel::Threads) |
 //! | [`conventions`] | frames, units, layouts, names | what any number means |
@@ -104,7 +105,13 @@ pub mod conventions {}
 #[doc = include_str!("../CHANGELOG.md")]
 pub mod changelog {}
 
-/// The README's examples, run with the documentation's.
+/// The examples of the README and of `docs/`, run with the documentation's: a module per file that has any.
 #[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-pub struct ReadmeDoctests;
+mod documents {
+    #[doc = include_str!("../README.md")]
+    mod readme {}
+    #[doc = include_str!("../docs/batches-and-speed.md")]
+    mod batches_and_speed {}
+    #[doc = include_str!("../docs/learning.md")]
+    mod learning {}
+}

@@ -1,5 +1,6 @@
-//! Every command line in the help texts and in the README does what it says: it exits with 0, and a flight that it flies
-//! is held.
+//! Every command line in the help texts, in the README and in `docs/` does what it says: it exits with 0, and a flight that it
+//! flies is held. A line of Markdown is a command line if it begins with `omnidrones` or `cargo run --release --`, or stands in
+//! backticks that do.
 //!
 //! Rule for what takes long: the line is run as it stands but for sizes, by [`SMALLER`]. `bench` measures, so it is run
 //! with one thread and batches of 64. Files that the lines name are made first: a URDF of the corpus with its rotor data,
@@ -53,14 +54,24 @@ const COMMANDS: [&str; 13] = [
 /// The words of a command line, up to its remark or what a shell does with it.
 fn words(line: &str) -> Option<Vec<String>> {
     let line = line.split("  ").next()?.split(['#', '>', '`', '&', '|']).next()?.trim();
-    let words: Vec<String> = line.strip_prefix("omnidrones")?.split_whitespace().map(String::from).collect();
+    let rest = line.strip_prefix("omnidrones ").or_else(|| line.strip_prefix("cargo run --release -- "))?;
+    let words: Vec<String> = rest.split_whitespace().map(String::from).collect();
     let known = words.first().is_some_and(|first| COMMANDS.contains(&first.as_str()));
     // a placeholder in capitals is no command line
     let real = words.iter().all(|w| w.len() < 2 || w.chars().any(|c| !c.is_ascii_uppercase()) || w.contains('='));
     (known && real).then_some(words)
 }
 
-/// Every command line that the help texts and the README show, once.
+/// The README and the files of `docs/`, as text.
+fn documents() -> Vec<String> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let pages = std::fs::read_dir(root.join("docs")).expect("docs").map(|entry| entry.expect("listed").path());
+    let pages = pages.filter(|path| path.extension().is_some_and(|e| e == "md"));
+    let texts = pages.chain([root.join("README.md")]).map(|path| std::fs::read_to_string(path).expect("read"));
+    texts.collect()
+}
+
+/// Every command line that the help texts and the documents show, once.
 fn promised(folder: &Path) -> BTreeSet<Vec<String>> {
     let mut all = BTreeSet::new();
     let helps = std::iter::once(vec!["--help"]).chain(COMMANDS.map(|command| vec![command, "--help"]));
@@ -68,11 +79,12 @@ fn promised(folder: &Path) -> BTreeSet<Vec<String>> {
         let (text, _) = exits(0, folder, &help);
         all.extend(text.lines().filter_map(|line| words(line.strip_prefix("  ")?)));
     }
-    let readme = include_str!("../../../../README.md");
-    all.extend(readme.lines().filter_map(words));
-    // a command's bare name among prose is no line
-    let quoted = readme.split("`omnidrones ").skip(1).filter_map(|rest| words(&format!("omnidrones {rest}")));
-    all.extend(quoted.filter(|line| line.len() > 1));
+    for text in documents() {
+        all.extend(text.lines().filter_map(words));
+        // what stands between backticks; the text beside them begins with no command,
+        // and a command's bare name among prose is no line
+        all.extend(text.split('`').filter_map(words).filter(|line| line.len() > 1));
+    }
     all
 }
 
@@ -189,14 +201,14 @@ fn kept(which: impl Fn(&[String]) -> bool) {
 }
 
 #[test]
-fn every_command_line_of_help_and_readme_does_what_it_says() {
+fn every_command_line_of_help_and_documents_does_what_it_says() {
     kept(|line| !is_long(line));
 }
 
 /// `cargo test --release -p omnidrones-cli --test command_line promises -- --ignored`
 #[test]
 #[ignore = "cargo test --release -p omnidrones-cli --test command_line promises -- --ignored: minutes"]
-fn every_long_command_line_of_help_and_readme_does_what_it_says() {
+fn every_long_command_line_of_help_and_documents_does_what_it_says() {
     kept(is_long);
 }
 
