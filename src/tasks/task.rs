@@ -118,12 +118,19 @@ pub struct TaskReference {
     pub references: Vec<Reference>,
     /// Roll and pitch to hold beside the one reference.
     pub tilt: Tilt,
+    /// Where that is now which the one reference leads, world, m; none where it is the drones, each its own.
+    pub follower: Option<Vec3<f64>>,
 }
 
 impl TaskReference {
     /// One reference for the whole, level.
     pub fn one(reference: Reference) -> Self {
-        Self { references: vec![reference], tilt: Tilt::LEVEL }
+        Self { references: vec![reference], tilt: Tilt::LEVEL, follower: None }
+    }
+
+    /// Of something at `position`, world, m.
+    pub fn of(self, position: Vec3<f64>) -> Self {
+        Self { follower: Some(position), ..self }
     }
 
     /// A point, world, m, and a yaw, rad.
@@ -135,7 +142,7 @@ impl TaskReference {
     /// with the least snap: a far point at once would ask for all the tilt there is.
     pub fn way(from: &Frame<f64>, position: Vec3<f64>, yaw: f64, slowness: f64) -> Self {
         let way = Self::waypoints(from, position, yaw, slowness);
-        way.map_or_else(|| Self::point(position, yaw), |way| Self::one(Reference::Waypoints(way)))
+        way.map_or_else(|| Self::point(position, yaw), |way| Self::one(Reference::Waypoints(way))).of(from.position)
     }
 
     /// The path of [`way`](Self::way); `None` for numbers that are not finite.

@@ -2,6 +2,7 @@
 
 use crate::{config, everywhere};
 use omnidrones::controllers::cascade::Level;
+use omnidrones::dynamics::tree::analysis::body_poses;
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::{ActionSpace, Autoreset, Baseline, Buffers, Delay, Env, EnvConfig, Spec, check_env, registry};
 
@@ -12,6 +13,28 @@ fn every_task_keeps_the_contract_in_every_control_mode() {
             assert_eq!(finding.objection, None, "{name}: {}", finding.claim);
         }
     });
+}
+
+/// The trail that `watch` draws, and what a user plots beside a target.
+#[test]
+fn what_a_reference_leads_is_the_load_and_not_its_drones() {
+    for entry in registry::REGISTRY {
+        let mut env = entry.env(&config(2, 40)).unwrap();
+        let mut out = Buffers::new(env.spec());
+        env.reset(None, None, &mut out.out()).unwrap();
+        let Some(led) = env.reference(0).unwrap().filter(|led| led.references.len() == 1) else { continue };
+        let Some(system) = env.rig().plant().tree() else { continue };
+        let at = led.follower.unwrap_or_else(|| panic!("{}: nothing is led", entry.name));
+        let state: Vec<f64> = env.state(0).unwrap().iter().map(|x| f64::from(*x)).collect();
+        let poses = body_poses(system, &state);
+        for drone in env.rig().drones() {
+            let [x, y, z] = poses[drone.frame].position;
+            let apart = (x - at[0]).hypot(y - at[1]).hypot(z - at[2]);
+            // a rod is 0.2 m at least; the Omav's base is what is led itself, the Dragon's mean lies between its links
+            let own = ["Omav", "Dragon"].iter().any(|name| entry.name.starts_with(name));
+            assert!(own || apart > 0.15, "{}: {apart}", entry.name);
+        }
+    }
 }
 
 /// Everything that transforms: a delay that differs, history, noise, normalisation, privileged numbers, randomisation.

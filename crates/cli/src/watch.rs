@@ -156,11 +156,14 @@ struct Picture {
     states: Vec<Vec<f64>>,
     errors: Vec<f64>,
     crashed: Vec<bool>,
+    /// Where that is which a reference leads, if it is not the drones.
+    followers: Vec<Option<[f64; 3]>>,
 }
 
 /// What is known of all pictures together.
 struct Scene {
-    /// What each picture shows: all that is still to come, so that the view closes in as drones near their targets.
+    /// What each picture shows: trails and all that is still to come, so that the view closes in as drones near their
+    /// targets.
     rooms: Vec<[[f64; 3]; 2]>,
     most_error: f64,
     /// Places of what leaves trails, picture by picture, environment by environment.
@@ -222,53 +225,34 @@ impl Replay {
             time: watched.step as f64 * self.spec.dt,
             states: (0..n).map(state).collect(),
             errors: (0..n).map(|i| if watched.flying[i] { error(i) } else { f64::NAN }).collect(),
+            followers: (0..n).map(|i| env.reference(i).ok().flatten().and_then(|led| led.follower)).collect(),
             crashed: (0..n).map(|i| stood(i) || watched.out.terminated[i] > 0 || !watched.flying[i]).collect(),
         };
         self.pictures.push(picture);
     }
 
-    /// Bodies that leave trails: the one that the task's error speaks of, where it can be told, else the drones.
-    fn trailing(&self) -> Vec<usize> {
-        let Some(system) = &self.system else { return self.frames.clone() };
-        if self.wanted.iter().any(|references| references.len() != 1) {
-            return self.frames.clone();
-        }
-        let n_body = system.model().bodies().len();
-        let mut misses = vec![(0.0, 0usize); n_body];
-        for picture in &self.pictures {
-            for (i, at) in self.targets(picture.time) {
-                let state = &picture.states[i];
-                if !picture.errors[i].is_finite() || state.iter().any(|x| !x.is_finite()) {
-                    continue;
-                }
-                for (pose, (sum, count)) in body_poses(system, state).iter().zip(&mut misses) {
-                    let distance = (0..3).map(|k| (pose.position[k] - at[k]).powi(2)).sum::<f64>().sqrt();
-                    *sum += (distance - picture.errors[i]).abs();
-                    *count += 1;
-                }
-            }
-        }
-        let mean = |body: &usize| misses[*body].0 / misses[*body].1.max(1) as f64;
-        let nearest = (0..n_body).filter(|body| misses[*body].1 > 0).min_by(|a, b| mean(a).total_cmp(&mean(b)));
-        nearest.filter(|body| mean(body) < 0.02).map_or_else(|| self.frames.clone(), |body| vec![body])
-    }
-
-    /// Where bodies are in a state.
-    fn places(&self, bodies: &[usize], state: &[f64]) -> Vec<[f64; 3]> {
+    /// Where the drones are in a state.
+    fn drones(&self, state: &[f64]) -> Vec<[f64; 3]> {
         match &self.system {
             None => vec![[state[0], state[1], state[2]]],
             Some(system) => {
                 let poses = body_poses(system, state);
-                bodies.iter().map(|body| poses[*body].position).collect()
+                self.frames.iter().map(|body| poses[*body].position).collect()
             }
         }
     }
 
     fn scene(&self) -> Scene {
-        let all = |bodies: &[usize]| -> Vec<Vec<Vec<[f64; 3]>>> {
-            self.pictures.iter().map(|p| p.states.iter().map(|s| self.places(bodies, s)).collect()).collect()
+        let of = |p: &Picture| -> Vec<Vec<[f64; 3]>> { p.states.iter().map(|s| self.drones(s)).collect() };
+        let drones: Vec<_> = self.pictures.iter().map(of).collect();
+        // of all pictures or of none: a trail does not jump from a load to its drone
+        let led = |i: usize| self.pictures.iter().all(|p| p.followers[i].is_some());
+        let place = |p: usize, i: usize| match self.pictures[p].followers[i] {
+            Some(at) if led(i) => vec![at],
+            _ => drones[p][i].clone(),
         };
-        let (drones, places) = (all(&self.frames), all(&self.trailing()));
+        let places: Vec<Vec<_>> =
+            (0..self.pictures.len()).map(|p| (0..self.spec.n_env).map(|i| place(p, i)).collect()).collect();
         let (mut lo, mut hi) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         let (reach, least) = if self.system.is_some() { (1.2, 0.0) } else { (0.3, CLOSEST) };
         let all_lost = self.pictures.last().is_some_and(|last| last.crashed.iter().all(|lost| *lost));
@@ -285,6 +269,8 @@ impl Replay {
             rooms.push(room(lo, hi, reach, least));
         }
         rooms.reverse();
+        // the trail behind the drones is shown too
+        let rooms = (0..rooms.len()).map(|k| rooms[k.saturating_sub(self.trail_pictures())]).collect();
         let errors = self.pictures.iter().flat_map(|p| p.errors.iter().copied()).filter(|e| e.is_finite());
         Scene { rooms, most_error: errors.fold(1e-3, f64::max), places }
     }
@@ -356,12 +342,16 @@ impl Replay {
         items
     }
 
+    /// Pictures that a trail goes back.
+    fn trail_pictures(&self) -> usize {
+        (TRAIL / (self.stride as f64 * self.spec.dt)).ceil() as usize
+    }
+
     /// The last of environment i's way before picture k, as far as the picture shows it.
     fn trail(&self, k: usize, i: usize, scene: &Scene, items: &mut Vec<Item>) {
         let [lo, hi] = scene.rooms[k];
         let inside = |p: &[f64; 3]| (0..3).all(|i| p[i].is_finite() && (lo[i]..=hi[i]).contains(&p[i]));
-        let pictures = (TRAIL / (self.stride as f64 * self.spec.dt)).ceil() as usize;
-        let recent = &scene.places[k.saturating_sub(pictures)..=k];
+        let recent = &scene.places[k.saturating_sub(self.trail_pictures())..=k];
         for body in 0..recent[0][i].len() {
             for pair in recent.windows(2) {
                 let [from, to] = [pair[0][i][body], pair[1][i][body]];

@@ -307,10 +307,10 @@ fn rotor_figure(figure: Figure, log: &FlightLog) -> Figure {
     let figure = figure.size(1000.0, 60.0 + 190.0 * rows as f64).grid(&[1.0, 1.0], &vec![1.0; rows]);
     (0..groups).fold(figure, |figure, g| {
         let own = g * GROUP..((g + 1) * GROUP).min(n);
-        let title = format!("Speed of rotors {} to {}", own.start + 1, own.end);
+        let title = format!("Speed of rotors {} to {}", own.start, own.end - 1);
         let mut panel = Panel::new(title, "time [s]", "speed [rad/s]").from_zero();
         for i in own {
-            panel = panel.series(Series::line((i + 1).to_string(), log.rotor_history(&log.rotor_speed, i)).width(1.1));
+            panel = panel.series(Series::line(i.to_string(), log.rotor_history(&log.rotor_speed, i)).width(1.1));
         }
         let limit = log.max_rotor_speed[g * GROUP];
         let panel = panel.level("limit", limit, Colour::GREY);

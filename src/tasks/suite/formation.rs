@@ -359,7 +359,7 @@ impl Task for Formation {
             Waypoints::new(vec![start, end]).ok().map(Reference::Waypoints)
         };
         let references = places(&from, &to).into_iter().enumerate().map(way).collect::<Option<Vec<_>>>()?;
-        Some(TaskReference { references, tilt: Tilt::LEVEL })
+        Some(TaskReference { references, tilt: Tilt::LEVEL, follower: None })
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

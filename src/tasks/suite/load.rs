@@ -195,7 +195,8 @@ impl Load {
 
     /// The way of the drone for a path of the ball.
     fn carried(&self, view: &View<'_, f64>, path: LoadPath) -> TaskReference {
-        TaskReference::one(Reference::Carried(Carried { path, lever: -self.sign * view.goal.get(0) }))
+        let carried = Reference::Carried(Carried { path, lever: -self.sign * view.goal.get(0) });
+        TaskReference::one(carried).of(self.ball(view).position)
     }
 
     /// Position and velocity of the ball, attitude and angular velocity of the bar.

@@ -152,8 +152,9 @@ impl Task for OverTrack {
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        let yaw = view.frame(FRAME_BODY).yaw();
-        Some(TaskReference::one(Reference::Lemniscate(self.path.reference(&view.goal, yaw))))
+        let led = view.frame(FRAME_BODY);
+        let path = self.path.reference(&view.goal, led.yaw());
+        Some(TaskReference::one(Reference::Lemniscate(path)).of(led.position))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

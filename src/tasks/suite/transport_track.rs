@@ -136,8 +136,9 @@ impl Task for TransportTrack {
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        let yaw = view.frame(BOX).yaw();
-        Some(TaskReference::one(Reference::Lemniscate(self.path.reference(&view.goal, yaw))))
+        let led = view.frame(BOX);
+        let path = self.path.reference(&view.goal, led.yaw());
+        Some(TaskReference::one(Reference::Lemniscate(path)).of(led.position))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
