@@ -87,11 +87,6 @@ fn is_ours(folder: &Path) -> bool {
     folder.join(MARK).is_file() || folder.join("checkpoints").is_dir() || !runs(folder).is_empty()
 }
 
-/// [`prepare`] without force.
-pub fn prepare_folder(folder: &Path) -> Result<()> {
-    prepare(folder, false)
-}
-
 /// Makes and marks `folder` for output, and tries to write into it, so that a flight is not flown in vain. One that holds
 /// files of others is refused unless `force`: it then stays without the mark.
 pub fn prepare(folder: &Path, force: bool) -> Result<()> {

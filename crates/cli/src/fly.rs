@@ -2,33 +2,26 @@
 
 mod derivatives;
 mod drop;
+mod flown;
 
 use self::derivatives::Derivatives;
-use super::arguments::{FlightArguments, FormatName, VehicleArguments};
+use self::flown::{Flown, write};
+use super::arguments::{self, FlightArguments, OutputArguments, VehicleArguments};
 use super::failure::{FailureArguments, Story};
-use super::page::{Fact, Page, duration, length, short};
 use super::rig::{self, Rig};
-use super::sheet::{KeyFigures, key_facts};
 use super::source::{self, Source};
-use super::table::{Align, Table, number};
-use super::{Report, arguments, files, progress};
-use omnidrones::controllers::reference::{Hover, Lemniscate};
+use super::{Report, files, progress};
+use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::registry::{controller, steerable};
 use omnidrones::controllers::{
-    Bends, Controller, Failure, Flight, FlightPlan, Note, Reference, Setup, Shape, Tilt, Vectored, default_controller,
-    fly, vectored,
+    Bends, Controller, FlightPlan, Reference, Setup, Shape, Tilt, Vectored, default_controller, fly, vectored,
 };
 use omnidrones::dynamics::aero::wind::Wind;
-use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::dynamics::{Effects, Gains, Plant};
 use omnidrones::error::{Error, Result};
-use omnidrones::flight::{FlightSummary, LOST};
 use omnidrones::rl::{PolicyController, load_policy};
-use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::model;
-use omnidrones_plot::rig::{JointHistory, RigFigures, joints};
-use serde_json::{Value, json};
-use std::fmt::Write;
+use omnidrones_plot::rig::joints;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -86,6 +79,7 @@ RMSE is not finite or above --max-rmse; 2 unusable input or arguments.";
 /// Arguments of `fly`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: out/VEHICLE]")))]
 pub struct Arguments {
     /// A vehicle ('omnidrones models'), a configuration ('omnidrones show'), or a file FILE.toml or FILE.urdf
     ///
@@ -139,21 +133,11 @@ pub struct Arguments {
     /// Exit with 1 if the tracking RMSE exceeds this [m]
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Flight")]
     max_rmse: Option<f64>,
-    /// Folder for what is written [default: out/VEHICLE]
-    #[arg(long, value_name = "DIR", help_heading = "Output")]
-    out: Option<PathBuf>,
-    /// File type of the plots
-    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
-    format: FormatName,
-    /// Draw nothing
-    #[arg(long, help_heading = "Output")]
-    no_plots: bool,
+    #[command(flatten)]
+    output: OutputArguments,
     /// Write every step to flight.csv
     #[arg(long, help_heading = "Output")]
     csv: bool,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    json: bool,
 }
 
 impl Arguments {
@@ -216,6 +200,12 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Err(Error::value("--fail", "a drop", "something that flies", "Leave it out: rotors idle."));
     }
     drop::dropped(a, &rig)
+}
+
+/// Where the files of a flight go; made if there will be any.
+fn folder(a: &Arguments, name: &str) -> Result<PathBuf> {
+    let usual = files::default_folder(name);
+    if a.csv || !a.output.no_plots { a.output.folder(usual) } else { Ok(usual) }
 }
 
 /// What flies, under whom, along what.
@@ -348,11 +338,8 @@ fn alone(effects: &Effects) -> Result<()> {
 
 fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
     let Flyer { plant, mut controller, plan, what } = flyer;
-    let folder = a.out.clone().unwrap_or_else(|| files::default_folder(plant.name()));
-    if a.csv || !a.no_plots {
-        files::prepare_folder(&folder)?;
-    }
-    let bar = progress::bar(plan.n_step()?, "flying", a.json);
+    let folder = folder(a, plant.name())?;
+    let bar = progress::bar(plan.n_step()?, "flying", a.output.json);
     let clock = Instant::now();
     let flight = fly(&plant, &mut controller, &plan, &mut |k| {
         if k % 256 == 0 {
@@ -394,349 +381,8 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         written,
     };
     let verdict = result.verdict(a.max_rmse);
-    if a.json {
+    if a.output.json {
         return Ok(Report::json(&result.json(&verdict), verdict.is_ok()));
     }
     Ok(Report { success: verdict.is_ok(), text: result.page(&verdict) })
-}
-
-/// Figures and tables.
-fn write(
-    a: &Arguments,
-    folder: &Path,
-    plant: &Plant,
-    flight: &Flight,
-    after: f64,
-    story: Option<&Story>,
-) -> Result<Vec<PathBuf>> {
-    let mut written = Vec::new();
-    if !a.no_plots {
-        let spinner = progress::spinner("drawing", a.json);
-        written.extend(match plant.tree() {
-            Some(system) => {
-                let figures = RigFigures::new(system, &flight.log, &flight.states, after);
-                figures.save(folder, a.format.extension())?
-            }
-            None => {
-                let events = story.into_iter().flat_map(Story::events);
-                let figures = FlightFigures::new(&flight.log, after);
-                let figures = events.fold(figures, |figures, (at, name)| figures.event(&name, at));
-                figures.save(folder, a.format.extension())?
-            }
-        });
-        spinner.finish_and_clear();
-    }
-    if a.csv {
-        let spinner = progress::spinner("writing CSV", a.json);
-        let path = folder.join("flight.csv");
-        flight.log.write_csv(&path)?;
-        written.push(path);
-        if let Some(system) = plant.tree() {
-            let path = folder.join("joints.csv");
-            files::write_new(&path, &joint_csv(system, flight), true)?;
-            written.push(path);
-        }
-        spinner.finish_and_clear();
-    }
-    Ok(written)
-}
-
-/// Angles and rates of all joints, one line per sample.
-fn joint_csv(system: &Multibody, flight: &Flight) -> String {
-    let layout = system.layout();
-    let own = |i: &usize| layout.bodies[*i].n_freedom == 1;
-    let places: Vec<usize> = (0..layout.bodies.len()).filter(own).collect();
-    let mut text = String::from("time [s]");
-    for i in &places {
-        let body = &system.model().bodies()[*i];
-        let turns = matches!(body.joint.motion, Motion::Revolute(_));
-        let unit = if turns { "rad" } else { "m" };
-        let _ = write!(text, ",{0} [{unit}],{0} rate [{unit}/s]", body.joint.name);
-    }
-    text.push('\n');
-    for (time, row) in flight.log.time.iter().zip(flight.states.chunks_exact(system.rest_state().len())) {
-        let _ = write!(text, "{time}");
-        for i in &places {
-            let _ = write!(text, ",{},{}", row[layout.bodies[*i].position], row[layout.bodies[*i].velocity]);
-        }
-        text.push('\n');
-    }
-    text
-}
-
-struct Flown {
-    plant: Plant,
-    what: What,
-    /// Name and description.
-    controller: [String; 2],
-    /// What it says about itself.
-    notes: Vec<Note>,
-    plan: FlightPlan,
-    flight: Flight,
-    summary: FlightSummary,
-    /// Of a vehicle.
-    derivatives: Option<Derivatives>,
-    /// Of a vehicle whose rotors fail.
-    story: Option<Story>,
-    joints: Vec<JointHistory>,
-    /// Of a configuration, m.
-    lowest: Option<f64>,
-    /// Whether a policy flew.
-    learnt: bool,
-    wall_time: f64,
-    written: Vec<PathBuf>,
-}
-
-/// Largest and root-mean-square value of a history.
-fn extremes(history: &JointHistory) -> [f64; 2] {
-    let v = &history.values;
-    let most = v.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-    [most, (v.iter().map(|x| x * x).sum::<f64>() / v.len().max(1) as f64).sqrt()]
-}
-
-impl Flown {
-    /// Whether it flew, or why not.
-    fn verdict(&self, max_rmse: Option<f64>) -> std::result::Result<(), String> {
-        if let Some(t) = self.flight.diverged_at {
-            return Err(format!(
-                "the flight diverged at {} s: gains too high for dt, or a reference or shape beyond what flies",
-                short(t, 4)
-            ));
-        }
-        if let Some((at, far)) = self.flight.lost() {
-            let left = self.story.as_ref().map_or_else(String::new, |s| format!(" ({})", s.left()));
-            let at = short(at, 4);
-            let far = length(far);
-            return Err(match &self.what {
-                What::Vehicle { .. } => format!("the vehicle was lost at {at} s, {far} from its reference{left}"),
-                What::Model(rig) => format!(
-                    "the vehicle was lost at {at} s: '{}' came {far} from its reference; try a slower --reference, hover, or \
-                     less of --roll, --pitch or --shape",
-                    rig.model.name()
-                ),
-            });
-        }
-        tracked(&self.summary, max_rmse)
-    }
-
-    /// Simulated over real time.
-    fn speed(&self) -> f64 {
-        self.summary.duration / self.wall_time.max(1e-9)
-    }
-
-    fn page(&self, verdict: &std::result::Result<(), String>) -> String {
-        let mut page = Page::new();
-        match &self.what {
-            What::Vehicle { source, .. } => {
-                source.describe(&mut page);
-                page.heading("Vehicle").facts(&key_facts(&source.vehicle));
-            }
-            What::Model(rig) => {
-                page.title(rig.model.name(), &rig.origin);
-                page.line(format!("  {}", rig.description));
-            }
-        }
-        page.heading("Flight").facts(&self.facts());
-        if let (Some(story), What::Vehicle { source, .. }) = (&self.story, &self.what) {
-            story.page(&mut page, &source.vehicle, &self.plan);
-        }
-        if let Some(derivatives) = &self.derivatives {
-            derivatives.page(&mut page);
-        }
-        if !self.joints.is_empty() {
-            let mut table = Table::new(&[("joint", Align::Left), ("largest", Align::Right), ("rms", Align::Right)]);
-            for joint in &self.joints {
-                let show = |v: f64| {
-                    if joint.turns { format!("{}°", number(v.to_degrees(), 1)) } else { length(v) }
-                };
-                table.row([joint.name.clone()].into_iter().chain(extremes(joint).map(show)));
-            }
-            page.heading("Joints").table(&table);
-            page.line("  away from rest; of a universal joint both hinges together");
-        }
-        if !self.written.is_empty() {
-            page.heading("Written");
-            for path in &self.written {
-                page.line(format!("  {}", path.display()));
-            }
-        }
-        if let Err(reason) = verdict {
-            page.line(format!("\nFAILED: {reason}"));
-        }
-        page.finish()
-    }
-
-    fn facts(&self) -> Vec<Fact> {
-        let (s, plan) = (&self.summary, &self.plan);
-        let place = match &plan.reference {
-            Reference::Lemniscate(l) => {
-                format!("; {} rad/s around ({}) m", l.rate, l.origin.map(|v| short(v, 3)).join(", "))
-            }
-            Reference::Hover(Hover { position, .. }) => format!("; ({}) m", position.map(|v| short(v, 3)).join(", ")),
-            _ => String::new(),
-        };
-        let substeps = match plan.physics.substeps {
-            1 => String::new(),
-            n => format!(" ({n} substeps)"),
-        };
-        let mut facts = vec![
-            Fact::new("controller", &self.controller[0]).note(&self.controller[1]),
-            Fact::new("reference", plan.reference.name()).note(format!("{}{place}", plan.reference.description())),
-        ];
-        facts.extend(self.tilt_fact());
-        facts.push(Fact::new("simulated", format!("{} s", short(s.duration, 5))).note(format!(
-            "{} steps of {}{substeps} in {}: {} × real time",
-            s.samples.saturating_sub(1),
-            duration(plan.physics.dt),
-            duration(self.wall_time),
-            short(self.speed(), 3)
-        )));
-        if !self.learnt {
-            facts.push(self.gains_fact());
-        }
-        if let Some((kind, wind)) = describe_wind(&plan.wind) {
-            facts.push(Fact::new("wind", kind).note(wind));
-        }
-        facts.extend(self.failure_facts());
-        let from =
-            if s.rmse_after > 0.0 { format!("after the first {} s", s.rmse_after) } else { "whole flight".into() };
-        let with_start = match (s.max_error, s.max_error_overall) {
-            (Some(late), Some(overall)) if overall > late => format!("{} with the start", length(overall)),
-            _ => String::new(),
-        };
-        let whose = if self.plant.tree().is_some() { "of the root" } else { "" };
-        facts.extend([
-            Fact::new("tracking RMSE", length(s.rmse)).note(from),
-            Fact::new("largest error", length(s.max_error)).note(with_start),
-            Fact::new("top speed", format!("{} m/s", number(s.max_speed, 2))),
-            Fact::new("largest tilt", format!("{}°", number(s.max_tilt.map(f64::to_degrees), 1))).note(whose),
-            Fact::new("rotors at a limit", format!("{} %", number(s.saturation.map(|v| 100.0 * v), 1)))
-                .note("of all commands"),
-        ]);
-        if let Some(lowest) = self.lowest {
-            let ground = match (lowest < 0.0, plan.physics.effects.contact) {
-                (false, _) => "of all bodies and rotors, over the whole flight",
-                (true, true) => "of all bodies and rotors: it touched the ground",
-                (true, false) => "below the ground at 0, which is not simulated here: --effects contact",
-            };
-            facts.push(Fact::new("lowest point", format!("{} m", short(lowest, 3))).note(ground));
-        }
-        facts.extend(self.notes.iter().map(|n| Fact::new(&n.name, &n.value).note(&n.note)));
-        facts
-    }
-
-    fn tilt_fact(&self) -> Option<Fact> {
-        let tilt = &self.plan.tilt;
-        let [roll, pitch] = [tilt.roll, tilt.pitch].map(|a| short(a.to_degrees(), 3));
-        let over = if tilt.ramp > 0.0 { format!(" over {} s", short(tilt.ramp, 3)) } else { String::new() };
-        let note = format!("from {} s on{over}", short(tilt.at, 3));
-        (!tilt.is_level()).then(|| Fact::new("held beside it", format!("roll {roll}°, pitch {pitch}°")).note(note))
-    }
-
-    fn gains_fact(&self) -> Fact {
-        let rates = &self.plan.rates;
-        let hz = |rate: f64| short(rate, 4);
-        let (gains, file) = match &self.what {
-            What::Model(_) => ("its own", String::new()),
-            What::Vehicle { gains_name, .. } => match gains_name.as_str() {
-                known @ ("published" | "derived") => (known, String::new()),
-                file => ("from a file", format!("{file}; ")),
-            },
-        };
-        Fact::new("gains", gains).note(format!(
-            "{file}rate {} Hz, attitude {} Hz, velocity and position {} Hz",
-            hz(rates.rate),
-            hz(rates.attitude),
-            hz(rates.velocity)
-        ))
-    }
-
-    /// What failed of a configuration; a vehicle has a story of it.
-    fn failure_facts(&self) -> Vec<Fact> {
-        let rotors = if self.story.is_none() { self.plant.rotors() } else { Vec::new() };
-        let known = format!("its controller was told {} later", duration(self.plan.detection_delay));
-        let fact = |f: &Failure| {
-            let left =
-                if f.effectiveness > 0.0 { format!("{} % left", 100.0 * f.effectiveness) } else { "lost".into() };
-            let rotor = rotors.get(f.rotor)?;
-            Some(Fact::new(&rotor.name, format!("{left} at {} s", short(f.at, 4))).note(&known))
-        };
-        self.plan.failures.iter().filter_map(fact).collect()
-    }
-
-    fn json(&self, verdict: &std::result::Result<(), String>) -> Value {
-        let mut value = json!({
-            "command": "fly",
-            "version": env!("CARGO_PKG_VERSION"),
-            "success": verdict.is_ok(),
-            "failure": verdict.as_ref().err(),
-            "controller": self.controller[0],
-            "controller_notes": self.notes.iter().map(|n| json!([n.name, n.value, n.note])).collect::<Vec<_>>(),
-            "plan": self.plan,
-            "flight": self.summary,
-            "diverged_at": self.flight.diverged_at,
-            "lost_at": self.flight.lost().map(|(at, _)| at),
-            "wall_time": self.wall_time,
-            "times_real_time": self.speed(),
-            "files": files::names(&self.written),
-        });
-        match &self.what {
-            What::Vehicle { source, gains, gains_name } => {
-                value["vehicle"] = KeyFigures::of(&source.vehicle).json(&source.vehicle);
-                value["source"] = source.json();
-                value["gains"] = json!(gains);
-                value["gains_from"] = json!(gains_name);
-                value["failures"] = json!(self.story.as_ref().map(|s| s.json(&source.vehicle)));
-            }
-            What::Model(rig) => {
-                let joint = |j: &JointHistory| {
-                    let [largest, rms] = extremes(j);
-                    json!({ "name": j.name, "turns": j.turns, "largest": largest, "rms": rms })
-                };
-                value["configuration"] = json!(rig.model.name());
-                value["joints"] = self.joints.iter().map(joint).collect();
-                value["lowest"] = json!(self.lowest);
-            }
-        }
-        if let Some(derivatives) = &self.derivatives {
-            value["derivatives"] = derivatives.json();
-            value["sensitivity"] = json!(derivatives.through.as_ref().map(|(s, _)| s));
-            value["left_out"] = json!(derivatives.left_out);
-        }
-        value
-    }
-}
-
-fn describe_wind(wind: &Wind) -> Option<(&'static str, String)> {
-    let three = |v: &[f64; 3]| super::sheet::vector(v, 3);
-    match wind {
-        Wind::Calm => None,
-        Wind::Constant { velocity } => Some(("steady", format!("{} m/s", three(velocity)))),
-        Wind::Sinusoid(s) => {
-            Some(("sinusoidal", format!("{} harmonics around {} m/s", s.frequencies.len(), three(&s.mean))))
-        }
-        Wind::Dryden(d) => {
-            let gusts = d.intensity().map(|s| short(s, 2)).join(", ");
-            Some(("Dryden", format!("mean {} m/s, gusts of {gusts} m/s rms along, across, up", three(&d.mean))))
-        }
-    }
-}
-
-/// Whether a flight kept to its reference, or why not.
-pub fn tracked(summary: &FlightSummary, max_rmse: Option<f64>) -> std::result::Result<(), String> {
-    if let Some(since) = summary.lost_at {
-        let far = length(summary.max_error_overall);
-        return Err(format!(
-            "the reference was lost: farther than {} from {} s to the end, {far} at most",
-            length(LOST),
-            short(since, 3)
-        ));
-    }
-    match (summary.rmse, max_rmse) {
-        (None, _) => Err("the tracking RMSE is not finite".into()),
-        (Some(rmse), Some(limit)) if rmse > limit => {
-            Err(format!("the tracking RMSE of {} exceeds --max-rmse {}", length(rmse), length(limit)))
-        }
-        _ => Ok(()),
-    }
 }

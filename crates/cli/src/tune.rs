@@ -1,6 +1,6 @@
 //! `omnidrones tune`: gains by gradients through closed-loop flights, judged on starts that the tuning never saw.
 
-use super::arguments::{FlightArguments, FormatName, VehicleArguments};
+use super::arguments::{self, FlightArguments, OutputArguments, VehicleArguments};
 use super::page::{Fact, Page, duration, length};
 use super::sheet::{self, KeyFigures};
 use super::{Report, files, progress, source};
@@ -45,6 +45,7 @@ rotor input 41° → 15°, delay margin 55 → 16 ms). Try the gains with other 
 /// Arguments of `tune`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: out/VEHICLE]")))]
 pub struct Arguments {
     /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
     #[arg(value_name = "VEHICLE|FILE")]
@@ -73,18 +74,8 @@ pub struct Arguments {
     /// Seed of the starts
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Tuning")]
     seed: u64,
-    /// Folder for what is written [default: out/VEHICLE]
-    #[arg(long, value_name = "DIR", help_heading = "Output")]
-    out: Option<PathBuf>,
-    /// File type of the plot
-    #[arg(long, value_name = "TYPE", default_value = "png", help_heading = "Output")]
-    format: FormatName,
-    /// Draw nothing
-    #[arg(long, help_heading = "Output")]
-    no_plots: bool,
-    /// Print one JSON object and nothing else
-    #[arg(long, help_heading = "Output")]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArguments,
 }
 
 /// Tunes.
@@ -105,10 +96,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
         seed: a.seed,
         ..TunePlan::default()
     };
-    let folder = a.out.clone().unwrap_or_else(|| files::default_folder(&vehicle.name));
-    files::prepare_folder(&folder)?;
+    let folder = a.output.folder(files::default_folder(&vehicle.name))?;
 
-    let bar = progress::bar(a.iterations as u64, "judging, then tuning", a.json);
+    let bar = progress::bar(a.iterations as u64, "judging, then tuning", a.output.json);
     bar.enable_steady_tick(Duration::from_millis(200));
     let start = Instant::now();
     let tuning = tune(vehicle, &gains, &plan, &mut |step| {
@@ -119,14 +109,14 @@ pub fn run(a: &Arguments) -> Result<Report> {
     bar.finish_and_clear();
 
     let mut written = vec![write_gains(&folder, a, vehicle, &gains_name, &tuning)?];
-    if !a.no_plots {
-        let path = folder.join(format!("tune.{}", a.format.extension()));
+    if !a.output.no_plots {
+        let path = folder.join(format!("tune.{}", a.output.format.extension()));
         let flight = |gains: &Gains| fly_vehicle(vehicle, gains, &nominal(&plan), &mut |_| {});
         figure(&vehicle.name, &tuning, &gains, &flight(&gains)?, &flight(&tuning.gains)?).save(&path)?;
         written.push(path);
     }
     let better = tuning.after.crashed == 0 && tuning.after.rmse < tuning.before.rmse;
-    if a.json {
+    if a.output.json {
         let value = json!({
             "command": "tune",
             "version": env!("CARGO_PKG_VERSION"),

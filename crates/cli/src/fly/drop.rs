@@ -49,11 +49,8 @@ pub fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
     let mut plan = a.flight.plan(Some(a.duration.unwrap_or(3.0)), a.wind.clone(), a.seed)?;
     (plan.physics, plan.reference) = (*system.physics(), Reference::Hover(Hover::default()));
     let n_step = plan.n_step()?;
-    let folder = a.out.clone().unwrap_or_else(|| files::default_folder(rig.model.name()));
-    if a.csv || !a.no_plots {
-        files::prepare_folder(&folder)?;
-    }
-    let bar = progress::bar(n_step, "falling", a.json);
+    let folder = super::folder(a, rig.model.name())?;
+    let bar = progress::bar(n_step, "falling", a.output.json);
     let flight = fly_from(&plant, &mut Passive::new(&plant), &plan, &start, &mut |k| {
         if k % 64 == 0 {
             bar.set_position(k);
@@ -62,8 +59,8 @@ pub fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
     bar.finish_and_clear();
     let fallen = Fallen::of(rig, system, &flight, height);
     let mut written = Vec::new();
-    if !a.no_plots {
-        let path = folder.join(format!("drop.{}", a.format.extension()));
+    if !a.output.no_plots {
+        let path = folder.join(format!("drop.{}", a.output.format.extension()));
         let figure = fall(system, fallen.drawn());
         figure.subtitle(fallen.subtitle()).save(&path)?;
         written.push(path);
@@ -74,7 +71,7 @@ pub fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
         written.push(path);
     }
     let success = flight.diverged_at.is_none() && !fallen.gained();
-    let text = if a.json { format!("{:#}\n", fallen.json(&written)) } else { fallen.page(&written) };
+    let text = if a.output.json { format!("{:#}\n", fallen.json(&written)) } else { fallen.page(&written) };
     Ok(Report { success, text })
 }
 

@@ -431,6 +431,19 @@ fn no_argument_list_makes_it_panic_or_hang() {
 }
 
 #[test]
+fn a_flight_goes_into_a_folder_of_others_on_demand_alone() {
+    let folder = temporary();
+    std::fs::create_dir(folder.path().join("mine")).expect("made");
+    std::fs::write(folder.path().join("mine/notes.txt"), "kept").expect("written");
+    let fly = ["fly", "hummingbird", "--duration", "0.1", "--no-plots", "--csv", "--out", "mine"];
+    let (_, err) = exits(2, folder.path(), &fly);
+    assert!(err.contains("notes.txt") && err.contains("--force"), "{err}");
+    exits(0, folder.path(), &[&fly[..], &["--force"]].concat());
+    assert_eq!(std::fs::read_to_string(folder.path().join("mine/notes.txt")).expect("kept"), "kept");
+    assert!(size(folder.path(), "mine/flight.csv") > 1000);
+}
+
+#[test]
 fn help_of_every_command_names_every_option_with_examples_and_exit_codes() {
     let folder = temporary();
     let vehicle = ["--rotors", "--package"];
