@@ -1,14 +1,9 @@
 //! The command line as a stranger meets it: the built binary, its pages, JSON, errors and exit codes.
 
+use crate::command::{command, exits, size, temporary};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
-
-fn command(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_omnidrones"));
-    command.args(arguments).current_dir(folder).stdin(Stdio::null());
-    command
-}
+use std::process::{Output, Stdio};
 
 fn run(folder: &Path, arguments: &[&str]) -> Output {
     command(folder, arguments).output().expect("the binary starts")
@@ -18,23 +13,11 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("UTF-8")
 }
 
-/// Runs a command that must exit with `code`; its standard output and error.
-fn exits(code: i32, folder: &Path, arguments: &[&str]) -> (String, String) {
-    let output = run(folder, arguments);
-    let (out, err) = (text(&output.stdout), text(&output.stderr));
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}\n{out}\n{err}");
-    (out, err)
-}
-
 /// The one JSON object that a command prints.
 fn json(code: i32, folder: &Path, arguments: &[&str]) -> Value {
     let (out, err) = exits(code, folder, arguments);
     assert_eq!(err, "", "{arguments:?}");
     serde_json::from_str(&out).unwrap_or_else(|e| panic!("{arguments:?}: {e}\n{out}"))
-}
-
-fn temporary() -> tempfile::TempDir {
-    tempfile::tempdir().expect("a temporary folder")
 }
 
 fn asset(name: &str) -> String {

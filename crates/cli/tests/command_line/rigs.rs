@@ -1,29 +1,12 @@
 //! Configurations on the command line: shown, drawn, flown and dropped, every one of the registry.
 
+use crate::command::{exits, json, temporary};
 use omnidrones::dynamics::configurations;
 use serde_json::Value;
-use std::path::Path;
-use std::process::{Command, Stdio};
-
-/// Runs a command that must exit with `code`; its standard output and error.
-fn exits(code: i32, folder: &Path, arguments: &[&str]) -> (String, String) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_omnidrones"));
-    let output = command.args(arguments).current_dir(folder).stdin(Stdio::null()).output().expect("the binary starts");
-    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).expect("UTF-8");
-    let (out, err) = (text(&output.stdout), text(&output.stderr));
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}\n{out}\n{err}");
-    (out, err)
-}
-
-fn json(folder: &Path, arguments: &[&str]) -> Value {
-    let (out, err) = exits(0, folder, arguments);
-    assert_eq!(err, "", "{arguments:?}");
-    serde_json::from_str(&out).unwrap_or_else(|e| panic!("{arguments:?}: {e}\n{out}"))
-}
 
 #[test]
 fn every_configuration_is_listed_shown_and_drawn() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = temporary();
     let (list, _) = exits(0, folder.path(), &["show"]);
     for entry in configurations::REGISTRY {
         assert!(list.contains(entry.name) && list.contains(entry.description), "{list}");
@@ -44,17 +27,17 @@ fn every_configuration_is_listed_shown_and_drawn() {
 
 #[test]
 fn json_holds_the_parts_and_the_sizes() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let shown = json(folder.path(), &["show", "omav_tilting", "--json"]);
+    let folder = temporary();
+    let shown = json(folder.path(), &["show", "omav_tilting"]);
     assert_eq!(shown["n_input"], 18, "12 rotors and 6 tilts");
     assert_eq!(shown["model"]["bodies"].as_array().map(Vec::len), Some(7));
-    let shown = json(folder.path(), &["show", "firefly", "--json"]);
+    let shown = json(folder.path(), &["show", "firefly"]);
     assert_eq!((&shown["n_state"], &shown["n_input"]), (&19.into(), &6.into()));
 }
 
 #[test]
 fn every_configuration_flies_or_says_why_not() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = temporary();
     // measured over the first 5 s: payload 26 mm, pendulum 127 mm, platforms 12 to 13 mm, transports 9 mm, omav 3 mm
     for entry in configurations::REGISTRY {
         match entry.name {
@@ -63,8 +46,7 @@ fn every_configuration_flies_or_says_why_not() {
                 assert!(err.contains("fixed to the world"), "{err}");
             }
             name => {
-                let arguments =
-                    ["fly", name, "--json", "--no-plots", "--duration", "5", "--dt", "0.004", "--max-rmse", "0.25"];
+                let arguments = ["fly", name, "--no-plots", "--duration", "5", "--dt", "0.004", "--max-rmse", "0.25"];
                 let flown = json(folder.path(), &arguments);
                 assert_eq!(flown["success"], true, "{name}");
                 for joint in flown["joints"].as_array().expect("a list") {
@@ -77,8 +59,8 @@ fn every_configuration_flies_or_says_why_not() {
 
 #[test]
 fn an_omav_that_is_to_roll_flies_with_its_tilts_free() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let arguments = ["fly", "omav", "--roll", "30", "--reference", "hover", "--duration", "4", "--json", "--no-plots"];
+    let folder = temporary();
+    let arguments = ["fly", "omav", "--roll", "30", "--reference", "hover", "--duration", "4", "--no-plots"];
     let flown = json(folder.path(), &arguments);
     assert_eq!((&flown["configuration"], &flown["controller"]), (&"omav_tilting".into(), &"vectored".into()));
     let number = |v: &Value| v.as_f64().expect("a number");
@@ -90,8 +72,8 @@ fn an_omav_that_is_to_roll_flies_with_its_tilts_free() {
 
 #[test]
 fn a_flight_writes_its_figures_and_tables() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let arguments = ["fly", "payload", "--reference", "hover", "--duration", "1", "--csv", "--format", "svg", "--json"];
+    let folder = temporary();
+    let arguments = ["fly", "payload", "--reference", "hover", "--duration", "1", "--csv", "--format", "svg"];
     let flown = json(folder.path(), &arguments);
     let files: Vec<&str> = flown["files"].as_array().expect("a list").iter().filter_map(Value::as_str).collect();
     assert_eq!(files.len(), 8, "{files:?}");
@@ -105,9 +87,9 @@ fn a_flight_writes_its_figures_and_tables() {
 
 #[test]
 fn what_is_dropped_lands_and_loses_its_energy() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = temporary();
     for name in ["payload", "hummingbird"] {
-        let fallen = json(folder.path(), &["fly", name, "--drop=0.4", "--duration", "3", "--json", "--format", "svg"]);
+        let fallen = json(folder.path(), &["fly", name, "--drop=0.4", "--duration", "3", "--format", "svg"]);
         let number = |key: &str| fallen[key].as_f64().expect("a number");
         // free fall over 0.4 m takes 0.286 s
         assert!((number("first_touch") - 0.286).abs() < 0.02, "{name}: {fallen:#}");
@@ -119,7 +101,7 @@ fn what_is_dropped_lands_and_loses_its_energy() {
 
 #[test]
 fn mistakes_are_answered_with_value_limit_and_remedy() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = temporary();
     for (arguments, words) in [
         (&["show", "paylod"][..], "did you mean 'payload'?"),
         (&["fly", "transprt"], "did you mean 'transport'?"),
