@@ -2,9 +2,9 @@
 
 use super::arguments::{self, OutputArguments, ThreadArguments};
 use super::environment::EnvArguments;
-use super::rollout::{Commands, Flown, SUCCESS, check_horizon};
-use super::rollout_files::{self as out, LINES};
-use super::{Report, files, progress};
+use super::rollout::{Commands, Flown, SUCCESS, Told, check_horizon};
+use super::rollout_files::LINES;
+use super::{Report, files};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::saved::{Saved, load_policy};
@@ -65,26 +65,9 @@ pub struct Arguments {
 pub fn run(a: &Arguments) -> Result<Report> {
     let threads = a.threads.threads()?;
     let mut ready = Ready::new(&a.run, &a.environment, a.envs, &threads)?;
-    let writes = a.csv || !a.output.no_plots;
-    let folder = if writes { a.output.folder(a.run.join("eval"))? } else { PathBuf::new() };
-    let bar = progress::bar(ready.env.spec().horizon as u64, "flying", a.output.json);
-    let flown = ready.fly(&mut |watched| bar.set_position(watched.step as u64))?;
-    bar.finish_and_clear();
-    let mut written = Vec::new();
-    if !a.output.no_plots {
-        let path = folder.join(format!("eval.{}", a.output.format.extension()));
-        let spinner = progress::spinner("drawing", a.output.json);
-        out::draw(&flown, &path)?;
-        spinner.finish_and_clear();
-        written.push(path);
-    }
-    if a.csv {
-        written.extend(out::write_csv(&flown.record, &folder)?);
-    }
-    if a.output.json {
-        return Ok(Report::json(&flown.json("eval", &ready.saved.manifest.algorithm, &written), true));
-    }
-    Ok(Report::done(flown.page(&written)))
+    let (horizon, by) = (ready.env.spec().horizon, ready.saved.manifest.algorithm.clone());
+    let told = Told { command: "eval", by: &by, usual: a.run.join("eval") };
+    told.of(&a.output, a.csv, horizon, |step| ready.fly(&mut |watched| step(watched.step)))
 }
 
 /// Most runs that an error names.

@@ -261,26 +261,51 @@ impl Ready {
 fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> Result<Report> {
     // before any folder is made
     let ready = Ready::new(entry, config, threads, a.controller)?;
-    let writes = a.csv || !a.output.no_plots;
-    let folder = if writes { a.output.folder(Path::new("out").join(entry.name))? } else { PathBuf::new() };
-    let bar = progress::bar(ready.env.spec().horizon as u64, "flying", a.output.json);
-    let flown = ready.fly(&mut |k| bar.set_position(k as u64))?;
-    bar.finish_and_clear();
-    let mut written = Vec::new();
-    if !a.output.no_plots {
-        let path = folder.join(format!("rollout.{}", a.output.format.extension()));
-        let spinner = progress::spinner("drawing", a.output.json);
-        out::draw(&flown, &path)?;
-        spinner.finish_and_clear();
-        written.push(path);
+    let horizon = ready.env.spec().horizon;
+    let told = Told { command: "rollout", by: a.controller.name(), usual: Path::new("out").join(entry.name) };
+    told.of(&a.output, a.csv, horizon, |step| ready.fly(step))
+}
+
+/// How a command tells of the episodes that it flies.
+pub struct Told<'a> {
+    /// Its name, that of its figure too.
+    pub command: &'static str,
+    /// Who flies, in JSON.
+    pub by: &'a str,
+    /// The folder unless another one was named.
+    pub usual: PathBuf,
+}
+
+impl Told<'_> {
+    /// Flies behind a bar of `horizon` steps, draws and writes what the options want, and tells.
+    pub fn of(
+        self,
+        output: &OutputArguments,
+        csv: bool,
+        horizon: usize,
+        fly: impl FnOnce(&mut dyn FnMut(usize)) -> Result<Flown>,
+    ) -> Result<Report> {
+        let writes = csv || !output.no_plots;
+        let folder = if writes { output.folder(self.usual)? } else { PathBuf::new() };
+        let bar = progress::bar(horizon as u64, "flying", output.json);
+        let flown = fly(&mut |step| bar.set_position(step as u64))?;
+        bar.finish_and_clear();
+        let mut written = Vec::new();
+        if !output.no_plots {
+            let path = folder.join(format!("{}.{}", self.command, output.format.extension()));
+            let spinner = progress::spinner("drawing", output.json);
+            out::draw(&flown, &path)?;
+            spinner.finish_and_clear();
+            written.push(path);
+        }
+        if csv {
+            written.extend(out::write_csv(&flown.record, &folder)?);
+        }
+        if output.json {
+            return Ok(Report::json(&flown.json(self.command, self.by, &written), true));
+        }
+        Ok(Report::done(flown.page(&written)))
     }
-    if a.csv {
-        written.extend(out::write_csv(&flown.record, &folder)?);
-    }
-    if a.output.json {
-        return Ok(Report::json(&flown.json("rollout", a.controller.name(), &written), true));
-    }
-    Ok(Report::done(flown.page(&written)))
 }
 
 impl Flown {
