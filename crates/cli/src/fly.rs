@@ -8,20 +8,20 @@ use self::derivatives::Derivatives;
 use self::flown::{Flown, write};
 use super::arguments::{self, FlightArguments, OutputArguments, VehicleArguments};
 use super::failure::{FailureArguments, Story};
-use super::rig::{self, Rig};
+use super::robot::{self, Robot};
 use super::source::{self, Source};
 use super::{Report, files, progress};
 use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::registry::{controller, steerable};
 use omnidrones::controllers::{
-    Bends, Controller, FlightPlan, Reference, Setup, Shape, Tilt, Vectored, default_controller, fly, vectored,
+    ChainRamp, ChainShape, Controller, FlightPlan, Reference, Setup, Tilt, Vectored, default_controller, fly, vectored,
 };
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::{Effects, Gains, Plant};
 use omnidrones::error::{Error, Result};
 use omnidrones::rl::{PolicyController, load_policy};
 use omnidrones_plot::model;
-use omnidrones_plot::rig::joints;
+use omnidrones_plot::robot::joints;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -186,20 +186,20 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Err(Error::value("--max-rmse", limit, "> 0 m", "Leave it out to accept any finite error."));
     }
     a.flight.check()?;
-    let configuration = a.named().is_some_and(|named| rig::configuration(named).is_some());
+    let configuration = a.named().is_some_and(|named| robot::configuration(named).is_some());
     if !configuration && a.drop.is_none() {
         return flown(a, vehicle(a)?);
     }
-    let rig = rig::load(a.named().unwrap_or("hummingbird"), &a.rotors)?;
+    let robot = robot::load(a.named().unwrap_or("hummingbird"), &a.rotors)?;
     // what nobody steers yet falls
-    let alone = !rig.model.drones().is_empty() && !steerable(&rig.model);
+    let alone = !robot.model.drones().is_empty() && !steerable(&robot.model);
     if a.drop.is_none() && !alone {
-        return flown(a, configured(a, rig)?);
+        return flown(a, configured(a, robot)?);
     }
     if !a.failure.fail.is_empty() {
         return Err(Error::value("--fail", "a drop", "something that flies", "Leave it out: rotors idle."));
     }
-    drop::dropped(a, &rig)
+    drop::dropped(a, &robot)
 }
 
 /// Where the files of a flight go; made if there will be any.
@@ -219,14 +219,14 @@ struct Flyer {
 /// Where it comes from.
 enum What {
     Vehicle { source: Box<Source>, gains: Gains, gains_name: String },
-    Model(Box<Rig>),
+    Model(Box<Robot>),
 }
 
 /// A single vehicle.
 fn vehicle(a: &Arguments) -> Result<Flyer> {
     a.level()?;
     if let Some(named) = &a.vehicle {
-        rig::known(named)?;
+        robot::known(named)?;
     }
     alone(&a.flight.physics().effects)?;
     let source = source::load(a.vehicle.as_deref(), &a.rotors)?;
@@ -244,8 +244,8 @@ fn vehicle(a: &Arguments) -> Result<Flyer> {
 }
 
 /// A configuration.
-fn configured(a: &Arguments, rig: Rig) -> Result<Flyer> {
-    let plant = model_plant(a, &rig, false)?;
+fn configured(a: &Arguments, robot: Robot) -> Result<Flyer> {
+    let plant = model_plant(a, &robot, false)?;
     let reference = reference(a, &plant)?;
     let usual = reference.duration().map_or(20.0, |end| end + 2.0);
     let mut plan = a.flight.plan(Some(a.duration.unwrap_or(usual)), a.wind.clone(), a.seed)?;
@@ -254,7 +254,7 @@ fn configured(a: &Arguments, rig: Rig) -> Result<Flyer> {
     plan.tilt = a.tilt()?;
     fail(a, &plant, &mut plan)?;
     let controller = model_controller(a, &plant, &plan)?;
-    Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(rig)) })
+    Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(robot)) })
 }
 
 /// The policy of the arguments.
@@ -271,11 +271,11 @@ fn fail(a: &Arguments, plant: &Plant, plan: &mut FlightPlan) -> Result<()> {
 }
 
 /// A model with the effects of the arguments, and of the wind.
-fn model_plant(a: &Arguments, rig: &Rig, contact: bool) -> Result<Plant> {
+fn model_plant(a: &Arguments, robot: &Robot, contact: bool) -> Result<Plant> {
     let mut physics = a.flight.physics();
     physics.effects.disturbance |= a.wind != Wind::Calm;
     physics.effects.contact |= contact;
-    Plant::of_model(&rig.model, physics)
+    Plant::of_model(&robot.model, physics)
 }
 
 /// What was asked, else a slow lemniscate high enough for what hangs below.
@@ -308,9 +308,9 @@ fn model_controller(a: &Arguments, plant: &Plant, plan: &FlightPlan) -> Result<B
     }
     match plant.tree().filter(|system| vectored(system.model())) {
         Some(system) => {
-            let shape = a.shape.as_deref().map_or(Ok(Shape::Straight), Shape::parse)?;
-            let bends = Bends::new(system.model(), shape, plan.tilt.at)?;
-            Ok(Box::new(Vectored::new(system, gains.as_ref(), &plan.rates)?.with_bends(bends)))
+            let shape = a.shape.as_deref().map_or(Ok(ChainShape::Straight), ChainShape::parse)?;
+            let chain = ChainRamp::new(system.model(), shape, plan.tilt.at)?;
+            Ok(Box::new(Vectored::new(system, gains.as_ref(), &plan.rates)?.with_chain(chain)))
         }
         None => {
             let own = default_controller(plant, &Setup::new(gains.as_ref(), &plan.rates))?;

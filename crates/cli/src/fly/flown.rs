@@ -8,14 +8,14 @@ use crate::sheet::{KeyFigures, key_facts, vector};
 use crate::table::{Align, Table, number};
 use crate::{files, progress};
 use omnidrones::controllers::reference::Hover;
-use omnidrones::controllers::{Failure, Flight, FlightPlan, Note, Reference};
+use omnidrones::controllers::{Flight, FlightPlan, Note, Reference, RotorFailure};
 use omnidrones::dynamics::Plant;
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::error::Result;
 use omnidrones::flight::{FlightSummary, LOST};
 use omnidrones_plot::flight::FlightFigures;
-use omnidrones_plot::rig::{JointHistory, RigFigures};
+use omnidrones_plot::robot::{JointHistory, RobotFigures};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ pub(super) fn write(
         let spinner = progress::spinner("drawing", a.output.json);
         written.extend(match plant.tree() {
             Some(system) => {
-                let figures = RigFigures::new(system, &flight.log, &flight.states, after);
+                let figures = RobotFigures::new(system, &flight.log, &flight.states, after);
                 figures.save(folder, a.output.format.extension())?
             }
             None => {
@@ -130,10 +130,10 @@ impl Flown {
             let far = length(far);
             return Err(match &self.what {
                 What::Vehicle { .. } => format!("the vehicle was lost at {at} s, {far} from its reference{left}"),
-                What::Model(rig) => format!(
+                What::Model(robot) => format!(
                     "the vehicle was lost at {at} s: '{}' came {far} from its reference; try a slower --reference, hover, or \
                      less of --roll, --pitch or --shape",
-                    rig.model.name()
+                    robot.model.name()
                 ),
             });
         }
@@ -152,9 +152,9 @@ impl Flown {
                 source.describe(&mut page);
                 page.heading("Vehicle").facts(&key_facts(&source.vehicle));
             }
-            What::Model(rig) => {
-                page.title(rig.model.name(), &rig.origin);
-                page.line(format!("  {}", rig.description));
+            What::Model(robot) => {
+                page.title(robot.model.name(), &robot.origin);
+                page.line(format!("  {}", robot.description));
             }
         }
         page.heading("Flight").facts(&self.facts());
@@ -276,7 +276,7 @@ impl Flown {
     fn failure_facts(&self) -> Vec<Fact> {
         let rotors = if self.story.is_none() { self.plant.rotors() } else { Vec::new() };
         let known = format!("its controller was told {} later", duration(self.plan.detection_delay));
-        let fact = |f: &Failure| {
+        let fact = |f: &RotorFailure| {
             let left =
                 if f.effectiveness > 0.0 { format!("{} % left", 100.0 * f.effectiveness) } else { "lost".into() };
             let rotor = rotors.get(f.rotor)?;
@@ -309,12 +309,12 @@ impl Flown {
                 value["gains_from"] = json!(gains_name);
                 value["failures"] = json!(self.story.as_ref().map(|s| s.json(&source.vehicle)));
             }
-            What::Model(rig) => {
+            What::Model(robot) => {
                 let joint = |j: &JointHistory| {
                     let [largest, rms] = extremes(j);
                     json!({ "name": j.name, "turns": j.turns, "largest": largest, "rms": rms })
                 };
-                value["configuration"] = json!(rig.model.name());
+                value["configuration"] = json!(robot.model.name());
                 value["joints"] = self.joints.iter().map(joint).collect();
                 value["lowest"] = json!(self.lowest);
             }
