@@ -20,7 +20,7 @@
 //! | `window` | a window of steps and its exact gradient |
 //! | `shards` | a batch cut into parts that one thread steps |
 //! | `minibatch`, `critic` | the gradient of a sum over rows; a value function |
-//! | [`gae`], [`value_norm`], [`replay`], [`schedule`] | advantages, scales, memory, rates |
+//! | [`gae`], [`value_norm`], [`schedule`] | advantages, scales, rates |
 //!
 //! ```
 //! use omnidrones::parallel::Threads;
@@ -68,7 +68,6 @@ pub mod policy;
 pub mod policy_controller;
 pub mod ppo;
 pub mod recipes;
-pub mod replay;
 pub(crate) mod rollout;
 pub mod saved;
 pub mod schedule;

@@ -49,10 +49,6 @@ pub trait Writer<S: Scalar>: Sized {
         self
     }
 
-    /// The numbers to come are these fields, whose names are made at run time.
-    #[inline(always)]
-    fn fields(&mut self, _: &[Field]) {}
-
     /// Differentiable but on a thin set.
     #[inline(always)]
     fn piecewise(&mut self) -> &mut Self {
@@ -201,10 +197,6 @@ impl Writer<f64> for Declaration {
     fn smoothness(&mut self, smoothness: Smoothness) -> &mut Self {
         self.open().smoothness = smoothness;
         self
-    }
-    fn fields(&mut self, fields: &[Field]) {
-        self.fields.extend(fields.iter().cloned());
-        self.counted = total(fields);
     }
 }
 

@@ -13,7 +13,6 @@
 //! | [`config`] | [`EnvConfig`]: a batch as plain data, in TOML too |
 //! | [`mod@env`] | [`Env`]: many environments of one task; steps, restarts, gradients |
 //! | [`observation`] | [`Stage`]: history, noise, normalisation, privileged numbers, by name |
-//! | [`with`] | [`With`]: transforms composed at compile time |
 //! | [`randomise`] | [`Change`]: what differs between environments and episodes |
 //! | [`baseline`] | [`Baseline`]: the controllers of this crate as policies |
 //! | [`mod@evaluate`], [`record`] | how well a policy does, from fixed starts; step by step |
@@ -149,7 +148,6 @@ pub mod settings;
 pub mod suite;
 pub mod task;
 pub mod task_spec;
-pub mod with;
 
 pub use baseline::Baseline;
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
@@ -169,4 +167,3 @@ pub use rig::Rig;
 pub use settings::{Domain, Setting, Settings};
 pub use task::{Start, Task, TaskReference, View};
 pub use task_spec::{End, Field, Limit, Metric, Smoothness, Success, TaskSpec, Term};
-pub use with::{Pick, Scale, Transform, With};

@@ -93,7 +93,7 @@ fn the_gradient_of_the_loss_is_that_of_finite_differences() {
         let mut spec = Env::make("Hover", &EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap().spec().clone();
         spec.n_observation = 3;
         spec.action = match head {
-            Head::Gaussian { n } | Head::TanhGaussian { n } => crate::tasks::Space::Box { n, low: -1.0, high: 1.0 },
+            Head::Gaussian { n } => crate::tasks::Space::Box { n, low: -1.0, high: 1.0 },
             Head::Categorical { n } => crate::tasks::Space::Discrete { n },
             Head::MultiCategorical { n, levels } => crate::tasks::Space::MultiDiscrete { n, levels },
         };
