@@ -131,22 +131,22 @@ impl Head {
         self.entropy_of(output, extra) as f32
     }
 
-    /// Adds the derivatives of `up_log_prob` · log p(action) + `up_entropy` · entropy to `d_output` and `d_extra`.
+    /// Adds the derivatives of `grad_log_prob` · log p(action) + `grad_entropy` · entropy to `d_output` and `d_extra`.
     #[expect(clippy::too_many_arguments, reason = "a row, what comes down to it and where that goes")]
     pub fn gradient(
         &self,
         output: &[f32],
         extra: &[f32],
         action: &[f32],
-        up_log_prob: f32,
-        up_entropy: f32,
+        grad_log_prob: f32,
+        grad_entropy: f32,
         d_output: &mut [f32],
         d_extra: &mut [f32],
     ) {
-        let up = (f64::from(up_log_prob), f64::from(up_entropy));
+        let grad_output = (f64::from(grad_log_prob), f64::from(grad_entropy));
         match self.family() {
-            Family::Normal(x) => x.gradient(output, extra, action, up, d_output, d_extra),
-            Family::Choice(x) => x.gradient(output, action, up, d_output),
+            Family::Normal(x) => x.gradient(output, extra, action, grad_output, d_output, d_extra),
+            Family::Choice(x) => x.gradient(output, action, grad_output, d_output),
         }
     }
 
@@ -179,14 +179,14 @@ struct Normal {
 }
 
 /// One of the Gaussians.
-struct Bell {
+struct Gaussian {
     mean: f64,
     log_std: f64,
     /// Derivative of the clamped log standard deviation by the given one.
-    passes: f64,
+    clamp_slope: f64,
 }
 
-impl Bell {
+impl Gaussian {
     /// log N(mean + std z).
     fn log_density(&self, z: f64) -> f64 {
         -0.5 * (z * z + TAU.ln()) - self.log_std
@@ -194,11 +194,11 @@ impl Bell {
 }
 
 impl Normal {
-    fn bell<T: Copy + Into<f64>>(&self, output: &[T], extra: &[T], i: usize) -> Bell {
+    fn gaussian<T: Copy + Into<f64>>(&self, output: &[T], extra: &[T], i: usize) -> Gaussian {
         assert_eq!((output.len(), extra.len()), (self.n, self.n), "lengths of output and extra");
         let given: f64 = extra[i].into();
-        let passes = if (LOG_STD_MIN..=LOG_STD_MAX).contains(&given) { 1.0 } else { 0.0 };
-        Bell { mean: output[i].into(), log_std: given.clamp(LOG_STD_MIN, LOG_STD_MAX), passes }
+        let clamp_slope = if (LOG_STD_MIN..=LOG_STD_MAX).contains(&given) { 1.0 } else { 0.0 };
+        Gaussian { mean: output[i].into(), log_std: given.clamp(LOG_STD_MIN, LOG_STD_MAX), clamp_slope }
     }
 
     fn add(&self, i: usize, d_mean: f64, d_log_std: f64, d_output: &mut [f32], d_extra: &mut [f32]) {
@@ -210,15 +210,15 @@ impl Normal {
     fn sample(&self, output: &[f32], extra: &[f32], stream: &mut Stream, action: &mut [f32]) {
         assert_eq!(action.len(), self.n, "length of the action");
         for i in 0..self.n {
-            let bell = self.bell(output, extra, i);
-            action[i] = (bell.mean + bell.log_std.exp() * stream.normal()) as f32;
+            let gaussian = self.gaussian(output, extra, i);
+            action[i] = (gaussian.mean + gaussian.log_std.exp() * stream.normal()) as f32;
         }
     }
 
     fn mode(&self, output: &[f32], extra: &[f32], action: &mut [f32]) {
         assert_eq!(action.len(), self.n, "length of the action");
         for i in 0..self.n {
-            action[i] = self.bell(output, extra, i).mean as f32;
+            action[i] = self.gaussian(output, extra, i).mean as f32;
         }
     }
 
@@ -226,9 +226,9 @@ impl Normal {
         assert_eq!(action.len(), self.n, "length of the action");
         let mut total = 0.0;
         for i in 0..self.n {
-            let bell = self.bell(output, extra, i);
+            let gaussian = self.gaussian(output, extra, i);
             let u: f64 = action[i].into();
-            total += bell.log_density((u - bell.mean) * (-bell.log_std).exp());
+            total += gaussian.log_density((u - gaussian.mean) * (-gaussian.log_std).exp());
         }
         total
     }
@@ -236,8 +236,8 @@ impl Normal {
     fn entropy<T: Copy + Into<f64>>(&self, output: &[T], extra: &[T]) -> f64 {
         let mut total = 0.0;
         for i in 0..self.n {
-            let bell = self.bell(output, extra, i);
-            total += 0.5 * (1.0 + TAU.ln()) + bell.log_std;
+            let gaussian = self.gaussian(output, extra, i);
+            total += 0.5 * (1.0 + TAU.ln()) + gaussian.log_std;
         }
         total
     }
@@ -247,18 +247,18 @@ impl Normal {
         output: &[f32],
         extra: &[f32],
         action: &[f32],
-        (up_log_prob, up_entropy): (f64, f64),
+        (grad_log_prob, grad_entropy): (f64, f64),
         d_output: &mut [f32],
         d_extra: &mut [f32],
     ) {
         assert_eq!(action.len(), self.n, "length of the action");
         for i in 0..self.n {
-            let bell = self.bell(output, extra, i);
-            let inverse_std = (-bell.log_std).exp();
-            let z = (f64::from(action[i]) - bell.mean) * inverse_std;
-            let d_mean = up_log_prob * z * inverse_std;
-            let d_log_std = up_log_prob * (z * z - 1.0) + up_entropy;
-            self.add(i, d_mean, d_log_std * bell.passes, d_output, d_extra);
+            let gaussian = self.gaussian(output, extra, i);
+            let inverse_std = (-gaussian.log_std).exp();
+            let z = (f64::from(action[i]) - gaussian.mean) * inverse_std;
+            let d_mean = grad_log_prob * z * inverse_std;
+            let d_log_std = grad_log_prob * (z * z - 1.0) + grad_entropy;
+            self.add(i, d_mean, d_log_std * gaussian.clamp_slope, d_output, d_extra);
         }
     }
 }
@@ -316,7 +316,13 @@ impl Choice {
     }
 
     /// ∂ log p_a/∂xₖ = [k = a] − pₖ and ∂H/∂xₖ = −pₖ (ln pₖ + H).
-    fn gradient(&self, output: &[f32], action: &[f32], (up_log_prob, up_entropy): (f64, f64), d_output: &mut [f32]) {
+    fn gradient(
+        &self,
+        output: &[f32],
+        action: &[f32],
+        (grad_log_prob, grad_entropy): (f64, f64),
+        d_output: &mut [f32],
+    ) {
         assert_eq!((action.len(), d_output.len()), (self.n, output.len()), "lengths of action and gradient");
         let rows = d_output.chunks_exact_mut(self.levels);
         for ((logits, action), d_logits) in self.logits(output).zip(action).zip(rows) {
@@ -328,7 +334,7 @@ impl Choice {
                 let hit = if k == chosen { 1.0 } else { 0.0 };
                 // p ln p is 0 at p = 0, whatever the arithmetic of infinities says
                 let d_entropy = if p == 0.0 { 0.0 } else { -p * (log_p + weights.entropy) };
-                *d += (up_log_prob * (hit - p) + up_entropy * d_entropy) as f32;
+                *d += (grad_log_prob * (hit - p) + grad_entropy * d_entropy) as f32;
             }
         }
     }
@@ -450,12 +456,12 @@ mod tests {
             let mut s = stream(1);
             for _ in 0..20 {
                 let (output, extra, action) = row(head, &mut s);
-                let (up_log_prob, up_entropy) = (s.uniform(-1.0, 1.0) as f32, s.uniform(-1.0, 1.0) as f32);
+                let (grad_log_prob, grad_entropy) = (s.uniform(-1.0, 1.0) as f32, s.uniform(-1.0, 1.0) as f32);
                 let (mut d_output, mut d_extra) = (vec![0.0; head.n_output()], vec![0.0; head.n_extra()]);
-                head.gradient(&output, &extra, &action, up_log_prob, up_entropy, &mut d_output, &mut d_extra);
+                head.gradient(&output, &extra, &action, grad_log_prob, grad_entropy, &mut d_output, &mut d_extra);
                 let value = |output: &[f64], extra: &[f64]| {
-                    f64::from(up_log_prob) * head.log_prob_of(output, extra, &wide(&action))
-                        + f64::from(up_entropy) * head.entropy_of(output, extra)
+                    f64::from(grad_log_prob) * head.log_prob_of(output, extra, &wide(&action))
+                        + f64::from(grad_entropy) * head.entropy_of(output, extra)
                 };
                 let worst = worst_difference((&output, &extra), (&d_output, &d_extra), value);
                 assert!(worst < 2e-6, "{head:?}: {worst:e}"); // 2e-7 of gradients up to 7 in f32
@@ -467,9 +473,9 @@ mod tests {
     fn gradients_are_added_and_scale_with_what_comes_down() {
         for head in HEADS {
             let (output, extra, action) = row(head, &mut stream(2));
-            let run = |up: (f32, f32), start: f32| {
+            let run = |grad_output: (f32, f32), start: f32| {
                 let (mut d_output, mut d_extra) = (vec![start; head.n_output()], vec![start; head.n_extra()]);
-                head.gradient(&output, &extra, &action, up.0, up.1, &mut d_output, &mut d_extra);
+                head.gradient(&output, &extra, &action, grad_output.0, grad_output.1, &mut d_output, &mut d_extra);
                 [d_output, d_extra].concat()
             };
             let (one, both) = (run((2.0, 0.0), 0.0), run((2.0, -1.0), 3.0));

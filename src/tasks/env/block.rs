@@ -7,8 +7,8 @@ use crate::dynamics::frame::FRAME;
 
 pub(crate) use crate::autodiff::columns::Columns;
 
-/// Rows of the book: what every task keeps.
-pub(crate) mod book {
+/// Rows of the episode state: what every task keeps.
+pub(crate) mod episode_state {
     /// Steps that the clock was ahead at the start.
     pub(crate) const OFFSET: usize = 0;
     /// 1 while the episode runs.
@@ -28,7 +28,7 @@ pub(crate) mod book {
     /// Why the episode terminated: 0 not, n the n-th reason, one more than there are: diverged.
     pub(crate) const REASON: usize = 8;
     /// Rows that are told as they are.
-    pub(crate) const TOLD: std::ops::Range<usize> = RETURN..TERMS;
+    pub(crate) const INFO: std::ops::Range<usize> = RETURN..TERMS;
     /// Sums of the reward's terms follow.
     pub(crate) const TERMS: usize = 9;
 }
@@ -40,7 +40,7 @@ pub(crate) struct Sizes {
     pub end: usize,
     pub metric: usize,
     pub goal: usize,
-    pub memo: usize,
+    pub task_state: usize,
     /// Numbers of the physics that vary.
     pub theta: usize,
     /// Numbers of a randomised wind: 3 or none.
@@ -68,8 +68,8 @@ pub(crate) struct Sizes {
 }
 
 impl Sizes {
-    pub(crate) fn book(&self) -> usize {
-        book::TERMS + self.term
+    pub(crate) fn episode_state(&self) -> usize {
+        episode_state::TERMS + self.term
     }
 
     /// Numbers of the information of one environment.
@@ -82,9 +82,9 @@ impl Sizes {
 #[derive(Debug, Clone)]
 pub(crate) struct EnvBlock {
     pub plant: Block,
-    pub book: Columns,
+    pub episode_state: Columns,
     pub goal: Columns,
-    pub memo: Columns,
+    pub task_state: Columns,
     pub theta: Columns,
     /// Wind, m/s, where it is randomised.
     pub air: Columns,
@@ -105,9 +105,9 @@ impl EnvBlock {
     pub(crate) fn new(plant: Block, s: &Sizes) -> Self {
         Self {
             plant,
-            book: Columns::zeros(s.book()),
+            episode_state: Columns::zeros(s.episode_state()),
             goal: Columns::zeros(s.goal),
-            memo: Columns::zeros(s.memo),
+            task_state: Columns::zeros(s.task_state),
             theta: Columns::zeros(s.theta),
             air: Columns::zeros(s.air),
             line: Columns::zeros(s.delay * s.command),
@@ -124,7 +124,8 @@ impl EnvBlock {
     /// All rows that make up the state of the environments, in order.
     pub(crate) fn all_rows(&self) -> impl Iterator<Item = &[f32; BLOCK]> {
         let numbers = self.plant.numbers.iter().flatten();
-        let own = [&self.book, &self.goal, &self.memo, &self.theta, &self.air, &self.line, &self.history];
+        let own =
+            [&self.episode_state, &self.goal, &self.task_state, &self.theta, &self.air, &self.line, &self.history];
         self.plant.rows.iter().chain(numbers).chain(own.into_iter().flatten())
     }
 
@@ -132,9 +133,9 @@ impl EnvBlock {
     pub(crate) fn all_rows_mut(&mut self) -> impl Iterator<Item = &mut [f32; BLOCK]> {
         let numbers = self.plant.numbers.iter_mut().flatten();
         let own = [
-            &mut self.book,
+            &mut self.episode_state,
             &mut self.goal,
-            &mut self.memo,
+            &mut self.task_state,
             &mut self.theta,
             &mut self.air,
             &mut self.line,
@@ -152,7 +153,7 @@ pub(crate) struct Workspace {
     pub action: Columns,
     pub command: Columns,
     pub held: Columns,
-    pub memo: Columns,
+    pub task_state: Columns,
     pub terms: Columns,
     /// One agent's after the other, before the transforms.
     pub raw: Columns,
@@ -182,7 +183,7 @@ pub(crate) mod signal {
     pub(crate) const SUCCESS: usize = 1;
     pub(crate) const LOSS: usize = 2;
     /// Rows that are told as they are.
-    pub(crate) const TOLD: std::ops::Range<usize> = SUCCESS..DUE;
+    pub(crate) const INFO: std::ops::Range<usize> = SUCCESS..DUE;
     pub(crate) const DUE: usize = 3;
     pub(crate) const TERMINATED: usize = 4;
     pub(crate) const TRUNCATED: usize = 5;
@@ -190,7 +191,7 @@ pub(crate) mod signal {
 }
 
 /// Numbers that the cascade of one drone holds within a step: attitude command, rate command.
-pub(crate) const HELD: usize = 16 + 7;
+pub(crate) const LATCHED: usize = 16 + 7;
 
 impl Workspace {
     pub(crate) fn new(s: &Sizes, n_state: usize, n_number: usize, n_noise: usize) -> Self {
@@ -200,7 +201,7 @@ impl Workspace {
             action: Columns::zeros(s.action),
             command: Columns::zeros(s.command),
             held: Columns::zeros(s.held),
-            memo: Columns::zeros(s.memo),
+            task_state: Columns::zeros(s.task_state),
             terms: Columns::zeros(s.term),
             raw: Columns::zeros(s.agent * s.raw),
             observation: Columns::zeros(s.agent * s.observation),
@@ -213,7 +214,7 @@ impl Workspace {
             seen: Columns::zeros(s.agent * s.normalised),
             state: vec![0.0; n_state],
             goal: vec![0.0; s.goal],
-            memory: vec![0.0; s.memo],
+            memory: vec![0.0; s.task_state],
             numbers: vec![0.0; n_number],
         }
     }

@@ -1,13 +1,13 @@
 //! One step of sixty-four environments: commands, physics, judgement, restarts, rows.
 
-use super::block::{EnvBlock, HELD, Sizes, Workspace, book, signal};
+use super::block::{EnvBlock, LATCHED, Sizes, Workspace, episode_state, signal};
 use super::buffers::StepOut;
 use super::control::{Control, MAX_SLOTS};
 use super::engine::Engine;
+use super::evaluate_step::Replace;
 use super::gradient::Slot;
-use super::judge::Replace;
 use super::transform::{Shift, Transform};
-use super::transition::{Places, Setting};
+use super::transition::{Setting, StepLayout};
 use crate::autodiff::lanes::each_register;
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Program, Recording};
@@ -18,7 +18,7 @@ use crate::tasks::config::Autoreset;
 use crate::tasks::declare::Goal;
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, streams};
 use std::sync::{Arc, OnceLock};
 
@@ -35,7 +35,7 @@ pub(crate) struct Core {
     /// Numbers that vary between environments.
     pub varied: Vec<usize>,
     pub nominal: Vec<f64>,
-    /// The rig's system, with the numbers that vary as parameters if any do: what gradients are taken of.
+    /// The robot's system, with the numbers that vary as parameters if any do: what gradients are taken of.
     pub exposed: crate::dynamics::Plant,
     pub disturbance_rows: Vec<usize>,
     pub speed_rows: Vec<usize>,
@@ -47,8 +47,8 @@ pub(crate) struct Core {
     pub mode: Autoreset,
     pub stagger: bool,
     pub first_environment: u64,
-    /// See [`kin`](super::transition::kin).
-    pub kin: u64,
+    /// See [`config_hash`](super::transition::config_hash).
+    pub config_hash: u64,
     /// One step in `f64`, made when it is first asked for.
     pub program: OnceLock<Program>,
 }
@@ -82,21 +82,21 @@ pub(crate) fn lanes_of(mut mask: u64) -> impl Iterator<Item = usize> {
 }
 
 impl Core {
-    fn rig(&self) -> &Rig {
-        self.engine.rig()
+    fn robot(&self) -> &Robot {
+        self.engine.robot()
     }
 
     /// One step as a recording.
-    pub(crate) fn record(&self, places: &Places) -> Recording {
-        self.engine.record(&Setting { core: self, places })
+    pub(crate) fn record(&self, layout: &StepLayout) -> Recording {
+        self.engine.record(&Setting { core: self, layout })
     }
 
     /// One step as a program.
-    pub(crate) fn program(&self, places: &Places) -> Result<&Program> {
+    pub(crate) fn program(&self, layout: &StepLayout) -> Result<&Program> {
         if let Some(program) = self.program.get() {
             return Ok(program);
         }
-        let compiled = Program::compile(&self.record(places))?;
+        let compiled = Program::compile(&self.record(layout))?;
         Ok(self.program.get_or_init(|| compiled))
     }
 
@@ -108,29 +108,29 @@ impl Core {
         (first, n): (usize, usize),
         actions: &[f32],
         out: &mut StepOut<'_>,
-        mut slot: Option<(&Places, &mut Slot)>,
+        mut slot: Option<(&StepLayout, &mut Slot)>,
     ) {
         let real = first_bits(n);
-        let running = bits(&block.book[book::RUNNING]) & real;
-        if let Some((places, slot)) = &mut slot {
-            slot.open(places, block, running);
+        let running = bits(&block.episode_state[episode_state::RUNNING]) & real;
+        if let Some((layout, slot)) = &mut slot {
+            slot.open(layout, block, running);
         }
         block.moved = if slot.is_some() { 0 } else { u64::MAX };
         self.act(block, work, actions);
         self.replace_diverged(block, running);
         self.plant.frames(&block.plant, &mut work.frames);
-        self.engine.judge(&self.sizes, self.plant.alive_row(), block, work, None);
+        self.engine.evaluate_step(&self.sizes, self.plant.alive_row(), block, work, None);
         let ended = (bits(&work.signals[signal::TERMINATED]) | bits(&work.signals[signal::TRUNCATED])) & running;
         let events = bits(&work.signals[signal::DUE]) & running & !ended;
         if events != 0 {
             lanes_of(events).for_each(|lane| self.event(block, work, lane, first));
             // the reward was for the old goal, the next action is for the new one
-            self.look_again(block, work, events);
+            self.reobserve(block, work, events);
         }
         self.transform(block, work, running, 0, first);
-        if let Some((places, slot)) = slot {
+        if let Some((layout, slot)) = slot {
             let alive = bits(&block.plant.rows[self.plant.alive_row()]);
-            slot.close(places, block, &work.action, &work.noise, ended, alive);
+            slot.close(layout, block, &work.action, &work.noise, ended, alive);
         }
         self.write_signals(block, work, n, out);
         for lane in lanes_of(ended) {
@@ -144,13 +144,13 @@ impl Core {
         if self.mode != Autoreset::SameStep {
             let alive = self.plant.alive_row();
             for lane in lanes_of(ended) {
-                block.book[book::RUNNING][lane] = 0.0;
+                block.episode_state[episode_state::RUNNING][lane] = 0.0;
                 block.plant.rows[alive][lane] = STOPPED;
             }
         }
         if restarts != 0 {
             lanes_of(restarts).for_each(|lane| self.restart(block, work, lane, first));
-            self.look_again(block, work, restarts);
+            self.reobserve(block, work, restarts);
             self.transform(block, work, restarts, restarts, first);
         }
         if self.mode == Autoreset::NextStep {
@@ -174,7 +174,7 @@ impl Core {
         }
         block.moved |= which;
         lanes_of(which).for_each(|lane| self.restart(block, work, lane, first));
-        self.look_again(block, work, which);
+        self.reobserve(block, work, which);
         self.transform(block, work, which, which, first);
         for lane in lanes_of(which) {
             self.clear(lane, out);
@@ -189,13 +189,13 @@ impl Core {
     fn replace_diverged(&self, block: &mut EnvBlock, running: u64) {
         let alive = bits(&block.plant.rows[self.plant.alive_row()]);
         for lane in lanes_of(!alive & running) {
-            block.plant.rows.iter_mut().zip(self.rig().rest()).for_each(|(row, x)| row[lane] = *x as f32);
+            block.plant.rows.iter_mut().zip(self.robot().rest()).for_each(|(row, x)| row[lane] = *x as f32);
         }
     }
 
     /// Actions to physics.
     fn act(&self, block: &mut EnvBlock, work: &mut Workspace, actions: &[f32]) {
-        self.control.decode(actions, work, &mut block.book);
+        self.control.decode(actions, work, &mut block.episode_state);
         if self.sizes.delay > 0 {
             let (slots, n) = (self.sizes.delay, self.sizes.command);
             each_register(block.plant.occupied, Shift { slots, n, block, command: &mut work.command });
@@ -211,7 +211,7 @@ impl Core {
             if self.control.needs_frames() {
                 self.plant.frames(&block.plant, &mut work.frames);
             }
-            self.control.steer(self.rig(), &self.plant, step, block, work);
+            self.control.steer(self.robot(), &self.plant, step, block, work);
             self.plant.step(std::slice::from_mut(&mut block.plant));
         }
     }
@@ -227,18 +227,18 @@ impl Core {
         for (row, speed) in work.speeds.iter_mut().zip(&self.speed_rows) {
             *row = block.plant.rows[*speed];
         }
-        self.look_again(block, work, u64::MAX);
+        self.reobserve(block, work, u64::MAX);
         self.transform(block, work, 0, 0, first);
         self.write_observation(block, work, n, out);
     }
 
     /// Observation and central state of these lanes, before the transforms; the others' stay as they are.
-    fn look_again(&self, block: &mut EnvBlock, work: &mut Workspace, lanes: u64) {
+    fn reobserve(&self, block: &mut EnvBlock, work: &mut Workspace, lanes: u64) {
         self.plant.frames(&block.plant, &mut work.frames);
         for (lane, chosen) in work.moved[AGAIN].iter_mut().enumerate() {
             *chosen = ((lanes >> lane) & 1) as f32;
         }
-        self.engine.judge(&self.sizes, self.plant.alive_row(), block, work, Some(lanes));
+        self.engine.evaluate_step(&self.sizes, self.plant.alive_row(), block, work, Some(lanes));
         each_register(block.plant.occupied, Replace { sizes: &self.sizes, work });
     }
 
@@ -283,7 +283,7 @@ impl Core {
     /// Noise of one environment in this step: the same whenever it is asked for.
     fn draw_noise(&self, block: &EnvBlock, work: &mut Workspace, lane: usize, first: usize) {
         let n = self.sizes.agent * self.pipeline.noise;
-        let step = block.book[book::STEP][lane] as u64;
+        let step = block.episode_state[episode_state::STEP][lane] as u64;
         let environment = self.first_environment + (first + lane) as u64;
         let key = [block.seed[lane], environment, block.episode[lane], Purpose::SENSORS.0];
         // a normal draw takes four words
@@ -295,13 +295,13 @@ impl Core {
     pub(crate) fn restart(&self, block: &mut EnvBlock, work: &mut Workspace, lane: usize, first: usize) {
         block.episode[lane] = block.episode[lane].wrapping_add(1);
         let key = [block.seed[lane], self.first_environment + (first + lane) as u64, block.episode[lane]];
-        work.state.copy_from_slice(self.rig().rest());
+        work.state.copy_from_slice(self.robot().rest());
         work.goal.fill(0.0);
         work.memory.fill(0.0);
         work.numbers.copy_from_slice(&self.nominal);
         let [reset, task, once] = streams(key[0], key[1], key[2]);
         let mut start = Start {
-            rig: self.rig(),
+            robot: self.robot(),
             state: &mut work.state,
             goal: Goal::over(&mut work.goal),
             task_state: &mut work.memory,
@@ -316,17 +316,17 @@ impl Core {
         let event_at = start.event_at;
         let mut wind = [0.0; 3];
         self.randomiser.apply(key, self.difficulty, &mut work.numbers, &mut wind);
-        self.randomiser.hover(self.rig().rest(), &work.numbers, &mut work.state);
+        self.randomiser.hover(self.robot().rest(), &work.numbers, &mut work.state);
         self.install(block, work, lane, wind);
         let offset = self.offset(key);
         let delay = self.draw_delay(key);
-        for row in &mut block.book {
+        for row in &mut block.episode_state {
             row[lane] = 0.0;
         }
-        block.book[book::OFFSET][lane] = offset;
-        block.book[book::RUNNING][lane] = 1.0;
-        block.book[book::EVENT][lane] = event_at.min(f64::from(f32::MAX)) as f32;
-        block.book[book::DELAY][lane] = delay;
+        block.episode_state[episode_state::OFFSET][lane] = offset;
+        block.episode_state[episode_state::RUNNING][lane] = 1.0;
+        block.episode_state[episode_state::EVENT][lane] = event_at.min(f64::from(f32::MAX)) as f32;
+        block.episode_state[episode_state::DELAY][lane] = delay;
         for (k, row) in block.line.iter_mut().enumerate() {
             row[lane] = self.control.safe[k % self.control.n_command] as f32;
         }
@@ -342,7 +342,7 @@ impl Core {
         write(&mut block.plant.rows, &work.state);
         block.plant.rows[self.plant.alive_row()][lane] = ALIVE;
         write(&mut block.goal, &work.goal);
-        write(&mut block.memo, &work.memory);
+        write(&mut block.task_state, &work.memory);
         write(&mut block.air, &wind);
         if !self.varied.is_empty() {
             self.plant.set_numbers(&mut block.plant, lane, &work.numbers, &self.varied);
@@ -371,9 +371,9 @@ impl Core {
         (least as u64 + Stream::new(seed, environment, episode, DELAY).below((most - least) as u64 + 1)) as f32
     }
 
-    /// A task's event in one lane: its goal may change, its memo, and the numbers that vary.
+    /// A task's event in one lane: its goal may change, its task state, and the numbers that vary.
     fn event(&self, block: &mut EnvBlock, work: &mut Workspace, lane: usize, first: usize) {
-        let step = block.book[book::STEP][lane];
+        let step = block.episode_state[episode_state::STEP][lane];
         let environment = self.first_environment + (first + lane) as u64;
         let key = |purpose: Purpose| [block.seed[lane], environment, block.episode[lane], purpose.0];
         // an event draws far fewer than 256 words
@@ -383,13 +383,13 @@ impl Core {
         };
         read(&block.plant.rows, &mut work.state);
         read(&block.goal, &mut work.goal);
-        read(&block.memo, &mut work.memory);
+        read(&block.task_state, &mut work.memory);
         work.numbers.copy_from_slice(&self.nominal);
         for (row, k) in block.theta.iter().zip(&self.varied) {
             work.numbers[*k] = f64::from(row[lane]);
         }
         let mut start = Start {
-            rig: self.rig(),
+            robot: self.robot(),
             state: &mut work.state,
             goal: Goal::over(&mut work.goal),
             task_state: &mut work.memory,
@@ -404,12 +404,13 @@ impl Core {
         start.event_at = f64::from(step);
         self.engine.event(&mut start);
         let next = start.event_at;
-        block.book[book::EVENT][lane] = if next > f64::from(step) { next.min(1e30) as f32 } else { f32::MAX };
+        block.episode_state[episode_state::EVENT][lane] =
+            if next > f64::from(step) { next.min(1e30) as f32 } else { f32::MAX };
         let write = |rows: &mut [[f32; BLOCK]], values: &[f64]| {
             rows.iter_mut().zip(values).for_each(|(row, value)| row[lane] = *value as f32);
         };
         write(&mut block.goal, &work.goal);
-        write(&mut block.memo, &work.memory);
+        write(&mut block.task_state, &work.memory);
         // what was drawn in f64 keeps its bits unless the task changed a number
         let mut changed = false;
         for (row, k) in block.theta.iter_mut().zip(&self.varied) {
@@ -431,8 +432,8 @@ impl Core {
         for (flags, of) in [(&mut out.terminated, signal::TERMINATED), (&mut out.truncated, signal::TRUNCATED)] {
             flags.iter_mut().zip(&work.signals[of]).for_each(|(flag, x)| *flag = u8::from(*x > 0.5));
         }
-        let (width, terms) = (s.info(), &block.book[book::TERMS..]);
-        let groups = [&block.book[book::TOLD], &work.signals[signal::TOLD], terms, &work.metrics[..]];
+        let (width, terms) = (s.info(), &block.episode_state[episode_state::TERMS..]);
+        let groups = [&block.episode_state[episode_state::INFO], &work.signals[signal::INFO], terms, &work.metrics[..]];
         let mut at = 0;
         for group in groups {
             transpose(group, n, out.info, width, at);
@@ -485,14 +486,14 @@ impl Core {
     /// Memory for one worker.
     pub(crate) fn workspace(&self) -> Workspace {
         let noise = self.sizes.agent * self.pipeline.noise;
-        Workspace::new(&self.sizes, self.rig().n_state(), self.nominal.len(), noise)
+        Workspace::new(&self.sizes, self.robot().n_state(), self.nominal.len(), noise)
     }
 }
 
 /// Row of [`Workspace::moved`]: lanes that are looked at again.
 pub(crate) const AGAIN: usize = 2;
 /// Slots that cascades hold per agent.
-pub(crate) const HELD_PER_AGENT: usize = HELD + MAX_SLOTS;
+pub(crate) const LATCHED_PER_AGENT: usize = LATCHED + MAX_SLOTS;
 const STAGGER: Purpose = Purpose::user(0x57a6);
 const DELAY: Purpose = Purpose::user(0xde1a);
 

@@ -1,6 +1,6 @@
 //! What only shows from inside.
 
-use super::block::book;
+use super::block::episode_state;
 use super::*;
 use crate::tasks::config::MAX_HORIZON;
 
@@ -16,7 +16,7 @@ fn the_longest_episodes_are_cut_at_their_last_step() {
         let mut env = hover(1, horizon);
         let mut out = Buffers::new(env.spec());
         env.reset(None, None, &mut out.out()).unwrap();
-        env.blocks[0].book[book::OFFSET][0] = (horizon - 3) as f32;
+        env.blocks[0].episode_state[episode_state::OFFSET][0] = (horizon - 3) as f32;
         let cut: Vec<u8> = (0..3)
             .map(|_| {
                 env.step(&[f32::NAN; 4], &mut out.out()).unwrap();

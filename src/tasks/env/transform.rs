@@ -1,9 +1,9 @@
 //! Delay lines and observation transforms over a block of lanes.
 
-use super::block::{EnvBlock, Sizes, Workspace, book};
+use super::block::{EnvBlock, Sizes, Workspace, episode_state};
 use crate::autodiff::lanes::{Lanes, RegisterKernel};
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{RowsMut, Scalar};
+use crate::autodiff::{Scalar, StridedViewMut};
 use crate::tasks::observation::{Frozen, Moment, Pipeline};
 
 /// Puts the commands at the head of the delay line and takes out those that are due.
@@ -17,7 +17,7 @@ pub(crate) struct Shift<'a> {
 impl RegisterKernel for Shift<'_> {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
-        let delay = L::rows(&self.block.book, at).get(book::DELAY);
+        let delay = L::rows(&self.block.episode_state, at).get(episode_state::DELAY);
         let mut line = L::rows_mut(&mut self.block.line, at);
         let mut command = L::rows_mut(self.command, at);
         shift(self.slots, self.n, delay, &mut line, &mut command);
@@ -30,8 +30,8 @@ pub(crate) fn shift<S: Scalar>(
     slots: usize,
     n: usize,
     delay: S,
-    line: &mut RowsMut<'_, S>,
-    command: &mut RowsMut<'_, S>,
+    line: &mut StridedViewMut<'_, S>,
+    command: &mut StridedViewMut<'_, S>,
 ) {
     for age in 1..slots {
         let slot = slots - age;

@@ -4,18 +4,18 @@
 //! once it gives the adjoint that runs in lanes; on duals it gives Jacobians.
 
 use super::control::clipped;
-use super::core::{Core, HELD_PER_AGENT};
+use super::core::{Core, LATCHED_PER_AGENT};
 use super::engine::Engine;
-use super::judge::observe;
+use super::evaluate_step::observe;
 use super::spec::fnv;
 use super::transform::shift;
-use crate::autodiff::{Rows, RowsMut, Scalar, System};
+use crate::autodiff::{Scalar, StridedView, StridedViewMut, System};
 use crate::dynamics::Plant;
 use crate::dynamics::frame::FRAME;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Goal, loss_of};
 use crate::tasks::observation::{Frozen, Moment};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{MAX_TERMS, Start, Task, View, streams};
 use std::ops::Range;
 
@@ -25,11 +25,11 @@ use std::ops::Range;
 /// what no derivative is taken of (`time` to `statistics`). Results are what is carried, in the same places, then
 /// `observation`, `central`, `reward`, `loss`.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Places {
-    /// Physics, in the layout of the task's rig.
+pub struct StepLayout {
+    /// Physics, in the layout of the task's robot.
     pub state: Range<usize>,
     /// What the task keeps from step to step.
-    pub memo: Range<usize>,
+    pub task_state: Range<usize>,
     /// Commands on their way.
     pub line: Range<usize>,
     /// Memory of the transforms.
@@ -59,10 +59,10 @@ pub struct Places {
     /// A result.
     pub loss: usize,
     /// Of everything that steps and gradients depend on beside numbers of environments.
-    kin: u64,
+    config_hash: u64,
 }
 
-impl Places {
+impl StepLayout {
     pub(crate) fn of(core: &Core) -> Self {
         let s = &core.sizes;
         let mut at = 0;
@@ -70,7 +70,7 @@ impl Places {
             at += n;
             at - n..at
         };
-        let (state, memo) = (next(core.engine.rig().n_state()), next(s.memo));
+        let (state, task_state) = (next(core.engine.robot().n_state()), next(s.task_state));
         let (line, history) = (next(s.delay * s.command), next(s.history));
         let (action, parameters) = (next(s.command), next(s.theta));
         let (time, goal, next_goal, wind) = (next(3), next(s.goal), next(s.goal), next(s.air));
@@ -84,7 +84,7 @@ impl Places {
         let reward = central.end;
         Self {
             state,
-            memo,
+            task_state,
             line,
             history,
             action,
@@ -99,7 +99,7 @@ impl Places {
             central,
             reward,
             loss: reward + 1,
-            kin: core.kin,
+            config_hash: core.config_hash,
         }
     }
 
@@ -126,7 +126,7 @@ impl Places {
 
 /// 64 bits over what decides which gradient a step has: the task's name, the configuration without numbers that only
 /// decide what is drawn, and which physical numbers vary.
-pub(crate) fn kin(name: &str, config: &EnvConfig, varied: &[usize]) -> u64 {
+pub(crate) fn config_hash(name: &str, config: &EnvConfig, varied: &[usize]) -> u64 {
     let config = EnvConfig {
         n_env: 0,
         seed: 0,
@@ -144,21 +144,21 @@ pub(crate) fn kin(name: &str, config: &EnvConfig, varied: &[usize]) -> u64 {
 pub(crate) struct Ideal {
     pub state: Vec<f64>,
     pub goal: Vec<f64>,
-    pub memo: Vec<f64>,
+    pub task_state: Vec<f64>,
     pub numbers: Vec<f64>,
 }
 
 /// The task's ideal state.
 pub(crate) fn ideal<T: Task>(task: &T, core: &Core) -> Ideal {
-    let (rig, s) = (task.rig(), &core.sizes);
-    let (state, numbers) = (rig.rest().to_vec(), core.nominal.clone());
-    let mut own = Ideal { state, goal: vec![0.0; s.goal], memo: vec![0.0; s.memo], numbers };
+    let (robot, s) = (task.robot(), &core.sizes);
+    let (state, numbers) = (robot.rest().to_vec(), core.nominal.clone());
+    let mut own = Ideal { state, goal: vec![0.0; s.goal], task_state: vec![0.0; s.task_state], numbers };
     let [reset, draw, once] = streams(0, 0, 0);
     task.ideal(&mut Start {
-        rig,
+        robot,
         state: &mut own.state,
         goal: Goal::over(&mut own.goal),
-        task_state: &mut own.memo,
+        task_state: &mut own.task_state,
         numbers: &mut own.numbers,
         reset,
         task: draw,
@@ -171,40 +171,40 @@ pub(crate) fn ideal<T: Task>(task: &T, core: &Core) -> Ideal {
 
 /// The summands of the reward in the task's ideal state, in `f64`.
 pub(crate) fn ideal_terms<T: Task>(task: &T, core: &Core) -> Vec<f64> {
-    let (rig, s) = (task.rig(), &core.sizes);
-    let Ideal { state, goal, memo, numbers } = ideal(task, core);
-    let mut frames = vec![0.0; rig.n_frame() * FRAME];
+    let (robot, s) = (task.robot(), &core.sizes);
+    let Ideal { state, goal, task_state, numbers } = ideal(task, core);
+    let mut frames = vec![0.0; robot.n_frame() * FRAME];
     core.exposed.write_frames(&numbers, &state, &mut frames);
     let speeds: Vec<f64> = core.speed_rows.iter().map(|k| state[*k]).collect();
-    let view = view(rig, &state, &frames, &speeds, &goal, &memo, 0.0, 0.0);
+    let view = view(robot, &state, &frames, &speeds, &goal, &task_state, 0.0, 0.0);
     let mut terms = vec![0.0; s.term];
-    task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
+    task.reward(&view, &mut StridedViewMut::of(&mut terms).writer(0));
     terms
 }
 
-/// Frames, rotor speeds and a blank memo of a state with nominal numbers.
+/// Frames, rotor speeds and a blank task state of a state with nominal numbers.
 pub(crate) fn first_sight(core: &Core, state: &[f64]) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-    let mut frames = vec![0.0; core.engine.rig().n_frame() * FRAME];
+    let mut frames = vec![0.0; core.engine.robot().n_frame() * FRAME];
     core.exposed.write_frames(&core.nominal, state, &mut frames);
-    (frames, core.speed_rows.iter().map(|k| state[*k]).collect(), vec![0.0; core.sizes.memo])
+    (frames, core.speed_rows.iter().map(|k| state[*k]).collect(), vec![0.0; core.sizes.task_state])
 }
 
 /// What a transition needs of the core, without the task.
 pub(crate) struct Setting<'a> {
     pub core: &'a Core,
-    pub places: &'a Places,
+    pub layout: &'a StepLayout,
 }
 
-/// `y` = step of `z`; see [`Places`].
+/// `y` = step of `z`; see [`StepLayout`].
 pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z: &[S], y: &mut [S]) {
-    let (core, p) = (setting.core, setting.places);
-    let (rig, s) = (task.rig(), &core.sizes);
+    let (core, p) = (setting.core, setting.layout);
+    let (robot, s) = (task.robot(), &core.sizes);
     let numbers = numbers(core, &z[p.parameters.clone()]);
     let mut state = z[p.state.clone()].to_vec();
-    let (memo, goal) = (&z[p.memo.clone()], &z[p.goal.clone()]);
+    let (task_state, goal) = (&z[p.task_state.clone()], &z[p.goal.clone()]);
     let [step, offset, delay] = [z[p.time.start], z[p.time.start + 1], z[p.time.start + 2]];
     let speeds: Vec<S> = core.speed_rows.iter().map(|k| state[*k]).collect();
-    let mut frames = vec![S::zero(); rig.n_frame() * FRAME];
+    let mut frames = vec![S::zero(); robot.n_frame() * FRAME];
     core.exposed.write_frames(&numbers, &state, &mut frames);
 
     let mut commands = z[p.action.clone()].to_vec();
@@ -215,45 +215,45 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
     let (carried, seen) = y.split_at_mut(p.n_carried());
     carried[p.line.clone()].copy_from_slice(&z[p.line.clone()]);
     if s.delay > 0 {
-        let mut line = RowsMut::of(&mut carried[p.line.clone()]);
-        shift(s.delay, s.command, delay, &mut line, &mut RowsMut::of(&mut commands));
+        let mut line = StridedViewMut::of(&mut carried[p.line.clone()]);
+        shift(s.delay, s.command, delay, &mut line, &mut StridedViewMut::of(&mut commands));
     }
 
     let horizon = S::constant(1.0 / task.horizon() as f64);
-    let mut input = vec![S::zero(); rig.n_input()];
+    let mut input = vec![S::zero(); robot.n_input()];
     if !core.disturbance_rows.is_empty() {
-        let view = view(rig, &state, &frames, &speeds, goal, memo, step, (step + offset) * horizon);
-        for (tree, first) in rig.disturbances().into_iter().enumerate() {
+        let view = view(robot, &state, &frames, &speeds, goal, task_state, step, (step + offset) * horizon);
+        for (tree, first) in robot.disturbances().into_iter().enumerate() {
             input[first..first + 9].copy_from_slice(&task.disturb(&view, tree));
             for (k, wind) in z[p.wind.clone()].iter().enumerate() {
                 input[first + k] += *wind;
             }
         }
     }
-    let mut held = vec![S::zero(); s.agent * HELD_PER_AGENT];
+    let mut held = vec![S::zero(); s.agent * LATCHED_PER_AGENT];
     let mut next = state.clone();
     for inner in 0..core.control.steps {
         if inner > 0 && core.control.needs_frames() {
             core.exposed.write_frames(&numbers, &state, &mut frames);
         }
-        core.control.steer_one(rig, inner, &Rows::of(&frames), &commands, &mut held, &mut input);
+        core.control.steer_one(robot, inner, &StridedView::of(&frames), &commands, &mut held, &mut input);
         physics(core, &state, &input, &numbers, &mut next);
         std::mem::swap(&mut state, &mut next);
     }
     core.exposed.write_frames(&numbers, &state, &mut frames);
 
     let (step, clock) = (step + S::one(), (step + S::one() + offset) * horizon);
-    if s.memo > 0 {
-        let before = view(rig, &state, &frames, &speeds, goal, memo, step, clock);
-        task.remember(&before, &mut RowsMut::of(&mut carried[p.memo.clone()]).pen(0));
+    if s.task_state > 0 {
+        let before = view(robot, &state, &frames, &speeds, goal, task_state, step, clock);
+        task.remember(&before, &mut StridedViewMut::of(&mut carried[p.task_state.clone()]).writer(0));
     }
-    let new_memo = carried[p.memo.clone()].to_vec();
-    let view = view(rig, &state, &frames, &speeds, goal, &new_memo, step, clock);
+    let new_task_state = carried[p.task_state.clone()].to_vec();
+    let view = view(robot, &state, &frames, &speeds, goal, &new_task_state, step, clock);
     let mut terms = [S::zero(); MAX_TERMS];
-    task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
+    task.reward(&view, &mut StridedViewMut::of(&mut terms).writer(0));
     let mut raw = vec![S::zero(); s.agent * s.raw];
-    let shown = View { goal: Rows::of(&z[p.next_goal.clone()]), ..view };
-    observe(task, s, &shown, &mut RowsMut::of(&mut raw));
+    let shown = View { goal: StridedView::of(&z[p.next_goal.clone()]), ..view };
+    observe(task, s, &shown, &mut StridedViewMut::of(&mut raw));
     carried[p.state.clone()].copy_from_slice(&state);
     carried[p.history.clone()].copy_from_slice(&z[p.history.clone()]);
     let always = S::zero().lt(S::one());
@@ -263,16 +263,23 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
         let moment = Moment {
             moved: always,
             fresh: S::one().lt(S::zero()),
-            noise: Rows::of(&z[p.noise.start + agent * core.pipeline.noise..]),
-            theta: Rows::of(&z[p.parameters.clone()]),
-            statistics: Frozen::Arguments(Rows::of(&z[p.statistics.clone()])),
+            noise: StridedView::of(&z[p.noise.start + agent * core.pipeline.noise..]),
+            theta: StridedView::of(&z[p.parameters.clone()]),
+            statistics: Frozen::Arguments(StridedView::of(&z[p.statistics.clone()])),
         };
-        let mut memory = RowsMut::of(&mut carried[p.history.clone()]);
-        core.pipeline.run(&moment, &mut memory, agent * core.pipeline.memory, &mut RowsMut::of(seen), begin, None);
+        let mut memory = StridedViewMut::of(&mut carried[p.history.clone()]);
+        core.pipeline.run(
+            &moment,
+            &mut memory,
+            agent * core.pipeline.memory,
+            &mut StridedViewMut::of(seen),
+            begin,
+            None,
+        );
     }
     if s.central > 0 {
         let begin = p.central.start - p.n_carried();
-        task.central(&shown, &mut RowsMut::of(seen).pen(begin));
+        task.central(&shown, &mut StridedViewMut::of(seen).writer(begin));
     }
     let mut reward = S::zero();
     for term in terms.iter().take(s.term) {
@@ -299,29 +306,29 @@ fn physics<S: Scalar>(core: &Core, state: &[S], input: &[S], numbers: &[S], next
 
 #[expect(clippy::too_many_arguments, reason = "the parts of a view, named at its only callers")]
 pub(crate) fn view<'a, S: Scalar>(
-    rig: &'a Rig,
+    robot: &'a Robot,
     state: &'a [S],
     frames: &'a [S],
     speeds: &'a [S],
     goal: &'a [S],
-    memo: &'a [S],
+    task_state: &'a [S],
     step: S,
     clock: S,
 ) -> View<'a, S> {
     View {
-        rig,
-        state: Rows::of(state),
-        frames: Rows::of(frames),
-        speeds_before: Rows::of(speeds),
-        goal: Rows::of(goal),
-        task_state: Rows::of(memo),
+        robot,
+        state: StridedView::of(state),
+        frames: StridedView::of(frames),
+        speeds_before: StridedView::of(speeds),
+        goal: StridedView::of(goal),
+        task_state: StridedView::of(task_state),
         step,
         clock,
     }
 }
 
-/// The rig's system with the numbers that vary as parameters, if any do.
+/// The robot's system with the numbers that vary as parameters, if any do.
 pub(crate) fn exposed(engine: &dyn Engine, varies: bool) -> Plant {
-    let plant = engine.rig().plant().clone();
+    let plant = engine.robot().plant().clone();
     if varies { plant.with_parameters() } else { plant }
 }
