@@ -10,6 +10,7 @@
 //! | [`shac`] | the same over shorter windows, with a critic behind them |
 //! | [`ppo`] | proximal policy optimisation, for all tasks, teams and discrete actions |
 //! | [`config`], [`recipes`] | what a run is made of, and what proved good for each task |
+//! | `renamed` | settings by their names of 0.1 |
 //! | [`config_diff`] | in which settings two runs differ |
 //! | [`trainer`] | the loop: update, log, evaluate, save, resume |
 //! | [`evaluate`](mod@evaluate) | a policy on fixed starts that no training saw |
@@ -69,6 +70,7 @@ pub mod policy_io;
 pub(crate) mod policy_optimiser;
 pub mod ppo;
 pub mod recipes;
+pub(crate) mod renamed;
 pub(crate) mod rollout;
 pub mod schedule;
 pub mod shac;
