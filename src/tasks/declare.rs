@@ -260,7 +260,7 @@ impl Writer<f64> for Goal<'_> {
 }
 
 /// Most numbers that a task keeps from step to step.
-pub const MAX_TASK_STATE: usize = 256;
+pub(crate) const MAX_TASK_STATE: usize = 256;
 
 /// An episode that a task began: physics, and the goal with its names.
 struct Begun {

@@ -272,7 +272,8 @@ fn a_run_of_version_0_1_is_read_by_the_old_names_of_its_settings() {
             Algorithm::Ppo => assert_eq!((config.ppo.clip_epsilon, config.ppo.max_grad_norm), (0.2, 1.0)),
         }
         let (env, starts) = (config.seen_env(), Starts { n_env: 8, seed: 5 });
-        let told = evaluate(&mut saved.policy.clone(), "Hover", &env, starts, &Threads::default(), &mut |_| {}).unwrap();
+        let told =
+            evaluate(&mut saved.policy.clone(), "Hover", &env, starts, &Threads::default(), &mut |_| {}).unwrap();
         assert!(told.return_mean.is_finite(), "{algorithm:?}");
     }
 }

@@ -14,11 +14,11 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 /// Least log standard deviation of a Gaussian.
-pub const LOG_STD_MIN: f64 = -5.0;
+pub(crate) const LOG_STD_MIN: f64 = -5.0;
 /// Largest log standard deviation of a Gaussian.
-pub const LOG_STD_MAX: f64 = 2.0;
+pub(crate) const LOG_STD_MAX: f64 = 2.0;
 /// Most outputs of a head: `f32` counts whole numbers exactly up to it.
-pub const MAX_OUTPUT: usize = 1 << 24;
+pub(crate) const MAX_OUTPUT: usize = 1 << 24;
 
 /// The kind of an action's distribution. In TOML: `kind = "gaussian"` and its sizes.
 ///
