@@ -6,10 +6,10 @@
 use omnidrones::autodiff::{Scalar, safe};
 use omnidrones::dynamics::spatial::sub;
 use omnidrones::error::Result;
+use omnidrones::tasks::{ANY_YAW, reward::rational_kernel};
 use omnidrones::tasks::{
     Ends, Env, EnvConfig, Robot, Setting, Settings, Start, Success, Task, View, Writer, check_env,
 };
-use omnidrones::tasks::{reward::rational_kernel, task::ANY_YAW};
 
 omnidrones::settings! {
     /// Of the beacon.

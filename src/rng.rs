@@ -29,8 +29,6 @@ impl Purpose {
     pub const WIND: Self = Self(2);
     /// Sensor noise.
     pub const SENSORS: Self = Self(3);
-    /// Motor noise.
-    pub const MOTORS: Self = Self(4);
     /// Goals, references, obstacles.
     pub const TASK: Self = Self(5);
     /// Pushes and other disturbances.

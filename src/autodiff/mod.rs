@@ -2,42 +2,43 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`scalar`] | the [`Scalar`] trait, `f32`, `f64` |
+//! | `scalar` | the [`Scalar`] trait, `f32`, `f64` |
 //! | [`safe`] | norms, roots and angles that stay finite, values and derivatives, at their corners |
-//! | [`dual`] | num-dual's numbers as scalars: exact forward derivatives |
-//! | [`jet`] | truncated Taylor series over any scalar |
+//! | `dual` | num-dual's numbers as scalars: exact forward derivatives |
+//! | `jet` | truncated Taylor series over any scalar |
 //! | `lanes`, `columns`, `unrolled` | SIMD registers as scalars, chosen at run time; where their numbers stand; loops over components |
-//! | [`custom`] | functions with a derivative of their own, for solvers inside kernels |
-//! | [`trace`], [`program`] | recording scalar; compiled programs and derived adjoints |
-//! | [`system`] | what is differentiated: x⁺ = f(x, u, θ), costs |
-//! | [`derivative`] | Jacobians of one step, by duals and compiled |
+//! | `custom` | functions with a derivative of their own, for solvers inside kernels |
+//! | `trace`, [`program`] | recording scalar; compiled programs and derived adjoints |
+//! | `system` | what is differentiated: x⁺ = f(x, u, θ), costs |
+//! | `derivative` | Jacobians of one step, by duals and compiled |
 //! | [`rollout`] | gradients through whole rollouts, reverse and forward |
-//! | [`mod@batch_rollout`] | the same for many rollouts at once, in lanes |
+//! | `batch_rollout` | the same for many rollouts at once, in lanes |
 //! | [`certificate`] | adjoint against duals against differences, for anybody's system |
 //!
 //! This room does not know drones.
 
-pub mod batch_rollout;
+pub(crate) mod batch_rollout;
 pub mod certificate;
 pub(crate) mod columns;
-pub mod custom;
-pub mod derivative;
-pub mod dual;
-pub mod jet;
+pub(crate) mod custom;
+pub(crate) mod derivative;
+pub(crate) mod dual;
+pub(crate) mod jet;
 pub(crate) mod lanes;
 pub mod program;
 pub mod rollout;
 pub mod safe;
-pub mod scalar;
-pub mod strided;
-pub mod system;
-pub mod trace;
+pub(crate) mod scalar;
+pub(crate) mod strided;
+pub(crate) mod system;
+pub(crate) mod trace;
 pub(crate) mod unrolled;
 
 pub use batch_rollout::{BatchGradient, BatchRollout};
 pub use certificate::{Bounds, Certificate, certify};
 pub use custom::{CustomFunction, Operation};
 pub use derivative::{CompiledJacobian, JacobianScratch, Linearisation, jacobian, linearise};
+pub use jet::Jet;
 pub use lanes::lane_width;
 pub use program::Program;
 pub use rollout::{Gradient, Rollout};

@@ -329,7 +329,7 @@ pub(crate) fn record_step<F: System, C: Objective>(system: &F, objective: &C) ->
 ///
 /// # Errors
 /// [`Error::Value`] naming the wrong length.
-pub fn check_lengths<F: System>(system: &F, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Result<()> {
+pub(crate) fn check_lengths<F: System>(system: &F, state: &[f64], inputs: &[f64], parameters: &[f64]) -> Result<()> {
     let m = system.n_input();
     for (what, got, wanted) in [
         ("state", state.len(), system.n_state()),

@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 use std::collections::VecDeque;
 
 /// Longest latency, steps.
-pub const MAX_LATENCY: usize = 1000;
+pub(crate) const MAX_LATENCY: usize = 1000;
 
 /// What acts on a loop from outside in one step.
 #[derive(Debug, Clone, PartialEq)]

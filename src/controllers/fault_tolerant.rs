@@ -39,7 +39,7 @@ use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::Result;
 
 /// Priority of each row, as a factor of its balanced weight: sideways forces, thrust, roll and pitch, yaw.
-pub const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 10.0, 10.0, 1e-3];
+pub(crate) const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 10.0, 10.0, 1e-3];
 /// ρ over the largest diagonal entry of BᵀWB: far below that of the weakest row.
 const REGULARISATION: f64 = 1e-9;
 /// Largest tilt of the wanted thrust with a failure, rad: less lift, less haste.

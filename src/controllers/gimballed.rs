@@ -33,11 +33,11 @@ use crate::dynamics::{Gains, Vehicle};
 use crate::error::{Error, Result};
 
 /// ω_f over the bandwidth of the drone's attitude loop.
-pub const FILTER: f64 = 5.0;
+pub(crate) const FILTER: f64 = 5.0;
 /// See the [module](self).
-pub const LEAST_RATE_GAIN: f64 = 0.4;
+pub(crate) const LEAST_RATE_GAIN: f64 = 0.4;
 /// Largest wanted thrust over the most that the rotors give: the rest turns the drone.
-pub const MAX_THRUST_SHARE: f64 = 0.85;
+pub(crate) const MAX_THRUST_SHARE: f64 = 0.85;
 /// Least wanted thrust over the most that the rotors give: below it the rotors cannot turn the drone.
 const MIN_THRUST_SHARE: f64 = 0.02;
 
@@ -272,7 +272,7 @@ pub fn kinematics(pose: &Pose<f64>) -> Kinematics<f64> {
 ///
 /// # Errors
 /// [`Error::Value`] with weight and thrust.
-pub fn liftable(model: &Model, drones: &[Gimballed]) -> Result<()> {
+pub(crate) fn liftable(model: &Model, drones: &[Gimballed]) -> Result<()> {
     let (weight, n) = (model.mass() * model.parts().gravity, drones.len() as f64);
     let least = drones.iter().fold(f64::INFINITY, |least, d| least.min(MAX_THRUST_SHARE * d.max_thrust));
     if weight < n * least {
@@ -287,7 +287,7 @@ pub fn liftable(model: &Model, drones: &[Gimballed]) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Value`] that names a drone on no such joint.
-pub fn mounts(model: &Model) -> Result<Vec<Mount>> {
+pub(crate) fn mounts(model: &Model) -> Result<Vec<Mount>> {
     let mount = |number: usize| {
         Mount::of(model, number).ok_or_else(|| {
             Error::value(

@@ -66,7 +66,7 @@ impl<S: Scalar> GainSet<S> {
 }
 
 /// Checks gains before a cascade divides by them: finite, K_p and K_R ≥ 0, K_v and K_ω > 0.
-pub fn validate_gains(gains: &Gains) -> Result<()> {
+pub(crate) fn validate_gains(gains: &Gains) -> Result<()> {
     let rows = [
         ("gains.position", gains.position, false),
         ("gains.velocity", gains.velocity, true),

@@ -46,9 +46,9 @@ use crate::error::{Error, Result};
 use nalgebra::DMatrix;
 
 /// Bandwidth of the drones' attitude loops over that of the frame's.
-pub const SEPARATION: f64 = 5.0;
+pub(crate) const SEPARATION: f64 = 5.0;
 /// Largest Δ_j over Σ T_max of a drone.
-pub const TWIST_SHARE: f64 = 0.1;
+pub(crate) const TWIST_SHARE: f64 = 0.1;
 
 /// Directions in which drones may push.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,7 +103,7 @@ pub struct Platform {
 }
 
 /// Whether a model is a frame without rotors under at least two drones, each on a cardan joint of the frame.
-pub fn is_platform(model: &Model) -> bool {
+pub(crate) fn is_platform(model: &Model) -> bool {
     let n = model.drones().len();
     let drones = mounts(model).is_ok_and(|m| m.iter().all(|m| m.carrier == 0));
     n >= 2 && drones && model.bodies().len() == 1 + 2 * n && model.rotors().iter().all(|r| r.body != 0)

@@ -41,7 +41,7 @@ pub fn velocity_command<S: Scalar>(
 ///
 /// Source: Faessler, Franchi, Scaramuzza 2018 (rotor drag is part of the flat output map); first order, R measured.
 #[inline(always)]
-pub fn add_drag<S: Scalar>(
+pub(crate) fn add_drag<S: Scalar>(
     body: &BodyModel<S>,
     state: &Kinematics<S>,
     derivatives: [Vec3<S>; 3],

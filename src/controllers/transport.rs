@@ -50,9 +50,9 @@ use nalgebra::{DMatrix, DVector};
 
 /// Bandwidth of the drones' attitude loops over c: k_ḃ = 10 c is then 1.25 times that bandwidth, a quarter of the filter's
 /// that carries it out.
-pub const SEPARATION: f64 = 8.0;
+pub(crate) const SEPARATION: f64 = 8.0;
 /// q over c.
-pub const UPRIGHT: f64 = 2.5;
+pub(crate) const UPRIGHT: f64 = 2.5;
 /// Least upward pull of a bar over an even share of the load's weight.
 pub const TAUT: f64 = 0.15;
 /// Largest angles from the vertical, rad.
@@ -130,7 +130,7 @@ pub struct Transport {
 
 /// Whether a model is a load without rotors under at least two drones, each on a cardan joint of a bar that stands on a
 /// cardan joint of the load.
-pub fn is_transport(model: &Model) -> bool {
+pub(crate) fn is_transport(model: &Model) -> bool {
     model.drones().len() >= 2 && bars(model).is_some() && model.rotors().iter().all(|r| r.body != 0)
 }
 

@@ -59,7 +59,7 @@ use nalgebra::DMatrix;
 use std::f64::consts::{PI, TAU};
 
 /// Largest tilt error that pose loops may ask servos to follow, rad: ω ≤ α̇_max/SWING.
-pub const SWING: f64 = 0.5;
+pub(crate) const SWING: f64 = 0.5;
 /// Pose bandwidth over attitude bandwidth and tilt rate over pose bandwidth, see the [module](self).
 const SEPARATION: [f64; 2] = [2.0, 4.0];
 /// Time in which a tilt learns its load, times k: slow enough to cost its loop 6° of phase.

@@ -13,7 +13,7 @@ use crate::error::{Error, Result, finite};
 use serde::{Deserialize, Serialize};
 
 /// Most vehicles of one fleet: each feels every other.
-pub const MAX_VEHICLES: usize = 256;
+pub(crate) const MAX_VEHICLES: usize = 256;
 
 /// Shape of the wakes, see [`aero::downwash`](super::aero::downwash).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -18,11 +18,11 @@
 use super::vehicle::{GRAVITY, Gains, Rotor, Vehicle};
 
 /// Attitude error at which a derived gain asks for all of an axis's hover authority, rad.
-pub const SATURATION_ANGLE: f64 = 1.0;
+pub(crate) const SATURATION_ANGLE: f64 = 1.0;
 /// Damping ratio of the derived loops.
 pub const DAMPING: f64 = 1.0;
 /// Attitude bandwidth over position bandwidth.
-pub const SEPARATION: f64 = 4.0;
+pub(crate) const SEPARATION: f64 = 4.0;
 
 impl Vehicle {
     /// Gains that fly this vehicle: the published ones, else [`derived_gains`](Self::derived_gains).

@@ -4,16 +4,16 @@
 //! |---|---|
 //! | [`vehicle`] | a multirotor as plain data: parts, rotors, drag, gains |
 //! | [`vehicles`] | the built-in ones, one file each |
-//! | [`vehicle_file`] | vehicles as TOML |
-//! | [`gains`] | gains derived from inertia and motor lag |
+//! | `vehicle_file` | vehicles as TOML |
+//! | `gains` | gains derived from inertia and motor lag |
 //! | [`rotor`] | one rotor: command, lag, wrench, and the table of its numbers |
-//! | [`domain`] | what a physical number may be |
+//! | `domain` | what a physical number may be |
 //! | [`rigid`] | the rigid multirotor's equations, over any scalar |
-//! | [`integrate`] | RK4 and the semi-implicit step |
-//! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
-//! | [`plant`] | such a vehicle or an articulated system, behind one type |
-//! | [`frame`] | where a body is and how it moves |
-//! | [`fleet`] | several multirotors in each other's downwash, as one system |
+//! | `integrate` | RK4 and the semi-implicit step |
+//! | `multirotor` | vehicle + physics as a [`System`](crate::autodiff::System) |
+//! | `plant` | such a vehicle or an articulated system, behind one type |
+//! | `frame` | where a body is and how it moves |
+//! | `fleet` | several multirotors in each other's downwash, as one system |
 //! | [`tree`] | articulated systems: bodies in a tree, joints, drives, rotors |
 //! | [`assembly`] | vehicles and primitives joined into such a system |
 //! | [`configurations`] | the built-in ones, one file each |
@@ -29,13 +29,13 @@ pub mod assembly;
 pub mod batch;
 pub mod configurations;
 pub mod contact;
-pub mod domain;
-pub mod fleet;
-pub mod frame;
-pub mod gains;
-pub mod integrate;
-pub mod multirotor;
-pub mod plant;
+pub(crate) mod domain;
+pub(crate) mod fleet;
+pub(crate) mod frame;
+pub(crate) mod gains;
+pub(crate) mod integrate;
+pub(crate) mod multirotor;
+pub(crate) mod plant;
 pub mod rigid;
 pub mod rotor;
 pub mod scene;
@@ -44,10 +44,11 @@ pub mod spatial;
 pub mod tree;
 pub mod urdf;
 pub mod vehicle;
-pub mod vehicle_file;
+pub(crate) mod vehicle_file;
 pub mod vehicles;
 
 pub use batch::World;
+pub use domain::Domain;
 pub use fleet::{Downwash, Fleet};
 pub use frame::Frame;
 pub use integrate::Integrator;

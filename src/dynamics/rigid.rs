@@ -17,7 +17,8 @@ mod effects;
 mod parameters;
 
 pub use effects::Effects;
-pub use parameters::{BODY_PARAMETERS, parameter_domains, parameter_names, parameter_vector, vehicle_of};
+pub(crate) use parameters::BODY_PARAMETERS;
+pub use parameters::{parameter_domains, parameter_names, parameter_vector, vehicle_of};
 
 use super::rotor::{Lag, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use super::spatial::*;
@@ -42,7 +43,7 @@ pub struct RigidState<S, const R: usize> {
 }
 
 /// Entries of a rigid state before the rotor speeds.
-pub const RIGID_DIM: usize = 13;
+pub(crate) const RIGID_DIM: usize = 13;
 
 impl<S: Scalar, const R: usize> RigidState<S, R> {
     /// From a slice of 13 + n numbers, n ≤ R; rotors beyond n stand still.
@@ -122,7 +123,7 @@ impl<S: Scalar> Disturbance<S> {
 }
 
 /// A symmetric 3×3 matrix: xx, yy, zz, xy, xz, yz.
-pub type Symmetric<S> = [S; 6];
+pub(crate) type Symmetric<S> = [S; 6];
 
 /// What the kernels multiply with, derived once from the parameters of a vehicle.
 #[derive(Debug, Clone, Copy)]

@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 
 /// Most gates, and most obstacles, of one scene.
-pub const MAX_ELEMENTS: usize = 4096;
+pub(crate) const MAX_ELEMENTS: usize = 4096;
 /// Distance to a scene without elements, m.
 pub const FAR: f64 = 1e6;
 

@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Least size of a shape, m: below it squares leave the range of `f32` lanes.
-pub const MIN_SIZE: f64 = 1e-6;
+pub(crate) const MIN_SIZE: f64 = 1e-6;
 /// Largest size or distance of a shape, m.
-pub const MAX_SIZE: f64 = 1e4;
+pub(crate) const MAX_SIZE: f64 = 1e4;
 
 /// A solid about its own origin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 /// Most rotors of one rigid vehicle.
 pub const MAX_ROTORS: usize = 16;
 /// Most parts of one vehicle.
-pub const MAX_PARTS: usize = 512;
+pub(crate) const MAX_PARTS: usize = 512;
 /// Standard gravity of this crate's defaults, m/s².
 pub const GRAVITY: f64 = 9.81;
 

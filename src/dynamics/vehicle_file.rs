@@ -10,7 +10,7 @@ use std::io::Read;
 use std::path::Path;
 
 /// Largest vehicle file, bytes.
-pub const MAX_FILE_BYTES: u64 = 16 << 20;
+pub(crate) const MAX_FILE_BYTES: u64 = 16 << 20;
 
 impl Vehicle {
     /// Reads and checks a vehicle; `file_name` is for messages (`<text>` where there is no file).

@@ -22,6 +22,7 @@ use super::learner::Learner;
 use super::policy::Actor;
 use super::ppo::{Ppo, PpoConfig};
 use super::recipes::recipe;
+use super::renamed::renamed;
 use super::shac::{Shac, ShacConfig};
 use crate::documented::fields;
 use crate::error::{Error, Result};
@@ -195,7 +196,10 @@ impl TrainConfig {
     pub fn layered(task: &str, algorithm: Option<Algorithm>, user: &[Layer]) -> Result<Self> {
         let entry = registry::by_name(task)?;
         let task = entry.name;
-        let user = user.iter().map(|layer| check(layer.clone().map(Self::lifted), task)).collect::<Result<Vec<_>>>()?;
+        let user = user
+            .iter()
+            .map(|layer| check(renamed(layer.clone().map(Self::lifted))?, task))
+            .collect::<Result<Vec<_>>>()?;
         let named = user.iter().rev().find_map(|layer| layer.table().get("algorithm")?.as_str());
         let algorithm = algorithm.or(named.map(Algorithm::by_name).transpose()?);
         let (usual, text) = recipe(task, algorithm).unwrap_or((algorithm.unwrap_or_default(), ""));
@@ -215,7 +219,7 @@ impl TrainConfig {
     /// # Errors
     /// As [`TrainConfig::for_task`].
     pub fn from_toml(text: &str, file: &str) -> Result<Self> {
-        let layer = Layer::of_text(text, file)?.map(Self::lifted);
+        let layer = renamed(Layer::of_text(text, file)?.map(Self::lifted))?;
         check_env(&layer)?;
         let mut base = Self::default().table()?;
         if let Some(task) = layer.table().get("task").and_then(Value::as_str) {
@@ -459,7 +463,7 @@ mod tests {
 
     #[test]
     fn a_users_file_wins_table_by_table() {
-        let text = "seed = 3\napg = { window = 30, network.hidden = [8], rate = 0.001 }\n\
+        let text = "seed = 3\napg = { horizon = 30, network.hidden = [8], learning_rate = 0.001 }\n\
                     env = { dt = 0.01, task.horizon = 9 }";
         let (config, usual) = (hover(text).unwrap(), hover("").unwrap());
         assert_eq!((config.seed, config.apg.horizon, config.apg.learning_rate), (3, 30, 0.001.into()));
@@ -476,7 +480,7 @@ mod tests {
             (usual.apg.learning_rate, own.apg.learning_rate),
             (Schedule::cosine(0.01, 1e-4), Schedule::cosine(0.005, 1e-4))
         );
-        let error = hover("log_every = 3\napg.rate.fron = 0.005").unwrap_err().to_string();
+        let error = hover("log_every = 3\napg.learning_rate.fron = 0.005").unwrap_err().to_string();
         assert!(error.starts_with("my.toml: apg.learning_rate") && error.contains("Did you mean `from`?"), "{error}");
     }
 
@@ -615,9 +619,9 @@ mod tests {
             "[apg]\nn_env = 0",
             "[apg]\nhorizon = 1000000000000",
             "[apg]\nshard = 0",
-            "[apg]\nrate = nan",
-            "[apg]\nclip = -1.0",
-            "[apg]\nclip = nan",
+            "[apg]\nlearning_rate = nan",
+            "[apg]\nmax_grad_norm = -1.0",
+            "[apg]\nmax_grad_norm = nan",
             "[apg]\nupdates = -1",
             "[env.task]\nhorizon = 1000000000000000",
             "[env.task]\nhorizon = 1e15",

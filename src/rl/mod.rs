@@ -9,18 +9,19 @@
 //! | [`apg`] | analytic policy gradients: the default where the loss is smooth |
 //! | [`shac`] | the same over shorter windows, with a critic behind them |
 //! | [`ppo`] | proximal policy optimisation, for all tasks, teams and discrete actions |
-//! | [`config`], [`recipes`] | what a run is made of, and what proved good for each task |
-//! | [`config_diff`] | in which settings two runs differ |
+//! | `config`, [`recipes`] | what a run is made of, and what proved good for each task |
+//! | `renamed` | settings by their names of 0.1 |
+//! | `config_diff` | in which settings two runs differ |
 //! | [`trainer`] | the loop: update, log, evaluate, save, resume |
-//! | [`evaluate`](mod@evaluate) | a policy on fixed starts that no training saw |
+//! | `evaluate` | a policy on fixed starts that no training saw |
 //! | [`policy`] | what was learnt |
 //! | [`checkpoint`] | files that survive a kill |
-//! | [`learner`] | what all algorithms have in common |
+//! | `learner` | what all algorithms have in common |
 //! | [`nn`] | networks, distributions, Adam |
 //! | `window` | a window of steps and its exact gradient |
 //! | `shards` | a batch cut into parts that one thread steps |
 //! | `minibatch`, `critic` | the gradient of a sum over rows; a value function |
-//! | [`gae`], [`value_norm`], [`replay`], [`schedule`] | advantages, scales, memory, rates |
+//! | `gae`, `value_norm`, [`schedule`] | advantages, scales, rates |
 //!
 //! ```
 //! use omnidrones::parallel::Threads;
@@ -54,34 +55,35 @@
 
 pub mod apg;
 pub mod checkpoint;
-pub mod config;
-pub mod config_diff;
+pub(crate) mod config;
+pub(crate) mod config_diff;
 pub(crate) mod critic;
-pub mod evaluate;
-pub mod gae;
-pub mod learner;
+pub(crate) mod evaluate;
+pub(crate) mod gae;
+pub(crate) mod learner;
 pub mod log;
 pub(crate) mod minibatch;
 pub mod nn;
 pub mod policy;
-pub mod policy_controller;
+pub(crate) mod policy_controller;
 pub mod policy_io;
 pub(crate) mod policy_optimiser;
 pub mod ppo;
 pub mod recipes;
-pub mod replay;
+pub(crate) mod renamed;
 pub(crate) mod rollout;
 pub mod schedule;
 pub mod shac;
-pub mod shards;
+pub(crate) mod shards;
 pub(crate) mod state;
 pub mod trainer;
-pub mod value_norm;
+pub(crate) mod value_norm;
 pub(crate) mod window;
 
-pub use config::{Algorithm, TrainConfig};
+pub use config::{Algorithm, Checkpoints, Evaluate, TrainConfig};
+pub use config_diff::ConfigDifference;
 pub use evaluate::{Starts, eval_env, evaluate};
-pub use learner::{Learner, Update};
+pub use learner::{Episodes, Learner, Update};
 pub use policy::Policy;
 pub use policy_controller::PolicyController;
 pub use policy_io::load_policy;

@@ -78,11 +78,6 @@ impl ValueNorm {
         }
     }
 
-    /// Targets that were not finite, of all updates.
-    pub fn ignored(&self) -> u64 {
-        self.ignored
-    }
-
     /// Every x becomes (x − mean)/std.
     pub fn normalise(&self, values: &mut [f32]) {
         let (mean, inverse) = (self.mean(), 1.0 / self.std());
@@ -204,7 +199,7 @@ mod tests {
         b.update(&[f32::NAN; 4]);
         b.update(&[]);
         assert_eq!((a.mean().to_bits(), a.std().to_bits()), (b.mean().to_bits(), b.std().to_bits()));
-        assert_eq!((a.ignored(), b.ignored()), (0, 7));
+        assert_eq!((a.ignored, b.ignored), (0, 7));
         b.update(&[f32::MAX; 3]);
         assert!(b.mean().is_finite() && b.std().is_finite());
     }

@@ -62,11 +62,11 @@ pub struct Delay {
 }
 
 /// Most steps of delay.
-pub const MAX_DELAY: usize = 32;
+pub(crate) const MAX_DELAY: usize = 32;
 /// Most steps of an episode: batches count them in `f32`, exactly up to 2²⁴.
-pub const MAX_HORIZON: usize = 1 << 24;
+pub(crate) const MAX_HORIZON: usize = 1 << 24;
 /// Most memory of an environment unless [`EnvConfig::memory_limit`] says otherwise, bytes.
-pub const MEMORY_LIMIT: u64 = 8 << 30;
+pub(crate) const MEMORY_LIMIT: u64 = 8 << 30;
 
 /// A batch of environments: how many, what physics, which transforms. The task's own settings stand in `task`.
 ///

@@ -49,10 +49,6 @@ pub trait Writer<S: Scalar>: Sized {
         self
     }
 
-    /// The numbers to come are these fields, whose names are made at run time.
-    #[inline(always)]
-    fn fields(&mut self, _: &[Field]) {}
-
     /// Differentiable but on a thin set.
     #[inline(always)]
     fn piecewise(&mut self) -> &mut Self {
@@ -202,10 +198,6 @@ impl Writer<f64> for Declaration {
         self.open().smoothness = smoothness;
         self
     }
-    fn fields(&mut self, fields: &[Field]) {
-        self.fields.extend(fields.iter().cloned());
-        self.counted = total(fields);
-    }
 }
 
 impl Ends<f64> for Vec<End> {
@@ -268,7 +260,7 @@ impl Writer<f64> for Goal<'_> {
 }
 
 /// Most numbers that a task keeps from step to step.
-pub const MAX_TASK_STATE: usize = 256;
+pub(crate) const MAX_TASK_STATE: usize = 256;
 
 /// An episode that a task began: physics, and the goal with its names.
 struct Begun {

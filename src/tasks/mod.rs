@@ -4,19 +4,18 @@
 //! |---|---|
 //! | [`registry`] | the built-in tasks by name, one line each |
 //! | [`suite`] | the tasks of the benchmark, one file each |
-//! | [`task`](mod@task) | [`Task`]: what a task is; what it is shown ([`View`]) and where episodes begin ([`Start`]) |
-//! | [`declare`] | [`Writer`]: numbers with their names beside them, which kernels leave out |
+//! | `task` | [`Task`]: what a task is; what it is shown ([`View`]) and where episodes begin ([`Start`]) |
+//! | `declare` | [`Writer`]: numbers with their names beside them, which kernels leave out |
 //! | [`task_spec`] | [`TaskSpec`]: names, sizes, units and bounds of what a task writes |
 //! | [`settings`](mod@settings) | `settings!`: what `[task]` sets, each number stated once |
 //! | [`robot`] | [`Robot`]: what flies, its drones and where their numbers stand |
-//! | [`reward`], [`track_path`] | shapes that rewards are made of; the lemniscate of the Track tasks |
+//! | [`reward`], `track_path` | shapes that rewards are made of; the lemniscate of the Track tasks |
 //! | [`config`] | [`EnvConfig`]: a batch as plain data, in TOML too |
-//! | [`mod@env`] | [`Env`]: many environments of one task; steps, restarts, gradients |
-//! | [`observation`] | [`Stage`]: history, noise, normalisation, privileged numbers, by name |
-//! | [`with`] | [`With`]: transforms composed at compile time |
+//! | `env` | [`Env`]: many environments of one task; steps, restarts, gradients |
+//! | `observation` | [`Stage`]: history, noise, normalisation, privileged numbers, by name |
 //! | [`randomise`] | [`Change`]: what differs between environments and episodes |
-//! | [`baseline`] | [`Baseline`]: the controllers of this crate as policies |
-//! | [`mod@evaluate`], [`record`] | how well a policy does, from fixed starts; step by step |
+//! | `baseline` | [`Baseline`]: the controllers of this crate as policies |
+//! | `evaluate`, `record` | how well a policy does, from fixed starts; step by step |
 //! | [`probe`] | tasks whose value is known in closed form |
 //!
 //! What every number means (arrays, frames, actions, the order within a step, what to bootstrap from) is said in the
@@ -131,25 +130,24 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
-pub mod baseline;
+pub(crate) mod baseline;
 pub mod config;
-pub mod declare;
-pub mod env;
-pub mod evaluate;
-pub mod observation;
+pub(crate) mod declare;
+pub(crate) mod env;
+pub(crate) mod evaluate;
+pub(crate) mod observation;
 pub(crate) mod physical;
 pub mod probe;
 pub mod randomise;
-pub mod record;
+pub(crate) mod record;
 pub mod registry;
 pub mod reward;
 pub mod robot;
 pub mod settings;
 pub mod suite;
-pub mod task;
+pub(crate) mod task;
 pub mod task_spec;
-pub mod track_path;
-pub mod with;
+pub(crate) mod track_path;
 
 pub use baseline::Baseline;
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
@@ -167,6 +165,5 @@ pub use record::{Record, Recorded, Spread};
 pub use registry::BuiltIn;
 pub use robot::Robot;
 pub use settings::{Domain, Setting, Settings};
-pub use task::{Start, Task, TaskReference, View};
+pub use task::{ANY_YAW, START_TILT, Start, Task, TaskReference, View};
 pub use task_spec::{End, Field, Limit, Metric, Smoothness, Success, TaskSpec, Term};
-pub use with::{Pick, Scale, Transform, With};

@@ -44,11 +44,11 @@ fn ten() -> f64 {
 }
 
 /// Most steps of history.
-pub const MAX_HISTORY: usize = 256;
+pub(crate) const MAX_HISTORY: usize = 256;
 /// Most stages.
-pub const MAX_STAGES: usize = 16;
+pub(crate) const MAX_STAGES: usize = 16;
 /// Most numbers that all stages make, remember and draw for one agent.
-pub const MAX_NUMBERS: usize = 1 << 18;
+pub(crate) const MAX_NUMBERS: usize = 1 << 18;
 /// Nominal values below this are no unit to measure in.
 const LEAST_NOMINAL: f64 = 1e-12;
 

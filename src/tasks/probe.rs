@@ -15,7 +15,7 @@ use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, View};
 
 /// Steps until both are cut.
-pub const CUT: usize = 10;
+pub(crate) const CUT: usize = 10;
 
 /// A vehicle in free space that nothing is asked of.
 fn idle(config: &EnvConfig) -> Result<Robot> {

@@ -244,7 +244,7 @@ fn place(system: &Multibody, frame: usize, rotors: &[usize], drives: &[usize]) -
 }
 
 /// The effects of the benchmark tasks: damping alone.
-pub fn benchmark_effects() -> Effects {
+pub(crate) fn benchmark_effects() -> Effects {
     Effects::lean()
 }
 

@@ -156,9 +156,9 @@ impl TaskReference {
 }
 
 /// Most summands of a reward.
-pub const MAX_TERMS: usize = 8;
+pub(crate) const MAX_TERMS: usize = 8;
 /// Most reasons to terminate.
-pub const MAX_ENDS: usize = 8;
+pub(crate) const MAX_ENDS: usize = 8;
 
 /// What a task sees after a step.
 #[derive(Debug, Clone, Copy)]

@@ -14,9 +14,9 @@ use crate::settings;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Numbers of a path among a goal's.
-pub const PATH: usize = 7;
+pub(crate) const PATH: usize = 7;
 /// Steps between look-ahead points.
-pub const AHEAD: usize = 5;
+pub(crate) const AHEAD: usize = 5;
 
 settings! {
     /// Where the numbers of a path are drawn from.

@@ -7,7 +7,7 @@ use omnidrones::rl::trainer::{TrainResult, Trainer};
 use omnidrones::rl::{Algorithm, Starts, TrainConfig, evaluate, load_policy, log};
 use omnidrones::tasks::EnvConfig;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Small enough for a second, large enough to have two shards, minibatches and ends of episodes.
 fn tiny(algorithm: Algorithm) -> TrainConfig {
@@ -253,5 +253,27 @@ fn environments_that_a_policy_does_not_fit_are_refused_by_what_differs() {
     ] {
         let refusal = load_policy(path).unwrap_err().to_string();
         assert!(refusal.contains(lack) && refusal.contains("Train one"), "{refusal}");
+    }
+}
+
+/// Two updates of each algorithm by version 0.1.0, whose settings had other names.
+fn run_of_then(algorithm: Algorithm) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/rl/runs_of_0.1").join(algorithm.name())
+}
+
+#[test]
+fn a_run_of_version_0_1_is_read_by_the_old_names_of_its_settings() {
+    for algorithm in Algorithm::ALL {
+        let saved = load_policy(run_of_then(algorithm)).unwrap();
+        let config = &saved.config;
+        match algorithm {
+            Algorithm::Apg => assert_eq!((config.apg.horizon, config.apg.max_grad_norm), (48, 0.2)),
+            Algorithm::Shac => assert_eq!((config.shac.critic_epochs, config.shac.polyak), (2, 0.2)),
+            Algorithm::Ppo => assert_eq!((config.ppo.clip_epsilon, config.ppo.max_grad_norm), (0.2, 1.0)),
+        }
+        let (env, starts) = (config.seen_env(), Starts { n_env: 8, seed: 5 });
+        let told =
+            evaluate(&mut saved.policy.clone(), "Hover", &env, starts, &Threads::default(), &mut |_| {}).unwrap();
+        assert!(told.return_mean.is_finite(), "{algorithm:?}");
     }
 }

@@ -1,8 +1,7 @@
-//! Transforms composed at compile time, distributions, curricula.
+//! Distributions and curricula.
 
 use crate::config;
-use omnidrones::tasks::suite::hover::Hover;
-use omnidrones::tasks::{Buffers, BuiltIn, Change, Distribution, Env, EnvConfig, Pick, Quantity, Scale, With};
+use omnidrones::tasks::{Buffers, Change, Distribution, Env, EnvConfig, Quantity};
 
 fn stepped(mut env: Env, steps: usize) -> (Env, Buffers) {
     let mut out = Buffers::new(env.spec());
@@ -13,39 +12,6 @@ fn stepped(mut env: Env, steps: usize) -> (Env, Buffers) {
         env.step(&actions, &mut out.out()).unwrap();
     }
     (env, out)
-}
-
-#[test]
-fn a_transform_of_compile_time_gives_the_bits_of_the_map_it_stands_for() {
-    let config = config(100, 20);
-    let (plain, raw) = stepped(Env::make("Hover", &config).unwrap(), 30);
-    let transform = (Scale::of(&[("target", 0.5), ("velocity", 2.0)]), Pick::without(&["attitude", "clock"]));
-    let task = With::new(Hover::new(&config).unwrap(), transform).unwrap();
-    let (seen, out) = stepped(Env::of(task, "Hover", &config).unwrap(), 30);
-    assert_eq!((raw.reward, raw.info), (out.reward, out.info));
-    let (n, mut kept) = (plain.spec().n_observation, Vec::new());
-    for row in raw.observation.chunks(n) {
-        for slice in &plain.spec().observation {
-            let factor = match slice.name.as_str() {
-                "target" => 0.5,
-                "velocity" => 2.0,
-                _ => 1.0,
-            };
-            let range = plain.spec().observation_range(&slice.name).unwrap();
-            if slice.name != "attitude" && slice.name != "clock" {
-                kept.extend(row[range].iter().map(|x| factor * x));
-            }
-        }
-    }
-    assert_eq!(out.observation, kept);
-    assert_eq!(seen.spec().observation[0].unit, "0.5 × m, world");
-}
-
-#[test]
-fn a_transform_names_the_slice_it_does_not_know() {
-    let config = config(1, 20);
-    let error = With::new(Hover::new(&config).unwrap(), Pick::without(&["clocks"])).unwrap_err().to_string();
-    assert!(error.contains("clocks") && error.contains("clock"), "{error}");
 }
 
 /// Masses over nominal ones in 4 000 first episodes.

@@ -23,7 +23,7 @@ use crate::error::{Error, Result};
 use std::fmt;
 
 /// Most choices of generators that are enumerated: 26 inputs in six rows, 85 in four.
-pub const MAX_CHOICES: usize = 100_000;
+pub(crate) const MAX_CHOICES: usize = 100_000;
 /// Generators closer to a plane than this share of their length count as in it.
 const FLAT: f64 = 1e-9;
 

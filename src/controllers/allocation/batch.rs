@@ -14,11 +14,11 @@ use crate::parallel::Threads;
 /// Environments per block.
 const BLOCK: usize = 64;
 /// Largest scaled KKT residual of an answer that counts as finished: what `f32` can tell.
-pub const LANE_TOLERANCE: f64 = 1e-4;
+pub(crate) const LANE_TOLERANCE: f64 = 1e-4;
 /// Least ρ over the largest diagonal entry of H: below, rounding to `f32` decides what the preference should.
-pub const LANE_REGULARISATION: f64 = 1e-5;
+pub(crate) const LANE_REGULARISATION: f64 = 1e-5;
 /// Most inputs.
-pub const MAX_LANE_INPUTS: usize = 16;
+pub(crate) const MAX_LANE_INPUTS: usize = 16;
 
 /// Outcome of one batch call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -7,7 +7,7 @@ use super::problem::{Problem, Scales, WRENCH};
 use super::variation::Variation;
 
 /// Most inputs of the fast path.
-pub const MAX_FAST: usize = 24;
+pub(crate) const MAX_FAST: usize = 24;
 /// Most steps of the active set; the most seen over 10⁵ random problems is 20.
 const MAX_STEPS: u32 = 100;
 

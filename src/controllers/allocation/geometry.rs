@@ -5,10 +5,10 @@ use nalgebra::{DMatrix, DVector, SVD};
 
 /// Singular values below this share of the largest count as zero. A direction is dropped rather than bought at more
 /// than a thousand times the thrust of the strongest one.
-pub const RANK_TOLERANCE: f64 = 1e-3;
+pub(crate) const RANK_TOLERANCE: f64 = 1e-3;
 /// The lateral forces join the allocation (all six rows) where the weakest of the six directions has at least this
 /// share of the strongest; below, forcing them to zero would cost more thrust than they are worth.
-pub const FULL_TOLERANCE: f64 = 2e-2;
+pub(crate) const FULL_TOLERANCE: f64 = 2e-2;
 
 /// A component of the wrench at the centre of mass, body axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

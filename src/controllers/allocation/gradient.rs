@@ -25,7 +25,7 @@ use super::variation::Variation;
 use nalgebra::{DMatrix, DVector};
 
 /// Below this [`AllocationSensitivity::margin`] a derivative counts as one-sided.
-pub const DEGENERATE: f64 = 1e-9;
+pub(crate) const DEGENERATE: f64 = 1e-9;
 /// Rows of active constraints that keep less than this share of their length after those before them are dropped.
 const INDEPENDENT: f64 = 1e-9;
 

@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, DVector};
 /// Weakest direction of a wrench, over the strongest, that inputs are spent on.
 pub const WEAK: f64 = 0.02;
 /// ρ over the largest diagonal entry of BᵀWB.
-pub const GIVE: f64 = 1e-3;
+pub(crate) const GIVE: f64 = 1e-3;
 
 /// An [`Allocator`] whose preference follows the wrench.
 pub struct NullSpaceAllocator {

@@ -17,12 +17,12 @@ use std::fmt::Display;
 /// Rows of a wrench: force, moment.
 pub const WRENCH: usize = 6;
 /// Most inputs of one problem.
-pub const MAX_INPUTS: usize = 48;
+pub(crate) const MAX_INPUTS: usize = 48;
 /// Bounds farther out than this many times what is asked for do not count as the size of the inputs.
 const LOOSE: f64 = 100.0;
 /// ρ of [`Problem::of_vehicle`] over the largest diagonal entry of BᵀWB: bias of the delivered wrench 1e-6 along a
 /// direction as strong as one rotor.
-pub const REGULARISATION: f64 = 1e-6;
+pub(crate) const REGULARISATION: f64 = 1e-6;
 
 /// c + Σ aᵢ u_{jᵢ}.
 #[derive(Debug, Clone, PartialEq, Default)]

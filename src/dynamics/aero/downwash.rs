@@ -13,11 +13,11 @@ use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Vec3, dot, scale, sub};
 
 /// Depth over which the wake fades in below its source, m.
-pub const NEAR: f64 = 0.05;
+pub(crate) const NEAR: f64 = 0.05;
 /// OmniDrones' k_r: how narrow the cone is.
-pub const DEFAULT_RADIAL: f64 = 2.0;
+pub(crate) const DEFAULT_RADIAL: f64 = 2.0;
 /// OmniDrones' k_z for its vehicles, 1/m: how fast the wake weakens.
-pub const DEFAULT_AXIAL: f64 = 0.3;
+pub(crate) const DEFAULT_AXIAL: f64 = 0.3;
 
 /// Fraction a ∈ [0, 1] of the source's thrust felt by a vehicle `separation` = p_source − p_affected away, m.
 ///

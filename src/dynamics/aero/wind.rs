@@ -8,7 +8,7 @@ use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// Most harmonics of a [`Sinusoid`].
-pub const MAX_HARMONICS: usize = 1024;
+pub(crate) const MAX_HARMONICS: usize = 1024;
 /// Metres in a foot.
 const FOOT: f64 = 0.3048;
 /// The low-altitude form is stated for 10 to 1000 ft; heights outside are held at its ends.

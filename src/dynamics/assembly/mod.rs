@@ -2,9 +2,9 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`solid`] | one rigid part: shapes with a mass or density, a vehicle, or given mass properties |
-//! | [`join`] | how two parts are held together: joint, damping, spring, stops, servo |
-//! | [`placement`] | where one frame stands in another |
+//! | `solid` | one rigid part: shapes with a mass or density, a vehicle, or given mass properties |
+//! | `join` | how two parts are held together: joint, damping, spring, stops, servo |
+//! | `placement` | where one frame stands in another |
 //! | `connect` | parts and joints as a tree, or an error that names what is not one |
 //! | `emit` | the tree as bodies: welded parts merged, universal joints split |
 //! | `tune` | gains of servos and stops from the inertia that a joint feels |
@@ -29,9 +29,9 @@
 mod connect;
 mod emit;
 pub mod group;
-pub mod join;
-pub mod placement;
-pub mod solid;
+pub(crate) mod join;
+pub(crate) mod placement;
+pub(crate) mod solid;
 mod tune;
 
 pub use group::{Member, group};

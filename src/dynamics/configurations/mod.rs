@@ -23,14 +23,14 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
-pub mod dragon;
-pub mod environment;
-pub mod gate;
-pub mod inverted_pendulum;
-pub mod omav;
-pub mod payload;
-pub mod platform;
-pub mod transport;
+pub(crate) mod dragon;
+pub(crate) mod environment;
+pub(crate) mod gate;
+pub(crate) mod inverted_pendulum;
+pub(crate) mod omav;
+pub(crate) mod payload;
+pub(crate) mod platform;
+pub(crate) mod transport;
 
 pub use dragon::{Dragon, DragonLink, DragonMap};
 pub use environment::environment;
@@ -45,7 +45,7 @@ use super::tree::Model;
 use crate::error::{Error, Result};
 
 /// Converts a coefficient per degree into one per radian.
-pub const PER_DEGREE: f64 = 180.0 / std::f64::consts::PI;
+pub(crate) const PER_DEGREE: f64 = 180.0 / std::f64::consts::PI;
 
 /// A model and the names of its parts as numbers.
 #[derive(Debug, Clone, PartialEq)]

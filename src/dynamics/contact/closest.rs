@@ -26,7 +26,7 @@ pub fn direction<S: Scalar>(v: Vec3<S>) -> (Vec3<S>, S) {
 
 /// Where on the segment `a` → `b` (0 to 1) the point nearest to `p` lies. A segment of no length answers 0.
 #[inline(always)]
-pub fn fraction_on_segment<S: Scalar>(a: Vec3<S>, b: Vec3<S>, p: Vec3<S>) -> S {
+pub(crate) fn fraction_on_segment<S: Scalar>(a: Vec3<S>, b: Vec3<S>, p: Vec3<S>) -> S {
     let d = sub(b, a);
     let along = dot(sub(p, a), d) * dot(d, d).max(S::constant(SQUARED_LENGTH_FLOOR)).recip();
     along.clamp(S::zero(), S::one())
@@ -34,7 +34,7 @@ pub fn fraction_on_segment<S: Scalar>(a: Vec3<S>, b: Vec3<S>, p: Vec3<S>) -> S {
 
 /// The point of the segment `a` → `b` nearest to `p`.
 #[inline(always)]
-pub fn point_on_segment<S: Scalar>(a: Vec3<S>, b: Vec3<S>, p: Vec3<S>) -> Vec3<S> {
+pub(crate) fn point_on_segment<S: Scalar>(a: Vec3<S>, b: Vec3<S>, p: Vec3<S>) -> Vec3<S> {
     axpy(a, fraction_on_segment(a, b, p), sub(b, a))
 }
 
@@ -45,7 +45,7 @@ pub fn point_on_segment<S: Scalar>(a: Vec3<S>, b: Vec3<S>, p: Vec3<S>) -> Vec3<S
 /// and within about 1e-3 rad, to the middle of the stretch where the segments lie beside each other. The square of the
 /// distance so found is too large by at most l² · 2.5e-7, with l the first segment's length.
 #[inline(always)]
-pub fn points_of_segments<S: Scalar>(a: Vec3<S>, b: Vec3<S>, c: Vec3<S>, d: Vec3<S>) -> (Vec3<S>, Vec3<S>) {
+pub(crate) fn points_of_segments<S: Scalar>(a: Vec3<S>, b: Vec3<S>, c: Vec3<S>, d: Vec3<S>) -> (Vec3<S>, Vec3<S>) {
     let (zero, one) = (S::zero(), S::one());
     let floor = S::constant(SQUARED_LENGTH_FLOOR);
     let (u, v, r) = (sub(b, a), sub(d, c), sub(a, c));

@@ -25,20 +25,20 @@ const LOWEST: f64 = -1e6;
 
 /// Distance of a point to the sphere about the origin, m.
 #[inline(always)]
-pub fn point_sphere<S: Scalar>(local: Vec3<S>, radius: S) -> S {
+pub(crate) fn point_sphere<S: Scalar>(local: Vec3<S>, radius: S) -> S {
     safe::norm(local) - radius
 }
 
 /// Distance of a point to the capsule around the segment `a` → `b`, m.
 #[inline(always)]
-pub fn point_capsule<S: Scalar>(point: Vec3<S>, a: Vec3<S>, b: Vec3<S>, radius: S) -> S {
+pub(crate) fn point_capsule<S: Scalar>(point: Vec3<S>, a: Vec3<S>, b: Vec3<S>, radius: S) -> S {
     safe::norm(sub(point, point_on_segment(a, b, point))) - radius
 }
 
 /// Distance of a point to the box about the origin with half edges `half`, m. Exact inside and outside; the gradient
 /// has unit norm but on the box's edges (closer than 1e-9 m: 0) and, inside, where two faces are equally near.
 #[inline(always)]
-pub fn point_box<S: Scalar>(local: Vec3<S>, half: Vec3<S>) -> S {
+pub(crate) fn point_box<S: Scalar>(local: Vec3<S>, half: Vec3<S>) -> S {
     let zero = S::zero();
     let mut q = half;
     let mut outside = half;
@@ -94,7 +94,7 @@ pub fn distance<S: Scalar>(geometry1: &Geometry, pose1: &Pose<S>, geometry2: &Ge
 
 /// Distance of a geometry at `pose` to the capsule of `radius` around the segment `axis` of the world, m.
 #[inline(always)]
-pub fn to_capsule<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, axis: [Vec3<S>; 2], radius: f64) -> S {
+pub(crate) fn to_capsule<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, axis: [Vec3<S>; 2], radius: f64) -> S {
     let around = S::constant(radius);
     match *geometry {
         Geometry::Sphere { radius } => point_capsule(pose.position, axis[0], axis[1], around) - S::constant(radius),

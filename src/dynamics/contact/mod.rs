@@ -2,11 +2,11 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`material`] | stiffness, dissipation, friction: as data and as numbers for kernels |
-//! | [`closest`] | nearest points of segments, directions that survive coincident centres |
-//! | [`pairs`] | where two bodies touch, along which normal, how deep |
-//! | [`force`] | from there to forces, and their sum per body |
-//! | [`mod@distance`] | signed distance of every pair, those without a force included |
+//! | `material` | stiffness, dissipation, friction: as data and as numbers for kernels |
+//! | `closest` | nearest points of segments, directions that survive coincident centres |
+//! | `pairs` | where two bodies touch, along which normal, how deep |
+//! | `force` | from there to forces, and their sum per body |
+//! | `distance` | signed distance of every pair, those without a force included |
 //!
 //! Spheres and capsules push against plane, sphere and capsule; a box pushes with its eight corners against the plane.
 //! Every other pair has a signed distance: a collision flag without a force.
@@ -22,14 +22,13 @@
 //! a capsule that lies flat (both ends push) nor for parallel capsules (the middle pushes). A gradient through an impact
 //! is that of the resolved, compliant impact: finite, and as steep as its stiffness.
 
-pub mod closest;
-pub mod distance;
-pub mod force;
-pub mod material;
-pub mod pairs;
+pub(crate) mod closest;
+pub(crate) mod distance;
+pub(crate) mod force;
+pub(crate) mod material;
+pub(crate) mod pairs;
 
 pub use distance::{distance, plane_distance};
-pub use force::{Load, Motion};
 pub use material::{ContactMaterial, Material};
 pub use pairs::{Contact, Contacts, MAX_CONTACTS, between, with_plane};
 

@@ -57,7 +57,7 @@ impl<S: Scalar> Contacts<S> {
 
 /// A sphere on the plane z = `height`, which pushes up.
 #[inline(always)]
-pub fn sphere_plane<S: Scalar>(center: Vec3<S>, radius: S, height: S) -> Contact<S> {
+pub(crate) fn sphere_plane<S: Scalar>(center: Vec3<S>, radius: S, height: S) -> Contact<S> {
     let depth = height + radius - center[2];
     let level = (height + center[2] - radius) * S::constant(0.5);
     Contact { point: [center[0], center[1], level], normal: [S::zero(), S::zero(), S::one()], depth }
@@ -65,13 +65,13 @@ pub fn sphere_plane<S: Scalar>(center: Vec3<S>, radius: S, height: S) -> Contact
 
 /// A capsule around the segment `a` → `b` on the plane z = `height`: one contact per end.
 #[inline(always)]
-pub fn capsule_plane<S: Scalar>(a: Vec3<S>, b: Vec3<S>, radius: S, height: S) -> [Contact<S>; 2] {
+pub(crate) fn capsule_plane<S: Scalar>(a: Vec3<S>, b: Vec3<S>, radius: S, height: S) -> [Contact<S>; 2] {
     [sphere_plane(a, radius, height), sphere_plane(b, radius, height)]
 }
 
 /// Two spheres. Coincident centres are pushed apart along world z.
 #[inline(always)]
-pub fn sphere_sphere<S: Scalar>(center1: Vec3<S>, radius1: S, center2: Vec3<S>, radius2: S) -> Contact<S> {
+pub(crate) fn sphere_sphere<S: Scalar>(center1: Vec3<S>, radius1: S, center2: Vec3<S>, radius2: S) -> Contact<S> {
     let (normal, gap) = direction(sub(center1, center2));
     let depth = radius1 + radius2 - gap;
     // from the second centre to its surface, then half the overlap back
@@ -81,14 +81,14 @@ pub fn sphere_sphere<S: Scalar>(center1: Vec3<S>, radius1: S, center2: Vec3<S>, 
 
 /// A sphere and a capsule around the segment `a` → `b`.
 #[inline(always)]
-pub fn sphere_capsule<S: Scalar>(center: Vec3<S>, radius1: S, a: Vec3<S>, b: Vec3<S>, radius2: S) -> Contact<S> {
+pub(crate) fn sphere_capsule<S: Scalar>(center: Vec3<S>, radius1: S, a: Vec3<S>, b: Vec3<S>, radius2: S) -> Contact<S> {
     sphere_sphere(center, radius1, point_on_segment(a, b, center), radius2)
 }
 
 /// Two capsules around the segments `a1` → `b1` and `a2` → `b2`: one contact at their nearest points, in the middle of
 /// the common stretch where they are parallel.
 #[inline(always)]
-pub fn capsule_capsule<S: Scalar>(
+pub(crate) fn capsule_capsule<S: Scalar>(
     [a1, b1]: [Vec3<S>; 2],
     radius1: S,
     [a2, b2]: [Vec3<S>; 2],
@@ -114,7 +114,7 @@ pub fn corners<S: Scalar>(pose: &Pose<S>, size: Vec3<S>) -> [Vec3<S>; 8] {
 
 /// A box on the plane z = `height`: one contact per corner.
 #[inline(always)]
-pub fn box_plane<S: Scalar>(pose: &Pose<S>, size: Vec3<S>, height: S) -> [Contact<S>; 8] {
+pub(crate) fn box_plane<S: Scalar>(pose: &Pose<S>, size: Vec3<S>, height: S) -> [Contact<S>; 8] {
     let corners = corners(pose, size);
     let mut contacts = [Contact::none(); 8];
     for i in 0..8 {

@@ -5,9 +5,79 @@ use crate::autodiff::lanes::{Kernel, Lanes, dispatch_each};
 use crate::autodiff::{Program, Recording, Scalar, Trace, safe};
 use crate::dynamics::GRAVITY;
 use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{Vec3, derivative, dot, from_euler, rotate, rotate_back, sub, unit};
+use crate::dynamics::spatial::{Vec3, add, cross, derivative, dot, from_euler, neg, rotate, rotate_back, sub, unit};
 use crate::rng::{Purpose, Stream};
 use num_dual::Dual64;
+
+/// How a body moves, world frame.
+#[derive(Debug, Clone, Copy)]
+struct Motion<S> {
+    /// Its reference point, the one that moments are about, m.
+    position: Vec3<S>,
+    /// Velocity of that point, m/s.
+    velocity: Vec3<S>,
+    /// In the world frame, rad/s.
+    angular_velocity: Vec3<S>,
+}
+
+impl<S: Scalar> Motion<S> {
+    /// Velocity of the body's material at `point` of the world, v + ω × (point − position), m/s.
+    fn at(&self, point: Vec3<S>) -> Vec3<S> {
+        add(self.velocity, cross(self.angular_velocity, sub(point, self.position)))
+    }
+}
+
+/// What contacts do to one body, world frame: the net contact force and its moment.
+#[derive(Debug, Clone, Copy)]
+struct Load<S> {
+    /// N.
+    force: Vec3<S>,
+    /// About the reference point of the body's [`Motion`], N m.
+    moment: Vec3<S>,
+}
+
+impl<S: Scalar> Load<S> {
+    /// None.
+    fn zero() -> Self {
+        let o = [S::zero(); 3];
+        Self { force: o, moment: o }
+    }
+
+    /// Adds `force` acting at `point` on the body that moves as `motion`.
+    fn add(&mut self, motion: &Motion<S>, point: Vec3<S>, force: Vec3<S>) {
+        self.force = add(self.force, force);
+        self.moment = add(self.moment, cross(sub(point, motion.position), force));
+    }
+}
+
+/// Adds the forces of `contacts` to the loads of both bodies: equal and opposite at the same points, so that momentum
+/// and angular momentum are kept.
+fn apply<S: Scalar>(
+    material: &Material<S>,
+    contacts: &Contacts<S>,
+    motions: [&Motion<S>; 2],
+    loads: [&mut Load<S>; 2],
+) {
+    let [first, second] = motions;
+    let [on_first, on_second] = loads;
+    for i in 0..contacts.count {
+        let contact = &contacts.list[i];
+        let velocity = sub(first.at(contact.point), second.at(contact.point));
+        let f = force::force(material, contact, velocity);
+        on_first.add(first, contact.point, f);
+        on_second.add(second, contact.point, neg(f));
+    }
+}
+
+/// The load of `contacts` on the first body where the second does not move: ground, fixed obstacles.
+fn load<S: Scalar>(material: &Material<S>, contacts: &Contacts<S>, motion: &Motion<S>) -> Load<S> {
+    let mut load = Load::zero();
+    for i in 0..contacts.count {
+        let contact = &contacts.list[i];
+        load.add(motion, contact.point, force::force(material, contact, motion.at(contact.point)));
+    }
+    load
+}
 
 /// Position 3, velocity 3, attitude 4, angular velocity 3 (body).
 type State = [f64; 13];
@@ -35,7 +105,7 @@ impl Body {
 
     fn slope(&self, x: &State) -> State {
         let (contacts, motion) = self.contacts(x);
-        let load = force::load(&self.material.cast(), &contacts, &motion);
+        let load = load(&self.material.cast(), &contacts, &motion);
         let q = [x[6], x[7], x[8], x[9]];
         let w = [x[10], x[11], x[12]];
         let moment = rotate_back(unit(q), load.moment);
@@ -239,7 +309,7 @@ fn forces_between_two_bodies_are_equal_and_opposite_and_push_apart() {
         let c = contacts.list[0];
         assert!((distance(one, &p, two, &q) + c.depth).abs() < 1e-15);
         let (mut on_a, mut on_b) = (Load::zero(), Load::zero());
-        force::apply(&material, &contacts, [&a, &b], [&mut on_a, &mut on_b]);
+        apply(&material, &contacts, [&a, &b], [&mut on_a, &mut on_b]);
         touching += usize::from(c.depth > 0.0);
         assert!(dot(on_a.force, c.normal) >= 0.0, "case {case}: pulls");
         // the power of friction is never positive
@@ -268,7 +338,7 @@ fn capsule_force<S: Scalar>(z: &[S; 18], attitudes: [[f64; 4]; 2]) -> Vec3<S> {
     let contacts = between(&capsule, &pose(0), &capsule, &pose(1));
     let (mut one, mut two) = (Load::zero(), Load::zero());
     let (a, b) = (motion(0), motion(1));
-    force::apply(&ContactMaterial::default().cast(), &contacts, [&a, &b], [&mut one, &mut two]);
+    apply(&ContactMaterial::default().cast(), &contacts, [&a, &b], [&mut one, &mut two]);
     one.force
 }
 

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 
 /// Physical parameters of the airframe in the parameter vector, in order, and what each may be; the rotors' follow.
 #[rustfmt::skip]
-pub const BODY_PARAMETERS: [(&str, Domain); 20] = [
+pub(crate) const BODY_PARAMETERS: [(&str, Domain); 20] = [
     ("gravity", AnySign), ("mass", Positive),
     ("center_of_mass_x", AnySign), ("center_of_mass_y", AnySign), ("center_of_mass_z", AnySign),
     ("inertia_xx", Positive), ("inertia_yy", Positive), ("inertia_zz", Positive),

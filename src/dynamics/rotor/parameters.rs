@@ -49,7 +49,7 @@ macro_rules! rotor_parameters {
 }
 
 /// Numbers of one rotor.
-pub const N_ROTOR_PARAMETER: usize = 16;
+pub(crate) const N_ROTOR_PARAMETER: usize = 16;
 
 rotor_parameters! {
     position_x: AnySign, "r_x", "m", "hub, forward", position[0];

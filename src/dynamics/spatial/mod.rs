@@ -3,8 +3,8 @@
 //! nalgebra's types are the vocabulary of `f64` design code; kernels use these few functions instead, because
 //! nalgebra's rotations return wrong derivatives at zero angle on dual numbers and cannot run over lanes.
 
-pub mod rotation;
-pub mod vector;
+pub(crate) mod rotation;
+pub(crate) mod vector;
 
 pub use rotation::*;
 pub use vector::*;

@@ -2,9 +2,9 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`model`] | an articulated system as checked, immutable data |
-//! | [`layout`] | where every number stands in state and input |
-//! | [`parameters`] | the physics as one vector, for derivatives and randomisation |
+//! | `model` | an articulated system as checked, immutable data |
+//! | `layout` | where every number stands in state and input |
+//! | `parameters` | the physics as one vector, for derivatives and randomisation |
 //! | `topology` | what kernels branch on |
 //! | `scratch` | memory of one evaluation |
 //! | `kinematics` | where every body is and how it moves |
@@ -13,22 +13,22 @@
 //! | `contact_loads` | contact forces |
 //! | `torque` | damping, springs, limits, drives |
 //! | `aba` | accelerations from forces |
-//! | [`rnea`] | forces from accelerations |
-//! | [`analysis`] | energy, momentum, mass matrix, poses, Jacobians |
+//! | `rnea` | forces from accelerations |
+//! | `analysis` | energy, momentum, mass matrix, poses, Jacobians |
 //! | `step` | RK4 and the semi-implicit step |
-//! | [`multibody`] | model + physics as a [`System`](crate::autodiff::System) |
+//! | `multibody` | model + physics as a [`System`](crate::autodiff::System) |
 
 mod aba;
-pub mod analysis;
+pub(crate) mod analysis;
 mod contact_loads;
 pub(crate) mod frames;
 mod kinematics;
-pub mod layout;
+pub(crate) mod layout;
 mod loads;
-pub mod model;
-pub mod multibody;
-pub mod parameters;
-pub mod rnea;
+pub(crate) mod model;
+pub(crate) mod multibody;
+pub(crate) mod parameters;
+pub(crate) mod rnea;
 pub(crate) mod scratch;
 pub(crate) mod step;
 pub(crate) mod topology;

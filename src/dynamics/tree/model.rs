@@ -12,9 +12,9 @@ use crate::error::{Error, Result, finite};
 use serde::{Deserialize, Serialize};
 
 /// Most moving bodies of one model.
-pub const MAX_BODIES: usize = 64;
+pub(crate) const MAX_BODIES: usize = 64;
 /// Most rotors of one model.
-pub const MAX_TREE_ROTORS: usize = 64;
+pub(crate) const MAX_TREE_ROTORS: usize = 64;
 
 /// How a body moves relative to its parent.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -66,9 +66,9 @@ use std::io::Read;
 use std::path::Path;
 
 /// Longest manifest and longest header of a file of tensors, bytes.
-pub const MAX_HEADER: u64 = 1 << 20;
+pub(crate) const MAX_HEADER: u64 = 1 << 20;
 /// Both files of tensors together, bytes, unless another limit is given.
-pub const MAX_BYTES: u64 = 8 << 30;
+pub(crate) const MAX_BYTES: u64 = 8 << 30;
 
 const MANIFEST: &str = "manifest.json";
 const POLICY: &str = "policy.safetensors";

@@ -189,11 +189,6 @@ impl Mlp {
         parameters
     }
 
-    /// The bias of the last layer.
-    pub fn output_bias<'a>(&self, parameters: &'a mut [f32]) -> &'a mut [f32] {
-        &mut parameters[self.last().bias.start..][..self.n_output()]
-    }
-
     /// Memory for up to `rows` rows at once.
     pub fn memory(&self, rows: usize) -> Memory {
         let widest = self.layers.iter().map(|l| l.wide().max(padded(l.n_in))).max().unwrap_or(0);

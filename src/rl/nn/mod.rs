@@ -2,18 +2,18 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`mlp`] | layers, forward, backward, named parts |
+//! | `mlp` | layers, forward, backward, named parts |
 //! | `product` | the one matrix product behind them |
-//! | [`activation`] | between layers |
-//! | [`init`] | first weights |
-//! | [`adam`] | the optimiser |
-//! | [`head`] | distributions of actions over outputs |
+//! | `activation` | between layers |
+//! | `init` | first weights |
+//! | `adam` | the optimiser |
+//! | `head` | distributions of actions over outputs |
 
-pub mod activation;
-pub mod adam;
-pub mod head;
-pub mod init;
-pub mod mlp;
+pub(crate) mod activation;
+pub(crate) mod adam;
+pub(crate) mod head;
+pub(crate) mod init;
+pub(crate) mod mlp;
 pub(crate) mod product;
 
 pub use activation::Activation;

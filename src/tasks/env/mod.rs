@@ -3,8 +3,8 @@
 //! | file | what |
 //! |---|---|
 //! | `mod` | [`Env`]: make, reset, step, save, load |
-//! | [`spec`] | what an environment is, as data |
-//! | [`buffers`] | where a step writes |
+//! | `spec` | what an environment is, as data |
+//! | `buffers` | where a step writes |
 //! | `limits` | whether a batch fits into memory |
 //! | `core` | one step of sixty-four environments, top to bottom |
 //! | `control` | from an agent's numbers to rotor actions |
@@ -14,24 +14,24 @@
 //! | `snapshot` | the exact state as bytes |
 //! | `block` | what sixty-four environments hold |
 //! | `transition` | the same step over any scalar, for gradients |
-//! | [`gradient`] | tapes, sweeps, Jacobians |
+//! | `gradient` | tapes, sweeps, Jacobians |
 //! | `engine` | the door to tasks |
-//! | [`single`] | one environment, for newcomers |
-//! | [`check`] | whether an environment keeps its contract |
+//! | `single` | one environment, for newcomers |
+//! | `check` | whether an environment keeps its contract |
 
 pub(crate) mod block;
-pub mod buffers;
-pub mod check;
+pub(crate) mod buffers;
+pub(crate) mod check;
 pub(crate) mod control;
 pub(crate) mod core;
 pub(crate) mod engine;
 pub(crate) mod evaluate_step;
-pub mod gradient;
+pub(crate) mod gradient;
 mod limits;
 mod normaliser;
-pub mod single;
+pub(crate) mod single;
 mod snapshot;
-pub mod spec;
+pub(crate) mod spec;
 #[cfg(test)]
 mod tests;
 pub(crate) mod transform;

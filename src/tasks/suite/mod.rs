@@ -4,29 +4,47 @@
 //!
 //! - DIFFERENCE: metrics are those of the step; published ones are running means from 0, mostly 0.8 old + 0.2 new.
 
-pub mod dragon_hover;
-pub mod fly_through;
-pub mod formation;
-pub mod hover;
-pub mod load;
+pub(crate) mod dragon_hover;
+pub(crate) mod fly_through;
+pub(crate) mod formation;
+pub(crate) mod hover;
+pub(crate) mod load;
 mod obstacles;
-pub mod over;
-pub mod over_fly_through;
-pub mod over_hover;
-pub mod over_track;
-pub mod payload_fly_through;
-pub mod payload_hover;
-pub mod payload_track;
-pub mod pendulum_fly_through;
-pub mod pendulum_hover;
-pub mod pendulum_track;
-pub mod team;
-pub mod track;
-pub mod transport;
-pub mod transport_fly_through;
-pub mod transport_hover;
-pub mod transport_track;
-pub mod variants;
+pub(crate) mod over;
+pub(crate) mod over_fly_through;
+pub(crate) mod over_hover;
+pub(crate) mod over_track;
+pub(crate) mod payload_fly_through;
+pub(crate) mod payload_hover;
+pub(crate) mod payload_track;
+pub(crate) mod pendulum_fly_through;
+pub(crate) mod pendulum_hover;
+pub(crate) mod pendulum_track;
+pub(crate) mod team;
+pub(crate) mod track;
+pub(crate) mod transport;
+pub(crate) mod transport_fly_through;
+pub(crate) mod transport_hover;
+pub(crate) mod transport_track;
+pub(crate) mod variants;
+
+pub use dragon_hover::DragonHover;
+pub use fly_through::FlyThrough;
+pub use formation::Formation;
+pub use hover::Hover;
+pub use over_fly_through::OverFlyThrough;
+pub use over_hover::OverHover;
+pub use over_track::OverTrack;
+pub use payload_fly_through::PayloadFlyThrough;
+pub use payload_hover::PayloadHover;
+pub use payload_track::PayloadTrack;
+pub use pendulum_fly_through::InvPendulumFlyThrough;
+pub use pendulum_hover::InvPendulumHover;
+pub use pendulum_track::InvPendulumTrack;
+pub use track::Track;
+pub use transport_fly_through::TransportFlyThrough;
+pub use transport_hover::TransportHover;
+pub use transport_track::TransportTrack;
 
 #[cfg(test)]
 mod tests_multi;
@@ -41,7 +59,7 @@ use crate::settings;
 
 settings! {
     /// Attitudes that episodes start with.
-    pub struct StartAttitude {
+    pub(crate) struct StartAttitude {
         tilt: f64 = START_TILT => ("rad", "largest roll and pitch of starts", NotNegative);
         yaw: [f64; 2] = ANY_YAW => ("rad", "yaw of starts, lowest and highest", Ordered);
         ease: f64 = 1.0 => ("-", "share of these ranges at difficulty 0, about their middles", Share);
@@ -62,7 +80,7 @@ impl StartAttitude {
 
 settings! {
     /// Places and attitudes that episodes start with.
-    pub struct StartRange {
+    pub(crate) struct StartRange {
         position: [[f64; 2]; 3] = [[-2.5, 2.5], [-2.5, 2.5], [1.0, 2.5]]
             => ("m, world", "position of starts, lowest and highest per axis", Ordered);
         attitude: StartAttitude = StartAttitude::default() => flat;
@@ -85,7 +103,7 @@ fn eased([low, high]: [f64; 2], share: f64) -> [f64; 2] {
 
 settings! {
     /// Weights of the terms that most rewards have.
-    pub struct PoseReward {
+    pub(crate) struct PoseReward {
         pose: f64 = 1.0 => ("-", "weight of the term pose", NotNegative);
         up: f64 = 1.0 => ("-", "weight of the term up", NotNegative);
         spin: f64 = 1.0 => ("-", "weight of the term spin", NotNegative);
@@ -95,7 +113,7 @@ settings! {
 
 settings! {
     /// How training losses weigh distance and motion.
-    pub struct MotionLoss {
+    pub(crate) struct MotionLoss {
         radius: f64 = 0.1 => ("m", "δ in the loss's distance √(d² + δ²)", Positive);
         velocity: f64 = 0.02 => ("s²/m", "weight of the squared velocity in the loss", NotNegative);
         rate: f64 = 0.005 => ("m s²/rad²", "weight of the squared angular velocity in the loss", NotNegative);
@@ -104,7 +122,7 @@ settings! {
 
 settings! {
     /// How training losses weigh distance, axes and motion.
-    pub struct PoseLoss {
+    pub(crate) struct PoseLoss {
         motion: MotionLoss = MotionLoss::default() => flat;
         turn: f64 = 0.3 => ("m", "weight of the squared errors of axes in the loss", NotNegative);
     }

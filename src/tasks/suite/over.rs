@@ -19,7 +19,7 @@ use crate::tasks::task::{ANY_YAW, START_TILT, Start, TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
 
 /// The frame: the root of the model.
-pub const FRAME_BODY: usize = 0;
+pub(crate) const FRAME_BODY: usize = 0;
 
 /// The platform; `damping` of its joints in N m s per **degree**.
 ///
@@ -37,14 +37,14 @@ pub fn platform(vehicle: &Vehicle, n_drone: usize, damping: f64) -> Result<Model
 ///
 /// # Errors
 /// As [`platform`] and [`EnvConfig::vehicle`].
-pub fn free_robot(config: &EnvConfig, team: &TeamSettings) -> Result<Robot> {
+pub(crate) fn free_robot(config: &EnvConfig, team: &TeamSettings) -> Result<Robot> {
     let vehicle = config.vehicle(&team.vehicle)?;
     let physics = config.physics_with(|e| e.downwash = true);
     Robot::of_model(&platform(&vehicle, team.n_drone, 0.002)?, physics, Some(&vehicle), |_| Vec::new())
 }
 
 /// What observations call the frame's attitude and motion.
-pub const FRAME_NAMES: LoadNames =
+pub(crate) const FRAME_NAMES: LoadNames =
     ["frame_attitude", "frame_velocity", "frame_angular_velocity", "frame_heading", "frame_up"];
 
 settings! {
@@ -57,7 +57,7 @@ settings! {
 }
 
 /// Keeps an attitude in the goal.
-pub fn set_attitude(start: &mut Start<'_>, attitude: Quat<f64>) {
+pub(crate) fn set_attitude(start: &mut Start<'_>, attitude: Quat<f64>) {
     let axes = [rotate(attitude, [1.0, 0.0, 0.0]), rotate(attitude, [0.0, 0.0, 1.0])];
     start.goal.field("target_heading", "-, world", "h_t").within(-1.0, 1.0).array(axes[0]);
     start.goal.field("target_up", "-, world", "u_t").within(-1.0, 1.0).array(axes[1]);
@@ -81,7 +81,7 @@ impl TargetPose {
 }
 
 /// The target attitude, held from the first second on.
-pub fn pose_reference(view: &View<'_, f64>, target: [f64; 3]) -> TaskReference {
+pub(crate) fn pose_reference(view: &View<'_, f64>, target: [f64; 3]) -> TaskReference {
     let (h, u) = (view.goal.array(0), view.goal.array(3));
     let side = cross(u, h);
     let attitude: [[f64; 3]; 3] = [0, 1, 2].map(|k| [h[k], side[k], u[k]]);
@@ -98,7 +98,7 @@ pub fn aligned<S: Scalar>(up: Vec3<S>, wanted: Vec3<S>) -> S {
 
 /// (p_t − p, h_t − h, u_t − u).
 #[inline(always)]
-pub fn pose_error<S: Scalar>(frame: &Frame<S>, target: [f64; 3], goal: &StridedView<'_, S>) -> [S; 9] {
+pub(crate) fn pose_error<S: Scalar>(frame: &Frame<S>, target: [f64; 3], goal: &StridedView<'_, S>) -> [S; 9] {
     let p = sub(constants(target), frame.position);
     let h = sub(goal.array(0), frame.heading());
     let u = sub(goal.array(3), frame.up());
@@ -107,7 +107,7 @@ pub fn pose_error<S: Scalar>(frame: &Frame<S>, target: [f64; 3], goal: &StridedV
 
 /// Writes a [`pose_error`].
 #[inline(always)]
-pub fn observe_error<S: Scalar>(e: &[S; 9], out: &mut impl Writer<S>) {
+pub(crate) fn observe_error<S: Scalar>(e: &[S; 9], out: &mut impl Writer<S>) {
     out.field("target", "m, world", "p_t − p").array([e[0], e[1], e[2]]);
     out.field("heading_error", "-, world", "h_t − h").within(-2.0, 2.0).array([e[3], e[4], e[5]]);
     out.field("up_error", "-, world", "u_t − u").within(-2.0, 2.0).array([e[6], e[7], e[8]]);
@@ -115,13 +115,13 @@ pub fn observe_error<S: Scalar>(e: &[S; 9], out: &mut impl Writer<S>) {
 
 /// p_t − p of a [`pose_error`].
 #[inline(always)]
-pub fn place_error<S: Scalar>(error: &[S; 9]) -> Vec3<S> {
+pub(crate) fn place_error<S: Scalar>(error: &[S; 9]) -> Vec3<S> {
     [error[0], error[1], error[2]]
 }
 
 /// The reward of a pose r_p, aligned with u_t and without spin, whose term is open.
 #[inline(always)]
-pub fn pose_reward<S: Scalar>(
+pub(crate) fn pose_reward<S: Scalar>(
     view: &View<'_, S>,
     (pose, smoothness): (S, Smoothness),
     up: Vec3<S>,
@@ -139,7 +139,7 @@ pub fn pose_reward<S: Scalar>(
 
 /// Figures of a pose.
 #[inline(always)]
-pub fn pose_metrics<S: Scalar>(view: &View<'_, S>, error: &[S; 9], out: &mut impl Writer<S>) {
+pub(crate) fn pose_metrics<S: Scalar>(view: &View<'_, S>, error: &[S; 9], out: &mut impl Writer<S>) {
     let frame = view.frame(FRAME_BODY);
     let distance = safe::sqrt(safe::squared_norm(place_error(error)), safe::SQUARED_NORM_FLOOR);
     out.metric("position_error", "m", distance);
@@ -149,13 +149,13 @@ pub fn pose_metrics<S: Scalar>(view: &View<'_, S>, error: &[S; 9], out: &mut imp
 
 /// Δs, the last figure.
 #[inline(always)]
-pub fn throttle_metric<S: Scalar>(view: &View<'_, S>, out: &mut impl Writer<S>) {
+pub(crate) fn throttle_metric<S: Scalar>(view: &View<'_, S>, out: &mut impl Writer<S>) {
     out.metric("throttle_difference", "-", mean_throttle_difference(view));
 }
 
 /// A smooth cost of being away from a pose and of moving.
 #[inline(always)]
-pub fn pose_loss<S: Scalar>(frame: &Frame<S>, e: &[S; 9], w: &PoseLoss, loss: &mut impl Loss<S>) {
+pub(crate) fn pose_loss<S: Scalar>(frame: &Frame<S>, e: &[S; 9], w: &PoseLoss, loss: &mut impl Loss<S>) {
     loss.add("√(‖p_t − p‖² + {loss_radius}²)", smooth_norm(place_error(e), w.motion.radius));
     let axes = [e[3], e[4], e[5], e[6], e[7], e[8]];
     loss.add("{×loss_turn}(‖h_t − h‖² + ‖u_t − u‖²)", squared(w.turn, axes));

@@ -27,7 +27,7 @@ settings! {
 
 /// Drone `i` as it sees itself: where it is about its load, ŝ, and which of the team it is.
 #[inline(always)]
-pub fn observe_own<S: Scalar>(view: &View<'_, S>, i: usize, load: Vec3<S>, out: &mut impl Writer<S>) {
+pub(crate) fn observe_own<S: Scalar>(view: &View<'_, S>, i: usize, load: Vec3<S>, out: &mut impl Writer<S>) {
     out.field("place", "m, world", "p_i − p of what it carries").array(sub(view.drone(i).position, load));
     view.observe_drone(i, out);
     out.field("index", "-", "1 at i, else 0").within(0.0, 1.0);
@@ -38,7 +38,7 @@ pub fn observe_own<S: Scalar>(view: &View<'_, S>, i: usize, load: Vec3<S>, out: 
 
 /// The other drones as drone `i` sees them, with their distances if asked for.
 #[inline(always)]
-pub fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: bool, out: &mut impl Writer<S>) {
+pub(crate) fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: bool, out: &mut impl Writer<S>) {
     if distance {
         let meaning = "p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending";
         out.field("others", "m, m, -, m/s, rad/s; world", meaning).non_smooth();
@@ -67,7 +67,12 @@ pub type LoadNames = [&'static str; 5];
 
 /// Attitude and motion of what the team carries, and the clock.
 #[inline(always)]
-pub fn observe_load<S: Scalar>(view: &View<'_, S>, names: &LoadNames, load: &Frame<S>, out: &mut impl Writer<S>) {
+pub(crate) fn observe_load<S: Scalar>(
+    view: &View<'_, S>,
+    names: &LoadNames,
+    load: &Frame<S>,
+    out: &mut impl Writer<S>,
+) {
     out.field(names[0], "-, body → world", "unit quaternion, w ≥ 0").within(-1.0, 1.0).non_smooth();
     out.array(load.observed_attitude());
     out.field(names[1], "m/s, world", "v").array(load.velocity);
@@ -79,7 +84,7 @@ pub fn observe_load<S: Scalar>(view: &View<'_, S>, names: &LoadNames, load: &Fra
 
 /// All drones as they see themselves.
 #[inline(always)]
-pub fn observe_drones<S: Scalar>(view: &View<'_, S>, load: Vec3<S>, out: &mut impl Writer<S>) {
+pub(crate) fn observe_drones<S: Scalar>(view: &View<'_, S>, load: Vec3<S>, out: &mut impl Writer<S>) {
     let own = "place, attitude, velocity, angular_velocity, heading, up, throttle, index of every drone";
     out.field("drones", "as observed", own);
     for i in 0..view.robot.drones().len() {
@@ -109,7 +114,7 @@ pub fn highest<S: Scalar>(view: &View<'_, S>) -> S {
 
 /// Least x of the drones, m.
 #[inline(always)]
-pub fn hindmost<S: Scalar>(view: &View<'_, S>) -> S {
+pub(crate) fn hindmost<S: Scalar>(view: &View<'_, S>) -> S {
     let mut least = view.drone(0).position[0];
     for i in 1..view.robot.drones().len() {
         least = least.min(view.drone(i).position[0]);
@@ -119,7 +124,7 @@ pub fn hindmost<S: Scalar>(view: &View<'_, S>) -> S {
 
 /// sep²: the least squared distance of two drones, m².
 #[inline(always)]
-pub fn squared_separation<S: Scalar>(view: &View<'_, S>) -> S {
+pub(crate) fn squared_separation<S: Scalar>(view: &View<'_, S>) -> S {
     let mut least = S::constant(1e12);
     for i in 1..view.robot.drones().len() {
         for j in 0..i {
@@ -138,7 +143,7 @@ pub fn apart<S: Scalar>(view: &View<'_, S>, wanted: f64) -> S {
 
 /// Mean of Δs over the drones.
 #[inline(always)]
-pub fn mean_throttle_difference<S: Scalar>(view: &View<'_, S>) -> S {
+pub(crate) fn mean_throttle_difference<S: Scalar>(view: &View<'_, S>) -> S {
     let n = view.robot.drones().len();
     let mut sum = S::zero();
     for i in 0..n {
@@ -149,18 +154,23 @@ pub fn mean_throttle_difference<S: Scalar>(view: &View<'_, S>) -> S {
 
 /// (Σ|x_i|)²: the square of a 1-norm.
 #[inline(always)]
-pub fn squared_sum<S: Scalar>(x: Vec3<S>) -> S {
+pub(crate) fn squared_sum<S: Scalar>(x: Vec3<S>) -> S {
     (x[0].abs() + x[1].abs() + x[2].abs()).square()
 }
 
 /// Total mass of a team, kg.
-pub fn team_mass(vehicle: &Vehicle, n_drone: usize) -> f64 {
+pub(crate) fn team_mass(vehicle: &Vehicle, n_drone: usize) -> f64 {
     n_drone as f64 * vehicle.mass_properties().mass
 }
 
 /// What a task with a course remembers: whether the team was `here` once, all of it beyond the obstacles, and the clearance.
 #[inline(always)]
-pub fn remember_course<S: Scalar>(view: &View<'_, S>, here: S::Mask, clearance: S, task_state: &mut impl Writer<S>) {
+pub(crate) fn remember_course<S: Scalar>(
+    view: &View<'_, S>,
+    here: S::Mask,
+    clearance: S,
+    task_state: &mut impl Writer<S>,
+) {
     let arrived = S::select(here.and(more(hindmost(view), BEYOND)), S::one(), arrived(view));
     task_state.field("arrived", "-", "1 once the target was reached beyond the obstacles, else 0").number(arrived);
     task_state.field("clearance", "m", "c after the last step").number(clearance);
@@ -173,7 +183,7 @@ pub(super) const ALL_BEYOND: &str = "with all drones beyond x = 0.05 m";
 
 /// The first of [`remember_course`].
 #[inline(always)]
-pub fn arrived<S: Scalar>(view: &View<'_, S>) -> S {
+pub(crate) fn arrived<S: Scalar>(view: &View<'_, S>) -> S {
     view.task_state.get(0)
 }
 

@@ -20,7 +20,8 @@ use crate::tasks::task::{Start, View};
 /// The box: the root of the model.
 pub const BOX: usize = 0;
 /// What observations call the box's attitude and motion.
-pub const BOX_NAMES: LoadNames = ["box_attitude", "box_velocity", "box_angular_velocity", "box_heading", "box_up"];
+pub(crate) const BOX_NAMES: LoadNames =
+    ["box_attitude", "box_velocity", "box_angular_velocity", "box_heading", "box_up"];
 
 settings! {
     /// A team and the box that it carries.
@@ -68,7 +69,7 @@ pub fn group(vehicle: &Vehicle, own: &GroupSettings, collides: bool) -> Result<C
 /// Physics of a group: wakes, and semi-implicit always. Of 64 groups under random actions for 200 steps of 16 ms, RK4 lost 122
 /// episodes of 216 to divergence, 8 of 192 with four substeps; this lost none of 196. Presumably a bar across a hinge,
 /// which turns about its own axis there (2e-6 kg m² against 0.011 N m s/rad); the cause was not isolated.
-pub fn stiff_physics(physics: Physics) -> Physics {
+pub(crate) fn stiff_physics(physics: Physics) -> Physics {
     let effects = Effects { downwash: true, ..physics.effects };
     Physics { integrator: Integrator::SemiImplicit, effects, ..physics }
 }
@@ -77,7 +78,7 @@ pub fn stiff_physics(physics: Physics) -> Physics {
 ///
 /// # Errors
 /// As [`group`] and [`EnvConfig::vehicle`].
-pub fn free_robot(config: &EnvConfig, own: &GroupSettings) -> Result<(Robot, Load)> {
+pub(crate) fn free_robot(config: &EnvConfig, own: &GroupSettings) -> Result<(Robot, Load)> {
     let vehicle = config.vehicle(&own.team.vehicle)?;
     let built = group(&vehicle, own, false)?;
     let robot = Robot::of_model(&built.model, stiff_physics(config.physics()), Some(&vehicle), |_| Vec::new())?;
@@ -173,7 +174,7 @@ pub fn steady<S: Scalar>(view: &View<'_, S>, load: &Load, pose: S, w: &SteadyRew
 
 /// A smooth cost of the box being away (`error`, m), tilted and in motion relative to a `velocity`, with its formula.
 #[inline(always)]
-pub fn load_loss<S: Scalar>(
+pub(crate) fn load_loss<S: Scalar>(
     frame: &Frame<S>,
     (distance, error): (&'static str, Vec3<S>),
     (motion, velocity): (&'static str, Vec3<S>),
@@ -187,4 +188,4 @@ pub fn load_loss<S: Scalar>(
 }
 
 /// Distance of a box from its target, and its motion.
-pub const TO_TARGET: [&str; 2] = ["√(‖p_t − p‖² + {loss_radius}²)", "{×loss_velocity}‖v‖²"];
+pub(crate) const TO_TARGET: [&str; 2] = ["√(‖p_t − p‖² + {loss_radius}²)", "{×loss_velocity}‖v‖²"];

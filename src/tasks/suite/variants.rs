@@ -24,11 +24,11 @@
 pub type Variant = (&'static str, &'static str);
 
 /// OmavHover and OmavTrack.
-pub const OMAV: Variant =
+pub(crate) const OMAV: Variant =
     ("[task]\nvehicle = 'omav_tilting'", "The drone is the Omav: twelve rotors in six units, whose drives tilt them.");
 
 /// HoverRand.
-pub const HOVER_RAND: Variant = (
+pub(crate) const HOVER_RAND: Variant = (
     r#"
 randomise = [
     { what = "mass", range = [0.26, 1.74] },
@@ -47,7 +47,7 @@ randomise = [
 );
 
 /// TrackRand.
-pub const TRACK_RAND: Variant = (
+pub(crate) const TRACK_RAND: Variant = (
     r#"
 randomise = [
     { what = "mass", range = [0.26, 1.74] },

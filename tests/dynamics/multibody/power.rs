@@ -6,11 +6,12 @@ use super::common::*;
 use crate::common::tree::stream;
 use nalgebra::{Matrix3, Vector3};
 use omnidrones::dynamics::assembly::single;
-use omnidrones::dynamics::contact::{force, with_plane};
+use omnidrones::dynamics::contact::with_plane;
 use omnidrones::dynamics::shape;
 use omnidrones::dynamics::spatial::from_matrix;
 use omnidrones::dynamics::tree::{Multibody, Pose, body_poses};
 use omnidrones::dynamics::{Effects, Physics, vehicles};
+use omnidrones::internals::contact_force;
 
 /// Body axes → world, then velocity of the origin and angular velocity in body axes.
 fn own(pose: &Pose<f64>) -> (Matrix3<f64>, Vector3<f64>, Vector3<f64>) {
@@ -71,7 +72,7 @@ fn contact_loss(system: &Multibody, poses: &[Pose<f64>]) -> f64 {
         for c in &contacts.list[..contacts.count] {
             let lever = Vector3::from(c.point) - Vector3::from(pose.position);
             let v = Vector3::from(pose.velocity) + Vector3::from(pose.angular_velocity).cross(&lever);
-            let all = Vector3::from(force::force(&settings.material.cast(), c, v.into()));
+            let all = Vector3::from(contact_force(&settings.material.cast(), c, v.into()));
             let elastic = settings.material.stiffness * c.depth.max(0.0).powf(1.5);
             loss += (all - elastic * Vector3::from(c.normal)).dot(&v);
         }
