@@ -2,7 +2,7 @@
 
 use crate::{config, everywhere};
 use omnidrones::controllers::cascade::Level;
-use omnidrones::dynamics::tree::analysis::body_poses;
+use omnidrones::dynamics::tree::body_poses;
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::{ActionSpace, Autoreset, Baseline, Buffers, Delay, Env, EnvConfig, Spec, check_env, registry};
 
