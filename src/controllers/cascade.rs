@@ -274,13 +274,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         Self {
             body: BodyModel::constant(&model.body),
             gains: GainSet::constant(&plain),
-            limits: ForceLimits {
-                tilt_tangent: S::constant(limits.tilt_tangent),
-                vertical: S::constant(limits.vertical),
-                ceiling: S::constant(limits.ceiling),
-                force: S::constant(limits.force),
-                thrust: S::constant(limits.thrust),
-            },
+            limits: limits.cast(),
             mixer,
             max_thrust,
         }

@@ -209,6 +209,20 @@ pub struct ForceLimits<S> {
     pub thrust: S,
 }
 
+impl ForceLimits<f64> {
+    /// As constants of another scalar.
+    #[inline(always)]
+    pub fn cast<S: Scalar>(&self) -> ForceLimits<S> {
+        ForceLimits {
+            tilt_tangent: S::constant(self.tilt_tangent),
+            vertical: S::constant(self.vertical),
+            ceiling: S::constant(self.ceiling),
+            force: S::constant(self.force),
+            thrust: S::constant(self.thrust),
+        }
+    }
+}
+
 impl<S: Scalar> ForceLimits<S> {
     /// From the ratios of `limits`, the total thrust T along body z and the weight W, N.
     ///

@@ -20,7 +20,7 @@
 //! begins again at half the rate.
 
 use super::checkpoint::Tensors;
-use super::learner::{Learner, Update};
+use super::learner::{Learner, Progress, Update};
 use super::nn::{AdamConfig, Layers};
 use super::policy::{Actor, Policy};
 use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
@@ -206,16 +206,8 @@ impl Learner for Apg {
         })
     }
 
-    fn n_update(&self) -> u64 {
-        self.update
-    }
-
-    fn budget(&self) -> u64 {
-        self.config.updates
-    }
-
-    fn env_steps(&self) -> u64 {
-        self.env_steps
+    fn progress(&self) -> Progress {
+        Progress { update: self.update, budget: self.config.updates, env_steps: self.env_steps }
     }
 
     fn policy(&self) -> Result<Policy> {
@@ -225,15 +217,13 @@ impl Learner for Apg {
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
         self.optimiser.save(policy, out)?;
         state::put_counters(out, [self.update, self.env_steps, self.optimiser.restarts])?;
-        self.workers.iter().enumerate().try_for_each(|(k, w)| state::put_shard(out, k, &w.window.shard))
+        state::put_shards(out, self.workers.iter().map(|w| &w.window.shard))
     }
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
         let [update, env_steps, restarts] = state::counters(from)?;
         self.optimiser.load(policy, from, restarts)?;
-        for (k, worker) in self.workers.iter_mut().enumerate() {
-            state::load_shard(from, k, &mut worker.window.shard)?;
-        }
+        state::load_shards(from, self.workers.iter_mut().map(|w| &mut w.window.shard))?;
         (self.update, self.env_steps) = (update, env_steps);
         Ok(())
     }

@@ -14,14 +14,23 @@ pub trait Learner: Send + Sync {
     /// As the environment's; learning itself does not fail, it reports.
     fn update(&mut self) -> Result<Update>;
 
+    /// How far it is.
+    fn progress(&self) -> Progress;
+
     /// Updates done.
-    fn n_update(&self) -> u64;
+    fn n_update(&self) -> u64 {
+        self.progress().update
+    }
 
     /// Updates after which it is done.
-    fn budget(&self) -> u64;
+    fn budget(&self) -> u64 {
+        self.progress().budget
+    }
 
     /// Steps of environments done.
-    fn env_steps(&self) -> u64;
+    fn env_steps(&self) -> u64 {
+        self.progress().env_steps
+    }
 
     /// The policy as it is.
     ///
@@ -40,6 +49,17 @@ pub trait Learner: Send + Sync {
     /// # Errors
     /// [`Error`](crate::error::Error) naming the tensor that is missing or has another shape.
     fn load(&mut self, policy: &Tensors, state: &Tensors) -> Result<()>;
+}
+
+/// How far a run is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Updates done.
+    pub update: u64,
+    /// Updates after which it is done.
+    pub budget: u64,
+    /// Steps of environments done.
+    pub env_steps: u64,
 }
 
 /// What one update did.

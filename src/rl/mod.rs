@@ -83,7 +83,7 @@ pub(crate) mod window;
 pub use config::{Algorithm, Checkpoints, Evaluate, TrainConfig};
 pub use config_diff::ConfigDifference;
 pub use evaluate::{Starts, eval_env, evaluate};
-pub use learner::{Episodes, Learner, Update};
+pub use learner::{Episodes, Learner, Progress, Update};
 pub use policy::Policy;
 pub use policy_controller::PolicyController;
 pub use policy_io::load_policy;

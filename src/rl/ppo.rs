@@ -24,7 +24,7 @@ pub use config::PpoConfig;
 
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
-use super::learner::{Episodes, Learner, Update};
+use super::learner::{Episodes, Learner, Progress, Update};
 use super::minibatch::{Minibatch, Sums, part};
 use super::nn::head::Head;
 use super::nn::{Adam, Transposed, Weights, clip_norm};
@@ -368,16 +368,8 @@ impl Learner for Ppo {
         })
     }
 
-    fn n_update(&self) -> u64 {
-        self.update
-    }
-
-    fn budget(&self) -> u64 {
-        self.config.updates
-    }
-
-    fn env_steps(&self) -> u64 {
-        self.env_steps
+    fn progress(&self) -> Progress {
+        Progress { update: self.update, budget: self.config.updates, env_steps: self.env_steps }
     }
 
     fn policy(&self) -> Result<Policy> {
@@ -395,7 +387,7 @@ impl Learner for Ppo {
         state::put_counters(out, [self.update, self.env_steps])?;
         out.insert("value_norm", &[4], self.norm.save().to_vec())?;
         out.insert("rate_scale", &[1], vec![self.scale])?;
-        self.collectors.iter().enumerate().try_for_each(|(k, c)| state::put_shard(out, k, &c.shard))
+        state::put_shards(out, self.collectors.iter().map(|c| &c.shard))
     }
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
@@ -411,9 +403,7 @@ impl Learner for Ppo {
         let scale = from.get::<f64>("rate_scale", &[1])?[0];
         self.norm.load(norm)?;
         self.critic.load(from)?;
-        for (k, collector) in self.collectors.iter_mut().enumerate() {
-            state::load_shard(from, k, &mut collector.shard)?;
-        }
+        state::load_shards(from, self.collectors.iter_mut().map(|c| &mut c.shard))?;
         (self.parameters, self.adam, self.scale) = (parameters, adam, scale);
         (self.update, self.env_steps) = (update, env_steps);
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);

@@ -17,7 +17,7 @@
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
 use super::gae::{Steps, advantages};
-use super::learner::{Learner, Update};
+use super::learner::{Learner, Progress, Update};
 use super::minibatch::part;
 use super::nn::{Activation, AdamConfig, Layers, Memory};
 use super::policy::{Actor, Policy};
@@ -452,16 +452,8 @@ impl Learner for Shac {
         })
     }
 
-    fn n_update(&self) -> u64 {
-        self.update
-    }
-
-    fn budget(&self) -> u64 {
-        self.config.updates
-    }
-
-    fn env_steps(&self) -> u64 {
-        self.env_steps
+    fn progress(&self) -> Progress {
+        Progress { update: self.update, budget: self.config.updates, env_steps: self.env_steps }
     }
 
     fn policy(&self) -> Result<Policy> {
@@ -473,7 +465,7 @@ impl Learner for Shac {
         self.critic.save(out)?;
         state::put_network(out, "target", &self.critic.mlp, &self.target)?;
         state::put_counters(out, [self.update, self.env_steps, self.optimiser.restarts])?;
-        self.workers.iter().enumerate().try_for_each(|(k, w)| state::put_shard(out, k, &w.window.shard))
+        state::put_shards(out, self.workers.iter().map(|w| &w.window.shard))
     }
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
@@ -481,9 +473,7 @@ impl Learner for Shac {
         self.optimiser.load(policy, from, restarts)?;
         self.critic.load(from)?;
         self.target = state::network(from, "target", &self.critic.mlp)?;
-        for (k, worker) in self.workers.iter_mut().enumerate() {
-            state::load_shard(from, k, &mut worker.window.shard)?;
-        }
+        state::load_shards(from, self.workers.iter_mut().map(|w| &mut w.window.shard))?;
         (self.update, self.env_steps) = (update, env_steps);
         Ok(())
     }

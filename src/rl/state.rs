@@ -39,23 +39,28 @@ pub(crate) fn counters<const N: usize>(from: &Tensors) -> Result<[u64; N]> {
 }
 
 /// The environments of shard `k`, and what their policy sees next.
-pub(crate) fn put_shard(to: &mut Tensors, k: usize, shard: &Shard) -> Result<()> {
-    let bytes = shard.env.save();
-    to.insert(format!("shard.{k}.environments"), &[bytes.len()], bytes)?;
-    let seen = shard.out.observation.clone();
-    to.insert(format!("shard.{k}.observation"), &[seen.len()], seen)?;
-    let central = shard.out.central.clone();
-    to.insert(format!("shard.{k}.central"), &[central.len()], central)
+pub(crate) fn put_shards<'a>(to: &mut Tensors, shards: impl Iterator<Item = &'a Shard>) -> Result<()> {
+    for (k, shard) in shards.enumerate() {
+        let bytes = shard.env.save();
+        to.insert(format!("shard.{k}.environments"), &[bytes.len()], bytes)?;
+        let seen = shard.out.observation.clone();
+        to.insert(format!("shard.{k}.observation"), &[seen.len()], seen)?;
+        let central = shard.out.central.clone();
+        to.insert(format!("shard.{k}.central"), &[central.len()], central)?;
+    }
+    Ok(())
 }
 
-pub(crate) fn load_shard(from: &Tensors, k: usize, shard: &mut Shard) -> Result<()> {
-    let name = format!("shard.{k}.environments");
-    let n = from.tensor(&name)?.shape().iter().product();
-    let n_seen = shard.out.observation.len();
-    let seen = from.get::<f32>(&format!("shard.{k}.observation"), &[n_seen])?;
-    let central = from.get::<f32>(&format!("shard.{k}.central"), &[shard.out.central.len()])?;
-    shard.env.load(from.get::<u8>(&name, &[n])?)?;
-    shard.out.observation.copy_from_slice(seen);
-    shard.out.central.copy_from_slice(central);
+pub(crate) fn load_shards<'a>(from: &Tensors, shards: impl Iterator<Item = &'a mut Shard>) -> Result<()> {
+    for (k, shard) in shards.enumerate() {
+        let name = format!("shard.{k}.environments");
+        let n = from.tensor(&name)?.shape().iter().product();
+        let n_seen = shard.out.observation.len();
+        let seen = from.get::<f32>(&format!("shard.{k}.observation"), &[n_seen])?;
+        let central = from.get::<f32>(&format!("shard.{k}.central"), &[shard.out.central.len()])?;
+        shard.env.load(from.get::<u8>(&name, &[n])?)?;
+        shard.out.observation.copy_from_slice(seen);
+        shard.out.central.copy_from_slice(central);
+    }
     Ok(())
 }

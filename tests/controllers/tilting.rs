@@ -197,17 +197,10 @@ impl TiltingLaw {
         let AttitudeCommand { attitude, angular_velocity, angular_acceleration, .. } =
             AttitudeCommand::read(orientation);
         let orientation = Orientation { attitude, angular_velocity, angular_acceleration };
-        let limits = &self.law.limits;
         let law = SixAxis {
             body: BodyModel::constant(&self.law.body),
             gains: GainSet::read(&theta),
-            limits: ForceLimits {
-                tilt_tangent: S::constant(limits.tilt_tangent),
-                vertical: S::constant(limits.vertical),
-                ceiling: S::constant(limits.ceiling),
-                force: S::constant(limits.force),
-                thrust: S::constant(limits.thrust),
-            },
+            limits: self.law.limits.cast(),
         };
         let wrench = law.position(&Kinematics::read(state), &Setpoint::read(sample), &orientation);
         let columns = self.columns(state);

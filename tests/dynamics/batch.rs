@@ -1,7 +1,7 @@
 //! A batch of environments: each one's result is its own, to the bit, whatever the others, the threads or the size.
 
 use crate::common::{airframe, input, state, stream};
-use omnidrones::dynamics::batch::Reason;
+use crate::poison::Poison;
 use omnidrones::dynamics::{Disturbance, Effects, Physics, Vehicle, World, vehicles};
 use omnidrones::parallel::Threads;
 use std::time::{Duration, Instant};
@@ -182,46 +182,27 @@ fn a_neighbour_with_tilted_rotors_or_products_of_inertia_changes_no_bit_of_the_o
     }
 }
 
-/// Ways to ruin an environment, and what is reported.
-#[derive(Debug, Clone, Copy)]
-enum Poison {
-    NanAction,
-    /// 1e7 rad/s and 1e7 m/s, which the step squares.
-    HugeState,
-    /// Motors of 1e7 rad/s on a body of a milligram: over-stiff in every way.
-    StiffParameters,
-    /// A push of 1e38 N.
-    Push,
-}
-
-impl Poison {
-    const ALL: [Self; 4] = [Self::NanAction, Self::HugeState, Self::StiffParameters, Self::Push];
-
-    fn reason(self) -> Reason {
-        if matches!(self, Self::NanAction) { Reason::NonFiniteAction } else { Reason::Diverged }
-    }
-
-    fn apply(self, world: &mut World, victim: usize, actions: &mut [f32], vehicle: &Vehicle) {
-        match self {
-            Self::NanAction => actions[victim * world.n_action()] = f32::NAN,
-            Self::HugeState => {
-                let mut x = world.state(victim).unwrap();
-                x[3..6].fill(1e7);
-                x[10..13].copy_from_slice(&[1e7, -1e7, 0.9e7]);
-                world.set_state(victim, &x).unwrap();
+/// Of [`Poison::StiffParameters`], motors of 1e7 rad/s on a body of a milligram.
+fn ruin(poison: Poison, world: &mut World, victim: usize, actions: &mut [f32], vehicle: &Vehicle) {
+    match poison {
+        Poison::NanAction => actions[victim * world.n_action()] = f32::NAN,
+        Poison::HugeState => {
+            let mut x = world.state(victim).unwrap();
+            x[3..6].fill(1e7);
+            x[10..13].copy_from_slice(&[1e7, -1e7, 0.9e7]);
+            world.set_state(victim, &x).unwrap();
+        }
+        Poison::StiffParameters => {
+            let mut v = heavier(vehicle, 1e-6);
+            for rotor in &mut v.rotors {
+                rotor.max_speed = 1e7;
+                rotor.time_constant_up = 1e-6;
             }
-            Self::StiffParameters => {
-                let mut v = heavier(vehicle, 1e-6);
-                for rotor in &mut v.rotors {
-                    rotor.max_speed = 1e7;
-                    rotor.time_constant_up = 1e-6;
-                }
-                world.set_vehicle(victim, &v).unwrap();
-            }
-            Self::Push => {
-                let push = Disturbance { force: [1e38, -1e38, 1e38], ..Disturbance::none() };
-                world.set_disturbance(victim, &push).unwrap();
-            }
+            world.set_vehicle(victim, &v).unwrap();
+        }
+        Poison::Push => {
+            let push = Disturbance { force: [1e38, -1e38, 1e38], ..Disturbance::none() };
+            world.set_disturbance(victim, &push).unwrap();
         }
     }
 }
@@ -243,7 +224,7 @@ fn one_poisoned_environment_stops_with_a_reason_and_touches_no_bit_of_the_other_
             for step in when..STEPS {
                 let mut actions: Vec<f32> = all.iter().flat_map(|i| script.action(*i, step)).collect();
                 if step == when {
-                    poison.apply(&mut world, victim, &mut actions, &script.vehicle);
+                    ruin(poison, &mut world, victim, &mut actions, &script.vehicle);
                 }
                 if world.failures().is_empty() {
                     healthy = row(&world, victim);

@@ -8,6 +8,7 @@ mod configurations;
 mod fleet;
 mod multibody;
 mod physics;
+mod poison;
 mod tree;
 mod tree_batch;
 mod urdf_articulated;

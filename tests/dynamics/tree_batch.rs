@@ -4,6 +4,7 @@
 use crate::common::INTEGRATORS;
 use crate::common::relative;
 use crate::common::tree::{everything, stream};
+use crate::poison::Poison;
 use omnidrones::autodiff::System;
 use omnidrones::dynamics::batch::{Reason, Stopped};
 use omnidrones::dynamics::configurations::{Dragon, Payload, REGISTRY, Transport};
@@ -247,57 +248,38 @@ fn a_model_of_another_topology_is_refused_by_name_and_changes_nothing() {
     }
 }
 
-/// Ways to ruin an environment, and what is reported.
-#[derive(Debug, Clone, Copy)]
-enum Poison {
-    NanAction,
-    /// 1e7 m/s and rad/s everywhere, which the step squares.
-    HugeState,
-    /// A ten-millionth of the masses on springs, dampers and stops 1e12 times as stiff.
-    StiffParameters,
-    /// A push of 1e38 N.
-    Push,
-}
-
-impl Poison {
-    const ALL: [Self; 4] = [Self::NanAction, Self::HugeState, Self::StiffParameters, Self::Push];
-
-    fn reason(self) -> Reason {
-        if matches!(self, Self::NanAction) { Reason::NonFiniteAction } else { Reason::Diverged }
-    }
-
-    fn apply(self, world: &mut World, victim: usize, actions: &mut [f32], model: &Model) {
-        match self {
-            Self::NanAction => actions[victim * world.n_action()] = f32::NAN,
-            Self::HugeState => {
-                let mut x = world.state(victim).unwrap();
-                for (body, place) in model.bodies().iter().zip(&model.layout().bodies) {
-                    let v = place.velocity;
-                    x[v] = 9.9e7;
-                    if body.joint.motion == Motion::Floating {
-                        x[v + 7..v + 10].copy_from_slice(&[1e7, -1e7, 0.9e7]);
-                    } else {
-                        x[place.position] = 9.99e7;
-                    }
+/// Of [`Poison::StiffParameters`], a ten-millionth of the masses on springs, dampers and stops 1e12 times as stiff.
+fn ruin(poison: Poison, world: &mut World, victim: usize, actions: &mut [f32], model: &Model) {
+    match poison {
+        Poison::NanAction => actions[victim * world.n_action()] = f32::NAN,
+        Poison::HugeState => {
+            let mut x = world.state(victim).unwrap();
+            for (body, place) in model.bodies().iter().zip(&model.layout().bodies) {
+                let v = place.velocity;
+                x[v] = 9.9e7;
+                if body.joint.motion == Motion::Floating {
+                    x[v + 7..v + 10].copy_from_slice(&[1e7, -1e7, 0.9e7]);
+                } else {
+                    x[place.position] = 9.99e7;
                 }
-                world.set_state(victim, &x).unwrap();
             }
-            Self::StiffParameters => {
-                let hostile = changed(&other(model, 1e-7), |parts| {
-                    for body in &mut parts.bodies {
-                        body.joint.damping *= 1e12;
-                        body.joint.stiffness *= 1e12;
-                        body.drag.linear.iter_mut().for_each(|d| *d *= 1e12);
-                        body.drag.angular.iter_mut().for_each(|d| *d *= 1e12);
-                    }
-                    parts.rotors.iter_mut().for_each(|r| r.rotor.max_speed = 1e7);
-                });
-                world.set_model(victim, &hostile).unwrap();
-            }
-            Self::Push => {
-                let push = Disturbance { force: [1e38, -1e38, 1e38], ..Disturbance::none() };
-                world.set_disturbance(victim, &push).unwrap();
-            }
+            world.set_state(victim, &x).unwrap();
+        }
+        Poison::StiffParameters => {
+            let hostile = changed(&other(model, 1e-7), |parts| {
+                for body in &mut parts.bodies {
+                    body.joint.damping *= 1e12;
+                    body.joint.stiffness *= 1e12;
+                    body.drag.linear.iter_mut().for_each(|d| *d *= 1e12);
+                    body.drag.angular.iter_mut().for_each(|d| *d *= 1e12);
+                }
+                parts.rotors.iter_mut().for_each(|r| r.rotor.max_speed = 1e7);
+            });
+            world.set_model(victim, &hostile).unwrap();
+        }
+        Poison::Push => {
+            let push = Disturbance { force: [1e38, -1e38, 1e38], ..Disturbance::none() };
+            world.set_disturbance(victim, &push).unwrap();
         }
     }
 }
@@ -325,7 +307,7 @@ fn one_poisoned_environment_stops_with_a_reason_and_touches_no_bit_of_its_neighb
             for step in when..STEPS {
                 let mut actions = script.actions(&all, world.n_action(), step);
                 if step == when {
-                    poison.apply(&mut world, victim, &mut actions, &script.model);
+                    ruin(poison, &mut world, victim, &mut actions, &script.model);
                 }
                 if !failed(&world, victim) {
                     healthy = row(&world, victim);

@@ -1,8 +1,8 @@
 //! `omnidrones eval`: a trained policy from held-out starts, as figures, tables and files.
 
-use super::arguments::{self, OutputArguments, ThreadArguments};
+use super::arguments;
 use super::environment::EnvArguments;
-use super::rollout::{Commands, Flown, SUCCESS, Told, check_horizon};
+use super::rollout::{Commands, EpisodeArguments, Flown, SUCCESS, Told, check_horizon};
 use super::rollout_files::LINES;
 use super::{Report, files};
 use omnidrones::error::{Error, Result};
@@ -42,32 +42,23 @@ Exit codes: 0 flown; 2 unusable input or arguments.";
 /// Arguments of `eval`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = format!("{EXAMPLES}\n\n{SUCCESS}\n\n{FILES}"))]
+#[command(mut_arg("envs", |envs| envs.help("Environments, one episode each [default: as in training, 1024]")))]
 #[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: RUN/eval]")))]
 pub struct Arguments {
     /// Folder of a run, or of one of its checkpoints
     #[arg(value_name = "RUN")]
     run: PathBuf,
-    /// Environments, one episode each [default: as in training, 1024]
-    #[arg(long, alias = "environments", value_name = "N")]
-    envs: Option<usize>,
     #[command(flatten)]
-    threads: ThreadArguments,
-    #[command(flatten)]
-    environment: EnvArguments,
-    #[command(flatten)]
-    output: OutputArguments,
-    /// Write every step and every episode as CSV
-    #[arg(long, help_heading = "Output")]
-    csv: bool,
+    episodes: EpisodeArguments,
 }
 
 /// Flies.
 pub fn run(a: &Arguments) -> Result<Report> {
-    let threads = a.threads.threads()?;
-    let mut ready = Ready::new(&a.run, &a.environment, a.envs, &threads)?;
+    let own = &a.episodes;
+    let mut ready = Ready::new(&a.run, &own.environment, own.envs, &own.threads.threads()?)?;
     let (horizon, by) = (ready.env.spec().horizon, ready.saved.manifest.algorithm.clone());
     let told = Told { command: "eval", by: &by, usual: a.run.join("eval") };
-    told.of(&a.output, a.csv, horizon, |step| ready.fly(&mut |watched| step(watched.step)))
+    told.of(own, horizon, |step| ready.fly(&mut |watched| step(watched.step)))
 }
 
 /// Most runs that an error names.

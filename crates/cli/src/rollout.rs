@@ -56,6 +56,8 @@ const MAX_STEPS: usize = 100_000;
 /// Arguments of `rollout`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("envs", |envs| envs.help("Environments, one episode each [default: 256; 32 of each task with --all]")))]
+#[command(mut_arg("csv", |csv| csv.conflicts_with("all")))]
 #[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: out/TASK, out/tasks with --all]")))]
 pub struct Arguments {
     /// A task ('omnidrones tasks')
@@ -67,18 +69,25 @@ pub struct Arguments {
     /// Who commands it
     #[arg(long, value_name = "NAME", default_value = "default")]
     pub(super) controller: ControllerName,
-    /// Environments, one episode each [default: 256; 32 of each task with --all]
+    #[command(flatten)]
+    pub(super) episodes: EpisodeArguments,
+}
+
+/// Which episodes are flown, and where they are told.
+#[derive(Debug, clap::Args)]
+pub struct EpisodeArguments {
+    /// Environments, one episode each
     #[arg(long, alias = "environments", value_name = "N")]
-    envs: Option<usize>,
+    pub envs: Option<usize>,
     #[command(flatten)]
-    threads: ThreadArguments,
+    pub threads: ThreadArguments,
     #[command(flatten)]
-    environment: EnvArguments,
+    pub environment: EnvArguments,
     #[command(flatten)]
-    pub(super) output: OutputArguments,
+    pub output: OutputArguments,
     /// Write every step and every episode as CSV
-    #[arg(long, conflicts_with = "all", help_heading = "Output")]
-    csv: bool,
+    #[arg(long, help_heading = "Output")]
+    pub csv: bool,
 }
 
 /// Names of controllers.
@@ -130,13 +139,13 @@ pub struct Flown {
 pub fn run(a: &Arguments) -> Result<Report> {
     let usual = EnvConfig { n_env: if a.all { 32 } else { 256 }, ..EnvConfig::default() };
     let entry = a.task.as_deref().map(registry::by_name).transpose()?;
-    let config = a.environment.config(&usual, entry)?;
-    let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: a.envs.unwrap_or(config.n_env), ..config };
+    let config = a.episodes.environment.config(&usual, entry)?;
+    let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: a.episodes.envs.unwrap_or(config.n_env), ..config };
     if !(1..=MAX_EPISODES).contains(&config.n_env) {
         let limit = format!("1 to {MAX_EPISODES}");
         return Err(Error::limit("n_env", config.n_env, limit, "256 episodes tell a mean return to a few percent."));
     }
-    let threads = a.threads.threads()?;
+    let threads = a.episodes.threads.threads()?;
     match entry {
         Some(entry) => one(a, entry, &config, &threads),
         None => rollout_all::run(a, &config, &threads),
@@ -263,7 +272,7 @@ fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> R
     let ready = Ready::new(entry, config, threads, a.controller)?;
     let horizon = ready.env.spec().horizon;
     let told = Told { command: "rollout", by: a.controller.name(), usual: Path::new("out").join(entry.name) };
-    told.of(&a.output, a.csv, horizon, |step| ready.fly(step))
+    told.of(&a.episodes, horizon, |step| ready.fly(step))
 }
 
 /// How a command tells of the episodes that it flies.
@@ -280,12 +289,11 @@ impl Told<'_> {
     /// Flies behind a bar of `horizon` steps, draws and writes what the options want, and tells.
     pub fn of(
         self,
-        output: &OutputArguments,
-        csv: bool,
+        EpisodeArguments { output, csv, .. }: &EpisodeArguments,
         horizon: usize,
         fly: impl FnOnce(&mut dyn FnMut(usize)) -> Result<Flown>,
     ) -> Result<Report> {
-        let writes = csv || !output.no_plots;
+        let writes = *csv || !output.no_plots;
         let folder = if writes { output.folder(self.usual)? } else { PathBuf::new() };
         let bar = progress::bar(horizon as u64, "flying", output.json);
         let flown = fly(&mut |step| bar.set_position(step as u64))?;
@@ -298,7 +306,7 @@ impl Told<'_> {
             spinner.finish_and_clear();
             written.push(path);
         }
-        if csv {
+        if *csv {
             written.extend(out::write_csv(&flown.record, &folder)?);
         }
         if output.json {

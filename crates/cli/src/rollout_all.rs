@@ -22,9 +22,9 @@ pub struct Line {
 
 /// Flies every task.
 pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Report> {
-    let writes = !a.output.no_plots;
-    let folder = if writes { a.output.folder(Path::new("out").join("tasks"))? } else { PathBuf::new() };
-    let bar = progress::bar(REGISTRY.len() as u64, "", a.output.json);
+    let writes = !a.episodes.output.no_plots;
+    let folder = if writes { a.episodes.output.folder(Path::new("out").join("tasks"))? } else { PathBuf::new() };
+    let bar = progress::bar(REGISTRY.len() as u64, "", a.episodes.output.json);
     let mut lines = Vec::new();
     for entry in REGISTRY {
         bar.set_message(format!("flying {}", entry.name));
@@ -38,7 +38,7 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
     }
     let mut written = Vec::new();
     if writes {
-        let path = folder.join(format!("tasks.{}", a.output.format.extension()));
+        let path = folder.join(format!("tasks.{}", a.episodes.output.format.extension()));
         let title = match a.controller {
             ControllerName::Default => "The benchmark tasks under our controllers",
             ControllerName::Random => "The benchmark tasks under random actions",
@@ -46,7 +46,7 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
         out::draw_all(&lines, title, &path)?;
         written.push(path);
     }
-    if a.output.json {
+    if a.episodes.output.json {
         let tasks: Vec<Value> = lines.iter().map(Line::json).collect();
         let value = json!({
             "command": "rollout",
