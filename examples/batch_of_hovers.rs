@@ -5,7 +5,8 @@
 
 use omnidrones::controllers::cascade::Level;
 use omnidrones::error::Result;
-use omnidrones::tasks::{Buffers, Column, Env, EnvConfig};
+use omnidrones::prelude::*;
+use omnidrones::tasks::Column;
 use std::f32::consts::PI;
 use std::time::Instant;
 

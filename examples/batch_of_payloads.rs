@@ -4,9 +4,9 @@
 //! `cargo run --release --example batch_of_payloads`
 
 use omnidrones::dynamics::configurations::Payload;
-use omnidrones::dynamics::{Physics, World};
 use omnidrones::error::Result;
-use omnidrones::rng::{Purpose, Stream};
+use omnidrones::prelude::*;
+use omnidrones::rng::Purpose;
 
 const N: usize = 500;
 

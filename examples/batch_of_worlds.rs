@@ -3,9 +3,10 @@
 //!
 //! `cargo run --release --example batch_of_worlds`
 
-use omnidrones::dynamics::{Inertia, Multirotor, Part, Physics, World, vehicles};
+use omnidrones::dynamics::{Inertia, Part};
 use omnidrones::error::Result;
-use omnidrones::rng::{Purpose, Stream};
+use omnidrones::prelude::*;
+use omnidrones::rng::Purpose;
 
 const N: usize = 1000;
 

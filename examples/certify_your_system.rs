@@ -4,8 +4,8 @@
 //! `cargo run --release --example certify_your_system`
 
 use omnidrones::autodiff::certificate::{Bounds, require};
-use omnidrones::autodiff::{Scalar, System, certify, safe};
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 /// State: angle, rate. Input: torque. Parameters: length, friction.
 struct Pendulum {

@@ -2,10 +2,9 @@
 //!
 //! `cargo run --release --example fly_and_plot [VEHICLE] [FOLDER]`
 
-use omnidrones::controllers::{FlightPlan, fly_vehicle};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
-use omnidrones::dynamics::vehicles;
 use omnidrones::error::{Error, Result};
+use omnidrones::prelude::*;
 use omnidrones_plot::flight::FlightFigures;
 use std::path::PathBuf;
 

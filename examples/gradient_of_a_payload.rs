@@ -3,11 +3,11 @@
 //!
 //! `cargo run --release --example gradient_of_a_payload`
 
-use omnidrones::autodiff::{Objective, Rollout, Scalar};
-use omnidrones::dynamics::Physics;
+use omnidrones::autodiff::Objective;
 use omnidrones::dynamics::configurations::Payload;
 use omnidrones::dynamics::tree::{Model, Multibody};
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 const STEPS: usize = 100;
 const DT: f64 = 0.008;

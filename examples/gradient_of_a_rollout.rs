@@ -3,9 +3,9 @@
 //!
 //! `cargo run --release --example gradient_of_a_rollout`
 
-use omnidrones::autodiff::{Objective, Rollout, Scalar};
-use omnidrones::dynamics::{Multirotor, Physics, vehicles};
+use omnidrones::autodiff::Objective;
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 const TARGET: [f64; 3] = [0.3, 0.0, 1.2];
 const STEPS: usize = 250;

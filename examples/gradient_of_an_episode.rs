@@ -4,7 +4,8 @@
 //! `cargo run --release --example gradient_of_an_episode`
 
 use omnidrones::error::Result;
-use omnidrones::tasks::{Autoreset, Buffers, Column, Cotangents, Env, EnvConfig, SweepOptions};
+use omnidrones::prelude::*;
+use omnidrones::tasks::{Autoreset, Column, Cotangents, SweepOptions};
 
 const N: usize = 4;
 const STEPS: usize = 60;

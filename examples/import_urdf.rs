@@ -2,9 +2,9 @@
 //!
 //! `cargo run --release --example import_urdf [FILE.urdf]`
 
-use omnidrones::controllers::{FlightPlan, fly_vehicle};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 fn main() -> Result<()> {
     let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/urdf/plain_x.urdf");

@@ -4,10 +4,9 @@
 //! `cargo run --release --example learn_hover_apg`
 
 use omnidrones::error::Result;
-use omnidrones::parallel::Threads;
+use omnidrones::prelude::*;
 use omnidrones::rl::apg::{Apg, ApgConfig};
-use omnidrones::rl::{Learner, Starts, evaluate};
-use omnidrones::tasks::EnvConfig;
+use omnidrones::rl::{Starts, evaluate};
 use std::time::Instant;
 
 fn main() -> Result<()> {

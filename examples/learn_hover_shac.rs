@@ -4,10 +4,10 @@
 //! `cargo run --release --example learn_hover_shac`
 
 use omnidrones::error::Result;
-use omnidrones::parallel::Threads;
+use omnidrones::prelude::*;
 use omnidrones::rl::shac::{Shac, ShacConfig};
-use omnidrones::rl::{Learner, Starts, evaluate};
-use omnidrones::tasks::{Buffers, Column, Env, EnvConfig};
+use omnidrones::rl::{Starts, evaluate};
+use omnidrones::tasks::Column;
 
 fn main() -> Result<()> {
     let (env, threads) = (EnvConfig { stagger: true, ..EnvConfig::default() }, Threads::default());

@@ -1,12 +1,10 @@
 //! A task of one's own, learnt: climb two metres and stay. `cargo run --release --example learn_own_task`
 
-use omnidrones::autodiff::{Scalar, safe};
 use omnidrones::error::Result;
-use omnidrones::parallel::Threads;
-use omnidrones::rl::Learner;
+use omnidrones::prelude::*;
 use omnidrones::rl::apg::{Apg, ApgConfig};
+use omnidrones::tasks::Loss;
 use omnidrones::tasks::reward::{rational_kernel, smooth_norm};
-use omnidrones::tasks::{Ends, Env, EnvConfig, Loss, Robot, Start, Task, View, Writer};
 
 struct Climb {
     robot: Robot,

@@ -4,10 +4,8 @@
 //! ppo` has them)
 
 use omnidrones::error::Result;
-use omnidrones::parallel::Threads;
+use omnidrones::prelude::*;
 use omnidrones::rl::ppo::{Ppo, PpoConfig};
-use omnidrones::rl::{Learner, TrainConfig};
-use omnidrones::tasks::EnvConfig;
 
 const UPDATES: u64 = 30;
 

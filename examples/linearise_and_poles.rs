@@ -4,11 +4,9 @@
 //! `cargo run --release --example linearise_and_poles`
 
 use nalgebra::DMatrix;
-use omnidrones::autodiff::linearise;
 use omnidrones::controllers::reference::Hover;
-use omnidrones::controllers::{ClosedLoop, Rates, Reference, Target};
-use omnidrones::dynamics::{Disturbance, Multirotor, Physics, vehicles};
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 /// Eigenvalues λ of a discrete step as continuous poles s = ln(λ)/dt, rad/s, slowest first; |λ| < 1e-6 left out.
 fn poles(step: &DMatrix<f64>, dt: f64) -> Vec<(f64, f64)> {

@@ -4,10 +4,10 @@
 //! `cargo run --release --example lqr_payload`
 
 use omnidrones::controllers::reference::Lemniscate;
-use omnidrones::controllers::{Controller, FlightPlan, FormationController, Lqr, Rates, Reference, fly};
+use omnidrones::controllers::{FormationController, Lqr};
 use omnidrones::dynamics::tree::Multibody;
-use omnidrones::dynamics::{Physics, configurations};
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 fn main() -> Result<()> {
     let rates = Rates::default();

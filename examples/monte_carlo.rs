@@ -6,12 +6,10 @@
 #[path = "own_controller.rs"]
 mod own_controller;
 
-use omnidrones::autodiff::System;
-use omnidrones::controllers::{ClosedLoop, MonteCarlo, MonteCarloDraw, Reference, Running, Target};
-use omnidrones::dynamics::{Effects, Physics, Plant, vehicles};
+use omnidrones::controllers::{MonteCarlo, MonteCarloDraw};
+use omnidrones::dynamics::Effects;
 use omnidrones::error::Result;
-use omnidrones::parallel::Threads;
-use omnidrones::rng::Stream;
+use omnidrones::prelude::*;
 use std::time::Instant;
 
 fn main() -> Result<()> {

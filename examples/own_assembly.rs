@@ -2,13 +2,12 @@
 //!
 //! `cargo run --release --example own_assembly`
 
-use omnidrones::autodiff::System;
 use omnidrones::controllers::reference::Circle;
-use omnidrones::controllers::{FlightPlan, Reference, Setup, default_controller, fly};
+use omnidrones::controllers::{Setup, default_controller};
 use omnidrones::dynamics::assembly::{Assembly, Join, Kind, Solid};
 use omnidrones::dynamics::tree::{Multibody, frame_pose};
-use omnidrones::dynamics::{Physics, Plant, vehicles};
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 fn main() -> Result<()> {
     let mut robot = Assembly::new("lanterns");

@@ -3,15 +3,13 @@
 //!
 //! `cargo run --release --example own_controller`
 
-use omnidrones::autodiff::Scalar;
 use omnidrones::controllers::allocation::{Mixer, allocate_yaw_last, thrust_to_command};
 use omnidrones::controllers::attitude::attitude_error;
 use omnidrones::controllers::reference::Lemniscate;
 use omnidrones::controllers::velocity::{desired_attitude, limit_force};
-use omnidrones::controllers::{ControlLaw, FlightPlan, Moment, Reference, Running, fly};
 use omnidrones::dynamics::spatial::{dot, matrix, up_axis};
-use omnidrones::dynamics::{Physics, Plant, Vehicle, configurations, vehicles};
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 /// Thrust along the wanted force, moments against errors of attitude and rate, at 250 Hz.
 pub struct Own {

@@ -3,10 +3,10 @@
 //!
 //! `cargo run --release --example own_parameters`
 
-use omnidrones::autodiff::{Objective, Rollout, Scalar, System};
-use omnidrones::controllers::{ClosedLoop, Rates, Reference, Target, start_on};
-use omnidrones::dynamics::{Disturbance, Physics, vehicles};
+use omnidrones::autodiff::Objective;
+use omnidrones::controllers::start_on;
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 /// Mean squared distance to the reference over 1000 steps, m².
 struct Error;

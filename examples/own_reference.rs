@@ -2,11 +2,9 @@
 //!
 //! `cargo run --release --example own_reference`
 
-use omnidrones::autodiff::Scalar;
-use omnidrones::controllers::reference::{Curve, Reference};
-use omnidrones::controllers::{FlightPlan, fly_vehicle};
-use omnidrones::dynamics::vehicles;
+use omnidrones::controllers::reference::Curve;
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 /// A helix that climbs as it turns, the nose along the path.
 struct Helix {

@@ -3,13 +3,11 @@
 //!
 //! `cargo run --release --example own_task`
 
-use omnidrones::autodiff::{Scalar, safe};
 use omnidrones::dynamics::spatial::sub;
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 use omnidrones::tasks::{ANY_YAW, reward::rational_kernel};
-use omnidrones::tasks::{
-    Ends, Env, EnvConfig, Robot, Setting, Settings, Start, Success, Task, View, Writer, check_env,
-};
+use omnidrones::tasks::{Setting, Settings, Success, check_env};
 
 omnidrones::settings! {
     /// Of the beacon.

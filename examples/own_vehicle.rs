@@ -2,9 +2,9 @@
 //!
 //! `cargo run --release --example own_vehicle`
 
-use omnidrones::controllers::{FlightPlan, fly_vehicle};
-use omnidrones::dynamics::{Drag, Inertia, Part, Rotor, Vehicle};
+use omnidrones::dynamics::{Drag, Inertia, Part, Rotor};
 use omnidrones::error::Result;
+use omnidrones::prelude::*;
 
 fn my_drone() -> Vehicle {
     // Front left, back left, back right, front right; neighbours turn opposite ways.

@@ -4,7 +4,8 @@
 //! `cargo run --release --example randomised_batch`
 
 use omnidrones::error::Result;
-use omnidrones::tasks::{Buffers, Env, EnvConfig, Spread};
+use omnidrones::prelude::*;
+use omnidrones::tasks::Spread;
 
 /// As `omnidrones tasks Hover --toml` writes it, shortened: what is left out has its default.
 const FILE: &str = r#"

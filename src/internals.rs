@@ -1,11 +1,6 @@
 //! What the other crates of this workspace use beside the public interface. No promises: it changes without notice.
 
 pub use crate::atomic_file::replace_with;
-/// Wakes of drones.
-pub mod downwash {
-    pub use crate::dynamics::aero::downwash::{factor, force};
-}
-
 pub use crate::dynamics::contact::force::force as contact_force;
 pub use crate::dynamics::integrate::{Grid, step};
 pub use crate::rl::policy::ROWS;

@@ -1,12 +1,9 @@
 //! A differentiable multirotor simulator. One definition of the physics flies a vehicle closed loop, gives its exact
-//! derivatives, steps thousands of copies at once, tunes controllers by gradients through whole flights, and poses the tasks
-//! of a benchmark to learners.
+//! derivatives, steps thousands of copies at once, tunes controllers by gradients through whole flights, poses the tasks of a
+//! benchmark, and trains policies on them.
 //!
 //! ```
-//! use omnidrones::autodiff::linearise;
-//! use omnidrones::controllers::{FlightPlan, fly_vehicle};
-//! use omnidrones::dynamics::{Multirotor, Physics, vehicles};
-//! use omnidrones::tasks::{Buffers, Env, EnvConfig};
+//! use omnidrones::prelude::*;
 //!
 //! let hummingbird = vehicles::by_name("hummingbird")?;
 //!
@@ -39,8 +36,9 @@
 //! | [`dynamics`] | bodies | [`Vehicle`](dynamics::Vehicle), [`vehicles`](dynamics::vehicles), [`urdf`](dynamics::urdf), [`Multirotor`](dynamics::Multirotor), [`Plant`](dynamics::Plant), [`World`](dynamics::World), [`Fleet`](dynamics::Fleet), [`Assembly`](dynamics::assembly::Assembly), [`configurations`](dynamics::configurations), [`Multibody`](dynamics::tree::Multibody), [`Scene`](dynamics::scene::Scene) |
 //! | [`controllers`] | commands | [`fly`](controllers::fly()), [`Controller`](controllers::Controller), [`ControlLaw`](controllers::ControlLaw), [`ClosedLoop`](controllers::ClosedLoop), [`Reference`](controllers::Reference), [`tune`](controllers::design::tune()) |
 //! | [`tasks`] | goals | [`Env`](tasks::Env), [`EnvConfig`](tasks::EnvConfig), [`SingleEnv`](tasks::SingleEnv), [`registry`](tasks::registry), [`Task`](tasks::Task), [`Tape`](tasks::Tape), [`evaluate`](tasks::evaluate()) |
-//! | [`rl`] | learning | [`Apg`](rl::apg::Apg), [`Shac`](rl::shac::Shac), [`Ppo`](rl::ppo::Ppo), [`Trainer`](rl::Trainer), [`Policy`](rl::Policy), [`checkpoint`](rl::checkpoint) |
+//! | [`rl`] | learning | [`Trainer`](rl::Trainer), [`TrainConfig`](rl::TrainConfig), [`apg`](rl::apg), [`shac`](rl::shac), [`ppo`](rl::ppo), [`Policy`](rl::Policy), [`evaluate`](rl::evaluate()) |
 //! | [`flight`] | what was flown | [`FlightLog`](flight::FlightLog), key figures, CSV |
+//! | [`prelude`] | the names that most programs begin with | `use omnidrones::prelude::*;` |
 //! | [`error`], [`rng`], [`parallel`] | serve all | [`Error`](error::Error), [`Stream`](rng::Stream), [`Threads`](parallel::Threads) |
 //! | [`conventions`] | frames, units, layouts, names | what any number means |
 //!
@@ -53,7 +51,7 @@
 //! |---|---|
 //! | `f64`, `f32` | the reference simulation |
 //! | duals (`Dual64`, `DualSVec64`, `HyperDual64` of num-dual) | exact first and second derivatives |
-//! | [`Jet`](autodiff::jet::Jet) | time derivatives of a reference: velocity to snap |
+//! | [`Jet`](autodiff::Jet) | time derivatives of a reference: velocity to snap |
 //! | SIMD lanes | one environment per lane, width chosen at run time: [`World`](dynamics::World), [`Env`](tasks::Env) |
 //! | [`Trace`](autodiff::Trace) | a recording, compiled to a [`Program`](autodiff::Program) and its adjoint: gradients of rollouts and of episodes |
 //!
@@ -96,9 +94,15 @@ pub mod flight;
 pub mod internals;
 pub mod layers;
 pub mod parallel;
+pub mod prelude;
 pub mod rl;
 pub mod rng;
 pub mod tasks;
+
+/// Vectors and matrices of the interface are of this version.
+pub use nalgebra;
+/// Duals that implement [`Scalar`](autodiff::Scalar) are of this version.
+pub use num_dual;
 
 #[doc = include_str!("../CONVENTIONS.md")]
 pub mod conventions {}

@@ -5,25 +5,25 @@
 //! | `scalar` | the [`Scalar`] trait, `f32`, `f64` |
 //! | [`safe`] | norms, roots and angles that stay finite, values and derivatives, at their corners |
 //! | `dual` | num-dual's numbers as scalars: exact forward derivatives |
-//! | `jet` | truncated Taylor series over any scalar |
+//! | [`jet`] | truncated Taylor series over any scalar |
 //! | `lanes`, `columns`, `unrolled` | SIMD registers as scalars, chosen at run time; where their numbers stand; loops over components |
-//! | `custom` | functions with a derivative of their own, for solvers inside kernels |
+//! | [`custom`] | functions with a derivative of their own, for solvers inside kernels |
 //! | `trace`, [`program`] | recording scalar; compiled programs and derived adjoints |
 //! | `system` | what is differentiated: x⁺ = f(x, u, θ), costs |
-//! | `derivative` | Jacobians of one step, by duals and compiled |
+//! | [`derivative`] | Jacobians of one step, by duals and compiled |
 //! | [`rollout`] | gradients through whole rollouts, reverse and forward |
-//! | `batch_rollout` | the same for many rollouts at once, in lanes |
+//! | [`mod@batch_rollout`] | the same for many rollouts at once, in lanes |
 //! | [`certificate`] | adjoint against duals against differences, for anybody's system |
 //!
 //! This room does not know drones.
 
-pub(crate) mod batch_rollout;
+pub mod batch_rollout;
 pub mod certificate;
 pub(crate) mod columns;
-pub(crate) mod custom;
-pub(crate) mod derivative;
+pub mod custom;
+pub mod derivative;
 pub(crate) mod dual;
-pub(crate) mod jet;
+pub mod jet;
 pub(crate) mod lanes;
 pub mod program;
 pub mod rollout;

@@ -146,7 +146,7 @@ impl<C: Controller> ClosedLoop<C> {
     /// Commands act this many steps after they were given; the line begins with those of hover.
     ///
     /// # Errors
-    /// [`Error::Limit`] above [`MAX_LATENCY`].
+    /// [`Error::Limit`] above `MAX_LATENCY`.
     pub fn with_latency(mut self, steps: usize) -> Result<Self> {
         check_latency(steps)?;
         self.latency = steps;

@@ -80,7 +80,7 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// When the tracked point was first more than [`LOST`] from the reference, the largest jump of the reference between
+    /// When the tracked point was first more than `LOST` from the reference, the largest jump of the reference between
     /// two steps allowed for, s, and how far it came, m; `None` for a flight that was not lost.
     pub fn lost(&self) -> Option<(f64, f64)> {
         let (errors, wanted) = (self.log.error_norm(), &self.log.reference_position);
@@ -148,7 +148,7 @@ impl FlightPlan {
     /// Number of steps.
     ///
     /// # Errors
-    /// [`Error::Value`] or [`Error::Limit`] if the plan is not valid or has more than [`MAX_STEPS`] steps.
+    /// [`Error::Value`] or [`Error::Limit`] if the plan is not valid or has more than `MAX_STEPS` steps.
     pub fn n_step(&self) -> Result<u64> {
         self.physics.validate()?;
         self.reference.validate()?;

@@ -10,26 +10,26 @@
 //! | [`attitude`] | attitude command → rate command |
 //! | [`rate`] | rate command → moments |
 //! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry, yaw last |
-//! | `six_axis` | force and attitude independent of each other: pose → wrench |
+//! | [`six_axis`] | force and attitude independent of each other: pose → wrench |
 //! | `action` | the paper's action modes, bounded |
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
-//! | `controller` | what a controller is: a measurement and a target in, commands out |
-//! | `law` | straight-line controllers, over any scalar |
+//! | [`controller`] | what a controller is: a measurement and a target in, commands out |
+//! | [`law`] | straight-line controllers, over any scalar |
 //! | `cascade_law` | the cascade as such a law |
 //! | [`registry`] | which controller flies what |
-//! | `closed_loop` | a plant under a controller: latency, disturbances, injections, failures |
-//! | `monte_carlo` | one loop over thousands of randomised plants |
+//! | [`closed_loop`] | a plant under a controller: latency, disturbances, injections, failures |
+//! | [`monte_carlo`] | one loop over thousands of randomised plants |
 //! | [`start`] | where flights and drops begin |
-//! | `fault_tolerant` | the cascade that flies on with the rotors that are left, yaw sacrificed first |
-//! | `flight` | a whole flight along a reference, logged |
-//! | `formation` | drones that hold their places and carry something together |
-//! | `locked_joints` | servos held at rest, flown as one rigid vehicle |
+//! | [`fault_tolerant`] | the cascade that flies on with the rotors that are left, yaw sacrificed first |
+//! | [`flight`] | a whole flight along a reference, logged |
+//! | [`formation`] | drones that hold their places and carry something together |
+//! | [`locked_joints`] | servos held at rest, flown as one rigid vehicle |
 //! | [`mod@vectored`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
-//! | `chain_shape` | the shape of a chain |
-//! | `state_feedback` | optimal feedback for a drone with swinging loads |
+//! | [`chain_shape`] | the shape of a chain |
+//! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
 //! | `gimballed` | a drone on a cardan joint that pushes its carrier with a wanted force |
 //! | [`platform`] | a frame under such drones, steered in six axes |
-//! | `transport` | a load under drones on bars, its own pose tracked |
+//! | [`transport`] | a load under drones on bars, its own pose tracked |
 //! | [`design`] | Riccati equations, optimal feedback, tuning |
 //!
 //! At equal rates the four levels compose to the geometric law of Lee, Leok and McClamroch (2010), term by term:
@@ -44,29 +44,29 @@ pub mod allocation;
 pub mod attitude;
 pub mod cascade;
 pub(crate) mod cascade_law;
-pub(crate) mod chain_shape;
-pub(crate) mod closed_loop;
-pub(crate) mod controller;
+pub mod chain_shape;
+pub mod closed_loop;
+pub mod controller;
 pub mod design;
-pub(crate) mod fault_tolerant;
-pub(crate) mod flight;
-pub(crate) mod formation;
+pub mod fault_tolerant;
+pub mod flight;
+pub mod formation;
 pub(crate) mod gimballed;
 pub mod kinematics;
-pub(crate) mod law;
+pub mod law;
 pub(crate) mod load_flatness;
-pub(crate) mod locked_joints;
-pub(crate) mod monte_carlo;
+pub mod locked_joints;
+pub mod monte_carlo;
 pub mod parameters;
 pub mod platform;
 pub mod position;
 pub mod rate;
 pub mod reference;
 pub mod registry;
-pub(crate) mod six_axis;
+pub mod six_axis;
 pub mod start;
-pub(crate) mod state_feedback;
-pub(crate) mod transport;
+pub mod state_feedback;
+pub mod transport;
 pub mod vectored;
 pub mod velocity;
 

@@ -41,7 +41,7 @@ pub struct MonteCarloResult {
     pub worst: f64,
     /// Largest angle between the root's z and the vertical, rad.
     pub tilt: f64,
-    /// When it was first more than [`LOST`] away or not finite, s.
+    /// When it was first more than `LOST` away or not finite, s.
     pub lost_at: Option<f64>,
 }
 

@@ -20,8 +20,8 @@
 //! The last condition keeps each drone out of the others' wakes. It is not convex; the half-space that touches the
 //! forbidden cone where the last solution is nearest to it is, and never allows what the cone forbids.
 //!
-//! **Bandwidths.** A force turns as fast as its drone: the drones' attitude loops must be [`SEPARATION`] times as fast as
-//! the loops around the frame. Unless gains are given, all six axes have both poles at −ω_drone/[`SEPARATION`].
+//! **Bandwidths.** A force turns as fast as its drone: the drones' attitude loops must be `SEPARATION` times as fast as
+//! the loops around the frame. Unless gains are given, all six axes have both poles at −ω_drone/`SEPARATION`.
 //!
 //! **Limits.** With two drones nothing turns the frame about the line through both: both forces and both c_j have no
 //! moment about it. The direction is left out (it follows the drones through the joints' damping).
@@ -60,7 +60,7 @@ pub struct Directions {
 }
 
 impl Default for Directions {
-    /// 70° and 45°: on the edge of that cone [downwash](crate::dynamics::aero::downwash) is at most exp(−½ 2²) = 14 % of
+    /// 70° and 45°: on the edge of that cone downwash is at most exp(−½ 2²) = 14 % of
     /// the thrust.
     fn default() -> Self {
         Self { reach: 70_f64.to_radians(), wake: 45_f64.to_radians() }

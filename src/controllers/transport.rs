@@ -19,15 +19,15 @@
 //! ```
 //!
 //! k_ḃ damps the swing. ḃ_d and b̈_d are those of the reference's jerk and snap. F_j is what the drone pushes with
-//! ([`gimballed`](super::gimballed)), its drag added; because forces turn late by T, the pull is taken along b + T ḃ and
+//! (`gimballed`), its drag added; because forces turn late by T, the pull is taken along b + T ḃ and
 //! a_j ahead by T of the reference. It is limited, height before direction, to [`TiltLimits::drone`] and 0.85 T_max: a drone that leaned
 //! far to stop a swing would let its bar go.
 //!
 //! **Poles.** Across the bars an error e of the load obeys ë = −K_v ė − K_p e through bars that follow with k_b, k_ḃ: the
 //! four poles of s⁴ + k_ḃ s³ + k_b s² + k_b K_v s + k_b K_p are those of Bessel's polynomial in s/c,
 //! s⁴ + 10 s³ + 45 s² + 105 s + 105, which for the same k_ḃ answers in 1/c instead of the 1.6/c of four equal poles and
-//! hardly overshoots; so for yaw. Height, roll and pitch need no lean: both poles at −q = −[`UPRIGHT`] c. c is the
-//! bandwidth of the drones' attitude loops over [`SEPARATION`].
+//! hardly overshoots; so for yaw. Height, roll and pitch need no lean: both poles at −q = −`UPRIGHT` c. c is the
+//! bandwidth of the drones' attitude loops over `SEPARATION`.
 
 use super::allocation::null_space::NullSpaceAllocator;
 use super::allocation::{Affine, Cone, Problem};

@@ -28,8 +28,8 @@
 //! **Bandwidths.** A servo of lag τ under k = 1/(2τ), with an integral of 10/k against loads, is a loop of damping 0.7; its tilts follow like a lag of 1/k. Where
 //! thrusters are a large share of the inertia, a tilt turns the carrier the other way (on the straight Dragon four fifths of
 //! it), and the rotors must first undo that: k ≤ ω_m/share, ω_m = 1/(4τ) of the motors. Pose loops are placed (ζ = 1, K_R = J ω² at
-//! the inertia of the present shape) at ω = k/4, as [`gains`](crate::dynamics::gains) places them at a quarter of the motors'
-//! 1/τ, and no faster than α̇_max/[`SWING`], so that ordinary errors do not saturate the servos; position at half of it. Axes about
+//! the inertia of the present shape) at ω = k/4, as `gains` places them at a quarter of the motors'
+//! 1/τ, and no faster than α̇_max/`SWING`, so that ordinary errors do not saturate the servos; position at half of it. Axes about
 //! which thrusts at the present tilts have authority of their own need not wait for tilts: they go up to ω_m.
 //!
 //! Sources: Kamel et al. 2018 (arXiv 1801.04581) and Bodie et al. 2020 (arXiv 2003.09512) for force components of tilting

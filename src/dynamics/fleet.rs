@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 /// Most vehicles of one fleet: each feels every other.
 pub(crate) const MAX_VEHICLES: usize = 256;
 
-/// Shape of the wakes, see [`aero::downwash`](super::aero::downwash).
+/// Shape of the wakes, see `aero::downwash`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Downwash {
@@ -69,7 +69,7 @@ impl Fleet {
     /// These vehicles; `None` leaves the downwash out.
     ///
     /// # Errors
-    /// [`Error::Limit`] for none or more than [`MAX_VEHICLES`]; [`Error::Value`] when a vehicle, the physics or the
+    /// [`Error::Limit`] for none or more than `MAX_VEHICLES`; [`Error::Value`] when a vehicle, the physics or the
     /// downwash are not valid.
     pub fn new(vehicles: &[Vehicle], physics: Physics, downwash: Option<Downwash>) -> Result<Self> {
         Self::check_count(vehicles.len())?;

@@ -7,7 +7,7 @@
 //!   s³/4 + s² + 2s + 1 = 0 in units of ω_n: a real pole at −0.70 and a pair of damping 0.69, so ζ = 1 after the lag
 //!   behaves as 0.7 would without; ζ = 0.7 would leave a pair of damping 0.64 closest to the axis.
 //! - **Yaw** at half of that: nothing in the outer loops waits for it, and in saturation it should yield first.
-//! - **Authority.** An error of [`SATURATION_ANGLE`] at rest should not ask for more moment M̄ than the rotors can give
+//! - **Authority.** An error of `SATURATION_ANGLE` at rest should not ask for more moment M̄ than the rotors can give
 //!   about that axis at hover: J ω² · angle ≤ M̄, with M̄ = Σ |B_i| min(T_h, T_max − T_h)_i, B_i the rotor's moment per
 //!   thrust and T_h the even share of the weight (at least 5 % of T_max is counted). This is what slows yaw:
 //!   B = κ is a tenth of an arm's length.

@@ -5,15 +5,15 @@
 //! | [`vehicle`] | a multirotor as plain data: parts, rotors, drag, gains |
 //! | [`vehicles`] | the built-in ones, one file each |
 //! | `vehicle_file` | vehicles as TOML |
-//! | `gains` | gains derived from inertia and motor lag |
+//! | [`gains`] | gains derived from inertia and motor lag |
 //! | [`rotor`] | one rotor: command, lag, wrench, and the table of its numbers |
 //! | `domain` | what a physical number may be |
 //! | [`rigid`] | the rigid multirotor's equations, over any scalar |
-//! | `integrate` | RK4 and the semi-implicit step |
-//! | `multirotor` | vehicle + physics as a [`System`](crate::autodiff::System) |
+//! | [`integrate`] | RK4 and the semi-implicit step |
+//! | [`multirotor`] | vehicle + physics as a [`System`](crate::autodiff::System) |
 //! | `plant` | such a vehicle or an articulated system, behind one type |
 //! | `frame` | where a body is and how it moves |
-//! | `fleet` | several multirotors in each other's downwash, as one system |
+//! | [`fleet`] | several multirotors in each other's downwash, as one system |
 //! | [`tree`] | articulated systems: bodies in a tree, joints, drives, rotors |
 //! | [`assembly`] | vehicles and primitives joined into such a system |
 //! | [`configurations`] | the built-in ones, one file each |
@@ -30,11 +30,11 @@ pub mod batch;
 pub mod configurations;
 pub mod contact;
 pub(crate) mod domain;
-pub(crate) mod fleet;
+pub mod fleet;
 pub(crate) mod frame;
-pub(crate) mod gains;
-pub(crate) mod integrate;
-pub(crate) mod multirotor;
+pub mod gains;
+pub mod integrate;
+pub mod multirotor;
 pub(crate) mod plant;
 pub mod rigid;
 pub mod rotor;

@@ -261,7 +261,7 @@ impl Plant {
         }
     }
 
-    /// Motion of every body along world axes, [`FRAME`](super::frame::FRAME) numbers each, in a state with these
+    /// Motion of every body along world axes, `FRAME` numbers each, in a state with these
     /// physical parameters.
     pub fn write_frames<S: Scalar>(&self, parameters: &[S], state: &[S], frames: &mut [S]) {
         let (state, mut out) = (StridedView::of(state), StridedViewMut::of(frames));

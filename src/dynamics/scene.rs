@@ -164,7 +164,7 @@ impl Scene {
     }
 
     /// Signed distance of a body to the nearest element, m; [`FAR`] at most. As exact as
-    /// [`contact::distance`](mod@super::contact::distance) is for the pair: the sign is right for all.
+    /// `contact::distance` is for the pair: the sign is right for all.
     #[inline(always)]
     pub fn clearance<S: Scalar>(&self, placement: &[S], geometry: &Geometry, pose: &Pose<S>) -> S {
         self.check(placement.len());
@@ -224,8 +224,8 @@ impl Scene {
     /// Checks every element; errors name it: `gate 'second'`, `obstacle 'pillar'`.
     ///
     /// # Errors
-    /// Numbers as [`Gate::validate`] and [`Shape::validate`] refuse; a ground beyond [`MAX_SIZE`]; a name used twice; more
-    /// than [`MAX_ELEMENTS`] gates or obstacles.
+    /// Numbers as [`Gate::validate`] and [`Shape::validate`] refuse; a ground beyond `MAX_SIZE`; a name used twice; more
+    /// than `MAX_ELEMENTS` gates or obstacles.
     pub fn validate(&self) -> Result<()> {
         if let Some(height) = self.ground {
             within("scene: ground", height, -MAX_SIZE, MAX_SIZE)?;

@@ -101,7 +101,7 @@ impl Geometry {
     /// Checks the sizes; `what` names the shape in the error.
     ///
     /// # Errors
-    /// A size that is not finite or outside [`MIN_SIZE`] to [`MAX_SIZE`] (a capsule's length may be 0).
+    /// A size that is not finite or outside `MIN_SIZE` to `MAX_SIZE` (a capsule's length may be 0).
     pub fn validate(&self, what: &str) -> Result<()> {
         let at = |name: &str| format!("{what}: {name}");
         match *self {
@@ -186,7 +186,7 @@ impl Shape {
     /// Checks sizes and pose; `what` names the shape in the error.
     ///
     /// # Errors
-    /// Sizes as [`Geometry::validate`]; a position beyond [`MAX_SIZE`]; a rotation that is not of unit length (to 1e-6).
+    /// Sizes as [`Geometry::validate`]; a position beyond `MAX_SIZE`; a rotation that is not of unit length (to 1e-6).
     pub fn validate(&self, what: &str) -> Result<()> {
         self.geometry.validate(what)?;
         validate_pose(what, &self.position, &self.rotation)

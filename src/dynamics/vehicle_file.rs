@@ -29,7 +29,7 @@ impl Vehicle {
         Ok(vehicle)
     }
 
-    /// Reads and checks a vehicle file of at most [`MAX_FILE_BYTES`].
+    /// Reads and checks a vehicle file of at most `MAX_FILE_BYTES`.
     pub fn from_toml_file(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let name = path.display().to_string();

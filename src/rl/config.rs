@@ -521,8 +521,8 @@ mod tests {
     #[test]
     fn unknown_keys_are_named_with_their_place_and_the_nearest() {
         for (text, told) in [
-            ("[apg]\nwindows = 3", "my.toml: line 2, column 1: unknown field `windows`"),
-            ("[apg]\nwindows = 3", "Did you mean `window`?"),
+            ("[apg]\nhorizons = 3", "my.toml: line 2, column 1: unknown field `horizons`"),
+            ("[apg]\nhorizons = 3", "Did you mean `horizon`?"),
             ("sed = 3", "Did you mean `seed`?"),
             ("[evaluate]\nenv = 3", "Did you mean `envs`?"),
             ("[env]\ncontroll = 'rate'", "Did you mean `control`?"),

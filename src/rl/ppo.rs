@@ -6,7 +6,7 @@
 //!    the batch;
 //! 3. goes over the batch `epochs` times in minibatches, and descends
 //!    L = −E[min(ρ A, clip(ρ, 1 − ε, 1 + ε) A)] − β E[H(π)] with ρ = π(a|o)/π_old(a|o), and fits the critic to A + V_old
-//!    by Huber's loss on the scale of [`ValueNorm`].
+//!    by Huber's loss on the scale of `ValueNorm`.
 //!
 //! Actor and critic have a network, an optimiser and a gradient limit each. The agents of a team share their parameters;
 //! where the environment has a central state, the critic sees that (centralised training, decentralised execution).

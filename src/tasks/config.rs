@@ -57,7 +57,7 @@ pub enum ActionSpace {
 pub struct Delay {
     /// Fewest.
     pub min: usize,
-    /// Most, up to [`MAX_DELAY`].
+    /// Most, up to `MAX_DELAY`.
     pub max: usize,
 }
 

@@ -104,7 +104,7 @@ pub trait Ends<S: Scalar> {
     /// The next reason, and when it holds.
     ///
     /// # Panics
-    /// Behind [`MAX_ENDS`](super::task::MAX_ENDS).
+    /// Behind `MAX_ENDS`.
     fn when(&mut self, name: &'static str, condition: &'static str, mask: S::Mask);
 }
 

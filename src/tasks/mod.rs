@@ -5,14 +5,14 @@
 //! | [`registry`] | the built-in tasks by name, one line each |
 //! | [`suite`] | the tasks of the benchmark, one file each |
 //! | `task` | [`Task`]: what a task is; what it is shown ([`View`]) and where episodes begin ([`Start`]) |
-//! | `declare` | [`Writer`]: numbers with their names beside them, which kernels leave out |
+//! | [`declare`] | [`Writer`]: numbers with their names beside them, which kernels leave out |
 //! | [`task_spec`] | [`TaskSpec`]: names, sizes, units and bounds of what a task writes |
 //! | [`settings`](mod@settings) | `settings!`: what `[task]` sets, each number stated once |
 //! | [`robot`] | [`Robot`]: what flies, its drones and where their numbers stand |
 //! | [`reward`], `track_path` | shapes that rewards are made of; the lemniscate of the Track tasks |
 //! | [`config`] | [`EnvConfig`]: a batch as plain data, in TOML too |
 //! | `env` | [`Env`]: many environments of one task; steps, restarts, gradients |
-//! | `observation` | [`Stage`]: history, noise, normalisation, privileged numbers, by name |
+//! | [`observation`] | [`Stage`]: history, noise, normalisation, privileged numbers, by name |
 //! | [`randomise`] | [`Change`]: what differs between environments and episodes |
 //! | `baseline` | [`Baseline`]: the controllers of this crate as policies |
 //! | `evaluate`, `record` | how well a policy does, from fixed starts; step by step |
@@ -132,10 +132,10 @@
 
 pub(crate) mod baseline;
 pub mod config;
-pub(crate) mod declare;
+pub mod declare;
 pub(crate) mod env;
 pub(crate) mod evaluate;
-pub(crate) mod observation;
+pub mod observation;
 pub(crate) mod physical;
 pub mod probe;
 pub mod randomise;

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 pub enum Stage {
     /// The last `steps` observations, newest first; zeros before an episode began.
     History {
-        /// 2 to [`MAX_HISTORY`].
+        /// 2 to `MAX_HISTORY`.
         steps: usize,
     },
     /// Independent normal noise in every step.

@@ -23,7 +23,7 @@ fn idle(config: &EnvConfig) -> Result<Robot> {
     Robot::of_vehicle(&config.vehicle("hummingbird")?, physics)
 }
 
-/// Episodes that pay their kind in every step, cut after [`CUT`].
+/// Episodes that pay their kind in every step, cut after `CUT`.
 #[derive(Debug, Clone)]
 pub struct Probe {
     robot: Robot,

@@ -1,4 +1,4 @@
-//! What a task says about itself, as data: what came out of writing everything once ([`declare`](super::declare)).
+//! What a task says about itself, as data: what came out of writing everything once (`declare`).
 //!
 //! Names, sizes, units and bounds are used by the program (layouts, infos, checks) and printed for people by
 //! `omnidrones tasks NAME`.

@@ -65,7 +65,7 @@ impl AttainableWrenches {
     ///
     /// # Errors
     /// [`Error::Value`] if the problem is not valid, has cones or bounds that are not finite, or an axis is named twice
-    /// or none at all; [`Error::Limit`] if there are more than [`MAX_CHOICES`] facets to try.
+    /// or none at all; [`Error::Limit`] if there are more than `MAX_CHOICES` facets to try.
     pub fn of(problem: &Problem, axes: &[Axis]) -> Result<Self> {
         Self::with_length(problem, axes, characteristic_length(&problem.geometry))
     }
@@ -199,7 +199,7 @@ pub struct WrenchMargin {
     /// What moments are divided by, m.
     pub length: f64,
     /// Independent directions among the rows, of inputs that have room; tolerance
-    /// [`RANK_TOLERANCE`](super::geometry::RANK_TOLERANCE).
+    /// `RANK_TOLERANCE`.
     pub rank: usize,
     /// Of the scaled rows: the norm of the weakest wrench (N) that inputs of norm 1 N make; 0 below full rank.
     pub smallest_singular_value: f64,

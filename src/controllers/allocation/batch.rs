@@ -25,7 +25,7 @@ pub(crate) const MAX_LANE_INPUTS: usize = 16;
 pub struct BatchReport {
     /// Environments whose wrench was not finite: their last inputs are held, within the bounds of now.
     pub held: usize,
-    /// Environments whose answer is not certified: the scaled KKT residual, recomputed, is above [`LANE_TOLERANCE`] or steps
+    /// Environments whose answer is not certified: the scaled KKT residual, recomputed, is above `LANE_TOLERANCE` or steps
     /// ran out. They are within their bounds and no worse than where they started, perhaps not optimal.
     pub unfinished: usize,
 }
@@ -72,8 +72,8 @@ impl BatchAllocator {
     /// cold; a warm tick takes a few).
     ///
     /// # Errors
-    /// [`Error::Limit`] for more than [`MAX_LANE_INPUTS`] inputs, [`Error::Value`] for cones or a ρ below
-    /// [`LANE_REGULARISATION`] of the largest entry of H; otherwise as [`Problem::validate`].
+    /// [`Error::Limit`] for more than `MAX_LANE_INPUTS` inputs, [`Error::Value`] for cones or a ρ below
+    /// `LANE_REGULARISATION` of the largest entry of H; otherwise as [`Problem::validate`].
     pub fn new(problem: &Problem, n_env: usize, steps: usize, threads: Threads) -> Result<Self> {
         problem.validate()?;
         let n = problem.n_input();

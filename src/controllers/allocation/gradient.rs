@@ -121,7 +121,7 @@ impl AllocationSensitivity {
         self.margin
     }
 
-    /// Whether the derivative may be that of one side only: [`margin`](Self::margin) below [`DEGENERATE`].
+    /// Whether the derivative may be that of one side only: [`margin`](Self::margin) below `DEGENERATE`.
     pub fn is_one_sided(&self) -> bool {
         self.margin < DEGENERATE
     }

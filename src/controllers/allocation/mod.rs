@@ -4,36 +4,36 @@
 //! |---|---|
 //! | `articulated` | what the rotors of a system of many bodies can do in its present shape |
 //! | [`geometry`] | what a vehicle's rotors can do: rank, weakest direction, lost axes |
-//! | `pseudo_inverse` | the mixer: least thrusts, clipped, yaw last |
+//! | [`pseudo_inverse`] | the mixer: least thrusts, clipped, yaw last |
 //! | [`problem`] | the bounded problem: quadratic cost, bounds, cones |
 //! | `allocator` | its solvers behind one interface, with certificate, fallback and counts |
 //! | `fast` | its fast paths and their gradient |
 //! | [`active_set`] | bounds: exact and fast, branch-free |
 //! | [`conic`] | cones: clarabel |
-//! | `function` | an answer with its derivative, called by kernels of any scalar |
-//! | `batch` | many environments in lanes |
-//! | `prioritised` | priorities without weights |
-//! | `null_space` | of all inputs that make a wrench, those nearest to a goal |
+//! | [`function`] | an answer with its derivative, called by kernels of any scalar |
+//! | [`batch`] | many environments in lanes |
+//! | [`prioritised`] | priorities without weights |
+//! | [`null_space`] | of all inputs that make a wrench, those nearest to a goal |
 //! | [`residual`](mod@residual) | the certificate |
-//! | `gradient`, `variation` | exact derivatives of an answer with respect to every number |
-//! | `attainable_wrench` | how far a wrench lies inside what bounded inputs can deliver |
+//! | [`gradient`], `variation` | exact derivatives of an answer with respect to every number |
+//! | [`attainable_wrench`] | how far a wrench lies inside what bounded inputs can deliver |
 //! | [`failure`] | what is left of a vehicle after each loss of a rotor |
 
 pub mod active_set;
 pub(crate) mod allocator;
 pub(crate) mod articulated;
-pub(crate) mod attainable_wrench;
-pub(crate) mod batch;
+pub mod attainable_wrench;
+pub mod batch;
 pub mod conic;
 pub mod failure;
 pub(crate) mod fast;
-pub(crate) mod function;
+pub mod function;
 pub mod geometry;
-pub(crate) mod gradient;
-pub(crate) mod null_space;
-pub(crate) mod prioritised;
+pub mod gradient;
+pub mod null_space;
+pub mod prioritised;
 pub mod problem;
-pub(crate) mod pseudo_inverse;
+pub mod pseudo_inverse;
 pub mod residual;
 pub(crate) mod variation;
 
@@ -45,6 +45,7 @@ pub use failure::{Assessment, Capability, FailureTable, RotorFailure};
 pub use function::AllocationFunction;
 pub use geometry::{Authority, Axis};
 pub use gradient::AllocationSensitivity;
+pub use null_space::NullSpaceAllocator;
 pub use prioritised::{PrioritisedAllocator, PrioritisedCounts, PrioritisedSolution};
 pub use problem::{Affine, Cone, Problem, rate_window};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! u_pref makes the wrench exactly, so where it is allowed it is the minimum of the [`Problem`] for any ρ, and ρ only says
-//! what a limit costs: [`GIVE`] of the largest diagonal entry of BᵀWB lets the wrench miss about a thousandth of what
+//! what a limit costs: `GIVE` of the largest diagonal entry of BᵀWB lets the wrench miss about a thousandth of what
 //! inputs have to give way.
 
 use super::allocator::{Allocator, Counts, Solver};

@@ -141,7 +141,7 @@ impl Problem {
         Self::boxed(vehicle.allocation_matrix(), balanced_weights(length), upper)
     }
 
-    /// Any geometry with inputs within [0, `upper`], the least preferred, ρ = [`REGULARISATION`] of the largest diagonal
+    /// Any geometry with inputs within [0, `upper`], the least preferred, ρ = `REGULARISATION` of the largest diagonal
     /// entry of BᵀWB.
     ///
     /// # Errors

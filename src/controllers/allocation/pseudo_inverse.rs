@@ -18,7 +18,7 @@ pub struct Mixer {
 
 impl Mixer {
     /// P = A⁺ of the true rotor geometry about the centre of mass, by singular values; directions below
-    /// [`RANK_TOLERANCE`] are left out, never inverted. Where the six rows are independent enough, P also holds the
+    /// `RANK_TOLERANCE` are left out, never inverted. Where the six rows are independent enough, P also holds the
     /// lateral force at zero.
     ///
     /// Moments are divided by the characteristic length before the decomposition, so that rank does not depend on

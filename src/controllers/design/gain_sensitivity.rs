@@ -29,7 +29,7 @@ pub struct GainSensitivity {
 /// Flies the plan and sweeps back through it.
 ///
 /// # Errors
-/// [`Error::Limit`] for more than [`MAX_STEPS`] steps or a step too large to record; [`Error::Value`] if vehicle, gains or
+/// [`Error::Limit`] for more than `MAX_STEPS` steps or a step too large to record; [`Error::Value`] if vehicle, gains or
 /// plan are not valid, a gain is 0 (its logarithm has no derivative), or a rotor fails (the control law switches).
 pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<GainSensitivity> {
     let steps = plan.n_step()?;

@@ -3,16 +3,16 @@
 //! | file | idea |
 //! |---|---|
 //! | [`riccati`] | Riccati and Lyapunov equations by doubling |
-//! | `error_state` | linearisations without the redundancy of quaternions |
-//! | `lqr` | state feedback of least cost, its poles, weights by Bryson's rule |
-//! | `follow` | feed-forward along smooth references |
-//! | `gain_sensitivity` | how the error of one flight depends on each gain |
+//! | [`error_state`] | linearisations without the redundancy of quaternions |
+//! | [`mod@lqr`] | state feedback of least cost, its poles, weights by Bryson's rule |
+//! | [`mod@follow`] | feed-forward along smooth references |
+//! | [`gain_sensitivity`] | how the error of one flight depends on each gain |
 //! | [`mod@tune`] | gains by descent on flights |
 
-pub(crate) mod error_state;
-pub(crate) mod follow;
-pub(crate) mod gain_sensitivity;
-pub(crate) mod lqr;
+pub mod error_state;
+pub mod follow;
+pub mod gain_sensitivity;
+pub mod lqr;
 pub mod riccati;
 pub mod tune;
 

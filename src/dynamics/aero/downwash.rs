@@ -6,8 +6,8 @@
 //! a = exp(−½ (k_r r/z)²)/(1 + k_z z)², force on i: F = −a T_j (OmniDrones `multirotor.py`; k_r 2, k_z 0.3).
 //!
 //! A cone that widens with z and weakens as a jet does. As published it is 0/0 on the rotor plane's axis and jumps
-//! there from 1 to 0; since no two vehicles can be that close, the last [`NEAR`] metres below the source fade it in
-//! smoothly, and at z ≥ [`NEAR`] it is the published formula to rounding.
+//! there from 1 to 0; since no two vehicles can be that close, the last `NEAR` metres below the source fade it in
+//! smoothly, and at z ≥ `NEAR` it is the published formula to rounding.
 
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Vec3, dot, scale, sub};

@@ -3,13 +3,13 @@
 //! | file | what | where it acts |
 //! |---|---|---|
 //! | [`wind`] | velocity of the air: constant, sinusoidal, Dryden gusts | subtracted from the velocity in every drag |
-//! | `downwash` | push of another vehicle's wake | force on the base |
-//! | `ground_effect` | more thrust close to the ground | factor on each rotor's thrust |
+//! | [`downwash`] | push of another vehicle's wake | force on the base |
+//! | [`ground_effect`] | more thrust close to the ground | factor on each rotor's thrust |
 //!
 //! Drag of body and rotors belongs to the vehicle's equations, not here.
 
-pub(crate) mod downwash;
-pub(crate) mod ground_effect;
+pub mod downwash;
+pub mod ground_effect;
 pub mod wind;
 
 pub use wind::{Dryden, Sinusoid, Wind, WindState};

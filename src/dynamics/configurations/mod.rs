@@ -6,7 +6,7 @@
 //! Common to all files:
 //! - Numbers are those of OmniDrones' public code. What its files leave to engine defaults is marked *our assumption*;
 //!   DIFFERENCE marks where we depart on purpose.
-//! - Its joint damping and stiffness are per degree; here per radian ([`PER_DEGREE`]).
+//! - Its joint damping and stiffness are per degree; here per radian (`PER_DEGREE`).
 //! - DIFFERENCE: a mass that is changed takes its inertia with it (defect 25).
 //! - DIFFERENCE: PhysX slows bars, frames and payload spheres at 0.05 1/s in rotation unless told otherwise; that is
 //!   one part in a thousand of their motion during a swing, and left out. Rates that OmniDrones sets are kept, as
@@ -23,14 +23,14 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
-pub(crate) mod dragon;
-pub(crate) mod environment;
-pub(crate) mod gate;
-pub(crate) mod inverted_pendulum;
-pub(crate) mod omav;
-pub(crate) mod payload;
-pub(crate) mod platform;
-pub(crate) mod transport;
+pub mod dragon;
+pub mod environment;
+pub mod gate;
+pub mod inverted_pendulum;
+pub mod omav;
+pub mod payload;
+pub mod platform;
+pub mod transport;
 
 pub use dragon::{Dragon, DragonLink, DragonMap};
 pub use environment::environment;

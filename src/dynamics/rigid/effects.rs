@@ -20,7 +20,7 @@ pub struct Effects {
     pub ground_effect: bool,
     /// Wind, and force and moment from outside: [`Disturbance`](super::Disturbance).
     pub disturbance: bool,
-    /// Wakes of the drones of one environment on each other ([`downwash`](crate::dynamics::aero::downwash)); in a
+    /// Wakes of the drones of one environment on each other (`downwash`); in a
     /// [`Multibody`](crate::dynamics::tree::Multibody), or a [`Fleet`](crate::dynamics::Fleet) through its own setting.
     pub downwash: bool,
     /// Forces between shapes that touch, and on the ground; in a [`Multibody`](crate::dynamics::tree::Multibody) only.

@@ -17,7 +17,7 @@ pub(crate) const BODY_PARAMETERS: [(&str, Domain); 20] = [
     ("angular_drag_x", NonNegative), ("angular_drag_y", NonNegative), ("angular_drag_z", NonNegative),
 ];
 
-/// Physical parameters of a vehicle as one vector, [`BODY_PARAMETERS`] then [`ROTOR_PARAMETERS`] per rotor: what
+/// Physical parameters of a vehicle as one vector, `BODY_PARAMETERS` then [`ROTOR_PARAMETERS`] per rotor: what
 /// derivatives with respect to physics are taken of, and what randomisation scales.
 pub fn parameter_vector(vehicle: &Vehicle) -> Vec<f64> {
     let total = vehicle.mass_properties();

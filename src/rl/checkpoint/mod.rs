@@ -86,7 +86,7 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// The checkpoint in `folder`, of at most [`MAX_BYTES`].
+    /// The checkpoint in `folder`, of at most `MAX_BYTES`.
     ///
     /// # Errors
     /// As [`load_within`](Self::load_within).

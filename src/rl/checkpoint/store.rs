@@ -75,7 +75,7 @@ impl Store {
         Ok(writer)
     }
 
-    /// With another limit on a checkpoint's tensors than [`MAX_BYTES`].
+    /// With another limit on a checkpoint's tensors than `MAX_BYTES`.
     pub fn with_max_bytes(self, max_bytes: u64) -> Self {
         Self { max_bytes, ..self }
     }
@@ -198,7 +198,7 @@ impl Writer {
         &self.store
     }
 
-    /// With another limit on a checkpoint's tensors than [`MAX_BYTES`].
+    /// With another limit on a checkpoint's tensors than `MAX_BYTES`.
     pub fn with_max_bytes(self, max_bytes: u64) -> Self {
         Self { store: self.store.with_max_bytes(max_bytes), ..self }
     }

@@ -22,7 +22,7 @@ pub(crate) const MAX_OUTPUT: usize = 1 << 24;
 
 /// The kind of an action's distribution. In TOML: `kind = "gaussian"` and its sizes.
 ///
-/// Log standard deviations are clamped to [[`LOG_STD_MIN`], [`LOG_STD_MAX`]]; the derivative of the clamp is 1 from
+/// Log standard deviations are clamped to [−5, 2]; the derivative of the clamp is 1 from
 /// limit to limit and 0 outside. Extra parameters that stepped outside would therefore stay there: learners call
 /// [`clamp_extra`](Self::clamp_extra) after every step of theirs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -57,7 +57,7 @@ impl Head {
     /// Checks the sizes.
     ///
     /// # Errors
-    /// [`Error::Limit`] unless there are 1 to [`MAX_OUTPUT`] outputs.
+    /// [`Error::Limit`] unless there are 1 to `MAX_OUTPUT` outputs.
     pub fn validate(&self) -> Result<()> {
         let (n, levels) = match *self {
             Self::Gaussian { n } | Self::Categorical { n } => (n, 1),

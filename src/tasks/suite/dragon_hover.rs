@@ -32,7 +32,7 @@ const GIMBALS: usize = 2 * LINKS;
 
 settings! {
     /// Settings of [`DragonHover`].
-    pub struct DragonHoverSettings {
+    pub(crate) struct DragonHoverSettings {
         horizon: usize = 500 => ("steps", "T", Any);
         target: [f64; 3] = [0.0, 0.0, 2.0] => ("m, world", "p_t", Any);
         start: StartRange = StartRange::default() => group;

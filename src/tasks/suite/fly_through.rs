@@ -36,7 +36,7 @@ fn start_range() -> StartRange {
 
 settings! {
     /// Settings of [`FlyThrough`].
-    pub struct FlyThroughSettings {
+    pub(crate) struct FlyThroughSettings {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
         horizon: usize = 500 => ("steps", "T", Any);
         gate_position: [f64; 3] = [0.0, 0.0, 2.0] => ("m, world", "of the gate at rest", Any);

@@ -99,7 +99,7 @@ fn places(from: &[Vec3<f64>], to: &[Vec3<f64>]) -> Vec<usize> {
 
 settings! {
     /// The grid that drones start on, in cells of their own, at their centres.
-    pub struct StartGrid {
+    pub(crate) struct StartGrid {
         first: [f64; 3] = [-1.75, -1.75, 0.625] => ("m, world", "centre of the first cell that drones start in", Any);
         step: [f64; 3] = [0.5, 0.5, 0.25] => ("m", "from cell to cell", Positive);
         cells: [u64; 3] = [8, 8, 6] => ("", "cells per axis", Positive);
@@ -109,7 +109,7 @@ settings! {
 
 settings! {
     /// Weights of the reward.
-    pub struct FormationReward {
+    pub(crate) struct FormationReward {
         shape: f64 = 1.0 => ("-", "weight of the term shape", NotNegative);
         place: f64 = 1.0 => ("-", "weight of the term place", NotNegative);
         heading: f64 = 1.0 => ("-", "weight of the term heading", NotNegative);
@@ -119,7 +119,7 @@ settings! {
 
 settings! {
     /// Settings of [`Formation`].
-    pub struct FormationSettings {
+    pub(crate) struct FormationSettings {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
         formation: Figure = Figure::Named(Named::Hexagon)
             => ("m", "one drone per point: \"hexagon\" (7), \"tetragon\" (5) or a list of points", Any);

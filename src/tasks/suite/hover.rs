@@ -21,7 +21,7 @@ use crate::tasks::task::{ANY_YAW, Start, Task, TaskReference, View};
 
 settings! {
     /// Settings of [`Hover`].
-    pub struct HoverSettings {
+    pub(crate) struct HoverSettings {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
         horizon: usize = 500 => ("steps", "T", Any);
         target: [f64; 3] = [0.0, 0.0, 2.0] => ("m, world", "p_t", Any);

@@ -4,47 +4,29 @@
 //!
 //! - DIFFERENCE: metrics are those of the step; published ones are running means from 0, mostly 0.8 old + 0.2 new.
 
-pub(crate) mod dragon_hover;
-pub(crate) mod fly_through;
-pub(crate) mod formation;
-pub(crate) mod hover;
+pub mod dragon_hover;
+pub mod fly_through;
+pub mod formation;
+pub mod hover;
 pub(crate) mod load;
 mod obstacles;
 pub(crate) mod over;
-pub(crate) mod over_fly_through;
-pub(crate) mod over_hover;
-pub(crate) mod over_track;
-pub(crate) mod payload_fly_through;
-pub(crate) mod payload_hover;
-pub(crate) mod payload_track;
-pub(crate) mod pendulum_fly_through;
-pub(crate) mod pendulum_hover;
-pub(crate) mod pendulum_track;
+pub mod over_fly_through;
+pub mod over_hover;
+pub mod over_track;
+pub mod payload_fly_through;
+pub mod payload_hover;
+pub mod payload_track;
+pub mod pendulum_fly_through;
+pub mod pendulum_hover;
+pub mod pendulum_track;
 pub(crate) mod team;
-pub(crate) mod track;
+pub mod track;
 pub(crate) mod transport;
-pub(crate) mod transport_fly_through;
-pub(crate) mod transport_hover;
-pub(crate) mod transport_track;
+pub mod transport_fly_through;
+pub mod transport_hover;
+pub mod transport_track;
 pub(crate) mod variants;
-
-pub use dragon_hover::DragonHover;
-pub use fly_through::FlyThrough;
-pub use formation::Formation;
-pub use hover::Hover;
-pub use over_fly_through::OverFlyThrough;
-pub use over_hover::OverHover;
-pub use over_track::OverTrack;
-pub use payload_fly_through::PayloadFlyThrough;
-pub use payload_hover::PayloadHover;
-pub use payload_track::PayloadTrack;
-pub use pendulum_fly_through::InvPendulumFlyThrough;
-pub use pendulum_hover::InvPendulumHover;
-pub use pendulum_track::InvPendulumTrack;
-pub use track::Track;
-pub use transport_fly_through::TransportFlyThrough;
-pub use transport_hover::TransportHover;
-pub use transport_track::TransportTrack;
 
 #[cfg(test)]
 mod tests_multi;

@@ -42,7 +42,7 @@ fn start_range() -> StartRange {
 
 settings! {
     /// Settings of [`OverFlyThrough`].
-    pub struct OverFlyThroughSettings {
+    pub(crate) struct OverFlyThroughSettings {
         team: TeamSettings = TeamSettings::default() => flat;
         horizon: usize = 500 => ("steps", "T", Any);
         reset_on_collision: bool = false => ("", "whether touching a pole ends the episode", Any);

@@ -27,7 +27,7 @@ fn start_range() -> StartRange {
 
 settings! {
     /// Settings of [`OverHover`].
-    pub struct OverHoverSettings {
+    pub(crate) struct OverHoverSettings {
         team: TeamSettings = TeamSettings::default() => flat;
         horizon: usize = 500 => ("steps", "T", Any);
         target: TargetPose = TargetPose::default() => group;

@@ -30,7 +30,7 @@ pub(super) fn wide_path() -> PathRange {
 
 settings! {
     /// Settings of [`OverTrack`].
-    pub struct OverTrackSettings {
+    pub(crate) struct OverTrackSettings {
         team: TeamSettings = TeamSettings::default() => flat;
         horizon: usize = 500 => ("steps", "T", Any);
         reset_distance: f64 = 0.5 => ("m", "largest distance from the path", Positive);

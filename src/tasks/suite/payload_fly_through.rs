@@ -3,7 +3,7 @@
 //! - DIFFERENCE: observes p − q; the published code p − q_t under that name (defect 18).
 //! - DIFFERENCE: c is geometric, of the shapes that push; the published one asks for a contact force.
 //! - DIFFERENCE: starts with q_z < 0.15 m are drawn again; they come with bars above 1.35 m alone.
-//! - DIFFERENCE: the bar swings without stops; published ones are at ±120° (see [`load`](crate::tasks::suite::load)).
+//! - DIFFERENCE: the bar swings without stops; published ones are at ±120° (see `load`).
 //! - DIFFERENCE: a drawn mass takes centre of mass and inertia with it (defect 25).
 //! - DIFFERENCE: the ball's share is of the total mass, not of the base link's (defect 5).
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
@@ -32,7 +32,7 @@ fn course() -> LoadCourseSettings {
 
 settings! {
     /// Settings of [`PayloadFlyThrough`].
-    pub struct PayloadFlyThroughSettings {
+    pub(crate) struct PayloadFlyThroughSettings {
         course: LoadCourseSettings = course() => flat;
         horizon: usize = 500 => ("steps", "T", Any);
         target: [[f64; 2]; 2] = [[1.3, 1.5], [1.0, 1.5]]

@@ -2,7 +2,7 @@
 //!
 //! - DIFFERENCE: Δv is clipped at ±3σ; published ones on the upper side alone (defect 22).
 //! - DIFFERENCE: starts with q_z < 0.2 m are drawn again; they come with bars above 1.3 m alone.
-//! - DIFFERENCE: the bar swings without stops; published ones are at ±120° (see [`load`](crate::tasks::suite::load)).
+//! - DIFFERENCE: the bar swings without stops; published ones are at ±120° (see `load`).
 //! - DIFFERENCE: a drawn mass takes centre of mass and inertia with it (defect 25).
 //! - DIFFERENCE: the ball's share is of the total mass, not of the base link's (defect 5).
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
@@ -34,7 +34,7 @@ fn start_range() -> StartRange {
 
 settings! {
     /// Settings of [`PayloadHover`].
-    pub struct PayloadHoverSettings {
+    pub(crate) struct PayloadHoverSettings {
         load: LoadSettings = LoadSettings::default() => flat;
         horizon: usize = 500 => ("steps", "T", Any);
         kick: [f64; 3] = [1.0, 1.0, 0.5] => ("m/s, world", "σ of a push", NotNegative);

@@ -1,7 +1,7 @@
 //! PayloadTrack: lead a slung ball along a lemniscate.
 //!
 //! - DIFFERENCE: starts with d > `reset_distance` are drawn again; they come with bars above 1.8 m alone.
-//! - DIFFERENCE: the bar swings without stops; published ones are at ±120° (see [`load`](crate::tasks::suite::load)).
+//! - DIFFERENCE: the bar swings without stops; published ones are at ±120° (see `load`).
 //! - DIFFERENCE: a drawn mass takes centre of mass and inertia with it (defect 25).
 //! - DIFFERENCE: the ball's share is of the total mass, not of the base link's (defect 5).
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
@@ -21,7 +21,7 @@ use crate::tasks::track_path::about_path;
 
 settings! {
     /// Settings of [`PayloadTrack`].
-    pub struct PayloadTrackSettings {
+    pub(crate) struct PayloadTrackSettings {
         track: LoadTrackSettings = LoadTrackSettings::default() => flat;
         horizon: usize = 600 => ("steps", "T", Any);
         min_height: f64 = 0.1 => ("m", "lower is a crash", Any);

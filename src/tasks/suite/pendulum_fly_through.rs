@@ -34,7 +34,7 @@ fn course() -> LoadCourseSettings {
 
 settings! {
     /// Settings of [`InvPendulumFlyThrough`].
-    pub struct InvPendulumFlyThroughSettings {
+    pub(crate) struct InvPendulumFlyThroughSettings {
         course: LoadCourseSettings = course() => flat;
         horizon: usize = 500 => ("steps", "T", Any);
         target: [f64; 3] = [1.5, 0.0, 2.3] => ("m, world", "q_t", Any);

@@ -27,7 +27,7 @@ fn start_range() -> StartRange {
 
 settings! {
     /// Settings of [`InvPendulumHover`].
-    pub struct InvPendulumHoverSettings {
+    pub(crate) struct InvPendulumHoverSettings {
         load: LoadSettings = LoadSettings { bar_mass: DRAWN_BAR, ..LoadSettings::default() } => flat;
         horizon: usize = 500 => ("steps", "T", Any);
         target: [f64; 3] = [0.0, 0.0, 2.5] => ("m, world", "q_t", Any);

@@ -24,7 +24,7 @@ fn track() -> LoadTrackSettings {
 
 settings! {
     /// Settings of [`InvPendulumTrack`].
-    pub struct InvPendulumTrackSettings {
+    pub(crate) struct InvPendulumTrackSettings {
         track: LoadTrackSettings = track() => flat;
         horizon: usize = 600 => ("steps", "T", Any);
         min_height: f64 = 0.2 => ("m", "lower is a crash", Any);

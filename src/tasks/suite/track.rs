@@ -27,7 +27,7 @@ const POINTS: usize = 4;
 
 settings! {
     /// Settings of [`Track`].
-    pub struct TrackSettings {
+    pub(crate) struct TrackSettings {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
         horizon: usize = 600 => ("steps", "T", Any);
         reset_distance: f64 = 0.5 => ("m", "largest distance from the path", Positive);

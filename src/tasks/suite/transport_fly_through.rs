@@ -3,7 +3,7 @@
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
-//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`],
+//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see `stiff_physics`,
 //!   in substeps of at most 4 ms.
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 //! - DIFFERENCE: contact is that of capsules in the boxes of load and vehicles, on a material as of rubber.
@@ -40,7 +40,7 @@ fn start_range() -> StartRange {
 
 settings! {
     /// Settings of [`TransportFlyThrough`].
-    pub struct TransportFlyThroughSettings {
+    pub(crate) struct TransportFlyThroughSettings {
         group: GroupSettings = GroupSettings::default() => flat;
         horizon: usize = 500 => ("steps", "T", Any);
         bars: BarsSettings = BarsSettings { spacing: [1.0, 1.2], ..BarsSettings::default() } => flat;

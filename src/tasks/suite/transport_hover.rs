@@ -3,7 +3,7 @@
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
-//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`](super::transport::stiff_physics).
+//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see `stiff_physics`.
 //! - DIFFERENCE: `grounded` ends the episode, for there is no ground; the published box comes to rest on one.
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 
@@ -30,7 +30,7 @@ fn start_range() -> StartRange {
 
 settings! {
     /// Settings of [`TransportHover`].
-    pub struct TransportHoverSettings {
+    pub(crate) struct TransportHoverSettings {
         group: GroupSettings = GroupSettings::default() => flat;
         horizon: usize = 500 => ("steps", "T", Any);
         target: [f64; 3] = [0.0, 0.0, 2.0] => ("m, world", "p_t", Any);

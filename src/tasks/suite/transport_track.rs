@@ -3,7 +3,7 @@
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
-//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see [`stiff_physics`](super::transport::stiff_physics).
+//! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see `stiff_physics`.
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 
 use super::over_track::wide_path;
@@ -33,7 +33,7 @@ fn reward() -> SteadyReward {
 
 settings! {
     /// Settings of [`TransportTrack`].
-    pub struct TransportTrackSettings {
+    pub(crate) struct TransportTrackSettings {
         group: GroupSettings = GroupSettings::default() => flat;
         horizon: usize = 600 => ("steps", "T", Any);
         reset_distance: f64 = 0.7 => ("m", "largest distance from the path", Positive);

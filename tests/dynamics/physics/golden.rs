@@ -6,8 +6,7 @@
 use super::common::*;
 use num_dual::Dual64;
 use omnidrones::autodiff::Scalar;
-use omnidrones::dynamics::{Effects, Vehicle, vehicles};
-use omnidrones::internals::downwash;
+use omnidrones::dynamics::{Effects, Vehicle, aero::downwash, vehicles};
 
 /// Throttle at hover with the base link's 0.68 kg alone, where the table starts.
 const START: f64 = 0.5270696;

@@ -300,12 +300,12 @@ fn every_task_tells_its_goal_its_success_its_loss_and_what_an_action_means() {
 fn unusable_arguments_name_value_limit_and_remedy() {
     let folder = temporary();
     let folder = folder.path();
-    std::fs::write(folder.join("bad.toml"), "[apg]\nwindows = 3").expect("written");
+    std::fs::write(folder.join("bad.toml"), "[apg]\nhorizons = 3").expect("written");
     std::fs::create_dir(folder.join("empty")).expect("made");
     for (arguments, words) in [
         ("train Hove", "did you mean 'Hover'?"),
         ("train Hover --algo sac", "[possible values: apg, shac, ppo, mappo]"),
-        ("train Hover --config bad.toml", "bad.toml: line 2, column 1: unknown field `windows`"),
+        ("train Hover --config bad.toml", "bad.toml: line 2, column 1: unknown field `horizons`"),
         ("train Hover --config missing.toml", "missing.toml: No such file"),
         ("train Hover --set apg.horizons=3", "--set apg.horizons: apg"),
         ("train Hover --set apg.horizons=3", "Did you mean `horizon`?"),

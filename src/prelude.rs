@@ -1,0 +1,25 @@
+//! The names that most programs begin with: `use omnidrones::prelude::*;`.
+//!
+//! | for | names |
+//! |---|---|
+//! | bodies | [`Vehicle`], [`vehicles`], [`configurations`], [`Physics`], [`Disturbance`], [`Plant`], [`Multirotor`], [`World`] |
+//! | flights | [`fly`], [`fly_vehicle`], [`FlightPlan`], [`Flight`], [`Reference`], [`ClosedLoop`], [`Rates`] |
+//! | a controller of one's own | [`Controller`] with [`Measurement`] and [`Target`]; straight-line ones: [`ControlLaw`], [`Moment`], [`Running`] |
+//! | derivatives | [`Scalar`], [`safe`], [`System`], [`linearise`], [`Rollout`], [`certify`] |
+//! | environments | [`Env`], [`EnvConfig`], [`Buffers`], [`SingleEnv`] |
+//! | a task of one's own | [`Task`] with [`Robot`], [`View`], [`Start`], [`Writer`], [`Ends`] |
+//! | learning | [`TrainConfig`], [`Trainer`], [`Learner`], [`Policy`], [`load_policy`] |
+//! | all of them | [`Stream`] of random numbers, [`Threads`] |
+//!
+//! [`error::Result`](crate::error::Result) is not among them: it would hide the standard one.
+
+pub use crate::autodiff::{Rollout, Scalar, System, certify, linearise, safe};
+pub use crate::controllers::{
+    ClosedLoop, ControlLaw, Controller, Flight, FlightPlan, Measurement, Moment, Rates, Reference, Running, Target,
+    fly, fly_vehicle,
+};
+pub use crate::dynamics::{Disturbance, Multirotor, Physics, Plant, Vehicle, World, configurations, vehicles};
+pub use crate::parallel::Threads;
+pub use crate::rl::{Learner, Policy, TrainConfig, Trainer, load_policy};
+pub use crate::rng::Stream;
+pub use crate::tasks::{Buffers, Ends, Env, EnvConfig, Robot, SingleEnv, Start, Task, View, Writer};
