@@ -85,12 +85,22 @@ pub(crate) fn dispatch<K: Kernel>(kernel: K) -> K::Output {
 
 /// Runs `kernel` for the registers that hold the first `n` environments of a block, one after the other. The body is a
 /// function of its own: a loop around thousands of instructions takes the compiler twice as long and gains nothing.
-pub(crate) fn each_register<K: RegisterKernel>(n: usize, mut kernel: K) {
-    dispatch(EachRegister { n, kernel: &mut kernel });
+pub(crate) fn each_register<K: RegisterKernel>(n: usize, kernel: K) {
+    each_register_of(first_lanes(n), kernel);
+}
+
+/// As [`each_register`] for the registers that hold any of these environments: bit i stands for lane i.
+pub(crate) fn each_register_of<K: RegisterKernel>(lanes: u64, mut kernel: K) {
+    dispatch(EachRegister { lanes, kernel: &mut kernel });
+}
+
+/// The first `n` lanes of a block.
+pub(crate) fn first_lanes(n: usize) -> u64 {
+    if n >= BLOCK { u64::MAX } else { (1 << n) - 1 }
 }
 
 struct EachRegister<'a, K> {
-    n: usize,
+    lanes: u64,
     kernel: &'a mut K,
 }
 
@@ -98,9 +108,12 @@ impl<K: RegisterKernel> Kernel for EachRegister<'_, K> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
+        let own = u64::MAX >> (BLOCK - L::WIDTH);
         let mut at = 0;
-        while at < self.n {
-            L::outlined(OneRegister { at, kernel: self.kernel });
+        while at < BLOCK {
+            if (self.lanes >> at) & own != 0 {
+                L::outlined(OneRegister { at, kernel: self.kernel });
+            }
             at += L::WIDTH;
         }
     }

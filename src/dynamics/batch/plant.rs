@@ -3,7 +3,7 @@
 use super::kernel::{self, ALIVE, StepBlocks, pack};
 use super::tree_kernel::StepTrees;
 use crate::autodiff::columns::Columns;
-use crate::autodiff::lanes::{Lanes, RegisterKernel, dispatch, each_register};
+use crate::autodiff::lanes::{Lanes, RegisterKernel, dispatch, each_register_of, first_lanes};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::integrate::Grid;
@@ -165,9 +165,10 @@ impl Plant {
         }
     }
 
-    /// Writes the frames of all bodies of a block, [`FRAME`](crate::dynamics::frame::FRAME) rows each.
-    pub(crate) fn frames(&self, block: &Block, out: &mut [[f32; BLOCK]]) {
-        each_register(block.occupied, WriteFrames { plant: self, block, out });
+    /// Writes the frames of all bodies of these environments of a block, [`FRAME`](crate::dynamics::frame::FRAME) rows
+    /// each.
+    pub(crate) fn frames(&self, block: &Block, lanes: u64, out: &mut [[f32; BLOCK]]) {
+        each_register_of(lanes & first_lanes(block.occupied), WriteFrames { plant: self, block, out });
     }
 
     /// First row of the nine numbers of each tree's disturbance; none without that effect.

@@ -1,5 +1,6 @@
 //! Sixty-four environments: what they hold between steps, and the memory that a step works in.
 
+use super::restart::Draft;
 use super::spec::Column;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::Block;
@@ -170,10 +171,7 @@ pub(crate) struct Workspace {
     pub moved: Columns,
     /// What the normaliser sees.
     pub seen: Columns,
-    pub state: Vec<f64>,
-    pub goal: Vec<f64>,
-    pub memory: Vec<f64>,
-    pub numbers: Vec<f64>,
+    pub draft: Draft,
 }
 
 /// Rows of [`Workspace::signals`].
@@ -189,11 +187,8 @@ pub(crate) mod signal {
     pub(crate) const COUNT: usize = 6;
 }
 
-/// Numbers that the cascade of one drone holds within a step: attitude command, rate command.
-pub(crate) const HELD: usize = 16 + 7;
-
 impl Workspace {
-    pub(crate) fn new(s: &Sizes, n_state: usize, n_number: usize, n_noise: usize) -> Self {
+    pub(crate) fn new(s: &Sizes, n_noise: usize, draft: Draft) -> Self {
         Self {
             frames: Columns::zeros(s.frame * FRAME),
             speeds: Columns::zeros(s.rotor),
@@ -211,10 +206,7 @@ impl Workspace {
             noise: Columns::zeros(n_noise),
             moved: Columns::zeros(3),
             seen: Columns::zeros(s.agent * s.normalised),
-            state: vec![0.0; n_state],
-            goal: vec![0.0; s.goal],
-            memory: vec![0.0; s.memo],
-            numbers: vec![0.0; n_number],
+            draft,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! From an agent's numbers to rotor actions: spaces, clipping, delay, and the cascade in the control modes.
 
-use super::block::{EnvBlock, HELD, Workspace, book};
+use super::block::{EnvBlock, Workspace, book};
 use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Rows, RowsMut, Scalar, safe};
@@ -243,8 +243,8 @@ impl Control {
         for agent in 0..self.inputs.len() {
             let own = &commands[agent * n..(agent + 1) * n];
             let frame = Frame::read(&frames.from(rig.drones()[agent].frame * FRAME));
-            let first = agent * (HELD + MAX_SLOTS);
-            let held = &mut held[first..first + HELD + MAX_SLOTS];
+            let first = agent * HELD_PER_AGENT;
+            let held = &mut held[first..first + HELD_PER_AGENT];
             let out = &mut input[..];
             match &self.recorded {
                 None => {
@@ -254,9 +254,9 @@ impl Control {
                 }
                 Some(model) => {
                     let model = CascadeModel::<S, MAX_SLOTS>::constant(model);
-                    let before = Held::read(&held[..HELD + MAX_SLOTS]);
+                    let before = Held::read(&held[..HELD_PER_AGENT]);
                     let new = self.compute(&model, step, &frame, [own[0], own[1], own[2], own[3]], &before);
-                    new.write(&mut held[..HELD + MAX_SLOTS]);
+                    new.write(&mut held[..HELD_PER_AGENT]);
                     for (k, place) in self.inputs[agent].iter().enumerate() {
                         out[*place] = new.rotors[k];
                     }
@@ -295,7 +295,10 @@ impl Control {
 }
 
 /// Most rotor slots.
-pub(crate) const MAX_SLOTS: usize = 16;
+const MAX_SLOTS: usize = 16;
+/// Numbers that the cascade of one drone holds within a step: attitude command, rate command, rotors.
+const HELD: usize = 16 + 7;
+pub(crate) const HELD_PER_AGENT: usize = HELD + MAX_SLOTS;
 
 /// Most values of a joint discrete action: they are exact in `f32`.
 const MAX_VALUES: f64 = 65_536.0;
@@ -365,7 +368,7 @@ impl<const R: usize> RegisterKernel for Steer<'_, R> {
             let frame = Frame::read(&frames.from(self.rig.drones()[agent].frame * FRAME));
             let command = L::rows(&self.work.command, at).array(agent * 4);
             let mut held = L::rows_mut(&mut self.work.held, at);
-            let first = agent * (HELD + MAX_SLOTS);
+            let first = agent * HELD_PER_AGENT;
             let new = control.compute(&model, self.step, &frame, command, &read_held(&held.rows().from(first)));
             write_held(&new, &mut held, first);
             let mut input = L::rows_mut(&mut self.block.plant.rows, at);

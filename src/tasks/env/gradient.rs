@@ -12,8 +12,9 @@
 //! - in environments whose physics gave up in a step: that step has the gradient zero.
 
 use super::Env;
-use super::block::{Columns, EnvBlock, book};
-use super::core::{lanes_of, transpose};
+use super::block::{Columns, EnvBlock, Workspace, book};
+use super::mask::lanes_of;
+use super::rows::transpose;
 use super::transition::Places;
 use crate::autodiff::Program;
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
@@ -61,20 +62,12 @@ impl Slot {
     }
 
     /// Actions as they came, the goal and the noise of the observation behind the step, and where physics went well.
-    pub(crate) fn close(
-        &mut self,
-        p: &Places,
-        block: &EnvBlock,
-        action: &[[f32; BLOCK]],
-        noise: &[[f32; BLOCK]],
-        ended: u64,
-        alive: u64,
-    ) {
+    pub(crate) fn close(&mut self, p: &Places, block: &EnvBlock, work: &Workspace, ended: u64, alive: u64) {
         self.ended = ended;
         self.running &= alive;
-        self.copy(&p.action, action);
+        self.copy(&p.action, &work.action);
         self.copy(&p.next_goal, &block.goal);
-        self.copy(&p.noise, noise);
+        self.copy(&p.noise, &work.noise);
     }
 }
 
