@@ -160,14 +160,14 @@ pub(crate) struct Workspace {
     /// One agent's after the other.
     pub observation: Columns,
     pub central: Columns,
-    /// Observations before the transforms, then central states, of lanes that are looked at again.
-    pub again: Columns,
     pub metrics: Columns,
+    /// What is told, in order.
+    pub info: Columns,
     /// Reward, success, loss, due events, was running.
     pub signals: Columns,
     /// Draws of the sensors' noise.
     pub noise: Columns,
-    /// Which lanes moved on, which begin an episode, which are looked at again.
+    /// Which lanes moved on, which begin an episode.
     pub moved: Columns,
     /// What the normaliser sees.
     pub seen: Columns,
@@ -200,11 +200,11 @@ impl Workspace {
             raw: Columns::zeros(s.agent * s.raw),
             observation: Columns::zeros(s.agent * s.observation),
             central: Columns::zeros(s.central),
-            again: Columns::zeros(s.agent * s.raw + s.central),
             metrics: Columns::zeros(s.metric),
+            info: Columns::zeros(s.info()),
             signals: Columns::zeros(signal::COUNT),
             noise: Columns::zeros(n_noise),
-            moved: Columns::zeros(3),
+            moved: Columns::zeros(2),
             seen: Columns::zeros(s.agent * s.normalised),
             draft,
         }

@@ -1,7 +1,7 @@
 //! From an agent's numbers to rotor actions: spaces, clipping, delay, and the cascade in the control modes.
 
 use super::block::{EnvBlock, Workspace, book};
-use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register};
+use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register, to_columns};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Rows, RowsMut, Scalar, safe};
 use crate::controllers::action::ActionScale;
@@ -144,11 +144,7 @@ impl Control {
         let n = n_agent * self.n_action();
         match self.space {
             ActionSpace::Continuous => {
-                for (lane, row) in actions.chunks_exact(n).take(BLOCK).enumerate() {
-                    for (column, value) in work.action.iter_mut().zip(row) {
-                        column[lane] = *value;
-                    }
-                }
+                to_columns(actions, &mut work.action);
                 let n_lane = (actions.len() / n).min(BLOCK);
                 work.action.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
                 let clip = Clip { control: self, action: &work.action, command: &mut work.command, pages };

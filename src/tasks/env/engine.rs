@@ -2,8 +2,7 @@
 
 use super::block::{EnvBlock, Sizes, Workspace};
 use super::core::Core;
-use super::judge::{CHOSEN, Disturb, Judge, Observe};
-use super::mask::spread_bits;
+use super::judge::{Disturb, Judge, Observe};
 use super::restart::Draft;
 use super::transition::{Setting, first_sight, ideal, ideal_terms, transition, view};
 use crate::autodiff::lanes::{each_register, each_register_of, first_lanes};
@@ -28,7 +27,7 @@ pub(crate) trait Engine: Send + Sync {
     fn ideal_terms(&self, core: &Core) -> Vec<f64>;
     /// Time, memo, reward and ends after physics.
     fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace);
-    /// Observations before the transforms and central states of these lanes.
+    /// Observations before the transforms and central states of the registers of these lanes.
     fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64);
     /// Disturbances of the coming step.
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]);
@@ -75,11 +74,8 @@ impl<T: Task> Engine for Typed<T> {
         each_register(block.plant.occupied, Judge { task: &self.task, sizes, alive_row, block, work });
     }
     fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
-        let (real, all) = (first_lanes(block.plant.occupied), lanes == u64::MAX);
-        if !all {
-            spread_bits(lanes, &mut work.moved[CHOSEN]);
-        }
-        each_register_of(lanes & real, Observe { task: &self.task, sizes, block, work, all });
+        let lanes = lanes & first_lanes(block.plant.occupied);
+        each_register_of(lanes, Observe { task: &self.task, sizes, block, work });
     }
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]) {
         each_register(block.plant.occupied, Disturb { task: &self.task, block, work, rows });

@@ -14,9 +14,9 @@
 use super::Env;
 use super::block::{Columns, EnvBlock, Workspace, book};
 use super::mask::lanes_of;
-use super::rows::transpose;
 use super::transition::Places;
 use crate::autodiff::Program;
+use crate::autodiff::lanes::{to_columns, to_rows};
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
 use crate::error::{Error, Result};
 use crate::parallel::{Divide, Threads};
@@ -561,7 +561,7 @@ impl Sweep {
             let moved = behind.map_or(0, |behind| slots[behind].moved);
             let (block, first) = (&mut part.blocks[0], part.first * BLOCK);
             block.pull(a, &slots[t], &tape.statistics[t], moved, first, up, options);
-            transpose(&block.action, (a.n_env - first).min(BLOCK), part.action, n_action, 0);
+            to_rows(&block.action, (a.n_env - first).min(BLOCK), part.action);
         });
         *last = Some(t);
         Ok(())
@@ -639,7 +639,7 @@ impl Sweep {
     fn write_rows(&self, of: impl Fn(&BlockSweep) -> &Columns + Sync + Send, width: usize, rows: &mut [f32]) {
         if width > 0 {
             self.adjoint.0.threads.for_each_chunk(rows, BLOCK * width, |b, own| {
-                transpose(of(&self.blocks[b]), own.len() / width, own, width, 0);
+                to_rows(of(&self.blocks[b]), own.len() / width, own);
             });
         }
     }
@@ -658,10 +658,7 @@ fn spread(rows: &[f32], first: usize, columns: &mut [[f32; BLOCK]]) {
         columns.iter_mut().for_each(|column| *column = [0.0; BLOCK]);
         return;
     }
-    let n = columns.len();
-    for (lane, row) in rows[first * n..].chunks_exact(n).take(BLOCK).enumerate() {
-        columns.iter_mut().zip(row).for_each(|(column, x)| column[lane] = *x);
-    }
+    to_columns(&rows[first * columns.len()..], columns);
 }
 
 /// The row of environment `i` into one lane, on top of what is there or in its place; zeros where there are no rows.

@@ -139,45 +139,23 @@ pub(crate) fn observe<S: Scalar, T: Task>(task: &T, sizes: &Sizes, view: &View<'
     }
 }
 
-/// Observations before the transforms and central states of some lanes; their neighbours keep what they saw.
+/// Observations before the transforms and central states.
 pub(crate) struct Observe<'a, T> {
     pub task: &'a T,
     pub sizes: &'a Sizes,
     pub block: &'a EnvBlock,
     pub work: &'a mut Workspace,
-    /// Whether all lanes are chosen, and not those of the row [`CHOSEN`] alone.
-    pub all: bool,
 }
-
-/// Row of [`Workspace::moved`]: lanes that are looked at.
-pub(crate) const CHOSEN: usize = 2;
 
 impl<T: Task> RegisterKernel for Observe<'_, T> {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
-        let (task, sizes, n_raw) = (self.task, self.sizes, self.sizes.agent * self.sizes.raw);
-        let Workspace { raw, central, again, frames, speeds, moved, .. } = &mut *self.work;
+        let (task, Workspace { raw, central, frames, speeds, .. }) = (self.task, &mut *self.work);
         let view = view::<L>(task.rig(), task.horizon() as f64, self.block, frames, speeds, at);
-        let (seen, state) = if self.all { (&mut raw[..], &mut central[..]) } else { again.split_at_mut(n_raw) };
-        observe(task, sizes, &view, &mut L::rows_mut(seen, at));
-        if sizes.central > 0 {
-            task.central(&view, &mut L::rows_mut(state, at).pen(0));
+        observe(task, self.sizes, &view, &mut L::rows_mut(raw, at));
+        if self.sizes.central > 0 {
+            task.central(&view, &mut L::rows_mut(central, at).pen(0));
         }
-        if !self.all {
-            let chosen = L::constant(0.5).lt(L::rows(moved, at).get(CHOSEN));
-            replace::<L>(chosen, &again[..n_raw], raw, at);
-            replace::<L>(chosen, &again[n_raw..], central, at);
-        }
-    }
-}
-
-/// New numbers in the place of old ones where a mask holds.
-#[inline(always)]
-fn replace<L: Lanes>(mask: L::Mask, new: &[[f32; BLOCK]], old: &mut [[f32; BLOCK]], at: usize) {
-    let n = new.len();
-    let (new, mut old) = (L::rows(new, at), L::rows_mut(old, at));
-    for k in 0..n {
-        old.set(k, L::select(mask, new.get(k), old.get(k)));
     }
 }
 

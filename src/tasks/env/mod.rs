@@ -60,11 +60,10 @@ use self::core::Core;
 use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
-use self::rows::transpose;
 use self::spec::spec_of;
 use self::stepper::Stepper;
 use self::transition::{exposed, kin};
-use crate::autodiff::lanes::first_lanes;
+use crate::autodiff::lanes::{first_lanes, to_rows};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::{Plant, STOPPED};
 use crate::error::{Error, Result, finite};
@@ -481,7 +480,7 @@ impl Env {
     fn columns_into(&self, of: impl Fn(&EnvBlock) -> &[[f32; BLOCK]], n: usize, rows: &mut [f32]) {
         if n > 0 {
             let own = self.blocks.iter().zip(rows.chunks_mut(BLOCK * n));
-            own.for_each(|(block, rows)| transpose(of(block), rows.len() / n, rows, n, 0));
+            own.for_each(|(block, rows)| to_rows(of(block), rows.len() / n, rows));
         }
     }
 

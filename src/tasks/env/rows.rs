@@ -3,22 +3,29 @@
 use super::block::{book, signal};
 use super::buffers::StepOut;
 use super::stepper::Stepper;
+use crate::autodiff::lanes::to_rows;
 use crate::autodiff::program::BLOCK;
 
 impl Stepper<'_> {
     /// Reward, flags and information of every environment.
-    pub(crate) fn write_signals(&self, out: &mut StepOut<'_>) {
-        let (s, book, signals) = (&self.core.sizes, &self.block.book, &self.work.signals);
-        for (row, reward) in out.reward.chunks_exact_mut(s.agent).zip(&signals[signal::REWARD]) {
-            row.fill(*reward);
+    pub(crate) fn write_signals(&mut self, out: &mut StepOut<'_>) {
+        let (n, s, book, signals) = (self.n(), &self.core.sizes, &self.block.book, &self.work.signals);
+        if s.agent == 1 {
+            out.reward.copy_from_slice(&signals[signal::REWARD][..n]);
+        } else {
+            let rows = out.reward.chunks_exact_mut(s.agent).zip(&signals[signal::REWARD]);
+            rows.for_each(|(row, reward)| row.fill(*reward));
         }
         for (flags, of) in [(&mut out.terminated, signal::TERMINATED), (&mut out.truncated, signal::TRUNCATED)] {
             flags.iter_mut().zip(&signals[of]).for_each(|(flag, x)| *flag = u8::from(*x > 0.5));
         }
-        let mut at = 0;
-        for group in [&book[book::TOLD], &signals[signal::TOLD], &book[book::TERMS..], &self.work.metrics[..]] {
-            transpose(group, self.n(), out.info, s.info(), at);
-            at += group.len();
+        if !out.info.is_empty() {
+            let (mut at, info) = (0, &mut self.work.info);
+            for group in [&book[book::TOLD], &signals[signal::TOLD], &book[book::TERMS..], &self.work.metrics[..]] {
+                info[at..at + group.len()].copy_from_slice(group);
+                at += group.len();
+            }
+            to_rows(info, n, out.info);
         }
     }
 
@@ -29,7 +36,7 @@ impl Stepper<'_> {
             (&self.work.central, &mut out.central),
             (&self.block.theta, &mut out.privileged),
         ] {
-            transpose(columns, self.n(), rows, columns.len(), 0);
+            to_rows(columns, self.n(), rows);
         }
     }
 
@@ -70,29 +77,5 @@ fn write_row(columns: &[[f32; BLOCK]], lane: usize, rows: &mut [f32]) {
         for (x, column) in rows[lane * n..(lane + 1) * n].iter_mut().zip(columns) {
             *x = column[lane];
         }
-    }
-}
-
-/// Columns of up to sixty-four environments into rows of `width` numbers from `first` on; nothing where the rows were
-/// left out.
-pub(crate) fn transpose(columns: &[[f32; BLOCK]], n_env: usize, rows: &mut [f32], width: usize, first: usize) {
-    if columns.is_empty() || rows.is_empty() {
-        return;
-    }
-    let whole = n_env & !3;
-    for lane in (0..whole).step_by(4) {
-        let four = &mut rows[lane * width..(lane + 4) * width];
-        let (a, rest) = four.split_at_mut(width);
-        let (b, rest) = rest.split_at_mut(width);
-        let (c, d) = rest.split_at_mut(width);
-        let columns =
-            columns.iter().zip(&mut a[first..]).zip(&mut b[first..]).zip(&mut c[first..]).zip(&mut d[first..]);
-        for ((((column, a), b), c), d) in columns {
-            (*a, *b, *c, *d) = (column[lane], column[lane + 1], column[lane + 2], column[lane + 3]);
-        }
-    }
-    for lane in whole..n_env {
-        let row = &mut rows[lane * width + first..];
-        row.iter_mut().zip(columns).for_each(|(x, column)| *x = column[lane]);
     }
 }

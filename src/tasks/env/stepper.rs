@@ -4,11 +4,11 @@ use super::block::{EnvBlock, Workspace, book, signal};
 use super::buffers::StepOut;
 use super::core::Core;
 use super::gradient::Slot;
-use super::mask::{bits, lanes_of};
+use super::mask::lanes_of;
 use super::step::{Phases, step};
 use super::transform::Shift;
 use super::transition::Places;
-use crate::autodiff::lanes::{each_register, first_lanes};
+use crate::autodiff::lanes::{each_register, first_lanes, ones};
 use crate::dynamics::batch::STOPPED;
 use crate::tasks::config::Autoreset;
 
@@ -35,7 +35,7 @@ impl Stepper<'_> {
     /// One step of the block.
     pub(crate) fn step(&mut self, out: &mut StepOut<'_>, mut slot: Option<(&Places, &mut Slot)>) {
         let (core, real) = (self.core, first_lanes(self.n()));
-        self.running = bits(&self.block.book[book::RUNNING]) & real;
+        self.running = ones(&self.block.book[book::RUNNING]) & real;
         if let Some((places, slot)) = &mut slot {
             slot.open(places, self.block, self.running);
         }
@@ -77,14 +77,14 @@ impl Stepper<'_> {
         self.write_observation(out);
     }
 
-    /// Frames, observations and central states of these lanes; the others' stay as they are.
+    /// Frames, observations and central states of the registers of these lanes: what did not change keeps its bits.
     pub(crate) fn look(&mut self, lanes: u64) {
         self.core.plant.frames(&self.block.plant, lanes, &mut self.work.frames);
         self.core.engine.observe(&self.core.sizes, self.block, self.work, lanes);
     }
 
     fn alive(&self) -> u64 {
-        bits(&self.block.plant.rows[self.core.plant.alive_row()])
+        ones(&self.block.plant.rows[self.core.plant.alive_row()])
     }
 
     fn keep_speeds(&mut self) {
@@ -140,11 +140,11 @@ impl Phases for Stepper<'_> {
     fn judge(&mut self) {
         self.core.engine.judge(&self.core.sizes, self.core.plant.alive_row(), self.block, self.work);
         let signals = &self.work.signals;
-        self.ended = (bits(&signals[signal::TERMINATED]) | bits(&signals[signal::TRUNCATED])) & self.running;
+        self.ended = (ones(&signals[signal::TERMINATED]) | ones(&signals[signal::TRUNCATED])) & self.running;
     }
 
     fn change_goals(&mut self) {
-        let due = bits(&self.work.signals[signal::DUE]) & self.running & !self.ended;
+        let due = ones(&self.work.signals[signal::DUE]) & self.running & !self.ended;
         if due != 0 {
             lanes_of(due).for_each(|lane| self.event(lane));
             // numbers that changed may move bodies
