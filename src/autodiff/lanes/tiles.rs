@@ -206,6 +206,7 @@ mod avx2 {
 mod tests {
     use super::*;
     use crate::autodiff::lanes::{Set, with_set};
+    use crate::gate::{Measured, keeps};
 
     fn numbers(n: usize) -> Vec<f32> {
         (0..n).map(|k| (k % 8191) as f32).collect()
@@ -241,5 +242,16 @@ mod tests {
                 assert_eq!(with_set(set, || ones(&row)), mask, "{set:?}");
             }
         }
+    }
+
+    #[test]
+    fn rows_and_columns_keep_their_speed() {
+        let (rows, mut columns) = (numbers(BLOCK * 30), vec![[0.0; BLOCK]; 30]);
+        let mut back = rows.clone();
+        // in the first-level cache, with the checks of the profile `test`, which plain loops have fewer of
+        let measured = Measured { avx512: 0.91, avx2: 0.92 };
+        keeps("columns to rows", &measured, || to_rows(std::hint::black_box(&columns), BLOCK, &mut back));
+        let measured = Measured { avx512: 0.49, avx2: 0.49 };
+        keeps("rows to columns", &measured, || to_columns(std::hint::black_box(&rows), &mut columns));
     }
 }
