@@ -90,6 +90,8 @@ pub(crate) mod documented;
 pub mod dynamics;
 pub mod error;
 pub mod flight;
+#[cfg(test)]
+mod gate;
 #[doc(hidden)]
 pub mod internals;
 pub mod layers;

@@ -2,7 +2,7 @@
 //!
 //! A [`Kernel`] is a function over [`Lanes`], whatever their width; [`dispatch`] runs it with the widest instruction set that
 //! the processor has (AVX-512, AVX2+FMA, NEON, else one lane), and [`each_register`] with every register of a block, as a
-//! function of its own. The registers and tokens of pulp stay in this file: a [`Register`] may only exist inside a
+//! function of its own. The registers and tokens of pulp stay in this file and its `tiles`: a [`Register`] may only exist inside a
 //! dispatched region, where the token has proved that the processor has the instructions.
 //!
 //! Lane code obeys one rule that the compiler does not check: every function `#[inline(always)]`, and no closures,
@@ -12,6 +12,10 @@
 //! `mul_add` is fused on AVX2, AVX-512 and NEON, which therefore agree bit for bit; the one-lane fallback rounds twice.
 //! Elementary functions are polynomials after Cephes (Moshier 1989) in lane operations; errors are measured in the
 //! tests of this file. The fallback calls the standard library instead.
+
+mod tiles;
+
+pub(crate) use tiles::{ones, to_columns, to_rows};
 
 use super::custom::{Operation, Scratch};
 use super::program::BLOCK;
@@ -80,17 +84,32 @@ struct LaneMask<S: Simd>(S::m32s);
 
 /// Runs `kernel` with the widest instruction set of this processor.
 pub(crate) fn dispatch<K: Kernel>(kernel: K) -> K::Output {
-    pulp::Arch::new().dispatch(Entry(kernel))
+    arch().dispatch(Entry(kernel))
+}
+
+#[cfg(not(test))]
+fn arch() -> pulp::Arch {
+    pulp::Arch::new()
 }
 
 /// Runs `kernel` for the registers that hold the first `n` environments of a block, one after the other. The body is a
 /// function of its own: a loop around thousands of instructions takes the compiler twice as long and gains nothing.
-pub(crate) fn each_register<K: RegisterKernel>(n: usize, mut kernel: K) {
-    dispatch(EachRegister { n, kernel: &mut kernel });
+pub(crate) fn each_register<K: RegisterKernel>(n: usize, kernel: K) {
+    each_register_of(first_lanes(n), kernel);
+}
+
+/// As [`each_register`] for the registers that hold any of these environments: bit i stands for lane i.
+pub(crate) fn each_register_of<K: RegisterKernel>(lanes: u64, mut kernel: K) {
+    dispatch(EachRegister { lanes, kernel: &mut kernel });
+}
+
+/// The first `n` lanes of a block.
+pub(crate) fn first_lanes(n: usize) -> u64 {
+    if n >= BLOCK { u64::MAX } else { (1 << n) - 1 }
 }
 
 struct EachRegister<'a, K> {
-    n: usize,
+    lanes: u64,
     kernel: &'a mut K,
 }
 
@@ -98,9 +117,12 @@ impl<K: RegisterKernel> Kernel for EachRegister<'_, K> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
+        let own = u64::MAX >> (BLOCK - L::WIDTH);
         let mut at = 0;
-        while at < self.n {
-            L::outlined(OneRegister { at, kernel: self.kernel });
+        while at < BLOCK {
+            if (self.lanes >> at) & own != 0 {
+                L::outlined(OneRegister { at, kernel: self.kernel });
+            }
             at += L::WIDTH;
         }
     }
@@ -130,6 +152,54 @@ pub fn lane_width() -> usize {
         }
     }
     dispatch(Width)
+}
+
+/// Instruction sets that speeds are compared of.
+#[cfg(test)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Set {
+    Avx512,
+    Avx2,
+    OneLane,
+}
+
+#[cfg(test)]
+impl Set {
+    fn arch(self) -> Option<pulp::Arch> {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => pulp::x86::V4::try_new().map(pulp::Arch::V4),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => pulp::x86::V3::try_new().map(pulp::Arch::V3),
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx512 | Self::Avx2 => None,
+            Self::OneLane => Some(pulp::Arch::Scalar),
+        }
+    }
+
+    /// Whether this processor has it.
+    pub(crate) fn is_here(self) -> bool {
+        self.arch().is_some()
+    }
+}
+
+#[cfg(test)]
+thread_local! {
+    static CHOSEN: Cell<Option<pulp::Arch>> = const { Cell::new(None) };
+}
+
+#[cfg(test)]
+fn arch() -> pulp::Arch {
+    CHOSEN.get().unwrap_or_else(pulp::Arch::new)
+}
+
+/// Does `work` with all that it dispatches on this thread in one instruction set, the widest if this processor has not got it.
+#[cfg(test)]
+pub(crate) fn with_set<T>(set: Set, work: impl FnOnce() -> T) -> T {
+    CHOSEN.set(set.arch());
+    let result = work();
+    CHOSEN.set(None);
+    result
 }
 
 /// Runs `kernel` once with every instruction set that this processor has, widest first.

@@ -3,7 +3,7 @@
 use super::kernel::{self, ALIVE, StepBlocks, pack};
 use super::tree_kernel::StepTrees;
 use crate::autodiff::columns::Columns;
-use crate::autodiff::lanes::{Lanes, RegisterKernel, dispatch, each_register};
+use crate::autodiff::lanes::{Lanes, RegisterKernel, dispatch, each_register_of, first_lanes, to_columns};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::integrate::Grid;
@@ -165,9 +165,10 @@ impl Plant {
         }
     }
 
-    /// Writes the frames of all bodies of a block, [`FRAME`](crate::dynamics::frame::FRAME) rows each.
-    pub(crate) fn frames(&self, block: &Block, out: &mut [[f32; BLOCK]]) {
-        each_register(block.occupied, WriteFrames { plant: self, block, out });
+    /// Writes the frames of all bodies of these environments of a block, [`FRAME`](crate::dynamics::frame::FRAME) rows
+    /// each.
+    pub(crate) fn frames(&self, block: &Block, lanes: u64, out: &mut [[f32; BLOCK]]) {
+        each_register_of(lanes & first_lanes(block.occupied), WriteFrames { plant: self, block, out });
     }
 
     /// First row of the nine numbers of each tree's disturbance; none without that effect.
@@ -203,7 +204,7 @@ impl Plant {
     #[inline]
     pub(crate) fn write_actions(&self, actions: &[f32], block: &mut [[f32; BLOCK]]) {
         match self {
-            Self::Rigid(p) => transpose_in(actions, p.n_rotor, &mut block[p.rows.action..p.rows.action + p.n_rotor]),
+            Self::Rigid(p) => to_columns(actions, &mut block[p.rows.action..p.rows.action + p.n_rotor]),
             Self::Tree(p) => {
                 for (lane, row) in actions.chunks_exact(p.action_rows.len()).enumerate() {
                     for (at, value) in p.action_rows.iter().zip(row) {
@@ -341,16 +342,6 @@ impl RegisterKernel for WriteFrames<'_> {
                 };
                 frames::write(&p.topology, numbers, &state, &mut L::rows_mut(self.out, at));
             }
-        }
-    }
-}
-
-/// Rows of up to [`BLOCK`] environments into columns.
-#[inline]
-fn transpose_in(rows: &[f32], n: usize, columns: &mut [[f32; BLOCK]]) {
-    for (lane, row) in rows.chunks_exact(n).enumerate() {
-        for (column, value) in columns.iter_mut().zip(row) {
-            column[lane] = *value;
         }
     }
 }

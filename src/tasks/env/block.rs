@@ -1,5 +1,6 @@
 //! Sixty-four environments: what they hold between steps, and the memory that a step works in.
 
+use super::restart::Draft;
 use super::spec::Column;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::Block;
@@ -160,21 +161,18 @@ pub(crate) struct Workspace {
     /// One agent's after the other.
     pub observation: Columns,
     pub central: Columns,
-    /// Observations before the transforms, then central states, of lanes that are looked at again.
-    pub again: Columns,
     pub metrics: Columns,
+    /// What is told, in order.
+    pub info: Columns,
     /// Reward, success, loss, due events, was running.
     pub signals: Columns,
     /// Draws of the sensors' noise.
     pub noise: Columns,
-    /// Which lanes moved on, which begin an episode, which are looked at again.
+    /// Which lanes moved on, which begin an episode.
     pub moved: Columns,
     /// What the normaliser sees.
     pub seen: Columns,
-    pub state: Vec<f64>,
-    pub goal: Vec<f64>,
-    pub memory: Vec<f64>,
-    pub numbers: Vec<f64>,
+    pub draft: Draft,
 }
 
 /// Rows of [`Workspace::signals`].
@@ -190,11 +188,8 @@ pub(crate) mod signal {
     pub(crate) const COUNT: usize = 6;
 }
 
-/// Numbers that the cascade of one drone holds within a step: attitude command, rate command.
-pub(crate) const LATCHED: usize = 16 + 7;
-
 impl Workspace {
-    pub(crate) fn new(s: &Sizes, n_state: usize, n_number: usize, n_noise: usize) -> Self {
+    pub(crate) fn new(s: &Sizes, n_noise: usize, draft: Draft) -> Self {
         Self {
             frames: Columns::zeros(s.frame * FRAME),
             speeds: Columns::zeros(s.rotor),
@@ -206,16 +201,13 @@ impl Workspace {
             raw: Columns::zeros(s.agent * s.raw),
             observation: Columns::zeros(s.agent * s.observation),
             central: Columns::zeros(s.central),
-            again: Columns::zeros(s.agent * s.raw + s.central),
             metrics: Columns::zeros(s.metric),
+            info: Columns::zeros(s.info()),
             signals: Columns::zeros(signal::COUNT),
             noise: Columns::zeros(n_noise),
-            moved: Columns::zeros(3),
+            moved: Columns::zeros(2),
             seen: Columns::zeros(s.agent * s.normalised),
-            state: vec![0.0; n_state],
-            goal: vec![0.0; s.goal],
-            memory: vec![0.0; s.task_state],
-            numbers: vec![0.0; n_number],
+            draft,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! From an agent's numbers to rotor actions: spaces, clipping, delay, and the cascade in the control modes.
 
-use super::block::{EnvBlock, LATCHED, Workspace, episode_state};
-use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register};
+use super::block::{EnvBlock, Workspace, episode_state};
+use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register, to_columns};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, Scalar, StridedView, StridedViewMut, safe};
 use crate::controllers::action::ActionScale;
@@ -144,11 +144,7 @@ impl Control {
         let n = n_agent * self.n_action();
         match self.space {
             ActionSpace::Continuous => {
-                for (lane, row) in actions.chunks_exact(n).take(BLOCK).enumerate() {
-                    for (column, value) in work.action.iter_mut().zip(row) {
-                        column[lane] = *value;
-                    }
-                }
+                to_columns(actions, &mut work.action);
                 let n_lane = (actions.len() / n).min(BLOCK);
                 work.action.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
                 let clip = Clip { control: self, action: &work.action, command: &mut work.command, episode };
@@ -243,8 +239,8 @@ impl Control {
         for agent in 0..self.inputs.len() {
             let own = &commands[agent * n..(agent + 1) * n];
             let frame = Frame::read(&frames.from(robot.drones()[agent].frame * FRAME));
-            let first = agent * (LATCHED + MAX_SLOTS);
-            let held = &mut held[first..first + LATCHED + MAX_SLOTS];
+            let first = agent * LATCHED_PER_AGENT;
+            let held = &mut held[first..first + LATCHED_PER_AGENT];
             let out = &mut input[..];
             match &self.recorded {
                 None => {
@@ -254,9 +250,9 @@ impl Control {
                 }
                 Some(model) => {
                     let model = CascadeModel::<S, MAX_SLOTS>::constant(model);
-                    let before = Latched::read(&held[..LATCHED + MAX_SLOTS]);
+                    let before = Latched::read(&held[..LATCHED_PER_AGENT]);
                     let new = self.compute(&model, step, &frame, [own[0], own[1], own[2], own[3]], &before);
-                    new.write(&mut held[..LATCHED + MAX_SLOTS]);
+                    new.write(&mut held[..LATCHED_PER_AGENT]);
                     for (k, place) in self.inputs[agent].iter().enumerate() {
                         out[*place] = new.rotors[k];
                     }
@@ -295,7 +291,10 @@ impl Control {
 }
 
 /// Most rotor slots.
-pub(crate) const MAX_SLOTS: usize = 16;
+const MAX_SLOTS: usize = 16;
+/// Numbers that the cascade of one drone holds within a step: attitude command, rate command, rotors.
+const LATCHED: usize = 16 + 7;
+pub(crate) const LATCHED_PER_AGENT: usize = LATCHED + MAX_SLOTS;
 
 /// Most values of a joint discrete action: they are exact in `f32`.
 const MAX_VALUES: f64 = 65_536.0;
@@ -365,7 +364,7 @@ impl<const R: usize> RegisterKernel for Steer<'_, R> {
             let frame = Frame::read(&frames.from(self.robot.drones()[agent].frame * FRAME));
             let command = L::rows(&self.work.command, at).array(agent * 4);
             let mut held = L::rows_mut(&mut self.work.held, at);
-            let first = agent * (LATCHED + MAX_SLOTS);
+            let first = agent * LATCHED_PER_AGENT;
             let new = control.compute(&model, self.step, &frame, command, &read_latched(&held.rows().from(first)));
             write_latched(&new, &mut held, first);
             let mut input = L::rows_mut(&mut self.block.plant.rows, at);

@@ -2,9 +2,10 @@
 
 use super::block::{EnvBlock, Sizes, Workspace};
 use super::core::Core;
-use super::evaluate_step::{Disturb, EvaluateStep};
-use super::transition::{Ideal, Setting, first_sight, ideal, ideal_terms, transition, view};
-use crate::autodiff::lanes::each_register;
+use super::evaluate_step::{Disturb, EvaluateStep, Observe};
+use super::restart::Draft;
+use super::transition::{Setting, first_sight, ideal, ideal_terms, transition, view};
+use crate::autodiff::lanes::{each_register, each_register_of, first_lanes};
 use crate::autodiff::{Recording, Scalar, Trace};
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference};
@@ -21,18 +22,13 @@ pub(crate) trait Engine: Send + Sync {
     /// For one environment at the start of an episode.
     fn reference(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference>;
     /// The task's ideal state.
-    fn ideal(&self, core: &Core) -> Ideal;
+    fn ideal(&self, core: &Core) -> Draft;
     /// Summands of the reward in it.
     fn ideal_terms(&self, core: &Core) -> Vec<f64>;
-    /// Time, task state, reward, ends and observation after physics; or observation and central state of the lanes `again` alone.
-    fn evaluate_step(
-        &self,
-        sizes: &Sizes,
-        alive_row: usize,
-        block: &mut EnvBlock,
-        work: &mut Workspace,
-        again: Option<u64>,
-    );
+    /// Time, task state, reward and ends after physics.
+    fn evaluate_step(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace);
+    /// Observations before the transforms and central states of the registers of these lanes.
+    fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64);
     /// Disturbances of the coming step.
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]);
     /// One step as a recording.
@@ -68,21 +64,18 @@ impl<T: Task> Engine for Typed<T> {
         let (frames, speeds, task_state) = first_sight(core, state);
         self.task.reference(&view(self.task.robot(), state, &frames, &speeds, goal, &task_state, 0.0, 0.0))
     }
-    fn ideal(&self, core: &Core) -> Ideal {
+    fn ideal(&self, core: &Core) -> Draft {
         ideal(&self.task, core)
     }
     fn ideal_terms(&self, core: &Core) -> Vec<f64> {
         ideal_terms(&self.task, core)
     }
-    fn evaluate_step(
-        &self,
-        sizes: &Sizes,
-        alive_row: usize,
-        block: &mut EnvBlock,
-        work: &mut Workspace,
-        again: Option<u64>,
-    ) {
-        each_register(block.plant.occupied, EvaluateStep { task: &self.task, sizes, alive_row, block, work, again });
+    fn evaluate_step(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace) {
+        each_register(block.plant.occupied, EvaluateStep { task: &self.task, sizes, alive_row, block, work });
+    }
+    fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
+        let lanes = lanes & first_lanes(block.plant.occupied);
+        each_register_of(lanes, Observe { task: &self.task, sizes, block, work });
     }
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]) {
         each_register(block.plant.occupied, Disturb { task: &self.task, block, work, rows });

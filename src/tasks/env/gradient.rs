@@ -12,10 +12,11 @@
 //! - in environments whose physics gave up in a step: that step has the gradient zero.
 
 use super::Env;
-use super::block::{Columns, EnvBlock, episode_state};
-use super::core::{lanes_of, transpose};
+use super::block::{Columns, EnvBlock, Workspace, episode_state};
+use super::mask::lanes_of;
 use super::transition::StepLayout;
 use crate::autodiff::Program;
+use crate::autodiff::lanes::{to_columns, to_rows};
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
 use crate::error::{Error, Result};
 use crate::parallel::{Divide, Threads};
@@ -61,20 +62,12 @@ impl Slot {
     }
 
     /// Actions as they came, the goal and the noise of the observation behind the step, and where physics went well.
-    pub(crate) fn close(
-        &mut self,
-        p: &StepLayout,
-        block: &EnvBlock,
-        action: &[[f32; BLOCK]],
-        noise: &[[f32; BLOCK]],
-        ended: u64,
-        alive: u64,
-    ) {
+    pub(crate) fn close(&mut self, p: &StepLayout, block: &EnvBlock, work: &Workspace, ended: u64, alive: u64) {
         self.ended = ended;
         self.running &= alive;
-        self.copy(&p.action, action);
+        self.copy(&p.action, &work.action);
         self.copy(&p.next_goal, &block.goal);
-        self.copy(&p.noise, noise);
+        self.copy(&p.noise, &work.noise);
     }
 }
 
@@ -568,7 +561,7 @@ impl Sweep {
             let moved = behind.map_or(0, |behind| slots[behind].moved);
             let (block, first) = (&mut part.blocks[0], part.first * BLOCK);
             block.pull(a, &slots[t], &tape.statistics[t], moved, first, up, options);
-            transpose(&block.action, (a.n_env - first).min(BLOCK), part.action, n_action, 0);
+            to_rows(&block.action, (a.n_env - first).min(BLOCK), part.action);
         });
         *last = Some(t);
         Ok(())
@@ -646,7 +639,7 @@ impl Sweep {
     fn write_rows(&self, of: impl Fn(&BlockSweep) -> &Columns + Sync + Send, width: usize, rows: &mut [f32]) {
         if width > 0 {
             self.adjoint.0.threads.for_each_chunk(rows, BLOCK * width, |b, own| {
-                transpose(of(&self.blocks[b]), own.len() / width, own, width, 0);
+                to_rows(of(&self.blocks[b]), own.len() / width, own);
             });
         }
     }
@@ -665,10 +658,7 @@ fn spread(rows: &[f32], first: usize, columns: &mut [[f32; BLOCK]]) {
         columns.iter_mut().for_each(|column| *column = [0.0; BLOCK]);
         return;
     }
-    let n = columns.len();
-    for (lane, row) in rows[first * n..].chunks_exact(n).take(BLOCK).enumerate() {
-        columns.iter_mut().zip(row).for_each(|(column, x)| column[lane] = *x);
-    }
+    to_columns(&rows[first * columns.len()..], columns);
 }
 
 /// The row of environment `i` into one lane, on top of what is there or in its place; zeros where there are no rows.

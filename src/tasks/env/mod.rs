@@ -6,14 +6,19 @@
 //! | `spec` | what an environment is, as data |
 //! | `buffers` | where a step writes |
 //! | `limits` | whether a batch fits into memory |
-//! | `core` | one step of sixty-four environments, top to bottom |
+//! | `core` | what all environments share |
+//! | `step` | the order of a step |
+//! | `stepper` | its phases for sixty-four environments in lanes, then ends and restarts |
 //! | `control` | from an agent's numbers to rotor actions |
 //! | `evaluate_step` | the task's part of a step |
 //! | `transform` | delay lines, transforms of observations |
+//! | `restart` | episodes begin, goals change |
+//! | `rows` | columns of a block into rows of the caller |
+//! | `mask` | sets of environments of a block |
 //! | `normaliser` | statistics of observations: collect, freeze, merge |
 //! | `snapshot` | the exact state as bytes |
 //! | `block` | what sixty-four environments hold |
-//! | `transition` | the same step over any scalar, for gradients |
+//! | `transition` | the same phases for one environment over any scalar, for gradients |
 //! | `gradient` | tapes, sweeps, Jacobians |
 //! | `engine` | the door to tasks |
 //! | `single` | one environment, for newcomers |
@@ -28,10 +33,15 @@ pub(crate) mod engine;
 pub(crate) mod evaluate_step;
 pub(crate) mod gradient;
 mod limits;
+mod mask;
 mod normaliser;
+mod restart;
+mod rows;
 pub(crate) mod single;
 mod snapshot;
 pub(crate) mod spec;
+mod step;
+mod stepper;
 #[cfg(test)]
 mod tests;
 pub(crate) mod transform;
@@ -45,13 +55,15 @@ pub use transition::StepLayout;
 
 use self::block::{EnvBlock, Sizes, Workspace};
 use self::buffers::Span;
-use self::control::Control;
-use self::core::{Core, LATCHED_PER_AGENT, first_bits, transpose};
+use self::control::{Control, LATCHED_PER_AGENT};
+use self::core::Core;
 use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
 use self::spec::spec_of;
+use self::stepper::Stepper;
 use self::transition::{config_hash, exposed};
+use crate::autodiff::lanes::{first_lanes, to_rows};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::{Plant, STOPPED};
 use crate::error::{Error, Result, finite};
@@ -257,10 +269,7 @@ impl Env {
             let own = |lane: usize| which.is_none_or(|w| w.get(first + lane).copied().unwrap_or(false));
             (0..BLOCK).fold(0, |mask, lane| mask | (u64::from(own(lane)) << lane))
         };
-        self.for_each_block(&[], out, &mut [], |core, work, part| {
-            let first = part.first * BLOCK;
-            core.reset(&mut part.blocks[0], work, (first, part.n_env), chosen(first), &mut part.out);
-        });
+        self.for_each_block(&[], out, &mut [], |mut block, out, _| block.reset(chosen(block.first), out));
         Ok(())
     }
 
@@ -303,22 +312,20 @@ impl Env {
         self.check_started()?;
         let (t, layout) = tape.as_ref().map_or((0, None), |tape| (tape.len(), Some(tape.layout.clone())));
         let tape = tape.map_or(&mut [][..], |tape| &mut tape.blocks[..]);
-        self.for_each_block(actions, out, tape, |core, work, part| {
-            let place = (part.first * BLOCK, part.n_env);
-            let slot = part.tape.first_mut().map(|block| &mut block.slots[t]);
-            let slot = layout.as_ref().zip(slot);
-            core.step(&mut part.blocks[0], work, place, part.actions, &mut part.out, slot);
+        self.for_each_block(actions, out, tape, |mut block, out, tape| {
+            let slot = tape.first_mut().map(|block| &mut block.slots[t]);
+            block.step(out, layout.as_ref().zip(slot));
         });
         Ok(())
     }
 
-    /// Runs `work` over all blocks with their rows, in parallel.
+    /// Does `each` for all blocks with their rows and tapes, in parallel.
     fn for_each_block(
         &mut self,
         actions: &[f32],
         out: &mut StepOut<'_>,
         tape: &mut [BlockTape],
-        work: impl Fn(&Core, &mut Workspace, &mut Span<'_>) + Sync + Send,
+        each: impl Fn(Stepper<'_>, &mut StepOut<'_>, &mut [BlockTape]) + Sync + Send,
     ) {
         let (core, pool, n_env) = (&self.core, &self.pool, self.spec.n_env);
         let span =
@@ -327,7 +334,9 @@ impl Env {
             let mut own = pool.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_else(|| core.workspace());
             while !part.blocks.is_empty() {
                 let (mut one, rest) = crate::parallel::Divide::divide(part, 1);
-                work(core, &mut own, &mut one);
+                let (block, first) = (&mut one.blocks[0], one.first * BLOCK);
+                let block = Stepper { core, block, work: &mut own, first, actions: one.actions, running: 0, ended: 0 };
+                each(block, &mut one.out, one.tape);
                 part = rest;
             }
             pool.lock().unwrap_or_else(PoisonError::into_inner).push(own);
@@ -365,9 +374,7 @@ impl Env {
     pub fn observe(&mut self, out: &mut StepOut<'_>) -> Result<()> {
         out.check(&self.spec)?;
         self.check_started()?;
-        self.for_each_block(&[], out, &mut [], |core, work, part| {
-            core.show(&mut part.blocks[0], work, (part.first * BLOCK, part.n_env), &mut part.out);
-        });
+        self.for_each_block(&[], out, &mut [], |mut block, out, _| block.show(out));
         Ok(())
     }
 
@@ -473,7 +480,7 @@ impl Env {
     fn columns_into(&self, of: impl Fn(&EnvBlock) -> &[[f32; BLOCK]], n: usize, rows: &mut [f32]) {
         if n > 0 {
             let own = self.blocks.iter().zip(rows.chunks_mut(BLOCK * n));
-            own.for_each(|(block, rows)| transpose(of(block), rows.len() / n, rows, n, 0));
+            own.for_each(|(block, rows)| to_rows(of(block), rows.len() / n, rows));
         }
     }
 
@@ -512,7 +519,7 @@ impl Env {
     /// Every environment has begun an episode.
     fn check_started(&self) -> Result<()> {
         for (i, block) in self.blocks.iter().enumerate() {
-            let missing = first_bits(self.spec.n_env - i * BLOCK) & !block.started;
+            let missing = first_lanes(self.spec.n_env - i * BLOCK) & !block.started;
             if missing != 0 {
                 let what = format!("environment {}", i * BLOCK + missing.trailing_zeros() as usize);
                 let remedy = "Call env.reset(None, None, ..) once.";

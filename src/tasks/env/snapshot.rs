@@ -1,8 +1,8 @@
 //! The exact state of all environments as bytes.
 
 use super::block::EnvBlock;
-use super::core::first_bits;
 use super::{Env, spec};
+use crate::autodiff::lanes::first_lanes;
 use crate::autodiff::program::BLOCK;
 use crate::error::{Error, Result};
 use crate::tasks::config::EnvConfig;
@@ -55,7 +55,7 @@ impl Env {
         for (i, block) in self.blocks.iter_mut().enumerate() {
             block.all_rows_mut().flatten().for_each(|x| *x = f32::from_le_bytes(words.take()));
             block.seed.iter_mut().chain(&mut block.episode).for_each(|x| *x = u64::from_le_bytes(words.take()));
-            block.started = u64::from_le_bytes(words.take()) & first_bits(self.spec.n_env - i * BLOCK);
+            block.started = u64::from_le_bytes(words.take()) & first_lanes(self.spec.n_env - i * BLOCK);
             block.moved = u64::MAX;
             block.count = f64::from_le_bytes(words.take());
             block.sums.iter_mut().flatten().for_each(|x| *x = f64::from_le_bytes(words.take()));

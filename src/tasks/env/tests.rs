@@ -2,6 +2,7 @@
 
 use super::block::episode_state;
 use super::*;
+use crate::gate::{Measured, keeps};
 use crate::tasks::config::MAX_HORIZON;
 
 fn hover(n_env: usize, horizon: usize) -> Env {
@@ -34,4 +35,19 @@ fn every_thread_has_its_workspace_before_the_first_step() {
         env.set_threads(Threads::new(threads).unwrap());
         assert_eq!(env.pool.lock().unwrap().len(), wanted);
     }
+}
+
+#[test]
+fn judging_and_observing_in_lanes_keep_their_speed() {
+    let mut env = hover(BLOCK, 500);
+    let mut out = Buffers::new(env.spec());
+    env.reset(None, None, &mut out.out()).unwrap();
+    let (core, block, mut work) = (&env.core, &mut env.blocks[0], env.core.workspace());
+    core.plant.frames(&block.plant, u64::MAX, &mut work.frames);
+    let measured = Measured { avx512: 10.4, avx2: 1.20 };
+    keeps("Hover judged", &measured, || {
+        core.engine.evaluate_step(&core.sizes, core.plant.alive_row(), block, &mut work)
+    });
+    let measured = Measured { avx512: 9.6, avx2: 2.20 };
+    keeps("Hover observed", &measured, || core.engine.observe(&core.sizes, block, &mut work, u64::MAX));
 }

@@ -1,9 +1,12 @@
 //! Delay lines and observation transforms over a block of lanes.
 
 use super::block::{EnvBlock, Sizes, Workspace, episode_state};
-use crate::autodiff::lanes::{Lanes, RegisterKernel};
+use super::mask::{lanes_of, spread_bits};
+use super::stepper::Stepper;
+use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Scalar, StridedViewMut};
+use crate::rng::{Purpose, Stream};
 use crate::tasks::observation::{Frozen, Moment, Pipeline};
 
 /// Puts the commands at the head of the delay line and takes out those that are due.
@@ -85,5 +88,56 @@ impl RegisterKernel for Transform<'_> {
             let seen = Some((&mut seen, agent * s.normalised));
             p.run(&moment, &mut memory, agent * p.memory, &mut out, begin, seen);
         }
+    }
+}
+
+impl Stepper<'_> {
+    /// Observations through the pipeline, where environments moved on and where episodes begin.
+    pub(crate) fn transformed(&mut self, moved: u64, fresh: u64) {
+        let (core, n) = (self.core, self.n());
+        if core.pipeline.is_empty() {
+            return;
+        }
+        spread_bits(moved, &mut self.work.moved[0]);
+        spread_bits(fresh, &mut self.work.moved[1]);
+        if core.pipeline.noise > 0 {
+            (0..n).for_each(|lane| self.draw_noise(lane));
+        }
+        let (pipeline, sizes, statistics) = (&core.pipeline, &core.sizes, &core.frozen[..]);
+        each_register(n, Transform { pipeline, sizes, statistics, block: self.block, work: self.work });
+        if core.collects && core.sizes.normalised > 0 {
+            self.collect(moved);
+        }
+    }
+
+    /// Adds what the normaliser saw of the lanes that moved on.
+    fn collect(&mut self, moved: u64) {
+        let (core, block, work) = (self.core, &mut *self.block, &*self.work);
+        let n = core.sizes.normalised;
+        // what one environment sees must not spoil the statistics of all: 0 where all is finite, else NaN
+        let mut sound = [0.0_f32; BLOCK];
+        for column in &work.seen {
+            sound.iter_mut().zip(column).for_each(|(sum, x)| *sum += 0.0 * x);
+        }
+        let moved = lanes_of(moved).filter(|lane| sound[*lane] == 0.0).fold(0, |mask, lane| mask | (1_u64 << lane));
+        block.count += (moved.count_ones() as usize * core.sizes.agent) as f64;
+        for (k, column) in work.seen.iter().enumerate() {
+            let (mean, [sum, square]) = (core.statistics.mean[k % n], &mut block.sums[k % n]);
+            for lane in lanes_of(moved) {
+                let x = f64::from(column[lane]) - mean;
+                *sum += x;
+                *square += x * x;
+            }
+        }
+    }
+
+    /// Noise of one environment in this step: the same whenever it is asked for.
+    fn draw_noise(&mut self, lane: usize) {
+        let n = self.core.sizes.agent * self.core.pipeline.noise;
+        let step = self.block.episode_state[episode_state::STEP][lane] as u64;
+        let [seed, environment, episode] = self.key(lane);
+        // a normal draw takes four words
+        let mut stream = Stream::restore([seed, environment, episode, Purpose::SENSORS.0], 4 * n as u64 * step);
+        self.work.noise.iter_mut().for_each(|row| row[lane] = stream.normal() as f32);
     }
 }

@@ -1,22 +1,22 @@
-//! One step of one environment over any scalar: the function that gradients are taken of.
-//!
-//! The same parts as in `core`, in the same order (commands, physics, judgement, transforms), without restarts. Recorded
-//! once it gives the adjoint that runs in lanes; on duals it gives Jacobians.
+//! One step of one environment over any scalar, without restarts: the function that gradients are taken of. Recorded once it
+//! gives the adjoint that runs in lanes; duals through the recording give Jacobians.
 
 use super::control::clipped;
-use super::core::{Core, LATCHED_PER_AGENT};
+use super::core::Core;
 use super::engine::Engine;
-use super::evaluate_step::observe;
+use super::evaluate_step::{disturbance, observe, sum};
+use super::restart::Draft;
 use super::spec::fnv;
+use super::step::{Phases, step};
 use super::transform::shift;
 use crate::autodiff::{Scalar, StridedView, StridedViewMut, System};
 use crate::dynamics::Plant;
 use crate::dynamics::frame::FRAME;
 use crate::tasks::config::EnvConfig;
-use crate::tasks::declare::{Goal, loss_of};
+use crate::tasks::declare::loss_of;
 use crate::tasks::observation::{Frozen, Moment};
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{MAX_TERMS, Start, Task, View, streams};
+use crate::tasks::task::{MAX_TERMS, Task, View, streams};
 use std::ops::Range;
 
 /// Where everything stands among the arguments and results of a step that gradients are taken of.
@@ -141,38 +141,18 @@ pub(crate) fn config_hash(name: &str, config: &EnvConfig, varied: &[usize]) -> u
 }
 
 /// What a task calls ideal.
-pub(crate) struct Ideal {
-    pub state: Vec<f64>,
-    pub goal: Vec<f64>,
-    pub task_state: Vec<f64>,
-    pub numbers: Vec<f64>,
-}
-
-/// The task's ideal state.
-pub(crate) fn ideal<T: Task>(task: &T, core: &Core) -> Ideal {
-    let (robot, s) = (task.robot(), &core.sizes);
-    let (state, numbers) = (robot.rest().to_vec(), core.nominal.clone());
-    let mut own = Ideal { state, goal: vec![0.0; s.goal], task_state: vec![0.0; s.task_state], numbers };
-    let [reset, draw, once] = streams(0, 0, 0);
-    task.ideal(&mut Start {
-        robot,
-        state: &mut own.state,
-        goal: Goal::over(&mut own.goal),
-        task_state: &mut own.task_state,
-        numbers: &mut own.numbers,
-        reset,
-        task: draw,
-        once,
-        event_at: f64::INFINITY,
-        difficulty: 1.0,
-    });
+pub(crate) fn ideal<T: Task>(task: &T, core: &Core) -> Draft {
+    let mut own = Draft::new(core);
+    let mut start = own.start(core, streams(0, 0, 0), f64::INFINITY);
+    start.difficulty = 1.0;
+    task.ideal(&mut start);
     own
 }
 
 /// The summands of the reward in the task's ideal state, in `f64`.
 pub(crate) fn ideal_terms<T: Task>(task: &T, core: &Core) -> Vec<f64> {
     let (robot, s) = (task.robot(), &core.sizes);
-    let Ideal { state, goal, task_state, numbers } = ideal(task, core);
+    let Draft { state, goal, task_state, numbers } = ideal(task, core);
     let mut frames = vec![0.0; robot.n_frame() * FRAME];
     core.exposed.write_frames(&numbers, &state, &mut frames);
     let speeds: Vec<f64> = core.speed_rows.iter().map(|k| state[*k]).collect();
@@ -198,95 +178,151 @@ pub(crate) struct Setting<'a> {
 /// `y` = step of `z`; see [`StepLayout`].
 pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z: &[S], y: &mut [S]) {
     let (core, p) = (setting.core, setting.layout);
-    let (robot, s) = (task.robot(), &core.sizes);
-    let numbers = numbers(core, &z[p.parameters.clone()]);
-    let mut state = z[p.state.clone()].to_vec();
-    let (task_state, goal) = (&z[p.task_state.clone()], &z[p.goal.clone()]);
-    let [step, offset, delay] = [z[p.time.start], z[p.time.start + 1], z[p.time.start + 2]];
-    let speeds: Vec<S> = core.speed_rows.iter().map(|k| state[*k]).collect();
-    let mut frames = vec![S::zero(); robot.n_frame() * FRAME];
-    core.exposed.write_frames(&numbers, &state, &mut frames);
-
-    let mut commands = z[p.action.clone()].to_vec();
-    let n_command = core.control.n_command;
-    for (k, command) in commands.iter_mut().enumerate() {
-        *command = clipped(*command, core.control.safe[k % n_command]).0;
-    }
+    let (s, zero) = (&core.sizes, S::zero());
     let (carried, seen) = y.split_at_mut(p.n_carried());
-    carried[p.line.clone()].copy_from_slice(&z[p.line.clone()]);
-    if s.delay > 0 {
-        let mut line = StridedViewMut::of(&mut carried[p.line.clone()]);
-        shift(s.delay, s.command, delay, &mut line, &mut StridedViewMut::of(&mut commands));
+    carried.copy_from_slice(&z[..p.n_carried()]);
+    let mut one = Single {
+        core,
+        task,
+        p,
+        z,
+        carried,
+        seen,
+        numbers: numbers(core, &z[p.parameters.clone()]),
+        frames: vec![zero; s.frame * FRAME],
+        speeds: Vec::new(),
+        commands: z[p.action.clone()].to_vec(),
+        held: vec![zero; s.held],
+        input: vec![zero; task.robot().n_input()],
+        step: z[p.time.start],
+        goal: &p.goal,
+        terms: [zero; MAX_TERMS],
+    };
+    step(core, &mut one);
+    one.goal = &p.goal;
+    let loss = loss_of(task, &one.view());
+    one.seen[p.reward - p.n_carried()] = sum(&StridedView::of(&one.terms), s.term);
+    one.seen[p.loss - p.n_carried()] = loss;
+}
+
+/// One environment in a step.
+struct Single<'a, S, T> {
+    core: &'a Core,
+    task: &'a T,
+    p: &'a StepLayout,
+    z: &'a [S],
+    /// Results: what is carried, as it is now, and what comes behind it.
+    carried: &'a mut [S],
+    seen: &'a mut [S],
+    numbers: Vec<S>,
+    frames: Vec<S>,
+    speeds: Vec<S>,
+    commands: Vec<S>,
+    held: Vec<S>,
+    input: Vec<S>,
+    step: S,
+    goal: &'a Range<usize>,
+    terms: [S; MAX_TERMS],
+}
+
+impl<S: Scalar, T: Task> Single<'_, S, T> {
+    fn state(&self) -> &[S] {
+        &self.carried[self.p.state.clone()]
     }
 
-    let horizon = S::constant(1.0 / task.horizon() as f64);
-    let mut input = vec![S::zero(); robot.n_input()];
-    if !core.disturbance_rows.is_empty() {
-        let view = view(robot, &state, &frames, &speeds, goal, task_state, step, (step + offset) * horizon);
-        for (tree, first) in robot.disturbances().into_iter().enumerate() {
-            input[first..first + 9].copy_from_slice(&task.disturb(&view, tree));
-            for (k, wind) in z[p.wind.clone()].iter().enumerate() {
-                input[first + k] += *wind;
-            }
-        }
+    fn view(&self) -> View<'_, S> {
+        let (robot, goal, task_state) =
+            (self.task.robot(), &self.z[self.goal.clone()], &self.carried[self.p.task_state.clone()]);
+        let clock = (self.step + self.z[self.p.time.start + 1]) * S::constant(1.0 / self.task.horizon() as f64);
+        view(robot, self.state(), &self.frames, &self.speeds, goal, task_state, self.step, clock)
     }
-    let mut held = vec![S::zero(); s.agent * LATCHED_PER_AGENT];
-    let mut next = state.clone();
-    for inner in 0..core.control.steps {
-        if inner > 0 && core.control.needs_frames() {
-            core.exposed.write_frames(&numbers, &state, &mut frames);
-        }
-        core.control.steer_one(robot, inner, &StridedView::of(&frames), &commands, &mut held, &mut input);
-        physics(core, &state, &input, &numbers, &mut next);
-        std::mem::swap(&mut state, &mut next);
-    }
-    core.exposed.write_frames(&numbers, &state, &mut frames);
+}
 
-    let (step, clock) = (step + S::one(), (step + S::one() + offset) * horizon);
-    if s.task_state > 0 {
-        let before = view(robot, &state, &frames, &speeds, goal, task_state, step, clock);
-        task.remember(&before, &mut StridedViewMut::of(&mut carried[p.task_state.clone()]).writer(0));
+impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
+    fn command(&mut self) {
+        let (control, s) = (&self.core.control, &self.core.sizes);
+        for (k, command) in self.commands.iter_mut().enumerate() {
+            *command = clipped(*command, control.safe[k % control.n_command]).0;
+        }
+        if s.delay > 0 {
+            let (mut line, delay) =
+                (StridedViewMut::of(&mut self.carried[self.p.line.clone()]), self.z[self.p.time.start + 2]);
+            shift(s.delay, s.command, delay, &mut line, &mut StridedViewMut::of(&mut self.commands));
+        }
+        self.speeds = self.core.speed_rows.iter().map(|k| self.carried[*k]).collect();
     }
-    let new_task_state = carried[p.task_state.clone()].to_vec();
-    let view = view(robot, &state, &frames, &speeds, goal, &new_task_state, step, clock);
-    let mut terms = [S::zero(); MAX_TERMS];
-    task.reward(&view, &mut StridedViewMut::of(&mut terms).writer(0));
-    let mut raw = vec![S::zero(); s.agent * s.raw];
-    let shown = View { goal: StridedView::of(&z[p.next_goal.clone()]), ..view };
-    observe(task, s, &shown, &mut StridedViewMut::of(&mut raw));
-    carried[p.state.clone()].copy_from_slice(&state);
-    carried[p.history.clone()].copy_from_slice(&z[p.history.clone()]);
-    let always = S::zero().lt(S::one());
-    for agent in 0..s.agent {
-        let begin = agent * s.observation;
-        seen[begin..begin + s.raw].copy_from_slice(&raw[agent * s.raw..(agent + 1) * s.raw]);
-        let moment = Moment {
-            moved: always,
-            fresh: S::one().lt(S::zero()),
-            noise: StridedView::of(&z[p.noise.start + agent * core.pipeline.noise..]),
-            theta: StridedView::of(&z[p.parameters.clone()]),
-            statistics: Frozen::Arguments(StridedView::of(&z[p.statistics.clone()])),
-        };
-        let mut memory = StridedViewMut::of(&mut carried[p.history.clone()]);
-        core.pipeline.run(
-            &moment,
-            &mut memory,
-            agent * core.pipeline.memory,
-            &mut StridedViewMut::of(seen),
-            begin,
-            None,
-        );
+
+    fn frames(&mut self) {
+        let state = &self.carried[self.p.state.clone()];
+        self.core.exposed.write_frames(&self.numbers, state, &mut self.frames);
     }
-    if s.central > 0 {
-        let begin = p.central.start - p.n_carried();
-        task.central(&shown, &mut StridedViewMut::of(seen).writer(begin));
+
+    fn disturb(&mut self) {
+        let air = StridedView::of(&self.z[self.p.wind.clone()]);
+        for (tree, first) in self.task.robot().disturbances().into_iter().enumerate() {
+            let own = disturbance(self.task, &self.view(), tree, &air, self.p.wind.len());
+            self.input[first..first + own.len()].copy_from_slice(&own);
+        }
     }
-    let mut reward = S::zero();
-    for term in terms.iter().take(s.term) {
-        reward += *term;
+
+    fn steer(&mut self, k: usize) {
+        let (robot, frames) = (self.task.robot(), StridedView::of(&self.frames));
+        self.core.control.steer_one(robot, k, &frames, &self.commands, &mut self.held, &mut self.input);
     }
-    seen[p.reward - p.n_carried()] = reward;
-    seen[p.loss - p.n_carried()] = loss_of(task, &view);
+
+    /// Constants stay constants where nothing varies.
+    fn physics(&mut self) {
+        let theta = if self.core.varied.is_empty() { &[] } else { &self.numbers[..] };
+        let mut next = self.state().to_vec();
+        self.core.exposed.step(self.state(), &self.input, theta, &mut next);
+        self.carried[self.p.state.clone()].copy_from_slice(&next);
+    }
+
+    fn evaluate_step(&mut self) {
+        self.step += S::one();
+        if !self.p.task_state.is_empty() {
+            let mut task_state = vec![S::zero(); self.p.task_state.len()];
+            self.task.remember(&self.view(), &mut StridedViewMut::of(&mut task_state).writer(0));
+            self.carried[self.p.task_state.clone()].copy_from_slice(&task_state);
+        }
+        let mut terms = self.terms;
+        self.task.reward(&self.view(), &mut StridedViewMut::of(&mut terms).writer(0));
+        self.terms = terms;
+    }
+
+    fn change_goals(&mut self) {
+        self.goal = &self.p.next_goal;
+    }
+
+    fn observe(&mut self) {
+        let (s, begin) = (&self.core.sizes, self.p.central.start - self.p.n_carried());
+        let mut raw = vec![S::zero(); s.agent * s.raw + s.central];
+        observe(self.task, s, &self.view(), &mut StridedViewMut::of(&mut raw));
+        if s.central > 0 {
+            self.task.central(&self.view(), &mut StridedViewMut::of(&mut raw).writer(s.agent * s.raw));
+        }
+        let (raw, central) = raw.split_at(s.agent * s.raw);
+        for (agent, own) in raw.chunks_exact(s.raw).enumerate() {
+            self.seen[agent * s.observation..][..s.raw].copy_from_slice(own);
+        }
+        self.seen[begin..begin + s.central].copy_from_slice(central);
+    }
+
+    fn transform(&mut self) {
+        let (pipeline, s, z, p) = (&self.core.pipeline, &self.core.sizes, self.z, self.p);
+        for agent in 0..s.agent {
+            let moment = Moment {
+                moved: S::zero().lt(S::one()),
+                fresh: S::one().lt(S::zero()),
+                noise: StridedView::of(&z[p.noise.start + agent * pipeline.noise..]),
+                theta: StridedView::of(&z[p.parameters.clone()]),
+                statistics: Frozen::Arguments(StridedView::of(&z[p.statistics.clone()])),
+            };
+            let (mut memory, mut seen) =
+                (StridedViewMut::of(&mut self.carried[p.history.clone()]), StridedViewMut::of(self.seen));
+            pipeline.run(&moment, &mut memory, agent * pipeline.memory, &mut seen, agent * s.observation, None);
+        }
+    }
 }
 
 /// All physical numbers: nominal ones, with those that vary in their places.
@@ -296,12 +332,6 @@ fn numbers<S: Scalar>(core: &Core, theta: &[S]) -> Vec<S> {
         numbers[*k] = *value;
     }
     numbers
-}
-
-/// One step of the physics; constants stay constants where nothing varies.
-fn physics<S: Scalar>(core: &Core, state: &[S], input: &[S], numbers: &[S], next: &mut [S]) {
-    let theta = if core.varied.is_empty() { &[] } else { numbers };
-    core.exposed.step(state, input, theta, next);
 }
 
 #[expect(clippy::too_many_arguments, reason = "the parts of a view, named at its only callers")]

@@ -1,0 +1,143 @@
+//! A gate for the speed of lane kernels: how many times as fast as one lane they are, measured in one run.
+//!
+//! Machines differ and are shared; the ratio of two ways to do the same work hardly does. Short rounds take turns and the
+//! least time of each way counts, so that a slow spell meets both. A kernel that loses a fifth of the ratio that was
+//! measured beside it fails.
+
+use crate::autodiff::lanes::{Set, with_set};
+use crate::autodiff::program::BLOCK;
+use crate::autodiff::{Program, Recording, System};
+use crate::dynamics::batch::Plant;
+use crate::dynamics::{Effects, Integrator, Multirotor, Physics, vehicles};
+use crate::rl::nn::product::{Begin, Left, product};
+use std::hint::black_box;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Share of the measured ratio that must be left.
+const LEFT: f64 = 0.8;
+/// Of one round.
+const ROUND: Duration = Duration::from_micros(150);
+const ROUNDS: usize = 24;
+/// Other tests run meanwhile: rounds go on until the ratio is reached or this often.
+const ATTEMPTS: usize = 40;
+
+/// How many times as fast as one lane a kernel was measured to be, with AVX-512 and with AVX2.
+pub(crate) struct Measured {
+    pub avx512: f64,
+    pub avx2: f64,
+}
+
+/// Fails where `work` in lanes is slower, beside `work` in one lane, than was measured.
+pub(crate) fn keeps(name: &str, measured: &Measured, mut work: impl FnMut()) {
+    static ALONE: Mutex<()> = Mutex::new(());
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    if !is_optimised() {
+        println!("{name}: not run, since this binary is not optimised");
+        return;
+    }
+    let sets = [(Set::Avx512, measured.avx512), (Set::Avx2, measured.avx2)];
+    for (set, measured) in sets {
+        if !set.is_here() {
+            println!("{name}: not run with {set:?}, which this machine does not have");
+            continue;
+        }
+        let (mut slow, mut fast) = (f64::INFINITY, f64::INFINITY);
+        for _ in 0..ATTEMPTS {
+            for _ in 0..ROUNDS {
+                slow = slow.min(with_set(Set::OneLane, || time(&mut work)));
+                fast = fast.min(with_set(set, || time(&mut work)));
+            }
+            if slow / fast >= LEFT * measured {
+                break;
+            }
+        }
+        let (got, least) = (slow / fast, LEFT * measured);
+        println!("{name}: {got:.2} × one lane with {set:?}, measured {measured}, at least {least:.2}");
+        assert!(got >= least, "{name}: {got:.2} × one lane with {set:?}, but {measured} was measured");
+    }
+}
+
+/// Seconds per call.
+fn time(work: &mut impl FnMut()) -> f64 {
+    let (start, mut n) = (Instant::now(), 0);
+    loop {
+        work();
+        n += 1;
+        let past = start.elapsed();
+        if past >= ROUND {
+            return past.as_secs_f64() / f64::from(n);
+        }
+    }
+}
+
+/// Whether iterators are inlined: a sum takes less than a nanosecond per number then, tens of them else. Ratios belong
+/// to the profile `test`, which checks for overflow.
+fn is_optimised() -> bool {
+    let numbers = black_box(vec![1.0_f32; 1024]);
+    let mut least = f64::INFINITY;
+    for _ in 0..50 {
+        let start = Instant::now();
+        black_box(numbers.iter().map(|x| x * x).sum::<f32>());
+        least = least.min(start.elapsed().as_secs_f64());
+    }
+    cfg!(debug_assertions) && least < 5e-9 * numbers.len() as f64
+}
+
+fn hummingbird(integrator: Integrator, substeps: usize) -> (Multirotor, Plant, Vec<f64>) {
+    let physics = Physics { dt: 0.016, substeps, integrator, effects: Effects::lean() };
+    let vehicle = vehicles::by_name("hummingbird").unwrap();
+    let (plant, rest) = Plant::rigid(&vehicle, physics).unwrap();
+    (Multirotor::new(&vehicle, physics).unwrap(), plant, rest)
+}
+
+#[test]
+fn the_physics_in_lanes_keep_their_speed() {
+    for (name, integrator, substeps, measured) in [
+        ("RK4 step", Integrator::RungeKutta4, 1, Measured { avx512: 10.2, avx2: 1.58 }),
+        ("semi-implicit step", Integrator::SemiImplicit, 2, Measured { avx512: 11.4, avx2: 1.25 }),
+    ] {
+        let (_, plant, rest) = hummingbird(integrator, substeps);
+        let start = plant.block(&rest, BLOCK);
+        let mut blocks = [start.clone()];
+        keeps(name, &measured, || {
+            blocks[0].rows.copy_from_slice(&start.rows);
+            (0..16).for_each(|_| plant.step(black_box(&mut blocks)));
+        });
+    }
+}
+
+#[test]
+fn programs_in_lanes_keep_their_speed() {
+    let (system, _, rest) = hummingbird(Integrator::RungeKutta4, 1);
+    let (n, m) = (system.n_state(), system.n_input());
+    let recording = Recording::of(n + m, |z| {
+        let mut next = z[..n].to_vec();
+        system.step(&z[..n], &z[n..], &[], &mut next);
+        next
+    });
+    for (name, recording, measured) in [
+        ("step as program", recording.clone(), Measured { avx512: 5.2, avx2: 2.16 }),
+        ("adjoint as program", recording.adjoint(0..n + m), Measured { avx512: 5.5, avx2: 2.92 }),
+    ] {
+        let program = Program::compile(&recording).unwrap();
+        let mut inputs = vec![[0.1_f32; BLOCK]; program.n_input()];
+        inputs.iter_mut().zip(&rest).for_each(|(row, x)| *row = [*x as f32; BLOCK]);
+        let mut outputs = vec![[0.0; BLOCK]; program.n_output()];
+        let mut workspace = program.block_workspace();
+        keeps(name, &measured, || program.evaluate_block(&mut workspace, black_box(&inputs), &mut outputs));
+    }
+}
+
+#[test]
+fn products_of_networks_keep_their_speed() {
+    let (m, k, n) = (64, 64, 64);
+    let (a, b) = (vec![0.5_f32; m * k], vec![0.25_f32; k * n]);
+    for (name, left, measured) in [
+        ("product forward", Left::Rows(&a, k), Measured { avx512: 16.6, avx2: 9.0 }),
+        ("product backward", Left::Columns(&a, m), Measured { avx512: 16.6, avx2: 8.7 }),
+    ] {
+        let mut c = vec![0.0; m * n];
+        keeps(name, &measured, || product(left, black_box(&b), Begin::Zero, &mut c, (m, k, n)));
+    }
+}

@@ -1,0 +1,87 @@
+//! What leaves a block: columns of its environments into rows of the caller's arrays.
+
+use super::block::{episode_state, signal};
+use super::buffers::StepOut;
+use super::stepper::Stepper;
+use crate::autodiff::lanes::to_rows;
+use crate::autodiff::program::BLOCK;
+
+impl Stepper<'_> {
+    /// Reward, flags and information of every environment.
+    pub(crate) fn write_signals(&mut self, out: &mut StepOut<'_>) {
+        let (n, s, episode_state, signals) =
+            (self.n(), &self.core.sizes, &self.block.episode_state, &self.work.signals);
+        if s.agent == 1 {
+            out.reward.copy_from_slice(&signals[signal::REWARD][..n]);
+        } else {
+            let rows = out.reward.chunks_exact_mut(s.agent).zip(&signals[signal::REWARD]);
+            rows.for_each(|(row, reward)| row.fill(*reward));
+        }
+        for (flags, of) in [(&mut out.terminated, signal::TERMINATED), (&mut out.truncated, signal::TRUNCATED)] {
+            flags.iter_mut().zip(&signals[of]).for_each(|(flag, x)| *flag = u8::from(*x > 0.5));
+        }
+        if !out.info.is_empty() {
+            let (mut at, info) = (0, &mut self.work.info);
+            for group in [
+                &episode_state[episode_state::INFO],
+                &signals[signal::INFO],
+                &episode_state[episode_state::TERMS..],
+                &self.work.metrics[..],
+            ] {
+                info[at..at + group.len()].copy_from_slice(group);
+                at += group.len();
+            }
+            to_rows(info, n, out.info);
+        }
+    }
+
+    /// What the next actions answer to.
+    pub(crate) fn write_observation(&self, out: &mut StepOut<'_>) {
+        for (columns, rows) in [
+            (self.shown(), &mut out.observation),
+            (&self.work.central, &mut out.central),
+            (&self.block.theta, &mut out.privileged),
+        ] {
+            to_rows(columns, self.n(), rows);
+        }
+    }
+
+    /// What an episode ended with.
+    pub(crate) fn write_end(&self, lane: usize, out: &mut StepOut<'_>) {
+        write_row(self.shown(), lane, out.final_observation);
+        write_row(&self.work.central, lane, out.final_central);
+    }
+
+    /// What an episode begins with.
+    pub(crate) fn write_start(&self, lane: usize, out: &mut StepOut<'_>) {
+        self.clear(lane, out);
+        write_row(self.shown(), lane, out.observation);
+        write_row(&self.work.central, lane, out.central);
+        write_row(&self.block.theta, lane, out.privileged);
+    }
+
+    /// A first step: nothing was rewarded, nothing ended.
+    pub(crate) fn clear(&self, lane: usize, out: &mut StepOut<'_>) {
+        let (a, n) = (self.core.sizes.agent, self.core.sizes.info());
+        out.reward[lane * a..(lane + 1) * a].fill(0.0);
+        (out.terminated[lane], out.truncated[lane]) = (0, 0);
+        if !out.info.is_empty() {
+            out.info[lane * n..(lane + 1) * n].fill(0.0);
+        }
+    }
+
+    /// Observations as they leave.
+    fn shown(&self) -> &[[f32; BLOCK]] {
+        if self.core.pipeline.is_empty() { &self.work.raw } else { &self.work.observation }
+    }
+}
+
+/// One environment's row of an array that may have been left out.
+fn write_row(columns: &[[f32; BLOCK]], lane: usize, rows: &mut [f32]) {
+    let n = columns.len();
+    if n > 0 && !rows.is_empty() {
+        for (x, column) in rows[lane * n..(lane + 1) * n].iter_mut().zip(columns) {
+            *x = column[lane];
+        }
+    }
+}

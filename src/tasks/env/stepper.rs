@@ -1,0 +1,162 @@
+//! One step of sixty-four environments in lanes: the phases, then ends and restarts.
+
+use super::block::{EnvBlock, Workspace, episode_state, signal};
+use super::buffers::StepOut;
+use super::core::Core;
+use super::gradient::Slot;
+use super::mask::lanes_of;
+use super::step::{Phases, step};
+use super::transform::Shift;
+use super::transition::StepLayout;
+use crate::autodiff::lanes::{each_register, first_lanes, ones};
+use crate::dynamics::batch::STOPPED;
+use crate::tasks::config::Autoreset;
+
+/// A block in the hands of a worker.
+pub(crate) struct Stepper<'a> {
+    pub core: &'a Core,
+    pub block: &'a mut EnvBlock,
+    pub work: &'a mut Workspace,
+    /// Number of its first environment in the batch.
+    pub first: usize,
+    /// Of the coming step.
+    pub actions: &'a [f32],
+    /// Environments whose episode runs at the start of the step, and those of them where it ends in it.
+    pub running: u64,
+    pub ended: u64,
+}
+
+impl Stepper<'_> {
+    /// Environments that are real: those behind are padding.
+    pub(crate) fn n(&self) -> usize {
+        self.block.plant.occupied
+    }
+
+    /// One step of the block.
+    pub(crate) fn step(&mut self, out: &mut StepOut<'_>, mut slot: Option<(&StepLayout, &mut Slot)>) {
+        let (core, real) = (self.core, first_lanes(self.n()));
+        self.running = ones(&self.block.episode_state[episode_state::RUNNING]) & real;
+        if let Some((layout, slot)) = &mut slot {
+            slot.open(layout, self.block, self.running);
+        }
+        self.block.moved = if slot.is_some() { 0 } else { u64::MAX };
+        step(core, self);
+        if let Some((layout, slot)) = slot {
+            slot.close(layout, self.block, self.work, self.ended, self.alive());
+        }
+        self.write_signals(out);
+        lanes_of(self.ended).for_each(|lane| self.write_end(lane, out));
+        let restarts = match core.mode {
+            Autoreset::SameStep => self.ended,
+            Autoreset::NextStep => !self.running & real,
+            Autoreset::Disabled => 0,
+        };
+        if core.mode != Autoreset::SameStep {
+            self.stop();
+        }
+        self.begin(restarts);
+        if core.mode == Autoreset::NextStep {
+            lanes_of(restarts).for_each(|lane| self.clear(lane, out));
+        }
+        self.write_observation(out);
+    }
+
+    /// Restarts the lanes of a mask with their next episode and shows them.
+    pub(crate) fn reset(&mut self, which: u64, out: &mut StepOut<'_>) {
+        let which = which & first_lanes(self.n());
+        self.block.moved |= which;
+        self.begin(which);
+        lanes_of(which).for_each(|lane| self.write_start(lane, out));
+    }
+
+    /// Observations and central states of a block as it stands, into all rows.
+    pub(crate) fn show(&mut self, out: &mut StepOut<'_>) {
+        self.keep_speeds();
+        self.look(u64::MAX);
+        self.transformed(0, 0);
+        self.write_observation(out);
+    }
+
+    /// Frames, observations and central states of the registers of these lanes: what did not change keeps its bits.
+    pub(crate) fn look(&mut self, lanes: u64) {
+        self.core.plant.frames(&self.block.plant, lanes, &mut self.work.frames);
+        self.core.engine.observe(&self.core.sizes, self.block, self.work, lanes);
+    }
+
+    fn alive(&self) -> u64 {
+        ones(&self.block.plant.rows[self.core.plant.alive_row()])
+    }
+
+    fn keep_speeds(&mut self) {
+        for (row, speed) in self.work.speeds.iter_mut().zip(&self.core.speed_rows) {
+            *row = self.block.plant.rows[*speed];
+        }
+    }
+
+    /// Environments stand still where their episode ended.
+    fn stop(&mut self) {
+        let alive = self.core.plant.alive_row();
+        for lane in lanes_of(self.ended) {
+            self.block.episode_state[episode_state::RUNNING][lane] = 0.0;
+            self.block.plant.rows[alive][lane] = STOPPED;
+        }
+    }
+}
+
+impl Phases for Stepper<'_> {
+    fn command(&mut self) {
+        let (core, block) = (self.core, &mut *self.block);
+        core.control.decode(self.actions, self.work, &mut block.episode_state);
+        if core.sizes.delay > 0 {
+            let (slots, n) = (core.sizes.delay, core.sizes.command);
+            each_register(block.plant.occupied, Shift { slots, n, block, command: &mut self.work.command });
+        }
+        self.keep_speeds();
+    }
+
+    fn frames(&mut self) {
+        self.core.plant.frames(&self.block.plant, u64::MAX, &mut self.work.frames);
+    }
+
+    fn disturb(&mut self) {
+        self.core.engine.disturb(self.block, self.work, &self.core.disturbance_rows);
+    }
+
+    fn steer(&mut self, k: usize) {
+        self.core.control.steer(self.core.robot(), &self.core.plant, k, self.block, self.work);
+    }
+
+    fn physics(&mut self) {
+        self.core.plant.step(std::slice::from_mut(&mut self.block.plant));
+    }
+
+    /// A state of any size would reach the observation that its episode ends with.
+    fn contain(&mut self) {
+        for lane in lanes_of(!self.alive() & self.running) {
+            self.block.plant.rows.iter_mut().zip(self.core.robot().rest()).for_each(|(row, x)| row[lane] = *x as f32);
+        }
+    }
+
+    fn evaluate_step(&mut self) {
+        self.core.engine.evaluate_step(&self.core.sizes, self.core.plant.alive_row(), self.block, self.work);
+        let signals = &self.work.signals;
+        self.ended = (ones(&signals[signal::TERMINATED]) | ones(&signals[signal::TRUNCATED])) & self.running;
+    }
+
+    fn change_goals(&mut self) {
+        let due = ones(&self.work.signals[signal::DUE]) & self.running & !self.ended;
+        if due != 0 {
+            lanes_of(due).for_each(|lane| self.event(lane));
+            // numbers that changed may move bodies
+            self.frames();
+        }
+    }
+
+    fn observe(&mut self) {
+        self.core.engine.observe(&self.core.sizes, self.block, self.work, u64::MAX);
+    }
+
+    fn transform(&mut self) {
+        self.transformed(self.running, 0);
+    }
+}
