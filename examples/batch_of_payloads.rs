@@ -17,8 +17,8 @@ fn main() -> Result<()> {
     for environment in 0..N {
         // The draw of an environment depends on its number alone.
         let mass = Stream::new(0, environment as u64, 0, Purpose::PARAMETERS).uniform(0.2, 0.4);
-        let rig = Payload { payload_mass: mass, ..Payload::default() }.build()?;
-        world.set_model(environment, &rig.model)?;
+        let robot = Payload { payload_mass: mass, ..Payload::default() }.build()?;
+        world.set_model(environment, &robot.model)?;
         masses.push(mass);
     }
 

@@ -4,7 +4,7 @@
 
 use omnidrones::dynamics::spatial::from_euler;
 use omnidrones::error::Result;
-use omnidrones::flight::{FlightLog, Sample};
+use omnidrones::flight::{FlightLog, FlightSample};
 use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
 use std::path::Path;
@@ -46,7 +46,7 @@ fn lemniscate(n_rotor: usize, duration: f64) -> Result<FlightLog> {
         let commands: Vec<f64> = (0..n_rotor).map(command).collect();
         let speeds: Vec<f64> = commands.iter().map(|c| 0.97 * c + 11.0).collect();
         let thrusts: Vec<f64> = speeds.iter().map(|s| 8.55e-6 * s * s).collect();
-        log.push(Sample {
+        log.push(FlightSample {
             time: t,
             position,
             velocity: [0, 1, 2].map(|k| velocity[k] * (1.0 - fade)),

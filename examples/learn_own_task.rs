@@ -6,10 +6,10 @@ use omnidrones::parallel::Threads;
 use omnidrones::rl::Learner;
 use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::tasks::reward::{rational_kernel, smooth_norm};
-use omnidrones::tasks::{Ends, Env, EnvConfig, Loss, Rig, Start, Task, View, Writer};
+use omnidrones::tasks::{Ends, Env, EnvConfig, Loss, Robot, Start, Task, View, Writer};
 
 struct Climb {
-    rig: Rig,
+    robot: Robot,
 }
 
 /// Height still to go, m.
@@ -18,8 +18,8 @@ fn left<S: Scalar>(view: &View<'_, S>) -> S {
 }
 
 impl Task for Climb {
-    fn rig(&self) -> &Rig {
-        &self.rig
+    fn robot(&self) -> &Robot {
+        &self.robot
     }
     fn horizon(&self) -> usize {
         200
@@ -56,7 +56,7 @@ impl Task for Climb {
 }
 
 fn main() -> Result<()> {
-    let make = |config: &EnvConfig| Env::of(Climb { rig: config.single_rig("hummingbird")? }, "Climb", config);
+    let make = |config: &EnvConfig| Env::of(Climb { robot: config.single_robot("hummingbird")? }, "Climb", config);
     let config = ApgConfig { updates: 400, ..ApgConfig::default() };
     let mut apg =
         Apg::with(&make, &EnvConfig { stagger: true, ..EnvConfig::default() }, config, 1, Threads::default())?;

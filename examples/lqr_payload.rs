@@ -4,7 +4,7 @@
 //! `cargo run --release --example lqr_payload`
 
 use omnidrones::controllers::reference::Lemniscate;
-use omnidrones::controllers::{Controller, FlightPlan, Formation, Lqr, Rates, Reference, fly};
+use omnidrones::controllers::{Controller, FlightPlan, FormationController, Lqr, Rates, Reference, fly};
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{Physics, configurations};
 use omnidrones::error::Result;
@@ -21,7 +21,7 @@ fn main() -> Result<()> {
         println!("{name}: {} doublings, residual {:.0e}", feedback.doublings, feedback.residual);
         println!("  {} feedback gains, largest poles {}", feedback.gain.len(), slowest.join(", "));
 
-        let simple = Formation::new(&system, None, &rates)?;
+        let simple = FormationController::new(&system, None, &rates)?;
         let mut pair: [Box<dyn Controller>; 2] = [Box::new(simple), Box::new(best)];
         for controller in &mut pair {
             let flight = fly(&system.clone().into(), controller, &plan, &mut |_| {})?;

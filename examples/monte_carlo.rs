@@ -7,7 +7,7 @@
 mod own_controller;
 
 use omnidrones::autodiff::System;
-use omnidrones::controllers::{ClosedLoop, Draw, MonteCarlo, Reference, Running, Target};
+use omnidrones::controllers::{ClosedLoop, MonteCarlo, MonteCarloDraw, Reference, Running, Target};
 use omnidrones::dynamics::{Effects, Physics, Plant, vehicles};
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
@@ -27,7 +27,7 @@ fn main() -> Result<()> {
         .iter()
         .map(|r| system.parameter(&format!("{}.thrust_coefficient", r.name)))
         .collect::<Result<_>>()?;
-    let draw = |stream: &mut Stream, one: &mut Draw| {
+    let draw = |stream: &mut Stream, one: &mut MonteCarloDraw| {
         one.parameters[mass] *= stream.uniform(0.8, 1.25);
         one.parameters[center..center + 2].iter_mut().for_each(|c| *c += stream.uniform(-0.01, 0.01));
         lift.iter().for_each(|k| one.parameters[*k] *= stream.uniform(0.85, 1.1));

@@ -11,17 +11,17 @@ use omnidrones::dynamics::{Physics, Plant, vehicles};
 use omnidrones::error::Result;
 
 fn main() -> Result<()> {
-    let mut rig = Assembly::new("lanterns");
-    rig.part("drone", Solid::vehicle(&vehicles::by_name("hummingbird")?));
+    let mut robot = Assembly::new("lanterns");
+    robot.part("drone", Solid::vehicle(&vehicles::by_name("hummingbird")?));
     for (side, y) in [("left", 0.1), ("right", -0.1)] {
         let (rope, lamp) = (format!("rope_{side}"), format!("lamp_{side}"));
-        rig.part(&rope, Solid::bar([0.0; 3], [0.0, 0.0, -0.4], 0.004).mass(0.005));
-        rig.part(&lamp, Solid::sphere(0.03).mass(0.05));
+        robot.part(&rope, Solid::bar([0.0; 3], [0.0, 0.0, -0.4], 0.004).mass(0.005));
+        robot.part(&lamp, Solid::sphere(0.03).mass(0.05));
         let cardan = Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
-        rig.join(Join::new(format!("swing_{side}"), cardan, "drone", &rope).at([0.0, y, -0.05]).damping(2e-4));
-        rig.join(Join::new(format!("knot_{side}"), Kind::Fixed, rope, lamp).at([0.0, 0.0, -0.4]));
+        robot.join(Join::new(format!("swing_{side}"), cardan, "drone", &rope).at([0.0, y, -0.05]).damping(2e-4));
+        robot.join(Join::new(format!("knot_{side}"), Kind::Fixed, rope, lamp).at([0.0, 0.0, -0.4]));
     }
-    let model = rig.model()?;
+    let model = robot.model()?;
     println!(
         "{} bodies, {} kg, {} degrees of freedom",
         model.bodies().len(),

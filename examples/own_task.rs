@@ -6,7 +6,9 @@
 use omnidrones::autodiff::{Scalar, safe};
 use omnidrones::dynamics::spatial::sub;
 use omnidrones::error::Result;
-use omnidrones::tasks::{Ends, Env, EnvConfig, Rig, Setting, Settings, Start, Success, Task, View, Writer, check_env};
+use omnidrones::tasks::{
+    Ends, Env, EnvConfig, Robot, Setting, Settings, Start, Success, Task, View, Writer, check_env,
+};
 use omnidrones::tasks::{reward::rational_kernel, task::ANY_YAW};
 
 omnidrones::settings! {
@@ -21,7 +23,7 @@ omnidrones::settings! {
 }
 
 struct Beacon {
-    rig: Rig,
+    robot: Robot,
     settings: BeaconSettings,
 }
 
@@ -37,7 +39,7 @@ fn set_beacon(start: &mut Start<'_>, beacon: [f64; 3]) {
 
 #[rustfmt::skip]
 impl Task for Beacon {
-    fn rig(&self) -> &Rig { &self.rig }
+    fn robot(&self) -> &Robot { &self.robot }
     fn horizon(&self) -> usize { self.settings.horizon }
     fn settings(&self) -> Vec<Setting> { self.settings.list() }
     fn start(&self, start: &mut Start<'_>) {
@@ -73,7 +75,7 @@ impl Task for Beacon {
 
 fn beacon(config: &EnvConfig) -> Result<Env> {
     let settings: BeaconSettings = config.settings()?;
-    Env::of(Beacon { rig: config.single_rig(&settings.vehicle)?, settings }, "Beacon", config)
+    Env::of(Beacon { robot: config.single_robot(&settings.vehicle)?, settings }, "Beacon", config)
 }
 
 fn main() -> Result<()> {

@@ -11,7 +11,7 @@ pub const LOST: f64 = 5.0;
 
 /// One instant of a flight. Rotor slices have one entry per rotor of the log.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample<'a> {
+pub struct FlightSample<'a> {
     /// s.
     pub time: f64,
     /// World, m.
@@ -131,7 +131,7 @@ impl FlightLog {
     }
 
     /// Appends a sample. Non-finite values are kept: they tell where a flight diverged.
-    pub fn push(&mut self, sample: Sample<'_>) -> Result<()> {
+    pub fn push(&mut self, sample: FlightSample<'_>) -> Result<()> {
         let n = self.n_rotor();
         for (what, column) in
             [("rotor_speed", sample.rotor_speed), ("rotor_command", sample.rotor_command), ("thrust", sample.thrust)]

@@ -13,7 +13,7 @@ use omnidrones::autodiff::{
 use omnidrones::controllers::Cascade;
 use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::kinematics::Kinematics;
-use omnidrones::controllers::reference::Sample;
+use omnidrones::controllers::reference::Setpoint;
 use omnidrones::dynamics::configurations::REGISTRY;
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{Effects, Multirotor, Physics, World, vehicles};
@@ -126,7 +126,7 @@ fn stepping_evaluating_and_differentiating_allocate_nothing_after_warm_up_and_gr
         assert_eq!(count, 0, "jacobian of {name}");
 
         let mut cascade: Cascade = Cascade::new(&vehicle, &vehicle.gains(), &Rates::default(), physics.dt).unwrap();
-        let (seen, goal) = (Kinematics::read(&x[..13]), Sample::at_rest([0.5, 0.0, 1.0], 0.3));
+        let (seen, goal) = (Kinematics::read(&x[..13]), Setpoint::at_rest([0.5, 0.0, 1.0], 0.3));
         let count = allocations(|| {
             for _ in 0..20 {
                 std::hint::black_box(cascade.position(&seen, &goal));
@@ -307,7 +307,7 @@ fn gradients_grow_with_the_root_of_the_horizon() {
 #[test]
 fn allocating_thrusts_and_differentiating_them_allocates_no_memory_on_the_fast_paths() {
     use omnidrones::controllers::allocation::{
-        AllocationFunction, Allocator, BatchAllocator, Path, Problem, Variation,
+        AllocationFunction, Allocator, BatchAllocator, Problem, Solver, Variation,
     };
     const WRENCH: usize = 6;
     for vehicle in vehicles::all() {
@@ -322,11 +322,13 @@ fn allocating_thrusts_and_differentiating_them_allocates_no_memory_on_the_fast_p
         let preference = half.clone();
         let mut allocator = Allocator::new(Problem { preference: half, ..problem.clone() }).unwrap();
         let count = allocations(|| {
-            for (wrench, path) in [(&free, Path::ClosedForm), (&bound, Path::ActiveSet), (&[f64::NAN; 6], Path::Held)] {
+            for (wrench, solver) in
+                [(&free, Solver::ClosedForm), (&bound, Solver::ActiveSet), (&[f64::NAN; 6], Solver::Held)]
+            {
                 allocator.set_task(problem.geometry.as_slice(), problem.weights, &preference).unwrap();
                 allocator.set_bounds(&lower, &upper);
                 allocator.limit_rates(&preference, &upper);
-                assert_eq!(allocator.solve(wrench).path, path);
+                assert_eq!(allocator.solve(wrench).solver, solver);
                 allocator.reverse(&upper, &mut gradient);
             }
         });

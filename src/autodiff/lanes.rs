@@ -19,8 +19,8 @@ pub(crate) use tiles::{ones, to_columns, to_rows};
 
 use super::custom::{Operation, Scratch};
 use super::program::BLOCK;
-use super::rows::{Rows, RowsMut};
 use super::scalar::{Mask, Scalar};
+use super::strided::{StridedView, StridedViewMut};
 use super::unrolled::unrolled;
 use pulp::{Simd, WithSimd};
 use std::cell::Cell;
@@ -36,9 +36,9 @@ pub(crate) trait Lanes: Scalar {
     /// Writes the lanes over the first [`WIDTH`](Self::WIDTH) numbers of `target`.
     fn store(self, target: &mut [f32]);
     /// The registers at lanes `at` … of all rows of a block, to read.
-    fn rows(block: &[[f32; BLOCK]], at: usize) -> Rows<'_, Self>;
+    fn rows(block: &[[f32; BLOCK]], at: usize) -> StridedView<'_, Self>;
     /// The registers at lanes `at` … of all rows of a block, to write.
-    fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> RowsMut<'_, Self>;
+    fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> StridedViewMut<'_, Self>;
     /// The registers of one row of a block, which may be that of several operands and of the result.
     fn cells(row: &Cell<[f32; BLOCK]>) -> &[Cell<Self>];
     /// Runs a kernel as a machine function of its own, with these lanes: what it holds in registers is then decided for
@@ -251,20 +251,20 @@ impl<S: Simd> Lanes for Register<S> {
     }
 
     #[inline(always)]
-    fn rows(block: &[[f32; BLOCK]], at: usize) -> Rows<'_, Self> {
+    fn rows(block: &[[f32; BLOCK]], at: usize) -> StridedView<'_, Self> {
         let (first, n) = (at / Self::WIDTH, Self::registers(block.len()));
         // SAFETY: `Register` has the layout of its numbers and needs no more alignment than they do, see `registers`; the
         // slice covers the rows of the block exactly and borrows them.
         let lanes = unsafe { std::slice::from_raw_parts(block.as_ptr().cast::<Self>(), n) };
-        Rows::strided(&lanes[first.min(n)..], BLOCK / Self::WIDTH)
+        StridedView::strided(&lanes[first.min(n)..], BLOCK / Self::WIDTH)
     }
 
     #[inline(always)]
-    fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> RowsMut<'_, Self> {
+    fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> StridedViewMut<'_, Self> {
         let (first, n) = (at / Self::WIDTH, Self::registers(block.len()));
         // SAFETY: as in `rows`; the borrow is exclusive and lives on in the result.
         let lanes = unsafe { std::slice::from_raw_parts_mut(block.as_mut_ptr().cast::<Self>(), n) };
-        RowsMut::strided(&mut lanes[first.min(n)..], BLOCK / Self::WIDTH)
+        StridedViewMut::strided(&mut lanes[first.min(n)..], BLOCK / Self::WIDTH)
     }
 
     #[inline(always)]

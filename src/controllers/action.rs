@@ -2,7 +2,7 @@
 
 use super::attitude::AttitudeCommand;
 use super::rate::RateCommand;
-use super::reference::Sample;
+use super::reference::Setpoint;
 use super::velocity::VelocityCommand;
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::{Quat, Vec3};
@@ -67,14 +67,14 @@ impl ActionScale {
 
     /// Position mode: [Δx, Δy, Δz, ψ], world: a point at rest beside `position`.
     #[inline(always)]
-    pub fn position<S: Scalar>(&self, action: [S; 4], position: Vec3<S>) -> Sample<S> {
+    pub fn position<S: Scalar>(&self, action: [S; 4], position: Vec3<S>) -> Setpoint<S> {
         let (o, zero, p) = (S::zero(), [S::zero(); 3], S::constant(self.position));
         let mut target = position;
         for i in 0..3 {
             target[i] = clip(action[i]).mul_add(p, position[i]);
         }
         let yaw = clip(action[3]) * S::constant(self.yaw);
-        Sample {
+        Setpoint {
             position: target,
             velocity: zero,
             acceleration: zero,

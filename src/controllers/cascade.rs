@@ -4,10 +4,10 @@ use super::allocation::pseudo_inverse::fits;
 use super::allocation::{Authority, Mixer, allocate_yaw_last, thrust_to_command};
 use super::attitude::{AttitudeCommand, rate_command};
 use super::kinematics::Kinematics;
-use super::parameters::{Body, ForceLimits, GainSet, LEAST_LIFT, Limits, validate_gains};
+use super::parameters::{BodyModel, CommandLimits, ForceLimits, GainSet, LEAST_LIFT, validate_gains};
 use super::position::{add_drag, velocity_command};
 use super::rate::{RateCommand, moment};
-use super::reference::Sample;
+use super::reference::Setpoint;
 use super::velocity::{VelocityCommand, attitude_command};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::{add, mat_vec, rotate_back};
@@ -27,7 +27,7 @@ pub enum Level {
     Attitude,
     /// Velocity and yaw.
     Velocity,
-    /// A [`Sample`] of a reference.
+    /// A [`Setpoint`] of a reference.
     Position,
 }
 
@@ -124,7 +124,7 @@ impl Schedule {
 
 /// What each level said last: the memory of a cascade, held until the level computes again.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Held<S, const R: usize> {
+pub struct Latched<S, const R: usize> {
     /// Of the velocity level.
     pub attitude: AttitudeCommand<S>,
     /// Of the attitude level.
@@ -133,7 +133,7 @@ pub struct Held<S, const R: usize> {
     pub rotors: [S; R],
 }
 
-impl<S: Scalar, const R: usize> Held<S, R> {
+impl<S: Scalar, const R: usize> Latched<S, R> {
     /// Numbers in the flat form: attitude command, rate command, rotor actions.
     pub const DIM: usize = AttitudeCommand::<S>::DIM + RateCommand::<S>::DIM + R;
 
@@ -199,7 +199,7 @@ pub(super) fn hold_rate<S: Scalar>(tick: S, fresh: &RateCommand<S>, held: &RateC
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CascadeModel<S, const R: usize> {
     /// Mass, inertia, drag, gravity.
-    pub body: Body<S>,
+    pub body: BodyModel<S>,
     /// Per level and axis.
     pub gains: GainSet<S>,
     /// Of tilt and thrust.
@@ -211,13 +211,13 @@ pub struct CascadeModel<S, const R: usize> {
 }
 
 impl<const R: usize> CascadeModel<f64, R> {
-    /// For a vehicle with its own mass, inertia, geometry and drag, and default [`Limits`].
+    /// For a vehicle with its own mass, inertia, geometry and drag, and default [`CommandLimits`].
     pub fn new(vehicle: &Vehicle, gains: &Gains) -> Result<Self> {
-        Self::with_limits(vehicle, gains, &Limits::default())
+        Self::with_limits(vehicle, gains, &CommandLimits::default())
     }
 
     /// Likewise, with given limits.
-    pub fn with_limits(vehicle: &Vehicle, gains: &Gains, limits: &Limits) -> Result<Self> {
+    pub fn with_limits(vehicle: &Vehicle, gains: &Gains, limits: &CommandLimits) -> Result<Self> {
         vehicle.validate()?;
         validate_gains(gains)?;
         limits.validate()?;
@@ -236,7 +236,7 @@ impl<const R: usize> CascadeModel<f64, R> {
                 "Turn the rotor axes upwards.",
             ));
         }
-        let body = Body::of(vehicle);
+        let body = BodyModel::of(vehicle);
         let weight = body.mass * body.gravity;
         if lift < LEAST_LIFT * weight {
             return Err(Error::value(
@@ -272,7 +272,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
             max_thrust[i] = S::constant(model.max_thrust[i]);
         }
         Self {
-            body: Body::constant(&model.body),
+            body: BodyModel::constant(&model.body),
             gains: GainSet::constant(&plain),
             limits: ForceLimits {
                 tilt_tangent: S::constant(limits.tilt_tangent),
@@ -288,10 +288,10 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
 
     /// Memory before the first step: level, hovering.
     #[inline(always)]
-    pub fn initial(&self) -> Held<S, R> {
+    pub fn initial(&self) -> Latched<S, R> {
         let weight = self.body.mass * self.body.gravity;
         let o = S::zero();
-        Held {
+        Latched {
             attitude: AttitudeCommand::level(weight),
             rate: RateCommand::constant(weight, [o; 3]),
             rotors: self.actions([weight, o, o, o]),
@@ -300,7 +300,13 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
 
     /// Enters at the position level with a sample of a reference.
     #[inline(always)]
-    pub fn position(&self, state: &Kinematics<S>, held: &Held<S, R>, sample: &Sample<S>, ticks: [S; 3]) -> Held<S, R> {
+    pub fn position(
+        &self,
+        state: &Kinematics<S>,
+        held: &Latched<S, R>,
+        sample: &Setpoint<S>,
+        ticks: [S; 3],
+    ) -> Latched<S, R> {
         self.attitude(state, held, &self.attitude_of_position(state, held, sample, ticks), ticks)
     }
 
@@ -309,10 +315,10 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub fn velocity(
         &self,
         state: &Kinematics<S>,
-        held: &Held<S, R>,
+        held: &Latched<S, R>,
         command: &VelocityCommand<S>,
         ticks: [S; 3],
-    ) -> Held<S, R> {
+    ) -> Latched<S, R> {
         self.attitude(state, held, &self.attitude_of_velocity(state, held, command, ticks), ticks)
     }
 
@@ -321,8 +327,8 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub(super) fn attitude_of_position(
         &self,
         state: &Kinematics<S>,
-        held: &Held<S, R>,
-        sample: &Sample<S>,
+        held: &Latched<S, R>,
+        sample: &Setpoint<S>,
         ticks: [S; 3],
     ) -> AttitudeCommand<S> {
         let command = velocity_command(&self.gains, sample, state);
@@ -335,7 +341,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub(super) fn attitude_of_velocity(
         &self,
         state: &Kinematics<S>,
-        held: &Held<S, R>,
+        held: &Latched<S, R>,
         command: &VelocityCommand<S>,
         ticks: [S; 3],
     ) -> AttitudeCommand<S> {
@@ -347,7 +353,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     fn attitude_of_force(
         &self,
         state: &Kinematics<S>,
-        held: &Held<S, R>,
+        held: &Latched<S, R>,
         command: &VelocityCommand<S>,
         ticks: [S; 3],
     ) -> AttitudeCommand<S> {
@@ -360,10 +366,10 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub fn attitude(
         &self,
         state: &Kinematics<S>,
-        held: &Held<S, R>,
+        held: &Latched<S, R>,
         command: &AttitudeCommand<S>,
         ticks: [S; 3],
-    ) -> Held<S, R> {
+    ) -> Latched<S, R> {
         let fresh = rate_command(&self.gains, command, state.attitude, state.angular_velocity);
         let rate = hold_rate(ticks[1], &fresh, &held.rate);
         let mut new = self.rate(state, held, &rate, ticks);
@@ -376,12 +382,12 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub fn rate(
         &self,
         state: &Kinematics<S>,
-        held: &Held<S, R>,
+        held: &Latched<S, R>,
         command: &RateCommand<S>,
         ticks: [S; 3],
-    ) -> Held<S, R> {
+    ) -> Latched<S, R> {
         let fresh = self.actions(self.wrench(state, command));
-        Held { attitude: held.attitude, rate: *command, rotors: hold(ticks[2], fresh, held.rotors) }
+        Latched { attitude: held.attitude, rate: *command, rotors: hold(ticks[2], fresh, held.rotors) }
     }
 
     /// [F_z, M_x, M_y, M_z] that the rate level asks of the rotors.
@@ -395,7 +401,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
 
     /// Enters at the rotors: actions clipped to [−1, 1].
     #[inline(always)]
-    pub fn rotor(&self, held: &Held<S, R>, actions: &[S; R]) -> Held<S, R> {
+    pub fn rotor(&self, held: &Latched<S, R>, actions: &[S; R]) -> Latched<S, R> {
         let mut new = *held;
         for i in 0..R {
             new.rotors[i] = actions[i].clamp(-S::one(), S::one());
@@ -419,7 +425,7 @@ pub struct Cascade<const R: usize = MAX_ROTORS> {
     pub schedule: Schedule,
     /// What the vehicle's rotors can and cannot do.
     pub authority: Authority,
-    held: Held<f64, R>,
+    held: Latched<f64, R>,
     step: u64,
 }
 
@@ -438,12 +444,12 @@ impl<const R: usize> Cascade<R> {
     }
 
     /// What each level said last.
-    pub fn held(&self) -> &Held<f64, R> {
+    pub fn latched(&self) -> &Latched<f64, R> {
         &self.held
     }
 
     /// One step towards a sample of a reference; returns rotor actions in [−1, 1].
-    pub fn position(&mut self, state: &Kinematics<f64>, sample: &Sample<f64>) -> [f64; R] {
+    pub fn position(&mut self, state: &Kinematics<f64>, sample: &Setpoint<f64>) -> [f64; R] {
         let ticks = self.tick();
         self.held = self.model.position(state, &self.held, sample, ticks);
         self.held.rotors
@@ -476,3 +482,6 @@ impl<const R: usize> Cascade<R> {
         ticks
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,6 +1,6 @@
 //! The cascade of one vehicle as a law: sample and ticks in, rotor actions out, gains as parameters.
 
-use super::cascade::{CascadeModel, Held, Rates, Schedule};
+use super::cascade::{CascadeModel, Latched, Rates, Schedule};
 use super::law::{ControlLaw, Moment, Running};
 use super::parameters::GainSet;
 use crate::autodiff::Scalar;
@@ -18,8 +18,8 @@ enum AnyCascade {
 
 /// The full cascade of a multirotor.
 ///
-/// - Target: a [`Sample`](super::Sample). Ticks: velocity and position, attitude, rate.
-/// - Memory: [`Held`], 23 + n numbers for n rotors.
+/// - Target: a [`Setpoint`](super::Setpoint). Ticks: velocity and position, attitude, rate.
+/// - Memory: [`Latched`], 23 + n numbers for n rotors.
 /// - Parameters: the twelve of [`GainSet`].
 #[derive(Debug, Clone)]
 pub struct CascadeLaw {
@@ -63,11 +63,11 @@ impl CascadeLaw {
             cascade.gains = GainSet::read(now.parameters);
         }
         let ticks = [now.ticks[0], now.ticks[1], now.ticks[2]];
-        let held = cascade.position(&now.kinematics(), &read_held::<S, R>(memory), &now.sample(), ticks);
+        let held = cascade.position(&now.kinematics(), &read_latched::<S, R>(memory), &now.sample(), ticks);
         for i in 0..self.n_rotor {
             commands[i] = held.rotors[i];
         }
-        write_held(&held, memory);
+        write_latched(&held, memory);
     }
 }
 
@@ -93,10 +93,10 @@ impl ControlLaw for CascadeLaw {
     }
 
     fn memory(&self) -> Vec<f64> {
-        let mut memory = vec![0.0; Held::<f64, 0>::DIM + self.n_rotor];
+        let mut memory = vec![0.0; Latched::<f64, 0>::DIM + self.n_rotor];
         match &self.cascade {
-            AnyCascade::Four(c) => write_held(&c.initial(), &mut memory),
-            AnyCascade::Sixteen(c) => write_held(&c.initial(), &mut memory),
+            AnyCascade::Four(c) => write_latched(&c.initial(), &mut memory),
+            AnyCascade::Sixteen(c) => write_latched(&c.initial(), &mut memory),
         }
         memory
     }
@@ -134,20 +134,20 @@ pub(super) fn with_drag_of(vehicle: &Vehicle, effects: Effects) -> Vehicle {
 }
 
 /// Numbers of a memory padded to sixteen rotors.
-const MAX_HELD: usize = Held::<f64, MAX_PADDED>::DIM;
+const MAX_LATCHED: usize = Latched::<f64, MAX_PADDED>::DIM;
 
 /// Writes a memory of R rotors without those that the vehicle does not have.
 #[inline(always)]
-pub(super) fn write_held<S: Scalar, const R: usize>(held: &Held<S, R>, out: &mut [S]) {
-    let mut padded = [S::zero(); MAX_HELD];
-    held.write(&mut padded[..Held::<S, R>::DIM]);
+pub(super) fn write_latched<S: Scalar, const R: usize>(held: &Latched<S, R>, out: &mut [S]) {
+    let mut padded = [S::zero(); MAX_LATCHED];
+    held.write(&mut padded[..Latched::<S, R>::DIM]);
     out.copy_from_slice(&padded[..out.len()]);
 }
 
 /// The inverse of [`write_held`]; missing rotors rest at −1.
 #[inline(always)]
-pub(super) fn read_held<S: Scalar, const R: usize>(x: &[S]) -> Held<S, R> {
-    let mut padded = [-S::one(); MAX_HELD];
+pub(super) fn read_latched<S: Scalar, const R: usize>(x: &[S]) -> Latched<S, R> {
+    let mut padded = [-S::one(); MAX_LATCHED];
     padded[..x.len()].copy_from_slice(x);
-    Held::read(&padded[..Held::<S, R>::DIM])
+    Latched::read(&padded[..Latched::<S, R>::DIM])
 }

@@ -9,7 +9,7 @@
 //!
 //! The plant is the truth; what the controller believes about it is what the controller was built for.
 
-use super::allocation::failure::{Failure, health};
+use super::allocation::failure::{RotorFailure, health};
 use super::cascade::Rates;
 use super::cascade_law::CascadeLaw;
 use super::controller::{Controller, Measurement, Target};
@@ -70,7 +70,7 @@ pub struct ClosedLoop<C = Box<dyn Controller>> {
     latency: usize,
     injects: bool,
     exposes_gains: bool,
-    failures: Vec<Failure>,
+    failures: Vec<RotorFailure>,
     detection_delay: f64,
     run: Run,
 }
@@ -158,8 +158,8 @@ impl<C: Controller> ClosedLoop<C> {
     /// [`System`] the loop stays whole.
     ///
     /// # Errors
-    /// As [`Failure::validate`]; [`Error::Value`] for a delay that is negative or beyond 1000 s.
-    pub fn with_failures(mut self, failures: &[Failure], detection_delay: f64) -> Result<Self> {
+    /// As [`RotorFailure::validate`]; [`Error::Value`] for a delay that is negative or beyond 1000 s.
+    pub fn with_failures(mut self, failures: &[RotorFailure], detection_delay: f64) -> Result<Self> {
         let n = self.run.health.len();
         failures.iter().try_for_each(|f| f.validate(n))?;
         check_delay(detection_delay)?;

@@ -4,7 +4,7 @@ use super::attitude::Orientation;
 use super::cascade::Schedule;
 use super::kinematics::Kinematics;
 use super::law::RecordedLaw;
-use super::reference::{Reference, Sample, Tilt};
+use super::reference::{Reference, Setpoint, Tilt};
 use crate::autodiff::System;
 use crate::dynamics::Plant;
 use crate::error::Result;
@@ -34,7 +34,7 @@ impl<'a> Target<'a> {
     }
 
     /// The reference at a time, s.
-    pub fn sample(&self, time: f64) -> Sample<f64> {
+    pub fn sample(&self, time: f64) -> Setpoint<f64> {
         self.reference.sample(time)
     }
 

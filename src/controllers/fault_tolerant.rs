@@ -25,12 +25,12 @@
 use super::allocation::problem::{Problem, WRENCH};
 use super::allocation::{Allocator, Assessment, Capability, Counts, failure};
 use super::attitude::{AttitudeCommand, rate_command};
-use super::cascade::{CascadeModel, Held, Rates, Schedule, hold_rate};
+use super::cascade::{CascadeModel, Latched, Rates, Schedule, hold_rate};
 use super::controller::{Controller, Measurement, Target};
 use super::kinematics::Kinematics;
-use super::parameters::{ForceLimits, GainSet, Limits};
+use super::parameters::{CommandLimits, ForceLimits, GainSet};
 use super::rate::RateCommand;
-use super::reference::Sample;
+use super::reference::Setpoint;
 use super::velocity::VelocityCommand;
 use crate::dynamics::gains::SEPARATION;
 use crate::dynamics::rotor::thrust_action;
@@ -51,7 +51,7 @@ pub struct FaultTolerant {
     model: CascadeModel<f64, MAX_ROTORS>,
     whole: CascadeModel<f64, MAX_ROTORS>,
     schedule: Schedule,
-    held: Held<f64, MAX_ROTORS>,
+    held: Latched<f64, MAX_ROTORS>,
     step: u64,
     broken: Option<Broken>,
 }
@@ -125,7 +125,7 @@ impl FaultTolerant {
         let body = &self.model.body;
         // moments come before thrust in the allocation, so nothing need be kept back for them
         let lift = broken.assessment.lift.max(1.1 * body.mass * body.gravity);
-        let limits = Limits { tilt: TILT, ..Limits::default() };
+        let limits = CommandLimits { tilt: TILT, ..CommandLimits::default() };
         self.model.limits = ForceLimits { force: lift, ..ForceLimits::constant(&limits, lift, 0.0) };
         if broken.yaw_free() {
             self.model.gains = unhurried(&self.model);
@@ -145,13 +145,13 @@ impl FaultTolerant {
     }
 
     /// What each level said last.
-    pub fn held(&self) -> &Held<f64, MAX_ROTORS> {
+    pub fn latched(&self) -> &Latched<f64, MAX_ROTORS> {
         &self.held
     }
 
     /// One step towards a sample of a reference; returns rotor actions in [−1, 1], of a failed rotor −1, of a weakened
     /// one in its own range.
-    pub fn position(&mut self, state: &Kinematics<f64>, sample: &Sample<f64>) -> [f64; MAX_ROTORS] {
+    pub fn position(&mut self, state: &Kinematics<f64>, sample: &Setpoint<f64>) -> [f64; MAX_ROTORS] {
         let ticks = self.schedule.ticks(self.step);
         let command = self.model.attitude_of_position(state, &self.held, sample, ticks);
         self.attitude(state, &command)

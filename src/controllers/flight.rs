@@ -1,10 +1,10 @@
 //! A whole flight: a plant under its controller along a reference, logged.
 
-use super::allocation::failure::Failure;
+use super::allocation::failure::RotorFailure;
 use super::cascade::{Rates, Schedule};
 use super::closed_loop::{ClosedLoop, Outside, check_delay, check_latency};
 use super::controller::{Controller, Target};
-use super::reference::{Reference, Sample, Tilt};
+use super::reference::{Reference, Setpoint, Tilt};
 use super::registry::{Setup, controller};
 use super::start::start_on;
 use crate::autodiff::safe;
@@ -40,7 +40,7 @@ pub struct FlightPlan {
     /// Of the wind.
     pub seed: u64,
     /// Rotors that weaken or stop on the way.
-    pub failures: Vec<Failure>,
+    pub failures: Vec<RotorFailure>,
     /// How long after a failure the controller knows of it and of what is left, s; until then it flies on as before.
     pub detection_delay: f64,
     /// Steps by which commands act late.
@@ -292,7 +292,7 @@ fn record(
     system: &ClosedLoop<&mut dyn Controller>,
     time: f64,
     x: &[f64],
-    wanted: &Sample<f64>,
+    wanted: &Setpoint<f64>,
     wind: [f64; 3],
 ) -> Result<()> {
     let (plant, own) = (system.present(), system.controller().tracked(x));
@@ -303,7 +303,7 @@ fn record(
         thrust.push(rotor.thrust_coefficient * s * s);
         command.push(commanded_speed(rotor.max_speed, system.applied()[place.action]));
     }
-    log.push(flight::Sample {
+    log.push(flight::FlightSample {
         time,
         position: own.position,
         velocity: own.velocity,

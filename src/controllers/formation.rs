@@ -4,12 +4,12 @@
 //! its share of the whole. What hangs between them follows through passive joints. With a single drone this is the
 //! plain cascade, fed with the mass of all it carries.
 
-use super::cascade::{CascadeModel, Held, Rates, Schedule};
+use super::cascade::{CascadeModel, Latched, Rates, Schedule};
 use super::controller::Target;
 use super::kinematics::Kinematics;
 use super::law::{ControlLaw, Moment, Running};
 use super::parameters::GainSet;
-use super::reference::{Reference, Sample};
+use super::reference::{Reference, Setpoint};
 use crate::autodiff::Scalar;
 use crate::autodiff::jet::Jet;
 use crate::dynamics::spatial::{from_matrix, mat_vec, to_euler, transpose};
@@ -18,12 +18,12 @@ use crate::dynamics::{Gains, Inertia, MAX_ROTORS, Part, Vehicle};
 use crate::error::{Error, Result};
 
 /// Such drones with the memory of their cascades.
-pub type Formation = Running<FormationLaw>;
+pub type FormationController = Running<FormationLaw>;
 
 /// One cascade per drone of a model.
 ///
-/// - Target: a [`Sample`] per drone. Ticks: velocity and position, attitude, rate, of all.
-/// - Memory: a [`Held`] of [`MAX_ROTORS`] rotors per drone. Parameters: twelve gains per drone.
+/// - Target: a [`Setpoint`] per drone. Ticks: velocity and position, attitude, rate, of all.
+/// - Memory: a [`Latched`] of [`MAX_ROTORS`] rotors per drone. Parameters: twelve gains per drone.
 #[derive(Debug, Clone)]
 pub struct FormationLaw {
     system: Multibody,
@@ -45,11 +45,11 @@ struct Member {
 }
 
 /// Numbers of a member's memory, target and parameters.
-const HELD: usize = Held::<f64, MAX_ROTORS>::DIM;
-const SAMPLE: usize = Sample::<f64>::DIM;
+const LATCHED: usize = Latched::<f64, MAX_ROTORS>::DIM;
+const SETPOINT: usize = Setpoint::<f64>::DIM;
 const GAINS: usize = GainSet::<f64>::DIM;
 
-impl Formation {
+impl FormationController {
     /// For a model whose drones have all their rotors on one body each. Without `gains`, those derived from each drone.
     ///
     /// # Errors
@@ -61,7 +61,7 @@ impl Formation {
 }
 
 impl FormationLaw {
-    /// As [`Formation::new`].
+    /// As [`FormationController::new`].
     ///
     /// # Errors
     /// Likewise.
@@ -118,11 +118,11 @@ impl ControlLaw for FormationLaw {
     }
 
     fn n_target(&self) -> usize {
-        SAMPLE * self.members.len()
+        SETPOINT * self.members.len()
     }
 
     fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]) {
-        for (member, row) in self.members.iter().zip(row.chunks_exact_mut(SAMPLE)) {
+        for (member, row) in self.members.iter().zip(row.chunks_exact_mut(SETPOINT)) {
             place(target.reference, time, member.place, member.yaw).write(row);
         }
     }
@@ -136,8 +136,8 @@ impl ControlLaw for FormationLaw {
     }
 
     fn memory(&self) -> Vec<f64> {
-        let mut memory = vec![0.0; HELD * self.members.len()];
-        let rows = memory.chunks_exact_mut(HELD);
+        let mut memory = vec![0.0; LATCHED * self.members.len()];
+        let rows = memory.chunks_exact_mut(LATCHED);
         self.members.iter().zip(rows).for_each(|(member, row)| member.cascade.initial().write(row));
         memory
     }
@@ -167,10 +167,10 @@ impl ControlLaw for FormationLaw {
             if !now.parameters.is_empty() {
                 cascade.gains = GainSet::read(&now.parameters[GAINS * i..]);
             }
-            let memory = &mut memory[HELD * i..HELD * (i + 1)];
-            let wanted = Sample::read(&now.target[SAMPLE * i..]);
+            let memory = &mut memory[LATCHED * i..LATCHED * (i + 1)];
+            let wanted = Setpoint::read(&now.target[SETPOINT * i..]);
             let ticks = [now.ticks[0], now.ticks[1], now.ticks[2]];
-            let held = cascade.position(&own, &Held::read(memory), &wanted, ticks);
+            let held = cascade.position(&own, &Latched::read(memory), &wanted, ticks);
             held.write(memory);
             for (at, action) in member.actions.iter().zip(held.rotors) {
                 commands[*at] = action;
@@ -180,13 +180,13 @@ impl ControlLaw for FormationLaw {
 }
 
 /// Where a point fixed to the reference's frame should be: p(t) + Rz(ψ(t)) o, with all derivatives.
-fn place(reference: &Reference, time: f64, offset: [f64; 3], yaw: f64) -> Sample<f64> {
+fn place(reference: &Reference, time: f64, offset: [f64; 3], yaw: f64) -> Setpoint<f64> {
     let (p, heading) = reference.series(time);
     let (s, c) = Scalar::sin_cos(heading);
     let constant = |v: f64| <Jet<f64, 5> as Scalar>::constant(v);
     let [x, y, z] = offset.map(constant);
     let moved = [p[0] + c * x - s * y, p[1] + s * x + c * y, p[2] + z];
-    Sample::from_series(moved, heading + constant(yaw))
+    Setpoint::from_series(moved, heading + constant(yaw))
 }
 
 /// The root of a model as a controller sees it.
@@ -207,7 +207,7 @@ pub fn carrier(model: &Model, number: usize) -> Result<Vehicle> {
             format!("drone '{}': rotor '{}'", drone.name, model.rotors()[*rotor].rotor.name),
             "on another body",
             "on the drone's own body",
-            "Steer it as one rigid vehicle: controllers::Frozen.",
+            "Steer it as one rigid vehicle: controllers::LockedJoints.",
         ));
     }
     let inertia = Inertia { ..body.inertia };

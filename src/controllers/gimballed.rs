@@ -22,7 +22,7 @@ use super::attitude::{AttitudeCommand, Orientation};
 use super::cascade::{Cascade, Rates};
 use super::formation::carrier;
 use super::kinematics::Kinematics;
-use super::parameters::Body;
+use super::parameters::BodyModel;
 use crate::autodiff::jet::Jet;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{
@@ -37,9 +37,9 @@ pub const FILTER: f64 = 5.0;
 /// See the [module](self).
 pub const LEAST_RATE_GAIN: f64 = 0.4;
 /// Largest wanted thrust over the most that the rotors give: the rest turns the drone.
-pub const THRUST_SHARE: f64 = 0.85;
+pub const MAX_THRUST_SHARE: f64 = 0.85;
 /// Least wanted thrust over the most that the rotors give: below it the rotors cannot turn the drone.
-const LEAST_THRUST: f64 = 0.02;
+const MIN_THRUST_SHARE: f64 = 0.02;
 
 /// Where a drone sits: a passive universal joint.
 #[derive(Debug, Clone, PartialEq)]
@@ -209,14 +209,14 @@ impl Gimballed {
     pub fn drag_at(&self, mass: f64) -> Vec3<f64> {
         let mut loaded = self.vehicle.clone();
         loaded.parts.iter_mut().for_each(|p| p.mass *= mass / self.cascade.model.body.mass);
-        Body::of(&loaded).drag
+        BodyModel::of(&loaded).drag
     }
 
     /// One step: rotor actions for the force (world, N) and the moment about the drone's z (N m) that reach the carrier.
     pub fn push(&mut self, poses: &[Pose<f64>], force: Vec3<f64>, yaw_moment: f64, input: &mut [f64]) {
         let (own, base) = (&poses[self.mount.body], &poses[self.mount.carrier]);
         let up = [own.rotation[0][2], own.rotation[1][2], own.rotation[2][2]];
-        let thrust = dot(force, up).clamp(LEAST_THRUST * self.max_thrust, THRUST_SHARE * self.max_thrust);
+        let thrust = dot(force, up).clamp(MIN_THRUST_SHARE * self.max_thrust, MAX_THRUST_SHARE * self.max_thrust);
         let filter = self.filter.get_or_insert(Filter { value: force, rate: [0.0; 3] });
         let acceleration = filter.step(force, FILTER * self.bandwidth, self.dt);
         let series = [0, 1, 2].map(|i| Jet::from_derivatives([filter.value[i], filter.rate[i], acceleration[i]]));
@@ -268,18 +268,18 @@ pub fn kinematics(pose: &Pose<f64>) -> Kinematics<f64> {
     }
 }
 
-/// Refuses a model that its drones cannot hold up with [`THRUST_SHARE`] of their thrust.
+/// Refuses a model that its drones cannot hold up with [`MAX_THRUST_SHARE`] of their thrust.
 ///
 /// # Errors
 /// [`Error::Value`] with weight and thrust.
 pub fn liftable(model: &Model, drones: &[Gimballed]) -> Result<()> {
     let (weight, n) = (model.mass() * model.parts().gravity, drones.len() as f64);
-    let least = drones.iter().fold(f64::INFINITY, |least, d| least.min(THRUST_SHARE * d.max_thrust));
+    let least = drones.iter().fold(f64::INFINITY, |least, d| least.min(MAX_THRUST_SHARE * d.max_thrust));
     if weight < n * least {
         return Ok(());
     }
     let what = format!("model '{}': weight per drone", model.name());
-    let limit = format!("below {least:.2} N, {} % of its thrust", 100.0 * THRUST_SHARE);
+    let limit = format!("below {least:.2} N, {} % of its thrust", 100.0 * MAX_THRUST_SHARE);
     Err(Error::value(what, format!("{:.2} N", weight / n), limit, "Lighten the load or add drones."))
 }
 

@@ -6,7 +6,7 @@
 use super::cascade::Schedule;
 use super::controller::{Controller, Measurement, Target};
 use super::kinematics::Kinematics;
-use super::reference::Sample;
+use super::reference::Setpoint;
 use crate::autodiff::trace::Recording;
 use crate::autodiff::{Program, Scalar, System};
 use crate::dynamics::Plant;
@@ -35,8 +35,8 @@ impl<S: Scalar> Moment<'_, S> {
 
     /// The reference now, of a law that keeps the usual target.
     #[inline(always)]
-    pub fn sample(&self) -> Sample<S> {
-        Sample::read(self.target)
+    pub fn sample(&self) -> Setpoint<S> {
+        Setpoint::read(self.target)
     }
 }
 
@@ -68,9 +68,9 @@ pub trait ControlLaw: Send + Sync + 'static {
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {
         Kinematics::read(state)
     }
-    /// Numbers of a target: those of a [`Sample`] unless told otherwise.
+    /// Numbers of a target: those of a [`Setpoint`] unless told otherwise.
     fn n_target(&self) -> usize {
-        Sample::<f64>::DIM
+        Setpoint::<f64>::DIM
     }
     /// Writes the target at a time, s.
     fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]) {

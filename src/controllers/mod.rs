@@ -23,9 +23,9 @@
 //! | [`fault_tolerant`] | the cascade that flies on with the rotors that are left, yaw sacrificed first |
 //! | [`flight`] | a whole flight along a reference, logged |
 //! | [`formation`] | drones that hold their places and carry something together |
-//! | [`frozen`] | servos held at rest, flown as one rigid vehicle |
+//! | [`locked_joints`] | servos held at rest, flown as one rigid vehicle |
 //! | [`mod@vectored`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
-//! | [`bends`] | the shape of a chain |
+//! | [`chain_shape`] | the shape of a chain |
 //! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
 //! | [`gimballed`] | a drone on a cardan joint that pushes its carrier with a wanted force |
 //! | [`platform`] | a frame under such drones, steered in six axes |
@@ -42,22 +42,20 @@
 pub mod action;
 pub mod allocation;
 pub mod attitude;
-pub mod bends;
 pub mod cascade;
 pub mod cascade_law;
+pub mod chain_shape;
 pub mod closed_loop;
 pub mod controller;
 pub mod design;
 pub mod fault_tolerant;
-pub mod flat_load;
 pub mod flight;
 pub mod formation;
-pub mod frozen;
 pub mod gimballed;
-#[cfg(test)]
-mod golden;
 pub mod kinematics;
 pub mod law;
+pub mod load_flatness;
+pub mod locked_joints;
 pub mod monte_carlo;
 pub mod parameters;
 pub mod platform;
@@ -73,25 +71,25 @@ pub mod vectored;
 pub mod velocity;
 
 pub use action::ActionScale;
-pub use allocation::{Assessment, Authority, Axis, Capability, Failure, FailureTable, Mixer};
+pub use allocation::{Assessment, Authority, Axis, Capability, FailureTable, Mixer, RotorFailure};
 pub use attitude::{AttitudeCommand, Orientation};
-pub use bends::{Bends, Shape};
-pub use cascade::{Cascade, CascadeModel, Held, Level, Rates, Schedule};
+pub use cascade::{Cascade, CascadeModel, Latched, Level, Rates, Schedule};
 pub use cascade_law::CascadeLaw;
+pub use chain_shape::{ChainRamp, ChainShape};
 pub use closed_loop::{ClosedLoop, Outside};
 pub use controller::{Controller, Measurement, Note, Passive, Target};
 pub use fault_tolerant::FaultTolerant;
-pub use flat_load::FlatLoad;
 pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle};
-pub use formation::{Formation, FormationLaw};
-pub use frozen::Frozen;
+pub use formation::{FormationController, FormationLaw};
 pub use kinematics::Kinematics;
 pub use law::{ControlLaw, Moment, RecordedLaw, Running};
-pub use monte_carlo::{Draw, MonteCarlo, Outcome};
-pub use parameters::{Body, ForceLimits, GainSet, Limits};
+pub use load_flatness::LoadFlatness;
+pub use locked_joints::LockedJoints;
+pub use monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
+pub use parameters::{BodyModel, CommandLimits, ForceLimits, GainSet};
 pub use platform::Platform;
 pub use rate::RateCommand;
-pub use reference::{Curve, Reference, Sample, Tilt, Trajectory};
+pub use reference::{Curve, Reference, Setpoint, Tilt, Trajectory};
 pub use registry::{Setup, default_controller};
 pub use six_axis::SixAxis;
 pub use start::start_on;

@@ -21,7 +21,7 @@ type Row = [f32; BLOCK];
 
 /// What one flight is flown with; nominal until it is changed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Draw {
+pub struct MonteCarloDraw {
     /// State of the plant at the start.
     pub start: Vec<f64>,
     /// θ of the loop.
@@ -32,7 +32,7 @@ pub struct Draw {
 
 /// How one flight went.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outcome {
+pub struct MonteCarloResult {
     /// Number of the flight.
     pub flight: usize,
     /// Root mean square distance of the root from the reference after the transient, m; up to where it was lost.
@@ -105,14 +105,15 @@ impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
         target: Target<'_>,
         start: &[f64],
         (n_flight, n_step): (usize, u64),
-        draw: &(dyn Fn(&mut Stream, &mut Draw) + Sync),
+        draw: &(dyn Fn(&mut Stream, &mut MonteCarloDraw) + Sync),
         threads: &Threads,
-    ) -> Result<Vec<Outcome>> {
+    ) -> Result<Vec<MonteCarloResult>> {
         self.system.plant().check_state(start)?;
-        let nominal = Draw { start: start.to_vec(), parameters: self.system.parameters(), air: Disturbance::none() };
+        let nominal =
+            MonteCarloDraw { start: start.to_vec(), parameters: self.system.parameters(), air: Disturbance::none() };
         let blocks = threads.map(n_flight.div_ceil(BLOCK), |b| {
             let flights = b * BLOCK..n_flight.min((b + 1) * BLOCK);
-            let draws: Vec<Draw> = flights
+            let draws: Vec<MonteCarloDraw> = flights
                 .map(|i| {
                     let mut own = nominal.clone();
                     draw(&mut Stream::new(self.seed, i as u64, 0, Purpose::RESET), &mut own);
@@ -142,7 +143,7 @@ struct Block {
 
 impl Block {
     /// Lanes behind the flights repeat the last one.
-    fn new<L: ControlLaw>(of: &MonteCarlo<'_, L>, draws: &[Draw]) -> Result<Self> {
+    fn new<L: ControlLaw>(of: &MonteCarlo<'_, L>, draws: &[MonteCarloDraw]) -> Result<Self> {
         let (n, m, p) = (of.system.n_state(), of.system.n_input(), of.system.n_parameter());
         let mut arguments = vec![[0.0; BLOCK]; n + m + p];
         let mut input = vec![0.0; m];
@@ -177,7 +178,7 @@ impl Block {
         target: Target<'_>,
         first: usize,
         n_step: u64,
-    ) -> Result<Vec<Outcome>> {
+    ) -> Result<Vec<MonteCarloResult>> {
         let (n, root) = (of.system.n_state(), of.system.plant().roots()[0]);
         let dt = of.system.plant().physics().dt;
         let mut input = vec![0.0; of.system.n_clocked()];
@@ -216,8 +217,8 @@ impl Block {
         }
     }
 
-    fn outcome(&self, first: usize, lane: usize) -> Outcome {
-        Outcome {
+    fn outcome(&self, first: usize, lane: usize) -> MonteCarloResult {
+        MonteCarloResult {
             flight: first + lane,
             rmse: (self.squares[lane] / self.counted[lane].max(1) as f64).sqrt(),
             worst: f64::from(self.worst[lane]),

@@ -91,7 +91,7 @@ pub fn validate_gains(gains: &Gains) -> Result<()> {
 
 /// What a controller believes about the body it steers.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Body<S> {
+pub struct BodyModel<S> {
     /// kg.
     pub mass: S,
     /// J about the centre of mass, body axes, kg m².
@@ -106,7 +106,7 @@ pub struct Body<S> {
     pub gravity: S,
 }
 
-impl Body<f64> {
+impl BodyModel<f64> {
     /// Mass and inertia from the parts; drag linearised at hover: D = D₁ + Σ Ω_h (k_d (I − nnᵀ) + k_z nnᵀ), its
     /// diagonal; the moment of the rotors' part is C = Σ [r − c]× Ω_h (k_d (I − nnᵀ) + k_z nnᵀ). Ω_h is the speed at which the rotors, at equal shares of their largest thrust, carry the weight.
     pub fn of(vehicle: &Vehicle) -> Self {
@@ -132,10 +132,10 @@ impl Body<f64> {
     }
 }
 
-impl<S: Scalar> Body<S> {
+impl<S: Scalar> BodyModel<S> {
     /// The same body in every lane.
     #[inline(always)]
-    pub fn constant(body: &Body<f64>) -> Self {
+    pub fn constant(body: &BodyModel<f64>) -> Self {
         Self {
             mass: S::constant(body.mass),
             inertia: [constants(body.inertia[0]), constants(body.inertia[1]), constants(body.inertia[2])],
@@ -153,7 +153,7 @@ impl<S: Scalar> Body<S> {
 /// How far the velocity level may tilt and push.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Limits {
+pub struct CommandLimits {
     /// Largest tilt of the wanted thrust from the vertical, rad; (0, 1.5]. Default 1.2 (69°).
     pub tilt: f64,
     /// Least vertical specific force as a fraction of g; (0, 1). Default 0.1: the vehicle falls at 0.9 g at most and
@@ -164,13 +164,13 @@ pub struct Limits {
     pub thrust: f64,
 }
 
-impl Default for Limits {
+impl Default for CommandLimits {
     fn default() -> Self {
         Self { tilt: 1.2, vertical: 0.1, thrust: 0.9 }
     }
 }
 
-impl Limits {
+impl CommandLimits {
     /// Checks the ranges given with the fields.
     pub fn validate(&self) -> Result<()> {
         let rows = [
@@ -194,7 +194,7 @@ const MARGIN: f64 = 0.05;
 /// Least thrust over weight that is flown: below it, what keeps the height leaves nothing to steer with.
 pub(crate) const LEAST_LIFT: f64 = 1.05;
 
-/// [`Limits`] in the units of the kernel.
+/// [`CommandLimits`] in the units of the kernel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ForceLimits<S> {
     /// tan of the largest tilt.
@@ -214,7 +214,7 @@ impl<S: Scalar> ForceLimits<S> {
     ///
     /// The vertical part is at most 0.95 · `limits.thrust` · T. Where that is less than W + min(0.05 W, (T − W)/2), it is
     /// that much, and as much of T as it takes: what holds the height comes before what is kept for moments.
-    pub fn constant(limits: &Limits, total_thrust: f64, weight: f64) -> Self {
+    pub fn constant(limits: &CommandLimits, total_thrust: f64, weight: f64) -> Self {
         let usual = limits.thrust * total_thrust;
         let needed = weight + (MARGIN * weight).min(0.5 * (total_thrust - weight));
         let (force, ceiling) = if CEILING * usual >= needed {

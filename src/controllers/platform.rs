@@ -9,7 +9,7 @@
 //! I = I_frame + Σ m_j (|r_j|² − r_j r_jᵀ) + Σ c_j c_jᵀ/(c_jᵀ J_j⁻¹ c_j), about the centre of mass of all. The moment that the
 //! joints' damping puts on the frame while the drones turn is fed forward.
 //!
-//! **Allocation**, in the axes of the frame (Su et al., arXiv 2207.09645), by [`Nearest`]:
+//! **Allocation**, in the axes of the frame (Su et al., arXiv 2207.09645), by [`NullSpaceAllocator`]:
 //!
 //! ```text
 //! F = Σ F_j          M = Σ r_j × F_j + κ c_j Δ_j          Δ_j: newtons moved between drone j's rotors of either spin
@@ -26,16 +26,16 @@
 //! **Limits.** With two drones nothing turns the frame about the line through both: both forces and both c_j have no
 //! moment about it. The direction is left out (it follows the drones through the joints' damping).
 
-use super::allocation::nearest::Nearest;
+use super::allocation::null_space::NullSpaceAllocator;
 use super::allocation::{Axis, Cone, Problem};
 use super::attitude::Orientation;
 use super::cascade::{Rates, Schedule};
 use super::controller::{Controller, Measurement, Note, Target};
-use super::gimballed::{Gimballed, THRUST_SHARE, liftable, mounts};
+use super::gimballed::{Gimballed, MAX_THRUST_SHARE, liftable, mounts};
 use super::kinematics::Kinematics;
-use super::parameters::{Body, ForceLimits, GainSet, Limits};
+use super::parameters::{BodyModel, CommandLimits, ForceLimits, GainSet};
 use super::position::velocity_command;
-use super::reference::Sample;
+use super::reference::Setpoint;
 use super::six_axis::{SixAxis, Wrench};
 use super::velocity::VelocityCommand;
 use crate::autodiff::safe;
@@ -93,7 +93,7 @@ pub struct Platform {
     /// Both poles of the rotation about each axis are at its negative, 1/s.
     turning: f64,
     directions: Directions,
-    allocation: Nearest,
+    allocation: NullSpaceAllocator,
     built_for: (Option<Gains>, Rates),
     schedule: Schedule,
     step: u64,
@@ -153,7 +153,7 @@ impl Platform {
             law: law(model, &drones, gains, turning),
             directions,
             built_for: (gains.copied(), *rates),
-            allocation: Nearest::new(problem)?,
+            allocation: NullSpaceAllocator::new(problem)?,
             schedule: Schedule::new(rates, system.physics().dt)?,
             step: 0,
             forces: vec![[0.0; 3]; n],
@@ -169,7 +169,7 @@ impl Platform {
     }
 
     /// What the allocation did so far.
-    pub fn allocation(&self) -> &Nearest {
+    pub fn allocation(&self) -> &NullSpaceAllocator {
         &self.allocation
     }
 
@@ -195,7 +195,7 @@ impl Platform {
     }
 
     /// Enters with a pose.
-    pub fn position(&mut self, state: &[f64], sample: &Sample<f64>, tilt: &Orientation<f64>, input: &mut [f64]) {
+    pub fn position(&mut self, state: &[f64], sample: &Setpoint<f64>, tilt: &Orientation<f64>, input: &mut [f64]) {
         let own = self.tracked(state);
         self.velocity(state, &velocity_command(&self.law.gains, sample, &own), tilt, input);
     }
@@ -317,9 +317,13 @@ fn law(model: &Model, drones: &[Gimballed], gains: Option<&Gains>, pole: f64) ->
     let zero = [[0.0; 3]; 3];
     let (mass, gravity) = (model.mass(), model.parts().gravity);
     SixAxis {
-        body: Body { mass, inertia: zero, drag: [0.0; 3], drag_moment: zero, gravity },
+        body: BodyModel { mass, inertia: zero, drag: [0.0; 3], drag_moment: zero, gravity },
         gains: GainSet::constant(&own),
-        limits: ForceLimits::constant(&Limits { thrust: THRUST_SHARE, ..Limits::default() }, lift, mass * gravity),
+        limits: ForceLimits::constant(
+            &CommandLimits { thrust: MAX_THRUST_SHARE, ..CommandLimits::default() },
+            lift,
+            mass * gravity,
+        ),
     }
 }
 
@@ -396,7 +400,7 @@ fn cones(drones: &[Gimballed], directions: Directions, points: &[Vec3<f64>], bef
     let mut list = Vec::new();
     for (j, drone) in drones.iter().enumerate() {
         let inputs = [0, 1, 2].map(|k| INPUTS * j + k);
-        list.push(Cone::ball(inputs, THRUST_SHARE * drone.max_thrust));
+        list.push(Cone::ball(inputs, MAX_THRUST_SHARE * drone.max_thrust));
         list.push(Cone::tilt(inputs, [0.0, 0.0, 1.0], directions.reach.cos()));
         for i in (0..drones.len()).filter(|i| *i != j) {
             let way = safe::normalise(sub(points[i], points[j]));

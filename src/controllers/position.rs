@@ -1,8 +1,8 @@
 //! Position level: position error → velocity command.
 
 use super::kinematics::Kinematics;
-use super::parameters::{Body, GainSet};
-use super::reference::Sample;
+use super::parameters::{BodyModel, GainSet};
+use super::reference::Setpoint;
 use super::velocity::VelocityCommand;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Vec3, add, hadamard, rotate, rotate_back, scale, sub};
@@ -16,7 +16,7 @@ const GAIN_FLOOR: f64 = 1e-9;
 #[inline(always)]
 pub fn velocity_command<S: Scalar>(
     gains: &GainSet<S>,
-    sample: &Sample<S>,
+    sample: &Setpoint<S>,
     state: &Kinematics<S>,
 ) -> VelocityCommand<S> {
     let error = sub(sample.position, state.position);
@@ -42,7 +42,7 @@ pub fn velocity_command<S: Scalar>(
 /// Source: Faessler, Franchi, Scaramuzza 2018 (rotor drag is part of the flat output map); first order, R measured.
 #[inline(always)]
 pub fn add_drag<S: Scalar>(
-    body: &Body<S>,
+    body: &BodyModel<S>,
     state: &Kinematics<S>,
     derivatives: [Vec3<S>; 3],
     command: &VelocityCommand<S>,

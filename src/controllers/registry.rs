@@ -4,12 +4,12 @@ use super::cascade::Rates;
 use super::cascade_law::{CascadeLaw, with_drag_of};
 use super::controller::Controller;
 use super::fault_tolerant::FaultTolerant;
-use super::formation::Formation;
-use super::frozen::Frozen;
+use super::formation::FormationController;
+use super::locked_joints::LockedJoints;
 use super::platform::{self, Platform, is_platform};
 use super::start::free;
 use super::state_feedback::{Lqr, Weights, suits};
-use super::transport::{Leans, Transport, is_transport};
+use super::transport::{TiltLimits, Transport, is_transport};
 use super::vectored::{Vectored, vectored};
 use crate::dynamics::tree::{Model, Multibody};
 use crate::dynamics::{Gains, Multirotor, Plant, Vehicle, gains};
@@ -115,7 +115,7 @@ pub const REGISTRY: [Entry; 8] = [
         is_batched: false,
         suits: |plant| plant.tree().is_some_and(|m| has_servos(m.model())),
         may_fail: false,
-        build: |plant, setup| Ok(Box::new(Frozen::new(tree(plant)?, setup.gains, setup.rates)?)),
+        build: |plant, setup| Ok(Box::new(LockedJoints::new(tree(plant)?, setup.gains, setup.rates)?)),
     },
     Entry {
         name: "lqr",
@@ -158,8 +158,8 @@ pub const REGISTRY: [Entry; 8] = [
         suits: |plant| plant.tree().is_some_and(|m| is_transport(m.model())),
         may_fail: false,
         build: |plant, setup| {
-            let leans = if setup.swift.is_some() { Leans::STEEP } else { Leans::default() };
-            Ok(Box::new(Transport::with_leans(tree(plant)?, setup.gains, setup.rates, leans)?))
+            let tilt_limits = if setup.swift.is_some() { TiltLimits::STEEP } else { TiltLimits::default() };
+            Ok(Box::new(Transport::with_tilt_limits(tree(plant)?, setup.gains, setup.rates, tilt_limits)?))
         },
     },
     Entry {
@@ -169,7 +169,7 @@ pub const REGISTRY: [Entry; 8] = [
         is_batched: true,
         suits: |plant| plant.tree().is_some_and(|m| !m.model().drones().is_empty()),
         may_fail: false,
-        build: |plant, setup| Ok(Box::new(Formation::new(tree(plant)?, setup.gains, setup.rates)?)),
+        build: |plant, setup| Ok(Box::new(FormationController::new(tree(plant)?, setup.gains, setup.rates)?)),
     },
 ];
 

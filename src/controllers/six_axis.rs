@@ -11,10 +11,10 @@
 
 use super::attitude::{Orientation, rate_command};
 use super::kinematics::Kinematics;
-use super::parameters::{Body, ForceLimits, GainSet};
+use super::parameters::{BodyModel, ForceLimits, GainSet};
 use super::position::{add_drag, velocity_command};
 use super::rate::{RateCommand, moment};
-use super::reference::Sample;
+use super::reference::Setpoint;
 use super::velocity::{VelocityCommand, limit_force, specific_force};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::{Vec3, add, mat_vec, rotate_back, scale};
@@ -29,7 +29,7 @@ pub type Wrench<S> = [S; 6];
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SixAxis<S> {
     /// Mass, inertia, drag, gravity.
-    pub body: Body<S>,
+    pub body: BodyModel<S>,
     /// Per level and axis.
     pub gains: GainSet<S>,
     /// Of the force: its least vertical part keeps its direction defined. `thrust` plays no part.
@@ -51,7 +51,7 @@ impl<S: Scalar> SixAxis<S> {
 
     /// Enters with a pose: a sample of a reference (its yaw plays no part) and an orientation.
     #[inline(always)]
-    pub fn position(&self, state: &Kinematics<S>, sample: &Sample<S>, orientation: &Orientation<S>) -> Wrench<S> {
+    pub fn position(&self, state: &Kinematics<S>, sample: &Setpoint<S>, orientation: &Orientation<S>) -> Wrench<S> {
         self.velocity(state, &velocity_command(&self.gains, sample, state), orientation)
     }
 
@@ -86,22 +86,22 @@ impl<S: Scalar> SixAxis<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::controllers::golden::hummingbird;
-    use crate::controllers::parameters::Limits;
+    use crate::controllers::cascade::tests::hummingbird;
+    use crate::controllers::parameters::CommandLimits;
     use crate::controllers::reference::{Reference, Tilt};
     use crate::dynamics::spatial::{from_euler, inverse, mat_mul, matrix, rotate, sub, transpose};
 
     fn law() -> SixAxis<f64> {
         let vehicle = hummingbird();
         SixAxis {
-            body: Body { drag: [0.0; 3], drag_moment: [[0.0; 3]; 3], ..Body::of(&vehicle) },
+            body: BodyModel { drag: [0.0; 3], drag_moment: [[0.0; 3]; 3], ..BodyModel::of(&vehicle) },
             gains: GainSet::constant(&vehicle.derived_gains()),
-            limits: ForceLimits::constant(&Limits::default(), 30.0, 0.0),
+            limits: ForceLimits::constant(&CommandLimits::default(), 30.0, 0.0),
         }
     }
 
     /// On the reference, with its velocities.
-    fn on(reference: &Reference, tilt: &Tilt, t: f64) -> (Kinematics<f64>, Sample<f64>, Orientation<f64>) {
+    fn on(reference: &Reference, tilt: &Tilt, t: f64) -> (Kinematics<f64>, Setpoint<f64>, Orientation<f64>) {
         let (sample, wanted) = (reference.sample(t), tilt.orientation(reference, t));
         let attitude = crate::dynamics::spatial::from_matrix(wanted.attitude);
         let state = Kinematics {
@@ -149,7 +149,7 @@ mod tests {
         assert!((a[3] - b[3]).abs() > 0.1, "{a:?} {b:?}");
         // every level of entry leads to the same wrench
         let orientation = Orientation::at_rest(mat_mul(transpose(matrix(state.attitude)), matrix(state.attitude)));
-        let sample = Sample { velocity: [0.4, -0.2, 0.1], ..Sample::at_rest([0.0; 3], 0.0) };
+        let sample = Setpoint { velocity: [0.4, -0.2, 0.1], ..Setpoint::at_rest([0.0; 3], 0.0) };
         let force = law.force(&state, &command);
         let lower = law.attitude(&state, force, &orientation);
         assert_eq!(law.position(&state, &sample, &orientation), lower);

@@ -18,16 +18,16 @@
 //!   d in every period, the cost would still fall in every one, so the load stays up; a start far away only takes longer.
 //!
 //! Where the reference is [`Carried`] and the load a single one on a universal joint, Π z and Γ z give way to the state and
-//! the force of [`FlatLoad`], exact however far the load leans: then a_cmd = F/(m + m_q) − g e_z − K (x ⊖ x_flat), F ahead by
+//! the force of [`LoadFlatness`], exact however far the load leans: then a_cmd = F/(m + m_q) − g e_z − K (x ⊖ x_flat), F ahead by
 //! the rotors' lag, with its derivatives as jerk and snap. No preview is needed: that state obeys the dynamics.
 
 use super::cascade::{Cascade, CascadeModel, Rates, Schedule};
 use super::controller::{Controller, Measurement, Target};
 use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr, spectral_radius};
-use super::flat_load::FlatLoad;
 use super::formation::carrier;
 use super::kinematics::Kinematics;
-use super::reference::{Carried, Reference, Sample};
+use super::load_flatness::LoadFlatness;
+use super::reference::{Carried, Reference, Setpoint};
 use super::velocity::VelocityCommand;
 use crate::autodiff::{Scalar, System, linearise, safe};
 use crate::dynamics::rotor::commanded_speed;
@@ -119,7 +119,7 @@ pub struct Lqr {
     period: f64,
     step: u64,
     said: VelocityCommand<f64>,
-    flat: Option<FlatLoad>,
+    flat: Option<LoadFlatness>,
     /// By how much the rotors are late, s.
     lag: f64,
 }
@@ -165,7 +165,7 @@ impl Lqr {
             reach: weights.reach,
             actions: plant.actions,
             said: VelocityCommand::constant([0.0; 3], 0.0),
-            flat: FlatLoad::of(model),
+            flat: LoadFlatness::of(model),
             lag: vehicle.rotors.iter().map(|r| r.time_constant_up.max(r.time_constant_down)).fold(0.0, f64::max),
             system: system.clone(),
             step: 0,
@@ -189,7 +189,13 @@ impl Lqr {
     }
 
     /// Of the way of a load: a_cmd and its first two derivatives, world.
-    fn carried(&self, seen: Measurement<'_>, own: &Kinematics<f64>, flat: &FlatLoad, way: &Carried) -> [[f64; 3]; 3] {
+    fn carried(
+        &self,
+        seen: Measurement<'_>,
+        own: &Kinematics<f64>,
+        flat: &LoadFlatness,
+        way: &Carried,
+    ) -> [[f64; 3]; 3] {
         let heading = heading(own);
         let wanted = along(heading, &flat.state(&self.system, way, seen.time));
         let mut error = self.errors.difference(&along(heading, seen.state), &wanted);
@@ -214,7 +220,7 @@ impl Lqr {
     }
 
     /// a_cmd, world, m/s².
-    fn acceleration(&self, seen: Measurement<'_>, target: Target<'_>, wanted: &Sample<f64>) -> [f64; 3] {
+    fn acceleration(&self, seen: Measurement<'_>, target: Target<'_>, wanted: &Setpoint<f64>) -> [f64; 3] {
         let own = &self.tracked(seen.state);
         let heading = heading(own);
         let z = |time: f64| {

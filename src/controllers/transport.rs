@@ -4,10 +4,10 @@
 //! pose of the load ─▶ six-axis law ─▶ [F; M] ─▶ pull μ_j of each bar ─▶ direction of the bar ─▶ drone
 //! ```
 //!
-//! **Pulls**, in the axes of the load, by [`Nearest`]: F = Σ μ_j, M = Σ r_j × μ_j with r_j the anchors, subject to
+//! **Pulls**, in the axes of the load, by [`NullSpaceAllocator`]: F = Σ μ_j, M = Σ r_j × μ_j with r_j the anchors, subject to
 //!
 //! ```text
-//! ‖μ_j + m g e_z‖ ≤ 0.85 T_max      ∠(μ_j, e_z) ≤ [`Leans::pull`]      e_z·μ_j ≥ [`TAUT`] of an even share
+//! ‖μ_j + m g e_z‖ ≤ 0.85 T_max      ∠(μ_j, e_z) ≤ [`TiltLimits::pull`]      e_z·μ_j ≥ [`TAUT`] of an even share
 //! goal: the same pull on every bar, so that all lean alike and stand upright at hover
 //! ```
 //!
@@ -20,7 +20,7 @@
 //!
 //! k_ḃ damps the swing. ḃ_d and b̈_d are those of the reference's jerk and snap. F_j is what the drone pushes with
 //! ([`gimballed`](super::gimballed)), its drag added; because forces turn late by T, the pull is taken along b + T ḃ and
-//! a_j ahead by T of the reference. It is limited, height before direction, to [`Leans::drone`] and 0.85 T_max: a drone that leaned
+//! a_j ahead by T of the reference. It is limited, height before direction, to [`TiltLimits::drone`] and 0.85 T_max: a drone that leaned
 //! far to stop a swing would let its bar go.
 //!
 //! **Poles.** Across the bars an error e of the load obeys ë = −K_v ė − K_p e through bars that follow with k_b, k_ḃ: the
@@ -29,15 +29,15 @@
 //! hardly overshoots; so for yaw. Height, roll and pitch need no lean: both poles at −q = −[`UPRIGHT`] c. c is the
 //! bandwidth of the drones' attitude loops over [`SEPARATION`].
 
-use super::allocation::nearest::Nearest;
+use super::allocation::null_space::NullSpaceAllocator;
 use super::allocation::{Affine, Cone, Problem};
 use super::attitude::Orientation;
 use super::cascade::{Rates, Schedule};
 use super::controller::{Controller, Measurement, Note, Target};
-use super::gimballed::{Gimballed, Mount, THRUST_SHARE, liftable, mounts};
+use super::gimballed::{Gimballed, MAX_THRUST_SHARE, Mount, liftable, mounts};
 use super::kinematics::Kinematics;
-use super::parameters::{Body, CEILING, ForceLimits, GainSet, Limits};
-use super::reference::Sample;
+use super::parameters::{BodyModel, CEILING, CommandLimits, ForceLimits, GainSet};
+use super::reference::Setpoint;
 use super::six_axis::{SixAxis, Wrench};
 use super::velocity::{VelocityCommand, limit_force};
 use crate::autodiff::jet::Jet;
@@ -57,7 +57,7 @@ pub const UPRIGHT: f64 = 2.5;
 pub const TAUT: f64 = 0.15;
 /// Largest angles from the vertical, rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Leans {
+pub struct TiltLimits {
     /// Of a bar's pull. Default 0.6.
     pub pull: f64,
     /// Of the wanted force on the load. Default 0.45.
@@ -66,13 +66,13 @@ pub struct Leans {
     pub drone: f64,
 }
 
-impl Default for Leans {
+impl Default for TiltLimits {
     fn default() -> Self {
         Self { pull: 0.6, load: 0.45, drone: 0.6 }
     }
 }
 
-impl Leans {
+impl TiltLimits {
     /// For paths that need accelerations beyond g: less is left when a start goes wrong.
     pub const STEEP: Self = Self { pull: 1.1, load: 0.9, drone: 1.2 };
 
@@ -117,9 +117,9 @@ pub struct Transport {
     law: SixAxis<f64>,
     /// c, 1/s.
     pace: f64,
-    leans: Leans,
+    tilt_limits: TiltLimits,
     built_for: (Option<Gains>, Rates),
-    allocation: Nearest,
+    allocation: NullSpaceAllocator,
     schedule: Schedule,
     step: u64,
     /// Wanted pulls with two derivatives, world, N.
@@ -163,15 +163,20 @@ impl Transport {
     /// # Errors
     /// [`Error::Value`] for another model, a load that the drones cannot lift, or rates that do not divide 1/dt.
     pub fn new(system: &Multibody, gains: Option<&Gains>, rates: &Rates) -> Result<Self> {
-        Self::with_leans(system, gains, rates, Leans::default())
+        Self::with_tilt_limits(system, gains, rates, TiltLimits::default())
     }
 
     /// With given leans.
     ///
     /// # Errors
-    /// As [`new`](Self::new) and [`Leans::validate`].
-    pub fn with_leans(system: &Multibody, gains: Option<&Gains>, rates: &Rates, leans: Leans) -> Result<Self> {
-        leans.validate()?;
+    /// As [`new`](Self::new) and [`TiltLimits::validate`].
+    pub fn with_tilt_limits(
+        system: &Multibody,
+        gains: Option<&Gains>,
+        rates: &Rates,
+        tilt_limits: TiltLimits,
+    ) -> Result<Self> {
+        tilt_limits.validate()?;
         let model = system.model();
         let Some(bars) = bars(model).filter(|_| is_transport(model)) else {
             let what = format!("model '{}'", model.name());
@@ -184,13 +189,13 @@ impl Transport {
         let pace = slowest / SEPARATION;
         liftable(model, &drones)?;
         let share = model.mass() / drones.len() as f64;
-        let law = law(model, &drones, &bars, pace, leans.load);
+        let law = law(model, &drones, &bars, pace, tilt_limits.load);
         let up = [0.0, 0.0, 1.0];
-        let problem = problem(&drones, &bars, law.body.mass * law.body.gravity, law.body.gravity, up, leans.pull);
+        let problem = problem(&drones, &bars, law.body.mass * law.body.gravity, law.body.gravity, up, tilt_limits.pull);
         Ok(Self {
             drag: drones.iter().map(|d| d.drag_at(share)).collect(),
             built_for: (gains.copied(), *rates),
-            allocation: Nearest::new(problem)?,
+            allocation: NullSpaceAllocator::new(problem)?,
             schedule: Schedule::new(rates, system.physics().dt)?,
             step: 0,
             pulls: vec![[[0.0; 3]; 3]; drones.len()],
@@ -200,12 +205,12 @@ impl Transport {
             bars,
             law,
             pace,
-            leans,
+            tilt_limits,
         })
     }
 
     /// What the allocation did so far.
-    pub fn allocation(&self) -> &Nearest {
+    pub fn allocation(&self) -> &NullSpaceAllocator {
         &self.allocation
     }
 
@@ -220,7 +225,7 @@ impl Transport {
     }
 
     /// Enters with a pose.
-    pub fn position(&mut self, state: &[f64], sample: &Sample<f64>, tilt: &Orientation<f64>, input: &mut [f64]) {
+    pub fn position(&mut self, state: &[f64], sample: &Setpoint<f64>, tilt: &Orientation<f64>, input: &mut [f64]) {
         let ahead = [sample.jerk, sample.snap];
         self.run(state, ahead, input, |law, own| law.position(own, sample, tilt));
     }
@@ -273,7 +278,7 @@ impl Transport {
         let (n, mass) = (self.drones.len(), self.law.body.mass);
         let up = load.rotation[2];
         let (drones, bars, gravity) = (&self.drones, &self.bars, self.law.body.gravity);
-        let lean = self.leans.pull;
+        let lean = self.tilt_limits.pull;
         self.allocation.change(|p| {
             p.cones = cones(drones, bars, mass * gravity, gravity, up, lean);
             p.anchor = even(n, mass * gravity, up);
@@ -329,9 +334,9 @@ impl Transport {
         let pull = scale(dot(b, self.pulls[j][0]), axpy(b, t, turning));
         let force = axpy(pull, bar.mass, axpy(lift, bar.length, self.swing(j, b, turning)));
         let force = add(force, self.resistance(poses, j));
-        let most = THRUST_SHARE * self.drones[j].max_thrust;
+        let most = MAX_THRUST_SHARE * self.drones[j].max_thrust;
         let vertical = [TAUT * bar.mass * self.law.body.gravity, CEILING * most];
-        limit_force(force, self.leans.drone.tan(), vertical, most)
+        limit_force(force, self.tilt_limits.drone.tan(), vertical, most)
     }
 
     /// Wanted b̈ of a bar, 1/s²: across it towards b_d, along it what turning needs.
@@ -379,12 +384,12 @@ fn law(model: &Model, drones: &[Gimballed], bars: &[Bar], c: f64, lean: f64) -> 
     };
     let gravity = model.parts().gravity;
     // what is left of the drones' thrust once they carry themselves
-    let lift: f64 = drones.iter().zip(bars).map(|(d, b)| THRUST_SHARE * d.max_thrust - b.mass * gravity).sum();
+    let lift: f64 = drones.iter().zip(bars).map(|(d, b)| MAX_THRUST_SHARE * d.max_thrust - b.mass * gravity).sum();
     SixAxis {
-        body: Body { mass, inertia, drag: load.drag.linear, drag_moment: [[0.0; 3]; 3], gravity },
+        body: BodyModel { mass, inertia, drag: load.drag.linear, drag_moment: [[0.0; 3]; 3], gravity },
         gains: GainSet::constant(&gains),
         limits: ForceLimits::constant(
-            &Limits { tilt: lean, vertical: 0.3, thrust: 1.0 },
+            &CommandLimits { tilt: lean, vertical: 0.3, thrust: 1.0 },
             lift.max(0.0),
             mass * gravity,
         ),
@@ -428,7 +433,7 @@ fn cones(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Vec3
     for (j, (drone, bar)) in drones.iter().zip(bars).enumerate() {
         let inputs = [0, 1, 2].map(|k| 3 * j + k);
         let tail = (0..3).map(|k| Affine { terms: vec![(inputs[k], 1.0)], constant: bar.mass * gravity * up[k] });
-        list.push(Cone { head: Affine::constant(THRUST_SHARE * drone.max_thrust), tail: tail.collect() });
+        list.push(Cone { head: Affine::constant(MAX_THRUST_SHARE * drone.max_thrust), tail: tail.collect() });
         list.push(Cone::tilt(inputs, up, lean.cos()));
         list.push(Cone::half_space(inputs, up, TAUT * weight / bars.len() as f64));
     }
@@ -451,7 +456,7 @@ impl Controller for Transport {
 
     fn reset(&mut self) {
         let (gains, rates) = self.built_for;
-        if let Ok(fresh) = Self::with_leans(&self.system, gains.as_ref(), &rates, self.leans) {
+        if let Ok(fresh) = Self::with_tilt_limits(&self.system, gains.as_ref(), &rates, self.tilt_limits) {
             *self = fresh;
         }
     }

@@ -37,13 +37,13 @@
 
 use super::allocation::articulated::{at, attitude, composite_inertia, put, resistance, wrench_matrix};
 use super::allocation::problem::{Affine, Cone, Problem, WRENCH};
-use super::allocation::{Allocator, Path};
+use super::allocation::{Allocator, Solver};
 use super::attitude::rate_command;
-use super::bends::Bends;
 use super::cascade::{Rates, Schedule};
+use super::chain_shape::ChainRamp;
 use super::controller::{Controller, Measurement, Note, Target};
 use super::kinematics::Kinematics;
-use super::parameters::{Body, ForceLimits, GainSet, Limits, validate_gains};
+use super::parameters::{BodyModel, CommandLimits, ForceLimits, GainSet, validate_gains};
 use super::position::velocity_command;
 use super::rate::RateCommand;
 use super::six_axis::{SixAxis, Wrench};
@@ -173,7 +173,7 @@ pub struct Vectored {
     system: Multibody,
     thrusters: Vec<Thruster>,
     /// Of the shape: targets of position servos.
-    bends: Bends,
+    chain: ChainRamp,
     point: Point,
     law: SixAxis<f64>,
     /// Whether gains follow the inertia of the present shape.
@@ -184,7 +184,7 @@ pub struct Vectored {
     period: f64,
     slow: Allocator,
     fast: Allocator,
-    held: Held,
+    held: Latched,
     /// Largest accepted residuals, slow and fast.
     residual: [f64; 2],
     /// Share of its largest thrust that each rotor is known to have.
@@ -193,7 +193,7 @@ pub struct Vectored {
 
 /// What each level said last.
 #[derive(Debug, Clone)]
-struct Held {
+struct Latched {
     step: u64,
     /// World, N.
     force: Vec3<f64>,
@@ -231,7 +231,7 @@ impl Vectored {
         let bandwidths = bandwidths(model, &thrusters);
         let lift: f64 = model.rotors().iter().map(|r| r.rotor.max_thrust()).sum();
         let mass = model.mass();
-        let body = Body {
+        let body = BodyModel {
             mass,
             inertia: composite_inertia(system, &rest),
             drag: [0.0; 3],
@@ -239,13 +239,13 @@ impl Vectored {
             gravity: model.parts().gravity,
         };
         let given = gains.copied().unwrap_or_else(|| placed_gains([bandwidths[0]; 3], bandwidths[1], &body));
-        let limits = ForceLimits::constant(&Limits::default(), lift, mass * body.gravity);
+        let limits = ForceLimits::constant(&CommandLimits::default(), lift, mass * body.gravity);
         let law = SixAxis { body, gains: GainSet::constant(&given), limits };
         let share = mass * body.gravity.min(GRAVITY) / lift;
         let preference: Vec<f64> = model.rotors().iter().map(|r| share * r.rotor.max_thrust()).collect();
         let scene = Scene::of(system, &rest);
         let slow = slow_problem(&thrusters, &body, &scene, &rest);
-        let held = Held {
+        let held = Latched {
             step: 0,
             inputs: slow.preference.clone(),
             force: [0.0, 0.0, mass * body.gravity],
@@ -258,7 +258,7 @@ impl Vectored {
         Ok(Self {
             system: system.clone(),
             built_for: (gains.copied(), *rates),
-            bends: Bends::rest(model),
+            chain: ChainRamp::rest(model),
             point: Point::Center,
             placed: gains.is_none().then_some(bandwidths),
             slow: Allocator::new(slow)?,
@@ -275,8 +275,8 @@ impl Vectored {
 
     /// Bends the system while it flies.
     #[must_use]
-    pub fn with_bends(mut self, bends: Bends) -> Self {
-        self.bends = bends;
+    pub fn with_chain(mut self, chain: ChainRamp) -> Self {
+        self.chain = chain;
         self
     }
 
@@ -350,7 +350,7 @@ impl Vectored {
             return;
         }
         let solution = self.slow.solve(wrench);
-        if solution.path == Path::Held {
+        if solution.solver == Solver::Held {
             return;
         }
         self.residual[0] = self.residual[0].max(solution.residual);
@@ -379,7 +379,7 @@ impl Vectored {
         let (weights, preference) = (weights(&self.law.body), &self.held.preference);
         if self.fast.set_task(matrix.as_slice(), weights, preference).is_ok() {
             let solution = self.fast.solve(wrench);
-            if solution.path != Path::Held {
+            if solution.solver != Solver::Held {
                 self.residual[1] = self.residual[1].max(solution.residual);
             }
         }
@@ -425,7 +425,7 @@ impl Controller for Vectored {
         let (gains, rates) = self.built_for;
         if let Ok(fresh) = Self::new(&self.system, gains.as_ref(), &rates) {
             let own = std::mem::replace(self, fresh);
-            (self.bends, self.point) = (own.bends, own.point);
+            (self.chain, self.point) = (own.chain, own.point);
         }
     }
 
@@ -458,7 +458,7 @@ impl Controller for Vectored {
         for ((stage, name), worst) in self.stages().into_iter().zip(["tilt", "thrust"]).zip(self.residual) {
             let counts = stage.counts();
             let ways =
-                Path::ALL.iter().filter(|p| counts.of(**p) > 0).map(|p| format!("{} {}", counts.of(*p), p.name()));
+                Solver::ALL.iter().filter(|p| counts.of(**p) > 0).map(|p| format!("{} {}", counts.of(*p), p.name()));
             let ways: Vec<String> = ways.collect();
             let note = format!("largest residual accepted; {}", ways.join(", "));
             notes.push(Note::new(format!("{name} allocation"), format!("{worst:.1e}"), note));
@@ -514,7 +514,7 @@ impl Controller for Vectored {
             let most = self.health[r] * self.system.model().rotors()[r].rotor.max_thrust();
             input[self.system.layout().rotor_action[r]] = if most > 0.0 { thrust_action(thrust / most) } else { -1.0 };
         }
-        self.bends.command(time, input);
+        self.chain.command(time, input);
     }
 }
 
@@ -567,7 +567,7 @@ fn recoil(system: &Multibody, thrusters: &[Thruster]) -> Result<Vec<f64>> {
 
 /// Bandwidth about each axis of the body: what the motors carry where thrusts at the present tilts have the authority (an
 /// error of a radian asks for no more moment than they can add to an even share of the weight), else what the tilts carry.
-fn axis_bandwidths(model: &Model, matrix: &DMatrix<f64>, body: &Body<f64>, tilts: f64) -> Vec3<f64> {
+fn axis_bandwidths(model: &Model, matrix: &DMatrix<f64>, body: &BodyModel<f64>, tilts: f64) -> Vec3<f64> {
     let lift: f64 = model.rotors().iter().map(|r| r.rotor.max_thrust()).sum();
     let share = body.mass * body.gravity / lift;
     [0, 1, 2].map(|axis| {
@@ -580,7 +580,7 @@ fn axis_bandwidths(model: &Model, matrix: &DMatrix<f64>, body: &Body<f64>, tilts
 }
 
 /// K_p = ω_p², K_v = 2 ω_p, K_R = J ω², K_ω = 2 J ω.
-fn placed_gains(attitude: Vec3<f64>, position: f64, body: &Body<f64>) -> Gains {
+fn placed_gains(attitude: Vec3<f64>, position: f64, body: &BodyModel<f64>) -> Gains {
     let j = [0, 1, 2].map(|i| body.inertia[i][i]);
     Gains {
         position: [position * position; 3],
@@ -594,28 +594,33 @@ fn placed_gains(attitude: Vec3<f64>, position: f64, body: &Body<f64>) -> Gains {
 ///
 /// # Errors
 /// As [`Vectored::new`].
-pub fn placed(system: &Multibody, rates: &Rates, body: &Body<f64>) -> Result<Gains> {
+pub fn placed(system: &Multibody, rates: &Rates, body: &BodyModel<f64>) -> Result<Gains> {
     let own = Vectored::new(system, None, rates)?;
     let [attitude, position] = own.bandwidths().unwrap_or([1.0, 0.5]);
     Ok(placed_gains([attitude; 3], position, body))
 }
 
 /// W = diag(1, 1, 1, (mℓ/J_i)²), ℓ² = tr J/3m.
-pub fn weights(body: &Body<f64>) -> [f64; WRENCH] {
+pub fn weights(body: &BodyModel<f64>) -> [f64; WRENCH] {
     let j = [0, 1, 2].map(|i| body.inertia[i][i]);
     let length = ((j[0] + j[1] + j[2]) / (3.0 * body.mass)).sqrt();
     let [x, y, z] = j.map(|j| (body.mass * length / j).powi(2));
     [1.0, 1.0, 1.0, x, y, z]
 }
 
-fn fast_problem(system: &Multibody, body: &Body<f64>, matrix: DMatrix<f64>, preference: &[f64]) -> Result<Problem> {
+fn fast_problem(
+    system: &Multibody,
+    body: &BodyModel<f64>,
+    matrix: DMatrix<f64>,
+    preference: &[f64],
+) -> Result<Problem> {
     let upper = system.model().rotors().iter().map(|r| r.rotor.max_thrust()).collect();
     let problem = Problem::boxed(matrix, weights(body), upper)?;
     Ok(Problem { regularisation: NULL_SPACE, preference: preference.to_vec(), ..problem })
 }
 
 /// The program of the slow stage for the present shape.
-fn slow_problem(thrusters: &[Thruster], body: &Body<f64>, scene: &Scene, state: &[f64]) -> Problem {
+fn slow_problem(thrusters: &[Thruster], body: &BodyModel<f64>, scene: &Scene, state: &[f64]) -> Problem {
     let n: usize = thrusters.iter().map(Thruster::n_input).sum();
     let mut problem = Problem {
         geometry: DMatrix::zeros(WRENCH, n),

@@ -2,7 +2,7 @@
 
 use super::attitude::{AttitudeCommand, Orientation};
 use super::kinematics::Kinematics;
-use super::parameters::{Body, ForceLimits, GainSet};
+use super::parameters::{BodyModel, ForceLimits, GainSet};
 use crate::autodiff::jet::Jet;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Mat3, Vec3, cross, dot, up_axis};
@@ -87,7 +87,7 @@ pub fn desired_attitude<S: Scalar>(force: Vec3<S>, yaw: S) -> Mat3<S> {
 #[inline(always)]
 pub fn attitude_command<S: Scalar>(
     gains: &GainSet<S>,
-    body: &Body<S>,
+    body: &BodyModel<S>,
     limits: &ForceLimits<S>,
     command: &VelocityCommand<S>,
     state: &Kinematics<S>,

@@ -2,7 +2,7 @@
 
 use super::spatial::{Quat, Vec3, add, cross, rotate, up_axis};
 use crate::autodiff::unrolled::unrolled;
-use crate::autodiff::{Pen, Rows, Scalar, safe};
+use crate::autodiff::{Scalar, StridedView, StridedWriter, safe};
 
 /// Numbers of a frame: position, velocity, attitude, angular velocity.
 pub const FRAME: usize = 13;
@@ -23,7 +23,7 @@ pub struct Frame<S> {
 impl<S: Scalar> Frame<S> {
     /// Of a vehicle alone, from its state: there the angular velocity is along body axes.
     #[inline(always)]
-    pub fn of_vehicle(state: &Rows<'_, S>) -> Self {
+    pub fn of_vehicle(state: &StridedView<'_, S>) -> Self {
         let mut frame = Self::read(state);
         frame.angular_velocity = rotate(frame.attitude, frame.angular_velocity);
         frame
@@ -31,17 +31,17 @@ impl<S: Scalar> Frame<S> {
 
     /// From 13 numbers.
     #[inline(always)]
-    pub fn read(x: &Rows<'_, S>) -> Self {
+    pub fn read(x: &StridedView<'_, S>) -> Self {
         Self { position: x.array(0), velocity: x.array(3), attitude: x.array(6), angular_velocity: x.array(10) }
     }
 
     /// As 13 numbers.
     #[inline(always)]
-    pub fn write(&self, pen: &mut Pen<'_, S>) {
-        pen.array(self.position);
-        pen.array(self.velocity);
-        pen.array(self.attitude);
-        pen.array(self.angular_velocity);
+    pub fn write(&self, writer: &mut StridedWriter<'_, S>) {
+        writer.array(self.position);
+        writer.array(self.velocity);
+        writer.array(self.attitude);
+        writer.array(self.angular_velocity);
     }
 
     /// Position and velocity of a point fixed in the body, world.

@@ -6,7 +6,7 @@ use super::multirotor::{Multirotor, Physics};
 use super::rigid::{self, RIGID_DIM};
 use super::tree::{self, Model, Motion, Multibody};
 use super::vehicle::{Rotor, Vehicle};
-use crate::autodiff::{Rows, RowsMut, Scalar, System};
+use crate::autodiff::{Scalar, StridedView, StridedViewMut, System};
 use crate::error::{Error, Result};
 
 /// Speed that a lost rotor keeps, as a share of its largest: the equations of a motor need one. Its thrust is 1e-6 T_max.
@@ -125,7 +125,7 @@ impl Plant {
         }
     }
 
-    /// Nominal physical parameters: [`rigid::parameter_vector`] of a vehicle, [`tree::number_vector`] of a model.
+    /// Nominal physical parameters: [`rigid::parameter_vector`] of a vehicle, [`tree::model_parameters`] of a model.
     pub fn parameters(&self) -> Vec<f64> {
         match self {
             Self::Rigid(m) => m.parameters(),
@@ -137,7 +137,7 @@ impl Plant {
     pub fn parameter_names(&self) -> Vec<String> {
         match self {
             Self::Rigid(m) => rigid::parameter_names(m.vehicle()),
-            Self::Tree(m) => tree::number_names(m.model()),
+            Self::Tree(m) => tree::model_parameter_names(m.model()),
         }
     }
 
@@ -145,7 +145,7 @@ impl Plant {
     pub fn parameter_domains(&self) -> Vec<Domain> {
         match self {
             Self::Rigid(m) => rigid::parameter_domains(m.vehicle()),
-            Self::Tree(m) => tree::number_domains(m.model()),
+            Self::Tree(m) => tree::model_parameter_domains(m.model()),
         }
     }
 
@@ -264,10 +264,10 @@ impl Plant {
     /// Motion of every body along world axes, [`FRAME`](super::frame::FRAME) numbers each, in a state with these
     /// physical parameters.
     pub fn write_frames<S: Scalar>(&self, parameters: &[S], state: &[S], frames: &mut [S]) {
-        let (state, mut out) = (Rows::of(state), RowsMut::of(frames));
+        let (state, mut out) = (StridedView::of(state), StridedViewMut::of(frames));
         match self {
-            Self::Tree(m) => tree::frames::write(m.topology(), Rows::of(parameters), &state, &mut out),
-            Self::Rigid(_) => Frame::of_vehicle(&state).write(&mut out.pen(0)),
+            Self::Tree(m) => tree::frames::write(m.topology(), StridedView::of(parameters), &state, &mut out),
+            Self::Rigid(_) => Frame::of_vehicle(&state).write(&mut out.writer(0)),
         }
     }
 

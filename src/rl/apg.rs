@@ -20,10 +20,10 @@
 //! begins again at half the rate.
 
 use super::checkpoint::Tensors;
-use super::descent::{Descent, check_descent};
 use super::learner::{Learner, Update};
 use super::nn::{AdamConfig, Layers};
 use super::policy::{Actor, Policy};
+use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
 use super::schedule::Schedule;
 use super::shards::{Make, normalise, shards};
 use super::state;
@@ -46,18 +46,18 @@ pub struct ApgConfig {
     /// Environments of a shard: one thread steps it for a whole window.
     pub shard: usize,
     /// H, steps.
-    pub window: usize,
+    pub horizon: usize,
     /// Updates of a run.
     pub updates: u64,
     /// Learning rate over the run.
-    pub rate: Schedule,
+    pub learning_rate: Schedule,
     /// Largest norm of the gradient.
-    pub clip: f64,
+    pub max_grad_norm: f64,
     /// Factor per step on the gradient that is carried back; 1 is exact.
     pub decay: f32,
     /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
     /// would drown all others. Infinite for none.
-    pub carry_clip: f32,
+    pub adjoint_clip: f32,
     /// What is minimised.
     pub objective: Objective,
     /// Whether the last loss of an episode that the task ended goes on to the window's end.
@@ -75,12 +75,12 @@ impl Default for ApgConfig {
         Self {
             n_env: 64,
             shard: 32,
-            window: 48,
+            horizon: 48,
             updates: 800,
-            rate: Schedule::cosine(0.01, 1e-4),
-            clip: 0.2,
+            learning_rate: Schedule::cosine(0.01, 1e-4),
+            max_grad_norm: 0.2,
             decay: 1.0,
-            carry_clip: f32::INFINITY,
+            adjoint_clip: f32::INFINITY,
             objective: Objective::Loss,
             lasting: true,
             saturation: 0.25,
@@ -97,14 +97,14 @@ impl ApgConfig {
     /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
     pub fn validate(&self) -> Result<()> {
         for (what, n, most) in
-            [("n_env", self.n_env, 1 << 24), ("shard", self.shard, 1 << 24), ("window", self.window, 1 << 16)]
+            [("n_env", self.n_env, 1 << 24), ("shard", self.shard, 1 << 24), ("horizon", self.horizon, 1 << 16)]
         {
             if n == 0 || n > most {
                 return Err(Error::limit(what, n, format!("1 to {most}"), "64, 32 and 48 are usual."));
             }
         }
-        check_descent(self.clip, self.decay, self.carry_clip, self.saturation)?;
-        self.rate.validate("rate")?;
+        check_optimiser(self.max_grad_norm, self.decay, self.adjoint_clip, self.saturation)?;
+        self.learning_rate.validate("learning_rate")?;
         self.adam.validate()?;
         self.network.validate()
     }
@@ -113,7 +113,7 @@ impl ApgConfig {
 /// Analytic policy gradients, in the middle of a run.
 pub struct Apg {
     config: ApgConfig,
-    descent: Descent,
+    optimiser: PolicyOptimiser,
     workers: Vec<Worker>,
     threads: Threads,
     update: u64,
@@ -145,24 +145,24 @@ impl Apg {
         let shards = shards(make, &env, config.shard)?;
         let actor = Actor::new(shards[0].env.spec(), &config.network, true)?;
         // the weight of a step: the mean over all environments and steps of the window
-        let share = 1.0 / (config.n_env * config.window) as f32;
-        let options = SweepOptions { decay: config.decay, clip: config.carry_clip * share };
-        let windows = windows(shards, &actor, config.window, config.objective, options)?;
+        let loss_scale = 1.0 / (config.n_env * config.horizon) as f32;
+        let options = SweepOptions { decay: config.decay, clip: config.adjoint_clip * loss_scale };
+        let windows = windows(shards, &actor, config.horizon, config.objective, options)?;
         let workers = windows.into_iter().map(|window| Worker { window, failed: None }).collect();
-        let descent = Descent::new(actor, config.adam, seed);
-        Ok(Self { config, descent, workers, threads, update: 0, env_steps: 0 })
+        let optimiser = PolicyOptimiser::new(actor, config.adam, seed);
+        Ok(Self { config, optimiser, workers, threads, update: 0, env_steps: 0 })
     }
 }
 
 impl Worker {
-    /// Flies a window, weighs its steps and sweeps back over it. `share` is the weight of a step; with `lasting`, what an
+    /// Flies a window, weighs its steps and sweeps back over it. `loss_scale` is the weight of a step; with `lasting`, what an
     /// episode cost last goes on to the window's end if the task ended it.
-    fn learn(&mut self, descent: &Descent, share: f32, lasting: bool) -> Result<()> {
-        let (actor, net) = (&descent.actor, descent.net());
+    fn learn(&mut self, optimiser: &PolicyOptimiser, loss_scale: f32, lasting: bool) -> Result<()> {
+        let (actor, net) = (&optimiser.actor, optimiser.net());
         self.window.fly(actor, net)?;
         for (left, step) in self.window.steps.iter_mut().rev().enumerate() {
             for (weight, lost) in step.weight.iter_mut().zip(&step.terminated) {
-                *weight = share * if lasting && *lost == 1 { 1.0 + left as f32 } else { 1.0 };
+                *weight = loss_scale * if lasting && *lost == 1 { 1.0 + left as f32 } else { 1.0 };
             }
         }
         self.window.sweep(actor, net, &[]).map(|_| ())
@@ -172,21 +172,22 @@ impl Worker {
 impl Learner for Apg {
     fn update(&mut self) -> Result<Update> {
         let begun = Instant::now();
-        let (config, descent) = (&self.config, &self.descent);
-        let n_step = (config.n_env * config.window) as f64;
+        let (config, optimiser) = (&self.config, &self.optimiser);
+        let n_step = (config.n_env * config.horizon) as f64;
         // the mean over all environments and steps of the window
-        let (share, lasting) = ((1.0 / n_step) as f32, config.lasting && config.objective == Objective::Loss);
-        self.threads
-            .for_each(&mut self.workers, |_, worker| worker.failed = worker.learn(descent, share, lasting).err());
+        let (loss_scale, lasting) = ((1.0 / n_step) as f32, config.lasting && config.objective == Objective::Loss);
+        self.threads.for_each(&mut self.workers, |_, worker| {
+            worker.failed = worker.learn(optimiser, loss_scale, lasting).err()
+        });
         let flown = self.workers.iter_mut().map(|worker| (&worker.window, worker.failed.take()));
-        let seen = gather(flown, &mut self.descent.gradient)?;
+        let seen = gather(flown, &mut self.optimiser.gradient)?;
         let windows = begun.elapsed();
-        let rate = self.descent.rate(config.rate.at(self.update as f64 / config.updates.max(1) as f64));
-        let norm = self.descent.descend(config.clip, rate);
+        let rate = self.optimiser.rate(config.learning_rate.at(self.update as f64 / config.updates.max(1) as f64));
+        let norm = self.optimiser.descend(config.max_grad_norm, rate);
         normalise(&mut self.workers.iter_mut().map(|w| &mut w.window.shard).collect::<Vec<_>>())?;
         self.update += 1;
         self.env_steps += n_step as u64;
-        if self.descent.fell(seen.saturated, config.saturation) {
+        if self.optimiser.restart_if_saturated(seen.saturated, config.saturation) {
             self.update = 0;
         }
         let flying = seen.time_flying(windows);
@@ -198,7 +199,7 @@ impl Learner for Apg {
             rate,
             extra: vec![
                 ("saturated", seen.saturated),
-                ("restarts", self.descent.restarts as f64),
+                ("restarts", self.optimiser.restarts as f64),
                 ("gradients_dropped", seen.dropped as f64),
             ],
             phases: vec![("fly", flying), ("sweep", windows - flying), ("learn", begun.elapsed() - windows)],
@@ -218,18 +219,18 @@ impl Learner for Apg {
     }
 
     fn policy(&self) -> Result<Policy> {
-        self.descent.policy(&self.workers[0].window.shard.env)
+        self.optimiser.policy(&self.workers[0].window.shard.env)
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
-        self.descent.save(policy, out)?;
-        state::put_counters(out, [self.update, self.env_steps, self.descent.restarts])?;
+        self.optimiser.save(policy, out)?;
+        state::put_counters(out, [self.update, self.env_steps, self.optimiser.restarts])?;
         self.workers.iter().enumerate().try_for_each(|(k, w)| state::put_shard(out, k, &w.window.shard))
     }
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
         let [update, env_steps, restarts] = state::counters(from)?;
-        self.descent.load(policy, from, restarts)?;
+        self.optimiser.load(policy, from, restarts)?;
         for (k, worker) in self.workers.iter_mut().enumerate() {
             state::load_shard(from, k, &mut worker.window.shard)?;
         }
@@ -240,7 +241,7 @@ impl Learner for Apg {
 
 #[cfg(test)]
 mod tests {
-    use super::super::descent::MAX_RESTARTS;
+    use super::super::policy_optimiser::MAX_RESTARTS;
     use super::*;
     use crate::rl::nn::Activation;
 
@@ -248,15 +249,15 @@ mod tests {
     fn a_run_ends_though_every_unit_is_beyond_the_limit_of_saturation() {
         for (activation, saturation) in [(Activation::Relu, 0.25), (Activation::Tanh, 1e-9)] {
             let network = Layers { activation, ..Layers::default() };
-            let (n_env, shard, window, updates) = (8, 8, 4, 3);
-            let config = ApgConfig { n_env, shard, window, updates, saturation, network, ..ApgConfig::default() };
+            let (n_env, shard, horizon, updates) = (8, 8, 4, 3);
+            let config = ApgConfig { n_env, shard, horizon, updates, saturation, network, ..ApgConfig::default() };
             let mut apg = Apg::new("Hover", &EnvConfig::default(), config, 1, Threads::new(1).unwrap()).unwrap();
             for _ in 0..3 * (1 + MAX_RESTARTS) {
                 if apg.n_update() < apg.budget() {
                     apg.update().unwrap();
                 }
             }
-            assert_eq!(apg.n_update(), apg.budget(), "{activation:?} after {} restarts", apg.descent.restarts);
+            assert_eq!(apg.n_update(), apg.budget(), "{activation:?} after {} restarts", apg.optimiser.restarts);
         }
     }
     #[test]
@@ -264,7 +265,7 @@ mod tests {
         for objective in [Objective::Loss, Objective::Reward] {
             let text = "seed = 5\nstagger = true\ntask.horizon = 40\ntask.reset_distance = 0.15";
             let env = EnvConfig::from_toml(text, "test").unwrap();
-            let config = ApgConfig { n_env: 24, shard: 24, window: 12, objective, ..ApgConfig::default() };
+            let config = ApgConfig { n_env: 24, shard: 24, horizon: 12, objective, ..ApgConfig::default() };
             let mut apg = Apg::new("Track", &env, config, 1, Threads::new(1).unwrap()).unwrap();
             apg.update().unwrap();
             let (mut lost, mut late) = (0, 0);

@@ -6,7 +6,7 @@
 //! seed = 3
 //! [apg]
 //! updates = 300
-//! rate = { kind = "cosine", from = 0.005, to = 1e-4 }
+//! learning_rate = { kind = "cosine", from = 0.005, to = 1e-4 }
 //! network = { hidden = [32, 32] }
 //! [env]
 //! control = "rate"
@@ -17,7 +17,7 @@
 //! A file says what differs: from the task's [recipe](super::recipes), which itself says what differs from the defaults.
 
 use super::apg::{Apg, ApgConfig};
-use super::differences::{Difference, differences};
+use super::config_diff::{ConfigDifference, config_diff};
 use super::learner::Learner;
 use super::policy::Actor;
 use super::ppo::{Ppo, PpoConfig};
@@ -360,13 +360,13 @@ impl TrainConfig {
     ///
     /// # Errors
     /// As [`TrainConfig::to_toml`].
-    pub fn differences(&self, now: &Self) -> Result<Vec<Difference>> {
+    pub fn differences(&self, now: &Self) -> Result<Vec<ConfigDifference>> {
         let bare = |config: &Self| -> Result<Table> {
             let Self { log_every, evaluate, checkpoint, .. } = Self::default();
             Self { log_every, evaluate, checkpoint, ..config.clone() }.with_updates(0).table()
         };
         let named = !self.task.is_empty() && !now.task.is_empty();
-        let mut differences = differences(&bare(self)?, &bare(now)?);
+        let mut differences = config_diff(&bare(self)?, &bare(now)?);
         let counts = |key: &str| match Algorithm::ALL.into_iter().find(|a| of_algorithm(key, *a)) {
             Some(algorithm) => algorithm == self.algorithm && algorithm == now.algorithm,
             None => key != "task" || named,
@@ -462,7 +462,7 @@ mod tests {
         let text = "seed = 3\napg = { window = 30, network.hidden = [8], rate = 0.001 }\n\
                     env = { dt = 0.01, task.horizon = 9 }";
         let (config, usual) = (hover(text).unwrap(), hover("").unwrap());
-        assert_eq!((config.seed, config.apg.window, config.apg.rate), (3, 30, 0.001.into()));
+        assert_eq!((config.seed, config.apg.horizon, config.apg.learning_rate), (3, 30, 0.001.into()));
         assert_eq!(config.apg.n_env, usual.apg.n_env);
         assert_eq!(config.apg.network.activation, usual.apg.network.activation);
         assert_eq!((config.env.dt, config.env.stagger, config.env.substeps), (0.01, true, usual.env.substeps));
@@ -471,10 +471,13 @@ mod tests {
 
     #[test]
     fn one_number_of_a_recipes_schedule_can_be_given() {
-        let (usual, own) = (hover("").unwrap(), hover("apg.rate.from = 0.005").unwrap());
-        assert_eq!((usual.apg.rate, own.apg.rate), (Schedule::cosine(0.01, 1e-4), Schedule::cosine(0.005, 1e-4)));
+        let (usual, own) = (hover("").unwrap(), hover("apg.learning_rate.from = 0.005").unwrap());
+        assert_eq!(
+            (usual.apg.learning_rate, own.apg.learning_rate),
+            (Schedule::cosine(0.01, 1e-4), Schedule::cosine(0.005, 1e-4))
+        );
         let error = hover("log_every = 3\napg.rate.fron = 0.005").unwrap_err().to_string();
-        assert!(error.starts_with("my.toml: apg.rate") && error.contains("Did you mean `from`?"), "{error}");
+        assert!(error.starts_with("my.toml: apg.learning_rate") && error.contains("Did you mean `from`?"), "{error}");
     }
 
     #[test]
@@ -568,7 +571,7 @@ mod tests {
         let keys = |now: &TrainConfig| -> Vec<String> {
             one.differences(now).unwrap().into_iter().map(|difference| difference.key).collect()
         };
-        assert_eq!(keys(&other), ["apg.clip", "env.task.vehicle", "seed"]);
+        assert_eq!(keys(&other), ["apg.max_grad_norm", "env.task.vehicle", "seed"]);
         let ppo = TrainConfig { algorithm: Algorithm::Ppo, ..one.clone() };
         assert_eq!(keys(&ppo), ["algorithm"]);
     }
@@ -610,7 +613,7 @@ mod tests {
             "[apg]\nn_env = 1000000000000",
             "[apg]\nn_env = -3",
             "[apg]\nn_env = 0",
-            "[apg]\nwindow = 1000000000000",
+            "[apg]\nhorizon = 1000000000000",
             "[apg]\nshard = 0",
             "[apg]\nrate = nan",
             "[apg]\nclip = -1.0",

@@ -91,10 +91,10 @@ impl Critic {
     }
 
     /// ∂/∂x of Σ up · V(x), rows of `[rows, n_in]`; `rows` at most `memory` was made for.
-    pub fn pull(&self, x: &[f32], up: &[f32], memory: &mut Memory, waste: &mut [f32], down: &mut [f32]) {
+    pub fn pull(&self, x: &[f32], grad_output: &[f32], memory: &mut Memory, waste: &mut [f32], grad_input: &mut [f32]) {
         let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
-        self.mlp.forward(&self.parameters, x, up.len(), memory);
-        self.mlp.backward(net, x, up.len(), memory, up, Pass { gradient: waste, down });
+        self.mlp.forward(&self.parameters, x, grad_output.len(), memory);
+        self.mlp.backward(net, x, grad_output.len(), memory, grad_output, Pass { gradient: waste, grad_input });
     }
 
     /// One step down the mean of ½(V − target)² over the rows `chosen`; gives that mean from before. With `huber`, errors
@@ -105,11 +105,11 @@ impl Critic {
         }
         let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
         let share = 1.0 / chosen.len() as f32;
-        let loss = |row: usize, v: &[f32], up: &mut [f32], _: &mut [f32], sums: &mut Sums| {
+        let loss = |row: usize, v: &[f32], grad_output: &mut [f32], _: &mut [f32], sums: &mut Sums| {
             let error = v[0] - target[row];
             if error.is_finite() {
                 let bounded = error.clamp(-step.huber, step.huber);
-                up[0] = share * bounded;
+                grad_output[0] = share * bounded;
                 sums[0] += f64::from(bounded * (error - 0.5 * bounded));
             }
         };

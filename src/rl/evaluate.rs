@@ -19,7 +19,7 @@ pub struct Starts {
 ///
 /// # Errors
 /// As [`Policy::fits`] and [`Env::make`].
-pub fn exam(policy: &Policy, task: &str, env: &EnvConfig, starts: Starts, threads: &Threads) -> Result<Env> {
+pub fn eval_env(policy: &Policy, task: &str, env: &EnvConfig, starts: Starts, threads: &Threads) -> Result<Env> {
     let config = EnvConfig {
         n_env: starts.n_env,
         seed: starts.seed,
@@ -40,7 +40,7 @@ pub fn exam(policy: &Policy, task: &str, env: &EnvConfig, starts: Starts, thread
 /// Flies one episode of every environment; `watch` sees every step.
 ///
 /// # Errors
-/// As [`exam`] and [`tasks::evaluate()`].
+/// As [`eval_env`] and [`tasks::evaluate()`].
 pub fn evaluate(
     policy: &mut Policy,
     task: &str,
@@ -49,7 +49,7 @@ pub fn evaluate(
     threads: &Threads,
     watch: &mut dyn FnMut(&Watched<'_>),
 ) -> Result<Evaluation> {
-    let mut env = exam(policy, task, env, starts, threads)?;
+    let mut env = eval_env(policy, task, env, starts, threads)?;
     policy.set_threads(threads.clone());
     tasks::evaluate(&mut env, &mut |_, out, actions| policy.act(&out.observation, actions), watch)
 }
@@ -92,7 +92,7 @@ mod tests {
     #[test]
     fn other_environments_are_refused() {
         let other = EnvConfig { dt: 0.01, ..short() };
-        let refused = exam(&policy(&short(), None), "Hover", &other, STARTS, &Threads::default());
+        let refused = eval_env(&policy(&short(), None), "Hover", &other, STARTS, &Threads::default());
         assert!(refused.err().unwrap().to_string().starts_with("hash of the environment is"));
     }
 
@@ -114,7 +114,7 @@ mod tests {
         let n = policy(&env, None).actor().mlp.n_input();
         let known = Statistics { count: 10.0, mean: vec![0.5; n], variance: vec![4.0; n] };
         let mut own = policy(&env, Some(known.clone()));
-        let mut stage = exam(&own, "Hover", &env, STARTS, &Threads::default()).unwrap();
+        let mut stage = eval_env(&own, "Hover", &env, STARTS, &Threads::default()).unwrap();
         let act = &mut |_: &Env, out: &tasks::Buffers, actions: &mut [f32]| own.act(&out.observation, actions);
         let with = tasks::evaluate(&mut stage, act, &mut |_| {}).unwrap();
         assert_eq!(stage.statistics(), &known);

@@ -30,7 +30,7 @@ pub(crate) struct Minibatch {
 struct Part {
     memory: Memory,
     x: Vec<f32>,
-    up: Vec<f32>,
+    grad_output: Vec<f32>,
     gradient: Vec<f32>,
     sums: Sums,
 }
@@ -47,7 +47,7 @@ impl Minibatch {
         let part = || Part {
             memory: mlp.memory(ROWS),
             x: vec![0.0; ROWS * mlp.n_input()],
-            up: vec![0.0; ROWS * mlp.n_output()],
+            grad_output: vec![0.0; ROWS * mlp.n_output()],
             gradient: vec![0.0; n],
             sums: Sums::default(),
         };
@@ -97,11 +97,11 @@ impl Part {
         }
         let (own, extra) = self.gradient.split_at_mut(mlp.n_parameter());
         let output = mlp.forward(net.parameters, &self.x, n, &mut self.memory);
-        for (k, (up, row)) in self.up.chunks_exact_mut(n_out).zip(rows).enumerate() {
-            up.fill(0.0);
-            loss(*row as usize, output.row(k), up, extra, &mut self.sums);
+        for (k, (grad_output, row)) in self.grad_output.chunks_exact_mut(n_out).zip(rows).enumerate() {
+            grad_output.fill(0.0);
+            loss(*row as usize, output.row(k), grad_output, extra, &mut self.sums);
         }
-        mlp.backward(net, &self.x, n, &mut self.memory, &self.up, Pass { gradient: own, down: &mut [] });
+        mlp.backward(net, &self.x, n, &mut self.memory, &self.grad_output, Pass { gradient: own, grad_input: &mut [] });
     }
 }
 

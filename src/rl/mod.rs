@@ -10,7 +10,7 @@
 //! | [`shac`] | the same over shorter windows, with a critic behind them |
 //! | [`ppo`] | proximal policy optimisation, for all tasks, teams and discrete actions |
 //! | [`config`], [`recipes`] | what a run is made of, and what proved good for each task |
-//! | [`differences`] | in which settings two runs differ |
+//! | [`config_diff`] | in which settings two runs differ |
 //! | [`trainer`] | the loop: update, log, evaluate, save, resume |
 //! | [`evaluate`](mod@evaluate) | a policy on fixed starts that no training saw |
 //! | [`policy`] | what was learnt |
@@ -55,9 +55,8 @@
 pub mod apg;
 pub mod checkpoint;
 pub mod config;
+pub mod config_diff;
 pub(crate) mod critic;
-pub(crate) mod descent;
-pub mod differences;
 pub mod evaluate;
 pub mod gae;
 pub mod learner;
@@ -66,11 +65,12 @@ pub(crate) mod minibatch;
 pub mod nn;
 pub mod policy;
 pub mod policy_controller;
+pub mod policy_io;
+pub(crate) mod policy_optimiser;
 pub mod ppo;
 pub mod recipes;
 pub mod replay;
 pub(crate) mod rollout;
-pub mod saved;
 pub mod schedule;
 pub mod shac;
 pub mod shards;
@@ -80,9 +80,9 @@ pub mod value_norm;
 pub(crate) mod window;
 
 pub use config::{Algorithm, TrainConfig};
-pub use evaluate::{Starts, evaluate, exam};
+pub use evaluate::{Starts, eval_env, evaluate};
 pub use learner::{Learner, Update};
 pub use policy::Policy;
 pub use policy_controller::PolicyController;
-pub use saved::load_policy;
+pub use policy_io::load_policy;
 pub use trainer::Trainer;

@@ -3,9 +3,9 @@
 //! The policy sees what its task would show of the plant, moved so that the reference now stands at the task's goal. It
 //! knows no more of the reference than that point, and ticks at the rate of its task. Yaw is the task's.
 
-use super::evaluate::{Starts, exam};
+use super::evaluate::{Starts, eval_env};
 use super::policy::Policy;
-use super::saved::Saved;
+use super::policy_io::SavedPolicy;
 use crate::controllers::cascade::Level;
 use crate::controllers::{Controller, Measurement, Reference, Target};
 use crate::dynamics::Plant;
@@ -31,7 +31,7 @@ impl PolicyController {
     ///
     /// # Errors
     /// As [`PolicyController::of`].
-    pub fn new(saved: Saved, plant: &Plant) -> Result<Self> {
+    pub fn new(saved: SavedPolicy, plant: &Plant) -> Result<Self> {
         Self::of(saved.policy, &saved.manifest.task, &saved.config.seen_env(), plant)
     }
 
@@ -43,12 +43,12 @@ impl PolicyController {
     pub fn of(mut policy: Policy, task: &str, env: &EnvConfig, plant: &Plant) -> Result<Self> {
         let threads = Threads::new(1)?;
         policy.set_threads(threads.clone());
-        let mut env = exam(&policy, task, env, Starts { n_env: 1, seed: 0 }, &threads)?;
+        let mut env = eval_env(&policy, task, env, Starts { n_env: 1, seed: 0 }, &threads)?;
         let mut out = Buffers::new(env.spec());
         env.reset(None, None, &mut out.out())?;
         fits(&env, plant)?;
         let goal = goal(&env)?;
-        let drone = env.rig().drone();
+        let drone = env.robot().drone();
         let places = drone.rotors.iter().map(|r| r.action).chain(drone.drives.iter().map(|d| d.command)).collect();
         let actions = vec![0.0; env.spec().action.len()];
         Ok(Self { name: format!("policy of {task}"), policy, env, out, actions, places, goal })
@@ -57,7 +57,7 @@ impl PolicyController {
     /// Shows the moved state and acts; `None` for a state that is not finite.
     fn act(&mut self, state: &[f64], wanted: [f64; 3]) -> Option<()> {
         let mut seen: Vec<f32> = state.iter().map(|x| *x as f32).collect();
-        for root in self.env.rig().roots() {
+        for root in self.env.robot().roots() {
             for k in 0..3 {
                 seen[root + k] = (state[root + k] - wanted[k] + self.goal[k]) as f32;
             }
@@ -93,7 +93,7 @@ impl Controller for PolicyController {
 
 /// Refuses what cannot fly the plant.
 fn fits(env: &Env, plant: &Plant) -> Result<()> {
-    let (spec, own) = (env.spec(), env.rig().plant());
+    let (spec, own) = (env.spec(), env.robot().plant());
     let refuse = |what: &str, value: String, rule: &str, remedy: &str| {
         Err(Error::value(format!("policy of {}: {what}", spec.task), value, rule, remedy))
     };
@@ -102,7 +102,7 @@ fn fits(env: &Env, plant: &Plant) -> Result<()> {
         let rule = format!("one with the states of '{}'", own.name());
         return refuse("plant", format!("'{}'", plant.name()), &rule, "Fly what the policy was trained on.");
     }
-    if spec.n_agent != 1 || env.rig().roots().len() != 1 {
+    if spec.n_agent != 1 || env.robot().roots().len() != 1 {
         return refuse("agents", spec.n_agent.to_string(), "one, of one drone", "Fly it with 'eval'.");
     }
     if spec.config.control != Level::Rotor || spec.config.actions != EnvConfig::default().actions {

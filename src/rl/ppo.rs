@@ -82,7 +82,7 @@ struct Loss<'a> {
     head: Head,
     extra: &'a [f32],
     rollout: &'a Rollout,
-    clip: f64,
+    clip_epsilon: f64,
     entropy: f64,
     /// 1/rows of the minibatch.
     share: f64,
@@ -90,7 +90,7 @@ struct Loss<'a> {
 
 impl Loss<'_> {
     /// For [`Minibatch::gradient`].
-    fn row(&self, row: usize, output: &[f32], up: &mut [f32], d_extra: &mut [f32], sums: &mut Sums) {
+    fn row(&self, row: usize, output: &[f32], grad_output: &mut [f32], d_extra: &mut [f32], sums: &mut Sums) {
         let (n, extra) = (self.rollout.shape.n_action, self.extra);
         let action = &self.rollout.action[row * n..][..n];
         let advantage = f64::from(self.rollout.advantage[self.rollout.shape.judged(row)]);
@@ -98,13 +98,13 @@ impl Loss<'_> {
         let log_ratio = (self.head.log_prob(output, extra, action) - self.rollout.log_prob[row]).clamp(-30.0, 30.0);
         let log_ratio = f64::from(log_ratio);
         let ratio = log_ratio.exp();
-        let within = (1.0 - self.clip..=1.0 + self.clip).contains(&ratio);
+        let within = (1.0 - self.clip_epsilon..=1.0 + self.clip_epsilon).contains(&ratio);
         // the clipped product is the smaller one where ρ has gone too far the way that A pulls
         let passes = within || (ratio > 1.0) != (advantage > 0.0);
-        let surrogate = ratio.clamp(1.0 - self.clip, 1.0 + self.clip) * advantage;
-        let up_log_prob = if passes { -self.share * ratio * advantage } else { 0.0 };
-        let up_entropy = -self.share * self.entropy;
-        self.head.gradient(output, extra, action, up_log_prob as f32, up_entropy as f32, up, d_extra);
+        let surrogate = ratio.clamp(1.0 - self.clip_epsilon, 1.0 + self.clip_epsilon) * advantage;
+        let grad_log_prob = if passes { -self.share * ratio * advantage } else { 0.0 };
+        let grad_entropy = -self.share * self.entropy;
+        self.head.gradient(output, extra, action, grad_log_prob as f32, grad_entropy as f32, grad_output, d_extra);
         sums[sum::SURROGATE] -= if passes { ratio * advantage } else { surrogate };
         sums[sum::ENTROPY] += f64::from(self.head.entropy(output, extra));
         sums[sum::KL] += ratio - 1.0 - log_ratio;
@@ -217,8 +217,8 @@ impl Ppo {
     fn learn(&mut self) -> Learnt {
         let progress = self.update as f64 / self.config.updates.max(1) as f64;
         let fit = Fit {
-            rate: self.config.critic_rate.at(progress),
-            clip: self.config.gradient_clip,
+            rate: self.config.critic_learning_rate.at(progress),
+            clip: self.config.max_grad_norm,
             huber: self.config.huber as f32,
         };
         let mut learnt = Learnt::default();
@@ -258,16 +258,18 @@ impl Ppo {
             head: self.actor.head,
             extra,
             rollout: &self.rollout,
-            clip: self.config.clip,
+            clip_epsilon: self.config.clip_epsilon,
             entropy: self.config.entropy.at(progress),
             share: 1.0 / chosen.len() as f64,
         };
         let net = Weights { parameters: network, transposed: &self.transposed };
         let x = &self.rollout.observation;
-        let row = |row: usize, y: &[f32], up: &mut [f32], d: &mut [f32], sums: &mut Sums| loss.row(row, y, up, d, sums);
+        let row = |row: usize, y: &[f32], grad_output: &mut [f32], d: &mut [f32], sums: &mut Sums| {
+            loss.row(row, y, grad_output, d, sums)
+        };
         let sums = self.batch.gradient(&self.threads, &self.actor.mlp, net, x, chosen, &row);
         let rate = self.rate(progress, sums[sum::KL] / sums[sum::COUNT]);
-        learnt.gradient_norm += clip_norm(&mut self.batch.gradient, self.config.gradient_clip);
+        learnt.gradient_norm += clip_norm(&mut self.batch.gradient, self.config.max_grad_norm);
         learnt.sums.iter_mut().zip(sums).for_each(|(all, own)| *all += own);
         learnt.rate = rate;
         learnt.actor_steps += 1.0;
@@ -279,7 +281,7 @@ impl Ppo {
 
     /// Learning rate of the actor's next step, behind a divergence of `kl`.
     fn rate(&mut self, progress: f64, kl: f64) -> f64 {
-        let base = self.config.rate.at(progress);
+        let base = self.config.learning_rate.at(progress);
         let Some(target) = self.config.target_kl else {
             return base;
         };

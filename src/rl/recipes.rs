@@ -10,11 +10,11 @@ use super::config::Algorithm;
 macro_rules! wide {
     ($updates:literal, $rate:literal) => {
         concat!(
-            "[shac]\nn_env = 64\nshard = 32\nwindow = 32\ncritic_passes = 1\ncarry_clip = 30\n",
+            "[shac]\nn_env = 64\nshard = 32\nhorizon = 32\ncritic_epochs = 1\nadjoint_clip = 30\n",
             "network.hidden = [128, 128]\ncritic.hidden = [128, 128]\n",
             "updates = ",
             $updates,
-            "\nrate = { kind = 'cosine', from = ",
+            "\nlearning_rate = { kind = 'cosine', from = ",
             $rate,
             ", to = 1e-4 }"
         )
@@ -25,19 +25,19 @@ macro_rules! wide {
 pub static RECIPES: &[(&str, Algorithm, &str)] = &[
     ("Hover", Algorithm::Apg, ""),
     ("Hover", Algorithm::Ppo, ""),
-    ("Track", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nwindow = 64\nupdates = 800"),
+    ("Track", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nhorizon = 64\nupdates = 800"),
     ("Track", Algorithm::Ppo, "[ppo]\nupdates = 150"),
     ("HoverRand", Algorithm::Apg, HOVER_RAND),
     ("TrackRand", Algorithm::Apg, TRACK_RAND),
     ("FlyThrough", Algorithm::Ppo, ""),
-    ("FlyThrough", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nwindow = 64\nupdates = 1000"),
+    ("FlyThrough", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nhorizon = 64\nupdates = 1000"),
     ("PayloadHover", Algorithm::Shac, PAYLOAD_HOVER),
-    ("PayloadTrack", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nwindow = 96\nupdates = 1500\ncarry_clip = 30"),
+    ("PayloadTrack", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nhorizon = 96\nupdates = 1500\nadjoint_clip = 30"),
     ("PayloadFlyThrough", Algorithm::Ppo, ""),
     (
         "InvPendulumHover",
         Algorithm::Apg,
-        "[apg]\nn_env = 128\nshard = 64\nwindow = 96\nupdates = 2000\ncarry_clip = 30",
+        "[apg]\nn_env = 128\nshard = 64\nhorizon = 96\nupdates = 2000\nadjoint_clip = 30",
     ),
     ("InvPendulumTrack", Algorithm::Ppo, "[ppo]\nupdates = 110"),
     ("InvPendulumFlyThrough", Algorithm::Ppo, "[ppo]\nupdates = 110"),
@@ -61,31 +61,31 @@ const HOVER_RAND: &str = "\
 [apg]
 n_env = 128
 shard = 64
-window = 64
+horizon = 64
 updates = 3000
-clip = 0.05
-carry_clip = 30
-rate = { kind = 'cosine', from = 0.005, to = 1e-4 }";
+max_grad_norm = 0.05
+adjoint_clip = 30
+learning_rate = { kind = 'cosine', from = 0.005, to = 1e-4 }";
 
 const TRACK_RAND: &str = "\
 [apg]
 n_env = 128
 shard = 64
-window = 64
+horizon = 64
 updates = 2000
-clip = 0.05
-carry_clip = 30
-rate = { kind = 'cosine', from = 0.004, to = 1e-4 }
+max_grad_norm = 0.05
+adjoint_clip = 30
+learning_rate = { kind = 'cosine', from = 0.004, to = 1e-4 }
 network.hidden = [128, 128]";
 
 /// The ball is pushed at random: beyond three quarters of a second a critic knows more than a gradient.
 const PAYLOAD_HOVER: &str = "\
 [shac]
-window = 40
+horizon = 40
 updates = 2000
 discount = 0.98
-carry_clip = 30
-rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
+adjoint_clip = 30
+learning_rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
 network.hidden = [128, 128]
 critic.hidden = [128, 128]";
 
@@ -94,23 +94,23 @@ const OMAV_HOVER: &str = "\
 [apg]
 n_env = 128
 shard = 64
-window = 48
+horizon = 48
 updates = 1500
-clip = 0.05
-carry_clip = 30
+max_grad_norm = 0.05
+adjoint_clip = 30
 lasting = false
-rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
+learning_rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
 
 const OMAV_TRACK: &str = "\
 [apg]
 n_env = 128
 shard = 64
-window = 48
+horizon = 48
 updates = 1500
-clip = 0.02
-carry_clip = 30
+max_grad_norm = 0.02
+adjoint_clip = 30
 lasting = false
-rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
+learning_rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
 
 /// Layers of 64 units reach half the success of these.
 const DRAGON_HOVER: &str = wide!(2000, 0.002);
@@ -122,11 +122,11 @@ const OVER_TRACK: &str = wide!(1200, 0.003);
 
 const TRANSPORT_HOVER: &str = "\
 [shac]
-window = 32
+horizon = 32
 updates = 1500
-critic_passes = 1
-carry_clip = 30
-rate = { kind = 'cosine', from = 0.004, to = 1e-4 }";
+critic_epochs = 1
+adjoint_clip = 30
+learning_rate = { kind = 'cosine', from = 0.004, to = 1e-4 }";
 
 const TRANSPORT_TRACK: &str = wide!(1600, 0.004);
 

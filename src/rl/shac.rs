@@ -16,12 +16,12 @@
 
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
-use super::descent::{Descent, check_descent};
 use super::gae::{Steps, advantages};
 use super::learner::{Learner, Update};
 use super::minibatch::part;
 use super::nn::{Activation, AdamConfig, Layers, Memory};
 use super::policy::{Actor, Policy};
+use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
 use super::schedule::Schedule;
 use super::shards::{Make, normalise, shards};
 use super::state;
@@ -42,7 +42,7 @@ pub struct ShacConfig {
     /// Environments of a shard: one thread steps it for a whole window.
     pub shard: usize,
     /// H, steps.
-    pub window: usize,
+    pub horizon: usize,
     /// Updates of a run.
     pub updates: u64,
     /// γ.
@@ -52,24 +52,24 @@ pub struct ShacConfig {
     /// Share of the run over which w rises from 0 to 1.
     pub ramp: f64,
     /// Learning rate of the actor over the run.
-    pub rate: Schedule,
+    pub learning_rate: Schedule,
     /// Learning rate of the critic over the run.
-    pub critic_rate: Schedule,
+    pub critic_learning_rate: Schedule,
     /// Largest norm of the actor's gradient.
-    pub clip: f64,
+    pub max_grad_norm: f64,
     /// Largest norm of the critic's gradient.
-    pub critic_clip: f64,
+    pub critic_max_grad_norm: f64,
     /// Passes of the critic over a window's experience.
-    pub critic_passes: usize,
+    pub critic_epochs: usize,
     /// Minibatches of a pass.
     pub minibatches: usize,
     /// Share of the critic's old copy that stays in an update: 0.2 replaces four fifths of it.
-    pub target_keep: f32,
+    pub polyak: f32,
     /// Factor per step on the gradient that is carried back; 1 is exact.
     pub decay: f32,
     /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
     /// would drown all others. Infinite for none.
-    pub carry_clip: f32,
+    pub adjoint_clip: f32,
     /// What is minimised.
     pub objective: Objective,
     /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
@@ -87,20 +87,20 @@ impl Default for ShacConfig {
         Self {
             n_env: 128,
             shard: 64,
-            window: 32,
+            horizon: 32,
             updates: 750,
             discount: 0.97,
             lambda: 0.95,
             ramp: 0.5,
-            rate: Schedule::cosine(0.01, 1e-4),
-            critic_rate: Schedule::cosine(0.002, 1e-4),
-            clip: 0.2,
-            critic_clip: 1.0,
-            critic_passes: 2,
+            learning_rate: Schedule::cosine(0.01, 1e-4),
+            critic_learning_rate: Schedule::cosine(0.002, 1e-4),
+            max_grad_norm: 0.2,
+            critic_max_grad_norm: 1.0,
+            critic_epochs: 2,
             minibatches: 4,
-            target_keep: 0.2,
+            polyak: 0.2,
             decay: 1.0,
-            carry_clip: f32::INFINITY,
+            adjoint_clip: f32::INFINITY,
             objective: Objective::Loss,
             saturation: 0.25,
             adam: AdamConfig { beta2: 0.99, ..AdamConfig::default() },
@@ -119,8 +119,8 @@ impl ShacConfig {
         for (what, n, most) in [
             ("n_env", self.n_env, 1 << 24),
             ("shard", self.shard, 1 << 24),
-            ("window", self.window, 1 << 16),
-            ("critic_passes", self.critic_passes, 1 << 10),
+            ("horizon", self.horizon, 1 << 16),
+            ("critic_epochs", self.critic_epochs, 1 << 10),
             ("minibatches", self.minibatches, 1 << 10),
         ] {
             if n == 0 || n > most {
@@ -128,11 +128,16 @@ impl ShacConfig {
                 return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
             }
         }
-        check_descent(self.clip, self.decay, self.carry_clip, self.saturation)?;
-        if !(self.critic_clip.is_finite() && self.critic_clip > 0.0) {
-            return Err(Error::value("critic_clip", self.critic_clip, "finite and > 0", "1 is usual."));
+        check_optimiser(self.max_grad_norm, self.decay, self.adjoint_clip, self.saturation)?;
+        if !(self.critic_max_grad_norm.is_finite() && self.critic_max_grad_norm > 0.0) {
+            return Err(Error::value(
+                "critic_max_grad_norm",
+                self.critic_max_grad_norm,
+                "finite and > 0",
+                "1 is usual.",
+            ));
         }
-        let shares = [("lambda", self.lambda), ("ramp", self.ramp), ("target_keep", self.target_keep.into())];
+        let shares = [("lambda", self.lambda), ("ramp", self.ramp), ("polyak", self.polyak.into())];
         for (what, x) in shares {
             if !(0.0..=1.0).contains(&x) {
                 return Err(Error::value(what, x, "within [0, 1]", "0.95, 0.5 and 0.2 are usual."));
@@ -141,8 +146,8 @@ impl ShacConfig {
         if !(0.0..1.0).contains(&self.discount) {
             return Err(Error::value("discount", self.discount, "within [0, 1)", "0.97 looks half a second ahead."));
         }
-        self.rate.validate("rate")?;
-        self.critic_rate.validate("critic_rate")?;
+        self.learning_rate.validate("learning_rate")?;
+        self.critic_learning_rate.validate("critic_learning_rate")?;
         self.adam.validate()?;
         self.network.validate()?;
         self.critic.validate()
@@ -152,7 +157,7 @@ impl ShacConfig {
 /// Short-horizon actor-critic, in the middle of a run.
 pub struct Shac {
     config: ShacConfig,
-    descent: Descent,
+    optimiser: PolicyOptimiser,
     spec: Spec,
     critic: Critic,
     /// The critic's slow copy.
@@ -172,7 +177,7 @@ struct Worker {
     discount: Vec<f32>,
     memory: Memory,
     waste: Vec<f32>,
-    up: Vec<f32>,
+    grad_output: Vec<f32>,
     d_last: Vec<f32>,
     failed: Option<Error>,
 }
@@ -212,17 +217,17 @@ impl Shac {
         let spec = shards[0].env.spec().clone();
         let actor = Actor::new(&spec, &config.network, true)?;
         // the weight of a step: the mean over all environments and steps of the window
-        let share = 1.0 / (config.n_env * config.window) as f32;
-        let options = SweepOptions { decay: config.decay, clip: config.carry_clip * share };
-        let windows = windows(shards, &actor, config.window, config.objective, options)?;
-        let descent = Descent::new(actor, config.adam, seed);
-        let n_row = config.n_env * spec.n_agent * config.window;
+        let loss_scale = 1.0 / (config.n_env * config.horizon) as f32;
+        let options = SweepOptions { decay: config.decay, clip: config.adjoint_clip * loss_scale };
+        let windows = windows(shards, &actor, config.horizon, config.objective, options)?;
+        let optimiser = PolicyOptimiser::new(actor, config.adam, seed);
+        let n_row = config.n_env * spec.n_agent * config.horizon;
         let rows = (n_row.div_ceil(config.minibatches), env.memory_limit);
-        let critic = Critic::new(spec.n_observation, &config.critic, config.adam, rows, &mut descent.stream(1))?;
+        let critic = Critic::new(spec.n_observation, &config.critic, config.adam, rows, &mut optimiser.stream(1))?;
         let workers = windows.into_iter().map(|window| Worker::new(window, &critic)).collect();
         let (target, experience) = (critic.parameters.clone(), Experience::default());
         let (update, env_steps) = (0, 0);
-        Ok(Self { config, descent, spec, critic, target, workers, experience, threads, seed, update, env_steps })
+        Ok(Self { config, optimiser, spec, critic, target, workers, experience, threads, seed, update, env_steps })
     }
 
     /// What the critic expects each row of `[rows, observation]` to cost from there on, Σ γ^t c.
@@ -236,11 +241,11 @@ impl Shac {
     /// TD(λ) targets over all windows, then minibatches.
     fn fit_critic(&mut self, progress: f64) -> f64 {
         let (config, e) = (&self.config, &mut self.experience);
-        let share = (1.0 - config.discount) as f32;
+        let loss_scale = (1.0 - config.discount) as f32;
         e.clear();
         let mut from = 0;
         for Worker { window, .. } in &self.workers {
-            e.take(window, share, config.objective == Objective::Loss);
+            e.take(window, loss_scale, config.objective == Objective::Loss);
             // the slow copy judges what follows
             std::mem::swap(&mut self.critic.parameters, &mut self.target);
             let rows = e.cost.len();
@@ -266,10 +271,14 @@ impl Shac {
             let _ = advantages(&steps, config.discount, config.lambda, advantage, target);
             from = rows;
         }
-        let fit = Fit { rate: config.critic_rate.at(progress), clip: config.critic_clip, huber: f32::INFINITY };
+        let fit = Fit {
+            rate: config.critic_learning_rate.at(progress),
+            clip: config.critic_max_grad_norm,
+            huber: f32::INFINITY,
+        };
         let (mut loss, mut count) = (0.0, 0.0);
-        for pass in 0..config.critic_passes as u64 {
-            let number = 2 + pass + (self.descent.restarts << 32);
+        for pass in 0..config.critic_epochs as u64 {
+            let number = 2 + pass + (self.optimiser.restarts << 32);
             let mut stream = Stream::new(self.seed, self.update, number, Purpose::LEARNING);
             shuffle(&mut e.order, e.target.len(), &mut stream);
             for k in 0..config.minibatches {
@@ -278,7 +287,7 @@ impl Shac {
                 count += if chosen.is_empty() { 0.0 } else { 1.0 };
             }
         }
-        let keep = config.target_keep;
+        let keep = config.polyak;
         let own = self.critic.parameters.iter();
         self.target.iter_mut().zip(own).for_each(|(slow, new)| *slow = keep * *slow + (1.0 - keep) * new);
         loss / count
@@ -294,7 +303,7 @@ impl Experience {
 
     /// One shard's window: [H, E, A] rows. Costs are scaled to those of (1 − γ)V; the last cost of an episode that the task
     /// ended counts for ever.
-    fn take(&mut self, window: &Window, share: f32, lasting: bool) {
+    fn take(&mut self, window: &Window, loss_scale: f32, lasting: bool) {
         let (n_env, rows) = (window.shard.env.spec().n_env, window.rows());
         let (n_agent, n) = (rows / n_env, window.steps[0].observation.len() / rows);
         for (t, step) in window.steps.iter().enumerate() {
@@ -308,12 +317,12 @@ impl Experience {
                 if ended {
                     self.next[from..][own.clone()].copy_from_slice(&step.final_observation[own]);
                 }
-                let scale = if lasting && step.terminated[i] == 1 { 1.0 } else { share };
+                let scale = if lasting && step.terminated[i] == 1 { 1.0 } else { loss_scale };
                 self.cost.extend(std::iter::repeat_n(scale * step.cost[i], n_agent));
             }
             // what flew blind tells nothing: a target that is not finite is left out
             let first = self.cost.len() - rows;
-            step.blind.iter().for_each(|row| self.cost[first + row] = f32::NAN);
+            step.masked.iter().for_each(|row| self.cost[first + row] = f32::NAN);
             self.terminated.extend(&step.terminated);
             self.truncated.extend(&step.truncated);
         }
@@ -328,7 +337,7 @@ impl Worker {
             discount: vec![1.0; n_env],
             memory: critic.mlp.memory(window.rows()),
             waste: vec![0.0; critic.parameters.len()],
-            up: vec![0.0; window.rows()],
+            grad_output: vec![0.0; window.rows()],
             d_last: vec![0.0; n_seen],
             failed: None,
             window,
@@ -336,31 +345,31 @@ impl Worker {
     }
 
     /// Flies a window, weighs its steps and ends, and sweeps back over it.
-    fn learn(&mut self, descent: &Descent, critic: &Critic, how: Weighing) -> Result<()> {
-        let (actor, net) = (&descent.actor, descent.net());
+    fn learn(&mut self, optimiser: &PolicyOptimiser, critic: &Critic, how: Weighing) -> Result<()> {
+        let (actor, net) = (&optimiser.actor, optimiser.net());
         self.window.fly(actor, net)?;
         self.weigh(critic, how);
         self.window.sweep(actor, net, &self.d_last).map(|_| ())
     }
 
     fn weigh(&mut self, critic: &Critic, how: Weighing) {
-        let Self { window, discount, memory, waste, up, d_last, .. } = self;
+        let Self { window, discount, memory, waste, grad_output, d_last, .. } = self;
         let n_env = discount.len();
-        let n_agent = up.len() / n_env;
+        let n_agent = grad_output.len() / n_env;
         let beyond = 1.0 / (1.0 - how.discount);
-        discount.fill(how.share);
+        discount.fill(how.loss_scale);
         let n_step = window.steps.len();
         for (t, step) in window.steps.iter_mut().enumerate() {
             step.d_final.clear();
             let timed_out = |i: usize| step.truncated[i] == 1 && step.terminated[i] == 0;
             if how.critic > 0.0 && (0..n_env).any(timed_out) {
-                for (k, up) in up.iter_mut().enumerate() {
+                for (k, grad_output) in grad_output.iter_mut().enumerate() {
                     let i = k / n_agent;
                     let own = discount[i] * how.discount * how.critic * beyond / n_agent as f32;
-                    *up = if timed_out(i) { own } else { 0.0 };
+                    *grad_output = if timed_out(i) { own } else { 0.0 };
                 }
                 step.d_final.resize(step.observation.len(), 0.0);
-                critic.pull(&step.final_observation, up, memory, waste, &mut step.d_final);
+                critic.pull(&step.final_observation, grad_output, memory, waste, &mut step.d_final);
             }
             // γ^(k + 1) of the last cost lie behind the window
             let behind = how.discount.powi((n_step - t) as i32);
@@ -369,15 +378,15 @@ impl Worker {
                 let lost = step.terminated[i] == 1;
                 step.weight[i] = discount[i] * if lost && how.lasting { lasting } else { 1.0 };
                 let ended = lost || step.truncated[i] == 1;
-                discount[i] = if ended { how.share } else { discount[i] * how.discount };
+                discount[i] = if ended { how.loss_scale } else { discount[i] * how.discount };
             }
         }
         d_last.fill(0.0);
         if how.critic > 0.0 {
-            for (k, up) in up.iter_mut().enumerate() {
-                *up = discount[k / n_agent] * how.critic * beyond / n_agent as f32;
+            for (k, grad_output) in grad_output.iter_mut().enumerate() {
+                *grad_output = discount[k / n_agent] * how.critic * beyond / n_agent as f32;
             }
-            critic.pull(&window.shard.out.observation, up, memory, waste, d_last);
+            critic.pull(&window.shard.out.observation, grad_output, memory, waste, d_last);
         }
     }
 }
@@ -386,7 +395,7 @@ impl Worker {
 #[derive(Clone, Copy)]
 struct Weighing {
     /// Of the first step: 1/(E·H).
-    share: f32,
+    loss_scale: f32,
     /// γ.
     discount: f32,
     /// w.
@@ -400,28 +409,29 @@ impl Learner for Shac {
         let begun = Instant::now();
         let config = &self.config;
         let progress = self.update as f64 / config.updates.max(1) as f64;
-        let (descent, critic) = (&self.descent, &self.critic);
-        let n_step = (config.n_env * config.window) as f64;
+        let (optimiser, critic) = (&self.optimiser, &self.critic);
+        let n_step = (config.n_env * config.horizon) as f64;
         let ramp = if config.ramp > 0.0 { (progress / config.ramp).min(1.0) } else { 1.0 };
         let how = Weighing {
-            share: (1.0 / n_step) as f32,
+            loss_scale: (1.0 / n_step) as f32,
             discount: config.discount as f32,
             critic: ramp as f32,
             lasting: config.objective == Objective::Loss,
         };
-        self.threads.for_each(&mut self.workers, |_, worker| worker.failed = worker.learn(descent, critic, how).err());
+        self.threads
+            .for_each(&mut self.workers, |_, worker| worker.failed = worker.learn(optimiser, critic, how).err());
         let flown = self.workers.iter_mut().map(|worker| (&worker.window, worker.failed.take()));
-        let seen = gather(flown, &mut self.descent.gradient)?;
+        let seen = gather(flown, &mut self.optimiser.gradient)?;
         let windows = begun.elapsed();
-        let rate = self.descent.rate(config.rate.at(progress));
-        let norm = self.descent.descend(config.clip, rate);
+        let rate = self.optimiser.rate(config.learning_rate.at(progress));
+        let norm = self.optimiser.descend(config.max_grad_norm, rate);
         let critic_loss = self.fit_critic(progress);
         normalise(&mut self.workers.iter_mut().map(|w| &mut w.window.shard).collect::<Vec<_>>())?;
         self.update += 1;
         self.env_steps += n_step as u64;
-        if self.descent.fell(seen.saturated, self.config.saturation) {
+        if self.optimiser.restart_if_saturated(seen.saturated, self.config.saturation) {
             self.update = 0;
-            self.critic.begin(&mut self.descent.stream(1));
+            self.critic.begin(&mut self.optimiser.stream(1));
             self.target.copy_from_slice(&self.critic.parameters);
         }
         let flying = seen.time_flying(windows);
@@ -433,7 +443,7 @@ impl Learner for Shac {
             rate,
             extra: vec![
                 ("saturated", seen.saturated),
-                ("restarts", self.descent.restarts as f64),
+                ("restarts", self.optimiser.restarts as f64),
                 ("critic_loss", critic_loss),
                 ("critic_weight", ramp),
                 ("gradients_dropped", seen.dropped as f64),
@@ -455,20 +465,20 @@ impl Learner for Shac {
     }
 
     fn policy(&self) -> Result<Policy> {
-        self.descent.policy(&self.workers[0].window.shard.env)
+        self.optimiser.policy(&self.workers[0].window.shard.env)
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
-        self.descent.save(policy, out)?;
+        self.optimiser.save(policy, out)?;
         self.critic.save(out)?;
         state::put_network(out, "target", &self.critic.mlp, &self.target)?;
-        state::put_counters(out, [self.update, self.env_steps, self.descent.restarts])?;
+        state::put_counters(out, [self.update, self.env_steps, self.optimiser.restarts])?;
         self.workers.iter().enumerate().try_for_each(|(k, w)| state::put_shard(out, k, &w.window.shard))
     }
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
         let [update, env_steps, restarts] = state::counters(from)?;
-        self.descent.load(policy, from, restarts)?;
+        self.optimiser.load(policy, from, restarts)?;
         self.critic.load(from)?;
         self.target = state::network(from, "target", &self.critic.mlp)?;
         for (k, worker) in self.workers.iter_mut().enumerate() {

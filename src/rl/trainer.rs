@@ -22,12 +22,12 @@
 
 use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer};
 use super::config::TrainConfig;
-use super::differences::told;
+use super::config_diff::described;
 use super::evaluate::{Starts, evaluate};
 use super::learner::{Episodes, Learner, Update};
 use super::log::{Line, Log};
 use super::policy::Policy;
-use super::saved::put_policy;
+use super::policy_io::put_policy;
 use crate::atomic_file;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
@@ -104,7 +104,7 @@ pub struct Progress<'a> {
 
 /// What a run came to.
 #[derive(Debug)]
-pub struct Outcome {
+pub struct TrainResult {
     /// Of the policy as it is now.
     pub evaluation: Evaluation,
     /// Ready to fly.
@@ -186,7 +186,7 @@ impl Trainer {
             return Err(Error::Format {
                 file,
                 place: "settings of the run".into(),
-                rule: format!("they differ from those that it was begun with ({})", told(&differences)),
+                rule: format!("they differ from those that it was begun with ({})", described(&differences)),
                 remedy: "Repeat its options, or train in another folder.".into(),
             });
         }
@@ -237,7 +237,7 @@ impl Trainer {
     /// # Errors
     /// As the environment's, [`Error::File`] if the disk refuses, [`Error::Value`] if the policy is not finite. The
     /// checkpoints of before remain.
-    pub fn run(&mut self, watch: &mut dyn FnMut(&Progress<'_>) -> ControlFlow<()>) -> Result<Outcome> {
+    pub fn run(&mut self, watch: &mut dyn FnMut(&Progress<'_>) -> ControlFlow<()>) -> Result<TrainResult> {
         let mut stopped = false;
         while !stopped && !self.is_over() {
             let last = self.learner.update()?;
@@ -272,7 +272,7 @@ impl Trainer {
         Ok(())
     }
 
-    fn finish(&mut self, stopped: bool) -> Result<Outcome> {
+    fn finish(&mut self, stopped: bool) -> Result<TrainResult> {
         let last = self.curve.last().is_some_and(|l| l.get("eval_success").is_some());
         let evaluation = match self.evaluation.clone().filter(|_| last) {
             Some(known) => known,
@@ -283,7 +283,7 @@ impl Trainer {
             self.save()?;
         }
         let newest = |files: &Files| Some(files.writer.store().path(files.saved?));
-        Ok(Outcome {
+        Ok(TrainResult {
             evaluation,
             policy: self.learner.policy()?,
             updates: self.update,

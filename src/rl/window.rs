@@ -52,7 +52,7 @@ pub(crate) struct Step {
     /// ∂L/∂final_observation, or empty.
     pub d_final: Vec<f32>,
     /// Rows whose observation was not finite: they see zeros, and no gradient passes them.
-    pub blind: Vec<usize>,
+    pub masked: Vec<usize>,
     memory: Memory,
 }
 
@@ -119,7 +119,7 @@ pub(crate) fn windows(
     if let Some(first) = shards.first() {
         let spec = first.env.spec();
         let row = 3 * spec.n_observation + spec.action.len() + 2 * actor.mlp.n_activation();
-        let tape = first.env.places().n_kept().div_ceil(spec.n_agent);
+        let tape = first.env.layout().n_kept().div_ceil(spec.n_agent);
         let rows = (shards.len() * spec.n_env * spec.n_agent) as u128 * horizon as u128;
         let gradients = (shards.len() * actor.n_parameter()) as u128;
         let bytes = 4 * ((row + tape) as u128 * rows + gradients);
@@ -161,7 +161,7 @@ impl Window {
             final_observation: vec![0.0; n_seen],
             weight: vec![0.0; n_env],
             d_final: Vec::new(),
-            blind: Vec::with_capacity(rows),
+            masked: Vec::with_capacity(rows),
             memory: actor.mlp.memory(rows),
         };
         Ok(Self {
@@ -195,7 +195,7 @@ impl Window {
         self.tape.clear();
         for step in &mut self.steps {
             step.observation.copy_from_slice(&out.observation);
-            blindfold(&mut step.observation, rows, &mut step.blind);
+            mask_nonfinite(&mut step.observation, rows, &mut step.masked);
             actor.mlp.forward(net.parameters, &step.observation, rows, &mut step.memory).write(&mut step.action);
             let mut to = StepOut { privileged: &mut [], central: &mut [], final_central: &mut [], ..out.out() };
             env.step_recorded(&step.action, &mut to, &mut self.tape)?;
@@ -214,7 +214,7 @@ impl Window {
                 step.final_observation.copy_from_slice(&out.final_observation);
             }
             self.seen.cost += step.cost.iter().filter(|x| x.is_finite()).map(|x| f64::from(*x)).sum::<f64>();
-            self.seen.dropped += step.blind.len();
+            self.seen.dropped += step.masked.len();
             self.seen.reward += out.reward.iter().step_by(n_agent).map(|x| f64::from(*x)).sum::<f64>();
             self.seen.episodes.add(&episodes(env.spec(), out));
         }
@@ -246,8 +246,8 @@ impl Window {
             let (observation, final_observation) = (&self.d_observation, &step.d_final);
             let up = Cotangents { observation, final_observation, loss, reward, ..Cotangents::default() };
             self.sweep.pull(&self.tape, t, &up, &mut self.d_action)?;
-            step.blind.iter().for_each(|row| self.d_action[row * n_action..][..n_action].fill(0.0));
-            let pass = Pass { gradient: &mut *gradient, down: &mut self.d_observation };
+            step.masked.iter().for_each(|row| self.d_action[row * n_action..][..n_action].fill(0.0));
+            let pass = Pass { gradient: &mut *gradient, grad_input: &mut self.d_observation };
             actor.mlp.backward(net, &step.observation, rows, &mut step.memory, &self.d_action, pass);
         }
         self.seen.dropped += self.sweep.dropped();
@@ -255,15 +255,15 @@ impl Window {
     }
 }
 
-/// Zeros in rows with a number that is not finite, whose places `blind` gets.
-pub(crate) fn blindfold(x: &mut [f32], rows: usize, blind: &mut Vec<usize>) {
-    blind.clear();
+/// Zeros in rows with a number that is not finite, whose places `masked` gets.
+pub(crate) fn mask_nonfinite(x: &mut [f32], rows: usize, masked: &mut Vec<usize>) {
+    masked.clear();
     let n = x.len() / rows;
     for (k, row) in x.chunks_exact_mut(n).enumerate() {
         // 0 where all is finite, else NaN
         if row.iter().map(|x| 0.0 * x).sum::<f32>().is_nan() {
             row.fill(0.0);
-            blind.push(k);
+            masked.push(k);
         }
     }
 }
@@ -330,9 +330,9 @@ mod tests {
     #[test]
     fn rows_that_are_not_finite_are_seen_as_zeros() {
         let mut x = vec![1.0, 2.0, f32::NAN, 4.0, f32::INFINITY, 6.0, 7.0, 8.0];
-        let mut blind = Vec::new();
-        blindfold(&mut x, 4, &mut blind);
+        let mut masked = Vec::new();
+        mask_nonfinite(&mut x, 4, &mut masked);
         assert_eq!(x, [1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 7.0, 8.0]);
-        assert_eq!(blind, [1, 2]);
+        assert_eq!(masked, [1, 2]);
     }
 }

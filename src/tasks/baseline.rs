@@ -5,7 +5,7 @@
 //! numbers) and what the task [tracks](super::Task::reference), and act on the rotors.
 
 use super::env::{Buffers, Env};
-use super::rig::{Inertial, Rig};
+use super::robot::{Inertial, Robot};
 use super::task::TaskReference;
 use crate::controllers::cascade::{Cascade, Level, Rates};
 use crate::controllers::controller::{Controller, Measurement, Target};
@@ -25,7 +25,7 @@ pub struct Baseline {
     dt: f64,
     n_action: usize,
     /// Of the environment it was made for: what flies is numbered so.
-    kin: u64,
+    config_hash: u64,
 }
 
 struct Seat {
@@ -61,14 +61,14 @@ impl Baseline {
             let what = format!("task {}: reference", spec.task);
             return Err(Error::value(what, "none", "one that a controller can track", "Try --controller random."));
         }
-        let name = match crew(env.rig(), &env.numbers(0)?, spec.dt)? {
+        let name = match crew(env.robot(), &env.parameters(0)?, spec.dt)? {
             Crew::Free(_) => "cascade".into(),
             Crew::Joined(one) => one.name().into(),
             Crew::Nobody => "nobody".into(),
         };
         let seats = (0..spec.n_env).map(|_| None).collect();
         let n_action = spec.n_agent * spec.action.len();
-        Ok(Self { seats, failures: Vec::new(), name, dt: spec.dt, n_action, kin: env.kin() })
+        Ok(Self { seats, failures: Vec::new(), name, dt: spec.dt, n_action, config_hash: env.config_hash() })
     }
 
     /// What flies, in one word.
@@ -82,7 +82,7 @@ impl Baseline {
     /// # Errors
     /// [`Error::Value`] for another environment than the one it was made for, or actions of the wrong length.
     pub fn act(&mut self, env: &Env, actions: &mut [f32]) -> Result<()> {
-        if env.kin() != self.kin || env.spec().n_env != self.seats.len() {
+        if env.config_hash() != self.config_hash || env.spec().n_env != self.seats.len() {
             let (got, wanted) = (format!("{env:?}"), format!("one like that it was made for, of {}", self.seats.len()));
             return Err(Error::value("environment of a baseline", got, wanted, "Make a new one: Baseline::new(&env)."));
         }
@@ -97,9 +97,9 @@ impl Baseline {
                 self.seats[i] = Some(self.seat(env, i)?);
             }
             let Some(seat) = &mut self.seats[i] else { continue };
-            seat.fly(env.rig(), &state, self.dt);
+            seat.fly(env.robot(), &state, self.dt);
             let mut own = actions[i * self.n_action..].iter_mut();
-            for drone in env.rig().drones() {
+            for drone in env.robot().drones() {
                 let places = drone.rotors.iter().map(|r| r.action).chain(drone.drives.iter().map(|d| d.command));
                 places.zip(&mut own).for_each(|(place, a)| *a = seat.input[place].clamp(-1.0, 1.0) as f32);
             }
@@ -118,28 +118,28 @@ impl Baseline {
     }
 
     fn seat(&mut self, env: &Env, environment: usize) -> Result<Seat> {
-        let rig = env.rig();
-        let crew = crew(rig, &env.numbers(environment)?, self.dt).unwrap_or_else(|error| {
+        let robot = env.robot();
+        let crew = crew(robot, &env.parameters(environment)?, self.dt).unwrap_or_else(|error| {
             self.failures.push((environment, error));
             Crew::Nobody
         });
         let reference = env.reference(environment)?.unwrap_or(TaskReference::point([0.0; 3], 0.0));
-        Ok(Seat { crew, reference, input: rig.hover_input(), step: 0 })
+        Ok(Seat { crew, reference, input: robot.hover_input(), step: 0 })
     }
 }
 
 impl Seat {
-    fn fly(&mut self, rig: &Rig, state: &[f64], dt: f64) {
+    fn fly(&mut self, robot: &Robot, state: &[f64], dt: f64) {
         let time = self.step as f64 * dt;
         self.step += 1;
         let references = &self.reference.references;
         match &mut self.crew {
             Crew::Free(cascades) => {
                 for (i, cascade) in cascades.iter_mut().enumerate() {
-                    let own = Kinematics::read(&state[rig.roots()[i]..][..RIGID_DIM]);
+                    let own = Kinematics::read(&state[robot.roots()[i]..][..RIGID_DIM]);
                     let wanted = &references[i.min(references.len() - 1)];
                     let actions = cascade.position(&own, &wanted.sample(time));
-                    rig.drones()[i].rotors.iter().zip(actions).for_each(|(r, a)| self.input[r.action] = a);
+                    robot.drones()[i].rotors.iter().zip(actions).for_each(|(r, a)| self.input[r.action] = a);
                 }
             }
             Crew::Joined(one) => {
@@ -151,24 +151,24 @@ impl Seat {
     }
 }
 
-/// For a rig with these numbers.
-fn crew(rig: &Rig, numbers: &[f64], dt: f64) -> Result<Crew> {
-    match rig.plant() {
+/// For a robot with these numbers.
+fn crew(robot: &Robot, numbers: &[f64], dt: f64) -> Result<Crew> {
+    match robot.plant() {
         Plant::Rigid(m) => {
             // who cannot hold its height sinks under any controller: the nominal one's does not refuse to try
             let own = cascade(&vehicle_of(m.vehicle(), numbers)?, dt);
             Ok(Crew::Free(vec![own.or_else(|_| cascade(m.vehicle(), dt))?]))
         }
         Plant::Tree(m) if m.layout().trees.len() > 1 => {
-            let Some(vehicle) = &rig.vehicle else {
+            let Some(vehicle) = &robot.vehicle else {
                 return Err(Error::value("drones", "no plain vehicles", "vehicles, to fly freely", "Join them."));
             };
-            let own = rig.drones().iter().map(|_| cascade(vehicle, dt));
+            let own = robot.drones().iter().map(|_| cascade(vehicle, dt));
             own.collect::<Result<Vec<_>>>().map(Crew::Free)
         }
         Plant::Tree(m) => {
             let known = Plant::of_model(&with_numbers(m.model(), numbers)?, *m.physics())?;
-            let setup = Setup { gains: None, rates: &Rates::every_step(dt), swift: rig.vehicle.as_ref() };
+            let setup = Setup { gains: None, rates: &Rates::every_step(dt), swift: robot.vehicle.as_ref() };
             default_controller(&known, &setup).map(Crew::Joined)
         }
     }

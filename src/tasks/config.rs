@@ -2,7 +2,7 @@
 
 use super::observation::Stage;
 use super::randomise::Change;
-use super::rig::{Rig, benchmark, benchmark_effects};
+use super::robot::{Robot, benchmark, benchmark_effects};
 use super::settings::{Settings, find};
 use crate::controllers::action::ActionScale;
 use crate::controllers::cascade::Level;
@@ -300,10 +300,10 @@ impl EnvConfig {
     ///
     /// # Errors
     /// [`Error::Unknown`] with the nearest.
-    pub fn single_rig(&self, name: &str) -> Result<Rig> {
+    pub fn single_robot(&self, name: &str) -> Result<Robot> {
         if name.eq_ignore_ascii_case(TILTING) {
-            let rig = Omav { vehicle: self.vehicle("omav")?, ..Omav::default() }.build()?;
-            return Rig::of_model(&rig.model, self.physics(), None, |_| rig.map.units.to_vec());
+            let robot = Omav { vehicle: self.vehicle("omav")?, ..Omav::default() }.build()?;
+            return Robot::of_model(&robot.model, self.physics(), None, |_| robot.map.units.to_vec());
         }
         let vehicle = self.plain_vehicle(name).map_err(|error| match error {
             Error::Unknown { kind, name, mut known } => {
@@ -312,7 +312,7 @@ impl EnvConfig {
             }
             other => other,
         })?;
-        Rig::of_vehicle(&benchmark(&vehicle), self.physics())
+        Robot::of_vehicle(&benchmark(&vehicle), self.physics())
     }
 
     /// `horizon` within its limits.

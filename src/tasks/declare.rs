@@ -7,7 +7,7 @@
 use super::settings::{Setting, filled};
 use super::task::{Start, Task, View, streams};
 use super::task_spec::{End, Field, Metric, Smoothness, TaskSpec, Term, total};
-use crate::autodiff::{Pen, Rows, Scalar};
+use crate::autodiff::{Scalar, StridedView, StridedWriter};
 use crate::dynamics::frame::FRAME;
 use crate::error::{Error, Result};
 use std::ops::{Deref, DerefMut};
@@ -85,10 +85,10 @@ pub trait Writer<S: Scalar>: Sized {
 }
 
 /// A kernel's writer.
-impl<S: Scalar> Writer<S> for Pen<'_, S> {
+impl<S: Scalar> Writer<S> for StridedWriter<'_, S> {
     #[inline(always)]
     fn number(&mut self, value: S) {
-        Pen::number(self, value);
+        StridedWriter::number(self, value);
     }
 }
 
@@ -279,12 +279,12 @@ struct Begun {
 }
 
 fn begun<T: Task>(task: &T, begin: fn(&T, &mut Start<'_>)) -> Begun {
-    let rig = task.rig();
-    let (mut state, mut numbers) = (rig.rest().to_vec(), rig.numbers());
+    let robot = task.robot();
+    let (mut state, mut numbers) = (robot.rest().to_vec(), robot.parameters());
     let (mut goal, mut task_state) = (Vec::new(), vec![0.0; MAX_TASK_STATE]);
     let [reset, draws, once] = streams(0, 0, 0);
     let mut start = Start {
-        rig,
+        robot,
         state: &mut state,
         goal: Goal { names: Some(Declaration::default()), ..Goal::over(&mut goal) },
         task_state: &mut task_state,
@@ -307,25 +307,25 @@ fn begun<T: Task>(task: &T, begin: fn(&T, &mut Start<'_>)) -> Begun {
 /// goals that starts and the ideal write differently, for a success by a figure that is none; [`Error::Limit`] above
 /// [`MAX_TASK_STATE`].
 pub(crate) fn declare<T: Task>(task: &T) -> Result<TaskSpec> {
-    let (started, ideal, rig) = (begun(task, T::start), begun(task, T::ideal), task.rig());
+    let (started, ideal, robot) = (begun(task, T::start), begun(task, T::ideal), task.robot());
     if started.fields != ideal.fields {
         let names =
             |fields: &[Field]| fields.iter().map(|f| format!("{} ({})", f.name, f.size)).collect::<Vec<_>>().join(", ");
         let (own, other) = (names(&started.fields), names(&ideal.fields));
         return Err(Error::value("goal of a start", own, format!("that of the ideal: {other}"), "Write both alike."));
     }
-    let mut frames = vec![0.0; rig.n_frame() * FRAME];
-    rig.plant().write_frames(&ideal.numbers, &ideal.state, &mut frames);
-    let rotors = rig.drones().iter().flat_map(|d| &d.rotors);
+    let mut frames = vec![0.0; robot.n_frame() * FRAME];
+    robot.plant().write_frames(&ideal.numbers, &ideal.state, &mut frames);
+    let rotors = robot.drones().iter().flat_map(|d| &d.rotors);
     let speeds: Vec<f64> = rotors.map(|r| ideal.state[r.speed]).collect();
     let task_state = vec![0.0; MAX_TASK_STATE];
     let view = View {
-        rig,
-        state: Rows::of(&ideal.state[..]),
-        frames: Rows::of(&frames[..]),
-        speeds_before: Rows::of(&speeds[..]),
-        goal: Rows::of(&ideal.goal[..]),
-        task_state: Rows::of(&task_state[..]),
+        robot,
+        state: StridedView::of(&ideal.state[..]),
+        frames: StridedView::of(&frames[..]),
+        speeds_before: StridedView::of(&speeds[..]),
+        goal: StridedView::of(&ideal.goal[..]),
+        task_state: StridedView::of(&task_state[..]),
         step: 0.0,
         clock: 0.0,
     };

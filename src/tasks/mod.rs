@@ -8,8 +8,8 @@
 //! | [`declare`] | [`Writer`]: numbers with their names beside them, which kernels leave out |
 //! | [`task_spec`] | [`TaskSpec`]: names, sizes, units and bounds of what a task writes |
 //! | [`settings`](mod@settings) | `settings!`: what `[task]` sets, each number stated once |
-//! | [`rig`] | [`Rig`]: what flies, its drones and where their numbers stand |
-//! | [`reward`], [`path`] | shapes that rewards are made of; the lemniscate of the Track tasks |
+//! | [`robot`] | [`Robot`]: what flies, its drones and where their numbers stand |
+//! | [`reward`], [`track_path`] | shapes that rewards are made of; the lemniscate of the Track tasks |
 //! | [`config`] | [`EnvConfig`]: a batch as plain data, in TOML too |
 //! | [`mod@env`] | [`Env`]: many environments of one task; steps, restarts, gradients |
 //! | [`observation`] | [`Stage`]: history, noise, normalisation, privileged numbers, by name |
@@ -53,7 +53,7 @@
 //! use omnidrones::error::Result;
 //! use omnidrones::settings;
 //! use omnidrones::tasks::reward::rational_kernel;
-//! use omnidrones::tasks::{Ends, Env, EnvConfig, Rig, Setting, Settings, Start, Task, View, Writer, check_env};
+//! use omnidrones::tasks::{Ends, Env, EnvConfig, Robot, Setting, Settings, Start, Task, View, Writer, check_env};
 //!
 //! settings! {
 //!     /// What `[task]` may say.
@@ -65,7 +65,7 @@
 //!
 //! /// Rises to a height that is drawn for every episode.
 //! struct Climb {
-//!     rig: Rig,
+//!     robot: Robot,
 //!     settings: ClimbSettings,
 //! }
 //!
@@ -83,8 +83,8 @@
 //! }
 //!
 //! impl Task for Climb {
-//!     fn rig(&self) -> &Rig {
-//!         &self.rig
+//!     fn robot(&self) -> &Robot {
+//!         &self.robot
 //!     }
 //!     fn horizon(&self) -> usize {
 //!         self.settings.horizon
@@ -123,7 +123,7 @@
 //! }
 //!
 //! let build = |config: &EnvConfig| -> Result<Climb> {
-//!     Ok(Climb { rig: config.single_rig("hummingbird")?, settings: config.settings()? })
+//!     Ok(Climb { robot: config.single_robot("hummingbird")?, settings: config.settings()? })
 //! };
 //! let make = |config: &EnvConfig| Env::of(build(config)?, "Climb", config);
 //! let findings = check_env(&make, &EnvConfig::default())?;
@@ -137,27 +137,27 @@ pub mod declare;
 pub mod env;
 pub mod evaluate;
 pub mod observation;
-pub mod path;
 pub(crate) mod physical;
 pub mod probe;
 pub mod randomise;
 pub mod record;
 pub mod registry;
 pub mod reward;
-pub mod rig;
+pub mod robot;
 pub mod settings;
 pub mod suite;
 pub mod task;
 pub mod task_spec;
+pub mod track_path;
 pub mod with;
 
 pub use baseline::Baseline;
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
 pub use declare::{Ends, Goal, Loss, Writer};
 pub use env::check::{Finding, check_env};
-pub use env::single::{Outcome, SingleEnv};
+pub use env::single::{SingleEnv, SingleStep};
 pub use env::{
-    Adjoint, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Places, Space, Spec, StepOut, Sweep,
+    Adjoint, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Space, Spec, StepLayout, StepOut, Sweep,
     SweepOptions, Tape,
 };
 pub use evaluate::{Evaluation, Watched, evaluate};
@@ -165,7 +165,7 @@ pub use observation::{Stage, Statistics};
 pub use randomise::{Change, Distribution, Quantity};
 pub use record::{Record, Recorded, Spread};
 pub use registry::BuiltIn;
-pub use rig::Rig;
+pub use robot::Robot;
 pub use settings::{Domain, Setting, Settings};
 pub use task::{Start, Task, TaskReference, View};
 pub use task_spec::{End, Field, Limit, Metric, Smoothness, Success, TaskSpec, Term};

@@ -4,7 +4,7 @@
 //! and on a recording, so gradients go through them; noise is a constant to a gradient.
 
 use super::task_spec::{Field, total};
-use crate::autodiff::{Rows, RowsMut, Scalar};
+use crate::autodiff::{Scalar, StridedView, StridedViewMut};
 use crate::dynamics::domain::Domain;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -184,9 +184,9 @@ pub(crate) struct Moment<'a, S: Scalar> {
     /// Whether an episode begins.
     pub fresh: S::Mask,
     /// Standard normal draws of this agent.
-    pub noise: Rows<'a, S>,
+    pub noise: StridedView<'a, S>,
     /// Physical numbers that vary.
-    pub theta: Rows<'a, S>,
+    pub theta: StridedView<'a, S>,
     /// Means, then 1/standard deviations of the normaliser.
     pub statistics: Frozen<'a, S>,
 }
@@ -197,7 +197,7 @@ pub(crate) enum Frozen<'a, S> {
     /// The same for all environments.
     Constants(&'a [f64]),
     /// Arguments of a recording, so that it outlives them.
-    Arguments(Rows<'a, S>),
+    Arguments(StridedView<'a, S>),
 }
 
 impl<S: Scalar> Frozen<'_, S> {
@@ -288,11 +288,11 @@ impl Pipeline {
     pub(crate) fn run<S: Scalar>(
         &self,
         moment: &Moment<'_, S>,
-        memory: &mut RowsMut<'_, S>,
+        memory: &mut StridedViewMut<'_, S>,
         first: usize,
-        a: &mut RowsMut<'_, S>,
+        a: &mut StridedViewMut<'_, S>,
         begin: usize,
-        mut seen: Option<(&mut RowsMut<'_, S>, usize)>,
+        mut seen: Option<(&mut StridedViewMut<'_, S>, usize)>,
     ) {
         for i in 0..self.steps.len() {
             match &self.steps[i] {
@@ -332,9 +332,9 @@ impl Pipeline {
 #[inline(always)]
 fn remember<S: Scalar>(
     moment: &Moment<'_, S>,
-    memory: &mut RowsMut<'_, S>,
+    memory: &mut StridedViewMut<'_, S>,
     first: usize,
-    a: &mut RowsMut<'_, S>,
+    a: &mut StridedViewMut<'_, S>,
     begin: usize,
     steps: usize,
     n: usize,

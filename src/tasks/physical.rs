@@ -1,10 +1,10 @@
 //! What follows from physical numbers: inertias that are those of bodies, speeds that carry a weight.
 
-use super::rig::{Inertial, Rig};
+use super::robot::{Inertial, Robot};
 use crate::dynamics::Plant;
 use crate::dynamics::rigid::BODY_PARAMETERS;
 use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
-use crate::dynamics::tree::{BODY_NUMBERS, TreePlace};
+use crate::dynamics::tree::{LINK_PARAMETERS, TreePlace};
 
 /// One tree: what is weighed, and what carries it.
 #[derive(Debug, Clone, Default)]
@@ -53,15 +53,15 @@ impl Flock {
 }
 
 /// Trees with rotors.
-pub(crate) fn flocks(rig: &Rig) -> Vec<Flock> {
+pub(crate) fn flocks(robot: &Robot) -> Vec<Flock> {
     let n = N_ROTOR_PARAMETER;
-    match rig.plant() {
+    match robot.plant() {
         Plant::Rigid(_) => {
-            let rotors = rig.drone().rotors.iter().enumerate().map(|(i, r)| (BODY_PARAMETERS.len() + i * n, r.speed));
+            let rotors = robot.drone().rotors.iter().enumerate().map(|(i, r)| (BODY_PARAMETERS.len() + i * n, r.speed));
             vec![Flock::new(0..1, rotors)]
         }
         Plant::Tree(m) => {
-            let (layout, first) = (m.layout(), 1 + rig.n_frame() * BODY_NUMBERS.len());
+            let (layout, first) = (m.layout(), 1 + robot.n_frame() * LINK_PARAMETERS.len());
             let rotor = |r: usize| (first + r * n, layout.rotor_speed[r]);
             let flock = |tree: &TreePlace| Flock::new(tree.bodies.clone(), tree.rotors.clone().map(rotor));
             layout.trees.iter().map(flock).filter(|f| !f.rotors.is_empty()).collect()

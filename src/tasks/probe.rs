@@ -11,22 +11,22 @@ use crate::dynamics::Effects;
 use crate::error::Result;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Writer};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, View};
 
 /// Steps until both are cut.
 pub const CUT: usize = 10;
 
 /// A vehicle in free space that nothing is asked of.
-fn idle(config: &EnvConfig) -> Result<Rig> {
+fn idle(config: &EnvConfig) -> Result<Robot> {
     let physics = config.physics_with(|e| *e = Effects::none());
-    Rig::of_vehicle(&config.vehicle("hummingbird")?, physics)
+    Robot::of_vehicle(&config.vehicle("hummingbird")?, physics)
 }
 
 /// Episodes that pay their kind in every step, cut after [`CUT`].
 #[derive(Debug, Clone)]
 pub struct Probe {
-    rig: Rig,
+    robot: Robot,
     /// Whether kinds are drawn, 0 or 1, or always 1.
     drawn: bool,
 }
@@ -37,7 +37,7 @@ impl Probe {
     /// # Errors
     /// None for a valid configuration.
     pub fn forever(config: &EnvConfig) -> Result<Self> {
-        Ok(Self { rig: idle(config)?, drawn: false })
+        Ok(Self { robot: idle(config)?, drawn: false })
     }
 
     /// Episodes of reward 0 or of reward 1, drawn at their start and observed.
@@ -45,13 +45,13 @@ impl Probe {
     /// # Errors
     /// None for a valid configuration.
     pub fn either_or(config: &EnvConfig) -> Result<Self> {
-        Ok(Self { rig: idle(config)?, drawn: true })
+        Ok(Self { robot: idle(config)?, drawn: true })
     }
 }
 
 impl Task for Probe {
-    fn rig(&self) -> &Rig {
-        &self.rig
+    fn robot(&self) -> &Robot {
+        &self.robot
     }
 
     fn horizon(&self) -> usize {

@@ -8,11 +8,11 @@
 //! ([`Env::set_difficulty`](super::Env::set_difficulty)).
 
 use super::physical::{Flock, MOST_OF_OTHERS, flocks, settle};
-use super::rig::{Inertial, Rig};
+use super::robot::{Inertial, Robot};
 use crate::dynamics::domain::Domain;
 use crate::dynamics::rigid::BODY_PARAMETERS;
 use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
-use crate::dynamics::tree::BODY_NUMBERS;
+use crate::dynamics::tree::LINK_PARAMETERS;
 use crate::error::{Error, Result, finite};
 use crate::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
@@ -45,7 +45,7 @@ pub enum Quantity {
     HiddenMass,
     /// The height at which the hidden mass sits, m, body z; `set` only, before `hidden_mass`.
     HiddenHeight,
-    /// Any number of the rig by its name, see [`Rig::number_names`].
+    /// Any number of the robot by its name, see [`Robot::parameter_names`].
     Number(String),
 }
 
@@ -143,7 +143,7 @@ impl Change {
         if low > high {
             return Err(Error::value(what, format!("[{low}, {high}]"), "ordered", "Give the lower end first."));
         }
-        // of a number by its name, and of what is added to, the rig decides
+        // of a number by its name, and of what is added to, the robot decides
         self.keeps(match &self.what {
             Quantity::CenterOfMass | Quantity::Wind | Quantity::HiddenHeight | Quantity::Number(_) => Domain::AnySign,
             Quantity::Drag | Quantity::AngularDrag | Quantity::HiddenMass | Quantity::MomentPerThrust => {
@@ -189,7 +189,7 @@ struct Prepared {
     places: Vec<usize>,
 }
 
-/// All changes, prepared for a rig.
+/// All changes, prepared for a robot.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Randomiser {
     changes: Vec<Prepared>,
@@ -205,11 +205,11 @@ pub(crate) struct Randomiser {
 }
 
 impl Randomiser {
-    /// The rig with all numbers that the changes touch varying, and what changes them.
-    pub(crate) fn new(changes: &[Change], rig: &Rig) -> Result<Self> {
-        let (names, domains) = (rig.number_names(), rig.number_domains());
-        let (bodies, rotors) = places(rig);
-        let nominal = rig.numbers();
+    /// The robot with all numbers that the changes touch varying, and what changes them.
+    pub(crate) fn new(changes: &[Change], robot: &Robot) -> Result<Self> {
+        let (names, domains) = (robot.parameter_names(), robot.parameter_domains());
+        let (bodies, rotors) = places(robot);
+        let nominal = robot.parameters();
         let mut least = nominal.clone();
         let mut own = Self { changes: Vec::new(), bodies, rotors, nominal, flocks: Vec::new(), inertias: Vec::new() };
         for change in changes {
@@ -218,11 +218,11 @@ impl Randomiser {
             own.check(change, &places, (&names, &domains), &mut least)?;
             own.changes.push(Prepared { change: change.clone(), places });
         }
-        let flocks = flocks(rig);
+        let flocks = flocks(robot);
         if own.varied().any(|k| flocks.iter().any(|f| f.depends_on(k))) {
             own.flocks = flocks;
         }
-        own.inertias = (0..rig.n_frame())
+        own.inertias = (0..robot.n_frame())
             .map(|body| Inertial::place(body) + 4)
             .filter(|at| {
                 let own =
@@ -420,14 +420,14 @@ const DRAG: usize = 10;
 const ANGULAR_DRAG: usize = 16;
 
 /// Bodies of the drones, and where the numbers of their rotors begin.
-fn places(rig: &Rig) -> (Vec<usize>, Vec<Vec<usize>>) {
-    let n_body = rig.n_frame();
-    let begin = |r: usize| match rig.model() {
+fn places(robot: &Robot) -> (Vec<usize>, Vec<Vec<usize>>) {
+    let n_body = robot.n_frame();
+    let begin = |r: usize| match robot.model() {
         None => BODY_PARAMETERS.len() + r * N_ROTOR_PARAMETER,
-        Some(_) => 1 + n_body * BODY_NUMBERS.len() + r * N_ROTOR_PARAMETER,
+        Some(_) => 1 + n_body * LINK_PARAMETERS.len() + r * N_ROTOR_PARAMETER,
     };
-    match rig.model() {
-        None => (vec![0], vec![(0..rig.drone().rotors.len()).map(begin).collect()]),
+    match robot.model() {
+        None => (vec![0], vec![(0..robot.drone().rotors.len()).map(begin).collect()]),
         Some(m) => (
             m.drones().iter().map(|d| d.body).collect(),
             m.drones().iter().map(|d| d.rotors.iter().map(|r| begin(*r)).collect()).collect(),

@@ -8,10 +8,10 @@
 //! To add one: a file with a struct that implements [`Task`], and a line in the [registry](super::registry).
 
 use super::declare::{Ends, Goal, Loss, Writer};
-use super::rig::{DronePlace, Rig};
+use super::robot::{DronePlace, Robot};
 use super::settings::Setting;
 use super::task_spec::Success;
-use crate::autodiff::{Rows, Scalar, safe};
+use crate::autodiff::{Scalar, StridedView, safe};
 use crate::controllers::reference::{Hover, Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::spatial::{Quat, Vec3, from_euler, rotate, sub};
@@ -25,14 +25,14 @@ use std::f64::consts::{PI, TAU};
 /// (they cost a factor of seven, silently).
 pub trait Task: Send + Sync + 'static {
     /// What flies.
-    fn rig(&self) -> &Rig;
+    fn robot(&self) -> &Robot;
 
     /// Steps until truncation, T.
     fn horizon(&self) -> usize;
 
     /// Agents, one per drone unless said otherwise; each acts with its drone's rotors and drives.
     fn n_agent(&self) -> usize {
-        self.rig().drones().len()
+        self.robot().drones().len()
     }
 
     /// What it is built with: [`Settings::list`](super::settings::Settings::list).
@@ -54,7 +54,7 @@ pub trait Task: Send + Sync + 'static {
     fn event(&self, _: &mut Start<'_>) {}
 
     /// Wind, force and moment on tree `tree` in the coming step, as [`Disturbance`](crate::dynamics::Disturbance);
-    /// asked only where the rig's physics have that effect.
+    /// asked only where the robot's physics have that effect.
     #[inline(always)]
     fn disturb<S: Scalar>(&self, _view: &View<'_, S>, _tree: usize) -> [S; 9] {
         [S::zero(); 9]
@@ -94,7 +94,7 @@ pub trait Task: Send + Sync + 'static {
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let mut terms = [S::zero(); MAX_TERMS];
-        self.reward(view, &mut crate::autodiff::RowsMut::of(&mut terms).pen(0));
+        self.reward(view, &mut crate::autodiff::StridedViewMut::of(&mut terms).writer(0));
         let mut sum = S::zero();
         for i in 0..MAX_TERMS {
             sum -= terms[i];
@@ -157,17 +157,17 @@ pub const MAX_ENDS: usize = 8;
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a, S> {
     /// What flies.
-    pub rig: &'a Rig,
-    /// Of the physics, in the rig's layout.
-    pub state: Rows<'a, S>,
+    pub robot: &'a Robot,
+    /// Of the physics, in the robot's layout.
+    pub state: StridedView<'a, S>,
     /// Motion of every body.
-    pub frames: Rows<'a, S>,
+    pub frames: StridedView<'a, S>,
     /// Rotor speeds before the step, in the order of the drones; those of the state in the first view of an episode.
-    pub speeds_before: Rows<'a, S>,
+    pub speeds_before: StridedView<'a, S>,
     /// What stays through the episode ([`TaskSpec::goal`](super::TaskSpec::goal)).
-    pub goal: Rows<'a, S>,
+    pub goal: StridedView<'a, S>,
     /// What the task keeps from step to step ([`TaskSpec::task_state`](super::TaskSpec::task_state)).
-    pub task_state: Rows<'a, S>,
+    pub task_state: StridedView<'a, S>,
     /// Steps since the episode began, k.
     pub step: S,
     /// Share of the time that is over: (k + offset)/T.
@@ -184,13 +184,13 @@ impl<S: Scalar> View<'_, S> {
     /// Motion of drone `drone`.
     #[inline(always)]
     pub fn drone(&self, drone: usize) -> Frame<S> {
-        self.frame(self.rig.drones()[drone].frame)
+        self.frame(self.robot.drones()[drone].frame)
     }
 
     /// s = Ω/Ω_max of a rotor.
     #[inline(always)]
     pub fn throttle(&self, drone: usize, rotor: usize) -> S {
-        let place = &self.rig.drones()[drone].rotors[rotor];
+        let place = &self.robot.drones()[drone].rotors[rotor];
         self.state.get(place.speed) * S::constant(1.0 / place.max_speed)
     }
 
@@ -198,7 +198,7 @@ impl<S: Scalar> View<'_, S> {
     #[inline(always)]
     pub fn effort(&self, drone: usize) -> S {
         let mut sum = S::zero();
-        for i in 0..self.rig.drones()[drone].rotors.len() {
+        for i in 0..self.robot.drones()[drone].rotors.len() {
             sum += self.throttle(drone, i);
         }
         sum
@@ -207,7 +207,7 @@ impl<S: Scalar> View<'_, S> {
     /// (1/m) Σ e^{−e_i} over the drones.
     #[inline(always)]
     pub fn mean_effort_reward(&self) -> S {
-        let m = self.rig.drones().len();
+        let m = self.robot.drones().len();
         let mut sum = S::zero();
         for i in 0..m {
             sum += (-self.effort(i)).exp();
@@ -220,9 +220,9 @@ impl<S: Scalar> View<'_, S> {
     pub fn throttle_difference(&self, drone: usize) -> S {
         let mut first = 0;
         for i in 0..drone {
-            first += self.rig.drones()[i].rotors.len();
+            first += self.robot.drones()[i].rotors.len();
         }
-        let place: &DronePlace = &self.rig.drones()[drone];
+        let place: &DronePlace = &self.robot.drones()[drone];
         let mut sum = S::zero();
         for i in 0..place.rotors.len() {
             let rotor = &place.rotors[i];
@@ -245,7 +245,7 @@ impl<S: Scalar> View<'_, S> {
         out.field("heading", "-, world", "h = R e_x").within(-1.0, 1.0).array(frame.heading());
         out.field("up", "-, world", "u = R e_z").within(-1.0, 1.0).array(frame.up());
         self.observe_throttle(drone, out);
-        let drives = &self.rig.drones()[drone].drives;
+        let drives = &self.robot.drones()[drone].drives;
         if !drives.is_empty() {
             out.field("drive_angle", "rad", "of its drives");
             for i in 0..drives.len() {
@@ -263,7 +263,7 @@ impl<S: Scalar> View<'_, S> {
     pub fn observe_throttle(&self, drone: usize, out: &mut impl Writer<S>) {
         out.field("throttle", "-", "2s − 1, s = Ω/Ω_max").within(-1.0, 1.0);
         let two = S::constant(2.0);
-        for i in 0..self.rig.drones()[drone].rotors.len() {
+        for i in 0..self.robot.drones()[drone].rotors.len() {
             out.number(two.mul_add(self.throttle(drone, i), -S::one()));
         }
     }
@@ -278,14 +278,14 @@ impl<S: Scalar> View<'_, S> {
 /// The start of an episode: draws, and where they go.
 pub struct Start<'a> {
     /// What flies.
-    pub rig: &'a Rig,
-    /// Of the physics; [`Rig::rest`] until changed.
+    pub robot: &'a Robot,
+    /// Of the physics; [`Robot::rest`] until changed.
     pub state: &'a mut [f64],
     /// What stays through the episode.
     pub goal: Goal<'a>,
     /// What the task keeps from step to step; zeros until changed.
     pub task_state: &'a mut [f64],
-    /// Physical numbers as in [`Rig::numbers`]: the nominal ones until changed. A change counts where [`Rig::varied`]
+    /// Physical numbers as in [`Robot::parameters`]: the nominal ones until changed. A change counts where [`Robot::varied`]
     /// names the number.
     pub numbers: &'a mut [f64],
     /// Initial states.
@@ -307,7 +307,7 @@ impl Start<'_> {
     /// # Panics
     /// If there is no such tree.
     pub fn place(&mut self, tree: usize, position: Vec3<f64>, attitude: Quat<f64>) {
-        let at = self.rig.roots()[tree];
+        let at = self.robot.roots()[tree];
         self.state[at..at + 3].copy_from_slice(&position);
         self.state[at + 6..at + 10].copy_from_slice(&attitude);
     }

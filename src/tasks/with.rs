@@ -15,11 +15,11 @@
 //! ```
 
 use super::declare::{Ends, Loss, Writer, declare};
-use super::rig::Rig;
+use super::robot::Robot;
 use super::settings::Setting;
 use super::task::{Start, Task, TaskReference, View};
 use super::task_spec::{Field, Success, total};
-use crate::autodiff::{Rows, RowsMut, Scalar};
+use crate::autodiff::{Scalar, StridedView, StridedViewMut};
 use crate::error::{Error, Result};
 
 /// Most numbers of an observation under a [`Transform`].
@@ -36,7 +36,7 @@ pub trait Transform: Clone + Send + Sync + 'static {
     fn prepare(&mut self, given: &[Field]) -> Result<Vec<Field>>;
 
     /// Writes what [`prepare`](Self::prepare) promised.
-    fn map<S: Scalar>(&self, view: &View<'_, S>, agent: usize, given: &Rows<'_, S>, out: &mut impl Writer<S>);
+    fn map<S: Scalar>(&self, view: &View<'_, S>, agent: usize, given: &StridedView<'_, S>, out: &mut impl Writer<S>);
 }
 
 /// One after the other; nest pairs for more.
@@ -48,10 +48,10 @@ impl<A: Transform, B: Transform> Transform for (A, B) {
     }
 
     #[inline(always)]
-    fn map<S: Scalar>(&self, view: &View<'_, S>, agent: usize, given: &Rows<'_, S>, out: &mut impl Writer<S>) {
+    fn map<S: Scalar>(&self, view: &View<'_, S>, agent: usize, given: &StridedView<'_, S>, out: &mut impl Writer<S>) {
         let mut between = [S::zero(); MOST];
-        self.0.map(view, agent, given, &mut RowsMut::of(&mut between).pen(0));
-        self.1.map(view, agent, &Rows::of(&between), out);
+        self.0.map(view, agent, given, &mut StridedViewMut::of(&mut between).writer(0));
+        self.1.map(view, agent, &StridedView::of(&between), out);
     }
 }
 
@@ -85,7 +85,7 @@ impl Transform for Pick {
     }
 
     #[inline(always)]
-    fn map<S: Scalar>(&self, _: &View<'_, S>, _: usize, given: &Rows<'_, S>, out: &mut impl Writer<S>) {
+    fn map<S: Scalar>(&self, _: &View<'_, S>, _: usize, given: &StridedView<'_, S>, out: &mut impl Writer<S>) {
         for i in 0..self.places.len() {
             out.number(given.get(self.places[i]));
         }
@@ -125,7 +125,7 @@ impl Transform for Scale {
     }
 
     #[inline(always)]
-    fn map<S: Scalar>(&self, _: &View<'_, S>, _: usize, given: &Rows<'_, S>, out: &mut impl Writer<S>) {
+    fn map<S: Scalar>(&self, _: &View<'_, S>, _: usize, given: &StridedView<'_, S>, out: &mut impl Writer<S>) {
         for i in 0..self.factors.len() {
             out.number(S::constant(self.factors[i]) * given.get(i));
         }
@@ -155,8 +155,8 @@ impl<T: Task, O: Transform> With<T, O> {
 }
 
 impl<T: Task, O: Transform> Task for With<T, O> {
-    fn rig(&self) -> &Rig {
-        self.task.rig()
+    fn robot(&self) -> &Robot {
+        self.task.robot()
     }
 
     fn horizon(&self) -> usize {
@@ -196,9 +196,9 @@ impl<T: Task, O: Transform> Task for With<T, O> {
     #[inline(always)]
     fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
         let mut given = [S::zero(); MOST];
-        self.task.observe(view, agent, &mut RowsMut::of(&mut given).pen(0));
+        self.task.observe(view, agent, &mut StridedViewMut::of(&mut given).writer(0));
         out.fields(&self.fields);
-        self.transform.map(view, agent, &Rows::of(&given), out);
+        self.transform.map(view, agent, &StridedView::of(&given), out);
     }
 
     #[inline(always)]

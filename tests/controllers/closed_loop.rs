@@ -3,8 +3,8 @@
 use omnidrones::autodiff::{Bounds, Scalar, System, certify};
 use omnidrones::controllers::reference::{Hover, Lemniscate};
 use omnidrones::controllers::{
-    ClosedLoop, ControlLaw, Controller, Draw, Failure, FlightPlan, Formation, Moment, MonteCarlo, Outside, Rates,
-    Reference, Running, Setup, Target, default_controller, fly, start_on,
+    ClosedLoop, ControlLaw, Controller, FlightPlan, FormationController, Moment, MonteCarlo, MonteCarloDraw, Outside,
+    Rates, Reference, RotorFailure, Running, Setup, Target, default_controller, fly, start_on,
 };
 use omnidrones::dynamics::{Disturbance, Effects, Physics, Plant, configurations, vehicles};
 use omnidrones::parallel::Threads;
@@ -51,8 +51,12 @@ impl ControlLaw for Leaky {
 #[test]
 fn an_articulated_plant_loses_its_rotors_too_and_its_controller_may_lose_it() {
     let plant = model("payload");
-    let plan =
-        FlightPlan { reference: high(), duration: 6.0, failures: vec![Failure::lost(0, 1.0)], ..Default::default() };
+    let plan = FlightPlan {
+        reference: high(),
+        duration: 6.0,
+        failures: vec![RotorFailure::lost(0, 1.0)],
+        ..Default::default()
+    };
     let mut own = default_controller(&plant, &Setup::new(None, &plan.rates)).unwrap();
     let flight = fly(&plant, &mut own, &plan, &mut |_| {}).unwrap();
     let thrust = |time: f64| flight.log.thrust[(time / 0.002).round() as usize * 4];
@@ -67,7 +71,7 @@ fn an_articulated_plant_loses_its_rotors_too_and_its_controller_may_lose_it() {
 fn a_tilting_omav_that_is_told_of_a_lost_rotor_holds_its_place() {
     let plant = model("omav_tilting");
     let off = |detection_delay: f64| {
-        let failures = vec![Failure::lost(3, 1.0)];
+        let failures = vec![RotorFailure::lost(3, 1.0)];
         let plan = FlightPlan { reference: high(), duration: 6.0, failures, detection_delay, ..Default::default() };
         let mut own = default_controller(&plant, &Setup::new(None, &plan.rates)).unwrap();
         let flight = fly(&plant, &mut own, &plan, &mut |_| {}).unwrap();
@@ -82,15 +86,15 @@ fn a_tilting_omav_that_is_told_of_a_lost_rotor_holds_its_place() {
 #[test]
 #[ignore = "prints what shapes hold"]
 fn shapes_of_the_dragon() {
-    use omnidrones::controllers::{Bends, Shape, Vectored};
+    use omnidrones::controllers::{ChainRamp, ChainShape, Vectored};
     let plant = model("dragon");
     let slow = Reference::Lemniscate(Lemniscate { rate: 0.5, origin: [0.0, 0.0, 3.0], ..Default::default() });
     for degrees in [30.0_f64, 40.0, 50.0, 60.0] {
         for reference in [high(), slow.clone()] {
             let plan = FlightPlan { reference, duration: 20.0, ..Default::default() };
             let system = plant.tree().unwrap();
-            let bends = Bends::new(system.model(), Shape::Arc(degrees.to_radians()), 1.0).unwrap();
-            let mut own = Vectored::new(system, None, &plan.rates).unwrap().with_bends(bends);
+            let chain = ChainRamp::new(system.model(), ChainShape::Arc(degrees.to_radians()), 1.0).unwrap();
+            let mut own = Vectored::new(system, None, &plan.rates).unwrap().with_chain(chain);
             let flight = fly(&plant, &mut own, &plan, &mut |_| {}).unwrap();
             let rmse = flight.log.rmse(2.0);
             println!(
@@ -168,7 +172,7 @@ fn a_loop_stepped_singly_is_the_system_that_is_differentiated_bit_for_bit() {
         let plant = Plant::of_vehicle(&iris, physics).unwrap();
         agrees(&ClosedLoop::new(plant, Running::of(Leaky)).unwrap().with_latency(latency).unwrap(), &reference);
         let plant = Plant::of_model(&configurations::by_name("payload").unwrap(), physics).unwrap();
-        let formation = Formation::new(plant.tree().unwrap(), None, &Rates::default()).unwrap();
+        let formation = FormationController::new(plant.tree().unwrap(), None, &Rates::default()).unwrap();
         agrees(&ClosedLoop::new(plant, formation).unwrap().with_latency(latency).unwrap(), &reference);
     }
 }
@@ -191,7 +195,7 @@ fn a_recorded_law_flies_as_the_law_it_was_recorded_from() {
     for plant in [vehicle("firefly"), model("payload")] {
         let plan = FlightPlan { reference: high(), duration: 0.6, ..Default::default() };
         let mut own = match plant.tree() {
-            Some(system) => Box::new(Formation::new(system, None, &plan.rates).unwrap()),
+            Some(system) => Box::new(FormationController::new(system, None, &plan.rates).unwrap()),
             None => default_controller(&plant, &Setup::new(None, &plan.rates)).unwrap(),
         };
         assert!(own.is_batched());
@@ -235,7 +239,9 @@ fn flights_in_lanes_are_those_in_f64_for_any_number_of_them_and_of_threads() {
     let mass = system.parameter("mass").unwrap();
     let reference = Reference::by_name("circle").unwrap();
     let start = start_on(system.plant(), system.controller(), &reference).unwrap();
-    let draw = |stream: &mut omnidrones::rng::Stream, one: &mut Draw| one.parameters[mass] *= stream.uniform(0.8, 1.2);
+    let draw = |stream: &mut omnidrones::rng::Stream, one: &mut MonteCarloDraw| {
+        one.parameters[mass] *= stream.uniform(0.8, 1.2)
+    };
     let many = MonteCarlo::new(&system).unwrap().after(0.5);
     let run = |n, threads| {
         many.fly(Target::level(&reference), &start, (n, 500), &draw, &Threads::new(threads).unwrap()).unwrap()
@@ -244,7 +250,8 @@ fn flights_in_lanes_are_those_in_f64_for_any_number_of_them_and_of_threads() {
     assert_eq!(run(70, 1)[..], all[..70]);
     let mut worst = 0.0_f64;
     for flown in [&all[0], &all[63], &all[99]] {
-        let mut own = Draw { start: start.clone(), parameters: system.parameters(), air: Disturbance::none() };
+        let mut own =
+            MonteCarloDraw { start: start.clone(), parameters: system.parameters(), air: Disturbance::none() };
         draw(&mut omnidrones::rng::Stream::new(0, flown.flight as u64, 0, omnidrones::rng::Purpose::RESET), &mut own);
         let (mut x, mut row, mut squares, mut n) =
             (system.initial_state(&start), vec![0.0; system.n_input()], 0.0, 0.0);

@@ -3,11 +3,13 @@
 use nalgebra::DMatrix;
 use omnidrones::autodiff::System;
 use omnidrones::controllers::allocation::failure::{LEAST_MARGIN, damaged, hover};
-use omnidrones::controllers::allocation::{Allocator, Attainable, Path, Problem, Reach, problem::balanced_weights};
+use omnidrones::controllers::allocation::{
+    Allocator, AttainableWrenches, Problem, Solver, WrenchMargin, problem::balanced_weights,
+};
 use omnidrones::controllers::registry::controller;
 use omnidrones::controllers::{
-    Assessment, AttitudeCommand, Axis, Capability, Failure, FailureTable, FaultTolerant, Flight, FlightPlan,
-    Kinematics, RateCommand, Rates, Reference, Setup, VelocityCommand, fly_from, fly_vehicle,
+    Assessment, AttitudeCommand, Axis, Capability, FailureTable, FaultTolerant, Flight, FlightPlan, Kinematics,
+    RateCommand, Rates, Reference, RotorFailure, Setup, VelocityCommand, fly_from, fly_vehicle,
 };
 use omnidrones::dynamics::{Multirotor, Physics, Plant, Vehicle, vehicles};
 use omnidrones::rng::{Purpose, Stream};
@@ -19,7 +21,7 @@ fn random_problem(rng: &mut Stream, n: usize, axes: &[Axis]) -> Problem {
     let geometry = DMatrix::from_fn(6, n, |row, _| rng.uniform(-1.0, 1.0) * if row < 3 { 1.0 } else { 0.3 });
     let upper = (0..n).map(|_| rng.uniform(1.0, 6.0)).collect();
     let mut problem = Problem::boxed(geometry, [1.0; 6], upper).unwrap();
-    let length = Attainable::of(&problem, axes).unwrap().length();
+    let length = AttainableWrenches::of(&problem, axes).unwrap().length();
     let weights = balanced_weights(length);
     problem.weights = std::array::from_fn(|i| if axes.contains(&Axis::ALL[i]) { weights[i] } else { 0.0 });
     problem.regularisation *= 1e-4;
@@ -27,13 +29,13 @@ fn random_problem(rng: &mut Stream, n: usize, axes: &[Axis]) -> Problem {
 }
 
 /// Distance (N) by which the best allocation misses a wrench given in scaled rows.
-fn miss(allocator: &mut Allocator, set: &Attainable, scaled: &[f64]) -> f64 {
+fn miss(allocator: &mut Allocator, set: &AttainableWrenches, scaled: &[f64]) -> f64 {
     let mut wrench = [0.0; 6];
     for (axis, value) in set.axes().iter().zip(scaled) {
         wrench[*axis as usize] = value * if axis.is_moment() { set.length() } else { 1.0 };
     }
     let solution = allocator.solve(&wrench);
-    assert_ne!(solution.path, Path::Held);
+    assert_ne!(solution.solver, Solver::Held);
     let reached = set.scaled(&allocator.problem().delivered(&allocator.solution().inputs));
     scaled.iter().zip(reached).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
@@ -47,7 +49,7 @@ fn the_margin_is_the_radius_of_the_largest_ball_that_the_allocator_reaches() {
         let problem = random_problem(&mut rng, axes.len() + 1 + case % 4, axes);
         let middle: Vec<f64> = problem.upper.iter().map(|u| u * rng.uniform(0.3, 0.7)).collect();
         let wrench = problem.delivered(&middle);
-        let set = Attainable::of(&problem, axes).unwrap();
+        let set = AttainableWrenches::of(&problem, axes).unwrap();
         let margin = set.margin(&wrench);
         assert!(margin.distance > 0.0, "{margin:?}");
         let center = set.scaled(&wrench);
@@ -79,7 +81,7 @@ fn every_facet_touches_a_vertex_and_leaves_none_outside() {
         let corner = |bits: usize| -> Vec<f64> {
             (0..n).map(|i| if bits >> i & 1 == 1 { problem.upper[i] } else { problem.lower[i] }).collect()
         };
-        let set = Attainable::of(&problem, axes).unwrap();
+        let set = AttainableWrenches::of(&problem, axes).unwrap();
         let vertices: Vec<[f64; 6]> = (0..1 << n).map(|b| set.scaled(&problem.delivered(&corner(b)))).collect();
         for facet in set.facets() {
             let reach = |y: &[f64; 6]| facet.normal.iter().zip(y).map(|(a, b)| a * b).sum::<f64>();
@@ -107,7 +109,7 @@ fn authority_index(spins: &str, lost: Option<usize>) -> f64 {
     if let Some(i) = lost {
         problem.upper[i] = 0.0;
     }
-    Attainable::with_length(&problem, &Axis::STEERED, 1.0).unwrap().margin(&weight).distance
+    AttainableWrenches::with_length(&problem, &Axis::STEERED, 1.0).unwrap().margin(&weight).distance
 }
 
 #[test]
@@ -168,16 +170,16 @@ fn a_flat_set_has_no_margin_and_names_the_axes_it_lost() {
     for j in 0..6 {
         problem.geometry[(5, j)] = 0.0;
     }
-    let reach = Reach::of(&problem, &Axis::STEERED, &weight).unwrap();
+    let reach = WrenchMargin::of(&problem, &Axis::STEERED, &weight).unwrap();
     assert_eq!((reach.rank, reach.dropped.as_slice()), (3, [Axis::Yaw].as_slice()));
     assert!(reach.margin.distance.abs() < 1e-12 && reach.weakest().ends_with("yaw"), "{reach}");
     let mut twisted = weight;
     twisted[5] = 0.1;
-    let beyond = Reach::of(&problem, &Axis::STEERED, &twisted).unwrap();
+    let beyond = WrenchMargin::of(&problem, &Axis::STEERED, &twisted).unwrap();
     assert!((beyond.margin.distance + 0.1 / beyond.length).abs() < 1e-12, "{beyond}");
     // all rotors lost: a point
     problem.upper.fill(0.0);
-    let nothing = Reach::of(&problem, &Axis::STEERED, &weight).unwrap();
+    let nothing = WrenchMargin::of(&problem, &Axis::STEERED, &weight).unwrap();
     assert_eq!(nothing.rank, 0);
     assert!((nothing.margin.distance + weight[2]).abs() < 1e-12, "{nothing}");
 }
@@ -185,7 +187,7 @@ fn a_flat_set_has_no_margin_and_names_the_axes_it_lost() {
 #[test]
 fn what_cannot_be_certified_is_refused_with_a_reason() {
     let (problem, weight) = hexarotor("PNPNPN");
-    let refusal = |problem: &Problem, axes: &[Axis]| Attainable::of(problem, axes).unwrap_err().to_string();
+    let refusal = |problem: &Problem, axes: &[Axis]| AttainableWrenches::of(problem, axes).unwrap_err().to_string();
     assert!(refusal(&problem, &[]).contains("one to six different"));
     assert!(refusal(&problem, &[Axis::Yaw, Axis::Yaw]).contains("different"));
     let mut endless = problem.clone();
@@ -193,13 +195,13 @@ fn what_cannot_be_certified_is_refused_with_a_reason() {
     assert!(refusal(&endless, &Axis::STEERED).contains("bounds of input 2"));
     let many = random_problem(&mut Stream::new(4, 0, 0, Purpose::RESET), 40, &Axis::STEERED);
     assert!(refusal(&many, &Axis::ALL).contains("over the limit of 100000"));
-    assert!(Reach::of(&problem, &Axis::STEERED, &[f64::NAN; 6]).is_err());
+    assert!(WrenchMargin::of(&problem, &Axis::STEERED, &[f64::NAN; 6]).is_err());
     assert!(problem.n_input() == 6 && weight[2] > 0.0);
     let vehicle = vehicles::by_name("firefly").unwrap();
     for (failure, words) in [
-        (Failure::lost(6, 1.0), "0 to 5"),
-        (Failure::lost(0, -1.0), "≥ 0 s"),
-        (Failure { rotor: 0, at: 1.0, effectiveness: 1.0 }, "in [0, 1)"),
+        (RotorFailure::lost(6, 1.0), "0 to 5"),
+        (RotorFailure::lost(0, -1.0), "≥ 0 s"),
+        (RotorFailure { rotor: 0, at: 1.0, effectiveness: 1.0 }, "in [0, 1)"),
     ] {
         let plan = FlightPlan { failures: vec![failure], ..Default::default() };
         let error = fly_vehicle(&vehicle, &vehicle.gains(), &plan, &mut |_| {}).unwrap_err().to_string();
@@ -208,7 +210,7 @@ fn what_cannot_be_certified_is_refused_with_a_reason() {
 }
 
 /// A hover of 20 s after the failures.
-fn hovering(failures: Vec<Failure>) -> FlightPlan {
+fn hovering(failures: Vec<RotorFailure>) -> FlightPlan {
     let from = failures.iter().map(|f| f.at).fold(0.0, f64::max);
     FlightPlan {
         reference: Reference::by_name("hover").unwrap(),
@@ -273,7 +275,7 @@ fn the_firefly_hovers_on_any_five_rotors() {
     let vehicle = vehicles::by_name("firefly").unwrap();
     // measured, worst of six: 0.013 m in height, 0.027 m across, 2.5° of tilt, 0.09 rad/s of yaw
     for rotor in 0..6 {
-        let worst = Worst::of(&flown(&vehicle, &hovering(vec![Failure::lost(rotor, 1.0)])));
+        let worst = Worst::of(&flown(&vehicle, &hovering(vec![RotorFailure::lost(rotor, 1.0)])));
         println!("rotor {rotor}: {worst:.3?}");
         assert!(worst.is_kept(), "rotor {rotor}: {worst:?}");
     }
@@ -300,7 +302,7 @@ fn hundred(vehicle: &Vehicle, size: f64, delay: f64) -> (Worst, usize, usize) {
     let (mut worst, mut kept, mut back) = (Worst::none(), 0, 0);
     for _ in 0..100 {
         let start = disturbed(vehicle, &mut rng, size);
-        let failures = vec![Failure::lost(rng.below(vehicle.n_rotor() as u64) as usize, 0.0)];
+        let failures = vec![RotorFailure::lost(rng.below(vehicle.n_rotor() as u64) as usize, 0.0)];
         let plan = FlightPlan { detection_delay: delay, ..hovering(failures) };
         let flight = flown_from(vehicle, &plan, &start);
         let one = Worst::of(&flight);
@@ -337,7 +339,7 @@ fn every_vehicle_flies_after_every_loss_that_leaves_it_capable() {
         let table = FailureTable::of(&vehicle).unwrap();
         let mut worst = Worst::none();
         for a in table.single.iter().chain(&table.double).filter(|a| a.capability != Capability::None) {
-            let failures = a.broken().into_iter().map(|rotor| Failure::lost(rotor, 1.0)).collect();
+            let failures = a.broken().into_iter().map(|rotor| RotorFailure::lost(rotor, 1.0)).collect();
             let flight = flown(&vehicle, &hovering(failures));
             let one = Worst::of(&flight);
             println!("{} {:?} {:?}: {one:.3?}", vehicle.name, a.broken(), a.capability);
@@ -359,7 +361,7 @@ fn a_hexarotor_with_paired_spins_keeps_its_yaw() {
     assert_eq!(kept, [true, true, true, true, false, false]);
     // measured, worst of four: heading off by 0.014 rad, 1.9e-4 rad after 20 s; 0.027 m across
     for a in table.single.iter().filter(|a| a.capability == Capability::Full) {
-        let plan = hovering(vec![Failure::lost(a.broken()[0], 1.0)]);
+        let plan = hovering(vec![RotorFailure::lost(a.broken()[0], 1.0)]);
         let flight = flown(&vehicle, &plan);
         let yaw = flight.log.euler_angles().iter().map(|e| e[2].abs()).fold(0.0, f64::max);
         let last = flight.log.euler_angles().last().unwrap()[2];
@@ -381,7 +383,7 @@ fn a_quadrotor_with_a_rotor_at_sixty_per_cent_flies_where_that_carries_it() {
                 println!("{} {rotor}: cannot hover", vehicle.name);
                 continue;
             }
-            let plan = hovering(vec![Failure { rotor, at: 1.0, effectiveness: 0.6 }]);
+            let plan = hovering(vec![RotorFailure { rotor, at: 1.0, effectiveness: 0.6 }]);
             let flight = flown(&vehicle, &plan);
             let (worst, heading) = (Worst::of(&flight), flight.log.euler_angles().last().unwrap()[2]);
             println!("{} {rotor} {:?}: {worst:.3?}, heading {heading:.1e}", vehicle.name, left.capability);
@@ -393,7 +395,7 @@ fn a_quadrotor_with_a_rotor_at_sixty_per_cent_flies_where_that_carries_it() {
 #[test]
 fn the_lemniscate_is_flown_on_without_a_rotor() {
     let vehicle = vehicles::by_name("firefly").unwrap();
-    let plan = FlightPlan { duration: 20.0, failures: vec![Failure::lost(1, 3.0)], ..Default::default() };
+    let plan = FlightPlan { duration: 20.0, failures: vec![RotorFailure::lost(1, 3.0)], ..Default::default() };
     let flight = flown(&vehicle, &plan);
     let rmse = flight.log.rmse(5.0).unwrap();
     // measured: 0.042 m, against 0.014 m with all six
@@ -405,7 +407,7 @@ fn the_lemniscate_is_flown_on_without_a_rotor() {
 fn until_the_failure_the_flight_is_that_of_the_whole_vehicle_and_then_the_thrust_is_gone() {
     for vehicle in vehicles::all() {
         let whole = FlightPlan { duration: 2.0, ..Default::default() };
-        let plan = FlightPlan { failures: vec![Failure::lost(0, 1.0)], ..whole.clone() };
+        let plan = FlightPlan { failures: vec![RotorFailure::lost(0, 1.0)], ..whole.clone() };
         let (a, b) = (flown(&vehicle, &whole).log, flown(&vehicle, &plan).log);
         // the state at the failure is still common
         assert!(a.position[..=500] == b.position[..=500] && a.rotor_speed[..=500] == b.rotor_speed[..=500]);
@@ -429,17 +431,17 @@ fn every_level_of_control_carries_on() {
     let plant = Multirotor::new(&damaged(&vehicle, &health), Physics::default()).unwrap();
     let weight = hover(&vehicle)[2];
     for level in ["velocity", "attitude", "rate"] {
-        let mut pilot = FaultTolerant::new(&vehicle, &vehicle.gains(), &Rates::default(), 0.002).unwrap();
-        pilot.tell(&health).unwrap();
+        let mut controller = FaultTolerant::new(&vehicle, &vehicle.gains(), &Rates::default(), 0.002).unwrap();
+        controller.tell(&health).unwrap();
         let mut x = whole.hover_state([0.0, 0.0, 10.0]).unwrap();
         x[10] = 0.5;
         let mut next = x.clone();
         for _ in 0..1000 {
             let seen = Kinematics::read(&x);
             let actions = match level {
-                "velocity" => pilot.velocity(&seen, &VelocityCommand::constant([0.5, 0.0, 0.0], 0.0)),
-                "attitude" => pilot.attitude(&seen, &AttitudeCommand::level(weight)),
-                _ => pilot.rate(&seen, &RateCommand::constant(weight, [0.0; 3])),
+                "velocity" => controller.velocity(&seen, &VelocityCommand::constant([0.5, 0.0, 0.0], 0.0)),
+                "attitude" => controller.attitude(&seen, &AttitudeCommand::level(weight)),
+                _ => controller.rate(&seen, &RateCommand::constant(weight, [0.0; 3])),
             };
             plant.step(&x, &actions[..6], &[], &mut next);
             std::mem::swap(&mut x, &mut next);
@@ -453,8 +455,8 @@ fn every_level_of_control_carries_on() {
             _ => x[10].hypot(x[11]) < 0.02 && tilt < 0.3,
         };
         assert!(good, "{level}: {x:?}");
-        let counts = pilot.counts().unwrap();
-        assert_eq!((counts.of(Path::Held), counts.of(Path::Clarabel)), (0, 0), "{counts:?}");
+        let counts = controller.counts().unwrap();
+        assert_eq!((counts.of(Solver::Held), counts.of(Solver::Clarabel)), (0, 0), "{counts:?}");
     }
 }
 
@@ -468,7 +470,7 @@ fn the_thrust_is_steered_while_the_body_spins() {
         let mut x =
             Multirotor::new(&vehicle, Physics::default()).unwrap().hover_state([at[0] + 0.5, at[1], at[2]]).unwrap();
         x[12] = spin;
-        let plan = hovering(vec![Failure::lost(0, 0.0)]);
+        let plan = hovering(vec![RotorFailure::lost(0, 0.0)]);
         let flight = flown_from(&vehicle, &plan, &x);
         let worst = Worst::of(&flight);
         let last = flight.log.angular_velocity.last().unwrap()[2];
@@ -485,6 +487,6 @@ fn where_hover_is_impossible_the_flight_still_ends_in_order() {
     // measured: −2.24 N of a weight of 14.9 N
     assert!(left.without_yaw.margin.distance < -LEAST_MARGIN * hover(&iris)[2]);
     // it falls: no error, no panic
-    let flight = flown(&iris, &hovering(vec![Failure::lost(0, 1.0)]));
+    let flight = flown(&iris, &hovering(vec![RotorFailure::lost(0, 1.0)]));
     assert!(flight.log.len() > 500);
 }

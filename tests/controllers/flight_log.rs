@@ -1,7 +1,7 @@
 //! The key figures of a flight have closed forms, and its file reads back.
 
 use omnidrones::dynamics::spatial::from_euler;
-use omnidrones::flight::{FlightLog, Sample};
+use omnidrones::flight::{FlightLog, FlightSample};
 
 const LIMIT: f64 = 800.0;
 
@@ -10,7 +10,7 @@ fn log() -> FlightLog {
     let mut log = FlightLog::new("closed form", &[LIMIT; 2]);
     for i in 0..10 {
         let t = f64::from(i);
-        let sample = Sample {
+        let sample = FlightSample {
             time: t,
             position: [1.0 + 0.03 * t, 0.04 * t, 2.0],
             velocity: [0.0, t, 0.0],
@@ -59,7 +59,7 @@ fn a_diverged_flight_has_no_rmse_and_says_how_many_samples_broke() {
 #[test]
 fn a_sample_with_the_wrong_number_of_rotors_is_refused() {
     let mut log = FlightLog::new("two", &[LIMIT; 2]);
-    let sample = Sample {
+    let sample = FlightSample {
         time: 0.0,
         position: [0.0; 3],
         velocity: [0.0; 3],

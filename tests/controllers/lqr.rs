@@ -6,7 +6,7 @@ use omnidrones::autodiff::{System, linearise};
 use omnidrones::controllers::design::{ErrorState, bryson, follow, lqr, riccati, spectral_radius};
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
 use omnidrones::controllers::{
-    self, Controller, Flight, FlightPlan, Formation, Lqr, Rates, Reference, Setup, default_controller,
+    self, Controller, Flight, FlightPlan, FormationController, Lqr, Rates, Reference, Setup, default_controller,
 };
 use omnidrones::dynamics::spatial::from_euler;
 use omnidrones::dynamics::tree::Multibody;
@@ -146,13 +146,13 @@ fn following_a_polynomial_needs_no_feedback() {
     }
 }
 
-fn rig(name: &str) -> Multibody {
+fn robot(name: &str) -> Multibody {
     Multibody::new(&configurations::by_name(name).expect("known"), Physics::default()).expect("valid")
 }
 
 #[test]
 fn the_error_state_goes_there_and_back_and_linearises_as_differences_say() {
-    let system = rig("payload");
+    let system = robot("payload");
     let errors = ErrorState::of(&system);
     assert_eq!((errors.n_error(), errors.place(6), errors.place(9), errors.place(10)), (20, 6, 8, 9));
     let mut stream = stream(0);
@@ -210,28 +210,34 @@ fn start_on(system: &Multibody, controller: &dyn Controller, reference: &Referen
     controllers::start_on(&system.clone().into(), controller, reference).unwrap()
 }
 
-fn suited(system: &Multibody, rates: &Rates) -> Box<dyn Controller> {
+fn controller_for(system: &Multibody, rates: &Rates) -> Box<dyn Controller> {
     default_controller(&system.clone().into(), &Setup::new(None, rates)).unwrap()
 }
 
-fn flown(system: &Multibody, pilot: &mut dyn Controller, reference: Reference, duration: f64, start: &[f64]) -> Flight {
+fn flown(
+    system: &Multibody,
+    controller: &mut dyn Controller,
+    reference: Reference,
+    duration: f64,
+    start: &[f64],
+) -> Flight {
     let plan = FlightPlan { reference, duration, physics: *system.physics(), ..FlightPlan::default() };
-    controllers::fly_from(&system.clone().into(), pilot, &plan, start, &mut |_| {}).expect("a valid plan")
+    controllers::fly_from(&system.clone().into(), controller, &plan, start, &mut |_| {}).expect("a valid plan")
 }
 
 /// RMSE from 2 s on along a reference, m.
-fn rmse(system: &Multibody, mut pilot: Box<dyn Controller>, reference: &Reference) -> f64 {
-    let start = start_on(system, pilot.as_ref(), reference);
-    let flight = flown(system, pilot.as_mut(), reference.clone(), 15.0, &start);
+fn rmse(system: &Multibody, mut controller: Box<dyn Controller>, reference: &Reference) -> f64 {
+    let start = start_on(system, controller.as_ref(), reference);
+    let flight = flown(system, controller.as_mut(), reference.clone(), 15.0, &start);
     flight.log.rmse(2.0).filter(|_| flight.diverged_at.is_none()).unwrap_or(f64::INFINITY)
 }
 
 /// The drone's cascade alone, and the optimal feedback.
 fn pilots(system: &Multibody) -> [Box<dyn Controller>; 2] {
     let rates = Rates::default();
-    let new = suited(system, &rates);
+    let new = controller_for(system, &rates);
     assert_eq!(new.name(), "lqr");
-    [Box::new(Formation::new(system, None, &rates).expect("flies")), new]
+    [Box::new(FormationController::new(system, None, &rates).expect("flies")), new]
 }
 
 #[test]
@@ -251,8 +257,8 @@ fn optimal_feedback_tracks_closer_than_the_cascade_alone() {
         // measured: falls → 73 mm: the step is seen ahead
         ("inverted_pendulum", step, 0.09),
     ] {
-        let system = rig(name);
-        let [old, new] = pilots(&system).map(|pilot| rmse(&system, pilot, &reference));
+        let system = robot(name);
+        let [old, new] = pilots(&system).map(|controller| rmse(&system, controller, &reference));
         println!("{name} {}: {old:.4} → {new:.4} m", reference.name());
         assert!(new < limit && (new < old || !old.is_finite()), "{name}: {old} → {new}");
     }
@@ -264,11 +270,11 @@ fn loads_come_to_rest_from_fifty_random_starts() {
     let reference = Reference::Hover(Hover { position: point, yaw: 0.0 });
     // measured: 5.8 mm and 0.0 mm after 8 s, 1.43 m at the farthest
     for (name, limit) in [("payload", 0.02), ("inverted_pendulum", 0.001)] {
-        let system = rig(name);
-        let pilot = Lqr::new(&system, None, &Rates::default()).expect("designed");
-        assert!(pilot.regulator().residual < 1e-10 && pilot.regulator().poles[0].norm() < 1.0);
-        assert!(spectral_radius(&pilot.regulator().closed_loop).expect("finite") < 1.0);
-        let rest = start_on(&system, &pilot, &reference);
+        let system = robot(name);
+        let controller = Lqr::new(&system, None, &Rates::default()).expect("designed");
+        assert!(controller.regulator().residual < 1e-10 && controller.regulator().poles[0].norm() < 1.0);
+        assert!(spectral_radius(&controller.regulator().closed_loop).expect("finite") < 1.0);
+        let rest = start_on(&system, &controller, &reference);
         let swing = system.layout().bodies[1].position;
         let (mut worst, mut farthest) = (0.0_f64, 0.0_f64);
         for episode in 0..50 {
@@ -279,12 +285,12 @@ fn loads_come_to_rest_from_fifty_random_starts() {
                 start[k] += within(0.5);
                 start[3 + k] += within(0.3);
             }
-            // the whole rig leans, and the load up to 4° more
+            // the whole robot leans, and the load up to 4° more
             let (lean, more) = (10_f64.to_radians(), 4_f64.to_radians());
             start[6..10].copy_from_slice(&from_euler(within(lean), within(lean), within(lean)));
             start[swing] += within(more);
             start[swing + 1] += within(more);
-            let flight = flown(&system, &mut pilot.clone(), reference.clone(), 8.0, &start);
+            let flight = flown(&system, &mut controller.clone(), reference.clone(), 8.0, &start);
             assert_eq!(flight.diverged_at, None, "{name} {episode}");
             let off = |x: &[f64]| (x[0] - point[0]).hypot(x[1] - point[1]).hypot(x[2] - point[2]);
             worst = worst.max(off(&flight.states[flight.states.len() - rest.len()..]));

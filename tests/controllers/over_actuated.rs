@@ -2,12 +2,12 @@
 //!
 //! Nominal physics, RK4 at 2 ms unless a test says otherwise.
 
-use omnidrones::controllers::allocation::{Axis, Path};
+use omnidrones::controllers::allocation::{Axis, Solver};
 use omnidrones::controllers::platform::Directions;
 use omnidrones::controllers::position::velocity_command;
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
 use omnidrones::controllers::{
-    self, Controller, Flight, FlightPlan, Formation, Platform, Rates, Reference, Setup, Tilt, Transport,
+    self, Controller, Flight, FlightPlan, FormationController, Platform, Rates, Reference, Setup, Tilt, Transport,
     default_controller,
 };
 use omnidrones::dynamics::spatial::{dot, from_euler, mat_mul, matrix, scale, sub, transpose};
@@ -23,7 +23,7 @@ fn start_on(system: &Multibody, controller: &dyn Controller, reference: &Referen
     controllers::start_on(&system.clone().into(), controller, reference).unwrap()
 }
 
-fn suited(system: &Multibody, rates: &Rates) -> Box<dyn Controller> {
+fn controller_for(system: &Multibody, rates: &Rates) -> Box<dyn Controller> {
     default_controller(&system.clone().into(), &Setup::new(None, rates)).unwrap()
 }
 
@@ -35,8 +35,8 @@ fn transport(system: &Multibody) -> Transport {
     Transport::new(system, None, &Rates::default()).unwrap()
 }
 
-fn formation(system: &Multibody) -> Formation {
-    Formation::new(system, None, &Rates::default()).unwrap()
+fn formation(system: &Multibody) -> FormationController {
+    FormationController::new(system, None, &Rates::default()).unwrap()
 }
 
 fn hover(yaw: f64) -> Reference {
@@ -59,14 +59,14 @@ struct Flown {
     errors: Vec<[f64; 2]>,
 }
 
-fn fly(system: &Multibody, pilot: &mut dyn Controller, reference: &Reference, tilt: Tilt, duration: f64) -> Flown {
-    let start = start_on(system, pilot, reference);
-    fly_from(system, pilot, reference, tilt, duration, &start)
+fn fly(system: &Multibody, controller: &mut dyn Controller, reference: &Reference, tilt: Tilt, duration: f64) -> Flown {
+    let start = start_on(system, controller, reference);
+    fly_from(system, controller, reference, tilt, duration, &start)
 }
 
 fn fly_from(
     system: &Multibody,
-    pilot: &mut dyn Controller,
+    controller: &mut dyn Controller,
     reference: &Reference,
     tilt: Tilt,
     duration: f64,
@@ -74,7 +74,7 @@ fn fly_from(
 ) -> Flown {
     let plan =
         FlightPlan { reference: reference.clone(), tilt, duration, physics: *system.physics(), ..Default::default() };
-    let flight = controllers::fly_from(&system.clone().into(), pilot, &plan, start, &mut |_| {}).unwrap();
+    let flight = controllers::fly_from(&system.clone().into(), controller, &plan, start, &mut |_| {}).unwrap();
     assert_eq!(flight.diverged_at, None);
     let log = &flight.log;
     let error = |k: usize| {
@@ -136,9 +136,9 @@ fn platforms_turn_about_the_vertical_and_settle() {
     for name in ["platform_2", "platform", "platform_6"] {
         let system = system(name);
         for degrees in [45.0_f64, 90.0] {
-            let mut pilot = platform(&system);
-            let start = start_on(&system, &pilot, &hover(0.0));
-            let flown = fly_from(&system, &mut pilot, &hover(degrees.to_radians()), Tilt::LEVEL, 10.0, &start);
+            let mut controller = platform(&system);
+            let start = start_on(&system, &controller, &hover(0.0));
+            let flown = fly_from(&system, &mut controller, &hover(degrees.to_radians()), Tilt::LEVEL, 10.0, &start);
             let ([drift, _], [angle, _]) = (flown.position(0.0), flown.attitude(6.0));
             println!("worst {name} yaw {degrees}: {drift:.1} mm over all, {angle:.3}° after 6 s");
             // measured: 14.0 mm (platform_6, 90°), 0.24° (all, 90°; 0.08° at 45°)
@@ -164,10 +164,10 @@ fn platforms_track_a_lemniscate_level_and_tilted() {
 #[test]
 fn two_drones_hold_all_but_the_angle_about_their_line() {
     let system = system("platform_2");
-    let mut pilot = platform(&system);
-    assert_eq!(pilot.lost(), [Axis::Roll]);
+    let mut controller = platform(&system);
+    assert_eq!(controller.lost(), [Axis::Roll]);
     assert!(platform(&self::system("platform")).lost().is_empty());
-    let flown = fly(&system, &mut pilot, &hover(0.0), tilted(0.0, 20.0), 10.0);
+    let flown = fly(&system, &mut controller, &hover(0.0), tilted(0.0, 20.0), 10.0);
     let ([drift, _], [angle, _]) = (flown.position(6.0), flown.attitude(6.0));
     println!("worst platform_2 pitch 20: {drift:.2} mm {angle:.3}°");
     // measured: 0.09 mm, 0.003°
@@ -181,10 +181,10 @@ fn two_drones_hold_all_but_the_angle_about_their_line() {
 }
 
 /// A start at hover, disturbed: 0.5 m, 0.5 m/s, 0.3 rad, 0.5 rad/s, joints 0.3 rad.
-fn disturbed(system: &Multibody, pilot: &dyn Controller, seed: u64) -> Vec<f64> {
+fn disturbed(system: &Multibody, controller: &dyn Controller, seed: u64) -> Vec<f64> {
     let mut stream = Stream::new(seed, 0, 0, Purpose::RESET);
     let mut within = |size: f64| size * (2.0 * stream.uniform(0.0, 1.0) - 1.0);
-    let mut state = start_on(system, pilot, &hover(0.0));
+    let mut state = start_on(system, controller, &hover(0.0));
     let layout = system.layout();
     let root = layout.bodies[0].position;
     (0..3).for_each(|k| state[root + k] += within(0.5));
@@ -202,9 +202,9 @@ fn twenty_disturbed_starts_all_settle() {
         let system = system(name);
         let (mut drift, mut angle) = (0.0_f64, 0.0_f64);
         for seed in 0..20 {
-            let mut pilot = suited(&system, &Rates::default());
-            let start = disturbed(&system, pilot.as_ref(), seed);
-            let flown = fly_from(&system, pilot.as_mut(), &hover(0.0), Tilt::LEVEL, 8.0, &start);
+            let mut controller = controller_for(&system, &Rates::default());
+            let start = disturbed(&system, controller.as_ref(), seed);
+            let flown = fly_from(&system, controller.as_mut(), &hover(0.0), Tilt::LEVEL, 8.0, &start);
             drift = drift.max(flown.position(7.0)[0]);
             angle = angle.max(flown.attitude(7.0)[0]);
         }
@@ -239,10 +239,10 @@ fn drones_of_a_steep_platform_stay_out_of_each_others_wakes() {
     let system = system("platform");
     let flight = |wake: f64| {
         let directions = Directions { wake: wake.to_radians(), ..Directions::default() };
-        let mut pilot = Platform::with_directions(&system, None, &Rates::default(), directions).unwrap();
-        let flown = fly(&system, &mut pilot, &hover(0.0), tilted(0.0, 55.0), 10.0);
+        let mut controller = Platform::with_directions(&system, None, &Rates::default(), directions).unwrap();
+        let flown = fly(&system, &mut controller, &hover(0.0), tilted(0.0, 55.0), 10.0);
         let drift = flown.position(6.0)[0];
-        (clearest(&system, &flown, 6.0), drift, pilot.allocation().counts())
+        (clearest(&system, &flown, 6.0), drift, controller.allocation().counts())
     };
     // forces that hold a frame at 55° straight up point wakes 35° past the drones below
     let (careless, _, (free, _)) = flight(10.0);
@@ -250,7 +250,7 @@ fn drones_of_a_steep_platform_stay_out_of_each_others_wakes() {
     println!("worst wakes: {careless:.2}° without, {clear:.2}° with the condition; {drift:.2} mm; {counts:?}");
     // measured: 35.00°; 45.06° and 0.25 mm, 841 cone programs
     assert!(free > 900 && (careless - 35.0).abs() < 0.5, "{free} {careless}");
-    assert!(counts.of(Path::Clarabel) > 500 && counts.of(Path::Held) == 0, "{counts:?}");
+    assert!(counts.of(Solver::Clarabel) > 500 && counts.of(Solver::Held) == 0, "{counts:?}");
     assert!(clear > 44.5 && drift < 20.0, "{clear} {drift}");
 }
 
@@ -290,9 +290,9 @@ fn a_load_is_tracked_better_than_by_a_formation() {
 fn a_load_turns_by_45_degrees_without_leaving_its_place() {
     for name in ["transport", "transport_6"] {
         let system = system(name);
-        let turn = |mut pilot: Box<dyn Controller>| {
-            let start = start_on(&system, pilot.as_ref(), &hover(0.0));
-            fly_from(&system, pilot.as_mut(), &hover(std::f64::consts::FRAC_PI_4), Tilt::LEVEL, 10.0, &start)
+        let turn = |mut controller: Box<dyn Controller>| {
+            let start = start_on(&system, controller.as_ref(), &hover(0.0));
+            fly_from(&system, controller.as_mut(), &hover(std::f64::consts::FRAC_PI_4), Tilt::LEVEL, 10.0, &start)
         };
         let [old, new] = [turn(Box::new(formation(&system))), turn(Box::new(transport(&system)))];
         let [(was_off, was_late), (off, late)] = [old, new].map(|f| (f.position(0.0)[0], f.attitude(5.0)[0]));
@@ -312,11 +312,12 @@ fn a_longer_step_and_wind_are_borne() {
         let physics = Physics { dt: 0.004, effects, ..Physics::default() };
         let system = Multibody::new(&model, physics).unwrap();
         let rates = Rates { rate: 250.0, attitude: 250.0, velocity: 125.0 };
-        let mut pilot = suited(&system, &rates);
-        let start = start_on(&system, pilot.as_ref(), &lemniscate());
+        let mut controller = controller_for(&system, &rates);
+        let start = start_on(&system, controller.as_ref(), &lemniscate());
         let wind = Wind::Constant { velocity: [3.0, 0.0, 0.0] };
         let plan = FlightPlan { reference: lemniscate(), duration: 20.0, physics, rates, wind, ..Default::default() };
-        let flight = controllers::fly_from(&system.clone().into(), pilot.as_mut(), &plan, &start, &mut |_| {}).unwrap();
+        let flight =
+            controllers::fly_from(&system.clone().into(), controller.as_mut(), &plan, &start, &mut |_| {}).unwrap();
         assert_eq!(flight.diverged_at, None);
         let rmse = 1e3 * flight.log.summary(2.0).rmse.unwrap();
         println!("worst {name} in 3 m/s at 4 ms: RMSE {rmse:.0} mm");
@@ -363,7 +364,7 @@ fn commands_enter_at_every_level_with_the_same_result() {
 
 #[test]
 fn pilots_are_found_by_structure_and_refuse_what_cannot_work() {
-    for (name, pilot) in [
+    for (name, controller) in [
         ("platform_2", "platform"),
         ("platform", "platform"),
         ("platform_6", "platform"),
@@ -372,7 +373,7 @@ fn pilots_are_found_by_structure_and_refuse_what_cannot_work() {
         ("payload", "lqr"),
         ("inverted_pendulum", "lqr"),
     ] {
-        assert_eq!(suited(&system(name), &Rates::default()).name(), pilot, "{name}");
+        assert_eq!(controller_for(&system(name), &Rates::default()).name(), controller, "{name}");
     }
     let refusal =
         |name: &str| Platform::new(&system(name), None, &Rates::default()).map(|_| ()).unwrap_err().to_string();

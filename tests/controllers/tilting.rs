@@ -43,10 +43,10 @@ use omnidrones::controllers::allocation::{AllocationFunction, Problem, composite
 use omnidrones::controllers::attitude::attitude_error;
 use omnidrones::controllers::design::tune::{CRASH_DISTANCE, MAX_STARTS};
 use omnidrones::controllers::design::{Descent, Iteration};
-use omnidrones::controllers::parameters::{Body, ForceLimits, GainSet, Limits};
+use omnidrones::controllers::parameters::{BodyModel, CommandLimits, ForceLimits, GainSet};
 use omnidrones::controllers::reference::{Curve, Lemniscate};
 use omnidrones::controllers::{
-    AttitudeCommand, ClosedLoop, ControlLaw, Kinematics, Moment, Orientation, Rates, Reference, Running, Sample,
+    AttitudeCommand, ClosedLoop, ControlLaw, Kinematics, Moment, Orientation, Rates, Reference, Running, Setpoint,
     SixAxis, Target, vectored,
 };
 use omnidrones::dynamics::configurations::Omav;
@@ -95,7 +95,7 @@ struct Arm {
 /// The loop: θ as the [module](self) says.
 pub type Tilting = ClosedLoop<Running<TiltingLaw>>;
 
-/// Its law. Target: a [`Sample`] and an [`AttitudeCommand`], whose thrust plays no part.
+/// Its law. Target: a [`Setpoint`] and an [`AttitudeCommand`], whose thrust plays no part.
 pub struct TiltingLaw {
     plant: Multibody,
     law: SixAxis<f64>,
@@ -128,24 +128,24 @@ impl TiltingLaw {
     /// # Errors
     /// As [`Omav::build`] and [`Multibody::new`].
     pub fn new(omav: &Omav, physics: Physics) -> Result<Self> {
-        let rig = omav.build()?;
-        let plant = Multibody::new(&rig.model, physics)?;
-        let arms = rig.map.units.iter().map(|unit| arm(&plant, *unit)).collect::<Result<Vec<Arm>>>()?;
+        let robot = omav.build()?;
+        let plant = Multibody::new(&robot.model, physics)?;
+        let arms = robot.map.units.iter().map(|unit| arm(&plant, *unit)).collect::<Result<Vec<Arm>>>()?;
         let mut across = [[0.0; 3]; 3];
         for e in arms.iter().map(|a| a.in_core(&plant)) {
             (0..9).for_each(|k| across[k / 3][k % 3] += f64::from(u8::from(k / 3 == k % 3)) - e[k / 3] * e[k % 3]);
         }
-        let body = Body {
-            mass: rig.model.mass(),
+        let body = BodyModel {
+            mass: robot.model.mass(),
             inertia: composite_inertia(&plant, &plant.rest_state()),
             drag: [0.0; 3],
             drag_moment: [[0.0; 3]; 3],
-            gravity: rig.model.parts().gravity,
+            gravity: robot.model.parts().gravity,
         };
         let gains = vectored::placed(&plant, &Rates::every_step(physics.dt), &body)?;
         let max_thrust = 2.0 * arms[0].rotors[0].max_thrust();
         let weight = body.mass * body.gravity;
-        let limits = ForceLimits::constant(&Limits::default(), N_ARM as f64 * max_thrust, weight);
+        let limits = ForceLimits::constant(&CommandLimits::default(), N_ARM as f64 * max_thrust, weight);
         let law = SixAxis { body, gains: GainSet::constant(&gains), limits };
         let (weights, share) = (vectored::weights(&body), weight / N_ARM as f64);
         let template = Problem::boxed(DMatrix::zeros(WRENCH, N_INPUT), weights, vec![max_thrust; N_INPUT])?;
@@ -193,13 +193,13 @@ impl TiltingLaw {
     /// (T, s Δα): the allocation of one step.
     pub fn allocate<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S]) -> [S; N_INPUT] {
         let theta: [S; N_PARAMETER] = std::array::from_fn(|k| parameters[k].exp());
-        let (sample, orientation) = input.split_at(Sample::<S>::DIM);
+        let (sample, orientation) = input.split_at(Setpoint::<S>::DIM);
         let AttitudeCommand { attitude, angular_velocity, angular_acceleration, .. } =
             AttitudeCommand::read(orientation);
         let orientation = Orientation { attitude, angular_velocity, angular_acceleration };
         let limits = &self.law.limits;
         let law = SixAxis {
-            body: Body::constant(&self.law.body),
+            body: BodyModel::constant(&self.law.body),
             gains: GainSet::read(&theta),
             limits: ForceLimits {
                 tilt_tangent: S::constant(limits.tilt_tangent),
@@ -209,7 +209,7 @@ impl TiltingLaw {
                 thrust: S::constant(limits.thrust),
             },
         };
-        let wrench = law.position(&Kinematics::read(state), &Sample::read(sample), &orientation);
+        let wrench = law.position(&Kinematics::read(state), &Setpoint::read(sample), &orientation);
         let columns = self.columns(state);
         let preference = self.preference(&columns, [wrench[0], wrench[1], wrench[2]]);
         let [rho, horizon] = [theta[N_PARAMETER - 2], theta[N_PARAMETER - 1]];
@@ -263,11 +263,11 @@ impl ControlLaw for TiltingLaw {
         false
     }
     fn n_target(&self) -> usize {
-        Sample::<f64>::DIM + AttitudeCommand::<f64>::DIM
+        Setpoint::<f64>::DIM + AttitudeCommand::<f64>::DIM
     }
     fn write_target(&self, target: Target<'_>, time: f64, row: &mut [f64]) {
-        target.sample(time).write(&mut row[..Sample::<f64>::DIM]);
-        target.orientation(time).with_thrust(0.0).write(&mut row[Sample::<f64>::DIM..]);
+        target.sample(time).write(&mut row[..Setpoint::<f64>::DIM]);
+        target.orientation(time).with_thrust(0.0).write(&mut row[Setpoint::<f64>::DIM..]);
     }
     fn parameters(&self) -> Vec<f64> {
         self.nominal.clone()
@@ -353,7 +353,7 @@ impl PoseError {
 /// p − p_d (world, m) and e_R (body).
 fn errors<S: Scalar>(state: &[S], input: &[S]) -> [Vec3<S>; 2] {
     let seen = Kinematics::read(state);
-    let wanted = AttitudeCommand::read(&input[Sample::<S>::DIM..]).attitude;
+    let wanted = AttitudeCommand::read(&input[Setpoint::<S>::DIM..]).attitude;
     [sub(seen.position, [input[0], input[1], input[2]]), attitude_error(wanted, matrix(seen.attitude))]
 }
 

@@ -76,12 +76,12 @@ fn masses_sum_to_the_papers_numbers() {
 
 #[test]
 fn payload_hangs_and_pendulum_stands_by_a_bars_length() {
-    let rig = Payload::default().build().unwrap();
-    stands(&rig.model, "bar", [0.0, 0.0, -0.5]);
-    stands(&rig.model, "payload", [0.0, 0.0, -1.0]);
-    assert_eq!(rig.map.drone.rotors, [0, 1, 2, 3]);
-    assert_eq!(rig.model.bodies()[rig.map.swing[1]].name, "bar");
-    let joint = &rig.model.bodies()[rig.map.swing[0]].joint;
+    let robot = Payload::default().build().unwrap();
+    stands(&robot.model, "bar", [0.0, 0.0, -0.5]);
+    stands(&robot.model, "payload", [0.0, 0.0, -1.0]);
+    assert_eq!(robot.map.drone.rotors, [0, 1, 2, 3]);
+    assert_eq!(robot.model.bodies()[robot.map.swing[1]].name, "bar");
+    let joint = &robot.model.bodies()[robot.map.swing[0]].joint;
     assert!((joint.damping - 1.145916e-4).abs() < 1e-9 && (joint.limits.unwrap().upper - 2.0943951).abs() < 1e-7);
 
     let long = InvertedPendulum { length: 1.4, ..Default::default() }.build().unwrap();
@@ -96,20 +96,20 @@ fn payload_hangs_and_pendulum_stands_by_a_bars_length() {
 #[test]
 fn platform_drones_stand_at_the_tips_with_opposite_yaw() {
     for n in [2, 3, 4, 6] {
-        let rig = Platform { n_drone: n, ..Platform::default() }.build().unwrap();
-        assert_eq!(rig.map.drones.len(), n);
+        let robot = Platform { n_drone: n, ..Platform::default() }.build().unwrap();
+        assert_eq!(robot.map.drones.len(), n);
         for j in 0..n {
             let angle = TAU * j as f64 / n as f64;
             let name = format!("drone_{j}");
-            stands(&rig.model, &name, [0.85 * angle.cos(), 0.85 * angle.sin(), 0.0]);
-            let off = (heading(&rig.model, &name) + angle).rem_euclid(TAU);
+            stands(&robot.model, &name, [0.85 * angle.cos(), 0.85 * angle.sin(), 0.0]);
+            let off = (heading(&robot.model, &name) + angle).rem_euclid(TAU);
             assert!(off.min(TAU - off) < 1e-14, "{n} {j}: {off}");
-            let drone = &rig.map.drones[j];
+            let drone = &robot.map.drones[j];
             assert_eq!(drone.drone.rotors, (4 * j..4 * j + 4).collect::<Vec<_>>());
-            assert_eq!(rig.model.bodies()[drone.mount[1]].name, name);
+            assert_eq!(robot.model.bodies()[drone.mount[1]].name, name);
             // turning the first hinge keeps points on the arm's line where they are
-            let (system, mut x) = at_rest(&rig.model);
-            x[rig.model.layout().bodies[drone.mount[0]].position] = 0.4;
+            let (system, mut x) = at_rest(&robot.model);
+            x[robot.model.layout().bodies[drone.mount[0]].position] = 0.4;
             let turned = body_poses(&system, &x)[drone.drone.body].rotation;
             let back = Matrix3::from_fn(|r, c| turned[r][c]);
             let rest = body_poses(&system, &system.rest_state())[drone.drone.body].rotation;
@@ -135,11 +135,11 @@ fn platform_frame_is_a_star_of_capsules() {
 
 #[test]
 fn transport_drones_stand_a_bar_above_the_anchors() {
-    for (rig, n) in [(Transport::four(), 4), (Transport::six(), 6)] {
-        let built = rig.build().unwrap();
+    for (robot, n) in [(Transport::four(), 4), (Transport::six(), 6)] {
+        let built = robot.build().unwrap();
         assert_eq!(built.map.carriers.len(), n);
         assert_eq!(built.model.bodies().len(), 1 + 4 * n);
-        for (i, [x, y]) in rig.corners.iter().enumerate() {
+        for (i, [x, y]) in robot.corners.iter().enumerate() {
             stands(&built.model, &format!("bar_{i}"), [*x, *y, 0.6]);
             // the paper counts from the drones: the box's centre is 1.1 m below
             stands(&built.model, &format!("drone_{i}"), [*x, *y, 1.1]);
@@ -162,17 +162,17 @@ fn transport_drones_stand_a_bar_above_the_anchors() {
 #[test]
 fn dragon_links_stand_in_a_row_with_their_rotors_above() {
     for n in [1, 4, 7] {
-        let rig = Dragon { n_link: n, ..Dragon::default() }.build().unwrap();
-        assert_eq!(rig.map.links.len(), n);
-        assert!((rig.model.mass() - 0.613 * n as f64).abs() < 1e-12);
-        let (system, rest) = at_rest(&rig.model);
+        let robot = Dragon { n_link: n, ..Dragon::default() }.build().unwrap();
+        assert_eq!(robot.map.links.len(), n);
+        assert!((robot.model.mass() - 0.613 * n as f64).abs() < 1e-12);
+        let (system, rest) = at_rest(&robot.model);
         let poses = body_poses(&system, &rest);
-        for (i, link) in rig.map.links.iter().enumerate() {
-            stands(&rig.model, &format!("link_{i}"), [0.3 * i as f64, 0.0, 0.0]);
-            stands(&rig.model, &format!("module_{i}"), [0.3 * i as f64, 0.0, 0.02]);
+        for (i, link) in robot.map.links.iter().enumerate() {
+            stands(&robot.model, &format!("link_{i}"), [0.3 * i as f64, 0.0, 0.0]);
+            stands(&robot.model, &format!("module_{i}"), [0.3 * i as f64, 0.0, 0.02]);
             assert_eq!(link.module.rotors, [2 * i, 2 * i + 1]);
             for (r, y, spin) in [(2 * i, -0.1, 1.0), (2 * i + 1, 0.1, -1.0)] {
-                let mounted = &rig.model.rotors()[r];
+                let mounted = &robot.model.rotors()[r];
                 let hub = Vector3::from(poses[mounted.body].position) + Vector3::from(mounted.rotor.position);
                 assert!((hub - Vector3::new(0.3 * i as f64, y, 0.06)).norm() < 1e-14, "{hub:?}");
                 assert_eq!((mounted.rotor.name.clone(), mounted.rotor.spin), (format!("rotor_{r}"), spin));
@@ -181,32 +181,32 @@ fn dragon_links_stand_in_a_row_with_their_rotors_above() {
             assert_eq!(link.bend.is_some(), i + 1 < n);
         }
         // 2 rotors, 2 gimbals per link and 2 bends between: 22 for four links
-        assert_eq!(rig.model.layout().n_input(), 6 * n - 2);
+        assert_eq!(robot.model.layout().n_input(), 6 * n - 2);
     }
-    let rig = Dragon::default().build().unwrap();
-    let bend = rig.model.bodies()[rig.map.links[0].bend.unwrap()[1]].joint.drive.unwrap();
+    let robot = Dragon::default().build().unwrap();
+    let bend = robot.model.bodies()[robot.map.links[0].bend.unwrap()[1]].joint.drive.unwrap();
     assert!((bend.stiffness - 57.29578).abs() < 1e-5 && (bend.damping - 28.64789).abs() < 1e-5);
     assert_eq!((bend.max_torque, bend.range), (7.0, FRAC_PI_2));
-    let ring = &rig.model.bodies()[rig.map.links[0].gimbal[0]];
+    let ring = &robot.model.bodies()[robot.map.links[0].gimbal[0]];
     assert_eq!(ring.name, "ring_0");
     assert!((ring.inertia.xx - 0.4 * 0.2 * 0.0016).abs() < 1e-18);
 }
 
 #[test]
 fn tilting_omav_with_its_tilts_at_zero_is_the_rigid_one() {
-    let rig = Omav::default().build().unwrap();
+    let robot = Omav::default().build().unwrap();
     let rigid = vehicles::by_name("omav").unwrap();
     let own = rigid.mass_properties();
-    let (system, rest) = at_rest(&rig.model);
+    let (system, rest) = at_rest(&robot.model);
     let poses = body_poses(&system, &rest);
     let center = Vector3::from(center_of_mass(&system, &rest));
     assert!((center - own.center_of_mass).norm() < 1e-15);
     // angular block of the mass matrix: inertia about the origin, where the centre of mass is
-    let mass = mass_matrix(&rig.model, &rest).unwrap();
+    let mass = mass_matrix(&robot.model, &rest).unwrap();
     let inertia = mass.fixed_view::<3, 3>(3, 3).into_owned();
     assert!((inertia - own.inertia).amax() < 1e-15, "{inertia} against {}", own.inertia);
     for (i, wanted) in rigid.rotors.iter().enumerate() {
-        let mounted = &rig.model.rotors()[i];
+        let mounted = &robot.model.rotors()[i];
         let r = Matrix3::from_fn(|a, b| poses[mounted.body].rotation[a][b]);
         let hub = Vector3::from(poses[mounted.body].position) + r * Vector3::from(mounted.rotor.position);
         assert_eq!((mounted.rotor.name.as_str(), mounted.rotor.spin), (wanted.name.as_str(), wanted.spin));
@@ -214,32 +214,32 @@ fn tilting_omav_with_its_tilts_at_zero_is_the_rigid_one() {
         assert!((r * Vector3::from(mounted.rotor.axis) - Vector3::z()).norm() < 1e-15);
         assert_eq!(mounted.rotor.moment_per_thrust, wanted.moment_per_thrust);
     }
-    for (j, unit) in rig.map.units.iter().enumerate() {
-        let wanted = rig.model.rotors().iter().filter(|r| r.body == *unit).map(|r| r.rotor.name.clone());
+    for (j, unit) in robot.map.units.iter().enumerate() {
+        let wanted = robot.model.rotors().iter().filter(|r| r.body == *unit).map(|r| r.rotor.name.clone());
         assert_eq!(wanted.collect::<Vec<_>>(), [format!("rotor_{j}"), format!("rotor_{}", j + 6)]);
-        let out = heading(&rig.model, &format!("unit_{j}"));
-        let at = place(&rig.model, &format!("unit_{j}"));
+        let out = heading(&robot.model, &format!("unit_{j}"));
+        let at = place(&robot.model, &format!("unit_{j}"));
         assert!((at.y.atan2(at.x) - out).sin().abs() < 1e-14, "unit {j} tilts about its arm");
     }
-    assert_eq!((rig.map.drone.body, rig.map.drone.rotors.len()), (0, 12));
+    assert_eq!((robot.map.drone.body, robot.map.drone.rotors.len()), (0, 12));
 }
 
 #[test]
 fn gate_swings_at_the_published_rate_and_has_the_published_opening() {
-    let rig = Gate::default().build().unwrap();
-    let (system, mut x) = at_rest(&rig.model);
+    let robot = Gate::default().build().unwrap();
+    let (system, mut x) = at_rest(&robot.model);
     assert_eq!(x.len(), 2);
     x[0] = 0.1;
     let mut rate = [0.0; 2];
     system.derivative(&x, &[], &[], &mut rate);
     assert!((rate[1] + 0.75 * 0.1).abs() < 1e-15, "ω² = 3/4: {rate:?}");
-    let uprights: Vec<f64> = rig.model.shapes()[..2].iter().map(|s| s.shape.position[1]).collect();
+    let uprights: Vec<f64> = robot.model.shapes()[..2].iter().map(|s| s.shape.position[1]).collect();
     assert!((uprights[0] - 0.66).abs() < 1e-15 && (uprights[1] + 0.66).abs() < 1e-15);
     let turned = omnidrones::dynamics::assembly::Placement::from([3.0, 0.0, 2.0]).turned([0.0, 0.0, 1.0], PI / 2.0);
-    let rig = Gate { place: turned, ..Gate::default() }.build().unwrap();
-    let (system, mut x) = at_rest(&rig.model);
+    let robot = Gate { place: turned, ..Gate::default() }.build().unwrap();
+    let (system, mut x) = at_rest(&robot.model);
     x[0] = 1.0;
-    let moved = Vector3::from(body_poses(&system, &x)[rig.map.frame].position);
+    let moved = Vector3::from(body_poses(&system, &x)[robot.map.frame].position);
     assert!((moved - Vector3::new(2.0, 0.0, 2.0)).norm() < 1e-15, "{moved:?}");
 }
 
@@ -268,17 +268,17 @@ fn coarse(integrator: Integrator) -> Physics {
 #[test]
 fn a_rate_servo_follows_its_command_with_its_lag_at_16_ms() {
     for integrator in [Integrator::RungeKutta4, Integrator::SemiImplicit] {
-        let rig = Omav::default().build().unwrap();
-        let system = Multibody::new(&rig.model, coarse(integrator)).unwrap();
+        let robot = Omav::default().build().unwrap();
+        let system = Multibody::new(&robot.model, coarse(integrator)).unwrap();
         let layout = system.layout();
         let (mut x, mut u) = (system.rest_state(), system.rest_input());
-        u[layout.drive[rig.map.units[2]].unwrap()] = 1.0;
+        u[layout.drive[robot.map.units[2]].unwrap()] = 1.0;
         let mut next = x.clone();
         let mut rates = Vec::new();
         for _ in 0..30 {
             system.step(&x, &u, &[], &mut next);
             std::mem::swap(&mut x, &mut next);
-            rates.push(x[layout.bodies[rig.map.units[2]].velocity]);
+            rates.push(x[layout.bodies[robot.map.units[2]].velocity]);
         }
         // one implicit step of 16 ms with a lag of 20 ms: 16/36 of the way
         println!("{integrator:?}: {:.4} {:.4} {:.4} … {:.6} rad/s", rates[0], rates[1], rates[2], rates[29]);

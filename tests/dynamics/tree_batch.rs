@@ -5,7 +5,7 @@ use crate::common::INTEGRATORS;
 use crate::common::relative;
 use crate::common::tree::{everything, stream};
 use omnidrones::autodiff::System;
-use omnidrones::dynamics::batch::{Failure, Reason};
+use omnidrones::dynamics::batch::{Reason, Stopped};
 use omnidrones::dynamics::configurations::{Dragon, Payload, REGISTRY, Transport};
 use omnidrones::dynamics::tree::{Model, ModelParts, Motion, Multibody};
 use omnidrones::dynamics::{Disturbance, Effects, Physics, World};
@@ -332,7 +332,7 @@ fn one_poisoned_environment_stops_with_a_reason_and_touches_no_bit_of_its_neighb
                 }
                 world.step(&actions).unwrap();
             }
-            let (own, others): (Vec<Failure>, Vec<_>) = world.failures().iter().partition(|f| f.environment == victim);
+            let (own, others): (Vec<Stopped>, Vec<_>) = world.failures().iter().partition(|f| f.environment == victim);
             assert_eq!(others, clean.failures(), "{name}: others");
             assert_eq!(own.len(), 1, "{name}: reported once");
             assert_eq!(own[0].reason, poison.reason(), "{name}");

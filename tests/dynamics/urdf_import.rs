@@ -1,7 +1,7 @@
 //! Real and own URDF files become vehicles that can hover, and survive the way out and back.
 
 use omnidrones::dynamics::urdf::{
-    Import, ImportOptions, Limits, RotorFile, draft_rotors, export, import_file, import_text,
+    Import, ImportOptions, InputLimits, RotorFile, draft_rotors, export, import_file, import_text,
 };
 use omnidrones::dynamics::vehicle::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
 use omnidrones::error::Error;
@@ -321,7 +321,8 @@ fn the_deepest_allowed_file_passes_every_parser_on_a_small_stack() {
     let text = std::fs::read_to_string(root().join("assets/urdf/pocket.urdf")).unwrap();
     let deep = text.replace("</robot>", &format!("{}{}</robot>", "<gazebo>".repeat(255), "</gazebo>".repeat(255)));
     let run = move || {
-        let options = ImportOptions { limits: Limits { depth: 256, ..Limits::default() }, ..Default::default() };
+        let options =
+            ImportOptions { limits: InputLimits { depth: 256, ..InputLimits::default() }, ..Default::default() };
         import_text(&deep, "pocket.urdf", None, &options).unwrap();
     };
     std::thread::Builder::new().stack_size(2 << 20).spawn(run).unwrap().join().unwrap();

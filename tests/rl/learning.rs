@@ -23,7 +23,7 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
     let (env, threads) = (EnvConfig { stagger: true, ..EnvConfig::default() }, threads(n_thread));
     match algorithm {
         "apg" => {
-            let config = ApgConfig { n_env: 40, shard: 16, window: 8, updates: 20, ..ApgConfig::default() };
+            let config = ApgConfig { n_env: 40, shard: 16, horizon: 8, updates: 20, ..ApgConfig::default() };
             Box::new(Apg::new(HOVER, &env, config, 3, threads).unwrap())
         }
         "ppo" => {
@@ -32,7 +32,7 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
             Box::new(Ppo::new(HOVER, &env, config, 3, threads).unwrap())
         }
         _ => {
-            let config = ShacConfig { n_env: 40, shard: 16, window: 8, updates: 20, ..ShacConfig::default() };
+            let config = ShacConfig { n_env: 40, shard: 16, horizon: 8, updates: 20, ..ShacConfig::default() };
             Box::new(Shac::new(HOVER, &env, config, 3, threads).unwrap())
         }
     }
@@ -88,9 +88,9 @@ fn a_run_goes_on_from_saved_tensors_with_the_same_bits() {
 fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
     let env = EnvConfig { stagger: true, ..EnvConfig::default() };
     let network = Layers { hidden: Vec::new(), ..Layers::default() };
-    let (n_env, window, updates, clip) = (64, 32, 200, 1.0);
-    let apg = ApgConfig { n_env, window, updates, clip, network: network.clone(), ..ApgConfig::default() };
-    let shac = ShacConfig { n_env, window, updates, clip, network, ..ShacConfig::default() };
+    let (n_env, horizon, updates, max_grad_norm) = (64, 32, 200, 1.0);
+    let apg = ApgConfig { n_env, horizon, updates, max_grad_norm, network: network.clone(), ..ApgConfig::default() };
+    let shac = ShacConfig { n_env, horizon, updates, max_grad_norm, network, ..ShacConfig::default() };
     let ppo = PpoConfig {
         n_env: 64,
         shard: 32,
@@ -184,10 +184,10 @@ fn apg_finds_the_linear_regulator() {
     let config = ApgConfig {
         n_env: 32,
         shard: 16,
-        window: crate::regulate::STEPS,
+        horizon: crate::regulate::STEPS,
         updates: 1500,
-        rate: Schedule::cosine(0.01, 1e-5),
-        clip: 1.0,
+        learning_rate: Schedule::cosine(0.01, 1e-5),
+        max_grad_norm: 1.0,
         network: Layers { hidden: Vec::new(), ..Layers::default() },
         ..ApgConfig::default()
     };
@@ -201,13 +201,13 @@ fn shac_finds_the_linear_regulator() {
     let config = ShacConfig {
         n_env: 64,
         shard: 32,
-        window: 60,
+        horizon: 60,
         updates: 2000,
         discount: 0.97,
-        rate: Schedule::cosine(0.01, 1e-5),
-        critic_rate: Schedule::cosine(0.005, 1e-4),
-        critic_passes: 4,
-        clip: 1.0,
+        learning_rate: Schedule::cosine(0.01, 1e-5),
+        critic_learning_rate: Schedule::cosine(0.005, 1e-4),
+        critic_epochs: 4,
+        max_grad_norm: 1.0,
         network: Layers { hidden: Vec::new(), ..Layers::default() },
         adam: AdamConfig::default(),
         ..ShacConfig::default()
@@ -261,7 +261,7 @@ fn hover_is_learnt_from_random_weights_with_the_defaults() {
 #[test]
 fn rates_beyond_the_cliff_are_noticed_and_halved() {
     let env = EnvConfig { stagger: true, ..EnvConfig::default() };
-    let config = ApgConfig { rate: Schedule::cosine(0.05, 1e-4), updates: 300, ..ApgConfig::default() };
+    let config = ApgConfig { learning_rate: Schedule::cosine(0.05, 1e-4), updates: 300, ..ApgConfig::default() };
     let mut apg = Apg::new(HOVER, &env, config, 5, Threads::default()).unwrap();
     let mut restarts: f64 = 0.0;
     for _ in 0..900 {

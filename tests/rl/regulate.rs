@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use omnidrones::autodiff::{Scalar, safe};
 use omnidrones::controllers::design::riccati;
 use omnidrones::error::Result;
-use omnidrones::tasks::{Ends, Env, EnvConfig, Loss, Rig, Start, Task, View, Writer};
+use omnidrones::tasks::{Ends, Env, EnvConfig, Loss, Robot, Start, Task, View, Writer};
 
 /// Steps of an episode: three times as long as the slowest mode takes to settle.
 pub const STEPS: usize = 120;
@@ -26,7 +26,7 @@ pub fn weight(i: usize) -> f64 {
 
 /// Fly to a point that is near.
 pub struct Regulate {
-    rig: Rig,
+    robot: Robot,
     hover: f64,
     /// Share of episodes in which nothing finite is seen.
     poison: f64,
@@ -34,9 +34,9 @@ pub struct Regulate {
 
 impl Regulate {
     pub fn new(config: &EnvConfig) -> Result<Self> {
-        let rig = config.single_rig("hummingbird")?;
-        let hover = (0.5 * (rig.hover_input()[0] + 1.0)).sqrt();
-        Ok(Self { rig, hover, poison: 0.0 })
+        let robot = config.single_robot("hummingbird")?;
+        let hover = (0.5 * (robot.hover_input()[0] + 1.0)).sqrt();
+        Ok(Self { robot, hover, poison: 0.0 })
     }
 
     /// Deviations from hover, in the order of the state.
@@ -83,8 +83,8 @@ fn set_poison(start: &mut Start<'_>, poison: f64) {
 }
 
 impl Task for Regulate {
-    fn rig(&self) -> &Rig {
-        &self.rig
+    fn robot(&self) -> &Robot {
+        &self.robot
     }
     fn horizon(&self) -> usize {
         STEPS
@@ -141,8 +141,8 @@ pub fn optimum(discount: f64) -> (DMatrix<f64>, DMatrix<f64>, Vec<f64>) {
     let mut out = omnidrones::tasks::Buffers::new(env.spec());
     env.reset(None, None, &mut out.out()).unwrap();
     let z = env.ideal_arguments();
-    let action: Vec<f64> = z[env.places().action.clone()].to_vec();
-    let state: Vec<f32> = z[env.places().state.clone()].iter().map(|x| *x as f32).collect();
+    let action: Vec<f64> = z[env.layout().action.clone()].to_vec();
+    let state: Vec<f32> = z[env.layout().state.clone()].iter().map(|x| *x as f32).collect();
     env.set_state(0, &state).unwrap();
     let jacobian = env.jacobian(0, &action).unwrap();
     let (full_a, full_b) = (jacobian.state(), jacobian.action());
@@ -167,7 +167,7 @@ fn observed_per_state(i: usize, env: &Env) -> f64 {
     SCALE
         * match i {
             6..=8 => 2.0,
-            12.. => 1.0 / env.rig().drone().rotors[i - 12].max_speed,
+            12.. => 1.0 / env.robot().drone().rotors[i - 12].max_speed,
             _ => 1.0,
         }
 }

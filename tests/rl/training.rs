@@ -3,7 +3,7 @@
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::checkpoint::{Checkpoint, Store};
-use omnidrones::rl::trainer::{Outcome, Trainer};
+use omnidrones::rl::trainer::{TrainResult, Trainer};
 use omnidrones::rl::{Algorithm, Starts, TrainConfig, evaluate, load_policy, log};
 use omnidrones::tasks::EnvConfig;
 use std::ops::ControlFlow;
@@ -12,8 +12,8 @@ use std::path::Path;
 /// Small enough for a second, large enough to have two shards, minibatches and ends of episodes.
 fn tiny(algorithm: Algorithm) -> TrainConfig {
     let own = match algorithm {
-        Algorithm::Apg => "[apg]\nn_env = 24\nshard = 16\nwindow = 6\nupdates = 9",
-        Algorithm::Shac => "[shac]\nn_env = 24\nshard = 16\nwindow = 6\nupdates = 9",
+        Algorithm::Apg => "[apg]\nn_env = 24\nshard = 16\nhorizon = 6\nupdates = 9",
+        Algorithm::Shac => "[shac]\nn_env = 24\nshard = 16\nhorizon = 6\nupdates = 9",
         Algorithm::Ppo => {
             "[ppo]\nn_env = 24\nshard = 16\nsteps = 6\nminibatches = 3\nupdates = 9\nnormalise_observation = true"
         }
@@ -30,7 +30,7 @@ fn trainer(config: TrainConfig, threads: usize) -> Trainer {
 }
 
 /// Trains until `stop` updates in all are done.
-fn train(mut trainer: Trainer, stop: u64) -> Result<Outcome> {
+fn train(mut trainer: Trainer, stop: u64) -> Result<TrainResult> {
     trainer.run(&mut |p| if p.update >= stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
 }
 

@@ -365,15 +365,15 @@ fn arrays_of_all_environments_are_those_of_each() {
         let exact = |row: Vec<f32>| row.into_iter().map(f64::from).collect::<Vec<f64>>();
         let states = each(&|i| exact(env.state(i).unwrap()));
         let goals = each(&|i| exact(env.goal(i).unwrap()));
-        let numbers = each(&|i| env.numbers(i).unwrap());
+        let numbers = each(&|i| env.parameters(i).unwrap());
         let [mut all_states, mut all_goals] = [&states, &goals].map(|x| vec![f32::NAN; x.len()]);
         let mut all_numbers = vec![f64::NAN; numbers.len()];
         env.states_into(&mut all_states).unwrap();
         env.goals_into(&mut all_goals).unwrap();
-        env.numbers_into(&mut all_numbers).unwrap();
+        env.parameters_into(&mut all_numbers).unwrap();
         assert_eq!((exact(all_states), exact(all_goals), all_numbers), (states, goals, numbers), "{task}");
         let error = env.states_into(&mut [0.0; 3]).unwrap_err().to_string();
         assert!(error.starts_with("length of states is 3, but it must be "), "{error}");
-        assert!(env.goals_into(&mut [0.0; 3]).is_err() && env.numbers_into(&mut [0.0; 3]).is_err());
+        assert!(env.goals_into(&mut [0.0; 3]).is_err() && env.parameters_into(&mut [0.0; 3]).is_err());
     }
 }

@@ -3,24 +3,24 @@
 use omnidrones::autodiff::Scalar;
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{Autoreset, Buffers, Ends, Env, EnvConfig, Rig, Start, Task, View, Writer};
+use omnidrones::tasks::{Autoreset, Buffers, Ends, Env, EnvConfig, Robot, Start, Task, View, Writer};
 
 /// A number that jumps every few steps, observed as it is; an episode ends a step after it jumped above 0.8. The jumps are
 /// counted, and change the mass.
 struct Jumping {
-    rig: Rig,
+    robot: Robot,
 }
 
 impl Jumping {
     fn new(config: &EnvConfig) -> Result<Self> {
         let mass = 1;
-        Ok(Self { rig: config.single_rig("hummingbird")?.varying([mass]) })
+        Ok(Self { robot: config.single_robot("hummingbird")?.varying([mass]) })
     }
 }
 
 impl Task for Jumping {
-    fn rig(&self) -> &Rig {
-        &self.rig
+    fn robot(&self) -> &Robot {
+        &self.robot
     }
 
     fn horizon(&self) -> usize {
@@ -137,7 +137,7 @@ fn an_event_shows_in_its_own_step_and_what_it_writes_stays() {
             if new[1] == old[1] + 1.0 {
                 jumps += 1;
                 assert!(new[0] != old[0] && (out.privileged[i] - (0.5 + new[0])).abs() < 1e-6);
-                assert!((env.numbers(i).unwrap()[1] - f64::from(out.privileged[i])).abs() < 1e-6);
+                assert!((env.parameters(i).unwrap()[1] - f64::from(out.privileged[i])).abs() < 1e-6);
             } else if new[2] > 0.0 {
                 assert_eq!(new[0], old[0]);
             }

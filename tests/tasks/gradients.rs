@@ -93,7 +93,7 @@ fn a_step_in_lanes_is_the_step_that_gradients_are_taken_of() {
             })
             .collect();
         env.step(&actions, &mut out.out()).unwrap();
-        let (spec, p) = (env.spec(), env.places());
+        let (spec, p) = (env.spec(), env.layout());
         let wide = |rows: &[f32], i: usize, n: usize| -> Vec<f64> {
             rows[i * n..(i + 1) * n].iter().map(|x| f64::from(*x)).collect()
         };
@@ -166,7 +166,7 @@ fn a_sweep_through_twenty_steps_is_the_difference_of_two_episodes() {
                 row.iter().enumerate().map(|(j, a)| f64::from(*a) + if (s, j) == (t, k) { h } else { 0.0 }).collect()
             };
             let mut z = start.jacobian(i, &own(0)).unwrap().arguments;
-            let (p, mut total) = (start.places(), 0.0);
+            let (p, mut total) = (start.layout(), 0.0);
             for s in 0..20 {
                 z[p.action.clone()].copy_from_slice(&own(s));
                 let y = start.evaluate(&z).unwrap();
@@ -322,7 +322,7 @@ fn a_tape_over_the_memory_limit_is_refused_before_it_is_made() {
     );
     assert!(env.tape(usize::MAX).is_err());
     // what an environment keeps of one step, and one byte for the book
-    let (tape, kept) = (env.tape(32).unwrap(), 4 * env.places().noise.end as u64);
+    let (tape, kept) = (env.tape(32).unwrap(), 4 * env.layout().noise.end as u64);
     assert!((kept..=kept + 1).contains(&(tape.bytes() / (32 * 4096))), "{} bytes", tape.bytes());
     let small = Env::make("Hover", &EnvConfig { memory_limit: tape.bytes(), ..config(4096, 400) }).unwrap();
     assert_eq!(small.tape(32).unwrap().horizon(), 32);
@@ -458,7 +458,7 @@ fn critics_of_central_states_reach_the_actions() {
     let actions = warm_up(&mut env, &mut out, 2);
     let own: Vec<f64> = actions[..n].iter().map(|a| f64::from(*a)).collect();
     let jacobian = env.jacobian(0, &own).unwrap();
-    let wanted = jacobian.part(&jacobian.places.central, &jacobian.places.action).unwrap().row_sum();
+    let wanted = jacobian.part(&jacobian.layout.central, &jacobian.layout.action).unwrap().row_sum();
     let mut tape = env.tape(1).unwrap();
     env.step_recorded(&actions, &mut out.out(), &mut tape).unwrap();
     assert!(out.terminated.iter().all(|t| *t == 0));
@@ -514,11 +514,11 @@ fn a_cost_on_the_last_state_reaches_it_whether_an_episode_ends_there_or_not() {
 
 /// Arguments where norms, angles and clips have their corners, and what they are.
 fn corners(env: &mut Env) -> Vec<(String, Vec<f64>, bool)> {
-    let p = env.places();
+    let p = env.layout();
     let mut out = Buffers::new(env.spec());
     env.reset(None, None, &mut out.out()).unwrap();
     let speeds: Vec<(usize, f64)> =
-        env.rig().drones().iter().flat_map(|d| d.rotors.iter().map(|r| (r.speed, r.max_speed))).collect();
+        env.robot().drones().iter().flat_map(|d| d.rotors.iter().map(|r| (r.speed, r.max_speed))).collect();
     let ideal = env.ideal_arguments();
     let starts = (0..env.spec().n_env).map(|i| env.jacobian(i, &ideal[p.action.clone()]).unwrap().arguments);
     let mut all = Vec::new();
@@ -546,7 +546,7 @@ fn corners(env: &mut Env) -> Vec<(String, Vec<f64>, bool)> {
 fn gradients_are_finite_in_every_corner_and_zero_where_actions_are_clipped() {
     everywhere(2, 400, |name, make, config| {
         let mut env = make(config);
-        let (p, corners) = (env.places(), corners(&mut env));
+        let (p, corners) = (env.layout(), corners(&mut env));
         assert!(corners.len() <= 64);
         let adjoint = env.adjoint(true).unwrap();
         let program = adjoint.program();

@@ -104,7 +104,7 @@ fn one_broken_environment_of_many_ends_alone() {
                 match poison.filter(|_| t == 7) {
                     Some(Poison::Velocity) => state[3] = 1e18,
                     Some(Poison::RotorSpeed) => {
-                        let speed = env.rig().drone().rotors[0].speed;
+                        let speed = env.robot().drone().rotors[0].speed;
                         state[speed] = 1e18;
                     }
                     Some(Poison::Action(a)) => {

@@ -56,8 +56,8 @@ fn masses(distribution: Distribution, difficulty: f64) -> Vec<f64> {
     env.set_difficulty(difficulty).unwrap();
     let mut out = Buffers::new(env.spec());
     env.reset(None, None, &mut out.out()).unwrap();
-    let nominal = env.rig().numbers()[1];
-    (0..4000).map(|i| env.numbers(i).unwrap()[1] / nominal).collect()
+    let nominal = env.robot().parameters()[1];
+    (0..4000).map(|i| env.parameters(i).unwrap()[1] / nominal).collect()
 }
 
 #[test]
@@ -156,7 +156,7 @@ fn inertias_that_are_drawn_are_those_of_bodies() {
     let mut out = Buffers::new(env.spec());
     env.reset(None, None, &mut out.out()).unwrap();
     for i in 0..4000 {
-        let p = env.numbers(i).unwrap();
+        let p = env.parameters(i).unwrap();
         let j = nalgebra::Matrix3::new(p[5], p[8], p[9], p[8], p[6], p[10], p[9], p[10], p[7]);
         let mut moments: Vec<f64> = j.symmetric_eigenvalues().iter().copied().collect();
         moments.sort_by(f64::total_cmp);
@@ -180,12 +180,12 @@ fn rotors_start_at_the_speed_that_carries_the_weight_drawn() {
         let mut env = Env::make(task, &EnvConfig::from_toml(text, "hover").unwrap()).unwrap();
         let mut out = Buffers::new(env.spec());
         env.reset(None, None, &mut out.out()).unwrap();
-        let names = env.rig().number_names();
+        let names = env.robot().parameter_names();
         let ends = |end: &'static str| names.iter().enumerate().filter(move |(_, n)| n.rsplit('.').next() == Some(end));
         for i in 0..500 {
-            let (p, x) = (env.numbers(i).unwrap(), env.state(i).unwrap());
+            let (p, x) = (env.parameters(i).unwrap(), env.state(i).unwrap());
             let weight: f64 = p[0] * ends("mass").map(|(k, _)| p[k]).sum::<f64>();
-            let speeds = env.rig().drones().iter().flat_map(|d| d.rotors.iter().map(|r| f64::from(x[r.speed])));
+            let speeds = env.robot().drones().iter().flat_map(|d| d.rotors.iter().map(|r| f64::from(x[r.speed])));
             let lift: f64 = ends("thrust_coefficient").zip(speeds.clone()).map(|((k, _), s)| p[k] * s * s).sum();
             let fastest = ends("max_speed").zip(speeds).all(|((k, _), s)| s <= p[k] * (1.0 + 1e-6));
             assert!(fastest && (lift / weight - 1.0).abs() < 1e-4, "{task} {i}: {lift} N for {weight} N");

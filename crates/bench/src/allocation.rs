@@ -3,7 +3,7 @@
 use super::{BenchPlan, BenchRow, seconds};
 use omnidrones::controllers::allocation::conic::Conic;
 use omnidrones::controllers::allocation::problem::balanced_weights;
-use omnidrones::controllers::allocation::{Allocator, BatchAllocator, Cone, Path, Problem, Settings, Variation};
+use omnidrones::controllers::allocation::{Allocator, BatchAllocator, Cone, Problem, Settings, Solver, Variation};
 use omnidrones::dynamics::vehicles;
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
@@ -86,11 +86,11 @@ fn boxes(plan: &BenchPlan, problem: &Problem, conic: f64, add: &mut dyn FnMut(Be
         if !warm {
             continue;
         }
-        let wanted = if spread < 0.1 { Path::ClosedForm } else { Path::ActiveSet };
-        let share = allocator.counts().of(wanted) as f64 / allocator.counts().paths.iter().sum::<u64>() as f64;
+        let wanted = if spread < 0.1 { Solver::ClosedForm } else { Solver::ActiveSet };
+        let share = allocator.counts().of(wanted) as f64 / allocator.counts().solvers.iter().sum::<u64>() as f64;
         add(row(&format!("  share of ticks by the {}", wanted.name()), 100.0 * share, "%", None));
         let mut tries = 0;
-        while allocator.solve(&wrenches[k]).path != wanted && tries < TICKS {
+        while allocator.solve(&wrenches[k]).solver != wanted && tries < TICKS {
             (k, tries) = ((k + 1) % TICKS, tries + 1);
         }
         let backward = seconds(plan.budget, || {

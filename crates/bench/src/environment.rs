@@ -81,14 +81,14 @@ pub fn run(
         let Case { control, integrator } = *case;
         let own = EnvConfig { control, integrator, stagger: true, autoreset: Autoreset::SameStep, ..config.clone() };
         match entry.env(&EnvConfig { n_env: 1, ..own.clone() }) {
-            Ok(env) if env.rig().physics().integrator == integrator => {
+            Ok(env) if env.robot().physics().integrator == integrator => {
                 group(plan, entry, &own, case.name(), sizes, &mut |row| {
                     progress(&row);
                     rows.push(row);
                 })?;
             }
             Ok(env) => {
-                let (what, only) = (format!("integrator of task {}", entry.name), env.rig().physics().integrator);
+                let (what, only) = (format!("integrator of task {}", entry.name), env.robot().physics().integrator);
                 refusal = Some(Error::value(what, format!("{integrator:?}"), format!("{only:?}"), "Leave it out."));
             }
             Err(error) => refusal = Some(error),
@@ -219,10 +219,10 @@ impl Bare {
     /// For the environment of another subject; its rotors hold their rest speeds.
     fn new(alone: &mut Alone) -> Self {
         let inner = alone.env.spec().config.control_steps();
-        let rig = alone.env.env().rig();
-        let rest = rig.rest().to_vec();
-        let input = rig.hover_input();
-        Self { plant: rig.plant().clone(), state: rest.clone(), next: rest.clone(), rest, input, inner, step: 0 }
+        let robot = alone.env.env().robot();
+        let rest = robot.rest().to_vec();
+        let input = robot.hover_input();
+        Self { plant: robot.plant().clone(), state: rest.clone(), next: rest.clone(), rest, input, inner, step: 0 }
     }
 
     fn time(&mut self, budget: Duration) -> Result<f64> {
@@ -305,9 +305,9 @@ fn actions(env: &Env) -> Vec<Vec<f32>> {
 
 /// One agent's commands that carry the weight: rotors at rest speed, thrust as theirs, everything else in the middle.
 fn hover(env: &Env) -> Vec<f64> {
-    let rig = env.rig();
-    let input = rig.hover_input();
-    let rest: Vec<f64> = rig.drone().rotors.iter().map(|r| input[r.action]).collect();
+    let robot = env.robot();
+    let input = robot.hover_input();
+    let rest: Vec<f64> = robot.drone().rotors.iter().map(|r| input[r.action]).collect();
     let mean = rest.iter().sum::<f64>() / rest.len().max(1) as f64;
     let command = |(i, name): (usize, &String)| match name.as_str() {
         "thrust" => mean,

@@ -4,13 +4,14 @@ use super::Report;
 use super::arguments::{PlotArguments, VehicleArguments, list};
 use super::failure::named;
 use super::page::{Fact, Page, short};
-use super::rig;
+use super::robot;
 use super::source;
 use super::table::{Align, Table, number};
 use omnidrones::controllers::allocation::geometry::characteristic_length;
 use omnidrones::controllers::allocation::problem::{Problem, WRENCH, balanced_weights};
 use omnidrones::controllers::allocation::{
-    Allocator, Attainable, Axis, Reach, Sensitivity, Solution, Stages, Variation, wrench_matrix,
+    AllocationSensitivity, AllocationSolution, Allocator, AttainableWrenches, Axis, PrioritisedAllocator, Variation,
+    WrenchMargin, wrench_matrix,
 };
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{GRAVITY, Physics};
@@ -84,10 +85,10 @@ struct Subject {
 
 impl Subject {
     fn load(a: &Arguments) -> Result<Self> {
-        if rig::configuration(&a.vehicle).is_some() {
-            return Self::rig(a);
+        if robot::configuration(&a.vehicle).is_some() {
+            return Self::robot(a);
         }
-        rig::known(&a.vehicle)?;
+        robot::known(&a.vehicle)?;
         let vehicle = source::load(Some(&a.vehicle), &a.rotors)?.vehicle;
         let problem = Problem::of_vehicle(&vehicle)?;
         let weight = vehicle.mass_properties().mass * GRAVITY;
@@ -95,8 +96,8 @@ impl Subject {
         Ok(Self { name: vehicle.name, rotors, largest: problem.upper.clone(), problem, weight })
     }
 
-    fn rig(a: &Arguments) -> Result<Self> {
-        let model = rig::load(&a.vehicle, &a.rotors)?.model;
+    fn robot(a: &Arguments) -> Result<Self> {
+        let model = robot::load(&a.vehicle, &a.rotors)?.model;
         let largest: Vec<f64> = model.rotors().iter().map(|r| r.rotor.max_thrust()).collect();
         if largest.is_empty() {
             return Err(Error::value(format!("'{}': rotors", a.vehicle), 0, "≥ 1", "Name something that flies."));
@@ -126,12 +127,12 @@ impl Subject {
 /// The answer with what is said about it.
 struct Answer {
     wanted: [f64; WRENCH],
-    solution: Solution,
+    solution: AllocationSolution,
     delivered: [f64; WRENCH],
     /// Thrusts of the least-squares solution without limits, clipped, and what they make.
     clipped: Vec<f64>,
     clipped_wrench: [f64; WRENCH],
-    reach: Option<Reach>,
+    reach: Option<WrenchMargin>,
     /// How much of the way from the weight alone to the wanted wrench is possible.
     share: Option<f64>,
     length: f64,
@@ -141,7 +142,7 @@ impl Answer {
     fn of(subject: &Subject, wanted: [f64; WRENCH], yaw_last: bool) -> Result<Self> {
         let problem = &subject.problem;
         let solution = if yaw_last {
-            Stages::new(problem.clone(), &[&[2, 3, 4], &[0, 1, 5]])?.solve(&wanted).solution
+            PrioritisedAllocator::new(problem.clone(), &[&[2, 3, 4], &[0, 1, 5]])?.solve(&wanted).solution
         } else {
             Allocator::new(problem.clone())?.solve(&wanted).clone()
         };
@@ -156,8 +157,8 @@ impl Answer {
         let clipped_wrench = problem.delivered(&clipped);
         let axes = if wanted[..2].iter().any(|f| *f != 0.0) { &Axis::ALL[..] } else { &Axis::STEERED[..] };
         // too many rotors to enumerate: the answer stands without a margin
-        let set = Attainable::of(problem, axes).ok();
-        let reach = set.as_ref().map(|set| Reach::within(problem, set, &wanted)).transpose()?;
+        let set = AttainableWrenches::of(problem, axes).ok();
+        let reach = set.as_ref().map(|set| WrenchMargin::within(problem, set, &wanted)).transpose()?;
         let hover = [0.0, 0.0, subject.weight, 0.0, 0.0, 0.0];
         let away: [f64; WRENCH] = std::array::from_fn(|k| wanted[k] - hover[k]);
         let share = set.and_then(|set| set.farthest(&hover, &away));
@@ -237,7 +238,7 @@ fn facts(subject: &Subject, answer: &Answer, a: &Arguments) -> Vec<Fact> {
     let s = &answer.solution;
     let order = if a.yaw_last { "thrust, roll, pitch before the rest" } else { "all axes together" };
     let mut facts = vec![
-        Fact::new("found by", s.path.name()).note(format!("{order}; {} steps", s.steps)),
+        Fact::new("found by", s.solver.name()).note(format!("{order}; {} steps", s.steps)),
         Fact::new("KKT residual", format!("{:.1e}", s.residual)).note("recomputed, scaled; 1e-7 is the limit"),
     ];
     if let Some(reach) = &answer.reach {
@@ -331,7 +332,7 @@ fn tidy(v: f64) -> String {
 }
 
 fn gradient(page: &mut Page, subject: &Subject, answer: &Answer) {
-    let Some(at) = Sensitivity::new(&subject.problem, &answer.wanted, &answer.solution) else { return };
+    let Some(at) = AllocationSensitivity::new(&subject.problem, &answer.wanted, &answer.solution) else { return };
     let mut columns = vec![("rotor", Align::Right)];
     columns.extend(Axis::ALL.iter().map(|axis| (axis.name(), Align::Right)));
     let mut table = Table::new(&columns);
@@ -395,7 +396,7 @@ fn as_json(subject: &Subject, answer: &Answer) -> Value {
         "thrusts": s.inputs,
         "upper": subject.problem.upper,
         "state": (0..subject.rotors.len()).map(|i| state(subject, answer, i)).collect::<Vec<_>>(),
-        "path": s.path.name(),
+        "path": s.solver.name(),
         "held_because": s.reason.map(|r| format!("{r:?}")),
         "kkt_residual": s.residual,
         "steps": s.steps,
@@ -403,7 +404,7 @@ fn as_json(subject: &Subject, answer: &Answer) -> Value {
         "missing_by_clipped_pseudo_inverse": answer.missing(&answer.clipped_wrench),
         "rank": answer.reach.as_ref().map(|r| r.rank),
         "margin": answer.reach.as_ref().map(|r| r.margin.distance),
-        "nearest_limit": answer.reach.as_ref().map(Reach::weakest),
+        "nearest_limit": answer.reach.as_ref().map(WrenchMargin::weakest),
         "share_of_the_way_from_hover": answer.share,
     })
 }

@@ -45,7 +45,7 @@ pub struct EnvArguments {
     horizon: Option<u32>,
     /// Any setting by its name in a file; may be repeated: --set n_drone=6
     ///
-    /// A name is looked up in the run (apg.window), in its environments (substeps), in the task (horizon).
+    /// A name is looked up in the run (apg.horizon), in its environments (substeps), in the task (horizon).
     #[arg(long, value_name = "KEY=VALUE", value_parser = setting)]
     set: Vec<(String, Value)>,
     /// Draw a quantity anew for every episode, between two values; may be repeated: --randomise mass:0.8:1.2

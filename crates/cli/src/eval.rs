@@ -7,8 +7,8 @@ use super::rollout_files::{self as out, LINES};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
-use omnidrones::rl::saved::{Saved, load_policy};
-use omnidrones::rl::{Starts, exam};
+use omnidrones::rl::policy_io::{SavedPolicy, load_policy};
+use omnidrones::rl::{Starts, eval_env};
 use omnidrones::tasks::registry;
 use omnidrones::tasks::{Env, EnvConfig, Record, Watched, evaluate};
 use std::path::{Path, PathBuf};
@@ -112,7 +112,7 @@ fn known_runs() -> String {
 
 /// A policy and environments that it can fly.
 pub struct Ready {
-    pub saved: Saved,
+    pub saved: SavedPolicy,
     pub env: Env,
 }
 
@@ -128,7 +128,7 @@ impl Ready {
         let config = options.config(&usual, registry::by_name(&saved.manifest.task).ok())?;
         saved.check(&config)?;
         let starts = Starts { n_env: envs.unwrap_or(config.n_env), seed: config.seed };
-        let env = exam(&saved.policy, &saved.manifest.task, &config, starts, threads)?;
+        let env = eval_env(&saved.policy, &saved.manifest.task, &config, starts, threads)?;
         check_horizon(&env)?;
         saved.policy.set_threads(threads.clone());
         Ok(Self { saved, env })

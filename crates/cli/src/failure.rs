@@ -3,9 +3,9 @@
 use super::page::{Fact, Page, duration, length, short};
 use super::table::{Align, Table, number};
 use clap::Args;
-use omnidrones::controllers::allocation::Reach;
+use omnidrones::controllers::allocation::WrenchMargin;
 use omnidrones::controllers::allocation::failure::{LEAST_MARGIN, health, hover};
-use omnidrones::controllers::{Assessment, Capability, Failure, FailureTable, Flight, FlightPlan};
+use omnidrones::controllers::{Assessment, Capability, FailureTable, Flight, FlightPlan, RotorFailure};
 use omnidrones::dynamics::Vehicle;
 use omnidrones::error::{Error, Result};
 use serde_json::{Value, json};
@@ -37,7 +37,7 @@ pub struct FailureArguments {
 
 impl FailureArguments {
     /// The failures of rotors of these names, checked.
-    pub fn of(&self, rotors: &[String]) -> Result<Vec<Failure>> {
+    pub fn of(&self, rotors: &[String]) -> Result<Vec<RotorFailure>> {
         let times = match (self.at.len(), self.fail.len()) {
             (0, n) => vec![3.0; n],
             (1, n) => vec![self.at[0]; n],
@@ -54,7 +54,7 @@ impl FailureArguments {
         };
         let one = |(text, at): (&String, f64)| {
             let (rotor, effectiveness) = named(text, rotors)?;
-            let failure = Failure { rotor, at, effectiveness };
+            let failure = RotorFailure { rotor, at, effectiveness };
             failure.validate(rotors.len())?;
             Ok(failure)
         };
@@ -195,7 +195,7 @@ impl Story {
 /// One sentence about margins.
 fn explanation(left: &Assessment) -> String {
     let newtons_of = |v: f64| format!("{} N", signed(v));
-    let newtons = |reach: &Reach| newtons_of(reach.margin.distance);
+    let newtons = |reach: &WrenchMargin| newtons_of(reach.margin.distance);
     let (four, three) = (&left.steered, &left.without_yaw);
     match left.capability {
         Capability::Full => format!("hover is {} inside the limits; nearest is {}", newtons(four), four.weakest()),

@@ -7,7 +7,7 @@ use self::derivatives::Derivatives;
 use super::arguments::{FlightArguments, FormatName, VehicleArguments};
 use super::failure::{FailureArguments, Story};
 use super::page::{Fact, Page, duration, length, short};
-use super::rig::{self, Rig};
+use super::robot::{self, Robot};
 use super::sheet::{KeyFigures, key_facts};
 use super::source::{self, Source};
 use super::table::{Align, Table, number};
@@ -15,8 +15,8 @@ use super::{Report, arguments, files, progress};
 use omnidrones::controllers::reference::{Hover, Lemniscate};
 use omnidrones::controllers::registry::{controller, steerable};
 use omnidrones::controllers::{
-    Bends, Controller, Failure, Flight, FlightPlan, Note, Reference, Setup, Shape, Tilt, Vectored, default_controller,
-    fly, vectored,
+    ChainRamp, ChainShape, Controller, Flight, FlightPlan, Note, Reference, RotorFailure, Setup, Tilt, Vectored,
+    default_controller, fly, vectored,
 };
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::tree::{Motion, Multibody};
@@ -26,7 +26,7 @@ use omnidrones::flight::{FlightSummary, LOST};
 use omnidrones::rl::{PolicyController, load_policy};
 use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::model;
-use omnidrones_plot::rig::{JointHistory, RigFigures, joints};
+use omnidrones_plot::robot::{JointHistory, RobotFigures, joints};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -202,20 +202,20 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Err(Error::value("--max-rmse", limit, "> 0 m", "Leave it out to accept any finite error."));
     }
     a.flight.check()?;
-    let configuration = a.named().is_some_and(|named| rig::configuration(named).is_some());
+    let configuration = a.named().is_some_and(|named| robot::configuration(named).is_some());
     if !configuration && a.drop.is_none() {
         return flown(a, vehicle(a)?);
     }
-    let rig = rig::load(a.named().unwrap_or("hummingbird"), &a.rotors)?;
+    let robot = robot::load(a.named().unwrap_or("hummingbird"), &a.rotors)?;
     // what nobody steers yet falls
-    let alone = !rig.model.drones().is_empty() && !steerable(&rig.model);
+    let alone = !robot.model.drones().is_empty() && !steerable(&robot.model);
     if a.drop.is_none() && !alone {
-        return flown(a, configured(a, rig)?);
+        return flown(a, configured(a, robot)?);
     }
     if !a.failure.fail.is_empty() {
         return Err(Error::value("--fail", "a drop", "something that flies", "Leave it out: rotors idle."));
     }
-    drop::dropped(a, &rig)
+    drop::dropped(a, &robot)
 }
 
 /// What flies, under whom, along what.
@@ -229,14 +229,14 @@ struct Flyer {
 /// Where it comes from.
 enum What {
     Vehicle { source: Box<Source>, gains: Gains, gains_name: String },
-    Model(Box<Rig>),
+    Model(Box<Robot>),
 }
 
 /// A single vehicle.
 fn vehicle(a: &Arguments) -> Result<Flyer> {
     a.level()?;
     if let Some(named) = &a.vehicle {
-        rig::known(named)?;
+        robot::known(named)?;
     }
     alone(&a.flight.physics().effects)?;
     let source = source::load(a.vehicle.as_deref(), &a.rotors)?;
@@ -254,8 +254,8 @@ fn vehicle(a: &Arguments) -> Result<Flyer> {
 }
 
 /// A configuration.
-fn configured(a: &Arguments, rig: Rig) -> Result<Flyer> {
-    let plant = model_plant(a, &rig, false)?;
+fn configured(a: &Arguments, robot: Robot) -> Result<Flyer> {
+    let plant = model_plant(a, &robot, false)?;
     let reference = reference(a, &plant)?;
     let usual = reference.duration().map_or(20.0, |end| end + 2.0);
     let mut plan = a.flight.plan(Some(a.duration.unwrap_or(usual)), a.wind.clone(), a.seed)?;
@@ -264,7 +264,7 @@ fn configured(a: &Arguments, rig: Rig) -> Result<Flyer> {
     plan.tilt = a.tilt()?;
     fail(a, &plant, &mut plan)?;
     let controller = model_controller(a, &plant, &plan)?;
-    Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(rig)) })
+    Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(robot)) })
 }
 
 /// The policy of the arguments.
@@ -281,11 +281,11 @@ fn fail(a: &Arguments, plant: &Plant, plan: &mut FlightPlan) -> Result<()> {
 }
 
 /// A model with the effects of the arguments, and of the wind.
-fn model_plant(a: &Arguments, rig: &Rig, contact: bool) -> Result<Plant> {
+fn model_plant(a: &Arguments, robot: &Robot, contact: bool) -> Result<Plant> {
     let mut physics = a.flight.physics();
     physics.effects.disturbance |= a.wind != Wind::Calm;
     physics.effects.contact |= contact;
-    Plant::of_model(&rig.model, physics)
+    Plant::of_model(&robot.model, physics)
 }
 
 /// What was asked, else a slow lemniscate high enough for what hangs below.
@@ -318,9 +318,9 @@ fn model_controller(a: &Arguments, plant: &Plant, plan: &FlightPlan) -> Result<B
     }
     match plant.tree().filter(|system| vectored(system.model())) {
         Some(system) => {
-            let shape = a.shape.as_deref().map_or(Ok(Shape::Straight), Shape::parse)?;
-            let bends = Bends::new(system.model(), shape, plan.tilt.at)?;
-            Ok(Box::new(Vectored::new(system, gains.as_ref(), &plan.rates)?.with_bends(bends)))
+            let shape = a.shape.as_deref().map_or(Ok(ChainShape::Straight), ChainShape::parse)?;
+            let chain = ChainRamp::new(system.model(), shape, plan.tilt.at)?;
+            Ok(Box::new(Vectored::new(system, gains.as_ref(), &plan.rates)?.with_chain(chain)))
         }
         None => {
             let own = default_controller(plant, &Setup::new(gains.as_ref(), &plan.rates))?;
@@ -414,7 +414,7 @@ fn write(
         let spinner = progress::spinner("drawing", a.json);
         written.extend(match plant.tree() {
             Some(system) => {
-                let figures = RigFigures::new(system, &flight.log, &flight.states, after);
+                let figures = RobotFigures::new(system, &flight.log, &flight.states, after);
                 figures.save(folder, a.format.extension())?
             }
             None => {
@@ -509,10 +509,10 @@ impl Flown {
             let far = length(far);
             return Err(match &self.what {
                 What::Vehicle { .. } => format!("the vehicle was lost at {at} s, {far} from its reference{left}"),
-                What::Model(rig) => format!(
+                What::Model(robot) => format!(
                     "the vehicle was lost at {at} s: '{}' came {far} from its reference; try a slower --reference, hover, or \
                      less of --roll, --pitch or --shape",
-                    rig.model.name()
+                    robot.model.name()
                 ),
             });
         }
@@ -531,9 +531,9 @@ impl Flown {
                 source.describe(&mut page);
                 page.heading("Vehicle").facts(&key_facts(&source.vehicle));
             }
-            What::Model(rig) => {
-                page.title(rig.model.name(), &rig.origin);
-                page.line(format!("  {}", rig.description));
+            What::Model(robot) => {
+                page.title(robot.model.name(), &robot.origin);
+                page.line(format!("  {}", robot.description));
             }
         }
         page.heading("Flight").facts(&self.facts());
@@ -655,7 +655,7 @@ impl Flown {
     fn failure_facts(&self) -> Vec<Fact> {
         let rotors = if self.story.is_none() { self.plant.rotors() } else { Vec::new() };
         let known = format!("its controller was told {} later", duration(self.plan.detection_delay));
-        let fact = |f: &Failure| {
+        let fact = |f: &RotorFailure| {
             let left =
                 if f.effectiveness > 0.0 { format!("{} % left", 100.0 * f.effectiveness) } else { "lost".into() };
             let rotor = rotors.get(f.rotor)?;
@@ -688,12 +688,12 @@ impl Flown {
                 value["gains_from"] = json!(gains_name);
                 value["failures"] = json!(self.story.as_ref().map(|s| s.json(&source.vehicle)));
             }
-            What::Model(rig) => {
+            What::Model(robot) => {
                 let joint = |j: &JointHistory| {
                     let [largest, rms] = extremes(j);
                     json!({ "name": j.name, "turns": j.turns, "largest": largest, "rms": rms })
                 };
-                value["configuration"] = json!(rig.model.name());
+                value["configuration"] = json!(robot.model.name());
                 value["joints"] = self.joints.iter().map(joint).collect();
                 value["lowest"] = json!(self.lowest);
             }

@@ -10,7 +10,7 @@
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
 //! | `fly/` | derivatives of what was flown; drops |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
-//! | `rig.rs` | an articulated system from a name or a vehicle |
+//! | `robot.rs` | an articulated system from a name or a vehicle |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
 //! | `failure.rs` | rotors that fail: arguments, what is left |
 //! | `files.rs` | reading and writing behind fences |
@@ -32,7 +32,7 @@ mod import;
 mod models;
 mod page;
 mod progress;
-mod rig;
+mod robot;
 mod rollout;
 mod rollout_all;
 mod rollout_files;
@@ -86,7 +86,7 @@ Examples:
   omnidrones fly drone.urdf                 your own vehicle
   omnidrones import drone.urdf              what is in a URDF, and what had to be assumed
   omnidrones fly transport                  four drones carry a box
-  omnidrones show payload --plot rig.svg    the tree of an articulated system, drawn
+  omnidrones show payload --plot robot.svg    the tree of an articulated system, drawn
   omnidrones models                         the built-in vehicles
   omnidrones allocate firefly --fail 2      which thrusts hold hover without rotor 2
   omnidrones tune hummingbird               better gains, by gradients through flights

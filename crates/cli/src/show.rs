@@ -3,7 +3,7 @@
 use super::Report;
 use super::arguments::{PlotArguments, VehicleArguments};
 use super::page::{Fact, Page, short};
-use super::rig::{self, Rig};
+use super::robot::{self, Robot};
 use super::sheet::vector;
 use super::table::{Align, Table};
 use omnidrones::dynamics::tree::{Body, Drive, Joint, Model, Motion, Multibody, center_of_mass};
@@ -51,22 +51,22 @@ pub struct Arguments {
 pub fn run(a: &Arguments) -> Result<Report> {
     let Some(named) = &a.named else { return list(a.output.json) };
     a.output.check()?;
-    let rig = rig::load(named, &a.rotors)?;
-    let system = Multibody::new(&rig.model, Physics::default())?;
+    let robot = robot::load(named, &a.rotors)?;
+    let system = Multibody::new(&robot.model, Physics::default())?;
     if let Some(file) = &a.output.plot {
-        model::figure(&system, &system.rest_state()).subtitle(subtitle(&rig)).save(file)?;
+        model::figure(&system, &system.rest_state()).subtitle(subtitle(&robot)).save(file)?;
     }
     if a.output.json {
-        return Ok(Report::json(&as_json(&rig, &system, a.output.plot.as_ref()), true));
+        return Ok(Report::json(&as_json(&robot, &system, a.output.plot.as_ref()), true));
     }
     let mut page = Page::new();
-    page.title(rig.model.name(), &rig.origin);
-    if !rig.description.is_empty() {
-        page.line(format!("  {}", rig.description));
+    page.title(robot.model.name(), &robot.origin);
+    if !robot.description.is_empty() {
+        page.line(format!("  {}", robot.description));
     }
-    page.heading("Tree").table(&tree(&rig.model));
-    page.heading("Totals").facts(&totals(&rig.model, &system));
-    tables(&mut page, &rig.model);
+    page.heading("Tree").table(&tree(&robot.model));
+    page.heading("Totals").facts(&totals(&robot.model, &system));
+    tables(&mut page, &robot.model);
     if let Some(file) = &a.output.plot {
         page.heading("Written").line(format!("  {}", file.display()));
     }
@@ -117,13 +117,13 @@ fn list(as_json: bool) -> Result<Report> {
     Ok(Report::done(page.finish()))
 }
 
-fn subtitle(rig: &Rig) -> String {
-    let m = &rig.model;
+fn subtitle(robot: &Robot) -> String {
+    let m = &robot.model;
     let mut numbers = format!("{} kg   ·   degrees of freedom: {}", short(m.mass(), 4), m.layout().n_velocity());
     if !m.rotors().is_empty() {
         numbers += &format!("   ·   rotors: {}", m.rotors().len());
     }
-    if rig.description.is_empty() { numbers } else { format!("{}   ·   {numbers}", rig.description) }
+    if robot.description.is_empty() { numbers } else { format!("{}   ·   {numbers}", robot.description) }
 }
 
 /// One row per body, indented below its parent.
@@ -400,16 +400,16 @@ fn few(names: &[&str]) -> String {
     }
 }
 
-fn as_json(rig: &Rig, system: &Multibody, plot: Option<&PathBuf>) -> Value {
-    let model = &rig.model;
+fn as_json(robot: &Robot, system: &Multibody, plot: Option<&PathBuf>) -> Value {
+    let model = &robot.model;
     let layout = model.layout();
     let places: Vec<Value> =
         slices(model).into_iter().map(|(slice, holds)| json!({ "slice": slice, "holds": holds })).collect();
     json!({
         "command": "show",
         "name": model.name(),
-        "origin": rig.origin,
-        "description": rig.description,
+        "origin": robot.origin,
+        "description": robot.description,
         "mass": model.mass(),
         "center_of_mass": center_of_mass(system, &system.rest_state()),
         "degrees_of_freedom": layout.n_velocity(),

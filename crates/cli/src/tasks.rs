@@ -8,7 +8,7 @@ use omnidrones::controllers::cascade::Level;
 use omnidrones::error::Result;
 use omnidrones::tasks::randomise::Action;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
-use omnidrones::tasks::rig::{DAMPING, MOTOR_TIME_CONSTANT};
+use omnidrones::tasks::robot::{DAMPING, MOTOR_TIME_CONSTANT};
 use omnidrones::tasks::task_spec::{DIVERGED, Field, total};
 use omnidrones::tasks::{ActionSpace, Baseline, Env, EnvConfig, Space, Spec};
 use serde_json::{Value, json};
@@ -207,19 +207,19 @@ impl Described {
 
     /// What flies, in a few words.
     fn craft(&self) -> (String, String) {
-        let rig = self.env.rig();
+        let robot = self.env.robot();
         let vehicle = usual_vehicle(self.env.task_spec());
-        let drone = rig.drone();
+        let drone = robot.drone();
         let drives = match drone.drives.len() {
             0 => String::new(),
             n => format!(" and {n} drives"),
         };
-        let each = if rig.drones().len() == 1 { "" } else { " each" };
+        let each = if robot.drones().len() == 1 { "" } else { " each" };
         let parts = format!("{} rotors{drives}{each}", drone.rotors.len());
-        match (rig.model(), vehicle) {
+        match (robot.model(), vehicle) {
             (None, vehicle) => (vehicle.unwrap_or_else(|| "a vehicle".into()), parts),
             (Some(model), Some(vehicle)) => {
-                let count = rig.drones().len();
+                let count = robot.drones().len();
                 let times = if count == 1 { String::new() } else { format!("{count} × ") };
                 (
                     format!("{times}{vehicle}"),
@@ -235,7 +235,7 @@ impl Described {
 
     fn facts(&self) -> Vec<Fact> {
         let (spec, (craft, parts)) = (self.env.spec(), self.craft());
-        let physics = self.env.rig().physics();
+        let physics = self.env.robot().physics();
         let seconds = spec.horizon as f64 * spec.dt;
         let levels: Vec<&str> = self.levels.iter().map(|l| l.name()).collect();
         let n = self.config.n_env;
@@ -359,7 +359,7 @@ fn commands_of(env: &Env) -> Vec<(Vec<String>, String)> {
     let three = |k: f64, what: &str| (3, by(k, what));
     let groups: Vec<(usize, String)> = match spec.config.control {
         Level::Rotor => {
-            let rotors = env.rig().drone().rotors.len();
+            let rotors = env.robot().drone().rotors.len();
             let throttle =
                 "throttle: 0 … largest thrust, linear in thrust; the rotor follows with the lag of its motor";
             [(rotors, throttle.to_string())].into_iter().chain(drives(env)).collect()
@@ -379,7 +379,7 @@ fn commands_of(env: &Env) -> Vec<(Vec<String>, String)> {
 
 /// Drives of one drone in groups of the same target.
 fn drives(env: &Env) -> Vec<(usize, String)> {
-    let Some(model) = env.rig().model() else { return Vec::new() };
+    let Some(model) = env.robot().model() else { return Vec::new() };
     let layout = model.layout();
     let target = |command: usize| {
         let body = layout.drive.iter().position(|at| *at == Some(command))?;
@@ -388,7 +388,7 @@ fn drives(env: &Env) -> Vec<(usize, String)> {
         let of = if drive.stiffness == 0.0 { "rad/s, wanted rate of a joint" } else { "rad, wanted angle of a joint" };
         Some(format!("{} … {} {of}", ends[0], ends[1]))
     };
-    let all: Vec<String> = env.rig().drone().drives.iter().filter_map(|d| target(d.command)).collect();
+    let all: Vec<String> = env.robot().drone().drives.iter().filter_map(|d| target(d.command)).collect();
     all.chunk_by(|a, b| a == b).map(|group| (group.len(), group[0].clone())).collect()
 }
 

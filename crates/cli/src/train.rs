@@ -13,7 +13,7 @@ use omnidrones::controllers::cascade::Level;
 use omnidrones::error::{Error, Result};
 use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
-use omnidrones::rl::trainer::{Outcome, Progress, Trainer};
+use omnidrones::rl::trainer::{Progress, TrainResult, Trainer};
 use omnidrones::rl::{Algorithm, Starts, TrainConfig, checkpoint};
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{Autoreset, Baseline, EnvConfig, Evaluation, Metric, Spec, evaluate};
@@ -33,7 +33,7 @@ Examples:
   omnidrones train Hover                               from nothing to a policy that hovers
   omnidrones train Hover --vehicle crazyflie           on another drone
   omnidrones train Track --algo ppo --updates 100      with another algorithm, for 100 updates
-  omnidrones train Hover --set apg.window=32           with another setting
+  omnidrones train Hover --set apg.horizon=32           with another setting
   omnidrones train Hover --envs 128 --horizon 300      more environments, shorter episodes
   omnidrones train Hover --randomise mass:0.7:1.3      of another mass in every episode
   omnidrones train Hover --toml                        every setting, as a file for --config
@@ -46,7 +46,7 @@ Algorithms: apg takes the gradient of a smooth loss through the physics; shac do
 critic behind them; ppo samples actions and needs no gradient of the physics, mappo is its name for teams. Without --algo a task has its usual one.
 
 Settings: options win over --config, the file wins over the task's recipe, the recipe over the defaults. A key of --set \
-is that of the file: seed, apg.window, apg.network.hidden=[32,32], apg.rate.from=0.005; dt is env.dt and horizon \
+is that of the file: seed, apg.horizon, apg.network.hidden=[32,32], apg.learning_rate.from=0.005; dt is env.dt and horizon \
 env.task.horizon. A file that names its task is refused for another.";
 
 const FILES: &str = "\
@@ -273,7 +273,7 @@ fn own_settings(folder: &Path) -> Result<Option<TrainConfig>> {
 }
 
 /// Trains under a bar.
-fn train(trainer: &mut Trainer, quiet: bool) -> Result<Outcome> {
+fn train(trainer: &mut Trainer, quiet: bool) -> Result<TrainResult> {
     let bar = progress::bar(trainer.config().updates(), "training", quiet);
     let (begun, before) = (std::time::Instant::now(), std::cell::Cell::new(None::<u64>));
     let outcome = trainer.run(&mut |p| {
@@ -352,7 +352,7 @@ pub struct Trained<'a> {
     config: TrainConfig,
     /// Before the command came: updates done, and its budget.
     was_over: Option<(u64, u64)>,
-    outcome: Outcome,
+    outcome: TrainResult,
     baseline: Option<(String, Evaluation)>,
     /// Checkpoints that were passed over.
     notes: Vec<String>,

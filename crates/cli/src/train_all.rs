@@ -11,7 +11,7 @@ use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::recipes::recipes_of;
-use omnidrones::rl::trainer::{Outcome, Trainer};
+use omnidrones::rl::trainer::{TrainResult, Trainer};
 use omnidrones::rl::{Algorithm, TrainConfig};
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
@@ -69,7 +69,7 @@ struct Line {
     algorithm: &'static str,
     /// What its error is; none where it was not trained.
     error: Option<Metric>,
-    runs: std::result::Result<Vec<Outcome>, String>,
+    runs: std::result::Result<Vec<TrainResult>, String>,
     baseline: Option<(String, Evaluation)>,
 }
 
@@ -149,7 +149,7 @@ fn line(
 }
 
 /// Mean, least, largest.
-fn spread(runs: &[Outcome], of: impl Fn(&Outcome) -> f64) -> [f64; 3] {
+fn spread(runs: &[TrainResult], of: impl Fn(&TrainResult) -> f64) -> [f64; 3] {
     let values: Vec<f64> = runs.iter().map(of).collect();
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let edge = |pick: fn(f64, f64) -> f64| values.iter().copied().fold(f64::NAN, pick);
@@ -243,7 +243,7 @@ fn page(lines: &[Line], a: &Arguments, written: &[PathBuf]) -> String {
 fn value(lines: &[Line], a: &Arguments) -> Value {
     let tasks = lines.iter().map(|line| {
         let runs = line.runs.as_ref().map_or(Vec::new(), |runs| {
-            let run = |(seed, o): (usize, &Outcome)| {
+            let run = |(seed, o): (usize, &TrainResult)| {
                 json!({ "seed": seed, "evaluation": o.evaluation, "seconds": o.seconds, "env_steps": o.env_steps, "updates": o.updates })
             };
             runs.iter().enumerate().map(run).collect()

@@ -185,16 +185,16 @@ const TRAIL: f64 = 3.0;
 impl Replay {
     fn of(ready: &Ready) -> Result<Self> {
         let env = &ready.env;
-        let (spec, rig) = (env.spec().clone(), env.rig());
-        let system = rig.model().map(|model| Multibody::new(model, *rig.physics())).transpose()?;
+        let (spec, robot) = (env.spec().clone(), env.robot());
+        let system = robot.model().map(|model| Multibody::new(model, *robot.physics())).transpose()?;
         let first = spec.metric_columns().start;
         let error = spec.info.get(first).map(|m| (m.name.replace('_', " "), m.unit.clone(), first));
         let least = spec.horizon.div_ceil(MAX_PICTURES);
         Ok(Self {
             title: String::new(),
             stride: ((BETWEEN / spec.dt).round() as usize).max(least).max(1),
-            n_rotor: rig.drone().rotors.len(),
-            frames: rig.drones().iter().map(|drone| drone.frame).collect(),
+            n_rotor: robot.drone().rotors.len(),
+            frames: robot.drones().iter().map(|drone| drone.frame).collect(),
             system,
             error,
             wanted: Vec::new(),

@@ -14,7 +14,7 @@
 //! | `chart.rs`, `path3d.rs`, `drawing.rs`, `bars.rs` | the four charts |
 //! | `animation.rs` | figures one after the other as a GIF |
 //! | `flight.rs` | the figures of a flight |
-//! | `model.rs`, `rig.rs` | an articulated system as a drawing; the figures of its flight or fall |
+//! | `model.rs`, `robot.rs` | an articulated system as a drawing; the figures of its flight or fall |
 //!
 //! ```
 //! use omnidrones_plot::{Figure, Panel, Series};
@@ -37,7 +37,7 @@ mod legend;
 pub mod model;
 mod path3d;
 mod projection;
-pub mod rig;
+pub mod robot;
 mod theme;
 
 pub use bars::{Bar, Bars};

@@ -1,12 +1,12 @@
 //! Figures are written whole, at their size, from any data.
 
-use omnidrones::flight::{FlightLog, Sample};
+use omnidrones::flight::{FlightLog, FlightSample};
 use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Path3d, Pose, Series};
 
 fn push(log: &mut FlightLog, time: f64, position: [f64; 3], reference: [f64; 3]) {
     let rotors = vec![400.0 + 50.0 * time.sin(); log.n_rotor()];
-    let sample = Sample {
+    let sample = FlightSample {
         time,
         position,
         velocity: [time.cos(), 0.5, 0.0],

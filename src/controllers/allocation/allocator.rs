@@ -7,7 +7,7 @@
 
 use super::conic::Conic;
 use super::fast::Fast;
-use super::gradient::Sensitivity;
+use super::gradient::AllocationSensitivity;
 use super::problem::{Problem, Scales, WRENCH, rate_window};
 use super::residual::residual;
 use super::variation::Variation;
@@ -18,7 +18,7 @@ const POLISHES: usize = 3;
 
 /// Who found an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Path {
+pub enum Solver {
     /// No bound acts: one matrix product.
     ClosedForm,
     /// Bounds act, exactly.
@@ -29,7 +29,7 @@ pub enum Path {
     Held,
 }
 
-impl Path {
+impl Solver {
     /// In the order of preference.
     pub const ALL: [Self; 4] = [Self::ClosedForm, Self::ActiveSet, Self::Clarabel, Self::Held];
 
@@ -57,13 +57,13 @@ pub enum Reason {
 
 /// An allocation.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Solution {
+pub struct AllocationSolution {
     /// u.
     pub inputs: Vec<f64>,
     /// Multipliers of each cone, head first; empty where there are none.
     pub duals: Vec<Vec<f64>>,
     /// Who found it.
-    pub path: Path,
+    pub solver: Solver,
     /// Scaled KKT residual, recomputed.
     pub residual: f64,
     /// Steps of the active set or iterations of clarabel.
@@ -75,16 +75,16 @@ pub struct Solution {
 /// How often each path was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
-    /// In the order of [`Path::ALL`].
-    pub paths: [u64; 4],
+    /// In the order of [`Solver::ALL`].
+    pub solvers: [u64; 4],
     /// Answers of the closed form, the active set and clarabel that did not pass the certificate.
     pub refused: [u64; 3],
 }
 
 impl Counts {
     /// How often `path` was taken.
-    pub fn of(&self, path: Path) -> u64 {
-        self.paths[path as usize]
+    pub fn of(&self, solver: Solver) -> u64 {
+        self.solvers[solver as usize]
     }
 }
 
@@ -115,9 +115,9 @@ pub struct Allocator {
     settings: Settings,
     fast: Option<Box<Fast>>,
     conic: Option<Conic>,
-    last: Solution,
+    last: AllocationSolution,
     /// What a solver offers before it is certified.
-    trial: Solution,
+    trial: AllocationSolution,
     /// The wrench of `last`, until a number of the problem changes.
     solved: Option<[f64; WRENCH]>,
     counts: Counts,
@@ -147,8 +147,14 @@ impl Allocator {
         let n = problem.n_input();
         let mut inputs = vec![0.0; n];
         problem.start(&mut inputs);
-        let last =
-            Solution { inputs, duals: Vec::new(), path: Path::Held, residual: f64::INFINITY, steps: 0, reason: None };
+        let last = AllocationSolution {
+            inputs,
+            duals: Vec::new(),
+            solver: Solver::Held,
+            residual: f64::INFINITY,
+            steps: 0,
+            reason: None,
+        };
         Ok(Self {
             lower: problem.lower.clone(),
             upper: problem.upper.clone(),
@@ -170,7 +176,7 @@ impl Allocator {
     }
 
     /// The last answer; before the first, the preferred inputs.
-    pub fn solution(&self) -> &Solution {
+    pub fn solution(&self) -> &AllocationSolution {
         &self.last
     }
 
@@ -283,7 +289,7 @@ impl Allocator {
     }
 
     /// The best inputs for a wrench.
-    pub fn solve(&mut self, wrench: &[f64; WRENCH]) -> &Solution {
+    pub fn solve(&mut self, wrench: &[f64; WRENCH]) -> &AllocationSolution {
         let reason = match self.unusable(wrench) {
             Some(reason) => Some(reason),
             None if self.try_fast(wrench) || self.try_conic(wrench) => None,
@@ -297,25 +303,25 @@ impl Allocator {
             }
             Some(reason) => self.hold(reason),
         }
-        self.counts.paths[self.last.path as usize] += 1;
+        self.counts.solvers[self.last.solver as usize] += 1;
         &self.last
     }
 
     /// The gradient of a cost with respect to every number of the problem, from `cotangent` = ∂cost/∂u* at the last
     /// answer; over the numbers of `out`. On the fast paths the factorisation of the answer is used again, and nothing is
-    /// allocated. Returns the [`Sensitivity::margin`] to the next change of the active set: near 0 the derivative is
+    /// allocated. Returns the [`AllocationSensitivity::margin`] to the next change of the active set: near 0 the derivative is
     /// one-sided. `None`, with NaN in `out`, where inputs were held or the problem has changed since.
     ///
     /// # Panics
     /// If `cotangent` or `out` do not have the sizes of the problem.
     pub fn reverse(&self, cotangent: &[f64], out: &mut Variation) -> Option<f64> {
-        let margin = self.solved.and_then(|wrench| match (self.last.path, &self.fast) {
-            (Path::ClosedForm | Path::ActiveSet, Some(fast)) => {
-                let closed = self.last.path == Path::ClosedForm;
+        let margin = self.solved.and_then(|wrench| match (self.last.solver, &self.fast) {
+            (Solver::ClosedForm | Solver::ActiveSet, Some(fast)) => {
+                let closed = self.last.solver == Solver::ClosedForm;
                 Some(fast.reverse(&self.problem, &wrench, &self.last.inputs, closed, cotangent, out))
             }
             _ => {
-                let at = Sensitivity::new(&self.problem, &wrench, &self.last)?;
+                let at = AllocationSensitivity::new(&self.problem, &wrench, &self.last)?;
                 at.reverse_into(cotangent, out);
                 Some(at.margin())
             }
@@ -332,13 +338,13 @@ impl Allocator {
     /// # Panics
     /// If `change` or `out` do not have the sizes of the problem.
     pub fn forward(&self, change: &Variation, out: &mut [f64]) -> Option<f64> {
-        let margin = self.solved.and_then(|wrench| match (self.last.path, &self.fast) {
-            (Path::ClosedForm | Path::ActiveSet, Some(fast)) => {
-                let closed = self.last.path == Path::ClosedForm;
+        let margin = self.solved.and_then(|wrench| match (self.last.solver, &self.fast) {
+            (Solver::ClosedForm | Solver::ActiveSet, Some(fast)) => {
+                let closed = self.last.solver == Solver::ClosedForm;
                 Some(fast.forward(&self.problem, &wrench, &self.last.inputs, closed, change, out))
             }
             _ => {
-                let at = Sensitivity::new(&self.problem, &wrench, &self.last)?;
+                let at = AllocationSensitivity::new(&self.problem, &wrench, &self.last)?;
                 out.copy_from_slice(&at.forward(change));
                 Some(at.margin())
             }
@@ -365,7 +371,7 @@ impl Allocator {
         let scales = fast.task(problem, wrench);
         if fast.free(problem, wrench, &mut trial.inputs) {
             if certify(problem, wrench, trial, scales, &mut self.gradient, tolerance) {
-                (trial.path, trial.steps) = (Path::ClosedForm, 0);
+                (trial.solver, trial.steps) = (Solver::ClosedForm, 0);
                 return true;
             }
             self.counts.refused[0] += 1;
@@ -373,7 +379,7 @@ impl Allocator {
         let (steps, done) = fast.search(problem, self.settings.warm, &mut trial.inputs);
         let good = done && certify(problem, wrench, trial, scales, &mut self.gradient, tolerance);
         fast.warm = good;
-        (trial.path, trial.steps) = (Path::ActiveSet, steps);
+        (trial.solver, trial.steps) = (Solver::ActiveSet, steps);
         self.counts.refused[1] += u64::from(!good);
         good
     }
@@ -391,30 +397,30 @@ impl Allocator {
         // all steps before the verdict: the first may leave the cones by more than the interior point stayed inside
         let mut trial = first.clone();
         for _ in 0..POLISHES {
-            let Some(at) = Sensitivity::new(&self.problem, wrench, &trial) else { break };
+            let Some(at) = AllocationSensitivity::new(&self.problem, wrench, &trial) else { break };
             (trial.inputs, trial.duals) = at.polished(&trial.duals);
         }
         let polished = self.measured(wrench, trial.inputs, trial.duals);
         let best = if polished.residual < first.residual { polished } else { first };
         let good = best.residual <= self.settings.tolerance && self.problem.violation(&best.inputs) == 0.0;
-        self.trial = Solution { steps: offer.iterations, ..best };
+        self.trial = AllocationSolution { steps: offer.iterations, ..best };
         self.counts.refused[2] += u64::from(!good);
         good
     }
 
     /// A point as clarabel's answer: within all limits, with its residual.
-    fn measured(&mut self, wrench: &[f64; WRENCH], mut inputs: Vec<f64>, duals: Vec<Vec<f64>>) -> Solution {
+    fn measured(&mut self, wrench: &[f64; WRENCH], mut inputs: Vec<f64>, duals: Vec<Vec<f64>>) -> AllocationSolution {
         self.problem.repair(&mut inputs, &self.last.inputs);
         let scales = self.problem.scales(wrench);
         let residual = residual(&self.problem, wrench, &inputs, &duals, scales, &mut self.gradient);
-        Solution { inputs, duals, path: Path::Clarabel, residual, steps: 0, reason: None }
+        AllocationSolution { inputs, duals, solver: Solver::Clarabel, residual, steps: 0, reason: None }
     }
 
     /// The last good inputs, within the bounds of now where those are in order.
     fn hold(&mut self, reason: Reason) {
         self.problem.repair(&mut self.last.inputs, &[]);
         self.last.duals.clear();
-        self.last.path = Path::Held;
+        self.last.solver = Solver::Held;
         (self.last.reason, self.last.residual, self.last.steps) = (Some(reason), f64::INFINITY, 0);
         self.solved = None;
     }
@@ -424,7 +430,7 @@ impl Allocator {
 fn certify(
     problem: &Problem,
     wrench: &[f64; WRENCH],
-    answer: &mut Solution,
+    answer: &mut AllocationSolution,
     scales: Scales,
     gradient: &mut [f64],
     tolerance: f64,

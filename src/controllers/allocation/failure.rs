@@ -8,9 +8,9 @@
 //! Where the margin with yaw is negative, hover leaves a yaw moment, and the vehicle spins up until drag holds it; how
 //! fast is not part of the analysis.
 
+use super::attainable_wrench::{AttainableWrenches, WrenchMargin};
 use super::geometry::Axis;
 use super::problem::{Problem, WRENCH};
-use super::reach::{Attainable, Reach};
 pub use crate::dynamics::plant::damaged;
 use crate::dynamics::{GRAVITY, Vehicle};
 use crate::error::{Error, Result};
@@ -22,7 +22,7 @@ pub const LEAST_MARGIN: f64 = 0.01;
 /// A rotor that weakens or stops in flight.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Failure {
+pub struct RotorFailure {
     /// Index of the rotor.
     pub rotor: usize,
     /// When, s.
@@ -32,7 +32,7 @@ pub struct Failure {
     pub effectiveness: f64,
 }
 
-impl Failure {
+impl RotorFailure {
     /// A rotor that stops.
     pub fn lost(rotor: usize, at: f64) -> Self {
         Self { rotor, at, effectiveness: 0.0 }
@@ -60,7 +60,7 @@ impl Failure {
 
 /// Effectiveness of each rotor at a time, 1 for whole ones. Damage does not heal: of several failures of a rotor the
 /// worst so far holds.
-pub fn health(n_rotor: usize, failures: &[Failure], time: f64) -> Vec<f64> {
+pub fn health(n_rotor: usize, failures: &[RotorFailure], time: f64) -> Vec<f64> {
     let mut health = vec![1.0_f64; n_rotor];
     for failure in failures.iter().filter(|f| f.at <= time) {
         if let Some(e) = health.get_mut(failure.rotor) {
@@ -125,9 +125,9 @@ pub struct Assessment {
     /// What it can hold.
     pub capability: Capability,
     /// Hover over thrust, roll, pitch and yaw.
-    pub steered: Reach,
+    pub steered: WrenchMargin,
     /// Hover over thrust, roll and pitch.
-    pub without_yaw: Reach,
+    pub without_yaw: WrenchMargin,
     /// Most thrust along body z without roll and pitch moment, N; 0 where not even the weight is attainable.
     pub lift: f64,
 }
@@ -136,16 +136,16 @@ impl Assessment {
     /// Of a vehicle whose rotor i has effectiveness `health[i]`.
     ///
     /// # Errors
-    /// As [`problem`] and [`Attainable::of`].
+    /// As [`problem`] and [`AttainableWrenches::of`].
     pub fn of(vehicle: &Vehicle, health: &[f64]) -> Result<Self> {
         let problem = problem(vehicle, health)?;
         let hover = hover(vehicle);
         let weight = hover[2];
-        let steered = Reach::of(&problem, &Axis::STEERED, &hover)?;
-        let three = Attainable::of(&problem, &Axis::STEERED[..3])?;
-        let without_yaw = Reach::within(&problem, &three, &hover)?;
+        let steered = WrenchMargin::of(&problem, &Axis::STEERED, &hover)?;
+        let three = AttainableWrenches::of(&problem, &Axis::STEERED[..3])?;
+        let without_yaw = WrenchMargin::within(&problem, &three, &hover)?;
         let more = three.farthest(&hover, &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
-        let enough = |reach: &Reach| reach.margin.distance > LEAST_MARGIN * weight;
+        let enough = |reach: &WrenchMargin| reach.margin.distance > LEAST_MARGIN * weight;
         let capability = match () {
             () if enough(&steered) => Capability::Full,
             () if enough(&without_yaw) => Capability::YawSacrificed,

@@ -268,7 +268,7 @@ impl Fast {
         if closed { 0.0 } else { self.iterate.status[j] }
     }
 
-    /// Least of max(slack, multiplier) over all bounds, scaled as in [`Sensitivity::margin`].
+    /// Least of max(slack, multiplier) over all bounds, scaled as in [`AllocationSensitivity::margin`].
     fn margin(&self, problem: &Problem, inputs: &[f64], closed: bool) -> f64 {
         let mut margin = f64::INFINITY;
         for j in 0..inputs.len() {

@@ -17,14 +17,14 @@
 //!
 //! and its transpose the gradient of any cost of u*: one solve for all numbers (Amos and Kolter 2017; Agrawal et al.
 //! 2019 for cones). Where a constraint acts without force (slack and multiplier both zero) u* has a kink; the derivative
-//! is then that of one side, and [`Sensitivity::margin`] says how near that is.
+//! is then that of one side, and [`AllocationSensitivity::margin`] says how near that is.
 
-use super::allocator::Solution;
+use super::allocator::AllocationSolution;
 use super::problem::{Cone, Problem, Scales, WRENCH};
 use super::variation::Variation;
 use nalgebra::{DMatrix, DVector};
 
-/// Below this [`Sensitivity::margin`] a derivative counts as one-sided.
+/// Below this [`AllocationSensitivity::margin`] a derivative counts as one-sided.
 pub const DEGENERATE: f64 = 1e-9;
 /// Rows of active constraints that keep less than this share of their length after those before them are dropped.
 const INDEPENDENT: f64 = 1e-9;
@@ -50,7 +50,7 @@ struct Equation {
 
 /// The optimality conditions of one solution, factorised.
 #[derive(Debug, Clone)]
-pub struct Sensitivity {
+pub struct AllocationSensitivity {
     problem: Problem,
     inputs: DVector<f64>,
     /// B u − w.
@@ -77,9 +77,9 @@ enum Factored {
     Inverse(DMatrix<f64>),
 }
 
-impl Sensitivity {
+impl AllocationSensitivity {
     /// At a solution of `problem` for `wrench` whose residual is small; a held solution has no derivative: `None`.
-    pub fn new(problem: &Problem, wrench: &[f64; WRENCH], solution: &Solution) -> Option<Self> {
+    pub fn new(problem: &Problem, wrench: &[f64; WRENCH], solution: &AllocationSolution) -> Option<Self> {
         if !solution.residual.is_finite() {
             return None;
         }

@@ -12,16 +12,17 @@
 //! | [`conic`] | cones: clarabel |
 //! | [`function`] | an answer with its derivative, called by kernels of any scalar |
 //! | [`batch`] | many environments in lanes |
-//! | [`stages`] | priorities without weights |
-//! | [`nearest`] | of all inputs that make a wrench, those nearest to a goal |
+//! | [`prioritised`] | priorities without weights |
+//! | [`null_space`] | of all inputs that make a wrench, those nearest to a goal |
 //! | [`residual`](mod@residual) | the certificate |
 //! | [`gradient`], [`variation`] | exact derivatives of an answer with respect to every number |
-//! | [`reach`] | how far a wrench lies inside what bounded inputs can deliver |
+//! | [`attainable_wrench`] | how far a wrench lies inside what bounded inputs can deliver |
 //! | [`failure`] | what is left of a vehicle after each loss of a rotor |
 
 pub mod active_set;
 pub mod allocator;
 pub mod articulated;
+pub mod attainable_wrench;
 pub mod batch;
 pub mod conic;
 pub mod failure;
@@ -29,23 +30,22 @@ pub mod fast;
 pub mod function;
 pub mod geometry;
 pub mod gradient;
-pub mod nearest;
+pub mod null_space;
+pub mod prioritised;
 pub mod problem;
 pub mod pseudo_inverse;
-pub mod reach;
 pub mod residual;
-pub mod stages;
 pub mod variation;
 
-pub use allocator::{Allocator, Counts, Path, Reason, Settings, Solution};
+pub use allocator::{AllocationSolution, Allocator, Counts, Reason, Settings, Solver};
 pub use articulated::{composite_inertia, resistance, wrench_matrix};
+pub use attainable_wrench::{AttainableWrenches, Facet, Margin, WrenchMargin};
 pub use batch::{BatchAllocator, BatchReport};
-pub use failure::{Assessment, Capability, Failure, FailureTable};
+pub use failure::{Assessment, Capability, FailureTable, RotorFailure};
 pub use function::AllocationFunction;
 pub use geometry::{Authority, Axis};
-pub use gradient::Sensitivity;
+pub use gradient::AllocationSensitivity;
+pub use prioritised::{PrioritisedAllocator, PrioritisedCounts, PrioritisedSolution};
 pub use problem::{Affine, Cone, Problem, rate_window};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};
-pub use reach::{Attainable, Facet, Margin, Reach};
-pub use stages::{StageCounts, StagedSolution, Stages};
 pub use variation::{RowVariation, Variation};

@@ -124,7 +124,7 @@ pub fn thrust_to_command<S: Scalar, const R: usize>(thrusts: &[S; R], max_thrust
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::controllers::golden::{crazyflie, firefly, hummingbird, rotor};
+    use crate::controllers::cascade::tests::{crazyflie, firefly, hummingbird, rotor};
 
     fn assert_mixer(vehicle: &Vehicle, golden: &[[f64; 4]]) {
         let mixer = Mixer::new(vehicle).unwrap();

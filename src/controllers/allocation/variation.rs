@@ -4,8 +4,8 @@ use super::problem::{Problem, WRENCH};
 use nalgebra::DMatrix;
 
 /// One number for each number of a [`Problem`] and its wrench: a direction for
-/// [`Sensitivity::forward`](super::Sensitivity::forward), a gradient from
-/// [`Sensitivity::reverse`](super::Sensitivity::reverse).
+/// [`AllocationSensitivity::forward`](super::AllocationSensitivity::forward), a gradient from
+/// [`AllocationSensitivity::reverse`](super::AllocationSensitivity::reverse).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variation {
     /// Of w.

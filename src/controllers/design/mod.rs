@@ -6,18 +6,18 @@
 //! | [`error_state`] | linearisations without the redundancy of quaternions |
 //! | [`mod@lqr`] | state feedback of least cost, its poles, weights by Bryson's rule |
 //! | [`mod@follow`] | feed-forward along smooth references |
-//! | [`mod@sensitivity`] | how the error of one flight depends on each gain |
+//! | [`gain_sensitivity`] | how the error of one flight depends on each gain |
 //! | [`mod@tune`] | gains by descent on flights |
 
 pub mod error_state;
 pub mod follow;
+pub mod gain_sensitivity;
 pub mod lqr;
 pub mod riccati;
-pub mod sensitivity;
 pub mod tune;
 
 pub use error_state::ErrorState;
 pub use follow::{Following, follow};
+pub use gain_sensitivity::{GainSensitivity, sensitivity};
 pub use lqr::{Regulator, bryson, eigenvalues, lqr, spectral_radius};
-pub use sensitivity::{Sensitivity, sensitivity};
 pub use tune::{Descent, Evaluation, Iteration, TunePlan, Tuning, tune};

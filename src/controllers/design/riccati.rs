@@ -24,7 +24,7 @@ const TOLERANCE: f64 = 1e-10;
 
 /// A symmetric solution X and how it was found.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Solution<T> {
+pub struct RiccatiSolution<T> {
     /// X ⪰ 0.
     pub matrix: DMatrix<T>,
     /// Doublings.
@@ -44,14 +44,14 @@ pub fn discrete<T: RealField + Copy>(
     b: &DMatrix<T>,
     q: &DMatrix<T>,
     r: &DMatrix<T>,
-) -> Result<Solution<T>> {
+) -> Result<RiccatiSolution<T>> {
     let g = check(a, b, q, r)?;
     let (x, doublings) = doubled(a.clone(), g, q.clone())?;
     let (xa, xb) = (&x * a, &x * b);
     let through = b.tr_mul(&xa);
     let inner = solve(r + b.tr_mul(&xb), &through)?;
     let terms = [a.tr_mul(&xa), -x.clone(), -through.tr_mul(&inner), q.clone()];
-    Ok(Solution { residual: relative(&terms), matrix: x, doublings })
+    Ok(RiccatiSolution { residual: relative(&terms), matrix: x, doublings })
 }
 
 /// Aᵀ X + X A − X B R⁻¹ Bᵀ X + Q = 0, the solution that stabilises A − B R⁻¹ Bᵀ X.
@@ -66,7 +66,7 @@ pub fn continuous<T: RealField + Copy>(
     b: &DMatrix<T>,
     q: &DMatrix<T>,
     r: &DMatrix<T>,
-) -> Result<Solution<T>> {
+) -> Result<RiccatiSolution<T>> {
     let g = check(a, b, q, r)?;
     let n = a.nrows();
     let floor: T = convert(1e-100);
@@ -80,7 +80,7 @@ pub fn continuous<T: RealField + Copy>(
     let (x, doublings) = doubled(start, symmetric(&back * &g * &w * twice), symmetric(&w * q * &back * twice))?;
     let xa = &x * a;
     let terms = [xa.transpose(), xa, -(&x * &g * &x), q.clone()];
-    Ok(Solution { residual: relative(&terms), matrix: x, doublings })
+    Ok(RiccatiSolution { residual: relative(&terms), matrix: x, doublings })
 }
 
 /// X = Aᵀ X A + Q, the sum Σ (Aᵀ)ᵏ Q Aᵏ: what a stable loop costs from each start on. Doubling without an input.
@@ -88,14 +88,14 @@ pub fn continuous<T: RealField + Copy>(
 /// # Errors
 /// [`Error::Value`] where sizes do not fit, a number is not finite, Q is not symmetric and positive semi-definite, or A
 /// does not decay.
-pub fn lyapunov<T: RealField + Copy>(a: &DMatrix<T>, q: &DMatrix<T>) -> Result<Solution<T>> {
+pub fn lyapunov<T: RealField + Copy>(a: &DMatrix<T>, q: &DMatrix<T>) -> Result<RiccatiSolution<T>> {
     let n = a.nrows();
     size("A", a, (n, n))?;
     size("Q", q, (n, n))?;
     check_cost(q)?;
     let (x, doublings) = doubled(a.clone(), DMatrix::zeros(n, n), q.clone())?;
     let terms = [a.tr_mul(&(&x * a)), -x.clone(), q.clone()];
-    Ok(Solution { residual: relative(&terms), matrix: x, doublings })
+    Ok(RiccatiSolution { residual: relative(&terms), matrix: x, doublings })
 }
 
 /// The limit of H, and the doublings it took.

@@ -16,7 +16,7 @@ use crate::controllers::cascade_law::CascadeLaw;
 use crate::controllers::closed_loop::ClosedLoop;
 use crate::controllers::controller::Target;
 use crate::controllers::law::Running;
-use crate::controllers::monte_carlo::{Draw, MonteCarlo, Outcome};
+use crate::controllers::monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
 use crate::controllers::parameters::{GainSet, validate_gains};
 use crate::controllers::reference::Reference;
 use crate::controllers::start::start_on;
@@ -266,7 +266,7 @@ pub fn elsewhere(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Ev
         vehicle.rotors.iter().map(|r| system.parameter(&format!("{}.{what}", r.name))).collect()
     };
     let [thrusts, ups, downs] = [of("thrust_coefficient")?, of("time_constant_up")?, of("time_constant_down")?];
-    let draw = |stream: &mut Stream, one: &mut Draw| {
+    let draw = |stream: &mut Stream, one: &mut MonteCarloDraw| {
         one.parameters[body[0]] *= stream.uniform(0.8, 1.25);
         let inertia = stream.uniform(0.8, 1.25);
         one.parameters[body[1]..body[1] + 6].iter_mut().for_each(|j| *j *= inertia);
@@ -281,8 +281,8 @@ pub fn elsewhere(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Ev
     let many = MonteCarlo::new(&system)?.seeded(plan.seed);
     let size = (plan.n_held_out, n_step);
     let flown = many.fly(Target::level(&reference), &start, size, &draw, &Threads::default())?;
-    let held = |o: &&Outcome| o.lost_at.is_none() && o.worst < CRASH_DISTANCE;
-    let (n, kept): (usize, Vec<&Outcome>) = (flown.len(), flown.iter().filter(held).collect());
+    let held = |o: &&MonteCarloResult| o.lost_at.is_none() && o.worst < CRASH_DISTANCE;
+    let (n, kept): (usize, Vec<&MonteCarloResult>) = (flown.len(), flown.iter().filter(held).collect());
     Ok(Evaluation {
         rmse: kept.iter().map(|o| o.rmse).sum::<f64>() / kept.len().max(1) as f64,
         worst: kept.iter().fold(0.0, |most, o| most.max(o.rmse)),

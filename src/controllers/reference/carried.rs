@@ -2,7 +2,7 @@
 
 use super::Curve;
 use super::lemniscate::Lemniscate;
-use super::sample::Sample;
+use super::setpoint::Setpoint;
 use super::waypoints::Waypoints;
 use crate::autodiff::jet::Jet;
 use crate::autodiff::{Scalar, safe};
@@ -59,15 +59,15 @@ impl Carried {
     }
 
     /// Position, velocity, … of the drone, and its yaw.
-    pub fn drone(&self, t: f64) -> Sample<f64> {
+    pub fn drone(&self, t: f64) -> Setpoint<f64> {
         let time = Jet::<f64, 5>::variable(t);
-        Sample::from_series(self.position(time), self.yaw(time))
+        Setpoint::from_series(self.position(time), self.yaw(time))
     }
 
     /// Position, velocity, … of the load, and its yaw.
-    pub fn load(&self, t: f64) -> Sample<f64> {
+    pub fn load(&self, t: f64) -> Setpoint<f64> {
         let (position, yaw) = self.path.position_and_yaw(Jet::<f64, 5>::variable(t));
-        Sample::from_series(position, yaw)
+        Setpoint::from_series(position, yaw)
     }
 }
 

@@ -8,7 +8,7 @@ mod carried;
 mod circle;
 mod hover;
 mod lemniscate;
-mod sample;
+mod setpoint;
 mod tilt;
 mod trajectory;
 mod waypoints;
@@ -17,7 +17,7 @@ pub use carried::{Carried, LoadPath};
 pub use circle::Circle;
 pub use hover::{Hover, Step};
 pub use lemniscate::{Lemniscate, lemniscate_curve, lemniscate_phase};
-pub use sample::Sample;
+pub use setpoint::Setpoint;
 pub use tilt::Tilt;
 pub use trajectory::{Curve, Own, Series, Trajectory};
 pub use waypoints::{MAX_WAYPOINTS, Waypoint, Waypoints};
@@ -107,7 +107,7 @@ impl Reference {
 
     /// Everything the controllers use at time t (s), derivatives exact. Where a derivative jumps (see the shapes) the
     /// value is the right-hand one.
-    pub fn sample(&self, t: f64) -> Sample<f64> {
+    pub fn sample(&self, t: f64) -> Setpoint<f64> {
         self.trajectory().sample(t)
     }
 
@@ -166,7 +166,7 @@ mod tests {
             let mut worst = 0.0_f64;
             for t in [0.3, 0.777, 1.5, 2.9, 5.21, 7.3] {
                 let (a, b, c) = (reference.sample(t - h), reference.sample(t), reference.sample(t + h));
-                let series = |s: &Sample<f64>| [s.position, s.velocity, s.acceleration, s.jerk, s.snap];
+                let series = |s: &Setpoint<f64>| [s.position, s.velocity, s.acceleration, s.jerk, s.snap];
                 let (a, exact, c) = (series(&a), series(&b), series(&c));
                 for k in 0..4 {
                     for i in 0..3 {

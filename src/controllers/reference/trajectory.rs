@@ -1,6 +1,6 @@
 //! What a reference is: samples over time, best written as a curve over any scalar.
 
-use super::sample::Sample;
+use super::setpoint::Setpoint;
 use crate::autodiff::Scalar;
 use crate::autodiff::jet::Jet;
 use crate::dynamics::spatial::Vec3;
@@ -68,7 +68,7 @@ pub trait Trajectory: Send + Sync {
         ""
     }
     /// Everything the controllers use at time t, s.
-    fn sample(&self, t: f64) -> Sample<f64>;
+    fn sample(&self, t: f64) -> Setpoint<f64>;
     /// Position and yaw as series about t, s.
     fn series(&self, t: f64) -> Series {
         let s = self.sample(t);
@@ -100,9 +100,9 @@ impl<C: Curve> Trajectory for C {
     fn description(&self) -> &'static str {
         Curve::description(self)
     }
-    fn sample(&self, t: f64) -> Sample<f64> {
+    fn sample(&self, t: f64) -> Setpoint<f64> {
         let (position, yaw) = Trajectory::series(self, t);
-        Sample::from_series(position, yaw)
+        Setpoint::from_series(position, yaw)
     }
     fn series(&self, t: f64) -> Series {
         let time = Jet::variable(t);

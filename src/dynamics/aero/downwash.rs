@@ -53,7 +53,7 @@ pub fn force<S: Scalar>(separation: Vec3<S>, thrust: Vec3<S>, k_r: S, k_z: S) ->
 
 #[cfg(test)]
 mod tests {
-    use super::super::slope::Slope;
+    use super::super::test_dual::TestDual;
     use super::*;
 
     const UP: Vec3<f64> = [0.0, 0.0, 1.0];
@@ -106,9 +106,9 @@ mod tests {
             for x in offsets {
                 for direction in 0..3 {
                     let d = |i: usize| if i == direction { 1.0 } else { 0.0 };
-                    let separation = [Slope(x, d(0)), Slope(0.0, d(1)), Slope(z, d(2))];
-                    let thrust = [Slope(0.0, 0.0), Slope(0.0, 0.0), Slope(5.0, 0.0)];
-                    let f = force(separation, thrust, Slope(2.0, 0.0), Slope(0.3, 0.0));
+                    let separation = [TestDual(x, d(0)), TestDual(0.0, d(1)), TestDual(z, d(2))];
+                    let thrust = [TestDual(0.0, 0.0), TestDual(0.0, 0.0), TestDual(5.0, 0.0)];
+                    let f = force(separation, thrust, TestDual(2.0, 0.0), TestDual(0.3, 0.0));
                     for part in f {
                         // steepest 141 N/m, in the fade: about 5 N · 1.5/NEAR
                         assert!(part.0.is_finite() && part.1.is_finite() && part.1.abs() < 200.0, "({z}, {x}): {f:?}");
@@ -131,9 +131,9 @@ mod tests {
     fn a_source_losing_its_thrust_has_finite_slopes() {
         for direction in 0..3 {
             let d = |i: usize| if i == direction { 1.0 } else { 0.0 };
-            let thrust = [Slope(0.0, d(0)), Slope(0.0, d(1)), Slope(0.0, d(2))];
+            let thrust = [TestDual(0.0, d(0)), TestDual(0.0, d(1)), TestDual(0.0, d(2))];
             for separation in [[0.0; 3], [0.1, 0.2, 1.0]] {
-                let f = force(separation.map(|x| Slope(x, 0.0)), thrust, Slope(2.0, 0.0), Slope(0.3, 0.0));
+                let f = force(separation.map(|x| TestDual(x, 0.0)), thrust, TestDual(2.0, 0.0), TestDual(0.3, 0.0));
                 assert!(f.iter().all(|f| f.0 == 0.0 && f.1.is_finite()), "{f:?}");
             }
         }
@@ -144,10 +144,10 @@ mod tests {
         for (z, x) in [(0.01, 0.0), (0.03, 0.02), (0.2, 0.1), (1.0, 0.5)] {
             let h = 1e-6;
             let exact = factor(
-                [Slope(x, 0.0), Slope(0.0, 0.0), Slope(z, 1.0)],
-                UP.map(|u| Slope(u, 0.0)),
-                Slope(2.0, 0.0),
-                Slope(0.3, 0.0),
+                [TestDual(x, 0.0), TestDual(0.0, 0.0), TestDual(z, 1.0)],
+                UP.map(|u| TestDual(u, 0.0)),
+                TestDual(2.0, 0.0),
+                TestDual(0.3, 0.0),
             )
             .1;
             let value = |z: f64| factor([x, 0.0, z], UP, 2.0, 0.3);

@@ -21,7 +21,7 @@ pub fn factor<S: Scalar>(height: S, radius: S) -> S {
 
 #[cfg(test)]
 mod tests {
-    use super::super::slope::Slope;
+    use super::super::test_dual::TestDual;
     use super::*;
 
     #[test]
@@ -39,11 +39,11 @@ mod tests {
         let mut last = f64::INFINITY;
         for k in -200..2000 {
             let z = f64::from(k) * 0.001;
-            let f = factor(Slope(z, 1.0), Slope(0.1, 0.0));
+            let f = factor(TestDual(z, 1.0), TestDual(0.1, 0.0));
             assert!(f.0 <= 4.0 / 3.0 + 1e-15 && f.0 >= 1.0 && f.0 <= last, "z = {z}: {f:?}");
             // steepest at z = R/2: −(R²/8z³)/(1 − 1/4)² = −17.8 per metre for R = 0.1
             assert!(f.1.is_finite() && f.1 <= 0.0 && f.1 > -18.0, "z = {z}: {f:?}");
-            let by_radius = factor(Slope(z, 0.0), Slope(0.1, 1.0));
+            let by_radius = factor(TestDual(z, 0.0), TestDual(0.1, 1.0));
             assert!(by_radius.1.is_finite(), "z = {z}: {by_radius:?}");
             last = f.0;
         }
@@ -52,7 +52,7 @@ mod tests {
     #[test]
     fn a_rotor_without_radius_feels_no_ground() {
         for z in [-1.0, 0.0, 1e-9, 1.0] {
-            let f = factor(Slope(z, 1.0), Slope(0.0, 0.0));
+            let f = factor(TestDual(z, 1.0), TestDual(0.0, 0.0));
             assert_eq!((f.0, f.1), (1.0, 0.0));
         }
     }
@@ -62,7 +62,7 @@ mod tests {
         for z in [0.06, 0.1, 0.3, 1.0] {
             let h = 1e-6;
             let central = (factor(z + h, 0.1) - factor(z - h, 0.1)) / (2.0 * h);
-            let exact = factor(Slope(z, 1.0), Slope(0.1, 0.0)).1;
+            let exact = factor(TestDual(z, 1.0), TestDual(0.1, 0.0)).1;
             // largest difference 8e-9 of 8.5, by truncation
             assert!((exact - central).abs() < 1e-7 * exact.abs().max(1.0), "z = {z}: {exact} against {central}");
         }

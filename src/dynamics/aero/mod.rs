@@ -15,4 +15,4 @@ pub mod wind;
 pub use wind::{Dryden, Sinusoid, Wind, WindState};
 
 #[cfg(test)]
-mod slope;
+mod test_dual;

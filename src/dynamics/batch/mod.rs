@@ -7,4 +7,4 @@ mod world;
 
 pub(crate) use kernel::{ALIVE, EXPLODED, STOPPED};
 pub(crate) use plant::{Block, Plant};
-pub use world::{DEFAULT_MEMORY_LIMIT, Failure, Reason, World};
+pub use world::{DEFAULT_MEMORY_LIMIT, Reason, Stopped, World};

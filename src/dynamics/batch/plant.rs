@@ -11,7 +11,7 @@ use crate::dynamics::multirotor::{AnyModel, Multirotor, Physics};
 use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, parameter_vector};
 use crate::dynamics::tree::frames;
 use crate::dynamics::tree::topology::Topology;
-use crate::dynamics::tree::{Model, Multibody, number_vector};
+use crate::dynamics::tree::{Model, Multibody, model_parameters};
 use crate::dynamics::vehicle::Vehicle;
 use crate::error::{Error, Result};
 
@@ -46,7 +46,7 @@ pub(crate) struct RigidPlant {
     shared: Rows,
 }
 
-/// An articulated system. Numbers are those of [`number_vector`].
+/// An articulated system. Numbers are those of [`model_parameters`].
 #[derive(Debug, Clone)]
 pub(crate) struct TreePlant {
     topology: Topology,
@@ -89,7 +89,7 @@ impl Plant {
             general,
             action_rows: (0..topology.n_input).filter(is_action).map(|k| topology.n_state + k).collect(),
             disturbance_rows: disturbances.iter().map(|d| topology.n_state + d).collect(),
-            shared: number_vector(model).iter().map(|v| [*v as f32; BLOCK]).collect(),
+            shared: model_parameters(model).iter().map(|v| [*v as f32; BLOCK]).collect(),
             topology,
         };
         Ok((Self::Tree(Box::new(plant)), system.rest_state()))
@@ -191,7 +191,7 @@ impl Plant {
     }
 
     /// Gives a block numbers of its own, the shared ones at first.
-    pub(crate) fn give_numbers(&self, block: &mut Block) {
+    pub(crate) fn give_parameters(&self, block: &mut Block) {
         self.own(block);
     }
 
@@ -287,7 +287,7 @@ impl Plant {
                 "Vary numbers alone, or build the world with World::of_varied_model.",
             ));
         }
-        for (row, value) in self.own(block).iter_mut().zip(number_vector(model)) {
+        for (row, value) in self.own(block).iter_mut().zip(model_parameters(model)) {
             row[lane] = value as f32;
         }
         Ok(())
@@ -334,7 +334,7 @@ impl RegisterKernel for WriteFrames<'_> {
     fn run<L: Lanes>(&mut self, at: usize) {
         let state = L::rows(&self.block.rows, at);
         match self.plant {
-            Plant::Rigid(_) => Frame::of_vehicle(&state).write(&mut L::rows_mut(self.out, at).pen(0)),
+            Plant::Rigid(_) => Frame::of_vehicle(&state).write(&mut L::rows_mut(self.out, at).writer(0)),
             Plant::Tree(p) => {
                 let numbers = match &self.block.numbers {
                     Some(own) => L::rows(own, at),

@@ -9,7 +9,7 @@ use crate::autodiff::lanes::{Kernel, Lanes};
 use crate::autodiff::program::BLOCK;
 use crate::autodiff::{Mask, safe};
 use crate::dynamics::integrate::Grid;
-use crate::dynamics::tree::numbers::Numbers;
+use crate::dynamics::tree::parameters::ParameterView;
 use crate::dynamics::tree::scratch::{Scratch, scratch_on_stack};
 use crate::dynamics::tree::step::{self, Task};
 use crate::dynamics::tree::topology::Topology;
@@ -21,7 +21,7 @@ struct LaneNumbers<'a> {
     at: usize,
 }
 
-impl<L: Lanes> Numbers<L> for LaneNumbers<'_> {
+impl<L: Lanes> ParameterView<L> for LaneNumbers<'_> {
     #[inline(always)]
     fn get(self, k: usize) -> L {
         L::load(&self.rows[k][self.at..])

@@ -28,7 +28,7 @@ pub enum Reason {
 
 /// An environment that stopped, and why. It keeps its last healthy state until [`World::set_state`] revives it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Failure {
+pub struct Stopped {
     /// Its number.
     pub environment: usize,
     /// Count of [`World::step`] calls before the one that failed.
@@ -60,7 +60,7 @@ pub struct World {
     physics: Physics,
     plant: Plant,
     blocks: Vec<Block>,
-    failures: Vec<Failure>,
+    failures: Vec<Stopped>,
     n_step: u64,
     threads: Threads,
 }
@@ -177,7 +177,7 @@ impl World {
     }
 
     /// Environments that stopped since they were last set, in the order of stopping, by number within one step.
-    pub fn failures(&self) -> &[Failure] {
+    pub fn failures(&self) -> &[Stopped] {
         &self.failures
     }
 
@@ -224,7 +224,7 @@ impl World {
                 let row = &actions[environment * n..(environment + 1) * n];
                 let non_finite = row.iter().any(|a| a.is_nan());
                 let reason = if non_finite { Reason::NonFiniteAction } else { Reason::Diverged };
-                self.failures.push(Failure { environment, step: self.n_step, reason });
+                self.failures.push(Stopped { environment, step: self.n_step, reason });
             }
         }
     }

@@ -134,14 +134,14 @@ impl Dragon {
         if !(1..=12).contains(&n) {
             return Err(Error::value("dragon: n_link", n, "between 1 and 12", "Each link adds five bodies."));
         }
-        let mut rig = Assembly::new(if n == 4 { "dragon".into() } else { format!("dragon_{n}") });
+        let mut robot = Assembly::new(if n == 4 { "dragon".into() } else { format!("dragon_{n}") });
         for i in 0..n {
-            self.link(&mut rig, i);
+            self.link(&mut robot, i);
             if i > 0 {
-                self.bend(&mut rig, i - 1);
+                self.bend(&mut robot, i - 1);
             }
         }
-        let model = rig.model()?;
+        let model = robot.model()?;
         let links = (0..n).map(|i| {
             Ok(DragonLink {
                 body: model.body(&format!("link_{i}"))?,
@@ -155,32 +155,32 @@ impl Dragon {
     }
 
     /// Link i with its gimbal.
-    fn link(&self, rig: &mut Assembly, i: usize) {
+    fn link(&self, robot: &mut Assembly, i: usize) {
         let (link, ring, module) = (format!("link_{i}"), format!("ring_{i}"), format!("module_{i}"));
         let half = 0.5 * self.link_length;
-        rig.part(&link, self.damped(Solid::bar([-half, 0.0, 0.0], [half, 0.0, 0.0], 0.01).mass(self.link_mass)));
+        robot.part(&link, self.damped(Solid::bar([-half, 0.0, 0.0], [half, 0.0, 0.0], 0.01).mass(self.link_mass)));
         let ball = 0.4 * self.ring_mass * self.ring_radius * self.ring_radius;
-        rig.part(&ring, self.damped(Solid::explicit(self.ring_mass, [0.0; 3], Inertia::diagonal(ball, ball, ball))));
-        rig.part(&module, self.module(i));
+        robot.part(&ring, self.damped(Solid::explicit(self.ring_mass, [0.0; 3], Inertia::diagonal(ball, ball, ball))));
+        robot.part(&module, self.module(i));
         for (r, y) in [(2 * i, -self.rotor_offset), (2 * i + 1, self.rotor_offset)] {
             let blade = format!("blade_{r}");
-            rig.part(&blade, self.blade());
+            robot.part(&blade, self.blade());
             let at = [0.0, y, self.rotor_height - self.module_height];
-            rig.join(Join::new(format!("shaft_{r}"), Kind::Fixed, &module, blade).at(at));
+            robot.join(Join::new(format!("shaft_{r}"), Kind::Fixed, &module, blade).at(at));
         }
         let servo = Servo::Rate {
             time_constant: self.gimbal_time_constant,
             max_torque: self.gimbal_torque,
             range: self.gimbal_rate,
         };
-        rig.join(Join::new(format!("gimbal_{i}.x"), Kind::Revolute(X), link, &ring).servo(servo));
+        robot.join(Join::new(format!("gimbal_{i}.x"), Kind::Revolute(X), link, &ring).servo(servo));
         let second = Join::new(format!("gimbal_{i}.y"), Kind::Revolute(Y), ring, &module);
-        rig.join(second.at([0.0, 0.0, self.module_height]).servo(servo));
-        rig.drone(&module, &module, [0.0, 0.0, self.rotor_height - self.module_height], [module.clone()]);
+        robot.join(second.at([0.0, 0.0, self.module_height]).servo(servo));
+        robot.drone(&module, &module, [0.0, 0.0, self.rotor_height - self.module_height], [module.clone()]);
     }
 
     /// The joint from link i to the next.
-    fn bend(&self, rig: &mut Assembly, i: usize) {
+    fn bend(&self, robot: &mut Assembly, i: usize) {
         let half = 0.5 * self.link_length;
         let servo = Servo::Position {
             stiffness: self.bend_stiffness,
@@ -189,7 +189,7 @@ impl Dragon {
             center: 0.0,
             range: self.bend_range,
         };
-        rig.join(
+        robot.join(
             Join::new(format!("bend_{i}"), Kind::Universal(Y, Z), format!("link_{i}"), format!("link_{}", i + 1))
                 .at([half, 0.0, 0.0])
                 .child_at([-half, 0.0, 0.0])

@@ -83,16 +83,16 @@ impl Gate {
         }
         let frame = self.bars().into_iter().fold(Solid::explicit(self.mass, [0.0; 3], self.inertia), Solid::and);
         let range = self.scale * self.range;
-        let mut rig = Assembly::new("gate");
-        rig.part("frame", frame.scaled(self.scale));
-        rig.join(
+        let mut robot = Assembly::new("gate");
+        robot.part("frame", frame.scaled(self.scale));
+        robot.join(
             Join::new("slide", Kind::Prismatic([0.0, 1.0, 0.0]), WORLD, "frame")
                 .at(self.place)
                 .range(-range, range)
                 .spring(self.stiffness, 0.0)
                 .damping(self.damping),
         );
-        let model = rig.model()?;
+        let model = robot.model()?;
         let map = GateMap { frame: model.body("frame")? };
         Ok(Configuration { model, map })
     }

@@ -70,17 +70,17 @@ impl InvertedPendulum {
     /// As [`Assembly::model`].
     pub fn build(&self) -> Result<Configuration<InvertedPendulumMap>> {
         let half = 0.5 * self.length;
-        let mut rig = Assembly::new("inverted_pendulum");
-        rig.part("drone", Solid::vehicle(&self.drone));
-        rig.part("bar", Solid::capsule(self.bar_radius, self.length).mass(self.bar_mass));
-        rig.part("payload", Solid::sphere(self.payload_radius).mass(self.payload_mass));
-        rig.join(
+        let mut robot = Assembly::new("inverted_pendulum");
+        robot.part("drone", Solid::vehicle(&self.drone));
+        robot.part("bar", Solid::capsule(self.bar_radius, self.length).mass(self.bar_mass));
+        robot.part("payload", Solid::sphere(self.payload_radius).mass(self.payload_mass));
+        robot.join(
             Join::new("swing", Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), "drone", "bar")
                 .child_at([0.0, 0.0, -half])
                 .damping(self.damping),
         );
-        rig.join(Join::new("knot", Kind::Fixed, "bar", "payload").at([0.0, 0.0, half]));
-        let model = rig.model()?;
+        robot.join(Join::new("knot", Kind::Fixed, "bar", "payload").at([0.0, 0.0, half]));
+        let model = robot.model()?;
         let map = InvertedPendulumMap {
             drone: DroneMap::find(&model, "drone")?,
             bar: model.body("bar")?,

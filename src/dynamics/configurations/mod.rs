@@ -1,6 +1,6 @@
 //! Built-in assemblies: one file each, a parameter struct whose `Default` is the paper's, readable as a drawing.
 //!
-//! To add one: write `my_rig.rs` beside these with a parameter struct and its `build`, and give it a line in
+//! To add one: write `my_robot.rs` beside these with a parameter struct and its `build`, and give it a line in
 //! [`REGISTRY`]. Command line, tests and documentation find it there.
 //!
 //! Common to all files:
@@ -17,9 +17,9 @@
 //! ```
 //! use omnidrones::dynamics::configurations::Payload;
 //!
-//! let rig = Payload { length: 0.8, ..Payload::default() }.build()?;
-//! let angle = rig.model.layout().bodies[rig.map.swing[0]].position; // about x, in the state
-//! assert_eq!((angle, rig.map.drone.rotors.len()), (13, 4));
+//! let robot = Payload { length: 0.8, ..Payload::default() }.build()?;
+//! let angle = robot.model.layout().bodies[robot.map.swing[0]].position; // about x, in the state
+//! assert_eq!((angle, robot.map.drone.rotors.len()), (13, 4));
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 

@@ -64,17 +64,17 @@ impl Omav {
     /// # Errors
     /// [`Error::Unknown`] for a vehicle without the parts or rotors named above; otherwise as [`Assembly::model`].
     pub fn build(&self) -> Result<Configuration<OmavMap>> {
-        let mut rig = Assembly::new("omav_tilting");
+        let mut robot = Assembly::new("omav_tilting");
         let base = self.piece("base_link")?;
         let core = Solid::explicit(base.mass, base.position, base.inertia);
         let core = self.vehicle.shapes.iter().fold(core, |solid, shape| solid.and(*shape));
-        rig.part("core", self.damped(core));
+        robot.part("core", self.damped(core));
         for j in 0..N_UNIT {
-            self.unit(&mut rig, j)?;
+            self.unit(&mut robot, j)?;
         }
-        rig.drone("core", "core", [0.0; 3], (0..2 * N_UNIT).map(|r| format!("blade_{r}")));
-        rig.rotor_order((0..2 * N_UNIT).map(|r| format!("rotor_{r}")));
-        let model = rig.model()?;
+        robot.drone("core", "core", [0.0; 3], (0..2 * N_UNIT).map(|r| format!("blade_{r}")));
+        robot.rotor_order((0..2 * N_UNIT).map(|r| format!("rotor_{r}")));
+        let model = robot.model()?;
         let mut units = [0; N_UNIT];
         for (j, unit) in units.iter_mut().enumerate() {
             *unit = model.body(&format!("unit_{j}"))?;
@@ -84,20 +84,22 @@ impl Omav {
     }
 
     /// Unit j with its two rotors, and its tilt about the arm. The unit's frame has x outwards, z up.
-    fn unit(&self, rig: &mut Assembly, j: usize) -> Result<()> {
+    fn unit(&self, robot: &mut Assembly, j: usize) -> Result<()> {
         let [x, y, z] = self.piece(&format!("tilt_unit_{j}"))?.position;
         let place = Placement::from([x, y, z]).turned([0.0, 0.0, 1.0], y.atan2(x));
         let name = format!("unit_{j}");
-        rig.part(&name, self.local(&format!("tilt_unit_{j}"), &place)?);
+        robot.part(&name, self.local(&format!("tilt_unit_{j}"), &place)?);
         for r in [j, j + N_UNIT] {
             let rotor = format!("rotor_{r}");
             let blade = self.local(&rotor, &place)?;
-            rig.part(format!("blade_{r}"), blade);
-            rig.join(Join::new(format!("shaft_{r}"), Kind::Fixed, &name, format!("blade_{r}")));
+            robot.part(format!("blade_{r}"), blade);
+            robot.join(Join::new(format!("shaft_{r}"), Kind::Fixed, &name, format!("blade_{r}")));
         }
         let servo =
             Servo::Rate { time_constant: self.time_constant, max_torque: self.max_torque, range: self.max_rate };
-        rig.join(Join::new(format!("tilt_{j}"), Kind::Revolute([1.0, 0.0, 0.0]), "core", &name).at(place).servo(servo));
+        robot.join(
+            Join::new(format!("tilt_{j}"), Kind::Revolute([1.0, 0.0, 0.0]), "core", &name).at(place).servo(servo),
+        );
         Ok(())
     }
 

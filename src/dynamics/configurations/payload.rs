@@ -73,18 +73,18 @@ impl Payload {
     /// As [`Assembly::model`].
     pub fn build(&self) -> Result<Configuration<PayloadMap>> {
         let (half, end) = (0.5 * self.length, [0.0, 0.0, -0.5 * self.length]);
-        let mut rig = Assembly::new("payload");
-        rig.part("drone", Solid::vehicle(&self.drone));
-        rig.part("bar", Solid::capsule(self.bar_radius, self.length).mass(self.bar_mass));
-        rig.part("payload", Solid::sphere(self.payload_radius).mass(self.payload_mass));
-        rig.join(
+        let mut robot = Assembly::new("payload");
+        robot.part("drone", Solid::vehicle(&self.drone));
+        robot.part("bar", Solid::capsule(self.bar_radius, self.length).mass(self.bar_mass));
+        robot.part("payload", Solid::sphere(self.payload_radius).mass(self.payload_mass));
+        robot.join(
             Join::new("swing", Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]), "drone", "bar")
                 .child_at([0.0, 0.0, half])
                 .range(-self.range, self.range)
                 .damping(self.damping),
         );
-        rig.join(Join::new("knot", Kind::Fixed, "bar", "payload").at(end));
-        let model = rig.model()?;
+        robot.join(Join::new("knot", Kind::Fixed, "bar", "payload").at(end));
+        let model = robot.model()?;
         let map = PayloadMap {
             drone: DroneMap::find(&model, "drone")?,
             bar: model.body("bar")?,

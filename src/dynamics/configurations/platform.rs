@@ -84,13 +84,13 @@ impl Platform {
         if !(2..=12).contains(&n) {
             return Err(Error::value("platform: n_drone", n, "between 2 and 12", "Use a Fleet for single drones."));
         }
-        let mut rig = Assembly::new(if n == 4 { "platform".into() } else { format!("platform_{n}") });
-        rig.part("frame", self.frame());
+        let mut robot = Assembly::new(if n == 4 { "platform".into() } else { format!("platform_{n}") });
+        robot.part("frame", self.frame());
         for j in 0..n {
             let angle = TAU * j as f64 / n as f64;
             let yaw = if self.rotate_drones { -angle } else { 0.0 };
-            rig.part(format!("drone_{j}"), Solid::vehicle(&self.drone));
-            rig.join(
+            robot.part(format!("drone_{j}"), Solid::vehicle(&self.drone));
+            robot.join(
                 // the joint's x points outwards on both sides
                 Join::new(format!("mount_{j}"), CARDAN, "frame", format!("drone_{j}"))
                     .at(Placement::from(self.tip(j)).turned(Z, angle))
@@ -98,7 +98,7 @@ impl Platform {
                     .damping(self.damping),
             );
         }
-        let model = rig.model()?;
+        let model = robot.model()?;
         let drones = (0..n).map(|j| {
             let drone = DroneMap::find(&model, &format!("drone_{j}"))?;
             Ok(PlatformDrone { drone, mount: pair(&model, &format!("mount_{j}"), ["x", "y"])? })

@@ -116,13 +116,13 @@ impl Transport {
     /// As [`Assembly::model`].
     pub fn build(&self) -> Result<Configuration<TransportMap>> {
         let n = self.corners.len();
-        let mut rig = Assembly::new(if n == 4 { "transport".into() } else { format!("transport_{n}") });
+        let mut robot = Assembly::new(if n == 4 { "transport".into() } else { format!("transport_{n}") });
         let [linear, angular] = self.box_damping;
-        rig.part("box", self.touching(Solid::cuboid(self.box_size).mass(self.box_mass).damping(linear, angular)));
+        robot.part("box", self.touching(Solid::cuboid(self.box_size).mass(self.box_mass).damping(linear, angular)));
         for (i, corner) in self.corners.iter().enumerate() {
-            self.carrier(&mut rig, i, *corner);
+            self.carrier(&mut robot, i, *corner);
         }
-        let model = rig.model()?;
+        let model = robot.model()?;
         let carriers = (0..n).map(|i| {
             Ok(Carrier {
                 drone: DroneMap::find(&model, &format!("drone_{i}"))?,
@@ -136,17 +136,17 @@ impl Transport {
     }
 
     /// A bar on the box and a drone on the bar.
-    fn carrier(&self, rig: &mut Assembly, i: usize, [x, y]: [f64; 2]) {
+    fn carrier(&self, robot: &mut Assembly, i: usize, [x, y]: [f64; 2]) {
         let half = 0.5 * self.bar_length;
         let cardan = Kind::Universal([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
         let (bar, drone) = (format!("bar_{i}"), format!("drone_{i}"));
-        rig.part(&bar, self.touching(Solid::capsule(self.bar_radius, self.bar_length).mass(self.bar_mass)));
-        rig.part(&drone, Solid::vehicle(&self.drone));
+        robot.part(&bar, self.touching(Solid::capsule(self.bar_radius, self.bar_length).mass(self.bar_mass)));
+        robot.part(&drone, Solid::vehicle(&self.drone));
         let joint = |name: &str, parent: &str, child: &str| {
             Join::new(format!("{name}_{i}"), cardan, parent, child).range(-self.range, self.range).damping(self.damping)
         };
-        rig.join(joint("anchor", "box", &bar).at([x, y, self.anchor_height]).child_at([0.0, 0.0, -half]));
-        rig.join(joint("hook", &bar, &drone).at([0.0, 0.0, half]));
+        robot.join(joint("anchor", "box", &bar).at([x, y, self.anchor_height]).child_at([0.0, 0.0, -half]));
+        robot.join(joint("hook", &bar, &drone).at([0.0, 0.0, half]));
     }
 
     fn touching(&self, solid: Solid) -> Solid {

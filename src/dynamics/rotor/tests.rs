@@ -2,7 +2,7 @@ use super::*;
 use crate::dynamics::batch::Plant;
 use crate::dynamics::domain::Domain;
 use crate::dynamics::rigid::{parameter_domains, parameter_names, parameter_vector};
-use crate::dynamics::tree::{number_domains, number_names, number_vector};
+use crate::dynamics::tree::{model_parameter_domains, model_parameter_names, model_parameters};
 use crate::dynamics::{Effects, Physics, Rotor, Vehicle, assembly, vehicles};
 use num_dual::Dual64;
 
@@ -25,9 +25,9 @@ fn uneven() -> Vehicle {
 fn every_number_of_the_table_stands_at_its_place_in_vectors_names_and_domains() {
     let vehicle = uneven();
     let model = assembly::single(&vehicle).unwrap();
-    let first = number_names(&model).iter().position(|n| n.ends_with("rotor_0.position_x")).unwrap();
+    let first = model_parameter_names(&model).iter().position(|n| n.ends_with("rotor_0.position_x")).unwrap();
     let rigid = (parameter_vector(&vehicle), parameter_names(&vehicle), parameter_domains(&vehicle));
-    let tree = (number_vector(&model), number_names(&model), number_domains(&model));
+    let tree = (model_parameters(&model), model_parameter_names(&model), model_parameter_domains(&model));
     let begins = [crate::dynamics::rigid::BODY_PARAMETERS.len(), first];
     for ((values, names, domains), first) in [rigid, tree].into_iter().zip(begins) {
         assert_eq!((values.len(), domains.len()), (names.len(), names.len()));

@@ -12,7 +12,7 @@
 //!
 //! Accelerations in the scratch are proper ones (what an accelerometer reads): gravity is the world's upward acceleration.
 
-use super::numbers::{Numbers, at, body_numbers};
+use super::parameters::{ParameterView, at, link_parameters};
 use super::scratch::{Articulated, BodyScratch};
 use super::topology::{Kind, Topology};
 use super::torque::{self, Pass};
@@ -24,7 +24,7 @@ use crate::dynamics::spatial::*;
 /// Accelerations of all bodies and joints, from kinematics and outside forces; d/dt of state `x` into `rate`, but for
 /// the rotors.
 #[inline(always)]
-pub(crate) fn accelerate<S: Scalar, P: Numbers<S>>(
+pub(crate) fn accelerate<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
     x: &[S],
@@ -47,8 +47,14 @@ pub(crate) fn accelerate<S: Scalar, P: Numbers<S>>(
 
 /// Inertia and bias force of a body alone.
 #[inline(always)]
-fn own_inertia<S: Scalar, P: Numbers<S>>(t: &Topology, i: usize, numbers: P, implicit: f64, body: &mut BodyScratch<S>) {
-    let (link, n) = (&t.links[i], body_numbers(i));
+fn own_inertia<S: Scalar, P: ParameterView<S>>(
+    t: &Topology,
+    i: usize,
+    numbers: P,
+    implicit: f64,
+    body: &mut BodyScratch<S>,
+) {
+    let (link, n) = (&t.links[i], link_parameters(i));
     body.inertia = Articulated::zero();
     (body.bias_force, body.bias_moment) = (neg(body.force), neg(body.moment));
     if link.massless {
@@ -87,7 +93,7 @@ fn own_inertia<S: Scalar, P: Numbers<S>>(t: &Topology, i: usize, numbers: P, imp
 
 /// R J Rᵀ.
 #[inline(always)]
-fn turned_inertia<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, products: bool, r: &Mat3<S>) -> Symmetric<S> {
+fn turned_inertia<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, products: bool, r: &Mat3<S>) -> Symmetric<S> {
     let diagonal: Vec3<S> = numbers.vector(n + at::INERTIA);
     let rj = if products {
         let p: Vec3<S> = numbers.vector(n + at::INERTIA + 3);
@@ -117,7 +123,7 @@ fn implicit_gyroscopic<S: Scalar>(inertia: &Symmetric<S>, w: Vec3<S>, step: f64)
 
 /// Eliminates a body's joint and adds what remains to its parent.
 #[inline(always)]
-fn to_parent<S: Scalar, P: Numbers<S>>(
+fn to_parent<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     i: usize,
     numbers: P,

@@ -1,12 +1,12 @@
 //! Energy, momentum, mass matrix, poses and Jacobians of an articulated system.
 
+use super::contact_loads;
 use super::kinematics::forward;
 use super::model::{Frame, Model, Motion};
 use super::multibody::Multibody;
-use super::numbers::{Numbers, Source, at, body_numbers};
+use super::parameters::{ParameterView, Source, at, link_parameters};
 use super::scratch::{BodyScratch, scratch_on_stack};
 use super::topology::{Kind, Topology, joined};
-use super::touch;
 use crate::autodiff::Scalar;
 use crate::dynamics::rigid::full;
 use crate::dynamics::spatial::*;
@@ -80,7 +80,7 @@ pub fn kinetic_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
         twice += dot(p, center_velocity(&scratch.bodies[i])) + dot(l, scratch.bodies[i].angular_velocity);
         let link = &t.links[i];
         if matches!(link.kind, Kind::Hinge(_) | Kind::Slide(_)) {
-            let armature: S = numbers.get(body_numbers(i) + at::ARMATURE);
+            let armature: S = numbers.get(link_parameters(i) + at::ARMATURE);
             twice += armature * state[link.velocity].square();
         }
     }
@@ -96,7 +96,7 @@ pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     let (mut energy, half) = (S::zero(), S::constant(0.5));
     let gravity: S = numbers.get(0);
     for i in 0..t.n_body() {
-        let (link, n) = (&t.links[i], body_numbers(i));
+        let (link, n) = (&t.links[i], link_parameters(i));
         let height = scratch.bodies[i].position[2] + scratch.bodies[i].center[2];
         let mass: S = numbers.get(n + at::MASS);
         energy += mass * gravity * height;
@@ -122,7 +122,7 @@ pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
         }
     }
     if t.effects.contact {
-        energy += touch::elastic_energy(t, numbers, scratch.bodies);
+        energy += contact_loads::elastic_energy(t, numbers, scratch.bodies);
     }
     energy
 }
@@ -133,7 +133,7 @@ pub fn contact_forces<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Vec3<S>
     scratch_on_stack!(scratch, t, S);
     forward(t, numbers, state, scratch.bodies);
     if t.effects.contact {
-        touch::apply(t, numbers, scratch.bodies);
+        contact_loads::apply(t, numbers, scratch.bodies);
     }
     scratch.bodies[..t.n_body()].iter().map(|b| b.contact).collect()
 }
@@ -192,10 +192,10 @@ pub fn center_of_mass<S: Scalar>(system: &Multibody, state: &[S]) -> Vec3<S> {
     center(t, numbers, scratch.bodies)
 }
 
-fn center<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, bodies: &[BodyScratch<S>]) -> Vec3<S> {
+fn center<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, bodies: &[BodyScratch<S>]) -> Vec3<S> {
     let (mut sum, mut total) = ([S::zero(); 3], S::zero());
     for i in 0..t.n_body() {
-        let mass = numbers.get(body_numbers(i) + at::MASS);
+        let mass = numbers.get(link_parameters(i) + at::MASS);
         sum = axpy(sum, mass, add(bodies[i].position, bodies[i].center));
         total += mass;
     }
@@ -224,8 +224,8 @@ fn center_velocity<S: Scalar>(body: &BodyScratch<S>) -> Vec3<S> {
 }
 
 /// m v and J ω of one body at its centre of mass.
-fn own_momentum<S: Scalar, P: Numbers<S>>(i: usize, numbers: P, body: &BodyScratch<S>) -> (Vec3<S>, Vec3<S>) {
-    let n = body_numbers(i);
+fn own_momentum<S: Scalar, P: ParameterView<S>>(i: usize, numbers: P, body: &BodyScratch<S>) -> (Vec3<S>, Vec3<S>) {
+    let n = link_parameters(i);
     let (d, p) = (numbers.vector(n + at::INERTIA), numbers.vector(n + at::INERTIA + 3));
     let inertia = full([d[0], d[1], d[2], p[0], p[1], p[2]]);
     let own = mat_vec(transpose(body.rotation), body.angular_velocity);
@@ -268,7 +268,7 @@ fn mass_matrix_of(model: &Model, state: &[f64]) -> DMatrix<f64> {
 /// Poses of all bodies of a model alone.
 fn poses_of(model: &Model, state: &[f64]) -> Vec<Pose<f64>> {
     let bare = Topology::bare(model);
-    let numbers = super::numbers::number_vector(model);
+    let numbers = super::parameters::model_parameters(model);
     scratch_on_stack!(scratch, &bare, f64);
     forward(&bare, Source::Constants(&numbers), state, scratch.bodies);
     scratch.bodies[..bare.n_body()].iter().map(pose_of).collect()

@@ -4,24 +4,29 @@
 //! q_i = q_p ⊗ q_joint ⊗ q(θ), p_i = p_p + R_p r, v_i = v_p + ω_p × (p_i − p_p), ω_i = ω_p + R_i ω_J.
 
 use super::model::IDENTITY;
-use super::numbers::{Numbers, at, body_numbers};
+use super::parameters::{ParameterView, at, link_parameters};
 use super::topology::{Axis, Kind, Link, Topology};
-use crate::autodiff::{Rows, RowsMut, Scalar};
+use crate::autodiff::{Scalar, StridedView, StridedViewMut};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::spatial::*;
 
 /// Writes the frame of every body, [`FRAME`] numbers each.
 #[inline(always)]
-pub(crate) fn write<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, x: &Rows<'_, S>, out: &mut RowsMut<'_, S>) {
+pub(crate) fn write<S: Scalar, P: ParameterView<S>>(
+    t: &Topology,
+    numbers: P,
+    x: &StridedView<'_, S>,
+    out: &mut StridedViewMut<'_, S>,
+) {
     for i in 0..t.n_body() {
         let link = &t.links[i];
-        let origin = numbers.vector(body_numbers(i) + at::JOINT_POSITION);
+        let origin = numbers.vector(link_parameters(i) + at::JOINT_POSITION);
         let parent = match link.parent {
             Some(p) => Frame::read(&out.rows().from(p * FRAME)),
             None => world(),
         };
         let frame = place(link, origin, x, &parent);
-        frame.write(&mut out.pen(i * FRAME));
+        frame.write(&mut out.writer(i * FRAME));
     }
 }
 
@@ -32,7 +37,7 @@ fn world<S: Scalar>() -> Frame<S> {
 }
 
 #[inline(always)]
-fn place<S: Scalar>(link: &Link, origin: Vec3<S>, x: &Rows<'_, S>, parent: &Frame<S>) -> Frame<S> {
+fn place<S: Scalar>(link: &Link, origin: Vec3<S>, x: &StridedView<'_, S>, parent: &Frame<S>) -> Frame<S> {
     if link.kind == Kind::Floating {
         let mut own = Frame::of_vehicle(&x.from(link.position));
         own.attitude = unit(own.attitude);
@@ -86,7 +91,7 @@ mod tests {
     use crate::dynamics::configurations;
     use crate::dynamics::tree::Motion;
     use crate::dynamics::tree::kinematics::forward;
-    use crate::dynamics::tree::numbers::{Source, number_vector};
+    use crate::dynamics::tree::parameters::{Source, model_parameters};
     use crate::dynamics::tree::scratch::scratch_on_stack;
     use crate::rng::{Purpose, Stream};
 
@@ -95,7 +100,7 @@ mod tests {
         let mut worst = 0.0_f64;
         for model in configurations::all().unwrap() {
             let t = Topology::bare(&model);
-            let numbers = number_vector(&model);
+            let numbers = model_parameters(&model);
             let mut r = Stream::new(9, 0, 0, Purpose::user(9));
             for _ in 0..20 {
                 let mut x: Vec<f64> = (0..t.n_state).map(|_| r.uniform(-1.0, 1.0)).collect();
@@ -109,11 +114,11 @@ mod tests {
                     x[first..first + 4].copy_from_slice(&unit);
                 }
                 let mut out = vec![0.0; t.n_body() * FRAME];
-                write(&t, Source::Constants(&numbers), &Rows::of(&x), &mut RowsMut::of(&mut out));
+                write(&t, Source::Constants(&numbers), &StridedView::of(&x), &mut StridedViewMut::of(&mut out));
                 scratch_on_stack!(scratch, &t, f64);
                 forward(&t, Source::Constants(&numbers), &x, scratch.bodies);
                 for i in 0..t.n_body() {
-                    let (frame, body) = (Frame::read(&Rows::of(&out[i * FRAME..])), &scratch.bodies[i]);
+                    let (frame, body) = (Frame::read(&StridedView::of(&out[i * FRAME..])), &scratch.bodies[i]);
                     for k in 0..3 {
                         worst = worst.max((frame.position[k] - body.position[k]).abs());
                         worst = worst.max((frame.velocity[k] - body.velocity[k]).abs());

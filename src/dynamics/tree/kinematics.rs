@@ -10,7 +10,7 @@
 //!
 //! where a hinge has bias_ω = ω_p × ω_J, bias_v = ω_p × (ω_p × r), and a slide 2 ω_p × v_J more.
 
-use super::numbers::{Numbers, at, body_numbers};
+use super::parameters::{ParameterView, at, link_parameters};
 use super::scratch::BodyScratch;
 use super::topology::{Axis, Kind, Link, Topology};
 use crate::autodiff::Scalar;
@@ -18,11 +18,16 @@ use crate::dynamics::spatial::*;
 
 /// Fills position, rotation, velocities, axes and biases of every body from a state.
 #[inline(always)]
-pub(crate) fn forward<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, x: &[S], bodies: &mut [BodyScratch<S>]) {
+pub(crate) fn forward<S: Scalar, P: ParameterView<S>>(
+    t: &Topology,
+    numbers: P,
+    x: &[S],
+    bodies: &mut [BodyScratch<S>],
+) {
     for i in 0..t.n_body() {
         let link = &t.links[i];
-        let origin = numbers.vector(body_numbers(i) + at::JOINT_POSITION);
-        let center: Vec3<S> = numbers.vector(body_numbers(i) + at::CENTER_OF_MASS);
+        let origin = numbers.vector(link_parameters(i) + at::JOINT_POSITION);
+        let center: Vec3<S> = numbers.vector(link_parameters(i) + at::CENTER_OF_MASS);
         match link.parent {
             Some(p) => {
                 let (before, after) = bodies.split_at_mut(i);

@@ -3,10 +3,10 @@
 //! The same equations as of the closed-form multirotor ([`rigid`](crate::dynamics::rigid)), body by body: wrenches are
 //! summed in the body's frame about its origin, then turned into world axes once.
 
-use super::numbers::{Numbers, at, body_numbers, contact_numbers, rotor_numbers};
+use super::contact_loads;
+use super::parameters::{ParameterView, at, contact_parameters, link_parameters, rotor_parameters};
 use super::scratch::{BodyScratch, RotorScratch};
 use super::topology::{Link, Topology};
-use super::touch;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::aero::downwash;
 use crate::dynamics::rotor::{Lag, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
@@ -14,7 +14,7 @@ use crate::dynamics::spatial::*;
 
 /// Constants and target speed of every rotor: what stays the same through a step; h in seconds.
 #[inline(always)]
-pub(crate) fn prepare_rotors<S: Scalar, P: Numbers<S>>(
+pub(crate) fn prepare_rotors<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
     substep: f64,
@@ -23,7 +23,7 @@ pub(crate) fn prepare_rotors<S: Scalar, P: Numbers<S>>(
 ) {
     let o = S::zero();
     for r in 0..t.n_rotor() {
-        let n = rotor_numbers(t.n_body(), r);
+        let n = rotor_parameters(t.n_body(), r);
         let mut own = [o; N_ROTOR_PARAMETER];
         for k in 0..N_ROTOR_PARAMETER {
             own[k] = numbers.get(n + k);
@@ -54,7 +54,7 @@ pub(crate) fn advance_rotors<S: Scalar>(t: &Topology, rotors: &mut [RotorScratch
 
 /// Outside force and moment on every body, world axes, about its origin. Needs kinematics.
 #[inline(always)]
-pub(crate) fn apply<S: Scalar, P: Numbers<S>>(
+pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
     input: &[S],
@@ -89,7 +89,7 @@ pub(crate) fn apply<S: Scalar, P: Numbers<S>>(
         }
     }
     if effects.contact {
-        touch::apply(t, numbers, bodies);
+        contact_loads::apply(t, numbers, bodies);
     }
     if effects.downwash && t.sources.len() > 1 {
         for s in 0..t.sources.len() {
@@ -103,7 +103,7 @@ pub(crate) fn apply<S: Scalar, P: Numbers<S>>(
 
 /// About the body's origin, body axes.
 #[inline(always)]
-fn rotor_wrench<S: Scalar, P: Numbers<S>>(
+fn rotor_wrench<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     link: &Link,
     numbers: P,
@@ -115,7 +115,7 @@ fn rotor_wrench<S: Scalar, P: Numbers<S>>(
         let rotor = &rotors[t.rotor_order[k]];
         let mut height = None;
         if t.effects.ground_effect {
-            let ground: S = numbers.get(contact_numbers(t.n_body(), t.n_rotor()) + 4);
+            let ground: S = numbers.get(contact_parameters(t.n_body(), t.n_rotor()) + 4);
             height = Some(body.position[2] + dot(body.rotation[2], rotor.model.hub) - ground);
         }
         rotor.model.add_thrust(rotor.speed, height, true, &mut sum);
@@ -125,7 +125,7 @@ fn rotor_wrench<S: Scalar, P: Numbers<S>>(
 
 /// Drag of airframe and rotors, rolling moment, and what spinning rotors hold against turning.
 #[inline(always)]
-fn air_wrench<S: Scalar, P: Numbers<S>>(
+fn air_wrench<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     i: usize,
     numbers: P,
@@ -134,7 +134,7 @@ fn air_wrench<S: Scalar, P: Numbers<S>>(
     rotors: &[RotorScratch<S>],
     wrench: &mut Wrench<S>,
 ) {
-    let (link, effects, n) = (&t.links[i], t.effects, body_numbers(i));
+    let (link, effects, n) = (&t.links[i], t.effects, link_parameters(i));
     let still = match link.wind {
         Some(w) => sub(body.velocity, [input[w], input[w + 1], input[w + 2]]),
         None => body.velocity,

@@ -4,13 +4,13 @@
 //! |---|---|
 //! | [`model`] | an articulated system as checked, immutable data |
 //! | [`layout`] | where every number stands in state and input |
-//! | [`numbers`] | the physics as one vector, for derivatives and randomisation |
+//! | [`parameters`] | the physics as one vector, for derivatives and randomisation |
 //! | `topology` | what kernels branch on |
 //! | `scratch` | memory of one evaluation |
 //! | `kinematics` | where every body is and how it moves |
 //! | `frames` | the same by quaternions, for observations |
 //! | `loads` | rotors, air, disturbance, wakes |
-//! | `touch` | contact forces |
+//! | `contact_loads` | contact forces |
 //! | `torque` | damping, springs, limits, drives |
 //! | `aba` | accelerations from forces |
 //! | [`rnea`] | forces from accelerations |
@@ -20,19 +20,19 @@
 
 mod aba;
 pub mod analysis;
+mod contact_loads;
 pub(crate) mod frames;
 mod kinematics;
 pub mod layout;
 mod loads;
 pub mod model;
 pub mod multibody;
-pub mod numbers;
+pub mod parameters;
 pub mod rnea;
 pub(crate) mod scratch;
 pub(crate) mod step;
 pub(crate) mod topology;
 mod torque;
-mod touch;
 
 pub use analysis::{
     Momentum, Pose, Separation, body_poses, center_of_mass, contact_forces, frame_jacobian, frame_pose, kinetic_energy,
@@ -41,7 +41,9 @@ pub use analysis::{
 pub use layout::{BodyPlace, Layout, TreePlace};
 pub use model::*;
 pub use multibody::{Multibody, rest_state};
-pub use numbers::{BODY_NUMBERS, CONTACT_NUMBERS, number_domains, number_names, number_vector};
+pub use parameters::{
+    CONTACT_PARAMETERS, LINK_PARAMETERS, model_parameter_domains, model_parameter_names, model_parameters,
+};
 pub use rnea::inverse_dynamics;
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! A model under given physics as a [`System`]: x⁺ = f(x, u, θ) on any scalar.
 
 use super::model::{Model, Motion};
-use super::numbers::{Source, number_vector};
+use super::parameters::{Source, model_parameters};
 use super::scratch::scratch_on_stack;
 use super::step::{self, Task};
 use super::topology::Topology;
@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 /// An articulated system of bodies, joints, drives and rotors.
 ///
 /// State and input: see [`Layout`](super::Layout). Parameters: none, or with [`Multibody::with_parameters`] the vector of
-/// [`number_vector`].
+/// [`model_parameters`].
 #[derive(Debug, Clone)]
 pub struct Multibody {
     model: Model,
@@ -31,7 +31,7 @@ impl Multibody {
     pub fn new(model: &Model, physics: Physics) -> Result<Self> {
         physics.validate()?;
         Ok(Self {
-            numbers: number_vector(model),
+            numbers: model_parameters(model),
             topology: Topology::new(model, physics.effects, physics.grid(), false),
             model: model.clone(),
             physics,
@@ -47,7 +47,7 @@ impl Multibody {
         self
     }
 
-    /// Nominal physical parameters: [`number_vector`] of the model.
+    /// Nominal physical parameters: [`model_parameters`] of the model.
     pub fn parameters(&self) -> &[f64] {
         &self.numbers
     }

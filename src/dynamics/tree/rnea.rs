@@ -6,7 +6,7 @@
 use super::kinematics::forward;
 use super::loads;
 use super::multibody::Multibody;
-use super::numbers::{Numbers, Source, at, body_numbers};
+use super::parameters::{ParameterView, Source, at, link_parameters};
 use super::scratch::{BodyScratch, scratch_on_stack};
 use super::topology::{Kind, Topology};
 use crate::autodiff::Scalar;
@@ -35,7 +35,7 @@ pub fn inverse_dynamics<S: Scalar>(system: &Multibody, state: &[S], input: &[S],
 }
 
 #[inline(always)]
-fn newton_euler<S: Scalar, P: Numbers<S>>(
+fn newton_euler<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
     acceleration: &[S],
@@ -69,8 +69,8 @@ fn newton_euler<S: Scalar, P: Numbers<S>>(
 
 /// Torque that speeds up a geared motor.
 #[inline(always)]
-fn geared<S: Scalar, P: Numbers<S>>(numbers: P, body: usize, acceleration: S) -> S {
-    numbers.get(body_numbers(body) + at::ARMATURE) * acceleration
+fn geared<S: Scalar, P: ParameterView<S>>(numbers: P, body: usize, acceleration: S) -> S {
+    numbers.get(link_parameters(body) + at::ARMATURE) * acceleration
 }
 
 #[inline(always)]
@@ -110,8 +110,8 @@ fn accelerated<S: Scalar>(t: &Topology, i: usize, gravity: S, acceleration: &[S]
 
 /// Rate of momentum of a body about its origin, less the outside loads.
 #[inline(always)]
-fn net_force<S: Scalar, P: Numbers<S>>(t: &Topology, i: usize, numbers: P, body: &mut BodyScratch<S>) {
-    let (link, n) = (&t.links[i], body_numbers(i));
+fn net_force<S: Scalar, P: ParameterView<S>>(t: &Topology, i: usize, numbers: P, body: &mut BodyScratch<S>) {
+    let (link, n) = (&t.links[i], link_parameters(i));
     (body.bias_force, body.bias_moment) = (neg(body.force), neg(body.moment));
     if link.massless {
         return;

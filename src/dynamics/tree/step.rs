@@ -13,7 +13,7 @@
 use super::aba::accelerate;
 use super::kinematics::forward;
 use super::loads;
-use super::numbers::Numbers;
+use super::parameters::ParameterView;
 use super::scratch::Scratch;
 use super::topology::{Kind, Topology};
 use super::torque::{self, Drives, Pass};
@@ -38,7 +38,7 @@ const FIRST: usize = 2;
 
 /// Does the task with `s.input` held.
 #[inline(always)]
-pub(crate) fn run<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, task: Task, s: &mut Scratch<'_, S>) {
+pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task: Task, s: &mut Scratch<'_, S>) {
     let (h, substeps, n_stage) = match task {
         Task::Step(Grid { integrator: Integrator::RungeKutta4, substep, substeps }) => (substep, substeps, 4),
         Task::Step(grid) => (grid.substep, grid.substeps, 1),
@@ -92,7 +92,13 @@ pub(crate) fn run<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, task: Task
 }
 
 #[inline(always)]
-fn hold_torques<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, stage: usize, h: f64, s: &mut Scratch<'_, S>) {
+fn hold_torques<S: Scalar, P: ParameterView<S>>(
+    t: &Topology,
+    numbers: P,
+    stage: usize,
+    h: f64,
+    s: &mut Scratch<'_, S>,
+) {
     for i in 0..t.n_body() {
         let link = &t.links[i];
         if link.drive.is_some() || link.stiff {

@@ -3,7 +3,7 @@
 //! Each torque comes as a pair (τ, s): the value, and how much an acceleration over the step ahead changes it, so that
 //! the joint obeys τ − s q̈. With s = 0 the torque is explicit; the inertia of a geared motor is an s of its own.
 
-use super::numbers::{Numbers, at, body_numbers};
+use super::parameters::{ParameterView, at, link_parameters};
 use super::topology::{Link, Servo};
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::*;
@@ -29,7 +29,7 @@ pub(crate) enum Drives {
 
 /// (τ, s) of a hinge or slide.
 #[inline(always)]
-pub(crate) fn of_axis<S: Scalar, P: Numbers<S>>(
+pub(crate) fn of_axis<S: Scalar, P: ParameterView<S>>(
     link: &Link,
     body: usize,
     numbers: P,
@@ -39,7 +39,7 @@ pub(crate) fn of_axis<S: Scalar, P: Numbers<S>>(
     pass: Pass,
 ) -> (S, S) {
     let (q, rate) = (x[link.position], x[link.velocity]);
-    let n = body_numbers(body);
+    let n = link_parameters(body);
     let h = S::constant(pass.implicit);
     let (mut torque, mut slope) = (S::zero(), S::zero());
     let step = match pass.drives {
@@ -84,7 +84,7 @@ pub(crate) fn of_axis<S: Scalar, P: Numbers<S>>(
 
 /// τ = −d q̇ − k (q + h q̇ − rest) and s = h d + h² k.
 #[inline(always)]
-fn spring<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, q: S, rate: S, step: f64) -> (S, S) {
+fn spring<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, q: S, rate: S, step: f64) -> (S, S) {
     let [damping, stiffness, rest] = numbers.vector(n + at::SPRING);
     let h = S::constant(step);
     let ahead = h.mul_add(rate, q);
@@ -94,7 +94,7 @@ fn spring<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, q: S, rate: S, step: f
 
 /// k δ (1 + d δ̇)₊ at either end.
 #[inline(always)]
-fn limits<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, q: S, rate: S, h: S) -> (S, S) {
+fn limits<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, q: S, rate: S, h: S) -> (S, S) {
     let (o, l) = (S::zero(), S::one());
     let (lower, upper) = (numbers.get(n + at::LIMITS), numbers.get(n + at::LIMITS + 1));
     let (stiffness, dissipation) = (numbers.get(n + at::LIMITS + 2), numbers.get(n + at::LIMITS + 3));
@@ -110,7 +110,7 @@ fn limits<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, q: S, rate: S, h: S) -
 
 /// τ = k (q_target − q − h q̇) + d (q̇_target − q̇) and s = h d + h² k.
 #[inline(always)]
-fn servo_torque<S: Scalar, P: Numbers<S>>(
+fn servo_torque<S: Scalar, P: ParameterView<S>>(
     servo: &Servo,
     numbers: P,
     n: usize,
@@ -134,7 +134,7 @@ fn servo_torque<S: Scalar, P: Numbers<S>>(
 
 /// A drive's torque within its bound.
 #[inline(always)]
-fn bounded<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, torque: S) -> S {
+fn bounded<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize, torque: S) -> S {
     let most = numbers.get(n + at::DRIVE + 2);
     torque.clamp(-most, most)
 }
@@ -142,14 +142,14 @@ fn bounded<S: Scalar, P: Numbers<S>>(numbers: P, n: usize, torque: S) -> S {
 /// What drive, and stiff damping and spring, of a joint give through a substep, from the `acceleration` that an implicit
 /// pass without bounds found: a drive over its bound gives the bound, all else stays implicit.
 #[inline(always)]
-pub(crate) fn split<S: Scalar, P: Numbers<S>>(
+pub(crate) fn split<S: Scalar, P: ParameterView<S>>(
     link: &Link,
     body: usize,
     numbers: P,
     (x, input): (&[S], &[S]),
     (acceleration, step): (S, f64),
 ) -> (S, S) {
-    let n = body_numbers(body);
+    let n = link_parameters(body);
     let (q, rate) = (x[link.position], x[link.velocity]);
     let (mut torque, mut slope) = (S::zero(), S::zero());
     if let Some(servo) = &link.drive {
@@ -169,7 +169,7 @@ pub(crate) fn split<S: Scalar, P: Numbers<S>>(
 
 /// The torque that a joint then holds, from the acceleration that the pass with [`split`] torques found.
 #[inline(always)]
-pub(crate) fn settle<S: Scalar, P: Numbers<S>>(
+pub(crate) fn settle<S: Scalar, P: ParameterView<S>>(
     link: &Link,
     body: usize,
     numbers: P,
@@ -177,7 +177,7 @@ pub(crate) fn settle<S: Scalar, P: Numbers<S>>(
     (torque, slope): (S, S),
     (acceleration, step): (S, f64),
 ) -> (S, S) {
-    let n = body_numbers(body);
+    let n = link_parameters(body);
     let total = (-slope).mul_add(acceleration, torque);
     let mut passive = S::zero();
     if link.stiff {
@@ -190,7 +190,7 @@ pub(crate) fn settle<S: Scalar, P: Numbers<S>>(
 
 /// Moment (world) and slope of a ball joint: −d ω_rel and the spring −k sin θ about the axis of rotation.
 #[inline(always)]
-pub(crate) fn of_ball<S: Scalar, P: Numbers<S>>(
+pub(crate) fn of_ball<S: Scalar, P: ParameterView<S>>(
     link: &Link,
     body: usize,
     numbers: P,
@@ -201,7 +201,7 @@ pub(crate) fn of_ball<S: Scalar, P: Numbers<S>>(
     if !(link.damped || link.sprung) {
         return ([S::zero(); 3], S::zero());
     }
-    let [damping, stiffness, _] = numbers.vector(body_numbers(body) + at::SPRING);
+    let [damping, stiffness, _] = numbers.vector(link_parameters(body) + at::SPRING);
     let rate = [x[link.velocity], x[link.velocity + 1], x[link.velocity + 2]];
     let mut own = scale(-damping, rate);
     let h = S::constant(pass.implicit);

@@ -3,7 +3,7 @@
 //! urdf-rs drops unknown elements, skips words that are not numbers (`xyz="0 x 0 0"` reads as three zeros) and fills
 //! in what is missing. So the file is judged here, on the plain XML tree, before urdf-rs reads it.
 
-use super::fence::Limits;
+use super::input_limits::InputLimits;
 use super::schema::{self, Kind, LARGEST, Rule, Times};
 use super::{ImportOptions, Warning, clean, fault};
 use crate::error::{Error, Result};
@@ -310,7 +310,7 @@ fn version(robot: Node) -> (u32, u32) {
 }
 
 /// Checks a name or path for length and emptiness.
-fn text(file: &str, node: Node, name: &str, value: &str, limits: &Limits) -> Result<()> {
+fn text(file: &str, node: Node, name: &str, value: &str, limits: &InputLimits) -> Result<()> {
     if value.len() > limits.name_bytes {
         return Err(Error::limit(
             format!("{file}: line {}, <{}>: length of {name}", line(node), node.tag_name().name()),

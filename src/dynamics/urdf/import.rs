@@ -1,7 +1,7 @@
 //! The steps of an import, in order: fence, diagnosis, tree, urdf-rs, bodies, rotors, vehicle.
 
 use super::bodies::{self, Body, Joint, left_out, total_mass};
-use super::fence::{self, Limits};
+use super::input_limits::{self, InputLimits};
 use super::properties::{self, Properties};
 use super::{RotorFile, Vehicle, Warning, clean, diagnose, fault, few, in_file, resolve, tree};
 use crate::dynamics::vehicle::{Part, Rotor};
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ImportOptions {
     /// Fences.
-    pub limits: Limits,
+    pub limits: InputLimits,
     /// Folders of `package://name/…` paths. Nothing is resolved without them, and no mesh is opened in any case.
     pub packages: BTreeMap<String, PathBuf>,
     /// The rotor file, or a folder that holds `<stem>.rotors.toml`; it wins over the one beside the URDF.
@@ -49,11 +49,11 @@ pub fn import_file(path: impl AsRef<Path>, options: &ImportOptions) -> Result<Im
 
 /// Text and name of a URDF, and its rotor file if there is one.
 pub(super) fn read_files(path: &Path, options: &ImportOptions) -> Result<(String, String, Option<RotorFile>)> {
-    let text = fence::read(path, &options.limits)?;
+    let text = input_limits::read(path, &options.limits)?;
     let rotors = match rotor_path(path, options) {
         None => None,
         Some(found) => {
-            let toml = fence::read(&found, &options.limits)?;
+            let toml = input_limits::read(&found, &options.limits)?;
             Some(RotorFile::parse(&toml, &found.display().to_string())?)
         }
     };
@@ -132,7 +132,7 @@ pub(super) struct Read {
 /// Fence, diagnosis, tree, urdf-rs, bodies.
 pub(super) fn read(text: &str, file: &str, options: &ImportOptions) -> Result<Read> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    fence::check(text, file, &options.limits)?;
+    input_limits::check(text, file, &options.limits)?;
     let document = diagnose::parse(text, file)?;
     let mut warnings = diagnose::check(&document, file, options)?;
     let tree = tree::read(&document, file, options)?;
@@ -270,7 +270,7 @@ fn carried(bodies: &[Body], index: usize, body: &Body, joint: &Joint) -> (f64, f
     (mass, moments.into_iter().reduce(f64::min).unwrap_or(mass))
 }
 
-/// Whether body `i` is `carrier` or hangs on it; the tree has no cycles, and at most `Limits::bodies` links.
+/// Whether body `i` is `carrier` or hangs on it; the tree has no cycles, and at most `InputLimits::bodies` links.
 fn hangs_on(bodies: &[Body], mut i: usize, carrier: usize) -> bool {
     while i != carrier {
         match bodies.get(i).and_then(|b| b.joint.as_ref()) {

@@ -75,7 +75,7 @@ impl Kernel for Pull<'_> {
     fn run<L: Lanes>(self) {
         let w = L::WIDTH;
         for (d, y) in self.d.chunks_exact_mut(w).zip(self.y.chunks_exact(w)) {
-            let (up, y, zero, one) = (L::load(d), L::load(y), L::zero(), L::one());
+            let (grad_output, y, zero, one) = (L::load(d), L::load(y), L::zero(), L::one());
             let slope = match self.kind {
                 Activation::Tanh => (-y).mul_add(y, one),
                 Activation::Elu => one + y.min(zero),
@@ -83,7 +83,7 @@ impl Kernel for Pull<'_> {
                 Activation::LeakyRelu => L::select(y.lt(zero), L::constant(LEAK), one),
                 Activation::Identity => one,
             };
-            (up * slope).store(d);
+            (grad_output * slope).store(d);
         }
     }
 }

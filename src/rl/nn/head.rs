@@ -160,22 +160,22 @@ impl Head {
         self.entropy_of(output, extra) as f32
     }
 
-    /// Adds the derivatives of `up_log_prob` · log p(action) + `up_entropy` · entropy to `d_output` and `d_extra`.
+    /// Adds the derivatives of `grad_log_prob` · log p(action) + `grad_entropy` · entropy to `d_output` and `d_extra`.
     #[expect(clippy::too_many_arguments, reason = "a row, what comes down to it and where that goes")]
     pub fn gradient(
         &self,
         output: &[f32],
         extra: &[f32],
         action: &[f32],
-        up_log_prob: f32,
-        up_entropy: f32,
+        grad_log_prob: f32,
+        grad_entropy: f32,
         d_output: &mut [f32],
         d_extra: &mut [f32],
     ) {
-        let up = (f64::from(up_log_prob), f64::from(up_entropy));
+        let grad_output = (f64::from(grad_log_prob), f64::from(grad_entropy));
         match self.family() {
-            Family::Normal(x) => x.gradient(output, extra, action, up, d_output, d_extra),
-            Family::Choice(x) => x.gradient(output, action, up, d_output),
+            Family::Normal(x) => x.gradient(output, extra, action, grad_output, d_output, d_extra),
+            Family::Choice(x) => x.gradient(output, action, grad_output, d_output),
         }
     }
 
@@ -212,14 +212,14 @@ pub struct Normal {
 }
 
 /// One of the Gaussians.
-struct Bell {
+struct Gaussian {
     mean: f64,
     log_std: f64,
     /// Derivative of the clamped log standard deviation by the given one.
-    passes: f64,
+    clamp_slope: f64,
 }
 
-impl Bell {
+impl Gaussian {
     /// log N(mean + std z).
     fn log_density(&self, z: f64) -> f64 {
         -0.5 * (z * z + TAU.ln()) - self.log_std
@@ -258,14 +258,14 @@ impl Normal {
         assert_eq!((noise.len(), d_action.len()), (self.n, self.n), "lengths of noise and d_action");
         let d_log_prob = f64::from(d_log_prob);
         for i in 0..self.n {
-            let bell = self.bell(output, extra, i);
-            let step = bell.log_std.exp() * f64::from(noise[i]);
+            let gaussian = self.gaussian(output, extra, i);
+            let step = gaussian.log_std.exp() * f64::from(noise[i]);
             let mut d_u = f64::from(d_action[i]);
             if self.squashed {
-                let u = bell.mean + step;
+                let u = gaussian.mean + step;
                 d_u = d_u * log_slope(u).exp() + d_log_prob * 2.0 * u.tanh();
             }
-            self.add(i, d_u, (d_u * step - d_log_prob) * bell.passes, d_output, d_extra);
+            self.add(i, d_u, (d_u * step - d_log_prob) * gaussian.clamp_slope, d_output, d_extra);
         }
     }
 
@@ -277,11 +277,11 @@ impl Normal {
         if self.squashed { 0 } else { self.n }
     }
 
-    fn bell<T: Copy + Into<f64>>(&self, output: &[T], extra: &[T], i: usize) -> Bell {
+    fn gaussian<T: Copy + Into<f64>>(&self, output: &[T], extra: &[T], i: usize) -> Gaussian {
         assert_eq!((output.len(), extra.len()), (self.n_output(), self.n_extra()), "lengths of output and extra");
         let given: f64 = if self.squashed { output[self.n + i] } else { extra[i] }.into();
-        let passes = if (LOG_STD_MIN..=LOG_STD_MAX).contains(&given) { 1.0 } else { 0.0 };
-        Bell { mean: output[i].into(), log_std: given.clamp(LOG_STD_MIN, LOG_STD_MAX), passes }
+        let clamp_slope = if (LOG_STD_MIN..=LOG_STD_MAX).contains(&given) { 1.0 } else { 0.0 };
+        Gaussian { mean: output[i].into(), log_std: given.clamp(LOG_STD_MIN, LOG_STD_MAX), clamp_slope }
     }
 
     /// u and ln |da/du| of an action.
@@ -311,10 +311,10 @@ impl Normal {
         assert_eq!(noise.len(), self.n, "length of the noise");
         let mut total = 0.0;
         for i in 0..self.n {
-            let bell = self.bell(output, extra, i);
+            let gaussian = self.gaussian(output, extra, i);
             let z: f64 = noise[i].into();
-            let u = bell.mean + bell.log_std.exp() * z;
-            total += bell.log_density(z);
+            let u = gaussian.mean + gaussian.log_std.exp() * z;
+            total += gaussian.log_density(z);
             if self.squashed {
                 total -= log_slope(u);
             }
@@ -326,8 +326,8 @@ impl Normal {
     fn sample(&self, output: &[f32], extra: &[f32], stream: &mut Stream, action: &mut [f32]) {
         assert_eq!(action.len(), self.n, "length of the action");
         for i in 0..self.n {
-            let bell = self.bell(output, extra, i);
-            let u = bell.mean + bell.log_std.exp() * stream.normal();
+            let gaussian = self.gaussian(output, extra, i);
+            let u = gaussian.mean + gaussian.log_std.exp() * stream.normal();
             action[i] = if self.squashed { u.tanh() } else { u } as f32;
         }
     }
@@ -335,7 +335,7 @@ impl Normal {
     fn mode(&self, output: &[f32], extra: &[f32], action: &mut [f32]) {
         assert_eq!(action.len(), self.n, "length of the action");
         for i in 0..self.n {
-            let mean = self.bell(output, extra, i).mean;
+            let mean = self.gaussian(output, extra, i).mean;
             action[i] = if self.squashed { mean.tanh() } else { mean } as f32;
         }
     }
@@ -344,9 +344,9 @@ impl Normal {
         assert_eq!(action.len(), self.n, "length of the action");
         let mut total = 0.0;
         for i in 0..self.n {
-            let bell = self.bell(output, extra, i);
+            let gaussian = self.gaussian(output, extra, i);
             let (u, log_slope) = self.unsquash(action[i].into());
-            total += bell.log_density((u - bell.mean) * (-bell.log_std).exp()) - log_slope;
+            total += gaussian.log_density((u - gaussian.mean) * (-gaussian.log_std).exp()) - log_slope;
         }
         total
     }
@@ -354,11 +354,11 @@ impl Normal {
     fn entropy<T: Copy + Into<f64>>(&self, output: &[T], extra: &[T]) -> f64 {
         let mut total = 0.0;
         for i in 0..self.n {
-            let bell = self.bell(output, extra, i);
-            total += 0.5 * (1.0 + TAU.ln()) + bell.log_std;
+            let gaussian = self.gaussian(output, extra, i);
+            total += 0.5 * (1.0 + TAU.ln()) + gaussian.log_std;
             if self.squashed {
-                let std = bell.log_std.exp();
-                let pair = |x: f64| log_slope(bell.mean + std * x) + log_slope(bell.mean - std * x);
+                let std = gaussian.log_std.exp();
+                let pair = |x: f64| log_slope(gaussian.mean + std * x) + log_slope(gaussian.mean - std * x);
                 total += NODES.iter().map(|(x, weight)| weight * pair(*x)).sum::<f64>();
             }
         }
@@ -370,27 +370,27 @@ impl Normal {
         output: &[f32],
         extra: &[f32],
         action: &[f32],
-        (up_log_prob, up_entropy): (f64, f64),
+        (grad_log_prob, grad_entropy): (f64, f64),
         d_output: &mut [f32],
         d_extra: &mut [f32],
     ) {
         assert_eq!(action.len(), self.n, "length of the action");
         for i in 0..self.n {
-            let bell = self.bell(output, extra, i);
-            let inverse_std = (-bell.log_std).exp();
-            let z = (self.unsquash(action[i].into()).0 - bell.mean) * inverse_std;
-            let mut d_mean = up_log_prob * z * inverse_std;
-            let mut d_log_std = up_log_prob * (z * z - 1.0) + up_entropy;
+            let gaussian = self.gaussian(output, extra, i);
+            let inverse_std = (-gaussian.log_std).exp();
+            let z = (self.unsquash(action[i].into()).0 - gaussian.mean) * inverse_std;
+            let mut d_mean = grad_log_prob * z * inverse_std;
+            let mut d_log_std = grad_log_prob * (z * z - 1.0) + grad_entropy;
             // the sixteen exponentials of the quadrature only where they count
-            if self.squashed && up_entropy != 0.0 {
-                let std = bell.log_std.exp();
+            if self.squashed && grad_entropy != 0.0 {
+                let std = gaussian.log_std.exp();
                 for (x, weight) in NODES {
-                    let (right, left) = ((bell.mean + std * x).tanh(), (bell.mean - std * x).tanh());
-                    d_mean -= 2.0 * up_entropy * weight * (right + left);
-                    d_log_std -= 2.0 * up_entropy * weight * (right - left) * std * x;
+                    let (right, left) = ((gaussian.mean + std * x).tanh(), (gaussian.mean - std * x).tanh());
+                    d_mean -= 2.0 * grad_entropy * weight * (right + left);
+                    d_log_std -= 2.0 * grad_entropy * weight * (right - left) * std * x;
                 }
             }
-            self.add(i, d_mean, d_log_std * bell.passes, d_output, d_extra);
+            self.add(i, d_mean, d_log_std * gaussian.clamp_slope, d_output, d_extra);
         }
     }
 }
@@ -453,7 +453,13 @@ impl Choice {
     }
 
     /// ∂ log p_a/∂xₖ = [k = a] − pₖ and ∂H/∂xₖ = −pₖ (ln pₖ + H).
-    fn gradient(&self, output: &[f32], action: &[f32], (up_log_prob, up_entropy): (f64, f64), d_output: &mut [f32]) {
+    fn gradient(
+        &self,
+        output: &[f32],
+        action: &[f32],
+        (grad_log_prob, grad_entropy): (f64, f64),
+        d_output: &mut [f32],
+    ) {
         assert_eq!((action.len(), d_output.len()), (self.n, output.len()), "lengths of action and gradient");
         let rows = d_output.chunks_exact_mut(self.levels);
         for ((logits, action), d_logits) in self.logits(output).zip(action).zip(rows) {
@@ -465,7 +471,7 @@ impl Choice {
                 let hit = if k == chosen { 1.0 } else { 0.0 };
                 // p ln p is 0 at p = 0, whatever the arithmetic of infinities says
                 let d_entropy = if p == 0.0 { 0.0 } else { -p * (log_p + weights.entropy) };
-                *d += (up_log_prob * (hit - p) + up_entropy * d_entropy) as f32;
+                *d += (grad_log_prob * (hit - p) + grad_entropy * d_entropy) as f32;
             }
         }
     }
@@ -653,12 +659,12 @@ mod tests {
             let mut s = stream(1);
             for _ in 0..20 {
                 let (output, extra, action) = row(head, &mut s);
-                let (up_log_prob, up_entropy) = (s.uniform(-1.0, 1.0) as f32, s.uniform(-1.0, 1.0) as f32);
+                let (grad_log_prob, grad_entropy) = (s.uniform(-1.0, 1.0) as f32, s.uniform(-1.0, 1.0) as f32);
                 let (mut d_output, mut d_extra) = (vec![0.0; head.n_output()], vec![0.0; head.n_extra()]);
-                head.gradient(&output, &extra, &action, up_log_prob, up_entropy, &mut d_output, &mut d_extra);
+                head.gradient(&output, &extra, &action, grad_log_prob, grad_entropy, &mut d_output, &mut d_extra);
                 let value = |output: &[f64], extra: &[f64]| {
-                    f64::from(up_log_prob) * head.log_prob_of(output, extra, &wide(&action))
-                        + f64::from(up_entropy) * head.entropy_of(output, extra)
+                    f64::from(grad_log_prob) * head.log_prob_of(output, extra, &wide(&action))
+                        + f64::from(grad_entropy) * head.entropy_of(output, extra)
                 };
                 let worst = worst_difference((&output, &extra), (&d_output, &d_extra), value);
                 assert!(worst < 2e-6, "{head:?}: {worst:e}"); // 2e-7 of gradients up to 7 in f32
@@ -670,9 +676,9 @@ mod tests {
     fn gradients_are_added_and_scale_with_what_comes_down() {
         for head in HEADS {
             let (output, extra, action) = row(head, &mut stream(2));
-            let run = |up: (f32, f32), start: f32| {
+            let run = |grad_output: (f32, f32), start: f32| {
                 let (mut d_output, mut d_extra) = (vec![start; head.n_output()], vec![start; head.n_extra()]);
-                head.gradient(&output, &extra, &action, up.0, up.1, &mut d_output, &mut d_extra);
+                head.gradient(&output, &extra, &action, grad_output.0, grad_output.1, &mut d_output, &mut d_extra);
                 [d_output, d_extra].concat()
             };
             let (one, both) = (run((2.0, 0.0), 0.0), run((2.0, -1.0), 3.0));

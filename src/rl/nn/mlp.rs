@@ -203,7 +203,7 @@ impl Mlp {
             scale: if layer.norm.is_some() { vec![0.0; rows] } else { Vec::new() },
         };
         let levels = self.layers.iter().map(level).collect();
-        Memory { levels, up: vec![0.0; rows * widest], down: vec![0.0; rows * widest] }
+        Memory { levels, grad_output: vec![0.0; rows * widest], grad_input: vec![0.0; rows * widest] }
     }
 
     /// Outputs of `rows` rows of `[rows, n_input]`; `memory` keeps what [`Mlp::backward`] needs.
@@ -235,15 +235,23 @@ impl Mlp {
         memory.output(self, rows)
     }
 
-    /// Adds to `gradient` the one of Σ `up` · output over the rows of the forward pass that `memory` and `x` are of, and
-    /// writes that of the input to `down` (`[rows, n_input]`), unless it is empty. `up`: `[rows, n_output]`.
+    /// Adds to `gradient` the one of Σ `grad_output` · output over the rows of the forward pass that `memory` and `x` are of, and
+    /// writes that of the input to `grad_input` (`[rows, n_input]`), unless it is empty. `grad_output`: `[rows, n_output]`.
     ///
     /// # Panics
     /// As [`Mlp::forward`].
-    pub fn backward(&self, net: Weights<'_>, x: &[f32], rows: usize, memory: &mut Memory, up: &[f32], pass: Pass<'_>) {
-        let Memory { levels, up: d, down } = memory;
+    pub fn backward(
+        &self,
+        net: Weights<'_>,
+        x: &[f32],
+        rows: usize,
+        memory: &mut Memory,
+        grad_output: &[f32],
+        pass: Pass<'_>,
+    ) {
+        let Memory { levels, grad_output: d, grad_input } = memory;
         let (n_out, wide) = (self.n_output(), self.last().wide());
-        for (row, own) in d.chunks_exact_mut(wide).zip(up.chunks_exact(n_out)).take(rows) {
+        for (row, own) in d.chunks_exact_mut(wide).zip(grad_output.chunks_exact(n_out)).take(rows) {
             row[..n_out].copy_from_slice(own);
             row[n_out..].fill(0.0);
         }
@@ -270,16 +278,16 @@ impl Mlp {
             };
             let weight = &mut pass.gradient[layer.weight.clone()];
             product(Left::Columns(x, stride), d_own, Begin::Add, weight, (k, rows, wide));
-            if l == 0 && pass.down.is_empty() {
+            if l == 0 && pass.grad_input.is_empty() {
                 break;
             }
             let shape = (rows, layer.n_out, padded(k));
-            product(Left::Rows(d_own, wide), &net.transposed[l], Begin::Zero, down, shape);
-            std::mem::swap(d, down);
+            product(Left::Rows(d_own, wide), &net.transposed[l], Begin::Zero, grad_input, shape);
+            std::mem::swap(d, grad_input);
         }
-        if !pass.down.is_empty() {
+        if !pass.grad_input.is_empty() {
             let (n, wide) = (self.n_input(), padded(self.n_input()));
-            for (own, row) in pass.down.chunks_exact_mut(n).zip(d.chunks_exact(wide)).take(rows) {
+            for (own, row) in pass.grad_input.chunks_exact_mut(n).zip(d.chunks_exact(wide)).take(rows) {
                 own.copy_from_slice(&row[..n]);
             }
         }
@@ -388,7 +396,7 @@ pub struct Pass<'a> {
     /// Added to; as long as the parameters.
     pub gradient: &'a mut [f32],
     /// `[rows, n_input]`, or empty.
-    pub down: &'a mut [f32],
+    pub grad_input: &'a mut [f32],
 }
 
 /// Transposed weights, layer by layer.
@@ -409,8 +417,8 @@ struct Level {
 #[derive(Debug, Clone)]
 pub struct Memory {
     levels: Vec<Level>,
-    up: Vec<f32>,
-    down: Vec<f32>,
+    grad_output: Vec<f32>,
+    grad_input: Vec<f32>,
 }
 
 impl Memory {
@@ -578,14 +586,14 @@ mod tests {
                 })
                 .unwrap();
             let x: Vec<f32> = (0..rows * n_in).map(|_| s.normal() as f32).collect();
-            let up: Vec<f32> = (0..rows * n_out).map(|_| s.normal() as f32).collect();
+            let grad_output: Vec<f32> = (0..rows * n_out).map(|_| s.normal() as f32).collect();
             let mut memory = mlp.memory(rows);
             let out = mlp.forward(&p, &x, rows, &mut memory);
             let value = |nudge: &dyn Fn(usize, usize) -> f64, move_x: &dyn Fn(usize) -> f64| {
                 let each = (0..rows).map(|r| {
                     let x: Vec<f64> = (0..n_in).map(|i| f64::from(x[r * n_in + i]) + move_x(r * n_in + i)).collect();
                     let y = exact(&mlp, &p, nudge, &x);
-                    y.iter().zip(&up[r * n_out..]).map(|(y, u)| y * f64::from(*u)).sum::<f64>()
+                    y.iter().zip(&grad_output[r * n_out..]).map(|(y, u)| y * f64::from(*u)).sum::<f64>()
                 });
                 each.sum::<f64>()
             };
@@ -595,12 +603,12 @@ mod tests {
                     assert!((f64::from(*got) - want).abs() < 3e-6, "{activation:?}: {got} {want}"); // measured 4e-7
                 }
             }
-            let (mut gradient, mut down, mut transposed) =
+            let (mut gradient, mut grad_input, mut transposed) =
                 (vec![0.0; p.len()], vec![0.0; x.len()], Transposed::default());
             mlp.transpose(&p, &mut transposed);
             let net = Weights { parameters: &p, transposed: &transposed };
-            let pass = Pass { gradient: &mut gradient, down: &mut down };
-            mlp.backward(net, &x, rows, &mut memory, &up, pass);
+            let pass = Pass { gradient: &mut gradient, grad_input: &mut grad_input };
+            mlp.backward(net, &x, rows, &mut memory, &grad_output, pass);
             let mut worst: f64 = 0.0;
             let h = 1e-5;
             for (q, part) in mlp.parts(&gradient).iter().enumerate() {
@@ -610,7 +618,7 @@ mod tests {
                     worst = worst.max((f64::from(*got) - want).abs() / want.abs().max(1.0));
                 }
             }
-            for (at, got) in down.iter().enumerate() {
+            for (at, got) in grad_input.iter().enumerate() {
                 let shifted = |h: f64| value(&|_, _| 0.0, &|a| if a == at { h } else { 0.0 });
                 let want = (shifted(h) - shifted(-h)) / (2.0 * h);
                 worst = worst.max((f64::from(*got) - want).abs() / want.abs().max(1.0));

@@ -26,9 +26,9 @@ pub struct PpoConfig {
     /// Minibatches of a pass.
     pub minibatches: usize,
     /// Learning rate of the actor over the run.
-    pub rate: Schedule,
+    pub learning_rate: Schedule,
     /// Learning rate of the critic over the run.
-    pub critic_rate: Schedule,
+    pub critic_learning_rate: Schedule,
     /// KL divergence that the actor's rate follows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target_kl: Option<f64>,
@@ -40,11 +40,11 @@ pub struct PpoConfig {
     /// λ of advantages and of the critic's targets.
     pub lambda: f64,
     /// ε.
-    pub clip: f64,
+    pub clip_epsilon: f64,
     /// β, over the run.
     pub entropy: Schedule,
     /// Largest norm of the gradients of actor and critic.
-    pub gradient_clip: f64,
+    pub max_grad_norm: f64,
     /// Errors of the critic beyond it count linearly, in standard deviations of the targets.
     pub huber: f64,
     /// What an update leaves of the statistics of the targets.
@@ -78,15 +78,15 @@ impl Default for PpoConfig {
             updates: 220,
             epochs: 4,
             minibatches: 16,
-            rate: Schedule::cosine(1e-3, 1e-5),
-            critic_rate: Schedule::cosine(2e-3, 1e-4),
+            learning_rate: Schedule::cosine(1e-3, 1e-5),
+            critic_learning_rate: Schedule::cosine(2e-3, 1e-4),
             target_kl: None,
             stop_kl: None,
             discount: 0.985,
             lambda: 0.98,
-            clip: 0.2,
+            clip_epsilon: 0.2,
             entropy: Schedule::cosine(5e-3, 1e-3),
-            gradient_clip: 1.0,
+            max_grad_norm: 1.0,
             huber: 10.0,
             value_beta: 0.995,
             log_std: -0.5,
@@ -126,7 +126,9 @@ impl PpoConfig {
                 return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
             }
         }
-        for (what, x) in [("clip", self.clip), ("gradient_clip", self.gradient_clip), ("huber", self.huber)] {
+        for (what, x) in
+            [("clip_epsilon", self.clip_epsilon), ("max_grad_norm", self.max_grad_norm), ("huber", self.huber)]
+        {
             if !(x.is_finite() && x > 0.0) {
                 return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 10 are usual."));
             }
@@ -145,7 +147,11 @@ impl PpoConfig {
             let limit = format!("within [{LOG_STD_MIN}, {LOG_STD_MAX}]");
             return Err(Error::value("log_std", self.log_std, limit, "-0.5 explores 0.6 to either side."));
         }
-        for (what, schedule) in [("rate", self.rate), ("critic_rate", self.critic_rate), ("entropy", self.entropy)] {
+        for (what, schedule) in [
+            ("learning_rate", self.learning_rate),
+            ("critic_learning_rate", self.critic_learning_rate),
+            ("entropy", self.entropy),
+        ] {
             schedule.validate(what)?;
         }
         ValueNorm::new(self.value_beta)?;

@@ -6,7 +6,7 @@ use crate::rl::nn::Layers;
 use crate::rl::schedule::Schedule;
 use crate::tasks::config::ActionSpace;
 use crate::tasks::probe::{CUT, Probe};
-use crate::tasks::{Ends, Rig, Start, Task, View, Writer};
+use crate::tasks::{Ends, Robot, Start, Task, View, Writer};
 
 fn hidden(n: usize, last: f64) -> Layers {
     Layers { hidden: vec![n, n], ..layers(last) }
@@ -107,7 +107,7 @@ fn the_gradient_of_the_loss_is_that_of_finite_differences() {
         let mut run = |parameters: &[f32]| {
             let (network, extra) = parameters.split_at(actor.mlp.n_parameter());
             let share = 1.0 / rows.len() as f64;
-            let loss = Loss { head, extra, rollout: &rollout, clip: 0.2, entropy: 0.05, share };
+            let loss = Loss { head, extra, rollout: &rollout, clip_epsilon: 0.2, entropy: 0.05, share };
             let mut transposed = Transposed::default();
             actor.mlp.transpose(network, &mut transposed);
             let net = Weights { parameters: network, transposed: &transposed };
@@ -178,7 +178,7 @@ fn learnt_value(make: &dyn Fn(&EnvConfig) -> Result<Env>, updates: usize, as_dea
         steps: CUT,
         minibatches: 1,
         value_beta: 0.5,
-        critic_rate: Schedule::constant(0.01),
+        critic_learning_rate: Schedule::constant(0.01),
         ..small()
     };
     let env = EnvConfig { stagger: true, ..EnvConfig::default() };
@@ -216,12 +216,12 @@ fn time_that_runs_out_is_not_death_and_the_value_differs_tenfold() {
 
 /// [`Probe::forever`] with whole episodes in which nothing is a number.
 struct Broken {
-    rig: Rig,
+    robot: Robot,
 }
 
 impl Task for Broken {
-    fn rig(&self) -> &Rig {
-        &self.rig
+    fn robot(&self) -> &Robot {
+        &self.robot
     }
     fn horizon(&self) -> usize {
         CUT
@@ -247,8 +247,8 @@ impl Task for Broken {
 
 fn broken(config: &EnvConfig) -> Result<Env> {
     let physics = config.physics_with(|e| *e = Effects::none());
-    let rig = Rig::of_vehicle(&config.vehicle("hummingbird")?, physics)?;
-    Env::of(Broken { rig }, "broken", config)
+    let robot = Robot::of_vehicle(&config.vehicle("hummingbird")?, physics)?;
+    Env::of(Broken { robot }, "broken", config)
 }
 
 #[test]
@@ -352,8 +352,12 @@ fn a_team_shares_its_policy_and_a_critic_of_its_central_state() {
 
 #[test]
 fn the_rate_follows_the_divergence() {
-    let mut ppo =
-        ppo("Hover", &EnvConfig::default(), PpoConfig { rate: 1e-3.into(), target_kl: Some(0.01), ..small() }, 1);
+    let mut ppo = ppo(
+        "Hover",
+        &EnvConfig::default(),
+        PpoConfig { learning_rate: 1e-3.into(), target_kl: Some(0.01), ..small() },
+        1,
+    );
     let target = 0.01;
     assert_eq!(ppo.rate(0.0, target), 1e-3);
     assert_eq!(ppo.rate(0.0, 3.0 * target), 1e-3 / 1.5);

@@ -1,6 +1,6 @@
 use super::*;
-use crate::rl::descent::MAX_RESTARTS;
 use crate::rl::nn::{Init, Transposed, Weights};
+use crate::rl::policy_optimiser::MAX_RESTARTS;
 use crate::tasks::probe::Probe;
 
 /// What the module's documentation says L is, in f64, from a window as it was flown.
@@ -28,7 +28,7 @@ fn cost(worker: &Worker, critic: &mut Critic, how: Weighing) -> f64 {
         }
     }
     sum += power.iter().zip(value(&shard.out.observation)).map(|(power, v)| power * v).sum::<f64>();
-    f64::from(how.share) * sum
+    f64::from(how.loss_scale) * sum
 }
 
 fn flags(worker: &Worker) -> Vec<u8> {
@@ -54,7 +54,7 @@ fn the_gradient_of_a_window_with_ends_and_a_critic_is_that_of_differences() {
         let window = windows(vec![shard], &actor, 12, objective, SweepOptions::default()).unwrap().remove(0);
         let mut worker = Worker::new(window, &critic);
         let lasting = objective == Objective::Loss;
-        let how = Weighing { share: 1.0 / 288.0, discount: 0.9, critic: 0.7, lasting };
+        let how = Weighing { loss_scale: 1.0 / 288.0, discount: 0.9, critic: 0.7, lasting };
         let from = (worker.window.shard.env.save(), worker.window.shard.out.observation.clone());
         let fly = |worker: &mut Worker, critic: &mut Critic, p: &[f32]| {
             worker.window.shard.env.load(&from.0).unwrap();
@@ -98,18 +98,18 @@ fn learnt_cost(as_death: bool) -> f32 {
     let make = |config: &EnvConfig| Env::of(Probe::forever(config)?, "forever", config);
     let config = ShacConfig {
         n_env: 16,
-        window: 16,
+        horizon: 16,
         updates: 400,
         discount: 0.99,
-        critic_rate: Schedule::cosine(0.01, 1e-4),
+        critic_learning_rate: Schedule::cosine(0.01, 1e-4),
         objective: Objective::Reward,
         ..ShacConfig::default()
     };
     let mut shac = Shac::with(&make, &EnvConfig::default(), config, 1, Threads::new(1).unwrap()).unwrap();
-    let how = Weighing { share: 1.0 / 256.0, discount: 0.99, critic: 1.0, lasting: false };
+    let how = Weighing { loss_scale: 1.0 / 256.0, discount: 0.99, critic: 1.0, lasting: false };
     for update in 0..400 {
         for worker in &mut shac.workers {
-            worker.learn(&shac.descent, &shac.critic, how).unwrap();
+            worker.learn(&shac.optimiser, &shac.critic, how).unwrap();
             for step in worker.window.steps.iter_mut().filter(|_| as_death) {
                 step.terminated.copy_from_slice(&step.truncated);
             }
@@ -133,11 +133,11 @@ fn a_run_that_began_again_goes_on_from_its_tensors_with_the_same_bits() {
     // weights as large as these saturate in every update
     let network = Layers { init: Init::Orthogonal { hidden: 50.0, last: 0.01 }, ..Layers::default() };
     let config =
-        ShacConfig { n_env: 8, shard: 8, window: 4, updates: 3, saturation: 0.25, network, ..ShacConfig::default() };
+        ShacConfig { n_env: 8, shard: 8, horizon: 4, updates: 3, saturation: 0.25, network, ..ShacConfig::default() };
     let fresh = || Shac::new("Hover", &EnvConfig::default(), config.clone(), 1, Threads::new(1).unwrap()).unwrap();
     let (mut whole, mut policy, mut state) = (fresh(), Tensors::new(), Tensors::new());
     (0..2).for_each(|_| drop(whole.update().unwrap()));
-    assert_eq!((whole.descent.restarts, whole.n_update()), (2, 0));
+    assert_eq!((whole.optimiser.restarts, whole.n_update()), (2, 0));
     assert_eq!(whole.critic.parameters, whole.target, "the critic began again, its slow copy did not");
     whole.save(&mut policy, &mut state).unwrap();
     let mut resumed = fresh();
@@ -147,7 +147,7 @@ fn a_run_that_began_again_goes_on_from_its_tensors_with_the_same_bits() {
             learner.update().unwrap();
         }
     }
-    assert_eq!(whole.descent.restarts, MAX_RESTARTS);
+    assert_eq!(whole.optimiser.restarts, MAX_RESTARTS);
     assert_eq!(whole.policy().unwrap().parameters(), resumed.policy().unwrap().parameters());
     assert_eq!(whole.critic.parameters, resumed.critic.parameters);
 }

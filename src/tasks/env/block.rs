@@ -8,8 +8,8 @@ use crate::dynamics::frame::FRAME;
 
 pub(crate) use crate::autodiff::columns::Columns;
 
-/// Rows of the book: what every task keeps.
-pub(crate) mod book {
+/// Rows of the episode state: what every task keeps.
+pub(crate) mod episode_state {
     /// Steps that the clock was ahead at the start.
     pub(crate) const OFFSET: usize = 0;
     /// 1 while the episode runs.
@@ -29,7 +29,7 @@ pub(crate) mod book {
     /// Why the episode terminated: 0 not, n the n-th reason, one more than there are: diverged.
     pub(crate) const REASON: usize = 8;
     /// Rows that are told as they are.
-    pub(crate) const TOLD: std::ops::Range<usize> = RETURN..TERMS;
+    pub(crate) const INFO: std::ops::Range<usize> = RETURN..TERMS;
     /// Sums of the reward's terms follow.
     pub(crate) const TERMS: usize = 9;
 }
@@ -41,7 +41,7 @@ pub(crate) struct Sizes {
     pub end: usize,
     pub metric: usize,
     pub goal: usize,
-    pub memo: usize,
+    pub task_state: usize,
     /// Numbers of the physics that vary.
     pub theta: usize,
     /// Numbers of a randomised wind: 3 or none.
@@ -69,8 +69,8 @@ pub(crate) struct Sizes {
 }
 
 impl Sizes {
-    pub(crate) fn book(&self) -> usize {
-        book::TERMS + self.term
+    pub(crate) fn episode_state(&self) -> usize {
+        episode_state::TERMS + self.term
     }
 
     /// Numbers of the information of one environment.
@@ -83,9 +83,9 @@ impl Sizes {
 #[derive(Debug, Clone)]
 pub(crate) struct EnvBlock {
     pub plant: Block,
-    pub book: Columns,
+    pub episode_state: Columns,
     pub goal: Columns,
-    pub memo: Columns,
+    pub task_state: Columns,
     pub theta: Columns,
     /// Wind, m/s, where it is randomised.
     pub air: Columns,
@@ -106,9 +106,9 @@ impl EnvBlock {
     pub(crate) fn new(plant: Block, s: &Sizes) -> Self {
         Self {
             plant,
-            book: Columns::zeros(s.book()),
+            episode_state: Columns::zeros(s.episode_state()),
             goal: Columns::zeros(s.goal),
-            memo: Columns::zeros(s.memo),
+            task_state: Columns::zeros(s.task_state),
             theta: Columns::zeros(s.theta),
             air: Columns::zeros(s.air),
             line: Columns::zeros(s.delay * s.command),
@@ -125,7 +125,8 @@ impl EnvBlock {
     /// All rows that make up the state of the environments, in order.
     pub(crate) fn all_rows(&self) -> impl Iterator<Item = &[f32; BLOCK]> {
         let numbers = self.plant.numbers.iter().flatten();
-        let own = [&self.book, &self.goal, &self.memo, &self.theta, &self.air, &self.line, &self.history];
+        let own =
+            [&self.episode_state, &self.goal, &self.task_state, &self.theta, &self.air, &self.line, &self.history];
         self.plant.rows.iter().chain(numbers).chain(own.into_iter().flatten())
     }
 
@@ -133,9 +134,9 @@ impl EnvBlock {
     pub(crate) fn all_rows_mut(&mut self) -> impl Iterator<Item = &mut [f32; BLOCK]> {
         let numbers = self.plant.numbers.iter_mut().flatten();
         let own = [
-            &mut self.book,
+            &mut self.episode_state,
             &mut self.goal,
-            &mut self.memo,
+            &mut self.task_state,
             &mut self.theta,
             &mut self.air,
             &mut self.line,
@@ -153,7 +154,7 @@ pub(crate) struct Workspace {
     pub action: Columns,
     pub command: Columns,
     pub held: Columns,
-    pub memo: Columns,
+    pub task_state: Columns,
     pub terms: Columns,
     /// One agent's after the other, before the transforms.
     pub raw: Columns,
@@ -180,7 +181,7 @@ pub(crate) mod signal {
     pub(crate) const SUCCESS: usize = 1;
     pub(crate) const LOSS: usize = 2;
     /// Rows that are told as they are.
-    pub(crate) const TOLD: std::ops::Range<usize> = SUCCESS..DUE;
+    pub(crate) const INFO: std::ops::Range<usize> = SUCCESS..DUE;
     pub(crate) const DUE: usize = 3;
     pub(crate) const TERMINATED: usize = 4;
     pub(crate) const TRUNCATED: usize = 5;
@@ -195,7 +196,7 @@ impl Workspace {
             action: Columns::zeros(s.action),
             command: Columns::zeros(s.command),
             held: Columns::zeros(s.held),
-            memo: Columns::zeros(s.memo),
+            task_state: Columns::zeros(s.task_state),
             terms: Columns::zeros(s.term),
             raw: Columns::zeros(s.agent * s.raw),
             observation: Columns::zeros(s.agent * s.observation),

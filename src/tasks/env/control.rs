@@ -1,12 +1,12 @@
 //! From an agent's numbers to rotor actions: spaces, clipping, delay, and the cascade in the control modes.
 
-use super::block::{EnvBlock, Workspace, book};
+use super::block::{EnvBlock, Workspace, episode_state};
 use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register, to_columns};
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{Mask, Rows, RowsMut, Scalar, safe};
+use crate::autodiff::{Mask, Scalar, StridedView, StridedViewMut, safe};
 use crate::controllers::action::ActionScale;
 use crate::controllers::attitude::AttitudeCommand;
-use crate::controllers::cascade::{CascadeModel, Held, Level};
+use crate::controllers::cascade::{CascadeModel, Latched, Level};
 use crate::controllers::kinematics::Kinematics;
 use crate::controllers::rate::RateCommand;
 use crate::dynamics::GRAVITY;
@@ -16,7 +16,7 @@ use crate::dynamics::rotor::{holding_action, thrust_action};
 use crate::dynamics::spatial::rotate_back;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 
 /// Rotor slots of the compiled cascades.
 #[derive(Debug, Clone)]
@@ -27,7 +27,7 @@ enum Cascades {
     Sixteen(CascadeModel<f64, 16>),
 }
 
-/// How actions of a rig become inputs of its system.
+/// How actions of a robot become inputs of its system.
 #[derive(Debug, Clone)]
 pub(crate) struct Control {
     level: Level,
@@ -49,12 +49,12 @@ pub(crate) struct Control {
 }
 
 impl Control {
-    pub(crate) fn new(config: &EnvConfig, rig: &Rig) -> Result<Self> {
+    pub(crate) fn new(config: &EnvConfig, robot: &Robot) -> Result<Self> {
         let level = config.control;
-        let place = |d: &crate::tasks::rig::DronePlace| {
+        let place = |d: &crate::tasks::robot::DronePlace| {
             d.rotors.iter().map(|r| r.action).chain(d.drives.iter().map(|d| d.command)).collect()
         };
-        let inputs: Vec<Vec<usize>> = rig.drones().iter().map(place).collect();
+        let inputs: Vec<Vec<usize>> = robot.drones().iter().map(place).collect();
         let mut own = Self {
             level,
             scale: config.action_scale,
@@ -68,24 +68,24 @@ impl Control {
             steps: config.control_steps(),
         };
         match level {
-            Level::Rotor => own.direct(rig)?,
-            _ => own.cascaded(rig)?,
+            Level::Rotor => own.direct(robot)?,
+            _ => own.cascaded(robot)?,
         }
         own.fits()?;
         Ok(own)
     }
 
-    fn direct(&mut self, rig: &Rig) -> Result<()> {
-        let first = rig.drone();
-        let counts = rig.drones().iter().map(|d| (d.rotors.len(), d.drives.len()));
+    fn direct(&mut self, robot: &Robot) -> Result<()> {
+        let first = robot.drone();
+        let counts = robot.drones().iter().map(|d| (d.rotors.len(), d.drives.len()));
         if let Some(other) = counts.into_iter().find(|c| *c != (first.rotors.len(), first.drives.len())) {
             let value = format!("{} rotors and {} drives", other.0, other.1);
             let limit = format!("{} and {} as its first", first.rotors.len(), first.drives.len());
-            return Err(Error::value("a drone of the rig", value, limit, "Agents of a team act alike."));
+            return Err(Error::value("a drone of the robot", value, limit, "Agents of a team act alike."));
         }
         self.n_command = first.n_action();
         for (i, rotor) in first.rotors.iter().enumerate() {
-            self.safe.push(holding_action(rotor.max_speed, rig.rest()[rotor.speed]));
+            self.safe.push(holding_action(rotor.max_speed, robot.rest()[rotor.speed]));
             self.names.push(format!("rotor_{i}"));
         }
         self.names.extend((0..first.drives.len()).map(|i| format!("drive_{i}")));
@@ -93,8 +93,8 @@ impl Control {
         Ok(())
     }
 
-    fn cascaded(&mut self, rig: &Rig) -> Result<()> {
-        let Some(vehicle) = &rig.vehicle else {
+    fn cascaded(&mut self, robot: &Robot) -> Result<()> {
+        let Some(vehicle) = &robot.vehicle else {
             let remedy = "Use control = 'rotor', or a vehicle with fixed rotors.";
             return Err(Error::value("control", self.level.name(), "'rotor' for drones with tilting rotors", remedy));
         };
@@ -139,7 +139,7 @@ impl Control {
 
     /// Row-major actions of up to sixty-four environments into command rows, and how many of each were changed. Lanes
     /// behind the last environment get zeros, not what another block left.
-    pub(crate) fn decode(&self, actions: &[f32], work: &mut Workspace, pages: &mut [[f32; BLOCK]]) {
+    pub(crate) fn decode(&self, actions: &[f32], work: &mut Workspace, episode: &mut [[f32; BLOCK]]) {
         let n_agent = self.inputs.len();
         let n = n_agent * self.n_action();
         match self.space {
@@ -147,7 +147,7 @@ impl Control {
                 to_columns(actions, &mut work.action);
                 let n_lane = (actions.len() / n).min(BLOCK);
                 work.action.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
-                let clip = Clip { control: self, action: &work.action, command: &mut work.command, pages };
+                let clip = Clip { control: self, action: &work.action, command: &mut work.command, episode };
                 each_register(n_lane, clip);
             }
             ActionSpace::Discrete { levels } | ActionSpace::MultiDiscrete { levels } => {
@@ -161,7 +161,7 @@ impl Control {
                         let out = &mut work.command[agent * self.n_command..(agent + 1) * self.n_command];
                         changed += self.pick(own, levels, joint, |k, x| out[k][lane] = x);
                     }
-                    pages[book::CLIPPED][lane] = changed as f32;
+                    episode[episode_state::CLIPPED][lane] = changed as f32;
                 }
             }
         }
@@ -192,7 +192,7 @@ impl Control {
     }
 
     /// Input rows of computation `step` of this step. Needs frames in all modes but rotor.
-    pub(crate) fn steer(&self, rig: &Rig, plant: &Plant, step: usize, block: &mut EnvBlock, work: &mut Workspace) {
+    pub(crate) fn steer(&self, robot: &Robot, plant: &Plant, step: usize, block: &mut EnvBlock, work: &mut Workspace) {
         match &self.cascades {
             None if step > 0 => {}
             None => {
@@ -202,22 +202,22 @@ impl Control {
                     }
                 }
             }
-            Some(Cascades::Four(model)) => self.cascade(model, rig, plant, step, block, work),
-            Some(Cascades::Eight(model)) => self.cascade(model, rig, plant, step, block, work),
-            Some(Cascades::Sixteen(model)) => self.cascade(model, rig, plant, step, block, work),
+            Some(Cascades::Four(model)) => self.cascade(model, robot, plant, step, block, work),
+            Some(Cascades::Eight(model)) => self.cascade(model, robot, plant, step, block, work),
+            Some(Cascades::Sixteen(model)) => self.cascade(model, robot, plant, step, block, work),
         }
     }
 
     fn cascade<const R: usize>(
         &self,
         model: &CascadeModel<f64, R>,
-        rig: &Rig,
+        robot: &Robot,
         plant: &Plant,
         step: usize,
         block: &mut EnvBlock,
         work: &mut Workspace,
     ) {
-        each_register(block.plant.occupied, Steer { control: self, model, rig, plant, step, block, work });
+        each_register(block.plant.occupied, Steer { control: self, model, robot, plant, step, block, work });
     }
 
     /// Whether [`Control::steer`] reads frames.
@@ -228,9 +228,9 @@ impl Control {
     /// As [`Control::steer`] for one environment over any scalar: commands (clipped) of all agents to inputs.
     pub(crate) fn steer_one<S: Scalar>(
         &self,
-        rig: &Rig,
+        robot: &Robot,
         step: usize,
-        frames: &Rows<'_, S>,
+        frames: &StridedView<'_, S>,
         commands: &[S],
         held: &mut [S],
         input: &mut [S],
@@ -238,9 +238,9 @@ impl Control {
         let n = self.n_command;
         for agent in 0..self.inputs.len() {
             let own = &commands[agent * n..(agent + 1) * n];
-            let frame = Frame::read(&frames.from(rig.drones()[agent].frame * FRAME));
-            let first = agent * HELD_PER_AGENT;
-            let held = &mut held[first..first + HELD_PER_AGENT];
+            let frame = Frame::read(&frames.from(robot.drones()[agent].frame * FRAME));
+            let first = agent * LATCHED_PER_AGENT;
+            let held = &mut held[first..first + LATCHED_PER_AGENT];
             let out = &mut input[..];
             match &self.recorded {
                 None => {
@@ -250,9 +250,9 @@ impl Control {
                 }
                 Some(model) => {
                     let model = CascadeModel::<S, MAX_SLOTS>::constant(model);
-                    let before = Held::read(&held[..HELD_PER_AGENT]);
+                    let before = Latched::read(&held[..LATCHED_PER_AGENT]);
                     let new = self.compute(&model, step, &frame, [own[0], own[1], own[2], own[3]], &before);
-                    new.write(&mut held[..HELD_PER_AGENT]);
+                    new.write(&mut held[..LATCHED_PER_AGENT]);
                     for (k, place) in self.inputs[agent].iter().enumerate() {
                         out[*place] = new.rotors[k];
                     }
@@ -269,8 +269,8 @@ impl Control {
         step: usize,
         frame: &Frame<S>,
         command: [S; 4],
-        held: &Held<S, R>,
-    ) -> Held<S, R> {
+        held: &Latched<S, R>,
+    ) -> Latched<S, R> {
         let state = kinematics(frame);
         let one = S::one();
         let first = if step == 0 { one } else { S::zero() };
@@ -293,8 +293,8 @@ impl Control {
 /// Most rotor slots.
 const MAX_SLOTS: usize = 16;
 /// Numbers that the cascade of one drone holds within a step: attitude command, rate command, rotors.
-const HELD: usize = 16 + 7;
-pub(crate) const HELD_PER_AGENT: usize = HELD + MAX_SLOTS;
+const LATCHED: usize = 16 + 7;
+pub(crate) const LATCHED_PER_AGENT: usize = LATCHED + MAX_SLOTS;
 
 /// Most values of a joint discrete action: they are exact in `f32`.
 const MAX_VALUES: f64 = 65_536.0;
@@ -322,7 +322,7 @@ struct Clip<'a> {
     control: &'a Control,
     action: &'a [[f32; BLOCK]],
     command: &'a mut [[f32; BLOCK]],
-    pages: &'a mut [[f32; BLOCK]],
+    episode: &'a mut [[f32; BLOCK]],
 }
 
 impl RegisterKernel for Clip<'_> {
@@ -339,7 +339,7 @@ impl RegisterKernel for Clip<'_> {
                 changed += L::select(differs, L::one(), L::zero());
             }
         }
-        L::rows_mut(self.pages, at).set(book::CLIPPED, changed);
+        L::rows_mut(self.episode, at).set(episode_state::CLIPPED, changed);
     }
 }
 
@@ -347,7 +347,7 @@ impl RegisterKernel for Clip<'_> {
 struct Steer<'a, const R: usize> {
     control: &'a Control,
     model: &'a CascadeModel<f64, R>,
-    rig: &'a Rig,
+    robot: &'a Robot,
     plant: &'a Plant,
     step: usize,
     block: &'a mut EnvBlock,
@@ -361,12 +361,12 @@ impl<const R: usize> RegisterKernel for Steer<'_, R> {
         let model = CascadeModel::<L, R>::constant(self.model);
         for agent in 0..control.inputs.len() {
             let frames = L::rows(&self.work.frames, at);
-            let frame = Frame::read(&frames.from(self.rig.drones()[agent].frame * FRAME));
+            let frame = Frame::read(&frames.from(self.robot.drones()[agent].frame * FRAME));
             let command = L::rows(&self.work.command, at).array(agent * 4);
             let mut held = L::rows_mut(&mut self.work.held, at);
-            let first = agent * HELD_PER_AGENT;
-            let new = control.compute(&model, self.step, &frame, command, &read_held(&held.rows().from(first)));
-            write_held(&new, &mut held, first);
+            let first = agent * LATCHED_PER_AGENT;
+            let new = control.compute(&model, self.step, &frame, command, &read_latched(&held.rows().from(first)));
+            write_latched(&new, &mut held, first);
             let mut input = L::rows_mut(&mut self.block.plant.rows, at);
             for k in 0..control.inputs[agent].len() {
                 input.set(self.plant.input_row(control.inputs[agent][k]), new.rotors[k]);
@@ -376,21 +376,21 @@ impl<const R: usize> RegisterKernel for Steer<'_, R> {
 }
 
 #[inline(always)]
-fn read_held<S: Scalar, const R: usize>(rows: &Rows<'_, S>) -> Held<S, R> {
-    Held {
+fn read_latched<S: Scalar, const R: usize>(rows: &StridedView<'_, S>) -> Latched<S, R> {
+    Latched {
         attitude: AttitudeCommand::read(&rows.array::<16>(0)),
         rate: RateCommand::read(&rows.array::<7>(16)),
-        rotors: rows.array(HELD),
+        rotors: rows.array(LATCHED),
     }
 }
 
 #[inline(always)]
-fn write_held<S: Scalar, const R: usize>(held: &Held<S, R>, rows: &mut RowsMut<'_, S>, first: usize) {
+fn write_latched<S: Scalar, const R: usize>(held: &Latched<S, R>, rows: &mut StridedViewMut<'_, S>, first: usize) {
     let (mut attitude, mut rate) = ([S::zero(); 16], [S::zero(); 7]);
     held.attitude.write(&mut attitude);
     held.rate.write(&mut rate);
-    let mut pen = rows.pen(first);
-    pen.array(attitude);
-    pen.array(rate);
-    pen.array(held.rotors);
+    let mut writer = rows.writer(first);
+    writer.array(attitude);
+    writer.array(rate);
+    writer.array(held.rotors);
 }

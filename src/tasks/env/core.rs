@@ -4,14 +4,14 @@ use super::block::{Sizes, Workspace};
 use super::control::Control;
 use super::engine::Engine;
 use super::restart::Draft;
-use super::transition::{Places, Setting};
+use super::transition::{Setting, StepLayout};
 use crate::autodiff::{Program, Recording};
 use crate::dynamics::batch::Plant;
 use crate::error::Result;
 use crate::tasks::config::Autoreset;
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use std::sync::{Arc, OnceLock};
 
 /// Everything that all environments share and that a step only reads.
@@ -27,7 +27,7 @@ pub(crate) struct Core {
     /// Numbers that vary between environments.
     pub varied: Vec<usize>,
     pub nominal: Vec<f64>,
-    /// The rig's system, with the numbers that vary as parameters if any do: what gradients are taken of.
+    /// The robot's system, with the numbers that vary as parameters if any do: what gradients are taken of.
     pub exposed: crate::dynamics::Plant,
     pub disturbance_rows: Vec<usize>,
     pub speed_rows: Vec<usize>,
@@ -39,28 +39,28 @@ pub(crate) struct Core {
     pub mode: Autoreset,
     pub stagger: bool,
     pub first_environment: u64,
-    /// See [`kin`](super::transition::kin).
-    pub kin: u64,
+    /// See [`config_hash`](super::transition::config_hash).
+    pub config_hash: u64,
     /// One step in `f64`, made when it is first asked for.
     pub program: OnceLock<Program>,
 }
 
 impl Core {
-    pub(crate) fn rig(&self) -> &Rig {
-        self.engine.rig()
+    pub(crate) fn robot(&self) -> &Robot {
+        self.engine.robot()
     }
 
     /// One step as a recording.
-    pub(crate) fn record(&self, places: &Places) -> Recording {
-        self.engine.record(&Setting { core: self, places })
+    pub(crate) fn record(&self, layout: &StepLayout) -> Recording {
+        self.engine.record(&Setting { core: self, layout })
     }
 
     /// One step as a program.
-    pub(crate) fn program(&self, places: &Places) -> Result<&Program> {
+    pub(crate) fn program(&self, layout: &StepLayout) -> Result<&Program> {
         if let Some(program) = self.program.get() {
             return Ok(program);
         }
-        let compiled = Program::compile(&self.record(places))?;
+        let compiled = Program::compile(&self.record(layout))?;
         Ok(self.program.get_or_init(|| compiled))
     }
 

@@ -2,18 +2,18 @@
 
 use super::block::{EnvBlock, Sizes, Workspace};
 use super::core::Core;
-use super::judge::{Disturb, Judge, Observe};
+use super::evaluate_step::{Disturb, EvaluateStep, Observe};
 use super::restart::Draft;
 use super::transition::{Setting, first_sight, ideal, ideal_terms, transition, view};
 use crate::autodiff::lanes::{each_register, each_register_of, first_lanes};
 use crate::autodiff::{Recording, Scalar, Trace};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference};
 use crate::tasks::task_spec::TaskSpec;
 
 /// A task behind one pointer.
 pub(crate) trait Engine: Send + Sync {
-    fn rig(&self) -> &Rig;
+    fn robot(&self) -> &Robot;
     fn task_spec(&self) -> &TaskSpec;
     fn horizon(&self) -> usize;
     fn n_agent(&self) -> usize;
@@ -25,8 +25,8 @@ pub(crate) trait Engine: Send + Sync {
     fn ideal(&self, core: &Core) -> Draft;
     /// Summands of the reward in it.
     fn ideal_terms(&self, core: &Core) -> Vec<f64>;
-    /// Time, memo, reward and ends after physics.
-    fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace);
+    /// Time, task state, reward and ends after physics.
+    fn evaluate_step(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace);
     /// Observations before the transforms and central states of the registers of these lanes.
     fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64);
     /// Disturbances of the coming step.
@@ -42,8 +42,8 @@ pub(crate) struct Typed<T> {
 }
 
 impl<T: Task> Engine for Typed<T> {
-    fn rig(&self) -> &Rig {
-        self.task.rig()
+    fn robot(&self) -> &Robot {
+        self.task.robot()
     }
     fn task_spec(&self) -> &TaskSpec {
         &self.task_spec
@@ -61,8 +61,8 @@ impl<T: Task> Engine for Typed<T> {
         self.task.event(start);
     }
     fn reference(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference> {
-        let (frames, speeds, memo) = first_sight(core, state);
-        self.task.reference(&view(self.task.rig(), state, &frames, &speeds, goal, &memo, 0.0, 0.0))
+        let (frames, speeds, task_state) = first_sight(core, state);
+        self.task.reference(&view(self.task.robot(), state, &frames, &speeds, goal, &task_state, 0.0, 0.0))
     }
     fn ideal(&self, core: &Core) -> Draft {
         ideal(&self.task, core)
@@ -70,8 +70,8 @@ impl<T: Task> Engine for Typed<T> {
     fn ideal_terms(&self, core: &Core) -> Vec<f64> {
         ideal_terms(&self.task, core)
     }
-    fn judge(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace) {
-        each_register(block.plant.occupied, Judge { task: &self.task, sizes, alive_row, block, work });
+    fn evaluate_step(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace) {
+        each_register(block.plant.occupied, EvaluateStep { task: &self.task, sizes, alive_row, block, work });
     }
     fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
         let lanes = lanes & first_lanes(block.plant.occupied);
@@ -81,8 +81,8 @@ impl<T: Task> Engine for Typed<T> {
         each_register(block.plant.occupied, Disturb { task: &self.task, block, work, rows });
     }
     fn record(&self, setting: &Setting<'_>) -> Recording {
-        Recording::of(setting.places.n_argument(), |z| {
-            let mut y = vec![Trace::zero(); setting.places.n_result()];
+        Recording::of(setting.layout.n_argument(), |z| {
+            let mut y = vec![Trace::zero(); setting.layout.n_result()];
             transition(&self.task, setting, z, &mut y);
             y
         })

@@ -12,9 +12,9 @@
 //! - in environments whose physics gave up in a step: that step has the gradient zero.
 
 use super::Env;
-use super::block::{Columns, EnvBlock, Workspace, book};
+use super::block::{Columns, EnvBlock, Workspace, episode_state};
 use super::mask::lanes_of;
-use super::transition::Places;
+use super::transition::StepLayout;
 use crate::autodiff::Program;
 use crate::autodiff::lanes::{to_columns, to_rows};
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
@@ -38,8 +38,8 @@ pub(crate) struct Slot {
 }
 
 impl Slot {
-    fn new(places: &Places) -> Self {
-        Self { arguments: Columns::zeros(places.n_kept()), running: 0, ended: 0, moved: 0 }
+    fn new(layout: &StepLayout) -> Self {
+        Self { arguments: Columns::zeros(layout.n_kept()), running: 0, ended: 0, moved: 0 }
     }
 
     fn copy(&mut self, to: &Range<usize>, rows: &[[f32; BLOCK]]) {
@@ -47,22 +47,22 @@ impl Slot {
     }
 
     /// Before the step.
-    pub(crate) fn open(&mut self, p: &Places, block: &EnvBlock, running: u64) {
+    pub(crate) fn open(&mut self, p: &StepLayout, block: &EnvBlock, running: u64) {
         (self.running, self.moved) = (running, block.moved);
         self.copy(&p.state, &block.plant.rows);
-        self.copy(&p.memo, &block.memo);
+        self.copy(&p.task_state, &block.task_state);
         self.copy(&p.line, &block.line);
         self.copy(&p.history, &block.history);
         self.copy(&p.parameters, &block.theta);
-        for (at, k) in p.time.clone().zip([book::STEP, book::OFFSET, book::DELAY]) {
-            self.arguments[at] = block.book[k];
+        for (at, k) in p.time.clone().zip([episode_state::STEP, episode_state::OFFSET, episode_state::DELAY]) {
+            self.arguments[at] = block.episode_state[k];
         }
         self.copy(&p.goal, &block.goal);
         self.copy(&p.wind, &block.air);
     }
 
     /// Actions as they came, the goal and the noise of the observation behind the step, and where physics went well.
-    pub(crate) fn close(&mut self, p: &Places, block: &EnvBlock, work: &Workspace, ended: u64, alive: u64) {
+    pub(crate) fn close(&mut self, p: &StepLayout, block: &EnvBlock, work: &Workspace, ended: u64, alive: u64) {
         self.ended = ended;
         self.running &= alive;
         self.copy(&p.action, &work.action);
@@ -81,7 +81,7 @@ pub(crate) struct BlockTape {
 #[derive(Debug, Clone)]
 pub struct Tape {
     pub(crate) blocks: Vec<BlockTape>,
-    pub(crate) places: Places,
+    pub(crate) layout: StepLayout,
     /// The normaliser's, step by step.
     statistics: Vec<Arc<[f64]>>,
     n_env: usize,
@@ -111,13 +111,13 @@ impl Tape {
 
     /// Of memory.
     pub fn bytes(&self) -> u64 {
-        tape_bytes(&self.places, self.blocks.len(), self.horizon()) as u64
+        tape_bytes(&self.layout, self.blocks.len(), self.horizon()) as u64
     }
 }
 
 /// What a tape takes: see [`Env::tape`].
-fn tape_bytes(places: &Places, n_block: usize, horizon: usize) -> u128 {
-    let slot = places.n_kept() * size_of::<[f32; BLOCK]>() + size_of::<Slot>();
+fn tape_bytes(layout: &StepLayout, n_block: usize, horizon: usize) -> u128 {
+    let slot = layout.n_kept() * size_of::<[f32; BLOCK]>() + size_of::<Slot>();
     horizon as u128 * (n_block as u128 * slot as u128 + size_of::<Arc<[f64]>>() as u128)
 }
 
@@ -128,7 +128,7 @@ pub struct Adjoint(Arc<Shared>);
 
 #[derive(Debug)]
 struct Shared {
-    places: Places,
+    layout: StepLayout,
     program: Program,
     parameters: bool,
     mode: Autoreset,
@@ -198,8 +198,8 @@ struct BlockSweep {
 
 impl Env {
     /// Where the arguments and results of a step stand, for [`Jacobian::arguments`] and [`Env::evaluate`].
-    pub fn places(&self) -> Places {
-        Places::of(&self.core)
+    pub fn layout(&self) -> StepLayout {
+        StepLayout::of(&self.core)
     }
 
     /// The adjoint of a step, recorded once and compiled: milliseconds for a vehicle, up to seconds for a team. With
@@ -212,31 +212,31 @@ impl Env {
             let remedy = "Whole numbers have no gradient: leave `actions` out.";
             return Err(Error::value("actions", "discrete", "continuous for gradients", remedy));
         }
-        let places = self.places();
-        let recording = self.core.record(&places);
-        let wanted = if parameters { places.parameters.end } else { places.action.end };
+        let layout = self.layout();
+        let recording = self.core.record(&layout);
+        let wanted = if parameters { layout.parameters.end } else { layout.action.end };
         Ok(Adjoint(Arc::new(Shared {
             program: Program::compile(&recording.adjoint(0..wanted))?,
             parameters,
             mode: self.core.mode,
             threads: self.threads.clone(),
             n_env: self.spec.n_env,
-            places,
+            layout,
         })))
     }
 
     /// Memory for `horizon` recorded steps: per step and environment 4 bytes for each number that goes into a step
-    /// ([`Places`] up to `noise`), and 1 byte of book-keeping; for whole blocks of 64 environments.
+    /// ([`StepLayout`] up to `noise`), and 1 byte of book-keeping; for whole blocks of 64 environments.
     ///
     /// # Errors
     /// [`Error::Limit`] before any allocation if that is more than
     /// [`EnvConfig::memory_limit`](crate::tasks::EnvConfig::memory_limit).
     pub fn tape(&self, horizon: usize) -> Result<Tape> {
-        let (places, n_block) = (self.places(), self.blocks.len());
-        let (needed, limit) = (tape_bytes(&places, n_block, horizon), self.spec.config.memory_limit);
+        let (layout, n_block) = (self.layout(), self.blocks.len());
+        let (needed, limit) = (tape_bytes(&layout, n_block, horizon), self.spec.config.memory_limit);
         if needed > u128::from(limit) {
             let gib = |bytes: f64| bytes / f64::from(1 << 30);
-            let most = u128::from(limit) / tape_bytes(&places, n_block, 1);
+            let most = u128::from(limit) / tape_bytes(&layout, n_block, 1);
             return Err(Error::limit(
                 "horizon of the tape",
                 format!("{horizon} ({:.1} GiB)", gib(needed as f64)),
@@ -244,9 +244,9 @@ impl Env {
                 "Sweep over shorter windows, step fewer environments at once, or raise memory_limit.",
             ));
         }
-        let block = BlockTape { slots: vec![Slot::new(&places); horizon] };
+        let block = BlockTape { slots: vec![Slot::new(&layout); horizon] };
         let statistics = vec![self.core.frozen.clone(); horizon];
-        Ok(Tape { blocks: vec![block; n_block], places, statistics, n_env: self.spec.n_env, n_step: 0 })
+        Ok(Tape { blocks: vec![block; n_block], layout, statistics, n_env: self.spec.n_env, n_step: 0 })
     }
 
     /// As [`Env::step`], remembered by the tape.
@@ -254,7 +254,7 @@ impl Env {
     /// # Errors
     /// As [`Env::step`]; [`Error::Limit`] if the tape is full, [`Error::Value`] if it is of another environment.
     pub fn step_recorded(&mut self, actions: &[f32], out: &mut super::StepOut<'_>, tape: &mut Tape) -> Result<()> {
-        kindred(tape, &self.places(), self.spec.n_env)?;
+        kindred(tape, &self.layout(), self.spec.n_env)?;
         if tape.n_step >= tape.horizon() {
             let remedy = "Clear it, or make a longer one with env.tape(horizon).";
             return Err(Error::limit("steps of the tape", tape.n_step + 1, tape.horizon(), remedy));
@@ -272,39 +272,39 @@ impl Env {
     /// As [`Env::adjoint`] and [`Env::state`]; [`Error::Value`] for an action of the wrong length.
     pub fn jacobian(&self, environment: usize, action: &[f64]) -> Result<Jacobian> {
         self.check_environment(environment)?;
-        let places = self.places();
-        let wanted = places.action.len();
+        let layout = self.layout();
+        let wanted = layout.action.len();
         if action.len() != wanted || self.spec.config.actions != ActionSpace::Continuous {
             let remedy = "Give the actions of all agents, continuous.";
             return Err(Error::value("length of action", action.len(), wanted.to_string(), remedy));
         }
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
-        let mut slot = Slot::new(&places);
-        slot.open(&places, block, u64::MAX);
-        slot.copy(&places.next_goal, &block.goal);
+        let mut slot = Slot::new(&layout);
+        slot.open(&layout, block, u64::MAX);
+        slot.copy(&layout.next_goal, &block.goal);
         let mut z: Vec<f64> = slot.arguments.iter().map(|row| f64::from(row[lane])).collect();
-        z[places.action.clone()].copy_from_slice(action);
+        z[layout.action.clone()].copy_from_slice(action);
         z.extend(self.core.frozen.iter());
-        let n = places.parameters.end;
-        let program = self.core.program(&places)?;
-        let mut value = vec![0.0; places.n_result()];
+        let n = layout.parameters.end;
+        let program = self.core.program(&layout)?;
+        let mut value = vec![0.0; layout.n_result()];
         program.evaluate(&mut program.workspace(), &z, &mut value);
         let matrix = derivatives(program, &z, n);
-        Ok(Jacobian { arguments: z, value, matrix, places })
+        Ok(Jacobian { arguments: z, value, matrix, layout })
     }
 
-    /// The results of one step in `f64` for arguments as in [`Jacobian::arguments`]; [`Env::places`] says what is where.
+    /// The results of one step in `f64` for arguments as in [`Jacobian::arguments`]; [`Env::layout`] says what is where.
     ///
     /// # Errors
     /// [`Error::Value`] for another number of arguments.
     pub fn evaluate(&self, arguments: &[f64]) -> Result<Vec<f64>> {
-        let places = self.places();
-        if arguments.len() != places.n_argument() {
-            let (got, wanted) = (arguments.len(), places.n_argument().to_string());
+        let layout = self.layout();
+        if arguments.len() != layout.n_argument() {
+            let (got, wanted) = (arguments.len(), layout.n_argument().to_string());
             return Err(Error::value("length of arguments", got, wanted, "Take them from Env::jacobian."));
         }
-        let program = self.core.program(&places)?;
-        let mut value = vec![0.0; places.n_result()];
+        let program = self.core.program(&layout)?;
+        let mut value = vec![0.0; layout.n_result()];
         program.evaluate(&mut program.workspace(), arguments, &mut value);
         Ok(value)
     }
@@ -312,11 +312,11 @@ impl Env {
     /// Arguments of a first step from the state that the task calls ideal, with the safe action: where norms and angles
     /// have their corners.
     pub fn ideal_arguments(&self) -> Vec<f64> {
-        let (core, p) = (&self.core, self.places());
+        let (core, p) = (&self.core, self.layout());
         let ideal = core.engine.ideal(core);
         let mut z = vec![0.0; p.n_argument()];
         z[p.state].copy_from_slice(&ideal.state);
-        z[p.memo].copy_from_slice(&ideal.memo);
+        z[p.task_state].copy_from_slice(&ideal.task_state);
         z[p.goal].copy_from_slice(&ideal.goal);
         z[p.next_goal].copy_from_slice(&ideal.goal);
         z[p.statistics].copy_from_slice(&core.frozen);
@@ -343,12 +343,12 @@ fn derivatives(program: &Program, z: &[f64], n: usize) -> DMatrix<f64> {
 }
 
 /// Whether a tape is of an environment with these places.
-fn kindred(tape: &Tape, places: &Places, n_env: usize) -> Result<()> {
+fn kindred(tape: &Tape, layout: &StepLayout, n_env: usize) -> Result<()> {
     if tape.n_env != n_env {
         let remedy = "Make it with env.tape(horizon) of that environment.";
         return Err(Error::value("environments of the tape", tape.n_env, n_env.to_string(), remedy));
     }
-    if tape.places != *places {
+    if tape.layout != *layout {
         let limit = "of the same task and configuration";
         let remedy = "Make tape and adjoint of the environment that is stepped.";
         return Err(Error::value("the tape", "of another environment", limit, remedy));
@@ -366,11 +366,11 @@ pub struct Jacobian {
     /// Rows: carried numbers, observation, central state, reward, loss. Columns: carried numbers, action, parameters.
     pub matrix: DMatrix<f64>,
     /// What is where, in all three.
-    pub places: Places,
+    pub layout: StepLayout,
 }
 
 impl Jacobian {
-    /// Part of the matrix, by [`Jacobian::places`].
+    /// Part of the matrix, by [`Jacobian::layout`].
     ///
     /// # Errors
     /// [`Error::Value`] for columns behind the parameters or rows that there are not.
@@ -378,7 +378,7 @@ impl Jacobian {
         let (n_row, n_column) = self.matrix.shape();
         for (what, range, n) in [("rows", rows, n_row), ("columns", columns, n_column)] {
             if range.start > range.end || range.end > n {
-                let remedy = "Take them from Jacobian::places.";
+                let remedy = "Take them from Jacobian::layout.";
                 return Err(Error::value(
                     format!("{what} of a Jacobian"),
                     format!("{range:?}"),
@@ -400,47 +400,47 @@ impl Jacobian {
 
     /// A of x⁺ = A x + B a + C θ: of the physical state alone.
     pub fn state(&self) -> DMatrixView<'_, f64> {
-        self.view(&self.places.state, &self.places.state)
+        self.view(&self.layout.state, &self.layout.state)
     }
 
     /// B of x⁺ = A x + B a + C θ.
     pub fn action(&self) -> DMatrixView<'_, f64> {
-        self.view(&self.places.state, &self.places.action)
+        self.view(&self.layout.state, &self.layout.action)
     }
 
     /// C of x⁺ = A x + B a + C θ: by the numbers that differ between environments.
     pub fn parameters(&self) -> DMatrixView<'_, f64> {
-        self.view(&self.places.state, &self.places.parameters)
+        self.view(&self.layout.state, &self.layout.parameters)
     }
 
     /// ∂observation/∂state.
     pub fn observation_state(&self) -> DMatrixView<'_, f64> {
-        self.view(&self.places.observation, &self.places.state)
+        self.view(&self.layout.observation, &self.layout.state)
     }
 
     /// ∂observation/∂action.
     pub fn observation_action(&self) -> DMatrixView<'_, f64> {
-        self.view(&self.places.observation, &self.places.action)
+        self.view(&self.layout.observation, &self.layout.action)
     }
 
     /// ∂reward/∂state, one row.
     pub fn reward_state(&self) -> DMatrixView<'_, f64> {
-        self.row(self.places.reward, &self.places.state)
+        self.row(self.layout.reward, &self.layout.state)
     }
 
     /// ∂reward/∂action, one row.
     pub fn reward_action(&self) -> DMatrixView<'_, f64> {
-        self.row(self.places.reward, &self.places.action)
+        self.row(self.layout.reward, &self.layout.action)
     }
 
     /// ∂loss/∂state, one row.
     pub fn loss_state(&self) -> DMatrixView<'_, f64> {
-        self.row(self.places.loss, &self.places.state)
+        self.row(self.layout.loss, &self.layout.state)
     }
 
     /// ∂loss/∂action, one row.
     pub fn loss_action(&self) -> DMatrixView<'_, f64> {
-        self.row(self.places.loss, &self.places.action)
+        self.row(self.layout.loss, &self.layout.action)
     }
 }
 
@@ -457,18 +457,18 @@ impl Adjoint {
     }
 
     /// What is where among its arguments and results.
-    pub fn places(&self) -> &Places {
-        &self.0.places
+    pub fn layout(&self) -> &StepLayout {
+        &self.0.layout
     }
 
-    /// Numbers that go from step to step: physics, memo, delay line, history.
+    /// Numbers that go from step to step: physics, task state, delay line, history.
     pub fn n_carried(&self) -> usize {
-        self.0.places.n_carried()
+        self.0.layout.n_carried()
     }
 
     /// A sweep that begins behind any step of a tape, with nothing carried.
     pub fn sweep(&self, options: SweepOptions) -> Sweep {
-        let (p, program) = (&self.0.places, &self.0.program);
+        let (p, program) = (&self.0.layout, &self.0.program);
         let block = BlockSweep {
             carried: Columns::zeros(p.n_carried()),
             action: Columns::zeros(p.action.len()),
@@ -528,7 +528,7 @@ impl Sweep {
     /// slice of the wrong length; [`Error::Limit`] if the tape has no such step. Nothing is changed then.
     pub fn pull(&mut self, tape: &Tape, t: usize, up: &Cotangents<'_>, action: &mut [f32]) -> Result<()> {
         let Self { adjoint: Adjoint(a), options, blocks, last } = self;
-        kindred(tape, &a.places, a.n_env)?;
+        kindred(tape, &a.layout, a.n_env)?;
         if t >= tape.n_step {
             return Err(Error::limit("step of the tape", t, tape.n_step.saturating_sub(1), "Steps count from 0."));
         }
@@ -538,7 +538,7 @@ impl Sweep {
             let remedy = "Pull each step once, from the last to the first; sweep.restart() begins again.";
             return Err(Error::value("step of the sweep", t, wanted, remedy));
         }
-        let p = &a.places;
+        let p = &a.layout;
         let (n_seen, n_central, n_action) = (p.observation.len(), p.central.len(), p.action.len());
         for (what, got, each, optional) in [
             ("observation", up.observation.len(), n_seen, true),
@@ -682,7 +682,7 @@ impl BlockSweep {
         up: &Cotangents<'_>,
         options: SweepOptions,
     ) {
-        let p = &a.places;
+        let p = &a.layout;
         let (z, seeds) = self.arguments.split_at_mut(p.n_argument());
         z[..p.n_kept()].copy_from_slice(&slot.arguments);
         z[p.statistics.clone()].iter_mut().zip(statistics).for_each(|(row, x)| *row = [*x as f32; BLOCK]);

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 /// Bytes that one environment keeps between steps.
 pub(crate) fn bytes_per_env(plant: &Plant, s: &Sizes) -> usize {
     let numbers = if s.theta > 0 { plant.n_number() } else { 0 };
-    let rows = plant.n_row() + numbers + s.book() + s.goal + s.memo + s.theta + s.air;
+    let rows = plant.n_row() + numbers + s.episode_state() + s.goal + s.task_state + s.theta + s.air;
     (rows + s.delay * s.command + s.history) * size_of::<f32>() + 2 * size_of::<u64>()
 }
 

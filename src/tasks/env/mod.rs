@@ -10,7 +10,7 @@
 //! | `step` | the order of a step |
 //! | `stepper` | its phases for sixty-four environments in lanes, then ends and restarts |
 //! | `control` | from an agent's numbers to rotor actions |
-//! | `judge` | the task's part of a step |
+//! | `evaluate_step` | the task's part of a step |
 //! | `transform` | delay lines, transforms of observations |
 //! | `restart` | episodes begin, goals change |
 //! | `rows` | columns of a block into rows of the caller |
@@ -30,8 +30,8 @@ pub mod check;
 pub(crate) mod control;
 pub(crate) mod core;
 pub(crate) mod engine;
+pub(crate) mod evaluate_step;
 pub mod gradient;
-pub(crate) mod judge;
 mod limits;
 mod mask;
 mod normaliser;
@@ -51,18 +51,18 @@ pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Sweep, SweepOptions, Tape};
 pub use normaliser::Pending;
 pub use spec::{Column, Info, Space, Spec};
-pub use transition::Places;
+pub use transition::StepLayout;
 
 use self::block::{EnvBlock, Sizes, Workspace};
 use self::buffers::Span;
-use self::control::{Control, HELD_PER_AGENT};
+use self::control::{Control, LATCHED_PER_AGENT};
 use self::core::Core;
 use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
 use self::spec::spec_of;
 use self::stepper::Stepper;
-use self::transition::{exposed, kin};
+use self::transition::{config_hash, exposed};
 use crate::autodiff::lanes::{first_lanes, to_rows};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::{Plant, STOPPED};
@@ -140,23 +140,23 @@ impl Env {
     }
 
     fn of_engine(engine: Box<dyn Engine>, name: &str, config: &EnvConfig) -> Result<Self> {
-        let (rig, own) = (engine.rig(), engine.task_spec());
-        let randomiser = Randomiser::new(config.changes(), rig)?;
-        let mut varied: Vec<usize> = rig.varied().iter().copied().chain(randomiser.varied()).collect();
+        let (robot, own) = (engine.robot(), engine.task_spec());
+        let randomiser = Randomiser::new(config.changes(), robot)?;
+        let mut varied: Vec<usize> = robot.varied().iter().copied().chain(randomiser.varied()).collect();
         varied.sort_unstable();
         varied.dedup();
-        let nominal = rig.numbers();
-        let (names, domains) = (rig.number_names(), rig.number_domains());
+        let nominal = robot.parameters();
+        let (names, domains) = (robot.parameter_names(), robot.parameter_domains());
         let theta: Vec<_> = varied.iter().map(|k| (names[*k].clone(), nominal[*k], domains[*k])).collect();
         let extent = Extent::of(&config.observation, total(&own.observation), theta.len())?;
-        let control = Control::new(config, rig)?;
+        let control = Control::new(config, robot)?;
         let n_agent = engine.n_agent();
         let sizes = Sizes {
             term: own.reward.len(),
             end: own.ends.len(),
             metric: own.metrics.len(),
             goal: total(&own.goal),
-            memo: total(&own.task_state),
+            task_state: total(&own.task_state),
             theta: varied.len(),
             air: if randomiser.blows() { 3 } else { 0 },
             agent: n_agent,
@@ -167,13 +167,13 @@ impl Env {
             observation: extent.observation,
             history: n_agent * extent.memory,
             central: total(&own.central),
-            frame: rig.n_frame(),
-            rotor: rig.drones().iter().map(|d| d.rotors.len()).sum(),
-            held: n_agent * HELD_PER_AGENT,
+            frame: robot.n_frame(),
+            rotor: robot.drones().iter().map(|d| d.rotors.len()).sum(),
+            held: n_agent * LATCHED_PER_AGENT,
             normalised: extent.normalised.unwrap_or(0),
         };
         // numbers that vary may leave zero, so nothing may be left out
-        let plant = match rig.plant() {
+        let plant = match robot.plant() {
             crate::dynamics::Plant::Rigid(m) => {
                 Plant::rigid(m.vehicle(), vary_effects(*m.physics(), !varied.is_empty()))?.0
             }
@@ -183,12 +183,12 @@ impl Env {
         let bytes = bytes_per_env(&plant, &sizes);
         check_memory(n_env, bytes + out_bytes(&sizes), config.memory_limit)?;
         let pipeline = Pipeline::new(&config.observation, &own.observation, &theta)?;
-        let speeds = rig.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
-        let disturbance_rows = rig.disturbances().iter().map(|k| plant.input_row(*k)).collect();
+        let speeds = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
+        let disturbance_rows = robot.disturbances().iter().map(|k| plant.input_row(*k)).collect();
         let privileged = theta.into_iter().map(|(name, value, _)| (name, value)).collect();
         let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, privileged, bytes);
         let statistics = Statistics::of_nothing(sizes.normalised);
-        let rest = rig.rest().to_vec();
+        let rest = robot.rest().to_vec();
         let core = Core {
             exposed: exposed(&*engine, !varied.is_empty()),
             statistics: statistics.clone(),
@@ -198,7 +198,7 @@ impl Env {
             mode: config.autoreset,
             stagger: config.stagger,
             first_environment: config.first_environment,
-            kin: kin(name, config, &varied),
+            config_hash: config_hash(name, config, &varied),
             program: OnceLock::new(),
             engine,
             plant,
@@ -217,7 +217,7 @@ impl Env {
         // until its first reset an environment stands still; lanes behind the last one always do
         block.plant.rows[core.plant.alive_row()] = [STOPPED; BLOCK];
         if sizes.theta > 0 {
-            core.plant.give_numbers(&mut block.plant);
+            core.plant.give_parameters(&mut block.plant);
             for (row, k) in block.theta.iter_mut().zip(&core.varied) {
                 *row = [core.nominal[*k] as f32; BLOCK];
             }
@@ -310,11 +310,11 @@ impl Env {
             return Err(Error::value("length of actions", actions.len(), wanted.to_string(), remedy));
         }
         self.check_started()?;
-        let (t, places) = tape.as_ref().map_or((0, None), |tape| (tape.len(), Some(tape.places.clone())));
+        let (t, layout) = tape.as_ref().map_or((0, None), |tape| (tape.len(), Some(tape.layout.clone())));
         let tape = tape.map_or(&mut [][..], |tape| &mut tape.blocks[..]);
         self.for_each_block(actions, out, tape, |mut block, out, tape| {
             let slot = tape.first_mut().map(|block| &mut block.slots[t]);
-            block.step(out, places.as_ref().zip(slot));
+            block.step(out, layout.as_ref().zip(slot));
         });
         Ok(())
     }
@@ -378,14 +378,14 @@ impl Env {
         Ok(())
     }
 
-    /// The physical state of one environment, in the layout of the task's rig.
+    /// The physical state of one environment, in the layout of the task's robot.
     ///
     /// # Errors
     /// [`Error::Limit`] if there is no such environment.
     pub fn state(&self, environment: usize) -> Result<Vec<f32>> {
         self.check_environment(environment)?;
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
-        Ok((0..self.core.engine.rig().n_state()).map(|k| block.plant.rows[k][lane]).collect())
+        Ok((0..self.core.engine.robot().n_state()).map(|k| block.plant.rows[k][lane]).collect())
     }
 
     /// Overwrites the physical state of one environment; its episode goes on.
@@ -394,7 +394,7 @@ impl Env {
     /// As [`Env::state`]; [`Error::Value`] for a wrong length or a number that is not finite.
     pub fn set_state(&mut self, environment: usize, state: &[f32]) -> Result<()> {
         self.check_environment(environment)?;
-        let n = self.core.engine.rig().n_state();
+        let n = self.core.engine.robot().n_state();
         if state.len() != n {
             return Err(Error::value("length of state", state.len(), n.to_string(), "Take it from Env::state."));
         }
@@ -415,11 +415,11 @@ impl Env {
         Ok(block.goal.iter().map(|row| row[lane]).collect())
     }
 
-    /// The physical numbers that are in force in one environment, in the order of [`Rig::number_names`](super::Rig::number_names).
+    /// The physical numbers that are in force in one environment, in the order of [`Robot::parameter_names`](super::Robot::parameter_names).
     ///
     /// # Errors
     /// As [`Env::state`].
-    pub fn numbers(&self, environment: usize) -> Result<Vec<f64>> {
+    pub fn parameters(&self, environment: usize) -> Result<Vec<f64>> {
         self.check_environment(environment)?;
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
         let mut numbers = self.core.nominal.clone();
@@ -434,7 +434,7 @@ impl Env {
     /// # Errors
     /// [`Error::Value`] for a slice of the wrong length.
     pub fn states_into(&self, rows: &mut [f32]) -> Result<()> {
-        let n = self.rig().n_state();
+        let n = self.robot().n_state();
         self.check_rows("states", n, rows.len())?;
         self.columns_into(|block| &block.plant.rows[..n], n, rows);
         Ok(())
@@ -452,11 +452,11 @@ impl Env {
         Ok(())
     }
 
-    /// [`Env::numbers`] of all environments, `[E, number]`, row-major; allocates nothing.
+    /// [`Env::parameters`] of all environments, `[E, number]`, row-major; allocates nothing.
     ///
     /// # Errors
     /// [`Error::Value`] for a slice of the wrong length.
-    pub fn numbers_into(&self, rows: &mut [f64]) -> Result<()> {
+    pub fn parameters_into(&self, rows: &mut [f64]) -> Result<()> {
         let nominal = &self.core.nominal;
         self.check_rows("numbers", nominal.len(), rows.len())?;
         for (i, own) in rows.chunks_exact_mut(nominal.len()).enumerate() {
@@ -502,13 +502,13 @@ impl Env {
     }
 
     /// Of one name, configuration and varied numbers: what fits one such environment fits the other.
-    pub(crate) fn kin(&self) -> u64 {
-        self.core.kin
+    pub(crate) fn config_hash(&self) -> u64 {
+        self.core.config_hash
     }
 
     /// What flies.
-    pub fn rig(&self) -> &super::rig::Rig {
-        self.core.engine.rig()
+    pub fn robot(&self) -> &super::robot::Robot {
+        self.core.engine.robot()
     }
 
     /// What the task says about itself.

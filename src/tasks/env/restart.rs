@@ -1,6 +1,6 @@
 //! What happens to single environments of a block: episodes begin, goals change. In `f64`, one after the other.
 
-use super::block::book;
+use super::block::episode_state;
 use super::core::Core;
 use super::mask::lanes_of;
 use super::stepper::Stepper;
@@ -18,21 +18,21 @@ const DELAY: Purpose = Purpose::user(0xde1a);
 pub(crate) struct Draft {
     pub state: Vec<f64>,
     pub goal: Vec<f64>,
-    pub memo: Vec<f64>,
+    pub task_state: Vec<f64>,
     pub numbers: Vec<f64>,
 }
 
 impl Draft {
     /// At rest, with nominal numbers and nothing else.
     pub(crate) fn new(core: &Core) -> Self {
-        let (s, state, numbers) = (&core.sizes, core.rig().rest().to_vec(), core.nominal.clone());
-        Self { state, goal: vec![0.0; s.goal], memo: vec![0.0; s.memo], numbers }
+        let (s, state, numbers) = (&core.sizes, core.robot().rest().to_vec(), core.nominal.clone());
+        Self { state, goal: vec![0.0; s.goal], task_state: vec![0.0; s.task_state], numbers }
     }
 
     fn clear(&mut self, core: &Core) {
-        self.state.copy_from_slice(core.rig().rest());
+        self.state.copy_from_slice(core.robot().rest());
         self.goal.fill(0.0);
-        self.memo.fill(0.0);
+        self.task_state.fill(0.0);
         self.numbers.copy_from_slice(&core.nominal);
     }
 
@@ -43,9 +43,9 @@ impl Draft {
         [reset, task, once]: [Stream; 3],
         event_at: f64,
     ) -> Start<'a> {
-        let Self { state, goal, memo, numbers } = self;
-        let (rig, goal, difficulty) = (core.rig(), Goal::over(goal), core.difficulty);
-        Start { rig, state, goal, task_state: memo, numbers, reset, task, once, event_at, difficulty }
+        let Self { state, goal, task_state, numbers } = self;
+        let (robot, goal, difficulty) = (core.robot(), Goal::over(goal), core.difficulty);
+        Start { robot, state, goal, task_state: task_state, numbers, reset, task, once, event_at, difficulty }
     }
 }
 
@@ -84,14 +84,14 @@ impl Stepper<'_> {
         core.engine.start(&mut start);
         let (event_at, mut wind) = (start.event_at, [0.0; 3]);
         core.randomiser.apply(key, core.difficulty, &mut draft.numbers, &mut wind);
-        core.randomiser.hover(core.rig().rest(), &draft.numbers, &mut draft.state);
-        for row in &mut block.book {
+        core.randomiser.hover(core.robot().rest(), &draft.numbers, &mut draft.state);
+        for row in &mut block.episode_state {
             row[lane] = 0.0;
         }
-        block.book[book::OFFSET][lane] = core.offset(key);
-        block.book[book::RUNNING][lane] = 1.0;
-        block.book[book::EVENT][lane] = event_at.min(f64::from(f32::MAX)) as f32;
-        block.book[book::DELAY][lane] = core.delay_of(key);
+        block.episode_state[episode_state::OFFSET][lane] = core.offset(key);
+        block.episode_state[episode_state::RUNNING][lane] = 1.0;
+        block.episode_state[episode_state::EVENT][lane] = event_at.min(f64::from(f32::MAX)) as f32;
+        block.episode_state[episode_state::DELAY][lane] = core.delay_of(key);
         for (k, row) in block.line.iter_mut().enumerate() {
             row[lane] = core.control.safe[k % core.control.n_command] as f32;
         }
@@ -106,7 +106,7 @@ impl Stepper<'_> {
         put(&mut block.plant.rows, lane, &draft.state);
         block.plant.rows[core.plant.alive_row()][lane] = ALIVE;
         put(&mut block.goal, lane, &draft.goal);
-        put(&mut block.memo, lane, &draft.memo);
+        put(&mut block.task_state, lane, &draft.task_state);
         put(&mut block.air, lane, &wind);
         if !core.varied.is_empty() {
             core.plant.set_numbers(&mut block.plant, lane, &draft.numbers, &core.varied);
@@ -119,16 +119,16 @@ impl Stepper<'_> {
         }
     }
 
-    /// A task's event in one lane: its goal may change, its memo, and the numbers that vary.
+    /// A task's event in one lane: its goal may change, its task state, and the numbers that vary.
     pub(crate) fn event(&mut self, lane: usize) {
         let (core, [seed, environment, episode]) = (self.core, self.key(lane));
         let (block, draft) = (&mut *self.block, &mut self.work.draft);
-        let step = block.book[book::STEP][lane];
+        let step = block.episode_state[episode_state::STEP][lane];
         // an event draws far fewer than 256 words
         let stream = |purpose: Purpose| Stream::restore([seed, environment, episode, purpose.0], 256 * step as u64);
         take(&block.plant.rows, lane, &mut draft.state);
         take(&block.goal, lane, &mut draft.goal);
-        take(&block.memo, lane, &mut draft.memo);
+        take(&block.task_state, lane, &mut draft.task_state);
         draft.numbers.copy_from_slice(&core.nominal);
         for (row, k) in block.theta.iter().zip(&core.varied) {
             draft.numbers[*k] = f64::from(row[lane]);
@@ -138,9 +138,10 @@ impl Stepper<'_> {
         let mut start = draft.start(core, streams, f64::from(step));
         core.engine.event(&mut start);
         let next = start.event_at;
-        block.book[book::EVENT][lane] = if next > f64::from(step) { next.min(1e30) as f32 } else { f32::MAX };
+        block.episode_state[episode_state::EVENT][lane] =
+            if next > f64::from(step) { next.min(1e30) as f32 } else { f32::MAX };
         put(&mut block.goal, lane, &draft.goal);
-        put(&mut block.memo, lane, &draft.memo);
+        put(&mut block.task_state, lane, &draft.task_state);
         // what was drawn in f64 keeps its bits unless the task changed a number
         let mut changed = false;
         for (row, k) in block.theta.iter_mut().zip(&core.varied) {

@@ -1,6 +1,6 @@
 //! What leaves a block: columns of its environments into rows of the caller's arrays.
 
-use super::block::{book, signal};
+use super::block::{episode_state, signal};
 use super::buffers::StepOut;
 use super::stepper::Stepper;
 use crate::autodiff::lanes::to_rows;
@@ -9,7 +9,8 @@ use crate::autodiff::program::BLOCK;
 impl Stepper<'_> {
     /// Reward, flags and information of every environment.
     pub(crate) fn write_signals(&mut self, out: &mut StepOut<'_>) {
-        let (n, s, book, signals) = (self.n(), &self.core.sizes, &self.block.book, &self.work.signals);
+        let (n, s, episode_state, signals) =
+            (self.n(), &self.core.sizes, &self.block.episode_state, &self.work.signals);
         if s.agent == 1 {
             out.reward.copy_from_slice(&signals[signal::REWARD][..n]);
         } else {
@@ -21,7 +22,12 @@ impl Stepper<'_> {
         }
         if !out.info.is_empty() {
             let (mut at, info) = (0, &mut self.work.info);
-            for group in [&book[book::TOLD], &signals[signal::TOLD], &book[book::TERMS..], &self.work.metrics[..]] {
+            for group in [
+                &episode_state[episode_state::INFO],
+                &signals[signal::INFO],
+                &episode_state[episode_state::TERMS..],
+                &self.work.metrics[..],
+            ] {
                 info[at..at + group.len()].copy_from_slice(group);
                 at += group.len();
             }

@@ -6,7 +6,7 @@ use crate::tasks::config::{Autoreset, EnvConfig};
 
 /// What a step of a [`SingleEnv`] gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outcome<'a> {
+pub struct SingleStep<'a> {
     /// All agents', one after the other.
     pub observation: &'a [f32],
     /// Of the team.
@@ -78,10 +78,10 @@ impl SingleEnv {
     ///
     /// # Errors
     /// As [`Env::step`].
-    pub fn step(&mut self, action: &[f32]) -> Result<Outcome<'_>> {
+    pub fn step(&mut self, action: &[f32]) -> Result<SingleStep<'_>> {
         self.env.step(action, &mut self.buffers.out())?;
         let b = &self.buffers;
-        Ok(Outcome {
+        Ok(SingleStep {
             observation: &b.observation,
             reward: b.reward[0],
             terminated: b.terminated[0] == 1,

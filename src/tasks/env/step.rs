@@ -18,7 +18,7 @@ pub(crate) trait Phases {
     /// The state at rest stands in where physics gave up.
     fn contain(&mut self) {}
     /// Time, task state, reward, ends.
-    fn judge(&mut self);
+    fn evaluate_step(&mut self);
     /// The reward was for the old goal, the next action is for the new one.
     fn change_goals(&mut self);
     /// Observations before the transforms, and central states.
@@ -46,7 +46,7 @@ pub(crate) fn step(core: &Core, phases: &mut impl Phases) {
     }
     phases.contain();
     phases.frames();
-    phases.judge();
+    phases.evaluate_step();
     phases.change_goals();
     phases.observe();
     phases.transform();

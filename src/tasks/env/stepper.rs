@@ -1,13 +1,13 @@
 //! One step of sixty-four environments in lanes: the phases, then ends and restarts.
 
-use super::block::{EnvBlock, Workspace, book, signal};
+use super::block::{EnvBlock, Workspace, episode_state, signal};
 use super::buffers::StepOut;
 use super::core::Core;
 use super::gradient::Slot;
 use super::mask::lanes_of;
 use super::step::{Phases, step};
 use super::transform::Shift;
-use super::transition::Places;
+use super::transition::StepLayout;
 use crate::autodiff::lanes::{each_register, first_lanes, ones};
 use crate::dynamics::batch::STOPPED;
 use crate::tasks::config::Autoreset;
@@ -33,16 +33,16 @@ impl Stepper<'_> {
     }
 
     /// One step of the block.
-    pub(crate) fn step(&mut self, out: &mut StepOut<'_>, mut slot: Option<(&Places, &mut Slot)>) {
+    pub(crate) fn step(&mut self, out: &mut StepOut<'_>, mut slot: Option<(&StepLayout, &mut Slot)>) {
         let (core, real) = (self.core, first_lanes(self.n()));
-        self.running = ones(&self.block.book[book::RUNNING]) & real;
-        if let Some((places, slot)) = &mut slot {
-            slot.open(places, self.block, self.running);
+        self.running = ones(&self.block.episode_state[episode_state::RUNNING]) & real;
+        if let Some((layout, slot)) = &mut slot {
+            slot.open(layout, self.block, self.running);
         }
         self.block.moved = if slot.is_some() { 0 } else { u64::MAX };
         step(core, self);
-        if let Some((places, slot)) = slot {
-            slot.close(places, self.block, self.work, self.ended, self.alive());
+        if let Some((layout, slot)) = slot {
+            slot.close(layout, self.block, self.work, self.ended, self.alive());
         }
         self.write_signals(out);
         lanes_of(self.ended).for_each(|lane| self.write_end(lane, out));
@@ -97,7 +97,7 @@ impl Stepper<'_> {
     fn stop(&mut self) {
         let alive = self.core.plant.alive_row();
         for lane in lanes_of(self.ended) {
-            self.block.book[book::RUNNING][lane] = 0.0;
+            self.block.episode_state[episode_state::RUNNING][lane] = 0.0;
             self.block.plant.rows[alive][lane] = STOPPED;
         }
     }
@@ -106,7 +106,7 @@ impl Stepper<'_> {
 impl Phases for Stepper<'_> {
     fn command(&mut self) {
         let (core, block) = (self.core, &mut *self.block);
-        core.control.decode(self.actions, self.work, &mut block.book);
+        core.control.decode(self.actions, self.work, &mut block.episode_state);
         if core.sizes.delay > 0 {
             let (slots, n) = (core.sizes.delay, core.sizes.command);
             each_register(block.plant.occupied, Shift { slots, n, block, command: &mut self.work.command });
@@ -123,7 +123,7 @@ impl Phases for Stepper<'_> {
     }
 
     fn steer(&mut self, k: usize) {
-        self.core.control.steer(self.core.rig(), &self.core.plant, k, self.block, self.work);
+        self.core.control.steer(self.core.robot(), &self.core.plant, k, self.block, self.work);
     }
 
     fn physics(&mut self) {
@@ -133,12 +133,12 @@ impl Phases for Stepper<'_> {
     /// A state of any size would reach the observation that its episode ends with.
     fn contain(&mut self) {
         for lane in lanes_of(!self.alive() & self.running) {
-            self.block.plant.rows.iter_mut().zip(self.core.rig().rest()).for_each(|(row, x)| row[lane] = *x as f32);
+            self.block.plant.rows.iter_mut().zip(self.core.robot().rest()).for_each(|(row, x)| row[lane] = *x as f32);
         }
     }
 
-    fn judge(&mut self) {
-        self.core.engine.judge(&self.core.sizes, self.core.plant.alive_row(), self.block, self.work);
+    fn evaluate_step(&mut self) {
+        self.core.engine.evaluate_step(&self.core.sizes, self.core.plant.alive_row(), self.block, self.work);
         let signals = &self.work.signals;
         self.ended = (ones(&signals[signal::TERMINATED]) | ones(&signals[signal::TRUNCATED])) & self.running;
     }

@@ -1,6 +1,6 @@
 //! What only shows from inside.
 
-use super::block::book;
+use super::block::episode_state;
 use super::*;
 use crate::gate::{Measured, keeps};
 use crate::tasks::config::MAX_HORIZON;
@@ -17,7 +17,7 @@ fn the_longest_episodes_are_cut_at_their_last_step() {
         let mut env = hover(1, horizon);
         let mut out = Buffers::new(env.spec());
         env.reset(None, None, &mut out.out()).unwrap();
-        env.blocks[0].book[book::OFFSET][0] = (horizon - 3) as f32;
+        env.blocks[0].episode_state[episode_state::OFFSET][0] = (horizon - 3) as f32;
         let cut: Vec<u8> = (0..3)
             .map(|_| {
                 env.step(&[f32::NAN; 4], &mut out.out()).unwrap();
@@ -45,7 +45,9 @@ fn judging_and_observing_in_lanes_keep_their_speed() {
     let (core, block, mut work) = (&env.core, &mut env.blocks[0], env.core.workspace());
     core.plant.frames(&block.plant, u64::MAX, &mut work.frames);
     let measured = Measured { avx512: 10.4, avx2: 1.20 };
-    keeps("Hover judged", &measured, || core.engine.judge(&core.sizes, core.plant.alive_row(), block, &mut work));
+    keeps("Hover judged", &measured, || {
+        core.engine.evaluate_step(&core.sizes, core.plant.alive_row(), block, &mut work)
+    });
     let measured = Measured { avx512: 9.6, avx2: 2.20 };
     keeps("Hover observed", &measured, || core.engine.observe(&core.sizes, block, &mut work, u64::MAX));
 }

@@ -1,11 +1,11 @@
 //! Delay lines and observation transforms over a block of lanes.
 
-use super::block::{EnvBlock, Sizes, Workspace, book};
+use super::block::{EnvBlock, Sizes, Workspace, episode_state};
 use super::mask::{lanes_of, spread_bits};
 use super::stepper::Stepper;
 use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register};
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{RowsMut, Scalar};
+use crate::autodiff::{Scalar, StridedViewMut};
 use crate::rng::{Purpose, Stream};
 use crate::tasks::observation::{Frozen, Moment, Pipeline};
 
@@ -20,7 +20,7 @@ pub(crate) struct Shift<'a> {
 impl RegisterKernel for Shift<'_> {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
-        let delay = L::rows(&self.block.book, at).get(book::DELAY);
+        let delay = L::rows(&self.block.episode_state, at).get(episode_state::DELAY);
         let mut line = L::rows_mut(&mut self.block.line, at);
         let mut command = L::rows_mut(self.command, at);
         shift(self.slots, self.n, delay, &mut line, &mut command);
@@ -33,8 +33,8 @@ pub(crate) fn shift<S: Scalar>(
     slots: usize,
     n: usize,
     delay: S,
-    line: &mut RowsMut<'_, S>,
-    command: &mut RowsMut<'_, S>,
+    line: &mut StridedViewMut<'_, S>,
+    command: &mut StridedViewMut<'_, S>,
 ) {
     for age in 1..slots {
         let slot = slots - age;
@@ -134,7 +134,7 @@ impl Stepper<'_> {
     /// Noise of one environment in this step: the same whenever it is asked for.
     fn draw_noise(&mut self, lane: usize) {
         let n = self.core.sizes.agent * self.core.pipeline.noise;
-        let step = self.block.book[book::STEP][lane] as u64;
+        let step = self.block.episode_state[episode_state::STEP][lane] as u64;
         let [seed, environment, episode] = self.key(lane);
         // a normal draw takes four words
         let mut stream = Stream::restore([seed, environment, episode, Purpose::SENSORS.0], 4 * n as u64 * step);

@@ -4,18 +4,18 @@
 use super::control::clipped;
 use super::core::Core;
 use super::engine::Engine;
-use super::judge::{disturbance, observe, sum};
+use super::evaluate_step::{disturbance, observe, sum};
 use super::restart::Draft;
 use super::spec::fnv;
 use super::step::{Phases, step};
 use super::transform::shift;
-use crate::autodiff::{Rows, RowsMut, Scalar, System};
+use crate::autodiff::{Scalar, StridedView, StridedViewMut, System};
 use crate::dynamics::Plant;
 use crate::dynamics::frame::FRAME;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::loss_of;
 use crate::tasks::observation::{Frozen, Moment};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{MAX_TERMS, Task, View, streams};
 use std::ops::Range;
 
@@ -25,11 +25,11 @@ use std::ops::Range;
 /// what no derivative is taken of (`time` to `statistics`). Results are what is carried, in the same places, then
 /// `observation`, `central`, `reward`, `loss`.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Places {
-    /// Physics, in the layout of the task's rig.
+pub struct StepLayout {
+    /// Physics, in the layout of the task's robot.
     pub state: Range<usize>,
     /// What the task keeps from step to step.
-    pub memo: Range<usize>,
+    pub task_state: Range<usize>,
     /// Commands on their way.
     pub line: Range<usize>,
     /// Memory of the transforms.
@@ -59,10 +59,10 @@ pub struct Places {
     /// A result.
     pub loss: usize,
     /// Of everything that steps and gradients depend on beside numbers of environments.
-    kin: u64,
+    config_hash: u64,
 }
 
-impl Places {
+impl StepLayout {
     pub(crate) fn of(core: &Core) -> Self {
         let s = &core.sizes;
         let mut at = 0;
@@ -70,7 +70,7 @@ impl Places {
             at += n;
             at - n..at
         };
-        let (state, memo) = (next(core.engine.rig().n_state()), next(s.memo));
+        let (state, task_state) = (next(core.engine.robot().n_state()), next(s.task_state));
         let (line, history) = (next(s.delay * s.command), next(s.history));
         let (action, parameters) = (next(s.command), next(s.theta));
         let (time, goal, next_goal, wind) = (next(3), next(s.goal), next(s.goal), next(s.air));
@@ -84,7 +84,7 @@ impl Places {
         let reward = central.end;
         Self {
             state,
-            memo,
+            task_state,
             line,
             history,
             action,
@@ -99,7 +99,7 @@ impl Places {
             central,
             reward,
             loss: reward + 1,
-            kin: core.kin,
+            config_hash: core.config_hash,
         }
     }
 
@@ -126,7 +126,7 @@ impl Places {
 
 /// 64 bits over what decides which gradient a step has: the task's name, the configuration without numbers that only
 /// decide what is drawn, and which physical numbers vary.
-pub(crate) fn kin(name: &str, config: &EnvConfig, varied: &[usize]) -> u64 {
+pub(crate) fn config_hash(name: &str, config: &EnvConfig, varied: &[usize]) -> u64 {
     let config = EnvConfig {
         n_env: 0,
         seed: 0,
@@ -151,33 +151,33 @@ pub(crate) fn ideal<T: Task>(task: &T, core: &Core) -> Draft {
 
 /// The summands of the reward in the task's ideal state, in `f64`.
 pub(crate) fn ideal_terms<T: Task>(task: &T, core: &Core) -> Vec<f64> {
-    let (rig, s) = (task.rig(), &core.sizes);
-    let Draft { state, goal, memo, numbers } = ideal(task, core);
-    let mut frames = vec![0.0; rig.n_frame() * FRAME];
+    let (robot, s) = (task.robot(), &core.sizes);
+    let Draft { state, goal, task_state, numbers } = ideal(task, core);
+    let mut frames = vec![0.0; robot.n_frame() * FRAME];
     core.exposed.write_frames(&numbers, &state, &mut frames);
     let speeds: Vec<f64> = core.speed_rows.iter().map(|k| state[*k]).collect();
-    let view = view(rig, &state, &frames, &speeds, &goal, &memo, 0.0, 0.0);
+    let view = view(robot, &state, &frames, &speeds, &goal, &task_state, 0.0, 0.0);
     let mut terms = vec![0.0; s.term];
-    task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
+    task.reward(&view, &mut StridedViewMut::of(&mut terms).writer(0));
     terms
 }
 
-/// Frames, rotor speeds and a blank memo of a state with nominal numbers.
+/// Frames, rotor speeds and a blank task state of a state with nominal numbers.
 pub(crate) fn first_sight(core: &Core, state: &[f64]) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
-    let mut frames = vec![0.0; core.engine.rig().n_frame() * FRAME];
+    let mut frames = vec![0.0; core.engine.robot().n_frame() * FRAME];
     core.exposed.write_frames(&core.nominal, state, &mut frames);
-    (frames, core.speed_rows.iter().map(|k| state[*k]).collect(), vec![0.0; core.sizes.memo])
+    (frames, core.speed_rows.iter().map(|k| state[*k]).collect(), vec![0.0; core.sizes.task_state])
 }
 
 /// What a transition needs of the core, without the task.
 pub(crate) struct Setting<'a> {
     pub core: &'a Core,
-    pub places: &'a Places,
+    pub layout: &'a StepLayout,
 }
 
-/// `y` = step of `z`; see [`Places`].
+/// `y` = step of `z`; see [`StepLayout`].
 pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z: &[S], y: &mut [S]) {
-    let (core, p) = (setting.core, setting.places);
+    let (core, p) = (setting.core, setting.layout);
     let (s, zero) = (&core.sizes, S::zero());
     let (carried, seen) = y.split_at_mut(p.n_carried());
     carried.copy_from_slice(&z[..p.n_carried()]);
@@ -193,7 +193,7 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
         speeds: Vec::new(),
         commands: z[p.action.clone()].to_vec(),
         held: vec![zero; s.held],
-        input: vec![zero; task.rig().n_input()],
+        input: vec![zero; task.robot().n_input()],
         step: z[p.time.start],
         goal: &p.goal,
         terms: [zero; MAX_TERMS],
@@ -201,7 +201,7 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
     step(core, &mut one);
     one.goal = &p.goal;
     let loss = loss_of(task, &one.view());
-    one.seen[p.reward - p.n_carried()] = sum(&Rows::of(&one.terms), s.term);
+    one.seen[p.reward - p.n_carried()] = sum(&StridedView::of(&one.terms), s.term);
     one.seen[p.loss - p.n_carried()] = loss;
 }
 
@@ -209,7 +209,7 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
 struct Single<'a, S, T> {
     core: &'a Core,
     task: &'a T,
-    p: &'a Places,
+    p: &'a StepLayout,
     z: &'a [S],
     /// Results: what is carried, as it is now, and what comes behind it.
     carried: &'a mut [S],
@@ -231,9 +231,10 @@ impl<S: Scalar, T: Task> Single<'_, S, T> {
     }
 
     fn view(&self) -> View<'_, S> {
-        let (rig, goal, memo) = (self.task.rig(), &self.z[self.goal.clone()], &self.carried[self.p.memo.clone()]);
+        let (robot, goal, task_state) =
+            (self.task.robot(), &self.z[self.goal.clone()], &self.carried[self.p.task_state.clone()]);
         let clock = (self.step + self.z[self.p.time.start + 1]) * S::constant(1.0 / self.task.horizon() as f64);
-        view(rig, self.state(), &self.frames, &self.speeds, goal, memo, self.step, clock)
+        view(robot, self.state(), &self.frames, &self.speeds, goal, task_state, self.step, clock)
     }
 }
 
@@ -245,8 +246,8 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
         }
         if s.delay > 0 {
             let (mut line, delay) =
-                (RowsMut::of(&mut self.carried[self.p.line.clone()]), self.z[self.p.time.start + 2]);
-            shift(s.delay, s.command, delay, &mut line, &mut RowsMut::of(&mut self.commands));
+                (StridedViewMut::of(&mut self.carried[self.p.line.clone()]), self.z[self.p.time.start + 2]);
+            shift(s.delay, s.command, delay, &mut line, &mut StridedViewMut::of(&mut self.commands));
         }
         self.speeds = self.core.speed_rows.iter().map(|k| self.carried[*k]).collect();
     }
@@ -257,16 +258,16 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
     }
 
     fn disturb(&mut self) {
-        let air = Rows::of(&self.z[self.p.wind.clone()]);
-        for (tree, first) in self.task.rig().disturbances().into_iter().enumerate() {
+        let air = StridedView::of(&self.z[self.p.wind.clone()]);
+        for (tree, first) in self.task.robot().disturbances().into_iter().enumerate() {
             let own = disturbance(self.task, &self.view(), tree, &air, self.p.wind.len());
             self.input[first..first + own.len()].copy_from_slice(&own);
         }
     }
 
     fn steer(&mut self, k: usize) {
-        let (rig, frames) = (self.task.rig(), Rows::of(&self.frames));
-        self.core.control.steer_one(rig, k, &frames, &self.commands, &mut self.held, &mut self.input);
+        let (robot, frames) = (self.task.robot(), StridedView::of(&self.frames));
+        self.core.control.steer_one(robot, k, &frames, &self.commands, &mut self.held, &mut self.input);
     }
 
     /// Constants stay constants where nothing varies.
@@ -277,15 +278,15 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
         self.carried[self.p.state.clone()].copy_from_slice(&next);
     }
 
-    fn judge(&mut self) {
+    fn evaluate_step(&mut self) {
         self.step += S::one();
-        if !self.p.memo.is_empty() {
-            let mut memo = vec![S::zero(); self.p.memo.len()];
-            self.task.remember(&self.view(), &mut RowsMut::of(&mut memo).pen(0));
-            self.carried[self.p.memo.clone()].copy_from_slice(&memo);
+        if !self.p.task_state.is_empty() {
+            let mut task_state = vec![S::zero(); self.p.task_state.len()];
+            self.task.remember(&self.view(), &mut StridedViewMut::of(&mut task_state).writer(0));
+            self.carried[self.p.task_state.clone()].copy_from_slice(&task_state);
         }
         let mut terms = self.terms;
-        self.task.reward(&self.view(), &mut RowsMut::of(&mut terms).pen(0));
+        self.task.reward(&self.view(), &mut StridedViewMut::of(&mut terms).writer(0));
         self.terms = terms;
     }
 
@@ -296,9 +297,9 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
     fn observe(&mut self) {
         let (s, begin) = (&self.core.sizes, self.p.central.start - self.p.n_carried());
         let mut raw = vec![S::zero(); s.agent * s.raw + s.central];
-        observe(self.task, s, &self.view(), &mut RowsMut::of(&mut raw));
+        observe(self.task, s, &self.view(), &mut StridedViewMut::of(&mut raw));
         if s.central > 0 {
-            self.task.central(&self.view(), &mut RowsMut::of(&mut raw).pen(s.agent * s.raw));
+            self.task.central(&self.view(), &mut StridedViewMut::of(&mut raw).writer(s.agent * s.raw));
         }
         let (raw, central) = raw.split_at(s.agent * s.raw);
         for (agent, own) in raw.chunks_exact(s.raw).enumerate() {
@@ -313,11 +314,12 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
             let moment = Moment {
                 moved: S::zero().lt(S::one()),
                 fresh: S::one().lt(S::zero()),
-                noise: Rows::of(&z[p.noise.start + agent * pipeline.noise..]),
-                theta: Rows::of(&z[p.parameters.clone()]),
-                statistics: Frozen::Arguments(Rows::of(&z[p.statistics.clone()])),
+                noise: StridedView::of(&z[p.noise.start + agent * pipeline.noise..]),
+                theta: StridedView::of(&z[p.parameters.clone()]),
+                statistics: Frozen::Arguments(StridedView::of(&z[p.statistics.clone()])),
             };
-            let (mut memory, mut seen) = (RowsMut::of(&mut self.carried[p.history.clone()]), RowsMut::of(self.seen));
+            let (mut memory, mut seen) =
+                (StridedViewMut::of(&mut self.carried[p.history.clone()]), StridedViewMut::of(self.seen));
             pipeline.run(&moment, &mut memory, agent * pipeline.memory, &mut seen, agent * s.observation, None);
         }
     }
@@ -334,29 +336,29 @@ fn numbers<S: Scalar>(core: &Core, theta: &[S]) -> Vec<S> {
 
 #[expect(clippy::too_many_arguments, reason = "the parts of a view, named at its only callers")]
 pub(crate) fn view<'a, S: Scalar>(
-    rig: &'a Rig,
+    robot: &'a Robot,
     state: &'a [S],
     frames: &'a [S],
     speeds: &'a [S],
     goal: &'a [S],
-    memo: &'a [S],
+    task_state: &'a [S],
     step: S,
     clock: S,
 ) -> View<'a, S> {
     View {
-        rig,
-        state: Rows::of(state),
-        frames: Rows::of(frames),
-        speeds_before: Rows::of(speeds),
-        goal: Rows::of(goal),
-        task_state: Rows::of(memo),
+        robot,
+        state: StridedView::of(state),
+        frames: StridedView::of(frames),
+        speeds_before: StridedView::of(speeds),
+        goal: StridedView::of(goal),
+        task_state: StridedView::of(task_state),
         step,
         clock,
     }
 }
 
-/// The rig's system with the numbers that vary as parameters, if any do.
+/// The robot's system with the numbers that vary as parameters, if any do.
 pub(crate) fn exposed(engine: &dyn Engine, varies: bool) -> Plant {
-    let plant = engine.rig().plant().clone();
+    let plant = engine.robot().plant().clone();
     if varies { plant.with_parameters() } else { plant }
 }

@@ -17,7 +17,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{both, exponential_kernel, smooth_norm};
-use crate::tasks::rig::{Rig, benchmark_motors};
+use crate::tasks::robot::{Robot, benchmark_motors};
 use crate::tasks::task::{ANY_YAW, Start, Task, TaskReference, View};
 use std::f64::consts::FRAC_1_PI;
 
@@ -51,7 +51,7 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct DragonHover {
-    rig: Rig,
+    robot: Robot,
     settings: DragonHoverSettings,
     /// Bodies of the links, and their middles in them.
     links: [(usize, [f64; 3]); LINKS],
@@ -70,8 +70,8 @@ impl BuiltIn for DragonHover {
         for (i, link) in links.iter_mut().enumerate() {
             *link = (of_links[i].body, model.frame(&format!("link_{i}"))?.position);
         }
-        let rig = Rig::of_model_as_one(&model, config.physics(), links[0].0, &drives)?;
-        Ok(Self { rig, settings, links })
+        let robot = Robot::of_model_as_one(&model, config.physics(), links[0].0, &drives)?;
+        Ok(Self { robot, settings, links })
     }
 }
 
@@ -104,12 +104,12 @@ impl DragonHover {
     /// q̇ of a joint.
     #[inline(always)]
     fn rate<S: Scalar>(view: &View<'_, S>, joint: usize) -> S {
-        view.state.get(view.rig.drone().drives[joint].rate)
+        view.state.get(view.robot.drone().drives[joint].rate)
     }
 }
 
 impl Task for DragonHover {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p_i link middles, v_i, ω_i velocities and angular velocities of the links (world), p̄ = ¼ Σ p_i, h = R_0 e_x \
@@ -167,7 +167,7 @@ impl Task for DragonHover {
             if i == GIMBALS {
                 out.field("bends", "half turns", "angles/π, y then z of every joint");
             }
-            out.number(view.state.get(view.rig.drone().drives[i].angle) * S::constant(FRAC_1_PI));
+            out.number(view.state.get(view.robot.drone().drives[i].angle) * S::constant(FRAC_1_PI));
         }
         out.field("heading_error", "-, world", "h_t − h").within(-2.0, 2.0).array(Self::heading_error(view));
         view.observe_clock(out);

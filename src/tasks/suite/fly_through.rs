@@ -25,7 +25,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, View};
 
 /// Where starts are.
@@ -65,7 +65,7 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct FlyThrough {
-    rig: Rig,
+    robot: Robot,
     settings: FlyThroughSettings,
     gate: Gate,
     skin: Skin,
@@ -86,8 +86,8 @@ impl BuiltIn for FlyThrough {
         let model = softened(&environment("fly_through", &[drone], &scene)?, vehicle.mass_properties().mass)?;
         let frame = model.joint("gate/slide")?;
         let slide = model.layout().bodies[frame].position;
-        let rig = Rig::of_model(&model, touching(config), Some(&vehicle), |_| vec![])?;
-        Ok(Self { rig, settings, gate, skin: Skin::of(&model), frame, slide })
+        let robot = Robot::of_model(&model, touching(config), Some(&vehicle), |_| vec![])?;
+        Ok(Self { robot, settings, gate, skin: Skin::of(&model), frame, slide })
     }
 }
 
@@ -119,7 +119,7 @@ impl FlyThrough {
 }
 
 impl Task for FlyThrough {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p drone, g, v_g the gate's middle and its velocity, v, ω velocity and angular velocity of the drone (world), \

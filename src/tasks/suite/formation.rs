@@ -15,7 +15,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference, View};
 use crate::tasks::task_spec::Success;
 use serde::{Deserialize, Serialize};
@@ -140,7 +140,7 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct Formation {
-    rig: Rig,
+    robot: Robot,
     settings: FormationSettings,
     /// f_i − f̄.
     figure: Vec<[f64; 3]>,
@@ -160,8 +160,8 @@ impl BuiltIn for Formation {
         let members: Vec<Member> =
             (0..figure.len()).map(|i| Member::new(format!("drone_{i}"), drone.clone(), [0.0; 3])).collect();
         let physics = config.physics_with(|e| e.downwash = true);
-        let rig = Rig::of_model(&group("formation", &members)?, physics, Some(&vehicle), |_| Vec::new())?;
-        Ok(Self { rig, settings, figure })
+        let robot = Robot::of_model(&group("formation", &members)?, physics, Some(&vehicle), |_| Vec::new())?;
+        Ok(Self { robot, settings, figure })
     }
 }
 
@@ -245,7 +245,7 @@ impl Formation {
 }
 
 impl Task for Formation {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p_i, v_i, ω_i drones (world), p̄ their mean place, f_i the figure's points, f̄ their mean, h_i headings, sep \

@@ -16,7 +16,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{both, rational_kernel, smooth_norm, still, upright};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{ANY_YAW, Start, Task, TaskReference, View};
 
 settings! {
@@ -38,14 +38,14 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct Hover {
-    rig: Rig,
+    robot: Robot,
     settings: HoverSettings,
 }
 
 impl BuiltIn for Hover {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: HoverSettings = config.settings()?;
-        Ok(Self { rig: config.single_rig(&settings.vehicle)?, settings })
+        Ok(Self { robot: config.single_robot(&settings.vehicle)?, settings })
     }
 }
 
@@ -69,7 +69,7 @@ impl Hover {
 }
 
 impl Task for Hover {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p drone, v, ω velocity and angular velocity (world), h = R e_x heading, u = R e_z, e = Σ s effort, k steps. \

@@ -25,10 +25,10 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Loss, Writer};
-use crate::tasks::path::{Path, PathRange};
 use crate::tasks::reward::smooth_norm;
-use crate::tasks::rig::{Inertial, Rig};
+use crate::tasks::robot::{Inertial, Robot};
 use crate::tasks::task::{Start, TaskReference, View};
+use crate::tasks::track_path::{PathRange, TrackPath};
 use std::f64::consts::PI;
 
 /// m.
@@ -105,7 +105,7 @@ pub(super) enum Side {
 /// A drone with a load.
 #[derive(Debug, Clone)]
 pub(super) struct Load {
-    pub rig: Rig,
+    pub robot: Robot,
     /// Body of bar and ball.
     bar: usize,
     /// −1 below, +1 above.
@@ -119,12 +119,12 @@ impl Load {
     /// In free air.
     ///
     /// # Errors
-    /// As [`EnvConfig::vehicle`] and [`Rig::of_model`].
+    /// As [`EnvConfig::vehicle`] and [`Robot::of_model`].
     pub(super) fn new(config: &EnvConfig, settings: &LoadSettings, side: Side) -> Result<Self> {
         let vehicle = config.vehicle(&settings.vehicle)?;
         let (model, bar) = build(settings, side, vehicle.clone())?;
-        let rig = Rig::of_model(&model, config.physics(), Some(&vehicle), |_| vec![])?;
-        Ok(Self::of(settings, side, rig, bar, &vehicle))
+        let robot = Robot::of_model(&model, config.physics(), Some(&vehicle), |_| vec![])?;
+        Ok(Self::of(settings, side, robot, bar, &vehicle))
     }
 
     /// In free air, with the disturbance of its tree on the ball.
@@ -136,13 +136,13 @@ impl Load {
         let (model, bar) = build(settings, side, vehicle.clone())?;
         let model = Model::new(ModelParts { pushed: vec![bar], ..model.parts().clone() })?;
         let physics = config.physics_with(|e| e.disturbance = true);
-        let rig = Rig::of_model(&model, physics, Some(&vehicle), |_| vec![])?;
-        Ok(Self::of(settings, side, rig, bar, &vehicle))
+        let robot = Robot::of_model(&model, physics, Some(&vehicle), |_| vec![])?;
+        Ok(Self::of(settings, side, robot, bar, &vehicle))
     }
 
-    fn of(settings: &LoadSettings, side: Side, rig: Rig, bar: usize, vehicle: &Vehicle) -> Self {
+    fn of(settings: &LoadSettings, side: Side, robot: Robot, bar: usize, vehicle: &Vehicle) -> Self {
         Self {
-            rig: rig.varying_inertial(bar),
+            robot: robot.varying_inertial(bar),
             bar,
             sign: if side == Side::Hanging { -1.0 } else { 1.0 },
             settings: settings.clone(),
@@ -160,7 +160,7 @@ impl Load {
         let own = self.inertial(length, bar, ball);
         own.write(start.numbers, self.bar);
         let faster = ((self.vehicle_mass + own.mass) / (self.vehicle_mass + nominal)).sqrt();
-        for rotor in &start.rig.drone().rotors {
+        for rotor in &start.robot.drone().rotors {
             start.state[rotor.speed] = (faster * start.state[rotor.speed]).min(rotor.max_speed);
         }
         start.goal.field("length", "m", "L").number(length);
@@ -289,14 +289,14 @@ const POINTS: usize = 6;
 #[derive(Debug, Clone)]
 pub(super) struct LoadTrack {
     pub load: Load,
-    path: Path,
+    path: TrackPath,
 }
 
 impl LoadTrack {
     /// # Errors
     /// As [`Load::new`].
     pub(super) fn new(config: &EnvConfig, settings: &LoadTrackSettings, side: Side) -> Result<Self> {
-        Ok(Self { load: Load::new(config, &settings.load, side)?, path: Path::new(&settings.path, config.dt) })
+        Ok(Self { load: Load::new(config, &settings.load, side)?, path: TrackPath::new(&settings.path, config.dt) })
     }
 
     /// Where the drone must be for the ball to follow the path.
@@ -371,8 +371,8 @@ impl LoadCourse {
         let model = environment("fly_through", &[member], &Bars::scene(&settings.bars))?;
         let model = softened(&model, vehicle.mass_properties().mass)?;
         let bars = Bars::of(&model, &settings.bars, LOAD);
-        let rig = Rig::of_model(&model, touching(config), Some(&vehicle), |_| vec![])?.varying(bars.numbers());
-        Ok(Self { load: Load::of(&settings.load, side, rig, bar, &vehicle), bars })
+        let robot = Robot::of_model(&model, touching(config), Some(&vehicle), |_| vec![])?.varying(bars.numbers());
+        Ok(Self { load: Load::of(&settings.load, side, robot, bar, &vehicle), bars })
     }
 
     /// Draws load and obstacles.

@@ -158,11 +158,11 @@ pub(crate) fn latch<S: Scalar>(flag: S, now: S::Mask) -> S {
     S::select(now, S::one(), flag)
 }
 
-/// What a task is built with: rig, horizon and settings, from the fields that hold them.
+/// What a task is built with: robot, horizon and settings, from the fields that hold them.
 macro_rules! made_of {
-    ($own:ident: $rig:expr, $settings:expr) => {
-        fn rig(&$own) -> &crate::tasks::Rig {
-            &$rig
+    ($own:ident: $robot:expr, $settings:expr) => {
+        fn robot(&$own) -> &crate::tasks::Robot {
+            &$robot
         }
         fn horizon(&$own) -> usize {
             $settings.horizon

@@ -10,7 +10,7 @@
 //! a team with what it holds: its thin bars are thinner than the way on which a vehicle's share of k would stop it. Ours.
 
 use super::times;
-use crate::autodiff::{Mask, Rows, Scalar};
+use crate::autodiff::{Mask, Scalar, StridedView};
 use crate::dynamics::assembly::{Member, rod};
 use crate::dynamics::configurations::environment;
 use crate::dynamics::contact::ContactMaterial;
@@ -19,14 +19,14 @@ use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::scene::{FAR, Obstacle, Scene};
 use crate::dynamics::shape::{Geometry, Pose, Shape};
 use crate::dynamics::spatial::Vec3;
-use crate::dynamics::tree::numbers::still_numbers;
+use crate::dynamics::tree::parameters::static_parameters;
 use crate::dynamics::tree::{BodyShape, Model, ModelParts};
 use crate::dynamics::{Effects, Physics, Vehicle};
 use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::Writer;
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, View};
 
 /// Longest substep that resolves the material, s.
@@ -127,14 +127,14 @@ impl Skin {
     }
 
     /// All on the root, where joints at rest have it: for starts that place the root alone.
-    pub(super) fn at_rest(rig: &Rig, model: &Model) -> Self {
-        let mut state = rig.rest().to_vec();
+    pub(super) fn at_rest(robot: &Robot, model: &Model) -> Self {
+        let mut state = robot.rest().to_vec();
         state[..3].fill(0.0);
         state[6..10].copy_from_slice(&[1.0, 0.0, 0.0, 0.0]);
-        let mut frames = vec![0.0; rig.n_frame() * FRAME];
-        rig.plant().write_frames(&rig.numbers(), &state, &mut frames);
+        let mut frames = vec![0.0; robot.n_frame() * FRAME];
+        robot.plant().write_frames(&robot.parameters(), &state, &mut frames);
         let on_root = |(body, shape): (usize, Shape)| {
-            let carrier = Frame::read(&Rows::of(&frames[..]).from(body * FRAME));
+            let carrier = Frame::read(&StridedView::of(&frames[..]).from(body * FRAME));
             let pose = shape.pose(&Pose { position: carrier.position, attitude: carrier.attitude });
             (0, Shape { position: pose.position, rotation: pose.attitude, ..shape })
         };
@@ -224,7 +224,7 @@ pub(super) const BARS: usize = 2;
 #[derive(Debug, Clone)]
 pub(super) struct Bars {
     skin: Skin,
-    /// Where their heights stand among the rig's numbers.
+    /// Where their heights stand among the robot's numbers.
     numbers: [usize; BARS],
     settings: BarsSettings,
     /// Where their heights stand in the goal.
@@ -244,11 +244,11 @@ impl Bars {
 
     /// Of a model in [`Bars::scene`], with their heights in the goal from `goal` on.
     pub(super) fn of(model: &Model, settings: &BarsSettings, goal: usize) -> Self {
-        let z = |i| still_numbers(model.bodies().len(), model.rotors().len(), i) + 2;
+        let z = |i| static_parameters(model.bodies().len(), model.rotors().len(), i) + 2;
         Self { skin: Skin::of(model), numbers: [z(0), z(1)], settings: settings.clone(), goal }
     }
 
-    /// Numbers of the rig that vary.
+    /// Numbers of the robot that vary.
     pub(super) fn numbers(&self) -> [usize; BARS] {
         self.numbers
     }
@@ -265,7 +265,7 @@ impl Bars {
     }
 
     #[inline(always)]
-    fn axes<S: Scalar>(&self, goal: &Rows<'_, S>) -> [[Vec3<S>; 2]; BARS] {
+    fn axes<S: Scalar>(&self, goal: &StridedView<'_, S>) -> [[Vec3<S>; 2]; BARS] {
         let (zero, y) = (S::zero(), S::constant(HALF_LENGTH));
         let mut axes = [[[zero; 3]; 2]; BARS];
         for i in 0..BARS {
@@ -283,7 +283,7 @@ impl Bars {
 
     /// Whether a skin at rest, its root at `pose`, is clear of the bars as drawn.
     pub(super) fn clear_of(&self, start: &Start<'_>, rest: &Skin, pose: &Pose<f64>) -> bool {
-        rest.clearance_at(pose, self.axes(&Rows::of(&start.goal[..])), RADIUS) > 0.0
+        rest.clearance_at(pose, self.axes(&StridedView::of(&start.goal[..])), RADIUS) > 0.0
     }
 
     /// Where they are, seen from `position`.

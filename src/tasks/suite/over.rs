@@ -2,7 +2,7 @@
 
 use super::team::{LoadNames, TeamSettings, mean_throttle_difference, squared_sum};
 use super::{PoseLoss, PoseReward, squared, times};
-use crate::autodiff::{Rows, Scalar, safe};
+use crate::autodiff::{Scalar, StridedView, safe};
 use crate::controllers::reference::Tilt;
 use crate::dynamics::Vehicle;
 use crate::dynamics::configurations::{PER_DEGREE, Platform};
@@ -14,7 +14,7 @@ use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Loss, Writer};
 use crate::tasks::reward::{rational_kernel, smooth_norm};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{ANY_YAW, START_TILT, Start, TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
 
@@ -33,14 +33,14 @@ pub fn platform(vehicle: &Vehicle, n_drone: usize, damping: f64) -> Result<Model
     Ok(Platform { drone, n_drone, damping: damping * PER_DEGREE, ..Platform::default() }.build()?.model)
 }
 
-/// The rig of Hover and Track: wakes, nothing to touch.
+/// The robot of Hover and Track: wakes, nothing to touch.
 ///
 /// # Errors
 /// As [`platform`] and [`EnvConfig::vehicle`].
-pub fn free_rig(config: &EnvConfig, team: &TeamSettings) -> Result<Rig> {
+pub fn free_robot(config: &EnvConfig, team: &TeamSettings) -> Result<Robot> {
     let vehicle = config.vehicle(&team.vehicle)?;
     let physics = config.physics_with(|e| e.downwash = true);
-    Rig::of_model(&platform(&vehicle, team.n_drone, 0.002)?, physics, Some(&vehicle), |_| Vec::new())
+    Robot::of_model(&platform(&vehicle, team.n_drone, 0.002)?, physics, Some(&vehicle), |_| Vec::new())
 }
 
 /// What observations call the frame's attitude and motion.
@@ -98,7 +98,7 @@ pub fn aligned<S: Scalar>(up: Vec3<S>, wanted: Vec3<S>) -> S {
 
 /// (p_t − p, h_t − h, u_t − u).
 #[inline(always)]
-pub fn pose_error<S: Scalar>(frame: &Frame<S>, target: [f64; 3], goal: &Rows<'_, S>) -> [S; 9] {
+pub fn pose_error<S: Scalar>(frame: &Frame<S>, target: [f64; 3], goal: &StridedView<'_, S>) -> [S; 9] {
     let p = sub(constants(target), frame.position);
     let h = sub(goal.array(0), frame.heading());
     let u = sub(goal.array(3), frame.up());

@@ -22,7 +22,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::rational_kernel;
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, View};
 use crate::tasks::task_spec::Smoothness;
 use std::f64::consts::PI;
@@ -60,7 +60,7 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct OverFlyThrough {
-    rig: Rig,
+    robot: Robot,
     settings: OverFlyThroughSettings,
     skin: Skin,
     /// Of starts.
@@ -80,8 +80,8 @@ impl BuiltIn for OverFlyThrough {
         let model = course("over_fly_through", team, &Scene { obstacles, ..Scene::default() })?;
         let mut physics = touching(config);
         physics.effects.downwash = true;
-        let rig = Rig::of_model(&model, physics, Some(&vehicle), |_| Vec::new())?;
-        Ok(Self { settings, skin: Skin::of(&model), rest: Skin::at_rest(&rig, &model), rig })
+        let robot = Robot::of_model(&model, physics, Some(&vehicle), |_| Vec::new())?;
+        Ok(Self { settings, skin: Skin::of(&model), rest: Skin::at_rest(&robot, &model), robot })
     }
 }
 
@@ -115,12 +115,12 @@ impl OverFlyThrough {
 }
 
 impl Task for OverFlyThrough {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p, h, u, v, ω frame (world), p_i drones, e_i = Σ s effort of drone i, c clearance: the least distance of the \
-         rig's bodies to a pole, negative in contact. Poles: three vertical capsules of radius 0.05 m and length 5 m \
-         about z = 2.5 m, at x = 0, y = −1, 0, 1 m; the rig's arms reach 0.85 m. Target: {target_position} m, heading \
+         robot's bodies to a pole, negative in contact. Poles: three vertical capsules of radius 0.05 m and length 5 m \
+         about z = 2.5 m, at x = 0, y = −1, 0, 1 m; the robot's arms reach 0.85 m. Target: {target_position} m, heading \
          h_t and up u_t of an attitude with roll and pitch within ±{target_tilt} rad and yaw within {target_yaw} rad. \
          Start: frame uniform in {start_position} m, roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} \
          rad, at rest, joints at zero. d = ‖(p_t − p, h_t − h, u_t − u)‖."

@@ -8,7 +8,7 @@
 use super::over::*;
 use super::team::{TeamSettings, lowest, observe_load};
 use super::{PoseLoss, PoseReward, StartRange, farther, less, made_of, observes_team, succeeds_within};
-use crate::autodiff::{Rows, Scalar, safe};
+use crate::autodiff::{Scalar, StridedView, safe};
 use crate::dynamics::frame::Frame;
 use crate::error::Result;
 use crate::settings;
@@ -16,7 +16,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::exponential_kernel;
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
 
@@ -45,14 +45,14 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct OverHover {
-    rig: Rig,
+    robot: Robot,
     settings: OverHoverSettings,
 }
 
 impl BuiltIn for OverHover {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: OverHoverSettings = config.settings()?;
-        Ok(Self { rig: free_rig(config, &settings.team)?, settings })
+        Ok(Self { robot: free_robot(config, &settings.team)?, settings })
     }
 }
 
@@ -71,7 +71,7 @@ impl OverHover {
 }
 
 impl Task for OverHover {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p, h, u, v, ω frame (world), p_i drones, e_i = Σ s effort of drone i, k steps. Target: {target_position} m, \
@@ -87,7 +87,7 @@ impl Task for OverHover {
             let (position, attitude) = own.start.draw(start);
             start.place(FRAME_BODY, position, attitude);
             let frame = Frame { position, velocity: [0.0; 3], attitude, angular_velocity: [0.0; 3] };
-            let error = pose_error(&frame, own.target.position, &Rows::of(&start.goal[..]));
+            let error = pose_error(&frame, own.target.position, &StridedView::of(&start.goal[..]));
             if safe::norm(error) <= own.start_distance {
                 break;
             }

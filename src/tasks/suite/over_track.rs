@@ -13,12 +13,12 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::path::{PATH, Path, PathRange, about_path};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, smooth_norm};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
+use crate::tasks::track_path::{PATH, PathRange, TrackPath, about_path};
 
 /// Look-ahead points.
 const POINTS: usize = 4;
@@ -48,16 +48,16 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct OverTrack {
-    rig: Rig,
+    robot: Robot,
     settings: OverTrackSettings,
-    path: Path,
+    path: TrackPath,
 }
 
 impl BuiltIn for OverTrack {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: OverTrackSettings = config.settings()?;
-        let path = Path::new(&settings.path, config.dt);
-        Ok(Self { rig: free_rig(config, &settings.team)?, settings, path })
+        let path = TrackPath::new(&settings.path, config.dt);
+        Ok(Self { robot: free_robot(config, &settings.team)?, settings, path })
     }
 }
 
@@ -98,7 +98,7 @@ impl OverTrack {
 }
 
 impl Task for OverTrack {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         concat!(

@@ -75,7 +75,7 @@ impl PayloadFlyThrough {
 }
 
 impl Task for PayloadFlyThrough {
-    made_of!(self: self.course.load.rig, self.settings);
+    made_of!(self: self.course.load.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p drone, q ball, u = R e_z, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b \

@@ -86,7 +86,7 @@ impl PayloadHover {
 }
 
 impl Task for PayloadHover {
-    made_of!(self: self.load.rig, self.settings);
+    made_of!(self: self.load.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p drone, q ball, u = R e_z, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = q̇, ω_b \

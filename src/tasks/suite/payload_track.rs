@@ -14,10 +14,10 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::path::about_path;
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::exponential_kernel;
 use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::track_path::about_path;
 
 settings! {
     /// Settings of [`PayloadTrack`].
@@ -44,7 +44,7 @@ impl BuiltIn for PayloadTrack {
 }
 
 impl Task for PayloadTrack {
-    made_of!(self: self.track.load.rig, self.settings);
+    made_of!(self: self.track.load.robot, self.settings);
 
     fn about(&self) -> &'static str {
         concat!(

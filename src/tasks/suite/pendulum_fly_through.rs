@@ -68,7 +68,7 @@ impl InvPendulumFlyThrough {
 }
 
 impl Task for InvPendulumFlyThrough {
-    made_of!(self: self.course.load.rig, self.settings);
+    made_of!(self: self.course.load.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p drone, q ball, b = (q − p)_z/L, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = \

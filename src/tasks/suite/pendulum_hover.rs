@@ -66,7 +66,7 @@ impl InvPendulumHover {
 }
 
 impl Task for InvPendulumHover {
-    made_of!(self: self.load.rig, self.settings);
+    made_of!(self: self.load.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p drone, q ball, b = (q − p)_z/L, ω angular velocity of the drone (world), e = Σ s effort, k steps, v_q = \

@@ -11,10 +11,10 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::path::{PathRange, about_path};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::exponential_kernel;
 use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::track_path::{PathRange, about_path};
 
 /// What both track tasks have, with the numbers of this one.
 fn track() -> LoadTrackSettings {
@@ -50,7 +50,7 @@ impl BuiltIn for InvPendulumTrack {
 }
 
 impl Task for InvPendulumTrack {
-    made_of!(self: self.track.load.rig, self.settings);
+    made_of!(self: self.track.load.robot, self.settings);
 
     fn about(&self) -> &'static str {
         concat!(

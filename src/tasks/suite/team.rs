@@ -31,7 +31,7 @@ pub fn observe_own<S: Scalar>(view: &View<'_, S>, i: usize, load: Vec3<S>, out: 
     out.field("place", "m, world", "p_i − p of what it carries").array(sub(view.drone(i).position, load));
     view.observe_drone(i, out);
     out.field("index", "-", "1 at i, else 0").within(0.0, 1.0);
-    for j in 0..view.rig.drones().len() {
+    for j in 0..view.robot.drones().len() {
         out.number(if i == j { S::one() } else { S::zero() });
     }
 }
@@ -47,7 +47,7 @@ pub fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: bool, o
             .non_smooth();
     }
     let own = view.drone(i).position;
-    for j in 0..view.rig.drones().len() {
+    for j in 0..view.robot.drones().len() {
         if j != i {
             let other = view.drone(j);
             let between = sub(own, other.position);
@@ -82,7 +82,7 @@ pub fn observe_load<S: Scalar>(view: &View<'_, S>, names: &LoadNames, load: &Fra
 pub fn observe_drones<S: Scalar>(view: &View<'_, S>, load: Vec3<S>, out: &mut impl Writer<S>) {
     let own = "place, attitude, velocity, angular_velocity, heading, up, throttle, index of every drone";
     out.field("drones", "as observed", own);
-    for i in 0..view.rig.drones().len() {
+    for i in 0..view.robot.drones().len() {
         observe_own(view, i, load, &mut out.unnamed());
     }
 }
@@ -91,7 +91,7 @@ pub fn observe_drones<S: Scalar>(view: &View<'_, S>, load: Vec3<S>, out: &mut im
 #[inline(always)]
 pub fn lowest<S: Scalar>(view: &View<'_, S>) -> S {
     let mut least = view.drone(0).position[2];
-    for i in 1..view.rig.drones().len() {
+    for i in 1..view.robot.drones().len() {
         least = least.min(view.drone(i).position[2]);
     }
     least
@@ -101,7 +101,7 @@ pub fn lowest<S: Scalar>(view: &View<'_, S>) -> S {
 #[inline(always)]
 pub fn highest<S: Scalar>(view: &View<'_, S>) -> S {
     let mut most = view.drone(0).position[2];
-    for i in 1..view.rig.drones().len() {
+    for i in 1..view.robot.drones().len() {
         most = most.max(view.drone(i).position[2]);
     }
     most
@@ -111,7 +111,7 @@ pub fn highest<S: Scalar>(view: &View<'_, S>) -> S {
 #[inline(always)]
 pub fn hindmost<S: Scalar>(view: &View<'_, S>) -> S {
     let mut least = view.drone(0).position[0];
-    for i in 1..view.rig.drones().len() {
+    for i in 1..view.robot.drones().len() {
         least = least.min(view.drone(i).position[0]);
     }
     least
@@ -121,7 +121,7 @@ pub fn hindmost<S: Scalar>(view: &View<'_, S>) -> S {
 #[inline(always)]
 pub fn squared_separation<S: Scalar>(view: &View<'_, S>) -> S {
     let mut least = S::constant(1e12);
-    for i in 1..view.rig.drones().len() {
+    for i in 1..view.robot.drones().len() {
         for j in 0..i {
             let between = sub(view.drone(i).position, view.drone(j).position);
             least = least.min(safe::squared_norm(between));
@@ -139,7 +139,7 @@ pub fn apart<S: Scalar>(view: &View<'_, S>, wanted: f64) -> S {
 /// Mean of Δs over the drones.
 #[inline(always)]
 pub fn mean_throttle_difference<S: Scalar>(view: &View<'_, S>) -> S {
-    let n = view.rig.drones().len();
+    let n = view.robot.drones().len();
     let mut sum = S::zero();
     for i in 0..n {
         sum += view.throttle_difference(i);

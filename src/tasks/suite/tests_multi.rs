@@ -2,13 +2,13 @@
 
 use super::transport_hover::TransportHover;
 use super::*;
-use crate::autodiff::{Rows, RowsMut};
+use crate::autodiff::{StridedView, StridedViewMut};
 use crate::dynamics::contact::distance;
 use crate::dynamics::frame::FRAME;
 use crate::dynamics::shape::{Geometry, Pose, Shape};
 use crate::tasks::declare::{Goal, Masks, declare};
 use crate::tasks::registry::BuiltIn;
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{MAX_ENDS, MAX_TERMS, streams};
 use crate::tasks::task_spec::total;
 use crate::tasks::{Buffers, Env, EnvConfig, Start, Task, View};
@@ -109,15 +109,15 @@ fn no_episode_begins_terminated() {
 
 /// Reward terms and ends of a task at its ideal, in `f64`.
 fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
-    let (rig, own) = (task.rig(), declare(task).unwrap());
-    let (mut state, mut numbers) = (rig.rest().to_vec(), rig.numbers());
-    let (mut goal, mut memo) = (vec![0.0; total(&own.goal)], vec![0.0; total(&own.task_state)]);
+    let (robot, own) = (task.robot(), declare(task).unwrap());
+    let (mut state, mut numbers) = (robot.rest().to_vec(), robot.parameters());
+    let (mut goal, mut task_state) = (vec![0.0; total(&own.goal)], vec![0.0; total(&own.task_state)]);
     let [reset, draws, once] = streams(1, 2, 3);
     task.ideal(&mut Start {
-        rig,
+        robot,
         state: &mut state,
         goal: Goal::over(&mut goal),
-        task_state: &mut memo,
+        task_state: &mut task_state,
         numbers: &mut numbers,
         reset,
         task: draws,
@@ -125,24 +125,24 @@ fn at_ideal(task: &impl Task) -> (Vec<f64>, bool) {
         event_at: f64::INFINITY,
         difficulty: 1.0,
     });
-    let mut frames = vec![0.0; rig.n_frame() * FRAME];
-    rig.plant().write_frames(&numbers, &state, &mut frames);
-    let speeds: Vec<f64> = rig.drones().iter().flat_map(|d| d.rotors.iter().map(|r| state[r.speed])).collect();
-    let mut new = memo.clone();
+    let mut frames = vec![0.0; robot.n_frame() * FRAME];
+    robot.plant().write_frames(&numbers, &state, &mut frames);
+    let speeds: Vec<f64> = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| state[r.speed])).collect();
+    let mut new = task_state.clone();
     let mut view = View {
-        rig,
-        state: Rows::of(&state[..]),
-        frames: Rows::of(&frames[..]),
-        speeds_before: Rows::of(&speeds[..]),
-        goal: Rows::of(&goal[..]),
-        task_state: Rows::of(&memo[..]),
+        robot,
+        state: StridedView::of(&state[..]),
+        frames: StridedView::of(&frames[..]),
+        speeds_before: StridedView::of(&speeds[..]),
+        goal: StridedView::of(&goal[..]),
+        task_state: StridedView::of(&task_state[..]),
         step: 0.0,
         clock: 0.0,
     };
-    task.remember(&view, &mut RowsMut::of(&mut new).pen(0));
-    view.task_state = Rows::of(&new[..]);
+    task.remember(&view, &mut StridedViewMut::of(&mut new).writer(0));
+    view.task_state = StridedView::of(&new[..]);
     let mut terms = [0.0; MAX_TERMS];
-    task.reward(&view, &mut RowsMut::of(&mut terms).pen(0));
+    task.reward(&view, &mut StridedViewMut::of(&mut terms).writer(0));
     let mut ends = [false; MAX_ENDS];
     task.ends(&view, &mut Masks::new(&mut ends));
     assert!(task.success(&view));
@@ -229,12 +229,12 @@ fn thrown(name: &str, task: &str, position: [f32; 3], yaw: f32, speed: f32, step
     let (mut env, mut buffers) = started(name, 1, task);
     let column = |name: &str| env.spec().info_column(name).unwrap();
     let (clearance, reason) = (column("clearance"), column("reason"));
-    let mut state: Vec<f32> = env.rig().rest().iter().map(|x| *x as f32).collect();
+    let mut state: Vec<f32> = env.robot().rest().iter().map(|x| *x as f32).collect();
     let (sin, cos) = (0.5 * yaw).sin_cos();
     state[..3].copy_from_slice(&position);
     state[3..10].copy_from_slice(&[speed, 0.0, 0.0, cos, 0.0, 0.0, sin]);
     env.set_state(0, &state).unwrap();
-    let rotors = env.rig().drones().iter().flat_map(|d| &d.rotors);
+    let rotors = env.robot().drones().iter().flat_map(|d| &d.rotors);
     let shares = rotors.map(|r| state[r.speed] / r.max_speed as f32);
     let actions: Vec<f32> = shares.map(|s| 2.0 * s * s - 1.0).collect();
     let mut have = Thrown { deepest: f32::INFINITY, farthest: f32::NEG_INFINITY, fastest: 0.0, diverged: false };
@@ -302,10 +302,10 @@ fn slats_fill_the_box_of_a_load() {
     for task in ["n_drone = 4", "n_drone = 6"] {
         let free = TransportHover::new(&config(1, task)).unwrap();
         let among = transport_fly_through::TransportFlyThrough::new(&config(1, task)).unwrap();
-        let shapes = |rig: &Rig| -> Vec<Shape> {
-            rig.model().unwrap().shapes().iter().filter(|s| s.body == Some(0)).map(|s| s.shape).collect()
+        let shapes = |robot: &Robot| -> Vec<Shape> {
+            robot.model().unwrap().shapes().iter().filter(|s| s.body == Some(0)).map(|s| s.shape).collect()
         };
-        let (whole, slats) = (shapes(free.rig()), shapes(among.rig()));
+        let (whole, slats) = (shapes(free.robot()), shapes(among.robot()));
         let Geometry::Box { size } = whole[0].geometry else { panic!("the box is one") };
         let home = Pose { position: [0.0; 3], attitude: [1.0, 0.0, 0.0, 0.0] };
         let mut worst = 0.0_f64;
@@ -342,7 +342,7 @@ fn starts_are_clear_of_what_stands_in_the_way() {
 fn a_box_on_the_ground_ends_transport_hover() {
     let (mut env, mut buffers) = started("TransportHover", 2, "");
     for (environment, height) in [(0, 0.25), (1, 0.15)] {
-        let mut state: Vec<f32> = env.rig().rest().iter().map(|x| *x as f32).collect();
+        let mut state: Vec<f32> = env.robot().rest().iter().map(|x| *x as f32).collect();
         (state[2], state[6]) = (height, 1.0);
         env.set_state(environment, &state).unwrap();
     }
@@ -357,7 +357,7 @@ fn a_box_on_the_ground_ends_transport_hover() {
 fn teams_fly_in_their_wakes() {
     for (name, ..) in SIZES.iter().filter(|(.., agents)| *agents > 1) {
         let env = Env::make(name, &config(1, "")).unwrap();
-        assert!(env.rig().physics().effects.downwash, "{name}");
+        assert!(env.robot().physics().effects.downwash, "{name}");
     }
 }
 
@@ -367,7 +367,7 @@ fn formations_start_in_different_cells() {
     for environment in 0..512 {
         let state = env.state(environment).unwrap();
         let place = |i: usize| {
-            let at = env.rig().roots()[i];
+            let at = env.robot().roots()[i];
             [state[at], state[at + 1], state[at + 2]]
         };
         for i in 1..7 {

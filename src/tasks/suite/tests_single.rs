@@ -3,7 +3,7 @@
 use crate::dynamics::vehicles;
 use crate::tasks::EnvConfig;
 use crate::tasks::env::{Buffers, Env};
-use crate::tasks::rig::{Inertial, RotorPlace};
+use crate::tasks::robot::{Inertial, RotorPlace};
 use crate::tasks::suite::load::{DRAWN_BAR, Load, LoadSettings, Side};
 
 /// Mass of a bar that is not drawn, kg.
@@ -33,7 +33,7 @@ fn started(name: &str, config: &EnvConfig) -> (Env, Buffers) {
 
 /// Actions that hold the rotors' speeds.
 fn steady(env: &Env) -> Vec<f32> {
-    let rotors = &env.rig().drone().rotors;
+    let rotors = &env.robot().drone().rotors;
     let action = |state: &[f32], r: &RotorPlace| {
         let share = state[r.speed] / r.max_speed as f32;
         2.0 * share * share - 1.0
@@ -173,8 +173,8 @@ fn drawn_mass_properties_are_those_of_the_model_at_its_masses() {
     for side in [Side::Hanging, Side::Standing] {
         let own = LoadSettings { vehicle: "iris".into(), length: [0.7; 2], bar_mass: [0.03; 2], ..Default::default() };
         let load = Load::new(&c, &own, side).unwrap();
-        let bar = load.rig.model().unwrap().body("bar").unwrap();
-        let built = Inertial::read(&load.rig.numbers(), bar);
+        let bar = load.robot.model().unwrap().body("bar").unwrap();
+        let built = Inertial::read(&load.robot.parameters(), bar);
         let drawn = load.inertial(0.7, 0.03, built.mass - 0.03);
         assert!((built.center_of_mass[2] - drawn.center_of_mass[2]).abs() < 1e-12, "{built:?}, {drawn:?}");
         let (a, b) = (&built.inertia, &drawn.inertia);
@@ -187,7 +187,7 @@ fn drawn_mass_properties_are_those_of_the_model_at_its_masses() {
 fn thrown(name: &str, position: [f32; 3]) -> (f32, f32) {
     let (mut env, mut buffers) = started(name, &config(1, ""));
     let mut state = env.state(0).unwrap();
-    let first_rotor = env.rig().drone().rotors[0].speed;
+    let first_rotor = env.robot().drone().rotors[0].speed;
     state[..13].copy_from_slice(&[0.0; 13]);
     state[..3].copy_from_slice(&position);
     (state[3], state[6]) = (3.0, 1.0);

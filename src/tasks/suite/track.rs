@@ -16,11 +16,11 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::path::{Path, PathRange, about_path};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::track_path::{PathRange, TrackPath, about_path};
 
 /// Look-ahead points.
 const POINTS: usize = 4;
@@ -44,16 +44,16 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct Track {
-    rig: Rig,
+    robot: Robot,
     settings: TrackSettings,
-    path: Path,
+    path: TrackPath,
 }
 
 impl BuiltIn for Track {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: TrackSettings = config.settings()?;
-        let path = Path::new(&settings.path, config.dt);
-        Ok(Self { rig: config.single_rig(&settings.vehicle)?, settings, path })
+        let path = TrackPath::new(&settings.path, config.dt);
+        Ok(Self { robot: config.single_robot(&settings.vehicle)?, settings, path })
     }
 }
 
@@ -66,7 +66,7 @@ impl Track {
 }
 
 impl Task for Track {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         concat!(

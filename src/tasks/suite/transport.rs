@@ -1,4 +1,4 @@
-//! What the tasks of the transport group share: the rig with a box of any mass, its reward terms.
+//! What the tasks of the transport group share: the robot with a box of any mass, its reward terms.
 
 use super::team::{LoadNames, TeamSettings, apart, squared_sum, team_mass};
 use super::{PoseLoss, squared, times};
@@ -14,7 +14,7 @@ use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Loss, Writer};
 use crate::tasks::reward::{smooth_norm, upright};
-use crate::tasks::rig::{Inertial, Rig};
+use crate::tasks::robot::{Inertial, Robot};
 use crate::tasks::task::{Start, View};
 
 /// The box: the root of the model.
@@ -73,15 +73,15 @@ pub fn stiff_physics(physics: Physics) -> Physics {
     Physics { integrator: Integrator::SemiImplicit, effects, ..physics }
 }
 
-/// The rig of Hover and Track: nothing to touch.
+/// The robot of Hover and Track: nothing to touch.
 ///
 /// # Errors
 /// As [`group`] and [`EnvConfig::vehicle`].
-pub fn free_rig(config: &EnvConfig, own: &GroupSettings) -> Result<(Rig, Load)> {
+pub fn free_robot(config: &EnvConfig, own: &GroupSettings) -> Result<(Robot, Load)> {
     let vehicle = config.vehicle(&own.team.vehicle)?;
     let built = group(&vehicle, own, false)?;
-    let rig = Rig::of_model(&built.model, stiff_physics(config.physics()), Some(&vehicle), |_| Vec::new())?;
-    Ok((rig.varying_inertial(BOX), Load::new(&vehicle, own, &built)))
+    let robot = Robot::of_model(&built.model, stiff_physics(config.physics()), Some(&vehicle), |_| Vec::new())?;
+    Ok((robot.varying_inertial(BOX), Load::new(&vehicle, own, &built)))
 }
 
 /// The box and what holds it.

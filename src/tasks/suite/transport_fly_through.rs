@@ -25,7 +25,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, upright};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, View};
 use std::f64::consts::FRAC_PI_2;
 
@@ -61,7 +61,7 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct TransportFlyThrough {
-    rig: Rig,
+    robot: Robot,
     settings: TransportFlyThroughSettings,
     load: Load,
     bars: Bars,
@@ -76,9 +76,9 @@ impl BuiltIn for TransportFlyThrough {
         let built = group(&rounded(&vehicle), &settings.group, true)?;
         let load = Load::new(&vehicle, &settings.group, &built);
         let model = course("transport_fly_through", built.model, &Bars::scene(&settings.bars))?;
-        let rig = Rig::of_model(&model, stiff_physics(touching(config)), Some(&vehicle), |_| Vec::new())?;
-        let (bars, rest) = (Bars::of(&model, &settings.bars, HEIGHTS), Skin::at_rest(&rig, &model));
-        Ok(Self { rig: rig.varying_inertial(BOX).varying(bars.numbers()), settings, load, bars, rest })
+        let robot = Robot::of_model(&model, stiff_physics(touching(config)), Some(&vehicle), |_| Vec::new())?;
+        let (bars, rest) = (Bars::of(&model, &settings.bars, HEIGHTS), Skin::at_rest(&robot, &model));
+        Ok(Self { robot: robot.varying_inertial(BOX).varying(bars.numbers()), settings, load, bars, rest })
     }
 }
 
@@ -106,12 +106,12 @@ impl TransportFlyThrough {
 }
 
 impl Task for TransportFlyThrough {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p, u, v, ω box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the joints of the bars that \
          carry it as shares of their range of ±120°, sep the least distance of two drones, r_s = \
-         min((sep/{separation} m)², 1), c clearance: the least distance of the rig's bodies to a beam, negative in \
+         min((sep/{separation} m)², 1), c clearance: the least distance of the robot's bodies to a beam, negative in \
          contact. Beams (bars when observed): two level capsules along y of radius 0.04 m and length 5 m at x = 0, z \
          = 1.2 m and {spacing} m above; the group is 1.3 m high. Mass of the box: uniform in {box_share} Σ m_i. \
          Target: uniform in {target} m. Start: box uniform in {start_position} m, roll and pitch within ±{start_tilt} \

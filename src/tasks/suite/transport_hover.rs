@@ -9,7 +9,7 @@
 
 use super::hover::set_heading;
 use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
-use super::transport::{BOX, BOX_NAMES, GroupSettings, Load, SteadyReward, TO_TARGET, free_rig, load_loss, steady};
+use super::transport::{BOX, BOX_NAMES, GroupSettings, Load, SteadyReward, TO_TARGET, free_robot, load_loss, steady};
 use super::{PoseLoss, StartAttitude, StartRange, less, made_of, observes_team, squared, succeeds_within};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, sub, yawed};
@@ -19,7 +19,7 @@ use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{both, exponential_kernel};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{ANY_YAW, Start, Task, TaskReference, View};
 
 /// Where starts are.
@@ -46,7 +46,7 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct TransportHover {
-    rig: Rig,
+    robot: Robot,
     settings: TransportHoverSettings,
     load: Load,
 }
@@ -54,8 +54,8 @@ pub struct TransportHover {
 impl BuiltIn for TransportHover {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: TransportHoverSettings = config.settings()?;
-        let (rig, load) = free_rig(config, &settings.group)?;
-        Ok(Self { rig, settings, load })
+        let (robot, load) = free_robot(config, &settings.group)?;
+        Ok(Self { robot, settings, load })
     }
 }
 
@@ -82,7 +82,7 @@ impl TransportHover {
 }
 
 impl Task for TransportHover {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         "p, h, u, v, ω box (world), p_i drones, e_i = Σ s effort of drone i, q̂ angles of the bars' joints as shares \

@@ -8,7 +8,7 @@
 
 use super::over_track::wide_path;
 use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
-use super::transport::{BOX, BOX_NAMES, CarryReward, GroupSettings, Load, SteadyReward, free_rig, load_loss, steady};
+use super::transport::{BOX, BOX_NAMES, CarryReward, GroupSettings, Load, SteadyReward, free_robot, load_loss, steady};
 use super::{PoseLoss, StartAttitude, farther, less, made_of, observes_team, succeeds_within};
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
@@ -17,11 +17,11 @@ use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
-use crate::tasks::path::{Path, PathRange, about_path};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::exponential_kernel;
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::track_path::{PathRange, TrackPath, about_path};
 
 /// Look-ahead points.
 const POINTS: usize = 4;
@@ -50,18 +50,18 @@ settings! {
 /// See the [module](self).
 #[derive(Debug, Clone)]
 pub struct TransportTrack {
-    rig: Rig,
+    robot: Robot,
     settings: TransportTrackSettings,
     load: Load,
-    path: Path,
+    path: TrackPath,
 }
 
 impl BuiltIn for TransportTrack {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: TransportTrackSettings = config.settings()?;
-        let (rig, load) = free_rig(config, &settings.group)?;
-        let path = Path::new(&settings.path, config.dt);
-        Ok(Self { rig, settings, load, path })
+        let (robot, load) = free_robot(config, &settings.group)?;
+        let path = TrackPath::new(&settings.path, config.dt);
+        Ok(Self { robot, settings, load, path })
     }
 }
 
@@ -83,7 +83,7 @@ impl TransportTrack {
 }
 
 impl Task for TransportTrack {
-    made_of!(self: self.rig, self.settings);
+    made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
         concat!(

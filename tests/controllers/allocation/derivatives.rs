@@ -2,7 +2,7 @@
 
 use super::problems::{Kind, gimballed, stream, tilting, trouble, vehicles, wanted};
 use nalgebra::DMatrix;
-use omnidrones::controllers::allocation::{Allocator, Path, Problem, Sensitivity, Settings, Variation};
+use omnidrones::controllers::allocation::{AllocationSensitivity, Allocator, Problem, Settings, Solver, Variation};
 use omnidrones::rng::Stream;
 
 /// A random direction in all numbers that may move: bounds that are infinite or have no room between them stay.
@@ -34,7 +34,7 @@ fn answer(problem: &Problem, wrench: &[f64; 6]) -> Vec<f64> {
     let mut allocator =
         Allocator::with_settings(problem.clone(), Settings { warm: false, ..Settings::default() }).unwrap();
     let solution = allocator.solve(wrench);
-    assert_ne!(solution.path, Path::Held);
+    assert_ne!(solution.solver, Solver::Held);
     solution.inputs.clone()
 }
 
@@ -43,7 +43,7 @@ fn answer(problem: &Problem, wrench: &[f64; 6]) -> Vec<f64> {
 fn check(problem: &Problem, wrench: &[f64; 6], r: &mut Stream) -> Option<(f64, f64)> {
     let mut allocator = Allocator::new(problem.clone()).unwrap();
     let solution = allocator.solve(wrench).clone();
-    let sensitivity = Sensitivity::new(problem, wrench, &solution)?;
+    let sensitivity = AllocationSensitivity::new(problem, wrench, &solution)?;
     if sensitivity.margin() < 1e-3 {
         return None;
     }
@@ -101,7 +101,7 @@ fn the_fast_derivatives_are_the_general_ones() {
             let cotangent: Vec<f64> = solution.inputs.iter().map(|_| r.uniform(-1.0, 1.0)).collect();
             let mut fast = Variation::zero(&problem);
             let margin = allocator.reverse(&cotangent, &mut fast).unwrap();
-            let general = Sensitivity::new(&problem, &wrench, &solution).unwrap();
+            let general = AllocationSensitivity::new(&problem, &wrench, &solution).unwrap();
             if general.margin() < 1e-9 {
                 continue;
             }
@@ -138,7 +138,7 @@ fn derivatives_through_cones_are_those_of_central_differences_away_from_switchin
             (difference, transpose, n) = (difference.max(d), transpose.max(t), n + 1);
             if d > 1e-6 {
                 let solution = Allocator::new(problem.clone()).unwrap().solve(&wrench).clone();
-                let at = Sensitivity::new(&problem, &wrench, &solution).unwrap();
+                let at = AllocationSensitivity::new(&problem, &wrench, &solution).unwrap();
                 println!("case {case}: {d:.1e}, residual {:.1e}, margin {:.1e}", solution.residual, at.margin());
             }
         }
@@ -159,8 +159,8 @@ fn without_active_bounds_the_derivative_is_the_closed_form() {
         let wrench = problem.delivered(&half);
         let mut allocator = Allocator::new(problem.clone()).unwrap();
         let solution = allocator.solve(&wrench).clone();
-        assert_eq!(solution.path, Path::ClosedForm, "{name}");
-        let sensitivity = Sensitivity::new(&problem, &wrench, &solution).unwrap();
+        assert_eq!(solution.solver, Solver::ClosedForm, "{name}");
+        let sensitivity = AllocationSensitivity::new(&problem, &wrench, &solution).unwrap();
         // du/dw = H⁻¹ BᵀW, du/du_pref = ρ H⁻¹
         let inverse = problem.hessian().try_inverse().unwrap();
         let weights = DMatrix::from_diagonal(&nalgebra::DVector::from_column_slice(&problem.weights));
@@ -195,7 +195,7 @@ fn a_bound_that_touches_without_force_is_flagged_and_its_derivative_is_one_sided
     let wrench = [0.0, 0.0, 2.0, 0.0, 0.0, 0.0];
     let mut allocator = Allocator::new(problem.clone()).unwrap();
     let solution = allocator.solve(&wrench).clone();
-    let sensitivity = Sensitivity::new(&problem, &wrench, &solution).unwrap();
+    let sensitivity = AllocationSensitivity::new(&problem, &wrench, &solution).unwrap();
     assert!(sensitivity.is_one_sided(), "margin {:e}", sensitivity.margin());
     let mut change = Variation::zero(&problem);
     change.wrench[2] = 1.0;

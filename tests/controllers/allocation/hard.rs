@@ -3,7 +3,8 @@
 use super::problems::{Kind, gimballed, stream, tilting, trouble, vehicles, wanted};
 use nalgebra::DMatrix;
 use omnidrones::controllers::allocation::{
-    Allocator, BatchAllocator, Path, Problem, Reason, Sensitivity, Settings, Stages, Variation, rate_window,
+    AllocationSensitivity, Allocator, BatchAllocator, PrioritisedAllocator, Problem, Reason, Settings, Solver,
+    Variation, rate_window,
 };
 use omnidrones::parallel::Threads;
 
@@ -27,9 +28,9 @@ fn broken_bounds_with_a_broken_wrench_hold_without_panic() {
         let held = allocator.solve(&[f64::NAN; 6]);
         assert_eq!(held.reason, Some(Reason::Bounds));
         assert!(held.inputs[1] <= 1.0, "what is in order holds: {held:?}");
-        let mut stages = Stages::new(lift([3.0, 3.0]), &[&[2], &[5]]).unwrap();
+        let mut stages = PrioritisedAllocator::new(lift([3.0, 3.0]), &[&[2], &[5]]).unwrap();
         stages.set_bounds(&lower, &upper);
-        assert_eq!(stages.solve(&up(4.0)).solution.path, Path::Held);
+        assert_eq!(stages.solve(&up(4.0)).solution.solver, Solver::Held);
     }
     assert_eq!(rate_window(0.0, 2.0, 1.0, 0.5), (0.5, 1.5));
     assert_eq!(rate_window(0.0, 0.0, 3.0, 0.5), (0.0, 0.0));
@@ -44,12 +45,12 @@ fn a_refused_answer_moves_nothing() {
     let mut huge = up(0.0);
     huge[2..].fill(f64::MAX);
     let held = allocator.solve(&huge);
-    assert_eq!((held.path, held.reason, &held.inputs), (Path::Held, Some(Reason::Wrench), &good));
+    assert_eq!((held.solver, held.reason, &held.inputs), (Solver::Held, Some(Reason::Wrench), &good));
     let strict = Settings { tolerance: 1e-300, ..Settings::default() };
     let mut strict = Allocator::with_settings(lift([3.0, 3.0]), strict).unwrap();
     let before = strict.solution().inputs.clone();
     let held = strict.solve(&up(3.3333));
-    if held.path == Path::Held {
+    if held.solver == Solver::Held {
         assert_eq!((held.reason, &held.inputs), (Some(Reason::Uncertified), &before));
     }
     for tolerance in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
@@ -63,7 +64,7 @@ fn a_loose_or_missing_bound_does_not_loosen_the_certificate() {
         let mut allocator = Allocator::new(lift([3.0, loose])).unwrap();
         for (thrust, expected) in [(-5.0, [0.0, 0.0]), (8.0, [3.0, 5.0]), (2.0, [1.0, 1.0]), (0.0, [0.0, 0.0])] {
             let answer = allocator.solve(&up(thrust));
-            assert_ne!(answer.path, Path::Held, "{loose:e}, {thrust}: {answer:?}");
+            assert_ne!(answer.solver, Solver::Held, "{loose:e}, {thrust}: {answer:?}");
             for (u, wanted) in answer.inputs.iter().zip(expected) {
                 assert!((u - wanted).abs() < 1e-4, "{loose:e}, {thrust}: {answer:?}");
             }
@@ -72,7 +73,7 @@ fn a_loose_or_missing_bound_does_not_loosen_the_certificate() {
     let mut free = lift([f64::INFINITY; 2]);
     free.lower = vec![f64::NEG_INFINITY; 2];
     let answer = Allocator::new(free).unwrap().solve(&up(8.0)).clone();
-    assert!(answer.path == Path::ClosedForm && (answer.inputs[0] - 4.0).abs() < 1e-4, "{answer:?}");
+    assert!(answer.solver == Solver::ClosedForm && (answer.inputs[0] - 4.0).abs() < 1e-4, "{answer:?}");
 }
 
 #[test]
@@ -88,7 +89,7 @@ fn cones_with_bounds_and_rates_are_kept_from_tick_to_tick() {
             let previous = allocator.solution().inputs.clone();
             allocator.limit_rates(&previous, &[1.5; 12]);
             let answer = allocator.solve(&wrench).clone();
-            (ticks, held) = (ticks + 1, held + usize::from(answer.path == Path::Held));
+            (ticks, held) = (ticks + 1, held + usize::from(answer.solver == Solver::Held));
             assert_eq!(allocator.problem().violation(&answer.inputs), 0.0, "case {case}: {answer:?}");
             let moved = answer.inputs.iter().zip(&previous).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(moved <= 1.5 + 1e-12, "case {case}: {moved}");
@@ -114,7 +115,7 @@ fn gradients_of_shut_inputs_are_zero_and_stale_ones_are_refused() {
     allocator.solve(&[f64::NAN; 6]);
     assert!(allocator.reverse(&[1.0, 1.0], &mut out).is_none());
     let held = allocator.solution().clone();
-    assert!(Sensitivity::new(&problem, &up(5.0), &held).is_none());
+    assert!(AllocationSensitivity::new(&problem, &up(5.0), &held).is_none());
 }
 
 #[test]
@@ -129,8 +130,8 @@ fn twenty_inputs_and_thirty_are_solved_too() {
             let mine = allocator.solve(&wrench).clone();
             let settings = Settings { fast: false, ..Settings::default() };
             let other = Allocator::with_settings(problem.clone(), settings).unwrap().solve(&wrench).inputs.clone();
-            assert_ne!(mine.path, Path::Held, "{n}, case {case}");
-            assert_eq!(mine.path == Path::Clarabel, n > 24, "{n}, case {case}: {mine:?}");
+            assert_ne!(mine.solver, Solver::Held, "{n}, case {case}");
+            assert_eq!(mine.solver == Solver::Clarabel, n > 24, "{n}, case {case}: {mine:?}");
             let (a, b) = (problem.objective(&wrench, &mine.inputs), problem.objective(&wrench, &other));
             assert!((a - b).abs() <= 1e-6 * b.max(1.0), "{n}, case {case}: {a} {b}");
         }
@@ -155,9 +156,9 @@ fn stages_hold_their_last_whole_answer() {
     let half: Vec<f64> = problem.upper.iter().map(|hi| 0.5 * hi).collect();
     let mut wrench = problem.delivered(&half);
     wrench[5] = 0.1;
-    let mut stages = Stages::new(problem, &[&[2, 3, 4], &[5]]).unwrap();
+    let mut stages = PrioritisedAllocator::new(problem, &[&[2, 3, 4], &[5]]).unwrap();
     let good = stages.solve(&wrench).solution.inputs;
     let held = stages.solve(&[f64::NAN; 6]).solution;
-    assert_eq!((held.path, held.reason, held.inputs), (Path::Held, Some(Reason::Wrench), good));
+    assert_eq!((held.solver, held.reason, held.inputs), (Solver::Held, Some(Reason::Wrench), good));
     assert_eq!((stages.counts().whole, stages.counts().held), (1, 1));
 }

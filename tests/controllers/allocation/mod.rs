@@ -3,7 +3,7 @@
 mod derivatives;
 mod hard;
 mod lanes;
+mod prioritised;
 mod problems;
 mod rollouts;
 mod solvers;
-mod stages;

@@ -1,7 +1,7 @@
 //! Each solver against the others and against its certificate.
 
 use super::problems::{Kind, gimballed, stream, tilting, trouble, vehicles, wanted};
-use omnidrones::controllers::allocation::{Allocator, Path, Problem, Reason, Settings};
+use omnidrones::controllers::allocation::{Allocator, Problem, Reason, Settings, Solver};
 use std::collections::BTreeMap;
 
 /// The worst of what was seen.
@@ -12,7 +12,7 @@ struct Seen {
     steps: u32,
     held: u64,
     refused: [u64; 3],
-    paths: BTreeMap<&'static str, u64>,
+    solvers: BTreeMap<&'static str, u64>,
 }
 
 /// (f − f_c) over the size of the program's objective |f_c − f(0)|, or |f_c| where that is larger: what clarabel's own
@@ -31,18 +31,18 @@ fn both(problem: Problem, wrench: [f64; 6], seen: &mut Seen, name: &str) {
     let mine = fast.solve(&wrench).clone();
     assert_eq!(problem.violation(&mine.inputs), 0.0, "{name}: bounds hold exactly");
     if wrench.iter().any(|w| !w.is_finite()) {
-        assert_eq!((mine.path, mine.reason), (Path::Held, Some(Reason::Wrench)), "{name}");
+        assert_eq!((mine.solver, mine.reason), (Solver::Held, Some(Reason::Wrench)), "{name}");
         seen.held += 1;
         return;
     }
     let other = exact.solve(&wrench);
-    assert_eq!(other.path, Path::Clarabel, "{name}: clarabel refused, residual {:e}", other.residual);
-    assert!(mine.path != Path::Held && mine.path != Path::Clarabel, "{name}: {mine:?}");
+    assert_eq!(other.solver, Solver::Clarabel, "{name}: clarabel refused, residual {:e}", other.residual);
+    assert!(mine.solver != Solver::Held && mine.solver != Solver::Clarabel, "{name}: {mine:?}");
     seen.residual = seen.residual.max(mine.residual);
     seen.gap = seen.gap.max(gap(&problem, &wrench, &mine.inputs, &other.inputs));
     seen.steps = seen.steps.max(mine.steps);
     seen.refused.iter_mut().zip(fast.counts().refused).for_each(|(sum, n)| *sum += n);
-    *seen.paths.entry(mine.path.name()).or_default() += 1;
+    *seen.solvers.entry(mine.solver.name()).or_default() += 1;
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn cones_are_solved_within_their_limits_by_clarabel_alone() {
             let reach = [0.2, 1.0, 10.0][r.below(3) as usize];
             let wrench = wanted(allocator.problem(), reach, &mut r);
             let solution = allocator.solve(&wrench).clone();
-            assert_eq!(solution.path, Path::Clarabel, "case {case}: {solution:?}");
+            assert_eq!(solution.solver, Solver::Clarabel, "case {case}: {solution:?}");
             assert_eq!(allocator.problem().violation(&solution.inputs), 0.0, "case {case}");
             worst = worst.max(solution.residual);
         }
@@ -107,13 +107,13 @@ fn inputs_are_held_within_the_bounds_of_now_when_nothing_can_be_solved() {
     upper[0] = 0.25 * good[0];
     allocator.set_bounds(&base.lower, &upper);
     let held = allocator.solve(&[f64::NAN; 6]);
-    assert_eq!((held.path, held.reason), (Path::Held, Some(Reason::Wrench)));
+    assert_eq!((held.solver, held.reason), (Solver::Held, Some(Reason::Wrench)));
     assert_eq!(held.inputs[0], upper[0], "a rotor that has just failed is not held above what it can do");
     assert_eq!(held.inputs[1..], good[1..]);
     upper[1] = f64::NAN;
     allocator.set_bounds(&base.lower, &upper);
     assert_eq!(allocator.solve(&wrench).reason, Some(Reason::Bounds));
-    assert_eq!(allocator.counts().of(Path::Held), 2);
+    assert_eq!(allocator.counts().of(Solver::Held), 2);
     allocator.set_bounds(&base.lower, &base.upper);
     let again = allocator.solve(&wrench);
     assert!(again.reason.is_none() && again.inputs.iter().zip(&good).all(|(a, b)| (a - b).abs() < 1e-9));

@@ -17,9 +17,9 @@ const BOX: Geometry = Geometry::Box { size: [0.3, 0.2, 0.1] };
 
 /// One free body of 0.7 kg.
 fn body(geometry: Geometry) -> Model {
-    let mut rig = Assembly::new("body");
-    rig.part("body", Solid::of([Shape::new(geometry)]).mass(0.7));
-    rig.model().unwrap()
+    let mut robot = Assembly::new("body");
+    robot.part("body", Solid::of([Shape::new(geometry)]).mass(0.7));
+    robot.model().unwrap()
 }
 
 fn systems(model: &Model, physics: Physics) -> Multibody {
@@ -138,14 +138,14 @@ fn a_capsule_rests_on_its_two_ends() {
 
 /// A ball over three balls or bars that stand still.
 fn cradle(of: &[Shape]) -> Model {
-    let mut rig = Assembly::new("cradle");
-    rig.part("ball", Solid::sphere(0.1).mass(0.7)).ground(None);
-    rig.join(Join::new("free", Kind::Floating, WORLD, "ball"));
+    let mut robot = Assembly::new("cradle");
+    robot.part("ball", Solid::sphere(0.1).mass(0.7)).ground(None);
+    robot.join(Join::new("free", Kind::Floating, WORLD, "ball"));
     for (k, shape) in of.iter().enumerate() {
-        rig.part(format!("post_{k}"), Solid::of([*shape]));
-        rig.join(Join::new(format!("stand_{k}"), Kind::Fixed, WORLD, format!("post_{k}")));
+        robot.part(format!("post_{k}"), Solid::of([*shape]));
+        robot.join(Join::new(format!("stand_{k}"), Kind::Fixed, WORLD, format!("post_{k}")));
     }
-    rig.model().unwrap()
+    robot.model().unwrap()
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use crate::page::{Page, duration};
 use crate::table::{Align, Table, number};
 use omnidrones::autodiff::{Bounds, Certificate, JacobianScratch, System, certify, jacobian};
-use omnidrones::controllers::design::{Sensitivity, sensitivity};
+use omnidrones::controllers::design::{GainSensitivity, sensitivity};
 use omnidrones::controllers::{ClosedLoop, Flight, FlightPlan, SmoothPoint, Target};
 use omnidrones::dynamics::{Gains, Vehicle};
 use omnidrones::error::{Error, Result};
@@ -23,7 +23,7 @@ struct Row {
 pub struct Derivatives {
     certificates: Vec<Row>,
     /// And the seconds it took.
-    pub through: Option<(Sensitivity, f64)>,
+    pub through: Option<(GainSensitivity, f64)>,
     /// What was left out, and why.
     pub left_out: Vec<String>,
 }

@@ -2,7 +2,7 @@
 
 use super::Arguments;
 use crate::page::{Fact, Page, length, short};
-use crate::rig::Rig;
+use crate::robot::Robot;
 use crate::{Report, files, progress};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::registry::steerable;
@@ -11,7 +11,7 @@ use omnidrones::controllers::{Flight, Passive, fly_from};
 use omnidrones::dynamics::configurations;
 use omnidrones::dynamics::tree::{Multibody, contact_forces, kinetic_energy, potential_energy};
 use omnidrones::error::{Error, Result};
-use omnidrones_plot::rig::{Fall, fall};
+use omnidrones_plot::robot::{Fall, fall};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -34,14 +34,14 @@ fn uncontrolled(a: &Arguments) -> Result<()> {
 }
 
 /// Drops it.
-pub fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
+pub fn dropped(a: &Arguments, robot: &Robot) -> Result<Report> {
     uncontrolled(a)?;
     a.level()?;
     let height = a.drop.unwrap_or(1.0);
     if !(0.0..=1000.0).contains(&height) {
         return Err(Error::value("--drop", format!("{height} m"), "0 to 1000 m", "--drop alone means 1 m."));
     }
-    let plant = super::model_plant(a, rig, true)?;
+    let plant = super::model_plant(a, robot, true)?;
     let Some(system) = plant.tree() else {
         return Err(Error::value("what falls", plant.name(), "an articulated system", "Name a configuration."));
     };
@@ -49,7 +49,7 @@ pub fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
     let mut plan = a.flight.plan(Some(a.duration.unwrap_or(3.0)), a.wind.clone(), a.seed)?;
     (plan.physics, plan.reference) = (*system.physics(), Reference::Hover(Hover::default()));
     let n_step = plan.n_step()?;
-    let folder = a.out.clone().unwrap_or_else(|| files::default_folder(rig.model.name()));
+    let folder = a.out.clone().unwrap_or_else(|| files::default_folder(robot.model.name()));
     if a.csv || !a.no_plots {
         files::prepare_folder(&folder)?;
     }
@@ -60,7 +60,7 @@ pub fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
         }
     })?;
     bar.finish_and_clear();
-    let fallen = Fallen::of(rig, system, &flight, height);
+    let fallen = Fallen::of(robot, system, &flight, height);
     let mut written = Vec::new();
     if !a.no_plots {
         let path = folder.join(format!("drop.{}", a.format.extension()));
@@ -80,7 +80,7 @@ pub fn dropped(a: &Arguments, rig: &Rig) -> Result<Report> {
 
 /// A fall and what it was like in every sample.
 struct Fallen<'a> {
-    rig: &'a Rig,
+    robot: &'a Robot,
     flight: &'a Flight,
     height: f64,
     clearance: Vec<f64>,
@@ -91,19 +91,19 @@ struct Fallen<'a> {
 }
 
 impl<'a> Fallen<'a> {
-    fn of(rig: &'a Rig, system: &Multibody, flight: &'a Flight, height: f64) -> Self {
+    fn of(robot: &'a Robot, system: &Multibody, flight: &'a Flight, height: f64) -> Self {
         let rows: Vec<&[f64]> = flight.states.chunks_exact(system.rest_state().len()).collect();
-        let weight = rig.model.mass() * rig.model.parts().gravity;
+        let weight = robot.model.mass() * robot.model.parts().gravity;
         let force = |row: &&[f64]| contact_forces(system, row).iter().map(|f| f[2]).sum::<f64>() / weight;
         let kinetic = |row: &&[f64]| kinetic_energy(system, row);
         Self {
-            rig,
+            robot,
             flight,
             height,
             clearance: rows.iter().map(|row| clearance(system, row).unwrap_or(f64::NAN)).collect(),
             energy: rows.iter().map(|row| kinetic(row) + potential_energy(system, row)).collect(),
             load: rows.iter().map(force).collect(),
-            speed: rows.last().map_or(f64::NAN, |row| (2.0 * kinetic(row) / rig.model.mass()).sqrt()),
+            speed: rows.last().map_or(f64::NAN, |row| (2.0 * kinetic(row) / robot.model.mass()).sqrt()),
         }
     }
 
@@ -153,20 +153,20 @@ impl<'a> Fallen<'a> {
     fn page(&self, written: &[PathBuf]) -> String {
         let [first, last] = self.lost();
         let mut page = Page::new();
-        page.title(self.rig.model.name(), &self.rig.origin);
+        page.title(self.robot.model.name(), &self.robot.origin);
         let mut facts = vec![
             Fact::new("height", format!("{} m", short(self.height, 4))).note("of the lowest point, rotors idle"),
             Fact::new("first touch", self.touched().map_or("never".into(), |t| format!("{} s", short(t, 4)))).note(
-                format!("in free fall {} s", short((2.0 * self.height / self.rig.model.parts().gravity).sqrt(), 4)),
+                format!("in free fall {} s", short((2.0 * self.height / self.robot.model.parts().gravity).sqrt(), 4)),
             ),
             Fact::new("hardest push", format!("{} weights", short(self.hardest(), 3))).note("upwards, of the ground"),
             Fact::new("deepest", length(self.deepest())).note("into the ground, which is compliant"),
             Fact::new("energy", format!("{} J", short(last, 4))).note(format!("{} J at the start", short(first, 4))),
             Fact::new("speed at the end", format!("{} m/s", short(self.speed, 2))).note("of all masses, rms"),
         ];
-        let ghosts = self.rig.model.shapes().iter().filter(|s| !s.collides).count();
+        let ghosts = self.robot.model.shapes().iter().filter(|s| !s.collides).count();
         if ghosts > 0 {
-            let all = self.rig.model.shapes().len();
+            let all = self.robot.model.shapes().len();
             facts.push(Fact::new("untouchable", format!("{ghosts} of {all}")).note("shapes pass through the ground"));
         }
         if self.gained() {
@@ -176,7 +176,7 @@ impl<'a> Fallen<'a> {
         if let Some(t) = self.flight.diverged_at {
             facts.push(Fact::new("diverged", format!("{} s", short(t, 4))).note("a smaller --dt may help"));
         }
-        if !steerable(&self.rig.model) {
+        if !steerable(&self.robot.model) {
             page.line("  nobody steers it yet: it falls, rotors idle");
         }
         page.heading("Drop").facts(&facts);
@@ -204,8 +204,8 @@ impl<'a> Fallen<'a> {
             "command": "fly",
             "version": env!("CARGO_PKG_VERSION"),
             "success": self.flight.diverged_at.is_none(),
-            "dropped": self.rig.model.name(),
-            "configuration": configurations::names().contains(&self.rig.model.name()),
+            "dropped": self.robot.model.name(),
+            "configuration": configurations::names().contains(&self.robot.model.name()),
             "height": self.height,
             "first_touch": self.touched(),
             "largest_ground_force": self.hardest(),

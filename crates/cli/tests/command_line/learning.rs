@@ -16,7 +16,7 @@ const TINY: [&str; 14] = [
     "--set",
     "apg.n_env=16",
     "--set",
-    "apg.window=6",
+    "apg.horizon=6",
     "--set",
     "apg.network.hidden=[8]",
     "--set",
@@ -105,7 +105,7 @@ fn a_folder_in_use_is_refused_and_resumed_on_demand() {
     let longer = ["train", "hover", "--resume", "--updates", "30"];
     let told = json(folder, &[&longer[..], &plain].concat());
     assert_eq!((&told["updates"], &told["env_steps"]), (&30.into(), &(30 * 16 * 6).into()));
-    let (_, err) = exits(2, folder, &["train", "Hover", "--resume", "--set", "apg.clip=0.1"]);
+    let (_, err) = exits(2, folder, &["train", "Hover", "--resume", "--set", "apg.max_grad_norm=0.1"]);
     assert!(err.contains("those that it was begun with"), "{err}");
 }
 
@@ -123,7 +123,7 @@ fn files_of_others_are_kept_and_a_run_is_replaced_on_demand_alone() {
     let first = json(folder, &[&tiny(&[])[..], &plain].concat());
     let (_, err) = exits(2, folder, &[&tiny(&["--seed", "0"])[..], &plain].concat());
     assert!(err.contains("--resume") && err.contains("--force"), "{err}");
-    let again = json(folder, &[&tiny(&["--force", "--set", "apg.clip=0.1"])[..], &plain].concat());
+    let again = json(folder, &[&tiny(&["--force", "--set", "apg.max_grad_norm=0.1"])[..], &plain].concat());
     assert_eq!(again["was_over"], false);
     assert_ne!(first["evaluation"], again["evaluation"]);
     let rollout = ["rollout", "Hover", "--envs", "2", "--horizon", "3", "--out"];
@@ -181,8 +181,8 @@ fn a_run_that_is_over_says_so_and_goes_no_shorter() {
     assert_eq!(first["evaluation"], again["evaluation"]);
     for (more, words) in [
         (
-            &["--resume", "--set", "apg.window=7", "--seed", "1", "--out", "runs/Hover-apg-s0"][..],
-            "apg.window is 7, was 6",
+            &["--resume", "--set", "apg.horizon=7", "--seed", "1", "--out", "runs/Hover-apg-s0"][..],
+            "apg.horizon is 7, was 6",
         ),
         (&["--resume", "--seed", "1", "--out", "runs/Hover-apg-s0"], "begun with (seed is 1, was 0)"),
     ] {
@@ -236,7 +236,7 @@ fn settings_that_nothing_reads_are_refused_as_options_and_warned_of_in_files() {
     for (arguments, words) in [
         ("train Track --config hover.toml", "hover.toml: task: the settings are for Hover, but the run is of Track"),
         ("rollout Track --config hover.toml", "hover.toml: task: the settings are for Hover, but the task is Track"),
-        ("rollout Hover --set apg.window=3", "a setting of training"),
+        ("rollout Hover --set apg.horizon=3", "a setting of training"),
         ("train Hover --set ppo.updates=3", "--set ppo.updates is a setting of ppo, but it must be one of apg"),
         ("train Hover --config missing.toml", "make it: omnidrones train Hover --toml > missing.toml"),
     ] {
@@ -257,15 +257,15 @@ fn settings_that_nothing_reads_are_refused_as_options_and_warned_of_in_files() {
         exits(0, folder, &[&["train", "Hover", "--toml"][..], &list].concat()).0
     };
     let own = toml(
-        "--set control=rate --set horizon=77 --set apg.rate.from=0.005 --randomise mass:0.7:1.3 --dt 0.02 --envs 48",
+        "--set control=rate --set horizon=77 --set apg.learning_rate.from=0.005 --randomise mass:0.7:1.3 --dt 0.02 --envs 48",
     );
     for words in ["control = \"rate\"", "horizon = 77", "from = 0.005", "range = [0.7, 1.3]", "dt = 0.02", "n_env = 48"]
     {
         assert!(own.contains(words), "{words}\n{own}");
     }
-    std::fs::write(folder.join("both.toml"), "[apg]\nwindow = 9\n[ppo]\nupdates = 3").expect("written");
+    std::fs::write(folder.join("both.toml"), "[apg]\nhorizon = 9\n[ppo]\nupdates = 3").expect("written");
     let (toml, err) = exits(0, folder, &["train", "Hover", "--config", "both.toml", "--toml"]);
-    assert!(toml.contains("window = 9") && !toml.contains("[ppo]"), "{toml}");
+    assert!(toml.contains("horizon = 9") && !toml.contains("[ppo]"), "{toml}");
     assert!(err.contains("warning: both.toml: [ppo] is not used, for apg trains."), "{err}");
     let (toml, err) = exits(0, folder, &["train", "Hover", "--algo", "mappo", "--set", "ppo.updates=3", "--toml"]);
     assert!(toml.contains("algorithm = \"ppo\"") && toml.contains("updates = 3") && err.is_empty(), "{toml}{err}");
@@ -306,8 +306,8 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("train Hover --algo sac", "[possible values: apg, shac, ppo, mappo]"),
         ("train Hover --config bad.toml", "bad.toml: line 2, column 1: unknown field `windows`"),
         ("train Hover --config missing.toml", "missing.toml: No such file"),
-        ("train Hover --set apg.windows=3", "--set apg.windows: apg"),
-        ("train Hover --set apg.windows=3", "Did you mean `window`?"),
+        ("train Hover --set apg.horizons=3", "--set apg.horizons: apg"),
+        ("train Hover --set apg.horizons=3", "Did you mean `horizon`?"),
         ("train Hover --set apg", "expected KEY=VALUE"),
         ("train Hover --set env.n_env=5", "Give n_env in the table of the algorithm"),
         ("train Hover --vehicle fierfly", "did you mean 'firefly'?"),
@@ -399,7 +399,7 @@ fn long(folder: &Path, run: &str) -> Command {
     let set = |text: &'static str| ["--set", text];
     let own = [
         set("apg.n_env=16"),
-        set("apg.window=6"),
+        set("apg.horizon=6"),
         set("apg.network.hidden=[8]"),
         set("env.task.horizon=30"),
         set("evaluate={every=0,envs=4}"),

@@ -4,5 +4,5 @@ mod command;
 mod general;
 mod learning;
 mod promises;
-mod rigs;
+mod robots;
 mod tasks;

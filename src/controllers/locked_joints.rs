@@ -17,7 +17,7 @@ const RETURN_RATE: f64 = 10.0;
 
 /// One cascade over all rotors of a model.
 #[derive(Debug, Clone)]
-pub struct Frozen {
+pub struct LockedJoints {
     system: Multibody,
     cascade: Cascade,
     actions: Vec<usize>,
@@ -25,7 +25,7 @@ pub struct Frozen {
     held: Vec<(usize, f64, usize, f64)>,
 }
 
-impl Frozen {
+impl LockedJoints {
     /// For a model with up to 16 rotors. Without `gains`, those derived from the rigid vehicle.
     ///
     /// # Errors
@@ -50,7 +50,7 @@ impl Frozen {
     }
 }
 
-impl Controller for Frozen {
+impl Controller for LockedJoints {
     fn schedule(&self) -> Option<Schedule> {
         Some(self.cascade.schedule)
     }

@@ -1,7 +1,7 @@
 //! Lexicographic stages: what comes first is not paid for by what comes later.
 
 use super::problems::{Kind, stream, trouble, vehicles};
-use omnidrones::controllers::allocation::{Allocator, Path, Problem, Stages};
+use omnidrones::controllers::allocation::{Allocator, PrioritisedAllocator, Problem, Solver};
 
 const FIRST: &[usize] = &[2, 3, 4];
 const SECOND: &[usize] = &[5];
@@ -21,9 +21,9 @@ fn later_stages_do_not_disturb_earlier_ones() {
             let kind = [Kind::Reachable, Kind::Unreachable, Kind::Vertex, Kind::Failed, Kind::Weakened][case % 5];
             let mut r = stream(40, (1000 * number + case) as u64);
             let (problem, wrench) = trouble(base, kind, &mut r);
-            let mut stages = Stages::new(problem.clone(), &[FIRST, SECOND]).unwrap();
+            let mut stages = PrioritisedAllocator::new(problem.clone(), &[FIRST, SECOND]).unwrap();
             let answer = stages.solve(&wrench);
-            assert_ne!(answer.solution.path, Path::Held, "{name}, {kind:?}, case {case}");
+            assert_ne!(answer.solution.solver, Solver::Held, "{name}, {kind:?}, case {case}");
             assert_eq!(problem.violation(&answer.solution.inputs), 0.0);
             disturbed = disturbed.max(answer.disturbed);
             passes = passes.max(*answer.passes.iter().max().unwrap());
@@ -51,7 +51,7 @@ fn yaw_gives_way_before_roll_and_pitch_where_weights_would_trade() {
     let hover = problem.delivered(&problem.upper.iter().map(|hi| 0.5 * hi).collect::<Vec<_>>());
     let mut wrench = hover;
     (wrench[3], wrench[5]) = (0.3, 2.0);
-    let mut stages = Stages::new(problem.clone(), &[FIRST, SECOND]).unwrap();
+    let mut stages = PrioritisedAllocator::new(problem.clone(), &[FIRST, SECOND]).unwrap();
     let staged = problem.delivered(&stages.solve(&wrench).solution.inputs);
     let mut traded = Allocator::new(problem.clone()).unwrap();
     let traded = problem.delivered(&traded.solve(&wrench).inputs);

@@ -8,12 +8,12 @@ use super::unrolled::unrolled;
 
 /// Numbers to read.
 #[derive(Debug, Clone, Copy)]
-pub struct Rows<'a, S> {
+pub struct StridedView<'a, S> {
     data: &'a [S],
     stride: usize,
 }
 
-impl<'a, S: Scalar> Rows<'a, S> {
+impl<'a, S: Scalar> StridedView<'a, S> {
     /// The numbers of a slice.
     #[inline(always)]
     pub fn of(data: &'a [S]) -> Self {
@@ -60,12 +60,12 @@ impl<'a, S: Scalar> Rows<'a, S> {
 
 /// Numbers to write.
 #[derive(Debug)]
-pub struct RowsMut<'a, S> {
+pub struct StridedViewMut<'a, S> {
     data: &'a mut [S],
     stride: usize,
 }
 
-impl<'a, S: Scalar> RowsMut<'a, S> {
+impl<'a, S: Scalar> StridedViewMut<'a, S> {
     /// The numbers of a slice.
     #[inline(always)]
     pub fn of(data: &'a mut [S]) -> Self {
@@ -98,26 +98,26 @@ impl<'a, S: Scalar> RowsMut<'a, S> {
 
     /// To read from.
     #[inline(always)]
-    pub fn rows(&self) -> Rows<'_, S> {
-        Rows { data: self.data, stride: self.stride }
+    pub fn rows(&self) -> StridedView<'_, S> {
+        StridedView { data: self.data, stride: self.stride }
     }
 
-    /// A pen at number k.
+    /// A writer at number k.
     #[inline(always)]
-    pub fn pen(&mut self, k: usize) -> Pen<'_, S> {
-        Pen { data: self.data, stride: self.stride, at: k }
+    pub fn writer(&mut self, k: usize) -> StridedWriter<'_, S> {
+        StridedWriter { data: self.data, stride: self.stride, at: k }
     }
 }
 
 /// Writes numbers one after the other.
 #[derive(Debug)]
-pub struct Pen<'a, S> {
+pub struct StridedWriter<'a, S> {
     data: &'a mut [S],
     stride: usize,
     at: usize,
 }
 
-impl<S: Scalar> Pen<'_, S> {
+impl<S: Scalar> StridedWriter<'_, S> {
     /// The next number.
     ///
     /// # Panics
@@ -139,7 +139,7 @@ impl<S: Scalar> Pen<'_, S> {
         });
     }
 
-    /// How many stand before the pen.
+    /// How many stand before the writer.
     #[inline(always)]
     pub fn position(&self) -> usize {
         self.at

@@ -5,55 +5,55 @@ use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// A value and its derivative along one direction.
 #[derive(Debug, Clone, Copy)]
-pub struct Slope(pub f64, pub f64);
+pub struct TestDual(pub f64, pub f64);
 
-impl Add for Slope {
+impl Add for TestDual {
     type Output = Self;
     fn add(self, o: Self) -> Self {
         Self(self.0 + o.0, self.1 + o.1)
     }
 }
-impl Sub for Slope {
+impl Sub for TestDual {
     type Output = Self;
     fn sub(self, o: Self) -> Self {
         Self(self.0 - o.0, self.1 - o.1)
     }
 }
-impl Mul for Slope {
+impl Mul for TestDual {
     type Output = Self;
     fn mul(self, o: Self) -> Self {
         Self(self.0 * o.0, self.1 * o.0 + self.0 * o.1)
     }
 }
-impl Div for Slope {
+impl Div for TestDual {
     type Output = Self;
     fn div(self, o: Self) -> Self {
         Self(self.0 / o.0, (self.1 - self.0 / o.0 * o.1) / o.0)
     }
 }
-impl Neg for Slope {
+impl Neg for TestDual {
     type Output = Self;
     fn neg(self) -> Self {
         Self(-self.0, -self.1)
     }
 }
-impl AddAssign for Slope {
+impl AddAssign for TestDual {
     fn add_assign(&mut self, o: Self) {
         *self = *self + o;
     }
 }
-impl SubAssign for Slope {
+impl SubAssign for TestDual {
     fn sub_assign(&mut self, o: Self) {
         *self = *self - o;
     }
 }
-impl MulAssign for Slope {
+impl MulAssign for TestDual {
     fn mul_assign(&mut self, o: Self) {
         *self = *self * o;
     }
 }
 
-impl Scalar for Slope {
+impl Scalar for TestDual {
     type Mask = bool;
     fn constant(x: f64) -> Self {
         Self(x, 0.0)

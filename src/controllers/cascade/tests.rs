@@ -1,10 +1,10 @@
 //! Claims about the whole cascade, on vehicles built from the published numbers.
 
-use super::attitude::attitude_error;
-use super::reference::Lemniscate;
-use super::velocity::{attitude_command, desired_attitude, limit_force};
-use super::*;
 use crate::autodiff::jet::Jet;
+use crate::controllers::attitude::attitude_error;
+use crate::controllers::reference::Lemniscate;
+use crate::controllers::velocity::{attitude_command, desired_attitude, limit_force};
+use crate::controllers::*;
 use crate::dynamics::spatial::*;
 use crate::dynamics::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
 
@@ -12,7 +12,7 @@ const ONCE: [f64; 3] = [1.0; 3];
 const G: f64 = 9.81;
 
 /// A Hummingbird rotor at `position`.
-pub(super) fn rotor(name: &str, position: [f64; 3], spin: f64) -> Rotor {
+pub(crate) fn rotor(name: &str, position: [f64; 3], spin: f64) -> Rotor {
     Rotor {
         name: name.into(),
         position,
@@ -50,13 +50,13 @@ fn flat(name: &str, mass: f64, inertia: [f64; 3], arm: f64, angles: &[f64], spin
     }
 }
 
-pub(super) fn hummingbird() -> Vehicle {
+pub(crate) fn hummingbird() -> Vehicle {
     let quarter = std::f64::consts::FRAC_PI_2;
     let angles = [0.0, quarter, 2.0 * quarter, -quarter];
     flat("hummingbird", 0.716, [0.007, 0.007, 0.012], 0.17, &angles, &[-1.0, 1.0, -1.0, 1.0])
 }
 
-pub(super) fn firefly() -> Vehicle {
+pub(crate) fn firefly() -> Vehicle {
     let sixth = std::f64::consts::FRAC_PI_6;
     let angles = [1.0, 3.0, 5.0, -5.0, -3.0, -1.0].map(|k| k * sixth);
     let spins = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
@@ -68,7 +68,7 @@ pub(super) fn firefly() -> Vehicle {
 /// As published, kg m².
 const FIREFLY_INERTIA: [f64; 3] = [0.0347563, 0.0458929, 0.0977];
 
-pub(super) fn crazyflie() -> Vehicle {
+pub(crate) fn crazyflie() -> Vehicle {
     let eighth = std::f64::consts::FRAC_PI_4;
     let angles = [1.0, 3.0, 5.0, 7.0].map(|k| k * eighth);
     let mut v = flat("crazyflie", 0.028, [1.4e-5, 1.4e-5, 2.17e-5], 0.043, &angles, &[-1.0, 1.0, -1.0, 1.0]);
@@ -93,7 +93,7 @@ fn fly<const R: usize>(vehicle: &Vehicle, gains: &Gains, state: &Kinematics<f64>
     if vehicle.name == "firefly" {
         model.body.inertia[2][2] = FIREFLY_INERTIA[2];
     }
-    model.position(state, &model.initial(), &Sample::at_rest(target, 0.0), ONCE).rotors
+    model.position(state, &model.initial(), &Setpoint::at_rest(target, 0.0), ONCE).rotors
 }
 
 fn assert_close(got: &[f64], expected: &[f64], tolerance: f64) {
@@ -112,7 +112,7 @@ fn tumbling() -> Kinematics<f64> {
     }
 }
 
-fn moving_sample() -> Sample<f64> {
+fn moving_sample() -> Setpoint<f64> {
     let mut sample = Reference::Lemniscate(Lemniscate::default()).sample(1.7);
     sample.position = [0.1, 0.2, 0.3];
     (sample.yaw, sample.yaw_rate, sample.yaw_acceleration) = (0.4, 0.3, -0.2);
@@ -256,7 +256,7 @@ fn the_cascade_on_duals_has_the_value_of_the_plain_one_and_the_slope_of_differen
         let mut dual = x.map(D::fixed);
         dual[seed] = D::variable(x[seed]);
         let out = dual_model
-            .position(&Kinematics::read(&dual), &dual_model.initial(), &Sample::constant(&sample), [D::fixed(1.0); 3])
+            .position(&Kinematics::read(&dual), &dual_model.initial(), &Setpoint::constant(&sample), [D::fixed(1.0); 3])
             .rotors;
         let h = 1e-6;
         let (mut a, mut b) = (x, x);
@@ -294,15 +294,15 @@ fn the_attitude_error_at_the_goal_is_zero_with_finite_slope() {
 fn a_free_fall_request_keeps_a_level_attitude_and_finite_derivatives() {
     type D = Jet<f64, 2>;
     let model = CascadeModel::<D, 4>::constant(&full_inertia_model());
-    let mut sample = Sample::at_rest([D::fixed(0.0); 3], D::fixed(0.0));
+    let mut sample = Setpoint::at_rest([D::fixed(0.0); 3], D::fixed(0.0));
     sample.acceleration[2] = D::variable(-G);
     sample.jerk = [D::fixed(1.0); 3];
     let state = Kinematics::at_rest([D::fixed(0.0); 3]);
     let held = model.position(&state, &model.initial(), &sample, [D::fixed(1.0); 3]);
-    let mut flat = [D::fixed(0.0); Held::<D, 4>::DIM];
+    let mut flat = [D::fixed(0.0); Latched::<D, 4>::DIM];
     held.write(&mut flat);
     assert!(flat.iter().all(|x| x.coefficients.iter().all(|c| c.is_finite())), "{flat:?}");
-    assert_eq!(Held::read(&flat), held);
+    assert_eq!(Latched::read(&flat), held);
     assert!((held.attitude.thrust.value() - 0.1 * G * 0.716).abs() < 1e-12);
     assert_eq!(held.attitude.attitude[2][2].value(), 1.0);
 }

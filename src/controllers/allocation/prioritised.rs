@@ -5,7 +5,7 @@
 //! weight, and every pass asks again for what is still missing. Each pass is an ordinary bounded problem with the same
 //! Hessian, so the fast solver serves, warm.
 
-use super::allocator::{Allocator, Path, Reason, Solution};
+use super::allocator::{AllocationSolution, Allocator, Reason, Solver};
 use super::problem::{Problem, WRENCH};
 use crate::error::{Error, Result};
 
@@ -17,16 +17,16 @@ const PASSES: usize = 60;
 const KEPT: f64 = 1e-9;
 
 /// A problem whose rows are met in order.
-pub struct Stages {
+pub struct PrioritisedAllocator {
     problem: Problem,
     stages: Vec<Stage>,
     last: Vec<f64>,
-    counts: StageCounts,
+    counts: PrioritisedCounts,
 }
 
 /// How often answers were whole, stopped at an earlier stage, or held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct StageCounts {
+pub struct PrioritisedCounts {
     /// All stages solved.
     pub whole: u64,
     /// A later stage could not be solved: the answer of the one before it stands.
@@ -44,16 +44,16 @@ struct Stage {
 
 /// The answer of the last stage, and how each went.
 #[derive(Debug, Clone, PartialEq)]
-pub struct StagedSolution {
+pub struct PrioritisedSolution {
     /// Of the last stage; its residual is that of its last pass.
-    pub solution: Solution,
+    pub solution: AllocationSolution,
     /// Largest change that later stages made to a kept row, over the size of the problem.
     pub disturbed: f64,
     /// Passes of every stage.
     pub passes: Vec<usize>,
 }
 
-impl Stages {
+impl PrioritisedAllocator {
     /// `rows[s]` are the rows of stage s, by their number in a wrench. Rows in no stage are left out.
     ///
     /// # Errors
@@ -91,7 +91,7 @@ impl Stages {
         }
         let mut last = problem.preference.clone();
         problem.repair(&mut last, &[]);
-        Ok(Self { problem, stages, last, counts: StageCounts::default() })
+        Ok(Self { problem, stages, last, counts: PrioritisedCounts::default() })
     }
 
     /// The problem, with the bounds of now.
@@ -110,23 +110,23 @@ impl Stages {
     }
 
     /// How answers came about.
-    pub fn counts(&self) -> StageCounts {
+    pub fn counts(&self) -> PrioritisedCounts {
         self.counts
     }
 
     /// The best inputs for a wrench, stage by stage. Where a stage cannot be solved, the answer of the one before it
     /// stands; where the first cannot, the last answer is held within the bounds of now.
-    pub fn solve(&mut self, wrench: &[f64; WRENCH]) -> StagedSolution {
+    pub fn solve(&mut self, wrench: &[f64; WRENCH]) -> PrioritisedSolution {
         let size = self.problem.scales(wrench).input;
         let mut reached = [0.0; WRENCH];
         let mut kept = [false; WRENCH];
-        let mut answer: Option<Solution> = None;
+        let mut answer: Option<AllocationSolution> = None;
         let mut passes = Vec::new();
         let mut reason = None;
         for stage in &mut self.stages {
             let (fresh, n) = stage.solve(wrench, &reached, size, answer.is_none());
             passes.push(n);
-            if fresh.path == Path::Held {
+            if fresh.solver == Solver::Held {
                 reason = fresh.reason;
                 break;
             }
@@ -147,19 +147,32 @@ impl Stages {
         let last = self.problem.delivered(&solution.inputs);
         let disturbed =
             (0..WRENCH).filter(|k| kept[*k]).map(|k| (last[k] - reached[k]).abs() / size).fold(0.0, f64::max);
-        StagedSolution { solution, disturbed, passes }
+        PrioritisedSolution { solution, disturbed, passes }
     }
 
-    fn hold(&self, reason: Option<Reason>) -> Solution {
+    fn hold(&self, reason: Option<Reason>) -> AllocationSolution {
         let mut inputs = self.last.clone();
         self.problem.repair(&mut inputs, &[]);
-        Solution { inputs, duals: Vec::new(), path: Path::Held, residual: f64::INFINITY, steps: 0, reason }
+        AllocationSolution {
+            inputs,
+            duals: Vec::new(),
+            solver: Solver::Held,
+            residual: f64::INFINITY,
+            steps: 0,
+            reason,
+        }
     }
 }
 
 impl Stage {
     /// Passes until nothing is missing of what must be kept; one in the first stage.
-    fn solve(&mut self, wrench: &[f64; WRENCH], reached: &[f64; WRENCH], size: f64, first: bool) -> (Solution, usize) {
+    fn solve(
+        &mut self,
+        wrench: &[f64; WRENCH],
+        reached: &[f64; WRENCH],
+        size: f64,
+        first: bool,
+    ) -> (AllocationSolution, usize) {
         let mut asked = *wrench;
         for k in (0..WRENCH).filter(|k| self.kept[*k]) {
             asked[k] = reached[k];
@@ -169,7 +182,7 @@ impl Stage {
             return (solution, 1);
         }
         for pass in 1..PASSES {
-            if solution.path == Path::Held {
+            if solution.solver == Solver::Held {
                 return (solution, pass);
             }
             let delivered = self.allocator.problem().delivered(&solution.inputs);

@@ -9,7 +9,7 @@ const FASTEST: f64 = 0.4;
 
 /// A shape of a chain whose links are joined by position servos.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Shape {
+pub enum ChainShape {
     /// All servos at their centres.
     #[default]
     Straight,
@@ -19,7 +19,7 @@ pub enum Shape {
     Zigzag(f64),
 }
 
-impl Shape {
+impl ChainShape {
     /// Angle of a bend unless told otherwise, rad.
     const USUAL: f64 = 0.6;
 
@@ -61,7 +61,7 @@ impl Shape {
 
 /// Targets of all position servos of a model over time: from rest to a shape, smoothly and at most at 0.4 rad/s.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Bends {
+pub struct ChainRamp {
     servos: Vec<Servo>,
     /// s.
     from: f64,
@@ -78,7 +78,7 @@ struct Servo {
     target: f64,
 }
 
-impl Bends {
+impl ChainRamp {
     /// All servos at their centres.
     pub fn rest(model: &Model) -> Self {
         let servo = |i: usize| {
@@ -94,14 +94,14 @@ impl Bends {
     ///
     /// # Errors
     /// [`Error::Value`] for a model without position servos about z, or for an angle that a servo does not reach.
-    pub fn new(model: &Model, shape: Shape, from: f64) -> Result<Self> {
-        let mut bends = Self { from, ..Self::rest(model) };
+    pub fn new(model: &Model, shape: ChainShape, from: f64) -> Result<Self> {
+        let mut chain = Self { from, ..Self::rest(model) };
         let about_z = |i: usize| matches!(model.bodies()[i].joint.motion, Motion::Revolute(a) if a[2].abs() > 0.99);
         let mut largest = 0.0_f64;
         let mut n = 0;
         for i in (0..model.bodies().len()).filter(|i| about_z(*i)) {
             let place = model.layout().bodies[i].position;
-            let Some(servo) = bends.servos.iter_mut().find(|s| s.place == place) else { continue };
+            let Some(servo) = chain.servos.iter_mut().find(|s| s.place == place) else { continue };
             let angle = shape.angle(n);
             if (angle - servo.center).abs() > servo.range.abs() {
                 let what = format!("angle of '{}'", model.bodies()[i].joint.name);
@@ -111,13 +111,13 @@ impl Bends {
             largest = largest.max((angle - servo.center).abs());
             n += 1;
         }
-        if n == 0 && shape != Shape::Straight {
+        if n == 0 && shape != ChainShape::Straight {
             let what = format!("model '{}': position servos about z", model.name());
             return Err(Error::value(what, 0, "≥ 1 to take a shape", "The dragon has some."));
         }
         // the steepest slope of the ramp is 15/8 of its mean
-        bends.ramp = 1.875 * largest / FASTEST;
-        Ok(bends)
+        chain.ramp = 1.875 * largest / FASTEST;
+        Ok(chain)
     }
 
     /// When the shape is reached, s.

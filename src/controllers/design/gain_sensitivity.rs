@@ -17,7 +17,7 @@ pub const MAX_STEPS: u64 = 200_000;
 
 /// The gradient of a flight's RMSE.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Sensitivity {
+pub struct GainSensitivity {
     /// RMSE over the whole flight, start included, m.
     pub rmse: f64,
     /// ∂RMSE/∂ln K per gain, m: what doubling a gain would change, to first order, times 1/ln 2.
@@ -31,7 +31,7 @@ pub struct Sensitivity {
 /// # Errors
 /// [`Error::Limit`] for more than [`MAX_STEPS`] steps or a step too large to record; [`Error::Value`] if vehicle, gains or
 /// plan are not valid, a gain is 0 (its logarithm has no derivative), or a rotor fails (the control law switches).
-pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<Sensitivity> {
+pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<GainSensitivity> {
     let steps = plan.n_step()?;
     if !plan.failures.is_empty() {
         let (what, remedy) = ("plan: failures", "Differentiate the flight of the whole vehicle.");
@@ -54,7 +54,7 @@ pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Resul
     let rmse = cost.sqrt();
     let slope = |at: usize| [0, 1, 2].map(|i| gradient.parameters[at + i] / (2.0 * rmse));
     let gradient = Gains { position: slope(0), velocity: slope(3), attitude: slope(6), rate: slope(9) };
-    Ok(Sensitivity { rmse, gradient, steps })
+    Ok(GainSensitivity { rmse, gradient, steps })
 }
 
 /// Inputs of the closed loop along the plan, wind included, row-major `[steps, m]`.

@@ -20,7 +20,7 @@ use crate::dynamics::tree::{Model, Motion, Multibody};
 
 /// Masses of a drone and its load, kg.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FlatLoad {
+pub struct LoadFlatness {
     drone: f64,
     load: f64,
     gravity: f64,
@@ -31,7 +31,7 @@ pub struct FlatLoad {
 /// Specific force of the whole, F/(m + m_q), with its first two derivatives, world, m/s².
 type Push = [Vec3<f64>; 3];
 
-impl FlatLoad {
+impl LoadFlatness {
     /// For a model of a drone, a massless body on a hinge along its x, and the load on a hinge along that one's y, both at the
     /// drone's origin.
     pub fn of(model: &Model) -> Option<Self> {
@@ -109,7 +109,7 @@ mod tests {
         let path = Lemniscate { rate: 0.8, scale: [2.5, 2.5, 1.0], vertical: 0.5, ..Lemniscate::default() };
         let way = Carried { path: LoadPath::Lemniscate(path), lever };
         let reference = Reference::Carried(way.clone());
-        let flat = FlatLoad::of(model).unwrap();
+        let flat = LoadFlatness::of(model).unwrap();
         let (mut x, mut input) = (flat.state(&system, &way, 0.0), vec![0.0; system.n_input()]);
         let (mut next, mut worst) = (x.clone(), 0.0_f64);
         for k in 0..2000 {
@@ -129,7 +129,7 @@ mod tests {
     fn loads_that_hang_or_stand_follow_a_path_of_half_a_g() {
         let hanging = Payload::default().build().unwrap().model;
         let standing = InvertedPendulum::default().build().unwrap().model;
-        let lever = |model: &Model| FlatLoad::of(model).map(|_| -model.bodies()[2].center_of_mass[2]).unwrap();
+        let lever = |model: &Model| LoadFlatness::of(model).map(|_| -model.bodies()[2].center_of_mass[2]).unwrap();
         for (name, model) in [("payload", hanging), ("pendulum", standing)] {
             let worst = flown(&model, lever(&model));
             println!("{name}: {worst:.4} m");
@@ -143,7 +143,7 @@ mod tests {
         let model = Payload::default().build().unwrap().model;
         let system = Multibody::new(&model, Physics::default()).unwrap();
         let way = Carried { path: LoadPath::Lemniscate(Lemniscate::default()), lever: 1.0 };
-        let flat = FlatLoad::of(&model).unwrap();
+        let flat = LoadFlatness::of(&model).unwrap();
         let (h, t) = (1e-5, 2.3);
         let [a, b, c] = [t - h, t, t + h].map(|t| flat.state(&system, &way, t));
         let layout = system.layout();

@@ -1,12 +1,12 @@
-//! The task's part of a step over a block of lanes: time, memo, reward, ends, observation.
+//! The task's part of a step over a block of lanes: time, task state, reward, ends, observation.
 
-use super::block::{EnvBlock, Sizes, Workspace, book, signal};
+use super::block::{EnvBlock, Sizes, Workspace, episode_state, signal};
 use crate::autodiff::lanes::{Lanes, RegisterKernel};
 use crate::autodiff::program::BLOCK;
-use crate::autodiff::{Mask, Rows, RowsMut, Scalar};
+use crate::autodiff::{Mask, Scalar, StridedView, StridedViewMut};
 use crate::dynamics::batch::ALIVE;
 use crate::tasks::declare::{Masks, loss_of};
-use crate::tasks::rig::Rig;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::{MAX_ENDS, Task, View};
 
 /// 1 where the mask holds, else 0.
@@ -15,27 +15,27 @@ pub(crate) fn number<S: Scalar>(mask: S::Mask) -> S {
     S::select(mask, S::one(), S::zero())
 }
 
-/// The view of one register of environments. `memo` is given apart: before or after the step.
+/// The view of one register of environments. `task_state` is given apart: before or after the step.
 #[inline(always)]
 fn view<'a, L: Lanes>(
-    rig: &'a Rig,
+    robot: &'a Robot,
     horizon: f64,
     block: &'a EnvBlock,
     frames: &'a [[f32; BLOCK]],
     speeds: &'a [[f32; BLOCK]],
     at: usize,
 ) -> View<'a, L> {
-    let book = L::rows(&block.book, at);
-    let step = book.get(book::STEP);
+    let episode_state = L::rows(&block.episode_state, at);
+    let step = episode_state.get(episode_state::STEP);
     View {
-        rig,
+        robot,
         state: L::rows(&block.plant.rows, at),
         frames: L::rows(frames, at),
         speeds_before: L::rows(speeds, at),
         goal: L::rows(&block.goal, at),
-        task_state: L::rows(&block.memo, at),
+        task_state: L::rows(&block.task_state, at),
         step,
-        clock: (step + book.get(book::OFFSET)) * L::constant(1.0 / horizon),
+        clock: (step + episode_state.get(episode_state::OFFSET)) * L::constant(1.0 / horizon),
     }
 }
 
@@ -52,8 +52,8 @@ pub(crate) fn reason<S: Scalar, T: Task>(task: &T, view: &View<'_, S>, n_end: us
     code
 }
 
-/// Time, memo, reward and ends.
-pub(crate) struct Judge<'a, T> {
+/// Time, task state, reward and ends.
+pub(crate) struct EvaluateStep<'a, T> {
     pub task: &'a T,
     pub sizes: &'a Sizes,
     pub alive_row: usize,
@@ -61,30 +61,30 @@ pub(crate) struct Judge<'a, T> {
     pub work: &'a mut Workspace,
 }
 
-impl<T: Task> RegisterKernel for Judge<'_, T> {
+impl<T: Task> RegisterKernel for EvaluateStep<'_, T> {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
         let Self { sizes, alive_row, block, work, .. } = self;
         let task = self.task;
-        let (rig, horizon) = (task.rig(), task.horizon() as f64);
+        let (robot, horizon) = (task.robot(), task.horizon() as f64);
         let (half, zero) = (L::constant(0.5), L::zero());
-        let mut pages = L::rows_mut(&mut block.book, at);
-        let (was, offset) = (pages.get(book::RUNNING), pages.get(book::OFFSET));
+        let mut episode = L::rows_mut(&mut block.episode_state, at);
+        let (was, offset) = (episode.get(episode_state::RUNNING), episode.get(episode_state::OFFSET));
         let running = half.lt(was);
-        pages.set(book::STEP, pages.get(book::STEP) + was);
+        episode.set(episode_state::STEP, episode.get(episode_state::STEP) + was);
 
-        if sizes.memo > 0 {
-            let before = view::<L>(rig, horizon, block, &work.frames, &work.speeds, at);
-            task.remember(&before, &mut L::rows_mut(&mut work.memo, at).pen(0));
-            let (new, mut memo) = (L::rows(&work.memo, at), L::rows_mut(&mut block.memo, at));
-            for k in 0..sizes.memo {
-                memo.set(k, L::select(running, new.get(k), memo.get(k)));
+        if sizes.task_state > 0 {
+            let before = view::<L>(robot, horizon, block, &work.frames, &work.speeds, at);
+            task.remember(&before, &mut L::rows_mut(&mut work.task_state, at).writer(0));
+            let (new, mut task_state) = (L::rows(&work.task_state, at), L::rows_mut(&mut block.task_state, at));
+            for k in 0..sizes.task_state {
+                task_state.set(k, L::select(running, new.get(k), task_state.get(k)));
             }
         }
 
-        let view = view::<L>(rig, horizon, block, &work.frames, &work.speeds, at);
-        task.reward(&view, &mut L::rows_mut(&mut work.terms, at).pen(0));
-        task.metrics(&view, &mut L::rows_mut(&mut work.metrics, at).pen(0));
+        let view = view::<L>(robot, horizon, block, &work.frames, &work.speeds, at);
+        task.reward(&view, &mut L::rows_mut(&mut work.terms, at).writer(0));
+        task.metrics(&view, &mut L::rows_mut(&mut work.metrics, at).writer(0));
         let success = task.success(&view);
         let loss = loss_of(task, &view);
         let code = reason(task, &view, sizes.end);
@@ -98,18 +98,18 @@ impl<T: Task> RegisterKernel for Judge<'_, T> {
         let counts = running.and(diverged.not());
         let reward = L::select(counts, sum(&terms, sizes.term), zero);
 
-        let mut pages = L::rows_mut(&mut block.book, at);
+        let mut episode = L::rows_mut(&mut block.episode_state, at);
         for k in 0..sizes.term {
-            let sum = pages.get(book::TERMS + k) + L::select(counts, terms.get(k), zero);
-            pages.set(book::TERMS + k, sum);
+            let sum = episode.get(episode_state::TERMS + k) + L::select(counts, terms.get(k), zero);
+            episode.set(episode_state::TERMS + k, sum);
         }
-        pages.set(book::RETURN, pages.get(book::RETURN) + reward);
-        pages.set(book::REASON, L::select(running, code, pages.get(book::REASON)));
-        let truncated = L::select(running, number(over), pages.get(book::TRUNCATED));
-        pages.set(book::TRUNCATED, truncated);
-        let due = pages.get(book::STEP).lt(pages.get(book::EVENT)).not().and(running);
+        episode.set(episode_state::RETURN, episode.get(episode_state::RETURN) + reward);
+        episode.set(episode_state::REASON, L::select(running, code, episode.get(episode_state::REASON)));
+        let truncated = L::select(running, number(over), episode.get(episode_state::TRUNCATED));
+        episode.set(episode_state::TRUNCATED, truncated);
+        let due = episode.get(episode_state::STEP).lt(episode.get(episode_state::EVENT)).not().and(running);
 
-        let terminated = number::<L>(half.lt(pages.get(book::REASON)));
+        let terminated = number::<L>(half.lt(episode.get(episode_state::REASON)));
         let mut signals = L::rows_mut(&mut work.signals, at);
         signals.set(signal::REWARD, reward);
         // a diverged state is the rest state, which stands in for it: it is worth nothing
@@ -123,7 +123,7 @@ impl<T: Task> RegisterKernel for Judge<'_, T> {
 
 /// Of the first `n` numbers.
 #[inline(always)]
-pub(crate) fn sum<S: Scalar>(numbers: &Rows<'_, S>, n: usize) -> S {
+pub(crate) fn sum<S: Scalar>(numbers: &StridedView<'_, S>, n: usize) -> S {
     let mut sum = S::zero();
     for k in 0..n {
         sum += numbers.get(k);
@@ -133,9 +133,14 @@ pub(crate) fn sum<S: Scalar>(numbers: &Rows<'_, S>, n: usize) -> S {
 
 /// All agents' observations before the transforms.
 #[inline(always)]
-pub(crate) fn observe<S: Scalar, T: Task>(task: &T, sizes: &Sizes, view: &View<'_, S>, raw: &mut RowsMut<'_, S>) {
+pub(crate) fn observe<S: Scalar, T: Task>(
+    task: &T,
+    sizes: &Sizes,
+    view: &View<'_, S>,
+    raw: &mut StridedViewMut<'_, S>,
+) {
     for agent in 0..sizes.agent {
-        task.observe(view, agent, &mut raw.pen(agent * sizes.raw));
+        task.observe(view, agent, &mut raw.writer(agent * sizes.raw));
     }
 }
 
@@ -151,10 +156,10 @@ impl<T: Task> RegisterKernel for Observe<'_, T> {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
         let (task, Workspace { raw, central, frames, speeds, .. }) = (self.task, &mut *self.work);
-        let view = view::<L>(task.rig(), task.horizon() as f64, self.block, frames, speeds, at);
+        let view = view::<L>(task.robot(), task.horizon() as f64, self.block, frames, speeds, at);
         observe(task, self.sizes, &view, &mut L::rows_mut(raw, at));
         if self.sizes.central > 0 {
-            task.central(&view, &mut L::rows_mut(central, at).pen(0));
+            task.central(&view, &mut L::rows_mut(central, at).writer(0));
         }
     }
 }
@@ -165,7 +170,7 @@ pub(crate) fn disturbance<S: Scalar, T: Task>(
     task: &T,
     view: &View<'_, S>,
     tree: usize,
-    air: &Rows<'_, S>,
+    air: &StridedView<'_, S>,
     n_air: usize,
 ) -> [S; 9] {
     let mut own = task.disturb(view, tree);
@@ -189,7 +194,7 @@ impl<T: Task> RegisterKernel for Disturb<'_, T> {
     fn run<L: Lanes>(&mut self, at: usize) {
         let horizon = self.task.horizon() as f64;
         for tree in 0..self.rows.len() {
-            let view = view::<L>(self.task.rig(), horizon, self.block, &self.work.frames, &self.work.speeds, at);
+            let view = view::<L>(self.task.robot(), horizon, self.block, &self.work.frames, &self.work.speeds, at);
             let air = L::rows(&self.block.air, at);
             let own = disturbance(self.task, &view, tree, &air, self.block.air.len());
             let mut input = L::rows_mut(&mut self.block.plant.rows, at);

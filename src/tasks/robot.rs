@@ -53,7 +53,7 @@ pub struct DrivePlace {
     pub command: usize,
 }
 
-/// One drone of a rig.
+/// One drone of a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DronePlace {
     /// Its frame.
@@ -73,7 +73,7 @@ impl DronePlace {
 
 /// What flies in a task.
 #[derive(Debug, Clone)]
-pub struct Rig {
+pub struct Robot {
     pub(crate) plant: Plant,
     /// The vehicle of every drone, if they are plain multirotors; what control modes are built from.
     pub(crate) vehicle: Option<Vehicle>,
@@ -85,7 +85,7 @@ pub struct Rig {
     varied: Vec<usize>,
 }
 
-impl Rig {
+impl Robot {
     /// A vehicle alone; build it with [`benchmark`] for the benchmark's physics.
     ///
     /// # Errors
@@ -129,7 +129,7 @@ impl Rig {
         Ok(Self { rest: plant.hover_state()?, roots: plant.roots(), plant, vehicle, drones, varied: Vec::new() })
     }
 
-    /// The same rig with these numbers ([`Rig::numbers`]) differing between environments.
+    /// The same robot with these numbers ([`Robot::parameters`]) differing between environments.
     pub fn varying(mut self, numbers: impl IntoIterator<Item = usize>) -> Self {
         self.varied.extend(numbers);
         self.varied.sort_unstable();
@@ -137,13 +137,13 @@ impl Rig {
         self
     }
 
-    /// The same rig with mass, centre of mass and inertia of body `body` differing between environments.
+    /// The same robot with mass, centre of mass and inertia of body `body` differing between environments.
     pub fn varying_inertial(self, body: usize) -> Self {
         let place = Inertial::place(body);
         self.varying(place..place + 10)
     }
 
-    /// Which of [`Rig::numbers`] differ between environments.
+    /// Which of [`Robot::parameters`] differ between environments.
     pub fn varied(&self) -> &[usize] {
         &self.varied
     }
@@ -193,7 +193,7 @@ impl Rig {
         &self.rest
     }
 
-    /// Input that holds the rotors at the speeds of [`Rig::rest`], all else 0.
+    /// Input that holds the rotors at the speeds of [`Robot::rest`], all else 0.
     pub fn hover_input(&self) -> Vec<f64> {
         let mut input = vec![0.0; self.n_input()];
         for rotor in self.drones.iter().flat_map(|d| &d.rotors) {
@@ -203,17 +203,17 @@ impl Rig {
     }
 
     /// Nominal numbers: [`Plant::parameters`].
-    pub fn numbers(&self) -> Vec<f64> {
+    pub fn parameters(&self) -> Vec<f64> {
         self.plant.parameters()
     }
 
-    /// Names of [`Rig::numbers`].
-    pub fn number_names(&self) -> Vec<String> {
+    /// Names of [`Robot::parameters`].
+    pub fn parameter_names(&self) -> Vec<String> {
         self.plant.parameter_names()
     }
 
-    /// What each of [`Rig::numbers`] may be.
-    pub fn number_domains(&self) -> Vec<Domain> {
+    /// What each of [`Robot::parameters`] may be.
+    pub fn parameter_domains(&self) -> Vec<Domain> {
         self.plant.parameter_domains()
     }
 
@@ -317,7 +317,7 @@ impl Inertial {
         }
     }
 
-    /// From the numbers of body 0 of a [`Rig`]'s, or of body `body` where there are several.
+    /// From the numbers of body 0 of a [`Robot`]'s, or of body `body` where there are several.
     pub fn read(numbers: &[f64], body: usize) -> Self {
         let n = &numbers[Self::place(body)..];
         Self {
@@ -334,8 +334,8 @@ impl Inertial {
         numbers[Self::place(body)..][..10].copy_from_slice(&own);
     }
 
-    /// Where a body's mass stands among the numbers of a rig; centre of mass and inertia follow.
+    /// Where a body's mass stands among the numbers of a robot; centre of mass and inertia follow.
     pub fn place(body: usize) -> usize {
-        1 + body * tree::BODY_NUMBERS.len()
+        1 + body * tree::LINK_PARAMETERS.len()
     }
 }

@@ -7,7 +7,7 @@
 
 use super::declare::Writer;
 use super::task::Start;
-use crate::autodiff::{Rows, Scalar};
+use crate::autodiff::{Scalar, StridedView};
 use crate::controllers::reference::{Lemniscate, lemniscate_curve, lemniscate_phase};
 use crate::dynamics::spatial::{Vec3, scale, sub};
 use crate::settings;
@@ -41,13 +41,13 @@ pub(crate) use about_path;
 
 /// A path that episodes draw.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Path {
+pub struct TrackPath {
     range: PathRange,
     /// Seconds per step.
     dt: f64,
 }
 
-impl Path {
+impl TrackPath {
     /// With steps of `dt` seconds.
     pub fn new(range: &PathRange, dt: f64) -> Self {
         Self { range: range.clone(), dt }
@@ -72,14 +72,14 @@ impl Path {
         goal.field("path_rate", "rad/s", "w").number(rate);
         goal.field("path_rotation", "-", "(cos ψ, sin ψ)").within(-1.0, 1.0).array(turn);
         let numbers = [vertical, scale[0], scale[1], scale[2], rate, turn[0], turn[1]];
-        self.at(&Rows::of(&numbers), 0.0)
+        self.at(&StridedView::of(&numbers), 0.0)
     }
 
     /// p_ref(k + 5i) − `position` for `points` points from i = 0 on.
     #[inline(always)]
     pub fn observe<S: Scalar>(
         &self,
-        goal: &Rows<'_, S>,
+        goal: &StridedView<'_, S>,
         step: S,
         points: usize,
         position: Vec3<S>,
@@ -92,7 +92,7 @@ impl Path {
 
     /// p_ref at step k of the path in `goal`, whose numbers begin at 0.
     #[inline(always)]
-    pub fn at<S: Scalar>(&self, goal: &Rows<'_, S>, step: S) -> Vec3<S> {
+    pub fn at<S: Scalar>(&self, goal: &StridedView<'_, S>, step: S) -> Vec3<S> {
         let time = step * S::constant(self.dt);
         let phase = S::constant(FRAC_PI_2) + lemniscate_phase(goal.get(4), time);
         let curve = lemniscate_curve(phase, goal.get(0));
@@ -107,14 +107,14 @@ impl Path {
 
     /// dp_ref/dt at step k, by central differences over two steps.
     #[inline(always)]
-    pub fn velocity<S: Scalar>(&self, goal: &Rows<'_, S>, step: S) -> Vec3<S> {
+    pub fn velocity<S: Scalar>(&self, goal: &StridedView<'_, S>, step: S) -> Vec3<S> {
         let ahead = self.at(goal, step + S::one());
         let behind = self.at(goal, step - S::one());
         scale(S::constant(0.5 / self.dt), sub(ahead, behind))
     }
 
     /// The same path as a reference for controllers, with a yaw.
-    pub fn reference(&self, goal: &Rows<'_, f64>, yaw: f64) -> Lemniscate {
+    pub fn reference(&self, goal: &StridedView<'_, f64>, yaw: f64) -> Lemniscate {
         let g: [f64; PATH] = goal.array(0);
         Lemniscate {
             rate: g[4],

@@ -15,7 +15,7 @@
 //! Source: Du, Quan, Yang and Cai (2015), Journal of Guidance, Control, and Dynamics 38(8), the available control
 //! authority index: the margin at hover over thrust, roll, pitch and yaw is positive if and only if the linearised
 //! multirotor is controllable with its bounds. There moments are not divided by a length;
-//! [`Attainable::with_length`] with 1 m gives their numbers.
+//! [`AttainableWrenches::with_length`] with 1 m gives their numbers.
 
 use super::geometry::{Axis, Rows, characteristic_length};
 use super::problem::{Problem, WRENCH};
@@ -41,7 +41,7 @@ pub struct Facet {
 
 /// The attainable wrenches of a [`Problem`] within its bounds, as facets.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Attainable {
+pub struct AttainableWrenches {
     axes: Vec<Axis>,
     length: f64,
     generators: Vec<Row>,
@@ -59,7 +59,7 @@ pub struct Margin {
     pub direction: Row,
 }
 
-impl Attainable {
+impl AttainableWrenches {
     /// Over `axes` (all six, or [`Axis::STEERED`], or some of them), with the
     /// [`characteristic_length`] of the geometry.
     ///
@@ -193,7 +193,7 @@ impl Attainable {
 
 /// What bounded inputs can do about one wanted wrench.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Reach {
+pub struct WrenchMargin {
     /// The rows asked about.
     pub axes: Vec<Axis>,
     /// What moments are divided by, m.
@@ -211,20 +211,20 @@ pub struct Reach {
     pub margin: Margin,
 }
 
-impl Reach {
+impl WrenchMargin {
     /// Certifies `wrench` (N, N m, body, about the centre of mass) over `axes`.
     ///
     /// # Errors
-    /// As [`Attainable::of`]; [`Error::Value`] if the wrench is not finite.
+    /// As [`AttainableWrenches::of`]; [`Error::Value`] if the wrench is not finite.
     pub fn of(problem: &Problem, axes: &[Axis], wrench: &[f64; WRENCH]) -> Result<Self> {
-        Self::within(problem, &Attainable::of(problem, axes)?, wrench)
+        Self::within(problem, &AttainableWrenches::of(problem, axes)?, wrench)
     }
 
     /// Likewise, with the attainable set of the problem at hand.
     ///
     /// # Errors
     /// [`Error::Value`] if the wrench is not finite.
-    pub fn within(problem: &Problem, set: &Attainable, wrench: &[f64; WRENCH]) -> Result<Self> {
+    pub fn within(problem: &Problem, set: &AttainableWrenches, wrench: &[f64; WRENCH]) -> Result<Self> {
         crate::error::finite("reach: wrench", wrench)?;
         let mut geometry = problem.geometry.clone();
         for j in 0..problem.n_input() {
@@ -267,7 +267,7 @@ impl Reach {
     }
 }
 
-impl fmt::Display for Reach {
+impl fmt::Display for WrenchMargin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,

@@ -2,7 +2,7 @@
 
 use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors};
 use super::config::TrainConfig;
-use super::differences::{differences, told};
+use super::config_diff::{config_diff, described};
 use super::policy::Policy;
 use super::state;
 use crate::error::{Error, Result};
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// A policy and where it comes from.
 #[derive(Debug)]
-pub struct Saved {
+pub struct SavedPolicy {
     /// Ready to fly.
     pub policy: Policy,
     /// What its checkpoint is of.
@@ -24,7 +24,7 @@ pub struct Saved {
     pub skipped: Vec<Skipped>,
 }
 
-impl Saved {
+impl SavedPolicy {
     /// Checks that environments show and take what the policy was trained with.
     ///
     /// # Errors
@@ -37,10 +37,10 @@ impl Saved {
         if then.hash() == now.hash() {
             return Ok(());
         }
-        let settings = differences(&bare(&then.config)?, &bare(&now.config)?);
+        let settings = config_diff(&bare(&then.config)?, &bare(&now.config)?);
         let remedy = match &settings[..] {
             [] => "Fly it with the version that trained it.".to_string(),
-            settings => format!("Leave these as they were in training: {}.", told(settings)),
+            settings => format!("Leave these as they were in training: {}.", described(settings)),
         };
         let limit = "what it was trained in";
         Err(Error::value("what the policy would meet", strange(&then, &now), limit, remedy))
@@ -97,7 +97,7 @@ fn bare(env: &EnvConfig) -> Result<toml::Table> {
 /// # Errors
 /// [`Error::NoRun`] if there is neither; [`Error::Value`] if the task has changed since; [`Error::File`] if the disk
 /// refuses, [`Error::Format`] for damaged files.
-pub fn load_policy(path: impl AsRef<Path>) -> Result<Saved> {
+pub fn load_policy(path: impl AsRef<Path>) -> Result<SavedPolicy> {
     let path = path.as_ref();
     let (checkpoint, folder, skipped) = if path.join("manifest.json").exists() {
         (Checkpoint::load(path)?, path.to_path_buf(), Vec::new())
@@ -118,7 +118,7 @@ pub fn load_policy(path: impl AsRef<Path>) -> Result<Saved> {
         let remedy = format!("The task has changed since: fly it with version {}.", manifest.version);
         return Err(Error::value(format!("{file}: hash of the environment"), now, then, remedy));
     }
-    Ok(Saved { policy, manifest, config, folder, skipped })
+    Ok(SavedPolicy { policy, manifest, config, folder, skipped })
 }
 
 fn no_run(path: &Path) -> Error {
@@ -175,7 +175,7 @@ mod tests {
     fn what_is_drawn_counts_where_the_policy_sees_it() {
         let keys = |stages: &str| -> Vec<String> {
             let bare = |more: &str| bare(&EnvConfig::from_toml(&format!("{stages}\n{more}"), "test").unwrap()).unwrap();
-            let all = differences(&bare(""), &bare("randomise = [{ what = 'mass', range = [0.7, 1.3] }]"));
+            let all = config_diff(&bare(""), &bare("randomise = [{ what = 'mass', range = [0.7, 1.3] }]"));
             all.into_iter().map(|difference| difference.key).collect()
         };
         assert_eq!(keys("observation = [{ kind = 'privileged' }]"), ["randomise"]);

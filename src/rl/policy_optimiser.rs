@@ -15,7 +15,7 @@ use crate::tasks::Env;
 pub(crate) const MAX_RESTARTS: u64 = 6;
 
 /// Weights on their way down.
-pub(crate) struct Descent {
+pub(crate) struct PolicyOptimiser {
     pub actor: Actor,
     parameters: Vec<f32>,
     transposed: Transposed,
@@ -27,15 +27,15 @@ pub(crate) struct Descent {
     pub restarts: u64,
 }
 
-impl Descent {
+impl PolicyOptimiser {
     /// From random weights.
     pub fn new(actor: Actor, adam: AdamConfig, seed: u64) -> Self {
         let n = actor.n_parameter();
         let (parameters, transposed) = (Vec::new(), Transposed::default());
-        let mut descent =
+        let mut optimiser =
             Self { adam: Adam::new(adam, n), gradient: vec![0.0; n], actor, parameters, transposed, seed, restarts: 0 };
-        descent.begin();
-        descent
+        optimiser.begin();
+        optimiser
     }
 
     /// What a network of this run draws its weights from: number 0 is the actor's. Shuffles of minibatches have the streams
@@ -61,22 +61,22 @@ impl Descent {
         scheduled * 0.5_f64.powi(self.restarts.min(60) as i32)
     }
 
-    /// One step along the gradient, cut to the norm `clip`; gives its norm from before.
-    pub fn descend(&mut self, clip: f64, rate: f64) -> f64 {
-        let norm = clip_norm(&mut self.gradient, clip);
+    /// One step along the gradient, cut to the norm `max_grad_norm`; gives its norm from before.
+    pub fn descend(&mut self, max_grad_norm: f64, rate: f64) -> f64 {
+        let norm = clip_norm(&mut self.gradient, max_grad_norm);
         self.adam.descend(&mut self.parameters, &self.gradient, rate);
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
         norm
     }
 
     /// Begins again if more than the share `limit` of hidden units is saturated; 1 for never. Gives whether it did.
-    pub fn fell(&mut self, saturated: f64, limit: f64) -> bool {
-        let fell = saturated > limit && limit < 1.0 && self.restarts < MAX_RESTARTS;
-        if fell {
+    pub fn restart_if_saturated(&mut self, saturated: f64, limit: f64) -> bool {
+        let restarts = saturated > limit && limit < 1.0 && self.restarts < MAX_RESTARTS;
+        if restarts {
             self.restarts += 1;
             self.begin();
         }
-        fell
+        restarts
     }
 
     pub fn policy(&self, env: &Env) -> Result<Policy> {
@@ -104,14 +104,14 @@ impl Descent {
 ///
 /// # Errors
 /// [`Error::Value`] with the number, the rule and the remedy.
-pub(crate) fn check_descent(clip: f64, decay: f32, carry_clip: f32, saturation: f64) -> Result<()> {
-    for (what, x) in [("clip", clip), ("decay", decay.into()), ("saturation", saturation)] {
+pub(crate) fn check_optimiser(max_grad_norm: f64, decay: f32, adjoint_clip: f32, saturation: f64) -> Result<()> {
+    for (what, x) in [("max_grad_norm", max_grad_norm), ("decay", decay.into()), ("saturation", saturation)] {
         if !(x.is_finite() && x > 0.0) {
             return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 0.25 are usual."));
         }
     }
-    if carry_clip.is_nan() || carry_clip <= 0.0 {
-        return Err(Error::value("carry_clip", carry_clip, "> 0", "10 to 1000 are usual, inf is none."));
+    if adjoint_clip.is_nan() || adjoint_clip <= 0.0 {
+        return Err(Error::value("adjoint_clip", adjoint_clip, "> 0", "10 to 1000 are usual, inf is none."));
     }
     Ok(())
 }

@@ -51,14 +51,14 @@ pub fn joints(system: &Multibody, states: &[f64]) -> Vec<JointHistory> {
 
 /// The figures of a flight with those of its joints: `overview`, `path`, `error`, `rotors`, `attitude`, `joints`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RigFigures {
+pub struct RobotFigures {
     /// As of a single vehicle, the path with what hangs on it.
     pub flight: FlightFigures,
     /// Deflections over time.
     pub joints: Figure,
 }
 
-impl RigFigures {
+impl RobotFigures {
     /// From the log and the states behind it; key figures over t ≥ `after` (s).
     pub fn new(system: &Multibody, log: &FlightLog, states: &[f64], after: f64) -> Self {
         let numbers = key_figures(log, after);

@@ -9,7 +9,7 @@
 //! what a limit costs: [`GIVE`] of the largest diagonal entry of BᵀWB lets the wrench miss about a thousandth of what
 //! inputs have to give way.
 
-use super::allocator::{Allocator, Counts, Path};
+use super::allocator::{Allocator, Counts, Solver};
 use super::problem::{Problem, WRENCH};
 use crate::controllers::controller::Note;
 use crate::error::Result;
@@ -21,7 +21,7 @@ pub const WEAK: f64 = 0.02;
 pub const GIVE: f64 = 1e-3;
 
 /// An [`Allocator`] whose preference follows the wrench.
-pub struct Nearest {
+pub struct NullSpaceAllocator {
     problem: Problem,
     allocator: Allocator,
     inverse: DMatrix<f64>,
@@ -29,7 +29,7 @@ pub struct Nearest {
     free: u64,
 }
 
-impl Nearest {
+impl NullSpaceAllocator {
     /// For a problem whose preference and ρ are set here.
     ///
     /// # Errors
@@ -78,8 +78,8 @@ impl Nearest {
     /// How often limits acted, for tables.
     pub fn note(&self) -> Note {
         let (free, counts) = self.counts();
-        let held = counts.of(Path::Held);
-        let all = free + counts.paths.iter().sum::<u64>();
+        let held = counts.of(Solver::Held);
+        let all = free + counts.solvers.iter().sum::<u64>();
         let share = 100.0 * (all - free) as f64 / all.max(1) as f64;
         Note::new(
             "forces at a limit",

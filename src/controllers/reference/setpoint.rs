@@ -6,7 +6,7 @@ use crate::dynamics::spatial::{Vec3, constants};
 
 /// Position and yaw with their time derivatives; world frame, SI, rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample<S> {
+pub struct Setpoint<S> {
     /// m.
     pub position: Vec3<S>,
     /// m/s.
@@ -25,7 +25,7 @@ pub struct Sample<S> {
     pub yaw_acceleration: S,
 }
 
-impl<S: Scalar> Sample<S> {
+impl<S: Scalar> Setpoint<S> {
     /// Numbers in the flat form: position, velocity, acceleration, jerk, snap, yaw, yaw rate, yaw acceleration.
     pub const DIM: usize = 18;
 
@@ -53,7 +53,7 @@ impl<S: Scalar> Sample<S> {
 
     /// The same sample in every lane.
     #[inline(always)]
-    pub fn constant(sample: &Sample<f64>) -> Self {
+    pub fn constant(sample: &Setpoint<f64>) -> Self {
         Self {
             position: constants(sample.position),
             velocity: constants(sample.velocity),

@@ -5,8 +5,8 @@ use toml::{Table, Value};
 
 /// A setting that two runs or two kinds of environments do not share.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Difference {
-    /// `apg.window`.
+pub struct ConfigDifference {
+    /// `apg.horizon`.
     pub key: String,
     /// As in a file; none where the key is absent: a setting of the task is then the task's own.
     pub then: Option<String>,
@@ -15,29 +15,29 @@ pub struct Difference {
 }
 
 /// Most differences in a message.
-const MAX_TOLD: usize = 5;
+const MAX_DESCRIBED: usize = 5;
 
-/// `apg.clip is 0.1, was 0.5; …`, the first few and how many more there are.
-pub(crate) fn told(differences: &[Difference]) -> String {
-    let one = |d: &Difference| {
+/// `apg.max_grad_norm is 0.1, was 0.5; …`, the first few and how many more there are.
+pub(crate) fn described(differences: &[ConfigDifference]) -> String {
+    let one = |d: &ConfigDifference| {
         let of_task = d.key.strip_prefix("env.").unwrap_or(&d.key).starts_with("task.");
         let absent = if of_task { "the task's own" } else { "none" };
         let said = |value: &Option<String>| value.clone().unwrap_or_else(|| absent.into());
         format!("{} is {}, was {}", d.key, said(&d.now), said(&d.then))
     };
-    let mut parts: Vec<String> = differences.iter().take(MAX_TOLD).map(one).collect();
-    if differences.len() > MAX_TOLD {
-        parts.push(format!("and {} more", differences.len() - MAX_TOLD));
+    let mut parts: Vec<String> = differences.iter().take(MAX_DESCRIBED).map(one).collect();
+    if differences.len() > MAX_DESCRIBED {
+        parts.push(format!("and {} more", differences.len() - MAX_DESCRIBED));
     }
     parts.join("; ")
 }
 
 /// Between two tables, key by key; a table with a `kind` is one value.
-pub(crate) fn differences(then: &Table, now: &Table) -> Vec<Difference> {
+pub(crate) fn config_diff(then: &Table, now: &Table) -> Vec<ConfigDifference> {
     let (then, now) = (leaves(then), leaves(now));
     let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
     let difference =
-        |key: &String| Difference { key: key.clone(), then: then.get(key).cloned(), now: now.get(key).cloned() };
+        |key: &String| ConfigDifference { key: key.clone(), then: then.get(key).cloned(), now: now.get(key).cloned() };
     keys.into_iter().map(difference).filter(|d| d.then != d.now).collect()
 }
 
@@ -59,17 +59,17 @@ fn leaves(table: &Table) -> BTreeMap<String, String> {
 mod tests {
     use super::*;
 
-    fn between(then: &str, now: &str) -> Vec<Difference> {
-        differences(&then.parse().unwrap(), &now.parse().unwrap())
+    fn between(then: &str, now: &str) -> Vec<ConfigDifference> {
+        config_diff(&then.parse().unwrap(), &now.parse().unwrap())
     }
 
     #[test]
     fn settings_are_named_by_their_keys_and_only_a_task_has_its_own() {
         let (then, now) = ("seed = 1\n[apg]\nclip = 0.5", "seed = 1\ntask.horizon = 9\n[env]\ntask.vehicle = 'iris'");
-        let wanted = "apg.clip is none, was 0.5; env.task.vehicle is \"iris\", was the task's own; \
+        let wanted = "apg.max_grad_norm is none, was 0.5; env.task.vehicle is \"iris\", was the task's own; \
                       task.horizon is 9, was the task's own";
-        assert_eq!(told(&between(then, now)), wanted);
-        assert_eq!(told(&between("ppo.target_kl = 0.01", "")), "ppo.target_kl is none, was 0.01");
+        assert_eq!(described(&between(then, now)), wanted);
+        assert_eq!(described(&between("ppo.target_kl = 0.01", "")), "ppo.target_kl is none, was 0.01");
         assert_eq!(between(then, then), []);
     }
 
@@ -82,6 +82,6 @@ mod tests {
     #[test]
     fn the_first_few_are_told_and_how_many_more_there_are() {
         let all = between("", "a = 1\nb = 1\nc = 1\nd = 1\ne = 1\nf = 1\ng = 1");
-        assert!(told(&all).ends_with("e is 1, was none; and 2 more"));
+        assert!(described(&all).ends_with("e is 1, was none; and 2 more"));
     }
 }

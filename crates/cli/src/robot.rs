@@ -8,7 +8,7 @@ use omnidrones::dynamics::{configurations, vehicles};
 use omnidrones::error::{Error, Result};
 
 /// A model and its story.
-pub struct Rig {
+pub struct Robot {
     /// What was named.
     pub model: Model,
     /// `configuration, built in`; `vehicle file x.toml, as one body`.
@@ -23,13 +23,13 @@ pub fn configuration(named: &str) -> Option<&'static configurations::Entry> {
 }
 
 /// Loads what `named` means.
-pub fn load(named: &str, arguments: &VehicleArguments) -> Result<Rig> {
+pub fn load(named: &str, arguments: &VehicleArguments) -> Result<Robot> {
     if let Some(entry) = configuration(named) {
         if arguments.rotors.is_some() || !arguments.package.is_empty() {
             let (value, rule) = (format!("with configuration '{}'", entry.name), "used with a URDF");
             return Err(Error::value("--rotors or --package", value, rule, "Leave it out."));
         }
-        return Ok(Rig {
+        return Ok(Robot {
             model: (entry.build)()?,
             origin: "configuration, built in".into(),
             description: entry.description.into(),
@@ -38,7 +38,7 @@ pub fn load(named: &str, arguments: &VehicleArguments) -> Result<Rig> {
     known(named)?;
     let loaded = source::load(Some(named), arguments)?;
     let built_in = vehicles::REGISTRY.iter().find(|entry| entry.name == loaded.vehicle.name);
-    Ok(Rig {
+    Ok(Robot {
         model: single(&loaded.vehicle)?,
         origin: format!("vehicle as one body, {}", loaded.origin),
         description: built_in.map_or_else(String::new, |entry| entry.description.into()),

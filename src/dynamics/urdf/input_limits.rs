@@ -9,7 +9,7 @@ use std::path::Path;
 
 /// Largest sizes of a URDF or rotor file that an import accepts.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Limits {
+pub struct InputLimits {
     /// Bytes of one file; default 16 MiB.
     pub file_bytes: usize,
     /// Nesting depth of XML elements; default 64, at most 256 (deeper text would overflow a small thread's stack).
@@ -24,17 +24,17 @@ pub struct Limits {
     pub bodies: usize,
 }
 
-impl Default for Limits {
+impl Default for InputLimits {
     fn default() -> Self {
         Self { file_bytes: 16 << 20, depth: 64, elements: 100_000, attributes: 256, name_bytes: 256, bodies: 512 }
     }
 }
 
-/// Deepest nesting that any setting of [`Limits::depth`] allows.
+/// Deepest nesting that any setting of [`InputLimits::depth`] allows.
 const DEEPEST: usize = 256;
 
 /// Reads a text file, its size checked by metadata first and again while reading.
-pub(super) fn read(path: &Path, limits: &Limits) -> Result<String> {
+pub(super) fn read(path: &Path, limits: &InputLimits) -> Result<String> {
     use std::io::Read;
     let file = std::fs::File::open(path).map_err(|e| Error::file(path, e))?;
     let metadata = file.metadata().map_err(|e| Error::file(path, e))?;
@@ -53,7 +53,7 @@ pub(super) fn read(path: &Path, limits: &Limits) -> Result<String> {
     })
 }
 
-fn check_bytes(file: &str, bytes: u64, limits: &Limits) -> Result<()> {
+fn check_bytes(file: &str, bytes: u64, limits: &InputLimits) -> Result<()> {
     if bytes <= limits.file_bytes as u64 {
         return Ok(());
     }
@@ -66,7 +66,7 @@ fn check_bytes(file: &str, bytes: u64, limits: &Limits) -> Result<()> {
 }
 
 /// Counts bytes, depth, elements and attributes of `text` and refuses document types and entities.
-pub(super) fn check(text: &str, file: &str, limits: &Limits) -> Result<()> {
+pub(super) fn check(text: &str, file: &str, limits: &InputLimits) -> Result<()> {
     check_bytes(file, text.len() as u64, limits)?;
     let mut scanner = Scanner { text: text.as_bytes(), at: 0 };
     let (mut depth, mut elements) = (0usize, 0usize);
@@ -103,7 +103,7 @@ pub(super) fn check(text: &str, file: &str, limits: &Limits) -> Result<()> {
 }
 
 /// `counts`: depth, elements so far, attributes of this element.
-fn check_open(file: &str, scanner: &Scanner, counts: [usize; 3], limits: &Limits) -> Result<()> {
+fn check_open(file: &str, scanner: &Scanner, counts: [usize; 3], limits: &InputLimits) -> Result<()> {
     let [depth, elements, attributes] = counts;
     let rows = [
         ("XML nesting depth", depth, limits.depth.min(DEEPEST), "A URDF nests 5 deep: is this one? See Limits::depth."),
@@ -213,12 +213,12 @@ mod tests {
     use super::*;
 
     fn message(text: &str) -> String {
-        check(text, "f.urdf", &Limits::default()).unwrap_err().to_string()
+        check(text, "f.urdf", &InputLimits::default()).unwrap_err().to_string()
     }
 
     #[test]
     fn comments_quotes_cdata_and_instructions_do_not_count_as_elements() {
-        let limits = Limits { depth: 2, elements: 2, ..Limits::default() };
+        let limits = InputLimits { depth: 2, elements: 2, ..InputLimits::default() };
         let text = "<?xml version='1.0'?><!-- <a><b><c> --><a x=\"<d><e>\" y='\">'><![CDATA[<f><g>]]><b/></a>";
         check(text, "f.urdf", &limits).unwrap();
     }
@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn a_depth_limit_above_what_a_stack_holds_is_capped() {
-        let limits = Limits { depth: usize::MAX, ..Limits::default() };
+        let limits = InputLimits { depth: usize::MAX, ..InputLimits::default() };
         assert!(check(&"<a>".repeat(257), "f", &limits).is_err());
     }
 }

@@ -3,7 +3,7 @@
 //! The law is that of [`contact`](crate::dynamics::contact); here is which shape touches which, and on which body the
 //! force then acts. Needs kinematics.
 
-use super::numbers::{Numbers, contact_numbers, still_numbers};
+use super::parameters::{ParameterView, contact_parameters, static_parameters};
 use super::scratch::BodyScratch;
 use super::topology::{Feature, Form, Topology};
 use crate::autodiff::{Scalar, safe};
@@ -13,8 +13,8 @@ use crate::dynamics::spatial::*;
 
 /// Adds contact forces to the outside loads of every body, and to its net contact force.
 #[inline(always)]
-pub(crate) fn apply<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, bodies: &mut [BodyScratch<S>]) {
-    let n = contact_numbers(t.n_body(), t.n_rotor());
+pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, bodies: &mut [BodyScratch<S>]) {
+    let n = contact_parameters(t.n_body(), t.n_rotor());
     let material = Material {
         stiffness: numbers.get(n),
         dissipation: numbers.get(n + 1),
@@ -69,7 +69,7 @@ fn push<S: Scalar>(body: &mut BodyScratch<S>, point: Vec3<S>, force: Vec3<S>) {
 
 /// Where a rounded feature's points are in the world.
 #[inline(always)]
-fn ends<S: Scalar, P: Numbers<S>>(
+fn ends<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     feature: &Feature,
     numbers: P,
@@ -84,7 +84,7 @@ fn ends<S: Scalar, P: Numbers<S>>(
     match feature.body {
         Some(body) => [world(&bodies[body], a), world(&bodies[body], b)],
         None => {
-            let origin = numbers.vector(still_numbers(t.n_body(), t.n_rotor(), feature.still));
+            let origin = numbers.vector(static_parameters(t.n_body(), t.n_rotor(), feature.still));
             [add(origin, constants(a)), add(origin, constants(b))]
         }
     }
@@ -92,7 +92,7 @@ fn ends<S: Scalar, P: Numbers<S>>(
 
 /// Where and how two rounded features touch, the first pushed along the normal.
 #[inline(always)]
-fn contact_of<S: Scalar, P: Numbers<S>>(
+fn contact_of<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     (i, j): (usize, usize),
     numbers: P,
@@ -110,7 +110,7 @@ fn contact_of<S: Scalar, P: Numbers<S>>(
 }
 
 #[inline(always)]
-fn between<S: Scalar, P: Numbers<S>>(
+fn between<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     (i, j): (usize, usize),
     numbers: P,
@@ -142,8 +142,8 @@ fn opposite<S: Scalar>(contact: Contact<S>) -> Contact<S> {
 }
 
 /// Energy ⅖ k δ^{5/2} stored in all contacts, J. Needs kinematics.
-pub(crate) fn elastic_energy<S: Scalar, P: Numbers<S>>(t: &Topology, numbers: P, bodies: &[BodyScratch<S>]) -> S {
-    let n = contact_numbers(t.n_body(), t.n_rotor());
+pub(crate) fn elastic_energy<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, bodies: &[BodyScratch<S>]) -> S {
+    let n = contact_parameters(t.n_body(), t.n_rotor());
     let (stiffness, ground): (S, S) = (numbers.get(n), numbers.get(n + 4));
     let mut sum = S::zero();
     for k in &t.on_ground {

@@ -1,12 +1,12 @@
 //! The physics of a model as one vector of numbers, and how kernels read it.
 //!
-//! Gravity first; then [`BODY_NUMBERS`] per body, then [`ROTOR_PARAMETERS`]
-//! per rotor, [`CONTACT_NUMBERS`], and the position of every shape that stands still in the world. The first twenty entries of a one-body model are those of
+//! Gravity first; then [`LINK_PARAMETERS`] per body, then [`ROTOR_PARAMETERS`]
+//! per rotor, [`CONTACT_PARAMETERS`], and the position of every shape that stands still in the world. The first twenty entries of a one-body model are those of
 //! [`parameter_vector`](crate::dynamics::rigid::parameter_vector). Rotations of joints, axes and topology are not
 //! numbers: they stay as they were built.
 
 use super::model::{Body, BodyShape, Model};
-use crate::autodiff::{Rows, Scalar};
+use crate::autodiff::{Scalar, StridedView};
 use crate::dynamics::domain::Domain::{self, AnySign, NonNegative, Positive};
 use crate::dynamics::rigid::BODY_PARAMETERS;
 use crate::dynamics::rotor::{N_ROTOR_PARAMETER, ROTOR_PARAMETERS};
@@ -14,11 +14,11 @@ use crate::dynamics::spatial::Vec3;
 
 /// Physical parameters of one body and its joint, in order, and what each may be: those of an airframe but gravity, then
 /// the joint's.
-pub const BODY_NUMBERS: [(&str, Domain); OF_BODY + JOINT_NUMBERS.len()] = {
-    let mut all = [JOINT_NUMBERS[0]; OF_BODY + JOINT_NUMBERS.len()];
+pub const LINK_PARAMETERS: [(&str, Domain); OF_BODY + JOINT_PARAMETERS.len()] = {
+    let mut all = [JOINT_PARAMETERS[0]; OF_BODY + JOINT_PARAMETERS.len()];
     let mut k = 0;
     while k < all.len() {
-        all[k] = if k < OF_BODY { BODY_PARAMETERS[k + 1] } else { JOINT_NUMBERS[k - OF_BODY] };
+        all[k] = if k < OF_BODY { BODY_PARAMETERS[k + 1] } else { JOINT_PARAMETERS[k - OF_BODY] };
         k += 1;
     }
     all
@@ -27,7 +27,7 @@ pub const BODY_NUMBERS: [(&str, Domain); OF_BODY + JOINT_NUMBERS.len()] = {
 const OF_BODY: usize = BODY_PARAMETERS.len() - 1;
 
 #[rustfmt::skip]
-const JOINT_NUMBERS: [(&str, Domain); 14] = [
+const JOINT_PARAMETERS: [(&str, Domain); 14] = [
     ("joint_position_x", AnySign), ("joint_position_y", AnySign), ("joint_position_z", AnySign),
     ("joint_damping", NonNegative), ("joint_stiffness", NonNegative),
     ("joint_rest", AnySign), ("joint_armature", NonNegative),
@@ -38,13 +38,13 @@ const JOINT_NUMBERS: [(&str, Domain); 14] = [
 
 /// Physical parameters of contact, in order, and what each may be.
 #[rustfmt::skip]
-pub const CONTACT_NUMBERS: [(&str, Domain); 5] = [
+pub const CONTACT_PARAMETERS: [(&str, Domain); 5] = [
     ("contact.stiffness", NonNegative), ("contact.dissipation", NonNegative), ("contact.friction", NonNegative),
     ("contact.slip_speed", Positive), ("contact.ground", AnySign),
 ];
 
 /// All numbers of a model.
-pub fn number_vector(model: &Model) -> Vec<f64> {
+pub fn model_parameters(model: &Model) -> Vec<f64> {
     let mut p = vec![model.parts().gravity];
     model.bodies().iter().for_each(|b| push_body(&mut p, b));
     model.rotors().iter().for_each(|r| p.extend(r.rotor.parameters()));
@@ -72,30 +72,30 @@ fn push_body(p: &mut Vec<f64>, body: &Body) {
     p.extend(j.drive.map_or([0.0; 3], |d| [d.stiffness, d.damping, d.max_torque]));
 }
 
-/// Names of the entries of [`number_vector`]: `body.mass`, `rotor.spin`.
-pub fn number_names(model: &Model) -> Vec<String> {
-    let bodies = model.bodies().iter().flat_map(|b| BODY_NUMBERS.iter().map(|(n, _)| format!("{}.{n}", b.name)));
+/// Names of the entries of [`model_parameters`]: `body.mass`, `rotor.spin`.
+pub fn model_parameter_names(model: &Model) -> Vec<String> {
+    let bodies = model.bodies().iter().flat_map(|b| LINK_PARAMETERS.iter().map(|(n, _)| format!("{}.{n}", b.name)));
     let rotors = model.rotors().iter().flat_map(|r| r.rotor.parameter_names());
-    let contact = CONTACT_NUMBERS.iter().map(|(n, _)| n.to_string());
+    let contact = CONTACT_PARAMETERS.iter().map(|(n, _)| n.to_string());
     let still = still_shapes(model)
         .enumerate()
         .flat_map(|(i, s)| ["x", "y", "z"].iter().map(move |axis| format!("{}.{i}.position_{axis}", s.part)));
     std::iter::once("gravity".to_string()).chain(bodies).chain(rotors).chain(contact).chain(still).collect()
 }
 
-/// What each entry of [`number_vector`] may be.
-pub fn number_domains(model: &Model) -> Vec<Domain> {
+/// What each entry of [`model_parameters`] may be.
+pub fn model_parameter_domains(model: &Model) -> Vec<Domain> {
     let of = |(_, domain): &(&str, Domain)| *domain;
-    let bodies = model.bodies().iter().flat_map(|_| BODY_NUMBERS.iter().map(of));
+    let bodies = model.bodies().iter().flat_map(|_| LINK_PARAMETERS.iter().map(of));
     let rotors = model.rotors().iter().flat_map(|_| ROTOR_PARAMETERS.iter().map(|p| p.domain));
     let still = still_shapes(model).flat_map(|_| [AnySign; 3]);
-    let contact = CONTACT_NUMBERS.iter().map(of);
+    let contact = CONTACT_PARAMETERS.iter().map(of);
     std::iter::once(BODY_PARAMETERS[0].1).chain(bodies).chain(rotors).chain(contact).chain(still).collect()
 }
 
 /// A source of the numbers over a scalar: constants, parameters that derivatives are taken of, rows of a batch.
-pub(crate) trait Numbers<S: Scalar>: Copy {
-    /// Number k of [`number_vector`].
+pub(crate) trait ParameterView<S: Scalar>: Copy {
+    /// Number k of [`model_parameters`].
     fn get(self, k: usize) -> S;
 
     #[inline(always)]
@@ -111,7 +111,7 @@ pub(crate) enum Source<'a, S> {
     Values(&'a [S]),
 }
 
-impl<S: Scalar> Numbers<S> for Source<'_, S> {
+impl<S: Scalar> ParameterView<S> for Source<'_, S> {
     #[inline(always)]
     fn get(self, k: usize) -> S {
         match self {
@@ -121,10 +121,10 @@ impl<S: Scalar> Numbers<S> for Source<'_, S> {
     }
 }
 
-impl<S: Scalar> Numbers<S> for Rows<'_, S> {
+impl<S: Scalar> ParameterView<S> for StridedView<'_, S> {
     #[inline(always)]
     fn get(self, k: usize) -> S {
-        Rows::get(&self, k)
+        StridedView::get(&self, k)
     }
 }
 
@@ -148,24 +148,24 @@ pub(crate) mod at {
 
 /// Where the numbers of body `body` begin.
 #[inline(always)]
-pub(crate) const fn body_numbers(body: usize) -> usize {
-    1 + body * BODY_NUMBERS.len()
+pub(crate) const fn link_parameters(body: usize) -> usize {
+    1 + body * LINK_PARAMETERS.len()
 }
 
 /// Where the numbers of rotor `rotor` begin in a model of `n_body` bodies.
 #[inline(always)]
-pub(crate) const fn rotor_numbers(n_body: usize, rotor: usize) -> usize {
-    1 + n_body * BODY_NUMBERS.len() + rotor * N_ROTOR_PARAMETER
+pub(crate) const fn rotor_parameters(n_body: usize, rotor: usize) -> usize {
+    1 + n_body * LINK_PARAMETERS.len() + rotor * N_ROTOR_PARAMETER
 }
 
 /// Where the numbers of contact begin.
 #[inline(always)]
-pub(crate) const fn contact_numbers(n_body: usize, n_rotor: usize) -> usize {
-    rotor_numbers(n_body, n_rotor)
+pub(crate) const fn contact_parameters(n_body: usize, n_rotor: usize) -> usize {
+    rotor_parameters(n_body, n_rotor)
 }
 
 /// Where the position of still shape `shape` begins.
 #[inline(always)]
-pub(crate) const fn still_numbers(n_body: usize, n_rotor: usize, shape: usize) -> usize {
-    contact_numbers(n_body, n_rotor) + CONTACT_NUMBERS.len() + 3 * shape
+pub(crate) const fn static_parameters(n_body: usize, n_rotor: usize, shape: usize) -> usize {
+    contact_parameters(n_body, n_rotor) + CONTACT_PARAMETERS.len() + 3 * shape
 }
