@@ -182,7 +182,9 @@ fn difference_error(
     if !slopes[first..].iter().all(finite) {
         return f64::INFINITY;
     }
-    let high = value.iter().fold(1.0, |m: f64, x| m.max(x.abs()));
+    // what the entry does not move has no rounding
+    let moves = |i: &usize| slopes[first..].iter().any(|slope| slope[*i] != 0.0);
+    let high = (0..value.len()).filter(moves).fold(1.0, |m: f64, i| m.max(value[i].abs()));
     let predicted = |i: usize| {
         let scale = slopes[i].iter().fold(1.0, |m: f64, x| m.max(x.abs()));
         column_error(&slopes[i], &slopes[i + 1]) + f64::EPSILON * high / (STEPS[i] * size * scale)

@@ -3,8 +3,9 @@
 use omnidrones::autodiff::{Bounds, Scalar, System, certify};
 use omnidrones::controllers::reference::{Hover, Lemniscate};
 use omnidrones::controllers::{
-    ClosedLoop, ControlLaw, Controller, FlightPlan, FormationController, Moment, MonteCarlo, MonteCarloDraw, Outside,
-    Rates, Reference, RotorFailure, Running, Setup, Target, default_controller, fly, start_on,
+    ChainRamp, ChainShape, ClosedLoop, ControlLaw, Controller, FlightPlan, FormationController, Moment, MonteCarlo,
+    MonteCarloDraw, Outside, Rates, Reference, RotorFailure, Running, Setup, Target, Vectored, default_controller, fly,
+    start_on,
 };
 use omnidrones::dynamics::{Disturbance, Effects, Physics, Plant, configurations, vehicles};
 use omnidrones::parallel::Threads;
@@ -82,29 +83,22 @@ fn a_tilting_omav_that_is_told_of_a_lost_rotor_holds_its_place() {
     assert!(told < 0.05 && told < 0.5 * untold, "{told} {untold}");
 }
 
-/// Measurements of what the Dragon holds.
 #[test]
-#[ignore = "prints what shapes hold"]
-fn shapes_of_the_dragon() {
-    use omnidrones::controllers::{ChainRamp, ChainShape, Vectored};
+fn a_dragon_bent_by_40_degrees_holds_its_place_and_says_that_it_is_lost_on_the_lemniscate() {
     let plant = model("dragon");
+    let system = plant.tree().unwrap();
     let slow = Reference::Lemniscate(Lemniscate { rate: 0.5, origin: [0.0, 0.0, 3.0], ..Default::default() });
-    for degrees in [30.0_f64, 40.0, 50.0, 60.0] {
-        for reference in [high(), slow.clone()] {
-            let plan = FlightPlan { reference, duration: 20.0, ..Default::default() };
-            let system = plant.tree().unwrap();
-            let chain = ChainRamp::new(system.model(), ChainShape::Arc(degrees.to_radians()), 1.0).unwrap();
-            let mut own = Vectored::new(system, None, &plan.rates).unwrap().with_chain(chain);
-            let flight = fly(&plant, &mut own, &plan, &mut |_| {}).unwrap();
-            let rmse = flight.log.rmse(2.0);
-            println!(
-                "arc:{degrees} {}: RMSE {rmse:?}, lost {:?}, diverged {:?}",
-                plan.reference.name(),
-                flight.lost(),
-                flight.diverged_at
-            );
-        }
-    }
+    let flown = |reference: Reference| {
+        let plan = FlightPlan { reference, duration: 20.0, ..Default::default() };
+        let chain = ChainRamp::new(system.model(), ChainShape::Arc(40_f64.to_radians()), 1.0).unwrap();
+        let mut own = Vectored::new(system, None, &plan.rates).unwrap().with_chain(chain);
+        fly(&plant, &mut own, &plan, &mut |_| {}).unwrap()
+    };
+    let (still, moving) = (flown(high()), flown(slow));
+    println!("hover {:?}, lemniscate lost {:?}", still.log.rmse(2.0), moving.lost());
+    // measured: 0.9 mm in place; lost at 15.5 s, 51 m away, without a number that is not finite
+    assert!(still.lost().is_none() && still.log.rmse(2.0).unwrap() < 0.005);
+    assert!(moving.diverged_at.is_none() && moving.lost().is_some());
 }
 
 #[test]
@@ -219,12 +213,14 @@ fn the_certificate_holds_for_loops_with_physics_and_gains_exposed() {
         let reference = high();
         let mut start = start_on(system.plant(), system.controller(), &reference).unwrap();
         (start[0], start[4], start[11]) = (0.1, 0.2, 0.3);
+        // at the speed they are commanded motors are between speeding up and slowing down: a kink
+        start[13..].iter_mut().for_each(|speed| *speed *= 0.9);
         let (rows, _) = inputs(&system, &reference, 1);
         let theta = system.parameters();
         assert_eq!(theta.len(), system.parameter_names().len());
         let c = certify(&system, &system.initial_state(&start), &rows[0], &theta).unwrap();
         println!("{c}");
-        assert!(c.adjoint_error <= Bounds::default().adjoint, "{c}");
+        assert!(c.holds(Bounds::default()), "{c}");
     }
     check(cascade);
     check(leaky);

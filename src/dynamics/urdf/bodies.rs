@@ -67,7 +67,7 @@ impl Body {
 
     /// Its collision shapes in the base frame.
     pub fn shapes_in_base(&self) -> impl Iterator<Item = Shape> + '_ {
-        let q = UnitQuaternion::from_matrix(&self.rotation);
+        let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(self.rotation));
         let frame = Pose { position: self.origin.into(), attitude: [q.w, q.i, q.j, q.k] };
         self.shapes.iter().map(move |shape| {
             let Pose { position, attitude } = shape.pose(&frame);
@@ -102,7 +102,8 @@ pub(super) fn left_out(bodies: &[Body], held: impl Fn(usize) -> bool) -> Vec<Str
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     if !names.is_empty() {
         said.push(format!(
-            "The limits of effort and velocity of joints {} are left out: URDF names no motor, and nothing bounds a rate.",
+            "The limits of effort and velocity of joints {} are left out: rotors are bounded by their own data, and URDF \
+             names no other motor.",
             few(&names)
         ));
     }
