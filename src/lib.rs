@@ -90,8 +90,6 @@ pub(crate) mod documented;
 pub mod dynamics;
 pub mod error;
 pub mod flight;
-#[cfg(test)]
-mod gate;
 #[doc(hidden)]
 pub mod internals;
 pub mod layers;
@@ -99,6 +97,8 @@ pub mod parallel;
 pub mod prelude;
 pub mod rl;
 pub mod rng;
+#[cfg(test)]
+mod speed_gate;
 pub mod tasks;
 
 /// Vectors and matrices of the interface are of this version.

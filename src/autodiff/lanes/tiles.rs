@@ -206,7 +206,7 @@ mod avx2 {
 mod tests {
     use super::*;
     use crate::autodiff::lanes::{Set, with_set};
-    use crate::gate::{Measured, keeps};
+    use crate::speed_gate::{Measured, keeps};
 
     fn numbers(n: usize) -> Vec<f32> {
         (0..n).map(|k| (k % 8191) as f32).collect()

@@ -2,7 +2,7 @@
 
 use super::block::episode_state;
 use super::*;
-use crate::gate::{Measured, keeps};
+use crate::speed_gate::{Measured, keeps};
 use crate::tasks::config::MAX_HORIZON;
 
 fn hover(n_env: usize, horizon: usize) -> Env {
