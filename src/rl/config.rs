@@ -531,7 +531,7 @@ mod tests {
                 "env.n_env: is no setting of a training run. Give n_env in the table of the algorithm",
             ),
             ("[apg.network]\nhiden = [3]", "Did you mean `hidden`?"),
-            ("algorithm = 'sac'", "unknown variant `sac`"),
+            ("algorithm = 'sac'", "did you mean 'shac'?"),
         ] {
             let error = hover(text).unwrap_err().to_string();
             assert!(error.contains(told), "{text}: {error}");

@@ -65,7 +65,8 @@ mod tests {
 
     #[test]
     fn settings_are_named_by_their_keys_and_only_a_task_has_its_own() {
-        let (then, now) = ("seed = 1\n[apg]\nclip = 0.5", "seed = 1\ntask.horizon = 9\n[env]\ntask.vehicle = 'iris'");
+        let (then, now) =
+            ("seed = 1\n[apg]\nmax_grad_norm = 0.5", "seed = 1\ntask.horizon = 9\n[env]\ntask.vehicle = 'iris'");
         let wanted = "apg.max_grad_norm is none, was 0.5; env.task.vehicle is \"iris\", was the task's own; \
                       task.horizon is 9, was the task's own";
         assert_eq!(described(&between(then, now)), wanted);

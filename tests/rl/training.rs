@@ -200,7 +200,7 @@ fn a_run_is_not_made_shorter_than_it_is_and_not_of_another_task() {
     let shorter = refused(tiny(Algorithm::Apg).with_updates(4));
     assert!(shorter.contains("number of updates is 4, but it must be ≥ 9"), "{shorter}");
     let other = refused(TrainConfig { seed: 5, ..tiny(Algorithm::Apg) });
-    assert!(other.contains("others (seed is 5, was 4)"), "{other}");
+    assert!(other.contains("differ from those that it was begun with (seed is 5, was 4)"), "{other}");
     let again = trainer(tiny(Algorithm::Apg), 1).in_folder(folder.path(), true).unwrap();
     assert!(again.is_over() && !trainer(tiny(Algorithm::Apg), 1).is_over());
     let track = Trainer::new("Track", tiny(Algorithm::Apg), Threads::default()).err().unwrap().to_string();

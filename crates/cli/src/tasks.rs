@@ -267,7 +267,7 @@ impl Described {
             let owner = |name: &str| name.rsplit_once('.').map_or(name, |(owner, _)| owner).to_string();
             let mut owners: Vec<String> = spec.privileged.iter().map(|(name, _)| owner(name)).collect();
             owners.dedup();
-            let what = format!("per episode, of {}", some(&owners, 3));
+            let what = format!("per episode, of {}", some(&owners, 2));
             facts.push(Fact::new("drawn", format!("{} numbers", spec.privileged.len())).note(what));
         }
         facts.push(match &self.controller {

@@ -320,7 +320,7 @@ mod tests {
     fn paths_that_cannot_be_flown_are_refused_with_a_reason() {
         let at = |time: f64| Waypoint { time, position: [time, 0.0, 1.0], yaw: 0.0 };
         let text = |points: Vec<Waypoint>| Waypoints::new(points).unwrap_err().to_string();
-        assert!(text(vec![at(0.0)]).starts_with("number of waypoints is 1, over the limit of 2 to 64"));
+        assert!(text(vec![at(0.0)]).starts_with("number of waypoints is 1, below the limit of 2 to 64"));
         assert!(text(vec![at(0.0), at(1.0), at(1.0)]).starts_with("waypoint 2: time is 1, but it must be at least"));
         assert!(text(vec![at(0.0), at(f64::NAN)]).starts_with("waypoint 1: time is NaN"));
         assert!(text(vec![at(0.0), at(1.0), at(500.0)]).contains("within a factor of 100"));

@@ -384,7 +384,7 @@ fn settings_survive_their_text_and_what_cannot_be_meant_is_named() {
         ("shard = 0", "shard is 0"),
         ("n_env = 100000000000", "n_env is 100000000000, over the limit of 1 to 16777216"),
         ("minibatches = 0", "minibatches is 0"),
-        ("clip = 0.0", "clip is 0"),
+        ("clip_epsilon = 0.0", "clip_epsilon is 0"),
         ("huber = nan", "huber is NaN"),
         ("lambda = 1.5", "lambda is 1.5"),
         ("log_std = 9.0", "log_std is 9"),

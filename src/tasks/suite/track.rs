@@ -123,7 +123,9 @@ impl Task for Track {
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        Some(TaskReference::one(Reference::Lemniscate(self.path.reference(&view.goal, view.drone(0).yaw()))))
+        let drone = view.drone(0);
+        let path = self.path.reference(&view.goal, drone.yaw());
+        Some(TaskReference::one(Reference::Lemniscate(path)).of(drone.position))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
