@@ -1,8 +1,9 @@
 //! Settings in layers: tables of TOML, each over those before it, merged before anything is read from them.
 //!
 //! What a layer says counts, also where it says what was the default anyway. Tables are merged key by key; a table with
-//! a `kind` is a choice and replaces the one below it, while one without goes over the choice that stands: `rate.from =
-//! 0.005` changes one end of a recipe's schedule.
+//! a `kind` is a choice and replaces the one below it, while one without goes over the choice that stands:
+//! `learning_rate.from = 0.005` changes one end of a recipe's schedule. An `own_vehicle` replaces the one below it whole: a
+//! vehicle without published gains does not fly another one's.
 
 use crate::error::{Error, Result};
 use serde::de::DeserializeOwned;
@@ -64,11 +65,16 @@ impl Layer {
     }
 }
 
-/// Puts `over` on top of `under`, table by table. A table with a `kind` replaces the one below it.
+/// Tables that are one thing: what a layer leaves out is not taken from the layer below.
+const WHOLE: &str = "own_vehicle";
+
+/// Puts `over` on top of `under`, table by table. A table with a `kind`, or of a vehicle, replaces the one below it.
 pub fn merge(under: &mut Table, over: Table) {
     for (key, value) in over {
         match (under.get_mut(&key), value) {
-            (Some(Value::Table(below)), Value::Table(above)) if !above.contains_key("kind") => merge(below, above),
+            (Some(Value::Table(below)), Value::Table(above)) if !above.contains_key("kind") && key != WHOLE => {
+                merge(below, above);
+            }
             (_, value) => drop(under.insert(key, value)),
         }
     }
@@ -116,6 +122,13 @@ mod tests {
         assert_eq!(under, table("rate = { kind = 'linear', from = 3.0, to = 0.0 }\na.b = 1\na.c = 3"));
         merge(&mut under, table("rate = { kind = 'constant', value = 2.0 }"));
         assert_eq!(under["rate"], Value::Table(table("kind = 'constant'\nvalue = 2.0")));
+    }
+
+    #[test]
+    fn a_vehicle_takes_nothing_from_the_one_that_it_replaces() {
+        let mut under = table("[env.own_vehicle]\nname = 'a'\npublished_gains.rate = [1, 1, 1]\n[env]\ndt = 0.01");
+        merge(&mut under, table("env.own_vehicle.name = 'b'"));
+        assert_eq!(under, table("env.dt = 0.01\nenv.own_vehicle.name = 'b'"));
     }
 
     #[test]

@@ -196,10 +196,7 @@ impl TrainConfig {
     pub fn layered(task: &str, algorithm: Option<Algorithm>, user: &[Layer]) -> Result<Self> {
         let entry = registry::by_name(task)?;
         let task = entry.name;
-        let user = user
-            .iter()
-            .map(|layer| check(renamed(layer.clone().map(Self::lifted))?, task))
-            .collect::<Result<Vec<_>>>()?;
+        let user = user.iter().map(|layer| check(Self::today(layer.clone())?, task)).collect::<Result<Vec<_>>>()?;
         let named = user.iter().rev().find_map(|layer| layer.table().get("algorithm")?.as_str());
         let algorithm = algorithm.or(named.map(Algorithm::by_name).transpose()?);
         let (usual, text) = recipe(task, algorithm).unwrap_or((algorithm.unwrap_or_default(), ""));
@@ -219,7 +216,7 @@ impl TrainConfig {
     /// # Errors
     /// As [`TrainConfig::for_task`].
     pub fn from_toml(text: &str, file: &str) -> Result<Self> {
-        let layer = renamed(Layer::of_text(text, file)?.map(Self::lifted))?;
+        let layer = Self::today(Layer::of_text(text, file)?)?;
         check_env(&layer)?;
         let mut base = Self::default().table()?;
         if let Some(task) = layer.table().get("task").and_then(Value::as_str) {
@@ -228,6 +225,14 @@ impl TrainConfig {
         let config: Self = layers::read(base, &[layer])?;
         config.validate()?;
         Ok(config)
+    }
+
+    /// A layer in the form of a run, [lifted](Self::lifted), and with settings of algorithms by today's names.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for a setting that is given by the name of 0.1 and by that of today.
+    pub fn today(layer: Layer) -> Result<Layer> {
+        renamed(layer.map(Self::lifted))
     }
 
     /// A table with what it says of environments under `env`, where a run has it: settings that a run does not have, but

@@ -82,9 +82,15 @@ pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T> {
 /// What marks a folder as made by a command: what commands write there may be replaced.
 const MARK: &str = ".omnidrones";
 
-/// Whether what is in a folder came from a command: it bears the mark, or holds runs.
+/// Whether what is in a folder came from a command: it bears the mark, or is a run of before there were marks.
 fn is_ours(folder: &Path) -> bool {
-    folder.join(MARK).is_file() || folder.join("checkpoints").is_dir() || !runs(folder).is_empty()
+    folder.join(MARK).is_file() || folder.join("config.toml").is_file() && has_checkpoints(folder)
+}
+
+/// Whether a folder holds checkpoints of ours, rather than a folder of that name.
+fn has_checkpoints(folder: &Path) -> bool {
+    let entries = std::fs::read_dir(folder.join("checkpoints")).into_iter().flatten().flatten();
+    entries.into_iter().any(|entry| entry.path().join("manifest.json").is_file())
 }
 
 /// Makes and marks `folder` for output, and tries to write into it, so that a flight is not flown in vain. One that holds
@@ -109,7 +115,7 @@ pub fn prepare(folder: &Path, force: bool) -> Result<()> {
 
 /// Removes what a run keeps in its folder, so that another begins there; refused while a process writes to it.
 pub fn remove_run(folder: &Path) -> Result<()> {
-    if folder.join("checkpoints").is_dir() {
+    if has_checkpoints(folder) {
         drop(Store::open_to_write(folder, 2)?);
         std::fs::remove_dir_all(folder.join("checkpoints")).map_err(|e| Error::file(folder, e))?;
     }

@@ -127,6 +127,17 @@ fn files_of_others_are_kept_and_a_run_is_replaced_on_demand_alone() {
     let again = json(folder, &[&tiny(&["--force", "--set", "apg.learning_rate.from=0.02"])[..], &plain].concat());
     assert_eq!(again["was_over"], false);
     assert_ne!(first["evaluation"], again["evaluation"]);
+    // a run below does not make a folder ours, and a folder of that name no run
+    let (_, err) = exits(2, folder, &[&tiny(&["--out", "."])[..], &plain].concat());
+    assert!(err.contains("which holds other files"), "{err}");
+    std::fs::write(folder.join("drone.toml"), "mine").expect("written");
+    let (_, err) = exits(2, folder, &["models", "hummingbird", "--urdf", "drone.toml"]);
+    assert!(err.contains("which exists") || err.contains("drone.toml"), "{err}");
+    assert_eq!(std::fs::read_to_string(folder.join("drone.toml")).expect("kept"), "mine");
+    std::fs::create_dir_all(folder.join("theirs/checkpoints")).expect("made");
+    std::fs::write(folder.join("theirs/checkpoints/model.pt"), "kept").expect("written");
+    exits(0, folder, &[&tiny(&["--out", "theirs", "--force"])[..], &plain].concat());
+    assert_eq!(std::fs::read_to_string(folder.join("theirs/checkpoints/model.pt")).expect("kept"), "kept");
     let rollout = ["rollout", "Hover", "--envs", "2", "--horizon", "3", "--out"];
     exits(0, folder, &[&rollout[..], &["new"]].concat());
     exits(0, folder, &[&rollout[..], &["new"]].concat());
@@ -234,6 +245,8 @@ fn settings_that_nothing_reads_are_refused_as_options_and_warned_of_in_files() {
     std::fs::write(folder.join("hover.toml"), &toml).expect("written");
     let (environments, _) = exits(0, folder, &["tasks", "Hover", "--toml"]);
     std::fs::write(folder.join("environments.toml"), environments).expect("written");
+    std::fs::write(folder.join("of_0.1.toml"), "task = 'Hover'\n[apg]\nwindow = 9\n[env]\ndt = 0.016")
+        .expect("written");
     for (arguments, words) in [
         ("train Track --config hover.toml", "hover.toml: task: the settings are for Hover, but the run is of Track"),
         ("rollout Track --config hover.toml", "hover.toml: task: the settings are for Hover, but the task is Track"),
@@ -249,7 +262,7 @@ fn settings_that_nothing_reads_are_refused_as_options_and_warned_of_in_files() {
         let rest: Vec<&str> = rest
             .chain(["--no-plots", "--envs", "2", "--horizon", "3"].into_iter().filter(|_| command == "rollout"))
             .collect();
-        for file in ["hover.toml", "environments.toml"] {
+        for file in ["hover.toml", "environments.toml", "of_0.1.toml"] {
             exits(0, folder, &[&[command, "Hover", "--config", file][..], &rest].concat());
         }
     }
