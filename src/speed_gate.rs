@@ -33,7 +33,7 @@ pub(crate) fn keeps(name: &str, measured: &Measured, mut work: impl FnMut()) {
     static ALONE: Mutex<()> = Mutex::new(());
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     if !is_optimised() {
-        println!("{name}: not run, since this binary is not optimised");
+        println!("{name}: not run: this binary is not optimised, or not of the profile test, whose ratios these are");
         return;
     }
     let sets = [(Set::Avx512, measured.avx512), (Set::Avx2, measured.avx2)];

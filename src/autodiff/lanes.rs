@@ -190,7 +190,7 @@ thread_local! {
 
 #[cfg(test)]
 fn arch() -> pulp::Arch {
-    CHOSEN.get().unwrap_or_else(pulp::Arch::new)
+    CHOSEN.get().unwrap_or_default()
 }
 
 /// Does `work` with all that it dispatches on this thread in one instruction set, the widest if this processor has not got it.
@@ -550,7 +550,8 @@ impl<S: Simd> Scalar for Register<S> {
     }
     #[inline(always)]
     fn select(mask: LaneMask<S>, yes: Self, no: Self) -> Self {
-        Self(token::<S>().select_f32s(mask.0, yes.0, no.0))
+        // pulp's own of floats calls a function that binaries of the profile test do not inline with AVX2
+        Self::from_bits(token::<S>().select_u32s(mask.0, yes.bits(), no.bits()))
     }
     #[inline(always)]
     fn detach(self) -> Self {

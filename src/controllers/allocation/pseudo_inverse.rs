@@ -84,8 +84,8 @@ pub fn allocate<S: Scalar, const R: usize>(mixer: &[[S; 4]; R], max_thrust: &[S;
 
 /// T = P [F_z, M_x, M_y, M'] clipped to [0, T_max], N, with the yaw moment M' nearest to M_z that keeps every rotor within its
 /// bounds: yaw, the weakest axis, gives way, beyond zero where it must, before clipping falsifies thrust, roll and pitch.
-/// Inside the bounds M' = M_z and this is [`allocate`]; where no yaw moment makes room for the others, M' is the one that
-/// leaves the least to clip.
+/// Inside the bounds M' = M_z and this is [`allocate`]; where no yaw moment makes room for the others, M' is the middle of the
+/// bounds that contradict each other, which clips least where all rotors yaw alike.
 ///
 /// Source: the order of PX4's mixer (yaw last); one scale for all rotors, so that yaw brings no other moment with it.
 #[inline(always)]

@@ -149,6 +149,8 @@ impl Control {
                 work.action.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
                 let clip = Clip { control: self, action: &work.action, command: &mut work.command, episode };
                 each_register(n_lane, clip);
+                // behind the last register stands what another block left, and it would be saved
+                work.command.iter_mut().for_each(|column| column[n_lane..].fill(0.0));
             }
             ActionSpace::Discrete { levels } | ActionSpace::MultiDiscrete { levels } => {
                 let joint = self.n_action() == 1 && self.n_command > 1;

@@ -45,7 +45,7 @@ impl Draft {
     ) -> Start<'a> {
         let Self { state, goal, task_state, numbers } = self;
         let (robot, goal, difficulty) = (core.robot(), Goal::over(goal), core.difficulty);
-        Start { robot, state, goal, task_state: task_state, numbers, reset, task, once, event_at, difficulty }
+        Start { robot, state, goal, task_state, numbers, reset, task, once, event_at, difficulty }
     }
 }
 

@@ -302,8 +302,8 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
             self.task.central(&self.view(), &mut StridedViewMut::of(&mut raw).writer(s.agent * s.raw));
         }
         let (raw, central) = raw.split_at(s.agent * s.raw);
-        for (agent, own) in raw.chunks_exact(s.raw).enumerate() {
-            self.seen[agent * s.observation..][..s.raw].copy_from_slice(own);
+        for agent in 0..s.agent {
+            self.seen[agent * s.observation..][..s.raw].copy_from_slice(&raw[agent * s.raw..][..s.raw]);
         }
         self.seen[begin..begin + s.central].copy_from_slice(central);
     }
