@@ -12,7 +12,7 @@ use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::task_spec::DIVERGED;
 use omnidrones::tasks::{
-    Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spec, Spread, Watched, evaluate,
+    Act, Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spec, Spread, Watched, evaluate,
 };
 use serde_json::{Value, json};
 use std::cell::RefCell;
@@ -166,10 +166,7 @@ impl Commands {
     }
 
     /// The policy, watched.
-    pub fn of<'a>(
-        &'a self,
-        policy: &'a mut dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()>,
-    ) -> impl FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a {
+    pub fn of<'a>(&'a self, policy: &'a mut Act<'_>) -> impl FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a {
         move |env, out, actions| {
             policy(env, out, actions)?;
             let mut given = self.given.borrow_mut();

@@ -343,7 +343,7 @@ impl Described {
         let meanings = commands_of(&self.env);
         value["actions"] = meanings.iter().map(|(names, means)| json!({ "commands": names, "means": means })).collect();
         value["controller"] = json!(self.controller.as_ref().ok());
-        value["sheet"] = json!(self.env.task_spec());
+        value["task_spec"] = json!(self.env.task_spec());
         value["randomise"] = json!(quantities);
         value["spec"] = json!(spec);
         value["toml"] = json!(environment::file(self.entry, &self.env, &self.config)?);

@@ -372,7 +372,7 @@ fn goal(reference: &Reference, time: f64) -> [f64; 3] {
         Reference::Waypoints(_) => whole(reference.clone()),
         Reference::Carried(Carried { path: LoadPath::Waypoints(way), .. }) => whole(Reference::Waypoints(way.clone())),
         Reference::Carried(Carried { path: LoadPath::Lemniscate(path), .. }) => {
-            Reference::Lemniscate(path.clone()).sample(time).position
+            Reference::Lemniscate(*path).sample(time).position
         }
         other => other.sample(time).position,
     }

@@ -105,7 +105,7 @@ fn mistakes_are_answered_with_value_limit_and_remedy() {
     for (arguments, words) in [
         (&["show", "paylod"][..], "did you mean 'payload'?"),
         (&["fly", "transprt"], "did you mean 'transport'?"),
-        (&["show", "payload", "--plot", "rig.pdf"], "png or svg"),
+        (&["show", "payload", "--plot", "robot.pdf"], "png or svg"),
         (&["fly", "payload", "--gains", "published"], "nobody published gains"),
         (&["fly", "payload", "--rotors", "x.toml"], "Leave it out"),
         (&["fly", "payload", "--drop=-1"], "0 to 1000 m"),
