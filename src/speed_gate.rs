@@ -22,6 +22,15 @@ const ROUNDS: usize = 24;
 /// Other tests run meanwhile: rounds go on until the ratio is reached or this often.
 const ATTEMPTS: usize = 40;
 
+/// Vendor, family and model of the processor whose ratios these are: others divide and shuffle at other prices.
+const MEASURED_ON: [(&str, &str); 3] = [("vendor_id", "GenuineIntel"), ("cpu family", "6"), ("model", "167")];
+
+fn is_measured_kind() -> bool {
+    let about = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let of = |key: &str| about.lines().find_map(|l| l.split_once(':').filter(|(k, _)| k.trim() == key));
+    MEASURED_ON.iter().all(|(key, value)| of(key).is_some_and(|(_, own)| own.trim() == *value))
+}
+
 /// How many times as fast as one lane a kernel was measured to be, with AVX-512 and with AVX2.
 pub(crate) struct Measured {
     pub avx512: f64,
@@ -34,6 +43,10 @@ pub(crate) fn keeps(name: &str, measured: &Measured, mut work: impl FnMut()) {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     if !is_optimised() {
         println!("{name}: not run: this binary is not optimised, or not of the profile test, whose ratios these are");
+        return;
+    }
+    if !is_measured_kind() {
+        println!("{name}: not run: ratios were measured on a processor of kind {MEASURED_ON:?}");
         return;
     }
     let sets = [(Set::Avx512, measured.avx512), (Set::Avx2, measured.avx2)];
@@ -94,8 +107,8 @@ fn hummingbird(integrator: Integrator, substeps: usize) -> (Multirotor, Plant, V
 #[test]
 fn the_physics_in_lanes_keep_their_speed() {
     for (name, integrator, substeps, measured) in [
-        ("RK4 step", Integrator::RungeKutta4, 1, Measured { avx512: 10.2, avx2: 1.58 }),
-        ("semi-implicit step", Integrator::SemiImplicit, 2, Measured { avx512: 11.4, avx2: 1.25 }),
+        ("RK4 step", Integrator::RungeKutta4, 1, Measured { avx512: 10.2, avx2: 4.86 }),
+        ("semi-implicit step", Integrator::SemiImplicit, 2, Measured { avx512: 11.4, avx2: 4.06 }),
     ] {
         let (_, plant, rest) = hummingbird(integrator, substeps);
         let start = plant.block(&rest, BLOCK);
@@ -117,8 +130,8 @@ fn programs_in_lanes_keep_their_speed() {
         next
     });
     for (name, recording, measured) in [
-        ("step as program", recording.clone(), Measured { avx512: 5.2, avx2: 2.16 }),
-        ("adjoint as program", recording.adjoint(0..n + m), Measured { avx512: 5.5, avx2: 2.92 }),
+        ("step as program", recording.clone(), Measured { avx512: 5.2, avx2: 4.78 }),
+        ("adjoint as program", recording.adjoint(0..n + m), Measured { avx512: 5.5, avx2: 4.98 }),
     ] {
         let program = Program::compile(&recording).unwrap();
         let mut inputs = vec![[0.1_f32; BLOCK]; program.n_input()];
