@@ -20,7 +20,7 @@ pub use effects::Effects;
 pub(crate) use parameters::BODY_PARAMETERS;
 pub use parameters::{parameter_domains, parameter_names, parameter_vector, vehicle_of};
 
-use super::rotor::{Lag, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
+use super::rotor::{Lag, Motors, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use super::spatial::*;
 use super::vehicle::Vehicle;
 use crate::autodiff::{Scalar, safe};
@@ -141,6 +141,7 @@ pub struct RigidModel<S, const R: usize> {
     /// Rotors in use; those behind are dead.
     pub(crate) n_rotor: usize,
     pub(crate) rotors: [RotorModel<S>; R],
+    pub(crate) motors: [Motors<S>; R],
 }
 
 impl<const R: usize> RigidModel<f64, R> {
@@ -154,9 +155,10 @@ impl<const R: usize> RigidModel<f64, R> {
     #[inline(always)]
     pub fn cast<S: Scalar>(&self) -> RigidModel<S, R> {
         let c = S::constant;
-        let mut rotors = [RotorModel::dead(); R];
+        let (mut rotors, mut motors) = ([RotorModel::dead(); R], [Motors::none(); R]);
         for i in 0..self.n_loop() {
             rotors[i] = self.rotors[i].cast();
+            motors[i] = self.motors[i].cast();
         }
         RigidModel {
             gravity: c(self.gravity),
@@ -171,6 +173,7 @@ impl<const R: usize> RigidModel<f64, R> {
             ground_height: c(self.ground_height),
             n_rotor: self.n_rotor,
             rotors,
+            motors,
         }
     }
 
@@ -194,11 +197,12 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
     pub fn from_parameters(p: &[S], radii: &[f64], substep: f64) -> Self {
         let center_of_mass = [p[2], p[3], p[4]];
         let inertia = [p[5], p[6], p[7], p[8], p[9], p[10]];
-        let mut rotors = [RotorModel::dead(); R];
+        let (mut rotors, mut motors) = ([RotorModel::dead(); R], [Motors::none(); R]);
         for i in 0..R {
             if i < radii.len() {
                 let own = &p[BODY_PARAMETERS.len() + i * N_ROTOR_PARAMETER..];
-                rotors[i] = RotorModel::new(own, center_of_mass, radii[i], substep);
+                rotors[i] = RotorModel::new(own, center_of_mass, radii[i]);
+                motors[i] = Motors::new(own, substep);
             }
         }
         Self {
@@ -214,6 +218,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
             ground_height: S::zero(),
             n_rotor: radii.len(),
             rotors,
+            motors,
         }
     }
 }
@@ -279,7 +284,7 @@ impl<S: Scalar, const R: usize> RigidModel<S, R> {
         let mut path = RotorPath { start, middle: start, end: start, lag: [Lag::none(); R] };
         for i in 0..self.n_loop() {
             let lag = &mut path.lag[i];
-            *lag = Lag::new(&self.rotors[i], start[i], target[i]);
+            *lag = Lag::new(self.motors[i].towards(start[i], target[i]), start[i], target[i]);
             path.middle[i] = lag.advance();
             path.end[i] = lag.advance();
         }

@@ -69,6 +69,46 @@ impl<S: Scalar> Motor<S> {
     }
 }
 
+/// A motor both ways.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Motors<S> {
+    /// Speeding up.
+    pub up: Motor<S>,
+    /// Slowing down.
+    pub down: Motor<S>,
+}
+
+impl<S: Scalar> Motors<S> {
+    /// From the numbers of a rotor ([`ROTOR_PARAMETERS`]), for substeps of `substep` seconds.
+    #[inline(always)]
+    pub(crate) fn new(p: &[S], substep: f64) -> Self {
+        let [up, down] = [p[at::time_constant_up], p[at::time_constant_down]];
+        Self { up: Motor::new(up, substep), down: Motor::new(down, substep) }
+    }
+
+    /// Those of [`RotorModel::dead`].
+    #[inline(always)]
+    pub(crate) fn none() -> Self {
+        Self { up: Motor::none(), down: Motor::none() }
+    }
+
+    /// The one from `start` towards `target`.
+    #[inline(always)]
+    pub(crate) fn towards(&self, start: S, target: S) -> Motor<S> {
+        let (up, down, rises) = (self.up, self.down, start.lt(target));
+        Motor { rate: S::select(rises, up.rate, down.rate), decay: S::select(rises, up.decay, down.decay) }
+    }
+}
+
+impl Motors<f64> {
+    /// The same constants over another scalar.
+    #[inline(always)]
+    pub(crate) fn cast<S: Scalar>(&self) -> Motors<S> {
+        let cast = |m: Motor<f64>| Motor { rate: S::constant(m.rate), decay: S::constant(m.decay) };
+        Motors { up: cast(self.up), down: cast(self.down) }
+    }
+}
+
 /// The speed of a rotor through one substep, from the closed form of its lag.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Lag<S> {
@@ -88,9 +128,7 @@ impl<S: Scalar> Lag<S> {
 
     /// From `start` towards `target`.
     #[inline(always)]
-    pub(crate) fn new(rotor: &RotorModel<S>, start: S, target: S) -> Self {
-        let (up, down, rises) = (rotor.up, rotor.down, start.lt(target));
-        let motor = Motor { rate: S::select(rises, up.rate, down.rate), decay: S::select(rises, up.decay, down.decay) };
+    pub(crate) fn new(motor: Motor<S>, start: S, target: S) -> Self {
         Self { target, motor, gap: start - target }
     }
 
@@ -117,10 +155,6 @@ pub struct RotorModel<S> {
     /// k_f (r × n − σ κ n): moment per Ω².
     pub(crate) moment: Vec3<S>,
     pub(crate) max_speed: S,
-    /// Speeding up.
-    pub(crate) up: Motor<S>,
-    /// Slowing down.
-    pub(crate) down: Motor<S>,
     /// r, from the reference point.
     pub(crate) hub: Vec3<S>,
     pub(crate) axis: Vec3<S>,
@@ -142,8 +176,6 @@ impl<S: Scalar> RotorModel<S> {
             force: [o; 3],
             moment: [o; 3],
             max_speed: l,
-            up: Motor::none(),
-            down: Motor::none(),
             hub: [o; 3],
             axis: [o, o, l],
             spin_inertia: o,
@@ -154,9 +186,9 @@ impl<S: Scalar> RotorModel<S> {
         }
     }
 
-    /// From its numbers ([`ROTOR_PARAMETERS`]), about a reference point at `origin`, for substeps of `substep` seconds.
+    /// From its numbers ([`ROTOR_PARAMETERS`]), about a reference point at `origin`.
     #[inline(always)]
-    pub(crate) fn new(p: &[S], origin: Vec3<S>, radius: f64, substep: f64) -> Self {
+    pub(crate) fn new(p: &[S], origin: Vec3<S>, radius: f64) -> Self {
         let hub = sub([p[at::position_x], p[at::position_y], p[at::position_z]], origin);
         let axis = [p[at::axis_x], p[at::axis_y], p[at::axis_z]];
         let (spin, force) = (p[at::spin], scale(p[at::thrust_coefficient], axis));
@@ -164,8 +196,6 @@ impl<S: Scalar> RotorModel<S> {
             force,
             moment: sub(cross(hub, force), scale(spin * p[at::moment_per_thrust], force)),
             max_speed: p[at::max_speed],
-            up: Motor::new(p[at::time_constant_up], substep),
-            down: Motor::new(p[at::time_constant_down], substep),
             hub,
             axis,
             spin_inertia: spin * p[at::inertia],
@@ -239,8 +269,6 @@ impl RotorModel<f64> {
             force: constants(self.force),
             moment: constants(self.moment),
             max_speed: c(self.max_speed),
-            up: Motor { rate: c(self.up.rate), decay: c(self.up.decay) },
-            down: Motor { rate: c(self.down.rate), decay: c(self.down.decay) },
             hub: constants(self.hub),
             axis: constants(self.axis),
             spin_inertia: c(self.spin_inertia),

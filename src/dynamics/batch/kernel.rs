@@ -11,7 +11,7 @@ use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Mask, safe};
 use crate::dynamics::integrate::{Grid, step};
 use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, RigidState};
-use crate::dynamics::rotor::RotorModel;
+use crate::dynamics::rotor::{Motors, RotorModel};
 
 /// Largest magnitude of a healthy state, SI units.
 pub(crate) const EXPLODED: f64 = 1e8;
@@ -42,17 +42,17 @@ impl Rows {
 
 /// Applies a macro to the numbers of a rotor that lean kernels read, in the order of their rows.
 macro_rules! lean_rotor {
-    ($each:ident, $r:ident) => {
-        $each!($r.force[2], $r.moment[0], $r.moment[1], $r.moment[2], $r.max_speed, $r.up.decay, $r.down.decay)
+    ($each:ident, $r:ident, $m:ident) => {
+        $each!($r.force[2], $r.moment[0], $r.moment[1], $r.moment[2], $r.max_speed, $m.up.decay, $m.down.decay)
     };
 }
 
 /// As `lean_rotor` for what other kernels read besides.
 #[rustfmt::skip]
 macro_rules! rest_rotor {
-    ($each:ident, $r:ident) => {
+    ($each:ident, $r:ident, $m:ident) => {
         $each!(
-            $r.force[0], $r.force[1], $r.up.rate, $r.down.rate, $r.hub[0], $r.hub[1], $r.hub[2],
+            $r.force[0], $r.force[1], $m.up.rate, $m.down.rate, $r.hub[0], $r.hub[1], $r.hub[2],
             $r.axis[0], $r.axis[1], $r.axis[2], $r.spin_inertia, $r.drag, $r.axial_drag, $r.rolling, $r.radius
         )
     };
@@ -82,16 +82,16 @@ pub(crate) fn pack<const R: usize>(m: &RigidModel<f64, R>, mut put: impl FnMut(f
     macro_rules! put {
         ($($number:expr),*) => { all(&[$($number),*]) };
     }
-    for rotor in &m.rotors {
-        lean_rotor!(put, rotor);
+    for (rotor, motors) in m.rotors.iter().zip(&m.motors) {
+        lean_rotor!(put, rotor, motors);
     }
     all(&[m.mass]);
     all(&m.inertia[3..]);
     all(&m.inverse_inertia[3..]);
     all(&m.quadratic_drag);
     all(&[m.ground_height]);
-    for rotor in &m.rotors {
-        rest_rotor!(put, rotor);
+    for (rotor, motors) in m.rotors.iter().zip(&m.motors) {
+        rest_rotor!(put, rotor, motors);
     }
 }
 
@@ -131,10 +131,10 @@ fn unpack<L: Lanes, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rig
     macro_rules! take {
         ($($number:expr),*) => { $($number = c.next();)* };
     }
-    let mut rotors = [RotorModel::dead(); R];
+    let (mut rotors, mut motors) = ([RotorModel::dead(); R], [Motors::none(); R]);
     for i in 0..R {
-        let rotor = &mut rotors[i];
-        lean_rotor!(take, rotor);
+        let (rotor, own) = (&mut rotors[i], &mut motors[i]);
+        lean_rotor!(take, rotor, own);
     }
     let mut model = RigidModel {
         gravity,
@@ -149,6 +149,7 @@ fn unpack<L: Lanes, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rig
         ground_height: o,
         n_rotor: R,
         rotors,
+        motors,
     };
     if needs_rest(effects) {
         unpack_rest(c, &mut model);
@@ -171,8 +172,8 @@ fn unpack_rest<L: Lanes, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidMo
     model.quadratic_drag = c.array();
     model.ground_height = c.next();
     for i in 0..R {
-        let rotor = &mut model.rotors[i];
-        rest_rotor!(take, rotor);
+        let (rotor, motors) = (&mut model.rotors[i], &mut model.motors[i]);
+        rest_rotor!(take, rotor, motors);
     }
 }
 

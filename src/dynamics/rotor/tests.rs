@@ -128,9 +128,9 @@ fn the_lag_is_its_closed_form_in_both_directions() {
     let (up, down, h) = (0.0125, 0.025, 0.004);
     let mut rotor = uneven().rotors[0].clone();
     (rotor.time_constant_up, rotor.time_constant_down) = (up, down);
-    let model = RotorModel::new(&rotor.parameters(), [0.0; 3], rotor.radius, h);
+    let motors = Motors::new(&rotor.parameters(), h);
     for (start, target, tau) in [(100.0_f64, 700.0_f64, up), (700.0, 100.0, down), (300.0, 300.0, down)] {
-        let mut lag = Lag::new(&model, start, target);
+        let mut lag = Lag::new(motors.towards(start, target), start, target);
         for t in [0.5 * h, h] {
             let wanted = target + (start - target) * (-t / tau).exp();
             let speed = lag.advance();
@@ -147,7 +147,7 @@ fn one_rotor_has_the_same_wrench_in_a_rigid_vehicle_and_on_a_body_of_a_tree() {
     let (velocity, w) = ([3.0, -2.0, 1.0], [0.5, -0.7, 1.1]);
     for rotor in &vehicle.rotors {
         let about = |origin| {
-            let model = RotorModel::new(&rotor.parameters(), origin, rotor.radius, 0.004);
+            let model = RotorModel::new(&rotor.parameters(), origin, rotor.radius);
             let (mut sum, mut momentum, mut rate) = (Wrench::zero(), [0.0; 3], [0.0; 3]);
             model.add_thrust(500.0, Some(0.12), true, &mut sum);
             // the velocity of the reference point

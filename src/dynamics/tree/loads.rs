@@ -9,15 +9,14 @@ use super::scratch::{BodyScratch, RotorScratch};
 use super::topology::{Link, Topology};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::aero::downwash;
-use crate::dynamics::rotor::{Lag, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
+use crate::dynamics::rotor::{self, Lag, Motor, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use crate::dynamics::spatial::*;
 
-/// Constants and target speed of every rotor: what stays the same through a step; h in seconds.
+/// Constants and target speed of every rotor: what stays the same through a step.
 #[inline(always)]
 pub(crate) fn prepare_rotors<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
-    substep: f64,
     input: &[S],
     rotors: &mut [RotorScratch<S>],
 ) {
@@ -29,18 +28,27 @@ pub(crate) fn prepare_rotors<S: Scalar, P: ParameterView<S>>(
             own[k] = numbers.get(n + k);
         }
         let rotor = &mut rotors[r];
-        rotor.model = RotorModel::new(&own, [o; 3], t.rotor_radius[r], substep);
+        rotor.model = RotorModel::new(&own, [o; 3], t.rotor_radius[r]);
         rotor.lag.target = commanded_speed(rotor.model.max_speed, input[t.rotor_action[r]]);
     }
 }
 
-/// Every rotor at the start of a substep, from its present speed.
+/// Every rotor at the start of a substep of `substep` seconds, from its present speed. The motor is made for the one
+/// direction that it takes: most steps are one substep, and an exponential is dear.
 #[inline(always)]
-pub(crate) fn start_rotors<S: Scalar>(t: &Topology, x: &[S], rotors: &mut [RotorScratch<S>]) {
+pub(crate) fn start_rotors<S: Scalar, P: ParameterView<S>>(
+    t: &Topology,
+    numbers: P,
+    substep: f64,
+    x: &[S],
+    rotors: &mut [RotorScratch<S>],
+) {
     for r in 0..t.n_rotor() {
-        let rotor = &mut rotors[r];
-        rotor.speed = x[t.rotor_speed[r]];
-        rotor.lag = Lag::new(&rotor.model, rotor.speed, rotor.lag.target);
+        let (rotor, n) = (&mut rotors[r], rotor_parameters(t.n_body(), r));
+        let (up, down) = (numbers.get(n + rotor::at::time_constant_up), numbers.get(n + rotor::at::time_constant_down));
+        let (speed, target) = (x[t.rotor_speed[r]], rotor.lag.target);
+        let motor = Motor::new(S::select(speed.lt(target), up, down), substep);
+        (rotor.speed, rotor.lag) = (speed, Lag::new(motor, speed, target));
     }
 }
 

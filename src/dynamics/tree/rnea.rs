@@ -26,8 +26,8 @@ pub fn inverse_dynamics<S: Scalar>(system: &Multibody, state: &[S], input: &[S],
     let t = system.topology();
     let numbers = Source::Constants(system.parameters());
     scratch_on_stack!(scratch, t, S);
-    loads::prepare_rotors(t, numbers, 1.0, input, scratch.rotors);
-    loads::start_rotors(t, state, scratch.rotors);
+    loads::prepare_rotors(t, numbers, input, scratch.rotors);
+    loads::start_rotors(t, numbers, 1.0, state, scratch.rotors);
     forward(t, numbers, state, scratch.bodies);
     loads::hold_wakes(t, scratch.bodies, scratch.rotors);
     loads::apply(t, numbers, input, scratch.bodies, scratch.rotors);

@@ -113,7 +113,10 @@ pub(crate) struct RotorScratch<S> {
 impl<S: Scalar> RotorScratch<S> {
     #[inline(always)]
     fn blank() -> Self {
-        Self { model: RotorModel::dead(), lag: Lag::none(), speed: S::zero() }
+        let o = S::zero();
+        // all zeros, which is the cheapest to write: small models leave most slots unused
+        let model = RotorModel { max_speed: o, axis: [o; 3], ..RotorModel::dead() };
+        Self { model, lag: Lag::none(), speed: o }
     }
 }
 

@@ -46,9 +46,9 @@ pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task
     };
     let semi_implicit = n_stage == 1 && task != Task::Derivative;
     let begin = if t.holds_torque && task != Task::Derivative { SAMPLE } else { FIRST };
-    loads::prepare_rotors(t, numbers, h, s.input, s.rotors);
+    loads::prepare_rotors(t, numbers, s.input, s.rotors);
     for _ in 0..substeps {
-        loads::start_rotors(t, s.end, s.rotors);
+        loads::start_rotors(t, numbers, h, s.end, s.rotors);
         for k in 0..t.n_state {
             s.start[k] = s.end[k];
             s.at[k] = s.end[k];
