@@ -93,6 +93,8 @@ pub struct Episodes {
     pub total_length: f64,
     /// How many the task ended.
     pub crashed: u64,
+    /// How many it did not end, and whose last step was a success.
+    pub succeeded: u64,
 }
 
 impl Episodes {
@@ -102,5 +104,6 @@ impl Episodes {
         self.total_return += other.total_return;
         self.total_length += other.total_length;
         self.crashed += other.crashed;
+        self.succeeded += other.succeeded;
     }
 }

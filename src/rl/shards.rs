@@ -118,6 +118,7 @@ pub(crate) fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
 /// Figures of the episodes that ended in the step that wrote `out`.
 pub(crate) fn episodes(spec: &Spec, out: &Buffers) -> Episodes {
     let (width, total, length) = (spec.info.len(), Column::Return.index(), Column::Length.index());
+    let success = Column::Success.index();
     let mut seen = Episodes::default();
     for (i, info) in out.info.chunks_exact(width).enumerate() {
         if out.terminated[i] | out.truncated[i] == 1 {
@@ -126,6 +127,7 @@ pub(crate) fn episodes(spec: &Spec, out: &Buffers) -> Episodes {
             seen.total_return += f64::from(if info[total].is_finite() { info[total] } else { 0.0 });
             seen.total_length += f64::from(info[length]);
             seen.crashed += u64::from(out.terminated[i]);
+            seen.succeeded += u64::from(out.terminated[i] == 0 && info[success] > 0.5);
         }
     }
     seen

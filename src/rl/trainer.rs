@@ -15,7 +15,7 @@
 //! | `update`, `env_steps`, `seconds` | so far; the time is that of training, without evaluations |
 //! | `steps_per_second` | since the last line |
 //! | `loss`, `reward`, `gradient_norm` | means over the updates since the last line |
-//! | `episodes`, `return`, `length`, `crashed` | of episodes that ended since then: how many, means, share |
+//! | `episodes`, `return`, `length`, `crashed`, `succeeded` | of episodes that ended since then: how many, means, shares |
 //! | `rate` and more | the algorithm's own, in the last update |
 //! | `eval_…` | figures of an [`Evaluation`], where one was made |
 //! | `time_…` | share of each phase in the time since the last line |
@@ -467,7 +467,7 @@ impl Since {
     fn line(&self, update: u64, steps: u64, seconds: f64, last: &Update, evaluation: Option<&Evaluation>) -> Line {
         let mut line = Line::new(update);
         let per_update = |sum: f64| sum / self.updates as f64;
-        let Episodes { count, total_return, total_length, crashed } = self.episodes;
+        let Episodes { count, total_return, total_length, crashed, succeeded } = self.episodes;
         // 0/0 where no episode ended: written as missing
         let per_episode = |sum: f64| sum / count as f64;
         let rate = (steps - self.env_steps) as f64 / (seconds - self.seconds);
@@ -481,6 +481,7 @@ impl Since {
             ("return", per_episode(total_return)),
             ("length", per_episode(total_length)),
             ("crashed", per_episode(crashed as f64)),
+            ("succeeded", per_episode(succeeded as f64)),
             ("gradient_norm", per_update(self.gradient_norm)),
             ("rate", last.rate),
         ];

@@ -1,0 +1,151 @@
+//! The weights of one policy as the first weights of another, which may see other things.
+//!
+//! A field of the new observation takes the columns of the old first layer that belong to the field of its name, number by
+//! number; what the old policy did not see begins at weight 0. Where all that is new is such, the new policy acts at first
+//! as the old one did. Look-ahead points begin with the present one, so a `path` takes the place of a `target`.
+
+use super::nn::Mlp;
+use super::policy::{Actor, Policy};
+use crate::error::{Error, Result};
+use crate::tasks::{Spec, Statistics};
+
+/// What a learner begins with.
+#[derive(Debug, Clone)]
+pub struct WarmStart {
+    /// Of the network, then of the head.
+    pub parameters: Vec<f32>,
+    /// Of a stage `normalise`, where the policy was trained behind one.
+    pub statistics: Option<Statistics>,
+}
+
+/// Most observations that statistics from elsewhere count for: fields that are new must find their own soon.
+const MOST_SEEN: f64 = 1e5;
+
+/// Fields that stand for others at their first numbers.
+const STANDS_FOR: [(&str, &str); 1] = [("path", "target")];
+
+impl WarmStart {
+    /// For an actor in environments like `spec`, from a policy that flew in those like `of`.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if hidden layers or actions differ.
+    pub fn new(policy: &Policy, of: &Spec, actor: &Actor, spec: &Spec) -> Result<Self> {
+        let columns = columns(of, spec);
+        let mut parameters = network(&policy.actor().mlp, policy.parameters(), &actor.mlp, &columns)?;
+        let own = &policy.parameters()[policy.actor().mlp.n_parameter()..];
+        let n_head = actor.head.n_extra();
+        parameters.extend((0..n_head).map(|k| own.get(k).copied().unwrap_or(-0.5)));
+        let statistics = policy.statistics().map(|s| Statistics {
+            count: s.count.min(MOST_SEEN),
+            mean: columns.iter().map(|c| c.map_or(0.0, |k| s.mean[k])).collect(),
+            variance: columns.iter().map(|c| c.map_or(1.0, |k| s.variance[k])).collect(),
+        });
+        Ok(Self { parameters, statistics })
+    }
+}
+
+/// For every number of `spec`'s observation its place in that of `of`, if it has one.
+fn columns(of: &Spec, spec: &Spec) -> Vec<Option<usize>> {
+    let mut columns = Vec::with_capacity(spec.n_observation);
+    for field in &spec.observation {
+        let stands_for = STANDS_FOR.iter().find(|(name, _)| *name == field.name).map(|(_, old)| *old);
+        let old = of.observation_range(&field.name).or_else(|| of.observation_range(stands_for?));
+        columns.extend((0..field.size).map(|k| old.clone().and_then(|range| range.clone().nth(k))));
+    }
+    columns
+}
+
+/// The parameters of `to` with those of `from` behind the first layer, whose columns come from `columns`.
+fn network(from: &Mlp, parameters: &[f32], to: &Mlp, columns: &[Option<usize>]) -> Result<Vec<f32>> {
+    let parts = from.parts(parameters);
+    let n_old = from.n_input();
+    to.from_parts(|name, shape| {
+        let own = parts.iter().find(|part| part.name == name);
+        let own = own.filter(|part| name == "0.weight" && part.shape[0] == shape[0] || part.shape == shape);
+        let Some(own) = own else {
+            let got = parts.iter().find(|part| part.name == name).map_or("none".into(), |p| format!("{:?}", p.shape));
+            let remedy = "Give both policies the same hidden layers, and vehicles with as many commands.";
+            return Err(Error::value(format!("{name} of the policy to begin from"), got, format!("{shape:?}"), remedy));
+        };
+        if name != "0.weight" {
+            return Ok(own.data.clone());
+        }
+        let value = |o: usize, c: &Option<usize>| c.map_or(0.0, |k| own.data[o * n_old + k]);
+        Ok((0..shape[0]).flat_map(|o| columns.iter().map(move |c| (o, c))).map(|(o, c)| value(o, c)).collect())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rl::nn::Layers;
+    use crate::rng::{Purpose, Stream};
+    use crate::tasks::{Env, EnvConfig, Stage};
+
+    fn spec(task: &str, config: &EnvConfig) -> Spec {
+        Env::make(task, &EnvConfig { n_env: 1, ..config.clone() }).unwrap().spec().clone()
+    }
+
+    fn random(spec: &Spec, hidden: &[usize], statistics: Option<Statistics>) -> Policy {
+        let actor = Actor::new(spec, &Layers { hidden: hidden.into(), ..Layers::default() }, true).unwrap();
+        let mut parameters = actor.mlp.init(&mut Stream::new(3, 0, 0, Purpose::LEARNING));
+        parameters.resize(actor.n_parameter(), -0.7);
+        Policy::new(actor, parameters, statistics, spec).unwrap()
+    }
+
+    #[test]
+    fn a_policy_that_sees_more_acts_at_first_as_the_one_that_it_begins_from() {
+        let config = EnvConfig::default();
+        let (hover, track) = (spec("Hover", &config), spec("Track", &config));
+        let mut old = random(&hover, &[16, 8], None);
+        let actor = Actor::new(&track, &Layers { hidden: vec![16, 8], ..Layers::default() }, true).unwrap();
+        let start = WarmStart::new(&old, &hover, &actor, &track).unwrap();
+        let mut new = Policy::new(actor, start.parameters, None, &track).unwrap();
+        let mut seen = vec![0.0; track.n_observation];
+        seen.iter_mut().enumerate().for_each(|(i, x)| *x = 0.1 * (i as f32 + 1.0).sin());
+        let mut less = vec![0.0; hover.n_observation];
+        for field in &hover.observation {
+            let place = hover.observation_range(&field.name).unwrap();
+            let name = if field.name == "target" { "path" } else { &field.name };
+            if let Some(own) = track.observation_range(name) {
+                less[place.clone()].copy_from_slice(&seen[own][..place.len()]);
+            }
+        }
+        let (mut then, mut now) = ([0.0; 4], [0.0; 4]);
+        old.act(&less, &mut then).unwrap();
+        new.act(&seen, &mut now).unwrap();
+        // the same products, added up in another order
+        then.iter().zip(now).for_each(|(a, b)| assert!((a - b).abs() < 1e-6, "{a} {b}"));
+        assert!(then.iter().any(|a| a.abs() > 1e-3));
+    }
+
+    #[test]
+    fn statistics_go_along_and_count_for_less() {
+        let config = EnvConfig { observation: vec![Stage::Normalise { clip: 10.0 }], ..EnvConfig::default() };
+        let (hover, track) = (spec("Hover", &config), spec("Track", &config));
+        let n = hover.n_observation;
+        let known = Statistics { count: 1e9, mean: vec![0.5; n], variance: vec![4.0; n] };
+        let old = random(&hover, &[8], Some(known));
+        let actor = Actor::new(&track, &Layers { hidden: vec![8], ..Layers::default() }, false).unwrap();
+        let own = WarmStart::new(&old, &hover, &actor, &track).unwrap().statistics.unwrap();
+        assert_eq!((own.count, own.mean.len()), (MOST_SEEN, track.n_observation));
+        let path = track.observation_range("path").unwrap();
+        assert_eq!(
+            (&own.mean[path.clone()][..4], &own.variance[path][..4]),
+            (&[0.5, 0.5, 0.5, 0.0][..], &[4.0, 4.0, 4.0, 1.0][..])
+        );
+    }
+
+    #[test]
+    fn other_layers_and_other_commands_are_refused_with_the_remedy() {
+        let config = EnvConfig::default();
+        let (hover, track) = (spec("Hover", &config), spec("Track", &config));
+        let old = random(&hover, &[16, 8], None);
+        let actor = Actor::new(&track, &Layers { hidden: vec![16, 9], ..Layers::default() }, true).unwrap();
+        let error = WarmStart::new(&old, &hover, &actor, &track).unwrap_err().to_string();
+        assert!(error.contains("the same hidden layers"), "{error}");
+        let omav = spec("OmavHover", &config);
+        let actor = Actor::new(&omav, &Layers { hidden: vec![16, 8], ..Layers::default() }, true).unwrap();
+        assert!(WarmStart::new(&old, &hover, &actor, &omav).is_err());
+    }
+}
