@@ -25,8 +25,9 @@ use super::nn::{AdamConfig, Layers};
 use super::policy::{Actor, Policy};
 use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
 use super::schedule::Schedule;
-use super::shards::{Make, normalise, shards};
+use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards};
 use super::state;
+use super::warm_start::WarmStart;
 use super::window::{Window, gather, windows};
 
 pub use super::window::Objective;
@@ -58,6 +59,9 @@ pub struct ApgConfig {
     /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
     /// would drown all others. Infinite for none.
     pub adjoint_clip: f32,
+    /// Largest norm, per environment and step, of the gradient of its actions, where a step's cost weighs 1: one that explodes
+    /// would turn the update of all. Infinite for none.
+    pub action_clip: f32,
     /// What is minimised.
     pub objective: Objective,
     /// Whether the last loss of an episode that the task ended goes on to the window's end.
@@ -81,6 +85,7 @@ impl Default for ApgConfig {
             max_grad_norm: 0.2,
             decay: 1.0,
             adjoint_clip: f32::INFINITY,
+            action_clip: f32::INFINITY,
             objective: Objective::Loss,
             lasting: true,
             saturation: 0.25,
@@ -103,7 +108,7 @@ impl ApgConfig {
                 return Err(Error::limit(what, n, format!("1 to {most}"), "64, 32 and 48 are usual."));
             }
         }
-        check_optimiser(self.max_grad_norm, self.decay, self.adjoint_clip, self.saturation)?;
+        check_optimiser(self.max_grad_norm, self.decay, [self.adjoint_clip, self.action_clip], self.saturation)?;
         self.learning_rate.validate("learning_rate")?;
         self.adam.validate()?;
         self.network.validate()
@@ -148,7 +153,12 @@ impl Apg {
         let loss_scale = 1.0 / (config.n_env * config.horizon) as f32;
         let options = SweepOptions { decay: config.decay, clip: config.adjoint_clip * loss_scale };
         let windows = windows(shards, &actor, config.horizon, config.objective, options)?;
-        let workers = windows.into_iter().map(|window| Worker { window, failed: None }).collect();
+        let action_clip = config.action_clip * loss_scale;
+        let own = |mut window: Window| {
+            window.action_clip = action_clip;
+            Worker { window, failed: None }
+        };
+        let workers = windows.into_iter().map(own).collect();
         let optimiser = PolicyOptimiser::new(actor, config.adam, seed);
         Ok(Self { config, optimiser, workers, threads, update: 0, env_steps: 0 })
     }
@@ -208,6 +218,16 @@ impl Learner for Apg {
 
     fn progress(&self) -> Progress {
         Progress { update: self.update, budget: self.config.updates, env_steps: self.env_steps }
+    }
+
+    fn set_difficulty(&mut self, share: f64) -> Result<()> {
+        set_difficulty(self.workers.iter_mut().map(|w| &mut w.window.shard), share)
+    }
+
+    fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
+        self.optimiser.warm_start(start)?;
+        let shards = self.workers.iter_mut().map(|w| &mut w.window.shard);
+        start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))
     }
 
     fn policy(&self) -> Result<Policy> {

@@ -2,7 +2,8 @@
 
 use super::checkpoint::Tensors;
 use super::policy::Policy;
-use crate::error::Result;
+use super::warm_start::WarmStart;
+use crate::error::{Error, Result};
 use serde::Serialize;
 use std::time::Duration;
 
@@ -30,6 +31,22 @@ pub trait Learner: Send + Sync {
     /// Steps of environments done.
     fn env_steps(&self) -> u64 {
         self.progress().env_steps
+    }
+
+    /// Episodes that begin from now on have this difficulty ([`Env::set_difficulty`](crate::tasks::Env::set_difficulty)).
+    ///
+    /// # Errors
+    /// [`Error::Value`] outside [0, 1], and unless the algorithm takes part in curricula.
+    fn set_difficulty(&mut self, _share: f64) -> Result<()> {
+        Err(Error::value("curriculum", "on", "off for this algorithm", "Leave the table `curriculum` out."))
+    }
+
+    /// Takes these weights in place of random ones; before the first update.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for another number of weights, and unless the algorithm can begin from a policy.
+    fn warm_start(&mut self, _start: &WarmStart) -> Result<()> {
+        Err(Error::value("from", "a policy", "random weights for this algorithm", "Leave `from` out."))
     }
 
     /// The policy as it is.

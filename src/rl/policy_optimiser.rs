@@ -7,12 +7,16 @@ use super::checkpoint::Tensors;
 use super::nn::{Adam, AdamConfig, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy};
 use super::state;
+use super::warm_start::WarmStart;
 use crate::error::{Error, Result};
 use crate::rng::{Purpose, Stream};
 use crate::tasks::Env;
 
 /// Most times that a run begins again: where it saturates at a sixty-fourth of the rate, the rate is not the cause.
 pub(crate) const MAX_RESTARTS: u64 = 6;
+
+/// Name of the first weights in a checkpoint.
+const START: &str = "actor.start";
 
 /// Weights on their way down.
 pub(crate) struct PolicyOptimiser {
@@ -23,6 +27,8 @@ pub(crate) struct PolicyOptimiser {
     /// Of what is minimised, with respect to the parameters.
     pub gradient: Vec<f32>,
     seed: u64,
+    /// First weights; empty for random ones.
+    start: Vec<f32>,
     /// Times it began again.
     pub restarts: u64,
 }
@@ -32,10 +38,29 @@ impl PolicyOptimiser {
     pub fn new(actor: Actor, adam: AdamConfig, seed: u64) -> Self {
         let n = actor.n_parameter();
         let (parameters, transposed) = (Vec::new(), Transposed::default());
-        let mut optimiser =
-            Self { adam: Adam::new(adam, n), gradient: vec![0.0; n], actor, parameters, transposed, seed, restarts: 0 };
+        let mut optimiser = Self {
+            adam: Adam::new(adam, n),
+            gradient: vec![0.0; n],
+            actor,
+            parameters,
+            transposed,
+            seed,
+            start: Vec::new(),
+            restarts: 0,
+        };
         optimiser.begin();
         optimiser
+    }
+
+    /// Begins with other weights than random ones, also where it begins again.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for another number of weights.
+    pub fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
+        start.check(&self.actor)?;
+        self.start.clone_from(&start.parameters);
+        self.begin();
+        Ok(())
     }
 
     /// What a network of this run draws its weights from: number 0 is the actor's. Shuffles of minibatches have the streams
@@ -46,8 +71,12 @@ impl PolicyOptimiser {
     }
 
     fn begin(&mut self) {
-        self.parameters = self.actor.mlp.init(&mut self.stream(0));
-        self.parameters.resize(self.actor.n_parameter(), 0.0);
+        if self.start.is_empty() {
+            self.parameters = self.actor.mlp.init(&mut self.stream(0));
+            self.parameters.resize(self.actor.n_parameter(), 0.0);
+        } else {
+            self.parameters.clone_from(&self.start);
+        }
         self.adam = Adam::new(self.adam.config, self.parameters.len());
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
     }
@@ -86,6 +115,9 @@ impl PolicyOptimiser {
     /// Weights into `policy`, what goes on into `out`.
     pub fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
         state::put_network(policy, "actor", &self.actor.mlp, &self.parameters)?;
+        if !self.start.is_empty() {
+            out.insert(START, &[self.start.len()], self.start.clone())?;
+        }
         state::put_adam(out, "actor", &self.adam)
     }
 
@@ -94,6 +126,9 @@ impl PolicyOptimiser {
         let mut parameters = state::network(policy, "actor", &self.actor.mlp)?;
         parameters.resize(self.actor.n_parameter(), 0.0);
         self.adam = state::adam(from, "actor", self.adam.config, parameters.len())?;
+        if from.tensor(START).is_ok() {
+            self.start = from.get::<f32>(START, &[parameters.len()])?.to_vec();
+        }
         (self.parameters, self.restarts) = (parameters, restarts);
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
         Ok(())
@@ -104,14 +139,16 @@ impl PolicyOptimiser {
 ///
 /// # Errors
 /// [`Error::Value`] with the number, the rule and the remedy.
-pub(crate) fn check_optimiser(max_grad_norm: f64, decay: f32, adjoint_clip: f32, saturation: f64) -> Result<()> {
+pub(crate) fn check_optimiser(max_grad_norm: f64, decay: f32, clips: [f32; 2], saturation: f64) -> Result<()> {
     for (what, x) in [("max_grad_norm", max_grad_norm), ("decay", decay.into()), ("saturation", saturation)] {
         if !(x.is_finite() && x > 0.0) {
             return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 0.25 are usual."));
         }
     }
-    if adjoint_clip.is_nan() || adjoint_clip <= 0.0 {
-        return Err(Error::value("adjoint_clip", adjoint_clip, "> 0", "10 to 1000 are usual, inf is none."));
+    for (what, clip) in ["adjoint_clip", "action_clip"].into_iter().zip(clips) {
+        if clip.is_nan() || clip <= 0.0 {
+            return Err(Error::value(what, clip, "> 0", "10 to 1000 are usual, inf is none."));
+        }
     }
     Ok(())
 }

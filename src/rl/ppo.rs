@@ -30,9 +30,10 @@ use super::nn::head::Head;
 use super::nn::{Adam, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy};
 use super::rollout::{Collector, How, Rollout, Shape};
-use super::shards::{Make, normalise, shards};
+use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards};
 use super::state;
 use super::value_norm::ValueNorm;
+use super::warm_start::WarmStart;
 use crate::error::Result;
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
@@ -370,6 +371,18 @@ impl Learner for Ppo {
 
     fn progress(&self) -> Progress {
         Progress { update: self.update, budget: self.config.updates, env_steps: self.env_steps }
+    }
+
+    fn set_difficulty(&mut self, share: f64) -> Result<()> {
+        set_difficulty(self.collectors.iter_mut().map(|c| &mut c.shard), share)
+    }
+
+    fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
+        start.check(&self.actor)?;
+        self.parameters.clone_from(&start.parameters);
+        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        let shards = self.collectors.iter_mut().map(|c| &mut c.shard);
+        start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))
     }
 
     fn policy(&self) -> Result<Policy> {

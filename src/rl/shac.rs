@@ -23,8 +23,9 @@ use super::nn::{Activation, AdamConfig, Layers, Memory};
 use super::policy::{Actor, Policy};
 use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
 use super::schedule::Schedule;
-use super::shards::{Make, normalise, shards};
+use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards};
 use super::state;
+use super::warm_start::WarmStart;
 use super::window::{Objective, Window, gather, windows};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
@@ -59,6 +60,8 @@ pub struct ShacConfig {
     pub max_grad_norm: f64,
     /// Largest norm of the critic's gradient.
     pub critic_max_grad_norm: f64,
+    /// Errors of the critic beyond it count linearly, in units of the cost of a step (Huber 1964).
+    pub huber: f64,
     /// Passes of the critic over a window's experience.
     pub critic_epochs: usize,
     /// Minibatches of a pass.
@@ -70,6 +73,9 @@ pub struct ShacConfig {
     /// Largest norm, per environment, of the gradient that is carried back, where a step's cost weighs 1: what tumbles
     /// would drown all others. Infinite for none.
     pub adjoint_clip: f32,
+    /// Largest norm, per environment and step, of the gradient of its actions, where a step's cost weighs 1: one that explodes
+    /// would turn the update of all. Infinite for none.
+    pub action_clip: f32,
     /// What is minimised.
     pub objective: Objective,
     /// Share of hidden tanh units beyond ±0.99 at which the run begins again at half the rate, up to six times; 1 for never.
@@ -96,11 +102,13 @@ impl Default for ShacConfig {
             critic_learning_rate: Schedule::cosine(0.002, 1e-4),
             max_grad_norm: 0.2,
             critic_max_grad_norm: 1.0,
+            huber: 5.0,
             critic_epochs: 2,
             minibatches: 4,
             polyak: 0.2,
             decay: 1.0,
             adjoint_clip: f32::INFINITY,
+            action_clip: f32::INFINITY,
             objective: Objective::Loss,
             saturation: 0.25,
             adam: AdamConfig { beta2: 0.99, ..AdamConfig::default() },
@@ -128,7 +136,10 @@ impl ShacConfig {
                 return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
             }
         }
-        check_optimiser(self.max_grad_norm, self.decay, self.adjoint_clip, self.saturation)?;
+        check_optimiser(self.max_grad_norm, self.decay, [self.adjoint_clip, self.action_clip], self.saturation)?;
+        if !(self.huber.is_finite() && self.huber > 0.0) {
+            return Err(Error::value("huber", self.huber, "finite and > 0", "5 is usual."));
+        }
         if !(self.critic_max_grad_norm.is_finite() && self.critic_max_grad_norm > 0.0) {
             return Err(Error::value(
                 "critic_max_grad_norm",
@@ -224,7 +235,12 @@ impl Shac {
         let n_row = config.n_env * spec.n_agent * config.horizon;
         let rows = (n_row.div_ceil(config.minibatches), env.memory_limit);
         let critic = Critic::new(spec.n_observation, &config.critic, config.adam, rows, &mut optimiser.stream(1))?;
-        let workers = windows.into_iter().map(|window| Worker::new(window, &critic)).collect();
+        let action_clip = config.action_clip * loss_scale;
+        let own = |mut window: Window| {
+            window.action_clip = action_clip;
+            Worker::new(window, &critic)
+        };
+        let workers = windows.into_iter().map(own).collect();
         let (target, experience) = (critic.parameters.clone(), Experience::default());
         let (update, env_steps) = (0, 0);
         Ok(Self { config, optimiser, spec, critic, target, workers, experience, threads, seed, update, env_steps })
@@ -274,7 +290,7 @@ impl Shac {
         let fit = Fit {
             rate: config.critic_learning_rate.at(progress),
             clip: config.critic_max_grad_norm,
-            huber: f32::INFINITY,
+            huber: config.huber as f32,
         };
         let (mut loss, mut count) = (0.0, 0.0);
         for pass in 0..config.critic_epochs as u64 {
@@ -454,6 +470,16 @@ impl Learner for Shac {
 
     fn progress(&self) -> Progress {
         Progress { update: self.update, budget: self.config.updates, env_steps: self.env_steps }
+    }
+
+    fn set_difficulty(&mut self, share: f64) -> Result<()> {
+        set_difficulty(self.workers.iter_mut().map(|w| &mut w.window.shard), share)
+    }
+
+    fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
+        self.optimiser.warm_start(start)?;
+        let shards = self.workers.iter_mut().map(|w| &mut w.window.shard);
+        start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))
     }
 
     fn policy(&self) -> Result<Policy> {

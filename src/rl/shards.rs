@@ -8,7 +8,7 @@ use super::learner::Episodes;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::tasks::env::Pending;
-use crate::tasks::{Autoreset, Buffers, Column, Env, EnvConfig, Spec};
+use crate::tasks::{Autoreset, Buffers, Column, Env, EnvConfig, Spec, Statistics};
 
 /// Makes environments of a configuration: of a built-in task `|config| Env::make("Hover", config)`, or of one's own
 /// `|config| Env::of(Climb::new(config)?, "Climb", config)`.
@@ -111,6 +111,32 @@ pub(crate) fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
         env.set_statistics(statistics.clone())?;
         env.set_collecting(true);
         env.observe(&mut out.out())?;
+    }
+    Ok(())
+}
+
+/// The difficulty of episodes that begin from now on.
+///
+/// # Errors
+/// As [`Env::set_difficulty`].
+pub(crate) fn set_difficulty<'a>(shards: impl Iterator<Item = &'a mut Shard>, share: f64) -> Result<()> {
+    for shard in shards {
+        shard.env.set_difficulty(share)?;
+    }
+    Ok(())
+}
+
+/// Statistics of a policy that was trained before, for the stage `normalise` where there is one.
+///
+/// # Errors
+/// As [`Env::set_statistics`].
+pub(crate) fn begin_statistics<'a>(shards: impl Iterator<Item = &'a mut Shard>, statistics: &Statistics) -> Result<()> {
+    for Shard { env, out } in shards {
+        if !env.statistics().mean.is_empty() {
+            env.set_statistics(statistics.clone())?;
+            env.set_collecting(true);
+            env.observe(&mut out.out())?;
+        }
     }
     Ok(())
 }

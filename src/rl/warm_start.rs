@@ -42,6 +42,19 @@ impl WarmStart {
         });
         Ok(Self { parameters, statistics })
     }
+
+    /// Whether it fits an actor.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for another number of weights.
+    pub(crate) fn check(&self, actor: &Actor) -> Result<()> {
+        let (got, wanted) = (self.parameters.len(), actor.n_parameter());
+        if got == wanted {
+            return Ok(());
+        }
+        let remedy = "Make them for this actor: WarmStart::new.";
+        Err(Error::value("weights to begin with", got, wanted.to_string(), remedy))
+    }
 }
 
 /// For every number of `spec`'s observation its place in that of `of`, if it has one.

@@ -27,6 +27,8 @@ pub(crate) struct Window {
     tape: Tape,
     sweep: Sweep,
     objective: Objective,
+    /// Largest norm of the gradient of an environment's actions in a step; infinite for none.
+    pub action_clip: f32,
     d_action: Vec<f32>,
     d_reward: Vec<f32>,
     d_observation: Vec<f32>,
@@ -169,6 +171,7 @@ impl Window {
             tape,
             sweep: adjoint.sweep(options),
             objective,
+            action_clip: f32::INFINITY,
             d_action: vec![0.0; n_action],
             d_reward: vec![0.0; n_env],
             d_observation: vec![0.0; n_seen],
@@ -247,11 +250,26 @@ impl Window {
             let up = Cotangents { observation, final_observation, loss, reward, ..Cotangents::default() };
             self.sweep.pull(&self.tape, t, &up, &mut self.d_action)?;
             step.masked.iter().for_each(|row| self.d_action[row * n_action..][..n_action].fill(0.0));
+            clip_each(&mut self.d_action, step.weight.len(), self.action_clip);
             let pass = Pass { gradient: &mut *gradient, grad_input: &mut self.d_observation };
             actor.mlp.backward(net, &step.observation, rows, &mut step.memory, &self.d_action, pass);
         }
         self.seen.dropped += self.sweep.dropped();
         Ok(&self.gradient)
+    }
+}
+
+/// Cuts each of `n` equal parts of `x` to the norm `most`, where that is finite.
+fn clip_each(x: &mut [f32], n: usize, most: f32) {
+    if most.is_infinite() {
+        return;
+    }
+    let each = x.len() / n;
+    for own in x.chunks_exact_mut(each) {
+        let norm = own.iter().map(|x| x * x).sum::<f32>().sqrt();
+        if norm > most {
+            own.iter_mut().for_each(|x| *x *= most / norm);
+        }
     }
 }
 
@@ -325,6 +343,15 @@ mod tests {
                 assert!(off < 2e-2, "{task}: {exact} against {differences}"); // measured at most 5.4e-3
             }
         }
+    }
+
+    #[test]
+    fn what_is_cut_keeps_its_direction_and_its_neighbours() {
+        let mut x = [3.0, 4.0, 0.3, 0.4, -30.0, 40.0];
+        clip_each(&mut x, 3, 1.0);
+        assert_eq!(x, [0.6, 0.8, 0.3, 0.4, -0.6, 0.8]);
+        clip_each(&mut x, 3, f32::INFINITY);
+        assert_eq!(x[0], 0.6);
     }
 
     #[test]
