@@ -3,7 +3,7 @@
 //! A recipe is TOML over the defaults of [`TrainConfig`](super::config::TrainConfig); a user's file goes over the recipe.
 //! Where a pair of task and algorithm has none, the defaults hold.
 
-use super::config::Algorithm;
+use super::config::USUAL;
 
 /// A recipe by the name of its file: task and algorithm, `hover.apg`.
 macro_rules! file {
@@ -51,16 +51,15 @@ fn of_task(task: &str) -> impl Iterator<Item = (&'static str, &'static str)> {
     })
 }
 
-/// What differs from the defaults for a task under an algorithm, or under its usual one.
-pub fn recipe(task: &str, algorithm: Option<Algorithm>) -> Option<(Algorithm, &'static str)> {
-    let mut known = of_task(task).filter_map(|(own, text)| Some((Algorithm::by_name(own).ok()?, text)));
-    known.find(|(own, _)| algorithm.is_none_or(|wanted| wanted == *own))
+/// Algorithm and text of what differs from the defaults for a task under an algorithm, or under its usual one.
+pub fn recipe(task: &str, algorithm: Option<&str>) -> Option<(&'static str, &'static str)> {
+    of_task(task).find(|(own, _)| algorithm.is_none_or(|wanted| wanted.eq_ignore_ascii_case(own)))
 }
 
 /// Algorithms that have a recipe for a task, the usual one first; APG for a task without any.
-pub fn recipes_of(task: &str) -> Vec<Algorithm> {
-    let algorithms: Vec<Algorithm> = of_task(task).filter_map(|(own, _)| Algorithm::by_name(own).ok()).collect();
-    if algorithms.is_empty() { vec![Algorithm::default()] } else { algorithms }
+pub fn recipes_of(task: &str) -> Vec<&'static str> {
+    let algorithms: Vec<&str> = of_task(task).map(|(own, _)| own).collect();
+    if algorithms.is_empty() { vec![USUAL] } else { algorithms }
 }
 
 #[cfg(test)]
@@ -84,9 +83,8 @@ mod tests {
         for (name, text) in RECIPES {
             let (task, algorithm) = name.split_once('.').unwrap();
             let task = names().into_iter().find(|own| snake(own) == task).unwrap_or_else(|| panic!("{name}"));
-            let algorithm = Algorithm::by_name(algorithm).unwrap();
             let config = TrainConfig::for_task(task, Some(algorithm), None).unwrap_or_else(|e| panic!("{text}\n{e}"));
-            assert_eq!(config.algorithm, algorithm);
+            assert_eq!(config.algorithm.name(), algorithm);
             assert_eq!(TrainConfig::from_toml(&config.to_toml().unwrap(), task).unwrap(), config);
             let tables: toml::Table = toml::from_str(text).unwrap();
             assert!(config.unused(&tables).is_empty(), "{name}");
@@ -107,9 +105,9 @@ mod tests {
 
     #[test]
     fn the_first_recipe_of_a_task_is_its_usual_one() {
-        assert_eq!(recipes_of("OverHover"), [Algorithm::Shac, Algorithm::Ppo]);
-        assert_eq!(recipe("overhover", None).unwrap().0, Algorithm::Shac);
-        assert_eq!(recipe("OverHover", Some(Algorithm::Apg)), None);
-        assert_eq!(recipes_of("Own"), [Algorithm::Apg]);
+        assert_eq!(recipes_of("OverHover"), ["shac", "ppo"]);
+        assert_eq!(recipe("overhover", None).unwrap().0, "shac");
+        assert_eq!(recipe("OverHover", Some("apg")), None);
+        assert_eq!(recipes_of("Own"), ["apg"]);
     }
 }
