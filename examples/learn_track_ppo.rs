@@ -10,8 +10,9 @@ use omnidrones::rl::ppo::{Ppo, PpoConfig};
 const UPDATES: u64 = 30;
 
 fn main() -> Result<()> {
-    let recipe = TrainConfig::for_task("Track", Some(omnidrones::rl::Algorithm::Ppo), None)?;
-    let config = PpoConfig { updates: UPDATES, ..recipe.ppo };
+    let recipe = TrainConfig::for_task("Track", Some("ppo"), None)?;
+    let config = recipe.algorithm.get().cloned().unwrap_or_default();
+    let config = PpoConfig { updates: UPDATES, ..config };
     let env = EnvConfig { stagger: true, ..EnvConfig::default() };
     let mut ppo = Ppo::new("Track", &env, config, 7, Threads::default())?;
     println!("update  reward of a step  steps of an episode");

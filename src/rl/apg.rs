@@ -19,6 +19,7 @@
 //! Too high a learning rate saturates the network and never recovers. [`ApgConfig::saturation`] watches for it: the run
 //! begins again at half the rate.
 
+use super::algorithm::Algorithm;
 use super::checkpoint::Tensors;
 use super::learner::{Learner, Progress, Update};
 use super::nn::{AdamConfig, Layers};
@@ -34,7 +35,7 @@ pub use super::window::Objective;
 
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
-use crate::tasks::{Env, EnvConfig, SweepOptions};
+use crate::tasks::{Env, EnvConfig, Spec, SweepOptions};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -112,6 +113,40 @@ impl ApgConfig {
         self.learning_rate.validate("learning_rate")?;
         self.adam.validate()?;
         self.network.validate()
+    }
+}
+
+impl Algorithm for ApgConfig {
+    fn name(&self) -> &'static str {
+        "apg"
+    }
+
+    fn validate(&self) -> Result<()> {
+        ApgConfig::validate(self)
+    }
+
+    fn updates(&self) -> u64 {
+        self.updates
+    }
+
+    fn set_updates(&mut self, updates: u64) {
+        self.updates = updates;
+    }
+
+    fn actor(&self, spec: &Spec) -> Result<Actor> {
+        Actor::new(spec, &self.network, true)
+    }
+
+    fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {
+        Ok(Box::new(Apg::with(make, env, self.clone(), seed, threads)?))
+    }
+
+    fn loss(&self) -> &'static str {
+        "mean cost of a step"
+    }
+
+    fn source(&self) -> (&'static str, &'static str) {
+        (include_str!("apg.rs"), "ApgConfig")
     }
 }
 

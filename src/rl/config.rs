@@ -16,60 +16,22 @@
 //!
 //! A file says what differs: from the task's [recipe](super::recipes), which itself says what differs from the defaults.
 
-use super::apg::{Apg, ApgConfig};
+use super::algorithm::{self, Algorithm, unwritable};
+use super::apg::ApgConfig;
 use super::config_diff::{ConfigDifference, config_diff};
 use super::learner::Learner;
-use super::policy::Actor;
-use super::ppo::{Ppo, PpoConfig};
 use super::recipes::recipe;
 use super::renamed::renamed;
-use super::shac::{Shac, ShacConfig};
 use crate::documented::fields;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer, merge};
 use crate::parallel::Threads;
-use crate::tasks::{EnvConfig, Spec, registry};
-use serde::{Deserialize, Serialize};
+use crate::tasks::{Env, EnvConfig, registry};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{DeserializeSeed, Deserializer, Error as _, IgnoredAny, IntoDeserializer, MapAccess, Visitor};
+use serde::{Deserialize, Serialize, Serializer};
+use std::fmt;
 use toml::{Table, Value};
-
-/// How a policy learns.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Algorithm {
-    /// Gradients of the loss through the physics: [`Apg`].
-    #[default]
-    Apg,
-    /// The same over short windows, with a critic behind them: [`Shac`].
-    Shac,
-    /// Sampled actions, clipped steps: [`Ppo`].
-    Ppo,
-}
-
-impl Algorithm {
-    /// All.
-    pub const ALL: [Self; 3] = [Self::Apg, Self::Shac, Self::Ppo];
-
-    /// As in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Apg => "apg",
-            Self::Shac => "shac",
-            Self::Ppo => "ppo",
-        }
-    }
-
-    /// The algorithm of that name (case does not matter).
-    ///
-    /// # Errors
-    /// [`Error::Unknown`] with the nearest.
-    pub fn by_name(name: &str) -> Result<Self> {
-        Self::ALL.into_iter().find(|a| a.name().eq_ignore_ascii_case(name)).ok_or_else(|| Error::Unknown {
-            kind: "algorithm",
-            name: name.into(),
-            known: Self::ALL.map(|a| a.name().to_string()).to_vec(),
-        })
-    }
-}
 
 /// Flights of the policy from starts that training never sees.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -105,26 +67,28 @@ impl Default for Checkpoints {
     }
 }
 
-/// A training run. Of the algorithms' tables only that of `algorithm` counts.
+/// A training run. In files the settings of the algorithm are a table of its name; those of others do not count.
 ///
 /// `env` describes the environments but not how many there are and how they are drawn: their number stands with the
 /// algorithm, and everything random comes from `seed`. First episodes begin anywhere in time (`stagger`) unless told
 /// otherwise.
 ///
 /// ```
-/// use omnidrones::rl::{Algorithm, TrainConfig};
+/// use omnidrones::rl::{TrainConfig, apg::ApgConfig};
 /// let own = "seed = 3\n[apg]\nnetwork.hidden = [32, 32]";
-/// let config = TrainConfig::for_task("Hover", Some(Algorithm::Apg), Some((own, "my.toml")))?;
-/// assert_eq!((config.seed, &config.apg.network.hidden[..]), (3, &[32, 32][..]));
+/// let config = TrainConfig::for_task("Hover", Some("apg"), Some((own, "my.toml")))?;
+/// let apg: &ApgConfig = config.algorithm.get().expect("apg was asked for");
+/// assert_eq!((config.seed, &apg.network.hidden[..]), (3, &[32, 32][..]));
 /// # Ok::<(), omnidrones::error::Error>(())
 /// ```
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(remote = "Self", deny_unknown_fields, default)]
 pub struct TrainConfig {
     /// What is learnt; empty where a file does not say.
     pub task: String,
     /// How to learn.
-    pub algorithm: Algorithm,
+    #[serde(skip)]
+    pub algorithm: Box<dyn Algorithm>,
     /// Of all that is random in the run.
     pub seed: u64,
     /// Updates between two lines of the log.
@@ -133,12 +97,6 @@ pub struct TrainConfig {
     pub evaluate: Evaluate,
     /// What is kept.
     pub checkpoint: Checkpoints,
-    /// Settings of APG.
-    pub apg: ApgConfig,
-    /// Settings of SHAC.
-    pub shac: ShacConfig,
-    /// Settings of PPO.
-    pub ppo: PpoConfig,
     /// The environments.
     pub env: EnvConfig,
 }
@@ -147,14 +105,11 @@ impl Default for TrainConfig {
     fn default() -> Self {
         Self {
             task: String::new(),
-            algorithm: Algorithm::default(),
+            algorithm: Box::new(ApgConfig::default()),
             seed: 0,
             log_every: 10,
             evaluate: Evaluate::default(),
             checkpoint: Checkpoints::default(),
-            apg: ApgConfig::default(),
-            shac: ShacConfig::default(),
-            ppo: PpoConfig::default(),
             env: EnvConfig { stagger: true, ..EnvConfig::default() },
         }
     }
@@ -168,9 +123,6 @@ const NOT_OF_ENV: [(&str, &str); 4] = [
     ("autoreset", "Remove it: environments restart in the same step while training."),
 ];
 
-/// Updates between two evaluations of PPO, whose updates are few and long.
-const PPO_EVALUATES: i64 = 20;
-
 /// Most environments of an evaluation.
 const MAX_EVALUATED: usize = 1 << 20;
 /// Most checkpoints kept.
@@ -183,7 +135,7 @@ impl TrainConfig {
     /// # Errors
     /// [`Error::Unknown`] for a task that is none, [`Error::Format`] with line, column and the nearest known key, and for a
     /// text that names another task; otherwise as [`TrainConfig::validate`].
-    pub fn for_task(task: &str, algorithm: Option<Algorithm>, user: Option<(&str, &str)>) -> Result<Self> {
+    pub fn for_task(task: &str, algorithm: Option<&str>, user: Option<(&str, &str)>) -> Result<Self> {
         let layers = user.map(|(text, file)| Layer::of_text(text, file)).transpose()?;
         Self::layered(task, algorithm, layers.as_slice())
     }
@@ -193,20 +145,21 @@ impl TrainConfig {
     ///
     /// # Errors
     /// As [`TrainConfig::for_task`].
-    pub fn layered(task: &str, algorithm: Option<Algorithm>, user: &[Layer]) -> Result<Self> {
+    pub fn layered(task: &str, algorithm: Option<&str>, user: &[Layer]) -> Result<Self> {
         let entry = registry::by_name(task)?;
         let task = entry.name;
         let user = user.iter().map(|layer| check(Self::today(layer.clone())?, task)).collect::<Result<Vec<_>>>()?;
         let named = user.iter().rev().find_map(|layer| layer.table().get("algorithm")?.as_str());
-        let algorithm = algorithm.or(named.map(Algorithm::by_name).transpose()?);
-        let (usual, text) = recipe(task, algorithm).unwrap_or((algorithm.unwrap_or_default(), ""));
-        let mut base = Self::default().table()?;
+        let algorithm = algorithm.or(named).map(algorithm::by_name).transpose()?;
+        let known = recipe(task, algorithm.as_ref().map(|own| own.name()));
+        let (usual, text) = known.unwrap_or((USUAL, ""));
+        let own = algorithm.map_or_else(|| algorithm::by_name(usual), Ok)?;
+        let mut base = Self::every_table()?;
         merge(&mut base, layers::at("env", Value::Table(entry.default_table()?)));
-        if algorithm.unwrap_or(usual) == Algorithm::Ppo {
-            merge(&mut base, layers::at("evaluate.every", PPO_EVALUATES.into()));
-        }
+        let every = i64::try_from(own.evaluate_every()).unwrap_or(i64::MAX);
+        merge(&mut base, layers::at("evaluate.every", every.into()));
         merge(&mut base, Layer::of_text(text, &format!("recipe of {task}"))?.table().clone());
-        let config = Self { task: task.into(), algorithm: algorithm.unwrap_or(usual), ..layers::read(base, &user)? };
+        let config = Self { task: task.into(), ..Self::read(base, &user, own.name())? };
         config.validate()?;
         Ok(config)
     }
@@ -218,12 +171,33 @@ impl TrainConfig {
     pub fn from_toml(text: &str, file: &str) -> Result<Self> {
         let layer = Self::today(Layer::of_text(text, file)?)?;
         check_env(&layer)?;
-        let mut base = Self::default().table()?;
+        let mut base = Self::every_table()?;
         if let Some(task) = layer.table().get("task").and_then(Value::as_str) {
             merge(&mut base, layers::at("env", Value::Table(registry::by_name(task)?.default_table()?)));
         }
-        let config: Self = layers::read(base, &[layer])?;
+        let named = layer.table().get("algorithm").and_then(Value::as_str).unwrap_or(USUAL).to_string();
+        let config = Self::read(base, &[layer], &named)?;
         config.validate()?;
+        Ok(config)
+    }
+
+    /// Checks that a layer in the form of a run holds nothing but settings of runs.
+    ///
+    /// # Errors
+    /// [`Error::Format`] with the nearest known key.
+    pub fn check(layer: &Layer) -> Result<()> {
+        Self::read(Self::every_table()?, std::slice::from_ref(layer), USUAL).map(drop)
+    }
+
+    /// The settings of layers over `base`, all tables of algorithms read, that of `algorithm` kept.
+    fn read(base: Table, layers: &[Layer], algorithm: &str) -> Result<Self> {
+        let Run(mut config) = layers::read(base.clone(), layers)?;
+        for entry in algorithm::entries() {
+            let own = (entry.read)(base.clone(), layers)?;
+            if own.name().eq_ignore_ascii_case(algorithm) {
+                config.algorithm = own;
+            }
+        }
         Ok(config)
     }
 
@@ -256,9 +230,15 @@ impl TrainConfig {
         table
     }
 
-    /// The names of its settings.
+    /// The names of its settings, and of the tables of algorithms.
     pub fn keys() -> Vec<String> {
-        Table::try_from(Self::default()).unwrap_or_default().keys().cloned().collect()
+        Self::own_keys().into_iter().chain(algorithm::names().into_iter().map(String::from)).collect()
+    }
+
+    /// The names of the settings that all runs have.
+    pub(super) fn own_keys() -> Vec<String> {
+        let own = Self::default().own_table().unwrap_or_default();
+        own.keys().cloned().chain(["algorithm".into()]).collect()
     }
 
     /// What a setting means, by its table and key as in a file: `apg.network`, `hidden`.
@@ -267,12 +247,9 @@ impl TrainConfig {
             "" => (include_str!("config.rs"), "TrainConfig"),
             "evaluate" => (include_str!("config.rs"), "Evaluate"),
             "checkpoint" => (include_str!("config.rs"), "Checkpoints"),
-            "apg" => (include_str!("apg.rs"), "ApgConfig"),
-            "shac" => (include_str!("shac.rs"), "ShacConfig"),
-            "ppo" => (include_str!("ppo/config.rs"), "PpoConfig"),
             "adam" => (include_str!("nn/adam.rs"), "AdamConfig"),
             "network" | "critic" => (include_str!("nn/mlp.rs"), "Layers"),
-            _ => return None,
+            own => algorithm::by_name(own).ok()?.source(),
         };
         fields(source, name).into_iter().find_map(|(field, meaning)| (field == key).then_some(meaning))
     }
@@ -290,18 +267,40 @@ impl TrainConfig {
     /// [`Error::Value`] for a whole number above 2⁶³ − 1.
     pub fn to_toml(&self) -> Result<String> {
         let mut table = self.table()?;
-        for other in Algorithm::ALL.into_iter().filter(|a| *a != self.algorithm) {
-            table.remove(other.name());
-        }
         let task = table.remove("task").filter(|_| !self.task.is_empty());
         let first = task.map_or_else(String::new, |task| format!("task = {task}\n"));
         toml::to_string(&table).map(|rest| first + &rest).map_err(unwritable)
     }
 
+    /// All settings but those of other algorithms.
     fn table(&self) -> Result<Table> {
-        let mut table = Table::try_from(self).map_err(unwritable)?;
+        let mut table = self.own_table()?;
+        table.insert("algorithm".into(), self.algorithm.name().into());
+        table.insert(self.algorithm.name().into(), Value::Table(self.algorithm.table()?));
+        Ok(table)
+    }
+
+    /// What all runs have.
+    fn own_table(&self) -> Result<Table> {
+        struct Own<'a>(&'a TrainConfig);
+        impl Serialize for Own<'_> {
+            fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+                TrainConfig::serialize(self.0, serializer)
+            }
+        }
+        let mut table = Table::try_from(Own(self)).map_err(unwritable)?;
         if let Some(Value::Table(env)) = table.get_mut("env") {
             NOT_OF_ENV.iter().for_each(|(key, _)| drop(env.remove(*key)));
+        }
+        Ok(table)
+    }
+
+    /// All defaults, of every algorithm.
+    fn every_table() -> Result<Table> {
+        let mut table = Self::default().table()?;
+        for entry in algorithm::entries() {
+            let own = (entry.default)();
+            table.insert(own.name().into(), Value::Table(own.table()?));
         }
         Ok(table)
     }
@@ -337,29 +336,17 @@ impl TrainConfig {
         if let Some(Value::Integer(horizon)) = self.env.task.get("horizon") {
             EnvConfig::check_horizon(usize::try_from(*horizon).unwrap_or(0))?;
         }
-        match self.algorithm {
-            Algorithm::Apg => self.apg.validate(),
-            Algorithm::Shac => self.shac.validate(),
-            Algorithm::Ppo => self.ppo.validate(),
-        }
+        self.algorithm.validate()
     }
 
     /// Updates of the run.
     pub fn updates(&self) -> u64 {
-        match self.algorithm {
-            Algorithm::Apg => self.apg.updates,
-            Algorithm::Shac => self.shac.updates,
-            Algorithm::Ppo => self.ppo.updates,
-        }
+        self.algorithm.updates()
     }
 
     /// With another number of updates.
     pub fn with_updates(mut self, updates: u64) -> Self {
-        match self.algorithm {
-            Algorithm::Apg => self.apg.updates = updates,
-            Algorithm::Shac => self.shac.updates = updates,
-            Algorithm::Ppo => self.ppo.updates = updates,
-        }
+        self.algorithm.set_updates(updates);
         self
     }
 
@@ -376,17 +363,19 @@ impl TrainConfig {
         };
         let named = !self.task.is_empty() && !now.task.is_empty();
         let mut differences = config_diff(&bare(self)?, &bare(now)?);
-        let counts = |key: &str| match Algorithm::ALL.into_iter().find(|a| of_algorithm(key, *a)) {
-            Some(algorithm) => algorithm == self.algorithm && algorithm == now.algorithm,
-            None => key != "task" || named,
+        let (own, other) = (self.algorithm.name(), now.algorithm.name());
+        let counts = |key: &str| match key.split_once('.') {
+            Some((table, _)) if table == own || table == other => own == other,
+            _ => key != "task" || named,
         };
         differences.retain(|difference| counts(&difference.key));
         Ok(differences)
     }
 
     /// The tables of other algorithms in a user's settings, which `self` leaves unused.
-    pub fn unused(&self, table: &Table) -> Vec<Algorithm> {
-        Algorithm::ALL.into_iter().filter(|a| *a != self.algorithm && table.contains_key(a.name())).collect()
+    pub fn unused(&self, table: &Table) -> Vec<&'static str> {
+        let other = |name: &&str| *name != self.algorithm.name() && table.contains_key(*name);
+        algorithm::names().into_iter().filter(other).collect()
     }
 
     /// The learner at its first update.
@@ -394,35 +383,116 @@ impl TrainConfig {
     /// # Errors
     /// As the learner's.
     pub fn learner(&self, task: &str, threads: &Threads) -> Result<Box<dyn Learner>> {
-        let (env, seed, threads) = (&self.env, self.seed, threads.clone());
-        Ok(match self.algorithm {
-            Algorithm::Apg => Box::new(Apg::new(task, env, self.apg.clone(), seed, threads)?),
-            Algorithm::Shac => Box::new(Shac::new(task, env, self.shac.clone(), seed, threads)?),
-            Algorithm::Ppo => Box::new(Ppo::new(task, env, self.ppo.clone(), seed, threads)?),
-        })
+        self.algorithm.learner(&|config| Env::make(task, config), &self.env, self.seed, threads.clone())
     }
 
-    /// The environments as the policy sees them: `env`, with the stage that the algorithm adds to its observation.
+    /// The environments as the policy sees them: `env`, with the stages that the algorithm adds to its observation.
     pub fn seen_env(&self) -> EnvConfig {
-        match self.algorithm {
-            Algorithm::Ppo => self.ppo.seen(&self.env),
-            Algorithm::Apg | Algorithm::Shac => self.env.clone(),
-        }
-    }
-
-    /// The shape of the learner's policy.
-    pub(crate) fn actor(&self, spec: &Spec) -> Result<Actor> {
-        match self.algorithm {
-            Algorithm::Apg => Actor::new(spec, &self.apg.network, true),
-            Algorithm::Shac => Actor::new(spec, &self.shac.network, true),
-            Algorithm::Ppo => Actor::new(spec, &self.ppo.network, false),
-        }
+        self.algorithm.seen(&self.env)
     }
 }
 
-/// Whether a key is one of an algorithm's own settings.
-fn of_algorithm(key: &str, algorithm: Algorithm) -> bool {
-    key.strip_prefix(algorithm.name()).is_some_and(|rest| rest.starts_with('.'))
+/// The algorithm of a task without recipes.
+pub(super) const USUAL: &str = "apg";
+
+/// By all settings that a file holds.
+impl PartialEq for TrainConfig {
+    fn eq(&self, other: &Self) -> bool {
+        self.table().ok() == other.table().ok()
+    }
+}
+
+impl Serialize for TrainConfig {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        self.table().map_err(serde::ser::Error::custom)?.serialize(serializer)
+    }
+}
+
+/// What all runs have, read from settings beside which tables of algorithms stand.
+struct Run(TrainConfig);
+
+impl<'de> Deserialize<'de> for Run {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        struct Whole;
+        impl<'de> Visitor<'de> for Whole {
+            type Value = Run;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("the settings of a run")
+            }
+            fn visit_map<M: MapAccess<'de>>(self, map: M) -> std::result::Result<Run, M::Error> {
+                TrainConfig::deserialize(MapAccessDeserializer::new(Shared(map))).map(Run)
+            }
+        }
+        deserializer.deserialize_map(Whole)
+    }
+}
+
+/// The entries of a map that all runs have: a filter, so that mistakes keep line and column.
+struct Shared<M>(M);
+
+impl<'de, M: MapAccess<'de>> MapAccess<'de> for Shared<M> {
+    type Error = M::Error;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> std::result::Result<Option<K::Value>, M::Error> {
+        let mut seed = Some(seed);
+        loop {
+            match self.0.next_key_seed(Key(&mut seed))? {
+                None => return Ok(None),
+                Some(Kind::Shared(key)) => return Ok(Some(key)),
+                Some(Kind::Algorithm) => {
+                    let name: String = self.0.next_value()?;
+                    algorithm::by_name(&name).map_err(M::Error::custom)?;
+                }
+                Some(Kind::Table) => drop(self.0.next_value::<IgnoredAny>()?),
+            }
+        }
+    }
+
+    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> std::result::Result<V::Value, M::Error> {
+        self.0.next_value_seed(seed)
+    }
+}
+
+/// What a key of a run is of.
+enum Kind<K> {
+    Shared(K),
+    /// The name of the algorithm.
+    Algorithm,
+    /// The table of one.
+    Table,
+}
+
+struct Key<'a, K>(&'a mut Option<K>);
+
+impl<'de, K: DeserializeSeed<'de>> DeserializeSeed<'de> for Key<'_, K> {
+    type Value = Kind<K::Value>;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> std::result::Result<Self::Value, D::Error> {
+        deserializer.deserialize_identifier(self)
+    }
+}
+
+impl<'de, K: DeserializeSeed<'de>> Visitor<'de> for Key<'_, K> {
+    type Value = Kind<K::Value>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the name of a setting")
+    }
+
+    fn visit_str<E: serde::de::Error>(self, key: &str) -> std::result::Result<Self::Value, E> {
+        if key == "algorithm" {
+            return Ok(Kind::Algorithm);
+        }
+        if algorithm::names().contains(&key) {
+            return Ok(Kind::Table);
+        }
+        let known = || TrainConfig::keys().iter().map(|k| format!("`{k}`")).collect::<Vec<_>>().join(", ");
+        let unknown = |_: E| E::custom(format!("unknown field `{key}`, expected one of {}", known()));
+        match self.0.take() {
+            Some(seed) => seed.deserialize(key.into_deserializer()).map(Kind::Shared).map_err(unknown),
+            None => Err(E::custom("keys ask one at a time")),
+        }
+    }
 }
 
 /// A layer that names a task is for that one, and sets nothing that a run sets itself.
@@ -452,12 +522,9 @@ fn check_env(layer: &Layer) -> Result<()> {
     Ok(())
 }
 
-fn unwritable(error: toml::ser::Error) -> Error {
-    Error::value("configuration", error, "what TOML can hold", "Lower the seed or the limit of memory.")
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::ppo::PpoConfig;
     use super::super::schedule::Schedule;
     use super::*;
     use std::time::{Duration, Instant};
@@ -466,14 +533,18 @@ mod tests {
         TrainConfig::for_task("hover", None, Some((text, "my.toml")))
     }
 
+    fn apg(config: &TrainConfig) -> &ApgConfig {
+        config.algorithm.get().unwrap()
+    }
+
     #[test]
     fn a_users_file_wins_table_by_table() {
         let text = "seed = 3\napg = { horizon = 30, network.hidden = [8], learning_rate = 0.001 }\n\
                     env = { dt = 0.01, task.horizon = 9 }";
         let (config, usual) = (hover(text).unwrap(), hover("").unwrap());
-        assert_eq!((config.seed, config.apg.horizon, config.apg.learning_rate), (3, 30, 0.001.into()));
-        assert_eq!(config.apg.n_env, usual.apg.n_env);
-        assert_eq!(config.apg.network.activation, usual.apg.network.activation);
+        assert_eq!((config.seed, apg(&config).horizon, apg(&config).learning_rate), (3, 30, 0.001.into()));
+        assert_eq!(apg(&config).n_env, apg(&usual).n_env);
+        assert_eq!(apg(&config).network.activation, apg(&usual).network.activation);
         assert_eq!((config.env.dt, config.env.stagger, config.env.substeps), (0.01, true, usual.env.substeps));
         assert_eq!(config.env.task["horizon"].as_integer(), Some(9));
     }
@@ -482,7 +553,7 @@ mod tests {
     fn one_number_of_a_recipes_schedule_can_be_given() {
         let (usual, own) = (hover("").unwrap(), hover("apg.learning_rate.from = 0.005").unwrap());
         assert_eq!(
-            (usual.apg.learning_rate, own.apg.learning_rate),
+            (apg(&usual).learning_rate, apg(&own).learning_rate),
             (Schedule::cosine(0.01, 1e-4), Schedule::cosine(0.005, 1e-4))
         );
         let error = hover("log_every = 3\napg.learning_rate.fron = 0.005").unwrap_err().to_string();
@@ -496,25 +567,23 @@ mod tests {
             (of("HoverRand", "").env.changes().len(), of("HoverRand", "env.randomise = []").env.changes().len()),
             (9, 0)
         );
-        let usual = TrainConfig::default().apg.n_env;
-        assert_ne!(of("HoverRand", "").apg.n_env, usual);
-        assert_eq!(of("HoverRand", &format!("apg.n_env = {usual}")).apg.n_env, usual);
+        let usual = ApgConfig::default().n_env;
+        assert_ne!(apg(&of("HoverRand", "")).n_env, usual);
+        assert_eq!(apg(&of("HoverRand", &format!("apg.n_env = {usual}"))).n_env, usual);
     }
 
     #[test]
     fn the_algorithm_is_that_of_the_caller_then_of_the_file_then_of_the_recipe() {
         let named = Some(("algorithm = 'ppo'", "my.toml"));
-        let of = |wanted, user| TrainConfig::for_task("Hover", wanted, user).unwrap().algorithm;
-        assert_eq!(of(Some(Algorithm::Shac), named), Algorithm::Shac);
-        assert_eq!(of(None, named), Algorithm::Ppo);
-        assert_eq!(of(None, None), Algorithm::Apg);
-        assert!(Algorithm::by_name("pppo").unwrap_err().to_string().contains("did you mean 'ppo'?"));
-        assert!(Algorithm::ALL.into_iter().all(|a| Algorithm::by_name(a.name()).unwrap() == a));
+        let of = |wanted, user| TrainConfig::for_task("Hover", wanted, user).unwrap().algorithm.name();
+        assert_eq!(of(Some("shac"), named), "shac");
+        assert_eq!(of(None, named), "ppo");
+        assert_eq!(of(None, None), "apg");
     }
 
     #[test]
     fn a_configuration_survives_its_own_text() {
-        for algorithm in Algorithm::ALL {
+        for algorithm in algorithm::names() {
             let text = "seed = 9\n[env]\ncontrol = 'rate'\nrandomise = [{ what = 'mass', range = [0.7, 1.3] }]";
             let config = TrainConfig::for_task("Hover", Some(algorithm), Some((text, "t"))).unwrap();
             let text = config.with_updates(17).to_toml().unwrap();
@@ -531,6 +600,10 @@ mod tests {
             ("sed = 3", "Did you mean `seed`?"),
             ("[evaluate]\nenv = 3", "Did you mean `envs`?"),
             ("[env]\ncontroll = 'rate'", "Did you mean `control`?"),
+            ("[agp]\nhorizon = 3", "my.toml: line 1, column 2: unknown field `agp`"),
+            ("[agp]\nhorizon = 3", "Did you mean `apg`?"),
+            ("[ppo]\nstep = 3", "my.toml: line 2, column 1: unknown field `step`"),
+            ("algorithm = 3", "my.toml: line 1, column 13: invalid type: integer"),
             (
                 "[env]\nn_env = 3",
                 "env.n_env: is no setting of a training run. Give n_env in the table of the algorithm",
@@ -581,7 +654,7 @@ mod tests {
             one.differences(now).unwrap().into_iter().map(|difference| difference.key).collect()
         };
         assert_eq!(keys(&other), ["apg.max_grad_norm", "env.task.vehicle", "seed"]);
-        let ppo = TrainConfig { algorithm: Algorithm::Ppo, ..one.clone() };
+        let ppo = TrainConfig { algorithm: Box::new(PpoConfig::default()), ..one.clone() };
         assert_eq!(keys(&ppo), ["algorithm"]);
     }
 
@@ -589,14 +662,14 @@ mod tests {
     fn tables_of_other_algorithms_are_told() {
         let config = hover("").unwrap();
         let unused = |text: &str| config.unused(&toml::from_str(text).unwrap());
-        assert_eq!(unused("ppo.updates = 3\napg.updates = 3"), [Algorithm::Ppo]);
-        assert_eq!(unused("seed = 3"), []);
+        assert_eq!(unused("ppo.updates = 3\napg.updates = 3"), ["ppo"]);
+        assert!(unused("seed = 3").is_empty());
     }
 
     #[test]
     fn every_setting_of_a_run_has_a_meaning() {
-        for algorithm in Algorithm::ALL {
-            let config = TrainConfig { algorithm, ..TrainConfig::default() };
+        for algorithm in algorithm::names() {
+            let config = TrainConfig { algorithm: algorithm::by_name(algorithm).unwrap(), ..TrainConfig::default() };
             let mut table: Table = toml::from_str(&config.to_toml().unwrap()).unwrap();
             table.remove("env");
             let mut tables = vec![(String::new(), table)];

@@ -9,6 +9,7 @@
 //! | [`apg`] | analytic policy gradients: the default where the loss is smooth |
 //! | [`shac`] | the same over shorter windows, with a critic behind them |
 //! | [`ppo`] | proximal policy optimisation, for all tasks, teams and discrete actions |
+//! | [`algorithm`] | which algorithms there are, and how to add one's own |
 //! | `config`, [`recipes`] | what a run is made of, and what proved good for each task |
 //! | `renamed` | settings by their names of 0.1 |
 //! | `config_diff` | in which settings two runs differ |
@@ -53,6 +54,7 @@
 //! fixed size, gradients into parts of fixed size, and sums are folded in order. A run that was killed goes on from its
 //! last checkpoint with the same bits.
 
+pub mod algorithm;
 pub mod apg;
 pub mod checkpoint;
 pub(crate) mod config;
@@ -82,7 +84,8 @@ pub(crate) mod value_norm;
 pub(crate) mod warm_start;
 pub(crate) mod window;
 
-pub use config::{Algorithm, Checkpoints, Evaluate, TrainConfig};
+pub use algorithm::Algorithm;
+pub use config::{Checkpoints, Evaluate, TrainConfig};
 pub use config_diff::ConfigDifference;
 pub use curriculum::{Curriculum, GoodEpisode};
 pub use evaluate::{Starts, eval_env, evaluate};

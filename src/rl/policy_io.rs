@@ -149,7 +149,7 @@ pub(crate) fn put_policy(own: &Policy, policy: &mut Tensors, state: &mut Tensors
 }
 
 fn policy_of(config: &TrainConfig, spec: &Spec, policy: &Tensors, state: &Tensors) -> Result<Policy> {
-    let actor = config.actor(spec)?;
+    let actor = config.algorithm.actor(spec)?;
     let mut parameters = state::network(policy, "actor", &actor.mlp)?;
     let n_head = actor.head.n_extra();
     if n_head > 0 {

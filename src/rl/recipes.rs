@@ -1,181 +1,113 @@
-//! Settings that are known to train a task, one line each.
+//! Settings that are known to train a task: one file per task and algorithm in `recipes/`, with a line of why.
 //!
 //! A recipe is TOML over the defaults of [`TrainConfig`](super::config::TrainConfig); a user's file goes over the recipe.
-//! The first recipe of a task is that of its usual algorithm; where a pair of task and algorithm has none, the defaults
-//! hold.
+//! Where a pair of task and algorithm has none, the defaults hold.
 
-use super::config::Algorithm;
+use super::config::USUAL;
 
-/// SHAC over half a second with layers of 128 units: (updates, first rate).
-macro_rules! wide {
-    ($updates:literal, $rate:literal) => {
-        concat!(
-            "[shac]\nn_env = 64\nshard = 32\nhorizon = 32\ncritic_epochs = 1\nadjoint_clip = 30\n",
-            "network.hidden = [128, 128]\ncritic.hidden = [128, 128]\n",
-            "updates = ",
-            $updates,
-            "\nlearning_rate = { kind = 'cosine', from = ",
-            $rate,
-            ", to = 1e-4 }"
-        )
+/// A recipe by the name of its file: task and algorithm, `hover.apg`.
+macro_rules! file {
+    ($name:literal) => {
+        ($name, include_str!(concat!("recipes/", $name, ".toml")))
     };
 }
 
-/// Task, algorithm, and what differs from the defaults.
-pub static RECIPES: &[(&str, Algorithm, &str)] = &[
-    ("Hover", Algorithm::Apg, ""),
-    ("Hover", Algorithm::Ppo, ""),
-    ("Track", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nhorizon = 64\nupdates = 800"),
-    ("Track", Algorithm::Ppo, "[ppo]\nupdates = 150"),
-    ("HoverRand", Algorithm::Apg, HOVER_RAND),
-    ("TrackRand", Algorithm::Apg, TRACK_RAND),
-    ("FlyThrough", Algorithm::Ppo, ""),
-    ("FlyThrough", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nhorizon = 64\nupdates = 1000"),
-    ("PayloadHover", Algorithm::Shac, PAYLOAD_HOVER),
-    ("PayloadTrack", Algorithm::Apg, "[apg]\nn_env = 128\nshard = 64\nhorizon = 96\nupdates = 1500\nadjoint_clip = 30"),
-    ("PayloadFlyThrough", Algorithm::Ppo, ""),
-    (
-        "InvPendulumHover",
-        Algorithm::Apg,
-        "[apg]\nn_env = 128\nshard = 64\nhorizon = 96\nupdates = 2000\nadjoint_clip = 30",
-    ),
-    ("InvPendulumTrack", Algorithm::Ppo, "[ppo]\nupdates = 110"),
-    ("InvPendulumFlyThrough", Algorithm::Ppo, "[ppo]\nupdates = 110"),
-    ("OmavHover", Algorithm::Apg, OMAV_HOVER),
-    ("OmavTrack", Algorithm::Apg, OMAV_TRACK),
-    ("DragonHover", Algorithm::Shac, DRAGON_HOVER),
-    ("OverHover", Algorithm::Shac, OVER_HOVER),
-    ("OverHover", Algorithm::Ppo, TEAM),
-    ("OverTrack", Algorithm::Shac, OVER_TRACK),
-    ("OverFlyThrough", Algorithm::Shac, TEAM_FLY_THROUGH),
-    ("TransportHover", Algorithm::Shac, TRANSPORT_HOVER),
-    ("TransportHover", Algorithm::Ppo, TEAM),
-    ("TransportTrack", Algorithm::Shac, TRANSPORT_TRACK),
-    ("TransportFlyThrough", Algorithm::Shac, TEAM_FLY_THROUGH),
-    ("Formation", Algorithm::Shac, FORMATION),
-    ("Formation", Algorithm::Ppo, TEAM),
+/// Names and texts of all files. The first of a task is that of its usual algorithm.
+pub static RECIPES: &[(&str, &str)] = &[
+    file!("hover.apg"),
+    file!("hover.ppo"),
+    file!("track.apg"),
+    file!("track.ppo"),
+    file!("hover_rand.apg"),
+    file!("track_rand.apg"),
+    file!("fly_through.ppo"),
+    file!("fly_through.apg"),
+    file!("payload_hover.shac"),
+    file!("payload_track.apg"),
+    file!("payload_fly_through.ppo"),
+    file!("inv_pendulum_hover.apg"),
+    file!("inv_pendulum_track.ppo"),
+    file!("inv_pendulum_fly_through.ppo"),
+    file!("omav_hover.apg"),
+    file!("omav_track.apg"),
+    file!("dragon_hover.shac"),
+    file!("over_hover.shac"),
+    file!("over_hover.ppo"),
+    file!("over_track.shac"),
+    file!("over_fly_through.shac"),
+    file!("transport_hover.shac"),
+    file!("transport_hover.ppo"),
+    file!("transport_track.shac"),
+    file!("transport_fly_through.shac"),
+    file!("formation.shac"),
+    file!("formation.ppo"),
 ];
 
-/// Drones that tumble have gradients a million times as large as the others.
-const HOVER_RAND: &str = "\
-[apg]
-n_env = 128
-shard = 64
-horizon = 64
-updates = 3000
-max_grad_norm = 0.05
-adjoint_clip = 30
-learning_rate = { kind = 'cosine', from = 0.005, to = 1e-4 }";
+/// Algorithm and text of a task's recipes, its usual one first.
+fn of_task(task: &str) -> impl Iterator<Item = (&'static str, &'static str)> {
+    RECIPES.iter().filter_map(move |(name, text)| {
+        let (own, algorithm) = name.split_once('.')?;
+        own.replace('_', "").eq_ignore_ascii_case(task).then_some((algorithm, *text))
+    })
+}
 
-const TRACK_RAND: &str = "\
-[apg]
-n_env = 128
-shard = 64
-horizon = 64
-updates = 2000
-max_grad_norm = 0.05
-adjoint_clip = 30
-learning_rate = { kind = 'cosine', from = 0.004, to = 1e-4 }
-network.hidden = [128, 128]";
-
-/// The ball is pushed at random: beyond three quarters of a second a critic knows more than a gradient.
-const PAYLOAD_HOVER: &str = "\
-[shac]
-horizon = 40
-updates = 2000
-discount = 0.98
-adjoint_clip = 30
-learning_rate = { kind = 'cosine', from = 0.003, to = 1e-4 }
-network.hidden = [128, 128]
-critic.hidden = [128, 128]";
-
-/// Twelve rotors lift six times the weight: steps must be small.
-const OMAV_HOVER: &str = "\
-[apg]
-n_env = 128
-shard = 64
-horizon = 48
-updates = 1500
-max_grad_norm = 0.05
-adjoint_clip = 30
-lasting = false
-learning_rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
-
-const OMAV_TRACK: &str = "\
-[apg]
-n_env = 128
-shard = 64
-horizon = 48
-updates = 1500
-max_grad_norm = 0.02
-adjoint_clip = 30
-lasting = false
-learning_rate = { kind = 'cosine', from = 0.003, to = 1e-4 }";
-
-/// Layers of 64 units reach half the success of these.
-const DRAGON_HOVER: &str = wide!(2000, 0.002);
-
-/// Four drones on bars: what a window does not see is long.
-const OVER_HOVER: &str = wide!(1500, 0.003);
-
-const OVER_TRACK: &str = wide!(1200, 0.003);
-
-const TRANSPORT_HOVER: &str = "\
-[shac]
-horizon = 32
-updates = 1500
-critic_epochs = 1
-adjoint_clip = 30
-learning_rate = { kind = 'cosine', from = 0.004, to = 1e-4 }";
-
-const TRANSPORT_TRACK: &str = wide!(1600, 0.004);
-
-/// Four integrator steps per step of the policy: dear.
-const TEAM_FLY_THROUGH: &str = wide!(800, 0.003);
-
-const FORMATION: &str = wide!(800, 0.003);
-
-/// Rows are drones: a batch of a team is as large as one of four times as many drones alone.
-const TEAM: &str = "\
-[ppo]
-n_env = 256
-shard = 64
-updates = 60";
-
-/// What differs from the defaults for a task under an algorithm, or under its usual one.
-pub fn recipe(task: &str, algorithm: Option<Algorithm>) -> Option<(Algorithm, &'static str)> {
-    let fits = |(_, own, _): &&(&str, Algorithm, &str)| algorithm.is_none_or(|wanted| wanted == *own);
-    let of_task = RECIPES.iter().filter(|(name, ..)| name.eq_ignore_ascii_case(task));
-    of_task.clone().find(fits).map(|(_, own, text)| (*own, *text))
+/// Algorithm and text of what differs from the defaults for a task under an algorithm, or under its usual one.
+pub fn recipe(task: &str, algorithm: Option<&str>) -> Option<(&'static str, &'static str)> {
+    of_task(task).find(|(own, _)| algorithm.is_none_or(|wanted| wanted.eq_ignore_ascii_case(own)))
 }
 
 /// Algorithms that have a recipe for a task, the usual one first; APG for a task without any.
-pub fn recipes_of(task: &str) -> Vec<Algorithm> {
-    let of_task = RECIPES.iter().filter(|(name, ..)| name.eq_ignore_ascii_case(task));
-    let algorithms: Vec<Algorithm> = of_task.map(|(_, own, _)| *own).collect();
-    if algorithms.is_empty() { vec![Algorithm::default()] } else { algorithms }
+pub fn recipes_of(task: &str) -> Vec<&'static str> {
+    let algorithms: Vec<&str> = of_task(task).map(|(own, _)| own).collect();
+    if algorithms.is_empty() { vec![USUAL] } else { algorithms }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::config::TrainConfig;
     use super::*;
-    use crate::tasks::registry;
+    use crate::tasks::registry::names;
+    use std::path::Path;
+
+    /// `HoverRand` as in a file's name: `hover_rand`.
+    fn snake(task: &str) -> String {
+        let parts = task.chars().enumerate().map(|(i, c)| match c {
+            c if c.is_uppercase() && i > 0 => format!("_{}", c.to_lowercase()),
+            c => c.to_lowercase().to_string(),
+        });
+        parts.collect()
+    }
 
     #[test]
     fn every_recipe_is_of_a_task_and_makes_a_configuration_that_its_own_text_makes_again() {
-        for (task, algorithm, text) in RECIPES {
-            let config = TrainConfig::for_task(task, Some(*algorithm), None).unwrap_or_else(|e| panic!("{text}\n{e}"));
-            assert_eq!(registry::by_name(task).unwrap().name, *task);
-            assert_eq!(config.algorithm, *algorithm);
+        for (name, text) in RECIPES {
+            let (task, algorithm) = name.split_once('.').unwrap();
+            let task = names().into_iter().find(|own| snake(own) == task).unwrap_or_else(|| panic!("{name}"));
+            let config = TrainConfig::for_task(task, Some(algorithm), None).unwrap_or_else(|e| panic!("{text}\n{e}"));
+            assert_eq!(config.algorithm.name(), algorithm);
             assert_eq!(TrainConfig::from_toml(&config.to_toml().unwrap(), task).unwrap(), config);
+            let tables: toml::Table = toml::from_str(text).unwrap();
+            assert!(config.unused(&tables).is_empty(), "{name}");
         }
     }
 
     #[test]
-    fn a_pair_has_one_recipe() {
-        for (i, (task, algorithm, _)) in RECIPES.iter().enumerate() {
-            assert!(!RECIPES[..i].iter().any(|(t, a, _)| (t, a) == (task, algorithm)), "{task} {}", algorithm.name());
-        }
+    fn every_file_of_the_folder_is_listed_once_and_begins_with_why() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/rl/recipes");
+        let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let mut files: Vec<String> = files.collect();
+        let mut listed: Vec<String> = RECIPES.iter().map(|(name, _)| format!("{name}.toml")).collect();
+        files.sort();
+        listed.sort();
+        assert_eq!(files, listed);
+        assert!(RECIPES.iter().all(|(_, text)| text.starts_with("# ")));
+    }
+
+    #[test]
+    fn the_first_recipe_of_a_task_is_its_usual_one() {
+        assert_eq!(recipes_of("OverHover"), ["shac", "ppo"]);
+        assert_eq!(recipe("overhover", None).unwrap().0, "shac");
+        assert_eq!(recipe("OverHover", Some("apg")), None);
+        assert_eq!(recipes_of("Own"), ["apg"]);
     }
 }

@@ -63,7 +63,7 @@ pub(crate) fn renamed(layer: Layer) -> Result<Layer> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rl::{Algorithm, TrainConfig};
+    use crate::rl::TrainConfig;
 
     #[test]
     fn every_name_of_then_means_the_setting_of_now() {
@@ -77,14 +77,13 @@ mod tests {
             }
         };
         for (table, names) in RENAMED {
-            let algorithm = Algorithm::by_name(table).unwrap();
             for (then, now) in names {
                 let of = |key: &str| {
                     let text = format!("{table}.{key} = {}", value(then));
-                    TrainConfig::for_task("Hover", Some(algorithm), Some((&text, "my.toml"))).unwrap()
+                    TrainConfig::for_task("Hover", Some(table), Some((&text, "my.toml"))).unwrap()
                 };
                 assert_eq!(of(then), of(now), "{table}.{then}");
-                let usual = TrainConfig::for_task("Hover", Some(algorithm), None).unwrap();
+                let usual = TrainConfig::for_task("Hover", Some(table), None).unwrap();
                 assert_ne!(of(then), usual, "{table}.{then} is not the default");
                 let text = of(then).to_toml().unwrap();
                 assert_eq!(TrainConfig::from_toml(&text, "config.toml").unwrap(), of(now), "{text}");
@@ -94,7 +93,7 @@ mod tests {
 
     #[test]
     fn a_part_of_a_choice_goes_by_its_old_name_too() {
-        let of = |text: &str| TrainConfig::for_task("Hover", Some(Algorithm::Apg), Some((text, "my.toml"))).unwrap();
+        let of = |text: &str| TrainConfig::for_task("Hover", Some("apg"), Some((text, "my.toml"))).unwrap();
         assert_eq!(of("apg.rate.from = 0.004"), of("apg.learning_rate.from = 0.004"));
     }
 

@@ -1,4 +1,4 @@
-//! Every built-in task: one line each.
+//! Every built-in task: one line each; and tasks of one's own, made known by [`register`].
 
 use super::config::EnvConfig;
 use super::env::Env;
@@ -23,8 +23,9 @@ use super::suite::variants;
 use super::task::Task;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer};
+use std::sync::{PoisonError, RwLock};
 
-/// A task that is made from a configuration alone.
+/// A task that is made from a configuration alone: what a name can stand for.
 pub trait BuiltIn: Task + Sized {
     /// With the vehicle and settings of a configuration.
     ///
@@ -136,17 +137,38 @@ impl Entry {
     }
 }
 
-/// The names that [`by_name`] knows.
-pub fn names() -> Vec<&'static str> {
-    REGISTRY.iter().map(|entry| entry.name).collect()
+static OWN: RwLock<Vec<&'static Entry>> = RwLock::new(Vec::new());
+
+/// Makes a task of one's own known by its name in this process, as built-in ones are: to environments, training, evaluation,
+/// checkpoints and what is told of them. Do so before runs or policies of it are read.
+///
+/// # Errors
+/// [`Error::Value`] for a name that is taken (case does not matter).
+pub fn register<T: BuiltIn>(name: &'static str, description: &'static str) -> Result<()> {
+    let mut own = OWN.write().unwrap_or_else(PoisonError::into_inner);
+    if REGISTRY.iter().chain(own.iter().copied()).any(|known| known.name.eq_ignore_ascii_case(name)) {
+        return Err(Error::value("name of the task", name, "one that is not taken", "Name it otherwise."));
+    }
+    own.push(Box::leak(Box::new(entry::<T>(name, "tasks of one's own", description))));
+    Ok(())
 }
 
-/// The built-in task of that name (case does not matter).
+/// The names that [`by_name`] knows, built-in ones first.
+pub fn names() -> Vec<&'static str> {
+    all().iter().map(|entry| entry.name).collect()
+}
+
+fn all() -> Vec<&'static Entry> {
+    let own = OWN.read().unwrap_or_else(PoisonError::into_inner);
+    REGISTRY.iter().chain(own.iter().copied()).collect()
+}
+
+/// The task of that name (case does not matter).
 ///
 /// # Errors
 /// [`Error::Unknown`] with the nearest.
 pub fn by_name(name: &str) -> Result<&'static Entry> {
-    REGISTRY.iter().find(|entry| entry.name.eq_ignore_ascii_case(name)).ok_or_else(|| Error::Unknown {
+    all().into_iter().find(|entry| entry.name.eq_ignore_ascii_case(name)).ok_or_else(|| Error::Unknown {
         kind: "task",
         name: name.to_string(),
         known: names().into_iter().map(String::from).collect(),

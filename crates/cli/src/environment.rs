@@ -291,8 +291,7 @@ fn of_environments(layer: Layer, task: Option<&Entry>) -> Result<Layer> {
         }
     }
     // every key is known, also those that only a run reads
-    let whole = toml::Table::try_from(TrainConfig::default()).map_err(unwritable)?;
-    let _: TrainConfig = layers::read(whole, &[TrainConfig::today(layer.clone())?])?;
+    TrainConfig::check(&TrainConfig::today(layer.clone())?)?;
     if let (Some(option), Some(key)) = (layer.name().strip_prefix("--set "), layer.table().keys().next())
         && key != "env"
         && key != "seed"

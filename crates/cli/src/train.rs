@@ -8,13 +8,13 @@ use super::rollout_files::{percent, share_of};
 use super::table::{Align, Table};
 use super::train_plot::{self, Curves};
 use super::{Report, files, progress};
-use clap::ValueEnum;
+use clap::builder::PossibleValuesParser;
 use omnidrones::controllers::cascade::Level;
 use omnidrones::error::{Error, Result};
 use omnidrones::layers::{self, Layer};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::trainer::{Progress, TrainResult, Trainer};
-use omnidrones::rl::{Algorithm, Starts, TrainConfig, checkpoint};
+use omnidrones::rl::{Starts, TrainConfig, algorithm, checkpoint};
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{Autoreset, Baseline, EnvConfig, Evaluation, Metric, Spec, evaluate};
 use serde_json::{Value, json};
@@ -77,8 +77,8 @@ pub struct Arguments {
     #[arg(value_name = "TASK")]
     task: String,
     /// How to learn [default: the task's usual one]
-    #[arg(long, value_name = "NAME")]
-    algo: Option<AlgorithmName>,
+    #[arg(long, value_name = "NAME", value_parser = algorithms())]
+    algo: Option<String>,
     /// Environments trained on at once: n_env of the algorithm [default: the recipe's]
     #[arg(long, alias = "environments", value_name = "N")]
     envs: Option<u64>,
@@ -103,37 +103,17 @@ pub struct Arguments {
     environment: EnvArguments,
 }
 
-/// Names of the algorithms.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum AlgorithmName {
-    /// Analytic policy gradients
-    Apg,
-    /// Short-horizon actor-critic
-    Shac,
-    /// Proximal policy optimisation
-    Ppo,
-    /// Another name of ppo, for teams
-    Mappo,
+/// Another name of PPO, for teams.
+const MAPPO: &str = "mappo";
+
+/// Names that `--algo` takes.
+pub fn algorithms() -> PossibleValuesParser {
+    PossibleValuesParser::new(algorithm::names().into_iter().chain([MAPPO]))
 }
 
-impl AlgorithmName {
-    /// As it was asked for.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Mappo => "mappo",
-            own => Algorithm::from(own).name(),
-        }
-    }
-}
-
-impl From<AlgorithmName> for Algorithm {
-    fn from(name: AlgorithmName) -> Self {
-        match name {
-            AlgorithmName::Apg => Self::Apg,
-            AlgorithmName::Shac => Self::Shac,
-            AlgorithmName::Ppo | AlgorithmName::Mappo => Self::Ppo,
-        }
-    }
+/// The algorithm that was asked for.
+pub fn algorithm_of(asked: &str) -> &str {
+    if asked == MAPPO { "ppo" } else { asked }
 }
 
 /// Trains.
@@ -144,7 +124,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Ok(Report::done(environment::run_file(entry, &config)?));
     }
     let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
-    let folder = a.output.out.clone().map_or_else(|| default_folder(entry, &config, a.algo), Ok)?;
+    let folder = a.output.out.clone().map_or_else(|| default_folder(entry, &config, a.algo.as_deref()), Ok)?;
     if let Some(own) = own_settings(&folder)?.filter(|_| a.resume) {
         // what options ask for must be what the run is, but for its length
         let given = a.changes_settings();
@@ -167,7 +147,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let baseline = if a.no_baseline { None } else { compare(entry, &config, &threads) };
     spinner.finish_and_clear();
     let (spec, error) = spec(entry, &config)?;
-    let algorithm = a.algo.map_or(config.algorithm.name(), AlgorithmName::name);
+    let algorithm = a.algo.clone().unwrap_or_else(|| config.algorithm.name().into());
     let mut trained =
         Trained { entry, spec, error, algorithm, config, was_over, outcome, baseline, notes, written: Vec::new() };
     if !a.output.no_plots {
@@ -198,7 +178,7 @@ impl Arguments {
         });
         let options = self.environment.options(Some(entry))?;
         let mut layers: Vec<Layer> = file.iter().chain(&options).cloned().collect();
-        let algorithm = self.algo.map(Algorithm::from);
+        let algorithm = self.algo.as_deref().map(algorithm_of);
         if let Some(n) = self.envs {
             let algorithm = TrainConfig::layered(entry.name, algorithm, &layers)?.algorithm.name();
             let n = i64::try_from(n).unwrap_or(i64::MAX);
@@ -217,9 +197,8 @@ impl Arguments {
                 warn(&format!("{}: {key} is not used in training. {remedy}", file.name()));
             }
             for other in config.unused(file.table()) {
-                let (name, own) = (other.name(), config.algorithm.name());
-                let file = file.name();
-                warn(&format!("{file}: [{name}] is not used, for {own} trains. --algo {name} would use it."));
+                let (file, own) = (file.name(), config.algorithm.name());
+                warn(&format!("{file}: [{other}] is not used, for {own} trains. --algo {other} would use it."));
             }
         }
         Ok(config)
@@ -240,13 +219,13 @@ fn warn(text: &str) {
 fn refuse_unused(config: &TrainConfig, option: &Layer) -> Result<()> {
     let [other, ..] = config.unused(option.table())[..] else { return Ok(()) };
     let limit = format!("one of {}, which trains", config.algorithm.name());
-    let remedy = format!("Add --algo {}, or leave it out.", other.name());
-    Err(Error::value(option.name(), format!("a setting of {}", other.name()), limit, remedy))
+    let remedy = format!("Add --algo {other}, or leave it out.");
+    Err(Error::value(option.name(), format!("a setting of {other}"), limit, remedy))
 }
 
 /// `runs/TASK-ALGO-sSEED`, behind the task vehicle and control level where they are not its usual ones.
-fn default_folder(entry: &Entry, config: &TrainConfig, asked: Option<AlgorithmName>) -> Result<PathBuf> {
-    let algorithm = config.algorithm;
+fn default_folder(entry: &Entry, config: &TrainConfig, asked: Option<&str>) -> Result<PathBuf> {
+    let algorithm = config.algorithm.name();
     let usual = TrainConfig::for_task(entry.name, Some(algorithm), None)?;
     let vehicle = |config: &TrainConfig| config.env.task.get("vehicle")?.as_str().map(str::to_lowercase);
     let mut parts = vec![entry.name.to_string()];
@@ -258,7 +237,7 @@ fn default_folder(entry: &Entry, config: &TrainConfig, asked: Option<AlgorithmNa
     if config.env.control != usual.env.control {
         parts.push(config.env.control.name().into());
     }
-    parts.extend([asked.map_or(algorithm.name(), AlgorithmName::name).into(), format!("s{}", config.seed)]);
+    parts.extend([asked.unwrap_or(algorithm).into(), format!("s{}", config.seed)]);
     Ok(Path::new("runs").join(parts.join("-")))
 }
 
@@ -348,7 +327,7 @@ pub struct Trained<'a> {
     /// The task's error.
     error: Metric,
     /// As it was asked for.
-    algorithm: &'static str,
+    algorithm: String,
     config: TrainConfig,
     /// Before the command came: updates done, and its budget.
     was_over: Option<(u64, u64)>,
@@ -366,7 +345,7 @@ impl Trained<'_> {
 
     /// Updates of the task's recipe.
     fn recipe(&self) -> Option<u64> {
-        Some(TrainConfig::for_task(self.entry.name, Some(self.config.algorithm), None).ok()?.updates())
+        Some(TrainConfig::for_task(self.entry.name, Some(self.config.algorithm.name()), None).ok()?.updates())
     }
 
     /// Share of each phase in the time of training.
@@ -406,7 +385,7 @@ impl Trained<'_> {
             title: format!("{}: {}{of}, seed {}", self.entry.name, self.algorithm, self.config.seed),
             subtitle: self.headline(),
             lines: &self.outcome.curve,
-            algorithm: self.config.algorithm,
+            loss: self.config.algorithm.loss(),
             bound: self.spec.reward_bound * self.spec.horizon as f64,
             error: &self.error,
             baseline: self.baseline.as_ref(),

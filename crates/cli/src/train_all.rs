@@ -5,14 +5,14 @@ use super::page::{Page, duration, short};
 use super::rollout_all::told_errors;
 use super::rollout_files::percent;
 use super::table::{Align, Table};
-use super::train::{AlgorithmName, compare, count, spec};
+use super::train::{algorithm_of, algorithms, compare, count, spec};
 use super::train_all_plot::{self, Learnt};
 use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
+use omnidrones::rl::TrainConfig;
 use omnidrones::rl::recipes::recipes_of;
 use omnidrones::rl::trainer::{TrainResult, Trainer};
-use omnidrones::rl::{Algorithm, TrainConfig};
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
 use serde_json::{Value, json};
@@ -49,8 +49,8 @@ pub struct Arguments {
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     tasks: Vec<String>,
     /// Train by this algorithm alone [default: by every algorithm that has a recipe for the task]
-    #[arg(long, value_name = "NAME")]
-    algo: Option<AlgorithmName>,
+    #[arg(long, value_name = "NAME", value_parser = algorithms())]
+    algo: Option<String>,
     /// Seeds of each task
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
@@ -84,8 +84,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
         names => names.iter().map(|name| registry::by_name(name)).collect::<Result<Vec<_>>>()?,
     };
     let folder = a.output.folder("runs/all")?;
-    let algorithms = |entry: &Entry| a.algo.map_or_else(|| recipes_of(entry.name), |one| vec![one.into()]);
-    let trained: Vec<(&'static Entry, Vec<Algorithm>)> = entries.into_iter().map(|e| (e, algorithms(e))).collect();
+    let algorithms =
+        |entry: &Entry| a.algo.as_deref().map_or_else(|| recipes_of(entry.name), |one| vec![algorithm_of(one)]);
+    let trained: Vec<(&'static Entry, Vec<&str>)> = entries.into_iter().map(|e| (e, algorithms(e))).collect();
     let n: usize = trained.iter().map(|(_, algorithms)| algorithms.len()).sum();
     let bar = progress::bar(n as u64 * a.seeds, "training", a.output.json);
     let mut lines = Vec::new();
@@ -116,7 +117,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
 
 fn line(
     entry: &'static Entry,
-    algorithm: Algorithm,
+    algorithm: &str,
     a: &Arguments,
     folder: &Path,
     threads: &Threads,

@@ -2,7 +2,6 @@
 
 use super::page::short;
 use omnidrones::error::Result;
-use omnidrones::rl::Algorithm;
 use omnidrones::rl::log::Line;
 use omnidrones::tasks::{Evaluation, Metric};
 use omnidrones_plot::{Colour, Figure, Panel, Series};
@@ -13,7 +12,8 @@ pub struct Curves<'a> {
     pub title: String,
     pub subtitle: String,
     pub lines: &'a [Line],
-    pub algorithm: Algorithm,
+    /// What is minimised.
+    pub loss: &'a str,
     /// Largest return.
     pub bound: f64,
     /// The task's error.
@@ -185,12 +185,8 @@ fn returns(curves: &Curves<'_>, steps: &Steps) -> Panel {
 }
 
 fn loss(curves: &Curves<'_>, steps: &Steps) -> Panel {
-    let y = match curves.algorithm {
-        Algorithm::Apg | Algorithm::Shac => "mean cost of a step",
-        Algorithm::Ppo => "−(clipped surrogate + entropy bonus)",
-    };
     let points = steps.points(curves.lines, "loss", 1.0);
-    let panel = with(steps.panel("Training loss", y), Series::line("", points).colour(Colour::PURPLE));
+    let panel = with(steps.panel("Training loss", curves.loss), Series::line("", points).colour(Colour::PURPLE));
     if is_wide(&panel) { panel.log_y() } else { panel.from_zero() }
 }
 
@@ -228,7 +224,7 @@ mod tests {
 
     fn curves(lines: &[Line]) -> Curves<'_> {
         let (title, subtitle) = (String::new(), String::new());
-        Curves { title, subtitle, lines, algorithm: Algorithm::Apg, bound: 9.0, error: &ERROR, baseline: None }
+        Curves { title, subtitle, lines, loss: "mean cost of a step", bound: 9.0, error: &ERROR, baseline: None }
     }
 
     fn titles(lines: &[Line]) -> Vec<String> {

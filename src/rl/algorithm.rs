@@ -1,0 +1,235 @@
+//! What an algorithm is to a run, and which there are: a name, settings, and the learner that they make.
+//!
+//! An algorithm is the struct of its settings. It stands in files as a table of its own name; whoever trains, evaluates,
+//! resumes or draws a run sees it through [`Algorithm`] alone.
+
+use super::apg::ApgConfig;
+use super::learner::Learner;
+use super::policy::Actor;
+use super::ppo::PpoConfig;
+use super::shac::ShacConfig;
+use super::shards::Make;
+use crate::error::{Error, Result};
+use crate::layers::{self, Layer};
+use crate::parallel::Threads;
+use crate::tasks::{EnvConfig, Spec};
+use serde::de::{DeserializeOwned, Deserializer, IgnoredAny, MapAccess, Visitor};
+use serde::{Deserialize, Serialize};
+use std::any::Any;
+use std::fmt::{self, Debug};
+use std::marker::PhantomData;
+use std::sync::{PoisonError, RwLock};
+use toml::Table;
+
+/// A way to learn, with its settings: a struct that also derives `Debug`, `Clone`, `Default`, `Serialize` and
+/// `Deserialize`, the last with `#[serde(deny_unknown_fields, default)]`. [`register`] makes it known by its name.
+pub trait Algorithm: Plain + Send + Sync {
+    /// In files, options and folders; the name of its table.
+    fn name(&self) -> &'static str;
+
+    /// Checks every number that can be checked without building environments.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
+    fn validate(&self) -> Result<()>;
+
+    /// Updates of a run.
+    fn updates(&self) -> u64;
+
+    /// With another number of updates.
+    fn set_updates(&mut self, updates: u64);
+
+    /// The shape of the policy that is learnt.
+    ///
+    /// # Errors
+    /// As [`Actor::new`].
+    fn actor(&self, spec: &Spec) -> Result<Actor>;
+
+    /// The learner at its first update, in environments that `make` makes of `env`; their number and seed are its own.
+    ///
+    /// # Errors
+    /// As the learner's.
+    fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>>;
+
+    /// The environments as the policy sees them: with the stages that it adds to the observation.
+    fn seen(&self, env: &EnvConfig) -> EnvConfig {
+        env.clone()
+    }
+
+    /// Updates between two evaluations, unless settings say otherwise.
+    fn evaluate_every(&self) -> u64 {
+        100
+    }
+
+    /// What [`Update::loss`](super::Update::loss) is, for axes.
+    fn loss(&self) -> &'static str {
+        "loss"
+    }
+
+    /// Rust source in which the struct's fields are documented, and the struct's name: what settings mean, for
+    /// `train --toml`.
+    fn source(&self) -> (&'static str, &'static str) {
+        ("", "")
+    }
+}
+
+/// What derives give every [`Algorithm`].
+pub trait Plain: Any + Debug {
+    /// A copy.
+    fn copy(&self) -> Box<dyn Algorithm>;
+
+    /// Its settings.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a whole number above 2⁶³ − 1.
+    fn table(&self) -> Result<Table>;
+}
+
+impl<A: Algorithm + Clone + Serialize> Plain for A {
+    fn copy(&self) -> Box<dyn Algorithm> {
+        Box::new(self.clone())
+    }
+
+    fn table(&self) -> Result<Table> {
+        Table::try_from(self).map_err(unwritable)
+    }
+}
+
+pub(super) fn unwritable(error: toml::ser::Error) -> Error {
+    Error::value("configuration", error, "what TOML can hold", "Lower the seed or the limit of memory.")
+}
+
+impl dyn Algorithm {
+    /// The settings by their type.
+    pub fn get<A: Algorithm>(&self) -> Option<&A> {
+        (self as &dyn Any).downcast_ref()
+    }
+
+    /// Likewise, to change them.
+    pub fn get_mut<A: Algorithm>(&mut self) -> Option<&mut A> {
+        (self as &mut dyn Any).downcast_mut()
+    }
+}
+
+impl Clone for Box<dyn Algorithm> {
+    fn clone(&self) -> Self {
+        (**self).copy()
+    }
+}
+
+/// One that is known by its name.
+#[derive(Clone, Copy)]
+pub(crate) struct Entry {
+    /// With its defaults.
+    pub default: fn() -> Box<dyn Algorithm>,
+    /// From the settings of a run: a table, and layers over it.
+    pub read: fn(Table, &[Layer]) -> Result<Box<dyn Algorithm>>,
+}
+
+const fn entry<A: Algorithm + Default + DeserializeOwned>() -> Entry {
+    Entry { default: || Box::new(A::default()), read: read::<A> }
+}
+
+static BUILT_IN: [Entry; 3] = [entry::<ApgConfig>(), entry::<ShacConfig>(), entry::<PpoConfig>()];
+static OWN: RwLock<Vec<Entry>> = RwLock::new(Vec::new());
+
+/// All of them, built-in ones first.
+pub(crate) fn entries() -> Vec<Entry> {
+    let own = OWN.read().unwrap_or_else(PoisonError::into_inner);
+    BUILT_IN.iter().chain(own.iter()).copied().collect()
+}
+
+/// Names of all algorithms, built-in ones first.
+pub fn names() -> Vec<&'static str> {
+    entries().iter().map(|entry| (entry.default)().name()).collect()
+}
+
+/// The algorithm of that name (case does not matter) with its defaults.
+///
+/// # Errors
+/// [`Error::Unknown`] with the nearest.
+pub fn by_name(name: &str) -> Result<Box<dyn Algorithm>> {
+    let mut all = entries().into_iter().map(|entry| (entry.default)());
+    all.find(|own| own.name().eq_ignore_ascii_case(name)).ok_or_else(|| Error::Unknown {
+        kind: "algorithm",
+        name: name.into(),
+        known: names().into_iter().map(String::from).collect(),
+    })
+}
+
+/// Makes an algorithm of one's own known in this process: files may hold a table of its name, and runs go by it.
+/// Do so before settings, runs or policies of it are read. Once more does nothing.
+///
+/// # Errors
+/// [`Error::Value`] for the name of another one, or of a setting that runs or environments have.
+pub fn register<A: Algorithm + Default + DeserializeOwned>() -> Result<()> {
+    let new = A::default();
+    let same = |known: &dyn Algorithm| known.get::<A>().is_some();
+    let mut own = OWN.write().unwrap_or_else(PoisonError::into_inner);
+    let all: Vec<_> = BUILT_IN.iter().chain(own.iter()).map(|entry| (entry.default)()).collect();
+    if all.iter().any(|known| same(&**known)) {
+        return Ok(());
+    }
+    let taken = |name: &str| name.eq_ignore_ascii_case(new.name());
+    let settings = super::config::TrainConfig::own_keys().into_iter().chain(EnvConfig::keys());
+    if all.iter().any(|known| taken(known.name())) || settings.into_iter().any(|key| taken(&key)) {
+        let remedy = "Name it otherwise: its settings are a table of that name.";
+        return Err(Error::value("name of the algorithm", new.name(), "one that is not taken", remedy));
+    }
+    own.push(entry::<A>());
+    Ok(())
+}
+
+fn read<A: Algorithm + Default + DeserializeOwned>(base: Table, over: &[Layer]) -> Result<Box<dyn Algorithm>> {
+    layers::read::<Only<A>>(base, over).map(|Only(own)| Box::new(own) as Box<dyn Algorithm>)
+}
+
+/// Of the settings of a run those of one algorithm; the others are read by others.
+struct Only<A>(A);
+
+impl<'de, A: Algorithm + Default + Deserialize<'de>> Deserialize<'de> for Only<A> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        struct Table<A>(PhantomData<A>);
+        impl<'de, A: Algorithm + Default + Deserialize<'de>> Visitor<'de> for Table<A> {
+            type Value = Only<A>;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("the settings of a run")
+            }
+            fn visit_map<M: MapAccess<'de>>(self, mut map: M) -> std::result::Result<Only<A>, M::Error> {
+                let mut own = A::default();
+                while let Some(key) = map.next_key::<String>()? {
+                    if key == own.name() {
+                        own = map.next_value()?;
+                    } else {
+                        map.next_value::<IgnoredAny>()?;
+                    }
+                }
+                Ok(Only(own))
+            }
+        }
+        deserializer.deserialize_map(Table(PhantomData))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_algorithm_is_found_by_its_name_and_a_wrong_name_suggests_the_nearest() {
+        for name in names() {
+            assert_eq!(by_name(&name.to_uppercase()).unwrap().name(), name);
+        }
+        assert!(by_name("pppo").unwrap_err().to_string().contains("did you mean 'ppo'?"));
+    }
+
+    #[test]
+    fn settings_are_copied_and_seen_by_their_type() {
+        let one = by_name("apg").unwrap();
+        let mut other = one.clone();
+        assert!(other.get::<PpoConfig>().is_none());
+        other.get_mut::<ApgConfig>().unwrap().horizon = 3;
+        other.set_updates(7);
+        assert_eq!((other.updates(), one.get::<ApgConfig>().unwrap().horizon), (7, 48));
+    }
+}
