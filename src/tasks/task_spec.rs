@@ -62,14 +62,14 @@ pub fn total(fields: &[Field]) -> usize {
 /// JSON has no infinity: a bound that is none is null.
 macro_rules! bound {
     ($name:ident, $none:expr) => {
-        mod $name {
+        pub(crate) mod $name {
             use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-            pub(super) fn serialize<S: Serializer>(bound: &f64, to: S) -> Result<S::Ok, S::Error> {
+            pub(crate) fn serialize<S: Serializer>(bound: &f64, to: S) -> Result<S::Ok, S::Error> {
                 Some(*bound).filter(|x| x.is_finite()).serialize(to)
             }
 
-            pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+            pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
                 Ok(Option::deserialize(from)?.unwrap_or($none))
             }
         }
@@ -108,6 +108,9 @@ pub struct Term {
     pub name: String,
     /// In the symbols of [`TaskSpec::about`].
     pub formula: String,
+    /// Least value in one step; −∞ (in JSON null) where there is none.
+    #[serde(with = "below")]
+    pub low: f64,
     /// Largest value in one step; ∞ (in JSON null) where there is none.
     #[serde(with = "above")]
     pub bound: f64,
@@ -125,7 +128,7 @@ pub struct End {
 }
 
 /// The end that every task has beside its own.
-pub const DIVERGED: (&str, &str) = ("diverged", "a number of the state leaves ±1e8");
+pub const DIVERGED: &str = "diverged";
 
 /// A figure of an environment that is told in every step beside the reward.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -226,8 +229,15 @@ impl TaskSpec {
         self.reward.iter().map(|t| t.bound).sum()
     }
 
+    /// Least reward in one step: the sum of the terms' least values.
+    pub fn reward_floor(&self) -> f64 {
+        self.reward.iter().map(|t| t.low).sum()
+    }
+
     /// The formula of the training loss.
     pub fn loss_text(&self) -> String {
-        self.loss.join(" + ")
+        let sum = self.loss.join(" + ");
+        let soft = if sum.contains("h₅(") { "; h_c(x) = 2‖x‖²/(1 + √(1 + ‖x‖²/c²))" } else { "" };
+        sum + soft
     }
 }

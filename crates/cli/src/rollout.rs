@@ -10,7 +10,6 @@ use clap::ValueEnum;
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::task_spec::DIVERGED;
 use omnidrones::tasks::{
     Act, Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spec, Spread, Watched, evaluate,
 };
@@ -396,9 +395,8 @@ impl Flown {
     fn ends(&self) -> Table {
         let (spec, e) = (self.record.spec(), &self.evaluation);
         let mut table = Table::new(&[("reason", Align::Left), ("episodes", Align::Right), ("when", Align::Left)]);
-        let conditions = spec.ends.iter().map(|end| (end.name.as_str(), end.condition.as_str()));
-        for ((name, condition), share) in conditions.chain([DIVERGED]).zip(&e.ends) {
-            table.row([name, &share_of(*share, spec.n_env), condition]);
+        for (end, share) in spec.ends.iter().chain([&spec.diverged()]).zip(&e.ends) {
+            table.row([&end.name, &share_of(*share, spec.n_env), &end.condition]);
         }
         table.row(["time", &percent(1.0 - e.crashed), &format!("{} steps are over", spec.horizon)]);
         table

@@ -57,6 +57,8 @@ pub(crate) struct EvaluateStep<'a, T> {
     pub task: &'a T,
     pub sizes: &'a Sizes,
     pub alive_row: usize,
+    /// Of the training loss.
+    pub most_loss: f64,
     pub block: &'a mut EnvBlock,
     pub work: &'a mut Workspace,
 }
@@ -86,7 +88,7 @@ impl<T: Task> RegisterKernel for EvaluateStep<'_, T> {
         task.reward(&view, &mut L::rows_mut(&mut work.terms, at).writer(0));
         task.metrics(&view, &mut L::rows_mut(&mut work.metrics, at).writer(0));
         let success = task.success(&view);
-        let loss = loss_of(task, &view);
+        let loss = loss_of(task, &view, self.most_loss);
         let code = reason(task, &view, sizes.end);
 
         let alive = L::rows(&block.plant.rows, at).get(*alive_row);

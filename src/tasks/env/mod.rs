@@ -189,6 +189,7 @@ impl Env {
         let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, privileged, bytes);
         let statistics = Statistics::of_nothing(sizes.normalised);
         let rest = robot.rest().to_vec();
+        let limits = config.bounds.limits(robot.plant());
         let core = Core {
             exposed: exposed(&*engine, !varied.is_empty()),
             statistics: statistics.clone(),
@@ -203,6 +204,8 @@ impl Env {
             engine,
             plant,
             control,
+            bounds: config.bounds,
+            limits,
             sizes,
             pipeline,
             randomiser,

@@ -6,7 +6,7 @@
 //! - DIFFERENCE: links are observed relative to the target, so that nothing depends on where the world begins.
 
 use super::hover::set_heading;
-use super::{PoseLoss, StartRange, farther, less, made_of, squared, succeeds_within};
+use super::{PoseLoss, StartRange, farther, less, made_of, rate_cost, speed_cost, squared, succeeds_within};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::configurations::Dragon;
 use crate::dynamics::frame::Frame;
@@ -44,7 +44,7 @@ settings! {
         reward_pose: f64 = 1.0 => ("-", "weight of the term pose", NotNegative);
         reward_joints: f64 = 0.5 => ("-", "weight of the term joints", NotNegative);
         loss: PoseLoss = PoseLoss::default() => group;
-        loss_joints: f64 = 0.01 => ("m s²/rad²", "weight of the squared rates of joints in the loss", NotNegative);
+        loss_joints: f64 = 0.01 => ("m s²/rad²", "weight of the rates of joints in the loss", NotNegative);
     }
 }
 
@@ -213,16 +213,15 @@ impl Task for DragonHover {
         let mut motion = S::zero();
         for i in 0..LINKS {
             let link = self.link(view, i);
-            motion += squared(w.motion.velocity / LINKS as f64, link.velocity);
-            motion += squared(w.motion.rate / LINKS as f64, link.angular_velocity);
+            motion += speed_cost(w.motion.velocity / LINKS as f64, link.velocity);
+            motion += rate_cost(w.motion.rate / LINKS as f64, link.angular_velocity);
         }
         for i in 0..DRIVES {
-            motion += S::constant(own.loss_joints / DRIVES as f64) * Self::rate(view, i).square();
+            motion += rate_cost(own.loss_joints / DRIVES as f64, [Self::rate(view, i)]);
         }
         loss.add("√(‖p_t − p̄‖² + {loss_radius}²)", smooth_norm(self.error(view), w.motion.radius));
         loss.add("{×loss_turn}‖h_t − h‖²", squared(w.turn, Self::heading_error(view)));
-        let formula =
-            "mean({×loss_velocity}‖v_i‖² + {×loss_rate}‖ω_i‖²) over the links + mean {×loss_joints}q̇² over the joints";
+        let formula = "mean({×loss_velocity}h₅(v_i) + {×loss_rate}h₁₀(ω_i)) over the links + mean {×loss_joints}h₁₀(q̇) over the joints";
         loss.add(formula, motion);
     }
 

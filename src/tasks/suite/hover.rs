@@ -6,7 +6,8 @@
 //! - DIFFERENCE: total mass everywhere; the published hover throttle counts the base link alone (defect 5).
 
 use super::{
-    PoseLoss, PoseReward, StartRange, ease_of_flight, farther, less, made_of, squared, succeeds_within, times,
+    PoseLoss, PoseReward, StartRange, ease_of_flight, farther, less, made_of, rate_cost, speed_cost, squared,
+    succeeds_within, times,
 };
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, rotate, sub, yawed};
@@ -134,8 +135,8 @@ impl Task for Hover {
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let (drone, w) = (view.drone(0), &self.settings.loss);
         loss.add("√(‖p_t − p‖² + {loss_radius}²)", smooth_norm(self.error(view), w.motion.radius));
-        loss.add("{×loss_velocity}‖v‖²", squared(w.motion.velocity, drone.velocity));
-        loss.add("{×loss_rate}‖ω‖²", squared(w.motion.rate, drone.angular_velocity));
+        loss.add("{×loss_velocity}h₅(v)", speed_cost(w.motion.velocity, drone.velocity));
+        loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, drone.angular_velocity));
         loss.add("{×loss_turn}‖h_t − h‖²", squared(w.turn, Self::heading_error(view)));
     }
 

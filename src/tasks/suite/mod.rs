@@ -34,6 +34,7 @@ mod tests_multi;
 #[cfg(test)]
 mod tests_single;
 
+use super::reward::pseudo_huber;
 use super::task::{ANY_YAW, START_TILT, Start, View};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Quat, Vec3};
@@ -97,8 +98,8 @@ settings! {
     /// How training losses weigh distance and motion.
     pub(crate) struct MotionLoss {
         radius: f64 = 0.1 => ("m", "δ in the loss's distance √(d² + δ²)", Positive);
-        velocity: f64 = 0.02 => ("s²/m", "weight of the squared velocity in the loss", NotNegative);
-        rate: f64 = 0.005 => ("m s²/rad²", "weight of the squared angular velocity in the loss", NotNegative);
+        velocity: f64 = 0.02 => ("s²/m", "weight of the velocity in the loss", NotNegative);
+        rate: f64 = 0.005 => ("m s²/rad²", "weight of the angular velocity in the loss", NotNegative);
     }
 }
 
@@ -120,6 +121,22 @@ pub(crate) fn times<S: Scalar>(weight: f64, x: S) -> S {
 #[inline(always)]
 pub(crate) fn squared<S: Scalar, const N: usize>(weight: f64, x: [S; N]) -> S {
     times(weight, safe::squared_norm(x))
+}
+
+/// Where the costs of velocities and of angular velocities go over from squares to lines: beyond what useful flights need.
+const FAST: f64 = 5.0;
+const SPINNING: f64 = 10.0;
+
+/// w h₅(v) of a velocity.
+#[inline(always)]
+pub(crate) fn speed_cost<S: Scalar, const N: usize>(weight: f64, velocity: [S; N]) -> S {
+    times(weight, pseudo_huber(velocity, FAST))
+}
+
+/// w h₁₀(ω) of an angular velocity or the rates of joints.
+#[inline(always)]
+pub(crate) fn rate_cost<S: Scalar, const N: usize>(weight: f64, rate: [S; N]) -> S {
+    times(weight, pseudo_huber(rate, SPINNING))
 }
 
 /// ‖x‖ < `limit`.

@@ -1,7 +1,7 @@
 //! What the tasks of the over-actuated platform share: the model and its target attitude.
 
 use super::team::{LoadNames, TeamSettings, mean_throttle_difference, squared_sum};
-use super::{PoseLoss, PoseReward, squared, times};
+use super::{PoseLoss, PoseReward, rate_cost, speed_cost, squared, times};
 use crate::autodiff::{Scalar, StridedView, safe};
 use crate::controllers::reference::Tilt;
 use crate::dynamics::Vehicle;
@@ -159,6 +159,6 @@ pub(crate) fn pose_loss<S: Scalar>(frame: &Frame<S>, e: &[S; 9], w: &PoseLoss, l
     loss.add("√(‖p_t − p‖² + {loss_radius}²)", smooth_norm(place_error(e), w.motion.radius));
     let axes = [e[3], e[4], e[5], e[6], e[7], e[8]];
     loss.add("{×loss_turn}(‖h_t − h‖² + ‖u_t − u‖²)", squared(w.turn, axes));
-    loss.add("{×loss_velocity}‖v‖²", squared(w.motion.velocity, frame.velocity));
-    loss.add("{×loss_rate}‖ω‖²", squared(w.motion.rate, frame.angular_velocity));
+    loss.add("{×loss_velocity}h₅(v)", speed_cost(w.motion.velocity, frame.velocity));
+    loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, frame.angular_velocity));
 }

@@ -5,7 +5,10 @@
 
 use super::over::*;
 use super::team::{TeamSettings, lowest, observe_load};
-use super::{PoseLoss, PoseReward, StartAttitude, farther, less, made_of, observes_team, squared, succeeds_within};
+use super::{
+    PoseLoss, PoseReward, StartAttitude, farther, less, made_of, observes_team, rate_cost, speed_cost, squared,
+    succeeds_within,
+};
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, dot, sub};
@@ -146,9 +149,9 @@ impl Task for OverTrack {
         let (frame, w) = (view.frame(FRAME_BODY), &self.settings.loss);
         let slip = sub(self.path.velocity(&view.goal, view.step), frame.velocity);
         loss.add("√(d² + {loss_radius}²)", smooth_norm(self.error(view), w.motion.radius));
-        loss.add("{×loss_velocity}‖ṗ_ref − v‖²", squared(w.motion.velocity, slip));
+        loss.add("{×loss_velocity}h₅(ṗ_ref − v)", speed_cost(w.motion.velocity, slip));
         loss.add("{×loss_turn}‖u_t − u‖²", squared(w.turn, sub(Self::target_up(view), frame.up())));
-        loss.add("{×loss_rate}‖ω‖²", squared(w.motion.rate, frame.angular_velocity));
+        loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, frame.angular_velocity));
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

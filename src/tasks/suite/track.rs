@@ -7,7 +7,8 @@
 //! - DIFFERENCE: `position_error` is positive; the published tracking error is its negative (defect 27).
 
 use super::{
-    MotionLoss, PoseReward, StartAttitude, ease_of_flight, farther, less, made_of, squared, succeeds_within, times,
+    MotionLoss, PoseReward, StartAttitude, ease_of_flight, farther, less, made_of, rate_cost, speed_cost,
+    succeeds_within, times,
 };
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
@@ -118,8 +119,8 @@ impl Task for Track {
         let (drone, w) = (view.drone(0), &self.settings.loss);
         let slip = sub(self.path.velocity(&view.goal, view.step), drone.velocity);
         loss.add("√(d² + {loss_radius}²)", smooth_norm(self.error(view), w.radius));
-        loss.add("{×loss_velocity}‖ṗ_ref − v‖²", squared(w.velocity, slip));
-        loss.add("{×loss_rate}‖ω‖²", squared(w.rate, drone.angular_velocity));
+        loss.add("{×loss_velocity}h₅(ṗ_ref − v)", speed_cost(w.velocity, slip));
+        loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.rate, drone.angular_velocity));
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

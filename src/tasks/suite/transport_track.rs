@@ -3,6 +3,7 @@
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
+//! - DIFFERENCE: q̂² counts up to 1, at the stops; published rewards fall without end beyond them.
 //! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see `stiff_physics`.
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 
@@ -131,7 +132,7 @@ impl Task for TransportTrack {
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let distance = ("√(d² + {loss_radius}²)", self.error(view));
-        let motion = ("{×loss_velocity}‖ṗ_ref − v‖²", self.path.velocity(&view.goal, view.step));
+        let motion = ("{×loss_velocity}h₅(ṗ_ref − v)", self.path.velocity(&view.goal, view.step));
         load_loss(&view.frame(BOX), distance, motion, &self.settings.loss, loss);
     }
 
