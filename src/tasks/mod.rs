@@ -161,7 +161,7 @@ pub use env::{
     Adjoint, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Space, Spec, StepLayout, StepOut, Sweep,
     SweepOptions, Tape,
 };
-pub use evaluate::{Act, Evaluation, Watched, evaluate};
+pub use evaluate::{Act, Evaluation, Watched, evaluate, wilson};
 pub use observation::{Stage, Statistics};
 pub use randomise::{Change, Distribution, Quantity};
 pub use record::{Record, Recorded, Spread};

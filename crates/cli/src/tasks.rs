@@ -30,8 +30,8 @@ Examples:
   omnidrones tasks Track --json                 for a program
 
 Sizes count numbers. Best reward is the largest of one step: the sum of all terms' bounds. Memory is what one environment \
-keeps between steps, without the arrays that a step writes. An episode is a success if its last step meets what the page \
-calls so, or any step where the page says 'once', and nothing terminated it.
+keeps between steps, without the arrays that a step writes. An episode is a success if it meets what the page calls so, and \
+nothing terminated it.
 
 The file of --toml is about environments; that of 'omnidrones train TASK --toml' has the settings of training too. Every \
 command with --config reads both.
@@ -168,8 +168,7 @@ impl Described {
         page.title(self.entry.name, self.entry.description).facts(&self.facts());
         page.heading("Goal, start, success, loss of training");
         lines(&mut page, "", &self.about());
-        let when = if own.success.once { "" } else { "last step, " };
-        let success = format!("{} ({when}not terminated; nothing else counts)", own.success.text());
+        let success = format!("{} (not terminated; nothing else counts)", own.success.text());
         lines(&mut page, "Success: ", &success);
         lines(&mut page, "Loss: ", &own.loss_text());
         match whole_numbers(spec) {

@@ -153,6 +153,7 @@ impl Env {
         let n_agent = engine.n_agent();
         let sizes = Sizes {
             term: own.reward.len(),
+            hold: ((own.success.held / config.dt).round() as usize).min(engine.horizon()),
             end: own.ends.len(),
             metric: own.metrics.len(),
             goal: total(&own.goal),

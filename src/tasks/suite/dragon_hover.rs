@@ -6,8 +6,10 @@
 //! - DIFFERENCE: links are observed relative to the target, so that nothing depends on where the world begins.
 
 use super::hover::set_heading;
-use super::{PoseLoss, StartRange, farther, less, made_of, rate_cost, speed_cost, squared, succeeds_within};
-use crate::autodiff::{Scalar, safe};
+use super::{
+    PoseLoss, PoseSuccess, StartRange, farther, less, made_of, rate_cost, speed_cost, squared, succeeds_within,
+};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::configurations::Dragon;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Vec3, add, constants, dot, rotate, scale, sub, yawed};
@@ -39,7 +41,7 @@ settings! {
         start_distance: f64 = 3.8 => ("-", "largest d of a start", Positive);
         min_height: f64 = 0.2 => ("m", "a lower link is a crash", Any);
         max_distance: f64 = 4.0 => ("-", "largest d", Positive);
-        success_distance: f64 = 0.1 => ("m", "position error of a success", Positive);
+        success: PoseSuccess = PoseSuccess::default() => group;
         pose_scale: f64 = 1.2 => ("1/m", "how steeply the term pose falls", NotNegative);
         reward_pose: f64 = 1.0 => ("-", "weight of the term pose", NotNegative);
         reward_joints: f64 = 0.5 => ("-", "weight of the term joints", NotNegative);
@@ -205,7 +207,10 @@ impl Task for DragonHover {
         out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 
-    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
+    succeeds_within!(
+        self, view: self.error(view), self.settings.success.distance,
+        "heading_alignment": dot(view.drone(0).heading(), view.goal.array(0)), self.settings.success.alignment
+    );
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {

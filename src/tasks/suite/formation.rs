@@ -4,7 +4,7 @@
 //! - DIFFERENCE: no contact: drones that come closer than 0.23 m end the episode before they touch.
 
 use super::team::{apart, lowest, mean_throttle_difference, observe_others, squared_separation};
-use super::{PoseLoss, StartAttitude, less, made_of, nearer, rate_cost, speed_cost, times};
+use super::{PoseLoss, StartAttitude, less, made_of, more, nearer, rate_cost, speed_cost, times};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::assembly::{Member, group, single};
@@ -130,6 +130,7 @@ settings! {
         min_separation: f64 = 0.23 => ("m", "closer drones touch", Positive);
         separation: f64 = 0.4 => ("m", "least distance of two drones at which r_s reaches 1", Positive);
         success_distance: f64 = 0.2 => ("m", "H and c of a success", Positive);
+        success_alignment: f64 = 0.95 => ("-", "mean h_x above which a success is", Any);
         shape_scale: f64 = 1.6 => ("1/m", "how steeply r_f falls", NotNegative);
         reward: FormationReward = FormationReward::default() => group;
         loss: PoseLoss = PoseLoss::default() => group;
@@ -327,12 +328,14 @@ impl Task for Formation {
     #[inline(always)]
     fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
         let most = self.settings.success_distance;
-        less(self.squared_hausdorff(view), most * most).and(nearer(self.offset(view), most))
+        let facing = more(self.facing(view), self.settings.success_alignment);
+        less(self.squared_hausdorff(view), most * most).and(nearer(self.offset(view), most)).and(facing)
     }
 
     fn success_rule(&self) -> Success {
         let most = self.settings.success_distance;
-        Success::below("hausdorff", most).and("center_error", most)
+        let rule = Success::below("hausdorff", most).and("center_error", most);
+        rule.above("heading_alignment", self.settings.success_alignment)
     }
 
     #[inline(always)]

@@ -6,10 +6,10 @@
 //! - DIFFERENCE: total mass everywhere; the published hover throttle counts the base link alone (defect 5).
 
 use super::{
-    PoseLoss, PoseReward, StartRange, ease_of_flight, farther, less, made_of, rate_cost, speed_cost, squared,
-    succeeds_within, times,
+    PoseLoss, PoseReward, PoseSuccess, StartRange, ease_of_flight, farther, less, made_of, rate_cost, speed_cost,
+    squared, succeeds_within, times,
 };
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, rotate, sub, yawed};
 use crate::error::Result;
 use crate::settings;
@@ -29,7 +29,7 @@ settings! {
         start: StartRange = StartRange::default() => group;
         min_height: f64 = 0.2 => ("m", "lower is a crash", Any);
         max_distance: f64 = 4.0 => ("-", "largest d", Positive);
-        success_distance: f64 = 0.1 => ("m", "position error of a success", Positive);
+        success: PoseSuccess = PoseSuccess::default() => group;
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward::default() => group;
         loss: PoseLoss = PoseLoss::default() => group;
@@ -129,7 +129,11 @@ impl Task for Hover {
         out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 
-    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
+    succeeds_within!(
+        self, view: self.error(view), self.settings.success.distance,
+        "heading_alignment": dot(view.drone(0).heading(), view.goal.array::<3>(0)), self.settings.success.alignment,
+        "uprightness": view.drone(0).up()[2], self.settings.success.alignment
+    );
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {

@@ -11,7 +11,7 @@
 //! 3898; without them none of 3879 did. Tumbling so far, a flight is lost.
 
 use super::obstacles::{Bars, BarsSettings, rounded, softened, touching};
-use super::{MotionLoss, StartAttitude, StartRange, farther, latch, rate_cost, speed_cost, times};
+use super::{MotionLoss, PathSuccess, StartAttitude, StartRange, farther, latch, rate_cost, speed_cost, times};
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::{Carried, LoadPath, Reference};
 use crate::dynamics::Vehicle;
@@ -60,7 +60,7 @@ settings! {
         reset_distance: f64 = 0.8 => ("m", "largest distance of the ball from the path", Positive);
         path: PathRange = PathRange { rate: [0.7, 1.0], ..PathRange::default() } => group;
         start: StartAttitude = StartAttitude { tilt: 0.1 * PI, ..StartAttitude::default() } => group;
-        success_distance: f64 = 0.3 => ("m", "position error of a success", Positive);
+        success: PathSuccess = PathSuccess::default() => group;
         pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
         loss: MotionLoss = MotionLoss::default() => group;
     }

@@ -140,11 +140,22 @@ pub(crate) fn pose_reward<S: Scalar>(
 /// Figures of a pose.
 #[inline(always)]
 pub(crate) fn pose_metrics<S: Scalar>(view: &View<'_, S>, error: &[S; 9], out: &mut impl Writer<S>) {
-    let frame = view.frame(FRAME_BODY);
     let distance = safe::sqrt(safe::squared_norm(place_error(error)), safe::SQUARED_NORM_FLOOR);
     out.metric("position_error", "m", distance);
-    out.metric("heading_alignment", "-", dot(frame.heading(), view.goal.array(0)));
-    out.metric("up_alignment", "-", dot(frame.up(), view.goal.array(3)));
+    out.metric("heading_alignment", "-", heading_alignment(view));
+    out.metric("up_alignment", "-", up_alignment(view));
+}
+
+/// h·h_t of a target in the goal.
+#[inline(always)]
+pub(crate) fn heading_alignment<S: Scalar>(view: &View<'_, S>) -> S {
+    dot(view.frame(FRAME_BODY).heading(), view.goal.array(0))
+}
+
+/// u·u_t of a target in the goal.
+#[inline(always)]
+pub(crate) fn up_alignment<S: Scalar>(view: &View<'_, S>) -> S {
+    dot(view.frame(FRAME_BODY).up(), view.goal.array(3))
 }
 
 /// Δs, the last figure.

@@ -7,7 +7,7 @@
 //! - DIFFERENCE: `position_error` is positive; the published tracking error is its negative (defect 27).
 
 use super::{
-    MotionLoss, PoseReward, StartAttitude, ease_of_flight, farther, less, made_of, rate_cost, speed_cost,
+    MotionLoss, PathSuccess, PoseReward, StartAttitude, ease_of_flight, farther, less, made_of, rate_cost, speed_cost,
     succeeds_within, times,
 };
 use crate::autodiff::{Scalar, safe};
@@ -35,7 +35,7 @@ settings! {
         path: PathRange = PathRange::default() => group;
         start: StartAttitude = StartAttitude::default() => group;
         min_height: f64 = 0.1 => ("m", "lower is a crash", Any);
-        success_distance: f64 = 0.3 => ("m", "position error of a success", Positive);
+        success: PathSuccess = PathSuccess::default() => group;
         pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward { up: 0.5, spin: 0.5, ..PoseReward::default() } => group;
         loss: MotionLoss = MotionLoss::default() => group;
@@ -112,7 +112,7 @@ impl Task for Track {
         out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 
-    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
+    succeeds_within!(self, view: self.error(view), self.settings.success.distance; held self.settings.success.time);
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {

@@ -170,7 +170,7 @@ impl Task for TransportFlyThrough {
         out.metric("throttle_difference", "-", mean_throttle_difference(view));
     }
 
-    succeeds_once!(self, view: arrived(view), self.settings.success_distance, ALL_BEYOND);
+    succeeds_once!(self, view: arrived(view), self.settings.success_distance; ALL_BEYOND);
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
