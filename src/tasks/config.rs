@@ -1,5 +1,6 @@
 //! What an environment is made of, as plain data: in TOML by the same names.
 
+use super::bounds::Bounds;
 use super::observation::Stage;
 use super::randomise::Change;
 use super::robot::{Robot, benchmark, benchmark_effects};
@@ -110,6 +111,8 @@ pub struct EnvConfig {
     pub randomise: Option<Vec<Change>>,
     /// Share of it, 0 to 1: where a curriculum begins.
     pub difficulty: f64,
+    /// Beyond which a simulation has exploded.
+    pub bounds: Bounds,
     /// What a done environment does.
     pub autoreset: Autoreset,
     /// Whether first episodes begin anywhere in time, so that time-outs do not come together.
@@ -148,6 +151,7 @@ impl Default for EnvConfig {
             observation: Vec::new(),
             randomise: None,
             difficulty: 1.0,
+            bounds: Bounds::default(),
             autoreset: Autoreset::SameStep,
             stagger: false,
             memory_limit: MEMORY_LIMIT,
@@ -203,6 +207,7 @@ impl EnvConfig {
     pub fn validate(&self) -> Result<()> {
         self.physics().validate()?;
         self.action_scale.validate()?;
+        self.bounds.validate()?;
         let counts = [("control_rate", self.control_rate, 0, 1000), ("substeps", self.substeps, 1, 1000)];
         for (what, value, least, most) in counts {
             if value < least || value > most {

@@ -61,10 +61,11 @@ pub trait Writer<S: Scalar>: Sized {
         self.smoothness(Smoothness::NonSmooth)
     }
 
-    /// The number to come is a summand of the reward, at most `bound`.
+    /// The number to come is a summand of the reward between 0 and `bound`; where it may be less, [`within`](Self::within) says
+    /// how much.
     #[inline(always)]
     fn term(&mut self, name: &'static str, formula: &'static str, bound: f64) -> &mut Self {
-        self.field(name, "-", formula).within(f64::NEG_INFINITY, bound)
+        self.field(name, "-", formula).within(0.0, bound)
     }
 
     /// The next number is a figure that is told in every step.
@@ -149,13 +150,13 @@ impl<S: Scalar> Loss<S> for Sum<S> {
     }
 }
 
-/// The training loss of a step.
+/// The training loss of a step, cut at `most`.
 #[inline(always)]
-pub(crate) fn loss_of<S: Scalar, T: Task>(task: &T, view: &View<'_, S>) -> S {
+pub(crate) fn loss_of<S: Scalar, T: Task>(task: &T, view: &View<'_, S>, most: f64) -> S {
     let mut sum = Sum(None);
     task.loss(view, &mut sum);
     match sum.0 {
-        Some(sum) => sum,
+        Some(sum) => sum.min(S::constant(most)),
         None => S::zero(),
     }
 }
@@ -333,7 +334,8 @@ pub(crate) fn declare<T: Task>(task: &T) -> Result<TaskSpec> {
     }
     let metrics = single("figure", list("figure", &|out| task.metrics(&view, out))?)?;
     let metrics: Vec<Metric> = metrics.into_iter().map(|f| Metric { name: f.name, unit: f.unit }).collect();
-    let term = |f: Field| Term { name: f.name, formula: f.meaning, bound: f.high, smoothness: f.smoothness };
+    let term =
+        |f: Field| Term { name: f.name, formula: f.meaning, low: f.low, bound: f.high, smoothness: f.smoothness };
     let reward = single("summand of the reward", list("summand of the reward", &|out| task.reward(&view, out))?)?;
     let (mut ends, mut loss): (Vec<End>, Vec<String>) = (Vec::new(), Vec::new());
     task.ends(&view, &mut ends);

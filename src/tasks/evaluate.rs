@@ -20,8 +20,13 @@ pub struct Evaluation {
     pub final_error: f64,
     /// Mean over all steps of all episodes, m.
     pub mean_error: f64,
-    /// Share of episodes whose last step was a success and no termination.
+    /// Share of episodes whose last step was a success ([`Spec::success`](super::Spec::success)) and no termination.
     pub success: f64,
+    /// Where the share of all episodes there are lies with 95 % confidence ([`wilson`]).
+    pub success_interval: [f64; 2],
+    /// Share of episodes whose last step (any, where a success counts once) had the first metric below the first limit of a
+    /// success, and was no termination: neither attitude nor what was before it counts.
+    pub success_by_last_error: f64,
     /// Share of episodes that the task terminated.
     pub crashed: f64,
     /// Mean number of steps.
@@ -32,6 +37,16 @@ pub struct Evaluation {
     pub terms: Vec<f64>,
     /// Share of episodes that ended by each of [`Spec::ends`](super::Spec::ends), then by divergence.
     pub ends: Vec<f64>,
+}
+
+/// Where a share lies with 95 % confidence of which `hits` of `n` are known (Wilson 1927).
+pub fn wilson(hits: usize, n: usize) -> [f64; 2] {
+    const Z: f64 = 1.959_963_984_540_054;
+    let (n, share) = (n.max(1) as f64, hits as f64 / n.max(1) as f64);
+    let scale = 1.0 / (1.0 + Z * Z / n);
+    let middle = scale * (share + 0.5 * Z * Z / n);
+    let half = scale * Z * (share * (1.0 - share) / n + 0.25 * Z * Z / (n * n)).sqrt();
+    [(middle - half).max(0.0), (middle + half).min(1.0)]
 }
 
 /// A step of an evaluation, as those see it who watch.
@@ -71,13 +86,15 @@ pub fn evaluate(env: &mut Env, policy: &mut Act<'_>, watch: &mut dyn FnMut(&Watc
     let mut out = Buffers::new(&spec);
     let mut actions = vec![0.0; n * spec.n_agent * spec.action.len()];
     env.reset(None, None, &mut out.out())?;
-    let mut flying = vec![true; n];
+    let limit = spec.success.limits.first().map_or(f64::INFINITY, |limit| limit.below);
+    let (mut flying, mut near) = (vec![true; n], vec![false; n]);
     let (mut errors, mut steps) = (0.0, 0.0);
     for t in 0..spec.horizon {
         policy(env, &out, &mut actions)?;
         env.step(&actions, &mut out.out())?;
         for i in (0..n).filter(|i| flying[*i]) {
             (errors, steps) = (errors + error(&out, i), steps + 1.0);
+            near[i] = error(&out, i) < limit || spec.success.once && near[i];
         }
         watch(&Watched { env, out: &out, step: t + 1, flying: &flying });
         for i in 0..n {
@@ -91,7 +108,9 @@ pub fn evaluate(env: &mut Env, policy: &mut Act<'_>, watch: &mut dyn FnMut(&Watc
     let mean = |k: usize| of(k).map(|at| f64::from(out.info[at])).sum::<f64>() / n as f64;
     let return_mean = mean(total);
     let spread = of(total).map(|at| (f64::from(out.info[at]) - return_mean).powi(2)).sum::<f64>() / n as f64;
-    let count = |holds: &dyn Fn(usize) -> bool| (0..n).filter(|i| holds(*i)).count() as f64 / n as f64;
+    let share = |hits: usize| hits as f64 / n as f64;
+    let count = |holds: &dyn Fn(usize) -> bool| share((0..n).filter(|i| holds(*i)).count());
+    let succeeded = (0..n).filter(|i| out.info[i * width + success] > 0.5 && out.terminated[*i] == 0).count();
     Ok(Evaluation {
         n_episode: n,
         return_mean,
@@ -99,11 +118,28 @@ pub fn evaluate(env: &mut Env, policy: &mut Act<'_>, watch: &mut dyn FnMut(&Watc
         share_of_bound: return_mean / (spec.reward_bound * spec.horizon as f64),
         final_error: (0..n).map(|i| error(&out, i)).sum::<f64>() / n as f64,
         mean_error: errors / steps,
-        success: count(&|i| out.info[i * width + success] > 0.5 && out.terminated[i] == 0),
+        success: share(succeeded),
+        success_interval: wilson(succeeded, n),
+        success_by_last_error: count(&|i| near[i] && out.terminated[i] == 0),
         crashed: count(&|i| out.terminated[i] == 1),
         length: mean(length),
         final_metrics: metrics.clone().map(mean).collect(),
         terms: spec.term_columns().map(mean).collect(),
         ends: (1..spec.ends.len() + 2).map(|k| count(&|i| out.info[i * width + reason] as usize == k)).collect(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::wilson;
+
+    #[test]
+    fn intervals_are_those_of_newcombe_1998() {
+        // Statistics in Medicine 17, table I, method 3
+        for (hits, n, wanted) in [(81, 263, [0.2553, 0.3662]), (15, 148, [0.0624, 0.1605]), (0, 20, [0.0, 0.1611])] {
+            let got = wilson(hits, n);
+            assert!((got[0] - wanted[0]).abs() < 5e-5 && (got[1] - wanted[1]).abs() < 5e-5, "{hits} of {n}: {got:?}");
+        }
+        assert_eq!((wilson(0, 0), wilson(8, 8)[1]), ([0.0, 1.0], 1.0));
+    }
 }

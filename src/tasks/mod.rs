@@ -11,6 +11,7 @@
 //! | [`robot`] | [`Robot`]: what flies, its drones and where their numbers stand |
 //! | [`reward`], `track_path` | shapes that rewards are made of; the lemniscate of the Track tasks |
 //! | [`config`] | [`EnvConfig`]: a batch as plain data, in TOML too |
+//! | [`bounds`] | [`Bounds`]: how far a simulation may go |
 //! | `env` | [`Env`]: many environments of one task; steps, restarts, gradients |
 //! | [`observation`] | [`Stage`]: history, noise, normalisation, privileged numbers, by name |
 //! | [`randomise`] | [`Change`]: what differs between environments and episodes |
@@ -131,6 +132,7 @@
 //! ```
 
 pub(crate) mod baseline;
+pub mod bounds;
 pub mod config;
 pub mod declare;
 pub(crate) mod env;
@@ -150,6 +152,7 @@ pub mod task_spec;
 pub(crate) mod track_path;
 
 pub use baseline::Baseline;
+pub use bounds::Bounds;
 pub use config::{ActionSpace, Autoreset, Delay, EnvConfig};
 pub use declare::{Ends, Goal, Loss, Writer};
 pub use env::check::{Finding, check_env};
@@ -158,7 +161,7 @@ pub use env::{
     Adjoint, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Space, Spec, StepLayout, StepOut, Sweep,
     SweepOptions, Tape,
 };
-pub use evaluate::{Act, Evaluation, Watched, evaluate};
+pub use evaluate::{Act, Evaluation, Watched, evaluate, wilson};
 pub use observation::{Stage, Statistics};
 pub use randomise::{Change, Distribution, Quantity};
 pub use record::{Record, Recorded, Spread};

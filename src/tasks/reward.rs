@@ -33,6 +33,15 @@ pub fn smooth_norm<S: Scalar, const N: usize>(v: [S; N], delta: f64) -> S {
     (safe::squared_norm(v) + S::constant(delta * delta)).sqrt()
 }
 
+/// h_c(x) = 2‖x‖²/(1 + √(1 + ‖x‖²/c²)) = 2c² (√(1 + ‖x‖²/c²) − 1): ‖x‖² near 0, 2c‖x‖ far away, so that what tumbles does not
+/// outweigh all else in a training loss (pseudo-Huber; Charbonnier et al. 1997).
+#[inline(always)]
+pub fn pseudo_huber<S: Scalar, const N: usize>(x: [S; N], c: f64) -> S {
+    let squared = safe::squared_norm(x);
+    let root = S::constant(1.0 / (c * c)).mul_add(squared, S::one()).sqrt();
+    S::constant(2.0) * squared / (S::one() + root)
+}
+
 /// Two vectors behind each other, for norms over both.
 #[inline(always)]
 pub fn both<S: Scalar>(a: Vec3<S>, b: Vec3<S>) -> [S; 6] {

@@ -62,14 +62,14 @@ pub fn total(fields: &[Field]) -> usize {
 /// JSON has no infinity: a bound that is none is null.
 macro_rules! bound {
     ($name:ident, $none:expr) => {
-        mod $name {
+        pub(crate) mod $name {
             use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-            pub(super) fn serialize<S: Serializer>(bound: &f64, to: S) -> Result<S::Ok, S::Error> {
+            pub(crate) fn serialize<S: Serializer>(bound: &f64, to: S) -> Result<S::Ok, S::Error> {
                 Some(*bound).filter(|x| x.is_finite()).serialize(to)
             }
 
-            pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+            pub(crate) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
                 Ok(Option::deserialize(from)?.unwrap_or($none))
             }
         }
@@ -108,6 +108,9 @@ pub struct Term {
     pub name: String,
     /// In the symbols of [`TaskSpec::about`].
     pub formula: String,
+    /// Least value in one step; −∞ (in JSON null) where there is none.
+    #[serde(with = "below")]
+    pub low: f64,
     /// Largest value in one step; ∞ (in JSON null) where there is none.
     #[serde(with = "above")]
     pub bound: f64,
@@ -125,7 +128,7 @@ pub struct End {
 }
 
 /// The end that every task has beside its own.
-pub const DIVERGED: (&str, &str) = ("diverged", "a number of the state leaves ±1e8");
+pub const DIVERGED: &str = "diverged";
 
 /// A figure of an environment that is told in every step beside the reward.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -145,17 +148,36 @@ pub struct Success {
     pub also: String,
     /// Whether an episode is a success if any of its steps was one, not its last.
     pub once: bool,
+    /// How long all of it must have held, s; 0 for the step alone. An episode that is shorter must have it hold throughout.
+    pub held: f64,
 }
 
-/// A metric that stays below a number.
+/// A metric that stays on one side of a number, or between two.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Limit {
     /// Name of the metric.
     pub metric: String,
-    /// It is less than this.
+    /// It is more than this; −∞ (in JSON null) where there is no such limit.
+    #[serde(with = "below")]
+    pub above: f64,
+    /// It is less than this; ∞ (in JSON null) where there is no such limit.
+    #[serde(with = "above")]
     pub below: f64,
-    /// Of both.
+    /// Of all.
     pub unit: String,
+}
+
+impl Limit {
+    /// Whether a value keeps it.
+    pub fn holds(&self, value: f64) -> bool {
+        self.above < value && value < self.below
+    }
+
+    fn text(&self) -> String {
+        let sides = [("<", self.below), (">", self.above)].into_iter().filter(|(_, limit)| limit.is_finite());
+        let one = |(sign, limit)| format!("{} {sign} {limit} {}", self.metric, self.unit).replace(" -", "");
+        sides.map(one).collect::<Vec<_>>().join(" and ")
+    }
 }
 
 impl Success {
@@ -166,8 +188,19 @@ impl Success {
 
     /// And another one.
     pub fn and(mut self, metric: &str, limit: f64) -> Self {
-        self.limits.push(Limit { metric: metric.into(), below: limit, unit: String::new() });
+        self.limits.push(Limit { metric: metric.into(), above: f64::NEG_INFINITY, below: limit, unit: String::new() });
         self
+    }
+
+    /// And one above a limit.
+    pub fn above(mut self, metric: &str, limit: f64) -> Self {
+        self.limits.push(Limit { metric: metric.into(), above: limit, below: f64::INFINITY, unit: String::new() });
+        self
+    }
+
+    /// All of it through the last `seconds`.
+    pub fn held(self, seconds: f64) -> Self {
+        Self { held: seconds, ..self }
     }
 
     /// And more that is asked in the same step, in words: `with all drones beyond x = 0.05 m`.
@@ -180,13 +213,15 @@ impl Success {
         Self { once: true, ..self }
     }
 
-    /// `position_error < 0.1 m`, and what else is asked.
+    /// `position_error < 0.1 m`, what else is asked, and when.
     pub fn text(&self) -> String {
-        let limits = self.limits.iter().map(|l| format!("{} < {} {}", l.metric, l.below, l.unit));
-        let mut text = limits.collect::<Vec<_>>().join(" and ");
-        for (more, words) in
-            [(!self.also.is_empty(), format!(" {}", self.also)), (self.once, ", once in the episode".into())]
-        {
+        let mut text = self.limits.iter().map(Limit::text).collect::<Vec<_>>().join(" and ");
+        for (more, words) in [
+            (!self.also.is_empty(), format!(" {}", self.also)),
+            (self.held > 0.0, format!(" through the last {} s", self.held)),
+            (self.once, ", once in the episode".into()),
+            (!self.once && self.held == 0.0, " in the last step".into()),
+        ] {
             text += if more { &words } else { "" };
         }
         text
@@ -226,8 +261,15 @@ impl TaskSpec {
         self.reward.iter().map(|t| t.bound).sum()
     }
 
+    /// Least reward in one step: the sum of the terms' least values.
+    pub fn reward_floor(&self) -> f64 {
+        self.reward.iter().map(|t| t.low).sum()
+    }
+
     /// The formula of the training loss.
     pub fn loss_text(&self) -> String {
-        self.loss.join(" + ")
+        let sum = self.loss.join(" + ");
+        let soft = if sum.contains("h₅(") { "; h_c(x) = 2‖x‖²/(1 + √(1 + ‖x‖²/c²))" } else { "" };
+        sum + soft
     }
 }

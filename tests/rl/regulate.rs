@@ -103,7 +103,10 @@ impl Task for Regulate {
     #[inline(always)]
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         // an end must not be worth seeking
-        terms.term("cost", "20 − xᵀQx", BONUS).number(S::constant(BONUS) - self.cost(view));
+        terms
+            .term("cost", "20 − xᵀQx", BONUS)
+            .within(f64::NEG_INFINITY, BONUS)
+            .number(S::constant(BONUS) - self.cost(view));
     }
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {

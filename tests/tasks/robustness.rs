@@ -52,6 +52,94 @@ fn ten_million_hostile_steps_give_finite_numbers_and_every_clip_is_counted() {
     assert!(steps >= 10_000_000);
 }
 
+/// Lowest reward, highest loss and share of episodes that diverged in `steps` steps of `n` environments: a quarter each of
+/// random actions, extremes drawn for every step, extremes held for 20 steps on average, and extremes held for an episode.
+fn extremes(entry: &registry::Entry, n: usize, steps: usize) -> (f32, f32, f32) {
+    let mut env = entry.env(&EnvConfig { n_env: n, ..EnvConfig::default() }).unwrap();
+    let spec = env.spec().clone();
+    let mut out = Buffers::new(&spec);
+    env.reset(None, None, &mut out.out()).unwrap();
+    let each = spec.n_agent * spec.action.len();
+    let (mut actions, mut random) = (vec![1.0; n * each], vec![0.0; n * each]);
+    let mut stream = Stream::new(79, 0, 0, Purpose::user(79));
+    let [loss, reason] = ["loss", "reason"].map(|name| spec.info_column(name).unwrap());
+    let (mut lowest, mut highest, mut ended, mut diverged) = (f32::INFINITY, f32::NEG_INFINITY, 0, 0);
+    for t in 0..steps {
+        env.sample(t as u64, &mut random);
+        for i in 0..n {
+            let fresh = t == 0 || out.terminated[i] + out.truncated[i] > 0;
+            let alike = if stream.unit() < 0.3 { 0.0 } else { 1.0 };
+            let side = stream.unit();
+            for k in i * each..(i + 1) * each {
+                let draws = [false, true, stream.unit() < 0.05, fresh][i % 4];
+                let extreme = if (side + alike * stream.unit()).fract() < 0.5 { -1.0 } else { 1.0 };
+                actions[k] = if i % 4 == 0 {
+                    random[k]
+                } else if draws {
+                    extreme
+                } else {
+                    actions[k]
+                };
+            }
+        }
+        env.step(&actions, &mut out.out()).unwrap();
+        lowest = out.reward.iter().fold(lowest, |a, b| a.min(*b));
+        for (row, end) in out.info.chunks_exact(spec.info.len()).zip(&out.terminated) {
+            highest = highest.max(row[loss]);
+            ended += usize::from(*end);
+            diverged += usize::from(*end == 1 && row[reason] as usize > spec.ends.len());
+        }
+    }
+    (lowest, highest, diverged as f32 / ended.max(1) as f32)
+}
+
+fn stays_within_what_the_spec_says(n: usize, steps: usize) {
+    println!("| task | lowest reward | at least | highest loss | diverged |\n|---|---|---|---|---|");
+    for entry in registry::REGISTRY {
+        let spec = entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap().spec().clone();
+        let (lowest, highest, diverged) = extremes(entry, n, steps);
+        let (floor, most) = (spec.reward_floor, spec.config.bounds.loss);
+        println!("| {} | {lowest:.3} | {floor} | {highest:.2} | {:.2} % |", entry.name, 100.0 * diverged);
+        assert!(f64::from(lowest) >= floor - 1e-5 && floor > -10.0, "{}: reward {lowest} below {floor}", entry.name);
+        // measured over 1e6 steps per task: HIGHEST
+        assert!(f64::from(highest) <= most, "{}: loss {highest} above {most}", entry.name);
+    }
+}
+
+#[test]
+fn no_reward_falls_and_no_loss_rises_beyond_what_the_spec_says_whatever_the_actions() {
+    stays_within_what_the_spec_says(256, 200);
+}
+
+/// `cargo test --release --test tasks robustness -- --ignored --nocapture`
+#[test]
+#[ignore = "cargo test --release --test tasks robustness -- --ignored --nocapture: a minute"]
+fn no_reward_falls_and_no_loss_rises_beyond_what_the_spec_says_in_a_million_hostile_steps() {
+    stays_within_what_the_spec_says(1024, 1000);
+}
+
+#[test]
+fn a_simulation_ends_as_diverged_where_it_leaves_its_bounds() {
+    let text = "bounds = { distance = 3.0, speed = 40.0 }\nautoreset = 'disabled'\nn_env = 3";
+    let mut env = Env::make("Hover", &EnvConfig::from_toml(text, "own").unwrap()).unwrap();
+    let mut out = Buffers::new(env.spec());
+    env.reset(None, None, &mut out.out()).unwrap();
+    for (environment, number, value) in [(0, 0, 3.5), (1, 3, -41.0), (2, 3, 1.0)] {
+        let mut state = env.state(environment).unwrap();
+        state[..3].copy_from_slice(&[0.0, 0.0, 2.0]);
+        state[number] = value;
+        env.set_state(environment, &state).unwrap();
+    }
+    env.step(&vec![0.0; 3 * 4], &mut out.out()).unwrap();
+    assert_eq!(out.terminated, [1, 1, 0]);
+    let (width, reason) = (env.spec().info.len(), env.spec().info_column("reason").unwrap());
+    assert_eq!([0, 1].map(|i| out.info[i * width + reason] as usize), [env.spec().ends.len() + 1; 2]);
+    let end = env.spec().diverged();
+    assert!(end.name == "diverged" && end.condition.contains("±3 m") && end.condition.contains("±40 m/s"), "{end:?}");
+    let error = EnvConfig::from_toml("bounds.rate = 0", "own").unwrap().validate().unwrap_err().to_string();
+    assert!(error.contains("bounds.rate is 0, but it must be > 0"), "{error}");
+}
+
 #[test]
 fn hostile_whole_numbers_are_counted_in_every_environment() {
     for actions in [ActionSpace::Discrete { levels: 2 }, ActionSpace::MultiDiscrete { levels: 5 }] {

@@ -333,6 +333,7 @@ const KEYS: &[(&str, &str)] = &[
     ("observation", "transforms: history, noise, normalise, privileged"),
     ("randomise", "what differs between episodes"),
     ("difficulty", "share of it, 0 to 1: where a curriculum begins"),
+    ("bounds", ""),
     ("autoreset", "same_step, next_step, disabled"),
     ("stagger", "whether first episodes begin anywhere in time"),
     ("memory_limit", "bytes"),
@@ -348,14 +349,23 @@ const SCALES: &[(&str, &str)] = &[
     ("tilt", "roll and pitch in the level attitude, rad"),
 ];
 
+/// The lines of `bounds`.
+const BOUNDS: &[(&str, &str)] = &[
+    ("distance", "a coordinate beyond it ends the episode as diverged, m"),
+    ("speed", "likewise a velocity, m/s"),
+    ("rate", "likewise an angular velocity or the rate of a joint, rad/s"),
+    ("angle", "likewise the angle of a joint, rad"),
+    ("loss", "the training loss of a step is cut here"),
+];
+
 /// A run's configuration as a file with comments, which `train --config` reads back to the same run.
 pub fn run_file(entry: &Entry, config: &TrainConfig) -> Result<String> {
     let text = config.to_toml()?;
     let env = entry.env(&EnvConfig { n_env: 1, ..config.env.clone() })?;
-    let of_env = KEYS.iter().chain(SCALES);
+    let of_env = KEYS.iter().chain(SCALES).chain(BOUNDS);
     let meaning = |table: &str, key: &str| match table {
         "env.task" => Some(env.task_spec().settings.iter().find(|s| s.key == key)?.text()),
-        "env" | "env.action_scale" => Some(of_env.clone().find(|(own, _)| *own == key)?.1.to_string()),
+        "env" | "env.action_scale" | "env.bounds" => Some(of_env.clone().find(|(own, _)| *own == key)?.1.to_string()),
         _ => TrainConfig::meaning(table, key),
     };
     let (mut table, mut lines) = (String::new(), Vec::new());
@@ -407,11 +417,12 @@ pub fn file(entry: &Entry, env: &Env, config: &EnvConfig) -> Result<String> {
                 lines.extend(items.iter().map(|item| (format!("    {item},"), String::new())));
                 lines.push(("]".into(), String::new()));
             }
-            Some(toml::Value::Table(scales)) if key == "action_scale" => {
+            Some(toml::Value::Table(own)) if ["action_scale", "bounds"].contains(&key) => {
                 let line = |(name, unit): &(&str, &str)| {
-                    Some((format!("{key}.{name} = {}", scales.get(*name)?), unit.to_string()))
+                    Some((format!("{key}.{name} = {}", own.get(*name)?), unit.to_string()))
                 };
-                lines.extend(SCALES.iter().filter_map(line));
+                let names = if key == "bounds" { BOUNDS } else { SCALES };
+                lines.extend(names.iter().filter_map(line));
             }
             Some(value) => lines.push((format!("{key} = {value}"), meaning)),
             None => {}

@@ -10,7 +10,6 @@ use clap::ValueEnum;
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::registry::{self, Entry};
-use omnidrones::tasks::task_spec::DIVERGED;
 use omnidrones::tasks::{
     Act, Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spec, Spread, Watched, evaluate,
 };
@@ -111,15 +110,15 @@ impl ControllerName {
 
 /// What a success is, for the help of commands that tell its share.
 pub const SUCCESS: &str = "\
-Success is the share of episodes that were not terminated (crashed) and whose last step, in most tasks, meets the \
-task's limit on the error, 0.1 m of position in Hover. Nothing else counts: neither heading nor tilt nor speed. \
-Formation has a second limit, on the place; the FlyThrough tasks ask for theirs once in the episode, OverFlyThrough and \
-TransportFlyThrough with all drones beyond x = 0.05 m. The page names the limit, and 'omnidrones tasks TASK' too.";
+Success is the share of episodes that were not terminated (crashed) and met what the task asks: in the last step an \
+error within its limit, 0.1 m of position in Hover, and where the task asks for an attitude or heading, that within 18°; \
+along a path an error within its limit through the last 2 s; in PayloadHover the error at the end of the longest time \
+without a push; the FlyThrough tasks ask once in the episode, OverFlyThrough and TransportFlyThrough with all drones \
+beyond x = 0.05 m. The page names the rule, and 'omnidrones tasks TASK' too.";
 
 /// What a success is, as a line below a table.
 pub fn success(spec: &Spec) -> String {
-    let when = if spec.success.once { "" } else { "in the last step, " };
-    format!("  Success, {when}not crashed: {}.", spec.success.text())
+    format!("  Success, not crashed: {}.", spec.success.text())
 }
 
 /// What flew, and how well.
@@ -378,7 +377,12 @@ impl Flown {
                 short(spec.reward_bound, 4),
                 spec.horizon
             )),
-            Fact::new("success", percent(e.success)).note("of the episodes; what counts stands below"),
+            Fact::new("success", percent(e.success)).note(format!(
+                "{} to {} with 95 % confidence; by the last error alone {}",
+                percent(e.success_interval[0]),
+                percent(e.success_interval[1]),
+                percent(e.success_by_last_error)
+            )),
             Fact::new("crashed", share_of(e.crashed, spec.n_env)).note("ended before their time"),
             Fact::new("length", format!("{} steps", short(e.length, 4))).note(format!(
                 "{} of {} s",
@@ -396,9 +400,8 @@ impl Flown {
     fn ends(&self) -> Table {
         let (spec, e) = (self.record.spec(), &self.evaluation);
         let mut table = Table::new(&[("reason", Align::Left), ("episodes", Align::Right), ("when", Align::Left)]);
-        let conditions = spec.ends.iter().map(|end| (end.name.as_str(), end.condition.as_str()));
-        for ((name, condition), share) in conditions.chain([DIVERGED]).zip(&e.ends) {
-            table.row([name, &share_of(*share, spec.n_env), condition]);
+        for (end, share) in spec.ends.iter().chain([&spec.diverged()]).zip(&e.ends) {
+            table.row([&end.name, &share_of(*share, spec.n_env), &end.condition]);
         }
         table.row(["time", &percent(1.0 - e.crashed), &format!("{} steps are over", spec.horizon)]);
         table

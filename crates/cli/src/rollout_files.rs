@@ -73,7 +73,7 @@ fn error(record: &Record) -> Panel {
 fn limit(record: &Record) -> Option<f64> {
     let spec = record.spec();
     let own = &spec.info.get(record.first_metric())?.name;
-    spec.success.limits.iter().find(|limit| limit.metric == *own).map(|limit| limit.below)
+    spec.success.limits.iter().find(|limit| limit.metric == *own).map(|limit| limit.below).filter(|x| x.is_finite())
 }
 
 /// Median of every command over the agents, with the room from 10 to 90 % of them where they are few.

@@ -9,7 +9,7 @@ use omnidrones::error::Result;
 use omnidrones::tasks::randomise::Action;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::robot::{DAMPING, MOTOR_TIME_CONSTANT};
-use omnidrones::tasks::task_spec::{DIVERGED, Field, total};
+use omnidrones::tasks::task_spec::{Field, total};
 use omnidrones::tasks::{ActionSpace, Baseline, Env, EnvConfig, Space, Spec};
 use serde_json::{Value, json};
 
@@ -30,8 +30,8 @@ Examples:
   omnidrones tasks Track --json                 for a program
 
 Sizes count numbers. Best reward is the largest of one step: the sum of all terms' bounds. Memory is what one environment \
-keeps between steps, without the arrays that a step writes. An episode is a success if its last step meets what the page \
-calls so, or any step where the page says 'once', and nothing terminated it.
+keeps between steps, without the arrays that a step writes. An episode is a success if it meets what the page calls so, and \
+nothing terminated it.
 
 The file of --toml is about environments; that of 'omnidrones train TASK --toml' has the settings of training too. Every \
 command with --config reads both.
@@ -137,6 +137,7 @@ fn summary(entry: &Entry, spec: &Spec) -> Value {
         "n_central": spec.n_central,
         "horizon": spec.horizon,
         "dt": spec.dt,
+        "reward_floor": spec.reward_floor,
         "reward_bound": spec.reward_bound,
         "bytes_per_env": spec.bytes_per_env,
     })
@@ -167,8 +168,7 @@ impl Described {
         page.title(self.entry.name, self.entry.description).facts(&self.facts());
         page.heading("Goal, start, success, loss of training");
         lines(&mut page, "", &self.about());
-        let when = if own.success.once { "" } else { "last step, " };
-        let success = format!("{} ({when}not terminated; nothing else counts)", own.success.text());
+        let success = format!("{} (not terminated; nothing else counts)", own.success.text());
         lines(&mut page, "Success: ", &success);
         lines(&mut page, "Loss: ", &own.loss_text());
         match whole_numbers(spec) {
@@ -289,14 +289,22 @@ impl Described {
     fn reward(&self) -> Table {
         let mut table = Table::new(&[
             ("term", Align::Left),
+            ("at least", Align::Right),
             ("at most", Align::Right),
             ("gradient", Align::Left),
             ("is", Align::Left),
         ]);
         for t in &self.env.task_spec().reward {
-            table.row([t.name.to_string(), short(t.bound, 4), t.smoothness.name().into(), t.formula.clone()]);
+            table.row([
+                t.name.to_string(),
+                short(t.low, 4),
+                short(t.bound, 4),
+                t.smoothness.name().into(),
+                t.formula.clone(),
+            ]);
         }
-        table.row(["sum".into(), short(self.env.spec().reward_bound, 4)]);
+        let spec = self.env.spec();
+        table.row(["sum".into(), short(spec.reward_floor, 4), short(spec.reward_bound, 4)]);
         table
     }
 
@@ -305,7 +313,8 @@ impl Described {
         for e in &self.env.task_spec().ends {
             table.row([&e.name, "terminated", &e.condition]);
         }
-        table.row([DIVERGED.0, "terminated", DIVERGED.1]);
+        let diverged = self.env.spec().diverged();
+        table.row([&diverged.name, "terminated", &diverged.condition]);
         table.row(["time", "truncated", &format!("{} steps are over", self.env.spec().horizon)]);
         table
     }

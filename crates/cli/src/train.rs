@@ -528,12 +528,13 @@ mod tests {
     fn the_limit_that_the_help_names_is_that_of_hover_and_the_tasks_with_other_rules_are_named() {
         let success =
             |entry: &Entry| entry.env(&EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap().spec().success.clone();
-        assert_eq!(success(registry::by_name("Hover").unwrap()).text(), "position_error < 0.1 m");
-        assert!(SUCCESS.contains("limit on the error, 0.1 m of position in Hover"), "{SUCCESS}");
+        let hover = success(registry::by_name("Hover").unwrap()).text();
+        assert!(hover.starts_with("position_error < 0.1 m and heading_alignment > 0.95"), "{hover}");
+        assert!(SUCCESS.contains("0.1 m of position in Hover") && 0.95_f64.acos().to_degrees().round() == 18.0);
         for entry in registry::REGISTRY {
             let (name, success) = (entry.name, success(entry));
             let said = success.text();
-            assert_eq!(said.contains(" and "), name == "Formation", "{name}: {said}");
+            assert_eq!(success.held > 0.0, name.contains("Track") && success.held == 2.0, "{name}: {said}");
             assert_eq!(success.once, name.ends_with("FlyThrough"), "{name}: {said}");
             let beyond = ["OverFlyThrough", "TransportFlyThrough"].contains(&name);
             assert_eq!(said.contains("with all drones beyond x = 0.05 m"), beyond, "{name}: {said}");

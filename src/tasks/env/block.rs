@@ -30,7 +30,7 @@ pub(crate) mod episode_state {
     pub(crate) const REASON: usize = 8;
     /// Rows that are told as they are.
     pub(crate) const INFO: std::ops::Range<usize> = RETURN..TERMS;
-    /// Sums of the reward's terms follow.
+    /// Sums of the reward's terms follow, then, where a success must hold for a while, the steps that it has.
     pub(crate) const TERMS: usize = 9;
 }
 
@@ -38,6 +38,8 @@ pub(crate) mod episode_state {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Sizes {
     pub term: usize,
+    /// Steps that a success must hold; 0 for the step alone.
+    pub hold: usize,
     pub end: usize,
     pub metric: usize,
     pub goal: usize,
@@ -70,6 +72,11 @@ pub(crate) struct Sizes {
 
 impl Sizes {
     pub(crate) fn episode_state(&self) -> usize {
+        episode_state::TERMS + self.term + usize::from(self.hold > 0)
+    }
+
+    /// Row of the steps that a success has held.
+    pub(crate) fn held_row(&self) -> usize {
         episode_state::TERMS + self.term
     }
 

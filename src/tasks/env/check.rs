@@ -34,7 +34,7 @@ pub fn check_env(make: &dyn Fn(&EnvConfig) -> Result<Env>, config: &EnvConfig) -
     let maker = Maker { make, config };
     type Check = fn(&Maker<'_>) -> Result<Option<String>>;
     let checks: [(&'static str, Check); 9] = [
-        ("numbers are finite and rewards within their bound", finite_and_bounded),
+        ("numbers are finite and rewards within their bounds", finite_and_bounded),
         ("a seed decides everything, and seeds differ where starts do", seeded),
         ("episodes begin in bounds: safe commands survive a step", begins_alive),
         ("the three autoreset modes tell the same episodes", modes_agree),
@@ -101,6 +101,8 @@ impl Bench {
 fn finite_and_bounded(maker: &Maker<'_>) -> Result<Option<String>> {
     let mut b = maker.bench(Autoreset::SameStep)?;
     let bound = b.env.spec().reward_bound as f32 * (1.0 + 1e-6);
+    // a diverged step is worth 0
+    let floor = (b.env.spec().reward_floor as f32 * (1.0 + 1e-6)).min(0.0);
     for t in 0..STEPS {
         b.random(t)?;
         let arrays = [&b.out.observation, &b.out.reward, &b.out.central, &b.out.privileged, &b.out.info];
@@ -110,8 +112,8 @@ fn finite_and_bounded(maker: &Maker<'_>) -> Result<Option<String>> {
                 return Ok(Some(format!("{name}[{i}] is {} in step {t}", array[i])));
             }
         }
-        if let Some(i) = b.out.reward.iter().position(|r| *r > bound) {
-            return Ok(Some(format!("reward {} of agent {i} in step {t}, at most {bound}", b.out.reward[i])));
+        if let Some(i) = b.out.reward.iter().position(|r| !(floor..=bound).contains(r)) {
+            return Ok(Some(format!("reward {} of agent {i} in step {t}, not in {floor} … {bound}", b.out.reward[i])));
         }
     }
     Ok(None)

@@ -8,6 +8,7 @@ use super::transition::{Setting, StepLayout};
 use crate::autodiff::{Program, Recording};
 use crate::dynamics::batch::Plant;
 use crate::error::Result;
+use crate::tasks::bounds::Bounds;
 use crate::tasks::config::Autoreset;
 use crate::tasks::observation::{Pipeline, Statistics};
 use crate::tasks::randomise::Randomiser;
@@ -19,6 +20,9 @@ pub(crate) struct Core {
     pub engine: Box<dyn Engine>,
     pub plant: Plant,
     pub control: Control,
+    pub bounds: Bounds,
+    /// Rows of the state that are bounded.
+    pub limits: Vec<(usize, f32)>,
     pub sizes: Sizes,
     pub pipeline: Pipeline,
     pub randomiser: Randomiser,

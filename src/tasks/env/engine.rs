@@ -26,7 +26,7 @@ pub(crate) trait Engine: Send + Sync {
     /// Summands of the reward in it.
     fn ideal_terms(&self, core: &Core) -> Vec<f64>;
     /// Time, task state, reward and ends after physics.
-    fn evaluate_step(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace);
+    fn evaluate_step(&self, core: &Core, block: &mut EnvBlock, work: &mut Workspace);
     /// Observations before the transforms and central states of the registers of these lanes.
     fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64);
     /// Disturbances of the coming step.
@@ -70,8 +70,12 @@ impl<T: Task> Engine for Typed<T> {
     fn ideal_terms(&self, core: &Core) -> Vec<f64> {
         ideal_terms(&self.task, core)
     }
-    fn evaluate_step(&self, sizes: &Sizes, alive_row: usize, block: &mut EnvBlock, work: &mut Workspace) {
-        each_register(block.plant.occupied, EvaluateStep { task: &self.task, sizes, alive_row, block, work });
+    fn evaluate_step(&self, core: &Core, block: &mut EnvBlock, work: &mut Workspace) {
+        let (sizes, alive_row, most_loss) = (&core.sizes, core.plant.alive_row(), core.bounds.loss);
+        each_register(
+            block.plant.occupied,
+            EvaluateStep { task: &self.task, sizes, alive_row, most_loss, block, work },
+        );
     }
     fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
         let lanes = lanes & first_lanes(block.plant.occupied);

@@ -57,6 +57,8 @@ pub(crate) struct EvaluateStep<'a, T> {
     pub task: &'a T,
     pub sizes: &'a Sizes,
     pub alive_row: usize,
+    /// Of the training loss.
+    pub most_loss: f64,
     pub block: &'a mut EnvBlock,
     pub work: &'a mut Workspace,
 }
@@ -85,8 +87,8 @@ impl<T: Task> RegisterKernel for EvaluateStep<'_, T> {
         let view = view::<L>(robot, horizon, block, &work.frames, &work.speeds, at);
         task.reward(&view, &mut L::rows_mut(&mut work.terms, at).writer(0));
         task.metrics(&view, &mut L::rows_mut(&mut work.metrics, at).writer(0));
-        let success = task.success(&view);
-        let loss = loss_of(task, &view);
+        let mut success = task.success(&view);
+        let loss = loss_of(task, &view, self.most_loss);
         let code = reason(task, &view, sizes.end);
 
         let alive = L::rows(&block.plant.rows, at).get(*alive_row);
@@ -109,6 +111,11 @@ impl<T: Task> RegisterKernel for EvaluateStep<'_, T> {
         episode.set(episode_state::TRUNCATED, truncated);
         let due = episode.get(episode_state::STEP).lt(episode.get(episode_state::EVENT)).not().and(running);
 
+        if sizes.hold > 0 {
+            let held = L::select(success.and(counts), episode.get(sizes.held_row()) + L::one(), zero);
+            episode.set(sizes.held_row(), held);
+            success = L::constant(sizes.hold as f64 - 0.5).lt(held);
+        }
         let terminated = number::<L>(half.lt(episode.get(episode_state::REASON)));
         let mut signals = L::rows_mut(&mut work.signals, at);
         signals.set(signal::REWARD, reward);

@@ -153,6 +153,7 @@ impl Env {
         let n_agent = engine.n_agent();
         let sizes = Sizes {
             term: own.reward.len(),
+            hold: ((own.success.held / config.dt).round() as usize).min(engine.horizon()),
             end: own.ends.len(),
             metric: own.metrics.len(),
             goal: total(&own.goal),
@@ -189,6 +190,7 @@ impl Env {
         let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, privileged, bytes);
         let statistics = Statistics::of_nothing(sizes.normalised);
         let rest = robot.rest().to_vec();
+        let limits = config.bounds.limits(robot.plant());
         let core = Core {
             exposed: exposed(&*engine, !varied.is_empty()),
             statistics: statistics.clone(),
@@ -203,6 +205,8 @@ impl Env {
             engine,
             plant,
             control,
+            bounds: config.bounds,
+            limits,
             sizes,
             pipeline,
             randomiser,

@@ -25,7 +25,7 @@ impl Stepper<'_> {
             for group in [
                 &episode_state[episode_state::INFO],
                 &signals[signal::INFO],
-                &episode_state[episode_state::TERMS..],
+                &episode_state[episode_state::TERMS..][..s.term],
                 &self.work.metrics[..],
             ] {
                 info[at..at + group.len()].copy_from_slice(group);

@@ -6,7 +6,7 @@ use super::engine::Engine;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
 use crate::tasks::observation::Pipeline;
-use crate::tasks::task_spec::{End, Field, Success, Term, total};
+use crate::tasks::task_spec::{DIVERGED, End, Field, Success, Term, below, total};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -148,7 +148,10 @@ pub struct Spec {
     pub reward: Vec<Term>,
     /// Largest reward of a step.
     pub reward_bound: f64,
-    /// Reasons to terminate; `diverged` follows. The info `reason` counts them from 1.
+    /// Least reward of a step; −∞ (in JSON null) where a term has no least value.
+    #[serde(with = "below")]
+    pub reward_floor: f64,
+    /// Reasons to terminate; [`Spec::diverged`] follows. The info `reason` counts them from 1.
     pub ends: Vec<End>,
     /// When an episode is a success.
     pub success: Success,
@@ -165,6 +168,12 @@ pub struct Spec {
 }
 
 impl Spec {
+    /// The end that follows [`Spec::ends`]: a number of the state left the [`Bounds`](crate::tasks::Bounds) of the
+    /// configuration. Reward and loss of that step are 0.
+    pub fn diverged(&self) -> End {
+        End { name: DIVERGED.into(), condition: self.config.bounds.text() }
+    }
+
     /// As JSON.
     pub fn to_json(&self) -> String {
         serde_json::to_string_pretty(self).unwrap_or_default()
@@ -268,6 +277,7 @@ pub(crate) fn spec_of(
         privileged,
         reward: own.reward.clone(),
         reward_bound: own.reward_bound(),
+        reward_floor: own.reward_floor(),
         ends: own.ends.clone(),
         success: own.success.clone(),
         info: infos,

@@ -10,6 +10,7 @@ use super::transform::Shift;
 use super::transition::StepLayout;
 use crate::autodiff::lanes::{each_register, first_lanes, ones};
 use crate::dynamics::batch::STOPPED;
+use crate::tasks::bounds::Contain;
 use crate::tasks::config::Autoreset;
 
 /// A block in the hands of a worker.
@@ -130,15 +131,17 @@ impl Phases for Stepper<'_> {
         self.core.plant.step(std::slice::from_mut(&mut self.block.plant));
     }
 
-    /// A state of any size would reach the observation that its episode ends with.
+    /// What has exploded stops. A state of any size would reach the observation that its episode ends with.
     fn contain(&mut self) {
+        let (limits, alive, plant) = (&self.core.limits, self.core.plant.alive_row(), &mut self.block.plant);
+        each_register(plant.occupied, Contain { limits, alive, rows: &mut plant.rows });
         for lane in lanes_of(!self.alive() & self.running) {
             self.block.plant.rows.iter_mut().zip(self.core.robot().rest()).for_each(|(row, x)| row[lane] = *x as f32);
         }
     }
 
     fn evaluate_step(&mut self) {
-        self.core.engine.evaluate_step(&self.core.sizes, self.core.plant.alive_row(), self.block, self.work);
+        self.core.engine.evaluate_step(self.core, self.block, self.work);
         let signals = &self.work.signals;
         self.ended = (ones(&signals[signal::TERMINATED]) | ones(&signals[signal::TRUNCATED])) & self.running;
     }

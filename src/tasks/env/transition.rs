@@ -200,7 +200,7 @@ pub(crate) fn transition<S: Scalar, T: Task>(task: &T, setting: &Setting<'_>, z:
     };
     step(core, &mut one);
     one.goal = &p.goal;
-    let loss = loss_of(task, &one.view());
+    let loss = loss_of(task, &one.view(), core.bounds.loss);
     one.seen[p.reward - p.n_carried()] = sum(&StridedView::of(&one.terms), s.term);
     one.seen[p.loss - p.n_carried()] = loss;
 }

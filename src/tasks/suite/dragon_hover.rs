@@ -6,8 +6,10 @@
 //! - DIFFERENCE: links are observed relative to the target, so that nothing depends on where the world begins.
 
 use super::hover::set_heading;
-use super::{PoseLoss, StartRange, farther, less, made_of, squared, succeeds_within};
-use crate::autodiff::{Scalar, safe};
+use super::{
+    PoseLoss, PoseSuccess, StartRange, farther, less, made_of, rate_cost, speed_cost, squared, succeeds_within,
+};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::configurations::Dragon;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Vec3, add, constants, dot, rotate, scale, sub, yawed};
@@ -39,12 +41,12 @@ settings! {
         start_distance: f64 = 3.8 => ("-", "largest d of a start", Positive);
         min_height: f64 = 0.2 => ("m", "a lower link is a crash", Any);
         max_distance: f64 = 4.0 => ("-", "largest d", Positive);
-        success_distance: f64 = 0.1 => ("m", "position error of a success", Positive);
+        success: PoseSuccess = PoseSuccess::default() => group;
         pose_scale: f64 = 1.2 => ("1/m", "how steeply the term pose falls", NotNegative);
         reward_pose: f64 = 1.0 => ("-", "weight of the term pose", NotNegative);
         reward_joints: f64 = 0.5 => ("-", "weight of the term joints", NotNegative);
         loss: PoseLoss = PoseLoss::default() => group;
-        loss_joints: f64 = 0.01 => ("m s²/rad²", "weight of the squared rates of joints in the loss", NotNegative);
+        loss_joints: f64 = 0.01 => ("m s²/rad²", "weight of the rates of joints in the loss", NotNegative);
     }
 }
 
@@ -205,7 +207,10 @@ impl Task for DragonHover {
         out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 
-    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
+    succeeds_within!(
+        self, view: self.error(view), self.settings.success.distance,
+        "heading_alignment": dot(view.drone(0).heading(), view.goal.array(0)), self.settings.success.alignment
+    );
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
@@ -213,16 +218,15 @@ impl Task for DragonHover {
         let mut motion = S::zero();
         for i in 0..LINKS {
             let link = self.link(view, i);
-            motion += squared(w.motion.velocity / LINKS as f64, link.velocity);
-            motion += squared(w.motion.rate / LINKS as f64, link.angular_velocity);
+            motion += speed_cost(w.motion.velocity / LINKS as f64, link.velocity);
+            motion += rate_cost(w.motion.rate / LINKS as f64, link.angular_velocity);
         }
         for i in 0..DRIVES {
-            motion += S::constant(own.loss_joints / DRIVES as f64) * Self::rate(view, i).square();
+            motion += rate_cost(own.loss_joints / DRIVES as f64, [Self::rate(view, i)]);
         }
         loss.add("√(‖p_t − p̄‖² + {loss_radius}²)", smooth_norm(self.error(view), w.motion.radius));
         loss.add("{×loss_turn}‖h_t − h‖²", squared(w.turn, Self::heading_error(view)));
-        let formula =
-            "mean({×loss_velocity}‖v_i‖² + {×loss_rate}‖ω_i‖²) over the links + mean {×loss_joints}q̇² over the joints";
+        let formula = "mean({×loss_velocity}h₅(v_i) + {×loss_rate}h₁₀(ω_i)) over the links + mean {×loss_joints}h₁₀(q̇) over the joints";
         loss.add(formula, motion);
     }
 

@@ -5,12 +5,13 @@
 //!   `gate_damping` = 0 is the published gate.
 //! - DIFFERENCE: contact is that of capsules along the diagonals of the vehicle's boxes, and `contact` is geometric.
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
+//! - DIFFERENCE: the term gate falls no further than 5 m beside the gate, where every flight has ended.
 //! - DIFFERENCE: ends `high` and `wide` are those of the current code; the paper's had neither.
 
 use super::obstacles::{NEARNESS, Skin, nearness, rounded, softened, touches, touching, where_on};
 use super::{
     MotionLoss, PoseReward, StartAttitude, StartRange, ease_of_flight, farther, latch, less, made_of, more, nearer,
-    squared, succeeds_once, times,
+    rate_cost, speed_cost, succeeds_once, times,
 };
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::assembly::{Member, single};
@@ -27,6 +28,9 @@ use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still, upright};
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, View};
+
+/// Beside the gate's middle the term gate falls no further than this, m: beyond where flights end.
+const FAR_BESIDE: f64 = 5.0;
 
 /// Where starts are.
 fn start_range() -> StartRange {
@@ -166,15 +170,17 @@ impl Task for FlyThrough {
         let (drone, way, own, w) = (view.drone(0), self.way(view), &self.settings, &self.settings.reward);
         let pose = exponential_kernel(own.pose_scale, Self::error(view));
         let (before, ahead) = (S::zero().lt(way[0]), way[0].max(S::zero()));
-        let middle = (S::constant(0.8) - way[1].abs() - way[2].abs()) * (-ahead).exp();
+        let beside = (way[1].abs() + way[2].abs()).min(S::constant(FAR_BESIDE));
+        let middle = (S::constant(0.8) - beside) * (-ahead).exp();
         let kept = pose + S::constant(own.pose_floor);
         let most = 1.0 + own.pose_floor;
         terms
             .term("pose", "{×reward_pose}r_p, r_p = e^{−{×pose_scale}d}", w.pose)
             .piecewise()
             .number(times(w.pose, pose));
-        let formula = "{×reward_gate}(0.8 − |g_y − y| − |g_z − z|) e^{x} for x < 0, else {reward_gate}";
-        terms.term("gate", formula, own.reward_gate).non_smooth();
+        let formula = "{×reward_gate}(0.8 − min(|g_y − y| + |g_z − z|, 5 m)) e^{x} for x < 0, else {reward_gate}";
+        terms.term("gate", formula, own.reward_gate);
+        terms.within(own.reward_gate * (0.8 - FAR_BESIDE), own.reward_gate).non_smooth();
         terms.number(times(own.reward_gate, S::select(before, middle, S::one())));
         terms.term("up", "{×reward_up}(r_p + {pose_floor}) ((u_z + 1)/2)²", w.up * most).piecewise();
         terms.number(times(w.up, kept) * upright(drone.up()));
@@ -211,10 +217,10 @@ impl Task for FlyThrough {
         let (drone, way, own, w) = (view.drone(0), self.way(view), &self.settings, &self.settings.loss);
         loss.add("√(d² + {loss_radius}²)", smooth_norm(Self::error(view), w.radius));
         // the middle of the opening counts near its plane
-        let aside = squared(own.loss_gate, [way[1], way[2]]) * rational_kernel(2.0, way[0].square());
-        loss.add("{×loss_gate}(b² + c²)/(1 + 4a²) with (a, b, c) = g − p", aside);
-        loss.add("{×loss_velocity}‖v‖²", squared(w.velocity, drone.velocity));
-        loss.add("{×loss_rate}‖ω‖²", squared(w.rate, drone.angular_velocity));
+        let aside = speed_cost(own.loss_gate, [way[1], way[2]]) * rational_kernel(2.0, way[0].square());
+        loss.add("{×loss_gate}h₅(b, c)/(1 + 4a²) with (a, b, c) = g − p", aside);
+        loss.add("{×loss_velocity}h₅(v)", speed_cost(w.velocity, drone.velocity));
+        loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.rate, drone.angular_velocity));
         loss.add(NEARNESS, nearness(own.loss_clearance, self.clearance(view)));
     }
 

@@ -4,7 +4,7 @@
 //! - DIFFERENCE: no contact: drones that come closer than 0.23 m end the episode before they touch.
 
 use super::team::{apart, lowest, mean_throttle_difference, observe_others, squared_separation};
-use super::{PoseLoss, StartAttitude, less, made_of, nearer, squared, times};
+use super::{PoseLoss, StartAttitude, less, made_of, more, nearer, rate_cost, speed_cost, times};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::assembly::{Member, group, single};
@@ -130,6 +130,7 @@ settings! {
         min_separation: f64 = 0.23 => ("m", "closer drones touch", Positive);
         separation: f64 = 0.4 => ("m", "least distance of two drones at which r_s reaches 1", Positive);
         success_distance: f64 = 0.2 => ("m", "H and c of a success", Positive);
+        success_alignment: f64 = 0.95 => ("-", "mean h_x above which a success is", Any);
         shape_scale: f64 = 1.6 => ("1/m", "how steeply r_f falls", NotNegative);
         reward: FormationReward = FormationReward::default() => group;
         loss: PoseLoss = PoseLoss::default() => group;
@@ -298,7 +299,10 @@ impl Task for Formation {
         terms.number(times(w.shape, shape));
         terms.term("place", "{×reward_place}r_s r_f e^{−c}", w.place).piecewise();
         terms.number(times(w.place, shape) * place);
-        terms.term("heading", "{×reward_heading}r_s r_f · mean h_x", w.heading).piecewise();
+        terms
+            .term("heading", "{×reward_heading}r_s r_f · mean h_x", w.heading)
+            .within(-w.heading, w.heading)
+            .piecewise();
         terms.number(times(w.heading, shape) * self.facing(view));
         terms.term("center", "{×reward_center}r_s e^{−c}", w.center).piecewise();
         terms.number(near * S::constant(w.center) * place);
@@ -324,12 +328,14 @@ impl Task for Formation {
     #[inline(always)]
     fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
         let most = self.settings.success_distance;
-        less(self.squared_hausdorff(view), most * most).and(nearer(self.offset(view), most))
+        let facing = more(self.facing(view), self.settings.success_alignment);
+        less(self.squared_hausdorff(view), most * most).and(nearer(self.offset(view), most)).and(facing)
     }
 
     fn success_rule(&self) -> Success {
         let most = self.settings.success_distance;
-        Success::below("hausdorff", most).and("center_error", most)
+        let rule = Success::below("hausdorff", most).and("center_error", most);
+        rule.above("heading_alignment", self.settings.success_alignment)
     }
 
     #[inline(always)]
@@ -338,8 +344,8 @@ impl Task for Formation {
         let mut own = S::zero();
         for i in 0..self.figure.len() {
             let drone = view.drone(i);
-            own += squared(w.motion.velocity, drone.velocity);
-            own += squared(w.motion.rate, drone.angular_velocity);
+            own += speed_cost(w.motion.velocity, drone.velocity);
+            own += rate_cost(w.motion.rate, drone.angular_velocity);
             own += times(w.turn, S::one() - drone.heading()[0]);
         }
         let mean = S::constant(1.0 / self.figure.len() as f64) * own;
@@ -347,7 +353,7 @@ impl Task for Formation {
         loss.add("√(c² + {loss_radius}²)", smooth_norm(self.offset(view), w.motion.radius));
         let missing = (S::one() - apart(view, self.settings.loss_separation)).square();
         loss.add("(1 − min((sep/{loss_separation} m)², 1))²", missing);
-        loss.add("mean({×loss_velocity}‖v_i‖² + {×loss_rate}‖ω_i‖² + {×loss_turn}(1 − h_i,x))", mean);
+        loss.add("mean({×loss_velocity}h₅(v_i) + {×loss_rate}h₁₀(ω_i) + {×loss_turn}(1 − h_i,x))", mean);
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

@@ -6,9 +6,10 @@
 //! - DIFFERENCE: total mass everywhere; the published hover throttle counts the base link alone (defect 5).
 
 use super::{
-    PoseLoss, PoseReward, StartRange, ease_of_flight, farther, less, made_of, squared, succeeds_within, times,
+    PoseLoss, PoseReward, PoseSuccess, StartRange, ease_of_flight, farther, less, made_of, rate_cost, speed_cost,
+    squared, succeeds_within, times,
 };
-use crate::autodiff::{Scalar, safe};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, rotate, sub, yawed};
 use crate::error::Result;
 use crate::settings;
@@ -28,7 +29,7 @@ settings! {
         start: StartRange = StartRange::default() => group;
         min_height: f64 = 0.2 => ("m", "lower is a crash", Any);
         max_distance: f64 = 4.0 => ("-", "largest d", Positive);
-        success_distance: f64 = 0.1 => ("m", "position error of a success", Positive);
+        success: PoseSuccess = PoseSuccess::default() => group;
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward::default() => group;
         loss: PoseLoss = PoseLoss::default() => group;
@@ -128,14 +129,18 @@ impl Task for Hover {
         out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 
-    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
+    succeeds_within!(
+        self, view: self.error(view), self.settings.success.distance,
+        "heading_alignment": dot(view.drone(0).heading(), view.goal.array::<3>(0)), self.settings.success.alignment,
+        "uprightness": view.drone(0).up()[2], self.settings.success.alignment
+    );
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let (drone, w) = (view.drone(0), &self.settings.loss);
         loss.add("√(‖p_t − p‖² + {loss_radius}²)", smooth_norm(self.error(view), w.motion.radius));
-        loss.add("{×loss_velocity}‖v‖²", squared(w.motion.velocity, drone.velocity));
-        loss.add("{×loss_rate}‖ω‖²", squared(w.motion.rate, drone.angular_velocity));
+        loss.add("{×loss_velocity}h₅(v)", speed_cost(w.motion.velocity, drone.velocity));
+        loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, drone.angular_velocity));
         loss.add("{×loss_turn}‖h_t − h‖²", squared(w.turn, Self::heading_error(view)));
     }
 

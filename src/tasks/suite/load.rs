@@ -11,7 +11,7 @@
 //! 3898; without them none of 3879 did. Tumbling so far, a flight is lost.
 
 use super::obstacles::{Bars, BarsSettings, rounded, softened, touching};
-use super::{MotionLoss, StartAttitude, StartRange, farther, latch, squared, times};
+use super::{MotionLoss, PathSuccess, StartAttitude, StartRange, farther, latch, rate_cost, speed_cost, times};
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::{Carried, LoadPath, Reference};
 use crate::dynamics::Vehicle;
@@ -60,7 +60,7 @@ settings! {
         reset_distance: f64 = 0.8 => ("m", "largest distance of the ball from the path", Positive);
         path: PathRange = PathRange { rate: [0.7, 1.0], ..PathRange::default() } => group;
         start: StartAttitude = StartAttitude { tilt: 0.1 * PI, ..StartAttitude::default() } => group;
-        success_distance: f64 = 0.3 => ("m", "position error of a success", Positive);
+        success: PathSuccess = PathSuccess::default() => group;
         pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
         loss: MotionLoss = MotionLoss::default() => group;
     }
@@ -267,8 +267,8 @@ fn motion_loss<S: Scalar>(
     loss: &mut impl Loss<S>,
 ) {
     loss.add("√(d² + {loss_radius}²)", smooth_norm(error, w.radius));
-    loss.add(formula, squared(w.velocity, slip));
-    loss.add("{×loss_rate}‖ω‖²", squared(w.rate, view.drone(0).angular_velocity));
+    loss.add(formula, speed_cost(w.velocity, slip));
+    loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.rate, view.drone(0).angular_velocity));
 }
 
 /// [`motion_loss`] of a ball that should stand still.
@@ -280,7 +280,7 @@ pub(super) fn hold_loss<S: Scalar>(
     ball: &Frame<S>,
     loss: &mut impl Loss<S>,
 ) {
-    motion_loss(view, w, error, ("{×loss_velocity}‖v_q‖²", ball.velocity), loss);
+    motion_loss(view, w, error, ("{×loss_velocity}h₅(v_q)", ball.velocity), loss);
 }
 
 /// Look-ahead points of the track tasks.
@@ -343,7 +343,7 @@ impl LoadTrack {
     #[inline(always)]
     pub(super) fn loss<S: Scalar>(&self, w: &MotionLoss, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let slip = sub(self.path.velocity(&view.goal.from(LOAD), view.step), self.load.ball(view).velocity);
-        motion_loss(view, w, self.error(view), ("{×loss_velocity}‖ṗ_ref − v_q‖²", slip), loss);
+        motion_loss(view, w, self.error(view), ("{×loss_velocity}h₅(ṗ_ref − v_q)", slip), loss);
     }
 
     /// The ball on the path, the bar upright.

@@ -34,6 +34,7 @@ mod tests_multi;
 #[cfg(test)]
 mod tests_single;
 
+use super::reward::pseudo_huber;
 use super::task::{ANY_YAW, START_TILT, Start, View};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Quat, Vec3};
@@ -84,6 +85,22 @@ fn eased([low, high]: [f64; 2], share: f64) -> [f64; 2] {
 }
 
 settings! {
+    /// What a pose must be for a success.
+    pub(crate) struct PoseSuccess {
+        distance: f64 = 0.1 => ("m", "position error of a success", Positive);
+        alignment: f64 = 0.95 => ("-", "cosine of the angle between asked and flown axes above which a success is", Any);
+    }
+}
+
+settings! {
+    /// What following a path must be for a success.
+    pub(crate) struct PathSuccess {
+        distance: f64 = 0.3 => ("m", "position error of a success", Positive);
+        time: f64 = 2.0 => ("s", "for which the error of a success has been as small", NotNegative);
+    }
+}
+
+settings! {
     /// Weights of the terms that most rewards have.
     pub(crate) struct PoseReward {
         pose: f64 = 1.0 => ("-", "weight of the term pose", NotNegative);
@@ -97,8 +114,8 @@ settings! {
     /// How training losses weigh distance and motion.
     pub(crate) struct MotionLoss {
         radius: f64 = 0.1 => ("m", "δ in the loss's distance √(d² + δ²)", Positive);
-        velocity: f64 = 0.02 => ("s²/m", "weight of the squared velocity in the loss", NotNegative);
-        rate: f64 = 0.005 => ("m s²/rad²", "weight of the squared angular velocity in the loss", NotNegative);
+        velocity: f64 = 0.02 => ("s²/m", "weight of the velocity in the loss", NotNegative);
+        rate: f64 = 0.005 => ("m s²/rad²", "weight of the angular velocity in the loss", NotNegative);
     }
 }
 
@@ -120,6 +137,22 @@ pub(crate) fn times<S: Scalar>(weight: f64, x: S) -> S {
 #[inline(always)]
 pub(crate) fn squared<S: Scalar, const N: usize>(weight: f64, x: [S; N]) -> S {
     times(weight, safe::squared_norm(x))
+}
+
+/// Where the costs of velocities and of angular velocities go over from squares to lines: beyond what useful flights need.
+const FAST: f64 = 5.0;
+const SPINNING: f64 = 10.0;
+
+/// w h₅(v) of a velocity.
+#[inline(always)]
+pub(crate) fn speed_cost<S: Scalar, const N: usize>(weight: f64, velocity: [S; N]) -> S {
+    times(weight, pseudo_huber(velocity, FAST))
+}
+
+/// w h₁₀(ω) of an angular velocity or the rates of joints.
+#[inline(always)]
+pub(crate) fn rate_cost<S: Scalar, const N: usize>(weight: f64, rate: [S; N]) -> S {
+    times(weight, pseudo_huber(rate, SPINNING))
 }
 
 /// ‖x‖ < `limit`.
@@ -174,15 +207,16 @@ macro_rules! made_of {
 }
 pub(crate) use made_of;
 
-/// A success in the last step by an error within a limit, `position_error`: what is asked and what is said of it.
+/// A success by an error within a limit, `position_error`, and by alignments above theirs; in the last step, or held for a
+/// while: what is asked and what is said of it.
 macro_rules! succeeds_within {
-    ($own:ident, $view:ident: $error:expr, $limit:expr) => {
+    ($own:ident, $view:ident: $error:expr, $limit:expr $(, $metric:literal: $aligned:expr, $least:expr)* $(; held $held:expr)?) => {
         #[inline(always)]
         fn success<S: Scalar>(&$own, $view: &View<'_, S>) -> S::Mask {
-            crate::tasks::suite::nearer($error, $limit)
+            crate::tasks::suite::nearer($error, $limit)$(.and(crate::tasks::suite::more($aligned, $least)))*
         }
         fn success_rule(&$own) -> crate::tasks::Success {
-            crate::tasks::Success::below("position_error", $limit)
+            crate::tasks::Success::below("position_error", $limit)$(.above($metric, $least))*$(.held($held))?
         }
     };
 }
@@ -190,13 +224,13 @@ pub(crate) use succeeds_within;
 
 /// A success in any step by a flag of the task state and an error within a limit.
 macro_rules! succeeds_once {
-    ($own:ident, $view:ident: $flag:expr, $limit:expr $(, $also:expr)?) => {
+    ($own:ident, $view:ident: $flag:expr, $limit:expr $(, $metric:literal: $least:expr)* $(; $also:expr)?) => {
         #[inline(always)]
         fn success<S: Scalar>(&$own, $view: &View<'_, S>) -> S::Mask {
             crate::tasks::suite::more($flag, 0.5)
         }
         fn success_rule(&$own) -> crate::tasks::Success {
-            crate::tasks::Success::below("position_error", $limit)$(.also($also))?.once()
+            crate::tasks::Success::below("position_error", $limit)$(.above($metric, $least))*$(.also($also))?.once()
         }
     };
 }

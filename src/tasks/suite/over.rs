@@ -1,7 +1,7 @@
 //! What the tasks of the over-actuated platform share: the model and its target attitude.
 
 use super::team::{LoadNames, TeamSettings, mean_throttle_difference, squared_sum};
-use super::{PoseLoss, PoseReward, squared, times};
+use super::{PoseLoss, PoseReward, rate_cost, speed_cost, squared, times};
 use crate::autodiff::{Scalar, StridedView, safe};
 use crate::controllers::reference::Tilt;
 use crate::dynamics::Vehicle;
@@ -140,11 +140,22 @@ pub(crate) fn pose_reward<S: Scalar>(
 /// Figures of a pose.
 #[inline(always)]
 pub(crate) fn pose_metrics<S: Scalar>(view: &View<'_, S>, error: &[S; 9], out: &mut impl Writer<S>) {
-    let frame = view.frame(FRAME_BODY);
     let distance = safe::sqrt(safe::squared_norm(place_error(error)), safe::SQUARED_NORM_FLOOR);
     out.metric("position_error", "m", distance);
-    out.metric("heading_alignment", "-", dot(frame.heading(), view.goal.array(0)));
-    out.metric("up_alignment", "-", dot(frame.up(), view.goal.array(3)));
+    out.metric("heading_alignment", "-", heading_alignment(view));
+    out.metric("up_alignment", "-", up_alignment(view));
+}
+
+/// h·h_t of a target in the goal.
+#[inline(always)]
+pub(crate) fn heading_alignment<S: Scalar>(view: &View<'_, S>) -> S {
+    dot(view.frame(FRAME_BODY).heading(), view.goal.array(0))
+}
+
+/// u·u_t of a target in the goal.
+#[inline(always)]
+pub(crate) fn up_alignment<S: Scalar>(view: &View<'_, S>) -> S {
+    dot(view.frame(FRAME_BODY).up(), view.goal.array(3))
 }
 
 /// Δs, the last figure.
@@ -159,6 +170,6 @@ pub(crate) fn pose_loss<S: Scalar>(frame: &Frame<S>, e: &[S; 9], w: &PoseLoss, l
     loss.add("√(‖p_t − p‖² + {loss_radius}²)", smooth_norm(place_error(e), w.motion.radius));
     let axes = [e[3], e[4], e[5], e[6], e[7], e[8]];
     loss.add("{×loss_turn}(‖h_t − h‖² + ‖u_t − u‖²)", squared(w.turn, axes));
-    loss.add("{×loss_velocity}‖v‖²", squared(w.motion.velocity, frame.velocity));
-    loss.add("{×loss_rate}‖ω‖²", squared(w.motion.rate, frame.angular_velocity));
+    loss.add("{×loss_velocity}h₅(v)", speed_cost(w.motion.velocity, frame.velocity));
+    loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, frame.angular_velocity));
 }

@@ -10,8 +10,10 @@
 use super::obstacles::{NEARNESS, Skin, course, nearness, rounded, touches, touching, where_on};
 use super::over::*;
 use super::team::{ALL_BEYOND, CourseLoss, TeamSettings, arrived, clearance, lowest, observe_load, remember_course};
-use super::{PoseReward, StartAttitude, StartRange, less, made_of, more, nearer, observes_team, succeeds_once};
-use crate::autodiff::{Scalar, safe};
+use super::{
+    PoseReward, PoseSuccess, StartAttitude, StartRange, less, made_of, more, nearer, observes_team, succeeds_once,
+};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::assembly::rod;
 use crate::dynamics::scene::{Obstacle, Scene};
 use crate::dynamics::shape::Pose;
@@ -50,7 +52,7 @@ settings! {
         start: StartRange = start_range() => group;
         min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
         max_side: f64 = 1.5 => ("m", "farther along y ends the episode", Positive);
-        success_distance: f64 = 0.2 => ("m", "position error of a success", Positive);
+        success: PoseSuccess = PoseSuccess { distance: 0.2, ..PoseSuccess::default() } => group;
         pose_scale: f64 = 1.0 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward::default() => group;
         loss: CourseLoss = CourseLoss::default() => group;
@@ -139,7 +141,9 @@ impl Task for OverFlyThrough {
 
     #[inline(always)]
     fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
-        let near = nearer(place_error(&self.error(view)), self.settings.success_distance);
+        let own = &self.settings.success;
+        let aligned = more(heading_alignment(view), own.alignment).and(more(up_alignment(view), own.alignment));
+        let near = nearer(place_error(&self.error(view)), own.distance).and(aligned);
         remember_course(view, near, self.skin.clearance(view, Self::axes(), RADIUS), task_state);
     }
 
@@ -169,7 +173,10 @@ impl Task for OverFlyThrough {
         throttle_metric(view, out);
     }
 
-    succeeds_once!(self, view: arrived(view), self.settings.success_distance, ALL_BEYOND);
+    succeeds_once!(
+        self, view: arrived(view), self.settings.success.distance,
+        "heading_alignment": self.settings.success.alignment, "up_alignment": self.settings.success.alignment; ALL_BEYOND
+    );
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {

@@ -7,8 +7,8 @@
 
 use super::over::*;
 use super::team::{TeamSettings, lowest, observe_load};
-use super::{PoseLoss, PoseReward, StartRange, farther, less, made_of, observes_team, succeeds_within};
-use crate::autodiff::{Scalar, StridedView, safe};
+use super::{PoseLoss, PoseReward, PoseSuccess, StartRange, farther, less, made_of, observes_team, succeeds_within};
+use crate::autodiff::{Mask, Scalar, StridedView, safe};
 use crate::dynamics::frame::Frame;
 use crate::error::Result;
 use crate::settings;
@@ -35,7 +35,7 @@ settings! {
         start_distance: f64 = 4.5 => ("-", "largest d of a start", Positive);
         min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
         max_distance: f64 = 5.0 => ("-", "largest d", Positive);
-        success_distance: f64 = 0.1 => ("m", "position error of a success", Positive);
+        success: PoseSuccess = PoseSuccess::default() => group;
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward { effort: 0.25, ..PoseReward::default() } => group;
         loss: PoseLoss = PoseLoss::default() => group;
@@ -116,7 +116,11 @@ impl Task for OverHover {
         throttle_metric(view, out);
     }
 
-    succeeds_within!(self, view: place_error(&self.error(view)), self.settings.success_distance);
+    succeeds_within!(
+        self, view: place_error(&self.error(view)), self.settings.success.distance,
+        "heading_alignment": heading_alignment(view), self.settings.success.alignment,
+        "up_alignment": up_alignment(view), self.settings.success.alignment
+    );
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {

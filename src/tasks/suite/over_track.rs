@@ -5,8 +5,11 @@
 
 use super::over::*;
 use super::team::{TeamSettings, lowest, observe_load};
-use super::{PoseLoss, PoseReward, StartAttitude, farther, less, made_of, observes_team, squared, succeeds_within};
-use crate::autodiff::{Scalar, safe};
+use super::{
+    PathSuccess, PoseLoss, PoseReward, StartAttitude, farther, less, made_of, observes_team, rate_cost, speed_cost,
+    squared, succeeds_within,
+};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, dot, sub};
 use crate::error::Result;
@@ -38,7 +41,9 @@ settings! {
         look_distance: f64 = 3.0 => ("m", "from the path's middle to the point to look at", Positive);
         start: StartAttitude = StartAttitude::default() => group;
         min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
-        success_distance: f64 = 0.3 => ("m", "position error of a success", Positive);
+        success: PathSuccess = PathSuccess::default() => group;
+        success_alignment: f64 = 0.95
+            => ("-", "cosine of the angle between the frame's axis and the asked one above which a success is", Any);
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward { effort: 0.25, ..PoseReward::default() } => group;
         loss: PoseLoss = PoseLoss::default() => group;
@@ -139,16 +144,20 @@ impl Task for OverTrack {
         throttle_metric(view, out);
     }
 
-    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
+    succeeds_within!(
+        self, view: self.error(view), self.settings.success.distance,
+        "up_alignment": dot(view.frame(FRAME_BODY).up(), Self::target_up(view)), self.settings.success_alignment;
+        held self.settings.success.time
+    );
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let (frame, w) = (view.frame(FRAME_BODY), &self.settings.loss);
         let slip = sub(self.path.velocity(&view.goal, view.step), frame.velocity);
         loss.add("√(d² + {loss_radius}²)", smooth_norm(self.error(view), w.motion.radius));
-        loss.add("{×loss_velocity}‖ṗ_ref − v‖²", squared(w.motion.velocity, slip));
+        loss.add("{×loss_velocity}h₅(ṗ_ref − v)", speed_cost(w.motion.velocity, slip));
         loss.add("{×loss_turn}‖u_t − u‖²", squared(w.turn, sub(Self::target_up(view), frame.up())));
-        loss.add("{×loss_rate}‖ω‖²", squared(w.motion.rate, frame.angular_velocity));
+        loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, frame.angular_velocity));
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

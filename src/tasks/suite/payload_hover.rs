@@ -9,8 +9,8 @@
 
 use super::load::{LOAD, Load, LoadSettings, Side, hold_loss};
 use super::track::calm_pose;
-use super::{MotionLoss, PoseReward, StartAttitude, StartRange, less, made_of, succeeds_within};
-use crate::autodiff::{Scalar, safe};
+use super::{MotionLoss, PoseReward, StartAttitude, StartRange, less, made_of};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, scale, sub};
 use crate::error::Result;
 use crate::rng::Stream;
@@ -20,6 +20,7 @@ use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::exponential_kernel;
 use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::task_spec::Success;
 use std::f64::consts::PI;
 
 /// Places of the step of the last push and of its kick in the goal.
@@ -42,7 +43,8 @@ settings! {
         target: [f64; 3] = [0.0, 0.0, 1.0] => ("m, world", "q_t", Any);
         start: StartRange = start_range() => group;
         min_height: f64 = 0.2 => ("m", "lower is a crash of drone or ball", Any);
-        success_distance: f64 = 0.1 => ("m", "position error of a success", Positive);
+        success_distance: f64 = 0.1 => ("m", "position error of a success, at the end of the longest time without a push", Positive);
+        arrival: f64 = 2.0 => ("s", "from the start; the way there is no time without a push", NotNegative);
         pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward { up: 0.5, spin: 0.5, ..PoseReward::default() } => group;
         loss: MotionLoss = MotionLoss::default() => group;
@@ -116,6 +118,19 @@ impl Task for PayloadHover {
         start.event_at += self.wait(&mut start.task);
     }
 
+    /// Keeps the error of the step that is longest after a push. The arrival from the start is as good as a push.
+    #[inline(always)]
+    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+        let arrival = S::constant(self.settings.arrival / self.dt);
+        let (quiet, longest) = (view.step - view.goal.get(PUSH).max(arrival), view.task_state.get(0));
+        let counts = quiet.lt(longest).not().or(view.step.lt(arrival));
+        let error = S::select(counts, safe::norm(self.error(view)), view.task_state.get(1));
+        task_state
+            .field("quiet", "steps", "without a push since the arrival, at most so far")
+            .number(longest.max(quiet));
+        task_state.field("quiet_error", "m", "‖q_t − q‖ at its end; before the arrival of now").number(error);
+    }
+
     #[inline(always)]
     fn disturb<S: Scalar>(&self, view: &View<'_, S>, _: usize) -> [S; 9] {
         let now = (view.step - view.goal.get(PUSH)).abs().lt(S::constant(0.5));
@@ -152,9 +167,17 @@ impl Task for PayloadHover {
         out.metric("position_error", "m", safe::norm(self.error(view)));
         out.metric("uprightness", "-", view.drone(0).up()[2]);
         out.metric("throttle_difference", "-", view.throttle_difference(0));
+        out.metric("quiet_error", "m", view.task_state.get(1));
     }
 
-    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
+    #[inline(always)]
+    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
+        less(view.task_state.get(1), self.settings.success_distance)
+    }
+
+    fn success_rule(&self) -> Success {
+        Success::below("quiet_error", self.settings.success_distance)
+    }
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {

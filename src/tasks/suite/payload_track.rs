@@ -89,7 +89,7 @@ impl Task for PayloadTrack {
         out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 
-    succeeds_within!(self, view: self.track.error(view), self.settings.track.success_distance);
+    succeeds_within!(self, view: self.track.error(view), self.settings.track.success.distance; held self.settings.track.success.time);
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {

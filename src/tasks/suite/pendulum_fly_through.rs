@@ -114,7 +114,7 @@ impl Task for InvPendulumFlyThrough {
         let pose = free * S::constant(own.course.pose_scale).mul_add(distance, S::one()).recip();
         let formula = "{×reward_pose}(1 − c) r_p, r_p = 1/(1 + {×pose_scale}d)";
         terms.term("pose", formula, w.pose).non_smooth().number(times(w.pose, pose));
-        terms.term("balance", "{×reward_balance}(1 − c) r_p b", w.balance).non_smooth();
+        terms.term("balance", "{×reward_balance}(1 − c) r_p b", w.balance).within(-w.balance, w.balance).non_smooth();
         terms.number(times(w.balance, pose) * ball.up()[2]);
         terms.term("spin", "{×reward_spin}(1 − c) r_p/(1 + ω_z²)", w.spin).non_smooth();
         terms.number(times(w.spin, pose) * still(view.drone(0).angular_velocity));

@@ -100,12 +100,13 @@ impl Task for InvPendulumHover {
     fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
         let (ball, own, w) = (self.load.ball(view), &self.settings, &self.settings.reward);
         let balance = ball.up()[2];
-        terms.term("balance", "{×reward_balance}b", w.balance).number(times(w.balance, balance));
+        terms.term("balance", "{×reward_balance}b", w.balance).within(-w.balance, w.balance);
+        terms.number(times(w.balance, balance));
         terms.term("pose", "{×reward_pose}e^{−{×pose_scale}d}", w.pose).piecewise();
         terms.number(times(w.pose, exponential_kernel(own.pose_scale, self.error(view))));
-        terms.term("spin", "{×reward_spin}b/(1 + ω_z²)", w.spin);
+        terms.term("spin", "{×reward_spin}b/(1 + ω_z²)", w.spin).within(-w.spin, w.spin);
         terms.number(times(w.spin, balance) * still(view.drone(0).angular_velocity));
-        terms.term("swing", "{×reward_swing}b e^{−‖v_q‖}", w.swing).piecewise();
+        terms.term("swing", "{×reward_swing}b e^{−‖v_q‖}", w.swing).within(-w.swing, w.swing).piecewise();
         terms.number(times(w.swing, balance) * exponential_kernel(1.0, ball.velocity));
         terms.term("effort", "{×reward_effort}e^{−e}", w.effort).number(ease_of_flight(w.effort, view));
     }

@@ -7,7 +7,8 @@
 //! - DIFFERENCE: `position_error` is positive; the published tracking error is its negative (defect 27).
 
 use super::{
-    MotionLoss, PoseReward, StartAttitude, ease_of_flight, farther, less, made_of, squared, succeeds_within, times,
+    MotionLoss, PathSuccess, PoseReward, StartAttitude, ease_of_flight, farther, less, made_of, rate_cost, speed_cost,
+    succeeds_within, times,
 };
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
@@ -34,7 +35,7 @@ settings! {
         path: PathRange = PathRange::default() => group;
         start: StartAttitude = StartAttitude::default() => group;
         min_height: f64 = 0.1 => ("m", "lower is a crash", Any);
-        success_distance: f64 = 0.3 => ("m", "position error of a success", Positive);
+        success: PathSuccess = PathSuccess::default() => group;
         pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward { up: 0.5, spin: 0.5, ..PoseReward::default() } => group;
         loss: MotionLoss = MotionLoss::default() => group;
@@ -111,15 +112,15 @@ impl Task for Track {
         out.metric("throttle_difference", "-", view.throttle_difference(0));
     }
 
-    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
+    succeeds_within!(self, view: self.error(view), self.settings.success.distance; held self.settings.success.time);
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let (drone, w) = (view.drone(0), &self.settings.loss);
         let slip = sub(self.path.velocity(&view.goal, view.step), drone.velocity);
         loss.add("√(d² + {loss_radius}²)", smooth_norm(self.error(view), w.radius));
-        loss.add("{×loss_velocity}‖ṗ_ref − v‖²", squared(w.velocity, slip));
-        loss.add("{×loss_rate}‖ω‖²", squared(w.rate, drone.angular_velocity));
+        loss.add("{×loss_velocity}h₅(ṗ_ref − v)", speed_cost(w.velocity, slip));
+        loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.rate, drone.angular_velocity));
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

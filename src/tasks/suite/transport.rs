@@ -1,7 +1,7 @@
 //! What the tasks of the transport group share: the robot with a box of any mass, its reward terms.
 
 use super::team::{LoadNames, TeamSettings, apart, squared_sum, team_mass};
-use super::{PoseLoss, squared, times};
+use super::{PoseLoss, rate_cost, speed_cost, squared, times};
 use crate::autodiff::Scalar;
 use crate::dynamics::configurations::{Configuration, Transport, TransportMap};
 use crate::dynamics::contact::distance::plane_distance;
@@ -131,14 +131,14 @@ impl Load {
         plane_distance(&self.shape, &Pose { position: frame.position, attitude: frame.attitude }, S::zero())
     }
 
-    /// r_j = w mean(1 − q̂²) over all bars' joints, q̂ = angle/range.
+    /// r_j = w mean(1 − min(q̂², 1)) over all bars' joints, q̂ = angle/range.
     #[inline(always)]
     pub fn straight<S: Scalar>(&self, weight: f64, view: &View<'_, S>) -> S {
         let mut sum = S::zero();
         for i in 0..self.angles.len() {
-            sum += view.state.get(self.angles[i]).square();
+            sum += (view.state.get(self.angles[i]).square() * S::constant(self.weight)).min(S::one());
         }
-        S::constant(weight) - sum * S::constant(weight * self.weight / self.angles.len() as f64)
+        S::constant(weight) - sum * S::constant(weight / self.angles.len() as f64)
     }
 
     /// r_s = min((sep/`separation`)², 1).
@@ -150,7 +150,7 @@ impl Load {
     /// The terms joints and effort.
     #[inline(always)]
     pub fn ease<S: Scalar>(&self, view: &View<'_, S>, near: S, w: &CarryReward, terms: &mut impl Writer<S>) {
-        terms.term("joints", "{×reward_joints}r_s mean(1 − q̂²)", w.joints).piecewise();
+        terms.term("joints", "{×reward_joints}r_s mean(1 − min(q̂², 1))", w.joints).piecewise();
         terms.number(near * self.straight(w.joints, view));
         terms.term("effort", "{×reward_effort}r_s · mean e^{−e_i}", w.effort).piecewise();
         terms.number(near * S::constant(w.effort) * view.mean_effort_reward());
@@ -183,9 +183,9 @@ pub(crate) fn load_loss<S: Scalar>(
 ) {
     loss.add(distance, smooth_norm(error, w.motion.radius));
     loss.add("{×loss_turn}‖e_z − u‖²", squared(w.turn, sub(constants([0.0, 0.0, 1.0]), frame.up())));
-    loss.add(motion, squared(w.motion.velocity, sub(velocity, frame.velocity)));
-    loss.add("{×loss_rate}‖ω‖²", squared(w.motion.rate, frame.angular_velocity));
+    loss.add(motion, speed_cost(w.motion.velocity, sub(velocity, frame.velocity)));
+    loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, frame.angular_velocity));
 }
 
 /// Distance of a box from its target, and its motion.
-pub(crate) const TO_TARGET: [&str; 2] = ["√(‖p_t − p‖² + {loss_radius}²)", "{×loss_velocity}‖v‖²"];
+pub(crate) const TO_TARGET: [&str; 2] = ["√(‖p_t − p‖² + {loss_radius}²)", "{×loss_velocity}h₅(v)"];

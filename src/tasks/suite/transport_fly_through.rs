@@ -3,6 +3,7 @@
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
+//! - DIFFERENCE: q̂² counts up to 1, at the stops; published rewards fall without end beyond them.
 //! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see `stiff_physics`,
 //!   in substeps of at most 4 ms.
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
@@ -169,7 +170,7 @@ impl Task for TransportFlyThrough {
         out.metric("throttle_difference", "-", mean_throttle_difference(view));
     }
 
-    succeeds_once!(self, view: arrived(view), self.settings.success_distance, ALL_BEYOND);
+    succeeds_once!(self, view: arrived(view), self.settings.success_distance; ALL_BEYOND);
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {

@@ -3,6 +3,7 @@
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
+//! - DIFFERENCE: q̂² counts up to 1, at the stops; published rewards fall without end beyond them.
 //! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see `stiff_physics`.
 //! - DIFFERENCE: `grounded` ends the episode, for there is no ground; the published box comes to rest on one.
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
@@ -10,8 +11,8 @@
 use super::hover::set_heading;
 use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
 use super::transport::{BOX, BOX_NAMES, GroupSettings, Load, SteadyReward, TO_TARGET, free_robot, load_loss, steady};
-use super::{PoseLoss, StartAttitude, StartRange, less, made_of, observes_team, squared, succeeds_within};
-use crate::autodiff::{Scalar, safe};
+use super::{PoseLoss, PoseSuccess, StartAttitude, StartRange, less, made_of, observes_team, squared, succeeds_within};
+use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, sub, yawed};
 use crate::error::Result;
 use crate::settings;
@@ -36,7 +37,7 @@ settings! {
         target: [f64; 3] = [0.0, 0.0, 2.0] => ("m, world", "p_t", Any);
         start: StartRange = start_range() => group;
         min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
-        success_distance: f64 = 0.1 => ("m", "position error of a success", Positive);
+        success: PoseSuccess = PoseSuccess::default() => group;
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: SteadyReward = SteadyReward::default() => group;
         loss: PoseLoss = PoseLoss::default() => group;
@@ -126,7 +127,11 @@ impl Task for TransportHover {
         out.metric("throttle_difference", "-", mean_throttle_difference(view));
     }
 
-    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
+    succeeds_within!(
+        self, view: self.error(view), self.settings.success.distance,
+        "heading_alignment": dot(view.frame(BOX).heading(), view.goal.array(0)), self.settings.success.alignment,
+        "uprightness": view.frame(BOX).up()[2], self.settings.success.alignment
+    );
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {

@@ -3,13 +3,14 @@
 //! - DIFFERENCE: the box's inertia follows its mass (defect 25); its damping, published as 0.1 1/s, is that of a mass of
 //!   0.65 Σ m_i.
 //! - DIFFERENCE: q̂ runs over all bars' joints by name; published code reads 16, whatever their number (defect 24).
+//! - DIFFERENCE: q̂² counts up to 1, at the stops; published rewards fall without end beyond them.
 //! - DIFFERENCE: integrated semi-implicitly, whatever `integrator` says, see `stiff_physics`.
 //! - DIFFERENCE: total mass everywhere; the published share counts base links alone (defect 5).
 
 use super::over_track::wide_path;
 use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
 use super::transport::{BOX, BOX_NAMES, CarryReward, GroupSettings, Load, SteadyReward, free_robot, load_loss, steady};
-use super::{PoseLoss, StartAttitude, farther, less, made_of, observes_team, succeeds_within};
+use super::{PathSuccess, PoseLoss, StartAttitude, farther, less, made_of, observes_team, succeeds_within};
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, sub};
@@ -40,7 +41,7 @@ settings! {
         path: PathRange = wide_path() => group;
         start: StartAttitude = StartAttitude { tilt: 0.0, ..StartAttitude::default() } => group;
         min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
-        success_distance: f64 = 0.3 => ("m", "position error of a success", Positive);
+        success: PathSuccess = PathSuccess::default() => group;
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: SteadyReward = reward() => group;
         loss: PoseLoss = PoseLoss::default() => group;
@@ -126,12 +127,12 @@ impl Task for TransportTrack {
         out.metric("throttle_difference", "-", mean_throttle_difference(view));
     }
 
-    succeeds_within!(self, view: self.error(view), self.settings.success_distance);
+    succeeds_within!(self, view: self.error(view), self.settings.success.distance; held self.settings.success.time);
 
     #[inline(always)]
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let distance = ("√(d² + {loss_radius}²)", self.error(view));
-        let motion = ("{×loss_velocity}‖ṗ_ref − v‖²", self.path.velocity(&view.goal, view.step));
+        let motion = ("{×loss_velocity}h₅(ṗ_ref − v)", self.path.velocity(&view.goal, view.step));
         load_loss(&view.frame(BOX), distance, motion, &self.settings.loss, loss);
     }
 

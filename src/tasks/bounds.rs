@@ -1,0 +1,103 @@
+//! How far a simulation may go: beyond, it has exploded, and the episode ends as `diverged`.
+//!
+//! Integrators blow up within a few steps of a rate that a step of 16 ms cannot follow, and what comes before the numbers
+//! overflow, 1e13 of loss, is as good as a poison. Healthy flights stay far within: our controllers reach 6 m/s, 12 rad/s and
+//! 38 rad/s at joints, random ones 17 m/s, 150 and 180 rad/s.
+
+use crate::autodiff::Mask;
+use crate::autodiff::lanes::{Lanes, RegisterKernel};
+use crate::autodiff::program::BLOCK;
+use crate::dynamics::Plant;
+use crate::dynamics::batch::STOPPED;
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// Largest magnitudes of what one environment is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Bounds {
+    /// Of a coordinate of a position, m.
+    pub distance: f64,
+    /// Of a component of a velocity, m/s.
+    pub speed: f64,
+    /// Of a component of an angular velocity and of the rate of a joint, rad/s.
+    pub rate: f64,
+    /// Of the angle of a joint, rad.
+    pub angle: f64,
+    /// Of the training loss of a step, which is cut there; the episode goes on.
+    pub loss: f64,
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Self { distance: 200.0, speed: 50.0, rate: 300.0, angle: 100.0, loss: 300.0 }
+    }
+}
+
+impl Bounds {
+    /// Every bound is positive.
+    ///
+    /// # Errors
+    /// [`Error::Value`] otherwise.
+    pub fn validate(&self) -> Result<()> {
+        let all = [
+            ("distance", self.distance),
+            ("speed", self.speed),
+            ("rate", self.rate),
+            ("angle", self.angle),
+            ("loss", self.loss),
+        ];
+        match all.into_iter().find(|(_, bound)| !(*bound > 0.0 && bound.is_finite())) {
+            None => Ok(()),
+            Some((name, bound)) => {
+                let remedy = "1e8 is as good as none.";
+                Err(Error::value(format!("bounds.{name}"), bound, "> 0 and finite", remedy))
+            }
+        }
+    }
+
+    /// When an episode ends as `diverged`, in words.
+    pub fn text(&self) -> String {
+        let Self { distance, speed, rate, angle, .. } = self;
+        format!(
+            "a coordinate beyond ±{distance} m, a velocity beyond ±{speed} m/s, an angular velocity or rate of a joint \
+             beyond ±{rate} rad/s, the angle of a joint beyond ±{angle} rad, or no number at all"
+        )
+    }
+
+    /// The rows of a plant's state that are bounded, with their bounds: all but attitudes and rotor speeds, whose lag holds
+    /// them below the largest command.
+    pub(crate) fn limits(&self, plant: &Plant) -> Vec<(usize, f32)> {
+        let rotors: Vec<usize> = plant.rotor_places().iter().map(|r| r.speed).collect();
+        let of = |(row, unit): (usize, &str)| match unit {
+            _ if rotors.contains(&row) => None,
+            "m" => Some((row, self.distance as f32)),
+            "m/s" => Some((row, self.speed as f32)),
+            "rad/s" => Some((row, self.rate as f32)),
+            "rad" => Some((row, self.angle as f32)),
+            _ => None,
+        };
+        plant.state_quantities().iter().map(|q| q.unit).enumerate().filter_map(of).collect()
+    }
+}
+
+/// Stops the environments of a block where a number leaves its bound.
+pub(crate) struct Contain<'a> {
+    pub limits: &'a [(usize, f32)],
+    pub alive: usize,
+    pub rows: &'a mut [[f32; BLOCK]],
+}
+
+impl RegisterKernel for Contain<'_> {
+    #[inline(always)]
+    fn run<L: Lanes>(&mut self, at: usize) {
+        let mut within = L::zero().lt(L::one());
+        for i in 0..self.limits.len() {
+            let (row, limit) = self.limits[i];
+            within = within.and(L::load(&self.rows[row][at..]).abs().lt(L::constant(f64::from(limit))));
+        }
+        let alive = L::load(&self.rows[self.alive][at..]);
+        let stopped = alive.min(L::constant(f64::from(STOPPED)));
+        L::select(within, alive, stopped).store(&mut self.rows[self.alive][at..]);
+    }
+}
