@@ -19,6 +19,7 @@
 use super::algorithm::{self, Algorithm, unwritable};
 use super::apg::ApgConfig;
 use super::config_diff::{ConfigDifference, config_diff};
+use super::curriculum::Curriculum;
 use super::learner::Learner;
 use super::recipes::recipe;
 use super::renamed::renamed;
@@ -93,10 +94,16 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Updates between two lines of the log.
     pub log_every: u64,
+    /// The policy to begin from instead of random weights: the folder of a run, or `Task`, `Task/algorithm` or `/algorithm`,
+    /// which is trained first by its recipe.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub from: String,
     /// How well the policy does.
     pub evaluate: Evaluate,
     /// What is kept.
     pub checkpoint: Checkpoints,
+    /// How hard episodes are as training goes on.
+    pub curriculum: Curriculum,
     /// The environments.
     pub env: EnvConfig,
 }
@@ -108,8 +115,10 @@ impl Default for TrainConfig {
             algorithm: Box::new(ApgConfig::default()),
             seed: 0,
             log_every: 10,
+            from: String::new(),
             evaluate: Evaluate::default(),
             checkpoint: Checkpoints::default(),
+            curriculum: Curriculum::default(),
             env: EnvConfig { stagger: true, ..EnvConfig::default() },
         }
     }
@@ -246,6 +255,7 @@ impl TrainConfig {
         let (source, name) = match table.rsplit('.').next()? {
             "" => (include_str!("config.rs"), "TrainConfig"),
             "evaluate" => (include_str!("config.rs"), "Evaluate"),
+            "curriculum" => (include_str!("curriculum.rs"), "Curriculum"),
             "checkpoint" => (include_str!("config.rs"), "Checkpoints"),
             "adam" => (include_str!("nn/adam.rs"), "AdamConfig"),
             "network" | "critic" => (include_str!("nn/mlp.rs"), "Layers"),
@@ -333,6 +343,11 @@ impl TrainConfig {
             return Err(Error::limit("checkpoint.keep", keep, format!("2 to {MAX_KEPT}"), "2 survive a damaged file."));
         }
         self.env.validate()?;
+        self.curriculum.validate()?;
+        if self.curriculum.is_on() && self.env.difficulty != 1.0 {
+            let remedy = "Give curriculum.from alone: evaluations are of the task itself.";
+            return Err(Error::value("env.difficulty", self.env.difficulty, "1 with a curriculum", remedy));
+        }
         if let Some(Value::Integer(horizon)) = self.env.task.get("horizon") {
             EnvConfig::check_horizon(usize::try_from(*horizon).unwrap_or(0))?;
         }
@@ -383,7 +398,9 @@ impl TrainConfig {
     /// # Errors
     /// As the learner's.
     pub fn learner(&self, task: &str, threads: &Threads) -> Result<Box<dyn Learner>> {
-        self.algorithm.learner(&|config| Env::make(task, config), &self.env, self.seed, threads.clone())
+        let difficulty = self.env.difficulty.min(self.curriculum.from);
+        let env = EnvConfig { difficulty, ..self.env.clone() };
+        self.algorithm.learner(&|config| Env::make(task, config), &env, self.seed, threads.clone())
     }
 
     /// The environments as the policy sees them: `env`, with the stages that the algorithm adds to its observation.

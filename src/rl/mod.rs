@@ -72,6 +72,7 @@ pub(crate) mod policy_controller;
 pub mod policy_io;
 pub(crate) mod policy_optimiser;
 pub mod ppo;
+pub(crate) mod predecessor;
 pub mod recipes;
 pub(crate) mod renamed;
 pub(crate) mod rollout;

@@ -23,15 +23,18 @@
 use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer};
 use super::config::TrainConfig;
 use super::config_diff::described;
+use super::curriculum::Difficulty;
 use super::evaluate::{Starts, evaluate};
 use super::learner::{Episodes, Learner, Update};
 use super::log::{Line, Log};
 use super::policy::Policy;
 use super::policy_io::put_policy;
+use super::predecessor::predecessor;
+use super::warm_start::WarmStart;
 use crate::atomic_file;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
-use crate::tasks::{Evaluation, registry};
+use crate::tasks::{Env, EnvConfig, Evaluation, registry};
 use serde_json::json;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -59,6 +62,9 @@ pub struct Trainer {
     config: TrainConfig,
     threads: Threads,
     learner: Box<dyn Learner>,
+    difficulty: Option<Difficulty>,
+    /// Steps of environments that the policy it began from took.
+    earlier_steps: u64,
     /// Updates so far; unlike the learner's it never goes back.
     update: u64,
     clock: Clock,
@@ -70,6 +76,9 @@ pub struct Trainer {
     files: Option<Files>,
 }
 
+/// Name of the steps before a run in its checkpoints.
+const EARLIER: &str = "earlier_steps";
+
 /// Where a run is kept.
 struct Files {
     folder: PathBuf,
@@ -79,9 +88,14 @@ struct Files {
     skipped: Vec<Skipped>,
 }
 
+/// Sees every update, and may break behind it.
+pub type Watch<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
+
 /// How far a run is, after an update.
 #[derive(Debug)]
 pub struct Progress<'a> {
+    /// What is trained: the run's own, or before it what it begins from.
+    pub config: &'a TrainConfig,
     /// Updates done, repeated ones included.
     pub update: u64,
     /// Of the learner's budget: falls back where a learner begins again.
@@ -140,9 +154,25 @@ impl Trainer {
         let config = TrainConfig { task: task.into(), ..config };
         let learner = config.learner(task, &threads)?;
         let since = Since::new(0, 0.0);
+        let difficulty = config.curriculum.is_on().then(|| Difficulty::new(&config.curriculum));
         let (curve, evaluation, files) = (Vec::new(), None, None);
         let phases = Phases::default();
-        Ok(Self { task, config, threads, learner, update: 0, clock, phases, since, curve, evaluation, files })
+        let (update, earlier_steps) = (0, 0);
+        Ok(Self {
+            task,
+            config,
+            threads,
+            learner,
+            difficulty,
+            earlier_steps,
+            update,
+            clock,
+            phases,
+            since,
+            curve,
+            evaluation,
+            files,
+        })
     }
 
     /// Keeps the run in `folder`. With `resume`, goes on from the newest whole checkpoint there, or begins if there is
@@ -191,6 +221,12 @@ impl Trainer {
             });
         }
         self.learner.load(policy, state)?;
+        if let Some(difficulty) = &mut self.difficulty {
+            difficulty.load(state)?;
+        }
+        if state.tensor(EARLIER).is_ok() {
+            self.earlier_steps = state.get::<u64>(EARLIER, &[1])?[0];
+        }
         let (done, budget) = (self.done(), self.budget());
         if done > budget {
             let limit = format!("≥ {done}, the updates of the run in {file}");
@@ -198,7 +234,7 @@ impl Trainer {
             return Err(Error::value("number of updates", budget, limit, remedy));
         }
         (self.update, self.clock.before) = (manifest.update, manifest.seconds);
-        self.since = Since::new(self.learner.env_steps(), manifest.seconds);
+        self.since = Since::new(self.env_steps(), manifest.seconds);
         Ok(())
     }
 
@@ -237,11 +273,12 @@ impl Trainer {
     /// # Errors
     /// As the environment's, [`Error::File`] if the disk refuses, [`Error::Value`] if the policy is not finite. The
     /// checkpoints of before remain.
-    pub fn run(&mut self, watch: &mut dyn FnMut(&Progress<'_>) -> ControlFlow<()>) -> Result<TrainResult> {
-        let mut stopped = false;
+    pub fn run(&mut self, watch: &mut Watch<'_>) -> Result<TrainResult> {
+        let mut stopped = self.begin(watch)?;
         while !stopped && !self.is_over() {
-            let last = self.learner.update()?;
+            let mut last = self.learner.update()?;
             self.update += 1;
+            self.move_difficulty(&mut last)?;
             self.since.add(&last);
             last.phases.iter().for_each(|(name, time)| self.phases.add(name, *time));
             self.keep(&last)?;
@@ -251,6 +288,41 @@ impl Trainer {
             }
         }
         self.finish(stopped)
+    }
+
+    /// Takes the weights of the policy to begin from, where there is one and nothing is learnt yet. Gives whether its training
+    /// was asked to stop.
+    fn begin(&mut self, watch: &mut Watch<'_>) -> Result<bool> {
+        if self.config.from.is_empty() || self.update > 0 {
+            return Ok(false);
+        }
+        let begun = Instant::now();
+        let folder = self.folder().map(|folder| folder.join("from"));
+        let from = predecessor(&self.config, folder.as_deref(), &self.threads, watch)?;
+        let env = Env::make(self.task, &EnvConfig { n_env: 1, ..self.config.seen_env() })?;
+        let actor = self.config.algorithm.actor(env.spec())?;
+        self.learner.warm_start(&WarmStart::new(&from.policy, &from.spec, &actor, env.spec())?)?;
+        self.clock.pause(begun.elapsed());
+        self.clock.before += from.seconds;
+        self.earlier_steps = from.env_steps;
+        self.since = Since::new(self.env_steps(), self.clock.seconds());
+        Ok(from.stopped)
+    }
+
+    /// The curriculum behind an update, and its figure in the log.
+    fn move_difficulty(&mut self, last: &mut Update) -> Result<()> {
+        let Some(difficulty) = &mut self.difficulty else { return Ok(()) };
+        let progress = self.learner.n_update() as f64 / self.learner.budget().max(1) as f64;
+        if difficulty.take(&last.episodes, progress) {
+            self.learner.set_difficulty(difficulty.share())?;
+        }
+        last.extra.push(("difficulty", difficulty.share()));
+        Ok(())
+    }
+
+    /// Steps of environments, with those of the policy it began from.
+    fn env_steps(&self) -> u64 {
+        self.earlier_steps + self.learner.env_steps()
     }
 
     /// Evaluates, logs and saves after an update, where it is time.
@@ -287,7 +359,7 @@ impl Trainer {
             evaluation,
             policy: self.learner.policy()?,
             updates: self.update,
-            env_steps: self.learner.env_steps(),
+            env_steps: self.env_steps(),
             seconds: self.clock.seconds(),
             curve: self.curve.clone(),
             stopped,
@@ -305,7 +377,7 @@ impl Trainer {
     }
 
     fn log(&mut self, last: &Update, evaluation: Option<&Evaluation>) -> Result<()> {
-        let (steps, seconds) = (self.learner.env_steps(), self.clock.seconds());
+        let (steps, seconds) = (self.env_steps(), self.clock.seconds());
         let line = self.since.line(self.update, steps, seconds, last, evaluation);
         if let Some(files) = &mut self.files {
             files.log.write(&line)?;
@@ -321,6 +393,12 @@ impl Trainer {
         let own = self.learner.policy()?;
         self.learner.save(&mut policy, &mut state)?;
         put_policy(&own, &mut policy, &mut state)?;
+        if let Some(difficulty) = &self.difficulty {
+            difficulty.save(&mut state)?;
+        }
+        if self.earlier_steps > 0 {
+            state.insert(EARLIER, &[1], vec![self.earlier_steps])?;
+        }
         let mut manifest = Manifest {
             algorithm: self.config.algorithm.name().into(),
             task: self.task.into(),
@@ -328,7 +406,7 @@ impl Trainer {
             config: self.config.to_toml()?,
             seed: self.config.seed,
             update: self.update,
-            env_steps: self.learner.env_steps(),
+            env_steps: self.env_steps(),
             seconds: self.clock.seconds(),
             ..Manifest::default()
         };
@@ -348,10 +426,11 @@ impl Trainer {
     fn progress<'a>(&'a self, last: &'a Update) -> Progress<'a> {
         let newest = self.curve.last();
         Progress {
+            config: &self.config,
             update: self.update,
             done: self.done(),
             budget: self.budget(),
-            env_steps: self.learner.env_steps(),
+            env_steps: self.env_steps(),
             seconds: self.clock.seconds(),
             phases: self.phases.shares(),
             last,

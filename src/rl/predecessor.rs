@@ -1,0 +1,77 @@
+//! The policy that a run begins from: that of another run, or one that is trained first by its recipe.
+
+use super::config::TrainConfig;
+use super::policy::Policy;
+use super::policy_io::load_policy;
+use super::trainer::{Trainer, Watch};
+use crate::error::Result;
+use crate::layers::{self, Layer, merge};
+use crate::parallel::Threads;
+use crate::tasks::{Env, EnvConfig, Spec};
+use std::path::Path;
+use toml::{Table, Value};
+
+/// A policy to begin from, and what it cost.
+pub(crate) struct Predecessor {
+    pub policy: Policy,
+    /// Of the environments that it was trained in.
+    pub spec: Spec,
+    /// Time that this run spent on it, s.
+    pub seconds: f64,
+    /// Steps of environments that this run spent on it.
+    pub env_steps: u64,
+    /// Whether its training was asked to stop.
+    pub stopped: bool,
+}
+
+/// What [`TrainConfig::from`] names: the folder of a run or checkpoint; or `Task`, `Task/algorithm` or `/algorithm`, which is
+/// trained by its recipe, with the seed, vehicle and control mode of `config`, and kept in `folder` where there is one, so
+/// that it goes on behind a kill.
+///
+/// # Errors
+/// As [`load_policy`], [`TrainConfig::layered`] and [`Trainer::run`].
+pub(crate) fn predecessor(
+    config: &TrainConfig,
+    folder: Option<&Path>,
+    threads: &Threads,
+    watch: &mut Watch<'_>,
+) -> Result<Predecessor> {
+    if Path::new(&config.from).is_dir() {
+        let saved = load_policy(&config.from)?;
+        let spec = spec(&saved.manifest.task, &saved.config)?;
+        return Ok(Predecessor { policy: saved.policy, spec, seconds: 0.0, env_steps: 0, stopped: false });
+    }
+    let (task, algorithm) = config.from.split_once('/').unwrap_or((&config.from, ""));
+    let task = if task.is_empty() { &config.task } else { task };
+    let algorithm = Some(algorithm).filter(|name| !name.is_empty());
+    let own = TrainConfig::layered(task, algorithm, &[inherited(config)?])?;
+    let spec = spec(task, &own)?;
+    let mut trainer = Trainer::new(task, own, threads.clone())?;
+    if let Some(folder) = folder {
+        trainer = trainer.in_folder(folder, true)?;
+    }
+    let told = trainer.run(watch)?;
+    let (seconds, env_steps, stopped) = (told.seconds, told.env_steps, told.stopped);
+    Ok(Predecessor { policy: told.policy, spec, seconds, env_steps, stopped })
+}
+
+fn spec(task: &str, config: &TrainConfig) -> Result<Spec> {
+    Ok(Env::make(task, &EnvConfig { n_env: 1, ..config.seen_env() })?.spec().clone())
+}
+
+/// The settings that go over to a run's predecessor: who flies, how actions enter, the seed.
+fn inherited(config: &TrainConfig) -> Result<Layer> {
+    let mut table = Table::new();
+    let seed = i64::try_from(config.seed).unwrap_or(i64::MAX);
+    merge(&mut table, layers::at("seed", seed.into()));
+    let env = Table::try_from(&config.env).map_err(super::algorithm::unwritable)?;
+    for key in ["control", "own_vehicle", "dt"] {
+        if let Some(value) = env.get(key) {
+            merge(&mut table, layers::at(&format!("env.{key}"), value.clone()));
+        }
+    }
+    if let Some(vehicle) = config.env.task.get("vehicle") {
+        merge(&mut table, layers::at("env.task.vehicle", Value::clone(vehicle)));
+    }
+    Ok(Layer::of_table("the run that begins from it", table))
+}
