@@ -17,10 +17,12 @@
 //! | `evaluate` | a policy on fixed starts that no training saw |
 //! | [`policy`] | what was learnt |
 //! | [`checkpoint`] | files that survive a kill |
+//! | [`parts`] | what algorithms are built of, for one's own |
 //! | `learner` | what all algorithms have in common |
 //! | [`nn`] | networks, distributions, Adam |
 //! | `window` | a window of steps and its exact gradient |
 //! | `shards` | a batch cut into parts that one thread steps |
+//! | [`state`] | their state in checkpoints |
 //! | `minibatch`, `critic` | the gradient of a sum over rows; a value function |
 //! | `gae`, `value_norm`, [`schedule`] | advantages, scales, rates |
 //!
@@ -66,6 +68,7 @@ pub(crate) mod learner;
 pub mod log;
 pub(crate) mod minibatch;
 pub mod nn;
+pub mod parts;
 pub mod policy;
 pub(crate) mod policy_controller;
 pub mod policy_io;
@@ -77,7 +80,7 @@ pub(crate) mod rollout;
 pub mod schedule;
 pub mod shac;
 pub(crate) mod shards;
-pub(crate) mod state;
+pub mod state;
 pub mod trainer;
 pub(crate) mod value_norm;
 pub(crate) mod window;

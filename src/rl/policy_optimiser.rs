@@ -15,7 +15,8 @@ use crate::tasks::Env;
 pub(crate) const MAX_RESTARTS: u64 = 6;
 
 /// Weights on their way down.
-pub(crate) struct PolicyOptimiser {
+pub struct PolicyOptimiser {
+    /// The policy's shape.
     pub actor: Actor,
     parameters: Vec<f32>,
     transposed: Transposed,
@@ -52,6 +53,7 @@ impl PolicyOptimiser {
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
     }
 
+    /// As networks take them.
     pub fn net(&self) -> Weights<'_> {
         Weights { parameters: &self.parameters, transposed: &self.transposed }
     }
@@ -79,17 +81,27 @@ impl PolicyOptimiser {
         restarts
     }
 
+    /// The policy as it is, behind the statistics of `env`.
+    ///
+    /// # Errors
+    /// As [`Policy::new`].
     pub fn policy(&self, env: &Env) -> Result<Policy> {
         Policy::of(&self.actor, &self.parameters, env)
     }
 
     /// Weights into `policy`, what goes on into `out`.
+    ///
+    /// # Errors
+    /// None for names that are used once.
     pub fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
         state::put_network(policy, "actor", &self.actor.mlp, &self.parameters)?;
         state::put_adam(out, "actor", &self.adam)
     }
 
     /// As saved; `restarts` is the caller's to count.
+    ///
+    /// # Errors
+    /// As [`Tensors::get`].
     pub fn load(&mut self, policy: &Tensors, from: &Tensors, restarts: u64) -> Result<()> {
         let mut parameters = state::network(policy, "actor", &self.actor.mlp)?;
         parameters.resize(self.actor.n_parameter(), 0.0);
