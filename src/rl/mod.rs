@@ -14,7 +14,10 @@
 //! | `renamed` | settings by their names of 0.1 |
 //! | `config_diff` | in which settings two runs differ |
 //! | [`trainer`] | the loop: update, log, evaluate, save, resume |
+//! | [`runs`] | several runs side by side, and what seeds say together |
+//! | [`search`] | which settings are best, by successive halving |
 //! | `evaluate` | a policy on fixed starts that no training saw |
+//! | [`log`], `tensorboard` | the course of a run, as lines and for TensorBoard |
 //! | [`policy`] | what was learnt |
 //! | [`checkpoint`] | files that survive a kill |
 //! | [`parts`] | what algorithms are built of, for one's own |
@@ -77,10 +80,13 @@ pub mod ppo;
 pub mod recipes;
 pub(crate) mod renamed;
 pub(crate) mod rollout;
+pub mod runs;
 pub mod schedule;
+pub mod search;
 pub mod shac;
 pub(crate) mod shards;
 pub mod state;
+pub(crate) mod tensorboard;
 pub mod trainer;
 pub(crate) mod value_norm;
 pub(crate) mod window;
