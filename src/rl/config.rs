@@ -98,6 +98,8 @@ pub struct TrainConfig {
     /// which is trained first by its recipe.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub from: String,
+    /// Whether an event file for TensorBoard stands beside the log: 1 or 2 kB per line.
+    pub tensorboard: bool,
     /// How well the policy does.
     pub evaluate: Evaluate,
     /// What is kept.
@@ -116,6 +118,7 @@ impl Default for TrainConfig {
             seed: 0,
             log_every: 10,
             from: String::new(),
+            tensorboard: true,
             evaluate: Evaluate::default(),
             checkpoint: Checkpoints::default(),
             curriculum: Curriculum::default(),
@@ -373,8 +376,8 @@ impl TrainConfig {
     /// As [`TrainConfig::to_toml`].
     pub fn differences(&self, now: &Self) -> Result<Vec<ConfigDifference>> {
         let bare = |config: &Self| -> Result<Table> {
-            let Self { log_every, evaluate, checkpoint, .. } = Self::default();
-            Self { log_every, evaluate, checkpoint, ..config.clone() }.with_updates(0).table()
+            let Self { log_every, tensorboard, evaluate, checkpoint, .. } = Self::default();
+            Self { log_every, tensorboard, evaluate, checkpoint, ..config.clone() }.with_updates(0).table()
         };
         let named = !self.task.is_empty() && !now.task.is_empty();
         let mut differences = config_diff(&bare(self)?, &bare(now)?);
@@ -617,8 +620,8 @@ mod tests {
             ("sed = 3", "Did you mean `seed`?"),
             ("[evaluate]\nenv = 3", "Did you mean `envs`?"),
             ("[env]\ncontroll = 'rate'", "Did you mean `control`?"),
-            ("[agp]\nhorizon = 3", "my.toml: line 1, column 2: unknown field `agp`"),
-            ("[agp]\nhorizon = 3", "Did you mean `apg`?"),
+            ("[shacc]\nhorizon = 3", "my.toml: line 1, column 2: unknown field `shacc`"),
+            ("[shacc]\nhorizon = 3", "Did you mean `shac`?"),
             ("[ppo]\nstep = 3", "my.toml: line 2, column 1: unknown field `step`"),
             ("algorithm = 3", "my.toml: line 1, column 13: invalid type: integer"),
             (

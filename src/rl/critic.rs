@@ -10,9 +10,12 @@ use crate::parallel::Threads;
 use crate::rng::Stream;
 
 /// V(x), with its optimiser.
-pub(crate) struct Critic {
+pub struct Critic {
+    /// From what is seen to one number.
     pub mlp: Mlp,
+    /// Of the network.
     pub parameters: Vec<f32>,
+    /// Its optimiser.
     pub adam: Adam,
     transposed: Transposed,
     batch: Minibatch,
@@ -21,6 +24,9 @@ pub(crate) struct Critic {
 
 impl Critic {
     /// From `n_in` numbers, for minibatches of up to `rows` rows within `limit` bytes.
+    ///
+    /// # Errors
+    /// As [`Mlp::new`] and [`Minibatch::new`].
     pub fn new(
         n_in: usize,
         layers: &Layers,
@@ -60,11 +66,19 @@ impl Critic {
         self.set_parameters_changed();
     }
 
+    /// Weights and optimiser, as `critic…`.
+    ///
+    /// # Errors
+    /// None for names that are used once.
     pub fn save(&self, out: &mut Tensors) -> Result<()> {
         state::put_network(out, "critic", &self.mlp, &self.parameters)?;
         state::put_adam(out, "critic", &self.adam)
     }
 
+    /// As saved.
+    ///
+    /// # Errors
+    /// As [`Tensors::get`].
     pub fn load(&mut self, from: &Tensors) -> Result<()> {
         let parameters = state::network(from, "critic", &self.mlp)?;
         self.adam = state::adam(from, "critic", self.adam.config, parameters.len())?;
@@ -123,7 +137,7 @@ impl Critic {
 
 /// How far a critic steps.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Fit {
+pub struct Fit {
     /// Learning rate.
     pub rate: f64,
     /// Largest norm of the gradient.
@@ -133,7 +147,7 @@ pub(crate) struct Fit {
 }
 
 /// 0 … n − 1 in random order (Fisher and Yates 1938).
-pub(crate) fn shuffle(order: &mut Vec<u32>, n: usize, stream: &mut Stream) {
+pub fn shuffle(order: &mut Vec<u32>, n: usize, stream: &mut Stream) {
     order.clear();
     order.extend(0..n as u32);
     for i in (1..n).rev() {

@@ -8,6 +8,7 @@
 //! A number that does not exist or is not finite is `null` in the one and empty in the other. A line is written as a whole
 //! and flushed; a run that goes on from a checkpoint first cuts both files back to it.
 
+use super::tensorboard::Events;
 use crate::atomic_file;
 use crate::error::{Error, Result};
 use std::fs::{File, OpenOptions};
@@ -83,14 +84,16 @@ pub(crate) struct Log {
     csv: (File, PathBuf),
     /// Columns of the table; none before the first line.
     names: Vec<String>,
+    events: Option<Events>,
 }
 
 impl Log {
-    /// The files in `folder`, cut back to lines of updates up to `update`, and those lines.
+    /// The files in `folder`, cut back to lines of updates up to `update`, and those lines; with `tensorboard`, events beside
+    /// them.
     ///
     /// # Errors
     /// [`Error::File`] if they cannot be read or written.
-    pub fn open(folder: &Path, update: u64) -> Result<(Self, Vec<Line>)> {
+    pub fn open(folder: &Path, update: u64, tensorboard: bool) -> Result<(Self, Vec<Line>)> {
         let (json, csv) = (folder.join(JSON), folder.join(CSV));
         let of_json = |line: &str| serde_json::from_str::<serde_json::Value>(line).ok()?["update"].as_u64();
         let of_csv = |line: &str| line.split(',').next()?.parse::<u64>().ok();
@@ -98,10 +101,11 @@ impl Log {
         let mut rows = cut(&csv, 1, |line| of_csv(line).is_some_and(|u| u <= update))?.into_iter();
         let names: Vec<String> = rows.next().map_or_else(Vec::new, |head| head.split(',').map(String::from).collect());
         let lines = rows.map(|row| Line::of_cells(&names, &row)).collect();
-        Ok((Self { json: (append(&json)?, json), csv: (append(&csv)?, csv), names }, lines))
+        let events = tensorboard.then(|| Events::open(folder, update)).transpose()?;
+        Ok((Self { json: (append(&json)?, json), csv: (append(&csv)?, csv), names, events }, lines))
     }
 
-    /// Adds a line to both.
+    /// Adds a line to all.
     ///
     /// # Errors
     /// [`Error::File`] if the disk refuses.
@@ -113,7 +117,8 @@ impl Log {
         }
         table += &(line.cells(&self.names) + "\n");
         write(&mut self.json, &(line.json() + "\n"))?;
-        write(&mut self.csv, &table)
+        write(&mut self.csv, &table)?;
+        self.events.as_mut().map_or(Ok(()), |events| events.write(line))
     }
 
     /// Down to the medium.
@@ -184,7 +189,7 @@ mod tests {
     #[test]
     fn both_files_hold_the_same_texts_and_give_the_lines_back() {
         let folder = tempfile::tempdir().unwrap();
-        let (mut log, kept) = Log::open(folder.path(), u64::MAX).unwrap();
+        let (mut log, kept) = Log::open(folder.path(), u64::MAX, true).unwrap();
         assert!(kept.is_empty());
         (1..4).for_each(|k| log.write(&line(k)).unwrap());
         log.sync().unwrap();
@@ -200,32 +205,32 @@ mod tests {
     #[test]
     fn a_log_is_cut_back_to_an_update_and_torn_lines_go() {
         let folder = tempfile::tempdir().unwrap();
-        let (mut log, _) = Log::open(folder.path(), 0).unwrap();
+        let (mut log, _) = Log::open(folder.path(), 0, true).unwrap();
         (1..6).for_each(|k| log.write(&line(k)).unwrap());
         drop(log);
         for (file, torn) in [(JSON, "{\"update\":3,\"lo"), (CSV, "3,0.")] {
             append(&folder.path().join(file)).unwrap().write_all(torn.as_bytes()).unwrap();
         }
-        let (mut log, kept) = Log::open(folder.path(), 3).unwrap();
+        let (mut log, kept) = Log::open(folder.path(), 3, true).unwrap();
         assert_eq!(kept.iter().map(|l| l.get("update")).collect::<Vec<_>>(), [1.0, 2.0, 3.0].map(Some));
         log.write(&line(4)).unwrap();
         drop(log);
-        let (_, kept) = Log::open(folder.path(), 9).unwrap();
+        let (_, kept) = Log::open(folder.path(), 9, true).unwrap();
         assert_eq!(kept.len(), 4);
         let json = std::fs::read_to_string(folder.path().join(JSON)).unwrap();
         assert_eq!(json.lines().count(), 4);
-        let (_, kept) = Log::open(folder.path(), 0).unwrap();
+        let (_, kept) = Log::open(folder.path(), 0, true).unwrap();
         assert!(kept.is_empty() && std::fs::read(folder.path().join(CSV)).unwrap().is_empty());
     }
 
     #[test]
     fn lines_of_no_update_end_what_is_kept() {
         let folder = tempfile::tempdir().unwrap();
-        let (mut log, _) = Log::open(folder.path(), 0).unwrap();
+        let (mut log, _) = Log::open(folder.path(), 0, true).unwrap();
         log.write(&line(1)).unwrap();
         append(&folder.path().join(JSON)).unwrap().write_all(b"\xff\xfe\n[]\n").unwrap();
         log.write(&line(2)).unwrap();
-        Log::open(folder.path(), 9).unwrap();
+        Log::open(folder.path(), 9, true).unwrap();
         assert_eq!(std::fs::read_to_string(folder.path().join(JSON)).unwrap().lines().count(), 1);
     }
 }

@@ -13,15 +13,15 @@ use crate::parallel::Threads;
 const PART: usize = 4 * ROWS;
 
 /// Figures that a loss may sum up beside its gradient.
-pub(crate) type Sums = [f64; 8];
+pub type Sums = [f64; 8];
 
 /// Minibatch `k` of `n`: all differ by one row at most, so that networks with more and with fewer rows take as many steps.
-pub(crate) fn part(rows: &[u32], k: usize, n: usize) -> &[u32] {
+pub fn part(rows: &[u32], k: usize, n: usize) -> &[u32] {
     &rows[k * rows.len() / n..(k + 1) * rows.len() / n]
 }
 
 /// Memory for minibatches of one network.
-pub(crate) struct Minibatch {
+pub struct Minibatch {
     parts: Vec<Part>,
     /// The last one's: of the network, then of `n_extra` parameters more.
     pub gradient: Vec<f32>,

@@ -14,13 +14,18 @@
 //! | `renamed` | settings by their names of 0.1 |
 //! | `config_diff` | in which settings two runs differ |
 //! | [`trainer`] | the loop: update, log, evaluate, save, resume |
+//! | [`runs`] | several runs side by side, and what seeds say together |
+//! | [`search`] | which settings are best, by successive halving |
 //! | `evaluate` | a policy on fixed starts that no training saw |
+//! | [`log`], `tensorboard` | the course of a run, as lines and for TensorBoard |
 //! | [`policy`] | what was learnt |
 //! | [`checkpoint`] | files that survive a kill |
+//! | [`parts`] | what algorithms are built of, for one's own |
 //! | `learner` | what all algorithms have in common |
 //! | [`nn`] | networks, distributions, Adam |
 //! | `window` | a window of steps and its exact gradient |
 //! | `shards` | a batch cut into parts that one thread steps |
+//! | [`state`] | their state in checkpoints |
 //! | `minibatch`, `critic` | the gradient of a sum over rows; a value function |
 //! | `gae`, `value_norm`, [`schedule`] | advantages, scales, rates |
 //!
@@ -67,6 +72,7 @@ pub(crate) mod learner;
 pub mod log;
 pub(crate) mod minibatch;
 pub mod nn;
+pub mod parts;
 pub mod policy;
 pub(crate) mod policy_controller;
 pub mod policy_io;
@@ -76,10 +82,13 @@ pub(crate) mod predecessor;
 pub mod recipes;
 pub(crate) mod renamed;
 pub(crate) mod rollout;
+pub mod runs;
 pub mod schedule;
+pub mod search;
 pub mod shac;
 pub(crate) mod shards;
-pub(crate) mod state;
+pub mod state;
+pub(crate) mod tensorboard;
 pub mod trainer;
 pub(crate) mod value_norm;
 pub(crate) mod warm_start;

@@ -7,7 +7,6 @@ use crate::parallel::Threads;
 use crate::tasks::{Env, Space, Spec, Statistics};
 
 /// Rows that go through a network together: their activations stay in the second-level cache.
-#[doc(hidden)]
 pub const ROWS: usize = 64;
 
 /// The shape of an actor: one network for all agents.
@@ -96,7 +95,10 @@ impl Policy {
     }
 
     /// What a learner has learnt in environments like `env`.
-    pub(crate) fn of(actor: &Actor, parameters: &[f32], env: &Env) -> Result<Self> {
+    ///
+    /// # Errors
+    /// As [`Policy::new`].
+    pub fn of(actor: &Actor, parameters: &[f32], env: &Env) -> Result<Self> {
         let statistics = env.statistics();
         let statistics = (!statistics.mean.is_empty()).then(|| statistics.clone());
         Self::new(actor.clone(), parameters.to_vec(), statistics, env.spec())

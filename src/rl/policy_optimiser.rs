@@ -19,7 +19,8 @@ pub(crate) const MAX_RESTARTS: u64 = 6;
 const START: &str = "actor.start";
 
 /// Weights on their way down.
-pub(crate) struct PolicyOptimiser {
+pub struct PolicyOptimiser {
+    /// The policy's shape.
     pub actor: Actor,
     parameters: Vec<f32>,
     transposed: Transposed,
@@ -81,6 +82,7 @@ impl PolicyOptimiser {
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
     }
 
+    /// As networks take them.
     pub fn net(&self) -> Weights<'_> {
         Weights { parameters: &self.parameters, transposed: &self.transposed }
     }
@@ -108,11 +110,18 @@ impl PolicyOptimiser {
         restarts
     }
 
+    /// The policy as it is, behind the statistics of `env`.
+    ///
+    /// # Errors
+    /// As [`Policy::new`].
     pub fn policy(&self, env: &Env) -> Result<Policy> {
         Policy::of(&self.actor, &self.parameters, env)
     }
 
     /// Weights into `policy`, what goes on into `out`.
+    ///
+    /// # Errors
+    /// None for names that are used once.
     pub fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
         state::put_network(policy, "actor", &self.actor.mlp, &self.parameters)?;
         if !self.start.is_empty() {
@@ -122,6 +131,9 @@ impl PolicyOptimiser {
     }
 
     /// As saved; `restarts` is the caller's to count.
+    ///
+    /// # Errors
+    /// As [`Tensors::get`].
     pub fn load(&mut self, policy: &Tensors, from: &Tensors, restarts: u64) -> Result<()> {
         let mut parameters = state::network(policy, "actor", &self.actor.mlp)?;
         parameters.resize(self.actor.n_parameter(), 0.0);

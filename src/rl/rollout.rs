@@ -21,19 +21,23 @@ use std::time::{Duration, Instant};
 
 /// Widths of all rows.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Shape {
+pub struct Shape {
     /// T.
     pub steps: usize,
+    /// A.
     pub n_agent: usize,
     /// Rows of the critic per environment: 1, or one per agent.
     pub n_judged: usize,
+    /// Numbers that an agent sees.
     pub n_observation: usize,
     /// Of the state that the critic sees; 0 where it sees observations.
     pub n_central: usize,
+    /// Numbers of an agent's action.
     pub n_action: usize,
 }
 
 impl Shape {
+    /// For rollouts of `steps` steps; with `central`, the critic sees the central state where there is one.
     pub fn new(spec: &Spec, steps: usize, central: bool) -> Self {
         let central = central && spec.n_central > 0;
         Self {
@@ -47,6 +51,9 @@ impl Shape {
     }
 
     /// Checks that rows of `n_env` environments can be counted and kept.
+    ///
+    /// # Errors
+    /// [`Error::Limit`] otherwise.
     pub fn check(&self, n_env: usize, memory_limit: u64) -> Result<()> {
         let slots = (n_env as u64).saturating_mul(self.steps as u64 + 1);
         let rows = slots.saturating_mul(self.n_agent as u64);
@@ -72,10 +79,12 @@ impl Shape {
 }
 
 /// The rows of all shards.
-pub(crate) struct Rollout {
+pub struct Rollout {
+    /// Widths of the rows.
     pub shape: Shape,
     /// One per agent.
     pub observation: Vec<f32>,
+    /// One per agent, as drawn.
     pub action: Vec<f32>,
     /// NaN where the row is no use.
     pub log_prob: Vec<f32>,
@@ -83,34 +92,52 @@ pub(crate) struct Rollout {
     pub central: Vec<f32>,
     /// One per row of the critic.
     pub reward: Vec<f32>,
+    /// V of what was acted on.
     pub value: Vec<f32>,
+    /// V of what came next: of the true last observation where time ran out.
     pub next_value: Vec<f32>,
     /// NaN where the row is no use, as `target`.
     pub advantage: Vec<f32>,
+    /// What the critic is fitted to.
     pub target: Vec<f32>,
     /// One per environment.
     pub terminated: Vec<u8>,
+    /// Likewise.
     pub truncated: Vec<u8>,
 }
 
 /// The rows of one shard.
-pub(crate) struct Part<'a> {
+pub struct Part<'a> {
+    /// Widths of the rows.
     pub shape: Shape,
+    /// Environments of the shard.
     pub n_env: usize,
+    /// As [`Rollout::observation`].
     pub observation: &'a mut [f32],
+    /// As [`Rollout::action`].
     pub action: &'a mut [f32],
+    /// As [`Rollout::log_prob`].
     pub log_prob: &'a mut [f32],
+    /// As [`Rollout::central`].
     pub central: &'a mut [f32],
+    /// As [`Rollout::reward`].
     pub reward: &'a mut [f32],
+    /// As [`Rollout::value`].
     pub value: &'a mut [f32],
+    /// As [`Rollout::next_value`].
     pub next_value: &'a mut [f32],
+    /// As [`Rollout::advantage`].
     pub advantage: &'a mut [f32],
+    /// As [`Rollout::target`].
     pub target: &'a mut [f32],
+    /// As [`Rollout::terminated`].
     pub terminated: &'a mut [u8],
+    /// As [`Rollout::truncated`].
     pub truncated: &'a mut [u8],
 }
 
 impl Rollout {
+    /// Empty rows of `n_env` environments.
     pub fn new(shape: Shape, n_env: usize) -> Self {
         let slots = n_env * (shape.steps + 1);
         let (rows, judged) = (slots * shape.n_agent, slots * shape.n_judged);
@@ -184,6 +211,9 @@ impl Rollout {
 impl Part<'_> {
     /// Advantages and targets. Rows in which anything is not finite get an advantage, a target or a log-probability
     /// that is not.
+    ///
+    /// # Errors
+    /// As [`advantages`].
     pub fn judge(&mut self, discount: f64, lambda: f64) -> Result<()> {
         let s = self.shape;
         let (flags, judged) = (s.steps * self.n_env, s.steps * self.n_env * s.n_judged);
@@ -216,20 +246,28 @@ impl Part<'_> {
 
 /// What all shards share while they collect.
 #[derive(Clone, Copy)]
-pub(crate) struct How<'a> {
+pub struct How<'a> {
+    /// The policy's shape.
     pub actor: &'a Actor,
     /// Of its network, then of its head.
     pub parameters: &'a [f32],
+    /// What judges.
     pub critic: &'a Critic,
+    /// The scale of what it says.
     pub norm: &'a ValueNorm,
+    /// Of the run.
     pub seed: u64,
+    /// Updates done: exploration is drawn anew in each.
     pub update: u64,
 }
 
 /// A shard of environments with what collecting needs.
-pub(crate) struct Collector {
+pub struct Collector {
+    /// The environments.
     pub shard: Shard,
+    /// Of the last rollout.
     pub seen: Seen,
+    /// What went wrong in it, for who collects in parallel.
     pub failed: Option<Error>,
     /// Noise of every environment.
     streams: Vec<Stream>,
@@ -243,15 +281,17 @@ pub(crate) struct Collector {
 
 /// Figures of one shard's rollout.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Seen {
+pub struct Seen {
     /// Σ over environments and steps.
     pub reward: f64,
+    /// Those that ended.
     pub episodes: Episodes,
     /// Time of the policy, of the environments, of the critic.
     pub times: [Duration; 3],
 }
 
 impl Collector {
+    /// For the environments of a shard.
     pub fn new(shard: Shard, actor: &Actor, critic: &Critic) -> Self {
         Self {
             seen: Seen::default(),
@@ -267,6 +307,9 @@ impl Collector {
     }
 
     /// Flies T steps on from where the last rollout stopped, exploring, and values what was seen.
+    ///
+    /// # Errors
+    /// As [`Env::step`](crate::tasks::Env::step).
     pub fn collect(&mut self, part: &mut Part<'_>, how: How<'_>) -> Result<()> {
         let s = part.shape;
         let n_env = part.n_env;

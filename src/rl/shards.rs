@@ -18,7 +18,6 @@ pub type Make<'a> = dyn Fn(&EnvConfig) -> Result<Env> + 'a;
 const MAX_SHARDS: usize = 2048;
 
 /// Environments of one shard.
-#[doc(hidden)]
 pub struct Shard {
     /// The environments.
     pub env: Env,
@@ -30,7 +29,6 @@ pub struct Shard {
 ///
 /// # Errors
 /// [`Error::Value`] for a size of 0, [`Error::Limit`] if all of them need too much memory; otherwise as `make`.
-#[doc(hidden)]
 pub fn shards(make: &Make<'_>, config: &EnvConfig, size: usize) -> Result<Vec<Shard>> {
     if size == 0 {
         return Err(Error::value("shard", size, "≥ 1", "64 fits the blocks of environments."));
@@ -88,7 +86,7 @@ pub(crate) fn within_memory(what: &str, value: usize, bytes: u128, limit: u64) -
 ///
 /// # Errors
 /// None for shards of one configuration.
-pub(crate) fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
+pub fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
     let Some(mut statistics) = shards.first().map(|shard| shard.env.statistics().clone()) else { return Ok(()) };
     if statistics.mean.is_empty() {
         return Ok(());
@@ -142,7 +140,7 @@ pub(crate) fn begin_statistics<'a>(shards: impl Iterator<Item = &'a mut Shard>, 
 }
 
 /// Figures of the episodes that ended in the step that wrote `out`.
-pub(crate) fn episodes(spec: &Spec, out: &Buffers) -> Episodes {
+pub fn episodes(spec: &Spec, out: &Buffers) -> Episodes {
     let (width, total, length) = (spec.info.len(), Column::Return.index(), Column::Length.index());
     let success = Column::Success.index();
     let mut seen = Episodes::default();

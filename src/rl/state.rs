@@ -6,40 +6,65 @@ use super::shards::Shard;
 use crate::error::Result;
 
 /// The parts of a network, as `<name>.0.weight` and so on.
-pub(crate) fn put_network(to: &mut Tensors, name: &str, mlp: &Mlp, parameters: &[f32]) -> Result<()> {
+///
+/// # Errors
+/// None for a name that is used once, as all that put.
+pub fn put_network(to: &mut Tensors, name: &str, mlp: &Mlp, parameters: &[f32]) -> Result<()> {
     mlp.parts(parameters).into_iter().try_for_each(|p| to.insert(format!("{name}.{}", p.name), &p.shape, p.data))
 }
 
-pub(crate) fn network(from: &Tensors, name: &str, mlp: &Mlp) -> Result<Vec<f32>> {
+/// The network that [`put_network`] put there.
+///
+/// # Errors
+/// As [`Tensors::get`], as all that get.
+pub fn network(from: &Tensors, name: &str, mlp: &Mlp) -> Result<Vec<f32>> {
     mlp.from_parts(|part, shape| Ok(from.get::<f32>(&format!("{name}.{part}"), shape)?.to_vec()))
 }
 
-pub(crate) fn put_adam(to: &mut Tensors, name: &str, adam: &Adam) -> Result<()> {
+/// The state of an optimiser, as `<name>.adam.mean` and so on.
+///
+/// # Errors
+/// As [`put_network`].
+pub fn put_adam(to: &mut Tensors, name: &str, adam: &Adam) -> Result<()> {
     let n = adam.mean.len();
     to.insert(format!("{name}.adam.mean"), &[n], adam.mean.clone())?;
     to.insert(format!("{name}.adam.square"), &[n], adam.square.clone())?;
     to.insert(format!("{name}.adam.step"), &[1], vec![adam.step])
 }
 
-pub(crate) fn adam(from: &Tensors, name: &str, config: AdamConfig, n: usize) -> Result<Adam> {
+/// The optimiser of `n` parameters that [`put_adam`] put there.
+///
+/// # Errors
+/// As [`network`].
+pub fn adam(from: &Tensors, name: &str, config: AdamConfig, n: usize) -> Result<Adam> {
     let rows = |what: &str| Ok(from.get::<f32>(&format!("{name}.adam.{what}"), &[n])?.to_vec());
     let step = from.get::<u64>(&format!("{name}.adam.step"), &[1])?[0];
     Ok(Adam { config, mean: rows("mean")?, square: rows("square")?, step })
 }
 
 /// `N` whole numbers under one name.
-pub(crate) fn put_counters<const N: usize>(to: &mut Tensors, counters: [u64; N]) -> Result<()> {
+///
+/// # Errors
+/// As [`put_network`].
+pub fn put_counters<const N: usize>(to: &mut Tensors, counters: [u64; N]) -> Result<()> {
     to.insert("counters", &[N], counters.to_vec())
 }
 
-pub(crate) fn counters<const N: usize>(from: &Tensors) -> Result<[u64; N]> {
+/// The numbers that [`put_counters`] put there.
+///
+/// # Errors
+/// As [`network`].
+pub fn counters<const N: usize>(from: &Tensors) -> Result<[u64; N]> {
     let mut counters = [0; N];
     counters.copy_from_slice(from.get::<u64>("counters", &[N])?);
     Ok(counters)
 }
 
-/// The environments of shard `k`, and what their policy sees next.
-pub(crate) fn put_shards<'a>(to: &mut Tensors, shards: impl Iterator<Item = &'a Shard>) -> Result<()> {
+/// The environments of every shard, and what their policy sees next.
+///
+/// # Errors
+/// As [`put_network`].
+pub fn put_shards<'a>(to: &mut Tensors, shards: impl Iterator<Item = &'a Shard>) -> Result<()> {
     for (k, shard) in shards.enumerate() {
         let bytes = shard.env.save();
         to.insert(format!("shard.{k}.environments"), &[bytes.len()], bytes)?;
@@ -51,7 +76,11 @@ pub(crate) fn put_shards<'a>(to: &mut Tensors, shards: impl Iterator<Item = &'a 
     Ok(())
 }
 
-pub(crate) fn load_shards<'a>(from: &Tensors, shards: impl Iterator<Item = &'a mut Shard>) -> Result<()> {
+/// Puts shards into the state that [`put_shards`] saved.
+///
+/// # Errors
+/// As [`network`] and [`Env::load`](crate::tasks::Env::load).
+pub fn load_shards<'a>(from: &Tensors, shards: impl Iterator<Item = &'a mut Shard>) -> Result<()> {
     for (k, shard) in shards.enumerate() {
         let name = format!("shard.{k}.environments");
         let n = from.tensor(&name)?.shape().iter().product();

@@ -4,6 +4,7 @@
 //! <run>/config.toml     every setting of the run
 //!       log.jsonl       the course of it, a JSON object per line
 //!       curve.csv       the same as a table
+//!       events.…        the same for TensorBoard
 //!       checkpoints/    the newest few, each whole or absent
 //! ```
 //!
@@ -200,7 +201,7 @@ impl Trainer {
         };
         let text = self.config.to_toml()?;
         write_text(&folder.join("config.toml"), &text)?;
-        let (log, curve) = Log::open(folder, self.update)?;
+        let (log, curve) = Log::open(folder, self.update, self.config.tensorboard)?;
         self.curve = curve;
         let saved = (self.update > 0).then_some(self.update);
         self.files = Some(Files { folder: folder.to_path_buf(), log, writer, saved, skipped });
@@ -274,7 +275,20 @@ impl Trainer {
     /// As the environment's, [`Error::File`] if the disk refuses, [`Error::Value`] if the policy is not finite. The
     /// checkpoints of before remain.
     pub fn run(&mut self, watch: &mut Watch<'_>) -> Result<TrainResult> {
-        let mut stopped = self.begin(watch)?;
+        self.run_until(u64::MAX, watch)
+    }
+
+    /// As [`Trainer::run`], but for a pause after `until` updates of the learner's budget: schedules are those of the whole
+    /// budget, and who goes on comes to the same bits as without a pause.
+    ///
+    /// # Errors
+    /// As there; [`Error::Value`] for a run that is beyond `until` already.
+    pub fn run_until(&mut self, until: u64, watch: &mut Watch<'_>) -> Result<TrainResult> {
+        if self.done() > until {
+            let remedy = "Give at least as many, or train in another folder.";
+            return Err(Error::value("updates at which to pause", until, format!("≥ {}", self.done()), remedy));
+        }
+        let mut stopped = self.begin(watch)? || !self.is_over() && self.done() == until;
         while !stopped && !self.is_over() {
             let mut last = self.learner.update()?;
             self.update += 1;
@@ -282,7 +296,7 @@ impl Trainer {
             self.since.add(&last);
             last.phases.iter().for_each(|(name, time)| self.phases.add(name, *time));
             self.keep(&last)?;
-            stopped = watch(&self.progress(&last)).is_break();
+            stopped = watch(&self.progress(&last)).is_break() || !self.is_over() && self.done() == until;
             if stopped && self.since.updates > 0 {
                 self.log(&last, None)?;
             }
@@ -453,7 +467,7 @@ fn is_run(folder: &Path) -> bool {
 
 /// Refuses a folder whose files would be overwritten, though no run wrote them.
 fn check_own(folder: &Path) -> Result<()> {
-    let names = ["config.toml", super::log::JSON, super::log::CSV];
+    let names = ["config.toml", super::log::JSON, super::log::CSV, super::tensorboard::EVENTS];
     let foreign = names.into_iter().find(|name| folder.join(name).symlink_metadata().is_ok());
     let Some(name) = foreign.filter(|_| !folder.join("checkpoints").is_dir()) else { return Ok(()) };
     let value = format!("'{}', whose {name} is of no run", folder.display());

@@ -21,8 +21,10 @@ pub enum Objective {
 }
 
 /// A shard with what its windows need; nothing is allocated after its making.
-pub(crate) struct Window {
+pub struct Window {
+    /// The environments.
     pub shard: Shard,
+    /// In the order of time.
     pub steps: Vec<Step>,
     tape: Tape,
     sweep: Sweep,
@@ -33,11 +35,12 @@ pub(crate) struct Window {
     d_reward: Vec<f32>,
     d_observation: Vec<f32>,
     gradient: Vec<f32>,
+    /// Of the last window.
     pub seen: Seen,
 }
 
 /// One step of a window, E environments and A agents.
-pub(crate) struct Step {
+pub struct Step {
     /// Before it, [E, A, observation].
     pub observation: Vec<f32>,
     /// [E, A, action].
@@ -46,6 +49,7 @@ pub(crate) struct Step {
     pub cost: Vec<f32>,
     /// Where episodes ended, [E].
     pub terminated: Vec<u8>,
+    /// Likewise, [E].
     pub truncated: Vec<u8>,
     /// Where they did, what was seen last, [E, A, observation].
     pub final_observation: Vec<f32>,
@@ -60,13 +64,18 @@ pub(crate) struct Step {
 
 /// Figures of one shard and window: sums over environments and steps, but for `saturated`, a share.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Seen {
+pub struct Seen {
+    /// What is minimised; rows that diverged are left out.
     pub cost: f64,
+    /// Of one agent per environment.
     pub reward: f64,
+    /// Share of hidden units beyond ±0.99 in the last step.
     pub saturated: f64,
+    /// Rows and gradients that were not finite.
     pub dropped: usize,
     /// Seconds.
     flying: f64,
+    /// Those that ended.
     pub episodes: Episodes,
 }
 
@@ -91,7 +100,7 @@ impl Seen {
 ///
 /// # Errors
 /// The first that a window met.
-pub(crate) fn gather<'a>(
+pub fn gather<'a>(
     windows: impl ExactSizeIterator<Item = (&'a Window, Option<Error>)>,
     gradient: &mut [f32],
 ) -> Result<Seen> {
@@ -110,7 +119,10 @@ pub(crate) fn gather<'a>(
 }
 
 /// Windows of `horizon` steps for all shards. Their adjoint program is derived once.
-pub(crate) fn windows(
+///
+/// # Errors
+/// [`Error::Limit`] for more memory than environments may take; otherwise as [`Env::adjoint`](crate::tasks::Env::adjoint).
+pub fn windows(
     shards: Vec<Shard>,
     actor: &Actor,
     horizon: usize,
@@ -187,6 +199,9 @@ impl Window {
     }
 
     /// Flies on from where the last window stopped.
+    ///
+    /// # Errors
+    /// As [`Env::step_recorded`](crate::tasks::Env::step_recorded).
     pub fn fly(&mut self, actor: &Actor, net: Weights<'_>) -> Result<()> {
         let begun = Instant::now();
         let (rows, objective) = (self.rows(), self.objective);
@@ -230,6 +245,9 @@ impl Window {
 
     /// The gradient of L with respect to the actor's parameters, from the weights of the steps, their `d_final`, and
     /// ∂L/∂(the observation behind the window), which may be empty.
+    ///
+    /// # Errors
+    /// As [`Sweep::pull`].
     pub fn sweep(&mut self, actor: &Actor, net: Weights<'_>, d_last: &[f32]) -> Result<&[f32]> {
         let rows = self.rows();
         self.sweep.restart();

@@ -119,7 +119,7 @@ pub fn remove_run(folder: &Path) -> Result<()> {
         drop(Store::open_to_write(folder, 2)?);
         std::fs::remove_dir_all(folder.join("checkpoints")).map_err(|e| Error::file(folder, e))?;
     }
-    for name in ["config.toml", "log.jsonl", "curve.csv", "result.json"] {
+    for name in ["config.toml", "log.jsonl", "curve.csv", "result.json", "events.out.tfevents.omnidrones"] {
         let path = folder.join(name);
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(Error::file(path, error)),

@@ -1,0 +1,21 @@
+//! What algorithms are built of: take them for your own. `examples/own_task_and_algorithm.rs` does.
+//!
+//! | part | what |
+//! |---|---|
+//! | [`shards()`], [`Shard`] | a batch cut into parts that one thread steps |
+//! | [`Collector`], [`Rollout`], [`Shape`] | T steps of every environment under a stochastic policy, with their worth |
+//! | [`advantages`], [`ValueNorm`] | GAE and λ-targets; their scale |
+//! | [`Critic`], [`Fit`] | a value function and a step of it |
+//! | [`Minibatch`], [`minibatch`], [`shuffle`] | the gradient of a loss over some rows; which rows |
+//! | [`windows`], [`Window`], [`gather`] | steps under a deterministic policy and the exact gradient of their cost, by the sweeps of [`Env`](crate::tasks::Env) |
+//! | [`PolicyOptimiser`] | an actor that goes down such gradients |
+//! | [`state`](super::state) | all of it into checkpoints and back |
+
+pub use super::critic::{Critic, Fit, shuffle};
+pub use super::gae::{Steps, advantages};
+pub use super::minibatch::{Minibatch, Sums, part as minibatch};
+pub use super::policy_optimiser::PolicyOptimiser;
+pub use super::rollout::{Collector, How, Part as RolloutPart, Rollout, Seen as RolloutSeen, Shape};
+pub use super::shards::{Make, Shard, episodes, normalise, shards};
+pub use super::value_norm::ValueNorm;
+pub use super::window::{Objective, Seen as WindowSeen, Step as WindowStep, Window, gather, windows};
