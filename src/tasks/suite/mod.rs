@@ -4,6 +4,7 @@
 //!
 //! - DIFFERENCE: metrics are those of the step; published ones are running means from 0, mostly 0.8 old + 0.2 new.
 
+mod assignment;
 pub mod dragon_hover;
 pub mod fly_through;
 pub mod formation;
@@ -34,6 +35,7 @@ mod tests_multi;
 #[cfg(test)]
 mod tests_single;
 
+use super::declare::Loss;
 use super::reward::pseudo_huber;
 use super::task::{ANY_YAW, START_TILT, Start, View};
 use crate::autodiff::{Scalar, safe};
@@ -153,6 +155,20 @@ pub(crate) fn speed_cost<S: Scalar, const N: usize>(weight: f64, velocity: [S; N
 #[inline(always)]
 pub(crate) fn rate_cost<S: Scalar, const N: usize>(weight: f64, rate: [S; N]) -> S {
     times(weight, pseudo_huber(rate, SPINNING))
+}
+
+/// Adds w mean h₁₀(q̇) over the drives of the only drone, where it has any.
+#[inline(always)]
+pub(crate) fn drive_loss<S: Scalar>(weight: f64, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    let drives = &view.robot.drone().drives;
+    if drives.is_empty() {
+        return;
+    }
+    let mut sum = S::zero();
+    for i in 0..drives.len() {
+        sum += rate_cost(weight / drives.len() as f64, [view.state.get(drives[i].rate)]);
+    }
+    loss.add("{×loss_drives}mean h₁₀(q̇) over the drives", sum);
 }
 
 /// ‖x‖ < `limit`.

@@ -38,7 +38,7 @@ settings! {
         success_distance: f64 = 0.1 => ("m", "position error of a success", Positive);
         pose_scale: f64 = 1.2 => ("1/m", "how steeply the term pose falls", NotNegative);
         reward: BalanceReward = BalanceReward::default() => group;
-        loss: MotionLoss = MotionLoss::default() => group;
+        loss: MotionLoss = MotionLoss { velocity: 0.1, ..MotionLoss::default() } => group;
         loss_balance: f64 = 1.0 => ("m", "weight of the lean in the loss", NotNegative);
     }
 }

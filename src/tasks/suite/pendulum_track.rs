@@ -5,7 +5,7 @@
 //! - DIFFERENCE: the ball's share is of the total mass, not of the base link's (defect 5).
 
 use super::load::{LoadTrack, LoadTrackSettings, Side, leaning};
-use super::{ease_of_flight, less, made_of, succeeds_within, times};
+use super::{MotionLoss, ease_of_flight, less, made_of, succeeds_within, times};
 use crate::autodiff::{Scalar, safe};
 use crate::error::Result;
 use crate::settings;
@@ -19,7 +19,8 @@ use crate::tasks::track_path::{PathRange, about_path};
 /// What both track tasks have, with the numbers of this one.
 fn track() -> LoadTrackSettings {
     let usual = LoadTrackSettings::default();
-    LoadTrackSettings { path: PathRange { origin: [0.0, 0.0, 3.0], ..usual.path }, ..usual }
+    let loss = MotionLoss { velocity: 0.1, ..usual.loss };
+    LoadTrackSettings { path: PathRange { origin: [0.0, 0.0, 3.0], ..usual.path }, loss, ..usual }
 }
 
 settings! {

@@ -7,8 +7,8 @@
 //! - DIFFERENCE: `position_error` is positive; the published tracking error is its negative (defect 27).
 
 use super::{
-    MotionLoss, PathSuccess, PoseReward, StartAttitude, ease_of_flight, farther, less, made_of, rate_cost, speed_cost,
-    succeeds_within, times,
+    MotionLoss, PathSuccess, PoseReward, StartAttitude, drive_loss, ease_of_flight, farther, less, made_of, rate_cost,
+    speed_cost, succeeds_within, times,
 };
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
@@ -39,6 +39,7 @@ settings! {
         pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward { up: 0.5, spin: 0.5, ..PoseReward::default() } => group;
         loss: MotionLoss = MotionLoss::default() => group;
+        loss_drives: f64 = 0.01 => ("m s²/rad²", "weight of the rates of drives in the loss", NotNegative);
     }
 }
 
@@ -121,6 +122,7 @@ impl Task for Track {
         loss.add("√(d² + {loss_radius}²)", smooth_norm(self.error(view), w.radius));
         loss.add("{×loss_velocity}h₅(ṗ_ref − v)", speed_cost(w.velocity, slip));
         loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.rate, drone.angular_velocity));
+        drive_loss(self.settings.loss_drives, view, loss);
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

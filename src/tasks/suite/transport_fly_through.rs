@@ -12,10 +12,12 @@
 
 use super::obstacles::{Bars, BarsSettings, NEARNESS, Skin, course, nearness, rounded, touches, touching, where_on};
 use super::team::{
-    ALL_BEYOND, CourseLoss, arrived, clearance, highest, lowest, mean_throttle_difference, observe_load,
-    remember_course, squared_separation,
+    ALL_BEYOND, arrived, clearance, highest, lowest, mean_throttle_difference, observe_load, remember_course,
+    squared_separation,
 };
-use super::transport::{BOX, BOX_NAMES, CarryReward, GroupSettings, Load, TO_TARGET, group, load_loss, stiff_physics};
+use super::transport::{
+    BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, TO_TARGET, group, group_loss, stiff_physics,
+};
 use super::{StartAttitude, StartRange, less, made_of, more, nearer, observes_team, succeeds_once, times};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::shape::Pose;
@@ -55,7 +57,8 @@ settings! {
         success_distance: f64 = 0.2 => ("m", "position error of a success", Positive);
         pose_scale: f64 = 1.0 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: CarryReward = CarryReward::default() => group;
-        loss: CourseLoss = CourseLoss::default() => group;
+        loss: GroupLoss = GroupLoss::default() => group;
+        loss_clearance: f64 = 0.5 => ("m", "weight of the clearance in the loss", NotNegative);
     }
 }
 
@@ -176,8 +179,8 @@ impl Task for TransportFlyThrough {
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let w = &self.settings.loss;
         let motion = (TO_TARGET[1], [S::zero(); 3]);
-        load_loss(&view.frame(BOX), (TO_TARGET[0], Self::error(view)), motion, &w.pose, loss);
-        loss.add(NEARNESS, nearness(w.clearance, clearance(view)));
+        group_loss((view, &self.load), (TO_TARGET[0], Self::error(view)), motion, w, loss);
+        loss.add(NEARNESS, nearness(self.settings.loss_clearance, clearance(view)));
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

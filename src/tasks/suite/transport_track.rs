@@ -9,8 +9,10 @@
 
 use super::over_track::wide_path;
 use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
-use super::transport::{BOX, BOX_NAMES, CarryReward, GroupSettings, Load, SteadyReward, free_robot, load_loss, steady};
-use super::{PathSuccess, PoseLoss, StartAttitude, farther, less, made_of, observes_team, succeeds_within};
+use super::transport::{
+    BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, SteadyReward, free_robot, group_loss, steady,
+};
+use super::{PathSuccess, StartAttitude, farther, less, made_of, observes_team, succeeds_within};
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, sub};
@@ -44,7 +46,7 @@ settings! {
         success: PathSuccess = PathSuccess::default() => group;
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: SteadyReward = reward() => group;
-        loss: PoseLoss = PoseLoss::default() => group;
+        loss: GroupLoss = GroupLoss::default() => group;
     }
 }
 
@@ -133,7 +135,7 @@ impl Task for TransportTrack {
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let distance = ("√(d² + {loss_radius}²)", self.error(view));
         let motion = ("{×loss_velocity}h₅(ṗ_ref − v)", self.path.velocity(&view.goal, view.step));
-        load_loss(&view.frame(BOX), distance, motion, &self.settings.loss, loss);
+        group_loss((view, &self.load), distance, motion, &self.settings.loss, loss);
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
