@@ -83,8 +83,8 @@ impl Task for InvPendulumFlyThrough {
     fn start(&self, start: &mut Start<'_>) {
         self.course.draw(start);
         for _ in 0..100 {
-            let (position, attitude) = self.settings.course.start.draw(start);
-            if self.course.load.place(start, position, attitude)[2] < self.settings.ball_max_height {
+            if self.course.begin(&self.settings.course, start, self.settings.target)[2] < self.settings.ball_max_height
+            {
                 break;
             }
         }

@@ -14,13 +14,14 @@ use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::exponential_kernel;
 use crate::tasks::task::{Start, Task, TaskReference, View};
-use crate::tasks::track_path::{PathRange, about_path};
+use crate::tasks::track_path::{Follow, PathRange, about_path};
 
 /// What both track tasks have, with the numbers of this one.
 fn track() -> LoadTrackSettings {
     let usual = LoadTrackSettings::default();
     let loss = MotionLoss { velocity: 0.1, ..usual.loss };
-    LoadTrackSettings { path: PathRange { origin: [0.0, 0.0, 3.0], ..usual.path }, loss, ..usual }
+    let path = PathRange { origin: [0.0, 0.0, 3.0], ..usual.follow.path };
+    LoadTrackSettings { follow: Follow { path, ..usual.follow }, loss, ..usual }
 }
 
 settings! {
@@ -91,7 +92,7 @@ impl Task for InvPendulumTrack {
         let own = &self.settings;
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], own.min_height));
         ends.when("fall", "b < {min_balance}", less(self.track.load.ball(view).up()[2], own.min_balance));
-        ends.when("far", "d > {reset_distance} m", self.track.far(&own.track, view));
+        ends.when("far", "d > {reset_distance} m, {×reset_ease}times that at difficulty 0", self.track.far(view));
     }
 
     #[inline(always)]

@@ -7,7 +7,7 @@
 //! - DIFFERENCE: `position_error` is positive; the published tracking error is its negative (defect 27).
 
 use super::{
-    MotionLoss, PathSuccess, PoseReward, StartAttitude, drive_loss, ease_of_flight, farther, less, made_of, rate_cost,
+    MotionLoss, PathSuccess, PoseReward, StartAttitude, drive_loss, ease_of_flight, less, made_of, rate_cost,
     speed_cost, succeeds_within, times,
 };
 use crate::autodiff::{Scalar, safe};
@@ -21,7 +21,7 @@ use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still};
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference, View};
-use crate::tasks::track_path::{PathRange, TrackPath, about_path};
+use crate::tasks::track_path::{Follow, TrackPath, about_path};
 
 /// Look-ahead points.
 const POINTS: usize = 4;
@@ -31,8 +31,7 @@ settings! {
     pub(crate) struct TrackSettings {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
         horizon: usize = 600 => ("steps", "T", Any);
-        reset_distance: f64 = 0.5 => ("m", "largest distance from the path", Positive);
-        path: PathRange = PathRange::default() => group;
+        follow: Follow = Follow::default() => flat;
         start: StartAttitude = StartAttitude::default() => group;
         min_height: f64 = 0.1 => ("m", "lower is a crash", Any);
         success: PathSuccess = PathSuccess::default() => group;
@@ -54,7 +53,7 @@ pub struct Track {
 impl BuiltIn for Track {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: TrackSettings = config.settings()?;
-        let path = TrackPath::new(&settings.path, config.dt);
+        let path = TrackPath::new(&settings.follow, config.dt);
         Ok(Self { robot: config.single_robot(&settings.vehicle)?, settings, path })
     }
 }
@@ -83,6 +82,7 @@ impl Task for Track {
         let position = self.path.draw(start);
         let attitude = self.settings.start.draw(start);
         start.place(0, position, attitude);
+        self.path.join(start, 0, Some(0.0));
     }
 
     #[inline(always)]
@@ -103,7 +103,11 @@ impl Task for Track {
     #[inline(always)]
     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], self.settings.min_height));
-        ends.when("far", "d > {reset_distance} m", farther(self.error(view), self.settings.reset_distance));
+        ends.when(
+            "far",
+            "d > {reset_distance} m, {×reset_ease}times that at difficulty 0",
+            self.path.far(&view.goal, self.error(view)),
+        );
     }
 
     #[inline(always)]

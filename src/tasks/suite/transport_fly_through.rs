@@ -18,7 +18,9 @@ use super::team::{
 use super::transport::{
     BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, TO_TARGET, group, group_loss, stiff_physics,
 };
-use super::{StartAttitude, StartRange, less, made_of, more, nearer, observes_team, succeeds_once, times};
+use super::{
+    StartAttitude, StartRange, along_the_course, less, made_of, more, nearer, observes_team, succeeds_once, times,
+};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::{Vec3, sub};
@@ -32,6 +34,8 @@ use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, View};
 use std::f64::consts::FRAC_PI_2;
 
+/// Starts on the way are no nearer to the beams with the middle of the box, m: half its length and more.
+const CLEAR: f64 = 1.0;
 /// Where the beams' heights stand in the goal.
 const HEIGHTS: usize = 3;
 
@@ -51,6 +55,7 @@ settings! {
         target: [[f64; 2]; 3] = [[1.75, 2.25], [-0.2, 0.2], [1.25, 1.75]]
             => ("m, world", "p_t, lowest and highest per axis", Ordered);
         start: StartRange = start_range() => group;
+        start_along: f64 = 0.0 => ("-", "share of episodes that begin anywhere on the way to the target", Share);
         min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
         max_height: f64 = 3.6 => ("m", "a higher drone ends the episode", Any);
         box_min_height: f64 = 0.3 => ("m", "a lower box ends the episode", Any);
@@ -128,6 +133,7 @@ impl Task for TransportFlyThrough {
         self.draw(start, target);
         for _ in 0..100 {
             let (position, attitude) = self.settings.start.draw(start);
+            let position = along_the_course(start, self.settings.start_along, position, target, CLEAR);
             start.place(BOX, position, attitude);
             if self.bars.clear_of(start, &self.rest, &Pose { position, attitude }) {
                 break;
