@@ -241,7 +241,7 @@ impl<S: Scalar> View<'_, S> {
     }
 
     /// The part of a drone's observation that all tasks share, ŝ: attitude (w ≥ 0), velocity, angular velocity, heading,
-    /// up, 2s − 1 per rotor, then angle and rate of every drive.
+    /// up, 2s − 1 per rotor, then direction and rate of every drive.
     #[inline(always)]
     pub fn observe_drone(&self, drone: usize, out: &mut impl Writer<S>) {
         let frame = self.drone(drone);
@@ -254,15 +254,22 @@ impl<S: Scalar> View<'_, S> {
         self.observe_throttle(drone, out);
         let drives = &self.robot.drones()[drone].drives;
         if !drives.is_empty() {
-            out.field("drive_angle", "rad", "of its drives");
+            out.field("drive_direction", "-", "(cos, sin) of the angles of its drives").within(-1.0, 1.0);
             for i in 0..drives.len() {
-                out.number(self.state.get(drives[i].angle));
+                out.array(self.turned(drives[i].angle));
             }
             out.field("drive_rate", "rad/s", "of its drives");
             for i in 0..drives.len() {
                 out.number(self.state.get(drives[i].rate));
             }
         }
+    }
+
+    /// (cos, sin) of the angle at place `at` of the state: alike after whole turns.
+    #[inline(always)]
+    pub fn turned(&self, at: usize) -> [S; 2] {
+        let (sin, cos) = self.state.get(at).sin_cos();
+        [cos, sin]
     }
 
     /// 2s − 1 per rotor.

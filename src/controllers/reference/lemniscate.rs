@@ -6,7 +6,7 @@ use crate::dynamics::spatial::Vec3;
 use crate::error::Result;
 use serde::{Deserialize, Serialize};
 
-/// p = origin + Rz(ψ) (S ∘ L(θ; c)), θ = π/2 + τ(w t).
+/// p = origin + Rz(ψ) (S ∘ L(θ; c)), θ = π/2 + τ(w (t + t₀)).
 ///
 /// The paper scales after rotating, which shears a rotated curve; here the scaled curve is rotated, so its shape does
 /// not depend on ψ. The warp starts from rest with velocity continuous, but its second derivative jumps at t = 0 from
@@ -27,11 +27,21 @@ pub struct Lemniscate {
     pub origin: [f64; 3],
     /// Yaw of the vehicle, rad. Default 0.
     pub yaw: f64,
+    /// t₀, how far the path is at t = 0, s, ≥ 0. Default 0, at rest.
+    pub ahead: f64,
 }
 
 impl Default for Lemniscate {
     fn default() -> Self {
-        Self { rate: 1.0, scale: [2.5, 2.5, 1.2], vertical: 0.6, rotation: 0.0, origin: [0.0, 0.0, 2.0], yaw: 0.0 }
+        Self {
+            rate: 1.0,
+            scale: [2.5, 2.5, 1.2],
+            vertical: 0.6,
+            rotation: 0.0,
+            origin: [0.0, 0.0, 2.0],
+            yaw: 0.0,
+            ahead: 0.0,
+        }
     }
 }
 
@@ -66,7 +76,8 @@ impl Curve for Lemniscate {
         coordinates("lemniscate.vertical", &[self.vertical])?;
         coordinates("lemniscate.rotation", &[self.rotation])?;
         coordinates("lemniscate.origin", &self.origin)?;
-        coordinates("lemniscate.yaw", &[self.yaw])
+        coordinates("lemniscate.yaw", &[self.yaw])?;
+        within("lemniscate.ahead", &[self.ahead], 0.0, 1e6)
     }
 
     #[inline(always)]
@@ -76,7 +87,8 @@ impl Curve for Lemniscate {
 
     #[inline(always)]
     fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
-        let phase = S::constant(std::f64::consts::FRAC_PI_2) + lemniscate_phase(S::constant(self.rate), t);
+        let phase = S::constant(std::f64::consts::FRAC_PI_2)
+            + lemniscate_phase(S::constant(self.rate), t + S::constant(self.ahead));
         let curve = lemniscate_curve(phase, S::constant(self.vertical));
         let (x, y) = (S::constant(self.scale[0]) * curve[0], S::constant(self.scale[1]) * curve[1]);
         let (s, c) = (S::constant(self.rotation.sin()), S::constant(self.rotation.cos()));

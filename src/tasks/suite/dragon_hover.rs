@@ -3,6 +3,7 @@
 //! - DIFFERENCE: the whole body counts (defect 28): the mean of its links flies to the target, not link 0; Δs is that of
 //!   all rotors and reported (published: always 0). The heading stays that of link 0, so the chain may bend as it likes.
 //! - DIFFERENCE: starts with d > 3.8 are drawn again; 4 ends an episode.
+//! - DIFFERENCE: joints are observed by cosine and sine, alike after whole turns; published ones by angles/π.
 //! - DIFFERENCE: links are observed relative to the target, so that nothing depends on where the world begins.
 
 use super::hover::set_heading;
@@ -21,7 +22,6 @@ use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{both, exponential_kernel, smooth_norm};
 use crate::tasks::robot::{Robot, benchmark_motors};
 use crate::tasks::task::{ANY_YAW, Start, Task, TaskReference, View};
-use std::f64::consts::FRAC_1_PI;
 
 /// Links.
 const LINKS: usize = 4;
@@ -164,12 +164,12 @@ impl Task for DragonHover {
             out.array(self.link(view, i).up());
         }
         view.observe_throttle(0, out);
-        out.field("gimbals", "half turns", "angles/π, x then y of every link");
+        out.field("gimbals", "-", "(cos, sin) of the angles, x then y of every link").within(-1.0, 1.0);
         for i in 0..DRIVES {
             if i == GIMBALS {
-                out.field("bends", "half turns", "angles/π, y then z of every joint");
+                out.field("bends", "-", "(cos, sin) of the angles, y then z of every joint").within(-1.0, 1.0);
             }
-            out.number(view.state.get(view.robot.drone().drives[i].angle) * S::constant(FRAC_1_PI));
+            out.array(view.turned(view.robot.drone().drives[i].angle));
         }
         out.field("heading_error", "-, world", "h_t − h").within(-2.0, 2.0).array(Self::heading_error(view));
         view.observe_clock(out);

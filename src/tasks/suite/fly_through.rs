@@ -1,5 +1,8 @@
 //! FlyThrough: fly through a gate that slides sideways.
 //!
+//! The gate has the same size in all episodes: a shape of a body is none of the numbers that may differ between environments.
+//! What makes its passage easier is `gate_ease`, the share of its offset.
+//!
 //! - DIFFERENCE: gate observations, rewards and ends read the frame; the published ones its fixed mount (defect 19).
 //! - DIFFERENCE: the slide is damped, ζ = 0.14, so the gate comes to rest; the published one swings for ever (defect 20).
 //!   `gate_damping` = 0 is the published gate.
@@ -10,8 +13,8 @@
 
 use super::obstacles::{NEARNESS, Skin, nearness, rounded, softened, touches, touching, where_on};
 use super::{
-    MotionLoss, PoseReward, StartAttitude, StartRange, ease_of_flight, farther, latch, less, made_of, more, nearer,
-    rate_cost, speed_cost, succeeds_once, times,
+    MotionLoss, PoseReward, StartAttitude, StartRange, along_the_course, ease_of_flight, eased, farther, latch, less,
+    made_of, more, nearer, rate_cost, speed_cost, succeeds_once, times,
 };
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::assembly::{Member, single};
@@ -29,6 +32,8 @@ use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, sti
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, View};
 
+/// Starts on the way are no nearer to the gate, m.
+const CLEAR: f64 = 0.5;
 /// Beside the gate's middle the term gate falls no further than this, m: beyond where flights end.
 const FAR_BESIDE: f64 = 5.0;
 
@@ -45,12 +50,14 @@ settings! {
         horizon: usize = 500 => ("steps", "T", Any);
         gate_position: [f64; 3] = [0.0, 0.0, 2.0] => ("m, world", "of the gate at rest", Any);
         gate_offset: f64 = 1.0 => ("m", "largest offset of the gate at the start, along y", NotNegative);
+        gate_ease: f64 = 1.0 => ("-", "factor of that offset at difficulty 0", NotNegative);
         gate_damping: f64 = 1.0 => ("N s/m", "of the gate's slide", NotNegative);
         gate_aperture: f64 = 0.5 => ("m", "farther beside the gate's middle along y or z it is missed", Positive);
         reset_on_collision: bool = false => ("", "whether touch ends the episode", Any);
         target: [[f64; 2]; 3] = [[1.5, 2.5], [-1.0, 1.0], [1.5, 2.5]]
             => ("m, world", "p_t, lowest and highest per axis", Ordered);
         start: StartRange = start_range() => group;
+        start_along: f64 = 0.0 => ("-", "share of episodes that begin anywhere on the way to the target", Share);
         min_height: f64 = 0.2 => ("m", "lower is a crash", Any);
         max_height: f64 = 2.5 => ("m", "higher ends the episode", Any);
         max_side: f64 = 2.0 => ("m", "farther along y ends the episode", Positive);
@@ -137,9 +144,13 @@ impl Task for FlyThrough {
         let own = &self.settings;
         let target = own.target.map(|[low, high]| start.task.uniform(low, high));
         set_target(start, target);
-        start.state[self.slide] = start.task.uniform(-own.gate_offset, own.gate_offset);
+        let offset = start.task.uniform(-own.gate_offset, own.gate_offset);
+        start.state[self.slide] = eased(own.gate_ease, start.difficulty) * offset;
         let (position, attitude) = own.start.draw(start);
+        let position = along_the_course(start, own.start_along, position, target, CLEAR);
         start.place(0, position, attitude);
+        // what begins behind the gate has crossed it
+        start.task_state[0] = f64::from(u8::from(position[0] > own.gate_position[0]));
     }
 
     #[inline(always)]

@@ -3,7 +3,8 @@
 //! - DIFFERENCE: total mass everywhere (defect 5).
 //! - DIFFERENCE: no contact: drones that come closer than 0.23 m end the episode before they touch.
 
-use super::team::{apart, lowest, mean_throttle_difference, observe_others, squared_separation};
+use super::assignment::{MOST, assign};
+use super::team::{CROWD, apart, crowded, lowest, mean_throttle_difference, observe_others, squared_separation};
 use super::{PoseLoss, StartAttitude, less, made_of, more, nearer, rate_cost, speed_cost, times};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
@@ -22,8 +23,6 @@ use serde::{Deserialize, Serialize};
 
 /// When our controllers have every drone at its point, s.
 const ARRIVAL: f64 = 4.0;
-/// Most drones: each sees all others.
-const MOST: usize = 32;
 
 /// A figure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -76,25 +75,10 @@ fn flat(points: &[[f64; 2]]) -> Vec<[f64; 3]> {
     points.iter().map(|[x, y]| [*x, *y, 0.0]).collect()
 }
 
-/// Which point each drone takes: swaps of two no longer shorten the sum of squared ways. On straight ways of the least sum,
-/// flown together, drones that begin and end apart stay apart (Turpin, Michael and Kumar 2014, theorem 3.1).
-fn places(from: &[Vec3<f64>], to: &[Vec3<f64>]) -> Vec<usize> {
-    let cost = |i: usize, j: usize| safe::squared_norm(sub(to[j], from[i]));
-    let mut places: Vec<usize> = (0..from.len()).collect();
-    let mut better = true;
-    while better {
-        better = false;
-        for i in 0..places.len() {
-            for k in 0..i {
-                let (a, b) = (places[i], places[k]);
-                if cost(i, b) + cost(k, a) < cost(i, a) + cost(k, b) - 1e-9 {
-                    places.swap(i, k);
-                    better = true;
-                }
-            }
-        }
-    }
-    places
+/// Which point each drone takes: the assignment of the least sum of squared ways. On straight ways of that sum, flown together,
+/// drones that begin and end apart stay apart (Turpin, Michael and Kumar 2014, theorem 3.1).
+fn places(from: &[Vec3<f64>], to: &[Vec3<f64>]) -> [usize; MOST] {
+    assign(from.len(), |i, j| safe::squared_norm(sub(to[j], from[i])))
 }
 
 settings! {
@@ -123,6 +107,7 @@ settings! {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
         formation: Figure = Figure::Named(Named::Hexagon)
             => ("m", "one drone per point: \"hexagon\" (7), \"tetragon\" (5) or a list of points", Any);
+        observe_place: bool = false => ("", "whether each drone sees the way to the point that it takes", Any);
         horizon: usize = 600 => ("steps", "T", Any);
         center: [f64; 3] = [0.0, 0.0, 1.5] => ("m, world", "p_c", Any);
         start: StartGrid = StartGrid::default() => group;
@@ -134,6 +119,7 @@ settings! {
         shape_scale: f64 = 1.6 => ("1/m", "how steeply r_f falls", NotNegative);
         reward: FormationReward = FormationReward::default() => group;
         loss: PoseLoss = PoseLoss::default() => group;
+        loss_crowd: f64 = 1.0 => ("m", "weight of drones too close to each other in the loss", NotNegative);
         loss_separation: f64 = 0.8 => ("m", "least distance of two drones that costs nothing in the loss", Positive);
     }
 }
@@ -213,17 +199,21 @@ impl Formation {
         most
     }
 
-    /// C: the Chamfer distance of both figures, smooth at 0. Unlike H it says to every drone where to go.
+    /// p_c + f_i − p_i: what drone i has to go to its place.
     #[inline(always)]
-    fn chamfer<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        let (n, mean) = (self.figure.len(), self.mean(view));
-        let smooth = |squared: S| (squared + S::constant(0.01)).sqrt();
-        let mut sum = S::zero();
-        for i in 0..n {
-            let (of_drone, of_point) = self.nearest(view, mean, i);
-            sum += smooth(of_drone) + smooth(of_point);
-        }
-        sum * S::constant(0.5 / n as f64)
+    fn way<S: Scalar>(&self, view: &View<'_, S>, i: usize) -> Vec3<S> {
+        let place = add(constants(self.settings.center), view.goal.array(3 * i));
+        sub(place, view.drone(i).position)
+    }
+
+    /// Keeps the point of the figure that each drone takes from here.
+    fn take_places(&self, start: &mut Start<'_>, from: &[Vec3<f64>]) {
+        let to = self.figure.iter().map(|f| add(self.settings.center, *f));
+        let mut points = [[0.0; 3]; MOST];
+        points.iter_mut().zip(to).for_each(|(point, to)| *point = to);
+        let taken = places(from, &points[..from.len()]);
+        start.goal.field("places", "m", "f of the point that each drone takes, less the figure's mean");
+        (0..from.len()).for_each(|i| start.goal.array(self.figure[taken[i]]));
     }
 
     /// Mean of h_x.
@@ -252,16 +242,16 @@ impl Task for Formation {
         "p_i, v_i, ω_i drones (world), p̄ their mean place, f_i the figure's points, f̄ their mean, h_i headings, sep \
          the least distance of two drones, r_s = min((sep/{separation} m)², 1), k steps. H: the larger of max_i min_j \
          ‖(p_i − p̄) − (f_j − f̄)‖ and max_j min_i of the same: the Hausdorff distance of both figures, whoever takes \
-         which place, neither turned nor scaled. C is their Chamfer distance, ½ mean_i √(min_j ‖·‖² + 0.1²) + ½ \
-         mean_j √(min_i ‖·‖² + 0.1²). c = ‖p̄ − p_c‖ with the centre p_c = {center} m. Start: different cells of a \
+         which place, neither turned nor scaled. c = ‖p̄ − p_c‖ with the centre p_c = {center} m. Start: different cells of a \
          grid of {start_cells} cells from {start_first} m on in steps of {start_step} m, at their centres; roll and \
-         pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest."
+         pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest. There the drones take points by the least \
+         sum of squared ways, f_i for drone i: the loss asks for those, reward and success for any."
     }
 
     fn start(&self, start: &mut Start<'_>) {
         let grid = &self.settings.start;
         let [nx, ny, nz] = grid.cells;
-        let mut taken = [u64::MAX; MOST];
+        let (mut taken, mut from) = ([u64::MAX; MOST], [[0.0; 3]; MOST]);
         for i in 0..self.figure.len() {
             let mut cell = start.reset.below(nx * ny * nz);
             while taken[..i].contains(&cell) {
@@ -272,12 +262,17 @@ impl Task for Formation {
             let position = [0, 1, 2].map(|k| grid.first[k] + grid.step[k] * index[k] as f64);
             let attitude = grid.attitude.draw(start);
             start.place(i, position, attitude);
+            from[i] = position;
         }
+        self.take_places(start, &from[..self.figure.len()]);
     }
 
     #[inline(always)]
     fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
         self.observe_own(view, agent, out);
+        if self.settings.observe_place {
+            out.field("place", "m, world", "p_c + f_i − p_i of the point that it takes").array(self.way(view, agent));
+        }
         view.observe_clock(out);
         observe_others(view, agent, true, out);
     }
@@ -347,13 +342,13 @@ impl Task for Formation {
             own += speed_cost(w.motion.velocity, drone.velocity);
             own += rate_cost(w.motion.rate, drone.angular_velocity);
             own += times(w.turn, S::one() - drone.heading()[0]);
+            own += smooth_norm(self.way(view, i), w.motion.radius);
         }
         let mean = S::constant(1.0 / self.figure.len() as f64) * own;
-        loss.add("C", self.chamfer(view));
-        loss.add("√(c² + {loss_radius}²)", smooth_norm(self.offset(view), w.motion.radius));
-        let missing = (S::one() - apart(view, self.settings.loss_separation)).square();
-        loss.add("(1 − min((sep/{loss_separation} m)², 1))²", missing);
-        loss.add("mean({×loss_velocity}h₅(v_i) + {×loss_rate}h₁₀(ω_i) + {×loss_turn}(1 − h_i,x))", mean);
+        loss.add(CROWD, crowded(self.settings.loss_crowd, view, self.settings.loss_separation));
+        let formula = "mean(√(‖p_c + f_i − p_i‖² + {loss_radius}²) + {×loss_velocity}h₅(v_i) + {×loss_rate}h₁₀(ω_i) + \
+             {×loss_turn}(1 − h_i,x))";
+        loss.add(formula, mean);
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
@@ -364,13 +359,17 @@ impl Task for Formation {
             let end = Waypoint { time: ARRIVAL, position: to[place], yaw: 0.0 };
             Waypoints::new(vec![start, end]).ok().map(Reference::Waypoints)
         };
-        let references = places(&from, &to).into_iter().enumerate().map(way).collect::<Option<Vec<_>>>()?;
+        let references =
+            places(&from, &to)[..from.len()].iter().copied().enumerate().map(way).collect::<Option<Vec<_>>>()?;
         Some(TaskReference { references, tilt: Tilt::LEVEL, follower: None })
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
+        let mut from = [[0.0; 3]; MOST];
         for i in 0..self.figure.len() {
-            start.place(i, add(self.settings.center, self.figure[i]), [1.0, 0.0, 0.0, 0.0]);
+            from[i] = add(self.settings.center, self.figure[i]);
+            start.place(i, from[i], [1.0, 0.0, 0.0, 0.0]);
         }
+        self.take_places(start, &from[..self.figure.len()]);
     }
 }

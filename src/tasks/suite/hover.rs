@@ -6,8 +6,8 @@
 //! - DIFFERENCE: total mass everywhere; the published hover throttle counts the base link alone (defect 5).
 
 use super::{
-    PoseLoss, PoseReward, PoseSuccess, StartRange, ease_of_flight, farther, less, made_of, rate_cost, speed_cost,
-    squared, succeeds_within, times,
+    PoseLoss, PoseReward, PoseSuccess, StartRange, drive_loss, ease_of_flight, farther, less, made_of, rate_cost,
+    speed_cost, squared, succeeds_within, times,
 };
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, rotate, sub, yawed};
@@ -33,6 +33,7 @@ settings! {
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward::default() => group;
         loss: PoseLoss = PoseLoss::default() => group;
+        loss_drives: f64 = 0.01 => ("m s²/rad²", "weight of the rates of drives in the loss", NotNegative);
     }
 }
 
@@ -142,6 +143,7 @@ impl Task for Hover {
         loss.add("{×loss_velocity}h₅(v)", speed_cost(w.motion.velocity, drone.velocity));
         loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, drone.angular_velocity));
         loss.add("{×loss_turn}‖h_t − h‖²", squared(w.turn, Self::heading_error(view)));
+        drive_loss(self.settings.loss_drives, view, loss);
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

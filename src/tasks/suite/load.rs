@@ -11,7 +11,9 @@
 //! 3898; without them none of 3879 did. Tumbling so far, a flight is lost.
 
 use super::obstacles::{Bars, BarsSettings, rounded, softened, touching};
-use super::{MotionLoss, PathSuccess, StartAttitude, StartRange, farther, latch, rate_cost, speed_cost, times};
+use super::{
+    MotionLoss, PathSuccess, StartAttitude, StartRange, along_the_course, latch, rate_cost, speed_cost, times,
+};
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::{Carried, LoadPath, Reference};
 use crate::dynamics::Vehicle;
@@ -28,7 +30,7 @@ use crate::tasks::declare::{Loss, Writer};
 use crate::tasks::reward::smooth_norm;
 use crate::tasks::robot::{Inertial, Robot};
 use crate::tasks::task::{Start, TaskReference, View};
-use crate::tasks::track_path::{PathRange, TrackPath};
+use crate::tasks::track_path::{Follow, PathRange, TrackPath};
 use std::f64::consts::PI;
 
 /// m.
@@ -57,8 +59,11 @@ settings! {
     /// A ball that follows a path.
     pub struct LoadTrackSettings {
         load: LoadSettings = LoadSettings::default() => flat;
-        reset_distance: f64 = 0.8 => ("m", "largest distance of the ball from the path", Positive);
-        path: PathRange = PathRange { rate: [0.7, 1.0], ..PathRange::default() } => group;
+        follow: Follow = Follow {
+            reset_distance: 0.8,
+            path: PathRange { rate: [0.7, 1.0], ..PathRange::default() },
+            ..Follow::default()
+        } => flat;
         start: StartAttitude = StartAttitude { tilt: 0.1 * PI, ..StartAttitude::default() } => group;
         success: PathSuccess = PathSuccess::default() => group;
         pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
@@ -73,6 +78,7 @@ settings! {
         bars: BarsSettings = BarsSettings::default() => flat;
         reset_on_collision: bool = false => ("", "whether touch ends the episode", Any);
         start: StartRange = StartRange::default() => group;
+        start_along: f64 = 0.0 => ("-", "share of episodes that begin anywhere on the way to the target", Share);
         min_height: f64 = 0.2 => ("m", "lower is a crash", Any);
         max_side: f64 = 2.0 => ("m", "farther along y ends the episode", Positive);
         success_distance: f64 = 0.2 => ("m", "position error of a success", Positive);
@@ -297,7 +303,7 @@ impl LoadTrack {
     /// # Errors
     /// As [`Load::new`].
     pub(super) fn new(config: &EnvConfig, settings: &LoadTrackSettings, side: Side) -> Result<Self> {
-        Ok(Self { load: Load::new(config, &settings.load, side)?, path: TrackPath::new(&settings.path, config.dt) })
+        Ok(Self { load: Load::new(config, &settings.load, side)?, path: TrackPath::new(&settings.follow, config.dt) })
     }
 
     /// Where the drone must be for the ball to follow the path.
@@ -314,10 +320,11 @@ impl LoadTrack {
         for _ in 0..100 {
             let attitude = settings.start.draw(start);
             let ball = self.load.place(start, position, attitude);
-            if safe::norm(sub(first, ball)) < settings.reset_distance {
+            if safe::norm(sub(first, ball)) < settings.follow.reset_distance {
                 break;
             }
         }
+        self.path.join(start, LOAD, Some(-self.load.sign * start.goal[0]));
     }
 
     /// p_ref(k) − q.
@@ -333,10 +340,10 @@ impl LoadTrack {
         self.path.observe(&view.goal.from(LOAD), view.step, POINTS, self.load.ball(view).position, out);
     }
 
-    /// d > `reset_distance`.
+    /// d > the reset distance of the episode.
     #[inline(always)]
-    pub(super) fn far<S: Scalar>(&self, settings: &LoadTrackSettings, view: &View<'_, S>) -> S::Mask {
-        farther(self.error(view), settings.reset_distance)
+    pub(super) fn far<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
+        self.path.far(&view.goal.from(LOAD), self.error(view))
     }
 
     /// Distance, slip against the path and the drone's rate.
@@ -354,6 +361,9 @@ impl LoadTrack {
         self.load.place(start, position, [1.0, 0.0, 0.0, 0.0]);
     }
 }
+
+/// Starts on the way are no nearer to the bars, m.
+const CLEAR: f64 = 0.8;
 
 /// A load with two bars in the way, whose heights follow it in the goal: what both fly-through tasks share.
 #[derive(Debug, Clone)]
@@ -380,6 +390,20 @@ impl LoadCourse {
     pub(super) fn draw(&self, start: &mut Start<'_>) {
         self.load.draw(start);
         self.bars.draw(start);
+    }
+
+    /// A start, as [`Load::place`]: at `ball_target`'s side of the bars too, where the settings say so.
+    pub(super) fn begin(
+        &self,
+        settings: &LoadCourseSettings,
+        start: &mut Start<'_>,
+        ball_target: Vec3<f64>,
+    ) -> Vec3<f64> {
+        let (position, attitude) = settings.start.draw(start);
+        let to = self.load.drone_of(start, ball_target);
+        // a tilted bar reaches farther than the drone
+        let position = along_the_course(start, settings.start_along, position, to, CLEAR);
+        self.load.place(start, position, attitude)
     }
 
     /// Keeps whether the goal was reached once.

@@ -4,6 +4,7 @@
 //!
 //! - DIFFERENCE: metrics are those of the step; published ones are running means from 0, mostly 0.8 old + 0.2 new.
 
+mod assignment;
 pub mod dragon_hover;
 pub mod fly_through;
 pub mod formation;
@@ -34,6 +35,7 @@ mod tests_multi;
 #[cfg(test)]
 mod tests_single;
 
+use super::declare::Loss;
 use super::reward::pseudo_huber;
 use super::task::{ANY_YAW, START_TILT, Start, View};
 use crate::autodiff::{Scalar, safe};
@@ -53,11 +55,11 @@ impl StartAttitude {
     /// Roll, pitch and yaw, uniform.
     pub fn draw(&self, start: &mut Start<'_>) -> Quat<f64> {
         let share = self.share(start);
-        start.attitude(share * self.tilt, eased(self.yaw, share))
+        start.attitude(share * self.tilt, narrowed(self.yaw, share))
     }
 
     fn share(&self, start: &Start<'_>) -> f64 {
-        1.0 - (1.0 - self.ease) * (1.0 - start.difficulty)
+        eased(self.ease, start.difficulty)
     }
 }
 
@@ -74,12 +76,34 @@ impl StartRange {
     /// Position, then roll, pitch and yaw, uniform.
     pub fn draw(&self, start: &mut Start<'_>) -> (Vec3<f64>, Quat<f64>) {
         let share = self.attitude.share(start);
-        (start.position(self.position.map(|range| eased(range, share))), self.attitude.draw(start))
+        (start.position(self.position.map(|range| narrowed(range, share))), self.attitude.draw(start))
     }
 }
 
+/// A factor of a curriculum that is `ease` at difficulty 0 and 1 at difficulty 1.
+pub(crate) fn eased(ease: f64, difficulty: f64) -> f64 {
+    1.0 - (1.0 - ease) * (1.0 - difficulty)
+}
+
+/// Where an episode begins that should begin at `from`: in the share `along` anywhere on the straight way to `to`, but no nearer
+/// than `clear` to the obstacles at x = 0.
+pub(crate) fn along_the_course(
+    start: &mut Start<'_>,
+    along: f64,
+    from: Vec3<f64>,
+    to: Vec3<f64>,
+    clear: f64,
+) -> Vec3<f64> {
+    if along == 0.0 || start.reset.unit() >= along {
+        return from;
+    }
+    let share = start.reset.unit();
+    let [x, y, z] = [0, 1, 2].map(|i| from[i] + share * (to[i] - from[i]));
+    [if x.abs() < clear { clear.copysign(x) } else { x }, y, z]
+}
+
 /// A share of a range, about its middle.
-fn eased([low, high]: [f64; 2], share: f64) -> [f64; 2] {
+fn narrowed([low, high]: [f64; 2], share: f64) -> [f64; 2] {
     let (middle, half) = (0.5 * (low + high), 0.5 * share * (high - low));
     if share == 1.0 { [low, high] } else { [middle - half, middle + half] }
 }
@@ -153,6 +177,20 @@ pub(crate) fn speed_cost<S: Scalar, const N: usize>(weight: f64, velocity: [S; N
 #[inline(always)]
 pub(crate) fn rate_cost<S: Scalar, const N: usize>(weight: f64, rate: [S; N]) -> S {
     times(weight, pseudo_huber(rate, SPINNING))
+}
+
+/// Adds w mean h₁₀(q̇) over the drives of the only drone, where it has any.
+#[inline(always)]
+pub(crate) fn drive_loss<S: Scalar>(weight: f64, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+    let drives = &view.robot.drone().drives;
+    if drives.is_empty() {
+        return;
+    }
+    let mut sum = S::zero();
+    for i in 0..drives.len() {
+        sum += rate_cost(weight / drives.len() as f64, [view.state.get(drives[i].rate)]);
+    }
+    loss.add("{×loss_drives}mean h₁₀(q̇) over the drives", sum);
 }
 
 /// ‖x‖ < `limit`.

@@ -9,7 +9,7 @@
 //! 4 ms resolve that (√(3k√δ/2m) ≈ 100 rad/s for all of it, 230 rad/s for a fifth of its mass). What flies is the vehicle, or
 //! a team with what it holds: its thin bars are thinner than the way on which a vehicle's share of k would stop it. Ours.
 
-use super::times;
+use super::{eased, times};
 use crate::autodiff::{Mask, Scalar, StridedView};
 use crate::dynamics::assembly::{Member, rod};
 use crate::dynamics::configurations::environment;
@@ -256,7 +256,7 @@ impl Bars {
     /// Draws their heights into the goal.
     pub(super) fn draw(&self, start: &mut Start<'_>) {
         let [low, high] = self.settings.spacing;
-        let factor = 1.0 - (1.0 - self.settings.spacing_ease) * (1.0 - start.difficulty);
+        let factor = eased(self.settings.spacing_ease, start.difficulty);
         let heights = [LOW, LOW + factor * start.task.uniform(low, high)];
         start.goal.field("bars", "m, world", "z of lower and upper bar").array(heights);
         for (place, z) in self.numbers.into_iter().zip(heights) {

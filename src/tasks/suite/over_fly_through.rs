@@ -11,13 +11,15 @@ use super::obstacles::{NEARNESS, Skin, course, nearness, rounded, touches, touch
 use super::over::*;
 use super::team::{ALL_BEYOND, CourseLoss, TeamSettings, arrived, clearance, lowest, observe_load, remember_course};
 use super::{
-    PoseReward, PoseSuccess, StartAttitude, StartRange, less, made_of, more, nearer, observes_team, succeeds_once,
+    PoseReward, PoseSuccess, StartAttitude, StartRange, along_the_course, eased, less, made_of, more, nearer,
+    observes_team, succeeds_once,
 };
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::assembly::rod;
 use crate::dynamics::scene::{Obstacle, Scene};
 use crate::dynamics::shape::Pose;
-use crate::dynamics::spatial::{Vec3, constants};
+use crate::dynamics::spatial::Vec3;
+use crate::dynamics::tree::parameters::static_parameters;
 use crate::error::Result;
 use crate::settings;
 use crate::tasks::config::EnvConfig;
@@ -29,12 +31,28 @@ use crate::tasks::task::{Start, Task, View};
 use crate::tasks::task_spec::Smoothness;
 use std::f64::consts::PI;
 
-/// Poles at x = 0 and these y, m.
+/// Poles at x = 0 and these multiples of their spacing along y.
 const POLES: [f64; 3] = [-1.0, 0.0, 1.0];
 /// Of a pole, m.
 const RADIUS: f64 = 0.05;
 /// Of a pole, m.
 const HEIGHT: f64 = 5.0;
+
+/// Place of the spacing in the goal.
+const SPACING: usize = 6;
+/// Starts on the way are no nearer to the poles with the middle of the frame, m: less than its arms, but tilted ones fit.
+const CLEAR: f64 = 0.5;
+
+/// The middles of the poles.
+#[inline(always)]
+fn axes<S: Scalar>(spacing: S) -> [[Vec3<S>; 2]; POLES.len()] {
+    let mut axes = [[[S::zero(); 3]; 2]; POLES.len()];
+    for i in 0..POLES.len() {
+        let y = spacing * S::constant(POLES[i]);
+        axes[i] = [[S::zero(), y, S::zero()], [S::zero(), y, S::constant(HEIGHT)]];
+    }
+    axes
+}
 
 /// Where starts are.
 fn start_range() -> StartRange {
@@ -50,6 +68,9 @@ settings! {
         reset_on_collision: bool = false => ("", "whether touching a pole ends the episode", Any);
         target: TargetPose = TargetPose { position: [2.0, 0.0, 2.25], ..TargetPose::default() } => group;
         start: StartRange = start_range() => group;
+        start_along: f64 = 0.0 => ("-", "share of episodes that begin anywhere on the way to the target", Share);
+        pole_spacing: f64 = 1.0 => ("m", "of the poles", Positive);
+        spacing_ease: f64 = 1.0 => ("-", "factor of the spacing at difficulty 0", Positive);
         min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
         max_side: f64 = 1.5 => ("m", "farther along y ends the episode", Positive);
         success: PoseSuccess = PoseSuccess { distance: 0.2, ..PoseSuccess::default() } => group;
@@ -67,6 +88,8 @@ pub struct OverFlyThrough {
     skin: Skin,
     /// Of starts.
     rest: Skin,
+    /// Where the poles' y stand among the robot's numbers.
+    poles: [usize; POLES.len()],
 }
 
 impl BuiltIn for OverFlyThrough {
@@ -76,26 +99,35 @@ impl BuiltIn for OverFlyThrough {
         let team = platform(&rounded(&vehicle), settings.team.n_drone, 0.001)?;
         let pole = |(i, y): (usize, &f64)| Obstacle {
             name: format!("pole_{i}"),
-            shape: rod([0.0, *y, 0.0], [0.0, *y, HEIGHT], RADIUS),
+            shape: rod([0.0, y * settings.pole_spacing, 0.0], [0.0, y * settings.pole_spacing, HEIGHT], RADIUS),
         };
         let obstacles = POLES.iter().enumerate().map(pole).collect();
         let model = course("over_fly_through", team, &Scene { obstacles, ..Scene::default() })?;
         let mut physics = touching(config);
         physics.effects.downwash = true;
         let robot = Robot::of_model(&model, physics, Some(&vehicle), |_| Vec::new())?;
-        Ok(Self { settings, skin: Skin::of(&model), rest: Skin::at_rest(&robot, &model), robot })
+        let y = |i| static_parameters(model.bodies().len(), model.rotors().len(), i) + 1;
+        let poles: [usize; POLES.len()] = std::array::from_fn(y);
+        let rest = Skin::at_rest(&robot, &model);
+        // numbers that may differ cost time, in physics and in gradients
+        let robot = if settings.spacing_ease == 1.0 { robot } else { robot.varying(poles) };
+        Ok(Self { settings, skin: Skin::of(&model), rest, robot, poles })
     }
 }
 
 impl OverFlyThrough {
-    /// The middles of the poles.
+    /// Keeps the spacing of the poles, and moves them.
+    fn space(&self, start: &mut Start<'_>) -> f64 {
+        let spacing = self.settings.pole_spacing * eased(self.settings.spacing_ease, start.difficulty);
+        start.goal.field("pole_spacing", "m", "of the poles").number(spacing);
+        self.poles.iter().zip(POLES).for_each(|(y, pole)| start.numbers[*y] = spacing * pole);
+        spacing
+    }
+
+    /// Least distance to a pole, m.
     #[inline(always)]
-    fn axes<S: Scalar>() -> [[Vec3<S>; 2]; POLES.len()] {
-        let mut axes = [[[S::zero(); 3]; 2]; POLES.len()];
-        for i in 0..POLES.len() {
-            axes[i] = [constants([0.0, POLES[i], 0.0]), constants([0.0, POLES[i], HEIGHT])];
-        }
-        axes
+    fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        self.skin.clearance(view, axes(view.goal.get(SPACING)), RADIUS)
     }
 
     #[inline(always)]
@@ -110,7 +142,8 @@ impl OverFlyThrough {
         observe_error(&self.error(view), out);
         out.field("poles", "m, world", "(x, y) of every pole − (x, y) of the frame");
         for i in 0..POLES.len() {
-            out.array([-frame.position[0], S::constant(POLES[i]) - frame.position[1]]);
+            let y = view.goal.get(SPACING) * S::constant(POLES[i]);
+            out.array([-frame.position[0], y - frame.position[1]]);
         }
         observe_load(view, &FRAME_NAMES, &frame, out);
     }
@@ -122,18 +155,21 @@ impl Task for OverFlyThrough {
     fn about(&self) -> &'static str {
         "p, h, u, v, ω frame (world), p_i drones, e_i = Σ s effort of drone i, c clearance: the least distance of the \
          robot's bodies to a pole, negative in contact. Poles: three vertical capsules of radius 0.05 m and length 5 m \
-         about z = 2.5 m, at x = 0, y = −1, 0, 1 m; the robot's arms reach 0.85 m. Target: {target_position} m, heading \
+         about z = 2.5 m, at x = 0, {pole_spacing} m apart along y about 0; the robot's arms reach 0.85 m. Target: {target_position} m, heading \
          h_t and up u_t of an attitude with roll and pitch within ±{target_tilt} rad and yaw within {target_yaw} rad. \
          Start: frame uniform in {start_position} m, roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} \
          rad, at rest, joints at zero. d = ‖(p_t − p, h_t − h, u_t − u)‖."
     }
 
     fn start(&self, start: &mut Start<'_>) {
-        self.settings.target.draw(start);
+        let own = &self.settings;
+        own.target.draw(start);
+        let spacing = self.space(start);
         for _ in 0..100 {
-            let (position, attitude) = self.settings.start.draw(start);
+            let (position, attitude) = own.start.draw(start);
+            let position = along_the_course(start, own.start_along, position, own.target.position, CLEAR);
             start.place(FRAME_BODY, position, attitude);
-            if self.rest.clearance_at(&Pose { position, attitude }, Self::axes(), RADIUS) > 0.0 {
+            if self.rest.clearance_at(&Pose { position, attitude }, axes(spacing), RADIUS) > 0.0 {
                 break;
             }
         }
@@ -144,7 +180,7 @@ impl Task for OverFlyThrough {
         let own = &self.settings.success;
         let aligned = more(heading_alignment(view), own.alignment).and(more(up_alignment(view), own.alignment));
         let near = nearer(place_error(&self.error(view)), own.distance).and(aligned);
-        remember_course(view, near, self.skin.clearance(view, Self::axes(), RADIUS), task_state);
+        remember_course(view, near, self.clearance(view), task_state);
     }
 
     observes_team!(self, FRAME_BODY, false);
@@ -187,5 +223,6 @@ impl Task for OverFlyThrough {
 
     fn ideal(&self, start: &mut Start<'_>) {
         self.settings.target.ideal(start);
+        self.space(start);
     }
 }

@@ -6,8 +6,8 @@
 use super::over::*;
 use super::team::{TeamSettings, lowest, observe_load};
 use super::{
-    PathSuccess, PoseLoss, PoseReward, StartAttitude, farther, less, made_of, observes_team, rate_cost, speed_cost,
-    squared, succeeds_within,
+    PathSuccess, PoseLoss, PoseReward, StartAttitude, less, made_of, observes_team, rate_cost, speed_cost, squared,
+    succeeds_within,
 };
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::Reference;
@@ -21,7 +21,7 @@ use crate::tasks::reward::{exponential_kernel, smooth_norm};
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference, View};
 use crate::tasks::task_spec::Smoothness;
-use crate::tasks::track_path::{PATH, PathRange, TrackPath, about_path};
+use crate::tasks::track_path::{Follow, PATH, PathRange, TrackPath, about_path};
 
 /// Look-ahead points.
 const POINTS: usize = 4;
@@ -36,8 +36,7 @@ settings! {
     pub(crate) struct OverTrackSettings {
         team: TeamSettings = TeamSettings::default() => flat;
         horizon: usize = 500 => ("steps", "T", Any);
-        reset_distance: f64 = 0.5 => ("m", "largest distance from the path", Positive);
-        path: PathRange = wide_path() => group;
+        follow: Follow = Follow { path: wide_path(), ..Follow::default() } => flat;
         look_distance: f64 = 3.0 => ("m", "from the path's middle to the point to look at", Positive);
         start: StartAttitude = StartAttitude::default() => group;
         min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
@@ -61,7 +60,7 @@ pub struct OverTrack {
 impl BuiltIn for OverTrack {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: OverTrackSettings = config.settings()?;
-        let path = TrackPath::new(&settings.path, config.dt);
+        let path = TrackPath::new(&settings.follow, config.dt);
         Ok(Self { robot: free_robot(config, &settings.team)?, settings, path })
     }
 }
@@ -119,6 +118,7 @@ impl Task for OverTrack {
         let [position, _] = self.draw(start);
         let attitude = self.settings.start.draw(start);
         start.place(FRAME_BODY, position, attitude);
+        self.path.join(start, 0, None);
     }
 
     observes_team!(self, FRAME_BODY, false);
@@ -134,7 +134,11 @@ impl Task for OverTrack {
     #[inline(always)]
     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), self.settings.min_height));
-        ends.when("far", "d > {reset_distance} m", farther(self.error(view), self.settings.reset_distance));
+        ends.when(
+            "far",
+            "d > {reset_distance} m, {×reset_ease}times that at difficulty 0",
+            self.path.far(&view.goal, self.error(view)),
+        );
     }
 
     #[inline(always)]

@@ -87,10 +87,9 @@ impl Task for PayloadFlyThrough {
     }
 
     fn start(&self, start: &mut Start<'_>) {
-        self.draw(start);
+        let target = self.draw(start);
         for _ in 0..100 {
-            let (position, attitude) = self.settings.course.start.draw(start);
-            if self.course.load.place(start, position, attitude)[2] > self.settings.ball_min_height {
+            if self.course.begin(&self.settings.course, start, target)[2] > self.settings.ball_min_height {
                 break;
             }
         }

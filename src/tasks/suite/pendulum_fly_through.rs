@@ -9,7 +9,7 @@
 
 use super::load::{BalanceReward, DRAWN_BAR, LoadCourse, LoadCourseSettings, LoadSettings, Side, hold_loss, leaning};
 use super::obstacles::{BarsSettings, NEARNESS, free, nearness, touches, where_on};
-use super::{StartAttitude, StartRange, ease_of_flight, less, made_of, more, nearer, succeeds_once, times};
+use super::{MotionLoss, StartAttitude, StartRange, ease_of_flight, less, made_of, more, nearer, succeeds_once, times};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, sub};
 use crate::error::Result;
@@ -28,6 +28,7 @@ fn course() -> LoadCourseSettings {
         load: LoadSettings { length: [0.85, 0.85], bar_mass: DRAWN_BAR, ..LoadSettings::default() },
         bars: BarsSettings { spacing: [0.9, 1.2], ..BarsSettings::default() },
         start: StartRange { position, attitude: StartAttitude { tilt: 0.15 * PI, ..StartAttitude::default() } },
+        loss: MotionLoss { velocity: 0.1, ..MotionLoss::default() },
         ..LoadCourseSettings::default()
     }
 }
@@ -82,8 +83,8 @@ impl Task for InvPendulumFlyThrough {
     fn start(&self, start: &mut Start<'_>) {
         self.course.draw(start);
         for _ in 0..100 {
-            let (position, attitude) = self.settings.course.start.draw(start);
-            if self.course.load.place(start, position, attitude)[2] < self.settings.ball_max_height {
+            if self.course.begin(&self.settings.course, start, self.settings.target)[2] < self.settings.ball_max_height
+            {
                 break;
             }
         }

@@ -6,8 +6,8 @@
 //! - DIFFERENCE: the ball's share is of the total mass, not of the base link's (defect 5).
 //! - DIFFERENCE: the spin term has ω_z², not ω_z⁴ (defect 14).
 
-use super::load::{BalanceReward, DRAWN_BAR, Load, LoadSettings, Side, hold_loss, leaning};
-use super::{MotionLoss, StartAttitude, StartRange, ease_of_flight, farther, less, made_of, succeeds_within, times};
+use super::load::{BalanceReward, DRAWN_BAR, LOAD, Load, LoadSettings, Side, hold_loss, leaning};
+use super::{MotionLoss, StartAttitude, StartRange, ease_of_flight, eased, less, made_of, succeeds_within, times};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, sub};
 use crate::error::Result;
@@ -18,6 +18,9 @@ use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, still};
 use crate::tasks::task::{Start, Task, TaskReference, View};
 use std::f64::consts::PI;
+
+/// Place of the distance in the goal beyond which the episode ends.
+const FAR: usize = LOAD;
 
 /// Where starts are.
 fn start_range() -> StartRange {
@@ -35,10 +38,11 @@ settings! {
         min_height: f64 = 0.2 => ("m", "lower is a crash", Any);
         min_balance: f64 = 0.2 => ("-", "b below which the ball falls", Any);
         max_distance: f64 = 3.3 => ("m", "largest distance of the ball", Positive);
+        max_distance_ease: f64 = 1.0 => ("-", "factor of the largest distance at difficulty 0", Positive);
         success_distance: f64 = 0.1 => ("m", "position error of a success", Positive);
         pose_scale: f64 = 1.2 => ("1/m", "how steeply the term pose falls", NotNegative);
         reward: BalanceReward = BalanceReward::default() => group;
-        loss: MotionLoss = MotionLoss::default() => group;
+        loss: MotionLoss = MotionLoss { velocity: 0.1, ..MotionLoss::default() } => group;
         loss_balance: f64 = 1.0 => ("m", "weight of the lean in the loss", NotNegative);
     }
 }
@@ -63,6 +67,14 @@ impl InvPendulumHover {
     fn error<S: Scalar>(&self, view: &View<'_, S>) -> Vec3<S> {
         sub(constants(self.settings.target), self.load.ball(view).position)
     }
+
+    /// Draws the load; how far the ball may go follows it in the goal.
+    fn draw(&self, start: &mut Start<'_>) {
+        self.load.draw(start);
+        let own = &self.settings;
+        let far = own.max_distance * eased(own.max_distance_ease, start.difficulty);
+        start.goal.field("max_distance", "m", "beyond which the episode ends").number(far);
+    }
 }
 
 impl Task for InvPendulumHover {
@@ -76,7 +88,7 @@ impl Task for InvPendulumHover {
     }
 
     fn start(&self, start: &mut Start<'_>) {
-        self.load.draw(start);
+        self.draw(start);
         let own = &self.settings;
         for _ in 0..100 {
             let (position, attitude) = own.start.draw(start);
@@ -116,7 +128,8 @@ impl Task for InvPendulumHover {
         let own = &self.settings;
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], own.min_height));
         ends.when("fall", "b < {min_balance}", less(self.load.ball(view).up()[2], own.min_balance));
-        ends.when("far", "d > {max_distance} m", farther(self.error(view), own.max_distance));
+        let far = view.goal.get(FAR).square().lt(safe::squared_norm(self.error(view)));
+        ends.when("far", "d > {max_distance} m, {×max_distance_ease}times that at difficulty 0", far);
     }
 
     #[inline(always)]
@@ -140,7 +153,7 @@ impl Task for InvPendulumHover {
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
-        self.load.draw(start);
+        self.draw(start);
         let position = self.load.drone_of(start, self.settings.target);
         self.load.place(start, position, [1.0, 0.0, 0.0, 0.0]);
     }

@@ -5,7 +5,7 @@
 //! - DIFFERENCE: the ball's share is of the total mass, not of the base link's (defect 5).
 
 use super::load::{LoadTrack, LoadTrackSettings, Side, leaning};
-use super::{ease_of_flight, less, made_of, succeeds_within, times};
+use super::{MotionLoss, ease_of_flight, less, made_of, succeeds_within, times};
 use crate::autodiff::{Scalar, safe};
 use crate::error::Result;
 use crate::settings;
@@ -14,12 +14,14 @@ use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::exponential_kernel;
 use crate::tasks::task::{Start, Task, TaskReference, View};
-use crate::tasks::track_path::{PathRange, about_path};
+use crate::tasks::track_path::{Follow, PathRange, about_path};
 
 /// What both track tasks have, with the numbers of this one.
 fn track() -> LoadTrackSettings {
     let usual = LoadTrackSettings::default();
-    LoadTrackSettings { path: PathRange { origin: [0.0, 0.0, 3.0], ..usual.path }, ..usual }
+    let loss = MotionLoss { velocity: 0.1, ..usual.loss };
+    let path = PathRange { origin: [0.0, 0.0, 3.0], ..usual.follow.path };
+    LoadTrackSettings { follow: Follow { path, ..usual.follow }, loss, ..usual }
 }
 
 settings! {
@@ -90,7 +92,7 @@ impl Task for InvPendulumTrack {
         let own = &self.settings;
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], own.min_height));
         ends.when("fall", "b < {min_balance}", less(self.track.load.ball(view).up()[2], own.min_balance));
-        ends.when("far", "d > {reset_distance} m", self.track.far(&own.track, view));
+        ends.when("far", "d > {reset_distance} m, {×reset_ease}times that at difficulty 0", self.track.far(view));
     }
 
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! What the tasks of several drones share: who sees whom, how far apart they are, what they carry.
 
-use super::{PoseLoss, more};
+use super::{PoseLoss, more, times};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::Vehicle;
 use crate::dynamics::frame::Frame;
@@ -139,6 +139,15 @@ pub(crate) fn squared_separation<S: Scalar>(view: &View<'_, S>) -> S {
 #[inline(always)]
 pub fn apart<S: Scalar>(view: &View<'_, S>, wanted: f64) -> S {
     (squared_separation(view) * S::constant(1.0 / (wanted * wanted))).min(S::one())
+}
+
+/// What training losses pay for drones close to each other, see [`crowded`].
+pub(crate) const CROWD: &str = "{×loss_crowd}(1 − min((sep/{loss_separation} m)², 1))²";
+
+/// w (1 − r_sep)².
+#[inline(always)]
+pub(crate) fn crowded<S: Scalar>(weight: f64, view: &View<'_, S>, wanted: f64) -> S {
+    times(weight, (S::one() - apart(view, wanted)).square())
 }
 
 /// Mean of Δs over the drones.

@@ -22,7 +22,7 @@ const SIZES: [(&str, usize, usize, usize); 8] = [
     ("TransportTrack", 101, 140, 4),
     ("TransportFlyThrough", 96, 135, 4),
     ("Formation", 27 + 6 * 14, 7 * 23, 7),
-    ("DragonHover", 108, 0, 1),
+    ("DragonHover", 108 + 14, 0, 1),
 ];
 
 fn config(n_env: usize, task: &str) -> EnvConfig {
@@ -57,7 +57,7 @@ fn cases() -> Vec<(&'static str, &'static str)> {
 }
 
 #[test]
-fn observations_and_central_states_have_the_published_sizes() {
+fn observations_and_central_states_have_the_published_sizes_but_for_cosines_and_sines() {
     for (name, observation, central, agents) in SIZES {
         let env = Env::make(name, &config(1, "")).unwrap();
         let spec = env.spec();
@@ -374,6 +374,40 @@ fn formations_start_in_different_cells() {
             for j in 0..i {
                 assert_ne!(place(i), place(j));
             }
+        }
+    }
+}
+
+#[test]
+fn poles_stand_where_the_difficulty_wants_them() {
+    for (difficulty, spacing) in [(0.0, 1.5), (0.5, 1.25), (1.0, 1.0)] {
+        let config = EnvConfig { difficulty, ..config(4, "spacing_ease = 1.5") };
+        let mut env = Env::make("OverFlyThrough", &config).unwrap();
+        let mut buffers = Buffers::new(env.spec());
+        env.reset(None, None, &mut buffers.out()).unwrap();
+        let goal = env.goal(0).unwrap();
+        assert_eq!(goal[6], spacing, "{goal:?}");
+        let names: Vec<&str> = env.spec().privileged.iter().map(|(name, _)| name.as_str()).collect();
+        let row = &buffers.privileged[..names.len()];
+        assert!(names.iter().all(|name| name.ends_with("position_y")) && row == [-spacing, 0.0, spacing], "{row:?}");
+        let seen = &buffers.observation[env.spec().observation_range("poles").unwrap()];
+        assert!((seen[5] - seen[3] - spacing).abs() < 1e-6 && (seen[3] - seen[1] - spacing).abs() < 1e-6, "{seen:?}");
+    }
+}
+
+#[test]
+fn every_drone_of_a_formation_has_a_point_of_its_own_and_sees_it_where_asked() {
+    let (env, buffers) = started("Formation", 64, "observe_place = true");
+    let place = env.spec().observation_range("place").unwrap();
+    assert_eq!((place.len(), env.spec().n_observation), (3, 27 + 6 * 14 + 3));
+    for environment in 0..64 {
+        let (goal, state) = (env.goal(environment).unwrap(), env.state(environment).unwrap());
+        for i in 0..7 {
+            let (own, at) = (&goal[3 * i..3 * i + 3], env.robot().roots()[i]);
+            assert!((0..i).all(|j| goal[3 * j..3 * j + 3] != *own), "{goal:?}");
+            let seen = &buffers.observation[(7 * environment + i) * env.spec().n_observation..][place.clone()];
+            let way = [own[0] - state[at], own[1] - state[at + 1], own[2] + 1.5 - state[at + 2]];
+            assert!((0..3).all(|k| (seen[k] - way[k]).abs() < 1e-5), "{seen:?} for {way:?}");
         }
     }
 }

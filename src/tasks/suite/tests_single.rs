@@ -1,10 +1,10 @@
 //! Claims about the tasks of one drone with a gate, a slung ball or an inverted pendulum.
 
 use crate::dynamics::vehicles;
-use crate::tasks::EnvConfig;
 use crate::tasks::env::{Buffers, Env};
 use crate::tasks::robot::{Inertial, RotorPlace};
 use crate::tasks::suite::load::{DRAWN_BAR, Load, LoadSettings, Side};
+use crate::tasks::{Autoreset, Baseline, EnvConfig, evaluate};
 
 /// Mass of a bar that is not drawn, kg.
 const LIGHT_BAR: [f64; 2] = [0.001; 2];
@@ -300,5 +300,115 @@ fn a_target_may_be_anywhere() {
         let there = Env::make(name, &config(1, task)).unwrap();
         let here = Env::make(name, &config(1, "")).unwrap();
         assert_eq!(there.ideal_terms(), here.ideal_terms(), "{name}");
+    }
+}
+
+/// Mean of a figure over the environments after `n` steps with the rotors' speeds held.
+fn after(name: &str, task: &str, n: usize, figure: &str) -> f32 {
+    let (mut env, mut buffers) = started(name, &config(256, task));
+    let actions = steady(&env);
+    for _ in 0..n {
+        env.step(&actions, &mut buffers.out()).unwrap();
+        assert!(buffers.terminated.iter().all(|t| *t == 0), "{name} {task}");
+    }
+    (0..256).map(|i| info(&env, &buffers, figure, i)).sum::<f32>() / 256.0
+}
+
+#[test]
+fn starts_along_the_path_move_and_lean_as_it_asks() {
+    // the mean error after 0.16 s without any control, m; LEANS
+    for (name, most) in [("Track", 0.02), ("PayloadTrack", 0.02), ("InvPendulumTrack", 0.02)] {
+        let usual = "start_tilt = 0.0\nreset_distance = 3.0";
+        let along = after(name, &format!("{usual}\nstart_along = 1.0"), 10, "position_error");
+        println!("{name}: {along:.4} m along the path");
+        assert!(along < most, "{name}: {along}");
+        // at rest where a path begins, the first steps are the same
+        assert!(after(name, usual, 1, "position_error") < 0.01, "{name}");
+    }
+}
+
+#[test]
+fn our_controllers_fly_on_where_a_start_is_along_the_path() {
+    for name in ["Track", "PayloadTrack", "OverTrack"] {
+        let config = EnvConfig { autoreset: Autoreset::Disabled, ..config(32, "start_along = 1.0\nhorizon = 200") };
+        let mut env = Env::make(name, &config).unwrap();
+        let mut own = Baseline::new(&env).unwrap();
+        let e = evaluate(&mut env, &mut own.policy(), &mut |_| ()).unwrap();
+        println!("{name}: {:.3} m, crashed {}", e.mean_error, e.crashed);
+        // a reference that began at rest would be left behind by metres; ALONG
+        assert!(e.crashed == 0.0 && e.mean_error < 0.2, "{name}: {e:?}");
+    }
+}
+
+#[test]
+fn reset_distances_and_offsets_follow_the_difficulty() {
+    for (difficulty, ends) in [(0.0, 0), (0.4, 0), (1.0, 1)] {
+        for (name, task) in [
+            ("Track", "reset_ease = 3.0"),
+            ("InvPendulumHover", "max_distance_ease = 2.0\nmax_distance = 0.5\nmin_balance = -2.0"),
+        ] {
+            let (mut env, mut buffers) = started(name, &EnvConfig { difficulty, ..config(4, task) });
+            let target = if name == "Track" { [0.0; 3] } else { [0.0, 0.0, 1.5] };
+            for i in 0..4 {
+                let mut state = env.state(i).unwrap();
+                if name == "Track" {
+                    state[0] += 0.7;
+                } else {
+                    state[..3].copy_from_slice(&[0.7, 0.0, target[2]]);
+                    state[6..10].copy_from_slice(&[1.0, 0.0, 0.0, 0.0]);
+                }
+                env.set_state(i, &state).unwrap();
+            }
+            let actions = steady(&env);
+            env.step(&actions, &mut buffers.out()).unwrap();
+            assert!(buffers.terminated.iter().all(|t| *t == ends), "{name} at {difficulty}: {:?}", buffers.terminated);
+        }
+        let (env, _) = started("FlyThrough", &EnvConfig { difficulty, ..config(64, "gate_ease = 0.0") });
+        let state = env.state(0).unwrap();
+        let most = (0..64).map(|i| env.state(i).unwrap()[state.len() - 2].abs()).fold(0.0, f32::max);
+        assert!(most <= difficulty as f32 && most >= 0.9 * difficulty as f32, "{most} at {difficulty}");
+    }
+}
+
+#[test]
+fn starts_along_the_course_are_on_both_sides_and_touch_nothing() {
+    for name in ["FlyThrough", "PayloadFlyThrough", "InvPendulumFlyThrough", "TransportFlyThrough", "OverFlyThrough"] {
+        let (mut env, mut buffers) = started(name, &config(512, "start_along = 0.5\nreset_on_collision = true"));
+        let states: Vec<Vec<f32>> = (0..512).map(|i| env.state(i).unwrap()).collect();
+        let behind = states.iter().filter(|state| state[0] > 0.0).count();
+        let actions = vec![f32::NAN; 512 * env.spec().n_agent * env.spec().action.len()];
+        env.step(&actions, &mut buffers.out()).unwrap();
+        println!("{name}: {behind} of 512 begin behind");
+        assert!((40..256).contains(&behind), "{name}: {behind}");
+        for i in 0..512 {
+            let (reason, x) = (info(&env, &buffers, "reason", i), states[i][0]);
+            assert_eq!(buffers.terminated[i], 0, "{name}, environment {i} at x = {x}: reason {reason}");
+        }
+    }
+}
+
+#[test]
+fn a_ball_that_is_pushed_is_judged_where_it_was_longest_left_alone() {
+    let (mut env, mut buffers) = started("PayloadHover", &config(64, ""));
+    let (mut longest, mut judged) = ([0.0_f32; 64], [0.0_f32; 64]);
+    let mut last = [-1.0_f32; 64];
+    for step in 1..300 {
+        for (i, last) in last.iter_mut().enumerate() {
+            let mut state = env.state(i).unwrap();
+            state[..17].copy_from_slice(&[0.0; 17]);
+            (state[0], state[2], state[6]) = (0.001 * step as f32, 2.0, 1.0);
+            env.set_state(i, &state).unwrap();
+            *last = env.goal(i).unwrap()[2];
+        }
+        let actions = steady(&env);
+        env.step(&actions, &mut buffers.out()).unwrap();
+        for i in 0..64 {
+            let quiet = step as f32 - last[i].max(125.0);
+            if quiet >= longest[i] || step < 125 {
+                (longest[i], judged[i]) = (quiet.max(0.0), info(&env, &buffers, "position_error", i));
+            }
+            let told = info(&env, &buffers, "quiet_error", i);
+            assert_eq!((told, info(&env, &buffers, "success", i) > 0.5), (judged[i], judged[i] < 0.1), "{step}, {i}");
+        }
     }
 }

@@ -7,8 +7,8 @@
 //! - DIFFERENCE: `position_error` is positive; the published tracking error is its negative (defect 27).
 
 use super::{
-    MotionLoss, PathSuccess, PoseReward, StartAttitude, ease_of_flight, farther, less, made_of, rate_cost, speed_cost,
-    succeeds_within, times,
+    MotionLoss, PathSuccess, PoseReward, StartAttitude, drive_loss, ease_of_flight, less, made_of, rate_cost,
+    speed_cost, succeeds_within, times,
 };
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
@@ -21,7 +21,7 @@ use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::{exponential_kernel, rational_kernel, smooth_norm, still};
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference, View};
-use crate::tasks::track_path::{PathRange, TrackPath, about_path};
+use crate::tasks::track_path::{Follow, TrackPath, about_path};
 
 /// Look-ahead points.
 const POINTS: usize = 4;
@@ -31,14 +31,14 @@ settings! {
     pub(crate) struct TrackSettings {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
         horizon: usize = 600 => ("steps", "T", Any);
-        reset_distance: f64 = 0.5 => ("m", "largest distance from the path", Positive);
-        path: PathRange = PathRange::default() => group;
+        follow: Follow = Follow::default() => flat;
         start: StartAttitude = StartAttitude::default() => group;
         min_height: f64 = 0.1 => ("m", "lower is a crash", Any);
         success: PathSuccess = PathSuccess::default() => group;
         pose_scale: f64 = 1.6 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward { up: 0.5, spin: 0.5, ..PoseReward::default() } => group;
         loss: MotionLoss = MotionLoss::default() => group;
+        loss_drives: f64 = 0.01 => ("m s²/rad²", "weight of the rates of drives in the loss", NotNegative);
     }
 }
 
@@ -53,7 +53,7 @@ pub struct Track {
 impl BuiltIn for Track {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: TrackSettings = config.settings()?;
-        let path = TrackPath::new(&settings.path, config.dt);
+        let path = TrackPath::new(&settings.follow, config.dt);
         Ok(Self { robot: config.single_robot(&settings.vehicle)?, settings, path })
     }
 }
@@ -82,6 +82,7 @@ impl Task for Track {
         let position = self.path.draw(start);
         let attitude = self.settings.start.draw(start);
         start.place(0, position, attitude);
+        self.path.join(start, 0, Some(0.0));
     }
 
     #[inline(always)]
@@ -102,7 +103,11 @@ impl Task for Track {
     #[inline(always)]
     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], self.settings.min_height));
-        ends.when("far", "d > {reset_distance} m", farther(self.error(view), self.settings.reset_distance));
+        ends.when(
+            "far",
+            "d > {reset_distance} m, {×reset_ease}times that at difficulty 0",
+            self.path.far(&view.goal, self.error(view)),
+        );
     }
 
     #[inline(always)]
@@ -121,6 +126,7 @@ impl Task for Track {
         loss.add("√(d² + {loss_radius}²)", smooth_norm(self.error(view), w.radius));
         loss.add("{×loss_velocity}h₅(ṗ_ref − v)", speed_cost(w.velocity, slip));
         loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.rate, drone.angular_velocity));
+        drive_loss(self.settings.loss_drives, view, loss);
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

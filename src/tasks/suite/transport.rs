@@ -1,11 +1,10 @@
 //! What the tasks of the transport group share: the robot with a box of any mass, its reward terms.
 
-use super::team::{LoadNames, TeamSettings, apart, squared_sum, team_mass};
+use super::team::{CROWD, LoadNames, TeamSettings, apart, crowded, squared_sum, team_mass};
 use super::{PoseLoss, rate_cost, speed_cost, squared, times};
 use crate::autodiff::Scalar;
 use crate::dynamics::configurations::{Configuration, Transport, TransportMap};
 use crate::dynamics::contact::distance::plane_distance;
-use crate::dynamics::frame::Frame;
 use crate::dynamics::shape::{Geometry, Pose};
 use crate::dynamics::spatial::{Vec3, constants, sub};
 use crate::dynamics::{Effects, Integrator, Physics, Vehicle};
@@ -13,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Loss, Writer};
-use crate::tasks::reward::{smooth_norm, upright};
+use crate::tasks::reward::{pseudo_huber, smooth_norm, upright};
 use crate::tasks::robot::{Inertial, Robot};
 use crate::tasks::task::{Start, View};
 
@@ -49,6 +48,18 @@ settings! {
         carry: CarryReward = CarryReward::default() => flat;
         spin: f64 = 0.8 => ("-", "weight of the term spin", NotNegative);
         swing: f64 = 0.8 => ("-", "weight of the term swing", NotNegative);
+    }
+}
+
+settings! {
+    /// How training losses weigh the pose of the box, and what carries it.
+    pub struct GroupLoss {
+        pose: PoseLoss = PoseLoss::default() => flat;
+        drone_rate: f64 = 0.005
+            => ("m s²/rad²", "weight of the drones' angular velocities in the loss, their mean", NotNegative);
+        joints: f64 = 0.2 => ("m", "weight of the angles of the bars' joints in the loss", NotNegative);
+        crowd: f64 = 1.0 => ("m", "weight of drones too close to each other in the loss", NotNegative);
+        separation: f64 = 0.8 => ("m", "least distance of two drones that costs nothing in the loss", Positive);
     }
 }
 
@@ -141,6 +152,17 @@ impl Load {
         S::constant(weight) - sum * S::constant(weight / self.angles.len() as f64)
     }
 
+    /// w mean h₁(q̂) over all bars' joints.
+    #[inline(always)]
+    pub fn askew<S: Scalar>(&self, weight: f64, view: &View<'_, S>) -> S {
+        let (n, scale) = (self.angles.len(), S::constant(self.weight.sqrt()));
+        let mut sum = S::zero();
+        for i in 0..n {
+            sum += pseudo_huber([view.state.get(self.angles[i]) * scale], 1.0);
+        }
+        times(weight / n as f64, sum)
+    }
+
     /// r_s = min((sep/`separation`)², 1).
     #[inline(always)]
     pub fn apart<S: Scalar>(&self, view: &View<'_, S>) -> S {
@@ -172,19 +194,28 @@ pub fn steady<S: Scalar>(view: &View<'_, S>, load: &Load, pose: S, w: &SteadyRew
     load.ease(view, near, &w.carry, terms);
 }
 
-/// A smooth cost of the box being away (`error`, m), tilted and in motion relative to a `velocity`, with its formula.
+/// A smooth cost of the box being away (`error`, m), tilted and in motion relative to a `velocity`, with its formula; and of
+/// drones that turn, bars that hang askew and drones that crowd.
 #[inline(always)]
-pub(crate) fn load_loss<S: Scalar>(
-    frame: &Frame<S>,
+pub(crate) fn group_loss<S: Scalar>(
+    (view, load): (&View<'_, S>, &Load),
     (distance, error): (&'static str, Vec3<S>),
     (motion, velocity): (&'static str, Vec3<S>),
-    w: &PoseLoss,
+    own: &GroupLoss,
     loss: &mut impl Loss<S>,
 ) {
+    let (frame, w, n) = (view.frame(BOX), &own.pose, view.robot.drones().len());
     loss.add(distance, smooth_norm(error, w.motion.radius));
     loss.add("{×loss_turn}‖e_z − u‖²", squared(w.turn, sub(constants([0.0, 0.0, 1.0]), frame.up())));
     loss.add(motion, speed_cost(w.motion.velocity, sub(velocity, frame.velocity)));
     loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, frame.angular_velocity));
+    let mut turning = S::zero();
+    for i in 0..n {
+        turning += rate_cost(own.drone_rate / n as f64, view.drone(i).angular_velocity);
+    }
+    loss.add("{×loss_drone_rate}mean h₁₀(ω_i)", turning);
+    loss.add("{×loss_joints}mean h₁(q̂)", load.askew(own.joints, view));
+    loss.add(CROWD, crowded(own.crowd, view, own.separation));
 }
 
 /// Distance of a box from its target, and its motion.

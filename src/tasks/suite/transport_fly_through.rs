@@ -12,11 +12,15 @@
 
 use super::obstacles::{Bars, BarsSettings, NEARNESS, Skin, course, nearness, rounded, touches, touching, where_on};
 use super::team::{
-    ALL_BEYOND, CourseLoss, arrived, clearance, highest, lowest, mean_throttle_difference, observe_load,
-    remember_course, squared_separation,
+    ALL_BEYOND, arrived, clearance, highest, lowest, mean_throttle_difference, observe_load, remember_course,
+    squared_separation,
 };
-use super::transport::{BOX, BOX_NAMES, CarryReward, GroupSettings, Load, TO_TARGET, group, load_loss, stiff_physics};
-use super::{StartAttitude, StartRange, less, made_of, more, nearer, observes_team, succeeds_once, times};
+use super::transport::{
+    BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, TO_TARGET, group, group_loss, stiff_physics,
+};
+use super::{
+    StartAttitude, StartRange, along_the_course, less, made_of, more, nearer, observes_team, succeeds_once, times,
+};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::{Vec3, sub};
@@ -30,6 +34,8 @@ use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, View};
 use std::f64::consts::FRAC_PI_2;
 
+/// Starts on the way are no nearer to the beams with the middle of the box, m: half its length and more.
+const CLEAR: f64 = 1.0;
 /// Where the beams' heights stand in the goal.
 const HEIGHTS: usize = 3;
 
@@ -49,13 +55,15 @@ settings! {
         target: [[f64; 2]; 3] = [[1.75, 2.25], [-0.2, 0.2], [1.25, 1.75]]
             => ("m, world", "p_t, lowest and highest per axis", Ordered);
         start: StartRange = start_range() => group;
+        start_along: f64 = 0.0 => ("-", "share of episodes that begin anywhere on the way to the target", Share);
         min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
         max_height: f64 = 3.6 => ("m", "a higher drone ends the episode", Any);
         box_min_height: f64 = 0.3 => ("m", "a lower box ends the episode", Any);
         success_distance: f64 = 0.2 => ("m", "position error of a success", Positive);
         pose_scale: f64 = 1.0 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: CarryReward = CarryReward::default() => group;
-        loss: CourseLoss = CourseLoss::default() => group;
+        loss: GroupLoss = GroupLoss::default() => group;
+        loss_clearance: f64 = 0.5 => ("m", "weight of the clearance in the loss", NotNegative);
     }
 }
 
@@ -125,6 +133,7 @@ impl Task for TransportFlyThrough {
         self.draw(start, target);
         for _ in 0..100 {
             let (position, attitude) = self.settings.start.draw(start);
+            let position = along_the_course(start, self.settings.start_along, position, target, CLEAR);
             start.place(BOX, position, attitude);
             if self.bars.clear_of(start, &self.rest, &Pose { position, attitude }) {
                 break;
@@ -176,8 +185,8 @@ impl Task for TransportFlyThrough {
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let w = &self.settings.loss;
         let motion = (TO_TARGET[1], [S::zero(); 3]);
-        load_loss(&view.frame(BOX), (TO_TARGET[0], Self::error(view)), motion, &w.pose, loss);
-        loss.add(NEARNESS, nearness(w.clearance, clearance(view)));
+        group_loss((view, &self.load), (TO_TARGET[0], Self::error(view)), motion, w, loss);
+        loss.add(NEARNESS, nearness(self.settings.loss_clearance, clearance(view)));
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -10,8 +10,10 @@
 
 use super::hover::set_heading;
 use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
-use super::transport::{BOX, BOX_NAMES, GroupSettings, Load, SteadyReward, TO_TARGET, free_robot, load_loss, steady};
-use super::{PoseLoss, PoseSuccess, StartAttitude, StartRange, less, made_of, observes_team, squared, succeeds_within};
+use super::transport::{
+    BOX, BOX_NAMES, GroupLoss, GroupSettings, Load, SteadyReward, TO_TARGET, free_robot, group_loss, steady,
+};
+use super::{PoseSuccess, StartAttitude, StartRange, less, made_of, observes_team, squared, succeeds_within};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::spatial::{Vec3, constants, dot, sub, yawed};
 use crate::error::Result;
@@ -40,7 +42,7 @@ settings! {
         success: PoseSuccess = PoseSuccess::default() => group;
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: SteadyReward = SteadyReward::default() => group;
-        loss: PoseLoss = PoseLoss::default() => group;
+        loss: GroupLoss = GroupLoss::default() => group;
     }
 }
 
@@ -137,8 +139,8 @@ impl Task for TransportHover {
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let w = &self.settings.loss;
         let motion = (TO_TARGET[1], [S::zero(); 3]);
-        load_loss(&view.frame(BOX), (TO_TARGET[0], self.error(view)), motion, w, loss);
-        loss.add("{×loss_turn}‖h_t − h‖²", squared(w.turn, Self::heading_error(view)));
+        group_loss((view, &self.load), (TO_TARGET[0], self.error(view)), motion, w, loss);
+        loss.add("{×loss_turn}‖h_t − h‖²", squared(w.pose.turn, Self::heading_error(view)));
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

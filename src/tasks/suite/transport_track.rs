@@ -9,8 +9,10 @@
 
 use super::over_track::wide_path;
 use super::team::{lowest, mean_throttle_difference, observe_load, squared_separation};
-use super::transport::{BOX, BOX_NAMES, CarryReward, GroupSettings, Load, SteadyReward, free_robot, load_loss, steady};
-use super::{PathSuccess, PoseLoss, StartAttitude, farther, less, made_of, observes_team, succeeds_within};
+use super::transport::{
+    BOX, BOX_NAMES, CarryReward, GroupLoss, GroupSettings, Load, SteadyReward, free_robot, group_loss, steady,
+};
+use super::{PathSuccess, StartAttitude, less, made_of, observes_team, succeeds_within};
 use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::Reference;
 use crate::dynamics::spatial::{Vec3, sub};
@@ -22,7 +24,7 @@ use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::exponential_kernel;
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference, View};
-use crate::tasks::track_path::{PathRange, TrackPath, about_path};
+use crate::tasks::track_path::{Follow, TrackPath, about_path};
 
 /// Look-ahead points.
 const POINTS: usize = 4;
@@ -37,14 +39,13 @@ settings! {
     pub(crate) struct TransportTrackSettings {
         group: GroupSettings = GroupSettings::default() => flat;
         horizon: usize = 600 => ("steps", "T", Any);
-        reset_distance: f64 = 0.7 => ("m", "largest distance from the path", Positive);
-        path: PathRange = wide_path() => group;
+        follow: Follow = Follow { reset_distance: 0.7, path: wide_path(), ..Follow::default() } => flat;
         start: StartAttitude = StartAttitude { tilt: 0.0, ..StartAttitude::default() } => group;
         min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
         success: PathSuccess = PathSuccess::default() => group;
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: SteadyReward = reward() => group;
-        loss: PoseLoss = PoseLoss::default() => group;
+        loss: GroupLoss = GroupLoss::default() => group;
     }
 }
 
@@ -61,7 +62,7 @@ impl BuiltIn for TransportTrack {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: TransportTrackSettings = config.settings()?;
         let (robot, load) = free_robot(config, &settings.group)?;
-        let path = TrackPath::new(&settings.path, config.dt);
+        let path = TrackPath::new(&settings.follow, config.dt);
         Ok(Self { robot, settings, load, path })
     }
 }
@@ -102,6 +103,7 @@ impl Task for TransportTrack {
         let position = self.path.draw(start);
         let attitude = self.settings.start.draw(start);
         start.place(BOX, position, attitude);
+        self.path.join(start, 0, None);
     }
 
     observes_team!(self, BOX, true);
@@ -116,7 +118,11 @@ impl Task for TransportTrack {
     #[inline(always)]
     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), self.settings.min_height));
-        ends.when("far", "d > {reset_distance} m", farther(self.error(view), self.settings.reset_distance));
+        ends.when(
+            "far",
+            "d > {reset_distance} m, {×reset_ease}times that at difficulty 0",
+            self.path.far(&view.goal, self.error(view)),
+        );
     }
 
     #[inline(always)]
@@ -133,7 +139,7 @@ impl Task for TransportTrack {
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let distance = ("√(d² + {loss_radius}²)", self.error(view));
         let motion = ("{×loss_velocity}h₅(ṗ_ref − v)", self.path.velocity(&view.goal, view.step));
-        load_loss(&view.frame(BOX), distance, motion, &self.settings.loss, loss);
+        group_loss((view, &self.load), distance, motion, &self.settings.loss, loss);
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

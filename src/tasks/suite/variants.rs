@@ -8,6 +8,7 @@
 //!
 //! Ranges are OmniDrones' but for these.
 //!
+//! - DIFFERENCE: an Omav's tilting units are observed by cosine and sine, alike after whole turns; published ones by angles.
 //! - DIFFERENCE: thrust and moment per thrust have a common factor of the published range and one of ± 5 % per rotor;
 //!   independent draws of that range would give a lasting yaw and roll of up to ± 100 % (defect 30).
 //! - DIFFERENCE: principal moments stay physical (defect 31).
