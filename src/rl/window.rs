@@ -5,7 +5,7 @@ use super::nn::{Memory, Pass, Weights};
 use super::policy::Actor;
 use super::shards::{Shard, episodes, within_memory};
 use crate::error::{Error, Result};
-use crate::tasks::{Adjoint, Column, Cotangents, StepOut, Sweep, SweepOptions, Tape};
+use crate::tasks::{Adjoint, Column, Cotangents, Seeds, StepOut, Sweep, SweepOptions, Tape};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
@@ -130,7 +130,10 @@ pub(crate) fn windows(
         // all but the last are of one size
         let program = match adjoint.take() {
             Some((size, program)) if size == n => program,
-            _ => shard.env.adjoint(false)?,
+            _ => {
+                let (reward, loss) = (objective == Objective::Reward, objective == Objective::Loss);
+                shard.env.adjoint_of(false, Seeds { central: false, reward, loss })?
+            }
         };
         let window = Window::new(shard, &program, actor, horizon, objective, options);
         adjoint = Some((n, program));
