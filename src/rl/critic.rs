@@ -2,7 +2,7 @@
 
 use super::checkpoint::Tensors;
 use super::minibatch::{Minibatch, Sums};
-use super::nn::{Activation, Adam, AdamConfig, Layers, Memory, Mlp, Pass, Transposed, Weights, clip_norm};
+use super::nn::{Activation, Adam, AdamConfig, Layers, Memory, Mlp, Pass, Scratch, Transposed, Weights, clip_norm};
 use super::policy::ROWS;
 use super::state;
 use crate::error::Result;
@@ -90,11 +90,18 @@ impl Critic {
         });
     }
 
-    /// ∂/∂x of Σ up · V(x), rows of `[rows, n_in]`; `rows` at most `memory` was made for.
-    pub fn pull(&self, x: &[f32], grad_output: &[f32], memory: &mut Memory, waste: &mut [f32], grad_input: &mut [f32]) {
+    /// ∂/∂x of Σ up · V(x), rows of `[rows, n_in]`; `rows` at most what `memory` and `scratch` were made for.
+    pub fn pull(
+        &self,
+        x: &[f32],
+        grad_output: &[f32],
+        (memory, scratch): (&mut Memory, &mut Scratch),
+        grad_input: &mut [f32],
+    ) {
         let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
         self.mlp.forward(&self.parameters, x, grad_output.len(), memory);
-        self.mlp.backward(net, x, grad_output.len(), memory, grad_output, Pass { gradient: waste, grad_input });
+        let pass = Pass { gradient: &mut [], grad_input, scratch };
+        self.mlp.backward(net, x, grad_output.len(), memory, grad_output, pass);
     }
 
     /// One step down the mean of ½(V − target)² over the rows `chosen`; gives that mean from before. With `huber`, errors

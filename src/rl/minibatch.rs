@@ -3,7 +3,8 @@
 //! Rows are cut into parts of fixed size; each part goes through the network block by block on one thread and has a
 //! gradient of its own; parts are folded in order. So a result is the same bits for any number of threads.
 
-use super::nn::{Memory, Mlp, Pass, Weights};
+use super::nn::elementwise::add;
+use super::nn::{Memory, Mlp, Pass, Scratch, Weights};
 use super::policy::ROWS;
 use super::shards::within_memory;
 use crate::error::Result;
@@ -29,6 +30,7 @@ pub(crate) struct Minibatch {
 
 struct Part {
     memory: Memory,
+    scratch: Scratch,
     x: Vec<f32>,
     grad_output: Vec<f32>,
     gradient: Vec<f32>,
@@ -46,6 +48,7 @@ impl Minibatch {
         within_memory("rows of a minibatch", rows, 4 * of_part as u128 * rows.div_ceil(PART) as u128, limit)?;
         let part = || Part {
             memory: mlp.memory(ROWS),
+            scratch: mlp.scratch(ROWS),
             x: vec![0.0; ROWS * mlp.n_input()],
             grad_output: vec![0.0; ROWS * mlp.n_output()],
             gradient: vec![0.0; n],
@@ -75,7 +78,7 @@ impl Minibatch {
         let mut sums = Sums::default();
         self.gradient.fill(0.0);
         for part in &self.parts[..n_part] {
-            self.gradient.iter_mut().zip(&part.gradient).for_each(|(sum, g)| *sum += g);
+            add(&mut self.gradient, &part.gradient);
             sums.iter_mut().zip(part.sums).for_each(|(sum, x)| *sum += x);
         }
         sums
@@ -101,7 +104,8 @@ impl Part {
             grad_output.fill(0.0);
             loss(*row as usize, output.row(k), grad_output, extra, &mut self.sums);
         }
-        mlp.backward(net, &self.x, n, &mut self.memory, &self.grad_output, Pass { gradient: own, grad_input: &mut [] });
+        let pass = Pass { gradient: own, grad_input: &mut [], scratch: &mut self.scratch };
+        mlp.backward(net, &self.x, n, &self.memory, &self.grad_output, pass);
     }
 }
 

@@ -1,7 +1,8 @@
 //! A window of steps under a deterministic policy, and the exact gradient of its cost: what APG and SHAC share.
 
 use super::learner::Episodes;
-use super::nn::{Memory, Pass, Weights};
+use super::nn::elementwise::add;
+use super::nn::{Memory, Pass, Scratch, Weights};
 use super::policy::Actor;
 use super::shards::{Shard, episodes, within_memory};
 use crate::error::{Error, Result};
@@ -27,6 +28,7 @@ pub(crate) struct Window {
     tape: Tape,
     sweep: Sweep,
     objective: Objective,
+    scratch: Scratch,
     d_action: Vec<f32>,
     d_reward: Vec<f32>,
     d_observation: Vec<f32>,
@@ -100,7 +102,7 @@ pub(crate) fn gather<'a>(
         if let Some(error) = failed {
             return Err(error);
         }
-        gradient.iter_mut().zip(&window.gradient).for_each(|(sum, g)| *sum += g);
+        add(gradient, &window.gradient);
         seen.add(&window.seen);
     }
     (seen.saturated, seen.flying) = (seen.saturated / n, seen.flying / n);
@@ -118,7 +120,7 @@ pub(crate) fn windows(
     let mut adjoint: Option<(usize, Adjoint)> = None;
     if let Some(first) = shards.first() {
         let spec = first.env.spec();
-        let row = 3 * spec.n_observation + spec.action.len() + 2 * actor.mlp.n_activation();
+        let row = 3 * spec.n_observation + spec.action.len() + actor.mlp.n_activation();
         let tape = first.env.layout().n_kept().div_ceil(spec.n_agent);
         let rows = (shards.len() * spec.n_env * spec.n_agent) as u128 * horizon as u128;
         let gradients = (shards.len() * actor.n_parameter()) as u128;
@@ -172,6 +174,7 @@ impl Window {
             tape,
             sweep: adjoint.sweep(options),
             objective,
+            scratch: actor.mlp.scratch(rows),
             d_action: vec![0.0; n_action],
             d_reward: vec![0.0; n_env],
             d_observation: vec![0.0; n_seen],
@@ -250,8 +253,9 @@ impl Window {
             let up = Cotangents { observation, final_observation, loss, reward, ..Cotangents::default() };
             self.sweep.pull(&self.tape, t, &up, &mut self.d_action)?;
             step.masked.iter().for_each(|row| self.d_action[row * n_action..][..n_action].fill(0.0));
-            let pass = Pass { gradient: &mut *gradient, grad_input: &mut self.d_observation };
-            actor.mlp.backward(net, &step.observation, rows, &mut step.memory, &self.d_action, pass);
+            let grad_input = &mut self.d_observation;
+            let pass = Pass { gradient: &mut *gradient, grad_input, scratch: &mut self.scratch };
+            actor.mlp.backward(net, &step.observation, rows, &step.memory, &self.d_action, pass);
         }
         self.seen.dropped += self.sweep.dropped();
         Ok(&self.gradient)
