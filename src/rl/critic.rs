@@ -1,8 +1,10 @@
 //! A value function: a network from what is seen to one number, fitted to targets.
 
 use super::checkpoint::Tensors;
-use super::minibatch::{Minibatch, Sums};
-use super::nn::{Activation, Adam, AdamConfig, Layers, Memory, Mlp, Pass, Scratch, Transposed, Weights, clip_norm};
+use super::minibatch::{BlockLoss, Minibatch, Sums};
+use super::nn::{
+    Activation, Adam, AdamConfig, Layers, Memory, Mlp, Output, Pass, Scratch, Transposed, Weights, clip_norm,
+};
 use super::policy::ROWS;
 use super::state;
 use crate::error::Result;
@@ -112,19 +114,33 @@ impl Critic {
         }
         let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
         let share = 1.0 / chosen.len() as f32;
-        let loss = |row: usize, v: &[f32], grad_output: &mut [f32], _: &mut [f32], sums: &mut Sums| {
-            let error = v[0] - target[row];
-            if error.is_finite() {
-                let bounded = error.clamp(-step.huber, step.huber);
-                grad_output[0] = share * bounded;
-                sums[0] += f64::from(bounded * (error - 0.5 * bounded));
-            }
-        };
+        let loss = Loss { target, share, huber: step.huber };
         let sums = self.batch.gradient(threads, &self.mlp, net, x, chosen, &loss);
         clip_norm(&mut self.batch.gradient, step.clip);
         self.adam.descend(&mut self.parameters, &self.batch.gradient, step.rate);
         self.set_parameters_changed();
         sums[0] * f64::from(share)
+    }
+}
+
+/// The critic's loss over a minibatch.
+struct Loss<'a> {
+    target: &'a [f32],
+    /// 1/rows of the minibatch.
+    share: f32,
+    huber: f32,
+}
+
+impl BlockLoss for Loss<'_> {
+    fn block(&self, rows: &[u32], v: Output<'_>, grad_output: &mut [f32], _: &mut [f32], sums: &mut Sums) {
+        for (k, (grad_output, row)) in grad_output.iter_mut().zip(rows).enumerate() {
+            let error = v.row(k)[0] - self.target[*row as usize];
+            if error.is_finite() {
+                let bounded = error.clamp(-self.huber, self.huber);
+                *grad_output = self.share * bounded;
+                sums[0] += f64::from(bounded * (error - 0.5 * bounded));
+            }
+        }
     }
 }
 

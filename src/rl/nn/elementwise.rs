@@ -1,4 +1,4 @@
-//! Sums of arrays in lanes, number by number: the same bits in lanes of any width.
+//! Sums of arrays and exponentials in lanes, number by number: the same bits in registers of any width.
 
 use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
 
@@ -11,6 +11,36 @@ pub(crate) fn add(sum: &mut [f32], x: &[f32]) {
 pub(crate) fn add_rows(sum: &mut [f32], x: &[f32], n: usize) {
     let width = sum.len();
     dispatch(AddRows { sum, x: &x[..n * width], width });
+}
+
+/// eˣ of every number, in place; a multiple of [`PAD`](super::product::PAD) of them.
+pub(crate) fn exp(x: &mut [f32]) {
+    dispatch(Exp { x });
+}
+
+struct Exp<'a> {
+    x: &'a mut [f32],
+}
+
+impl Kernel for Exp<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        for x in self.x.chunks_exact_mut(L::WIDTH) {
+            L::load(x).exp().store(x);
+        }
+    }
+}
+
+/// Eight sums side by side, so that it takes one register, then one sum of them.
+pub(crate) fn sum(x: &[f32]) -> f32 {
+    let mut lanes = [0.0; 8];
+    let chunks = x.chunks_exact(8);
+    let rest: f32 = chunks.remainder().iter().sum();
+    for chunk in chunks {
+        lanes.iter_mut().zip(chunk).for_each(|(s, x)| *s += x);
+    }
+    lanes.iter().sum::<f32>() + rest
 }
 
 struct AddRows<'a> {

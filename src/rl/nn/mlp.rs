@@ -6,7 +6,7 @@
 
 use super::activation::Activation;
 use super::aligned::Aligned;
-use super::elementwise::{add, add_rows};
+use super::elementwise::{add, add_rows, sum};
 use super::init::Init;
 use super::product::{Begin, Left, PAD, padded, product};
 use crate::error::{Error, Result};
@@ -520,17 +520,6 @@ fn pull_norm(d: &mut [f32], normal: &[f32], scale: f32, n: usize, gain: &[f32]) 
     for i in 0..n {
         d[i] = scale * (d[i] - mean - normal[i] * along);
     }
-}
-
-/// Eight sums side by side, so that it takes one register, then one sum of them.
-fn sum(x: &[f32]) -> f32 {
-    let mut lanes = [0.0; 8];
-    let chunks = x.chunks_exact(8);
-    let rest: f32 = chunks.remainder().iter().sum();
-    for chunk in chunks {
-        lanes.iter_mut().zip(chunk).for_each(|(s, x)| *s += x);
-    }
-    lanes.iter().sum::<f32>() + rest
 }
 
 fn dot(a: &[f32], b: &[f32]) -> f32 {

@@ -4,16 +4,17 @@
 //! |---|---|
 //! | `mlp` | layers, forward, backward, named parts |
 //! | `product`, `aligned` | the one matrix product behind them, and where its numbers stand |
-//! | `elementwise` | sums of rows and of gradients |
+//! | `elementwise` | sums of arrays, exponentials |
 //! | `activation` | between layers |
 //! | `init` | first weights |
 //! | `adam` | the optimiser |
-//! | `head` | distributions of actions over outputs |
+//! | `head`, `gaussian` | distributions of actions over outputs; Gaussians of many rows at once |
 
 pub(crate) mod activation;
 pub(crate) mod adam;
 pub(crate) mod aligned;
 pub(crate) mod elementwise;
+pub(crate) mod gaussian;
 pub(crate) mod head;
 pub(crate) mod init;
 pub(crate) mod mlp;
