@@ -1,8 +1,10 @@
 //! A value function: a network from what is seen to one number, fitted to targets.
 
 use super::checkpoint::Tensors;
-use super::minibatch::{Minibatch, Sums};
-use super::nn::{Activation, Adam, AdamConfig, Layers, Memory, Mlp, Pass, Transposed, Weights, clip_norm};
+use super::minibatch::{BlockLoss, Minibatch, Sums};
+use super::nn::{
+    Activation, Adam, AdamConfig, Layers, Memory, Mlp, Output, Pass, Scratch, Transposed, Weights, clip_norm,
+};
 use super::policy::ROWS;
 use super::state;
 use crate::error::Result;
@@ -104,11 +106,18 @@ impl Critic {
         });
     }
 
-    /// ∂/∂x of Σ up · V(x), rows of `[rows, n_in]`; `rows` at most `memory` was made for.
-    pub fn pull(&self, x: &[f32], grad_output: &[f32], memory: &mut Memory, waste: &mut [f32], grad_input: &mut [f32]) {
+    /// ∂/∂x of Σ up · V(x), rows of `[rows, n_in]`; `rows` at most what `memory` and `scratch` were made for.
+    pub fn pull(
+        &self,
+        x: &[f32],
+        grad_output: &[f32],
+        (memory, scratch): (&mut Memory, &mut Scratch),
+        grad_input: &mut [f32],
+    ) {
         let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
         self.mlp.forward(&self.parameters, x, grad_output.len(), memory);
-        self.mlp.backward(net, x, grad_output.len(), memory, grad_output, Pass { gradient: waste, grad_input });
+        let pass = Pass { gradient: &mut [], grad_input, scratch };
+        self.mlp.backward(net, x, grad_output.len(), memory, grad_output, pass);
     }
 
     /// One step down the mean of ½(V − target)² over the rows `chosen`; gives that mean from before. With `huber`, errors
@@ -119,19 +128,33 @@ impl Critic {
         }
         let net = Weights { parameters: &self.parameters, transposed: &self.transposed };
         let share = 1.0 / chosen.len() as f32;
-        let loss = |row: usize, v: &[f32], grad_output: &mut [f32], _: &mut [f32], sums: &mut Sums| {
-            let error = v[0] - target[row];
-            if error.is_finite() {
-                let bounded = error.clamp(-step.huber, step.huber);
-                grad_output[0] = share * bounded;
-                sums[0] += f64::from(bounded * (error - 0.5 * bounded));
-            }
-        };
+        let loss = Loss { target, share, huber: step.huber };
         let sums = self.batch.gradient(threads, &self.mlp, net, x, chosen, &loss);
         clip_norm(&mut self.batch.gradient, step.clip);
         self.adam.descend(&mut self.parameters, &self.batch.gradient, step.rate);
         self.set_parameters_changed();
         sums[0] * f64::from(share)
+    }
+}
+
+/// The critic's loss over a minibatch.
+struct Loss<'a> {
+    target: &'a [f32],
+    /// 1/rows of the minibatch.
+    share: f32,
+    huber: f32,
+}
+
+impl BlockLoss for Loss<'_> {
+    fn block(&self, rows: &[u32], v: Output<'_>, grad_output: &mut [f32], _: &mut [f32], sums: &mut Sums) {
+        for (k, (grad_output, row)) in grad_output.iter_mut().zip(rows).enumerate() {
+            let error = v.row(k)[0] - self.target[*row as usize];
+            if error.is_finite() {
+                let bounded = error.clamp(-self.huber, self.huber);
+                *grad_output = self.share * bounded;
+                sums[0] += f64::from(bounded * (error - 0.5 * bounded));
+            }
+        }
     }
 }
 

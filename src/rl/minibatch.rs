@@ -3,7 +3,8 @@
 //! Rows are cut into parts of fixed size; each part goes through the network block by block on one thread and has a
 //! gradient of its own; parts are folded in order. So a result is the same bits for any number of threads.
 
-use super::nn::{Memory, Mlp, Pass, Weights};
+use super::nn::elementwise::add;
+use super::nn::{Memory, Mlp, Output, Pass, Scratch, Weights};
 use super::policy::ROWS;
 use super::shards::within_memory;
 use crate::error::Result;
@@ -14,6 +15,13 @@ const PART: usize = 4 * ROWS;
 
 /// Figures that a loss may sum up beside its gradient.
 pub type Sums = [f64; 8];
+
+/// A loss over a block of up to [`ROWS`] rows.
+pub(crate) trait BlockLoss: Sync {
+    /// For these rows and what the network gave for them: writes ∂loss/∂output (`[rows, n_output]`, zeros before), adds to
+    /// the gradient of the extra parameters and to the sums.
+    fn block(&self, rows: &[u32], output: Output<'_>, grad_output: &mut [f32], d_extra: &mut [f32], sums: &mut Sums);
+}
 
 /// Minibatch `k` of `n`: all differ by one row at most, so that networks with more and with fewer rows take as many steps.
 pub fn part(rows: &[u32], k: usize, n: usize) -> &[u32] {
@@ -29,6 +37,7 @@ pub struct Minibatch {
 
 struct Part {
     memory: Memory,
+    scratch: Scratch,
     x: Vec<f32>,
     grad_output: Vec<f32>,
     gradient: Vec<f32>,
@@ -46,6 +55,7 @@ impl Minibatch {
         within_memory("rows of a minibatch", rows, 4 * of_part as u128 * rows.div_ceil(PART) as u128, limit)?;
         let part = || Part {
             memory: mlp.memory(ROWS),
+            scratch: mlp.scratch(ROWS),
             x: vec![0.0; ROWS * mlp.n_input()],
             grad_output: vec![0.0; ROWS * mlp.n_output()],
             gradient: vec![0.0; n],
@@ -54,8 +64,7 @@ impl Minibatch {
         Ok(Self { parts: (0..rows.div_ceil(PART)).map(|_| part()).collect(), gradient: vec![0.0; n] })
     }
 
-    /// Σ over the rows `chosen` of `x` (`[_, n_input]`) of ∂loss/∂parameters, into [`Minibatch::gradient`]. `loss` is asked
-    /// row by row: (row, output, ∂loss/∂output to be written, gradient of the extra parameters to be added to, sums).
+    /// Σ over the rows `chosen` of `x` (`[_, n_input]`) of ∂loss/∂parameters, into [`Minibatch::gradient`].
     pub fn gradient(
         &mut self,
         threads: &Threads,
@@ -63,7 +72,7 @@ impl Minibatch {
         net: Weights<'_>,
         x: &[f32],
         chosen: &[u32],
-        loss: &(impl Fn(usize, &[f32], &mut [f32], &mut [f32], &mut Sums) + Sync),
+        loss: &impl BlockLoss,
     ) -> Sums {
         let n_part = chosen.len().div_ceil(PART);
         threads.for_each(&mut self.parts[..n_part], |k, part| {
@@ -75,7 +84,7 @@ impl Minibatch {
         let mut sums = Sums::default();
         self.gradient.fill(0.0);
         for part in &self.parts[..n_part] {
-            self.gradient.iter_mut().zip(&part.gradient).for_each(|(sum, g)| *sum += g);
+            add(&mut self.gradient, &part.gradient);
             sums.iter_mut().zip(part.sums).for_each(|(sum, x)| *sum += x);
         }
         sums
@@ -83,25 +92,18 @@ impl Minibatch {
 }
 
 impl Part {
-    fn block(
-        &mut self,
-        mlp: &Mlp,
-        net: Weights<'_>,
-        x: &[f32],
-        rows: &[u32],
-        loss: &impl Fn(usize, &[f32], &mut [f32], &mut [f32], &mut Sums),
-    ) {
+    fn block(&mut self, mlp: &Mlp, net: Weights<'_>, x: &[f32], rows: &[u32], loss: &impl BlockLoss) {
         let (n_in, n_out, n) = (mlp.n_input(), mlp.n_output(), rows.len());
         for (to, row) in self.x.chunks_exact_mut(n_in).zip(rows) {
             to.copy_from_slice(&x[*row as usize * n_in..][..n_in]);
         }
         let (own, extra) = self.gradient.split_at_mut(mlp.n_parameter());
         let output = mlp.forward(net.parameters, &self.x, n, &mut self.memory);
-        for (k, (grad_output, row)) in self.grad_output.chunks_exact_mut(n_out).zip(rows).enumerate() {
-            grad_output.fill(0.0);
-            loss(*row as usize, output.row(k), grad_output, extra, &mut self.sums);
-        }
-        mlp.backward(net, &self.x, n, &mut self.memory, &self.grad_output, Pass { gradient: own, grad_input: &mut [] });
+        let grad_output = &mut self.grad_output[..n * n_out];
+        grad_output.fill(0.0);
+        loss.block(rows, output, grad_output, extra, &mut self.sums);
+        let pass = Pass { gradient: own, grad_input: &mut [], scratch: &mut self.scratch };
+        mlp.backward(net, &self.x, n, &self.memory, &self.grad_output, pass);
     }
 }
 

@@ -25,10 +25,12 @@ pub use config::PpoConfig;
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
 use super::learner::{Episodes, Learner, Progress, Update};
-use super::minibatch::{Minibatch, Sums, part};
+use super::minibatch::{BlockLoss, Minibatch, Sums, part};
+use super::nn::elementwise::{self, exp};
+use super::nn::gaussian::Gaussians;
 use super::nn::head::Head;
-use super::nn::{Adam, Transposed, Weights, clip_norm};
-use super::policy::{Actor, Policy};
+use super::nn::{Adam, Output, Transposed, Weights, clip_norm};
+use super::policy::{Actor, Policy, ROWS};
 use super::rollout::{Collector, How, Rollout, Shape};
 use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards};
 use super::state;
@@ -49,6 +51,8 @@ pub struct Ppo {
     transposed: Transposed,
     adam: Adam,
     batch: Minibatch,
+    /// Of the actor, if its actions are continuous.
+    gaussians: Option<Gaussians>,
     critic: Critic,
     norm: ValueNorm,
     collectors: Vec<Collector>,
@@ -81,6 +85,7 @@ mod sum {
 /// The actor's loss over a minibatch, row by row.
 struct Loss<'a> {
     head: Head,
+    gaussians: Option<&'a Gaussians>,
     extra: &'a [f32],
     rollout: &'a Rollout,
     clip_epsilon: f64,
@@ -89,8 +94,61 @@ struct Loss<'a> {
     share: f64,
 }
 
+impl BlockLoss for Loss<'_> {
+    fn block(&self, rows: &[u32], output: Output<'_>, grad_output: &mut [f32], d_extra: &mut [f32], sums: &mut Sums) {
+        if let Some(gaussians) = self.gaussians {
+            return self.block_of(gaussians, rows, output, (grad_output, d_extra), sums);
+        }
+        let n_out = self.head.n_output();
+        for (k, (grad_output, row)) in grad_output.chunks_exact_mut(n_out).zip(rows).enumerate() {
+            self.row(*row as usize, output.row(k), grad_output, d_extra, sums);
+        }
+    }
+}
+
 impl Loss<'_> {
-    /// For [`Minibatch::gradient`].
+    /// The rows of a block side by side. Where there is no row, the ratio is 1 and the advantage 0.
+    fn block_of(
+        &self,
+        gaussians: &Gaussians,
+        rows: &[u32],
+        output: Output<'_>,
+        gradients: (&mut [f32], &mut [f32]),
+        sums: &mut Sums,
+    ) {
+        let (n, n_action, share) = (rows.len(), self.rollout.shape.n_action, self.share as f32);
+        let action = |k: usize| &self.rollout.action[rows[k] as usize * n_action..][..n_action];
+        let log_probs = gaussians.log_probs(n, output, &action);
+        let [mut log_ratio, mut advantage] = [[0.0_f32; ROWS]; 2];
+        for (k, row) in rows.iter().map(|row| *row as usize).enumerate() {
+            // within what f32 can weigh
+            log_ratio[k] = (log_probs[k] - self.rollout.log_prob[row]).clamp(-30.0, 30.0);
+            advantage[k] = self.rollout.advantage[self.rollout.shape.judged(row)];
+        }
+        let mut ratio = log_ratio;
+        exp(&mut ratio);
+        let (least, most) = ((1.0 - self.clip_epsilon) as f32, (1.0 + self.clip_epsilon) as f32);
+        let [mut weight, mut surrogate, mut divergence, mut outside] = [[0.0_f32; ROWS]; 4];
+        for k in 0..ROWS {
+            let (r, a) = (ratio[k], advantage[k]);
+            let within = (least..=most).contains(&r);
+            // as in `row`
+            let passes = within | ((r > 1.0) != (a > 0.0));
+            surrogate[k] = if passes { r * a } else { r.clamp(least, most) * a };
+            weight[k] = if passes { -share * r * a } else { 0.0 };
+            divergence[k] = ratio_divergence(log_ratio[k], r);
+            outside[k] = if within { 0.0 } else { 1.0 };
+        }
+        let grad_entropy = (-self.share * self.entropy * n as f64) as f32;
+        gaussians.gradient(n, output, &action, (&weight, grad_entropy), gradients);
+        let total = |x: &[f32; ROWS]| f64::from(elementwise::sum(x));
+        sums[sum::SURROGATE] -= total(&surrogate);
+        sums[sum::ENTROPY] += n as f64 * gaussians.entropy;
+        sums[sum::KL] += total(&divergence);
+        sums[sum::CLIPPED] += total(&outside);
+        sums[sum::COUNT] += n as f64;
+    }
+
     fn row(&self, row: usize, output: &[f32], grad_output: &mut [f32], d_extra: &mut [f32], sums: &mut Sums) {
         let (n, extra) = (self.rollout.shape.n_action, self.extra);
         let action = &self.rollout.action[row * n..][..n];
@@ -112,6 +170,12 @@ impl Loss<'_> {
         sums[sum::CLIPPED] += if within { 0.0 } else { 1.0 };
         sums[sum::COUNT] += 1.0;
     }
+}
+
+/// ρ − 1 − ln ρ in `f32`: near ρ = 1, where nothing but rounding would be left, by its series.
+fn ratio_divergence(log_ratio: f32, ratio: f32) -> f32 {
+    let x = log_ratio;
+    if x.abs() < 0.1 { x * x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0 + x / 120.0))) } else { ratio - 1.0 - x }
 }
 
 impl Ppo {
@@ -144,6 +208,7 @@ impl Ppo {
         let mut ppo = Self {
             adam: Adam::new(config.adam, parameters.len()),
             batch: Minibatch::new(&actor.mlp, actor.head.n_extra(), part(shape.n_agent), env.memory_limit)?,
+            gaussians: Gaussians::of(actor.head),
             norm: ValueNorm::new(config.value_beta)?,
             collectors: shards.into_iter().map(|shard| Collector::new(shard, &actor, &critic)).collect(),
             rollout: Rollout::new(shape, config.n_env),
@@ -255,8 +320,12 @@ impl Ppo {
             return;
         }
         let (network, extra) = self.parameters.split_at(self.actor.mlp.n_parameter());
+        if let Some(gaussians) = &mut self.gaussians {
+            gaussians.set(extra);
+        }
         let loss = Loss {
             head: self.actor.head,
+            gaussians: self.gaussians.as_ref(),
             extra,
             rollout: &self.rollout,
             clip_epsilon: self.config.clip_epsilon,
@@ -265,10 +334,7 @@ impl Ppo {
         };
         let net = Weights { parameters: network, transposed: &self.transposed };
         let x = &self.rollout.observation;
-        let row = |row: usize, y: &[f32], grad_output: &mut [f32], d: &mut [f32], sums: &mut Sums| {
-            loss.row(row, y, grad_output, d, sums)
-        };
-        let sums = self.batch.gradient(&self.threads, &self.actor.mlp, net, x, chosen, &row);
+        let sums = self.batch.gradient(&self.threads, &self.actor.mlp, net, x, chosen, &loss);
         let rate = self.rate(progress, sums[sum::KL] / sums[sum::COUNT]);
         learnt.gradient_norm += clip_norm(&mut self.batch.gradient, self.config.max_grad_norm);
         learnt.sums.iter_mut().zip(sums).for_each(|(all, own)| *all += own);

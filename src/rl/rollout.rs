@@ -11,6 +11,7 @@ use super::critic::Critic;
 use super::gae::{Steps, advantages};
 use super::learner::Episodes;
 use super::nn::Memory;
+use super::nn::gaussian::Gaussians;
 use super::policy::{Actor, ROWS};
 use super::shards::{Shard, episodes};
 use super::value_norm::ValueNorm;
@@ -271,6 +272,8 @@ pub struct Collector {
     pub failed: Option<Error>,
     /// Noise of every environment.
     streams: Vec<Stream>,
+    /// Of the actor, if its actions are continuous.
+    gaussians: Option<Gaussians>,
     of_actor: Memory,
     of_critic: Memory,
     /// What was seen last in episodes that ran out of time, and in which rows of the critic.
@@ -297,6 +300,7 @@ impl Collector {
             seen: Seen::default(),
             failed: None,
             streams: Vec::with_capacity(shard.env.spec().n_env),
+            gaussians: Gaussians::of(actor.head),
             of_actor: actor.mlp.memory(ROWS),
             of_critic: critic.mlp.memory(ROWS),
             ends: Vec::new(),
@@ -322,6 +326,9 @@ impl Collector {
         self.streams.clear();
         let stream = |i| Stream::new(how.seed, first.wrapping_add(i as u64), how.update, Purpose::POLICY);
         self.streams.extend((0..n_env).map(stream));
+        if let Some(gaussians) = &mut self.gaussians {
+            gaussians.set(&how.parameters[how.actor.mlp.n_parameter()..]);
+        }
         part.observation[..n_seen].copy_from_slice(&self.shard.out.observation);
         part.central[..n_central].copy_from_slice(&self.shard.out.central[..n_central]);
         for t in 0..s.steps {
@@ -343,10 +350,19 @@ impl Collector {
         let (network, extra) = how.parameters.split_at(how.actor.mlp.n_parameter());
         for (block, x) in now.chunks(ROWS * s.n_observation).enumerate() {
             let output = how.actor.mlp.forward(network, x, x.len() / s.n_observation, &mut self.of_actor);
-            for row in block * ROWS..rows.min((block + 1) * ROWS) {
-                let action = &mut actions[row * s.n_action..][..s.n_action];
-                let stream = &mut self.streams[row / s.n_agent];
-                log_probs[row] = how.actor.head.sample(output.row(row % ROWS), extra, stream, action);
+            let (first, n) = (block * ROWS, x.len() / s.n_observation);
+            let actions = &mut actions[first * s.n_action..][..n * s.n_action];
+            let log_probs = &mut log_probs[first..][..n];
+            for (k, action) in actions.chunks_exact_mut(s.n_action).enumerate() {
+                let stream = &mut self.streams[(first + k) / s.n_agent];
+                match &self.gaussians {
+                    Some(gaussians) => gaussians.sample(output.row(k), stream, action),
+                    None => log_probs[k] = how.actor.head.sample(output.row(k), extra, stream, action),
+                }
+            }
+            if let Some(gaussians) = &self.gaussians {
+                let all = gaussians.log_probs(n, output, &|k| &actions[k * s.n_action..][..s.n_action]);
+                log_probs.copy_from_slice(&all[..n]);
             }
         }
         let acted = Instant::now();

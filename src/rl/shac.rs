@@ -20,7 +20,7 @@ use super::critic::{Critic, Fit, shuffle};
 use super::gae::{Steps, advantages};
 use super::learner::{Learner, Progress, Update};
 use super::minibatch::part;
-use super::nn::{Activation, AdamConfig, Layers, Memory};
+use super::nn::{Activation, AdamConfig, Layers, Memory, Scratch};
 use super::policy::{Actor, Policy};
 use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
 use super::schedule::Schedule;
@@ -222,7 +222,7 @@ struct Worker {
     /// γ^k of the next step of every environment.
     discount: Vec<f32>,
     memory: Memory,
-    waste: Vec<f32>,
+    scratch: Scratch,
     grad_output: Vec<f32>,
     d_last: Vec<f32>,
     failed: Option<Error>,
@@ -387,7 +387,7 @@ impl Worker {
         Self {
             discount: vec![1.0; n_env],
             memory: critic.mlp.memory(window.rows()),
-            waste: vec![0.0; critic.parameters.len()],
+            scratch: critic.mlp.scratch(window.rows()),
             grad_output: vec![0.0; window.rows()],
             d_last: vec![0.0; n_seen],
             failed: None,
@@ -404,7 +404,7 @@ impl Worker {
     }
 
     fn weigh(&mut self, critic: &Critic, how: Weighing) {
-        let Self { window, discount, memory, waste, grad_output, d_last, .. } = self;
+        let Self { window, discount, memory, scratch, grad_output, d_last, .. } = self;
         let n_env = discount.len();
         let n_agent = grad_output.len() / n_env;
         let beyond = 1.0 / (1.0 - how.discount);
@@ -420,7 +420,7 @@ impl Worker {
                     *grad_output = if timed_out(i) { own } else { 0.0 };
                 }
                 step.d_final.resize(step.observation.len(), 0.0);
-                critic.pull(&step.final_observation, grad_output, memory, waste, &mut step.d_final);
+                critic.pull(&step.final_observation, grad_output, (memory, scratch), &mut step.d_final);
             }
             // γ^(k + 1) of the last cost lie behind the window
             let behind = how.discount.powi((n_step - t) as i32);
@@ -437,7 +437,7 @@ impl Worker {
             for (k, grad_output) in grad_output.iter_mut().enumerate() {
                 *grad_output = discount[k / n_agent] * how.critic * beyond / n_agent as f32;
             }
-            critic.pull(&window.shard.out.observation, grad_output, memory, waste, d_last);
+            critic.pull(&window.shard.out.observation, grad_output, (memory, scratch), d_last);
         }
     }
 }

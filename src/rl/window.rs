@@ -1,11 +1,12 @@
 //! A window of steps under a deterministic policy, and the exact gradient of its cost: what APG and SHAC share.
 
 use super::learner::Episodes;
-use super::nn::{Memory, Pass, Weights};
+use super::nn::elementwise::add;
+use super::nn::{Memory, Pass, Scratch, Weights};
 use super::policy::Actor;
 use super::shards::{Shard, episodes, within_memory};
 use crate::error::{Error, Result};
-use crate::tasks::{Adjoint, Column, Cotangents, StepOut, Sweep, SweepOptions, Tape};
+use crate::tasks::{Adjoint, Column, Cotangents, Seeds, StepOut, Sweep, SweepOptions, Tape};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
@@ -31,6 +32,7 @@ pub struct Window {
     objective: Objective,
     /// Largest norm of the gradient of an environment's actions in a step; infinite for none.
     pub action_clip: f32,
+    scratch: Scratch,
     d_action: Vec<f32>,
     d_reward: Vec<f32>,
     d_observation: Vec<f32>,
@@ -111,7 +113,7 @@ pub fn gather<'a>(
         if let Some(error) = failed {
             return Err(error);
         }
-        gradient.iter_mut().zip(&window.gradient).for_each(|(sum, g)| *sum += g);
+        add(gradient, &window.gradient);
         seen.add(&window.seen);
     }
     (seen.saturated, seen.flying) = (seen.saturated / n, seen.flying / n);
@@ -132,7 +134,7 @@ pub fn windows(
     let mut adjoint: Option<(usize, Adjoint)> = None;
     if let Some(first) = shards.first() {
         let spec = first.env.spec();
-        let row = 3 * spec.n_observation + spec.action.len() + 2 * actor.mlp.n_activation();
+        let row = 3 * spec.n_observation + spec.action.len() + actor.mlp.n_activation();
         let tape = first.env.layout().n_kept().div_ceil(spec.n_agent);
         let rows = (shards.len() * spec.n_env * spec.n_agent) as u128 * horizon as u128;
         let gradients = (shards.len() * actor.n_parameter()) as u128;
@@ -144,7 +146,10 @@ pub fn windows(
         // all but the last are of one size
         let program = match adjoint.take() {
             Some((size, program)) if size == n => program,
-            _ => shard.env.adjoint(false)?,
+            _ => {
+                let (reward, loss) = (objective == Objective::Reward, objective == Objective::Loss);
+                shard.env.adjoint_of(false, Seeds { central: false, reward, loss })?
+            }
         };
         let window = Window::new(shard, &program, actor, horizon, objective, options);
         adjoint = Some((n, program));
@@ -184,6 +189,7 @@ impl Window {
             sweep: adjoint.sweep(options),
             objective,
             action_clip: f32::INFINITY,
+            scratch: actor.mlp.scratch(rows),
             d_action: vec![0.0; n_action],
             d_reward: vec![0.0; n_env],
             d_observation: vec![0.0; n_seen],
@@ -269,8 +275,9 @@ impl Window {
             self.sweep.pull(&self.tape, t, &up, &mut self.d_action)?;
             step.masked.iter().for_each(|row| self.d_action[row * n_action..][..n_action].fill(0.0));
             clip_each(&mut self.d_action, step.weight.len(), self.action_clip);
-            let pass = Pass { gradient: &mut *gradient, grad_input: &mut self.d_observation };
-            actor.mlp.backward(net, &step.observation, rows, &mut step.memory, &self.d_action, pass);
+            let grad_input = &mut self.d_observation;
+            let pass = Pass { gradient: &mut *gradient, grad_input, scratch: &mut self.scratch };
+            actor.mlp.backward(net, &step.observation, rows, &step.memory, &self.d_action, pass);
         }
         self.seen.dropped += self.sweep.dropped();
         Ok(&self.gradient)

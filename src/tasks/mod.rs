@@ -158,7 +158,7 @@ pub use declare::{Ends, Goal, Loss, Writer};
 pub use env::check::{Finding, check_env};
 pub use env::single::{SingleEnv, SingleStep};
 pub use env::{
-    Adjoint, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Space, Spec, StepLayout, StepOut, Sweep,
+    Adjoint, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Seeds, Space, Spec, StepLayout, StepOut, Sweep,
     SweepOptions, Tape,
 };
 pub use evaluate::{Act, Evaluation, Watched, evaluate, wilson};

@@ -12,12 +12,19 @@ impl Recording {
     /// The adjoint with respect to the inputs in `with_respect_to`: inputs `[x; ȳ]` (those of this recording, then one
     /// seed per result), results x̄ over that range.
     pub fn adjoint(&self, with_respect_to: Range<usize>) -> Self {
+        self.adjoint_of(|_| true, with_respect_to)
+    }
+
+    /// As [`Recording::adjoint`] where the seeds of other results than `seeded` are zero: they stay inputs, and what only
+    /// they need falls away.
+    pub(crate) fn adjoint_of(&self, seeded: impl Fn(usize) -> bool, with_respect_to: Range<usize>) -> Self {
         let n_seed = self.outputs.len();
         record(self.graph(), self.n_input + n_seed, || {
             let seeds: Vec<Trace> = (0..n_seed).map(|k| push(Node::Input((self.n_input + k) as u32))).collect();
             let inputs = input_nodes(with_respect_to);
-            let seeded: Vec<(u32, Trace)> = self.outputs.iter().copied().zip(seeds).collect();
-            self.reverse_sweep(&seeded, &inputs)
+            let all = self.outputs.iter().copied().zip(seeds).enumerate();
+            let own: Vec<(u32, Trace)> = all.filter(|(k, _)| seeded(*k)).map(|(_, seed)| seed).collect();
+            self.reverse_sweep(&own, &inputs)
         })
     }
 

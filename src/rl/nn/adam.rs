@@ -1,5 +1,7 @@
 //! Adam, with decoupled weight decay.
 
+use super::product::PAD;
+use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
 use serde::{Deserialize, Serialize};
 
 /// Numbers of the method; see [`Adam`].
@@ -71,15 +73,76 @@ impl Adam {
         self.step = self.step.saturating_add(1);
         let power = self.step.min(1 << 30) as i32;
         let (mean_rate, square_scale) = (rate / (1.0 - beta1.powi(power)), 1.0 / (1.0 - beta2.powi(power)));
-        let [b1, b2, c1, c2] = [beta1, beta2, 1.0 - beta1, 1.0 - beta2].map(|x| x as f32);
-        let [rate, scale, epsilon] = [mean_rate, square_scale, epsilon].map(|x| x as f32);
-        let keep = (1.0 - mean_rate * (1.0 - beta1.powi(power)) * weight_decay) as f32;
-        let moments = self.mean.iter_mut().zip(&mut self.square);
-        for ((w, g), (m, v)) in parameters.iter_mut().zip(gradient).zip(moments) {
-            *m = b1 * *m + c1 * g;
-            *v = b2 * *v + c2 * g * g;
-            *w = keep * *w - rate * *m / ((*v * scale).sqrt() + epsilon);
+        let factors = Factors {
+            beta: [beta1, beta2],
+            rest: [1.0 - beta1, 1.0 - beta2],
+            rate: mean_rate,
+            square_scale,
+            epsilon,
+            keep: 1.0 - mean_rate * (1.0 - beta1.powi(power)) * weight_decay,
+        };
+        dispatch(Descend { factors, parameters, gradient, mean: &mut self.mean, square: &mut self.square });
+    }
+}
+
+/// What one step multiplies with.
+#[derive(Clone, Copy)]
+struct Factors {
+    beta: [f64; 2],
+    rest: [f64; 2],
+    rate: f64,
+    square_scale: f64,
+    epsilon: f64,
+    keep: f64,
+}
+
+struct Descend<'a> {
+    factors: Factors,
+    parameters: &'a mut [f32],
+    gradient: &'a [f32],
+    mean: &'a mut [f32],
+    square: &'a mut [f32],
+}
+
+impl Kernel for Descend<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { factors, parameters, gradient, mean, square } = self;
+        let (n, mut at) = (parameters.len(), 0);
+        while at + L::WIDTH <= n {
+            let own =
+                [L::load(&parameters[at..]), L::load(&mean[at..]), L::load(&square[at..]), L::load(&gradient[at..])];
+            let [w, m, v] = factors.step(own);
+            w.store(&mut parameters[at..]);
+            m.store(&mut mean[at..]);
+            v.store(&mut square[at..]);
+            at += L::WIDTH;
         }
+        let (rest, mut last) = (at..n, [[0.0; PAD]; 4]);
+        last[0][..rest.len()].copy_from_slice(&parameters[rest.clone()]);
+        last[1][..rest.len()].copy_from_slice(&mean[rest.clone()]);
+        last[2][..rest.len()].copy_from_slice(&square[rest.clone()]);
+        last[3][..rest.len()].copy_from_slice(&gradient[rest.clone()]);
+        let [w, m, v] = factors.step([L::load(&last[0]), L::load(&last[1]), L::load(&last[2]), L::load(&last[3])]);
+        w.store(&mut last[0]);
+        m.store(&mut last[1]);
+        v.store(&mut last[2]);
+        parameters[rest.clone()].copy_from_slice(&last[0][..rest.len()]);
+        mean[rest.clone()].copy_from_slice(&last[1][..rest.len()]);
+        square[rest.clone()].copy_from_slice(&last[2][..rest.len()]);
+    }
+}
+
+impl Factors {
+    /// New weight, mean and square of w, m, v and g, without fused operations: the same bits in lanes of any width.
+    #[inline(always)]
+    fn step<L: Lanes>(self, [w, m, v, g]: [L; 4]) -> [L; 3] {
+        let c = L::constant;
+        let m = c(self.beta[0]) * m + c(self.rest[0]) * g;
+        let v = c(self.beta[1]) * v + c(self.rest[1]) * g * g;
+        let w = c(self.keep) * w - c(self.rate) * m / ((v * c(self.square_scale)).sqrt() + c(self.epsilon));
+        [w, m, v]
     }
 }
 
@@ -87,8 +150,8 @@ impl Adam {
 /// zero, and its norm is told as it was.
 pub fn clip_norm(gradient: &mut [f32], most: f64) -> f64 {
     let mut lanes = [0.0_f64; 8];
-    for (i, g) in gradient.iter().enumerate() {
-        lanes[i % 8] += f64::from(*g) * f64::from(*g);
+    for eight in gradient.chunks(8) {
+        lanes.iter_mut().zip(eight).for_each(|(sum, g)| *sum += f64::from(*g) * f64::from(*g));
     }
     let norm = lanes.iter().sum::<f64>().sqrt();
     if !norm.is_finite() {

@@ -5,6 +5,8 @@
 //! network before the next one starts: its activations stay in cache.
 
 use super::activation::Activation;
+use super::aligned::Aligned;
+use super::elementwise::{add, add_rows, sum};
 use super::init::Init;
 use super::product::{Begin, Left, PAD, padded, product};
 use crate::error::{Error, Result};
@@ -73,6 +75,30 @@ struct Layer {
 impl Layer {
     fn wide(&self) -> usize {
         padded(self.n_out)
+    }
+
+    /// Takes the gradient `d` back through the norm, if there is one, and adds those of gain and shift unless `gradient` is
+    /// empty.
+    fn pull_norm(&self, level: &Level, parameters: &[f32], gradient: &mut [f32], d: &mut [f32]) {
+        let Some([gain, shift]) = &self.norm else { return };
+        let wide = self.wide();
+        for (row, d) in d.chunks_exact_mut(wide).enumerate() {
+            let normal = &level.normal[row * wide..][..wide];
+            if !gradient.is_empty() {
+                add_product(&mut gradient[gain.clone()], d, normal);
+                add(&mut gradient[shift.clone()], d);
+            }
+            pull_norm(d, normal, level.scale[row], self.n_out, &parameters[gain.clone()]);
+        }
+    }
+
+    /// weight ← weight + (dᵀ x)ᵀ for rows of `x` without gaps; `transposed` holds what is in the brackets.
+    fn add_transposed(&self, x: &[f32], d: &[f32], transposed: &mut [f32], weight: &mut [f32]) {
+        let (wide, tall) = (self.wide(), padded(self.n_in));
+        product(Left::Columns(d, wide), x, Begin::Zero, transposed, (self.n_out, d.len() / wide, tall));
+        for (i, row) in weight.chunks_exact_mut(wide).enumerate() {
+            row[..self.n_out].iter_mut().zip(transposed[i..].iter().step_by(tall)).for_each(|(w, d)| *w += d);
+        }
     }
 }
 
@@ -191,14 +217,26 @@ impl Mlp {
 
     /// Memory for up to `rows` rows at once.
     pub fn memory(&self, rows: usize) -> Memory {
-        let widest = self.layers.iter().map(|l| l.wide().max(padded(l.n_in))).max().unwrap_or(0);
         let level = |layer: &Layer| Level {
-            y: vec![0.0; rows * layer.wide()],
-            normal: if layer.norm.is_some() { vec![0.0; rows * layer.wide()] } else { Vec::new() },
+            y: Aligned::zeros(rows * layer.wide()),
+            normal: Aligned::zeros(if layer.norm.is_some() { rows * layer.wide() } else { 0 }),
             scale: if layer.norm.is_some() { vec![0.0; rows] } else { Vec::new() },
         };
-        let levels = self.layers.iter().map(level).collect();
-        Memory { levels, grad_output: vec![0.0; rows * widest], grad_input: vec![0.0; rows * widest] }
+        Memory { levels: self.layers.iter().map(level).collect() }
+    }
+
+    /// What backward passes of up to `rows` rows work in.
+    pub fn scratch(&self, rows: usize) -> Scratch {
+        let widest = self.layers.iter().map(|l| l.wide().max(padded(l.n_in))).max().unwrap_or(0);
+        let narrow = if self.is_narrow() { self.n_output() * padded(self.last().n_in) } else { 0 };
+        let [d, before] = [(); 2].map(|()| Aligned::zeros(rows * widest));
+        Scratch { d, before, transposed: Aligned::zeros(narrow) }
+    }
+
+    /// Whether the last layer has so few outputs that its gradient costs less as the transposed, rows and columns exchanged:
+    /// padding falls away.
+    fn is_narrow(&self) -> bool {
+        self.layers.len() > 1 && 2 * self.n_output() <= PAD
     }
 
     /// Outputs of `rows` rows of `[rows, n_input]`; `memory` keeps what [`Mlp::backward`] needs.
@@ -209,10 +247,7 @@ impl Mlp {
         for l in 0..self.layers.len() {
             let layer = &self.layers[l];
             let (before, own) = memory.levels.split_at_mut(l);
-            let (x, stride) = match before.last() {
-                None => (x, layer.n_in),
-                Some(level) => (&level.y[..], padded(layer.n_in)),
-            };
+            let (x, stride) = input(before, layer, x);
             let level = &mut own[0];
             let (k, wide) = (layer.n_in, layer.wide());
             let begin = Begin::With(&parameters[layer.bias.clone()]);
@@ -231,7 +266,8 @@ impl Mlp {
     }
 
     /// Adds to `gradient` the one of Σ `grad_output` · output over the rows of the forward pass that `memory` and `x` are of, and
-    /// writes that of the input to `grad_input` (`[rows, n_input]`), unless it is empty. `grad_output`: `[rows, n_output]`.
+    /// writes that of the input to `grad_input` (`[rows, n_input]`); either may be empty and is then left out. `grad_output`:
+    /// `[rows, n_output]`.
     ///
     /// # Panics
     /// As [`Mlp::forward`].
@@ -240,11 +276,11 @@ impl Mlp {
         net: Weights<'_>,
         x: &[f32],
         rows: usize,
-        memory: &mut Memory,
+        memory: &Memory,
         grad_output: &[f32],
         pass: Pass<'_>,
     ) {
-        let Memory { levels, grad_output: d, grad_input } = memory;
+        let Scratch { d, before, transposed } = pass.scratch;
         let (n_out, wide) = (self.n_output(), self.last().wide());
         for (row, own) in d.chunks_exact_mut(wide).zip(grad_output.chunks_exact(n_out)).take(rows) {
             row[..n_out].copy_from_slice(own);
@@ -252,33 +288,25 @@ impl Mlp {
         }
         for l in (0..self.layers.len()).rev() {
             let layer = &self.layers[l];
-            let (k, wide) = (layer.n_in, layer.wide());
-            let (before, own) = levels.split_at(l);
-            let level = &own[0];
-            let d_own = &mut d[..rows * wide];
-            layer.activation.pull(&level.y[..rows * wide], d_own);
-            if let Some([gain, shift]) = &layer.norm {
-                let weights = &net.parameters[gain.clone()];
-                for (row, d) in d_own.chunks_exact_mut(wide).enumerate() {
-                    let normal = &level.normal[row * wide..][..wide];
-                    add_product(&mut pass.gradient[gain.clone()], d, normal);
-                    add(&mut pass.gradient[shift.clone()], d);
-                    pull_norm(d, normal, level.scale[row], layer.n_out, weights);
+            let (level, x) = (&memory.levels[l], input(&memory.levels[..l], layer, x));
+            let d_own = &mut d[..rows * layer.wide()];
+            layer.activation.pull(&level.y[..d_own.len()], d_own);
+            layer.pull_norm(level, net.parameters, pass.gradient, d_own);
+            if !pass.gradient.is_empty() {
+                add_rows(&mut pass.gradient[layer.bias.clone()], d_own, rows);
+                let weight = &mut pass.gradient[layer.weight.clone()];
+                if l > 0 && l + 1 == self.layers.len() && self.is_narrow() {
+                    layer.add_transposed(x.0, d_own, transposed, weight);
+                } else {
+                    product(Left::Columns(x.0, x.1), d_own, Begin::Add, weight, (layer.n_in, rows, layer.wide()));
                 }
             }
-            d_own.chunks_exact(wide).for_each(|d| add(&mut pass.gradient[layer.bias.clone()], d));
-            let (x, stride) = match before.last() {
-                None => (x, k),
-                Some(level) => (&level.y[..], padded(k)),
-            };
-            let weight = &mut pass.gradient[layer.weight.clone()];
-            product(Left::Columns(x, stride), d_own, Begin::Add, weight, (k, rows, wide));
             if l == 0 && pass.grad_input.is_empty() {
                 break;
             }
-            let shape = (rows, layer.n_out, padded(k));
-            product(Left::Rows(d_own, wide), &net.transposed[l], Begin::Zero, grad_input, shape);
-            std::mem::swap(d, grad_input);
+            let shape = (rows, layer.n_out, padded(layer.n_in));
+            product(Left::Rows(d_own, layer.wide()), &net.transposed[l], Begin::Zero, before, shape);
+            std::mem::swap(d, before);
         }
         if !pass.grad_input.is_empty() {
             let (n, wide) = (self.n_input(), padded(self.n_input()));
@@ -290,10 +318,12 @@ impl Mlp {
 
     /// Weights as [`Mlp::backward`] reads them: pack them once per update.
     pub fn transpose(&self, parameters: &[f32], transposed: &mut Transposed) {
-        transposed.0.resize(self.layers.len(), Vec::new());
+        transposed.0.resize(self.layers.len(), Aligned::default());
         for (layer, out) in self.layers.iter().zip(&mut transposed.0) {
             let (wide, tall) = (layer.wide(), padded(layer.n_in));
-            out.resize(layer.n_out * tall, 0.0);
+            if out.len() != layer.n_out * tall {
+                *out = Aligned::zeros(layer.n_out * tall);
+            }
             let weight = &parameters[layer.weight.clone()];
             for (o, row) in out.chunks_exact_mut(tall).enumerate() {
                 row.iter_mut().zip(weight[o..].iter().step_by(wide)).take(layer.n_in).for_each(|(t, w)| *t = *w);
@@ -388,22 +418,34 @@ impl std::ops::Index<usize> for Transposed {
 /// Where a backward pass writes.
 #[derive(Debug)]
 pub struct Pass<'a> {
-    /// Added to; as long as the parameters.
+    /// Added to; as long as the parameters, or empty.
     pub gradient: &'a mut [f32],
     /// `[rows, n_input]`, or empty.
     pub grad_input: &'a mut [f32],
+    /// Of the same network.
+    pub scratch: &'a mut Scratch,
+}
+
+/// What a backward pass works in: one for all that follow each other, so that it stays in cache.
+#[derive(Debug, Clone)]
+pub struct Scratch {
+    /// Gradients of what a layer gives, and of what it takes.
+    d: Aligned,
+    before: Aligned,
+    /// Gradient of a narrow last layer's weights, [n_out, padded n_in].
+    transposed: Aligned,
 }
 
 /// Transposed weights, layer by layer.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Transposed(Vec<Vec<f32>>);
+pub struct Transposed(Vec<Aligned>);
 
 #[derive(Debug, Clone)]
 struct Level {
     /// What the layer gave, [rows, wide].
-    y: Vec<f32>,
+    y: Aligned,
     /// (z − mean)/deviation, where the layer is normalised.
-    normal: Vec<f32>,
+    normal: Aligned,
     /// 1/deviation of every row.
     scale: Vec<f32>,
 }
@@ -412,8 +454,14 @@ struct Level {
 #[derive(Debug, Clone)]
 pub struct Memory {
     levels: Vec<Level>,
-    grad_output: Vec<f32>,
-    grad_input: Vec<f32>,
+}
+
+/// What a layer behind these levels takes in, and from row to row; `x` is what the network does.
+fn input<'a>(before: &'a [Level], layer: &Layer, x: &'a [f32]) -> (&'a [f32], usize) {
+    match before.last() {
+        None => (x, layer.n_in),
+        Some(level) => (&level.y, padded(layer.n_in)),
+    }
 }
 
 impl Memory {
@@ -445,10 +493,6 @@ impl<'m> Output<'m> {
     }
 }
 
-fn add(sum: &mut [f32], x: &[f32]) {
-    sum.iter_mut().zip(x).for_each(|(s, x)| *s += x);
-}
-
 fn add_product(sum: &mut [f32], a: &[f32], b: &[f32]) {
     sum.iter_mut().zip(a).zip(b).for_each(|((s, a), b)| *s += a * b);
 }
@@ -476,17 +520,6 @@ fn pull_norm(d: &mut [f32], normal: &[f32], scale: f32, n: usize, gain: &[f32]) 
     for i in 0..n {
         d[i] = scale * (d[i] - mean - normal[i] * along);
     }
-}
-
-/// Eight sums side by side, so that it takes one register, then one sum of them.
-fn sum(x: &[f32]) -> f32 {
-    let mut lanes = [0.0; 8];
-    let chunks = x.chunks_exact(8);
-    let rest: f32 = chunks.remainder().iter().sum();
-    for chunk in chunks {
-        lanes.iter_mut().zip(chunk).for_each(|(s, x)| *s += x);
-    }
-    lanes.iter().sum::<f32>() + rest
 }
 
 fn dot(a: &[f32], b: &[f32]) -> f32 {
@@ -602,8 +635,9 @@ mod tests {
                 (vec![0.0; p.len()], vec![0.0; x.len()], Transposed::default());
             mlp.transpose(&p, &mut transposed);
             let net = Weights { parameters: &p, transposed: &transposed };
-            let pass = Pass { gradient: &mut gradient, grad_input: &mut grad_input };
-            mlp.backward(net, &x, rows, &mut memory, &grad_output, pass);
+            let mut scratch = mlp.scratch(rows);
+            let pass = Pass { gradient: &mut gradient, grad_input: &mut grad_input, scratch: &mut scratch };
+            mlp.backward(net, &x, rows, &memory, &grad_output, pass);
             let mut worst: f64 = 0.0;
             let h = 1e-5;
             for (q, part) in mlp.parts(&gradient).iter().enumerate() {

@@ -3,14 +3,18 @@
 //! | file | what |
 //! |---|---|
 //! | `mlp` | layers, forward, backward, named parts |
-//! | `product` | the one matrix product behind them |
+//! | `product`, `aligned` | the one matrix product behind them, and where its numbers stand |
+//! | `elementwise` | sums of arrays, exponentials |
 //! | `activation` | between layers |
 //! | `init` | first weights |
 //! | `adam` | the optimiser |
-//! | `head` | distributions of actions over outputs |
+//! | `head`, `gaussian` | distributions of actions over outputs; Gaussians of many rows at once |
 
 pub(crate) mod activation;
 pub(crate) mod adam;
+pub(crate) mod aligned;
+pub(crate) mod elementwise;
+pub(crate) mod gaussian;
 pub(crate) mod head;
 pub(crate) mod init;
 pub(crate) mod mlp;
@@ -20,4 +24,4 @@ pub use activation::Activation;
 pub use adam::{Adam, AdamConfig, clip_norm};
 pub use head::Head;
 pub use init::Init;
-pub use mlp::{Layers, Memory, Mlp, Output, Part, Pass, Transposed, Weights};
+pub use mlp::{Layers, Memory, Mlp, Output, Part, Pass, Scratch, Transposed, Weights};

@@ -53,34 +53,34 @@ struct Product<'a> {
 
 impl Kernel for Product<'_> {
     type Output = ();
+    /// Tiles keep up to 24 sums where there are 32 registers, 12 where there are 16: the rest holds numbers of A and B. The
+    /// wider a tile, the fewer numbers of A are broadcast per sum.
     #[inline(always)]
     fn run<L: Lanes>(mut self) {
         let mut column = 0;
-        while column + 2 * L::WIDTH <= self.n {
-            self.panel::<L, 2>(column);
-            column += 2 * L::WIDTH;
-        }
-        while column < self.n {
-            self.panel::<L, 1>(column);
-            column += L::WIDTH;
+        if L::WIDTH >= 16 {
+            column = self.panels::<L, 6, 4>(column);
+            column = self.panels::<L, 12, 2>(column);
+            self.panels::<L, 16, 1>(column);
+        } else {
+            column = self.panels::<L, 6, 2>(column);
+            self.panels::<L, 6, 1>(column);
         }
     }
 }
 
 impl Product<'_> {
-    /// `N` registers of columns from `column` on, all rows. With two registers a tile of eight rows keeps sixteen sums, of
-    /// six twelve: as many as there are registers of either kind, and enough that no addition waits for the one before.
+    /// All rows of `N` registers of columns from `column` on while they fit, in tiles of at most `M` rows; the next column.
     #[inline(always)]
-    fn panel<L: Lanes, const N: usize>(&mut self, column: usize) {
-        let mut i = 0;
-        if L::WIDTH >= 16 {
-            i = self.tiles::<L, 8, N>(i, column);
-        } else {
-            i = self.tiles::<L, 6, N>(i, column);
+    fn panels<L: Lanes, const M: usize, const N: usize>(&mut self, mut column: usize) -> usize {
+        while column + N * L::WIDTH <= self.n {
+            let mut i = self.tiles::<L, M, N>(0, column);
+            i = self.tiles::<L, 4, N>(i, column);
+            i = self.tiles::<L, 2, N>(i, column);
+            self.tiles::<L, 1, N>(i, column);
+            column += N * L::WIDTH;
         }
-        i = self.tiles::<L, 4, N>(i, column);
-        i = self.tiles::<L, 2, N>(i, column);
-        self.tiles::<L, 1, N>(i, column);
+        column
     }
 
     /// Tiles of `M` rows from row `i` on while they fit; the next row.
@@ -126,19 +126,14 @@ impl<const M: usize, const N: usize> Kernel for RowTile<'_, M, N> {
         unrolled!(r in 0..M {
             rows[r] = &self.a[r * self.stride..][..self.k];
         });
-        let mut b = self.b;
-        for at in 0..self.k {
-            let mut x = [L::zero(); N];
-            unrolled!(j in 0..N {
-                x[j] = L::load(&b[j * L::WIDTH..]);
-            });
+        for (at, b) in self.b.chunks(self.n).take(self.k).enumerate() {
+            let x = registers::<L, N>(b);
             unrolled!(r in 0..M {
                 let own = broadcast::<L>(rows[r][at]);
                 unrolled!(j in 0..N {
                     sums[r][j] = own.mul_add(x[j], sums[r][j]);
                 });
             });
-            b = b.get(self.n..).unwrap_or_default();
         }
         store(&sums, self.c, self.n);
     }
@@ -160,24 +155,28 @@ impl<const M: usize, const N: usize> Kernel for ColumnTile<'_, M, N> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let mut sums = first::<L, M, N>(self.begin, self.c, self.n);
-        let (mut a, mut b) = (self.a, self.b);
-        for _ in 0..self.k {
-            let own = &a[..M];
-            let mut x = [L::zero(); N];
-            unrolled!(j in 0..N {
-                x[j] = L::load(&b[j * L::WIDTH..]);
-            });
+        for (a, b) in self.a.chunks(self.stride).zip(self.b.chunks(self.n)).take(self.k) {
+            let (own, x) = (&a[..M], registers::<L, N>(b));
             unrolled!(r in 0..M {
                 let own = broadcast::<L>(own[r]);
                 unrolled!(j in 0..N {
                     sums[r][j] = own.mul_add(x[j], sums[r][j]);
                 });
             });
-            a = a.get(self.stride..).unwrap_or_default();
-            b = b.get(self.n..).unwrap_or_default();
         }
         store(&sums, self.c, self.n);
     }
+}
+
+/// The first `N` registers of a row, of which one check cuts all.
+#[inline(always)]
+fn registers<L: Lanes, const N: usize>(row: &[f32]) -> [L; N] {
+    let row = &row[..N * L::WIDTH];
+    let mut x = [L::zero(); N];
+    unrolled!(j in 0..N {
+        x[j] = L::load(&row[j * L::WIDTH..]);
+    });
+    x
 }
 
 /// What the sums of a tile begin with.
@@ -185,16 +184,15 @@ impl<const M: usize, const N: usize> Kernel for ColumnTile<'_, M, N> {
 fn first<L: Lanes, const M: usize, const N: usize>(begin: Begin<'_>, c: &[f32], n: usize) -> [[L; N]; M] {
     let mut sums = [[L::zero(); N]; M];
     match begin {
-        Begin::With(row) => unrolled!(r in 0..M {
-            unrolled!(j in 0..N {
-                sums[r][j] = L::load(&row[j * L::WIDTH..]);
+        Begin::With(row) => {
+            let row = registers(row);
+            unrolled!(r in 0..M {
+                sums[r] = row;
             });
-        }),
+        }
         Begin::Zero => {}
         Begin::Add => unrolled!(r in 0..M {
-            unrolled!(j in 0..N {
-                sums[r][j] = L::load(&c[r * n + j * L::WIDTH..]);
-            });
+            sums[r] = registers(&c[r * n..]);
         }),
     }
     sums
@@ -203,8 +201,9 @@ fn first<L: Lanes, const M: usize, const N: usize>(begin: Begin<'_>, c: &[f32], 
 #[inline(always)]
 fn store<L: Lanes, const M: usize, const N: usize>(sums: &[[L; N]; M], c: &mut [f32], n: usize) {
     unrolled!(r in 0..M {
+        let row = &mut c[r * n..][..N * L::WIDTH];
         unrolled!(j in 0..N {
-            sums[r][j].store(&mut c[r * n + j * L::WIDTH..]);
+            sums[r][j].store(&mut row[j * L::WIDTH..]);
         });
     });
 }

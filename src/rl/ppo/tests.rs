@@ -107,12 +107,14 @@ fn the_gradient_of_the_loss_is_that_of_finite_differences() {
         let mut run = |parameters: &[f32]| {
             let (network, extra) = parameters.split_at(actor.mlp.n_parameter());
             let share = 1.0 / rows.len() as f64;
-            let loss = Loss { head, extra, rollout: &rollout, clip_epsilon: 0.2, entropy: 0.05, share };
+            let mut gaussians = Gaussians::of(head);
+            gaussians.iter_mut().for_each(|g| g.set(extra));
+            let gaussians = gaussians.as_ref();
+            let loss = Loss { head, gaussians, extra, rollout: &rollout, clip_epsilon: 0.2, entropy: 0.05, share };
             let mut transposed = Transposed::default();
             actor.mlp.transpose(network, &mut transposed);
             let net = Weights { parameters: network, transposed: &transposed };
-            let row = |k: usize, y: &[f32], up: &mut [f32], d: &mut [f32], s: &mut Sums| loss.row(k, y, up, d, s);
-            let sums = batch.gradient(&threads, &actor.mlp, net, &rollout.observation, &rows, &row);
+            let sums = batch.gradient(&threads, &actor.mlp, net, &rollout.observation, &rows, &loss);
             (share * (sums[sum::SURROGATE] - 0.05 * sums[sum::ENTROPY]), sums, batch.gradient.clone())
         };
         let (_, sums, gradient) = run(&parameters);

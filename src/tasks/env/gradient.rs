@@ -37,37 +37,45 @@ pub(crate) struct Slot {
     moved: u64,
 }
 
+/// Copies the first `n` environments of rows: half of each where they stand in it.
+fn copy(to: &mut [[f32; BLOCK]], from: &[[f32; BLOCK]], n: usize) {
+    if n > BLOCK / 2 {
+        return to.copy_from_slice(&from[..to.len()]);
+    }
+    to.iter_mut().zip(from).for_each(|(to, from)| to[..BLOCK / 2].copy_from_slice(&from[..BLOCK / 2]));
+}
+
 impl Slot {
     fn new(layout: &StepLayout) -> Self {
         Self { arguments: Columns::zeros(layout.n_kept()), running: 0, ended: 0, moved: 0 }
     }
 
-    fn copy(&mut self, to: &Range<usize>, rows: &[[f32; BLOCK]]) {
-        self.arguments[to.clone()].copy_from_slice(&rows[..to.len()]);
-    }
-
     /// Before the step.
     pub(crate) fn open(&mut self, p: &StepLayout, block: &EnvBlock, running: u64) {
         (self.running, self.moved) = (running, block.moved);
-        self.copy(&p.state, &block.plant.rows);
-        self.copy(&p.task_state, &block.task_state);
-        self.copy(&p.line, &block.line);
-        self.copy(&p.history, &block.history);
-        self.copy(&p.parameters, &block.theta);
+        for (place, rows) in [
+            (&p.state, &block.plant.rows),
+            (&p.task_state, &block.task_state),
+            (&p.line, &block.line),
+            (&p.history, &block.history),
+            (&p.parameters, &block.theta),
+            (&p.goal, &block.goal),
+            (&p.wind, &block.air),
+        ] {
+            copy(&mut self.arguments[place.clone()], rows, block.plant.occupied);
+        }
         for (at, k) in p.time.clone().zip([episode_state::STEP, episode_state::OFFSET, episode_state::DELAY]) {
             self.arguments[at] = block.episode_state[k];
         }
-        self.copy(&p.goal, &block.goal);
-        self.copy(&p.wind, &block.air);
     }
 
     /// Actions as they came, the goal and the noise of the observation behind the step, and where physics went well.
     pub(crate) fn close(&mut self, p: &StepLayout, block: &EnvBlock, work: &Workspace, ended: u64, alive: u64) {
         self.ended = ended;
         self.running &= alive;
-        self.copy(&p.action, &work.action);
-        self.copy(&p.next_goal, &block.goal);
-        self.copy(&p.noise, &work.noise);
+        for (place, rows) in [(&p.action, &work.action), (&p.next_goal, &block.goal), (&p.noise, &work.noise)] {
+            copy(&mut self.arguments[place.clone()], rows, block.plant.occupied);
+        }
     }
 }
 
@@ -131,9 +139,27 @@ struct Shared {
     layout: StepLayout,
     program: Program,
     parameters: bool,
+    seeds: Seeds,
     mode: Autoreset,
     threads: Threads,
     n_env: usize,
+}
+
+/// Which results of a step an adjoint takes cotangents of, beside observations and what is carried. What only the others
+/// need is left out of its program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Seeds {
+    /// The central state.
+    pub central: bool,
+    /// The reward.
+    pub reward: bool,
+    /// The loss.
+    pub loss: bool,
+}
+
+impl Seeds {
+    /// Of all results.
+    pub const ALL: Self = Self { central: true, reward: true, loss: true };
 }
 
 /// Cotangents of what one step wrote; an empty slice stands for zeros.
@@ -208,6 +234,14 @@ impl Env {
     /// # Errors
     /// [`Error::Value`] for discrete actions; [`Error::Limit`] if the recording is too large.
     pub fn adjoint(&self, parameters: bool) -> Result<Adjoint> {
+        self.adjoint_of(parameters, Seeds::ALL)
+    }
+
+    /// As [`Env::adjoint`], for cotangents of these results alone.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn adjoint_of(&self, parameters: bool, seeds: Seeds) -> Result<Adjoint> {
         if self.spec.config.actions != ActionSpace::Continuous {
             let remedy = "Whole numbers have no gradient: leave `actions` out.";
             return Err(Error::value("actions", "discrete", "continuous for gradients", remedy));
@@ -215,9 +249,16 @@ impl Env {
         let layout = self.layout();
         let recording = self.core.record(&layout);
         let wanted = if parameters { layout.parameters.end } else { layout.action.end };
+        let seeded = |result: usize| match result {
+            k if layout.central.contains(&k) => seeds.central,
+            k if k == layout.reward => seeds.reward,
+            k if k == layout.loss => seeds.loss,
+            _ => true,
+        };
         Ok(Adjoint(Arc::new(Shared {
-            program: Program::compile(&recording.adjoint(0..wanted))?,
+            program: Program::compile(&recording.adjoint_of(seeded, 0..wanted))?,
             parameters,
+            seeds,
             mode: self.core.mode,
             threads: self.threads.clone(),
             n_env: self.spec.n_env,
@@ -281,7 +322,7 @@ impl Env {
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
         let mut slot = Slot::new(&layout);
         slot.open(&layout, block, u64::MAX);
-        slot.copy(&layout.next_goal, &block.goal);
+        copy(&mut slot.arguments[layout.next_goal.clone()], &block.goal, block.plant.occupied);
         let mut z: Vec<f64> = slot.arguments.iter().map(|row| f64::from(row[lane])).collect();
         z[layout.action.clone()].copy_from_slice(action);
         z.extend(self.core.frozen.iter());
@@ -524,8 +565,8 @@ impl Sweep {
     /// is not finite gets zeros and is counted.
     ///
     /// # Errors
-    /// [`Error::Value`] for a tape of another task, configuration or number of environments, a step out of order, or a
-    /// slice of the wrong length; [`Error::Limit`] if the tape has no such step. Nothing is changed then.
+    /// [`Error::Value`] for a tape of another task, configuration or number of environments, a step out of order, a slice of
+    /// the wrong length, or cotangents that the adjoint has no [`Seeds`] of; [`Error::Limit`] if the tape has no such step. Nothing is changed then.
     pub fn pull(&mut self, tape: &Tape, t: usize, up: &Cotangents<'_>, action: &mut [f32]) -> Result<()> {
         let Self { adjoint: Adjoint(a), options, blocks, last } = self;
         kindred(tape, &a.layout, a.n_env)?;
@@ -553,6 +594,22 @@ impl Sweep {
             if got != a.n_env * each && !(optional && got == 0) {
                 let wanted = (a.n_env * each).to_string();
                 return Err(Error::value(format!("length of {what}"), got, wanted, "Rows are environments."));
+            }
+        }
+        for (what, given, seeded) in [
+            ("central", up.central, a.seeds.central),
+            ("final_central", up.final_central, a.seeds.central),
+            ("reward", up.reward, a.seeds.reward),
+            ("loss", up.loss, a.seeds.loss),
+        ] {
+            if !seeded && !given.is_empty() {
+                let remedy = "Make the adjoint with env.adjoint, or with seeds for it.";
+                return Err(Error::value(
+                    format!("cotangents of {what}"),
+                    given.len(),
+                    "left out, as the adjoint does",
+                    remedy,
+                ));
             }
         }
         let (options, behind) = (*options, *last);
@@ -682,11 +739,11 @@ impl BlockSweep {
         up: &Cotangents<'_>,
         options: SweepOptions,
     ) {
-        let p = &a.layout;
+        let (p, n) = (&a.layout, (a.n_env - first).min(BLOCK));
         let (z, seeds) = self.arguments.split_at_mut(p.n_argument());
-        z[..p.n_kept()].copy_from_slice(&slot.arguments);
+        copy(&mut z[..p.n_kept()], &slot.arguments, n);
         z[p.statistics.clone()].iter_mut().zip(statistics).for_each(|(row, x)| *row = [*x as f32; BLOCK]);
-        seeds[..p.n_carried()].copy_from_slice(&self.carried);
+        copy(&mut seeds[..p.n_carried()], &self.carried, n);
         spread(up.observation, first, &mut seeds[p.observation.clone()]);
         spread(up.central, first, &mut seeds[p.central.clone()]);
         spread(up.reward, first, &mut seeds[p.reward..p.reward + 1]);
@@ -705,32 +762,32 @@ impl BlockSweep {
         for lane in lanes_of(!live) {
             seeds.iter_mut().for_each(|row| row[lane] = 0.0);
         }
-        a.program.evaluate_block(&mut self.workspace, &self.arguments, &mut self.results);
-        self.contain(live, first, a.n_env);
+        a.program.evaluate_lanes(n, &mut self.workspace, &self.arguments, &mut self.results);
+        self.contain(live, n);
         for (row, result) in self.carried.iter_mut().zip(&self.results) {
-            for (x, y) in row.iter_mut().zip(result) {
+            for (x, y) in row[..n].iter_mut().zip(result) {
                 *x = options.decay * y;
             }
         }
-        self.action.copy_from_slice(&self.results[p.action.clone()]);
+        copy(&mut self.action, &self.results[p.action.clone()], n);
         let from = p.action.end;
         for (sum, part) in self.parameters.iter_mut().zip(&self.results[from.min(self.results.len())..]) {
-            sum.iter_mut().zip(part).for_each(|(x, y)| *x += y);
+            sum[..n].iter_mut().zip(part).for_each(|(x, y)| *x += y);
         }
         if options.clip.is_finite() {
-            self.clip(options.clip);
+            self.clip(options.clip, n);
         }
     }
 
     /// Zeros where a gradient is not finite, and in lanes that do not count.
-    fn contain(&mut self, live: u64, first: usize, n_env: usize) {
+    fn contain(&mut self, live: u64, n: usize) {
         // 0 where all is finite, else NaN
         let mut sound = [0.0; BLOCK];
         for row in &self.results {
-            sound.iter_mut().zip(row).for_each(|(sum, x)| *sum += 0.0 * x);
+            sound[..n].iter_mut().zip(row).for_each(|(sum, x)| *sum += 0.0 * x);
         }
-        for (lane, sum) in sound.iter().enumerate() {
-            let counts = (live >> lane) & 1 == 1 && first + lane < n_env;
+        for (lane, sum) in sound[..n].iter().enumerate() {
+            let counts = (live >> lane) & 1 == 1;
             if !counts || sum.is_nan() {
                 self.results.iter_mut().for_each(|row| row[lane] = 0.0);
                 self.dropped += usize::from(counts);
@@ -738,8 +795,8 @@ impl BlockSweep {
         }
     }
 
-    fn clip(&mut self, most: f32) {
-        for lane in 0..BLOCK {
+    fn clip(&mut self, most: f32, n: usize) {
+        for lane in 0..n {
             let norm = self.carried.iter().map(|row| row[lane] * row[lane]).sum::<f32>().sqrt();
             if norm > most {
                 let factor = most / norm;

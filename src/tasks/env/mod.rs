@@ -48,7 +48,7 @@ pub(crate) mod transform;
 pub(crate) mod transition;
 
 pub use buffers::{Buffers, StepOut};
-pub use gradient::{Adjoint, Cotangents, Jacobian, Sweep, SweepOptions, Tape};
+pub use gradient::{Adjoint, Cotangents, Jacobian, Seeds, Sweep, SweepOptions, Tape};
 pub use normaliser::Pending;
 pub use spec::{Column, Info, Space, Spec};
 pub use transition::StepLayout;

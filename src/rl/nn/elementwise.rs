@@ -1,0 +1,97 @@
+//! Sums of arrays and exponentials in lanes, number by number: the same bits in registers of any width.
+
+use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+
+/// sum ← sum + x.
+pub(crate) fn add(sum: &mut [f32], x: &[f32]) {
+    add_rows(sum, x, 1);
+}
+
+/// sum ← sum + each of the first `n` rows of `x`, in order.
+pub(crate) fn add_rows(sum: &mut [f32], x: &[f32], n: usize) {
+    let width = sum.len();
+    dispatch(AddRows { sum, x: &x[..n * width], width });
+}
+
+/// eˣ of every number, in place; a multiple of [`PAD`](super::product::PAD) of them.
+pub(crate) fn exp(x: &mut [f32]) {
+    dispatch(Exp { x });
+}
+
+struct Exp<'a> {
+    x: &'a mut [f32],
+}
+
+impl Kernel for Exp<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        for x in self.x.chunks_exact_mut(L::WIDTH) {
+            L::load(x).exp().store(x);
+        }
+    }
+}
+
+/// Eight sums side by side, so that it takes one register, then one sum of them.
+pub(crate) fn sum(x: &[f32]) -> f32 {
+    let mut lanes = [0.0; 8];
+    let chunks = x.chunks_exact(8);
+    let rest: f32 = chunks.remainder().iter().sum();
+    for chunk in chunks {
+        lanes.iter_mut().zip(chunk).for_each(|(s, x)| *s += x);
+    }
+    lanes.iter().sum::<f32>() + rest
+}
+
+struct AddRows<'a> {
+    sum: &'a mut [f32],
+    x: &'a [f32],
+    width: usize,
+}
+
+impl Kernel for AddRows<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { sum, x, width } = self;
+        let mut column = 0;
+        while column + L::WIDTH <= width {
+            let mut own = L::load(&sum[column..]);
+            let mut at = column;
+            while at < x.len() {
+                own += L::load(&x[at..]);
+                at += width;
+            }
+            own.store(&mut sum[column..]);
+            column += L::WIDTH;
+        }
+        while column < width {
+            let mut at = column;
+            while at < x.len() {
+                sum[column] += x[at];
+                at += width;
+            }
+            column += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autodiff::lanes::{Set, with_set};
+
+    #[test]
+    fn sums_are_those_of_a_loop_to_the_bit_for_any_width() {
+        for (width, rows) in [(1, 3), (16, 1), (23, 5), (64, 32)] {
+            let x: Vec<f32> = (0..width * rows).map(|i| (i as f32 * 0.37).sin()).collect();
+            let mut want = vec![0.5_f32; width];
+            x.chunks(width).for_each(|row| want.iter_mut().zip(row).for_each(|(s, x)| *s += x));
+            for set in [Set::Avx512, Set::Avx2, Set::OneLane] {
+                let mut got = vec![0.5; width];
+                with_set(set, || add_rows(&mut got, &x, rows));
+                assert_eq!(got, want, "{width} × {rows} with {set:?}");
+            }
+        }
+    }
+}
