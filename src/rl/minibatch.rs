@@ -17,10 +17,20 @@ const PART: usize = 4 * ROWS;
 pub type Sums = [f64; 8];
 
 /// A loss over a block of up to [`ROWS`] rows.
-pub(crate) trait BlockLoss: Sync {
+pub trait BlockLoss: Sync {
     /// For these rows and what the network gave for them: writes ∂loss/∂output (`[rows, n_output]`, zeros before), adds to
     /// the gradient of the extra parameters and to the sums.
     fn block(&self, rows: &[u32], output: Output<'_>, grad_output: &mut [f32], d_extra: &mut [f32], sums: &mut Sums);
+}
+
+/// A loss of single rows: (row, output, ∂loss/∂output to be written, gradient of the extra parameters to be added to, sums).
+impl<F: Fn(usize, &[f32], &mut [f32], &mut [f32], &mut Sums) + Sync> BlockLoss for F {
+    fn block(&self, rows: &[u32], output: Output<'_>, grad_output: &mut [f32], d_extra: &mut [f32], sums: &mut Sums) {
+        let n_output = grad_output.len() / rows.len().max(1);
+        for (k, row) in rows.iter().enumerate() {
+            self(*row as usize, output.row(k), &mut grad_output[k * n_output..][..n_output], d_extra, sums);
+        }
+    }
 }
 
 /// Minibatch `k` of `n`: all differ by one row at most, so that networks with more and with fewer rows take as many steps.

@@ -13,7 +13,7 @@
 
 pub use super::critic::{Critic, Fit, shuffle};
 pub use super::gae::{Steps, advantages};
-pub use super::minibatch::{Minibatch, Sums, part as minibatch};
+pub use super::minibatch::{BlockLoss, Minibatch, Sums, part as minibatch};
 pub use super::policy_optimiser::PolicyOptimiser;
 pub use super::rollout::{Collector, How, Part as RolloutPart, Rollout, Seen as RolloutSeen, Shape};
 pub use super::shards::{Make, Shard, episodes, normalise, shards};
