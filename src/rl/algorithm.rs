@@ -4,6 +4,7 @@
 //! resumes or draws a run sees it through [`Algorithm`] alone.
 
 use super::apg::ApgConfig;
+use super::dagger::DaggerConfig;
 use super::learner::Learner;
 use super::policy::Actor;
 use super::ppo::PpoConfig;
@@ -130,7 +131,8 @@ const fn entry<A: Algorithm + Default + DeserializeOwned>() -> Entry {
     Entry { default: || Box::new(A::default()), read: read::<A> }
 }
 
-static BUILT_IN: [Entry; 3] = [entry::<ApgConfig>(), entry::<ShacConfig>(), entry::<PpoConfig>()];
+static BUILT_IN: [Entry; 4] =
+    [entry::<ApgConfig>(), entry::<ShacConfig>(), entry::<PpoConfig>(), entry::<DaggerConfig>()];
 static OWN: RwLock<Vec<Entry>> = RwLock::new(Vec::new());
 
 /// All of them, built-in ones first.

@@ -8,6 +8,7 @@
 //! |---|---|
 //! | [`apg`] | analytic policy gradients: the default where the loss is smooth |
 //! | [`shac`] | the same over shorter windows, with a critic behind them |
+//! | [`dagger`] | imitation of a controller, or of a policy that sees more |
 //! | [`ppo`] | proximal policy optimisation, for all tasks, teams and discrete actions |
 //! | [`algorithm`] | which algorithms there are, and how to add one's own |
 //! | `config`, [`recipes`] | what a run is made of, and what proved good for each task |
@@ -66,6 +67,7 @@ pub(crate) mod config;
 pub(crate) mod config_diff;
 pub(crate) mod critic;
 pub(crate) mod curriculum;
+pub mod dagger;
 pub(crate) mod evaluate;
 pub(crate) mod gae;
 pub(crate) mod learner;

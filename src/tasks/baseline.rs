@@ -107,6 +107,13 @@ impl Baseline {
         Ok(())
     }
 
+    /// Makes a new controller for environment `environment` at the next [`Baseline::act`]: where an episode began.
+    pub fn forget(&mut self, environment: usize) {
+        if let Some(seat) = self.seats.get_mut(environment) {
+            *seat = None;
+        }
+    }
+
     /// Environments whose numbers no controller could be made for, and why.
     pub fn failures(&self) -> &[(usize, Error)] {
         &self.failures

@@ -1,0 +1,453 @@
+//! DAgger: a policy that imitates a teacher on the states that it meets itself (Ross, Gordon and Bagnell 2011).
+//!
+//! Each update
+//! 1. flies fresh episodes: a share β of the environments by the teacher, the others by the policy;
+//! 2. asks the teacher for its action a* in every state that was met;
+//! 3. goes over these rows `epochs` times in minibatches, and descends L = ½ ‖π(o) − a*‖², Huber's beyond 1.
+//!
+//! With β = 1 throughout this is behaviour cloning; with β falling to 0 the policy learns to mend its own mistakes.
+//!
+//! The teacher is our controller of the task ([`Baseline`]), which sees the true state and masses, or the policy of another run
+//! ([`DaggerConfig::teacher`]), which may see what the student does not: noise-free or privileged observations, where the
+//! student has a history. It then flies in a twin of every environment, which takes the same actions and shows what the
+//! teacher was trained to see (Chen et al. 2020; Lee et al. 2020).
+
+use super::algorithm::Algorithm;
+use super::checkpoint::Tensors;
+use super::critic::shuffle;
+use super::learner::{Episodes, Learner, Progress, Update};
+use super::minibatch::{Minibatch, Sums, part};
+use super::nn::{AdamConfig, Layers, Memory};
+use super::policy::{Actor, Policy, ROWS};
+use super::policy_io::load_policy;
+use super::policy_optimiser::PolicyOptimiser;
+use super::schedule::Schedule;
+use super::shards::{Make, Shard, begin_statistics, episodes, normalise, set_difficulty, shards, within_memory};
+use super::state;
+use super::warm_start::WarmStart;
+use super::window::mask_nonfinite;
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use crate::rng::{Purpose, Stream};
+use crate::tasks::{Baseline, Buffers, Env, EnvConfig, Spec};
+use serde::{Deserialize, Serialize};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+/// Settings; defaults clone a cascade within a minute.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DaggerConfig {
+    /// Environments, E.
+    pub n_env: usize,
+    /// Environments of a shard: one thread steps it for a whole update.
+    pub shard: usize,
+    /// Steps of an update, from fresh starts on.
+    pub steps: usize,
+    /// Updates of a run.
+    pub updates: u64,
+    /// Folder of the run whose policy teaches; empty for our controller of the task.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub teacher: String,
+    /// β, share of the environments that the teacher flies, over the run.
+    pub teacher_share: Schedule,
+    /// Passes over an update's rows.
+    pub epochs: usize,
+    /// Minibatches of a pass.
+    pub minibatches: usize,
+    /// Learning rate over the run.
+    pub learning_rate: Schedule,
+    /// Largest norm of the gradient.
+    pub max_grad_norm: f64,
+    /// The optimiser.
+    pub adam: AdamConfig,
+    /// The policy.
+    pub network: Layers,
+}
+
+impl Default for DaggerConfig {
+    fn default() -> Self {
+        Self {
+            n_env: 64,
+            shard: 32,
+            steps: 250,
+            updates: 100,
+            teacher: String::new(),
+            teacher_share: Schedule::Linear { from: 1.0, to: 0.0, warm_up: 0.0 },
+            epochs: 4,
+            minibatches: 16,
+            learning_rate: Schedule::cosine(2e-3, 2e-5),
+            max_grad_norm: 1.0,
+            adam: AdamConfig::default(),
+            network: Layers::default(),
+        }
+    }
+}
+
+impl Algorithm for DaggerConfig {
+    fn name(&self) -> &'static str {
+        "dagger"
+    }
+
+    fn validate(&self) -> Result<()> {
+        for (what, n, most) in [
+            ("n_env", self.n_env, 1 << 24),
+            ("shard", self.shard, 1 << 24),
+            ("steps", self.steps, 1 << 16),
+            ("epochs", self.epochs, 1 << 10),
+            ("minibatches", self.minibatches, 1 << 16),
+        ] {
+            if n == 0 || n > most {
+                let remedy = "64, 32, 250, 4 and 16 are usual.";
+                return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
+            }
+        }
+        if !(self.max_grad_norm.is_finite() && self.max_grad_norm > 0.0) {
+            return Err(Error::value("max_grad_norm", self.max_grad_norm, "finite and > 0", "1 is usual."));
+        }
+        self.teacher_share.validate("teacher_share")?;
+        self.learning_rate.validate("learning_rate")?;
+        self.adam.validate()?;
+        self.network.validate()
+    }
+
+    fn updates(&self) -> u64 {
+        self.updates
+    }
+
+    fn set_updates(&mut self, updates: u64) {
+        self.updates = updates;
+    }
+
+    fn actor(&self, spec: &Spec) -> Result<Actor> {
+        Actor::new(spec, &self.network, true)
+    }
+
+    fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {
+        Ok(Box::new(Dagger::with(make, env, self.clone(), seed, threads)?))
+    }
+
+    fn evaluate_every(&self) -> u64 {
+        20
+    }
+
+    fn loss(&self) -> &'static str {
+        "half the squared error of an action"
+    }
+
+    fn source(&self) -> (&'static str, &'static str) {
+        (include_str!("dagger.rs"), "DaggerConfig")
+    }
+}
+
+/// DAgger, in the middle of a run.
+pub struct Dagger {
+    config: DaggerConfig,
+    optimiser: PolicyOptimiser,
+    batch: Minibatch,
+    workers: Vec<Worker>,
+    /// Rows of an update, worker by worker: what was seen, what the teacher would do (NaN where there is nothing to learn).
+    observation: Vec<f32>,
+    label: Vec<f32>,
+    order: Vec<u32>,
+    threads: Threads,
+    seed: u64,
+    update: u64,
+    env_steps: u64,
+}
+
+/// A shard with its teacher.
+struct Worker {
+    shard: Shard,
+    teacher: Teacher,
+    memory: Memory,
+    own: Vec<f32>,
+    taught: Vec<f32>,
+    masked: Vec<usize>,
+    reward: f64,
+    episodes: Episodes,
+    failed: Option<Error>,
+}
+
+/// Name of a shard's environments as the teacher sees them, in a checkpoint.
+fn twin(shard: usize) -> String {
+    format!("teacher.{shard}.environments")
+}
+
+/// Its multiples lie evenly between whole numbers.
+const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
+
+/// Who shows how it is done.
+enum Teacher {
+    /// Controllers may be sent to threads, but not shared.
+    Controller(Mutex<Baseline>),
+    /// A policy, and the environments as it sees them.
+    Policy(Box<(Policy, Env, Buffers)>),
+}
+
+impl Teacher {
+    fn new(shard: &Shard, config: &DaggerConfig, make: &Make<'_>) -> Result<Self> {
+        if config.teacher.is_empty() {
+            return Ok(Self::Controller(Mutex::new(Baseline::new(&shard.env)?)));
+        }
+        let saved = load_policy(&config.teacher)?;
+        let observation = saved.config.seen_env().observation;
+        let mut twin = make(&EnvConfig { observation, ..shard.env.spec().config.clone() })?;
+        saved.policy.fits(twin.spec())?;
+        if let Some(known) = saved.policy.statistics() {
+            twin.set_statistics(known.clone())?;
+        }
+        let one = Threads::new(1)?;
+        twin.set_threads(one.clone());
+        let mut policy = saved.policy;
+        policy.set_threads(one);
+        let mut out = Buffers::new(twin.spec());
+        twin.reset(None, None, &mut out.out())?;
+        Ok(Self::Policy(Box::new((policy, twin, out))))
+    }
+
+    /// Fresh episodes, those that `env` has just begun.
+    fn reset(&mut self, env: &Env) -> Result<()> {
+        match self {
+            Self::Controller(own) => *own = Mutex::new(Baseline::new(env)?),
+            Self::Policy(own) => own.1.reset(None, None, &mut own.2.out())?,
+        }
+        Ok(())
+    }
+
+    fn act(&mut self, env: &Env, actions: &mut [f32]) -> Result<()> {
+        match self {
+            Self::Controller(own) => own.get_mut().unwrap_or_else(PoisonError::into_inner).act(env, actions),
+            Self::Policy(own) => own.0.act(&own.2.observation, actions),
+        }
+    }
+
+    /// The step that `actions` made, which ended the episodes marked in `ended`.
+    fn follow(&mut self, actions: &[f32], ended: impl Iterator<Item = bool>) -> Result<()> {
+        match self {
+            Self::Controller(own) => {
+                let own = own.get_mut().unwrap_or_else(PoisonError::into_inner);
+                ended.enumerate().filter(|(_, ended)| *ended).for_each(|(i, _)| own.forget(i));
+                Ok(())
+            }
+            Self::Policy(own) => own.1.step(actions, &mut own.2.out()),
+        }
+    }
+}
+
+impl Worker {
+    fn new(shard: Shard, actor: &Actor, config: &DaggerConfig, make: &Make<'_>) -> Result<Self> {
+        let spec = shard.env.spec();
+        let n_action = spec.n_env * spec.n_agent * spec.action.len();
+        Ok(Self {
+            teacher: Teacher::new(&shard, config, make)?,
+            memory: actor.mlp.memory(ROWS),
+            own: vec![0.0; n_action],
+            taught: vec![0.0; n_action],
+            masked: Vec::new(),
+            reward: 0.0,
+            episodes: Episodes::default(),
+            failed: None,
+            shard,
+        })
+    }
+
+    /// Flies fresh episodes, the share `by_teacher` of all environments by the teacher, and keeps what was seen and what it
+    /// would do.
+    fn fly(
+        &mut self,
+        optimiser: &PolicyOptimiser,
+        by_teacher: f64,
+        observation: &mut [f32],
+        label: &mut [f32],
+    ) -> Result<()> {
+        let Self { shard: Shard { env, out }, teacher, memory, own, taught, masked, .. } = self;
+        let (n_env, n_agent, n_seen) = (env.spec().n_env, env.spec().n_agent, env.spec().n_observation);
+        let (rows, n_action) = (n_env * n_agent, own.len() / (n_env * n_agent));
+        let first = env.spec().config.first_environment;
+        // spread evenly over all shards
+        let taught_one = |i: usize| ((first + i as u64) as f64 * GOLDEN_RATIO).fract() < by_teacher;
+        (self.reward, self.episodes) = (0.0, Episodes::default());
+        env.reset(None, None, &mut out.out())?;
+        teacher.reset(env)?;
+        for (seen, label) in observation.chunks_exact_mut(rows * n_seen).zip(label.chunks_exact_mut(rows * n_action)) {
+            seen.copy_from_slice(&out.observation);
+            mask_nonfinite(seen, rows, masked);
+            teacher.act(env, taught)?;
+            label.copy_from_slice(taught);
+            masked.iter().for_each(|row| label[row * n_action..][..n_action].fill(f32::NAN));
+            for (x, actions) in seen.chunks(ROWS * n_seen).zip(own.chunks_mut(ROWS * n_action)) {
+                optimiser.actor.modes(optimiser.net().parameters, x, memory, actions);
+            }
+            for i in (0..n_env).filter(|i| taught_one(*i)) {
+                let place = i * n_agent * n_action..(i + 1) * n_agent * n_action;
+                own[place.clone()].copy_from_slice(&taught[place]);
+            }
+            env.step(own, &mut out.out())?;
+            let ended = (0..n_env).map(|i| out.terminated[i] | out.truncated[i] == 1);
+            teacher.follow(own, ended)?;
+            let finite = out.reward.iter().filter(|x| x.is_finite());
+            self.reward += finite.map(|x| f64::from(*x)).sum::<f64>() / n_agent as f64;
+            self.episodes.add(&episodes(env.spec(), out));
+        }
+        Ok(())
+    }
+}
+
+impl Dagger {
+    /// A run from random weights; `make` builds each shard's environments from its configuration.
+    ///
+    /// # Errors
+    /// As [`Algorithm::validate`], [`Baseline::new`] and `make`; as [`load_policy`] and [`Policy::fits`] for a teacher that is
+    /// a run's; [`Error::Limit`] for rows beyond [`EnvConfig::memory_limit`].
+    pub fn with(make: &Make<'_>, env: &EnvConfig, config: DaggerConfig, seed: u64, threads: Threads) -> Result<Self> {
+        config.validate()?;
+        let env = EnvConfig { n_env: config.n_env, seed, stagger: false, ..env.clone() };
+        let shards = shards(make, &env, config.shard)?;
+        let spec = shards[0].env.spec().clone();
+        let actor = Actor::new(&spec, &config.network, true)?;
+        let rows = config.n_env * spec.n_agent * config.steps;
+        let each = spec.n_observation + spec.action.len();
+        within_memory("rows of an update", rows, 4 * (rows * each) as u128, env.memory_limit)?;
+        let per_batch = rows.div_ceil(config.minibatches);
+        let batch = Minibatch::new(&actor.mlp, actor.head.n_extra(), per_batch, env.memory_limit)?;
+        let workers = shards.into_iter().map(|shard| Worker::new(shard, &actor, &config, make));
+        Ok(Self {
+            workers: workers.collect::<Result<_>>()?,
+            observation: vec![0.0; rows * spec.n_observation],
+            label: vec![0.0; rows * spec.action.len()],
+            order: Vec::new(),
+            optimiser: PolicyOptimiser::new(actor, config.adam, seed),
+            batch,
+            config,
+            threads,
+            seed,
+            update: 0,
+            env_steps: 0,
+        })
+    }
+
+    /// Fresh episodes of all environments.
+    fn fly(&mut self, by_teacher: f64) -> Result<()> {
+        let (optimiser, steps) = (&self.optimiser, self.config.steps);
+        let (mut seen, mut label) = (&mut self.observation[..], &mut self.label[..]);
+        let mut parts = Vec::with_capacity(self.workers.len());
+        for worker in &mut self.workers {
+            let (n_seen, n_action) = (worker.shard.out.observation.len(), worker.own.len());
+            let (own, behind) = seen.split_at_mut(n_seen * steps);
+            let (taught, rest) = label.split_at_mut(n_action * steps);
+            parts.push((worker, own, taught));
+            (seen, label) = (behind, rest);
+        }
+        self.threads.for_each(&mut parts, |_, (worker, seen, label)| {
+            worker.failed = worker.fly(optimiser, by_teacher, seen, label).err();
+        });
+        self.workers.iter_mut().find_map(|worker| worker.failed.take()).map_or(Ok(()), Err)
+    }
+
+    /// All passes over the rows; gives the mean loss and the mean norm of its gradients.
+    fn imitate(&mut self, rate: f64) -> [f64; 2] {
+        let n = self.optimiser.actor.n_action();
+        let rows = self.label.len() / n;
+        let (mut loss, mut count, mut norms, mut steps) = (0.0, 0.0, 0.0, 0.0);
+        for epoch in 0..self.config.epochs as u64 {
+            shuffle(&mut self.order, rows, &mut Stream::new(self.seed, self.update, 2 + epoch, Purpose::LEARNING));
+            for k in 0..self.config.minibatches {
+                let chosen = part(&self.order, k, self.config.minibatches);
+                let share = 1.0 / chosen.len().max(1) as f32;
+                let label = &self.label;
+                let own = |row: usize, action: &[f32], up: &mut [f32], _: &mut [f32], sums: &mut Sums| {
+                    let taught = &label[row * n..][..n];
+                    if taught.iter().any(|a| !a.is_finite()) {
+                        return;
+                    }
+                    for ((up, a), wanted) in up.iter_mut().zip(action).zip(taught) {
+                        let error = a - wanted;
+                        let bounded = error.clamp(-1.0, 1.0);
+                        *up = share * bounded;
+                        sums[0] += f64::from(bounded * (error - 0.5 * bounded));
+                    }
+                    sums[1] += 1.0;
+                };
+                let (mlp, net) = (&self.optimiser.actor.mlp, self.optimiser.net());
+                let sums = self.batch.gradient(&self.threads, mlp, net, &self.observation, chosen, &own);
+                self.optimiser.gradient.copy_from_slice(&self.batch.gradient);
+                norms += self.optimiser.descend(self.config.max_grad_norm, rate);
+                (loss, count, steps) = (loss + sums[0], count + sums[1], steps + 1.0);
+            }
+        }
+        [loss / f64::max(count, 1.0), norms / steps]
+    }
+}
+
+impl Learner for Dagger {
+    fn update(&mut self) -> Result<Update> {
+        let begun = Instant::now();
+        let progress = self.update as f64 / self.config.updates.max(1) as f64;
+        let by_teacher = self.config.teacher_share.at(progress).clamp(0.0, 1.0);
+        self.fly(by_teacher)?;
+        let flown = begun.elapsed();
+        let rate = self.config.learning_rate.at(progress);
+        let [loss, gradient_norm] = self.imitate(rate);
+        normalise(&mut self.workers.iter_mut().map(|worker| &mut worker.shard).collect::<Vec<_>>())?;
+        let n_step = (self.config.n_env * self.config.steps) as u64;
+        (self.update, self.env_steps) = (self.update + 1, self.env_steps + n_step);
+        let (mut episodes, mut reward) = (Episodes::default(), 0.0);
+        for worker in &self.workers {
+            episodes.add(&worker.episodes);
+            reward += worker.reward / n_step as f64;
+        }
+        let extra = vec![("teacher_share", by_teacher)];
+        let phases = vec![("fly", flown), ("learn", begun.elapsed() - flown)];
+        Ok(Update { loss, reward, episodes, gradient_norm, rate, extra, phases })
+    }
+
+    fn progress(&self) -> Progress {
+        Progress { update: self.update, budget: self.config.updates, env_steps: self.env_steps }
+    }
+
+    fn set_difficulty(&mut self, share: f64) -> Result<()> {
+        for worker in &mut self.workers {
+            if let Teacher::Policy(own) = &mut worker.teacher {
+                own.1.set_difficulty(share)?;
+            }
+        }
+        set_difficulty(self.workers.iter_mut().map(|worker| &mut worker.shard), share)
+    }
+
+    fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
+        self.optimiser.warm_start(start)?;
+        let shards = self.workers.iter_mut().map(|worker| &mut worker.shard);
+        start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))
+    }
+
+    fn policy(&self) -> Result<Policy> {
+        self.optimiser.policy(&self.workers[0].shard.env)
+    }
+
+    fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
+        self.optimiser.save(policy, out)?;
+        state::put_counters(out, [self.update, self.env_steps])?;
+        for (k, worker) in self.workers.iter().enumerate() {
+            if let Teacher::Policy(own) = &worker.teacher {
+                let bytes = own.1.save();
+                out.insert(twin(k), &[bytes.len()], bytes)?;
+            }
+        }
+        state::put_shards(out, self.workers.iter().map(|worker| &worker.shard))
+    }
+
+    fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
+        let [update, env_steps] = state::counters(from)?;
+        self.optimiser.load(policy, from, 0)?;
+        state::load_shards(from, self.workers.iter_mut().map(|worker| &mut worker.shard))?;
+        for (k, worker) in self.workers.iter_mut().enumerate() {
+            if let Teacher::Policy(own) = &mut worker.teacher {
+                let n = from.tensor(&twin(k))?.shape().iter().product();
+                own.1.load(from.get::<u8>(&twin(k), &[n])?)?;
+            }
+        }
+        (self.update, self.env_steps) = (update, env_steps);
+        Ok(())
+    }
+}
