@@ -136,7 +136,7 @@ impl Task for OverTrack {
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), self.settings.min_height));
         ends.when(
             "far",
-            "d > {reset_distance} m, {×reset_ease}times that at difficulty 0",
+            "d > {reset_distance} m",
             self.path.far(&view.goal, self.error(view)),
         );
     }

@@ -79,7 +79,7 @@ impl Task for PayloadTrack {
     #[inline(always)]
     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], self.settings.min_height));
-        ends.when("far", "d > {reset_distance} m, {×reset_ease}times that at difficulty 0", self.track.far(view));
+        ends.when("far", "d > {reset_distance} m", self.track.far(view));
     }
 
     #[inline(always)]

@@ -129,7 +129,7 @@ impl Task for InvPendulumHover {
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], own.min_height));
         ends.when("fall", "b < {min_balance}", less(self.load.ball(view).up()[2], own.min_balance));
         let far = view.goal.get(FAR).square().lt(safe::squared_norm(self.error(view)));
-        ends.when("far", "d > {max_distance} m, {×max_distance_ease}times that at difficulty 0", far);
+        ends.when("far", "d > {max_distance} m", far);
     }
 
     #[inline(always)]

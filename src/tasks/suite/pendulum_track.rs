@@ -92,7 +92,7 @@ impl Task for InvPendulumTrack {
         let own = &self.settings;
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], own.min_height));
         ends.when("fall", "b < {min_balance}", less(self.track.load.ball(view).up()[2], own.min_balance));
-        ends.when("far", "d > {reset_distance} m, {×reset_ease}times that at difficulty 0", self.track.far(view));
+        ends.when("far", "d > {reset_distance} m", self.track.far(view));
     }
 
     #[inline(always)]

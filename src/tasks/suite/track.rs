@@ -105,7 +105,7 @@ impl Task for Track {
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], self.settings.min_height));
         ends.when(
             "far",
-            "d > {reset_distance} m, {×reset_ease}times that at difficulty 0",
+            "d > {reset_distance} m",
             self.path.far(&view.goal, self.error(view)),
         );
     }
