@@ -1,6 +1,7 @@
 //! A value function: a network from what is seen to one number, fitted to targets.
 
 use super::checkpoint::Tensors;
+use super::input_scale::InputScale;
 use super::minibatch::{BlockLoss, Minibatch, Sums};
 use super::nn::{
     Activation, Adam, AdamConfig, Layers, Memory, Mlp, Output, Pass, Scratch, Transposed, Weights, clip_norm,
@@ -19,6 +20,8 @@ pub struct Critic {
     pub parameters: Vec<f32>,
     /// Its optimiser.
     pub adam: Adam,
+    /// Of what it sees, where the environment does not normalise that.
+    pub(crate) inputs: Option<InputScale>,
     transposed: Transposed,
     batch: Minibatch,
     memory: Vec<Memory>,
@@ -40,6 +43,7 @@ impl Critic {
         let parameters = mlp.init(stream);
         let mut critic = Self {
             adam: Adam::new(adam, parameters.len()),
+            inputs: None,
             transposed: Transposed::default(),
             batch: Minibatch::new(&mlp, 0, rows, limit)?,
             memory: Vec::new(),
@@ -74,6 +78,7 @@ impl Critic {
     /// None for names that are used once.
     pub fn save(&self, out: &mut Tensors) -> Result<()> {
         state::put_network(out, "critic", &self.mlp, &self.parameters)?;
+        self.inputs.iter().try_for_each(|inputs| inputs.save(out))?;
         state::put_adam(out, "critic", &self.adam)
     }
 
@@ -84,6 +89,7 @@ impl Critic {
     pub fn load(&mut self, from: &Tensors) -> Result<()> {
         let parameters = state::network(from, "critic", &self.mlp)?;
         self.adam = state::adam(from, "critic", self.adam.config, parameters.len())?;
+        self.inputs.iter_mut().try_for_each(|inputs| inputs.load(from))?;
         self.parameters = parameters;
         self.set_parameters_changed();
         Ok(())

@@ -70,6 +70,7 @@ pub(crate) mod curriculum;
 pub mod dagger;
 pub(crate) mod evaluate;
 pub(crate) mod gae;
+pub(crate) mod input_scale;
 pub(crate) mod learner;
 pub mod log;
 pub(crate) mod minibatch;

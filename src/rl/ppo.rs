@@ -24,6 +24,7 @@ pub use config::PpoConfig;
 
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
+use super::input_scale::InputScale;
 use super::learner::{Episodes, Learner, Progress, Update};
 use super::minibatch::{BlockLoss, Minibatch, Sums, part};
 use super::nn::elementwise::{self, exp};
@@ -204,7 +205,8 @@ impl Ppo {
         parameters.resize(actor.n_parameter(), config.log_std as f32);
         let part = |rows: usize| (config.n_env * config.steps * rows).div_ceil(config.minibatches);
         let judged = (part(shape.n_judged), env.memory_limit);
-        let critic = Critic::new(shape.n_critic(), &config.critic, config.adam, judged, &mut stream(1))?;
+        let mut critic = Critic::new(shape.n_critic(), &config.critic, config.adam, judged, &mut stream(1))?;
+        critic.inputs = (config.normalise_observation && shape.n_central > 0).then(|| InputScale::new(shape.n_central));
         let mut ppo = Self {
             adam: Adam::new(config.adam, parameters.len()),
             batch: Minibatch::new(&actor.mlp, actor.head.n_extra(), part(shape.n_agent), env.memory_limit)?,
@@ -394,6 +396,9 @@ impl Learner for Ppo {
         let collected = begun.elapsed();
         let explained = self.prepare();
         let learnt = self.learn();
+        if let Some(scale) = &mut self.critic.inputs {
+            scale.take(self.collectors.iter().map(|collector| &collector.central));
+        }
         let learning = begun.elapsed() - collected;
         normalise(&mut self.collectors.iter_mut().map(|c| &mut c.shard).collect::<Vec<_>>())?;
         let shape = self.rollout.shape;

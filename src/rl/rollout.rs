@@ -9,6 +9,7 @@
 
 use super::critic::Critic;
 use super::gae::{Steps, advantages};
+use super::input_scale::InputSums;
 use super::learner::Episodes;
 use super::nn::Memory;
 use super::nn::gaussian::Gaussians;
@@ -280,6 +281,8 @@ pub struct Collector {
     ends: Vec<f32>,
     end_rows: Vec<usize>,
     end_values: Vec<f32>,
+    /// Of the central states seen, where the critic scales them.
+    pub(crate) central: InputSums,
 }
 
 /// Figures of one shard's rollout.
@@ -306,6 +309,7 @@ impl Collector {
             ends: Vec::new(),
             end_rows: Vec::new(),
             end_values: Vec::new(),
+            central: InputSums::default(),
             shard,
         }
     }
@@ -401,6 +405,13 @@ impl Collector {
         let begun = Instant::now();
         let n = part.shape.n_critic();
         let critic = how.critic;
+        if let Some(scale) = critic.inputs.as_ref().filter(|_| part.shape.n_central > 0) {
+            // what is seen behind the rollout is the first of the next one
+            let seen = part.shape.steps * part.n_env * part.shape.n_central;
+            self.central = scale.sums(&part.central[..seen]);
+            scale.scale(part.central);
+            scale.scale(&mut self.ends);
+        }
         let mut value = |x: &[f32], values: &mut [f32]| {
             for (x, values) in x.chunks(ROWS * n).zip(values.chunks_mut(ROWS)) {
                 critic.mlp.forward(&critic.parameters, x, values.len(), &mut self.of_critic).write(values);

@@ -12,13 +12,14 @@ use omnidrones::tasks::EnvConfig;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-const ALGORITHMS: [&str; 3] = ["apg", "shac", "ppo"];
+const ALGORITHMS: [&str; 4] = ["apg", "shac", "ppo", "dagger"];
 
 /// Small enough for a second, large enough to have two shards, minibatches and ends of episodes.
 fn tiny(algorithm: &str) -> TrainConfig {
     let own = match algorithm {
         "ppo" => "[ppo]\nn_env = 24\nshard = 16\nsteps = 6\nminibatches = 3\nupdates = 9\nnormalise_observation = true"
             .into(),
+        "dagger" => "[dagger]\nn_env = 24\nshard = 16\nsteps = 6\nminibatches = 3\nupdates = 9".into(),
         other => format!("[{other}]\nn_env = 24\nshard = 16\nhorizon = 6\nupdates = 9"),
     };
     let text = format!(
@@ -67,6 +68,73 @@ fn a_run_that_was_dropped_and_resumed_comes_to_the_same_bits() {
         assert_eq!((a.manifest.update, a.manifest.env_steps), (b.manifest.update, b.manifest.env_steps));
         assert!(a.policy == b.policy && a.state == b.state, "{}: other bits", algorithm);
     }
+}
+
+/// A tiny run of Track that begins from the policy of a run and grows harder.
+fn onwards(from: &str) -> TrainConfig {
+    let text = format!(
+        "seed = 4\nfrom = '{from}'\nlog_every = 1\nevaluate = {{ every = 0, envs = 8, seed = 1 }}\ncheckpoint.every = 2\n\
+         curriculum = {{ from = 0.0, episodes = 10, step = 0.2, full = 1.0 }}\n\
+         [apg]\nn_env = 24\nshard = 16\nhorizon = 6\nupdates = 9\n[env.task]\nhorizon = 20\nreset_ease = 3.0"
+    );
+    TrainConfig::for_task("Track", Some("apg"), Some((&text, "onwards"))).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+#[test]
+fn a_run_begins_from_another_ones_policy_and_goes_on_with_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let [hover, whole, parts] = ["hover", "whole", "parts"].map(|name| folder.path().join(name));
+    let mut config = tiny("apg");
+    config.algorithm.get_mut::<ApgConfig>().unwrap().network.hidden = vec![64, 64];
+    let first = train(trainer(config, 1).in_folder(&hover, false).unwrap(), u64::MAX).unwrap();
+    let config = || onwards(&hover.display().to_string());
+    let track = |threads| Trainer::new("Track", config(), Threads::new(threads).unwrap()).unwrap();
+    let told = train(track(1).in_folder(&whole, false).unwrap(), u64::MAX).unwrap();
+    for (stop, threads) in [(3, 1), (u64::MAX, 2)] {
+        train(track(threads).in_folder(&parts, true).unwrap(), stop).unwrap();
+    }
+    let (a, b) = (newest(&whole), newest(&parts));
+    assert!(a.policy == b.policy && a.state == b.state);
+    assert_eq!(course(&whole), course(&parts));
+    // nine small steps leave most weights of the first policy near where they were
+    let behind = first.policy.actor().mlp.parts(first.policy.parameters());
+    let ahead = told.policy.actor().mlp.parts(told.policy.parameters());
+    let off = |k: usize| {
+        let far = behind[k].data.iter().zip(&ahead[k].data).map(|(a, b)| (a - b).abs());
+        far.sum::<f32>() / behind[k].data.len() as f32
+    };
+    assert!(off(2) < 0.05, "{}", off(2)); // measured below
+    let random = train(trainer_of_track(), u64::MAX).unwrap();
+    assert_ne!(random.policy.parameters(), told.policy.parameters());
+    let difficulty: Vec<f64> = log::read(&whole).unwrap().iter().filter_map(|line| line.get("difficulty")).collect();
+    assert!(difficulty.len() == 9 && difficulty.is_sorted() && difficulty[8] == 1.0, "{difficulty:?}");
+}
+
+fn trainer_of_track() -> Trainer {
+    Trainer::new("Track", TrainConfig { from: String::new(), ..onwards("") }, Threads::new(1).unwrap()).unwrap()
+}
+
+#[test]
+fn a_policy_to_begin_from_is_trained_first_where_no_run_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let track = Trainer::new("Track", onwards("Hover/apg"), Threads::default()).unwrap();
+    let mut seen = Vec::new();
+    let told = track.in_folder(&run, false).unwrap().run(&mut |p| {
+        if seen.last() != Some(&p.config.task) {
+            seen.push(p.config.task.clone());
+        }
+        ControlFlow::Continue(())
+    });
+    let told = told.unwrap();
+    assert_eq!(seen, ["Hover", "Track"]);
+    let first = newest(&run.join("from")).manifest;
+    assert_eq!((first.task.as_str(), first.seed), ("Hover", 4));
+    assert_eq!(told.env_steps, first.env_steps + 9 * 24 * 6);
+    assert!(told.seconds > first.seconds);
+    let error =
+        Trainer::new("Track", onwards("Hovr"), Threads::default()).unwrap().run(&mut |_| ControlFlow::Continue(()));
+    assert!(error.unwrap_err().to_string().contains("did you mean 'Hover'?"));
 }
 
 #[test]
