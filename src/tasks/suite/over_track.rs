@@ -134,11 +134,7 @@ impl Task for OverTrack {
     #[inline(always)]
     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
         ends.when("crash", "min z_i < {min_height} m", less(lowest(view), self.settings.min_height));
-        ends.when(
-            "far",
-            "d > {reset_distance} m",
-            self.path.far(&view.goal, self.error(view)),
-        );
+        ends.when("far", "d > {reset_distance} m", self.path.far(&view.goal, self.error(view)));
     }
 
     #[inline(always)]

@@ -103,11 +103,7 @@ impl Task for Track {
     #[inline(always)]
     fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
         ends.when("crash", "z < {min_height} m", less(view.drone(0).position[2], self.settings.min_height));
-        ends.when(
-            "far",
-            "d > {reset_distance} m",
-            self.path.far(&view.goal, self.error(view)),
-        );
+        ends.when("far", "d > {reset_distance} m", self.path.far(&view.goal, self.error(view)));
     }
 
     #[inline(always)]
