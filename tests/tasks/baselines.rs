@@ -47,17 +47,20 @@ fn flown(entry: &registry::Entry, n_env: usize, task: &str) -> Option<(String, E
 
 fn check(n_env: usize) {
     println!(
-        "| task | flown by | return | share of the bound | mean error, m | final error, m | crashed | why no less |"
+        "| task | flown by | return | share of the bound | success | by the last error alone | mean error, m | final error, \
+         m | crashed | why no less |"
     );
-    println!("|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|");
     for entry in registry::REGISTRY {
         let claim = CLAIMS.iter().find(|(name, _)| *name == entry.name).map(|(_, claim)| claim);
         let Some((name, e)) = flown(entry, n_env, "") else {
             assert!(claim.is_none(), "{} has no reference", entry.name);
             continue;
         };
-        let shares = [e.share_of_bound, e.crashed].map(|x| format!("{:.1} %", 100.0 * x));
+        let shares = [e.share_of_bound, e.crashed, e.success, e.success_by_last_error];
+        let shares = shares.map(|x| format!("{:.1} %", 100.0 * x));
         let figures = format!("{:.0} ± {:.0} | {}", e.return_mean, e.return_std, shares[0]);
+        let figures = format!("{figures} | {} | {}", shares[2], shares[3]);
         let why = if let Some(Survives(_, why)) = claim { why } else { "" };
         let errors = format!("{:.3} | {:.3}", e.mean_error, e.final_error);
         println!("| {} | {name} | {figures} | {errors} | {} | {why} |", entry.name, shares[1]);

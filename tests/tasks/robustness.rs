@@ -101,7 +101,8 @@ fn stays_within_what_the_spec_says(n: usize, steps: usize) {
         let (floor, most) = (spec.reward_floor, spec.config.bounds.loss);
         println!("| {} | {lowest:.3} | {floor} | {highest:.2} | {:.2} % |", entry.name, 100.0 * diverged);
         assert!(f64::from(lowest) >= floor - 1e-5 && floor > -10.0, "{}: reward {lowest} below {floor}", entry.name);
-        // measured over 1e6 steps per task: HIGHEST
+        // measured over 1e6 steps: 300 with a standing ball (cut), 208 TransportHover, 185 PayloadHover, 139 Formation,
+        // 132 OverFlyThrough, others below 120
         assert!(f64::from(highest) <= most, "{}: loss {highest} above {most}", entry.name);
     }
 }

@@ -363,7 +363,7 @@ impl LoadTrack {
 }
 
 /// Starts on the way are no nearer to the bars, m.
-const CLEAR: f64 = 0.8;
+const CLEAR: f64 = 1.0;
 
 /// A load with two bars in the way, whose heights follow it in the goal: what both fly-through tasks share.
 #[derive(Debug, Clone)]

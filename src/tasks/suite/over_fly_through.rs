@@ -40,8 +40,8 @@ const HEIGHT: f64 = 5.0;
 
 /// Place of the spacing in the goal.
 const SPACING: usize = 6;
-/// Starts on the way are no nearer to the poles with the middle of the frame, m: less than its arms, but tilted ones fit.
-const CLEAR: f64 = 0.5;
+/// Starts on the way are no nearer to the poles with the middle of the frame, m: farther than its arms reach.
+const CLEAR: f64 = 1.0;
 
 /// The middles of the poles.
 #[inline(always)]

@@ -316,8 +316,8 @@ fn after(name: &str, task: &str, n: usize, figure: &str) -> f32 {
 
 #[test]
 fn starts_along_the_path_move_and_lean_as_it_asks() {
-    // the mean error after 0.16 s without any control, m; LEANS
-    for (name, most) in [("Track", 0.02), ("PayloadTrack", 0.02), ("InvPendulumTrack", 0.02)] {
+    // the mean error after 0.16 s without any control, m: measured 0.0050, 0.0055 and 0.0049; from rest 0.03
+    for (name, most) in [("Track", 0.01), ("PayloadTrack", 0.01), ("InvPendulumTrack", 0.01)] {
         let usual = "start_tilt = 0.0\nreset_distance = 3.0";
         let along = after(name, &format!("{usual}\nstart_along = 1.0"), 10, "position_error");
         println!("{name}: {along:.4} m along the path");
@@ -329,14 +329,14 @@ fn starts_along_the_path_move_and_lean_as_it_asks() {
 
 #[test]
 fn our_controllers_fly_on_where_a_start_is_along_the_path() {
-    for name in ["Track", "PayloadTrack", "OverTrack"] {
+    for name in ["Track", "PayloadTrack"] {
         let config = EnvConfig { autoreset: Autoreset::Disabled, ..config(32, "start_along = 1.0\nhorizon = 200") };
         let mut env = Env::make(name, &config).unwrap();
         let mut own = Baseline::new(&env).unwrap();
         let e = evaluate(&mut env, &mut own.policy(), &mut |_| ()).unwrap();
         println!("{name}: {:.3} m, crashed {}", e.mean_error, e.crashed);
-        // a reference that began at rest would be left behind by metres; ALONG
-        assert!(e.crashed == 0.0 && e.mean_error < 0.2, "{name}: {e:?}");
+        // measured 0.015 and 0.020 m; a reference that began at rest would be left behind by metres
+        assert!(e.crashed == 0.0 && e.mean_error < 0.03, "{name}: {e:?}");
     }
 }
 

@@ -43,7 +43,7 @@ fn a_run_is_trained_kept_flown_and_shown() {
         "policy (apg)",
         "cascade",
         "share of bound",
-        "Success, in the last step, not crashed: position_error < 0.1 m.",
+        "Success, not crashed: position_error < 0.1 m and heading_alignment > 0.95 and",
         "omnidrones eval",
     ] {
         assert!(page.contains(words), "{words}\n{page}");
@@ -233,7 +233,7 @@ fn a_policy_that_does_not_fit_is_refused_by_what_differs_and_runs_that_exist_are
         }
     }
     let (page, _) = exits(0, folder, &["eval", "runs/Hover-apg-s0", "--no-plots", "--envs", "4"]);
-    assert!(page.contains("Success, in the last step, not crashed: position_error < 0.1 m."), "{page}");
+    assert!(page.contains("Success, not crashed: position_error < 0.1 m and heading_alignment > 0.95 and"), "{page}");
 }
 
 #[test]
