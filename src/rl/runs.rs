@@ -128,7 +128,7 @@ mod tests {
         let of = |text: &str| fingerprint(&TrainConfig::for_task("Hover", None, Some((text, "t"))).unwrap()).unwrap();
         let usual = of("");
         assert_eq!((usual.len(), of("seed = 3")), (16, usual.clone()));
-        assert!([of("apg.horizon = 3"), of("env.task.reset_distance = 3.0")].iter().all(|other| *other != usual));
+        assert!([of("apg.horizon = 3"), of("env.task.max_distance = 3.0")].iter().all(|other| *other != usual));
     }
 
     #[test]
