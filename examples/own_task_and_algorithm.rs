@@ -63,18 +63,14 @@ impl BuiltIn for Climb {
 
 // The algorithm: its settings, what a run asks of them, and the learner.
 
+/// Rollouts of `steps` steps of `n_env` environments, a constant learning rate, the layers of both networks.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct A2cConfig {
-    /// Environments, E.
     pub n_env: usize,
-    /// T, steps of a rollout.
     pub steps: usize,
-    /// Updates of a run.
     pub updates: u64,
-    /// Learning rate.
     pub rate: f64,
-    /// The policy, and the critic.
     pub network: Layers,
 }
 
@@ -136,8 +132,7 @@ struct A2c {
     rollout: Rollout,
     threads: Threads,
     seed: u64,
-    /// Updates and steps of environments.
-    counters: [u64; 2],
+    counters: [u64; 2], // updates, steps of environments
 }
 
 impl Learner for A2c {
@@ -173,8 +168,8 @@ impl Learner for A2c {
         let rate = self.config.rate;
         self.adam.descend(&mut self.parameters, &self.batch.gradient, rate);
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
-        let fit = Fit { rate, clip: 1.0, huber: 10.0 };
-        let critic_loss = self.critic.fit(&self.threads, r.seen(), &r.target, &rows, fit);
+        let critic_loss =
+            self.critic.fit(&self.threads, r.seen(), &r.target, &rows, Fit { rate, clip: 1.0, huber: 10.0 });
         let n_step = self.config.n_env * self.config.steps;
         self.counters = [self.counters[0] + 1, self.counters[1] + n_step as u64];
         let (mut episodes, mut reward) = (Episodes::default(), 0.0);

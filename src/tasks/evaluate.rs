@@ -3,10 +3,10 @@
 use super::config::Autoreset;
 use super::env::{Buffers, Column, Env};
 use crate::error::{Error, Result};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Figures over the episodes of a batch.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
     /// Episodes.
     pub n_episode: usize,

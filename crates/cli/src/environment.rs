@@ -242,7 +242,7 @@ fn unwritable(error: toml::ser::Error) -> Error {
 
 /// Where a key of `--set` stands in a run: as it is if a run has it, under `env` if environments have it, else among the
 /// settings of the task.
-fn place(key: &str, task: Option<&Entry>) -> Result<String> {
+pub fn place(key: &str, task: Option<&Entry>) -> Result<String> {
     let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
     let (run, env) = (TrainConfig::keys(), EnvConfig::keys());
     let has = |keys: &[String]| keys.iter().any(|own| own == first);

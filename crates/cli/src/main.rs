@@ -30,6 +30,7 @@ mod files;
 mod fly;
 mod import;
 mod models;
+mod over_seeds;
 mod page;
 mod progress;
 mod robot;
@@ -45,6 +46,8 @@ mod train;
 mod train_all;
 mod train_all_plot;
 mod train_plot;
+mod train_search;
+mod train_seeds;
 mod tune;
 mod watch;
 

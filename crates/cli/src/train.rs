@@ -7,6 +7,8 @@ use super::rollout::{SUCCESS, success};
 use super::rollout_files::{percent, share_of};
 use super::table::{Align, Table};
 use super::train_plot::{self, Curves};
+use super::train_search::{self, axis, combinations};
+use super::train_seeds::{self, Asked};
 use super::{Report, files, progress};
 use clap::builder::PossibleValuesParser;
 use omnidrones::controllers::cascade::Level;
@@ -39,6 +41,8 @@ Examples:
   omnidrones train Hover --toml                        every setting, as a file for --config
   omnidrones train Hover --resume                      go on after a kill
   omnidrones train Hover --resume --updates 2000       go on beyond its end
+  omnidrones train Hover --seeds 5                     five seeds side by side: means and intervals
+  omnidrones train Hover --search apg.learning_rate.from=0.005,0.01,0.02 --search apg.n_env=32,64
   omnidrones eval runs/Hover-apg-s0                    fly the policy, with plots
   omnidrones watch runs/Hover-apg-s0                   see it fly
 
@@ -57,12 +61,20 @@ number of updates, so the result differs from a fresh run of as many.
 A folder that holds other files is refused, and so is a run that is there already: --resume goes on with it, --force \
 begins another in its place.
 
-Files in --out: config.toml (every setting), log.jsonl and curve.csv (the course of the run, one line every few updates), \
+With --seeds, one folder s0, s1, … per seed in --out, seeds.json (what --json prints) and curve: the mean of all and its \
+95 % confidence interval. A seed that fails leaves the others alone.
+
+--search trains every combination of the values by successive halving (Jamieson and Talwalkar 2016): all for a share of \
+their updates, the best third of them (--factor) on to three times as many, until one is left or the whole run is done; best \
+is the largest success, a mean over the seeds. Schedules are those of the whole run, which a rung pauses. In --out: a folder \
+c0/s0, … per candidate and seed, search.json (what is known), search (the plot), winner.toml (for --config).
+
+Files in --out: config.toml (every setting), log.jsonl, curve.csv and an event file for TensorBoard (the course of the run, one line every few updates), \
 checkpoints (weights as safetensors, state, manifest), curve (.png or .svg), result.json (what --json prints).
 
 JSON: SI units; shares from 0 to 1; null where a number does not exist.
 
-Exit codes: 0 trained; 2 unusable input or arguments.";
+Exit codes: 0 trained; 1 a seed failed; 2 unusable input or arguments.";
 
 /// Most episodes that a controller flies for comparison: it is slower than a policy.
 const MAX_COMPARED: usize = 256;
@@ -88,6 +100,15 @@ pub struct Arguments {
     /// Threads; the results do not depend on it [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
+    /// Train so many seeds side by side, from that of --seed on [default: 1; 3 with --search]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    seeds: Option<u64>,
+    /// Find the best of several values of a setting; may be repeated
+    #[arg(long, value_name = "KEY=VALUE,VALUE", value_parser = axis)]
+    search: Vec<(String, Vec<toml::Value>)>,
+    /// Of so many candidates of --search one goes on [default: 3]
+    #[arg(long, value_name = "N", requires = "search")]
+    factor: Option<usize>,
     /// Go on with the run in the folder; begin it if there is none
     #[arg(long)]
     resume: bool,
@@ -119,11 +140,14 @@ pub fn algorithm_of(asked: &str) -> &str {
 /// Trains.
 pub fn run(a: &Arguments) -> Result<Report> {
     let entry = registry::by_name(&a.task)?;
-    let mut config = a.config(entry)?;
+    let mut config = a.config(entry, &[])?;
     if a.toml {
         return Ok(Report::done(environment::run_file(entry, &config)?));
     }
     let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
+    if a.seeds.is_some() || !a.search.is_empty() {
+        return several(a, entry, &config, &threads);
+    }
     let folder = a.output.out.clone().map_or_else(|| default_folder(entry, &config, a.algo.as_deref()), Ok)?;
     if let Some(own) = own_settings(&folder)?.filter(|_| a.resume) {
         // what options ask for must be what the run is, but for its length
@@ -165,9 +189,35 @@ pub fn run(a: &Arguments) -> Result<Report> {
     Ok(Report::done(trained.page(&folder)))
 }
 
+/// Several seeds, or a search over settings.
+fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads) -> Result<Report> {
+    let searches = !a.search.is_empty();
+    let n = a.seeds.unwrap_or(if searches { 3 } else { 1 });
+    let usual = default_folder(entry, config, a.algo.as_deref())?;
+    let what = if searches { "search" } else { "seeds" };
+    let asked = Asked {
+        entry,
+        algorithm: a.algo.as_deref().unwrap_or(config.algorithm.name()),
+        config,
+        seeds: (config.seed..config.seed.saturating_add(n)).collect(),
+        folder: a.output.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}-{what}", usual.display()))),
+        resume: a.resume,
+        force: a.output.force,
+        json: a.output.json,
+        plot: (!a.output.no_plots).then(|| a.output.format.extension()),
+    };
+    if !searches {
+        return train_seeds::run(&asked, threads);
+    }
+    let axes = a.search.iter().map(|(key, values)| Ok((environment::place(key, Some(entry))?, values.clone())));
+    let combinations = combinations(&axes.collect::<Result<Vec<_>>>()?)?;
+    let named = combinations.into_iter().map(|(name, layers)| Ok((name, a.config(entry, &layers)?)));
+    train_search::run(&asked, named.collect::<Result<_>>()?, a.factor.unwrap_or(3), threads)
+}
+
 impl Arguments {
-    /// Defaults, recipe, file, options.
-    fn config(&self, entry: &Entry) -> Result<TrainConfig> {
+    /// Defaults, recipe, file, options, then `more`.
+    fn config(&self, entry: &Entry, more: &[Layer]) -> Result<TrainConfig> {
         let file = self.environment.file(&format!("omnidrones train {} --toml", entry.name))?;
         let mut foreign = Vec::new();
         let file = file.map(|layer| {
@@ -184,12 +234,13 @@ impl Arguments {
             let n = i64::try_from(n).unwrap_or(i64::MAX);
             layers.push(Layer::of_table("--envs", layers::at(&format!("{algorithm}.n_env"), n.into())));
         }
+        layers.extend(more.iter().cloned());
         let mut config = TrainConfig::layered(entry.name, algorithm, &layers)?;
         if let Some(updates) = self.updates {
             config = config.with_updates(updates);
         }
         config.validate()?;
-        for option in &options {
+        for option in options.iter().chain(more) {
             refuse_unused(&config, option)?;
         }
         if let Some(file) = &file {

@@ -1,22 +1,24 @@
 //! `omnidrones train-all`: every task by its recipe, several seeds, one table beside our controllers.
 
 use super::arguments::{self, OutputArguments, ThreadArguments};
+use super::over_seeds::{Failure, Outcome, shown, split, spread};
 use super::page::{Page, duration, short};
 use super::rollout_all::told_errors;
 use super::rollout_files::percent;
 use super::table::{Align, Table};
 use super::train::{algorithm_of, algorithms, compare, count, spec};
 use super::train_all_plot::{self, Learnt};
-use super::{Report, files, progress};
+use super::{Report, files, over_seeds, progress, train_seeds};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
+use omnidrones::rl::log::{self, Line as LogLine};
 use omnidrones::rl::recipes::recipes_of;
-use omnidrones::rl::trainer::{TrainResult, Trainer};
+use omnidrones::rl::runs::{Run, fingerprint};
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 /// What the command is for.
@@ -27,18 +29,24 @@ killed goes on where it stopped.";
 
 const EXAMPLES: &str = "\
 Examples:
-  omnidrones train-all                                 every task by all its recipes, 3 seeds each
+  omnidrones train-all                                 every task by all its recipes, 5 seeds each
   omnidrones train-all --tasks Hover,Track --seeds 10  some tasks, more seeds
   omnidrones train-all --algo ppo                      every task by PPO: its recipe, or else the defaults
   omnidrones train-all --budget 4                      four times as many updates
   omnidrones train-all --budget 0.1 --seeds 1          a quick look
 
-A figure is the mean over seeds, in brackets the least and the largest. Time is that of training alone; share is the mean \
-return over the largest reward of a step times the steps of an episode.
+A figure is the mean over seeds, ± half the width of its 95 % confidence interval (Student's t), in brackets the least and the \
+largest. Time is that of training alone; share is the mean return over the largest reward of a step times the steps of an \
+episode.
+
+A row that is finished stands in a file of its own, with the commit that trained it and a hash of its settings, task and \
+physics. It is kept the next time, and trained anew where the hash has changed; seeds that are missing are added. A seed that \
+fails leaves the others alone.
 
 Exit codes: 0 all trained; 1 something was not; 2 unusable input or arguments.
 
-Files in --out: a folder per run, table.json (what --json prints), curves (.png or .svg: success over environment steps).";
+Files in --out: a row per task and algorithm (TASK-ALGO-uUPDATES.json), a folder per run, table.json (what --json prints), \
+curves (.png or .svg: success over environment steps).";
 
 /// Arguments of `train-all`.
 #[derive(Debug, clap::Args)]
@@ -52,7 +60,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", value_parser = algorithms())]
     algo: Option<String>,
     /// Seeds of each task
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
     /// Updates, as a factor on those of the recipes
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
@@ -63,14 +71,29 @@ pub struct Arguments {
     output: OutputArguments,
 }
 
-/// A task by an algorithm: its runs, or why it was not trained; our controller in the last line of a task.
+/// A task by an algorithm: its row, or why there is none; our controller in the last line of a task.
 struct Line {
     entry: &'static Entry,
-    algorithm: &'static str,
+    algorithm: String,
     /// What its error is; none where it was not trained.
     error: Option<Metric>,
-    runs: std::result::Result<Vec<TrainResult>, String>,
+    row: std::result::Result<Row, String>,
+    /// The log of every seed that is here.
+    curves: Vec<Vec<LogLine>>,
     baseline: Option<(String, Evaluation)>,
+}
+
+/// What is kept of a line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Row {
+    task: String,
+    algorithm: String,
+    /// Of settings, task and physics.
+    hash: String,
+    /// That trained it, if it is known.
+    commit: Option<String>,
+    runs: Vec<Outcome>,
+    failed: Vec<Failure>,
 }
 
 /// Trains them.
@@ -87,8 +110,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let algorithms =
         |entry: &Entry| a.algo.as_deref().map_or_else(|| recipes_of(entry.name), |one| vec![algorithm_of(one)]);
     let trained: Vec<(&'static Entry, Vec<&str>)> = entries.into_iter().map(|e| (e, algorithms(e))).collect();
-    let n: usize = trained.iter().map(|(_, algorithms)| algorithms.len()).sum();
-    let bar = progress::bar(n as u64 * a.seeds, "training", a.output.json);
+    let bar = progress::bar(0, "training", a.output.json);
     let mut lines = Vec::new();
     for (entry, algorithms) in trained {
         lines.extend(algorithms.into_iter().map(|algorithm| line(entry, algorithm, a, &folder, &threads, &bar)));
@@ -107,7 +129,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let table = folder.join("table.json");
     files::write_new(&table, &format!("{:#}\n", value(&lines, a)), true)?;
     written.push(table);
-    let success = lines.iter().all(|line| line.runs.is_ok());
+    let success = lines.iter().all(|line| line.row.as_ref().is_ok_and(|row| row.failed.is_empty()));
     if a.output.json {
         return Ok(Report::json(&value(&lines, a), success));
     }
@@ -123,43 +145,81 @@ fn line(
     threads: &Threads,
     bar: &indicatif::ProgressBar,
 ) -> Line {
-    let baseline = None;
-    let config = match TrainConfig::for_task(entry.name, Some(algorithm), None) {
-        Ok(config) => {
-            let updates = (config.updates() as f64 * a.budget).ceil().max(1.0) as u64;
-            config.with_updates(updates)
-        }
-        Err(error) => return Line { entry, algorithm: "–", error: None, runs: Err(error.to_string()), baseline },
+    let mut line = Line {
+        entry,
+        algorithm: algorithm.into(),
+        error: None,
+        row: Err(String::new()),
+        curves: Vec::new(),
+        baseline: None,
     };
-    let algorithm = config.algorithm.name();
-    let each = (0..a.seeds).map(|seed| {
-        let folder = folder.join(format!("{}-{algorithm}-u{}-s{seed}", entry.name, config.updates()));
-        let own = TrainConfig { seed, ..config.clone() };
-        let mut trainer = Trainer::new(entry.name, own, threads.clone())?.in_folder(folder, true)?;
-        let outcome = trainer.run(&mut |p| {
-            let words = format!("{} · {algorithm} · seed {seed} · {} of {}", entry.name, p.done, p.budget);
-            progress::say(bar, &words);
-            ControlFlow::Continue(())
-        });
-        bar.inc(1);
-        outcome
+    let config = TrainConfig::for_task(entry.name, Some(algorithm), None).map(|config| {
+        let updates = (config.updates() as f64 * a.budget).ceil().max(1.0) as u64;
+        config.with_updates(updates)
     });
-    let runs = each.collect::<Result<Vec<_>>>().map_err(|error| error.to_string());
-    let error = spec(entry, &config).ok().map(|(_, error)| error);
-    Line { entry, algorithm, error, runs, baseline }
+    line.error = config.as_ref().ok().and_then(|config| spec(entry, config).ok()).map(|(_, error)| error);
+    line.row =
+        config.and_then(|config| row(entry, &config, a, folder, threads, bar)).map_err(|error| error.to_string());
+    if let Ok(row) = &line.row {
+        let log = |run: &Outcome| log::read(run_folder(folder, row, run.seed)).ok();
+        line.curves = row.runs.iter().filter_map(log).collect();
+    }
+    line
 }
 
-/// Mean, least, largest.
-fn spread(runs: &[TrainResult], of: impl Fn(&TrainResult) -> f64) -> [f64; 3] {
-    let values: Vec<f64> = runs.iter().map(of).collect();
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    let edge = |pick: fn(f64, f64) -> f64| values.iter().copied().fold(f64::NAN, pick);
-    [mean, edge(f64::min), edge(f64::max)]
+/// A run's folder bears the hash of its row: other physics begin elsewhere.
+fn run_folder(folder: &Path, row: &Row, seed: u64) -> PathBuf {
+    folder.join(format!("{}-{}-{}-s{seed}", row.task, row.algorithm, row.hash))
 }
 
-fn shown([mean, least, most]: [f64; 3], show: impl Fn(f64) -> String) -> String {
-    let (mean, least, most) = (show(mean), show(least), show(most));
-    if least == most { mean } else { format!("{mean} ({least}–{most})") }
+/// The row as it is kept, with the seeds that are missing trained.
+fn row(
+    entry: &Entry,
+    config: &TrainConfig,
+    a: &Arguments,
+    folder: &Path,
+    threads: &Threads,
+    bar: &indicatif::ProgressBar,
+) -> Result<Row> {
+    let algorithm = config.algorithm.name();
+    let path = folder.join(format!("{}-{algorithm}-u{}.json", entry.name, config.updates()));
+    let hash = fingerprint(config)?;
+    let fresh = Row {
+        task: entry.name.into(),
+        algorithm: algorithm.into(),
+        hash,
+        commit: option_env!("OMNIDRONES_COMMIT").map(String::from),
+        runs: Vec::new(),
+        failed: Vec::new(),
+    };
+    let known = kept(&path, &fresh);
+    let mut row = known.clone().unwrap_or(fresh);
+    row.failed.clear();
+    let missing: Vec<u64> = (0..a.seeds).filter(|seed| row.runs.iter().all(|run| run.seed != *seed)).collect();
+    let run = |seed: &u64| Run {
+        config: TrainConfig { seed: *seed, ..config.clone() },
+        folder: run_folder(folder, &row, *seed),
+        until: u64::MAX,
+    };
+    let all: Vec<Run> = missing.iter().map(run).collect();
+    bar.set_length(config.updates() * all.len() as u64);
+    progress::say(bar, &format!("{} · {algorithm}", entry.name));
+    let (done, failed) = split(&missing, &train_seeds::train(&all, threads, bar));
+    row.runs.extend(done);
+    row.runs.sort_by_key(|run| run.seed);
+    row.failed = failed;
+    if known.as_ref() != Some(&row) {
+        let text = serde_json::to_string_pretty(&row).unwrap_or_default();
+        files::write_new(&path, &(text + "\n"), true)?;
+    }
+    row.runs.retain(|run| run.seed < a.seeds);
+    Ok(row)
+}
+
+/// The row of a file, unless it is stale.
+fn kept(path: &Path, fresh: &Row) -> Option<Row> {
+    let row: Row = serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()?;
+    (row.hash == fresh.hash).then_some(row)
 }
 
 /// The unit of all errors in the table, if it is one: then it stands in the head, else with every number.
@@ -186,21 +246,22 @@ fn table(lines: &[Line]) -> Table {
         ("env steps", Align::Right),
     ]);
     for line in lines {
-        let Ok(runs) = &line.runs else { continue };
-        let of = |figure: fn(&Evaluation) -> f64| spread(runs, |o| figure(&o.evaluation));
+        let Some(Row { runs, .. }) = line.row.as_ref().ok().filter(|row| !row.runs.is_empty()) else { continue };
+        let of = |figure: fn(&Evaluation) -> f64| spread(runs, |run| figure(&run.evaluation));
+        let mean = |figure: fn(&Evaluation) -> f64| of(figure).map_or(f64::NAN, |all| all.mean);
         let own = line.error.as_ref().filter(|_| unit.is_none()).map_or(String::new(), |e| format!(" {}", e.unit));
         let error = |x: f64| short(x, 3) + &own;
         table.row([
             line.entry.name.to_string(),
-            line.algorithm.into(),
-            shown(of(|e| e.success), percent),
-            shown(of(|e| e.crashed), percent),
-            error(of(|e| e.final_error)[0]),
-            error(of(|e| e.mean_error)[0]),
-            short(of(|e| e.return_mean)[0], 4),
-            percent(of(|e| e.share_of_bound)[0]),
-            duration(spread(runs, |o| o.seconds)[0]),
-            count(spread(runs, |o| o.env_steps as f64)[0]),
+            line.algorithm.clone(),
+            shown(of(|e| e.success), percent, 100.0),
+            percent(mean(|e| e.crashed)),
+            error(mean(|e| e.final_error)),
+            error(mean(|e| e.mean_error)),
+            short(mean(|e| e.return_mean), 4),
+            shown(of(|e| e.share_of_bound), percent, 100.0),
+            spread(runs, |run| run.seconds).map_or("–".into(), |all| duration(all.mean)),
+            spread(runs, |run| run.env_steps as f64).map_or("–".into(), |all| count(all.mean)),
         ]);
         if let Some((name, e)) = &line.baseline {
             table.row([
@@ -227,11 +288,11 @@ fn page(lines: &[Line], a: &Arguments, written: &[PathBuf]) -> String {
     page.table(&table(lines));
     let errors = lines.iter().filter_map(|line| Some((line.entry.name, line.error.as_ref()?.name.as_str())));
     page.line(format!("\n{}; final: in the last step, also of who crashed.", told_errors(errors)));
-    let failed: Vec<&Line> = lines.iter().filter(|line| line.runs.is_err()).collect();
+    let failed: Vec<String> = lines.iter().flat_map(failures).collect();
     if !failed.is_empty() {
         page.heading("Not trained");
-        for line in failed {
-            page.line(format!("  {}: {}", line.entry.name, line.runs.as_ref().err().map_or("", |why| why)));
+        for words in failed {
+            page.line(words);
         }
     }
     page.heading("Written");
@@ -241,22 +302,28 @@ fn page(lines: &[Line], a: &Arguments, written: &[PathBuf]) -> String {
     page.finish()
 }
 
+/// What was not trained in a line, in words.
+fn failures(line: &Line) -> Vec<String> {
+    let name = format!("  {} by {}", line.entry.name, line.algorithm);
+    match &line.row {
+        Err(why) => vec![format!("{name}: {why}")],
+        Ok(row) => row.failed.iter().map(|Failure { seed, why }| format!("{name}, seed {seed}: {why}")).collect(),
+    }
+}
+
 fn value(lines: &[Line], a: &Arguments) -> Value {
     let tasks = lines.iter().map(|line| {
-        let runs = line.runs.as_ref().map_or(Vec::new(), |runs| {
-            let run = |(seed, o): (usize, &TrainResult)| {
-                json!({ "seed": seed, "evaluation": o.evaluation, "seconds": o.seconds, "env_steps": o.env_steps, "updates": o.updates })
-            };
-            runs.iter().enumerate().map(run).collect()
-        });
-        json!({
-            "task": line.entry.name,
-            "algorithm": line.algorithm,
-            "error": line.error,
-            "runs": runs,
-            "not_trained": line.runs.as_ref().err(),
-            "baseline": controller(line, lines).map(|(name, e)| json!({ "flown_by": name, "evaluation": e })),
-        })
+        let (runs, failed) = line.row.as_ref().map_or((&[][..], &[][..]), |row| (&row.runs, &row.failed));
+        let mut told = over_seeds::value(runs, failed);
+        told["task"] = line.entry.name.into();
+        told["algorithm"] = line.algorithm.as_str().into();
+        told["error"] = json!(line.error);
+        told["hash"] = json!(line.row.as_ref().ok().map(|row| &row.hash));
+        told["commit"] = json!(line.row.as_ref().ok().and_then(|row| row.commit.as_ref()));
+        told["not_trained"] = json!(line.row.as_ref().err());
+        let baseline = controller(line, lines).map(|(name, e)| json!({ "flown_by": name, "evaluation": e }));
+        told["baseline"] = json!(baseline);
+        told
     });
     json!({
         "command": "train-all",
@@ -270,9 +337,9 @@ fn value(lines: &[Line], a: &Arguments) -> Value {
 /// What is drawn.
 fn learnt(lines: &[Line]) -> Vec<Learnt<'_>> {
     fn of<'a>(line: &'a Line, lines: &[Line]) -> Option<Learnt<'a>> {
-        let runs = line.runs.as_ref().ok()?.iter().map(|outcome| &outcome.curve[..]).collect();
+        let runs: Vec<&[LogLine]> = line.curves.iter().map(|curve| &curve[..]).collect();
         let controller = controller(line, lines).map(|(_, e)| e.success);
-        Some(Learnt { task: line.entry.name, algorithm: line.algorithm, runs, controller })
+        (!runs.is_empty()).then_some(Learnt { task: line.entry.name, algorithm: &line.algorithm, runs, controller })
     }
     lines.iter().filter_map(|line| of(line, lines)).collect()
 }
@@ -287,9 +354,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_figure_shows_its_edges_only_where_they_differ() {
-        assert_eq!(shown([0.5, 0.4, 0.6], percent), "50 % (40 %–60 %)");
-        assert_eq!(shown([1.0, 1.0, 1.0], percent), "100 %");
+    fn a_finished_row_is_kept_until_its_hash_changes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("row.json");
+        let row = |hash: &str| Row {
+            task: "Hover".into(),
+            algorithm: "apg".into(),
+            hash: hash.into(),
+            commit: Some("abc".into()),
+            runs: Vec::new(),
+            failed: vec![Failure { seed: 3, why: "no".into() }],
+        };
+        assert_eq!(kept(&path, &row("1")), None);
+        std::fs::write(&path, serde_json::to_string(&row("1")).unwrap()).unwrap();
+        assert_eq!(kept(&path, &row("1")), Some(row("1")));
+        assert_eq!(kept(&path, &row("2")), None);
     }
 
     #[test]

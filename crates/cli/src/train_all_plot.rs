@@ -1,9 +1,10 @@
-//! The learning curves of `train-all`: success over environment steps, a panel per task, a line per seed.
+//! The learning curves of `train-all`: success over environment steps, a panel per task.
 
 use super::page::duration;
 use super::train_plot::{Steps, with};
 use omnidrones::error::Result;
 use omnidrones::rl::log::Line;
+use omnidrones::rl::runs::OverSeeds;
 use omnidrones_plot::{Colour, Figure, Panel, Series};
 use std::path::Path;
 
@@ -51,7 +52,7 @@ fn columns(n: usize) -> usize {
 fn key(tasks: &[Learnt<'_>]) -> String {
     let mut parts = vec!["success from held-out starts"];
     if tasks.iter().any(|task| task.runs.len() > 1) {
-        parts.extend(["thin: seeds", "thick: their median"]);
+        parts.extend(["thick: mean over seeds", "thin: its 95 % confidence interval"]);
     }
     if tasks.iter().any(|task| task.controller.is_some()) {
         parts.push("dashed: our controller");
@@ -63,13 +64,14 @@ fn panel(task: &Learnt<'_>) -> Panel {
     let steps = Steps::of(task.runs.iter().copied().flatten());
     let title = format!("{}: {}, trained in {}", task.task, task.algorithm, duration(seconds(&task.runs)));
     let mut panel = steps.panel(title, "success [%]").y_range(-2.0, 104.0);
-    if task.runs.len() > 1 {
-        for run in &task.runs {
-            let points = steps.points(run, "eval_success", 100.0);
-            panel = with(panel, Series::line("", points).colour(Colour::SKY).width(0.8));
+    let lines = over_seeds(&task.runs);
+    for edge in ["low", "high"] {
+        let points = steps.points(&lines, edge, 100.0);
+        if !points.is_empty() {
+            panel = panel.series(Series::line("", points).colour(Colour::SKY).width(0.8));
         }
     }
-    let middle = steps.points(&median_run(&task.runs), "eval_success", 100.0);
+    let middle = steps.points(&lines, "eval_success", 100.0);
     panel = with(panel, Series::line("", middle).colour(Colour::BLUE).width(1.8));
     if let Some(success) = task.controller {
         panel = panel.level("", 100.0 * success, Colour::GREEN);
@@ -82,22 +84,28 @@ fn seconds(runs: &[&[Line]]) -> f64 {
     median(runs.iter().filter_map(|run| run.last()?.get("seconds")).collect())
 }
 
-/// Medians of steps and success, at the updates after which at least half of the runs were evaluated.
-fn median_run(runs: &[&[Line]]) -> Vec<Line> {
+/// Mean steps and success, and the edges of the interval of the latter, at the updates after which at least half of the runs
+/// were evaluated.
+fn over_seeds(runs: &[&[Line]]) -> Vec<Line> {
     let mut updates: Vec<u64> = runs.iter().flat_map(|run| run.iter().filter_map(evaluated)).collect();
     updates.sort_unstable();
     updates.dedup();
-    updates.into_iter().filter_map(|update| median_line(runs, update)).collect()
+    updates.into_iter().filter_map(|update| line_of(runs, update)).collect()
 }
 
-fn median_line(runs: &[&[Line]], update: u64) -> Option<Line> {
+fn line_of(runs: &[&[Line]], update: u64) -> Option<Line> {
     let lines: Vec<&Line> =
         runs.iter().filter_map(|run| run.iter().find(|line| evaluated(line) == Some(update))).collect();
-    let mut middle = Line::new(update);
-    for column in ["env_steps", "eval_success"] {
-        middle.put(column, median(lines.iter().filter_map(|line| line.get(column)).collect()));
+    let of = |column| OverSeeds::of(&lines.iter().filter_map(|line| line.get(column)).collect::<Vec<_>>());
+    let (steps, success) = (of("env_steps")?, of("eval_success")?);
+    let mut line = Line::new(update);
+    line.put("env_steps", steps.mean);
+    line.put("eval_success", success.mean);
+    if let Some(half) = success.half_width {
+        line.put("low", (success.mean - half).max(0.0));
+        line.put("high", (success.mean + half).min(1.0));
     }
-    (2 * lines.len() >= runs.len()).then_some(middle)
+    (2 * lines.len() >= runs.len()).then_some(line)
 }
 
 /// The update of a line that has an evaluation.
@@ -134,17 +142,21 @@ mod tests {
     }
 
     #[test]
-    fn a_median_is_taken_where_half_of_the_runs_were_evaluated() {
-        let runs = [run(&[(1, 0.0), (2, 0.5)]), run(&[(1, 0.2), (2, 1.0), (3, 1.0)]), run(&[(1, 0.1), (2, f64::NAN)])];
+    fn a_mean_is_taken_where_half_of_the_runs_were_evaluated() {
+        let runs = [run(&[(1, 0.0), (2, 0.5)]), run(&[(1, 0.3), (2, 1.0), (3, 1.0)]), run(&[(1, 0.3), (2, f64::NAN)])];
         let runs: Vec<&[Line]> = runs.iter().map(|run| &run[..]).collect();
-        let middle: Vec<_> =
-            median_run(&runs).iter().map(|l| (l.get("env_steps").unwrap(), l.get("eval_success").unwrap())).collect();
-        assert_eq!(middle, [(100.0, 0.1), (200.0, 0.75)]);
-        assert!(median_run(&[]).is_empty());
+        let told: Vec<_> = over_seeds(&runs)
+            .iter()
+            .map(|l| ["env_steps", "eval_success", "low", "high"].map(|c| l.get(c).unwrap()))
+            .collect();
+        assert_eq!(told.len(), 2);
+        assert!((told[0][1] - 0.2).abs() < 1e-12 && told[0][2] == 0.0, "{told:?}"); // 0.2 ± 4.303 · 0.1
+        assert_eq!(told[1], [200.0, 0.75, 0.0, 1.0]);
+        assert!(over_seeds(&[]).is_empty());
     }
 
     #[test]
-    fn several_seeds_are_thin_behind_a_thick_median_and_one_is_alone() {
+    fn several_seeds_have_a_thin_interval_about_a_thick_mean_and_one_is_alone() {
         let runs = [run(&[(1, 0.0), (2, 1.0)]), run(&[(1, 0.5), (2, 1.0)])];
         let learnt = |n: usize| Learnt {
             task: "Hover",

@@ -346,6 +346,56 @@ fn unusable_arguments_name_value_limit_and_remedy() {
 }
 
 #[test]
+fn seeds_train_side_by_side_and_one_that_fails_leaves_the_others() {
+    let folder = temporary();
+    let folder = folder.path();
+    let (page, _) = exits(0, folder, &tiny(&["--seeds", "3", "--threads", "2"]));
+    assert!(page.contains("3 seeds") && page.contains("mean") && widest(&page) <= 160, "{page}");
+    let out = "runs/Hover-apg-s0-seeds";
+    assert!(size(folder, &format!("{out}/curve.png")) > 1000);
+    let parameters = |run: &str| load_policy(folder.join(run)).unwrap().policy.parameters().to_vec();
+    exits(0, folder, &tiny(&["--seed", "1", "--threads", "1", "--no-baseline", "--no-plots"]));
+    assert_eq!(parameters(&format!("{out}/s1")), parameters("runs/Hover-apg-s1"));
+    let (_, err) = exits(2, folder, &tiny(&["--seeds", "3"]));
+    assert!(err.contains("in use") && err.contains("--resume"), "{err}");
+    // held-out starts have seed 5: a run of that seed is refused
+    let (told, _) = exits(1, folder, &tiny(&["--seeds", "3", "--seed", "4", "--set", "evaluate.seed=5", "--json"]));
+    let told: Value = serde_json::from_str(&told).unwrap();
+    assert_eq!(
+        (told["runs"].as_array().map(Vec::len), told["failed"][0]["seed"].as_u64()),
+        (Some(2), Some(5)),
+        "{told}"
+    );
+    assert!(told["success"]["half_width"].is_number());
+}
+
+#[test]
+fn a_search_finds_the_best_settings_goes_on_and_writes_them() {
+    let folder = temporary();
+    let folder = folder.path();
+    let search =
+        ["--search", "apg.learning_rate.from=0.01,1e-9", "--search", "apg.n_env=8,16", "--factor", "2", "--seeds", "2"];
+    let (page, _) = exits(0, folder, &tiny(&search));
+    for words in ["4 candidates, 2 seeds", "after 5", "after 20", "winner.toml", "apg.n_env=8"] {
+        assert!(page.contains(words), "{words}\n{page}");
+    }
+    let out = folder.join("runs/Hover-apg-s0-search");
+    assert!(out.join("search.png").exists() && out.join("search.json").exists());
+    let known = std::fs::read(out.join("search.json")).unwrap();
+    let (again, _) = exits(0, folder, &tiny(&[&search[..], &["--resume"]].concat()));
+    assert_eq!((again, std::fs::read(out.join("search.json")).unwrap()), (page, known));
+    exits(
+        0,
+        folder,
+        &["train", "Hover", "--config", "runs/Hover-apg-s0-search/winner.toml", "--out", "best", "--no-plots"],
+    );
+    let (_, err) = exits(2, folder, &tiny(&["--search", "apg.n_env"]));
+    assert!(err.contains("expected KEY=VALUE,VALUE"), "{err}");
+    let (_, err) = exits(2, folder, &tiny(&["--search", "apg.n_envs=3,4", "--out", "other"]));
+    assert!(err.contains("Did you mean `n_env`?"), "{err}");
+}
+
+#[test]
 fn tasks_are_trained_together_and_a_table_that_was_stopped_goes_on() {
     let folder = temporary();
     let arguments = ["train-all", "--tasks", "Hover,Track", "--seeds", "2", "--budget", "0.002"];
@@ -362,6 +412,16 @@ fn tasks_are_trained_together_and_a_table_that_was_stopped_goes_on() {
     let again = json(folder.path(), &arguments);
     let result = |told: &Value| told["tasks"][0]["runs"][1]["evaluation"].clone();
     assert_eq!(result(&told), result(&again), "runs that are over are not trained again");
+    // a row alone is enough, and one of other physics is not
+    let row = folder.path().join("runs/all/Hover-apg-u2.json");
+    let text = std::fs::read_to_string(&row).expect("the row");
+    let hash = told["tasks"][0]["hash"].as_str().expect("a hash").to_string();
+    assert!(text.contains(&hash));
+    std::fs::remove_dir_all(folder.path().join(format!("runs/all/Hover-apg-{hash}-s1"))).unwrap();
+    assert_eq!(result(&json(folder.path(), &arguments)), result(&told));
+    std::fs::write(&row, text.replace(&hash, "0123456789abcdef").replace("\"seed\": 1", "\"seed\": 7")).unwrap();
+    assert_eq!(result(&json(folder.path(), &arguments)), result(&told));
+    assert_eq!(std::fs::read_to_string(&row).unwrap().matches("\"seed\": 7").count(), 0, "a stale row is replaced");
     let (page, _) = exits(0, folder.path(), &arguments);
     assert!(page.contains("Hover") && page.contains("cascade") && widest(&page) <= 160, "{page}");
     let (_, error) = exits(2, folder.path(), &["train-all", "--tasks", "Hovr"]);

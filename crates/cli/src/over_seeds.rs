@@ -1,0 +1,91 @@
+//! What several seeds came to: figures with mean, least, largest and interval, and what to do about seeds that failed.
+
+use super::page::short;
+use omnidrones::error::Result;
+use omnidrones::rl::runs::OverSeeds;
+use omnidrones::rl::trainer::TrainResult;
+use omnidrones::tasks::Evaluation;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+/// What is kept of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Outcome {
+    pub seed: u64,
+    pub evaluation: Evaluation,
+    pub seconds: f64,
+    pub env_steps: u64,
+    pub updates: u64,
+}
+
+impl Outcome {
+    /// Of a run that is over.
+    pub fn of(seed: u64, result: &TrainResult) -> Self {
+        let TrainResult { evaluation, seconds, env_steps, updates, .. } = result;
+        Self { seed, evaluation: evaluation.clone(), seconds: *seconds, env_steps: *env_steps, updates: *updates }
+    }
+}
+
+/// A seed that failed, and why.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Failure {
+    pub seed: u64,
+    pub why: String,
+}
+
+/// Results by whether they are some.
+pub fn split(seeds: &[u64], results: &[Result<TrainResult>]) -> (Vec<Outcome>, Vec<Failure>) {
+    let (mut done, mut failed) = (Vec::new(), Vec::new());
+    for (seed, result) in seeds.iter().zip(results) {
+        match result {
+            Ok(result) => done.push(Outcome::of(*seed, result)),
+            Err(error) => failed.push(Failure { seed: *seed, why: error.to_string() }),
+        }
+    }
+    (done, failed)
+}
+
+/// A figure over the seeds that were trained.
+pub fn spread(runs: &[Outcome], of: impl Fn(&Outcome) -> f64) -> Option<OverSeeds> {
+    OverSeeds::of(&runs.iter().map(of).collect::<Vec<_>>())
+}
+
+/// `98.2 % ± 0.4 (97.5 %–99.1 %)`: mean, half the width of its interval, least and largest.
+pub fn shown(spread: Option<OverSeeds>, show: impl Fn(f64) -> String, scale: f64) -> String {
+    let Some(OverSeeds { mean, least, largest, half_width }) = spread else { return "–".into() };
+    let (middle, least, largest) = (show(mean), show(least), show(largest));
+    if least == largest {
+        return middle;
+    }
+    let half = half_width.map_or(String::new(), |half| format!(" ± {}", short(scale * half, 2)));
+    format!("{middle}{half} ({least}–{largest})")
+}
+
+/// All of it, for programs.
+pub fn value(runs: &[Outcome], failed: &[Failure]) -> Value {
+    let of = |what: fn(&Outcome) -> f64| spread(runs, what);
+    json!({
+        "runs": runs,
+        "failed": failed,
+        "success": of(|run| run.evaluation.success),
+        "crashed": of(|run| run.evaluation.crashed),
+        "share_of_bound": of(|run| run.evaluation.share_of_bound),
+        "return": of(|run| run.evaluation.return_mean),
+        "final_error": of(|run| run.evaluation.final_error),
+        "mean_error": of(|run| run.evaluation.mean_error),
+        "seconds": of(|run| run.seconds),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rollout_files::percent;
+    use super::*;
+
+    #[test]
+    fn a_figure_shows_its_edges_and_its_interval_only_where_seeds_differ() {
+        let of = |values: &[f64]| shown(OverSeeds::of(values), percent, 100.0);
+        assert_eq!(of(&[0.4, 0.5, 0.6]), "50 % ± 25 (40 %–60 %)"); // 4.303 · 0.1/√3
+        assert_eq!((of(&[1.0, 1.0]), of(&[1.0]), of(&[])), ("100 %".into(), "100 %".into(), "–".into()));
+    }
+}

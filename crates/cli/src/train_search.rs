@@ -1,0 +1,220 @@
+//! `train --search`: which settings are best, by successive halving over seeds.
+
+use super::page::Page;
+use super::rollout_files::percent;
+use super::table::{Align, Table};
+use super::train_seeds::Asked;
+use super::{Report, files, progress};
+use omnidrones::error::{Error, Result};
+use omnidrones::layers::{self, Layer};
+use omnidrones::parallel::Threads;
+use omnidrones::rl::TrainConfig;
+use omnidrones::rl::search::{Search, SearchResult, Trial};
+use omnidrones_plot::{Colour, Figure, Panel, Series};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// Most candidates: each is trained with every seed.
+const MOST: usize = 1000;
+
+/// `KEY=VALUE,VALUE`, each as in a file.
+pub fn axis(text: &str) -> std::result::Result<(String, Vec<toml::Value>), String> {
+    let Some((key, values)) = text.split_once('=').filter(|(key, values)| !key.is_empty() && !values.is_empty()) else {
+        return Err("expected KEY=VALUE,VALUE, as in apg.n_env=32,64".into());
+    };
+    let read = toml::from_str::<toml::Table>(&format!("values = [{values}]")).ok();
+    let list = read.and_then(|mut table| table.remove("values")?.as_array().cloned());
+    let words = || values.split(',').map(|word| toml::Value::String(word.trim().into())).collect();
+    Ok((key.into(), list.unwrap_or_else(words)))
+}
+
+/// Names and layers of all combinations of the values, the last key turning fastest.
+pub fn combinations(axes: &[(String, Vec<toml::Value>)]) -> Result<Vec<(String, Vec<Layer>)>> {
+    let n = axes.iter().map(|(_, values)| values.len()).fold(1_usize, usize::saturating_mul);
+    if n > MOST {
+        return Err(Error::limit("candidates of --search", n, MOST, "Give fewer values."));
+    }
+    let mut all = vec![(Vec::new(), Vec::new())];
+    for (key, values) in axes {
+        let with = |(names, layers): &(Vec<String>, Vec<Layer>)| {
+            let each = values.iter().map(|value| {
+                let layer = Layer::of_table(&format!("--search {key}"), layers::at(key, value.clone()));
+                let (name, mut names, mut layers) = (format!("{key}={value}"), names.clone(), layers.clone());
+                names.push(name);
+                layers.push(layer);
+                (names, layers)
+            });
+            each.collect::<Vec<_>>()
+        };
+        all = all.iter().flat_map(with).collect();
+    }
+    Ok(all.into_iter().map(|(names, layers)| (names.join(" "), layers)).collect())
+}
+
+/// Searches; `named` are the candidates with what they change.
+pub fn run(asked: &Asked<'_>, named: Vec<(String, TrainConfig)>, factor: usize, threads: &Threads) -> Result<Report> {
+    files::prepare(&asked.folder, asked.force)?;
+    let known = asked.folder.join("search.json");
+    if known.exists() && !asked.resume {
+        if !asked.force {
+            let value = format!("'{}', in use", asked.folder.display());
+            let remedy = "Go on with it (--resume), replace it (--force), or name another folder (--out).";
+            return Err(Error::value("folder of the search", value, "new", remedy));
+        }
+        std::fs::remove_file(&known).map_err(|e| Error::file(&known, e))?;
+        for candidate in 0..named.len() {
+            for seed in &asked.seeds {
+                files::remove_run(&asked.folder.join(format!("c{candidate}/s{seed}")))?;
+            }
+        }
+    }
+    let (names, configs): (Vec<String>, Vec<TrainConfig>) = named.into_iter().unzip();
+    let candidates = configs.into_iter().enumerate().map(|(k, config)| (format!("c{k}"), config)).collect();
+    let search = Search { candidates, seeds: asked.seeds.clone(), factor };
+    let bar = progress::bar(total(&search), "searching", asked.json);
+    let done = Mutex::new(BTreeMap::new());
+    let told = search.run(&asked.folder, threads, &|candidate, seed, progress| {
+        let Ok(mut done) = done.lock() else { return };
+        done.insert((candidate, seed), progress.done);
+        bar.set_position(done.values().sum());
+        progress::say(&bar, &format!("{} · seed {seed} · update {}", names[candidate], progress.done));
+    });
+    bar.finish_and_clear();
+    let told = told?;
+    let winner = asked.folder.join("winner.toml");
+    let (_, config) = &search.candidates[told.winner];
+    files::write_new(&winner, &format!("# {}\n{}", names[told.winner], config.to_toml()?), true)?;
+    let mut written = vec![winner, known];
+    if let Some(extension) = asked.plot {
+        let path = asked.folder.join(format!("search.{extension}"));
+        draw(&told, &names, asked, &path)?;
+        written.insert(0, path);
+    }
+    let success = told.failures.is_empty();
+    if asked.json {
+        return Ok(Report::json(&value(&told, &names, asked), success));
+    }
+    Ok(Report { text: page(&told, &names, &search, asked, &written), success })
+}
+
+/// Updates of all runs, if the first candidates went on at every rung.
+fn total(search: &Search) -> u64 {
+    let mut alive = search.candidates.len();
+    let (mut before, mut sum) = (0, 0);
+    for rung in 0..search.rungs() {
+        let until = search.updates(0, rung);
+        sum += alive as u64 * search.seeds.len() as u64 * (until - before);
+        (before, alive) = (until, alive.div_ceil(search.factor));
+    }
+    sum
+}
+
+/// Candidates, the best first: those that came further, then those that did better there.
+fn ranked(told: &SearchResult) -> Vec<&Trial> {
+    let mut last: BTreeMap<usize, &Trial> = BTreeMap::new();
+    for trial in &told.trials {
+        last.insert(trial.candidate, trial);
+    }
+    let mut all: Vec<&Trial> = last.into_values().collect();
+    let key = |trial: &Trial| (trial.candidate == told.winner, trial.rung, trial.mean());
+    all.sort_by(|a, b| {
+        let ((a, i, x), (b, j, y)) = (key(a), key(b));
+        b.cmp(&a).then(j.cmp(&i)).then(y[0].total_cmp(&x[0])).then(y[1].total_cmp(&x[1]))
+    });
+    all
+}
+
+fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_>, written: &[PathBuf]) -> String {
+    let mut page = Page::new();
+    let (n, seeds) = (names.len(), asked.seeds.len());
+    page.title(
+        asked.entry.name,
+        &format!("{}, {n} candidates, {seeds} seeds, one in {} goes on", asked.algorithm, search.factor),
+    );
+    let updates: Vec<String> =
+        (0..search.rungs()).map(|rung| format!("after {}", search.updates(told.winner, rung))).collect();
+    let heads = updates.iter().map(|text| (text.as_str(), Align::Right));
+    let columns: Vec<(&str, Align)> = [("candidate", Align::Left)].into_iter().chain(heads).collect();
+    let mut table = Table::new(&columns);
+    for last in ranked(told) {
+        let rungs = told.trials.iter().filter(|trial| trial.candidate == last.candidate);
+        let cells = rungs.map(|trial| {
+            let [success, bound] = trial.mean();
+            format!("{} ({} of bound)", percent(success), percent(bound))
+        });
+        table.row([names[last.candidate].clone()].into_iter().chain(cells));
+    }
+    page.table(&table);
+    page.line(
+        "\nSuccess, and the share of the reward's bound: means over seeds, after so many updates of a whole run.",
+    );
+    if !told.failures.is_empty() {
+        page.heading("Failed");
+        for (candidate, seed, why) in &told.failures {
+            page.line(format!("  {}, seed {seed}: {why}", names[*candidate]));
+        }
+    }
+    page.heading("Written");
+    for path in written {
+        page.line(format!("  {}", path.display()));
+    }
+    page.heading("Next");
+    let file = asked.folder.join("winner.toml");
+    page.line(format!(
+        "  omnidrones train {} --config {}   the best again, with any seed",
+        asked.entry.name,
+        file.display()
+    ));
+    page.finish()
+}
+
+fn draw(told: &SearchResult, names: &[String], asked: &Asked<'_>, path: &Path) -> Result<()> {
+    let panel = Panel::new("Success of the candidates, rung by rung", "updates", "success [%]").y_range(-2.0, 104.0);
+    let panel = ranked(told).into_iter().rev().fold(panel, |panel, last| {
+        let rungs = told.trials.iter().filter(|trial| trial.candidate == last.candidate);
+        let points = rungs.map(|trial| (trial.updates as f64, 100.0 * trial.mean()[0])).collect();
+        let best = last.candidate == told.winner;
+        let (name, colour, width) =
+            if best { (names[told.winner].as_str(), Colour::BLUE, 1.8) } else { ("", Colour::SKY, 0.8) };
+        panel.series(Series::line(name, points).colour(colour).width(width).markers())
+    });
+    let title = format!("{}: search by {}", asked.entry.name, asked.algorithm);
+    let figure = Figure::new(title).subtitle("mean over seeds   ·   thick: the best").size(700.0, 420.0);
+    figure.grid(&[1.0], &[1.0]).place((0, 0), (1, 1), panel).save(path)
+}
+
+fn value(told: &SearchResult, names: &[String], asked: &Asked<'_>) -> Value {
+    let failures: Vec<Value> = told
+        .failures
+        .iter()
+        .map(|(candidate, seed, why)| json!({ "candidate": candidate, "seed": seed, "why": why }))
+        .collect();
+    json!({
+        "command": "train",
+        "task": asked.entry.name,
+        "algorithm": asked.algorithm,
+        "candidates": names,
+        "seeds": asked.seeds,
+        "trials": told.trials,
+        "winner": told.winner,
+        "failed": failures,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_read_as_in_a_file_and_combined() {
+        let axes =
+            [axis("apg.learning_rate.from=0.002,0.005"), axis("apg.network.hidden=[32,32],[64]"), axis("control=rate")];
+        let all = combinations(&axes.map(|axis| axis.unwrap())).unwrap();
+        assert_eq!(all.len(), 4);
+        assert_eq!(all[1].0, "apg.learning_rate.from=0.002 apg.network.hidden=[64] control=\"rate\"");
+        assert_eq!(all[3].1[0].table()["apg"]["learning_rate"]["from"].as_float(), Some(0.005));
+        assert!(axis("apg.n_env").is_err() && axis("=3").is_err() && axis("a=").is_err());
+    }
+}

@@ -1,0 +1,157 @@
+//! `train --seeds`: several seeds side by side in one process, and what they say together.
+
+use super::over_seeds::{Failure, Outcome, shown, split, spread, value};
+use super::page::{Page, duration, short};
+use super::rollout_files::percent;
+use super::table::{Align, Table};
+use super::train::{count, spec};
+use super::train_all_plot::{self, Learnt};
+use super::{Report, files, progress};
+use omnidrones::error::{Error, Result};
+use omnidrones::parallel::Threads;
+use omnidrones::rl::TrainConfig;
+use omnidrones::rl::runs::{self, Run};
+use omnidrones::rl::trainer::TrainResult;
+use omnidrones::tasks::Metric;
+use omnidrones::tasks::registry::Entry;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// What is asked for.
+pub struct Asked<'a> {
+    pub entry: &'a Entry,
+    pub algorithm: &'a str,
+    pub config: &'a TrainConfig,
+    pub seeds: Vec<u64>,
+    pub folder: PathBuf,
+    pub resume: bool,
+    pub force: bool,
+    pub json: bool,
+    /// Type of the plot, if there is to be one.
+    pub plot: Option<&'static str>,
+}
+
+/// Trains them.
+pub fn run(asked: &Asked<'_>, threads: &Threads) -> Result<Report> {
+    files::prepare(&asked.folder, asked.force)?;
+    let own = |seed: &u64| asked.folder.join(format!("s{seed}"));
+    for folder in asked.seeds.iter().map(own) {
+        begin(&folder, asked.resume, asked.force)?;
+    }
+    let run = |seed: &u64| Run {
+        config: TrainConfig { seed: *seed, ..asked.config.clone() },
+        folder: own(seed),
+        until: u64::MAX,
+    };
+    let all: Vec<Run> = asked.seeds.iter().map(run).collect();
+    let bar = progress::bar(asked.config.updates() * all.len() as u64, "training", asked.json);
+    let told = train(&all, threads, &bar);
+    bar.finish_and_clear();
+    let (done, failed) = split(&asked.seeds, &told);
+    let mut written: Vec<PathBuf> = asked.seeds.iter().map(own).collect();
+    if let Some(extension) = asked.plot {
+        let path = asked.folder.join(format!("curve.{extension}"));
+        let curves = told.iter().flatten().map(|result| &result.curve[..]).collect();
+        let algorithm = asked.algorithm;
+        train_all_plot::draw(&[Learnt { task: asked.entry.name, algorithm, runs: curves, controller: None }], &path)?;
+        written.push(path);
+    }
+    let mut json = value(&done, &failed);
+    json["command"] = "train".into();
+    json["task"] = asked.entry.name.into();
+    json["algorithm"] = asked.algorithm.into();
+    let path = asked.folder.join("seeds.json");
+    files::write_new(&path, &format!("{json:#}\n"), true)?;
+    written.push(path);
+    let success = failed.is_empty();
+    if asked.json {
+        return Ok(Report::json(&json, success));
+    }
+    let (_, error) = spec(asked.entry, asked.config)?;
+    Ok(Report { text: page(asked, &error, &done, &failed, &written), success })
+}
+
+/// Refuses a run that is there, unless it is to go on or to be replaced.
+pub fn begin(folder: &Path, resume: bool, force: bool) -> Result<()> {
+    if !folder.join("config.toml").exists() || resume {
+        return Ok(());
+    }
+    if force {
+        return files::remove_run(folder);
+    }
+    let remedy = "Go on with it (--resume), replace it (--force), or name another folder (--out).";
+    Err(Error::value("folder of the run", format!("'{}', in use", folder.display()), "new", remedy))
+}
+
+/// Trains under one bar: updates of all, and of each how far it is.
+pub fn train(all: &[Run], threads: &Threads, bar: &indicatif::ProgressBar) -> Vec<Result<TrainResult>> {
+    let done = Mutex::new(vec![(0, None::<f64>); all.len()]);
+    runs::train(all, threads, &|k, progress| {
+        let Ok(mut done) = done.lock() else { return };
+        done[k] = (progress.done, progress.evaluation.map(|e| e.success));
+        bar.set_position(done.iter().map(|(updates, _)| updates).sum());
+        let each = done.iter().map(|(_, success)| success.map_or("…".into(), percent));
+        progress::say(bar, &format!("success {}", each.collect::<Vec<_>>().join(" ")));
+    })
+}
+
+fn page(asked: &Asked<'_>, error: &Metric, done: &[Outcome], failed: &[Failure], written: &[PathBuf]) -> String {
+    let mut page = Page::new();
+    let updates = asked.config.updates();
+    page.title(asked.entry.name, &format!("{}, {} seeds, {updates} updates", asked.algorithm, asked.seeds.len()));
+    page.table(&table(error, done));
+    page.line("\nmean: with half the width of its 95 % confidence interval, by Student's t.");
+    if !failed.is_empty() {
+        page.heading("Failed");
+        for Failure { seed, why } in failed {
+            page.line(format!("  seed {seed}: {why}"));
+        }
+    }
+    page.heading("Written");
+    for path in written {
+        page.line(format!("  {}", path.display()));
+    }
+    page.finish()
+}
+
+fn table(error: &Metric, done: &[Outcome]) -> Table {
+    let (last, mean) = (format!("final error [{}]", error.unit), format!("mean error [{}]", error.unit));
+    let mut table = Table::new(&[
+        ("seed", Align::Left),
+        ("success", Align::Right),
+        ("crashed", Align::Right),
+        (&last, Align::Right),
+        (&mean, Align::Right),
+        ("return", Align::Right),
+        ("share of bound", Align::Right),
+        ("time", Align::Right),
+        ("env steps", Align::Right),
+    ]);
+    for run in done {
+        let e = &run.evaluation;
+        table.row([
+            run.seed.to_string(),
+            percent(e.success),
+            percent(e.crashed),
+            short(e.final_error, 3),
+            short(e.mean_error, 3),
+            short(e.return_mean, 4),
+            percent(e.share_of_bound),
+            duration(run.seconds),
+            count(run.env_steps as f64),
+        ]);
+    }
+    let number = |x: f64| short(x, 3);
+    table.row([
+        "mean".to_string(),
+        shown(spread(done, |run| run.evaluation.success), percent, 100.0),
+        shown(spread(done, |run| run.evaluation.crashed), percent, 100.0),
+        shown(spread(done, |run| run.evaluation.final_error), number, 1.0),
+        shown(spread(done, |run| run.evaluation.mean_error), number, 1.0),
+        shown(spread(done, |run| run.evaluation.return_mean), |x| short(x, 4), 1.0),
+        shown(spread(done, |run| run.evaluation.share_of_bound), percent, 100.0),
+        spread(done, |run| run.seconds).map_or("–".into(), |all| duration(all.mean)),
+        spread(done, |run| run.env_steps as f64).map_or("–".into(), |all| count(all.mean)),
+    ]);
+    table
+}
