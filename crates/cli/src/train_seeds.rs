@@ -1,6 +1,6 @@
 //! `train --seeds`: several seeds side by side in one process, and what they say together.
 
-use super::over_seeds::{Failure, Outcome, shown, split, spread, value};
+use super::over_seeds::{Failure, Outcome, split, spread, value};
 use super::page::{Page, duration, short};
 use super::rollout_files::percent;
 use super::table::{Align, Table};
@@ -10,7 +10,7 @@ use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
-use omnidrones::rl::runs::{self, Run};
+use omnidrones::rl::runs::{self, OverSeeds, Run};
 use omnidrones::rl::trainer::TrainResult;
 use omnidrones::tasks::Metric;
 use omnidrones::tasks::registry::Entry;
@@ -100,7 +100,7 @@ fn page(asked: &Asked<'_>, error: &Metric, done: &[Outcome], failed: &[Failure],
     let updates = asked.config.updates();
     page.title(asked.entry.name, &format!("{}, {} seeds, {updates} updates", asked.algorithm, asked.seeds.len()));
     page.table(&table(error, done));
-    page.line("\nmean: with half the width of its 95 % confidence interval, by Student's t.");
+    page.line("\n± 95 %: half the width of the confidence interval of the mean over seeds, by Student's t.");
     if !failed.is_empty() {
         page.heading("Failed");
         for Failure { seed, why } in failed {
@@ -141,17 +141,24 @@ fn table(error: &Metric, done: &[Outcome]) -> Table {
             count(run.env_steps as f64),
         ]);
     }
-    let number = |x: f64| short(x, 3);
-    table.row([
-        "mean".to_string(),
-        shown(spread(done, |run| run.evaluation.success), percent, 100.0),
-        shown(spread(done, |run| run.evaluation.crashed), percent, 100.0),
-        shown(spread(done, |run| run.evaluation.final_error), number, 1.0),
-        shown(spread(done, |run| run.evaluation.mean_error), number, 1.0),
-        shown(spread(done, |run| run.evaluation.return_mean), |x| short(x, 4), 1.0),
-        shown(spread(done, |run| run.evaluation.share_of_bound), percent, 100.0),
-        spread(done, |run| run.seconds).map_or("–".into(), |all| duration(all.mean)),
-        spread(done, |run| run.env_steps as f64).map_or("–".into(), |all| count(all.mean)),
-    ]);
+    let figures: [(fn(&Outcome) -> f64, fn(f64) -> String, f64); 6] = [
+        (|run| run.evaluation.success, percent, 100.0),
+        (|run| run.evaluation.crashed, percent, 100.0),
+        (|run| run.evaluation.final_error, |x| short(x, 3), 1.0),
+        (|run| run.evaluation.mean_error, |x| short(x, 3), 1.0),
+        (|run| run.evaluation.return_mean, |x| short(x, 4), 1.0),
+        (|run| run.evaluation.share_of_bound, percent, 100.0),
+    ];
+    let all = figures.map(|(of, show, scale)| (spread(done, of), show, scale));
+    let mut row = |name: &str, text: &dyn Fn(OverSeeds, fn(f64) -> String, f64) -> String| {
+        let cell = |(spread, show, scale): &(Option<OverSeeds>, fn(f64) -> String, f64)| {
+            spread.map_or("–".into(), |spread| text(spread, *show, *scale))
+        };
+        table.row([name.to_string()].into_iter().chain(all.iter().map(cell)));
+    };
+    row("mean", &|spread, show, _| show(spread.mean));
+    row("± 95 %", &|spread, _, scale| spread.half_width.map_or("–".into(), |half| short(scale * half, 2)));
+    row("least", &|spread, show, _| show(spread.least));
+    row("largest", &|spread, show, _| show(spread.largest));
     table
 }
