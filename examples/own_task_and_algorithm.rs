@@ -43,7 +43,9 @@ impl Task for Climb {
         out.field("angular_velocity", "rad/s, world", "ω").array(view.drone(0).angular_velocity);
     }
     #[inline(always)] fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
-        terms.term("near", "1/(1 + left²)", 1.0).number(rational_kernel(1.0, left(view).square()));
+        let [x, y, _] = view.drone(0).velocity;
+        let square = left(view).square() + x.square() + y.square();
+        terms.term("near", "1/(1 + left² + v_x² + v_y²)", 1.0).number(rational_kernel(1.0, square));
     }
     #[inline(always)] fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
         ends.when("fast", "|v| > 5 m/s", S::constant(25.0).lt(safe::squared_norm(view.drone(0).velocity)));
@@ -77,7 +79,7 @@ pub struct A2cConfig {
 impl Default for A2cConfig {
     fn default() -> Self {
         let network = Layers { activation: Activation::Elu, ..Layers::default() };
-        Self { n_env: 128, steps: 16, updates: 300, rate: 3e-3, network }
+        Self { n_env: 128, steps: 16, updates: 600, rate: 2e-3, network }
     }
 }
 

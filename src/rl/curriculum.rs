@@ -162,14 +162,14 @@ mod tests {
 
     #[test]
     fn difficulty_follows_the_share_of_good_episodes_and_never_falls_behind_its_line() {
-        let settings = Curriculum { from: 0.2, step: 0.1, episodes: 10, full: 0.5, ..Curriculum::default() };
+        let settings = Curriculum { from: 0.25, step: 0.125, episodes: 10, full: 0.5, ..Curriculum::default() };
         let mut own = Difficulty::new(&settings);
-        assert!(!own.take(&ended(9, 0, 0), 0.0) && own.share() == 0.2); // too few to tell
-        assert!(own.take(&ended(1, 0, 0), 0.0) && (own.share() - 0.3).abs() < 1e-12);
+        assert!(!own.take(&ended(9, 0, 0), 0.0) && own.share() == 0.25); // too few to tell
+        assert!(own.take(&ended(1, 0, 0), 0.0) && own.share() == 0.375);
         assert!(!own.take(&ended(10, 4, 0), 0.0)); // between the limits
-        assert!(own.take(&ended(10, 9, 0), 0.0) && (own.share() - 0.2).abs() < 1e-12);
+        assert!(own.take(&ended(10, 9, 0), 0.0) && own.share() == 0.25);
         assert!(!own.take(&ended(10, 10, 0), 0.0)); // not below its start
-        assert!(own.take(&ended(10, 10, 0), 0.25) && (own.share() - 0.6).abs() < 1e-12); // halfway up the line
+        assert!(own.take(&ended(10, 10, 0), 0.25) && own.share() == 0.625); // halfway up the line
         assert!(own.take(&ended(0, 0, 0), 0.5) && own.share() == 1.0);
         let settings = Curriculum { good: GoodEpisode::Success, ..settings };
         let mut own = Difficulty::new(&settings);

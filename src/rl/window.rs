@@ -372,11 +372,11 @@ mod tests {
 
     #[test]
     fn what_is_cut_keeps_its_direction_and_its_neighbours() {
-        let mut x = [3.0, 4.0, 0.3, 0.4, -30.0, 40.0];
-        clip_each(&mut x, 3, 1.0);
-        assert_eq!(x, [0.6, 0.8, 0.3, 0.4, -0.6, 0.8]);
+        let mut x = [3.0, 4.0, 0.25, 0.5, -6.0, 8.0];
+        clip_each(&mut x, 3, 2.5);
+        assert_eq!(x, [1.5, 2.0, 0.25, 0.5, -1.5, 2.0]);
         clip_each(&mut x, 3, f32::INFINITY);
-        assert_eq!(x[0], 0.6);
+        assert_eq!(x[0], 1.5);
     }
 
     #[test]

@@ -59,10 +59,7 @@ impl Bounds {
     /// When an episode ends as `diverged`, in words.
     pub fn text(&self) -> String {
         let Self { distance, speed, rate, angle, .. } = self;
-        format!(
-            "a coordinate beyond ±{distance} m, a velocity beyond ±{speed} m/s, an angular velocity or rate of a joint \
-             beyond ±{rate} rad/s, the angle of a joint beyond ±{angle} rad, or no number at all"
-        )
+        format!("beyond ±{distance} m, ±{speed} m/s, ±{rate} rad/s or ±{angle} rad at a joint, or no number")
     }
 
     /// The rows of a plant's state that are bounded, with their bounds: all but attitudes and rotor speeds, whose lag holds

@@ -42,7 +42,10 @@ pub struct Evaluation {
 /// Where a share lies with 95 % confidence of which `hits` of `n` are known (Wilson 1927).
 pub fn wilson(hits: usize, n: usize) -> [f64; 2] {
     const Z: f64 = 1.959_963_984_540_054;
-    let (n, share) = (n.max(1) as f64, hits as f64 / n.max(1) as f64);
+    if n == 0 {
+        return [0.0, 1.0];
+    }
+    let (n, share) = (n as f64, hits as f64 / n as f64);
     let scale = 1.0 / (1.0 + Z * Z / n);
     let middle = scale * (share + 0.5 * Z * Z / n);
     let half = scale * Z * (share * (1.0 - share) / n + 0.25 * Z * Z / (n * n)).sqrt();

@@ -251,6 +251,7 @@ mod tests {
         ("InvPendulumHover", true, "the ball may be under way for longer"),
         ("PayloadHover", true, "the ball is pushed"),
         ("OverHover", true, "the platform may be under way for longer"),
+        ("OverTrack", true, "our controller holds the frame level, and the path leans"),
         ("TransportHover", true, "the box may be under way for longer"),
         ("DragonHover", true, "the chain may be under way for longer"),
         ("Formation", true, "the drones may be under way for longer"),

@@ -334,7 +334,7 @@ fn run_of_then(algorithm: &str) -> PathBuf {
 
 #[test]
 fn a_run_of_version_0_1_is_read_by_the_old_names_of_its_settings() {
-    for algorithm in ALGORITHMS {
+    for algorithm in ["apg", "shac", "ppo"] {
         let saved = load_policy(run_of_then(algorithm)).unwrap();
         let config = &saved.config;
         if let Some(apg) = config.algorithm.get::<ApgConfig>() {
