@@ -39,8 +39,8 @@ pub(crate) trait Lanes: Scalar {
     fn rows(block: &[[f32; BLOCK]], at: usize) -> StridedView<'_, Self>;
     /// The registers at lanes `at` … of all rows of a block, to write.
     fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> StridedViewMut<'_, Self>;
-    /// The registers of all rows of a block, which may be those of several operands and of the result.
-    fn cells(rows: &[Cell<[f32; BLOCK]>]) -> &[Cell<Self>];
+    /// The registers of one row of a block, which may be that of several operands and of the result.
+    fn cells(row: &Cell<[f32; BLOCK]>) -> &[Cell<Self>];
     /// Runs a kernel as a machine function of its own, with these lanes: what it holds in registers is then decided for
     /// it alone, whatever the caller does around it.
     fn outlined<K: Kernel>(kernel: K) -> K::Output;
@@ -268,11 +268,11 @@ impl<S: Simd> Lanes for Register<S> {
     }
 
     #[inline(always)]
-    fn cells(rows: &[Cell<[f32; BLOCK]>]) -> &[Cell<Self>] {
-        // SAFETY: `Cell` and `Register` have the layout of what they hold, see `registers`; the result covers the rows
-        // exactly and borrows them. Cells of another type than the rows' are sound since all bits are numbers, and since a
-        // cell is not shared between threads.
-        unsafe { std::slice::from_raw_parts(rows.as_ptr().cast::<Cell<Self>>(), Self::registers(rows.len())) }
+    fn cells(row: &Cell<[f32; BLOCK]>) -> &[Cell<Self>] {
+        // SAFETY: `Cell` and `Register` have the layout of what they hold, see `registers`; the result covers the row exactly
+        // and borrows it. Cells of another type than the row's are sound since all bits are numbers, and since a cell is
+        // not shared between threads.
+        unsafe { std::slice::from_raw_parts(row.as_ptr().cast::<Cell<Self>>(), Self::registers(1)) }
     }
 
     #[inline(never)]

@@ -14,6 +14,7 @@ use super::scalar::Scalar;
 use super::trace::Recording;
 use crate::error::Result;
 use std::cell::Cell;
+use std::ops::Range;
 
 /// Environments per block of the lane evaluator.
 pub const BLOCK: usize = 64;
@@ -195,17 +196,11 @@ impl Program {
 
     /// Scratch for [`Program::evaluate_block`].
     pub fn block_workspace(&self) -> BlockWorkspace {
-        let lanes = self.lanes_of_slot();
-        let mut slots = Columns::zeros((self.n_slot * lanes).div_ceil(BLOCK));
+        let mut slots = Columns::zeros(self.n_slot);
         for &(slot, value) in &self.constants {
-            slots.as_flattened_mut()[slot as usize * lanes..][..lanes].fill(value as f32);
+            slots[slot as usize] = [value as f32; BLOCK];
         }
         BlockWorkspace { slots, scratch: self.scratch() }
-    }
-
-    /// Environments that go through the program together: half a block where the slots of a whole one leave the first cache.
-    fn lanes_of_slot(&self) -> usize {
-        if self.n_slot > NEAR_SLOTS { BLOCK / 2 } else { BLOCK }
     }
 
     /// Arguments and results of one call at a time.
@@ -368,18 +363,18 @@ impl Call {
         }
     }
 
-    /// The same lane by lane, the first `n_lane` of slots of `width` numbers.
+    /// The same lane by lane.
     #[inline(never)]
-    fn run_lanes(&self, n_lane: usize, width: usize, slots: &mut [f32], scratch: &mut [f64]) {
+    fn run_block(&self, n_lane: usize, slots: &mut [[f32; BLOCK]], scratch: &mut [f64]) {
         let (n, m) = (self.inputs.len(), self.operation.n_output());
         let (x, y) = scratch[..n + m].split_at_mut(n);
         for lane in 0..n_lane {
             for (x, slot) in x.iter_mut().zip(&self.inputs) {
-                *x = f64::from(slots[*slot as usize * width + lane]);
+                *x = f64::from(slots[*slot as usize][lane]);
             }
             self.operation.function().value(x, y);
             for &(slot, k) in &self.outputs {
-                slots[slot as usize * width + lane] = y[k as usize] as f32;
+                slots[slot as usize][lane] = y[k as usize] as f32;
             }
         }
     }
@@ -401,100 +396,72 @@ impl Kernel for Evaluate<'_> {
         let Self { program, n, workspace, inputs, outputs } = self;
         assert_eq!(inputs.len(), program.n_input, "inputs of the program");
         assert_eq!(outputs.len(), program.outputs.len(), "outputs of the program");
-        let width = program.lanes_of_slot();
-        let mut first = 0;
-        while first < n {
-            let n_lane = if n - first < width { n - first } else { width };
-            program.evaluate_pass::<L>(first, n_lane, workspace, inputs, outputs);
-            first += width;
-        }
-    }
-}
-
-impl Program {
-    /// Environments `first` … `first + n_lane` of a block through the whole program.
-    #[inline(always)]
-    fn evaluate_pass<L: Lanes>(
-        &self,
-        first: usize,
-        n_lane: usize,
-        workspace: &mut BlockWorkspace,
-        inputs: &[[f32; BLOCK]],
-        outputs: &mut [[f32; BLOCK]],
-    ) {
-        let (width, n_register) = (self.lanes_of_slot(), n_lane.div_ceil(L::WIDTH));
-        let BlockWorkspace { slots, scratch } = workspace;
-        for &(slot, k) in &self.inputs {
-            let to = &mut slots.as_flattened_mut()[slot as usize * width..][..width];
-            copy_registers::<L>(n_register, &inputs[k as usize][first..][..width], to);
+        let slots = &mut workspace.slots[..program.n_slot];
+        for &(slot, k) in &program.inputs {
+            slots[slot as usize] = inputs[k as usize];
         }
         let mut done = 0;
-        for k in 0..self.calls.len() + 1 {
-            let end = if k < self.calls.len() { self.calls[k].after } else { self.instructions.len() };
-            let instructions = &self.instructions[done..end];
-            let (rows, n, stride) = (Cell::from_mut(&mut slots[..]).as_slice_of_cells(), n_register, width / L::WIDTH);
-            match if n == stride { n } else { 0 } {
-                2 => L::outlined(Straight::<2> { instructions, rows, n, stride }),
-                4 => L::outlined(Straight::<4> { instructions, rows, n, stride }),
-                8 => L::outlined(Straight::<8> { instructions, rows, n, stride }),
-                _ => L::outlined(Straight::<0> { instructions, rows, n, stride }),
+        for k in 0..program.calls.len() + 1 {
+            let end = if k < program.calls.len() { program.calls[k].after } else { program.instructions.len() };
+            let instructions = &program.instructions[done..end];
+            let cells = Cell::from_mut(&mut *slots).as_slice_of_cells();
+            // half a block at a time where the slots of a whole one leave the first cache
+            let width = if n > BLOCK / 2 && program.n_slot > NEAR_SLOTS { BLOCK / 2 } else { BLOCK };
+            for first in (0..n).step_by(width) {
+                let (lanes, slots) = (first..n.min(first + width), cells);
+                match lanes.len().div_ceil(L::WIDTH) {
+                    2 => L::outlined(Straight::<2> { instructions, slots, lanes }),
+                    4 => L::outlined(Straight::<4> { instructions, slots, lanes }),
+                    8 => L::outlined(Straight::<8> { instructions, slots, lanes }),
+                    _ => L::outlined(Straight::<0> { instructions, slots, lanes }),
+                }
             }
-            if k < self.calls.len() {
-                self.calls[k].run_lanes(n_lane, width, slots.as_flattened_mut(), scratch);
+            if k < program.calls.len() {
+                program.calls[k].run_block(n, slots, &mut workspace.scratch);
             }
             done = end;
         }
         for k in 0..outputs.len() {
-            let from = &slots.as_flattened()[self.outputs[k] as usize * width..][..width];
-            copy_registers::<L>(n_register, from, &mut outputs[k][first..][..width]);
+            outputs[k] = slots[program.outputs[k] as usize];
         }
     }
 }
 
-#[inline(always)]
-fn copy_registers<L: Lanes>(n: usize, from: &[f32], to: &mut [f32]) {
-    for r in 0..n {
-        L::load(&from[r * L::WIDTH..]).store(&mut to[r * L::WIDTH..]);
-    }
-}
-
-/// Rows of the workspace, each of one slot or of several. Cells, since the slot of a result may be that of an operand: an
-/// instruction reads a register of each operand, then writes the same register of its result, and nothing has to wait in
-/// memory.
-type Rows = [Cell<[f32; BLOCK]>];
+/// One slot of a block. A cell, since the slot of a result may be that of an operand: an instruction reads a register of
+/// each operand, then writes the same register of its result, and nothing has to wait in memory.
+type Slot = Cell<[f32; BLOCK]>;
 
 /// Slots of a block that stay in a first cache of 32 KiB.
 const NEAR_SLOTS: usize = 128;
 
-/// Instructions without calls over the first `n` of `stride` registers of each slot; both are `N` where that is not 0.
+/// Instructions without calls over some lanes: over `N` registers, or over as many as it takes where that is 0.
 struct Straight<'a, const N: usize> {
     instructions: &'a [Instruction],
-    rows: &'a Rows,
-    n: usize,
-    stride: usize,
+    slots: &'a [Slot],
+    lanes: Range<usize>,
 }
 
 impl<const N: usize> Kernel for Straight<'_, N> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let (n, stride) = if N > 0 { (N, N) } else { (self.n, self.stride) };
-        let slots = Registers { cells: L::cells(self.rows), n, stride };
+        let (slots, first) = (self.slots, self.lanes.start / L::WIDTH);
+        let n = if N > 0 { N } else { (self.lanes.end - self.lanes.start).div_ceil(L::WIDTH) };
         for i in self.instructions {
             match i.op {
-                Op::Add => slots.each(i, Op::Add),
-                Op::Sub => slots.each(i, Op::Sub),
-                Op::Mul => slots.each(i, Op::Mul),
-                Op::Neg => slots.each(i, Op::Neg),
-                Op::MulAdd => slots.each(i, Op::MulAdd),
-                Op::NegMulAdd => slots.each(i, Op::NegMulAdd),
-                Op::MulSub => slots.each(i, Op::MulSub),
-                Op::TwoProducts => slots.each(i, Op::TwoProducts),
-                Op::ProductDifference => slots.each(i, Op::ProductDifference),
-                Op::Select => slots.each(i, Op::Select),
-                Op::SelectLess => slots.each(i, Op::SelectLess),
+                Op::Add => each::<L>(slots, first, n, i, Op::Add),
+                Op::Sub => each::<L>(slots, first, n, i, Op::Sub),
+                Op::Mul => each::<L>(slots, first, n, i, Op::Mul),
+                Op::Neg => each::<L>(slots, first, n, i, Op::Neg),
+                Op::MulAdd => each::<L>(slots, first, n, i, Op::MulAdd),
+                Op::NegMulAdd => each::<L>(slots, first, n, i, Op::NegMulAdd),
+                Op::MulSub => each::<L>(slots, first, n, i, Op::MulSub),
+                Op::TwoProducts => each::<L>(slots, first, n, i, Op::TwoProducts),
+                Op::ProductDifference => each::<L>(slots, first, n, i, Op::ProductDifference),
+                Op::Select => each::<L>(slots, first, n, i, Op::Select),
+                Op::SelectLess => each::<L>(slots, first, n, i, Op::SelectLess),
                 // a twentieth of a program and most of the code: calls, so that the loop stays small
-                _ => L::outlined(Rare { rows: self.rows, n, stride, i }),
+                _ => L::outlined(Rare { slots, first, n, i }),
             }
         }
     }
@@ -502,9 +469,9 @@ impl<const N: usize> Kernel for Straight<'_, N> {
 
 /// One of the operations that programs have few of.
 struct Rare<'a> {
-    rows: &'a Rows,
+    slots: &'a [Slot],
+    first: usize,
     n: usize,
-    stride: usize,
     i: &'a Instruction,
 }
 
@@ -512,57 +479,49 @@ impl Kernel for Rare<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let Self { rows, n, stride, i } = self;
-        let slots = Registers { cells: L::cells(rows), n, stride };
+        let Self { slots, first, n, i } = self;
         match i.op {
             Op::SinCos => {
-                let (a, sine, cosine) = (slots.of(i.a), slots.of(i.target), slots.of(i.d));
+                let [a, sine, cosine] = [i.a, i.target, i.d].map(|slot| &L::cells(&slots[slot as usize])[first..]);
                 for r in 0..n {
                     let (s, c) = a[r].get().sin_cos();
                     sine[r].set(s);
                     cosine[r].set(c);
                 }
             }
-            Op::Div => slots.each(i, Op::Div),
-            Op::Recip => slots.each(i, Op::Recip),
-            Op::Sqrt => slots.each(i, Op::Sqrt),
-            Op::Exp => slots.each(i, Op::Exp),
-            Op::Ln => slots.each(i, Op::Ln),
-            Op::Tanh => slots.each(i, Op::Tanh),
-            Op::Atan2 => slots.each(i, Op::Atan2),
-            Op::Less => slots.each(i, Op::Less),
-            Op::And => slots.each(i, Op::And),
-            Op::Or => slots.each(i, Op::Or),
-            Op::Not => slots.each(i, Op::Not),
+            Op::Div => each::<L>(slots, first, n, i, Op::Div),
+            Op::Recip => each::<L>(slots, first, n, i, Op::Recip),
+            Op::Sqrt => each::<L>(slots, first, n, i, Op::Sqrt),
+            Op::Exp => each::<L>(slots, first, n, i, Op::Exp),
+            Op::Ln => each::<L>(slots, first, n, i, Op::Ln),
+            Op::Tanh => each::<L>(slots, first, n, i, Op::Tanh),
+            Op::Atan2 => each::<L>(slots, first, n, i, Op::Atan2),
+            Op::Less => each::<L>(slots, first, n, i, Op::Less),
+            Op::And => each::<L>(slots, first, n, i, Op::And),
+            Op::Or => each::<L>(slots, first, n, i, Op::Or),
+            Op::Not => each::<L>(slots, first, n, i, Op::Not),
             _ => {}
         }
     }
 }
 
-/// Slots of `stride` registers, of which the first `n` are in use.
-struct Registers<'a, L> {
-    cells: &'a [Cell<L>],
-    n: usize,
-    stride: usize,
-}
-
-impl<'a, L: Lanes> Registers<'a, L> {
-    #[inline(always)]
-    fn of(&self, slot: u16) -> &'a [Cell<L>] {
-        &self.cells[slot as usize * self.stride..][..self.n]
-    }
-
-    /// One instruction. `op` is known at compile time in each arm of the caller's match.
-    #[inline(always)]
-    fn each(&self, i: &Instruction, op: Op) {
-        let a = self.of(i.a);
-        let b = if op.n_operand() > 1 { self.of(i.b) } else { a };
-        let c = if op.n_operand() > 2 { self.of(i.c) } else { a };
-        let d = if op.n_operand() > 3 { self.of(i.d) } else { a };
-        let target = self.of(i.target);
-        for r in 0..self.n {
-            target[r].set(apply(op, a[r].get(), b[r].get(), c[r].get(), d[r].get()));
-        }
+/// One instruction over `n` registers from number `first` on. `op` is known at compile time in each arm of the caller's match.
+#[inline(always)]
+fn each<L: Lanes>(slots: &[Slot], first: usize, n: usize, i: &Instruction, op: Op) {
+    let a = L::cells(&slots[i.a as usize]);
+    let b = if op.n_operand() > 1 { L::cells(&slots[i.b as usize]) } else { a };
+    let c = if op.n_operand() > 2 { L::cells(&slots[i.c as usize]) } else { a };
+    let d = if op.n_operand() > 3 { L::cells(&slots[i.d as usize]) } else { a };
+    let target = L::cells(&slots[i.target as usize]);
+    let [a, b, c, d, target] = [
+        &a[first..first + n],
+        &b[first..first + n],
+        &c[first..first + n],
+        &d[first..first + n],
+        &target[first..first + n],
+    ];
+    for r in 0..n {
+        target[r].set(apply(op, a[r].get(), b[r].get(), c[r].get(), d[r].get()));
     }
 }
 
