@@ -118,13 +118,16 @@ impl Clone for Box<dyn Algorithm> {
     }
 }
 
+/// Reads the settings of a run: a table, and layers over it.
+type Read = fn(Table, &[Layer]) -> Result<Box<dyn Algorithm>>;
+
 /// One that is known by its name.
 #[derive(Clone, Copy)]
 pub(crate) struct Entry {
     /// With its defaults.
     pub default: fn() -> Box<dyn Algorithm>,
     /// From the settings of a run: a table, and layers over it.
-    pub read: fn(Table, &[Layer]) -> Result<Box<dyn Algorithm>>,
+    pub read: Read,
 }
 
 const fn entry<A: Algorithm + Default + DeserializeOwned>() -> Entry {

@@ -43,19 +43,19 @@ pub struct Window {
 
 /// One step of a window, E environments and A agents.
 pub struct Step {
-    /// Before it, [E, A, observation].
+    /// Before it, `[E, A, observation]`.
     pub observation: Vec<f32>,
-    /// [E, A, action].
+    /// `[E, A, action]`.
     pub action: Vec<f32>,
-    /// What is minimised, [E]; NaN where the state diverged.
+    /// What is minimised, `[E]`; NaN where the state diverged.
     pub cost: Vec<f32>,
-    /// Where episodes ended, [E].
+    /// Where episodes ended, `[E]`.
     pub terminated: Vec<u8>,
-    /// Likewise, [E].
+    /// Likewise, `[E]`.
     pub truncated: Vec<u8>,
-    /// Where they did, what was seen last, [E, A, observation].
+    /// Where they did, what was seen last, `[E, A, observation]`.
     pub final_observation: Vec<f32>,
-    /// ∂L/∂cost, [E].
+    /// ∂L/∂cost, `[E]`.
     pub weight: Vec<f32>,
     /// ∂L/∂final_observation, or empty.
     pub d_final: Vec<f32>,

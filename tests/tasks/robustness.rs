@@ -131,7 +131,7 @@ fn a_simulation_ends_as_diverged_where_it_leaves_its_bounds() {
         state[number] = value;
         env.set_state(environment, &state).unwrap();
     }
-    env.step(&vec![0.0; 3 * 4], &mut out.out()).unwrap();
+    env.step(&[0.0; 3 * 4], &mut out.out()).unwrap();
     assert_eq!(out.terminated, [1, 1, 0]);
     let (width, reason) = (env.spec().info.len(), env.spec().info_column("reason").unwrap());
     assert_eq!([0, 1].map(|i| out.info[i * width + reason] as usize), [env.spec().ends.len() + 1; 2]);

@@ -114,6 +114,9 @@ fn page(asked: &Asked<'_>, error: &Metric, done: &[Outcome], failed: &[Failure],
     page.finish()
 }
 
+/// A figure of an outcome, how it is printed, and by which factor it is printed larger.
+type Figure = (fn(&Outcome) -> f64, fn(f64) -> String, f64);
+
 fn table(error: &Metric, done: &[Outcome]) -> Table {
     let (last, mean) = (format!("final error [{}]", error.unit), format!("mean error [{}]", error.unit));
     let mut table = Table::new(&[
@@ -141,7 +144,7 @@ fn table(error: &Metric, done: &[Outcome]) -> Table {
             count(run.env_steps as f64),
         ]);
     }
-    let figures: [(fn(&Outcome) -> f64, fn(f64) -> String, f64); 6] = [
+    let figures: [Figure; 6] = [
         (|run| run.evaluation.success, percent, 100.0),
         (|run| run.evaluation.crashed, percent, 100.0),
         (|run| run.evaluation.final_error, |x| short(x, 3), 1.0),

@@ -132,10 +132,10 @@ fn unpack<L: Lanes, const R: usize>(c: &mut Cursor<'_>, effects: Effects) -> Rig
         ($($number:expr),*) => { $($number = c.next();)* };
     }
     let (mut rotors, mut motors) = ([RotorModel::dead(); R], [Motors::none(); R]);
-    for i in 0..R {
+    unrolled!(i in 0..R {
         let (rotor, own) = (&mut rotors[i], &mut motors[i]);
         lean_rotor!(take, rotor, own);
-    }
+    });
     let mut model = RigidModel {
         gravity,
         mass: o,
@@ -171,10 +171,10 @@ fn unpack_rest<L: Lanes, const R: usize>(c: &mut Cursor<'_>, model: &mut RigidMo
     }
     model.quadratic_drag = c.array();
     model.ground_height = c.next();
-    for i in 0..R {
+    unrolled!(i in 0..R {
         let (rotor, motors) = (&mut model.rotors[i], &mut model.motors[i]);
         rest_rotor!(take, rotor, motors);
-    }
+    });
 }
 
 /// Steps every block of a chunk once, for the dispatcher.
