@@ -96,7 +96,6 @@ pub struct TrainConfig {
     pub log_every: u64,
     /// The policy to begin from instead of random weights: the folder of a run, or `Task`, `Task/algorithm` or `/algorithm`,
     /// which is trained first by its recipe.
-    #[serde(skip_serializing_if = "String::is_empty")]
     pub from: String,
     /// Whether an event file for TensorBoard stands beside the log: 1 or 2 kB per line.
     pub tensorboard: bool,
@@ -574,7 +573,7 @@ mod tests {
         let (usual, own) = (hover("").unwrap(), hover("apg.learning_rate.from = 0.005").unwrap());
         assert_eq!(
             (apg(&usual).learning_rate, apg(&own).learning_rate),
-            (Schedule::cosine(0.01, 1e-4), Schedule::cosine(0.005, 1e-4))
+            (Schedule::cosine(0.015, 1e-4), Schedule::cosine(0.005, 1e-4))
         );
         let error = hover("log_every = 3\napg.learning_rate.fron = 0.005").unwrap_err().to_string();
         assert!(error.starts_with("my.toml: apg.learning_rate") && error.contains("Did you mean `from`?"), "{error}");

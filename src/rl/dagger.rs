@@ -47,7 +47,6 @@ pub struct DaggerConfig {
     /// Updates of a run.
     pub updates: u64,
     /// Folder of the run whose policy teaches; empty for our controller of the task.
-    #[serde(skip_serializing_if = "String::is_empty")]
     pub teacher: String,
     /// β, share of the environments that the teacher flies, over the run.
     pub teacher_share: Schedule,

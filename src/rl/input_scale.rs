@@ -64,7 +64,8 @@ impl InputScale {
         let inverse: Vec<f32> = self.known.variance.iter().map(|v| (1.0 / (v + 1e-8).sqrt()) as f32).collect();
         for row in x.chunks_exact_mut(n) {
             for k in 0..n {
-                row[k] = ((row[k] - mean[k]) * inverse[k]).clamp(-CLIP, CLIP);
+                let x = (row[k] - mean[k]) * inverse[k];
+                row[k] = if x.is_finite() { x.clamp(-CLIP, CLIP) } else { x };
             }
         }
     }
@@ -117,6 +118,9 @@ mod tests {
         let before = own.clone();
         own.take([own.clone().sums(&[f32::NAN, 1.0])].iter());
         assert_eq!(own, before);
+        let mut broken = [f32::INFINITY, 3.0];
+        own.scale(&mut broken);
+        assert!(broken[0] == f32::INFINITY && broken[1].is_finite());
         let mut x = rows;
         own.scale(&mut x);
         let mean = x.iter().step_by(2).map(|x| f64::from(*x)).sum::<f64>() / 200.0;

@@ -60,6 +60,7 @@ impl PolicyOptimiser {
     pub fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
         start.check(&self.actor)?;
         self.start.clone_from(&start.parameters);
+        self.start.resize(self.actor.n_parameter(), 0.0);
         self.begin();
         Ok(())
     }

@@ -450,7 +450,7 @@ impl Learner for Ppo {
 
     fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
         start.check(&self.actor)?;
-        self.parameters.clone_from(&start.parameters);
+        self.parameters[..start.parameters.len()].copy_from_slice(&start.parameters);
         self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
         let shards = self.collectors.iter_mut().map(|c| &mut c.shard);
         start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))

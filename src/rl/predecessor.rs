@@ -1,8 +1,9 @@
 //! The policy that a run begins from: that of another run, or one that is trained first by its recipe.
 
-use super::config::TrainConfig;
+use super::config::{TrainConfig, USUAL};
 use super::policy::Policy;
 use super::policy_io::load_policy;
+use super::recipes::recipes_of;
 use super::trainer::{Trainer, Watch};
 use crate::error::Result;
 use crate::layers::{self, Layer, merge};
@@ -44,7 +45,8 @@ pub(crate) fn predecessor(
     let (task, algorithm) = config.from.split_once('/').unwrap_or((&config.from, ""));
     let task = if task.is_empty() { &config.task } else { task };
     let algorithm = Some(algorithm).filter(|name| !name.is_empty());
-    let own = TrainConfig::layered(task, algorithm, &[inherited(config)?])?;
+    let usual = recipes_of(task).into_iter().next().unwrap_or(USUAL);
+    let own = TrainConfig::layered(task, algorithm, &[inherited(config, algorithm.unwrap_or(usual))?])?;
     let spec = spec(task, &own)?;
     let mut trainer = Trainer::new(task, own, threads.clone())?;
     if let Some(folder) = folder {
@@ -59,16 +61,20 @@ fn spec(task: &str, config: &TrainConfig) -> Result<Spec> {
     Ok(Env::make(task, &EnvConfig { n_env: 1, ..config.seen_env() })?.spec().clone())
 }
 
-/// The settings that go over to a run's predecessor: who flies, how actions enter, the seed.
-fn inherited(config: &TrainConfig) -> Result<Layer> {
+/// The settings that go over to a run's predecessor by `algorithm`: who flies, how actions enter, hidden layers, the seed.
+fn inherited(config: &TrainConfig, algorithm: &str) -> Result<Layer> {
     let mut table = Table::new();
     let seed = i64::try_from(config.seed).unwrap_or(i64::MAX);
     merge(&mut table, layers::at("seed", seed.into()));
     let env = Table::try_from(&config.env).map_err(super::algorithm::unwritable)?;
-    for key in ["control", "own_vehicle", "dt"] {
+    for key in ["control", "own_vehicle", "dt", "action_scale", "actions", "delay", "control_rate"] {
         if let Some(value) = env.get(key) {
             merge(&mut table, layers::at(&format!("env.{key}"), value.clone()));
         }
+    }
+    let hidden = config.algorithm.table()?.get("network").and_then(|own| own.get("hidden")).cloned();
+    if let Some(hidden) = hidden {
+        merge(&mut table, layers::at(&format!("{algorithm}.network.hidden"), hidden));
     }
     if let Some(vehicle) = config.env.task.get("vehicle") {
         merge(&mut table, layers::at("env.task.vehicle", Value::clone(vehicle)));

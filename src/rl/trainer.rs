@@ -313,6 +313,11 @@ impl Trainer {
         let begun = Instant::now();
         let folder = self.folder().map(|folder| folder.join("from"));
         let from = predecessor(&self.config, folder.as_deref(), &self.threads, watch)?;
+        if from.stopped {
+            // its time and steps count when it is done
+            self.clock.pause(begun.elapsed());
+            return Ok(true);
+        }
         let env = Env::make(self.task, &EnvConfig { n_env: 1, ..self.config.seen_env() })?;
         let actor = self.config.algorithm.actor(env.spec())?;
         self.learner.warm_start(&WarmStart::new(&from.policy, &from.spec, &actor, env.spec())?)?;
@@ -320,7 +325,7 @@ impl Trainer {
         self.clock.before += from.seconds;
         self.earlier_steps = from.env_steps;
         self.since = Since::new(self.env_steps(), self.clock.seconds());
-        Ok(from.stopped)
+        Ok(false)
     }
 
     /// The curriculum behind an update, and its figure in the log.

@@ -7,12 +7,12 @@
 use super::nn::Mlp;
 use super::policy::{Actor, Policy};
 use crate::error::{Error, Result};
-use crate::tasks::{Spec, Statistics};
+use crate::tasks::{Spec, Stage, Statistics};
 
 /// What a learner begins with.
 #[derive(Debug, Clone)]
 pub struct WarmStart {
-    /// Of the network, then of the head.
+    /// Of the network; how far the new policy explores is its own affair.
     pub parameters: Vec<f32>,
     /// Of a stage `normalise`, where the policy was trained behind one.
     pub statistics: Option<Statistics>,
@@ -30,11 +30,15 @@ impl WarmStart {
     /// # Errors
     /// [`Error::Value`] if hidden layers or actions differ.
     pub fn new(policy: &Policy, of: &Spec, actor: &Actor, spec: &Spec) -> Result<Self> {
+        let normalised = |spec: &Spec| spec.config.observation.iter().any(|s| matches!(s, Stage::Normalise { .. }));
+        let width = policy.statistics().map_or(of.n_observation, |s| s.mean.len());
+        if normalised(of) != normalised(spec) || width != of.n_observation {
+            let limit = "normalised in both runs or in neither, as the last stage";
+            let remedy = "Begin from a run whose policy saw its observations as this one does, or leave `from` out.";
+            return Err(Error::value("observation of the policy to begin from", "on another scale", limit, remedy));
+        }
         let columns = columns(of, spec);
-        let mut parameters = network(&policy.actor().mlp, policy.parameters(), &actor.mlp, &columns)?;
-        let own = &policy.parameters()[policy.actor().mlp.n_parameter()..];
-        let n_head = actor.head.n_extra();
-        parameters.extend((0..n_head).map(|k| own.get(k).copied().unwrap_or(-0.5)));
+        let parameters = network(&policy.actor().mlp, policy.parameters(), &actor.mlp, &columns)?;
         let statistics = policy.statistics().map(|s| Statistics {
             count: s.count.min(MOST_SEEN),
             mean: columns.iter().map(|c| c.map_or(0.0, |k| s.mean[k])).collect(),
@@ -48,7 +52,7 @@ impl WarmStart {
     /// # Errors
     /// [`Error::Value`] for another number of weights.
     pub(crate) fn check(&self, actor: &Actor) -> Result<()> {
-        let (got, wanted) = (self.parameters.len(), actor.n_parameter());
+        let (got, wanted) = (self.parameters.len(), actor.mlp.n_parameter());
         if got == wanted {
             return Ok(());
         }
@@ -93,7 +97,7 @@ mod tests {
     use super::*;
     use crate::rl::nn::Layers;
     use crate::rng::{Purpose, Stream};
-    use crate::tasks::{Env, EnvConfig, Stage};
+    use crate::tasks::{Env, EnvConfig};
 
     fn spec(task: &str, config: &EnvConfig) -> Spec {
         Env::make(task, &EnvConfig { n_env: 1, ..config.clone() }).unwrap().spec().clone()
@@ -113,7 +117,9 @@ mod tests {
         let mut old = random(&hover, &[16, 8], None);
         let actor = Actor::new(&track, &Layers { hidden: vec![16, 8], ..Layers::default() }, true).unwrap();
         let start = WarmStart::new(&old, &hover, &actor, &track).unwrap();
-        let mut new = Policy::new(actor, start.parameters, None, &track).unwrap();
+        let mut parameters = start.parameters;
+        parameters.resize(actor.n_parameter(), 0.0);
+        let mut new = Policy::new(actor, parameters, None, &track).unwrap();
         let mut seen = vec![0.0; track.n_observation];
         seen.iter_mut().enumerate().for_each(|(i, x)| *x = 0.1 * (i as f32 + 1.0).sin());
         let mut less = vec![0.0; hover.n_observation];
@@ -160,5 +166,9 @@ mod tests {
         let omav = spec("OmavHover", &config);
         let actor = Actor::new(&omav, &Layers { hidden: vec![16, 8], ..Layers::default() }, true).unwrap();
         assert!(WarmStart::new(&old, &hover, &actor, &omav).is_err());
+        let scaled = spec("Track", &EnvConfig { observation: vec![Stage::Normalise { clip: 10.0 }], ..config });
+        let actor = Actor::new(&scaled, &Layers { hidden: vec![16, 8], ..Layers::default() }, true).unwrap();
+        let error = WarmStart::new(&old, &hover, &actor, &scaled).unwrap_err().to_string();
+        assert!(error.contains("normalised in both runs or in neither"), "{error}");
     }
 }

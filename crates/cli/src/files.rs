@@ -119,6 +119,11 @@ pub fn remove_run(folder: &Path) -> Result<()> {
         drop(Store::open_to_write(folder, 2)?);
         std::fs::remove_dir_all(folder.join("checkpoints")).map_err(|e| Error::file(folder, e))?;
     }
+    // what the run began from is part of it
+    let earlier = folder.join("from");
+    if has_checkpoints(&earlier) {
+        remove_run(&earlier)?;
+    }
     for name in ["config.toml", "log.jsonl", "curve.csv", "result.json", "events.out.tfevents.omnidrones"] {
         let path = folder.join(name);
         match std::fs::remove_file(&path) {

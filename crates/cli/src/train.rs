@@ -107,8 +107,8 @@ pub struct Arguments {
     #[arg(long, value_name = "KEY=VALUE,VALUE", value_parser = axis)]
     search: Vec<(String, Vec<toml::Value>)>,
     /// Of so many candidates of --search one goes on [default: 3]
-    #[arg(long, value_name = "N", requires = "search")]
-    factor: Option<usize>,
+    #[arg(long, value_name = "N", requires = "search", value_parser = clap::value_parser!(u64).range(2..))]
+    factor: Option<u64>,
     /// Go on with the run in the folder; begin it if there is none
     #[arg(long)]
     resume: bool,
@@ -212,7 +212,7 @@ fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads
     let axes = a.search.iter().map(|(key, values)| Ok((environment::place(key, Some(entry))?, values.clone())));
     let combinations = combinations(&axes.collect::<Result<Vec<_>>>()?)?;
     let named = combinations.into_iter().map(|(name, layers)| Ok((name, a.config(entry, &layers)?)));
-    train_search::run(&asked, named.collect::<Result<_>>()?, a.factor.unwrap_or(3), threads)
+    train_search::run(&asked, named.collect::<Result<_>>()?, a.factor.unwrap_or(3) as usize, threads)
 }
 
 impl Arguments {
