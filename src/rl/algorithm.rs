@@ -74,6 +74,56 @@ pub trait Algorithm: Plain + Send + Sync {
     }
 }
 
+/// An [`Algorithm`] of this crate: its name, settings (with `validate`, `updates` and `network`) and learner (with `with`),
+/// whether its policy's outputs pass tanh, what its loss is, the file of the settings; then what it does otherwise.
+macro_rules! built_in {
+    ($name:literal: $config:ident => $learner:ident, squashed: $squashed:literal, loss: $loss:literal, in: $file:literal;
+     $($more:tt)*) => {
+        impl $crate::rl::algorithm::Algorithm for $config {
+            fn name(&self) -> &'static str {
+                $name
+            }
+
+            fn validate(&self) -> $crate::error::Result<()> {
+                $config::validate(self)
+            }
+
+            fn updates(&self) -> u64 {
+                self.updates
+            }
+
+            fn set_updates(&mut self, updates: u64) {
+                self.updates = updates;
+            }
+
+            fn actor(&self, spec: &$crate::tasks::Spec) -> $crate::error::Result<$crate::rl::policy::Actor> {
+                $crate::rl::policy::Actor::new(spec, &self.network, $squashed)
+            }
+
+            fn learner(
+                &self,
+                make: &$crate::rl::parts::Make<'_>,
+                env: &$crate::tasks::EnvConfig,
+                seed: u64,
+                threads: $crate::parallel::Threads,
+            ) -> $crate::error::Result<Box<dyn $crate::rl::Learner>> {
+                Ok(Box::new($learner::with(make, env, self.clone(), seed, threads)?))
+            }
+
+            fn loss(&self) -> &'static str {
+                $loss
+            }
+
+            fn source(&self) -> (&'static str, &'static str) {
+                (include_str!($file), stringify!($config))
+            }
+
+            $($more)*
+        }
+    };
+}
+pub(super) use built_in;
+
 /// What derives give every [`Algorithm`].
 pub trait Plain: Any + Debug {
     /// A copy.

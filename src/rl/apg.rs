@@ -19,7 +19,7 @@
 //! Too high a learning rate saturates the network and never recovers. [`ApgConfig::saturation`] watches for it: the run
 //! begins again at half the rate.
 
-use super::algorithm::Algorithm;
+use super::algorithm::built_in;
 use super::checkpoint::Tensors;
 use super::learner::{Learner, Progress, Update};
 use super::nn::{AdamConfig, Layers};
@@ -35,7 +35,7 @@ pub use super::window::Objective;
 
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
-use crate::tasks::{Env, EnvConfig, Spec, SweepOptions};
+use crate::tasks::{Env, EnvConfig, SweepOptions};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -116,38 +116,8 @@ impl ApgConfig {
     }
 }
 
-impl Algorithm for ApgConfig {
-    fn name(&self) -> &'static str {
-        "apg"
-    }
-
-    fn validate(&self) -> Result<()> {
-        ApgConfig::validate(self)
-    }
-
-    fn updates(&self) -> u64 {
-        self.updates
-    }
-
-    fn set_updates(&mut self, updates: u64) {
-        self.updates = updates;
-    }
-
-    fn actor(&self, spec: &Spec) -> Result<Actor> {
-        Actor::new(spec, &self.network, true)
-    }
-
-    fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {
-        Ok(Box::new(Apg::with(make, env, self.clone(), seed, threads)?))
-    }
-
-    fn loss(&self) -> &'static str {
-        "mean cost of a step"
-    }
-
-    fn source(&self) -> (&'static str, &'static str) {
-        (include_str!("apg.rs"), "ApgConfig")
-    }
+built_in! {
+    "apg": ApgConfig => Apg, squashed: true, loss: "mean cost of a step", in: "apg.rs";
 }
 
 /// Analytic policy gradients, in the middle of a run.

@@ -12,7 +12,7 @@
 //! student has a history. It then flies in a twin of every environment, which takes the same actions and shows what the
 //! teacher was trained to see (Chen et al. 2020; Lee et al. 2020).
 
-use super::algorithm::Algorithm;
+use super::algorithm::built_in;
 use super::checkpoint::Tensors;
 use super::critic::shuffle;
 use super::learner::{Episodes, Learner, Progress, Update};
@@ -29,7 +29,7 @@ use super::window::mask_nonfinite;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
-use crate::tasks::{Baseline, Buffers, Env, EnvConfig, Spec};
+use crate::tasks::{Baseline, Buffers, Env, EnvConfig};
 use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -83,12 +83,12 @@ impl Default for DaggerConfig {
     }
 }
 
-impl Algorithm for DaggerConfig {
-    fn name(&self) -> &'static str {
-        "dagger"
-    }
-
-    fn validate(&self) -> Result<()> {
+impl DaggerConfig {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
+    pub fn validate(&self) -> Result<()> {
         for (what, n, most) in [
             ("n_env", self.n_env, 1 << 24),
             ("shard", self.shard, 1 << 24),
@@ -109,33 +109,14 @@ impl Algorithm for DaggerConfig {
         self.adam.validate()?;
         self.network.validate()
     }
+}
 
-    fn updates(&self) -> u64 {
-        self.updates
-    }
+built_in! {
+    "dagger": DaggerConfig => Dagger, squashed: true, loss: "half the squared error of an action", in: "dagger.rs";
 
-    fn set_updates(&mut self, updates: u64) {
-        self.updates = updates;
-    }
-
-    fn actor(&self, spec: &Spec) -> Result<Actor> {
-        Actor::new(spec, &self.network, true)
-    }
-
-    fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {
-        Ok(Box::new(Dagger::with(make, env, self.clone(), seed, threads)?))
-    }
-
+    /// Updates are few and long.
     fn evaluate_every(&self) -> u64 {
         20
-    }
-
-    fn loss(&self) -> &'static str {
-        "half the squared error of an action"
-    }
-
-    fn source(&self) -> (&'static str, &'static str) {
-        (include_str!("dagger.rs"), "DaggerConfig")
     }
 }
 
@@ -297,7 +278,7 @@ impl Dagger {
     /// A run from random weights; `make` builds each shard's environments from its configuration.
     ///
     /// # Errors
-    /// As [`Algorithm::validate`], [`Baseline::new`] and `make`; as [`load_policy`] and [`Policy::fits`] for a teacher that is
+    /// As [`DaggerConfig::validate`], [`Baseline::new`] and `make`; as [`load_policy`] and [`Policy::fits`] for a teacher that is
     /// a run's; [`Error::Limit`] for rows beyond [`EnvConfig::memory_limit`].
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: DaggerConfig, seed: u64, threads: Threads) -> Result<Self> {
         config.validate()?;

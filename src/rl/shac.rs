@@ -14,7 +14,7 @@
 //! w rises from 0 to 1 over the first part of the run ([`ShacConfig::ramp`]): the gradient of an untrained critic, times
 //! 1/(1 − γ), drowns the exact one. (Xu et al. 2022; the ramp is our own finding.)
 
-use super::algorithm::Algorithm;
+use super::algorithm::built_in;
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
 use super::gae::{Steps, advantages};
@@ -166,38 +166,8 @@ impl ShacConfig {
     }
 }
 
-impl Algorithm for ShacConfig {
-    fn name(&self) -> &'static str {
-        "shac"
-    }
-
-    fn validate(&self) -> Result<()> {
-        ShacConfig::validate(self)
-    }
-
-    fn updates(&self) -> u64 {
-        self.updates
-    }
-
-    fn set_updates(&mut self, updates: u64) {
-        self.updates = updates;
-    }
-
-    fn actor(&self, spec: &Spec) -> Result<Actor> {
-        Actor::new(spec, &self.network, true)
-    }
-
-    fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {
-        Ok(Box::new(Shac::with(make, env, self.clone(), seed, threads)?))
-    }
-
-    fn loss(&self) -> &'static str {
-        "mean cost of a step"
-    }
-
-    fn source(&self) -> (&'static str, &'static str) {
-        (include_str!("shac.rs"), "ShacConfig")
-    }
+built_in! {
+    "shac": ShacConfig => Shac, squashed: true, loss: "mean cost of a step", in: "shac.rs";
 }
 
 /// Short-horizon actor-critic, in the middle of a run.

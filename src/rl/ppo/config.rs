@@ -2,16 +2,12 @@
 
 use super::Ppo;
 use crate::error::{Error, Result};
-use crate::parallel::Threads;
-use crate::rl::algorithm::Algorithm;
-use crate::rl::learner::Learner;
+use crate::rl::algorithm::built_in;
 use crate::rl::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
 use crate::rl::nn::{Activation, AdamConfig, Init, Layers};
-use crate::rl::policy::Actor;
 use crate::rl::schedule::Schedule;
-use crate::rl::shards::Make;
 use crate::rl::value_norm::ValueNorm;
-use crate::tasks::{EnvConfig, Spec, Stage};
+use crate::tasks::{EnvConfig, Stage};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::SQRT_2;
 
@@ -167,30 +163,8 @@ impl PpoConfig {
     }
 }
 
-impl Algorithm for PpoConfig {
-    fn name(&self) -> &'static str {
-        "ppo"
-    }
-
-    fn validate(&self) -> Result<()> {
-        PpoConfig::validate(self)
-    }
-
-    fn updates(&self) -> u64 {
-        self.updates
-    }
-
-    fn set_updates(&mut self, updates: u64) {
-        self.updates = updates;
-    }
-
-    fn actor(&self, spec: &Spec) -> Result<Actor> {
-        Actor::new(spec, &self.network, false)
-    }
-
-    fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {
-        Ok(Box::new(Ppo::with(make, env, self.clone(), seed, threads)?))
-    }
+built_in! {
+    "ppo": PpoConfig => Ppo, squashed: false, loss: "−(clipped surrogate + entropy bonus)", in: "config.rs";
 
     fn seen(&self, env: &EnvConfig) -> EnvConfig {
         PpoConfig::seen(self, env)
@@ -199,13 +173,5 @@ impl Algorithm for PpoConfig {
     /// Updates are few and long.
     fn evaluate_every(&self) -> u64 {
         20
-    }
-
-    fn loss(&self) -> &'static str {
-        "−(clipped surrogate + entropy bonus)"
-    }
-
-    fn source(&self) -> (&'static str, &'static str) {
-        (include_str!("config.rs"), "PpoConfig")
     }
 }
