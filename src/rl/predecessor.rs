@@ -5,12 +5,15 @@ use super::policy::Policy;
 use super::policy_io::load_policy;
 use super::recipes::recipes_of;
 use super::trainer::{Trainer, Watch};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::layers::{self, Layer, merge};
 use crate::parallel::Threads;
 use crate::tasks::{Env, EnvConfig, Spec};
 use std::path::Path;
 use toml::{Table, Value};
+
+/// What [`TrainConfig::from`] says for random weights whose mean action is the safe command.
+pub(crate) const SAFE: &str = "safe_command";
 
 /// A policy to begin from, and what it cost.
 pub(crate) struct Predecessor {
@@ -37,24 +40,40 @@ pub(crate) fn predecessor(
     threads: &Threads,
     watch: &mut Watch<'_>,
 ) -> Result<Predecessor> {
-    if Path::new(&config.from).is_dir() {
+    let Some((task, own)) = predecessor_config(config)? else {
         let saved = load_policy(&config.from)?;
         let spec = spec(&saved.manifest.task, &saved.config)?;
         return Ok(Predecessor { policy: saved.policy, spec, seconds: 0.0, env_steps: 0, stopped: false });
-    }
-    let (task, algorithm) = config.from.split_once('/').unwrap_or((&config.from, ""));
-    let task = if task.is_empty() { &config.task } else { task };
-    let algorithm = Some(algorithm).filter(|name| !name.is_empty());
-    let usual = recipes_of(task).into_iter().next().unwrap_or(USUAL);
-    let own = TrainConfig::layered(task, algorithm, &[inherited(config, algorithm.unwrap_or(usual))?])?;
-    let spec = spec(task, &own)?;
-    let mut trainer = Trainer::new(task, own, threads.clone())?;
+    };
+    let spec = spec(&task, &own)?;
+    let mut trainer = Trainer::new(&task, own, threads.clone())?;
     if let Some(folder) = folder {
         trainer = trainer.in_folder(folder, true)?;
     }
     let told = trainer.run(watch)?;
     let (seconds, env_steps, stopped) = (told.seconds, told.env_steps, told.stopped);
     Ok(Predecessor { policy: told.policy, spec, seconds, env_steps, stopped })
+}
+
+/// Task and settings of the run that is trained first; none where there is nothing to train: random weights, or a folder.
+///
+/// # Errors
+/// As [`TrainConfig::layered`]; [`Error::Value`] for what is neither a folder nor a task.
+pub(crate) fn predecessor_config(config: &TrainConfig) -> Result<Option<(String, TrainConfig)>> {
+    let from = &config.from;
+    if from.is_empty() || from == SAFE || Path::new(from).is_dir() {
+        return Ok(None);
+    }
+    let (task, algorithm) = from.split_once('/').unwrap_or((from, ""));
+    let task = if task.is_empty() { &config.task } else { task };
+    if task.contains(['/', '.']) || algorithm.contains(['/', '.']) {
+        let remedy = "Name a run that is there, or a task that is trained first: 'Hover', 'Hover/apg', '/dagger'.";
+        return Err(Error::value("from", format!("'{from}'"), "the folder of a run, or Task/algorithm", remedy));
+    }
+    let algorithm = Some(algorithm).filter(|name| !name.is_empty());
+    let usual = recipes_of(task).into_iter().next().unwrap_or(USUAL);
+    let own = TrainConfig::layered(task, algorithm, &[inherited(config, algorithm.unwrap_or(usual))?])?;
+    Ok(Some((task.into(), own)))
 }
 
 fn spec(task: &str, config: &TrainConfig) -> Result<Spec> {

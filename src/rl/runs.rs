@@ -4,6 +4,7 @@
 //! share the threads. The bits of a run are those that it has alone.
 
 use super::config::TrainConfig;
+use super::predecessor::predecessor_config;
 use super::trainer::{Progress, TrainResult, Trainer};
 use crate::error::Result;
 use crate::parallel::Threads;
@@ -70,6 +71,9 @@ fn one(run: &Run, threads: Threads, watch: &mut dyn FnMut(&Progress<'_>)) -> Res
 pub fn fingerprint(config: &TrainConfig) -> Result<String> {
     let mut hash = Sha256::new();
     hash.update(TrainConfig { seed: 0, ..config.clone() }.to_toml()?);
+    if let Some((_, own)) = predecessor_config(config)? {
+        hash.update(fingerprint(&own)?);
+    }
     let env = EnvConfig { n_env: 64, seed: 5, ..config.seen_env() };
     let mut env = Env::make(&config.task, &env)?;
     let mut out = Buffers::new(env.spec());

@@ -82,13 +82,15 @@ struct Known {
     seeds: Vec<u64>,
     factor: usize,
     trials: Vec<Trial>,
+    #[serde(default)]
+    failures: Vec<(usize, u64, String)>,
 }
 
 impl Search {
     /// Rungs, the last one included.
     pub fn rungs(&self) -> usize {
         let mut rungs = 1;
-        while self.factor.saturating_pow(rungs as u32) <= self.candidates.len() {
+        while self.factor > 1 && self.factor.saturating_pow(rungs as u32) <= self.candidates.len() {
             rungs += 1;
         }
         rungs
@@ -121,21 +123,23 @@ impl Search {
             }
         }
         let mut known = self.known(folder)?;
-        let (mut alive, mut failures): (Vec<usize>, _) = ((0..self.candidates.len()).collect(), Vec::new());
+        // from the beginning: a search that is killed on its first rung is one
+        save(&known, folder)?;
+        let mut alive: Vec<usize> = (0..self.candidates.len()).collect();
         for rung in 0..self.rungs() {
             let done = known.trials.iter().filter(|trial| trial.rung == rung).count() == alive.len();
             if !done {
                 known.trials.retain(|trial| trial.rung < rung);
                 let (trials, failed) = self.rung(rung, &alive, folder, threads, watch);
                 known.trials.extend(trials);
-                failures.extend(failed);
+                known.failures.extend(failed);
                 save(&known, folder)?;
             }
             let trials: Vec<&Trial> = known.trials.iter().filter(|trial| trial.rung == rung).collect();
             let kept = if rung + 1 < self.rungs() { alive.len().div_ceil(self.factor) } else { 1 };
             alive = best(&trials, kept);
         }
-        Ok(SearchResult { trials: known.trials, winner: alive[0], failures })
+        Ok(SearchResult { trials: known.trials, winner: alive[0], failures: known.failures })
     }
 
     fn rung(
@@ -157,7 +161,9 @@ impl Search {
         let mut failures = Vec::new();
         let mut scores = pairs.iter().zip(told).map(|((candidate, seed), told)| match told {
             Ok(TrainResult { evaluation: e, .. }) => {
-                Some(Score { success: e.success, share_of_bound: e.share_of_bound })
+                // what is no number is the worst of all
+                let share_of_bound = if e.share_of_bound.is_finite() { e.share_of_bound } else { f64::MIN };
+                Some(Score { success: e.success, share_of_bound })
             }
             Err(error) => {
                 failures.push((*candidate, *seed, error.to_string()));
@@ -178,14 +184,20 @@ impl Search {
     fn known(&self, folder: &Path) -> Result<Known> {
         let text = |(name, config): &(String, TrainConfig)| Ok((name.clone(), config.to_toml()?));
         let candidates = self.candidates.iter().map(text).collect::<Result<_>>()?;
-        let own = Known { candidates, seeds: self.seeds.clone(), factor: self.factor, trials: Vec::new() };
+        let own = Known {
+            candidates,
+            seeds: self.seeds.clone(),
+            factor: self.factor,
+            trials: Vec::new(),
+            failures: Vec::new(),
+        };
         let path = folder.join(FILE);
         let Ok(text) = std::fs::read_to_string(&path) else { return Ok(own) };
         let known: Known = serde_json::from_str(&text).map_err(|e| Error::Format {
             file: path.display().to_string(),
             place: format!("line {}, column {}", e.line(), e.column()),
             rule: e.to_string(),
-            remedy: "Remove the file: runs that are there are taken up again.".into(),
+            remedy: "Search anew in another folder (--out), or replace this one (--force).".into(),
         })?;
         if (&known.candidates, &known.seeds, known.factor) != (&own.candidates, &own.seeds, own.factor) {
             let value = format!("'{}', of other settings, seeds or factor", folder.display());

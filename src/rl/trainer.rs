@@ -30,7 +30,7 @@ use super::learner::{Episodes, Learner, Update};
 use super::log::{Line, Log};
 use super::policy::Policy;
 use super::policy_io::put_policy;
-use super::predecessor::predecessor;
+use super::predecessor::{SAFE, predecessor, predecessor_config};
 use super::warm_start::WarmStart;
 use crate::atomic_file;
 use crate::error::{Error, Result};
@@ -153,6 +153,7 @@ impl Trainer {
             return Err(Error::value("task of the settings", config.task, format!("{task}, which is trained"), remedy));
         }
         let config = TrainConfig { task: task.into(), ..config };
+        predecessor_config(&config)?;
         let learner = config.learner(task, &threads)?;
         let since = Since::new(0, 0.0);
         let difficulty = config.curriculum.is_on().then(|| Difficulty::new(&config.curriculum));
@@ -310,6 +311,13 @@ impl Trainer {
         if self.config.from.is_empty() || self.update > 0 {
             return Ok(false);
         }
+        let env = Env::make(self.task, &EnvConfig { n_env: 1, ..self.config.seen_env() })?;
+        let actor = self.config.algorithm.actor(env.spec())?;
+        if self.config.from == SAFE {
+            let own = self.learner.policy()?;
+            self.learner.warm_start(&WarmStart::at(&actor, own.parameters(), env.safe_command())?)?;
+            return Ok(false);
+        }
         let begun = Instant::now();
         let folder = self.folder().map(|folder| folder.join("from"));
         let from = predecessor(&self.config, folder.as_deref(), &self.threads, watch)?;
@@ -318,8 +326,6 @@ impl Trainer {
             self.clock.pause(begun.elapsed());
             return Ok(true);
         }
-        let env = Env::make(self.task, &EnvConfig { n_env: 1, ..self.config.seen_env() })?;
-        let actor = self.config.algorithm.actor(env.spec())?;
         self.learner.warm_start(&WarmStart::new(&from.policy, &from.spec, &actor, env.spec())?)?;
         self.clock.pause(begun.elapsed());
         self.clock.before += from.seconds;

@@ -5,6 +5,7 @@
 //! as the old one did. Look-ahead points begin with the present one, so a `path` takes the place of a `target`.
 
 use super::nn::Mlp;
+use super::nn::head::Head;
 use super::policy::{Actor, Policy};
 use crate::error::{Error, Result};
 use crate::tasks::{Spec, Stage, Statistics};
@@ -45,6 +46,24 @@ impl WarmStart {
             variance: columns.iter().map(|c| c.map_or(1.0, |k| s.variance[k])).collect(),
         });
         Ok(Self { parameters, statistics })
+    }
+
+    /// Random weights `parameters` with such last biases that an actor of continuous actions begins about one command, which
+    /// carries the weight for example: episodes last longer from the first update on. Other actors begin as they are.
+    ///
+    /// # Errors
+    /// As [`Mlp::from_parts`].
+    pub fn at(actor: &Actor, parameters: &[f32], command: &[f64]) -> Result<Self> {
+        let parts = actor.mlp.parts(parameters);
+        let last = parts.iter().rev().find(|part| part.name.ends_with(".bias") && part.shape == [command.len()]);
+        let last = last.filter(|_| matches!(actor.head, Head::Gaussian { .. })).map(|part| part.name.clone());
+        let parameters = actor.mlp.from_parts(|name, _| {
+            if last.as_deref() == Some(name) {
+                return Ok(command.iter().map(|c| actor.mlp.bias_for(*c) as f32).collect());
+            }
+            Ok(parts.iter().find(|part| part.name == name).map(|part| part.data.clone()).unwrap_or_default())
+        })?;
+        Ok(Self { parameters, statistics: None })
     }
 
     /// Whether it fits an actor.
@@ -108,6 +127,23 @@ mod tests {
         let mut parameters = actor.mlp.init(&mut Stream::new(3, 0, 0, Purpose::LEARNING));
         parameters.resize(actor.n_parameter(), -0.7);
         Policy::new(actor, parameters, statistics, spec).unwrap()
+    }
+
+    #[test]
+    fn weights_about_the_safe_command_hold_the_weight_where_nothing_is_seen() {
+        for squashed in [true, false] {
+            let env = Env::make("Hover", &EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
+            let actor = Actor::new(env.spec(), &Layers::default(), squashed).unwrap();
+            let mut parameters = actor.mlp.init(&mut Stream::new(3, 0, 0, Purpose::LEARNING));
+            let start = WarmStart::at(&actor, &parameters, env.safe_command()).unwrap();
+            parameters.clone_from(&start.parameters);
+            parameters.resize(actor.n_parameter(), -0.5);
+            let mut policy = Policy::new(actor, parameters, None, env.spec()).unwrap();
+            let mut actions = [0.0; 4];
+            policy.act(&vec![0.0; env.spec().n_observation], &mut actions).unwrap();
+            let off = actions.iter().zip(env.safe_command()).map(|(a, b)| (f64::from(*a) - b).abs());
+            assert!(off.fold(0.0, f64::max) < 1e-6, "{actions:?}"); // measured at most 3e-8
+        }
     }
 
     #[test]

@@ -132,9 +132,12 @@ fn a_policy_to_begin_from_is_trained_first_where_no_run_is_named() {
     assert_eq!((first.task.as_str(), first.seed), ("Hover", 4));
     assert_eq!(told.env_steps, first.env_steps + 9 * 24 * 6);
     assert!(told.seconds > first.seconds);
-    let error =
-        Trainer::new("Track", onwards("Hovr"), Threads::default()).unwrap().run(&mut |_| ControlFlow::Continue(()));
-    assert!(error.unwrap_err().to_string().contains("did you mean 'Hover'?"));
+    for (from, told) in
+        [("Hovr", "did you mean 'Hover'?"), ("runs/nowhere/at-all", "the folder of a run, or Task/algorithm")]
+    {
+        let error = Trainer::new("Track", onwards(from), Threads::default()).err().expect("a refusal").to_string();
+        assert!(error.contains(told), "{error}");
+    }
 }
 
 #[test]

@@ -199,6 +199,11 @@ impl Mlp {
         &self.layers[self.layers.len() - 1]
     }
 
+    /// The last bias at which an output is `y` where all weights are zero; tanh at most at ±0.99.
+    pub(crate) fn bias_for(&self, y: f64) -> f64 {
+        if self.last().activation == Activation::Tanh { y.clamp(-0.99, 0.99).atanh() } else { y }
+    }
+
     /// First parameters; biases are zero.
     pub fn init(&self, stream: &mut Stream) -> Vec<f32> {
         let mut parameters = vec![0.0; self.n_parameter];

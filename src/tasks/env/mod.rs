@@ -510,6 +510,11 @@ impl Env {
         self.core.config_hash
     }
 
+    /// The command that an action stands for which is no number: rotors carry the weight, drives and setpoints rest.
+    pub fn safe_command(&self) -> &[f64] {
+        &self.core.control.safe
+    }
+
     /// What flies.
     pub fn robot(&self) -> &super::robot::Robot {
         self.core.engine.robot()
