@@ -21,6 +21,7 @@
 //! | [`log`], `tensorboard` | the course of a run, as lines and for TensorBoard |
 //! | [`policy`] | what was learnt |
 //! | [`checkpoint`] | files that survive a kill |
+//! | [`planner`] | what can be flown at all, by plans through the simulator |
 //! | [`parts`] | what algorithms are built of, for one's own |
 //! | `learner` | what all algorithms have in common |
 //! | [`nn`] | networks, distributions, Adam |
@@ -76,6 +77,7 @@ pub mod log;
 pub(crate) mod minibatch;
 pub mod nn;
 pub mod parts;
+pub mod planner;
 pub mod policy;
 pub(crate) mod policy_controller;
 pub mod policy_io;

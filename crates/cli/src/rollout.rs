@@ -9,6 +9,8 @@ use super::{Report, files, progress, rollout_all};
 use clap::ValueEnum;
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
+use omnidrones::rl::parts::Objective;
+use omnidrones::rl::planner::{Planner, PlannerConfig};
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{
     Act, Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spec, Spread, Watched, evaluate,
@@ -28,6 +30,7 @@ const EXAMPLES: &str = "\
 Examples:
   omnidrones rollout Hover                             256 episodes under our controller
   omnidrones rollout Hover --controller random         under random actions
+  omnidrones rollout Hover --controller planner --envs 8   by plans, which no policy can know
   omnidrones rollout Track --envs 1024 --seed 7        more episodes, other starts
   omnidrones rollout Track --csv --out track           every step and every episode as CSV
   omnidrones rollout Hover --vehicle crazyflie         with another drone
@@ -36,7 +39,9 @@ Examples:
 
 Controllers: default is the cascade (position, velocity, attitude, rate) for a drone alone, and for systems of bodies the \
 controller that 'omnidrones fly' takes; it sees the true state and acts on the rotors. random draws every command \
-uniformly in every step.
+uniformly in every step. planner plans the next two seconds through the simulator itself, by exact gradients, with every \
+hidden number of the episode: what it loses may be beyond any policy; it takes seconds to minutes. \
+What falls over by itself wants shorter plans and larger steps: --plan-steps 64 --plan-rate 0.02.
 
 The bound is the best reward of a step times the steps of an episode: nothing reaches it, for the start counts too.
 
@@ -69,6 +74,8 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", default_value = "default")]
     pub(super) controller: ControllerName,
     #[command(flatten)]
+    pub(super) plan: PlanArguments,
+    #[command(flatten)]
     pub(super) episodes: EpisodeArguments,
 }
 
@@ -97,6 +104,8 @@ pub enum ControllerName {
     Default,
     /// Every command drawn uniformly in every step
     Random,
+    /// Plans by the exact gradient of the simulator, which knows every number of the episode
+    Planner,
 }
 
 impl ControllerName {
@@ -104,6 +113,43 @@ impl ControllerName {
         match self {
             Self::Default => "default",
             Self::Random => "random",
+            Self::Planner => "planner",
+        }
+    }
+}
+
+/// How the planner plans.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PlanArguments {
+    /// Steps that the planner looks ahead [default: 128]
+    #[arg(long, value_name = "N", help_heading = "Planner")]
+    plan_steps: Option<usize>,
+    /// Steps down the gradient before every action, and ten times as many before the first [default: 8]
+    #[arg(long, value_name = "N", help_heading = "Planner")]
+    plan_iterations: Option<usize>,
+    /// Size of such a step, of actions between -1 and 1 [default: 0.005]
+    #[arg(long, value_name = "X", help_heading = "Planner")]
+    plan_rate: Option<f64>,
+    /// Steps that the last one of a plan stands for [default: 20]
+    #[arg(long, value_name = "N", help_heading = "Planner")]
+    plan_beyond: Option<f32>,
+    /// Plan for the reward, not for the training loss
+    #[arg(long, help_heading = "Planner")]
+    plan_reward: bool,
+}
+
+impl PlanArguments {
+    fn config(&self) -> PlannerConfig {
+        let usual = PlannerConfig::default();
+        let iterations = self.plan_iterations.unwrap_or(usual.iterations);
+        PlannerConfig {
+            horizon: self.plan_steps.unwrap_or(usual.horizon),
+            iterations,
+            first_iterations: iterations.saturating_mul(10),
+            learning_rate: self.plan_rate.unwrap_or(usual.learning_rate),
+            beyond: self.plan_beyond.unwrap_or(usual.beyond),
+            objective: if self.plan_reward { Objective::Reward } else { Objective::Loss },
+            ..usual
         }
     }
 }
@@ -210,8 +256,13 @@ pub(super) fn check_horizon(env: &Env) -> Result<()> {
 /// Environments with who flies them.
 pub(super) struct Ready {
     env: Env,
-    /// None draws at random.
-    baseline: Option<Baseline>,
+    pilot: Pilot,
+}
+
+enum Pilot {
+    Baseline(Baseline),
+    Random,
+    Planner(Box<Planner>),
 }
 
 impl Ready {
@@ -219,16 +270,21 @@ impl Ready {
         entry: &Entry,
         config: &EnvConfig,
         threads: &Threads,
-        controller: ControllerName,
+        (controller, plan): (ControllerName, &PlanArguments),
     ) -> Result<Self> {
         let mut env = entry.env(config)?;
         check_horizon(&env)?;
         env.set_threads(threads.clone());
-        let baseline = match controller {
-            ControllerName::Default => Some(Baseline::new(&env)?),
-            ControllerName::Random => None,
+        let pilot = match controller {
+            ControllerName::Default => Pilot::Baseline(Baseline::new(&env)?),
+            ControllerName::Random => Pilot::Random,
+            ControllerName::Planner => {
+                let mut twin = entry.env(config)?;
+                twin.set_threads(threads.clone());
+                Pilot::Planner(Box::new(Planner::new(twin, plan.config())?))
+            }
         };
-        Ok(Self { env, baseline })
+        Ok(Self { env, pilot })
     }
 
     /// `step` is told the steps done.
@@ -247,25 +303,30 @@ impl Ready {
             steps += 1;
             Ok(())
         };
-        let (controller, evaluation) = match &mut self.baseline {
-            Some(own) => {
+        let (controller, evaluation) = match &mut self.pilot {
+            Pilot::Baseline(own) => {
                 let name = own.name().to_string();
                 (name, evaluate(&mut self.env, &mut commands.of(&mut own.policy()), &mut watch)?)
             }
-            None => ("random".into(), evaluate(&mut self.env, &mut commands.of(&mut random), &mut watch)?),
+            Pilot::Random => ("random".into(), evaluate(&mut self.env, &mut commands.of(&mut random), &mut watch)?),
+            Pilot::Planner(own) => {
+                let mut plan = |env: &Env, _: &Buffers, actions: &mut [f32]| own.act(env, actions);
+                ("planner".into(), evaluate(&mut self.env, &mut commands.of(&mut plan), &mut watch)?)
+            }
         };
         let commands = commands.told();
-        let unflown = self.baseline.as_ref().and_then(|own| {
+        let unflown = (|| {
+            let Pilot::Baseline(own) = &self.pilot else { return None };
             let (_, first) = own.failures().first()?;
             Some(format!("{} of the episodes could not be flown, the first because: {first}", own.failures().len()))
-        });
+        })();
         Ok(Flown { record, controller, evaluation, commands, unflown, wall_time: start.elapsed().as_secs_f64() })
     }
 }
 
 fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> Result<Report> {
     // before any folder is made
-    let ready = Ready::new(entry, config, threads, a.controller)?;
+    let ready = Ready::new(entry, config, threads, (a.controller, &a.plan))?;
     let horizon = ready.env.spec().horizon;
     let told = Told { command: "rollout", by: a.controller.name(), usual: Path::new("out").join(entry.name) };
     told.of(&a.episodes, horizon, |step| ready.fly(step))

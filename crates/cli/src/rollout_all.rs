@@ -28,7 +28,7 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
     let mut lines = Vec::new();
     for entry in REGISTRY {
         bar.set_message(format!("flying {}", entry.name));
-        lines.push(line(entry, config, threads, a.controller));
+        lines.push(line(entry, config, threads, a));
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -42,6 +42,7 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
         let title = match a.controller {
             ControllerName::Default => "The benchmark tasks under our controllers",
             ControllerName::Random => "The benchmark tasks under random actions",
+            ControllerName::Planner => "The benchmark tasks under plans",
         };
         out::draw_all(&lines, title, &path)?;
         written.push(path);
@@ -61,8 +62,8 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
     Ok(Report::done(all_page(&lines, config, &written)))
 }
 
-fn line(entry: &'static Entry, config: &EnvConfig, threads: &Threads, controller: ControllerName) -> Line {
-    match Ready::new(entry, config, threads, controller).and_then(|ready| ready.fly(&mut |_| ())) {
+fn line(entry: &'static Entry, config: &EnvConfig, threads: &Threads, a: &Arguments) -> Line {
+    match Ready::new(entry, config, threads, (a.controller, &a.plan)).and_then(|ready| ready.fly(&mut |_| ())) {
         Ok(flown) => {
             let error = &flown.record.spec().info[flown.record.first_metric()];
             let error = (error.name.clone(), error.unit.clone());

@@ -1,0 +1,330 @@
+//! How well a task can be flown at all: actions that are planned through the simulator itself.
+//!
+//! In every step, the actions of the next H steps of every environment go down the exact gradient of what those steps cost,
+//! from the true state, with the true numbers of the episode and whatever is random in it; the first actions of the best plan
+//! are flown, and the next plan begins from its rest (receding-horizon optimal control by single shooting; Mayne et al. 2000
+//! for the scheme, the gradients are those of [`Env::adjoint`]).
+//!
+//! No policy knows as much, so what a planner flies is a mark for policies: episodes that it loses too need not be in reach
+//! of anybody. It is no bound: plans are local optima, and what lies behind H steps they do not see. The defaults suit free
+//! drones; what falls over by itself wants shorter plans and larger steps (64 and 0.02).
+
+use super::nn::{Adam, AdamConfig};
+use super::window::Objective;
+use crate::error::{Error, Result};
+use crate::tasks::{Autoreset, Baseline, Buffers, Column, Cotangents, Env, Seeds, Sweep, SweepOptions, Tape};
+use serde::{Deserialize, Serialize};
+
+/// How often the last step of a flight that is lost costs: more than any flight that is not.
+const LOST: f32 = 1000.0;
+
+/// Settings; the defaults plan two seconds ahead in steps of 16 ms.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PlannerConfig {
+    /// H, steps.
+    pub horizon: usize,
+    /// Steps down the gradient before the first action of an episode.
+    pub first_iterations: usize,
+    /// Steps down the gradient before every other action.
+    pub iterations: usize,
+    /// Learning rate of actions, whose range is [−1, 1].
+    pub learning_rate: f64,
+    /// What is minimised.
+    pub objective: Objective,
+    /// Steps that the last one of a plan stands for: what comes behind it costs too.
+    pub beyond: f32,
+    /// Largest norm, per environment, of the gradient that is carried back: what tumbles would not be caught otherwise.
+    pub adjoint_clip: f32,
+}
+
+impl Default for PlannerConfig {
+    fn default() -> Self {
+        Self {
+            horizon: 128,
+            first_iterations: 80,
+            iterations: 8,
+            learning_rate: 0.005,
+            objective: Objective::Loss,
+            beyond: 20.0,
+            adjoint_clip: 100.0,
+        }
+    }
+}
+
+impl PlannerConfig {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
+    pub fn validate(&self) -> Result<()> {
+        let counts = [("first_iterations", self.first_iterations), ("iterations", self.iterations)];
+        for (what, n) in counts.into_iter().chain([("horizon", self.horizon)]) {
+            if !(1..=1 << 16).contains(&n) {
+                return Err(Error::limit(what, n, "1 to 65536", "80, 8 and 128 are usual."));
+            }
+        }
+        for (what, x) in [("learning_rate", self.learning_rate), ("beyond", self.beyond.into())] {
+            if !(x.is_finite() && x > 0.0) {
+                return Err(Error::value(what, x, "finite and > 0", "0.005 and 20 are usual."));
+            }
+        }
+        if self.adjoint_clip.is_nan() || self.adjoint_clip <= 0.0 {
+            return Err(Error::value("adjoint_clip", self.adjoint_clip, "> 0", "100 is usual."));
+        }
+        Ok(())
+    }
+}
+
+/// Plans for every environment of a batch.
+pub struct Planner {
+    config: PlannerConfig,
+    /// The batch in which plans are tried.
+    twin: Env,
+    out: Buffers,
+    tape: Tape,
+    sweep: Sweep,
+    /// `[H, E, A, command]`.
+    plan: Vec<f32>,
+    /// The cheapest so far, environment by environment.
+    best: Vec<f32>,
+    least: Vec<f64>,
+    adam: Adam,
+    gradient: Vec<f32>,
+    /// `[H, E]`: what a step costs, and how often it counts.
+    weight: Vec<f32>,
+    begun: bool,
+}
+
+impl Planner {
+    /// For batches like `twin`, at the beginning of their episodes; `twin` itself is what plans are tried in.
+    ///
+    /// # Errors
+    /// As [`PlannerConfig::validate`], [`Env::tape`] and [`Env::adjoint`]; [`Error::Value`] for environments that restart by
+    /// themselves.
+    pub fn new(twin: Env, config: PlannerConfig) -> Result<Self> {
+        config.validate()?;
+        let spec = twin.spec();
+        if spec.config.autoreset != Autoreset::Disabled {
+            let remedy = "Build it with autoreset = 'disabled'.";
+            return Err(Error::value("autoreset", "on", "'disabled' to plan", remedy));
+        }
+        let (n_env, n_step) = (spec.n_env, n_number(&twin) * config.horizon);
+        let (reward, loss) = (config.objective == Objective::Reward, config.objective == Objective::Loss);
+        let adjoint = twin.adjoint_of(false, Seeds { central: false, reward, loss })?;
+        let options = SweepOptions { clip: config.adjoint_clip, ..SweepOptions::default() };
+        let adam = AdamConfig { beta2: 0.99, ..AdamConfig::default() };
+        Ok(Self {
+            out: Buffers::new(spec),
+            tape: twin.tape(config.horizon)?,
+            sweep: adjoint.sweep(options),
+            plan: vec![0.0; n_step],
+            best: vec![0.0; n_step],
+            least: vec![f64::INFINITY; n_env],
+            adam: Adam::new(adam, n_step),
+            gradient: vec![0.0; n_step],
+            weight: vec![0.0; n_env * config.horizon],
+            begun: false,
+            twin,
+            config,
+        })
+    }
+
+    /// Actions of all environments for the state as it is.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for an environment of another configuration; [`Error::Value`] for actions of the wrong length;
+    /// otherwise as [`Env::step`].
+    pub fn act(&mut self, env: &Env, actions: &mut [f32]) -> Result<()> {
+        let n = n_number(&self.twin);
+        if actions.len() != n {
+            let remedy = "Rows are [environment, agent, action], row-major.";
+            return Err(Error::value("length of actions", actions.len(), n.to_string(), remedy));
+        }
+        let from = env.save();
+        let iterations = if self.begun { self.config.iterations } else { self.config.first_iterations };
+        if self.begun {
+            self.shift(n);
+        } else {
+            self.begin(&from)?;
+        }
+        self.least.fill(f64::INFINITY);
+        for iteration in 0..=iterations {
+            self.fly(&from)?;
+            if iteration < iterations {
+                self.descend()?;
+            }
+        }
+        self.plan.copy_from_slice(&self.best);
+        actions.copy_from_slice(&self.best[..n]);
+        Ok(())
+    }
+
+    /// The flight of our controller, where it has one and acts on what policies act on; otherwise all in the middle.
+    fn begin(&mut self, from: &[u8]) -> Result<()> {
+        self.begun = true;
+        self.twin.load(from)?;
+        let n = n_number(&self.twin);
+        let Ok(mut controller) = Baseline::new(&self.twin) else { return Ok(()) };
+        for actions in self.plan.chunks_exact_mut(n) {
+            controller.act(&self.twin, actions)?;
+            self.twin.step(actions, &mut self.out.out())?;
+        }
+        Ok(())
+    }
+
+    /// One step on: the last actions stay.
+    fn shift(&mut self, n: usize) {
+        for row in [&mut self.plan, &mut self.adam.mean, &mut self.adam.square] {
+            row.copy_within(n.., 0);
+            let last = row.len() - n;
+            if last >= n {
+                row.copy_within(last - n..last, last);
+            }
+        }
+    }
+
+    /// Flies the plan, weighs its steps, and keeps it for the environments for which it is the cheapest.
+    fn fly(&mut self, from: &[u8]) -> Result<()> {
+        let Self { config, twin, out, tape, plan, best, least, weight, .. } = self;
+        twin.load(from)?;
+        tape.clear();
+        let spec = twin.spec();
+        let (n_env, n_agent, n_info) = (spec.n_env, spec.n_agent, spec.info.len());
+        let (loss, reason) = (Column::Loss.index(), Column::Reason.index());
+        let diverged = (spec.ends.len() + 1) as f32;
+        let n = plan.len() / config.horizon;
+        let (mut total, mut ended) = (vec![0.0_f64; n_env], vec![false; n_env]);
+        for (t, actions) in plan.chunks_exact(n).enumerate() {
+            twin.step_recorded(actions, &mut out.out(), tape)?;
+            let behind = if t + 1 == config.horizon { config.beyond } else { 1.0 };
+            for i in 0..n_env {
+                let weight = &mut weight[t * n_env + i];
+                *weight = 0.0;
+                if ended[i] {
+                    continue;
+                }
+                let info = &out.info[i * n_info..][..n_info];
+                let lost = out.terminated[i] == 1;
+                let cost = match config.objective {
+                    Objective::Loss if info[reason] == diverged => f32::INFINITY,
+                    Objective::Loss => info[loss],
+                    Objective::Reward => -out.reward[i * n_agent],
+                };
+                // rewards just end
+                *weight = match config.objective {
+                    Objective::Loss if lost => LOST,
+                    Objective::Reward if lost => 1.0,
+                    _ => behind,
+                };
+                total[i] += f64::from(*weight * cost);
+                ended[i] = lost || out.truncated[i] == 1;
+            }
+        }
+        let each = n / n_env;
+        for (i, total) in total.into_iter().enumerate() {
+            // NaN is worse than all
+            if total < least[i] || least[i].is_infinite() {
+                least[i] = if total.is_nan() { f64::INFINITY } else { total };
+                for t in 0..config.horizon {
+                    let own = t * n + i * each..t * n + (i + 1) * each;
+                    best[own.clone()].copy_from_slice(&plan[own]);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// One step of Adam down the gradient of the plan that was flown last; actions stay within their range.
+    fn descend(&mut self) -> Result<()> {
+        let Self { config, tape, sweep, plan, adam, gradient, weight, .. } = self;
+        sweep.restart();
+        let (n_env, n) = (weight.len() / config.horizon, plan.len() / config.horizon);
+        let mut d_reward = vec![0.0; n_env];
+        for t in (0..config.horizon).rev() {
+            let weight = &weight[t * n_env..][..n_env];
+            d_reward.iter_mut().zip(weight).for_each(|(d, w)| *d = -w);
+            let up = match config.objective {
+                Objective::Loss => Cotangents { loss: weight, ..Cotangents::default() },
+                Objective::Reward => Cotangents { reward: &d_reward, ..Cotangents::default() },
+            };
+            sweep.pull(tape, t, &up, &mut gradient[t * n..][..n])?;
+        }
+        adam.descend(plan, gradient, config.learning_rate);
+        plan.iter_mut().for_each(|a| *a = a.clamp(-1.0, 1.0));
+        Ok(())
+    }
+}
+
+/// Numbers of the actions of a step.
+fn n_number(env: &Env) -> usize {
+    let spec = env.spec();
+    spec.n_env * spec.n_agent * spec.action.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tasks::{Autoreset, EnvConfig, evaluate};
+
+    fn fresh(task: &str, n_env: usize) -> Env {
+        let config = EnvConfig { n_env, seed: 3, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
+        Env::make(task, &config).unwrap()
+    }
+
+    fn env(task: &str, n_env: usize) -> Env {
+        let mut env = fresh(task, n_env);
+        let mut out = Buffers::new(env.spec());
+        env.reset(None, None, &mut out.out()).unwrap();
+        env
+    }
+
+    fn planner(task: &str, n_env: usize, config: PlannerConfig) -> Planner {
+        Planner::new(env(task, n_env), config).unwrap()
+    }
+
+    #[test]
+    fn plans_cost_less_than_the_flight_they_begin_from_and_leave_the_environment_alone() {
+        for (task, objective) in
+            [("Hover", Objective::Loss), ("Hover", Objective::Reward), ("PayloadHover", Objective::Loss)]
+        {
+            let config = PlannerConfig { horizon: 24, first_iterations: 12, objective, ..PlannerConfig::default() };
+            let (own, mut planner) = (env(task, 3), planner(task, 3, config));
+            let before = own.save();
+            planner.begin(&before).unwrap();
+            planner.fly(&before).unwrap();
+            let begun = planner.least.clone();
+            (planner.begun, planner.least) = (false, vec![f64::INFINITY; 3]);
+            let mut actions = vec![0.0; 3 * 4];
+            planner.act(&own, &mut actions).unwrap();
+            assert!(actions.iter().all(|a| (-1.0..=1.0).contains(a)) && own.save() == before);
+            for (least, begun) in planner.least.iter().zip(&begun) {
+                // PayloadHover's plans know the push that the controller does not
+                assert!(least < begun, "{task} {objective:?}: {least} from {begun}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_planner_that_looks_far_enough_ahead_flies_hover() {
+        let config = PlannerConfig { first_iterations: 40, iterations: 4, ..PlannerConfig::default() };
+        let (mut own, mut planner) = (fresh("Hover", 4), planner("Hover", 4, config));
+        let told = evaluate(&mut own, &mut |env, _, actions| planner.act(env, actions), &mut |_| {}).unwrap();
+        println!("{told:?}");
+        assert_eq!((told.crashed, told.success), (0.0, 1.0));
+    }
+
+    #[test]
+    fn what_cannot_be_planned_for_is_refused() {
+        let told = |config: PlannerConfig| Planner::new(env("Hover", 1), config).err().unwrap().to_string();
+        let usual = PlannerConfig::default;
+        assert!(told(PlannerConfig { horizon: 0, ..usual() }).starts_with("horizon is 0"));
+        assert!(told(PlannerConfig { learning_rate: 0.0, ..usual() }).starts_with("learning_rate is 0"));
+        assert!(told(PlannerConfig { beyond: f32::NAN, ..usual() }).starts_with("beyond is NaN"));
+        let restarting = Env::make("Hover", &EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
+        assert!(Planner::new(restarting, usual()).err().unwrap().to_string().starts_with("autoreset is on"));
+        let (mut one, other) = (planner("Hover", 1, usual()), env("Track", 1));
+        assert!(one.act(&other, &mut [0.0; 4]).unwrap_err().to_string().contains("configuration"));
+        assert!(one.act(&other, &mut [0.0; 3]).unwrap_err().to_string().starts_with("length of actions is 3"));
+    }
+}
