@@ -8,7 +8,9 @@ use omnidrones::parallel::Threads;
 use omnidrones::prelude::*;
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::nn::{Activation, Adam, AdamConfig, Layers, Transposed, Weights, clip_norm};
-use omnidrones::rl::parts::{Collector, Critic, Fit, How, Make, Minibatch, Rollout, Shape, Sums, ValueNorm, shards};
+use omnidrones::rl::parts::{
+    Collector, Critic, CriticSees, Fit, How, Make, Minibatch, Rollout, Shape, Sums, ValueNorm, shards,
+};
 use omnidrones::rl::policy::Actor;
 use omnidrones::rl::{Algorithm, Episodes, Progress, Starts, Update, algorithm, evaluate, state};
 use omnidrones::rng::{Purpose, Stream};
@@ -99,7 +101,7 @@ impl Algorithm for A2cConfig {
         let env = EnvConfig { n_env: self.n_env, seed, ..env.clone() };
         let shards = shards(make, &env, 64)?;
         let spec = shards[0].env.spec().clone();
-        let (actor, shape) = (self.actor(&spec)?, Shape::new(&spec, self.steps, false));
+        let (actor, shape) = (self.actor(&spec)?, Shape::new(&spec, self.steps, CriticSees::default()));
         let stream = |network| Stream::new(seed, 0, network, Purpose::LEARNING);
         let mut parameters = actor.mlp.init(&mut stream(0));
         parameters.resize(actor.n_parameter(), -0.5); // log standard deviations

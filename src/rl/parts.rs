@@ -15,7 +15,7 @@ pub use super::critic::{Critic, Fit, shuffle};
 pub use super::gae::{Steps, advantages};
 pub use super::minibatch::{BlockLoss, Minibatch, Sums, part as minibatch};
 pub use super::policy_optimiser::PolicyOptimiser;
-pub use super::rollout::{Collector, How, Part as RolloutPart, Rollout, Seen as RolloutSeen, Shape};
+pub use super::rollout::{Collector, CriticSees, How, Part as RolloutPart, Rollout, Seen as RolloutSeen, Shape};
 pub use super::shards::{Make, Shard, episodes, normalise, shards};
 pub use super::value_norm::ValueNorm;
 pub use super::window::{Objective, Seen as WindowSeen, Step as WindowStep, Window, gather, windows};

@@ -32,7 +32,7 @@ use super::nn::gaussian::Gaussians;
 use super::nn::head::Head;
 use super::nn::{Adam, Output, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy, ROWS};
-use super::rollout::{Collector, How, Rollout, Shape};
+use super::rollout::{Collector, CriticSees, How, Rollout, Shape};
 use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards};
 use super::state;
 use super::value_norm::ValueNorm;
@@ -197,7 +197,8 @@ impl Ppo {
         let env = EnvConfig { n_env: config.n_env, seed, ..config.seen(env) };
         let shards = shards(make, &env, config.shard)?;
         let spec = shards[0].env.spec().clone();
-        let shape = Shape::new(&spec, config.steps, config.central_critic);
+        let sees = CriticSees { central: config.central_critic, privileged: config.privileged_critic };
+        let shape = Shape::new(&spec, config.steps, sees);
         shape.check(config.n_env, env.memory_limit)?;
         let actor = Actor::new(&spec, &config.network, false)?;
         let stream = |episode| Stream::new(seed, 0, episode, Purpose::LEARNING);
@@ -206,7 +207,8 @@ impl Ppo {
         let part = |rows: usize| (config.n_env * config.steps * rows).div_ceil(config.minibatches);
         let judged = (part(shape.n_judged), env.memory_limit);
         let mut critic = Critic::new(shape.n_critic(), &config.critic, config.adam, judged, &mut stream(1))?;
-        critic.inputs = (config.normalise_observation && shape.n_central > 0).then(|| InputScale::new(shape.n_central));
+        let scales = config.normalise_observation && shape.n_central > 0 || shape.n_privileged > 0;
+        critic.inputs = scales.then(|| InputScale::new(shape.n_critic()));
         let mut ppo = Self {
             adam: Adam::new(config.adam, parameters.len()),
             batch: Minibatch::new(&actor.mlp, actor.head.n_extra(), part(shape.n_agent), env.memory_limit)?,
@@ -397,7 +399,7 @@ impl Learner for Ppo {
         let explained = self.prepare();
         let learnt = self.learn();
         if let Some(scale) = &mut self.critic.inputs {
-            scale.take(self.collectors.iter().map(|collector| &collector.central));
+            scale.take(self.collectors.iter().map(|collector| &collector.apart));
         }
         let learning = begun.elapsed() - collected;
         normalise(&mut self.collectors.iter_mut().map(|c| &mut c.shard).collect::<Vec<_>>())?;

@@ -5,7 +5,8 @@
 //! environment writes its observations where minibatches will read them.
 //!
 //! A critic that judges the central state has one row per environment, which is worth the mean reward of its agents;
-//! otherwise every agent has its own.
+//! otherwise every agent has its own. Behind what it sees may stand the numbers of the episode that no policy is told
+//! (an asymmetric critic: Pinto et al. 2018).
 
 use super::critic::Critic;
 use super::gae::{Steps, advantages};
@@ -34,20 +35,32 @@ pub struct Shape {
     pub n_observation: usize,
     /// Of the state that the critic sees; 0 where it sees observations.
     pub n_central: usize,
+    /// Of those that differ between environments which it sees too.
+    pub n_privileged: usize,
     /// Numbers of an agent's action.
     pub n_action: usize,
 }
 
+/// What the critic of a rollout may see that the policy does not; by default neither.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CriticSees {
+    /// The central state, where there is one.
+    pub central: bool,
+    /// The numbers that differ between environments, where there are any.
+    pub privileged: bool,
+}
+
 impl Shape {
-    /// For rollouts of `steps` steps; with `central`, the critic sees the central state where there is one.
-    pub fn new(spec: &Spec, steps: usize, central: bool) -> Self {
-        let central = central && spec.n_central > 0;
+    /// For rollouts of `steps` steps.
+    pub fn new(spec: &Spec, steps: usize, sees: CriticSees) -> Self {
+        let central = sees.central && spec.n_central > 0;
         Self {
             steps,
             n_agent: spec.n_agent,
             n_judged: if central { 1 } else { spec.n_agent },
             n_observation: spec.n_observation,
             n_central: if central { spec.n_central } else { 0 },
+            n_privileged: if sees.privileged { spec.privileged.len() } else { 0 },
             n_action: spec.action.len(),
         }
     }
@@ -59,7 +72,7 @@ impl Shape {
     pub fn check(&self, n_env: usize, memory_limit: u64) -> Result<()> {
         let slots = (n_env as u64).saturating_mul(self.steps as u64 + 1);
         let rows = slots.saturating_mul(self.n_agent as u64);
-        let of_agent = (self.n_observation + self.n_action + 1) * self.n_agent + 5 * self.n_judged + self.n_central;
+        let of_agent = (self.n_observation + self.n_action + 1) * self.n_agent + (5 + self.n_apart()) * self.n_judged;
         let bytes = slots.saturating_mul(4 * of_agent as u64 + 2);
         if rows > u64::from(u32::MAX) || bytes > memory_limit {
             let limit = format!("{memory_limit} B and {} rows", u32::MAX);
@@ -71,7 +84,28 @@ impl Shape {
 
     /// Numbers that the critic sees.
     pub fn n_critic(&self) -> usize {
+        self.n_base() + self.n_privileged
+    }
+
+    /// Of the central state, or of an observation.
+    fn n_base(&self) -> usize {
         if self.n_central > 0 { self.n_central } else { self.n_observation }
+    }
+
+    /// Numbers of a row that is the critic's alone; 0 where it sees observations and nothing else.
+    fn n_apart(&self) -> usize {
+        if self.n_central + self.n_privileged > 0 { self.n_critic() } else { 0 }
+    }
+
+    /// Writes rows of the critic: each of `base`, then the numbers of its environment.
+    fn join(&self, base: &[f32], privileged: &[f32], to: &mut [f32]) {
+        let rows = to.chunks_exact_mut(self.n_critic()).zip(base.chunks_exact(self.n_base()));
+        for (k, (to, base)) in rows.enumerate() {
+            let (own, known) = to.split_at_mut(self.n_base());
+            own.copy_from_slice(base);
+            let first = k / self.n_judged * self.n_privileged;
+            known.copy_from_slice(&privileged[first..first + self.n_privileged]);
+        }
     }
 
     /// Row of the critic for the row of an agent.
@@ -90,8 +124,8 @@ pub struct Rollout {
     pub action: Vec<f32>,
     /// NaN where the row is no use.
     pub log_prob: Vec<f32>,
-    /// One per environment, or empty.
-    pub central: Vec<f32>,
+    /// One per row of the critic; empty where it sees observations.
+    pub apart: Vec<f32>,
     /// One per row of the critic.
     pub reward: Vec<f32>,
     /// V of what was acted on.
@@ -120,8 +154,8 @@ pub struct Part<'a> {
     pub action: &'a mut [f32],
     /// As [`Rollout::log_prob`].
     pub log_prob: &'a mut [f32],
-    /// As [`Rollout::central`].
-    pub central: &'a mut [f32],
+    /// As [`Rollout::apart`].
+    pub apart: &'a mut [f32],
     /// As [`Rollout::reward`].
     pub reward: &'a mut [f32],
     /// As [`Rollout::value`].
@@ -148,7 +182,7 @@ impl Rollout {
             observation: vec![0.0; rows * shape.n_observation],
             action: vec![0.0; rows * shape.n_action],
             log_prob: vec![f32::NAN; rows],
-            central: vec![0.0; slots * shape.n_central],
+            apart: vec![0.0; judged * shape.n_apart()],
             reward: vec![0.0; judged],
             value: vec![0.0; judged],
             next_value: vec![0.0; judged],
@@ -161,7 +195,7 @@ impl Rollout {
 
     /// What the critic sees.
     pub fn seen(&self) -> &[f32] {
-        if self.shape.n_central > 0 { &self.central } else { &self.observation }
+        if self.shape.n_apart() > 0 { &self.apart } else { &self.observation }
     }
 
     /// The rows of shards of so many environments each.
@@ -178,7 +212,7 @@ impl Rollout {
             observation: &mut self.observation,
             action: &mut self.action,
             log_prob: &mut self.log_prob,
-            central: &mut self.central,
+            apart: &mut self.apart,
             reward: &mut self.reward,
             value: &mut self.value,
             next_value: &mut self.next_value,
@@ -196,7 +230,7 @@ impl Rollout {
                 observation: take(&mut all.observation, rows * s.n_observation),
                 action: take(&mut all.action, rows * s.n_action),
                 log_prob: take(&mut all.log_prob, rows),
-                central: take(&mut all.central, slots * s.n_central),
+                apart: take(&mut all.apart, judged * s.n_apart()),
                 reward: take(&mut all.reward, judged),
                 value: take(&mut all.value, judged),
                 next_value: take(&mut all.next_value, judged),
@@ -230,7 +264,7 @@ impl Part<'_> {
         };
         advantages(&steps, discount, lambda, &mut self.advantage[..judged], &mut self.target[..judged])?;
         let broken = |x: &[f32]| x.iter().fold(false, |broken, x| broken | !x.is_finite());
-        let seen: &[f32] = if s.n_central > 0 { self.central } else { self.observation };
+        let seen: &[f32] = if s.n_apart() > 0 { self.apart } else { self.observation };
         for (row, x) in seen.chunks_exact(s.n_critic()).take(judged).enumerate() {
             if broken(x) {
                 (self.advantage[row], self.target[row]) = (f32::NAN, f32::NAN);
@@ -281,8 +315,8 @@ pub struct Collector {
     ends: Vec<f32>,
     end_rows: Vec<usize>,
     end_values: Vec<f32>,
-    /// Of the central states seen, where the critic scales them.
-    pub(crate) central: InputSums,
+    /// Of what the critic alone saw, where it scales that.
+    pub(crate) apart: InputSums,
 }
 
 /// Figures of one shard's rollout.
@@ -309,7 +343,7 @@ impl Collector {
             ends: Vec::new(),
             end_rows: Vec::new(),
             end_values: Vec::new(),
-            central: InputSums::default(),
+            apart: InputSums::default(),
             shard,
         }
     }
@@ -321,7 +355,7 @@ impl Collector {
     pub fn collect(&mut self, part: &mut Part<'_>, how: How<'_>) -> Result<()> {
         let s = part.shape;
         let n_env = part.n_env;
-        let (n_seen, n_central) = (n_env * s.n_agent * s.n_observation, n_env * s.n_central);
+        let (n_seen, n_apart) = (n_env * s.n_agent * s.n_observation, n_env * s.n_judged * s.n_apart());
         self.seen = Seen::default();
         self.ends.clear();
         self.end_rows.clear();
@@ -334,12 +368,16 @@ impl Collector {
             gaussians.set(&how.parameters[how.actor.mlp.n_parameter()..]);
         }
         part.observation[..n_seen].copy_from_slice(&self.shard.out.observation);
-        part.central[..n_central].copy_from_slice(&self.shard.out.central[..n_central]);
+        let out = &self.shard.out;
+        let base = if s.n_central > 0 { &out.central } else { &out.observation };
+        s.join(base, &out.privileged, &mut part.apart[..n_apart]);
         for t in 0..s.steps {
             self.step(part, how, t)?;
         }
         self.shard.out.observation.copy_from_slice(&part.observation[s.steps * n_seen..]);
-        self.shard.out.central[..n_central].copy_from_slice(&part.central[s.steps * n_central..]);
+        if s.n_central > 0 && s.n_privileged == 0 {
+            self.shard.out.central.copy_from_slice(&part.apart[s.steps * n_apart..]);
+        }
         self.value(part, how);
         Ok(())
     }
@@ -371,13 +409,19 @@ impl Collector {
         }
         let acted = Instant::now();
         let Shard { env, out } = &mut self.shard;
-        let mut to = StepOut {
-            observation: &mut next[..rows * s.n_observation],
-            central: &mut part.central[(t + 1) * n_env * s.n_central..][..n_env * s.n_central],
-            privileged: &mut [],
-            ..out.out()
-        };
+        let next = &mut next[..rows * s.n_observation];
+        let n_apart = n_env * s.n_judged * s.n_apart();
+        let (known, apart) = part.apart[t * n_apart..].split_at_mut(n_apart);
+        let apart = &mut apart[..n_apart];
+        let mut to = StepOut { observation: &mut *next, ..out.out() };
+        if s.n_privileged == 0 {
+            // written where it is read; empty where the critic sees observations
+            (to.central, to.privileged) = (&mut *apart, &mut []);
+        }
         env.step(actions, &mut to)?;
+        if s.n_privileged > 0 {
+            s.join(if s.n_central > 0 { &out.central } else { next }, &out.privileged, apart);
+        }
         part.terminated[t * n_env..][..n_env].copy_from_slice(&out.terminated);
         part.truncated[t * n_env..][..n_env].copy_from_slice(&out.truncated);
         // as many agents as share a row of the critic
@@ -390,9 +434,12 @@ impl Collector {
         self.seen.reward += finite.map(|x| f64::from(*x)).sum::<f64>() / s.n_agent as f64;
         self.seen.episodes.add(&episodes(env.spec(), out));
         let last = if s.n_central > 0 { &out.final_central } else { &out.final_observation };
-        let each = s.n_judged * s.n_critic();
         for i in (0..n_env).filter(|i| out.truncated[*i] == 1 && out.terminated[*i] == 0) {
-            self.ends.extend(&last[i * each..][..each]);
+            for k in i * s.n_judged..(i + 1) * s.n_judged {
+                self.ends.extend(&last[k * s.n_base()..][..s.n_base()]);
+                // of the episode that ended
+                self.ends.extend(&known[k * s.n_apart()..][..s.n_apart()][s.n_base().min(s.n_apart())..]);
+            }
             self.end_rows.extend((0..s.n_judged).map(|k| judged + i * s.n_judged + k));
         }
         self.seen.times[0] += acted - begun;
@@ -405,11 +452,11 @@ impl Collector {
         let begun = Instant::now();
         let n = part.shape.n_critic();
         let critic = how.critic;
-        if let Some(scale) = critic.inputs.as_ref().filter(|_| part.shape.n_central > 0) {
+        if let Some(scale) = critic.inputs.as_ref().filter(|_| part.shape.n_apart() > 0) {
             // what is seen behind the rollout is the first of the next one
-            let seen = part.shape.steps * part.n_env * part.shape.n_central;
-            self.central = scale.sums(&part.central[..seen]);
-            scale.scale(part.central);
+            let seen = part.shape.steps * part.n_env * part.shape.n_judged * n;
+            self.apart = scale.sums(&part.apart[..seen]);
+            scale.scale(part.apart);
             scale.scale(&mut self.ends);
         }
         let mut value = |x: &[f32], values: &mut [f32]| {
@@ -418,7 +465,7 @@ impl Collector {
             }
             how.norm.denormalise(values);
         };
-        value(if part.shape.n_central > 0 { part.central } else { part.observation }, part.value);
+        value(if part.shape.n_apart() > 0 { part.apart } else { part.observation }, part.value);
         self.end_values.resize(self.end_rows.len(), 0.0);
         value(&self.ends, &mut self.end_values);
         let step = part.n_env * part.shape.n_judged;

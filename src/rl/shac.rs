@@ -11,6 +11,9 @@
 //! Its exact gradient trains the actor; the critic is fitted to TD(λ) targets along the same windows, with a slow copy of
 //! itself as V of what follows (the actor's gradient takes the critic itself). The critic learns (1 − γ)V, a mean cost per
 //! step, so that its scale is that of the cost.
+//! Where numbers differ between environments, masses for example, the critic sees them behind the observation
+//! ([`ShacConfig::privileged_critic`]; Pinto et al. 2018): what a drone costs depends on them, and they have no gradient.
+//!
 //! w rises from 0 to 1 over the first part of the run ([`ShacConfig::ramp`]): the gradient of an untrained critic, times
 //! 1/(1 − γ), drowns the exact one. (Xu et al. 2022; the ramp is our own finding.)
 
@@ -18,6 +21,7 @@ use super::algorithm::built_in;
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
 use super::gae::{Steps, advantages};
+use super::input_scale::{InputScale, InputSums};
 use super::learner::{Learner, Progress, Update};
 use super::minibatch::part;
 use super::nn::{Activation, AdamConfig, Layers, Memory, Scratch};
@@ -63,6 +67,8 @@ pub struct ShacConfig {
     pub critic_max_grad_norm: f64,
     /// Errors of the critic beyond it count linearly, in units of the cost of a step (Huber 1964).
     pub huber: f64,
+    /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown.
+    pub privileged_critic: bool,
     /// Passes of the critic over a window's experience.
     pub critic_epochs: usize,
     /// Minibatches of a pass.
@@ -104,6 +110,7 @@ impl Default for ShacConfig {
             max_grad_norm: 0.2,
             critic_max_grad_norm: 1.0,
             huber: 5.0,
+            privileged_critic: true,
             critic_epochs: 2,
             minibatches: 4,
             polyak: 0.2,
@@ -191,11 +198,22 @@ struct Worker {
     window: Window,
     /// γ^k of the next step of every environment.
     discount: Vec<f32>,
-    memory: Memory,
-    scratch: Scratch,
+    judge: Judge,
     grad_output: Vec<f32>,
     d_last: Vec<f32>,
+    /// `[H + 1, E, known]`: the numbers that only the critic knows, scaled; the last of the state behind the window.
+    known: Vec<f32>,
+    sums: InputSums,
     failed: Option<Error>,
+}
+
+/// What pulling back through the critic needs.
+struct Judge {
+    memory: Memory,
+    scratch: Scratch,
+    /// Rows of the critic, and its gradient with respect to them.
+    x: Vec<f32>,
+    d_x: Vec<f32>,
 }
 
 /// All windows of an update, shard by shard, step by step: rows of the critic.
@@ -239,10 +257,16 @@ impl Shac {
         let optimiser = PolicyOptimiser::new(actor, config.adam, seed);
         let n_row = config.n_env * spec.n_agent * config.horizon;
         let rows = (n_row.div_ceil(config.minibatches), env.memory_limit);
-        let critic = Critic::new(spec.n_observation, &config.critic, config.adam, rows, &mut optimiser.stream(1))?;
+        let n_known = if config.privileged_critic { spec.privileged.len() } else { 0 };
+        let n_in = spec.n_observation + n_known;
+        let mut critic = Critic::new(n_in, &config.critic, config.adam, rows, &mut optimiser.stream(1))?;
+        critic.inputs = (n_known > 0).then(|| InputScale::new(n_known));
         let action_clip = config.action_clip * loss_scale;
         let own = |mut window: Window| {
             window.action_clip = action_clip;
+            if n_known > 0 {
+                window.see_privileged();
+            }
             Worker::new(window, &critic)
         };
         let workers = windows.into_iter().map(own).collect();
@@ -251,10 +275,17 @@ impl Shac {
         Ok(Self { config, optimiser, spec, critic, target, workers, experience, threads, seed, update, env_steps })
     }
 
-    /// What the critic expects each row of `[rows, observation]` to cost from there on, Σ γ^t c.
+    /// What the critic expects each row of `[rows, observation]` to cost from there on, Σ γ^t c, in a mean episode where it
+    /// knows more than that.
     pub fn cost_to_go(&mut self, observation: &[f32]) -> Vec<f32> {
-        let mut values = vec![0.0; observation.len() / self.critic.mlp.n_input()];
-        self.critic.values(&self.threads, observation, &mut values);
+        let n = self.spec.n_observation;
+        let mut values = vec![0.0; observation.len() / n];
+        let mut x = Vec::new();
+        observation.chunks_exact(n).for_each(|row| {
+            x.extend(row);
+            x.resize(x.len() + self.critic.mlp.n_input() - n, 0.0);
+        });
+        self.critic.values(&self.threads, &x, &mut values);
         values.iter_mut().for_each(|v| *v /= (1.0 - self.config.discount) as f32);
         values
     }
@@ -265,8 +296,8 @@ impl Shac {
         let loss_scale = (1.0 - config.discount) as f32;
         e.clear();
         let mut from = 0;
-        for Worker { window, .. } in &self.workers {
-            e.take(window, loss_scale, config.objective == Objective::Loss);
+        for Worker { window, known, .. } in &self.workers {
+            e.take(window, known, loss_scale, config.objective == Objective::Loss);
             // the slow copy judges what follows
             std::mem::swap(&mut self.critic.parameters, &mut self.target);
             let rows = e.cost.len();
@@ -291,6 +322,9 @@ impl Shac {
             // lengths agree by construction
             let _ = advantages(&steps, config.discount, config.lambda, advantage, target);
             from = rows;
+        }
+        if let Some(inputs) = &mut self.critic.inputs {
+            inputs.take(self.workers.iter().map(|worker| &worker.sums));
         }
         let fit = Fit {
             rate: config.critic_learning_rate.at(progress),
@@ -324,19 +358,22 @@ impl Experience {
 
     /// One shard's window: [H, E, A] rows. Costs are scaled to those of (1 − γ)V; the last cost of an episode that the task
     /// ended counts for ever.
-    fn take(&mut self, window: &Window, loss_scale: f32, lasting: bool) {
+    fn take(&mut self, window: &Window, known: &[f32], loss_scale: f32, lasting: bool) {
         let (n_env, rows) = (window.shard.env.spec().n_env, window.rows());
         let (n_agent, n) = (rows / n_env, window.steps[0].observation.len() / rows);
+        let n_known = known.len() / (n_env * (window.steps.len() + 1));
         for (t, step) in window.steps.iter().enumerate() {
-            self.x.extend(&step.observation);
-            let from = self.next.len();
             let next = window.steps.get(t + 1).map_or(&window.shard.out.observation, |step| &step.observation);
-            self.next.extend(next);
             for i in 0..n_env {
                 let ended = step.terminated[i] | step.truncated[i] == 1;
-                let own = i * n_agent * n..(i + 1) * n_agent * n;
-                if ended {
-                    self.next[from..][own.clone()].copy_from_slice(&step.final_observation[own]);
+                // what came next in an episode that ended is of that episode too
+                let known = &known[(t * n_env + i) * n_known..][..n_known];
+                for row in i * n_agent..(i + 1) * n_agent {
+                    let own = row * n..(row + 1) * n;
+                    self.x.extend(&step.observation[own.clone()]);
+                    self.x.extend(known);
+                    self.next.extend(if ended { &step.final_observation[own] } else { &next[own] });
+                    self.next.extend(known);
                 }
                 let scale = if lasting && step.terminated[i] == 1 { 1.0 } else { loss_scale };
                 self.cost.extend(std::iter::repeat_n(scale * step.cost[i], n_agent));
@@ -356,10 +393,11 @@ impl Worker {
         let n_seen = window.shard.out.observation.len();
         Self {
             discount: vec![1.0; n_env],
-            memory: critic.mlp.memory(window.rows()),
-            scratch: critic.mlp.scratch(window.rows()),
+            judge: Judge::new(critic, window.rows()),
             grad_output: vec![0.0; window.rows()],
             d_last: vec![0.0; n_seen],
+            known: Vec::new(),
+            sums: InputSums::default(),
             failed: None,
             window,
         }
@@ -369,17 +407,32 @@ impl Worker {
     fn learn(&mut self, optimiser: &PolicyOptimiser, critic: &Critic, how: Weighing) -> Result<()> {
         let (actor, net) = (&optimiser.actor, optimiser.net());
         self.window.fly(actor, net)?;
+        self.know(critic);
         self.weigh(critic, how);
         self.window.sweep(actor, net, &self.d_last).map(|_| ())
     }
 
+    /// The numbers that only the critic knows, on its scale.
+    fn know(&mut self, critic: &Critic) {
+        let Some(inputs) = &critic.inputs else { return };
+        self.known.clear();
+        self.window.steps.iter().for_each(|step| self.known.extend(&step.privileged));
+        self.sums = inputs.sums(&self.known);
+        self.known.extend(&self.window.shard.out.privileged);
+        inputs.scale(&mut self.known);
+    }
+
     fn weigh(&mut self, critic: &Critic, how: Weighing) {
-        let Self { window, discount, memory, scratch, grad_output, d_last, .. } = self;
+        let Self { window, discount, judge, grad_output, d_last, known, .. } = self;
         let n_env = discount.len();
         let n_agent = grad_output.len() / n_env;
         let beyond = 1.0 / (1.0 - how.discount);
         discount.fill(how.loss_scale);
         let n_step = window.steps.len();
+        let of_step = |known: &'_ [f32], t: usize| {
+            let n = known.len() / (n_step + 1);
+            t * n..(t + 1) * n
+        };
         for (t, step) in window.steps.iter_mut().enumerate() {
             step.d_final.clear();
             let timed_out = |i: usize| step.truncated[i] == 1 && step.terminated[i] == 0;
@@ -390,7 +443,8 @@ impl Worker {
                     *grad_output = if timed_out(i) { own } else { 0.0 };
                 }
                 step.d_final.resize(step.observation.len(), 0.0);
-                critic.pull(&step.final_observation, grad_output, (memory, scratch), &mut step.d_final);
+                let known = &known[of_step(known, t)];
+                judge.pull(critic, (&step.final_observation, known), grad_output, &mut step.d_final);
             }
             // γ^(k + 1) of the last cost lie behind the window
             let behind = how.discount.powi((n_step - t) as i32);
@@ -407,7 +461,37 @@ impl Worker {
             for (k, grad_output) in grad_output.iter_mut().enumerate() {
                 *grad_output = discount[k / n_agent] * how.critic * beyond / n_agent as f32;
             }
-            critic.pull(&window.shard.out.observation, grad_output, (memory, scratch), d_last);
+            let known = &known[of_step(known, n_step)];
+            judge.pull(critic, (&window.shard.out.observation, known), grad_output, d_last);
+        }
+    }
+}
+
+impl Judge {
+    fn new(critic: &Critic, rows: usize) -> Self {
+        let (memory, scratch) = (critic.mlp.memory(rows), critic.mlp.scratch(rows));
+        Self { memory, scratch, x: Vec::new(), d_x: Vec::new() }
+    }
+
+    /// Adds ∂/∂o of Σ up · V(o, θ) to `d_seen`, for observations `[E, A, observation]` and what is known of each environment.
+    fn pull(&mut self, critic: &Critic, (seen, known): (&[f32], &[f32]), up: &[f32], d_seen: &mut [f32]) {
+        let memory = (&mut self.memory, &mut self.scratch);
+        if known.is_empty() {
+            return critic.pull(seen, up, memory, d_seen);
+        }
+        let n = seen.len() / up.len();
+        let n_known = critic.mlp.n_input() - n;
+        let n_agent = up.len() * n_known / known.len();
+        self.x.clear();
+        for (row, seen) in seen.chunks_exact(n).enumerate() {
+            self.x.extend(seen);
+            self.x.extend(&known[row / n_agent * n_known..][..n_known]);
+        }
+        self.d_x.clear();
+        self.d_x.resize(self.x.len(), 0.0);
+        critic.pull(&self.x, up, memory, &mut self.d_x);
+        for (to, from) in d_seen.chunks_exact_mut(n).zip(self.d_x.chunks_exact(n + n_known)) {
+            to.iter_mut().zip(from).for_each(|(to, from)| *to += from);
         }
     }
 }

@@ -55,6 +55,8 @@ pub struct Step {
     pub truncated: Vec<u8>,
     /// Where they did, what was seen last, `[E, A, observation]`.
     pub final_observation: Vec<f32>,
+    /// The numbers of the step's episodes, `[E, privileged]`; empty without [`Window::see_privileged`].
+    pub privileged: Vec<f32>,
     /// ∂L/∂cost, `[E]`.
     pub weight: Vec<f32>,
     /// ∂L/∂final_observation, or empty.
@@ -178,6 +180,7 @@ impl Window {
             terminated: vec![0; n_env],
             truncated: vec![0; n_env],
             final_observation: vec![0.0; n_seen],
+            privileged: Vec::new(),
             weight: vec![0.0; n_env],
             d_final: Vec::new(),
             masked: Vec::with_capacity(rows),
@@ -197,6 +200,12 @@ impl Window {
             seen: Seen::default(),
             shard,
         })
+    }
+
+    /// Keeps the numbers that differ between environments, step by step.
+    pub fn see_privileged(&mut self) {
+        let n = self.shard.out.privileged.len();
+        self.steps.iter_mut().for_each(|step| step.privileged.resize(n, 0.0));
     }
 
     /// Rows of a step: one per environment and agent.
@@ -221,7 +230,12 @@ impl Window {
             step.observation.copy_from_slice(&out.observation);
             mask_nonfinite(&mut step.observation, rows, &mut step.masked);
             actor.mlp.forward(net.parameters, &step.observation, rows, &mut step.memory).write(&mut step.action);
-            let mut to = StepOut { privileged: &mut [], central: &mut [], final_central: &mut [], ..out.out() };
+            let n_known = step.privileged.len();
+            step.privileged.copy_from_slice(&out.privileged[..n_known]);
+            let mut to = StepOut { central: &mut [], final_central: &mut [], ..out.out() };
+            if n_known == 0 {
+                to.privileged = &mut [];
+            }
             env.step_recorded(&step.action, &mut to, &mut self.tape)?;
             for (i, cost) in step.cost.iter_mut().enumerate() {
                 let info = &out.info[i * n_info..][..n_info];

@@ -57,6 +57,8 @@ pub struct PpoConfig {
     pub normalise_observation: bool,
     /// Whether the critic sees the central state where there is one.
     pub central_critic: bool,
+    /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown.
+    pub privileged_critic: bool,
     /// The optimiser of both.
     pub adam: AdamConfig,
     /// The policy.
@@ -94,6 +96,7 @@ impl Default for PpoConfig {
             log_std: -0.5,
             normalise_observation: true,
             central_critic: true,
+            privileged_critic: true,
             adam: AdamConfig { epsilon: 1e-5, ..AdamConfig::default() },
             network: layers(0.01),
             critic: layers(1.0),

@@ -64,7 +64,8 @@ fn before_the_first_step_the_ratio_is_one_and_the_divergence_nothing() {
 /// A rollout of nothing but what the actor's loss reads, every sign of A with ρ on all three sides of the clip.
 fn invented(actor: &Actor, parameters: &[f32], stream: &mut Stream) -> (Rollout, Vec<u32>) {
     let (n_in, n_action) = (actor.mlp.n_input(), actor.n_action());
-    let shape = Shape { steps: 5, n_agent: 2, n_judged: 1, n_observation: n_in, n_central: 3, n_action };
+    let shape =
+        Shape { steps: 5, n_agent: 2, n_judged: 1, n_observation: n_in, n_central: 3, n_privileged: 0, n_action };
     let mut rollout = Rollout::new(shape, 4);
     let mut memory = actor.mlp.memory(1);
     let (network, extra) = parameters.split_at(actor.mlp.n_parameter());
@@ -350,6 +351,38 @@ fn a_team_shares_its_policy_and_a_critic_of_its_central_state() {
     let (_, _, judged, inputs, rows) = run(false);
     assert_eq!((judged, rows), (agents, 24 * 8 * agents));
     assert!(inputs != central);
+}
+
+#[test]
+fn a_critic_knows_the_numbers_of_the_episode_that_each_row_belongs_to() {
+    let text = "stagger = true\ntask.horizon = 12\nrandomise = [{ what = 'mass', range = [0.5, 1.5] }]";
+    let env = EnvConfig::from_toml(text, "test").unwrap();
+    for (task, central) in [("Hover", false), ("OverHover", true)] {
+        let mut ppo = ppo(task, &env, small(), 2);
+        assert_eq!(ppo.spec.n_central > 0, central);
+        (0..2).for_each(|_| drop(ppo.update().unwrap()));
+        // on no scale, to be read
+        ppo.critic.inputs = None;
+        ppo.collect().unwrap();
+        let (r, shape) = (&ppo.rollout, ppo.rollout.shape);
+        let (n, n_known) = (shape.n_critic(), shape.n_privileged);
+        assert!(n_known > 0 && n_known == ppo.spec.privileged.len());
+        let n_env = ppo.collectors[0].shard.env.spec().n_env;
+        let known = |t: usize, i: usize| &r.apart[((t * n_env + i) * shape.n_judged + 1) * n - n_known..][..n_known];
+        let (mut same, mut other) = (0, 0);
+        for (t, i) in (0..shape.steps).flat_map(|t| (0..n_env).map(move |i| (t, i))) {
+            let ended = r.terminated[t * n_env + i] | r.truncated[t * n_env + i] == 1;
+            assert_eq!(known(t, i) == known(t + 1, i), !ended, "{task}: step {t} of environment {i}");
+            (same, other) = (same + usize::from(!ended), other + usize::from(ended));
+        }
+        assert!(same > 20 && other > 2, "{same} {other}");
+        let last = &ppo.collectors[0].shard.env.parameters(3).unwrap();
+        assert!(known(shape.steps, 3).iter().all(|x| last.contains(&f64::from(*x))), "{last:?}");
+        if !central {
+            let seen = &r.observation[shape.n_observation..][..shape.n_observation];
+            assert_eq!(&r.apart[n..2 * n - n_known], seen, "what agents see stands before it");
+        }
+    }
 }
 
 #[test]

@@ -8,15 +8,19 @@ fn cost(worker: &Worker, critic: &mut Critic, how: Weighing) -> f64 {
     let Window { steps, shard, .. } = &worker.window;
     let n_env = shard.env.spec().n_env;
     let [discount, w] = [how.discount, how.critic].map(f64::from);
-    let mut value = |x: &[f32]| {
+    let n_known = worker.known.len() / (n_env * (steps.len() + 1));
+    let mut value = |x: &[f32], t: usize| {
+        let rows = x.chunks_exact(x.len() / n_env).zip(0..);
+        let known = |i: usize| worker.known[(t * n_env + i) * n_known..][..n_known].iter();
+        let x: Vec<f32> = rows.flat_map(|(own, i)| own.iter().chain(known(i))).copied().collect();
         let mut values = vec![0.0; n_env];
-        critic.values(&Threads::new(1).unwrap(), x, &mut values);
+        critic.values(&Threads::new(1).unwrap(), &x, &mut values);
         values.into_iter().map(|v| w * f64::from(v) / (1.0 - discount)).collect::<Vec<_>>()
     };
     let (mut sum, mut power) = (0.0, vec![1.0; n_env]);
     for (t, step) in steps.iter().enumerate() {
         let left = (steps.len() - 1 - t) as i32;
-        let last = value(&step.final_observation);
+        let last = value(&step.final_observation, t);
         for i in 0..n_env {
             let (lost, late) = (step.terminated[i] == 1, step.truncated[i] == 1);
             let inside: f64 = (1..=left).map(|k| discount.powi(k)).sum();
@@ -27,7 +31,8 @@ fn cost(worker: &Worker, critic: &mut Critic, how: Weighing) -> f64 {
             power[i] = if lost || late { 1.0 } else { power[i] * discount };
         }
     }
-    sum += power.iter().zip(value(&shard.out.observation)).map(|(power, v)| power * v).sum::<f64>();
+    let behind = value(&shard.out.observation, steps.len());
+    sum += power.iter().zip(behind).map(|(power, v)| power * v).sum::<f64>();
     f64::from(how.loss_scale) * sum
 }
 
@@ -37,9 +42,10 @@ fn flags(worker: &Worker) -> Vec<u8> {
 
 #[test]
 fn the_gradient_of_a_window_with_ends_and_a_critic_is_that_of_differences() {
-    for objective in [Objective::Loss, Objective::Reward] {
+    let hidden = "\nrandomise = [{ what = 'mass', range = [0.9, 1.1] }]";
+    for (objective, hidden) in [(Objective::Loss, ""), (Objective::Reward, ""), (Objective::Loss, hidden)] {
         let text = "n_env = 24\nseed = 5\nstagger = true\ntask.horizon = 40\ntask.reset_distance = 0.15";
-        let config = EnvConfig::from_toml(text, "test").unwrap();
+        let config = EnvConfig::from_toml(&format!("{text}{hidden}"), "test").unwrap();
         let shard = shards(&|config| Env::make("Track", config), &config, 24).unwrap().remove(0);
         let spec = shard.env.spec().clone();
         let actor = Actor::new(&spec, &Layers { hidden: vec![16], ..Layers::default() }, true).unwrap();
@@ -48,18 +54,27 @@ fn the_gradient_of_a_window_with_ends_and_a_critic_is_that_of_differences() {
         p.resize(actor.n_parameter(), 0.0);
         // an even value would hide a wrong sign, a small one the whole critic
         let wide = Layers { hidden: vec![16], activation: Activation::Elu, ..Layers::default() };
-        let mut critic =
-            Critic::new(spec.n_observation, &wide, AdamConfig::default(), (24, 1 << 30), &mut stream).unwrap();
+        let n_known = spec.privileged.len();
+        assert_eq!(n_known > 0, !hidden.is_empty());
+        let n_in = spec.n_observation + n_known;
+        let mut critic = Critic::new(n_in, &wide, AdamConfig::default(), (24, 1 << 30), &mut stream).unwrap();
+        critic.inputs = (n_known > 0).then(|| InputScale::new(n_known));
         critic.scale_for_test(3.0);
-        let window = windows(vec![shard], &actor, 12, objective, SweepOptions::default()).unwrap().remove(0);
+        let mut window = windows(vec![shard], &actor, 12, objective, SweepOptions::default()).unwrap().remove(0);
+        if n_known > 0 {
+            window.see_privileged();
+        }
         let mut worker = Worker::new(window, &critic);
         let lasting = objective == Objective::Loss;
         let how = Weighing { loss_scale: 1.0 / 288.0, discount: 0.9, critic: 0.7, lasting };
-        let from = (worker.window.shard.env.save(), worker.window.shard.out.observation.clone());
+        let out = &worker.window.shard.out;
+        let from = (worker.window.shard.env.save(), out.observation.clone(), out.privileged.clone());
         let fly = |worker: &mut Worker, critic: &mut Critic, p: &[f32]| {
             worker.window.shard.env.load(&from.0).unwrap();
             worker.window.shard.out.observation.copy_from_slice(&from.1);
+            worker.window.shard.out.privileged.copy_from_slice(&from.2);
             worker.window.fly(&actor, Weights { parameters: p, transposed: &Transposed::default() }).unwrap();
+            worker.know(critic);
             cost(worker, critic, how)
         };
         fly(&mut worker, &mut critic, &p);
