@@ -22,6 +22,7 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("track_rand.apg"),
     file!("fly_through.ppo"),
     file!("fly_through.apg"),
+    file!("payload_hover.ppo"),
     file!("payload_hover.shac"),
     file!("payload_track.apg"),
     file!("payload_fly_through.ppo"),
@@ -39,6 +40,7 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("transport_hover.ppo"),
     file!("transport_track.shac"),
     file!("transport_fly_through.shac"),
+    file!("formation.apg"),
     file!("formation.shac"),
     file!("formation.ppo"),
 ];

@@ -109,6 +109,14 @@ impl TrackPath {
         goal.get(RESET).square().lt(safe::squared_norm(error))
     }
 
+    /// r⁴/(1 + r³) with r = ‖error‖ over the episode's reset distance: nearly nothing on the path, ½ where the episode ends.
+    #[inline(always)]
+    pub fn edge<S: Scalar>(&self, goal: &StridedView<'_, S>, error: Vec3<S>) -> S {
+        let square = safe::squared_norm(error) / goal.get(RESET).square();
+        let ratio = safe::sqrt(square, safe::SQUARED_NORM_FLOOR);
+        square.square() / (S::one() + square * ratio)
+    }
+
     /// Where the path of a goal whose numbers begin at `first` is ahead: gives the root of tree 0, placed with the attitude of a
     /// start, the velocity that leads a point on the path. Where `lever` is given the root leans as a body does that is held by
     /// its thrust along the path, the point `lever` below its origin along its axis (Peng et al. 2018: reference state
