@@ -40,6 +40,7 @@ settings! {
     pub struct Follow {
         reset_distance: f64 = 0.5 => ("m", "largest distance from the path", Positive);
         reset_ease: f64 = 1.0 => ("-", "factor of the reset distance at difficulty 0", Positive);
+        rate_ease: f64 = 1.0 => ("-", "factor of the path's rate at difficulty 0", Positive);
         start_along: f64 = 0.0
             => ("-", "share of episodes that begin along the path, with its velocity and, of one drone, its lean", Share);
         path: PathRange = PathRange::default() => group;
@@ -81,7 +82,7 @@ impl TrackPath {
         let vertical = r.uniform(-range.vertical, range.vertical);
         let scale = range.scale.map(|[low, high]| r.uniform(low, high));
         let sign = if r.unit() < 0.5 { -1.0 } else { 1.0 };
-        let rate = sign * r.uniform(range.rate[0], range.rate[1]);
+        let rate = sign * r.uniform(range.rate[0], range.rate[1]) * eased(self.own.rate_ease, start.difficulty);
         let rotation = r.uniform(0.0, TAU);
         let ahead = if self.own.start_along > 0.0 { self.draw_ahead(r, rate) } else { 0.0 };
         let reset = self.own.reset_distance * eased(self.own.reset_ease, start.difficulty);
@@ -107,14 +108,6 @@ impl TrackPath {
     #[inline(always)]
     pub fn far<S: Scalar>(&self, goal: &StridedView<'_, S>, error: Vec3<S>) -> S::Mask {
         goal.get(RESET).square().lt(safe::squared_norm(error))
-    }
-
-    /// r⁴/(1 + r³) with r = ‖error‖ over the episode's reset distance: nearly nothing on the path, ½ where the episode ends.
-    #[inline(always)]
-    pub fn edge<S: Scalar>(&self, goal: &StridedView<'_, S>, error: Vec3<S>) -> S {
-        let square = safe::squared_norm(error) / goal.get(RESET).square();
-        let ratio = safe::sqrt(square, safe::SQUARED_NORM_FLOOR);
-        square.square() / (S::one() + square * ratio)
     }
 
     /// Where the path of a goal whose numbers begin at `first` is ahead: gives the root of tree 0, placed with the attitude of a

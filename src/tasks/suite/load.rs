@@ -346,12 +346,6 @@ impl LoadTrack {
         self.path.far(&view.goal.from(LOAD), self.error(view))
     }
 
-    /// How near to the end by distance the ball is: [`TrackPath::edge`].
-    #[inline(always)]
-    pub(super) fn edge<S: Scalar>(&self, view: &View<'_, S>) -> S {
-        self.path.edge(&view.goal.from(LOAD), self.error(view))
-    }
-
     /// Distance, slip against the path and the drone's rate.
     #[inline(always)]
     pub(super) fn loss<S: Scalar>(&self, w: &MotionLoss, view: &View<'_, S>, loss: &mut impl Loss<S>) {

@@ -34,7 +34,6 @@ settings! {
         reward_pose: f64 = 1.0 => ("-", "weight of the term pose", NotNegative);
         reward_effort: f64 = 0.1 => ("-", "weight of the term effort", NotNegative);
         loss_balance: f64 = 1.0 => ("m", "weight of the lean in the loss", NotNegative);
-        loss_edge: f64 = 0.0 => ("m", "weight of the nearness of the end by distance in the loss", NotNegative);
     }
 }
 
@@ -109,8 +108,6 @@ impl Task for InvPendulumTrack {
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         self.track.loss(&self.settings.track.loss, view, loss);
         loss.add("{×loss_balance}(1 − b)", leaning(self.settings.loss_balance, &self.track.load.ball(view)));
-        let edge = "{×loss_edge}r⁴/(1 + r³), r = d/reset distance of the episode";
-        loss.add(edge, times(self.settings.loss_edge, self.track.edge(view)));
     }
 
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {

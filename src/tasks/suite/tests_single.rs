@@ -363,6 +363,10 @@ fn reset_distances_and_offsets_follow_the_difficulty() {
             env.step(&actions, &mut buffers.out()).unwrap();
             assert!(buffers.terminated.iter().all(|t| *t == ends), "{name} at {difficulty}: {:?}", buffers.terminated);
         }
+        let (env, _) = started("Track", &EnvConfig { difficulty, ..config(64, "rate_ease = 0.2") });
+        let most = (0..64).map(|i| env.goal(i).unwrap()[4].abs()).fold(0.0, f32::max);
+        let factor = (0.2 + 0.8 * difficulty) as f32;
+        assert!(most <= 1.1 * factor && most >= 1.0 * factor, "{most} at {difficulty}");
         let (env, _) = started("FlyThrough", &EnvConfig { difficulty, ..config(64, "gate_ease = 0.0") });
         let state = env.state(0).unwrap();
         let most = (0..64).map(|i| env.state(i).unwrap()[state.len() - 2].abs()).fold(0.0, f32::max);
