@@ -72,8 +72,10 @@ pub fn put_shards<'a>(to: &mut Tensors, shards: impl Iterator<Item = &'a Shard>)
         to.insert(format!("shard.{k}.observation"), &[seen.len()], seen)?;
         let central = shard.out.central.clone();
         to.insert(format!("shard.{k}.central"), &[central.len()], central)?;
-        let privileged = shard.out.privileged.clone();
-        to.insert(format!("shard.{k}.privileged"), &[privileged.len()], privileged)?;
+        if !shard.out.privileged.is_empty() {
+            let privileged = shard.out.privileged.clone();
+            to.insert(format!("shard.{k}.privileged"), &[privileged.len()], privileged)?;
+        }
     }
     Ok(())
 }
@@ -89,9 +91,12 @@ pub fn load_shards<'a>(from: &Tensors, shards: impl Iterator<Item = &'a mut Shar
         let n_seen = shard.out.observation.len();
         let seen = from.get::<f32>(&format!("shard.{k}.observation"), &[n_seen])?;
         let central = from.get::<f32>(&format!("shard.{k}.central"), &[shard.out.central.len()])?;
-        let privileged = from.get::<f32>(&format!("shard.{k}.privileged"), &[shard.out.privileged.len()])?;
+        let known = shard.out.privileged.len();
+        if known > 0 {
+            let privileged = from.get::<f32>(&format!("shard.{k}.privileged"), &[known])?;
+            shard.out.privileged.copy_from_slice(privileged);
+        }
         shard.env.load(from.get::<u8>(&name, &[n])?)?;
-        shard.out.privileged.copy_from_slice(privileged);
         shard.out.observation.copy_from_slice(seen);
         shard.out.central.copy_from_slice(central);
     }
