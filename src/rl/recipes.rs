@@ -27,6 +27,7 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("payload_track.apg"),
     file!("payload_fly_through.ppo"),
     file!("inv_pendulum_hover.apg"),
+    file!("inv_pendulum_track.ppo"),
     file!("inv_pendulum_track.apg"),
     file!("inv_pendulum_fly_through.apg"),
     file!("omav_hover.apg"),

@@ -93,6 +93,12 @@ fn columns(of: &Spec, spec: &Spec) -> Vec<Option<usize>> {
 
 /// The parameters of `to` with those of `from` behind the first layer, whose columns come from `columns`.
 fn network(from: &Mlp, parameters: &[f32], to: &Mlp, columns: &[Option<usize>]) -> Result<Vec<f32>> {
+    let (got, wanted) = (from.activation(), to.activation());
+    if got != wanted {
+        let remedy = "Give both policies the same network.activation.";
+        let what = "activation of the policy to begin from";
+        return Err(Error::value(what, format!("{got:?}"), format!("{wanted:?}, as the new one's"), remedy));
+    }
     let parts = from.parts(parameters);
     let n_old = from.n_input();
     to.from_parts(|name, shape| {
@@ -114,7 +120,7 @@ fn network(from: &Mlp, parameters: &[f32], to: &Mlp, columns: &[Option<usize>]) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rl::nn::Layers;
+    use crate::rl::nn::{Activation, Layers};
     use crate::rng::{Purpose, Stream};
     use crate::tasks::{Env, EnvConfig};
 
@@ -199,6 +205,10 @@ mod tests {
         let actor = Actor::new(&track, &Layers { hidden: vec![16, 9], ..Layers::default() }, true).unwrap();
         let error = WarmStart::new(&old, &hover, &actor, &track).unwrap_err().to_string();
         assert!(error.contains("the same hidden layers"), "{error}");
+        let elu = Layers { hidden: vec![16, 8], activation: Activation::Elu, ..Layers::default() };
+        let actor = Actor::new(&track, &elu, true).unwrap();
+        let error = WarmStart::new(&old, &hover, &actor, &track).unwrap_err().to_string();
+        assert!(error.contains("is Tanh, but it must be Elu"), "{error}");
         let omav = spec("OmavHover", &config);
         let actor = Actor::new(&omav, &Layers { hidden: vec![16, 8], ..Layers::default() }, true).unwrap();
         assert!(WarmStart::new(&old, &hover, &actor, &omav).is_err());

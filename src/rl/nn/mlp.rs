@@ -199,6 +199,11 @@ impl Mlp {
         &self.layers[self.layers.len() - 1]
     }
 
+    /// Of the hidden layers; of the output where there are none.
+    pub(crate) fn activation(&self) -> Activation {
+        self.layers[0].activation
+    }
+
     /// The last bias at which an output is `y` where all weights are zero; tanh at most at ±0.99.
     pub(crate) fn bias_for(&self, y: f64) -> f64 {
         if self.last().activation == Activation::Tanh { y.clamp(-0.99, 0.99).atanh() } else { y }
