@@ -96,7 +96,7 @@ pub struct TrainConfig {
     pub log_every: u64,
     /// The policy to begin from instead of random weights: the folder of a run, or `Task`, `Task/algorithm` or `/algorithm`,
     /// which is trained first by its recipe. Or `safe_command`: random weights that act about the command that carries the
-    /// weight.
+    /// weight, where actions are continuous.
     pub from: String,
     /// Whether an event file for TensorBoard stands beside the log: 1 or 2 kB per line.
     pub tensorboard: bool,

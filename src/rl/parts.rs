@@ -3,7 +3,7 @@
 //! | part | what |
 //! |---|---|
 //! | [`shards()`], [`Shard`] | a batch cut into parts that one thread steps |
-//! | [`Collector`], [`Rollout`], [`Shape`] | T steps of every environment under a stochastic policy, with their worth |
+//! | [`Collector`], [`Rollout`], [`Shape`], [`CriticSees`] | T steps of every environment under a stochastic policy, with their worth |
 //! | [`advantages`], [`ValueNorm`] | GAE and λ-targets; their scale |
 //! | [`Critic`], [`Fit`] | a value function and a step of it |
 //! | [`Minibatch`], [`minibatch`], [`shuffle`] | the gradient of a loss over some rows; which rows |

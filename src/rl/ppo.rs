@@ -207,7 +207,7 @@ impl Ppo {
         let part = |rows: usize| (config.n_env * config.steps * rows).div_ceil(config.minibatches);
         let judged = (part(shape.n_judged), env.memory_limit);
         let mut critic = Critic::new(shape.n_critic(), &config.critic, config.adam, judged, &mut stream(1))?;
-        let scales = config.normalise_observation && shape.n_central > 0 || shape.n_privileged > 0;
+        let scales = config.normalise_observation && shape.n_central > 0;
         critic.inputs = scales.then(|| InputScale::new(shape.n_critic()));
         let mut ppo = Self {
             adam: Adam::new(config.adam, parameters.len()),

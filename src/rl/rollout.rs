@@ -317,6 +317,8 @@ pub struct Collector {
     end_values: Vec<f32>,
     /// Of what the critic alone saw, where it scales that.
     pub(crate) apart: InputSums,
+    /// The numbers of the episodes that go on, as deviations from the nominal ones.
+    known: Vec<f32>,
 }
 
 /// Figures of one shard's rollout.
@@ -344,6 +346,7 @@ impl Collector {
             end_rows: Vec::new(),
             end_values: Vec::new(),
             apart: InputSums::default(),
+            known: Vec::new(),
             shard,
         }
     }
@@ -368,9 +371,10 @@ impl Collector {
             gaussians.set(&how.parameters[how.actor.mlp.n_parameter()..]);
         }
         part.observation[..n_seen].copy_from_slice(&self.shard.out.observation);
-        let out = &self.shard.out;
+        let Shard { env, out } = &self.shard;
+        env.spec().deviations(&out.privileged, &mut self.known);
         let base = if s.n_central > 0 { &out.central } else { &out.observation };
-        s.join(base, &out.privileged, &mut part.apart[..n_apart]);
+        s.join(base, &self.known, &mut part.apart[..n_apart]);
         for t in 0..s.steps {
             self.step(part, how, t)?;
         }
@@ -420,7 +424,8 @@ impl Collector {
         }
         env.step(actions, &mut to)?;
         if s.n_privileged > 0 {
-            s.join(if s.n_central > 0 { &out.central } else { next }, &out.privileged, apart);
+            env.spec().deviations(&out.privileged, &mut self.known);
+            s.join(if s.n_central > 0 { &out.central } else { next }, &self.known, apart);
         }
         part.terminated[t * n_env..][..n_env].copy_from_slice(&out.terminated);
         part.truncated[t * n_env..][..n_env].copy_from_slice(&out.truncated);

@@ -71,7 +71,8 @@ fn one(run: &Run, threads: Threads, watch: &mut dyn FnMut(&Progress<'_>)) -> Res
 pub fn fingerprint(config: &TrainConfig) -> Result<String> {
     let mut hash = Sha256::new();
     hash.update(TrainConfig { seed: 0, ..config.clone() }.to_toml()?);
-    if let Some((_, own)) = predecessor_config(config)? {
+    // a folder that is gone has taught what it could
+    if let Ok(Some((_, own))) = predecessor_config(config) {
         hash.update(fingerprint(&own)?);
     }
     let env = EnvConfig { n_env: 64, seed: 5, ..config.seen_env() };

@@ -21,7 +21,6 @@ use super::algorithm::built_in;
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
 use super::gae::{Steps, advantages};
-use super::input_scale::{InputScale, InputSums};
 use super::learner::{Learner, Progress, Update};
 use super::minibatch::part;
 use super::nn::{Activation, AdamConfig, Layers, Memory, Scratch};
@@ -201,9 +200,9 @@ struct Worker {
     judge: Judge,
     grad_output: Vec<f32>,
     d_last: Vec<f32>,
-    /// `[H + 1, E, known]`: the numbers that only the critic knows, scaled; the last of the state behind the window.
+    /// `[H + 1, E, known]`: the numbers that only the critic knows, about the nominal ones; the last of the state behind the
+    /// window.
     known: Vec<f32>,
-    sums: InputSums,
     failed: Option<Error>,
 }
 
@@ -259,8 +258,7 @@ impl Shac {
         let rows = (n_row.div_ceil(config.minibatches), env.memory_limit);
         let n_known = if config.privileged_critic { spec.privileged.len() } else { 0 };
         let n_in = spec.n_observation + n_known;
-        let mut critic = Critic::new(n_in, &config.critic, config.adam, rows, &mut optimiser.stream(1))?;
-        critic.inputs = (n_known > 0).then(|| InputScale::new(n_known));
+        let critic = Critic::new(n_in, &config.critic, config.adam, rows, &mut optimiser.stream(1))?;
         let action_clip = config.action_clip * loss_scale;
         let own = |mut window: Window| {
             window.action_clip = action_clip;
@@ -322,9 +320,6 @@ impl Shac {
             // lengths agree by construction
             let _ = advantages(&steps, config.discount, config.lambda, advantage, target);
             from = rows;
-        }
-        if let Some(inputs) = &mut self.critic.inputs {
-            inputs.take(self.workers.iter().map(|worker| &worker.sums));
         }
         let fit = Fit {
             rate: config.critic_learning_rate.at(progress),
@@ -397,7 +392,6 @@ impl Worker {
             grad_output: vec![0.0; window.rows()],
             d_last: vec![0.0; n_seen],
             known: Vec::new(),
-            sums: InputSums::default(),
             failed: None,
             window,
         }
@@ -407,19 +401,19 @@ impl Worker {
     fn learn(&mut self, optimiser: &PolicyOptimiser, critic: &Critic, how: Weighing) -> Result<()> {
         let (actor, net) = (&optimiser.actor, optimiser.net());
         self.window.fly(actor, net)?;
-        self.know(critic);
+        self.know();
         self.weigh(critic, how);
         self.window.sweep(actor, net, &self.d_last).map(|_| ())
     }
 
-    /// The numbers that only the critic knows, on its scale.
-    fn know(&mut self, critic: &Critic) {
-        let Some(inputs) = &critic.inputs else { return };
-        self.known.clear();
-        self.window.steps.iter().for_each(|step| self.known.extend(&step.privileged));
-        self.sums = inputs.sums(&self.known);
-        self.known.extend(&self.window.shard.out.privileged);
-        inputs.scale(&mut self.known);
+    /// What only the critic knows, step by step; nothing where windows do not keep it.
+    fn know(&mut self) {
+        let Window { steps, shard, .. } = &self.window;
+        let mut rows: Vec<f32> = steps.iter().flat_map(|step| step.privileged.iter().copied()).collect();
+        if !rows.is_empty() {
+            rows.extend(&shard.out.privileged);
+        }
+        shard.env.spec().deviations(&rows, &mut self.known);
     }
 
     fn weigh(&mut self, critic: &Critic, how: Weighing) {

@@ -92,11 +92,12 @@ pub fn load_shards<'a>(from: &Tensors, shards: impl Iterator<Item = &'a mut Shar
         let seen = from.get::<f32>(&format!("shard.{k}.observation"), &[n_seen])?;
         let central = from.get::<f32>(&format!("shard.{k}.central"), &[shard.out.central.len()])?;
         let known = shard.out.privileged.len();
-        if known > 0 {
-            let privileged = from.get::<f32>(&format!("shard.{k}.privileged"), &[known])?;
+        // learners whose critics see none may go on without
+        let privileged = from.get::<f32>(&format!("shard.{k}.privileged"), &[known]);
+        shard.env.load(from.get::<u8>(&name, &[n])?)?;
+        if let Ok(privileged) = privileged {
             shard.out.privileged.copy_from_slice(privileged);
         }
-        shard.env.load(from.get::<u8>(&name, &[n])?)?;
         shard.out.observation.copy_from_slice(seen);
         shard.out.central.copy_from_slice(central);
     }

@@ -153,7 +153,6 @@ impl Trainer {
             return Err(Error::value("task of the settings", config.task, format!("{task}, which is trained"), remedy));
         }
         let config = TrainConfig { task: task.into(), ..config };
-        predecessor_config(&config)?;
         let learner = config.learner(task, &threads)?;
         let since = Since::new(0, 0.0);
         let difficulty = config.curriculum.is_on().then(|| Difficulty::new(&config.curriculum));
@@ -191,6 +190,10 @@ impl Trainer {
             return Err(Error::value("folder of the run", format!("'{}', in use", folder.display()), "new", remedy));
         }
         check_own(folder)?;
+        if !is_run(folder) {
+            // before a folder is made; a run that is there may outlive what it began from
+            predecessor_config(&self.config)?;
+        }
         let mut writer = Store::open_to_write(folder, self.config.checkpoint.keep)?;
         let found = writer.latest()?;
         let skipped = match found {

@@ -49,7 +49,8 @@ impl WarmStart {
     }
 
     /// Random weights `parameters` with such last biases that an actor of continuous actions begins about one command, which
-    /// carries the weight for example: episodes last longer from the first update on. Other actors begin as they are.
+    /// carries the weight for example: episodes last longer from the first update on. Other actors begin as they are. A run that
+    /// begins again takes the same weights.
     ///
     /// # Errors
     /// As [`Mlp::from_parts`].

@@ -50,7 +50,7 @@ pub(crate) const MAX_STAGES: usize = 16;
 /// Most numbers that all stages make, remember and draw for one agent.
 pub(crate) const MAX_NUMBERS: usize = 1 << 18;
 /// Nominal values below this are no unit to measure in.
-const LEAST_NOMINAL: f64 = 1e-12;
+pub(crate) const LEAST_NOMINAL: f64 = 1e-12;
 
 impl Stage {
     /// Checks the numbers of a stage.

@@ -20,7 +20,9 @@ fn threads(n: usize) -> Threads {
 
 /// Every algorithm with a budget of a blink.
 fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
-    let (env, threads) = (EnvConfig { stagger: true, ..EnvConfig::default() }, threads(n_thread));
+    // critics see the masses
+    let text = "stagger = true\nrandomise = [{ what = 'mass', range = [0.9, 1.1] }]";
+    let (env, threads) = (EnvConfig::from_toml(text, "small").unwrap(), threads(n_thread));
     match algorithm {
         "apg" => {
             let config = ApgConfig { n_env: 40, shard: 16, horizon: 8, updates: 20, ..ApgConfig::default() };

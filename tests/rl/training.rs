@@ -106,6 +106,13 @@ fn a_run_begins_from_another_ones_policy_and_goes_on_with_the_same_bits() {
     assert!(off(2) < 0.05, "{}", off(2)); // measured below
     let random = train(trainer_of_track(), u64::MAX).unwrap();
     assert_ne!(random.policy.parameters(), told.policy.parameters());
+    let safe = |name: &str, stop| {
+        let run = Trainer::new("Track", onwards("safe_command"), Threads::new(1).unwrap()).unwrap();
+        train(run.in_folder(folder.path().join(name), true).unwrap(), stop).unwrap()
+    };
+    let (at_once, _) = (safe("safe", u64::MAX), safe("safe-parts", 3));
+    assert_eq!(at_once.policy.parameters(), safe("safe-parts", u64::MAX).policy.parameters());
+    assert_ne!(random.policy.parameters(), at_once.policy.parameters());
     let difficulty: Vec<f64> = log::read(&whole).unwrap().iter().filter_map(|line| line.get("difficulty")).collect();
     assert!(difficulty.len() == 9 && difficulty.is_sorted() && difficulty[8] == 1.0, "{difficulty:?}");
 }
@@ -135,8 +142,10 @@ fn a_policy_to_begin_from_is_trained_first_where_no_run_is_named() {
     for (from, told) in
         [("Hovr", "did you mean 'Hover'?"), ("runs/nowhere/at-all", "the folder of a run, or Task/algorithm")]
     {
-        let error = Trainer::new("Track", onwards(from), Threads::default()).err().expect("a refusal").to_string();
-        assert!(error.contains(told), "{error}");
+        let track = Trainer::new("Track", onwards(from), Threads::default()).unwrap();
+        let other = folder.path().join("other");
+        let error = track.in_folder(&other, false).err().expect("a refusal").to_string();
+        assert!(error.contains(told) && !other.exists(), "{error}");
     }
 }
 

@@ -22,7 +22,7 @@ use std::time::Instant;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
-Fly one episode of every environment of a task, from fixed starts, with one of our controllers or with random actions: \
+Fly one episode of every environment of a task, from fixed starts, with one of our controllers, with random actions or by plans: \
 what a learner has to beat. Prints return, errors, success, crashes by reason, and the reward by its terms; draws the \
 error of all episodes over time.";
 
@@ -40,7 +40,8 @@ Examples:
 Controllers: default is the cascade (position, velocity, attitude, rate) for a drone alone, and for systems of bodies the \
 controller that 'omnidrones fly' takes; it sees the true state and acts on the rotors. random draws every command \
 uniformly in every step. planner plans the next two seconds through the simulator itself, by exact gradients, with every \
-hidden number of the episode: what it loses may be beyond any policy; it takes seconds to minutes. \
+hidden number of the episode: what it loses may be beyond any policy. It takes seconds for a few episodes of one drone, and \
+minutes to hours for many or for teams (--envs). \
 What falls over by itself wants shorter plans and larger steps: --plan-steps 64 --plan-rate 0.02.
 
 The bound is the best reward of a step times the steps of an episode: nothing reaches it, for the start counts too.
@@ -128,10 +129,10 @@ pub struct PlanArguments {
     #[arg(long, value_name = "N", help_heading = "Planner")]
     plan_iterations: Option<usize>,
     /// Size of such a step, of actions between -1 and 1 [default: 0.005]
-    #[arg(long, value_name = "X", help_heading = "Planner")]
+    #[arg(long, value_name = "X", help_heading = "Planner", allow_negative_numbers = true)]
     plan_rate: Option<f64>,
     /// Steps that the last one of a plan stands for [default: 20]
-    #[arg(long, value_name = "N", help_heading = "Planner")]
+    #[arg(long, value_name = "N", help_heading = "Planner", allow_negative_numbers = true)]
     plan_beyond: Option<f32>,
     /// Plan for the reward, not for the training loss
     #[arg(long, help_heading = "Planner")]
@@ -139,10 +140,22 @@ pub struct PlanArguments {
 }
 
 impl PlanArguments {
-    fn config(&self) -> PlannerConfig {
+    /// What they come to, by their own names.
+    fn config(&self) -> Result<PlannerConfig> {
         let usual = PlannerConfig::default();
         let iterations = self.plan_iterations.unwrap_or(usual.iterations);
-        PlannerConfig {
+        for (name, n, most) in [("--plan-steps", self.plan_steps, 65536), ("--plan-iterations", Some(iterations), 6553)]
+        {
+            if let Some(n) = n.filter(|n| !(1..=most).contains(n)) {
+                return Err(Error::limit(name, n, format!("1 to {most}"), "128 and 8 are usual."));
+            }
+        }
+        for (name, x) in [("--plan-rate", self.plan_rate), ("--plan-beyond", self.plan_beyond.map(f64::from))] {
+            if let Some(x) = x.filter(|x| !(x.is_finite() && *x > 0.0)) {
+                return Err(Error::value(name, x, "finite and > 0", "0.005 and 20 are usual."));
+            }
+        }
+        Ok(PlannerConfig {
             horizon: self.plan_steps.unwrap_or(usual.horizon),
             iterations,
             first_iterations: iterations.saturating_mul(10),
@@ -150,6 +163,26 @@ impl PlanArguments {
             beyond: self.plan_beyond.unwrap_or(usual.beyond),
             objective: if self.plan_reward { Objective::Reward } else { Objective::Loss },
             ..usual
+        })
+    }
+
+    /// The first that was given.
+    fn given(&self) -> Option<&'static str> {
+        let all = [
+            (self.plan_steps.is_some(), "--plan-steps"),
+            (self.plan_iterations.is_some(), "--plan-iterations"),
+            (self.plan_rate.is_some(), "--plan-rate"),
+            (self.plan_beyond.is_some(), "--plan-beyond"),
+            (self.plan_reward, "--plan-reward"),
+        ];
+        all.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
+    }
+
+    /// For JSON.
+    pub(super) fn told(&self, controller: ControllerName) -> Value {
+        match self.config() {
+            Ok(plan) if controller == ControllerName::Planner => json!(plan),
+            _ => Value::Null,
         }
     }
 }
@@ -170,13 +203,15 @@ pub fn success(spec: &Spec) -> String {
 /// What flew, and how well.
 pub struct Flown {
     pub record: Record,
-    /// `cascade`, `random`.
+    /// `cascade`, `random`, `planner`.
     pub controller: String,
     pub evaluation: Evaluation,
     /// Step by step, of every command of one agent.
     pub commands: Vec<Vec<Spread>>,
     /// How many episodes no controller could be made for, and why.
     pub(super) unflown: Option<String>,
+    /// How the planner planned; null for others.
+    pub(super) plan: Value,
     pub(super) wall_time: f64,
 }
 
@@ -262,7 +297,7 @@ pub(super) struct Ready {
 enum Pilot {
     Baseline(Baseline),
     Random,
-    Planner(Box<Planner>),
+    Planner(Box<Planner>, Value),
 }
 
 impl Ready {
@@ -272,6 +307,10 @@ impl Ready {
         threads: &Threads,
         (controller, plan): (ControllerName, &PlanArguments),
     ) -> Result<Self> {
+        if let Some(name) = plan.given().filter(|_| controller != ControllerName::Planner) {
+            let remedy = "Leave it out, or add --controller planner.";
+            return Err(Error::value(name, "given", "of --controller planner alone", remedy));
+        }
         let mut env = entry.env(config)?;
         check_horizon(&env)?;
         env.set_threads(threads.clone());
@@ -281,7 +320,7 @@ impl Ready {
             ControllerName::Planner => {
                 let mut twin = entry.env(config)?;
                 twin.set_threads(threads.clone());
-                Pilot::Planner(Box::new(Planner::new(twin, plan.config())?))
+                Pilot::Planner(Box::new(Planner::new(twin, plan.config()?)?), plan.told(controller))
             }
         };
         Ok(Self { env, pilot })
@@ -309,7 +348,7 @@ impl Ready {
                 (name, evaluate(&mut self.env, &mut commands.of(&mut own.policy()), &mut watch)?)
             }
             Pilot::Random => ("random".into(), evaluate(&mut self.env, &mut commands.of(&mut random), &mut watch)?),
-            Pilot::Planner(own) => {
+            Pilot::Planner(own, _) => {
                 let mut plan = |env: &Env, _: &Buffers, actions: &mut [f32]| own.act(env, actions);
                 ("planner".into(), evaluate(&mut self.env, &mut commands.of(&mut plan), &mut watch)?)
             }
@@ -320,7 +359,9 @@ impl Ready {
             let (_, first) = own.failures().first()?;
             Some(format!("{} of the episodes could not be flown, the first because: {first}", own.failures().len()))
         })();
-        Ok(Flown { record, controller, evaluation, commands, unflown, wall_time: start.elapsed().as_secs_f64() })
+        let plan = if let Pilot::Planner(_, plan) = self.pilot { plan } else { Value::Null };
+        let wall_time = start.elapsed().as_secs_f64();
+        Ok(Flown { record, controller, evaluation, commands, unflown, plan, wall_time })
     }
 }
 
@@ -522,6 +563,7 @@ impl Flown {
             "task": spec.task,
             "controller": controller,
             "flown_by": self.controller,
+            "plan": self.plan,
             "evaluation": e,
             "ends": ends,
             "terms": terms,

@@ -53,6 +53,7 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
             "command": "rollout",
             "version": env!("CARGO_PKG_VERSION"),
             "controller": a.controller.name(),
+            "plan": a.plan.told(a.controller),
             "config": config,
             "tasks": tasks,
             "files": files::names(&written),

@@ -58,7 +58,6 @@ fn the_gradient_of_a_window_with_ends_and_a_critic_is_that_of_differences() {
         assert_eq!(n_known > 0, !hidden.is_empty());
         let n_in = spec.n_observation + n_known;
         let mut critic = Critic::new(n_in, &wide, AdamConfig::default(), (24, 1 << 30), &mut stream).unwrap();
-        critic.inputs = (n_known > 0).then(|| InputScale::new(n_known));
         critic.scale_for_test(3.0);
         let mut window = windows(vec![shard], &actor, 12, objective, SweepOptions::default()).unwrap().remove(0);
         if n_known > 0 {
@@ -74,7 +73,7 @@ fn the_gradient_of_a_window_with_ends_and_a_critic_is_that_of_differences() {
             worker.window.shard.out.observation.copy_from_slice(&from.1);
             worker.window.shard.out.privileged.copy_from_slice(&from.2);
             worker.window.fly(&actor, Weights { parameters: p, transposed: &Transposed::default() }).unwrap();
-            worker.know(critic);
+            worker.know();
             cost(worker, critic, how)
         };
         fly(&mut worker, &mut critic, &p);

@@ -5,7 +5,7 @@ use super::control::Control;
 use super::engine::Engine;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
-use crate::tasks::observation::Pipeline;
+use crate::tasks::observation::{LEAST_NOMINAL, Pipeline};
 use crate::tasks::task_spec::{DIVERGED, End, Field, Success, Term, below, total};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -168,6 +168,16 @@ pub struct Spec {
 }
 
 impl Spec {
+    /// Rows of the numbers of [`Spec::privileged`] as learners see them best: (x − x₀)/x₀ about the nominal value, or x where
+    /// that is nought.
+    pub fn deviations(&self, rows: &[f32], to: &mut Vec<f32>) {
+        to.clear();
+        to.extend(rows.iter().zip(self.privileged.iter().cycle()).map(|(x, (_, nominal))| {
+            let x = f64::from(*x);
+            (if nominal.abs() > LEAST_NOMINAL { x / nominal - 1.0 } else { x }) as f32
+        }));
+    }
+
     /// The end that follows [`Spec::ends`]: a number of the state left the [`Bounds`](crate::tasks::Bounds) of the
     /// configuration. Reward and loss of that step are 0.
     pub fn diverged(&self) -> End {

@@ -77,6 +77,10 @@ fn both_controllers_fly_hover_and_ours_is_better() {
     assert!((terms - mine).abs() < 1e-3 * mine, "the terms make the return: {terms} {mine}");
     assert_eq!(fly("random", &["--no-plots", "--threads", "1"])["evaluation"], random["evaluation"]);
     assert_ne!(fly("random", &["--no-plots", "--seed", "1"])["evaluation"], random["evaluation"]);
+    let short = ["--no-plots", "--plan-steps", "8", "--plan-iterations", "1"];
+    let planned = fly("planner", &short);
+    assert_eq!((&planned["flown_by"], &planned["plan"]["horizon"]), (&"planner".into(), &8.into()));
+    assert!(ours["plan"].is_null() && planned["evaluation"]["n_episode"] == 6);
 }
 
 #[test]
@@ -159,7 +163,11 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("bench Hover --quick --environments 1000000000000", "Step fewer environments at once"),
         ("rollout Hover --threads 0", "number of threads is 0"),
         ("rollout Hover --control rate", "'rotor' for a controller"),
-        ("rollout Hover --controller lqr", "[possible values: default, random]"),
+        ("rollout Hover --controller lqr", "[possible values: default, random, planner]"),
+        ("rollout Hover --plan-steps 64", "--controller planner"),
+        ("rollout Hover --controller planner --plan-steps 0", "--plan-steps is 0"),
+        ("rollout Hover --controller planner --plan-iterations 70000", "--plan-iterations is 70000"),
+        ("rollout Hover --controller planner --plan-rate -1", "--plan-rate is -1"),
         ("rollout --all --dt 0", "dt is 0"),
         ("bench --vehicle iris", "Name a task"),
         ("bench OmavHover --quick --control rate", "'rotor' for drones with tilting rotors"),
@@ -177,8 +185,8 @@ fn help_names_every_option_with_examples_that_are_real() {
     let folder = temporary();
     let shared =
         ["--config", "--vehicle", "--control", "--integrator", "--dt", "--horizon", "--set", "--randomise", "--seed"];
-    let rollout =
-        ["--all", "--controller", "--envs", "--threads", "--out", "--format", "--no-plots", "--csv", "--json"];
+    let rollout = "--all --controller --envs --threads --out --format --no-plots --csv --json --plan-steps --plan-iterations --plan-rate --plan-beyond --plan-reward";
+    let rollout: Vec<&str> = rollout.split(' ').collect();
     for (command, options) in [("tasks", &["--toml", "--json"][..]), ("rollout", &rollout), ("bench", &["--quick"])] {
         let (help, _) = exits(0, folder.path(), &[command, "--help"]);
         for words in shared.iter().chain(options).chain(&["Examples:", "Exit codes:", "[TASK]"]) {
