@@ -413,7 +413,7 @@ fn tasks_are_trained_together_and_a_table_that_was_stopped_goes_on() {
     let result = |told: &Value| told["tasks"][0]["runs"][1]["evaluation"].clone();
     assert_eq!(result(&told), result(&again), "runs that are over are not trained again");
     // a row alone is enough, and one of other physics is not
-    let row = folder.path().join("runs/all/Hover-apg-u2.json");
+    let row = folder.path().join("runs/all/Hover-apg-u3.json");
     let text = std::fs::read_to_string(&row).expect("the row");
     let hash = told["tasks"][0]["hash"].as_str().expect("a hash").to_string();
     assert!(text.contains(&hash));
