@@ -111,7 +111,7 @@ impl Planner {
             let remedy = "Build it with autoreset = 'disabled'.";
             return Err(Error::value("autoreset", "on", "'disabled' to plan", remedy));
         }
-        let (n_env, n_step) = (spec.n_env, n_number(&twin) * config.horizon);
+        let (n_env, n_step) = (spec.n_env, numbers_of_a_step(&twin) * config.horizon);
         let own = 4 * (6 * n_step + n_env * config.horizon) as u128;
         let tape = (4 * twin.layout().n_kept() * n_env) as u128 * config.horizon as u128;
         within_memory("steps of a plan", config.horizon, own + tape, spec.config.memory_limit)?;
@@ -135,13 +135,18 @@ impl Planner {
         })
     }
 
+    /// Its settings.
+    pub fn config(&self) -> &PlannerConfig {
+        &self.config
+    }
+
     /// Actions of all environments for the state as it is.
     ///
     /// # Errors
     /// [`Error::Format`] for an environment of another configuration; [`Error::Value`] for actions of the wrong length;
     /// otherwise as [`Env::step`].
     pub fn act(&mut self, env: &Env, actions: &mut [f32]) -> Result<()> {
-        let n = n_number(&self.twin);
+        let n = numbers_of_a_step(&self.twin);
         if actions.len() != n {
             let remedy = "Rows are [environment, agent, action], row-major.";
             return Err(Error::value("length of actions", actions.len(), n.to_string(), remedy));
@@ -169,7 +174,7 @@ impl Planner {
     fn begin(&mut self, from: &[u8]) -> Result<()> {
         self.twin.load(from)?;
         self.begun = true;
-        let n = n_number(&self.twin);
+        let n = numbers_of_a_step(&self.twin);
         let Ok(mut controller) = Baseline::new(&self.twin) else {
             let safe = self.twin.safe_command().iter().cycle();
             self.plan.iter_mut().zip(safe).for_each(|(a, safe)| *a = *safe as f32);
@@ -265,8 +270,8 @@ impl Planner {
     }
 }
 
-/// Numbers of the actions of a step.
-fn n_number(env: &Env) -> usize {
+/// Of all actions together.
+fn numbers_of_a_step(env: &Env) -> usize {
     let spec = env.spec();
     spec.n_env * spec.n_agent * spec.action.len()
 }

@@ -127,7 +127,7 @@ impl Ready {
                 format!("an older checkpoint flew: {} is damaged ({})", first.folder.display(), first.why)
             });
         let commands = commands.told();
-        let (plan, wall_time) = (serde_json::Value::Null, begun.elapsed().as_secs_f64());
-        Ok(Flown { record, controller, evaluation, commands, unflown, plan, wall_time })
+        let wall_time = begun.elapsed().as_secs_f64();
+        Ok(Flown { record, controller, evaluation, commands, unflown, plan: None, wall_time })
     }
 }

@@ -141,7 +141,7 @@ pub struct PlanArguments {
 
 impl PlanArguments {
     /// What they come to, by their own names.
-    fn config(&self) -> Result<PlannerConfig> {
+    pub(super) fn config(&self) -> Result<PlannerConfig> {
         let usual = PlannerConfig::default();
         let iterations = self.plan_iterations.unwrap_or(usual.iterations);
         for (name, n, most) in [("--plan-steps", self.plan_steps, 65536), ("--plan-iterations", Some(iterations), 6553)]
@@ -177,14 +177,6 @@ impl PlanArguments {
         ];
         all.into_iter().find(|(given, _)| *given).map(|(_, name)| name)
     }
-
-    /// For JSON.
-    pub(super) fn told(&self, controller: ControllerName) -> Value {
-        match self.config() {
-            Ok(plan) if controller == ControllerName::Planner => json!(plan),
-            _ => Value::Null,
-        }
-    }
 }
 
 /// What a success is, for the help of commands that tell its share.
@@ -210,8 +202,8 @@ pub struct Flown {
     pub commands: Vec<Vec<Spread>>,
     /// How many episodes no controller could be made for, and why.
     pub(super) unflown: Option<String>,
-    /// How the planner planned; null for others.
-    pub(super) plan: Value,
+    /// How the planner planned, where it did.
+    pub(super) plan: Option<PlannerConfig>,
     pub(super) wall_time: f64,
 }
 
@@ -297,7 +289,7 @@ pub(super) struct Ready {
 enum Pilot {
     Baseline(Baseline),
     Random,
-    Planner(Box<Planner>, Value),
+    Planner(Box<Planner>),
 }
 
 impl Ready {
@@ -320,7 +312,7 @@ impl Ready {
             ControllerName::Planner => {
                 let mut twin = entry.env(config)?;
                 twin.set_threads(threads.clone());
-                Pilot::Planner(Box::new(Planner::new(twin, plan.config()?)?), plan.told(controller))
+                Pilot::Planner(Box::new(Planner::new(twin, plan.config()?)?))
             }
         };
         Ok(Self { env, pilot })
@@ -348,18 +340,20 @@ impl Ready {
                 (name, evaluate(&mut self.env, &mut commands.of(&mut own.policy()), &mut watch)?)
             }
             Pilot::Random => ("random".into(), evaluate(&mut self.env, &mut commands.of(&mut random), &mut watch)?),
-            Pilot::Planner(own, _) => {
+            Pilot::Planner(own) => {
                 let mut plan = |env: &Env, _: &Buffers, actions: &mut [f32]| own.act(env, actions);
                 ("planner".into(), evaluate(&mut self.env, &mut commands.of(&mut plan), &mut watch)?)
             }
         };
         let commands = commands.told();
-        let unflown = (|| {
-            let Pilot::Baseline(own) = &self.pilot else { return None };
-            let (_, first) = own.failures().first()?;
-            Some(format!("{} of the episodes could not be flown, the first because: {first}", own.failures().len()))
-        })();
-        let plan = if let Pilot::Planner(_, plan) = self.pilot { plan } else { Value::Null };
+        let (failures, plan) = match &self.pilot {
+            Pilot::Baseline(own) => (own.failures(), None),
+            Pilot::Random => (&[][..], None),
+            Pilot::Planner(own) => (&[][..], Some(own.config().clone())),
+        };
+        let unflown = failures.first().map(|(_, first)| {
+            format!("{} of the episodes could not be flown, the first because: {first}", failures.len())
+        });
         let wall_time = start.elapsed().as_secs_f64();
         Ok(Flown { record, controller, evaluation, commands, unflown, plan, wall_time })
     }

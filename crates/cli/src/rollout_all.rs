@@ -22,6 +22,8 @@ pub struct Line {
 
 /// Flies every task.
 pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Report> {
+    // refused once, not by every task
+    let plan = if a.controller == ControllerName::Planner { Some(a.plan.config()?) } else { None };
     let writes = !a.episodes.output.no_plots;
     let folder = if writes { a.episodes.output.folder(Path::new("out").join("tasks"))? } else { PathBuf::new() };
     let bar = progress::bar(REGISTRY.len() as u64, "", a.episodes.output.json);
@@ -53,7 +55,7 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
             "command": "rollout",
             "version": env!("CARGO_PKG_VERSION"),
             "controller": a.controller.name(),
-            "plan": a.plan.told(a.controller),
+            "plan": plan,
             "config": config,
             "tasks": tasks,
             "files": files::names(&written),
