@@ -1,5 +1,7 @@
 //! The record of one flight: what was, what should have been, what the rotors did; its key figures; its CSV file.
 
+use crate::autodiff::System;
+use crate::dynamics::Plant;
 use crate::dynamics::rotor::LEAST_THRUST;
 use crate::dynamics::spatial::{Quat, Vec3, to_euler, up_axis};
 use crate::dynamics::vehicle::GRAVITY;
@@ -110,6 +112,12 @@ pub struct FlightSummary {
 }
 
 impl FlightLog {
+    /// Memory of one sample of a flight of this plant, with its state, bytes.
+    pub(crate) fn bytes_of_sample(plant: &Plant) -> usize {
+        let fixed = size_of::<FlightSample<'_>>();
+        fixed + (3 * plant.rotors().len() + plant.n_state()) * size_of::<f64>()
+    }
+
     /// An empty log of a vehicle whose rotors reach `max_rotor_speed` (rad/s, one per rotor).
     pub fn new(vehicle: impl Into<String>, max_rotor_speed: &[f64]) -> Self {
         Self { vehicle: vehicle.into(), max_rotor_speed: max_rotor_speed.to_vec(), ..Self::default() }
@@ -341,8 +349,7 @@ impl FlightLog {
     pub fn write_csv(&self, path: impl AsRef<std::path::Path>) -> Result<()> {
         let path = path.as_ref();
         let failed = |e: csv::Error| Error::file(path, e.into());
-        crate::atomic_file::replace_with(path, |temporary| {
-            let file = std::fs::File::create(temporary).map_err(|e| Error::file(path, e))?;
+        crate::file_gate::replace_with(path, |file| {
             let mut writer = csv::Writer::from_writer(std::io::BufWriter::new(file));
             writer.write_record(self.csv_header()).map_err(failed)?;
             let mut row = Vec::new();

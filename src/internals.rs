@@ -1,8 +1,8 @@
 //! What the other crates of this workspace use beside the public interface. No promises: it changes without notice.
 
-pub use crate::atomic_file::replace_with;
 pub use crate::dynamics::contact::force::force as contact_force;
 pub use crate::dynamics::integrate::{Grid, step};
+pub use crate::file_gate::{UNFINISHED_NAME, read_text, remove_unfinished, replace, replace_with};
 pub use crate::rl::policy::ROWS;
 pub use crate::rl::shards::{Shard, shards};
 

@@ -83,16 +83,19 @@
 
 #![warn(missing_docs)]
 
-pub(crate) mod atomic_file;
 pub mod autodiff;
 pub mod controllers;
 pub(crate) mod documented;
 pub mod dynamics;
 pub mod error;
+pub(crate) mod file_gate;
 pub mod flight;
+#[cfg(all(test, target_arch = "x86_64", target_os = "linux", target_env = "gnu"))]
+mod golden;
 #[doc(hidden)]
 pub mod internals;
 pub mod layers;
+mod memory;
 pub mod parallel;
 pub mod prelude;
 pub mod rl;

@@ -2,6 +2,8 @@
 //!
 //! One test function, because the counters are the process's.
 
+#![allow(unsafe_code)]
+
 mod common;
 
 use num_dual::Dual64;

@@ -13,6 +13,8 @@
 //! Elementary functions are polynomials after Cephes (Moshier 1989) in lane operations; errors are measured in the
 //! tests of this file. The fallback calls the standard library instead.
 
+#![allow(unsafe_code)]
+
 mod tiles;
 
 pub(crate) use tiles::{ones, to_columns, to_rows};
@@ -138,6 +140,20 @@ impl<K: RegisterKernel> Kernel for OneRegister<'_, K> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         self.kernel.run::<L>(self.at);
+    }
+}
+
+/// The instructions that batches use on this processor, in one word. All but `scalar` fuse multiplication and addition, and give the
+/// same bits.
+pub fn instruction_set() -> &'static str {
+    match arch() {
+        #[cfg(target_arch = "x86_64")]
+        pulp::Arch::V4(_) => "avx512",
+        #[cfg(target_arch = "x86_64")]
+        pulp::Arch::V3(_) => "avx2",
+        pulp::Arch::Scalar => "scalar",
+        #[allow(unreachable_patterns, reason = "of other processors")]
+        _ => "neon",
     }
 }
 

@@ -39,7 +39,7 @@ pub use certificate::{Bounds, Certificate, certify};
 pub use custom::{CustomFunction, Operation};
 pub use derivative::{CompiledJacobian, JacobianScratch, Linearisation, jacobian, linearise};
 pub use jet::Jet;
-pub use lanes::lane_width;
+pub use lanes::{instruction_set, lane_width};
 pub use program::Program;
 pub use rollout::{Gradient, Rollout};
 pub use scalar::{Mask, Scalar};

@@ -101,6 +101,10 @@ pub trait Controller: Send {
     fn tell(&mut self, _effectiveness: &[f64]) -> Result<()> {
         Ok(())
     }
+    /// Whether its commands depend on earlier ticks, and not on time, state and target alone.
+    fn remembers(&self) -> bool {
+        true
+    }
     /// Its memory as a flat vector, where it has such a form.
     fn memory(&self) -> &[f64] {
         &[]
@@ -152,6 +156,9 @@ macro_rules! delegate {
             }
             fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {
                 (**self).tell(effectiveness)
+            }
+            fn remembers(&self) -> bool {
+                (**self).remembers()
             }
             fn memory(&self) -> &[f64] {
                 (**self).memory()

@@ -15,6 +15,7 @@ use crate::dynamics::spatial::{from_matrix, to_euler};
 use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
 use crate::flight::{self, FlightLog};
+use crate::memory::Request;
 use crate::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 
@@ -169,6 +170,15 @@ impl FlightPlan {
     }
 }
 
+/// The log and the states of a flight fit.
+fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
+    // columns double where they are full
+    let bytes = 2 * u128::from(n_step) * FlightLog::bytes_of_sample(plant) as u128;
+    let (value, less) = (format!("{} s", plan.duration), "Fly shorter, or with a larger dt");
+    let request = Request { what: "duration", value, bytes, limit: u64::MAX, setting: "it", less };
+    request.check(|limit| format!("{:.0} s", plan.duration * limit as f64 / bytes as f64))
+}
+
 /// Flies a plant under a controller along the plan, from rest on its reference. `progress` is told the number of each
 /// finished step.
 ///
@@ -201,6 +211,7 @@ pub fn fly_from(
 ) -> Result<Flight> {
     let n_step = plan.n_step()?;
     plant.check_state(state)?;
+    check_memory(plan, n_step, plant)?;
     fits(plant, controller, plan)?;
     let (dt, windy) = (plan.physics.dt, plan.wind != Wind::Calm);
     let whole = plan.failures.is_empty() && plan.latency == 0;

@@ -262,6 +262,11 @@ impl Controller for Lqr {
         Some(self.cascade.schedule)
     }
 
+    /// Not with all levels in every tick.
+    fn remembers(&self) -> bool {
+        self.cascade.schedule.every != [1; 3]
+    }
+
     fn reset(&mut self) {
         self.cascade.reset();
         (self.step, self.said) = (0, VelocityCommand::constant([0.0; 3], 0.0));

@@ -6,7 +6,6 @@
 use super::vehicle::Vehicle;
 use crate::error::{Error, Result};
 use std::collections::HashSet;
-use std::io::Read;
 use std::path::Path;
 
 /// Largest vehicle file, bytes.
@@ -33,20 +32,7 @@ impl Vehicle {
     pub fn from_toml_file(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let name = path.display().to_string();
-        // before opening: a pipe or device has no size, and opening one may block
-        let about = std::fs::metadata(path).map_err(|e| Error::file(path, e))?;
-        if !about.is_file() {
-            return Err(format_error(&name, "the file", "is not a regular file", "Give the path of a TOML file."));
-        }
-        check_size(about.len(), &name)?;
-        let mut bytes = Vec::new();
-        let file = std::fs::File::open(path).map_err(|e| Error::file(path, e))?;
-        file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|e| Error::file(path, e))?;
-        let text = String::from_utf8(bytes).map_err(|e| {
-            let place = format!("byte {}", e.utf8_error().valid_up_to());
-            format_error(&name, &place, "is not UTF-8 text", "Save the file as UTF-8.")
-        })?;
-        Self::from_toml_str(&text, &name)
+        Self::from_toml_str(&crate::file_gate::read_text(path, MAX_FILE_BYTES)?, &name)
     }
 
     /// As TOML text that [`from_toml_str`](Self::from_toml_str) reads back bit for bit. An invalid vehicle is refused.

@@ -588,8 +588,8 @@ mod tests {
             (9, 0)
         );
         let usual = ApgConfig::default().n_env;
-        assert_ne!(apg(&of("TrackRand", "")).n_env, usual);
-        assert_eq!(apg(&of("TrackRand", &format!("apg.n_env = {usual}"))).n_env, usual);
+        assert_ne!(apg(&of("OmavHover", "")).n_env, usual);
+        assert_eq!(apg(&of("OmavHover", &format!("apg.n_env = {usual}"))).n_env, usual);
     }
 
     #[test]

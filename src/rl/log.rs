@@ -9,10 +9,10 @@
 //! and flushed; a run that goes on from a checkpoint first cuts both files back to it.
 
 use super::tensorboard::Events;
-use crate::atomic_file;
 use crate::error::{Error, Result};
-use std::fs::{File, OpenOptions};
-use std::io::{ErrorKind, Write};
+use crate::file_gate;
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// File of the lines as JSON objects.
@@ -77,6 +77,74 @@ fn text(x: f64) -> String {
     }
 }
 
+/// Most lines of a run that are kept in memory.
+pub const CURVE: usize = 4096;
+
+/// The course of a run in memory that does not grow for ever: every line at first, later every 2nd, 4th, … of those with an
+/// evaluation and of those without, and the newest.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Curve {
+    lines: Vec<Line>,
+    /// Of lines without an evaluation and with one: how many there were, and how often they were halved.
+    kinds: [(usize, u32); 2],
+    /// Whether the newest line is there for that alone.
+    passing: bool,
+}
+
+impl Curve {
+    /// Adds a line.
+    pub fn push(&mut self, line: Line) {
+        if self.passing {
+            self.lines.pop();
+        }
+        self.kinds[kind(&line)].0 += 1;
+        self.lines.push(line);
+        if self.lines.len() > CURVE {
+            self.halve();
+        }
+        self.passing = self.lines.last().is_some_and(|last| {
+            let (n, halvings) = self.kinds[kind(last)];
+            !(n - 1).is_multiple_of(1 << halvings)
+        });
+    }
+
+    /// Every 2nd line of the kind of which there are more, and the newest.
+    fn halve(&mut self) {
+        let evaluated = self.lines.iter().filter(|line| kind(line) == 1).count();
+        let more = usize::from(2 * evaluated > self.lines.len());
+        let (mut even, last) = (false, self.lines.pop());
+        self.lines.retain(|line| {
+            even ^= kind(line) == more;
+            kind(line) != more || even
+        });
+        self.lines.extend(last);
+        self.kinds[more].1 += 1;
+    }
+
+    /// What is kept, in order.
+    pub fn lines(&self) -> &[Line] {
+        &self.lines
+    }
+
+    /// The last one that was added.
+    pub fn newest(&self) -> Option<&Line> {
+        self.lines.last()
+    }
+}
+
+/// 1 for a line with an evaluation.
+fn kind(line: &Line) -> usize {
+    usize::from(line.get("eval_success").is_some())
+}
+
+impl FromIterator<Line> for Curve {
+    fn from_iter<I: IntoIterator<Item = Line>>(lines: I) -> Self {
+        let mut curve = Self::default();
+        lines.into_iter().for_each(|line| curve.push(line));
+        curve
+    }
+}
+
 /// Both files, at their ends.
 #[derive(Debug)]
 pub(crate) struct Log {
@@ -102,7 +170,10 @@ impl Log {
         let names: Vec<String> = rows.next().map_or_else(Vec::new, |head| head.split(',').map(String::from).collect());
         let lines = rows.map(|row| Line::of_cells(&names, &row)).collect();
         let events = tensorboard.then(|| Events::open(folder, update)).transpose()?;
-        Ok((Self { json: (append(&json)?, json), csv: (append(&csv)?, csv), names, events }, lines))
+        Ok((
+            Self { json: (file_gate::append(&json)?, json), csv: (file_gate::append(&csv)?, csv), names, events },
+            lines,
+        ))
     }
 
     /// Adds a line to all.
@@ -136,17 +207,9 @@ fn write((file, path): &mut (File, PathBuf), text: &str) -> Result<()> {
     file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(|e| Error::file(path, e))
 }
 
-fn append(path: &Path) -> Result<File> {
-    OpenOptions::new().create(true).append(true).open(path).map_err(|e| Error::file(path, e))
-}
-
 /// Leaves the first `head` lines and those behind them as long as they are whole and `keep` them; gives what is left.
 fn cut(path: &Path, head: usize, keep: impl Fn(&str) -> bool) -> Result<Vec<String>> {
-    let bytes = match std::fs::read(path) {
-        Ok(bytes) => bytes,
-        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(e) => return Err(Error::file(path, e)),
-    };
+    let bytes = file_gate::read_own(path, file_gate::MAX_LOG)?;
     let text = String::from_utf8_lossy(&bytes);
     let whole = text.split_inclusive('\n').map_while(|line| line.strip_suffix('\n')).enumerate();
     let kept: Vec<String> =
@@ -155,9 +218,7 @@ fn cut(path: &Path, head: usize, keep: impl Fn(&str) -> bool) -> Result<Vec<Stri
     let kept = if kept.len() <= head { Vec::new() } else { kept };
     let left: String = kept.iter().flat_map(|line| [line.as_str(), "\n"]).collect();
     if left.as_bytes() != bytes {
-        atomic_file::replace_with(path, |temporary| {
-            std::fs::write(temporary, &left).map_err(|e| Error::file(temporary, e))
-        })?;
+        file_gate::replace(path, &left)?;
     }
     Ok(kept)
 }
@@ -168,7 +229,7 @@ fn cut(path: &Path, head: usize, keep: impl Fn(&str) -> bool) -> Result<Vec<Stri
 /// [`Error::File`] if there is no such table in the folder.
 pub fn read(run: impl AsRef<Path>) -> Result<Vec<Line>> {
     let path = run.as_ref().join(CSV);
-    let text = std::fs::read_to_string(&path).map_err(|e| Error::file(&path, e))?;
+    let text = file_gate::read_text(&path, file_gate::MAX_LOG)?;
     let mut rows = text.split_inclusive('\n').map_while(|line| line.strip_suffix('\n'));
     let names: Vec<String> = rows.next().map_or_else(Vec::new, |head| head.split(',').map(String::from).collect());
     Ok(rows.map(|row| Line::of_cells(&names, row)).collect())
@@ -184,6 +245,41 @@ mod tests {
         line.put("poisoned", f64::NAN);
         line.put("rate", 1e-7);
         line
+    }
+
+    #[test]
+    fn a_curve_of_a_million_lines_keeps_four_thousand_evenly_spaced_and_the_newest() {
+        let mut curve = Curve::default();
+        for k in 0..1_000_000_u64 {
+            curve.push(Line::new(k));
+            assert!(curve.lines().len() <= CURVE);
+            if k % 9973 == 0 {
+                assert_eq!(curve.newest().unwrap().get("update"), Some(k as f64));
+            }
+        }
+        let at: Vec<f64> = curve.lines().iter().map(|line| line.get("update").unwrap()).collect();
+        assert!(at.len() > CURVE / 2, "{}", at.len());
+        let (even, newest) = at.split_at(at.len() - 1);
+        assert_eq!((even[0], newest), (0.0, &[999_999.0][..]));
+        assert!(even.windows(2).all(|pair| pair[1] - pair[0] == 256.0), "{:?}", &even[..4]);
+    }
+
+    #[test]
+    fn a_thinned_curve_keeps_its_evaluations() {
+        let mut curve = Curve::default();
+        for k in 1..=100_000_u64 {
+            let mut line = Line::new(k);
+            if k % 10 == 0 {
+                line.put("eval_success", 0.5);
+            }
+            curve.push(line);
+            assert_eq!(curve.newest().unwrap().get("update"), Some(k as f64));
+        }
+        let all = curve.lines();
+        let evaluated = all.iter().filter(|line| kind(line) == 1).count();
+        println!("{} lines, {evaluated} of them with an evaluation", all.len());
+        assert!(all.len() > CURVE / 3 && evaluated > CURVE / 8, "{} {evaluated}", all.len());
+        assert!(all.windows(2).all(|pair| pair[0].get("update") < pair[1].get("update")));
     }
 
     #[test]
@@ -209,7 +305,7 @@ mod tests {
         (1..6).for_each(|k| log.write(&line(k)).unwrap());
         drop(log);
         for (file, torn) in [(JSON, "{\"update\":3,\"lo"), (CSV, "3,0.")] {
-            append(&folder.path().join(file)).unwrap().write_all(torn.as_bytes()).unwrap();
+            file_gate::append(&folder.path().join(file)).unwrap().write_all(torn.as_bytes()).unwrap();
         }
         let (mut log, kept) = Log::open(folder.path(), 3, true).unwrap();
         assert_eq!(kept.iter().map(|l| l.get("update")).collect::<Vec<_>>(), [1.0, 2.0, 3.0].map(Some));
@@ -228,7 +324,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (mut log, _) = Log::open(folder.path(), 0, true).unwrap();
         log.write(&line(1)).unwrap();
-        append(&folder.path().join(JSON)).unwrap().write_all(b"\xff\xfe\n[]\n").unwrap();
+        file_gate::append(&folder.path().join(JSON)).unwrap().write_all(b"\xff\xfe\n[]\n").unwrap();
         log.write(&line(2)).unwrap();
         Log::open(folder.path(), 9, true).unwrap();
         assert_eq!(std::fs::read_to_string(folder.path().join(JSON)).unwrap().lines().count(), 1);

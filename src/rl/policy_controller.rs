@@ -48,8 +48,7 @@ impl PolicyController {
         env.reset(None, None, &mut out.out())?;
         fits(&env, plant)?;
         let goal = goal(&env)?;
-        let drone = env.robot().drone();
-        let places = drone.rotors.iter().map(|r| r.action).chain(drone.drives.iter().map(|d| d.command)).collect();
+        let places = env.robot().drone().commands().collect();
         let actions = vec![0.0; env.spec().action.len()];
         Ok(Self { name: format!("policy of {task}"), policy, env, out, actions, places, goal })
     }
@@ -107,6 +106,9 @@ fn fits(env: &Env, plant: &Plant) -> Result<()> {
     }
     if spec.config.control != Level::Rotor || spec.config.actions != EnvConfig::default().actions {
         return refuse("actions", spec.config.control.name().into(), "continuous, of rotors", "Fly it with 'eval'.");
+    }
+    if spec.config.residual > 0.0 {
+        return refuse("residual", spec.config.residual.to_string(), "0, of rotors alone", "Fly it with 'eval'.");
     }
     if spec.config.observation.iter().any(|stage| matches!(stage, Stage::History { .. })) {
         return refuse("observation", "a history".into(), "of one moment", "Fly it with 'eval'.");

@@ -15,7 +15,7 @@ use super::learner::Episodes;
 use super::nn::Memory;
 use super::nn::gaussian::Gaussians;
 use super::policy::{Actor, ROWS};
-use super::shards::{Shard, episodes};
+use super::shards::{Shard, episodes, within_memory};
 use super::value_norm::ValueNorm;
 use crate::error::{Error, Result};
 use crate::rng::{Purpose, Stream};
@@ -74,12 +74,11 @@ impl Shape {
         let rows = slots.saturating_mul(self.n_agent as u64);
         let of_agent = (self.n_observation + self.n_action + 1) * self.n_agent + (5 + self.n_apart()) * self.n_judged;
         let bytes = slots.saturating_mul(4 * of_agent as u64 + 2);
-        if rows > u64::from(u32::MAX) || bytes > memory_limit {
-            let limit = format!("{memory_limit} B and {} rows", u32::MAX);
-            let remedy = "Take fewer environments or steps, or raise memory_limit.";
-            return Err(Error::limit("a rollout", format!("{bytes} B in {rows} rows"), limit, remedy));
+        if rows > u64::from(u32::MAX) {
+            let remedy = "Take fewer environments or steps.";
+            return Err(Error::limit("rows of a rollout", rows, u32::MAX, remedy));
         }
-        Ok(())
+        within_memory("rows of a rollout", rows, u128::from(bytes), memory_limit)
     }
 
     /// Numbers that the critic sees.
@@ -312,8 +311,8 @@ pub struct Collector {
     of_actor: Memory,
     of_critic: Memory,
     /// What was seen last in episodes that ran out of time, and in which rows of the critic.
-    ends: Vec<f32>,
-    end_rows: Vec<usize>,
+    pub(crate) ends: Vec<f32>,
+    pub(crate) end_rows: Vec<usize>,
     end_values: Vec<f32>,
     /// Of what the critic alone saw, where it scales that.
     pub(crate) apart: InputSums,

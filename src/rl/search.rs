@@ -12,8 +12,8 @@
 use super::config::TrainConfig;
 use super::runs::{self, Run};
 use super::trainer::{Progress, TrainResult};
-use crate::atomic_file;
 use crate::error::{Error, Result};
+use crate::file_gate;
 use crate::parallel::Threads;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -192,7 +192,10 @@ impl Search {
             failures: Vec::new(),
         };
         let path = folder.join(FILE);
-        let Ok(text) = std::fs::read_to_string(&path) else { return Ok(own) };
+        if path.symlink_metadata().is_err() {
+            return Ok(own);
+        }
+        let text = file_gate::read_text(&path, file_gate::MAX_LOG)?;
         let known: Known = serde_json::from_str(&text).map_err(|e| Error::Format {
             file: path.display().to_string(),
             place: format!("line {}, column {}", e.line(), e.column()),
@@ -211,7 +214,7 @@ fn save(known: &Known, folder: &Path) -> Result<()> {
     let path = folder.join(FILE);
     std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, e))?;
     let text = serde_json::to_string_pretty(known).unwrap_or_default();
-    atomic_file::replace_with(&path, |new| std::fs::write(new, &text).map_err(|e| Error::file(&path, e)))
+    file_gate::replace(&path, &text)
 }
 
 /// The `n` best candidates of a rung, in their order.

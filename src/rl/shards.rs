@@ -6,9 +6,11 @@
 
 use super::learner::Episodes;
 use crate::error::{Error, Result};
+use crate::memory::Request;
 use crate::parallel::Threads;
 use crate::tasks::env::Pending;
 use crate::tasks::{Autoreset, Buffers, Column, Env, EnvConfig, Spec, Statistics};
+use std::fmt::Display;
 
 /// Makes environments of a configuration: of a built-in task `|config| Env::make("Hover", config)`, or of one's own
 /// `|config| Env::of(Climb::new(config)?, "Climb", config)`.
@@ -68,17 +70,9 @@ pub fn shards(make: &Make<'_>, config: &EnvConfig, size: usize) -> Result<Vec<Sh
 ///
 /// # Errors
 /// [`Error::Limit`] if `bytes` are above `limit`.
-pub(crate) fn within_memory(what: &str, value: usize, bytes: u128, limit: u64) -> Result<()> {
-    if bytes <= u128::from(limit) {
-        return Ok(());
-    }
-    let gib = |bytes: f64| bytes / f64::from(1 << 30);
-    Err(Error::limit(
-        what,
-        format!("{value} ({:.1} GiB)", gib(bytes as f64)),
-        format!("{:.1} GiB", gib(limit as f64)),
-        "Take fewer environments or steps, or raise env.memory_limit.",
-    ))
+pub(crate) fn within_memory(what: &str, value: impl Display, bytes: u128, limit: u64) -> Result<()> {
+    let less = "Take fewer environments or steps";
+    Request { what, value, bytes, limit, setting: "env.memory_limit", less }.check(|_| String::new())
 }
 
 /// Takes what all shards saw into their normalisers, in order; sums that are not finite are left out. Without a stage

@@ -1,9 +1,48 @@
 //! Parts of learners as tensors of a checkpoint, and back.
 
-use super::checkpoint::Tensors;
+use super::checkpoint::{Data, Tensors};
 use super::nn::{Adam, AdamConfig, Mlp};
 use super::shards::Shard;
-use crate::error::Result;
+use crate::error::{Error, Result};
+
+/// Most that a counter of a run can have come to: whole numbers that `f64` still counts.
+const MOST: u64 = 1 << 53;
+
+/// Beginnings of the names of what the learners of this crate keep.
+const OURS: [&str; 8] =
+    ["actor.", "critic.", "target.", "start", "value_norm", "rate_scale", "counters", "earlier_steps"];
+
+/// Refuses numbers that no run can have come to, whoever wrote them under a hash that fits: what is not finite, negative
+/// squares, a rate's factor of nought or less, counters that would wrap. What environments look like is left to them: a
+/// broken one is contained in its next step; and what algorithms from outside keep is left to those.
+///
+/// # Errors
+/// [`Error::Value`] with the tensor, the number and the rule.
+pub fn check_sense(tensors: &Tensors, file: &str) -> Result<()> {
+    let ours = |name: &str| OURS.iter().any(|own| name.starts_with(own));
+    for (name, tensor) in tensors.iter().filter(|(name, _)| ours(name)) {
+        let positive = name == "rate_scale";
+        let square = name.ends_with(".square") || name.ends_with(".variance");
+        let senseless = |x: &f64| !x.is_finite() || square && *x < 0.0 || positive && *x <= 0.0;
+        let found = match tensor.data() {
+            Data::F32(values) => values.iter().map(|x| f64::from(*x)).find(senseless).map(|x| x.to_string()),
+            Data::F64(values) => values.iter().copied().find(senseless).map(|x| x.to_string()),
+            Data::U64(values) => values.iter().find(|x| **x > MOST).map(u64::to_string),
+            Data::Bytes(_) => None,
+        };
+        if let Some(value) = found {
+            let limit = match (positive, square, tensor.data()) {
+                (.., Data::U64(_)) => "a count below 2^53",
+                (true, ..) => "finite and > 0",
+                (_, true, _) => "finite and ≥ 0",
+                _ => "finite",
+            };
+            let remedy = "The checkpoint is damaged or forged: go on from an earlier one.";
+            return Err(Error::value(format!("{file}: tensor {name}"), value, limit, remedy));
+        }
+    }
+    Ok(())
+}
 
 /// The parts of a network, as `<name>.0.weight` and so on.
 ///

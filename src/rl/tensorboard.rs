@@ -9,11 +9,11 @@
 //! ```
 
 use super::log::Line;
-use crate::atomic_file;
 use crate::error::{Error, Result};
+use crate::file_gate;
 use crc::{CRC_32_ISCSI, Crc};
-use std::fs::{File, OpenOptions};
-use std::io::{ErrorKind, Write};
+use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -35,18 +35,13 @@ impl Events {
     /// [`Error::File`] if the disk refuses.
     pub fn open(folder: &Path, update: u64) -> Result<Self> {
         let path = folder.join(EVENTS);
-        let refused = |e| Error::file(&path, e);
-        let bytes = match std::fs::read(&path) {
-            Err(e) if e.kind() == ErrorKind::NotFound => Vec::new(),
-            read => read.map_err(refused)?,
-        };
+        let bytes = file_gate::read_own(&path, file_gate::MAX_LOG)?;
         let kept: usize = records(&bytes).take_while(|data| step(data) <= update).map(|data| framed(data.len())).sum();
         let begins = kept == 0;
         if kept < bytes.len() {
-            atomic_file::replace_with(&path, |new| std::fs::write(new, &bytes[..kept]).map_err(refused))?;
+            file_gate::replace(&path, &bytes[..kept])?;
         }
-        let file = OpenOptions::new().create(true).append(true).open(&path).map_err(refused)?;
-        let mut events = Self(file, path);
+        let mut events = Self(file_gate::append(&path)?, path);
         if begins {
             let mut event = Vec::new();
             double(&mut event, 1, now());

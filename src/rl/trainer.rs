@@ -27,13 +27,15 @@ use super::config_diff::described;
 use super::curriculum::Difficulty;
 use super::evaluate::{Starts, evaluate};
 use super::learner::{Episodes, Learner, Update};
-use super::log::{Line, Log};
+use super::log::{Curve, Line, Log};
 use super::policy::Policy;
 use super::policy_io::put_policy;
 use super::predecessor::{SAFE, predecessor, predecessor_config};
+use super::state;
 use super::warm_start::WarmStart;
-use crate::atomic_file;
+use crate::autodiff::lanes::instruction_set;
 use crate::error::{Error, Result};
+use crate::file_gate;
 use crate::parallel::Threads;
 use crate::tasks::{Env, EnvConfig, Evaluation, registry};
 use serde_json::json;
@@ -72,8 +74,10 @@ pub struct Trainer {
     /// Since the run began or went on.
     phases: Phases,
     since: Since,
-    curve: Vec<Line>,
+    curve: Curve,
     evaluation: Option<Evaluation>,
+    /// Instructions that it was begun with, where they are others than those of this processor.
+    other_instructions: Option<String>,
     files: Option<Files>,
 }
 
@@ -130,7 +134,7 @@ pub struct TrainResult {
     pub env_steps: u64,
     /// Time spent training, s, without evaluations.
     pub seconds: f64,
-    /// Every line of the log.
+    /// Lines of the log: all of the first [`CURVE`](super::log::CURVE), evenly thinned beyond them. The files hold all.
     pub curve: Vec<Line>,
     /// Whether it was asked to stop before its end.
     pub stopped: bool,
@@ -156,7 +160,7 @@ impl Trainer {
         let learner = config.learner(task, &threads)?;
         let since = Since::new(0, 0.0);
         let difficulty = config.curriculum.is_on().then(|| Difficulty::new(&config.curriculum));
-        let (curve, evaluation, files) = (Vec::new(), None, None);
+        let (curve, evaluation, files) = (Curve::default(), None, None);
         let phases = Phases::default();
         let (update, earlier_steps) = (0, 0);
         Ok(Self {
@@ -172,6 +176,7 @@ impl Trainer {
             since,
             curve,
             evaluation,
+            other_instructions: None,
             files,
         })
     }
@@ -205,8 +210,8 @@ impl Trainer {
         };
         let text = self.config.to_toml()?;
         write_text(&folder.join("config.toml"), &text)?;
-        let (log, curve) = Log::open(folder, self.update, self.config.tensorboard)?;
-        self.curve = curve;
+        let (log, lines) = Log::open(folder, self.update, self.config.tensorboard)?;
+        self.curve = lines.into_iter().collect();
         let saved = (self.update > 0).then_some(self.update);
         self.files = Some(Files { folder: folder.to_path_buf(), log, writer, saved, skipped });
         Ok(self)
@@ -225,6 +230,7 @@ impl Trainer {
                 remedy: "Repeat its options, or train in another folder.".into(),
             });
         }
+        [policy, state].into_iter().try_for_each(|tensors| state::check_sense(tensors, &file))?;
         self.learner.load(policy, state)?;
         if let Some(difficulty) = &mut self.difficulty {
             difficulty.load(state)?;
@@ -239,6 +245,10 @@ impl Trainer {
             return Err(Error::value("number of updates", budget, limit, remedy));
         }
         (self.update, self.clock.before) = (manifest.update, manifest.seconds);
+        let rounds_twice = |set: &str| !["avx512", "avx2", "neon"].contains(&set);
+        let others = rounds_twice(&manifest.instructions) != rounds_twice(instruction_set());
+        let others = others && !manifest.instructions.is_empty();
+        self.other_instructions = others.then(|| manifest.instructions.clone());
         self.since = Since::new(self.env_steps(), manifest.seconds);
         Ok(())
     }
@@ -271,6 +281,16 @@ impl Trainer {
     /// Checkpoints that were damaged when the run went on.
     pub fn skipped(&self) -> &[Skipped] {
         self.files.as_ref().map_or(&[], |files| &files.skipped)
+    }
+
+    /// What sets a run that goes on apart from one that was never stopped: on a processor of another kind sums are rounded
+    /// elsewhere, and the bits are others.
+    pub fn differs(&self) -> Option<String> {
+        let then = self.other_instructions.as_ref()?;
+        Some(format!(
+            "begun with {then}, goes on with {}: the bits differ from those of one machine",
+            instruction_set()
+        ))
     }
 
     /// Trains to the end of the budget, or until `watch` breaks; then evaluates and saves. May be called again.
@@ -373,7 +393,7 @@ impl Trainer {
     }
 
     fn finish(&mut self, stopped: bool) -> Result<TrainResult> {
-        let last = self.curve.last().is_some_and(|l| l.get("eval_success").is_some());
+        let last = self.curve.newest().is_some_and(|l| l.get("eval_success").is_some());
         let evaluation = match self.evaluation.clone().filter(|_| last) {
             Some(known) => known,
             None => self.evaluate()?,
@@ -389,7 +409,7 @@ impl Trainer {
             updates: self.update,
             env_steps: self.env_steps(),
             seconds: self.clock.seconds(),
-            curve: self.curve.clone(),
+            curve: self.curve.lines().to_vec(),
             stopped,
             checkpoint: self.files.as_ref().and_then(newest),
         })
@@ -452,7 +472,7 @@ impl Trainer {
     }
 
     fn progress<'a>(&'a self, last: &'a Update) -> Progress<'a> {
-        let newest = self.curve.last();
+        let newest = self.curve.newest();
         Progress {
             config: &self.config,
             update: self.update,
@@ -489,7 +509,7 @@ fn check_own(folder: &Path) -> Result<()> {
 }
 
 fn write_text(path: &Path, text: &str) -> Result<()> {
-    atomic_file::replace_with(path, |temporary| std::fs::write(temporary, text).map_err(|e| Error::file(path, e)))
+    file_gate::replace(path, text)
 }
 
 /// Time spent training.

@@ -91,6 +91,11 @@ pub struct EnvConfig {
     pub control: Level,
     /// What an action of 1 means in the control modes.
     pub action_scale: ActionScale,
+    /// How far an action of 1 changes what the task's own controller commands, of a rotor's or drive's range of [−1, 1]:
+    /// u = u_c + residual · a, clipped. The controller sees the true state but the nominal numbers, and reacts without
+    /// `delay`. 0: no controller, actions are the commands.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub residual: f64,
     /// Numbers of an action.
     pub actions: ActionSpace,
     /// Steps between an action and its effect.
@@ -142,6 +147,7 @@ impl Default for EnvConfig {
             first_environment: 0,
             control: Level::Rotor,
             action_scale: ActionScale::default(),
+            residual: 0.0,
             actions: ActionSpace::Continuous,
             delay: Delay::default(),
             dt: 0.016,
@@ -159,6 +165,10 @@ impl Default for EnvConfig {
             task: toml::Table::new(),
         }
     }
+}
+
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
 }
 
 /// A count that may be written as `1e6`; what it cannot be, the message says.
@@ -190,7 +200,7 @@ impl EnvConfig {
 
     /// The names of its settings.
     pub fn keys() -> Vec<String> {
-        let whole = Self { randomise: Some(Vec::new()), ..Self::default() };
+        let whole = Self { randomise: Some(Vec::new()), residual: 1.0, ..Self::default() };
         let told = toml::Table::try_from(whole).unwrap_or_default();
         told.keys().cloned().chain(["own_vehicle".into()]).collect()
     }
@@ -225,6 +235,10 @@ impl EnvConfig {
             return Err(Error::limit("actions.levels", levels, "2 to 1024", "Use continuous actions."));
         }
         check_difficulty(self.difficulty)?;
+        if !(0.0..=2.0).contains(&self.residual) {
+            let remedy = "0 leaves the controller out, 2 reaches every command from every other.";
+            return Err(Error::value("residual", self.residual, "within [0, 2]", remedy));
+        }
         self.own_vehicle.as_ref().map_or(Ok(()), Vehicle::validate)?;
         self.check_task()?;
         self.observation.iter().try_for_each(Stage::validate)?;

@@ -134,6 +134,7 @@
 pub(crate) mod baseline;
 pub mod bounds;
 pub mod config;
+pub(crate) mod crew;
 pub mod declare;
 pub(crate) mod env;
 pub(crate) mod evaluate;

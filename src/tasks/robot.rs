@@ -69,6 +69,11 @@ impl DronePlace {
     pub fn n_action(&self) -> usize {
         self.rotors.len() + self.drives.len()
     }
+
+    /// Places of its actions in the input: rotors, then drives.
+    pub fn commands(&self) -> impl Iterator<Item = usize> + '_ {
+        self.rotors.iter().map(|r| r.action).chain(self.drives.iter().map(|d| d.command))
+    }
 }
 
 /// What flies in a task.

@@ -364,7 +364,7 @@ fn a_file_over_the_size_limit_is_refused_before_it_is_read() {
     let path = folder.path().join("huge.urdf");
     std::fs::File::create(&path).unwrap().set_len(1 << 40).unwrap();
     let error = import_file(&path, &ImportOptions::default()).unwrap_err().to_string();
-    assert!(error.contains("file size is 1099511627776 bytes, over the limit of 16777216 bytes"), "{error}");
+    assert!(error.contains("huge.urdf is 1099511627776 bytes, over the limit of 16777216 bytes"), "{error}");
     assert!(import_file(folder.path(), &ImportOptions::default()).unwrap_err().to_string().contains("regular file"));
     assert!(matches!(import_file(folder.path().join("none.urdf"), &ImportOptions::default()), Err(Error::File { .. })));
 }

@@ -1,5 +1,6 @@
 //! Learning: exact parts, known optima, runs that stop and go on.
 
 mod learning;
+mod mutated_settings;
 mod regulate;
 mod training;

@@ -5,6 +5,7 @@ mod contract;
 mod events;
 mod gradients;
 mod probes;
+mod residual;
 mod robustness;
 mod sendable;
 mod transforms;

@@ -1,10 +1,13 @@
 //! Files of the command line: read behind fences, written whole, folders tried before long work.
 
 use omnidrones::error::{Error, Result};
-use omnidrones::internals::replace_with;
+use omnidrones::internals;
+/// Writes a file of a folder of ours, whole or not at all: what bears its name is replaced, and no link followed.
+pub use omnidrones::internals::replace;
 use omnidrones::rl::checkpoint::Store;
 use serde::de::DeserializeOwned;
-use std::io::{ErrorKind, Read};
+use std::fs::DirEntry;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Largest configuration file (settings, gains, reference), bytes.
@@ -12,26 +15,8 @@ const MAX_CONFIG_BYTES: u64 = 1 << 20;
 
 /// Text of a regular file of at most `limit` bytes.
 pub fn read_text(path: &Path, limit: u64) -> Result<String> {
-    let name = path.display().to_string();
-    let format = |rule: &str, remedy: &str| Error::Format {
-        file: name.clone(),
-        place: "the file".into(),
-        rule: rule.into(),
-        remedy: remedy.into(),
-    };
-    // before opening: a pipe or device has no size, and opening one may block
-    let about = std::fs::metadata(path).map_err(|e| unreadable(path, e, "Correct its name or its folder."))?;
-    if !about.is_file() {
-        return Err(format("is not a regular file", "Give the path of a file, not of a folder or device."));
-    }
-    let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(|e| Error::file(path, e))?;
-    file.take(limit + 1).read_to_end(&mut bytes).map_err(|e| Error::file(path, e))?;
-    if bytes.len() as u64 > limit {
-        let (size, limit) = (format!("{} bytes", about.len()), format!("{limit} bytes"));
-        return Err(Error::limit(format!("size of {name}"), size, limit, "Check that this is the right file."));
-    }
-    String::from_utf8(bytes).map_err(|_| format("is not UTF-8 text", "Save the file as UTF-8."))
+    std::fs::metadata(path).map_err(|e| unreadable(path, e, "Correct its name or its folder."))?;
+    internals::read_text(path, limit)
 }
 
 /// What the operating system says of a file that cannot be read; of one that is not there also where it was looked for.
@@ -93,14 +78,29 @@ fn has_checkpoints(folder: &Path) -> bool {
     entries.into_iter().any(|entry| entry.path().join("manifest.json").is_file())
 }
 
+/// Whether it is unfinished: being written, or left by a process that was killed.
+fn is_left_over(entry: &DirEntry) -> bool {
+    entry.file_name().to_string_lossy().starts_with(internals::UNFINISHED_NAME)
+}
+
+/// Removes what nobody can be writing still.
+fn remove_old(left_over: &DirEntry) {
+    let age = left_over.metadata().and_then(|about| about.modified()).ok().and_then(|then| then.elapsed().ok());
+    if age.is_some_and(|age| age.as_secs() > 3600) {
+        let _ = std::fs::remove_file(left_over.path());
+    }
+}
+
 /// Makes and marks `folder` for output, and tries to write into it, so that a flight is not flown in vain. One that holds
 /// files of others is refused unless `force`: it then stays without the mark.
 pub fn prepare(folder: &Path, force: bool) -> Result<()> {
-    let first = std::fs::read_dir(folder).ok().and_then(|mut entries| entries.next()?.ok());
+    let entries: Vec<_> = std::fs::read_dir(folder).into_iter().flatten().flatten().collect();
+    let (left_over, others): (Vec<_>, Vec<_>) = entries.into_iter().partition(is_left_over);
+    left_over.iter().for_each(remove_old);
+    let first = others.into_iter().next();
     let Some(first) = first.filter(|_| !is_ours(folder)) else {
         make_folder(folder)?;
-        return std::fs::write(folder.join(MARK), "Output of omnidrones: commands replace what they wrote here.\n")
-            .map_err(|e| Error::file(folder.join(MARK), e));
+        return replace(&folder.join(MARK), "Output of omnidrones: commands replace what they wrote here.\n");
     };
     if force {
         return make_folder(folder);
@@ -166,22 +166,19 @@ fn make_folder(folder: &Path) -> Result<()> {
         )
     };
     std::fs::create_dir_all(folder).map_err(refused)?;
-    let probe = folder.join(format!(".omnidrones-{}", std::process::id()));
-    std::fs::write(&probe, "").map_err(refused)?;
-    std::fs::remove_file(&probe).map_err(refused)
+    tempfile::tempfile_in(folder).map(drop).map_err(refused)
 }
 
-/// Writes `text`, whole or not at all; an existing file is kept unless `force`. A link stays one and what it points to
+/// Writes `text` to a place that the user named, whole or not at all; an existing file is kept unless `force`. A link stays one and what it points to
 /// is written; where that does not exist, the file takes the place of the link.
 pub fn write_new(path: &Path, text: &str, force: bool) -> Result<()> {
     check_new(path, force)?;
-    let write = |to: &Path| std::fs::write(to, text).map_err(|e| Error::file(path, e));
     // a device or pipe must not be replaced by a file
     if path.metadata().is_ok_and(|about| !about.is_file()) {
-        return write(path);
+        return std::fs::write(path, text).map_err(|e| Error::file(path, e));
     }
     make_parent(path)?;
-    replace_with(&path.canonicalize().unwrap_or(path.to_path_buf()), write)
+    replace(&path.canonicalize().unwrap_or(path.to_path_buf()), text)
 }
 
 /// `out/NAME`, with whatever a vehicle file called itself reduced to one plain folder name.
@@ -224,6 +221,23 @@ mod tests {
             assert!(!Path::new("/dev/full").is_file());
         }
         assert_eq!(std::fs::read_dir(folder.path().join("a")).unwrap().count(), 1, "nothing is left beside it");
+    }
+
+    #[test]
+    fn what_a_killed_process_left_makes_no_folder_foreign() {
+        let folder = tempfile::tempdir().unwrap();
+        let left = folder.path().join(format!("{}abc", internals::UNFINISHED_NAME));
+        std::fs::write(&left, "half").unwrap();
+        prepare(folder.path(), false).unwrap();
+        assert!(left.exists() && is_ours(folder.path()), "it may be written still");
+        let hours = std::time::Duration::from_secs(7200);
+        let file = std::fs::File::options().write(true).open(&left).unwrap();
+        file.set_modified(std::time::SystemTime::now() - hours).unwrap();
+        prepare(folder.path(), false).unwrap();
+        assert!(!left.exists());
+        let foreign = tempfile::tempdir().unwrap();
+        std::fs::write(foreign.path().join("theirs"), "").unwrap();
+        assert!(prepare(foreign.path(), false).is_err());
     }
 
     #[test]

@@ -163,10 +163,18 @@ enum Command {
 
 /// Parses, runs, prints; every outcome is an exit code.
 fn main() -> ExitCode {
+    // half a file is nobody's; who is to outlive a signal (nohup) goes on to
+    let _ = ctrlc::try_set_handler(|| {
+        let _writes_end = omnidrones::internals::remove_unfinished();
+        std::process::exit(130);
+    });
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
             // help and version come this way too, with code 0; a disk that is full is a failure of theirs too
+            if error.use_stderr() && asked_for_json() {
+                return fail(error.to_string().trim_start_matches("error: ").trim_end());
+            }
             let told = error.print().and_then(|()| std::io::stdout().flush());
             return match told {
                 Err(refused) if refused.kind() != ErrorKind::BrokenPipe => fail(&format!("standard output: {refused}")),
@@ -204,7 +212,16 @@ fn print(report: &Report) -> ExitCode {
     }
 }
 
+/// Whether what reads standard output reads JSON, known before the arguments are.
+fn asked_for_json() -> bool {
+    std::env::args_os().take_while(|a| a != "--").any(|a| a == "--json")
+}
+
 fn fail(message: &str) -> ExitCode {
-    let _ = writeln!(std::io::stderr(), "error: {}", page::shown(message));
+    let message = page::shown(message);
+    let _ = writeln!(std::io::stderr(), "error: {message}");
+    if asked_for_json() {
+        let _ = writeln!(std::io::stdout(), "{:#}", serde_json::json!({ "format": 1, "error": message }));
+    }
     ExitCode::from(2)
 }

@@ -219,7 +219,7 @@ fn write(path: &Path, header: Vec<String>, rows: impl Iterator<Item = Vec<String
         text.write_record(&row).map_err(failed)?;
     }
     let bytes = text.into_inner().map_err(|e| Error::file(path, std::io::Error::other(e.to_string())))?;
-    files::write_new(path, &String::from_utf8_lossy(&bytes), true)
+    files::replace(path, &bytes)
 }
 
 #[cfg(test)]

@@ -163,7 +163,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
         files::remove_run(&folder)?;
     }
     let mut trainer = trainer.in_folder(&folder, a.resume)?;
-    let notes = trainer.skipped().iter().map(|s| format!("{}: {}", s.folder.display(), s.why)).collect();
+    let skipped = trainer.skipped().iter().map(|s| format!("{}: {}", s.folder.display(), s.why));
+    let notes = skipped.chain(trainer.differs()).collect();
     let was_over = (trainer.update() > 0 && trainer.is_over()).then(|| (trainer.done(), trainer.budget()));
     let outcome = train(&mut trainer, a.output.json)?;
     let config = trainer.config().clone();
@@ -180,7 +181,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         trained.written.push(path);
     }
     let (path, text) = (folder.join("result.json"), format!("{:#}\n", trained.json()));
-    files::write_new(&path, &text, true)?;
+    files::replace(&path, &text)?;
     let files = ["log.jsonl", "curve.csv", "config.toml"].map(|name| folder.join(name));
     trained.written.extend(files.into_iter().chain([path]).chain(trained.outcome.checkpoint.clone()));
     if a.output.json {

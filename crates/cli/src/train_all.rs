@@ -21,6 +21,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
+/// Largest file of a row, bytes.
+const MAX_ROW: u64 = 16 << 20;
+
 /// What the command is for.
 pub const ABOUT: &str = "\
 Train every task by its recipe, with several seeds, and print one table: success, crashes, errors, return, time and \
@@ -127,7 +130,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         train_all_plot::draw(&learnt(&lines), &written[0])?;
     }
     let table = folder.join("table.json");
-    files::write_new(&table, &format!("{:#}\n", value(&lines, a)), true)?;
+    files::replace(&table, format!("{:#}\n", value(&lines, a)))?;
     written.push(table);
     let success = lines.iter().all(|line| line.row.as_ref().is_ok_and(|row| row.failed.is_empty()));
     if a.output.json {
@@ -210,7 +213,7 @@ fn row(
     row.failed = failed;
     if known.as_ref() != Some(&row) {
         let text = serde_json::to_string_pretty(&row).unwrap_or_default();
-        files::write_new(&path, &(text + "\n"), true)?;
+        files::replace(&path, &(text + "\n"))?;
     }
     row.runs.retain(|run| run.seed < a.seeds);
     Ok(row)
@@ -218,7 +221,7 @@ fn row(
 
 /// The row of a file, unless it is stale.
 fn kept(path: &Path, fresh: &Row) -> Option<Row> {
-    let row: Row = serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()?;
+    let row: Row = serde_json::from_str(&files::read_text(path, MAX_ROW).ok()?).ok()?;
     (row.hash == fresh.hash).then_some(row)
 }
 

@@ -85,7 +85,7 @@ pub fn run(asked: &Asked<'_>, named: Vec<(String, TrainConfig)>, factor: usize, 
     let told = told?;
     let winner = asked.folder.join("winner.toml");
     let (_, config) = &search.candidates[told.winner];
-    files::write_new(&winner, &format!("# {}\n{}", names[told.winner], config.to_toml()?), true)?;
+    files::replace(&winner, format!("# {}\n{}", names[told.winner], config.to_toml()?))?;
     let mut written = vec![winner, known];
     if let Some(extension) = asked.plot {
         let path = asked.folder.join(format!("search.{extension}"));

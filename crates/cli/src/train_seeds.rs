@@ -61,7 +61,7 @@ pub fn run(asked: &Asked<'_>, threads: &Threads) -> Result<Report> {
     json["task"] = asked.entry.name.into();
     json["algorithm"] = asked.algorithm.into();
     let path = asked.folder.join("seeds.json");
-    files::write_new(&path, &format!("{json:#}\n"), true)?;
+    files::replace(&path, format!("{json:#}\n"))?;
     written.push(path);
     let success = failed.is_empty();
     if asked.json {

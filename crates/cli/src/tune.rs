@@ -219,7 +219,7 @@ fn write_gains(folder: &Path, a: &Arguments, vehicle: &Vehicle, from: &str, tuni
         rule: e.to_string(),
         remedy: "Report this as a bug.".into(),
     })?;
-    files::write_new(&path, &text, true)?;
+    files::replace(&path, &text)?;
     Ok(path)
 }
 

@@ -45,9 +45,8 @@ pub fn save_gif(
     };
     let delay = (100.0 * seconds).round().clamp(2.0, 6000.0) as u16;
     let threads = Threads::default();
-    replace_with(path, |temporary| {
+    replace_with(path, |file| {
         let refused = |e: gif::EncodingError| Error::file(path, std::io::Error::other(e));
-        let file = std::fs::File::create(temporary).map_err(|e| Error::file(path, e))?;
         let mut encoder =
             Encoder::new(std::io::BufWriter::new(file), width, height, &palette.bytes()).map_err(refused)?;
         encoder.set_repeat(Repeat::Infinite).map_err(refused)?;
@@ -71,8 +70,8 @@ pub fn save_gif(
                 seen(begin + k + 1);
             }
         }
-        drop(encoder);
-        Ok(())
+        let mut file = encoder.into_inner().map_err(refused)?;
+        std::io::Write::flush(&mut file).map_err(|e| Error::file(path, e))
     })
 }
 

@@ -158,10 +158,11 @@ impl Canvas {
     /// Writes a PNG of two pixels per unit.
     pub fn save_png(&self, path: &Path) -> Result<()> {
         let (w, h, small) = self.pixels(PIXELS_PER_UNIT, path)?;
-        replace_with(path, |temporary| {
-            let mut back = BitMapBackend::new(temporary, (w as u32, h as u32));
-            back.blit_bitmap((0, 0), (w as u32, h as u32), &small).map_err(|e| drawing(path, e))?;
-            back.present().map_err(|e| drawing(path, e))
+        replace_with(path, |file| {
+            let mut encoder = png::Encoder::new(file, w as u32, h as u32);
+            encoder.set_color(png::ColorType::Rgb);
+            let mut image = encoder.write_header().map_err(|e| drawing(path, e))?;
+            image.write_image_data(&small).and_then(|()| image.finish()).map_err(|e| drawing(path, e))
         })
     }
 

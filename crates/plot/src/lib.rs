@@ -48,7 +48,7 @@ pub use theme::Colour;
 
 use canvas::{Anchor, Area, Canvas};
 use omnidrones::error::{Error, Result};
-use omnidrones::internals::replace_with;
+use omnidrones::internals::replace;
 use std::path::Path;
 use theme::size;
 
@@ -207,7 +207,7 @@ impl Figure {
             Format::Png => self.paint()?.save_png(path),
             Format::Svg => {
                 let text = self.svg()?;
-                replace_with(path, |temporary| std::fs::write(temporary, &text).map_err(|e| Error::file(path, e)))
+                replace(path, &text)
             }
         }
     }

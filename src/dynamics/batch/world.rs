@@ -9,6 +9,7 @@ use crate::dynamics::rigid::{Disturbance, Effects};
 use crate::dynamics::tree::Model;
 use crate::dynamics::vehicle::Vehicle;
 use crate::error::{Error, Result, finite};
+use crate::memory::{Request, none_asked};
 use crate::parallel::Threads;
 
 /// Most memory of one world unless [`World::with_memory_limit`] says otherwise, bytes.
@@ -123,22 +124,16 @@ impl World {
         let n_block = n_env.div_ceil(BLOCK);
         let of_block = (plant.n_row() + plant.n_number()) * size_of::<[f32; BLOCK]>();
         let needed = n_block as u128 * of_block as u128;
-        if n_env == 0 || needed > u128::from(limit) {
-            let most = (u128::from(limit) / of_block as u128) * BLOCK as u128;
-            return Err(Error::limit(
-                "n_env",
-                format!("{n_env} ({:.1} GiB)", needed as f64 / f64::from(1 << 30)),
-                format!("1 to {most} ({:.1} GiB)", limit as f64 / f64::from(1 << 30)),
-                match plant {
-                    Plant::Rigid(_) => {
-                        "Step fewer environments at once, or raise the limit with World::with_memory_limit."
-                    }
-                    Plant::Tree(_) => {
-                        "Step fewer environments at once, or raise the limit with World::of_model_with_memory_limit."
-                    }
-                },
-            ));
+        if n_env == 0 {
+            return Err(none_asked(limit));
         }
+        let setting = match plant {
+            Plant::Rigid(_) => "the limit with World::with_memory_limit",
+            Plant::Tree(_) => "the limit with World::of_model_with_memory_limit",
+        };
+        let less = "Step fewer environments at once";
+        let request = Request { what: "n_env", value: n_env, bytes: needed, limit, setting, less };
+        request.check(|limit| format!("1 to {}", (u128::from(limit) / of_block as u128) * BLOCK as u128))?;
         Ok(Self {
             n_env,
             physics,

@@ -5,6 +5,7 @@
 
 use super::fault;
 use crate::error::{Error, Result};
+use crate::file_gate;
 use std::path::Path;
 
 /// Largest sizes of a URDF or rotor file that an import accepts.
@@ -33,24 +34,9 @@ impl Default for InputLimits {
 /// Deepest nesting that any setting of [`InputLimits::depth`] allows.
 const DEEPEST: usize = 256;
 
-/// Reads a text file, its size checked by metadata first and again while reading.
+/// Reads a text file of a size within the limits.
 pub(super) fn read(path: &Path, limits: &InputLimits) -> Result<String> {
-    use std::io::Read;
-    let file = std::fs::File::open(path).map_err(|e| Error::file(path, e))?;
-    let metadata = file.metadata().map_err(|e| Error::file(path, e))?;
-    let name = path.display().to_string();
-    if !metadata.is_file() {
-        return Err(fault(&name, "file", "it is not a regular file", "Name a file, not a folder or a device."));
-    }
-    check_bytes(&name, metadata.len(), limits)?;
-    let mut bytes = Vec::new();
-    let most = (limits.file_bytes as u64).saturating_add(1);
-    file.take(most).read_to_end(&mut bytes).map_err(|e| Error::file(path, e))?;
-    check_bytes(&name, bytes.len() as u64, limits)?;
-    String::from_utf8(bytes).map_err(|e| {
-        let at = e.utf8_error().valid_up_to();
-        fault(&name, format!("byte {at}"), "the text is not UTF-8", "Save the file as UTF-8.")
-    })
+    file_gate::read_text(path, limits.file_bytes as u64)
 }
 
 fn check_bytes(file: &str, bytes: u64, limits: &InputLimits) -> Result<()> {

@@ -2,12 +2,13 @@
 
 use super::damaged;
 use super::disk::{Entry, hex};
+use crate::autodiff::lanes::instruction_set;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
-/// Number of the format on disk. Raised with every change of it.
+/// Number of the format on disk. Raised with every change but new names.
 pub const FORMAT: u32 = 1;
 
 /// What a checkpoint is of. Fill in what is yours and take the rest from [`Manifest::default`].
@@ -21,6 +22,10 @@ pub struct Manifest {
     pub format: u32,
     /// Version of this crate; set when saving.
     pub version: String,
+    /// Instructions that the processor computed with ([`instruction_set`]); set when saving, empty in older files. Others round
+    /// sums elsewhere.
+    #[serde(default)]
+    pub instructions: String,
     /// Name of the algorithm.
     pub algorithm: String,
     /// Name of the task.
@@ -50,6 +55,7 @@ impl Default for Manifest {
         Self {
             format: FORMAT,
             version: env!("CARGO_PKG_VERSION").into(),
+            instructions: instruction_set().into(),
             algorithm: String::new(),
             task: String::new(),
             spec_hash: 0,

@@ -59,6 +59,7 @@ pub use store::{Found, Skipped, Store, Writer};
 pub use tensor::{Data, Element, Tensor, Tensors};
 
 use crate::error::{Error, Result};
+use crate::file_gate;
 use disk::Disk;
 use file::Layout;
 use std::fs::File;
@@ -119,8 +120,8 @@ impl Checkpoint {
         check_total(folder, policy.bytes.saturating_add(state.bytes), max_bytes)?;
         disk.make_folder(folder)?;
         let files = Files { policy: policy.write(&paths[0], disk)?, state: state.write(&paths[1], disk)? };
-        let manifest =
-            Manifest { files, format: FORMAT, version: Manifest::default().version, ..self.manifest.clone() };
+        let Manifest { version, instructions, .. } = Manifest::default();
+        let manifest = Manifest { files, format: FORMAT, version, instructions, ..self.manifest.clone() };
         let text = manifest.seal(&paths[2])?;
         check_text(&paths[2], text.len() as u64)?;
         // what could not be read again shall not replace what can
@@ -160,13 +161,8 @@ fn check_text(path: &Path, bytes: u64) -> Result<()> {
 
 /// A file and its length. Only a plain file: no link to elsewhere, no pipe that never ends.
 fn open(path: &Path) -> Result<(File, u64)> {
-    let metadata = std::fs::symlink_metadata(path).map_err(|e| Error::file(path, e))?;
-    if !metadata.is_file() {
-        return Err(damaged(path, "the file", "it is a folder, a link or a device"));
-    }
-    let file = File::open(path).map_err(|e| Error::file(path, e))?;
-    let length = file.metadata().map_err(|e| Error::file(path, e))?.len();
-    Ok((file, length))
+    file_gate::own(path).map_err(|_| damaged(path, "the file", "it is a folder, a link or a device"))?;
+    file_gate::open(path)
 }
 
 fn read_text(path: &Path) -> Result<Vec<u8>> {

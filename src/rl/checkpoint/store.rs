@@ -3,6 +3,7 @@
 use super::disk::Disk;
 use super::{Checkpoint, MAX_BYTES, damaged};
 use crate::error::{Error, Result};
+use crate::file_gate;
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
@@ -169,6 +170,7 @@ impl Drop for Lock {
 
 fn lock(folder: &Path) -> Result<Lock> {
     let path = folder.join(".lock");
+    file_gate::own(&path)?;
     let open = OpenOptions::new().create(true).truncate(false).write(true).open(&path);
     let file = open.map_err(|e| Error::file(&path, e))?;
     match file.try_lock() {

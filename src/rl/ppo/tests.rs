@@ -376,6 +376,14 @@ fn a_critic_knows_the_numbers_of_the_episode_that_each_row_belongs_to() {
             (same, other) = (same + usize::from(!ended), other + usize::from(ended));
         }
         assert!(same > 20 && other > 2, "{same} {other}");
+        // what a time-out is worth is asked of the episode that ended, not of the one that follows in its place
+        let one = &ppo.collectors[0];
+        for (seen, row) in one.ends.chunks(n).zip(&one.end_rows) {
+            let tail = |row: usize| &r.apart[(row + 1) * n - n_known..][..n_known];
+            assert_eq!(&seen[n - n_known..], tail(*row), "{task}: row {row}");
+            assert_ne!(&seen[n - n_known..], tail(row + n_env * shape.n_judged), "{task}: row {row}");
+        }
+        assert!(!one.end_rows.is_empty());
         let own = ppo.collectors[0].shard.env.parameters(3).unwrap();
         for (x, (name, nominal)) in known(shape.steps, 3).iter().zip(&ppo.spec.privileged) {
             let wanted =
@@ -429,7 +437,7 @@ fn settings_survive_their_text_and_what_cannot_be_meant_is_named() {
         ("log_std = 9.0", "log_std is 9"),
         ("target_kl = -1.0", "target_kl is -1"),
         ("value_beta = 1.0", "beta of the value norm is 1"),
-        ("n_env = 2048\nsteps = 65536", "a rollout is "),
+        ("n_env = 2048\nsteps = 65536", "rows of a rollout is "),
     ] {
         let told = told(text);
         assert!(told.starts_with(what), "{told}");

@@ -1,10 +1,12 @@
 //! Sixty-four environments: what they hold between steps, and the memory that a step works in.
 
+use super::residual::Lead;
 use super::restart::Draft;
 use super::spec::Column;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::Block;
 use crate::dynamics::frame::FRAME;
+use crate::tasks::task::TaskReference;
 
 pub(crate) use crate::autodiff::columns::Columns;
 
@@ -46,6 +48,8 @@ pub(crate) struct Sizes {
     pub task_state: usize,
     /// Numbers of the physics that vary.
     pub theta: usize,
+    /// State and goal that an episode began with, where controllers fly; else none.
+    pub beginning: usize,
     /// Numbers of a randomised wind: 3 or none.
     pub air: usize,
     /// Agents.
@@ -98,6 +102,10 @@ pub(crate) struct EnvBlock {
     pub air: Columns,
     pub line: Columns,
     pub history: Columns,
+    /// See [`Sizes::beginning`].
+    pub beginning: Columns,
+    /// What controllers track, from the first step of an episode on; one per lane or none. Follows from `beginning`.
+    pub references: Vec<Option<Box<TaskReference>>>,
     pub seed: [u64; BLOCK],
     pub episode: [u64; BLOCK],
     /// One bit per environment that was reset once.
@@ -120,6 +128,8 @@ impl EnvBlock {
             air: Columns::zeros(s.air),
             line: Columns::zeros(s.delay * s.command),
             history: Columns::zeros(s.history),
+            beginning: Columns::zeros(s.beginning),
+            references: vec![None; if s.beginning > 0 { BLOCK } else { 0 }],
             seed: [0; BLOCK],
             episode: [0; BLOCK],
             started: 0,
@@ -132,8 +142,16 @@ impl EnvBlock {
     /// All rows that make up the state of the environments, in order.
     pub(crate) fn all_rows(&self) -> impl Iterator<Item = &[f32; BLOCK]> {
         let numbers = self.plant.numbers.iter().flatten();
-        let own =
-            [&self.episode_state, &self.goal, &self.task_state, &self.theta, &self.air, &self.line, &self.history];
+        let own = [
+            &self.episode_state,
+            &self.goal,
+            &self.task_state,
+            &self.theta,
+            &self.air,
+            &self.line,
+            &self.history,
+            &self.beginning,
+        ];
         self.plant.rows.iter().chain(numbers).chain(own.into_iter().flatten())
     }
 
@@ -148,13 +166,13 @@ impl EnvBlock {
             &mut self.air,
             &mut self.line,
             &mut self.history,
+            &mut self.beginning,
         ];
         self.plant.rows.iter_mut().chain(numbers).chain(own.into_iter().flatten())
     }
 }
 
 /// What one worker needs for a block.
-#[derive(Debug, Clone)]
 pub(crate) struct Workspace {
     pub frames: Columns,
     pub speeds: Columns,
@@ -180,6 +198,8 @@ pub(crate) struct Workspace {
     /// What the normaliser sees.
     pub seen: Columns,
     pub draft: Draft,
+    /// Controllers that actions change the commands of.
+    pub lead: Option<Lead>,
 }
 
 /// Rows of [`Workspace::signals`].
@@ -196,7 +216,7 @@ pub(crate) mod signal {
 }
 
 impl Workspace {
-    pub(crate) fn new(s: &Sizes, n_noise: usize, draft: Draft) -> Self {
+    pub(crate) fn new(s: &Sizes, n_noise: usize, draft: Draft, lead: Option<Lead>) -> Self {
         Self {
             frames: Columns::zeros(s.frame * FRAME),
             speeds: Columns::zeros(s.rotor),
@@ -215,6 +235,7 @@ impl Workspace {
             moved: Columns::zeros(2),
             seen: Columns::zeros(s.agent * s.normalised),
             draft,
+            lead,
         }
     }
 }

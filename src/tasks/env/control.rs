@@ -51,10 +51,7 @@ pub(crate) struct Control {
 impl Control {
     pub(crate) fn new(config: &EnvConfig, robot: &Robot) -> Result<Self> {
         let level = config.control;
-        let place = |d: &crate::tasks::robot::DronePlace| {
-            d.rotors.iter().map(|r| r.action).chain(d.drives.iter().map(|d| d.command)).collect()
-        };
-        let inputs: Vec<Vec<usize>> = robot.drones().iter().map(place).collect();
+        let inputs = robot.drones().iter().map(|drone| drone.commands().collect()).collect();
         let mut own = Self {
             level,
             scale: config.action_scale,
@@ -68,14 +65,14 @@ impl Control {
             steps: config.control_steps(),
         };
         match level {
-            Level::Rotor => own.direct(robot)?,
+            Level::Rotor => own.direct(robot, config.residual > 0.0)?,
             _ => own.cascaded(robot)?,
         }
         own.fits()?;
         Ok(own)
     }
 
-    fn direct(&mut self, robot: &Robot) -> Result<()> {
+    fn direct(&mut self, robot: &Robot, residual: bool) -> Result<()> {
         let first = robot.drone();
         let counts = robot.drones().iter().map(|d| (d.rotors.len(), d.drives.len()));
         if let Some(other) = counts.into_iter().find(|c| *c != (first.rotors.len(), first.drives.len())) {
@@ -90,6 +87,9 @@ impl Control {
         }
         self.names.extend((0..first.drives.len()).map(|i| format!("drive_{i}")));
         self.safe.resize(self.n_command, 0.0);
+        if residual {
+            self.safe.fill(0.0);
+        }
         Ok(())
     }
 

@@ -3,6 +3,7 @@
 use super::block::{Sizes, Workspace};
 use super::control::Control;
 use super::engine::Engine;
+use super::residual::Residual;
 use super::restart::Draft;
 use super::transition::{Setting, StepLayout};
 use crate::autodiff::{Program, Recording};
@@ -20,6 +21,8 @@ pub(crate) struct Core {
     pub engine: Box<dyn Engine>,
     pub plant: Plant,
     pub control: Control,
+    /// Controllers that actions change the commands of.
+    pub residual: Option<Residual>,
     pub bounds: Bounds,
     /// Rows of the state that are bounded.
     pub limits: Vec<(usize, f32)>,
@@ -71,6 +74,7 @@ impl Core {
     /// Memory for one worker.
     pub(crate) fn workspace(&self) -> Workspace {
         let noise = self.sizes.agent * self.pipeline.noise;
-        Workspace::new(&self.sizes, noise, Draft::new(self))
+        let lead = self.residual.as_ref().map(|residual| residual.lead(self.robot()));
+        Workspace::new(&self.sizes, noise, Draft::new(self), lead)
     }
 }

@@ -19,6 +19,7 @@ use crate::autodiff::Program;
 use crate::autodiff::lanes::{to_columns, to_rows};
 use crate::autodiff::program::{BLOCK, BlockWorkspace};
 use crate::error::{Error, Result};
+use crate::memory::Request;
 use crate::parallel::{Divide, Threads};
 use crate::tasks::config::{ActionSpace, Autoreset};
 use nalgebra::{DMatrix, DMatrixView};
@@ -242,6 +243,7 @@ impl Env {
     /// # Errors
     /// As there.
     pub fn adjoint_of(&self, parameters: bool, seeds: Seeds) -> Result<Adjoint> {
+        self.check_differentiable()?;
         if self.spec.config.actions != ActionSpace::Continuous {
             let remedy = "Whole numbers have no gradient: leave `actions` out.";
             return Err(Error::value("actions", "discrete", "continuous for gradients", remedy));
@@ -266,6 +268,15 @@ impl Env {
         })))
     }
 
+    /// Gradients know actions, not the controllers beside them.
+    fn check_differentiable(&self) -> Result<()> {
+        if self.core.residual.is_none() {
+            return Ok(());
+        }
+        let remedy = "Learn by PPO, or leave `residual` out.";
+        Err(Error::value("residual", self.spec.config.residual, "0 for gradients", remedy))
+    }
+
     /// Memory for `horizon` recorded steps: per step and environment 4 bytes for each number that goes into a step
     /// ([`StepLayout`] up to `noise`), and 1 byte of book-keeping; for whole blocks of 64 environments.
     ///
@@ -274,17 +285,15 @@ impl Env {
     /// [`EnvConfig::memory_limit`](crate::tasks::EnvConfig::memory_limit).
     pub fn tape(&self, horizon: usize) -> Result<Tape> {
         let (layout, n_block) = (self.layout(), self.blocks.len());
-        let (needed, limit) = (tape_bytes(&layout, n_block, horizon), self.spec.config.memory_limit);
-        if needed > u128::from(limit) {
-            let gib = |bytes: f64| bytes / f64::from(1 << 30);
-            let most = u128::from(limit) / tape_bytes(&layout, n_block, 1);
-            return Err(Error::limit(
-                "horizon of the tape",
-                format!("{horizon} ({:.1} GiB)", gib(needed as f64)),
-                format!("{most} ({:.1} GiB)", gib(limit as f64)),
-                "Sweep over shorter windows, step fewer environments at once, or raise memory_limit.",
-            ));
-        }
+        let request = Request {
+            what: "horizon of the tape",
+            value: horizon,
+            bytes: tape_bytes(&layout, n_block, horizon),
+            limit: self.spec.config.memory_limit,
+            setting: "memory_limit",
+            less: "Sweep over shorter windows, step fewer environments at once",
+        };
+        request.check(|limit| (u128::from(limit) / tape_bytes(&layout, n_block, 1)).to_string())?;
         let block = BlockTape { slots: vec![Slot::new(&layout); horizon] };
         let statistics = vec![self.core.frozen.clone(); horizon];
         Ok(Tape { blocks: vec![block; n_block], layout, statistics, n_env: self.spec.n_env, n_step: 0 })
@@ -313,6 +322,7 @@ impl Env {
     /// As [`Env::adjoint`] and [`Env::state`]; [`Error::Value`] for an action of the wrong length.
     pub fn jacobian(&self, environment: usize, action: &[f64]) -> Result<Jacobian> {
         self.check_environment(environment)?;
+        self.check_differentiable()?;
         let layout = self.layout();
         let wanted = layout.action.len();
         if action.len() != wanted || self.spec.config.actions != ActionSpace::Continuous {

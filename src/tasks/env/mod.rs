@@ -10,6 +10,7 @@
 //! | `step` | the order of a step |
 //! | `stepper` | its phases for sixty-four environments in lanes, then ends and restarts |
 //! | `control` | from an agent's numbers to rotor actions |
+//! | `residual` | controllers whose commands actions change |
 //! | `evaluate_step` | the task's part of a step |
 //! | `transform` | delay lines, transforms of observations |
 //! | `restart` | episodes begin, goals change |
@@ -35,6 +36,7 @@ pub(crate) mod gradient;
 mod limits;
 mod mask;
 mod normaliser;
+pub(crate) mod residual;
 mod restart;
 mod rows;
 pub(crate) mod single;
@@ -60,6 +62,7 @@ use self::core::Core;
 use self::engine::{Engine, Typed};
 use self::gradient::BlockTape;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
+use self::residual::{Residual, check_reference};
 use self::spec::spec_of;
 use self::stepper::Stepper;
 use self::transition::{config_hash, exposed};
@@ -149,6 +152,7 @@ impl Env {
         let (names, domains) = (robot.parameter_names(), robot.parameter_domains());
         let theta: Vec<_> = varied.iter().map(|k| (names[*k].clone(), nominal[*k], domains[*k])).collect();
         let extent = Extent::of(&config.observation, total(&own.observation), theta.len())?;
+        let residual = Residual::of(config, robot)?;
         let control = Control::new(config, robot)?;
         let n_agent = engine.n_agent();
         let sizes = Sizes {
@@ -159,6 +163,7 @@ impl Env {
             goal: total(&own.goal),
             task_state: total(&own.task_state),
             theta: varied.len(),
+            beginning: if residual.is_some() { robot.n_state() + total(&own.goal) } else { 0 },
             air: if randomiser.blows() { 3 } else { 0 },
             agent: n_agent,
             command: n_agent * control.n_command,
@@ -205,6 +210,7 @@ impl Env {
             engine,
             plant,
             control,
+            residual,
             bounds: config.bounds,
             limits,
             sizes,
@@ -216,6 +222,7 @@ impl Env {
             disturbance_rows,
             speed_rows: speeds,
         };
+        check_reference(&core, name)?;
         let mut block = EnvBlock::new(core.plant.block(&rest, BLOCK), &sizes);
         block.seed = [config.seed; BLOCK];
         // until its first reset an environment stands still; lanes behind the last one always do
@@ -510,7 +517,8 @@ impl Env {
         self.core.config_hash
     }
 
-    /// The command that an action stands for which is no number: rotors carry the weight, drives and setpoints rest.
+    /// The command that an action stands for which is no number: rotors carry the weight, drives and setpoints rest, and
+    /// controllers beside the actions are left alone.
     pub fn safe_command(&self) -> &[f64] {
         &self.core.control.safe
     }

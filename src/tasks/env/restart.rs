@@ -55,7 +55,7 @@ fn put(rows: &mut [[f32; BLOCK]], lane: usize, values: &[f64]) {
 }
 
 /// Numbers of one lane.
-fn take(rows: &[[f32; BLOCK]], lane: usize, values: &mut [f64]) {
+pub(crate) fn take(rows: &[[f32; BLOCK]], lane: usize, values: &mut [f64]) {
     values.iter_mut().zip(rows).for_each(|(value, row)| *value = f64::from(row[lane]));
 }
 
@@ -98,6 +98,7 @@ impl Stepper<'_> {
         block.history.iter_mut().for_each(|row| row[lane] = 0.0);
         block.started |= 1 << lane;
         self.install(lane, wind);
+        self.block.keep_beginning(lane);
     }
 
     /// Copies the numbers of a start into a lane.

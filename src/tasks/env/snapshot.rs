@@ -57,6 +57,7 @@ impl Env {
             block.seed.iter_mut().chain(&mut block.episode).for_each(|x| *x = u64::from_le_bytes(words.take()));
             block.started = u64::from_le_bytes(words.take()) & first_lanes(self.spec.n_env - i * BLOCK);
             block.moved = u64::MAX;
+            block.references.fill(None);
             block.count = f64::from_le_bytes(words.take());
             block.sums.iter_mut().flatten().for_each(|x| *x = f64::from_le_bytes(words.take()));
         }

@@ -112,6 +112,9 @@ impl Phases for Stepper<'_> {
             let (slots, n) = (core.sizes.delay, core.sizes.command);
             each_register(block.plant.occupied, Shift { slots, n, block, command: &mut self.work.command });
         }
+        if let Some(lead) = &mut self.work.lead {
+            lead.add_to(&mut self.work.command, core, self.block, self.running);
+        }
         self.keep_speeds();
     }
 

@@ -33,6 +33,7 @@ settings! {
         pose_scale: f64 = 1.2 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward::default() => group;
         loss: PoseLoss = PoseLoss::default() => group;
+        loss_up: f64 = 0.0 => ("m", "weight of the squared error of u in the loss", NotNegative);
         loss_drives: f64 = 0.01 => ("m s²/rad²", "weight of the rates of drives in the loss", NotNegative);
     }
 }
@@ -143,6 +144,10 @@ impl Task for Hover {
         loss.add("{×loss_velocity}h₅(v)", speed_cost(w.motion.velocity, drone.velocity));
         loss.add("{×loss_rate}h₁₀(ω)", rate_cost(w.motion.rate, drone.angular_velocity));
         loss.add("{×loss_turn}‖h_t − h‖²", squared(w.turn, Self::heading_error(view)));
+        if self.settings.loss_up > 0.0 {
+            let lean = sub(constants([0.0, 0.0, 1.0]), drone.up());
+            loss.add("{×loss_up}‖e_z − u‖²", squared(self.settings.loss_up, lean));
+        }
         drive_loss(self.settings.loss_drives, view, loss);
     }
 

@@ -12,7 +12,7 @@ use super::over::*;
 use super::team::{ALL_BEYOND, CourseLoss, TeamSettings, arrived, clearance, lowest, observe_load, remember_course};
 use super::{
     PoseReward, PoseSuccess, StartAttitude, StartRange, along_the_course, eased, less, made_of, more, nearer,
-    observes_team, succeeds_once,
+    observes_team, squared, succeeds_once,
 };
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::assembly::rod;
@@ -54,6 +54,9 @@ fn axes<S: Scalar>(spacing: S) -> [[Vec3<S>; 2]; POLES.len()] {
     axes
 }
 
+/// How near to the poles leaning is asked for, m.
+const LEAN_WITHIN: f64 = 0.8;
+
 /// Where starts are.
 fn start_range() -> StartRange {
     let position = [[-2.5, -2.0], [-0.5, 0.5], [1.75, 2.5]];
@@ -77,6 +80,7 @@ settings! {
         pose_scale: f64 = 1.0 => ("1/m", "how steeply r_p falls", NotNegative);
         reward: PoseReward = PoseReward::default() => group;
         loss: CourseLoss = CourseLoss::default() => group;
+        loss_lean: f64 = 0.0 => ("m", "weight of u_z² between the poles in the loss", NotNegative);
     }
 }
 
@@ -219,6 +223,12 @@ impl Task for OverFlyThrough {
         let w = &self.settings.loss;
         pose_loss(&view.frame(FRAME_BODY), &self.error(view), &w.pose, loss);
         loss.add(NEARNESS, nearness(w.clearance, clearance(view)));
+        if self.settings.loss_lean > 0.0 {
+            // a level frame between two poles touches both: its clearance does not tell which way to lean
+            let frame = view.frame(FRAME_BODY);
+            let between = (-squared(1.0 / (LEAN_WITHIN * LEAN_WITHIN), [frame.position[0]])).exp();
+            loss.add("{×loss_lean}u_z² e^{−(x/0.8 m)²}", between * squared(self.settings.loss_lean, [frame.up()[2]]));
+        }
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -24,9 +24,13 @@
 /// Defaults of a variant, as TOML of an [`EnvConfig`](crate::tasks::EnvConfig), and what it has of its own, in words.
 pub type Variant = (&'static str, &'static str);
 
-/// OmavHover and OmavTrack.
-pub(crate) const OMAV: Variant =
-    ("[task]\nvehicle = 'omav_tilting'", "The drone is the Omav: twelve rotors in six units, whose drives tilt them.");
+const OMAV: &str = "The drone is the Omav: twelve rotors in six units, whose drives tilt them.";
+
+/// OmavHover: what can hold its place while it leans is told not to.
+pub(crate) const OMAV_HOVER: Variant = ("[task]\nvehicle = 'omav_tilting'\nloss_up = 0.3", OMAV);
+
+/// OmavTrack.
+pub(crate) const OMAV_TRACK: Variant = ("[task]\nvehicle = 'omav_tilting'", OMAV);
 
 /// HoverRand.
 pub(crate) const HOVER_RAND: Variant = (

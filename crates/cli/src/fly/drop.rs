@@ -67,7 +67,7 @@ pub fn dropped(a: &Arguments, robot: &Robot) -> Result<Report> {
     }
     if a.csv {
         let path = folder.join("drop.csv");
-        files::write_new(&path, &fallen.csv(), true)?;
+        files::replace(&path, fallen.csv())?;
         written.push(path);
     }
     let success = flight.diverged_at.is_none() && !fallen.gained();

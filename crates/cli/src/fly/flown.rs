@@ -53,7 +53,7 @@ pub(super) fn write(
         written.push(path);
         if let Some(system) = plant.tree() {
             let path = folder.join("joints.csv");
-            files::write_new(&path, &joint_csv(system, flight), true)?;
+            files::replace(&path, joint_csv(system, flight))?;
             written.push(path);
         }
         spinner.finish_and_clear();

@@ -2,6 +2,7 @@
 
 mod command;
 mod general;
+mod hostile;
 mod learning;
 mod promises;
 mod robots;

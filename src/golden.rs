@@ -1,0 +1,96 @@
+//! Bits that do not change unnoticed: hashes of rollouts, and of weights behind a few updates, whose gradients they carry.
+//!
+//! All instruction sets that fuse multiplication and addition come to the same hash, the one-lane fallback to another. A change
+//! of a hash is a line in the changelog; the test prints the table as it is now.
+
+use crate::autodiff::lanes::{Set, with_set};
+use crate::parallel::Threads;
+use crate::rl::Learner;
+use crate::rl::apg::{Apg, ApgConfig};
+use crate::rl::ppo::{Ppo, PpoConfig};
+use crate::rl::shac::{Shac, ShacConfig};
+use crate::tasks::{Buffers, Env, EnvConfig};
+use sha2::{Digest, Sha256};
+
+/// Name, hash where operations are fused, hash of one lane.
+const TABLE: &[(&str, &str, &str)] = &[
+    ("Hover", "0235a01d4da716c6", "3d41a2749b68c75d"),
+    ("TrackRand", "bb1455c1db136e75", "f9cd421a05430d5d"),
+    ("PayloadHover", "0a472dd9082460d0", "a011a7f5cfcefb83"),
+    ("InvPendulumHover", "871b54fe12f6baf6", "a3ad31ba04d9419a"),
+    ("OmavHover", "2d620daf94a8250c", "3ff7d2d3fc1c01ba"),
+    ("OverHover", "1f3283eb8ea12f10", "f366bb663d4f9104"),
+    ("Formation", "075130462ddddc33", "62ecead03b238d9f"),
+    ("Hover by APG", "ff0cb61455047659", "1c3317a6d8fdda03"),
+    ("PayloadHover by SHAC", "78e9a4949bb3501f", "07928510f7927269"),
+    ("Hover by PPO", "ed050a886e5dfcdf", "22a6a9038adb3815"),
+];
+
+/// The first eight bytes of a hash of numbers by their bits.
+fn hash(numbers: impl IntoIterator<Item = f32>) -> String {
+    let mut all = Sha256::new();
+    numbers.into_iter().for_each(|x| all.update(x.to_bits().to_le_bytes()));
+    all.finalize().iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Rewards and observations of 70 environments over 40 steps of random actions.
+fn flown(task: &str) -> String {
+    let mut env = Env::make(task, &EnvConfig { n_env: 70, seed: 5, stagger: true, ..EnvConfig::default() }).unwrap();
+    env.set_threads(Threads::new(1).unwrap());
+    let mut buffers = Buffers::new(env.spec());
+    env.reset(None, None, &mut buffers.out()).unwrap();
+    let mut actions = vec![0.0; 70 * env.spec().n_agent * env.spec().action.len()];
+    let mut seen = Vec::new();
+    for draw in 0..40 {
+        env.sample(draw, &mut actions);
+        env.step(&actions, &mut buffers.out()).unwrap();
+        seen.extend(buffers.reward.iter().chain(&buffers.observation));
+    }
+    hash(seen)
+}
+
+/// Weights behind two updates.
+fn learnt(mut learner: impl Learner) -> String {
+    for _ in 0..2 {
+        learner.update().unwrap();
+    }
+    hash(learner.policy().unwrap().parameters().to_vec())
+}
+
+/// Three algorithms, by settings that no recipe changes.
+fn runs() -> Vec<(String, String)> {
+    let (env, one) = (EnvConfig::default(), || Threads::new(1).unwrap());
+    let apg = ApgConfig { n_env: 64, shard: 64, horizon: 12, ..ApgConfig::default() };
+    let shac = ShacConfig { n_env: 64, shard: 64, horizon: 8, ..ShacConfig::default() };
+    let ppo = PpoConfig { n_env: 64, shard: 64, steps: 8, ..PpoConfig::default() };
+    vec![
+        ("Hover by APG".into(), learnt(Apg::new("Hover", &env, apg, 7, one()).unwrap())),
+        ("PayloadHover by SHAC".into(), learnt(Shac::new("PayloadHover", &env, shac, 7, one()).unwrap())),
+        ("Hover by PPO".into(), learnt(Ppo::new("Hover", &env, ppo, 7, one()).unwrap())),
+    ]
+}
+
+/// What is hashed.
+fn all() -> Vec<(String, String)> {
+    let tasks = ["Hover", "TrackRand", "PayloadHover", "InvPendulumHover", "OmavHover", "OverHover", "Formation"];
+    let flights = tasks.into_iter().map(|task| (task.to_string(), flown(task)));
+    flights.chain(runs()).collect()
+}
+
+#[test]
+fn bits_are_those_of_before_with_every_instruction_set() {
+    let sets = [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here());
+    let found: Vec<_> = sets.map(|set| (set, with_set(set, all))).collect();
+    for (set, hashes) in &found {
+        for (name, hash) in hashes {
+            println!("{set:?}: {name}: {hash}");
+        }
+    }
+    for (set, hashes) in &found {
+        for (name, hash) in hashes {
+            let (_, fused, one) = TABLE.iter().find(|(known, ..)| known == name).unwrap_or_else(|| panic!("{name}"));
+            let wanted = if *set == Set::OneLane { one } else { fused };
+            assert_eq!(hash, wanted, "{name} with {set:?}: a line of the changelog, or a mistake");
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Who flies a robot: a cascade each where drones are free, the [`default_controller`] of what is joined together.
+
+use super::robot::{Inertial, Robot};
+use super::task::TaskReference;
+use crate::controllers::cascade::{Cascade, Rates};
+use crate::controllers::controller::{Controller, Measurement, Target};
+use crate::controllers::kinematics::Kinematics;
+use crate::controllers::registry::{Setup, default_controller, swift};
+use crate::dynamics::rigid::{RIGID_DIM, vehicle_of};
+use crate::dynamics::tree::Model;
+use crate::dynamics::{Plant, Rotor, Vehicle};
+use crate::error::{Error, Result};
+
+/// Controllers of everything that flies in one environment, all levels in every step.
+pub(crate) enum Crew {
+    /// One per drone, each a tree of its own.
+    Free(Vec<Cascade>),
+    /// Of one tree.
+    Joined(Box<dyn Controller>),
+    /// Of numbers that no controller flies.
+    Nobody,
+}
+
+impl Crew {
+    /// For a robot with these numbers, in steps of `dt` seconds.
+    pub(crate) fn of(robot: &Robot, numbers: &[f64], dt: f64) -> Result<Self> {
+        match robot.plant() {
+            Plant::Rigid(m) => {
+                // who cannot hold its height sinks under any controller: the nominal one's does not refuse to try
+                let own = cascade(&vehicle_of(m.vehicle(), numbers)?, dt);
+                Ok(Self::Free(vec![own.or_else(|_| cascade(m.vehicle(), dt))?]))
+            }
+            Plant::Tree(m) if m.layout().trees.len() > 1 => {
+                let Some(vehicle) = &robot.vehicle else {
+                    return Err(Error::value("drones", "no plain vehicles", "vehicles, to fly freely", "Join them."));
+                };
+                let own = robot.drones().iter().map(|_| cascade(vehicle, dt));
+                own.collect::<Result<Vec<_>>>().map(Self::Free)
+            }
+            Plant::Tree(m) => {
+                let known = Plant::of_model(&with_numbers(m.model(), numbers)?, *m.physics())?;
+                let setup = Setup { gains: None, rates: &Rates::every_step(dt), swift: robot.vehicle.as_ref() };
+                default_controller(&known, &setup).map(Self::Joined)
+            }
+        }
+    }
+
+    /// What flies, in one word.
+    pub(crate) fn name(&self) -> &str {
+        match self {
+            Self::Free(_) => "cascade",
+            Self::Joined(one) => one.name(),
+            Self::Nobody => "nobody",
+        }
+    }
+
+    /// Whether commands depend on earlier steps.
+    pub(crate) fn remembers(&self) -> bool {
+        matches!(self, Self::Joined(one) if one.remembers())
+    }
+
+    /// Commands into the input of the robot's plant for the state at `time` seconds since its reference began.
+    pub(crate) fn fly(&mut self, robot: &Robot, wanted: &TaskReference, time: f64, state: &[f64], input: &mut [f64]) {
+        let references = &wanted.references;
+        match self {
+            Self::Free(cascades) => {
+                for (i, cascade) in cascades.iter_mut().enumerate() {
+                    let own = Kinematics::read(&state[robot.roots()[i]..][..RIGID_DIM]);
+                    let reference = &references[i.min(references.len() - 1)];
+                    let actions = cascade.position(&own, &reference.sample(time));
+                    robot.drones()[i].rotors.iter().zip(actions).for_each(|(r, a)| input[r.action] = a);
+                }
+            }
+            Self::Joined(one) => {
+                let target = Target { reference: &references[0], tilt: &wanted.tilt };
+                one.tick(Measurement { time, state }, target, input);
+            }
+            Self::Nobody => {}
+        }
+    }
+}
+
+/// All levels in every step; gains as if all motors had the mean lag.
+fn cascade(vehicle: &Vehicle, dt: f64) -> Result<Cascade> {
+    let mut even = vehicle.clone();
+    let mean = |of: fn(&Rotor) -> f64| vehicle.rotors.iter().map(of).sum::<f64>() / vehicle.n_rotor() as f64;
+    let [up, down] = [mean(|r| r.time_constant_up), mean(|r| r.time_constant_down)];
+    even.rotors.iter_mut().for_each(|r| (r.time_constant_up, r.time_constant_down) = (up, down));
+    let mut gains = swift(&even, 2.0);
+    gains.velocity = gains.velocity.map(|k| 1.2 * k);
+    Cascade::new(vehicle, &gains, &Rates::every_step(dt), dt)
+}
+
+/// The model with the masses that are in force.
+fn with_numbers(model: &Model, numbers: &[f64]) -> Result<Model> {
+    let mut parts = model.parts().clone();
+    for (i, body) in parts.bodies.iter_mut().enumerate() {
+        let own = Inertial::read(numbers, i);
+        (body.mass, body.center_of_mass, body.inertia) = (own.mass, own.center_of_mass, own.inertia);
+    }
+    Model::new(parts)
+}

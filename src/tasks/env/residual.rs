@@ -1,0 +1,120 @@
+//! Actions as changes of what a controller commands: u = u_c + share · a, clipped (Johannink et al. 2019, "Residual
+//! Reinforcement Learning for Robot Control").
+//!
+//! The controller is the task's own ([`Crew`]), as it is in [`Baseline`](crate::tasks::Baseline) but for one thing: it knows
+//! the nominal numbers, not those of the episode. What differs is there to be learnt.
+
+use super::block::{EnvBlock, episode_state};
+use super::core::Core;
+use super::mask::lanes_of;
+use super::restart::take;
+use crate::autodiff::program::BLOCK;
+use crate::controllers::cascade::Level;
+use crate::error::{Error, Result};
+use crate::tasks::config::EnvConfig;
+use crate::tasks::crew::Crew;
+use crate::tasks::robot::{DronePlace, Robot};
+use crate::tasks::task::TaskReference;
+
+const WITHOUT: &str = "Leave it out: actions are then the commands themselves.";
+
+/// How far actions reach beside the controller's commands.
+#[derive(Debug, Clone)]
+pub(crate) struct Residual {
+    share: f32,
+    /// Of all agents' commands in the input.
+    places: Vec<usize>,
+    dt: f64,
+}
+
+impl Residual {
+    /// `None` where actions are all there is.
+    ///
+    /// # Errors
+    /// [`Error::Value`] in a control mode, for a task without a controller, and for a controller whose commands depend on
+    /// earlier steps: environments could not go on with the same bits from what they save.
+    pub(crate) fn of(config: &EnvConfig, robot: &Robot) -> Result<Option<Self>> {
+        let share = config.residual;
+        if share == 0.0 {
+            return Ok(None);
+        }
+        let refuse = |value: String, limit: &str| Err(Error::value("residual", value, limit, WITHOUT));
+        if config.control != Level::Rotor {
+            return refuse(format!("{share} with control '{}'", config.control.name()), "with control 'rotor'");
+        }
+        let places = robot.drones().iter().flat_map(DronePlace::commands).collect();
+        let own = Self { share: share as f32, places, dt: config.dt };
+        let crew = own.crew(robot)?;
+        if crew.remembers() {
+            let what = format!("{share} around the controller '{}'", crew.name());
+            return refuse(what, "around one whose commands depend on the moment alone");
+        }
+        Ok(Some(own))
+    }
+
+    fn crew(&self, robot: &Robot) -> Result<Crew> {
+        Crew::of(robot, &robot.parameters(), self.dt)
+    }
+
+    /// What one worker needs.
+    pub(crate) fn lead(&self, robot: &Robot) -> Lead {
+        // it could be made when the environment was, of the same numbers
+        let crew = self.crew(robot).unwrap_or(Crew::Nobody);
+        Lead { crew, state: vec![0.0; robot.n_state()], input: robot.hover_input() }
+    }
+}
+
+/// The controllers of every environment, one after the other, for they remember nothing.
+pub(crate) struct Lead {
+    crew: Crew,
+    state: Vec<f64>,
+    input: Vec<f64>,
+}
+
+impl Lead {
+    /// Adds what the controllers command to the commands of these lanes.
+    pub(crate) fn add_to(&mut self, command: &mut [[f32; BLOCK]], core: &Core, block: &mut EnvBlock, lanes: u64) {
+        let Some(own) = &core.residual else { return };
+        for lane in lanes_of(lanes) {
+            let reference =
+                block.references[lane].get_or_insert_with(|| Box::new(reference(core, &block.beginning, lane)));
+            let time = f64::from(block.episode_state[episode_state::STEP][lane]) * own.dt;
+            take(&block.plant.rows, lane, &mut self.state);
+            self.crew.fly(core.robot(), reference, time, &self.state, &mut self.input);
+            for (row, place) in command.iter_mut().zip(&own.places) {
+                row[lane] = (self.input[*place] as f32 + own.share * row[lane]).clamp(-1.0, 1.0);
+            }
+        }
+    }
+}
+
+/// What controllers track in an episode that began so.
+fn reference(core: &Core, beginning: &[[f32; BLOCK]], lane: usize) -> TaskReference {
+    let numbers: Vec<f64> = beginning.iter().map(|row| f64::from(row[lane])).collect();
+    let (state, goal) = numbers.split_at(core.robot().n_state());
+    core.engine.reference(core, state, goal).unwrap_or(TaskReference::point([0.0; 3], 0.0))
+}
+
+/// Refuses a task that says nothing for controllers to track.
+///
+/// # Errors
+/// [`Error::Value`].
+pub(crate) fn check_reference(core: &Core, task: &str) -> Result<()> {
+    let ideal = core.engine.ideal(core);
+    if core.residual.is_none() || core.engine.reference(core, &ideal.state, &ideal.goal).is_some() {
+        return Ok(());
+    }
+    let limit = "a task with a reference that controllers track";
+    Err(Error::value("residual", format!("in {task}"), limit, WITHOUT))
+}
+
+impl EnvBlock {
+    /// Keeps what the reference of a lane's new episode follows from.
+    pub(crate) fn keep_beginning(&mut self, lane: usize) {
+        if let Some(own) = self.references.get_mut(lane) {
+            *own = None;
+            let from = self.plant.rows[..self.beginning.len() - self.goal.len()].iter().chain(&self.goal);
+            self.beginning.iter_mut().zip(from).for_each(|(row, now)| row[lane] = now[lane]);
+        }
+    }
+}
