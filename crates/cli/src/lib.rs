@@ -1,0 +1,230 @@
+//! The `omnidrones` command line: arguments in, one page or one JSON object out, an exit code. `omnidrones --help`.
+//!
+//! | file | idea |
+//! |---|---|
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `bench.rs` | one command each |
+//! | `arguments.rs` | arguments that commands share, and how they are read |
+//! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
+//! | `rollout_all.rs` | `rollout --all`: every task, one line each |
+//! | `rollout_files.rs` | plots and CSV of `rollout` |
+//! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
+//! | `fly/` | derivatives of what was flown; drops |
+//! | `source.rs` | a vehicle from a name, a TOML or a URDF |
+//! | `robot.rs` | an articulated system from a name or a vehicle |
+//! | `sheet.rs` | a vehicle's numbers as tables and JSON |
+//! | `failure.rs` | rotors that fail: arguments, what is left |
+//! | `files.rs` | reading and writing behind fences |
+//! | `page.rs`, `table.rs`, `progress.rs` | what a terminal shows |
+//!
+//! A command returns its whole [`Report`] before a line is printed: a broken pipe or a full disk then meets one write.
+//! The program is [`main`] alone; a library stands behind it so that a fuzzer can call [`outcome`] in its own process.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod allocate;
+mod arguments;
+mod bench;
+mod environment;
+mod eval;
+mod failure;
+mod files;
+mod fly;
+mod import;
+mod models;
+mod over_seeds;
+mod page;
+mod progress;
+mod robot;
+mod rollout;
+mod rollout_all;
+mod rollout_files;
+mod sheet;
+mod show;
+mod source;
+mod table;
+mod tasks;
+mod train;
+mod train_all;
+mod train_all_plot;
+mod train_plot;
+mod train_search;
+mod train_seeds;
+mod tune;
+mod watch;
+
+use clap::{Parser, Subcommand};
+use std::ffi::OsString;
+use std::io::{ErrorKind, Write};
+use std::process::ExitCode;
+
+/// What a command leaves behind.
+pub struct Report {
+    /// For standard output: a page, or one JSON object.
+    pub text: String,
+    /// Whether it did what was asked: exit code 0 or 1.
+    pub success: bool,
+}
+
+impl Report {
+    /// A command that did what was asked.
+    pub fn done(text: String) -> Self {
+        Self { text, success: true }
+    }
+
+    /// `value` as JSON, readable by people too.
+    pub fn json(value: &serde_json::Value, success: bool) -> Self {
+        Self { text: format!("{value:#}\n"), success }
+    }
+}
+
+const LONG_ABOUT: &str = "\
+A differentiable multirotor simulator. One definition of the physics flies a vehicle closed loop, gives its exact \
+derivatives, tunes its controller by gradients through whole flights, and trains policies for the tasks of a benchmark.
+
+Vehicles are built in, or come from your URDF or TOML file. Every quantity is in SI units and radians unless a unit \
+is written beside it; world z points up.";
+
+const AFTER_HELP: &str = "\
+Examples:
+  omnidrones fly                            fly a quadrotor read from URDF, write plots
+  omnidrones fly firefly --wind 4,0,0       a built-in vehicle in 4 m/s of wind
+  omnidrones fly drone.urdf                 your own vehicle
+  omnidrones import drone.urdf              what is in a URDF, and what had to be assumed
+  omnidrones fly transport                  four drones carry a box
+  omnidrones show payload --plot robot.svg    the tree of an articulated system, drawn
+  omnidrones models                         the built-in vehicles
+  omnidrones allocate firefly --fail 2      which thrusts hold hover without rotor 2
+  omnidrones tune hummingbird               better gains, by gradients through flights
+  omnidrones tasks                          the benchmark tasks for learners
+  omnidrones tasks Hover                    what an agent sees, commands and is rewarded for
+  omnidrones rollout Hover                  256 episodes flown by our controller, with plots
+  omnidrones train Hover                    a policy from random weights, in seconds
+  omnidrones eval runs/Hover-apg-s0         fly it from held-out starts, with plots
+  omnidrones watch runs/Hover-apg-s0        see it fly, as a GIF
+  omnidrones bench --quick                  how fast this machine steps and differentiates
+  omnidrones bench Hover --quick            how fast it steps thousands of environments of a task
+
+'omnidrones COMMAND --help' tells each command's options, files and units.
+
+Output: a folder must be new, empty or made by omnidrones, which then replaces its earlier output there; a file that \
+exists elsewhere is kept. --force writes into a folder of other files, or over a file. A training run is replaced with \
+--force alone; --resume goes on with it.
+
+Exit codes: 0 done; 1 ran, but the flight, the tuning or a training failed; 2 unusable input or arguments.";
+
+#[derive(Debug, Parser)]
+#[command(name = "omnidrones", version, about = "A differentiable multirotor simulator", long_about = LONG_ABOUT,
+          after_help = AFTER_HELP, max_term_width = 100, subcommand_required = true, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Fly a vehicle along a reference, differentiate it, write plots
+    #[command(long_about = fly::ABOUT)]
+    Fly(Box<fly::Arguments>),
+    /// Show an articulated system: its tree, rotors, servos, totals; draw it
+    #[command(long_about = show::ABOUT)]
+    Show(show::Arguments),
+    /// List the built-in vehicles, or print everything about one
+    #[command(long_about = models::ABOUT)]
+    Models(models::Arguments),
+    /// Read a URDF: its bodies, what is odd, what had to be assumed; draft its rotor file
+    #[command(long_about = import::ABOUT)]
+    Import(import::Arguments),
+    /// Find the rotor thrusts that make a wrench within limits, and explain the answer
+    #[command(long_about = allocate::ABOUT)]
+    Allocate(Box<allocate::Arguments>),
+    /// Tune a vehicle's gains by gradients through closed-loop flights
+    #[command(long_about = tune::ABOUT)]
+    Tune(Box<tune::Arguments>),
+    /// List the benchmark tasks, or print everything about one
+    #[command(long_about = tasks::ABOUT)]
+    Tasks(Box<tasks::Arguments>),
+    /// Fly the episodes of a task with a controller: returns, errors, crashes, plots
+    #[command(long_about = rollout::ABOUT)]
+    Rollout(Box<rollout::Arguments>),
+    /// Train a policy for a task from random weights, evaluate it, draw how it learnt
+    #[command(long_about = train::ABOUT)]
+    Train(Box<train::Arguments>),
+    /// Train every task by its recipe: one table beside our controllers
+    #[command(long_about = train_all::ABOUT)]
+    TrainAll(Box<train_all::Arguments>),
+    /// Fly a trained policy from held-out starts: returns, errors, crashes, plots
+    #[command(long_about = eval::ABOUT)]
+    Eval(Box<eval::Arguments>),
+    /// Show a trained policy in flight: a GIF and plots
+    #[command(long_about = watch::ABOUT)]
+    Watch(Box<watch::Arguments>),
+    /// Measure how fast this machine steps and differentiates
+    #[command(long_about = bench::ABOUT)]
+    Bench(Box<bench::Arguments>),
+}
+
+/// Parses, runs, prints; every outcome is an exit code.
+pub fn main() -> ExitCode {
+    // half a file is nobody's; who is to outlive a signal (nohup) goes on to
+    let _ = ctrlc::try_set_handler(|| {
+        let _writes_end = omnidrones::internals::remove_unfinished();
+        std::process::exit(130);
+    });
+    match outcome(std::env::args_os()) {
+        Ok(Ok(report)) => print(&report),
+        Ok(Err(error)) => fail(&error.to_string()),
+        // help and version come this way too, with code 0; a disk that is full is a failure of theirs too
+        Err(error) if error.use_stderr() && asked_for_json() => {
+            fail(error.to_string().trim_start_matches("error: ").trim_end())
+        }
+        Err(error) => match error.print().and_then(|()| std::io::stdout().flush()) {
+            Err(refused) if refused.kind() != ErrorKind::BrokenPipe => fail(&format!("standard output: {refused}")),
+            _ => ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2)),
+        },
+    }
+}
+
+/// What the command line `words`, the program's name first, leads to: a report, or an error with which it exits.
+///
+/// # Errors
+/// What clap says of words that it cannot read, and of those that ask for help or the version.
+pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::error::Result<Report>, clap::Error> {
+    Ok(match &Cli::try_parse_from(words)?.command {
+        Command::Fly(arguments) => fly::run(arguments),
+        Command::Show(arguments) => show::run(arguments),
+        Command::Models(arguments) => models::run(arguments),
+        Command::Import(arguments) => import::run(arguments),
+        Command::Allocate(arguments) => allocate::run(arguments),
+        Command::Tune(arguments) => tune::run(arguments),
+        Command::Tasks(arguments) => tasks::run(arguments),
+        Command::Rollout(arguments) => rollout::run(arguments),
+        Command::Train(arguments) => train::run(arguments),
+        Command::TrainAll(arguments) => train_all::run(arguments),
+        Command::Eval(arguments) => eval::run(arguments),
+        Command::Watch(arguments) => watch::run(arguments),
+        Command::Bench(arguments) => bench::run(arguments),
+    })
+}
+
+fn print(report: &Report) -> ExitCode {
+    let mut stdout = std::io::stdout().lock();
+    match stdout.write_all(report.text.as_bytes()).and_then(|()| stdout.flush()) {
+        // a reader that has seen enough (`| head`) is no failure
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => fail(&format!("standard output: {error}")),
+        _ => ExitCode::from(u8::from(!report.success)),
+    }
+}
+
+/// Whether what reads standard output reads JSON, known before the arguments are.
+fn asked_for_json() -> bool {
+    std::env::args_os().take_while(|a| a != "--").any(|a| a == "--json")
+}
+
+fn fail(message: &str) -> ExitCode {
+    let message = page::shown(message);
+    let _ = writeln!(std::io::stderr(), "error: {message}");
+    if asked_for_json() {
+        let _ = writeln!(std::io::stdout(), "{:#}", serde_json::json!({ "format": 1, "error": message }));
+    }
+    ExitCode::from(2)
+}
