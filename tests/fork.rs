@@ -26,12 +26,14 @@ fn step((env, buffers): &mut (Env, Buffers), draw: u64) -> Vec<u32> {
     buffers.observation.iter().chain(&buffers.reward).map(|x| x.to_bits()).collect()
 }
 
-/// Exit status of a child that runs `work`: 0 if it holds, 1 if not, 2 if it panics, 3 if it takes too long.
+/// How a child that runs `work` ends: 0 if it holds, 1 if not, 2 if it panics, 3 if it takes too long, 128 and the signal that
+/// killed it.
 fn in_a_child(work: impl FnOnce() -> bool) -> i32 {
     match fork().expect("fork") {
         Fork::Parent(child) => {
             let status = waitpid(child).expect("waitpid");
-            (status >> 8) & 0xff
+            let (signal, code) = (status & 0x7f, (status >> 8) & 0xff);
+            if signal == 0 { code } else { 128 + signal }
         }
         Fork::Child => {
             std::thread::spawn(|| {
@@ -58,7 +60,14 @@ fn a_forked_child_steps_its_own_batch_and_an_inherited_one_to_the_same_bits() {
             let mut own = batch(&threads);
             goes_on && grandchild == 0 && step(&mut own, 0) == first && step(&mut own, 1) == second
         });
-        assert_eq!(status, 0, "{threads:?}: 1 is other bits, 2 a panic, 3 no answer within {LIMIT:?}");
+        assert_eq!(status, 0, "{threads:?}: 1 is other bits, 2 a panic, 3 no answer within {LIMIT:?}, more a signal");
         assert_eq!(step(&mut inherited, 1), second, "the parent goes on");
     }
+}
+
+#[test]
+fn a_child_that_a_signal_kills_does_not_count_as_one_that_holds() {
+    const SIGABRT: i32 = 6;
+    assert_eq!(in_a_child(|| std::process::abort()), 128 + SIGABRT);
+    assert_eq!([in_a_child(|| true), in_a_child(|| false)], [0, 1]);
 }
