@@ -12,15 +12,19 @@ use omnidrones::autodiff::{
     CustomFunction, Gradient, JacobianScratch, Objective, Operation, Program, Recording, Rollout, Scalar, System,
     Trace, jacobian,
 };
-use omnidrones::controllers::Cascade;
 use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::kinematics::Kinematics;
 use omnidrones::controllers::reference::Setpoint;
+use omnidrones::controllers::{Cascade, Measurement, Reference, Setup, Target, default_controller, start_on};
 use omnidrones::dynamics::configurations::REGISTRY;
 use omnidrones::dynamics::tree::Multibody;
-use omnidrones::dynamics::{Effects, Multirotor, Physics, World, vehicles};
+use omnidrones::dynamics::{Effects, Multirotor, Physics, Plant, World, vehicles};
+use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{Buffers, Cotangents, EnvConfig, SweepOptions, registry};
+use omnidrones::rl::TrainConfig;
+use omnidrones::rl::checkpoint::Checkpoint;
+use omnidrones::rl::nn::{Activation, Layers, Mlp};
+use omnidrones::tasks::{Buffers, Cotangents, Env, EnvConfig, SweepOptions, registry};
 use std::alloc::{GlobalAlloc, Layout, System as Heap};
 use std::cell::Cell;
 
@@ -30,11 +34,13 @@ thread_local! {
     static COUNT: Cell<u64> = const { Cell::new(0) };
     static HELD: Cell<isize> = const { Cell::new(0) };
     static PEAK: Cell<isize> = const { Cell::new(0) };
+    static LARGEST: Cell<isize> = const { Cell::new(0) };
 }
 
 fn record(bytes: isize) {
     // a thread that is ending has no counters any more, and nothing under test runs on it
     let _ = COUNT.try_with(|c| c.set(c.get() + u64::from(bytes > 0)));
+    let _ = LARGEST.try_with(|l| l.set(l.get().max(bytes)));
     let _ = HELD.try_with(|h| {
         h.set(h.get() + bytes);
         let _ = PEAK.try_with(|p| p.set(p.get().max(h.get())));
@@ -70,6 +76,13 @@ fn peak(work: impl FnOnce()) -> isize {
     PEAK.set(before);
     work();
     PEAK.get() - before
+}
+
+/// The most bytes that `work` asked for at once on this thread.
+fn largest(work: impl FnOnce()) -> isize {
+    LARGEST.set(0);
+    work();
+    LARGEST.get()
 }
 
 /// Stay near the origin, gently.
@@ -138,6 +151,7 @@ fn stepping_evaluating_and_differentiating_allocate_nothing_after_warm_up_and_gr
     }
     custom_functions_are_called_without_allocating();
     articulated_systems_step_without_allocating();
+    controllers_tick_without_allocating();
     environments_step_without_allocating();
     gradients_grow_with_the_root_of_the_horizon();
 }
@@ -185,6 +199,42 @@ fn custom_functions_are_called_without_allocating() {
         roots.call(&single, &mut of_single);
     });
     assert_eq!((count, of_single), (0, [2.0, 3.0, 4.0]), "a call of duals and of f32");
+}
+
+/// Requests in 20 ticks of the controllers that do not live on the stack, as measured: of matrices of their model's size.
+const REQUESTS: [(&str, u64); 9] = [
+    ("payload", 28),
+    ("inverted_pendulum", 28),
+    ("platform_2", 140),
+    ("platform", 260),
+    ("platform_6", 408),
+    ("transport", 236),
+    ("transport_6", 320),
+    ("dragon", 3966),
+    ("omav_tilting", 4678),
+];
+
+/// Every controller that is a plant's default, on a course that never rests. Those of [`REQUESTS`] do allocate.
+fn controllers_tick_without_allocating() {
+    let physics = Physics::default();
+    let rigid = vehicles::all().into_iter().map(|vehicle| Plant::of_vehicle(&vehicle, physics).unwrap());
+    let joined = REGISTRY.iter().map(|entry| Plant::of_model(&(entry.build)().unwrap(), physics).unwrap());
+    for plant in rigid.chain(joined) {
+        let Ok(mut own) = default_controller(&plant, &Setup::new(None, &Rates::default())) else { continue };
+        let reference = Reference::by_name("lemniscate").unwrap();
+        let state = start_on(&plant, &own, &reference).unwrap();
+        let mut commands = vec![0.0; plant.n_input()];
+        let mut fly = |ticks: std::ops::Range<u32>| {
+            for k in ticks {
+                let seen = Measurement { time: f64::from(k) * physics.dt, state: &state };
+                own.tick(seen, Target::level(&reference), &mut commands);
+            }
+        };
+        fly(0..2);
+        let count = allocations(|| fly(2..22));
+        let most = REQUESTS.iter().find(|(name, _)| *name == plant.name()).map_or(0, |(_, n)| *n);
+        assert!(count <= most, "{} of {}: {count} requests, not {most}", own.name(), plant.name());
+    }
 }
 
 /// With restarts, transforms, delays, randomisation and a tape.
@@ -364,5 +414,61 @@ fn allocating_thrusts_and_differentiating_them_allocates_no_memory_on_the_fast_p
         evaluate(&bound);
         let count = allocations(|| [free, bound].iter().for_each(&mut evaluate));
         assert_eq!(count, 0, "AllocationFunction of {}", vehicle.name);
+    }
+}
+
+#[test]
+fn bombs_are_refused_before_a_mebibyte_is_asked_for() {
+    let env = |text: &str| {
+        let config = EnvConfig::from_toml(text, "bomb")?;
+        Env::make("Hover", &config)
+    };
+    let train = |text: &str| {
+        let config = TrainConfig::for_task("Hover", None, Some((text, "bomb")))?;
+        config.learner("Hover", &Threads::new(1)?).map(drop)
+    };
+    let hummingbird = vehicles::by_name("hummingbird").unwrap();
+    let world = |n_env| World::new(&hummingbird, Physics::default(), n_env).map(drop);
+    let network = |hidden| Mlp::new(30, &Layers { hidden, ..Layers::default() }, 4, Activation::Tanh).map(drop);
+    let one = env("n_env = 1").unwrap();
+    // a checkpoint whose header claims to be 2⁶³ bytes long
+    let run = tempfile::tempdir().unwrap();
+    for name in ["manifest.json", "policy.safetensors", "state.safetensors"] {
+        let from = format!("{}/tests/rl/runs_of_0.1/apg/checkpoints/000000002/{name}", env!("CARGO_MANIFEST_DIR"));
+        let mut bytes = std::fs::read(from).unwrap();
+        if name == "policy.safetensors" {
+            bytes[..8].copy_from_slice(&(1_u64 << 63).to_le_bytes());
+        }
+        std::fs::write(run.path().join(name), bytes).unwrap();
+    }
+    let bombs: &[(&str, &dyn Fn() -> Result<()>)] = &[
+        ("environments", &|| env("n_env = 1e12").map(drop)),
+        ("a horizon", &|| env("task.horizon = 1000000000000000").map(drop)),
+        ("histories", &|| {
+            env("observation = [{ kind = 'history', steps = 256 }, { kind = 'history', steps = 256 }]").map(drop)
+        }),
+        ("a history of many", &|| env("n_env = 10000000\nobservation = [{ kind = 'history', steps = 256 }]").map(drop)),
+        ("a tape", &|| one.tape(100_000_000_000).map(drop)),
+        ("the longest tape", &|| one.tape(usize::MAX).map(drop)),
+        ("a world", &|| world(1_000_000_000_000)),
+        ("the largest world", &|| world(usize::MAX)),
+        ("a network", &|| network(vec![1_000_000_000])),
+        ("layers", &|| network(vec![64; 1000])),
+        ("weights", &|| network(vec![8192; 8])),
+        ("a learner's network", &|| train("apg.network.hidden = [1000000000]")),
+        ("a learner's environments", &|| train("apg.n_env = 1000000000000")),
+        ("a learner's window", &|| train("apg.horizon = 1000000000000000")),
+        ("a longest window", &|| {
+            train("apg = { n_env = 64, shard = 64, horizon = 65536, network.hidden = [8000, 4000] }")
+        }),
+        ("a rollout", &|| train("algorithm = 'ppo'\nppo.steps = 100000000000")),
+        ("a rollout of many", &|| train("algorithm = 'ppo'\nppo = { n_env = 4096, shard = 64, steps = 65536 }")),
+        ("rows to imitate", &|| train("algorithm = 'dagger'\ndagger = { n_env = 4096, shard = 64, steps = 65536 }")),
+        ("a header", &|| Checkpoint::load(run.path()).map(drop)),
+    ];
+    for (name, bomb) in bombs {
+        let mut refused = false;
+        let most = largest(|| refused = bomb().is_err());
+        assert!(refused && most <= 1 << 20, "{name}: {most} bytes"); // measured: a shard of 64 environments 433 664, others 32 768
     }
 }
