@@ -246,7 +246,7 @@ impl Worker {
         let (rows, n_action) = (n_env * n_agent, own.len() / (n_env * n_agent));
         let first = env.spec().config.first_environment;
         // spread evenly over all shards
-        let taught_one = |i: usize| ((first + i as u64) as f64 * GOLDEN_RATIO).fract() < by_teacher;
+        let taught_one = |i: usize| (first.wrapping_add(i as u64) as f64 * GOLDEN_RATIO).fract() < by_teacher;
         (self.reward, self.episodes) = (0.0, Episodes::default());
         env.reset(None, None, &mut out.out())?;
         teacher.reset(env)?;
@@ -286,9 +286,10 @@ impl Dagger {
         let shards = shards(make, &env, config.shard)?;
         let spec = shards[0].env.spec().clone();
         let actor = Actor::new(&spec, &config.network, true)?;
-        let rows = config.n_env * spec.n_agent * config.steps;
-        let each = spec.n_observation + spec.action.len();
-        within_memory("rows of an update", rows, 4 * (rows * each) as u128, env.memory_limit)?;
+        let rows = config.n_env as u128 * spec.n_agent as u128 * config.steps as u128;
+        let each = (spec.n_observation + spec.action.len()) as u128;
+        within_memory("rows of an update", rows, 4 * rows * each, env.memory_limit)?;
+        let rows = rows as usize;
         let per_batch = rows.div_ceil(config.minibatches);
         let batch = Minibatch::new(&actor.mlp, actor.head.n_extra(), per_batch, env.memory_limit)?;
         let workers = shards.into_iter().map(|shard| Worker::new(shard, &actor, &config, make));

@@ -111,10 +111,11 @@ impl Planner {
             let remedy = "Build it with autoreset = 'disabled'.";
             return Err(Error::value("autoreset", "on", "'disabled' to plan", remedy));
         }
-        let (n_env, n_step) = (spec.n_env, numbers_of_a_step(&twin) * config.horizon);
-        let own = 4 * (6 * n_step + n_env * config.horizon) as u128;
-        let tape = (4 * twin.layout().n_kept() * n_env) as u128 * config.horizon as u128;
-        within_memory("steps of a plan", config.horizon, own + tape, spec.config.memory_limit)?;
+        let (n_env, n_action) = (spec.n_env, numbers_of_a_step(&twin));
+        let of_step = 6 * n_action as u128 + n_env as u128 * (1 + twin.layout().n_kept()) as u128;
+        let bytes = 4 * of_step * config.horizon as u128;
+        within_memory("steps of a plan", config.horizon, bytes, spec.config.memory_limit)?;
+        let n_step = n_action * config.horizon;
         let (reward, loss) = (config.objective == Objective::Reward, config.objective == Objective::Loss);
         let adjoint = twin.adjoint_of(false, Seeds { central: false, reward, loss })?;
         let options = SweepOptions { clip: config.adjoint_clip, ..SweepOptions::default() };

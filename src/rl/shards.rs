@@ -43,7 +43,7 @@ pub fn shards(make: &Make<'_>, config: &EnvConfig, size: usize) -> Result<Vec<Sh
     let shard = |first: usize| {
         let own = EnvConfig {
             n_env: size.min(config.n_env - first),
-            first_environment: config.first_environment + first as u64,
+            first_environment: config.first_environment.wrapping_add(first as u64),
             autoreset: Autoreset::SameStep,
             ..config.clone()
         };

@@ -138,9 +138,9 @@ pub fn windows(
         let spec = first.env.spec();
         let row = 3 * spec.n_observation + spec.action.len() + actor.mlp.n_activation();
         let tape = first.env.layout().n_kept().div_ceil(spec.n_agent);
-        let rows = (shards.len() * spec.n_env * spec.n_agent) as u128 * horizon as u128;
-        let gradients = (shards.len() * actor.n_parameter()) as u128;
-        let bytes = 4 * ((row + tape) as u128 * rows + gradients);
+        let (n_shard, n_agent) = (shards.len() as u128, spec.n_env as u128 * spec.n_agent as u128);
+        let of_shard = (row + tape) as u128 * n_agent * horizon as u128 + actor.n_parameter() as u128;
+        let bytes = 4 * n_shard * of_shard;
         within_memory("window", horizon, bytes, spec.config.memory_limit)?;
     }
     let each = shards.into_iter().map(|shard| {

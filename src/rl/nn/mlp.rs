@@ -137,9 +137,14 @@ impl Mlp {
     /// A network from `n_in` numbers to `n_out`, the latter through `output`.
     ///
     /// # Errors
-    /// As [`Layers::validate`].
+    /// As [`Layers::validate`]; [`Error::Limit`] for more than 2²⁵ numbers in, out or learnt.
     pub fn new(n_in: usize, layers: &Layers, n_out: usize, output: Activation) -> Result<Self> {
         layers.validate()?;
+        let widest = n_in.max(n_out);
+        if widest > MAX_WEIGHTS {
+            let remedy = "Observations of a few hundred numbers are usual.";
+            return Err(Error::limit("numbers into or out of a network", widest, MAX_WEIGHTS, remedy));
+        }
         let mut at = 0;
         let mut take = |n: usize| {
             at += n;

@@ -71,7 +71,7 @@ impl Stepper<'_> {
 
     /// Seed, environment and episode of a lane.
     pub(crate) fn key(&self, lane: usize) -> [u64; 3] {
-        let environment = self.core.first_environment + (self.first + lane) as u64;
+        let environment = self.core.first_environment.wrapping_add((self.first + lane) as u64);
         [self.block.seed[lane], environment, self.block.episode[lane]]
     }
 
