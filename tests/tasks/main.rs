@@ -1,6 +1,7 @@
 //! Every registered task keeps the contract of the batched environment.
 
 mod baselines;
+mod concurrency;
 mod contract;
 mod events;
 mod gradients;
@@ -8,6 +9,7 @@ mod probes;
 mod residual;
 mod robustness;
 mod sendable;
+mod sizes;
 mod transforms;
 
 use omnidrones::controllers::cascade::Level;
@@ -20,13 +22,23 @@ fn config(n_env: usize, horizon: usize) -> EnvConfig {
     config
 }
 
+/// The variable of that name, for tests whose length is chosen.
+fn count(name: &str, usual: u64) -> u64 {
+    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(usual)
+}
+
+/// Tasks whose drones tilt their rotors or are tilted by servos, so that no cascade steers them.
+const ROTORS_ALONE: [&str; 3] = ["OmavHover", "OmavTrack", "DragonHover"];
+
 /// `check(name, make, config)` for every task, and for every control mode where its drones have one.
 fn everywhere(n_env: usize, horizon: usize, mut check: impl FnMut(&str, &dyn Fn(&EnvConfig) -> Env, &EnvConfig)) {
     for entry in registry::REGISTRY {
         for control in Level::ALL {
             let own = EnvConfig { control, ..config(n_env, horizon) };
-            if entry.env(&EnvConfig { n_env: 1, ..own.clone() }).is_err() {
-                assert_ne!(control, Level::Rotor, "{} has no rotor mode", entry.name);
+            let flies = entry.env(&EnvConfig { n_env: 1, ..own.clone() }).is_ok();
+            let has_mode = control == Level::Rotor || !ROTORS_ALONE.contains(&entry.name);
+            assert_eq!(flies, has_mode, "{} by {}", entry.name, control.name());
+            if !flies {
                 continue;
             }
             let name = format!("{} by {}", entry.name, control.name());
