@@ -5,6 +5,7 @@ pub use crate::dynamics::integrate::{Grid, step};
 pub use crate::file_gate::{UNFINISHED_NAME, read_text, remove_unfinished, replace, replace_with};
 pub use crate::rl::policy::ROWS;
 pub use crate::rl::shards::{Shard, shards};
+pub use crate::tasks::env::check::check_env_for;
 
 use crate::dynamics::Physics;
 

@@ -1,15 +1,28 @@
 //! The contract, bit for bit.
 
-use crate::{config, everywhere};
+use crate::{config, count, everywhere};
 use omnidrones::controllers::cascade::Level;
 use omnidrones::dynamics::tree::body_poses;
+use omnidrones::internals::check_env_for;
 use omnidrones::parallel::Threads;
+use omnidrones::rng::{Purpose, Stream};
 use omnidrones::tasks::{ActionSpace, Autoreset, Baseline, Buffers, Delay, Env, EnvConfig, Spec, check_env, registry};
 
 #[test]
 fn every_task_keeps_the_contract_in_every_control_mode() {
     everywhere(70, 40, |name, make, config| {
         for finding in check_env(&|c| Ok(make(c)), config).unwrap() {
+            assert_eq!(finding.objection, None, "{name}: {}", finding.claim);
+        }
+    });
+}
+
+#[test]
+#[ignore = "STEPS=1000 cargo test --release --test tasks contract -- --ignored --nocapture: minutes, as many steps"]
+fn every_task_keeps_the_contract_in_every_control_mode_for_a_thousand_steps() {
+    let steps = count("STEPS", 1000) as usize;
+    everywhere(70, 40, |name, make, config| {
+        for finding in check_env_for(steps, &|c| Ok(make(c)), config).unwrap() {
             assert_eq!(finding.objection, None, "{name}: {}", finding.claim);
         }
     });
@@ -128,28 +141,48 @@ fn part(out: &Buffers, spec: &Spec, first: usize, n: usize) -> Buffers {
     }
 }
 
+/// Batches that differ in their threads alone, stepped side by side: the same arrays in every step, the same bytes behind the
+/// last. Gives the first of them.
+fn threads_change_no_bit(entry: &registry::Entry, base: &EnvConfig, steps: u64, threads: &[usize]) -> (Env, Buffers) {
+    let batch = |threads: &usize| {
+        let mut env = entry.env(base).unwrap();
+        env.set_threads(Threads::new(*threads).unwrap());
+        let out = run(&mut env, 0);
+        (env, out)
+    };
+    let mut all: Vec<(Env, Buffers)> = threads.iter().map(batch).collect();
+    for t in 0..steps {
+        all.iter_mut().for_each(|(env, out)| go_on(env, out, t..t + 1));
+        let other = all.iter().position(|(_, out)| *out != all[0].1).map(|k| threads[k]);
+        assert_eq!(other, None, "{}, step {t}: so many threads give other bits", entry.name);
+    }
+    let saved = all[0].0.save();
+    assert!(all.iter().all(|(env, _)| env.save() == saved), "{}", entry.name);
+    all.swap_remove(0)
+}
+
+#[test]
+#[ignore = "STEPS=1000 cargo test --release --test tasks contract -- --ignored --nocapture: minutes, as many steps"]
+fn threads_change_no_bit_of_4096_environments_in_a_thousand_steps() {
+    for entry in registry::REGISTRY {
+        threads_change_no_bit(entry, &config(4096, 25), count("STEPS", 1000), &[1, 2, 3, 8, 16]);
+    }
+}
+
 #[test]
 fn threads_shards_and_places_in_the_batch_change_no_bit() {
     for entry in registry::REGISTRY {
         let light = ["Hover", "Track", "HoverRand", "TrackRand"].contains(&entry.name);
         let (n, steps) = if light { (4096, 60) } else { (512, 30) };
         let base = config(n, 25);
-        let make = |c: &EnvConfig| entry.env(c).unwrap();
-        let mut whole = make(&base);
-        whole.set_threads(Threads::new(1).unwrap());
-        let reference = run(&mut whole, steps);
-        for threads in [2, 8] {
-            let mut env = make(&base);
-            env.set_threads(Threads::new(threads).unwrap());
-            assert!(run(&mut env, steps) == reference, "{} on {threads} threads", entry.name);
-        }
+        let (whole, reference) = threads_change_no_bit(entry, &base, steps, &[1, 2, 8]);
         // four shards, and one that begins within a block
         let quarter = n / 4;
         for (first, count) in
             [(0, quarter), (quarter, quarter), (2 * quarter, quarter), (3 * quarter, quarter), (17, 70)]
         {
             let shard = EnvConfig { n_env: count, first_environment: first as u64, ..base.clone() };
-            let own = run(&mut make(&shard), steps);
+            let own = run(&mut entry.env(&shard).unwrap(), steps);
             let spec = whole.spec();
             assert!(own == part(&reference, spec, first, count), "{} from {first}", entry.name);
         }
@@ -200,6 +233,41 @@ fn saved_bytes_restore_into_a_fresh_environment_of_every_task() {
             assert!(error.contains("environment 0") && error.contains("reset"), "{error}");
         }
     }
+}
+
+/// At so many random instants of a batch a fresh one takes its bytes and goes on beside it: arrays and bytes of 20 steps.
+fn goes_on_from(instants: u64) {
+    for entry in registry::REGISTRY {
+        for base in [config(70, 25), transformed(&config(70, 25))] {
+            let mut env = entry.env(&base).unwrap();
+            let (mut out, mut at) = (run(&mut env, 0), 0);
+            let mut stream = Stream::new(82, 0, 0, Purpose::user(82));
+            for _ in 0..instants {
+                let from = at + stream.below(40);
+                go_on(&mut env, &mut out, at..from);
+                env.update_normaliser();
+                let (mut fresh, mut again) = (entry.env(&base).unwrap(), out.clone());
+                fresh.load(&env.save()).unwrap();
+                at = from + 20;
+                for t in from..at {
+                    go_on(&mut env, &mut out, t..t + 1);
+                    go_on(&mut fresh, &mut again, t..t + 1);
+                    assert!(again == out && fresh.save() == env.save(), "{} from {from}: step {t}", entry.name);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn saved_bytes_go_on_from_random_steps_of_every_task() {
+    goes_on_from(2);
+}
+
+#[test]
+#[ignore = "INSTANTS=100 cargo test --release --test tasks contract -- --ignored --nocapture: ten minutes, as many instants"]
+fn saved_bytes_go_on_from_a_hundred_random_steps_of_every_task() {
+    goes_on_from(count("INSTANTS", 100));
 }
 
 #[test]

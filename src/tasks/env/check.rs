@@ -30,8 +30,20 @@ const N_ENV: usize = 70;
 /// # Errors
 /// As `make`.
 pub fn check_env(make: &dyn Fn(&EnvConfig) -> Result<Env>, config: &EnvConfig) -> Result<Vec<Finding>> {
+    check_env_for(STEPS, make, config)
+}
+
+/// As [`check_env`] over another number of steps.
+///
+/// # Errors
+/// As `make`.
+pub fn check_env_for(
+    steps: usize,
+    make: &dyn Fn(&EnvConfig) -> Result<Env>,
+    config: &EnvConfig,
+) -> Result<Vec<Finding>> {
     let config = EnvConfig { n_env: N_ENV, stagger: false, ..config.clone() };
-    let maker = Maker { make, config };
+    let maker = Maker { steps, make, config };
     type Check = fn(&Maker<'_>) -> Result<Option<String>>;
     let checks: [(&'static str, Check); 9] = [
         ("numbers are finite and rewards within their bounds", finite_and_bounded),
@@ -52,6 +64,7 @@ pub fn check_env(make: &dyn Fn(&EnvConfig) -> Result<Env>, config: &EnvConfig) -
 }
 
 struct Maker<'a> {
+    steps: usize,
     make: &'a dyn Fn(&EnvConfig) -> Result<Env>,
     config: EnvConfig,
 }
@@ -103,7 +116,7 @@ fn finite_and_bounded(maker: &Maker<'_>) -> Result<Option<String>> {
     let bound = b.env.spec().reward_bound as f32 * (1.0 + 1e-6);
     // a diverged step is worth 0
     let floor = (b.env.spec().reward_floor as f32 * (1.0 + 1e-6)).min(0.0);
-    for t in 0..STEPS {
+    for t in 0..maker.steps {
         b.random(t)?;
         let arrays = [&b.out.observation, &b.out.reward, &b.out.central, &b.out.privileged, &b.out.info];
         let names = ["observation", "reward", "central", "privileged", "info"];
@@ -122,7 +135,7 @@ fn finite_and_bounded(maker: &Maker<'_>) -> Result<Option<String>> {
 fn seeded(maker: &Maker<'_>) -> Result<Option<String>> {
     let (mut a, mut b) = (maker.bench(Autoreset::SameStep)?, maker.bench(Autoreset::SameStep)?);
     let first = a.out.observation.clone();
-    for t in 0..STEPS {
+    for t in 0..maker.steps {
         a.random(t)?;
         b.random(t)?;
         if a.out != b.out {
@@ -163,7 +176,7 @@ fn modes_agree(maker: &Maker<'_>) -> Result<Option<String>> {
     // per environment and step: observation, reward, whether it ended, last observation
     type Told = (Vec<f32>, f32, bool, Vec<f32>);
     let mut told: Vec<Vec<Told>> = vec![Vec::new(); n];
-    for t in 0..STEPS {
+    for t in 0..maker.steps {
         a.random(t)?;
         let ended = a.ended();
         for i in 0..n {
@@ -172,7 +185,7 @@ fn modes_agree(maker: &Maker<'_>) -> Result<Option<String>> {
         }
     }
     let (mut counts, mut pending) = (vec![0; n], vec![false; n]);
-    for t in 0..STEPS {
+    for t in 0..maker.steps {
         for (i, own) in c.actions.chunks_mut(per_env).enumerate() {
             c.env.sample_one(counts[i] as u64, i, own);
         }
@@ -203,7 +216,7 @@ fn modes_agree(maker: &Maker<'_>) -> Result<Option<String>> {
 fn final_observation(maker: &Maker<'_>) -> Result<Option<String>> {
     let (mut a, mut b) = (maker.bench(Autoreset::SameStep)?, maker.bench(Autoreset::Disabled)?);
     let mut ends = 0;
-    for t in 0..STEPS {
+    for t in 0..maker.steps {
         a.random(t)?;
         b.random(t)?;
         let (ended, same) = (a.ended(), b.ended());
@@ -222,15 +235,16 @@ fn final_observation(maker: &Maker<'_>) -> Result<Option<String>> {
         }
     }
     // a longer episode may survive them all
-    let must = a.env.spec().horizon <= STEPS;
-    Ok((must && ends == 0).then(|| format!("no episode ended in {STEPS} steps, at most {} long", a.env.spec().horizon)))
+    let must = a.env.spec().horizon <= maker.steps;
+    Ok((must && ends == 0)
+        .then(|| format!("no episode ended in {} steps, at most {} long", maker.steps, a.env.spec().horizon)))
 }
 
 fn truncates(maker: &Maker<'_>) -> Result<Option<String>> {
     let mut b = maker.bench(Autoreset::SameStep)?;
     let spec = b.env.spec().clone();
     let (length, width) = (Column::Length.index(), spec.info.len());
-    for t in 0..STEPS {
+    for t in 0..maker.steps {
         b.random(t)?;
         for i in 0..spec.n_env {
             let steps = b.out.info[i * width + length] as usize;
@@ -247,7 +261,7 @@ fn accounts(maker: &Maker<'_>) -> Result<Option<String>> {
     let spec = b.env.spec().clone();
     let width = spec.info.len();
     let (mut returns, mut lengths) = (vec![0.0_f32; spec.n_env], vec![0.0_f32; spec.n_env]);
-    for t in 0..STEPS {
+    for t in 0..maker.steps {
         b.random(t)?;
         let ended = b.ended();
         for i in 0..spec.n_env {
@@ -271,7 +285,7 @@ fn accounts(maker: &Maker<'_>) -> Result<Option<String>> {
 
 fn continues(maker: &Maker<'_>) -> Result<Option<String>> {
     let (mut a, mut b) = (maker.bench(Autoreset::SameStep)?, maker.bench(Autoreset::SameStep)?);
-    for t in 0..STEPS / 3 {
+    for t in 0..maker.steps / 3 {
         a.random(t)?;
     }
     b.random(0)?;
@@ -287,7 +301,7 @@ fn continues(maker: &Maker<'_>) -> Result<Option<String>> {
     if fresh.out.privileged != seen.privileged {
         return Ok(Some("other physical numbers behind the restore".into()));
     }
-    for t in STEPS / 3..STEPS {
+    for t in maker.steps / 3..maker.steps {
         a.random(t)?;
         let saved = a.env.save();
         for (other, name) in [(&mut b, "one that was stepped"), (&mut fresh, "a fresh one")] {
@@ -296,7 +310,7 @@ fn continues(maker: &Maker<'_>) -> Result<Option<String>> {
             let same = x.observation == y.observation && x.reward == y.reward && x.central == y.central;
             let same = same && x.info == y.info && x.privileged == y.privileged && saved == other.env.save();
             if !same {
-                return Ok(Some(format!("{name} differs {} steps after the restore", t + 1 - STEPS / 3)));
+                return Ok(Some(format!("{name} differs {} steps after the restore", t + 1 - maker.steps / 3)));
             }
         }
     }
@@ -313,7 +327,7 @@ fn survives(maker: &Maker<'_>) -> Result<Option<String>> {
         Space::Box { low, high, .. } => (low..=high).contains(a),
         Space::Discrete { n } | Space::MultiDiscrete { levels: n, .. } => Space::Discrete { n }.contains(&[*a]),
     };
-    for t in 0..STEPS {
+    for t in 0..maker.steps {
         for (k, a) in b.actions.iter_mut().enumerate() {
             *a = hostile[(k + t) % hostile.len()];
         }
