@@ -1,6 +1,6 @@
 //! Hostile actions, broken environments, impossible configurations, damaged bytes.
 
-use crate::{config, everywhere};
+use crate::{config, count, everywhere};
 use omnidrones::rng::{Purpose, Stream};
 use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Domain, Env, EnvConfig, registry};
 use std::time::Instant;
@@ -19,12 +19,13 @@ fn hostile(stream: &mut Stream) -> f32 {
     }
 }
 
+/// `HOSTILE_TIMES=100 cargo test --release --test tasks ten_million -- --nocapture` takes a thousand million.
 #[test]
 fn ten_million_hostile_steps_give_finite_numbers_and_every_clip_is_counted() {
-    let mut steps = 0;
+    let (mut steps, times) = (0, count("HOSTILE_TIMES", 1) as usize);
     everywhere(512, 200, |name, make, config| {
         let light = name.starts_with("Hover ") || name.starts_with("Track ");
-        let rounds = if light { 2000 } else { 40 };
+        let rounds = times * if light { 2000 } else { 40 };
         let mut env = make(config);
         let mut out = Buffers::new(env.spec());
         env.reset(None, None, &mut out.out()).unwrap();
@@ -49,7 +50,7 @@ fn ten_million_hostile_steps_give_finite_numbers_and_every_clip_is_counted() {
         }
     });
     println!("{steps} steps");
-    assert!(steps >= 10_000_000);
+    assert!(steps >= times * 10_000_000);
 }
 
 /// Lowest reward, highest loss and share of episodes that diverged in `steps` steps of `n` environments: a quarter each of
@@ -176,70 +177,86 @@ enum Poison {
     Action(f32),
 }
 
-#[test]
-fn one_broken_environment_of_many_ends_alone() {
-    for entry in registry::REGISTRY {
-        let n = if ["Hover", "Track"].contains(&entry.name) { 4096 } else { 256 };
-        let victim = n / 2 + 3;
-        let run = |poison: Option<Poison>| {
+impl Poison {
+    const ALL: [Self; 4] = [Self::Velocity, Self::RotorSpeed, Self::Action(f32::NAN), Self::Action(f32::MAX)];
+
+    /// Breaks what environment `victim` is or is about to do.
+    fn taint(self, env: &mut Env, victim: usize, actions: &mut [f32]) {
+        let (mut state, speed) = (env.state(victim).unwrap(), env.robot().drone().rotors[0].speed);
+        match self {
+            Self::Velocity => state[3] = 1e18,
+            Self::RotorSpeed => state[speed] = 1e18,
+            Self::Action(a) => {
+                let each = actions.len() / env.spec().n_env;
+                actions[victim * each..(victim + 1) * each].fill(a);
+            }
+        }
+        env.set_state(victim, &state).unwrap();
+    }
+}
+
+/// Batches beside each other, the first whole; in each other one a random environment is broken in a random step. No bit of
+/// the rest differs, and what diverged ends in that step and says so.
+fn ends_alone(entry: &registry::Entry, n: usize, stream: &mut Stream) {
+    let (victim, when) = (stream.below(n as u64) as usize, stream.below(10));
+    let mut all: Vec<(Option<Poison>, Env, Buffers)> = [None]
+        .into_iter()
+        .chain(Poison::ALL.map(Some))
+        .map(|poison| {
             let mut env = entry.env(&config(n, 60)).unwrap();
             let mut out = Buffers::new(env.spec());
             env.reset(None, None, &mut out.out()).unwrap();
-            let mut actions = vec![0.0; n * env.spec().n_agent * env.spec().action.len()];
-            let mut told = Vec::new();
-            for t in 0..12 {
-                env.sample(t, &mut actions);
-                let mut state = env.state(victim).unwrap();
-                match poison.filter(|_| t == 7) {
-                    Some(Poison::Velocity) => state[3] = 1e18,
-                    Some(Poison::RotorSpeed) => {
-                        let speed = env.robot().drone().rotors[0].speed;
-                        state[speed] = 1e18;
-                    }
-                    Some(Poison::Action(a)) => {
-                        let each = actions.len() / n;
-                        actions[victim * each..(victim + 1) * each].fill(a);
-                    }
-                    None => {}
-                }
-                if t == 7 {
-                    env.set_state(victim, &state).unwrap();
-                }
-                env.step(&actions, &mut out.out()).unwrap();
-                told.push(out.clone());
+            (poison, env, out)
+        })
+        .collect();
+    let spec = all[0].1.spec().clone();
+    let mut actions = vec![0.0; n * spec.n_agent * spec.action.len()];
+    let reason = victim * spec.info.len() + spec.info_column("reason").unwrap();
+    for t in 0..12 {
+        for (poison, env, out) in &mut all {
+            env.sample(t, &mut actions);
+            if let Some(poison) = poison.filter(|_| t == when) {
+                poison.taint(env, victim, &mut actions);
             }
-            (told, env.spec().clone())
-        };
-        let (clean, spec) = run(None);
-        let reason = spec.info_column("reason").unwrap();
-        for poison in [Poison::Velocity, Poison::RotorSpeed, Poison::Action(f32::NAN), Poison::Action(f32::MAX)] {
-            let poisoned = run(Some(poison)).0;
-            for (t, (a, b)) in clean.iter().zip(&poisoned).enumerate() {
-                let place = format!("{}, {poison:?}, step {t}", entry.name);
-                let arrays = |o: &Buffers| {
-                    let bytes = |flags: &[u8]| flags.iter().map(|x| f32::from(*x)).collect::<Vec<f32>>();
-                    let (ends, cuts) = (bytes(&o.terminated), bytes(&o.truncated));
-                    let told = [&o.observation, &o.reward, &o.central, &o.privileged, &o.final_observation, &o.info];
-                    told.into_iter().cloned().chain([ends, cuts]).collect::<Vec<Vec<f32>>>()
-                };
-                for (x, y) in arrays(a).iter().zip(arrays(b)) {
-                    assert!(y.iter().all(|x| x.is_finite()), "{place}");
-                    let each = x.len() / n;
-                    let own = victim * each..(victim + 1) * each;
-                    assert!(x[..own.start] == y[..own.start] && x[own.end..] == y[own.end..], "{place}");
-                }
+            env.step(&actions, &mut out.out()).unwrap();
+        }
+        let [(_, _, clean), broken @ ..] = &all[..] else { unreachable!() };
+        for (poison, _, out) in broken {
+            let place = format!("{}, {poison:?} of environment {victim} in step {when}, step {t}", entry.name);
+            let arrays = |o: &Buffers| {
+                let bytes = |flags: &[u8]| flags.iter().map(|x| f32::from(*x)).collect::<Vec<f32>>();
+                let (ends, cuts) = (bytes(&o.terminated), bytes(&o.truncated));
+                let told = [&o.observation, &o.reward, &o.central, &o.privileged, &o.final_observation, &o.info];
+                told.into_iter().cloned().chain([ends, cuts]).collect::<Vec<Vec<f32>>>()
+            };
+            for (x, y) in arrays(clean).iter().zip(arrays(out)) {
+                assert!(y.iter().all(|x| x.is_finite()), "{place}");
+                let each = x.len() / n;
+                let own = victim * each..(victim + 1) * each;
+                assert!(x[..own.start] == y[..own.start] && x[own.end..] == y[own.end..], "{place}");
             }
-            if poison == Poison::Velocity {
-                let (ended, width) = (&poisoned[7], spec.info.len());
-                assert_eq!(ended.terminated[victim], 1, "{}", entry.name);
-                assert_eq!(
-                    ended.info[victim * width + reason] as usize,
-                    spec.ends.len() + 1,
-                    "{}: diverged",
-                    entry.name
-                );
+            if *poison == Some(Poison::Velocity) && t == when {
+                assert_eq!((out.terminated[victim], out.info[reason] as usize), (1, spec.ends.len() + 1), "{place}");
             }
         }
+    }
+}
+
+#[test]
+fn one_broken_environment_of_many_ends_alone() {
+    let mut stream = Stream::new(80, 0, 0, Purpose::user(80));
+    for entry in registry::REGISTRY {
+        ends_alone(entry, if ["Hover", "Track"].contains(&entry.name) { 4096 } else { 256 }, &mut stream);
+    }
+}
+
+#[test]
+#[ignore = "POISONS=1000 cargo test --release --test tasks robustness -- --ignored --nocapture: minutes, so many at least"]
+fn a_thousand_broken_environments_of_4096_end_alone() {
+    let mut stream = Stream::new(81, 0, 0, Purpose::user(81));
+    let rounds = count("POISONS", 1000).div_ceil((Poison::ALL.len() * registry::REGISTRY.len()) as u64);
+    for _ in 0..rounds {
+        registry::REGISTRY.iter().for_each(|entry| ends_alone(entry, 4096, &mut stream));
     }
 }
 
