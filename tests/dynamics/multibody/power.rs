@@ -3,14 +3,14 @@
 //! Every power is written down here from the conventions, with nothing of the dynamics but poses and motor lag.
 
 use super::common::*;
-use crate::common::tree::stream;
+use crate::common::tree::{lower, stream};
 use nalgebra::{Matrix3, Vector3};
 use omnidrones::dynamics::assembly::single;
 use omnidrones::dynamics::contact::with_plane;
 use omnidrones::dynamics::shape;
 use omnidrones::dynamics::spatial::from_matrix;
 use omnidrones::dynamics::tree::{Multibody, Pose, body_poses};
-use omnidrones::dynamics::{Effects, Physics, vehicles};
+use omnidrones::dynamics::{Effects, Physics, Vehicle, vehicles};
 use omnidrones::internals::contact_force;
 
 /// Body axes → world, then velocity of the origin and angular velocity in body axes.
@@ -123,11 +123,29 @@ fn energy_changes_by_the_work_of_rotors_drag_and_damping() {
     }
 }
 
+fn landed(vehicle: &Vehicle, dt: f64) -> Multibody {
+    Multibody::new(&single(vehicle).unwrap(), rk4(dt, Effects { contact: true, ..Effects::default() })).unwrap()
+}
+
+#[test]
+fn energy_lost_in_a_slide_is_the_work_of_the_ground() {
+    for vehicle in vehicles::all() {
+        let system = landed(&vehicle, 1e-3);
+        let mut x = system.rest_state();
+        lower(&system, &mut x, 0.0005);
+        x[3..6].copy_from_slice(&[0.5, -0.3, 0.0]);
+        x[12] = 0.5;
+        let (error, gain) = imbalance(&system, x, &system.rest_input(), 10_000);
+        // measured 7.0e-6 Omav, 1.1e-6 Firefly, 8.0e-7 and less elsewhere: touch and release are kinks of the power
+        at_most(&format!("{}: energy not accounted for in 10 s", vehicle.name), error, 1e-5);
+        at_most(&format!("{}: power of a loss", vehicle.name), gain, 1e-9);
+    }
+}
+
 #[test]
 fn energy_lost_in_a_fall_is_the_work_of_the_ground() {
     for vehicle in vehicles::all() {
-        let effects = Effects { contact: true, ..Effects::default() };
-        let system = Multibody::new(&single(&vehicle).unwrap(), rk4(1e-4, effects)).unwrap();
+        let system = landed(&vehicle, 1e-4);
         let mut x = system.rest_state();
         x[2] = 0.5;
         x[3..6].copy_from_slice(&[0.5, -0.3, 0.0]);
