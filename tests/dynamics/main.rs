@@ -11,6 +11,7 @@ mod physics;
 mod poison;
 mod tree;
 mod tree_batch;
+mod unit_length;
 mod urdf_articulated;
 mod urdf_diagnosis;
 mod urdf_fuzz;

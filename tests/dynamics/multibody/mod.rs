@@ -11,7 +11,7 @@
 //!
 //! `PHYSICS_PRINT=1 cargo test --test dynamics multibody -- --nocapture` prints what was measured.
 
-mod common;
+pub mod common;
 mod contact;
 mod convergence;
 mod drift;

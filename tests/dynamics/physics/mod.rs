@@ -5,7 +5,7 @@
 //! public door is used: `Multirotor`, its `step`, `derivative` and `drag_wrench`.
 
 mod closed_forms;
-mod common;
+pub mod common;
 mod conservation;
 mod convergence;
 mod dissipation;

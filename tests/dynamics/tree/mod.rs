@@ -6,5 +6,5 @@
 mod accelerations;
 mod common;
 mod inverse;
-mod models;
+pub mod models;
 mod one_body;
