@@ -41,6 +41,11 @@ fn sound() -> String {
     text + "</robot>\n"
 }
 
+/// The sound file with its rotor data in `<properties>`.
+fn with_properties() -> String {
+    sound().replacen("<robot name='r'>", "<robot name='r'><properties kf='5e-10' km='5e-12' thrust2weight='2'/>", 1)
+}
+
 fn import(urdf: &str, rotors: &str) -> Result<Import> {
     let rotors = RotorFile::parse(rotors, "v.rotors.toml")?;
     import_text(urdf, "v.urdf", Some(&rotors), &ImportOptions::default())
@@ -419,6 +424,17 @@ const WRONG_ROTORS: &[Row] = &[
     ),
 ];
 
+/// Every file above, broken and with its rotor file, and the sound ones they come from.
+pub fn files() -> Vec<(String, Option<String>)> {
+    let (sound, with_properties) = (sound(), with_properties());
+    let put = |text: &str, (_, from, to, _): &Row| text.replacen(from, to, 1);
+    let mut all = vec![(sound.clone(), Some(ROTORS.to_string())), (with_properties.clone(), None)];
+    all.extend(WRONG_URDF.iter().map(|row| (put(&sound, row), Some(ROTORS.to_string()))));
+    all.extend(WRONG_PROPERTIES.iter().map(|row| (put(&with_properties, row), None)));
+    all.extend(WRONG_ROTORS.iter().map(|row| (sound.clone(), Some(put(ROTORS, row)))));
+    all
+}
+
 fn judge(name: &str, file: &str, words: &[&str; 3], result: Result<Import>) -> Option<String> {
     let error = match result {
         Ok(_) => return Some(format!("{name}: accepted")),
@@ -453,11 +469,7 @@ fn every_wrong_urdf_is_refused_with_place_rule_and_remedy() {
 
 #[test]
 fn every_wrong_properties_element_is_refused_with_place_rule_and_remedy() {
-    let text = sound().replacen(
-        "<robot name='r'>",
-        "<robot name='r'><properties kf='5e-10' km='5e-12' thrust2weight='2'/>",
-        1,
-    );
+    let text = with_properties();
     let import = |text: &str| import_text(text, "v.urdf", None, &ImportOptions::default());
     assert!((import(&text).unwrap().vehicle.thrust_to_weight() - 2.0).abs() < 1e-12);
     let broken = |from: &str, to: &str| text.replace(from, to);

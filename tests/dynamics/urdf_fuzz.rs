@@ -2,7 +2,9 @@
 //!
 //! `FUZZ_N` and `FUZZ_SEED` choose count and seed; a failure prints the seed and case, which reproduce it.
 
+use crate::urdf_diagnosis::files;
 use omnidrones::dynamics::urdf::{ImportOptions, RotorFile, draft_rotors, export, import_text};
+use omnidrones::dynamics::vehicles;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::panic::catch_unwind;
@@ -57,13 +59,23 @@ struct Pair {
     rotors: Option<String>,
 }
 
-fn corpus() -> Vec<Pair> {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/urdf");
-    let mut paths: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+/// Files that import, our own and every vehicle as we write it; and files that are refused for one defect, drawn once in
+/// four.
+fn corpus() -> [Vec<Pair>; 2] {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folders = ["assets/urdf", "tests/assets"].map(|folder| std::fs::read_dir(root.join(folder)).unwrap());
+    let mut paths: Vec<_> = folders.into_iter().flatten().map(|e| e.unwrap().path()).collect();
     paths.retain(|p| p.extension().is_some_and(|e| e == "urdf"));
     paths.sort();
     let read = |p: &std::path::Path| std::fs::read_to_string(p);
-    paths.iter().map(|p| Pair { urdf: read(p).unwrap(), rotors: read(&p.with_extension("rotors.toml")).ok() }).collect()
+    let own = paths.iter().map(|p| (read(p).unwrap(), read(&p.with_extension("rotors.toml")).ok()));
+    let vehicles = vehicles::all();
+    let written = vehicles.iter().map(|v| export(v).map(|(urdf, rotors)| (urdf, Some(rotors))).unwrap());
+    let pair = |(urdf, rotors)| Pair { urdf, rotors };
+    let corpus = [own.chain(written).map(pair).collect(), files().into_iter().map(pair).collect()];
+    let n: usize = corpus.iter().map(Vec::len).sum();
+    assert!(n >= 100, "{n} files");
+    corpus
 }
 
 fn below(rng: &mut ChaCha8Rng, n: usize) -> usize {
@@ -165,10 +177,11 @@ fn attempt(urdf: &str, rotors: Option<&str>) -> bool {
     }
 }
 
-fn case(seed: u64, index: u64, corpus: &[Pair]) -> (String, Option<String>) {
+fn case(seed: u64, index: u64, corpus: &[Vec<Pair>; 2]) -> (String, Option<String>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(index);
-    let pair = &corpus[below(&mut rng, corpus.len())];
+    let pairs = &corpus[below(&mut rng, 4) / 3];
+    let pair = &pairs[below(&mut rng, pairs.len())];
     if pair.rotors.is_some() && rng.next_u32() % 5 == 0 {
         return (pair.urdf.clone(), pair.rotors.as_ref().map(|text| mutated(&mut rng, text)));
     }

@@ -11,22 +11,6 @@ fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The folder of files by others; `None` (and a note) where it is absent.
-fn shared() -> Option<PathBuf> {
-    let folder =
-        std::env::var_os("OMNIDRONES_URDF_DIR").map_or_else(|| root().join("../shared/data/urdf"), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!("skipped: the shared URDF folder is absent (name it in OMNIDRONES_URDF_DIR)");
-    None
-}
-
-fn read(path: &Path) -> Import {
-    let options = ImportOptions { rotors: Some(root().join("assets/rotors")), ..Default::default() };
-    import_file(path, &options).unwrap_or_else(|e| panic!("{e}"))
-}
-
 fn own(name: &str) -> Import {
     import_file(root().join("assets/urdf").join(name), &ImportOptions::default()).unwrap_or_else(|e| panic!("{e}"))
 }
@@ -37,94 +21,26 @@ fn unbalance(vehicle: &Vehicle) -> f64 {
 }
 
 #[test]
-fn all_seven_shared_files_import_with_their_mass_rotors_and_enough_thrust_to_hover() {
-    let Some(folder) = shared() else { return };
-    // mass kg, hub of rotor 0 m, thrust to weight
-    let table: [(&str, f64, [f64; 3], f64); 7] = [
-        ("cf2x", 0.027, [0.028, -0.028, 0.0], 2.25),
-        ("cf2p", 0.027, [0.0397, 0.0, 0.0], 2.25),
-        ("racer", 0.830, [0.085, 0.0675, 0.0], 4.17),
-        ("aerialgym_quad", 0.25, [0.13, -0.13, 0.0], 3.2620),
-        ("hector_quadrotor", 1.477, [0.1525, 0.0, 0.0], 2.0705),
-        ("iris", 1.535, [0.13, -0.22, 0.023], 1.8771),
-        ("x500", 1.656, [0.174, -0.174, 0.0], 2.1048),
-    ];
-    for (name, mass, hub, thrust_to_weight) in table {
-        let import = read(&folder.join(format!("{name}.urdf")));
-        let vehicle = &import.vehicle;
-        for line in import.warnings.iter().map(ToString::to_string).chain(import.assumptions.iter().cloned()) {
-            assert!(!line.contains('\n'), "{name}: {line}");
-            println!("{line}");
-        }
-        assert_eq!(vehicle.name, name);
-        assert_eq!(vehicle.n_rotor(), 4, "{name}");
-        assert!((vehicle.mass_properties().mass - mass).abs() < 1e-12, "{name}: {}", vehicle.mass_properties().mass);
-        assert_eq!(vehicle.rotors[0].position, hub, "{name}");
-        assert!((vehicle.thrust_to_weight() - thrust_to_weight).abs() < 1e-3, "{name}: {}", vehicle.thrust_to_weight());
-        assert!(vehicle.thrust_to_weight() > 1.2, "{name}");
-        assert!(unbalance(vehicle) < 1e-12, "{name}: spins do not cancel");
-        assert!(vehicle.rotors.iter().all(|r| r.axis == [0.0, 0.0, 1.0]), "{name}");
-        let (again, toml) = export(vehicle).unwrap();
-        let rotors = RotorFile::parse(&toml, "again.rotors.toml").unwrap();
-        let back = import_text(&again, "again.urdf", Some(&rotors), &ImportOptions::default()).unwrap().vehicle;
-        assert_same(vehicle, &back);
-    }
-}
-
-#[test]
-fn the_crazyflie_properties_give_the_constants_of_its_simulator_in_radians_per_second() {
-    let Some(folder) = shared() else { return };
-    let import = read(&folder.join("cf2x.urdf"));
-    let rotor = &import.vehicle.rotors[0];
-    let per_rpm = 60.0 / std::f64::consts::TAU;
-    assert!((rotor.thrust_coefficient / (3.16e-10 * per_rpm * per_rpm) - 1.0).abs() < 1e-14);
-    assert!((rotor.moment_per_thrust - 7.94e-12 / 3.16e-10).abs() < 1e-15);
-    // gym-pybullet-drones prints 21 702.6 rev/min with g = 9.8; ours is 9.81.
-    let rpm = rotor.max_speed * per_rpm;
-    assert!((rpm / 21_702.64 - (9.81f64 / 9.8).sqrt()).abs() < 1e-6, "{rpm}");
-    assert_eq!(import.vehicle.rotors.iter().map(|r| r.spin).collect::<Vec<_>>(), [1.0, -1.0, 1.0, -1.0]);
-    let said = import.assumptions.join(" ");
-    for words in ["<inertial><origin>", "time constant", "0.0555", "(rev/min)²"] {
-        assert!(said.contains(words), "{words}: {said}");
-    }
-    let warned = import.warnings.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
-    assert!(warned.contains("2π") && warned.contains("5 links without mass"), "{warned}");
-}
-
-#[test]
-fn the_racer_says_what_is_odd_in_its_numbers() {
-    let Some(folder) = shared() else { return };
-    let import = read(&folder.join("racer.urdf"));
-    let said = import.assumptions.join(" ");
-    for words in ["diameter", "propeller radii", "one moment of inertia"] {
-        assert!(said.contains(words), "{words}: {said}");
-    }
-    assert_eq!(import.vehicle.rotors[0].radius, 0.0635);
-    assert_eq!(import.vehicle.rotors[0].spin, -1.0);
-}
-
-#[test]
-fn unknown_attributes_are_warned_about_once_per_kind_with_their_count() {
-    let Some(folder) = shared() else { return };
-    let warnings = read(&folder.join("aerialgym_quad.urdf")).warnings;
-    let of = |element: &str| warnings.iter().filter(|w| w.element == element).collect::<Vec<_>>();
-    assert_eq!(of("<inertia iyx>").len(), 1);
-    assert!(of("<inertia iyx>")[0].rule.contains("9 times"), "{}", of("<inertia iyx>")[0]);
-    assert!(of("<joint dont_collapse>")[0].rule.contains("8 times"));
-    assert!(warnings.iter().any(|w| w.rule.contains("4 links with mass but no inertia")));
-    assert!(warnings.len() <= 8, "{warnings:#?}");
-}
-
-#[test]
 fn package_paths_are_not_resolved_without_a_map_and_silent_with_one() {
-    let Some(folder) = shared() else { return };
-    let count = |i: &Import| i.warnings.iter().filter(|w| w.rule.contains("package://")).count();
-    let path = folder.join("iris.urdf");
-    assert_eq!(count(&read(&path)), 1);
-    let mut options =
-        ImportOptions { rotors: Some(root().join("assets/rotors/iris.rotors.toml")), ..Default::default() };
-    options.packages.insert("example-robot-data".into(), "meshes".into());
-    assert_eq!(count(&import_file(&path, &options).unwrap()), 0);
+    let mesh = |path: &str| format!("<visual><geometry><mesh filename=\"{path}\"/></geometry></visual><visual>");
+    let text = std::fs::read_to_string(root().join("assets/urdf/plain_x.urdf")).unwrap();
+    let file = std::fs::read_to_string(root().join("assets/urdf/plain_x.rotors.toml")).unwrap();
+    let rotors = RotorFile::parse(&file, "v.rotors.toml").unwrap();
+    let mut options = ImportOptions::default();
+    let told = |path: &str, options: &ImportOptions| -> Vec<String> {
+        let text = text.replacen("<visual>", &mesh(path), 1);
+        let warnings = import_text(&text, "v.urdf", Some(&rotors), options).unwrap().warnings;
+        warnings.iter().map(ToString::to_string).collect()
+    };
+    let [own, out] = ["package://airframes/hull.stl", "package://airframes/../../hull.stl"];
+    let unresolved = |told: Vec<String>| told.len() == 1 && told[0].contains("'package://airframes' is not resolved");
+    assert!(unresolved(told(own, &options)));
+    options.packages.insert("engines".into(), "meshes".into());
+    assert!(unresolved(told(own, &options)), "the map of another package");
+    options.packages.insert("airframes".into(), "meshes".into());
+    assert_eq!(told(own, &options), [""; 0]);
+    let left = told(out, &options);
+    assert!(left.len() == 1 && left[0].contains("leaves its package"), "{left:?}");
 }
 
 #[test]
@@ -261,41 +177,26 @@ fn a_name_that_a_urdf_cannot_hold_is_refused_on_export() {
     assert!(export(&vehicle).unwrap_err().to_string().contains("two parts are called"));
 }
 
-#[test]
-fn a_draft_reads_back_hovers_and_marks_every_guess() {
-    let mut paths: Vec<PathBuf> = ["plain_x", "hexa_frames", "pocket", "bare"]
-        .iter()
-        .map(|n| root().join(format!("assets/urdf/{n}.urdf")))
-        .collect();
-    if let Some(folder) = shared() {
-        paths.extend(
-            ["iris", "x500", "aerialgym_quad", "hector_quadrotor", "cf2x"].map(|n| folder.join(format!("{n}.urdf"))),
-        );
-    }
-    for path in paths {
-        let text = std::fs::read_to_string(&path).unwrap();
-        let name = path.file_name().unwrap().to_string_lossy().into_owned();
-        let draft = draft_rotors(&text, &name, &ImportOptions::default()).unwrap_or_else(|e| panic!("{e}"));
-        println!("{}", draft.toml);
-        assert!(draft.toml.contains("# assumed: ") && !draft.assumptions.is_empty(), "{name}");
-        let rotors = RotorFile::parse(&draft.toml, "draft.toml").unwrap_or_else(|e| panic!("{e}\n{}", draft.toml));
-        let vehicle = import_text(&text, &name, Some(&rotors), &ImportOptions::default())
-            .unwrap_or_else(|e| panic!("{e}"))
-            .vehicle;
-        assert_eq!(vehicle.n_rotor(), if name.starts_with("hexa") { 6 } else { 4 }, "{name}");
-        assert!(vehicle.thrust_to_weight() > 2.2, "{name}: {}", vehicle.thrust_to_weight());
-        assert!(unbalance(&vehicle) < 1e-12, "{name}");
-    }
+/// Drafts rotors for a file, and flies by them.
+fn assert_drafted(path: &Path) {
+    let text = std::fs::read_to_string(path).unwrap();
+    let name = path.file_name().unwrap().to_string_lossy().into_owned();
+    let draft = draft_rotors(&text, &name, &ImportOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+    println!("{}", draft.toml);
+    assert!(draft.toml.contains("# assumed: ") && !draft.assumptions.is_empty(), "{name}");
+    let rotors = RotorFile::parse(&draft.toml, "draft.toml").unwrap_or_else(|e| panic!("{e}\n{}", draft.toml));
+    let vehicle =
+        import_text(&text, &name, Some(&rotors), &ImportOptions::default()).unwrap_or_else(|e| panic!("{e}")).vehicle;
+    assert_eq!(vehicle.n_rotor(), if name.starts_with("hexa") { 6 } else { 4 }, "{name}");
+    assert!(vehicle.thrust_to_weight() > 2.2, "{name}: {}", vehicle.thrust_to_weight());
+    assert!(unbalance(&vehicle) < 1e-12, "{name}");
 }
 
 #[test]
-fn a_draft_takes_the_motors_and_not_the_arms_that_carry_them() {
-    let Some(folder) = shared() else { return };
-    let text = std::fs::read_to_string(folder.join("aerialgym_quad.urdf")).unwrap();
-    let draft = draft_rotors(&text, "aerialgym_quad.urdf", &ImportOptions::default()).unwrap();
-    let rotors = RotorFile::parse(&draft.toml, "draft.toml").unwrap();
-    let links: Vec<_> = rotors.rotors.iter().filter_map(|r| r.link.as_deref()).collect();
-    assert_eq!(links, ["motor_0", "motor_1", "motor_2", "motor_3"]);
+fn a_draft_reads_back_hovers_and_marks_every_guess() {
+    for name in ["plain_x", "hexa_frames", "pocket", "bare"] {
+        assert_drafted(&root().join(format!("assets/urdf/{name}.urdf")));
+    }
 }
 
 #[test]
@@ -382,4 +283,126 @@ fn the_rotor_file_beside_the_urdf_is_found_and_a_named_one_wins() {
     std::fs::write(at("other.toml"), other).unwrap();
     let options = ImportOptions { rotors: Some(at("other.toml")), ..Default::default() };
     assert_eq!(import_file(at("plain_x.urdf"), &options).unwrap().vehicle.rotors[0].max_speed, 900.0);
+}
+
+/// Files of other projects, which are not in this repository.
+mod by_others {
+    use super::*;
+
+    fn folder() -> PathBuf {
+        let folder =
+            std::env::var_os("OMNIDRONES_URDF_DIR").map_or_else(|| root().join("../shared/data/urdf"), PathBuf::from);
+        assert!(folder.is_dir(), "no folder {}: name one in OMNIDRONES_URDF_DIR", folder.display());
+        folder
+    }
+
+    fn read(path: &Path) -> Import {
+        let options = ImportOptions { rotors: Some(root().join("assets/rotors")), ..Default::default() };
+        import_file(path, &options).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    #[test]
+    #[ignore = "cargo test --test dynamics -- --ignored by_others: needs seven files of others in OMNIDRONES_URDF_DIR"]
+    fn all_seven_files_import_with_their_mass_rotors_and_enough_thrust_to_hover() {
+        // mass kg, hub of rotor 0 m, thrust to weight
+        let table: [(&str, f64, [f64; 3], f64); 7] = [
+            ("cf2x", 0.027, [0.028, -0.028, 0.0], 2.25),
+            ("cf2p", 0.027, [0.0397, 0.0, 0.0], 2.25),
+            ("racer", 0.830, [0.085, 0.0675, 0.0], 4.17),
+            ("aerialgym_quad", 0.25, [0.13, -0.13, 0.0], 3.2620),
+            ("hector_quadrotor", 1.477, [0.1525, 0.0, 0.0], 2.0705),
+            ("iris", 1.535, [0.13, -0.22, 0.023], 1.8771),
+            ("x500", 1.656, [0.174, -0.174, 0.0], 2.1048),
+        ];
+        for (name, mass, hub, thrust_to_weight) in table {
+            let import = read(&folder().join(format!("{name}.urdf")));
+            let vehicle = &import.vehicle;
+            for line in import.warnings.iter().map(ToString::to_string).chain(import.assumptions.iter().cloned()) {
+                assert!(!line.contains('\n'), "{name}: {line}");
+                println!("{line}");
+            }
+            assert_eq!(vehicle.name, name);
+            assert_eq!(vehicle.n_rotor(), 4, "{name}");
+            assert!(
+                (vehicle.mass_properties().mass - mass).abs() < 1e-12,
+                "{name}: {}",
+                vehicle.mass_properties().mass
+            );
+            assert_eq!(vehicle.rotors[0].position, hub, "{name}");
+            assert!(
+                (vehicle.thrust_to_weight() - thrust_to_weight).abs() < 1e-3,
+                "{name}: {}",
+                vehicle.thrust_to_weight()
+            );
+            assert!(vehicle.thrust_to_weight() > 1.2, "{name}");
+            assert!(unbalance(vehicle) < 1e-12, "{name}: spins do not cancel");
+            assert!(vehicle.rotors.iter().all(|r| r.axis == [0.0, 0.0, 1.0]), "{name}");
+            let (again, toml) = export(vehicle).unwrap();
+            let rotors = RotorFile::parse(&toml, "again.rotors.toml").unwrap();
+            let back = import_text(&again, "again.urdf", Some(&rotors), &ImportOptions::default()).unwrap().vehicle;
+            assert_same(vehicle, &back);
+        }
+    }
+
+    #[test]
+    #[ignore = "cargo test --test dynamics -- --ignored by_others: needs seven files of others in OMNIDRONES_URDF_DIR"]
+    fn the_crazyflie_properties_give_the_constants_of_its_simulator_in_radians_per_second() {
+        let import = read(&folder().join("cf2x.urdf"));
+        let rotor = &import.vehicle.rotors[0];
+        let per_rpm = 60.0 / std::f64::consts::TAU;
+        assert!((rotor.thrust_coefficient / (3.16e-10 * per_rpm * per_rpm) - 1.0).abs() < 1e-14);
+        assert!((rotor.moment_per_thrust - 7.94e-12 / 3.16e-10).abs() < 1e-15);
+        // gym-pybullet-drones prints 21 702.6 rev/min with g = 9.8; ours is 9.81.
+        let rpm = rotor.max_speed * per_rpm;
+        assert!((rpm / 21_702.64 - (9.81f64 / 9.8).sqrt()).abs() < 1e-6, "{rpm}");
+        assert_eq!(import.vehicle.rotors.iter().map(|r| r.spin).collect::<Vec<_>>(), [1.0, -1.0, 1.0, -1.0]);
+        let said = import.assumptions.join(" ");
+        for words in ["<inertial><origin>", "time constant", "0.0555", "(rev/min)²"] {
+            assert!(said.contains(words), "{words}: {said}");
+        }
+        let warned = import.warnings.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
+        assert!(warned.contains("2π") & warned.contains("5 links without mass"), "{warned}");
+    }
+
+    #[test]
+    #[ignore = "cargo test --test dynamics -- --ignored by_others: needs seven files of others in OMNIDRONES_URDF_DIR"]
+    fn the_racer_says_what_is_odd_in_its_numbers() {
+        let import = read(&folder().join("racer.urdf"));
+        let said = import.assumptions.join(" ");
+        for words in ["diameter", "propeller radii", "one moment of inertia"] {
+            assert!(said.contains(words), "{words}: {said}");
+        }
+        assert_eq!(import.vehicle.rotors[0].radius, 0.0635);
+        assert_eq!(import.vehicle.rotors[0].spin, -1.0);
+    }
+
+    #[test]
+    #[ignore = "cargo test --test dynamics -- --ignored by_others: needs seven files of others in OMNIDRONES_URDF_DIR"]
+    fn unknown_attributes_are_warned_about_once_per_kind_with_their_count() {
+        let warnings = read(&folder().join("aerialgym_quad.urdf")).warnings;
+        let of = |element: &str| warnings.iter().filter(|w| w.element == element).collect::<Vec<_>>();
+        assert_eq!(of("<inertia iyx>").len(), 1);
+        assert!(of("<inertia iyx>")[0].rule.contains("9 times"), "{}", of("<inertia iyx>")[0]);
+        assert!(of("<joint dont_collapse>")[0].rule.contains("8 times"));
+        assert!(warnings.iter().any(|w| w.rule.contains("4 links with mass but no inertia")));
+        assert!(warnings.len() <= 8, "{warnings:#?}");
+    }
+
+    #[test]
+    #[ignore = "cargo test --test dynamics -- --ignored by_others: needs seven files of others in OMNIDRONES_URDF_DIR"]
+    fn a_draft_takes_the_motors_and_not_the_arms_that_carry_them() {
+        let text = std::fs::read_to_string(folder().join("aerialgym_quad.urdf")).unwrap();
+        let draft = draft_rotors(&text, "aerialgym_quad.urdf", &ImportOptions::default()).unwrap();
+        let rotors = RotorFile::parse(&draft.toml, "draft.toml").unwrap();
+        let links: Vec<_> = rotors.rotors.iter().filter_map(|r| r.link.as_deref()).collect();
+        assert_eq!(links, ["motor_0", "motor_1", "motor_2", "motor_3"]);
+    }
+
+    #[test]
+    #[ignore = "cargo test --test dynamics -- --ignored by_others: needs seven files of others in OMNIDRONES_URDF_DIR"]
+    fn a_draft_reads_back_hovers_and_marks_every_guess() {
+        for name in ["iris", "x500", "aerialgym_quad", "hector_quadrotor", "cf2x"] {
+            assert_drafted(&folder().join(format!("{name}.urdf")));
+        }
+    }
 }
