@@ -404,6 +404,23 @@ fn the_lemniscate_is_flown_on_without_a_rotor() {
 }
 
 #[test]
+fn the_square_is_flown_on_without_any_rotor_whose_loss_leaves_a_vehicle_capable() {
+    let reference = Reference::by_name("waypoints").unwrap();
+    // measured, worst of every rotor: firefly 0.018 m in height, 0.029 m across, 16.7°; neo11 0.016 m, 0.139 m, 19.8°; omav
+    // 0.010 m, 0.022 m, 16.2°
+    for vehicle in vehicles::all() {
+        let table = FailureTable::of(&vehicle).unwrap();
+        for rotor in (0..vehicle.n_rotor()).filter(|i| table.single[*i].capability != Capability::None) {
+            let failures = vec![RotorFailure::lost(rotor, 3.0)];
+            let plan = FlightPlan { reference: reference.clone(), failures, ..Default::default() };
+            let worst = Worst::of(&flown(&vehicle, &plan));
+            println!("{} without {rotor}: {worst:.3?}", vehicle.name);
+            assert!(worst.is_kept(), "{} without {rotor}: {worst:?}", vehicle.name);
+        }
+    }
+}
+
+#[test]
 fn until_the_failure_the_flight_is_that_of_the_whole_vehicle_and_then_the_thrust_is_gone() {
     for vehicle in vehicles::all() {
         let whole = FlightPlan { duration: 2.0, ..Default::default() };

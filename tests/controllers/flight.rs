@@ -71,11 +71,11 @@ fn a_flight_tells_since_when_its_reference_is_lost() {
     assert_eq!(log.summary(0.0).lost_at, Some(log.time[n - 10]));
 }
 
-/// URDF files of a folder, sorted; none if there is no such folder.
+/// URDF files of a folder, sorted.
 fn urdf_files(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let entries = std::fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
     let mut files: Vec<PathBuf> =
-        entries.map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "urdf")).collect();
+        entries.map(|e| e.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "urdf")).collect();
     files.sort();
     files
 }
@@ -95,14 +95,12 @@ fn our_own_urdf_corpus_flies() {
 }
 
 #[test]
+#[ignore = "cargo test --test controllers -- --ignored by_others: needs seven files of others in OMNIDRONES_URDF_DIR"]
 fn real_urdf_files_by_others_fly() {
     let folder =
         std::env::var_os("OMNIDRONES_URDF_DIR").map_or_else(|| root().join("../shared/data/urdf"), PathBuf::from);
     let files = urdf_files(&folder);
-    if files.is_empty() {
-        println!("skipped: no URDF files in {}", folder.display());
-        return;
-    }
+    assert!(files.len() >= 7, "{files:?} in {}: name a folder in OMNIDRONES_URDF_DIR", folder.display());
     let options = ImportOptions { rotors: Some(root().join("assets/rotors")), ..Default::default() };
     // measured, mm: aerialgym 41.8, cf2p 60.1, cf2x 48.0, hector 9.1, iris 18.5, racer 16.5, x500 11.0
     for file in files {
@@ -162,6 +160,22 @@ fn every_reference_is_flown_by_every_vehicle() {
             let last = *flight.log.error_norm().last().unwrap();
             println!("{} {name}: last error {last:.4} m", vehicle.name);
             assert!(flight.diverged_at.is_none() && last < 0.25, "{} {name}: {last} m", vehicle.name);
+        }
+    }
+}
+
+#[test]
+fn the_square_is_flown_within_half_a_metre_in_calm_and_in_wind() {
+    let reference = Reference::by_name("waypoints").unwrap();
+    // measured, mm: at most 5.3 in calm; in wind crazyflie 149, hummingbird 275, iris 107, firefly 138, neo11 152, omav 146
+    for vehicle in vehicles::all() {
+        for velocity in [[0.0; 3], [4.0, 0.0, 0.0]] {
+            let wind = Wind::Constant { velocity };
+            let flight = flown(&vehicle, &FlightPlan { reference: reference.clone(), wind, ..Default::default() });
+            let late = flight.log.time.iter().zip(flight.log.error_norm()).filter(|(time, _)| **time > 2.0);
+            let worst = late.fold(0.0_f64, |worst, (_, error)| worst.max(error));
+            println!("{} in {velocity:?} m/s: at most {worst:.4} m", vehicle.name);
+            assert!(flight.diverged_at.is_none() && worst <= 0.5, "{} in {velocity:?} m/s: {worst} m", vehicle.name);
         }
     }
 }

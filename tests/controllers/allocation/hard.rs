@@ -46,12 +46,20 @@ fn a_refused_answer_moves_nothing() {
     huge[2..].fill(f64::MAX);
     let held = allocator.solve(&huge);
     assert_eq!((held.solver, held.reason, &held.inputs), (Solver::Held, Some(Reason::Wrench), &good));
-    let strict = Settings { tolerance: 1e-300, ..Settings::default() };
-    let mut strict = Allocator::with_settings(lift([3.0, 3.0]), strict).unwrap();
-    let before = strict.solution().inputs.clone();
-    let held = strict.solve(&up(3.3333));
-    if held.solver == Solver::Held {
-        assert_eq!((held.reason, &held.inputs), (Some(Reason::Uncertified), &before));
+    // a tolerance that no answer with rounding meets
+    for fast in [true, false] {
+        let settings = Settings { fast, tolerance: 1e-300, ..Settings::default() };
+        let mut strict = Allocator::with_settings(lift([3.0, 3.0]), settings).unwrap();
+        let mut held = 0;
+        for k in 1..=100 {
+            let before = strict.solution().inputs.clone();
+            let answer = strict.solve(&up(0.0333 * f64::from(k)));
+            if answer.solver == Solver::Held {
+                assert_eq!((answer.reason, &answer.inputs), (Some(Reason::Uncertified), &before));
+                held += 1;
+            }
+        }
+        assert_eq!(held, 100, "fast {fast}");
     }
     for tolerance in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
         assert!(Allocator::with_settings(lift([3.0; 2]), Settings { tolerance, ..Settings::default() }).is_err());
