@@ -7,7 +7,7 @@
 //! Entries of a point have sizes from 1e-9 (a thrust coefficient) to 1e4 (a rotor speed), and a zero does not tell
 //! which. So errors are judged column by column, relative to max(1, largest entry), over a ladder of steps. A central
 //! difference D(h) = f' + c h² + O(ε |f|/h) tells its own error: truncation from the next rung, |D(h) − D(h/10)|, rounding
-//! from |f|. The rungs that predict at most 1e-7 count, whatever the derivative says, and the worst of them is reported;
+//! from |f|. The rungs that predict at most 5e-8 count, whatever the derivative says, and the worst of them is reported;
 //! where none does, the one that predicts least. The Taylor remainder is judged likewise, where the function alone tells that
 //! its second order dominates. What this cannot see is an entry wrong by less than the bound times that scale: differences
 //! end there. Between adjoint and duals the bound is 1e-10 of the scale.
@@ -155,8 +155,8 @@ fn by_adjoint<F: system::System>(system: &F, point: &[f64]) -> Result<(Vec<f64>,
 
 /// Steps of differences, in fractions of max(|z|, 1e-3): entries of 1e-9 stand beside zeros of unknown size.
 const STEPS: [f64; 9] = [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9];
-/// What a difference may predict of its own error to count, relative to max(1, ‖column‖∞): a tenth of [`Bounds`].
-const PREDICTED: f64 = 1e-7;
+/// What a difference may predict of its own error to count, relative to max(1, ‖column‖∞): a twentieth of [`Bounds`].
+const PREDICTED: f64 = 5e-8;
 
 /// Largest error of column k against the central differences that count; see the head of this file.
 fn difference_error(

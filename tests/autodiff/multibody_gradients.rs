@@ -1,7 +1,8 @@
 //! Gradients of articulated systems: every configuration, integrator and effect, in flight and on the ground.
 
 use crate::common::stream;
-use omnidrones::autodiff::{Bounds, Objective, Rollout, Scalar, System, certify};
+use crate::{BOUNDS, Worst};
+use omnidrones::autodiff::{Bounds, Objective, Rollout, Scalar, System};
 use omnidrones::dynamics::assembly::{Assembly, Solid, single};
 use omnidrones::dynamics::tree::{Model, Motion, Multibody};
 use omnidrones::dynamics::{Effects, Physics, configurations, vehicles};
@@ -38,28 +39,43 @@ fn effects() -> [(&'static str, Effects); 3] {
     [("none", Effects::none()), ("default", Effects::default()), ("all", Effects::all())]
 }
 
-#[test]
-fn the_certificate_holds_for_every_configuration_integrator_and_effect() {
-    let (mut adjoint, mut difference) = (0.0_f64, 0.0_f64);
+/// Certifies `n` random states of every configuration with each of two integrators and three sets of effects.
+fn certify_states(n: usize) {
+    let mut worst = [Worst::default(), Worst::default()];
     for (case, model) in configurations::all().unwrap().iter().enumerate() {
+        let mut r = stream(40, case as u64);
+        // arms that turn about themselves with 3e-5 kg m² beside drones at 0.85 m: condition 1.7e5, which rounding grows by
+        let ill = model.name() == "platform_2";
+        let bounds = if ill { Bounds { adjoint: 1e-9, difference: 5e-6, ..BOUNDS } } else { BOUNDS };
         for integrator in crate::common::INTEGRATORS {
             for (name, effects) in effects() {
                 let system = Multibody::new(model, Physics { integrator, effects, ..Physics::default() }).unwrap();
-                let mut r = stream(40, case as u64);
-                let x = state(model, &mut r);
-                let u: Vec<f64> = (0..system.n_input()).map(|_| r.uniform(-0.9, 0.9)).collect();
-                let c = certify(&system, &x, &u, &[]).unwrap();
-                assert!(c.holds(Bounds::default()), "{} {integrator:?} effects {name}, seed 40: {c}", model.name());
-                adjoint = adjoint.max(c.adjoint_error);
-                difference = difference.max(c.difference_error);
+                for k in 0..n {
+                    let x = state(model, &mut r);
+                    let u: Vec<f64> = (0..system.n_input()).map(|_| r.uniform(-0.9, 0.9)).collect();
+                    let what = format!("{} {integrator:?} effects {name}, seed 40, state {k}", model.name());
+                    worst[usize::from(ill)].certify_within(bounds, &what, &system, &x, &u, &[]);
+                }
             }
         }
     }
-    println!("adjoint {adjoint:.1e}, difference {difference:.1e}"); // measured 1.9e-11 (platform_2), 7.9e-8
+    worst.iter().for_each(Worst::print);
+}
+
+#[test]
+fn the_certificate_holds_for_every_configuration_integrator_and_effect() {
+    certify_states(1); // measured 2.0e-14, 5.0e-8, 0.013; platform_2 1.7e-11, 2.0e-7, 0.012
+}
+
+#[test]
+#[ignore = "cargo test --test autodiff -- --ignored two_hundred_states: three minutes"]
+fn the_certificate_holds_at_two_hundred_states_of_every_configuration() {
+    certify_states(34); // measured 7.5e-14, 6.5e-8, 0.016; platform_2 1.2e-10, 1.2e-6, 0.044
 }
 
 #[test]
 fn the_certificate_holds_with_every_number_of_a_model_exposed() {
+    let mut worst = Worst::default();
     for name in ["payload", "dragon", "omav_tilting"] {
         let model = configurations::by_name(name).unwrap();
         let physics = Physics { effects: Effects::all(), ..Physics::default() };
@@ -67,11 +83,9 @@ fn the_certificate_holds_with_every_number_of_a_model_exposed() {
         let mut r = stream(41, 0);
         let x = state(&model, &mut r);
         let u: Vec<f64> = (0..system.n_input()).map(|_| r.uniform(-0.9, 0.9)).collect();
-        let c = certify(&system, &x, &u, system.parameters()).unwrap();
-        println!("{name}: adjoint {:.1e}, difference {:.1e}", c.adjoint_error, c.difference_error);
-        assert!(c.holds(Bounds::default()), "{name}, seed 41: {c}");
+        worst.certify(&format!("{name}, seed 41"), &system, &x, &u, system.parameters());
     }
-    // measured 8.3e-14, 7.6e-8 at worst
+    worst.print(); // measured 5.6e-14, 5.0e-8, 0.014
 }
 
 /// Weights on everything but rotor speeds.
@@ -121,7 +135,7 @@ fn the_adjoint_of_a_rollout_is_its_dual_gradient_for_every_configuration() {
             let (same, forward) = rollout.gradient_forward(&x, &u, &[]);
             assert_eq!(cost, same, "the cost is the same number either way");
             let error = distance(&forward.state, &reverse.state);
-            assert!(error <= 1e-10, "{} {integrator:?}: {error:e}", model.name());
+            assert!(error <= 1e-11, "{} {integrator:?}: {error:e}", model.name());
             worst = worst.max(error);
         }
     }
