@@ -91,7 +91,7 @@ fn every_quaternion_is_of_unit_length_after_each_of_a_hundred_thousand_steps() {
 }
 
 #[test]
-#[ignore = "cargo test --test dynamics -- --ignored --nocapture million: ten minutes"]
+#[ignore = "cargo test --test dynamics -- --ignored --nocapture million: half an hour"]
 fn every_quaternion_is_of_unit_length_after_each_of_ten_million_steps() {
     check(10_000_000);
 }
