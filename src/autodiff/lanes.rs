@@ -711,7 +711,8 @@ mod tests {
         (0..n).map(&mut draw).collect()
     }
 
-    const CASES: usize = 10_240;
+    /// A multiple of every width; Miri takes a second for a thousand.
+    const CASES: usize = if cfg!(miri) { 10_240 } else { 1_000_000 };
 
     /// One operation of lanes over all cases, as bits.
     #[derive(Clone, Copy)]
@@ -813,6 +814,6 @@ mod tests {
         };
         let count = (0..CASES).filter(differs).count();
         println!("{count} of {CASES} differ");
-        assert!(count > 250, "{count}"); // measured 528 of 10 240
+        assert!(count > CASES / 40, "{count}"); // measured 48 499
     }
 }
