@@ -186,6 +186,24 @@ mod tests {
         }
     }
 
+    /// Its `f64` sums are exact to 1e-12; what is written is rounded to `f32`, and the step before goes on from there.
+    #[test]
+    fn every_advantage_is_exact_from_the_one_behind_it_but_for_one_rounding() {
+        let (gamma, lambda) = (0.99, 0.95);
+        let data = Data::random(5);
+        let (advantage, target) = data.run(gamma, lambda);
+        for (at, got) in advantage.iter().enumerate() {
+            let (value, ends) = (f64::from(data.value[at]), (data.terminated[at / A], data.truncated[at / A]));
+            let next = if ends.0 == 1 { 0.0 } else { f64::from(data.next_value[at]) };
+            let behind = if ends == (0, 0) { advantage.get(at + E * A).map_or(0.0, |a| f64::from(*a)) } else { 0.0 };
+            let want = f64::from(data.reward[at]) + gamma * (next + lambda * behind) - value;
+            for (got, want) in [(*got, want), (target[at], want + value)] {
+                let rounding = want.abs() * f64::from(f32::EPSILON) / 2.0;
+                assert!((f64::from(got) - want).abs() <= rounding + 1e-12, "{at}: {got} is not {want}"); // 0 beyond it
+            }
+        }
+    }
+
     #[test]
     fn the_defective_twins_differ() {
         let data = Data::random(9);
