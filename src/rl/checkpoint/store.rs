@@ -552,14 +552,31 @@ mod tests {
         let allow = |mode| std::fs::set_permissions(&folder, std::fs::Permissions::from_mode(mode)).unwrap();
         allow(0o555);
         if std::fs::write(folder.join("probe"), "").is_ok() {
-            eprintln!("SKIPPED: this user may write into read-only folders");
+            eprintln!("not run: this user may write into read-only folders");
             return allow(0o755);
         }
-        let text = writer.save(&sample(3, 20)).unwrap_err().to_string();
-        assert!(text.contains("checkpoints") && text.contains("denied"), "{text}");
-        assert!(same(&Store::open(run.path()).unwrap().latest().unwrap().unwrap().checkpoint, &sample(2, 20)));
+        refuses(&mut writer, "checkpoints", "denied");
         allow(0o755);
         writer.save(&sample(3, 20)).unwrap();
+    }
+
+    /// No right of a user's removes it, not even root's.
+    #[test]
+    fn a_file_where_a_folder_is_made_is_an_error_with_path_and_the_older_checkpoints_can_be_read() {
+        let run = tempfile::tempdir().unwrap();
+        let mut writer = store_with(run.path(), &[1, 2]);
+        let obstacle = run.path().join("checkpoints").join(SAVING);
+        std::fs::write(&obstacle, "").unwrap();
+        refuses(&mut writer, SAVING, "ot a directory");
+        std::fs::remove_file(obstacle).unwrap();
+        writer.save(&sample(3, 20)).unwrap();
+    }
+
+    /// The third checkpoint is refused with these words, and the second is still the newest.
+    fn refuses(writer: &mut Writer, place: &str, why: &str) {
+        let text = writer.save(&sample(3, 20)).unwrap_err().to_string();
+        assert!(text.contains(place) && text.contains(why), "{text}");
+        assert!(same(&writer.store().latest().unwrap().unwrap().checkpoint, &sample(2, 20)));
     }
 
     const RUN: &str = "CHECKPOINT_TEST_RUN";
