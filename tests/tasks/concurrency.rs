@@ -136,11 +136,11 @@ fn rounds(n: u64) {
 
 #[test]
 fn batches_and_a_learner_on_shared_threads_neither_wait_for_each_other_nor_change_a_bit_whoever_panics() {
-    rounds(20);
+    rounds(200);
 }
 
 #[test]
-#[ignore = "ROUNDS=10000 cargo test --release --test tasks concurrency -- --ignored --nocapture: minutes"]
+#[ignore = "ROUNDS=10000 cargo test --release --test tasks concurrency -- --ignored --nocapture: a minute"]
 fn ten_thousand_rounds_of_batches_and_a_learner_on_shared_threads_come_to_an_end() {
     rounds(count("ROUNDS", 10_000));
 }

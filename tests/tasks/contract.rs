@@ -18,7 +18,7 @@ fn every_task_keeps_the_contract_in_every_control_mode() {
 }
 
 #[test]
-#[ignore = "STEPS=1000 cargo test --release --test tasks contract -- --ignored --nocapture: minutes, as many steps"]
+#[ignore = "STEPS=1000 cargo test --release --test tasks contract -- --ignored --nocapture: five minutes, as many steps"]
 fn every_task_keeps_the_contract_in_every_control_mode_for_a_thousand_steps() {
     let steps = count("STEPS", 1000) as usize;
     everywhere(70, 40, |name, make, config| {
@@ -162,7 +162,7 @@ fn threads_change_no_bit(entry: &registry::Entry, base: &EnvConfig, steps: u64, 
 }
 
 #[test]
-#[ignore = "STEPS=1000 cargo test --release --test tasks contract -- --ignored --nocapture: minutes, as many steps"]
+#[ignore = "STEPS=1000 cargo test --release --test tasks contract -- --ignored --nocapture: ten minutes, as many steps"]
 fn threads_change_no_bit_of_4096_environments_in_a_thousand_steps() {
     for entry in registry::REGISTRY {
         threads_change_no_bit(entry, &config(4096, 25), count("STEPS", 1000), &[1, 2, 3, 8, 16]);

@@ -119,7 +119,7 @@ fn no_product_of_sizes_wraps() {
 }
 
 #[test]
-#[ignore = "SIZES=10000 cargo test --test tasks sizes -- --ignored --nocapture: minutes; without --release, which would wrap"]
+#[ignore = "SIZES=10000 cargo test --test tasks sizes -- --ignored --nocapture: half an hour"]
 fn no_product_of_ten_thousand_sizes_wraps_where_environments_are_built() {
     attempts(&SLOW, count("SIZES", 10_000));
 }
