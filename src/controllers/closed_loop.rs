@@ -416,6 +416,57 @@ fn add(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a + b).collect()
 }
 
+/// State, input and parameters of a loop, divided.
+struct Parts<'a, S> {
+    body: &'a [S],
+    memory: &'a [S],
+    held: &'a [S],
+    now: Moment<'a, S>,
+    tick: Option<S>,
+    air: &'a [S],
+    at_input: &'a [S],
+    physics: &'a [S],
+}
+
+impl<L: ControlLaw> ClosedLoop<Running<L>> {
+    fn parts<'a, S: Scalar>(&self, state: &'a [S], input: &'a [S], parameters: &'a [S]) -> Parts<'a, S> {
+        let law = self.law();
+        let (physics, gains) = parameters.split_at(self.plant.n_parameter());
+        let (target, input) = input.split_at(law.n_target());
+        let (ticks, input) = input.split_at(law.n_tick());
+        let (tick, input) = input.split_at(usize::from(self.holds()));
+        let (air, input) = input.split_at(self.n_air());
+        let (body, rest) = state.split_at(self.plant.n_state());
+        let (memory, held) = rest.split_at(rest.len() - self.n_held() * self.n_command());
+        let at_input = if self.injects { &input[..self.n_command()] } else { input };
+        let now = Moment { state: body, target, ticks, parameters: gains };
+        Parts { body, memory, held, now, tick: tick.first().copied(), air, at_input, physics }
+    }
+
+    fn measured<S: Scalar>(&self, body: &[S], at_output: &[S]) -> Vec<S> {
+        body.iter().zip(at_output).map(|(x, e)| *x + *e).collect()
+    }
+
+    /// What the law commands in a step, before anything is added to it: one number per command.
+    pub(crate) fn commanded<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S]) -> Vec<S> {
+        let Parts { body, memory, held, mut now, tick, .. } = self.parts(state, input, parameters);
+        let measured: Vec<S>;
+        if self.injects {
+            measured = self.measured(body, &input[input.len() - body.len()..]);
+            now.state = &measured;
+        }
+        let mut commands = vec![S::zero(); self.plant.n_input()];
+        self.tick(&now, tick, held, &mut memory.to_vec(), &mut commands);
+        self.commands.iter().map(|k| commands[*k]).collect()
+    }
+
+    /// Names of the commands.
+    pub fn command_names(&self) -> Vec<String> {
+        let all = self.plant.input_quantities();
+        self.commands.iter().map(|k| all[*k].name.clone()).collect()
+    }
+}
+
 impl<L: ControlLaw> System for ClosedLoop<Running<L>> {
     fn n_state(&self) -> usize {
         self.plant.n_state() + self.controller.memory().len() + self.n_held() * self.n_command()
@@ -428,22 +479,15 @@ impl<L: ControlLaw> System for ClosedLoop<Running<L>> {
         self.plant.n_parameter() + if self.exposes_gains { self.law().parameters().len() } else { 0 }
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        let (law, n, n_command) = (self.law(), self.plant.n_state(), self.n_command());
-        let (physics, gains) = parameters.split_at(self.plant.n_parameter());
-        let (target, input) = input.split_at(law.n_target());
-        let (ticks, input) = input.split_at(law.n_tick());
-        let (tick, input) = input.split_at(usize::from(self.holds()));
-        let (air, input) = input.split_at(self.n_air());
-        let (body, rest) = state.split_at(n);
-        let (memory, held) = rest.split_at(rest.len() - self.n_held() * n_command);
-
+        let Parts { body, memory, held, now, tick, air, at_input, physics } = self.parts(state, input, parameters);
         let measured: Vec<S>;
-        let mut seen = body;
+        let mut now = now;
         if self.injects {
-            measured = body.iter().zip(&input[n_command..]).map(|(x, e)| *x + *e).collect();
-            seen = &measured;
+            measured = self.measured(body, &input[input.len() - body.len()..]);
+            now.state = &measured;
         }
-        let (next_body, next_rest) = next.split_at_mut(n);
+        let n_command = self.n_command();
+        let (next_body, next_rest) = next.split_at_mut(body.len());
         let (next_memory, next_held) = next_rest.split_at_mut(memory.len());
         next_memory.copy_from_slice(memory);
         let mut small = [S::zero(); 32];
@@ -455,8 +499,7 @@ impl<L: ControlLaw> System for ClosedLoop<Running<L>> {
                 &mut large[..]
             }
         };
-        let now = Moment { state: seen, target, ticks, parameters: gains };
-        self.tick(&now, tick.first().copied(), held, next_memory, commands);
+        self.tick(&now, tick, held, next_memory, commands);
 
         // the held commands, then the line: what is given enters in front, what is due leaves behind
         let mut line = next_held;
@@ -468,7 +511,7 @@ impl<L: ControlLaw> System for ClosedLoop<Running<L>> {
         }
         for (i, k) in self.commands.iter().enumerate() {
             if self.injects {
-                commands[*k] += input[i];
+                commands[*k] += at_input[i];
             }
             if self.latency > 0 {
                 line[i] = commands[*k];

@@ -15,6 +15,7 @@
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
 //! | [`controller`] | what a controller is: a measurement and a target in, commands out |
 //! | [`law`] | straight-line controllers, over any scalar |
+//! | [`linear`] | linear systems: state space, responses, margins |
 //! | `cascade_law` | the cascade as such a law |
 //! | [`registry`] | which controller flies what |
 //! | [`closed_loop`] | a plant under a controller: latency, disturbances, injections, failures |
@@ -54,6 +55,7 @@ pub mod formation;
 pub(crate) mod gimballed;
 pub mod kinematics;
 pub mod law;
+pub mod linear;
 pub(crate) mod load_flatness;
 pub mod locked_joints;
 pub mod monte_carlo;

@@ -23,9 +23,10 @@
 
 use super::cascade::{Cascade, CascadeModel, Rates, Schedule};
 use super::controller::{Controller, Measurement, Target};
-use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr, spectral_radius};
+use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr};
 use super::formation::carrier;
 use super::kinematics::Kinematics;
+use super::linear::spectral_radius;
 use super::load_flatness::LoadFlatness;
 use super::reference::{Carried, Reference, Setpoint};
 use super::velocity::VelocityCommand;

@@ -53,6 +53,6 @@ pub use fleet::{Downwash, Fleet};
 pub use frame::Frame;
 pub use integrate::Integrator;
 pub use multirotor::{Multirotor, Physics};
-pub use plant::Plant;
+pub use plant::{Plant, Quantity};
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};
 pub use vehicle::*;

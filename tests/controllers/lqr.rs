@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, RealField, convert};
 use num_dual::Dual64;
 use omnidrones::autodiff::{System, linearise};
-use omnidrones::controllers::design::{ErrorState, bryson, follow, lqr, riccati, spectral_radius};
+use omnidrones::controllers::design::{ErrorState, bryson, follow, lqr, riccati};
+use omnidrones::controllers::linear::spectral_radius;
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
 use omnidrones::controllers::{
     self, Controller, Flight, FlightPlan, FormationController, Lqr, Rates, Reference, Setup, default_controller,

@@ -2,7 +2,7 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
@@ -24,6 +24,7 @@
 mod allocate;
 mod arguments;
 mod bench;
+mod design;
 mod environment;
 mod eval;
 mod failure;
@@ -94,6 +95,7 @@ Examples:
   omnidrones show payload --plot robot.svg    the tree of an articulated system, drawn
   omnidrones models                         the built-in vehicles
   omnidrones allocate firefly --fail 2      which thrusts hold hover without rotor 2
+  omnidrones design hummingbird             modes and margins of its control loop
   omnidrones tune hummingbird               better gains, by gradients through flights
   omnidrones tasks                          the benchmark tasks for learners
   omnidrones tasks Hover                    what an agent sees, commands and is rewarded for
@@ -137,6 +139,9 @@ enum Command {
     /// Find the rotor thrusts that make a wrench within limits, and explain the answer
     #[command(long_about = allocate::ABOUT)]
     Allocate(Box<allocate::Arguments>),
+    /// Report a vehicle's steady flight, its modes, and the margins of its control loop
+    #[command(long_about = design::ABOUT)]
+    Design(Box<design::Arguments>),
     /// Tune a vehicle's gains by gradients through closed-loop flights
     #[command(long_about = tune::ABOUT)]
     Tune(Box<tune::Arguments>),
@@ -195,6 +200,7 @@ pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::
         Command::Models(arguments) => models::run(arguments),
         Command::Import(arguments) => import::run(arguments),
         Command::Allocate(arguments) => allocate::run(arguments),
+        Command::Design(arguments) => design::run(arguments),
         Command::Tune(arguments) => tune::run(arguments),
         Command::Tasks(arguments) => tasks::run(arguments),
         Command::Rollout(arguments) => rollout::run(arguments),

@@ -11,9 +11,11 @@
 //! Unreduced, A carries a direction per quaternion that its norm forbids, which no input reaches: a Riccati equation
 //! has no use for it. For unit quaternions E⁺ = 4 Eᵀ in that block.
 
-use crate::autodiff::{Linearisation, System};
+use crate::autodiff::{Linearisation, System, linearise};
+use crate::controllers::linear::{Signal, StateSpace};
 use crate::dynamics::spatial::{Quat, conjugate, exponential, multiply};
 use crate::dynamics::tree::{Motion, Multibody};
+use crate::dynamics::{Plant, Quantity};
 use crate::error::{Error, Result};
 use nalgebra::{DMatrix, DVector};
 
@@ -54,6 +56,17 @@ impl ErrorState {
         Self { n_state: system.n_state(), quaternions }
     }
 
+    /// For a plant.
+    ///
+    /// # Errors
+    /// As [`rigid`](Self::rigid).
+    pub fn of_plant(plant: &Plant) -> Result<Self> {
+        match plant {
+            Plant::Rigid(m) => Self::rigid(m.n_state()),
+            Plant::Tree(m) => Ok(Self::of(m)),
+        }
+    }
+
     /// For a state that begins with the 13 numbers of a rigid vehicle: a [`Multirotor`](crate::dynamics::Multirotor), a
     /// [`ClosedLoop`](crate::controllers::ClosedLoop).
     ///
@@ -63,9 +76,19 @@ impl ErrorState {
         Self::new(n_state, &[6])
     }
 
+    /// The same in front of further numbers: a state that begins with this one.
+    pub(crate) fn longer(self, n_state: usize) -> Self {
+        Self { n_state, ..self }
+    }
+
     /// Numbers of an error.
     pub fn n_error(&self) -> usize {
         self.n_state - self.quaternions.len()
+    }
+
+    /// Whether a quaternion begins at this number of the state.
+    pub fn turns_at(&self, number: usize) -> bool {
+        self.quaternions.contains(&number)
     }
 
     /// Place in the error of a number of the state; for the w of a quaternion that of its rotation vector.
@@ -143,11 +166,43 @@ impl ErrorState {
         (&back * &step.state * self.tangent(x), back * &step.input)
     }
 
+    /// Names and units of the numbers of an error; those of a rotation vector stand where its quaternion did.
+    pub fn signals(&self, plant: &Plant) -> Vec<Signal> {
+        let names = plant.state_quantities();
+        let mut all = Vec::with_capacity(self.n_error());
+        self.each(|at, _, turns| {
+            let Quantity { name, unit } = &names[at];
+            if turns {
+                let stem = name.trim_end_matches("_w");
+                all.extend(["x", "y", "z"].map(|axis| Signal::new(format!("{stem}_{axis}"), "rad")));
+            } else {
+                all.push(Signal::new(name.clone(), *unit));
+            }
+        });
+        all
+    }
+
+    /// One step of a plant about a steady flight, sampled at its dt: the error state from itself and all inputs, seen whole.
+    ///
+    /// # Errors
+    /// [`Error::Value`] where the linearisation is not finite.
+    pub fn state_space(&self, plant: &Plant, state: &[f64], input: &[f64]) -> Result<StateSpace> {
+        let theta = if plant.n_parameter() > 0 { plant.parameters() } else { Vec::new() };
+        let (a, b) = self.reduce(state, &linearise(plant, state, input, &theta));
+        let (n, m, signals) = (a.nrows(), b.ncols(), self.signals(plant));
+        let inputs = plant.input_quantities().into_iter().map(|q| Signal::new(q.name, q.unit)).collect();
+        StateSpace::new(a, b, DMatrix::identity(n, n), DMatrix::zeros(n, m), Some(plant.physics().dt))?.named(
+            signals.clone(),
+            inputs,
+            signals,
+        )
+    }
+
     /// Calls with (place in the state, place in the error, whether a quaternion begins there) for all of them.
     fn each(&self, mut visit: impl FnMut(usize, usize, bool)) {
         let (mut at, mut to) = (0, 0);
         while at < self.n_state {
-            let turns = self.quaternions.contains(&at);
+            let turns = self.turns_at(at);
             visit(at, to, turns);
             (at, to) = if turns { (at + 4, to + 3) } else { (at + 1, to + 1) };
         }

@@ -13,6 +13,7 @@
 //! Source: Anderson and Moore 1990, sections 2 and 4.
 
 use super::riccati;
+use crate::controllers::linear::eigenvalues;
 use crate::error::{Error, Result};
 use nalgebra::{Complex, DMatrix};
 
@@ -94,33 +95,6 @@ pub fn bryson(deviations: &[f64]) -> Result<DMatrix<f64>> {
     }
     let weights: Vec<f64> = deviations.iter().map(|d| 1.0 / (d * d)).collect();
     Ok(DMatrix::from_diagonal(&weights.into()))
-}
-
-/// Eigenvalues, largest modulus first.
-///
-/// # Errors
-/// [`Error::Value`] if the matrix is not square or its eigenvalues are not found, as where a number is not finite.
-pub fn eigenvalues(matrix: &DMatrix<f64>) -> Result<Vec<Complex<f64>>> {
-    let n = matrix.nrows();
-    if n != matrix.ncols() || matrix.iter().any(|v| !v.is_finite()) {
-        let got = format!("{n} × {}, or not finite", matrix.ncols());
-        return Err(Error::value("matrix", got, "square and finite", "Correct it at its source."));
-    }
-    let dense = faer::Mat::from_fn(n, n, |i, j| matrix[(i, j)]);
-    let Ok(found) = dense.eigenvalues() else {
-        return Err(Error::value("eigenvalues", "not found", "found by the QR algorithm", "Scale the matrix."));
-    };
-    let mut values: Vec<Complex<f64>> = found.iter().map(|l| Complex::new(l.re, l.im)).collect();
-    values.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
-    Ok(values)
-}
-
-/// Largest modulus of an eigenvalue: a discrete loop settles where it is below 1.
-///
-/// # Errors
-/// As [`eigenvalues`].
-pub fn spectral_radius(matrix: &DMatrix<f64>) -> Result<f64> {
-    Ok(eigenvalues(matrix)?.first().map_or(0.0, |l| l.norm()))
 }
 
 /// Why no feedback was found: the mode that does not decay and is not reached by B, or not seen by Q (Popov, Belevitch,

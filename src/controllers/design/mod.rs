@@ -4,20 +4,26 @@
 //! |---|---|
 //! | [`riccati`] | Riccati and Lyapunov equations by doubling |
 //! | [`error_state`] | linearisations without the redundancy of quaternions |
+//! | [`loop_model`] | the linear model of a loop that is flown, its margins at any point |
 //! | [`mod@lqr`] | state feedback of least cost, its poles, weights by Bryson's rule |
 //! | [`mod@follow`] | feed-forward along smooth references |
 //! | [`gain_sensitivity`] | how the error of one flight depends on each gain |
+//! | [`mod@trim`] | steady flights: hover, forward flight, turns, spins |
 //! | [`mod@tune`] | gains by descent on flights |
 
 pub mod error_state;
 pub mod follow;
 pub mod gain_sensitivity;
+pub mod loop_model;
 pub mod lqr;
 pub mod riccati;
+pub mod trim;
 pub mod tune;
 
 pub use error_state::ErrorState;
 pub use follow::{Following, follow};
 pub use gain_sensitivity::{GainSensitivity, sensitivity};
-pub use lqr::{Regulator, bryson, eigenvalues, lqr, spectral_radius};
+pub use loop_model::{LoopMargins, LoopModel, Point};
+pub use lqr::{Regulator, bryson, lqr};
+pub use trim::{Trim, TrimTarget, trim, trim_from};
 pub use tune::{Descent, Evaluation, Iteration, TunePlan, Tuning, tune};

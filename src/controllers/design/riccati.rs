@@ -98,6 +98,26 @@ pub fn lyapunov<T: RealField + Copy>(a: &DMatrix<T>, q: &DMatrix<T>) -> Result<R
     Ok(RiccatiSolution { residual: relative(&terms), matrix: x, doublings })
 }
 
+/// Aᵀ X + X A + Q = 0, the integral of exp(Aᵀt) Q exp(At): what a stable continuous loop costs from each start on. By the Cayley
+/// transform of [`continuous`].
+///
+/// # Errors
+/// As [`lyapunov`], in continuous time.
+pub fn continuous_lyapunov<T: RealField + Copy>(a: &DMatrix<T>, q: &DMatrix<T>) -> Result<RiccatiSolution<T>> {
+    let n = a.nrows();
+    size("A", a, (n, n))?;
+    size("Q", q, (n, n))?;
+    check_cost(q)?;
+    let gamma = a.norm_squared().sqrt() + convert(1e-100);
+    let eye = DMatrix::identity(n, n) * gamma;
+    let back = inverse(a - &eye)?;
+    let cost = symmetric(back.tr_mul(q) * &back * (gamma + gamma));
+    let (x, doublings) = doubled((a + eye) * &back, DMatrix::zeros(n, n), cost)?;
+    let xa = &x * a;
+    let terms = [xa.transpose(), xa, q.clone()];
+    Ok(RiccatiSolution { residual: relative(&terms), matrix: x, doublings })
+}
+
 /// The limit of H, and the doublings it took.
 fn doubled<T: RealField + Copy>(
     mut a: DMatrix<T>,

@@ -1,0 +1,299 @@
+//! `omnidrones design`: a vehicle's steady flight, its modes, and what its control loop bears.
+
+use super::arguments::{FlightArguments, PlotArguments, VehicleArguments};
+use super::page::{Fact, Page, short};
+use super::table::{Align, Table};
+use super::{Report, files, source};
+use nalgebra::Complex;
+use omnidrones::controllers::cascade::Rates;
+use omnidrones::controllers::design::{ErrorState, LoopMargins, LoopModel, Point, Trim, TrimTarget, trim};
+use omnidrones::controllers::linear::response::unwrapped;
+use omnidrones::controllers::linear::{DiskMargin, Mode, StateSpace, modes, unreachable};
+use omnidrones::controllers::reference::{Hover, Reference};
+use omnidrones::controllers::{ClosedLoop, Target};
+use omnidrones::dynamics::spatial::to_euler;
+use omnidrones::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
+use omnidrones::error::{Error, Result};
+use omnidrones_plot::{Colour, Figure, Panel, Series};
+use serde_json::{Value, json};
+use std::f64::consts::PI;
+use std::path::PathBuf;
+
+/// What the command is for.
+pub const ABOUT: &str = "\
+Report what a control engineer asks of a vehicle: the steady flight (hover, or hover in a wind), the modes of the vehicle \
+alone, the poles of its control loop, and gain, phase, delay and disk margins at every command, at all commands at once and \
+at what is measured. The loop is the one that flies: sampled, with the rate of every level, its holds and its latency.";
+
+const EXAMPLES: &str = "\
+Examples:
+  omnidrones design hummingbird                          the report at hover
+  omnidrones design hummingbird --wind 8,0,0             as at 8 m/s through still air
+  omnidrones design iris --latency 5                     commands 5 steps late
+  omnidrones design firefly --gains derived --json       for a program
+  omnidrones design hummingbird --plot loop.svg          loop and sensitivity over frequency
+  omnidrones design hummingbird --save plant.json        the linear plant, for other tools
+
+Margins are of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and phase \
+at once, in all commands together where it says so (Seiler, Packard and Gahinet 2020): 0.5 stands for a factor of 0.6 to 1.67 \
+or 28°. The delay is in whole steps.
+
+Files: --save writes A, B, C, D of one step with the names and units of all signals (.json), or as one table (.csv).
+
+JSON: SI units, radians; infinite margins are null.
+
+Exit codes: 0 reported, and the loop is stable; 1 it is not, or does not settle; 2 unusable input or arguments.";
+
+/// Arguments of `design`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("reference", |reference| reference.hide(true)))]
+#[command(mut_arg("plot", |plot| plot.help("Draw loop and sensitivity at every command into this file (.png or .svg)")))]
+pub struct Arguments {
+    /// A built-in vehicle ('omnidrones models' lists them), or a file FILE.toml or FILE.urdf
+    #[arg(value_name = "VEHICLE|FILE")]
+    vehicle: String,
+    #[command(flatten)]
+    rotors: VehicleArguments,
+    #[command(flatten)]
+    flight: FlightArguments,
+    /// Steady wind [m/s] in which the vehicle holds its place
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_hyphen_values = true, help_heading = "Flight")]
+    wind: Option<Vec<f64>>,
+    /// Steps by which commands act late
+    #[arg(long, value_name = "STEPS", default_value_t = 0, help_heading = "Controller")]
+    latency: usize,
+    /// Write the linear plant into this file (.json or .csv)
+    #[arg(long, value_name = "FILE")]
+    save: Option<PathBuf>,
+    #[command(flatten)]
+    output: PlotArguments,
+}
+
+/// What was found.
+struct Findings {
+    trim: Trim,
+    plant: StateSpace,
+    modes: Vec<Mode>,
+    hidden: usize,
+    model: LoopModel,
+    rows: Vec<(String, LoopMargins)>,
+    all: DiskMargin,
+    poles: Vec<Complex<f64>>,
+}
+
+/// Reports.
+pub fn run(a: &Arguments) -> Result<Report> {
+    a.flight.check()?;
+    a.output.check()?;
+    if let Some(given) = &a.flight.reference {
+        let remedy = "Leave it out: linear models are of steady flights.";
+        return Err(Error::value("--reference", given, "none in 'design'", remedy));
+    }
+    let save = a.save.as_deref().map(|file| -> Result<_> {
+        let known = file.extension().and_then(|e| e.to_str()).filter(|e| ["json", "csv"].contains(e));
+        let Some(kind) = known else {
+            return Err(Error::value("--save", file.display(), "a file .json or .csv", "Name it so."));
+        };
+        files::check_new(file, a.output.force)?;
+        files::make_parent(file)?;
+        Ok((file, kind == "json"))
+    });
+    let save = save.transpose()?;
+    let source = source::load(Some(&a.vehicle), &a.rotors)?;
+    let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
+    let mut physics = a.flight.physics();
+    let air = match a.wind.as_deref() {
+        None => Disturbance::none(),
+        Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.abs() <= 100.0) => {
+            physics.effects.disturbance = true;
+            Disturbance { wind: [x, y, z], ..Disturbance::none() }
+        }
+        Some(wind) => {
+            return Err(Error::value("--wind", format!("{wind:?}"), "three numbers up to 100 m/s", "As 8,0,0."));
+        }
+    };
+    let found = findings(&source.vehicle, physics, &gains, &a.flight.rates(), a.latency, &air)?;
+    if let Some((file, as_json)) = save {
+        let text = if as_json { format!("{:#}\n", found.plant.to_json()) } else { found.plant.to_csv() };
+        files::replace(file, text)?;
+    }
+    if let Some(file) = &a.output.plot {
+        figure(&source.vehicle.name, &found)?.save(file)?;
+    }
+    let stable = found.rows.iter().all(|(_, margins)| margins.stable);
+    if a.output.json {
+        return Ok(Report::json(&as_json(&source.vehicle, &gains_name, &found, stable), stable));
+    }
+    let mut page = Page::new();
+    page.title(&source.vehicle.name, &source.origin);
+    tell(&mut page, &gains_name, a, &found, stable);
+    let written: Vec<String> =
+        a.output.plot.iter().chain(&a.save).map(|file| format!("  {}", file.display())).collect();
+    if !written.is_empty() {
+        page.heading("Written").line(written.join("\n"));
+    }
+    Ok(Report { text: page.finish(), success: stable })
+}
+
+fn findings(
+    vehicle: &Vehicle,
+    physics: Physics,
+    gains: &Gains,
+    rates: &Rates,
+    latency: usize,
+    air: &Disturbance<f64>,
+) -> Result<Findings> {
+    let plant = Plant::of_vehicle(vehicle, physics)?;
+    let trim = trim(&plant, &TrimTarget { air: *air, ..TrimTarget::hover() })?;
+    let linear = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input)?;
+    let hover = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
+    let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_latency(latency)?;
+    let model = LoopModel::new(closed, Target::level(&hover), air, &trim.state)?;
+    let commands = (0..model.commands.len()).map(|i| (model.commands[i].name.clone(), Point::Command(i)));
+    let measured =
+        (0..model.measurements.len().min(12)).map(|i| (model.measurements[i].name.clone(), Point::Measurement(i)));
+    let rows =
+        commands.chain(measured).map(|(name, point)| Ok((name, model.margins(point)?))).collect::<Result<_>>()?;
+    Ok(Findings {
+        modes: modes(&linear)?,
+        hidden: unreachable(&linear, 1e-9)?.len(),
+        all: model.disk_margin(Point::Commands, 0.0)?,
+        poles: model.poles()?,
+        plant: linear,
+        trim,
+        model,
+        rows,
+    })
+}
+
+fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: bool) {
+    let Findings { trim, plant, modes, hidden, model, rows, all, poles } = found;
+    let [roll, pitch, _] = to_euler([6, 7, 8, 9].map(|k| trim.state[k])).map(degrees);
+    let n_command = model.commands.len();
+    let commands: Vec<String> = trim.input[..n_command].iter().map(|u| short(*u, 3)).collect();
+    let air = a.wind.as_ref().map_or("still air".into(), |w| {
+        format!("wind {} m/s", w.iter().map(|v| short(*v, 3)).collect::<Vec<_>>().join(", "))
+    });
+    page.heading("Steady flight").facts(&[
+        Fact::new("hover in", air),
+        Fact::new("roll, pitch", format!("{}, {} °", short(roll, 3), short(pitch, 3))),
+        Fact::new("commands", commands.join(", ")).note("−1 stands, 1 is full thrust"),
+        Fact::new("at a limit", trim.limited.len().to_string()),
+    ]);
+    let mut table = Table::new(&[
+        ("rate [1/s]", Align::Right),
+        ("frequency [rad/s]", Align::Right),
+        ("damping", Align::Right),
+        ("time constant [s]", Align::Right),
+        ("of", Align::Left),
+    ]);
+    for mode in modes {
+        let names: Vec<&str> = mode.states.iter().take(3).map(|(i, _)| plant.states()[*i].name.as_str()).collect();
+        let rate = if mode.rate.im.abs() > 1e-9 {
+            format!("{} ± {}j", short(mode.rate.re, 3), short(mode.rate.im, 3))
+        } else {
+            short(mode.rate.re, 3)
+        };
+        table.row([
+            rate,
+            short(mode.frequency, 3),
+            short(mode.damping, 2),
+            unlimited(mode.time_constant, 3),
+            names.join(", "),
+        ]);
+    }
+    page.heading("Modes of the vehicle alone").table(&table);
+    page.line(format!("  {} of {} modes are out of the commands' reach", hidden, modes.len()));
+
+    let lasting = poles.first().map_or(0.0, |p| -(model.dt * model.period() as f64) / p.norm().ln());
+    page.heading("Control loop").facts(&[
+        Fact::new("gains", gains),
+        Fact::new("period of all rates", format!("{} steps of {} ms", model.period(), short(model.dt * 1e3, 3))),
+        Fact::new("latency", format!("{} steps", a.latency)),
+        Fact::new("stable", if stable { "yes" } else { "NO" }),
+        Fact::new("slowest pole decays in", format!("{} s", unlimited(lasting, 3))).note("to 1/e"),
+        Fact::new("disk margin, all commands", short(all.alpha, 3)).note(format!(
+            "gains {} to {} or phases of {} ° in every command at once, met at {} rad/s",
+            short(all.gain.0, 3),
+            unlimited(all.gain.1, 3),
+            short(degrees(all.phase), 3),
+            short(all.omega, 3)
+        )),
+    ]);
+    let mut table = Table::new(&[
+        ("broken at", Align::Left),
+        ("gain down", Align::Right),
+        ("gain up", Align::Right),
+        ("phase [°]", Align::Right),
+        ("delay [ms]", Align::Right),
+        ("disk", Align::Right),
+        ("at [rad/s]", Align::Right),
+    ]);
+    for (name, m) in rows {
+        table.row([
+            name.clone(),
+            short(m.gain_down, 3),
+            unlimited(m.gain_up, 3),
+            unlimited(degrees(m.phase), 3),
+            unlimited(m.delay * 1e3, 3),
+            short(m.disk.alpha, 3),
+            unlimited(m.disk.omega, 3),
+        ]);
+    }
+    page.heading("Margins").table(&table);
+}
+
+fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool) -> Value {
+    let disk =
+        |d: &DiskMargin| json!({ "alpha": d.alpha, "omega": d.omega, "gain": [d.gain.0, d.gain.1], "phase": d.phase });
+    let rows: Vec<Value> = found.rows.iter().map(|(name, m)| {
+        json!({
+            "at": name, "gain_down": m.gain_down, "gain_up": m.gain_up, "phase": m.phase, "delay": m.delay, "disk": disk(&m.disk),
+        })
+    }).collect();
+    let mode = |m: &Mode| {
+        json!({
+            "rate": [m.rate.re, m.rate.im], "frequency": m.frequency, "damping": m.damping, "time_constant": m.time_constant,
+            "states": m.states.iter().map(|(i, share)| json!({ "name": found.plant.states()[*i].name, "share": share })).collect::<Vec<_>>(),
+        })
+    };
+    json!({
+        "command": "design", "vehicle": vehicle.name, "gains": gains, "stable": stable, "dt": found.model.dt, "period": found.model.period(),
+        "trim": { "state": found.trim.state, "input": found.trim.input, "residual": found.trim.residual, "limited": found.trim.limited },
+        "modes": found.modes.iter().map(mode).collect::<Vec<_>>(),
+        "poles": found.poles.iter().map(|p| [p.re, p.im]).collect::<Vec<_>>(),
+        "all_commands": disk(&found.all), "margins": rows,
+    })
+}
+
+/// Loop and sensitivity at every command over frequency.
+fn figure(name: &str, found: &Findings) -> Result<Figure> {
+    let nyquist = PI / found.model.dt;
+    let omega: Vec<f64> = (0..400).map(|k| 0.1 * (nyquist / 0.1).powf(f64::from(k) / 399.0)).collect();
+    let mut panels = ["Loop: gain [dB]", "Loop: phase [°]", "Sensitivity: gain [dB]"]
+        .map(|title| Panel::new(title, "frequency [rad/s]", "").log_x());
+    for (i, command) in found.model.commands.iter().enumerate() {
+        let s = found.model.response(Point::Command(i), &omega)?;
+        let open: Vec<Complex<f64>> = s.iter().map(|s| s.inv() - 1.0).collect();
+        let decibel = |values: &[Complex<f64>]| values.iter().map(|v| 20.0 * v.norm().log10()).collect();
+        let phase = unwrapped(&open).into_iter().map(degrees).collect();
+        let colour = Colour::nth(i);
+        let all: [Vec<f64>; 3] = [decibel(&open), phase, decibel(&s)];
+        for (panel, values) in panels.iter_mut().zip(all) {
+            let points = omega.iter().copied().zip(values).collect();
+            *panel = panel.clone().series(Series::line(&command.name, points).colour(colour));
+        }
+    }
+    let figure =
+        Figure::new(format!("{name}: the loop broken at one command")).size(1000.0, 900.0).grid(&[1.0], &[1.0; 3]);
+    Ok(panels.into_iter().enumerate().fold(figure, |figure, (row, panel)| figure.place((0, row), (1, 1), panel)))
+}
+
+fn degrees(radians: f64) -> f64 {
+    radians * 180.0 / PI
+}
+
+fn unlimited(value: f64, digits: usize) -> String {
+    if value.is_finite() { short(value, digits) } else { "∞".into() }
+}

@@ -1,0 +1,377 @@
+//! The linear model of a loop that is flown: sampled, of several rates, with its holds and its latency, open at any point.
+//!
+//! About a steady flight every step k of a period of N steps is x⁺ = A_k x + B_k d, y = C_k x + d, where d is added to commands
+//! (or to measurements) and y is what then acts (or is seen). N steps together are one system without time, from the d of a
+//! period to the y of a period: S, the sensitivity. Its inverse less the identity is the loop L, broken there while all other
+//! paths stay closed. Factors on a path act in all steps alike: margins are of such factors.
+//!
+//! Source: Bittanti and Colaneri 2009, section 6.2 (lifting).
+
+use super::error_state::ErrorState;
+use crate::autodiff::{System, linearise};
+use crate::controllers::closed_loop::ClosedLoop;
+use crate::controllers::controller::Target;
+use crate::controllers::law::{ControlLaw, Running};
+use crate::controllers::linear::dense::{Complexes, complex_spectral_radius};
+use crate::controllers::linear::disk::disk_margin_of;
+use crate::controllers::linear::{DiskMargin, Signal, StateSpace, eigenvalues, minimal};
+use crate::dynamics::Disturbance;
+use crate::error::{Error, Result};
+use nalgebra::{Complex, DMatrix};
+use num_dual::Dual64;
+use std::f64::consts::PI;
+
+/// Most steps that a loop may take until it is steady.
+const SETTLE: u64 = 200_000;
+/// Largest change of a state over a period that counts as none.
+const STEADY: f64 = 1e-9;
+/// Most steps of delay that are tried.
+const MOST_DELAY: usize = 500;
+/// Directions of the lifted model weaker than this are left out: they are neither reached nor seen.
+const WEAK: f64 = 1e-9;
+
+/// Where a loop is opened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Point {
+    /// One command, between controller and plant.
+    Command(usize),
+    /// All commands at once.
+    Commands,
+    /// One number of the error state that the controller sees: of a rigid vehicle position, velocity, rotation vector and body
+    /// rate, three each.
+    Measurement(usize),
+}
+
+/// A loop about a steady flight.
+#[derive(Debug, Clone)]
+pub struct LoopModel {
+    /// The time between two steps, s.
+    pub dt: f64,
+    /// Where it settled: the state of the loop at the beginning of a period.
+    pub state: Vec<f64>,
+    /// Names of the commands.
+    pub commands: Vec<Signal>,
+    /// Names of the measurements.
+    pub measurements: Vec<Signal>,
+    steps: Vec<Step>,
+}
+
+#[derive(Debug, Clone)]
+struct Step {
+    /// n × n, of the error state of the loop.
+    a: DMatrix<f64>,
+    /// n × m: what is added to commands.
+    by_command: DMatrix<f64>,
+    /// m × n: what is commanded.
+    commanded: DMatrix<f64>,
+    /// n × p: what is added to measurements.
+    by_measurement: DMatrix<f64>,
+    /// p × n: what is measured.
+    measured: DMatrix<f64>,
+}
+
+impl LoopModel {
+    /// The model of a loop that holds a target that stands still, in steady air, from a state of the plant near that flight: the
+    /// loop is flown until it is steady, then one period of all its rates is linearised by duals.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if it does not become steady.
+    pub fn new<L: ControlLaw>(
+        closed: ClosedLoop<Running<L>>,
+        target: Target<'_>,
+        air: &Disturbance<f64>,
+        start: &[f64],
+    ) -> Result<Self> {
+        closed.plant().check_state(start)?;
+        let closed = closed.with_injections();
+        let (dt, n) = (closed.plant().physics().dt, closed.n_state());
+        let errors = ErrorState::of_plant(closed.plant())?;
+        let own = errors.n_error();
+        let whole = errors.clone().longer(n);
+        let theta = closed.parameters();
+        let input_at = |k: u64| {
+            let mut input = vec![0.0; closed.n_input()];
+            closed.write_input(k, target, air, &mut input);
+            input
+        };
+        let inputs = one_period(&input_at, dt)?;
+        let period = inputs.len();
+
+        let (mut x, mut next) = (closed.initial_state(start), vec![0.0; n]);
+        let mut k = 0;
+        loop {
+            let before = x.clone();
+            for input in &inputs {
+                closed.step(&x, input, &theta, &mut next);
+                std::mem::swap(&mut x, &mut next);
+            }
+            k += period as u64;
+            let change = whole.difference(&x, &before).amax();
+            if change <= STEADY * period as f64 * dt / 0.002 {
+                break;
+            }
+            if k >= SETTLE || !change.is_finite() {
+                let value = format!("still moving by {change:.1e} per period after {:.0} s", k as f64 * dt);
+                let remedy = "Start nearer, ask for a flight that the vehicle can hold, or mend the gains: this loop may be unstable.";
+                return Err(Error::value(format!("loop of {}", closed.plant().name()), value, "steady", remedy));
+            }
+        }
+
+        let (m, first) = (closed.n_command(), closed.n_input() - closed.n_command() - closed.plant().n_state());
+        let mut state = x.clone();
+        let mut steps = Vec::with_capacity(period);
+        for input in &inputs {
+            let step = linearise(&closed, &state, input, &theta);
+            let (a, b) = whole.reduce(&state, &step);
+            let tangent = whole.tangent(&state);
+            let seen = errors.tangent(&state[..closed.plant().n_state()]);
+            let commanded = slope_of_commands(&closed, &state, input, &theta) * &tangent;
+            steps.push(Step {
+                by_measurement: b.columns(first + m, closed.plant().n_state()) * &seen,
+                by_command: b.columns(first, m).into_owned(),
+                measured: DMatrix::from_fn(own, whole.n_error(), |i, j| f64::from(u8::from(i == j))),
+                commanded,
+                a,
+            });
+            state.copy_from_slice(step.next.as_slice());
+        }
+        let commands = closed.command_names().into_iter().map(|name| Signal::new(name, "-")).collect();
+        Ok(Self { dt, state: x, commands, measurements: errors.signals(closed.plant()), steps })
+    }
+
+    /// Steps of a period: the least common multiple of all rates.
+    pub fn period(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// Poles over a period, largest modulus first.
+    ///
+    /// # Errors
+    /// Where eigenvalues are not found.
+    pub fn poles(&self) -> Result<Vec<Complex<f64>>> {
+        let n = self.steps[0].a.nrows();
+        eigenvalues(&self.steps.iter().fold(DMatrix::identity(n, n), |all, step| &step.a * all))
+    }
+
+    /// S at a point, over a period: inputs and outputs step by step. What is neither reached nor seen there is left out.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a point that the loop does not have, or where singular values are not found.
+    pub fn sensitivity(&self, point: Point) -> Result<StateSpace> {
+        let (n, signals) = (self.steps[0].a.nrows(), self.signals(point)?);
+        let width = signals.len();
+        let all = width * self.period();
+        let (mut a, mut b) = (DMatrix::identity(n, n), DMatrix::zeros(n, all));
+        let (mut c, mut d) = (DMatrix::zeros(all, n), DMatrix::identity(all, all));
+        for (k, step) in self.steps.iter().enumerate() {
+            let (by, seen) = match point {
+                Point::Command(i) => {
+                    (step.by_command.columns(i, 1).into_owned(), step.commanded.rows(i, 1).into_owned())
+                }
+                Point::Commands => (step.by_command.clone(), step.commanded.clone()),
+                Point::Measurement(i) => {
+                    (step.by_measurement.columns(i, 1).into_owned(), step.measured.rows(i, 1).into_owned())
+                }
+            };
+            c.rows_mut(k * width, width).copy_from(&(&seen * &a));
+            let earlier = &seen * b.columns(0, k * width);
+            d.view_mut((k * width, 0), (width, k * width)).copy_from(&earlier);
+            b = &step.a * b;
+            b.columns_mut(k * width, width).copy_from(&by);
+            a = &step.a * a;
+        }
+        let lifted = StateSpace::new(a, b, c, d, Some(self.dt * self.period() as f64))?;
+        let names: Vec<Signal> = (0..self.period())
+            .flat_map(|k| signals.iter().map(move |s| (k, s)))
+            .map(
+                |(k, s)| {
+                    if self.period() > 1 { Signal::new(format!("{}@{k}", s.name), s.unit.clone()) } else { s.clone() }
+                },
+            )
+            .collect();
+        minimal(&lifted.named(Signal::numbered("x", n), names.clone(), names)?, WEAK)
+    }
+
+    /// L at a point, over a period, to be closed with −1 (−I): S⁻¹ − I.
+    ///
+    /// # Errors
+    /// As [`sensitivity`](Self::sensitivity).
+    pub fn open(&self, point: Point) -> Result<StateSpace> {
+        let s = self.sensitivity(point)?;
+        let remedy = "Report this as a bug.";
+        let Some(back) = s.d().clone().try_inverse() else {
+            return Err(Error::value("D of a sensitivity", "singular", "lower triangular with ones", remedy));
+        };
+        let (b, c) = (s.b() * &back, -(&back * s.c()));
+        let a = s.a() + s.b() * &c;
+        let d = back - DMatrix::identity(s.n_output(), s.n_output());
+        StateSpace::new(a, b, c, d, s.dt())?.named(s.states().to_vec(), s.inputs().to_vec(), s.outputs().to_vec())
+    }
+
+    /// S over frequency (rad/s, to π/dt) at a point of one signal: what answers at the frequency of a sinusoid there. L = 1/S − 1.
+    ///
+    /// # Errors
+    /// As [`sensitivity`](Self::sensitivity); [`Error::Value`] for all commands at once.
+    pub fn response(&self, point: Point, omega: &[f64]) -> Result<Vec<Complex<f64>>> {
+        let s = self.sensitivity(point)?;
+        if self.signals(point)?.len() > 1 {
+            let remedy = "Ask for one command, or for singular values of the sensitivity.";
+            return Err(Error::value("the point of a response", "of many signals", "one signal", remedy));
+        }
+        let n = self.period();
+        let at = |w: f64| {
+            let wave = Complexes::from_fn(n, 1, |k, _| Complex::from_polar(1.0, w * k as f64 * self.dt));
+            (wave.adjoint() * s.at(s.on_axis(w)) * &wave)[(0, 0)] / n as f64
+        };
+        Ok(omega.iter().map(|w| at(*w)).collect())
+    }
+
+    /// How much the loop bears at one point.
+    ///
+    /// # Errors
+    /// As [`sensitivity`](Self::sensitivity).
+    pub fn margins(&self, point: Point) -> Result<LoopMargins> {
+        let open = self.open(point)?;
+        let holds = |factor: Complex<f64>| stable_with(&open, factor);
+        let along = |path: &dyn Fn(f64) -> Complex<f64>, end: f64| first_failure(&|t| holds(path(t)), end);
+        // factors from 1 up to 100 and down to 0, by their logarithms
+        let up = along(&|t| Complex::new(t.exp(), 0.0), 100.0_f64.ln()).map_or(f64::INFINITY, f64::exp);
+        let down = along(&|t| Complex::new((-t).exp(), 0.0), 1000.0_f64.ln()).map_or(0.0, |t| (-t).exp());
+        let lag = along(&|t| Complex::from_polar(1.0, -t), PI);
+        let lead = along(&|t| Complex::from_polar(1.0, t), PI);
+        Ok(LoopMargins {
+            stable: holds(Complex::new(1.0, 0.0)),
+            gain_up: up,
+            gain_down: down,
+            phase: lag.unwrap_or(f64::INFINITY).min(lead.unwrap_or(f64::INFINITY)),
+            delay: self.delay(&open)?,
+            disk: self.disk_margin(point, 0.0)?,
+        })
+    }
+
+    /// The disk margin at a point; of all commands at once each has a factor of its own. Factors may differ between the steps of
+    /// a period, and for loops of several rates the margin of all commands is a bound from below, a few percent less than it
+    /// might be.
+    ///
+    /// # Errors
+    /// As [`sensitivity`](Self::sensitivity).
+    pub fn disk_margin(&self, point: Point, skew: f64) -> Result<DiskMargin> {
+        let s = self.sensitivity(point)?;
+        let width = self.signals(point)?.len();
+        let block: Vec<usize> = (0..s.n_input()).map(|k| k % width).collect();
+        disk_margin_of(&s, &block, skew, self.period() == 1)
+    }
+
+    /// The least delay, in whole steps, at which the loop is no longer stable, s; infinite beyond [`MOST_DELAY`] steps.
+    fn delay(&self, open: &StateSpace) -> Result<f64> {
+        let width = open.n_input() / self.period();
+        for k in 1..=MOST_DELAY {
+            let late = open.series(&lifted_delay(width, self.period(), k, open.dt())?)?;
+            if !stable_with(&late, Complex::new(1.0, 0.0)) {
+                return Ok(k as f64 * self.dt);
+            }
+        }
+        Ok(f64::INFINITY)
+    }
+
+    fn signals(&self, point: Point) -> Result<Vec<Signal>> {
+        let one = |all: &[Signal], i: usize, what: &str| match all.get(i) {
+            Some(signal) => Ok(vec![signal.clone()]),
+            None => Err(Error::value(what, i, format!("below {}", all.len()), "They count from 0.")),
+        };
+        match point {
+            Point::Command(i) => one(&self.commands, i, "command"),
+            Point::Measurement(i) => one(&self.measurements, i, "measurement"),
+            Point::Commands => Ok(self.commands.clone()),
+        }
+    }
+}
+
+/// What a loop bears at one point, all other paths closed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoopMargins {
+    /// Whether it is stable as it is.
+    pub stable: bool,
+    /// Largest factor on the gain; infinite from 100 on.
+    pub gain_up: f64,
+    /// Least factor on the gain; 0 below 0.001.
+    pub gain_down: f64,
+    /// Phase, rad, the lesser of both directions; infinite where none ends stability.
+    pub phase: f64,
+    /// Least whole number of steps of delay that ends stability, s.
+    pub delay: f64,
+    /// Gain and phase at once.
+    pub disk: DiskMargin,
+}
+
+/// Inputs of the steps of one period: as many as it takes until they come again, up to the slowest rate of 1 Hz.
+fn one_period(input_at: &dyn Fn(u64) -> Vec<f64>, dt: f64) -> Result<Vec<Vec<f64>>> {
+    let most = (1.0 / dt).ceil() as u64;
+    let all: Vec<Vec<f64>> = (0..2 * most).map(input_at).collect();
+    let n = most as usize;
+    match (1..=n).find(|p| (0..2 * n - p).all(|k| all[k] == all[k + p])) {
+        Some(period) => Ok(all[..period].to_vec()),
+        None => {
+            let remedy = "Take a target that stands still, as Reference::Hover.";
+            Err(Error::value("the target of a loop model", "moving", "constant", remedy))
+        }
+    }
+}
+
+/// ∂commands/∂state, m × n, by duals.
+fn slope_of_commands<L: ControlLaw>(
+    closed: &ClosedLoop<Running<L>>,
+    x: &[f64],
+    input: &[f64],
+    theta: &[f64],
+) -> DMatrix<f64> {
+    let dual = |values: &[f64]| values.iter().map(|v| Dual64::from(*v)).collect::<Vec<_>>();
+    let (mut state, input, theta) = (dual(x), dual(input), dual(theta));
+    let mut slope = DMatrix::zeros(closed.n_command(), x.len());
+    for j in 0..x.len() {
+        state[j].eps = 1.0;
+        let commands = closed.commanded(&state, &input, &theta);
+        state[j].eps = 0.0;
+        commands.iter().enumerate().for_each(|(i, value)| slope[(i, j)] = value.eps);
+    }
+    slope
+}
+
+/// Whether the loop around `open` is stable with a factor in it.
+fn stable_with(open: &StateSpace, factor: Complex<f64>) -> bool {
+    let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
+    let n = open.n_input();
+    let direct = Complexes::identity(n, n) + complex(open.d()) * factor;
+    let Some(back) = direct.try_inverse() else { return false };
+    let closed = complex(open.a()) - complex(open.b()) * factor * back * complex(open.c());
+    complex_spectral_radius(&closed) < 1.0
+}
+
+/// How far along a path, from 0, stability lasts: found by 80 steps and bisection; none if up to the end.
+fn first_failure(holds: &dyn Fn(f64) -> bool, end: f64) -> Option<f64> {
+    let mut low = 0.0;
+    let mut high = (1..=80).map(|k| end * f64::from(k) / 80.0).find(|t| {
+        let fails = !holds(*t);
+        low = if fails { low } else { *t };
+        fails
+    })?;
+    while high - low > 1e-9 * end {
+        let middle = f64::midpoint(low, high);
+        if holds(middle) { low = middle } else { high = middle }
+    }
+    Some(high)
+}
+
+/// `steps` steps of delay on `width` signals, seen over a period.
+fn lifted_delay(width: usize, period: usize, steps: usize, dt: Option<f64>) -> Result<StateSpace> {
+    // the state holds the last `steps` values, oldest first
+    let one = |r: usize, c: usize, f: &dyn Fn(usize, usize) -> bool| {
+        DMatrix::from_fn(r, c, |i, j| f64::from(u8::from(f(i, j))))
+    };
+    let (held, new) = (width * steps, width * period);
+    let a = one(held, held, &|i, j| j == i + new);
+    let b = one(held, new, &|i, j| j + held == i + new);
+    let c = one(new, held, &|i, j| i == j);
+    let d = one(new, new, &|i, j| i == j + held);
+    StateSpace::new(a, b, c, d, dt)
+}

@@ -1,0 +1,33 @@
+//! Linear systems: what remains of a plant or a loop near one condition, and what control engineers ask of it.
+//!
+//! | file | idea |
+//! |---|---|
+//! | [`state_space`] | x' = A x + B u, y = C x + D u with named signals; connections |
+//! | [`sampling`] | hold equivalents, Tustin's substitution and its inverse |
+//! | [`modes`] | poles, zeros, damping, time constants, who takes part |
+//! | [`structure`] | what inputs do not reach and outputs do not show; minimal realisations |
+//! | [`response`] | over frequency and over time; figures of a step |
+//! | [`margins`] | gain, phase and delay margins of one loop |
+//! | [`norms`] | peaks over frequency (H∞), energy of the impulse response (H₂) |
+//! | [`disk`] | disk margins, of one loop and of several at once |
+//! | `dense` | eigenvalues and singular values, from faer |
+
+pub(crate) mod dense;
+pub mod disk;
+pub mod margins;
+pub mod modes;
+pub mod norms;
+pub mod response;
+pub mod sampling;
+pub mod state_space;
+pub mod structure;
+
+pub use dense::{eigenvalues, spectral_radius};
+pub use disk::{DiskMargin, disk_margin, multiloop_disk_margin};
+pub use margins::{Crossing, Margins, margins};
+pub use modes::{Mode, modes, poles, root_locus, zeros};
+pub use norms::{Peak, h_infinity, h2_norm};
+pub use response::{FrequencyResponse, StepFigures, frequencies, frequency_response, step_response};
+pub use sampling::Hold;
+pub use state_space::{Signal, StateSpace};
+pub use structure::{Hidden, minimal, unobservable, unreachable};

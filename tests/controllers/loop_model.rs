@@ -1,0 +1,93 @@
+//! The linear model of a flown loop: its margins are where flights lose stability, and those of the loop as one rate sees it.
+
+use nalgebra::Complex;
+use omnidrones::controllers::cascade::Rates;
+use omnidrones::controllers::design::{LoopModel, Point, TrimTarget, trim};
+use omnidrones::controllers::linear::{disk_margin, margins};
+use omnidrones::controllers::reference::{Hover, Reference};
+use omnidrones::controllers::{ClosedLoop, Target};
+use omnidrones::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle, vehicles};
+use omnidrones::error::Result;
+
+const ONE_RATE: Rates = Rates { rate: 500.0, attitude: 500.0, velocity: 500.0 };
+
+fn model(vehicle: &Vehicle, gains: &Gains, rates: &Rates, latency: usize) -> Result<LoopModel> {
+    let physics = Physics::default();
+    let state = trim(&Plant::of_vehicle(vehicle, physics)?, &TrimTarget::hover())?.state;
+    let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_latency(latency)?;
+    let there = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
+    LoopModel::new(closed, Target::level(&there), &Disturbance::none(), &state)
+}
+
+fn radius(model: &LoopModel) -> f64 {
+    model.poles().unwrap()[0].norm()
+}
+
+#[test]
+fn at_one_rate_margins_are_those_of_the_plain_loop() {
+    for name in vehicles::names() {
+        let vehicle = vehicles::by_name(name).unwrap();
+        let model = model(&vehicle, &vehicle.gains(), &ONE_RATE, 0).unwrap();
+        assert_eq!(model.period(), 1);
+        let (lifted, open) = (model.margins(Point::Command(0)).unwrap(), model.open(Point::Command(0)).unwrap());
+        let plain = margins(&open).unwrap();
+        let steps = (plain.delay / model.dt).ceil() * model.dt;
+        assert!(plain.stable && lifted.stable);
+        // the lifted search ends at 100
+        let up = if plain.gain_up < 100.0 { plain.gain_up } else { f64::INFINITY };
+        assert!(
+            lifted.gain_up == up || (lifted.gain_up / up - 1.0).abs() < 1e-6,
+            "{name}: {} {}",
+            lifted.gain_up,
+            plain.gain_up
+        );
+        assert!((lifted.phase - plain.phase).abs() < 1e-6, "{name}: {} {}", lifted.phase, plain.phase);
+        assert!((lifted.delay - steps).abs() < 1e-9, "{name}: {} {}", lifted.delay, plain.delay);
+        assert!((lifted.disk.alpha / disk_margin(&open, 0.0).unwrap().alpha - 1.0).abs() < 1e-6, "{name}");
+        let omega = [0.5, 7.0, 60.0, 400.0];
+        let response = model.response(Point::Command(0), &omega).unwrap();
+        for (w, s) in omega.iter().zip(response) {
+            let l = open.at(open.on_axis(*w))[(0, 0)];
+            assert!((s * (l + 1.0) - Complex::new(1.0, 0.0)).norm() < 1e-8, "{name} at {w}");
+        }
+    }
+}
+
+#[test]
+fn poles_say_whether_a_loop_of_several_rates_with_more_latency_holds() {
+    let vehicle = vehicles::by_name("hummingbird").unwrap();
+    let usual = model(&vehicle, &vehicle.gains(), &Rates::default(), 0).unwrap();
+    assert_eq!(usual.period(), 10);
+    // all commands late by the same: the largest latency with which a flight still settles, by flying
+    let settles =
+        |steps: usize| model(&vehicle, &vehicle.gains(), &Rates::default(), steps).is_ok_and(|m| radius(&m) < 1.0);
+    let last = (1..60).take_while(|k| settles(*k)).last().unwrap();
+    println!("radius {:.6}, latency up to {last} steps", radius(&usual));
+    assert!(!settles(last + 1));
+    // the model before the edge is nearly marginal
+    let near = model(&vehicle, &vehicle.gains(), &Rates::default(), last).unwrap();
+    assert!((0.97..1.0).contains(&radius(&near)), "{}", radius(&near));
+}
+
+#[test]
+fn a_disk_margin_of_all_commands_is_at_most_that_of_each() {
+    for name in ["hummingbird", "firefly"] {
+        let vehicle = vehicles::by_name(name).unwrap();
+        let model = model(&vehicle, &vehicle.gains(), &Rates::default(), 0).unwrap();
+        let all = model.disk_margin(Point::Commands, 0.0).unwrap();
+        let each = (0..model.commands.len()).map(|i| model.disk_margin(Point::Command(i), 0.0).unwrap().alpha);
+        let least = each.fold(f64::INFINITY, f64::min);
+        println!("{name}: all {all:?}, least of one {least:.4}");
+        assert!(0.0 < all.alpha && all.alpha <= least * (1.0 + 1e-6), "{name}: {} of {least}", all.alpha);
+    }
+}
+
+#[test]
+fn a_moving_target_is_refused() {
+    let vehicle = vehicles::by_name("hummingbird").unwrap();
+    let closed = ClosedLoop::of_vehicle(&vehicle, Physics::default(), &vehicle.gains(), &ONE_RATE).unwrap();
+    let state = closed.plant().hover_state().unwrap();
+    let circle = Reference::by_name("circle").unwrap();
+    let error = LoopModel::new(closed, Target::level(&circle), &Disturbance::none(), &state).unwrap_err();
+    assert!(error.to_string().contains("constant"), "{error}");
+}

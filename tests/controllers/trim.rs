@@ -1,0 +1,100 @@
+//! Steady flights: closed forms, and flights that stay as they are.
+
+use omnidrones::autodiff::System;
+use omnidrones::controllers::design::{TrimTarget, trim};
+use omnidrones::dynamics::spatial::to_euler;
+use omnidrones::dynamics::{Disturbance, Effects, Physics, Plant, configurations, vehicles};
+
+fn rigid(name: &str) -> Plant {
+    Plant::of_vehicle(&vehicles::by_name(name).unwrap(), Physics::default()).unwrap()
+}
+
+fn angles(state: &[f64]) -> [f64; 3] {
+    to_euler([state[6], state[7], state[8], state[9]])
+}
+
+/// How far numbers other than the place drift over a second of constant commands, seen along the axes that turn.
+fn drift(plant: &Plant, state: &[f64], input: &[f64]) -> f64 {
+    let theta = if plant.n_parameter() > 0 { plant.parameters() } else { Vec::new() };
+    let (mut x, mut next) = (state.to_vec(), vec![0.0; state.len()]);
+    let steps = (0.2 / plant.physics().dt) as usize;
+    for _ in 0..steps {
+        plant.step(&x, input, &theta, &mut next);
+        std::mem::swap(&mut x, &mut next);
+    }
+    let places: Vec<usize> = plant.roots().iter().flat_map(|r| [r, &(r + 1), &(r + 2)].map(|k| *k)).collect();
+    (0..x.len())
+        .filter(|k| !places.contains(k))
+        .map(|k| (x[k] - state[k]).abs() / state[k].abs().max(1.0))
+        .fold(0.0, f64::max)
+}
+
+#[test]
+fn hover_of_every_vehicle_is_level_with_its_known_commands() {
+    for name in vehicles::names() {
+        let plant = rigid(name);
+        let Plant::Rigid(m) = &plant else { unreachable!() };
+        let found = trim(&plant, &TrimTarget::hover()).unwrap();
+        let worst = m.hover_input().unwrap().iter().zip(&found.input).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        println!("{name}: {worst:.1e}, tilt {:?}", angles(&found.state));
+        assert!(worst < 1e-9 && found.residual < 1e-8 && found.limited.is_empty(), "{name}: {worst:e}, {found:?}");
+    }
+}
+
+#[test]
+fn forward_climbing_and_windy_flights_stay_as_they_are() {
+    for name in vehicles::names() {
+        for velocity in [[5.0, 0.0, 0.0], [3.0, -2.0, 1.5], [0.0, 0.0, -2.0]] {
+            let plant = rigid(name);
+            let found = trim(&plant, &TrimTarget::at_velocity(velocity)).unwrap();
+            let off = drift(&plant, &found.state, &found.input);
+            assert!(off < 1e-6, "{name} at {velocity:?}: {off:e}");
+            assert_eq!(&found.state[3..6], &velocity);
+        }
+        let mut physics = Physics::default();
+        physics.effects.disturbance = true;
+        let plant = Plant::of_vehicle(&vehicles::by_name(name).unwrap(), physics).unwrap();
+        let air = Disturbance { wind: [-4.0, 2.0, 0.0], ..Disturbance::none() };
+        let windy = trim(&plant, &TrimTarget { air, ..TrimTarget::hover() }).unwrap();
+        let off = drift(&plant, &windy.state, &windy.input);
+        assert!(off < 1e-6, "{name} in wind: {off:e}");
+    }
+}
+
+#[test]
+fn a_turn_without_drag_banks_by_speed_times_rate_over_gravity() {
+    let physics = Physics { effects: Effects::none(), ..Physics::default() };
+    let plant = Plant::of_vehicle(&vehicles::by_name("hummingbird").unwrap(), physics).unwrap();
+    let (speed, rate) = (6.0, 1.2);
+    let target = TrimTarget { yaw_rate: rate, ..TrimTarget::at_velocity([speed, 0.0, 0.0]) };
+    let found = trim(&plant, &target).unwrap();
+    let [roll, pitch, yaw] = angles(&found.state);
+    // forward flight into a left turn: the thrust leans left
+    let bank = -(speed * rate / 9.81).atan();
+    println!("roll {roll:.6} against {bank:.6}, pitch {pitch:.1e}, yaw {yaw:.1e}");
+    assert!((roll - bank).abs() < 1e-4, "{roll} against {bank}"); // the step's own error: 2 ms of a turn
+}
+
+#[test]
+fn systems_of_many_bodies_hover() {
+    for name in configurations::names() {
+        let plant = Plant::of_model(&configurations::by_name(name).unwrap(), Physics::default()).unwrap();
+        let found = trim(&plant, &TrimTarget::hover()).unwrap();
+        let off = drift(&plant, &found.state, &found.input);
+        println!("{name}: residual {:.1e}, drift {off:.1e}", found.residual);
+        // the inverted pendulum is left where it would fall from
+        assert!(found.residual < 1e-8 && off < 1e-6, "{name}: {off:e}"); // measured 2.8e-14, 7.1e-16
+    }
+}
+
+#[test]
+fn an_omnidirectional_vehicle_hovers_tilted_and_a_quadrotor_does_not() {
+    let tilted = TrimTarget { tilt: [Some(0.3), Some(-0.2)], ..TrimTarget::hover() };
+    let plant = rigid("omav");
+    let found = trim(&plant, &tilted).unwrap();
+    let [roll, pitch, yaw] = angles(&found.state);
+    assert!((roll - 0.3).abs() + (pitch + 0.2).abs() + yaw.abs() < 1e-8, "{roll} {pitch} {yaw}");
+    assert!(drift(&plant, &found.state, &found.input) < 1e-6);
+    let refused = trim(&rigid("hummingbird"), &tilted).unwrap_err().to_string();
+    assert!(refused.contains("trim of hummingbird") && refused.contains("less tilt"), "{refused}");
+}
