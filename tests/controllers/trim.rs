@@ -88,9 +88,9 @@ fn systems_of_many_bodies_hover() {
 }
 
 #[test]
-fn an_omnidirectional_vehicle_hovers_tilted_and_a_quadrotor_does_not() {
+fn a_vehicle_with_tilting_rotors_hovers_tilted_and_a_quadrotor_does_not() {
     let tilted = TrimTarget { tilt: [Some(0.3), Some(-0.2)], ..TrimTarget::hover() };
-    let plant = rigid("omav");
+    let plant = Plant::of_model(&configurations::by_name("omav_tilting").unwrap(), Physics::default()).unwrap();
     let found = trim(&plant, &tilted).unwrap();
     let [roll, pitch, yaw] = angles(&found.state);
     assert!((roll - 0.3).abs() + (pitch + 0.2).abs() + yaw.abs() < 1e-8, "{roll} {pitch} {yaw}");

@@ -25,8 +25,8 @@ use std::f64::consts::PI;
 const SETTLE: u64 = 200_000;
 /// Largest change of a state over a period that counts as none.
 const STEADY: f64 = 1e-9;
-/// Most steps of delay that are tried.
-const MOST_DELAY: usize = 500;
+/// Most steps of delay that are tried, a power of two.
+const MOST_DELAY: usize = 128;
 /// Directions of the lifted model weaker than this are left out: they are neither reached nor seen.
 const WEAK: f64 = 1e-9;
 
@@ -262,16 +262,26 @@ impl LoopModel {
         disk_margin_of(&s, &block, skew, self.period() == 1)
     }
 
-    /// The least delay, in whole steps, at which the loop is no longer stable, s; infinite beyond [`MOST_DELAY`] steps.
+    /// A delay, in whole steps, at which the loop is no longer stable though it is with one step less, s: the least if stability
+    /// does not come back in between. Infinite beyond [`MOST_DELAY`] steps.
     fn delay(&self, open: &StateSpace) -> Result<f64> {
         let width = open.n_input() / self.period();
-        for k in 1..=MOST_DELAY {
-            let late = open.series(&lifted_delay(width, self.period(), k, open.dt())?)?;
-            if !stable_with(&late, Complex::new(1.0, 0.0)) {
-                return Ok(k as f64 * self.dt);
+        let holds = |steps: usize| -> Result<bool> {
+            let late = open.series(&lifted_delay(width, self.period(), steps, open.dt())?)?;
+            Ok(stable_with(&late, Complex::new(1.0, 0.0)))
+        };
+        let (mut low, mut high) = (0, 1);
+        while holds(high)? {
+            if high >= MOST_DELAY {
+                return Ok(f64::INFINITY);
             }
+            (low, high) = (high, 2 * high);
         }
-        Ok(f64::INFINITY)
+        while high - low > 1 {
+            let middle = usize::midpoint(low, high);
+            if holds(middle)? { low = middle } else { high = middle }
+        }
+        Ok(high as f64 * self.dt)
     }
 
     fn signals(&self, point: Point) -> Result<Vec<Signal>> {
@@ -298,7 +308,7 @@ pub struct LoopMargins {
     pub gain_down: f64,
     /// Phase, rad, the lesser of both directions; infinite where none ends stability.
     pub phase: f64,
-    /// Least whole number of steps of delay that ends stability, s.
+    /// Whole steps of delay that end stability, s; infinite beyond 128.
     pub delay: f64,
     /// Gain and phase at once.
     pub disk: DiskMargin,
