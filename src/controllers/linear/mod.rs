@@ -4,10 +4,10 @@
 //! |---|---|
 //! | [`state_space`] | x' = A x + B u, y = C x + D u with named signals; connections |
 //! | [`sampling`] | hold equivalents, Tustin's substitution and its inverse |
-//! | [`modes`] | poles, zeros, damping, time constants, who takes part |
+//! | [`mod@modes`] | poles, zeros, damping, time constants, who takes part |
 //! | [`structure`] | what inputs do not reach and outputs do not show; minimal realisations |
 //! | [`response`] | over frequency and over time; figures of a step |
-//! | [`margins`] | gain, phase and delay margins of one loop |
+//! | [`mod@margins`] | gain, phase and delay margins of one loop |
 //! | [`norms`] | peaks over frequency (H∞), energy of the impulse response (H₂) |
 //! | [`disk`] | disk margins, of one loop and of several at once |
 //! | `dense` | eigenvalues and singular values, from faer |
