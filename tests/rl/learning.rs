@@ -5,12 +5,14 @@ use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::rl::checkpoint::Tensors;
+use omnidrones::rl::dagger::{Dagger, DaggerConfig};
 use omnidrones::rl::nn::{AdamConfig, Layers};
 use omnidrones::rl::ppo::{Ppo, PpoConfig};
 use omnidrones::rl::schedule::Schedule;
 use omnidrones::rl::shac::{Shac, ShacConfig};
 use omnidrones::rl::{Learner, Policy};
-use omnidrones::tasks::{Autoreset, Buffers, Env, EnvConfig, evaluate};
+use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, evaluate};
+use std::time::{Duration, Instant};
 
 const HOVER: &str = "Hover";
 
@@ -23,15 +25,21 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
     // critics see the masses
     let text = "stagger = true\nrandomise = [{ what = 'mass', range = [0.9, 1.1] }]";
     let (env, threads) = (EnvConfig::from_toml(text, "small").unwrap(), threads(n_thread));
+    let ppo = PpoConfig { n_env: 40, shard: 16, steps: 8, updates: 20, minibatches: 2, ..PpoConfig::default() };
     match algorithm {
         "apg" => {
             let config = ApgConfig { n_env: 40, shard: 16, horizon: 8, updates: 20, ..ApgConfig::default() };
             Box::new(Apg::new(HOVER, &env, config, 3, threads).unwrap())
         }
-        "ppo" => {
+        "ppo" => Box::new(Ppo::new(HOVER, &env, ppo, 3, threads).unwrap()),
+        "mappo" => {
+            let config = PpoConfig { central_critic: true, ..ppo };
+            Box::new(Ppo::new("OverHover", &env, config, 3, threads).unwrap())
+        }
+        "dagger" => {
             let config =
-                PpoConfig { n_env: 40, shard: 16, steps: 8, updates: 20, minibatches: 2, ..PpoConfig::default() };
-            Box::new(Ppo::new(HOVER, &env, config, 3, threads).unwrap())
+                DaggerConfig { n_env: 40, shard: 16, steps: 8, updates: 20, minibatches: 2, ..DaggerConfig::default() };
+            Box::new(Dagger::with(&|own| Env::make(HOVER, own), &env, config, 3, threads).unwrap())
         }
         _ => {
             let config = ShacConfig { n_env: 40, shard: 16, horizon: 8, updates: 20, ..ShacConfig::default() };
@@ -40,7 +48,8 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
     }
 }
 
-const ALGORITHMS: [&str; 3] = ["apg", "shac", "ppo"];
+/// PPO of a team whose critic sees all of it is called mappo.
+const ALGORITHMS: [&str; 5] = ["apg", "shac", "ppo", "mappo", "dagger"];
 
 fn bits(learner: &dyn Learner) -> Vec<u32> {
     learner.policy().unwrap().parameters().iter().map(|x| x.to_bits()).collect()
@@ -57,7 +66,7 @@ fn the_same_seed_gives_the_same_bits_for_any_number_of_threads() {
     for algorithm in ALGORITHMS {
         let of = |n| {
             let mut learner = small(algorithm, n);
-            run(&mut *learner, 12);
+            run(&mut *learner, 20);
             bits(&*learner)
         };
         let one = of(1);
@@ -180,8 +189,7 @@ fn check_against_riccati(name: &str, policy: &mut Policy, discount: f64, most: f
     assert!(cost / optimum < 1.0 + most, "{name}: {cost} against {optimum}");
 }
 
-#[test]
-fn apg_finds_the_linear_regulator() {
+fn apg_regulates(seed: u64, most: f64) {
     // one window is one episode, so nothing is cut off
     let config = ApgConfig {
         n_env: 32,
@@ -193,13 +201,12 @@ fn apg_finds_the_linear_regulator() {
         network: Layers { hidden: Vec::new(), ..Layers::default() },
         ..ApgConfig::default()
     };
-    let mut apg = Apg::with(&crate::regulate::make, &EnvConfig::default(), config, 1, Threads::default()).unwrap();
+    let mut apg = Apg::with(&crate::regulate::make, &EnvConfig::default(), config, seed, Threads::default()).unwrap();
     run(&mut apg, 1500);
-    check_against_riccati("APG", &mut apg.policy().unwrap(), 1.0, 0.01);
+    check_against_riccati("APG", &mut apg.policy().unwrap(), 1.0, most);
 }
 
-#[test]
-fn shac_finds_the_linear_regulator() {
+fn shac_regulates(seed: u64, most: f64) {
     let config = ShacConfig {
         n_env: 64,
         shard: 32,
@@ -215,13 +222,12 @@ fn shac_finds_the_linear_regulator() {
         ..ShacConfig::default()
     };
     let env = EnvConfig { stagger: true, ..EnvConfig::default() };
-    let mut shac = Shac::with(&crate::regulate::make, &env, config, 1, Threads::default()).unwrap();
+    let mut shac = Shac::with(&crate::regulate::make, &env, config, seed, Threads::default()).unwrap();
     run(&mut shac, 2000);
-    check_against_riccati("SHAC", &mut shac.policy().unwrap(), 0.97, 0.01);
+    check_against_riccati("SHAC", &mut shac.policy().unwrap(), 0.97, most);
 }
 
-#[test]
-fn ppo_finds_the_linear_regulator() {
+fn ppo_regulates(seed: u64, most: f64) {
     let config = PpoConfig {
         updates: 800,
         discount: 0.97,
@@ -234,16 +240,68 @@ fn ppo_finds_the_linear_regulator() {
     };
     let updates = config.updates;
     let env = EnvConfig { stagger: true, ..EnvConfig::default() };
-    let mut ppo = Ppo::with(&crate::regulate::make, &env, config, 1, Threads::default()).unwrap();
+    let mut ppo = Ppo::with(&crate::regulate::make, &env, config, seed, Threads::default()).unwrap();
     run(&mut ppo, updates);
-    check_against_riccati("PPO", &mut ppo.policy().unwrap(), 0.97, 0.05);
+    check_against_riccati("PPO", &mut ppo.policy().unwrap(), 0.97, most);
+}
+
+/// The optimum of who imitates is what is imitated: our controller.
+fn dagger_imitates(seed: u64, most: f64) {
+    let make = |own: &EnvConfig| Env::make(HOVER, own);
+    let mut dagger =
+        Dagger::with(&make, &EnvConfig::default(), DaggerConfig::default(), seed, Threads::default()).unwrap();
+    run(&mut dagger, DaggerConfig::default().updates);
+    let own = held_out(&mut dagger.policy().unwrap(), HOVER, "").unwrap().return_mean;
+    let mut env = unseen(HOVER, "").unwrap();
+    let mut teacher = Baseline::new(&env).unwrap();
+    let optimum = evaluate(&mut env, &mut teacher.policy(), &mut |_| {}).unwrap().return_mean;
+    println!("DAgger: a return of {own:.0} is {:+.2} % from the teacher's {optimum:.0}", 100.0 * (own / optimum - 1.0));
+    assert!(own > (1.0 - most) * optimum, "{own} against {optimum}");
+}
+
+#[test]
+fn apg_finds_the_linear_regulator() {
+    apg_regulates(1, 0.01);
+}
+
+#[test]
+fn shac_finds_the_linear_regulator() {
+    shac_regulates(1, 0.01);
+}
+
+#[test]
+fn ppo_finds_the_linear_regulator() {
+    ppo_regulates(1, 0.05);
+}
+
+#[test]
+#[ignore = "cargo test --release --test rl learning -- --ignored --nocapture: minutes"]
+fn every_algorithm_finds_what_is_known_from_each_of_five_seeds_within_a_minute() {
+    let mut slowest = Duration::ZERO;
+    for learn in [apg_regulates, shac_regulates, ppo_regulates, dagger_imitates] {
+        for seed in 1..=5 {
+            let begun = Instant::now();
+            // measured at most: APG 4.6 %, SHAC 0.5 %, PPO 4.0 %, DAgger 4.8 %
+            learn(seed, 0.05);
+            println!("    seed {seed}: {:?}", begun.elapsed());
+            slowest = slowest.max(begun.elapsed());
+        }
+    }
+    assert!(slowest < Duration::from_secs(60), "{slowest:?}");
 }
 
 /// 1024 starts that no training saw.
-fn held_out(policy: &mut Policy, task: &str, config: &str) -> Result<omnidrones::tasks::Evaluation> {
+fn unseen(task: &str, config: &str) -> Result<Env> {
     let own = EnvConfig::from_toml(config, "test")?;
-    let mut env = Env::make(task, &EnvConfig { n_env: 1024, seed: 77, autoreset: Autoreset::Disabled, ..own })?;
-    evaluate(&mut env, &mut |_, out: &Buffers, actions| policy.act(&out.observation, actions), &mut |_| {})
+    Env::make(task, &EnvConfig { n_env: 1024, seed: 77, autoreset: Autoreset::Disabled, ..own })
+}
+
+fn held_out(policy: &mut Policy, task: &str, config: &str) -> Result<omnidrones::tasks::Evaluation> {
+    evaluate(
+        &mut unseen(task, config)?,
+        &mut |_, out: &Buffers, actions| policy.act(&out.observation, actions),
+        &mut |_| {},
+    )
 }
 
 #[test]
