@@ -235,6 +235,12 @@ impl Plant {
         self.rotors().into_iter().enumerate().map(place).collect()
     }
 
+    /// Turns rotors a little faster than a steady state: where a motor speeds up and slows down with different lags, rounding
+    /// would else decide which of them a derivative there is of.
+    pub(crate) fn slow_down(&self, state: &mut [f64]) {
+        self.rotor_places().iter().for_each(|rotor| state[rotor.speed] *= 1.0 + 1e-7);
+    }
+
     /// First of each tree's numbers in the state; a floating root's 13 begin there.
     pub fn roots(&self) -> Vec<usize> {
         match self {

@@ -41,7 +41,8 @@ fn at_one_rate_margins_are_those_of_the_plain_loop() {
             lifted.gain_up,
             plain.gain_up
         );
-        assert!((lifted.phase - plain.phase).abs() < 1e-6, "{name}: {} {}", lifted.phase, plain.phase);
+        let alike = lifted.phase == plain.phase || (lifted.phase - plain.phase).abs() < 1e-6;
+        assert!(alike, "{name}: {} {}", lifted.phase, plain.phase);
         // and this one at 128 steps
         assert!(
             (lifted.delay - steps).abs() < 1e-9 || (lifted.delay.is_infinite() && steps > 128.0 * model.dt),

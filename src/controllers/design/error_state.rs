@@ -182,13 +182,16 @@ impl ErrorState {
         all
     }
 
-    /// One step of a plant about a steady flight, sampled at its dt: the error state from itself and all inputs, seen whole.
+    /// One step of a plant about a steady flight, sampled at its dt: the error state from itself and all inputs, seen whole. Motors
+    /// slow down: their lag is the longer one.
     ///
     /// # Errors
     /// [`Error::Value`] where the linearisation is not finite.
     pub fn state_space(&self, plant: &Plant, state: &[f64], input: &[f64]) -> Result<StateSpace> {
         let theta = if plant.n_parameter() > 0 { plant.parameters() } else { Vec::new() };
-        let (a, b) = self.reduce(state, &linearise(plant, state, input, &theta));
+        let mut state = state.to_vec();
+        plant.slow_down(&mut state);
+        let (a, b) = self.reduce(&state, &linearise(plant, &state, input, &theta));
         let (n, m, signals) = (a.nrows(), b.ncols(), self.signals(plant));
         let inputs = plant.input_quantities().into_iter().map(|q| Signal::new(q.name, q.unit)).collect();
         StateSpace::new(a, b, DMatrix::identity(n, n), DMatrix::zeros(n, m), Some(plant.physics().dt))?.named(

@@ -72,7 +72,8 @@ struct Step {
 
 impl LoopModel {
     /// The model of a loop that holds a target that stands still, in steady air, from a state of the plant near that flight: the
-    /// loop is flown until it is steady, then one period of all its rates is linearised by duals.
+    /// loop is flown until it is steady, then one period of all its rates is linearised by duals. Motors slow down: their lag is
+    /// the longer one.
     ///
     /// # Errors
     /// [`Error::Value`] if it does not become steady.
@@ -121,6 +122,8 @@ impl LoopModel {
         let mut state = x.clone();
         let mut steps = Vec::with_capacity(period);
         for input in &inputs {
+            let here = state.clone();
+            closed.plant().slow_down(&mut state);
             let step = linearise(&closed, &state, input, &theta);
             let (a, b) = whole.reduce(&state, &step);
             let tangent = whole.tangent(&state);
@@ -133,7 +136,7 @@ impl LoopModel {
                 commanded,
                 a,
             });
-            state.copy_from_slice(step.next.as_slice());
+            closed.step(&here, input, &theta, &mut state);
         }
         let commands = closed.command_names().into_iter().map(|name| Signal::new(name, "-")).collect();
         Ok(Self { dt, state: x, commands, measurements: errors.signals(closed.plant()), steps })
