@@ -212,7 +212,7 @@ impl ErrorState {
     }
 }
 
-fn quaternion(x: &[f64], at: usize) -> Quat<f64> {
+pub(super) fn quaternion(x: &[f64], at: usize) -> Quat<f64> {
     [x[at], x[at + 1], x[at + 2], x[at + 3]]
 }
 

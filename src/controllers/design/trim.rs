@@ -11,9 +11,9 @@
 //! in the numbers of the [error state](super::error_state). What is not prescribed is found by Gauss–Newton steps of least
 //! norm from hover, commands within their limits; where there are more commands than conditions the answer lies near hover's.
 
-use super::error_state::ErrorState;
+use super::error_state::{ErrorState, quaternion};
 use crate::autodiff::{System, linearise};
-use crate::dynamics::spatial::{Quat, conjugate, from_euler, multiply, rotate};
+use crate::dynamics::spatial::{conjugate, from_euler, multiply, rotate};
 use crate::dynamics::{Disturbance, Plant};
 use crate::error::{Error, Result};
 use nalgebra::{DMatrix, DVector};
@@ -290,8 +290,4 @@ impl<'a> Search<'a> {
         let remedy = "Ask for what the vehicle has the thrust and the freedom for: a slower flight, a slower turn, or less tilt.";
         Err(Error::value(format!("trim of {}: {name}", self.plant.name()), value, "steady", remedy))
     }
-}
-
-fn quaternion(x: &[f64], at: usize) -> Quat<f64> {
-    [x[at], x[at + 1], x[at + 2], x[at + 3]]
 }

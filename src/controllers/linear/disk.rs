@@ -9,7 +9,7 @@
 
 use super::dense::{Complexes, singular_values};
 use super::margins::sensitivity;
-use super::norms::h_infinity;
+use super::norms::{h_infinity, top};
 use super::response::frequencies;
 use super::state_space::StateSpace;
 use crate::error::Result;
@@ -79,16 +79,10 @@ pub(crate) fn disk_margin_of(sensitivity: &StateSpace, block: &[usize], skew: f6
     }
     let mu = |omega: f64| search.upper_bound(&m.at(m.on_axis(omega)), 1e-9);
     let at = grid.iter().position(|w| *w == worst).unwrap_or(0);
-    let (mut low, mut high) = (grid[at.saturating_sub(1)], grid[(at + 1).min(grid.len() - 1)]);
-    let ratio = (5.0_f64.sqrt() - 1.0) / 2.0;
-    for _ in 0..40 {
-        let (x, y) = (high - ratio * (high - low), low + ratio * (high - low));
-        if mu(x) > mu(y) { high = y } else { low = x }
-    }
-    let middle = f64::midpoint(low, high);
-    let (top, omega) =
+    let middle = top(&mu, (grid[at.saturating_sub(1)], grid[(at + 1).min(grid.len() - 1)]), 40);
+    let (most, omega) =
         [worst, middle, 0.0].into_iter().map(|w| (mu(w), w)).fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a });
-    Ok(DiskMargin::new(1.0 / top, omega, skew))
+    Ok(DiskMargin::new(1.0 / most, omega, skew))
 }
 
 /// S + ½(σ − 1) I.

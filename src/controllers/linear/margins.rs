@@ -10,7 +10,7 @@ use super::response::frequencies;
 use super::state_space::{StateSpace, blocks};
 use crate::error::{Error, Result};
 use nalgebra::{Complex, DMatrix};
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 /// A margin where it is met.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -166,9 +166,4 @@ fn bisected(mut low: f64, mut high: f64, value: &dyn Fn(f64) -> f64) -> Option<f
         if (value(middle) < 0.0) == below { low = middle } else { high = middle }
     }
     (value(low).abs().min(value(high).abs()) <= first.min(1.0)).then(|| f64::midpoint(low, high))
-}
-
-/// Degrees.
-pub fn degrees(radians: f64) -> f64 {
-    radians * 180.0 / PI
 }

@@ -57,8 +57,10 @@ pub fn h_infinity(system: &StateSpace) -> Result<Peak> {
             break;
         }
     }
-    let omega = refined(&gain, best);
-    rise(&mut best, omega);
+    if best.omega.is_finite() && best.omega > 0.0 {
+        let omega = top(&gain, (best.omega * 0.999, best.omega * 1.001), 60);
+        rise(&mut best, omega);
+    }
     Ok(Peak { omega: if best.omega.is_finite() { system.unbent(best.omega) } else { system.nyquist() }, ..best })
 }
 
@@ -81,16 +83,12 @@ fn crossings(system: &StateSpace, level: f64) -> Result<Vec<f64>> {
     Ok(omega)
 }
 
-/// The top of the hill on which `best` stands, by golden sections.
-fn refined(gain: &dyn Fn(f64) -> f64, best: Peak) -> f64 {
-    if !(best.omega.is_finite() && best.omega > 0.0) {
-        return 0.0;
-    }
+/// Where `value` is largest between two places, by `n` golden sections; on one hill.
+pub(super) fn top(value: &dyn Fn(f64) -> f64, (mut low, mut high): (f64, f64), n: usize) -> f64 {
     let ratio = (5.0_f64.sqrt() - 1.0) / 2.0;
-    let (mut low, mut high) = (best.omega * 0.999, best.omega * 1.001);
-    for _ in 0..60 {
+    for _ in 0..n {
         let (x, y) = (high - ratio * (high - low), low + ratio * (high - low));
-        if gain(x) > gain(y) { high = y } else { low = x }
+        if value(x) > value(y) { high = y } else { low = x }
     }
     f64::midpoint(low, high)
 }
