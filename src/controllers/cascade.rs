@@ -10,7 +10,7 @@ use super::rate::{RateCommand, moment};
 use super::reference::Setpoint;
 use super::velocity::{VelocityCommand, attitude_command};
 use crate::autodiff::Scalar;
-use crate::dynamics::spatial::{add, mat_vec, rotate_back};
+use crate::dynamics::spatial::{add, mat_vec, rotate_back, sub};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -262,8 +262,13 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
     pub fn constant(model: &CascadeModel<f64, R>) -> Self {
         let limits = &model.limits;
         let gains = &model.gains;
-        let plain =
-            Gains { position: gains.position, velocity: gains.velocity, attitude: gains.attitude, rate: gains.rate };
+        let plain = Gains {
+            position: gains.position,
+            velocity: gains.velocity,
+            attitude: gains.attitude,
+            rate: gains.rate,
+            integral: [0.0; 2],
+        };
         let (mut mixer, mut max_thrust) = ([[S::zero(); 4]; R], [S::zero(); R]);
         for i in 0..R {
             for k in 0..4 {
@@ -369,6 +374,23 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         let mut new = self.rate(state, held, &rate, ticks);
         new.attitude = *command;
         new
+    }
+
+    /// Likewise, with an angular acceleration taken off that the body has beside its moments, rad/s².
+    #[inline(always)]
+    pub(super) fn attitude_without(
+        &self,
+        state: &Kinematics<S>,
+        held: &Latched<S, R>,
+        command: &AttitudeCommand<S>,
+        surplus: [S; 3],
+        ticks: [S; 3],
+    ) -> Latched<S, R> {
+        let fresh = rate_command(&self.gains, command, state.attitude, state.angular_velocity);
+        let rate = hold_rate(ticks[1], &fresh, &held.rate);
+        let mut asked = rate;
+        asked.angular_acceleration = sub(rate.angular_acceleration, surplus);
+        Latched { attitude: *command, rate, rotors: self.rate(state, held, &asked, ticks).rotors }
     }
 
     /// Enters at the rate level. The first two ticks play no part.

@@ -1,10 +1,12 @@
 //! The cascade of one vehicle as a law: sample and ticks in, rotor actions out, gains as parameters.
 
 use super::cascade::{CascadeModel, Latched, Rates, Schedule};
+use super::integral::{Believed, Missing};
 use super::law::{ControlLaw, Moment, Running};
 use super::parameters::GainSet;
 use crate::autodiff::Scalar;
 use crate::dynamics::multirotor::MAX_PADDED;
+use crate::dynamics::spatial::sub;
 use crate::dynamics::{Effects, Gains, Physics, Vehicle};
 use crate::error::Result;
 
@@ -19,14 +21,17 @@ enum AnyCascade {
 /// The full cascade of a multirotor.
 ///
 /// - Target: a [`Setpoint`](super::Setpoint). Ticks: velocity and position, attitude, rate.
-/// - Memory: [`Latched`], 23 + n numbers for n rotors.
-/// - Parameters: the twelve of [`GainSet`].
+/// - Memory: [`Latched`], 23 + n numbers for n rotors; with integral action ([`Gains::integral`]) 13 more.
+/// - Parameters: the twelve of [`GainSet`], and with integral action its two rates.
 #[derive(Debug, Clone)]
 pub struct CascadeLaw {
     cascade: AnyCascade,
     gains: Gains,
     schedule: Schedule,
     n_rotor: usize,
+    /// With integral action: what it compares with, and how often, s.
+    believed: Option<Believed>,
+    period: f64,
 }
 
 impl CascadeLaw {
@@ -42,7 +47,9 @@ impl CascadeLaw {
             _ => AnyCascade::Sixteen(CascadeModel::new(&vehicle, gains)?),
         };
         let schedule = Schedule::new(rates, physics.dt)?;
-        Ok(Self { cascade, gains: *gains, schedule, n_rotor: vehicle.n_rotor() })
+        let believed = if gains.is_integral() { Some(Believed::new(&vehicle)?) } else { None };
+        let period = schedule.every[2] as f64 * physics.dt;
+        Ok(Self { cascade, gains: *gains, schedule, n_rotor: vehicle.n_rotor(), believed, period })
     }
 
     /// As a controller, before its first tick.
@@ -63,11 +70,38 @@ impl CascadeLaw {
             cascade.gains = GainSet::read(now.parameters);
         }
         let ticks = [now.ticks[0], now.ticks[1], now.ticks[2]];
-        let held = cascade.position(&now.kinematics(), &read_latched::<S, R>(memory), &now.sample(), ticks);
-        for i in 0..self.n_rotor {
-            commands[i] = held.rotors[i];
+        let (state, mut sample) = (now.kinematics(), now.sample());
+        let (latched, learnt) = memory.split_at_mut(self.n_latched());
+        let held = read_latched::<S, R>(latched);
+        let new = match &self.believed {
+            None => cascade.position(&state, &held, &sample, ticks),
+            Some(believed) => {
+                let mut missing = Missing::read(learnt);
+                missing.observe(ticks[2], &state, self.integral_rates(now.parameters), self.period);
+                sample.acceleration = sub(sample.acceleration, missing.acceleration());
+                let attitude = cascade.attitude_of_position(&state, &held, &sample, ticks);
+                let new = cascade.attitude_without(&state, &held, &attitude, missing.angular_acceleration(), ticks);
+                missing.expect(ticks[2], &state, believed, &new.rotors[..self.n_rotor], self.period);
+                missing.write(learnt);
+                new
+            }
+        };
+        commands[..self.n_rotor].copy_from_slice(&new.rotors[..self.n_rotor]);
+        write_latched(&new, latched);
+    }
+
+    /// L of force and of moment, 1/s.
+    #[inline(always)]
+    fn integral_rates<S: Scalar>(&self, parameters: &[S]) -> [S; 2] {
+        match parameters[..] {
+            [.., force, moment] => [force, moment],
+            _ => self.gains.integral.map(S::constant),
         }
-        write_latched(&held, memory);
+    }
+
+    /// Numbers of memory without integral action.
+    fn n_latched(&self) -> usize {
+        Latched::<f64, 0>::DIM + self.n_rotor
     }
 }
 
@@ -93,22 +127,24 @@ impl ControlLaw for CascadeLaw {
     }
 
     fn memory(&self) -> Vec<f64> {
-        let mut memory = vec![0.0; Latched::<f64, 0>::DIM + self.n_rotor];
+        let mut memory = vec![0.0; self.n_latched()];
         match &self.cascade {
             AnyCascade::Four(c) => write_latched(&c.initial(), &mut memory),
             AnyCascade::Sixteen(c) => write_latched(&c.initial(), &mut memory),
         }
+        let learnt = if self.believed.is_some() { Missing::<f64>::DIM } else { 0 };
+        memory.resize(memory.len() + learnt, 0.0);
         memory
     }
 
     fn parameters(&self) -> Vec<f64> {
-        let mut theta = vec![0.0; GainSet::<f64>::DIM];
-        GainSet::constant(&self.gains).write(&mut theta);
-        theta
+        self.gains.flat()
     }
 
     fn parameter_names(&self) -> Vec<String> {
-        GainSet::<f64>::names("")
+        let more: &[&str] =
+            if self.believed.is_some() { &["gains.integral_force", "gains.integral_moment"] } else { &[] };
+        GainSet::<f64>::names("").into_iter().chain(more.iter().map(|name| name.to_string())).collect()
     }
 
     fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
@@ -123,7 +159,7 @@ impl ControlLaw for CascadeLaw {
 pub(super) fn with_drag_of(vehicle: &Vehicle, effects: Effects) -> Vehicle {
     let mut vehicle = vehicle.clone();
     if !effects.body_drag {
-        vehicle.drag.linear = [0.0; 3];
+        (vehicle.drag.linear, vehicle.drag.angular) = ([0.0; 3], [0.0; 3]);
     }
     if !effects.rotor_drag {
         for rotor in &mut vehicle.rotors {

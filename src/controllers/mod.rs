@@ -11,6 +11,7 @@
 //! | [`rate`] | rate command → moments |
 //! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry, yaw last |
 //! | [`six_axis`] | force and attitude independent of each other: pose → wrench |
+//! | `integral` | integral action: what the believed body misses, learnt and taken off |
 //! | `action` | the paper's action modes, bounded |
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
 //! | [`controller`] | what a controller is: a measurement and a target in, commands out |
@@ -53,6 +54,7 @@ pub mod fault_tolerant;
 pub mod flight;
 pub mod formation;
 pub(crate) mod gimballed;
+pub(crate) mod integral;
 pub mod kinematics;
 pub mod law;
 pub mod linear;

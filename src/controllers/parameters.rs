@@ -2,6 +2,7 @@
 
 use crate::autodiff::Scalar;
 use crate::dynamics::spatial::{Mat3, Vec3, constants};
+use crate::dynamics::vehicle::Rotor;
 use crate::dynamics::{GRAVITY, Gains, Vehicle};
 use crate::error::{Error, Result, finite};
 use nalgebra::{Matrix3, Vector3};
@@ -72,6 +73,7 @@ pub(crate) fn validate_gains(gains: &Gains) -> Result<()> {
         ("gains.velocity", gains.velocity, true),
         ("gains.attitude", gains.attitude, false),
         ("gains.rate", gains.rate, true),
+        ("gains.integral", [gains.integral[0], gains.integral[1], 0.0], false),
     ];
     for (what, values, divides) in rows {
         finite(what, &values)?;
@@ -111,16 +113,9 @@ impl BodyModel<f64> {
     /// diagonal; the moment of the rotors' part is C = Σ [r − c]× Ω_h (k_d (I − nnᵀ) + k_z nnᵀ). Ω_h is the speed at which the rotors, at equal shares of their largest thrust, carry the weight.
     pub fn of(vehicle: &Vehicle) -> Self {
         let total = vehicle.mass_properties();
-        let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
-        let fraction = if lift > 0.0 { (total.mass * GRAVITY / lift).min(1.0) } else { 0.0 };
         let mut drag = vehicle.drag.linear;
         let mut drag_moment = Matrix3::zeros();
-        for rotor in &vehicle.rotors {
-            let speed = rotor.max_speed * fraction.sqrt();
-            let axis = Vector3::from(rotor.axis);
-            let along = axis * axis.transpose();
-            let resistance =
-                ((Matrix3::identity() - along) * rotor.drag_coefficient + along * rotor.axial_drag_coefficient) * speed;
+        for (rotor, resistance) in rotor_resistances(vehicle) {
             let hub = Vector3::from(rotor.position) - total.center_of_mass;
             drag_moment += hub.cross_matrix() * resistance;
             for (k, d) in drag.iter_mut().enumerate() {
@@ -130,6 +125,20 @@ impl BodyModel<f64> {
         let rows = |m: Matrix3<f64>| [0, 1, 2].map(|row| [m[(row, 0)], m[(row, 1)], m[(row, 2)]]);
         Self { mass: total.mass, inertia: rows(total.inertia), drag, drag_moment: rows(drag_moment), gravity: GRAVITY }
     }
+}
+
+/// Each rotor with its Ω_h (k_d (I − nnᵀ) + k_z nnᵀ), N s/m, as in [`BodyModel::of`].
+pub(super) fn rotor_resistances(vehicle: &Vehicle) -> impl Iterator<Item = (&Rotor, Matrix3<f64>)> {
+    let weight = vehicle.mass_properties().mass * GRAVITY;
+    let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
+    let fraction = if lift > 0.0 { (weight / lift).min(1.0) } else { 0.0 };
+    vehicle.rotors.iter().map(move |rotor| {
+        let axis = Vector3::from(rotor.axis);
+        let along = axis * axis.transpose();
+        let across = Matrix3::identity() - along;
+        let speed = rotor.max_speed * fraction.sqrt();
+        (rotor, (across * rotor.drag_coefficient + along * rotor.axial_drag_coefficient) * speed)
+    })
 }
 
 impl<S: Scalar> BodyModel<S> {

@@ -313,6 +313,7 @@ fn law(model: &Model, drones: &[Gimballed], gains: Option<&Gains>, pole: f64) ->
         velocity: gains.map_or([2.0 * pole; 3], |g| g.velocity),
         attitude: [0.0; 3],
         rate: [1.0; 3],
+        integral: [0.0; 2],
     };
     let zero = [[0.0; 3]; 3];
     let (mass, gravity) = (model.mass(), model.parts().gravity);

@@ -74,7 +74,7 @@ pub const REGISTRY: [Entry; 8] = [
     Entry {
         name: "cascade",
         flies: "one rigid vehicle",
-        tunes: "12 gains",
+        tunes: "12 gains, 2 rates of integral action",
         is_batched: true,
         suits: |plant| plant.tree().is_none(),
         may_fail: false,
@@ -187,6 +187,7 @@ pub(crate) fn swift(vehicle: &Vehicle, factor: f64) -> Gains {
         velocity: derived.velocity.map(|k| k * once),
         attitude: derived.attitude.map(|k| k * twice),
         rate: derived.rate.map(|k| k * once),
+        integral: derived.integral.map(|l| l * once),
     }
 }
 

@@ -381,6 +381,7 @@ fn law(model: &Model, drones: &[Gimballed], bars: &[Bar], c: f64, lean: f64) -> 
         velocity: [slow[1], slow[1], fast[1]],
         attitude: [inertia[0][0] * fast[0], inertia[1][1] * fast[0], inertia[2][2] * slow[0]],
         rate: [inertia[0][0] * fast[1], inertia[1][1] * fast[1], inertia[2][2] * slow[1]],
+        integral: [0.0; 2],
     };
     let gravity = model.parts().gravity;
     // what is left of the drones' thrust once they carry themselves

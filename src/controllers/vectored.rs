@@ -587,6 +587,7 @@ fn placed_gains(attitude: Vec3<f64>, position: f64, body: &BodyModel<f64>) -> Ga
         velocity: [2.0 * position; 3],
         attitude: [0, 1, 2].map(|i| j[i] * attitude[i] * attitude[i]),
         rate: [0, 1, 2].map(|i| 2.0 * j[i] * attitude[i]),
+        integral: [0.0; 2],
     }
 }
 

@@ -23,6 +23,8 @@ pub(crate) const SATURATION_ANGLE: f64 = 1.0;
 pub const DAMPING: f64 = 1.0;
 /// Attitude bandwidth over position bandwidth.
 pub(crate) const SEPARATION: f64 = 4.0;
+/// Rates of integral action over attitude bandwidth.
+const INTEGRAL: f64 = 0.5;
 
 impl Vehicle {
     /// Gains that fly this vehicle: the published ones, else [`derived_gains`](Self::derived_gains).
@@ -53,7 +55,8 @@ impl Vehicle {
             rate[axis] = 2.0 * DAMPING * inertia * bandwidth[axis];
         }
         let outer = bandwidth[0].min(bandwidth[1]) / SEPARATION;
-        Gains { position: [outer * outer; 3], velocity: [2.0 * DAMPING * outer; 3], attitude, rate }
+        let integral = [INTEGRAL * bandwidth[0].min(bandwidth[1]); 2];
+        Gains { position: [outer * outer; 3], velocity: [2.0 * DAMPING * outer; 3], attitude, rate, integral }
     }
 
     /// The moments the rotors can add about body x, y, z at hover, N m.

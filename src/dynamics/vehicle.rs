@@ -221,7 +221,8 @@ pub struct Drag {
 
 /// Gains of the cascade position → velocity → attitude → rate, per axis (x, y, z).
 ///
-/// a = a_ref + K_p (p_ref − p) + K_v (v_ref − v); M = −K_R e_R − K_ω (ω − ω_ref) + ω × Jω.
+/// a = a_ref + K_p (p_ref − p) + K_v (v_ref − v) − d̂_a; M = −K_R e_R − K_ω (ω − ω_ref) + ω × Jω − J d̂_ω, with d̂ what
+/// integral action has learnt.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Gains {
@@ -233,6 +234,35 @@ pub struct Gains {
     pub attitude: [f64; 3],
     /// K_ω, N m s/rad.
     pub rate: [f64; 3],
+    /// L of force and of moment, 1/s: how fast the cascade of one rigid vehicle learns the acceleration and the angular
+    /// acceleration that its model misses (wind, mass, a shifted centre of mass), to take them off. Both zero, the default in
+    /// files: no integral action.
+    #[serde(default)]
+    pub integral: [f64; 2],
+}
+
+impl Gains {
+    /// K_p, K_v, K_R, K_ω and, with integral action, L of force and moment: 12 or 14 numbers.
+    pub fn flat(&self) -> Vec<f64> {
+        let levels = [self.position, self.velocity, self.attitude, self.rate];
+        let more = if self.is_integral() { &self.integral[..] } else { &[] };
+        [levels.as_flattened(), more].concat()
+    }
+
+    /// The inverse of [`flat`](Self::flat).
+    ///
+    /// # Panics
+    /// With fewer than twelve numbers.
+    pub fn from_flat(numbers: &[f64]) -> Self {
+        let three = |at: usize| [numbers[at], numbers[at + 1], numbers[at + 2]];
+        let integral = if let [force, moment] = numbers[12..] { [force, moment] } else { [0.0; 2] };
+        Self { position: three(0), velocity: three(3), attitude: three(6), rate: three(9), integral }
+    }
+
+    /// Whether there is integral action.
+    pub fn is_integral(&self) -> bool {
+        self.integral != [0.0; 2]
+    }
 }
 
 /// A rigid multirotor with its rotors at fixed tilts.
@@ -371,6 +401,7 @@ impl Vehicle {
                 ("gains.velocity", gains.velocity),
                 ("gains.attitude", gains.attitude),
                 ("gains.rate", gains.rate),
+                ("gains.integral", [gains.integral[0], gains.integral[1], 0.0]),
             ] {
                 non_negative(&at(name), &values)?;
             }

@@ -5,6 +5,7 @@ mod closed_loop;
 mod failure;
 mod flight;
 mod flight_log;
+mod integral;
 mod linear;
 mod loop_model;
 mod lqr;

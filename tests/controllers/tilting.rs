@@ -510,7 +510,8 @@ impl TiltingTuning {
     /// Gains, ρ and h (s) of θ.
     pub fn readable(theta: &[f64]) -> (Gains, f64, f64) {
         let three = |at: usize| [theta[at].exp(), theta[at + 1].exp(), theta[at + 2].exp()];
-        let gains = Gains { position: three(0), velocity: three(3), attitude: three(6), rate: three(9) };
+        let gains =
+            Gains { position: three(0), velocity: three(3), attitude: three(6), rate: three(9), integral: [0.0; 2] };
         (gains, theta[12].exp(), theta[13].exp())
     }
 }

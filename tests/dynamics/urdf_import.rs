@@ -129,8 +129,13 @@ fn hand_made(n: usize) -> Vehicle {
             rolling_coefficient: 1e-6,
         });
     }
-    let gains =
-        Gains { position: [4.0, 4.1, 6.0], velocity: [2.2; 3], attitude: [0.7, 0.7, 0.035], rate: [0.1, 0.1, 0.025] };
+    let gains = Gains {
+        position: [4.0, 4.1, 6.0],
+        velocity: [2.2; 3],
+        attitude: [0.7, 0.7, 0.035],
+        rate: [0.1, 0.1, 0.025],
+        integral: [0.0; 2],
+    };
     let drag = Drag { linear: [0.1, 0.2, 0.3], quadratic: [0.01; 3], angular: [0.001; 3] };
     Vehicle {
         name: format!("hand_{n}"),

@@ -228,11 +228,12 @@ pub fn gains_table(vehicle: &Vehicle, sets: &[(&str, Gains)]) -> Table {
     headers.extend(sets.iter().map(|(name, _)| (name.to_string(), Align::Left)));
     let headers: Vec<(&str, Align)> = headers.iter().map(|(name, align)| (name.as_str(), *align)).collect();
     let mut table = Table::new(&headers);
-    let rows: [(&str, PerAxis); 8] = [
+    let rows: [(&str, PerAxis); 9] = [
         ("position K_p [1/s²]", |_, g| g.position),
         ("velocity K_v [1/s]", |_, g| g.velocity),
         ("attitude K_R [N m/rad]", |_, g| g.attitude),
         ("rate K_ω [N m s/rad]", |_, g| g.rate),
+        ("integral L of force, moment [1/s]", |_, g| [g.integral[0], g.integral[1], f64::NAN]),
         ("position bandwidth [rad/s]", |_, g| g.position.map(f64::sqrt)),
         ("position damping", |_, g| [0, 1, 2].map(|i| 0.5 * g.velocity[i] / g.position[i].sqrt())),
         ("attitude bandwidth [rad/s]", |v, g| attitude_bandwidth(v, g)),
@@ -244,7 +245,8 @@ pub fn gains_table(vehicle: &Vehicle, sets: &[(&str, Gains)]) -> Table {
     for (name, of) in rows {
         let cells = sets.iter().map(|(_, gains)| {
             let values = of(vehicle, gains);
-            if values[0] == values[1] && values[1] == values[2] { short(values[0], 4) } else { vector(&values, 3) }
+            let given = if values[2].is_nan() { &values[..2] } else { &values[..] };
+            if given.iter().all(|v| *v == given[0]) { short(given[0], 4) } else { vector(given, 3) }
         });
         table.row(std::iter::once(name.to_string()).chain(cells));
     }

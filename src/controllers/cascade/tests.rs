@@ -81,11 +81,23 @@ pub(crate) fn crazyflie() -> Vehicle {
 }
 
 fn hummingbird_gains() -> Gains {
-    Gains { position: [4.0; 3], velocity: [2.2; 3], attitude: [0.7, 0.7, 0.035], rate: [0.1, 0.1, 0.025] }
+    Gains {
+        position: [4.0; 3],
+        velocity: [2.2; 3],
+        attitude: [0.7, 0.7, 0.035],
+        rate: [0.1, 0.1, 0.025],
+        integral: [0.0; 2],
+    }
 }
 
 fn firefly_gains() -> Gains {
-    Gains { position: [6.0; 3], velocity: [4.7; 3], attitude: [3.0, 3.0, 0.15], rate: [0.52, 0.52, 0.18] }
+    Gains {
+        position: [6.0; 3],
+        velocity: [4.7; 3],
+        attitude: [3.0, 3.0, 0.15],
+        rate: [0.52, 0.52, 0.18],
+        integral: [0.0; 2],
+    }
 }
 
 fn fly<const R: usize>(vehicle: &Vehicle, gains: &Gains, state: &Kinematics<f64>, target: [f64; 3]) -> [f64; R] {

@@ -52,8 +52,8 @@ pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Resul
     let rollout = Rollout::new(system, MeanSquaredError::over(steps as usize))?;
     let cost = rollout.gradient_into(&mut rollout.scratch(), &state, &inputs, &theta, &mut gradient);
     let rmse = cost.sqrt();
-    let slope = |at: usize| [0, 1, 2].map(|i| gradient.parameters[at + i] / (2.0 * rmse));
-    let gradient = Gains { position: slope(0), velocity: slope(3), attitude: slope(6), rate: slope(9) };
+    let slopes: Vec<f64> = gradient.parameters.iter().map(|slope| slope / (2.0 * rmse)).collect();
+    let gradient = Gains::from_flat(&slopes);
     Ok(GainSensitivity { rmse, gradient, steps })
 }
 

@@ -186,6 +186,9 @@ impl Objective for MeanSquaredError {
     }
 }
 
+/// Gains of a cascade with integral action.
+const MOST_GAINS: usize = GainSet::<f64>::DIM + 2;
+
 /// A vehicle under its cascade.
 pub(super) type VehicleLoop = ClosedLoop<Running<CascadeLaw>>;
 
@@ -203,15 +206,15 @@ impl System for LogGains {
         self.0.n_parameter()
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        let mut gains = [S::zero(); GainSet::<f64>::DIM];
+        let mut gains = [S::zero(); MOST_GAINS];
         for (gain, log) in gains.iter_mut().zip(parameters) {
             *gain = log.exp();
         }
-        self.0.step(state, input, &gains, next);
+        self.0.step(state, input, &gains[..parameters.len()], next);
     }
 }
 
-/// Tunes all twelve gains of a vehicle's cascade from `gains`; `progress` sees each step.
+/// Tunes all gains of a vehicle's cascade from `gains`, those of integral action where it has some; `progress` sees each step.
 ///
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if vehicle, gains or plan are not valid; a gain of zero cannot be tuned, since
@@ -405,8 +408,7 @@ impl Descent {
 }
 
 fn gains_of(theta: &[f64]) -> Gains {
-    let three = |at: usize| [theta[at].exp(), theta[at + 1].exp(), theta[at + 2].exp()];
-    Gains { position: three(0), velocity: three(3), attitude: three(6), rate: three(9) }
+    Gains::from_flat(&theta.iter().map(|log| log.exp()).collect::<Vec<_>>())
 }
 
 /// Inputs of the closed loop along a reference, row-major `[T, m]`.

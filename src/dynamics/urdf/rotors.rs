@@ -174,10 +174,11 @@ impl RotorFile {
         for (name, values) in [("linear", linear), ("quadratic", quadratic), ("angular", angular)] {
             check_size(&self.file, "[drag]", name, &values, 0.0)?;
         }
-        let Some(Gains { position, velocity, attitude, rate }) = self.gains else { return Ok(()) };
+        let Some(Gains { position, velocity, attitude, rate, integral }) = self.gains else { return Ok(()) };
         for (name, values) in [("position", position), ("velocity", velocity), ("attitude", attitude), ("rate", rate)] {
             check_size(&self.file, "[gains]", name, &values, 0.0)?;
         }
+        check_size(&self.file, "[gains]", "integral", &integral, 0.0)?;
         Ok(())
     }
 }

@@ -70,6 +70,7 @@ pub fn vehicle() -> Vehicle {
             velocity: [4.7; 3],
             attitude: [3.0, 3.0, 0.15],
             rate: [0.52, 0.52, 0.18],
+            integral: [4.0, 4.0],
         }),
     }
 }

@@ -64,6 +64,7 @@ pub fn vehicle() -> Vehicle {
             velocity: [2.2; 3],
             attitude: [0.7, 0.7, 0.035],
             rate: [0.1, 0.1, 0.025],
+            integral: [8.0, 4.0],
         }),
     }
 }

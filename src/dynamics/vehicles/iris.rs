@@ -69,6 +69,7 @@ pub fn vehicle() -> Vehicle {
             velocity: [4.7; 3],
             attitude: [2.0, 3.0, 0.15],
             rate: [0.4, 0.52, 0.18],
+            integral: [4.0, 4.0],
         }),
     }
 }

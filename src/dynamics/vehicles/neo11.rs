@@ -75,6 +75,7 @@ pub fn vehicle() -> Vehicle {
             velocity: [6.0, 6.0, 10.0],
             attitude: [4.0, 4.0, 2.0],
             rate: [0.7; 3],
+            integral: [2.0, 8.0],
         }),
     }
 }

@@ -82,8 +82,9 @@ impl Derivatives {
         let all = named.iter().flat_map(|(n, v)| ["x", "y", "z"].iter().zip(v).map(move |(a, x)| (*n, *a, *x)));
         let (name, axis, most) = all.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()))?;
         Some(format!(
-            "  gradient of the RMSE over 12 gains, backwards through {} closed-loop steps: {}\n  \
+            "  gradient of the RMSE over {} gains, backwards through {} closed-loop steps: {}\n  \
              most felt: {name} gain {axis}, {:+.2} mm for 10 % more",
+            g.flat().len(),
             s.steps,
             duration(*time),
             most * 1.1_f64.ln() * 1e3
