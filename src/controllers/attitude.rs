@@ -4,7 +4,9 @@ use super::parameters::GainSet;
 use super::rate::RateCommand;
 use crate::autodiff::jet::Jet;
 use crate::autodiff::{Scalar, safe};
-use crate::dynamics::spatial::{Mat3, Quat, Vec3, cross, dot, from_euler, mat_mul, mat_vec, matrix, sub, transpose};
+use crate::dynamics::spatial::{
+    Mat3, Quat, Vec3, cross, dot, from_euler, mat_mul, mat_vec, matrix, scale, sub, transpose,
+};
 
 /// Floor under rate gains the attitude level divides by, N m s/rad.
 const GAIN_FLOOR: f64 = 1e-12;
@@ -123,15 +125,43 @@ impl<S: Scalar> AttitudeCommand<S> {
     }
 }
 
-/// e_R = ½(R_dᵀR − RᵀR_d)^∨ of E = R_dᵀR, body: a polynomial, so finite with all its derivatives everywhere. It is
-/// sin(angle)·axis: it vanishes at half a turn too.
+/// e_R = ½(R_dᵀR − RᵀR_d)^∨ of E = R_dᵀR, body, up to an angle of 90°: sin(angle) · axis. Beyond, where the sine falls again and
+/// would let a vehicle hang upside down, the axis itself; at half a turn, where both senses are as good, one of them.
 ///
-/// Source: Lee, Leok and McClamroch 2010, eq. 10.
+/// Continuous with its first derivatives, and finite with all of them, but for the choice of the sense at half a turn.
+///
+/// Source: Lee, Leok and McClamroch 2010, eq. 10, within 90°; the axis of a rotation: E + Eᵀ = 2 cos θ I + 2 (1 − cos θ) a aᵀ.
 #[inline(always)]
 pub fn attitude_error<S: Scalar>(desired: Mat3<S>, actual: Mat3<S>) -> Vec3<S> {
     let e = mat_mul(transpose(desired), actual);
     let half = S::constant(0.5);
-    [half * (e[2][1] - e[1][2]), half * (e[0][2] - e[2][0]), half * (e[1][0] - e[0][1])]
+    let sine = [half * (e[2][1] - e[1][2]), half * (e[0][2] - e[2][0]), half * (e[1][0] - e[0][1])];
+    let cosine = half * (e[0][0] + e[1][1] + e[2][2] - S::one());
+    let far = cosine.lt(S::zero());
+    let axis = turn_axis(&e, cosine, sine);
+    let mut error = sine;
+    for i in 0..3 {
+        error[i] = S::select(far, axis[i], sine[i]);
+    }
+    error
+}
+
+/// The axis of a rotation beyond 90°: the largest column of (1 − cos θ) a aᵀ, in the sense of sin θ a.
+#[inline(always)]
+fn turn_axis<S: Scalar>(e: &Mat3<S>, cosine: S, sine: Vec3<S>) -> Vec3<S> {
+    let half = S::constant(0.5);
+    let (xy, xz, yz) = (half * (e[0][1] + e[1][0]), half * (e[0][2] + e[2][0]), half * (e[1][2] + e[2][1]));
+    let square = [e[0][0] - cosine, e[1][1] - cosine, e[2][2] - cosine];
+    let (x_below_y, x_below_z) = (square[0].lt(square[1]), square[0].lt(square[2]));
+    let y_below_z = square[1].lt(square[2]);
+    let columns = [[square[0], xy, xz], [xy, square[1], yz], [xz, yz, square[2]]];
+    let mut column = columns[0];
+    for i in 0..3 {
+        let of_y_or_z = S::select(y_below_z, columns[2][i], columns[1][i]);
+        column[i] = S::select(x_below_y, of_y_or_z, S::select(x_below_z, columns[2][i], columns[0][i]));
+    }
+    let sense = S::select(dot(column, sine).lt(S::zero()), -S::one(), S::one());
+    scale(sense, safe::normalise(column))
 }
 
 /// ω_cmd = RᵀR_d ω_d − (K_R/K_ω) e_R, α_ff = RᵀR_d ω̇_d − ω × RᵀR_d ω_d; body frame.
