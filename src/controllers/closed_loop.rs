@@ -397,7 +397,7 @@ pub(super) fn check_delay(delay: f64) -> Result<()> {
 }
 
 /// Checks how many steps commands act late.
-pub(super) fn check_latency(steps: usize) -> Result<()> {
+pub(crate) fn check_latency(steps: usize) -> Result<()> {
     if steps <= MAX_LATENCY {
         return Ok(());
     }

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, RealField, convert};
 use num_dual::Dual64;
 use omnidrones::autodiff::{System, linearise};
-use omnidrones::controllers::design::{ErrorState, bryson, follow, lqr, riccati};
+use omnidrones::controllers::design::{ErrorState, bryson, finite_horizon, follow, lqi, lqr, riccati};
 use omnidrones::controllers::linear::spectral_radius;
 use omnidrones::controllers::reference::{Hover, Lemniscate, Step};
 use omnidrones::controllers::{
@@ -46,6 +46,49 @@ fn a_scalar_plant_has_the_closed_form() {
     // x = q/(1 − a²)
     let found = riccati::lyapunov(&one(0.9), &one(q)).expect("solved");
     assert!((found.matrix[0] / (q / (1.0 - 0.81)) - 1.0).abs() < 1e-13, "{found:?}");
+}
+
+#[test]
+fn a_long_horizon_ends_at_the_regulator_and_a_short_one_costs_what_it_says() {
+    let [a, b] = double_integrator::<f64>(0.05);
+    let (q, r) = (Matrix::from_diagonal(&vec![4.0, 0.3].into()), Matrix::from_element(1, 1, 0.2));
+    let forever = lqr(&a, &b, &q, &r).unwrap();
+    let long = finite_horizon(&a, &b, &q, &r, &q, 2000).unwrap();
+    let off = (&long.gains[0] - &forever.gain).amax() / forever.gain.amax();
+    assert!(off < 1e-12, "{off:e}"); // measured 2.0e-15
+    // the cost of flying it, term by term
+    let end = 10.0 * &q;
+    let short = finite_horizon(&a, &b, &q, &r, &end, 30).unwrap();
+    let start = nalgebra::DVector::from_vec(vec![1.0, -0.4]);
+    let (mut x, mut cost) = (start.clone(), 0.0);
+    for gain in &short.gains {
+        let u = -gain * &x;
+        cost += (x.transpose() * &q * &x + u.transpose() * &r * &u)[0];
+        x = &a * x + &b * u;
+    }
+    cost += (x.transpose() * end * &x)[0];
+    let said = (start.transpose() * &short.cost * &start)[0];
+    assert!((cost / said - 1.0).abs() < 1e-12, "{cost} {said}");
+}
+
+#[test]
+fn integrators_take_away_a_constant_push() {
+    let [a, b] = double_integrator::<f64>(0.05);
+    let (q, r) = (Matrix::from_diagonal(&vec![4.0, 0.3, 2.0].into()), Matrix::from_element(1, 1, 0.2));
+    let position = Matrix::from_row_slice(1, 2, &[1.0, 0.0]);
+    let found = lqi(&a, &b, &position, &q, &r, 0.05).unwrap();
+    let push = Matrix::from_column_slice(2, 1, &[0.0, 0.03]);
+    let (mut x, mut z) = (Matrix::zeros(2, 1), 0.0);
+    for _ in 0..2000 {
+        let u = -(found.gain.columns(0, 2) * &x)[0] - found.gain[2] * z;
+        z += 0.05 * x[0];
+        x = &a * x + &b * u + &push;
+    }
+    let poles = spectral_radius(&found.closed_loop).unwrap();
+    println!("{:.1e} m left, radius {poles:.4}", x[0]);
+    assert!(x[0].abs() < 1e-12 && poles < 1.0);
+    let wide = Matrix::zeros(1, 3);
+    assert!(lqi(&a, &b, &wide, &q, &r, 0.05).unwrap_err().to_string().contains("columns of C"));
 }
 
 #[test]

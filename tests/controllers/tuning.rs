@@ -1,7 +1,9 @@
 //! Gradients put to use: gains tuned by reverse-mode gradients through closed-loop flights beat the published ones.
 
-use omnidrones::controllers::design::{TunePlan, tune};
-use omnidrones::dynamics::vehicles;
+use omnidrones::controllers::Rates;
+use omnidrones::controllers::design::{MarginGate, TunePlan, tune};
+use omnidrones::dynamics::{Physics, vehicles};
+use omnidrones::parallel::Threads;
 
 #[test]
 fn tuned_gains_beat_the_published_ones_by_fifteen_percent_on_held_out_starts_without_a_crash() {
@@ -28,4 +30,53 @@ fn tuning_repeats_bit_for_bit_and_says_what_it_cannot_tune() {
     gains.position[1] = 0.0;
     let text = tune(&vehicle, &gains, &plan, &mut |_| {}).unwrap_err().to_string();
     assert!(text.contains("gain 1") && text.contains("> 0"), "{text}");
+}
+
+/// Short of what `omnidrones tune hummingbird` does, long enough to lose margins.
+fn short() -> TunePlan {
+    TunePlan { n_held_out: 64, iterations: 40, duration: 4.0, ..TunePlan::default() }
+}
+
+#[test]
+fn tuning_for_error_alone_fails_the_gate_and_says_which_margins_fell() {
+    let vehicle = vehicles::by_name("hummingbird").unwrap();
+    let tuning = tune(&vehicle, &vehicle.gains(), &short(), &mut |_| {}).unwrap();
+    let judged = MarginGate::default().judge(
+        &vehicle,
+        &tuning.gains,
+        &Physics::default(),
+        &Rates::default(),
+        &Threads::default(),
+    );
+    let judged = judged.unwrap();
+    println!(
+        "{:?} → {:?}; least {:.3}, delay {:.0} ms",
+        tuning.margins[0].disk,
+        tuning.margins[1].disk,
+        judged.least(),
+        1e3 * judged.delay
+    );
+    println!("{:?}", tuning.fallen());
+    assert!(!judged.passes && tuning.is_less_robust() && !tuning.fallen().is_empty());
+}
+
+#[test]
+fn tuning_with_margins_holds_them_at_every_corner() {
+    let vehicle = vehicles::by_name("firefly").unwrap();
+    let start = vehicle.derived_gains();
+    let plan = TunePlan { margins: Some(MarginGate::default()), ..short() };
+    let clock = std::time::Instant::now();
+    let tuning = tune(&vehicle, &start, &plan, &mut |_| {}).unwrap();
+    let [before, after] = tuning.judged.as_ref().unwrap();
+    println!(
+        "{:.4} → {:.4} m; least disk margin {:.3} → {:.3}, delay {:.0} → {:.0} ms, in {:.0} s",
+        tuning.before.rmse,
+        tuning.after.rmse,
+        before.least(),
+        after.least(),
+        1e3 * before.delay,
+        1e3 * after.delay,
+        clock.elapsed().as_secs_f64()
+    );
+    println!("{:?} → {:?}", start, tuning.gains);
 }

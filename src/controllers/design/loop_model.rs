@@ -19,6 +19,7 @@ use crate::dynamics::Disturbance;
 use crate::error::{Error, Result};
 use nalgebra::{Complex, DMatrix};
 use num_dual::Dual64;
+use serde::Serialize;
 use std::f64::consts::PI;
 
 /// Most steps that a loop may take until it is steady.
@@ -301,7 +302,7 @@ impl LoopModel {
 }
 
 /// What a loop bears at one point, all other paths closed.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LoopMargins {
     /// Whether it is stable as it is.
     pub stable: bool,

@@ -83,6 +83,88 @@ impl Regulator {
     }
 }
 
+/// The feedback of least cost that also integrates y = C x: of x⁺ = A x + B u with z⁺ = z + T C x, over both.
+///
+/// `q` weighs (x, z), so it has n + p rows for p outputs. The [gain](Regulator::gain) is [K, K_i], m × (n + p): u = −K x − K_i z
+/// holds y at zero against constant disturbances.
+///
+/// Source: Anderson and Moore 1990, section 4.3; Davison 1972.
+///
+/// # Errors
+/// As [`lqr`]; a C that does not fit, or that has a zero of the plant at 1 (which an integrator cannot move).
+pub fn lqi(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    period: f64,
+) -> Result<Regulator> {
+    let (n, p) = (a.nrows(), c.nrows());
+    if c.ncols() != n {
+        return Err(Error::value("columns of C", c.ncols(), format!("{n}, one per state"), "Give y = C x."));
+    }
+    let mut state = DMatrix::identity(n + p, n + p);
+    state.view_mut((0, 0), (n, n)).copy_from(a);
+    state.view_mut((n, 0), (p, n)).copy_from(&(c * period));
+    let mut input = DMatrix::zeros(n + p, b.ncols());
+    input.rows_mut(0, n).copy_from(b);
+    lqr(&state, &input, q, r)
+}
+
+/// Feedback of least cost over N steps, x⁺ = A x + B u: u(k) = −K(k) x(k).
+#[derive(Debug, Clone, PartialEq)]
+pub struct FiniteHorizon {
+    /// K(0) to K(N − 1), m × n each.
+    pub gains: Vec<DMatrix<f64>>,
+    /// X(0): xᵀ X x is the cost from x on.
+    pub cost: DMatrix<f64>,
+}
+
+/// The feedback of least Σ xᵀ Q x + uᵀ R u over `steps` steps with xᵀ Q_N x at their end, by the Riccati recursion backwards:
+/// K = (R + BᵀXB)⁻¹ BᵀXA, X⁻ = Q + Kᵀ R K + (A − BK)ᵀ X (A − BK), which keeps X symmetric and positive.
+///
+/// Source: Joseph's form; Anderson and Moore 1990, section 2.4.
+///
+/// # Errors
+/// [`Error::Value`] for sizes that do not fit, or R + BᵀXB that is not positive definite.
+pub fn finite_horizon(
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    end: &DMatrix<f64>,
+    steps: usize,
+) -> Result<FiniteHorizon> {
+    let (n, m) = (a.nrows(), b.ncols());
+    let fits = a.ncols() == n && b.nrows() == n && q.shape() == (n, n) && r.shape() == (m, m) && end.shape() == (n, n);
+    if !fits {
+        let sizes = format!(
+            "A {:?}, B {:?}, Q {:?}, R {:?}, Q_N {:?}",
+            a.shape(),
+            b.shape(),
+            q.shape(),
+            r.shape(),
+            end.shape()
+        );
+        let rule = "A, Q, Q_N n × n, B n × m, R m × m";
+        return Err(Error::value("sizes", sizes, rule, "Give Q and R of states and inputs."));
+    }
+    let (mut cost, mut gains) = (end.clone(), Vec::with_capacity(steps));
+    for _ in 0..steps {
+        let Some(inner) = (r + b.tr_mul(&(&cost * b))).cholesky() else {
+            return Err(Error::value("R + BᵀXB", "not positive definite", "positive definite", "Raise R."));
+        };
+        let gain = inner.solve(&b.tr_mul(&(&cost * a)));
+        let closed = a - b * &gain;
+        let next = q + gain.tr_mul(&(r * &gain)) + closed.tr_mul(&(&cost * &closed));
+        cost = 0.5 * (&next + next.transpose());
+        gains.push(gain);
+    }
+    gains.reverse();
+    Ok(FiniteHorizon { gains, cost })
+}
+
 /// Bryson's rule: a diagonal weight 1/d² per number, where d is the largest acceptable deviation of it; ∞ weighs nothing.
 /// Every term of the cost is then 1 at its largest acceptable value.
 ///

@@ -5,7 +5,8 @@
 //! | [`riccati`] | Riccati and Lyapunov equations by doubling |
 //! | [`error_state`] | linearisations without the redundancy of quaternions |
 //! | [`loop_model`] | the linear model of a loop that is flown, its margins at any point |
-//! | [`mod@lqr`] | state feedback of least cost, its poles, weights by Bryson's rule |
+//! | [`margin_gate`] | what a controller has to bear: margins in winds, on plants not as believed |
+//! | [`mod@lqr`] | state feedback of least cost, with integrators or over a finite time, weights by Bryson's rule |
 //! | [`mod@follow`] | feed-forward along smooth references |
 //! | [`gain_sensitivity`] | how the error of one flight depends on each gain |
 //! | [`mod@trim`] | steady flights: hover, forward flight, turns, spins |
@@ -16,6 +17,7 @@ pub mod follow;
 pub mod gain_sensitivity;
 pub mod loop_model;
 pub mod lqr;
+pub mod margin_gate;
 pub mod riccati;
 pub mod trim;
 pub mod tune;
@@ -24,6 +26,7 @@ pub use error_state::ErrorState;
 pub use follow::{Following, follow};
 pub use gain_sensitivity::{GainSensitivity, sensitivity};
 pub use loop_model::{LoopMargins, LoopModel, Point};
-pub use lqr::{Regulator, bryson, lqr};
+pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqr};
+pub use margin_gate::{Corner, Judgement, MarginGate};
 pub use trim::{Trim, TrimTarget, trim, trim_from};
 pub use tune::{Descent, Evaluation, Iteration, TunePlan, Tuning, tune};

@@ -6,14 +6,18 @@
 //! 2015) descends on the root of the mean over the starts. The best gains on the training starts are kept; held-out
 //! starts judge, in `f64`.
 //!
-//! Robustness is not part of the objective. Margins shrink while the error falls (Hummingbird: phase margin at a rotor input
-//! 41° → 15°, disk margin 0.73 → 0.24, delay margin 55 → 16 ms): try tuned gains with other rates, masses and winds.
+//! Without a [`MarginGate`] robustness is not part of the objective, and margins shrink while the error falls; they are measured
+//! before and after. With one, a shortage of the least disk margin over its corners counts as error, s² for a share s of
+//! what is asked: its slope over ln K comes from differences at the corner that is worst, and the gains are the best of those
+//! that passed.
 
+use super::loop_model::LoopMargins;
+use super::margin_gate::{self, Corner, Judgement, MarginGate, disk_margin_at};
 use crate::autodiff::batch_rollout::BatchRollout;
 use crate::autodiff::{Objective, Scalar, System};
 use crate::controllers::cascade::Rates;
 use crate::controllers::cascade_law::CascadeLaw;
-use crate::controllers::closed_loop::ClosedLoop;
+use crate::controllers::closed_loop::{ClosedLoop, check_latency};
 use crate::controllers::controller::Target;
 use crate::controllers::law::Running;
 use crate::controllers::monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
@@ -55,6 +59,12 @@ pub struct TunePlan {
     pub learning_rate: f64,
     /// Of the starts.
     pub seed: u64,
+    /// Further references, of the same weight as the first.
+    pub also: Vec<Reference>,
+    /// Steps by which commands act late.
+    pub latency: usize,
+    /// What the gains have to bear.
+    pub margins: Option<MarginGate>,
 }
 
 impl Default for TunePlan {
@@ -73,6 +83,9 @@ impl Default for TunePlan {
             iterations: 60,
             learning_rate: 0.08,
             seed: 0,
+            also: Vec::new(),
+            latency: 0,
+            margins: None,
         }
     }
 }
@@ -81,9 +94,16 @@ impl Default for TunePlan {
 pub const MAX_STARTS: usize = 1 << 16;
 
 impl TunePlan {
+    /// All references.
+    pub fn references(&self) -> impl Iterator<Item = &Reference> {
+        std::iter::once(&self.reference).chain(&self.also)
+    }
+
     fn n_step(&self) -> Result<usize> {
         self.physics.validate()?;
-        self.reference.validate()?;
+        self.references().try_for_each(Reference::validate)?;
+        check_latency(self.latency)?;
+        self.margins.iter().try_for_each(MarginGate::validate)?;
         for (what, n, least, most) in [
             ("n_start", self.n_start, 1, MAX_STARTS),
             ("n_held_out", self.n_held_out, 1, MAX_STARTS),
@@ -154,13 +174,28 @@ pub struct Tuning {
     pub elsewhere_before: Evaluation,
     /// [`elsewhere`] with the best gains.
     pub elsewhere_after: Evaluation,
+    /// Margins of all commands at hover with the gains it started from, and with the best.
+    pub margins: [LoopMargins; 2],
+    /// With a gate: how both fare there.
+    pub judged: Option<[Judgement; 2]>,
 }
 
 impl Tuning {
-    /// Whether the tuned gains lose flights, or a larger error at the worst, where they were not tuned.
+    /// Whether the tuned gains lose flights, or a larger error at the worst, where they were not tuned, or a margin falls.
     pub fn is_less_robust(&self) -> bool {
         let [before, after] = [&self.elsewhere_before, &self.elsewhere_after];
-        after.crashed > before.crashed || after.worst > before.worst
+        after.crashed > before.crashed || after.worst > before.worst || !self.fallen().is_empty()
+    }
+
+    /// Margins of all commands at hover that fell by more than a tenth: name with its unit, before, after.
+    pub fn fallen(&self) -> Vec<(&'static str, f64, f64)> {
+        let [before, after] = &self.margins;
+        let rows = [
+            ("phase margin [°]", before.phase.to_degrees(), after.phase.to_degrees()),
+            ("delay margin [ms]", 1e3 * before.delay, 1e3 * after.delay),
+            ("disk margin", before.disk.alpha, after.disk.alpha),
+        ];
+        rows.into_iter().filter(|(_, before, after)| *after < 0.9 * before).collect()
     }
 }
 
@@ -222,30 +257,153 @@ impl System for LogGains {
 pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dyn FnMut(&Iteration)) -> Result<Tuning> {
     let n_step = plan.n_step()?;
     validate_gains(gains)?;
-    let system = LogGains(ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?.with_gains());
+    let closed = ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?.with_latency(plan.latency)?;
+    let system = LogGains(closed.with_gains());
     let mut theta = system.0.parameters();
-    if let Some(i) = theta.iter().position(|k| *k <= 0.0) {
+    if let Some(i) = theta.iter().take(GainSet::<f64>::DIM).position(|k| *k <= 0.0) {
         return Err(Error::value(format!("gain {i}"), theta[i], "> 0", "Steps are relative: start from a small gain."));
     }
     theta.iter_mut().for_each(|k| *k = k.ln());
 
     let threads = Threads::default();
-    let inputs = inputs(&system.0, &plan.reference, n_step);
-    let starts = starts(&system.0, plan, plan.n_start, TRAINING)?;
+    let inputs: Vec<Vec<f64>> = plan.references().map(|reference| inputs(&system.0, reference, n_step)).collect();
+    let starts: Vec<Vec<f32>> =
+        plan.references().map(|r| starts(&system.0, plan, r, plan.n_start, TRAINING)).collect::<Result<_>>()?;
     let batch = BatchRollout::new(&system, &MeanSquaredError::over(n_step))?;
     let mut descent = Descent::new(theta, plan.learning_rate, plan.iterations);
+    let mut constraint = plan.margins.as_ref().map(|gate| Constraint::new(vehicle, gains, plan, gate)).transpose()?;
     for iteration in 0..plan.iterations {
-        let (rmse, gradient) = root_mean_cost(&batch, &starts, &inputs, &descent.theta, &threads)?;
+        let (mut rmse, mut gradient) = (0.0, vec![0.0; descent.theta.len()]);
+        for (inputs, starts) in inputs.iter().zip(&starts) {
+            let (error, slope) = root_mean_cost(&batch, starts, inputs, &descent.theta, &threads)?;
+            rmse += error / starts_of(plan);
+            gradient.iter_mut().zip(slope).for_each(|(sum, g)| *sum += g / starts_of(plan));
+        }
+        if let Some(constraint) = &mut constraint {
+            constraint.add(iteration, &descent.theta, rmse, &mut gradient, &threads)?;
+        }
         let gradient_norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
         let step = Iteration { iteration, rmse, gradient_norm };
         progress(&step);
         descent.step(step, &gradient);
     }
-    let tuned = gains_of(&descent.best);
-    let before = evaluate(vehicle, gains, plan)?;
-    let after = evaluate(vehicle, &tuned, plan)?;
-    let [elsewhere_before, elsewhere_after] = [elsewhere(vehicle, gains, plan)?, elsewhere(vehicle, &tuned, plan)?];
-    Ok(Tuning { gains: tuned, history: descent.history, before, after, elsewhere_before, elsewhere_after })
+    let tuned = match &constraint {
+        None => gains_of(&descent.best),
+        Some(constraint) => constraint.best(&threads)?,
+    };
+    let both = [gains, &tuned];
+    let judged = match &plan.margins {
+        None => None,
+        Some(gate) => {
+            let [a, b] = both.map(|g| gate.judge(vehicle, g, &plan.physics, &plan.rates, &threads));
+            Some([a?, b?])
+        }
+    };
+    let [before, after] = both.map(|g| evaluate(vehicle, g, plan));
+    let [elsewhere_before, elsewhere_after] = both.map(|g| elsewhere(vehicle, g, plan));
+    let [first, last] = both.map(|g| margin_gate::hover_margins(vehicle, g, &plan.physics, &plan.rates));
+    Ok(Tuning {
+        gains: tuned,
+        history: descent.history,
+        before: before?,
+        after: after?,
+        elsewhere_before: elsewhere_before?,
+        elsewhere_after: elsewhere_after?,
+        margins: [first?, last?],
+        judged,
+    })
+}
+
+fn starts_of(plan: &TunePlan) -> f64 {
+    1.0 + plan.also.len() as f64
+}
+
+/// A gate as a part of the descent.
+struct Constraint<'a> {
+    vehicle: &'a Vehicle,
+    plan: &'a TunePlan,
+    gate: &'a MarginGate,
+    start: Gains,
+    /// Corners that were worst when all were judged last.
+    worst: Vec<Corner>,
+    /// ln K of least error among those whose worst corners passed, and that error.
+    kept: Vec<(f64, Vec<f64>)>,
+    /// Error that a whole shortage counts, m.
+    weight: f64,
+}
+
+/// Descent steps after which all corners are judged anew.
+const JUDGED_EVERY: usize = 10;
+/// Corners that are watched in between.
+const WATCHED: usize = 3;
+/// The margin is led to this much more than is asked, so that it is kept at the end.
+const RESERVE: f64 = 1.06;
+/// Relative change of a gain for slopes of the margin.
+const NUDGE: f64 = 0.01;
+
+impl<'a> Constraint<'a> {
+    fn new(vehicle: &'a Vehicle, start: &Gains, plan: &'a TunePlan, gate: &'a MarginGate) -> Result<Self> {
+        gate.validate()?;
+        Ok(Self { vehicle, plan, gate, start: *start, worst: Vec::new(), kept: Vec::new(), weight: 0.0 })
+    }
+
+    fn alpha(&self, theta: &[f64], corner: &Corner) -> f64 {
+        disk_margin_at(self.vehicle, &gains_of(theta), &self.plan.physics, &self.plan.rates, corner)
+    }
+
+    /// Adds what the shortage costs to a gradient over ln K.
+    fn add(
+        &mut self,
+        iteration: usize,
+        theta: &[f64],
+        rmse: f64,
+        gradient: &mut [f64],
+        threads: &Threads,
+    ) -> Result<()> {
+        if iteration == 0 {
+            self.weight = 4.0 * rmse;
+        }
+        if iteration.is_multiple_of(JUDGED_EVERY) {
+            let all = self.gate.corners();
+            let alphas = threads.map(all.len(), |i| self.alpha(theta, &all[i]));
+            let mut order: Vec<usize> = (0..all.len()).collect();
+            order.sort_by(|a, b| alphas[*a].total_cmp(&alphas[*b]));
+            self.worst = order.iter().take(WATCHED).map(|i| all[*i]).collect();
+        }
+        let alphas = threads.map(self.worst.len(), |i| self.alpha(theta, &self.worst[i]));
+        let least = (0..alphas.len()).min_by(|a, b| alphas[*a].total_cmp(&alphas[*b])).unwrap_or(0);
+        let (alpha, corner, wanted) = (alphas[least], self.worst[least], RESERVE * self.gate.disk);
+        if alpha >= self.gate.disk {
+            self.kept.push((rmse, theta.to_vec()));
+        }
+        let shortage = (1.0 - alpha / wanted).max(0.0);
+        if shortage > 0.0 {
+            let nudged = |i: usize, by: f64| {
+                let mut other = theta.to_vec();
+                other[i] += by;
+                self.alpha(&other, &corner)
+            };
+            let slopes = threads.map(theta.len(), |i| (nudged(i, NUDGE) - nudged(i, -NUDGE)) / (2.0 * NUDGE));
+            for (g, slope) in gradient.iter_mut().zip(slopes) {
+                *g -= 2.0 * self.weight * shortage * slope / wanted;
+            }
+        }
+        Ok(())
+    }
+
+    /// The best of those kept that pass the whole gate; if none does, the start.
+    fn best(&self, threads: &Threads) -> Result<Gains> {
+        let mut kept = self.kept.clone();
+        kept.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, theta) in &kept {
+            let gains = gains_of(theta);
+            let judged = self.gate.judge(self.vehicle, &gains, &self.plan.physics, &self.plan.rates, threads)?;
+            if judged.passes {
+                return Ok(gains);
+            }
+        }
+        Ok(self.start)
+    }
 }
 
 /// How late commands act [`elsewhere`], s.
@@ -302,7 +460,7 @@ pub fn evaluate(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Eva
     let n_step = plan.n_step()?;
     let system = ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?;
     let inputs = inputs(&system, &plan.reference, n_step);
-    let starts = starts(&system, plan, plan.n_held_out, HELD_OUT)?;
+    let starts = starts(&system, plan, &plan.reference, plan.n_held_out, HELD_OUT)?;
     let flights: Vec<&[f32]> = starts.chunks(system.n_state()).collect();
     let errors = Threads::default().map(flights.len(), |i| {
         let start: Vec<f64> = flights[i].iter().map(|v| f64::from(*v)).collect();
@@ -426,9 +584,9 @@ const TRAINING: u64 = 0;
 const HELD_OUT: u64 = 1;
 
 /// Random starts around the reference's, row-major `[n, n_state]`.
-fn starts(system: &VehicleLoop, plan: &TunePlan, n: usize, set: u64) -> Result<Vec<f32>> {
-    let wanted = plan.reference.sample(0.0);
-    let hover = start_on(system.plant(), system.controller(), &plan.reference)?;
+fn starts(system: &VehicleLoop, plan: &TunePlan, reference: &Reference, n: usize, set: u64) -> Result<Vec<f32>> {
+    let wanted = reference.sample(0.0);
+    let hover = start_on(system.plant(), system.controller(), reference)?;
     let mut rows = Vec::with_capacity(n * system.n_state());
     for i in 0..n {
         let mut stream = Stream::new(plan.seed, i as u64, set, Purpose::RESET);

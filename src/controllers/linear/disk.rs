@@ -14,9 +14,10 @@ use super::response::frequencies;
 use super::state_space::StateSpace;
 use crate::error::Result;
 use nalgebra::{Complex, DMatrix, DVector};
+use serde::Serialize;
 
 /// What a loop, or all loops at once, bear.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct DiskMargin {
     /// α; 0 for a loop that is not stable.
     pub alpha: f64,

@@ -1,0 +1,200 @@
+//! What a controller has to bear: disk margins of all commands at once, in several winds, on plants that are not as believed,
+//! and a latency.
+//!
+//! The gate closes the loop that flies (all rates, holds, motors) at hover in each wind, which is forward flight at that speed,
+//! with mass, inertia and motor lag each at both ends of their spread: the corners of the box. The law keeps believing in the
+//! nominal vehicle. What counts is the least multi-loop [disk margin](LoopModel::disk_margin) over all of it, and whether the
+//! nominal loop at hover is stable with the latency.
+
+use super::loop_model::{LoopMargins, LoopModel, Point};
+use super::trim::{TrimTarget, trim};
+use crate::controllers::cascade::Rates;
+use crate::controllers::cascade_law::CascadeLaw;
+use crate::controllers::closed_loop::ClosedLoop;
+use crate::controllers::controller::Target;
+use crate::controllers::reference::{Hover, Reference};
+use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use serde::{Deserialize, Serialize};
+
+/// What is asked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MarginGate {
+    /// Least disk margin of all commands at once.
+    pub disk: f64,
+    /// Forward speeds, m/s.
+    pub speeds: Vec<f64>,
+    /// Mass, inertia and motor lag between 1 − spread and 1 + spread of what is believed.
+    pub spread: f64,
+    /// Latency with which the nominal loop is still stable at hover, s.
+    pub latency: f64,
+}
+
+impl Default for MarginGate {
+    /// 0.5 at 0, 5 and 10 m/s over ±30 %, and 50 ms.
+    fn default() -> Self {
+        Self { disk: 0.5, speeds: vec![0.0, 5.0, 10.0], spread: 0.3, latency: 0.05 }
+    }
+}
+
+/// A speed and a plant at which a loop is judged.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Corner {
+    /// m/s.
+    pub speed: f64,
+    /// Of the believed one.
+    pub mass: f64,
+    /// Of the believed one.
+    pub inertia: f64,
+    /// Of the believed one.
+    pub lag: f64,
+}
+
+impl Corner {
+    /// The vehicle as it is believed to be, at a speed.
+    pub fn nominal(speed: f64) -> Self {
+        Self { speed, mass: 1.0, inertia: 1.0, lag: 1.0 }
+    }
+}
+
+/// How a set of gains fares at a gate.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Judgement {
+    /// The disk margin of all commands at every corner; 0 where the loop is not stable.
+    pub corners: Vec<(Corner, f64)>,
+    /// Place of the least of them.
+    pub worst: usize,
+    /// Delay that ends stability of the nominal loop at hover, s ([`LoopMargins::delay`](super::LoopMargins::delay)).
+    pub delay: f64,
+    /// Whether the gate is passed.
+    pub passes: bool,
+}
+
+impl Judgement {
+    /// The least disk margin.
+    pub fn least(&self) -> f64 {
+        self.corners[self.worst].1
+    }
+
+    /// The least disk margin of the plant as believed, over all speeds.
+    pub fn nominal(&self) -> f64 {
+        let own = |c: &Corner| *c == Corner::nominal(c.speed);
+        self.corners.iter().filter(|(c, _)| own(c)).map(|(_, alpha)| *alpha).fold(f64::INFINITY, f64::min)
+    }
+}
+
+impl MarginGate {
+    /// # Errors
+    /// [`Error::Value`] for numbers out of range.
+    pub fn validate(&self) -> Result<()> {
+        let rows = [
+            ("margins.disk", self.disk, 0.0..=1.99, "within [0, 1.99]"),
+            ("margins.spread", self.spread, 0.0..=0.9, "within [0, 0.9]"),
+            ("margins.latency", self.latency, 0.0..=0.2, "within [0, 0.2] s"),
+        ];
+        for (what, value, range, rule) in rows {
+            if !range.contains(&value) {
+                return Err(Error::value(what, value, rule, "Leave it out for the default."));
+            }
+        }
+        if self.speeds.is_empty() || self.speeds.iter().any(|v| !(0.0..=100.0).contains(v)) {
+            let value = format!("{:?}", self.speeds);
+            return Err(Error::value("margins.speeds", value, "one or more, up to 100 m/s", "As [0, 5, 10]."));
+        }
+        Ok(())
+    }
+
+    /// All corners: of every speed the believed plant, then the box.
+    pub fn corners(&self) -> Vec<Corner> {
+        let end = |of: usize, bit: usize| if of >> bit & 1 == 0 { 1.0 - self.spread } else { 1.0 + self.spread };
+        let boxed = |speed, of| Corner { speed, mass: end(of, 0), inertia: end(of, 1), lag: end(of, 2) };
+        let n = if self.spread > 0.0 { 8 } else { 0 };
+        let of = |speed: &f64| -> Vec<Corner> {
+            std::iter::once(Corner::nominal(*speed)).chain((0..n).map(|k| boxed(*speed, k))).collect()
+        };
+        self.speeds.iter().flat_map(of).collect()
+    }
+
+    /// Judges gains of a vehicle's cascade.
+    ///
+    /// # Errors
+    /// As [`validate`](Self::validate), and where vehicle, gains or rates are not valid.
+    pub fn judge(
+        &self,
+        vehicle: &Vehicle,
+        gains: &Gains,
+        physics: &Physics,
+        rates: &Rates,
+        threads: &Threads,
+    ) -> Result<Judgement> {
+        self.validate()?;
+        // what cannot fly at all is told before it is judged
+        CascadeLaw::new(vehicle, physics, gains, rates)?;
+        let corners = self.corners();
+        let alphas = threads.map(corners.len(), |i| disk_margin_at(vehicle, gains, physics, rates, &corners[i]));
+        let corners: Vec<(Corner, f64)> = corners.into_iter().zip(alphas).collect();
+        let worst = (0..corners.len()).min_by(|a, b| corners[*a].1.total_cmp(&corners[*b].1)).unwrap_or(0);
+        let delay = loop_at(vehicle, gains, physics, rates, &Corner::nominal(0.0))
+            .and_then(|model| model.margins(Point::Commands))
+            .map_or(0.0, |margins| if margins.stable { margins.delay } else { 0.0 });
+        let passes = corners[worst].1 >= self.disk && delay > self.latency;
+        Ok(Judgement { corners, worst, delay, passes })
+    }
+}
+
+/// The disk margin of all commands at a corner; 0 where the loop is not stable or does not come to rest.
+pub(super) fn disk_margin_at(
+    vehicle: &Vehicle,
+    gains: &Gains,
+    physics: &Physics,
+    rates: &Rates,
+    corner: &Corner,
+) -> f64 {
+    let judged = loop_at(vehicle, gains, physics, rates, corner).and_then(|model| {
+        let stable = model.poles()?.first().is_none_or(|p| p.norm() < 1.0);
+        Ok(if stable { model.disk_margin(Point::Commands, 0.0)?.alpha } else { 0.0 })
+    });
+    judged.unwrap_or(0.0)
+}
+
+/// Margins of all commands of the believed loop at hover.
+pub(super) fn hover_margins(vehicle: &Vehicle, gains: &Gains, physics: &Physics, rates: &Rates) -> Result<LoopMargins> {
+    loop_at(vehicle, gains, physics, rates, &Corner::nominal(0.0))?.margins(Point::Commands)
+}
+
+/// The loop of the true plant under the law of the believed one.
+fn loop_at(vehicle: &Vehicle, gains: &Gains, physics: &Physics, rates: &Rates, corner: &Corner) -> Result<LoopModel> {
+    let mut physics = *physics;
+    physics.effects.disturbance = true;
+    let air = Disturbance { wind: [-corner.speed, 0.0, 0.0], ..Disturbance::none() };
+    let plant = Plant::of_vehicle(&truth(vehicle, corner), physics)?;
+    let steady = trim(&plant, &TrimTarget { air, ..TrimTarget::hover() })?;
+    let law = CascadeLaw::new(vehicle, &physics, gains, rates)?;
+    let there = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
+    LoopModel::new(ClosedLoop::new(plant, law.running())?, Target::level(&there), &air, &steady.state)
+}
+
+/// The vehicle with mass, inertia and lag of a corner, its centre of mass where it was.
+fn truth(vehicle: &Vehicle, corner: &Corner) -> Vehicle {
+    let mut truth = vehicle.clone();
+    let center: [f64; 3] = vehicle.mass_properties().center_of_mass.into();
+    // what the distance of a part adds to the inertia goes with its mass too
+    let reach = (corner.inertia / corner.mass).sqrt();
+    for part in &mut truth.parts {
+        part.mass *= corner.mass;
+        for (x, c) in part.position.iter_mut().zip(center) {
+            *x = c + reach * (*x - c);
+        }
+        let i = &mut part.inertia;
+        for j in [&mut i.xx, &mut i.yy, &mut i.zz, &mut i.xy, &mut i.xz, &mut i.yz] {
+            *j *= corner.inertia;
+        }
+    }
+    for rotor in &mut truth.rotors {
+        rotor.time_constant_up *= corner.lag;
+        rotor.time_constant_down *= corner.lag;
+    }
+    truth
+}
