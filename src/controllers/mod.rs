@@ -21,6 +21,7 @@
 //! | [`registry`] | which controller flies what |
 //! | [`closed_loop`] | a plant under a controller: latency, disturbances, injections, failures |
 //! | [`monte_carlo`] | one loop over thousands of randomised plants |
+//! | [`recovery`] | from which starts a controller comes back, with confidence |
 //! | [`start`] | where flights and drops begin |
 //! | [`fault_tolerant`] | the cascade that flies on with the rotors that are left, yaw sacrificed first |
 //! | [`flight`] | a whole flight along a reference, logged |
@@ -28,6 +29,7 @@
 //! | [`locked_joints`] | servos held at rest, flown as one rigid vehicle |
 //! | [`mod@vectored`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
 //! | [`chain_shape`] | the shape of a chain |
+//! | [`hover_feedback`] | LQR and LQI of one rigid vehicle about hover |
 //! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
 //! | `gimballed` | a drone on a cardan joint that pushes its carrier with a wanted force |
 //! | [`platform`] | a frame under such drones, steered in six axes |
@@ -54,6 +56,7 @@ pub mod fault_tolerant;
 pub mod flight;
 pub mod formation;
 pub(crate) mod gimballed;
+pub mod hover_feedback;
 pub(crate) mod integral;
 pub mod kinematics;
 pub mod law;
@@ -65,6 +68,7 @@ pub mod parameters;
 pub mod platform;
 pub mod position;
 pub mod rate;
+pub mod recovery;
 pub mod reference;
 pub mod registry;
 pub mod six_axis;
@@ -85,6 +89,7 @@ pub use controller::{Controller, Measurement, Note, Passive, Target};
 pub use fault_tolerant::FaultTolerant;
 pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle};
 pub use formation::{FormationController, FormationLaw};
+pub use hover_feedback::{HoverFeedback, HoverWeights};
 pub use kinematics::Kinematics;
 pub use law::{ControlLaw, Moment, RecordedLaw, Running};
 pub use load_flatness::LoadFlatness;
@@ -93,6 +98,7 @@ pub use monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
 pub use parameters::{BodyModel, CommandLimits, ForceLimits, GainSet};
 pub use platform::Platform;
 pub use rate::RateCommand;
+pub use recovery::{RecoveryCell, RecoveryMap, RecoveryPlan, clopper_pearson, recovery_map};
 pub use reference::{Curve, Reference, Setpoint, Tilt, Trajectory};
 pub use registry::{Setup, default_controller};
 pub use six_axis::SixAxis;

@@ -127,7 +127,7 @@ impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
 }
 
 /// Flights side by side.
-struct Block {
+pub(super) struct Block {
     n_flight: usize,
     /// x, u, θ.
     arguments: Vec<Row>,
@@ -143,7 +143,7 @@ struct Block {
 
 impl Block {
     /// Lanes behind the flights repeat the last one.
-    fn new<L: ControlLaw>(of: &MonteCarlo<'_, L>, draws: &[MonteCarloDraw]) -> Result<Self> {
+    pub(super) fn new<L: ControlLaw>(of: &MonteCarlo<'_, L>, draws: &[MonteCarloDraw]) -> Result<Self> {
         let (n, m, p) = (of.system.n_state(), of.system.n_input(), of.system.n_parameter());
         let mut arguments = vec![[0.0; BLOCK]; n + m + p];
         let mut input = vec![0.0; m];
@@ -179,20 +179,31 @@ impl Block {
         first: usize,
         n_step: u64,
     ) -> Result<Vec<MonteCarloResult>> {
-        let (n, root) = (of.system.n_state(), of.system.plant().roots()[0]);
+        let root = of.system.plant().roots()[0];
         let dt = of.system.plant().physics().dt;
         let mut input = vec![0.0; of.system.n_clocked()];
         for k in 0..=n_step {
             let time = k as f64 * dt;
             self.judge(root, target.sample(time).position, time, time >= of.transient);
             of.system.write_clocked(k, target, &mut input);
-            for (row, value) in self.arguments[n..].iter_mut().zip(&input) {
-                *row = [*value as f32; BLOCK];
-            }
-            of.step.evaluate_block(&mut self.workspace, &self.arguments, &mut self.next);
-            self.arguments[..n].copy_from_slice(&self.next);
+            self.advance(of, &input);
         }
         Ok((0..self.n_flight).map(|lane| self.outcome(first, lane)).collect())
+    }
+
+    /// One step of all flights under target and ticks.
+    pub(super) fn advance<L: ControlLaw>(&mut self, of: &MonteCarlo<'_, L>, clocked: &[f64]) {
+        let n = self.next.len();
+        for (row, value) in self.arguments[n..].iter_mut().zip(clocked) {
+            *row = [*value as f32; BLOCK];
+        }
+        of.step.evaluate_block(&mut self.workspace, &self.arguments, &mut self.next);
+        self.arguments[..n].copy_from_slice(&self.next);
+    }
+
+    /// Number `k` of the state of a flight.
+    pub(super) fn number(&self, k: usize, lane: usize) -> f64 {
+        f64::from(self.arguments[k][lane])
     }
 
     /// Errors of the state before a step.

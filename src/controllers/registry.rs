@@ -5,6 +5,8 @@ use super::cascade_law::{CascadeLaw, with_drag_of};
 use super::controller::Controller;
 use super::fault_tolerant::FaultTolerant;
 use super::formation::FormationController;
+use super::hover_feedback::{HoverFeedback, HoverWeights};
+use super::law::Running;
 use super::locked_joints::LockedJoints;
 use super::platform::{self, Platform, is_platform};
 use super::start::free;
@@ -70,7 +72,7 @@ impl Entry {
 }
 
 /// All controllers, the most special first.
-pub const REGISTRY: [Entry; 8] = [
+pub const REGISTRY: [Entry; 9] = [
     Entry {
         name: "cascade",
         flies: "one rigid vehicle",
@@ -118,14 +120,27 @@ pub const REGISTRY: [Entry; 8] = [
         build: |plant, setup| Ok(Box::new(LockedJoints::new(tree(plant)?, setup.gains, setup.rates)?)),
     },
     Entry {
+        name: "lqi",
+        flies: "one rigid vehicle, about hover",
+        tunes: "9 weights",
+        is_batched: true,
+        suits: |plant| plant.tree().is_none(),
+        may_fail: false,
+        build: |plant, setup| {
+            Ok(Box::new(Running::of(HoverFeedback::lqi(plant, setup.rates, &HoverWeights::default())?)))
+        },
+    },
+    Entry {
         name: "lqr",
-        flies: "one drone with one chain of passive joints",
-        tunes: "5 weights, 12 gains of the levels inside",
+        flies: "one drone with one chain of passive joints; one rigid vehicle, about hover",
+        tunes: "5 weights, 12 gains of the levels inside; 9 weights",
         is_batched: false,
-        suits: |plant| plant.tree().is_some_and(|m| suits(m.model())),
+        suits: |plant| plant.tree().is_none_or(|m| suits(m.model())),
         may_fail: true,
         build: |plant, setup| {
-            let system = tree(plant)?;
+            let Some(system) = plant.tree() else {
+                return Ok(Box::new(Running::of(HoverFeedback::lqr(plant, setup.rates, &HoverWeights::default())?)));
+            };
             let Some(vehicle) = setup.swift else { return Ok(Box::new(Lqr::new(system, setup.gains, setup.rates)?)) };
             let standing = system.model().bodies().iter().skip(1).any(|b| b.center_of_mass[2] > 0.0);
             let weights = if standing { STANDING } else { Weights::default() };

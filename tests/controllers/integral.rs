@@ -153,3 +153,26 @@ fn with_prompt_motors_the_poles_are_those_of_the_pd_gains_and_the_rates_of_learn
         assert!(plain.len() == 12 && worst < 0.02, "{name}: {} of {} poles, {worst}", expected.len(), plain.len());
     }
 }
+
+#[test]
+fn lqi_holds_a_steady_wind_and_lqr_does_not() {
+    for name in ["hummingbird", "firefly", "crazyflie"] {
+        let vehicle = vehicles::by_name(name).unwrap();
+        let plant = Plant::of_vehicle(&vehicle, physics()).unwrap();
+        let after = |who: &str| {
+            let own = controller(who, &plant, &Setup::new(None, &Rates::default())).unwrap();
+            let mut system = ClosedLoop::new(plant.clone(), own).unwrap();
+            let mut x = plant.hover_state().unwrap();
+            x[2] = 2.0;
+            let (mut next, target) = (x.clone(), Target { reference: &HOVER, tilt: &Tilt::LEVEL });
+            for _ in 0..5000 {
+                system.advance(&x, target, &Outside::air(wind(0.0)), &mut next).unwrap();
+                std::mem::swap(&mut x, &mut next);
+            }
+            x[0].hypot(x[1]).hypot(x[2] - 2.0)
+        };
+        let [lqr, lqi] = ["lqr", "lqi"].map(after);
+        println!("{name}: {lqr:.4} m under lqr, {lqi:.1e} m under lqi after 10 s");
+        assert!(lqr > 0.01 && lqi < 1e-3, "{name}: {lqr} {lqi}");
+    }
+}

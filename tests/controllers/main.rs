@@ -10,6 +10,7 @@ mod linear;
 mod loop_model;
 mod lqr;
 mod over_actuated;
+mod recovery;
 mod six_axis;
 mod tilting;
 mod trim;

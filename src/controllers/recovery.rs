@@ -1,0 +1,373 @@
+//! From which attitudes and body rates a controller brings a plant back: shares of random starts with their confidence.
+//!
+//! A map has a cell per interval of tilt and of body rate. A start of a cell has its root tilted by an angle of the first
+//! about a random horizontal axis, turning at a rate of the second about a random axis; joints are at rest,
+//! rotors at hover. It has **recovered** when it is back: within `BACK` of where it started, level within the same number of
+//! radians, slower than `BACK` m/s and `2 BACK` rad/s, for a quarter of a second, all before the flight ends.
+//!
+//! Straight-line controllers fly 64 starts to a block of lanes, others one by one in `f64`.
+
+use super::closed_loop::{ClosedLoop, Outside};
+use super::controller::{Controller, Target};
+use super::law::{RecordedLaw, Running};
+use super::monte_carlo::{Block, MonteCarlo, MonteCarloDraw};
+use super::reference::{Hover, Reference};
+use super::start::start_on;
+use crate::autodiff::program::BLOCK;
+use crate::dynamics::spatial::{exponential, up_axis};
+use crate::dynamics::{Disturbance, Plant};
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use crate::rng::{Purpose, Stream};
+use serde::Serialize;
+use std::f64::consts::PI;
+
+/// What counts as back, m, rad, m/s, and twice of it rad/s.
+pub const BACK: f64 = 0.5;
+/// How long it has to stay so, s.
+const STAYS: f64 = 0.25;
+/// Steps between two looks.
+const LOOK: u64 = 5;
+/// Farther from the start than this nothing comes back in time, m.
+const GONE: f64 = 100.0;
+
+/// Which starts to fly, and for how long.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RecoveryPlan {
+    /// Largest tilt, rad, and in how many intervals from zero; up to π.
+    pub tilt: (f64, usize),
+    /// Largest body rate, rad/s, and in how many intervals from zero.
+    pub rate: (f64, usize),
+    /// Largest speed of a start, m/s, in a random direction.
+    pub speed: f64,
+    /// Starts per cell.
+    pub n: usize,
+    /// Longest flight, s.
+    pub duration: f64,
+    /// Confidence of the bounds.
+    pub confidence: f64,
+    /// Of the starts.
+    pub seed: u64,
+}
+
+impl Default for RecoveryPlan {
+    /// Tilts to 180° in 18 intervals, rates to 12 rad/s in 6, 64 starts each, 6 s, 95 %.
+    fn default() -> Self {
+        Self { tilt: (PI, 18), rate: (12.0, 6), speed: 0.0, n: 64, duration: 6.0, confidence: 0.95, seed: 0 }
+    }
+}
+
+/// Most starts of a map.
+pub const MAX_RECOVERIES: usize = 10_000_000;
+
+impl RecoveryPlan {
+    fn check(&self, dt: f64) -> Result<u64> {
+        let rows = [
+            ("largest tilt", self.tilt.0, 0.0..=PI, "within [0, 180°]"),
+            ("largest body rate", self.rate.0, 0.0..=1e3, "within [0, 1000] rad/s"),
+            ("largest speed", self.speed, 0.0..=1e2, "within [0, 100] m/s"),
+            ("confidence", self.confidence, 0.5..=0.999_999, "within [0.5, 0.999999]"),
+            ("duration", self.duration, STAYS + dt..=1e3, "more than 0.25 s and at most 1000 s"),
+        ];
+        for (what, value, range, rule) in rows {
+            if !range.contains(&value) {
+                return Err(Error::value(what, value, rule, "Leave it out for the default."));
+            }
+        }
+        let n = self.tilt.1.saturating_mul(self.rate.1).saturating_mul(self.n);
+        if !(1..=MAX_RECOVERIES).contains(&n) {
+            let value = format!("{} × {} cells of {}", self.tilt.1, self.rate.1, self.n);
+            let limit = format!("1 to {MAX_RECOVERIES} in all");
+            return Err(Error::limit("starts", value, limit, "Take fewer cells, or fewer starts in each."));
+        }
+        Ok((self.duration / dt).round() as u64)
+    }
+
+    /// Number of cells.
+    pub fn n_cell(&self) -> usize {
+        self.tilt.1 * self.rate.1
+    }
+
+    /// Start `i` of cell `cell`, from the plant at hover.
+    fn start(&self, hover: &[f64], root: usize, cell: usize, i: usize) -> Vec<f64> {
+        let mut stream = Stream::new(self.seed, i as u64, cell as u64, Purpose::RESET);
+        let (row, column) = (cell / self.rate.1, cell % self.rate.1);
+        let within = |(most, n): (f64, usize), k: usize, at: f64| most * (k as f64 + at) / n as f64;
+        let [tilt, rate] = [stream.unit(), stream.unit()];
+        let (tilt, rate) = (within(self.tilt, row, tilt), within(self.rate, column, rate));
+        let about = stream.uniform(-PI, PI);
+        let mut state = hover.to_vec();
+        state[root + 6..root + 10].copy_from_slice(&exponential([tilt * about.cos(), tilt * about.sin(), 0.0]));
+        let mut direction = || {
+            let v = [stream.normal(), stream.normal(), stream.normal()];
+            let length = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
+            v.map(|x| x / length)
+        };
+        let (turn, way) = (direction(), direction());
+        let speed = self.speed * stream.unit();
+        for k in 0..3 {
+            state[root + 10 + k] = rate * turn[k];
+            state[root + 3 + k] = speed * way[k];
+        }
+        state
+    }
+}
+
+/// What became of the starts of one interval of tilt and of body rate.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RecoveryCell {
+    /// From and to, rad.
+    pub tilt: [f64; 2],
+    /// From and to, rad/s.
+    pub rate: [f64; 2],
+    /// Starts.
+    pub n: usize,
+    /// Those that came back.
+    pub recovered: usize,
+    /// Where the share lies with the plan's confidence ([`clopper_pearson`]).
+    pub bounds: [f64; 2],
+    /// Most height lost on the way by those that came back, m.
+    pub sunk: f64,
+    /// Longest time until one was back, s.
+    pub slowest: f64,
+}
+
+/// Shares of starts that come back.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RecoveryMap {
+    /// What was flown.
+    pub plan: RecoveryPlan,
+    /// Row-major `[tilt, rate]`.
+    pub cells: Vec<RecoveryCell>,
+    /// Whether they flew in lanes, in `f32`.
+    pub batched: bool,
+}
+
+impl RecoveryMap {
+    /// All cells within a tilt and a rate as one.
+    pub fn within(&self, tilt: f64, rate: f64) -> RecoveryCell {
+        let inside = |c: &&RecoveryCell| c.tilt[1] <= tilt + 1e-9 && c.rate[1] <= rate + 1e-9;
+        let mut all = RecoveryCell {
+            tilt: [0.0; 2],
+            rate: [0.0; 2],
+            n: 0,
+            recovered: 0,
+            bounds: [0.0; 2],
+            sunk: 0.0,
+            slowest: 0.0,
+        };
+        for c in self.cells.iter().filter(inside) {
+            (all.n, all.recovered) = (all.n + c.n, all.recovered + c.recovered);
+            (all.sunk, all.slowest) = (all.sunk.max(c.sunk), all.slowest.max(c.slowest));
+            (all.tilt[1], all.rate[1]) = (all.tilt[1].max(c.tilt[1]), all.rate[1].max(c.rate[1]));
+        }
+        all.bounds = clopper_pearson(all.recovered, all.n, self.plan.confidence);
+        all
+    }
+}
+
+/// Flies a plant from all starts of a plan under controllers that `build` makes.
+///
+/// # Errors
+/// [`Error::Value`] or [`Error::Limit`] for a plan out of range; as [`Plant::hover_state`], the controller, and the recording.
+pub fn recovery_map(
+    plant: &Plant,
+    build: &(dyn Fn() -> Result<Box<dyn Controller>> + Sync),
+    plan: &RecoveryPlan,
+    threads: &Threads,
+) -> Result<RecoveryMap> {
+    let n_step = plan.check(plant.physics().dt)?;
+    let controller = build()?;
+    let here = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
+    let hover = start_on(plant, &controller, &here)?;
+    let flights = Flights { plan, hover, here, n_step, dt: plant.physics().dt, root: plant.roots()[0] };
+    let fates = match controller.recorded(plant)? {
+        Some(law) => flights.in_lanes(&ClosedLoop::new(plant.clone(), Running::of(law))?, threads)?,
+        None => flights.one_by_one(plant, build, threads)?,
+    };
+    let cell = |(cell, fates): (usize, &[Watch])| {
+        let (row, column) = (cell / plan.rate.1, cell % plan.rate.1);
+        let edges = |(most, n): (f64, usize), k: usize| [k, k + 1].map(|k| most * k as f64 / n as f64);
+        let back = || fates.iter().filter_map(|w| Some((w.back_at?, w.sunk)));
+        let recovered = back().count();
+        RecoveryCell {
+            tilt: edges(plan.tilt, row),
+            rate: edges(plan.rate, column),
+            n: fates.len(),
+            recovered,
+            bounds: clopper_pearson(recovered, fates.len(), plan.confidence),
+            sunk: back().fold(0.0, |most, (_, sunk)| most.max(sunk)),
+            slowest: back().fold(0.0, |most, (at, _)| most.max(at)),
+        }
+    };
+    let cells = fates.chunks_exact(plan.n).enumerate().map(cell).collect();
+    Ok(RecoveryMap { plan: *plan, cells, batched: controller.is_batched() })
+}
+
+/// All flights of a map.
+struct Flights<'a> {
+    plan: &'a RecoveryPlan,
+    hover: Vec<f64>,
+    here: Reference,
+    n_step: u64,
+    dt: f64,
+    root: usize,
+}
+
+impl Flights<'_> {
+    fn n(&self) -> usize {
+        self.plan.n_cell() * self.plan.n
+    }
+
+    fn start(&self, flight: usize) -> Vec<f64> {
+        self.plan.start(&self.hover, self.root, flight / self.plan.n, flight % self.plan.n)
+    }
+
+    fn in_lanes(&self, system: &ClosedLoop<Running<RecordedLaw>>, threads: &Threads) -> Result<Vec<Watch>> {
+        let many = MonteCarlo::new(system)?;
+        let n_clocked = system.n_clocked();
+        let blocks = threads.map(self.n().div_ceil(BLOCK), |b| -> Result<Vec<Watch>> {
+            let flights = b * BLOCK..self.n().min((b + 1) * BLOCK);
+            let draw = |flight| {
+                let (start, parameters) = (self.start(flight), system.parameters());
+                MonteCarloDraw { start, parameters, air: Disturbance::none() }
+            };
+            let mut block = Block::new(&many, &flights.clone().map(draw).collect::<Vec<_>>())?;
+            let (mut watches, mut clocked) = (vec![Watch::default(); flights.len()], vec![0.0; n_clocked]);
+            for k in 0..self.n_step {
+                system.write_clocked(k, Target::level(&self.here), &mut clocked);
+                block.advance(&many, &clocked);
+                if (k + 1).is_multiple_of(LOOK) {
+                    for (lane, watch) in watches.iter_mut().enumerate() {
+                        watch.look(
+                            (k + 1) as f64 * self.dt,
+                            &|i| block.number(self.root + i, lane),
+                            &self.hover[self.root..],
+                        );
+                    }
+                    if watches.iter().all(|w| w.decided) {
+                        break;
+                    }
+                }
+            }
+            Ok(watches)
+        });
+        Ok(blocks.into_iter().collect::<Result<Vec<_>>>()?.concat())
+    }
+
+    fn one_by_one(
+        &self,
+        plant: &Plant,
+        build: &(dyn Fn() -> Result<Box<dyn Controller>> + Sync),
+        threads: &Threads,
+    ) -> Result<Vec<Watch>> {
+        let flown = threads.map(self.n(), |flight| -> Result<Watch> {
+            let mut system = ClosedLoop::new(plant.clone(), build()?)?;
+            let (mut x, mut watch, calm) = (self.start(flight), Watch::default(), Outside::none());
+            let mut next = x.clone();
+            for k in 0..self.n_step {
+                system.advance(&x, Target::level(&self.here), &calm, &mut next)?;
+                std::mem::swap(&mut x, &mut next);
+                if (k + 1).is_multiple_of(LOOK) {
+                    watch.look((k + 1) as f64 * self.dt, &|i| x[self.root + i], &self.hover[self.root..]);
+                    if watch.decided {
+                        break;
+                    }
+                }
+            }
+            Ok(watch)
+        });
+        flown.into_iter().collect()
+    }
+}
+
+/// How one start fares.
+#[derive(Debug, Clone, Copy, Default)]
+struct Watch {
+    /// Height lost so far, m.
+    sunk: f64,
+    /// Back since, s.
+    since: Option<f64>,
+    /// Back for good.
+    back_at: Option<f64>,
+    decided: bool,
+}
+
+impl Watch {
+    /// Looks at the thirteen numbers of the root.
+    fn look(&mut self, time: f64, x: &dyn Fn(usize) -> f64, hover: &[f64]) {
+        if self.decided {
+            return;
+        }
+        let norm = |first: usize, from: &[f64]| (0..3).map(|k| (x(first + k) - from[k]).powi(2)).sum::<f64>().sqrt();
+        let away = norm(0, hover);
+        if away.is_nan() || away >= GONE {
+            self.decided = true;
+            return;
+        }
+        self.sunk = self.sunk.max(hover[2] - x(2));
+        let level = up_axis([x(6), x(7), x(8), x(9)])[2] > BACK.cos();
+        let still = norm(3, &[0.0; 3]) < BACK && norm(10, &[0.0; 3]) < 2.0 * BACK;
+        if away >= BACK || !level || !still {
+            self.since = None;
+            return;
+        }
+        let since = *self.since.get_or_insert(time);
+        if time - since >= STAYS {
+            (self.back_at, self.decided) = (Some(since), true);
+        }
+    }
+}
+
+/// Where a share lies with a confidence, of which `hits` of `n` are known: the shares at which so many or more, and so few or
+/// fewer, would each come with half of what is left. Exact, and never too narrow.
+///
+/// Source: Clopper and Pearson 1934.
+pub fn clopper_pearson(hits: usize, n: usize, confidence: f64) -> [f64; 2] {
+    let half = 0.5 * (1.0 - confidence);
+    // P(X ≤ k) falls as the share rises
+    let share_where = |k: usize, level: f64| {
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if at_most(k, n, middle) > level { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    };
+    let low = if hits == 0 { 0.0 } else { share_where(hits - 1, 1.0 - half) };
+    let high = if hits >= n { 1.0 } else { share_where(hits, half) };
+    [low, high]
+}
+
+/// P(X ≤ k) of n tries with chance p each.
+fn at_most(k: usize, n: usize, p: f64) -> f64 {
+    let odds = (p / (1.0 - p)).ln();
+    let mut log = n as f64 * (1.0 - p).ln();
+    let mut sum = 0.0;
+    for i in 0..=k {
+        sum += log.exp();
+        log += odds + ((n - i) as f64 / (i + 1) as f64).ln();
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::clopper_pearson;
+
+    #[test]
+    fn bounds_of_a_share_are_those_of_the_beta_distribution() {
+        // scipy.stats.beta.ppf(0.025, k, n − k + 1), beta.ppf(0.975, k + 1, n − k)
+        let cases = [
+            (0, 10, [0.0, 0.308_497_106_6]),
+            (8, 10, [0.443_904_542_5, 0.974_789_273_2]),
+            (64, 64, [0.943_990_910_6, 1.0]),
+            (990, 1000, [0.981_686_756_9, 0.995_194_489_3]),
+        ];
+        for (hits, n, wanted) in cases {
+            let got = clopper_pearson(hits, n, 0.95);
+            println!("{hits} of {n}: {got:.10?}");
+            assert!((0..2).all(|k| (got[k] - wanted[k]).abs() < 1e-9), "{hits} of {n}: {got:?}");
+        }
+    }
+}
