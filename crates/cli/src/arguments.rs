@@ -76,11 +76,13 @@ pub struct FlightArguments {
     pub rates: Option<Rates>,
     /// Gains: published, derived (from inertia and motor lag), or a TOML file
     ///
-    /// Published gains are used where they exist, else derived ones. A file holds four lines, each per body axis:
+    /// Published gains are used where they exist, else derived ones. A file holds four lines, each per body axis, and, to
+    /// integrate, a fifth of force and moment:
     ///   position = [4, 4, 4]               # K_p, 1/s²
     ///   velocity = [2.2, 2.2, 2.2]         # K_v, 1/s
     ///   attitude = [0.7, 0.7, 0.035]       # K_R, N m/rad
     ///   rate     = [0.1, 0.1, 0.025]       # K_ω, N m s/rad
+    ///   integral = [4, 4]                  # L, 1/s
     /// 'omnidrones tune' writes such a file.
     #[arg(long, value_name = "NAME|FILE.toml", help_heading = "Controller", verbatim_doc_comment)]
     pub gains: Option<String>,
@@ -94,10 +96,7 @@ impl FlightArguments {
 
     /// The reference, read and checked.
     pub fn reference(&self) -> Result<Reference> {
-        let named = self.reference.as_deref().unwrap_or("lemniscate");
-        let reference = if is_path(named) { files::read_toml(Path::new(named))? } else { Reference::by_name(named)? };
-        reference.validate()?;
-        Ok(reference)
+        reference(self.reference.as_deref().unwrap_or("lemniscate"))
     }
 
     /// Step, integrator, effects.
@@ -140,6 +139,20 @@ impl FlightArguments {
                 name: name.into(),
                 known: ["published", "derived", "FILE.toml"].map(String::from).to_vec(),
             }),
+        }
+    }
+
+    /// The gains of a configuration: those of a file; `None` for what its controller derives.
+    pub fn own_gains(&self) -> Result<Option<Gains>> {
+        match self.gains.as_deref() {
+            None | Some("derived") => Ok(None),
+            Some("published") => Err(Error::value(
+                "--gains",
+                "published, but nobody published gains for configurations",
+                "derived or a TOML file",
+                "Leave the option out for gains derived from what each controller flies.",
+            )),
+            Some(file) => files::read_toml(Path::new(file)).map(Some),
         }
     }
 
@@ -311,6 +324,13 @@ impl ThreadArguments {
     pub fn threads(&self) -> Result<Threads> {
         self.threads.map_or_else(|| Ok(Threads::default()), Threads::new)
     }
+}
+
+/// A reference of a name or in a file, checked.
+pub fn reference(named: &str) -> Result<Reference> {
+    let reference = if is_path(named) { files::read_toml(Path::new(named))? } else { Reference::by_name(named)? };
+    reference.validate()?;
+    Ok(reference)
 }
 
 /// Whether an argument that may be a name or a file means a file.

@@ -90,16 +90,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let remedy = "Leave it out: linear models are of steady flights.";
         return Err(Error::value("--reference", given, "none in 'design'", remedy));
     }
-    let save = a.save.as_deref().map(|file| -> Result<_> {
-        let known = file.extension().and_then(|e| e.to_str()).filter(|e| ["json", "csv"].contains(e));
-        let Some(kind) = known else {
-            return Err(Error::value("--save", file.display(), "a file .json or .csv", "Name it so."));
-        };
-        files::check_new(file, a.output.force)?;
-        files::make_parent(file)?;
-        Ok((file, kind == "json"))
-    });
-    let save = save.transpose()?;
+    let save = files::model_file(a.save.as_deref(), a.output.force)?;
     let source = source::load(Some(&a.vehicle), &a.rotors)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let mut physics = a.flight.physics();
@@ -181,29 +172,7 @@ fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: b
         Fact::new("commands", commands.join(", ")).note("−1 stands, 1 is full thrust"),
         Fact::new("at a limit", trim.limited.len().to_string()),
     ]);
-    let mut table = Table::new(&[
-        ("rate [1/s]", Align::Right),
-        ("frequency [rad/s]", Align::Right),
-        ("damping", Align::Right),
-        ("time constant [s]", Align::Right),
-        ("of", Align::Left),
-    ]);
-    for mode in modes {
-        let names: Vec<&str> = mode.states.iter().take(3).map(|(i, _)| plant.states()[*i].name.as_str()).collect();
-        let rate = if mode.rate.im.abs() > 1e-9 {
-            format!("{} ± {}j", short(mode.rate.re, 3), short(mode.rate.im, 3))
-        } else {
-            short(mode.rate.re, 3)
-        };
-        table.row([
-            rate,
-            short(mode.frequency, 3),
-            short(mode.damping, 2),
-            unlimited(mode.time_constant, 3),
-            names.join(", "),
-        ]);
-    }
-    page.heading("Modes of the vehicle alone").table(&table);
+    page.heading("Modes of the vehicle alone").table(&modes_table(modes, plant));
     page.line(format!("  {} of {} modes are out of the commands' reach", hidden, modes.len()));
 
     let lasting = poles.first().map_or(0.0, |p| -(model.dt * model.period() as f64) / p.norm().ln());
@@ -244,6 +213,43 @@ fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: b
     page.heading("Margins").table(&table);
 }
 
+/// Rate, frequency, damping and time constant of each mode, and the states that take part most.
+pub fn modes_table(modes: &[Mode], plant: &StateSpace) -> Table {
+    let mut table = Table::new(&[
+        ("rate [1/s]", Align::Right),
+        ("frequency [rad/s]", Align::Right),
+        ("damping", Align::Right),
+        ("time constant [s]", Align::Right),
+        ("of", Align::Left),
+    ]);
+    for mode in modes {
+        let names: Vec<&str> = mode.states.iter().take(3).map(|(i, _)| plant.states()[*i].name.as_str()).collect();
+        let rate = if mode.rate.im.abs() > 1e-9 {
+            format!("{} ± {}j", short(mode.rate.re, 3), short(mode.rate.im, 3))
+        } else {
+            short(mode.rate.re, 3)
+        };
+        table.row([
+            rate,
+            short(mode.frequency, 3),
+            short(mode.damping, 2),
+            unlimited(mode.time_constant, 3),
+            names.join(", "),
+        ]);
+    }
+    table
+}
+
+/// A mode for JSON, with the names of a model's states.
+pub fn mode_json(plant: &StateSpace) -> impl Fn(&Mode) -> Value {
+    |m: &Mode| {
+        json!({
+            "rate": [m.rate.re, m.rate.im], "frequency": m.frequency, "damping": m.damping, "time_constant": m.time_constant,
+            "states": m.states.iter().map(|(i, share)| json!({ "name": plant.states()[*i].name, "share": share })).collect::<Vec<_>>(),
+        })
+    }
+}
+
 fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool) -> Value {
     let disk =
         |d: &DiskMargin| json!({ "alpha": d.alpha, "omega": d.omega, "gain": [d.gain.0, d.gain.1], "phase": d.phase });
@@ -252,16 +258,10 @@ fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool) -> Va
             "at": name, "gain_down": m.gain_down, "gain_up": m.gain_up, "phase": m.phase, "delay": m.delay, "disk": disk(&m.disk),
         })
     }).collect();
-    let mode = |m: &Mode| {
-        json!({
-            "rate": [m.rate.re, m.rate.im], "frequency": m.frequency, "damping": m.damping, "time_constant": m.time_constant,
-            "states": m.states.iter().map(|(i, share)| json!({ "name": found.plant.states()[*i].name, "share": share })).collect::<Vec<_>>(),
-        })
-    };
     json!({
         "command": "design", "vehicle": vehicle.name, "gains": gains, "stable": stable, "dt": found.model.dt, "period": found.model.period(),
         "trim": { "state": found.trim.state, "input": found.trim.input, "residual": found.trim.residual, "limited": found.trim.limited },
-        "modes": found.modes.iter().map(mode).collect::<Vec<_>>(),
+        "modes": found.modes.iter().map(mode_json(&found.plant)).collect::<Vec<_>>(),
         "poles": found.poles.iter().map(|p| [p.re, p.im]).collect::<Vec<_>>(),
         "all_commands": disk(&found.all), "margins": rows,
     })

@@ -22,7 +22,7 @@ use omnidrones::error::{Error, Result};
 use omnidrones::rl::{PolicyController, load_policy};
 use omnidrones_plot::model;
 use omnidrones_plot::robot::joints;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Seconds left out of the RMSE: the reference starts with a jump of acceleration.
@@ -62,6 +62,7 @@ Examples:
   omnidrones fly platform --roll 20                   a frame that flies on with 20° of roll
   omnidrones fly dragon --shape arc:30                a chain that bends while it flies
   omnidrones fly hummingbird --policy runs/Hover-apg-s0   what was learnt, on the vehicle as it is
+  omnidrones fly iris --controller lqi --wind 4,0,0   optimal state feedback with integrators
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
@@ -96,6 +97,9 @@ pub struct Arguments {
     /// Physics are those of the vehicle itself, without the motor lag and damping of the benchmark's tasks.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["gains", "drop"], help_heading = "Flight")]
     policy: Option<PathBuf>,
+    /// Who flies: a name of the table of controllers, as cascade, fault_tolerant, lqr, lqi [default: by its make]
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["policy", "drop"], help_heading = "Controller")]
+    controller: Option<String>,
     /// Drop it from this height above the ground instead, rotors idle [default: 1]
     ///
     /// Bodies touch the ground at z = 0 and what is not joined to them. --seed disturbs the start a little.
@@ -235,7 +239,8 @@ fn vehicle(a: &Arguments) -> Result<Flyer> {
     let plant = Plant::of_vehicle(&source.vehicle, plan.air_physics())?;
     fail(a, &plant, &mut plan)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
-    let name = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
+    let usual = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
+    let name = a.controller.as_deref().unwrap_or(usual);
     let controller = match policy(a, &plant)? {
         Some(policy) => policy,
         None => controller(name, &plant, &Setup::new(Some(&gains), &plan.rates))?,
@@ -290,21 +295,17 @@ fn reference(a: &Arguments, plant: &Plant) -> Result<Reference> {
 
 /// Who flies a configuration, in what shape.
 fn model_controller(a: &Arguments, plant: &Plant, plan: &FlightPlan) -> Result<Box<dyn Controller>> {
-    let gains: Option<Gains> = match a.flight.gains.as_deref() {
-        None | Some("derived") => None,
-        Some("published") => {
-            return Err(Error::value(
-                "--gains",
-                "published, but nobody published gains for configurations",
-                "derived or a TOML file",
-                "Leave the option out for gains derived from what each controller flies.",
-            ));
-        }
-        Some(file) => Some(files::read_toml(Path::new(file))?),
-    };
+    let gains = a.flight.own_gains()?;
     if let Some(policy) = policy(a, plant)? {
         a.level()?;
         return Ok(policy);
+    }
+    if let Some(name) = &a.controller {
+        let own = controller(name, plant, &Setup::new(gains.as_ref(), &plan.rates))?;
+        if a.shape.is_some() || !own.holds_tilt() {
+            a.level()?;
+        }
+        return Ok(own);
     }
     match plant.tree().filter(|system| vectored(system.model())) {
         Some(system) => {
@@ -352,7 +353,7 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
     let after = if plan.duration > TRANSIENT { TRANSIENT } else { 0.0 };
     let (mut derivatives, mut story) = (None, None);
     if let What::Vehicle { source, gains, .. } = &what {
-        if a.policy.is_none() {
+        if a.policy.is_none() && ["cascade", "fault_tolerant"].contains(&controller.name()) {
             derivatives = Some(Derivatives::of(&source.vehicle, gains, &plan, &flight)?);
         }
         story = Story::of(&source.vehicle, &plan, &flight)?;

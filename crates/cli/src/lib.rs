@@ -2,7 +2,7 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
@@ -31,10 +31,12 @@ mod failure;
 mod files;
 mod fly;
 mod import;
+mod linearise;
 mod models;
 mod over_seeds;
 mod page;
 mod progress;
+mod recover;
 mod robot;
 mod rollout;
 mod rollout_all;
@@ -96,6 +98,8 @@ Examples:
   omnidrones models                         the built-in vehicles
   omnidrones allocate firefly --fail 2      which thrusts hold hover without rotor 2
   omnidrones design hummingbird             modes and margins of its control loop
+  omnidrones linearise payload              its exact linear model, modes and files
+  omnidrones recover hummingbird            from which tilts and rates it comes back
   omnidrones tune hummingbird               better gains, by gradients through flights
   omnidrones tasks                          the benchmark tasks for learners
   omnidrones tasks Hover                    what an agent sees, commands and is rewarded for
@@ -142,6 +146,12 @@ enum Command {
     /// Report a vehicle's steady flight, its modes, and the margins of its control loop
     #[command(long_about = design::ABOUT)]
     Design(Box<design::Arguments>),
+    /// Linearise a vehicle or a configuration about a steady flight; modes, and files for other tools
+    #[command(long_about = linearise::ABOUT)]
+    Linearise(Box<linearise::Arguments>),
+    /// Count from which tilts and rates a controller brings a vehicle back
+    #[command(long_about = recover::ABOUT)]
+    Recover(Box<recover::Arguments>),
     /// Tune a vehicle's gains by gradients through closed-loop flights
     #[command(long_about = tune::ABOUT)]
     Tune(Box<tune::Arguments>),
@@ -201,6 +211,8 @@ pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::
         Command::Import(arguments) => import::run(arguments),
         Command::Allocate(arguments) => allocate::run(arguments),
         Command::Design(arguments) => design::run(arguments),
+        Command::Linearise(arguments) => linearise::run(arguments),
+        Command::Recover(arguments) => recover::run(arguments),
         Command::Tune(arguments) => tune::run(arguments),
         Command::Tasks(arguments) => tasks::run(arguments),
         Command::Rollout(arguments) => rollout::run(arguments),

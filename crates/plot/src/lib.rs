@@ -1,7 +1,7 @@
 //! Figures as PNG or SVG files, without system fonts.
 //!
 //! A [`Figure`] is a grid of charts: [`Panel`] (curves, spreads, bands, limits), [`Path3d`] (a path in space), [`Drawing`] (bodies
-//! in space), [`Bars`]. Axes,
+//! in space), [`Bars`], [`HeatMap`]. Axes,
 //! ticks, legends and the projection are laid out here, in figure units (one CSS pixel of an SVG, two pixels of a PNG);
 //! plotters paints. [`flight`] makes the figures of a [`FlightLog`](omnidrones::flight::FlightLog).
 //!
@@ -11,7 +11,7 @@
 //! | `canvas.rs` | shapes, replayed into PNG or SVG by plotters |
 //! | `axis.rs`, `legend.rs` | ticks and labels, legends beside or below the title |
 //! | `projection.rs` | space onto the page |
-//! | `chart.rs`, `path3d.rs`, `drawing.rs`, `bars.rs` | the four charts |
+//! | `chart.rs`, `path3d.rs`, `drawing.rs`, `bars.rs`, `heat_map.rs` | the five charts |
 //! | `animation.rs` | figures one after the other as a GIF |
 //! | `flight.rs` | the figures of a flight |
 //! | `model.rs`, `robot.rs` | an articulated system as a drawing; the figures of its flight or fall |
@@ -33,6 +33,7 @@ mod chart;
 mod drawing;
 pub mod flight;
 mod font;
+mod heat_map;
 mod legend;
 pub mod model;
 mod path3d;
@@ -43,6 +44,7 @@ mod theme;
 pub use bars::{Bar, Bars};
 pub use chart::{Band, Panel, Ribbon, Rule, Series};
 pub use drawing::{Drawing, Item, Label};
+pub use heat_map::HeatMap;
 pub use path3d::{Heat, Path3d, Pose};
 pub use theme::Colour;
 
@@ -66,6 +68,8 @@ pub enum Chart {
     Drawing(Box<Drawing>),
     /// Bars.
     Bars(Bars),
+    /// Coloured cells.
+    HeatMap(HeatMap),
 }
 
 impl From<Panel> for Chart {
@@ -89,6 +93,12 @@ impl From<Drawing> for Chart {
 impl From<Bars> for Chart {
     fn from(bars: Bars) -> Self {
         Self::Bars(bars)
+    }
+}
+
+impl From<HeatMap> for Chart {
+    fn from(map: HeatMap) -> Self {
+        Self::HeatMap(map)
     }
 }
 
@@ -290,6 +300,7 @@ impl Figure {
                 (Chart::Path(path), _) => path.draw(&mut canvas, area(cell)),
                 (Chart::Drawing(drawing), _) => drawing.draw(&mut canvas, area(cell)),
                 (Chart::Bars(bars), _) => bars.draw(&mut canvas, area(cell)),
+                (Chart::HeatMap(map), _) => map.draw(&mut canvas, area(cell)),
                 _ => {}
             }
         }

@@ -1,0 +1,153 @@
+//! `omnidrones linearise`: the exact linear model of a vehicle or a configuration about a steady flight.
+
+use super::arguments::{FlightArguments, VehicleArguments};
+use super::design::modes_table;
+use super::page::{Fact, Page, short};
+use super::{Report, files, robot, source};
+use omnidrones::controllers::design::{ErrorState, TrimTarget, trim};
+use omnidrones::controllers::linear::{Mode, modes, unobservable, unreachable};
+use omnidrones::dynamics::{Disturbance, Plant};
+use omnidrones::error::{Error, Result};
+use serde_json::json;
+use std::f64::consts::PI;
+use std::path::PathBuf;
+
+/// What the command is for.
+pub const ABOUT: &str = "\
+Find a steady flight of a vehicle or a configuration (hover, forward and climbing flight, turns, tilted hover of what tilts its \
+thrusters) and differentiate one step of it exactly: A and B of the error state, in which a rotation counts three numbers, with \
+names and units, the modes, and what the commands do not reach.";
+
+const EXAMPLES: &str = "\
+Examples:
+  omnidrones linearise hummingbird                              at hover
+  omnidrones linearise iris --velocity 8,0,1 --save iris.json   forward and climbing; A, B, C, D for other tools
+  omnidrones linearise firefly --velocity 5,0,0 --yaw-rate 0.5  a turn
+  omnidrones linearise payload                                  a drone with a load
+  omnidrones linearise omav_tilting --roll 20                   leaning, in place
+
+Files: --save writes A, B, C, D of one step with the names and units of all signals (.json), or as one table (.csv); with \
+--continuous those of dx/dt that give this step between held inputs.
+
+JSON: SI units, radians.
+
+Exit codes: 0 linearised; 2 unusable input or arguments, or no such steady flight.";
+
+/// Arguments of `linearise`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+#[command(mut_arg("reference", |a| a.hide(true)), mut_arg("gains", |a| a.hide(true)), mut_arg("rates", |a| a.hide(true)))]
+pub struct Arguments {
+    /// A vehicle ('omnidrones models'), a configuration ('omnidrones show'), or a file FILE.toml or FILE.urdf
+    #[arg(value_name = "VEHICLE|CONFIG|FILE")]
+    vehicle: String,
+    #[command(flatten)]
+    rotors: VehicleArguments,
+    #[command(flatten)]
+    flight: FlightArguments,
+    /// Velocity [m/s]: forward, left, up
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        help_heading = "Steady flight"
+    )]
+    velocity: Option<Vec<f64>>,
+    /// Rate about the vertical [rad/s]
+    #[arg(
+        long,
+        value_name = "RATE",
+        default_value_t = 0.0,
+        allow_negative_numbers = true,
+        help_heading = "Steady flight"
+    )]
+    yaw_rate: f64,
+    /// Roll to hold [degrees]; found where it is not given
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = "Steady flight")]
+    roll: Option<f64>,
+    /// Pitch to hold [degrees]; found where it is not given
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = "Steady flight")]
+    pitch: Option<f64>,
+    /// Of dx/dt in place of one step
+    #[arg(long, help_heading = "Output")]
+    continuous: bool,
+    /// Write the linear model into this file (.json or .csv)
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
+    save: Option<PathBuf>,
+    /// Replace a file that exists
+    #[arg(long, requires = "save", help_heading = "Output")]
+    force: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long, help_heading = "Output")]
+    json: bool,
+}
+
+impl Arguments {
+    fn target(&self) -> Result<TrimTarget> {
+        let velocity = match self.velocity.as_deref() {
+            None => [0.0; 3],
+            Some(&[x, y, z]) => [x, y, z],
+            Some(other) => return Err(Error::value("--velocity", format!("{other:?}"), "three numbers", "As 5,0,0.")),
+        };
+        let tilt = [self.roll, self.pitch].map(|angle| angle.map(|a| a * PI / 180.0));
+        Ok(TrimTarget { velocity, yaw_rate: self.yaw_rate, tilt, air: Disturbance::none() })
+    }
+}
+
+/// Linearises.
+pub fn run(a: &Arguments) -> Result<Report> {
+    a.flight.check()?;
+    for (name, given) in [("--reference", &a.flight.reference), ("--gains", &a.flight.gains)] {
+        if let Some(given) = given {
+            return Err(Error::value(name, given, "none in 'linearise'", "Leave it out: nobody steers here."));
+        }
+    }
+    let save = files::model_file(a.save.as_deref(), a.force)?;
+    let physics = a.flight.physics();
+    let plant = match robot::configuration(&a.vehicle) {
+        Some(_) => Plant::of_model(&robot::load(&a.vehicle, &a.rotors)?.model, physics)?,
+        None => {
+            robot::known(&a.vehicle)?;
+            Plant::of_vehicle(&source::load(Some(&a.vehicle), &a.rotors)?.vehicle, physics)?
+        }
+    };
+    let found = trim(&plant, &a.target()?)?;
+    let step = ErrorState::of_plant(&plant)?.state_space(&plant, &found.state, &found.input)?;
+    let (modes, hidden): (Vec<Mode>, usize) = (modes(&step)?, unreachable(&step, 1e-9)?.len());
+    let unseen = unobservable(&step, 1e-9)?.len();
+    let model = if a.continuous { step.continuous()? } else { step };
+    if let Some((file, as_json)) = save {
+        let text = if as_json { format!("{:#}\n", model.to_json()) } else { model.to_csv() };
+        files::replace(file, text)?;
+    }
+    if a.json {
+        let value = json!({
+            "command": "linearise", "plant": plant.name(), "model": model.to_json(), "out_of_reach": hidden,
+            "trim": { "state": found.state, "input": found.input, "residual": found.residual, "limited": found.limited },
+            "modes": modes.iter().map(super::design::mode_json(&model)).collect::<Vec<_>>(),
+        });
+        return Ok(Report::json(&value, true));
+    }
+    let mut page = Page::new();
+    page.title(
+        plant.name(),
+        if a.continuous { "dx/dt about a steady flight" } else { "one step about a steady flight" },
+    );
+    page.heading("Steady flight").facts(&[
+        Fact::new("residual", short(found.residual, 2)).note("largest rate of change that is left, SI units"),
+        Fact::new("commands at a limit", found.limited.len().to_string()),
+    ]);
+    page.heading("Linear model").facts(&[
+        Fact::new("states", model.n_state().to_string()).note("of the error: a rotation counts three"),
+        Fact::new("inputs", model.n_input().to_string()),
+        Fact::new("step", model.dt().map_or("continuous".into(), |dt| format!("{} ms", short(1e3 * dt, 3)))),
+        Fact::new("out of the commands' reach", format!("{hidden} modes")),
+        Fact::new("unseen", format!("{unseen} modes")).note("with the whole state measured"),
+    ]);
+    page.heading("Modes").table(&modes_table(&modes, &model));
+    if let Some(file) = &a.save {
+        page.heading("Written").line(format!("  {}", file.display()));
+    }
+    Ok(Report::done(page.finish()))
+}
