@@ -22,8 +22,8 @@ const TABLE: &[(&str, &str, &str)] = &[
     ("OverHover", "1f3283eb8ea12f10", "f366bb663d4f9104"),
     ("Formation", "075130462ddddc33", "62ecead03b238d9f"),
     ("Hover by APG", "ff0cb61455047659", "1c3317a6d8fdda03"),
-    ("PayloadHover by SHAC", "78e9a4949bb3501f", "07928510f7927269"),
-    ("Hover by PPO", "ed050a886e5dfcdf", "22a6a9038adb3815"),
+    ("PayloadHover by SHAC", "68c9b92c4c53cb73", "baa744448e9d26bf"),
+    ("Hover by PPO", "4d772457dbd1bf4c", "480481bf4c434fc0"),
 ];
 
 /// The first eight bytes of a hash of numbers by their bits.

@@ -27,6 +27,7 @@
 //! moment about it. The direction is left out (it follows the drones through the joints' damping).
 
 use super::allocation::null_space::NullSpaceAllocator;
+use super::allocation::problem::Rewrite;
 use super::allocation::{Axis, Cone, Problem};
 use super::attitude::Orientation;
 use super::cascade::{Rates, Schedule};
@@ -41,7 +42,7 @@ use super::velocity::VelocityCommand;
 use crate::autodiff::safe;
 use crate::dynamics::Gains;
 use crate::dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_mul, mat_vec, scale, sub, transpose};
-use crate::dynamics::tree::{Model, Multibody, Pose, body_poses, center_of_mass, momentum};
+use crate::dynamics::tree::{Model, Multibody, Pose, body_poses, body_poses_into, center_of_mass, momentum};
 use crate::error::{Error, Result};
 use nalgebra::DMatrix;
 
@@ -100,6 +101,12 @@ pub struct Platform {
     /// World, N; and about the drones' z, N m.
     forces: Vec<Vec3<f64>>,
     twists: Vec<f64>,
+    poses: Vec<Pose<f64>>,
+    /// Joints, held directions, last forces, axes of the frame; and the goal of the inputs.
+    points: Vec<Vec3<f64>>,
+    held: Vec<Vec3<f64>>,
+    before: Vec<Vec3<f64>>,
+    goal: Vec<f64>,
 }
 
 /// Whether a model is a frame without rotors under at least two drones, each on a cardan joint of the frame.
@@ -147,7 +154,7 @@ impl Platform {
         let directions = Directions { reach, ..directions };
         let places: Vec<_> = drones.iter().map(|d| d.mount.place).collect();
         let mut problem = problem(&drones, &places);
-        problem.cones = cones(&drones, directions, &places, &vec![[0.0, 0.0, 1.0]; n]);
+        cones(&mut problem.cones, &drones, directions, &places, &vec![[0.0, 0.0, 1.0]; n]);
         let mut own = Self {
             drag: drones.iter().map(|d| d.drag_at(share)).collect(),
             law: law(model, &drones, gains, turning),
@@ -158,6 +165,11 @@ impl Platform {
             step: 0,
             forces: vec![[0.0; 3]; n],
             twists: vec![0.0; n],
+            poses: Vec::new(),
+            points: Vec::new(),
+            held: Vec::new(),
+            before: Vec::new(),
+            goal: Vec::new(),
             system: system.clone(),
             turning,
             drones,
@@ -235,7 +247,8 @@ impl Platform {
         input: &mut [f64],
         wanted: impl FnOnce(&SixAxis<f64>, &Kinematics<f64>) -> Wrench<f64>,
     ) {
-        let poses = body_poses(&self.system, state);
+        let mut poses = std::mem::take(&mut self.poses);
+        body_poses_into(&self.system, state, &mut poses);
         if self.schedule.ticks(self.step)[0] > 0.5 {
             self.renew(state, &poses);
             let wrench = wanted(&self.law, &self.tracked(state));
@@ -245,6 +258,7 @@ impl Platform {
         for (j, drone) in self.drones.iter_mut().enumerate() {
             drone.push(&poses, self.forces[j], self.twists[j], input);
         }
+        self.poses = poses;
     }
 
     /// Inertia, drag, geometry and cones of the present shape.
@@ -262,13 +276,14 @@ impl Platform {
             self.law.gains.attitude[k] = body.inertia[k][k] * self.turning * self.turning;
             self.law.gains.rate[k] = 2.0 * body.inertia[k][k] * self.turning;
         }
-        let points: Vec<_> = self.drones.iter().map(|d| mat_vec(back, sub(place(d, poses), center))).collect();
-        let held: Vec<_> = self.drones.iter().map(|d| mat_vec(back, d.mount.held(poses))).collect();
-        let before: Vec<_> = self.allocation.inputs().chunks_exact(INPUTS).map(|u| [u[0], u[1], u[2]]).collect();
-        let (drones, directions) = (&self.drones, self.directions);
+        let Self { drones, directions, points, held, before, .. } = self;
+        [&mut *points, held, before].into_iter().for_each(Vec::clear);
+        points.extend(drones.iter().map(|d| mat_vec(back, sub(place(d, poses), center))));
+        held.extend(drones.iter().map(|d| mat_vec(back, d.mount.held(poses))));
+        before.extend(self.allocation.inputs().chunks_exact(INPUTS).map(|u| [u[0], u[1], u[2]]));
         self.allocation.change(|p| {
-            fill(&mut p.geometry, drones, &points, &held);
-            p.cones = cones(drones, directions, &points, &before);
+            fill(&mut p.geometry, drones, points, held);
+            cones(&mut p.cones, drones, *directions, points, before);
         });
     }
 
@@ -278,9 +293,9 @@ impl Platform {
         let damping = mat_vec(transpose(frame), damping);
         (0..3).for_each(|k| wrench[3 + k] -= damping[k]);
         let n = self.drones.len() as f64;
-        let goal: Vec<f64> =
-            self.drones.iter().flat_map(|_| [wrench[0] / n, wrench[1] / n, wrench[2] / n, 0.0]).collect();
-        let inputs = self.allocation.solve(&wrench, &goal);
+        self.goal.clear();
+        self.goal.extend(self.drones.iter().flat_map(|_| [wrench[0] / n, wrench[1] / n, wrench[2] / n, 0.0]));
+        let inputs = self.allocation.solve(&wrench, &self.goal);
         for (j, u) in inputs.chunks_exact(INPUTS).enumerate() {
             self.forces[j] = mat_vec(frame, [u[0], u[1], u[2]]);
             self.twists[j] = self.drones[j].yaw_per_thrust() * u[3];
@@ -397,18 +412,23 @@ fn fill(geometry: &mut DMatrix<f64>, drones: &[Gimballed], points: &[Vec3<f64>],
 }
 
 /// Thrust, reach and wakes.
-fn cones(drones: &[Gimballed], directions: Directions, points: &[Vec3<f64>], before: &[Vec3<f64>]) -> Vec<Cone> {
-    let mut list = Vec::new();
+fn cones(
+    list: &mut Vec<Cone>,
+    drones: &[Gimballed],
+    directions: Directions,
+    points: &[Vec3<f64>],
+    before: &[Vec3<f64>],
+) {
+    let mut list = Rewrite::of(list);
     for (j, drone) in drones.iter().enumerate() {
         let inputs = [0, 1, 2].map(|k| INPUTS * j + k);
-        list.push(Cone::ball(inputs, MAX_THRUST_SHARE * drone.max_thrust));
-        list.push(Cone::tilt(inputs, [0.0, 0.0, 1.0], directions.reach.cos()));
+        list.ball(inputs, [0.0; 3], MAX_THRUST_SHARE * drone.max_thrust);
+        list.tilt(inputs, [0.0, 0.0, 1.0], directions.reach.cos());
         for i in (0..drones.len()).filter(|i| *i != j) {
             let way = safe::normalise(sub(points[i], points[j]));
-            list.push(Cone::half_space(inputs, clear(way, before[j], directions.wake), 0.0));
+            list.half_space(inputs, clear(way, before[j], directions.wake), 0.0);
         }
     }
-    list
 }
 
 /// Normal of the half-space of forces that touches the cone of those whose wake is closer than `angle` to `way`, on the

@@ -123,6 +123,29 @@ pub struct Lqr {
     flat: Option<LoadFlatness>,
     /// By how much the rotors are late, s.
     lag: f64,
+    scratch: Scratch,
+}
+
+/// Memory of a tick of the velocity level.
+#[derive(Debug, Clone, Default)]
+struct Scratch {
+    /// The state about the reference.
+    state: Vec<f64>,
+    /// Of the size of the error: its slope, and what the reference asks for.
+    slope: DVector<f64>,
+    wanted: DVector<f64>,
+    /// Of three numbers: the position at which the rest costs least, the command fed forward and fed back.
+    away: DVector<f64>,
+    forward: DVector<f64>,
+    back: DVector<f64>,
+}
+
+impl Scratch {
+    fn of(n_error: usize) -> Self {
+        let [slope, wanted] = [0, 1].map(|_| DVector::zeros(n_error));
+        let [away, forward, back] = [0, 1, 2].map(|_| DVector::zeros(3));
+        Self { state: Vec::new(), slope, wanted, away, forward, back }
+    }
 }
 
 impl Lqr {
@@ -170,6 +193,7 @@ impl Lqr {
             lag: vehicle.rotors.iter().map(|r| r.time_constant_up.max(r.time_constant_down)).fold(0.0, f64::max),
             system: system.clone(),
             step: 0,
+            scratch: Scratch::of(errors.n_error()),
             errors,
             hover,
             cascade,
@@ -221,7 +245,14 @@ impl Lqr {
     }
 
     /// a_cmd, world, m/s².
-    fn acceleration(&self, seen: Measurement<'_>, target: Target<'_>, wanted: &Setpoint<f64>) -> [f64; 3] {
+    fn acceleration(
+        &self,
+        seen: Measurement<'_>,
+        target: Target<'_>,
+        wanted: &Setpoint<f64>,
+        scratch: &mut Scratch,
+    ) -> [f64; 3] {
+        let Scratch { state, slope, wanted: asked, away, forward: command, back } = scratch;
         let own = &self.tracked(seen.state);
         let heading = heading(own);
         let z = |time: f64| {
@@ -230,22 +261,29 @@ impl Lqr {
             let rows = [from_here, then.velocity, then.acceleration, then.jerk, then.snap];
             SVector::<f64, N_FORWARD>::from_column_slice(rows.map(|v| turned(v, -heading)).as_flattened())
         };
-        let mut state = seen.state.to_vec();
+        state.clear();
+        state.extend_from_slice(seen.state);
         let (s, c) = (-0.5 * heading).sin_cos();
         state[..3].copy_from_slice(&turned(sub(own.position, wanted.position), -heading));
         state[3..6].copy_from_slice(&turned(own.velocity, -heading));
         state[6..10].copy_from_slice(&multiply([c, 0.0, 0.0, s], own.attitude));
-        let mut error = self.errors.difference(&state, &self.hover);
+        let mut error = self.errors.difference(state, &self.hover);
         let now = z(seen.time);
-        error -= &self.following.state * now;
+        self.following.state.mul_to(&now, asked);
+        error -= &*asked;
         let mut forward = SVector::<f64, 6>::zeros();
         for (j, gain) in self.ahead.iter().enumerate() {
             forward += gain * z(seen.time + j as f64 * self.period);
         }
-        let away = &self.nearest * (&self.regulator.cost * &error) + forward.rows(3, 3);
-        self.within_reach(&mut error, &away);
-        let sum = &self.following.input * now + forward.rows(0, 3) - &self.regulator.gain * error;
-        turned([sum[0], sum[1], sum[2]], heading)
+        self.regulator.cost.mul_to(&error, slope);
+        self.nearest.mul_to(slope, away);
+        *away += forward.rows(3, 3);
+        self.within_reach(&mut error, away);
+        self.following.input.mul_to(&now, command);
+        *command += forward.rows(0, 3);
+        self.regulator.gain.mul_to(&error, back);
+        *command -= &*back;
+        turned([command[0], command[1], command[2]], heading)
     }
 }
 
@@ -279,7 +317,12 @@ impl Controller for Lqr {
             let wanted = target.sample(seen.time);
             let [acceleration, jerk, snap] = match (&self.flat, target.reference) {
                 (Some(flat), Reference::Carried(way)) => self.carried(seen, &own, flat, way),
-                _ => [self.acceleration(seen, target, &wanted), [0.0; 3], [0.0; 3]],
+                _ => {
+                    let mut scratch = std::mem::take(&mut self.scratch);
+                    let acceleration = self.acceleration(seen, target, &wanted, &mut scratch);
+                    self.scratch = scratch;
+                    [acceleration, [0.0; 3], [0.0; 3]]
+                }
             };
             self.said = VelocityCommand {
                 acceleration,

@@ -30,7 +30,8 @@
 //! bandwidth of the drones' attitude loops over `SEPARATION`.
 
 use super::allocation::null_space::NullSpaceAllocator;
-use super::allocation::{Affine, Cone, Problem};
+use super::allocation::problem::Rewrite;
+use super::allocation::{Cone, Problem};
 use super::attitude::Orientation;
 use super::cascade::{Rates, Schedule};
 use super::controller::{Controller, Measurement, Note, Target};
@@ -44,9 +45,9 @@ use crate::autodiff::jet::Jet;
 use crate::autodiff::safe;
 use crate::dynamics::Gains;
 use crate::dynamics::spatial::{Mat3, Vec3, add, axpy, cross, dot, inverse, mat_vec, rotate, scale, sub, transpose};
-use crate::dynamics::tree::{Model, Motion, Multibody, Pose, body_poses};
+use crate::dynamics::tree::{Model, Motion, Multibody, Pose, body_poses_into};
 use crate::error::{Error, Result};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, vector};
 
 /// Bandwidth of the drones' attitude loops over c: k_ḃ = 10 c is then 1.25 times that bandwidth, a quarter of the filter's
 /// that carries it out.
@@ -126,6 +127,10 @@ pub struct Transport {
     pulls: Vec<[Vec3<f64>; 3]>,
     /// Jerk and snap of the reference, world.
     ahead: [Vec3<f64>; 2],
+    poses: Vec<Pose<f64>>,
+    /// Equal pulls for the wrench, and the pulls' derivatives, axes of the load.
+    goal: Vec<f64>,
+    rates: [DVector<f64>; 2],
 }
 
 /// Whether a model is a load without rotors under at least two drones, each on a cardan joint of a bar that stands on a
@@ -200,6 +205,9 @@ impl Transport {
             step: 0,
             pulls: vec![[[0.0; 3]; 3]; drones.len()],
             ahead: STILL,
+            poses: Vec::new(),
+            goal: vec![0.0; 3 * drones.len()],
+            rates: [0, 1].map(|_| DVector::zeros(3 * drones.len())),
             system: system.clone(),
             drones,
             bars,
@@ -259,7 +267,8 @@ impl Transport {
         input: &mut [f64],
         wanted: impl FnOnce(&SixAxis<f64>, &Kinematics<f64>) -> Wrench<f64>,
     ) {
-        let poses = body_poses(&self.system, state);
+        let mut poses = std::mem::take(&mut self.poses);
+        body_poses_into(&self.system, state, &mut poses);
         if self.schedule.ticks(self.step)[0] > 0.5 {
             let wrench = wanted(&self.law, &self.tracked(state));
             self.ahead = ahead;
@@ -271,6 +280,7 @@ impl Transport {
             let force = self.push(&poses, j, linear, angular);
             self.drones[j].push(&poses, force, 0.0, input);
         }
+        self.poses = poses;
     }
 
     /// Pulls for a wrench, and their derivatives for the reference's jerk and snap.
@@ -280,19 +290,20 @@ impl Transport {
         let (drones, bars, gravity) = (&self.drones, &self.bars, self.law.body.gravity);
         let lean = self.tilt_limits.pull;
         self.allocation.change(|p| {
-            p.cones = cones(drones, bars, mass * gravity, gravity, up, lean);
-            p.anchor = even(n, mass * gravity, up);
+            cones(&mut p.cones, drones, bars, mass * gravity, gravity, up, lean);
+            p.anchor.iter_mut().enumerate().for_each(|(i, u)| *u = even(n, mass * gravity, up, i));
         });
-        let goal: Vec<f64> = (0..3 * n).map(|i| wrench[i % 3] / n as f64).collect();
-        let inputs = self.allocation.solve(wrench, &goal).to_vec();
-        let rates = ahead.map(|a| {
+        self.goal.iter_mut().enumerate().for_each(|(i, u)| *u = wrench[i % 3] / n as f64);
+        self.allocation.solve(wrench, &self.goal);
+        for (rate, a) in self.rates.iter_mut().zip(ahead) {
             let f = mat_vec(transpose(load.rotation), scale(mass, a));
-            self.allocation.inverse() * DVector::from_column_slice(&[f[0], f[1], f[2], 0.0, 0.0, 0.0])
-        });
+            self.allocation.inverse().mul_to(&vector![f[0], f[1], f[2], 0.0, 0.0, 0.0], rate);
+        }
+        let (inputs, rates) = (self.allocation.inputs(), &self.rates);
         let world = |u: &[f64]| mat_vec(load.rotation, [u[0], u[1], u[2]]);
         for (j, pull) in self.pulls.iter_mut().enumerate() {
             let of = |u: &[f64]| world(&u[3 * j..3 * j + 3]);
-            *pull = [of(&inputs), of(rates[0].as_slice()), of(rates[1].as_slice())];
+            *pull = [of(inputs), of(rates[0].as_slice()), of(rates[1].as_slice())];
         }
     }
 
@@ -411,6 +422,8 @@ fn problem(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Ve
             (0..3).for_each(|i| geometry[(3 + i, 3 * j + k)] = moment[i]);
         }
     }
+    let mut all = Vec::new();
+    cones(&mut all, drones, bars, weight, gravity, up, lean);
     Problem {
         geometry,
         weights: [1.0, 1.0, 1.0, arm.powi(-2), arm.powi(-2), arm.powi(-2)],
@@ -418,27 +431,33 @@ fn problem(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Ve
         preference: vec![0.0; n],
         lower: vec![f64::NEG_INFINITY; n],
         upper: vec![f64::INFINITY; n],
-        cones: cones(drones, bars, weight, gravity, up, lean),
-        anchor: even(bars.len(), weight, up),
+        cones: all,
+        anchor: (0..n).map(|i| even(bars.len(), weight, up, i)).collect(),
     }
 }
 
-/// Upright pulls that share a weight.
-fn even(n: usize, weight: f64, up: Vec3<f64>) -> Vec<f64> {
-    (0..3 * n).map(|i| up[i % 3] * weight / n as f64).collect()
+/// Input i of upright pulls that share a weight.
+fn even(n: usize, weight: f64, up: Vec3<f64>, i: usize) -> f64 {
+    up[i % 3] * weight / n as f64
 }
 
 /// Thrust, lean and least pull of every bar; `up` in the axes of the load.
-fn cones(drones: &[Gimballed], bars: &[Bar], weight: f64, gravity: f64, up: Vec3<f64>, lean: f64) -> Vec<Cone> {
-    let mut list = Vec::new();
+fn cones(
+    list: &mut Vec<Cone>,
+    drones: &[Gimballed],
+    bars: &[Bar],
+    weight: f64,
+    gravity: f64,
+    up: Vec3<f64>,
+    lean: f64,
+) {
+    let mut list = Rewrite::of(list);
     for (j, (drone, bar)) in drones.iter().zip(bars).enumerate() {
         let inputs = [0, 1, 2].map(|k| 3 * j + k);
-        let tail = (0..3).map(|k| Affine { terms: vec![(inputs[k], 1.0)], constant: bar.mass * gravity * up[k] });
-        list.push(Cone { head: Affine::constant(MAX_THRUST_SHARE * drone.max_thrust), tail: tail.collect() });
-        list.push(Cone::tilt(inputs, up, lean.cos()));
-        list.push(Cone::half_space(inputs, up, TAUT * weight / bars.len() as f64));
+        list.ball(inputs, up.map(|up| bar.mass * gravity * up), MAX_THRUST_SHARE * drone.max_thrust);
+        list.tilt(inputs, up, lean.cos());
+        list.half_space(inputs, up, TAUT * weight / bars.len() as f64);
     }
-    list
 }
 
 impl Controller for Transport {

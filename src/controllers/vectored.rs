@@ -35,7 +35,9 @@
 //! Sources: Kamel et al. 2018 (arXiv 1801.04581) and Bodie et al. 2020 (arXiv 2003.09512) for force components of tilting
 //! rotors; the reachable window as half-planes is ours.
 
-use super::allocation::articulated::{at, attitude, composite_inertia, put, resistance, wrench_matrix};
+use super::allocation::articulated::{
+    at, attitude, composite_inertia, composite_inertia_at, put, resistance_at, wrench_matrix, wrench_matrix_into,
+};
 use super::allocation::problem::{Affine, Cone, Problem, WRENCH};
 use super::allocation::{Allocator, Solver};
 use super::attitude::rate_command;
@@ -51,11 +53,12 @@ use crate::dynamics::gains::SATURATION_ANGLE;
 use crate::dynamics::rotor::{holding_action, thrust_action};
 use crate::dynamics::spatial::{Vec3, axpy, cross, dot, inverse, mat_vec, rotate_back, scale, sub};
 use crate::dynamics::tree::{
-    Model, Motion, Multibody, Pose, body_poses, center_of_mass, inverse_dynamics, mass_matrix, momentum, rest_state,
+    Model, Motion, Multibody, Pose, body_poses, body_poses_into, center_of_mass, inverse_dynamics, mass_matrix,
+    momentum, rest_state,
 };
 use crate::dynamics::{GRAVITY, Gains};
 use crate::error::{Error, Result};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use std::f64::consts::{PI, TAU};
 
 /// Largest tilt error that pose loops may ask servos to follow, rad: ω ≤ α̇_max/SWING.
@@ -189,6 +192,37 @@ pub struct Vectored {
     residual: [f64; 2],
     /// Share of its largest thrust that each rotor is known to have.
     health: Vec<f64>,
+    scratch: Scratch,
+}
+
+/// Memory of a tick.
+#[derive(Default)]
+struct Scratch {
+    poses: Vec<Pose<f64>>,
+    /// Of all rotors in the present shape.
+    matrix: DMatrix<f64>,
+    /// Accelerations of joints and the forces that they miss; inputs that hold the rotors' speeds.
+    wanted: Vec<f64>,
+    missing: Vec<f64>,
+    still: Vec<f64>,
+    /// Of all rotors, N, and the moment that they make, N m.
+    thrusts: DVector<f64>,
+    turning: DVector<f64>,
+}
+
+impl Scratch {
+    fn of(system: &Multibody) -> Self {
+        let (n, n_rotor) = (system.layout().n_velocity(), system.model().rotors().len());
+        Self {
+            poses: Vec::new(),
+            matrix: DMatrix::zeros(WRENCH, n_rotor),
+            wanted: vec![0.0; n],
+            missing: vec![0.0; n],
+            still: system.rest_input(),
+            thrusts: DVector::zeros(n_rotor),
+            turning: DVector::zeros(3),
+        }
+    }
 }
 
 /// What each level said last.
@@ -265,6 +299,7 @@ impl Vectored {
             fast: Allocator::new(fast)?,
             residual: [0.0; 2],
             health: vec![1.0; model.rotors().len()],
+            scratch: Scratch::of(system),
             period,
             thrusters,
             law,
@@ -303,38 +338,35 @@ impl Vectored {
     }
 
     /// The wrench for now: the law's force, and its moment through the inverse dynamics of the tree.
-    fn wrench(&self, own: &Kinematics<f64>, state: &[f64], matrix: &DMatrix<f64>) -> Wrench<f64> {
+    fn wrench(&self, own: &Kinematics<f64>, state: &[f64], scratch: &mut Scratch) -> Wrench<f64> {
         let force = rotate_back(own.attitude, self.held.force);
         let wanted = self.law.rate(own, force, &self.held.rate);
         let (j, w) = (self.law.body.inertia, own.angular_velocity);
         let moment = sub([wanted[3], wanted[4], wanted[5]], cross(w, mat_vec(j, w)));
-        let m = self.needed_moment(state, mat_vec(inverse(j), moment), matrix);
+        let m = self.needed_moment(state, mat_vec(inverse(j), moment), scratch);
         [force[0], force[1], force[2], m[0], m[1], m[2]]
     }
 
     /// Moment of the rotors about the centre of mass, body axes, that turns the root with `acceleration` (rad/s²) while
     /// rotors and joints keep their speeds.
-    fn needed_moment(&self, state: &[f64], acceleration: Vec3<f64>, matrix: &DMatrix<f64>) -> Vec3<f64> {
+    fn needed_moment(&self, state: &[f64], acceleration: Vec3<f64>, scratch: &mut Scratch) -> Vec3<f64> {
         let (model, layout) = (self.system.model(), self.system.layout());
-        let mut wanted = vec![0.0; layout.n_velocity()];
+        let Scratch { matrix, wanted, missing, still, thrusts, turning, .. } = scratch;
         wanted[3..6].copy_from_slice(&acceleration);
-        let mut still = self.system.rest_input();
-        let mut thrusts = Vec::with_capacity(model.rotors().len());
         for (r, mounted) in model.rotors().iter().enumerate() {
             let (speed, rotor) = (state[layout.rotor_speed[r]], &mounted.rotor);
             still[layout.rotor_action[r]] = holding_action(rotor.max_speed, speed);
-            thrusts.push(rotor.thrust_coefficient * speed * speed);
+            thrusts[r] = rotor.thrust_coefficient * speed * speed;
         }
-        let mut missing = vec![0.0; layout.n_velocity()];
-        inverse_dynamics(&self.system, state, &still, &wanted, &mut missing);
+        inverse_dynamics(&self.system, state, still, wanted, missing);
         let root = layout.bodies[0].position;
         let lever = sub(center_of_mass(&self.system, state), [state[root], state[root + 1], state[root + 2]]);
         let attitude = attitude(&self.system, state);
         let force = rotate_back(attitude, [missing[0], missing[1], missing[2]]);
         let about = cross(rotate_back(attitude, lever), force);
-        let now = matrix.rows(3, 3) * nalgebra::DVector::from_vec(thrusts);
+        matrix.rows(3, 3).mul_to(thrusts, turning);
         // what thrusts do now was taken off
-        [0, 1, 2].map(|k| missing[3 + k] - about[k] + now[k])
+        [0, 1, 2].map(|k| missing[3 + k] - about[k] + turning[k])
     }
 
     /// Force vectors for a wrench: wanted tilts and thrusts.
@@ -375,7 +407,7 @@ impl Vectored {
     }
 
     /// Thrusts for a wrench at the tilts as they are.
-    fn solve_fast(&mut self, matrix: DMatrix<f64>, wrench: &Wrench<f64>) {
+    fn solve_fast(&mut self, matrix: &DMatrix<f64>, wrench: &Wrench<f64>) {
         let (weights, preference) = (weights(&self.law.body), &self.held.preference);
         if self.fast.set_task(matrix.as_slice(), weights, preference).is_ok() {
             let solution = self.fast.solve(wrench);
@@ -482,16 +514,20 @@ impl Controller for Vectored {
         let own = self.tracked(state);
         let [velocity, attitude, rate] = self.schedule.ticks(self.held.step).map(|tick| tick > 0.5);
         self.held.step += 1;
+        let mut scratch = std::mem::take(&mut self.scratch);
+        if velocity || rate {
+            body_poses_into(&self.system, state, &mut scratch.poses);
+            wrench_matrix_into(&self.system, state, &scratch.poses, &mut scratch.matrix);
+        }
         if velocity {
-            self.law.body.inertia = composite_inertia(&self.system, state);
+            self.law.body.inertia = composite_inertia_at(&self.system, state, &scratch.poses);
             if let Some([tilts, position]) = self.placed {
-                let matrix = wrench_matrix(&self.system, state);
-                let axes = axis_bandwidths(self.system.model(), &matrix, &self.law.body, tilts);
+                let axes = axis_bandwidths(self.system.model(), &scratch.matrix, &self.law.body, tilts);
                 self.law.gains = GainSet::constant(&placed_gains(axes, position, &self.law.body));
             }
             let wanted = target.sample(time);
             let mut command = velocity_command(&self.law.gains, &wanted, &own);
-            let drag = mat_vec(resistance(&self.system, state), wanted.velocity);
+            let drag = mat_vec(resistance_at(&self.system, state, &scratch.poses), wanted.velocity);
             command.acceleration = axpy(command.acceleration, 1.0 / self.law.body.mass, drag);
             self.held.force = self.law.force(&own, &command);
         }
@@ -500,15 +536,15 @@ impl Controller for Vectored {
             self.held.rate = rate_command(&self.law.gains, &wanted, own.attitude, own.angular_velocity);
         }
         if velocity || rate {
-            let matrix = wrench_matrix(&self.system, state);
-            let wrench = self.wrench(&own, state, &matrix);
+            let wrench = self.wrench(&own, state, &mut scratch);
             if velocity {
                 self.solve_slow(state, &wrench);
             }
             if rate {
-                self.solve_fast(matrix, &wrench);
+                self.solve_fast(&scratch.matrix, &wrench);
             }
         }
+        self.scratch = scratch;
         self.turn(state, input);
         for (r, thrust) in self.fast.solution().inputs.iter().enumerate() {
             let most = self.health[r] * self.system.model().rotors()[r].rotor.max_thrust();

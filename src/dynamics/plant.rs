@@ -151,42 +151,74 @@ impl Plant {
 
     /// The state, number by number.
     pub fn state_quantities(&self) -> Vec<Quantity> {
-        let Self::Tree(m) = self else {
-            let mut all = root_quantities("");
-            all.extend(self.rotors().iter().map(|r| Quantity::new(format!("{}.speed", r.name), "rad/s")));
-            return all;
-        };
-        let (model, layout) = (m.model(), m.layout());
-        let mut all = vec![Quantity::new("", "-"); layout.n_state()];
-        for (body, place) in model.bodies().iter().zip(&layout.bodies) {
-            let joint = &body.joint.name;
-            let mut put = |at: usize, name: String, unit| all[at] = Quantity::new(name, unit);
-            match body.joint.motion {
-                Motion::Floating => {
-                    let prefix = if layout.trees.len() > 1 { format!("{}.", body.name) } else { String::new() };
-                    let own = root_quantities(&prefix);
-                    all[place.position..place.position + RIGID_DIM].clone_from_slice(&own);
-                }
-                Motion::Ball => {
-                    ["w", "x", "y", "z"].iter().enumerate().for_each(|(k, c)| {
-                        put(place.position + k, format!("{joint}.attitude_{c}"), "-");
-                    });
-                    ["x", "y", "z"].iter().enumerate().for_each(|(k, c)| {
-                        put(place.velocity + k, format!("{joint}.rate_{c}"), "rad/s");
-                    });
-                }
-                Motion::Revolute(_) => {
-                    put(place.position, joint.clone(), "rad");
-                    put(place.velocity, format!("{joint}.rate"), "rad/s");
-                }
-                Motion::Prismatic(_) => {
-                    put(place.position, joint.clone(), "m");
-                    put(place.velocity, format!("{joint}.rate"), "m/s");
+        let several = self.roots().len() > 1;
+        self.state_numbers(|owner, what| match owner {
+            Owner::Body(body) if several => format!("{body}.{what}"),
+            Owner::Body(_) => what.into(),
+            Owner::Joint(joint) if [ANGLE, SHIFT].contains(&what) => joint.into(),
+            Owner::Joint(name) | Owner::Rotor(name) => format!("{name}.{what}"),
+        })
+    }
+
+    /// The state, then the actions, in words: `velocity_x of body 'arm'`.
+    pub(crate) fn numbers_in_words(&self) -> Vec<Quantity> {
+        let mut all = self.state_numbers(|owner, what| match owner {
+            Owner::Body(name) => format!("{what} of body '{name}'"),
+            Owner::Joint(name) => format!("{what} of joint '{name}'"),
+            Owner::Rotor(name) => format!("{what} of rotor '{name}'"),
+        });
+        let rotors = self.rotors().into_iter().zip(self.rotor_places());
+        let mut actions: Vec<_> =
+            rotors.map(|(rotor, place)| (place.action, format!("action of rotor '{}'", rotor.name))).collect();
+        if let Self::Tree(m) = self {
+            let drives = m.model().bodies().iter().zip(&m.layout().drive);
+            actions.extend(
+                drives.filter_map(|(body, at)| Some(((*at)?, format!("command of joint '{}'", body.joint.name)))),
+            );
+        }
+        actions.sort();
+        all.extend(actions.into_iter().map(|(_, name)| Quantity::new(name, "-")));
+        all
+    }
+
+    /// The numbers of the state, named by `name` after what has them and what they are.
+    fn state_numbers(&self, name: impl Fn(Owner<'_>, &str) -> String) -> Vec<Quantity> {
+        let mut all = vec![Quantity::new("", "-"); self.n_state()];
+        let mut put = |at: usize, owner: Owner<'_>, what: &str, unit| all[at] = Quantity::new(name(owner, what), unit);
+        let root = |first: usize| ROOT.iter().enumerate().map(move |(k, (what, unit))| (first + k, *what, *unit));
+        match self {
+            Self::Rigid(m) => root(0).for_each(|(at, what, unit)| put(at, Owner::Body(&m.vehicle().name), what, unit)),
+            Self::Tree(m) => {
+                for (body, place) in m.model().bodies().iter().zip(&m.layout().bodies) {
+                    let owner = match body.joint.motion {
+                        Motion::Floating => Owner::Body(&body.name),
+                        _ => Owner::Joint(&body.joint.name),
+                    };
+                    let mut put = |at: usize, what: &str, unit| put(at, owner, what, unit);
+                    match body.joint.motion {
+                        Motion::Floating => root(place.position).for_each(|(at, what, unit)| put(at, what, unit)),
+                        Motion::Ball => {
+                            ["w", "x", "y", "z"].iter().enumerate().for_each(|(k, c)| {
+                                put(place.position + k, &format!("attitude_{c}"), "-");
+                            });
+                            ["x", "y", "z"].iter().enumerate().for_each(|(k, c)| {
+                                put(place.velocity + k, &format!("rate_{c}"), "rad/s");
+                            });
+                        }
+                        Motion::Revolute(_) => {
+                            put(place.position, ANGLE, "rad");
+                            put(place.velocity, "rate", "rad/s");
+                        }
+                        Motion::Prismatic(_) => {
+                            put(place.position, SHIFT, "m");
+                            put(place.velocity, "rate", "m/s");
+                        }
+                    }
                 }
             }
         }
-        for (mounted, at) in model.rotors().iter().zip(&layout.rotor_speed) {
-            all[*at] = Quantity::new(format!("{}.speed", mounted.rotor.name), "rad/s");
+        for (rotor, place) in self.rotors().into_iter().zip(self.rotor_places()) {
+            put(place.speed, Owner::Rotor(&rotor.name), "speed", "rad/s");
         }
         all
     }
@@ -342,20 +374,34 @@ impl System for Plant {
     }
 }
 
-/// The 13 numbers of a floating root.
-fn root_quantities(prefix: &str) -> Vec<Quantity> {
-    let block = |what: &str, axes: &[&str], unit| -> Vec<Quantity> {
-        axes.iter().map(|axis| Quantity::new(format!("{prefix}{what}_{axis}"), unit)).collect()
-    };
-    let xyz = ["x", "y", "z"];
-    [
-        block("position", &xyz, "m"),
-        block("velocity", &xyz, "m/s"),
-        block("attitude", &["w", "x", "y", "z"], "-"),
-        block("angular_velocity", &xyz, "rad/s"),
-    ]
-    .concat()
+/// What has a number of the state.
+#[derive(Clone, Copy)]
+enum Owner<'a> {
+    Body(&'a str),
+    Joint(&'a str),
+    Rotor(&'a str),
 }
+
+/// Coordinates of hinges and slides.
+const ANGLE: &str = "angle";
+const SHIFT: &str = "displacement";
+
+/// The 13 numbers of a floating root, with units.
+const ROOT: [(&str, &str); RIGID_DIM] = [
+    ("position_x", "m"),
+    ("position_y", "m"),
+    ("position_z", "m"),
+    ("velocity_x", "m/s"),
+    ("velocity_y", "m/s"),
+    ("velocity_z", "m/s"),
+    ("attitude_w", "-"),
+    ("attitude_x", "-"),
+    ("attitude_y", "-"),
+    ("attitude_z", "-"),
+    ("angular_velocity_x", "rad/s"),
+    ("angular_velocity_y", "rad/s"),
+    ("angular_velocity_z", "rad/s"),
+];
 
 /// A rotor that keeps a share of its largest thrust.
 fn weaken(rotor: &mut Rotor, effectiveness: f64) {

@@ -26,10 +26,10 @@ use super::nn::{AdamConfig, Layers};
 use super::policy::{Actor, Policy};
 use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
 use super::schedule::Schedule;
-use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards};
+use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::warm_start::WarmStart;
-use super::window::{Window, gather, windows};
+use super::window::{Window, check_windows, gather, windows};
 
 pub use super::window::Objective;
 
@@ -152,7 +152,9 @@ impl Apg {
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: ApgConfig, seed: u64, threads: Threads) -> Result<Self> {
         config.validate()?;
         let env = EnvConfig { n_env: config.n_env, seed, ..env.clone() };
-        let shards = shards(make, &env, config.shard)?;
+        let shards = shards_if(make, &env, config.shard, |first, n| {
+            check_windows(first, n, &Actor::new(first.spec(), &config.network, true)?, config.horizon)
+        })?;
         let actor = Actor::new(shards[0].env.spec(), &config.network, true)?;
         // the weight of a step: the mean over all environments and steps of the window
         let loss_scale = 1.0 / (config.n_env * config.horizon) as f32;

@@ -22,14 +22,14 @@ use super::policy::{Actor, Policy, ROWS};
 use super::policy_io::load_policy;
 use super::policy_optimiser::PolicyOptimiser;
 use super::schedule::Schedule;
-use super::shards::{Make, Shard, begin_statistics, episodes, normalise, set_difficulty, shards, within_memory};
+use super::shards::{Make, Shard, begin_statistics, episodes, normalise, set_difficulty, shards_if, within_memory};
 use super::state;
 use super::warm_start::WarmStart;
 use super::window::mask_nonfinite;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
-use crate::tasks::{Baseline, Buffers, Env, EnvConfig};
+use crate::tasks::{Baseline, Buffers, Env, EnvConfig, Spec};
 use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -283,13 +283,15 @@ impl Dagger {
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: DaggerConfig, seed: u64, threads: Threads) -> Result<Self> {
         config.validate()?;
         let env = EnvConfig { n_env: config.n_env, seed, stagger: false, ..env.clone() };
-        let shards = shards(make, &env, config.shard)?;
+        let rows = |spec: &Spec| config.n_env as u128 * spec.n_agent as u128 * config.steps as u128;
+        let shards = shards_if(make, &env, config.shard, |first, _| {
+            let spec = first.spec();
+            let each = (spec.n_observation + spec.action.len()) as u128;
+            within_memory("rows of an update", rows(spec), 4 * rows(spec) * each, env.memory_limit)
+        })?;
         let spec = shards[0].env.spec().clone();
         let actor = Actor::new(&spec, &config.network, true)?;
-        let rows = config.n_env as u128 * spec.n_agent as u128 * config.steps as u128;
-        let each = (spec.n_observation + spec.action.len()) as u128;
-        within_memory("rows of an update", rows, 4 * rows * each, env.memory_limit)?;
-        let rows = rows as usize;
+        let rows = rows(&spec) as usize;
         let per_batch = rows.div_ceil(config.minibatches);
         let batch = Minibatch::new(&actor.mlp, actor.head.n_extra(), per_batch, env.memory_limit)?;
         let workers = shards.into_iter().map(|shard| Worker::new(shard, &actor, &config, make));

@@ -33,7 +33,7 @@ use super::nn::head::Head;
 use super::nn::{Adam, Output, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy, ROWS};
 use super::rollout::{Collector, CriticSees, How, Rollout, Shape};
-use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards};
+use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::value_norm::ValueNorm;
 use super::warm_start::WarmStart;
@@ -195,11 +195,12 @@ impl Ppo {
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: PpoConfig, seed: u64, threads: Threads) -> Result<Self> {
         config.validate()?;
         let env = EnvConfig { n_env: config.n_env, seed, ..config.seen(env) };
-        let shards = shards(make, &env, config.shard)?;
-        let spec = shards[0].env.spec().clone();
         let sees = CriticSees { central: config.central_critic, privileged: config.privileged_critic };
+        let shards = shards_if(make, &env, config.shard, |first, _| {
+            Shape::new(first.spec(), config.steps, sees).check(config.n_env, env.memory_limit)
+        })?;
+        let spec = shards[0].env.spec().clone();
         let shape = Shape::new(&spec, config.steps, sees);
-        shape.check(config.n_env, env.memory_limit)?;
         let actor = Actor::new(&spec, &config.network, false)?;
         let stream = |episode| Stream::new(seed, 0, episode, Purpose::LEARNING);
         let mut parameters = actor.mlp.init(&mut stream(0));

@@ -27,10 +27,10 @@ use super::nn::{Activation, AdamConfig, Layers, Memory, Scratch};
 use super::policy::{Actor, Policy};
 use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
 use super::schedule::Schedule;
-use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards};
+use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::warm_start::WarmStart;
-use super::window::{Objective, Window, gather, windows};
+use super::window::{Objective, Window, check_windows, gather, windows};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
@@ -246,7 +246,9 @@ impl Shac {
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: ShacConfig, seed: u64, threads: Threads) -> Result<Self> {
         config.validate()?;
         let env = EnvConfig { n_env: config.n_env, seed, ..env.clone() };
-        let shards = shards(make, &env, config.shard)?;
+        let shards = shards_if(make, &env, config.shard, |first, n| {
+            check_windows(first, n, &Actor::new(first.spec(), &config.network, true)?, config.horizon)
+        })?;
         let spec = shards[0].env.spec().clone();
         let actor = Actor::new(&spec, &config.network, true)?;
         // the weight of a step: the mean over all environments and steps of the window

@@ -32,6 +32,17 @@ pub struct Shard {
 /// # Errors
 /// [`Error::Value`] for a size of 0, [`Error::Limit`] if all of them need too much memory; otherwise as `make`.
 pub fn shards(make: &Make<'_>, config: &EnvConfig, size: usize) -> Result<Vec<Shard>> {
+    shards_if(make, config, size, |_, _| Ok(()))
+}
+
+/// As [`shards`], once `fits` finds that the first of so many leaves room for what else is needed: a refusal takes one shard's
+/// time and memory.
+pub(crate) fn shards_if(
+    make: &Make<'_>,
+    config: &EnvConfig,
+    size: usize,
+    fits: impl FnOnce(&Env, usize) -> Result<()>,
+) -> Result<Vec<Shard>> {
     if size == 0 {
         return Err(Error::value("shard", size, "≥ 1", "64 fits the blocks of environments."));
     }
@@ -53,17 +64,13 @@ pub fn shards(make: &Make<'_>, config: &EnvConfig, size: usize) -> Result<Vec<Sh
         env.reset(None, None, &mut out.out())?;
         Ok(Shard { env, out })
     };
-    let n = config.n_env.div_ceil(size);
-    let mut all = Vec::new();
-    for first in (0..config.n_env).step_by(size) {
-        all.push(shard(first)?);
-        if let [first] = &all[..] {
-            let spec = first.env.spec();
-            let bytes = spec.bytes_per_env as u128 * spec.n_env as u128 * n as u128;
-            within_memory("n_env", config.n_env, bytes, config.memory_limit)?;
-        }
-    }
-    Ok(all)
+    let n = config.n_env.div_ceil(size).max(1);
+    let first = shard(0)?;
+    let spec = first.env.spec();
+    let bytes = spec.bytes_per_env as u128 * spec.n_env as u128 * n as u128;
+    within_memory("n_env", config.n_env, bytes, config.memory_limit)?;
+    fits(&first.env, n)?;
+    std::iter::once(Ok(first)).chain((1..n).map(|k| shard(k * size))).collect()
 }
 
 /// Whether what is about to be made fits.
@@ -149,4 +156,33 @@ pub fn episodes(spec: &Spec, out: &Buffers) -> Episodes {
         }
     }
     seen
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::parallel::Threads;
+    use crate::rl::TrainConfig;
+    use crate::tasks::Env;
+    use std::cell::Cell;
+
+    /// A thousand shards would have been made and reset before the refusal.
+    #[test]
+    fn what_does_not_fit_beside_the_shards_is_refused_after_the_first() {
+        for text in [
+            "apg = { n_env = 64000, shard = 64, horizon = 65536 }",
+            "algorithm = 'shac'\nshac = { n_env = 64000, shard = 64, horizon = 65536 }",
+            "algorithm = 'ppo'\nppo = { n_env = 64000, shard = 64, steps = 65536 }",
+            "algorithm = 'dagger'\ndagger = { n_env = 64000, shard = 64, steps = 65536 }",
+        ] {
+            let made = Cell::new(0);
+            let make = |config: &crate::tasks::EnvConfig| {
+                made.set(made.get() + 1);
+                Env::make("Hover", config)
+            };
+            let config = TrainConfig::for_task("Hover", None, Some((text, "large"))).unwrap();
+            let threads = Threads::new(1).unwrap();
+            let refused = config.algorithm.learner(&make, &config.env, 0, threads).map(drop).unwrap_err();
+            assert!(refused.is_limit() && made.get() == 1, "{text}: {refused}, {} shards", made.get());
+        }
+    }
 }

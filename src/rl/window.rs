@@ -6,7 +6,7 @@ use super::nn::{Memory, Pass, Scratch, Weights};
 use super::policy::Actor;
 use super::shards::{Shard, episodes, within_memory};
 use crate::error::{Error, Result};
-use crate::tasks::{Adjoint, Column, Cotangents, Seeds, StepOut, Sweep, SweepOptions, Tape};
+use crate::tasks::{Adjoint, Column, Cotangents, Env, Seeds, StepOut, Sweep, SweepOptions, Tape};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
@@ -122,6 +122,19 @@ pub fn gather<'a>(
     Ok(seen)
 }
 
+/// Whether windows of `horizon` steps fit for so many shards like this one.
+///
+/// # Errors
+/// [`Error::Limit`] otherwise.
+pub(crate) fn check_windows(shard: &Env, n_shard: usize, actor: &Actor, horizon: usize) -> Result<()> {
+    let spec = shard.spec();
+    let row = 3 * spec.n_observation + spec.action.len() + actor.mlp.n_activation();
+    let tape = shard.layout().n_kept().div_ceil(spec.n_agent);
+    let n_agent = spec.n_env as u128 * spec.n_agent as u128;
+    let of_shard = (row + tape) as u128 * n_agent * horizon as u128 + actor.n_parameter() as u128;
+    within_memory("window", horizon, 4 * n_shard as u128 * of_shard, spec.config.memory_limit)
+}
+
 /// Windows of `horizon` steps for all shards. Their adjoint program is derived once.
 ///
 /// # Errors
@@ -135,13 +148,7 @@ pub fn windows(
 ) -> Result<Vec<Window>> {
     let mut adjoint: Option<(usize, Adjoint)> = None;
     if let Some(first) = shards.first() {
-        let spec = first.env.spec();
-        let row = 3 * spec.n_observation + spec.action.len() + actor.mlp.n_activation();
-        let tape = first.env.layout().n_kept().div_ceil(spec.n_agent);
-        let (n_shard, n_agent) = (shards.len() as u128, spec.n_env as u128 * spec.n_agent as u128);
-        let of_shard = (row + tape) as u128 * n_agent * horizon as u128 + actor.n_parameter() as u128;
-        let bytes = 4 * n_shard * of_shard;
-        within_memory("window", horizon, bytes, spec.config.memory_limit)?;
+        check_windows(&first.env, shards.len(), actor, horizon)?;
     }
     let each = shards.into_iter().map(|shard| {
         let n = shard.env.spec().n_env;

@@ -2,6 +2,7 @@
 
 use super::env::{Column, Env, Spec};
 use super::evaluate::Watched;
+use crate::dynamics::batch::Breach;
 use crate::error::{Error, Result};
 use serde::Serialize;
 
@@ -71,6 +72,8 @@ pub struct Record {
     pub lines: Vec<Vec<f32>>,
     /// `[E, info]`: the columns of [`Spec::info`] in the last step of every episode.
     pub last: Vec<f32>,
+    /// What broke where a simulation diverged, per environment.
+    breaches: Vec<Option<Breach>>,
     spec: Spec,
     /// Sums of terms one step ago.
     before: Vec<f32>,
@@ -86,6 +89,7 @@ impl Record {
             steps: Vec::new(),
             lines: vec![Vec::new(); n_line.min(n)],
             last: vec![0.0; n * spec.info.len()],
+            breaches: vec![None; n],
             before: vec![0.0; n * spec.reward.len()],
             row: Vec::with_capacity(n),
             spec,
@@ -109,6 +113,9 @@ impl Record {
         let info = |i: usize, k: usize| watched.out.info[i * width + k];
         for i in &flying {
             self.last[i * width..][..width].copy_from_slice(&watched.out.info[i * width..][..width]);
+            if info(*i, Column::Reason.index()) as usize > self.spec.ends.len() {
+                self.breaches[*i] = watched.env.breach(*i).ok().flatten();
+            }
         }
         for (i, line) in self.lines.iter_mut().enumerate().filter(|(i, _)| watched.flying[*i]) {
             line.push(if first < width { info(i, first) } else { 0.0 });
@@ -148,6 +155,11 @@ impl Record {
     /// Column `column` of [`Spec::info`] at the end of every episode; empty if there is no such column.
     pub fn ended(&self, column: usize) -> Vec<f32> {
         self.last.chunks_exact(self.spec.info.len()).filter_map(|row| row.get(column).copied()).collect()
+    }
+
+    /// What broke in episode `environment`, where it ended as `diverged`.
+    pub fn breach(&self, environment: usize) -> Option<&Breach> {
+        self.breaches.get(environment)?.as_ref()
     }
 
     /// Why episode `environment` ended: a name of [`Spec::ends`], `diverged`, or `time`.

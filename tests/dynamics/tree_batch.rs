@@ -318,6 +318,15 @@ fn one_poisoned_environment_stops_with_a_reason_and_touches_no_bit_of_its_neighb
             assert_eq!(others, clean.failures(), "{name}: others");
             assert_eq!(own.len(), 1, "{name}: reported once");
             assert_eq!(own[0].reason, poison.reason(), "{name}");
+            let breach = world.breach(victim).unwrap();
+            match poison {
+                Poison::NanAction => assert!(
+                    breach.value.is_nan()
+                        && ["action of rotor '", "command of joint '"].iter().any(|w| breach.quantity.starts_with(w)),
+                    "{name}: {breach}"
+                ),
+                _ => drop(blamed(&world, &own[0], &script.model)),
+            }
             assert_eq!(row(&world, victim), healthy, "{name}: keeps its last healthy state");
             for i in (0..N as usize).filter(|i| *i != victim) {
                 assert_eq!(row(&world, i), row(&clean, i), "{name}: environment {i}");
@@ -343,9 +352,21 @@ fn assert_contained(world: &World, what: &str) {
     assert!(states.iter().all(|x| x.is_finite() && x.abs() < 1e8), "{what}");
 }
 
+/// Why an environment stopped, which names a number of the state that is out of bounds, and the body, joint or rotor of the
+/// model that has it.
+fn blamed(world: &World, failure: &Stopped, model: &Model) -> String {
+    let breach = world.breach(failure.environment).unwrap();
+    assert!(!breach.value.is_finite() || breach.value.abs() >= breach.limit && breach.limit == 1e8, "{breach}");
+    let bodies =
+        model.bodies().iter().flat_map(|b| [format!("body '{}'", b.name), format!("joint '{}'", b.joint.name)]);
+    let rotors = model.rotors().iter().map(|r| format!("rotor '{}'", r.rotor.name));
+    let owner = bodies.chain(rotors).find(|owner| breach.quantity.ends_with(&format!(" of {owner}")));
+    owner.unwrap_or_else(|| panic!("{}: {breach}", model.name()))
+}
+
 #[test]
 fn steps_of_a_tenth_of_a_second_are_contained_however_stiff_the_joints() {
-    let mut diverged = 0;
+    let (mut diverged, mut blame) = (0, Vec::new());
     for script in Script::all(Physics { dt: 0.1, ..Physics::default() }) {
         let all: Vec<u64> = (0..64).collect();
         let mut world = script.world(&all, 1);
@@ -355,11 +376,20 @@ fn steps_of_a_tenth_of_a_second_are_contained_however_stiff_the_joints() {
             assert_contained(&world, &format!("{}, step {step}", script.name));
         }
         assert!(world.failures().iter().all(|f| f.reason == Reason::Diverged), "{}", script.name);
+        blame.extend(world.failures().iter().map(|f| blamed(&world, f, &script.model)));
         diverged += world.failures().len();
+        if let Some(first) = world.failures().first().map(|f| f.environment) {
+            println!("{}: {}", script.name, world.breach(first).unwrap());
+            script.place(&mut world, first, 0);
+            assert!(world.breach(first).is_none(), "{}", script.name);
+        }
     }
     // measured 355 of 640
     println!("{diverged} diverged");
     assert!((100..540).contains(&diverged), "too easy or too hard: {diverged}");
+    let of = |what: &str| blame.iter().filter(|owner| owner.starts_with(what)).count();
+    println!("{} by a body, {} by a joint, {} by a rotor", of("body"), of("joint"), of("rotor"));
+    assert!(of("joint") > 0 && of("body") > 0 && blame.len() == diverged, "{blame:?}");
 }
 
 #[test]

@@ -496,7 +496,11 @@ impl Flown {
     fn ends(&self) -> Table {
         let (spec, e) = (self.record.spec(), &self.evaluation);
         let mut table = Table::new(&[("reason", Align::Left), ("episodes", Align::Right), ("when", Align::Left)]);
-        for (end, share) in spec.ends.iter().chain([&spec.diverged()]).zip(&e.ends) {
+        let mut diverged = spec.diverged();
+        if let Some((i, breach)) = (0..spec.n_env).find_map(|i| Some((i, self.record.breach(i)?))) {
+            diverged.condition += &format!(": in episode {i} {breach}");
+        }
+        for (end, share) in spec.ends.iter().chain([&diverged]).zip(&e.ends) {
             table.row([&end.name, &share_of(*share, spec.n_env), &end.condition]);
         }
         table.row(["time", &percent(1.0 - e.crashed), &format!("{} steps are over", spec.horizon)]);

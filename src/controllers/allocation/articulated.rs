@@ -14,17 +14,20 @@ use nalgebra::DMatrix;
 /// # Panics
 /// If the state is shorter than the layout says.
 pub fn wrench_matrix(system: &Multibody, state: &[f64]) -> DMatrix<f64> {
-    let (poses, center) = (body_poses(system, state), center_of_mass(system, state));
-    let root = attitude(system, state);
-    let rotors = system.model().rotors();
-    let mut matrix = DMatrix::zeros(WRENCH, rotors.len());
-    for (j, mounted) in rotors.iter().enumerate() {
+    let mut matrix = DMatrix::zeros(WRENCH, system.model().rotors().len());
+    wrench_matrix_into(system, state, &body_poses(system, state), &mut matrix);
+    matrix
+}
+
+/// As [`wrench_matrix`], with the poses of the state.
+pub(crate) fn wrench_matrix_into(system: &Multibody, state: &[f64], poses: &[Pose<f64>], matrix: &mut DMatrix<f64>) {
+    let (center, root) = (center_of_mass(system, state), attitude(system, state));
+    for (j, mounted) in system.model().rotors().iter().enumerate() {
         let (rotor, pose) = (&mounted.rotor, &poses[mounted.body]);
         let (axis, lever) = (mat_vec(pose.rotation, rotor.axis), sub(at(pose, rotor.position), center));
         let moment = axpy(cross(lever, axis), -rotor.spin * rotor.moment_per_thrust, axis);
-        put(&mut matrix, j, rotate_back(root, axis), rotate_back(root, moment));
+        put(matrix, j, rotate_back(root, axis), rotate_back(root, moment));
     }
-    matrix
 }
 
 /// J about the instantaneous centre of mass, in the axes of the root, joints held, kg m².
@@ -32,10 +35,14 @@ pub fn wrench_matrix(system: &Multibody, state: &[f64]) -> DMatrix<f64> {
 /// # Panics
 /// If the state is shorter than the layout says.
 pub fn composite_inertia(system: &Multibody, state: &[f64]) -> [[f64; 3]; 3] {
-    let (poses, center) = (body_poses(system, state), center_of_mass(system, state));
-    let root = attitude(system, state);
+    composite_inertia_at(system, state, &body_poses(system, state))
+}
+
+/// As [`composite_inertia`], with the poses of the state.
+pub(crate) fn composite_inertia_at(system: &Multibody, state: &[f64], poses: &[Pose<f64>]) -> [[f64; 3]; 3] {
+    let (center, root) = (center_of_mass(system, state), attitude(system, state));
     let mut total = [[0.0; 3]; 3];
-    for (body, pose) in system.model().bodies().iter().zip(&poses).filter(|(b, _)| b.mass > 0.0) {
+    for (body, pose) in system.model().bodies().iter().zip(poses).filter(|(b, _)| b.mass > 0.0) {
         let lever = rotate_back(root, sub(at(pose, body.center_of_mass), center));
         for k in 0..3 {
             let mut unit = [0.0; 3];
@@ -61,7 +68,12 @@ pub fn composite_inertia(system: &Multibody, state: &[f64]) -> [[f64; 3]; 3] {
 /// # Panics
 /// If the state is shorter than the layout says.
 pub fn resistance(system: &Multibody, state: &[f64]) -> [[f64; 3]; 3] {
-    let (poses, effects) = (body_poses(system, state), system.physics().effects);
+    resistance_at(system, state, &body_poses(system, state))
+}
+
+/// As [`resistance`], with the poses of the state.
+pub(crate) fn resistance_at(system: &Multibody, state: &[f64], poses: &[Pose<f64>]) -> [[f64; 3]; 3] {
+    let effects = system.physics().effects;
     let mut total = [[0.0; 3]; 3];
     // Σ d e eᵀ
     let mut along = |d: f64, e: Vec3<f64>| {
@@ -72,7 +84,7 @@ pub fn resistance(system: &Multibody, state: &[f64]) -> [[f64; 3]; 3] {
         }
     };
     if effects.body_drag {
-        for (body, pose) in system.model().bodies().iter().zip(&poses) {
+        for (body, pose) in system.model().bodies().iter().zip(poses) {
             (0..3).for_each(|k| along(body.drag.linear[k], [0, 1, 2].map(|i| pose.rotation[i][k])));
         }
     }

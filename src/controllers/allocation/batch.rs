@@ -9,6 +9,7 @@ use super::problem::{Problem, WRENCH};
 use crate::autodiff::lanes::{Lanes, RegisterKernel, each_register};
 use crate::autodiff::safe;
 use crate::error::{Error, Result};
+use crate::memory::Request;
 use crate::parallel::Threads;
 
 /// Environments per block.
@@ -73,7 +74,7 @@ impl BatchAllocator {
     ///
     /// # Errors
     /// [`Error::Limit`] for more than `MAX_LANE_INPUTS` inputs, [`Error::Value`] for cones or a ρ below
-    /// `LANE_REGULARISATION` of the largest entry of H; otherwise as [`Problem::validate`].
+    /// `LANE_REGULARISATION` of the largest entry of H, [`Error::Limit`] for more memory than is left; otherwise as [`Problem::validate`].
     pub fn new(problem: &Problem, n_env: usize, steps: usize, threads: Threads) -> Result<Self> {
         problem.validate()?;
         let n = problem.n_input();
@@ -89,6 +90,11 @@ impl BatchAllocator {
             let remedy = "Raise problem.regularisation: f32 cannot tell less from rounding.";
             return Err(Error::value("allocation: regularisation in lanes", rho, format!("≥ {least:.1e}"), remedy));
         }
+        let bytes = n_env.div_ceil(BLOCK) as u128 * size_of::<Block>() as u128
+            + (2 * n * size_of::<f32>()) as u128 * n_env as u128;
+        let less = "Allocate for fewer environments at once";
+        let request = Request { what: "allocation: n_env", value: n_env, bytes, limit: u64::MAX, setting: "it", less };
+        request.check(|limit| format!("0 to {:.0}", n_env as f64 * (limit as f64 / bytes as f64)))?;
         let shared = Shared::of(problem, steps)?;
         let zero = [[0.0; BLOCK]; MAX_LANE_INPUTS];
         let block = Block {

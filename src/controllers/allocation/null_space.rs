@@ -13,7 +13,7 @@ use super::allocator::{Allocator, Counts, Solver};
 use super::problem::{Problem, WRENCH};
 use crate::controllers::controller::Note;
 use crate::error::Result;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, SVector};
 
 /// Weakest direction of a wrench, over the strongest, that inputs are spent on.
 pub const WEAK: f64 = 0.02;
@@ -24,7 +24,11 @@ pub(crate) const GIVE: f64 = 1e-3;
 pub struct NullSpaceAllocator {
     problem: Problem,
     allocator: Allocator,
+    /// Of this geometry.
+    geometry: DMatrix<f64>,
     inverse: DMatrix<f64>,
+    /// B⁺ times what a goal misses.
+    step: DVector<f64>,
     inputs: Vec<f64>,
     free: u64,
 }
@@ -41,7 +45,8 @@ impl NullSpaceAllocator {
         let allocator = Allocator::new(problem.clone())?;
         let inputs = if problem.cones.is_empty() { problem.preference.clone() } else { problem.anchor.clone() };
         let inverse = pseudo_inverse(&problem);
-        Ok(Self { problem, allocator, inverse, inputs, free: 0 })
+        let (geometry, step) = (problem.geometry.clone(), DVector::zeros(n));
+        Ok(Self { problem, allocator, geometry, inverse, step, inputs, free: 0 })
     }
 
     /// B⁺, n × 6.
@@ -57,9 +62,9 @@ impl NullSpaceAllocator {
 
     /// Changes geometry, bounds or cones.
     pub fn change(&mut self, change: impl FnOnce(&mut Problem)) {
-        let before = self.problem.geometry.clone();
         change(&mut self.problem);
-        if self.problem.geometry != before {
+        if self.problem.geometry != self.geometry {
+            self.geometry.clone_from(&self.problem.geometry);
             self.inverse = pseudo_inverse(&self.problem);
             self.problem.regularisation = give(&self.problem);
         }
@@ -88,11 +93,14 @@ impl NullSpaceAllocator {
         )
     }
 
-    /// The inputs for a wrench. Where nothing is certified the last ones are held.
+    /// The inputs for a wrench. Where nothing is certified the last ones are held. Allocates where a limit acts: the cone
+    /// program and clarabel do.
     pub fn solve(&mut self, wrench: &[f64; WRENCH], goal: &[f64]) -> &[f64] {
         let rest = self.problem.miss(wrench, goal);
-        let change = &self.inverse * DVector::from_column_slice(&rest);
-        self.problem.preference = goal.iter().zip(&change).map(|(g, c)| g - c).collect();
+        self.inverse.mul_to(&SVector::<f64, WRENCH>::from(rest), &mut self.step);
+        for ((wish, g), c) in self.problem.preference.iter_mut().zip(goal).zip(&self.step) {
+            *wish = g - c;
+        }
         if self.problem.violation(&self.problem.preference) == 0.0 {
             self.free += 1;
             self.inputs.copy_from_slice(&self.problem.preference);

@@ -44,6 +44,13 @@ impl Affine {
         Self { terms: terms.into_iter().collect(), constant: 0.0 }
     }
 
+    /// Other numbers, in the memory of the old ones.
+    fn set(&mut self, constant: f64, terms: impl IntoIterator<Item = (usize, f64)>) {
+        self.constant = constant;
+        self.terms.clear();
+        self.terms.extend(terms);
+    }
+
     /// Its value at u.
     pub fn at(&self, u: &[f64]) -> f64 {
         self.terms.iter().fold(self.constant, |sum, (j, a)| sum + a * u[*j])
@@ -101,6 +108,58 @@ impl Cone {
 
     pub(super) fn rows_mut(&mut self) -> impl Iterator<Item = &mut Affine> {
         std::iter::once(&mut self.head).chain(&mut self.tail)
+    }
+}
+
+/// Writes cones over those of the tick before: where their sizes stay, nothing is allocated. Those that are not written over
+/// go away with it.
+pub(crate) struct Rewrite<'a> {
+    cones: &'a mut Vec<Cone>,
+    n: usize,
+}
+
+impl<'a> Rewrite<'a> {
+    pub(crate) fn of(cones: &'a mut Vec<Cone>) -> Self {
+        Self { cones, n: 0 }
+    }
+
+    /// ‖(u_i + offset_i)‖ ≤ `radius`.
+    pub(crate) fn ball<const N: usize>(&mut self, inputs: [usize; N], offset: [f64; N], radius: f64) {
+        let cone = self.next(N);
+        cone.head.set(radius, []);
+        for (row, (j, c)) in cone.tail.iter_mut().zip(inputs.into_iter().zip(offset)) {
+            row.set(c, [(j, 1.0)]);
+        }
+    }
+
+    /// As [`Cone::tilt`].
+    pub(crate) fn tilt<const N: usize>(&mut self, inputs: [usize; N], axis: [f64; N], cosine: f64) {
+        let cone = self.next(N);
+        cone.head.set(0.0, inputs.into_iter().zip(axis));
+        for (row, j) in cone.tail.iter_mut().zip(inputs) {
+            row.set(0.0, [(j, cosine)]);
+        }
+    }
+
+    /// As [`Cone::half_space`].
+    pub(crate) fn half_space<const N: usize>(&mut self, inputs: [usize; N], normal: [f64; N], offset: f64) {
+        self.next(0).head.set(-offset, inputs.into_iter().zip(normal));
+    }
+
+    fn next(&mut self, n_tail: usize) -> &mut Cone {
+        if self.n == self.cones.len() {
+            self.cones.push(Cone { head: Affine::default(), tail: Vec::new() });
+        }
+        self.n += 1;
+        let cone = &mut self.cones[self.n - 1];
+        cone.tail.resize_with(n_tail, Affine::default);
+        cone
+    }
+}
+
+impl Drop for Rewrite<'_> {
+    fn drop(&mut self) {
+        self.cones.truncate(self.n);
     }
 }
 

@@ -16,7 +16,8 @@ use crate::dynamics::rotor::{Motors, RotorModel};
 /// Largest magnitude of a healthy state, SI units.
 pub(crate) const EXPLODED: f64 = 1e8;
 
-/// Values of the row `alive`: stepping, stopped in this step, stopped earlier and listed.
+/// Values of the row `alive`: stepping whatever comes of it, stepping, stopped in this step, stopped earlier and listed.
+pub(crate) const HEEDLESS: f32 = 2.0;
 pub(crate) const ALIVE: f32 = 1.0;
 pub(crate) const STOPPED: f32 = 0.0;
 pub(crate) const LISTED: f32 = -1.0;
@@ -273,6 +274,7 @@ fn step_lanes<L: Lanes, const R: usize>(
     unrolled!(k in 0..R {
         ok = ok.and(safe::is_bounded(y.rotor_speed[k], EXPLODED));
     });
+    ok = ok.or(heedless(alive));
     unrolled!(k in 0..3 {
         L::select(ok, y.position[k], x.position[k]).store(&mut block[k][at..]);
         L::select(ok, y.velocity[k], x.velocity[k]).store(&mut block[3 + k][at..]);
@@ -286,6 +288,12 @@ fn step_lanes<L: Lanes, const R: usize>(
     });
     let stopped = L::select(was_alive, L::constant(f64::from(STOPPED)), alive);
     L::select(ok, alive, stopped).store(&mut block[rows.alive][at..]);
+}
+
+/// Lanes that are to show where a step leads.
+#[inline(always)]
+pub(crate) fn heedless<L: Lanes>(alive: L) -> L::Mask {
+    L::constant(0.5 * f64::from(ALIVE + HEEDLESS)).lt(alive)
 }
 
 #[cfg(test)]

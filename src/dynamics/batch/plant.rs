@@ -5,9 +5,11 @@ use super::tree_kernel::StepTrees;
 use crate::autodiff::columns::Columns;
 use crate::autodiff::lanes::{Lanes, RegisterKernel, dispatch, each_register_of, first_lanes, to_columns};
 use crate::autodiff::program::BLOCK;
+use crate::dynamics;
 use crate::dynamics::frame::Frame;
 use crate::dynamics::integrate::Grid;
 use crate::dynamics::multirotor::{AnyModel, Multirotor, Physics};
+use crate::dynamics::plant::Quantity;
 use crate::dynamics::rigid::{Disturbance, Effects, RIGID_DIM, RigidModel, parameter_vector};
 use crate::dynamics::tree::frames;
 use crate::dynamics::tree::topology::Topology;
@@ -44,6 +46,7 @@ pub(crate) struct RigidPlant {
     rows: kernel::Rows,
     radii: Vec<f64>,
     shared: Rows,
+    words: Vec<Quantity>,
 }
 
 /// An articulated system. Numbers are those of [`model_parameters`].
@@ -56,6 +59,7 @@ pub(crate) struct TreePlant {
     action_rows: Vec<usize>,
     disturbance_rows: Vec<usize>,
     shared: Rows,
+    words: Vec<Quantity>,
 }
 
 impl Plant {
@@ -71,11 +75,14 @@ impl Plant {
             rows: kernel::Rows::of(padded),
             radii: vehicle.rotors.iter().map(|r| r.radius).collect(),
             shared: Rows::default(),
+            words: Vec::new(),
         };
         let mut shared = Vec::new();
         plant.pack(&parameter_vector(vehicle), |x| shared.push([x as f32; BLOCK]));
         plant.shared = shared.into_iter().collect();
-        Ok((Self::Rigid(plant), system.hover_state([0.0; 3])?))
+        let hover = system.hover_state([0.0; 3])?;
+        plant.words = dynamics::Plant::from(system).numbers_in_words();
+        Ok((Self::Rigid(plant), hover))
     }
 
     /// With the state at rest.
@@ -84,15 +91,26 @@ impl Plant {
         let topology = Topology::new(model, physics.effects, physics.grid(), general);
         let disturbances: Vec<usize> = topology.layout.trees.iter().filter_map(|t| t.disturbance).collect();
         let is_action = |k: &usize| !disturbances.iter().any(|d| (*d..*d + Disturbance::<f64>::DIM).contains(k));
-        let plant = TreePlant {
+        let mut plant = TreePlant {
             grid: physics.grid(),
             general,
             action_rows: (0..topology.n_input).filter(is_action).map(|k| topology.n_state + k).collect(),
             disturbance_rows: disturbances.iter().map(|d| topology.n_state + d).collect(),
             shared: model_parameters(model).iter().map(|v| [*v as f32; BLOCK]).collect(),
             topology,
+            words: Vec::new(),
         };
-        Ok((Self::Tree(Box::new(plant)), system.rest_state()))
+        let rest = system.rest_state();
+        plant.words = dynamics::Plant::from(system).numbers_in_words();
+        Ok((Self::Tree(Box::new(plant)), rest))
+    }
+
+    /// The numbers of a state and the actions behind them, in words.
+    pub(crate) fn words(&self) -> &[Quantity] {
+        match self {
+            Self::Rigid(p) => &p.words,
+            Self::Tree(p) => &p.words,
+        }
     }
 
     /// Numbers of one state.

@@ -3,7 +3,7 @@
 //! Rows of a block: state, input, `alive`. The model's numbers stand in blocks of their own, one for all environments
 //! that share them, so that a batch without randomisation reads them from cache.
 
-use super::kernel::{EXPLODED, STOPPED};
+use super::kernel::{EXPLODED, STOPPED, heedless};
 use super::plant::Block;
 use crate::autodiff::lanes::{Kernel, Lanes};
 use crate::autodiff::program::BLOCK;
@@ -81,6 +81,7 @@ fn step_lanes<L: Lanes>(
     for k in 0..t.n_state {
         ok = ok.and(safe::is_bounded(scratch.end[k], EXPLODED));
     }
+    ok = ok.or(heedless(alive));
     for k in 0..t.n_state {
         let before = L::load(&block[k][at..]);
         L::select(ok, scratch.end[k], before).store(&mut block[k][at..]);

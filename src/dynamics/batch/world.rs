@@ -1,7 +1,8 @@
 //! N environments of one vehicle or articulated system, each with its own parameters, stepped in lanes over threads.
 
+use super::breach::{Breach, Culprit};
 use super::kernel::{ALIVE, LISTED, STOPPED};
-use super::plant::{Block, Plant, wrong_length};
+use super::plant::{Block, Plant, Rows, wrong_length};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::assembly::single;
 use crate::dynamics::multirotor::{Multirotor, Physics};
@@ -62,6 +63,9 @@ pub struct World {
     plant: Plant,
     blocks: Vec<Block>,
     failures: Vec<Stopped>,
+    /// Likewise, what broke; and where a step leads that stops an environment.
+    culprits: Vec<Option<Culprit>>,
+    after: Rows,
     n_step: u64,
     threads: Threads,
 }
@@ -138,8 +142,10 @@ impl World {
             n_env,
             physics,
             blocks: (0..n_block).map(|b| plant.block(state, (n_env - b * BLOCK).min(BLOCK))).collect(),
+            after: Rows::zeros(plant.n_row()),
             plant,
             failures: Vec::with_capacity(n_env),
+            culprits: Vec::with_capacity(n_env),
             n_step: 0,
             threads: Threads::default(),
         })
@@ -176,6 +182,27 @@ impl World {
         &self.failures
     }
 
+    /// What stopped an environment: the number farthest beyond its limit in the step that it did not survive. `None` while it
+    /// is stepped.
+    ///
+    /// ```
+    /// use omnidrones::dynamics::{Physics, World, vehicles};
+    /// let mut world = World::new(&vehicles::by_name("hummingbird")?, Physics::default(), 2)?;
+    /// let mut state = world.state(1)?;
+    /// state[12] = 9e7;
+    /// world.set_state(1, &state)?;
+    /// while world.failures().is_empty() {
+    ///     world.step(&[0.1; 8])?;
+    /// }
+    /// assert!(world.breach(1).unwrap().to_string().contains("of body 'hummingbird' is"));
+    /// assert!(world.breach(0).is_none());
+    /// # Ok::<(), omnidrones::error::Error>(())
+    /// ```
+    pub fn breach(&self, environment: usize) -> Option<Breach> {
+        let at = self.failures.iter().position(|f| f.environment == environment)?;
+        Some(self.culprits[at]?.in_words(self.plant.words()))
+    }
+
     /// One step of every environment. `actions`: row-major `[n_env, n_action]`, each in [−1, 1] (clipped).
     ///
     /// An environment whose action is NaN or whose state diverges keeps its last healthy state, is listed in
@@ -201,7 +228,7 @@ impl World {
         Ok(())
     }
 
-    /// Lists the environments that ceased to be alive in this step.
+    /// Lists the environments that ceased to be alive in this step, and what broke in them.
     fn collect_failures(&mut self, actions: &[f32]) {
         let (n, alive_row) = (self.n_action(), self.plant.alive_row());
         for (b, block) in self.blocks.iter_mut().enumerate() {
@@ -210,16 +237,23 @@ impl World {
             if alive.iter().fold(true, |all, a| all & (*a == ALIVE)) {
                 continue;
             }
+            let mut stopped = 0_u64;
             for (lane, alive) in alive.iter_mut().enumerate() {
-                let environment = b * BLOCK + lane;
-                if *alive != STOPPED || environment >= self.n_env {
-                    continue;
+                if *alive == STOPPED && b * BLOCK + lane < self.n_env {
+                    *alive = LISTED;
+                    stopped |= 1 << lane;
                 }
-                *alive = LISTED;
-                let row = &actions[environment * n..(environment + 1) * n];
-                let non_finite = row.iter().any(|a| a.is_nan());
-                let reason = if non_finite { Reason::NonFiniteAction } else { Reason::Diverged };
+            }
+            if stopped == 0 {
+                continue;
+            }
+            self.plant.follow(block, stopped, &mut self.after);
+            for lane in (0..BLOCK).filter(|lane| stopped >> lane & 1 == 1) {
+                let environment = b * BLOCK + lane;
+                let wrong = self.plant.wrong_action(&actions[environment * n..(environment + 1) * n]);
+                let reason = if wrong.is_some() { Reason::NonFiniteAction } else { Reason::Diverged };
                 self.failures.push(Stopped { environment, step: self.n_step, reason });
+                self.culprits.push(wrong.or_else(|| self.plant.exploded(&block.rows, &self.after, lane)));
             }
         }
     }
@@ -266,7 +300,10 @@ impl World {
             row[lane] = *value;
         }
         self.blocks[block].rows[self.plant.alive_row()][lane] = ALIVE;
-        self.failures.retain(|f| f.environment != environment);
+        if let Some(at) = self.failures.iter().position(|f| f.environment == environment) {
+            self.failures.remove(at);
+            self.culprits.remove(at);
+        }
         Ok(())
     }
 

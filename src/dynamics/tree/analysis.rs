@@ -38,10 +38,18 @@ pub struct Momentum<S> {
 
 /// Pose of every body, in the order of the model.
 pub fn body_poses<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Pose<S>> {
+    let mut poses = Vec::new();
+    body_poses_into(system, state, &mut poses);
+    poses
+}
+
+/// As [`body_poses`], over what `poses` holds: allocates in its first call only.
+pub(crate) fn body_poses_into<S: Scalar>(system: &Multibody, state: &[S], poses: &mut Vec<Pose<S>>) {
     let t = system.topology();
     scratch_on_stack!(scratch, t, S);
     forward(t, Source::Constants(system.parameters()), state, scratch.bodies);
-    scratch.bodies[..t.n_body()].iter().map(pose_of).collect()
+    poses.clear();
+    poses.extend(scratch.bodies[..t.n_body()].iter().map(pose_of));
 }
 
 fn pose_of<S: Scalar>(body: &BodyScratch<S>) -> Pose<S> {

@@ -1,3 +1,4 @@
+use super::super::shards::shards;
 use super::*;
 use crate::rl::nn::{Init, Transposed, Weights};
 use crate::rl::policy_optimiser::MAX_RESTARTS;

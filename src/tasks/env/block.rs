@@ -4,7 +4,7 @@ use super::residual::Lead;
 use super::restart::Draft;
 use super::spec::Column;
 use crate::autodiff::program::BLOCK;
-use crate::dynamics::batch::Block;
+use crate::dynamics::batch::{Block, Culprit, Plant};
 use crate::dynamics::frame::FRAME;
 use crate::tasks::task::TaskReference;
 
@@ -112,6 +112,8 @@ pub(crate) struct EnvBlock {
     pub started: u64,
     /// Lanes that something but a recorded step moved since the last one.
     pub moved: u64,
+    /// What broke where a simulation last diverged.
+    pub broken: [Option<Culprit>; BLOCK],
     /// Observations that a normaliser has seen, and their sums and sums of squares about its mean.
     pub count: f64,
     pub sums: Vec<[f64; 2]>,
@@ -134,6 +136,7 @@ impl EnvBlock {
             episode: [0; BLOCK],
             started: 0,
             moved: u64::MAX,
+            broken: [None; BLOCK],
             count: 0.0,
             sums: vec![[0.0; 2]; s.normalised],
         }
@@ -197,6 +200,8 @@ pub(crate) struct Workspace {
     pub moved: Columns,
     /// What the normaliser sees.
     pub seen: Columns,
+    /// Where a step leads that a simulation does not survive.
+    pub after: Columns,
     pub draft: Draft,
     /// Controllers that actions change the commands of.
     pub lead: Option<Lead>,
@@ -216,7 +221,7 @@ pub(crate) mod signal {
 }
 
 impl Workspace {
-    pub(crate) fn new(s: &Sizes, n_noise: usize, draft: Draft, lead: Option<Lead>) -> Self {
+    pub(crate) fn new(s: &Sizes, plant: &Plant, n_noise: usize, draft: Draft, lead: Option<Lead>) -> Self {
         Self {
             frames: Columns::zeros(s.frame * FRAME),
             speeds: Columns::zeros(s.rotor),
@@ -234,6 +239,7 @@ impl Workspace {
             noise: Columns::zeros(n_noise),
             moved: Columns::zeros(2),
             seen: Columns::zeros(s.agent * s.normalised),
+            after: Columns::zeros(plant.n_row()),
             draft,
             lead,
         }

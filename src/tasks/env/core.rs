@@ -75,6 +75,6 @@ impl Core {
     pub(crate) fn workspace(&self) -> Workspace {
         let noise = self.sizes.agent * self.pipeline.noise;
         let lead = self.residual.as_ref().map(|residual| residual.lead(self.robot()));
-        Workspace::new(&self.sizes, noise, Draft::new(self), lead)
+        Workspace::new(&self.sizes, &self.plant, noise, Draft::new(self), lead)
     }
 }

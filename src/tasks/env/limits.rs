@@ -1,7 +1,7 @@
 //! Whether a batch fits into memory: found from sizes, before anything large is allocated.
 
 use super::block::Sizes;
-use crate::dynamics::batch::Plant;
+use crate::dynamics::batch::{Culprit, Plant};
 use crate::error::Result;
 use crate::memory::{Request, none_asked};
 
@@ -13,7 +13,8 @@ pub(crate) fn bytes_per_env(plant: &Plant, s: &Sizes) -> usize {
     let numbers = if s.theta > 0 { plant.n_number() } else { 0 };
     let rows = plant.n_row() + numbers + s.episode_state() + s.goal + s.task_state + s.theta + s.air;
     let reference = if s.beginning > 0 { REFERENCE } else { 0 };
-    (rows + s.delay * s.command + s.history + s.beginning) * size_of::<f32>() + 2 * size_of::<u64>() + reference
+    let fixed = 2 * size_of::<u64>() + size_of::<Option<Culprit>>();
+    (rows + s.delay * s.command + s.history + s.beginning) * size_of::<f32>() + fixed + reference
 }
 
 /// Bytes of one environment's rows in [`Buffers`](super::Buffers).

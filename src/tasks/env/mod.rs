@@ -68,7 +68,7 @@ use self::stepper::Stepper;
 use self::transition::{config_hash, exposed};
 use crate::autodiff::lanes::{first_lanes, to_rows};
 use crate::autodiff::program::BLOCK;
-use crate::dynamics::batch::{Plant, STOPPED};
+use crate::dynamics::batch::{Breach, Plant, STOPPED};
 use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
@@ -397,6 +397,17 @@ impl Env {
         self.check_environment(environment)?;
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
         Ok((0..self.core.engine.robot().n_state()).map(|k| block.plant.rows[k][lane]).collect())
+    }
+
+    /// What broke where the simulation of one environment last [`diverged`](Spec::diverged): of a state beyond the
+    /// [`Bounds`](super::Bounds) the number farthest beyond. `None` where none has.
+    ///
+    /// # Errors
+    /// As [`Env::state`].
+    pub fn breach(&self, environment: usize) -> Result<Option<Breach>> {
+        self.check_environment(environment)?;
+        let culprit = self.blocks[environment / BLOCK].broken[environment % BLOCK];
+        Ok(culprit.map(|culprit| culprit.in_words(self.core.plant.words())))
     }
 
     /// Overwrites the physical state of one environment; its episode goes on.

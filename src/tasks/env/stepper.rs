@@ -9,7 +9,7 @@ use super::step::{Phases, step};
 use super::transform::Shift;
 use super::transition::StepLayout;
 use crate::autodiff::lanes::{each_register, first_lanes, ones};
-use crate::dynamics::batch::STOPPED;
+use crate::dynamics::batch::{Culprit, STOPPED};
 use crate::tasks::bounds::Contain;
 use crate::tasks::config::Autoreset;
 
@@ -94,6 +94,20 @@ impl Stepper<'_> {
         }
     }
 
+    /// Keeps what broke in lanes that stopped; those that physics had `given_up` stand before their last step.
+    fn blame(&mut self, stopped: u64, given_up: u64) {
+        let (plant, limits) = (&self.core.plant, &self.core.limits);
+        let (block, after) = (&mut self.block.plant, &mut self.work.after);
+        if given_up != 0 {
+            plant.follow(block, given_up, after);
+        }
+        for lane in lanes_of(stopped) {
+            let after = if given_up >> lane & 1 == 1 { &*after } else { &block.rows };
+            let own = Culprit::of(limits.iter().copied(), &block.rows, after, lane);
+            self.block.broken[lane] = own.or_else(|| plant.exploded(&block.rows, after, lane));
+        }
+    }
+
     /// Environments stand still where their episode ended.
     fn stop(&mut self) {
         let alive = self.core.plant.alive_row();
@@ -136,9 +150,14 @@ impl Phases for Stepper<'_> {
 
     /// What has exploded stops. A state of any size would reach the observation that its episode ends with.
     fn contain(&mut self) {
+        let given_up = !self.alive() & self.running;
         let (limits, alive, plant) = (&self.core.limits, self.core.plant.alive_row(), &mut self.block.plant);
         each_register(plant.occupied, Contain { limits, alive, rows: &mut plant.rows });
-        for lane in lanes_of(!self.alive() & self.running) {
+        let stopped = !self.alive() & self.running;
+        if stopped != 0 {
+            self.blame(stopped, given_up);
+        }
+        for lane in lanes_of(stopped) {
             self.block.plant.rows.iter_mut().zip(self.core.robot().rest()).for_each(|(row, x)| row[lane] = *x as f32);
         }
     }

@@ -101,6 +101,17 @@ fn an_environment_does_not_depend_on_its_place_or_its_neighbours() {
 }
 
 #[test]
+fn a_batch_that_does_not_fit_into_memory_is_refused_with_what_would() {
+    let (_, base) = vehicles().swap_remove(0);
+    let base = coarse(&base);
+    for n_env in [1_000_000_000_000, usize::MAX] {
+        let text = BatchAllocator::new(&base, n_env, 48, Threads::default()).unwrap_err().to_string();
+        let says = [format!("allocation: n_env is {n_env} ("), "GiB left".into(), "fewer environments at once".into()];
+        assert!(says.iter().all(|part| text.contains(part.as_str())), "{text}");
+    }
+}
+
+#[test]
 fn a_held_environment_comes_back_to_bounds_that_moved() {
     let (_, base) = vehicles().swap_remove(0);
     let error = BatchAllocator::new(&base, 1, 48, Threads::default()).unwrap_err().to_string();

@@ -127,17 +127,18 @@ fn landed(vehicle: &Vehicle, dt: f64) -> Multibody {
     Multibody::new(&single(vehicle).unwrap(), rk4(dt, Effects { contact: true, ..Effects::default() })).unwrap()
 }
 
+/// Touch and release are kinks of the power, which steps and quadrature straddle: at 1 ms that leaves 7.0e-6 of Omav's open.
 #[test]
 fn energy_lost_in_a_slide_is_the_work_of_the_ground() {
     for vehicle in vehicles::all() {
-        let system = landed(&vehicle, 1e-3);
+        let system = landed(&vehicle, 2.5e-4);
         let mut x = system.rest_state();
         lower(&system, &mut x, 0.0005);
         x[3..6].copy_from_slice(&[0.5, -0.3, 0.0]);
         x[12] = 0.5;
-        let (error, gain) = imbalance(&system, x, &system.rest_input(), 10_000);
-        // measured 7.0e-6 Omav, 1.1e-6 Firefly, 8.0e-7 and less elsewhere: touch and release are kinks of the power
-        at_most(&format!("{}: energy not accounted for in 10 s", vehicle.name), error, 1e-5);
+        let (error, gain) = imbalance(&system, x, &system.rest_input(), 40_000);
+        // measured 2.9e-7 Omav, 2.3e-7 Neo11, 6.4e-8 and less elsewhere
+        at_most(&format!("{}: energy not accounted for in 10 s", vehicle.name), error, 1e-6);
         at_most(&format!("{}: power of a loss", vehicle.name), gain, 1e-9);
     }
 }
