@@ -326,6 +326,8 @@ struct Constraint<'a> {
     start: Gains,
     /// Corners that were worst when all were judged last.
     worst: Vec<Corner>,
+    /// Those that ever were.
+    critical: Vec<Corner>,
     /// ln K of least error among those whose worst corners passed, and that error.
     kept: Vec<(f64, Vec<f64>)>,
     /// Error that a whole shortage counts, m.
@@ -344,7 +346,16 @@ const NUDGE: f64 = 0.01;
 impl<'a> Constraint<'a> {
     fn new(vehicle: &'a Vehicle, start: &Gains, plan: &'a TunePlan, gate: &'a MarginGate) -> Result<Self> {
         gate.validate()?;
-        Ok(Self { vehicle, plan, gate, start: *start, worst: Vec::new(), kept: Vec::new(), weight: 0.0 })
+        Ok(Self {
+            vehicle,
+            plan,
+            gate,
+            start: *start,
+            worst: Vec::new(),
+            critical: Vec::new(),
+            kept: Vec::new(),
+            weight: 0.0,
+        })
     }
 
     fn alpha(&self, theta: &[f64], corner: &Corner) -> f64 {
@@ -369,6 +380,8 @@ impl<'a> Constraint<'a> {
             let mut order: Vec<usize> = (0..all.len()).collect();
             order.sort_by(|a, b| alphas[*a].total_cmp(&alphas[*b]));
             self.worst = order.iter().take(WATCHED).map(|i| all[*i]).collect();
+            let fresh: Vec<Corner> = self.worst.iter().filter(|c| !self.critical.contains(c)).copied().collect();
+            self.critical.extend(fresh);
         }
         let alphas = threads.map(self.worst.len(), |i| self.alpha(theta, &self.worst[i]));
         let least = (0..alphas.len()).min_by(|a, b| alphas[*a].total_cmp(&alphas[*b])).unwrap_or(0);
@@ -396,6 +409,10 @@ impl<'a> Constraint<'a> {
         let mut kept = self.kept.clone();
         kept.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (_, theta) in &kept {
+            let alphas = threads.map(self.critical.len(), |i| self.alpha(theta, &self.critical[i]));
+            if alphas.iter().any(|alpha| *alpha < self.gate.disk) {
+                continue;
+            }
             let gains = gains_of(theta);
             let judged = self.gate.judge(self.vehicle, &gains, &self.plan.physics, &self.plan.rates, threads)?;
             if judged.passes {
