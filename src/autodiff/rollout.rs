@@ -3,7 +3,7 @@
 //! Reverse: λ_T = ∂c_T/∂x, then λₖ = ∂c/∂x + (∂f/∂x)ᵀ λₖ₊₁ with ∂J/∂uₖ = ∂c/∂u + (∂f/∂u)ᵀ λₖ₊₁, and likewise summed
 //! for θ (Bryson and Ho 1975, section 2.2). What of a step does not depend on λ, its inner values and partial derivatives, is
 //! computed for eight steps side by side; the chain rule over them is swept step by step. Where a custom function is called,
-//! one derived [`Program`] does a step's part. All states are kept while they fit into the cache ([`KEPT`]). Beyond that they are
+//! one derived [`Program`] does a step's part. All states are kept up to 1 MiB. Beyond that they are
 //! kept at every √T-th step only and recomputed within (Griewank 1992), so memory grows with √T and the rollout runs twice.
 
 use super::columns::LINE;
@@ -81,6 +81,8 @@ pub struct Scratch {
     anchors: Vec<f64>,
     /// States within one segment.
     segment: Vec<f64>,
+    /// Horizon.
+    longest: usize,
     arguments: Vec<f64>,
     results: Vec<f64>,
     step: StepScratch,
@@ -103,12 +105,15 @@ const KEPT: usize = 1 << 20;
 /// Partial derivatives are multiplied for eight steps side by side, the sweep goes step by step.
 const PRICE: Price = Price { product: 0.4, vertex: 2.0, few: 24 };
 
-/// Steps per segment for a horizon of T and states of n numbers: all, or ⌈√T⌉.
+/// Steps per segment for a horizon of T and states of n numbers: all where they fit, else ⌈√T⌉.
 fn segment_length(horizon: usize, n: usize) -> usize {
-    if horizon.saturating_mul(n * size_of::<f64>()) <= KEPT {
-        return horizon.max(1);
-    }
-    horizon.isqrt().max(1) + usize::from(horizon.isqrt().pow(2) < horizon)
+    let all = horizon.max(1);
+    if all.saturating_mul(n * size_of::<f64>()) <= KEPT { all } else { root(all) }
+}
+
+/// ⌈√T⌉.
+fn root(horizon: usize) -> usize {
+    horizon.isqrt() + usize::from(horizon.isqrt().pow(2) < horizon)
 }
 
 impl Scratch {
@@ -167,6 +172,7 @@ impl<F: System, C: Objective> Rollout<F, C> {
         Scratch {
             anchors: Vec::new(),
             segment: Vec::new(),
+            longest: 0,
             arguments: vec![0.0; n + m + p + n + 1],
             results: vec![0.0; n + m + p],
             step: match &self.step_adjoint {
@@ -248,7 +254,14 @@ impl<F: System, C: Objective> Rollout<F, C> {
         gradient: &mut Gradient,
     ) -> f64 {
         let (n, m, _) = self.sizes();
-        self.gradient_by(segment_length(inputs.len() / m.max(1), n), scratch, state, inputs, parameters, gradient)
+        let horizon = inputs.len() / m.max(1);
+        let mut segment = segment_length(horizon, n);
+        // a horizon shorter than the longest seen takes no more memory
+        if horizon <= scratch.longest && (segment + 1) * n > scratch.segment.capacity() {
+            segment = root(horizon.max(1));
+        }
+        scratch.longest = scratch.longest.max(horizon);
+        self.gradient_by(segment, scratch, state, inputs, parameters, gradient)
     }
 
     /// With so many states kept at a time.

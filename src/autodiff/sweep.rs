@@ -166,8 +166,9 @@ impl Sweep {
         }
         let register = dispatch(Width);
         let width = register * self.rows.len().div_ceil(register).clamp(1, REGISTERS);
-        let lanes = Lines::zeros((self.n_slot * width).div_ceil(LINE));
-        RowsScratch { values: self.values.workspace(), lanes, width }
+        let mut lanes = Lines::zeros((self.n_slot * width).div_ceil(LINE));
+        seed(&mut lanes.as_flattened_mut()[..self.rows.len() * width], 0, width);
+        RowsScratch { values: self.values.roomy_workspace(), lanes, width }
     }
 
     /// The Jacobian at x, column-major results × inputs.
@@ -245,15 +246,13 @@ impl Kernel for Rows<'_> {
     fn run<L: Lanes>(self) {
         let Self { sweep, values, lanes, width, jacobian } = self;
         let n_row = sweep.rows.len();
-        if n_row < sweep.n_result {
+        if n_row > width || n_row == 0 {
             jacobian.fill(0.0);
         }
         let mut first = 0;
         while first < n_row {
-            // row i of the identity is the seed of lane i
-            lanes[..n_row * width].fill(0.0);
-            for lane in 0..width.min(n_row - first) {
-                lanes[(first + lane) * width + lane] = 1.0;
+            if n_row > width {
+                seed(&mut lanes[..n_row * width], first, width);
             }
             match width / L::WIDE {
                 1 => L::outlined(Pass::<1> { sweep, values, lanes }),
@@ -271,6 +270,14 @@ impl Kernel for Rows<'_> {
         for d in &sweep.direct {
             jacobian[d.input as usize * sweep.n_result + d.result as usize] += values[d.weight as usize];
         }
+    }
+}
+
+/// Row i of the identity is the seed of lane i, for results from `first` on.
+fn seed(lanes: &mut [f64], first: usize, width: usize) {
+    lanes.fill(0.0);
+    for (lane, row) in lanes.chunks_exact_mut(width).skip(first).take(width).enumerate() {
+        row[lane] = 1.0;
     }
 }
 
@@ -330,8 +337,18 @@ impl Kernel for Columns<'_> {
                 for r in 0..source.len() {
                     target[r] = source[r];
                 }
+                // results that no lane is swept for
+                for i in 0..from {
+                    jacobian[k * n + i] = 0.0;
+                }
+                for i in from + rows.len()..n {
+                    jacobian[k * n + i] = 0.0;
+                }
                 k += 1;
             }
+        }
+        if k < sweep.n_input && sweep.rows.len() < n && sweep.rows.len() <= width {
+            jacobian[k * n..].fill(0.0);
         }
         while k < sweep.n_input {
             for i in 0..rows.len() {
