@@ -308,8 +308,8 @@ impl Bench {
     fn gradients(&self, add: &mut dyn FnMut(BenchRow)) -> Result<()> {
         self.gradient("", &self.system, &self.state, &self.input, add)?;
         let payload = Multibody::new(&configurations::by_name("payload")?, PHYSICS)?;
-        let hover = [payload.rest_state(), vec![-0.2; payload.n_input()]];
-        self.gradient("payload, ", &payload, &hover[0], &hover[1], add)
+        let (state, input) = (articulated::aloft(&payload), vec![-0.2; payload.n_input()]);
+        self.gradient("payload, ", &payload, &state, &input, add)
     }
 
     /// A rollout and its gradient, which take turns.
