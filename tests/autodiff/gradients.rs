@@ -401,5 +401,5 @@ fn the_compiled_jacobian_is_that_of_the_duals_for_every_configuration() {
         println!("{}: {own:.1e}", model.name());
         worst = worst.max(own);
     }
-    assert!(worst <= 1e-12, "{worst:e}"); // measured 5.8e-13 of dragon, 3.9e-13 of platform_2, 2.4e-15 of the others
+    assert!(worst <= 1e-12, "{worst:e}"); // measured 8.0e-13 of dragon, 3.5e-13 of platform_2, 2.4e-15 of the others
 }
