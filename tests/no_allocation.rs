@@ -9,8 +9,8 @@ mod common;
 use num_dual::Dual64;
 use omnidrones::autodiff::rollout::Scratch;
 use omnidrones::autodiff::{
-    CustomFunction, Gradient, JacobianScratch, Objective, Operation, Program, Recording, Rollout, Scalar, System,
-    Trace, jacobian,
+    CompiledJacobian, CustomFunction, Gradient, JacobianScratch, Objective, Operation, Program, Recording, Rollout,
+    Scalar, System, Trace, jacobian,
 };
 use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::kinematics::Kinematics;
@@ -139,6 +139,9 @@ fn stepping_evaluating_and_differentiating_allocate_nothing_after_warm_up_and_gr
         let mut entries = vec![0.0; n * (n + m)];
         let count = allocations(|| jacobian(&system, &x, &u, &[], &mut scratch, &mut entries));
         assert_eq!(count, 0, "jacobian of {name}");
+        let mut compiled = CompiledJacobian::new(&system).unwrap();
+        let count = allocations(|| compiled.evaluate(&x, &u, &[], &mut entries));
+        assert_eq!(count, 0, "CompiledJacobian::evaluate of {name}");
 
         let mut cascade: Cascade = Cascade::new(&vehicle, &vehicle.gains(), &Rates::default(), physics.dt).unwrap();
         let (seen, goal) = (Kinematics::read(&x[..13]), Setpoint::at_rest([0.5, 0.0, 1.0], 0.3));

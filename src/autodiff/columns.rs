@@ -1,4 +1,5 @@
-//! Numbers of a block of environments as structure of arrays, where registers do not straddle lines of the cache.
+//! Numbers side by side as structure of arrays, of a block of environments or of eight steps, where registers do not straddle
+//! lines of the cache.
 
 use super::program::BLOCK;
 use bytemuck::{Pod, Zeroable};
@@ -35,6 +36,39 @@ impl Deref for Columns {
 }
 
 impl DerefMut for Columns {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut Self::Target {
+        bytemuck::must_cast_slice_mut(&mut self.0)
+    }
+}
+
+/// `f64` numbers of a line of the cache.
+pub(crate) const LINE: usize = 8;
+
+/// Rows of [`LINE`] numbers in `f64`, each a line of the cache: of as many steps, or of as many rows of a Jacobian.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Lines(Vec<Line>);
+
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C, align(64))]
+struct Line([f64; LINE]);
+
+impl Lines {
+    /// `n` rows of zeros.
+    pub(crate) fn zeros(n: usize) -> Self {
+        Self(vec![Line([0.0; LINE]); n])
+    }
+}
+
+impl Deref for Lines {
+    type Target = [[f64; LINE]];
+    #[inline(always)]
+    fn deref(&self) -> &Self::Target {
+        bytemuck::must_cast_slice(&self.0)
+    }
+}
+
+impl DerefMut for Lines {
     #[inline(always)]
     fn deref_mut(&mut self) -> &mut Self::Target {
         bytemuck::must_cast_slice_mut(&mut self.0)

@@ -2,7 +2,9 @@
 
 use super::Scalar;
 use super::program::{Program, Workspace};
+use super::sweep::{RowsScratch, Sweep};
 use super::system::System;
+use super::trace::chain::Price;
 use super::trace::{Recording, Trace};
 use crate::error::Result;
 use nalgebra::{DMatrix, DVector};
@@ -67,15 +69,39 @@ pub fn jacobian<F: System>(
     }
 }
 
-/// The Jacobian of one step as a program: recorded once, faster than duals from then on.
+/// The Jacobian of one step as a program: recorded once, tens of times as fast as duals from then on.
 ///
-/// One reverse sweep per state on one graph, so that zeros cost nothing and the value is computed once.
+/// ∂x⁺/∂z at z = [x; u; θ]: values and partial derivatives of all operations first, once; then the chain rule over them
+/// backwards, for all rows at once (Griewank and Walther 2008, chapters 9 and 10). The bits are the same on every machine. Where
+/// the system calls a custom function it is one reverse sweep per state on one graph.
+///
+/// ```
+/// use omnidrones::autodiff::CompiledJacobian;
+/// use omnidrones::prelude::*;
+///
+/// let plant = Multirotor::new(&vehicles::by_name("hummingbird")?, Physics::default())?;
+/// let (x, u) = (plant.hover_state([0.0, 0.0, 1.0])?, plant.hover_input()?);
+/// let mut columns = vec![0.0; x.len() * (x.len() + u.len())];
+/// CompiledJacobian::new(&plant)?.evaluate(&x, &u, &[], &mut columns);
+/// let a = linearise(&plant, &x, &u, &[]).state;
+/// assert!(columns.iter().zip(&a).all(|(c, d)| (c - d).abs() < 1e-12));
+/// # Ok::<(), omnidrones::error::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct CompiledJacobian {
-    program: Program,
-    workspace: Workspace,
+    way: Way,
     arguments: Vec<f64>,
 }
+
+#[derive(Debug, Clone)]
+enum Way {
+    Rows(Box<(Sweep, RowsScratch)>),
+    /// With custom functions.
+    Entries(Box<(Program, Workspace)>),
+}
+
+/// Measured best; a vehicle and a tree differ by a twentieth at most between 0.7 and 1.2, 1 and 2.
+const PRICE: Price = Price { product: 1.0, vertex: 1.5, few: 24 };
 
 impl CompiledJacobian {
     /// Records the step of a system and compiles its Jacobian with respect to [x; u; θ].
@@ -89,8 +115,18 @@ impl CompiledJacobian {
             system.step(&z[..n], &z[n..n + m], &z[n + m..], &mut next);
             next
         });
-        let program = Program::compile(&recording.jacobian(0..n + m + p))?;
-        Ok(Self { workspace: program.workspace(), arguments: vec![0.0; n + m + p], program })
+        let way = match Sweep::of(&recording, 0..n + m + p, PRICE)? {
+            Some(sweep) => {
+                let scratch = sweep.rows_scratch();
+                Way::Rows(Box::new((sweep, scratch)))
+            }
+            None => {
+                let program = Program::compile_single(&recording.jacobian(0..n + m + p))?;
+                let workspace = program.workspace();
+                Way::Entries(Box::new((program, workspace)))
+            }
+        };
+        Ok(Self { way, arguments: vec![0.0; n + m + p] })
     }
 
     /// The Jacobian at a point, column-major n × (n + m + p), without allocation.
@@ -103,21 +139,28 @@ impl CompiledJacobian {
         x.copy_from_slice(state);
         u.copy_from_slice(input);
         theta.copy_from_slice(parameters);
-        self.program.evaluate(&mut self.workspace, &self.arguments, jacobian);
+        match &mut self.way {
+            Way::Rows(own) => own.0.jacobian(&mut own.1, &self.arguments, jacobian),
+            Way::Entries(own) => own.0.evaluate(&mut own.1, &self.arguments, jacobian),
+        }
     }
 
-    /// Instructions per evaluation.
+    /// Instructions and multiplications per evaluation.
     pub fn len(&self) -> usize {
-        self.program.len()
+        match &self.way {
+            Way::Rows(own) => own.0.len(),
+            Way::Entries(own) => own.0.len(),
+        }
     }
 
     /// Whether the Jacobian is constant.
     pub fn is_empty(&self) -> bool {
-        self.program.is_empty()
+        self.len() == 0
     }
 }
 
-/// Linearises one step at a point, exactly. See [`jacobian`] for the form without allocation.
+/// Linearises one step at a point, exactly, by duals. To record a step costs what some hundred of its Jacobians do: for more points
+/// than that, [`CompiledJacobian`]. See [`jacobian`] for the form without allocation.
 ///
 /// # Panics
 /// If a slice does not have the system's length.

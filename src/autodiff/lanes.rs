@@ -19,6 +19,7 @@ mod tiles;
 
 pub(crate) use tiles::{ones, to_columns, to_rows};
 
+use super::columns::LINE;
 use super::custom::{Operation, Scratch};
 use super::program::BLOCK;
 use super::scalar::{Mask, Scalar};
@@ -46,6 +47,23 @@ pub(crate) trait Lanes: Scalar {
     /// Runs a kernel as a machine function of its own, with these lanes: what it holds in registers is then decided for
     /// it alone, whatever the caller does around it.
     fn outlined<K: Kernel>(kernel: K) -> K::Output;
+
+    /// A register of `f64`: other numbers side by side than environments, in the roundings of plain `f64`.
+    type Wide: Copy;
+    /// How many `f64` it holds, a divisor of eight.
+    const WIDE: usize;
+    /// The whole registers of these numbers.
+    fn wide(numbers: &[f64]) -> &[Self::Wide];
+    /// Likewise, to write.
+    fn wide_mut(numbers: &mut [f64]) -> &mut [Self::Wide];
+    /// The same number in every lane.
+    fn splat(x: f64) -> Self::Wide;
+    /// sum + a·b in two roundings.
+    fn add_product(sum: Self::Wide, a: Self::Wide, b: Self::Wide) -> Self::Wide;
+    /// a·b, its sign changed where `sign` has the sign bit, + c·d; three roundings.
+    fn two_products(a: Self::Wide, b: Self::Wide, sign: u64, c: Self::Wide, d: Self::Wide) -> Self::Wide;
+    /// c where a < b, else d.
+    fn select_less(a: Self::Wide, b: Self::Wide, c: Self::Wide, d: Self::Wide) -> Self::Wide;
 }
 
 /// A function over lanes. Mark [`run`](Self::run) and all that it calls `#[inline(always)]`.
@@ -294,6 +312,45 @@ impl<S: Simd> Lanes for Register<S> {
     #[inline(never)]
     fn outlined<K: Kernel>(kernel: K) -> K::Output {
         Simd::vectorize(token::<S>(), Entry(kernel))
+    }
+
+    type Wide = S::f64s;
+    const WIDE: usize = S::F64_LANES;
+
+    #[inline(always)]
+    fn wide(numbers: &[f64]) -> &[Self::Wide] {
+        const { assert!(LINE.is_multiple_of(S::F64_LANES)) };
+        S::as_simd_f64s(numbers).0
+    }
+
+    #[inline(always)]
+    fn wide_mut(numbers: &mut [f64]) -> &mut [Self::Wide] {
+        S::as_mut_simd_f64s(numbers).0
+    }
+
+    #[inline(always)]
+    fn splat(x: f64) -> Self::Wide {
+        token::<S>().splat_f64s(x)
+    }
+
+    #[inline(always)]
+    fn add_product(sum: Self::Wide, a: Self::Wide, b: Self::Wide) -> Self::Wide {
+        token::<S>().add_f64s(sum, token::<S>().mul_f64s(a, b))
+    }
+
+    #[inline(always)]
+    fn two_products(a: Self::Wide, b: Self::Wide, sign: u64, c: Self::Wide, d: Self::Wide) -> Self::Wide {
+        let t = token::<S>();
+        let product = t.xor_f64s(t.mul_f64s(a, b), t.splat_f64s(f64::from_bits(sign)));
+        t.add_f64s(product, t.mul_f64s(c, d))
+    }
+
+    #[inline(always)]
+    fn select_less(a: Self::Wide, b: Self::Wide, c: Self::Wide, d: Self::Wide) -> Self::Wide {
+        let t = token::<S>();
+        // as in `Scalar::select`: pulp's own of floats is not always inlined
+        let chosen = t.select_u64s(t.less_than_f64s(a, b), t.transmute_u64s_f64s(c), t.transmute_u64s_f64s(d));
+        t.transmute_f64s_u64s(chosen)
     }
 }
 

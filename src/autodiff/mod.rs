@@ -9,6 +9,7 @@
 //! | `lanes`, `columns`, `unrolled` | SIMD registers as scalars, chosen at run time; where their numbers stand; loops over components |
 //! | [`custom`] | functions with a derivative of their own, for solvers inside kernels |
 //! | `trace`, [`program`] | recording scalar; compiled programs and derived adjoints |
+//! | `sweep` | the chain rule of a recording, backwards for all results at once |
 //! | `system` | what is differentiated: x⁺ = f(x, u, θ), costs |
 //! | [`derivative`] | Jacobians of one step, by duals and compiled |
 //! | [`rollout`] | gradients through whole rollouts, reverse and forward |
@@ -30,6 +31,7 @@ pub mod rollout;
 pub mod safe;
 pub(crate) mod scalar;
 pub(crate) mod strided;
+pub(crate) mod sweep;
 pub(crate) mod system;
 pub(crate) mod trace;
 pub(crate) mod unrolled;

@@ -2,17 +2,19 @@
 //!
 //! Compilation drops dead nodes, fuses multiplications into the one addition that uses them, fuses comparisons into
 //! selections and sines with cosines, and gives slots by liveness so that the working set stays in cache. The
-//! interpreter pays about one nanosecond per instruction in `f64`; over a block of [`BLOCK`] environments that price is
+//! interpreter pays one to two nanoseconds per instruction in `f64` (`program/runs.rs`); over a block of [`BLOCK`] environments that price is
 //! shared by all of them. Calls of custom functions stand between runs of instructions, which know nothing of them.
 
 mod compile;
+mod runs;
 
-use super::columns::Columns;
+use self::runs::{Neutral, Run};
+use super::columns::{Columns, LINE, Lines};
 use super::custom::Operation;
 use super::lanes::{Kernel, Lanes, dispatch};
 use super::scalar::Scalar;
 use super::trace::Recording;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use std::cell::Cell;
 use std::ops::Range;
 
@@ -20,7 +22,13 @@ use std::ops::Range;
 pub const BLOCK: usize = 64;
 
 /// Most slots of a program: they are numbered by `u16`.
-const MAX_SLOTS: usize = 1 << 16;
+pub(super) const MAX_SLOTS: usize = 1 << 16;
+
+/// What a recording with more values than [`MAX_SLOTS`] alive at once is refused with.
+pub(super) fn too_many(n_slot: usize) -> Error {
+    let remedy = "Record a smaller function: one step instead of a rollout.";
+    Error::limit("number of values alive at once in a program", n_slot, MAX_SLOTS, remedy)
+}
 
 /// Slots of a small workspace: 32 KiB.
 const FEW_SLOTS: usize = 1 << 12;
@@ -62,6 +70,12 @@ enum Op {
 }
 
 impl Op {
+    /// Whether it is a sum of products, see [`runs`].
+    const fn is_sum(self) -> bool {
+        use Op::*;
+        matches!(self, Add | Sub | Mul | Neg | MulAdd | NegMulAdd | MulSub | TwoProducts | ProductDifference)
+    }
+
     /// How many of the operands a to d it reads.
     #[inline(always)]
     const fn n_operand(self) -> usize {
@@ -101,6 +115,9 @@ pub struct Program {
     n_input: usize,
     n_slot: usize,
     instructions: Vec<Instruction>,
+    /// The same for `f64`: before the first call, between the first and the second, and so on.
+    runs: Vec<Vec<Run>>,
+    neutral: Neutral,
     /// In the order they are made.
     calls: Vec<Call>,
     /// (slot, value), never overwritten.
@@ -128,11 +145,15 @@ enum Slots {
 impl Workspace {
     /// Numbers held.
     pub(crate) fn len(&self) -> usize {
-        let slots = match &self.slots {
-            Slots::Few(slots) => slots.len(),
-            Slots::Many(slots) => slots.len(),
-        };
-        slots + self.scratch.len()
+        self.slots().len() + self.scratch.len()
+    }
+
+    /// By number of the slot.
+    pub(crate) fn slots(&self) -> &[f64] {
+        match &self.slots {
+            Slots::Few(slots) => &slots[..],
+            Slots::Many(slots) => &slots[..],
+        }
     }
 }
 
@@ -147,9 +168,18 @@ impl Program {
     /// Compiles a recording.
     ///
     /// # Errors
-    /// [`Error::Limit`](crate::error::Error::Limit) when more than 65 535 values are alive at once.
+    /// [`Error::Limit`] when more than 65 535 values are alive at once.
     pub fn compile(recording: &Recording) -> Result<Self> {
-        compile::Compiler::new(&recording.attached()).run()
+        compile::Compiler::new(&recording.attached()).run(false)
+    }
+
+    /// As [`Program::compile`] for use in `f64`: instructions that do not wait for each other stand together. Takes more slots,
+    /// which over a block of environments leave the cache.
+    ///
+    /// # Errors
+    /// As [`Program::compile`].
+    pub(crate) fn compile_single(recording: &Recording) -> Result<Self> {
+        compile::Compiler::new(&recording.attached()).run(true)
     }
 
     /// Number of inputs.
@@ -179,19 +209,28 @@ impl Program {
 
     /// Scratch for [`Program::evaluate`].
     pub fn workspace(&self) -> Workspace {
-        let mut slots = if self.n_slot <= FEW_SLOTS {
-            Slots::Few(Box::new([0.0; FEW_SLOTS]))
-        } else {
-            Slots::Many(Box::new([0.0; MAX_SLOTS]))
-        };
-        let all: &mut [f64] = match &mut slots {
-            Slots::Few(slots) => &mut slots[..],
-            Slots::Many(slots) => &mut slots[..],
-        };
-        for &(slot, value) in &self.constants {
-            all[slot as usize] = value;
+        if self.neutral.n_slot() > FEW_SLOTS {
+            return self.roomy_workspace();
         }
-        Workspace { slots, scratch: self.scratch() }
+        let mut slots = Box::new([0.0; FEW_SLOTS]);
+        self.write_constants(&mut slots[..]);
+        Workspace { slots: Slots::Few(slots), scratch: self.scratch() }
+    }
+
+    /// As [`Program::workspace`], a tenth faster: half a mebibyte of addresses, where no slot number needs a mask. Memory is taken
+    /// for the slots in use.
+    pub(crate) fn roomy_workspace(&self) -> Workspace {
+        // from the allocator's zeros, which are not written
+        let zeros: Box<[f64]> = vec![0.0; MAX_SLOTS].into_boxed_slice();
+        let mut slots = zeros.try_into().unwrap_or_else(|_| Box::new([0.0; MAX_SLOTS]));
+        self.write_constants(&mut slots[..]);
+        Workspace { slots: Slots::Many(slots), scratch: self.scratch() }
+    }
+
+    fn write_constants(&self, slots: &mut [f64]) {
+        for (slot, value) in self.constants.iter().copied().chain(self.neutral.values()) {
+            slots[slot as usize] = value;
+        }
     }
 
     /// Scratch for [`Program::evaluate_block`].
@@ -217,32 +256,59 @@ impl Program {
     pub fn evaluate(&self, workspace: &mut Workspace, inputs: &[f64], outputs: &mut [f64]) {
         assert_eq!(inputs.len(), self.n_input, "inputs of the program");
         assert_eq!(outputs.len(), self.outputs.len(), "outputs of the program");
-        match &mut workspace.slots {
-            Slots::Few(slots) => self.run(slots, &mut workspace.scratch, inputs, outputs),
-            Slots::Many(slots) => self.run(slots, &mut workspace.scratch, inputs, outputs),
+        let slots = self.evaluate_inside(workspace, inputs);
+        for (output, slot) in outputs.iter_mut().zip(&self.outputs) {
+            *output = slots[*slot as usize];
         }
     }
 
-    /// The `f64` interpreter: instructions up to each call, the call, and so on. N is a power of two above every slot
-    /// number, so that masking changes nothing and spares the bounds checks.
-    fn run<const N: usize>(&self, slots: &mut [f64; N], scratch: &mut [f64], inputs: &[f64], outputs: &mut [f64]) {
-        assert!(N >= self.n_slot, "slots of the program");
-        let at = |slot: u16| slot as usize & (N - 1);
+    /// As [`Program::evaluate`]; result k stays at [`place(k)`](Self::place) of what is returned.
+    pub(crate) fn evaluate_inside<'w>(&self, workspace: &'w mut Workspace, inputs: &[f64]) -> &'w [f64] {
+        assert_eq!(inputs.len(), self.n_input, "inputs of the program");
+        match &mut workspace.slots {
+            Slots::Few(slots) => self.run(slots, &mut workspace.scratch, inputs),
+            Slots::Many(slots) => self.run(slots, &mut workspace.scratch, inputs),
+        }
+        workspace.slots()
+    }
+
+    /// The slot of result `k`.
+    pub(crate) fn place(&self, k: usize) -> u16 {
+        self.outputs[k]
+    }
+
+    /// The `f64` interpreter: instructions up to each call, the call, and so on.
+    fn run<const N: usize>(&self, slots: &mut [f64; N], scratch: &mut [f64], inputs: &[f64]) {
+        assert!(N >= self.neutral.n_slot(), "slots of the program");
         for &(slot, k) in &self.inputs {
-            slots[at(slot)] = inputs[k as usize];
+            slots[slot as usize & (N - 1)] = inputs[k as usize];
         }
-        let mut done = 0;
-        for k in 0..self.calls.len() + 1 {
-            let end = self.calls.get(k).map_or(self.instructions.len(), |call| call.after);
-            run_straight(&self.instructions[done..end], slots);
-            if k < self.calls.len() {
-                self.calls[k].run(slots, scratch);
+        for (k, between) in self.runs.iter().enumerate() {
+            runs::run(between, slots);
+            if let Some(call) = self.calls.get(k) {
+                call.run(slots, scratch);
             }
-            done = end;
         }
-        for (output, slot) in outputs.iter_mut().zip(&self.outputs) {
-            *output = slots[at(*slot)];
+    }
+
+    /// Slots for [`Program::evaluate_steps`].
+    pub(crate) fn step_slots(&self) -> Lines {
+        let mut slots = Lines::zeros(self.neutral.n_slot());
+        for (slot, value) in self.constants.iter().copied().chain(self.neutral.values()) {
+            slots[slot as usize] = [value; LINE];
         }
+        slots
+    }
+
+    /// Eight evaluations side by side, each to the bits of [`Program::evaluate`]: `inputs[k]` holds input k of each, and
+    /// result k stays in the slot [`place(k)`](Self::place). For programs without calls.
+    pub(crate) fn evaluate_steps(&self, slots: &mut Lines, inputs: &[[f64; LINE]]) {
+        assert!(self.calls.is_empty(), "a program without calls");
+        assert_eq!(inputs.len(), self.n_input, "inputs of the program");
+        for &(slot, k) in &self.inputs {
+            slots[slot as usize] = inputs[k as usize];
+        }
+        self.runs.iter().for_each(|between| runs::run_steps(between, slots));
     }
 
     /// `outputs = f(inputs)` over any scalar; over duals the derivative along their directions, without another compiled
@@ -305,36 +371,6 @@ impl Program {
         outputs: &mut [[f32; BLOCK]],
     ) {
         dispatch(Evaluate { program: self, n: n.clamp(1, BLOCK), workspace, inputs, outputs });
-    }
-}
-
-/// Instructions without calls in `f64`. Inlined into its caller the loop was measured 10 % slower.
-#[inline(never)]
-fn run_straight<const N: usize>(instructions: &[Instruction], slots: &mut [f64; N]) {
-    let at = |slot: u16| slot as usize & (N - 1);
-    for i in instructions {
-        match i.op {
-            // the kinds that make up nine tenths of a program, without the operands they do not have
-            Op::Add => slots[at(i.target)] = slots[at(i.a)] + slots[at(i.b)],
-            Op::Mul => slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)],
-            Op::MulAdd => slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)] + slots[at(i.c)],
-            Op::NegMulAdd => slots[at(i.target)] = slots[at(i.c)] - slots[at(i.a)] * slots[at(i.b)],
-            Op::TwoProducts => {
-                slots[at(i.target)] = slots[at(i.a)] * slots[at(i.b)] + slots[at(i.c)] * slots[at(i.d)];
-            }
-            Op::ProductDifference => {
-                slots[at(i.target)] = slots[at(i.c)] * slots[at(i.d)] - slots[at(i.a)] * slots[at(i.b)];
-            }
-            Op::SinCos => {
-                let (sine, cosine) = slots[at(i.a)].sin_cos();
-                slots[at(i.target)] = sine;
-                slots[at(i.d)] = cosine;
-            }
-            op => {
-                let x = |slot: u16| slots[at(slot)];
-                slots[at(i.target)] = apply(op, x(i.a), x(i.b), x(i.c), x(i.d));
-            }
-        }
     }
 }
 

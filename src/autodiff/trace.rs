@@ -5,6 +5,7 @@
 //! function returns 0 where the original would have multiplied an infinity by a constant zero.
 
 mod adjoint;
+pub(crate) mod chain;
 
 use super::custom::Operation;
 use super::scalar::{Mask, Scalar};
@@ -272,7 +273,7 @@ fn push(node: Node) -> Trace {
 // and so is the time it takes to compile them.
 
 /// A number whose every operation is recorded. Only meaningful inside [`Recording::of`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Trace(u32);
 
 /// A recorded truth value.

@@ -7,7 +7,8 @@ use omnidrones::autodiff::{
     linearise, safe,
 };
 use omnidrones::controllers::{ClosedLoop, Rates, Reference, Target};
-use omnidrones::dynamics::{Disturbance, Effects, Multirotor, Physics, vehicles};
+use omnidrones::dynamics::tree::Multibody;
+use omnidrones::dynamics::{Disturbance, Effects, Multirotor, Physics, configurations, vehicles};
 
 /// Certifies `n` random states of every vehicle with each of two integrators and four sets of effects.
 fn certify_states(n: usize) {
@@ -378,4 +379,27 @@ fn the_compiled_jacobian_is_that_of_the_duals_for_every_vehicle() {
         println!("{}: {worst:.1e}", vehicle.name);
         assert!(worst <= 1e-13, "{}: {worst:.1e}", vehicle.name); // measured 1.4e-15
     }
+}
+
+#[test]
+fn the_compiled_jacobian_is_that_of_the_duals_for_every_configuration() {
+    let mut worst = 0.0_f64;
+    for (case, model) in configurations::all().unwrap().iter().enumerate() {
+        let system = Multibody::new(model, Physics::default()).unwrap();
+        let mut r = stream(29, case as u64);
+        let mut x: Vec<f64> = system.rest_state().iter().map(|x| x + r.uniform(-0.1, 0.1)).collect();
+        for (at, mounted) in system.layout().rotor_speed.iter().zip(model.rotors()) {
+            x[*at] = mounted.rotor.max_speed * r.uniform(0.2, 0.9);
+        }
+        let u: Vec<f64> = (0..system.n_input()).map(|_| r.uniform(-0.9, 0.9)).collect();
+        let mut dual = vec![0.0; x.len() * (x.len() + u.len())];
+        let mut compiled = dual.clone();
+        jacobian(&system, &x, &u, &[], &mut JacobianScratch::new(&system), &mut dual);
+        CompiledJacobian::new(&system).unwrap().evaluate(&x, &u, &[], &mut compiled);
+        let columns = dual.chunks_exact(x.len()).zip(compiled.chunks_exact(x.len()));
+        let own = columns.map(|(a, b)| distance(a, b)).fold(0.0, f64::max);
+        println!("{}: {own:.1e}", model.name());
+        worst = worst.max(own);
+    }
+    assert!(worst <= 1e-12, "{worst:e}"); // measured 8.0e-13 of dragon, 3.5e-13 of platform_2, 2.4e-15 of the others
 }

@@ -33,7 +33,7 @@ pub(super) fn run(plan: &BenchPlan, add: &mut dyn FnMut(BenchRow)) -> Result<()>
 
 /// Above the ground near rest, rotors half way up. Nothing is exactly zero: what symmetry keeps there decays into
 /// subnormal numbers, which are slow, as no real flight's do.
-fn aloft(system: &Multibody) -> Vec<f64> {
+pub(super) fn aloft(system: &Multibody) -> Vec<f64> {
     let mut x = system.rest_state();
     for (k, x) in x.iter_mut().enumerate() {
         *x += 0.01 * (1.0 + k as f64).sin();

@@ -13,8 +13,9 @@ use omnidrones::autodiff::program::BLOCK;
 use omnidrones::autodiff::{
     CompiledJacobian, JacobianScratch, Objective, Program, Recording, Rollout, Scalar, System, Trace, jacobian,
 };
+use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{
-    Disturbance, Effects, Integrator, Multirotor, Physics, RigidModel, RigidState, World, vehicles,
+    Disturbance, Effects, Integrator, Multirotor, Physics, RigidModel, RigidState, World, configurations, vehicles,
 };
 use omnidrones::error::Result;
 use omnidrones::internals::{grid, step};
@@ -216,6 +217,7 @@ impl Bench {
 
     fn derivatives(&self, plain: f64, add: &mut dyn FnMut(BenchRow)) -> Result<()> {
         let (n, m) = (self.system.n_state(), self.system.n_input());
+        let plain = plain.min(self.step_time(|v| v));
         let mut scratch = JacobianScratch::new(&self.system);
         let mut columns = vec![0.0; n * (n + m)];
         let time = self.seconds(|| {
@@ -237,8 +239,11 @@ impl Bench {
             compiled.evaluate(black_box(&self.state), &self.input, &[], &mut columns);
             black_box(&columns);
         });
-        let size = format!("{} instructions", compiled.len());
+        let size = format!("{} operations", compiled.len());
         add(row(format!("{n}×{} Jacobian, compiled ({size})", n + m), time * 1e6, "µs", time / plain));
+        for name in ["payload", "platform", "dragon"] {
+            add(self.articulated_jacobian(name)?);
+        }
 
         let recording = Recording::of(n + m, |z| {
             let mut next = vec![Trace::zero(); n];
@@ -272,18 +277,64 @@ impl Bench {
         Ok(())
     }
 
+    /// The compiled Jacobian of a configuration's step, against duals column by column. The two take turns.
+    fn articulated_jacobian(&self, name: &str) -> Result<BenchRow> {
+        let system = Multibody::new(&configurations::by_name(name)?, PHYSICS)?;
+        let (x, u) = (articulated::aloft(&system), vec![-0.2; system.n_input()]);
+        let (n, m) = (x.len(), u.len());
+        let (mut scratch, mut compiled) = (JacobianScratch::new(&system), CompiledJacobian::new(&system)?);
+        let mut columns = vec![0.0; n * (n + m)];
+        let (mut slow, mut fast) = (f64::INFINITY, f64::INFINITY);
+        for _ in 0..4 {
+            slow = slow.min(seconds(self.plan.budget / 8, || {
+                jacobian(&system, black_box(&x), &u, &[], &mut scratch, &mut columns);
+                black_box(&columns);
+            }));
+            fast = fast.min(seconds(self.plan.budget / 8, || {
+                compiled.evaluate(black_box(&x), &u, &[], &mut columns);
+                black_box(&columns);
+            }));
+        }
+        Ok(BenchRow {
+            group: "derivative",
+            name: format!("{n}×{} Jacobian of {name}, compiled", n + m),
+            value: fast * 1e6,
+            unit: "µs",
+            ratio: Some(fast / slow),
+            baseline: "Dual64 columns",
+        })
+    }
+
     fn gradients(&self, add: &mut dyn FnMut(BenchRow)) -> Result<()> {
+        self.gradient("", &self.system, &self.state, &self.input, add)?;
+        let payload = Multibody::new(&configurations::by_name("payload")?, PHYSICS)?;
+        let (state, input) = (articulated::aloft(&payload), vec![-0.2; payload.n_input()]);
+        self.gradient("payload, ", &payload, &state, &input, add)
+    }
+
+    /// A rollout and its gradient, which take turns.
+    fn gradient<F: System + Clone>(
+        &self,
+        of: &str,
+        system: &F,
+        state: &[f64],
+        input: &[f64],
+        add: &mut dyn FnMut(BenchRow),
+    ) -> Result<()> {
         let horizon = 500;
-        let rollout = Rollout::new(self.system.clone(), Distance)?;
-        let inputs = self.input.repeat(horizon);
-        let forward = self.seconds(|| {
-            black_box(rollout.cost(black_box(&self.state), &inputs, &[]));
-        });
+        let rollout = Rollout::new(system.clone(), Distance)?;
+        let inputs = input.repeat(horizon);
         let mut scratch = rollout.scratch();
-        let (_, mut gradient) = rollout.gradient(&self.state, &inputs, &[]);
-        let backward = self.seconds(|| {
-            black_box(rollout.gradient_into(&mut scratch, black_box(&self.state), &inputs, &[], &mut gradient));
-        });
+        let (_, mut gradient) = rollout.gradient(state, &inputs, &[]);
+        let (mut forward, mut backward) = (f64::INFINITY, f64::INFINITY);
+        for _ in 0..4 {
+            forward = forward.min(seconds(self.plan.budget / 4, || {
+                black_box(rollout.cost(black_box(state), &inputs, &[]));
+            }));
+            backward = backward.min(seconds(self.plan.budget / 4, || {
+                black_box(rollout.gradient_into(&mut scratch, black_box(state), &inputs, &[], &mut gradient));
+            }));
+        }
         let row = |name: String, time: f64| BenchRow {
             group: "gradient",
             name,
@@ -292,8 +343,8 @@ impl Bench {
             ratio: Some(time / forward),
             baseline: "500-step rollout",
         };
-        add(row(format!("{horizon}-step rollout, f64"), forward));
-        add(row(format!("gradient over its {} controls, adjoint", inputs.len()), backward));
+        add(row(format!("{of}{horizon}-step rollout, f64"), forward));
+        add(row(format!("{of}gradient over its {} controls, adjoint", inputs.len()), backward));
         Ok(())
     }
 }

@@ -1,8 +1,10 @@
 //! From a recorded graph to instructions: dead nodes dropped, products fused into sums, slots given by liveness.
 
-use super::{Call, Instruction, MAX_SLOTS, Op, Program};
+use super::runs::{Neutral, grouped};
+use super::{Call, Instruction, MAX_SLOTS, Op, Program, too_many};
 use crate::autodiff::trace::{Node, Recording};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use std::collections::VecDeque;
 
 /// From a graph to instructions.
 pub(super) struct Compiler<'a> {
@@ -56,9 +58,11 @@ impl<'a> Compiler<'a> {
         }
     }
 
-    pub(super) fn run(mut self) -> Result<Program> {
+    /// `scheduled`: see [`Program::compile_single`].
+    pub(super) fn run(mut self, scheduled: bool) -> Result<Program> {
         self.mark();
         let plan = self.plan();
+        let plan = if scheduled { self.schedule(plan) } else { plan };
         self.assign(&plan)
     }
 
@@ -173,6 +177,56 @@ impl<'a> Compiler<'a> {
         }
     }
 
+    /// The same instructions in an order where those of a kind stand together, as soon as they can be made: as many sums as there
+    /// are, then as many selections, then what is rare. Whoever was ready first comes first, so that neighbours do not wait
+    /// for each other.
+    fn schedule(&self, plan: Vec<Planned>) -> Vec<Planned> {
+        const NOBODY: usize = usize::MAX;
+        let mut maker = vec![NOBODY; self.recording.nodes.len()];
+        for (k, planned) in plan.iter().enumerate() {
+            let results = match planned.what {
+                What::Op(_) => 0,
+                What::Call(number) => self.recording.calls[number as usize].operation.n_output(),
+            };
+            maker[planned.node as usize..=planned.node as usize + results].fill(k);
+        }
+        let kind = |planned: &Planned| match planned.what {
+            What::Op(op) if op.is_sum() => 0,
+            What::Op(Op::SelectLess) => 1,
+            _ => 2,
+        };
+        let (mut waits, mut readers) = (vec![0u32; plan.len()], vec![Vec::new(); plan.len()]);
+        for (k, planned) in plan.iter().enumerate() {
+            for operand in planned.reads(self.recording) {
+                let made = maker[*operand as usize];
+                if made != NOBODY {
+                    readers[made].push(k);
+                    waits[k] += 1;
+                }
+            }
+        }
+        let mut ready: [VecDeque<usize>; 3] = Default::default();
+        for (k, planned) in plan.iter().enumerate() {
+            if waits[k] == 0 {
+                ready[kind(planned)].push_back(k);
+            }
+        }
+        let mut order = Vec::with_capacity(plan.len());
+        while let Some(now) = (0..ready.len()).find(|kind| !ready[*kind].is_empty()) {
+            while let Some(k) = ready[now].pop_front() {
+                order.push(k);
+                for &reader in &readers[k] {
+                    waits[reader] -= 1;
+                    if waits[reader] == 0 {
+                        ready[kind(&plan[reader])].push_back(reader);
+                    }
+                }
+            }
+        }
+        let mut plan: Vec<Option<Planned>> = plan.into_iter().map(Some).collect();
+        order.into_iter().filter_map(|k| plan[k].take()).collect()
+    }
+
     /// Gives each value a slot from its definition to its last use.
     fn assign(mut self, plan: &[Planned]) -> Result<Program> {
         let n = self.recording.nodes.len();
@@ -198,8 +252,12 @@ impl<'a> Compiler<'a> {
             }
         }
         let outputs = self.recording.outputs.iter().map(|&o| self.slot_of(o)).collect();
+        let neutral = Neutral::behind(self.n_slot)?;
+        let ends = calls.iter().map(|call: &Call| call.after).chain([instructions.len()]);
+        let runs = ends.scan(0, |done, end| Some(grouped(&instructions[std::mem::replace(done, end)..end], neutral)));
+        let runs = runs.collect();
         let (n_input, n_slot) = (self.recording.n_input, self.n_slot);
-        Ok(Program { n_input, n_slot, instructions, calls, constants, inputs, outputs })
+        Ok(Program { n_input, n_slot, instructions, runs, neutral, calls, constants, inputs, outputs })
     }
 
     #[expect(clippy::type_complexity, reason = "two parallel lists, used once")]
@@ -323,12 +381,7 @@ impl<'a> Compiler<'a> {
             return Ok(slot);
         }
         if self.n_slot == MAX_SLOTS {
-            return Err(Error::limit(
-                "number of values alive at once in a program",
-                self.n_slot + 1,
-                MAX_SLOTS,
-                "Record a smaller function: one step instead of a rollout.",
-            ));
+            return Err(too_many(self.n_slot + 1));
         }
         self.n_slot += 1;
         Ok((self.n_slot - 1) as u16)

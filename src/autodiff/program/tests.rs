@@ -1,7 +1,9 @@
 use super::super::trace::Trace;
 use super::*;
 use crate::autodiff::Mask;
+use crate::autodiff::columns::LINE;
 use crate::autodiff::jet::Jet;
+use crate::autodiff::lanes::{Set, with_set};
 use crate::rng::{Purpose, Stream};
 use nalgebra::Const;
 use num_dual::{Derivative, Dual64, DualSVec64, HyperDual64};
@@ -423,4 +425,56 @@ fn detached_iterations_and_one_live_step_have_the_exact_derivative_by_all_routes
     let full = Program::compile(&undetached.adjoint(0..1)).unwrap();
     println!("{} instructions, {} undetached", adjoint.len(), full.len());
     assert!(adjoint.len() < full.len() / 2);
+}
+
+/// Every operation, of numbers that differ in sign and size.
+fn all_operations(z: &[Trace]) -> Vec<Trace> {
+    let c = Trace::constant;
+    let (sine, cosine) = (z[0] * z[1]).sin_cos();
+    let sums = [z[0] + z[1], z[0] - z[1], z[0] * z[1], -z[2], z[0].mul_add(z[1], z[2]), z[2] - z[0] * z[1]];
+    let more = [z[0] * z[1] - z[2], z[0] * z[1] + z[2] * z[3], z[2] * z[3] - z[0] * z[1], c(0.0) * z[0]];
+    let size = (z[3] * z[3] + c(0.1)).sqrt();
+    let rare = [size.recip(), size.ln(), z[0].tanh(), (-size).exp(), z[0].atan2(z[1]), z[0] / size, sine, cosine];
+    let masks = [z[0].lt(z[1]), z[1].lt(z[2]).and(z[0].lt(z[3])), z[1].lt(z[0]).or(z[2].lt(z[3])).not()];
+    let picked = masks.map(|mask| Trace::select(mask, z[0], z[3]));
+    sums.into_iter().chain(more).chain(rare).chain(picked).collect()
+}
+
+#[test]
+fn the_order_of_instructions_and_steps_side_by_side_change_no_bit() {
+    let recording = Recording::of(4, all_operations);
+    let (plain, single) = (Program::compile(&recording).unwrap(), Program::compile_single(&recording).unwrap());
+    let mut r = Stream::new(51, 0, 0, Purpose::user(51));
+    let special = [0.0, -0.0, 1e-310, f64::INFINITY, f64::NAN, -1.0];
+    let bits = |x: f64| if x.is_nan() { u64::MAX } else { x.to_bits() };
+    for round in 0..50 {
+        let mut draw = || if round > 25 { r.uniform(-3.0, 3.0) } else { special[r.below(6) as usize] };
+        let points: Vec<[f64; LINE]> = (0..4).map(|_| std::array::from_fn(|_| draw())).collect();
+        for set in [Set::Avx512, Set::Avx2, Set::OneLane] {
+            let mut slots = single.step_slots();
+            with_set(set, || single.evaluate_steps(&mut slots, &points));
+            for step in 0..LINE {
+                let z: Vec<f64> = points.iter().map(|row| row[step]).collect();
+                let (one, other) = (run_f64(&plain, &z), run_f64(&single, &z));
+                let direct: Vec<f64> = recording_value(&z);
+                for k in 0..one.len() {
+                    let beside = slots[single.place(k) as usize][step];
+                    let all = [one[k], other[k], beside].map(bits);
+                    assert_eq!(all, [bits(direct[k]); 3], "result {k} of {z:?} with {set:?}");
+                }
+            }
+        }
+    }
+}
+
+/// As [`all_operations`] in `f64`.
+fn recording_value(z: &[f64]) -> Vec<f64> {
+    let mut sums = vec![z[0] + z[1], z[0] - z[1], z[0] * z[1], -z[2], z[0] * z[1] + z[2], z[2] - z[0] * z[1]];
+    sums.extend([z[0] * z[1] - z[2], z[0] * z[1] + z[2] * z[3], z[2] * z[3] - z[0] * z[1], 0.0]);
+    let size = (z[3] * z[3] + 0.1).sqrt();
+    let (sine, cosine) = (z[0] * z[1]).sin_cos();
+    sums.extend([1.0 / size, size.ln(), z[0].tanh(), (-size).exp(), z[0].atan2(z[1]), z[0] / size, sine, cosine]);
+    let masks = [z[0] < z[1], z[1] < z[2] && z[0] < z[3], !(z[1] < z[0] || z[2] < z[3])];
+    sums.extend(masks.map(|mask| if mask { z[0] } else { z[3] }));
+    sums
 }

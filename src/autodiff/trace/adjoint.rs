@@ -63,7 +63,7 @@ impl Recording {
     }
 }
 
-fn input_nodes(range: Range<usize>) -> Vec<u32> {
+pub(super) fn input_nodes(range: Range<usize>) -> Vec<u32> {
     range.map(|k| push(Node::Input(k as u32)).0).collect()
 }
 
@@ -80,7 +80,7 @@ fn pull_back_call(call: &Call, behind: &[Option<Trace>]) -> Vec<(u32, Trace)> {
 }
 
 /// What `node` (whose value is `y`) passes to its operands when its own adjoint is `g`.
-fn pull_back(node: Node, y: Trace, g: Trace) -> [Option<(u32, Trace)>; 2] {
+pub(super) fn pull_back(node: Node, y: Trace, g: Trace) -> [Option<(u32, Trace)>; 2] {
     use Node::*;
     let zero = Trace::zero;
     match node {

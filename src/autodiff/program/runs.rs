@@ -1,0 +1,196 @@
+//! The `f64` form of a program: instructions of one kind stand together, and nearly all are of one kind.
+//!
+//! A jump that depends on data costs more than the instruction behind it: processors forget where hundreds of them lead. Nine tenths
+//! of a program are sums and products, and each of those is ±a·b + c·d for some constants 1 and −0 among a to d, to the bit:
+//! x·1 = x and x + (−0) = x. So one loop without a jump runs them all. The same instructions run over eight steps side by side
+//! ([`LINE`]), in lanes that round as `f64` does.
+
+use super::{Instruction, Op, apply, too_many};
+use crate::autodiff::columns::LINE;
+use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use crate::error::Result;
+use std::hint::select_unpredictable;
+
+/// Instructions in order, grouped.
+#[derive(Debug, Clone)]
+pub(super) enum Run {
+    Sums(Vec<Sum>),
+    /// `target` = c where a < b, else d.
+    Selects(Vec<Instruction>),
+    Other(Instruction),
+}
+
+/// `target` = ±a·b + c·d. Packed: loads are what the loop waits for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sum {
+    /// Slots a to d, from the lowest bits on.
+    operands: u64,
+    /// The sign bit, for −.
+    sign: u64,
+    target: u16,
+}
+
+/// Slots of the constants that sums are filled up with, behind those of the program.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Neutral {
+    one: u16,
+    /// −0: 0 would turn −0 into 0.
+    zero: u16,
+}
+
+impl Neutral {
+    pub(super) fn behind(n_slot: usize) -> Result<Self> {
+        let place = |slot: usize| u16::try_from(slot).map_err(|_| too_many(slot + 1));
+        Ok(Self { one: place(n_slot)?, zero: place(n_slot + 1)? })
+    }
+
+    /// Slots with these.
+    pub(super) fn n_slot(self) -> usize {
+        usize::from(self.zero) + 1
+    }
+
+    pub(super) fn values(self) -> [(u16, f64); 2] {
+        [(self.one, 1.0), (self.zero, -0.0)]
+    }
+}
+
+impl Sum {
+    fn of(i: &Instruction, n: Neutral) -> Option<Self> {
+        let Neutral { one, zero } = n;
+        let Instruction { op, target, a, b, c, d } = *i;
+        let (operands, is_minus) = match op {
+            Op::Add => ([a, one, b, one], false),
+            Op::Sub => ([b, one, a, one], true),
+            Op::Mul => ([a, b, zero, one], false),
+            Op::Neg => ([a, one, zero, one], true),
+            Op::MulAdd => ([a, b, c, one], false),
+            Op::NegMulAdd => ([a, b, c, one], true),
+            Op::MulSub => ([c, one, a, b], true),
+            Op::TwoProducts => ([a, b, c, d], false),
+            Op::ProductDifference => ([a, b, c, d], true),
+            _ => return None,
+        };
+        let operands = operands.iter().rev().fold(0, |word, slot| (word << 16) | u64::from(*slot));
+        Some(Self { operands, sign: u64::from(is_minus) << 63, target })
+    }
+
+    #[inline(always)]
+    fn slot(self, k: u32) -> usize {
+        usize::from((self.operands >> (16 * k)) as u16)
+    }
+}
+
+/// Instructions without calls, grouped as they stand.
+pub(super) fn grouped(instructions: &[Instruction], neutral: Neutral) -> Vec<Run> {
+    let mut runs = Vec::new();
+    for i in instructions {
+        match (Sum::of(i, neutral), runs.last_mut()) {
+            (Some(sum), Some(Run::Sums(list))) => list.push(sum),
+            (Some(sum), _) => runs.push(Run::Sums(vec![sum])),
+            (None, Some(Run::Selects(list))) if i.op == Op::SelectLess => list.push(*i),
+            (None, _) if i.op == Op::SelectLess => runs.push(Run::Selects(vec![*i])),
+            (None, _) => runs.push(Run::Other(*i)),
+        }
+    }
+    runs
+}
+
+/// Runs in `f64`. N is a power of two above every slot number, so that masking changes nothing and spares the bounds checks.
+#[inline(never)]
+pub(super) fn run<const N: usize>(runs: &[Run], slots: &mut [f64; N]) {
+    let at = |slot: u16| usize::from(slot) & (N - 1);
+    for run in runs {
+        match run {
+            Run::Sums(list) => {
+                for sum in list {
+                    let x = |k: u32| slots[sum.slot(k) & (N - 1)];
+                    let product = f64::from_bits((x(0) * x(1)).to_bits() ^ sum.sign);
+                    slots[at(sum.target)] = product + x(2) * x(3);
+                }
+            }
+            Run::Selects(list) => {
+                for i in list {
+                    let x = |slot: u16| slots[at(slot)];
+                    slots[at(i.target)] = select_unpredictable(x(i.a) < x(i.b), x(i.c), x(i.d));
+                }
+            }
+            Run::Other(i) => {
+                let x = |slot: u16| slots[at(slot)];
+                if i.op == Op::SinCos {
+                    (slots[at(i.target)], slots[at(i.d)]) = x(i.a).sin_cos();
+                } else {
+                    slots[at(i.target)] = apply(i.op, x(i.a), x(i.b), x(i.c), x(i.d));
+                }
+            }
+        }
+    }
+}
+
+/// Runs for eight steps side by side, each to the bits of [`run`].
+pub(super) fn run_steps(runs: &[Run], slots: &mut [[f64; LINE]]) {
+    dispatch(Steps { runs, slots });
+}
+
+struct Steps<'a> {
+    runs: &'a [Run],
+    slots: &'a mut [[f64; LINE]],
+}
+
+impl Kernel for Steps<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { runs, slots } = self;
+        for run in runs {
+            match run {
+                Run::Sums(list) => {
+                    for sum in list {
+                        let [a, b, c, d] = [
+                            L::wide(&slots[sum.slot(0)]),
+                            L::wide(&slots[sum.slot(1)]),
+                            L::wide(&slots[sum.slot(2)]),
+                            L::wide(&slots[sum.slot(3)]),
+                        ];
+                        let mut result = [0.0; LINE];
+                        let target = L::wide_mut(&mut result);
+                        for r in 0..LINE / L::WIDE {
+                            target[r] = L::two_products(a[r], b[r], sum.sign, c[r], d[r]);
+                        }
+                        slots[usize::from(sum.target)] = result;
+                    }
+                }
+                Run::Selects(list) => {
+                    for i in list {
+                        let [a, b, c, d] = [
+                            L::wide(&slots[usize::from(i.a)]),
+                            L::wide(&slots[usize::from(i.b)]),
+                            L::wide(&slots[usize::from(i.c)]),
+                            L::wide(&slots[usize::from(i.d)]),
+                        ];
+                        let mut result = [0.0; LINE];
+                        let target = L::wide_mut(&mut result);
+                        for r in 0..LINE / L::WIDE {
+                            target[r] = L::select_less(a[r], b[r], c[r], d[r]);
+                        }
+                        slots[usize::from(i.target)] = result;
+                    }
+                }
+                Run::Other(i) => one_by_one(i, slots),
+            }
+        }
+    }
+}
+
+/// An operation that programs have few of, step by step.
+#[inline(never)]
+fn one_by_one(i: &Instruction, slots: &mut [[f64; LINE]]) {
+    let x = |slot: u16| usize::from(slot);
+    let [a, b, c, d] = [slots[x(i.a)], slots[x(i.b)], slots[x(i.c)], slots[x(i.d)]];
+    for k in 0..LINE {
+        if i.op == Op::SinCos {
+            (slots[x(i.target)][k], slots[x(i.d)][k]) = a[k].sin_cos();
+        } else {
+            slots[x(i.target)][k] = apply(i.op, a[k], b[k], c[k], d[k]);
+        }
+    }
+}
