@@ -60,23 +60,41 @@ fn tuning_for_error_alone_fails_the_gate_and_says_which_margins_fell() {
     assert!(!judged.passes && tuning.is_less_robust() && !tuning.fallen().is_empty());
 }
 
-#[test]
-fn tuning_with_margins_holds_them_at_every_corner() {
-    let vehicle = vehicles::by_name("firefly").unwrap();
-    let start = vehicle.derived_gains();
-    let plan = TunePlan { margins: Some(MarginGate::default()), ..short() };
+/// Tunes with a gate, from derived gains, and tells how it went.
+fn with_gate(name: &str, plan: TunePlan) -> [f64; 3] {
+    let vehicle = vehicles::by_name(name).unwrap();
     let clock = std::time::Instant::now();
-    let tuning = tune(&vehicle, &start, &plan, &mut |_| {}).unwrap();
+    let tuning = tune(&vehicle, &vehicle.derived_gains(), &plan, &mut |_| {}).unwrap();
     let [before, after] = tuning.judged.as_ref().unwrap();
     println!(
-        "{:.4} → {:.4} m; least disk margin {:.3} → {:.3}, delay {:.0} → {:.0} ms, in {:.0} s",
+        "{name}: {:.4} → {:.4} m; least disk margin {:.3} → {:.3} at {:?}, delay {:.0} → {:.0} ms, in {:.0} s\n{:?}",
         tuning.before.rmse,
         tuning.after.rmse,
         before.least(),
         after.least(),
+        after.corners[after.worst].0,
         1e3 * before.delay,
         1e3 * after.delay,
-        clock.elapsed().as_secs_f64()
+        clock.elapsed().as_secs_f64(),
+        tuning.gains
     );
-    println!("{:?} → {:?}", start, tuning.gains);
+    assert!(after.passes || tuning.gains == vehicle.derived_gains(), "what does not pass is not handed out");
+    [tuning.before.rmse, tuning.after.rmse, after.least()]
+}
+
+#[test]
+fn tuning_with_margins_holds_them_at_every_corner() {
+    let gate = MarginGate { speeds: vec![0.0], ..MarginGate::default() };
+    let plan = TunePlan { n_held_out: 16, iterations: 12, duration: 2.0, margins: Some(gate), ..TunePlan::default() };
+    let [before, after, least] = with_gate("hummingbird", plan);
+    assert!(after < before && least >= 0.5, "{before} → {after} m, {least}");
+}
+
+/// Two minutes: `cargo test --release --test controllers whole_gate -- --ignored --nocapture`.
+#[test]
+#[ignore = "two minutes"]
+fn tuning_through_the_whole_gate_holds_margins_to_ten_metres_a_second() {
+    for name in ["hummingbird", "firefly", "crazyflie"] {
+        with_gate(name, TunePlan { margins: Some(MarginGate::default()), ..TunePlan::default() });
+    }
 }

@@ -198,6 +198,18 @@ pub fn names(paths: &[PathBuf]) -> Vec<String> {
     paths.iter().map(|p| p.display().to_string()).collect()
 }
 
+/// A file that a linear model is to be written into, and whether as JSON; refused before any work where it cannot be.
+pub fn model_file(file: Option<&Path>, force: bool) -> Result<Option<(&Path, bool)>> {
+    let Some(file) = file else { return Ok(None) };
+    let known = file.extension().and_then(|e| e.to_str()).filter(|e| ["json", "csv"].contains(e));
+    let Some(kind) = known else {
+        return Err(Error::value("--save", file.display(), "a file .json or .csv", "Name it so."));
+    };
+    check_new(file, force)?;
+    make_parent(file)?;
+    Ok(Some((file, kind == "json")))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -258,16 +270,4 @@ mod tests {
             assert_eq!(default_folder(name), Path::new("out").join(folder));
         }
     }
-}
-
-/// A file that a linear model is to be written into, and whether as JSON; refused before any work where it cannot be.
-pub fn model_file(file: Option<&Path>, force: bool) -> Result<Option<(&Path, bool)>> {
-    let Some(file) = file else { return Ok(None) };
-    let known = file.extension().and_then(|e| e.to_str()).filter(|e| ["json", "csv"].contains(e));
-    let Some(kind) = known else {
-        return Err(Error::value("--save", file.display(), "a file .json or .csv", "Name it so."));
-    };
-    check_new(file, force)?;
-    make_parent(file)?;
-    Ok(Some((file, kind == "json")))
 }

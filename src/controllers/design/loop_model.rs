@@ -13,7 +13,7 @@ use crate::controllers::closed_loop::ClosedLoop;
 use crate::controllers::controller::Target;
 use crate::controllers::law::{ControlLaw, Running};
 use crate::controllers::linear::dense::{Complexes, complex_spectral_radius};
-use crate::controllers::linear::disk::disk_margin_of;
+use crate::controllers::linear::disk::{bound_at, disk_margin_of};
 use crate::controllers::linear::{DiskMargin, Signal, StateSpace, eigenvalues, minimal};
 use crate::dynamics::Disturbance;
 use crate::error::{Error, Result};
@@ -266,6 +266,32 @@ impl LoopModel {
         disk_margin_of(&s, &block, skew, self.period() == 1)
     }
 
+    /// The disk margin of all commands at once without what sampling folds from one frequency to others: S is what answers at
+    /// the frequency of a sinusoid, over [`GRID`] frequencies. For loops of several rates more than
+    /// [`disk_margin`](Self::disk_margin), smooth in the gains, and found tens of times faster. 0 where the loop is not stable.
+    ///
+    /// # Errors
+    /// As [`sensitivity`](Self::sensitivity).
+    pub(super) fn unfolded_disk_margin(&self) -> Result<f64> {
+        if self.poles()?.first().is_some_and(|p| p.norm() >= 1.0) {
+            return Ok(0.0);
+        }
+        let s = self.sensitivity(Point::Commands)?;
+        let (n, m, period) = (s.n_state(), self.commands.len(), self.period());
+        let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
+        let [a, b, c, d] = [s.a(), s.b(), s.c(), s.d()].map(complex);
+        let top = PI / self.dt;
+        let bound = |k: usize| {
+            let w = SLOWEST * (top / SLOWEST).powf(k as f64 / (GRID - 1) as f64);
+            let turn = |k: usize| Complex::from_polar(1.0, w * k as f64 * self.dt);
+            let wave = Complexes::from_fn(m * period, m, |i, j| if i % m == j { turn(i / m) } else { Complex::ZERO });
+            let inside = (Complexes::identity(n, n) * turn(period) - &a).lu().solve(&(&b * &wave))?;
+            Some(bound_at(wave.adjoint() * (&c * inside + &d * &wave) / Complex::new(period as f64, 0.0), 0.0))
+        };
+        let most = (0..GRID).filter_map(bound).fold(0.0, f64::max);
+        Ok(1.0 / most)
+    }
+
     /// A delay, in whole steps, at which the loop is no longer stable though it is with one step less, s: the least if stability
     /// does not come back in between. Infinite beyond [`MOST_DELAY`] steps.
     fn delay(&self, open: &StateSpace) -> Result<f64> {
@@ -300,6 +326,10 @@ impl LoopModel {
         }
     }
 }
+
+/// Frequencies of a disk margin without folding, and the lowest of them, rad/s.
+const GRID: usize = 96;
+const SLOWEST: f64 = 0.2;
 
 /// What a loop bears at one point, all other paths closed.
 #[derive(Debug, Clone, PartialEq, Serialize)]

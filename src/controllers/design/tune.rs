@@ -12,7 +12,7 @@
 //! that passed.
 
 use super::loop_model::LoopMargins;
-use super::margin_gate::{self, Corner, Judgement, MarginGate, disk_margin_at};
+use super::margin_gate::{self, Corner, Judgement, MarginGate, disk_margin_at, unfolded_margin_at};
 use crate::autodiff::batch_rollout::BatchRollout;
 use crate::autodiff::{Objective, Scalar, System};
 use crate::controllers::cascade::Rates;
@@ -332,6 +332,8 @@ struct Constraint<'a> {
     kept: Vec<(f64, Vec<f64>)>,
     /// Error that a whole shortage counts, m.
     weight: f64,
+    /// What sampling folds takes off a margin, as a factor, at the corner that was worst when all were judged last.
+    folding: f64,
 }
 
 /// Descent steps after which all corners are judged anew.
@@ -355,11 +357,13 @@ impl<'a> Constraint<'a> {
             critical: Vec::new(),
             kept: Vec::new(),
             weight: 0.0,
+            folding: 1.0,
         })
     }
 
+    /// The margin at a corner, up to changes of the folding.
     fn alpha(&self, theta: &[f64], corner: &Corner) -> f64 {
-        disk_margin_at(self.vehicle, &gains_of(theta), &self.plan.physics, &self.plan.rates, corner)
+        self.folding * unfolded_margin_at(self.vehicle, &gains_of(theta), &self.plan.physics, &self.plan.rates, corner)
     }
 
     /// Adds what the shortage costs to a gradient over ln K.
@@ -380,6 +384,11 @@ impl<'a> Constraint<'a> {
             let mut order: Vec<usize> = (0..all.len()).collect();
             order.sort_by(|a, b| alphas[*a].total_cmp(&alphas[*b]));
             self.worst = order.iter().take(WATCHED).map(|i| all[*i]).collect();
+            let exact =
+                disk_margin_at(self.vehicle, &gains_of(theta), &self.plan.physics, &self.plan.rates, &self.worst[0]);
+            if exact > 0.0 && alphas[order[0]] > 0.0 {
+                self.folding *= exact / alphas[order[0]];
+            }
             let fresh: Vec<Corner> = self.worst.iter().filter(|c| !self.critical.contains(c)).copied().collect();
             self.critical.extend(fresh);
         }
@@ -391,12 +400,13 @@ impl<'a> Constraint<'a> {
         }
         let shortage = (1.0 - alpha / wanted).max(0.0);
         if shortage > 0.0 {
-            let nudged = |i: usize, by: f64| {
+            let nudged = |i: usize| {
                 let mut other = theta.to_vec();
-                other[i] += by;
+                other[i] += NUDGE;
                 self.alpha(&other, &corner)
             };
-            let slopes = threads.map(theta.len(), |i| (nudged(i, NUDGE) - nudged(i, -NUDGE)) / (2.0 * NUDGE));
+            let here = self.alpha(theta, &corner);
+            let slopes = threads.map(theta.len(), |i| (nudged(i) - here) / NUDGE);
             for (g, slope) in gradient.iter_mut().zip(slopes) {
                 *g -= 2.0 * self.weight * shortage * slope / wanted;
             }
@@ -409,11 +419,12 @@ impl<'a> Constraint<'a> {
         let mut kept = self.kept.clone();
         kept.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (_, theta) in &kept {
-            let alphas = threads.map(self.critical.len(), |i| self.alpha(theta, &self.critical[i]));
-            if alphas.iter().any(|alpha| *alpha < self.gate.disk) {
+            let gains = gains_of(theta);
+            let (physics, rates) = (&self.plan.physics, &self.plan.rates);
+            let exact = |i: usize| disk_margin_at(self.vehicle, &gains, physics, rates, &self.critical[i]);
+            if threads.map(self.critical.len(), exact).iter().any(|alpha| *alpha < self.gate.disk) {
                 continue;
             }
-            let gains = gains_of(theta);
             let judged = self.gate.judge(self.vehicle, &gains, &self.plan.physics, &self.plan.rates, threads)?;
             if judged.passes {
                 return Ok(gains);

@@ -86,6 +86,17 @@ pub(crate) fn disk_margin_of(sensitivity: &StateSpace, block: &[usize], skew: f6
     Ok(DiskMargin::new(1.0 / most, omega, skew))
 }
 
+/// The bound 1/α of a loop of several factors at one frequency, from its S there, with Osborne's D.
+pub(crate) fn bound_at(mut sensitivity: Complexes, skew: f64) -> f64 {
+    let n = sensitivity.nrows();
+    for k in 0..n {
+        sensitivity[(k, k)] += 0.5 * (skew - 1.0);
+    }
+    let block: Vec<usize> = (0..n).collect();
+    let search = Scaling { block: &block, n_block: n, searches: false, best: 0.0 };
+    search.size(&sensitivity, &search.balanced(&sensitivity))
+}
+
 /// S + ½(σ − 1) I.
 fn moved(s: &StateSpace, skew: f64) -> Result<StateSpace> {
     let n = s.n_output();

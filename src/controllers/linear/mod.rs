@@ -27,7 +27,7 @@ pub use disk::{DiskMargin, disk_margin, multiloop_disk_margin};
 pub use margins::{Crossing, Margins, margins};
 pub use modes::{Mode, modes, poles, root_locus, zeros};
 pub use norms::{Peak, h_infinity, h2_norm};
-pub use response::{FrequencyResponse, StepFigures, frequencies, frequency_response, step_response};
+pub use response::{FrequencyResponse, StepFigures, frequencies, frequency_response, step_figures, step_response};
 pub use sampling::Hold;
 pub use state_space::{Signal, StateSpace};
 pub use structure::{Hidden, minimal, unobservable, unreachable};

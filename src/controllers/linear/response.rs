@@ -6,6 +6,7 @@ use super::sampling::Hold;
 use super::state_space::StateSpace;
 use crate::error::{Error, Result};
 use nalgebra::{Complex, DMatrix, DVector};
+use serde::Serialize;
 
 /// G(jω) over a list of frequencies.
 #[derive(Debug, Clone, PartialEq)]
@@ -111,7 +112,7 @@ pub fn step_response(system: &StateSpace, input: usize, dt: f64, n: usize) -> Re
 }
 
 /// What is read off a step.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct StepFigures {
     /// Where it ends: the last value.
     pub last: f64,

@@ -7,6 +7,7 @@ use crate::page::{Fact, Page, duration, length, short};
 use crate::sheet::{KeyFigures, key_facts, vector};
 use crate::table::{Align, Table, number};
 use crate::{files, progress};
+use omnidrones::controllers::linear::{StepFigures, step_figures};
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{Flight, FlightPlan, Note, Reference, RotorFailure};
 use omnidrones::dynamics::Plant;
@@ -107,6 +108,9 @@ pub(super) struct Flown {
     pub wall_time: f64,
     pub written: Vec<PathBuf>,
 }
+
+/// Controllers of rigid vehicles without gains of levels.
+const OPTIMAL: [&str; 2] = ["lqr", "lqi"];
 
 /// Largest and root-mean-square value of a history.
 fn extremes(history: &JointHistory) -> [f64; 2] {
@@ -212,7 +216,7 @@ impl Flown {
             duration(self.wall_time),
             short(self.speed(), 3)
         )));
-        if !self.learnt {
+        if !self.learnt && !OPTIMAL.contains(&self.controller[0].as_str()) {
             facts.push(self.gains_fact());
         }
         if let Some((kind, wind)) = describe_wind(&plan.wind) {
@@ -242,8 +246,28 @@ impl Flown {
             };
             facts.push(Fact::new("lowest point", format!("{} m", short(lowest, 3))).note(ground));
         }
+        if let Some(step) = self.step() {
+            let seconds = |t: f64| if t.is_finite() { format!("{} s", short(t, 3)) } else { "never".into() };
+            facts.push(Fact::new("step: rise time", seconds(step.rise_time)).note(format!(
+                "10 to 90 % of the way; within 2 % of its end after {}, overshoot {} %",
+                seconds(step.settling_time),
+                number(100.0 * step.overshoot, 1)
+            )));
+        }
         facts.extend(self.notes.iter().map(|n| Fact::new(&n.name, &n.value).note(&n.note)));
         facts
+    }
+
+    /// Figures of the step that was asked for, along its way, from the jump on.
+    fn step(&self) -> Option<StepFigures> {
+        let Reference::Step(step) = &self.plan.reference else { return None };
+        let way = [0, 1, 2].map(|k| step.to[k] - step.from[k]);
+        let length = way.iter().map(|w| w * w).sum::<f64>().sqrt();
+        let along = |p: &[f64; 3]| (0..3).map(|k| (p[k] - step.from[k]) * way[k]).sum::<f64>() / length;
+        let log = &self.flight.log;
+        let after = log.time.iter().zip(&log.position).filter(|(t, _)| **t >= step.time);
+        let (times, values): (Vec<f64>, Vec<f64>) = after.map(|(t, p)| (t - step.time, along(p))).unzip();
+        step_figures(&times, &values, 0.0).ok()
     }
 
     fn tilt_fact(&self) -> Option<Fact> {
@@ -295,6 +319,7 @@ impl Flown {
             "controller_notes": self.notes.iter().map(|n| json!([n.name, n.value, n.note])).collect::<Vec<_>>(),
             "plan": self.plan,
             "flight": self.summary,
+            "step": self.step(),
             "diverged_at": self.flight.diverged_at,
             "lost_at": self.flight.lost().map(|(at, _)| at),
             "wall_time": self.wall_time,
