@@ -9,7 +9,7 @@
 //! ```
 //!
 //! Position and velocity are taken in the frame of the reference's heading. Far errors are cut at what [`HoverWeights::reach`]
-//! allows, and z waits while a rotor is at a limit, so that it does not wind up. The rotor speeds are measured.
+//! allows, and z waits while a rotor is at a limit or the position is far (a third of the reach), so that it does not wind up. The rotor speeds are measured.
 
 use super::cascade::{CascadeModel, Rates, Schedule};
 use super::design::{ErrorState, Regulator, TrimTarget, bryson, lqi, lqr, trim};
@@ -42,7 +42,7 @@ pub struct HoverWeights {
     pub rate: f64,
     /// Of a command in [−1, 1]. Default 0.3.
     pub command: f64,
-    /// Of the integral of position, m s. Default 0.1.
+    /// Of the integral of position, m s. Default 0.3.
     pub integral: f64,
     /// Of the integral of yaw, rad s. Default 0.3.
     pub yaw_integral: f64,
@@ -59,7 +59,7 @@ impl Default for HoverWeights {
             yaw: 0.3,
             rate: 2.0,
             command: 0.3,
-            integral: 0.1,
+            integral: 0.3,
             yaw_integral: 0.3,
             reach: 1.0,
         }
@@ -226,6 +226,19 @@ fn integrated(n: usize) -> DMatrix<f64> {
 
 impl HoverWeights {
     fn costs(&self, n_rotor: usize, integrates: bool) -> Result<(DMatrix<f64>, DMatrix<f64>)> {
+        let rows = [
+            ("weights.position", self.position),
+            ("weights.velocity", self.velocity),
+            ("weights.tilt", self.tilt),
+            ("weights.yaw", self.yaw),
+            ("weights.rate", self.rate),
+            ("weights.command", self.command),
+            ("weights.integral", self.integral),
+            ("weights.yaw_integral", self.yaw_integral),
+        ];
+        if let Some((what, value)) = rows.into_iter().find(|(_, v)| v.is_nan() || *v <= 0.0) {
+            return Err(Error::value(what, value, "> 0", "Leave it out for the default; infinity weighs nothing."));
+        }
         if !(self.reach > 0.0 && self.reach <= 1e3) {
             return Err(Error::value("weights.reach", self.reach, "within (0, 1000] m", "Leave it out for 1 m."));
         }
@@ -291,7 +304,8 @@ impl ControlLaw for HoverFeedback {
         if self.integrates {
             // back along the world's axes
             let fresh = [c * error[0] - s * error[1], s * error[0] + c * error[1], error[2], error[8]];
-            let step = S::constant(self.period) * (S::one() - at_limit);
+            let far = S::constant(self.reach / 3.0).lt(safe::norm([error[0], error[1], error[2]]));
+            let step = S::select(far, S::zero(), S::constant(self.period) * (S::one() - at_limit));
             for k in 0..INTEGRATED {
                 memory[k] = step.mul_add(fresh[k], memory[k]);
             }

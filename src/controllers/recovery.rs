@@ -57,13 +57,15 @@ impl Default for RecoveryPlan {
     }
 }
 
+/// Most intervals of tilt, and of body rate.
+pub const MAX_INTERVALS: usize = 360;
 /// Most starts of a map.
 pub const MAX_RECOVERIES: usize = 10_000_000;
 
 impl RecoveryPlan {
     fn check(&self, dt: f64) -> Result<u64> {
         let rows = [
-            ("largest tilt", self.tilt.0, 0.0..=PI, "within [0, 180°]"),
+            ("largest tilt", self.tilt.0, 0.0..=PI, "within [0, π] rad"),
             ("largest body rate", self.rate.0, 0.0..=1e3, "within [0, 1000] rad/s"),
             ("largest speed", self.speed, 0.0..=1e2, "within [0, 100] m/s"),
             ("confidence", self.confidence, 0.5..=0.999_999, "within [0.5, 0.999999]"),
@@ -74,7 +76,12 @@ impl RecoveryPlan {
                 return Err(Error::value(what, value, rule, "Leave it out for the default."));
             }
         }
-        let n = self.tilt.1.saturating_mul(self.rate.1).saturating_mul(self.n);
+        for (what, n) in [("intervals of tilt", self.tilt.1), ("intervals of body rate", self.rate.1)] {
+            if !(1..=MAX_INTERVALS).contains(&n) {
+                return Err(Error::limit(what, n, format!("1 to {MAX_INTERVALS}"), "18 and 6 are the defaults."));
+            }
+        }
+        let n = self.n_cell().saturating_mul(self.n);
         if !(1..=MAX_RECOVERIES).contains(&n) {
             let value = format!("{} × {} cells of {}", self.tilt.1, self.rate.1, self.n);
             let limit = format!("1 to {MAX_RECOVERIES} in all");
@@ -177,11 +184,23 @@ pub fn recovery_map(
     threads: &Threads,
 ) -> Result<RecoveryMap> {
     let n_step = plan.check(plant.physics().dt)?;
+    let effects = plant.physics().effects;
+    if effects.contact || effects.ground_effect {
+        let remedy = "Leave them out: starts fall as far as they have to.";
+        return Err(Error::value("effects contact and ground_effect", "on", "off where there is no ground", remedy));
+    }
+    let roots = plant.roots();
+    if roots.len() != 1 {
+        let what = format!("trees of '{}'", plant.name());
+        return Err(Error::value(what, roots.len(), "1 to be brought back", "Fly each of them alone."));
+    }
     let controller = build()?;
     let here = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
     let hover = start_on(plant, &controller, &here)?;
-    let flights = Flights { plan, hover, here, n_step, dt: plant.physics().dt, root: plant.roots()[0] };
-    let fates = match controller.recorded(plant)? {
+    let flights = Flights { plan, hover, here, n_step, dt: plant.physics().dt, root: roots[0] };
+    let law = controller.recorded(plant)?;
+    let batched = law.is_some();
+    let fates = match law {
         Some(law) => flights.in_lanes(&ClosedLoop::new(plant.clone(), Running::of(law))?, threads)?,
         None => flights.one_by_one(plant, build, threads)?,
     };
@@ -201,7 +220,7 @@ pub fn recovery_map(
         }
     };
     let cells = fates.chunks_exact(plan.n).enumerate().map(cell).collect();
-    Ok(RecoveryMap { plan: *plan, cells, batched: controller.is_batched() })
+    Ok(RecoveryMap { plan: *plan, cells, batched })
 }
 
 /// All flights of a map.

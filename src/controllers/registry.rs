@@ -133,7 +133,7 @@ pub const REGISTRY: [Entry; 9] = [
     Entry {
         name: "lqr",
         flies: "one drone with one chain of passive joints; one rigid vehicle, about hover",
-        tunes: "5 weights, 12 gains of the levels inside; 9 weights",
+        tunes: "5 weights, 12 gains of the levels inside; of a rigid vehicle 7 weights",
         is_batched: false,
         suits: |plant| plant.tree().is_none_or(|m| suits(m.model())),
         may_fail: true,

@@ -7,7 +7,7 @@ use omnidrones::parallel::Threads;
 
 #[test]
 fn tuned_gains_beat_the_published_ones_by_fifteen_percent_on_held_out_starts_without_a_crash() {
-    // measured: hummingbird 0.1100 → 0.0607 m (45 %), firefly 0.0977 → 0.0697 m (29 %)
+    // measured: hummingbird 0.1091 → 0.0599 m (45 %), firefly 0.0974 → 0.0710 m (27 %)
     for name in ["hummingbird", "firefly"] {
         let vehicle = vehicles::by_name(name).unwrap();
         let published = vehicle.published_gains.unwrap();
@@ -57,7 +57,10 @@ fn tuning_for_error_alone_fails_the_gate_and_says_which_margins_fell() {
         1e3 * judged.delay
     );
     println!("{:?}", tuning.fallen());
-    assert!(!judged.passes && tuning.is_less_robust() && !tuning.fallen().is_empty());
+    // measured: disk margin of all commands at hover 0.649 → 0.230, phase 36.8° → 17.8°, delay 42 → 16 ms
+    let [before, after] = &tuning.margins;
+    assert!(before.disk.alpha > 0.6 && after.disk.alpha < 0.4, "{} {}", before.disk.alpha, after.disk.alpha);
+    assert!(!judged.passes && tuning.is_less_robust() && tuning.fallen().len() >= 3);
 }
 
 /// Tunes with a gate, from derived gains, and tells how it went.

@@ -326,6 +326,22 @@ impl ThreadArguments {
     }
 }
 
+/// Refuses gains for a controller that has none: optimal feedback of a rigid vehicle.
+pub fn check_gains(flight: &FlightArguments, controller: Option<&str>, rigid: bool) -> Result<()> {
+    match (&flight.gains, controller) {
+        (Some(given), Some(name)) if rigid && is_optimal(name) => {
+            let what = format!("--gains with --controller {name}");
+            Err(Error::value(what, given, "left out: its feedback follows from weights", "Leave out one of both."))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Whether a controller of rigid vehicles has no gains of levels.
+pub fn is_optimal(name: &str) -> bool {
+    ["lqr", "lqi"].contains(&name)
+}
+
 /// A reference of a name or in a file, checked.
 pub fn reference(named: &str) -> Result<Reference> {
     let reference = if is_path(named) { files::read_toml(Path::new(named))? } else { Reference::by_name(named)? };

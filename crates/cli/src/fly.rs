@@ -238,6 +238,7 @@ fn vehicle(a: &Arguments) -> Result<Flyer> {
     plan.n_step()?;
     let plant = Plant::of_vehicle(&source.vehicle, plan.air_physics())?;
     fail(a, &plant, &mut plan)?;
+    arguments::check_gains(&a.flight, a.controller.as_deref(), true)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let usual = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
     let name = a.controller.as_deref().unwrap_or(usual);
@@ -353,7 +354,7 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
     let after = if plan.duration > TRANSIENT { TRANSIENT } else { 0.0 };
     let (mut derivatives, mut story) = (None, None);
     if let What::Vehicle { source, gains, .. } = &what {
-        if a.policy.is_none() && ["cascade", "fault_tolerant"].contains(&controller.name()) {
+        if a.policy.is_none() && !arguments::is_optimal(controller.name()) {
             derivatives = Some(Derivatives::of(&source.vehicle, gains, &plan, &flight)?);
         }
         story = Story::of(&source.vehicle, &plan, &flight)?;

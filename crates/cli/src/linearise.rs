@@ -103,6 +103,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
             return Err(Error::value(name, given, "none in 'linearise'", "Leave it out: nobody steers here."));
         }
     }
+    if let Some(rates) = &a.flight.rates {
+        let remedy = "Leave it out: nobody steers here.";
+        return Err(Error::value("--rates", format!("{rates:?}"), "none in 'linearise'", remedy));
+    }
     let save = files::model_file(a.save.as_deref(), a.force)?;
     let physics = a.flight.physics();
     let plant = match robot::configuration(&a.vehicle) {
@@ -123,7 +127,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     if a.json {
         let value = json!({
-            "command": "linearise", "plant": plant.name(), "model": model.to_json(), "out_of_reach": hidden,
+            "command": "linearise", "version": env!("CARGO_PKG_VERSION"), "success": true, "plant": plant.name(), "model": model.to_json(), "out_of_reach": hidden,
             "trim": { "state": found.state, "input": found.input, "residual": found.residual, "limited": found.limited },
             "modes": modes.iter().map(super::design::mode_json(&model)).collect::<Vec<_>>(),
         });

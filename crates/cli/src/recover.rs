@@ -1,6 +1,6 @@
 //! `omnidrones recover`: from which attitudes and body rates a controller brings a vehicle or a configuration back.
 
-use super::arguments::{FlightArguments, PlotArguments, ThreadArguments, VehicleArguments};
+use super::arguments::{self, FlightArguments, PlotArguments, ThreadArguments, VehicleArguments};
 use super::page::{Fact, Page, duration, length, short};
 use super::progress;
 use super::table::{Align, Table};
@@ -89,13 +89,23 @@ pub struct Arguments {
 
 impl Arguments {
     fn plan(&self) -> Result<RecoveryPlan> {
+        let rows = [
+            ("--tilt", self.tilt, 0.0..=180.0, "within [0, 180] degrees"),
+            ("--rate", self.rate, 0.0..=1e3, "within [0, 1000] rad/s"),
+            ("--speed", self.speed, 0.0..=1e2, "within [0, 100] m/s"),
+        ];
+        for (what, value, range, rule) in rows {
+            if !range.contains(&value) {
+                return Err(Error::value(what, value, rule, "Leave it out for the default."));
+            }
+        }
         let &[tilts, rates] = &self.cells[..] else {
             return Err(Error::value("--cells", format!("{:?}", self.cells), "two numbers", "As 18,6."));
         };
         let tilt = self.tilt / 180.0 * PI;
         Ok(RecoveryPlan {
-            tilt: (tilt, tilts),
             // one interval where there is nothing to divide
+            tilt: (tilt, if self.tilt == 0.0 { 1 } else { tilts }),
             rate: (self.rate, if self.rate == 0.0 { 1 } else { rates }),
             speed: self.speed,
             n: self.starts,
@@ -127,6 +137,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
             (Plant::of_vehicle(&source.vehicle, physics)?, Some(a.flight.gains(&source.vehicle)?.0))
         }
     };
+    arguments::check_gains(&a.flight, a.controller.as_deref(), plant.tree().is_none())?;
     let build = || -> Result<Box<dyn Controller>> {
         let setup = Setup::new(gains.as_ref(), &rates);
         match &a.controller {
@@ -146,7 +157,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     if a.output.json {
         let value = json!({
-            "command": "recover", "plant": plant.name(), "controller": name, "time": time, "all": all, "map": map,
+            "command": "recover", "version": env!("CARGO_PKG_VERSION"), "success": all.recovered > 0, "plant": plant.name(),
+            "controller": name, "wall_time": time, "all": all, "map": map,
         });
         return Ok(Report::json(&value, all.recovered > 0));
     }
@@ -177,12 +189,12 @@ fn page(a: &Arguments, plant: &str, controller: &str, map: &RecoveryMap, all: &R
         table.row(std::iter::once(tilt).chain(shares).chain([length(sunk), duration(slowest)]));
     }
     page.heading("Came back, by tilt and body rate").table(&table);
-    let least = map.cells.iter().map(|c| c.bounds[1] - c.bounds[0]).fold(0.0, f64::max);
+    let widest = map.cells.iter().map(|c| c.bounds[1] - c.bounds[0]).fold(0.0, f64::max);
     page.line(format!(
         "  {} starts in each cell; with {} % confidence its share is known within {} points",
         map.plan.n,
         short(100.0 * map.plan.confidence, 3),
-        short(100.0 * least, 2)
+        short(100.0 * widest, 2)
     ));
     if let Some(file) = &a.output.plot {
         page.heading("Written").line(format!("  {}", file.display()));

@@ -74,10 +74,12 @@ impl HeatMap {
             let at = (plot.x0 - 5.0, plot.y1 - u * plot.height() + 0.36 * size::TICK);
             canvas.text(at, label, size::TICK, Colour::GREY, Anchor::End, false);
         }
-        let [under, beside] = &self.labels;
+        let [under, beside] = [(&self.labels[0], &x), (&self.labels[1], &y)].map(|(label, axis)| {
+            if axis.multiplier.is_empty() { label.clone() } else { format!("{label} · {}", axis.multiplier) }
+        });
         let at = (0.5 * (plot.x0 + plot.x1), area.y1 - 4.0);
-        canvas.text(at, under, size::LABEL, Colour::INK, Anchor::Middle, false);
+        canvas.text(at, &under, size::LABEL, Colour::INK, Anchor::Middle, false);
         let at = (area.x0 + 10.0, 0.5 * (plot.y0 + plot.y1));
-        canvas.text(at, beside, size::LABEL, Colour::INK, Anchor::Middle, true);
+        canvas.text(at, &beside, size::LABEL, Colour::INK, Anchor::Middle, true);
     }
 }

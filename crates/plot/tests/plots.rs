@@ -2,7 +2,7 @@
 
 use omnidrones::flight::{FlightLog, FlightSample};
 use omnidrones_plot::flight::FlightFigures;
-use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Path3d, Pose, Series};
+use omnidrones_plot::{Bar, Bars, Colour, Figure, HeatMap, Panel, Path3d, Pose, Series};
 
 fn push(log: &mut FlightLog, time: f64, position: [f64; 3], reference: [f64; 3]) {
     let rotors = vec![400.0 + 50.0 * time.sin(); log.n_rotor()];
@@ -223,4 +223,15 @@ fn sixteen_rotors_are_panels_of_four_and_wind_has_one_of_its_own() {
     assert!(!calm.overview.svg().unwrap().contains("Wind"));
     log.wind = vec![[3.0, 0.0, 0.0]; log.len()];
     assert!(FlightFigures::new(&log, 0.0).overview.svg().unwrap().contains("Wind"));
+}
+
+#[test]
+fn a_heat_map_writes_its_shares_and_leaves_gaps_pale() {
+    let map = HeatMap::new("Shares", "tilt [°]", "rate [rad/s]")
+        .ranges((0.0, 180.0), (0.0, 12.0))
+        .row(vec![1.0, 0.5, f64::NAN], vec!["100".into(), "50".into(), String::new()])
+        .row(vec![0.0], vec!["0".into()]);
+    let svg = Figure::new("Map").chart(map).svg().unwrap();
+    assert!(svg.contains("Shares") && svg.contains("180") && svg.contains("tilt"));
+    assert!(Figure::new("").chart(HeatMap::default()).svg().is_ok());
 }

@@ -288,7 +288,14 @@ impl LoopModel {
             let inside = (Complexes::identity(n, n) * turn(period) - &a).lu().solve(&(&b * &wave))?;
             Some(bound_at(wave.adjoint() * (&c * inside + &d * &wave) / Complex::new(period as f64, 0.0), 0.0))
         };
-        let most = (0..GRID).filter_map(bound).fold(0.0, f64::max);
+        let mut most = 0.0_f64;
+        for k in 0..GRID {
+            match bound(k) {
+                Some(size) if size.is_finite() => most = most.max(size),
+                // a pole on the axis
+                _ => return Ok(0.0),
+            }
+        }
         Ok(1.0 / most)
     }
 

@@ -101,8 +101,16 @@ pub fn lqi(
     period: f64,
 ) -> Result<Regulator> {
     let (n, p) = (a.nrows(), c.nrows());
+    if a.ncols() != n || b.nrows() != n {
+        let value = format!("A {:?}, B {:?}", a.shape(), b.shape());
+        return Err(Error::value("sizes", value, "A n × n, B n × m", "Give one row of B per state."));
+    }
     if c.ncols() != n {
         return Err(Error::value("columns of C", c.ncols(), format!("{n}, one per state"), "Give y = C x."));
+    }
+    if q.shape() != (n + p, n + p) {
+        let rule = format!("({0}, {0}): states, then what is integrated", n + p);
+        return Err(Error::value("size of Q", format!("{:?}", q.shape()), rule, "Weigh the integrals too."));
     }
     let mut state = DMatrix::identity(n + p, n + p);
     state.view_mut((0, 0), (n, n)).copy_from(a);
@@ -150,7 +158,7 @@ pub fn finite_horizon(
         let rule = "A, Q, Q_N n × n, B n × m, R m × m";
         return Err(Error::value("sizes", sizes, rule, "Give Q and R of states and inputs."));
     }
-    let (mut cost, mut gains) = (end.clone(), Vec::with_capacity(steps));
+    let (mut cost, mut gains) = (end.clone(), Vec::new());
     for _ in 0..steps {
         let Some(inner) = (r + b.tr_mul(&(&cost * b))).cholesky() else {
             return Err(Error::value("R + BᵀXB", "not positive definite", "positive definite", "Raise R."));

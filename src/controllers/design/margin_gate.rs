@@ -92,7 +92,7 @@ impl MarginGate {
     /// [`Error::Value`] for numbers out of range.
     pub fn validate(&self) -> Result<()> {
         let rows = [
-            ("margins.disk", self.disk, 0.0..=1.99, "within [0, 1.99]"),
+            ("margins.disk", self.disk, 0.01..=1.99, "within [0.01, 1.99]"),
             ("margins.spread", self.spread, 0.0..=0.9, "within [0, 0.9]"),
             ("margins.latency", self.latency, 0.0..=0.2, "within [0, 0.2] s"),
         ];

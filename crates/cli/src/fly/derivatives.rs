@@ -79,7 +79,9 @@ impl Derivatives {
         let (s, time) = self.through.as_ref()?;
         let g = &s.gradient;
         let named = [("position", g.position), ("velocity", g.velocity), ("attitude", g.attitude), ("rate", g.rate)];
-        let all = named.iter().flat_map(|(n, v)| ["x", "y", "z"].iter().zip(v).map(move |(a, x)| (*n, *a, *x)));
+        let levels = named.iter().flat_map(|(n, v)| ["x", "y", "z"].into_iter().zip(v).map(move |(a, x)| (*n, a, *x)));
+        let learnt = ["of force", "of moment"].into_iter().zip(g.integral).map(|(of, x)| ("integral", of, x));
+        let all = levels.chain(learnt);
         let (name, axis, most) = all.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()))?;
         Some(format!(
             "  gradient of the RMSE over {} gains, backwards through {} closed-loop steps: {}\n  \

@@ -2,6 +2,7 @@
 
 use super::derivatives::Derivatives;
 use super::{Arguments, What};
+use crate::arguments::is_optimal;
 use crate::failure::Story;
 use crate::page::{Fact, Page, duration, length, short};
 use crate::sheet::{KeyFigures, key_facts, vector};
@@ -109,9 +110,6 @@ pub(super) struct Flown {
     pub written: Vec<PathBuf>,
 }
 
-/// Controllers of rigid vehicles without gains of levels.
-const OPTIMAL: [&str; 2] = ["lqr", "lqi"];
-
 /// Largest and root-mean-square value of a history.
 fn extremes(history: &JointHistory) -> [f64; 2] {
     let v = &history.values;
@@ -216,7 +214,7 @@ impl Flown {
             duration(self.wall_time),
             short(self.speed(), 3)
         )));
-        if !self.learnt && !OPTIMAL.contains(&self.controller[0].as_str()) {
+        if !self.learnt && (self.plant.tree().is_some() || !is_optimal(&self.controller[0])) {
             facts.push(self.gains_fact());
         }
         if let Some((kind, wind)) = describe_wind(&plan.wind) {
@@ -263,6 +261,9 @@ impl Flown {
         let Reference::Step(step) = &self.plan.reference else { return None };
         let way = [0, 1, 2].map(|k| step.to[k] - step.from[k]);
         let length = way.iter().map(|w| w * w).sum::<f64>().sqrt();
+        if length == 0.0 {
+            return None;
+        }
         let along = |p: &[f64; 3]| (0..3).map(|k| (p[k] - step.from[k]) * way[k]).sum::<f64>() / length;
         let log = &self.flight.log;
         let after = log.time.iter().zip(&log.position).filter(|(t, _)| **t >= step.time);
@@ -330,8 +331,10 @@ impl Flown {
             What::Vehicle { source, gains, gains_name } => {
                 value["vehicle"] = KeyFigures::of(&source.vehicle).json(&source.vehicle);
                 value["source"] = source.json();
-                value["gains"] = json!(gains);
-                value["gains_from"] = json!(gains_name);
+                if !is_optimal(&self.controller[0]) {
+                    value["gains"] = json!(gains);
+                    value["gains_from"] = json!(gains_name);
+                }
                 value["failures"] = json!(self.story.as_ref().map(|s| s.json(&source.vehicle)));
             }
             What::Model(robot) => {

@@ -24,6 +24,8 @@ const SMALLER: &[(&str, &str, &str)] = &[
     ("train-all", "--tasks", "Hover"),
     ("train-all", "--seeds", "1"),
     ("train-all", "--budget", "0.002"),
+    ("recover", "--cells", "3,2"),
+    ("recover", "--starts", "2"),
     ("tune", "--iterations", "2"),
     ("tune", "--starts", "4"),
     ("tune", "--held-out", "4"),
@@ -35,12 +37,15 @@ const SMALLER: &[(&str, &str, &str)] = &[
 /// Flights farther from their reference than this are lost, m.
 const LOST: f64 = 10.0;
 
-const COMMANDS: [&str; 13] = [
+const COMMANDS: [&str; 16] = [
     "fly",
     "show",
     "models",
     "import",
     "allocate",
+    "design",
+    "linearise",
+    "recover",
     "tune",
     "tasks",
     "rollout",
