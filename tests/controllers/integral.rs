@@ -165,14 +165,14 @@ fn lqi_holds_a_steady_wind_and_lqr_does_not() {
             let mut x = plant.hover_state().unwrap();
             x[2] = 2.0;
             let (mut next, target) = (x.clone(), Target { reference: &HOVER, tilt: &Tilt::LEVEL });
-            for _ in 0..5000 {
+            for _ in 0..10_000 {
                 system.advance(&x, target, &Outside::air(wind(0.0)), &mut next).unwrap();
                 std::mem::swap(&mut x, &mut next);
             }
             x[0].hypot(x[1]).hypot(x[2] - 2.0)
         };
         let [lqr, lqi] = ["lqr", "lqi"].map(after);
-        println!("{name}: {lqr:.4} m under lqr, {lqi:.1e} m under lqi after 10 s");
+        println!("{name}: {lqr:.4} m under lqr, {lqi:.1e} m under lqi after 20 s");
         assert!(lqr > 0.01 && lqi < 1e-3, "{name}: {lqr} {lqi}");
     }
 }

