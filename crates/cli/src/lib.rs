@@ -146,7 +146,7 @@ enum Command {
     /// Report a vehicle's steady flight, its modes, and the margins of its control loop
     #[command(long_about = design::ABOUT)]
     Design(Box<design::Arguments>),
-    /// Linearise a vehicle or a configuration about a steady flight; modes, and files for other tools
+    /// Linearise about a steady flight: A and B for other tools, modes
     #[command(long_about = linearise::ABOUT)]
     Linearise(Box<linearise::Arguments>),
     /// Count from which tilts and rates a controller brings a vehicle back
