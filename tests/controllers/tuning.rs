@@ -90,8 +90,8 @@ fn tuning_with_margins_holds_them_at_every_corner() {
     let gate = MarginGate { speeds: vec![0.0], ..MarginGate::default() };
     let plan = TunePlan { n_held_out: 16, iterations: 20, duration: 2.0, margins: Some(gate), ..TunePlan::default() };
     let [before, after, least] = with_gate("hummingbird", plan);
-    // the gains it starts from have 0.41 at the worst corner; what comes out bears more, and is no worse by half
-    assert!(least >= 0.5 && after < 1.5 * before, "{before} → {after} m, {least}");
+    // measured: 0.2144 → 0.1901 m while the least margin rises from 0.406 to 0.516, in 14 s
+    assert!(least >= 0.5 && after < before, "{before} → {after} m, {least}");
 }
 
 /// Two minutes: `cargo test --release --test controllers whole_gate -- --ignored --nocapture`.

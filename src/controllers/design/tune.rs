@@ -348,6 +348,8 @@ const WATCHED: usize = 3;
 const RESERVE: f64 = 1.06;
 /// Most gains that are judged at the whole gate in the end.
 const CANDIDATES: usize = 12;
+/// Gains that change together where the slope of the margin is asked for: where roll and pitch are as short, neither alone helps.
+const ALIKE: [&[usize]; 10] = [&[0, 1], &[2], &[3, 4], &[5], &[6, 7], &[8], &[9, 10], &[11], &[12], &[13]];
 /// From a shortage of one in so many of what is asked on, the climb is as long as the gradient.
 const HASTE: f64 = 10.0;
 /// Relative change of a gain for slopes of the margin.
@@ -417,12 +419,16 @@ impl<'a> Constraint<'a> {
         }
         let shortage = (1.0 - alpha / wanted).max(0.0);
         if shortage > 0.0 {
-            let nudged = |i: usize| {
+            let alike: Vec<&[usize]> = ALIKE.into_iter().filter(|of| of.iter().all(|i| *i < theta.len())).collect();
+            let along = threads.map(alike.len(), |k| {
                 let mut other = theta.to_vec();
-                other[i] += NUDGE;
-                self.alpha(&other, &corner)
-            };
-            let slopes = threads.map(theta.len(), |i| (nudged(i) - alpha) / NUDGE);
+                alike[k].iter().for_each(|i| other[*i] += NUDGE);
+                (self.alpha(&other, &corner) - alpha) / NUDGE
+            });
+            let mut slopes = vec![0.0; theta.len()];
+            for (of, slope) in alike.iter().zip(along) {
+                of.iter().for_each(|i| slopes[*i] = slope / of.len() as f64);
+            }
             climb(gradient, &slopes, (HASTE * shortage).min(1.0));
         }
         Ok(())
