@@ -32,7 +32,7 @@ Examples:
   omnidrones design iris --latency 5                     commands 5 steps late
   omnidrones design firefly --gains derived --json       for a program
   omnidrones design hummingbird --plot loop.svg          loop and sensitivity over frequency
-  omnidrones design hummingbird --save plant.json        the linear plant, for other tools
+  omnidrones design hummingbird --save model.json        the linear plant, for other tools
 
 Margins are of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and phase \
 at once, in all commands together where it says so (Seiler, Packard and Gahinet 2020): 0.5 stands for a factor of 0.6 to 1.67 \

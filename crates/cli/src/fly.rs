@@ -62,7 +62,7 @@ Examples:
   omnidrones fly platform --roll 20                   a frame that flies on with 20° of roll
   omnidrones fly dragon --shape arc:30                a chain that bends while it flies
   omnidrones fly hummingbird --policy runs/Hover-apg-s0   what was learnt, on the vehicle as it is
-  omnidrones fly iris --controller lqi --wind 4,0,0   optimal state feedback with integrators
+  omnidrones fly firefly --controller lqi --wind 4,0,0   optimal state feedback with integrators
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
