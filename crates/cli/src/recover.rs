@@ -27,7 +27,7 @@ const EXAMPLES: &str = "\
 Examples:
   omnidrones recover hummingbird                          tilts to 180°, rates to 12 rad/s
   omnidrones recover crazyflie --tilt 60 --rate 0         released at rest, up to 60° of tilt
-  omnidrones recover iris --speed 5 --plot map.svg        thrown, too; the map as a figure
+  omnidrones recover iris --speed 5 --plot thrown.svg     thrown, too; the map as a figure
   omnidrones recover payload --starts 8 --tilt 90         with a load; its controller flies one start after the other
   omnidrones recover firefly --controller fault_tolerant --cells 4,2 --starts 16
 
