@@ -369,11 +369,21 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         command: &AttitudeCommand<S>,
         ticks: [S; 3],
     ) -> Latched<S, R> {
+        let rate = self.rate_of_attitude(state, held, command, ticks);
+        Latched { attitude: *command, ..self.rate(state, held, &rate, ticks) }
+    }
+
+    /// What the attitude level asks of the rate level.
+    #[inline(always)]
+    fn rate_of_attitude(
+        &self,
+        state: &Kinematics<S>,
+        held: &Latched<S, R>,
+        command: &AttitudeCommand<S>,
+        ticks: [S; 3],
+    ) -> RateCommand<S> {
         let fresh = rate_command(&self.gains, command, state.attitude, state.angular_velocity);
-        let rate = hold_rate(ticks[1], &fresh, &held.rate);
-        let mut new = self.rate(state, held, &rate, ticks);
-        new.attitude = *command;
-        new
+        hold_rate(ticks[1], &fresh, &held.rate)
     }
 
     /// Likewise, with an angular acceleration taken off that the body has beside its moments, rad/s².
@@ -386,8 +396,7 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         surplus: [S; 3],
         ticks: [S; 3],
     ) -> Latched<S, R> {
-        let fresh = rate_command(&self.gains, command, state.attitude, state.angular_velocity);
-        let rate = hold_rate(ticks[1], &fresh, &held.rate);
+        let rate = self.rate_of_attitude(state, held, command, ticks);
         let mut asked = rate;
         asked.angular_acceleration = sub(rate.angular_acceleration, surplus);
         Latched { attitude: *command, rate, rotors: self.rate(state, held, &asked, ticks).rotors }

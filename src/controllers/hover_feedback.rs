@@ -136,17 +136,8 @@ impl HoverFeedback {
     fn flat<S: Scalar>(&self, state: &Kinematics<S>, now: &Moment<'_, S>) -> Flat<S> {
         let model = CascadeModel::<S, MAX_PADDED>::constant(&self.model);
         let sample = now.sample();
-        let command = VelocityCommand {
-            velocity: sample.velocity,
-            acceleration: sample.acceleration,
-            jerk: sample.jerk,
-            snap: sample.snap,
-            yaw: sample.yaw,
-            yaw_rate: sample.yaw_rate,
-            yaw_acceleration: sample.yaw_acceleration,
-        };
         let wanted = [sample.velocity, sample.acceleration, sample.jerk];
-        let command = add_drag(&model.body, state, wanted, &command);
+        let command = add_drag(&model.body, state, wanted, &VelocityCommand::along(&sample));
         // along its own trajectory: no error, and the attitude that is wanted
         let level = Kinematics { velocity: sample.velocity, ..Kinematics::at_rest(sample.position) };
         let attitude = attitude_command(&model.gains, &model.body, &model.limits, &command, &level);

@@ -25,15 +25,7 @@ pub fn velocity_command<S: Scalar>(
         let ratio = safe::div(gains.position[i], gains.velocity[i], GAIN_FLOOR);
         velocity[i] = ratio.mul_add(error[i], velocity[i]);
     }
-    VelocityCommand {
-        velocity,
-        acceleration: sample.acceleration,
-        jerk: sample.jerk,
-        snap: sample.snap,
-        yaw: sample.yaw,
-        yaw_rate: sample.yaw_rate,
-        yaw_acceleration: sample.yaw_acceleration,
-    }
+    VelocityCommand { velocity, ..VelocityCommand::along(sample) }
 }
 
 /// Adds the force that balances linear drag at the wanted velocity: a += R D Rᵀ v/m, and to jerk and snap the same

@@ -3,6 +3,7 @@
 use super::attitude::{AttitudeCommand, Orientation};
 use super::kinematics::Kinematics;
 use super::parameters::{BodyModel, ForceLimits, GainSet};
+use super::reference::Setpoint;
 use crate::autodiff::jet::Jet;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Mat3, Vec3, cross, dot, up_axis};
@@ -27,6 +28,20 @@ pub struct VelocityCommand<S> {
 }
 
 impl<S: Scalar> VelocityCommand<S> {
+    /// Along a reference, as if there were no error.
+    #[inline(always)]
+    pub(super) fn along(sample: &Setpoint<S>) -> Self {
+        Self {
+            velocity: sample.velocity,
+            acceleration: sample.acceleration,
+            jerk: sample.jerk,
+            snap: sample.snap,
+            yaw: sample.yaw,
+            yaw_rate: sample.yaw_rate,
+            yaw_acceleration: sample.yaw_acceleration,
+        }
+    }
+
     /// A constant velocity at a constant yaw.
     #[inline(always)]
     pub fn constant(velocity: Vec3<S>, yaw: S) -> Self {

@@ -96,7 +96,7 @@ fn tuning_with_margins_holds_them_at_every_corner() {
 
 /// Two minutes: `cargo test --release --test controllers whole_gate -- --ignored --nocapture`.
 #[test]
-#[ignore = "two minutes"]
+#[ignore = "cargo test --release --test controllers whole_gate -- --ignored --nocapture: minutes"]
 fn tuning_through_the_whole_gate_holds_margins_to_ten_metres_a_second() {
     for name in ["hummingbird", "firefly", "crazyflie"] {
         with_gate(name, TunePlan { margins: Some(MarginGate::default()), ..TunePlan::default() });

@@ -134,59 +134,57 @@ impl MarginGate {
         self.validate()?;
         // what cannot fly at all is told before it is judged
         CascadeLaw::new(vehicle, physics, gains, rates)?;
+        let flown = Flown { vehicle, gains, physics, rates };
         let corners = self.corners();
-        let alphas = threads.map(corners.len(), |i| disk_margin_at(vehicle, gains, physics, rates, &corners[i]));
+        let alphas = threads.map(corners.len(), |i| flown.disk_margin(&corners[i]));
         let corners: Vec<(Corner, f64)> = corners.into_iter().zip(alphas).collect();
         let worst = (0..corners.len()).min_by(|a, b| corners[*a].1.total_cmp(&corners[*b].1)).unwrap_or(0);
-        let delay = loop_at(vehicle, gains, physics, rates, &Corner::nominal(0.0))
-            .and_then(|model| model.margins(Point::Commands))
-            .map_or(0.0, |margins| if margins.stable { margins.delay } else { 0.0 });
+        let delay = flown.hover_margins().map_or(0.0, |margins| if margins.stable { margins.delay } else { 0.0 });
         let passes = corners[worst].1 >= self.disk;
         Ok(Judgement { corners, worst, delay, passes, bears_latency: delay > self.latency })
     }
 }
 
-/// The disk margin of all commands at a corner; 0 where the loop is not stable or does not come to rest.
-pub(super) fn disk_margin_at(
-    vehicle: &Vehicle,
-    gains: &Gains,
-    physics: &Physics,
-    rates: &Rates,
-    corner: &Corner,
-) -> f64 {
-    let judged = loop_at(vehicle, gains, physics, rates, corner).and_then(|model| {
-        let stable = model.poles()?.first().is_none_or(|p| p.norm() < 1.0);
-        Ok(if stable { model.disk_margin(Point::Commands, 0.0)?.alpha } else { 0.0 })
-    });
-    judged.unwrap_or(0.0)
+/// A vehicle under its cascade, to be judged at corners.
+#[derive(Clone, Copy)]
+pub(super) struct Flown<'a> {
+    pub vehicle: &'a Vehicle,
+    pub gains: &'a Gains,
+    pub physics: &'a Physics,
+    pub rates: &'a Rates,
 }
 
-/// The same without what sampling folds: more for loops of several rates, smooth in the gains, and found faster.
-pub(super) fn unfolded_margin_at(
-    vehicle: &Vehicle,
-    gains: &Gains,
-    physics: &Physics,
-    rates: &Rates,
-    corner: &Corner,
-) -> f64 {
-    loop_at(vehicle, gains, physics, rates, corner).and_then(|model| model.unfolded_disk_margin()).unwrap_or(0.0)
-}
+impl Flown<'_> {
+    /// The disk margin of all commands at a corner; 0 where the loop is not stable or does not come to rest.
+    pub fn disk_margin(&self, corner: &Corner) -> f64 {
+        let judged = self.model(corner).and_then(|model| {
+            let stable = model.poles()?.first().is_none_or(|p| p.norm() < 1.0);
+            Ok(if stable { model.disk_margin(Point::Commands, 0.0)?.alpha } else { 0.0 })
+        });
+        judged.unwrap_or(0.0)
+    }
 
-/// Margins of all commands of the believed loop at hover.
-pub(super) fn hover_margins(vehicle: &Vehicle, gains: &Gains, physics: &Physics, rates: &Rates) -> Result<LoopMargins> {
-    loop_at(vehicle, gains, physics, rates, &Corner::nominal(0.0))?.margins(Point::Commands)
-}
+    /// The same without what sampling folds: more for loops of several rates, smooth in the gains, and found faster.
+    pub fn unfolded_disk_margin(&self, corner: &Corner) -> f64 {
+        self.model(corner).and_then(|model| model.unfolded_disk_margin()).unwrap_or(0.0)
+    }
 
-/// The loop of the true plant under the law of the believed one.
-fn loop_at(vehicle: &Vehicle, gains: &Gains, physics: &Physics, rates: &Rates, corner: &Corner) -> Result<LoopModel> {
-    let mut physics = *physics;
-    physics.effects.disturbance = true;
-    let air = Disturbance { wind: [-corner.speed, 0.0, 0.0], ..Disturbance::none() };
-    let plant = Plant::of_vehicle(&truth(vehicle, corner), physics)?;
-    let steady = trim(&plant, &TrimTarget { air, ..TrimTarget::hover() })?;
-    let law = CascadeLaw::new(vehicle, &physics, gains, rates)?;
-    let there = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
-    LoopModel::new(ClosedLoop::new(plant, law.running())?, Target::level(&there), &air, &steady.state)
+    /// Margins of all commands of the believed loop at hover.
+    pub fn hover_margins(&self) -> Result<LoopMargins> {
+        self.model(&Corner::nominal(0.0))?.margins(Point::Commands)
+    }
+
+    /// The loop of the true plant under the law of the believed one.
+    fn model(&self, corner: &Corner) -> Result<LoopModel> {
+        let mut physics = *self.physics;
+        physics.effects.disturbance = true;
+        let air = Disturbance { wind: [-corner.speed, 0.0, 0.0], ..Disturbance::none() };
+        let plant = Plant::of_vehicle(&truth(self.vehicle, corner), physics)?;
+        let steady = trim(&plant, &TrimTarget { air, ..TrimTarget::hover() })?;
+        let law = CascadeLaw::new(self.vehicle, &physics, self.gains, self.rates)?;
+        let there = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
+        LoopModel::new(ClosedLoop::new(plant, law.running())?, Target::level(&there), &air, &steady.state)
+    }
 }
 
 /// The vehicle with mass, inertia and lag of a corner, its centre of mass where it was.

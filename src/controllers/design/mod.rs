@@ -5,6 +5,7 @@
 //! | [`riccati`] | Riccati and Lyapunov equations by doubling |
 //! | [`error_state`] | linearisations without the redundancy of quaternions |
 //! | [`loop_model`] | the linear model of a loop that is flown, its margins at any point |
+//! | `margin_constraint` | such a gate while gains are tuned |
 //! | [`margin_gate`] | what a controller has to bear: margins in winds, on plants not as believed |
 //! | [`mod@lqr`] | state feedback of least cost, with integrators or over a finite time, weights by Bryson's rule |
 //! | [`mod@follow`] | feed-forward along smooth references |
@@ -17,6 +18,7 @@ pub mod follow;
 pub mod gain_sensitivity;
 pub mod loop_model;
 pub mod lqr;
+mod margin_constraint;
 pub mod margin_gate;
 pub mod riccati;
 pub mod trim;

@@ -12,7 +12,8 @@
 //! that passed.
 
 use super::loop_model::LoopMargins;
-use super::margin_gate::{self, Corner, Judgement, MarginGate, disk_margin_at, unfolded_margin_at};
+use super::margin_constraint::Constraint;
+use super::margin_gate::{Flown, Judgement, MarginGate};
 use crate::autodiff::batch_rollout::BatchRollout;
 use crate::autodiff::{Objective, Scalar, System};
 use crate::controllers::cascade::Rates;
@@ -272,7 +273,8 @@ pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dy
     theta.iter_mut().for_each(|k| *k = k.ln());
 
     let threads = Threads::default();
-    let inputs: Vec<Vec<f64>> = plan.references().map(|reference| inputs(&system.0, reference, n_step)).collect();
+    let flights: Vec<Vec<f64>> = plan.references().map(|reference| inputs(&system.0, reference, n_step)).collect();
+    let share = 1.0 / flights.len() as f64;
     let starts: Vec<Vec<f32>> =
         plan.references().map(|r| starts(&system.0, plan, r, plan.n_start, TRAINING)).collect::<Result<_>>()?;
     let batch = BatchRollout::new(&system, &MeanSquaredError::over(n_step))?;
@@ -280,13 +282,13 @@ pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dy
     let mut constraint = plan.margins.as_ref().map(|gate| Constraint::new(vehicle, gains, plan, gate)).transpose()?;
     for iteration in 0..plan.iterations {
         let (mut rmse, mut gradient) = (0.0, vec![0.0; descent.theta.len()]);
-        for (inputs, starts) in inputs.iter().zip(&starts) {
+        for (inputs, starts) in flights.iter().zip(&starts) {
             let (error, slope) = root_mean_cost(&batch, starts, inputs, &descent.theta, &threads)?;
-            rmse += error / starts_of(plan);
-            gradient.iter_mut().zip(slope).for_each(|(sum, g)| *sum += g / starts_of(plan));
+            rmse += share * error;
+            gradient.iter_mut().zip(slope).for_each(|(sum, g)| *sum += share * g);
         }
         if let Some(constraint) = &mut constraint {
-            constraint.add(iteration, &descent.theta, rmse, &mut gradient, &threads)?;
+            constraint.lead(iteration, &descent.theta, rmse, &mut gradient, &threads)?;
         }
         let gradient_norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
         let step = Iteration { iteration, rmse, gradient_norm };
@@ -307,7 +309,8 @@ pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dy
     };
     let [before, after] = both.map(|g| evaluate(vehicle, g, plan));
     let [elsewhere_before, elsewhere_after] = both.map(|g| elsewhere(vehicle, g, plan));
-    let [first, last] = both.map(|g| margin_gate::hover_margins(vehicle, g, &plan.physics, &plan.rates));
+    let [first, last] =
+        both.map(|gains| Flown { vehicle, gains, physics: &plan.physics, rates: &plan.rates }.hover_margins());
     Ok(Tuning {
         gains: tuned,
         history: descent.history,
@@ -320,146 +323,11 @@ pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dy
     })
 }
 
-fn starts_of(plan: &TunePlan) -> f64 {
-    1.0 + plan.also.len() as f64
-}
-
-/// A gate as a part of the descent.
-struct Constraint<'a> {
-    vehicle: &'a Vehicle,
-    plan: &'a TunePlan,
-    gate: &'a MarginGate,
-    start: Gains,
-    /// Corners that were worst when all were judged last.
-    worst: Vec<Corner>,
-    /// Those that ever were.
-    critical: Vec<Corner>,
-    /// ln K of least error among those whose worst corners passed, and that error.
-    kept: Vec<(f64, Vec<f64>)>,
-    /// What sampling folds takes off a margin, as a factor, at the corner that was worst when all were judged last.
-    folding: f64,
-}
-
-/// Descent steps after which all corners are judged anew.
-const JUDGED_EVERY: usize = 10;
-/// Corners that are watched in between.
-const WATCHED: usize = 3;
-/// The margin is led to this much more than is asked, so that it is kept at the end.
-const RESERVE: f64 = 1.06;
-/// Most gains that are judged at the whole gate in the end.
-const CANDIDATES: usize = 12;
-/// Gains that change together where the slope of the margin is asked for: where roll and pitch are as short, neither alone helps.
-const ALIKE: [&[usize]; 10] = [&[0, 1], &[2], &[3, 4], &[5], &[6, 7], &[8], &[9, 10], &[11], &[12], &[13]];
-/// From a shortage of one in so many of what is asked on, the climb is as long as the gradient.
-const HASTE: f64 = 10.0;
-/// Relative change of a gain for slopes of the margin.
-const NUDGE: f64 = 0.01;
-
-/// Takes out of a gradient what would lower the margin, and adds a climb along its slope of `share` of the gradient's own size.
-fn climb(gradient: &mut [f64], slopes: &[f64], share: f64) {
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let (size, steepness) = (dot(gradient, gradient).sqrt(), dot(slopes, slopes));
-    if steepness == 0.0 || !steepness.is_finite() {
-        return;
-    }
-    // a step goes against the gradient
-    let lowers = (dot(gradient, slopes) / steepness).max(0.0);
-    let climbs = share * size / steepness.sqrt();
-    gradient.iter_mut().zip(slopes).for_each(|(g, slope)| *g -= (lowers + climbs) * slope);
-}
-
-impl<'a> Constraint<'a> {
-    fn new(vehicle: &'a Vehicle, start: &Gains, plan: &'a TunePlan, gate: &'a MarginGate) -> Result<Self> {
-        gate.validate()?;
-        Ok(Self {
-            vehicle,
-            plan,
-            gate,
-            start: *start,
-            worst: Vec::new(),
-            critical: Vec::new(),
-            kept: Vec::new(),
-            folding: 1.0,
-        })
-    }
-
-    /// The margin at a corner, up to changes of the folding.
-    fn alpha(&self, theta: &[f64], corner: &Corner) -> f64 {
-        self.folding * unfolded_margin_at(self.vehicle, &gains_of(theta), &self.plan.physics, &self.plan.rates, corner)
-    }
-
-    /// Adds what the shortage costs to a gradient over ln K.
-    fn add(
-        &mut self,
-        iteration: usize,
-        theta: &[f64],
-        rmse: f64,
-        gradient: &mut [f64],
-        threads: &Threads,
-    ) -> Result<()> {
-        if iteration.is_multiple_of(JUDGED_EVERY) {
-            let all = self.gate.corners();
-            let alphas = threads.map(all.len(), |i| self.alpha(theta, &all[i]));
-            let mut order: Vec<usize> = (0..all.len()).collect();
-            order.sort_by(|a, b| alphas[*a].total_cmp(&alphas[*b]));
-            self.worst = order.iter().take(WATCHED).map(|i| all[*i]).collect();
-            let exact =
-                disk_margin_at(self.vehicle, &gains_of(theta), &self.plan.physics, &self.plan.rates, &self.worst[0]);
-            if exact > 0.0 && alphas[order[0]] > 0.0 {
-                self.folding *= exact / alphas[order[0]];
-            }
-            let fresh: Vec<Corner> = self.worst.iter().filter(|c| !self.critical.contains(c)).copied().collect();
-            self.critical.extend(fresh);
-        }
-        let alphas = threads.map(self.worst.len(), |i| self.alpha(theta, &self.worst[i]));
-        let least = (0..alphas.len()).min_by(|a, b| alphas[*a].total_cmp(&alphas[*b])).unwrap_or(0);
-        let (alpha, corner, wanted) = (alphas[least], self.worst[least], RESERVE * self.gate.disk);
-        if alpha >= self.gate.disk {
-            self.kept.push((rmse, theta.to_vec()));
-        }
-        let shortage = (1.0 - alpha / wanted).max(0.0);
-        if shortage > 0.0 {
-            let alike: Vec<&[usize]> = ALIKE.into_iter().filter(|of| of.iter().all(|i| *i < theta.len())).collect();
-            let along = threads.map(alike.len(), |k| {
-                let mut other = theta.to_vec();
-                alike[k].iter().for_each(|i| other[*i] += NUDGE);
-                (self.alpha(&other, &corner) - alpha) / NUDGE
-            });
-            let mut slopes = vec![0.0; theta.len()];
-            for (of, slope) in alike.iter().zip(along) {
-                of.iter().for_each(|i| slopes[*i] = slope / of.len() as f64);
-            }
-            climb(gradient, &slopes, (HASTE * shortage).min(1.0));
-        }
-        Ok(())
-    }
-
-    /// The best of those kept that pass the whole gate; if none does, the start.
-    fn best(&self, threads: &Threads) -> Result<Gains> {
-        let mut kept = self.kept.clone();
-        kept.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (_, theta) in kept.iter().take(CANDIDATES) {
-            let gains = gains_of(theta);
-            let (physics, rates) = (&self.plan.physics, &self.plan.rates);
-            let exact = |i: usize| disk_margin_at(self.vehicle, &gains, physics, rates, &self.critical[i]);
-            if threads.map(self.critical.len(), exact).iter().any(|alpha| *alpha < self.gate.disk) {
-                continue;
-            }
-            let judged = self.gate.judge(self.vehicle, &gains, &self.plan.physics, &self.plan.rates, threads)?;
-            if judged.passes {
-                return Ok(gains);
-            }
-        }
-        Ok(self.start)
-    }
-}
-
 /// How much later commands act [`elsewhere`], s.
 const LATE: f64 = 0.01;
 
-/// Flies given gains where they are not tuned: another reference (the first of circle, lemniscate and step that is none of the
-/// plan's),
-/// commands 10 ms late, and as many plants as the plan holds out, none as believed: mass and inertia 0.8 to 1.25 times, thrust
+/// Flies given gains where they are not tuned: the first of circle, lemniscate and step that is no reference of the plan,
+/// commands 10 ms later, and as many plants as the plan holds out, none as believed: mass and inertia 0.8 to 1.25 times, thrust
 /// of each rotor 0.85 to 1.1 times, lag of each motor 0.7 to 1.5 times.
 ///
 /// # Errors
@@ -618,7 +486,8 @@ impl Descent {
     }
 }
 
-fn gains_of(theta: &[f64]) -> Gains {
+/// Gains of their logarithms.
+pub(super) fn gains_of(theta: &[f64]) -> Gains {
     Gains::from_flat(&theta.iter().map(|log| log.exp()).collect::<Vec<_>>())
 }
 
