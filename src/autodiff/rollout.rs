@@ -81,7 +81,7 @@ pub struct Scratch {
     anchors: Vec<f64>,
     /// States within one segment.
     segment: Vec<f64>,
-    /// Horizon.
+    /// Longest horizon seen: shorter ones take no more memory.
     longest: usize,
     arguments: Vec<f64>,
     results: Vec<f64>,
