@@ -31,20 +31,26 @@ impl Default for Circle {
     }
 }
 
+/// φ(t): the integral of the smooth step from 0 to `rate` within T = `spin_up`, ω T (7x⁵ − 14x⁶ + 10x⁷ − 2.5x⁸) with x = t/T, then
+/// ω (t − T/2).
+#[inline(always)]
+pub(super) fn smooth_phase<S: Scalar>(rate: f64, spin_up: f64, t: S) -> S {
+    let t = t.max(S::zero());
+    let end = S::constant(spin_up);
+    let x = t * end.recip();
+    let p = x.mul_add(S::constant(-2.5), S::constant(10.0));
+    let p = x.mul_add(p, S::constant(-14.0));
+    let p = x.mul_add(p, S::constant(7.0));
+    let x2 = x * x;
+    let starting = end * (x2 * x2 * x * p);
+    let steady = t - S::constant(0.5) * end;
+    S::constant(rate) * S::select(t.lt(end), starting, steady)
+}
+
 impl Circle {
-    /// φ(t): the integral of the smooth step, ω T (7x⁵ − 14x⁶ + 10x⁷ − 2.5x⁸) with x = t/T, then ω (t − T/2).
     #[inline(always)]
     fn phase<S: Scalar>(&self, t: S) -> S {
-        let t = t.max(S::zero());
-        let end = S::constant(self.spin_up);
-        let x = t * end.recip();
-        let p = x.mul_add(S::constant(-2.5), S::constant(10.0));
-        let p = x.mul_add(p, S::constant(-14.0));
-        let p = x.mul_add(p, S::constant(7.0));
-        let x2 = x * x;
-        let starting = end * (x2 * x2 * x * p);
-        let steady = t - S::constant(0.5) * end;
-        S::constant(self.rate) * S::select(t.lt(end), starting, steady)
+        smooth_phase(self.rate, self.spin_up, t)
     }
 }
 

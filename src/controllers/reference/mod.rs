@@ -6,6 +6,7 @@
 
 mod carried;
 mod circle;
+mod ellipse;
 mod hover;
 mod lemniscate;
 mod setpoint;
@@ -15,6 +16,7 @@ mod waypoints;
 
 pub use carried::{Carried, LoadPath};
 pub use circle::Circle;
+pub use ellipse::Ellipse;
 pub use hover::{Hover, Step};
 pub use lemniscate::{Lemniscate, lemniscate_curve, lemniscate_phase};
 pub use setpoint::Setpoint;
@@ -37,6 +39,8 @@ pub enum Reference {
     Step(Step),
     /// A horizontal circle with a smooth start.
     Circle(Circle),
+    /// A level or standing ellipse with a smooth start.
+    Ellipse(Ellipse),
     /// The lemniscate of the paper's Track tasks.
     Lemniscate(Lemniscate),
     /// Through points, with the least snap.
@@ -50,7 +54,7 @@ pub enum Reference {
 
 impl Reference {
     /// The names [`by_name`](Self::by_name) knows.
-    pub const NAMES: [&'static str; 5] = ["hover", "step", "circle", "lemniscate", "waypoints"];
+    pub const NAMES: [&'static str; 6] = ["hover", "step", "circle", "ellipse", "lemniscate", "waypoints"];
 
     /// A shape with its default numbers.
     pub fn by_name(name: &str) -> Result<Self> {
@@ -58,6 +62,7 @@ impl Reference {
             "hover" => Ok(Self::Hover(Hover::default())),
             "step" => Ok(Self::Step(Step::default())),
             "circle" => Ok(Self::Circle(Circle::default())),
+            "ellipse" => Ok(Self::Ellipse(Ellipse::default())),
             "lemniscate" => Ok(Self::Lemniscate(Lemniscate::default())),
             "waypoints" => Ok(Self::Waypoints(Waypoints::default())),
             _ => Err(Error::Unknown {
@@ -83,6 +88,7 @@ impl Reference {
             Self::Hover(r) => r,
             Self::Step(r) => r,
             Self::Circle(r) => r,
+            Self::Ellipse(r) => r,
             Self::Lemniscate(r) => r,
             Self::Waypoints(r) => r,
             Self::Carried(r) => r,

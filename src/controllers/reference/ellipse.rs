@@ -1,0 +1,100 @@
+//! An ellipse, level or standing, with a smooth start.
+
+use super::circle::smooth_phase;
+use super::{Curve, coordinates, within};
+use crate::autodiff::Scalar;
+use crate::dynamics::spatial::Vec3;
+use crate::error::Result;
+use serde::{Deserialize, Serialize};
+
+/// p = centre + R_z(ψ) (a cos φ, b sin φ, 0), or standing across the heading ψ: centre + R_z(ψ) (0, a cos φ, b sin φ); φ̇ rises from 0
+/// to `rate` within `spin_up` seconds as in a [`Circle`](super::Circle).
+///
+/// At full rate the speed is at most `rate` times the larger half axis and the acceleration `rate`² times it. A standing
+/// ellipse lies across the heading, so that the heading has a meaning upside down too.
+///
+/// Source: the references of Sun, Romero, Foehn, Kaufmann, Scaramuzza 2022.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Ellipse {
+    /// World, m. Default (0, 0, 2).
+    pub center: [f64; 3],
+    /// Half axes a, b, m, ≥ 0. Default 2 and 1.
+    pub half_axes: [f64; 2],
+    /// Final φ̇, rad/s, |φ̇| ≤ 100. Default 1.
+    pub rate: f64,
+    /// s, 0.001 to 1e6. Default 2.
+    pub spin_up: f64,
+    /// Whether it stands. Default false.
+    pub standing: bool,
+    /// ψ, rad: the heading, and where the ellipse is turned to. Default 0.
+    pub yaw: f64,
+}
+
+impl Default for Ellipse {
+    fn default() -> Self {
+        Self { center: [0.0, 0.0, 2.0], half_axes: [2.0, 1.0], rate: 1.0, spin_up: 2.0, standing: false, yaw: 0.0 }
+    }
+}
+
+impl Curve for Ellipse {
+    fn name(&self) -> &'static str {
+        "ellipse"
+    }
+
+    fn description(&self) -> &'static str {
+        "a level or standing ellipse with a smooth start"
+    }
+
+    fn validate(&self) -> Result<()> {
+        coordinates("ellipse.center", &self.center)?;
+        within("ellipse.half_axes", &self.half_axes, 0.0, 1e6)?;
+        within("ellipse.rate", &[self.rate], -100.0, 100.0)?;
+        within("ellipse.spin_up", &[self.spin_up], 1e-3, 1e6)?;
+        coordinates("ellipse.yaw", &[self.yaw])
+    }
+
+    #[inline(always)]
+    fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
+        let (sin, cos) = smooth_phase(self.rate, self.spin_up, t).sin_cos();
+        let (first, second) = (S::constant(self.half_axes[0]) * cos, S::constant(self.half_axes[1]) * sin);
+        let [x, y, z] = if self.standing { [S::zero(), first, second] } else { [first, second, S::zero()] };
+        let (s, c) = self.yaw.sin_cos();
+        let (s, c) = (S::constant(s), S::constant(c));
+        [
+            S::constant(self.center[0]) + c * x - s * y,
+            S::constant(self.center[1]) + s * x + c * y,
+            S::constant(self.center[2]) + z,
+        ]
+    }
+
+    #[inline(always)]
+    fn yaw<S: Scalar>(&self, _t: S) -> S {
+        S::constant(self.yaw)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Reference;
+    use super::*;
+
+    #[test]
+    fn at_full_rate_speed_and_acceleration_are_those_of_the_larger_half_axis() {
+        for standing in [false, true] {
+            let ellipse = Ellipse { half_axes: [3.0, 0.6], rate: 2.0, standing, yaw: 0.4, ..Ellipse::default() };
+            let reference = Reference::Ellipse(ellipse);
+            let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let at = |k: u32| reference.sample(2.0 + 1e-3 * f64::from(k));
+            let speed = (0..4000).map(|k| norm(at(k).velocity)).fold(0.0, f64::max);
+            let acceleration = (0..4000).map(|k| norm(at(k).acceleration)).fold(0.0, f64::max);
+            println!("worst {:.1e} {:.1e}", (speed - 6.0).abs(), (acceleration - 12.0).abs());
+            // measured: 2.3e-6 and 4.4e-6, the distance of a sample from the crest
+            assert!((speed - 6.0).abs() < 1e-5 && (acceleration - 12.0).abs() < 1e-5);
+            let along = [0.4_f64.cos(), 0.4_f64.sin()];
+            let s = at(700).position;
+            let ahead = s[0] * along[0] + s[1] * along[1];
+            assert!(!standing || ahead.abs() < 1e-12, "it stands across the heading");
+        }
+    }
+}
