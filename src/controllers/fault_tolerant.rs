@@ -22,7 +22,7 @@
 //!
 //! Source: the reduced attitude of Mueller and D'Andrea (2014); priorities after Sun et al. (2022).
 
-use super::allocation::problem::{Problem, WRENCH};
+use super::allocation::problem::WRENCH;
 use super::allocation::{Allocator, Assessment, Capability, Counts, failure};
 use super::attitude::{AttitudeCommand, rate_command};
 use super::cascade::{CascadeModel, Latched, Rates, Schedule, hold_rate};
@@ -40,8 +40,6 @@ use crate::error::Result;
 
 /// Priority of each row, as a factor of its balanced weight: sideways forces, thrust, roll and pitch, yaw.
 pub(crate) const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 10.0, 10.0, 1e-3];
-/// ρ over the largest diagonal entry of BᵀWB: far below that of the weakest row.
-const REGULARISATION: f64 = 1e-9;
 /// Largest tilt of the wanted thrust with a failure, rad: less lift, less haste.
 const TILT: f64 = 0.6;
 
@@ -69,7 +67,7 @@ struct Broken {
 
 impl Broken {
     fn new(vehicle: &Vehicle, assessment: Assessment) -> Result<Self> {
-        let problem = prioritised(failure::problem(vehicle, &assessment.health)?);
+        let problem = failure::problem(vehicle, &assessment.health)?.with_priorities(&PRIORITIES);
         let yaw_row = problem.geometry.row(5);
         let yaw = 0.5 * yaw_row.iter().zip(&problem.upper).map(|(b, most)| (b * most).abs()).sum::<f64>();
         let constants = vehicle.rotors.iter().map(|r| 0.5 * (r.time_constant_up + r.time_constant_down));
@@ -274,14 +272,4 @@ fn unhurried(model: &CascadeModel<f64, MAX_ROTORS>) -> GainSet<f64> {
         gains.velocity[i] = gains.velocity[i].min(2.0 * outer);
     }
     gains
-}
-
-/// The problem with [`PRIORITIES`].
-fn prioritised(mut problem: Problem) -> Problem {
-    for (weight, priority) in problem.weights.iter_mut().zip(PRIORITIES) {
-        *weight *= priority;
-    }
-    let h = problem.hessian();
-    problem.regularisation = REGULARISATION * h.diagonal().max();
-    problem
 }

@@ -222,6 +222,14 @@ impl Problem {
         Ok(problem)
     }
 
+    /// With every weight times its priority, and ρ far below that of the weakest row.
+    #[must_use]
+    pub(crate) fn with_priorities(mut self, priorities: &[f64; WRENCH]) -> Self {
+        self.weights.iter_mut().zip(priorities).for_each(|(weight, priority)| *weight *= priority);
+        self.regularisation = 1e-9 * self.hessian().diagonal().max();
+        self
+    }
+
     /// n.
     pub fn n_input(&self) -> usize {
         self.geometry.ncols()
