@@ -1,0 +1,355 @@
+//! Flatness feed-forward over an incremental inversion of the dynamics (INDI): tilt before heading, all thrusts within bounds.
+//!
+//! Force: f = a_r + K_p e_p + K_v e_v + g e_z + R D Rᵀ v_r/m − d̂ is the wanted thrust over the mass. Its direction may be any,
+//! also downwards; the two error terms together ask for at most 0.55 of what the rotors give. d̂ is what has been missing, as the
+//! rotors turned (rate L of [`Gains::integral`]; none where that is zero).
+//!
+//! Attitude: with s = Rᵀ f/‖f‖ and the rotation that is left about s, the wanted angular acceleration is
+//!
+//! ```text
+//! α_d = J⁻¹ (K_R (2 sin(θ/2) e_z × s/‖e_z × s‖ + ψ_e e_z) + K_ω (ω_r − ω)) + α_r        θ = ∠(e_z, s)
+//! ```
+//!
+//! so that the error grows up to half a turn and the heading never turns the tilt; ω_r and α_r are those of the flatness map, left
+//! out where it has no value: for a force along the heading, and near free fall.
+//!
+//! Moment: M = M_f + J (α_d − ω̇_f). M_f is what the measured rotor speeds make, ω̇_f the measured angular acceleration, both behind
+//! the same [`CUTOFF`] filter: what the body feels beside its rotors is in their difference, whatever it is.
+//!
+//! Thrusts: argmin ‖W^½ (B T − [0, 0, m f·R e_z, M])‖² over 0 ≤ T ≤ T_max, roll and pitch before thrust before yaw.
+//!
+//! Rotor speeds are measured. All of it computes at the rate of the rate level.
+//!
+//! Source: Sun, Romero, Foehn, Kaufmann, Scaramuzza 2022 (flatness-based control with INDI, tilt-prioritised attitude of Brescianini
+//! and D'Andrea 2018); Smeur, Chu, de Croon 2016 (equal filters); the thrust of a falling vehicle is at least zero.
+
+use super::allocation::problem::{Problem, WRENCH};
+use super::allocation::{AllocationFunction, Axis, Mixer};
+use super::attitude::Orientation;
+use super::cascade::{Rates, Schedule};
+use super::kinematics::Kinematics;
+use super::law::{ControlLaw, Moment};
+use super::low_pass::LowPass;
+use super::parameters::{BodyModel, GainSet, validate_gains};
+use super::position::add_drag;
+use super::velocity::{VelocityCommand, desired_attitude};
+use crate::autodiff::jet::Jet;
+use crate::autodiff::{Scalar, safe};
+use crate::dynamics::rotor::thrust_action;
+use crate::dynamics::spatial::{
+    Mat3, Vec3, add, constants, cross, dot, hadamard, mat_mul, mat_vec, matrix, rotate, rotate_back, scale, sub,
+    transpose,
+};
+use crate::dynamics::{Gains, MAX_ROTORS, Physics, Vehicle};
+use crate::error::{Error, Result};
+use nalgebra::Matrix3;
+
+/// Of the filters of moment and angular velocity, Hz.
+pub const CUTOFF: f64 = 12.0;
+/// Priority of each row, as a factor of its balanced weight: sideways forces, thrust, roll and pitch, yaw.
+const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 100.0, 100.0, 0.025];
+/// Most that errors ask for, as a share of what all rotors give: beyond it they would outweigh where the reference goes.
+const CORRECTION: f64 = 0.55;
+/// Specific force below which its direction is no longer fed forward, m/s².
+const FREE_FALL: f64 = 2.0;
+/// Sine between force and heading below which the heading fades.
+const ALONG_HEADING: f64 = 0.3;
+
+/// Flatness-based control with INDI of one rigid vehicle.
+///
+/// - Target: a [`Setpoint`](super::Setpoint). Memory: filters, and what is missing of the acceleration.
+/// - Parameters: the twelve of [`GainSet`]. Solves a small bounded problem in every tick, so that it is differentiated, but
+///   not run in lanes.
+#[derive(Clone)]
+pub struct IndiLaw {
+    body: BodyModel<f64>,
+    inverse_inertia: Mat3<f64>,
+    gains: Gains,
+    /// [F_z, M] of one newton per rotor, N/(rad/s)² and T_max.
+    effect: Vec<[f64; 4]>,
+    coefficient: Vec<f64>,
+    max_thrust: Vec<f64>,
+    /// Most that errors ask for, m/s².
+    correction: f64,
+    problem: Problem,
+    allocation: AllocationFunction,
+    filter: LowPass,
+    period: f64,
+    rate: Option<f64>,
+}
+
+/// Filters and estimates between two ticks.
+struct Memory<S> {
+    started: S,
+    /// Of ω and of M, then what they said last.
+    filters: [[S; 2]; 6],
+    last: [S; 6],
+    /// Velocity as it should be now, and d̂; world.
+    expected: Vec3<S>,
+    missing: Vec3<S>,
+}
+
+impl<S: Scalar> Memory<S> {
+    const DIM: usize = 25;
+
+    #[inline(always)]
+    fn read(x: &[S]) -> Self {
+        let mut memory = Self {
+            started: x[0],
+            filters: [[S::zero(); 2]; 6],
+            last: [S::zero(); 6],
+            expected: [x[19], x[20], x[21]],
+            missing: [x[22], x[23], x[24]],
+        };
+        for k in 0..6 {
+            (memory.filters[k], memory.last[k]) = ([x[1 + 2 * k], x[2 + 2 * k]], x[13 + k]);
+        }
+        memory
+    }
+
+    #[inline(always)]
+    fn write(&self, x: &mut [S]) {
+        x[0] = self.started;
+        for k in 0..6 {
+            (x[1 + 2 * k], x[2 + 2 * k], x[13 + k]) = (self.filters[k][0], self.filters[k][1], self.last[k]);
+        }
+        for k in 0..3 {
+            (x[19 + k], x[22 + k]) = (self.expected[k], self.missing[k]);
+        }
+    }
+
+    /// Filtered signals half a period ago, and their slopes, per second.
+    #[inline(always)]
+    fn filtered(&mut self, filter: &LowPass, now: [S; 6], period: f64) -> ([S; 6], [S; 6]) {
+        let first = self.started.lt(S::constant(0.5));
+        let (mut mean, mut slope) = (now, now);
+        for k in 0..6 {
+            let rest = filter.rest(now[k]);
+            for j in 0..2 {
+                self.filters[k][j] = S::select(first, rest[j], self.filters[k][j]);
+            }
+            let last = S::select(first, now[k], self.last[k]);
+            let next = filter.next(&mut self.filters[k], now[k]);
+            mean[k] = S::constant(0.5) * (next + last);
+            slope[k] = S::constant(1.0 / period) * (next - last);
+            self.last[k] = next;
+        }
+        (mean, slope)
+    }
+}
+
+impl IndiLaw {
+    /// For the vehicle it believes to fly.
+    ///
+    /// # Errors
+    /// [`Error::Value`] if vehicle or gains are not valid, a rate does not divide 1/dt, or the rotors cannot push along body z
+    /// apart from their moments.
+    pub fn new(believed: &Vehicle, physics: &Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
+        let vehicle = &super::cascade_law::with_drag_of(believed, physics.effects);
+        vehicle.validate()?;
+        validate_gains(gains)?;
+        let at = |what: &str| format!("vehicle '{}': {what}", vehicle.name);
+        if Mixer::new(vehicle)?.authority.dropped.contains(&Axis::Thrust) {
+            let rule = "independent of the moments";
+            return Err(Error::value(at("thrust along body z"), "none", rule, "Turn the rotor axes upwards."));
+        }
+        let inverse = vehicle.mass_properties().inertia.try_inverse().ok_or_else(|| {
+            Error::value(at("inertia"), "singular", "invertible", "Give every axis an inertia above zero.")
+        })?;
+        let rows = |m: Matrix3<f64>| [0, 1, 2].map(|row| [m[(row, 0)], m[(row, 1)], m[(row, 2)]]);
+        let every = Schedule::new(rates, physics.dt)?.every[2];
+        let period = every as f64 * physics.dt;
+        let problem = Problem::of_vehicle(vehicle)?.with_priorities(&PRIORITIES);
+        Ok(Self {
+            body: BodyModel::of(vehicle),
+            inverse_inertia: rows(inverse),
+            gains: *gains,
+            effect: vehicle.allocation_matrix().column_iter().map(|c| [c[2], c[3], c[4], c[5]]).collect(),
+            coefficient: vehicle.rotors.iter().map(|r| r.thrust_coefficient).collect(),
+            max_thrust: vehicle.rotors.iter().map(|r| r.max_thrust()).collect(),
+            correction: CORRECTION * vehicle.max_thrust() / vehicle.mass_properties().mass,
+            allocation: AllocationFunction::new(problem.clone())?,
+            problem,
+            filter: LowPass::new(CUTOFF, period),
+            period,
+            rate: (every > 1).then_some(rates.rate),
+        })
+    }
+
+    /// [F_z, M] of the rotors as they turn.
+    #[inline(always)]
+    fn rotor_wrench<S: Scalar>(&self, speeds: &[S]) -> [S; 4] {
+        let mut wrench = [S::zero(); 4];
+        for i in 0..self.effect.len() {
+            let thrust = S::constant(self.coefficient[i]) * speeds[i] * speeds[i];
+            for k in 0..4 {
+                wrench[k] = S::constant(self.effect[i][k]).mul_add(thrust, wrench[k]);
+            }
+        }
+        wrench
+    }
+
+    /// Learns what is missing of the acceleration, and what to expect next.
+    #[inline(always)]
+    fn observe<S: Scalar>(&self, memory: &mut Memory<S>, state: &Kinematics<S>, thrust: S) {
+        let due = S::constant(0.5).lt(memory.started);
+        let share = S::constant(1.0 - (-self.gains.integral[0] * self.period).exp());
+        let body = BodyModel::<S>::constant(&self.body);
+        let mut force = scale(-S::one(), hadamard(body.drag, rotate_back(state.attitude, state.velocity)));
+        force[2] += thrust;
+        let mut gained = rotate(state.attitude, scale(body.mass.recip(), force));
+        gained[2] -= body.gravity;
+        for k in 0..3 {
+            let fresh = S::constant(1.0 / self.period) * (state.velocity[k] - memory.expected[k]);
+            let learnt = share.mul_add(fresh - memory.missing[k], memory.missing[k]);
+            memory.missing[k] = S::select(due, learnt, memory.missing[k]);
+            memory.expected[k] = S::constant(self.period).mul_add(gained[k], state.velocity[k]);
+        }
+    }
+
+    /// f with its first two derivatives along the reference.
+    #[inline(always)]
+    fn wanted_force<S: Scalar>(
+        &self,
+        gains: &GainSet<S>,
+        state: &Kinematics<S>,
+        now: &Moment<'_, S>,
+        missing: Vec3<S>,
+    ) -> (Vec3<Jet<S, 3>>, VelocityCommand<S>) {
+        let sample = now.sample();
+        let body = BodyModel::<S>::constant(&self.body);
+        let wanted = [sample.velocity, sample.acceleration, sample.jerk];
+        let command = add_drag(&body, state, wanted, &VelocityCommand::along(&sample));
+        let (e_p, e_v) = (sub(sample.position, state.position), sub(sample.velocity, state.velocity));
+        let asked = add(hadamard(gains.position, e_p), hadamard(gains.velocity, e_v));
+        let most = S::constant(self.correction);
+        let asked = scale(most * safe::norm(asked).max(most).recip(), asked);
+        let mut f = add(sub(command.acceleration, missing), asked);
+        f[2] += body.gravity;
+        let mut series = [Jet::<S, 3>::fixed(f[0]); 3];
+        for k in 0..3 {
+            series[k] = Jet::from_derivatives([f[k], command.jerk[k], command.snap[k]]);
+        }
+        (series, command)
+    }
+
+    /// α_d, body, rad/s².
+    #[inline(always)]
+    fn angular_acceleration<S: Scalar>(
+        &self,
+        gains: &GainSet<S>,
+        state: &Kinematics<S>,
+        series: Vec3<Jet<S, 3>>,
+        command: &VelocityCommand<S>,
+    ) -> Vec3<S> {
+        let yaw = Jet::from_derivatives([command.yaw, command.yaw_rate, command.yaw_acceleration]);
+        let wanted = Orientation::of_series(desired_attitude(series, yaw));
+        let force = [series[0].value(), series[1].value(), series[2].value()];
+        let to_body = transpose(matrix(state.attitude));
+        let direction = safe::normalise(force);
+        let error = tilt_error(mat_vec(to_body, direction));
+        let defined = heading_is_defined(direction, command.yaw);
+        let heading = heading_error(mat_mul(to_body, wanted.attitude), error) * defined;
+        let mut asked = hadamard(gains.attitude, add(error, [S::zero(), S::zero(), heading]));
+
+        let fades = (safe::norm(force) * S::constant(1.0 / FREE_FALL)).min(S::one()) * defined;
+        let known = mat_mul(to_body, wanted.attitude);
+        let turn = scale(fades, mat_vec(known, wanted.angular_velocity));
+        let forward = scale(fades, mat_vec(known, wanted.angular_acceleration));
+        asked = add(asked, hadamard(gains.rate, sub(turn, state.angular_velocity)));
+        let inverse = self.inverse_inertia.map(constants);
+        add(mat_vec(inverse, asked), sub(forward, cross(state.angular_velocity, turn)))
+    }
+}
+
+/// 2 sin(θ/2) about the axis that takes e_z to the unit vector s; at half a turn about x.
+#[inline(always)]
+fn tilt_error<S: Scalar>(s: Vec3<S>) -> Vec3<S> {
+    let half_turn = S::constant(-1.0 + 1e-9).lt(s[2]);
+    let scale = S::select(half_turn, safe::recip_sqrt(S::constant(0.5) * (S::one() + s[2]), 1e-12), S::zero());
+    let x = S::select(half_turn, -(s[1] * scale), S::constant(2.0));
+    [x, s[0] * scale, S::zero()]
+}
+
+/// What is left to turn about the thrust once it points where it should: ψ_e of E = RᵀR_d, by the twist about its z.
+#[inline(always)]
+fn heading_error<S: Scalar>(e: Mat3<S>, tilt: Vec3<S>) -> S {
+    // q = twist ∘ tilt with the tilt's quaternion (c, x, y, 0); what remains of E once the tilt is undone is about z
+    let half = S::constant(0.5);
+    let (x, y) = (half * tilt[0], half * tilt[1]);
+    let c = safe::sqrt((S::one() - x * x - y * y).max(S::zero()), 1e-12);
+    let two = S::constant(2.0);
+    // first row and second row of the tilt's rotation, transposed onto the first column of E
+    let first = [S::one() - two * y * y, two * x * y, -(two * c * y)];
+    let second = [two * x * y, S::one() - two * x * x, two * c * x];
+    let column = [e[0][0], e[1][0], e[2][0]];
+    safe::atan2(dot(second, column), dot(first, column))
+}
+
+/// 1 where the heading says how the vehicle lies, fading to 0 for a force along it.
+#[inline(always)]
+fn heading_is_defined<S: Scalar>(direction: Vec3<S>, yaw: S) -> S {
+    let (s, c) = yaw.sin_cos();
+    let along = direction[0].mul_add(c, direction[1] * s);
+    let across = S::one() - along * along;
+    (across * S::constant(1.0 / (ALONG_HEADING * ALONG_HEADING))).clamp(S::zero(), S::one())
+}
+
+impl ControlLaw for IndiLaw {
+    fn name(&self) -> &str {
+        "indi"
+    }
+
+    fn description(&self) -> String {
+        format!("flatness over incremental inversion of the rotation, filters at {CUTOFF} Hz, bounded allocation")
+    }
+
+    fn rate(&self) -> Option<f64> {
+        self.rate
+    }
+
+    fn is_batched(&self) -> bool {
+        false
+    }
+
+    fn memory(&self) -> Vec<f64> {
+        vec![0.0; Memory::<f64>::DIM]
+    }
+
+    fn parameters(&self) -> Vec<f64> {
+        self.gains.flat()[..GainSet::<f64>::DIM].to_vec()
+    }
+
+    fn parameter_names(&self) -> Vec<String> {
+        GainSet::<f64>::names("")
+    }
+
+    fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
+        let n = self.max_thrust.len();
+        let gains =
+            if now.parameters.is_empty() { GainSet::constant(&self.gains) } else { GainSet::read(now.parameters) };
+        let state = now.kinematics();
+        let rotors = self.rotor_wrench(&now.state[13..13 + n]);
+        let mut own = Memory::read(memory);
+        self.observe(&mut own, &state, rotors[0]);
+        let w = state.angular_velocity;
+        let (mean, slope) =
+            own.filtered(&self.filter, [w[0], w[1], w[2], rotors[1], rotors[2], rotors[3]], self.period);
+        own.started = S::one();
+        own.write(memory);
+
+        let (series, command) = self.wanted_force(&gains, &state, now, own.missing);
+        let acceleration = self.angular_acceleration(&gains, &state, series, &command);
+        let body = BodyModel::<S>::constant(&self.body);
+        let change = sub(acceleration, [slope[0], slope[1], slope[2]]);
+        let moment = add([mean[3], mean[4], mean[5]], mat_vec(body.inertia, change));
+        let up = rotate(state.attitude, [S::zero(), S::zero(), S::one()]);
+        let thrust = body.mass * dot([series[0].value(), series[1].value(), series[2].value()], up);
+        let wrench = [S::zero(), S::zero(), thrust.max(S::zero()), moment[0], moment[1], moment[2]];
+        let mut thrusts = [S::zero(); MAX_ROTORS];
+        self.allocation.call(&self.problem, &wrench, &mut thrusts[..n]);
+        for i in 0..n {
+            commands[i] = thrust_action(thrusts[i] * S::constant(1.0 / self.max_thrust[i])).clamp(-S::one(), S::one());
+        }
+    }
+}
