@@ -29,6 +29,9 @@
 //! | [`locked_joints`] | servos held at rest, flown as one rigid vehicle |
 //! | [`mod@vectored`] | thrusters that tilt: pose and shape of Omav, Dragon and their like |
 //! | [`chain_shape`] | the shape of a chain |
+//! | [`indi`] | flatness over incremental inversion of the dynamics, at the limits of the rotors |
+//! | `low_pass` | filters whose lags agree |
+//! | [`tracking`] | controllers on the 144 ellipses of a published comparison |
 //! | [`hover_feedback`] | LQR and LQI of one rigid vehicle about hover |
 //! | [`state_feedback`] | optimal feedback for a drone with swinging loads |
 //! | `gimballed` | a drone on a cardan joint that pushes its carrier with a wanted force |
@@ -57,12 +60,14 @@ pub mod flight;
 pub mod formation;
 pub(crate) mod gimballed;
 pub mod hover_feedback;
+pub mod indi;
 pub(crate) mod integral;
 pub mod kinematics;
 pub mod law;
 pub mod linear;
 pub(crate) mod load_flatness;
 pub mod locked_joints;
+pub(crate) mod low_pass;
 pub mod monte_carlo;
 pub mod parameters;
 pub mod platform;
@@ -74,6 +79,7 @@ pub mod registry;
 pub mod six_axis;
 pub mod start;
 pub mod state_feedback;
+pub mod tracking;
 pub mod transport;
 pub mod vectored;
 pub mod velocity;
@@ -90,6 +96,7 @@ pub use fault_tolerant::FaultTolerant;
 pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle};
 pub use formation::{FormationController, FormationLaw};
 pub use hover_feedback::{HoverFeedback, HoverWeights};
+pub use indi::IndiLaw;
 pub use kinematics::Kinematics;
 pub use law::{ControlLaw, Moment, RecordedLaw, Running};
 pub use load_flatness::LoadFlatness;

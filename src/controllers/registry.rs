@@ -6,6 +6,7 @@ use super::controller::Controller;
 use super::fault_tolerant::FaultTolerant;
 use super::formation::FormationController;
 use super::hover_feedback::{HoverFeedback, HoverWeights};
+use super::indi::IndiLaw;
 use super::law::Running;
 use super::locked_joints::LockedJoints;
 use super::platform::{self, Platform, is_platform};
@@ -72,7 +73,7 @@ impl Entry {
 }
 
 /// All controllers, the most special first.
-pub const REGISTRY: [Entry; 9] = [
+pub const REGISTRY: [Entry; 10] = [
     Entry {
         name: "cascade",
         flies: "one rigid vehicle",
@@ -99,6 +100,19 @@ pub const REGISTRY: [Entry; 9] = [
             let gains = setup.gains.copied().unwrap_or_else(|| vehicle.gains());
             let believed = with_drag_of(vehicle, physics.effects);
             Ok(Box::new(FaultTolerant::new(&believed, &gains, setup.rates, physics.dt)?))
+        },
+    },
+    Entry {
+        name: "indi",
+        flies: "one rigid vehicle, at the limits of its rotors",
+        tunes: "12 gains",
+        is_batched: false,
+        suits: |plant| plant.tree().is_none(),
+        may_fail: false,
+        build: |plant, setup| {
+            let vehicle = rigid(plant)?.vehicle();
+            let gains = setup.gains.copied().unwrap_or_else(|| vehicle.gains());
+            Ok(Box::new(Running::of(IndiLaw::new(vehicle, plant.physics(), &gains, setup.rates)?)))
         },
     },
     Entry {

@@ -13,6 +13,7 @@ mod over_actuated;
 mod recovery;
 mod six_axis;
 mod tilting;
+mod tracking;
 mod trim;
 mod tuning;
 mod tuning_through_allocation;

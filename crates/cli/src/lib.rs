@@ -24,6 +24,7 @@
 mod allocate;
 mod arguments;
 mod bench;
+mod benchmark;
 mod design;
 mod environment;
 mod eval;
@@ -107,6 +108,7 @@ Examples:
   omnidrones train Hover                    a policy from random weights, in seconds
   omnidrones eval runs/Hover-apg-s0         fly it from held-out starts, with plots
   omnidrones watch runs/Hover-apg-s0        see it fly, as a GIF
+  omnidrones benchmark tracking --quick     controllers at the limits of their rotors, as published
   omnidrones bench --quick                  how fast this machine steps and differentiates
   omnidrones bench Hover --quick            how fast it steps thousands of environments of a task
 
@@ -173,6 +175,9 @@ enum Command {
     /// Show a trained policy in flight: a GIF and plots
     #[command(long_about = watch::ABOUT)]
     Watch(Box<watch::Arguments>),
+    /// Fly a published comparison of controllers: errors and crashes beside the published figures
+    #[command(long_about = benchmark::ABOUT)]
+    Benchmark(Box<benchmark::Arguments>),
     /// Measure how fast this machine steps and differentiates
     #[command(long_about = bench::ABOUT)]
     Bench(Box<bench::Arguments>),
@@ -221,6 +226,7 @@ pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::
         Command::Eval(arguments) => eval::run(arguments),
         Command::Watch(arguments) => watch::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
+        Command::Benchmark(arguments) => benchmark::run(arguments),
     })
 }
 

@@ -188,7 +188,7 @@ impl Flown<'_> {
 }
 
 /// The vehicle with mass, inertia and lag of a corner, its centre of mass where it was.
-fn truth(vehicle: &Vehicle, corner: &Corner) -> Vehicle {
+pub(crate) fn truth(vehicle: &Vehicle, corner: &Corner) -> Vehicle {
     let mut truth = vehicle.clone();
     let center: [f64; 3] = vehicle.mass_properties().center_of_mass.into();
     // what the distance of a part adds to the inertia goes with its mass too

@@ -29,6 +29,7 @@ pub use follow::{Following, follow};
 pub use gain_sensitivity::{GainSensitivity, sensitivity};
 pub use loop_model::{LoopMargins, LoopModel, Point};
 pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqr};
+pub(crate) use margin_gate::truth;
 pub use margin_gate::{Corner, Judgement, MarginGate};
 pub use trim::{Trim, TrimTarget, trim, trim_from};
 pub use tune::{Descent, Evaluation, Iteration, TunePlan, Tuning, tune};

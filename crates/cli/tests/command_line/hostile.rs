@@ -101,6 +101,7 @@ fn sound(command: &str) -> &'static [&'static str] {
         "rollout" => &["Hover", "--envs", "2", "--horizon", "3", "--no-plots"],
         // what it measures takes its time: it is only refused here
         "bench" => &["Hover", "--envs", "-1"],
+        "benchmark" => &["tracking", "--controllers", "nobody"],
         "tune" => &[
             "hummingbird",
             "--iterations",

@@ -37,7 +37,7 @@ const SMALLER: &[(&str, &str, &str)] = &[
 /// Flights farther from their reference than this are lost, m.
 const LOST: f64 = 10.0;
 
-const COMMANDS: [&str; 16] = [
+const COMMANDS: [&str; 17] = [
     "fly",
     "show",
     "models",
@@ -54,6 +54,7 @@ const COMMANDS: [&str; 16] = [
     "eval",
     "watch",
     "bench",
+    "benchmark",
 ];
 
 /// The words of a command line, up to its remark or what a shell does with it.
@@ -110,7 +111,7 @@ fn smaller(line: &[String]) -> Vec<String> {
             None => line.extend([option.to_string(), value.to_string()]),
         }
     }
-    let quick = line[0] == "bench" && given(&line, "--quick").is_none();
+    let quick = ["bench", "benchmark"].contains(&line[0].as_str()) && given(&line, "--quick").is_none();
     line.extend(quick.then(|| "--quick".to_string()));
     if line[0] == "train" && given(&line, "--resume").is_some() {
         // what is gone on with is the run of another line: its settings are its own, and its end
@@ -164,7 +165,7 @@ fn refit(line: &mut [String]) {
 
 /// Whether the lines of a command take minutes.
 fn is_long(line: &[String]) -> bool {
-    ["bench", "train-all", "tune"].contains(&line[0].as_str()) || line.iter().any(|word| word == "--all")
+    ["bench", "benchmark", "train-all", "tune"].contains(&line[0].as_str()) || line.iter().any(|word| word == "--all")
 }
 
 /// Runs a line; what it broke of its promise.
