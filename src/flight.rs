@@ -44,6 +44,17 @@ pub struct FlightSample<'a> {
 
 /// A flight in columns, row i of each belonging to `time[i]`. Rotor columns are row-major `[sample, rotor]`.
 #[derive(Debug, Clone, PartialEq, Default)]
+/// What the levels of a cascade asked of the next ones.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Commanded {
+    /// Total thrust along body z, N: of the velocity level.
+    pub thrust: f64,
+    /// Body → world, `[w, x, y, z]`, w ≥ 0: of the velocity level.
+    pub attitude: [f64; 4],
+    /// Body, rad/s: of the attitude level.
+    pub angular_velocity: [f64; 3],
+}
+
 pub struct FlightLog {
     /// For titles.
     pub vehicle: String,
@@ -79,6 +90,8 @@ pub struct FlightLog {
     pub asked_angles: Vec<[f64; 3]>,
 }
 
+    /// Of a cascade; empty where what flew has no such levels.
+    pub commanded: Vec<Commanded>,
 /// The key figures of a flight.
 ///
 /// The RMSE is `None` (`null`) when no sample lies in its window or one of them is not finite: a mean over the rest
@@ -114,7 +127,7 @@ pub struct FlightSummary {
 impl FlightLog {
     /// Memory of one sample of a flight of this plant, with its state, bytes.
     pub(crate) fn bytes_of_sample(plant: &Plant) -> usize {
-        let fixed = size_of::<FlightSample<'_>>();
+        let fixed = size_of::<FlightSample<'_>>() + size_of::<Commanded>();
         fixed + (3 * plant.rotors().len() + plant.n_state()) * size_of::<f64>()
     }
 
@@ -277,6 +290,11 @@ impl FlightLog {
     /// Key figures, with the RMSE over t ≥ `after`.
     pub fn summary(&self, after: f64) -> FlightSummary {
         let duration = match (self.time.first(), self.time.last()) {
+    /// (roll, pitch, yaw) per sample that a cascade's velocity level commanded, rad; empty without one.
+    pub fn commanded_euler_angles(&self) -> Vec<[f64; 3]> {
+        self.commanded.iter().map(|c| to_euler(c.attitude)).collect()
+    }
+
             (Some(first), Some(last)) => last - first,
             _ => 0.0,
         };
@@ -325,6 +343,11 @@ impl FlightLog {
         header
     }
 
+        if !self.commanded.is_empty() {
+            header.push("commanded_thrust [N]".to_string());
+            header.extend(["w", "x", "y", "z"].map(|c| format!("commanded_attitude_{c} [-]")));
+            header.extend(xyz("commanded_angular_velocity", "rad/s"));
+        }
     /// Row `i` in the order of [`csv_header`](Self::csv_header).
     fn csv_row(&self, i: usize, row: &mut Vec<f64>) {
         let n = self.n_rotor();
@@ -345,6 +368,11 @@ impl FlightLog {
     }
 
     /// Writes the log as CSV: one header line with units, one line per sample, numbers that read back to the same bits
+        if let Some(asked) = self.commanded.get(i) {
+            row.push(asked.thrust);
+            row.extend(asked.attitude);
+            row.extend(asked.angular_velocity);
+        }
     /// (`NaN`, `inf`, `-inf` where not finite). The file appears whole or not at all.
     pub fn write_csv(&self, path: impl AsRef<std::path::Path>) -> Result<()> {
         let path = path.as_ref();

@@ -66,8 +66,8 @@ Examples:
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
-Files in --out: overview, path, error, rotors, attitude (.png or .svg), and with --csv flight.csv (one line per step, \
-units in the header). Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv.
+Files in --out: overview, path, error, rotors, attitude, rates (.png or .svg), and with --csv flight.csv (one line per step, \
+units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded). With --beside also beside. Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv.
 
 The tracking RMSE is the root mean square distance to the reference after the first 2 s (over the whole flight if it is \
 no longer than that).
