@@ -1,5 +1,7 @@
 //! The record of one flight: what was, what should have been, what the rotors did; its key figures; its CSV file.
 
+mod read;
+
 use crate::autodiff::System;
 use crate::dynamics::Plant;
 use crate::dynamics::rotor::LEAST_THRUST;
@@ -42,8 +44,6 @@ pub struct FlightSample<'a> {
     pub wind: [f64; 3],
 }
 
-/// A flight in columns, row i of each belonging to `time[i]`. Rotor columns are row-major `[sample, rotor]`.
-#[derive(Debug, Clone, PartialEq, Default)]
 /// What the levels of a cascade asked of the next ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Commanded {
@@ -55,10 +55,12 @@ pub struct Commanded {
     pub angular_velocity: [f64; 3],
 }
 
+/// A flight in columns, row i of each belonging to `time[i]`. Rotor columns are row-major `[sample, rotor]`.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct FlightLog {
     /// For titles.
     pub vehicle: String,
-    /// Ω_max of each rotor, rad/s.
+    /// Ω_max of each rotor, rad/s; NaN where nobody knows it.
     pub max_rotor_speed: Vec<f64>,
     /// s.
     pub time: Vec<f64>,
@@ -88,10 +90,10 @@ pub struct FlightLog {
     pub wind: Vec<[f64; 3]>,
     /// (roll, pitch, yaw) that were asked apart from the force, rad; empty where the force chose the attitude.
     pub asked_angles: Vec<[f64; 3]>,
-}
-
     /// Of a cascade; empty where what flew has no such levels.
     pub commanded: Vec<Commanded>,
+}
+
 /// The key figures of a flight.
 ///
 /// The RMSE is `None` (`null`) when no sample lies in its window or one of them is not finite: a mean over the rest
@@ -240,10 +242,11 @@ impl FlightLog {
         largest(self.tilt().into_iter())
     }
 
-    /// Share of rotor commands at or beyond Ω_max or the idle floor 0.01 Ω_max (to 1e-6 of Ω_max).
+    /// Share of rotor commands at or beyond Ω_max or the idle floor 0.01 Ω_max (to 1e-6 of Ω_max); `None` without rotors and
+    /// where an Ω_max is not known.
     pub fn saturation_share(&self) -> Option<f64> {
         let n = self.n_rotor();
-        if n == 0 || self.rotor_command.is_empty() {
+        if n == 0 || self.rotor_command.is_empty() || self.max_rotor_speed.iter().any(|most| most.is_nan()) {
             return None;
         }
         let limits = self.max_rotor_speed.iter().cycle();
@@ -287,14 +290,14 @@ impl FlightLog {
             .collect()
     }
 
-    /// Key figures, with the RMSE over t ≥ `after`.
-    pub fn summary(&self, after: f64) -> FlightSummary {
-        let duration = match (self.time.first(), self.time.last()) {
     /// (roll, pitch, yaw) per sample that a cascade's velocity level commanded, rad; empty without one.
     pub fn commanded_euler_angles(&self) -> Vec<[f64; 3]> {
         self.commanded.iter().map(|c| to_euler(c.attitude)).collect()
     }
 
+    /// Key figures, with the RMSE over t ≥ `after`.
+    pub fn summary(&self, after: f64) -> FlightSummary {
+        let duration = match (self.time.first(), self.time.last()) {
             (Some(first), Some(last)) => last - first,
             _ => 0.0,
         };
@@ -340,14 +343,14 @@ impl FlightLog {
         header.extend(rotors("rotor_command", "rad/s"));
         header.extend(rotors("thrust", "N"));
         header.extend(xyz("wind", "m/s"));
-        header
-    }
-
         if !self.commanded.is_empty() {
             header.push("commanded_thrust [N]".to_string());
             header.extend(["w", "x", "y", "z"].map(|c| format!("commanded_attitude_{c} [-]")));
             header.extend(xyz("commanded_angular_velocity", "rad/s"));
         }
+        header
+    }
+
     /// Row `i` in the order of [`csv_header`](Self::csv_header).
     fn csv_row(&self, i: usize, row: &mut Vec<f64>) {
         let n = self.n_rotor();
@@ -365,14 +368,14 @@ impl FlightLog {
             row.extend_from_slice(&column[i * n..(i + 1) * n]);
         }
         row.extend(self.wind[i]);
-    }
-
-    /// Writes the log as CSV: one header line with units, one line per sample, numbers that read back to the same bits
         if let Some(asked) = self.commanded.get(i) {
             row.push(asked.thrust);
             row.extend(asked.attitude);
             row.extend(asked.angular_velocity);
         }
+    }
+
+    /// Writes the log as CSV: one header line with units, one line per sample, numbers that read back to the same bits
     /// (`NaN`, `inf`, `-inf` where not finite). The file appears whole or not at all.
     pub fn write_csv(&self, path: impl AsRef<std::path::Path>) -> Result<()> {
         let path = path.as_ref();

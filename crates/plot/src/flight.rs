@@ -210,7 +210,7 @@ fn last_lap(log: &FlightLog) -> std::ops::Range<usize> {
     0..n
 }
 
-fn timed(log: &FlightLog, values: impl Iterator<Item = f64>) -> Vec<(f64, f64)> {
+pub(super) fn timed(log: &FlightLog, values: impl Iterator<Item = f64>) -> Vec<(f64, f64)> {
     log.time.iter().copied().zip(values).collect()
 }
 
@@ -371,7 +371,7 @@ fn speed_panel(log: &FlightLog) -> Panel {
 }
 
 /// Angles in degrees; jumps by a full turn become gaps.
-fn degrees(log: &FlightLog, angles: &[[f64; 3]], k: usize) -> Vec<(f64, f64)> {
+pub(super) fn degrees(log: &FlightLog, angles: &[[f64; 3]], k: usize) -> Vec<(f64, f64)> {
     let mut points = timed(log, angles.iter().map(|a| a[k].to_degrees()));
     for i in 1..points.len() {
         if (points[i].1 - points[i - 1].1).abs() > 180.0 {
