@@ -123,3 +123,50 @@ fn what_is_no_earlier_flight_is_refused_before_one_is_flown() {
     exits(2, folder.path(), &["fly", "payload", "--drop", "--beside", "other.csv"]);
     assert!(!folder.path().join("out").exists());
 }
+
+#[test]
+fn the_design_report_is_one_page_that_asks_for_nothing() {
+    let folder = temporary();
+    let (vehicle, _) = exits(0, folder.path(), &["models", "hummingbird", "--toml"]);
+    let evil = vehicle.replacen("name = \"hummingbird\"", "name = \"<script>a&b\"", 1);
+    assert_ne!(evil, vehicle);
+    std::fs::write(folder.path().join("evil.toml"), evil).expect("written");
+    let told = json(folder.path(), &["design", "evil.toml", "--report", "pages/evil.html"]);
+    assert_eq!(told["files"], serde_json::json!(["pages/evil.html"]));
+    let page = std::fs::read_to_string(folder.path().join("pages/evil.html")).expect("written");
+    assert!(page.starts_with("<!DOCTYPE html>") && page.trim_end().ends_with("</html>"));
+    for words in [
+        "Steady flight",
+        "Modes of the",
+        "Gains",
+        "Margins",
+        "Nyquist curves",
+        "Poles of the",
+        "A step of 1 m",
+        "Sensitivity",
+    ] {
+        assert!(page.contains(words), "{words}");
+    }
+    assert!(page.contains("&lt;script&gt;a&amp;b"), "the name is there");
+    for mark in ["<script", "href", "src=", "url(", "@import", "<link", "<img"] {
+        assert!(!page.contains(mark), "{mark}");
+    }
+    assert_eq!((page.matches("<svg").count(), page.matches("<table>").count()), (3, page.matches("</table>").count()));
+}
+
+#[test]
+fn files_of_a_design_that_exist_are_kept_unless_forced() {
+    let folder = temporary();
+    for (option, file) in [("--report", "page.html"), ("--save", "model.json"), ("--plot", "loop.svg")] {
+        let line = ["design", "iris", option, file];
+        std::fs::write(folder.path().join(file), "theirs").expect("written");
+        let (_, err) = exits(2, folder.path(), &line);
+        assert!(err.contains("which exists") && size(folder.path(), file) == 6, "{err}");
+        exits(0, folder.path(), &[&line[..], &["--force"]].concat());
+        assert!(size(folder.path(), file) > 1000, "{file}");
+    }
+    let (_, err) = exits(2, folder.path(), &["design", "iris", "--force"]);
+    assert!(err.contains("--save") && err.contains("--report"), "{err}");
+    let (_, err) = exits(2, folder.path(), &["design", "iris", "--report", "page.pdf"]);
+    assert!(err.contains("a file .html"), "{err}");
+}
