@@ -10,7 +10,7 @@ body{font:14px/1.45 system-ui,sans-serif;color:#212529;background:#fff;max-width
 h1{font-size:1.6em;margin:0}h2{font-size:1.15em;margin:1.8em 0 .5em;border-bottom:1px solid #dee2e6}\
 p{margin:.4em 0}.remark,td.note{color:#5b6168}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
 td,th{padding:.15em .9em .15em 0;text-align:left;vertical-align:top}th{border-bottom:1px solid #adb5bd}\
-.r{text-align:right}.wide{overflow-x:auto}figure{margin:1em 0}svg{max-width:100%;height:auto}\
+td{white-space:nowrap}td.note{white-space:normal}.r{text-align:right}.wide{overflow-x:auto}figure{margin:1em 0}svg{max-width:100%;height:auto}\
 @media print{body{margin:0;max-width:none;font-size:11px}table,figure{break-inside:avoid}h2{break-after:avoid}}";
 
 /// A page that is filled from above.
