@@ -1,5 +1,7 @@
 //! The record of one flight: what was, what should have been, what the rotors did; its key figures; its CSV file.
 
+mod read;
+
 use crate::autodiff::System;
 use crate::dynamics::Plant;
 use crate::dynamics::rotor::LEAST_THRUST;
@@ -42,12 +44,23 @@ pub struct FlightSample<'a> {
     pub wind: [f64; 3],
 }
 
+/// What the levels of a cascade asked of the next ones.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Commanded {
+    /// Total thrust along body z, N: of the velocity level.
+    pub thrust: f64,
+    /// Body → world, `[w, x, y, z]`, w ≥ 0: of the velocity level.
+    pub attitude: [f64; 4],
+    /// Body, rad/s: of the attitude level.
+    pub angular_velocity: [f64; 3],
+}
+
 /// A flight in columns, row i of each belonging to `time[i]`. Rotor columns are row-major `[sample, rotor]`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FlightLog {
     /// For titles.
     pub vehicle: String,
-    /// Ω_max of each rotor, rad/s.
+    /// Ω_max of each rotor, rad/s; NaN where nobody knows it.
     pub max_rotor_speed: Vec<f64>,
     /// s.
     pub time: Vec<f64>,
@@ -77,6 +90,8 @@ pub struct FlightLog {
     pub wind: Vec<[f64; 3]>,
     /// (roll, pitch, yaw) that were asked apart from the force, rad; empty where the force chose the attitude.
     pub asked_angles: Vec<[f64; 3]>,
+    /// Of a cascade; empty where what flew has no such levels.
+    pub commanded: Vec<Commanded>,
 }
 
 /// The key figures of a flight.
@@ -114,7 +129,7 @@ pub struct FlightSummary {
 impl FlightLog {
     /// Memory of one sample of a flight of this plant, with its state, bytes.
     pub(crate) fn bytes_of_sample(plant: &Plant) -> usize {
-        let fixed = size_of::<FlightSample<'_>>();
+        let fixed = size_of::<FlightSample<'_>>() + size_of::<Commanded>();
         fixed + (3 * plant.rotors().len() + plant.n_state()) * size_of::<f64>()
     }
 
@@ -227,10 +242,11 @@ impl FlightLog {
         largest(self.tilt().into_iter())
     }
 
-    /// Share of rotor commands at or beyond Ω_max or the idle floor 0.01 Ω_max (to 1e-6 of Ω_max).
+    /// Share of rotor commands at or beyond Ω_max or the idle floor 0.01 Ω_max (to 1e-6 of Ω_max); `None` without rotors and
+    /// where an Ω_max is not known.
     pub fn saturation_share(&self) -> Option<f64> {
         let n = self.n_rotor();
-        if n == 0 || self.rotor_command.is_empty() {
+        if n == 0 || self.rotor_command.is_empty() || self.max_rotor_speed.iter().any(|most| most.is_nan()) {
             return None;
         }
         let limits = self.max_rotor_speed.iter().cycle();
@@ -272,6 +288,11 @@ impl FlightLog {
                 [(-y).atan2(x.hypot(z)), x.atan2(z), yaw.sin().atan2(yaw.cos())]
             })
             .collect()
+    }
+
+    /// (roll, pitch, yaw) per sample that a cascade's velocity level commanded, rad; empty without one.
+    pub fn commanded_euler_angles(&self) -> Vec<[f64; 3]> {
+        self.commanded.iter().map(|c| to_euler(c.attitude)).collect()
     }
 
     /// Key figures, with the RMSE over t ≥ `after`.
@@ -322,6 +343,11 @@ impl FlightLog {
         header.extend(rotors("rotor_command", "rad/s"));
         header.extend(rotors("thrust", "N"));
         header.extend(xyz("wind", "m/s"));
+        if !self.commanded.is_empty() {
+            header.push("commanded_thrust [N]".to_string());
+            header.extend(["w", "x", "y", "z"].map(|c| format!("commanded_attitude_{c} [-]")));
+            header.extend(xyz("commanded_angular_velocity", "rad/s"));
+        }
         header
     }
 
@@ -342,6 +368,11 @@ impl FlightLog {
             row.extend_from_slice(&column[i * n..(i + 1) * n]);
         }
         row.extend(self.wind[i]);
+        if let Some(asked) = self.commanded.get(i) {
+            row.push(asked.thrust);
+            row.extend(asked.attitude);
+            row.extend(asked.angular_velocity);
+        }
     }
 
     /// Writes the log as CSV: one header line with units, one line per sample, numbers that read back to the same bits

@@ -10,9 +10,10 @@ use super::rate::{RateCommand, moment};
 use super::reference::Setpoint;
 use super::velocity::{VelocityCommand, attitude_command};
 use crate::autodiff::Scalar;
-use crate::dynamics::spatial::{add, mat_vec, rotate_back, sub};
+use crate::dynamics::spatial::{add, from_matrix, mat_vec, rotate_back, sub};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::{Error, Result};
+use crate::flight::Commanded;
 use serde::{Deserialize, Serialize};
 
 /// Where commands enter the cascade.
@@ -159,6 +160,17 @@ impl<S: Scalar, const R: usize> Latched<S, R> {
             rotors[i] = actions[i];
         }
         Self { attitude: AttitudeCommand::read(attitude), rate: RateCommand::read(rate), rotors }
+    }
+}
+
+impl<const R: usize> Latched<f64, R> {
+    /// For the record of a flight.
+    pub fn commanded(&self) -> Commanded {
+        Commanded {
+            thrust: self.attitude.thrust,
+            attitude: from_matrix(self.attitude.attitude),
+            angular_velocity: self.rate.angular_velocity,
+        }
     }
 }
 

@@ -9,6 +9,7 @@ use crate::dynamics::multirotor::MAX_PADDED;
 use crate::dynamics::spatial::sub;
 use crate::dynamics::{Effects, Gains, Physics, Vehicle};
 use crate::error::Result;
+use crate::flight::Commanded;
 
 /// A cascade for one of the compiled rotor counts.
 #[derive(Debug, Clone)]
@@ -135,6 +136,10 @@ impl ControlLaw for CascadeLaw {
         let learnt = if self.believed.is_some() { Missing::<f64>::DIM } else { 0 };
         memory.resize(memory.len() + learnt, 0.0);
         memory
+    }
+
+    fn commanded(&self, memory: &[f64]) -> Option<Commanded> {
+        Some(read_latched::<f64, MAX_PADDED>(&memory[..self.n_latched()]).commanded())
     }
 
     fn parameters(&self) -> Vec<f64> {

@@ -8,6 +8,7 @@ use super::reference::{Reference, Setpoint, Tilt};
 use crate::autodiff::System;
 use crate::dynamics::Plant;
 use crate::error::Result;
+use crate::flight::Commanded;
 
 /// What a controller may see.
 #[derive(Debug, Clone, Copy)]
@@ -109,6 +110,10 @@ pub trait Controller: Send {
     fn memory(&self) -> &[f64] {
         &[]
     }
+    /// What its levels asked of the next ones in the last tick; `None` for one without such levels.
+    fn commanded(&self) -> Option<Commanded> {
+        None
+    }
     /// Whether it runs in batches: it is straight-line, without a solver inside.
     fn is_batched(&self) -> bool {
         false
@@ -162,6 +167,9 @@ macro_rules! delegate {
             }
             fn memory(&self) -> &[f64] {
                 (**self).memory()
+            }
+            fn commanded(&self) -> Option<Commanded> {
+                (**self).commanded()
             }
             fn is_batched(&self) -> bool {
                 (**self).is_batched()

@@ -37,6 +37,7 @@ use crate::dynamics::rotor::thrust_action;
 use crate::dynamics::spatial::{Quat, Vec3, add, mat_mul, mat_vec, matrix, transpose};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::Result;
+use crate::flight::Commanded;
 
 /// Priority of each row, as a factor of its balanced weight: sideways forces, thrust, roll and pitch, yaw.
 pub(crate) const PRIORITIES: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 10.0, 10.0, 1e-3];
@@ -237,6 +238,10 @@ impl Controller for FaultTolerant {
         let actions = self.position(&Kinematics::read(seen.state), &target.sample(seen.time));
         let n = self.vehicle.n_rotor();
         commands[..n].copy_from_slice(&actions[..n]);
+    }
+
+    fn commanded(&self) -> Option<Commanded> {
+        Some(self.held.commanded())
     }
 
     fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {

@@ -238,6 +238,7 @@ pub fn fly_from(
         memory.extend_from_slice(system.controller().memory());
         system.advance(&x, target, &outside, &mut next)?;
         record(&mut log, &system, time, &x, &target.sample(time), outside.air.wind)?;
+        log.commanded.extend(system.controller().commanded());
         if holds_tilt {
             log.asked_angles.push(to_euler(from_matrix(target.orientation(time).attitude)));
         }

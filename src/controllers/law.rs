@@ -11,6 +11,7 @@ use crate::autodiff::trace::Recording;
 use crate::autodiff::{Program, Scalar, System};
 use crate::dynamics::Plant;
 use crate::error::Result;
+use crate::flight::Commanded;
 use std::sync::Arc;
 
 /// What a law gets in a tick.
@@ -85,6 +86,10 @@ pub trait ControlLaw: Send + Sync + 'static {
     /// The memory before the first tick; none unless told otherwise.
     fn memory(&self) -> Vec<f64> {
         Vec::new()
+    }
+    /// What its levels asked of the next ones, out of its memory; `None` for one without such levels.
+    fn commanded(&self, _memory: &[f64]) -> Option<Commanded> {
+        None
     }
     /// Numbers that may be tuned and differentiated; none unless told otherwise.
     fn parameters(&self) -> Vec<f64> {
@@ -182,6 +187,10 @@ impl<L: ControlLaw> Controller for Running<L> {
         &self.memory
     }
 
+    fn commanded(&self) -> Option<Commanded> {
+        self.law.commanded(&self.memory)
+    }
+
     fn is_batched(&self) -> bool {
         self.law.is_batched()
     }
@@ -262,6 +271,9 @@ impl ControlLaw for RecordedLaw {
     }
     fn memory(&self) -> Vec<f64> {
         self.law.memory()
+    }
+    fn commanded(&self, memory: &[f64]) -> Option<Commanded> {
+        self.law.commanded(memory)
     }
     fn parameters(&self) -> Vec<f64> {
         self.parameters.clone()

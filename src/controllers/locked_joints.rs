@@ -10,6 +10,7 @@ use crate::dynamics::spatial::{add, mat_vec, rotate_back, scale, sub};
 use crate::dynamics::tree::{Multibody, body_poses, center_of_mass, momentum};
 use crate::dynamics::{Drag, Gains, Inertia, Part, Rotor, Vehicle};
 use crate::error::Result;
+use crate::flight::Commanded;
 use nalgebra::{Matrix3, Vector3};
 
 /// How fast a rate servo is sent back to rest, 1/s: well below the inverse of its lag.
@@ -65,6 +66,10 @@ impl Controller for LockedJoints {
 
     fn description(&self) -> String {
         "servos hold the rest pose; one cascade over all rotors, at the centre of mass".into()
+    }
+
+    fn commanded(&self) -> Option<Commanded> {
+        Some(self.cascade.latched().commanded())
     }
 
     fn tracked(&self, state: &[f64]) -> Kinematics<f64> {

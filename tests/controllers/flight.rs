@@ -1,10 +1,12 @@
 //! Whole flights: every built-in vehicle, our own URDF corpus and real URDF files by others track the paper's lemniscate
 //! (w = 1, S = (2.5, 2.5, 1.2)) at 2 ms, with rate, attitude and velocity loops at 500, 250 and 100 Hz.
 
-use omnidrones::controllers::{Flight, FlightPlan, Reference, fly_vehicle};
+use omnidrones::controllers::reference::Hover;
+use omnidrones::controllers::registry::controller;
+use omnidrones::controllers::{Flight, FlightPlan, Reference, Setup, fly, fly_vehicle};
 use omnidrones::dynamics::aero::wind::{Dryden, Wind};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
-use omnidrones::dynamics::{Effects, Physics, Vehicle, vehicle, vehicles};
+use omnidrones::dynamics::{Effects, Physics, Plant, Vehicle, vehicle, vehicles};
 use std::path::{Path, PathBuf};
 
 /// Largest RMSE of a good flight after the first 2 s, m.
@@ -177,5 +179,44 @@ fn the_square_is_flown_within_half_a_metre_in_calm_and_in_wind() {
             println!("{} in {velocity:?} m/s: at most {worst:.4} m", vehicle.name);
             assert!(flight.diverged_at.is_none() && worst <= 0.5, "{} in {velocity:?} m/s: {worst} m", vehicle.name);
         }
+    }
+}
+
+/// The angle between two attitudes, rad.
+fn between(a: [f64; 4], b: [f64; 4]) -> f64 {
+    2.0 * a.iter().zip(&b).map(|(x, y)| x * y).sum::<f64>().abs().min(1.0).acos()
+}
+
+#[test]
+fn a_flight_keeps_what_the_levels_of_the_cascade_commanded() {
+    let vehicle = vehicles::hummingbird::vehicle();
+    let plan = FlightPlan { duration: 4.0, ..FlightPlan::default() };
+    let log = flown(&vehicle, &plan).log;
+    assert_eq!((log.commanded.len(), log.csv_header().len()), (log.len(), 24 + 3 * 4 + 3 + 8));
+    // the velocity level computes in every fifth step of 2 ms, the attitude level in every second
+    assert!((0..5).all(|k| log.commanded[k].attitude == log.commanded[0].attitude));
+    assert!(log.commanded[4].attitude != log.commanded[5].attitude);
+    assert!(log.commanded[6].angular_velocity == log.commanded[7].angular_velocity);
+    assert!(log.commanded[7].angular_velocity != log.commanded[8].angular_velocity);
+    let late = (0..log.len()).filter(|i| log.time[*i] >= 2.0);
+    let off = late.map(|i| between(log.attitude[i], log.commanded[i].attitude)).fold(0.0, f64::max);
+    println!("attitude follows its command to {:.2}°", off.to_degrees());
+    assert!(off < 10f64.to_radians(), "{off} rad");
+    // at rest it is the weight, and level
+    let plan = FlightPlan { reference: Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 }), ..plan };
+    let log = flown(&vehicle, &plan).log;
+    let weight = vehicle.mass_properties().mass * vehicle::GRAVITY;
+    let last = log.commanded.last().unwrap();
+    assert!((last.thrust - weight).abs() < 1e-3 * weight && between(last.attitude, [1.0, 0.0, 0.0, 0.0]) < 1e-3);
+}
+
+#[test]
+fn a_flight_without_levels_keeps_no_commands_of_theirs() {
+    let plan = FlightPlan { duration: 0.1, ..FlightPlan::default() };
+    let plant = Plant::of_vehicle(&vehicles::hummingbird::vehicle(), plan.air_physics()).unwrap();
+    for (name, has) in [("lqr", false), ("cascade", true), ("fault_tolerant", true)] {
+        let mut controller = controller(name, &plant, &Setup::new(None, &plan.rates)).unwrap();
+        let log = fly(&plant, &mut controller, &plan, &mut |_| {}).unwrap().log;
+        assert_eq!(!log.commanded.is_empty(), has, "{name}");
     }
 }

@@ -1,7 +1,7 @@
 //! The key figures of a flight have closed forms, and its file reads back.
 
 use omnidrones::dynamics::spatial::from_euler;
-use omnidrones::flight::{FlightLog, FlightSample};
+use omnidrones::flight::{Commanded, FlightLog, FlightSample};
 
 const LIMIT: f64 = 800.0;
 
@@ -101,4 +101,48 @@ fn columns_of_rotors_count_from_0_as_their_names_do() {
     assert_eq!(of("rotor_speed"), ["rotor_speed_0 [rad/s]", "rotor_speed_1 [rad/s]"]);
     assert_eq!(of("rotor_command"), ["rotor_command_0 [rad/s]", "rotor_command_1 [rad/s]"]);
     assert_eq!(of("thrust"), ["thrust_0 [N]", "thrust_1 [N]"]);
+}
+
+#[test]
+fn a_flight_reads_back_as_it_was_with_and_without_what_was_commanded() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.csv");
+    let mut written = log();
+    for turn in 0..2 {
+        written.write_csv(&path).unwrap();
+        let read = FlightLog::read_csv(&path).unwrap();
+        assert!(read.max_rotor_speed.iter().all(|most| most.is_nan()) && read.saturation_share().is_none());
+        let told = FlightLog { vehicle: written.vehicle.clone(), max_rotor_speed: vec![LIMIT; 2], ..read };
+        assert_eq!(told, written, "turn {turn}");
+        let asked = |i: u32| Commanded {
+            thrust: f64::from(i),
+            attitude: from_euler(0.01 * f64::from(i), 0.0, 0.0),
+            angular_velocity: [0.0, 0.1, f64::from(i)],
+        };
+        written.commanded = (0..10).map(asked).collect();
+    }
+}
+
+#[test]
+fn what_is_no_flight_is_refused_with_its_line_and_column() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.csv");
+    log().write_csv(&path).unwrap();
+    let whole = std::fs::read_to_string(&path).unwrap();
+    let second = whole.lines().nth(1).unwrap();
+    for (text, words) in [
+        (String::new(), "no column 'time [s]'"),
+        ("a,b\n1,2\n".into(), "no column 'time [s]'"),
+        (whole.replacen("attitude_x [-]", "attitude_x [rad]", 1), "no column 'attitude_x [-]'"),
+        (whole.replacen("rotor_command_1", "rotor_command_7", 1), "no column 'rotor_command_1 [rad/s]'"),
+        (whole.replacen("\n1,", "\nfast,", 1), "line 3"),
+        (format!("{whole}{second}\n"), "not after the last"),
+        (format!("{whole}1,2\n"), "line 12"),
+        (whole.lines().next().unwrap().to_string(), "no samples"),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let error = FlightLog::read_csv(&path).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("flight.csv"), "{words}: {error}");
+    }
+    assert!(FlightLog::read_csv(folder.path()).is_err());
 }

@@ -286,15 +286,18 @@ impl OutputArguments {
     }
 }
 
+/// Group of the files that a command is told to write: `--force` is for any of them.
+pub const WRITTEN: &str = "written";
+
 /// One picture, for commands whose answer is a page.
 #[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Output")]
+#[command(next_help_heading = "Output", group = clap::ArgGroup::new(WRITTEN).multiple(true))]
 pub struct PlotArguments {
     /// Draw it into this file (.png or .svg)
-    #[arg(long, visible_alias = "out", value_name = "FILE")]
+    #[arg(long, visible_alias = "out", value_name = "FILE", group = WRITTEN)]
     pub plot: Option<PathBuf>,
     /// Replace a file that exists
-    #[arg(long, requires = "plot")]
+    #[arg(long, requires = WRITTEN)]
     pub force: bool,
     /// Print one JSON object and nothing else
     #[arg(long)]

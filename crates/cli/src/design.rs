@@ -1,20 +1,24 @@
 //! `omnidrones design`: a vehicle's steady flight, its modes, and what its control loop bears.
 
-use super::arguments::{FlightArguments, PlotArguments, VehicleArguments};
+mod figures;
+mod report;
+
+use self::figures::Loops;
+use self::report::Subject;
+use super::arguments::{FlightArguments, PlotArguments, VehicleArguments, WRITTEN};
 use super::page::{Fact, Page, short};
+use super::source::{self, Source};
 use super::table::{Align, Table};
-use super::{Report, files, source};
+use super::{Report, files};
 use nalgebra::Complex;
 use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::design::{ErrorState, LoopMargins, LoopModel, Point, Trim, TrimTarget, trim};
-use omnidrones::controllers::linear::response::unwrapped;
 use omnidrones::controllers::linear::{DiskMargin, Mode, StateSpace, modes, unreachable};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, Target};
 use omnidrones::dynamics::spatial::to_euler;
 use omnidrones::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use omnidrones::error::{Error, Result};
-use omnidrones_plot::{Colour, Figure, Panel, Series};
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 use std::path::PathBuf;
@@ -33,12 +37,15 @@ Examples:
   omnidrones design firefly --gains derived --json       for a program
   omnidrones design hummingbird --plot loop.svg          loop and sensitivity over frequency
   omnidrones design hummingbird --save model.json        the linear plant, for other tools
+  omnidrones design iris --report iris.html              the report as a page, with plots
 
 Margins are of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and phase \
 at once, in all commands together where it says so (Seiler, Packard and Gahinet 2020): 0.5 stands for a factor of 0.6 to 1.67 \
 or 28°. The delay is in whole steps.
 
-Files: --save writes A, B, C, D of one step with the names and units of all signals (.json), or as one table (.csv).
+Files: --save writes A, B, C, D of one step with the names and units of all signals (.json), or as one table (.csv). --report \
+writes one page that needs no other file and no network: all tables, gains, Nyquist curves, poles, steps of the position, \
+loop and sensitivity.
 
 JSON: SI units, radians; infinite margins are null.
 
@@ -64,8 +71,11 @@ pub struct Arguments {
     #[arg(long, value_name = "STEPS", default_value_t = 0, help_heading = "Controller")]
     latency: usize,
     /// Write the linear plant into this file (.json or .csv)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", group = WRITTEN, help_heading = "Output")]
     save: Option<PathBuf>,
+    /// Write the report as one page with plots into this file (.html)
+    #[arg(long, value_name = "FILE.html", group = WRITTEN, help_heading = "Output")]
+    report: Option<PathBuf>,
     #[command(flatten)]
     output: PlotArguments,
 }
@@ -91,6 +101,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Err(Error::value("--reference", given, "none in 'design'", remedy));
     }
     let save = files::model_file(a.save.as_deref(), a.output.force)?;
+    check_report(a)?;
     let source = source::load(Some(&a.vehicle), &a.rotors)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let mut physics = a.flight.physics();
@@ -105,26 +116,51 @@ pub fn run(a: &Arguments) -> Result<Report> {
         }
     };
     let found = findings(&source.vehicle, physics, &gains, &a.flight.rates(), a.latency, &air)?;
+    let stable = found.rows.iter().all(|(_, margins)| margins.stable);
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", found.plant.to_json()) } else { found.plant.to_csv() };
         files::replace(file, text)?;
     }
-    if let Some(file) = &a.output.plot {
-        figure(&source.vehicle.name, &found)?.save(file)?;
-    }
-    let stable = found.rows.iter().all(|(_, margins)| margins.stable);
+    draw(a, &source, (&gains, &gains_name), &found, stable)?;
+    let written: Vec<PathBuf> = a.output.plot.iter().chain(&a.save).chain(&a.report).cloned().collect();
     if a.output.json {
-        return Ok(Report::json(&as_json(&source.vehicle, &gains_name, &found, stable), stable));
+        return Ok(Report::json(&as_json(&source.vehicle, &gains_name, &found, stable, &written), stable));
     }
     let mut page = Page::new();
     page.title(&source.vehicle.name, &source.origin);
     tell(&mut page, &gains_name, a, &found, stable);
-    let written: Vec<String> =
-        a.output.plot.iter().chain(&a.save).map(|file| format!("  {}", file.display())).collect();
     if !written.is_empty() {
-        page.heading("Written").line(written.join("\n"));
+        page.heading("Written");
+        for file in &written {
+            page.line(format!("  {}", file.display()));
+        }
     }
     Ok(Report { text: page.finish(), success: stable })
+}
+
+/// Refuses a report that cannot be written, before any work.
+fn check_report(a: &Arguments) -> Result<()> {
+    let Some(file) = &a.report else { return Ok(()) };
+    if file.extension().is_none_or(|e| !e.eq_ignore_ascii_case("html")) {
+        return Err(Error::value("--report", file.display(), "a file .html", "Name it so."));
+    }
+    files::check_new(file, a.output.force)?;
+    files::make_parent(file)
+}
+
+/// Writes the figure and the report that were asked for.
+fn draw(a: &Arguments, source: &Source, gains: (&Gains, &str), found: &Findings, stable: bool) -> Result<()> {
+    if a.output.plot.is_none() && a.report.is_none() {
+        return Ok(());
+    }
+    let loops = Loops::of(found)?;
+    if let Some(file) = &a.output.plot {
+        loops.bode(&source.vehicle.name).save(file)?;
+    }
+    let Some(file) = &a.report else { return Ok(()) };
+    let (gains, gains_name) = gains;
+    let subject = Subject { arguments: a, source, gains, gains_name, found, loops: &loops, stable };
+    files::write_new(file, &subject.html()?, a.output.force)
 }
 
 fn findings(
@@ -159,24 +195,39 @@ fn findings(
 }
 
 fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: bool) {
-    let Findings { trim, plant, modes, hidden, model, rows, all, poles } = found;
+    page.heading("Steady flight").facts(&trim_facts(a, found));
+    page.heading("Modes of the vehicle alone").table(&modes_table(&found.modes, &found.plant));
+    page.line(format!("  {}", reach(found)));
+    page.heading("Control loop").facts(&loop_facts(gains, a, found, stable));
+    page.heading("Margins").table(&margins_table(found));
+}
+
+/// What holds it there.
+fn trim_facts(a: &Arguments, found: &Findings) -> Vec<Fact> {
+    let trim = &found.trim;
     let [roll, pitch, _] = to_euler([6, 7, 8, 9].map(|k| trim.state[k])).map(degrees);
-    let n_command = model.commands.len();
-    let commands: Vec<String> = trim.input[..n_command].iter().map(|u| short(*u, 3)).collect();
+    let commands: Vec<String> = trim.input[..found.model.commands.len()].iter().map(|u| short(*u, 3)).collect();
     let air = a.wind.as_ref().map_or("still air".into(), |w| {
         format!("wind {} m/s", w.iter().map(|v| short(*v, 3)).collect::<Vec<_>>().join(", "))
     });
-    page.heading("Steady flight").facts(&[
+    vec![
         Fact::new("hover in", air),
         Fact::new("roll, pitch", format!("{}, {} °", short(roll, 3), short(pitch, 3))),
         Fact::new("commands", commands.join(", ")).note("−1 stands, 1 is full thrust"),
         Fact::new("at a limit", trim.limited.len().to_string()),
-    ]);
-    page.heading("Modes of the vehicle alone").table(&modes_table(modes, plant));
-    page.line(format!("  {} of {} modes are out of the commands' reach", hidden, modes.len()));
+    ]
+}
 
-    let lasting = poles.first().map_or(0.0, |p| -(model.dt * model.period() as f64) / p.norm().ln());
-    page.heading("Control loop").facts(&[
+/// One sentence about modes that no command moves.
+fn reach(found: &Findings) -> String {
+    format!("{} of {} modes are out of the commands' reach", found.hidden, found.modes.len())
+}
+
+/// Its clock, whether it is stable, what all commands together bear.
+fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec<Fact> {
+    let (model, all) = (&found.model, &found.all);
+    let lasting = found.poles.first().map_or(0.0, |p| -(model.dt * model.period() as f64) / p.norm().ln());
+    vec![
         Fact::new("gains", gains),
         Fact::new("period of all rates", format!("{} steps of {} ms", model.period(), short(model.dt * 1e3, 3))),
         Fact::new("latency", format!("{} steps", a.latency)),
@@ -189,7 +240,11 @@ fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: b
             short(degrees(all.phase), 3),
             short(all.omega, 3)
         )),
-    ]);
+    ]
+}
+
+/// What the loop bears, broken at one point.
+fn margins_table(found: &Findings) -> Table {
     let mut table = Table::new(&[
         ("broken at", Align::Left),
         ("gain down", Align::Right),
@@ -199,7 +254,7 @@ fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: b
         ("disk", Align::Right),
         ("at [rad/s]", Align::Right),
     ]);
-    for (name, m) in rows {
+    for (name, m) in &found.rows {
         table.row([
             name.clone(),
             short(m.gain_down, 3),
@@ -210,7 +265,7 @@ fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: b
             unlimited(m.disk.omega, 3),
         ]);
     }
-    page.heading("Margins").table(&table);
+    table
 }
 
 /// Rate, frequency, damping and time constant of each mode, and the states that take part most.
@@ -250,7 +305,7 @@ pub fn mode_json(plant: &StateSpace) -> impl Fn(&Mode) -> Value {
     }
 }
 
-fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool) -> Value {
+fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool, written: &[PathBuf]) -> Value {
     let disk =
         |d: &DiskMargin| json!({ "alpha": d.alpha, "omega": d.omega, "gain": [d.gain.0, d.gain.1], "phase": d.phase });
     let rows: Vec<Value> = found.rows.iter().map(|(name, m)| {
@@ -264,30 +319,8 @@ fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool) -> Va
         "modes": found.modes.iter().map(mode_json(&found.plant)).collect::<Vec<_>>(),
         "poles": found.poles.iter().map(|p| [p.re, p.im]).collect::<Vec<_>>(),
         "all_commands": disk(&found.all), "margins": rows,
+        "files": files::names(written),
     })
-}
-
-/// Loop and sensitivity at every command over frequency.
-fn figure(name: &str, found: &Findings) -> Result<Figure> {
-    let nyquist = PI / found.model.dt;
-    let omega: Vec<f64> = (0..400).map(|k| 0.1 * (nyquist / 0.1).powf(f64::from(k) / 399.0)).collect();
-    let mut panels = ["Loop: gain [dB]", "Loop: phase [°]", "Sensitivity: gain [dB]"]
-        .map(|title| Panel::new(title, "frequency [rad/s]", "").log_x());
-    for (i, command) in found.model.commands.iter().enumerate() {
-        let s = found.model.response(Point::Command(i), &omega)?;
-        let open: Vec<Complex<f64>> = s.iter().map(|s| s.inv() - 1.0).collect();
-        let decibel = |values: &[Complex<f64>]| values.iter().map(|v| 20.0 * v.norm().log10()).collect();
-        let phase = unwrapped(&open).into_iter().map(degrees).collect();
-        let colour = Colour::nth(i);
-        let all: [Vec<f64>; 3] = [decibel(&open), phase, decibel(&s)];
-        for (panel, values) in panels.iter_mut().zip(all) {
-            let points = omega.iter().copied().zip(values).collect();
-            *panel = panel.clone().series(Series::line(&command.name, points).colour(colour));
-        }
-    }
-    let figure =
-        Figure::new(format!("{name}: the loop broken at one command")).size(1000.0, 900.0).grid(&[1.0], &[1.0; 3]);
-    Ok(panels.into_iter().enumerate().fold(figure, |figure, (row, panel)| figure.place((0, row), (1, 1), panel)))
 }
 
 fn degrees(radians: f64) -> f64 {

@@ -15,8 +15,13 @@ const MAX_CONFIG_BYTES: u64 = 1 << 20;
 
 /// Text of a regular file of at most `limit` bytes.
 pub fn read_text(path: &Path, limit: u64) -> Result<String> {
-    std::fs::metadata(path).map_err(|e| unreadable(path, e, "Correct its name or its folder."))?;
+    check_there(path)?;
     internals::read_text(path, limit)
+}
+
+/// Refuses a file that is not there, and says where it was looked for.
+pub fn check_there(path: &Path) -> Result<()> {
+    std::fs::metadata(path).map(drop).map_err(|e| unreadable(path, e, "Correct its name or its folder."))
 }
 
 /// What the operating system says of a file that cannot be read; of one that is not there also where it was looked for.

@@ -1,9 +1,11 @@
 //! `omnidrones fly`: a vehicle or a configuration along a reference, its flight drawn; of a vehicle its derivatives certified.
 
+mod beside;
 mod derivatives;
 mod drop;
 mod flown;
 
+use self::beside::Beside;
 use self::derivatives::Derivatives;
 use self::flown::{Flown, write};
 use super::arguments::{self, FlightArguments, OutputArguments, VehicleArguments};
@@ -63,11 +65,13 @@ Examples:
   omnidrones fly dragon --shape arc:30                a chain that bends while it flies
   omnidrones fly hummingbird --policy runs/Hover-apg-s0   what was learnt, on the vehicle as it is
   omnidrones fly firefly --controller lqi --wind 4,0,0   optimal state feedback with integrators
+  omnidrones fly iris --csv --out before              every step, in before/flight.csv
+  omnidrones fly iris --gains derived --beside before/flight.csv --out after   what that changes
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
-Files in --out: overview, path, error, rotors, attitude (.png or .svg), and with --csv flight.csv (one line per step, \
-units in the header). Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv.
+Files in --out: overview, path, error, rotors, attitude, rates (.png or .svg), and with --csv flight.csv (one line per step, \
+units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded). With --beside also beside. Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv.
 
 The tracking RMSE is the root mean square distance to the reference after the first 2 s (over the whole flight if it is \
 no longer than that).
@@ -134,6 +138,11 @@ pub struct Arguments {
     seed: u64,
     #[command(flatten)]
     failure: FailureArguments,
+    /// Compare with an earlier flight: the flight.csv that --csv wrote, of any vehicle
+    ///
+    /// Draws both into the figure 'beside' and prints their errors and tilts beside each other.
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "drop", help_heading = "Output")]
+    beside: Option<PathBuf>,
     /// Exit with 1 if the tracking RMSE exceeds this [m]
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Flight")]
     max_rmse: Option<f64>,
@@ -340,6 +349,7 @@ fn alone(effects: &Effects) -> Result<()> {
 
 fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
     let Flyer { plant, mut controller, plan, what } = flyer;
+    let earlier = a.beside.as_deref().map(Beside::read).transpose()?;
     let folder = folder(a, plant.name())?;
     let bar = progress::bar(plan.n_step()?, "flying", a.output.json);
     let clock = Instant::now();
@@ -359,7 +369,12 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         }
         story = Story::of(&source.vehicle, &plan, &flight)?;
     }
-    let written = write(a, &folder, &plant, &flight, after, story.as_ref())?;
+    let mut written = write(a, &folder, &plant, &flight, after, story.as_ref())?;
+    if let Some(earlier) = earlier.as_ref().filter(|_| !a.output.no_plots) {
+        let path = folder.join(format!("beside.{}", a.output.format.extension()));
+        earlier.figure(&flight.log).save(&path)?;
+        written.push(path);
+    }
     let (mut histories, mut lowest) = (Vec::new(), None);
     if let Some(system) = plant.tree() {
         let rows = flight.states.chunks_exact(system.rest_state().len()).step_by(5);
@@ -370,6 +385,7 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         controller: [controller.name().into(), controller.description()],
         notes: controller.notes(),
         summary: flight.log.summary(after),
+        beside: earlier.map(|earlier| earlier.compare(&flight.log, after)),
         joints: histories,
         lowest,
         learnt: a.policy.is_some(),

@@ -8,13 +8,15 @@
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
 //! | `rollout_files.rs` | plots and CSV of `rollout` |
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
-//! | `fly/` | derivatives of what was flown; drops |
+//! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops |
+//! | `design/` | the figures of `design`, its report |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `robot.rs` | an articulated system from a name or a vehicle |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
 //! | `failure.rs` | rotors that fail: arguments, what is left |
 //! | `files.rs` | reading and writing behind fences |
 //! | `page.rs`, `table.rs`, `progress.rs` | what a terminal shows |
+//! | `html.rs` | a page for a browser |
 //!
 //! A command returns its whole [`Report`] before a line is printed: a broken pipe or a full disk then meets one write.
 //! The program is [`main`] alone; a library stands behind it so that a fuzzer can call [`outcome`] in its own process.
@@ -31,6 +33,7 @@ mod eval;
 mod failure;
 mod files;
 mod fly;
+mod html;
 mod import;
 mod linearise;
 mod models;

@@ -28,6 +28,11 @@ impl Fact {
         self.note = note.into();
         self
     }
+
+    /// Name, value, remark.
+    pub fn parts(&self) -> [&str; 3] {
+        [&self.name, &self.value, &self.note]
+    }
 }
 
 impl Page {

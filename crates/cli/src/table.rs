@@ -34,6 +34,16 @@ impl Table {
         self
     }
 
+    /// Headers and how their columns are aligned.
+    pub fn columns(&self) -> &[(String, Align)] {
+        &self.columns
+    }
+
+    /// As many cells per row as there are columns.
+    pub fn rows(&self) -> &[Vec<String>] {
+        &self.rows
+    }
+
     /// Whether it has no rows yet.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Most vehicles drawn along a path.
 const POSES: usize = 9;
 
-/// The five figures of a flight, with the key figures over t ≥ `after` (s).
+/// The six figures of a flight, with the key figures over t ≥ `after` (s).
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlightFigures {
     /// Everything on one page.
@@ -21,6 +21,8 @@ pub struct FlightFigures {
     pub rotors: Figure,
     /// Roll, pitch, yaw.
     pub attitude: Figure,
+    /// Body rates.
+    pub rates: Figure,
 }
 
 impl FlightFigures {
@@ -29,7 +31,6 @@ impl FlightFigures {
         let name = if log.vehicle.is_empty() { "Flight" } else { log.vehicle.as_str() };
         let numbers = key_figures(log, after);
         let figure = |what: &str| Figure::new(format!("{name}: {what}")).subtitle(&numbers);
-        let [roll, pitch, yaw] = angle_panels(log);
         let error_overview = error_panel(log, after, true);
         // The page gives the path a tall room: seen from higher up it fills it.
         let overview_path = Path3d { elevation_deg: 38.0, azimuth_deg: -52.0, ..path_chart(log) };
@@ -42,17 +43,14 @@ impl FlightFigures {
                 .chart(without_x_label(error_panel(log, after, false)))
                 .chart(axis_error_panel(log, after)),
             rotors: rotor_figure(figure("rotors"), log),
-            attitude: figure("attitude")
-                .size(800.0, 560.0)
-                .chart(without_x_label(roll))
-                .chart(without_x_label(pitch))
-                .chart(yaw),
+            attitude: stacked(figure("attitude"), angle_panels(log)),
+            rates: stacked(figure("body rates"), rate_panels(log)),
         }
     }
 
     /// With an upright line at a time in every chart over time: a failure. An empty name stays out of the legends.
     pub fn event(mut self, name: &str, time: f64) -> Self {
-        for figure in [&mut self.overview, &mut self.error, &mut self.rotors, &mut self.attitude] {
+        for figure in [&mut self.overview, &mut self.error, &mut self.rotors, &mut self.attitude, &mut self.rates] {
             figure.for_each_panel(|panel| {
                 // legends of charts with a shaded start are full
                 let name = if panel.bands.is_empty() { name } else { "" };
@@ -63,17 +61,18 @@ impl FlightFigures {
     }
 
     /// The figures with their file names (without extension).
-    pub fn named(&self) -> [(&'static str, &Figure); 5] {
+    pub fn named(&self) -> [(&'static str, &Figure); 6] {
         [
             ("overview", &self.overview),
             ("path", &self.path),
             ("error", &self.error),
             ("rotors", &self.rotors),
             ("attitude", &self.attitude),
+            ("rates", &self.rates),
         ]
     }
 
-    /// Writes all five into `folder`, as `png` or `svg`; returns their paths.
+    /// Writes all six into `folder`, as `png` or `svg`; returns their paths.
     pub fn save(&self, folder: impl AsRef<Path>, extension: &str) -> Result<Vec<PathBuf>> {
         let mut written = Vec::new();
         for (name, figure) in self.named() {
@@ -83,6 +82,11 @@ impl FlightFigures {
         }
         Ok(written)
     }
+}
+
+/// Three charts over time below each other.
+fn stacked(figure: Figure, [first, second, third]: [Panel; 3]) -> Figure {
+    figure.size(800.0, 560.0).chart(without_x_label(first)).chart(without_x_label(second)).chart(third)
 }
 
 /// A path at the left, panels over time below each other at its right.
@@ -206,7 +210,7 @@ fn last_lap(log: &FlightLog) -> std::ops::Range<usize> {
     0..n
 }
 
-fn timed(log: &FlightLog, values: impl Iterator<Item = f64>) -> Vec<(f64, f64)> {
+pub(super) fn timed(log: &FlightLog, values: impl Iterator<Item = f64>) -> Vec<(f64, f64)> {
     log.time.iter().copied().zip(values).collect()
 }
 
@@ -367,7 +371,7 @@ fn speed_panel(log: &FlightLog) -> Panel {
 }
 
 /// Angles in degrees; jumps by a full turn become gaps.
-fn degrees(log: &FlightLog, angles: &[[f64; 3]], k: usize) -> Vec<(f64, f64)> {
+pub(super) fn degrees(log: &FlightLog, angles: &[[f64; 3]], k: usize) -> Vec<(f64, f64)> {
     let mut points = timed(log, angles.iter().map(|a| a[k].to_degrees()));
     for i in 1..points.len() {
         if (points[i].1 - points[i - 1].1).abs() > 180.0 {
@@ -379,29 +383,63 @@ fn degrees(log: &FlightLog, angles: &[[f64; 3]], k: usize) -> Vec<(f64, f64)> {
 
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 
-/// Roll, pitch and yaw, each with what the reference asks (dashed).
+/// Name of the curves of what a cascade's levels asked.
+const COMMANDED: &str = "commanded";
+
+/// Dashed, behind what came of it.
+fn asked_series(name: &str, points: Vec<(f64, f64)>, width: f64) -> Series {
+    Series::line(name, points).colour(Colour::INK).dashed().width(width)
+}
+
+/// Roll, pitch and yaw, each with what was commanded (dashed) and what the reference asks: pale, where both are there.
 fn angle_panels(log: &FlightLog) -> [Panel; 3] {
-    let (actual, asked) = (log.euler_angles(), log.reference_euler_angles());
+    let (actual, asked, commanded) = (log.euler_angles(), log.reference_euler_angles(), log.commanded_euler_angles());
     [0, 1, 2].map(|k| {
         let name = ANGLES[k];
         let title = name[..1].to_uppercase() + &name[1..];
-        Panel::new(title, "time [s]", format!("{name} [°]"))
-            .series(Series::line("flown", degrees(log, &actual, k)).colour(Colour::nth(k)))
-            .series(
-                Series::line("asked by the reference", degrees(log, &asked, k)).colour(Colour::INK).dashed().width(1.0),
-            )
+        let panel = Panel::new(title, "time [s]", format!("{name} [°]"));
+        let wanted = degrees(log, &asked, k);
+        let panel = if commanded.is_empty() {
+            panel.series(asked_series(BY_REFERENCE, wanted, 1.0))
+        } else {
+            panel.series(Series::line(BY_REFERENCE, wanted).colour(Colour::SHADOW).width(2.6)).series(asked_series(
+                COMMANDED,
+                degrees(log, &commanded, k),
+                1.0,
+            ))
+        };
+        panel.series(Series::line("flown", degrees(log, &actual, k)).colour(Colour::nth(k)))
     })
 }
 
+/// Name of the curves of the attitude that a vehicle without drag would need.
+const BY_REFERENCE: &str = "asked by the reference";
+
+/// Body rates, each with what was commanded (dashed).
+fn rate_panels(log: &FlightLog) -> [Panel; 3] {
+    [0, 1, 2].map(|k| {
+        let axis = ["x", "y", "z"][k];
+        let mut panel = Panel::new(format!("Rate about body {axis}"), "time [s]", "rate [rad/s]");
+        if !log.commanded.is_empty() {
+            let asked = timed(log, log.commanded.iter().map(|c| c.angular_velocity[k]));
+            panel = panel.series(asked_series(COMMANDED, asked, 1.0));
+        }
+        let flown = timed(log, log.angular_velocity.iter().map(|w| w[k]));
+        panel.series(Series::line("flown", flown).colour(Colour::nth(k)))
+    })
+}
+
+/// All angles, behind them what was commanded, or what the reference asks where nothing is known of commands.
 fn attitude_panel(log: &FlightLog) -> Panel {
-    let (actual, asked) = (log.euler_angles(), log.reference_euler_angles());
+    let (actual, commanded) = (log.euler_angles(), log.commanded_euler_angles());
+    let (name, asked) =
+        if commanded.is_empty() { ("reference", log.reference_euler_angles()) } else { (COMMANDED, commanded) };
     let mut panel = Panel::new("Attitude", "time [s]", "angle [°]");
+    for k in 0..3 {
+        panel = panel.series(asked_series(name, degrees(log, &asked, k), 0.8));
+    }
     for (k, name) in ANGLES.iter().enumerate() {
         panel = panel.series(Series::line(*name, degrees(log, &actual, k)).colour(Colour::nth(k)));
-    }
-    for k in 0..3 {
-        let dashed = Series::line("reference", degrees(log, &asked, k)).colour(Colour::INK).dashed().width(0.8);
-        panel = panel.series(dashed);
     }
     panel
 }

@@ -13,7 +13,7 @@
 //! | `projection.rs` | space onto the page |
 //! | `chart.rs`, `path3d.rs`, `drawing.rs`, `bars.rs`, `heat_map.rs` | the five charts |
 //! | `animation.rs` | figures one after the other as a GIF |
-//! | `flight.rs` | the figures of a flight |
+//! | `flight.rs`, `beside.rs` | the figures of a flight; two flights over each other |
 //! | `model.rs`, `robot.rs` | an articulated system as a drawing; the figures of its flight or fall |
 //!
 //! ```
@@ -28,6 +28,7 @@
 pub mod animation;
 mod axis;
 mod bars;
+pub mod beside;
 mod canvas;
 mod chart;
 mod drawing;

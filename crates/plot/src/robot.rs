@@ -49,7 +49,7 @@ pub fn joints(system: &Multibody, states: &[f64]) -> Vec<JointHistory> {
     groups.into_iter().map(history).collect()
 }
 
-/// The figures of a flight with those of its joints: `overview`, `path`, `error`, `rotors`, `attitude`, `joints`.
+/// The figures of a flight with those of its joints: `overview`, `path`, `error`, `rotors`, `attitude`, `rates`, `joints`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotFigures {
     /// As of a single vehicle, the path with what hangs on it.
@@ -77,7 +77,7 @@ impl RobotFigures {
         Self { flight, joints: figure("joints").chart(panel) }
     }
 
-    /// Writes all six into `folder`, as `png` or `svg`; returns their paths.
+    /// Writes all seven into `folder`, as `png` or `svg`; returns their paths.
     pub fn save(&self, folder: impl AsRef<Path>, extension: &str) -> Result<Vec<PathBuf>> {
         let mut written = self.flight.save(&folder, extension)?;
         let path = folder.as_ref().join(format!("joints.{extension}"));

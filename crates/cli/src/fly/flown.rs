@@ -1,5 +1,6 @@
 //! What came of a flight: whether it held its reference, its figures and tables, its page and JSON.
 
+use super::beside::Comparison;
 use super::derivatives::Derivatives;
 use super::{Arguments, What};
 use crate::arguments::is_optimal;
@@ -101,6 +102,8 @@ pub(super) struct Flown {
     pub derivatives: Option<Derivatives>,
     /// Of a vehicle whose rotors fail.
     pub story: Option<Story>,
+    /// With an earlier one.
+    pub beside: Option<Comparison>,
     pub joints: Vec<JointHistory>,
     /// Of a configuration, m.
     pub lowest: Option<f64>,
@@ -165,6 +168,9 @@ impl Flown {
         }
         if let Some(derivatives) = &self.derivatives {
             derivatives.page(&mut page);
+        }
+        if let Some(beside) = &self.beside {
+            beside.page(&mut page, &self.summary);
         }
         if !self.joints.is_empty() {
             let mut table = Table::new(&[("joint", Align::Left), ("largest", Align::Right), ("rms", Align::Right)]);
@@ -346,6 +352,9 @@ impl Flown {
                 value["joints"] = self.joints.iter().map(joint).collect();
                 value["lowest"] = json!(self.lowest);
             }
+        }
+        if let Some(beside) = &self.beside {
+            value["beside"] = beside.json();
         }
         if let Some(derivatives) = &self.derivatives {
             value["derivatives"] = derivatives.json();

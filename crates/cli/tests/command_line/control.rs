@@ -80,3 +80,93 @@ fn what_does_not_fit_is_refused_by_name() {
         assert!(out.is_empty() && err.contains(word), "{arguments:?}: {err}");
     }
 }
+
+#[test]
+fn a_flight_is_compared_with_an_earlier_one() {
+    let folder = temporary();
+    let iris = ["fly", "iris", "--duration", "3"];
+    let first = json(folder.path(), &[&iris[..], &["--csv", "--no-plots", "--out", "before"]].concat());
+    let derived = [&iris[..], &["--gains", "derived", "--beside", "before/flight.csv", "--out", "after"]].concat();
+    let told = json(folder.path(), &derived);
+    let (new, old) = (&told["flight"], &told["beside"]["flight"]);
+    for figure in ["samples", "rmse", "max_error", "max_tilt", "max_speed"] {
+        assert_eq!(old[figure], first["flight"][figure], "{figure}");
+        assert!(figure == "samples" || old[figure] != new[figure], "{figure}");
+    }
+    assert_eq!(told["beside"]["references_apart"], 0.0);
+    assert!(old["saturation"].is_null(), "the file does not tell what the rotors can");
+    assert!(size(folder.path(), "after/beside.png") > 10_000);
+    let (page, _) = exits(0, folder.path(), &[&derived[..], &["--format", "svg"]].concat());
+    assert!(page.contains("Beside an earlier flight") && page.contains("before/flight.csv"), "{page}");
+    let drawn = std::fs::read_to_string(folder.path().join("after/beside.svg")).expect("drawn");
+    assert!(drawn.contains("this flight") && drawn.contains("before/flight.csv"));
+    let other =
+        ["fly", "firefly", "--reference", "hover", "--duration", "3", "--no-plots", "--beside", "before/flight.csv"];
+    let (page, _) = exits(0, folder.path(), &other);
+    assert!(page.contains("their references differ, by up to"), "{page}");
+}
+
+#[test]
+fn what_is_no_earlier_flight_is_refused_before_one_is_flown() {
+    let folder = temporary();
+    std::fs::write(folder.path().join("other.csv"), "a,b\n1,2\n").expect("written");
+    std::fs::write(folder.path().join("cut.csv"), "time [s],position_x [m]\n0,1\n").expect("written");
+    for (file, word) in [
+        ("none.csv", "looked for from"),
+        ("other.csv", "no column 'time [s]'"),
+        ("cut.csv", "no column 'position_y [m]'"),
+        (".", "regular file"),
+    ] {
+        let (out, err) = exits(2, folder.path(), &["fly", "iris", "--beside", file]);
+        assert!(out.is_empty() && err.contains(word) && err.contains(file), "{file}: {err}");
+    }
+    exits(2, folder.path(), &["fly", "payload", "--drop", "--beside", "other.csv"]);
+    assert!(!folder.path().join("out").exists());
+}
+
+#[test]
+fn the_design_report_is_one_page_that_asks_for_nothing() {
+    let folder = temporary();
+    let (vehicle, _) = exits(0, folder.path(), &["models", "hummingbird", "--toml"]);
+    let evil = vehicle.replacen("name = \"hummingbird\"", "name = \"<script>a&b\"", 1);
+    assert_ne!(evil, vehicle);
+    std::fs::write(folder.path().join("evil.toml"), evil).expect("written");
+    let told = json(folder.path(), &["design", "evil.toml", "--report", "pages/evil.html"]);
+    assert_eq!(told["files"], serde_json::json!(["pages/evil.html"]));
+    let page = std::fs::read_to_string(folder.path().join("pages/evil.html")).expect("written");
+    assert!(page.starts_with("<!DOCTYPE html>") && page.trim_end().ends_with("</html>"));
+    for words in [
+        "Steady flight",
+        "Modes of the",
+        "Gains",
+        "Margins",
+        "Nyquist curves",
+        "Poles of the",
+        "A step of 1 m",
+        "Sensitivity",
+    ] {
+        assert!(page.contains(words), "{words}");
+    }
+    assert!(page.contains("&lt;script&gt;a&amp;b"), "the name is there");
+    for mark in ["<script", "href", "src=", "url(", "@import", "<link", "<img"] {
+        assert!(!page.contains(mark), "{mark}");
+    }
+    assert_eq!((page.matches("<svg").count(), page.matches("<table>").count()), (3, page.matches("</table>").count()));
+}
+
+#[test]
+fn files_of_a_design_that_exist_are_kept_unless_forced() {
+    let folder = temporary();
+    for (option, file) in [("--report", "page.html"), ("--save", "model.json"), ("--plot", "loop.svg")] {
+        let line = ["design", "iris", option, file];
+        std::fs::write(folder.path().join(file), "theirs").expect("written");
+        let (_, err) = exits(2, folder.path(), &line);
+        assert!(err.contains("which exists") && size(folder.path(), file) == 6, "{err}");
+        exits(0, folder.path(), &[&line[..], &["--force"]].concat());
+        assert!(size(folder.path(), file) > 1000, "{file}");
+    }
+    let (_, err) = exits(2, folder.path(), &["design", "iris", "--force"]);
+    assert!(err.contains("--save") && err.contains("--report"), "{err}");
+    let (_, err) = exits(2, folder.path(), &["design", "iris", "--report", "page.pdf"]);
+    assert!(err.contains("a file .html"), "{err}");
+}

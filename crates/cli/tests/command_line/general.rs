@@ -84,13 +84,14 @@ fn a_flight_writes_svg_and_csv_where_it_is_told() {
         ["fly", "iris", "--duration", "3", "--format", "svg", "--csv", "--out", "a/b", "--wind", "dryden:5", "--json"];
     let flown = json(0, folder.path(), &arguments);
     let files: Vec<&str> = flown["files"].as_array().expect("a list").iter().filter_map(Value::as_str).collect();
-    assert_eq!(files.len(), 6, "{files:?}");
+    assert_eq!(files.len(), 7, "{files:?}");
     for file in files {
         assert!(is_file(folder.path().join(file)), "{file}");
     }
     let csv = std::fs::read_to_string(folder.path().join("a/b/flight.csv")).expect("read");
     assert!(csv.starts_with("time [s],position_x [m]"), "{}", &csv[..80]);
     assert_eq!(csv.lines().count(), 1502);
+    assert!(csv.lines().next().is_some_and(|header| header.ends_with(",commanded_angular_velocity_z [rad/s]")));
     assert_eq!(flown["plan"]["wind"]["kind"], "dryden");
 }
 

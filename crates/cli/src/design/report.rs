@@ -1,0 +1,112 @@
+//! The report of `design` as one page for a browser or a printer.
+
+use super::figures::{self, Loops};
+use super::{Arguments, Findings, loop_facts, margins_table, modes_table, reach, trim_facts};
+use crate::html::Html;
+use crate::page::{Fact, short};
+use crate::sheet::{gains_table, key_facts};
+use crate::source::Source;
+use crate::table::number;
+use omnidrones::controllers::linear::step_figures;
+use omnidrones::controllers::reference::Step;
+use omnidrones::controllers::{FlightPlan, Reference, fly_vehicle};
+use omnidrones::dynamics::Gains;
+use omnidrones::dynamics::aero::wind::Wind;
+use omnidrones::error::Result;
+use omnidrones::flight::FlightLog;
+use omnidrones_plot::Figure;
+
+/// When the position is told to jump, s: by then the start from rest is over.
+const JUMP: f64 = 4.0;
+/// How long the step is watched, s.
+const WATCHED: f64 = 6.0;
+/// How far it jumps, m.
+const WAY: f64 = 1.0;
+
+/// What a report is of.
+pub struct Subject<'a> {
+    pub arguments: &'a Arguments,
+    pub source: &'a Source,
+    pub gains: &'a Gains,
+    /// How the gains are called.
+    pub gains_name: &'a str,
+    pub found: &'a Findings,
+    pub loops: &'a Loops,
+    pub stable: bool,
+}
+
+impl Subject<'_> {
+    /// The page.
+    pub fn html(&self) -> Result<String> {
+        let Self { arguments: a, source, found, loops, .. } = self;
+        let vehicle = &source.vehicle;
+        let title = format!("{}: design of the control loop", vehicle.name);
+        let mut page = Html::new(&title, &format!("{}; omnidrones {}", source.origin, env!("CARGO_PKG_VERSION")));
+        page.heading("Vehicle").facts(&key_facts(vehicle));
+        page.heading("Steady flight").facts(&trim_facts(a, found));
+        page.heading("Modes of the vehicle alone").table(&modes_table(&found.modes, &found.plant)).line(&reach(found));
+        page.heading("Gains").table(&gains_table(vehicle, &[(self.gains_name, *self.gains)]));
+        page.heading("Control loop").facts(&loop_facts(self.gains_name, a, found, self.stable));
+        page.heading("Margins").table(&margins_table(found)).line(
+            "Each of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and \
+             phase at once: 0.5 stands for a factor of 0.6 to 1.67 or 28°.",
+        );
+        let plane = Figure::new("").size(1000.0, 500.0).grid(&[1.0, 1.0], &[1.0]);
+        let plane = plane.place((0, 0), (1, 1), loops.nyquist(found)).place((1, 0), (1, 1), figures::poles(found));
+        page.heading("Stability").figure(&plane.svg()?);
+        self.steps(&mut page)?;
+        page.heading("Loop and sensitivity").figure(&loops.bode(&vehicle.name).svg()?);
+        Ok(page.finish())
+    }
+
+    /// Steps of the position along the way and upwards, flown by the whole model.
+    fn steps(&self, page: &mut Html) -> Result<()> {
+        let mut figure = Figure::new("").size(1000.0, 300.0).grid(&[1.0, 1.0], &[1.0]);
+        let mut facts = Vec::new();
+        for (column, (axis, way)) in [(0, "forward"), (2, "upward")].into_iter().enumerate() {
+            let log = self.step(axis)?;
+            let title = format!("A step of {WAY} m {way}");
+            facts.push(figures_of(&title, &log, axis));
+            figure = figure.place((column, 0), (1, 1), figures::step(&title, &log, axis, JUMP));
+        }
+        page.heading("Step of the position").figure(&figure.svg()?).facts(&facts);
+        page.line("Flown by the whole model, with limits of rotors and tilt; the margins are of its linear form.");
+        Ok(())
+    }
+
+    /// A flight from rest with a jump of the reference.
+    fn step(&self, axis: usize) -> Result<FlightLog> {
+        let a = self.arguments;
+        let mut step = Step { time: JUMP, ..Step::default() };
+        step.to = step.from;
+        step.to[axis] += WAY;
+        let wind = match a.wind.as_deref() {
+            Some(&[x, y, z]) => Wind::Constant { velocity: [x, y, z] },
+            _ => Wind::Calm,
+        };
+        let plan = FlightPlan {
+            reference: Reference::Step(step),
+            duration: JUMP + WATCHED,
+            physics: a.flight.physics(),
+            rates: a.flight.rates(),
+            latency: a.latency,
+            wind,
+            ..FlightPlan::default()
+        };
+        Ok(fly_vehicle(&self.source.vehicle, self.gains, &plan, &mut |_| {})?.log)
+    }
+}
+
+/// Rise, settling and overshoot, as of the last value flown.
+fn figures_of(title: &str, log: &FlightLog, axis: usize) -> Fact {
+    let after = log.time.iter().zip(&log.position).filter(|(t, _)| **t >= JUMP);
+    let (times, values): (Vec<f64>, Vec<f64>) = after.map(|(t, p)| (t - JUMP, p[axis])).unzip();
+    let start = values.first().copied().unwrap_or_default();
+    let Ok(step) = step_figures(&times, &values, start) else { return Fact::new(title, "–").note("was not flown") };
+    let seconds = |t: f64| if t.is_finite() { format!("{} s", short(t, 3)) } else { "never".into() };
+    Fact::new(title, format!("{} to rise", seconds(step.rise_time))).note(format!(
+        "10 to 90 % of the way; within 2 % of its end after {}, overshoot {} %",
+        seconds(step.settling_time),
+        number(100.0 * step.overshoot, 1)
+    ))
+}
