@@ -2,7 +2,7 @@
 //!
 //! Until it is told of a failure it is the [`Cascade`](super::Cascade), bit for bit. Told, it changes two things:
 //!
-//! - **Allocation** becomes the bounded [`Problem`] with eᵢ T_max as upper bounds, roll and
+//! - **Allocation** becomes the bounded [`Problem`](super::allocation::Problem) with eᵢ T_max as upper bounds, roll and
 //!   pitch before thrust before yaw before sideways force (`PRIORITIES`). The attainable lift replaces the nominal one
 //!   in the limits.
 //! - **Attitude**, where the rotors cannot hold yaw ([`Assessment`]), follows the direction of the thrust alone. With s
