@@ -53,6 +53,7 @@ mod train_plot;
 mod train_search;
 mod train_seeds;
 mod tune;
+mod tune_grid;
 mod watch;
 
 use clap::{Parser, Subcommand};

@@ -23,19 +23,21 @@ pub struct Circle {
     pub yaw: f64,
     /// Whether the heading turns with the direction of flight. Default false.
     pub along_path: bool,
+    /// How far the path is at t = 0, s, ≥ 0: from `spin_up` on at its full rate. Default 0, at rest.
+    pub ahead: f64,
 }
 
 impl Default for Circle {
     fn default() -> Self {
-        Self { center: [0.0, 0.0, 2.0], radius: 2.0, rate: 1.0, spin_up: 2.0, yaw: 0.0, along_path: false }
+        Self { center: [0.0, 0.0, 2.0], radius: 2.0, rate: 1.0, spin_up: 2.0, yaw: 0.0, along_path: false, ahead: 0.0 }
     }
 }
 
 impl Circle {
-    /// φ(t): the integral of the smooth step, ω T (7x⁵ − 14x⁶ + 10x⁷ − 2.5x⁸) with x = t/T, then ω (t − T/2).
+    /// φ(t + ahead): the integral of the smooth step, ω T (7x⁵ − 14x⁶ + 10x⁷ − 2.5x⁸) with x = t/T, then ω (t − T/2).
     #[inline(always)]
     fn phase<S: Scalar>(&self, t: S) -> S {
-        let t = t.max(S::zero());
+        let t = (t + S::constant(self.ahead)).max(S::zero());
         let end = S::constant(self.spin_up);
         let x = t * end.recip();
         let p = x.mul_add(S::constant(-2.5), S::constant(10.0));
@@ -62,7 +64,8 @@ impl Curve for Circle {
         within("circle.radius", &[self.radius], 0.0, 1e6)?;
         within("circle.rate", &[self.rate], -100.0, 100.0)?;
         within("circle.spin_up", &[self.spin_up], 1e-3, 1e6)?;
-        coordinates("circle.yaw", &[self.yaw])
+        coordinates("circle.yaw", &[self.yaw])?;
+        within("circle.ahead", &[self.ahead], 0.0, 1e6)
     }
 
     #[inline(always)]
@@ -114,6 +117,16 @@ mod tests {
             let speed = (s.velocity[0].powi(2) + s.velocity[1].powi(2)).sqrt();
             assert!((s.velocity[0] - speed * cos).abs() < 1e-12 && (s.velocity[1] - speed * sin).abs() < 1e-12);
             assert!((s.yaw_rate - rate).abs() < 1e-12 && s.yaw_acceleration.abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_circle_that_is_ahead_begins_at_its_full_speed_and_acceleration() {
+        let circle = Reference::Circle(Circle { radius: 4.0, rate: 1.5, ahead: 2.0, ..Circle::default() });
+        let size = |v: [f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+        for t in [0.0, 0.7] {
+            let s = circle.sample(t);
+            assert!((size(s.velocity) - 6.0).abs() < 1e-12 && (size(s.acceleration) - 9.0).abs() < 1e-12, "{s:?}");
         }
     }
 }
