@@ -97,7 +97,7 @@ pub use kinematics::Kinematics;
 pub use law::{ControlLaw, Moment, RecordedLaw, Running};
 pub use load_flatness::LoadFlatness;
 pub use locked_joints::LockedJoints;
-pub use monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
+pub use monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult, MonteCarloSummary};
 pub use parameters::{BodyModel, CommandLimits, ForceLimits, GainSet};
 pub use platform::Platform;
 pub use rate::RateCommand;

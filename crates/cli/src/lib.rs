@@ -35,6 +35,7 @@ mod linearise;
 mod models;
 mod over_seeds;
 mod page;
+mod plant_box;
 mod progress;
 mod recover;
 mod robot;

@@ -12,6 +12,7 @@
 //! | [`mod@follow`] | feed-forward along smooth references |
 //! | [`flight_grid`] | circles on a grid of acceleration and speed, half to tune on, half to judge on |
 //! | [`gain_sensitivity`] | how the error of one flight depends on each gain |
+//! | [`mod@robustness`] | a box of plants: the share of stable ones, the least margin in it |
 //! | [`mod@trim`] | steady flights: hover, forward flight, turns, spins |
 //! | [`mod@tune`] | gains by descent on flights |
 //! | `tuned_loop` | those flights: the loop over ln K, starts, plants |
@@ -26,6 +27,7 @@ pub mod lqr;
 mod margin_constraint;
 pub mod margin_gate;
 pub mod riccati;
+pub mod robustness;
 pub mod trim;
 pub mod tune;
 mod tuned_loop;
@@ -37,5 +39,6 @@ pub use gain_sensitivity::{GainSensitivity, sensitivity};
 pub use loop_model::{LoopMargins, LoopModel, Point};
 pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqr};
 pub use margin_gate::{Corner, Flaw, Judgement, MarginGate};
+pub use robustness::{JudgedPlant, PlantBox, Robustness};
 pub use trim::{Trim, TrimTarget, trim, trim_from};
 pub use tune::{AlongReference, Descent, Evaluation, Iteration, TunePlan, Tuning, tune};
