@@ -20,6 +20,7 @@
 //! | `cascade_law` | the cascade as such a law |
 //! | [`registry`] | which controller flies what |
 //! | [`closed_loop`] | a plant under a controller: latency, disturbances, injections, failures |
+//! | [`confidence`] | exact bounds of shares and quantiles |
 //! | [`monte_carlo`] | one loop over thousands of randomised plants |
 //! | [`recovery`] | from which starts a controller comes back, with confidence |
 //! | [`start`] | where flights and drops begin |
@@ -53,6 +54,7 @@ pub mod cascade;
 pub(crate) mod cascade_law;
 pub mod chain_shape;
 pub mod closed_loop;
+pub mod confidence;
 pub mod controller;
 pub mod design;
 pub mod fault_tolerant;
@@ -91,6 +93,7 @@ pub use cascade::{Cascade, CascadeModel, Latched, Level, Rates, Schedule};
 pub use cascade_law::CascadeLaw;
 pub use chain_shape::{ChainRamp, ChainShape};
 pub use closed_loop::{ClosedLoop, Outside};
+pub use confidence::{Quantile, Share, clopper_pearson};
 pub use controller::{Controller, Measurement, Note, Passive, Target};
 pub use fault_tolerant::FaultTolerant;
 pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle};
@@ -101,11 +104,11 @@ pub use kinematics::Kinematics;
 pub use law::{ControlLaw, Moment, RecordedLaw, Running};
 pub use load_flatness::LoadFlatness;
 pub use locked_joints::LockedJoints;
-pub use monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
+pub use monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult, MonteCarloSummary};
 pub use parameters::{BodyModel, CommandLimits, ForceLimits, GainSet};
 pub use platform::Platform;
 pub use rate::RateCommand;
-pub use recovery::{RecoveryCell, RecoveryMap, RecoveryPlan, clopper_pearson, recovery_map};
+pub use recovery::{RecoveryCell, RecoveryMap, RecoveryPlan, recovery_map};
 pub use reference::{Curve, Reference, Setpoint, Tilt, Trajectory};
 pub use registry::{Setup, default_controller};
 pub use six_axis::SixAxis;

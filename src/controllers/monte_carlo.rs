@@ -5,6 +5,7 @@
 //! many flights there are.
 
 use super::closed_loop::ClosedLoop;
+use super::confidence::{Quantile, Share};
 use super::controller::Target;
 use super::flight::LOST;
 use super::law::{ControlLaw, Running};
@@ -15,6 +16,7 @@ use crate::dynamics::spatial::up_axis;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
+use serde::Serialize;
 
 /// One number of each flight of a block.
 type Row = [f32; BLOCK];
@@ -43,6 +45,35 @@ pub struct MonteCarloResult {
     pub tilt: f64,
     /// When it was first more than `LOST` away or not finite, s.
     pub lost_at: Option<f64>,
+}
+
+/// Many flights in a few numbers, each with where it lies.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MonteCarloSummary {
+    /// Flights that were lost.
+    pub lost: Share,
+    /// Median RMSE, m; a lost flight's is infinite.
+    pub median: Quantile,
+    /// RMSE that 95 % of the flights do not exceed, m; likewise.
+    pub percentile_95: Quantile,
+    /// Of the bounds.
+    pub confidence: f64,
+}
+
+impl MonteCarloSummary {
+    /// With a confidence as 0.95.
+    pub fn of(flown: &[MonteCarloResult], confidence: f64) -> Self {
+        let lost = flown.iter().filter(|o| o.lost_at.is_some()).count();
+        let mut errors: Vec<f64> =
+            flown.iter().map(|o| if o.lost_at.is_some() { f64::INFINITY } else { o.rmse }).collect();
+        errors.sort_by(f64::total_cmp);
+        Self {
+            lost: Share::counted(lost, flown.len(), confidence),
+            median: Quantile::met(&errors, 0.5, confidence),
+            percentile_95: Quantile::met(&errors, 0.95, confidence),
+            confidence,
+        }
+    }
 }
 
 /// Many flights of one loop.

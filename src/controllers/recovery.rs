@@ -8,6 +8,7 @@
 //! Straight-line controllers fly 64 starts to a block of lanes, others one by one in `f64`.
 
 use super::closed_loop::{ClosedLoop, Outside};
+use super::confidence::clopper_pearson;
 use super::controller::{Controller, Target};
 use super::law::{RecordedLaw, Running};
 use super::monte_carlo::{Block, MonteCarlo, MonteCarloDraw};
@@ -334,59 +335,6 @@ impl Watch {
         let since = *self.since.get_or_insert(time);
         if time - since >= STAYS {
             (self.back_at, self.decided) = (Some(since), true);
-        }
-    }
-}
-
-/// Where a share lies with a confidence, of which `hits` of `n` are known: the shares at which so many or more, and so few or
-/// fewer, would each come with half of what is left. Exact, and never too narrow.
-///
-/// Source: Clopper and Pearson 1934.
-pub fn clopper_pearson(hits: usize, n: usize, confidence: f64) -> [f64; 2] {
-    let half = 0.5 * (1.0 - confidence);
-    // P(X ≤ k) falls as the share rises
-    let share_where = |k: usize, level: f64| {
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if at_most(k, n, middle) > level { low = middle } else { high = middle }
-        }
-        0.5 * (low + high)
-    };
-    let low = if hits == 0 { 0.0 } else { share_where(hits - 1, 1.0 - half) };
-    let high = if hits >= n { 1.0 } else { share_where(hits, half) };
-    [low, high]
-}
-
-/// P(X ≤ k) of n tries with chance p each.
-fn at_most(k: usize, n: usize, p: f64) -> f64 {
-    let odds = (p / (1.0 - p)).ln();
-    let mut log = n as f64 * (1.0 - p).ln();
-    let mut sum = 0.0;
-    for i in 0..=k {
-        sum += log.exp();
-        log += odds + ((n - i) as f64 / (i + 1) as f64).ln();
-    }
-    sum
-}
-
-#[cfg(test)]
-mod tests {
-    use super::clopper_pearson;
-
-    #[test]
-    fn bounds_of_a_share_are_those_of_the_beta_distribution() {
-        // scipy.stats.beta.ppf(0.025, k, n − k + 1), beta.ppf(0.975, k + 1, n − k)
-        let cases = [
-            (0, 10, [0.0, 0.308_497_107_8]),
-            (8, 10, [0.443_904_537_7, 0.974_789_273_2]),
-            (64, 64, [0.943_990_910_6, 1.0]),
-            (990, 1000, [0.981_686_756_9, 0.995_194_489_3]),
-        ];
-        for (hits, n, wanted) in cases {
-            let got = clopper_pearson(hits, n, 0.95);
-            println!("{hits} of {n}: {got:.10?}");
-            assert!((0..2).all(|k| (got[k] - wanted[k]).abs() < 1e-9), "{hits} of {n}: {got:?}");
         }
     }
 }

@@ -15,13 +15,13 @@
 
 use super::cascade::Rates;
 use super::closed_loop::{ClosedLoop, Outside};
+use super::confidence::clopper_pearson;
 use super::controller::Target;
 use super::design::{Corner, truth};
 use super::flight::LOST;
 use super::kinematics::Kinematics;
 use super::parameters::BodyModel;
 use super::position::add_drag;
-use super::recovery::clopper_pearson;
 use super::reference::{Ellipse, Reference};
 use super::registry::{Setup, controller};
 use super::start::start_on;

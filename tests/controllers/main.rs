@@ -11,6 +11,7 @@ mod loop_model;
 mod lqr;
 mod over_actuated;
 mod recovery;
+mod robustness;
 mod six_axis;
 mod tilting;
 mod tracking;

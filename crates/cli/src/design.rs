@@ -7,6 +7,7 @@ use self::figures::Loops;
 use self::report::Subject;
 use super::arguments::{FlightArguments, PlotArguments, VehicleArguments, WRITTEN};
 use super::page::{Fact, Page, short};
+use super::plant_box::{self, PlantArguments};
 use super::source::{self, Source};
 use super::table::{Align, Table};
 use super::{Report, files};
@@ -35,6 +36,7 @@ Examples:
   omnidrones design hummingbird --wind 8,0,0             as at 8 m/s through still air
   omnidrones design iris --latency 5                     commands 5 steps late
   omnidrones design firefly --gains derived --json       for a program
+  omnidrones design hummingbird --spread 0.3 --samples 20   on plants that are not as believed
   omnidrones design hummingbird --plot loop.svg          loop and sensitivity over frequency
   omnidrones design hummingbird --save model.json        the linear plant, for other tools
   omnidrones design iris --report iris.html              the report as a page, with plots
@@ -42,6 +44,10 @@ Examples:
 Margins are of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and phase \
 at once, in all commands together where it says so (Seiler, Packard and Gahinet 2020): 0.5 stands for a factor of 0.6 to 1.67 \
 or 28°. The delay is in whole steps.
+
+--spread judges the same loop on other plants than the law believes in: of random ones the share that is stable, with exact bounds \
+(Clopper and Pearson 1934), and the least disk margin at the corners of the box and by a search from the worst of them, with the \
+factors of that plant.
 
 Files: --save writes A, B, C, D of one step with the names and units of all signals (.json), or as one table (.csv). --report \
 writes one page that needs no other file and no network: all tables, gains, Nyquist curves, poles, steps of the position, \
@@ -76,6 +82,8 @@ pub struct Arguments {
     /// Write the report as one page with plots into this file (.html)
     #[arg(long, value_name = "FILE.html", group = WRITTEN, help_heading = "Output")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    plants: PlantArguments,
     #[command(flatten)]
     output: PlotArguments,
 }
@@ -115,8 +123,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
             return Err(Error::value("--wind", format!("{wind:?}"), "three numbers up to 100 m/s", "As 8,0,0."));
         }
     };
-    let found = findings(&source.vehicle, physics, &gains, &a.flight.rates(), a.latency, &air)?;
+    let rates = a.flight.rates();
+    let found = findings(&source.vehicle, physics, &gains, &rates, a.latency, &air)?;
     let stable = found.rows.iter().all(|(_, margins)| margins.stable);
+    let plants = a.plants.judge(&source.vehicle, &gains, (&physics, &rates), (a.latency, &air))?;
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", found.plant.to_json()) } else { found.plant.to_csv() };
         files::replace(file, text)?;
@@ -124,11 +134,16 @@ pub fn run(a: &Arguments) -> Result<Report> {
     draw(a, &source, (&gains, &gains_name), &found, stable)?;
     let written: Vec<PathBuf> = a.output.plot.iter().chain(&a.save).chain(&a.report).cloned().collect();
     if a.output.json {
-        return Ok(Report::json(&as_json(&source.vehicle, &gains_name, &found, stable, &written), stable));
+        let mut value = as_json(&source.vehicle, &gains_name, &found, stable, &written);
+        value["plants"] = json!(plants);
+        return Ok(Report::json(&value, stable));
     }
     let mut page = Page::new();
     page.title(&source.vehicle.name, &source.origin);
     tell(&mut page, &gains_name, a, &found, stable);
+    if let Some(plants) = &plants {
+        plant_box::tell(&mut page, plants);
+    }
     if !written.is_empty() {
         page.heading("Written");
         for file in &written {

@@ -39,6 +39,7 @@ mod linearise;
 mod models;
 mod over_seeds;
 mod page;
+mod plant_box;
 mod progress;
 mod recover;
 mod robot;
@@ -57,6 +58,7 @@ mod train_plot;
 mod train_search;
 mod train_seeds;
 mod tune;
+mod tune_grid;
 mod watch;
 
 use clap::{Parser, Subcommand};

@@ -3,10 +3,11 @@
 use super::arguments::{self, FlightArguments, OutputArguments, VehicleArguments};
 use super::page::{Fact, Page, duration, length, short};
 use super::sheet::{self, KeyFigures};
+use super::tune_grid::{self, GridArguments};
 use super::{Report, files, progress, source};
 use omnidrones::controllers::design::tune::{Evaluation, Iteration, TunePlan, Tuning, tune};
-use omnidrones::controllers::design::{Judgement, LoopMargins, MarginGate};
-use omnidrones::controllers::{Flight, FlightPlan, Reference, fly_vehicle};
+use omnidrones::controllers::design::{GridCell, Judgement, LoopMargins, MarginGate};
+use omnidrones::controllers::{Flight, FlightPlan, Reference, Share, fly_vehicle};
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::{Gains, Vehicle};
 use omnidrones::error::{Error, Result};
@@ -31,6 +32,7 @@ Examples:
   omnidrones tune firefly --margins --iterations 40         a disk margin of 0.5, at every corner
   omnidrones tune iris --also circle --latency 5            on two references, commands 10 ms late
   omnidrones tune iris --gains derived --json --no-plots    from derived gains, for a program
+  omnidrones tune hummingbird --grid --randomise 0.3        on circles and plants, judged on others
 
 Files in --out: gains.toml (fly with them: omnidrones fly VEHICLE --gains out/VEHICLE/gains.toml), and tune.png or \
 tune.svg: the descent, and one flight before and after.
@@ -42,7 +44,11 @@ The gate of --margins: the loop that flies, at hover and forward at 5 and 10 m/s
 at both ends of ±30 %, keeps a disk margin of all commands at once (Seiler, Packard and Gahinet 2020) of at least --disk. Whether it bears 50 ms of \
 latency at hover is told, too.
 
-Exit codes: 0 better on the held-out starts, no crash, and through the gate of --margins; 1 not so; 2 unusable input or arguments.";
+--grid tunes on circles of given accelerations and speeds, flown from the first instant at full speed: on every other cell of the grid, \
+as on a chessboard, that the vehicle can fly, which is where its steady turn leaves every rotor a fifth of its thrust. The other half is judged alone, cell by cell. \
+--randomise draws mass, inertia and motor lag of every flight's plant; held-out flights have plants of their own.
+
+Exit codes: 0 better on the held-out starts and cells, no crash, and through the gate of --margins; 1 not so; 2 unusable input or arguments.";
 
 /// Arguments of `tune`.
 #[derive(Debug, clap::Args)]
@@ -56,19 +62,18 @@ pub struct Arguments {
     rotors: VehicleArguments,
     #[command(flatten)]
     flight: FlightArguments,
-    /// Length of each training flight [s]
-    #[arg(long, value_name = "SECONDS", default_value_t = TunePlan::default().duration, allow_negative_numbers = true,
-          help_heading = "Flight")]
-    duration: f64,
+    /// Length of each training flight [s] [default: 6, with --grid 3]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Flight")]
+    duration: Option<f64>,
     /// Descent steps
     #[arg(long, value_name = "N", default_value_t = TunePlan::default().iterations, help_heading = "Tuning")]
     iterations: usize,
     /// Random starts to tune on; multiples of 64 fill the SIMD lanes
     #[arg(long, value_name = "N", default_value_t = TunePlan::default().n_start, help_heading = "Tuning")]
     starts: usize,
-    /// Random starts to judge on
-    #[arg(long, value_name = "N", default_value_t = TunePlan::default().n_held_out, help_heading = "Tuning")]
-    held_out: usize,
+    /// Random starts to judge on, along each reference [default: 256, with --grid 32]
+    #[arg(long, value_name = "N", help_heading = "Tuning")]
+    held_out: Option<usize>,
     /// Relative change of a gain per step, at first
     #[arg(long, value_name = "SHARE", default_value_t = TunePlan::default().learning_rate,
           allow_negative_numbers = true, help_heading = "Tuning")]
@@ -82,6 +87,11 @@ pub struct Arguments {
     /// Steps by which commands act late
     #[arg(long, value_name = "STEPS", default_value_t = 0, help_heading = "Tuning")]
     latency: usize,
+    /// Fly plants whose mass, inertia and motor lag are drawn within 1 ± SHARE of what is believed
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Tuning")]
+    randomise: f64,
+    #[command(flatten)]
+    grid: GridArguments,
     /// Hold a disk margin, to 10 m/s and over ±30 % of mass, inertia and motor lag
     #[arg(long, help_heading = "Margins")]
     margins: bool,
@@ -99,21 +109,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let source = source::load(Some(&a.vehicle), &a.rotors)?;
     let vehicle = &source.vehicle;
     let (gains, gains_name) = a.flight.gains(vehicle)?;
-    let plan = TunePlan {
-        reference: a.flight.reference()?,
-        duration: a.duration,
-        physics: a.flight.physics(),
-        rates: a.flight.rates(),
-        n_start: a.starts,
-        n_held_out: a.held_out,
-        iterations: a.iterations,
-        learning_rate: a.learning_rate,
-        seed: a.seed,
-        also: a.also.iter().map(|name| arguments::reference(name)).collect::<Result<_>>()?,
-        latency: a.latency,
-        margins: a.margins.then(|| MarginGate { disk: a.disk, ..MarginGate::default() }),
-        ..TunePlan::default()
-    };
+    let cells = a.grid.cells(vehicle, &a.flight.physics())?;
+    let plan = plan(a, &cells)?;
     let folder = a.output.folder(files::default_folder(&vehicle.name))?;
 
     let bar = progress::bar(a.iterations as u64, "judging, then tuning", a.output.json);
@@ -126,7 +123,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let wall_time = start.elapsed().as_secs_f64();
     bar.finish_and_clear();
 
-    let mut written = vec![write_gains(&folder, a, vehicle, &gains_name, &tuning)?];
+    let mut written = vec![write_gains(&folder, &plan, vehicle, &gains_name, &tuning)?];
     if !a.output.no_plots {
         let path = folder.join(format!("tune.{}", a.output.format.extension()));
         let flight = |gains: &Gains| fly_vehicle(vehicle, gains, &nominal(&plan), &mut |_| {});
@@ -134,7 +131,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
         written.push(path);
     }
     let passes = tuning.judged.as_ref().is_none_or(|[_, after]| after.passes);
-    let better = passes && tuning.after.crashed == 0 && tuning.after.rmse < tuning.before.rmse;
+    let held_out = !tuning.is_worse_held_out() && tuning.held_out.is_none_or(|[_, after]| after.crashed == 0);
+    let better = passes && held_out && tuning.after.crashed == 0 && tuning.after.rmse < tuning.before.rmse;
     if a.output.json {
         let value = json!({
             "command": "tune",
@@ -152,6 +150,11 @@ pub fn run(a: &Arguments) -> Result<Report> {
             "margins_after": tuning.margins[1],
             "judged_before": tuning.judged.as_ref().map(|j| &j[0]),
             "judged_after": tuning.judged.as_ref().map(|j| &j[1]),
+            "references": tuning.references,
+            "held_out_before": tuning.held_out.map(|both| both[0]),
+            "held_out_after": tuning.held_out.map(|both| both[1]),
+            "grid": cells,
+            "crashed_after": Share::counted(tuning.after.crashed, tuning.after.n, CONFIDENCE),
             "warnings": warnings(&tuning),
             "elsewhere_before": tuning.elsewhere_before,
             "elsewhere_after": tuning.elsewhere_after,
@@ -166,6 +169,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let mut page = Page::new();
     source.describe(&mut page);
     page.heading("Tuning").facts(&facts(&plan, &tuning, wall_time));
+    if !cells.is_empty() {
+        page.heading("Cells").table(&tune_grid::table(&cells, &tuning));
+    }
     page.heading("Gains").table(&sheet::gains_table(vehicle, &[(&gains_name, gains), ("tuned", tuning.gains)]));
     page.heading("Written");
     for path in &written {
@@ -180,12 +186,45 @@ pub fn run(a: &Arguments) -> Result<Report> {
         page.line(format!("Fly with them: omnidrones fly {} --gains {gains}", a.vehicle));
     } else {
         page.line(if passes {
-            "FAILED: not better on the held-out starts; try more --starts, or a smaller --learning-rate"
+            "FAILED: not better on all that was held out, or not without a crash; try more --starts, or a smaller --learning-rate"
         } else {
             "FAILED: no gains on the way bear what --margins asks for, so those it started from are kept; try a smaller --disk"
         });
     }
     Ok(Report { text: page.finish(), success: better })
+}
+
+/// What is tuned on: the reference, unless there are cells alone; further ones; half of the cells.
+fn plan(a: &Arguments, cells: &[GridCell]) -> Result<TunePlan> {
+    let of = |held_out| cells.iter().filter(move |c| c.flyable && c.held_out == held_out).map(GridCell::reference);
+    let own = cells.is_empty() || a.flight.reference.is_some();
+    let mut references = if own { vec![a.flight.reference()?] } else { Vec::new() };
+    for name in &a.also {
+        references.push(arguments::reference(name)?);
+    }
+    references.extend(of(false));
+    let default = if cells.is_empty() {
+        TunePlan::default()
+    } else {
+        TunePlan { duration: 3.0, n_held_out: 32, ..TunePlan::default() }
+    };
+    Ok(TunePlan {
+        reference: references.remove(0),
+        also: references,
+        held_out: of(true).collect(),
+        plant_spread: a.randomise,
+        duration: a.duration.unwrap_or(default.duration),
+        physics: a.flight.physics(),
+        rates: a.flight.rates(),
+        n_start: a.starts,
+        n_held_out: a.held_out.unwrap_or(default.n_held_out),
+        iterations: a.iterations,
+        learning_rate: a.learning_rate,
+        seed: a.seed,
+        latency: a.latency,
+        margins: a.margins.then(|| MarginGate { disk: a.disk, ..MarginGate::default() }),
+        ..default
+    })
 }
 
 /// What the tuned gains lose.
@@ -197,6 +236,9 @@ fn warnings(tuning: &Tuning) -> Vec<String> {
             format!("{name} of all commands at hover: {} → {}", short(before, 3), short(after, 3))
         })
         .collect();
+    if tuning.is_worse_held_out() {
+        all.push("on the cells that were held out the tuned gains do worse than those they started from".into());
+    }
     if tuning.is_worse_elsewhere() {
         all.push(
             "elsewhere (another reference, commands 10 ms late, other masses, rotors and motors) the tuned gains do worse than \
@@ -220,9 +262,27 @@ fn nominal(plan: &TunePlan) -> FlightPlan {
     }
 }
 
+/// References that are tuned on, each name once.
+fn names(plan: &TunePlan) -> String {
+    let mut names: Vec<(&str, usize)> = Vec::new();
+    for name in plan.references().map(Reference::name) {
+        match names.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, n)) => *n += 1,
+            None => names.push((name, 1)),
+        }
+    }
+    let told = |(name, n): (&str, usize)| if n > 1 { format!("{name} × {n}") } else { name.into() };
+    names.into_iter().map(told).collect::<Vec<String>>().join(", ")
+}
+
+/// Of the bounds of crash rates.
+const CONFIDENCE: f64 = 0.95;
+
 fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
     let judged = |e: &Evaluation| {
-        let crashes = if e.crashed == 0 { "no crash".to_string() } else { format!("{} crashed", e.crashed) };
+        let count = if e.crashed == 0 { "no crash".to_string() } else { format!("{} crashed", e.crashed) };
+        let [low, high] = Share::counted(e.crashed, e.n, CONFIDENCE).bounds.map(|share| short(100.0 * share, 2));
+        let crashes = format!("{count} in {} ({low} to {high} % with {} % confidence)", e.n, 100.0 * CONFIDENCE);
         (length(e.rmse), format!("worst {}, {crashes}", length(e.worst)))
     };
     let ((before, before_note), (after, after_note)) = (judged(&tuning.before), judged(&tuning.after));
@@ -232,7 +292,7 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
     let steps = tuning.history.len();
     let per_step = duration(wall_time / steps.max(1) as f64);
     let mut facts = vec![
-        Fact::new("reference", plan.references().map(Reference::name).collect::<Vec<_>>().join(", "))
+        Fact::new("reference", names(plan))
             .note(format!("{} s from {} random starts, {} held out", plan.duration, plan.n_start, plan.n_held_out)),
         Fact::new("descent", format!("{steps} steps")).note(format!("{} in all, {per_step} each", duration(wall_time))),
         Fact::new("training RMSE", format!("{} → {}", length(first), length(best))),
@@ -243,6 +303,19 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
         Fact::new("improvement", format!("{:.1} %", 100.0 * (1.0 - tuning.after.rmse / tuning.before.rmse)))
             .note("of the held-out RMSE"),
     ];
+    if plan.plant_spread > 0.0 {
+        let note = "mass, inertia and motor lag; held-out flights have plants of their own";
+        facts.push(Fact::new("plants", format!("± {} %", short(100.0 * plan.plant_spread, 3))).note(note));
+    }
+    if let Some([first, last]) = &tuning.held_out {
+        facts.push(
+            Fact::new("held-out cells", format!("{} → {}", length(first.rmse), length(last.rmse))).note(format!(
+                "{:.1} % better in the mean; {}",
+                100.0 * (1.0 - last.rmse / first.rmse),
+                judged(last).1
+            )),
+        );
+    }
     let [first, last] = &tuning.margins;
     let arrow = |of: &dyn Fn(&LoopMargins) -> f64, unit: &str| {
         format!("{} → {}{unit}", short(of(first), 3), short(of(last), 3))
@@ -261,6 +334,12 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
             Fact::new("least disk margin", format!("{} → {}", short(first.least(), 3), short(last.least(), 3)))
                 .note(format!("over {} corners, at {}", last.corners.len(), at(last))),
         );
+        if let Some((at, flaw)) = last.flaws.first() {
+            let c = last.corners[*at].0;
+            let (n, of) = (last.flaws.len(), last.corners.len());
+            let place = format!("{} m/s, mass × {}, inertia × {}, lag × {}", c.speed, c.mass, c.inertia, c.lag);
+            facts.push(Fact::new("without a margin", format!("{n} of {of} corners")).note(format!("{place}: {flaw}")));
+        }
         let passes = |j: &Judgement| if j.passes { "passed" } else { "failed" };
         let asked = plan.margins.as_ref().map_or(0.0, |gate| 1e3 * gate.latency);
         let late = if last.bears_latency { "at least the" } else { "less than the" };
@@ -273,17 +352,17 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
     facts
 }
 
-fn write_gains(folder: &Path, a: &Arguments, vehicle: &Vehicle, from: &str, tuning: &Tuning) -> Result<PathBuf> {
+fn write_gains(folder: &Path, plan: &TunePlan, vehicle: &Vehicle, from: &str, tuning: &Tuning) -> Result<PathBuf> {
     let path = folder.join("gains.toml");
     let mut text = format!("# Tuned for {:?} by 'omnidrones tune', from gains {from:?}.\n", vehicle.name);
     let _ = writeln!(
         text,
-        "# Held-out RMSE {} before, {} after ({} starts of the {}, {} s each).",
+        "# Held-out RMSE {} before, {} after ({} flights of {}, {} s each).",
         length(tuning.before.rmse),
         length(tuning.after.rmse),
         tuning.after.n,
-        a.flight.reference.as_deref().unwrap_or("lemniscate").escape_default(),
-        a.duration
+        names(plan).escape_default(),
+        plan.duration
     );
     text += &toml::to_string(&tuning.gains).map_err(|e| Error::Format {
         file: path.display().to_string(),

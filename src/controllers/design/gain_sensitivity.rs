@@ -1,6 +1,6 @@
 //! How the tracking error of one whole flight depends on each gain: one reverse sweep through every step of it.
 
-use super::tune::{LogGains, MeanSquaredError, VehicleLoop};
+use super::tuned_loop::{LogGains, MeanSquaredError, VehicleLoop};
 use crate::autodiff::{Gradient, Rollout, System};
 use crate::controllers::closed_loop::ClosedLoop;
 use crate::controllers::controller::Target;
@@ -41,11 +41,12 @@ pub fn sensitivity(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Resul
         return Err(Error::limit("steps to differentiate", steps, MAX_STEPS, "Fly shorter, or with a larger dt."));
     }
     let own = ClosedLoop::of_vehicle(vehicle, plan.air_physics(), gains, &plan.rates)?.with_latency(plan.latency)?;
-    let system = LogGains(own.with_gains());
-    let theta: Vec<f64> = system.0.parameters().iter().map(|k| k.ln()).collect();
+    let system = LogGains::new(own);
+    let theta: Vec<f64> = system.gains().iter().map(|k| k.ln()).collect();
     crate::error::finite("logarithm of gain", &theta)?;
-    let state = system.0.initial_state(&start_on(system.0.plant(), system.0.controller(), &plan.reference)?);
-    let inputs = inputs(&system.0, plan, steps)?;
+    let state =
+        system.closed.initial_state(&start_on(system.closed.plant(), system.closed.controller(), &plan.reference)?);
+    let inputs = inputs(&system.closed, plan, steps)?;
 
     let mut gradient =
         Gradient { state: vec![0.0; system.n_state()], inputs: Vec::new(), parameters: vec![0.0; theta.len()] };

@@ -2,7 +2,8 @@
 //! what lowers it and climbs it; the gains that come out have passed the whole gate.
 
 use super::margin_gate::{Corner, Flown, MarginGate};
-use super::tune::{TunePlan, gains_of};
+use super::tune::TunePlan;
+use super::tuned_loop::gains_of;
 use crate::dynamics::{Gains, Vehicle};
 use crate::error::Result;
 use crate::parallel::Threads;
@@ -67,7 +68,7 @@ impl<'a> Constraint<'a> {
     }
 
     fn flown<'b>(&'b self, gains: &'b Gains) -> Flown<'b> {
-        Flown { vehicle: self.vehicle, gains, physics: &self.plan.physics, rates: &self.plan.rates }
+        Flown::in_still_air(self.vehicle, gains, &self.plan.physics, &self.plan.rates)
     }
 
     /// The margin at a corner, up to changes of the folding.
@@ -90,7 +91,7 @@ impl<'a> Constraint<'a> {
             let mut order: Vec<usize> = (0..all.len()).collect();
             order.sort_by(|a, b| alphas[*a].total_cmp(&alphas[*b]));
             self.worst = order.iter().take(WATCHED).map(|i| all[*i]).collect();
-            let exact = self.flown(&gains_of(theta)).disk_margin(&self.worst[0]);
+            let exact = self.flown(&gains_of(theta)).disk_margin(&self.worst[0]).unwrap_or(0.0);
             if exact > 0.0 && alphas[order[0]] > 0.0 {
                 self.folding *= exact / alphas[order[0]];
             }
@@ -126,7 +127,7 @@ impl<'a> Constraint<'a> {
         kept.sort_by(|a, b| a.0.total_cmp(&b.0));
         for (_, theta) in kept.iter().take(CANDIDATES) {
             let gains = gains_of(theta);
-            let exact = |i: usize| self.flown(&gains).disk_margin(&self.critical[i]);
+            let exact = |i: usize| self.flown(&gains).disk_margin(&self.critical[i]).unwrap_or(0.0);
             if threads.map(self.critical.len(), exact).iter().any(|alpha| *alpha < self.gate.disk) {
                 continue;
             }

@@ -7,7 +7,7 @@
 //! loop at hover is stable with the latency is told beside it.
 
 use super::loop_model::{LoopMargins, LoopModel, Point};
-use super::trim::{TrimTarget, trim};
+use super::trim::{Trim, TrimTarget, trim};
 use crate::controllers::cascade::Rates;
 use crate::controllers::cascade_law::CascadeLaw;
 use crate::controllers::closed_loop::ClosedLoop;
@@ -16,6 +16,7 @@ use crate::controllers::reference::{Hover, Reference};
 use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
+use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// What is asked.
@@ -50,12 +51,51 @@ pub struct Corner {
     pub inertia: f64,
     /// Of the believed one.
     pub lag: f64,
+    /// How far the centre of mass lies before and left of where it is believed, m.
+    pub shift: [f64; 2],
 }
 
 impl Corner {
     /// The vehicle as it is believed to be, at a speed.
     pub fn nominal(speed: f64) -> Self {
-        Self { speed, mass: 1.0, inertia: 1.0, lag: 1.0 }
+        Self { speed, mass: 1.0, inertia: 1.0, lag: 1.0, shift: [0.0; 2] }
+    }
+
+    /// A random one: factors between 1 − spread and 1 + spread, the centre of mass up to `shift` (m) off along either axis.
+    pub(super) fn drawn(stream: &mut Stream, speed: f64, spread: f64, shift: f64) -> Self {
+        let mut factor = || if spread > 0.0 { stream.uniform(1.0 - spread, 1.0 + spread) } else { 1.0 };
+        let (mass, inertia, lag) = (factor(), factor(), factor());
+        let mut off = || if shift > 0.0 { stream.uniform(-shift, shift) } else { 0.0 };
+        Self { speed, mass, inertia, lag, shift: [off(), off()] }
+    }
+}
+
+/// Why a loop has no margin.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Flaw {
+    /// A pole lies outside the unit circle: how fast it grows, 1/s, and turns, rad/s.
+    Unstable {
+        /// 1/s.
+        growth: f64,
+        /// rad/s.
+        frequency: f64,
+    },
+    /// The plant has no steady flight there.
+    NoTrim(String),
+    /// The loop does not come to rest about that flight, or its model is not found.
+    NotSteady(String),
+}
+
+impl std::fmt::Display for Flaw {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Unstable { growth, frequency } => {
+                write!(f, "unstable: a motion at {frequency:.1} rad/s grows by e in {:.2} s", 1.0 / growth)
+            }
+            Self::NoTrim(why) => write!(f, "no steady flight: {why}"),
+            Self::NotSteady(why) => write!(f, "does not come to rest: {why}"),
+        }
     }
 }
 
@@ -66,6 +106,8 @@ pub struct Judgement {
     pub corners: Vec<(Corner, f64)>,
     /// Place of the least of them.
     pub worst: usize,
+    /// Why corners have no margin: their places, and what was found there.
+    pub flaws: Vec<(usize, Flaw)>,
     /// Delay that ends stability of the nominal loop at hover, s ([`LoopMargins::delay`](super::LoopMargins::delay)).
     pub delay: f64,
     /// Whether every corner has the disk margin that is asked for.
@@ -111,7 +153,8 @@ impl MarginGate {
     /// All corners: of every speed the believed plant, then the box.
     pub fn corners(&self) -> Vec<Corner> {
         let end = |of: usize, bit: usize| if of >> bit & 1 == 0 { 1.0 - self.spread } else { 1.0 + self.spread };
-        let boxed = |speed, of| Corner { speed, mass: end(of, 0), inertia: end(of, 1), lag: end(of, 2) };
+        let boxed =
+            |speed, of| Corner { speed, mass: end(of, 0), inertia: end(of, 1), lag: end(of, 2), shift: [0.0; 2] };
         let n = if self.spread > 0.0 { 8 } else { 0 };
         let of = |speed: &f64| -> Vec<Corner> {
             std::iter::once(Corner::nominal(*speed)).chain((0..n).map(|k| boxed(*speed, k))).collect()
@@ -134,14 +177,17 @@ impl MarginGate {
         self.validate()?;
         // what cannot fly at all is told before it is judged
         CascadeLaw::new(vehicle, physics, gains, rates)?;
-        let flown = Flown { vehicle, gains, physics, rates };
+        let flown = Flown::in_still_air(vehicle, gains, physics, rates);
         let corners = self.corners();
-        let alphas = threads.map(corners.len(), |i| flown.disk_margin(&corners[i]));
-        let corners: Vec<(Corner, f64)> = corners.into_iter().zip(alphas).collect();
+        let found = threads.map(corners.len(), |i| flown.disk_margin(&corners[i]));
+        let alpha = |found: &std::result::Result<f64, Flaw>| *found.as_ref().unwrap_or(&0.0);
+        let flaws =
+            found.iter().enumerate().filter_map(|(i, found)| Some((i, found.as_ref().err()?.clone()))).collect();
+        let corners: Vec<(Corner, f64)> = corners.into_iter().zip(found.iter().map(alpha)).collect();
         let worst = (0..corners.len()).min_by(|a, b| corners[*a].1.total_cmp(&corners[*b].1)).unwrap_or(0);
         let delay = flown.hover_margins().map_or(0.0, |margins| if margins.stable { margins.delay } else { 0.0 });
         let passes = corners[worst].1 >= self.disk;
-        Ok(Judgement { corners, worst, delay, passes, bears_latency: delay > self.latency })
+        Ok(Judgement { corners, worst, flaws, delay, passes, bears_latency: delay > self.latency })
     }
 }
 
@@ -152,42 +198,85 @@ pub(super) struct Flown<'a> {
     pub gains: &'a Gains,
     pub physics: &'a Physics,
     pub rates: &'a Rates,
+    /// Steps by which commands act late.
+    pub latency: usize,
+    /// What acts beside the wind of a corner's speed.
+    pub air: Disturbance<f64>,
 }
 
-impl Flown<'_> {
-    /// The disk margin of all commands at a corner; 0 where the loop is not stable or does not come to rest.
-    pub fn disk_margin(&self, corner: &Corner) -> f64 {
-        let judged = self.model(corner).and_then(|model| {
-            let stable = model.poles()?.first().is_none_or(|p| p.norm() < 1.0);
-            Ok(if stable { model.disk_margin(Point::Commands, 0.0)?.alpha } else { 0.0 })
-        });
-        judged.unwrap_or(0.0)
+impl<'a> Flown<'a> {
+    pub fn in_still_air(vehicle: &'a Vehicle, gains: &'a Gains, physics: &'a Physics, rates: &'a Rates) -> Self {
+        Self { vehicle, gains, physics, rates, latency: 0, air: Disturbance::none() }
     }
 
-    /// The same without what sampling folds: more for loops of several rates, smooth in the gains, and found faster.
+    /// The loop at a corner, which is stable; else what is wrong with it.
+    pub fn stable(&self, corner: &Corner) -> std::result::Result<LoopModel, Flaw> {
+        let not_steady = |e: Error| Flaw::NotSteady(e.to_string());
+        let plant = self.plant(corner).map_err(not_steady)?;
+        let steady = self.steady(&plant, corner).map_err(|e| Flaw::NoTrim(e.to_string()))?;
+        let model = self.model(plant, &steady, corner).map_err(not_steady)?;
+        let poles = model.poles().map_err(not_steady)?;
+        match poles.first().filter(|p| p.norm() >= 1.0) {
+            None => Ok(model),
+            Some(pole) => {
+                let rate = pole.ln() / (model.dt * model.period() as f64);
+                Err(Flaw::Unstable { growth: rate.re, frequency: rate.im.abs() })
+            }
+        }
+    }
+
+    /// The disk margin of all commands at a corner.
+    pub fn disk_margin(&self, corner: &Corner) -> std::result::Result<f64, Flaw> {
+        let found = self.stable(corner)?.disk_margin(Point::Commands, 0.0);
+        found.map(|disk| disk.alpha).map_err(|e| Flaw::NotSteady(e.to_string()))
+    }
+
+    /// The same without what sampling folds: more for loops of several rates, smooth in the gains, and found faster; 0 without one.
     pub fn unfolded_disk_margin(&self, corner: &Corner) -> f64 {
-        self.model(corner).and_then(|model| model.unfolded_disk_margin()).unwrap_or(0.0)
+        self.at(corner).and_then(|model| model.unfolded_disk_margin()).unwrap_or(0.0)
     }
 
     /// Margins of all commands of the believed loop at hover.
     pub fn hover_margins(&self) -> Result<LoopMargins> {
-        self.model(&Corner::nominal(0.0))?.margins(Point::Commands)
+        self.at(&Corner::nominal(0.0))?.margins(Point::Commands)
+    }
+
+    fn at(&self, corner: &Corner) -> Result<LoopModel> {
+        let plant = self.plant(corner)?;
+        let steady = self.steady(&plant, corner)?;
+        self.model(plant, &steady, corner)
+    }
+
+    fn physics(&self) -> Physics {
+        let mut physics = *self.physics;
+        physics.effects.disturbance = true;
+        physics
+    }
+
+    fn plant(&self, corner: &Corner) -> Result<Plant> {
+        Plant::of_vehicle(&truth(self.vehicle, corner), self.physics())
+    }
+
+    fn air(&self, corner: &Corner) -> Disturbance<f64> {
+        let mut air = self.air;
+        air.wind[0] -= corner.speed;
+        air
+    }
+
+    fn steady(&self, plant: &Plant, corner: &Corner) -> Result<Trim> {
+        trim(plant, &TrimTarget { air: self.air(corner), ..TrimTarget::hover() })
     }
 
     /// The loop of the true plant under the law of the believed one.
-    fn model(&self, corner: &Corner) -> Result<LoopModel> {
-        let mut physics = *self.physics;
-        physics.effects.disturbance = true;
-        let air = Disturbance { wind: [-corner.speed, 0.0, 0.0], ..Disturbance::none() };
-        let plant = Plant::of_vehicle(&truth(self.vehicle, corner), physics)?;
-        let steady = trim(&plant, &TrimTarget { air, ..TrimTarget::hover() })?;
-        let law = CascadeLaw::new(self.vehicle, &physics, self.gains, self.rates)?;
+    fn model(&self, plant: Plant, steady: &Trim, corner: &Corner) -> Result<LoopModel> {
+        let law = CascadeLaw::new(self.vehicle, &self.physics(), self.gains, self.rates)?;
         let there = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
-        LoopModel::new(ClosedLoop::new(plant, law.running())?, Target::level(&there), &air, &steady.state)
+        let closed = ClosedLoop::new(plant, law.running())?.with_latency(self.latency)?;
+        LoopModel::new(closed, Target::level(&there), &self.air(corner), &steady.state)
     }
 }
 
-/// The vehicle with mass, inertia and lag of a corner, its centre of mass where it was.
+/// The vehicle with mass, inertia, lag and centre of mass of a corner.
 pub(crate) fn truth(vehicle: &Vehicle, corner: &Corner) -> Vehicle {
     let mut truth = vehicle.clone();
     let center: [f64; 3] = vehicle.mass_properties().center_of_mass.into();
@@ -195,8 +284,9 @@ pub(crate) fn truth(vehicle: &Vehicle, corner: &Corner) -> Vehicle {
     let reach = (corner.inertia / corner.mass).sqrt();
     for part in &mut truth.parts {
         part.mass *= corner.mass;
-        for (x, c) in part.position.iter_mut().zip(center) {
-            *x = c + reach * (*x - c);
+        let shift = [corner.shift[0], corner.shift[1], 0.0];
+        for ((x, c), off) in part.position.iter_mut().zip(center).zip(shift) {
+            *x = c + reach * (*x - c) + off;
         }
         let i = &mut part.inertia;
         for j in [&mut i.xx, &mut i.yy, &mut i.zz, &mut i.xy, &mut i.xz, &mut i.yz] {

@@ -4,32 +4,42 @@
 //! |---|---|
 //! | [`riccati`] | Riccati and Lyapunov equations by doubling |
 //! | [`error_state`] | linearisations without the redundancy of quaternions |
+//! | `held_out` | how tuned gains fare where they were not tuned |
 //! | [`loop_model`] | the linear model of a loop that is flown, its margins at any point |
 //! | `margin_constraint` | such a gate while gains are tuned |
 //! | [`margin_gate`] | what a controller has to bear: margins in winds, on plants not as believed |
 //! | [`mod@lqr`] | state feedback of least cost, with integrators or over a finite time, weights by Bryson's rule |
 //! | [`mod@follow`] | feed-forward along smooth references |
+//! | [`flight_grid`] | circles on a grid of acceleration and speed, half to tune on, half to judge on |
 //! | [`gain_sensitivity`] | how the error of one flight depends on each gain |
+//! | [`mod@robustness`] | a box of plants: the share of stable ones, the least margin in it |
 //! | [`mod@trim`] | steady flights: hover, forward flight, turns, spins |
 //! | [`mod@tune`] | gains by descent on flights |
+//! | `tuned_loop` | those flights: the loop over ln K, starts, plants |
 
 pub mod error_state;
+pub mod flight_grid;
 pub mod follow;
 pub mod gain_sensitivity;
+mod held_out;
 pub mod loop_model;
 pub mod lqr;
 mod margin_constraint;
 pub mod margin_gate;
 pub mod riccati;
+pub mod robustness;
 pub mod trim;
 pub mod tune;
+mod tuned_loop;
 
 pub use error_state::ErrorState;
+pub use flight_grid::{FlightGrid, GridCell};
 pub use follow::{Following, follow};
 pub use gain_sensitivity::{GainSensitivity, sensitivity};
 pub use loop_model::{LoopMargins, LoopModel, Point};
 pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqr};
 pub(crate) use margin_gate::truth;
-pub use margin_gate::{Corner, Judgement, MarginGate};
+pub use margin_gate::{Corner, Flaw, Judgement, MarginGate};
+pub use robustness::{JudgedPlant, PlantBox, Robustness};
 pub use trim::{Trim, TrimTarget, trim, trim_from};
-pub use tune::{Descent, Evaluation, Iteration, TunePlan, Tuning, tune};
+pub use tune::{AlongReference, Descent, Evaluation, Iteration, TunePlan, Tuning, tune};

@@ -11,25 +11,20 @@
 //! leaves out what lowers it and climbs it as well: its slope over ln K comes from differences at the corner that is worst, and the gains are the best of those
 //! that passed.
 
+use super::held_out::evaluate_along;
+pub use super::held_out::{CRASH_DISTANCE, Evaluation, elsewhere, evaluate};
 use super::loop_model::LoopMargins;
 use super::margin_constraint::Constraint;
 use super::margin_gate::{Flown, Judgement, MarginGate};
+use super::tuned_loop::{LogGains, MeanSquaredError, TRAINING, gains_of, inputs, plant_of, starts};
 use crate::autodiff::batch_rollout::BatchRollout;
-use crate::autodiff::{Objective, Scalar, System};
 use crate::controllers::cascade::Rates;
-use crate::controllers::cascade_law::CascadeLaw;
 use crate::controllers::closed_loop::{ClosedLoop, check_latency};
-use crate::controllers::controller::Target;
-use crate::controllers::law::Running;
-use crate::controllers::monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
 use crate::controllers::parameters::{GainSet, validate_gains};
 use crate::controllers::reference::Reference;
-use crate::controllers::start::start_on;
-use crate::dynamics::spatial::from_euler;
-use crate::dynamics::{Disturbance, Gains, Physics, Vehicle};
+use crate::dynamics::{Gains, Physics, Vehicle};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
-use crate::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
 
 /// What to tune on, and for how long.
@@ -66,6 +61,10 @@ pub struct TunePlan {
     pub latency: usize,
     /// What the gains have to bear.
     pub margins: Option<MarginGate>,
+    /// References that gains are judged on and not tuned on.
+    pub held_out: Vec<Reference>,
+    /// Plants of all flights: mass, inertia and motor lag are drawn, each between 1 − spread and 1 + spread of what is believed.
+    pub plant_spread: f64,
 }
 
 impl Default for TunePlan {
@@ -87,6 +86,8 @@ impl Default for TunePlan {
             also: Vec::new(),
             latency: 0,
             margins: None,
+            held_out: Vec::new(),
+            plant_spread: 0.0,
         }
     }
 }
@@ -95,14 +96,19 @@ impl Default for TunePlan {
 pub const MAX_STARTS: usize = 1 << 16;
 
 impl TunePlan {
-    /// All references.
+    /// All references that are tuned on.
     pub fn references(&self) -> impl Iterator<Item = &Reference> {
         std::iter::once(&self.reference).chain(&self.also)
     }
 
-    fn n_step(&self) -> Result<usize> {
+    /// Those, then the ones that are held out.
+    pub(super) fn all_references(&self) -> impl Iterator<Item = &Reference> {
+        self.references().chain(&self.held_out)
+    }
+
+    pub(super) fn n_step(&self) -> Result<usize> {
         self.physics.validate()?;
-        self.references().try_for_each(Reference::validate)?;
+        self.all_references().try_for_each(Reference::validate)?;
         check_latency(self.latency)?;
         self.margins.iter().try_for_each(MarginGate::validate)?;
         for (what, n, least, most) in [
@@ -119,6 +125,7 @@ impl TunePlan {
             ("velocity_spread", self.velocity_spread, 100.0),
             ("tilt_spread", self.tilt_spread, 1.5),
             ("learning_rate", self.learning_rate, 1.0),
+            ("plant_spread", self.plant_spread, 0.9),
         ] {
             if !(0.0..=most).contains(&value) {
                 return Err(Error::value(what, value, format!("in [0, {most}]"), "Leave it out for the default."));
@@ -144,21 +151,18 @@ pub struct Iteration {
     pub gradient_norm: f64,
 }
 
-/// Flights with one set of gains.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Evaluation {
-    /// Mean over the flights of their RMSE, the start included, m; over those that did not crash.
-    pub rmse: f64,
-    /// Largest of them.
-    pub worst: f64,
-    /// Flights that diverged or left the reference by more than [`CRASH_DISTANCE`].
-    pub crashed: usize,
-    /// Flights.
-    pub n: usize,
+/// Flights along one reference, from held-out starts and on held-out plants.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AlongReference {
+    /// The reference.
+    pub reference: Reference,
+    /// Whether it was not tuned on.
+    pub held_out: bool,
+    /// With the gains that tuning started from.
+    pub before: Evaluation,
+    /// With the best gains.
+    pub after: Evaluation,
 }
-
-/// Distance from the reference at which a flight counts as crashed, m.
-pub const CRASH_DISTANCE: f64 = 5.0;
 
 /// The result of tuning.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -167,10 +171,14 @@ pub struct Tuning {
     pub gains: Gains,
     /// The descent.
     pub history: Vec<Iteration>,
-    /// Held-out flights with the gains it started from.
+    /// Held-out flights, along the references that were tuned on, with the gains it started from.
     pub before: Evaluation,
-    /// Held-out flights with the best gains.
+    /// The same with the best gains.
     pub after: Evaluation,
+    /// Flights along every reference, those tuned on before those held out.
+    pub references: Vec<AlongReference>,
+    /// Where references are held out: all flights along them with the gains it started from, and with the best.
+    pub held_out: Option<[Evaluation; 2]>,
     /// [`elsewhere`] with the gains it started from.
     pub elsewhere_before: Evaluation,
     /// [`elsewhere`] with the best gains.
@@ -182,9 +190,14 @@ pub struct Tuning {
 }
 
 impl Tuning {
-    /// Whether the tuned gains lose flights, or a larger error at the worst, where they were not tuned, or a margin falls.
+    /// Whether the tuned gains lose flights, or a larger error, where they were not tuned, or a margin falls.
     pub fn is_less_robust(&self) -> bool {
-        self.is_worse_elsewhere() || !self.fallen().is_empty()
+        self.is_worse_elsewhere() || self.is_worse_held_out() || !self.fallen().is_empty()
+    }
+
+    /// Whether the tuned gains lose flights, or are less exact in the mean, on the references that were held out.
+    pub fn is_worse_held_out(&self) -> bool {
+        self.held_out.is_some_and(|[before, after]| after.crashed > before.crashed || after.rmse > before.rmse)
     }
 
     /// Whether the tuned gains lose flights, or a larger error at the worst, where they were not tuned.
@@ -206,87 +219,20 @@ impl Tuning {
     }
 }
 
-/// ‖p − p_ref‖²/T per step.
-pub(super) struct MeanSquaredError {
-    per_step: f64,
-}
-
-impl MeanSquaredError {
-    pub(super) fn over(steps: usize) -> Self {
-        Self { per_step: 1.0 / steps as f64 }
-    }
-}
-
-impl Objective for MeanSquaredError {
-    #[inline(always)]
-    fn stage<S: Scalar>(&self, state: &[S], input: &[S], _: &[S]) -> S {
-        let mut sum = S::zero();
-        for i in 0..3 {
-            sum += (state[i] - input[i]).square();
-        }
-        S::constant(self.per_step) * sum
-    }
-}
-
-/// Gains of a cascade with integral action.
-const MOST_GAINS: usize = GainSet::<f64>::DIM + 2;
-
-/// A vehicle under its cascade.
-pub(super) type VehicleLoop = ClosedLoop<Running<CascadeLaw>>;
-
-/// The closed loop with θ = ln K.
-pub(super) struct LogGains(pub(super) VehicleLoop);
-
-impl System for LogGains {
-    fn n_state(&self) -> usize {
-        self.0.n_state()
-    }
-    fn n_input(&self) -> usize {
-        self.0.n_input()
-    }
-    fn n_parameter(&self) -> usize {
-        self.0.n_parameter()
-    }
-    fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
-        let mut gains = [S::zero(); MOST_GAINS];
-        for (gain, log) in gains.iter_mut().zip(parameters) {
-            *gain = log.exp();
-        }
-        self.0.step(state, input, &gains[..parameters.len()], next);
-    }
-}
-
 /// Tunes all gains of a vehicle's cascade from `gains`, those of integral action where it has some; `progress` sees each step.
 ///
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if vehicle, gains or plan are not valid; a gain of zero cannot be tuned, since
 /// steps are relative.
 pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dyn FnMut(&Iteration)) -> Result<Tuning> {
-    let n_step = plan.n_step()?;
     validate_gains(gains)?;
-    let closed = ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?.with_latency(plan.latency)?;
-    let system = LogGains(closed.with_gains());
-    let mut theta = system.0.parameters();
-    if let Some(i) = theta.iter().take(GainSet::<f64>::DIM).position(|k| *k <= 0.0) {
-        return Err(Error::value(format!("gain {i}"), theta[i], "> 0", "Steps are relative: start from a small gain."));
-    }
-    theta.iter_mut().for_each(|k| *k = k.ln());
-
     let threads = Threads::default();
-    let flights: Vec<Vec<f64>> = plan.references().map(|reference| inputs(&system.0, reference, n_step)).collect();
-    let share = 1.0 / flights.len() as f64;
-    let starts: Vec<Vec<f32>> =
-        plan.references().map(|r| starts(&system.0, plan, r, plan.n_start, TRAINING)).collect::<Result<_>>()?;
-    let batch = BatchRollout::new(&system, &MeanSquaredError::over(n_step))?;
-    let mut descent = Descent::new(theta, plan.learning_rate, plan.iterations);
+    let training = Training::new(vehicle, gains, plan)?;
+    let batch = BatchRollout::new(&training.system, &MeanSquaredError::over(plan.n_step()?))?;
+    let mut descent = Descent::new(training.theta()?, plan.learning_rate, plan.iterations);
     let mut constraint = plan.margins.as_ref().map(|gate| Constraint::new(vehicle, gains, plan, gate)).transpose()?;
     for iteration in 0..plan.iterations {
-        let (mut rmse, mut gradient) = (0.0, vec![0.0; descent.theta.len()]);
-        for (inputs, starts) in flights.iter().zip(&starts) {
-            let (error, slope) = root_mean_cost(&batch, starts, inputs, &descent.theta, &threads)?;
-            rmse += share * error;
-            gradient.iter_mut().zip(slope).for_each(|(sum, g)| *sum += share * g);
-        }
+        let (rmse, mut gradient) = training.cost(&batch, &descent.theta, &threads)?;
         if let Some(constraint) = &mut constraint {
             constraint.lead(iteration, &descent.theta, rmse, &mut gradient, &threads)?;
         }
@@ -299,23 +245,44 @@ pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dy
         None => gains_of(&descent.best),
         Some(constraint) => constraint.best(&threads)?,
     };
-    let both = [gains, &tuned];
+    judged(vehicle, [gains, &tuned], plan, descent.history, &threads)
+}
+
+/// The gains that tuning started from and those it came to, side by side.
+fn judged(
+    vehicle: &Vehicle,
+    both: [&Gains; 2],
+    plan: &TunePlan,
+    history: Vec<Iteration>,
+    threads: &Threads,
+) -> Result<Tuning> {
     let judged = match &plan.margins {
         None => None,
         Some(gate) => {
-            let [a, b] = both.map(|g| gate.judge(vehicle, g, &plan.physics, &plan.rates, &threads));
+            let [a, b] = both.map(|g| gate.judge(vehicle, g, &plan.physics, &plan.rates, threads));
             Some([a?, b?])
         }
     };
-    let [before, after] = both.map(|g| evaluate(vehicle, g, plan));
+    let n_tuned_on = plan.references().count();
+    let along = |(of, reference): (usize, &Reference)| -> Result<AlongReference> {
+        let [before, after] = both.map(|g| evaluate_along(vehicle, g, plan, of));
+        let held_out = of >= n_tuned_on;
+        Ok(AlongReference { reference: reference.clone(), held_out, before: before?, after: after? })
+    };
+    let references: Vec<AlongReference> = plan.all_references().enumerate().map(along).collect::<Result<_>>()?;
+    let of = |held_out: bool, after: bool| {
+        let own = references.iter().filter(|r| r.held_out == held_out);
+        Evaluation::together(own.map(|r| if after { &r.after } else { &r.before }))
+    };
     let [elsewhere_before, elsewhere_after] = both.map(|g| elsewhere(vehicle, g, plan));
-    let [first, last] =
-        both.map(|gains| Flown { vehicle, gains, physics: &plan.physics, rates: &plan.rates }.hover_margins());
+    let [first, last] = both.map(|g| Flown::in_still_air(vehicle, g, &plan.physics, &plan.rates).hover_margins());
     Ok(Tuning {
-        gains: tuned,
-        history: descent.history,
-        before: before?,
-        after: after?,
+        gains: *both[1],
+        history,
+        before: of(false, false),
+        after: of(false, true),
+        held_out: (!plan.held_out.is_empty()).then(|| [of(true, false), of(true, true)]),
+        references,
         elsewhere_before: elsewhere_before?,
         elsewhere_after: elsewhere_after?,
         margins: [first?, last?],
@@ -323,97 +290,57 @@ pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dy
     })
 }
 
-/// How much later commands act [`elsewhere`], s.
-const LATE: f64 = 0.01;
-
-/// Flies given gains where they are not tuned: the first of circle, lemniscate and step that is no reference of the plan,
-/// commands 10 ms later, and as many plants as the plan holds out, none as believed: mass and inertia 0.8 to 1.25 times, thrust
-/// of each rotor 0.85 to 1.1 times, lag of each motor 0.7 to 1.5 times.
-///
-/// # Errors
-/// As [`tune`].
-pub fn elsewhere(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Evaluation> {
-    let n_step = plan.n_step()? as u64;
-    let tuned_on = |name: &str| plan.references().any(|r| r.name() == name);
-    let other = ["circle", "lemniscate", "step"].into_iter().find(|name| !tuned_on(name)).unwrap_or("hover");
-    let reference = Reference::by_name(other)?;
-    let late = plan.latency + (LATE / plan.physics.dt).round() as usize;
-    let loop_of = ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?;
-    let system = loop_of.with_latency(late)?.with_physics();
-    let body = [system.parameter("mass")?, system.parameter("inertia_xx")?];
-    let of = |what: &str| -> Result<Vec<usize>> {
-        vehicle.rotors.iter().map(|r| system.parameter(&format!("{}.{what}", r.name))).collect()
-    };
-    let [thrusts, ups, downs] = [of("thrust_coefficient")?, of("time_constant_up")?, of("time_constant_down")?];
-    let draw = |stream: &mut Stream, one: &mut MonteCarloDraw| {
-        one.parameters[body[0]] *= stream.uniform(0.8, 1.25);
-        let inertia = stream.uniform(0.8, 1.25);
-        one.parameters[body[1]..body[1] + 6].iter_mut().for_each(|j| *j *= inertia);
-        for i in 0..thrusts.len() {
-            one.parameters[thrusts[i]] *= stream.uniform(0.85, 1.1);
-            let lag = stream.uniform(0.7, 1.5);
-            one.parameters[ups[i]] *= lag;
-            one.parameters[downs[i]] *= lag;
-        }
-    };
-    let start = start_on(system.plant(), system.controller(), &reference)?;
-    let many = MonteCarlo::new(&system)?.seeded(plan.seed);
-    let size = (plan.n_held_out, n_step);
-    let flown = many.fly(Target::level(&reference), &start, size, &draw, &Threads::default())?;
-    let held = |o: &&MonteCarloResult| o.lost_at.is_none() && o.worst < CRASH_DISTANCE;
-    let (n, kept): (usize, Vec<&MonteCarloResult>) = (flown.len(), flown.iter().filter(held).collect());
-    Ok(Evaluation {
-        rmse: kept.iter().map(|o| o.rmse).sum::<f64>() / kept.len().max(1) as f64,
-        worst: kept.iter().fold(0.0, |most, o| most.max(o.rmse)),
-        crashed: n - kept.len(),
-        n,
-    })
+/// What is flown in every step of the descent.
+struct Training {
+    system: LogGains,
+    /// Per reference: inputs `[T, m]` and starts `[n_start, n_state]`.
+    flights: Vec<(Vec<f64>, Vec<f32>)>,
 }
 
-/// Flies the held-out starts of a plan with given gains, in `f64`.
-///
-/// # Errors
-/// As [`tune`].
-pub fn evaluate(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Evaluation> {
-    let n_step = plan.n_step()?;
-    let system = ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?.with_latency(plan.latency)?;
-    let mut errors = Vec::new();
-    for reference in plan.references() {
-        let inputs = inputs(&system, reference, n_step);
-        let starts = starts(&system, plan, reference, plan.n_held_out, HELD_OUT)?;
-        let flights: Vec<&[f32]> = starts.chunks(system.n_state()).collect();
-        errors.extend(Threads::default().map(flights.len(), |i| {
-            let start: Vec<f64> = flights[i].iter().map(|v| f64::from(*v)).collect();
-            flight_rmse(&system, &start, &inputs)
-        }));
+impl Training {
+    fn new(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Self> {
+        let n_step = plan.n_step()?;
+        let closed = ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?.with_latency(plan.latency)?;
+        let drawn = plan.plant_spread > 0.0;
+        let system = if drawn { LogGains::of_drawn_plants(closed, vehicle)? } else { LogGains::new(closed) };
+        let flights = |(of, reference): (usize, &Reference)| -> Result<(Vec<f64>, Vec<f32>)> {
+            let mut starts = starts(&system.closed, plan, reference, plan.n_start, TRAINING)?;
+            for (i, start) in starts.iter_mut().enumerate().filter(|_| drawn) {
+                let plant = plant_of(plan, TRAINING, of, i);
+                start.extend([plant.mass, plant.inertia, plant.lag]);
+            }
+            Ok((inputs(&system.closed, reference, n_step), starts.concat().into_iter().map(|v| v as f32).collect()))
+        };
+        let flights = plan.references().enumerate().map(flights).collect::<Result<_>>()?;
+        Ok(Self { system, flights })
     }
-    let flown: Vec<f64> = errors.iter().flatten().copied().collect();
-    let n = errors.len();
-    Ok(Evaluation {
-        rmse: flown.iter().sum::<f64>() / flown.len().max(1) as f64,
-        worst: flown.iter().fold(0.0, |a: f64, b| a.max(*b)),
-        crashed: n - flown.len(),
-        n,
-    })
-}
 
-/// RMSE of one flight; `None` if it crashed.
-fn flight_rmse(system: &VehicleLoop, start: &[f64], inputs: &[f64]) -> Option<f64> {
-    let mut x = start.to_vec();
-    let mut next = x.clone();
-    let mut sum = 0.0;
-    let steps = inputs.chunks_exact(system.n_input());
-    let n = steps.len() as f64;
-    for u in steps {
-        let squared: f64 = (0..3).map(|i| (x[i] - u[i]).powi(2)).sum();
-        if squared.is_nan() || squared >= CRASH_DISTANCE * CRASH_DISTANCE {
-            return None;
+    /// ln K to begin with.
+    fn theta(&self) -> Result<Vec<f64>> {
+        let mut theta = self.system.gains();
+        if let Some(i) = theta.iter().take(GainSet::<f64>::DIM).position(|k| *k <= 0.0) {
+            let remedy = "Steps are relative: start from a small gain.";
+            return Err(Error::value(format!("gain {i}"), theta[i], "> 0", remedy));
         }
-        sum += squared;
-        system.step(&x, u, &[], &mut next);
-        std::mem::swap(&mut x, &mut next);
+        theta.iter_mut().for_each(|k| *k = k.ln());
+        Ok(theta)
     }
-    Some((sum / n).sqrt())
+
+    /// The root of the mean squared error, its mean over the references, and its gradient.
+    fn cost(&self, batch: &BatchRollout, theta: &[f64], threads: &Threads) -> Result<(f64, Vec<f64>)> {
+        let share = 1.0 / self.flights.len() as f64;
+        let each = threads.map(self.flights.len(), |of| {
+            let (inputs, starts) = &self.flights[of];
+            root_mean_cost(batch, starts, inputs, theta, threads)
+        });
+        let (mut rmse, mut gradient) = (0.0, vec![0.0; theta.len()]);
+        for one in each {
+            let (error, slope) = one?;
+            rmse += share * error;
+            gradient.iter_mut().zip(slope).for_each(|(sum, g)| *sum += share * g);
+        }
+        Ok((rmse, gradient))
+    }
 }
 
 /// √J̄ over the starts that stayed finite, and its gradient ∂J̄/(2√J̄).
@@ -484,44 +411,4 @@ impl Descent {
             self.theta[i] -= rate * mean / (square.sqrt() + 1e-8);
         }
     }
-}
-
-/// Gains of their logarithms.
-pub(super) fn gains_of(theta: &[f64]) -> Gains {
-    Gains::from_flat(&theta.iter().map(|log| log.exp()).collect::<Vec<_>>())
-}
-
-/// Inputs of the closed loop along a reference, row-major `[T, m]`.
-fn inputs(system: &VehicleLoop, reference: &Reference, n_step: usize) -> Vec<f64> {
-    let m = system.n_input();
-    let mut rows = vec![0.0; n_step * m];
-    for (k, row) in rows.chunks_exact_mut(m).enumerate() {
-        system.write_input(k as u64, Target::level(reference), &Disturbance::none(), row);
-    }
-    rows
-}
-
-/// Training and held-out starts come from streams that never meet.
-const TRAINING: u64 = 0;
-const HELD_OUT: u64 = 1;
-
-/// Random starts around the reference's, row-major `[n, n_state]`.
-fn starts(system: &VehicleLoop, plan: &TunePlan, reference: &Reference, n: usize, set: u64) -> Result<Vec<f32>> {
-    let wanted = reference.sample(0.0);
-    let hover = start_on(system.plant(), system.controller(), reference)?;
-    let mut rows = Vec::with_capacity(n * system.n_state());
-    for i in 0..n {
-        let mut stream = Stream::new(plan.seed, i as u64, set, Purpose::RESET);
-        let mut state = hover.clone();
-        let mut draw = |spread: f64| if spread > 0.0 { stream.uniform(-spread, spread) } else { 0.0 };
-        for k in 0..3 {
-            state[k] += draw(plan.position_spread);
-            state[3 + k] = wanted.velocity[k] + draw(plan.velocity_spread);
-        }
-        let (roll, pitch) = (draw(plan.tilt_spread), draw(plan.tilt_spread));
-        let yaw = wanted.yaw + draw(2.0 * plan.tilt_spread);
-        state[6..10].copy_from_slice(&from_euler(roll, pitch, yaw));
-        rows.extend(system.initial_state(&state).iter().map(|v| *v as f32));
-    }
-    Ok(rows)
 }

@@ -23,11 +23,13 @@ pub struct Circle {
     pub yaw: f64,
     /// Whether the heading turns with the direction of flight. Default false.
     pub along_path: bool,
+    /// How far the path is at t = 0, s, ≥ 0: from `spin_up` on at its full rate. Default 0, at rest.
+    pub ahead: f64,
 }
 
 impl Default for Circle {
     fn default() -> Self {
-        Self { center: [0.0, 0.0, 2.0], radius: 2.0, rate: 1.0, spin_up: 2.0, yaw: 0.0, along_path: false }
+        Self { center: [0.0, 0.0, 2.0], radius: 2.0, rate: 1.0, spin_up: 2.0, yaw: 0.0, along_path: false, ahead: 0.0 }
     }
 }
 
@@ -48,9 +50,10 @@ pub(super) fn smooth_phase<S: Scalar>(rate: f64, spin_up: f64, t: S) -> S {
 }
 
 impl Circle {
+    /// φ(t + ahead).
     #[inline(always)]
     fn phase<S: Scalar>(&self, t: S) -> S {
-        smooth_phase(self.rate, self.spin_up, t)
+        smooth_phase(self.rate, self.spin_up, t + S::constant(self.ahead))
     }
 }
 
@@ -68,7 +71,8 @@ impl Curve for Circle {
         within("circle.radius", &[self.radius], 0.0, 1e6)?;
         within("circle.rate", &[self.rate], -100.0, 100.0)?;
         within("circle.spin_up", &[self.spin_up], 1e-3, 1e6)?;
-        coordinates("circle.yaw", &[self.yaw])
+        coordinates("circle.yaw", &[self.yaw])?;
+        within("circle.ahead", &[self.ahead], 0.0, 1e6)
     }
 
     #[inline(always)]
@@ -120,6 +124,16 @@ mod tests {
             let speed = (s.velocity[0].powi(2) + s.velocity[1].powi(2)).sqrt();
             assert!((s.velocity[0] - speed * cos).abs() < 1e-12 && (s.velocity[1] - speed * sin).abs() < 1e-12);
             assert!((s.yaw_rate - rate).abs() < 1e-12 && s.yaw_acceleration.abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_circle_that_is_ahead_begins_at_its_full_speed_and_acceleration() {
+        let circle = Reference::Circle(Circle { radius: 4.0, rate: 1.5, ahead: 2.0, ..Circle::default() });
+        let size = |v: [f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+        for t in [0.0, 0.7] {
+            let s = circle.sample(t);
+            assert!((size(s.velocity) - 6.0).abs() < 1e-12 && (size(s.acceleration) - 9.0).abs() < 1e-12, "{s:?}");
         }
     }
 }

@@ -1,0 +1,91 @@
+//! `omnidrones design --spread`: the same loop over a box of plants.
+
+use super::page::{Fact, Page, short};
+use super::table::{Align, Table};
+use omnidrones::controllers::Rates;
+use omnidrones::controllers::design::robustness::robustness;
+use omnidrones::controllers::design::{JudgedPlant, PlantBox, Robustness};
+use omnidrones::dynamics::{Disturbance, Gains, Physics, Vehicle};
+use omnidrones::error::Result;
+use omnidrones::parallel::Threads;
+
+/// Which plants to judge.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Plants")]
+pub struct PlantArguments {
+    /// Judge the loop on plants whose mass, inertia and motor lag lie within 1 ± SHARE of what is believed
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
+    spread: Option<f64>,
+    /// How far the centre of mass may lie off, forward and to the left [m]
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, requires = "spread", allow_negative_numbers = true)]
+    shift: f64,
+    /// Random plants
+    #[arg(long, value_name = "N", default_value_t = PlantBox::default().samples, requires = "spread")]
+    samples: usize,
+    /// Seed of the plants
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "spread")]
+    seed: u64,
+}
+
+impl PlantArguments {
+    /// Judges the loop where it is asked to.
+    pub fn judge(
+        &self,
+        vehicle: &Vehicle,
+        gains: &Gains,
+        flown: (&Physics, &Rates),
+        outside: (usize, &Disturbance<f64>),
+    ) -> Result<Option<Robustness>> {
+        let Some(spread) = self.spread else { return Ok(None) };
+        let plants =
+            PlantBox { spread, shift: self.shift, samples: self.samples, seed: self.seed, ..PlantBox::default() };
+        robustness(vehicle, gains, flown, outside, &plants, &Threads::default()).map(Some)
+    }
+}
+
+/// The share of stable plants, and the plants of least margin.
+pub fn tell(page: &mut Page, found: &Robustness) {
+    let PlantBox { spread, shift, samples, confidence, .. } = found.plants;
+    let percent = |share: f64| short(100.0 * share, 3);
+    let [low, high] = found.stable.bounds.map(percent);
+    page.heading("Plants not as believed").facts(&[
+        Fact::new("box", format!("mass, inertia and lag ± {} %", percent(spread)))
+            .note(format!("centre of mass ± {} mm forward and left", short(1e3 * shift, 3))),
+        Fact::new("stable", format!("{} of {samples} random plants", found.stable.hits))
+            .note(format!("with {} % confidence {low} to {high} % of all", percent(confidence))),
+        Fact::new("least disk margin", short(found.worst.disk, 3))
+            .note(format!("of {} plants: the corners, and a search from the worst", found.n_judged)),
+    ]);
+    let mut table = Table::new(&[
+        ("plant", Align::Left),
+        ("mass", Align::Right),
+        ("inertia", Align::Right),
+        ("lag", Align::Right),
+        ("forward [mm]", Align::Right),
+        ("left [mm]", Align::Right),
+        ("disk", Align::Right),
+    ]);
+    let named = [
+        ("as believed", Some(&found.nominal)),
+        ("worst corner", Some(&found.corner)),
+        ("worst found", Some(&found.worst)),
+        ("a random unstable", found.unstable.as_ref()),
+    ];
+    for (name, JudgedPlant { plant, disk, .. }) in named.iter().filter_map(|(name, one)| Some((name, (*one)?))) {
+        let factor = |f: f64| format!("× {}", short(f, 3));
+        let [forward, left] = plant.shift.map(|s| short(1e3 * s, 3));
+        table.row([
+            (*name).to_string(),
+            factor(plant.mass),
+            factor(plant.inertia),
+            factor(plant.lag),
+            forward,
+            left,
+            short(*disk, 3),
+        ]);
+    }
+    page.table(&table);
+    for (name, flaw) in named.iter().filter_map(|(name, one)| Some((name, (*one)?.flaw.as_ref()?))) {
+        page.line(format!("  {name}: {flaw}"));
+    }
+}

@@ -1,0 +1,150 @@
+//! How gains fare on flights that [`tune`](mod@super::tune) never saw: other starts and plants, other references, elsewhere.
+
+use super::margin_gate::truth;
+use super::tune::TunePlan;
+use super::tuned_loop::{HELD_OUT, VehicleLoop, inputs, plant_of, starts};
+use crate::autodiff::System;
+use crate::controllers::cascade_law::CascadeLaw;
+use crate::controllers::closed_loop::ClosedLoop;
+use crate::controllers::controller::Target;
+use crate::controllers::monte_carlo::{MonteCarlo, MonteCarloDraw, MonteCarloResult};
+use crate::controllers::reference::Reference;
+use crate::controllers::start::start_on;
+use crate::dynamics::{Gains, Plant, Vehicle};
+use crate::error::Result;
+use crate::parallel::Threads;
+use crate::rng::Stream;
+use serde::Serialize;
+
+/// Flights with one set of gains.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// Mean over the flights of their RMSE, the start included, m; over those that did not crash.
+    pub rmse: f64,
+    /// Largest of them.
+    pub worst: f64,
+    /// Flights that diverged or left the reference by more than [`CRASH_DISTANCE`].
+    pub crashed: usize,
+    /// Flights.
+    pub n: usize,
+}
+
+/// Distance from the reference at which a flight counts as crashed, m.
+pub const CRASH_DISTANCE: f64 = 5.0;
+
+impl Evaluation {
+    /// Of RMSEs, none for a crash.
+    fn of(errors: &[Option<f64>]) -> Self {
+        let flown: Vec<f64> = errors.iter().flatten().copied().collect();
+        Self {
+            rmse: flown.iter().sum::<f64>() / flown.len().max(1) as f64,
+            worst: flown.iter().fold(0.0, |a: f64, b| a.max(*b)),
+            crashed: errors.len() - flown.len(),
+            n: errors.len(),
+        }
+    }
+
+    /// Some evaluations as one, each counting as much as it has flights.
+    pub(super) fn together<'a>(all: impl Iterator<Item = &'a Self>) -> Self {
+        let none = Self { rmse: 0.0, worst: 0.0, crashed: 0, n: 0 };
+        let (sum, flown) = all.fold((none, 0), |(sum, flown), one| {
+            let own = one.n - one.crashed;
+            let rmse = sum.rmse + own as f64 * one.rmse;
+            let (worst, crashed, n) = (sum.worst.max(one.worst), sum.crashed + one.crashed, sum.n + one.n);
+            (Self { rmse, worst, crashed, n }, flown + own)
+        });
+        Self { rmse: sum.rmse / flown.max(1) as f64, ..sum }
+    }
+}
+
+/// How much later commands act [`elsewhere`], s.
+const LATE: f64 = 0.01;
+
+/// Flies given gains where they are not tuned: the first of circle, lemniscate and step that is no reference of the plan,
+/// commands 10 ms later, and as many plants as the plan holds out, none as believed: mass and inertia 0.8 to 1.25 times, thrust
+/// of each rotor 0.85 to 1.1 times, lag of each motor 0.7 to 1.5 times.
+///
+/// # Errors
+/// As [`tune`](super::tune()).
+pub fn elsewhere(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Evaluation> {
+    let n_step = plan.n_step()? as u64;
+    let tuned_on = |name: &str| plan.references().any(|r| r.name() == name);
+    let other = ["circle", "lemniscate", "step"].into_iter().find(|name| !tuned_on(name)).unwrap_or("hover");
+    let reference = Reference::by_name(other)?;
+    let late = plan.latency + (LATE / plan.physics.dt).round() as usize;
+    let loop_of = ClosedLoop::of_vehicle(vehicle, plan.physics, gains, &plan.rates)?;
+    let system = loop_of.with_latency(late)?.with_physics();
+    let body = [system.parameter("mass")?, system.parameter("inertia_xx")?];
+    let of = |what: &str| -> Result<Vec<usize>> {
+        vehicle.rotors.iter().map(|r| system.parameter(&format!("{}.{what}", r.name))).collect()
+    };
+    let [thrusts, ups, downs] = [of("thrust_coefficient")?, of("time_constant_up")?, of("time_constant_down")?];
+    let draw = |stream: &mut Stream, one: &mut MonteCarloDraw| {
+        one.parameters[body[0]] *= stream.uniform(0.8, 1.25);
+        let inertia = stream.uniform(0.8, 1.25);
+        one.parameters[body[1]..body[1] + 6].iter_mut().for_each(|j| *j *= inertia);
+        for i in 0..thrusts.len() {
+            one.parameters[thrusts[i]] *= stream.uniform(0.85, 1.1);
+            let lag = stream.uniform(0.7, 1.5);
+            one.parameters[ups[i]] *= lag;
+            one.parameters[downs[i]] *= lag;
+        }
+    };
+    let start = start_on(system.plant(), system.controller(), &reference)?;
+    let many = MonteCarlo::new(&system)?.seeded(plan.seed);
+    let size = (plan.n_held_out, n_step);
+    let flown = many.fly(Target::level(&reference), &start, size, &draw, &Threads::default())?;
+    let held = |o: &MonteCarloResult| o.lost_at.is_none() && o.worst < CRASH_DISTANCE;
+    Ok(Evaluation::of(&flown.iter().map(|o| held(o).then_some(o.rmse)).collect::<Vec<_>>()))
+}
+
+/// Flies the held-out starts of a plan, along the references it tunes on, with given gains, in `f64`.
+///
+/// # Errors
+/// As [`tune`](super::tune()).
+pub fn evaluate(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan) -> Result<Evaluation> {
+    plan.n_step()?;
+    let each: Vec<Evaluation> =
+        (0..plan.references().count()).map(|of| evaluate_along(vehicle, gains, plan, of)).collect::<Result<_>>()?;
+    Ok(Evaluation::together(each.iter()))
+}
+
+/// The same along one reference: a number among those tuned on, then those held out.
+pub(super) fn evaluate_along(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, of: usize) -> Result<Evaluation> {
+    let loop_of = |truth: &Vehicle| -> Result<VehicleLoop> {
+        let law = CascadeLaw::new(vehicle, &plan.physics, gains, &plan.rates)?;
+        ClosedLoop::new(Plant::of_vehicle(truth, plan.physics)?, law.running())?.with_latency(plan.latency)
+    };
+    let believed = loop_of(vehicle)?;
+    let reference = plan.all_references().nth(of).unwrap_or(&plan.reference);
+    let inputs = inputs(&believed, reference, plan.n_step()?);
+    let starts = starts(&believed, plan, reference, plan.n_held_out, HELD_OUT)?;
+    let flown = Threads::default().map(starts.len(), |i| -> Result<Option<f64>> {
+        // as in lanes, where flights differ in their start alone
+        let start: Vec<f64> = starts[i].iter().map(|v| f64::from(*v as f32)).collect();
+        if plan.plant_spread == 0.0 {
+            return Ok(flight_rmse(&believed, &start, &inputs));
+        }
+        Ok(flight_rmse(&loop_of(&truth(vehicle, &plant_of(plan, HELD_OUT, of, i)))?, &start, &inputs))
+    });
+    Ok(Evaluation::of(&flown.into_iter().collect::<Result<Vec<_>>>()?))
+}
+
+/// RMSE of one flight; `None` if it crashed.
+fn flight_rmse(system: &VehicleLoop, start: &[f64], inputs: &[f64]) -> Option<f64> {
+    let mut x = start.to_vec();
+    let mut next = x.clone();
+    let mut sum = 0.0;
+    let steps = inputs.chunks_exact(system.n_input());
+    let n = steps.len() as f64;
+    for u in steps {
+        let squared: f64 = (0..3).map(|i| (x[i] - u[i]).powi(2)).sum();
+        if squared.is_nan() || squared >= CRASH_DISTANCE * CRASH_DISTANCE {
+            return None;
+        }
+        sum += squared;
+        system.step(&x, u, &[], &mut next);
+        std::mem::swap(&mut x, &mut next);
+    }
+    Some((sum / n).sqrt())
+}
