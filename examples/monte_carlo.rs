@@ -39,7 +39,8 @@ fn main() -> Result<()> {
     let many = MonteCarlo::new(&system)?.after(2.0);
     let clock = Instant::now();
     let mut flown = many.fly(Target::level(&reference), &start, (10_000, 1000), &draw, &Threads::default())?;
-    let (all, time) = (MonteCarloSummary::of(&flown, 0.95), clock.elapsed().as_secs_f64());
+    let time = clock.elapsed().as_secs_f64();
+    let all = MonteCarloSummary::of(&flown, 0.95);
     println!(
         "{} flights of 4 s in {time:.1} s, {} instructions a step of {} numbers; {} lost: with 95 % confidence {:.2} to {:.2} %",
         flown.len(),

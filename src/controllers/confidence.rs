@@ -36,9 +36,11 @@ impl Quantile {
     /// Source: David and Nagaraja 2003, section 7.1.
     pub fn met(sorted: &[f64], share: f64, confidence: f64) -> Self {
         let (n, half) = (sorted.len(), 0.5 * (1.0 - confidence));
-        let below = |k: usize| at_most(k, n, share);
-        let low = (0..n).take_while(|k| below(*k) <= half).last();
-        let high = (0..n).find(|k| below(*k) >= 1.0 - half);
+        let (mut low, mut high) = (None, None);
+        for (k, below) in cumulative(n, share).enumerate().take(n) {
+            low = if below <= half { Some(k) } else { low };
+            high = high.or((below >= 1.0 - half).then_some(k));
+        }
         let at = |k: Option<usize>, none: f64| k.and_then(|k| sorted.get(k)).copied().unwrap_or(none);
         let rank = ((share * n as f64).ceil() as usize).clamp(1, n.max(1)) - 1;
         Self { value: at(Some(rank), f64::NAN), bounds: [at(low, f64::NEG_INFINITY), at(high, f64::INFINITY)] }
@@ -67,14 +69,18 @@ pub fn clopper_pearson(hits: usize, n: usize, confidence: f64) -> [f64; 2] {
 
 /// P(X ≤ k) of n tries with chance p each.
 fn at_most(k: usize, n: usize, p: f64) -> f64 {
+    cumulative(n, p).nth(k).unwrap_or(1.0)
+}
+
+/// P(X ≤ 0), P(X ≤ 1), … P(X ≤ n) of n tries with chance p each.
+fn cumulative(n: usize, p: f64) -> impl Iterator<Item = f64> {
     let odds = (p / (1.0 - p)).ln();
-    let mut log = n as f64 * (1.0 - p).ln();
-    let mut sum = 0.0;
-    for i in 0..=k {
+    let (mut log, mut sum) = (n as f64 * (1.0 - p).ln(), 0.0);
+    (0..=n).map(move |i| {
         sum += log.exp();
         log += odds + ((n - i) as f64 / (i + 1) as f64).ln();
-    }
-    sum
+        sum
+    })
 }
 
 #[cfg(test)]

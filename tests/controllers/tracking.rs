@@ -4,7 +4,7 @@ use omnidrones::controllers::reference::{Circle, Ellipse, Hover, Reference};
 use omnidrones::controllers::registry::{Setup, controller};
 use omnidrones::controllers::tracking::{TrackingCell, TrackingCondition, physics, quadrotor, rates, track};
 use omnidrones::controllers::{ClosedLoop, FlightPlan, Outside, Rates, Target, fly, fly_from, start_on};
-use omnidrones::dynamics::spatial::exponential;
+use omnidrones::dynamics::spatial::{exponential, multiply, to_euler};
 use omnidrones::dynamics::{Disturbance, Physics, Plant, vehicles};
 use omnidrones::parallel::Threads;
 use std::f64::consts::PI;
@@ -22,19 +22,21 @@ fn sixty_three_of_the_hundred_and_forty_four_references_are_within_the_rotors_li
     assert!(!feasible[fastest], "60 m/s² are more than 45");
 }
 
-/// The published mean of flatness-based control over the references it calls feasible is 0.084 m, with INDI 0.085 m.
+/// Published, over 76 references that the paper calls feasible and does not name: 0.084 m, with INDI 0.085 m; under the moment 4.949 m
+/// without INDI.
 #[test]
-fn indi_tracks_the_feasible_references_twice_as_closely_as_published_and_a_moment_does_not_show() {
+fn indi_tracks_what_the_rotors_can_fly_within_four_centimetres_and_a_moment_does_not_show() {
     let [nominal, pushed] = [TrackingCondition::Nominal, TrackingCondition::Moment]
         .map(|condition| track("indi", condition, &Threads::default()).unwrap());
     let feasible = [&nominal, &pushed].map(|row| row.mean_rmse(|f| f.feasible).unwrap());
     let crashed = [&nominal, &pushed].map(|row| (row.crashes(|f| f.feasible).0, row.crashes(|_| true).0));
-    println!("{feasible:.4?} m, crashed {crashed:.3?}, all {:.3} m", nominal.mean_rmse(|_| true).unwrap());
-    // measured: 0.038 and 0.041 m; published under this moment 4.949 m without INDI
+    let all = nominal.mean_rmse(|_| true).unwrap();
+    println!("{feasible:.4?} m, crashed {crashed:.3?}, all {all:.3} m");
+    // measured: 0.038 and 0.041 m
     assert!(feasible[0] < 0.042 && feasible[1] < 0.046);
-    assert_eq!([crashed[0].0, crashed[1].0], [0.0, 0.0], "of the feasible references none is lost");
-    // measured: 0.007
-    assert!(crashed[0].1 < 0.02, "of all of them {}", crashed[0].1);
+    assert_eq!([crashed[0].0, crashed[1].0], [0, 0], "of the feasible references none is lost");
+    // measured: 1, and 0.680 m of the others
+    assert!(crashed[0].1 <= 2 && all < 0.75, "{} of all crashed, {all} m", crashed[0].1);
 }
 
 #[test]
@@ -74,27 +76,33 @@ fn indi_brings_every_vehicle_back_from_every_tilt_at_rest() {
     for vehicle in vehicles::all() {
         let plant = Plant::of_vehicle(&vehicle, physics).unwrap();
         let reference = Reference::Hover(Hover { position: [0.0, 0.0, 50.0], yaw: 0.0 });
-        let plan = FlightPlan { reference: reference.clone(), duration: 8.0, ..FlightPlan::default() };
+        let plan = FlightPlan { reference: reference.clone(), duration: 15.0, ..FlightPlan::default() };
         let mut worst = 0.0_f64;
-        let mut sunk = 0.0_f64;
-        for tilt in [60.0, 120.0, 180.0] {
+        let (mut sunk, mut turned_away) = (0.0_f64, 0.0_f64);
+        for (k, tilt) in [60.0, 120.0, 180.0].into_iter().enumerate() {
             let mut law = controller("indi", &plant, &Setup::new(None, &Rates::default())).unwrap();
             let mut start = start_on(&plant, &law, &reference).unwrap();
-            start[6..10].copy_from_slice(&exponential([tilt / 180.0 * PI, 0.0, 0.0]));
+            // about x, a diagonal and y, and turned to the left, not, and to the right
+            let axis = [[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 1.0, 0.0]][k];
+            let turned = exponential([0.0, 0.0, [2.0, 0.0, -2.0][k]]);
+            let tilted = exponential(axis.map(|a| a * tilt / 180.0 * PI));
+            start[6..10].copy_from_slice(&multiply(turned, tilted));
             let flight = fly_from(&plant, &mut law, &plan, &start, &mut |_| {}).unwrap();
             let left = flight.log.error_norm().last().copied().unwrap();
             worst = worst.max(left);
+            let heading = to_euler(*flight.log.attitude.last().unwrap())[2];
+            turned_away = turned_away.max(heading.abs());
             if tilt == 60.0 {
                 sunk = flight.log.position.iter().map(|p| 50.0 - p[2]).fold(0.0, f64::max);
             }
         }
-        println!("{}: {worst:.1e} m left after 8 s, from 60° {sunk:.2} m lost", vehicle.name);
-        assert!(worst < 0.1, "{}: {worst} m", vehicle.name);
+        println!("{}: {worst:.1e} m, {turned_away:.1e} rad left, from 60° {sunk:.2} m lost", vehicle.name);
+        assert!(worst < 0.1 && turned_away < 0.2, "{}: {worst} m, {turned_away} rad", vehicle.name);
     }
 }
 
 #[test]
-fn indi_holds_in_a_steady_wind_and_under_a_moment_where_the_plain_cascade_does_not() {
+fn indi_holds_under_a_moment_without_integral_action_where_the_cascade_does_not() {
     let mut physics = Physics::default();
     physics.effects.disturbance = true;
     let reference = Reference::Circle(Circle { rate: 0.0, ..Circle::default() });
@@ -102,8 +110,9 @@ fn indi_holds_in_a_steady_wind_and_under_a_moment_where_the_plain_cascade_does_n
         let plant = Plant::of_vehicle(&vehicle, physics).unwrap();
         let arm = vehicle.rotors.iter().map(|r| r.position[0].hypot(r.position[1])).fold(0.0, f64::max);
         let moment = [0.05 * vehicle.max_thrust() * arm, 0.0, 0.0];
-        let air = Disturbance { wind: [5.0, 0.0, 0.0], moment, ..Disturbance::none() };
+        let air = Disturbance { moment, ..Disturbance::none() };
         let mut gains = vehicle.gains();
+        gains.integral = [0.0; 2];
         let after = |name: &str, gains: &omnidrones::dynamics::Gains| {
             let law = controller(name, &plant, &Setup::new(Some(gains), &Rates::default())).unwrap();
             let mut state = start_on(&plant, &law, &reference).unwrap();
@@ -116,15 +125,8 @@ fn indi_holds_in_a_steady_wind_and_under_a_moment_where_the_plain_cascade_does_n
             let wanted = reference.sample(5.0).position;
             (0..3).map(|k| (state[k] - wanted[k]).powi(2)).sum::<f64>().sqrt()
         };
-        let held = after("indi", &gains);
-        gains.integral = [0.0; 2];
-        let plain = after("cascade", &gains);
-        println!(
-            "{}: {:.1} mm under indi, {:.1} mm under a cascade without integral action",
-            vehicle.name,
-            1e3 * held,
-            1e3 * plain
-        );
+        let [held, plain] = ["indi", "cascade"].map(|name| after(name, &gains));
+        println!("{}: {:.1} mm under indi, {:.1} mm under the cascade", vehicle.name, 1e3 * held, 1e3 * plain);
         assert!(held < 0.02 && held < 0.2 * plain, "{}: {held} {plain}", vehicle.name);
     }
 }

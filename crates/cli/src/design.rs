@@ -13,7 +13,7 @@ use super::table::{Align, Table};
 use super::{Report, files};
 use nalgebra::Complex;
 use omnidrones::controllers::cascade::Rates;
-use omnidrones::controllers::design::{ErrorState, LoopMargins, LoopModel, Point, Trim, TrimTarget, trim};
+use omnidrones::controllers::design::{ErrorState, LoopMargins, LoopModel, Point, Robustness, Trim, TrimTarget, trim};
 use omnidrones::controllers::linear::{DiskMargin, Mode, StateSpace, modes, unreachable};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, Target};
@@ -131,7 +131,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let text = if as_json { format!("{:#}\n", found.plant.to_json()) } else { found.plant.to_csv() };
         files::replace(file, text)?;
     }
-    draw(a, &source, (&gains, &gains_name), &found, stable)?;
+    draw(a, &source, (&gains, &gains_name), (&found, plants.as_ref()), stable)?;
     let written: Vec<PathBuf> = a.output.plot.iter().chain(&a.save).chain(&a.report).cloned().collect();
     if a.output.json {
         let mut value = as_json(&source.vehicle, &gains_name, &found, stable, &written);
@@ -164,7 +164,13 @@ fn check_report(a: &Arguments) -> Result<()> {
 }
 
 /// Writes the figure and the report that were asked for.
-fn draw(a: &Arguments, source: &Source, gains: (&Gains, &str), found: &Findings, stable: bool) -> Result<()> {
+fn draw(
+    a: &Arguments,
+    source: &Source,
+    (gains, gains_name): (&Gains, &str),
+    (found, plants): (&Findings, Option<&Robustness>),
+    stable: bool,
+) -> Result<()> {
     if a.output.plot.is_none() && a.report.is_none() {
         return Ok(());
     }
@@ -173,8 +179,7 @@ fn draw(a: &Arguments, source: &Source, gains: (&Gains, &str), found: &Findings,
         loops.bode(&source.vehicle.name).save(file)?;
     }
     let Some(file) = &a.report else { return Ok(()) };
-    let (gains, gains_name) = gains;
-    let subject = Subject { arguments: a, source, gains, gains_name, found, loops: &loops, stable };
+    let subject = Subject { arguments: a, source, gains, gains_name, found, loops: &loops, plants, stable };
     files::write_new(file, &subject.html()?, a.output.force)
 }
 

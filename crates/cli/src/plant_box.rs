@@ -43,19 +43,46 @@ impl PlantArguments {
     }
 }
 
+/// Above what is told of a box.
+pub const HEADING: &str = "Plants not as believed";
+
 /// The share of stable plants, and the plants of least margin.
 pub fn tell(page: &mut Page, found: &Robustness) {
+    page.heading(HEADING).facts(&facts(found)).table(&table(found));
+    for line in flaws(found) {
+        page.line(line);
+    }
+}
+
+/// The box, and how many of its plants are stable.
+pub fn facts(found: &Robustness) -> Vec<Fact> {
     let PlantBox { spread, shift, samples, confidence, .. } = found.plants;
     let percent = |share: f64| short(100.0 * share, 3);
     let [low, high] = found.stable.bounds.map(percent);
-    page.heading("Plants not as believed").facts(&[
+    vec![
         Fact::new("box", format!("mass, inertia and lag ± {} %", percent(spread)))
             .note(format!("centre of mass ± {} mm forward and left", short(1e3 * shift, 3))),
         Fact::new("stable", format!("{} of {samples} random plants", found.stable.hits))
             .note(format!("with {} % confidence {low} to {high} % of all", percent(confidence))),
-        Fact::new("least disk margin", short(found.worst.disk, 3))
-            .note(format!("of {} plants: the corners, and a search from the worst", found.n_judged)),
-    ]);
+        Fact::new("least disk margin", short(found.worst.disk, 3)).note(format!(
+            "of {} plants: the corners, and a search from the worst; 0 where a random one is unstable",
+            found.n_judged
+        )),
+    ]
+}
+
+/// Plants with a name in the report.
+fn named(found: &Robustness) -> [(&'static str, Option<&JudgedPlant>); 4] {
+    [
+        ("as believed", Some(&found.nominal)),
+        ("worst corner", Some(&found.corner)),
+        ("worst found", Some(&found.worst)),
+        ("a random unstable", found.unstable.as_ref()),
+    ]
+}
+
+/// Their factors and margins.
+pub fn table(found: &Robustness) -> Table {
     let mut table = Table::new(&[
         ("plant", Align::Left),
         ("mass", Align::Right),
@@ -65,17 +92,12 @@ pub fn tell(page: &mut Page, found: &Robustness) {
         ("left [mm]", Align::Right),
         ("disk", Align::Right),
     ]);
-    let named = [
-        ("as believed", Some(&found.nominal)),
-        ("worst corner", Some(&found.corner)),
-        ("worst found", Some(&found.worst)),
-        ("a random unstable", found.unstable.as_ref()),
-    ];
-    for (name, JudgedPlant { plant, disk, .. }) in named.iter().filter_map(|(name, one)| Some((name, (*one)?))) {
+    for (name, JudgedPlant { plant, disk, .. }) in named(found).into_iter().filter_map(|(name, one)| Some((name, one?)))
+    {
         let factor = |f: f64| format!("× {}", short(f, 3));
         let [forward, left] = plant.shift.map(|s| short(1e3 * s, 3));
         table.row([
-            (*name).to_string(),
+            name.to_string(),
             factor(plant.mass),
             factor(plant.inertia),
             factor(plant.lag),
@@ -84,8 +106,11 @@ pub fn tell(page: &mut Page, found: &Robustness) {
             short(*disk, 3),
         ]);
     }
-    page.table(&table);
-    for (name, flaw) in named.iter().filter_map(|(name, one)| Some((name, (*one)?.flaw.as_ref()?))) {
-        page.line(format!("  {name}: {flaw}"));
-    }
+    table
+}
+
+/// Why some have no margin.
+pub fn flaws(found: &Robustness) -> Vec<String> {
+    let told = |(name, one): (&str, Option<&JudgedPlant>)| Some(format!("  {name}: {}", one?.flaw.as_ref()?));
+    named(found).into_iter().filter_map(told).collect()
 }

@@ -61,9 +61,18 @@ pub fn table(cells: &[GridCell], tuning: &Tuning) -> Table {
             half.into(),
             length(before.rmse),
             length(after.rmse),
-            format!("{:.0} %", 100.0 * (1.0 - after.rmse / before.rmse)),
+            gained(before.rmse, after.rmse),
             format!("{} → {}", before.crashed, after.crashed),
         ]));
     }
     table
+}
+
+/// By how much an error fell; nothing to say where all flights of one side crashed.
+fn gained(before: f64, after: f64) -> String {
+    if before.is_finite() && after.is_finite() {
+        format!("{:.0} %", 100.0 * (1.0 - after / before))
+    } else {
+        "–".into()
+    }
 }

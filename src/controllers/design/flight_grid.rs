@@ -2,7 +2,8 @@
 //!
 //! A level circle flown at speed V under the acceleration a has the radius V²/a and turns at a/V. It begins at full speed, so that
 //! a cell asks for its own acceleration alone. A cell counts as one that the vehicle can fly where its steady turn exists, drag
-//! included, with the asked share of every rotor's thrust to spare.
+//! included and with the heading along the path, of the vehicle as believed, with the asked share of every rotor's thrust to spare; it is
+//! flown with a fixed heading.
 
 use super::trim::{TrimTarget, trim};
 use crate::controllers::reference::{Circle, Reference};
@@ -71,6 +72,12 @@ impl FlightGrid {
             if values.is_empty() || values.iter().any(|v| !(0.1..=most).contains(v)) {
                 let rule = format!("one or more within [0.1, {most}]");
                 return Err(Error::value(what, format!("{values:?}"), rule, "As [2, 4, 6, 8]."));
+            }
+        }
+        for (what, values) in [("grid.accelerations", &self.accelerations), ("grid.speeds", &self.speeds)] {
+            if (1..values.len()).any(|k| values[..k].contains(&values[k])) {
+                let remedy = "A circle that is tuned on would be judged on, too.";
+                return Err(Error::value(what, format!("{values:?}"), "each once", remedy));
             }
         }
         if !(0.0..=0.9).contains(&self.spare) {

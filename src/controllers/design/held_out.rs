@@ -19,7 +19,7 @@ use serde::Serialize;
 /// Flights with one set of gains.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Evaluation {
-    /// Mean over the flights of their RMSE, the start included, m; over those that did not crash.
+    /// Mean over the flights of their RMSE, the start included, m; over those that did not crash, infinite where all did.
     pub rmse: f64,
     /// Largest of them.
     pub worst: f64,
@@ -37,7 +37,7 @@ impl Evaluation {
     fn of(errors: &[Option<f64>]) -> Self {
         let flown: Vec<f64> = errors.iter().flatten().copied().collect();
         Self {
-            rmse: flown.iter().sum::<f64>() / flown.len().max(1) as f64,
+            rmse: if flown.is_empty() { f64::INFINITY } else { flown.iter().sum::<f64>() / flown.len() as f64 },
             worst: flown.iter().fold(0.0, |a: f64, b| a.max(*b)),
             crashed: errors.len() - flown.len(),
             n: errors.len(),
@@ -49,11 +49,11 @@ impl Evaluation {
         let none = Self { rmse: 0.0, worst: 0.0, crashed: 0, n: 0 };
         let (sum, flown) = all.fold((none, 0), |(sum, flown), one| {
             let own = one.n - one.crashed;
-            let rmse = sum.rmse + own as f64 * one.rmse;
+            let rmse = sum.rmse + if own > 0 { own as f64 * one.rmse } else { 0.0 };
             let (worst, crashed, n) = (sum.worst.max(one.worst), sum.crashed + one.crashed, sum.n + one.n);
             (Self { rmse, worst, crashed, n }, flown + own)
         });
-        Self { rmse: sum.rmse / flown.max(1) as f64, ..sum }
+        Self { rmse: if flown > 0 { sum.rmse / flown as f64 } else { f64::INFINITY }, ..sum }
     }
 }
 
@@ -118,7 +118,7 @@ pub(super) fn evaluate_along(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, 
     let believed = loop_of(vehicle)?;
     let reference = plan.all_references().nth(of).unwrap_or(&plan.reference);
     let inputs = inputs(&believed, reference, plan.n_step()?);
-    let starts = starts(&believed, plan, reference, plan.n_held_out, HELD_OUT)?;
+    let starts = starts(&believed, plan, reference, (HELD_OUT, of), plan.n_held_out)?;
     let flown = Threads::default().map(starts.len(), |i| -> Result<Option<f64>> {
         // as in lanes, where flights differ in their start alone
         let start: Vec<f64> = starts[i].iter().map(|v| f64::from(*v as f32)).collect();

@@ -106,7 +106,7 @@ pub struct Robustness {
     pub nominal: JudgedPlant,
     /// The corner of least margin.
     pub corner: JudgedPlant,
-    /// The least margin that the search from that corner found.
+    /// The plant of least margin of all that were judged: the believed one, the corners, the search from the worst, the random ones.
     pub worst: JudgedPlant,
     /// Margins that were found for this.
     pub n_judged: usize,
@@ -139,11 +139,14 @@ pub fn robustness(
     let corners = search.corners();
     let judged = search.all(&corners);
     let least = least_of(&judged).unwrap_or(0);
-    let (worst, n_searched) = search.down_from(corners[least], judged[least].clone());
+    let (found, n_searched) = search.down_from(corners[least], judged[least].clone());
+    let unstable = flaws.into_iter().flatten().next();
+    let all: Vec<JudgedPlant> = [Some(found), Some(nominal.clone()), unstable.clone()].into_iter().flatten().collect();
+    let worst = all[least_of(&all).unwrap_or(0)].clone();
     Ok(Robustness {
         plants: *plants,
         stable: Share::counted(stable, plants.samples, plants.confidence),
-        unstable: flaws.into_iter().flatten().next(),
+        unstable,
         nominal,
         corner: judged[least].clone(),
         worst,

@@ -195,9 +195,11 @@ impl Tuning {
         self.is_worse_elsewhere() || self.is_worse_held_out() || !self.fallen().is_empty()
     }
 
-    /// Whether the tuned gains lose flights, or are less exact in the mean, on the references that were held out.
+    /// Whether the tuned gains lose more flights on the references that were held out, or as many and are less exact in the mean.
     pub fn is_worse_held_out(&self) -> bool {
-        self.held_out.is_some_and(|[before, after]| after.crashed > before.crashed || after.rmse > before.rmse)
+        self.held_out.is_some_and(|[before, after]| {
+            after.crashed > before.crashed || (after.crashed == before.crashed && after.rmse > before.rmse)
+        })
     }
 
     /// Whether the tuned gains lose flights, or a larger error at the worst, where they were not tuned.
@@ -304,7 +306,7 @@ impl Training {
         let drawn = plan.plant_spread > 0.0;
         let system = if drawn { LogGains::of_drawn_plants(closed, vehicle)? } else { LogGains::new(closed) };
         let flights = |(of, reference): (usize, &Reference)| -> Result<(Vec<f64>, Vec<f32>)> {
-            let mut starts = starts(&system.closed, plan, reference, plan.n_start, TRAINING)?;
+            let mut starts = starts(&system.closed, plan, reference, (TRAINING, of), plan.n_start)?;
             for (i, start) in starts.iter_mut().enumerate().filter(|_| drawn) {
                 let plant = plant_of(plan, TRAINING, of, i);
                 start.extend([plant.mass, plant.inertia, plant.lag]);

@@ -14,7 +14,7 @@ use crate::controllers::parameters::GainSet;
 use crate::controllers::reference::{Reference, Setpoint};
 use crate::controllers::start::start_on;
 use crate::dynamics::spatial::{add, cross, dot, exponential, from_euler, multiply, rotate_back, scale};
-use crate::dynamics::{Disturbance, Gains, Vehicle};
+use crate::dynamics::{Disturbance, GRAVITY, Gains, Vehicle};
 use crate::error::Result;
 use crate::rng::{Purpose, Stream};
 
@@ -148,19 +148,19 @@ pub(super) fn plant_of(plan: &TunePlan, set: u64, of: usize, i: usize) -> Corner
     Corner::drawn(&mut stream, 0.0, plan.plant_spread, 0.0)
 }
 
-/// Random starts around the reference's, one state of the loop after the other.
+/// Random starts around that of reference number `of` of a plan, one state of the loop after the other.
 pub(super) fn starts(
     system: &VehicleLoop,
     plan: &TunePlan,
     reference: &Reference,
+    (set, of): (u64, usize),
     n: usize,
-    set: u64,
 ) -> Result<Vec<Vec<f64>>> {
     let wanted = reference.sample(0.0);
     let hover = start_on(system.plant(), system.controller(), reference)?;
     let (lean, turning) = along(&wanted);
     let one = |i: usize| {
-        let mut stream = Stream::new(plan.seed, i as u64, set, Purpose::RESET);
+        let mut stream = Stream::new(plan.seed, i as u64, set + 2 * of as u64, Purpose::RESET);
         let mut state = hover.clone();
         let mut draw = |spread: f64| if spread > 0.0 { stream.uniform(-spread, spread) } else { 0.0 };
         for k in 0..3 {
@@ -182,7 +182,7 @@ fn along(wanted: &Setpoint<f64>) -> ([f64; 4], [f64; 3]) {
     if wanted.velocity == [0.0; 3] {
         return ([1.0, 0.0, 0.0, 0.0], [0.0; 3]);
     }
-    let force = add(wanted.acceleration, [0.0, 0.0, 9.81]);
+    let force = add(wanted.acceleration, [0.0, 0.0, GRAVITY]);
     let size = dot(force, force).sqrt();
     let up = scale(1.0 / size, force);
     let axis = cross([0.0, 0.0, 1.0], up);
@@ -214,7 +214,7 @@ mod tests {
             ClosedLoop::new(Plant::of_vehicle(&truth(&vehicle, &plant), physics).unwrap(), law.running()).unwrap();
 
         let reference = Reference::by_name("lemniscate").unwrap();
-        let start = starts(&believed(), &plan, &reference, 1, TRAINING).unwrap().remove(0);
+        let start = starts(&believed(), &plan, &reference, (TRAINING, 0), 1).unwrap().remove(0);
         let theta: Vec<f64> = drawn.gains().iter().map(|k| k.ln()).collect();
         let (mut x, mut y) = ([&start[..], &[plant.mass, plant.inertia, plant.lag]].concat(), start.clone());
         let (mut next_x, mut next_y) = (x.clone(), y.clone());
@@ -235,7 +235,7 @@ mod tests {
         let still = TunePlan { position_spread: 0.0, velocity_spread: 0.0, tilt_spread: 0.0, ..TunePlan::default() };
         for cell in FlightGrid::default().cells(&vehicle, &Physics::default()).unwrap() {
             let wanted = cell.reference().sample(0.0);
-            let start = starts(&closed, &still, &cell.reference(), 1, TRAINING).unwrap().remove(0);
+            let start = starts(&closed, &still, &cell.reference(), (TRAINING, 0), 1).unwrap().remove(0);
             let up = crate::dynamics::spatial::up_axis([6, 7, 8, 9].map(|k| start[k]));
             let lean = (cell.acceleration / 9.81).atan();
             assert!((up[2] - lean.cos()).abs() < 1e-12 && start[3..6] == wanted.velocity, "{cell:?}");

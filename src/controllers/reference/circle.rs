@@ -53,7 +53,7 @@ impl Circle {
     /// φ(t + ahead).
     #[inline(always)]
     fn phase<S: Scalar>(&self, t: S) -> S {
-        smooth_phase(self.rate, self.spin_up, t + S::constant(self.ahead))
+        smooth_phase(self.rate, self.spin_up, t.max(S::zero()) + S::constant(self.ahead))
     }
 }
 

@@ -4,9 +4,11 @@ use super::figures::{self, Loops};
 use super::{Arguments, Findings, loop_facts, margins_table, modes_table, reach, trim_facts};
 use crate::html::Html;
 use crate::page::{Fact, short};
+use crate::plant_box;
 use crate::sheet::{gains_table, key_facts};
 use crate::source::Source;
 use crate::table::number;
+use omnidrones::controllers::design::Robustness;
 use omnidrones::controllers::linear::step_figures;
 use omnidrones::controllers::reference::Step;
 use omnidrones::controllers::{FlightPlan, Reference, fly_vehicle};
@@ -32,6 +34,7 @@ pub struct Subject<'a> {
     pub gains_name: &'a str,
     pub found: &'a Findings,
     pub loops: &'a Loops,
+    pub plants: Option<&'a Robustness>,
     pub stable: bool,
 }
 
@@ -51,6 +54,12 @@ impl Subject<'_> {
             "Each of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and \
              phase at once: 0.5 stands for a factor of 0.6 to 1.67 or 28°.",
         );
+        if let Some(plants) = self.plants {
+            page.heading(plant_box::HEADING).facts(&plant_box::facts(plants)).table(&plant_box::table(plants));
+            plant_box::flaws(plants).iter().for_each(|line| {
+                page.line(line);
+            });
+        }
         let plane = Figure::new("").size(1000.0, 500.0).grid(&[1.0, 1.0], &[1.0]);
         let plane = plane.place((0, 0), (1, 1), loops.nyquist(found)).place((1, 0), (1, 1), figures::poles(found));
         page.heading("Stability").figure(&plane.svg()?);
