@@ -50,13 +50,14 @@ mod tests {
         let at_rest = filter.next(&mut memory, 2.5);
         println!("worst {:.1e}", (at_rest - 2.5_f64).abs());
         assert!((at_rest - 2.5).abs() < 1e-13);
-        let (mut memory, mut largest) = ([0.0; 2], 0.0_f64);
+        let (mut memory, mut power) = ([0.0; 2], 0.0);
         for step in 0..3000 {
             let y = filter.next(&mut memory, (2.0 * PI * 12.0 * f64::from(step) * period).sin());
-            largest = if step > 1500 { largest.max(y) } else { largest };
+            // sixty whole periods, long after the transient
+            power += if step >= 1500 { 2.0 * y * y / 1500.0 } else { 0.0 };
         }
-        println!("worst gain {:.1e}", (largest - 0.5_f64.sqrt()).abs());
-        // measured: 0; 25 samples to a period meet the crest
-        assert!((largest - 0.5_f64.sqrt()).abs() < 2e-3, "{largest}");
+        println!("worst power {:.1e}", (power - 0.5).abs());
+        // measured: 1.2e-14
+        assert!((power - 0.5).abs() < 1e-10, "{power}");
     }
 }

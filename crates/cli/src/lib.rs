@@ -180,7 +180,7 @@ enum Command {
     /// Show a trained policy in flight: a GIF and plots
     #[command(long_about = watch::ABOUT)]
     Watch(Box<watch::Arguments>),
-    /// Fly a published comparison of controllers: errors and crashes beside the published figures
+    /// Fly a published comparison of controllers, beside its figures
     #[command(long_about = benchmark::ABOUT)]
     Benchmark(Box<benchmark::Arguments>),
     /// Measure how fast this machine steps and differentiates

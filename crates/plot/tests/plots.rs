@@ -161,9 +161,9 @@ fn an_event_is_named_once_per_chart_with_room_and_drawn_in_all_over_time() {
             .map(|(_, f)| f.svg().unwrap().lines().filter(|l| l.trim() == "failure").count())
             .collect()
     };
-    assert_eq!(names(&plain), [0; 5]);
-    // overview, path, error, rotors, attitude: charts with a shaded start have the line without its name
-    assert_eq!(names(&marked), [3, 0, 0, 2, 3]);
+    assert_eq!(names(&plain), [0; 6]);
+    // overview, path, error, rotors, attitude, rates: charts with a shaded start have the line without its name
+    assert_eq!(names(&marked), [3, 0, 0, 2, 3, 3]);
     assert_ne!(plain.error.svg().unwrap(), marked.error.svg().unwrap());
     assert_eq!(plain.path, marked.path);
 }

@@ -76,7 +76,7 @@ fn a_flight_writes_its_figures_and_tables() {
     let arguments = ["fly", "payload", "--reference", "hover", "--duration", "1", "--csv", "--format", "svg"];
     let flown = json(folder.path(), &arguments);
     let files: Vec<&str> = flown["files"].as_array().expect("a list").iter().filter_map(Value::as_str).collect();
-    assert_eq!(files.len(), 8, "{files:?}");
+    assert_eq!(files.len(), 9, "{files:?}");
     for file in files {
         let size = std::fs::metadata(folder.path().join(file)).expect("written").len();
         assert!(size > 2_000, "{file}: {size} bytes");
