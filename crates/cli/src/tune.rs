@@ -29,7 +29,7 @@ Examples:
   omnidrones tune hummingbird                               60 descent steps
   omnidrones tune firefly --iterations 30 --starts 64       shorter
   omnidrones tune drone.urdf --reference circle             your vehicle on another reference
-  omnidrones tune firefly --margins --iterations 40         a disk margin of 0.5, at every corner
+  omnidrones tune hummingbird --gains derived --margins     a disk margin of 0.5, at every corner
   omnidrones tune iris --also circle --latency 5            on two references, commands 10 ms late
   omnidrones tune iris --gains derived --json --no-plots    from derived gains, for a program
   omnidrones tune hummingbird --grid --randomise 0.3        on circles and plants, judged on others
