@@ -1,7 +1,8 @@
 //! The cascade of one vehicle as a law: sample and ticks in, rotor actions out, gains as parameters.
 
+use super::believed::Believed;
 use super::cascade::{CascadeModel, Latched, Rates, Schedule};
-use super::integral::{Believed, Missing};
+use super::integral::Missing;
 use super::law::{ControlLaw, Moment, Running};
 use super::parameters::GainSet;
 use crate::autodiff::Scalar;
@@ -82,7 +83,8 @@ impl CascadeLaw {
                 sample.acceleration = sub(sample.acceleration, missing.acceleration());
                 let attitude = cascade.attitude_of_position(&state, &held, &sample, ticks);
                 let new = cascade.attitude_without(&state, &held, &attitude, missing.angular_acceleration(), ticks);
-                missing.expect(ticks[2], &state, believed, &new.rotors[..self.n_rotor], self.period);
+                let rotors = believed.wrench_of_actions(&new.rotors[..self.n_rotor]);
+                missing.expect(ticks[2], &state, believed, rotors, self.period);
                 missing.write(learnt);
                 new
             }

@@ -26,23 +26,23 @@
 use super::allocation::problem::{Problem, WRENCH};
 use super::allocation::{AllocationFunction, Axis, Mixer};
 use super::attitude::Orientation;
+use super::believed::Believed;
 use super::cascade::{Rates, Schedule};
+use super::integral::Missing;
 use super::kinematics::Kinematics;
 use super::law::{ControlLaw, Moment};
 use super::low_pass::LowPass;
-use super::parameters::{BodyModel, GainSet, validate_gains};
+use super::parameters::{GainSet, validate_gains};
 use super::position::add_drag;
 use super::velocity::{VelocityCommand, desired_attitude};
 use crate::autodiff::jet::Jet;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::rotor::thrust_action;
 use crate::dynamics::spatial::{
-    Mat3, Vec3, add, constants, cross, dot, hadamard, mat_mul, mat_vec, matrix, rotate, rotate_back, scale, sub,
-    transpose,
+    Mat3, Vec3, add, cross, dot, hadamard, mat_mul, mat_vec, matrix, rotate, scale, sub, transpose,
 };
 use crate::dynamics::{Gains, MAX_ROTORS, Physics, Vehicle};
 use crate::error::{Error, Result};
-use nalgebra::Matrix3;
 
 /// Of the filters of moment and angular velocity, Hz.
 pub const CUTOFF: f64 = 12.0;
@@ -62,11 +62,9 @@ const ALONG_HEADING: f64 = 0.3;
 ///   not run in lanes.
 #[derive(Clone)]
 pub struct IndiLaw {
-    body: BodyModel<f64>,
-    inverse_inertia: Mat3<f64>,
+    believed: Believed,
     gains: Gains,
-    /// [F_z, M] of one newton per rotor, N/(rad/s)² and T_max.
-    effect: Vec<[f64; 4]>,
+    /// k_f and T_max of every rotor.
     coefficient: Vec<f64>,
     max_thrust: Vec<f64>,
     /// Most that errors ask for, m/s².
@@ -80,48 +78,38 @@ pub struct IndiLaw {
 
 /// Filters and estimates between two ticks.
 struct Memory<S> {
-    started: S,
     /// Of ω and of M, then what they said last.
     filters: [[S; 2]; 6],
     last: [S; 6],
-    /// Velocity as it should be now, and d̂; world.
-    expected: Vec3<S>,
-    missing: Vec3<S>,
+    /// Of the force; what is missing of the moment is in the filtered signals.
+    missing: Missing<S>,
 }
 
 impl<S: Scalar> Memory<S> {
-    const DIM: usize = 25;
+    const FILTERS: usize = 18;
+    const DIM: usize = Self::FILTERS + Missing::<S>::DIM;
 
     #[inline(always)]
     fn read(x: &[S]) -> Self {
-        let mut memory = Self {
-            started: x[0],
-            filters: [[S::zero(); 2]; 6],
-            last: [S::zero(); 6],
-            expected: [x[19], x[20], x[21]],
-            missing: [x[22], x[23], x[24]],
-        };
+        let (mut filters, mut last) = ([[S::zero(); 2]; 6], [S::zero(); 6]);
         for k in 0..6 {
-            (memory.filters[k], memory.last[k]) = ([x[1 + 2 * k], x[2 + 2 * k]], x[13 + k]);
+            (filters[k], last[k]) = ([x[2 * k], x[2 * k + 1]], x[12 + k]);
         }
-        memory
+        Self { filters, last, missing: Missing::read(&x[Self::FILTERS..]) }
     }
 
     #[inline(always)]
     fn write(&self, x: &mut [S]) {
-        x[0] = self.started;
         for k in 0..6 {
-            (x[1 + 2 * k], x[2 + 2 * k], x[13 + k]) = (self.filters[k][0], self.filters[k][1], self.last[k]);
+            (x[2 * k], x[2 * k + 1], x[12 + k]) = (self.filters[k][0], self.filters[k][1], self.last[k]);
         }
-        for k in 0..3 {
-            (x[19 + k], x[22 + k]) = (self.expected[k], self.missing[k]);
-        }
+        self.missing.write(&mut x[Self::FILTERS..]);
     }
 
     /// Filtered signals half a period ago, and their slopes, per second.
     #[inline(always)]
     fn filtered(&mut self, filter: &LowPass, now: [S; 6], period: f64) -> ([S; 6], [S; 6]) {
-        let first = self.started.lt(S::constant(0.5));
+        let first = self.missing.started.lt(S::constant(0.5));
         let (mut mean, mut slope) = (now, now);
         for k in 0..6 {
             let rest = filter.rest(now[k]);
@@ -153,18 +141,12 @@ impl IndiLaw {
             let rule = "independent of the moments";
             return Err(Error::value(at("thrust along body z"), "none", rule, "Turn the rotor axes upwards."));
         }
-        let inverse = vehicle.mass_properties().inertia.try_inverse().ok_or_else(|| {
-            Error::value(at("inertia"), "singular", "invertible", "Give every axis an inertia above zero.")
-        })?;
-        let rows = |m: Matrix3<f64>| [0, 1, 2].map(|row| [m[(row, 0)], m[(row, 1)], m[(row, 2)]]);
         let every = Schedule::new(rates, physics.dt)?.every[2];
         let period = every as f64 * physics.dt;
         let problem = Problem::of_vehicle(vehicle)?.with_priorities(&PRIORITIES);
         Ok(Self {
-            body: BodyModel::of(vehicle),
-            inverse_inertia: rows(inverse),
+            believed: Believed::new(vehicle)?,
             gains: *gains,
-            effect: vehicle.allocation_matrix().column_iter().map(|c| [c[2], c[3], c[4], c[5]]).collect(),
             coefficient: vehicle.rotors.iter().map(|r| r.thrust_coefficient).collect(),
             max_thrust: vehicle.rotors.iter().map(|r| r.max_thrust()).collect(),
             correction: CORRECTION * vehicle.max_thrust() / vehicle.mass_properties().mass,
@@ -174,37 +156,6 @@ impl IndiLaw {
             period,
             rate: (every > 1).then_some(rates.rate),
         })
-    }
-
-    /// [F_z, M] of the rotors as they turn.
-    #[inline(always)]
-    fn rotor_wrench<S: Scalar>(&self, speeds: &[S]) -> [S; 4] {
-        let mut wrench = [S::zero(); 4];
-        for i in 0..self.effect.len() {
-            let thrust = S::constant(self.coefficient[i]) * speeds[i] * speeds[i];
-            for k in 0..4 {
-                wrench[k] = S::constant(self.effect[i][k]).mul_add(thrust, wrench[k]);
-            }
-        }
-        wrench
-    }
-
-    /// Learns what is missing of the acceleration, and what to expect next.
-    #[inline(always)]
-    fn observe<S: Scalar>(&self, memory: &mut Memory<S>, state: &Kinematics<S>, thrust: S) {
-        let due = S::constant(0.5).lt(memory.started);
-        let share = S::constant(1.0 - (-self.gains.integral[0] * self.period).exp());
-        let body = BodyModel::<S>::constant(&self.body);
-        let mut force = scale(-S::one(), hadamard(body.drag, rotate_back(state.attitude, state.velocity)));
-        force[2] += thrust;
-        let mut gained = rotate(state.attitude, scale(body.mass.recip(), force));
-        gained[2] -= body.gravity;
-        for k in 0..3 {
-            let fresh = S::constant(1.0 / self.period) * (state.velocity[k] - memory.expected[k]);
-            let learnt = share.mul_add(fresh - memory.missing[k], memory.missing[k]);
-            memory.missing[k] = S::select(due, learnt, memory.missing[k]);
-            memory.expected[k] = S::constant(self.period).mul_add(gained[k], state.velocity[k]);
-        }
     }
 
     /// f with its first two derivatives along the reference.
@@ -217,7 +168,7 @@ impl IndiLaw {
         missing: Vec3<S>,
     ) -> (Vec3<Jet<S, 3>>, VelocityCommand<S>) {
         let sample = now.sample();
-        let body = BodyModel::<S>::constant(&self.body);
+        let body = self.believed.body::<S>();
         let wanted = [sample.velocity, sample.acceleration, sample.jerk];
         let command = add_drag(&body, state, wanted, &VelocityCommand::along(&sample));
         let (e_p, e_v) = (sub(sample.position, state.position), sub(sample.velocity, state.velocity));
@@ -226,11 +177,7 @@ impl IndiLaw {
         let asked = scale(most * safe::norm(asked).max(most).recip(), asked);
         let mut f = add(sub(command.acceleration, missing), asked);
         f[2] += body.gravity;
-        let mut series = [Jet::<S, 3>::fixed(f[0]); 3];
-        for k in 0..3 {
-            series[k] = Jet::from_derivatives([f[k], command.jerk[k], command.snap[k]]);
-        }
-        (series, command)
+        (command.force_series(f), command)
     }
 
     /// α_d, body, rad/s².
@@ -242,8 +189,7 @@ impl IndiLaw {
         series: Vec3<Jet<S, 3>>,
         command: &VelocityCommand<S>,
     ) -> Vec3<S> {
-        let yaw = Jet::from_derivatives([command.yaw, command.yaw_rate, command.yaw_acceleration]);
-        let wanted = Orientation::of_series(desired_attitude(series, yaw));
+        let wanted = Orientation::of_series(desired_attitude(series, command.yaw_series()));
         let force = [series[0].value(), series[1].value(), series[2].value()];
         let to_body = transpose(matrix(state.attitude));
         let direction = safe::normalise(force);
@@ -257,8 +203,7 @@ impl IndiLaw {
         let turn = scale(fades, mat_vec(known, wanted.angular_velocity));
         let forward = scale(fades, mat_vec(known, wanted.angular_acceleration));
         asked = add(asked, hadamard(gains.rate, sub(turn, state.angular_velocity)));
-        let inverse = self.inverse_inertia.map(constants);
-        add(mat_vec(inverse, asked), sub(forward, cross(state.angular_velocity, turn)))
+        add(mat_vec(self.believed.inverse_inertia(), asked), sub(forward, cross(state.angular_velocity, turn)))
     }
 }
 
@@ -329,18 +274,21 @@ impl ControlLaw for IndiLaw {
         let gains =
             if now.parameters.is_empty() { GainSet::constant(&self.gains) } else { GainSet::read(now.parameters) };
         let state = now.kinematics();
-        let rotors = self.rotor_wrench(&now.state[13..13 + n]);
+        let rotors = self.believed.wrench(|i| {
+            let speed = now.state[13 + i];
+            S::constant(self.coefficient[i]) * speed * speed
+        });
         let mut own = Memory::read(memory);
-        self.observe(&mut own, &state, rotors[0]);
+        own.missing.observe(S::one(), &state, [S::constant(self.gains.integral[0]), S::zero()], self.period);
         let w = state.angular_velocity;
         let (mean, slope) =
             own.filtered(&self.filter, [w[0], w[1], w[2], rotors[1], rotors[2], rotors[3]], self.period);
-        own.started = S::one();
+        own.missing.expect(S::one(), &state, &self.believed, rotors, self.period);
         own.write(memory);
 
-        let (series, command) = self.wanted_force(&gains, &state, now, own.missing);
+        let (series, command) = self.wanted_force(&gains, &state, now, own.missing.acceleration());
         let acceleration = self.angular_acceleration(&gains, &state, series, &command);
-        let body = BodyModel::<S>::constant(&self.body);
+        let body = self.believed.body::<S>();
         let change = sub(acceleration, [slope[0], slope[1], slope[2]]);
         let moment = add([mean[3], mean[4], mean[5]], mat_vec(body.inertia, change));
         let up = rotate(state.attitude, [S::zero(), S::zero(), S::one()]);

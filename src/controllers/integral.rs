@@ -18,81 +18,9 @@
 //! Source: Ohnishi, Shibata and Murakami 1996 (disturbance observers of motion control); the automatic reset of
 //! Åström and Hägglund 2006, section 3.5.
 
+use super::believed::Believed;
 use super::kinematics::Kinematics;
-use super::parameters::{BodyModel, rotor_resistances};
 use crate::autodiff::Scalar;
-use crate::dynamics::spatial::{Mat3, add, cross, hadamard, mat_vec, rotate, rotate_back, scale, sub};
-use crate::dynamics::{MAX_ROTORS, Vehicle};
-use crate::error::{Error, Result};
-use nalgebra::{Matrix3, Vector3};
-
-/// A body under its rotors, as it is believed to be.
-#[derive(Debug, Clone)]
-pub(super) struct Believed {
-    body: BodyModel<f64>,
-    inverse_inertia: Mat3<f64>,
-    /// D_ω of airframe and rotors at hover, N m s.
-    angular_drag: Mat3<f64>,
-    /// [F_z, M_x, M_y, M_z] of one newton per rotor.
-    effect: Vec<[f64; 4]>,
-    max_thrust: Vec<f64>,
-}
-
-impl Believed {
-    /// # Errors
-    /// [`Error::Value`] where the inertia has no inverse.
-    pub(super) fn new(vehicle: &Vehicle) -> Result<Self> {
-        let inverse = vehicle.mass_properties().inertia.try_inverse().ok_or_else(|| {
-            let what = format!("vehicle '{}': inertia", vehicle.name);
-            Error::value(what, "singular", "invertible", "Give every axis an inertia above zero.")
-        })?;
-        let rows = |m: Matrix3<f64>| [0, 1, 2].map(|row| [m[(row, 0)], m[(row, 1)], m[(row, 2)]]);
-        let b = vehicle.allocation_matrix();
-        Ok(Self {
-            body: BodyModel::of(vehicle),
-            inverse_inertia: rows(inverse),
-            angular_drag: rows(angular_drag(vehicle)),
-            effect: b.column_iter().map(|c| [c[2], c[3], c[4], c[5]]).collect(),
-            max_thrust: vehicle.rotors.iter().map(|r| r.max_thrust()).collect(),
-        })
-    }
-
-    /// v̇ (world) and ω̇ (body) under rotor actions.
-    #[inline(always)]
-    fn acceleration<S: Scalar>(&self, state: &Kinematics<S>, actions: &[S]) -> [S; 6] {
-        let mut wrench = [S::zero(); 4];
-        for i in 0..self.effect.len().min(MAX_ROTORS) {
-            let thrust = S::constant(0.5 * self.max_thrust[i]) * (actions[i] + S::one());
-            for k in 0..4 {
-                wrench[k] = S::constant(self.effect[i][k]).mul_add(thrust, wrench[k]);
-            }
-        }
-        let body = BodyModel::<S>::constant(&self.body);
-        let (q, w) = (state.attitude, state.angular_velocity);
-        let v = rotate_back(q, state.velocity);
-        let mut force = scale(-S::one(), hadamard(body.drag, v));
-        force[2] += wrench[0];
-        let mut gained = rotate(q, scale(body.mass.recip(), force));
-        gained[2] -= body.gravity;
-        let resistance =
-            add(mat_vec(body.drag_moment, v), mat_vec(self.angular_drag.map(|row| row.map(S::constant)), w));
-        let moment = sub([wrench[1], wrench[2], wrench[3]], resistance);
-        let moment = sub(moment, cross(w, mat_vec(body.inertia, w)));
-        let inverse = self.inverse_inertia.map(|row| row.map(S::constant));
-        let turned = mat_vec(inverse, moment);
-        [gained[0], gained[1], gained[2], turned[0], turned[1], turned[2]]
-    }
-}
-
-/// D_ω = diag(airframe) − Σ [r − c]× K [r − c]×, K the resistance of a rotor at hover.
-fn angular_drag(vehicle: &Vehicle) -> Matrix3<f64> {
-    let airframe = Matrix3::from_diagonal(&vehicle.drag.angular.into());
-    let center = vehicle.mass_properties().center_of_mass;
-    rotor_resistances(vehicle).fold(airframe, |sum, (rotor, resistance)| {
-        let lever = (Vector3::from(rotor.position) - center).cross_matrix();
-        sum - lever * resistance * lever
-    })
-}
 
 /// The memory of integral action.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,7 +30,7 @@ pub(super) struct Missing<S> {
     /// d̂: of v̇ (world, m/s²) and ω̇ (body, rad/s²).
     pub(super) estimate: [S; 6],
     /// 0 before the first tick, when there is nothing to compare with.
-    started: S,
+    pub(super) started: S,
 }
 
 impl<S: Scalar> Missing<S> {
@@ -140,11 +68,11 @@ impl<S: Scalar> Missing<S> {
         }
     }
 
-    /// What is expected at the next tick, with the actions that the rotors are told now.
+    /// What is expected at the next tick, with the wrench [F_z, M] that the rotors give from now on.
     #[inline(always)]
-    pub(super) fn expect(&mut self, tick: S, state: &Kinematics<S>, believed: &Believed, actions: &[S], period: f64) {
+    pub(super) fn expect(&mut self, tick: S, state: &Kinematics<S>, believed: &Believed, rotors: [S; 4], period: f64) {
         let due = S::constant(0.5).lt(tick);
-        let gained = believed.acceleration(state, actions);
+        let gained = believed.acceleration(state, rotors);
         for k in 0..6 {
             let now = if k < 3 { state.velocity[k] } else { state.angular_velocity[k - 3] };
             let next = gained[k].mul_add(S::constant(period), now);

@@ -11,6 +11,7 @@
 //! | [`rate`] | rate command → moments |
 //! | [`allocation`] | thrust and moments → rotor thrusts, by pseudo-inverse of the true geometry, yaw last |
 //! | [`six_axis`] | force and attitude independent of each other: pose → wrench |
+//! | `believed` | a body under its rotors as a controller believes it to move |
 //! | `integral` | integral action: what the believed body misses, learnt and taken off |
 //! | `action` | the paper's action modes, bounded |
 //! | [`cascade`] | all levels together, each at its own rate, entered at any of them |
@@ -50,6 +51,7 @@
 pub(crate) mod action;
 pub mod allocation;
 pub mod attitude;
+pub(crate) mod believed;
 pub mod cascade;
 pub(crate) mod cascade_law;
 pub mod chain_shape;

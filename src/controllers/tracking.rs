@@ -27,16 +27,19 @@ use super::registry::{Setup, controller};
 use super::start::start_on;
 use super::velocity::{VelocityCommand, desired_attitude};
 use super::{Mixer, Orientation};
-use crate::autodiff::jet::Jet;
 use crate::dynamics::spatial::{add, cross, from_matrix, identity, mat_vec};
 use crate::dynamics::vehicle::{Drag, Inertia, Part, Rotor};
-use crate::dynamics::{Disturbance, Effects, Gains, Physics, Plant, Vehicle};
+use crate::dynamics::{Disturbance, Effects, Gains, MAX_ROTORS, Physics, Plant, Vehicle};
 use crate::error::Result;
 use crate::parallel::Threads;
 use serde::Serialize;
 
 /// The published mean error (m) of flatness-based control on the nominal plant over all 144 references: 76 of 0.084 m, 68 of 0.77 m.
 pub const PUBLISHED_OVER_ALL: f64 = (76.0 * 0.084 + 68.0 * 0.77) / 144.0;
+/// Peak accelerations, m/s².
+pub const ACCELERATIONS: [f64; 6] = [10.0, 20.0, 30.0, 40.0, 50.0, 60.0];
+/// Peak speeds, m/s.
+pub const SPEEDS: [f64; 4] = [5.0, 10.0, 15.0, 20.0];
 /// How long a flight takes to gather its speed, s.
 pub const SPIN_UP: f64 = 4.0;
 /// How long errors count, s.
@@ -64,8 +67,8 @@ impl TrackingCell {
     pub fn all() -> Vec<Self> {
         let mut cells = Vec::new();
         for standing in [false, true] {
-            for acceleration in [10.0, 20.0, 30.0, 40.0, 50.0, 60.0] {
-                for speed in [5.0, 10.0, 15.0, 20.0] {
+            for acceleration in ACCELERATIONS {
+                for speed in SPEEDS {
                     cells.extend([1.0, 2.0, 5.0].map(|ratio| Self { acceleration, speed, ratio, standing }));
                 }
             }
@@ -93,7 +96,7 @@ impl TrackingCell {
     /// As [`Mixer::new`].
     pub fn is_feasible(&self, vehicle: &Vehicle) -> Result<bool> {
         let (mixer, body, reference) = (Mixer::new(vehicle)?, BodyModel::of(vehicle), self.reference());
-        let rows: [[f64; 4]; crate::dynamics::MAX_ROTORS] = mixer.padded()?;
+        let rows: [[f64; 4]; MAX_ROTORS] = mixer.padded()?;
         let lap = 2.0 * std::f64::consts::PI * self.speed / self.acceleration;
         Ok((0..SAMPLES).all(|k| {
             let wrench = flat_wrench(&body, &reference, SPIN_UP + lap * k as f64 / SAMPLES as f64);
@@ -117,9 +120,7 @@ fn flat_wrench(body: &BodyModel<f64>, reference: &Reference, time: f64) -> [f64;
         let command = add_drag(body, &state, derivatives, &VelocityCommand::along(&sample));
         let mut force = command.acceleration;
         force[2] += body.gravity;
-        let series = [0, 1, 2].map(|k| Jet::from_derivatives([force[k], command.jerk[k], command.snap[k]]));
-        let yaw = Jet::from_derivatives([command.yaw, command.yaw_rate, command.yaw_acceleration]);
-        wanted = Orientation::of_series(desired_attitude(series, yaw));
+        wanted = Orientation::of_series(desired_attitude(command.force_series(force), command.yaw_series()));
         state.attitude = from_matrix(wanted.attitude);
         thrust = body.mass * force.iter().map(|f| f * f).sum::<f64>().sqrt();
     }
@@ -286,19 +287,40 @@ impl TrackingRow {
     }
 }
 
-/// Flies all references under a controller of the registry, built for the nominal vehicle.
-///
-/// # Errors
-/// As the controller's.
-pub fn track(name: &str, condition: TrackingCondition, threads: &Threads) -> Result<TrackingRow> {
-    let vehicle = quadrotor();
-    let cells = TrackingCell::all();
-    let flights = threads.map(cells.len(), |i| -> Result<TrackingFlight> {
-        let rmse = fly_cell(name, &vehicle, condition, &cells[i])?;
-        Ok(TrackingFlight { cell: cells[i], feasible: cells[i].is_feasible(&vehicle)?, rmse })
-    });
-    let flights = flights.into_iter().collect::<Result<_>>()?;
-    Ok(TrackingRow { controller: name.into(), condition, flights })
+/// The vehicle and its references, with what its rotors can do.
+pub struct Tracking {
+    vehicle: Vehicle,
+    cells: Vec<(TrackingCell, bool)>,
+}
+
+impl Tracking {
+    /// Finds the feasible ones.
+    ///
+    /// # Errors
+    /// As [`TrackingCell::is_feasible`].
+    pub fn new(threads: &Threads) -> Result<Self> {
+        let (vehicle, cells) = (quadrotor(), TrackingCell::all());
+        let cells = threads.map(cells.len(), |i| Ok((cells[i], cells[i].is_feasible(&vehicle)?)));
+        Ok(Self { cells: cells.into_iter().collect::<Result<_>>()?, vehicle })
+    }
+
+    /// The references, and whether each is feasible.
+    pub fn cells(&self) -> &[(TrackingCell, bool)] {
+        &self.cells
+    }
+
+    /// Flies them all under a controller of the registry, built for the nominal vehicle.
+    ///
+    /// # Errors
+    /// As the controller's.
+    pub fn fly(&self, name: &str, condition: TrackingCondition, threads: &Threads) -> Result<TrackingRow> {
+        let flights = threads.map(self.cells.len(), |i| -> Result<TrackingFlight> {
+            let (cell, feasible) = self.cells[i];
+            Ok(TrackingFlight { cell, feasible, rmse: fly_cell(name, &self.vehicle, condition, &cell)? })
+        });
+        let flights = flights.into_iter().collect::<Result<_>>()?;
+        Ok(TrackingRow { controller: name.into(), condition, flights })
+    }
 }
 
 fn fly_cell(name: &str, vehicle: &Vehicle, condition: TrackingCondition, cell: &TrackingCell) -> Result<Option<f64>> {

@@ -42,6 +42,22 @@ impl<S: Scalar> VelocityCommand<S> {
         }
     }
 
+    /// A wanted force f(t) per mass, m/s², whose derivatives are this command's jerk and snap.
+    #[inline(always)]
+    pub(super) fn force_series(&self, force: Vec3<S>) -> Vec3<Jet<S, 3>> {
+        let mut series = [Jet::<S, 3>::fixed(force[0]); 3];
+        for i in 0..3 {
+            series[i] = Jet::from_derivatives([force[i], self.jerk[i], self.snap[i]]);
+        }
+        series
+    }
+
+    /// ψ(t), rad.
+    #[inline(always)]
+    pub(super) fn yaw_series(&self) -> Jet<S, 3> {
+        Jet::from_derivatives([self.yaw, self.yaw_rate, self.yaw_acceleration])
+    }
+
     /// A constant velocity at a constant yaw.
     #[inline(always)]
     pub fn constant(velocity: Vec3<S>, yaw: S) -> Self {
@@ -107,16 +123,11 @@ pub fn attitude_command<S: Scalar>(
     command: &VelocityCommand<S>,
     state: &Kinematics<S>,
 ) -> AttitudeCommand<S> {
-    let f = specific_force(gains, body.gravity, command, state.velocity);
-    let mut series = [Jet::<S, 3>::fixed(f[0]); 3];
-    for i in 0..3 {
-        series[i] = Jet::from_derivatives([f[i], command.jerk[i], command.snap[i]]);
-    }
+    let series = command.force_series(specific_force(gains, body.gravity, command, state.velocity));
     let largest = limits.force * body.mass.recip();
     let vertical = [Jet::fixed(limits.vertical), Jet::fixed(limits.ceiling * largest)];
     let series = limit_force(series, Jet::fixed(limits.tilt_tangent), vertical, Jet::fixed(largest));
-    let yaw = Jet::from_derivatives([command.yaw, command.yaw_rate, command.yaw_acceleration]);
-    let r = desired_attitude(series, yaw);
+    let r = desired_attitude(series, command.yaw_series());
     let force = [series[0].value(), series[1].value(), series[2].value()];
     let thrust = body.mass * dot(force, up_axis(state.attitude));
     Orientation::of_series(r).with_thrust(thrust.clamp(S::zero(), limits.thrust))

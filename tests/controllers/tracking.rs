@@ -2,7 +2,7 @@
 
 use omnidrones::controllers::reference::{Circle, Ellipse, Hover, Reference};
 use omnidrones::controllers::registry::{Setup, controller};
-use omnidrones::controllers::tracking::{TrackingCell, TrackingCondition, physics, quadrotor, rates, track};
+use omnidrones::controllers::tracking::{Tracking, TrackingCondition, physics, quadrotor, rates};
 use omnidrones::controllers::{ClosedLoop, FlightPlan, Outside, Rates, Target, fly, fly_from, start_on};
 use omnidrones::dynamics::spatial::{exponential, multiply, to_euler};
 use omnidrones::dynamics::{Disturbance, Physics, Plant, vehicles};
@@ -11,8 +11,8 @@ use std::f64::consts::PI;
 
 #[test]
 fn sixty_three_of_the_hundred_and_forty_four_references_are_within_the_rotors_limits() {
-    let (cells, vehicle) = (TrackingCell::all(), quadrotor());
-    let feasible: Vec<bool> = cells.iter().map(|cell| cell.is_feasible(&vehicle).unwrap()).collect();
+    let benchmark = Tracking::new(&Threads::default()).unwrap();
+    let (cells, feasible): (Vec<_>, Vec<bool>) = benchmark.cells().iter().copied().unzip();
     let level = cells.iter().zip(&feasible).filter(|(cell, f)| !cell.standing && **f).count();
     println!("{} of {}, {level} of the level ones", feasible.iter().filter(|f| **f).count(), cells.len());
     assert_eq!((cells.len(), feasible.iter().filter(|f| **f).count(), level), (144, 63, 36));
@@ -26,8 +26,10 @@ fn sixty_three_of_the_hundred_and_forty_four_references_are_within_the_rotors_li
 /// without INDI.
 #[test]
 fn indi_tracks_what_the_rotors_can_fly_within_four_centimetres_and_a_moment_does_not_show() {
+    let threads = Threads::default();
+    let benchmark = Tracking::new(&threads).unwrap();
     let [nominal, pushed] = [TrackingCondition::Nominal, TrackingCondition::Moment]
-        .map(|condition| track("indi", condition, &Threads::default()).unwrap());
+        .map(|condition| benchmark.fly("indi", condition, &threads).unwrap());
     let feasible = [&nominal, &pushed].map(|row| row.mean_rmse(|f| f.feasible).unwrap());
     let crashed = [&nominal, &pushed].map(|row| (row.crashes(|f| f.feasible).0, row.crashes(|_| true).0));
     let all = nominal.mean_rmse(|_| true).unwrap();

@@ -6,8 +6,8 @@ use super::table::{Align, Table};
 use super::{Report, files, progress};
 use omnidrones::controllers::registry::REGISTRY;
 use omnidrones::controllers::tracking::{
-    COUNTED, PUBLISHED_OVER_ALL, TrackingCell, TrackingCondition, TrackingFlight, TrackingRow, physics, quadrotor,
-    track,
+    ACCELERATIONS, COUNTED, PUBLISHED_OVER_ALL, SPEEDS, Tracking, TrackingCondition, TrackingFlight, TrackingRow,
+    physics, quadrotor,
 };
 use omnidrones::dynamics::Plant;
 use omnidrones::error::{Error, Result};
@@ -77,11 +77,11 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let folder = if a.output.no_plots { PathBuf::new() } else { a.output.folder("out/benchmark")? };
     let threads = a.threads.threads()?;
     let bar = progress::bar((names.len() * conditions.len()) as u64, "tracking", a.output.json);
-    let mut rows = Vec::new();
+    let (benchmark, mut rows) = (Tracking::new(&threads)?, Vec::new());
     for condition in conditions {
         for name in &names {
             progress::say(&bar, &format!("{name}: {}", condition.name()));
-            rows.push(track(name, *condition, &threads)?);
+            rows.push(benchmark.fly(name, *condition, &threads)?);
             bar.inc(1);
         }
     }
@@ -99,7 +99,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         });
         return Ok(Report::json(&value, true));
     }
-    Ok(Report::done(page(&rows, &written)))
+    Ok(Report::done(page(&benchmark, &rows, &written)))
 }
 
 /// Those asked for, or all that fly a rigid vehicle.
@@ -129,10 +129,10 @@ fn told(row: &TrackingRow) -> Value {
     })
 }
 
-fn page(rows: &[TrackingRow], written: &[PathBuf]) -> String {
+fn page(benchmark: &Tracking, rows: &[TrackingRow], written: &[PathBuf]) -> String {
     let mut page = Page::new();
-    let n_feasible = rows.first().map_or(0, |row| row.flights.iter().filter(|f| f.feasible).count());
-    page.title("tracking", &format!("{} ellipses, {n_feasible} of them feasible", TrackingCell::all().len()));
+    let (n, n_feasible) = (benchmark.cells().len(), benchmark.cells().iter().filter(|(_, feasible)| *feasible).count());
+    page.title("tracking", &format!("{n} ellipses, {n_feasible} of them feasible"));
     let headers = [
         ("controller", Align::Left),
         ("feasible [m]", Align::Right),
@@ -191,8 +191,8 @@ fn figure(rows: &[TrackingRow]) -> Figure {
 fn map(row: &TrackingRow) -> HeatMap {
     let chart = HeatMap::new(row.controller.clone(), "peak acceleration [m/s²]", "peak speed [m/s]")
         .ranges((5.0, 65.0), (2.5, 22.5));
-    [5.0, 10.0, 15.0, 20.0].into_iter().fold(chart, |chart, speed| {
-        let cells = [10.0, 20.0, 30.0, 40.0, 50.0, 60.0].map(|acceleration| {
+    SPEEDS.into_iter().fold(chart, |chart, speed| {
+        let cells = ACCELERATIONS.map(|acceleration| {
             let here = |f: &TrackingFlight| f.cell.speed == speed && f.cell.acceleration == acceleration;
             let crashed = row.flights.iter().filter(|f| here(f) && f.rmse.is_none()).count();
             match row.mean_rmse(here) {

@@ -326,19 +326,19 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
         arrow(&|m| 1e3 * m.delay, " ms")
     )));
     if let Some([first, last]) = &tuning.judged {
-        let at = |j: &Judgement| {
-            let corner = j.corners[j.worst].0;
-            format!("{} m/s, mass × {}, inertia × {}, lag × {}", corner.speed, corner.mass, corner.inertia, corner.lag)
+        let place = |at: usize| {
+            let c = last.corners[at].0;
+            format!("{} m/s, mass × {}, inertia × {}, lag × {}", c.speed, c.mass, c.inertia, c.lag)
         };
         facts.push(
             Fact::new("least disk margin", format!("{} → {}", short(first.least(), 3), short(last.least(), 3)))
-                .note(format!("over {} corners, at {}", last.corners.len(), at(last))),
+                .note(format!("over {} corners, at {}", last.corners.len(), place(last.worst))),
         );
         if let Some((at, flaw)) = last.flaws.first() {
-            let c = last.corners[*at].0;
             let (n, of) = (last.flaws.len(), last.corners.len());
-            let place = format!("{} m/s, mass × {}, inertia × {}, lag × {}", c.speed, c.mass, c.inertia, c.lag);
-            facts.push(Fact::new("without a margin", format!("{n} of {of} corners")).note(format!("{place}: {flaw}")));
+            facts.push(
+                Fact::new("without a margin", format!("{n} of {of} corners")).note(format!("{}: {flaw}", place(*at))),
+            );
         }
         let passes = |j: &Judgement| if j.passes { "passed" } else { "failed" };
         let asked = plan.margins.as_ref().map_or(0.0, |gate| 1e3 * gate.latency);
