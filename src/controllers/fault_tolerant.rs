@@ -20,6 +20,11 @@
 //! ω_z e_z × ω, or without the cap, Firefly or Neo11 with two rotors of one spin lost (13 rad/s) fall; with them
 //! they hover within 4 cm of height (`tests/failure.rs`).
 //!
+//! A vehicle that must spin to stay up, a quadrotor on three rotors, is steered likewise, but about the axis n of its
+//! [`Spin`](super::allocation::Spin) in place of e_z: ω_cmd has the turn ω_z n/n_z besides, n leans away from e_z with
+//! ω_z² until the turn is as fast as it should be, yaw is left alone, and the thrust is what its mean along n must be. The moment
+//! ω × Jω that the turn needs is steady in the body and not led.
+//!
 //! Source: the reduced attitude of Mueller and D'Andrea (2014); priorities after Sun et al. (2022).
 
 use super::allocation::problem::WRENCH;
@@ -34,7 +39,7 @@ use super::reference::Setpoint;
 use super::velocity::VelocityCommand;
 use crate::dynamics::gains::SEPARATION;
 use crate::dynamics::rotor::thrust_action;
-use crate::dynamics::spatial::{Quat, Vec3, add, mat_mul, mat_vec, matrix, transpose};
+use crate::dynamics::spatial::{Quat, Vec3, add, cross, dot, mat_mul, mat_vec, matrix, scale, sub, transpose};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::Result;
 use crate::flight::Commanded;
@@ -62,7 +67,7 @@ struct Broken {
     /// Mean time constant of the motors, s.
     lag: f64,
     /// Largest yaw moment worth asking for, N m: half the range of what is left. A wish far beyond it would outweigh
-    /// its low priority.
+    /// its low priority. None is asked for of what must spin.
     yaw: f64,
 }
 
@@ -70,7 +75,8 @@ impl Broken {
     fn new(vehicle: &Vehicle, assessment: Assessment) -> Result<Self> {
         let problem = failure::problem(vehicle, &assessment.health)?.with_priorities(&PRIORITIES);
         let yaw_row = problem.geometry.row(5);
-        let yaw = 0.5 * yaw_row.iter().zip(&problem.upper).map(|(b, most)| (b * most).abs()).sum::<f64>();
+        let reach = 0.5 * yaw_row.iter().zip(&problem.upper).map(|(b, most)| (b * most).abs()).sum::<f64>();
+        let yaw = if assessment.spin.is_some() { 0.0 } else { reach };
         let constants = vehicle.rotors.iter().map(|r| 0.5 * (r.time_constant_up + r.time_constant_down));
         let lag = constants.sum::<f64>() / vehicle.n_rotor() as f64;
         Ok(Self { assessment, allocator: Allocator::new(problem)?, lag, yaw })
@@ -78,6 +84,14 @@ impl Broken {
 
     fn yaw_free(&self) -> bool {
         self.assessment.capability != Capability::Full
+    }
+
+    /// The axis it turns about at a rate about body z (rad/s), in body axes with z = 1: body z, unless it must spin to stay up; then
+    /// it leans away with the square of the rate, as far as that of the steady turn.
+    fn axis(&self, rate: f64) -> Vec3<f64> {
+        let Some(spin) = &self.assessment.spin else { return [0.0, 0.0, 1.0] };
+        let share = (rate / spin.rate).max(0.0).powi(2).min(1.0);
+        [0, 1, 2].map(|k| if k < 2 { share * spin.axis[k] / spin.axis[2] } else { 1.0 })
     }
 
     /// Of the last allocation.
@@ -167,10 +181,9 @@ impl FaultTolerant {
     pub fn attitude(&mut self, state: &Kinematics<f64>, command: &AttitudeCommand<f64>) -> [f64; MAX_ROTORS] {
         let ticks = self.schedule.ticks(self.step);
         let (q, w) = (state.attitude, state.angular_velocity);
-        let fresh = if self.broken.as_ref().is_some_and(Broken::yaw_free) {
-            self.rate_of_direction(command, q)
-        } else {
-            rate_command(&self.model.gains, command, q, w)
+        let fresh = match &self.broken {
+            Some(broken) if broken.yaw_free() => self.rate_of_direction(command, q, broken.axis(w[2]), w[2]),
+            _ => rate_command(&self.model.gains, command, q, w),
         };
         let command_of_rate = hold_rate(ticks[1], &fresh, &self.held.rate);
         self.held.attitude = *command;
@@ -187,7 +200,8 @@ impl FaultTolerant {
                 self.held.rate = *command;
                 if ticks[2] > 0.5 {
                     let spin = if broken.yaw_free() { state.angular_velocity[2] } else { 0.0 };
-                    let [f, x, y, z] = spinning_wrench(&self.model, state, command, spin, broken.lag);
+                    let turn = scale(spin, broken.axis(spin));
+                    let [f, x, y, z] = spinning_wrench(&self.model, state, command, turn, broken.lag);
                     broken.allocator.solve(&[0.0, 0.0, f, x, y, z.clamp(-broken.yaw, broken.yaw)]);
                     self.held.rotors = broken.actions();
                 }
@@ -196,21 +210,31 @@ impl FaultTolerant {
         self.held.rotors
     }
 
-    /// Turns the thrust towards the wanted direction the short way; see the [module](self).
-    fn rate_of_direction(&self, command: &AttitudeCommand<f64>, attitude: Quat<f64>) -> RateCommand<f64> {
+    /// Turns the `axis` (body, z = 1) that the body spins about towards the wanted direction the short way; see the [module](self).
+    fn rate_of_direction(
+        &self,
+        command: &AttitudeCommand<f64>,
+        attitude: Quat<f64>,
+        axis: Vec3<f64>,
+        spin: f64,
+    ) -> RateCommand<f64> {
         let to_body = mat_mul(transpose(matrix(attitude)), command.attitude);
         let s = [to_body[0][2], to_body[1][2], to_body[2][2]];
+        let length = dot(axis, axis).sqrt();
+        let along = dot(s, axis) / length;
+        let away = scale(length.recip(), cross(s, axis));
         // beyond 90° the sine of the angle would fade
-        let grow = if s[2] < 0.0 { s[0].hypot(s[1]).max(1e-6).recip() } else { 1.0 };
-        let error = [grow * s[1], -grow * s[0]];
+        let grow = if along < 0.0 { dot(away, away).sqrt().max(1e-6).recip() } else { 1.0 };
         let untwisted = |turn: Vec3<f64>| mat_vec(to_body, [turn[0], turn[1], 0.0]);
-        let mut rate = untwisted(command.angular_velocity);
+        let mut rate = add(untwisted(command.angular_velocity), scale(spin, axis));
         for i in 0..2 {
-            rate[i] -= self.model.gains.attitude[i] / self.model.gains.rate[i] * error[i];
+            rate[i] -= self.model.gains.attitude[i] / self.model.gains.rate[i] * grow * away[i];
         }
         rate[2] = 0.0;
+        // the force asked for is carried by the mean of a thrust that turns around the axis
+        let mean = if s[2] > 0.2 { (length * along / s[2]).clamp(0.5, 2.0) } else { 1.0 };
         RateCommand {
-            thrust: command.thrust,
+            thrust: command.thrust * mean,
             angular_velocity: rate,
             angular_acceleration: untwisted(command.angular_acceleration),
         }
@@ -249,21 +273,22 @@ impl Controller for FaultTolerant {
     }
 }
 
-/// [F_z, M_x, M_y, M_z] of the rate level for commands that are steady in the world while the body spins, led by the
-/// motors' lag.
+/// [F_z, M_x, M_y, M_z] of the rate level for commands that are steady in the world while the body turns at `turn`, led by the
+/// motors' lag; what the turn itself needs is steady in the body.
 fn spinning_wrench(
     model: &CascadeModel<f64, MAX_ROTORS>,
     state: &Kinematics<f64>,
     command: &RateCommand<f64>,
-    spin: f64,
+    turn: Vec3<f64>,
     lag: f64,
 ) -> [f64; 4] {
-    let w = state.angular_velocity;
+    let (spin, beside) = (turn[2], sub(state.angular_velocity, turn));
     let mut command = *command;
-    command.angular_acceleration = add(command.angular_acceleration, [spin * w[1], -spin * w[0], 0.0]);
+    command.angular_acceleration = add(command.angular_acceleration, [spin * beside[1], -spin * beside[0], 0.0]);
     let [f, x, y, z] = model.wrench(state, &command);
+    let steady = cross(turn, mat_vec(model.body.inertia, turn));
     let lead = lag * spin;
-    [f, x + lead * y, y - lead * x, z]
+    [f, x + lead * (y - steady[1]), y - lead * (x - steady[0]), z]
 }
 
 /// Horizontal position and velocity gains no faster than [`SEPARATION`] allows beside the attitude loop ω = √(K_R/J):

@@ -135,7 +135,10 @@ fn losses_end_as_the_textbooks_say() {
     for vehicle in vehicles::all() {
         let table = FailureTable::of(&vehicle).unwrap();
         assert_eq!(table.whole.capability, Capability::Full, "{}", vehicle.name);
+        let strength = vehicle.max_thrust() / hover(&vehicle)[2];
         let expected = match vehicle.n_rotor() {
+            // two rotors carry it, or the one across from the lost one half of it: twice the share of the weight either way
+            4 if strength > 2.5 => Some(Capability::Spinning),
             4 => Some(Capability::None),
             12 => Some(Capability::Full),
             _ => None,
@@ -146,7 +149,7 @@ fn losses_end_as_the_textbooks_say() {
         }
     }
     let firefly = FailureTable::of(&vehicles::by_name("firefly").unwrap()).unwrap();
-    assert_eq!(FailureTable::counts(&firefly.single), [0, 6, 0]);
+    assert_eq!(FailureTable::counts(&firefly.single), [0, 6, 0, 0]);
 }
 
 #[test]
@@ -331,6 +334,11 @@ fn a_hundred_disturbed_starts_survive_the_loss_of_a_rotor() {
     assert!(back == 100 && worst.height < 3.0, "{worst:?}");
 }
 
+/// Whether it holds thrust, roll and pitch at rest.
+fn holds(left: &Assessment) -> bool {
+    matches!(left.capability, Capability::Full | Capability::YawSacrificed)
+}
+
 #[test]
 fn every_vehicle_flies_after_every_loss_that_leaves_it_capable() {
     // measured, worst of single and double losses: firefly 0.034 m in height, 0.033 m across, 2.6°, neo11 0.036 m, 0.120 m,
@@ -338,7 +346,7 @@ fn every_vehicle_flies_after_every_loss_that_leaves_it_capable() {
     for vehicle in vehicles::all() {
         let table = FailureTable::of(&vehicle).unwrap();
         let mut worst = Worst::none();
-        for a in table.single.iter().chain(&table.double).filter(|a| a.capability != Capability::None) {
+        for a in table.single.iter().chain(&table.double).filter(|a| holds(a)) {
             let failures = a.broken().into_iter().map(|rotor| RotorFailure::lost(rotor, 1.0)).collect();
             let flight = flown(&vehicle, &hovering(failures));
             let one = Worst::of(&flight);
@@ -379,7 +387,7 @@ fn a_quadrotor_with_a_rotor_at_sixty_per_cent_flies_where_that_carries_it() {
             let mut health = [1.0; 4];
             health[rotor] = 0.6;
             let left = Assessment::of(&vehicle, &health).unwrap();
-            if left.capability == Capability::None {
+            if !holds(&left) {
                 println!("{} {rotor}: cannot hover", vehicle.name);
                 continue;
             }
@@ -410,7 +418,7 @@ fn the_square_is_flown_on_without_any_rotor_whose_loss_leaves_a_vehicle_capable(
     // 0.010 m, 0.022 m, 16.2°
     for vehicle in vehicles::all() {
         let table = FailureTable::of(&vehicle).unwrap();
-        for rotor in (0..vehicle.n_rotor()).filter(|i| table.single[*i].capability != Capability::None) {
+        for rotor in (0..vehicle.n_rotor()).filter(|i| holds(&table.single[*i])) {
             let failures = vec![RotorFailure::lost(rotor, 3.0)];
             let plan = FlightPlan { reference: reference.clone(), failures, ..Default::default() };
             let worst = Worst::of(&flown(&vehicle, &plan));
@@ -497,6 +505,27 @@ fn the_thrust_is_steered_while_the_body_spins() {
         println!("{spin} rad/s: {worst:.3?}, {last:.2} rad/s after 20 s");
         assert!(worst.is_kept() && worst.across < 0.55, "{spin} rad/s: {worst:?}");
     }
+}
+
+#[test]
+fn a_quadrotor_flies_on_three_rotors() {
+    let vehicle = vehicles::by_name("hummingbird").unwrap();
+    for rotor in 0..4 {
+        let flight = flown(&vehicle, &hovering(vec![RotorFailure::lost(rotor, 1.0)]));
+        let (worst, left) = (Worst::of(&flight), flight.log.error_norm());
+        let (last, lap) = (*left.last().unwrap(), flight.log.angular_velocity.last().unwrap()[2]);
+        println!("without {rotor}: {worst:.3?}, at last {last:.4} m off, {lap:.2} rad/s");
+        // measured: 0.78 m in height and 1.08 m across while it gathers its rate, 41°; 9 mm off at last, at 15.9 rad/s
+        assert!(worst.height < 1.0 && worst.across < 1.5 && worst.tilt < 50.0, "without {rotor}: {worst:?}");
+        assert!(last < 0.02 && (lap.abs() - 15.9).abs() < 0.5, "without {rotor}: {last} m, {lap} rad/s");
+    }
+}
+
+#[test]
+fn a_quadrotor_on_three_rotors_comes_back_from_disturbed_starts() {
+    let (worst, _, back) = hundred(&vehicles::by_name("hummingbird").unwrap(), 1.0, 0.05);
+    // measured: all, having lost 3.8 m of height and gone 2.3 m aside at most
+    assert!(back >= 98 && worst.height < 6.0, "{back} of 100, {worst:?}");
 }
 
 #[test]

@@ -1,8 +1,10 @@
 //! Steady flights: closed forms, and flights that stay as they are.
 
 use omnidrones::autodiff::System;
-use omnidrones::controllers::design::{TrimTarget, trim};
-use omnidrones::dynamics::spatial::to_euler;
+use omnidrones::controllers::Assessment;
+use omnidrones::controllers::allocation::failure::hover;
+use omnidrones::controllers::design::{TrimTarget, trim, trim_spin};
+use omnidrones::dynamics::spatial::{from_euler, multiply, rotate, to_euler};
 use omnidrones::dynamics::{Disturbance, Effects, Physics, Plant, configurations, vehicles};
 
 fn rigid(name: &str) -> Plant {
@@ -97,4 +99,33 @@ fn a_vehicle_with_tilting_rotors_hovers_tilted_and_a_quadrotor_does_not() {
     assert!(drift(&plant, &found.state, &found.input) < 1e-6);
     let refused = trim(&rigid("hummingbird"), &tilted).unwrap_err().to_string();
     assert!(refused.contains("trim of hummingbird") && refused.contains("less tilt"), "{refused}");
+}
+
+#[test]
+fn a_quadrotor_on_three_rotors_has_a_steady_turn_that_mueller_and_dandrea_describe() {
+    let vehicle = vehicles::by_name("hummingbird").unwrap();
+    for lost in 0..4 {
+        let mut health = [1.0; 4];
+        health[lost] = 0.0;
+        let spin = Assessment::of(&vehicle, &health).unwrap().spin.unwrap();
+        let plant = rigid("hummingbird").damaged(&health).unwrap();
+        let found = trim_spin(&plant, &spin).unwrap();
+        let x = &found.state;
+        let turn = rotate([x[6], x[7], x[8], x[9]], [x[10], x[11], x[12]]);
+        let thrust: Vec<f64> = (0..4).map(|i| vehicle.rotors[i].thrust_coefficient * x[13 + i] * x[13 + i]).collect();
+        // the thrust turns around the vertical: its mean carries the weight, but for drag
+        let up = rotate([x[6], x[7], x[8], x[9]], [0.0, 0.0, 1.0])[2];
+        let carried = thrust.iter().sum::<f64>() * up / hover(&vehicle)[2];
+        let (mut next, mut left) = (vec![0.0; x.len()], 0.0_f64);
+        plant.step(x, &found.input, &[], &mut next);
+        let back = from_euler(0.0, 0.0, -turn[2] * plant.physics().dt);
+        let velocity = rotate(back, [next[3], next[4], next[5]]);
+        let attitude = multiply(back, [next[6], next[7], next[8], next[9]]);
+        (0..3).for_each(|k| left = left.max((velocity[k] - x[3 + k]).abs()).max((next[10 + k] - x[10 + k]).abs()));
+        (0..4).for_each(|k| left = left.max((attitude[k] - x[6 + k]).abs()));
+        println!("without {lost}: {turn:.2?} rad/s, {thrust:.3?} N carry {carried:.4}, a step leaves {left:.1e}");
+        assert!(found.residual < 1e-8 && found.limited.is_empty() && left < 1e-10, "{found:?}");
+        assert!(turn[0].hypot(turn[1]) < 1e-6 * turn[2].abs() && (carried - 1.0).abs() < 0.01, "{turn:?} {carried}");
+        assert!(thrust[lost] < 1e-3 && thrust[(lost + 2) % 4] > 0.1, "{thrust:?}");
+    }
 }

@@ -209,6 +209,13 @@ fn explanation(left: &Assessment) -> String {
             newtons(four),
             four.weakest()
         ),
+        Capability::Spinning => left.spin.as_ref().map_or_else(String::new, |spin| {
+            format!(
+                "it spins at {} rad/s about an axis {}° from its thrust, and flies on as it does",
+                number(spin.rate.abs(), 1),
+                number(spin.axis[2].acos().to_degrees(), 0)
+            )
+        }),
         Capability::None => format!(
             "hover is {} outside the limits of thrust, roll and pitch ({})",
             newtons_of(-three.margin.distance),
@@ -236,7 +243,7 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
         ("nearest limit", Align::Left),
     ]);
     let mut row = |name: String, a: &Assessment| {
-        let deciding = if a.capability == Capability::None { &a.without_yaw } else { &a.steered };
+        let deciding = if a.spin.is_some() || a.capability == Capability::None { &a.without_yaw } else { &a.steered };
         rows.row([
             name,
             a.capability.name().to_string(),

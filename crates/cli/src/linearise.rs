@@ -2,11 +2,13 @@
 
 use super::arguments::{FlightArguments, VehicleArguments};
 use super::design::modes_table;
+use super::failure::named;
 use super::page::{Fact, Page, short};
 use super::{Report, files, robot, source};
-use omnidrones::controllers::design::{ErrorState, TrimTarget, trim};
+use omnidrones::controllers::design::{ErrorState, Trim, TrimTarget, trim, trim_spin};
 use omnidrones::controllers::linear::{Mode, modes, unobservable, unreachable};
-use omnidrones::dynamics::{Disturbance, Plant};
+use omnidrones::controllers::{Assessment, RotorFailure};
+use omnidrones::dynamics::{Disturbance, Physics, Plant, Vehicle};
 use omnidrones::error::{Error, Result};
 use serde_json::json;
 use std::f64::consts::PI;
@@ -25,6 +27,7 @@ Examples:
   omnidrones linearise firefly --velocity 5,0,0 --yaw-rate 0.5  a turn
   omnidrones linearise payload                                  a drone with a load
   omnidrones linearise omav_tilting --roll 20                   leaning, in place
+  omnidrones linearise hummingbird --fail 2                     on three rotors, spinning
 
 Files: --save writes A, B, C, D of one step with the names and units of all signals (.json), or as one table (.csv); with \
 --continuous those of dx/dt that give this step between held inputs.
@@ -69,6 +72,9 @@ pub struct Arguments {
     /// Pitch to hold [degrees]; found where it is not given
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = "Steady flight")]
     pitch: Option<f64>,
+    /// Without this rotor, or with a share of it (1:0.6); what must spin to stay up is found in its turn, in place
+    #[arg(long, value_name = "ROTOR[:SHARE]", help_heading = "Steady flight")]
+    fail: Option<String>,
     /// Of dx/dt in place of one step
     #[arg(long, help_heading = "Output")]
     continuous: bool,
@@ -86,12 +92,36 @@ pub struct Arguments {
 impl Arguments {
     fn target(&self) -> Result<TrimTarget> {
         let velocity = match self.velocity.as_deref() {
-            None => [0.0; 3],
-            Some(&[x, y, z]) => [x, y, z],
+            None => [Some(0.0); 3],
+            Some(&[x, y, z]) => [x, y, z].map(Some),
             Some(other) => return Err(Error::value("--velocity", format!("{other:?}"), "three numbers", "As 5,0,0.")),
         };
         let tilt = [self.roll, self.pitch].map(|angle| angle.map(|a| a * PI / 180.0));
         Ok(TrimTarget { velocity, yaw_rate: self.yaw_rate, tilt, air: Disturbance::none() })
+    }
+
+    /// With the rotor that failed, if one did.
+    fn steady_flight(&self, vehicle: &Vehicle, physics: Physics) -> Result<(Plant, Trim)> {
+        let (plant, target) = (Plant::of_vehicle(vehicle, physics)?, self.target()?);
+        let Some(fail) = &self.fail else {
+            let found = trim(&plant, &target)?;
+            return Ok((plant, found));
+        };
+        let names: Vec<String> = vehicle.rotors.iter().map(|r| r.name.clone()).collect();
+        let (rotor, share) = named(fail, &names)?;
+        RotorFailure { rotor, at: 0.0, effectiveness: share }.validate(names.len())?;
+        let mut health = vec![1.0; names.len()];
+        health[rotor] = share;
+        let (plant, left) = (plant.damaged(&health)?, Assessment::of(vehicle, &health)?);
+        let found = match &left.spin {
+            None => trim(&plant, &target)?,
+            Some(spin) if target == TrimTarget::hover() => trim_spin(&plant, spin)?,
+            Some(_) => {
+                let remedy = "Leave out --velocity, --yaw-rate, --roll and --pitch.";
+                return Err(Error::value("--fail", fail, "a turn in place: it must spin to stay up", remedy));
+            }
+        };
+        Ok((plant, found))
     }
 }
 
@@ -109,14 +139,26 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let save = files::model_file(a.save.as_deref(), a.force)?;
     let physics = a.flight.physics();
-    let plant = match robot::configuration(&a.vehicle) {
-        Some(_) => Plant::of_model(&robot::load(&a.vehicle, &a.rotors)?.model, physics)?,
-        None => {
+    let (plant, found) = match (robot::configuration(&a.vehicle), &a.fail) {
+        (Some(_), None) => {
+            let plant = Plant::of_model(&robot::load(&a.vehicle, &a.rotors)?.model, physics)?;
+            let found = trim(&plant, &a.target()?)?;
+            (plant, found)
+        }
+        (Some(_), Some(fail)) => {
+            return Err(Error::value(
+                "--fail",
+                fail,
+                "a rotor of a vehicle",
+                "Rotors of configurations are not lost here.",
+            ));
+        }
+        (None, _) => {
             robot::known(&a.vehicle)?;
-            Plant::of_vehicle(&source::load(Some(&a.vehicle), &a.rotors)?.vehicle, physics)?
+            let vehicle = source::load(Some(&a.vehicle), &a.rotors)?.vehicle;
+            a.steady_flight(&vehicle, physics)?
         }
     };
-    let found = trim(&plant, &a.target()?)?;
     let step = ErrorState::of_plant(&plant)?.state_space(&plant, &found.state, &found.input)?;
     let (modes, hidden): (Vec<Mode>, usize) = (modes(&step)?, unreachable(&step, 1e-9)?.len());
     let unseen = unobservable(&step, 1e-9)?.len();

@@ -2,8 +2,8 @@
 //!
 //! A rotor that has lost effectiveness 1 − e has the upper bound e T_max; the geometry keeps its column. Hover is asked
 //! for in the rows thrust, roll, pitch and yaw, then without yaw, which is the axis to give up first: a vehicle that
-//! turns about its thrust still holds its place (Mueller and D'Andrea 2014). One that needs to tumble or spin *in order*
-//! to fly (a quadrotor on three rotors, after the same source) is outside this static analysis and counts as lost.
+//! turns about its thrust still holds its place (Mueller and D'Andrea 2014). One that must spin *in order* to fly (a quadrotor on
+//! three rotors, after the same source) is asked for a [`Spin`] that carries it.
 //!
 //! Where the margin with yaw is negative, hover leaves a yaw moment, and the vehicle spins up until drag holds it; how
 //! fast is not part of the analysis.
@@ -11,6 +11,7 @@
 use super::attainable_wrench::{AttainableWrenches, WrenchMargin};
 use super::geometry::Axis;
 use super::problem::{Problem, WRENCH};
+use super::spin::Spin;
 pub use crate::dynamics::plant::damaged;
 use crate::dynamics::{GRAVITY, Vehicle};
 use crate::error::{Error, Result};
@@ -99,19 +100,22 @@ pub enum Capability {
     Full,
     /// Thrust, roll and pitch; it turns about its thrust.
     YawSacrificed,
+    /// Thrust, roll and pitch while it turns fast enough about an axis beside its thrust: [`Spin`].
+    Spinning,
     /// Not even those.
     None,
 }
 
 impl Capability {
     /// From the best down.
-    pub const ALL: [Self; 3] = [Self::Full, Self::YawSacrificed, Self::None];
+    pub const ALL: [Self; 4] = [Self::Full, Self::YawSacrificed, Self::Spinning, Self::None];
 
     /// For tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Full => "full control",
             Self::YawSacrificed => "yaw sacrificed",
+            Self::Spinning => "flies while it spins",
             Self::None => "cannot hover",
         }
     }
@@ -128,6 +132,8 @@ pub struct Assessment {
     pub steered: WrenchMargin,
     /// Hover over thrust, roll and pitch.
     pub without_yaw: WrenchMargin,
+    /// The turn that carries it where nothing else does.
+    pub spin: Option<Spin>,
     /// Most thrust along body z without roll and pitch moment, N; 0 where not even the weight is attainable.
     pub lift: f64,
 }
@@ -145,14 +151,18 @@ impl Assessment {
         let three = AttainableWrenches::of(&problem, &Axis::STEERED[..3])?;
         let without_yaw = WrenchMargin::within(&problem, &three, &hover)?;
         let more = three.farthest(&hover, &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
-        let enough = |reach: &WrenchMargin| reach.margin.distance > LEAST_MARGIN * weight;
+        let least = LEAST_MARGIN * weight;
+        let enough = |reach: &WrenchMargin| reach.margin.distance > least;
+        let inertia = vehicle.mass_properties().inertia;
+        let spin = if enough(&without_yaw) { None } else { Spin::of(&problem, &three, &hover, &inertia)? };
         let capability = match () {
             () if enough(&steered) => Capability::Full,
             () if enough(&without_yaw) => Capability::YawSacrificed,
+            () if spin.is_some() => Capability::Spinning,
             () => Capability::None,
         };
         let lift = more.map_or(0.0, |more| weight + more);
-        Ok(Self { health: health.to_vec(), capability, steered, without_yaw, lift })
+        Ok(Self { health: health.to_vec(), capability, steered, without_yaw, spin, lift })
     }
 
     /// Rotors that are not whole.
@@ -192,7 +202,7 @@ impl FailureTable {
     }
 
     /// How many losses of a list end in each of [`Capability::ALL`].
-    pub fn counts(losses: &[Assessment]) -> [usize; 3] {
+    pub fn counts(losses: &[Assessment]) -> [usize; 4] {
         Capability::ALL.map(|capability| losses.iter().filter(|a| a.capability == capability).count())
     }
 }

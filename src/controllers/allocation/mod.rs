@@ -18,6 +18,7 @@
 //! | [`gradient`], `variation` | exact derivatives of an answer with respect to every number |
 //! | [`attainable_wrench`] | how far a wrench lies inside what bounded inputs can deliver |
 //! | [`failure`] | what is left of a vehicle after each loss of a rotor |
+//! | `spin` | the steady turn that carries what cannot hover at rest |
 
 pub mod active_set;
 pub(crate) mod allocator;
@@ -35,6 +36,7 @@ pub mod prioritised;
 pub mod problem;
 pub mod pseudo_inverse;
 pub mod residual;
+pub(crate) mod spin;
 pub(crate) mod variation;
 
 pub use allocator::{AllocationSolution, Allocator, Counts, Reason, Settings, Solver};
@@ -49,4 +51,5 @@ pub use null_space::NullSpaceAllocator;
 pub use prioritised::{PrioritisedAllocator, PrioritisedCounts, PrioritisedSolution};
 pub use problem::{Affine, Cone, Problem, rate_window};
 pub use pseudo_inverse::{Mixer, allocate, allocate_yaw_last, thrust_to_command};
+pub use spin::Spin;
 pub use variation::{RowVariation, Variation};

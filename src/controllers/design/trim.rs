@@ -13,6 +13,8 @@
 
 use super::error_state::{ErrorState, quaternion};
 use crate::autodiff::{System, linearise};
+use crate::controllers::allocation::Spin;
+use crate::dynamics::rotor::{LEAST_THRUST, holding_action, thrust_action};
 use crate::dynamics::spatial::{conjugate, from_euler, multiply, rotate};
 use crate::dynamics::{Disturbance, Plant};
 use crate::error::{Error, Result};
@@ -26,8 +28,8 @@ const MOST: usize = 200;
 /// A steady flight that is asked for. The heading is 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrimTarget {
-    /// Velocity of every root along the axes that turn, m/s: forward, left, up.
-    pub velocity: [f64; 3],
+    /// Velocity of every root along the axes that turn, m/s: forward, left, up; what is not given is found.
+    pub velocity: [Option<f64>; 3],
     /// Rate about the vertical, rad/s.
     pub yaw_rate: f64,
     /// Roll and pitch of every root, rad; what is not given is found.
@@ -44,7 +46,7 @@ impl TrimTarget {
 
     /// Straight flight in still air.
     pub fn at_velocity(velocity: [f64; 3]) -> Self {
-        Self { velocity, yaw_rate: 0.0, tilt: [None; 2], air: Disturbance::none() }
+        Self { velocity: velocity.map(Some), yaw_rate: 0.0, tilt: [None; 2], air: Disturbance::none() }
     }
 }
 
@@ -70,9 +72,34 @@ pub fn trim(plant: &Plant, target: &TrimTarget) -> Result<Trim> {
     let state = plant.hover_state()?;
     let mut input = vec![0.0; plant.n_input()];
     for rotor in plant.rotor_places() {
-        input[rotor.action] = 2.0 * (state[rotor.speed] / rotor.max_speed).powi(2) - 1.0;
+        input[rotor.action] = holding_action(rotor.max_speed, state[rotor.speed]);
     }
     trim_from(plant, target, &state, &input)
+}
+
+/// The turn in place of a damaged vehicle that must spin to stay up, near the [`Spin`] of its assessment: its centre goes round a
+/// vertical axis, and all else stays as it is in axes that turn with it.
+///
+/// # Errors
+/// As [`trim`]; [`Error::Value`] unless there is one thrust per rotor of `plant`.
+pub fn trim_spin(plant: &Plant, spin: &Spin) -> Result<Trim> {
+    let rotors = plant.rotor_places();
+    if rotors.len() != spin.thrusts.len() {
+        let remedy = "Assess the vehicle that the plant is of.";
+        return Err(Error::value("trim: thrusts", spin.thrusts.len(), rotors.len().to_string(), remedy));
+    }
+    let (mut state, mut input) = (vec![0.0; plant.n_state()], vec![0.0; plant.n_input()]);
+    let [x, y, z] = spin.axis;
+    // the shortest turn from the axis to the vertical
+    let turn = [1.0 + z, y, -x, 0.0].map(|v| v / (2.0 + 2.0 * z).sqrt());
+    state[6..10].copy_from_slice(&turn);
+    (0..3).for_each(|k| state[10 + k] = spin.rate * spin.axis[k] / z);
+    for (rotor, (thrust, own)) in rotors.iter().zip(spin.thrusts.iter().zip(plant.rotors())) {
+        let share = (thrust / own.max_thrust().max(1e-12)).clamp(LEAST_THRUST, 1.0);
+        (state[rotor.speed], input[rotor.action]) = (share.sqrt() * rotor.max_speed, thrust_action(share));
+    }
+    let target = TrimTarget { velocity: [None, None, Some(0.0)], yaw_rate: spin.rate / z, ..TrimTarget::hover() };
+    trim_from(plant, &target, &state, &input)
 }
 
 /// The same from a state and an input near it.
@@ -82,7 +109,7 @@ pub fn trim(plant: &Plant, target: &TrimTarget) -> Result<Trim> {
 pub fn trim_from(plant: &Plant, target: &TrimTarget, state: &[f64], input: &[f64]) -> Result<Trim> {
     plant.check_state(state)?;
     crate::error::finite("trim: input", input)?;
-    let given = target.velocity.into_iter().chain(target.tilt.into_iter().flatten()).chain([target.yaw_rate]);
+    let given = target.velocity.into_iter().chain(target.tilt).flatten().chain([target.yaw_rate]);
     crate::error::finite("trim: target", &given.collect::<Vec<_>>())?;
     let search = Search::new(plant, target, state)?;
     let mut now = search.begin(state, input);
@@ -128,7 +155,9 @@ impl<'a> Search<'a> {
             units[errors.place(rotor.speed)] = rotor.max_speed;
         }
         let places: Vec<usize> = roots.iter().flat_map(|r| [0, 1, 2].map(|k| errors.place(r + k))).collect();
-        let fixed: Vec<usize> = places.iter().map(|place| place + 3).collect();
+        let given = |place: &(usize, &Option<f64>)| place.1.is_some();
+        let velocities = places.iter().map(|place| place + 3).zip(target.velocity.iter().cycle());
+        let fixed: Vec<usize> = velocities.filter(given).map(|(place, _)| place).collect();
         let still: Vec<(usize, f64)> =
             (0..errors.n_error()).filter(|i| !places.contains(i)).map(|i| (i, units[i])).collect();
         let free = still.iter().copied().filter(|(i, _)| !fixed.contains(i)).collect();
@@ -142,7 +171,8 @@ impl<'a> Search<'a> {
     fn begin(&self, state: &[f64], input: &[f64]) -> Point {
         let (mut state, mut input) = (state.to_vec(), input.to_vec());
         for root in &self.roots {
-            state[root + 3..root + 6].copy_from_slice(&self.target.velocity);
+            let velocity = state[root + 3..root + 6].iter_mut().zip(self.target.velocity);
+            velocity.for_each(|(own, given)| *own = given.unwrap_or(*own));
             if let [Some(roll), Some(pitch)] = self.target.tilt {
                 state[root + 6..root + 10].copy_from_slice(&from_euler(roll, pitch, 0.0));
             }
