@@ -44,9 +44,8 @@ pub(crate) trait Lanes: Scalar {
     fn rows_mut(block: &mut [[f32; BLOCK]], at: usize) -> StridedViewMut<'_, Self>;
     /// The registers of one row of a block, which may be that of several operands and of the result.
     fn cells(row: &Cell<[f32; BLOCK]>) -> &[Cell<Self>];
-    /// Runs a kernel as a machine function of its own, with these lanes: what it holds in registers is then decided for
-    /// it alone, whatever the caller does around it.
-    fn outlined<K: Kernel>(kernel: K) -> K::Output;
+    /// Runs a kernel with these lanes.
+    fn enter<K: Kernel>(kernel: K) -> K::Output;
 
     /// A register of `f64`: other numbers side by side than environments, in the roundings of plain `f64`.
     type Wide: Copy;
@@ -72,6 +71,16 @@ pub(crate) trait Kernel {
     type Output;
     /// Does it.
     fn run<L: Lanes>(self) -> Self::Output;
+    /// Does it as a machine function of its own: what it holds in registers is then decided for it alone, whatever the caller
+    /// does around it. The compiler puts it beside the type of the kernel, of a tuple beside the first: units of many files are
+    /// compiled side by side, where a function of this file would make one of all kernels.
+    #[inline(never)]
+    fn outlined<L: Lanes>(self) -> Self::Output
+    where
+        Self: Sized,
+    {
+        L::enter(self)
+    }
 }
 
 /// A function of one register of environments of a block. Mark [`run`](Self::run) and all that it calls
@@ -103,6 +112,8 @@ struct Register<S: Simd>(S::f32s);
 struct LaneMask<S: Simd>(S::m32s);
 
 /// Runs `kernel` with the widest instruction set of this processor.
+// `inline`, as the two below: kernels are then compiled with their callers, in many units, and not all of them here in one
+#[inline]
 pub(crate) fn dispatch<K: Kernel>(kernel: K) -> K::Output {
     arch().dispatch(Entry(kernel))
 }
@@ -114,11 +125,13 @@ fn arch() -> pulp::Arch {
 
 /// Runs `kernel` for the registers that hold the first `n` environments of a block, one after the other. The body is a
 /// function of its own: a loop around thousands of instructions takes the compiler twice as long and gains nothing.
+#[inline]
 pub(crate) fn each_register<K: RegisterKernel>(n: usize, kernel: K) {
     each_register_of(first_lanes(n), kernel);
 }
 
 /// As [`each_register`] for the registers that hold any of these environments: bit i stands for lane i.
+#[inline]
 pub(crate) fn each_register_of<K: RegisterKernel>(lanes: u64, mut kernel: K) {
     dispatch(EachRegister { lanes, kernel: &mut kernel });
 }
@@ -141,23 +154,19 @@ impl<K: RegisterKernel> Kernel for EachRegister<'_, K> {
         let mut at = 0;
         while at < BLOCK {
             if (self.lanes >> at) & own != 0 {
-                L::outlined(OneRegister { at, kernel: self.kernel });
+                (&mut *self.kernel, at).outlined::<L>();
             }
             at += L::WIDTH;
         }
     }
 }
 
-struct OneRegister<'a, K> {
-    at: usize,
-    kernel: &'a mut K,
-}
-
-impl<K: RegisterKernel> Kernel for OneRegister<'_, K> {
+/// One register, by its first lane.
+impl<K: RegisterKernel> Kernel for (&mut K, usize) {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        self.kernel.run::<L>(self.at);
+        self.0.run::<L>(self.1);
     }
 }
 
@@ -309,8 +318,8 @@ impl<S: Simd> Lanes for Register<S> {
         unsafe { std::slice::from_raw_parts(row.as_ptr().cast::<Cell<Self>>(), Self::registers(1)) }
     }
 
-    #[inline(never)]
-    fn outlined<K: Kernel>(kernel: K) -> K::Output {
+    #[inline(always)]
+    fn enter<K: Kernel>(kernel: K) -> K::Output {
         Simd::vectorize(token::<S>(), Entry(kernel))
     }
 

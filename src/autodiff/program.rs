@@ -446,10 +446,10 @@ impl Kernel for Evaluate<'_> {
             for first in (0..n).step_by(width) {
                 let (lanes, slots) = (first..n.min(first + width), cells);
                 match lanes.len().div_ceil(L::WIDTH) {
-                    2 => L::outlined(Straight::<2> { instructions, slots, lanes }),
-                    4 => L::outlined(Straight::<4> { instructions, slots, lanes }),
-                    8 => L::outlined(Straight::<8> { instructions, slots, lanes }),
-                    _ => L::outlined(Straight::<0> { instructions, slots, lanes }),
+                    2 => Straight::<2> { instructions, slots, lanes }.outlined::<L>(),
+                    4 => Straight::<4> { instructions, slots, lanes }.outlined::<L>(),
+                    8 => Straight::<8> { instructions, slots, lanes }.outlined::<L>(),
+                    _ => Straight::<0> { instructions, slots, lanes }.outlined::<L>(),
                 }
             }
             if k < program.calls.len() {
@@ -497,7 +497,7 @@ impl<const N: usize> Kernel for Straight<'_, N> {
                 Op::Select => each::<L>(slots, first, n, i, Op::Select),
                 Op::SelectLess => each::<L>(slots, first, n, i, Op::SelectLess),
                 // a twentieth of a program and most of the code: calls, so that the loop stays small
-                _ => L::outlined(Rare { slots, first, n, i }),
+                _ => Rare { slots, first, n, i }.outlined::<L>(),
             }
         }
     }

@@ -255,16 +255,16 @@ impl Kernel for Rows<'_> {
                 seed(&mut lanes[..n_row * width], first, width);
             }
             match width / L::WIDE {
-                1 => L::outlined(Pass::<1> { sweep, values, lanes }),
-                2 => L::outlined(Pass::<2> { sweep, values, lanes }),
-                3 => L::outlined(Pass::<3> { sweep, values, lanes }),
-                4 => L::outlined(Pass::<4> { sweep, values, lanes }),
-                5 => L::outlined(Pass::<5> { sweep, values, lanes }),
-                6 => L::outlined(Pass::<6> { sweep, values, lanes }),
-                7 => L::outlined(Pass::<7> { sweep, values, lanes }),
-                _ => L::outlined(Pass::<REGISTERS> { sweep, values, lanes }),
+                1 => Pass::<1> { sweep, values, lanes }.outlined::<L>(),
+                2 => Pass::<2> { sweep, values, lanes }.outlined::<L>(),
+                3 => Pass::<3> { sweep, values, lanes }.outlined::<L>(),
+                4 => Pass::<4> { sweep, values, lanes }.outlined::<L>(),
+                5 => Pass::<5> { sweep, values, lanes }.outlined::<L>(),
+                6 => Pass::<6> { sweep, values, lanes }.outlined::<L>(),
+                7 => Pass::<7> { sweep, values, lanes }.outlined::<L>(),
+                _ => Pass::<REGISTERS> { sweep, values, lanes }.outlined::<L>(),
             }
-            L::outlined(Columns { sweep, lanes: &lanes[n_row * width..], first, width, jacobian });
+            Columns { sweep, lanes: &lanes[n_row * width..], first, width, jacobian }.outlined::<L>();
             first += width;
         }
         for d in &sweep.direct {

@@ -278,6 +278,12 @@ fn names(plan: &TunePlan) -> String {
 /// Of the bounds of crash rates.
 const CONFIDENCE: f64 = 0.95;
 
+/// By how much the error fell, in words where one of them is of no flight that was kept.
+fn gained(before: &Evaluation, after: &Evaluation) -> String {
+    let share = 1.0 - after.rmse / before.rmse;
+    if share.is_finite() { format!("{:.1} %", 100.0 * share) } else { "by no number (all crashed)".into() }
+}
+
 fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
     let judged = |e: &Evaluation| {
         let count = if e.crashed == 0 { "no crash".to_string() } else { format!("{} crashed", e.crashed) };
@@ -300,8 +306,7 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
         Fact::new("held-out RMSE after", after).note(after_note),
         Fact::new("elsewhere before", elsewhere.0).note(elsewhere.1),
         Fact::new("elsewhere after", elsewhere_after.0).note(elsewhere_after.1),
-        Fact::new("improvement", format!("{:.1} %", 100.0 * (1.0 - tuning.after.rmse / tuning.before.rmse)))
-            .note("of the held-out RMSE"),
+        Fact::new("improvement", gained(&tuning.before, &tuning.after)).note("of the held-out RMSE"),
     ];
     if plan.plant_spread > 0.0 {
         let note = "mass, inertia and motor lag; held-out flights have plants of their own";
@@ -310,8 +315,8 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
     if let Some([first, last]) = &tuning.held_out {
         facts.push(
             Fact::new("held-out cells", format!("{} → {}", length(first.rmse), length(last.rmse))).note(format!(
-                "{:.1} % better in the mean; {}",
-                100.0 * (1.0 - last.rmse / first.rmse),
+                "{} better in the mean; {}",
+                gained(first, last),
                 judged(last).1
             )),
         );
@@ -412,11 +417,11 @@ fn figure(name: &str, tuning: &Tuning, gains: &Gains, before: &Flight, after: &F
     let (b, a) = (&tuning.before, &tuning.after);
     Figure::new(format!("{name}: gains tuned by gradients through closed-loop flights"))
         .subtitle(format!(
-            "RMSE on {} held-out starts: {} before, {} tuned ({:.1} % lower)   ·   worst {} before, {} tuned   ·   crashes {} before, {} tuned",
+            "RMSE on {} held-out starts: {} before, {} tuned ({} lower)   ·   worst {} before, {} tuned   ·   crashes {} before, {} tuned",
             a.n,
             length(b.rmse),
             length(a.rmse),
-            100.0 * (1.0 - a.rmse / b.rmse),
+            gained(b, a),
             length(b.worst),
             length(a.worst),
             b.crashed,

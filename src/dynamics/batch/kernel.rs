@@ -198,9 +198,9 @@ impl<const R: usize> Kernel for StepBlocks<'_, R> {
                 let block = &mut blocks[b];
                 // a constant lets the compiler leave out what is switched off
                 if effects == Effects::lean() {
-                    L::outlined(StepRegister::<R, true> { block, at, shared, effects, grid });
+                    StepRegister::<R, true> { block, at, shared, effects, grid }.outlined::<L>();
                 } else {
-                    L::outlined(StepRegister::<R, false> { block, at, shared, effects, grid });
+                    StepRegister::<R, false> { block, at, shared, effects, grid }.outlined::<L>();
                 }
                 at += L::WIDTH;
             }

@@ -94,10 +94,10 @@ impl Product<'_> {
             };
             match self.a {
                 Left::Rows(a, stride) => {
-                    L::outlined(RowTile::<M, N> { a: &a[i * stride..], stride, b, begin, c, k: self.k, n: self.n });
+                    RowTile::<M, N> { a: &a[i * stride..], stride, b, begin, c, k: self.k, n: self.n }.outlined::<L>();
                 }
                 Left::Columns(a, stride) => {
-                    L::outlined(ColumnTile::<M, N> { a: &a[i..], stride, b, begin, c, k: self.k, n: self.n });
+                    ColumnTile::<M, N> { a: &a[i..], stride, b, begin, c, k: self.k, n: self.n }.outlined::<L>();
                 }
             }
             i += M;

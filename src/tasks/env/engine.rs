@@ -35,59 +35,53 @@ pub(crate) trait Engine: Send + Sync {
     fn record(&self, setting: &Setting<'_>) -> Recording;
 }
 
-/// A task with what it says about itself.
-pub(crate) struct Typed<T> {
-    pub task: T,
-    pub task_spec: TaskSpec,
-}
-
-impl<T: Task> Engine for Typed<T> {
+/// A task with what it says about itself. A tuple, so that every task is compiled as a unit of its own: see [`Kernel::outlined`].
+///
+/// [`Kernel::outlined`]: crate::autodiff::lanes::Kernel::outlined
+impl<T: Task> Engine for (T, TaskSpec) {
     fn robot(&self) -> &Robot {
-        self.task.robot()
+        self.0.robot()
     }
     fn task_spec(&self) -> &TaskSpec {
-        &self.task_spec
+        &self.1
     }
     fn horizon(&self) -> usize {
-        self.task.horizon()
+        self.0.horizon()
     }
     fn n_agent(&self) -> usize {
-        self.task.n_agent()
+        self.0.n_agent()
     }
     fn start(&self, start: &mut Start<'_>) {
-        self.task.start(start);
+        self.0.start(start);
     }
     fn event(&self, start: &mut Start<'_>) {
-        self.task.event(start);
+        self.0.event(start);
     }
     fn reference(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference> {
         let (frames, speeds, task_state) = first_sight(core, state);
-        self.task.reference(&view(self.task.robot(), state, &frames, &speeds, goal, &task_state, 0.0, 0.0))
+        self.0.reference(&view(self.0.robot(), state, &frames, &speeds, goal, &task_state, 0.0, 0.0))
     }
     fn ideal(&self, core: &Core) -> Draft {
-        ideal(&self.task, core)
+        ideal(&self.0, core)
     }
     fn ideal_terms(&self, core: &Core) -> Vec<f64> {
-        ideal_terms(&self.task, core)
+        ideal_terms(&self.0, core)
     }
     fn evaluate_step(&self, core: &Core, block: &mut EnvBlock, work: &mut Workspace) {
         let (sizes, alive_row, most_loss) = (&core.sizes, core.plant.alive_row(), core.bounds.loss);
-        each_register(
-            block.plant.occupied,
-            EvaluateStep { task: &self.task, sizes, alive_row, most_loss, block, work },
-        );
+        each_register(block.plant.occupied, (&self.0, EvaluateStep { sizes, alive_row, most_loss, block, work }));
     }
     fn observe(&self, sizes: &Sizes, block: &EnvBlock, work: &mut Workspace, lanes: u64) {
         let lanes = lanes & first_lanes(block.plant.occupied);
-        each_register_of(lanes, Observe { task: &self.task, sizes, block, work });
+        each_register_of(lanes, (&self.0, Observe { sizes, block, work }));
     }
     fn disturb(&self, block: &mut EnvBlock, work: &Workspace, rows: &[usize]) {
-        each_register(block.plant.occupied, Disturb { task: &self.task, block, work, rows });
+        each_register(block.plant.occupied, (&self.0, Disturb { block, work, rows }));
     }
     fn record(&self, setting: &Setting<'_>) -> Recording {
         Recording::of(setting.layout.n_argument(), |z| {
             let mut y = vec![Trace::zero(); setting.layout.n_result()];
-            transition(&self.task, setting, z, &mut y);
+            transition(&self.0, setting, z, &mut y);
             y
         })
     }

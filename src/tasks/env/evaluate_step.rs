@@ -53,8 +53,7 @@ pub(crate) fn reason<S: Scalar, T: Task>(task: &T, view: &View<'_, S>, n_end: us
 }
 
 /// Time, task state, reward and ends.
-pub(crate) struct EvaluateStep<'a, T> {
-    pub task: &'a T,
+pub(crate) struct EvaluateStep<'a> {
     pub sizes: &'a Sizes,
     pub alive_row: usize,
     /// Of the training loss.
@@ -63,11 +62,11 @@ pub(crate) struct EvaluateStep<'a, T> {
     pub work: &'a mut Workspace,
 }
 
-impl<T: Task> RegisterKernel for EvaluateStep<'_, T> {
+impl<T: Task> RegisterKernel for (&T, EvaluateStep<'_>) {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
-        let Self { sizes, alive_row, block, work, .. } = self;
-        let task = self.task;
+        let (task, EvaluateStep { sizes, alive_row, most_loss, block, work }) = self;
+        let task = *task;
         let (robot, horizon) = (task.robot(), task.horizon() as f64);
         let (half, zero) = (L::constant(0.5), L::zero());
         let mut episode = L::rows_mut(&mut block.episode_state, at);
@@ -88,7 +87,7 @@ impl<T: Task> RegisterKernel for EvaluateStep<'_, T> {
         task.reward(&view, &mut L::rows_mut(&mut work.terms, at).writer(0));
         task.metrics(&view, &mut L::rows_mut(&mut work.metrics, at).writer(0));
         let mut success = task.success(&view);
-        let loss = loss_of(task, &view, self.most_loss);
+        let loss = loss_of(task, &view, *most_loss);
         let code = reason(task, &view, sizes.end);
 
         let alive = L::rows(&block.plant.rows, at).get(*alive_row);
@@ -152,20 +151,20 @@ pub(crate) fn observe<S: Scalar, T: Task>(
 }
 
 /// Observations before the transforms and central states.
-pub(crate) struct Observe<'a, T> {
-    pub task: &'a T,
+pub(crate) struct Observe<'a> {
     pub sizes: &'a Sizes,
     pub block: &'a EnvBlock,
     pub work: &'a mut Workspace,
 }
 
-impl<T: Task> RegisterKernel for Observe<'_, T> {
+impl<T: Task> RegisterKernel for (&T, Observe<'_>) {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
-        let (task, Workspace { raw, central, frames, speeds, .. }) = (self.task, &mut *self.work);
-        let view = view::<L>(task.robot(), task.horizon() as f64, self.block, frames, speeds, at);
-        observe(task, self.sizes, &view, &mut L::rows_mut(raw, at));
-        if self.sizes.central > 0 {
+        let (task, Observe { sizes, block, work }) = self;
+        let (task, Workspace { raw, central, frames, speeds, .. }) = (*task, &mut **work);
+        let view = view::<L>(task.robot(), task.horizon() as f64, block, frames, speeds, at);
+        observe(task, sizes, &view, &mut L::rows_mut(raw, at));
+        if sizes.central > 0 {
             task.central(&view, &mut L::rows_mut(central, at).writer(0));
         }
     }
@@ -188,25 +187,25 @@ pub(crate) fn disturbance<S: Scalar, T: Task>(
 }
 
 /// Disturbances of the coming step into the input rows.
-pub(crate) struct Disturb<'a, T> {
-    pub task: &'a T,
+pub(crate) struct Disturb<'a> {
     pub block: &'a mut EnvBlock,
     pub work: &'a Workspace,
     /// Rows of each tree's nine numbers.
     pub rows: &'a [usize],
 }
 
-impl<T: Task> RegisterKernel for Disturb<'_, T> {
+impl<T: Task> RegisterKernel for (&T, Disturb<'_>) {
     #[inline(always)]
     fn run<L: Lanes>(&mut self, at: usize) {
-        let horizon = self.task.horizon() as f64;
-        for tree in 0..self.rows.len() {
-            let view = view::<L>(self.task.robot(), horizon, self.block, &self.work.frames, &self.work.speeds, at);
-            let air = L::rows(&self.block.air, at);
-            let own = disturbance(self.task, &view, tree, &air, self.block.air.len());
-            let mut input = L::rows_mut(&mut self.block.plant.rows, at);
+        let (task, Disturb { block, work, rows }) = self;
+        let task = *task;
+        for tree in 0..rows.len() {
+            let view = view::<L>(task.robot(), task.horizon() as f64, block, &work.frames, &work.speeds, at);
+            let air = L::rows(&block.air, at);
+            let own = disturbance(task, &view, tree, &air, block.air.len());
+            let mut input = L::rows_mut(&mut block.plant.rows, at);
             for k in 0..9 {
-                input.set(self.rows[tree] + k, own[k]);
+                input.set(rows[tree] + k, own[k]);
             }
         }
     }

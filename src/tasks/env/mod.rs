@@ -59,7 +59,7 @@ use self::block::{EnvBlock, Sizes, Workspace};
 use self::buffers::Span;
 use self::control::{Control, LATCHED_PER_AGENT};
 use self::core::Core;
-use self::engine::{Engine, Typed};
+use self::engine::Engine;
 use self::gradient::BlockTape;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
 use self::residual::{Residual, check_reference};
@@ -139,7 +139,7 @@ impl Env {
                 return Err(Error::limit(format!("task {name}: {what}"), n, most, "Sum some of them."));
             }
         }
-        Self::of_engine(Box::new(Typed { task, task_spec }), name, config)
+        Self::of_engine(Box::new((task, task_spec)), name, config)
     }
 
     fn of_engine(engine: Box<dyn Engine>, name: &str, config: &EnvConfig) -> Result<Self> {
