@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from importlib.machinery import ModuleSpec
+from types import ModuleType
 
 
 class _Finder:
@@ -24,7 +25,7 @@ class _Finder:
             return spec
         execute = spec.loader.exec_module
 
-        def then_register(module: object) -> None:
+        def then_register(module: ModuleType) -> None:
             execute(module)
             importlib.import_module("omnidrones.gym")
 
@@ -37,4 +38,4 @@ def register() -> None:
     if "gymnasium" in sys.modules:
         from . import gym  # noqa: F401
     else:
-        sys.meta_path.insert(0, _Finder)  # type: ignore[arg-type]
+        sys.meta_path.insert(0, _Finder)

@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from . import _core
 from ._spec import Spec
 
-try:
-    from gymnasium.vector import AutoresetMode
-except ImportError:  # Gymnasium before 1.1 has environments one by one alone
-    AutoresetMode = None
+HAS_BATCHES = hasattr(gymnasium.vector, "AutoresetMode")
+"""Gymnasium before 1.1 has environments one by one alone."""
 
 NO_BOUND = 1e8
 """In place of an infinite bound, SI units: a simulation that comes there has exploded, and has ended long before."""
@@ -57,6 +55,7 @@ class Env(gymnasium.Env[NDArray[np.float32], Any]):
 
     def __init__(self, name: str, render_mode: None = None, **settings: Any) -> None:
         self.batch = _core.VecEnv(name, 1, autoreset="disabled", threads=1, ring=1, **settings)
+        self.observation_space: spaces.Space[Any]
         self.observation_space, self.action_space = team_spaces(self.batch.spec)
         self.render_mode = render_mode
         self._action = np.zeros((1, self.batch.spec.n_agent * self.batch.spec.n_action), np.float32)
@@ -92,7 +91,9 @@ class Env(gymnasium.Env[NDArray[np.float32], Any]):
             raise ClosedEnvironmentError("the environment is closed. Make a new one.")
 
 
-if AutoresetMode is not None:
+if HAS_BATCHES:
+    from gymnasium.vector import AutoresetMode
+
     _SETTING = {
         AutoresetMode.NEXT_STEP: "next_step",
         AutoresetMode.SAME_STEP: "same_step",
@@ -202,7 +203,7 @@ if AutoresetMode is not None:
 
 def register() -> None:
     """Ids of all tasks: "Hover-v0" and so on, for Gymnasium's `make` and `make_vec`."""
-    many = {"vector_entry_point": "omnidrones.gym:VectorEnv"} if AutoresetMode is not None else {}
+    many: dict[str, Any] = {"vector_entry_point": "omnidrones.gym:VectorEnv"} if HAS_BATCHES else {}
     for name in _core.tasks():
         id = f"{name}-v0"
         if id not in gymnasium.registry:

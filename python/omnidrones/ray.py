@@ -22,8 +22,7 @@ from . import _core
 Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
-@ray.remote(max_restarts=0)
-class _Worker:
+class _Shard:
     """One shard. Every call returns its rows and the state behind them, which is kept where the driver is."""
 
     def __init__(self, name: str, num_envs: int, settings: dict[str, Any], state: bytes | None) -> None:
@@ -54,6 +53,9 @@ class _Worker:
             rows["reward"][t], rows["terminated"][t], rows["truncated"][t] = step[1:4]
         rows["last_observation"] = env.observation.copy()
         return rows, env.save()
+
+
+_Worker: Any = ray.remote(max_restarts=0)(_Shard)
 
 
 class Shards:

@@ -34,7 +34,7 @@ class VecEnv(vec_env.VecEnv):
         seeds = self._seeds
         given = None if any(seed is None for seed in seeds) else seeds
         self._reset_seeds()
-        self.reset_infos = [{} for _ in range(self.num_envs)]
+        self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         return self.batch.reset(given).reshape(self.num_envs, -1).copy()
 
     def step_async(self, actions: NDArray[Any]) -> None:
