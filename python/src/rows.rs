@@ -3,11 +3,12 @@
 
 use bytemuck::cast_slice_mut;
 use numpy::{
-    Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyReadwriteArray1,
-    PyReadwriteArrayDyn, PyUntypedArray, PyUntypedArrayMethods,
+    BorrowError, Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
+    PyReadwriteArray1, PyReadwriteArrayDyn, PyUntypedArray, PyUntypedArrayMethods,
 };
 use omnidrones::tasks::{Spec, StepOut};
 use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PySlice, PyTuple};
 
@@ -78,7 +79,7 @@ fn fits(got: &[usize], wanted: &[usize]) -> bool {
 ///
 /// What is no NumPy array but says by DLPack where its numbers are, is taken for one: tensors on this machine's memory.
 pub fn read<'py, T: Number>(name: &str, given: &Bound<'py, PyAny>, shape: &[usize]) -> PyResult<Rows<'py, T>> {
-    if !given.is_instance_of::<PyUntypedArray>() && given.hasattr("__dlpack__")? {
+    if !given.is_instance_of::<PyUntypedArray>() && given.hasattr(intern!(given.py(), "__dlpack__"))? {
         let array = given.py().import("numpy")?.call_method1("from_dlpack", (given,))?;
         return read(name, &array, shape);
     }
@@ -96,13 +97,12 @@ pub fn read_or_none<'py, T: Number>(
 
 /// An argument to write.
 pub fn write<'py, T: Number>(name: &str, given: &Bound<'py, PyAny>, shape: &[usize]) -> PyResult<RowsMut<'py, T>> {
-    let array = checked::<T>(name, given, shape)?;
-    if !array.getattr("flags")?.getattr("writeable")?.is_truthy()? {
-        return Err(PyValueError::new_err(format!(
+    checked::<T>(name, given, shape)?.try_readwrite().map_err(|error| match error {
+        BorrowError::NotWriteable => PyValueError::new_err(format!(
             "{name} is read-only, but it is written to. Pass an array of your own, as {name}.copy()."
-        )));
-    }
-    array.try_readwrite().map_err(|_| shared(name))
+        )),
+        _ => shared(name),
+    })
 }
 
 /// An argument to write, nothing where it is left out.
@@ -117,7 +117,9 @@ pub fn write_or_none<'py, T: Number>(
 /// Flags to write: an array of bool, or of uint8.
 pub fn write_flags<'py>(name: &str, given: &Bound<'py, PyAny>, shape: &[usize]) -> PyResult<RowsMut<'py, u8>> {
     match given.cast::<PyArrayDyn<bool>>() {
-        Ok(flags) => write(name, &flags.call_method1("view", ("uint8",))?, shape),
+        Ok(flags) => {
+            write(name, &flags.call_method1(intern!(flags.py(), "view"), (intern!(flags.py(), "uint8"),))?, shape)
+        }
         Err(_) => write(name, given, shape),
     }
 }

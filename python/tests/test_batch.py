@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -217,6 +218,19 @@ def test_states_difficulty_and_statistics():
     assert env.breach(0) is None and env.safe_command.shape == (4,) and env.goals().shape[0] == 3
     with pytest.raises(ValueError, match="environment is 3"):
         env.breach(3)
+
+
+def test_a_step_allocates_nothing(hover, rng):
+    actions = near_hover(rng, hover)
+    for _ in range(10):
+        hover.step(actions)
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for _ in range(1000):
+        hover.step(actions)
+    now, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert now - before < 1000 and peak - before < 4000, (before, now, peak)
 
 
 def test_nothing_warns():

@@ -1,5 +1,6 @@
 """Ray: two workers give the bits of one batch, also where one of them is killed."""
 
+import sys
 import threading
 import time
 
@@ -28,6 +29,8 @@ class Linear:
 
 @pytest.fixture(scope="module", autouse=True)
 def cluster():
+    # workers do not see the folder of the tests
+    ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
     ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, configure_logging=False)
     yield
     ray.shutdown()
