@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from . import _core
-from ._spec import Spec
+from ._spec import Spec, Step
 
 HAS_BATCHES = hasattr(gymnasium.vector, "AutoresetMode")
 """Gymnasium before 1.1 has environments one by one alone."""
@@ -147,7 +147,8 @@ if HAS_BATCHES:
             self.action_space = batch_space(self.single_action_space, num_envs)
             self._action = np.zeros((num_envs, spec.n_agent * spec.n_action), np.float32)
             self._names = spec.info if info == "columns" else ()
-            self._told = {"_" + column: np.ones(num_envs, np.bool_) for column in self._names}
+            self._told: dict[str, Any] = {"_" + column: np.ones(num_envs, np.bool_) for column in self._names}
+            self._seen: list[tuple[Step, tuple[Any, ...]]] = []
             self._seeded = False
 
         def reset(
@@ -175,23 +176,38 @@ if HAS_BATCHES:
             if type(actions) is not np.ndarray or actions.dtype != np.float32 or not actions.flags.c_contiguous:
                 self._action[:] = np.asarray(actions).reshape(self._action.shape)
                 actions = self._action
-            observation, reward, terminated, truncated, info = self.batch.step(actions)
-            observation = observation.reshape(self.num_envs, -1)
-            reward = reward[:, 0]
+            observation, reward, terminated, truncated, final, info, infos = self._views(self.batch.step(actions))
             if self.copy:
-                observation, reward, info = observation.copy(), reward.copy(), info.copy()
+                observation, reward = observation.copy(), reward.copy()
                 terminated, truncated = terminated.copy(), truncated.copy()
-            infos: dict[str, Any] = dict(zip(self._names, info.T))
-            infos.update(self._told)
+                infos = self._told | dict(zip(self._names, info.copy()))
+            else:
+                infos = infos.copy()
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 over = terminated | truncated
                 if over.any():
-                    final = self.batch.final_observation.reshape(self.num_envs, -1)
-                    told = {name: infos[name] for name in self._names}
-                    told.update(dict.fromkeys(self._told, over))
+                    told = {name: infos[name] for name in self._names} | dict.fromkeys(self._told, over)
                     infos |= {"final_obs": final.copy() if self.copy else final, "_final_obs": over}
                     infos |= {"final_info": told, "_final_info": over}
             return observation, reward, terminated, truncated, infos
+
+        def _views(self, step: Step) -> tuple[Any, ...]:
+            """Arrays of a step as Gymnasium has them, made once for each of those that take turns."""
+            for kept, views in self._seen:
+                if kept is step:
+                    return views
+            info = step.info.T[: len(self._names)]
+            views = (
+                step.observation.reshape(self.num_envs, -1),
+                step.reward[:, 0],
+                step.terminated,
+                step.truncated,
+                self.batch.final_observation.reshape(self.num_envs, -1),
+                info,
+                self._told | dict(zip(self._names, info)),
+            )
+            self._seen.append((step, views))
+            return views
 
         def close_extras(self, **kwargs: Any) -> None:
             """Nothing is kept that Python does not free."""

@@ -236,7 +236,7 @@ FUNCTIONS = ["make", "Vehicle", "allocate", "fly", "linearise", "load_policy", "
 CALLS = int(os.environ.get("HYPOTHESIS_CALLS", "300"))
 _ENV = omnidrones.make("Hover", 8, seed=0, threads=1)
 _ENV.reset()
-REFUSED = (TypeError, ValueError, OverflowError, OSError, RecursionError, RuntimeError, BufferError, AttributeError)
+REFUSED = (TypeError, ValueError, OverflowError, OSError, RecursionError, RuntimeError, BufferError, AttributeError, Warning)
 
 
 @settings(max_examples=CALLS, deadline=None, suppress_health_check=list(HealthCheck), database=None)
