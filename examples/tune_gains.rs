@@ -6,12 +6,14 @@
 use omnidrones::controllers::design::{TunePlan, tune};
 use omnidrones::dynamics::vehicles;
 use omnidrones::error::Result;
+use std::ops::ControlFlow;
 
 fn main() -> Result<()> {
     let vehicle = vehicles::by_name("hummingbird")?;
     let plan = TunePlan { duration: 2.0, n_start: 16, n_held_out: 32, iterations: 12, ..TunePlan::default() };
     let tuning = tune(&vehicle, &vehicle.gains(), &plan, &mut |step| {
         println!("{:3}  RMSE {:.4} m  gradient {:.4} m", step.iteration, step.rmse, step.gradient_norm);
+        ControlFlow::Continue(()) // Break judges the gains so far
     })?;
     println!(
         "{} held-out starts: {:.4} -> {:.4} m ({:+.1} %), {} crashed",

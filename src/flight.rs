@@ -375,6 +375,18 @@ impl FlightLog {
         }
     }
 
+    /// The columns of the CSV by name, units in brackets.
+    pub fn columns(&self) -> Vec<(String, Vec<f64>)> {
+        let mut columns: Vec<_> =
+            self.csv_header().into_iter().map(|name| (name, Vec::with_capacity(self.len()))).collect();
+        let mut row = Vec::new();
+        for i in 0..self.len() {
+            self.csv_row(i, &mut row);
+            columns.iter_mut().zip(&row).for_each(|((_, column), x)| column.push(*x));
+        }
+        columns
+    }
+
     /// Writes the log as CSV: one header line with units, one line per sample, numbers that read back to the same bits
     /// (`NaN`, `inf`, `-inf` where not finite). The file appears whole or not at all.
     pub fn write_csv(&self, path: impl AsRef<std::path::Path>) -> Result<()> {

@@ -4,6 +4,7 @@ use omnidrones::controllers::Rates;
 use omnidrones::controllers::design::{FlightGrid, GridCell, MarginGate, TunePlan, tune};
 use omnidrones::dynamics::{Physics, vehicles};
 use omnidrones::parallel::Threads;
+use std::ops::ControlFlow;
 
 #[test]
 fn tuned_gains_beat_the_published_ones_by_fifteen_percent_on_held_out_starts_without_a_crash() {
@@ -11,7 +12,7 @@ fn tuned_gains_beat_the_published_ones_by_fifteen_percent_on_held_out_starts_wit
     for name in ["hummingbird", "firefly"] {
         let vehicle = vehicles::by_name(name).unwrap();
         let published = vehicle.published_gains.unwrap();
-        let tuning = tune(&vehicle, &published, &TunePlan::default(), &mut |_| {}).unwrap();
+        let tuning = tune(&vehicle, &published, &TunePlan::default(), &mut |_| ControlFlow::Continue(())).unwrap();
         println!("{name}: {:?} → {:?}", tuning.before, tuning.after);
         assert_eq!((tuning.before.n, tuning.after.n), (256, 256));
         assert_eq!((tuning.before.crashed, tuning.after.crashed), (0, 0));
@@ -24,11 +25,11 @@ fn tuned_gains_beat_the_published_ones_by_fifteen_percent_on_held_out_starts_wit
 fn tuning_repeats_bit_for_bit_and_says_what_it_cannot_tune() {
     let vehicle = vehicles::by_name("crazyflie").unwrap();
     let plan = TunePlan { n_start: 70, n_held_out: 8, iterations: 3, duration: 0.5, ..Default::default() };
-    let run = || tune(&vehicle, &vehicle.gains(), &plan, &mut |_| {}).unwrap();
+    let run = || tune(&vehicle, &vehicle.gains(), &plan, &mut |_| ControlFlow::Continue(())).unwrap();
     assert_eq!(run(), run());
     let mut gains = vehicle.gains();
     gains.position[1] = 0.0;
-    let text = tune(&vehicle, &gains, &plan, &mut |_| {}).unwrap_err().to_string();
+    let text = tune(&vehicle, &gains, &plan, &mut |_| ControlFlow::Continue(())).unwrap_err().to_string();
     assert!(text.contains("gain 1") && text.contains("> 0"), "{text}");
 }
 
@@ -40,7 +41,7 @@ fn short() -> TunePlan {
 #[test]
 fn tuning_for_error_alone_fails_the_gate_and_says_which_margins_fell() {
     let vehicle = vehicles::by_name("hummingbird").unwrap();
-    let tuning = tune(&vehicle, &vehicle.gains(), &short(), &mut |_| {}).unwrap();
+    let tuning = tune(&vehicle, &vehicle.gains(), &short(), &mut |_| ControlFlow::Continue(())).unwrap();
     let judged = MarginGate::default().judge(
         &vehicle,
         &tuning.gains,
@@ -67,7 +68,7 @@ fn tuning_for_error_alone_fails_the_gate_and_says_which_margins_fell() {
 fn with_gate(name: &str, plan: TunePlan) -> [f64; 3] {
     let vehicle = vehicles::by_name(name).unwrap();
     let clock = std::time::Instant::now();
-    let tuning = tune(&vehicle, &vehicle.derived_gains(), &plan, &mut |_| {}).unwrap();
+    let tuning = tune(&vehicle, &vehicle.derived_gains(), &plan, &mut |_| ControlFlow::Continue(())).unwrap();
     let [before, after] = tuning.judged.as_ref().unwrap();
     println!(
         "{name}: {:.4} → {:.4} m; least disk margin {:.3} → {:.3} at {:?}, delay {:.0} → {:.0} ms, in {:.0} s\n{:?}",
@@ -102,7 +103,7 @@ fn tuning_through_the_whole_gate_holds_margins_to_ten_metres_a_second() {
     let (vehicle, gate) = (vehicles::by_name(name).unwrap(), MarginGate::default());
     let plan =
         TunePlan { iterations: 20, n_held_out: 4, margins: Some(gate), ..on_a_grid(name, &FlightGrid::default()) };
-    let tuning = tune(&vehicle, &vehicle.derived_gains(), &plan, &mut |_| {}).unwrap();
+    let tuning = tune(&vehicle, &vehicle.derived_gains(), &plan, &mut |_| ControlFlow::Continue(())).unwrap();
     let [before, after] = tuning.held_out.unwrap();
     let [first, last] = tuning.judged.as_ref().unwrap();
     println!(
@@ -143,7 +144,7 @@ fn gains_tuned_on_half_of_a_grid_and_random_plants_are_better_on_the_other_half_
     let vehicle = vehicles::by_name("hummingbird").unwrap();
     let grid = FlightGrid { accelerations: vec![2.0, 6.0], speeds: vec![3.0, 6.0], ..FlightGrid::default() };
     let plan = TunePlan { n_start: 16, iterations: 10, duration: 1.5, ..on_a_grid("hummingbird", &grid) };
-    let run = || tune(&vehicle, &vehicle.gains(), &plan, &mut |_| {}).unwrap();
+    let run = || tune(&vehicle, &vehicle.gains(), &plan, &mut |_| ControlFlow::Continue(())).unwrap();
     let tuning = run();
     println!("{:?} → {:?}; held out {:?}", tuning.before, tuning.after, tuning.held_out);
     let [before, after] = tuning.held_out.unwrap();

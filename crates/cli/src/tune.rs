@@ -14,6 +14,7 @@ use omnidrones::error::{Error, Result};
 use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
 use serde_json::json;
 use std::fmt::Write;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -119,6 +120,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let tuning = tune(vehicle, &gains, &plan, &mut |step| {
         bar.set_position(step.iteration as u64 + 1);
         bar.set_message(format!("RMSE {}", length(step.rmse)));
+        ControlFlow::Continue(())
     })?;
     let wall_time = start.elapsed().as_secs_f64();
     bar.finish_and_clear();

@@ -26,6 +26,7 @@ use crate::dynamics::{Gains, Physics, Vehicle};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
 
 /// What to tune on, and for how long.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -221,12 +222,18 @@ impl Tuning {
     }
 }
 
-/// Tunes all gains of a vehicle's cascade from `gains`, those of integral action where it has some; `progress` sees each step.
+/// Tunes all gains of a vehicle's cascade from `gains`, those of integral action where it has some; `watch` sees each step, and
+/// may break behind it: the best gains so far are then judged.
 ///
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if vehicle, gains or plan are not valid; a gain of zero cannot be tuned, since
 /// steps are relative.
-pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dyn FnMut(&Iteration)) -> Result<Tuning> {
+pub fn tune(
+    vehicle: &Vehicle,
+    gains: &Gains,
+    plan: &TunePlan,
+    watch: &mut dyn FnMut(&Iteration) -> ControlFlow<()>,
+) -> Result<Tuning> {
     validate_gains(gains)?;
     let threads = Threads::default();
     let training = Training::new(vehicle, gains, plan)?;
@@ -240,8 +247,11 @@ pub fn tune(vehicle: &Vehicle, gains: &Gains, plan: &TunePlan, progress: &mut dy
         }
         let gradient_norm = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
         let step = Iteration { iteration, rmse, gradient_norm };
-        progress(&step);
+        let stopped = watch(&step).is_break();
         descent.step(step, &gradient);
+        if stopped {
+            break;
+        }
     }
     let tuned = match &constraint {
         None => gains_of(&descent.best),

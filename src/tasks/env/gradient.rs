@@ -336,12 +336,19 @@ impl Env {
         let mut z: Vec<f64> = slot.arguments.iter().map(|row| f64::from(row[lane])).collect();
         z[layout.action.clone()].copy_from_slice(action);
         z.extend(self.core.frozen.iter());
-        let n = layout.parameters.end;
-        let program = self.core.program(&layout)?;
-        let mut value = vec![0.0; layout.n_result()];
-        program.evaluate(&mut program.workspace(), &z, &mut value);
-        let matrix = derivatives(program, &z, n);
-        Ok(Jacobian { arguments: z, value, matrix, layout })
+        self.jacobian_at(&z)
+    }
+
+    /// As [`Env::jacobian`] where the arguments are given: along a rollout in `f64` through [`Env::evaluate`].
+    ///
+    /// # Errors
+    /// As [`Env::adjoint`]; [`Error::Value`] for another number of arguments.
+    pub fn jacobian_at(&self, arguments: &[f64]) -> Result<Jacobian> {
+        self.check_differentiable()?;
+        let value = self.evaluate(arguments)?;
+        let layout = self.layout();
+        let matrix = derivatives(self.core.program(&layout)?, arguments, layout.parameters.end);
+        Ok(Jacobian { arguments: arguments.to_vec(), value, matrix, layout })
     }
 
     /// The results of one step in `f64` for arguments as in [`Jacobian::arguments`]; [`Env::layout`] says what is where.

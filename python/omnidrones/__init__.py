@@ -1,0 +1,104 @@
+"""Batched drone environments with exact gradients, learners and control design, compiled from Rust.
+
+Needs NumPy alone; what adapts to other packages is imported when it is asked for:
+
+=====================  =============================================================
+`omnidrones.gym`       Gymnasium: `Env`, `VectorEnv`, ids such as "omnidrones:Hover-v0"
+`omnidrones.pettingzoo`  PettingZoo: `parallel_env`
+`omnidrones.sb3`       Stable-Baselines3: `VecEnv`
+`omnidrones.torchrl`   TorchRL: `Env`
+`omnidrones.torch`     PyTorch: gradients through steps
+`omnidrones.ray`       Ray: shards of a batch on many machines
+=====================  =============================================================
+
+>>> import omnidrones
+>>> env = omnidrones.make("Hover", 64, seed=0)
+>>> observation = env.reset()
+>>> step = env.step(env.sample(0))
+>>> step.reward.shape
+(64, 1)
+"""
+
+from __future__ import annotations
+
+from . import _when_gymnasium
+from ._core import (
+    Adjoint,
+    Allocation,
+    Controller,
+    Flight,
+    Jacobian,
+    Policy,
+    Progress,
+    Run,
+    StateSpace,
+    Sweep,
+    Tape,
+    Trim,
+    VecEnv,
+    Vehicle,
+    __version__,
+    allocate,
+    configurations,
+    evaluate,
+    fly,
+    linearise,
+    load_policy,
+    tasks,
+    train,
+    tune,
+    vehicles,
+)
+from ._spec import Field, Space, Spec, Step
+
+make = VecEnv
+
+__all__ = [
+    "Adjoint",
+    "Allocation",
+    "Controller",
+    "Field",
+    "Flight",
+    "Jacobian",
+    "Policy",
+    "Progress",
+    "Run",
+    "Space",
+    "Spec",
+    "StateSpace",
+    "Step",
+    "Sweep",
+    "Tape",
+    "Trim",
+    "VecEnv",
+    "Vehicle",
+    "__version__",
+    "allocate",
+    "configurations",
+    "evaluate",
+    "fly",
+    "linearise",
+    "load_policy",
+    "make",
+    "tasks",
+    "train",
+    "tune",
+    "vehicles",
+]
+
+_ADAPTERS = ("gym", "pettingzoo", "ray", "sb3", "torch", "torchrl")
+
+
+def __getattr__(name: str) -> object:
+    if name in _ADAPTERS:
+        import importlib
+
+        return importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *_ADAPTERS])
+
+
+_when_gymnasium.register()

@@ -1,0 +1,860 @@
+"""
+Compiled part of `omnidrones`.
+"""
+
+from _typeshed import SupportsGetItem, SupportsLenAndGetItem
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final, SupportsFloat, SupportsIndex, final
+
+__all__ = ["__version__", "Adjoint", "Allocation", "Controller", "Flight", "Jacobian", "Policy", "Progress", "Run", "StateSpace", "Sweep", "Tape", "Trim", "VecEnv", "Vehicle", "_restore", "_restore_policy", "allocate", "configurations", "evaluate", "fly", "linearise", "load_policy", "tasks", "train", "tune", "vehicles"]
+
+__version__: Final[str]
+
+@final
+class Adjoint:
+    """
+    The adjoint of one step of a task, compiled: `VecEnv.adjoint` makes it.
+    """
+    @property
+    def n_carried(self, /) -> int:
+        """
+        Numbers that go from step to step: physics, memory of the task, delay line, history.
+        """
+    def sweep(self, /, decay: SupportsFloat | SupportsIndex = 1.0, clip: SupportsFloat | SupportsIndex = ...) -> Sweep:
+        """
+        A sweep that begins behind any step of a tape, with nothing carried.
+
+        `decay` is a factor per step on what is carried, 1 the exact gradient; `clip` the largest norm of it, per environment.
+        """
+
+@final
+class Allocation:
+    """
+    Which rotor thrusts make a wrench.
+    """
+    @property
+    def delivered(self, /) -> Any:
+        """
+        The wrench that they make, float64 [6]: force (N), moment about the centre of mass (N m), body axes.
+        """
+    @property
+    def residual(self, /) -> float:
+        """
+        Largest violation of the optimality conditions, recomputed and scaled.
+        """
+    @property
+    def solved(self, /) -> bool:
+        """
+        Whether that is small enough to act on; if not, `thrust` is the preferred one within its limits.
+        """
+    @property
+    def thrust(self, /) -> Any:
+        """
+        float64 [rotor], N.
+        """
+
+@final
+class Controller:
+    """
+    The library's own controllers as a policy: what learners have to beat. One per environment in rotor mode, which sees the true
+    state; `controller(env)` gives actions [E, A, action].
+    """
+    def __call__(self, /, env: VecEnv) -> Any:
+        """
+        Actions of all agents for the state as it is, a new float32 array [E, A, action]. `reset` of an environment needs a new
+        controller, or `forget`.
+        """
+    def __new__(cls, /, env: VecEnv) -> Controller: ...
+    def forget(self, /, environment: SupportsIndex) -> None:
+        """
+        Makes a new controller for one environment at the next call: where an episode began.
+        """
+    @property
+    def name(self, /) -> str:
+        """
+        What flies, in one word.
+        """
+
+@final
+class Flight:
+    """
+    A flight: columns of what was, of what was wanted, of what the rotors did.
+    """
+    def __len__(self, /) -> int:
+        """
+        Samples.
+        """
+    def __repr__(self, /) -> str: ...
+    def columns(self, /) -> dict:
+        """
+        Columns by name with unit, new float64 arrays [sample], as in the files of the command line: what `pandas.DataFrame` takes.
+        """
+    @property
+    def diverged_at(self, /) -> float | None:
+        """
+        When the state exploded, s; None for a whole flight.
+        """
+    def states(self, /) -> Any:
+        """
+        The plant's state, a new float64 array [sample, state].
+        """
+    def summary(self, /, after: SupportsFloat | SupportsIndex = 2.0) -> dict:
+        """
+        Key figures by name from `after` (s) on: "rmse" and "max_error" (m), "max_speed" (m/s), "max_tilt" (rad), "saturation" (share of
+        rotor commands at a limit) and more. What does not exist is left out.
+        """
+    def write_csv(self, /, path: str | PathLike[str]) -> None:
+        """
+        Writes the columns as CSV; a file that is there is replaced.
+        """
+
+@final
+class Jacobian:
+    """
+    Exact derivatives of one step of one environment, float64.
+    """
+    @property
+    def arguments(self, /) -> Any:
+        """
+        What went into the step, [argument]: `layout` says what is where.
+        """
+    @property
+    def layout(self, /) -> dict:
+        """
+        Places by name, as slices: of arguments and results `state`, `task_state`, `line`, `history`; of arguments `action`,
+        `parameters`, `time`, `goal`, `next_goal`, `wind`, `noise`, `statistics`; of results `observation`, `central`, `reward`, `loss`.
+        """
+    @property
+    def matrix(self, /) -> Any:
+        """
+        Derivatives of the results by the arguments up to the parameters, [result, argument].
+        """
+    @property
+    def value(self, /) -> Any:
+        """
+        What came out of it, [result].
+        """
+
+@final
+class Policy:
+    """
+    What was learnt: a network over one agent's observation. Actions are the most likely ones.
+    """
+    def __call__(self, /, observation: Any, out: Any | None = None) -> Any:
+        """
+        Actions for observations: float32 arrays [..., observation] to [..., action].
+        """
+    def __reduce__(self, /) -> tuple[Any, tuple]:
+        """
+        Pickles hold parameters, statistics and settings.
+        """
+    def __repr__(self, /) -> str: ...
+    @property
+    def config(self, /) -> dict:
+        """
+        Settings of the environments that it was trained in: `make(policy.task, 1, config=policy.config)` shows what it expects.
+        """
+    def parameters(self, /) -> Any:
+        """
+        All parameters, a new float32 array: those of the network, then those of the distribution over its outputs.
+        """
+    @property
+    def task(self, /) -> str:
+        """
+        The task that it was trained for.
+        """
+    def weights(self, /) -> dict:
+        """
+        Weights by name, new float32 arrays: "0.weight" [out, in], "0.bias" [out], per layer, as PyTorch has them; "log_std" where
+        actions are continuous and drawn.
+        """
+
+@final
+class Progress:
+    """
+    How far a run is, after an update: what `watch` of `train` sees.
+    """
+    @property
+    def budget(self, /) -> int:
+        """
+        Updates after which it ends.
+        """
+    @property
+    def env_steps(self, /) -> int:
+        """
+        Steps of environments.
+        """
+    @property
+    def evaluation(self, /) -> dict | None:
+        """
+        The newest evaluation by name, or None.
+        """
+    @property
+    def line(self, /) -> dict | None:
+        """
+        The newest line of the log by name, or None.
+        """
+    @property
+    def loss(self, /) -> float:
+        """
+        What was minimised, before the update.
+        """
+    @property
+    def reward(self, /) -> float:
+        """
+        Mean reward of a step.
+        """
+    @property
+    def seconds(self, /) -> float:
+        """
+        Time spent training, s.
+        """
+    @property
+    def update(self, /) -> int:
+        """
+        Updates done.
+        """
+
+@final
+class Run:
+    """
+    What a training run came to.
+    """
+    def __repr__(self, /) -> str: ...
+    @property
+    def checkpoint(self, /) -> Path | None:
+        """
+        The newest checkpoint; None for a run without a folder.
+        """
+    @property
+    def curve(self, /) -> dict:
+        """
+        Columns of the log by name, float64 arrays [line]; what a line lacks is NaN.
+        """
+    @property
+    def env_steps(self, /) -> int:
+        """
+        Steps of environments.
+        """
+    @property
+    def evaluation(self, /) -> dict:
+        """
+        Of the policy, by name: "success", "return_mean", "crashed", "final_error".
+        """
+    @property
+    def policy(self, /) -> Policy:
+        """
+        Ready to fly.
+        """
+    @property
+    def seconds(self, /) -> float:
+        """
+        Time spent training, s, without evaluations.
+        """
+    @property
+    def stopped(self, /) -> bool:
+        """
+        Whether `watch` stopped it before its end.
+        """
+    @property
+    def updates(self, /) -> int:
+        """
+        Updates done.
+        """
+
+@final
+class StateSpace:
+    """
+    A linear system with named signals: x+ = A x + B u of every sample, or dx/dt where `dt` is None; y = C x + D u.
+    """
+    @property
+    def A(self, /) -> Any:
+        """
+        float64 [state, state].
+        """
+    @property
+    def B(self, /) -> Any:
+        """
+        float64 [state, input].
+        """
+    @property
+    def C(self, /) -> Any:
+        """
+        float64 [output, state].
+        """
+    @property
+    def D(self, /) -> Any:
+        """
+        float64 [output, input].
+        """
+    def __repr__(self, /) -> str: ...
+    def continuous(self, /) -> StateSpace:
+        """
+        The system in dx/dt whose Tustin equivalent this is: the same stability, margins and largest gain.
+        """
+    @property
+    def dt(self, /) -> float | None:
+        """
+        Of a sample, s; None for dx/dt.
+        """
+    @property
+    def inputs(self, /) -> list[str]:
+        """
+        Names with units.
+        """
+    @property
+    def outputs(self, /) -> list[str]:
+        """
+        Names with units.
+        """
+    @property
+    def states(self, /) -> list[str]:
+        """
+        Names with units.
+        """
+    def to_control(self, /) -> Any:
+        """
+        As `control.StateSpace` of python-control, with the names of all signals.
+        """
+    def to_scipy(self, /) -> Any:
+        """
+        As `scipy.signal.StateSpace`, without names.
+        """
+
+@final
+class Sweep:
+    """
+    A reverse sweep over a tape, step by step from the last to the first.
+    """
+    def add_carried(self, /, cotangents: Any) -> None:
+        """
+        Adds to what is carried, [E, carried], between pulls: the gradient of a cost on the state there.
+        """
+    def carried(self, /) -> Any:
+        """
+        Cotangents of what the environments carried into the last step pulled, a new array [E, carried]: physics first.
+        """
+    @property
+    def dropped(self, /) -> int:
+        """
+        Gradients that were not finite and became zero, environments times steps.
+        """
+    def parameters(self, /) -> Any:
+        """
+        Gradients by the physical numbers that differ between environments, summed over all steps pulled, a new array
+        [E, number]; no columns unless the adjoint was made with parameters.
+        """
+    def pull(self, /, tape: Tape, t: SupportsIndex, *, observation: Any | None = None, reward: Any | None = None, loss: Any | None = None, central: Any | None = None, final_observation: Any | None = None, final_central: Any | None = None, final_carried: Any | None = None, out: Any | None = None) -> Any:
+        """
+        Pulls cotangents back through step `t` of a tape and returns those of its actions, [E, A * command].
+
+        Cotangents are float32 arrays of what the step wrote: observation and final_observation [E, A, observation], central and
+        final_central [E, central], final_carried [E, carried], reward [E] (of the team's one), loss [E]. Those left out are zero. The
+        first step pulled may be any, then each is the one before.
+        """
+    def restart(self, /) -> None:
+        """
+        Begins again behind any step, with nothing carried.
+        """
+
+@final
+class Tape:
+    """
+    What `VecEnv.step_recorded` remembers of up to so many steps.
+    """
+    def __len__(self, /) -> int:
+        """
+        Steps recorded.
+        """
+    @property
+    def bytes(self, /) -> int:
+        """
+        Of memory.
+        """
+    def clear(self, /) -> None:
+        """
+        Forgets all steps and keeps the memory.
+        """
+    @property
+    def horizon(self, /) -> int:
+        """
+        Steps that fit.
+        """
+
+@final
+class Trim:
+    """
+    A steady flight and its exact linear model.
+    """
+    @property
+    def input(self, /) -> Any:
+        """
+        The plant's input, float64 [input].
+        """
+    @property
+    def limited(self, /) -> list[int]:
+        """
+        Places of inputs that stand at a limit.
+        """
+    @property
+    def model(self, /) -> StateSpace:
+        """
+        One step about it, of the error state: a rotation counts three numbers.
+        """
+    @property
+    def residual(self, /) -> float:
+        """
+        The largest rate of change that is left, SI.
+        """
+    @property
+    def state(self, /) -> Any:
+        """
+        The plant's state, float64 [state].
+        """
+
+@final
+class VecEnv:
+    """
+    Many environments of one task, stepped together: E environments of A agents.
+
+    Parameters
+    ----------
+    name : str
+        A task, as `omnidrones.tasks()` lists them; case does not matter.
+    num_envs : int, optional
+        E; 4096 unless `config` says otherwise.
+    config : dict or path or str, optional
+        Settings: a dict, a TOML file, or TOML itself (a text with `=`). Tables are merged over the task's own defaults.
+    seed : int, optional
+        Of all that is drawn, 0 to 2^64 - 1.
+    threads : int, optional
+        1 runs on the caller's; by default all cores are shared by all environments of the process. The bits do not depend on it.
+    ring : int
+        Sets of arrays that take turns: arrays of a step stay as they are for `ring - 1` further steps.
+    **settings
+        Settings by name, over `config`: `dt=0.01`, `control="rate"`, `autoreset="disabled"`, and those of the task: `horizon=200`.
+        `vehicle` is a name, a `Vehicle`, or the path of a TOML or URDF file. None leaves a setting out.
+
+    Arrays are `float32` and row-major (flags `bool`), SI units; the library owns and reuses them. `env.spec` names every
+    number with its unit.
+
+    Raises
+    ------
+    ValueError
+        For names, settings and sizes that do not fit, with the value, the limit and the remedy.
+    OSError
+        For files that cannot be read.
+    """
+    def __new__(cls, name: str, /, num_envs: SupportsIndex | None = None, *, config: Any | None = None, seed: Any | None = None, threads: SupportsIndex | None = None, ring: SupportsIndex = 2, **settings) -> VecEnv: ...
+    def __reduce__(self, /) -> tuple[Any, tuple]:
+        """
+        Pickles and copies are of the settings and the exact state.
+        """
+    def __repr__(self, /) -> str: ...
+    def _steps(self, /, actions: Any, n: SupportsIndex) -> Any:
+        """
+        `n` steps in a loop without Python, through the rows of `actions` [set, E, A, action] in turn: what the benchmark sets the
+        same loop in Python against. None is the crossing alone.
+        """
+    def adjoint(self, /, parameters: bool = False) -> Adjoint:
+        """
+        The adjoint of a step, recorded and compiled: milliseconds for a vehicle, up to seconds for a team. With `parameters`,
+        sweeps also give gradients by the physical numbers that differ between environments.
+        """
+    def breach(self, /, environment: SupportsIndex) -> str | None:
+        """
+        What broke where the simulation of one environment last diverged, in words; None where none has.
+        """
+    @property
+    def central(self, /) -> Any:
+        """
+        State of the whole team for critics, [E, central]; no columns where the task has none.
+        """
+    def column(self, /, name: str) -> Any:
+        """
+        One column of `info`, [E]: "return", "success", "position_error".
+        """
+    @property
+    def config(self, /) -> dict:
+        """
+        All settings as a dict: what another environment is made of, `make(env.spec.task, config=env.config)`.
+        """
+    def evaluate(self, /, arguments: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> Any:
+        """
+        The results of one step in float64, [result], for arguments as in `Jacobian.arguments`.
+        """
+    @property
+    def final_central(self, /) -> Any:
+        """
+        The last central state of episodes that ended in the last step, [E, central]; other rows hold older numbers.
+        """
+    @property
+    def final_observation(self, /) -> Any:
+        """
+        The last observation of episodes that ended in the last step, [E, A, observation]; other rows hold older numbers.
+        """
+    def goals(self, /) -> Any:
+        """
+        The goal of every environment, a new array [E, goal].
+        """
+    @property
+    def info(self, /) -> Any:
+        """
+        What the last step told of every episode, [E, column]; `spec.info` names the columns.
+        """
+    def jacobian(self, /, environment: SupportsIndex, action: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> Jacobian:
+        """
+        Exact derivatives of one step of one environment as it stands, for an action float64 [A * command]; without noise of
+        sensors and without events.
+        """
+    def jacobian_at(self, /, arguments: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> Jacobian:
+        """
+        The same where the arguments are given, float64 [argument]: along a rollout through `evaluate`.
+        """
+    @property
+    def layout(self, /) -> dict:
+        """
+        Places among the arguments and results of a step by name, as slices: see `Jacobian.layout`.
+        """
+    def load(self, /, state: bytes) -> None:
+        """
+        Goes on from what `save` gave to environments of the same settings; `observe()` then shows it.
+        """
+    @property
+    def num_envs(self, /) -> int:
+        """
+        Environments, E.
+        """
+    @property
+    def observation(self, /) -> Any:
+        """
+        Of the last step or reset, [E, A, observation].
+        """
+    def observe(self, /) -> Any:
+        """
+        Writes what the environments look like now and returns the observations; nothing moves on. For observations behind
+        `load`, `set_state`, `set_statistics` and `update_normaliser`.
+        """
+    @property
+    def parameter_names(self, /) -> list[str]:
+        """
+        Names of the columns of `parameters()`.
+        """
+    def parameters(self, /) -> Any:
+        """
+        The physical numbers in force in every environment, a new float64 array [E, number].
+        """
+    @property
+    def privileged(self, /) -> Any:
+        """
+        The physical numbers that differ between environments, [E, number], SI; `spec.privileged` names them.
+        """
+    def reset(self, /, seed: Any | None = None, mask: Any | None = None) -> Any:
+        """
+        Begins episodes and returns the observations, [E, A, observation].
+
+        Parameters
+        ----------
+        seed : int or sequence of int, optional
+            A whole number for all environments, whose draws still differ by their place; or one per environment, [E]. With a
+            seed, episodes count from their first again.
+        mask : bool array [E], optional
+            Environments to reset; the rows of others stay as they are.
+        """
+    @property
+    def reward(self, /) -> Any:
+        """
+        Of the last step, [E, A]; the agents of an environment share one.
+        """
+    @property
+    def safe_command(self, /) -> Any:
+        """
+        The command that an action stands for which is no number, [A * command]: rotors carry the weight, all else rests.
+        """
+    def sample(self, /, draw: SupportsIndex, out: Any | None = None) -> Any:
+        """
+        Random actions within their space, [E, A, action]: the same for the same draw, whatever the shard.
+        """
+    def save(self, /) -> bytes:
+        """
+        The exact state of all environments as bytes: what follows `load` has the bits of what follows this.
+        """
+    def set_difficulty(self, /, share: SupportsFloat | SupportsIndex) -> None:
+        """
+        From the next restarts on, episodes take this share of all randomisation, 0 to 1.
+        """
+    def set_state(self, /, environment: SupportsIndex, state: Any) -> None:
+        """
+        Overwrites the physical state of one environment, a float32 array [state]; its episode goes on.
+        """
+    def set_statistics(self, /, count: SupportsFloat | SupportsIndex, mean: SupportsGetItem[int, SupportsFloat | SupportsIndex], variance: SupportsGetItem[int, SupportsFloat | SupportsIndex]) -> None:
+        """
+        Freezes other statistics, and collects none from now on.
+        """
+    def set_threads(self, /, n: SupportsIndex | None) -> None:
+        """
+        Steps on so many threads from now on; None for those that all share.
+        """
+    @property
+    def spec(self, /) -> Any:
+        """
+        Names, sizes, units and bounds: a `Spec`.
+        """
+    @property
+    def state_names(self, /) -> list[str]:
+        """
+        Names of the columns of `states()`, with units.
+        """
+    def states(self, /) -> Any:
+        """
+        The physical state of every environment, a new array [E, state]; `state_names` names the columns.
+        """
+    @property
+    def statistics(self, /) -> tuple[float, Any, Any]:
+        """
+        Of the stage `normalise`: (count, mean, variance), without one of no numbers.
+        """
+    def step(self, /, actions: Any) -> Any:
+        """
+        One step of every environment.
+
+        Parameters
+        ----------
+        actions : float32 array [E, A, action] or [E, A * action]
+            Numbers outside of the space are clipped; one that is no number acts as the task's safe command. Both are counted in
+            the column `clipped`.
+
+        Returns
+        -------
+        Step
+            observation [E, A, observation], reward [E, A], terminated [E], truncated [E], info [E, column]: the same objects
+            every `ring` steps. How episodes go on is the setting `autoreset`: "same_step" unless told otherwise.
+        """
+    def step_into(self, /, actions: Any, *, observation: Any, reward: Any, terminated: Any, truncated: Any, central: Any | None = None, privileged: Any | None = None, final_observation: Any | None = None, final_central: Any | None = None, info: Any | None = None) -> None:
+        """
+        One step into arrays of the caller: rows of a rollout's buffer. Those left out are not computed.
+
+        Arrays are C-ordered `float32` in the shapes of `step`; flags are `bool` or `uint8`. `final_observation` and
+        `final_central` are written in rows whose episode ended in this step.
+        """
+    def step_recorded(self, /, actions: Any, tape: Tape) -> Any:
+        """
+        As `step`, remembered by the tape.
+        """
+    def tape(self, /, horizon: SupportsIndex) -> Tape:
+        """
+        Memory for so many recorded steps.
+        """
+    @property
+    def terminated(self, /) -> Any:
+        """
+        Whether the task ended the episode in the last step, bool [E].
+        """
+    @property
+    def truncated(self, /) -> Any:
+        """
+        Whether the time of the episode was over in the last step, bool [E].
+        """
+    def update_normaliser(self, /) -> None:
+        """
+        Takes the statistics of all observations since the last call into the stage `normalise`, and freezes them.
+        """
+
+@final
+class Vehicle:
+    """
+    A multirotor: a built-in one by name, or from a TOML or URDF file.
+    """
+    def __eq__(self, value: object, /) -> bool: ...
+    def __ne__(self, value: object, /) -> bool: ...
+    def __new__(cls, /, source: str | PathLike[str]) -> Vehicle:
+        """
+        A built-in name, as `vehicles()` lists them, or the path of a `.toml` or `.urdf` file.
+        """
+    def __reduce__(self, /) -> tuple[Any, tuple[dict]]: ...
+    def __repr__(self, /) -> str: ...
+    @staticmethod
+    def from_dict(fields: Mapping) -> Vehicle:
+        """
+        From what `to_dict` gave, changed or not: SI units, checked.
+        """
+    @property
+    def gains(self, /) -> dict:
+        """
+        Gains that fly it, published or derived: position, velocity (world), attitude, rate (body), 3 each, integral 2.
+        """
+    @property
+    def inertia(self, /) -> Any:
+        """
+        About the centre of mass, body axes, float64 [3, 3], kg m^2.
+        """
+    @property
+    def mass(self, /) -> float:
+        """
+        Of all parts, kg.
+        """
+    @property
+    def n_rotor(self, /) -> int:
+        """
+        How many.
+        """
+    @property
+    def name(self, /) -> str:
+        """
+        As in tables and messages.
+        """
+    def to_dict(self, /) -> dict:
+        """
+        All its numbers by the names of its file, SI units.
+        """
+    def to_toml(self, /) -> str:
+        """
+        As TOML that `Vehicle` reads back bit for bit.
+        """
+
+def _restore(task: str, config: str, seed: SupportsIndex, threads: SupportsIndex | None, ring: SupportsIndex, state: bytes) -> VecEnv:
+    """
+    What `VecEnv.__reduce__` took apart.
+    """
+
+def _restore_policy(task: str, config: str, parameters: Any, statistics: tuple[SupportsFloat | SupportsIndex, SupportsGetItem[int, SupportsFloat | SupportsIndex], SupportsGetItem[int, SupportsFloat | SupportsIndex]] | None) -> Policy:
+    """
+    What `Policy.__reduce__` took apart.
+    """
+
+def allocate(vehicle: Any, wrench: SupportsLenAndGetItem[SupportsFloat | SupportsIndex], /, *, effectiveness: SupportsGetItem[int, SupportsFloat | SupportsIndex] | None = None, yaw_last: bool = False) -> Allocation:
+    """
+    Rotor thrusts within their limits that make a wrench as nearly as can be.
+
+    Parameters
+    ----------
+    vehicle : Vehicle or str or path
+    wrench : six floats
+        Force (N) and moment about the centre of mass (N m), body axes.
+    effectiveness : sequence of float, optional
+        What is left of each rotor's largest thrust, 0 (lost) to 1.
+    yaw_last : bool
+        Thrust, roll and pitch first; side forces and yaw with what is left.
+    """
+
+def configurations() -> list[str]:
+    """
+    Names of the built-in systems of bodies.
+    """
+
+def evaluate(policy: Any, name: str | None = None, *, num_envs: SupportsIndex = 1024, seed: SupportsIndex = 1000003, threads: SupportsIndex | None = None, config: Any | None = None, **settings) -> dict:
+    """
+    Flies one episode from each of so many starts and tells how well: by name "success" with "success_interval" (95 %, Wilson),
+    "crashed", "return_mean", "final_error", "ends" and more.
+
+    Parameters
+    ----------
+    policy : Policy or callable
+        A callable gets the observations, a float32 array [E, A, observation] that is reused, and returns actions
+        [E, A, action].
+    name : str, optional
+        A task; that of a `Policy` by default, in the environments that it was trained in.
+    num_envs : int
+        Starts, one episode each.
+    seed : int
+        Of the starts; 1000003 are those that `train` evaluates on.
+    config, **settings
+        Of the environments, as in `make`.
+    """
+
+def fly(plant: Any, /, *, controller: str | None = None, gains: Mapping | None = None, **plan) -> Flight:
+    """
+    Flies a vehicle or a configuration along a reference under a controller.
+
+    Parameters
+    ----------
+    plant : Vehicle or str or path
+        A vehicle, its name or file, or a configuration as `configurations()` lists them.
+    controller : str, optional
+        As "indi"; the first that suits the plant by default.
+    gains : dict, optional
+        As `Vehicle.gains`.
+    **plan
+        `duration=15.0` (s), `reference={"kind": "circle", ...}`, `physics={"dt": 0.002}`, `rates`, `wind`, `failures`, `latency` (steps),
+        `detection_delay` (s), `seed`, `tilt`: the fields of a flight plan.
+    """
+
+def linearise(plant: Any, /, *, velocity: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] = ..., yaw_rate: SupportsFloat | SupportsIndex = 0.0, roll: SupportsFloat | SupportsIndex | None = None, pitch: SupportsFloat | SupportsIndex | None = None, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] | None = None, **physics) -> Trim:
+    """
+    A steady flight of a vehicle or a configuration (hover, forward, climbing, turning, leaning) and the exact linear model of one
+    step about it.
+
+    Parameters
+    ----------
+    plant : Vehicle or str or path
+    velocity : three floats
+        Forward, left, up, m/s.
+    yaw_rate : float
+        rad/s.
+    roll, pitch : float, optional
+        To hold, rad; found where they are not given.
+    wind : three floats, optional
+        World, m/s.
+    **physics
+        `dt=0.002` (s), `substeps`, `integrator`, `effects`.
+    """
+
+def load_policy(path: str | PathLike[str]) -> Policy:
+    """
+    The policy of a run's folder, or of one of its checkpoints.
+
+    Raises `FileNotFoundError` where there is none, `ValueError` for damaged files.
+    """
+
+def tasks() -> list[str]:
+    """
+    Names of the tasks.
+    """
+
+def train(name: str, /, config: Any | None = None, *, algorithm: str | None = None, seed: SupportsIndex | None = None, threads: SupportsIndex | None = None, folder: str | PathLike[str] | None = None, resume: bool = False, watch: Any | None = None, **settings) -> Run:
+    """
+    Trains a policy for a task, from random weights or from where a folder stopped, and evaluates it on starts that training
+    never saw.
+
+    Parameters
+    ----------
+    name : str
+        A task.
+    config : dict or path or str, optional
+        Settings of the run over the task's recipe, as `omnidrones train TASK --toml` prints them: a dict, a TOML file, or TOML.
+    algorithm : str, optional
+        "apg", "shac", "ppo", "dagger"; the task's recipe knows which by default.
+    seed : int, optional
+        Of all that is drawn, up to 2^63 - 1.
+    threads : int, optional
+        All cores by default. The bits do not depend on it.
+    folder : path, optional
+        Where the run is kept; with `resume` it goes on from the newest whole checkpoint there, to the same bits.
+    watch : callable, optional
+        Called with a `Progress` after every update; False stops the run behind it. An exception ends it and is raised.
+    **settings
+        As in `config`, by name: `evaluate={"envs": 64}`, `apg={"updates": 100}`, and those of the environment: `dt=0.01`, `horizon=200`.
+    """
+
+def tune(vehicle: Any, /, *, gains: Mapping | None = None, watch: Any | None = None, **plan) -> dict:
+    """
+    Tunes the gains of a vehicle's cascade by gradients through closed-loop flights, and judges them on starts that tuning did not
+    see: a dict with "gains", "before" and "after" (held-out flights: "rmse", "worst" in m, "crashed").
+
+    Parameters
+    ----------
+    vehicle : Vehicle or str or path
+    gains : dict, optional
+        To begin from; the vehicle's own by default.
+    watch : callable, optional
+        Called with (iteration, error in m) of every step.
+    **plan
+        `iterations=60`, `duration=6.0` (s), `reference`, `n_start`, `n_held_out`, `latency` (steps) and more.
+    """
+
+def vehicles() -> list[str]:
+    """
+    Names of the built-in vehicles.
+    """

@@ -1,0 +1,145 @@
+"""PyTorch: exact gradients through steps of environments.
+
+>>> env = omnidrones.make("Hover", 64, stagger=True)
+>>> rollout = omnidrones.torch.Rollout(env, horizon=48)
+>>> observation = torch.from_numpy(env.reset().copy())
+>>> cost = 0.0
+>>> for _ in range(48):
+...     observation, reward, loss, *_ = rollout.step(network(observation))
+...     cost = cost + loss.mean()
+>>> cost.backward()
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from . import _core
+
+
+class RolloutStep(NamedTuple):
+    """What a step gave: tensors of their own; the first three have gradients."""
+
+    observation: torch.Tensor
+    """[E, A, observation]."""
+    reward: torch.Tensor
+    """[E, A]."""
+    loss: torch.Tensor
+    """[E], the task's training loss: smooth where the reward is not."""
+    terminated: torch.Tensor
+    """bool [E]."""
+    truncated: torch.Tensor
+    """bool [E]."""
+
+
+class Rollout:
+    """Steps of an environment that autograd walks back through, up to `horizon` of them between two calls of `begin`.
+
+    Parameters
+    ----------
+    env : omnidrones.VecEnv
+        Its gradients are in float32. They are cut where an episode ends; with `autoreset="same_step"` the observation of such a row is
+        the next episode's and has no gradient.
+    horizon : int
+        Most steps of a window.
+    decay : float
+        Factor per step on what is carried; 1 is the exact gradient.
+    clip : float
+        Largest norm of what is carried, per environment.
+    """
+
+    def __init__(self, env: _core.VecEnv, horizon: int, *, decay: float = 1.0, clip: float = math.inf) -> None:
+        self.env = env
+        self.tape = env.tape(horizon)
+        self.sweep = env.adjoint().sweep(decay, clip)
+        self.begin()
+
+    def begin(self) -> None:
+        """Begins a window where the environment stands; gradients do not reach behind it."""
+        self.tape.clear()
+        self.sweep.restart()
+        # steps hand a token on, so that autograd pulls each after the one that followed it
+        self._token = torch.zeros((), requires_grad=True)
+
+    def step(self, action: torch.Tensor) -> RolloutStep:
+        """One recorded step; `action` is [E, A, action] or [E, A * action], on the processor."""
+        observation, reward, loss, self._token = _Step.apply(action, self._token, self)
+        terminated, truncated = (torch.from_numpy(x.copy()) for x in (self.env.terminated, self.env.truncated))
+        return RolloutStep(observation, reward, loss, terminated, truncated)
+
+
+def _cotangent(gradient: torch.Tensor | None) -> NDArray[np.float32] | None:
+    return None if gradient is None else np.ascontiguousarray(gradient.numpy(), np.float32)
+
+
+class _Step(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, action: torch.Tensor, token: torch.Tensor, rollout: Rollout) -> tuple[torch.Tensor, ...]:
+        ctx.rollout, ctx.t, ctx.shape = rollout, len(rollout.tape), action.shape
+        ctx.set_materialize_grads(False)
+        step = rollout.env.step_recorded(np.ascontiguousarray(action.detach().numpy(), np.float32), rollout.tape)
+        loss = rollout.env.column("loss")
+        own = (torch.from_numpy(x.copy()) for x in (step.observation, step.reward, loss))
+        return (*own, torch.zeros_like(token))
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor | None) -> tuple[torch.Tensor | None, ...]:
+        observation, reward, loss, _ = gradients
+        # agents share the reward of the team: their cotangents add up
+        team = None if reward is None else reward.sum(1)
+        down = ctx.rollout.sweep.pull(
+            ctx.rollout.tape, ctx.t, observation=_cotangent(observation), reward=_cotangent(team), loss=_cotangent(loss)
+        )
+        return torch.from_numpy(down).reshape(ctx.shape), torch.zeros(()), None
+
+
+class ExactStep(NamedTuple):
+    """Results of a step in float64, with gradients."""
+
+    carried: torch.Tensor
+    """What goes from step to step: physics first."""
+    observation: torch.Tensor
+    reward: torch.Tensor
+    loss: torch.Tensor
+
+
+def exact_step(
+    env: _core.VecEnv, arguments: NDArray[np.float64], carried: torch.Tensor, action: torch.Tensor
+) -> ExactStep:
+    """One step of one environment in float64, for `gradcheck` and small problems; without noise, events and ends.
+
+    Parameters
+    ----------
+    env : omnidrones.VecEnv
+        Says the task and its settings; it is not stepped.
+    arguments : array
+        `env.jacobian(environment, action).arguments`: goal, time and numbers of the environment there.
+    carried, action : tensors
+        In place of those among the arguments.
+    """
+    n = carried.numel()
+    value = _ExactStep.apply(carried, action, env, np.asarray(arguments, np.float64))
+    at = env.layout
+    return ExactStep(value[:n], value[at["observation"]], value[at["reward"]][0], value[at["loss"]][0])
+
+
+class _ExactStep(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx: Any, carried: torch.Tensor, action: torch.Tensor, env: _core.VecEnv, arguments: NDArray[np.float64]
+    ) -> torch.Tensor:
+        z, at = arguments.copy(), env.layout
+        z[at["carried"]], z[at["action"]] = carried.detach().numpy(), action.detach().reshape(-1).numpy()
+        ctx.env, ctx.z, ctx.shape = env, z, action.shape
+        return torch.from_numpy(env.evaluate(z))
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+        at = ctx.env.layout
+        down = torch.from_numpy(gradients[0].numpy() @ ctx.env.jacobian_at(ctx.z).matrix)
+        return down[at["carried"]], down[at["action"]].reshape(ctx.shape), None, None

@@ -1,0 +1,520 @@
+//! Vehicles, flights and linear models, from Python.
+
+use crate::error::{OrRaise, interruptible, unexpected};
+use crate::rows::array;
+use crate::settings;
+use nalgebra::DMatrix;
+use omnidrones::controllers::allocation::{Allocator, PrioritisedAllocator, Problem};
+use omnidrones::controllers::design::{self, ErrorState, TrimTarget, TunePlan};
+use omnidrones::controllers::linear::{self, Signal};
+use omnidrones::controllers::registry::{Setup, controller};
+use omnidrones::controllers::{self, FlightPlan, default_controller};
+use omnidrones::dynamics::urdf::{ImportOptions, import_file};
+use omnidrones::dynamics::{self, Disturbance, Gains, Physics, Plant, configurations, vehicles};
+use omnidrones::error::Error;
+use omnidrones::layers::{self, Layer};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyMapping};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// A multirotor: a built-in one by name, or from a TOML or URDF file.
+#[pyclass(module = "omnidrones", frozen, eq)]
+#[derive(PartialEq)]
+pub struct Vehicle(pub dynamics::Vehicle);
+
+/// The vehicle of a name or a file.
+pub fn load(named: &str) -> PyResult<dynamics::Vehicle> {
+    let path = Path::new(named);
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    match extension.as_deref() {
+        Some("toml") => dynamics::Vehicle::from_toml_file(path).or_raise(),
+        Some("urdf" | "xml") => Ok(import_file(path, &ImportOptions::default()).or_raise()?.vehicle),
+        _ => vehicles::by_name(named).or_raise(),
+    }
+}
+
+#[pymethods]
+impl Vehicle {
+    /// A built-in name, as `vehicles()` lists them, or the path of a `.toml` or `.urdf` file.
+    #[new]
+    fn new(source: PathBuf) -> PyResult<Self> {
+        Ok(Self(load(&source.to_string_lossy())?))
+    }
+
+    /// From what `to_dict` gave, changed or not: SI units, checked.
+    #[staticmethod]
+    fn from_dict(fields: &Bound<'_, PyMapping>) -> PyResult<Self> {
+        let text = settings::table("vehicle", fields)?.to_string();
+        Ok(Self(dynamics::Vehicle::from_toml_str(&text, "<dict>").or_raise()?))
+    }
+
+    /// All its numbers by the names of its file, SI units.
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        settings::dict(py, &self.table()?)
+    }
+
+    /// As TOML that `Vehicle` reads back bit for bit.
+    fn to_toml(&self) -> PyResult<String> {
+        self.0.to_toml().or_raise()
+    }
+
+    /// As in tables and messages.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    /// Of all parts, kg.
+    #[getter]
+    fn mass(&self) -> f64 {
+        self.0.mass_properties().mass
+    }
+
+    /// About the centre of mass, body axes, float64 [3, 3], kg m^2.
+    #[getter]
+    fn inertia<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let inertia = self.0.mass_properties().inertia;
+        array(py, inertia.transpose().as_slice().to_vec(), &[3, 3])
+    }
+
+    /// How many.
+    #[getter]
+    fn n_rotor(&self) -> usize {
+        self.0.rotors.len()
+    }
+
+    /// Gains that fly it, published or derived: position, velocity (world), attitude, rate (body), 3 each, integral 2.
+    #[getter]
+    fn gains<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        settings::dict(py, &Table::try_from(self.0.gains()).map_err(unexpected)?)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Vehicle('{}')", self.0.name)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyDict>,))> {
+        Ok((py.get_type::<Self>().getattr("from_dict")?, (self.to_dict(py)?,)))
+    }
+}
+
+impl Vehicle {
+    /// As its file has it.
+    pub fn table(&self) -> PyResult<Table> {
+        Table::try_from(&self.0).map_err(unexpected)
+    }
+}
+
+/// A vehicle, its name or file, or the name of a configuration, as a plant.
+fn plant(given: &Bound<'_, PyAny>, physics: Physics) -> PyResult<Plant> {
+    if let Ok(vehicle) = given.cast::<Vehicle>() {
+        return Plant::of_vehicle(&vehicle.get().0, physics).or_raise();
+    }
+    let named: PathBuf = given.extract()?;
+    let named = named.to_string_lossy();
+    if configurations::names().iter().any(|name| name.eq_ignore_ascii_case(&named)) {
+        let model = configurations::by_name(&named).or_raise()?;
+        return Plant::of_model(&model, physics).or_raise();
+    }
+    Plant::of_vehicle(&load(&named)?, physics).or_raise()
+}
+
+/// The vehicle of an argument.
+fn vehicle(given: &Bound<'_, PyAny>) -> PyResult<dynamics::Vehicle> {
+    match given.cast::<Vehicle>() {
+        Ok(vehicle) => Ok(vehicle.get().0.clone()),
+        Err(_) => load(&given.extract::<PathBuf>()?.to_string_lossy()),
+    }
+}
+
+/// Data of a dict, over defaults.
+fn data<T: serde::de::DeserializeOwned>(name: &str, keywords: Option<&Bound<'_, PyDict>>) -> PyResult<T> {
+    let own = keywords.map(|own| settings::table("", own.cast::<PyMapping>()?)).transpose()?.unwrap_or_default();
+    layers::read(Table::new(), &[Layer::of_table(name, own)]).or_raise()
+}
+
+fn gains_of(given: Option<&Bound<'_, PyMapping>>) -> PyResult<Option<Gains>> {
+    let read = |own: &Bound<'_, PyMapping>| {
+        let table = settings::table("gains", own)?;
+        layers::read(Table::new(), &[Layer::of_table("gains", table)]).or_raise()
+    };
+    given.map(read).transpose()
+}
+
+/// A flight: columns of what was, of what was wanted, of what the rotors did.
+#[pyclass(module = "omnidrones", frozen)]
+pub struct Flight {
+    flight: controllers::Flight,
+    n_state: usize,
+}
+
+#[pymethods]
+impl Flight {
+    /// Columns by name with unit, new float64 arrays [sample], as in the files of the command line: what `pandas.DataFrame` takes.
+    fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let dict = PyDict::new(py);
+        for (name, column) in self.flight.log.columns() {
+            let n = column.len();
+            dict.set_item(name, array(py, column, &[n])?)?;
+        }
+        Ok(dict)
+    }
+
+    /// The plant's state, a new float64 array [sample, state].
+    fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let n_row = self.flight.states.len() / self.n_state;
+        array(py, self.flight.states.clone(), &[n_row, self.n_state])
+    }
+
+    /// Key figures by name from `after` (s) on: "rmse" and "max_error" (m), "max_speed" (m/s), "max_tilt" (rad), "saturation" (share of
+    /// rotor commands at a limit) and more. What does not exist is left out.
+    #[pyo3(signature = (after=2.0))]
+    fn summary<'py>(&self, py: Python<'py>, after: f64) -> PyResult<Bound<'py, PyDict>> {
+        settings::dict(py, &Table::try_from(self.flight.log.summary(after)).map_err(unexpected)?)
+    }
+
+    /// When the state exploded, s; None for a whole flight.
+    #[getter]
+    fn diverged_at(&self) -> Option<f64> {
+        self.flight.diverged_at
+    }
+
+    /// Samples.
+    fn __len__(&self) -> usize {
+        self.flight.log.len()
+    }
+
+    /// Writes the columns as CSV; a file that is there is replaced.
+    fn write_csv(&self, path: PathBuf) -> PyResult<()> {
+        self.flight.log.write_csv(path).or_raise()
+    }
+
+    fn __repr__(&self) -> String {
+        let log = &self.flight.log;
+        format!("Flight('{}', {} samples)", log.vehicle, log.len())
+    }
+}
+
+/// Flies a vehicle or a configuration along a reference under a controller.
+///
+/// Parameters
+/// ----------
+/// plant : Vehicle or str or path
+///     A vehicle, its name or file, or a configuration as `configurations()` lists them.
+/// controller : str, optional
+///     As "indi"; the first that suits the plant by default.
+/// gains : dict, optional
+///     As `Vehicle.gains`.
+/// **plan
+///     `duration=15.0` (s), `reference={"kind": "circle", ...}`, `physics={"dt": 0.002}`, `rates`, `wind`, `failures`, `latency` (steps),
+///     `detection_delay` (s), `seed`, `tilt`: the fields of a flight plan.
+#[pyfunction]
+#[pyo3(signature = (plant, /, *, controller=None, gains=None, **plan))]
+pub fn fly(
+    py: Python<'_>,
+    plant: &Bound<'_, PyAny>,
+    controller: Option<&str>,
+    gains: Option<&Bound<'_, PyMapping>>,
+    plan: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Flight> {
+    let plan: FlightPlan = data("plan", plan)?;
+    let plant = self::plant(plant, plan.air_physics())?;
+    let gains = gains_of(gains)?;
+    let named = controller;
+    let flight = py
+        .detach(|| {
+            let setup = Setup::new(gains.as_ref(), &plan.rates);
+            let mut own = match named {
+                Some(name) => self::controller(name, &plant, &setup)?,
+                None => default_controller(&plant, &setup)?,
+            };
+            controllers::fly(&plant, &mut *own, &plan, &mut |_| ())
+        })
+        .or_raise()?;
+    Ok(Flight { flight, n_state: omnidrones::autodiff::System::n_state(&plant) })
+}
+
+/// A linear system with named signals: x+ = A x + B u of every sample, or dx/dt where `dt` is None; y = C x + D u.
+#[pyclass(module = "omnidrones", frozen)]
+pub struct StateSpace(linear::StateSpace);
+
+fn matrix<'py>(py: Python<'py>, m: &DMatrix<f64>) -> PyResult<Bound<'py, PyAny>> {
+    array(py, m.transpose().as_slice().to_vec(), &[m.nrows(), m.ncols()])
+}
+
+fn names(signals: &[Signal]) -> Vec<String> {
+    let told = |s: &Signal| if s.unit.is_empty() { s.name.clone() } else { format!("{} [{}]", s.name, s.unit) };
+    signals.iter().map(told).collect()
+}
+
+#[pymethods]
+#[expect(non_snake_case, reason = "as control engineers write them")]
+impl StateSpace {
+    /// float64 [state, state].
+    #[getter]
+    fn A<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        matrix(py, self.0.a())
+    }
+
+    /// float64 [state, input].
+    #[getter]
+    fn B<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        matrix(py, self.0.b())
+    }
+
+    /// float64 [output, state].
+    #[getter]
+    fn C<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        matrix(py, self.0.c())
+    }
+
+    /// float64 [output, input].
+    #[getter]
+    fn D<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        matrix(py, self.0.d())
+    }
+
+    /// Of a sample, s; None for dx/dt.
+    #[getter]
+    fn dt(&self) -> Option<f64> {
+        self.0.dt()
+    }
+
+    /// Names with units.
+    #[getter]
+    fn states(&self) -> Vec<String> {
+        names(self.0.states())
+    }
+
+    /// Names with units.
+    #[getter]
+    fn inputs(&self) -> Vec<String> {
+        names(self.0.inputs())
+    }
+
+    /// Names with units.
+    #[getter]
+    fn outputs(&self) -> Vec<String> {
+        names(self.0.outputs())
+    }
+
+    /// The system in dx/dt whose Tustin equivalent this is: the same stability, margins and largest gain.
+    fn continuous(&self) -> PyResult<Self> {
+        Ok(Self(self.0.continuous().or_raise()?))
+    }
+
+    /// As `control.StateSpace` of python-control, with the names of all signals.
+    fn to_control<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let how = PyDict::new(py);
+        for (key, own) in [("states", self.states()), ("inputs", self.inputs()), ("outputs", self.outputs())] {
+            // a point in a name is taken for that of a system
+            how.set_item(key, own.iter().map(|name| name.replace('.', "_")).collect::<Vec<_>>())?;
+        }
+        let matrices = (self.A(py)?, self.B(py)?, self.C(py)?, self.D(py)?, self.dt().unwrap_or(0.0));
+        py.import("control")?.getattr("ss")?.call(matrices, Some(&how))
+    }
+
+    /// As `scipy.signal.StateSpace`, without names.
+    fn to_scipy<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let how = PyDict::new(py);
+        if let Some(dt) = self.dt() {
+            how.set_item("dt", dt)?;
+        }
+        let matrices = (self.A(py)?, self.B(py)?, self.C(py)?, self.D(py)?);
+        py.import("scipy.signal")?.getattr("StateSpace")?.call(matrices, Some(&how))
+    }
+
+    fn __repr__(&self) -> String {
+        let (n, m, p) = (self.0.n_state(), self.0.n_input(), self.0.n_output());
+        let dt = self.dt().map_or("continuous".into(), |dt| format!("dt={dt}"));
+        format!("StateSpace({n} states, {m} inputs, {p} outputs, {dt})")
+    }
+}
+
+/// A steady flight and its exact linear model.
+#[pyclass(module = "omnidrones", frozen, get_all)]
+pub struct Trim {
+    /// The plant's state, float64 [state].
+    state: Py<PyAny>,
+    /// The plant's input, float64 [input].
+    input: Py<PyAny>,
+    /// The largest rate of change that is left, SI.
+    residual: f64,
+    /// Places of inputs that stand at a limit.
+    limited: Vec<usize>,
+    /// One step about it, of the error state: a rotation counts three numbers.
+    model: Py<StateSpace>,
+}
+
+/// A steady flight of a vehicle or a configuration (hover, forward, climbing, turning, leaning) and the exact linear model of one
+/// step about it.
+///
+/// Parameters
+/// ----------
+/// plant : Vehicle or str or path
+/// velocity : three floats
+///     Forward, left, up, m/s.
+/// yaw_rate : float
+///     rad/s.
+/// roll, pitch : float, optional
+///     To hold, rad; found where they are not given.
+/// wind : three floats, optional
+///     World, m/s.
+/// **physics
+///     `dt=0.002` (s), `substeps`, `integrator`, `effects`.
+#[pyfunction]
+#[pyo3(signature = (plant, /, *, velocity=[0.0; 3], yaw_rate=0.0, roll=None, pitch=None, wind=None, **physics))]
+#[expect(clippy::too_many_arguments, reason = "by name in Python")]
+pub fn linearise(
+    py: Python<'_>,
+    plant: &Bound<'_, PyAny>,
+    velocity: [f64; 3],
+    yaw_rate: f64,
+    roll: Option<f64>,
+    pitch: Option<f64>,
+    wind: Option<[f64; 3]>,
+    physics: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Trim> {
+    let mut physics: Physics = data("physics", physics)?;
+    physics.effects.disturbance |= wind.is_some();
+    let plant = self::plant(plant, physics)?;
+    let air = Disturbance { wind: wind.unwrap_or_default(), ..Disturbance::none() };
+    let target = TrimTarget { velocity, yaw_rate, tilt: [roll, pitch], air };
+    let (trim, model) = py
+        .detach(|| {
+            let trim = design::trim(&plant, &target)?;
+            let model = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input)?;
+            Ok((trim, model))
+        })
+        .or_raise()?;
+    let own = |numbers: Vec<f64>| {
+        let n = numbers.len();
+        array(py, numbers, &[n]).map(Bound::unbind)
+    };
+    Ok(Trim {
+        state: own(trim.state)?,
+        input: own(trim.input)?,
+        residual: trim.residual,
+        limited: trim.limited,
+        model: Py::new(py, StateSpace(model))?,
+    })
+}
+
+/// Which rotor thrusts make a wrench.
+#[pyclass(module = "omnidrones", frozen, get_all)]
+pub struct Allocation {
+    /// float64 [rotor], N.
+    thrust: Py<PyAny>,
+    /// The wrench that they make, float64 [6]: force (N), moment about the centre of mass (N m), body axes.
+    delivered: Py<PyAny>,
+    /// Largest violation of the optimality conditions, recomputed and scaled.
+    residual: f64,
+    /// Whether that is small enough to act on; if not, `thrust` is the preferred one within its limits.
+    solved: bool,
+}
+
+/// Rotor thrusts within their limits that make a wrench as nearly as can be.
+///
+/// Parameters
+/// ----------
+/// vehicle : Vehicle or str or path
+/// wrench : six floats
+///     Force (N) and moment about the centre of mass (N m), body axes.
+/// effectiveness : sequence of float, optional
+///     What is left of each rotor's largest thrust, 0 (lost) to 1.
+/// yaw_last : bool
+///     Thrust, roll and pitch first; side forces and yaw with what is left.
+#[pyfunction]
+#[pyo3(signature = (vehicle, wrench, /, *, effectiveness=None, yaw_last=false))]
+pub fn allocate(
+    py: Python<'_>,
+    vehicle: &Bound<'_, PyAny>,
+    wrench: [f64; 6],
+    effectiveness: Option<Vec<f64>>,
+    yaw_last: bool,
+) -> PyResult<Allocation> {
+    let vehicle = self::vehicle(vehicle)?;
+    let mut problem = Problem::of_vehicle(&vehicle).or_raise()?;
+    if let Some(shares) = effectiveness {
+        let n = problem.upper.len();
+        if shares.len() != n || shares.iter().any(|e| !(0.0..=1.0).contains(e)) {
+            let remedy = "0 is a lost rotor, 1 a whole one.";
+            return Err(Error::value("effectiveness", format!("{shares:?}"), format!("{n} shares in [0, 1]"), remedy))
+                .or_raise();
+        }
+        problem.upper.iter_mut().zip(shares).for_each(|(most, share)| *most *= share);
+    }
+    if let Some(x) = wrench.iter().find(|x| !x.is_finite()) {
+        return Err(Error::value("wrench", x, "finite", "Give six numbers, N and N m.")).or_raise();
+    }
+    let solution = if yaw_last {
+        PrioritisedAllocator::new(problem.clone(), &[&[2, 3, 4], &[0, 1, 5]]).or_raise()?.solve(&wrench).solution
+    } else {
+        Allocator::new(problem.clone()).or_raise()?.solve(&wrench).clone()
+    };
+    let delivered = problem.delivered(&solution.inputs);
+    let own = |numbers: &[f64]| array(py, numbers.to_vec(), &[numbers.len()]).map(Bound::unbind);
+    Ok(Allocation {
+        thrust: own(&solution.inputs)?,
+        delivered: own(&delivered)?,
+        residual: solution.residual,
+        solved: solution.reason.is_none(),
+    })
+}
+
+/// Tunes the gains of a vehicle's cascade by gradients through closed-loop flights, and judges them on starts that tuning did not
+/// see: a dict with "gains", "before" and "after" (held-out flights: "rmse", "worst" in m, "crashed").
+///
+/// Parameters
+/// ----------
+/// vehicle : Vehicle or str or path
+/// gains : dict, optional
+///     To begin from; the vehicle's own by default.
+/// watch : callable, optional
+///     Called with (iteration, error in m) of every step.
+/// **plan
+///     `iterations=60`, `duration=6.0` (s), `reference`, `n_start`, `n_held_out`, `latency` (steps) and more.
+#[pyfunction]
+#[pyo3(signature = (vehicle, /, *, gains=None, watch=None, **plan))]
+pub fn tune<'py>(
+    py: Python<'py>,
+    vehicle: &Bound<'py, PyAny>,
+    gains: Option<&Bound<'py, PyMapping>>,
+    watch: Option<Py<PyAny>>,
+    plan: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (vehicle, plan) = (self::vehicle(vehicle)?, data::<TunePlan>("plan", plan)?);
+    let gains = gains_of(gains)?.unwrap_or_else(|| vehicle.gains());
+    let tuning = interruptible(py, |said| {
+        design::tune(&vehicle, &gains, &plan, &mut |step| {
+            let call = |py: Python<'_>, watch: &Py<PyAny>| watch.call1(py, (step.iteration, step.rmse)).map(drop);
+            let heard = said.hear(|py| watch.as_ref().map_or(Ok(()), |watch| call(py, watch)));
+            if heard.is_some() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        })
+    })?;
+    let dict = PyDict::new(py);
+    for (key, own) in [
+        ("gains", Value::try_from(tuning.gains)),
+        ("before", Value::try_from(tuning.before)),
+        ("after", Value::try_from(tuning.after)),
+    ] {
+        dict.set_item(key, settings::python(py, &own.map_err(unexpected)?)?)?;
+    }
+    Ok(dict)
+}
+
+/// Names of the built-in vehicles.
+#[pyfunction]
+#[pyo3(name = "vehicles")]
+pub fn vehicle_names() -> Vec<&'static str> {
+    vehicles::names()
+}
+
+/// Names of the built-in systems of bodies.
+#[pyfunction]
+#[pyo3(name = "configurations")]
+pub fn configuration_names() -> Vec<&'static str> {
+    configurations::names()
+}

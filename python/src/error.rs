@@ -1,0 +1,66 @@
+//! The library's errors as Python's: the same words, in the class that Python has for their kind.
+
+use omnidrones::error::Error;
+use pyo3::exceptions::{
+    PyFileExistsError, PyFileNotFoundError, PyOSError, PyPermissionError, PyRuntimeError, PyValueError,
+};
+use pyo3::prelude::*;
+use std::io::ErrorKind;
+
+/// What the library answered, for Python.
+pub trait OrRaise<T> {
+    /// An error becomes an exception: `ValueError`, or `OSError` and its kinds for files.
+    fn or_raise(self) -> PyResult<T>;
+}
+
+impl<T> OrRaise<T> for Result<T, Error> {
+    fn or_raise(self) -> PyResult<T> {
+        self.map_err(raised)
+    }
+}
+
+fn raised(error: Error) -> PyErr {
+    let text = error.to_string();
+    match error {
+        Error::File { source, .. } => match source.kind() {
+            ErrorKind::NotFound => PyFileNotFoundError::new_err(text),
+            ErrorKind::PermissionDenied => PyPermissionError::new_err(text),
+            ErrorKind::AlreadyExists => PyFileExistsError::new_err(text),
+            _ => PyOSError::new_err(text),
+        },
+        Error::NoRun { .. } => PyFileNotFoundError::new_err(text),
+        _ => PyValueError::new_err(text),
+    }
+}
+
+/// Runs what takes long without the interpreter, and raises what Python said within it in place of what that led to.
+///
+/// `work` asks [`Said::hear`] now and then, which runs Python: a callback, or the handlers of signals.
+pub fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&mut Said) -> Result<T, Error> + Send) -> PyResult<T> {
+    let mut said = Said(None);
+    let outcome = py.detach(|| work(&mut said));
+    match said.0 {
+        Some(raised) => Err(raised),
+        None => outcome.or_raise(),
+    }
+}
+
+/// What Python raised while the library worked.
+pub struct Said(Option<PyErr>);
+
+impl Said {
+    /// What `python` gives, behind handlers of signals; `None` where one raised, which ends the work.
+    pub fn hear<T>(&mut self, python: impl FnOnce(Python<'_>) -> PyResult<T>) -> Option<T> {
+        Python::attach(|py| py.check_signals().and_then(|()| python(py))).map_err(|e| self.0 = Some(e)).ok()
+    }
+
+    /// As [`hear`](Self::hear) for work that stops by an error.
+    pub fn or_stop<T>(&mut self, python: impl FnOnce(Python<'_>) -> PyResult<T>) -> Result<T, Error> {
+        self.hear(python).ok_or_else(|| Error::value("the caller", "interrupted", "running", ""))
+    }
+}
+
+/// For what Python should not be able to bring about.
+pub fn unexpected(what: impl std::fmt::Display) -> PyErr {
+    PyRuntimeError::new_err(format!("{what}. Report this."))
+}

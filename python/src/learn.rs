@@ -1,0 +1,417 @@
+//! Training, evaluation and policies, from Python.
+
+use crate::batch::{config_of, threads};
+use crate::error::{OrRaise, interruptible};
+use crate::rows::{array, read, slice, slice_mut, write};
+use crate::settings;
+use omnidrones::error::Error;
+use omnidrones::rl::nn::Head;
+use omnidrones::rl::{self, Starts, TrainConfig, Trainer};
+use omnidrones::tasks::{self, Autoreset, Env, EnvConfig, Evaluation, Statistics, registry};
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use toml::Table;
+
+/// What was learnt: a network over one agent's observation. Actions are the most likely ones.
+#[pyclass(module = "omnidrones")]
+pub struct Policy {
+    policy: rl::Policy,
+    task: String,
+    /// How it was trained.
+    config: TrainConfig,
+}
+
+#[pymethods]
+impl Policy {
+    /// The task that it was trained for.
+    #[getter]
+    fn task(&self) -> &str {
+        &self.task
+    }
+
+    /// Settings of the environments that it was trained in: `make(policy.task, 1, config=policy.config)` shows what it expects.
+    #[getter]
+    fn config<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        settings::dict(py, &Table::try_from(self.config.seen_env()).map_err(crate::error::unexpected)?)
+    }
+
+    /// Actions for observations: float32 arrays [..., observation] to [..., action].
+    #[pyo3(signature = (observation, out=None))]
+    fn __call__<'py>(
+        &mut self,
+        py: Python<'py>,
+        observation: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let (n_in, n_out) = (self.policy.actor().mlp.n_input(), self.policy.actor().n_action());
+        let mut shape: Vec<usize> = observation.getattr("shape").and_then(|s| s.extract()).unwrap_or_default();
+        if shape.last() != Some(&n_in) {
+            let remedy = "The last axis is one agent's observation.";
+            return Err(Error::value("shape of observation", format!("{shape:?}"), format!("[..., {n_in}]"), remedy))
+                .or_raise();
+        }
+        let rows = read::<f32>("observation", observation, &shape)?;
+        if let Some(last) = shape.last_mut() {
+            *last = n_out;
+        }
+        let out = match out {
+            Some(out) => out.clone(),
+            None => array(py, vec![0.0_f32; shape.iter().product()], &shape)?,
+        };
+        let mut actions = write("out", &out, &shape)?;
+        let (policy, x, a) = (&mut self.policy, slice(&rows)?, slice_mut(&mut actions)?);
+        py.detach(|| policy.act(x, a)).or_raise()?;
+        Ok(out)
+    }
+
+    /// All parameters, a new float32 array: those of the network, then those of the distribution over its outputs.
+    fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let numbers = self.policy.parameters().to_vec();
+        let n = numbers.len();
+        array(py, numbers, &[n])
+    }
+
+    /// Weights by name, new float32 arrays: "0.weight" [out, in], "0.bias" [out], per layer, as PyTorch has them; "log_std" where
+    /// actions are continuous and drawn.
+    fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (actor, dict) = (self.policy.actor(), PyDict::new(py));
+        let (network, extra) = self.policy.parameters().split_at(actor.mlp.n_parameter());
+        for part in actor.mlp.parts(network) {
+            dict.set_item(&part.name, array(py, part.data, &part.shape)?)?;
+        }
+        if matches!(actor.head, Head::Gaussian { .. }) && !extra.is_empty() {
+            dict.set_item("log_std", array(py, extra.to_vec(), &[extra.len()])?)?;
+        }
+        Ok(dict)
+    }
+
+    /// Pickles hold parameters, statistics and settings.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let restore = py.import("omnidrones._core")?.getattr("_restore_policy")?;
+        let statistics = self.policy.statistics().map(|s| (s.count, s.mean.clone(), s.variance.clone()));
+        let config = self.config.to_toml().or_raise()?;
+        Ok((restore, (&self.task, config, self.parameters(py)?, statistics).into_pyobject(py)?))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Policy(task='{}', parameters={})", self.task, self.policy.parameters().len())
+    }
+}
+
+/// What `Policy.__reduce__` took apart.
+#[pyfunction]
+pub fn _restore_policy(
+    task: String,
+    config: &str,
+    parameters: &Bound<'_, PyAny>,
+    statistics: Option<(f64, Vec<f64>, Vec<f64>)>,
+) -> PyResult<Policy> {
+    let config = TrainConfig::from_toml(config, "pickled settings").or_raise()?;
+    let env = Env::make(&task, &EnvConfig { n_env: 1, ..config.seen_env() }).or_raise()?;
+    let actor = config.algorithm.actor(env.spec()).or_raise()?;
+    let rows = read::<f32>("parameters", parameters, &[actor.n_parameter()])?;
+    let statistics = statistics.map(|(count, mean, variance)| Statistics { count, mean, variance });
+    let policy = rl::Policy::new(actor, slice(&rows)?.to_vec(), statistics, env.spec()).or_raise()?;
+    Ok(Policy { policy, task, config })
+}
+
+/// How far a run is, after an update: what `watch` of `train` sees.
+#[pyclass(module = "omnidrones", frozen, get_all)]
+pub struct Progress {
+    /// Updates done.
+    update: u64,
+    /// Updates after which it ends.
+    budget: u64,
+    /// Steps of environments.
+    env_steps: u64,
+    /// Time spent training, s.
+    seconds: f64,
+    /// What was minimised, before the update.
+    loss: f64,
+    /// Mean reward of a step.
+    reward: f64,
+    /// The newest line of the log by name, or None.
+    line: Option<Py<PyDict>>,
+    /// The newest evaluation by name, or None.
+    evaluation: Option<Py<PyDict>>,
+}
+
+/// What a training run came to.
+#[pyclass(module = "omnidrones", frozen, get_all)]
+pub struct Run {
+    /// Ready to fly.
+    policy: Py<Policy>,
+    /// Of the policy, by name: "success", "return_mean", "crashed", "final_error".
+    evaluation: Py<PyDict>,
+    /// Columns of the log by name, float64 arrays [line]; what a line lacks is NaN.
+    curve: Py<PyDict>,
+    /// Updates done.
+    updates: u64,
+    /// Steps of environments.
+    env_steps: u64,
+    /// Time spent training, s, without evaluations.
+    seconds: f64,
+    /// Whether `watch` stopped it before its end.
+    stopped: bool,
+    /// The newest checkpoint; None for a run without a folder.
+    checkpoint: Option<PathBuf>,
+}
+
+#[pymethods]
+impl Run {
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let success: f64 = self.evaluation.bind(py).as_any().get_item("success")?.extract()?;
+        Ok(format!("Run(updates={}, success={success:.3}, seconds={:.1})", self.updates, self.seconds))
+    }
+}
+
+fn figures<'py>(py: Python<'py>, evaluation: &Evaluation) -> PyResult<Bound<'py, PyDict>> {
+    settings::dict(py, &Table::try_from(evaluation).map_err(crate::error::unexpected)?)
+}
+
+fn told<'py>(py: Python<'py>, line: &rl::log::Line) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    line.iter().try_for_each(|(name, x)| dict.set_item(name, x))?;
+    Ok(dict)
+}
+
+fn columns<'py>(py: Python<'py>, curve: &[rl::log::Line]) -> PyResult<Bound<'py, PyDict>> {
+    let mut names: Vec<&str> = Vec::new();
+    for (name, _) in curve.iter().flat_map(rl::log::Line::iter) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let dict = PyDict::new(py);
+    for name in names {
+        let column: Vec<f64> = curve.iter().map(|line| line.get(name).unwrap_or(f64::NAN)).collect();
+        let n = column.len();
+        dict.set_item(name, array(py, column, &[n])?)?;
+    }
+    Ok(dict)
+}
+
+/// Trains a policy for a task, from random weights or from where a folder stopped, and evaluates it on starts that training
+/// never saw.
+///
+/// Parameters
+/// ----------
+/// name : str
+///     A task.
+/// config : dict or path or str, optional
+///     Settings of the run over the task's recipe, as `omnidrones train TASK --toml` prints them: a dict, a TOML file, or TOML.
+/// algorithm : str, optional
+///     "apg", "shac", "ppo", "dagger"; the task's recipe knows which by default.
+/// seed : int, optional
+///     Of all that is drawn, up to 2^63 - 1.
+/// threads : int, optional
+///     All cores by default. The bits do not depend on it.
+/// folder : path, optional
+///     Where the run is kept; with `resume` it goes on from the newest whole checkpoint there, to the same bits.
+/// watch : callable, optional
+///     Called with a `Progress` after every update; False stops the run behind it. An exception ends it and is raised.
+/// **settings
+///     As in `config`, by name: `evaluate={"envs": 64}`, `apg={"updates": 100}`, and those of the environment: `dt=0.01`, `horizon=200`.
+#[pyfunction]
+#[pyo3(signature = (
+    name, /, config=None, *, algorithm=None, seed=None, threads=None, folder=None, resume=false, watch=None, **settings
+))]
+#[expect(clippy::too_many_arguments, reason = "by name in Python")]
+pub fn train(
+    py: Python<'_>,
+    name: &str,
+    config: Option<&Bound<'_, PyAny>>,
+    algorithm: Option<&str>,
+    seed: Option<i64>,
+    threads: Option<usize>,
+    folder: Option<PathBuf>,
+    resume: bool,
+    watch: Option<Py<PyAny>>,
+    settings: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Run> {
+    let entry = registry::by_name(name).or_raise()?;
+    let mut layers = settings::layers(entry, config, settings, &TrainConfig::keys())?;
+    if let Some(seed) = seed {
+        let seed = omnidrones::layers::at("seed", seed.into());
+        layers.push(omnidrones::layers::Layer::of_table("seed", seed));
+    }
+    let config = TrainConfig::layered(name, algorithm, &layers).or_raise()?;
+    let threads = self::threads(threads)?;
+    let kept = config.clone();
+    let outcome = interruptible(py, |said| {
+        let mut trainer = Trainer::new(entry.name, config, threads)?;
+        if let Some(folder) = folder {
+            trainer = trainer.in_folder(folder, resume)?;
+        }
+        trainer.run(&mut |progress| {
+            let goes_on = said.hear(|py| match &watch {
+                None => Ok(true),
+                Some(watch) => {
+                    let line = progress.line.map(|(line, _)| told(py, line).map(Bound::unbind)).transpose()?;
+                    let evaluation = progress.evaluation.map(|e| figures(py, e).map(Bound::unbind)).transpose()?;
+                    let seen = Progress {
+                        update: progress.update,
+                        budget: progress.budget,
+                        env_steps: progress.env_steps,
+                        seconds: progress.seconds,
+                        loss: progress.last.loss,
+                        reward: progress.last.reward,
+                        line,
+                        evaluation,
+                    };
+                    let answer = watch.call1(py, (seen,))?;
+                    Ok(!answer.bind(py).is(pyo3::types::PyBool::new(py, false)))
+                }
+            });
+            if goes_on == Some(true) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        })
+    })?;
+    let policy = Policy {
+        policy: outcome.policy,
+        task: entry.name.into(),
+        config: TrainConfig { task: entry.name.into(), ..kept },
+    };
+    Ok(Run {
+        policy: Py::new(py, policy)?,
+        evaluation: figures(py, &outcome.evaluation)?.unbind(),
+        curve: columns(py, &outcome.curve)?.unbind(),
+        updates: outcome.updates,
+        env_steps: outcome.env_steps,
+        seconds: outcome.seconds,
+        stopped: outcome.stopped,
+        checkpoint: outcome.checkpoint,
+    })
+}
+
+/// Flies one episode from each of so many starts and tells how well: by name "success" with "success_interval" (95 %, Wilson),
+/// "crashed", "return_mean", "final_error", "ends" and more.
+///
+/// Parameters
+/// ----------
+/// policy : Policy or callable
+///     A callable gets the observations, a float32 array [E, A, observation] that is reused, and returns actions
+///     [E, A, action].
+/// name : str, optional
+///     A task; that of a `Policy` by default, in the environments that it was trained in.
+/// num_envs : int
+///     Starts, one episode each.
+/// seed : int
+///     Of the starts; 1000003 are those that `train` evaluates on.
+/// config, **settings
+///     Of the environments, as in `make`.
+#[pyfunction]
+#[pyo3(signature = (policy, name=None, *, num_envs=1024, seed=1_000_003, threads=None, config=None, **settings))]
+#[expect(clippy::too_many_arguments, reason = "by name in Python")]
+pub fn evaluate<'py>(
+    py: Python<'py>,
+    policy: &Bound<'py, PyAny>,
+    name: Option<&str>,
+    num_envs: usize,
+    seed: u64,
+    threads: Option<usize>,
+    config: Option<&Bound<'py, PyAny>>,
+    settings: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let threads = self::threads(threads)?;
+    let given = config.is_some() || settings.is_some_and(|settings| !settings.is_empty());
+    if let Ok(own) = policy.cast::<Policy>() {
+        let mut own = own.try_borrow_mut()?;
+        let Policy { policy, task, config: trained } = &mut *own;
+        let task = name.unwrap_or(task);
+        let entry = registry::by_name(task).or_raise()?;
+        let env = if given { config_of(entry, None, config, None, settings)? } else { trained.seen_env() };
+        let starts = Starts { n_env: num_envs, seed };
+        let evaluation = interruptible(py, |said| {
+            let mut env = rl::eval_env(policy, task, &env, starts, &threads)?;
+            policy.set_threads(threads);
+            let act = &mut |_: &Env, out: &tasks::Buffers, actions: &mut [f32]| {
+                said.or_stop(|_| Ok(()))?;
+                policy.act(&out.observation, actions)
+            };
+            tasks::evaluate(&mut env, act, &mut |_| ())
+        })?;
+        return figures(py, &evaluation);
+    }
+    let Some(name) = name else {
+        return Err(pyo3::exceptions::PyTypeError::new_err("name is missing: a callable does not know its task."));
+    };
+    let entry = registry::by_name(name).or_raise()?;
+    let config = config_of(entry, Some(num_envs), config, None, settings)?;
+    let config = EnvConfig { seed, first_environment: 0, autoreset: Autoreset::Disabled, stagger: false, ..config };
+    let mut env = entry.env(&config).or_raise()?;
+    env.set_threads(threads);
+    let spec = env.spec();
+    let seen = [spec.n_env, spec.n_agent, spec.n_observation];
+    let done = [spec.n_env, spec.n_agent, spec.action.len()];
+    let observation = array(py, vec![0.0_f32; seen.iter().product()], &seen)?.unbind();
+    let policy = policy.clone().unbind();
+    let evaluation = interruptible(py, |said| {
+        let act = &mut |_: &Env, out: &tasks::Buffers, actions: &mut [f32]| {
+            said.or_stop(|py| {
+                let observation = observation.bind(py);
+                slice_mut(&mut write("observation", observation, &seen)?)?.copy_from_slice(&out.observation);
+                let answer = policy.bind(py).call1((observation,))?;
+                actions.copy_from_slice(slice(&read("actions of the policy", &answer, &done)?)?);
+                Ok(())
+            })
+        };
+        tasks::evaluate(&mut env, act, &mut |_| ())
+    })?;
+    figures(py, &evaluation)
+}
+
+/// The policy of a run's folder, or of one of its checkpoints.
+///
+/// Raises `FileNotFoundError` where there is none, `ValueError` for damaged files.
+#[pyfunction]
+pub fn load_policy(py: Python<'_>, path: PathBuf) -> PyResult<Policy> {
+    let saved = py.detach(|| rl::load_policy(&path)).or_raise()?;
+    Ok(Policy { policy: saved.policy, task: saved.manifest.task, config: saved.config })
+}
+
+/// The library's own controllers as a policy: what learners have to beat. One per environment in rotor mode, which sees the true
+/// state; `controller(env)` gives actions [E, A, action].
+#[pyclass(module = "omnidrones", frozen)]
+pub struct Controller(Mutex<tasks::Baseline>);
+
+#[pymethods]
+impl Controller {
+    #[new]
+    fn new(env: &crate::batch::VecEnv) -> PyResult<Self> {
+        Ok(Self(Mutex::new(tasks::Baseline::new(&env.env).or_raise()?)))
+    }
+
+    /// What flies, in one word.
+    #[getter]
+    fn name(&self) -> PyResult<String> {
+        Ok(self.lock()?.name().to_string())
+    }
+
+    /// Actions of all agents for the state as it is, a new float32 array [E, A, action]. `reset` of an environment needs a new
+    /// controller, or `forget`.
+    fn __call__<'py>(&self, py: Python<'py>, env: &crate::batch::VecEnv) -> PyResult<Bound<'py, PyAny>> {
+        let spec = env.env.spec();
+        let shape = [spec.n_env, spec.n_agent, spec.action.len()];
+        let mut actions = vec![0.0_f32; shape.iter().product()];
+        self.lock()?.act(&env.env, &mut actions).or_raise()?;
+        array(py, actions, &shape)
+    }
+
+    /// Makes a new controller for one environment at the next call: where an episode began.
+    fn forget(&self, environment: usize) -> PyResult<()> {
+        self.lock()?.forget(environment);
+        Ok(())
+    }
+}
+
+impl Controller {
+    fn lock(&self) -> PyResult<std::sync::MutexGuard<'_, tasks::Baseline>> {
+        let busy = || {
+            pyo3::exceptions::PyRuntimeError::new_err("the controller flies in another thread. Make one per thread.")
+        };
+        self.0.try_lock().map_err(|_| busy())
+    }
+}

@@ -1,0 +1,51 @@
+//! The extension module `omnidrones._core`: what Python needs of the library, without a decision of its own.
+//!
+//! | file | what |
+//! |---|---|
+//! | `rows` | NumPy arrays as rows, the only file that reaches into their memory |
+//! | `settings` | dicts, files and keywords as layers of settings |
+//! | `error` | errors as exceptions; work that Python may interrupt |
+//! | `batch` | many environments: `VecEnv` |
+//! | `gradient` | tapes, sweeps, Jacobians |
+//! | `learn` | training, evaluation, policies |
+//! | `control` | vehicles, flights, linear models, allocation, tuning |
+//!
+//! What makes environments those of Gymnasium, PettingZoo, Stable-Baselines3, TorchRL, PyTorch and Ray is written in Python, beside
+//! it in `omnidrones/`.
+
+mod batch;
+mod control;
+mod error;
+mod gradient;
+mod learn;
+mod rows;
+mod settings;
+
+/// Compiled part of `omnidrones`.
+#[pyo3::pymodule(gil_used = true)]
+mod _core {
+    use omnidrones::tasks::registry;
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use super::batch::{_restore, VecEnv};
+    #[pymodule_export]
+    use super::control::{
+        Allocation, Flight, StateSpace, Trim, Vehicle, allocate, configuration_names, fly, linearise, tune,
+        vehicle_names,
+    };
+    #[pymodule_export]
+    use super::gradient::{Adjoint, Jacobian, Sweep, Tape};
+    #[pymodule_export]
+    use super::learn::{_restore_policy, Controller, Policy, Progress, Run, evaluate, load_policy, train};
+
+    #[expect(non_upper_case_globals, reason = "as Python calls it")]
+    #[pymodule_export]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+
+    /// Names of the tasks.
+    #[pyfunction]
+    fn tasks() -> Vec<&'static str> {
+        registry::names()
+    }
+}

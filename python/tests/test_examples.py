@@ -1,0 +1,21 @@
+"""Every example runs as it is."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+NEEDS = {"apg_torch": ("torch", ["3"]), "sb3_ppo": ("stable_baselines3", ["2000"]), "ray_shards": ("ray", [])}
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in EXAMPLES.glob("*.py")))
+def test_an_example_runs(name):
+    package, arguments = NEEDS.get(name, (None, []))
+    if package is not None and importlib.util.find_spec(package) is None:
+        pytest.skip(f"needs {package}")
+    program = [sys.executable, str(EXAMPLES / f"{name}.py"), *arguments]
+    ran = subprocess.run(program, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr

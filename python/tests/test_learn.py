@@ -1,0 +1,85 @@
+"""Training, evaluation, policies."""
+
+import copy
+
+import numpy as np
+import pytest
+from conftest import flown
+
+import omnidrones
+
+SMALL = {"evaluate": {"envs": 16}, "apg": {"n_env": 16, "window": 8, "updates": 6}, "horizon": 40, "log_every": 1}
+
+
+def test_a_policy_hovers_after_a_training_from_random_weights():
+    run = omnidrones.train("Hover", seed=101)
+    assert run.evaluation["success"] >= 0.98 and not run.stopped and run.updates == len(run.curve["update"]) * 10
+    again = omnidrones.evaluate(run.policy)
+    assert again == run.evaluation
+
+    weights = run.policy.weights()
+
+    def by_numpy(observation):
+        x = observation
+        for k in range(3):
+            x = x @ weights[f"{k}.weight"].T + weights[f"{k}.bias"]
+            x = np.tanh(x) if k == 2 else ELU(x) if run_activation == "elu" else np.tanh(x)
+        return x
+
+    ELU, run_activation = (lambda x: np.where(x > 0, x, np.expm1(x))), "tanh"
+    x = np.zeros((2, 1, 30), np.float32)
+    assert run.policy(x).shape == (2, 1, 4)
+    figures = omnidrones.evaluate(lambda seen: run.policy(seen), "Hover", config=run.policy.config)
+    assert figures["success"] == run.evaluation["success"]
+
+
+def test_watchers_see_every_update_and_may_stop():
+    seen = []
+    run = omnidrones.train("Hover", watch=lambda p: seen.append((p.update, p.budget, p.loss)) or p.update < 3, **SMALL)
+    assert [update for update, *_ in seen] == [1, 2, 3] and run.stopped and run.updates == 3
+    assert all(budget == 6 and np.isfinite(loss) for _, budget, loss in seen)
+
+
+def test_a_run_in_a_folder_goes_on_to_the_same_bits(tmp_path):
+    whole = omnidrones.train("Hover", folder=tmp_path / "a", **SMALL)
+    part = omnidrones.train("Hover", folder=tmp_path / "b", watch=lambda p: p.update < 3, **SMALL)
+    rest = omnidrones.train("Hover", folder=tmp_path / "b", resume=True, **SMALL)
+    assert part.stopped and not rest.stopped
+    assert np.array_equal(whole.policy.parameters(), rest.policy.parameters())
+    for path in (tmp_path / "b", rest.checkpoint):
+        saved = omnidrones.load_policy(path)
+        assert saved.task == "Hover" and np.array_equal(saved.parameters(), whole.policy.parameters())
+    with pytest.raises(ValueError, match="in use"):
+        omnidrones.train("Hover", folder=tmp_path / "b", **SMALL)
+
+
+def test_settings_of_runs_and_of_environments_are_keywords_and_mistakes_have_names():
+    run = omnidrones.train("Hover", algorithm="ppo", ppo={"updates": 1, "n_env": 16}, dt=0.01, evaluate={"envs": 4})
+    assert run.updates == 1 and run.policy.config["dt"] == 0.01
+    for wrong, words in [({"algorithm": "pp"}, "ppo"), ({"apg": {"update": 1}}, "updates"), ({"horizn": 3}, "horizon")]:
+        with pytest.raises(ValueError, match=words):
+            omnidrones.train("Hover", **wrong)
+
+
+def test_a_policy_refuses_what_is_not_its_own():
+    policy = omnidrones.train("Hover", **SMALL).policy
+    assert policy(np.zeros(30, np.float32)).shape == (4,) and policy(np.zeros((0, 1, 30), np.float32)).shape == (0, 1, 4)
+    with pytest.raises(ValueError, match="shape of observation"):
+        policy(np.zeros((2, 29), np.float32))
+    with pytest.raises(TypeError, match="float32"):
+        policy(np.zeros((2, 30)))
+    with pytest.raises(ValueError, match="observation"):
+        omnidrones.evaluate(policy, "PayloadHover", num_envs=2)
+    with pytest.raises(TypeError, match="name is missing"):
+        omnidrones.evaluate(lambda x: x)
+
+
+def test_the_librarys_controller_flies_a_batch():
+    env = omnidrones.make("Hover", 4, autoreset="disabled", horizon=200)
+    env.reset(1)
+    controller = omnidrones.Controller(env)
+    for _ in range(200):
+        env.step(controller(env))
+    assert controller.name and (env.column("position_error") < 0.3).all()
+    with pytest.raises(ValueError, match="environment of a baseline"):
+        controller(omnidrones.make("Hover", 5))

@@ -1,0 +1,45 @@
+"""PettingZoo: its own checkers."""
+
+import warnings
+
+import numpy as np
+import pytest
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+import omnidrones
+from omnidrones.pettingzoo import parallel_env
+
+TEAMS = [name for name in omnidrones.tasks() if omnidrones.make(name, 1).spec.n_agent > 1]
+
+
+@pytest.mark.parametrize("name", omnidrones.tasks())
+def test_pettingzoos_checkers_pass_for_every_task(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        parallel_api_test(parallel_env(name, horizon=30), num_cycles=80)
+        parallel_seed_test(lambda: parallel_env(name, horizon=30), num_cycles=30)
+
+
+@pytest.mark.parametrize("name", TEAMS)
+def test_agents_see_and_do_what_the_batch_does(name, rng):
+    env, batch = parallel_env(name), omnidrones.make(name, 1, autoreset="disabled")
+    seen, _ = env.reset(seed=4)
+    rows = batch.reset(4)[0]
+    for _ in range(10):
+        assert all(np.array_equal(seen[agent], rows[k]) for k, agent in enumerate(env.possible_agents))
+        actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+        seen, reward, *_ = env.step(actions)
+        step = batch.step(np.stack([[actions[agent] for agent in env.possible_agents]]))
+        rows = step.observation[0]
+        assert list(reward.values()) == step.reward[0].tolist()
+        assert np.array_equal(env.state(), batch.central[0])
+
+
+def test_an_episode_that_is_over_takes_no_step():
+    env = parallel_env("Formation", horizon=2)
+    env.reset(seed=0)
+    for _ in range(2):
+        env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+    assert env.agents == []
+    with pytest.raises(RuntimeError, match="reset"):
+        env.step({})

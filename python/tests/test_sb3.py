@@ -1,0 +1,55 @@
+"""Stable-Baselines3: its checker, its wrappers, and a PPO that learns."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import omnidrones
+
+pytest.importorskip("stable_baselines3")
+from stable_baselines3 import PPO  # noqa: E402
+from stable_baselines3.common.env_checker import check_env  # noqa: E402
+from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor, VecNormalize  # noqa: E402
+
+from omnidrones.sb3 import VecEnv  # noqa: E402
+
+
+@pytest.mark.parametrize("name", ["Hover", "PayloadTrack", "Formation"])
+def test_its_checker_passes(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(omnidrones.gym.Env(name))
+
+
+def test_ended_episodes_have_their_last_observation_and_say_why():
+    env = VecEnv("Hover", 8, stagger=True, horizon=80)
+    env.seed(0)
+    env.reset()
+    rng, cut, ended = np.random.default_rng(0), 0, 0
+    for _ in range(300):
+        actions = (rng.uniform(-1, 1, (8, 4)) * 0.02 - 0.415).astype(np.float32)
+        observation, _, done, infos = env.step(actions)
+        for i in np.flatnonzero(done):
+            assert infos[i]["terminal_observation"].shape == observation[i].shape
+            assert infos[i]["episode"]["l"] <= 80
+            cut += infos[i]["TimeLimit.truncated"]
+            ended += not infos[i]["TimeLimit.truncated"]
+    assert cut and ended
+    assert env.env_is_wrapped(VecMonitor) == [False] * 8 and len(env.env_method("states")) == 8
+    VecNormalize(VecCheckNan(VecMonitor(env))).reset()
+
+
+def test_its_seed_is_ours():
+    rows = []
+    for _ in range(2):
+        env = VecEnv("Hover", 4)
+        env.seed(3)
+        rows.append(env.reset())
+    assert np.array_equal(*rows)
+
+
+def test_ppo_runs_unchanged():
+    model = PPO("MlpPolicy", VecEnv("Hover", 16), n_steps=32, batch_size=128, n_epochs=1, device="cpu")
+    model.learn(2048)
+    assert np.isfinite(model.predict(np.zeros((16, 30), np.float32))[0]).all()

@@ -1,0 +1,37 @@
+"""TorchRL: its checker, and a rollout that is the batch's."""
+
+import numpy as np
+import pytest
+
+import omnidrones
+
+pytest.importorskip("torchrl")
+import torch  # noqa: E402
+from torchrl.envs.utils import check_env_specs  # noqa: E402
+
+from omnidrones.torchrl import Env  # noqa: E402
+
+
+@pytest.mark.parametrize("how", [{}, {"actions": {"kind": "multi_discrete", "levels": 3}}, {"actions": {"kind": "discrete", "levels": 2}}])
+def test_its_checker_passes(how):
+    check_env_specs(Env("Hover", 4, **how))
+
+
+def test_a_rollout_resets_what_is_done_and_shows_how_it_ended():
+    env = Env("Hover", 3, horizon=20)
+    env.set_seed(5)
+    rows = env.rollout(50, policy=lambda td: td.set("action", torch.full((3, 4), -0.41)), break_when_any_done=False)
+    assert rows.shape == (3, 50)
+    done = rows["next", "done"][..., 0]
+    assert done.any()
+    batch = omnidrones.make("Hover", 3, horizon=20, autoreset="same_step")
+    assert np.array_equal(batch.reset(5).reshape(3, -1), rows["observation"][:, 0].numpy())
+    actions = np.full((3, 1, 4), -0.41, np.float32)
+    for t in range(50):
+        step = batch.step(actions)
+        over = step.terminated | step.truncated
+        assert np.array_equal(over, done[:, t].numpy())
+        seen = np.where(over[:, None], batch.final_observation[:, 0], step.observation[:, 0])
+        assert np.array_equal(seen, rows["next", "observation"][:, t].numpy())
+        if t < 49:
+            assert np.array_equal(step.observation[:, 0], rows["observation"][:, t + 1].numpy())
