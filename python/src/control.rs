@@ -381,7 +381,7 @@ pub fn linearise(
     physics.effects.disturbance |= wind.is_some();
     let plant = self::plant(plant, physics)?;
     let air = Disturbance { wind: wind.unwrap_or_default(), ..Disturbance::none() };
-    let target = TrimTarget { velocity, yaw_rate, tilt: [roll, pitch], air };
+    let target = TrimTarget { velocity: velocity.map(Some), yaw_rate, tilt: [roll, pitch], air };
     let (trim, model) = py
         .detach(|| {
             let trim = design::trim(&plant, &target)?;
