@@ -30,7 +30,7 @@ Examples:
   omnidrones linearise hummingbird --fail 2                     on three rotors, spinning
 
 Files: --save writes A, B, C, D of one step with the names and units of all signals (.json), or as one table (.csv); with \
---continuous those of dx/dt that give this step between held inputs.
+--continuous those of dx/dt, of which this step is the Tustin equivalent.
 
 JSON: SI units, radians.
 
@@ -75,7 +75,7 @@ pub struct Arguments {
     /// Without this rotor, or with a share of it (1:0.6); what must spin to stay up is found in its turn, in place
     #[arg(long, value_name = "ROTOR[:SHARE]", help_heading = "Steady flight")]
     fail: Option<String>,
-    /// Of dx/dt in place of one step
+    /// Of dx/dt in place of one step: the system whose Tustin equivalent the step is
     #[arg(long, help_heading = "Output")]
     continuous: bool,
     /// Write the linear model into this file (.json or .csv)
