@@ -385,7 +385,7 @@ pub fn linearise(
     let (trim, model) = py
         .detach(|| {
             let trim = design::trim(&plant, &target)?;
-            let model = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input)?;
+            let model = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input, trim.yaw_rate)?;
             Ok((trim, model))
         })
         .or_raise()?;

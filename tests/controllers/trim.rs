@@ -1,9 +1,10 @@
 //! Steady flights: closed forms, and flights that stay as they are.
 
+use nalgebra::DVector;
 use omnidrones::autodiff::System;
 use omnidrones::controllers::Assessment;
 use omnidrones::controllers::allocation::failure::hover;
-use omnidrones::controllers::design::{TrimTarget, trim, trim_spin};
+use omnidrones::controllers::design::{ErrorState, TrimTarget, trim, trim_spin};
 use omnidrones::dynamics::spatial::{from_euler, multiply, rotate, to_euler};
 use omnidrones::dynamics::{Disturbance, Effects, Physics, Plant, configurations, vehicles};
 
@@ -127,5 +128,39 @@ fn a_quadrotor_on_three_rotors_has_a_steady_turn_that_mueller_and_dandrea_descri
         assert!(found.residual < 1e-8 && found.limited.is_empty() && left < 1e-10, "{found:?}");
         assert!(turn[0].hypot(turn[1]) < 1e-6 * turn[2].abs() && (carried - 1.0).abs() < 0.01, "{turn:?} {carried}");
         assert!(thrust[lost] < 1e-3 && thrust[(lost + 2) % 4] > 0.1, "{thrust:?}");
+    }
+}
+
+#[test]
+fn the_model_of_a_turn_says_where_disturbed_flights_go() {
+    let vehicle = vehicles::by_name("hummingbird").unwrap();
+    let (whole, lost) = (rigid("hummingbird"), [0.0, 1.0, 1.0, 1.0]);
+    let turning = TrimTarget { yaw_rate: 1.2, ..TrimTarget::at_velocity([6.0, 0.0, 0.0]) };
+    let spin = Assessment::of(&vehicle, &lost).unwrap().spin.unwrap();
+    let three = whole.damaged(&lost).unwrap();
+    let flights = [(&whole, trim(&whole, &turning).unwrap()), (&three, trim_spin(&three, &spin).unwrap())];
+    for (plant, found) in flights {
+        let errors = ErrorState::of_plant(plant).unwrap();
+        let model = errors.state_space(plant, &found.state, &found.input, found.yaw_rate).unwrap();
+        let disturbed = |k: usize| if k < 12 { 1e-6 * (1.0 + k as f64).sin() } else { 0.0 };
+        let mut predicted = DVector::from_fn(errors.n_error(), |k, _| disturbed(k));
+        let mut x = errors.moved(&found.state, predicted.as_slice());
+        let (mut steady, mut next) = (found.state.clone(), vec![0.0; x.len()]);
+        for _ in 0..25 {
+            for state in [&mut x, &mut steady] {
+                plant.step(state, &found.input, &[], &mut next);
+                state.copy_from_slice(&next);
+            }
+            predicted = model.a() * predicted;
+        }
+        let mut flown = errors.difference(&x, &steady);
+        let turned = from_euler(0.0, 0.0, -found.yaw_rate * 25.0 * plant.physics().dt);
+        for at in [0, 3] {
+            let seen = rotate(turned, [flown[at], flown[at + 1], flown[at + 2]]);
+            (0..3).for_each(|k| flown[at + k] = seen[k]);
+        }
+        let off = (&flown - &predicted).amax() / predicted.amax();
+        println!("{:.2} rad/s: {off:.1e} of {:.1e}", found.yaw_rate, predicted.amax());
+        assert!(off < 1e-3, "{} rad/s: {off:e}", found.yaw_rate);
     }
 }

@@ -193,7 +193,7 @@ fn findings(
 ) -> Result<Findings> {
     let plant = Plant::of_vehicle(vehicle, physics)?;
     let trim = trim(&plant, &TrimTarget { air: *air, ..TrimTarget::hover() })?;
-    let linear = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input)?;
+    let linear = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input, trim.yaw_rate)?;
     let hover = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
     let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_latency(latency)?;
     let model = LoopModel::new(closed, Target::level(&hover), air, &trim.state)?;

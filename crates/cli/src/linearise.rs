@@ -7,7 +7,7 @@ use super::page::{Fact, Page, short};
 use super::{Report, files, robot, source};
 use omnidrones::controllers::design::{ErrorState, Trim, TrimTarget, trim, trim_spin};
 use omnidrones::controllers::linear::{Mode, modes, unobservable, unreachable};
-use omnidrones::controllers::{Assessment, RotorFailure};
+use omnidrones::controllers::{Assessment, Capability, RotorFailure};
 use omnidrones::dynamics::{Disturbance, Physics, Plant, Vehicle};
 use omnidrones::error::{Error, Result};
 use serde_json::json;
@@ -113,12 +113,20 @@ impl Arguments {
         let mut health = vec![1.0; names.len()];
         health[rotor] = share;
         let (plant, left) = (plant.damaged(&health)?, Assessment::of(vehicle, &health)?);
-        let found = match &left.spin {
-            None => trim(&plant, &target)?,
-            Some(spin) if target == TrimTarget::hover() => trim_spin(&plant, spin)?,
-            Some(_) => {
+        let refused = |rule: &str, remedy: &str| Err(Error::value("--fail", fail, rule, remedy));
+        let found = match (left.capability, &left.spin) {
+            (Capability::None, _) => {
+                return refused("a rotor whose loss leaves a steady flight", "Give a share, as 1:0.6.");
+            }
+            (Capability::YawSacrificed, _) => {
+                let remedy = "'omnidrones fly --fail' flies it; a share, as 1:0.6, may leave a steady flight.";
+                return refused("a rotor whose loss leaves its yaw: without, it turns ever faster", remedy);
+            }
+            (_, None) => trim(&plant, &target)?,
+            (_, Some(spin)) if target == TrimTarget::hover() => trim_spin(&plant, spin)?,
+            (_, Some(_)) => {
                 let remedy = "Leave out --velocity, --yaw-rate, --roll and --pitch.";
-                return Err(Error::value("--fail", fail, "a turn in place: it must spin to stay up", remedy));
+                return refused("a turn in place: it must spin to stay up", remedy);
             }
         };
         Ok((plant, found))
@@ -159,7 +167,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
             a.steady_flight(&vehicle, physics)?
         }
     };
-    let step = ErrorState::of_plant(&plant)?.state_space(&plant, &found.state, &found.input)?;
+    let step = ErrorState::of_plant(&plant)?.state_space(&plant, &found.state, &found.input, found.yaw_rate)?;
     let (modes, hidden): (Vec<Mode>, usize) = (modes(&step)?, unreachable(&step, 1e-9)?.len());
     let unseen = unobservable(&step, 1e-9)?.len();
     let model = if a.continuous { step.continuous()? } else { step };

@@ -182,16 +182,19 @@ impl ErrorState {
         all
     }
 
-    /// One step of a plant about a steady flight, sampled at its dt: the error state from itself and all inputs, seen whole. Motors
-    /// slow down: their lag is the longer one.
+    /// One step of a plant about a steady flight that turns at `yaw_rate` (rad/s), sampled at its dt: the error state from itself and
+    /// all inputs, seen whole. Motors slow down: their lag is the longer one. Places and velocities of roots, and what acts on them from
+    /// outside, are in axes that turn with the flight: seen so, every step is the same, R_z(−r dt) A and R_z(−r dt) B.
     ///
     /// # Errors
     /// [`Error::Value`] where the linearisation is not finite.
-    pub fn state_space(&self, plant: &Plant, state: &[f64], input: &[f64]) -> Result<StateSpace> {
+    pub fn state_space(&self, plant: &Plant, state: &[f64], input: &[f64], yaw_rate: f64) -> Result<StateSpace> {
         let theta = if plant.n_parameter() > 0 { plant.parameters() } else { Vec::new() };
         let mut state = state.to_vec();
         plant.slow_down(&mut state);
         let (a, b) = self.reduce(&state, &linearise(plant, &state, input, &theta));
+        let back = self.turned_back(plant, yaw_rate * plant.physics().dt);
+        let (a, b) = (&back * a, back * b);
         let (n, m, signals) = (a.nrows(), b.ncols(), self.signals(plant));
         let inputs = plant.input_quantities().into_iter().map(|q| Signal::new(q.name, q.unit)).collect();
         StateSpace::new(a, b, DMatrix::identity(n, n), DMatrix::zeros(n, m), Some(plant.physics().dt))?.named(
@@ -199,6 +202,19 @@ impl ErrorState {
             inputs,
             signals,
         )
+    }
+
+    /// R_z(−angle) on places and velocities of roots that float.
+    fn turned_back(&self, plant: &Plant, angle: f64) -> DMatrix<f64> {
+        let (s, c) = angle.sin_cos();
+        let mut back = DMatrix::identity(self.n_error(), self.n_error());
+        for root in plant.roots().into_iter().filter(|root| self.turns_at(root + 6)) {
+            for at in [self.place(root), self.place(root + 3)] {
+                (back[(at, at)], back[(at, at + 1)]) = (c, s);
+                (back[(at + 1, at)], back[(at + 1, at + 1)]) = (-s, c);
+            }
+        }
+        back
     }
 
     /// Calls with (place in the state, place in the error, whether a quaternion begins there) for all of them.

@@ -57,6 +57,8 @@ pub struct Trim {
     pub state: Vec<f64>,
     /// The plant's input.
     pub input: Vec<f64>,
+    /// Rate about the vertical, rad/s.
+    pub yaw_rate: f64,
     /// The largest rate of change that is left (see [`STEADY`]).
     pub residual: f64,
     /// Commands that stand at a limit: places in the input.
@@ -81,12 +83,12 @@ pub fn trim(plant: &Plant, target: &TrimTarget) -> Result<Trim> {
 /// vertical axis, and all else stays as it is in axes that turn with it.
 ///
 /// # Errors
-/// As [`trim`]; [`Error::Value`] unless there is one thrust per rotor of `plant`.
+/// As [`trim`]; [`Error::Value`] unless `plant` is one rigid vehicle with one rotor per thrust.
 pub fn trim_spin(plant: &Plant, spin: &Spin) -> Result<Trim> {
     let rotors = plant.rotor_places();
-    if rotors.len() != spin.thrusts.len() {
-        let remedy = "Assess the vehicle that the plant is of.";
-        return Err(Error::value("trim: thrusts", spin.thrusts.len(), rotors.len().to_string(), remedy));
+    if !matches!(plant, Plant::Rigid(_)) || rotors.len() != spin.thrusts.len() {
+        let (value, remedy) = (format!("of {} rotors", spin.thrusts.len()), "Assess the vehicle that the plant is of.");
+        return Err(Error::value("trim: spin", value, format!("of the rotors of '{}'", plant.name()), remedy));
     }
     let (mut state, mut input) = (vec![0.0; plant.n_state()], vec![0.0; plant.n_input()]);
     let [x, y, z] = spin.axis;
@@ -309,7 +311,8 @@ impl<'a> Search<'a> {
         let residual = left.amax();
         let limited = self.commands.iter().copied().filter(|k| now.input[*k].abs() >= 1.0).collect();
         if residual <= STEADY {
-            return Ok(Trim { state: now.state, input: now.input, residual, limited });
+            let yaw_rate = self.target.yaw_rate;
+            return Ok(Trim { state: now.state, input: now.input, yaw_rate, residual, limited });
         }
         let worst = left.iamax();
         let names = self.plant.state_quantities();
