@@ -22,7 +22,7 @@ use nalgebra::Matrix3;
 
 /// Sine of the angle between n and body z.
 const LEAN: f64 = 0.3;
-/// Least difference of moments of inertia about z and across, as a share of the one about z.
+/// Least difference of moments of inertia about z and across, and largest product of inertia, as a share of the moment about z.
 const LEAST_DIFFERENCE: f64 = 0.05;
 /// Least room around its thrusts, as a share of the weight: what steers it must push both ways in every turn. A Crazyflie has half of
 /// it and, at 47 rad/s behind motors of 20 ms, falls.
@@ -35,7 +35,7 @@ const SPIN_UP: [f64; WRENCH] = [1e-4, 1e-4, 1.0, 100.0, 100.0, 1e-3];
 /// A steady turn that carries the weight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spin {
-    /// Ω about body z, rad/s, in the sense that the rotors start.
+    /// Ω n_z about body z, rad/s, in the sense that the rotors start.
     pub rate: f64,
     /// n, body axes.
     pub axis: Vec3<f64>,
@@ -61,7 +61,9 @@ impl Spin {
         let room = WrenchMargin::within(problem, three, &[0.0, 0.0, made[2], made[3], made[4], 0.0])?;
         let balanced = (made[2] - wanted[2]).abs() < least && made[5].abs() < 0.1 * started[5].abs();
         let can_start = started[2] > 0.99 * weight && started[3].hypot(started[4]) < least * three.length();
-        let differs = difference.iter().all(|d| d.abs() > LEAST_DIFFERENCE * j[(2, 2)]);
+        let small = LEAST_DIFFERENCE * j[(2, 2)];
+        let principal = [(0, 1), (0, 2), (1, 2)].iter().all(|place| j[*place].abs() < small);
+        let differs = principal && difference.iter().all(|d| d.abs() > small);
         if !(balanced && can_start && differs && room.margin.distance > ROOM * weight) {
             return Ok(None);
         }
