@@ -19,13 +19,18 @@ class _Finder:
         if name != "gymnasium":
             return None
         sys.meta_path.remove(cls)
-        spec = importlib.util.find_spec(name)
-        if spec is None or spec.loader is None:
+        try:
+            spec = importlib.util.find_spec(name)
+        finally:
+            # it may only be asked whether there is one
             sys.meta_path.insert(0, cls)
+        if spec is None or spec.loader is None:
             return spec
         execute = spec.loader.exec_module
 
         def then_register(module: ModuleType) -> None:
+            if cls in sys.meta_path:
+                sys.meta_path.remove(cls)
             execute(module)
             importlib.import_module("omnidrones.gym")
 

@@ -60,7 +60,7 @@ class Env(gymnasium.Env[NDArray[np.float32], Any]):
         self.render_mode = render_mode
         self._action = np.zeros((1, self.batch.spec.n_agent * self.batch.spec.n_action), np.float32)
         self._columns = self.batch.spec.info
-        self._seeded = self._closed = False
+        self._seeded, self._closed = settings.get("seed") is not None, False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -149,7 +149,7 @@ if HAS_BATCHES:
             self._names = spec.info if info == "columns" else ()
             self._told: dict[str, Any] = {"_" + column: np.ones(num_envs, np.bool_) for column in self._names}
             self._seen: list[tuple[Step, tuple[Any, ...]]] = []
-            self._seeded = False
+            self._seeded = settings.get("seed") is not None
 
         def reset(
             self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -160,10 +160,10 @@ if HAS_BATCHES:
             """
             self._check_open()
             super().reset(seed=seed if isinstance(seed, int) else None)
-            if seed is None and not self._seeded:
-                seed = int(self.np_random.integers(2**63))
             if isinstance(seed, list):
                 seed = None if seed == [None] * self.num_envs else seed
+            if seed is None and not self._seeded:
+                seed = int(self.np_random.integers(2**63))
             self._seeded = True
             observation = self.batch.reset(seed, (options or {}).get("reset_mask")).reshape(self.num_envs, -1)
             return (observation.copy() if self.copy else observation), {}

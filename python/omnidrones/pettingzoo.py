@@ -31,7 +31,7 @@ class parallel_env(ParallelEnv):
         # one space per agent: each draws samples of its own
         self._spaces = {agent: agent_spaces(spec) for agent in self.possible_agents}
         self._action = np.zeros((1, spec.n_agent, spec.n_action), np.float32)
-        self._seeded = False
+        self._seeded = settings.get("seed") is not None
         if spec.n_central:
             self.state_space = spaces.Box(-NO_BOUND, NO_BOUND, (spec.n_central,), np.float32)
 

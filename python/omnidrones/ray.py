@@ -23,7 +23,7 @@ Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 class _Shard:
-    """One shard. Every call returns its rows and the state behind them, which is kept where the driver is."""
+    """One shard. Every call returns its rows and the state behind them, which the driver fetches and keeps."""
 
     def __init__(self, name: str, num_envs: int, settings: dict[str, Any], state: bytes | None) -> None:
         self.env = _core.VecEnv(name, num_envs, **settings)
@@ -54,6 +54,9 @@ class _Shard:
         rows["last_observation"] = env.observation.copy()
         return rows, env.save()
 
+
+_REPLACEMENTS = 5
+"""Workers of a shard that may be lost in one call."""
 
 _Worker: Any = ray.remote(max_restarts=0)(_Shard)
 
@@ -97,18 +100,28 @@ class Shards:
         asked = list(arguments)
         call = lambda k: getattr(self.workers[k], method).options(num_returns=2).remote(*asked[k])  # noqa: E731
         pending = [call(k) for k in range(len(self.workers))]
-        answers = []
+        answers, failed = [], None
         for k, refs in enumerate(pending):
-            while True:
-                try:
-                    answers.append(ray.get(refs[0]))
-                    self._states[k] = refs[1]
-                    break
-                except RayActorError:
-                    self.replaced += 1
-                    self.workers[k] = self._worker(k)
-                    refs = call(k)
+            try:
+                answer, self._states[k] = self._answer(k, refs, call)
+                answers.append(answer)
+            except Exception as error:  # the others' states are kept first
+                failed = failed or error
+        if failed is not None:
+            raise failed
         return answers
+
+    def _answer(self, k: int, refs: Any, call: Callable[[int], Any]) -> Any:
+        for left in reversed(range(_REPLACEMENTS + 1)):
+            try:
+                return ray.get(refs)
+            except RayActorError as error:
+                # what could not be made cannot be made again: its settings are wrong, or too large
+                if getattr(error, "actor_init_failed", False) or left == 0:
+                    raise
+                self.replaced += 1
+                self.workers[k] = self._worker(k)
+                refs = call(k)
 
     def reset(self, seed: int | None = None) -> NDArray[np.float32]:
         """Begins episodes of all environments; observations [E, A, observation]."""

@@ -3,7 +3,7 @@
 use crate::error::OrRaise;
 use crate::gradient::{Adjoint, Jacobian, Tape, places};
 use crate::rows::{
-    self, Layout, Slab, array, read, slice, slice_mut, slice_mut_or_none, write, write_flags, write_or_none,
+    self, Layout, Slab, array, flags, read, slice, slice_mut, slice_mut_or_none, write, write_flags, write_or_none,
 };
 use crate::settings;
 use omnidrones::error::Error;
@@ -234,8 +234,7 @@ impl VecEnv {
         mask: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Py<PyAny>> {
         let n = self.n_env();
-        let which = mask.map(|mask| read::<bool>("mask", mask, &[n])).transpose()?;
-        let which = which.as_ref().map(slice).transpose()?;
+        let which = mask.map(|mask| flags("mask", mask, n)).transpose()?;
         let one = |given: &Bound<'_, PyAny>| {
             let single =
                 given.is_instance_of::<PyInt>() || given.getattr("ndim").is_ok_and(|n| n.eq(0).unwrap_or(false));
@@ -244,7 +243,7 @@ impl VecEnv {
         let seeds = seed.map(one).transpose()?;
         // rows that are not reset stay: they are in the arrays of now
         let at = if which.is_some() { self.at } else { self.next() };
-        self.on_arrays(py, at, |env, out| env.reset(which, seeds.as_deref(), out))?;
+        self.on_arrays(py, at, |env, out| env.reset(which.as_deref(), seeds.as_deref(), out))?;
         Ok(self.view(py, 0))
     }
 
@@ -557,7 +556,7 @@ impl VecEnv {
         py.detach(|| env.load(state)).or_raise()
     }
 
-    /// Pickles and copies are of the settings and the exact state.
+    /// Pickles and copies are of the settings and the exact state, with its observations.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
         let restore = py.import("omnidrones._core")?.getattr("_restore")?;
         let (task, text) = (self.env.spec().task.as_str(), self.config.to_string());
@@ -585,6 +584,8 @@ pub fn _restore(
     let config = EnvConfig { seed, ..EnvConfig::from_toml(config, "pickled settings").or_raise()? };
     let mut env = VecEnv::made(py, registry::by_name(task).or_raise()?, &config, threads, ring)?;
     env.load(py, state)?;
+    // rewards, flags and info are those of a step, of which there was none yet
+    env.observe(py)?;
     Ok(env)
 }
 

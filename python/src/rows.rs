@@ -1,5 +1,7 @@
 //! NumPy arrays as rows: the only file that reaches into their memory. Every borrow is checked, so that an array which two
-//! arguments share, that is read-only or lies in another order is an exception and never a wrong number.
+//! arguments share, that is read-only or lies in another order is an exception and never a wrong number. What no borrow sees is that
+//! arrays without a common base may share memory (made by `np.frombuffer` or DLPack), and that another Python thread writes into what a
+//! running call was given: whoever does that gets numbers of both.
 
 use bytemuck::cast_slice_mut;
 use numpy::{
@@ -112,6 +114,18 @@ pub fn write_or_none<'py, T: Number>(
     shape: &[usize],
 ) -> PyResult<Option<RowsMut<'py, T>>> {
     given.map(|given| write(name, given, shape)).transpose()
+}
+
+/// Flags to read. NumPy's may be any byte, of which all but 0 are true.
+pub fn flags(name: &str, given: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<bool>> {
+    let bytes = match given.cast::<PyArrayDyn<bool>>() {
+        Ok(flags) => {
+            checked::<bool>(name, given, &[n])?;
+            read::<u8>(name, &flags.call_method1(intern!(flags.py(), "view"), (intern!(flags.py(), "uint8"),))?, &[n])?
+        }
+        Err(_) => return Err(checked::<bool>(name, given, &[n]).err().unwrap_or_else(misaligned)),
+    };
+    Ok(slice(&bytes)?.iter().map(|byte| *byte != 0).collect())
 }
 
 /// Flags to write: an array of bool, or of uint8.

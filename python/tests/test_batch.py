@@ -113,6 +113,7 @@ def test_threads_shards_copies_and_saved_states_give_the_same_bits():
     parts = [flown(shard, 60) for shard in shards]
     assert same(rows, [[np.concatenate(pair) for pair in zip(*step, strict=True)] for step in zip(*parts, strict=True)])
     twins = [pickle.loads(pickle.dumps(whole)), copy.deepcopy(whole)]
+    assert all((twin.observation == whole.observation).all() for twin in twins)
     saved = whole.save()
     ahead = flown(whole, 20, 900)
     assert all(same(ahead, flown(twin, 20, 900)) for twin in twins)

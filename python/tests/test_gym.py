@@ -106,7 +106,15 @@ def test_a_closed_environment_says_so():
                 call()
 
 
-@pytest.mark.parametrize("first", ["gymnasium, omnidrones", "omnidrones, gymnasium", "gymnasium"])
+@pytest.mark.parametrize(
+    "first",
+    [
+        "gymnasium, omnidrones",
+        "omnidrones, gymnasium",
+        "gymnasium",
+        "omnidrones, importlib.util; importlib.util.find_spec('gymnasium'); import gymnasium",
+    ],
+)
 def test_ids_are_known_whichever_package_comes_first(first):
     code = f"import {first}; gymnasium.make('omnidrones:Hover-v0').reset(seed=0); print(gymnasium.make_vec('omnidrones:Track-v0', num_envs=2))"
     told = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
@@ -116,3 +124,9 @@ def test_ids_are_known_whichever_package_comes_first(first):
 def test_gymnasium_is_not_imported_for_its_ids():
     code = "import sys, omnidrones; sys.exit('gymnasium' in sys.modules or 'pettingzoo' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_a_seed_among_the_settings_is_that_of_the_first_reset():
+    for make in (lambda seed: VectorEnv("Hover", 4, seed=seed), lambda seed: Env("Hover", seed=seed)):
+        first, again, other = (make(seed).reset()[0] for seed in (5, 5, 6))
+        assert np.array_equal(first, again) and not np.array_equal(first, other)

@@ -261,3 +261,14 @@ def test_random_calls_are_answered_or_refused(data):
         pass
     _ENV.reset(0)
     assert np.isfinite(_ENV.step(GOOD).observation).all()
+
+
+def test_any_byte_of_a_mask_but_0_is_true():
+    env = omnidrones.make("Hover", 4, seed=0)
+    env.reset()
+    before = env.observation.copy()
+    env.reset(mask=np.array([0, 2, 0, 255], np.uint8).view(bool))
+    changed = (env.observation != before).any(axis=(1, 2))
+    assert changed.tolist() == [False, True, False, True]
+    with pytest.raises(TypeError, match="mask"):
+        env.reset(mask=np.zeros(4, np.uint8))

@@ -84,3 +84,10 @@ def test_a_policy_of_ours_travels():
     assert np.array_equal(rollout["action"][0], policy(rollout["observation"][0]))
     with pytest.raises(ValueError, match="workers is 0"):
         omnidrones.ray.Shards("Hover", 16, workers=0)
+
+
+def test_a_worker_that_cannot_be_made_is_told_of_and_not_made_again():
+    shards = omnidrones.ray.Shards("Hover", 16, workers=2, dt=-1.0)
+    with pytest.raises(ray.exceptions.RayActorError, match="dt"):
+        shards.reset()
+    assert shards.replaced == 0
