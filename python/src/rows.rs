@@ -118,24 +118,22 @@ pub fn write_or_none<'py, T: Number>(
 
 /// Flags to read. NumPy's may be any byte, of which all but 0 are true.
 pub fn flags(name: &str, given: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<bool>> {
-    let bytes = match given.cast::<PyArrayDyn<bool>>() {
-        Ok(flags) => {
-            checked::<bool>(name, given, &[n])?;
-            read::<u8>(name, &flags.call_method1(intern!(flags.py(), "view"), (intern!(flags.py(), "uint8"),))?, &[n])?
-        }
-        Err(_) => return Err(checked::<bool>(name, given, &[n]).err().unwrap_or_else(misaligned)),
-    };
+    let flags = read::<bool>(name, given, &[n])?;
+    let bytes = read::<u8>(name, &as_bytes(flags.as_any())?, &[n])?;
     Ok(slice(&bytes)?.iter().map(|byte| *byte != 0).collect())
 }
 
 /// Flags to write: an array of bool, or of uint8.
 pub fn write_flags<'py>(name: &str, given: &Bound<'py, PyAny>, shape: &[usize]) -> PyResult<RowsMut<'py, u8>> {
     match given.cast::<PyArrayDyn<bool>>() {
-        Ok(flags) => {
-            write(name, &flags.call_method1(intern!(flags.py(), "view"), (intern!(flags.py(), "uint8"),))?, shape)
-        }
+        Ok(flags) => write(name, &as_bytes(flags.as_any())?, shape),
         Err(_) => write(name, given, shape),
     }
+}
+
+/// Flags as the bytes that they are.
+fn as_bytes<'py>(flags: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    flags.call_method1(intern!(flags.py(), "view"), (intern!(flags.py(), "uint8"),))
 }
 
 fn shared(name: &str) -> PyErr {

@@ -154,7 +154,7 @@ impl Assessment {
         let least = LEAST_MARGIN * weight;
         let enough = |reach: &WrenchMargin| reach.margin.distance > least;
         let inertia = vehicle.mass_properties().inertia;
-        let spin = if enough(&without_yaw) { None } else { Spin::of(&problem, &three, &hover, &inertia)? };
+        let spin = if enough(&without_yaw) { None } else { Spin::of(&problem, &three, &hover, &inertia, least)? };
         let capability = match () {
             () if enough(&steered) => Capability::Full,
             () if enough(&without_yaw) => Capability::YawSacrificed,

@@ -45,14 +45,15 @@ pub struct Spin {
 
 impl Spin {
     /// For the wrench of `hover` and a body of inertia `j`; `three` are the thrusts, roll and pitch moments that are attainable in
-    /// `problem`. `None` where there is no such turn, or too little room around it.
+    /// `problem`. `None` where there is no such turn to within `least` (N), or too little room around it.
     pub(super) fn of(
         problem: &Problem,
         three: &AttainableWrenches,
         hover: &[f64; WRENCH],
         j: &Matrix3<f64>,
+        least: f64,
     ) -> Result<Option<Self>> {
-        let (weight, least) = (hover[2], 0.01 * hover[2]);
+        let weight = hover[2];
         let difference = [0, 1].map(|k| j[(2, 2)] - j[(k, k)]);
         let upright = (1.0 - LEAN * LEAN).sqrt();
         let wanted = [0.0, 0.0, weight / upright, 0.0, 0.0, 0.0];
