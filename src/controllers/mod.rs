@@ -21,6 +21,7 @@
 //! | `cascade_law` | the cascade as such a law |
 //! | [`registry`] | which controller flies what |
 //! | [`closed_loop`] | a plant under a controller: latency, disturbances, injections, failures |
+//! | `clocked_step` | the recorded step of a loop, compiled for each thing its clock says |
 //! | [`confidence`] | exact bounds of shares and quantiles |
 //! | [`monte_carlo`] | one loop over thousands of randomised plants |
 //! | [`recovery`] | from which starts a controller comes back, with confidence |
@@ -55,6 +56,7 @@ pub(crate) mod believed;
 pub mod cascade;
 pub(crate) mod cascade_law;
 pub mod chain_shape;
+pub(crate) mod clocked_step;
 pub mod closed_loop;
 pub mod confidence;
 pub mod controller;

@@ -4,13 +4,15 @@
 //! disturbance; the target is shared. The law believes what it was built for. Results do not depend on threads or on how
 //! many flights there are.
 
+use super::clocked_step::{self, ClockedStep};
 use super::closed_loop::ClosedLoop;
 use super::confidence::{Quantile, Share};
 use super::controller::Target;
 use super::flight::LOST;
 use super::law::{ControlLaw, Running};
-use crate::autodiff::program::{BLOCK, BlockWorkspace};
-use crate::autodiff::{Program, Recording, Scalar, System};
+use super::reference::{Hover, Reference};
+use crate::autodiff::System;
+use crate::autodiff::program::BLOCK;
 use crate::dynamics::Disturbance;
 use crate::dynamics::spatial::up_axis;
 use crate::error::{Error, Result};
@@ -20,6 +22,11 @@ use serde::Serialize;
 
 /// One number of each flight of a block.
 type Row = [f32; BLOCK];
+
+/// Steps that the clock is watched for.
+const CLOCK: u64 = 1000;
+/// Any target: it plays no part in what the clock says.
+const STAY: Reference = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
 
 /// What one flight is flown with; nominal until it is changed.
 #[derive(Debug, Clone, PartialEq)]
@@ -80,8 +87,7 @@ impl MonteCarloSummary {
 #[derive(Debug)]
 pub struct MonteCarlo<'a, L> {
     system: &'a ClosedLoop<Running<L>>,
-    /// [x, u, θ] → x⁺.
-    step: Program,
+    step: ClockedStep,
     /// s.
     transient: f64,
     seed: u64,
@@ -93,13 +99,14 @@ impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
     /// # Errors
     /// [`Error::Limit`] if the recording is too large.
     pub fn new(system: &'a ClosedLoop<Running<L>>) -> Result<Self> {
-        let (n, m, p) = (system.n_state(), system.n_input(), system.n_parameter());
-        let recording = Recording::of(n + m + p, |z| {
-            let mut next = vec![Scalar::zero(); n];
-            system.step(&z[..n], &z[n..n + m], &z[n + m..], &mut next);
-            next
-        });
-        Ok(Self { system, step: Program::compile(&recording)?, transient: 0.0, seed: 0 })
+        let clocked = |k| {
+            let mut row = vec![0.0; system.n_clocked()];
+            system.write_clocked(k, Target::level(&STAY), &mut row);
+            row
+        };
+        let ticks = system.law().n_target()..system.n_clocked();
+        let step = ClockedStep::new(system, ticks, (0..CLOCK).map(clocked))?;
+        Ok(Self { system, step, transient: 0.0, seed: 0 })
     }
 
     /// With errors counted from so many seconds on; 0 unless told otherwise.
@@ -118,12 +125,12 @@ impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
 
     /// Instructions of one step.
     pub fn len(&self) -> usize {
-        self.step.len()
+        self.step.general().len()
     }
 
     /// Whether a step computes nothing.
     pub fn is_empty(&self) -> bool {
-        self.step.is_empty()
+        self.step.general().is_empty()
     }
 
     /// Flies `n_flight` flights of `n_step` steps from `start`; `draw` changes what flight i is flown with, from a stream of
@@ -158,12 +165,9 @@ impl<'a, L: ControlLaw> MonteCarlo<'a, L> {
 }
 
 /// Flights side by side.
-pub(super) struct Block {
+struct Block {
     n_flight: usize,
-    /// x, u, θ.
-    arguments: Vec<Row>,
-    next: Vec<Row>,
-    workspace: BlockWorkspace,
+    now: clocked_step::Block,
     squares: [f64; BLOCK],
     worst: Row,
     /// Least cosine of the tilt.
@@ -173,13 +177,10 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// Lanes behind the flights repeat the last one.
-    pub(super) fn new<L: ControlLaw>(of: &MonteCarlo<'_, L>, draws: &[MonteCarloDraw]) -> Result<Self> {
-        let (n, m, p) = (of.system.n_state(), of.system.n_input(), of.system.n_parameter());
-        let mut arguments = vec![[0.0; BLOCK]; n + m + p];
-        let mut input = vec![0.0; m];
-        for lane in 0..BLOCK {
-            let own = &draws[lane.min(draws.len() - 1)];
+    fn new<L: ControlLaw>(of: &MonteCarlo<'_, L>, draws: &[MonteCarloDraw]) -> Result<Self> {
+        let p = of.system.n_parameter();
+        let (mut now, mut input) = (of.step.block(), vec![0.0; of.system.n_input()]);
+        for (lane, own) in draws.iter().enumerate() {
             of.system.plant().check_state(&own.start)?;
             if own.parameters.len() != p {
                 let wanted = format!("{p}, as ClosedLoop::parameter_names lists them");
@@ -187,14 +188,11 @@ impl Block {
             }
             of.system.write_air(&own.air, &mut input);
             let all = of.system.initial_state(&own.start);
-            let numbers = all.iter().chain(&input).chain(&own.parameters);
-            arguments.iter_mut().zip(numbers).for_each(|(row, value)| row[lane] = *value as f32);
+            now.load(lane, all.iter().chain(&input).chain(&own.parameters));
         }
         Ok(Self {
             n_flight: draws.len(),
-            next: vec![[0.0; BLOCK]; n],
-            arguments,
-            workspace: of.step.block_workspace(),
+            now,
             squares: [0.0; BLOCK],
             worst: [0.0; BLOCK],
             upright: [1.0; BLOCK],
@@ -217,24 +215,9 @@ impl Block {
             let time = k as f64 * dt;
             self.judge(root, target.sample(time).position, time, time >= of.transient);
             of.system.write_clocked(k, target, &mut input);
-            self.advance(of, &input);
+            self.now.advance(&of.step, self.n_flight, &input);
         }
         Ok((0..self.n_flight).map(|lane| self.outcome(first, lane)).collect())
-    }
-
-    /// One step of all flights under target and ticks.
-    pub(super) fn advance<L: ControlLaw>(&mut self, of: &MonteCarlo<'_, L>, clocked: &[f64]) {
-        let n = self.next.len();
-        for (row, value) in self.arguments[n..].iter_mut().zip(clocked) {
-            *row = [*value as f32; BLOCK];
-        }
-        of.step.evaluate_block(&mut self.workspace, &self.arguments, &mut self.next);
-        self.arguments[..n].copy_from_slice(&self.next);
-    }
-
-    /// Number `k` of the state of a flight.
-    pub(super) fn number(&self, k: usize, lane: usize) -> f64 {
-        f64::from(self.arguments[k][lane])
     }
 
     /// Errors of the state before a step.
@@ -243,7 +226,7 @@ impl Block {
             if self.lost_at[lane].is_some() {
                 continue;
             }
-            let x = |k: usize| self.arguments[root + k][lane];
+            let x = |k: usize| self.now.number(root + k, lane);
             let squared = (0..3).map(|k| (f64::from(x(k)) - wanted[k]).powi(2)).sum::<f64>();
             if squared.is_nan() || squared > LOST * LOST {
                 self.lost_at[lane] = Some(time);

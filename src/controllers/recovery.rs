@@ -5,15 +5,16 @@
 //! rotors at hover. It has **recovered** when it is back: within `BACK` of where it started, level within the same number of
 //! radians, slower than `BACK` m/s and `2 BACK` rad/s, for a quarter of a second, all before the flight ends.
 //!
-//! Straight-line controllers fly 64 starts to a block of lanes, others one by one in `f64`.
+//! Straight-line controllers fly 64 starts side by side, the next as soon as one is decided, others one by one in `f64`.
 
+use super::clocked_step::ClockedStep;
 use super::closed_loop::{ClosedLoop, Outside};
 use super::confidence::clopper_pearson;
 use super::controller::{Controller, Target};
 use super::law::{RecordedLaw, Running};
-use super::monte_carlo::{Block, MonteCarlo, MonteCarloDraw};
 use super::reference::{Hover, Reference};
 use super::start::start_on;
+use crate::autodiff::System;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::spatial::{exponential, up_axis};
 use crate::dynamics::{Disturbance, Plant};
@@ -22,6 +23,7 @@ use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use serde::Serialize;
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// What counts as back, m, rad, m/s, and twice of it rad/s.
 pub const BACK: f64 = 0.5;
@@ -224,6 +226,22 @@ pub fn recovery_map(
     Ok(RecoveryMap { plan: *plan, cells, batched })
 }
 
+/// Steps in which a clock is expected to have come round.
+const ROUND: u64 = 2000;
+
+/// The rows of the first steps, behind which they come again and again up to step `n`; all of them where they do not.
+fn one_period(n: u64, row: impl Fn(u64) -> Vec<f64>) -> Vec<Vec<f64>> {
+    let mut rows: Vec<_> = (0..n.min(ROUND)).map(&row).collect();
+    let comes_again = |n: &usize| rows[*n..].iter().zip(&rows).all(|(later, row)| later == row);
+    let period = (1..rows.len()).find(comes_again).unwrap_or(rows.len());
+    if (rows.len() as u64..n).all(|k| row(k) == rows[k as usize % period]) {
+        rows.truncate(period);
+        return rows;
+    }
+    rows.extend((rows.len() as u64..n).map(row));
+    rows
+}
+
 /// All flights of a map.
 struct Flights<'a> {
     plan: &'a RecoveryPlan,
@@ -244,35 +262,59 @@ impl Flights<'_> {
     }
 
     fn in_lanes(&self, system: &ClosedLoop<Running<RecordedLaw>>, threads: &Threads) -> Result<Vec<Watch>> {
-        let many = MonteCarlo::new(system)?;
-        let n_clocked = system.n_clocked();
-        let blocks = threads.map(self.n().div_ceil(BLOCK), |b| -> Result<Vec<Watch>> {
-            let flights = b * BLOCK..self.n().min((b + 1) * BLOCK);
-            let draw = |flight| {
-                let (start, parameters) = (self.start(flight), system.parameters());
-                MonteCarloDraw { start, parameters, air: Disturbance::none() }
-            };
-            let mut block = Block::new(&many, &flights.clone().map(draw).collect::<Vec<_>>())?;
-            let (mut watches, mut clocked) = (vec![Watch::default(); flights.len()], vec![0.0; n_clocked]);
-            for k in 0..self.n_step {
-                system.write_clocked(k, Target::level(&self.here), &mut clocked);
-                block.advance(&many, &clocked);
-                if (k + 1).is_multiple_of(LOOK) {
-                    for (lane, watch) in watches.iter_mut().enumerate() {
-                        watch.look(
-                            (k + 1) as f64 * self.dt,
-                            &|i| block.number(self.root + i, lane),
-                            &self.hover[self.root..],
-                        );
+        let inputs = |k| {
+            let mut row = vec![0.0; system.n_input()];
+            system.write_input(k, Target::level(&self.here), &Disturbance::none(), &mut row);
+            row
+        };
+        let rows = one_period(self.n_step, inputs);
+        let step = ClockedStep::new(system, 0..system.n_input(), rows.iter().cloned())?;
+        // parts that all threads get some of, long against their last flights
+        let size = (self.n() / 32).clamp(BLOCK, 64 * BLOCK);
+        let parts = threads.map(self.n().div_ceil(size), |part| {
+            self.part_in_lanes(system, &step, &rows, part * size..self.n().min((part + 1) * size))
+        });
+        Ok(parts.concat())
+    }
+
+    /// Some of the flights: as soon as one is decided the next takes its lane, in step with the clock of the others.
+    fn part_in_lanes(
+        &self,
+        system: &ClosedLoop<Running<RecordedLaw>>,
+        step: &ClockedStep,
+        rows: &[Vec<f64>],
+        flights: Range<usize>,
+    ) -> Vec<Watch> {
+        let (mut block, theta) = (step.block(), system.parameters());
+        let (mut fates, mut waiting) = (vec![Watch::default(); flights.len()], flights.clone());
+        // (flight, steps flown) by lane
+        let mut lanes: Vec<(usize, u64)> = Vec::new();
+        while !(lanes.is_empty() && waiting.is_empty()) {
+            while lanes.len() < BLOCK
+                && let Some(flight) = waiting.next()
+            {
+                let state = system.initial_state(&self.start(flight));
+                block.load(lanes.len(), state.iter().chain(&rows[0]).chain(&theta));
+                lanes.push((flight, 0));
+            }
+            for row in rows {
+                block.advance(step, lanes.len(), row);
+                for lane in (0..lanes.len()).rev() {
+                    let (flight, flown) = &mut lanes[lane];
+                    let watch = &mut fates[*flight - flights.start];
+                    *flown += 1;
+                    if flown.is_multiple_of(LOOK) {
+                        let x = |i: usize| f64::from(block.number(self.root + i, lane));
+                        watch.look(*flown as f64 * self.dt, &x, &self.hover[self.root..]);
                     }
-                    if watches.iter().all(|w| w.decided) {
-                        break;
+                    if watch.decided || *flown == self.n_step {
+                        lanes.swap_remove(lane);
+                        block.move_lane(lanes.len(), lane);
                     }
                 }
             }
-            Ok(watches)
-        });
-        Ok(blocks.into_iter().collect::<Result<Vec<_>>>()?.concat())
+        }
+        fates
     }
 
     fn one_by_one(
@@ -302,7 +344,7 @@ impl Flights<'_> {
 }
 
 /// How one start fares.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Watch {
     /// Height lost so far, m.
     sunk: f64,
@@ -336,5 +378,44 @@ impl Watch {
         if time - since >= STAYS {
             (self.back_at, self.decided) = (Some(since), true);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Rates, registry};
+    use super::*;
+    use crate::dynamics::{Physics, vehicles};
+
+    #[test]
+    fn a_start_fares_the_same_in_whatever_lane_and_behind_whatever_flight() {
+        let plant = Plant::of_vehicle(&vehicles::by_name("hummingbird").unwrap(), Physics::default()).unwrap();
+        let controller = registry::default_controller(&plant, &registry::Setup::new(None, &Rates::default())).unwrap();
+        let system =
+            || ClosedLoop::new(plant.clone(), Running::of(controller.recorded(&plant).unwrap().unwrap())).unwrap();
+        let here = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
+        let hover = start_on(&plant, &controller, &here).unwrap();
+        let fates = |n| {
+            let plan = RecoveryPlan { tilt: (PI, 2), rate: (8.0, 1), n, duration: 3.0, ..RecoveryPlan::default() };
+            let (hover, here, dt) = (hover.clone(), here.clone(), plant.physics().dt);
+            let flights = Flights { plan: &plan, hover, here, n_step: plan.check(dt).unwrap(), dt, root: 0 };
+            flights.in_lanes(&system(), &Threads::new(2).unwrap()).unwrap()
+        };
+        // 2 × 1100 starts are flown in parts of 68, so that lanes are taken again; 2 × 24 are side by side
+        let (many, few) = (fates(1100), fates(24));
+        let back = few.iter().filter(|w| w.back_at.is_some()).count();
+        assert!((1..few.len()).contains(&back), "{back} of {} came back in time", few.len());
+        for cell in 0..2 {
+            assert_eq!(many[cell * 1100..][..24], few[cell * 24..][..24]);
+        }
+    }
+
+    #[test]
+    fn a_clock_is_asked_for_as_many_steps_as_it_takes_to_come_round() {
+        let tens = |k: u64| vec![(k % 10) as f64];
+        assert_eq!(one_period(50_000, tens), (0..10).map(tens).collect::<Vec<_>>());
+        let late = |k: u64| vec![if k == ROUND + 7 { 1.0 } else { 0.0 }];
+        assert_eq!(one_period(ROUND + 9, late), (0..ROUND + 9).map(late).collect::<Vec<_>>(), "no period");
+        assert_eq!(one_period(3, tens).len(), 3);
     }
 }

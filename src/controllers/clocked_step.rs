@@ -1,0 +1,110 @@
+//! The recorded step of a loop, compiled once for each thing that its clock says.
+//!
+//! Whether a level computes or holds follows from the time alone, and is the same for all flights side by side. A program
+//! for "holds" does not compute what is then thrown away: selections between constants fold while they are recorded.
+
+use super::closed_loop::ClosedLoop;
+use super::law::{ControlLaw, Running};
+use crate::autodiff::program::{BLOCK, BlockWorkspace};
+use crate::autodiff::{Program, Recording, Scalar, System};
+use crate::error::Result;
+use std::ops::Range;
+
+/// Most programs of one loop.
+const MAX_PROGRAMS: usize = 16;
+
+/// [x, u, θ] → x⁺ of a loop.
+#[derive(Debug)]
+pub(super) struct ClockedStep {
+    /// Inputs that are constants in `special`.
+    fixed: Range<usize>,
+    special: Vec<(Vec<f64>, Program)>,
+    /// For all else.
+    general: Program,
+}
+
+impl ClockedStep {
+    /// Records and compiles the step of a loop: for whatever input, and for `fixed` inputs at each of these rows that are met.
+    ///
+    /// # Errors
+    /// [`Error::Limit`](crate::error::Error::Limit) if a recording is too large.
+    pub(super) fn new<L: ControlLaw>(
+        system: &ClosedLoop<Running<L>>,
+        fixed: Range<usize>,
+        rows: impl Iterator<Item = Vec<f64>>,
+    ) -> Result<Self> {
+        let (n, m, p) = (system.n_state(), system.n_input(), system.n_parameter());
+        let compiled = |row: &[f64]| {
+            let recording = Recording::of(n + m + p, |z| {
+                let (mut input, mut next) = (z[n..n + m].to_vec(), vec![Scalar::zero(); n]);
+                input[fixed.start..].iter_mut().zip(row).for_each(|(u, value)| *u = Scalar::constant(*value));
+                system.step(&z[..n], &input, &z[n + m..], &mut next);
+                next
+            });
+            Program::compile(&recording)
+        };
+        let mut special: Vec<(Vec<f64>, Program)> = Vec::new();
+        for row in rows.take_while(|_| !fixed.is_empty()) {
+            let own = &row[fixed.clone()];
+            if special.len() < MAX_PROGRAMS && special.iter().all(|(known, _)| known != own) {
+                special.push((own.to_vec(), compiled(own)?));
+            }
+        }
+        Ok(Self { general: compiled(&[])?, fixed, special })
+    }
+
+    /// The program for whatever input.
+    pub(super) fn general(&self) -> &Program {
+        &self.general
+    }
+
+    /// A block of flights, all numbers zero.
+    pub(super) fn block(&self) -> Block {
+        let programs = self.special.iter().map(|(_, program)| program).chain([&self.general]);
+        Block {
+            arguments: vec![[0.0; BLOCK]; self.general.n_input()],
+            next: vec![[0.0; BLOCK]; self.general.n_output()],
+            workspaces: programs.map(Program::block_workspace).collect(),
+        }
+    }
+}
+
+/// Flights side by side.
+pub(super) struct Block {
+    /// x, u, θ.
+    arguments: Vec<[f32; BLOCK]>,
+    next: Vec<[f32; BLOCK]>,
+    /// Of each program.
+    workspaces: Vec<BlockWorkspace>,
+}
+
+impl Block {
+    /// Writes the x, u and θ of one flight.
+    pub(super) fn load<'n>(&mut self, lane: usize, numbers: impl Iterator<Item = &'n f64>) {
+        self.arguments.iter_mut().zip(numbers).for_each(|(row, value)| row[lane] = *value as f32);
+    }
+
+    /// Number `k` of the state of a flight.
+    #[inline]
+    pub(super) fn number(&self, k: usize, lane: usize) -> f32 {
+        self.arguments[k][lane]
+    }
+
+    /// Puts one flight into the lane of another, which is over.
+    pub(super) fn move_lane(&mut self, from: usize, to: usize) {
+        self.arguments.iter_mut().for_each(|row| row[to] = row[from]);
+    }
+
+    /// One step of the first `n_flight` flights, under the same first inputs.
+    pub(super) fn advance(&mut self, step: &ClockedStep, n_flight: usize, clocked: &[f64]) {
+        let n = self.next.len();
+        for (row, value) in self.arguments[n..].iter_mut().zip(clocked) {
+            *row = [*value as f32; BLOCK];
+        }
+        let own = &clocked[step.fixed.clone()];
+        let at = step.special.iter().position(|(known, _)| known == own).unwrap_or(step.special.len());
+        let program = step.special.get(at).map_or(&step.general, |(_, program)| program);
+        program.evaluate_lanes(n_flight, &mut self.workspaces[at], &self.arguments, &mut self.next);
+        self.arguments[..n].copy_from_slice(&self.next);
+    }
+}
