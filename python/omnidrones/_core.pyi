@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
+from typing_extensions import disjoint_base
 
-__all__ = ["__version__", "Adjoint", "Allocation", "Controller", "Flight", "Jacobian", "Policy", "Progress", "Run", "StateSpace", "Sweep", "Tape", "Trim", "VecEnv", "Vehicle", "_restore", "_restore_policy", "allocate", "configurations", "evaluate", "fly", "linearise", "load_policy", "tasks", "train", "tune", "vehicles"]
+__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "Controller", "Flight", "Jacobian", "Loop", "Policy", "Progress", "Run", "StateSpace", "Sweep", "System", "Tape", "Trim", "VecEnv", "Vehicle", "_restore", "_restore_policy", "allocate", "configurations", "evaluate", "fly", "linearise", "load_policy", "tasks", "train", "tune", "vehicles"]
 
 __version__: Final[str]
 
@@ -53,6 +54,26 @@ class Allocation:
     def thrust(self, /) -> Any:
         """
         float64 [rotor], N.
+        """
+
+@final
+class AllocationFunction(System):
+    """
+    The allocation of a vehicle as a differentiable system, of which every step answers another problem: inputs are the wrench (6), then
+    `numbers` in their order; the state behind the step is the rotors' thrusts, N. What cannot be certified is NaN.
+
+    Minimised is (B u - w)' W (B u - w) / 2 + rho |u - u_pref|^2 / 2 within lower <= u <= upper: the library's quadratic programme, whose
+    derivative is that of its optimality conditions.
+    """
+    def __new__(cls, /, vehicle: Any) -> AllocationFunction:
+        """
+        Of a `Vehicle`, its name or file.
+        """
+    @property
+    def numbers(self, /) -> dict:
+        """
+        Nominal numbers behind the wrench, new float64 arrays by name: "weights" [6] (W), "regularisation" [1] (rho), "geometry" [rotor, 6]
+        (the columns of B), "preference", "lower" and "upper" [rotor] (N).
         """
 
 @final
@@ -135,6 +156,50 @@ class Jacobian:
     def value(self, /) -> Any:
         """
         What came out of it, [result].
+        """
+
+@final
+class Loop(System):
+    """
+    A plant under a controller as one differentiable system: what `fly` flies, without events.
+
+    Parameters
+    ----------
+    plant : Vehicle or str or path
+        A vehicle, its name or file, or a configuration.
+    controller : str, optional
+        A law over any scalar: "cascade", "indi", "lqi", "lqr" of a vehicle, "formation" of a configuration; the first that suits the
+        plant by default.
+    gains : dict, optional
+        As `Vehicle.gains`; of the controller as it is built.
+    rates : dict, optional
+        How often each level computes, Hz: "velocity", "attitude", "rate".
+    latency : int
+        Steps by which commands act late.
+    **physics
+        `dt=0.002` (s), `substeps`, `integrator`, `effects`.
+
+    The state is the plant's, then the controller's memory and its commands under way; parameters are the plant's physical numbers (SI),
+    then the controller's gains: `parameter_names`. The controller goes on believing the nominal physical numbers.
+    """
+    def __new__(cls, plant: Any, /, *, controller: str | None = None, gains: Mapping | None = None, rates: dict | None = None, latency: SupportsIndex = 0, **physics) -> Loop: ...
+    def __repr__(self, /) -> str: ...
+    def initial_state(self, /, reference: dict | None = None) -> Any:
+        """
+        At rest on a reference (that of `fly` by default) at its beginning, the controller before its first tick, a new float64 array
+        [state]; the plant's state stands in front.
+        """
+    def inputs(self, /, n_step: SupportsIndex, reference: dict | None = None, *, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] = ...) -> Any:
+        """
+        The inputs of so many steps along a reference, as `fly` takes it, in still air unless a `wind` blows (m/s, world), a new float64
+        array [n_step, input].
+
+        Of `cascade` and `lqi` the first 18 are the reference's position, velocity, acceleration, jerk, snap, yaw and its rates.
+        """
+    @property
+    def parameter_names(self, /) -> list[str]:
+        """
+        Of theta, in its order: "mass", "rotor_0.thrust_coefficient", "gains.position_x".
         """
 
 @final
@@ -359,6 +424,42 @@ class Sweep:
         Begins again behind any step, with nothing carried.
         """
 
+@disjoint_base
+class System:
+    """
+    A discrete system x+ = f(x, u, theta) in float64 that is differentiated through any number of steps: `Loop`, `AllocationFunction`.
+    """
+    @property
+    def n_input(self, /) -> int:
+        """
+        Numbers of the input u.
+        """
+    @property
+    def n_parameter(self, /) -> int:
+        """
+        Numbers of the parameters theta.
+        """
+    @property
+    def n_state(self, /) -> int:
+        """
+        Numbers of the state x.
+        """
+    @property
+    def parameters(self, /) -> Any:
+        """
+        Nominal theta, a new float64 array [parameter].
+        """
+    def pull(self, /, cotangents: Any, state: Any, inputs: Any, parameters: Any | None = None) -> tuple[Any, Any, Any]:
+        """
+        Cotangents of `state`, `inputs` and `parameters`, in this order, for `cotangents` [T + 1, state] of their trajectory: one reverse
+        sweep for all, new float64 arrays.
+        """
+    def trajectory(self, /, state: Any, inputs: Any, parameters: Any | None = None) -> Any:
+        """
+        The states from `state` [state] on under `inputs` [T, input], a new float64 array [T + 1, state]; with nominal parameters
+        unless others [parameter] are given.
+        """
+
 @final
 class Tape:
     """
@@ -450,7 +551,7 @@ class VecEnv:
     def __new__(cls, name: str, /, num_envs: SupportsIndex | None = None, *, config: Any | None = None, seed: Any | None = None, threads: SupportsIndex | None = None, ring: SupportsIndex = 2, **settings) -> VecEnv: ...
     def __reduce__(self, /) -> tuple[Any, tuple]:
         """
-        Pickles and copies are of the settings and the exact state.
+        Pickles and copies are of the settings and the exact state, with its observations.
         """
     def __repr__(self, /) -> str: ...
     def _steps(self, /, actions: Any, n: SupportsIndex) -> Any:

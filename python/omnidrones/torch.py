@@ -1,4 +1,4 @@
-"""PyTorch: exact gradients through steps of environments.
+"""PyTorch: exact gradients through steps of environments, through closed loops and through allocations.
 
 >>> env = omnidrones.make("Hover", 64, stagger=True)
 >>> rollout = omnidrones.torch.Rollout(env, horizon=48)
@@ -8,6 +8,11 @@
 ...     observation, reward, loss, *_ = rollout.step(network(observation))
 ...     cost = cost + loss.mean()
 >>> cost.backward()
+
+>>> loop = omnidrones.Loop("hummingbird")
+>>> theta = torch.tensor(loop.parameters, requires_grad=True)
+>>> states = trajectory(loop, loop.initial_state(), loop.inputs(1000), theta)     # [1001, state], float64
+>>> states[-1, :3].square().sum().backward()
 """
 
 from __future__ import annotations
@@ -143,3 +148,69 @@ class _ExactStep(torch.autograd.Function):
         at = ctx.env.layout
         down = torch.from_numpy(gradients[0].numpy() @ ctx.env.jacobian_at(ctx.z).matrix)
         return down[at["carried"]], down[at["action"]].reshape(ctx.shape), None, None
+
+
+def trajectory(
+    system: _core.System,
+    state: torch.Tensor | NDArray[np.float64],
+    inputs: torch.Tensor | NDArray[np.float64],
+    parameters: torch.Tensor | NDArray[np.float64] | None = None,
+) -> torch.Tensor:
+    """The states of a system, [T + 1, state], in float64, with gradients by all three arguments.
+
+    Parameters
+    ----------
+    system : omnidrones.System
+        An `omnidrones.Loop` or another.
+    state : tensor or array [state]
+        Where it begins.
+    inputs : tensor or array [T, input]
+        As `Loop.inputs` gives them.
+    parameters : tensor or array [parameter], optional
+        Nominal ones unless given.
+    """
+    theta = system.parameters if parameters is None else parameters
+    states: torch.Tensor = _Trajectory.apply(system, *(torch.as_tensor(x) for x in (state, inputs, theta)))
+    return states
+
+
+class _Trajectory(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, system: _core.System, *arguments: torch.Tensor) -> torch.Tensor:
+        ctx.system = system
+        ctx.save_for_backward(*arguments)
+        return torch.from_numpy(system.trajectory(*map(_rows, arguments)))
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
+        down = ctx.system.pull(_rows(gradients[0]), *map(_rows, ctx.saved_tensors))
+        return None, *map(torch.from_numpy, down)
+
+
+def _rows(tensor: torch.Tensor) -> NDArray[np.float64]:
+    return np.ascontiguousarray(tensor.detach().numpy())
+
+
+def allocate(
+    allocation: _core.AllocationFunction, wrench: torch.Tensor, **numbers: torch.Tensor | NDArray[np.float64]
+) -> torch.Tensor:
+    """Rotor thrusts [..., rotor], N, that answer wrenches, in float64, with gradients by all that is a tensor.
+
+    Parameters
+    ----------
+    allocation : omnidrones.AllocationFunction
+    wrench : tensor [..., 6]
+        Force (N) and moment about the centre of mass (N m), body axes.
+    **numbers : tensors or arrays
+        In place of those of `allocation.numbers`, of their shape or with the axes of `wrench` in front.
+    """
+    known = allocation.numbers
+    if unknown := set(numbers) - set(known):
+        raise ValueError(f"numbers of an allocation are {', '.join(known)}, not {', '.join(sorted(unknown))}.")
+    front = wrench.shape[:-1]
+    own = {name: torch.as_tensor(numbers.get(name, nominal)) for name, nominal in known.items()}
+    parts = [own[name].expand(*front, *known[name].shape).reshape(*front, known[name].size) for name in known]
+    inputs = torch.cat([wrench, *parts], -1).reshape(-1, allocation.n_input)
+    thrusts = trajectory(allocation, torch.zeros(allocation.n_state, dtype=torch.float64), inputs)[1:]
+    return thrusts.reshape(*front, allocation.n_state)

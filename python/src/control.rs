@@ -108,7 +108,7 @@ impl Vehicle {
 }
 
 /// A vehicle, its name or file, or the name of a configuration, as a plant.
-fn plant(given: &Bound<'_, PyAny>, physics: Physics) -> PyResult<Plant> {
+pub fn plant(given: &Bound<'_, PyAny>, physics: Physics) -> PyResult<Plant> {
     if let Ok(vehicle) = given.cast::<Vehicle>() {
         return Plant::of_vehicle(&vehicle.get().0, physics).or_raise();
     }
@@ -122,7 +122,7 @@ fn plant(given: &Bound<'_, PyAny>, physics: Physics) -> PyResult<Plant> {
 }
 
 /// The vehicle of an argument.
-fn vehicle(given: &Bound<'_, PyAny>) -> PyResult<dynamics::Vehicle> {
+pub fn vehicle(given: &Bound<'_, PyAny>) -> PyResult<dynamics::Vehicle> {
     match given.cast::<Vehicle>() {
         Ok(vehicle) => Ok(vehicle.get().0.clone()),
         Err(_) => load(&given.extract::<PathBuf>()?.to_string_lossy()),
@@ -130,12 +130,12 @@ fn vehicle(given: &Bound<'_, PyAny>) -> PyResult<dynamics::Vehicle> {
 }
 
 /// Data of a dict, over defaults.
-fn data<T: serde::de::DeserializeOwned>(name: &str, keywords: Option<&Bound<'_, PyDict>>) -> PyResult<T> {
+pub fn data<T: serde::de::DeserializeOwned>(name: &str, keywords: Option<&Bound<'_, PyDict>>) -> PyResult<T> {
     let own = keywords.map(|own| settings::table("", own.cast::<PyMapping>()?)).transpose()?.unwrap_or_default();
     layers::read(Table::new(), &[Layer::of_table(name, own)]).or_raise()
 }
 
-fn gains_of(given: Option<&Bound<'_, PyMapping>>) -> PyResult<Option<Gains>> {
+pub fn gains_of(given: Option<&Bound<'_, PyMapping>>) -> PyResult<Option<Gains>> {
     let read = |own: &Bound<'_, PyMapping>| {
         let table = settings::table("gains", own)?;
         layers::read(Table::new(), &[Layer::of_table("gains", table)]).or_raise()

@@ -7,6 +7,7 @@
 //! | `error` | errors as exceptions; work that Python may interrupt |
 //! | `batch` | many environments: `VecEnv` |
 //! | `gradient` | tapes, sweeps, Jacobians |
+//! | `system` | loops and allocations that are differentiated through many steps |
 //! | `learn` | training, evaluation, policies |
 //! | `control` | vehicles, flights, linear models, allocation, tuning |
 //!
@@ -20,6 +21,7 @@ mod gradient;
 mod learn;
 mod rows;
 mod settings;
+mod system;
 
 /// Compiled part of `omnidrones`.
 #[pyo3::pymodule(gil_used = true)]
@@ -38,6 +40,9 @@ mod _core {
     use super::gradient::{Adjoint, Jacobian, Sweep, Tape};
     #[pymodule_export]
     use super::learn::{_restore_policy, Controller, Policy, Progress, Run, evaluate, load_policy, train};
+
+    #[pymodule_export]
+    use super::system::{AllocationFunction, Loop, System};
 
     #[expect(non_upper_case_globals, reason = "as Python calls it")]
     #[pymodule_export]
