@@ -26,6 +26,9 @@ network = torch.nn.Sequential(
     torch.nn.Tanh(),
 )
 with torch.no_grad():  # begin about the command that carries the weight
+    for layer in (network[0], network[2]):
+        layer.weight.normal_(0.0, layer.in_features**-0.5)
+        layer.bias.zero_()
     network[-2].weight.normal_(0.0, 0.01)
     network[-2].bias.copy_(torch.atanh(torch.from_numpy(env.safe_command)))
 optimiser = torch.optim.Adam(network.parameters(), 1e-2, betas=(0.9, 0.99))
@@ -44,9 +47,10 @@ observation = torch.from_numpy(env.reset().copy())
 for update in range(updates):
     rollout.begin()
     observation, cost = observation.detach(), torch.zeros(())
-    for _ in range(WINDOW):
-        observation, _, loss, *_ = rollout.step(network(observation))
-        cost = cost + loss.mean() / WINDOW
+    for t in range(WINDOW):
+        observation, _, loss, terminated, _ = rollout.step(network(observation))
+        # what ends early goes on costing what it did last to the end of the window: no end is worth seeking
+        cost = cost + (loss * torch.where(terminated, WINDOW - t, 1)).mean() / WINDOW
     optimiser.zero_grad()
     cost.backward()
     torch.nn.utils.clip_grad_norm_(network.parameters(), 0.2)

@@ -1,5 +1,9 @@
 """PyTorch: gradcheck in float64, a window in float32 beside the sweep, APG that learns to hover."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import near_hover
@@ -115,3 +119,10 @@ def test_gains_learn_to_track_by_gradients_through_the_loop():
         optimiser.step()
         errors.append(error.item())
     assert errors[-1] < 0.8 * errors[0], errors
+
+
+def test_apg_written_in_pytorch_hovers():
+    example = Path(__file__).parent.parent / "examples" / "apg_torch.py"
+    ran = subprocess.run([sys.executable, str(example)], capture_output=True, text=True, check=True)
+    success = float(ran.stdout.split()[-1])
+    assert success >= 0.99, ran.stdout  # measured: 1.000, with seed 1 0.998
