@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, SupportsFloat, SupportsIndex, final
 from typing_extensions import disjoint_base
 
-__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "Controller", "Flight", "Jacobian", "Loop", "Policy", "Progress", "Run", "StateSpace", "Sweep", "System", "Tape", "Trim", "VecEnv", "Vehicle", "_restore", "_restore_policy", "allocate", "configurations", "evaluate", "fly", "linearise", "load_policy", "tasks", "train", "tune", "vehicles"]
+__all__ = ["__version__", "Adjoint", "Allocation", "AllocationFunction", "Controller", "Design", "Figure", "Flight", "Jacobian", "Loop", "Policy", "Progress", "Regulator", "Run", "StateSpace", "Sweep", "System", "Tape", "Trim", "VecEnv", "Vehicle", "_evaluation", "_fly_shard", "_restore", "_restore_policy", "allocate", "configurations", "design", "evaluate", "fly", "linearise", "load_policy", "lqr", "plot", "recipes", "tasks", "train", "tune", "vehicles"]
 
 __version__: Final[str]
 
@@ -99,6 +99,61 @@ class Controller:
         """
 
 @final
+class Design:
+    """
+    The control loop of a vehicle about hover, sampled, with all its rates, holds and latency, and what it bears.
+    """
+    def __repr__(self, /) -> str: ...
+    def margins(self, /, point: str | None = None) -> dict:
+        """
+        What the loop bears at a point, by name: "stable", "gain_up" and "gain_down" (factors), "phase" (rad), "delay" (s) and "disk"
+        ("alpha", "omega" in rad/s, "gain", "phase"). Without a point the disk margin of all commands at once.
+        """
+    def open(self, /, point: str) -> StateSpace:
+        """
+        The loop opened at a point, over a period: a system of as many inputs and outputs as it has steps, to be closed with -1.
+        """
+    @property
+    def period(self, /) -> int:
+        """
+        Steps of that period.
+        """
+    @property
+    def points(self, /) -> list[str]:
+        """
+        Where the loop may be opened: commands, then numbers that the controller sees.
+        """
+    @property
+    def poles(self, /) -> Any:
+        """
+        Poles of the closed loop over a period of all its rates, largest first, complex128 [pole]: stable within the unit circle.
+        """
+    def sensitivity(self, /, point: str, frequencies: Any) -> Any:
+        """
+        The sensitivity at a point over frequencies (rad/s, up to pi/dt), complex128 [frequency]: S = 1/(1 + L), so the loop is 1/S - 1.
+        """
+    @property
+    def trim(self, /) -> Trim:
+        """
+        The steady flight, and the linear model of the plant alone.
+        """
+
+@final
+class Figure:
+    """
+    A figure: a notebook shows it, `save` writes it.
+    """
+    def _repr_svg_(self, /) -> str: ...
+    def save(self, /, path: str | PathLike[str]) -> None:
+        """
+        Writes it as PNG or SVG, by the extension of the path; a file that is there is replaced.
+        """
+    def svg(self, /) -> str:
+        """
+        As an SVG document.
+        """
+
+@final
 class Flight:
     """
     A flight: columns of what was, of what was wanted, of what the rotors did.
@@ -108,6 +163,10 @@ class Flight:
         Samples.
         """
     def __repr__(self, /) -> str: ...
+    def _repr_svg_(self, /) -> str:
+        """
+        What notebooks show: the overview.
+        """
     def columns(self, /) -> dict:
         """
         Columns by name with unit, new float64 arrays [sample], as in the files of the command line: what `pandas.DataFrame` takes.
@@ -116,6 +175,10 @@ class Flight:
     def diverged_at(self, /) -> float | None:
         """
         When the state exploded, s; None for a whole flight.
+        """
+    def plot(self, /, what: str = "overview", *, after: SupportsFloat | SupportsIndex = 2.0) -> Figure:
+        """
+        A figure of it: "overview", "path", "error", "rotors", "attitude" or "rates"; the first `after` seconds are left out of the RMSE.
         """
     def states(self, /) -> Any:
         """
@@ -280,6 +343,27 @@ class Progress:
     def update(self, /) -> int:
         """
         Updates done.
+        """
+
+@final
+class Regulator:
+    """
+    An optimal feedback u = -K x.
+    """
+    @property
+    def cost(self, /) -> Any:
+        """
+        X, float64 [state, state]: x' X x is the cost from x on.
+        """
+    @property
+    def gain(self, /) -> Any:
+        """
+        K, float64 [input, state].
+        """
+    @property
+    def poles(self, /) -> Any:
+        """
+        Eigenvalues of A - B K, complex128 [state], largest first.
         """
 
 @final
@@ -513,6 +597,11 @@ class Trim:
     def state(self, /) -> Any:
         """
         The plant's state, float64 [state].
+        """
+    @property
+    def yaw_rate(self, /) -> float:
+        """
+        About the vertical, rad/s.
         """
 
 @final
@@ -815,6 +904,16 @@ class Vehicle:
         As TOML that `Vehicle` reads back bit for bit.
         """
 
+def _evaluation(shards: SupportsGetItem[int, tuple[Any, Any, Any, Any]], policy: Any, name: str | None = None, *, config: Any | None = None, **settings) -> dict:
+    """
+    What `evaluate` tells, of shards in the order of their environments.
+    """
+
+def _fly_shard(policy: Any, name: str | None, num_envs: SupportsIndex, first_environment: SupportsIndex, *, seed: SupportsIndex = 1000003, threads: SupportsIndex | None = None, config: Any | None = None, **settings) -> tuple[Any, Any, Any, Any]:
+    """
+    The episodes of a shard of an evaluation, for `_evaluation`.
+    """
+
 def _restore(task: str, config: str, seed: SupportsIndex, threads: SupportsIndex | None, ring: SupportsIndex, state: bytes) -> VecEnv:
     """
     What `VecEnv.__reduce__` took apart.
@@ -843,6 +942,25 @@ def allocate(vehicle: Any, wrench: SupportsLenAndGetItem[SupportsFloat | Support
 def configurations() -> list[str]:
     """
     Names of the built-in systems of bodies.
+    """
+
+def design(vehicle: Any, /, *, gains: Mapping | None = None, rates: dict | None = None, latency: SupportsIndex = 0, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] | None = None, **physics) -> Design:
+    """
+    What a vehicle's control loop bears about hover, as `omnidrones design` reports it.
+
+    Parameters
+    ----------
+    vehicle : Vehicle or str or path
+    gains : dict, optional
+        As `Vehicle.gains`, which are the default.
+    rates : dict, optional
+        How often each level computes, Hz: "velocity", "attitude", "rate".
+    latency : int
+        Steps by which commands act late.
+    wind : three floats, optional
+        In which it holds its place, m/s, world.
+    **physics
+        `dt=0.002` (s), `substeps`, `integrator`, `effects`.
     """
 
 def evaluate(policy: Any, name: str | None = None, *, num_envs: SupportsIndex = 1024, seed: SupportsIndex = 1000003, threads: SupportsIndex | None = None, config: Any | None = None, **settings) -> dict:
@@ -882,7 +1000,7 @@ def fly(plant: Any, /, *, controller: str | None = None, gains: Mapping | None =
         `detection_delay` (s), `seed`, `tilt`: the fields of a flight plan.
     """
 
-def linearise(plant: Any, /, *, velocity: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] = ..., yaw_rate: SupportsFloat | SupportsIndex = 0.0, roll: SupportsFloat | SupportsIndex | None = None, pitch: SupportsFloat | SupportsIndex | None = None, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] | None = None, **physics) -> Trim:
+def linearise(plant: Any, /, *, velocity: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] = ..., yaw_rate: SupportsFloat | SupportsIndex = 0.0, roll: SupportsFloat | SupportsIndex | None = None, pitch: SupportsFloat | SupportsIndex | None = None, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] | None = None, fail: dict | None = None, **physics) -> Trim:
     """
     A steady flight of a vehicle or a configuration (hover, forward, climbing, turning, leaning) and the exact linear model of one
     step about it.
@@ -898,6 +1016,9 @@ def linearise(plant: Any, /, *, velocity: SupportsLenAndGetItem[SupportsFloat | 
         To hold, rad; found where they are not given.
     wind : three floats, optional
         World, m/s.
+    fail : dict, optional
+        What is left of rotors, by number or name: `{1: 0.0}` lost one, `{"rotor_2": 0.6}` weakened one. A vehicle that must spin to stay
+        up is found in its turn.
     **physics
         `dt=0.002` (s), `substeps`, `integrator`, `effects`.
     """
@@ -907,6 +1028,39 @@ def load_policy(path: str | PathLike[str]) -> Policy:
     The policy of a run's folder, or of one of its checkpoints.
 
     Raises `FileNotFoundError` where there is none, `ValueError` for damaged files.
+    """
+
+def lqr(model: StateSpace, Q: Any, R: Any, /) -> Regulator:
+    """
+    The feedback of least sum of x' Q x + u' R u for a sampled model.
+
+    Parameters
+    ----------
+    model : StateSpace
+        As `linearise` gives it.
+    Q : array [state, state]
+        float64, symmetric.
+    R : array [input, input]
+        float64, symmetric, positive definite.
+    """
+
+def plot(curves: dict, /, *, title: str = "", x: str = "", y: str = "", log_x: bool = False, log_y: bool = False) -> Figure:
+    """
+    Curves in one chart.
+
+    Parameters
+    ----------
+    curves : dict
+        By the name in the legend, (x, y): two arrays [point] or what NumPy makes some of; what is not finite leaves a gap.
+    title, x, y : str
+        Above the chart and at its axes, with units: "time [s]".
+    log_x, log_y : bool
+        Logarithmic axes.
+    """
+
+def recipes(task: str) -> list[str]:
+    """
+    Names of the algorithms that have a recipe for a task, the usual one first.
     """
 
 def tasks() -> list[str]:

@@ -1,6 +1,7 @@
 //! Vehicles, flights and linear models, from Python.
 
 use crate::error::{OrRaise, interruptible, unexpected};
+use crate::figure::Figure;
 use crate::rows::array;
 use crate::settings;
 use nalgebra::DMatrix;
@@ -8,11 +9,12 @@ use omnidrones::controllers::allocation::{Allocator, PrioritisedAllocator, Probl
 use omnidrones::controllers::design::{self, ErrorState, TrimTarget, TunePlan};
 use omnidrones::controllers::linear::{self, Signal};
 use omnidrones::controllers::registry::{Setup, controller};
-use omnidrones::controllers::{self, FlightPlan, default_controller};
+use omnidrones::controllers::{self, FlightPlan, RotorFailure, default_controller};
 use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::dynamics::{self, Disturbance, Gains, Physics, Plant, configurations, vehicles};
 use omnidrones::error::Error;
 use omnidrones::layers::{self, Layer};
+use omnidrones_plot::flight::FlightFigures;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyMapping};
 use std::ops::ControlFlow;
@@ -175,6 +177,22 @@ impl Flight {
         settings::dict(py, &Table::try_from(self.flight.log.summary(after)).map_err(unexpected)?)
     }
 
+    /// A figure of it: "overview", "path", "error", "rotors", "attitude" or "rates"; the first `after` seconds are left out of the RMSE.
+    #[pyo3(signature = (what="overview", *, after=2.0))]
+    fn plot(&self, py: Python<'_>, what: &str, after: f64) -> PyResult<Figure> {
+        let figures = py.detach(|| FlightFigures::new(&self.flight.log, after));
+        let named = figures.named();
+        let found = named.iter().find(|(name, _)| *name == what);
+        let known = || named.iter().map(|(name, _)| name.to_string()).collect();
+        let unknown = || Error::Unknown { kind: "figure of a flight", name: what.into(), known: known() };
+        Ok(Figure(found.ok_or_else(unknown).or_raise()?.1.clone()))
+    }
+
+    /// What notebooks show: the overview.
+    fn _repr_svg_(&self, py: Python<'_>) -> PyResult<String> {
+        self.plot(py, "overview", 2.0)?.svg(py)
+    }
+
     /// When the state exploded, s; None for a whole flight.
     #[getter]
     fn diverged_at(&self) -> Option<f64> {
@@ -238,9 +256,10 @@ pub fn fly(
 
 /// A linear system with named signals: x+ = A x + B u of every sample, or dx/dt where `dt` is None; y = C x + D u.
 #[pyclass(module = "omnidrones", frozen)]
-pub struct StateSpace(linear::StateSpace);
+pub struct StateSpace(pub linear::StateSpace);
 
-fn matrix<'py>(py: Python<'py>, m: &DMatrix<f64>) -> PyResult<Bound<'py, PyAny>> {
+/// Row by row, as NumPy has them.
+pub fn matrix<'py>(py: Python<'py>, m: &DMatrix<f64>) -> PyResult<Bound<'py, PyAny>> {
     array(py, m.transpose().as_slice().to_vec(), &[m.nrows(), m.ncols()])
 }
 
@@ -344,8 +363,28 @@ pub struct Trim {
     residual: f64,
     /// Places of inputs that stand at a limit.
     limited: Vec<usize>,
+    /// About the vertical, rad/s.
+    yaw_rate: f64,
     /// One step about it, of the error state: a rotation counts three numbers.
     model: Py<StateSpace>,
+}
+
+impl Trim {
+    /// With the linear model about it.
+    pub fn of(py: Python<'_>, trim: design::Trim, model: linear::StateSpace) -> PyResult<Self> {
+        let own = |numbers: Vec<f64>| {
+            let n = numbers.len();
+            array(py, numbers, &[n]).map(Bound::unbind)
+        };
+        Ok(Self {
+            state: own(trim.state)?,
+            input: own(trim.input)?,
+            residual: trim.residual,
+            limited: trim.limited,
+            yaw_rate: trim.yaw_rate,
+            model: Py::new(py, StateSpace(model))?,
+        })
+    }
 }
 
 /// A steady flight of a vehicle or a configuration (hover, forward, climbing, turning, leaning) and the exact linear model of one
@@ -362,10 +401,15 @@ pub struct Trim {
 ///     To hold, rad; found where they are not given.
 /// wind : three floats, optional
 ///     World, m/s.
+/// fail : dict, optional
+///     What is left of rotors, by number or name: `{1: 0.0}` lost one, `{"rotor_2": 0.6}` weakened one. A vehicle that must spin to stay
+///     up is found in its turn.
 /// **physics
 ///     `dt=0.002` (s), `substeps`, `integrator`, `effects`.
 #[pyfunction]
-#[pyo3(signature = (plant, /, *, velocity=[0.0; 3], yaw_rate=0.0, roll=None, pitch=None, wind=None, **physics))]
+#[pyo3(signature = (
+    plant, /, *, velocity=[0.0; 3], yaw_rate=0.0, roll=None, pitch=None, wind=None, fail=None, **physics
+))]
 #[expect(clippy::too_many_arguments, reason = "by name in Python")]
 pub fn linearise(
     py: Python<'_>,
@@ -375,31 +419,51 @@ pub fn linearise(
     roll: Option<f64>,
     pitch: Option<f64>,
     wind: Option<[f64; 3]>,
+    fail: Option<&Bound<'_, PyDict>>,
     physics: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Trim> {
     let mut physics: Physics = data("physics", physics)?;
     physics.effects.disturbance |= wind.is_some();
-    let plant = self::plant(plant, physics)?;
     let air = Disturbance { wind: wind.unwrap_or_default(), ..Disturbance::none() };
     let target = TrimTarget { velocity: velocity.map(Some), yaw_rate, tilt: [roll, pitch], air };
-    let (trim, model) = py
-        .detach(|| {
-            let trim = design::trim(&plant, &target)?;
-            let model = ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input, trim.yaw_rate)?;
-            Ok((trim, model))
-        })
-        .or_raise()?;
-    let own = |numbers: Vec<f64>| {
-        let n = numbers.len();
-        array(py, numbers, &[n]).map(Bound::unbind)
+    let (plant, trim) = match fail {
+        None => {
+            let plant = self::plant(plant, physics)?;
+            let found = py.detach(|| design::trim(&plant, &target)).or_raise()?;
+            (plant, found)
+        }
+        Some(fail) => {
+            let vehicle = vehicle(plant)?;
+            let health = health(&vehicle, fail)?;
+            py.detach(|| design::trim_damaged(&vehicle, physics, &health, &target)).or_raise()?
+        }
     };
-    Ok(Trim {
-        state: own(trim.state)?,
-        input: own(trim.input)?,
-        residual: trim.residual,
-        limited: trim.limited,
-        model: Py::new(py, StateSpace(model))?,
-    })
+    let model = py
+        .detach(|| ErrorState::of_plant(&plant)?.state_space(&plant, &trim.state, &trim.input, trim.yaw_rate))
+        .or_raise()?;
+    Trim::of(py, trim, model)
+}
+
+/// What is left of every rotor.
+fn health(vehicle: &dynamics::Vehicle, fail: &Bound<'_, PyDict>) -> PyResult<Vec<f64>> {
+    let mut health = vec![1.0; vehicle.rotors.len()];
+    for (rotor, share) in fail {
+        let place = match rotor.extract::<usize>() {
+            Ok(k) => (k < health.len()).then_some(k),
+            Err(_) => {
+                let name: String = rotor.extract()?;
+                vehicle.rotors.iter().position(|own| own.name == name)
+            }
+        };
+        let Some(place) = place else {
+            let known = vehicle.rotors.iter().map(|own| own.name.clone()).collect();
+            return Err(Error::Unknown { kind: "rotor", name: rotor.to_string(), known }).or_raise();
+        };
+        health[place] = share.extract()?;
+        let lost = RotorFailure { rotor: place, at: 0.0, effectiveness: health[place] };
+        lost.validate(health.len()).or_raise()?;
+    }
+    Ok(health)
 }
 
 /// Which rotor thrusts make a wrench.

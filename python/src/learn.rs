@@ -2,12 +2,14 @@
 
 use crate::batch::{config_of, threads};
 use crate::error::{OrRaise, interruptible};
-use crate::rows::{array, read, slice, slice_mut, write};
+use crate::rows::{array, flags, read, slice, slice_mut, write};
 use crate::settings;
 use omnidrones::error::Error;
 use omnidrones::rl::nn::Head;
-use omnidrones::rl::{self, Starts, TrainConfig, Trainer};
-use omnidrones::tasks::{self, Autoreset, Env, EnvConfig, Evaluation, Statistics, registry};
+use omnidrones::rl::recipes::recipes_of;
+use omnidrones::rl::{self, TrainConfig, Trainer};
+use omnidrones::tasks::registry::{self, Entry};
+use omnidrones::tasks::{self, Autoreset, Env, EnvConfig, EpisodeRows, Evaluation, Spec, Statistics};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::ops::ControlFlow;
@@ -315,40 +317,86 @@ pub fn evaluate<'py>(
     config: Option<&Bound<'py, PyAny>>,
     settings: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let threads = self::threads(threads)?;
+    let whole = Shard { num_envs, first_environment: 0, seed };
+    let (rows, spec) = flown(py, policy, name, &whole, threads, config, settings)?;
+    figures(py, &rows.evaluation(&spec))
+}
+
+/// Which starts are flown.
+struct Shard {
+    num_envs: usize,
+    first_environment: u64,
+    seed: u64,
+}
+
+impl Shard {
+    /// One episode per environment from its starts, whatever training does.
+    fn env(&self, entry: &Entry, config: EnvConfig) -> Result<Env, Error> {
+        entry.env(&EnvConfig {
+            n_env: self.num_envs,
+            seed: self.seed,
+            first_environment: self.first_environment,
+            autoreset: Autoreset::Disabled,
+            stagger: false,
+            ..config
+        })
+    }
+}
+
+/// The task of an evaluation and its environments: those that a `Policy` was trained in, unless others are given.
+fn judged(
+    policy: &Bound<'_, PyAny>,
+    name: Option<&str>,
+    config: Option<&Bound<'_, PyAny>>,
+    settings: Option<&Bound<'_, PyDict>>,
+) -> PyResult<(&'static Entry, EnvConfig)> {
+    let own = policy.cast::<Policy>().ok().map(|own| own.try_borrow()).transpose()?;
+    let Some(task) = name.or_else(|| own.as_ref().map(|own| own.task.as_str())) else {
+        return Err(pyo3::exceptions::PyTypeError::new_err("name is missing: a callable does not know its task."));
+    };
+    let entry = registry::by_name(task).or_raise()?;
     let given = config.is_some() || settings.is_some_and(|settings| !settings.is_empty());
+    match own {
+        Some(own) if !given => Ok((entry, own.config.seen_env())),
+        _ => Ok((entry, config_of(entry, None, config, None, settings)?)),
+    }
+}
+
+/// Flies the episodes of a shard.
+fn flown(
+    py: Python<'_>,
+    policy: &Bound<'_, PyAny>,
+    name: Option<&str>,
+    shard: &Shard,
+    threads: Option<usize>,
+    config: Option<&Bound<'_, PyAny>>,
+    settings: Option<&Bound<'_, PyDict>>,
+) -> PyResult<(EpisodeRows, Spec)> {
+    let threads = self::threads(threads)?;
+    let (entry, config) = judged(policy, name, config, settings)?;
+    let mut env = shard.env(entry, config).or_raise()?;
+    env.set_threads(threads.clone());
+    let spec = env.spec().clone();
     if let Ok(own) = policy.cast::<Policy>() {
         let mut own = own.try_borrow_mut()?;
-        let Policy { policy, task, config: trained } = &mut *own;
-        let task = name.unwrap_or(task);
-        let entry = registry::by_name(task).or_raise()?;
-        let env = if given { config_of(entry, None, config, None, settings)? } else { trained.seen_env() };
-        let starts = Starts { n_env: num_envs, seed };
-        let evaluation = interruptible(py, |said| {
-            let mut env = rl::eval_env(policy, task, &env, starts, &threads)?;
-            policy.set_threads(threads);
+        let policy = &mut own.policy;
+        policy.fits(&spec).or_raise()?;
+        policy.statistics().map_or(Ok(()), |known| env.set_statistics(known.clone())).or_raise()?;
+        policy.set_threads(threads);
+        let rows = interruptible(py, |said| {
             let act = &mut |_: &Env, out: &tasks::Buffers, actions: &mut [f32]| {
                 said.or_stop(|_| Ok(()))?;
                 policy.act(&out.observation, actions)
             };
-            tasks::evaluate(&mut env, act, &mut |_| ())
+            EpisodeRows::fly(&mut env, act, &mut |_| ())
         })?;
-        return figures(py, &evaluation);
+        return Ok((rows, spec));
     }
-    let Some(name) = name else {
-        return Err(pyo3::exceptions::PyTypeError::new_err("name is missing: a callable does not know its task."));
-    };
-    let entry = registry::by_name(name).or_raise()?;
-    let config = config_of(entry, Some(num_envs), config, None, settings)?;
-    let config = EnvConfig { seed, first_environment: 0, autoreset: Autoreset::Disabled, stagger: false, ..config };
-    let mut env = entry.env(&config).or_raise()?;
-    env.set_threads(threads);
-    let spec = env.spec();
     let seen = [spec.n_env, spec.n_agent, spec.n_observation];
     let done = [spec.n_env, spec.n_agent, spec.action.len()];
     let observation = array(py, vec![0.0_f32; seen.iter().product()], &seen)?.unbind();
     let policy = policy.clone().unbind();
-    let evaluation = interruptible(py, |said| {
+    let rows = interruptible(py, |said| {
         let act = &mut |_: &Env, out: &tasks::Buffers, actions: &mut [f32]| {
             said.or_stop(|py| {
                 let observation = observation.bind(py);
@@ -358,9 +406,66 @@ pub fn evaluate<'py>(
                 Ok(())
             })
         };
-        tasks::evaluate(&mut env, act, &mut |_| ())
+        EpisodeRows::fly(&mut env, act, &mut |_| ())
     })?;
-    figures(py, &evaluation)
+    Ok((rows, spec))
+}
+
+/// Rows of [`EpisodeRows`] as arrays, which travel.
+type Told<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
+
+/// The episodes of a shard of an evaluation, for `_evaluation`.
+#[pyfunction]
+#[pyo3(signature = (policy, name, num_envs, first_environment, *, seed=1_000_003, threads=None, config=None, **settings))]
+#[expect(clippy::too_many_arguments, reason = "by name in Python")]
+pub fn _fly_shard<'py>(
+    py: Python<'py>,
+    policy: &Bound<'py, PyAny>,
+    name: Option<&str>,
+    num_envs: usize,
+    first_environment: u64,
+    seed: u64,
+    threads: Option<usize>,
+    config: Option<&Bound<'py, PyAny>>,
+    settings: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Told<'py>> {
+    let shard = Shard { num_envs, first_environment, seed };
+    let (rows, spec) = flown(py, policy, name, &shard, threads, config, settings)?;
+    let n = [num_envs];
+    let info = array(py, rows.info, &[num_envs, spec.info.len()])?;
+    Ok((info, array(py, rows.terminated, &n)?, array(py, rows.error, &n)?, array(py, rows.near, &n)?))
+}
+
+/// What `evaluate` tells, of shards in the order of their environments.
+#[pyfunction]
+#[pyo3(signature = (shards, policy, name=None, *, config=None, **settings))]
+pub fn _evaluation<'py>(
+    py: Python<'py>,
+    shards: Vec<Told<'py>>,
+    policy: &Bound<'py, PyAny>,
+    name: Option<&str>,
+    config: Option<&Bound<'py, PyAny>>,
+    settings: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (entry, config) = judged(policy, name, config, settings)?;
+    let env = Shard { num_envs: 1, first_environment: 0, seed: 0 }.env(entry, config).or_raise()?;
+    let (mut rows, width) = (EpisodeRows::default(), env.spec().info.len());
+    for (info, terminated, error, near) in &shards {
+        let n = terminated.len()?;
+        rows.join(EpisodeRows {
+            info: slice(&read("info", info, &[n, width])?)?.to_vec(),
+            terminated: flags("terminated", terminated, n)?,
+            error: slice(&read("error", error, &[n])?)?.to_vec(),
+            near: flags("near", near, n)?,
+        });
+    }
+    figures(py, &rows.evaluation(env.spec()))
+}
+
+/// Names of the algorithms that have a recipe for a task, the usual one first.
+#[pyfunction]
+pub fn recipes(task: &str) -> PyResult<Vec<&'static str>> {
+    Ok(recipes_of(registry::by_name(task).or_raise()?.name))
 }
 
 /// The policy of a run's folder, or of one of its checkpoints.

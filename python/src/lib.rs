@@ -9,6 +9,8 @@
 //! | `gradient` | tapes, sweeps, Jacobians |
 //! | `system` | loops and allocations that are differentiated through many steps |
 //! | `learn` | training, evaluation, policies |
+//! | `design` | margins of the loop that flies, feedback of least cost |
+//! | `figure` | the library's plots, for notebooks |
 //! | `control` | vehicles, flights, linear models, allocation, tuning |
 //!
 //! What makes environments those of Gymnasium, PettingZoo, Stable-Baselines3, TorchRL, PyTorch and Ray is written in Python, beside
@@ -16,7 +18,9 @@
 
 mod batch;
 mod control;
+mod design;
 mod error;
+mod figure;
 mod gradient;
 mod learn;
 mod rows;
@@ -37,9 +41,16 @@ mod _core {
         vehicle_names,
     };
     #[pymodule_export]
+    use super::design::{Design, Regulator, design, lqr};
+    #[pymodule_export]
+    use super::figure::{Figure, plot_curves};
+    #[pymodule_export]
     use super::gradient::{Adjoint, Jacobian, Sweep, Tape};
     #[pymodule_export]
-    use super::learn::{_restore_policy, Controller, Policy, Progress, Run, evaluate, load_policy, train};
+    use super::learn::{
+        _evaluation, _fly_shard, _restore_policy, Controller, Policy, Progress, Run, evaluate, load_policy, recipes,
+        train,
+    };
 
     #[pymodule_export]
     use super::system::{AllocationFunction, Loop, System};

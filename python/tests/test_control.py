@@ -87,3 +87,70 @@ def test_tuned_gains_track_better_on_starts_that_tuning_did_not_see():
     assert [k for k, _ in steps] == list(range(8))
     flown = omnidrones.fly("hummingbird", gains=tuned["gains"], duration=4.0)
     assert flown.diverged_at is None
+
+
+def test_a_vehicle_that_lost_a_rotor_has_its_steady_turn():
+    spin = omnidrones.linearise("hummingbird", fail={1: 0.0})
+    assert spin.residual < 1e-8 and abs(spin.yaw_rate) > 10 and spin.model.A.shape == (16, 16)
+    weak = omnidrones.linearise("hummingbird", fail={"rotor_2": 0.6})
+    assert weak.yaw_rate == 0.0 and np.abs(weak.input[2] - weak.input[0]) > 0.05
+    for name, fail, words in [
+        ("firefly", {1: 0.0}, "turns ever faster"),
+        ("crazyflie", {1: 0.0}, "Leave the lost rotor a share"),
+        ("hummingbird", {7: 0.0}, "no rotor is called"),
+        ("hummingbird", {1: 2.0}, "effectiveness is 2"),
+    ]:
+        with pytest.raises(ValueError, match=words):
+            omnidrones.linearise(name, fail=fail)
+    with pytest.raises(ValueError, match="must spin to stay up"):
+        omnidrones.linearise("hummingbird", fail={1: 0.0}, velocity=[1.0, 0.0, 0.0])
+
+
+def test_margins_are_those_of_the_loop_that_flies():
+    loop = omnidrones.design("hummingbird")
+    told = loop.margins("rotor_0.action")
+    assert told["stable"] and np.abs(loop.poles).max() < 1 and loop.period == 10
+    late = omnidrones.design("hummingbird", latency=round(told["delay"] / 0.002) - 6)
+    assert late.margins("rotor_0.action")["delay"] < told["delay"] and late.margins()["alpha"] < loop.margins()["alpha"]
+    # S at one frequency of the lifted loop, by its matrices
+    w = np.array([3.0, 30.0, 300.0])
+    opened = loop.open("rotor_0.action")
+    n, identity = loop.period, np.eye(loop.period)
+    for omega, s in zip(w, loop.sensitivity("rotor_0.action", w), strict=True):
+        z = np.exp(1j * omega * opened.dt)
+        response = opened.C @ np.linalg.solve(z * np.eye(len(opened.A)) - opened.A, opened.B) + opened.D
+        wave = np.exp(1j * omega * 0.002 * np.arange(n))
+        assert s == pytest.approx(wave.conj() @ np.linalg.solve(identity + response, wave) / n, rel=1e-6)
+    assert omnidrones.design("hummingbird", wind=[8.0, 0.0, 0.0]).trim.state[7:9].any()
+    with pytest.raises(ValueError, match="rotor_0.action"):
+        loop.margins("rotor_9")
+
+
+def test_feedback_of_least_cost_is_that_of_python_control():
+    control = pytest.importorskip("control")
+    model = omnidrones.linearise("iris").model
+    Q, R = np.diag(np.linspace(1.0, 2.0, 16)), np.eye(4)
+    own = omnidrones.lqr(model, Q, R)
+    gain, cost, poles = control.dlqr(model.A, model.B, Q, R)
+    assert np.abs(own.gain - gain).max() < 1e-7 * np.abs(gain).max()
+    assert np.abs(own.cost - cost).max() < 1e-7 * np.abs(cost).max()
+    assert np.abs(np.sort(np.abs(own.poles)) - np.sort(np.abs(poles))).max() < 1e-7
+    with pytest.raises(ValueError, match="sampled"):
+        omnidrones.lqr(model.continuous(), Q, R)
+    with pytest.raises(ValueError, match="R has the shape"):
+        omnidrones.lqr(model, Q, np.eye(3))
+
+
+def test_figures_are_those_of_the_library(tmp_path):
+    flight = omnidrones.fly("hummingbird", duration=3.0)
+    assert flight._repr_svg_() == flight.plot().svg()
+    for name in ("path", "error", "rotors", "attitude", "rates"):
+        assert flight.plot(name)._repr_svg_().startswith("<svg")
+    with pytest.raises(ValueError, match="overview"):
+        flight.plot("pth")
+    figure = omnidrones.plot({"a": ([1, 2, 3], [1.0, np.nan, 3.0])}, title="T", x="x [m]", y="y [m]", log_y=True)
+    figure.save(tmp_path / "curve.png")
+    figure.save(tmp_path / "curve.svg")
+    assert (tmp_path / "curve.png").read_bytes()[:4] == b"\x89PNG" and (tmp_path / "curve.svg").read_text() == figure.svg()
+    with pytest.raises(ValueError, match="y of a has the shape"):
+        omnidrones.plot({"a": ([1.0, 2.0], [1.0])})

@@ -83,3 +83,9 @@ def test_the_librarys_controller_flies_a_batch():
     assert controller.name and (env.column("position_error") < 0.3).all()
     with pytest.raises(ValueError, match="environment of a baseline"):
         controller(omnidrones.make("Hover", 5))
+
+
+def test_recipes_name_the_algorithms_of_a_task():
+    assert omnidrones.recipes("hover") == ["apg", "ppo"]
+    with pytest.raises(ValueError, match="Hover"):
+        omnidrones.recipes("Hovr")

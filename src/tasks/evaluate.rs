@@ -1,7 +1,7 @@
 //! How well a policy does: one episode of every environment, from fixed starts.
 
 use super::config::Autoreset;
-use super::env::{Buffers, Column, Env};
+use super::env::{Buffers, Column, Env, Spec};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -75,61 +75,114 @@ pub type Act<'a> = dyn FnMut(&Env, &Buffers, &mut [f32]) -> Result<()> + 'a;
 /// [`Error::Value`] unless the environment was made with `autoreset = "disabled"`; those of the policy; otherwise as
 /// [`Env::step`].
 pub fn evaluate(env: &mut Env, policy: &mut Act<'_>, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Evaluation> {
-    if env.spec().config.autoreset != Autoreset::Disabled {
-        let remedy = "Build it with autoreset = 'disabled'.";
-        return Err(Error::value("autoreset", "on", "'disabled' to evaluate", remedy));
+    let episodes = EpisodeRows::fly(env, policy, watch)?;
+    Ok(episodes.evaluation(env.spec()))
+}
+
+/// What is known of one episode of every environment: that of shards, joined in their order, is that of the whole.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct EpisodeRows {
+    /// Of the last step, `[E, info]`.
+    pub info: Vec<f32>,
+    /// Whether the task ended it, `[E]`.
+    pub terminated: Vec<bool>,
+    /// Sum of the task's first metric over its steps, `[E]`.
+    pub error: Vec<f64>,
+    /// Whether that metric came below the first limit of a success, `[E]`.
+    pub near: Vec<bool>,
+}
+
+impl EpisodeRows {
+    /// Flies them, as [`evaluate`].
+    ///
+    /// # Errors
+    /// As [`evaluate`].
+    pub fn fly(env: &mut Env, policy: &mut Act<'_>, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Self> {
+        if env.spec().config.autoreset != Autoreset::Disabled {
+            let remedy = "Build it with autoreset = 'disabled'.";
+            return Err(Error::value("autoreset", "on", "'disabled' to evaluate", remedy));
+        }
+        let spec = env.spec().clone();
+        let n = spec.n_env;
+        let mut out = Buffers::new(&spec);
+        let mut actions = vec![0.0; n * spec.n_agent * spec.action.len()];
+        env.reset(None, None, &mut out.out())?;
+        let limit = spec.success.limits.first().map_or(f64::INFINITY, |limit| limit.below);
+        let mut flying = vec![true; n];
+        let width = spec.info.len();
+        let mut own =
+            Self { info: vec![0.0; n * width], terminated: vec![false; n], error: vec![0.0; n], near: vec![false; n] };
+        for t in 0..spec.horizon {
+            policy(env, &out, &mut actions)?;
+            env.step(&actions, &mut out.out())?;
+            for i in (0..n).filter(|i| flying[*i]) {
+                let error = first_metric(&spec, &out.info, i);
+                own.error[i] += error;
+                own.near[i] = error < limit || spec.success.once && own.near[i];
+            }
+            watch(&Watched { env, out: &out, step: t + 1, flying: &flying });
+            for i in 0..n {
+                if flying[i] {
+                    // of its own last step: what ended stands still, but not all that is told of it
+                    own.info[i * width..(i + 1) * width].copy_from_slice(&out.info[i * width..(i + 1) * width]);
+                    own.terminated[i] = out.terminated[i] == 1;
+                }
+                flying[i] &= out.terminated[i] == 0 && out.truncated[i] == 0;
+            }
+            if !flying.contains(&true) {
+                break;
+            }
+        }
+        Ok(own)
     }
-    let spec = env.spec().clone();
-    let (n, width) = (spec.n_env, spec.info.len());
+
+    /// Those of environments whose numbers follow.
+    pub fn join(&mut self, next: Self) {
+        self.info.extend(next.info);
+        self.terminated.extend(next.terminated);
+        self.error.extend(next.error);
+        self.near.extend(next.near);
+    }
+
+    /// Figures over them. `spec` is that of the environments but for their number.
+    ///
+    /// # Panics
+    /// If `info` has not the columns of `spec`.
+    pub fn evaluation(&self, spec: &Spec) -> Evaluation {
+        let (n, width) = (self.terminated.len(), spec.info.len());
+        assert_eq!(self.info.len(), n * width, "rows of info");
+        let of = |k: usize| (0..n).map(move |i| f64::from(self.info[i * width + k]));
+        let mean = |k: usize| of(k).sum::<f64>() / n as f64;
+        let return_mean = mean(Column::Return.index());
+        let spread = of(Column::Return.index()).map(|x| (x - return_mean).powi(2)).sum::<f64>() / n as f64;
+        let count = |holds: &dyn Fn(usize) -> bool| (0..n).filter(|i| holds(*i)).count();
+        let share = |holds: &dyn Fn(usize) -> bool| count(holds) as f64 / n as f64;
+        let at = |i: usize, column: Column| self.info[i * width + column.index()];
+        let succeeded = count(&|i| at(i, Column::Success) > 0.5 && !self.terminated[i]);
+        let steps: f64 = of(Column::Length.index()).sum();
+        Evaluation {
+            n_episode: n,
+            return_mean,
+            return_std: spread.sqrt(),
+            share_of_bound: return_mean / (spec.reward_bound * spec.horizon as f64),
+            final_error: (0..n).map(|i| first_metric(spec, &self.info, i)).sum::<f64>() / n as f64,
+            mean_error: self.error.iter().sum::<f64>() / steps,
+            success: succeeded as f64 / n as f64,
+            success_interval: wilson(succeeded, n),
+            success_by_last_error: share(&|i| self.near[i] && !self.terminated[i]),
+            crashed: share(&|i| self.terminated[i]),
+            length: steps / n as f64,
+            final_metrics: spec.metric_columns().map(mean).collect(),
+            terms: spec.term_columns().map(mean).collect(),
+            ends: (1..spec.ends.len() + 2).map(|k| share(&|i| at(i, Column::Reason) as usize == k)).collect(),
+        }
+    }
+}
+
+/// Of environment `i`; 0 where the task has no metric.
+fn first_metric(spec: &Spec, info: &[f32], i: usize) -> f64 {
     let metrics = spec.metric_columns();
-    let first = metrics.start;
-    let error = |out: &Buffers, i: usize| if metrics.is_empty() { 0.0 } else { f64::from(out.info[i * width + first]) };
-    let (total, length, success) = (Column::Return.index(), Column::Length.index(), Column::Success.index());
-    let reason = Column::Reason.index();
-    let mut out = Buffers::new(&spec);
-    let mut actions = vec![0.0; n * spec.n_agent * spec.action.len()];
-    env.reset(None, None, &mut out.out())?;
-    let limit = spec.success.limits.first().map_or(f64::INFINITY, |limit| limit.below);
-    let (mut flying, mut near) = (vec![true; n], vec![false; n]);
-    let (mut errors, mut steps) = (0.0, 0.0);
-    for t in 0..spec.horizon {
-        policy(env, &out, &mut actions)?;
-        env.step(&actions, &mut out.out())?;
-        for i in (0..n).filter(|i| flying[*i]) {
-            (errors, steps) = (errors + error(&out, i), steps + 1.0);
-            near[i] = error(&out, i) < limit || spec.success.once && near[i];
-        }
-        watch(&Watched { env, out: &out, step: t + 1, flying: &flying });
-        for i in 0..n {
-            flying[i] &= out.terminated[i] == 0 && out.truncated[i] == 0;
-        }
-        if !flying.contains(&true) {
-            break;
-        }
-    }
-    let of = |k: usize| (0..n).map(move |i| i * width + k);
-    let mean = |k: usize| of(k).map(|at| f64::from(out.info[at])).sum::<f64>() / n as f64;
-    let return_mean = mean(total);
-    let spread = of(total).map(|at| (f64::from(out.info[at]) - return_mean).powi(2)).sum::<f64>() / n as f64;
-    let share = |hits: usize| hits as f64 / n as f64;
-    let count = |holds: &dyn Fn(usize) -> bool| share((0..n).filter(|i| holds(*i)).count());
-    let succeeded = (0..n).filter(|i| out.info[i * width + success] > 0.5 && out.terminated[*i] == 0).count();
-    Ok(Evaluation {
-        n_episode: n,
-        return_mean,
-        return_std: spread.sqrt(),
-        share_of_bound: return_mean / (spec.reward_bound * spec.horizon as f64),
-        final_error: (0..n).map(|i| error(&out, i)).sum::<f64>() / n as f64,
-        mean_error: errors / steps,
-        success: share(succeeded),
-        success_interval: wilson(succeeded, n),
-        success_by_last_error: count(&|i| near[i] && out.terminated[i] == 0),
-        crashed: count(&|i| out.terminated[i] == 1),
-        length: mean(length),
-        final_metrics: metrics.clone().map(mean).collect(),
-        terms: spec.term_columns().map(mean).collect(),
-        ends: (1..spec.ends.len() + 2).map(|k| count(&|i| out.info[i * width + reason] as usize == k)).collect(),
-    })
+    if metrics.is_empty() { 0.0 } else { f64::from(info[i * spec.info.len() + metrics.start]) }
 }
 
 #[cfg(test)]

@@ -162,7 +162,7 @@ pub use env::{
     Adjoint, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Seeds, Space, Spec, StepLayout, StepOut, Sweep,
     SweepOptions, Tape,
 };
-pub use evaluate::{Act, Evaluation, Watched, evaluate, wilson};
+pub use evaluate::{Act, EpisodeRows, Evaluation, Watched, evaluate, wilson};
 pub use observation::{Stage, Statistics};
 pub use randomise::{Change, Distribution, Quantity};
 pub use record::{Record, Recorded, Spread};

@@ -5,9 +5,9 @@ use super::design::modes_table;
 use super::failure::named;
 use super::page::{Fact, Page, short};
 use super::{Report, files, robot, source};
-use omnidrones::controllers::design::{ErrorState, Trim, TrimTarget, trim, trim_spin};
+use omnidrones::controllers::RotorFailure;
+use omnidrones::controllers::design::{ErrorState, Trim, TrimTarget, trim, trim_damaged};
 use omnidrones::controllers::linear::{Mode, modes, unobservable, unreachable};
-use omnidrones::controllers::{Assessment, Capability, RotorFailure};
 use omnidrones::dynamics::{Disturbance, Physics, Plant, Vehicle};
 use omnidrones::error::{Error, Result};
 use serde_json::json;
@@ -102,9 +102,9 @@ impl Arguments {
 
     /// With the rotor that failed, if one did.
     fn steady_flight(&self, vehicle: &Vehicle, physics: Physics) -> Result<(Plant, Trim)> {
-        let (plant, target) = (Plant::of_vehicle(vehicle, physics)?, self.target()?);
         let Some(fail) = &self.fail else {
-            let found = trim(&plant, &target)?;
+            let plant = Plant::of_vehicle(vehicle, physics)?;
+            let found = trim(&plant, &self.target()?)?;
             return Ok((plant, found));
         };
         let names: Vec<String> = vehicle.rotors.iter().map(|r| r.name.clone()).collect();
@@ -112,24 +112,7 @@ impl Arguments {
         RotorFailure { rotor, at: 0.0, effectiveness: share }.validate(names.len())?;
         let mut health = vec![1.0; names.len()];
         health[rotor] = share;
-        let (plant, left) = (plant.damaged(&health)?, Assessment::of(vehicle, &health)?);
-        let refused = |rule: &str, remedy: &str| Err(Error::value("--fail", fail, rule, remedy));
-        let found = match (left.capability, &left.spin) {
-            (Capability::None, _) => {
-                return refused("a rotor whose loss leaves a steady flight", "Give a share, as 1:0.6.");
-            }
-            (Capability::YawSacrificed, _) => {
-                let remedy = "'omnidrones fly --fail' flies it; a share, as 1:0.6, may leave a steady flight.";
-                return refused("a rotor whose loss leaves its yaw: without, it turns ever faster", remedy);
-            }
-            (_, None) => trim(&plant, &target)?,
-            (_, Some(spin)) if target == TrimTarget::hover() => trim_spin(&plant, spin)?,
-            (_, Some(_)) => {
-                let remedy = "Leave out --velocity, --yaw-rate, --roll and --pitch.";
-                return refused("a turn in place: it must spin to stay up", remedy);
-            }
-        };
-        Ok((plant, found))
+        trim_damaged(vehicle, physics, &health, &self.target()?)
     }
 }
 

@@ -41,5 +41,5 @@ pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqr};
 pub(crate) use margin_gate::truth;
 pub use margin_gate::{Corner, Flaw, Judgement, MarginGate};
 pub use robustness::{JudgedPlant, PlantBox, Robustness};
-pub use trim::{Trim, TrimTarget, trim, trim_from, trim_spin};
+pub use trim::{Trim, TrimTarget, trim, trim_damaged, trim_from, trim_spin};
 pub use tune::{AlongReference, Descent, Evaluation, Iteration, TunePlan, Tuning, tune};

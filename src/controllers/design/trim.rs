@@ -14,9 +14,10 @@
 use super::error_state::{ErrorState, quaternion};
 use crate::autodiff::{System, linearise};
 use crate::controllers::allocation::Spin;
+use crate::controllers::allocation::failure::{Assessment, Capability};
 use crate::dynamics::rotor::{LEAST_THRUST, holding_action, thrust_action};
 use crate::dynamics::spatial::{conjugate, from_euler, multiply, rotate};
-use crate::dynamics::{Disturbance, Plant};
+use crate::dynamics::{Disturbance, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
 use nalgebra::{DMatrix, DVector};
 
@@ -102,6 +103,34 @@ pub fn trim_spin(plant: &Plant, spin: &Spin) -> Result<Trim> {
     }
     let target = TrimTarget { velocity: [None, None, Some(0.0)], yaw_rate: spin.rate / z, ..TrimTarget::hover() };
     trim_from(plant, &target, &state, &input)
+}
+
+/// The plant of a vehicle whose rotor i is left the share `health[i]`, and its steady flight: that of `target` or, where it must spin to
+/// stay up, the turn in place near hover.
+///
+/// # Errors
+/// [`Error::Value`] where what is left holds no steady flight, or must spin and `target` is not hover; otherwise as [`trim`] and
+/// [`Plant::damaged`].
+pub fn trim_damaged(vehicle: &Vehicle, physics: Physics, health: &[f64], target: &TrimTarget) -> Result<(Plant, Trim)> {
+    let left = Assessment::of(vehicle, health)?;
+    let plant = Plant::of_vehicle(vehicle, physics)?.damaged(health)?;
+    let refused = |rule: &str, remedy: &str| Err(Error::value("rotors", format!("{health:?}"), rule, remedy));
+    let found = match (left.capability, &left.spin) {
+        (Capability::None, _) => {
+            return refused("left so much that a steady flight is", "Leave the lost rotor a share, as 0.6.");
+        }
+        (Capability::YawSacrificed, _) => {
+            let remedy = "'fly' flies it; with a share of the lost rotor, as 0.6, there may be a steady flight.";
+            return refused("left their yaw: without, it turns ever faster", remedy);
+        }
+        (_, None) => trim(&plant, target)?,
+        (_, Some(spin)) if *target == TrimTarget::hover() => trim_spin(&plant, spin)?,
+        (_, Some(_)) => {
+            let remedy = "Leave out velocity, yaw rate, roll and pitch.";
+            return refused("asked for a turn in place: the vehicle must spin to stay up", remedy);
+        }
+    };
+    Ok((plant, found))
 }
 
 /// The same from a state and an input near it.
