@@ -1,15 +1,20 @@
-"""Ray: a batch of environments cut into shards, each with a process of its own, on one machine or many.
+"""Ray: environments, evaluations and trainings in processes of their own, on one machine or many.
 
-Environments keep their numbers, so that the shards together have the bits of one batch. A worker that is lost is replaced: the
-driver keeps the state behind each call that was answered, and the call is made again.
+Environments keep their numbers, so that the shards of a batch together have the bits of one batch. A worker that is lost is replaced:
+the driver keeps the state behind each call that was answered, and the call is made again; a training goes on from its newest checkpoint.
+RLlib needs nothing of this: its own runners make our batches by their Gymnasium ids.
 
 >>> batch = omnidrones.ray.Shards("Hover", 65536, workers=16, seed=0)
 >>> rows = batch.rollout(policy, 100)   # {"observation": [100, E, A, n], "action": ..., "reward": ..., ...}
+>>> evaluate(policy, num_envs=65536, workers=16)["success"]
+>>> rows = train_all(["Hover", "Track"], seeds=5, folder="/shared/runs")   # pandas.DataFrame(rows)
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +25,14 @@ from ray.exceptions import RayActorError
 from . import _core
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+
+
+def _cut(num_envs: int, workers: int) -> list[tuple[int, int]]:
+    """The first environment of every worker, and how many it has."""
+    if not 1 <= workers <= num_envs:
+        raise ValueError(f"workers is {workers}, but it must be 1 to {num_envs}, the number of environments.")
+    ends = [num_envs * k // workers for k in range(workers + 1)]
+    return [(begin, end - begin) for begin, end in zip(ends, ends[1:])]
 
 
 class _Shard:
@@ -79,13 +92,10 @@ class Shards:
     """
 
     def __init__(self, name: str, num_envs: int, workers: int, *, cpus: float = 1, **settings: Any) -> None:
-        if not 1 <= workers <= num_envs:
-            raise ValueError(f"workers is {workers}, but it must be 1 to {num_envs}, the number of environments.")
         settings = {"threads": 1, "first_environment": 0} | settings
         first, self._made = settings["first_environment"], []
-        for k in range(workers):
-            begin, end = (num_envs * j // workers for j in (k, k + 1))
-            self._made.append((name, end - begin, settings | {"first_environment": first + begin}))
+        for begin, n in _cut(num_envs, workers):
+            self._made.append((name, n, settings | {"first_environment": first + begin}))
         self._cpus = cpus
         self._states: list[Any] = [None] * workers
         self.workers = [self._worker(k) for k in range(workers)]
@@ -136,3 +146,94 @@ class Shards:
         parts = self._call("rollout", [(shared, n_step)] * len(self.workers))
         axis = {"last_observation": 0}
         return {name: np.concatenate([part[name] for part in parts], axis.get(name, 1)) for name in parts[0]}
+
+
+def evaluate(
+    policy: _core.Policy | Act,
+    name: str | None = None,
+    *,
+    num_envs: int = 1024,
+    workers: int,
+    cpus: float = 1,
+    **how: Any,
+) -> dict[str, Any]:
+    """As `omnidrones.evaluate`, its starts divided over processes: the same figures.
+
+    Parameters
+    ----------
+    policy, name, num_envs, **how
+        Those of `omnidrones.evaluate`. A callable must answer each row alike whichever stand beside it.
+    workers : int
+        Parts of the starts, each an episode per start on one thread.
+    cpus : float
+        Of each part, for Ray's schedule. A part that is lost is flown again.
+    """
+    shared, own = ray.put(policy), {"threads": 1} | how
+    fly = _fly.options(num_cpus=cpus, max_retries=_REPLACEMENTS)
+    rows = ray.get([fly.remote(shared, name, n, first, own) for first, n in _cut(num_envs, workers)])
+    environments = {key: value for key, value in own.items() if key not in ("threads", "seed")}
+    return _core._evaluation(rows, policy, name, **environments)
+
+
+@ray.remote
+def _fly(policy: Any, name: str | None, num_envs: int, first: int, how: dict[str, Any]) -> Any:
+    return _core._fly_shard(policy, name, num_envs, first, **how)
+
+
+def train_all(
+    tasks: Iterable[str] | None = None,
+    *,
+    seeds: int = 5,
+    folder: str | os.PathLike[str],
+    cpus: float = 1,
+    **settings: Any,
+) -> list[dict[str, Any]]:
+    """Trains every task by its recipe with several seeds, a run per process of Ray.
+
+    A run that a lost worker took with it goes on elsewhere from its newest checkpoint, to the same bits; so do, with the next call, those
+    that were not finished when this one ended. What is finished is only evaluated.
+
+    Parameters
+    ----------
+    tasks : iterable of str, optional
+        All by default.
+    seeds : int
+        Runs of each task, of the seeds 0 to seeds - 1.
+    folder : path
+        Of the runs, each in TASK-SEED; seen by all machines of the cluster, or a lost run begins again.
+    cpus : float
+        Of each run; it trains on so many threads.
+    **settings
+        Those of `omnidrones.train`, for all of them.
+
+    Returns
+    -------
+    list of dict
+        A row per run: "task", "seed", "updates", "env_steps", "seconds" and the figures of its evaluation by name.
+
+    Raises
+    ------
+    RuntimeError
+        At the end, for runs that failed by themselves; the others are kept.
+    """
+    names = list(_core.tasks() if tasks is None else tasks)
+    runs = [(task, seed) for task in names for seed in range(seeds)]
+    train, own = _train.options(num_cpus=cpus, max_retries=-1), {"threads": max(1, int(cpus))} | settings
+    pending = [train.remote(task, seed, str(Path(folder).absolute() / f"{task}-{seed}"), own) for task, seed in runs]
+    rows, failed = [], []
+    for (task, seed), row in zip(runs, pending):
+        try:
+            rows.append(ray.get(row))
+        except Exception as error:  # the other rows go on
+            failed.append(f"{task}, seed {seed}: {error}")
+    if failed:
+        raise RuntimeError(f"{len(failed)} of {len(runs)} runs failed. " + " ".join(failed))
+    return rows
+
+
+@ray.remote
+def _train(task: str, seed: int, folder: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """What is in the folder is gone on with: a run that lost its worker."""
+    run = _core.train(task, seed=seed, folder=folder, resume=True, **settings)
+    told = {"task": task, "seed": seed, "updates": run.updates, "env_steps": run.env_steps, "seconds": run.seconds}
+    return told | run.evaluation

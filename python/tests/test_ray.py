@@ -1,5 +1,7 @@
 """Ray: two workers give the bits of one batch, also where one of them is killed."""
 
+import os
+import signal
 import sys
 import threading
 import time
@@ -91,3 +93,87 @@ def test_a_worker_that_cannot_be_made_is_told_of_and_not_made_again():
     with pytest.raises(ray.exceptions.RayActorError, match="dt"):
         shards.reset()
     assert shards.replaced == 0
+
+
+def test_an_evaluation_in_parts_tells_what_one_process_tells():
+    policy = omnidrones.train("Hover", apg={"updates": 40}, evaluate={"envs": 4}).policy
+    whole = omnidrones.evaluate(policy, num_envs=200)
+    assert omnidrones.ray.evaluate(policy, num_envs=200, workers=3) == whole and 0 < whole["crashed"]
+    act = Held()
+    assert omnidrones.ray.evaluate(act, "Track", num_envs=50, workers=2, horizon=60, seed=3) == omnidrones.evaluate(
+        act, "Track", num_envs=50, horizon=60, seed=3
+    )
+    with pytest.raises(ValueError, match="workers is 0"):
+        omnidrones.ray.evaluate(policy, workers=0)
+
+
+class Held:
+    """A policy whose rows do not depend on those beside."""
+
+    def __call__(self, observation):
+        return np.clip(observation[..., :4] * np.float32(0.01) - np.float32(0.44), -1, 1)
+
+
+SMALL = {"apg": {"n_env": 16, "horizon": 8, "updates": 12}, "evaluate": {"envs": 16}, "horizon": 40}
+
+
+class DieOnce:
+    """A watcher that kills its own worker in the middle of a run, once."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def __call__(self, progress):
+        if progress.update == 7 and not self.marker.exists():
+            self.marker.write_text(str(os.getpid()))
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_sweep_survives_the_death_of_a_worker_and_goes_on_to_the_same_bits(tmp_path):
+    alone = [omnidrones.train("Hover", seed=seed, **SMALL) for seed in (0, 1)]
+    settings = SMALL | {"checkpoint": {"every": 2}, "watch": DieOnce(tmp_path / "died")}
+    rows = omnidrones.ray.train_all(["Hover", "Track"], seeds=2, folder=tmp_path / "runs", **settings)
+    assert (tmp_path / "died").exists()
+    assert [(r["task"], r["seed"]) for r in rows] == [("Hover", 0), ("Hover", 1), ("Track", 0), ("Track", 1)]
+    assert all(row["updates"] == 12 for row in rows)
+    for seed, run in enumerate(alone):
+        kept = omnidrones.load_policy(tmp_path / "runs" / f"Hover-{seed}")
+        assert np.array_equal(kept.parameters(), run.policy.parameters())
+        assert {name: rows[seed][name] for name in run.evaluation} == run.evaluation
+    again = omnidrones.ray.train_all(["Hover", "Track"], seeds=2, folder=tmp_path / "runs", **settings)
+    told = lambda rows: [{name: x for name, x in row.items() if name != "seconds"} for row in rows]  # noqa: E731
+    assert told(again) == told(rows), "what is finished is only evaluated"
+    with pytest.raises(RuntimeError, match="settings"):
+        omnidrones.ray.train_all(["Hover"], seeds=1, folder=tmp_path / "runs", **settings | {"horizon": 50})
+
+
+def test_a_run_that_fails_by_itself_is_told_of_and_the_others_are_kept(tmp_path):
+    with pytest.raises(RuntimeError, match="1 of 2 runs failed. Nobody, seed 0"):
+        omnidrones.ray.train_all(["Hover", "Nobody"], seeds=1, folder=tmp_path, **SMALL)
+    assert omnidrones.load_policy(tmp_path / "Hover-0").task == "Hover"
+
+
+def test_rllibs_runners_step_our_batches_and_its_ppo_trains():
+    pytest.importorskip("ray.rllib", reason="not run: RLlib's own packages are not here (ray[rllib])")
+    from ray.rllib.algorithms.ppo import PPOConfig
+
+    config = (
+        PPOConfig()
+        .environment("omnidrones:Hover-v0", env_config={"threads": 1, "stagger": True})
+        .env_runners(
+            num_env_runners=1,
+            num_envs_per_env_runner=32,
+            rollout_fragment_length=16,
+            gym_env_vectorize_mode="vector_entry_point",
+        )
+        .training(train_batch_size_per_learner=512, minibatch_size=256, num_epochs=1)
+    )
+    algorithm = config.build_algo()
+    try:
+        told = [algorithm.train() for _ in range(8)]
+        kinds = algorithm.env_runner_group.foreach_env_runner(lambda runner: type(runner.env.unwrapped).__name__, local_env_runner=False)
+    finally:
+        algorithm.stop()
+    assert told[-1]["num_env_steps_sampled_lifetime"] >= 8 * 512 and "VectorEnv" in kinds
+    returns = [row["env_runners"]["episode_return_mean"] for row in told if "episode_return_mean" in row["env_runners"]]
+    assert np.isfinite(returns).all() and returns
