@@ -18,7 +18,7 @@ SCRIPT = Path(os.environ.get("CLEANRL", "")) / "cleanrl" / "ppo_continuous_actio
 STEPS = int(float(os.environ.get("CLEANRL_STEPS", "4e6")))
 
 
-@pytest.mark.skipif(not SCRIPT.is_file(), reason="not run: CLEANRL names no clone of CleanRL (its package is of 2021, before Gymnasium)")
+@pytest.mark.skipif(not SCRIPT.is_file(), reason="not run: CLEANRL names no clone of CleanRL (its package is for Gym, before Gymnasium)")
 def test_cleanrls_ppo_learns_hover(tmp_path, monkeypatch):
     # its own options: more environments, for the width of the batch; all else as it comes
     options = ["--env-id", "omnidrones:Hover-v0", "--num-envs", "16", "--num-steps", "256", "--total-timesteps", str(STEPS)]
