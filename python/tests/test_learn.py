@@ -89,3 +89,14 @@ def test_recipes_name_the_algorithms_of_a_task():
     assert omnidrones.recipes("hover") == ["apg", "ppo"]
     with pytest.raises(ValueError, match="Hover"):
         omnidrones.recipes("Hovr")
+
+
+def test_episodes_of_shards_are_judged_as_those_of_the_whole():
+    def held(observation):
+        return np.clip(observation[..., :4] * np.float32(0.01) - np.float32(0.44), -1, 1)
+
+    shards = [omnidrones._core._fly_shard(held, "Hover", n, first) for n, first in ((60, 0), (40, 60))]
+    whole = omnidrones.evaluate(held, "Hover", num_envs=100)
+    assert omnidrones._core._evaluation(shards, held, "Hover") == whole and whole["crashed"] > 0
+    with pytest.raises(ValueError, match="info has the shape"):
+        omnidrones._core._evaluation(shards, held, "FlyThrough")

@@ -117,17 +117,17 @@ pub fn trim_damaged(vehicle: &Vehicle, physics: Physics, health: &[f64], target:
     let refused = |rule: &str, remedy: &str| Err(Error::value("rotors", format!("{health:?}"), rule, remedy));
     let found = match (left.capability, &left.spin) {
         (Capability::None, _) => {
-            return refused("left so much that a steady flight is", "Leave the lost rotor a share, as 0.6.");
+            return refused("enough for a steady flight", "Leave the lost rotor a share, as 0.6.");
         }
         (Capability::YawSacrificed, _) => {
             let remedy = "'fly' flies it; with a share of the lost rotor, as 0.6, there may be a steady flight.";
-            return refused("left their yaw: without, it turns ever faster", remedy);
+            return refused("enough to hold the yaw: without, it turns ever faster", remedy);
         }
         (_, None) => trim(&plant, target)?,
         (_, Some(spin)) if *target == TrimTarget::hover() => trim_spin(&plant, spin)?,
         (_, Some(_)) => {
             let remedy = "Leave out velocity, yaw rate, roll and pitch.";
-            return refused("asked for a turn in place: the vehicle must spin to stay up", remedy);
+            return refused("flown in a turn in place: the vehicle must spin to stay up", remedy);
         }
     };
     Ok((plant, found))
