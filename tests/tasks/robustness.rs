@@ -1,6 +1,7 @@
 //! Hostile actions, broken environments, impossible configurations, damaged bytes.
 
 use crate::{config, count, everywhere};
+use omnidrones::error::Result;
 use omnidrones::rng::{Purpose, Stream};
 use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Domain, Env, EnvConfig, registry};
 use std::time::Instant;
@@ -347,10 +348,7 @@ fn impossible_configurations_are_refused_at_once_with_the_limit_and_the_nearest_
         ("[[randomise]]\nwhat = { number = 'mas' }\nrange = [1, 2]", &["no physical number is called 'mas'", "'mass'"]),
     ];
     for (text, wanted) in cases {
-        let began = Instant::now();
-        let error =
-            EnvConfig::from_toml(text, "bomb.toml").and_then(|c| Env::make("Hover", &c)).unwrap_err().to_string();
-        let took = began.elapsed().as_millis();
+        let (error, took) = refusal(|| EnvConfig::from_toml(text, "bomb.toml").and_then(|c| Env::make("Hover", &c)));
         for part in *wanted {
             assert!(error.contains(part), "{text}: {error}");
         }
@@ -358,6 +356,16 @@ fn impossible_configurations_are_refused_at_once_with_the_limit_and_the_nearest_
     }
     let error = Env::make("Hovr", &EnvConfig::default()).unwrap_err().to_string();
     assert!(error.contains("did you mean 'Hover'?"), "{error}");
+}
+
+/// What is said, and within how many milliseconds: the least of three times, since another process may have the processor.
+fn refusal(attempt: impl Fn() -> Result<Env>) -> (String, u128) {
+    let timed = |_| {
+        let began = Instant::now();
+        let error = attempt().unwrap_err();
+        (error.to_string(), began.elapsed().as_millis())
+    };
+    (0..3).map(timed).min_by_key(|(_, took)| *took).unwrap()
 }
 
 #[test]
@@ -381,10 +389,7 @@ fn bombs_are_refused_at_once_by_every_task() {
         entry.env(&config(1, 25)).unwrap();
         let usual = began.elapsed().as_millis();
         for (text, words) in &bombs {
-            let began = Instant::now();
-            let read = EnvConfig::from_toml(text, "bomb.toml");
-            let error = read.and_then(|c| entry.env(&c)).unwrap_err().to_string();
-            let took = began.elapsed().as_millis();
+            let (error, took) = refusal(|| EnvConfig::from_toml(text, "bomb.toml").and_then(|c| entry.env(&c)));
             assert!(error.contains(words), "{}: {error}", entry.name);
             assert!(took <= 10 + usual, "{}, {text}: {took} ms of {usual}", entry.name);
         }
