@@ -5,18 +5,17 @@
 //! interpreter pays one to two nanoseconds per instruction in `f64` (`program/runs.rs`); over a block of [`BLOCK`] environments that price is
 //! shared by all of them. Calls of custom functions stand between runs of instructions, which know nothing of them.
 
+mod block;
 mod compile;
 mod runs;
 
 use self::runs::{Neutral, Run};
 use super::columns::{Columns, LINE, Lines};
 use super::custom::Operation;
-use super::lanes::{Kernel, Lanes, dispatch};
+use super::lanes::dispatch;
 use super::scalar::Scalar;
 use super::trace::Recording;
 use crate::error::{Error, Result};
-use std::cell::Cell;
-use std::ops::Range;
 
 /// Environments per block of the lane evaluator.
 pub const BLOCK: usize = 64;
@@ -115,7 +114,7 @@ pub struct Program {
     n_input: usize,
     n_slot: usize,
     instructions: Vec<Instruction>,
-    /// The same for `f64`: before the first call, between the first and the second, and so on.
+    /// The same, grouped: before the first call, between the first and the second, and so on.
     runs: Vec<Vec<Run>>,
     neutral: Neutral,
     /// In the order they are made.
@@ -235,8 +234,8 @@ impl Program {
 
     /// Scratch for [`Program::evaluate_block`].
     pub fn block_workspace(&self) -> BlockWorkspace {
-        let mut slots = Columns::zeros(self.n_slot);
-        for &(slot, value) in &self.constants {
+        let mut slots = Columns::zeros(self.neutral.n_slot());
+        for (slot, value) in self.constants.iter().copied().chain(self.neutral.values()) {
             slots[slot as usize] = [value as f32; BLOCK];
         }
         BlockWorkspace { slots, scratch: self.scratch() }
@@ -370,7 +369,7 @@ impl Program {
         inputs: &[[f32; BLOCK]],
         outputs: &mut [[f32; BLOCK]],
     ) {
-        dispatch(Evaluate { program: self, n: n.clamp(1, BLOCK), workspace, inputs, outputs });
+        dispatch(block::Evaluate { program: self, n: n.clamp(1, BLOCK), workspace, inputs, outputs });
     }
 }
 
@@ -397,167 +396,6 @@ impl Call {
         for &(slot, k) in &self.outputs {
             slots[slot as usize] = y[k as usize];
         }
-    }
-
-    /// The same lane by lane.
-    #[inline(never)]
-    fn run_block(&self, n_lane: usize, slots: &mut [[f32; BLOCK]], scratch: &mut [f64]) {
-        let (n, m) = (self.inputs.len(), self.operation.n_output());
-        let (x, y) = scratch[..n + m].split_at_mut(n);
-        for lane in 0..n_lane {
-            for (x, slot) in x.iter_mut().zip(&self.inputs) {
-                *x = f64::from(slots[*slot as usize][lane]);
-            }
-            self.operation.function().value(x, y);
-            for &(slot, k) in &self.outputs {
-                slots[slot as usize][lane] = y[k as usize] as f32;
-            }
-        }
-    }
-}
-
-/// One block evaluation, for the dispatcher.
-struct Evaluate<'a> {
-    program: &'a Program,
-    n: usize,
-    workspace: &'a mut BlockWorkspace,
-    inputs: &'a [[f32; BLOCK]],
-    outputs: &'a mut [[f32; BLOCK]],
-}
-
-impl Kernel for Evaluate<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<L: Lanes>(self) {
-        let Self { program, n, workspace, inputs, outputs } = self;
-        assert_eq!(inputs.len(), program.n_input, "inputs of the program");
-        assert_eq!(outputs.len(), program.outputs.len(), "outputs of the program");
-        let slots = &mut workspace.slots[..program.n_slot];
-        for &(slot, k) in &program.inputs {
-            slots[slot as usize] = inputs[k as usize];
-        }
-        let mut done = 0;
-        for k in 0..program.calls.len() + 1 {
-            let end = if k < program.calls.len() { program.calls[k].after } else { program.instructions.len() };
-            let instructions = &program.instructions[done..end];
-            let cells = Cell::from_mut(&mut *slots).as_slice_of_cells();
-            // half a block at a time where the slots of a whole one leave the first cache
-            let width = if n > BLOCK / 2 && program.n_slot > NEAR_SLOTS { BLOCK / 2 } else { BLOCK };
-            for first in (0..n).step_by(width) {
-                let (lanes, slots) = (first..n.min(first + width), cells);
-                match lanes.len().div_ceil(L::WIDTH) {
-                    2 => Straight::<2> { instructions, slots, lanes }.outlined::<L>(),
-                    4 => Straight::<4> { instructions, slots, lanes }.outlined::<L>(),
-                    8 => Straight::<8> { instructions, slots, lanes }.outlined::<L>(),
-                    _ => Straight::<0> { instructions, slots, lanes }.outlined::<L>(),
-                }
-            }
-            if k < program.calls.len() {
-                program.calls[k].run_block(n, slots, &mut workspace.scratch);
-            }
-            done = end;
-        }
-        for k in 0..outputs.len() {
-            outputs[k] = slots[program.outputs[k] as usize];
-        }
-    }
-}
-
-/// One slot of a block. A cell, since the slot of a result may be that of an operand: an instruction reads a register of
-/// each operand, then writes the same register of its result, and nothing has to wait in memory.
-type Slot = Cell<[f32; BLOCK]>;
-
-/// Slots of a block that stay in a first cache of 32 KiB.
-const NEAR_SLOTS: usize = 128;
-
-/// Instructions without calls over some lanes: over `N` registers, or over as many as it takes where that is 0.
-struct Straight<'a, const N: usize> {
-    instructions: &'a [Instruction],
-    slots: &'a [Slot],
-    lanes: Range<usize>,
-}
-
-impl<const N: usize> Kernel for Straight<'_, N> {
-    type Output = ();
-    #[inline(always)]
-    fn run<L: Lanes>(self) {
-        let (slots, first) = (self.slots, self.lanes.start / L::WIDTH);
-        let n = if N > 0 { N } else { (self.lanes.end - self.lanes.start).div_ceil(L::WIDTH) };
-        for i in self.instructions {
-            match i.op {
-                Op::Add => each::<L>(slots, first, n, i, Op::Add),
-                Op::Sub => each::<L>(slots, first, n, i, Op::Sub),
-                Op::Mul => each::<L>(slots, first, n, i, Op::Mul),
-                Op::Neg => each::<L>(slots, first, n, i, Op::Neg),
-                Op::MulAdd => each::<L>(slots, first, n, i, Op::MulAdd),
-                Op::NegMulAdd => each::<L>(slots, first, n, i, Op::NegMulAdd),
-                Op::MulSub => each::<L>(slots, first, n, i, Op::MulSub),
-                Op::TwoProducts => each::<L>(slots, first, n, i, Op::TwoProducts),
-                Op::ProductDifference => each::<L>(slots, first, n, i, Op::ProductDifference),
-                Op::Select => each::<L>(slots, first, n, i, Op::Select),
-                Op::SelectLess => each::<L>(slots, first, n, i, Op::SelectLess),
-                // a twentieth of a program and most of the code: calls, so that the loop stays small
-                _ => Rare { slots, first, n, i }.outlined::<L>(),
-            }
-        }
-    }
-}
-
-/// One of the operations that programs have few of.
-struct Rare<'a> {
-    slots: &'a [Slot],
-    first: usize,
-    n: usize,
-    i: &'a Instruction,
-}
-
-impl Kernel for Rare<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<L: Lanes>(self) {
-        let Self { slots, first, n, i } = self;
-        match i.op {
-            Op::SinCos => {
-                let [a, sine, cosine] = [i.a, i.target, i.d].map(|slot| &L::cells(&slots[slot as usize])[first..]);
-                for r in 0..n {
-                    let (s, c) = a[r].get().sin_cos();
-                    sine[r].set(s);
-                    cosine[r].set(c);
-                }
-            }
-            Op::Div => each::<L>(slots, first, n, i, Op::Div),
-            Op::Recip => each::<L>(slots, first, n, i, Op::Recip),
-            Op::Sqrt => each::<L>(slots, first, n, i, Op::Sqrt),
-            Op::Exp => each::<L>(slots, first, n, i, Op::Exp),
-            Op::Ln => each::<L>(slots, first, n, i, Op::Ln),
-            Op::Tanh => each::<L>(slots, first, n, i, Op::Tanh),
-            Op::Atan2 => each::<L>(slots, first, n, i, Op::Atan2),
-            Op::Less => each::<L>(slots, first, n, i, Op::Less),
-            Op::And => each::<L>(slots, first, n, i, Op::And),
-            Op::Or => each::<L>(slots, first, n, i, Op::Or),
-            Op::Not => each::<L>(slots, first, n, i, Op::Not),
-            _ => {}
-        }
-    }
-}
-
-/// One instruction over `n` registers from number `first` on. `op` is known at compile time in each arm of the caller's match.
-#[inline(always)]
-fn each<L: Lanes>(slots: &[Slot], first: usize, n: usize, i: &Instruction, op: Op) {
-    let a = L::cells(&slots[i.a as usize]);
-    let b = if op.n_operand() > 1 { L::cells(&slots[i.b as usize]) } else { a };
-    let c = if op.n_operand() > 2 { L::cells(&slots[i.c as usize]) } else { a };
-    let d = if op.n_operand() > 3 { L::cells(&slots[i.d as usize]) } else { a };
-    let target = L::cells(&slots[i.target as usize]);
-    let [a, b, c, d, target] = [
-        &a[first..first + n],
-        &b[first..first + n],
-        &c[first..first + n],
-        &d[first..first + n],
-        &target[first..first + n],
-    ];
-    for r in 0..n {
-        target[r].set(apply(op, a[r].get(), b[r].get(), c[r].get(), d[r].get()));
     }
 }
 

@@ -1,9 +1,9 @@
-//! The `f64` form of a program: instructions of one kind stand together, and nearly all are of one kind.
+//! How a program is run: instructions of one kind stand together, and nearly all are of one kind.
 //!
 //! A jump that depends on data costs more than the instruction behind it: processors forget where hundreds of them lead. Nine tenths
-//! of a program are sums and products, and each of those is ±a·b + c·d for some constants 1 and −0 among a to d, to the bit:
-//! x·1 = x and x + (−0) = x. So one loop without a jump runs them all. The same instructions run over eight steps side by side
-//! ([`LINE`]), in lanes that round as `f64` does.
+//! of a program are sums and products, and each of those is ±a·b + c·d for some constants 1, −1 and −0 among a to d, to the bit:
+//! x·1 = x and x + (−0) = x. So one loop without a jump runs them all: in `f64` here, over eight steps side by side ([`LINE`]) in
+//! lanes that round as `f64` does, and over blocks of environments in `block.rs`, where ±a·b is not rounded.
 
 use super::{Instruction, Op, apply, too_many};
 use crate::autodiff::columns::LINE;
@@ -28,12 +28,15 @@ pub(super) struct Sum {
     /// The sign bit, for −.
     sign: u64,
     target: u16,
+    /// Whether d is 1.
+    is_short: bool,
 }
 
 /// Slots of the constants that sums are filled up with, behind those of the program.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Neutral {
     one: u16,
+    minus_one: u16,
     /// −0: 0 would turn −0 into 0.
     zero: u16,
 }
@@ -41,7 +44,7 @@ pub(super) struct Neutral {
 impl Neutral {
     pub(super) fn behind(n_slot: usize) -> Result<Self> {
         let place = |slot: usize| u16::try_from(slot).map_err(|_| too_many(slot + 1));
-        Ok(Self { one: place(n_slot)?, zero: place(n_slot + 1)? })
+        Ok(Self { one: place(n_slot)?, minus_one: place(n_slot + 1)?, zero: place(n_slot + 2)? })
     }
 
     /// Slots with these.
@@ -49,14 +52,14 @@ impl Neutral {
         usize::from(self.zero) + 1
     }
 
-    pub(super) fn values(self) -> [(u16, f64); 2] {
-        [(self.one, 1.0), (self.zero, -0.0)]
+    pub(super) fn values(self) -> [(u16, f64); 3] {
+        [(self.one, 1.0), (self.minus_one, -1.0), (self.zero, -0.0)]
     }
 }
 
 impl Sum {
     fn of(i: &Instruction, n: Neutral) -> Option<Self> {
-        let Neutral { one, zero } = n;
+        let Neutral { one, minus_one, zero } = n;
         let Instruction { op, target, a, b, c, d } = *i;
         let (operands, is_minus) = match op {
             Op::Add => ([a, one, b, one], false),
@@ -65,18 +68,38 @@ impl Sum {
             Op::Neg => ([a, one, zero, one], true),
             Op::MulAdd => ([a, b, c, one], false),
             Op::NegMulAdd => ([a, b, c, one], true),
-            Op::MulSub => ([c, one, a, b], true),
+            Op::MulSub => ([a, b, c, minus_one], false),
             Op::TwoProducts => ([a, b, c, d], false),
             Op::ProductDifference => ([a, b, c, d], true),
             _ => return None,
         };
+        let is_short = operands[3] == one;
         let operands = operands.iter().rev().fold(0, |word, slot| (word << 16) | u64::from(*slot));
-        Some(Self { operands, sign: u64::from(is_minus) << 63, target })
+        Some(Self { operands, sign: u64::from(is_minus) << 63, target, is_short })
     }
 
+    /// The slot of operand `k`.
     #[inline(always)]
-    fn slot(self, k: u32) -> usize {
+    pub(super) fn slot(self, k: u32) -> usize {
         usize::from((self.operands >> (16 * k)) as u16)
+    }
+
+    /// The slot of the result.
+    #[inline(always)]
+    pub(super) fn target(self) -> usize {
+        usize::from(self.target)
+    }
+
+    /// Whether it is ±a·b + c.
+    #[inline(always)]
+    pub(super) fn is_short(self) -> bool {
+        self.is_short
+    }
+
+    /// ±1, as a·b has it.
+    #[inline(always)]
+    pub(super) fn factor(self) -> f64 {
+        f64::from_bits(1.0_f64.to_bits() | self.sign)
     }
 }
 

@@ -478,3 +478,35 @@ fn recording_value(z: &[f64]) -> Vec<f64> {
     sums.extend(masks.map(|mask| if mask { z[0] } else { z[3] }));
     sums
 }
+
+/// Sums as blocks compute them, one product fused where the processor does.
+fn sums_in_f32(z: [f32; 4], is_fused: bool) -> [f32; 9] {
+    let [a, b, c, d] = z;
+    let fused = |x: f32, y: f32, sum: f32| if is_fused { x.mul_add(y, sum) } else { x * y + sum };
+    let products = [fused(a, b, c), fused(-a, b, c), fused(a, b, -c), fused(c, d, a * b), fused(-a, b, c * d)];
+    let [add, from, less, two, difference] = products;
+    [a + b, a - b, a * b, -c, add, from, less, two, difference]
+}
+
+#[test]
+fn sums_of_blocks_are_the_operations_of_f32_to_the_bit() {
+    // alone, so that products are fused into the sum that reads them
+    let programs: [Program; 9] = std::array::from_fn(|k| compiled(4, |z| vec![all_operations(z)[k]]).1);
+    let mut r = Stream::new(52, 0, 0, Purpose::user(52));
+    let special = [0.0, -0.0, 1e-40, f32::INFINITY, f32::NAN, -1.0];
+    let bits = |x: f32| if x.is_nan() { u32::MAX } else { x.to_bits() };
+    for round in 0..50 {
+        let mut draw = || if round > 25 { r.uniform(-3.0, 3.0) as f32 } else { special[r.below(6) as usize] };
+        let z: [[f32; BLOCK]; 4] = std::array::from_fn(|_| std::array::from_fn(|_| draw()));
+        for (set, n) in [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().zip([BLOCK, 17, BLOCK]) {
+            let mut got = [[0.0; BLOCK]; 9];
+            for (program, row) in programs.iter().zip(got.chunks_mut(1)) {
+                with_set(set, || program.evaluate_lanes(n, &mut program.block_workspace(), &z, row));
+            }
+            for lane in 0..n {
+                let want = sums_in_f32(z.map(|row| row[lane]), set != Set::OneLane);
+                assert_eq!(got.map(|row| bits(row[lane])), want.map(bits), "{set:?}, {:?}", z.map(|row| row[lane]));
+            }
+        }
+    }
+}
