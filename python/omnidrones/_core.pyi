@@ -231,8 +231,7 @@ class Loop(System):
     plant : Vehicle or str or path
         A vehicle, its name or file, or a configuration.
     controller : str, optional
-        A law over any scalar: "cascade", "indi", "lqi", "lqr" of a vehicle, "formation" of a configuration; the first that suits the
-        plant by default.
+        A law over any scalar: "cascade" (default), "indi", "lqi" or "lqr" of a vehicle, "formation" of a configuration of drones.
     gains : dict, optional
         As `Vehicle.gains`; of the controller as it is built.
     rates : dict, optional
@@ -252,10 +251,10 @@ class Loop(System):
         At rest on a reference (that of `fly` by default) at its beginning, the controller before its first tick, a new float64 array
         [state]; the plant's state stands in front.
         """
-    def inputs(self, /, n_step: SupportsIndex, reference: dict | None = None, *, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] = ...) -> Any:
+    def inputs(self, /, n_step: SupportsIndex, reference: dict | None = None, *, first: SupportsIndex = 0, wind: SupportsLenAndGetItem[SupportsFloat | SupportsIndex] = ...) -> Any:
         """
-        The inputs of so many steps along a reference, as `fly` takes it, in still air unless a `wind` blows (m/s, world), a new float64
-        array [n_step, input].
+        The inputs of so many steps along a reference, as `fly` takes it, from step `first` on, in still air unless a `wind` blows (m/s,
+        world), a new float64 array [n_step, input].
 
         Of `cascade` and `lqi` the first 18 are the reference's position, velocity, acceleration, jerk, snap, yaw and its rates.
         """
@@ -1055,7 +1054,7 @@ def plot(curves: dict, /, *, title: str = "", x: str = "", y: str = "", log_x: b
     title, x, y : str
         Above the chart and at its axes, with units: "time [s]".
     log_x, log_y : bool
-        Logarithmic axes.
+        Logarithmic axes; what is not positive leaves a gap there.
     """
 
 def recipes(task: str) -> list[str]:

@@ -195,7 +195,7 @@ def train_all(
 
     Parameters
     ----------
-    tasks : iterable of str, optional
+    tasks : str or iterable of str, optional
         All by default.
     seeds : int
         Runs of each task, of the seeds 0 to seeds - 1.
@@ -216,16 +216,23 @@ def train_all(
     RuntimeError
         At the end, for runs that failed by themselves; the others are kept.
     """
-    names = list(_core.tasks() if tasks is None else tasks)
+    names = list(_core.tasks() if tasks is None else [tasks] if isinstance(tasks, str) else tasks)
+    if len(set(names)) < len(names):
+        raise ValueError(f"tasks are {names}, but each may stand once. Take more seeds for more runs.")
     runs = [(task, seed) for task in names for seed in range(seeds)]
-    train, own = _train.options(num_cpus=cpus, max_retries=-1), {"threads": max(1, int(cpus))} | settings
+    train, own = _train.options(num_cpus=cpus, max_retries=_REPLACEMENTS), {"threads": max(1, int(cpus))} | settings
     pending = [train.remote(task, seed, str(Path(folder).absolute() / f"{task}-{seed}"), own) for task, seed in runs]
     rows, failed = [], []
-    for (task, seed), row in zip(runs, pending):
-        try:
-            rows.append(ray.get(row))
-        except Exception as error:  # the other rows go on
-            failed.append(f"{task}, seed {seed}: {error}")
+    try:
+        for (task, seed), row in zip(runs, pending):
+            try:
+                rows.append(ray.get(row))
+            except Exception as error:  # the other rows go on
+                failed.append(f"{task}, seed {seed}: {error}")
+    except BaseException:  # interrupted: a run that went on would hold its folder against the next call
+        for row in pending:
+            ray.cancel(row, force=True)
+        raise
     if failed:
         raise RuntimeError(f"{len(failed)} of {len(runs)} runs failed. " + " ".join(failed))
     return rows

@@ -170,7 +170,7 @@ def trajectory(
         Nominal ones unless given.
     """
     theta = system.parameters if parameters is None else parameters
-    states: torch.Tensor = _Trajectory.apply(system, *(torch.as_tensor(x) for x in (state, inputs, theta)))
+    states: torch.Tensor = _Trajectory.apply(system, *map(_own, (state, inputs, theta)))
     return states
 
 
@@ -185,7 +185,12 @@ class _Trajectory(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         down = ctx.system.pull(_rows(gradients[0]), *map(_rows, ctx.saved_tensors))
-        return None, *map(torch.from_numpy, down)
+        return None, *(torch.from_numpy(x).reshape(to.shape) for x, to in zip(down, ctx.saved_tensors))
+
+
+def _own(x: torch.Tensor | NDArray[np.float64]) -> torch.Tensor:
+    """A copy of what is no tensor: autograd does not see it written to before the backward pass."""
+    return x if isinstance(x, torch.Tensor) else torch.tensor(x)
 
 
 def _rows(tensor: torch.Tensor) -> NDArray[np.float64]:

@@ -37,7 +37,7 @@ impl Figure {
 /// title, x, y : str
 ///     Above the chart and at its axes, with units: "time [s]".
 /// log_x, log_y : bool
-///     Logarithmic axes.
+///     Logarithmic axes; what is not positive leaves a gap there.
 #[pyfunction(name = "plot")]
 #[pyo3(signature = (curves, /, *, title="", x="", y="", log_x=false, log_y=false))]
 pub fn plot_curves(

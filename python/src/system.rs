@@ -200,8 +200,7 @@ impl System {
 /// plant : Vehicle or str or path
 ///     A vehicle, its name or file, or a configuration.
 /// controller : str, optional
-///     A law over any scalar: "cascade", "indi", "lqi", "lqr" of a vehicle, "formation" of a configuration; the first that suits the
-///     plant by default.
+///     A law over any scalar: "cascade" (default), "indi", "lqi" or "lqr" of a vehicle, "formation" of a configuration of drones.
 /// gains : dict, optional
 ///     As `Vehicle.gains`; of the controller as it is built.
 /// rates : dict, optional
@@ -240,7 +239,10 @@ impl Loop {
                 None => default_controller(&plant, &setup)?,
             };
             let Some(law) = own.recorded(&plant)? else {
-                let remedy = "Take 'cascade', 'indi', 'lqi' or 'lqr' for a vehicle, 'formation' for a configuration; 'fly' flies every controller.";
+                let remedy = match plant.tree() {
+                    None => "Take 'cascade', 'indi', 'lqi' or 'lqr'.",
+                    Some(_) => "Of a configuration only 'formation' may be one; 'fly' flies every controller.",
+                };
                 return Err(Error::value("controller", own.name(), "a law over any scalar", remedy));
             };
             let closed = ClosedLoop::new(plant, Running::of(law))?.with_latency(latency)?.with_physics().with_gains();
@@ -272,32 +274,37 @@ impl Loop {
         array(py, state, &[n])
     }
 
-    /// The inputs of so many steps along a reference, as `fly` takes it, in still air unless a `wind` blows (m/s, world), a new float64
-    /// array [n_step, input].
+    /// The inputs of so many steps along a reference, as `fly` takes it, from step `first` on, in still air unless a `wind` blows (m/s,
+    /// world), a new float64 array [n_step, input].
     ///
     /// Of `cascade` and `lqi` the first 18 are the reference's position, velocity, acceleration, jerk, snap, yaw and its rates.
-    #[pyo3(signature = (n_step, reference=None, *, wind=[0.0; 3]))]
+    #[pyo3(signature = (n_step, reference=None, *, first=0, wind=[0.0; 3]))]
     fn inputs<'py>(
         &self,
         py: Python<'py>,
         n_step: usize,
         reference: Option<&Bound<'py, PyDict>>,
+        first: u32,
         wind: [f64; 3],
     ) -> PyResult<Bound<'py, PyAny>> {
         let reference = reference_of(reference)?;
         let air = Disturbance { wind, ..Disturbance::none() };
+        if !wind.iter().all(|x| x.is_finite()) {
+            return Err(Error::value("wind", format!("{wind:?}"), "finite, m/s", "Leave it out for still air."))
+                .or_raise();
+        }
         if wind != [0.0; 3] && !self.0.plant().physics().effects.disturbance {
             let remedy = "Make the loop with effects={'disturbance': True}.";
             return Err(Error::value("wind", format!("{wind:?}"), "0 without that effect", remedy)).or_raise();
         }
         if n_step > MOST_STEPS {
-            let remedy = "Cut the flight in parts: inputs of its second half are the rows behind.";
+            let remedy = "Cut the flight in parts: 'first' is the step at which a part begins.";
             return Err(Error::limit("n_step", n_step, MOST_STEPS, remedy)).or_raise();
         }
         let m = autodiff::System::n_input(&self.0);
         let mut inputs = vec![0.0; n_step * m];
         for (k, row) in inputs.chunks_exact_mut(m).enumerate() {
-            self.0.write_input(k as u64, Target::level(&reference), &air, row);
+            self.0.write_input(u64::from(first) + k as u64, Target::level(&reference), &air, row);
         }
         array(py, inputs, &[n_step, m])
     }
@@ -310,7 +317,10 @@ impl Loop {
 
 /// What a dict says, or the lemniscate that flights follow by default.
 fn reference_of(given: Option<&Bound<'_, PyDict>>) -> PyResult<Reference> {
-    given.map_or_else(|| Ok(FlightPlan::default().reference), |given| data("reference", Some(given)))
+    let Some(given) = given else { return Ok(FlightPlan::default().reference) };
+    let reference: Reference = data("reference", Some(given))?;
+    reference.validate().or_raise()?;
+    Ok(reference)
 }
 
 /// One allocation as a step: the thrusts that answer the numbers of a problem.

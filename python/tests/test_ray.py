@@ -118,12 +118,14 @@ SMALL = {"apg": {"n_env": 16, "horizon": 8, "updates": 12}, "evaluate": {"envs":
 
 
 class DieOnce:
-    """A watcher that kills its own worker in the middle of a run, once."""
+    """A watcher that kills its own worker in the middle of a run, once, and keeps the numbers of all updates that it saw."""
 
     def __init__(self, marker):
-        self.marker = marker
+        self.marker, self.seen = marker, marker.with_name("seen")
 
     def __call__(self, progress):
+        with open(self.seen, "a") as file:
+            file.write(f"{progress.update}\n")
         if progress.update == 7 and not self.marker.exists():
             self.marker.write_text(str(os.getpid()))
             os.kill(os.getpid(), signal.SIGKILL)
@@ -134,6 +136,9 @@ def test_a_sweep_survives_the_death_of_a_worker_and_goes_on_to_the_same_bits(tmp
     settings = SMALL | {"checkpoint": {"every": 2}, "watch": DieOnce(tmp_path / "died")}
     rows = omnidrones.ray.train_all(["Hover", "Track"], seeds=2, folder=tmp_path / "runs", **settings)
     assert (tmp_path / "died").exists()
+    seen = (tmp_path / "seen").read_text().split()
+    assert seen.count("1") == 4, "who lost its worker goes on, it does not begin again"
+    assert seen.count("7") == 5
     assert [(r["task"], r["seed"]) for r in rows] == [("Hover", 0), ("Hover", 1), ("Track", 0), ("Track", 1)]
     assert all(row["updates"] == 12 for row in rows)
     for seed, run in enumerate(alone):
@@ -142,7 +147,10 @@ def test_a_sweep_survives_the_death_of_a_worker_and_goes_on_to_the_same_bits(tmp
         assert {name: rows[seed][name] for name in run.evaluation} == run.evaluation
     again = omnidrones.ray.train_all(["Hover", "Track"], seeds=2, folder=tmp_path / "runs", **settings)
     told = lambda rows: [{name: x for name, x in row.items() if name != "seconds"} for row in rows]  # noqa: E731
-    assert told(again) == told(rows), "what is finished is only evaluated"
+    assert told(again) == told(rows)
+    assert (tmp_path / "seen").read_text().split() == seen, "what is finished is only evaluated"
+    with pytest.raises(ValueError, match="each may stand once"):
+        omnidrones.ray.train_all(["Hover", "Hover"], folder=tmp_path / "runs", **settings)
     with pytest.raises(RuntimeError, match="settings"):
         omnidrones.ray.train_all(["Hover"], seeds=1, folder=tmp_path / "runs", **settings | {"horizon": 50})
 

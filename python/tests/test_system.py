@@ -71,3 +71,18 @@ def test_what_does_not_fit_a_system_is_refused_with_the_remedy():
         with pytest.raises(ValueError, match=words):
             call()
     assert loop.inputs(0).shape[0] == 0 and loop.trajectory(state, inputs[:0]).shape == (1, loop.n_state)
+
+
+@pytest.mark.parametrize("reference", [{"kind": "hover", "yaw": np.nan}, {"kind": "circle", "radius": np.nan}])
+def test_references_that_fly_refuses_are_refused(reference):
+    loop = omnidrones.Loop("hummingbird")
+    for refused in (loop.initial_state, lambda given: loop.inputs(2, given)):
+        with pytest.raises(ValueError, match="NaN"):
+            refused(reference)
+    with pytest.raises(ValueError, match="wind"):
+        loop.inputs(2, wind=[1.0, 0.0, np.nan])
+
+
+def test_inputs_of_parts_are_those_of_the_whole():
+    loop = omnidrones.Loop("hummingbird")
+    assert np.array_equal(np.vstack([loop.inputs(30), loop.inputs(20, first=30)]), loop.inputs(50))

@@ -147,10 +147,11 @@ impl EpisodeRows {
     /// Figures over them. `spec` is that of the environments but for their number.
     ///
     /// # Panics
-    /// If `info` has not the columns of `spec`.
+    /// Without episodes, or if `info` has not the columns of `spec` or a list not one entry for each.
     pub fn evaluation(&self, spec: &Spec) -> Evaluation {
         let (n, width) = (self.terminated.len(), spec.info.len());
-        assert_eq!(self.info.len(), n * width, "rows of info");
+        assert!(n > 0 && self.info.len() == n * width, "rows of info");
+        assert!(self.error.len() == n && self.near.len() == n, "an entry for each episode");
         let of = |k: usize| (0..n).map(move |i| f64::from(self.info[i * width + k]));
         let mean = |k: usize| of(k).sum::<f64>() / n as f64;
         let return_mean = mean(Column::Return.index());
