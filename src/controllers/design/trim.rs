@@ -114,20 +114,24 @@ pub fn trim_spin(plant: &Plant, spin: &Spin) -> Result<Trim> {
 pub fn trim_damaged(vehicle: &Vehicle, physics: Physics, health: &[f64], target: &TrimTarget) -> Result<(Plant, Trim)> {
     let left = Assessment::of(vehicle, health)?;
     let plant = Plant::of_vehicle(vehicle, physics)?.damaged(health)?;
-    let refused = |rule: &str, remedy: &str| Err(Error::value("rotors", format!("{health:?}"), rule, remedy));
+    let refused =
+        |rule: &str, remedy: &str| Err(Error::value("health of the rotors", format!("{health:?}"), rule, remedy));
     let found = match (left.capability, &left.spin) {
         (Capability::None, _) => {
-            return refused("enough for a steady flight", "Leave the lost rotor a share, as 0.6.");
+            return refused(
+                "enough for a steady flight",
+                "Leave the lost rotor a share: 1:0.6 for --fail, {1: 0.6} in Python.",
+            );
         }
         (Capability::YawSacrificed, _) => {
-            let remedy = "'fly' flies it; with a share of the lost rotor, as 0.6, there may be a steady flight.";
+            let remedy = "'fly' flies it; with a share of the lost rotor (1:0.6, {1: 0.6} in Python) there may be a steady flight.";
             return refused("enough to hold the yaw: without, it turns ever faster", remedy);
         }
         (_, None) => trim(&plant, target)?,
         (_, Some(spin)) if *target == TrimTarget::hover() => trim_spin(&plant, spin)?,
         (_, Some(_)) => {
             let remedy = "Leave out velocity, yaw rate, roll and pitch.";
-            return refused("flown in a turn in place: the vehicle must spin to stay up", remedy);
+            return refused("enough to fly without a spin: so the vehicle must spin to stay up, in place", remedy);
         }
     };
     Ok((plant, found))
