@@ -5,11 +5,14 @@
 
 use super::apg::ApgConfig;
 use super::dagger::DaggerConfig;
+use super::dqn::DqnConfig;
 use super::learner::Learner;
 use super::policy::Actor;
 use super::ppo::PpoConfig;
+use super::sac::SacConfig;
 use super::shac::ShacConfig;
 use super::shards::Make;
+use super::td3::Td3Config;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer};
 use crate::parallel::Threads;
@@ -184,8 +187,15 @@ const fn entry<A: Algorithm + Default + DeserializeOwned>() -> Entry {
     Entry { default: || Box::new(A::default()), read: read::<A> }
 }
 
-static BUILT_IN: [Entry; 4] =
-    [entry::<ApgConfig>(), entry::<ShacConfig>(), entry::<PpoConfig>(), entry::<DaggerConfig>()];
+static BUILT_IN: [Entry; 7] = [
+    entry::<ApgConfig>(),
+    entry::<ShacConfig>(),
+    entry::<PpoConfig>(),
+    entry::<SacConfig>(),
+    entry::<Td3Config>(),
+    entry::<DqnConfig>(),
+    entry::<DaggerConfig>(),
+];
 static OWN: RwLock<Vec<Entry>> = RwLock::new(Vec::new());
 
 /// All of them, built-in ones first.
@@ -199,6 +209,40 @@ pub fn names() -> Vec<&'static str> {
     entries().iter().map(|entry| (entry.default)().name()).collect()
 }
 
+/// A name that the literature has for settings of an algorithm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Variant {
+    /// As it is called.
+    pub name: &'static str,
+    /// Of the algorithm.
+    pub of: &'static str,
+    /// Settings, in TOML.
+    pub settings: &'static str,
+}
+
+/// All such names.
+pub static VARIANTS: [Variant; 5] = [
+    Variant { name: "mappo", of: "ppo", settings: "ppo.central_critic = true" },
+    Variant {
+        name: "ddpg",
+        of: "td3",
+        settings: "td3 = { critics = 1, actor_delay = 1, exploration = { valued = 0.0 } }",
+    },
+    Variant { name: "maddpg", of: "td3", settings: "td3.central_critic = true" },
+    Variant { name: "vdn", of: "dqn", settings: "dqn.mixer = { kind = 'sum' }" },
+    Variant { name: "qmix", of: "dqn", settings: "dqn.mixer = { kind = 'monotone', units = 32, hidden = 64 }" },
+];
+
+/// The variant of that name (case does not matter), if it is one.
+pub fn variant(name: &str) -> Option<&'static Variant> {
+    VARIANTS.iter().find(|own| own.name.eq_ignore_ascii_case(name))
+}
+
+/// The algorithm that a name stands for: its own, or that of which it is a variant.
+pub fn base(name: &str) -> &str {
+    variant(name).map_or(name, |own| own.of)
+}
+
 /// The algorithm of that name (case does not matter) with its defaults.
 ///
 /// # Errors
@@ -208,7 +252,7 @@ pub fn by_name(name: &str) -> Result<Box<dyn Algorithm>> {
     all.find(|own| own.name().eq_ignore_ascii_case(name)).ok_or_else(|| Error::Unknown {
         kind: "algorithm",
         name: name.into(),
-        known: names().into_iter().map(String::from).collect(),
+        known: names().into_iter().chain(VARIANTS.iter().map(|own| own.name)).map(String::from).collect(),
     })
 }
 
@@ -226,7 +270,8 @@ pub fn register<A: Algorithm + Default + DeserializeOwned>() -> Result<()> {
         return Ok(());
     }
     let taken = |name: &str| name.eq_ignore_ascii_case(new.name());
-    let settings = super::config::TrainConfig::own_keys().into_iter().chain(EnvConfig::keys());
+    let variants = VARIANTS.iter().map(|own| own.name.to_string());
+    let settings = super::config::TrainConfig::own_keys().into_iter().chain(EnvConfig::keys()).chain(variants);
     if all.iter().any(|known| taken(known.name())) || settings.into_iter().any(|key| taken(&key)) {
         let remedy = "Name it otherwise: its settings are a table of that name.";
         return Err(Error::value("name of the algorithm", new.name(), "one that is not taken", remedy));
@@ -268,6 +313,7 @@ impl<'de, A: Algorithm + Default + Deserialize<'de>> Deserialize<'de> for Only<A
 
 #[cfg(test)]
 mod tests {
+    use super::super::config::TrainConfig;
     use super::*;
 
     #[test]
@@ -276,6 +322,18 @@ mod tests {
             assert_eq!(by_name(&name.to_uppercase()).unwrap().name(), name);
         }
         assert!(by_name("pppo").unwrap_err().to_string().contains("did you mean 'ppo'?"));
+    }
+
+    #[test]
+    fn every_variant_is_settings_of_an_algorithm_and_no_algorithm_of_its_own() {
+        for own in VARIANTS {
+            assert!(by_name(own.name).is_err() && by_name(own.of).is_ok(), "{}", own.name);
+            let by_variant = TrainConfig::for_task("OverHover", Some(own.name), None).unwrap();
+            let by_settings = TrainConfig::for_task("OverHover", Some(own.of), Some((own.settings, "own"))).unwrap();
+            assert_eq!(by_variant.to_toml().unwrap(), by_settings.to_toml().unwrap(), "{}", own.name);
+            let named = format!("task = 'OverHover'\nalgorithm = '{}'", own.name);
+            assert_eq!(TrainConfig::from_toml(&named, "own").unwrap().algorithm.name(), own.of);
+        }
     }
 
     #[test]

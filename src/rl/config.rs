@@ -16,7 +16,7 @@
 //!
 //! A file says what differs: from the task's [recipe](super::recipes), which itself says what differs from the defaults.
 
-use super::algorithm::{self, Algorithm, unwritable};
+use super::algorithm::{self, Algorithm, Variant, unwritable};
 use super::apg::ApgConfig;
 use super::config_diff::{ConfigDifference, config_diff};
 use super::curriculum::Curriculum;
@@ -135,6 +135,11 @@ const NOT_OF_ENV: [(&str, &str); 4] = [
     ("autoreset", "Remove it: environments restart in the same step while training."),
 ];
 
+/// What a variant of an algorithm sets.
+fn settings_of(variant: Option<&Variant>) -> Result<Table> {
+    variant.map_or_else(|| Ok(Table::new()), |own| Ok(Layer::of_text(own.settings, own.name)?.table().clone()))
+}
+
 /// Most environments of an evaluation.
 const MAX_EVALUATED: usize = 1 << 20;
 /// Most checkpoints kept.
@@ -162,8 +167,11 @@ impl TrainConfig {
         let task = entry.name;
         let user = user.iter().map(|layer| check(Self::today(layer.clone())?, task)).collect::<Result<Vec<_>>>()?;
         let named = user.iter().rev().find_map(|layer| layer.table().get("algorithm")?.as_str());
-        let algorithm = algorithm.or(named).map(algorithm::by_name).transpose()?;
-        let known = recipe(task, algorithm.as_ref().map(|own| own.name()));
+        let asked = algorithm.or(named);
+        let variant = asked.and_then(algorithm::variant);
+        let algorithm = asked.map(|name| algorithm::by_name(algorithm::base(name))).transpose()?;
+        let of_variant = variant.and_then(|own| recipe(task, Some(own.name)));
+        let known = of_variant.or_else(|| recipe(task, algorithm.as_ref().map(|own| own.name())));
         let (usual, text) = known.unwrap_or((USUAL, ""));
         let own = algorithm.map_or_else(|| algorithm::by_name(usual), Ok)?;
         let mut base = Self::every_table()?;
@@ -171,6 +179,7 @@ impl TrainConfig {
         let every = i64::try_from(own.evaluate_every()).unwrap_or(i64::MAX);
         merge(&mut base, layers::at("evaluate.every", every.into()));
         merge(&mut base, Layer::of_text(text, &format!("recipe of {task}"))?.table().clone());
+        merge(&mut base, settings_of(variant)?);
         let config = Self { task: task.into(), ..Self::read(base, &user, own.name())? };
         config.validate()?;
         Ok(config)
@@ -188,7 +197,9 @@ impl TrainConfig {
             merge(&mut base, layers::at("env", Value::Table(registry::by_name(task)?.default_table()?)));
         }
         let named = layer.table().get("algorithm").and_then(Value::as_str).unwrap_or(USUAL).to_string();
-        let config = Self::read(base, &[layer], &named)?;
+        let variant = algorithm::variant(&named);
+        merge(&mut base, settings_of(variant)?);
+        let config = Self::read(base, &[layer], algorithm::base(&named))?;
         config.validate()?;
         Ok(config)
     }
@@ -461,7 +472,7 @@ impl<'de, M: MapAccess<'de>> MapAccess<'de> for Shared<M> {
                 Some(Kind::Shared(key)) => return Ok(Some(key)),
                 Some(Kind::Algorithm) => {
                     let name: String = self.0.next_value()?;
-                    algorithm::by_name(&name).map_err(M::Error::custom)?;
+                    algorithm::by_name(algorithm::base(&name)).map_err(M::Error::custom)?;
                 }
                 Some(Kind::Table) => drop(self.0.next_value::<IgnoredAny>()?),
             }
@@ -629,7 +640,7 @@ mod tests {
                 "env.n_env: is no setting of a training run. Give n_env in the table of the algorithm",
             ),
             ("[apg.network]\nhiden = [3]", "Did you mean `hidden`?"),
-            ("algorithm = 'sac'", "did you mean 'shac'?"),
+            ("algorithm = 'shacc'", "did you mean 'shac'?"),
         ] {
             let error = hover(text).unwrap_err().to_string();
             assert!(error.contains(told), "{text}: {error}");

@@ -10,6 +10,8 @@
 //! | [`shac`] | the same over shorter windows, with a critic behind them |
 //! | [`dagger`] | imitation of a controller, or of a policy that sees more |
 //! | [`ppo`] | proximal policy optimisation, for all tasks, teams and discrete actions |
+//! | [`sac`], [`td3`] | off-policy, for continuous actions; DDPG, MADDPG and MATD3 are settings of `td3` |
+//! | [`dqn`] | values of discrete actions; VDN and QMIX are settings of it |
 //! | [`algorithm`] | which algorithms there are, and how to add one's own |
 //! | `config`, [`recipes`] | what a run is made of, and what proved good for each task |
 //! | `renamed` | settings by their names of 0.1 |
@@ -29,6 +31,9 @@
 //! | `shards` | a batch cut into parts that one thread steps |
 //! | [`state`] | their state in checkpoints |
 //! | `minibatch`, `critic` | the gradient of a sum over rows; a value function |
+//! | [`actor_critic`] | what SAC and TD3 share |
+//! | [`replay`], `priorities`, `experience` | steps that are kept, how often they are drawn, who flies and draws them |
+//! | `target_network` | a network with the one that follows it |
 //! | `gae`, `value_norm`, [`schedule`] | advantages, scales, rates |
 //!
 //! ```
@@ -61,6 +66,7 @@
 //! fixed size, gradients into parts of fixed size, and sums are folded in order. A run that was killed goes on from its
 //! last checkpoint with the same bits.
 
+pub mod actor_critic;
 pub mod algorithm;
 pub mod apg;
 pub mod checkpoint;
@@ -69,7 +75,9 @@ pub(crate) mod config_diff;
 pub(crate) mod critic;
 pub(crate) mod curriculum;
 pub mod dagger;
+pub mod dqn;
 pub(crate) mod evaluate;
+pub(crate) mod experience;
 pub(crate) mod gae;
 pub(crate) mod input_scale;
 pub(crate) mod learner;
@@ -84,15 +92,20 @@ pub mod policy_io;
 pub(crate) mod policy_optimiser;
 pub mod ppo;
 pub(crate) mod predecessor;
+pub(crate) mod priorities;
 pub mod recipes;
 pub(crate) mod renamed;
+pub mod replay;
 pub(crate) mod rollout;
 pub mod runs;
+pub mod sac;
 pub mod schedule;
 pub mod search;
 pub mod shac;
 pub(crate) mod shards;
 pub mod state;
+pub(crate) mod target_network;
+pub mod td3;
 pub(crate) mod tensorboard;
 pub mod trainer;
 pub(crate) mod value_norm;

@@ -11,6 +11,32 @@ use crate::error::{Error, Result, finite};
 /// Least variance to divide by.
 const VARIANCE_FLOOR: f64 = 1e-2;
 
+/// What a critic's numbers mean: y of it is y · std + mean of reward.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unit {
+    /// Mean of the targets.
+    pub mean: f32,
+    /// Their standard deviation.
+    pub std: f32,
+}
+
+impl Unit {
+    /// In reward.
+    pub fn denormalise(&self, y: f32) -> f32 {
+        y * self.std + self.mean
+    }
+
+    /// From reward.
+    pub fn normalise(&self, x: f32) -> f32 {
+        (x - self.mean) / self.std
+    }
+
+    /// Factor and shift of a number of this unit that says the same in `other`.
+    pub fn into_other(self, other: Self) -> (f32, f32) {
+        (self.std / other.std, (self.mean - other.mean) / other.std)
+    }
+}
+
 /// Exponential mean and mean square of targets, with the bias towards their start at 0 taken out.
 ///
 /// An update with the mean m and mean square s of a slice is
@@ -76,6 +102,11 @@ impl ValueNorm {
         } else {
             1.0
         }
+    }
+
+    /// Of the critic's numbers as they are now.
+    pub fn unit(&self) -> Unit {
+        Unit { mean: self.mean() as f32, std: self.std() as f32 }
     }
 
     /// Every x becomes (x − mean)/std.

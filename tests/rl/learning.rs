@@ -3,13 +3,18 @@
 use nalgebra::DVector;
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
+use omnidrones::rl::actor_critic::{ActorCriticConfig, Exploration};
 use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::dagger::{Dagger, DaggerConfig};
+use omnidrones::rl::dqn::{Dqn, DqnConfig, Mixer};
 use omnidrones::rl::nn::{AdamConfig, Layers};
 use omnidrones::rl::ppo::{Ppo, PpoConfig};
+use omnidrones::rl::replay::ReplayConfig;
+use omnidrones::rl::sac::{Entropy, Sac, SacConfig};
 use omnidrones::rl::schedule::Schedule;
 use omnidrones::rl::shac::{Shac, ShacConfig};
+use omnidrones::rl::td3::{ActionNoise, Td3, Td3Config};
 use omnidrones::rl::{Learner, Policy};
 use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, evaluate};
 use std::time::{Duration, Instant};
@@ -41,6 +46,17 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
                 DaggerConfig { n_env: 40, shard: 16, steps: 8, updates: 20, minibatches: 2, ..DaggerConfig::default() };
             Box::new(Dagger::with(&|own| Env::make(HOVER, own), &env, config, 3, threads).unwrap())
         }
+        "sac" => Box::new(Sac::with(&|own| Env::make(HOVER, own), &env, kept(), 3, threads).unwrap()),
+        "td3" => Box::new(Td3::with(&|own| Env::make(HOVER, own), &env, kept(), 3, threads).unwrap()),
+        "maddpg" => {
+            let config = Td3Config { central_critic: true, ..kept() };
+            Box::new(Td3::with(&|own| Env::make("OverHover", own), &env, config, 3, threads).unwrap())
+        }
+        "dqn" => Box::new(Dqn::with(&|own| Env::make(HOVER, own), &env, values(Mixer::None), 3, threads).unwrap()),
+        "qmix" => {
+            let config = values(Mixer::Monotone { units: 8, hidden: 16 });
+            Box::new(Dqn::with(&|own| Env::make("OverHover", own), &env, config, 3, threads).unwrap())
+        }
         _ => {
             let config = ShacConfig { n_env: 40, shard: 16, horizon: 8, updates: 20, ..ShacConfig::default() };
             Box::new(Shac::new(HOVER, &env, config, 3, threads).unwrap())
@@ -48,8 +64,20 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
     }
 }
 
-/// PPO of a team whose critic sees all of it is called mappo.
-const ALGORITHMS: [&str; 5] = ["apg", "shac", "ppo", "mappo", "dagger"];
+fn replay() -> ReplayConfig {
+    ReplayConfig { capacity: 4000, random: 320, ..ReplayConfig::default() }
+}
+
+fn kept<E: Exploration>() -> ActorCriticConfig<E> {
+    ActorCriticConfig { n_env: 40, shard: 16, gradient_steps: 4, updates: 20, replay: replay(), ..Default::default() }
+}
+
+fn values(mixer: Mixer) -> DqnConfig {
+    DqnConfig { n_env: 40, shard: 16, gradient_steps: 4, updates: 20, mixer, replay: replay(), ..DqnConfig::default() }
+}
+
+/// PPO of a team whose critic sees all of it is called mappo, TD3 of such a team maddpg.
+const ALGORITHMS: [&str; 10] = ["apg", "shac", "ppo", "mappo", "dagger", "sac", "td3", "maddpg", "dqn", "qmix"];
 
 fn bits(learner: &dyn Learner) -> Vec<u32> {
     learner.policy().unwrap().parameters().iter().map(|x| x.to_bits()).collect()
@@ -110,12 +138,17 @@ fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
         normalise_observation: false,
         ..PpoConfig::default()
     };
-    let learners: [Box<dyn Learner>; 3] = [
-        Box::new(Apg::with(&crate::regulate::make_poisoned, &env, apg, 1, threads(2)).unwrap()),
-        Box::new(Shac::with(&crate::regulate::make_poisoned, &env, shac, 1, threads(2)).unwrap()),
-        Box::new(Ppo::with(&crate::regulate::make_poisoned, &env, ppo, 1, threads(2)).unwrap()),
+    let sac = SacConfig { updates: 200, ..regulating_sac() };
+    let td3 = Td3Config { updates: 200, ..regulating_td3() };
+    let make = &crate::regulate::make_poisoned;
+    let learners: [(&str, Box<dyn Learner>); 5] = [
+        ("apg", Box::new(Apg::with(make, &env, apg, 1, threads(2)).unwrap())),
+        ("shac", Box::new(Shac::with(make, &env, shac, 1, threads(2)).unwrap())),
+        ("ppo", Box::new(Ppo::with(make, &env, ppo, 1, threads(2)).unwrap())),
+        ("sac", Box::new(Sac::with(make, &env, sac, 1, threads(2)).unwrap())),
+        ("td3", Box::new(Td3::with(make, &env, td3, 1, threads(2)).unwrap())),
     ];
-    for (name, mut learner) in ALGORITHMS.into_iter().zip(learners) {
+    for (name, mut learner) in learners {
         let paid = |learner: &dyn Learner| {
             let mut policy = learner.policy().expect("weights are finite");
             costs(0.97, &mut |x, actions| policy.act(x, actions).unwrap()).0
@@ -243,6 +276,22 @@ fn ppo_regulates(seed: u64, most: f64) {
     let mut ppo = Ppo::with(&crate::regulate::make, &env, config, seed, Threads::default()).unwrap();
     run(&mut ppo, updates);
     check_against_riccati("PPO", &mut ppo.policy().unwrap(), 0.97, most);
+}
+
+fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<E> {
+    let network = Layers { hidden: Vec::new(), ..usual.network.clone() };
+    ActorCriticConfig { discount: 0.97, updates: 1000, network, ..usual }
+}
+
+fn regulating_sac() -> SacConfig {
+    // less and less random: the optimum is not
+    let exploration = Entropy { target: -3.0, ..Entropy::default() };
+    SacConfig { exploration, ..regulating(SacConfig::default()) }
+}
+
+fn regulating_td3() -> Td3Config {
+    let exploration = ActionNoise { flown: [0.02, 0.2], valued: 0.05, cut: 0.1 };
+    Td3Config { exploration, ..regulating(Td3Config::default()) }
 }
 
 /// The optimum of who imitates is what is imitated: our controller.

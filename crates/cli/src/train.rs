@@ -35,6 +35,7 @@ Examples:
   omnidrones train Hover                               from nothing to a policy that hovers
   omnidrones train Hover --vehicle crazyflie           on another drone
   omnidrones train Track --algo ppo --updates 100      with another algorithm, for 100 updates
+  omnidrones train Hover --algo sac                    from kept experience, without gradients of the physics
   omnidrones train Hover --set apg.horizon=32           with another setting
   omnidrones train Hover --envs 128 --horizon 300      more environments, shorter episodes
   omnidrones train Hover --randomise mass:0.7:1.3      of another mass in every episode
@@ -47,7 +48,9 @@ Examples:
   omnidrones watch runs/Hover-apg-s0                   see it fly
 
 Algorithms: apg takes the gradient of a smooth loss through the physics; shac does so over shorter windows with a \
-critic behind them; ppo samples actions and needs no gradient of the physics, mappo is its name for teams. Without --algo a task has its usual one.
+critic behind them; ppo samples actions, sac and td3 learn from kept experience, and dqn does so where each number of an \
+action has a few values: none of these needs a gradient of the physics. dagger imitates. mappo is ppo with a critic that sees \
+the whole team, ddpg and maddpg are settings of td3, vdn and qmix of dqn. Without --algo a task has its usual one.
 
 Settings: options win over --config, the file wins over the task's recipe, the recipe over the defaults. A key of --set \
 is that of the file: seed, apg.horizon, apg.network.hidden=[32,32], apg.learning_rate.from=0.005; dt is env.dt and horizon \
@@ -124,17 +127,9 @@ pub struct Arguments {
     environment: EnvArguments,
 }
 
-/// Another name of PPO, for teams.
-const MAPPO: &str = "mappo";
-
 /// Names that `--algo` takes.
 pub fn algorithms() -> PossibleValuesParser {
-    PossibleValuesParser::new(algorithm::names().into_iter().chain([MAPPO]))
-}
-
-/// The algorithm that was asked for.
-pub fn algorithm_of(asked: &str) -> &str {
-    if asked == MAPPO { "ppo" } else { asked }
+    PossibleValuesParser::new(algorithm::names().into_iter().chain(algorithm::VARIANTS.iter().map(|own| own.name)))
 }
 
 /// Trains.
@@ -229,7 +224,7 @@ impl Arguments {
         });
         let options = self.environment.options(Some(entry))?;
         let mut layers: Vec<Layer> = file.iter().chain(&options).cloned().collect();
-        let algorithm = self.algo.as_deref().map(algorithm_of);
+        let algorithm = self.algo.as_deref();
         if let Some(n) = self.envs {
             let algorithm = TrainConfig::layered(entry.name, algorithm, &layers)?.algorithm.name();
             let n = i64::try_from(n).unwrap_or(i64::MAX);

@@ -6,7 +6,7 @@ use super::page::{Page, duration, short};
 use super::rollout_all::told_errors;
 use super::rollout_files::percent;
 use super::table::{Align, Table};
-use super::train::{algorithm_of, algorithms, compare, count, spec};
+use super::train::{algorithms, compare, count, spec};
 use super::train_all_plot::{self, Learnt};
 use super::{Report, files, over_seeds, progress, train_seeds};
 use omnidrones::error::{Error, Result};
@@ -110,8 +110,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         names => names.iter().map(|name| registry::by_name(name)).collect::<Result<Vec<_>>>()?,
     };
     let folder = a.output.folder("runs/all")?;
-    let algorithms =
-        |entry: &Entry| a.algo.as_deref().map_or_else(|| recipes_of(entry.name), |one| vec![algorithm_of(one)]);
+    let algorithms = |entry: &Entry| a.algo.as_deref().map_or_else(|| recipes_of(entry.name), |one| vec![one]);
     let trained: Vec<(&'static Entry, Vec<&str>)> = entries.into_iter().map(|e| (e, algorithms(e))).collect();
     let bar = progress::bar(0, "training", a.output.json);
     let mut lines = Vec::new();
@@ -161,8 +160,9 @@ fn line(
         config.with_updates(updates)
     });
     line.error = config.as_ref().ok().and_then(|config| spec(entry, config).ok()).map(|(_, error)| error);
-    line.row =
-        config.and_then(|config| row(entry, &config, a, folder, threads, bar)).map_err(|error| error.to_string());
+    line.row = config
+        .and_then(|config| row((entry, algorithm), &config, a, folder, threads, bar))
+        .map_err(|error| error.to_string());
     if let Ok(row) = &line.row {
         let log = |run: &Outcome| log::read(run_folder(folder, row, run.seed)).ok();
         line.curves = row.runs.iter().filter_map(log).collect();
@@ -177,14 +177,13 @@ fn run_folder(folder: &Path, row: &Row, seed: u64) -> PathBuf {
 
 /// The row as it is kept, with the seeds that are missing trained.
 fn row(
-    entry: &Entry,
+    (entry, algorithm): (&Entry, &str),
     config: &TrainConfig,
     a: &Arguments,
     folder: &Path,
     threads: &Threads,
     bar: &indicatif::ProgressBar,
 ) -> Result<Row> {
-    let algorithm = config.algorithm.name();
     let path = folder.join(format!("{}-{algorithm}-u{}.json", entry.name, config.updates()));
     let hash = fingerprint(config)?;
     let fresh = Row {

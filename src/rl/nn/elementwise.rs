@@ -18,6 +18,35 @@ pub(crate) fn exp(x: &mut [f32]) {
     dispatch(Exp { x });
 }
 
+/// to ← to + share · (x − to).
+pub(crate) fn approach(to: &mut [f32], x: &[f32], share: f32) {
+    dispatch(Approach { to, x, share });
+}
+
+struct Approach<'a> {
+    to: &'a mut [f32],
+    x: &'a [f32],
+    share: f32,
+}
+
+impl Kernel for Approach<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { to, x, share } = self;
+        let whole = to.len() / L::WIDTH * L::WIDTH;
+        let mut at = 0;
+        while at < whole {
+            let own = L::load(&to[at..]);
+            (own + (L::load(&x[at..]) - own) * L::constant(f64::from(share))).store(&mut to[at..]);
+            at += L::WIDTH;
+        }
+        for k in whole..to.len() {
+            to[k] += (x[k] - to[k]) * share;
+        }
+    }
+}
+
 struct Exp<'a> {
     x: &'a mut [f32],
 }

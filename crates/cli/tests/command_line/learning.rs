@@ -317,7 +317,10 @@ fn unusable_arguments_name_value_limit_and_remedy() {
     std::fs::create_dir(folder.join("empty")).expect("made");
     for (arguments, words) in [
         ("train Hove", "did you mean 'Hover'?"),
-        ("train Hover --algo sac", "[possible values: apg, shac, ppo, dagger, mappo]"),
+        (
+            "train Hover --algo sacc",
+            "[possible values: apg, shac, ppo, sac, td3, dqn, dagger, mappo, ddpg, maddpg, vdn, qmix]",
+        ),
         ("train Hover --config bad.toml", "bad.toml: line 2, column 1: unknown field `horizons`"),
         ("train Hover --config missing.toml", "missing.toml: No such file"),
         ("train Hover --set apg.horizons=3", "--set apg.horizons: apg"),

@@ -1,0 +1,166 @@
+//! Settings that SAC and TD3 share.
+
+use super::{ActorCritic, Kind};
+use crate::error::{Error, Result};
+use crate::parallel::Threads;
+use crate::rl::algorithm::Algorithm;
+use crate::rl::learner::Learner;
+use crate::rl::nn::{AdamConfig, Layers};
+use crate::rl::policy::Actor;
+use crate::rl::replay::ReplayConfig;
+use crate::rl::schedule::Schedule;
+use crate::rl::shards::Make;
+use crate::tasks::{EnvConfig, Spec};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::fmt::Debug;
+
+/// How an algorithm of this kind explores, with its numbers.
+pub trait Exploration: Clone + Debug + PartialEq + Serialize + DeserializeOwned + Send + Sync + 'static {
+    /// What it does.
+    type Kind: Kind + 'static;
+    /// Of the algorithm, in files and options.
+    const NAME: &'static str;
+
+    /// Settings that fly the Hummingbird's Hover from random weights.
+    fn settings() -> ActorCriticConfig<Self>;
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`Error::Value`] with the number, the rule and the remedy.
+    fn validate(&self) -> Result<()>;
+
+    /// For actions of `n` numbers.
+    fn kind(&self, n: usize) -> Self::Kind;
+}
+
+/// Settings; defaults fly the Hummingbird's Hover from random weights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, bound = "E: Exploration")]
+pub struct ActorCriticConfig<E> {
+    /// Environments, E.
+    pub n_env: usize,
+    /// Environments of a shard: one thread steps it for a whole update.
+    pub shard: usize,
+    /// Steps of every environment in an update.
+    pub steps: usize,
+    /// Updates of a run.
+    pub updates: u64,
+    /// Gradient steps of an update.
+    pub gradient_steps: usize,
+    /// Rows of a gradient step.
+    pub batch: usize,
+    /// γ.
+    pub discount: f64,
+    /// τ, share of the way to the learnt weights that target networks go in a gradient step.
+    pub follow: f64,
+    /// Critics, the least of whose values counts: two (Fujimoto et al. 2018), one for DDPG.
+    pub critics: usize,
+    /// Steps of the critics for one of the actor.
+    pub actor_delay: usize,
+    /// Whether critics see what all agents of a team see and do (Lowe et al. 2017).
+    pub central_critic: bool,
+    /// Learning rate of the actor over the run.
+    pub learning_rate: Schedule,
+    /// Learning rate of the critics over the run.
+    pub critic_learning_rate: Schedule,
+    /// Largest norm of the gradients of actor and critics.
+    pub max_grad_norm: f64,
+    /// Errors of the critics beyond it count linearly.
+    pub huber: f64,
+    /// How it explores.
+    pub exploration: E,
+    /// Steps that are kept to be learnt from.
+    pub replay: ReplayConfig,
+    /// The optimiser of all.
+    pub adam: AdamConfig,
+    /// The policy.
+    pub network: Layers,
+    /// The critics.
+    pub critic: Layers,
+}
+
+impl<E: Exploration> Default for ActorCriticConfig<E> {
+    fn default() -> Self {
+        E::settings()
+    }
+}
+
+/// Most gradient steps of an update, and steps of an environment.
+const MAX_STEPS: usize = 1 << 16;
+
+impl<E: Exploration> ActorCriticConfig<E> {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
+    pub fn validate(&self) -> Result<()> {
+        for (what, n, most) in [
+            ("n_env", self.n_env, 1 << 24),
+            ("shard", self.shard, 1 << 24),
+            ("steps", self.steps, MAX_STEPS),
+            ("gradient_steps", self.gradient_steps, MAX_STEPS),
+            ("batch", self.batch, 1 << 20),
+            ("critics", self.critics, 64),
+            ("actor_delay", self.actor_delay, 1 << 10),
+        ] {
+            if n == 0 || n > most {
+                let remedy = "64, 32, 8, 32, 256, 2 and 1 are usual.";
+                return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
+            }
+        }
+        if !(0.0..1.0).contains(&self.discount) {
+            return Err(Error::value("discount", self.discount, "within [0, 1)", "0.98 to 0.995 are usual."));
+        }
+        if !(self.follow > 0.0 && self.follow <= 1.0) {
+            return Err(Error::value("follow", self.follow, "within (0, 1]", "0.005 to 0.05 are usual."));
+        }
+        for (what, x) in [("max_grad_norm", self.max_grad_norm), ("huber", self.huber)] {
+            if x.is_nan() || x <= 0.0 {
+                return Err(Error::value(what, x, "> 0", "10 is usual, inf is none."));
+            }
+        }
+        self.learning_rate.validate("learning_rate")?;
+        self.critic_learning_rate.validate("critic_learning_rate")?;
+        self.replay.validate_for(self.n_env)?;
+        self.exploration.validate()?;
+        self.adam.validate()?;
+        self.network.validate()?;
+        self.critic.validate()
+    }
+}
+
+impl<E: Exploration> Algorithm for ActorCriticConfig<E> {
+    fn name(&self) -> &'static str {
+        E::NAME
+    }
+
+    fn validate(&self) -> Result<()> {
+        Self::validate(self)
+    }
+
+    fn updates(&self) -> u64 {
+        self.updates
+    }
+
+    fn set_updates(&mut self, updates: u64) {
+        self.updates = updates;
+    }
+
+    fn actor(&self, spec: &Spec) -> Result<Actor> {
+        Actor::new(spec, &self.network, true)
+    }
+
+    fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {
+        Ok(Box::new(ActorCritic::with(make, env, self.clone(), seed, threads)?))
+    }
+
+    fn loss(&self) -> &'static str {
+        "−value of the policy's actions"
+    }
+
+    fn source(&self) -> (&'static str, &'static str) {
+        (include_str!("config.rs"), "ActorCriticConfig<E>")
+    }
+}

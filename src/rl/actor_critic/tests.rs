@@ -1,0 +1,209 @@
+use super::*;
+use crate::rl::checkpoint::Tensors;
+use crate::rl::nn::Layers;
+use crate::rl::replay::ReplayConfig;
+use crate::rl::sac::{Entropy, SacConfig};
+use crate::rl::td3::{ActionNoise, Td3Config};
+use crate::tasks::Env;
+use crate::tasks::probe::Probe;
+
+fn small<E: Exploration>() -> ActorCriticConfig<E> {
+    let layers = |own: Layers| Layers { hidden: vec![16, 16], ..own };
+    let usual = E::settings();
+    ActorCriticConfig {
+        n_env: 12,
+        shard: 5,
+        steps: 8,
+        updates: 20,
+        gradient_steps: 4,
+        batch: 100,
+        discount: 0.97,
+        replay: ReplayConfig { capacity: 2000, random: 96, n_step: 3, ..ReplayConfig::default() },
+        network: layers(usual.network.clone()),
+        critic: layers(usual.critic.clone()),
+        ..usual
+    }
+}
+
+fn of<E: Exploration>(task: &str, config: ActorCriticConfig<E>, threads: usize) -> ActorCritic<E> {
+    let env = EnvConfig { stagger: true, ..EnvConfig::default() };
+    ActorCritic::with(&|own| Env::make(task, own), &env, config, 5, Threads::new(threads).unwrap()).unwrap()
+}
+
+fn saved(learner: &dyn Learner) -> (Tensors, Tensors) {
+    let (mut policy, mut state) = (Tensors::new(), Tensors::new());
+    learner.save(&mut policy, &mut state).unwrap();
+    (policy, state)
+}
+
+/// What the critics and the actor of a batch minimise, with the noise that the batch was drawn with, and their gradients.
+struct Descent {
+    losses: [f64; 2],
+    gradients: [Vec<f32>; 2],
+}
+
+fn descent<E: Exploration>(own: &mut ActorCritic<E>, alpha: f64) -> Descent {
+    own.judge(0.0);
+    let judged: Vec<[f64; 4]> = own.work.iter().map(|work| work.sums).collect();
+    own.climb();
+    let (batch, agents) = (own.config.batch as f64, (own.config.batch * own.shapes.agents) as f64);
+    let sum = |k: usize| own.work.iter().map(|work| work.sums[k]).sum::<f64>();
+    let std = f64::from(own.norm.unit().std);
+    let fold = |of: &dyn Fn(&Work) -> Vec<f32>| {
+        let all: Vec<Vec<f32>> = own.work.iter().map(of).collect();
+        (0..all[0].len()).map(|k| all.iter().map(|g| g[k]).sum()).collect::<Vec<f32>>()
+    };
+    Descent {
+        losses: [judged.iter().map(|sums| sums[0]).sum::<f64>() / batch, (sum(3) + alpha / std * sum(2)) / agents],
+        gradients: [fold(&|work| work.gradients[0].clone()), fold(&|work| work.gradient.clone())],
+    }
+}
+
+/// Largest difference of `gradient` from differences of `loss` by weights, as a share of its norm.
+fn worst(gradient: &[f32], mut loss: impl FnMut(usize, f32) -> f64) -> f64 {
+    let norm = gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+    let (h, mut worst) = (3e-3, 0.0_f64);
+    for (k, g) in gradient.iter().enumerate().filter(|(_, g)| **g != 0.0).step_by(7) {
+        let slope = (loss(k, h) - loss(k, -h)) / (2.0 * f64::from(h));
+        worst = worst.max((slope - f64::from(*g)).abs());
+    }
+    worst / norm
+}
+
+fn check_gradients<E: Exploration>(task: &str, config: ActorCriticConfig<E>, alpha: f64) {
+    let name = E::NAME;
+    let mut own = of(task, ActorCriticConfig { critics: 2, huber: f64::INFINITY, ..config }, 1);
+    (0..3).for_each(|_| drop(own.update().unwrap()));
+    let Descent { gradients: [of_critic, of_actor], .. } = descent(&mut own, alpha);
+    let first = own.critics[1].parameters.clone();
+    let critic = worst(&of_critic, |k, h| {
+        let before = own.critics[0].parameters[k];
+        own.critics[0].parameters[k] += h;
+        let loss = descent(&mut own, alpha).losses[0];
+        own.critics[0].parameters[k] = before;
+        loss
+    });
+    assert_eq!(own.critics[1].parameters, first);
+    let actor = worst(&of_actor, |k, h| {
+        let before = own.actor.parameters[k];
+        own.actor.parameters[k] += h;
+        let loss = descent(&mut own, alpha).losses[1];
+        own.actor.parameters[k] = before;
+        loss
+    });
+    println!("{name} on {task}: critic {critic:.1e}, actor {actor:.1e} of the norm");
+    assert!(critic < 2e-3 && actor < 5e-3, "{name} on {task}: {critic:e} {actor:e}");
+}
+
+/// Where no temperature moves, −Q + α ln π is what the actor goes down, and half the squared error what critics do.
+#[test]
+fn gradients_of_actor_and_critics_are_those_of_differences_alone_and_in_teams() {
+    let still = Entropy { temperature: 0.3, learning_rate: 0.0, ..Entropy::default() };
+    check_gradients("Hover", SacConfig { exploration: still.clone(), ..small() }, 0.3);
+    check_gradients("Hover", Td3Config { ..small() }, 0.0);
+    check_gradients("OverHover", SacConfig { exploration: still, central_critic: true, ..small() }, 0.3);
+    check_gradients("OverHover", Td3Config { central_critic: true, ..small() }, 0.0);
+}
+
+/// y = r + γ Q̄(o', π̄(o')) by one row at a time, for steps that go on, end and run out of time.
+#[test]
+fn targets_are_what_a_row_by_itself_is_worth() {
+    let exploration = ActionNoise { valued: 0.0, ..ActionNoise::default() };
+    let mut own = of("Hover", Td3Config { exploration, critics: 2, ..small() }, 1);
+    (0..12).for_each(|_| drop(own.update().unwrap()));
+    own.judge(0.0);
+    let (mut actor, mut critic) = (own.shapes.actor.memory(1), own.shapes.critic.memory(1));
+    let (n, unit, mut ended) = (own.shapes.widths.n_observation, own.norm.unit(), 0);
+    for work in &own.work {
+        for k in 0..work.block.rows {
+            let next = &work.block.next[k * n..][..n];
+            let action = own.shapes.actor.forward(&own.actor.following, next, 1, &mut actor).row(0).to_vec();
+            let x = [next.to_vec(), action].concat();
+            let said = |net: &NetWithTarget, memory: &mut Memory| {
+                own.shapes.critic.forward(&net.following, &x, 1, memory).row(0)[0]
+            };
+            let least = own.critics.iter().map(|net| said(net, &mut critic)).fold(f32::INFINITY, f32::min);
+            let wanted = work.block.reward[k] + work.block.discount[k] * unit.denormalise(least);
+            let got = unit.denormalise(work.target[k]);
+            assert!((got - wanted).abs() < 1e-4, "{got} {wanted}");
+            ended += usize::from(work.block.discount[k] == 0.0);
+        }
+    }
+    assert!(ended > 0, "nothing ended");
+}
+
+#[test]
+fn results_are_the_same_bits_for_any_number_of_threads_and_go_on_with_them() {
+    fn check<E: Exploration>(task: &str, config: ActorCriticConfig<E>) {
+        let run = |threads, updates| {
+            let mut own = of(task, config.clone(), threads);
+            (0..updates).for_each(|_| drop(own.update().unwrap()));
+            own
+        };
+        let whole = saved(&run(1, 9));
+        assert!(whole == saved(&run(2, 9)), "{task}");
+        let (policy, state) = saved(&run(1, 5));
+        let mut resumed = of(task, config.clone(), 2);
+        resumed.load(&policy, &state).unwrap();
+        (0..4).for_each(|_| drop(resumed.update().unwrap()));
+        assert!(whole == saved(&resumed), "{task}, resumed");
+    }
+    let prioritised = ReplayConfig { priority: 0.6, ..small::<Entropy>().replay };
+    check("Hover", SacConfig { replay: prioritised, ..small() });
+    check("Hover", Td3Config { ..small() });
+    check("OverHover", Td3Config { central_critic: true, ..small() });
+}
+
+/// Of the one state there is, with reward 1 for ever and episodes that are cut: 100 at γ = 0.99. Taking time-outs for deaths
+/// gives less than 10.
+fn worth_of_forever<E: Exploration>(exploration: E, n_step: usize) -> f64 {
+    let linear = |own: &Layers| Layers { hidden: vec![], ..own.clone() };
+    let usual = small::<E>();
+    let config = ActorCriticConfig {
+        exploration,
+        discount: 0.99,
+        follow: 0.1,
+        gradient_steps: 32,
+        updates: 1000,
+        batch: 32,
+        critic_learning_rate: Schedule::cosine(5e-3, 1e-5),
+        max_grad_norm: f64::INFINITY,
+        network: linear(&usual.network),
+        critic: linear(&usual.critic),
+        replay: ReplayConfig { n_step, ..usual.replay.clone() },
+        ..usual
+    };
+    let env = EnvConfig { stagger: true, ..EnvConfig::default() };
+    let make = |c: &EnvConfig| Env::of(Probe::forever(c)?, "forever", c);
+    let mut own = ActorCritic::with(&make, &env, config, 1, Threads::new(1).unwrap()).unwrap();
+    (0..1000).for_each(|_| drop(own.update().unwrap()));
+    own.judge(0.0);
+    f64::from(own.norm.unit().denormalise(own.work[0].target[0]))
+}
+
+#[test]
+fn time_that_runs_out_is_not_death() {
+    let cold = Entropy { temperature: 1e-6, learning_rate: 0.0, ..Entropy::default() };
+    for n_step in [1, 4] {
+        let found = [worth_of_forever(cold.clone(), n_step), worth_of_forever(ActionNoise::default(), n_step)];
+        println!("n = {n_step}: {found:?}");
+        for worth in found {
+            assert!((worth - 100.0).abs() < 1.0, "n = {n_step}: {worth}");
+        }
+    }
+}
+
+#[test]
+fn actions_of_whole_numbers_and_batches_beyond_memory_are_refused() {
+    use crate::tasks::ActionSpace;
+    let make = |own: &EnvConfig| Env::make("Hover", own);
+    let refused = |env: EnvConfig, config: SacConfig| {
+        ActorCritic::with(&make, &env, config, 0, Threads::new(1).unwrap()).map(drop).unwrap_err().to_string()
+    };
+    let levels = EnvConfig { actions: ActionSpace::MultiDiscrete { levels: 3 }, ..EnvConfig::default() };
+    assert!(refused(levels, small()).contains("dqn"));
+    let little = EnvConfig { memory_limit: 50 << 20, ..EnvConfig::default() };
+    let replay = ReplayConfig { capacity: 1 << 27, ..ReplayConfig::default() };
+    assert!(refused(little.clone(), SacConfig { replay, ..small() }).contains("replay.capacity"));
+    assert!(refused(little, SacConfig { batch: 1 << 20, ..small() }).contains("batch"));
+}

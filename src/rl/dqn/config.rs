@@ -1,0 +1,172 @@
+//! Settings of DQN.
+
+use super::Dqn;
+use crate::error::{Error, Result};
+use crate::rl::algorithm::built_in;
+use crate::rl::nn::{Activation, AdamConfig, Init, Layers};
+use crate::rl::replay::ReplayConfig;
+use crate::rl::schedule::Schedule;
+use crate::tasks::{ActionSpace, EnvConfig};
+use serde::{Deserialize, Serialize};
+
+/// How the values of a team's agents make one of the team.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Mixer {
+    /// They do not: every agent learns from its own reward.
+    #[default]
+    None,
+    /// Their sum: value decomposition, VDN (Sunehag et al. 2018).
+    Sum,
+    /// A network of the state that is monotone in each: QMIX (Rashid et al. 2018).
+    Monotone {
+        /// Units of the mixing network.
+        units: usize,
+        /// Hidden units of the network that gives its weights.
+        hidden: usize,
+    },
+}
+
+/// Settings; defaults fly the Hummingbird's Hover by rotors that are full on or off, or in a few levels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DqnConfig {
+    /// Environments, E.
+    pub n_env: usize,
+    /// Environments of a shard: one thread steps it for a whole update.
+    pub shard: usize,
+    /// Steps of every environment in an update.
+    pub steps: usize,
+    /// Updates of a run.
+    pub updates: u64,
+    /// Gradient steps of an update.
+    pub gradient_steps: usize,
+    /// Rows of a gradient step.
+    pub batch: usize,
+    /// γ.
+    pub discount: f64,
+    /// τ, share of the way to the learnt weights that the target network goes in a gradient step.
+    pub follow: f64,
+    /// ε, share of actions drawn evenly, over the run.
+    pub epsilon: Schedule,
+    /// Whether the learnt network chooses the action whose value the target network gives (van Hasselt et al. 2016).
+    pub double: bool,
+    /// Whether values are a state's and what an action adds to it (Wang et al. 2016).
+    pub duelling: bool,
+    /// Quantiles of an action's return, 1 for its mean alone (Dabney et al. 2018).
+    pub quantiles: usize,
+    /// How the values of a team's agents make one of the team.
+    pub mixer: Mixer,
+    /// Values of each number of an action, where `env.actions` leaves them continuous.
+    pub levels: usize,
+    /// Learning rate over the run.
+    pub learning_rate: Schedule,
+    /// Largest norm of the gradient.
+    pub max_grad_norm: f64,
+    /// Errors beyond it count linearly.
+    pub huber: f64,
+    /// Steps that are kept to be learnt from.
+    pub replay: ReplayConfig,
+    /// The optimiser.
+    pub adam: AdamConfig,
+    /// The policy: from an observation to values.
+    pub network: Layers,
+}
+
+impl Default for DqnConfig {
+    fn default() -> Self {
+        let init = Init::Orthogonal { hidden: std::f64::consts::SQRT_2, last: 0.1 };
+        Self {
+            n_env: 64,
+            shard: 32,
+            steps: 8,
+            updates: 1000,
+            gradient_steps: 32,
+            batch: 256,
+            discount: 0.985,
+            follow: 0.01,
+            epsilon: Schedule::Linear { from: 1.0, to: 0.02, warm_up: 0.0 },
+            double: true,
+            duelling: false,
+            quantiles: 1,
+            mixer: Mixer::None,
+            levels: 3,
+            learning_rate: Schedule::cosine(1e-3, 1e-5),
+            max_grad_norm: 10.0,
+            huber: 10.0,
+            replay: ReplayConfig::default(),
+            adam: AdamConfig::default(),
+            network: Layers { activation: Activation::Elu, init, ..Layers::default() },
+        }
+    }
+}
+
+impl DqnConfig {
+    /// The environments as the policy sees them: with as many `levels` of each number of an action, where it is continuous.
+    pub(crate) fn seen(&self, env: &EnvConfig) -> EnvConfig {
+        let mut env = env.clone();
+        if env.actions == ActionSpace::Continuous {
+            env.actions = ActionSpace::MultiDiscrete { levels: self.levels };
+        }
+        env
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] with the number, the rule and the remedy.
+    pub fn validate(&self) -> Result<()> {
+        let (units, hidden) = match self.mixer {
+            Mixer::Monotone { units, hidden } => (units, hidden),
+            _ => (1, 1),
+        };
+        for (what, n, most) in [
+            ("n_env", self.n_env, 1 << 24),
+            ("shard", self.shard, 1 << 24),
+            ("steps", self.steps, 1 << 16),
+            ("gradient_steps", self.gradient_steps, 1 << 16),
+            ("batch", self.batch, 1 << 20),
+            ("quantiles", self.quantiles, 256),
+            ("levels", self.levels, 256),
+            ("mixer.units", units, 256),
+            ("mixer.hidden", hidden, 4096),
+        ] {
+            if n == 0 || n > most {
+                let remedy = "64, 32, 8, 32, 256, 1, 3, 32 and 64 are usual.";
+                return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
+            }
+        }
+        if self.mixer != Mixer::None && self.quantiles > 1 {
+            let remedy = "Leave quantiles out: a mixer takes one number of each agent.";
+            return Err(Error::value("quantiles", self.quantiles, "1 with a mixer", remedy));
+        }
+        if self.mixer != Mixer::None && self.replay.priority > 0.0 {
+            let remedy = "Leave it out: rows of a team are drawn alike.";
+            return Err(Error::value("replay.priority", self.replay.priority, "0 with a mixer", remedy));
+        }
+        if !(0.0..1.0).contains(&self.discount) {
+            return Err(Error::value("discount", self.discount, "within [0, 1)", "0.98 to 0.995 are usual."));
+        }
+        if !(self.follow > 0.0 && self.follow <= 1.0) {
+            return Err(Error::value("follow", self.follow, "within (0, 1]", "0.005 to 0.05 are usual."));
+        }
+        for (what, x) in [("max_grad_norm", self.max_grad_norm), ("huber", self.huber)] {
+            if x.is_nan() || x <= 0.0 {
+                return Err(Error::value(what, x, "> 0", "10 is usual, inf is none."));
+            }
+        }
+        self.epsilon.validate("epsilon")?;
+        self.learning_rate.validate("learning_rate")?;
+        self.replay.validate_for(self.n_env)?;
+        self.adam.validate()?;
+        self.network.validate()
+    }
+}
+
+built_in! {
+    "dqn": DqnConfig => Dqn, squashed: false, loss: "error of the values", in: "config.rs";
+
+    fn seen(&self, env: &EnvConfig) -> EnvConfig {
+        DqnConfig::seen(self, env)
+    }
+}

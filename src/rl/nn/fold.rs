@@ -1,0 +1,95 @@
+//! Networks that say the same otherwise: with fewer outputs, each a sum of some of another's; or in other units.
+
+use super::mlp::{Mlp, Part};
+use crate::error::Result;
+
+/// The parameters of `narrow`, whose output k is Σ w · (output j of `wide`) over the `(j, w)` that `sums` gives for k. Both are
+/// alike but for the number of outputs and what these pass through.
+///
+/// # Errors
+/// As [`Mlp::from_parts`], for networks that are not alike.
+pub fn fold(
+    (wide, parameters): (&Mlp, &[f32]),
+    narrow: &Mlp,
+    sums: impl Fn(usize) -> Vec<(usize, f32)>,
+) -> Result<Vec<f32>> {
+    let parts = wide.parts(parameters);
+    let (n_wide, n_narrow) = (wide.n_output(), narrow.n_output());
+    let last =
+        parts.iter().rev().find(|part| part.name.ends_with(".weight")).and_then(|part| part.name.split_once('.'));
+    let last = last.map(|(layer, _)| layer.to_string()).unwrap_or_default();
+    let folded = |part: &Part| {
+        let width = part.data.len() / n_wide;
+        let mut data = vec![0.0; n_narrow * width];
+        for (k, row) in data.chunks_exact_mut(width.max(1)).enumerate() {
+            for (j, w) in sums(k) {
+                row.iter_mut().zip(&part.data[j * width..]).for_each(|(to, x)| *to += w * x);
+            }
+        }
+        data
+    };
+    narrow.from_parts(|name, _| {
+        let part = parts.iter().find(|part| part.name == name);
+        Ok(part.map_or(Vec::new(), |part| {
+            if name.split_once('.').is_some_and(|(layer, _)| layer == last) { folded(part) } else { part.data.clone() }
+        }))
+    })
+}
+
+/// The parameters of `mlp` with factor · y + shift in place of the output y number k, by the (factor, shift) of `of`(k).
+///
+/// # Errors
+/// As [`Mlp::from_parts`], for numbers that are not finite.
+pub fn in_other_units(mlp: &Mlp, parameters: &[f32], of: impl Fn(usize) -> (f32, f32)) -> Result<Vec<f32>> {
+    let mut parts = mlp.parts(parameters);
+    let n = parts.len();
+    // the last two are the last layer's weight, [out, in], and bias
+    let width = parts[n - 2].data.len() / mlp.n_output();
+    for k in 0..mlp.n_output() {
+        let (factor, shift) = of(k);
+        parts[n - 2].data[k * width..][..width].iter_mut().for_each(|w| *w *= factor);
+        parts[n - 1].data[k] = factor * parts[n - 1].data[k] + shift;
+    }
+    let mut parts = parts.into_iter();
+    mlp.from_parts(|_, _| Ok(parts.next().map_or(Vec::new(), |part| part.data)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Activation, Layers};
+    use super::*;
+    use crate::rng::{Purpose, Stream};
+
+    #[test]
+    fn outputs_that_are_folded_are_sums_of_outputs() {
+        let layers = Layers { hidden: vec![7, 5], layer_norm: true, ..Layers::default() };
+        let wide = Mlp::new(3, &layers, 6, Activation::Identity).unwrap();
+        let narrow = Mlp::new(3, &layers, 2, Activation::Identity).unwrap();
+        let mut stream = Stream::new(5, 0, 0, Purpose::LEARNING);
+        let weights: Vec<f32> = wide.init(&mut stream).iter().map(|w| w + stream.unit() as f32).collect();
+        let folded = fold((&wide, &weights), &narrow, |k| vec![(k, 1.0), (5, -0.5)]).unwrap();
+        let x = [0.3, -0.2, 0.9];
+        let (mut of_wide, mut of_narrow) = (wide.memory(1), narrow.memory(1));
+        let all = wide.forward(&weights, &x, 1, &mut of_wide).row(0).to_vec();
+        let own = narrow.forward(&folded, &x, 1, &mut of_narrow).row(0).to_vec();
+        for k in 0..2 {
+            // 2e-7 at most
+            assert!((own[k] - (all[k] - 0.5 * all[5])).abs() < 1e-5, "{own:?} of {all:?}");
+        }
+    }
+
+    #[test]
+    fn outputs_in_other_units_say_the_same() {
+        let layers = Layers { hidden: vec![6], ..Layers::default() };
+        let mlp = Mlp::new(3, &layers, 2, Activation::Identity).unwrap();
+        let weights: Vec<f32> = mlp.init(&mut Stream::new(5, 0, 0, Purpose::LEARNING));
+        let other = in_other_units(&mlp, &weights, |k| (2.0, k as f32)).unwrap();
+        let mut memory = mlp.memory(1);
+        let x = [0.3, -0.2, 0.9];
+        let before = mlp.forward(&weights, &x, 1, &mut memory).row(0).to_vec();
+        let after = mlp.forward(&other, &x, 1, &mut memory).row(0).to_vec();
+        for k in 0..2 {
+            assert!((after[k] - (2.0 * before[k] + k as f32)).abs() < 1e-6, "{before:?} {after:?}");
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! SAC: soft actor-critic (Haarnoja et al. 2018), its temperature held by an entropy (their "Applications", section 5).
+//!
+//! The policy is a Gaussian behind tanh and maximises Σ γᵗ (r + α H(π)). ln α goes down ln α · (H − H̄): it falls where the policy
+//! is more random than H̄ asks for. What flies is the middle of the distribution, tanh μ.
+
+use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
+use super::nn::tanh_gaussian::{draw, pull};
+use super::nn::{Activation, Init, Layers};
+use super::replay::ReplayConfig;
+use super::schedule::Schedule;
+use crate::error::{Error, Result};
+use crate::rng::Stream;
+use serde::{Deserialize, Serialize};
+
+/// Settings; defaults fly the Hummingbird's Hover from random weights.
+pub type SacConfig = ActorCriticConfig<Entropy>;
+
+/// Soft actor-critic, in the middle of a run.
+pub type Sac = ActorCritic<Entropy>;
+
+/// How random the policy is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Entropy {
+    /// H̄ for each number of an action, nats: −1 leaves a width of about a third of the range.
+    pub target: f64,
+    /// First α.
+    pub temperature: f64,
+    /// Learning rate of ln α; 0 leaves it as it is.
+    pub learning_rate: f64,
+}
+
+impl Default for Entropy {
+    fn default() -> Self {
+        Self { target: -1.0, temperature: 0.1, learning_rate: 1e-3 }
+    }
+}
+
+impl Exploration for Entropy {
+    type Kind = Temperature;
+    const NAME: &'static str = "sac";
+
+    fn settings() -> SacConfig {
+        let relu = |last| Layers {
+            activation: Activation::Elu,
+            init: Init::Orthogonal { hidden: std::f64::consts::SQRT_2, last },
+            ..Layers::default()
+        };
+        ActorCriticConfig {
+            n_env: 64,
+            shard: 32,
+            steps: 8,
+            updates: 600,
+            gradient_steps: 32,
+            batch: 256,
+            discount: 0.985,
+            follow: 0.01,
+            critics: 2,
+            actor_delay: 1,
+            central_critic: false,
+            learning_rate: Schedule::cosine(1e-3, 1e-5),
+            critic_learning_rate: Schedule::cosine(1e-3, 1e-4),
+            max_grad_norm: 10.0,
+            huber: 10.0,
+            exploration: Self::default(),
+            replay: ReplayConfig::default(),
+            adam: Default::default(),
+            network: relu(0.01),
+            critic: relu(1.0),
+        }
+    }
+
+    fn validate(&self) -> Result<()> {
+        if !self.target.is_finite() {
+            return Err(Error::value("exploration.target", self.target, "finite", "-1 is usual."));
+        }
+        let (least, most) = RANGE;
+        if !(least.exp()..=most.exp()).contains(&self.temperature) {
+            let limit = format!("within [{:.1e}, {:.0}]", least.exp(), most.exp());
+            return Err(Error::value("exploration.temperature", self.temperature, limit, "0.01 to 1 are usual."));
+        }
+        if !(self.learning_rate.is_finite() && self.learning_rate >= 0.0) {
+            let rate = self.learning_rate;
+            return Err(Error::value("exploration.learning_rate", rate, "finite and ≥ 0", "1e-3 is usual."));
+        }
+        Ok(())
+    }
+
+    fn kind(&self, n: usize) -> Temperature {
+        Temperature {
+            log_alpha: self.temperature.ln(),
+            target: self.target * n as f64,
+            rate: self.learning_rate,
+            entropy: 0.0,
+        }
+    }
+}
+
+/// Of ln α.
+const RANGE: (f64, f64) = (-14.0, 5.0);
+
+/// α, which weighs randomness against reward.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Temperature {
+    log_alpha: f64,
+    /// H̄, summed over an action's numbers.
+    target: f64,
+    rate: f64,
+    /// H of the last batch.
+    entropy: f64,
+}
+
+impl Temperature {
+    /// α.
+    pub fn alpha(&self) -> f64 {
+        self.log_alpha.exp()
+    }
+}
+
+/// Standard normal numbers for `action`.
+fn normal<'a>(noise: &mut Noise<'_>, of: &'a mut [f32; MAX_ACTION], n: usize) -> &'a [f32] {
+    of[..n].iter_mut().for_each(|e| *e = noise.normal());
+    &of[..n]
+}
+
+/// Numbers of an action whose noise stands on the stack.
+const MAX_ACTION: usize = 64;
+
+impl Kind for Temperature {
+    fn n_output(&self, n: usize) -> usize {
+        2 * n
+    }
+
+    fn output(&self) -> Activation {
+        Activation::Identity
+    }
+
+    fn most_action(&self) -> usize {
+        MAX_ACTION
+    }
+
+    fn explore(&self, output: &[f32], _: u64, stream: &mut Stream, action: &mut [f32]) {
+        let mut own = [0.0; MAX_ACTION];
+        let n = action.len();
+        draw(output, normal(&mut Noise::new(stream), &mut own, n), action);
+    }
+
+    fn next(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32 {
+        let mut own = [0.0; MAX_ACTION];
+        let n = action.len();
+        -(self.alpha() as f32) * draw(output, normal(noise, &mut own, n), action)
+    }
+
+    fn draw(&self, output: &[f32], noise: &[f32], action: &mut [f32]) -> f32 {
+        draw(output, noise, action)
+    }
+
+    fn pull(&self, output: &[f32], noise: &[f32], std: f32, grad_action: &[f32], grad_output: &mut [f32]) {
+        pull(output, noise, self.alpha() / f64::from(std), grad_action, grad_output);
+    }
+
+    fn climbed(&self, critics: usize) -> usize {
+        critics
+    }
+
+    fn slow_actor(&self) -> bool {
+        false
+    }
+
+    fn adapt(&mut self, log_prob: f64) {
+        if log_prob.is_finite() {
+            self.entropy = -log_prob;
+            let down = self.log_alpha - self.rate * (self.entropy - self.target).clamp(-10.0, 10.0);
+            self.log_alpha = down.clamp(RANGE.0, RANGE.1);
+        }
+    }
+
+    fn figures(&self) -> Vec<(&'static str, f64)> {
+        vec![("temperature", self.alpha()), ("entropy", self.entropy)]
+    }
+
+    fn save(&self) -> Vec<f64> {
+        vec![self.log_alpha, self.entropy]
+    }
+
+    fn load(&mut self, saved: &[f64]) -> Result<()> {
+        let [log_alpha, entropy] = [saved[0], saved[1]];
+        if !((RANGE.0..=RANGE.1).contains(&log_alpha) && entropy.is_finite()) {
+            let remedy = "The checkpoint is damaged or forged: go on from an earlier one.";
+            return Err(Error::value("ln temperature", log_alpha, format!("within {RANGE:?}"), remedy));
+        }
+        (self.log_alpha, self.entropy) = (log_alpha, entropy);
+        Ok(())
+    }
+}

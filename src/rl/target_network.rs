@@ -1,0 +1,117 @@
+//! A network that learns, with the target network that follows it (Mnih et al. 2015; by shares of the way, Lillicrap et al.
+//! 2016).
+
+use super::checkpoint::Tensors;
+use super::nn::elementwise::{add, approach};
+use super::nn::fold::in_other_units;
+use super::nn::{Adam, AdamConfig, Mlp, Transposed, Weights, clip_norm};
+use super::state;
+use crate::error::Result;
+use crate::rng::Stream;
+
+/// Weights that learn, and their copy that follows.
+pub struct NetWithTarget {
+    /// What learns.
+    pub parameters: Vec<f32>,
+    transposed: Transposed,
+    adam: Adam,
+    /// Its target network's; empty where there is none.
+    pub following: Vec<f32>,
+    gradient: Vec<f32>,
+    /// Of the last step, before it was clipped.
+    pub gradient_norm: f64,
+}
+
+/// How far a step goes.
+#[derive(Debug, Clone, Copy)]
+pub struct Stride {
+    /// Largest norm of the gradient.
+    pub clip: f64,
+    /// Learning rate.
+    pub rate: f64,
+    /// Share of the way to the weights that the target network goes.
+    pub follow: f64,
+}
+
+impl NetWithTarget {
+    /// From random weights; with a target network, if it `follows`.
+    pub fn new(mlp: &Mlp, adam: AdamConfig, follows: bool, stream: &mut Stream) -> Self {
+        let mut net = Self {
+            parameters: mlp.init(stream),
+            transposed: Transposed::default(),
+            adam: Adam::new(adam, mlp.n_parameter()),
+            following: Vec::new(),
+            gradient: vec![0.0; mlp.n_parameter()],
+            gradient_norm: 0.0,
+        };
+        if follows {
+            net.following.clone_from(&net.parameters);
+        }
+        mlp.transpose(&net.parameters, &mut net.transposed);
+        net
+    }
+
+    /// As backward passes take them.
+    pub fn weights(&self) -> Weights<'_> {
+        Weights { parameters: &self.parameters, transposed: &self.transposed }
+    }
+
+    /// Down the sum of `gradients`, folded in order; then the target network follows.
+    pub fn descend<'a>(&mut self, mlp: &Mlp, gradients: impl Iterator<Item = &'a [f32]>, stride: Stride) {
+        self.gradient.fill(0.0);
+        gradients.for_each(|own| add(&mut self.gradient, own));
+        self.gradient_norm = clip_norm(&mut self.gradient, stride.clip);
+        self.adam.descend(&mut self.parameters, &self.gradient, stride.rate);
+        mlp.transpose(&self.parameters, &mut self.transposed);
+        if !self.following.is_empty() {
+            approach(&mut self.following, &self.parameters, stride.follow as f32);
+        }
+    }
+
+    /// Begins with these weights.
+    pub fn begin(&mut self, mlp: &Mlp, parameters: Vec<f32>) {
+        if !self.following.is_empty() {
+            self.following.clone_from(&parameters);
+        }
+        self.parameters = parameters;
+        mlp.transpose(&self.parameters, &mut self.transposed);
+    }
+
+    /// Says the same in other units, and its target network too.
+    ///
+    /// # Errors
+    /// As [`in_other_units`].
+    pub fn rescale(&mut self, mlp: &Mlp, of: impl Fn(usize) -> (f32, f32)) -> Result<()> {
+        self.following = in_other_units(mlp, &self.following, &of)?;
+        self.parameters = in_other_units(mlp, &self.parameters, &of)?;
+        mlp.transpose(&self.parameters, &mut self.transposed);
+        Ok(())
+    }
+
+    /// As `<name>…`, `target.<name>…`.
+    ///
+    /// # Errors
+    /// None for a name that is used once.
+    pub fn save(&self, to: &mut Tensors, name: &str, mlp: &Mlp) -> Result<()> {
+        state::put_network(to, name, mlp, &self.parameters)?;
+        if !self.following.is_empty() {
+            state::put_network(to, &format!("target.{name}"), mlp, &self.following)?;
+        }
+        state::put_adam(to, name, &self.adam)
+    }
+
+    /// As saved.
+    ///
+    /// # Errors
+    /// As [`Tensors::get`].
+    pub fn load(&mut self, from: &Tensors, name: &str, mlp: &Mlp) -> Result<()> {
+        let parameters = state::network(from, name, mlp)?;
+        if !self.following.is_empty() {
+            self.following = state::network(from, &format!("target.{name}"), mlp)?;
+        }
+        self.adam = state::adam(from, name, self.adam.config, parameters.len())?;
+        self.parameters = parameters;
+        mlp.transpose(&self.parameters, &mut self.transposed);
+        Ok(())
+    }
+}

@@ -1,0 +1,141 @@
+//! TD3: twin delayed deterministic policy gradients (Fujimoto et al. 2018); with one critic, no delay and no smoothing DDPG
+//! (Lillicrap et al. 2016), for teams with a central critic MATD3 and MADDPG (Lowe et al. 2017).
+//!
+//! The policy is tanh of the network. It is flown with noise, of another scale in every environment (Seo et al. 2025), and
+//! valued with noise that is cut: values of neighbouring actions are to be alike.
+
+use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
+use super::nn::{Activation, Init, Layers};
+use super::replay::ReplayConfig;
+use super::schedule::Schedule;
+use crate::error::{Error, Result};
+use crate::rng::Stream;
+use serde::{Deserialize, Serialize};
+
+/// Settings; defaults fly the Hummingbird's Hover from random weights.
+pub type Td3Config = ActorCriticConfig<ActionNoise>;
+
+/// Twin delayed deterministic policy gradients, in the middle of a run.
+pub type Td3 = ActorCritic<ActionNoise>;
+
+/// Noise on actions, which are within ±1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ActionNoise {
+    /// Least and largest σ of what is flown; environments lie evenly between them.
+    pub flown: [f64; 2],
+    /// σ of what is valued.
+    pub valued: f64,
+    /// Where that is cut.
+    pub cut: f64,
+}
+
+impl Default for ActionNoise {
+    fn default() -> Self {
+        Self { flown: [0.05, 0.4], valued: 0.2, cut: 0.5 }
+    }
+}
+
+impl Exploration for ActionNoise {
+    type Kind = Self;
+    const NAME: &'static str = "td3";
+
+    fn settings() -> Td3Config {
+        let layers = |last| Layers {
+            activation: Activation::Elu,
+            init: Init::Orthogonal { hidden: std::f64::consts::SQRT_2, last },
+            ..Layers::default()
+        };
+        ActorCriticConfig {
+            n_env: 64,
+            shard: 32,
+            steps: 8,
+            updates: 600,
+            gradient_steps: 32,
+            batch: 256,
+            discount: 0.985,
+            follow: 0.01,
+            critics: 2,
+            actor_delay: 2,
+            central_critic: false,
+            learning_rate: Schedule::cosine(1e-3, 1e-5),
+            critic_learning_rate: Schedule::cosine(1e-3, 1e-4),
+            max_grad_norm: 10.0,
+            huber: 10.0,
+            exploration: Self::default(),
+            replay: ReplayConfig::default(),
+            adam: Default::default(),
+            network: layers(0.01),
+            critic: layers(1.0),
+        }
+    }
+
+    fn validate(&self) -> Result<()> {
+        let all = [
+            ("exploration.flown", self.flown[0]),
+            ("exploration.flown", self.flown[1]),
+            ("exploration.valued", self.valued),
+            ("exploration.cut", self.cut),
+        ];
+        for (what, x) in all {
+            if !(0.0..=10.0).contains(&x) {
+                return Err(Error::value(what, x, "within [0, 10]", "[0.05, 0.4], 0.2 and 0.5 are usual."));
+            }
+        }
+        if self.flown[0] > self.flown[1] {
+            let value = format!("{:?}", self.flown);
+            return Err(Error::value("exploration.flown", value, "the lesser one first", "Exchange them."));
+        }
+        Ok(())
+    }
+
+    fn kind(&self, _: usize) -> Self {
+        self.clone()
+    }
+}
+
+/// Its multiples lie evenly between whole numbers.
+const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
+
+impl Kind for ActionNoise {
+    fn n_output(&self, n: usize) -> usize {
+        n
+    }
+
+    fn output(&self) -> Activation {
+        Activation::Tanh
+    }
+
+    fn explore(&self, output: &[f32], environment: u64, stream: &mut Stream, action: &mut [f32]) {
+        let [least, most] = self.flown;
+        let scale = least + (most - least) * (environment as f64 * GOLDEN_RATIO).fract();
+        for (a, y) in action.iter_mut().zip(output) {
+            *a = (f64::from(*y) + scale * stream.normal()).clamp(-1.0, 1.0) as f32;
+        }
+    }
+
+    fn next(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32 {
+        let (scale, cut) = (self.valued as f32, self.cut as f32);
+        for (a, y) in action.iter_mut().zip(output) {
+            *a = (y + (scale * noise.normal()).clamp(-cut, cut)).clamp(-1.0, 1.0);
+        }
+        0.0
+    }
+
+    fn draw(&self, output: &[f32], _: &[f32], action: &mut [f32]) -> f32 {
+        action.copy_from_slice(output);
+        0.0
+    }
+
+    fn pull(&self, _: &[f32], _: &[f32], _: f32, grad_action: &[f32], grad_output: &mut [f32]) {
+        grad_output.copy_from_slice(grad_action);
+    }
+
+    fn climbed(&self, _: usize) -> usize {
+        1
+    }
+
+    fn slow_actor(&self) -> bool {
+        true
+    }
+}
