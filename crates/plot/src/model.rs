@@ -12,7 +12,7 @@ const LOAD: Colour = Colour(236, 217, 180);
 /// Of what stands in the world.
 const WORLD: Colour = Colour(222, 226, 230);
 /// Drawn radius of a rotor that does not tell its own, m.
-const ROTOR_RADIUS: f64 = 0.08;
+pub const ROTOR_RADIUS: f64 = 0.08;
 
 /// A page with the system in a state: one large view with names, and from above and from the side without.
 pub fn figure(system: &Multibody, state: &[f64]) -> Figure {
@@ -134,11 +134,17 @@ pub fn sticks(system: &Multibody, state: &[f64]) -> Vec<[[f64; 3]; 2]> {
 }
 
 fn skeleton(model: &Model, poses: &[Pose<f64>]) -> Vec<[[f64; 3]; 2]> {
+    struts(model).into_iter().map(|(body, ends)| ends.map(|p| on(&poses[body], p))).collect()
+}
+
+/// Lines for what no shape shows, each with its body, in the frame of that body, m: to its rotors and to the joints of its
+/// children.
+pub fn struts(model: &Model) -> Vec<(usize, [[f64; 3]; 2])> {
     let mut lines = Vec::new();
     let mut reach = |body: usize, point: [f64; 3]| {
         let (start, covered) = nearest(model, body, point);
         if !covered {
-            lines.push([on(&poses[body], start), on(&poses[body], point)]);
+            lines.push((body, [start, point]));
         }
     };
     for rotor in model.rotors() {
