@@ -1,0 +1,271 @@
+// What flies, as meshes: airframes from their rotors, loads, bars and obstacles from their shapes.
+import {
+  BoxGeometry, BufferGeometry, CapsuleGeometry, CircleGeometry, ConeGeometry, CylinderGeometry, DoubleSide,
+  EdgesGeometry, Float32BufferAttribute, Group, LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial,
+  Quaternion, RingGeometry, SphereGeometry, Vector3,
+} from 'three'
+import { mergeGeometries } from 'three/addons/utils/BufferGeometryUtils.js'
+
+/** Okabe and Ito, as in the figures. */
+export const PALETTE = ['#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#4b5563']
+export const nth = (i) => PALETTE[i % PALETTE.length]
+
+const Z = new Vector3(0, 0, 1)
+const lambert = (color, more = {}) => new MeshLambertMaterial({ color, ...more })
+/** Colours of their own: they pale where their bearer is lost. */
+const painted = (color) => Object.assign(lambert(color), { userData: { tinted: true } })
+const CARBON = lambert('#2b3138')
+const METAL = lambert('#9aa4ae')
+const BLADE = lambert('#15191d', { side: DoubleSide })
+const CARDBOARD = lambert('#d2a86c')
+const EDGE = new LineBasicMaterial({ color: '#7a5a2e' })
+const BALL = lambert('#8d2f3c')
+const STILL = lambert('#8fa0b2')
+const LIGHT = new MeshBasicMaterial({ color: '#ffffff' })
+/** Discs of rotors that turn counter-clockwise and clockwise, and of those that failed. */
+const DISC = { 1: '#1d8fa8', '-1': '#c9822b', lost: '#d11f2f' }
+
+/** Layer of what throws a shadow. */
+export const SHADOWS = 1
+
+const shown = (mesh) => {
+  mesh.layers.enable(SHADOWS)
+  return mesh
+}
+
+/** The group with its meshes joined into one per material: what a picture costs is mostly how many things it draws. */
+function joined(group) {
+  group.updateMatrixWorld(true)
+  const parts = new Map()
+  group.traverse((mesh) => {
+    if (!mesh.isMesh) return
+    const geometry = mesh.geometry.clone().applyMatrix4(mesh.matrixWorld).deleteAttribute('uv')
+    parts.set(mesh.material, [...(parts.get(mesh.material) ?? []), geometry])
+  })
+  const whole = new Group()
+  for (const [material, geometries] of parts) whole.add(shown(new Mesh(mergeGeometries(geometries), material)))
+  return whole
+}
+
+/** A round bar between two points. */
+export function bar(from, to, thick, thin, material) {
+  const [a, b] = [new Vector3(...from), new Vector3(...to)]
+  const way = b.clone().sub(a)
+  const mesh = shown(new Mesh(new CylinderGeometry(thin, thick, way.length(), 10), material))
+  // cylinders of three.js stand along y
+  mesh.geometry.rotateX(Math.PI / 2)
+  mesh.position.copy(a).addScaledVector(way, 0.5)
+  mesh.quaternion.setFromUnitVectors(Z, way.normalize())
+  return mesh
+}
+
+function solid({ geometry, position, rotation }, material) {
+  const [[kind, size]] = Object.entries(geometry)
+  const make = {
+    sphere: () => new SphereGeometry(size.radius, 24, 16),
+    capsule: () => new CapsuleGeometry(size.radius, size.length, 6, 14).rotateX(Math.PI / 2),
+    box: () => new BoxGeometry(...size.size),
+  }
+  const mesh = shown(new Mesh(make[kind](), material))
+  const [w, x, y, z] = rotation
+  mesh.position.set(...position)
+  mesh.quaternion.set(x, y, z, w)
+  return mesh
+}
+
+/** Edges of a load, where its mesh is. */
+function edges(mesh) {
+  const lines = new LineSegments(new EdgesGeometry(mesh.geometry), EDGE)
+  lines.position.copy(mesh.position)
+  lines.quaternion.copy(mesh.quaternion)
+  return lines
+}
+
+/** A blade along x from the hub: chord and pitch shrink towards the tip. */
+function blade(radius, spin) {
+  const places = []
+  const faces = []
+  const parts = 6
+  for (let k = 0; k <= parts; k++) {
+    const s = k / parts
+    const chord = radius * (0.1 + 0.16 * Math.sin(Math.PI * Math.min(1, 0.2 + s)) * (1 - 0.45 * s))
+    const pitch = spin * (0.55 - 0.38 * s)
+    for (const side of [-0.5, 0.5]) {
+      places.push(radius * (0.06 + 0.94 * s), side * chord * Math.cos(pitch), side * chord * Math.sin(pitch))
+    }
+    if (k > 0) {
+      const n = 2 * k
+      faces.push(n - 2, n - 1, n, n, n - 1, n + 1)
+    }
+  }
+  const geometry = new BufferGeometry()
+  geometry.setAttribute('position', new Float32BufferAttribute(places, 3))
+  geometry.setIndex(faces)
+  geometry.computeVertexNormals()
+  return geometry
+}
+
+/** Motor, blades and disc of a rotor. */
+function propeller(rotor) {
+  const group = new Group()
+  const { radius, spin } = rotor
+  group.position.set(...rotor.position)
+  group.quaternion.setFromUnitVectors(Z, new Vector3(...rotor.axis))
+  const above = new Vector3(...rotor.position).dot(new Vector3(...rotor.axis)) >= 0 ? 1 : -1
+  const height = 0.2 * radius
+  const motor = shown(new Mesh(new CylinderGeometry(0.14 * radius, 0.16 * radius, height, 14), METAL))
+  motor.geometry.rotateX(Math.PI / 2)
+  motor.position.z = -0.5 * above * height
+  const blades = new Group()
+  for (const turn of [0, Math.PI]) {
+    const one = shown(new Mesh(blade(radius, spin), BLADE))
+    one.rotation.z = turn
+    blades.add(one)
+  }
+  const cap = shown(new Mesh(new ConeGeometry(0.08 * radius, 0.12 * radius, 12), BLADE))
+  cap.geometry.rotateX(Math.PI / 2)
+  cap.position.z = 0.05 * radius
+  blades.add(cap)
+  const turning = joined(blades)
+  const tint = { color: DISC[Math.sign(spin)], transparent: true, depthWrite: false, side: DoubleSide }
+  const disc = new Mesh(new CircleGeometry(radius, 32), new MeshBasicMaterial({ ...tint, opacity: 0.2 }))
+  const rim = new Mesh(new RingGeometry(0.965 * radius, radius, 40), new MeshBasicMaterial({ ...tint, opacity: 0.6 }))
+  disc.position.z = rim.position.z = 0.02 * radius
+  group.add(turning, disc, rim)
+  motor.applyMatrix4(new Matrix4().compose(group.position, group.quaternion, new Vector3(1, 1, 1)))
+  return { group, motor, turning, disc, rim, rotor, angle: 0 }
+}
+
+/** Frame of a drone with three rotors and more: plates, canopy, arms, legs; the front is told by its lamp and arms. */
+function airframe(body, colour) {
+  const group = new Group()
+  const hubs = body.rotors.map((r) => new Vector3(...r.position))
+  const radius = body.rotors[0].radius
+  const reach = Math.max(...hubs.map((h) => Math.hypot(h.x, h.y)))
+  const middle = new Vector3(0, 0, hubs.reduce((sum, h) => sum + h.z, 0) / hubs.length - 0.2 * radius)
+  const paint = painted(colour)
+  for (const hub of hubs) {
+    const end = hub.clone().sub(new Vector3(0, 0, 0.16 * radius))
+    const front = hub.x > 0.3 * reach
+    group.add(bar(middle.toArray(), end.toArray(), 0.055 * reach, 0.035 * reach, front ? paint : CARBON))
+  }
+  const size = Math.max(0.2 * reach, 0.02)
+  const plate = shown(new Mesh(new CylinderGeometry(1.25 * size, 1.25 * size, 0.22 * size, 8), CARBON))
+  plate.geometry.rotateX(Math.PI / 2)
+  plate.position.copy(middle)
+  const canopy = shown(new Mesh(new SphereGeometry(size, 20, 14), paint))
+  canopy.scale.set(1.3, 0.95, 0.75)
+  canopy.position.copy(middle).z += 0.3 * size
+  const battery = shown(new Mesh(new BoxGeometry(1.9 * size, 0.9 * size, 0.55 * size), METAL))
+  battery.position.copy(middle).z -= 0.38 * size
+  const lamp = new Mesh(new SphereGeometry(0.22 * size, 10, 8), LIGHT)
+  lamp.position.copy(middle).add(new Vector3(1.28 * size, 0, 0.3 * size))
+  group.add(plate, canopy, battery, lamp)
+  for (const [x, y] of [[1, 1], [1, -1], [-1, 1], [-1, -1]]) {
+    const foot = [1.3 * size * x, 1.15 * size * y, middle.z - 1.5 * size]
+    group.add(bar([0.7 * size * x, 0.6 * size * y, middle.z], foot, 0.09 * size, 0.07 * size, CARBON))
+  }
+  return group
+}
+
+/** Radius of a capsule that is a load, no bar, m. */
+const THICK = 0.06
+
+/** Joints at the ends of the bars of a chain or frame. */
+function knuckles(body) {
+  return body.solids.filter((shape) => shape.geometry.capsule?.radius < THICK).flatMap(({ geometry: { capsule }, position, rotation }) => {
+    const [w, x, y, z] = rotation
+    return [-0.5, 0.5].map((share) => {
+      const joint = shown(new Mesh(new SphereGeometry(2.1 * capsule.radius, 14, 10), CARBON))
+      joint.position.set(0, 0, share * capsule.length).applyQuaternion(new Quaternion(x, y, z, w)).add(new Vector3(...position))
+      return joint
+    })
+  })
+}
+
+/** Materials of a body's shapes by what it is. */
+function materials(body, kind, size, colour) {
+  if (body.rotors.length > 0) return painted(colour)
+  if (kind === 'box' || (kind === 'capsule' && size.radius > THICK)) return CARDBOARD
+  if (kind === 'sphere') return BALL
+  return body.beside_rotors ? lambert('#e8edf2') : CARBON
+}
+
+/** One vehicle or system: a group with one child per body, and its rotors. */
+export class Vehicle {
+  constructor(look, colour, { several }) {
+    this.group = new Group()
+    this.rotors = []
+    this.bodies = look.bodies.map((body) => {
+      const own = new Group()
+      const fixed = new Group()
+      const paint = several && body.drone != null ? nth(body.drone) : colour
+      const flies = body.rotors.length >= 3
+      if (flies) fixed.add(airframe(body, paint))
+      for (const shape of body.solids) {
+        const [[kind, size]] = Object.entries(shape.geometry)
+        // what collides of a drone is inside the frame that is drawn
+        if (flies && kind !== 'capsule') continue
+        const made = solid(shape, materials(body, kind, size, paint))
+        fixed.add(made)
+        if (made.material === CARDBOARD && kind === 'box') own.add(edges(made))
+      }
+      for (const joint of body.beside_rotors ? knuckles(body) : []) fixed.add(joint)
+      for (const [from, to] of body.struts) {
+        if (!flies) fixed.add(bar(from, to, 0.016, 0.013, CARBON))
+      }
+      for (const rotor of body.rotors) {
+        const made = propeller(rotor)
+        this.rotors[rotor.number] = made
+        own.add(made.group)
+        fixed.add(made.motor)
+      }
+      own.add(joined(fixed))
+      this.group.add(own)
+      return own
+    })
+  }
+
+  /** Blades turn as the rotors do, slowly enough to be seen: 30 rad/s at full speed. */
+  turn(rotor, share, seconds) {
+    const made = this.rotors[rotor]
+    made.angle += made.rotor.spin * share * 30 * seconds
+    made.turning.rotation.z = made.angle
+    made.disc.material.opacity = 0.06 + 0.26 * Math.min(1, share)
+  }
+
+  /** A rotor that failed shows its disc in red. */
+  fail(rotor, failed) {
+    const { disc, rim, rotor: own } = this.rotors[rotor]
+    const colour = failed ? DISC.lost : DISC[Math.sign(own.spin)]
+    disc.material.color.set(colour)
+    rim.material.color.set(colour)
+    if (failed) disc.material.opacity = 0.35
+  }
+}
+
+/** What stands still. */
+export function obstacle(shape) {
+  return solid(shape, STILL)
+}
+
+const SHAFT = new CylinderGeometry(0.012, 0.012, 0.8, 8).rotateX(Math.PI / 2).translate(0, 0, 0.4)
+const TIP = new ConeGeometry(0.035, 0.2, 12).rotateX(Math.PI / 2).translate(0, 0, 0.9)
+
+/** An arrow of length 1 along z. */
+export function arrow(colour) {
+  const material = new MeshBasicMaterial({ color: colour })
+  const group = new Group()
+  group.add(new Mesh(SHAFT, material), new Mesh(TIP, material))
+  group.visible = false
+  return group
+}
+
+/** Lays an arrow from a point along a way. */
+export function point(arrow, from, way, length) {
+  arrow.visible = length > 1e-3
+  if (!arrow.visible) return
+  arrow.position.copy(from)
+  arrow.quaternion.copy(new Quaternion().setFromUnitVectors(Z, way.clone().normalize()))
+  arrow.scale.set(1, 1, length)
+}
