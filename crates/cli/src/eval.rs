@@ -28,12 +28,13 @@ Examples:
   omnidrones eval runs/Hover-apg-s0 --vehicle crazyflie       on a drone that it has not met
   omnidrones eval runs/Hover-apg-s0 --randomise mass:0.7:1.3  on heavier and lighter ones
   omnidrones eval runs/Hover-apg-s0 --csv                     every step and every episode as CSV
+  omnidrones eval runs/Hover-apg-s0 --replay                  the first episodes in space, for a browser
 
 A policy flies environments that show and take the same numbers: other control levels, time steps or numbers of rotors \
 are refused. Without options the environments, their number and their starts are those that training evaluated on.";
 
 const FILES: &str = "\
-Files in --out: eval (.png or .svg), and with --csv steps.csv and episodes.csv, as of 'omnidrones rollout'.
+Files in --out: eval (.png or .svg), with --csv steps.csv and episodes.csv, with --replay replay.html, as of 'omnidrones rollout'.
 
 JSON: SI units; shares from 0 to 1; null where a number does not exist.
 
@@ -58,7 +59,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let mut ready = Ready::new(&a.run, &own.environment, own.envs, &own.threads.threads()?)?;
     let (horizon, by) = (ready.env.spec().horizon, ready.saved.manifest.algorithm.clone());
     let told = Told { command: "eval", by: &by, usual: a.run.join("eval") };
-    told.of(own, horizon, |step| ready.fly(&mut |watched| step(watched.step)))
+    told.of(own, horizon, |watch| ready.fly(watch))
 }
 
 /// Most runs that an error names.

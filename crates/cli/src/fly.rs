@@ -68,10 +68,11 @@ Examples:
   omnidrones fly iris --csv --out before              every step, in before/flight.csv
   omnidrones fly iris --gains derived --beside before/flight.csv --out after   what that changes
   omnidrones fly payload --effects downwash,contact   with these effects
+  omnidrones fly dragon --shape arc:30 --replay       a page for a browser, to turn it around and look
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
 Files in --out: overview, path, error, rotors, attitude, rates (.png or .svg), and with --csv flight.csv (one line per step, \
-units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded). With --beside also beside. Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv.
+units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv, replay.html.
 
 The tracking RMSE is the root mean square distance to the reference after the first 2 s (over the whole flight if it is \
 no longer than that).
@@ -151,6 +152,9 @@ pub struct Arguments {
     /// Write every step to flight.csv
     #[arg(long, help_heading = "Output")]
     csv: bool,
+    /// Write replay.html: the flight in space, a page for any browser
+    #[arg(long, help_heading = "Output")]
+    replay: bool,
 }
 
 impl Arguments {
@@ -218,7 +222,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
 /// Where the files of a flight go; made if there will be any.
 fn folder(a: &Arguments, name: &str) -> Result<PathBuf> {
     let usual = files::default_folder(name);
-    if a.csv || !a.output.no_plots { a.output.folder(usual) } else { Ok(usual) }
+    if a.csv || a.replay || !a.output.no_plots { a.output.folder(usual) } else { Ok(usual) }
 }
 
 /// What flies, under whom, along what.
@@ -381,7 +385,7 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         lowest = Some(rows.map(|row| model::lowest(system, row)).fold(f64::INFINITY, f64::min));
         histories = joints(system, &flight.states);
     }
-    let result = Flown {
+    let mut result = Flown {
         controller: [controller.name().into(), controller.description()],
         notes: controller.notes(),
         summary: flight.log.summary(after),
@@ -399,6 +403,11 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         written,
     };
     let verdict = result.verdict(a.max_rmse);
+    if a.replay {
+        let path = folder.join("replay.html");
+        files::replace(&path, result.replay())?;
+        result.written.push(path);
+    }
     if a.output.json {
         return Ok(Report::json(&result.json(&verdict), verdict.is_ok()));
     }

@@ -2,9 +2,10 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
+//! | `shown.rs` | whose episodes are shown: a run's policy's or a task's controller's |
 //! | `rollout_all.rs` | `rollout --all`: every task, one line each |
 //! | `rollout_files.rs` | plots and CSV of `rollout` |
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
@@ -42,12 +43,14 @@ mod page;
 mod plant_box;
 mod progress;
 mod recover;
+mod replay;
 mod robot;
 mod rollout;
 mod rollout_all;
 mod rollout_files;
 mod sheet;
 mod show;
+mod shown;
 mod source;
 mod table;
 mod tasks;
@@ -59,6 +62,7 @@ mod train_search;
 mod train_seeds;
 mod tune;
 mod tune_grid;
+mod view;
 mod watch;
 
 use clap::{Parser, Subcommand};
@@ -112,7 +116,9 @@ Examples:
   omnidrones rollout Hover                  256 episodes flown by our controller, with plots
   omnidrones train Hover                    a policy from random weights, in seconds
   omnidrones eval runs/Hover-apg-s0         fly it from held-out starts, with plots
-  omnidrones watch runs/Hover-apg-s0        see it fly, as a GIF
+  omnidrones replay runs/Hover-apg-s0       see it fly: one page for any browser
+  omnidrones view Hover                     the same live, while it flies
+  omnidrones watch runs/Hover-apg-s0        the same as a GIF
   omnidrones benchmark tracking --quick     controllers at the limits of their rotors, as published
   omnidrones bench --quick                  how fast this machine steps and differentiates
   omnidrones bench Hover --quick            how fast it steps thousands of environments of a task
@@ -177,7 +183,13 @@ enum Command {
     /// Fly a trained policy from held-out starts: returns, errors, crashes, plots
     #[command(long_about = eval::ABOUT)]
     Eval(Box<eval::Arguments>),
-    /// Show a trained policy in flight: a GIF and plots
+    /// Write flights as one page for a browser
+    #[command(long_about = replay::ABOUT)]
+    Replay(Box<replay::Arguments>),
+    /// Show flights live in a browser of this machine
+    #[command(long_about = view::ABOUT)]
+    View(Box<view::Arguments>),
+    /// Show a trained policy in flight: a page, a GIF and plots
     #[command(long_about = watch::ABOUT)]
     Watch(Box<watch::Arguments>),
     /// Fly a published comparison of controllers, beside its figures
@@ -229,6 +241,8 @@ pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::
         Command::Train(arguments) => train::run(arguments),
         Command::TrainAll(arguments) => train_all::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
+        Command::Replay(arguments) => replay::run(arguments),
+        Command::View(arguments) => view::run(arguments),
         Command::Watch(arguments) => watch::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Benchmark(arguments) => benchmark::run(arguments),

@@ -35,6 +35,15 @@ impl Fact {
     }
 }
 
+/// Names with their values and remarks as plain text.
+pub fn plain_facts(facts: &[Fact]) -> Vec<[String; 2]> {
+    let plain = |fact: &Fact| {
+        let note = if fact.note.is_empty() { String::new() } else { format!(" ({})", fact.note) };
+        [fact.name.clone(), format!("{}{note}", fact.value)]
+    };
+    facts.iter().map(plain).collect()
+}
+
 impl Page {
     /// An empty page for standard output.
     pub fn new() -> Self {

@@ -3,6 +3,7 @@
 use super::arguments::{self, OutputArguments, ThreadArguments};
 use super::environment::EnvArguments;
 use super::page::{Fact, Page, duration, short};
+use super::replay::{SHOWN, Seen};
 use super::rollout_files::{self as out, LINES, percent, share_of};
 use super::table::{Align, Table};
 use super::{Report, files, progress, rollout_all};
@@ -15,6 +16,7 @@ use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{
     Act, Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spec, Spread, Watched, evaluate,
 };
+use omnidrones_viewer::page;
 use serde_json::{Value, json};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -33,6 +35,7 @@ Examples:
   omnidrones rollout Hover --controller planner --envs 8   by plans, which no policy can know
   omnidrones rollout Track --envs 1024 --seed 7        more episodes, other starts
   omnidrones rollout Track --csv --out track           every step and every episode as CSV
+  omnidrones rollout DragonHover --replay              its first episodes to turn around and look at, in a browser
   omnidrones rollout Hover --vehicle crazyflie         with another drone
   omnidrones rollout Hover --randomise mass:0.7:1.3    of another mass in every episode
   omnidrones rollout --all                             one line per task
@@ -47,7 +50,7 @@ What falls over by itself wants shorter plans and larger steps: --plan-steps 64 
 The bound is the best reward of a step times the steps of an episode: nothing reaches it, for the start counts too.
 
 Files in --out: rollout (.png or .svg; spreads as long as a tenth of the episodes goes on), and with --csv steps.csv (one line per step: mean, 10 %, median, 90 % over the \
-episodes that go on) and episodes.csv (one line per episode). Of --all: tasks (.png or .svg).
+episodes that go on) and episodes.csv (one line per episode), with --replay replay.html. Of --all: tasks (.png or .svg).
 
 JSON: SI units; shares from 0 to 1; null where a number does not exist.
 
@@ -63,6 +66,7 @@ const MAX_STEPS: usize = 100_000;
 #[command(after_long_help = EXAMPLES)]
 #[command(mut_arg("envs", |envs| envs.help("Environments, one episode each [default: 256; 32 of each task with --all]")))]
 #[command(mut_arg("csv", |csv| csv.conflicts_with("all")))]
+#[command(mut_arg("replay", |replay| replay.conflicts_with("all")))]
 #[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: out/TASK, out/tasks with --all]")))]
 pub struct Arguments {
     /// A task ('omnidrones tasks')
@@ -95,6 +99,9 @@ pub struct EpisodeArguments {
     /// Write every step and every episode as CSV
     #[arg(long, help_heading = "Output")]
     pub csv: bool,
+    /// Write replay.html: the first 4 episodes in space, a page for any browser
+    #[arg(long, help_heading = "Output")]
+    pub replay: bool,
 }
 
 /// Names of controllers.
@@ -120,7 +127,7 @@ impl ControllerName {
 }
 
 /// How the planner plans.
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, Clone, Default, clap::Args)]
 pub struct PlanArguments {
     /// Steps that the planner looks ahead [default: 128]
     #[arg(long, value_name = "N", help_heading = "Planner")]
@@ -318,15 +325,19 @@ impl Ready {
         Ok(Self { env, pilot })
     }
 
-    /// `step` is told the steps done.
-    pub(super) fn fly(mut self, step: &mut dyn FnMut(usize)) -> Result<Flown> {
+    /// One episode of every environment; `watch` sees every step.
+    pub(super) fn fly(&mut self, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
+        if let Pilot::Baseline(own) = &mut self.pilot {
+            // it learns the numbers of an episode once
+            *own = Baseline::new(&self.env)?;
+        }
         let mut record = Record::new(&self.env, LINES);
         let (seed, start) = (self.env.spec().config.seed, Instant::now());
         let commands = Commands::new(&self.env);
         let mut watch = |watched: &Watched<'_>| {
             record.see(watched);
             commands.see(watched);
-            step(watched.step);
+            watch(watched);
         };
         let mut steps = 0;
         let mut random = |env: &Env, _: &Buffers, actions: &mut [f32]| {
@@ -361,10 +372,10 @@ impl Ready {
 
 fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> Result<Report> {
     // before any folder is made
-    let ready = Ready::new(entry, config, threads, (a.controller, &a.plan))?;
+    let mut ready = Ready::new(entry, config, threads, (a.controller, &a.plan))?;
     let horizon = ready.env.spec().horizon;
     let told = Told { command: "rollout", by: a.controller.name(), usual: Path::new("out").join(entry.name) };
-    told.of(&a.episodes, horizon, |step| ready.fly(step))
+    told.of(&a.episodes, horizon, |watch| ready.fly(watch))
 }
 
 /// How a command tells of the episodes that it flies.
@@ -381,14 +392,18 @@ impl Told<'_> {
     /// Flies behind a bar of `horizon` steps, draws and writes what the options want, and tells.
     pub fn of(
         self,
-        EpisodeArguments { output, csv, .. }: &EpisodeArguments,
+        EpisodeArguments { output, csv, replay, .. }: &EpisodeArguments,
         horizon: usize,
-        fly: impl FnOnce(&mut dyn FnMut(usize)) -> Result<Flown>,
+        fly: impl FnOnce(&mut dyn FnMut(&Watched<'_>)) -> Result<Flown>,
     ) -> Result<Report> {
-        let writes = *csv || !output.no_plots;
+        let writes = *csv || *replay || !output.no_plots;
         let folder = if writes { output.folder(self.usual)? } else { PathBuf::new() };
         let bar = progress::bar(horizon as u64, "flying", output.json);
-        let flown = fly(&mut |step| bar.set_position(step as u64))?;
+        let mut seen = Seen::new(if *replay { SHOWN } else { 0 });
+        let flown = fly(&mut |watched| {
+            bar.set_position(watched.step as u64);
+            seen.see(watched);
+        })?;
         bar.finish_and_clear();
         let mut written = Vec::new();
         if !output.no_plots {
@@ -401,6 +416,11 @@ impl Told<'_> {
         if *csv {
             written.extend(out::write_csv(&flown.record, &folder)?);
         }
+        if *replay {
+            let path = folder.join("replay.html");
+            files::replace(&path, page(&flown.title(), &[seen.recording(&flown)?]))?;
+            written.push(path);
+        }
         if output.json {
             return Ok(Report::json(&flown.json(self.command, self.by, &written), true));
         }
@@ -412,6 +432,11 @@ impl Flown {
     /// The registered name.
     pub fn task(&self) -> &str {
         &self.record.spec().task
+    }
+
+    /// Who flew what.
+    pub fn title(&self) -> String {
+        format!("{}: {}", self.task(), self.controller)
     }
 
     /// Steps of episodes, all together.
@@ -458,7 +483,7 @@ impl Flown {
         page.finish()
     }
 
-    fn facts(&self) -> Vec<Fact> {
+    pub fn facts(&self) -> Vec<Fact> {
         let (e, spec) = (&self.evaluation, self.record.spec());
         let error = &spec.info[self.record.first_metric()];
         let with_unit = |v: f64| format!("{} {}", short(v, 3), error.unit);

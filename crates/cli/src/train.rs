@@ -28,7 +28,7 @@ use std::path::{Path, PathBuf};
 /// What the command is for.
 pub const ABOUT: &str = "\
 Train a policy for a task from random weights, evaluate it on starts that training never saw, and draw how it learnt. \
-Every run is kept in a folder from which it goes on after a kill, and from which 'eval' and 'watch' fly the policy.";
+Every run is kept in a folder from which it goes on after a kill, and from which 'replay', 'eval' and 'watch' fly the policy.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -45,7 +45,7 @@ Examples:
   omnidrones train Hover --seeds 5                     five seeds side by side: means and intervals
   omnidrones train Hover --search apg.learning_rate.from=0.005,0.01,0.02 --search apg.n_env=32,64
   omnidrones eval runs/Hover-apg-s0                    fly the policy, with plots
-  omnidrones watch runs/Hover-apg-s0                   see it fly
+  omnidrones replay runs/Hover-apg-s0                  see it fly, in a browser
 
 Algorithms: apg takes the gradient of a smooth loss through the physics; shac does so over shorter windows with a \
 critic behind them; ppo samples actions, sac and td3 learn from kept experience, and dqn does so where each number of an \
@@ -465,6 +465,7 @@ impl Trained<'_> {
             page.line(format!("  {}", path.display()));
         }
         page.heading("Next");
+        page.line(format!("  omnidrones replay {}  the policy in flight, as a page for a browser", folder.display()));
         page.line(format!("  omnidrones eval {}    errors over time, as plots", folder.display()));
         page.line(format!("  omnidrones watch {}   the policy in flight, as a GIF", folder.display()));
         page.finish()

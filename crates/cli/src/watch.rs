@@ -1,26 +1,28 @@
-//! `omnidrones watch`: a trained policy in flight, as one animated file and as a plot.
+//! `omnidrones watch`: a trained policy in flight, as a page for a browser, as one animated file and as a plot.
 
 use super::arguments::OutputArguments;
 use super::environment::EnvArguments;
 use super::eval::Ready;
 use super::page::{Page, short};
+use super::replay::Seen;
 use super::rollout_files::{self as out, percent};
+use super::shown::{MAX_SHOWN, check_number};
 use super::{Report, files, progress};
 use omnidrones::controllers::Reference;
-use omnidrones::controllers::reference::{Carried, LoadPath};
 use omnidrones::dynamics::tree::{Multibody, body_poses};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::{Env, Spec, Watched};
 use omnidrones_plot::animation::save_gif;
 use omnidrones_plot::{Colour, Drawing, Figure, Item, Panel, Series, model};
+use omnidrones_viewer::{goal, page};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
-Show a trained policy in flight: one GIF of a few episodes from held-out starts, in space and as errors over time, with a \
-still of it and the plot of 'eval' beside it.";
+Show a trained policy in flight: a few episodes from held-out starts, in space and as errors over time, as one page for a \
+browser to turn around and look at, and as a GIF, with a still of it and the plot of 'eval' beside it.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -34,13 +36,11 @@ In the pictures single drones are drawn larger than they are; systems of bodies 
 colour: the drone, the last 3 s of its way with its shadow, of the load where that is what the task leads, and a ball \
 where the task wants it. The view closes in on what is still to come. Who has crashed turns grey.
 
-Files: the GIF, and beside it, named after it, the last picture and the plot of 'eval': watch.png and watch-errors.png, or \
-hover.png and hover-errors.png with --out hover.gif.
+Files: the GIF, and beside it, named after it, the page, the last picture and the plot of 'eval': watch.html, watch.png and \
+watch-errors.png, or hover.html, hover.png and hover-errors.png with --out hover.gif. 'replay' makes the page alone.
 
 Exit codes: 0 shown; 2 unusable input or arguments.";
 
-/// Most environments in one picture.
-const MAX_SHOWN: usize = 16;
 /// Time between two pictures, about, s.
 const BETWEEN: f64 = 0.05;
 /// Most pictures.
@@ -65,10 +65,7 @@ pub struct Arguments {
 
 /// Shows.
 pub fn run(a: &Arguments) -> Result<Report> {
-    if !(1..=MAX_SHOWN).contains(&a.envs) {
-        let remedy = "More cannot be told apart; 'eval' draws thousands.";
-        return Err(Error::limit("envs", a.envs, format!("1 to {MAX_SHOWN}"), remedy));
-    }
+    check_number(a.envs)?;
     let path = a.output.out.clone().unwrap_or_else(|| a.run.join("watch.gif"));
     if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("gif")) {
         let value = format!("'{}'", path.display());
@@ -76,20 +73,26 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let mut ready = Ready::new(&a.run, &a.environment, Some(a.envs), &Threads::default())?;
     let beside = if a.output.no_plots { Vec::new() } else { stills(&path, a.output.format.extension()).to_vec() };
-    for file in [&path].into_iter().chain(&beside) {
+    let web = path.with_extension("html");
+    for file in [&web, &path].into_iter().chain(&beside) {
         files::check_new(file, a.output.force)?;
     }
     files::make_parent(&path)?;
     let mut replay = Replay::of(&ready)?;
-    let flown = ready.fly(&mut |watched| replay.see(watched))?;
-    replay.title = format!("{}: {}", flown.task(), flown.controller);
+    let mut seen = Seen::new(MAX_SHOWN);
+    let flown = ready.fly(&mut |watched| {
+        replay.see(watched);
+        seen.see(watched);
+    })?;
+    replay.title = flown.title();
+    files::replace(&web, page(&replay.title, &[seen.recording(&flown)?]))?;
     let n = replay.pictures.len();
     let bar = progress::bar(n as u64, "drawing", a.output.json);
     let scene = replay.scene();
     let apart = replay.stride as f64 * replay.spec.dt;
     save_gif(&path, n, apart, &|k| replay.figure(k, &scene), &mut |k| bar.set_position(k as u64))?;
     bar.finish_and_clear();
-    let mut written = vec![path.clone()];
+    let mut written = vec![web, path.clone()];
     if !a.output.no_plots {
         let [still, errors] = stills(&path, a.output.format.extension());
         replay.figure(n - 1, &scene).save(&still)?;
@@ -365,19 +368,6 @@ impl Replay {
     }
 }
 
-/// Where a reference leads at a time: on a path its point, on a way to a point that point, of a load its own place.
-fn goal(reference: &Reference, time: f64) -> [f64; 3] {
-    let whole = |reference: Reference| reference.sample(reference.duration().unwrap_or(time)).position;
-    match reference {
-        Reference::Waypoints(_) => whole(reference.clone()),
-        Reference::Carried(Carried { path: LoadPath::Waypoints(way), .. }) => whole(Reference::Waypoints(way.clone())),
-        Reference::Carried(Carried { path: LoadPath::Lemniscate(path), .. }) => {
-            Reference::Lemniscate(*path).sample(time).position
-        }
-        other => other.sample(time).position,
-    }
-}
-
 /// The room around points from `lo` to `hi`, down to the ground where that is near, no side shorter than `least`, m.
 fn room(mut lo: [f64; 3], mut hi: [f64; 3], reach: f64, least: f64) -> [[f64; 3]; 2] {
     for i in 0..3 {
@@ -452,15 +442,6 @@ mod tests {
             _ => None,
         });
         assert!(far.fold(0.0, f64::max) < 2.0 * 0.5);
-    }
-
-    #[test]
-    fn a_target_is_where_the_task_wants_it_not_where_the_controller_is_on_its_way() {
-        use omnidrones::controllers::reference::{Waypoint, Waypoints};
-        let at = |time, x| Waypoint { time, position: [x, 0.0, 2.0], yaw: 0.0 };
-        let way = Waypoints::new(vec![at(0.0, -2.0), at(3.0, 1.0)]).unwrap();
-        assert!((Reference::Waypoints(way.clone()).sample(0.0).position[0] + 2.0).abs() < 1e-9);
-        assert!((goal(&Reference::Waypoints(way), 0.0)[0] - 1.0).abs() < 1e-9);
     }
 
     #[test]

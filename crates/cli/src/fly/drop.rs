@@ -70,6 +70,13 @@ pub fn dropped(a: &Arguments, robot: &Robot) -> Result<Report> {
         files::replace(&path, fallen.csv())?;
         written.push(path);
     }
+    if a.replay {
+        let path = folder.join("replay.html");
+        let mut recording = omnidrones_viewer::fall(&plant, &flight);
+        recording.remark = format!("falls {height} m, rotors idle");
+        files::replace(&path, omnidrones_viewer::page(&format!("{}: a drop", plant.name()), &[recording]))?;
+        written.push(path);
+    }
     let success = flight.diverged_at.is_none() && !fallen.gained();
     let text = if a.output.json { format!("{:#}\n", fallen.json(&written)) } else { fallen.page(&written) };
     Ok(Report { success, text })

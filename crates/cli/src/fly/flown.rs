@@ -5,7 +5,7 @@ use super::derivatives::Derivatives;
 use super::{Arguments, What};
 use crate::arguments::is_optimal;
 use crate::failure::Story;
-use crate::page::{Fact, Page, duration, length, short};
+use crate::page::{Fact, Page, duration, length, plain_facts, short};
 use crate::sheet::{KeyFigures, key_facts, vector};
 use crate::table::{Align, Table, number};
 use crate::{files, progress};
@@ -143,6 +143,15 @@ impl Flown {
             });
         }
         tracked(&self.summary, max_rmse)
+    }
+
+    /// The flight as a page for a browser.
+    pub fn replay(&self) -> String {
+        let mut recording = omnidrones_viewer::flight(&self.plant, &self.flight, &self.plan);
+        let rmse = format!("tracking RMSE {}", length(self.summary.rmse));
+        recording.remark = format!("{}, flown by {}   ·   {rmse}", self.plan.reference.name(), self.controller[0]);
+        recording.facts = plain_facts(&self.facts());
+        omnidrones_viewer::page(&format!("{}: a flight", self.plant.name()), &[recording])
     }
 
     /// Simulated over real time.

@@ -8,3 +8,4 @@ mod learning;
 mod promises;
 mod robots;
 mod tasks;
+mod viewing;

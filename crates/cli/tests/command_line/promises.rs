@@ -16,6 +16,11 @@ const SMALLER: &[(&str, &str, &str)] = &[
     ("rollout", "--envs", "4"),
     ("rollout", "--horizon", "20"),
     ("eval", "--envs", "4"),
+    ("replay", "--envs", "2"),
+    ("replay", "--horizon", "20"),
+    ("view", "--envs", "2"),
+    ("view", "--horizon", "20"),
+    ("view", "--duration", "0.2"),
     ("watch", "--envs", "2"),
     ("watch", "--horizon", "20"),
     ("train", "--updates", "2"),
@@ -37,7 +42,7 @@ const SMALLER: &[(&str, &str, &str)] = &[
 /// Flights farther from their reference than this are lost, m.
 const LOST: f64 = 10.0;
 
-const COMMANDS: [&str; 17] = [
+const COMMANDS: [&str; 19] = [
     "fly",
     "show",
     "models",
@@ -52,6 +57,8 @@ const COMMANDS: [&str; 17] = [
     "train",
     "train-all",
     "eval",
+    "replay",
+    "view",
     "watch",
     "bench",
     "benchmark",

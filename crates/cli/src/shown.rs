@@ -1,0 +1,61 @@
+//! Whose episodes are shown: the policy of a run, or a task under our own controller.
+
+use super::environment::EnvArguments;
+use super::rollout::{ControllerName, Flown, PlanArguments};
+use super::{eval, rollout};
+use omnidrones::error::{Error, Result};
+use omnidrones::parallel::Threads;
+use omnidrones::tasks::{Autoreset, EnvConfig, Watched, registry};
+use std::path::Path;
+
+/// Most episodes in one picture.
+pub const MAX_SHOWN: usize = 16;
+
+/// Refuses more episodes than can be told apart.
+pub fn check_number(envs: usize) -> Result<()> {
+    if (1..=MAX_SHOWN).contains(&envs) {
+        return Ok(());
+    }
+    let remedy = "More cannot be told apart; 'eval' draws thousands.";
+    Err(Error::limit("envs", envs, format!("1 to {MAX_SHOWN}"), remedy))
+}
+
+/// Who flies.
+pub enum Flier {
+    /// A policy, from the starts of its evaluations.
+    Policy(Box<eval::Ready>),
+    /// Our controller.
+    Own(Box<rollout::Ready>),
+}
+
+impl Flier {
+    /// What `named` means: a task by its name unless there is a folder of that name, else a run.
+    pub fn new(named: &str, options: &EnvArguments, envs: usize) -> Result<Self> {
+        let threads = Threads::default();
+        let path = Path::new(named);
+        if let (false, Ok(entry)) = (path.exists(), registry::by_name(named)) {
+            let usual = EnvConfig { n_env: envs, ..EnvConfig::default() };
+            let config = options.config(&usual, Some(entry))?;
+            let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: envs, ..config };
+            let by = (ControllerName::Default, &PlanArguments::default());
+            return Ok(Self::Own(Box::new(rollout::Ready::new(entry, &config, &threads, by)?)));
+        }
+        Ok(Self::Policy(Box::new(eval::Ready::new(path, options, Some(envs), &threads)?)))
+    }
+
+    /// One episode of every environment, the next one with every call; `watch` sees every step.
+    pub fn fly(&mut self, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
+        match self {
+            Self::Policy(ready) => ready.fly(watch),
+            Self::Own(ready) => ready.fly(watch),
+        }
+    }
+
+    /// Where its pages go unless told otherwise.
+    pub fn folder(&self, named: &str) -> std::path::PathBuf {
+        match self {
+            Self::Policy(_) => named.into(),
+            Self::Own(_) => super::files::default_folder(named),
+        }
+    }
+}
