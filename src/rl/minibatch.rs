@@ -4,7 +4,7 @@
 //! gradient of its own; parts are folded in order. So a result is the same bits for any number of threads.
 
 use super::nn::elementwise::add;
-use super::nn::{Memory, Mlp, Output, Pass, Scratch, Weights};
+use super::nn::{Memory, Network, Output, Pass, Scratch, Weights};
 use super::policy::ROWS;
 use super::shards::within_memory;
 use crate::error::Result;
@@ -59,7 +59,7 @@ impl Minibatch {
     ///
     /// # Errors
     /// [`Error::Limit`](crate::error::Error::Limit) for more than `limit` bytes: every part has a gradient of its own.
-    pub fn new(mlp: &Mlp, n_extra: usize, rows: usize, limit: u64) -> Result<Self> {
+    pub fn new(mlp: &dyn Network, n_extra: usize, rows: usize, limit: u64) -> Result<Self> {
         let n = mlp.n_parameter() + n_extra;
         let of_part = n + ROWS * (mlp.n_input() + mlp.n_output() + 2 * mlp.n_activation());
         within_memory("rows of a minibatch", rows, 4 * of_part as u128 * rows.div_ceil(PART) as u128, limit)?;
@@ -78,7 +78,7 @@ impl Minibatch {
     pub fn gradient(
         &mut self,
         threads: &Threads,
-        mlp: &Mlp,
+        mlp: &dyn Network,
         net: Weights<'_>,
         x: &[f32],
         chosen: &[u32],
@@ -102,7 +102,7 @@ impl Minibatch {
 }
 
 impl Part {
-    fn block(&mut self, mlp: &Mlp, net: Weights<'_>, x: &[f32], rows: &[u32], loss: &impl BlockLoss) {
+    fn block(&mut self, mlp: &dyn Network, net: Weights<'_>, x: &[f32], rows: &[u32], loss: &impl BlockLoss) {
         let (n_in, n_out, n) = (mlp.n_input(), mlp.n_output(), rows.len());
         for (to, row) in self.x.chunks_exact_mut(n_in).zip(rows) {
             to.copy_from_slice(&x[*row as usize * n_in..][..n_in]);

@@ -93,7 +93,7 @@ const LEAK: f64 = 0.01;
 /// x p(x²)/q(x²) with degrees 13 and 6, for |x| ≤ 7.9 where tanh rounds to ±1: one division, half the cost of the
 /// function by exponentials. Coefficients of the minimax fraction in Eigen (Guennebaud, Jacob et al. 2010).
 #[inline(always)]
-fn tanh<L: Lanes>(x: L) -> L {
+pub(super) fn tanh<L: Lanes>(x: L) -> L {
     let c = L::constant;
     let x = x.clamp(c(-LARGEST), c(LARGEST));
     let z = x * x;

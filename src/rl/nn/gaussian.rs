@@ -5,7 +5,7 @@
 
 use super::elementwise::sum;
 use super::head::{Head, LOG_STD_MAX, LOG_STD_MIN};
-use super::mlp::Output;
+use super::network::Output;
 use crate::autodiff::program::BLOCK;
 use crate::rng::Stream;
 use std::f64::consts::TAU;

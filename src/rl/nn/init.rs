@@ -45,6 +45,14 @@ impl Init {
         }
     }
 
+    /// The same for a network whose last layer is followed by others and has `n_in` numbers in.
+    pub(crate) fn inner(self, n_in: usize) -> Self {
+        match self {
+            Self::Normal { .. } => Self::Normal { last: (1.0 / n_in.max(1) as f64).sqrt() },
+            Self::Orthogonal { hidden, .. } => Self::Orthogonal { hidden, last: hidden },
+        }
+    }
+
     /// Weights `[n_out, n_in]`, row-major.
     pub(crate) fn draw(&self, n_out: usize, n_in: usize, is_last: bool, stream: &mut Stream) -> Vec<f32> {
         let mut normal = || stream.normal();

@@ -7,8 +7,11 @@
 use super::activation::Activation;
 use super::aligned::Aligned;
 use super::elementwise::{add, add_rows, sum};
+use super::encoder::{Encoder, Recurrence};
 use super::init::Init;
+use super::network::{Level, Memory, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::{Begin, Left, PAD, padded, product};
+use super::stack::Join;
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
@@ -26,11 +29,28 @@ pub struct Layers {
     pub layer_norm: bool,
     /// First weights.
     pub init: Init,
+    /// Networks that read groups of the observation before the hidden layers see them; of policies alone.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub encoder: Vec<Encoder>,
+    /// What becomes of the outputs of several encoders: `concat` or `sum`.
+    #[serde(skip_serializing_if = "Join::is_concat")]
+    pub join: Join,
+    /// What is remembered from step to step, before the hidden layers; of policies alone, where the algorithm learns it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub memory: Option<Recurrence>,
 }
 
 impl Default for Layers {
     fn default() -> Self {
-        Self { hidden: vec![64, 64], activation: Activation::Tanh, layer_norm: false, init: Init::default() }
+        Self {
+            hidden: vec![64, 64],
+            activation: Activation::Tanh,
+            layer_norm: false,
+            init: Init::default(),
+            encoder: Vec::new(),
+            join: Join::Concat,
+            memory: None,
+        }
     }
 }
 
@@ -54,7 +74,19 @@ impl Layers {
         if let Some(n) = self.hidden.iter().find(|n| !(1..=MAX_UNITS).contains(*n)) {
             return Err(Error::limit("units of hidden", n, format!("1 to {MAX_UNITS}"), "32 to 256 are usual."));
         }
+        self.encoder.iter().try_for_each(Encoder::validate)?;
+        self.memory.iter().try_for_each(Recurrence::validate)?;
         self.init.validate()
+    }
+
+    /// Whether there are hidden layers and nothing before them.
+    pub fn is_plain(&self) -> bool {
+        self.encoder.is_empty() && self.memory.is_none()
+    }
+
+    /// The hidden layers alone.
+    pub(crate) fn plain(&self) -> Self {
+        Self { encoder: Vec::new(), memory: None, ..self.clone() }
     }
 }
 
@@ -122,24 +154,18 @@ pub struct Mlp {
     init: Init,
 }
 
-/// A named part of the parameters, as checkpoints hold it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Part {
-    /// `0.weight`, `0.bias`, `0.norm.weight`, `0.norm.bias`.
-    pub name: String,
-    /// `[out, in]` or `[out]`.
-    pub shape: Vec<usize>,
-    /// Row-major.
-    pub data: Vec<f32>,
-}
-
 impl Mlp {
     /// A network from `n_in` numbers to `n_out`, the latter through `output`.
     ///
     /// # Errors
-    /// As [`Layers::validate`]; [`Error::Limit`] for more than 2²⁵ numbers in, out or learnt.
+    /// As [`Layers::validate`]; [`Error::Limit`] for more than 2²⁵ numbers in, out or learnt; [`Error::Value`] for layers with
+    /// encoders or a memory.
     pub fn new(n_in: usize, layers: &Layers, n_out: usize, output: Activation) -> Result<Self> {
         layers.validate()?;
+        if !layers.is_plain() {
+            let remedy = "Leave encoder and memory to the network of the policy.";
+            return Err(Error::value("network", "with encoder or memory", "of hidden layers alone here", remedy));
+        }
         let widest = n_in.max(n_out);
         if widest > MAX_WEIGHTS {
             let remedy = "Observations of a few hundred numbers are usual.";
@@ -237,7 +263,7 @@ impl Mlp {
             normal: Aligned::zeros(if layer.norm.is_some() { rows * layer.wide() } else { 0 }),
             scale: if layer.norm.is_some() { vec![0.0; rows] } else { Vec::new() },
         };
-        Memory { levels: self.layers.iter().map(level).collect() }
+        Memory { levels: self.layers.iter().map(level).collect(), parts: Vec::new() }
     }
 
     /// What backward passes of up to `rows` rows work in.
@@ -245,7 +271,7 @@ impl Mlp {
         let widest = self.layers.iter().map(|l| l.wide().max(padded(l.n_in))).max().unwrap_or(0);
         let narrow = if self.is_narrow() { self.n_output() * padded(self.last().n_in) } else { 0 };
         let [d, before] = [(); 2].map(|()| Aligned::zeros(rows * widest));
-        Scratch { d, before, transposed: Aligned::zeros(narrow) }
+        Scratch { d, before, transposed: Aligned::zeros(narrow), ..Scratch::default() }
     }
 
     /// Whether the last layer has so few outputs that its gradient costs less as the transposed, rows and columns exchanged:
@@ -277,7 +303,8 @@ impl Mlp {
             }
             layer.activation.apply(y);
         }
-        memory.output(self, rows)
+        let (n, wide) = (self.n_output(), self.last().wide());
+        Output { data: &memory.levels[self.layers.len() - 1].y[..rows * wide], n, wide }
     }
 
     /// Adds to `gradient` the one of Σ `grad_output` · output over the rows of the forward pass that `memory` and `x` are of, and
@@ -295,7 +322,7 @@ impl Mlp {
         grad_output: &[f32],
         pass: Pass<'_>,
     ) {
-        let Scratch { d, before, transposed } = pass.scratch;
+        let Scratch { d, before, transposed, .. } = pass.scratch;
         let (n_out, wide) = (self.n_output(), self.last().wide());
         for (row, own) in d.chunks_exact_mut(wide).zip(grad_output.chunks_exact(n_out)).take(rows) {
             row[..n_out].copy_from_slice(own);
@@ -333,36 +360,34 @@ impl Mlp {
 
     /// Weights as [`Mlp::backward`] reads them: pack them once per update.
     pub fn transpose(&self, parameters: &[f32], transposed: &mut Transposed) {
-        transposed.0.resize(self.layers.len(), Aligned::default());
-        for (layer, out) in self.layers.iter().zip(&mut transposed.0) {
-            let (wide, tall) = (layer.wide(), padded(layer.n_in));
-            if out.len() != layer.n_out * tall {
-                *out = Aligned::zeros(layer.n_out * tall);
-            }
-            let weight = &parameters[layer.weight.clone()];
-            for (o, row) in out.chunks_exact_mut(tall).enumerate() {
-                row.iter_mut().zip(weight[o..].iter().step_by(wide)).take(layer.n_in).for_each(|(t, w)| *t = *w);
-            }
+        for (l, layer) in self.layers.iter().enumerate() {
+            let shape = (layer.n_in, layer.n_out, layer.wide());
+            transposed.put(l, &parameters[layer.weight.clone()], shape, |o| o);
         }
     }
 
-    /// Parameters without padding, by name: weights `[out, in]` as in most libraries.
-    pub fn parts(&self, parameters: &[f32]) -> Vec<Part> {
-        let mut parts = Vec::new();
+    /// Where its named tensors stand among the parameters: `0.weight` and `0.bias` of the first layer, `0.norm.weight` and
+    /// `0.norm.bias` of its norm, and so on.
+    pub fn slots(&self) -> Vec<Slot> {
+        let mut slots = Vec::new();
         for (l, layer) in self.layers.iter().enumerate() {
-            let mut part =
-                |name: &str, shape: Vec<usize>, data| parts.push(Part { name: format!("{l}.{name}"), shape, data });
-            let column = |range: &Range<usize>| parameters[range.start..][..layer.n_out].to_vec();
-            let weight = |o: usize, i: usize| parameters[layer.weight.start + i * layer.wide() + o];
-            let weights = (0..layer.n_out).flat_map(|o| (0..layer.n_in).map(move |i| weight(o, i))).collect();
-            part("weight", vec![layer.n_out, layer.n_in], weights);
-            part("bias", vec![layer.n_out], column(&layer.bias));
+            let n = layer.n_out;
+            let mut slot = |name: &str, shape, at: &Range<usize>| {
+                slots.push(Slot::new(format!("{l}.{name}"), shape, at.start, n));
+            };
+            slot("weight", vec![n, layer.n_in], &layer.weight);
+            slot("bias", vec![n], &layer.bias);
             if let Some([gain, shift]) = &layer.norm {
-                part("norm.weight", vec![layer.n_out], column(gain));
-                part("norm.bias", vec![layer.n_out], column(shift));
+                slot("norm.weight", vec![n], gain);
+                slot("norm.bias", vec![n], shift);
             }
         }
-        parts
+        slots
+    }
+
+    /// Parameters by name.
+    pub fn parts(&self, parameters: &[f32]) -> Vec<Part> {
+        Network::parts(self, parameters)
     }
 
     /// The reverse of [`Mlp::parts`]: `part` is asked for each name and shape.
@@ -370,33 +395,7 @@ impl Mlp {
     /// # Errors
     /// What `part` says; [`Error::Value`] for another number of values or one that is not finite.
     pub fn from_parts(&self, mut part: impl FnMut(&str, &[usize]) -> Result<Vec<f32>>) -> Result<Vec<f32>> {
-        let mut parameters = vec![0.0; self.n_parameter];
-        for wanted in self.parts(&parameters) {
-            let data = part(&wanted.name, &wanted.shape)?;
-            if data.len() != wanted.data.len() {
-                let (got, limit) = (data.len(), wanted.data.len().to_string());
-                return Err(Error::value(format!("numbers of {}", wanted.name), got, limit, "Load another policy."));
-            }
-            if let Some(x) = data.iter().find(|x| !x.is_finite()) {
-                return Err(Error::value(format!("a number of {}", wanted.name), x, "finite", "Load another policy."));
-            }
-            let (l, name) = wanted.name.split_once('.').unwrap_or_default();
-            let layer = &self.layers[l.parse::<usize>().unwrap_or_default()];
-            let column = |range: &Range<usize>| range.start;
-            let start = match (name, &layer.norm) {
-                ("bias", _) => column(&layer.bias),
-                ("norm.weight", Some([gain, _])) => column(gain),
-                ("norm.bias", Some([_, shift])) => column(shift),
-                _ => {
-                    for (at, w) in data.into_iter().enumerate() {
-                        parameters[layer.weight.start + (at % layer.n_in) * layer.wide() + at / layer.n_in] = w;
-                    }
-                    continue;
-                }
-            };
-            parameters[start..][..data.len()].copy_from_slice(&data);
-        }
-        Ok(parameters)
+        Network::from_parts(self, &mut part)
     }
 
     /// Share of the hidden units under tanh with |y| > `limit` in the memory's last forward pass; 0 where there are none.
@@ -414,61 +413,26 @@ impl Mlp {
     }
 }
 
-/// A network's numbers for a backward pass.
-#[derive(Debug, Clone, Copy)]
-pub struct Weights<'a> {
-    /// As the forward pass used them.
-    pub parameters: &'a [f32],
-    /// Of the same, by [`Mlp::transpose`].
-    pub transposed: &'a Transposed,
-}
-
-impl std::ops::Index<usize> for Transposed {
-    type Output = [f32];
-    fn index(&self, layer: usize) -> &[f32] {
-        &self.0[layer]
+#[rustfmt::skip]
+impl Network for Mlp {
+    fn n_input(&self) -> usize { Self::n_input(self) }
+    fn n_output(&self) -> usize { Self::n_output(self) }
+    fn n_parameter(&self) -> usize { self.n_parameter }
+    fn n_activation(&self) -> usize { Self::n_activation(self) }
+    fn slots(&self) -> Vec<Slot> { Self::slots(self) }
+    fn init(&self, stream: &mut Stream) -> Vec<f32> { Self::init(self, stream) }
+    fn memory(&self, rows: usize) -> Memory { Self::memory(self, rows) }
+    fn scratch(&self, rows: usize) -> Scratch { Self::scratch(self, rows) }
+    fn transpose(&self, parameters: &[f32], transposed: &mut Transposed) { Self::transpose(self, parameters, transposed); }
+    fn forward<'m>(&self, parameters: &[f32], x: &[f32], rows: usize, memory: &'m mut Memory) -> Output<'m> {
+        Self::forward(self, parameters, x, rows, memory)
     }
-}
-
-/// Where a backward pass writes.
-#[derive(Debug)]
-pub struct Pass<'a> {
-    /// Added to; as long as the parameters, or empty.
-    pub gradient: &'a mut [f32],
-    /// `[rows, n_input]`, or empty.
-    pub grad_input: &'a mut [f32],
-    /// Of the same network.
-    pub scratch: &'a mut Scratch,
-}
-
-/// What a backward pass works in: one for all that follow each other, so that it stays in cache.
-#[derive(Debug, Clone)]
-pub struct Scratch {
-    /// Gradients of what a layer gives, and of what it takes.
-    d: Aligned,
-    before: Aligned,
-    /// Gradient of a narrow last layer's weights, [n_out, padded n_in].
-    transposed: Aligned,
-}
-
-/// Transposed weights, layer by layer.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Transposed(Vec<Aligned>);
-
-#[derive(Debug, Clone)]
-struct Level {
-    /// What the layer gave, [rows, wide].
-    y: Aligned,
-    /// (z − mean)/deviation, where the layer is normalised.
-    normal: Aligned,
-    /// 1/deviation of every row.
-    scale: Vec<f32>,
-}
-
-/// What one forward pass leaves for the backward pass.
-#[derive(Debug, Clone)]
-pub struct Memory {
-    levels: Vec<Level>,
+    fn backward(&self, net: Weights<'_>, x: &[f32], rows: usize, memory: &Memory, grad_output: &[f32], pass: Pass<'_>) {
+        Self::backward(self, net, x, rows, memory, grad_output, pass);
+    }
+    fn as_mlp(&self) -> Option<&Mlp> { Some(self) }
+    fn saturated(&self, memory: &Memory, rows: usize, limit: f32) -> f64 { Self::saturated(self, memory, rows, limit) }
+    fn bias_for(&self, y: f64) -> f64 { Self::bias_for(self, y) }
 }
 
 /// What a layer behind these levels takes in, and from row to row; `x` is what the network does.
@@ -476,35 +440,6 @@ fn input<'a>(before: &'a [Level], layer: &Layer, x: &'a [f32]) -> (&'a [f32], us
     match before.last() {
         None => (x, layer.n_in),
         Some(level) => (&level.y, padded(layer.n_in)),
-    }
-}
-
-impl Memory {
-    fn output(&self, mlp: &Mlp, rows: usize) -> Output<'_> {
-        let (n, wide) = (mlp.n_output(), mlp.last().wide());
-        Output { data: &self.levels[self.levels.len() - 1].y[..rows * wide], n, wide }
-    }
-}
-
-/// Rows that a network gave.
-#[derive(Debug, Clone, Copy)]
-pub struct Output<'m> {
-    data: &'m [f32],
-    n: usize,
-    wide: usize,
-}
-
-impl<'m> Output<'m> {
-    /// One row.
-    pub fn row(&self, row: usize) -> &'m [f32] {
-        &self.data[row * self.wide..][..self.n]
-    }
-
-    /// All rows without padding.
-    pub fn write(&self, rows: &mut [f32]) {
-        for (own, row) in rows.chunks_exact_mut(self.n).zip(self.data.chunks_exact(self.wide)) {
-            own.copy_from_slice(&row[..self.n]);
-        }
     }
 }
 

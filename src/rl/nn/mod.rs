@@ -2,7 +2,13 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `mlp` | layers, forward, backward, named parts |
+//! | `network` | what all networks have in common: forward, backward, named parts |
+//! | `mlp` | layers one behind the other |
+//! | `gru` | what is remembered from step to step |
+//! | `conv` | convolutions over histories and images |
+//! | `set` | several alike, in any order |
+//! | `stack` | encoders, memory and layers as one network |
+//! | `encoder` | encoders and memory as settings |
 //! | `product`, `aligned` | the one matrix product behind them, and where its numbers stand |
 //! | `elementwise` | sums of arrays, exponentials |
 //! | `activation` | between layers |
@@ -15,17 +21,31 @@
 pub(crate) mod activation;
 pub(crate) mod adam;
 pub(crate) mod aligned;
+pub(crate) mod conv;
 pub(crate) mod elementwise;
 pub(crate) mod fold;
+pub(crate) mod encoder;
+#[cfg(test)]
+pub(crate) mod exact;
 pub(crate) mod gaussian;
+pub(crate) mod gru;
 pub(crate) mod head;
 pub(crate) mod init;
 pub(crate) mod mlp;
+pub(crate) mod network;
 pub(crate) mod product;
 pub(crate) mod tanh_gaussian;
+pub(crate) mod set;
+pub(crate) mod stack;
 
 pub use activation::Activation;
 pub use adam::{Adam, AdamConfig, clip_norm};
+pub use conv::{Conv, Filter};
+pub use encoder::{Encoder, Recurrence};
+pub use gru::Gru;
 pub use head::Head;
 pub use init::Init;
-pub use mlp::{Layers, Memory, Mlp, Output, Part, Pass, Scratch, Transposed, Weights};
+pub use mlp::{Layers, Mlp};
+pub use network::{Memory, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
+pub use set::{Pool, Set};
+pub use stack::{Encoded, Join, Stack};
