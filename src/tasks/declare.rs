@@ -6,7 +6,7 @@
 
 use super::settings::{Setting, filled};
 use super::task::{Start, Task, View, streams};
-use super::task_spec::{End, Field, Metric, Smoothness, TaskSpec, Term, total};
+use super::task_spec::{End, Field, Layout, Metric, Smoothness, TaskSpec, Term, total};
 use crate::autodiff::{Scalar, StridedView, StridedWriter};
 use crate::dynamics::frame::FRAME;
 use crate::error::{Error, Result};
@@ -59,6 +59,30 @@ pub trait Writer<S: Scalar>: Sized {
     #[inline(always)]
     fn non_smooth(&mut self) -> &mut Self {
         self.smoothness(Smoothness::NonSmooth)
+    }
+
+    /// How the numbers of the field lie about each other; [`Layout::Vector`] unless said.
+    #[inline(always)]
+    fn layout(&mut self, _: Layout) -> &mut Self {
+        self
+    }
+
+    /// The field is an image: rows of pixels from above, all channels of a pixel together.
+    #[inline(always)]
+    fn image(&mut self, height: usize, width: usize, channels: usize) -> &mut Self {
+        self.layout(Layout::Image { height, width, channels })
+    }
+
+    /// The field is distances along beams, row by row.
+    #[inline(always)]
+    fn lidar(&mut self, rows: usize, columns: usize) -> &mut Self {
+        self.layout(Layout::Lidar { rows, columns })
+    }
+
+    /// The field is the same numbers of several alike, one after the other.
+    #[inline(always)]
+    fn members(&mut self, members: usize) -> &mut Self {
+        self.layout(Layout::Members { members })
     }
 
     /// The number to come is a summand of the reward between 0 and `bound`; where it may be less, [`within`](Self::within) says
@@ -197,6 +221,10 @@ impl Writer<f64> for Declaration {
     }
     fn smoothness(&mut self, smoothness: Smoothness) -> &mut Self {
         self.open().smoothness = smoothness;
+        self
+    }
+    fn layout(&mut self, layout: Layout) -> &mut Self {
+        self.open().layout = layout;
         self
     }
 }
@@ -374,6 +402,12 @@ fn named(what: &str, mut fields: Vec<Field>, settings: &[Setting]) -> Result<Vec
         if name.is_empty() || fields[..i].iter().any(|f| f.name == *name) {
             let remedy = "Call field(name, unit, meaning) before its numbers, once.";
             return Err(Error::value(format!("name of a {what}"), format!("'{name}'"), "one of its own", remedy));
+        }
+        let Field { name, size, layout, .. } = &fields[i];
+        let shape = layout.shape(*size);
+        if shape.iter().product::<usize>() != *size {
+            let (what, limit) = (format!("shape of {what} '{name}'"), format!("of its {size} numbers"));
+            return Err(Error::value(what, format!("{shape:?}"), limit, "Write as many numbers as the shape has."));
         }
         fields[i].meaning = filled(&fields[i].meaning, settings);
     }

@@ -138,6 +138,7 @@ pub(crate) mod crew;
 pub mod declare;
 pub(crate) mod env;
 pub(crate) mod evaluate;
+pub mod groups;
 pub mod observation;
 pub(crate) mod physical;
 pub mod probe;
@@ -163,6 +164,7 @@ pub use env::{
     SweepOptions, Tape,
 };
 pub use evaluate::{Act, EpisodeRows, Evaluation, Watched, evaluate, wilson};
+pub use groups::{Dtype, Group, GroupKind};
 pub use observation::{Stage, Statistics};
 pub use randomise::{Change, Distribution, Quantity};
 pub use record::{Record, Recorded, Spread};
@@ -170,4 +172,4 @@ pub use registry::BuiltIn;
 pub use robot::Robot;
 pub use settings::{Domain, Setting, Settings};
 pub use task::{ANY_YAW, START_TILT, Start, Task, TaskReference, View};
-pub use task_spec::{End, Field, Limit, Metric, Smoothness, Success, TaskSpec, Term};
+pub use task_spec::{End, Field, Layout, Limit, Metric, Smoothness, Success, TaskSpec, Term};

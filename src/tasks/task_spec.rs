@@ -25,6 +25,55 @@ pub struct Field {
     pub high: f64,
     /// Of its numbers, as functions of the state.
     pub smoothness: Smoothness,
+    /// How its numbers lie about each other.
+    #[serde(default, skip_serializing_if = "Layout::is_vector")]
+    pub layout: Layout,
+}
+
+/// How the numbers of a field lie about each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum Layout {
+    /// One behind the other.
+    #[default]
+    Vector,
+    /// Rows of pixels from above, all channels of a pixel together.
+    Image {
+        /// Rows.
+        height: usize,
+        /// Pixels of a row.
+        width: usize,
+        /// Numbers of a pixel.
+        channels: usize,
+    },
+    /// Distances along beams, row by row.
+    Lidar {
+        /// Rows of beams.
+        rows: usize,
+        /// Beams of a row.
+        columns: usize,
+    },
+    /// The same numbers of several alike, one after the other.
+    Members {
+        /// How many.
+        members: usize,
+    },
+}
+
+impl Layout {
+    fn is_vector(&self) -> bool {
+        *self == Self::Vector
+    }
+
+    /// Axes of a field of `size` numbers, from the slowest to the fastest.
+    pub fn shape(self, size: usize) -> Vec<usize> {
+        match self {
+            Self::Vector => vec![size],
+            Self::Image { height, width, channels } => vec![height, width, channels],
+            Self::Lidar { rows, columns } => vec![rows, columns],
+            Self::Members { members } => vec![members, size / members.max(1)],
+        }
+    }
 }
 
 impl Field {
@@ -50,6 +99,7 @@ impl Default for Field {
             low: f64::NEG_INFINITY,
             high: f64::INFINITY,
             smoothness: Smoothness::Smooth,
+            layout: Layout::Vector,
         }
     }
 }

@@ -39,11 +39,13 @@ pub(crate) fn observe_own<S: Scalar>(view: &View<'_, S>, i: usize, load: Vec3<S>
 /// The other drones as drone `i` sees them, with their distances if asked for.
 #[inline(always)]
 pub(crate) fn observe_others<S: Scalar>(view: &View<'_, S>, i: usize, distance: bool, out: &mut impl Writer<S>) {
+    let others = view.robot.drones().len() - 1;
     if distance {
         let meaning = "p_i − p_j, ‖p_i − p_j‖, q_j, v_j, ω_j for every other j, ascending";
-        out.field("others", "m, m, -, m/s, rad/s; world", meaning).non_smooth();
+        out.field("others", "m, m, -, m/s, rad/s; world", meaning).members(others).non_smooth();
     } else {
         out.field("others", "m, -, m/s, rad/s; world", "p_i − p_j, q_j, v_j, ω_j for every other j, ascending")
+            .members(others)
             .non_smooth();
     }
     let own = view.drone(i).position;

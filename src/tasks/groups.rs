@@ -1,0 +1,159 @@
+//! What is seen, in groups: which numbers belong together, how they lie, where they stand.
+//!
+//! Groups are names for columns of arrays that are there, so those who read whole rows need not know them.
+
+use super::env::Spec;
+use super::observation::Stage;
+use super::task_spec::{Field, Layout, total};
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// What the numbers of a group are, and in which array they stand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GroupKind {
+    /// What an agent sees, in a row of the observation.
+    Actor,
+    /// What critics may see, in a row of the central state.
+    Critic,
+    /// What no policy is told, in a row of the privileged numbers.
+    Privileged,
+    /// Pixels, in a row of the observation.
+    Image,
+    /// Distances along beams, in a row of the observation.
+    Lidar,
+}
+
+/// How a number is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum Dtype {
+    /// Single precision.
+    F32,
+}
+
+/// Numbers that belong together.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Group {
+    /// `actor`, `critic`, `privileged`, `history`, or the field's.
+    pub name: String,
+    /// What they are.
+    pub kind: GroupKind,
+    /// Axes from the slowest to the fastest: `[n]`, `[steps, n]`, `[height, width, channels]`.
+    pub shape: Vec<usize>,
+    /// How a number is kept.
+    pub dtype: Dtype,
+    /// Columns of the array of the kind.
+    pub columns: Range<usize>,
+}
+
+impl Group {
+    fn new(name: &str, kind: GroupKind, shape: Vec<usize>, first: usize) -> Self {
+        let n: usize = shape.iter().product();
+        Self { name: name.into(), kind, shape, dtype: Dtype::F32, columns: first..first + n }
+    }
+
+    /// Of a field whose columns begin at `first`.
+    fn of_field(field: &Field, first: usize) -> Self {
+        let kind = match field.layout {
+            Layout::Image { .. } => GroupKind::Image,
+            Layout::Lidar { .. } => GroupKind::Lidar,
+            Layout::Vector | Layout::Members { .. } => GroupKind::Actor,
+        };
+        Self::new(&field.name, kind, field.layout.shape(field.size), first)
+    }
+}
+
+impl Spec {
+    /// All of them: `actor` is the whole observation of an agent, `critic` the central state and `privileged` the numbers
+    /// that differ between environments, where there are any; `history` is the block `[steps, n]` of a stage of that name,
+    /// newest first; images and lidars go by the names of their fields.
+    pub fn groups(&self) -> Vec<Group> {
+        let mut groups = vec![Group::new("actor", GroupKind::Actor, vec![self.n_observation], 0)];
+        for (name, kind, n) in [
+            ("critic", GroupKind::Critic, self.n_central),
+            ("privileged", GroupKind::Privileged, self.privileged.len()),
+        ] {
+            if n > 0 {
+                groups.push(Group::new(name, kind, vec![n], 0));
+            }
+        }
+        groups.extend(self.history().map(|shape| Group::new("history", GroupKind::Actor, shape.into(), 0)));
+        groups.extend(self.fields().filter(|own| matches!(own.kind, GroupKind::Image | GroupKind::Lidar)));
+        groups
+    }
+
+    /// The group of that name, or the field of the observation.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] with the nearest.
+    pub fn group(&self, name: &str) -> Result<Group> {
+        let all = || self.groups().into_iter().chain(self.fields());
+        all().find(|own| own.name == name).ok_or_else(|| Error::Unknown {
+            kind: "group of the observation",
+            name: name.into(),
+            known: all().map(|own| own.name).collect(),
+        })
+    }
+
+    /// Every field of the observation.
+    fn fields(&self) -> impl Iterator<Item = Group> {
+        let first = |k: usize| total(&self.observation[..k]);
+        self.observation.iter().enumerate().map(move |(k, field)| Group::of_field(field, first(k)))
+    }
+
+    /// Steps and numbers of the last stage `history`; what stages behind it add stands behind its block.
+    fn history(&self) -> Option<[usize; 2]> {
+        let mut n = self.n_observation;
+        for stage in self.config.observation.iter().rev() {
+            match stage {
+                Stage::History { steps } => return Some([*steps, n / steps]),
+                Stage::Privileged {} => n -= self.privileged.len(),
+                Stage::Noise { .. } | Stage::Normalise { .. } => (),
+            }
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tasks::{Env, EnvConfig};
+
+    fn spec(task: &str, text: &str) -> Spec {
+        let config = EnvConfig { n_env: 1, ..EnvConfig::from_toml(text, "test").unwrap() };
+        Env::make(task, &config).unwrap().spec().clone()
+    }
+
+    #[test]
+    fn groups_are_named_columns_of_the_arrays_that_are_there() {
+        let plain = spec("Hover", "");
+        assert_eq!(plain.groups().len(), 1);
+        assert_eq!(plain.group("actor").unwrap().columns, 0..plain.n_observation);
+        let text = "observation = [{ kind = 'history', steps = 3 }, { kind = 'privileged' }, { kind = 'normalise' }]\n\
+                    randomise = [{ what = 'mass', range = [0.7, 1.3] }]";
+        let own = spec("Hover", text);
+        let (history, known) = (own.group("history").unwrap(), own.privileged.len());
+        assert_eq!((history.shape, history.columns), (vec![3, plain.n_observation], 0..3 * plain.n_observation));
+        assert_eq!(own.n_observation, 3 * plain.n_observation + known);
+        let privileged = own.group("privileged").unwrap();
+        assert_eq!((privileged.kind, privileged.shape), (GroupKind::Privileged, vec![known]));
+        assert!(known > 0);
+    }
+
+    #[test]
+    fn a_field_is_a_group_of_its_own_shape_and_a_wrong_name_suggests_the_nearest() {
+        let team = spec("Formation", "");
+        let others = team.group("others").unwrap();
+        let range = team.observation_range("others").unwrap();
+        assert_eq!((others.shape[0], others.columns), (team.n_agent - 1, range.clone()));
+        assert_eq!(others.shape.iter().product::<usize>(), range.len());
+        let critic = team.group("critic").unwrap();
+        assert_eq!((critic.kind, critic.columns), (GroupKind::Critic, 0..team.n_central));
+        let told = team.group("otters").unwrap_err().to_string();
+        assert!(told.contains("did you mean 'others'"), "{told}");
+    }
+}
