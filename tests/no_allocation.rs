@@ -23,10 +23,12 @@ use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::checkpoint::Checkpoint;
-use omnidrones::rl::nn::{Activation, Layers, Mlp};
+use omnidrones::rl::nn::{Activation, Conv, Encoded, Filter, Init, Join, Layers, Mlp, Network, Pass, Pool, Set, Stack};
+use omnidrones::rl::nn::{Transposed, Weights};
 use omnidrones::tasks::{Buffers, Cotangents, Env, EnvConfig, SweepOptions, registry};
 use std::alloc::{GlobalAlloc, Layout, System as Heap};
 use std::cell::Cell;
+use std::sync::Arc;
 
 struct Counting;
 
@@ -422,6 +424,37 @@ fn allocating_thrusts_and_differentiating_them_allocates_no_memory_on_the_fast_p
         let count = allocations(|| [free, bound].iter().for_each(&mut evaluate));
         assert_eq!(count, 0, "AllocationFunction of {}", vehicle.name);
     }
+}
+
+#[test]
+fn networks_of_networks_allocate_nothing_once_their_memory_is_made() {
+    let layers = Layers { hidden: vec![16], ..Layers::default() };
+    let mlp = |n_in, n_out| Mlp::new(n_in, &layers, n_out, Activation::Tanh);
+    let filters = [Filter { channels: 4, kernel: 3, stride: 1 }; 2];
+    let conv = Conv::over([8, 8, 2], &filters, Activation::Elu, Init::default()).unwrap();
+    let along = Conv::along(6, 5, &filters, Activation::Elu, Init::default()).unwrap();
+    let set = Set::new(3, mlp(4, 8).unwrap(), Pool::Max).unwrap();
+    let encoders = vec![
+        Encoded { columns: 0..128, network: Arc::new(conv) },
+        Encoded { columns: 128..158, network: Arc::new(along) },
+        Encoded { columns: 160..172, network: Arc::new(set) },
+    ];
+    let net = Stack::new(175, encoders, Join::Concat, Some(12), |n| mlp(n, 3)).unwrap();
+    let rows = 20;
+    let weights = net.init(&mut omnidrones::rng::Stream::new(1, 0, 0, omnidrones::rng::Purpose::LEARNING));
+    let (x, up) = (vec![0.3; rows * net.n_input()], vec![0.1; rows * net.n_output()]);
+    let (mut gradient, mut grad_input) = (vec![0.0; weights.len()], vec![0.0; x.len()]);
+    let (mut memory, mut scratch, mut transposed) = (net.memory(rows), net.scratch(rows), Transposed::default());
+    let mut pass = || {
+        net.transpose(&weights, &mut transposed);
+        net.forward(&weights, &x, rows, &mut memory);
+        let weights = Weights { parameters: &weights, transposed: &transposed };
+        let pass = Pass { gradient: &mut gradient, grad_input: &mut grad_input, scratch: &mut scratch };
+        net.backward(weights, &x, rows, &memory, &up, pass);
+    };
+    pass();
+    assert_eq!(allocations(pass), 0);
+    assert!(gradient.iter().any(|x| *x != 0.0) && grad_input.iter().all(|x| x.is_finite()));
 }
 
 #[test]

@@ -287,6 +287,11 @@ class Policy:
         """
         All parameters, a new float32 array: those of the network, then those of the distribution over its outputs.
         """
+    def reset(self, /, begins: SupportsGetItem[int, bool] | None = None) -> None:
+        """
+        Episodes begin anew: what a policy with memory remembers of the rows of its last call is forgotten, or of the environments for
+        which `begins` is true.
+        """
     @property
     def task(self, /) -> str:
         """

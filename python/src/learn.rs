@@ -48,7 +48,7 @@ impl Policy {
         observation: &Bound<'py, PyAny>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let (n_in, n_out) = (self.policy.actor().mlp.n_input(), self.policy.actor().n_action());
+        let (n_in, n_out) = (self.policy.actor().n_observation(), self.policy.actor().n_action());
         let mut shape: Vec<usize> = observation.getattr("shape").and_then(|s| s.extract()).unwrap_or_default();
         if shape.last() != Some(&n_in) {
             let remedy = "The last axis is one agent's observation.";
@@ -67,6 +67,20 @@ impl Policy {
         let (policy, x, a) = (&mut self.policy, slice(&rows)?, slice_mut(&mut actions)?);
         py.detach(|| policy.act(x, a)).or_raise()?;
         Ok(out)
+    }
+
+    /// Episodes begin anew: what a policy with memory remembers of the rows of its last call is forgotten, or of the environments for
+    /// which `begins` is true.
+    #[pyo3(signature = (begins=None))]
+    fn reset(&mut self, begins: Option<Vec<bool>>) -> PyResult<()> {
+        match begins {
+            None => self.policy.reset(),
+            Some(begins) => {
+                let begins: Vec<u8> = begins.into_iter().map(u8::from).collect();
+                self.policy.forget(&begins).or_raise()?;
+            }
+        }
+        Ok(())
     }
 
     /// All parameters, a new float32 array: those of the network, then those of the distribution over its outputs.
@@ -383,6 +397,7 @@ fn flown(
         policy.fits(&spec).or_raise()?;
         policy.statistics().map_or(Ok(()), |known| env.set_statistics(known.clone())).or_raise()?;
         policy.set_threads(threads);
+        policy.reset();
         let rows = interruptible(py, |said| {
             let act = &mut |_: &Env, out: &tasks::Buffers, actions: &mut [f32]| {
                 said.or_stop(|_| Ok(()))?;

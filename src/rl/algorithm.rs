@@ -78,9 +78,10 @@ pub trait Algorithm: Plain + Send + Sync {
 }
 
 /// An [`Algorithm`] of this crate: its name, settings (with `validate`, `updates` and `network`) and learner (with `with`),
-/// whether its policy's outputs pass tanh, what its loss is, the file of the settings; then what it does otherwise.
+/// whether its policy's outputs pass tanh, what its loss is, whether it learns memories (no, unless said), the file of the settings; then what it does otherwise.
 macro_rules! built_in {
-    ($name:literal: $config:ident => $learner:ident, squashed: $squashed:literal, loss: $loss:literal, in: $file:literal;
+    ($name:literal: $config:ident => $learner:ident, squashed: $squashed:literal, loss: $loss:literal, in: $file:literal
+     $(, remembers: $remembers:literal)?;
      $($more:tt)*) => {
         impl $crate::rl::algorithm::Algorithm for $config {
             fn name(&self) -> &'static str {
@@ -100,7 +101,10 @@ macro_rules! built_in {
             }
 
             fn actor(&self, spec: &$crate::tasks::Spec) -> $crate::error::Result<$crate::rl::policy::Actor> {
-                $crate::rl::policy::Actor::new(spec, &self.network, $squashed)
+                let remembers = false $(|| $remembers)?;
+                let make =
+                    if remembers { $crate::rl::policy::Actor::with_memory } else { $crate::rl::policy::Actor::new };
+                make(spec, &self.network, $squashed)
             }
 
             fn learner(

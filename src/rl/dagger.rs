@@ -190,7 +190,10 @@ impl Teacher {
     fn reset(&mut self, env: &Env) -> Result<()> {
         match self {
             Self::Controller(own) => *own = Mutex::new(Baseline::new(env)?),
-            Self::Policy(own) => own.1.reset(None, None, &mut own.2.out())?,
+            Self::Policy(own) => {
+                own.0.reset();
+                own.1.reset(None, None, &mut own.2.out())?;
+            }
         }
         Ok(())
     }
@@ -210,7 +213,11 @@ impl Teacher {
                 ended.enumerate().filter(|(_, ended)| *ended).for_each(|(i, _)| own.forget(i));
                 Ok(())
             }
-            Self::Policy(own) => own.1.step(actions, &mut own.2.out()),
+            Self::Policy(own) => {
+                let begins: Vec<u8> = ended.map(u8::from).collect();
+                own.0.forget(&begins)?;
+                own.1.step(actions, &mut own.2.out())
+            }
         }
     }
 }

@@ -51,6 +51,7 @@ pub fn evaluate(
 ) -> Result<Evaluation> {
     let mut env = eval_env(policy, task, env, starts, threads)?;
     policy.set_threads(threads.clone());
+    policy.reset();
     tasks::evaluate(&mut env, &mut |_, out, actions| policy.act(&out.observation, actions), watch)
 }
 

@@ -34,6 +34,7 @@
 //! | [`actor_critic`] | what SAC and TD3 share |
 //! | [`replay`], `priorities`, `experience` | steps that are kept, how often they are drawn, who flies and draws them |
 //! | `target_network` | a network with the one that follows it |
+//! | `sequences`, `recall` | the gradient through time; what policies with memory remember |
 //! | `gae`, `value_norm`, [`schedule`] | advantages, scales, rates |
 //!
 //! ```
@@ -93,6 +94,7 @@ pub(crate) mod policy_optimiser;
 pub mod ppo;
 pub(crate) mod predecessor;
 pub(crate) mod priorities;
+pub(crate) mod recall;
 pub mod recipes;
 pub(crate) mod renamed;
 pub mod replay;
@@ -101,6 +103,7 @@ pub mod runs;
 pub mod sac;
 pub mod schedule;
 pub mod search;
+pub(crate) mod sequences;
 pub mod shac;
 pub(crate) mod shards;
 pub mod state;

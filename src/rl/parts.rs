@@ -7,6 +7,7 @@
 //! | [`advantages`], [`ValueNorm`] | GAE and λ-targets; their scale |
 //! | [`Critic`], [`Fit`] | a value function and a step of it |
 //! | [`Minibatch`], [`minibatch`], [`shuffle`] | the gradient of a loss over some rows; which rows |
+//! | [`Sequences`], [`sequences()`], [`Recall`] | the same through time; what a policy with memory remembers |
 //! | [`windows`], [`Window`], [`gather`] | steps under a deterministic policy and the exact gradient of their cost, by the sweeps of [`Env`](crate::tasks::Env) |
 //! | [`PolicyOptimiser`] | an actor that goes down such gradients |
 //! | [`state`](super::state) | all of it into checkpoints and back |
@@ -15,7 +16,9 @@ pub use super::critic::{Critic, Fit, shuffle};
 pub use super::gae::{Steps, advantages};
 pub use super::minibatch::{BlockLoss, Minibatch, Sums, part as minibatch};
 pub use super::policy_optimiser::PolicyOptimiser;
+pub use super::recall::Recall;
 pub use super::rollout::{Collector, CriticSees, How, Part as RolloutPart, Rollout, Seen as RolloutSeen, Shape};
+pub use super::sequences::{Sequence, Sequences, sequences};
 pub use super::shards::{Make, Shard, episodes, normalise, shards};
 pub use super::value_norm::ValueNorm;
 pub use super::window::{Objective, Seen as WindowSeen, Step as WindowStep, Window, gather, windows};

@@ -80,7 +80,9 @@ impl Controller for PolicyController {
         Some(1.0 / self.env.spec().dt)
     }
 
-    fn reset(&mut self) {}
+    fn reset(&mut self) {
+        self.policy.reset();
+    }
 
     fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]) {
         if self.act(seen.state, target.sample(seen.time).position).is_some() {

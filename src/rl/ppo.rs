@@ -11,6 +11,9 @@
 //! Actor and critic have a network, an optimiser and a gradient limit each. The agents of a team share their parameters;
 //! where the environment has a central state, the critic sees that (centralised training, decentralised execution).
 //!
+//! A policy with memory ([`Layers::memory`](super::nn::Layers::memory)) learns from sequences instead of rows: minibatches
+//! are of whole windows, and gradients flow back through each. The critic has no memory.
+//!
 //! Rows in which anything is not finite take no part, neither in weights nor in statistics, and are counted.
 //!
 //! With [`PpoConfig::target_kl`] the actor's rate follows the divergence KL(π_old, π) that minibatches find: × 2/3 above
@@ -30,9 +33,10 @@ use super::minibatch::{BlockLoss, Minibatch, Sums, part};
 use super::nn::elementwise::{self, exp};
 use super::nn::gaussian::Gaussians;
 use super::nn::head::Head;
-use super::nn::{Adam, Output, Transposed, Weights, clip_norm};
+use super::nn::{Adam, Output, Recurrence, Transposed, Weights, clip_norm};
 use super::policy::{Actor, Policy, ROWS};
 use super::rollout::{Collector, CriticSees, How, Rollout, Shape};
+use super::sequences::{Sequence, Sequences, sequences};
 use super::shards::{Make, begin_statistics, normalise, set_difficulty, shards_if};
 use super::state;
 use super::value_norm::ValueNorm;
@@ -52,6 +56,8 @@ pub struct Ppo {
     transposed: Transposed,
     adam: Adam,
     batch: Minibatch,
+    /// In place of rows, where the policy has a memory.
+    windows: Option<Windows>,
     /// Of the actor, if its actions are continuous.
     gaussians: Option<Gaussians>,
     critic: Critic,
@@ -68,6 +74,15 @@ pub struct Ppo {
     rows: [Vec<u32>; 2],
     order: [Vec<u32>; 2],
     targets: Vec<f32>,
+}
+
+/// What a policy with memory learns from.
+struct Windows {
+    all: Vec<Sequence>,
+    /// Their places, and those of a minibatch.
+    order: Vec<u32>,
+    chosen: Vec<Sequence>,
+    batch: Sequences,
 }
 
 /// Sums over rows that a minibatch gives.
@@ -196,12 +211,13 @@ impl Ppo {
         config.validate()?;
         let env = EnvConfig { n_env: config.n_env, seed, ..config.seen(env) };
         let sees = CriticSees { central: config.central_critic, privileged: config.privileged_critic };
-        let shards = shards_if(make, &env, config.shard, |first, _| {
-            Shape::new(first.spec(), config.steps, sees).check(config.n_env, env.memory_limit)
-        })?;
+        let n_state = config.network.memory.as_ref().map_or(0, Recurrence::units);
+        let shape = |spec: &Spec| Shape::new(spec, config.steps, sees).remembering(n_state);
+        let shards =
+            shards_if(make, &env, config.shard, |first, _| shape(first.spec()).check(config.n_env, env.memory_limit))?;
         let spec = shards[0].env.spec().clone();
-        let shape = Shape::new(&spec, config.steps, sees);
-        let actor = Actor::new(&spec, &config.network, false)?;
+        let shape = shape(&spec);
+        let actor = Actor::with_memory(&spec, &config.network, false)?;
         let stream = |episode| Stream::new(seed, 0, episode, Purpose::LEARNING);
         let mut parameters = actor.mlp.init(&mut stream(0));
         parameters.resize(actor.n_parameter(), config.log_std as f32);
@@ -210,9 +226,20 @@ impl Ppo {
         let mut critic = Critic::new(shape.n_critic(), &config.critic, config.adam, judged, &mut stream(1))?;
         let scales = config.normalise_observation && shape.n_central > 0;
         critic.inputs = scales.then(|| InputScale::new(shape.n_critic()));
+        let windows = config.network.memory.as_ref().map(|memory| {
+            let n_env = shards.iter().map(|shard| shard.env.spec().n_env);
+            let all = sequences(shape, n_env, memory.window());
+            let size = (all.len().div_ceil(config.minibatches), memory.window().min(config.steps));
+            let (n_head, n_extra) = (actor.head.n_output(), actor.head.n_extra());
+            let batch = Sequences::new(&*actor.mlp, n_head, n_extra, size, env.memory_limit)?;
+            Ok(Windows { order: (0..all.len() as u32).collect(), chosen: Vec::with_capacity(size.0), all, batch })
+        });
+        let windows: Option<Windows> = windows.transpose()?;
+        let rows = if windows.is_some() { 0 } else { part(shape.n_agent) };
         let mut ppo = Self {
             adam: Adam::new(config.adam, parameters.len()),
-            batch: Minibatch::new(&actor.mlp, actor.head.n_extra(), part(shape.n_agent), env.memory_limit)?,
+            batch: Minibatch::new(&*actor.mlp, actor.head.n_extra(), rows, env.memory_limit)?,
+            windows,
             gaussians: Gaussians::of(actor.head),
             norm: ValueNorm::new(config.value_beta)?,
             collectors: shards.into_iter().map(|shard| Collector::new(shard, &actor, &critic)).collect(),
@@ -295,7 +322,9 @@ impl Ppo {
         let mut learnt = Learnt::default();
         for epoch in 0..self.config.epochs as u64 {
             let mut stream = Stream::new(self.seed, self.update, 2 + epoch, Purpose::LEARNING);
-            for (order, rows) in self.order.iter_mut().zip(&self.rows) {
+            let [actors, judged] = &self.rows;
+            let actors = self.windows.as_ref().map_or(actors, |windows| &windows.order);
+            for (order, rows) in self.order.iter_mut().zip([actors, judged]) {
                 shuffle(order, rows.len(), &mut stream);
                 order.iter_mut().for_each(|k| *k = rows[*k as usize]);
             }
@@ -319,9 +348,20 @@ impl Ppo {
         learnt
     }
 
-    /// One step of the actor.
+    /// One step of the actor, from rows or, with memory, from sequences.
     fn improve(&mut self, chosen: &[u32], progress: f64, learnt: &mut Learnt) {
-        if chosen.is_empty() {
+        let rollout = &self.rollout;
+        let counts =
+            |row: usize| rollout.log_prob[row].is_finite() && rollout.advantage[rollout.shape.judged(row)].is_finite();
+        let n_row = match &mut self.windows {
+            None => chosen.len(),
+            Some(Windows { all, chosen: own, .. }) => {
+                own.clear();
+                own.extend(chosen.iter().map(|k| all[*k as usize]));
+                own.iter().flat_map(|own| own.rows()).filter(|row| counts(*row)).count()
+            }
+        };
+        if n_row == 0 {
             return;
         }
         let (network, extra) = self.parameters.split_at(self.actor.mlp.n_parameter());
@@ -335,17 +375,24 @@ impl Ppo {
             rollout: &self.rollout,
             clip_epsilon: self.config.clip_epsilon,
             entropy: self.config.entropy.at(progress),
-            share: 1.0 / chosen.len() as f64,
+            share: 1.0 / n_row as f64,
         };
         let net = Weights { parameters: network, transposed: &self.transposed };
-        let x = &self.rollout.observation;
-        let sums = self.batch.gradient(&self.threads, &self.actor.mlp, net, x, chosen, &loss);
+        let (threads, mlp) = (&self.threads, &*self.actor.mlp);
+        let sums = match &mut self.windows {
+            None => self.batch.gradient(threads, mlp, net, &rollout.observation, chosen, &loss),
+            Some(own) => own.batch.gradient(threads, mlp, net, rollout, &own.chosen, &counts, &loss),
+        };
         let rate = self.rate(progress, sums[sum::KL] / sums[sum::COUNT]);
-        learnt.gradient_norm += clip_norm(&mut self.batch.gradient, self.config.max_grad_norm);
+        let gradient = match &mut self.windows {
+            None => &mut self.batch.gradient,
+            Some(own) => &mut own.batch.gradient,
+        };
+        learnt.gradient_norm += clip_norm(gradient, self.config.max_grad_norm);
         learnt.sums.iter_mut().zip(sums).for_each(|(all, own)| *all += own);
         learnt.rate = rate;
         learnt.actor_steps += 1.0;
-        self.adam.descend(&mut self.parameters, &self.batch.gradient, rate);
+        self.adam.descend(&mut self.parameters, gradient, rate);
         let (network, extra) = self.parameters.split_at_mut(self.actor.mlp.n_parameter());
         self.actor.head.clamp_extra(extra);
         self.actor.mlp.transpose(network, &mut self.transposed);
@@ -474,6 +521,7 @@ impl Learner for Ppo {
         state::put_counters(out, [self.update, self.env_steps])?;
         out.insert("value_norm", &[4], self.norm.save().to_vec())?;
         out.insert("rate_scale", &[1], vec![self.scale])?;
+        state::put_recalls(out, self.collectors.iter().map(|c| &c.recall))?;
         state::put_shards(out, self.collectors.iter().map(|c| &c.shard))
     }
 
@@ -490,6 +538,7 @@ impl Learner for Ppo {
         let scale = from.get::<f64>("rate_scale", &[1])?[0];
         self.norm.load(norm)?;
         self.critic.load(from)?;
+        state::load_recalls(from, self.collectors.iter_mut().map(|c| &mut c.recall))?;
         state::load_shards(from, self.collectors.iter_mut().map(|c| &mut c.shard))?;
         (self.parameters, self.adam, self.scale) = (parameters, adam, scale);
         (self.update, self.env_steps) = (update, env_steps);

@@ -15,6 +15,7 @@ use super::learner::Episodes;
 use super::nn::Memory;
 use super::nn::gaussian::Gaussians;
 use super::policy::{Actor, ROWS};
+use super::recall::Recall;
 use super::shards::{Shard, episodes, within_memory};
 use super::value_norm::ValueNorm;
 use crate::error::{Error, Result};
@@ -39,6 +40,8 @@ pub struct Shape {
     pub n_privileged: usize,
     /// Numbers of an agent's action.
     pub n_action: usize,
+    /// Numbers that the policy remembers of an agent; 0 without memory.
+    pub n_state: usize,
 }
 
 /// What the critic of a rollout may see that the policy does not; by default neither.
@@ -62,7 +65,13 @@ impl Shape {
             n_central: if central { spec.n_central } else { 0 },
             n_privileged: if sees.privileged { spec.privileged.len() } else { 0 },
             n_action: spec.action.len(),
+            n_state: 0,
         }
+    }
+
+    /// The same for a policy that remembers `n_state` numbers ([`Network::n_state`](super::nn::Network::n_state)).
+    pub fn remembering(self, n_state: usize) -> Self {
+        Self { n_state, ..self }
     }
 
     /// Checks that rows of `n_env` environments can be counted and kept.
@@ -72,7 +81,8 @@ impl Shape {
     pub fn check(&self, n_env: usize, memory_limit: u64) -> Result<()> {
         let slots = (n_env as u64).saturating_mul(self.steps as u64 + 1);
         let rows = slots.saturating_mul(self.n_agent as u64);
-        let of_agent = (self.n_observation + self.n_action + 1) * self.n_agent + (5 + self.n_apart()) * self.n_judged;
+        let of_agent = (self.n_observation + self.n_action + self.n_state + 2) * self.n_agent
+            + (5 + self.n_apart()) * self.n_judged;
         let bytes = slots.saturating_mul(4 * of_agent as u64 + 2);
         if rows > u64::from(u32::MAX) {
             let remedy = "Take fewer environments or steps.";
@@ -123,6 +133,10 @@ pub struct Rollout {
     pub action: Vec<f32>,
     /// NaN where the row is no use.
     pub log_prob: Vec<f32>,
+    /// One per agent: what the policy remembered before the step; empty without memory.
+    pub state: Vec<f32>,
+    /// One per agent: 1 where that was nothing; empty without memory.
+    pub begins: Vec<u8>,
     /// One per row of the critic; empty where it sees observations.
     pub apart: Vec<f32>,
     /// One per row of the critic.
@@ -153,6 +167,10 @@ pub struct Part<'a> {
     pub action: &'a mut [f32],
     /// As [`Rollout::log_prob`].
     pub log_prob: &'a mut [f32],
+    /// As [`Rollout::state`].
+    pub state: &'a mut [f32],
+    /// As [`Rollout::begins`].
+    pub begins: &'a mut [u8],
     /// As [`Rollout::apart`].
     pub apart: &'a mut [f32],
     /// As [`Rollout::reward`].
@@ -181,6 +199,8 @@ impl Rollout {
             observation: vec![0.0; rows * shape.n_observation],
             action: vec![0.0; rows * shape.n_action],
             log_prob: vec![f32::NAN; rows],
+            state: vec![0.0; rows * shape.n_state],
+            begins: vec![0; if shape.n_state > 0 { rows } else { 0 }],
             apart: vec![0.0; judged * shape.n_apart()],
             reward: vec![0.0; judged],
             value: vec![0.0; judged],
@@ -211,6 +231,8 @@ impl Rollout {
             observation: &mut self.observation,
             action: &mut self.action,
             log_prob: &mut self.log_prob,
+            state: &mut self.state,
+            begins: &mut self.begins,
             apart: &mut self.apart,
             reward: &mut self.reward,
             value: &mut self.value,
@@ -229,6 +251,8 @@ impl Rollout {
                 observation: take(&mut all.observation, rows * s.n_observation),
                 action: take(&mut all.action, rows * s.n_action),
                 log_prob: take(&mut all.log_prob, rows),
+                state: take(&mut all.state, rows * s.n_state),
+                begins: take(&mut all.begins, if s.n_state > 0 { rows } else { 0 }),
                 apart: take(&mut all.apart, judged * s.n_apart()),
                 reward: take(&mut all.reward, judged),
                 value: take(&mut all.value, judged),
@@ -308,6 +332,8 @@ pub struct Collector {
     streams: Vec<Stream>,
     /// Of the actor, if its actions are continuous.
     gaussians: Option<Gaussians>,
+    /// What the policy remembers of every agent.
+    pub(crate) recall: Recall,
     of_actor: Memory,
     of_critic: Memory,
     /// What was seen last in episodes that ran out of time, and in which rows of the critic.
@@ -334,8 +360,10 @@ pub struct Seen {
 impl Collector {
     /// For the environments of a shard.
     pub fn new(shard: Shard, actor: &Actor, critic: &Critic) -> Self {
+        let rows = shard.env.spec().n_env * shard.env.spec().n_agent;
         Self {
             seen: Seen::default(),
+            recall: Recall::new(actor, rows, ROWS),
             failed: None,
             streams: Vec::with_capacity(shard.env.spec().n_env),
             gaussians: Gaussians::of(actor.head),
@@ -393,9 +421,13 @@ impl Collector {
         let actions = &mut part.action[t * rows * s.n_action..][..rows * s.n_action];
         let log_probs = &mut part.log_prob[t * rows..][..rows];
         let (network, extra) = how.parameters.split_at(how.actor.mlp.n_parameter());
+        if s.n_state > 0 {
+            part.state[t * rows * s.n_state..][..rows * s.n_state].copy_from_slice(&self.recall.state);
+            part.begins[t * rows..][..rows].copy_from_slice(&self.recall.begins);
+        }
         for (block, x) in now.chunks(ROWS * s.n_observation).enumerate() {
-            let output = how.actor.mlp.forward(network, x, x.len() / s.n_observation, &mut self.of_actor);
             let (first, n) = (block * ROWS, x.len() / s.n_observation);
+            let output = self.recall.forward(how.actor, network, x, first, &mut self.of_actor);
             let actions = &mut actions[first * s.n_action..][..n * s.n_action];
             let log_probs = &mut log_probs[first..][..n];
             for (k, action) in actions.chunks_exact_mut(s.n_action).enumerate() {
@@ -425,6 +457,9 @@ impl Collector {
         if s.n_privileged > 0 {
             env.spec().deviations(&out.privileged, &mut self.known);
             s.join(if s.n_central > 0 { &out.central } else { next }, &self.known, apart);
+        }
+        for i in (0..n_env).filter(|i| s.n_state > 0 && out.terminated[*i] | out.truncated[*i] == 1) {
+            (i * s.n_agent..(i + 1) * s.n_agent).for_each(|row| self.recall.forget(row));
         }
         part.terminated[t * n_env..][..n_env].copy_from_slice(&out.terminated);
         part.truncated[t * n_env..][..n_env].copy_from_slice(&out.truncated);

@@ -1,7 +1,8 @@
 //! Parts of learners as tensors of a checkpoint, and back.
 
 use super::checkpoint::{Data, Tensors};
-use super::nn::{Adam, AdamConfig, Mlp};
+use super::nn::{Adam, AdamConfig, Network};
+use super::recall::Recall;
 use super::shards::Shard;
 use crate::error::{Error, Result};
 
@@ -48,7 +49,7 @@ pub fn check_sense(tensors: &Tensors, file: &str) -> Result<()> {
 ///
 /// # Errors
 /// None for a name that is used once, as all that put.
-pub fn put_network(to: &mut Tensors, name: &str, mlp: &Mlp, parameters: &[f32]) -> Result<()> {
+pub fn put_network(to: &mut Tensors, name: &str, mlp: &dyn Network, parameters: &[f32]) -> Result<()> {
     mlp.parts(parameters).into_iter().try_for_each(|p| to.insert(format!("{name}.{}", p.name), &p.shape, p.data))
 }
 
@@ -56,8 +57,8 @@ pub fn put_network(to: &mut Tensors, name: &str, mlp: &Mlp, parameters: &[f32]) 
 ///
 /// # Errors
 /// As [`Tensors::get`], as all that get.
-pub fn network(from: &Tensors, name: &str, mlp: &Mlp) -> Result<Vec<f32>> {
-    mlp.from_parts(|part, shape| Ok(from.get::<f32>(&format!("{name}.{part}"), shape)?.to_vec()))
+pub fn network(from: &Tensors, name: &str, mlp: &dyn Network) -> Result<Vec<f32>> {
+    mlp.from_parts(&mut |part, shape| Ok(from.get::<f32>(&format!("{name}.{part}"), shape)?.to_vec()))
 }
 
 /// The state of an optimiser, as `<name>.adam.mean` and so on.
@@ -115,6 +116,32 @@ pub fn put_shards<'a>(to: &mut Tensors, shards: impl Iterator<Item = &'a Shard>)
             let privileged = shard.out.privileged.clone();
             to.insert(format!("shard.{k}.privileged"), &[privileged.len()], privileged)?;
         }
+    }
+    Ok(())
+}
+
+/// What a policy remembers of the environments of every shard; nothing without memory.
+///
+/// # Errors
+/// As [`put_network`].
+pub fn put_recalls<'a>(to: &mut Tensors, recalls: impl Iterator<Item = &'a Recall>) -> Result<()> {
+    for (k, recall) in recalls.enumerate().filter(|(_, recall)| !recall.state.is_empty()) {
+        to.insert(format!("shard.{k}.memory"), &[recall.state.len()], recall.state.clone())?;
+        to.insert(format!("shard.{k}.begins"), &[recall.begins.len()], recall.begins.clone())?;
+    }
+    Ok(())
+}
+
+/// Puts memories into the state that [`put_recalls`] saved.
+///
+/// # Errors
+/// As [`network`].
+pub fn load_recalls<'a>(from: &Tensors, recalls: impl Iterator<Item = &'a mut Recall>) -> Result<()> {
+    for (k, recall) in recalls.enumerate().filter(|(_, recall)| !recall.state.is_empty()) {
+        let state = from.get::<f32>(&format!("shard.{k}.memory"), &[recall.state.len()])?;
+        let begins = from.get::<u8>(&format!("shard.{k}.begins"), &[recall.begins.len()])?;
+        recall.state.copy_from_slice(state);
+        recall.begins.copy_from_slice(begins);
     }
     Ok(())
 }

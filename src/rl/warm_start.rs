@@ -4,7 +4,7 @@
 //! number; what the old policy did not see begins at weight 0. Where all that is new is such, the new policy acts at first
 //! as the old one did. Look-ahead points begin with the present one, so a `path` takes the place of a `target`.
 
-use super::nn::Mlp;
+use super::nn::Network;
 use super::nn::head::Head;
 use super::policy::{Actor, Policy};
 use crate::error::{Error, Result};
@@ -39,7 +39,7 @@ impl WarmStart {
             return Err(Error::value("observation of the policy to begin from", "on another scale", limit, remedy));
         }
         let columns = columns(of, spec);
-        let parameters = network(&policy.actor().mlp, policy.parameters(), &actor.mlp, &columns)?;
+        let parameters = network(&*policy.actor().mlp, policy.parameters(), &*actor.mlp, &columns)?;
         let statistics = policy.statistics().map(|s| Statistics {
             count: s.count.min(MOST_SEEN),
             mean: columns.iter().map(|c| c.map_or(0.0, |k| s.mean[k])).collect(),
@@ -53,12 +53,12 @@ impl WarmStart {
     /// begins again takes the same weights.
     ///
     /// # Errors
-    /// As [`Mlp::from_parts`].
+    /// As [`Network::from_parts`].
     pub fn at(actor: &Actor, parameters: &[f32], command: &[f64]) -> Result<Self> {
         let parts = actor.mlp.parts(parameters);
         let last = parts.iter().rev().find(|part| part.name.ends_with(".bias") && part.shape == [command.len()]);
         let last = last.filter(|_| matches!(actor.head, Head::Gaussian { .. })).map(|part| part.name.clone());
-        let parameters = actor.mlp.from_parts(|name, _| {
+        let parameters = actor.mlp.from_parts(&mut |name, _| {
             if last.as_deref() == Some(name) {
                 return Ok(command.iter().map(|c| actor.mlp.bias_for(*c) as f32).collect());
             }
@@ -92,8 +92,12 @@ fn columns(of: &Spec, spec: &Spec) -> Vec<Option<usize>> {
     columns
 }
 
-/// The parameters of `to` with those of `from` behind the first layer, whose columns come from `columns`.
-fn network(from: &Mlp, parameters: &[f32], to: &Mlp, columns: &[Option<usize>]) -> Result<Vec<f32>> {
+/// The parameters of `to` with those of `from` behind the first layer, whose columns come from `columns`. Where something
+/// stands before the hidden layers, all must be alike.
+fn network(from: &dyn Network, parameters: &[f32], to: &dyn Network, columns: &[Option<usize>]) -> Result<Vec<f32>> {
+    let (Some(from), Some(to)) = (from.as_mlp(), to.as_mlp()) else {
+        return alike(from, parameters, to, columns);
+    };
     let (got, wanted) = (from.activation(), to.activation());
     if got != wanted {
         let remedy = "Give both policies the same network.activation.";
@@ -116,6 +120,17 @@ fn network(from: &Mlp, parameters: &[f32], to: &Mlp, columns: &[Option<usize>]) 
         let value = |o: usize, c: &Option<usize>| c.map_or(0.0, |k| own.data[o * n_old + k]);
         Ok((0..shape[0]).flat_map(|o| columns.iter().map(move |c| (o, c))).map(|(o, c)| value(o, c)).collect())
     })
+}
+
+/// The parameters of a network of the same parts that sees the same numbers.
+fn alike(from: &dyn Network, parameters: &[f32], to: &dyn Network, columns: &[Option<usize>]) -> Result<Vec<f32>> {
+    let same = columns.iter().enumerate().all(|(k, column)| *column == Some(k));
+    if from.slots() != to.slots() || from.n_input() != to.n_input() || !same {
+        let (got, limit) = ("another one, or of another observation", "of the same encoders, memory and observation");
+        let remedy = "Begin from a policy of the same settings, or leave `from` out.";
+        return Err(Error::value("network of the policy to begin from", got, limit, remedy));
+    }
+    Ok(parameters[..from.n_parameter()].to_vec())
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::dagger::{Dagger, DaggerConfig};
 use omnidrones::rl::dqn::{Dqn, DqnConfig, Mixer};
-use omnidrones::rl::nn::{AdamConfig, Layers};
+use omnidrones::rl::nn::{AdamConfig, Layers, Recurrence};
 use omnidrones::rl::ppo::{Ppo, PpoConfig};
 use omnidrones::rl::replay::ReplayConfig;
 use omnidrones::rl::sac::{Entropy, Sac, SacConfig};
@@ -37,6 +37,10 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
             Box::new(Apg::new(HOVER, &env, config, 3, threads).unwrap())
         }
         "ppo" => Box::new(Ppo::new(HOVER, &env, ppo, 3, threads).unwrap()),
+        "ppo with memory" => {
+            let network = Layers { memory: Some(Recurrence::Gru { units: 8, window: 3 }), ..ppo.network.clone() };
+            Box::new(Ppo::new(HOVER, &env, PpoConfig { network, ..ppo }, 3, threads).unwrap())
+        }
         "mappo" => {
             let config = PpoConfig { central_critic: true, ..ppo };
             Box::new(Ppo::new("OverHover", &env, config, 3, threads).unwrap())
@@ -77,7 +81,8 @@ fn values(mixer: Mixer) -> DqnConfig {
 }
 
 /// PPO of a team whose critic sees all of it is called mappo, TD3 of such a team maddpg.
-const ALGORITHMS: [&str; 10] = ["apg", "shac", "ppo", "mappo", "dagger", "sac", "td3", "maddpg", "dqn", "qmix"];
+const ALGORITHMS: [&str; 11] =
+    ["apg", "shac", "ppo", "ppo with memory", "mappo", "dagger", "sac", "td3", "maddpg", "dqn", "qmix"];
 
 fn bits(learner: &dyn Learner) -> Vec<u32> {
     learner.policy().unwrap().parameters().iter().map(|x| x.to_bits()).collect()
@@ -138,13 +143,16 @@ fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
         normalise_observation: false,
         ..PpoConfig::default()
     };
+    let memory = Some(Recurrence::Gru { units: 16, window: 16 });
+    let remembers = PpoConfig { network: Layers { memory, ..ppo.network.clone() }, ..ppo.clone() };
     let sac = SacConfig { updates: 200, ..regulating_sac() };
     let td3 = Td3Config { updates: 200, ..regulating_td3() };
     let make = &crate::regulate::make_poisoned;
-    let learners: [(&str, Box<dyn Learner>); 5] = [
+    let learners: [(&str, Box<dyn Learner>); 6] = [
         ("apg", Box::new(Apg::with(make, &env, apg, 1, threads(2)).unwrap())),
         ("shac", Box::new(Shac::with(make, &env, shac, 1, threads(2)).unwrap())),
         ("ppo", Box::new(Ppo::with(make, &env, ppo, 1, threads(2)).unwrap())),
+        ("ppo with memory", Box::new(Ppo::with(make, &env, remembers, 1, threads(2)).unwrap())),
         ("sac", Box::new(Sac::with(make, &env, sac, 1, threads(2)).unwrap())),
         ("td3", Box::new(Td3::with(make, &env, td3, 1, threads(2)).unwrap())),
     ];

@@ -7,7 +7,7 @@ use omnidrones::parallel::Threads;
 use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::dagger::{Dagger, DaggerConfig};
-use omnidrones::rl::nn::{Activation, Layers, Mlp};
+use omnidrones::rl::nn::{Activation, Conv, Filter, Gru, Init, Layers, Mlp, Network, Pool, Set};
 use omnidrones::rl::planner::{Planner, PlannerConfig};
 use omnidrones::rl::ppo::{Ppo, PpoConfig};
 use omnidrones::rl::shac::{Shac, ShacConfig};
@@ -59,13 +59,27 @@ impl Sizes {
 type Attempt = fn(&mut Sizes) -> Result<()>;
 
 /// Refuses before it builds anything.
-const FAST: [(&str, Attempt); 4] = [
+const FAST: [(&str, Attempt); 7] = [
     ("World", |s| {
         let vehicle = vehicles::by_name("hummingbird")?;
         World::with_memory_limit(&vehicle, Physics::default(), s.next(), LIMIT).map(drop)
     }),
     ("Fleet", |s| Fleet::copies(&vehicles::by_name("crazyflie")?, s.next(), Physics::default(), None).map(drop)),
     ("Mlp", |s| Mlp::new(s.next(), &s.hidden(), s.next(), Activation::Tanh).map(drop)),
+    ("Gru", |s| Gru::new(s.next(), s.next()).map(|own| assert!(own.n_activation() > 0))),
+    ("Conv", |s| {
+        let image = [s.next(), s.next(), s.next()];
+        let filters = [(); 2].map(|()| Filter { channels: s.next(), kernel: s.next(), stride: s.next() });
+        let (elu, init) = (Activation::Elu, Init::default());
+        let over = Conv::over(image, &filters, elu, init);
+        let own = over.or_else(|_| Conv::along(image[0], image[1], &filters[..1], elu, init))?;
+        assert!(own.n_activation() >= own.n_output() && own.n_parameter() > 0);
+        Ok(())
+    }),
+    ("Set", |s| {
+        let phi = Mlp::new(s.next(), &s.hidden(), s.next(), Activation::Tanh)?;
+        Set::new(s.next(), phi, Pool::Mean).map(|own| assert!(own.n_activation() > 0))
+    }),
     ("Tensors", |s| {
         let shape: Vec<usize> = (0..s.0.below(5)).map(|_| s.next()).collect();
         Tensors::new().insert("x", &shape, vec![0_f32; s.0.below(10) as usize])

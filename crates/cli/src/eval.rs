@@ -112,6 +112,7 @@ impl Ready {
     /// One episode of every environment; `watch` sees every step.
     pub fn fly(&mut self, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
         let (manifest, policy) = (&self.saved.manifest, &mut self.saved.policy);
+        policy.reset();
         let mut record = Record::new(&self.env, LINES);
         let (begun, commands) = (Instant::now(), Commands::new(&self.env));
         let mut see = |watched: &Watched<'_>| {

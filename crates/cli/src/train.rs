@@ -482,7 +482,7 @@ impl Trained<'_> {
             Fact::new("phases", phases.join(", ")),
             Fact::new("policy", format!("{} weights", policy.parameters().len())).note(format!(
                 "{} numbers in, {} out",
-                policy.actor().mlp.n_input(),
+                policy.actor().n_observation(),
                 policy.actor().n_action()
             )),
         ]

@@ -21,6 +21,10 @@ use crate::error::{Error, Result};
 use crate::rng::Stream;
 use std::ops::Range;
 
+/// Most numbers that a memory sees.
+const MAX_SEEN: usize = 1 << 20;
+/// Most weights.
+const MAX_WEIGHTS: usize = 1 << 25;
 /// Most units of a memory.
 pub(super) const MAX_UNITS: usize = 2048;
 
@@ -40,13 +44,22 @@ impl Gru {
     /// For `n_seen` numbers seen and `n_unit` remembered.
     ///
     /// # Errors
-    /// [`Error::Limit`] unless there are 1 to 2048 units.
+    /// [`Error::Limit`] unless there are 1 to 2048 units, and for more than 2²⁰ numbers seen or 2²⁵ weights.
     pub fn new(n_seen: usize, n_unit: usize) -> Result<Self> {
         if !(1..=MAX_UNITS).contains(&n_unit) {
             let limit = format!("1 to {MAX_UNITS}");
             return Err(Error::limit("memory.units", n_unit, limit, "32 to 256 are usual."));
         }
-        Ok(Self { n_seen, n_unit })
+        if n_seen > MAX_SEEN {
+            let remedy = "Put an encoder before the memory.";
+            return Err(Error::limit("numbers that a memory sees", n_seen, MAX_SEEN, remedy));
+        }
+        let own = Self { n_seen, n_unit };
+        if own.n_parameter() > MAX_WEIGHTS {
+            let remedy = "Take fewer units, or put an encoder before the memory.";
+            return Err(Error::limit("weights of a memory", own.n_parameter(), MAX_WEIGHTS, remedy));
+        }
+        Ok(own)
     }
 
     fn wide(&self) -> usize {

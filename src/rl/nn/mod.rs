@@ -46,6 +46,6 @@ pub use gru::Gru;
 pub use head::Head;
 pub use init::Init;
 pub use mlp::{Layers, Mlp};
-pub use network::{Memory, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
+pub use network::{Memory, Named, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
 pub use set::{Pool, Set};
 pub use stack::{Encoded, Join, Stack};

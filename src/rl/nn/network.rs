@@ -11,6 +11,9 @@ use crate::rng::Stream;
 use std::fmt::Debug;
 use std::sync::Arc;
 
+/// Who gives the numbers of a tensor for its name and shape.
+pub type Named<'a> = dyn FnMut(&str, &[usize]) -> Result<Vec<f32>> + 'a;
+
 /// A function of rows with parameters, and its gradient.
 ///
 /// A network with memory is a function of one step: the last [`n_state`](Network::n_state) numbers of an input row are the
@@ -107,7 +110,8 @@ pub trait Network: Debug + Send + Sync {
     ///
     /// # Errors
     /// What `part` says; [`Error::Value`] for another number of values or one that is not finite.
-    fn from_parts(&self, part: &mut dyn FnMut(&str, &[usize]) -> Result<Vec<f32>>) -> Result<Vec<f32>> {
+    #[expect(clippy::wrong_self_convention, reason = "the reverse of `parts`, by the name that it has in `Mlp`")]
+    fn from_parts(&self, part: &mut Named<'_>) -> Result<Vec<f32>> {
         let mut parameters = vec![0.0; self.n_parameter()];
         for slot in self.slots() {
             slot.put(part(&slot.name, &slot.shape)?, &mut parameters)?;

@@ -111,7 +111,7 @@ impl Network for Set {
     fn backward(&self, net: Weights<'_>, x: &[f32], rows: usize, memory: &Memory, grad_output: &[f32], pass: Pass<'_>) {
         let (n, wide, members) = (self.phi.n_output(), self.wide(), self.n_member);
         let Scratch { d, parts, .. } = pass.scratch;
-        let given = Output::new(&memory.parts[0].levels.last().map_or(&[][..], |level| &level.y), n, wide);
+        let given = Output::new(memory.parts[0].levels.last().map_or(&[][..], |level| &level.y), n, wide);
         for (k, up) in grad_output.chunks_exact(n).enumerate().take(rows) {
             let own = &mut d[k * members * n..][..members * n];
             match self.pool {

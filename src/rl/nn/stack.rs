@@ -61,7 +61,7 @@ impl Stack {
     /// for so many numbers in.
     ///
     /// # Errors
-    /// [`Error::Value`] for columns that are not there or of another width than the encoder's, for encoders with a memory of
+    /// [`Error::Value`] for rows or columns of nothing, for columns that are not there or of another width than the encoder's, for encoders with a memory of
     /// their own and for sums of unlike widths; otherwise as [`Gru::new`] and `trunk`.
     pub fn new(
         n_seen: usize,
@@ -71,10 +71,14 @@ impl Stack {
         trunk: impl FnOnce(usize) -> Result<Mlp>,
     ) -> Result<Self> {
         for Encoded { columns, network } in &encoders {
-            if columns.end > n_seen || columns.len() != network.n_input() || network.n_state() > 0 {
+            let fits = !columns.is_empty() && columns.end <= n_seen && columns.len() == network.n_input();
+            if !fits || network.n_state() > 0 {
                 let limit = format!("{} of the {n_seen} that are seen, without a state", network.n_input());
                 return Err(Error::value("columns of an encoder", format!("{columns:?}"), limit, "Name a group."));
             }
+        }
+        if n_seen == 0 {
+            return Err(Error::value("numbers that a network sees", n_seen, "≥ 1", "Show it something."));
         }
         let width = |encoded: &Encoded| encoded.network.n_output();
         if join == Join::Sum
@@ -445,6 +449,9 @@ mod tests {
         assert!(of(2..8, 4, Join::Sum).is_ok() && of(2..8, 5, Join::Concat).is_ok());
         let told = of(2..8, 5, Join::Sum).unwrap_err();
         assert!(told.starts_with("numbers that an encoder gives is 5, but it must be 4"), "{told}");
-        assert!(of(6..9, 4, Join::Concat).unwrap_err().starts_with("columns of an encoder is 6..9"));
+        for columns in [6..9, 3..3] {
+            let told = of(columns.clone(), 4, Join::Concat).unwrap_err();
+            assert!(told.starts_with(&format!("columns of an encoder is {columns:?}")), "{told}");
+        }
     }
 }

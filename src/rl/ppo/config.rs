@@ -161,13 +161,17 @@ impl PpoConfig {
         }
         ValueNorm::new(self.value_beta)?;
         self.adam.validate()?;
+        if !self.critic.is_plain() {
+            let remedy = "Leave them to network: critics see rows as they are.";
+            return Err(Error::value("critic", "with encoder or memory", "of hidden layers alone", remedy));
+        }
         self.network.validate()?;
         self.critic.validate()
     }
 }
 
 built_in! {
-    "ppo": PpoConfig => Ppo, squashed: false, loss: "−(clipped surrogate + entropy bonus)", in: "config.rs";
+    "ppo": PpoConfig => Ppo, squashed: false, loss: "−(clipped surrogate + entropy bonus)", in: "config.rs", remembers: true;
 
     fn seen(&self, env: &EnvConfig) -> EnvConfig {
         PpoConfig::seen(self, env)

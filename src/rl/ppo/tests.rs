@@ -64,8 +64,16 @@ fn before_the_first_step_the_ratio_is_one_and_the_divergence_nothing() {
 /// A rollout of nothing but what the actor's loss reads, every sign of A with ρ on all three sides of the clip.
 fn invented(actor: &Actor, parameters: &[f32], stream: &mut Stream) -> (Rollout, Vec<u32>) {
     let (n_in, n_action) = (actor.mlp.n_input(), actor.n_action());
-    let shape =
-        Shape { steps: 5, n_agent: 2, n_judged: 1, n_observation: n_in, n_central: 3, n_privileged: 0, n_action };
+    let shape = Shape {
+        steps: 5,
+        n_agent: 2,
+        n_judged: 1,
+        n_observation: n_in,
+        n_central: 3,
+        n_privileged: 0,
+        n_action,
+        n_state: 0,
+    };
     let mut rollout = Rollout::new(shape, 4);
     let mut memory = actor.mlp.memory(1);
     let (network, extra) = parameters.split_at(actor.mlp.n_parameter());
