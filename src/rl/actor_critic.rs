@@ -18,8 +18,8 @@ use super::checkpoint::Tensors;
 use super::experience::{Block, Experience, Explore, Flown, Streams};
 use super::learner::{Learner, Progress, Update};
 use super::nn::fold::fold;
-use super::nn::{Activation, Memory, Mlp, Pass, Scratch};
-use super::policy::{Actor, Policy, ROWS};
+use super::nn::{Activation, Memory, Mlp, Network, Pass, Scratch};
+use super::policy::{Actor, Policy, ROWS, network};
 use super::replay::Widths;
 use super::schedule::Schedule;
 use super::shards::{Make, shards_if, within_memory};
@@ -31,6 +31,7 @@ use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::{EnvConfig, Space, Spec};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// What an algorithm of this kind chooses for itself.
@@ -129,7 +130,7 @@ struct Work {
 
 /// Networks' shapes, and how many rows they learn from.
 struct Shapes {
-    actor: Mlp,
+    actor: Arc<dyn Network>,
     critic: Mlp,
     n_critic: usize,
     batch: usize,
@@ -140,12 +141,13 @@ struct Shapes {
 }
 
 impl Shapes {
-    fn new<E: Exploration>(settings: &ActorCriticConfig<E>, kind: &E::Kind, widths: Widths) -> Result<Self> {
+    fn new<E: Exploration>(settings: &ActorCriticConfig<E>, kind: &E::Kind, spec: &Spec) -> Result<Self> {
+        let widths = Widths::of(spec, settings.central_critic);
         let agents = if settings.central_critic { widths.n_agent } else { 1 };
         let n_base = if widths.n_state > 0 { widths.n_state } else { agents * widths.n_observation };
         let n_output = kind.n_output(widths.n_action);
         Ok(Self {
-            actor: Mlp::new(widths.n_observation, &settings.network, n_output, kind.output())?,
+            actor: network(spec, &settings.network, n_output, kind.output())?,
             critic: Mlp::new(n_base + agents * widths.n_action, &settings.critic, 1, Activation::Identity)?,
             n_critic: settings.critics,
             batch: settings.batch,
@@ -226,14 +228,14 @@ pub struct ActorCritic<E: Exploration> {
 /// The actor while it explores.
 struct Exploring<'a, K> {
     kind: &'a K,
-    mlp: &'a Mlp,
+    network: &'a dyn Network,
     parameters: &'a [f32],
     n_action: usize,
 }
 
 impl<K: Kind> Explore for Exploring<'_, K> {
     fn act(&self, x: &[f32], first: usize, memory: &mut Memory, streams: &mut Streams<'_>, actions: &mut [f32]) {
-        let output = self.mlp.forward(self.parameters, x, x.len() / self.mlp.n_input(), memory);
+        let output = self.network.forward(self.parameters, x, x.len() / self.network.n_input(), memory);
         for (k, action) in actions.chunks_exact_mut(self.n_action).enumerate() {
             let environment = streams.environment(first + k);
             self.kind.explore(output.row(k), environment, streams.of(first + k), action);
@@ -261,9 +263,9 @@ impl<E: Exploration> ActorCritic<E> {
             config.replay.fits(first.spec(), n, config.central_critic)
         })?;
         let spec = shards[0].env.spec().clone();
-        let widths = Widths::of(&spec, config.central_critic);
-        let kind = config.exploration.kind(widths.n_action);
-        let shapes = Shapes::new(&config, &kind, widths)?;
+        let kind = config.exploration.kind(spec.action.len());
+        let shapes = Shapes::new(&config, &kind, &spec)?;
+        let widths = shapes.widths;
         within_memory("batch", config.batch, shapes.bytes(), env.memory_limit)?;
         let stream = |network| Stream::new(seed, 0, network, Purpose::LEARNING);
         let critic = |k| NetWithTarget::new(&shapes.critic, config.adam, true, &mut stream(1 + k));
@@ -292,7 +294,7 @@ impl<E: Exploration> ActorCritic<E> {
     fn fly(&mut self) -> Result<Flown> {
         let explore = Exploring {
             kind: &self.kind,
-            mlp: &self.shapes.actor,
+            network: &*self.shapes.actor,
             parameters: &self.actor.parameters,
             n_action: self.shapes.widths.n_action,
         };
@@ -367,8 +369,8 @@ impl<E: Exploration> ActorCritic<E> {
 
     /// The weights of what flies: of outputs it has those that are the action.
     fn flown_parameters(&self) -> Result<Vec<f32>> {
-        let own = (&self.shapes.actor, &self.actor.parameters[..]);
-        let mut parameters = fold(own, &self.flown.mlp, |k| vec![(k, 1.0)])?;
+        let own = (&*self.shapes.actor, &self.actor.parameters[..]);
+        let mut parameters = fold(own, &*self.flown.mlp, |k| vec![(k, 1.0)])?;
         parameters.resize(self.flown.n_parameter(), 0.0);
         Ok(parameters)
     }
@@ -593,7 +595,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
             to.data[..n].copy_from_slice(&from.data[..n]);
         }
         let mut own = own.into_iter();
-        let parameters = actor.from_parts(|_, _| Ok(own.next().map_or(Vec::new(), |part| part.data)))?;
+        let parameters = actor.from_parts(&mut |_, _| Ok(own.next().map_or(Vec::new(), |part| part.data)))?;
         self.actor.begin(actor, parameters);
         start.statistics.as_ref().map_or(Ok(()), |known| self.experience.begin_statistics(known))
     }

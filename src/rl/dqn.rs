@@ -19,8 +19,8 @@ use super::checkpoint::Tensors;
 use super::experience::{Block, Experience, Explore, Streams};
 use super::learner::{Learner, Progress, Update};
 use super::nn::fold::fold;
-use super::nn::{Activation, Memory, Mlp, Output, Pass, Scratch};
-use super::policy::{Actor, Policy, ROWS};
+use super::nn::{Activation, Memory, Mlp, Network, Output, Pass, Scratch};
+use super::policy::{Actor, Policy, ROWS, network};
 use super::replay::Widths;
 use super::shards::{Make, shards_if, within_memory};
 use super::state;
@@ -32,6 +32,7 @@ use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
 use crate::tasks::{EnvConfig, Space, Spec};
 use mixing::Mixing;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// How a network's outputs make values: `branches` numbers of an action with `levels` values each.
@@ -109,7 +110,7 @@ impl Values {
 /// Shapes of the networks.
 struct Shapes {
     values: Values,
-    network: Mlp,
+    network: Arc<dyn Network>,
     mixing: Option<Mixing>,
     agents: usize,
     widths: Widths,
@@ -263,7 +264,7 @@ impl Dqn {
     fn flown_parameters(&self) -> Result<Vec<f32>> {
         let values = self.shapes.values;
         let share = 1.0 / values.quantiles as f32;
-        fold((&self.shapes.network, &self.net.parameters), &self.flown.mlp, |k| {
+        fold((&*self.shapes.network, &self.net.parameters), &*self.flown.mlp, |k| {
             let all = (0..values.quantiles).flat_map(|q| values.parts(k / values.levels, k % values.levels, q));
             all.map(|(j, w)| (j, share * w)).collect()
         })
@@ -277,7 +278,7 @@ impl Shapes {
         let agents = if team { widths.n_agent } else { 1 };
         let n_state = if widths.n_state > 0 { widths.n_state } else { widths.seen() };
         Ok(Self {
-            network: Mlp::new(widths.n_observation, &config.network, values.n_output(), Activation::Identity)?,
+            network: network(spec, &config.network, values.n_output(), Activation::Identity)?,
             mixing: Mixing::new(config.mixer, agents, n_state)?,
             batch: config.batch,
             values,

@@ -5,7 +5,7 @@
 
 use super::checkpoint::Tensors;
 use super::learner::Episodes;
-use super::nn::{Memory, Mlp};
+use super::nn::{Memory, Network};
 use super::policy::ROWS;
 use super::priorities::Priorities;
 use super::replay::{ReplayConfig, Ring, Widths};
@@ -78,7 +78,12 @@ pub struct Flown {
 
 impl Experience {
     /// Of these shards, flown by a network like `actor`; `discount` is γ of what paths add up.
-    pub fn new(shards: Vec<Shard>, actor: &Mlp, (config, discount): (&ReplayConfig, f64), widths: Widths) -> Self {
+    pub fn new(
+        shards: Vec<Shard>,
+        actor: &dyn Network,
+        (config, discount): (&ReplayConfig, f64),
+        widths: Widths,
+    ) -> Self {
         let n_env: usize = shards.iter().map(|shard| shard.env.spec().n_env).sum();
         let slots = config.slots(n_env);
         let spec = shards[0].env.spec();

@@ -77,7 +77,7 @@ impl Actor {
 }
 
 /// From an agent's observation to `n_out` numbers.
-fn network(spec: &Spec, layers: &Layers, n_out: usize, output: Activation) -> Result<Arc<dyn Network>> {
+pub(super) fn network(spec: &Spec, layers: &Layers, n_out: usize, output: Activation) -> Result<Arc<dyn Network>> {
     layers.validate()?;
     if layers.is_plain() {
         return Ok(Arc::new(Mlp::new(spec.n_observation, layers, n_out, output)?));

@@ -4,7 +4,7 @@
 use super::checkpoint::Tensors;
 use super::nn::elementwise::{add, approach};
 use super::nn::fold::in_other_units;
-use super::nn::{Adam, AdamConfig, Mlp, Transposed, Weights, clip_norm};
+use super::nn::{Adam, AdamConfig, Network, Transposed, Weights, clip_norm};
 use super::state;
 use crate::error::Result;
 use crate::rng::Stream;
@@ -35,19 +35,19 @@ pub struct Stride {
 
 impl NetWithTarget {
     /// From random weights; with a target network, if it `follows`.
-    pub fn new(mlp: &Mlp, adam: AdamConfig, follows: bool, stream: &mut Stream) -> Self {
+    pub fn new(network: &dyn Network, adam: AdamConfig, follows: bool, stream: &mut Stream) -> Self {
         let mut net = Self {
-            parameters: mlp.init(stream),
+            parameters: network.init(stream),
             transposed: Transposed::default(),
-            adam: Adam::new(adam, mlp.n_parameter()),
+            adam: Adam::new(adam, network.n_parameter()),
             following: Vec::new(),
-            gradient: vec![0.0; mlp.n_parameter()],
+            gradient: vec![0.0; network.n_parameter()],
             gradient_norm: 0.0,
         };
         if follows {
             net.following.clone_from(&net.parameters);
         }
-        mlp.transpose(&net.parameters, &mut net.transposed);
+        network.transpose(&net.parameters, &mut net.transposed);
         net
     }
 
@@ -57,34 +57,34 @@ impl NetWithTarget {
     }
 
     /// Down the sum of `gradients`, folded in order; then the target network follows.
-    pub fn descend<'a>(&mut self, mlp: &Mlp, gradients: impl Iterator<Item = &'a [f32]>, stride: Stride) {
+    pub fn descend<'a>(&mut self, network: &dyn Network, gradients: impl Iterator<Item = &'a [f32]>, stride: Stride) {
         self.gradient.fill(0.0);
         gradients.for_each(|own| add(&mut self.gradient, own));
         self.gradient_norm = clip_norm(&mut self.gradient, stride.clip);
         self.adam.descend(&mut self.parameters, &self.gradient, stride.rate);
-        mlp.transpose(&self.parameters, &mut self.transposed);
+        network.transpose(&self.parameters, &mut self.transposed);
         if !self.following.is_empty() {
             approach(&mut self.following, &self.parameters, stride.follow as f32);
         }
     }
 
     /// Begins with these weights.
-    pub fn begin(&mut self, mlp: &Mlp, parameters: Vec<f32>) {
+    pub fn begin(&mut self, network: &dyn Network, parameters: Vec<f32>) {
         if !self.following.is_empty() {
             self.following.clone_from(&parameters);
         }
         self.parameters = parameters;
-        mlp.transpose(&self.parameters, &mut self.transposed);
+        network.transpose(&self.parameters, &mut self.transposed);
     }
 
     /// Says the same in other units, and its target network too.
     ///
     /// # Errors
     /// As [`in_other_units`].
-    pub fn rescale(&mut self, mlp: &Mlp, of: impl Fn(usize) -> (f32, f32)) -> Result<()> {
-        self.following = in_other_units(mlp, &self.following, &of)?;
-        self.parameters = in_other_units(mlp, &self.parameters, &of)?;
-        mlp.transpose(&self.parameters, &mut self.transposed);
+    pub fn rescale(&mut self, network: &dyn Network, of: impl Fn(usize) -> (f32, f32)) -> Result<()> {
+        self.following = in_other_units(network, &self.following, &of)?;
+        self.parameters = in_other_units(network, &self.parameters, &of)?;
+        network.transpose(&self.parameters, &mut self.transposed);
         Ok(())
     }
 
@@ -92,10 +92,10 @@ impl NetWithTarget {
     ///
     /// # Errors
     /// None for a name that is used once.
-    pub fn save(&self, to: &mut Tensors, name: &str, mlp: &Mlp) -> Result<()> {
-        state::put_network(to, name, mlp, &self.parameters)?;
+    pub fn save(&self, to: &mut Tensors, name: &str, network: &dyn Network) -> Result<()> {
+        state::put_network(to, name, network, &self.parameters)?;
         if !self.following.is_empty() {
-            state::put_network(to, &format!("target.{name}"), mlp, &self.following)?;
+            state::put_network(to, &format!("target.{name}"), network, &self.following)?;
         }
         state::put_adam(to, name, &self.adam)
     }
@@ -104,14 +104,14 @@ impl NetWithTarget {
     ///
     /// # Errors
     /// As [`Tensors::get`].
-    pub fn load(&mut self, from: &Tensors, name: &str, mlp: &Mlp) -> Result<()> {
-        let parameters = state::network(from, name, mlp)?;
+    pub fn load(&mut self, from: &Tensors, name: &str, network: &dyn Network) -> Result<()> {
+        let parameters = state::network(from, name, network)?;
         if !self.following.is_empty() {
-            self.following = state::network(from, &format!("target.{name}"), mlp)?;
+            self.following = state::network(from, &format!("target.{name}"), network)?;
         }
         self.adam = state::adam(from, name, self.adam.config, parameters.len())?;
         self.parameters = parameters;
-        mlp.transpose(&self.parameters, &mut self.transposed);
+        network.transpose(&self.parameters, &mut self.transposed);
         Ok(())
     }
 }

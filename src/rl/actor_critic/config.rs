@@ -127,6 +127,10 @@ impl<E: Exploration> ActorCriticConfig<E> {
         self.exploration.validate()?;
         self.adam.validate()?;
         self.network.validate()?;
+        if !self.critic.is_plain() {
+            let remedy = "Give encoders to `network`: critics see what all of them see, beside the action.";
+            return Err(Error::value("critic", "encoders or a memory", "hidden layers alone", remedy));
+        }
         self.critic.validate()
     }
 }

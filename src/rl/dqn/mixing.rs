@@ -27,7 +27,7 @@ impl Mixing {
             Mixer::Sum => Some(Self { agents, units: 0, weights: None }),
             Mixer::Monotone { units, hidden } => {
                 let init = Init::Orthogonal { hidden: std::f64::consts::SQRT_2, last: 0.5 };
-                let layers = Layers { hidden: vec![hidden], activation: Activation::Elu, layer_norm: false, init };
+                let layers = Layers { hidden: vec![hidden], activation: Activation::Elu, init, ..Layers::default() };
                 let n_output = agents * units + 2 * units + 1;
                 let weights = Mlp::new(n_state, &layers, n_output, Activation::Identity)?;
                 Some(Self { agents, units, weights: Some(weights) })

@@ -1,62 +1,64 @@
 //! Networks that say the same otherwise: with fewer outputs, each a sum of some of another's; or in other units.
 
-use super::mlp::{Mlp, Part};
+use super::network::{Network, Part};
 use crate::error::Result;
 
 /// The parameters of `narrow`, whose output k is Σ w · (output j of `wide`) over the `(j, w)` that `sums` gives for k. Both are
 /// alike but for the number of outputs and what these pass through.
 ///
 /// # Errors
-/// As [`Mlp::from_parts`], for networks that are not alike.
+/// As [`Network::from_parts`], for networks that are not alike.
 pub fn fold(
-    (wide, parameters): (&Mlp, &[f32]),
-    narrow: &Mlp,
+    (wide, parameters): (&dyn Network, &[f32]),
+    narrow: &dyn Network,
     sums: impl Fn(usize) -> Vec<(usize, f32)>,
 ) -> Result<Vec<f32>> {
-    let parts = wide.parts(parameters);
+    let mut parts = wide.parts(parameters);
     let (n_wide, n_narrow) = (wide.n_output(), narrow.n_output());
-    let last =
-        parts.iter().rev().find(|part| part.name.ends_with(".weight")).and_then(|part| part.name.split_once('.'));
-    let last = last.map(|(layer, _)| layer.to_string()).unwrap_or_default();
-    let folded = |part: &Part| {
+    for part in last_layer(&mut parts) {
         let width = part.data.len() / n_wide;
         let mut data = vec![0.0; n_narrow * width];
-        for (k, row) in data.chunks_exact_mut(width.max(1)).enumerate() {
+        for (k, row) in data.chunks_exact_mut(width).enumerate() {
             for (j, w) in sums(k) {
                 row.iter_mut().zip(&part.data[j * width..]).for_each(|(to, x)| *to += w * x);
             }
         }
-        data
-    };
-    narrow.from_parts(|name, _| {
-        let part = parts.iter().find(|part| part.name == name);
-        Ok(part.map_or(Vec::new(), |part| {
-            if name.split_once('.').is_some_and(|(layer, _)| layer == last) { folded(part) } else { part.data.clone() }
-        }))
-    })
+        part.data = data;
+    }
+    joined(narrow, parts)
 }
 
-/// The parameters of `mlp` with factor · y + shift in place of the output y number k, by the (factor, shift) of `of`(k).
+/// The parameters of `network` with factor · y + shift in place of the output y number k, by the (factor, shift) of `of`(k).
 ///
 /// # Errors
-/// As [`Mlp::from_parts`], for numbers that are not finite.
-pub fn in_other_units(mlp: &Mlp, parameters: &[f32], of: impl Fn(usize) -> (f32, f32)) -> Result<Vec<f32>> {
-    let mut parts = mlp.parts(parameters);
-    let n = parts.len();
-    // the last two are the last layer's weight, [out, in], and bias
-    let width = parts[n - 2].data.len() / mlp.n_output();
-    for k in 0..mlp.n_output() {
+/// As [`Network::from_parts`], for numbers that are not finite.
+pub fn in_other_units(network: &dyn Network, parameters: &[f32], of: impl Fn(usize) -> (f32, f32)) -> Result<Vec<f32>> {
+    let mut parts = network.parts(parameters);
+    let n = network.n_output();
+    let [weight, bias] = last_layer(&mut parts) else { return joined(network, parts) };
+    let width = weight.data.len() / n;
+    for k in 0..n {
         let (factor, shift) = of(k);
-        parts[n - 2].data[k * width..][..width].iter_mut().for_each(|w| *w *= factor);
-        parts[n - 1].data[k] = factor * parts[n - 1].data[k] + shift;
+        weight.data[k * width..][..width].iter_mut().for_each(|w| *w *= factor);
+        bias.data[k] = factor * bias.data[k] + shift;
     }
+    joined(network, parts)
+}
+
+/// Weight, `[out, in]`, and bias of the layer that gives the outputs.
+fn last_layer(parts: &mut [Part]) -> &mut [Part] {
+    let n = parts.len();
+    &mut parts[n - 2..]
+}
+
+fn joined(network: &dyn Network, parts: Vec<Part>) -> Result<Vec<f32>> {
     let mut parts = parts.into_iter();
-    mlp.from_parts(|_, _| Ok(parts.next().map_or(Vec::new(), |part| part.data)))
+    network.from_parts(&mut |_, _| Ok(parts.next().map_or(Vec::new(), |part| part.data)))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Activation, Layers};
+    use super::super::{Activation, Layers, Mlp};
     use super::*;
     use crate::rng::{Purpose, Stream};
 

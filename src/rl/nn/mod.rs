@@ -23,10 +23,10 @@ pub(crate) mod adam;
 pub(crate) mod aligned;
 pub(crate) mod conv;
 pub(crate) mod elementwise;
-pub(crate) mod fold;
 pub(crate) mod encoder;
 #[cfg(test)]
 pub(crate) mod exact;
+pub(crate) mod fold;
 pub(crate) mod gaussian;
 pub(crate) mod gru;
 pub(crate) mod head;
@@ -34,9 +34,9 @@ pub(crate) mod init;
 pub(crate) mod mlp;
 pub(crate) mod network;
 pub(crate) mod product;
-pub(crate) mod tanh_gaussian;
 pub(crate) mod set;
 pub(crate) mod stack;
+pub(crate) mod tanh_gaussian;
 
 pub use activation::Activation;
 pub use adam::{Adam, AdamConfig, clip_norm};
