@@ -257,6 +257,7 @@ impl<E: Exploration> ActorCritic<E> {
         threads: Threads,
     ) -> Result<Self> {
         config.validate()?;
+        Experience::check(env)?;
         let env = EnvConfig { n_env: config.n_env, seed, ..env.clone() };
         let shards = shards_if(make, &env, config.shard, |first, n| {
             check_continuous(first.spec())?;
@@ -264,6 +265,7 @@ impl<E: Exploration> ActorCritic<E> {
         })?;
         let spec = shards[0].env.spec().clone();
         let kind = config.exploration.kind(spec.action.len());
+        check_few(&spec, kind.most_action())?;
         let shapes = Shapes::new(&config, &kind, &spec)?;
         let widths = shapes.widths;
         within_memory("batch", config.batch, shapes.bytes(), env.memory_limit)?;
@@ -304,8 +306,11 @@ impl<E: Exploration> ActorCritic<E> {
     /// Takes the last targets into the unit, in which critics then say the same.
     fn measure(&mut self) -> Result<()> {
         let before = self.norm.unit();
-        let targets: Vec<f32> =
-            self.work.iter().flat_map(|work| work.target.iter().map(|y| before.denormalise(*y))).collect();
+        let mut targets = Vec::with_capacity(self.config.batch);
+        for work in &self.work {
+            let counted = work.target.iter().zip(&work.block.weight).filter(|(_, weight)| **weight > 0.0);
+            targets.extend(counted.map(|(y, _)| before.denormalise(*y)));
+        }
         self.norm.update(&targets);
         let change = before.into_other(self.norm.unit());
         self.critics.iter_mut().try_for_each(|critic| critic.rescale(&self.shapes.critic, |_| change))
@@ -315,10 +320,13 @@ impl<E: Exploration> ActorCritic<E> {
     fn improve(&mut self, learnt: &mut Learnt) {
         let progress = self.progress_of_run();
         self.judge(progress);
+        let climbs = (self.step + 1).is_multiple_of(self.config.actor_delay as u64);
+        // where the actor's target follows with a delay, those of the critics do
+        let follows = climbs || !self.kind.slow_actor();
         let stride = |rate: &Schedule| Stride {
             clip: self.config.max_grad_norm,
             rate: rate.at(progress),
-            follow: self.config.follow,
+            tau: if follows { self.config.tau } else { 0.0 },
         };
         let of_critics = stride(&self.config.critic_learning_rate);
         let of_actor = stride(&self.config.learning_rate);
@@ -329,11 +337,12 @@ impl<E: Exploration> ActorCritic<E> {
         self.experience.rank(self.work.iter().map(|work| &work.block));
         self.step += 1;
         learnt.critic_steps += 1.0;
-        if self.step.is_multiple_of(self.config.actor_delay as u64) {
+        if climbs {
             self.climb();
             let gradients = self.work.iter().map(|own| &own.gradient[..]);
             self.actor.descend(&self.shapes.actor, gradients, of_actor);
-            let rows = (self.config.batch * self.shapes.agents) as f64;
+            let left_out: usize = self.work.iter().map(|own| own.block.left_out).sum();
+            let rows = ((self.config.batch - left_out).max(1) * self.shapes.agents) as f64;
             self.kind.adapt(self.work.iter().map(|own| own.sums[2]).sum::<f64>() / rows);
             learnt.actor_steps += 1.0;
             learnt.gradient_norm += self.actor.gradient_norm;
@@ -376,6 +385,14 @@ impl<E: Exploration> ActorCritic<E> {
     }
 }
 
+fn check_few(spec: &Spec, most: usize) -> Result<()> {
+    if spec.action.len() <= most {
+        return Ok(());
+    }
+    let remedy = "Learn with td3 or ppo.";
+    Err(Error::limit("numbers of an action", spec.action.len(), most, remedy))
+}
+
 fn check_continuous(spec: &Spec) -> Result<()> {
     if matches!(spec.action, Space::Box { .. }) {
         return Ok(());
@@ -398,7 +415,7 @@ impl Work {
         self.target.fill(0.0);
         let mut noise = Noise(&mut self.block.stream);
         for (k, action) in self.actions.chunks_exact_mut(n).enumerate() {
-            self.target[k / shapes.agents] += kind.next(output.row(k), &mut noise, action) / shapes.agents as f32;
+            self.target[k / shapes.agents] += kind.next(output.row(k), &mut noise, action);
         }
         let base = if shapes.widths.n_state > 0 { &self.block.next_state } else { &self.block.next };
         shapes.join(base, &self.actions, &mut self.x);
@@ -429,7 +446,7 @@ impl Work {
                 let (weight, error) = if error.is_finite() { (self.block.weight[k], error) } else { (0.0, 0.0) };
                 let bounded = error.clamp(-huber, huber);
                 self.grad_q[k] = weight * bounded / shapes.batch as f32;
-                self.block.error[k] = self.block.error[k].max(error.abs());
+                self.block.error[k] = self.block.error[k].max(if weight > 0.0 { error.abs() } else { 0.0 });
                 self.sums[0] += f64::from(weight * bounded * (error - 0.5 * bounded));
                 self.sums[1] += f64::from(said.row(k)[0]);
             }

@@ -225,14 +225,19 @@ pub struct Variant {
 }
 
 /// All such names.
-pub static VARIANTS: [Variant; 5] = [
+pub static VARIANTS: [Variant; 6] = [
     Variant { name: "mappo", of: "ppo", settings: "ppo.central_critic = true" },
     Variant {
         name: "ddpg",
         of: "td3",
-        settings: "td3 = { critics = 1, actor_delay = 1, exploration = { valued = 0.0 } }",
+        settings: "td3 = { critics = 1, actor_delay = 1, exploration = { target_noise = 0.0 } }",
     },
-    Variant { name: "maddpg", of: "td3", settings: "td3.central_critic = true" },
+    Variant {
+        name: "maddpg",
+        of: "td3",
+        settings: "td3 = { central_critic = true, critics = 1, actor_delay = 1, exploration = { target_noise = 0.0 } }",
+    },
+    Variant { name: "matd3", of: "td3", settings: "td3.central_critic = true" },
     Variant { name: "vdn", of: "dqn", settings: "dqn.mixer = { kind = 'sum' }" },
     Variant { name: "qmix", of: "dqn", settings: "dqn.mixer = { kind = 'monotone', units = 32, hidden = 64 }" },
 ];

@@ -266,13 +266,18 @@ impl TrainConfig {
 
     /// What a setting means, by its table and key as in a file: `apg.network`, `hidden`.
     pub fn meaning(table: &str, key: &str) -> Option<String> {
-        let (source, name) = match table.rsplit('.').next()? {
+        let mut levels = table.rsplit('.');
+        let (own, above) = (levels.next()?, levels.next().unwrap_or_default());
+        let (source, name) = match own {
             "" => (include_str!("config.rs"), "TrainConfig"),
             "evaluate" => (include_str!("config.rs"), "Evaluate"),
             "curriculum" => (include_str!("curriculum.rs"), "Curriculum"),
             "checkpoint" => (include_str!("config.rs"), "Checkpoints"),
             "adam" => (include_str!("nn/adam.rs"), "AdamConfig"),
             "network" | "critic" => (include_str!("nn/mlp.rs"), "Layers"),
+            "replay" => (include_str!("replay.rs"), "ReplayConfig"),
+            "exploration" if above == "sac" => (include_str!("sac.rs"), "Entropy"),
+            "exploration" => (include_str!("td3.rs"), "ActionNoise"),
             own => algorithm::by_name(own).ok()?.source(),
         };
         fields(source, name).into_iter().find_map(|(field, meaning)| (field == key).then_some(meaning))

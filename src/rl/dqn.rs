@@ -126,6 +126,8 @@ struct Work {
     of_mixer: Option<(Memory, Scratch)>,
     /// Target quantiles `[rows, agents, quantiles]`, or one value of the team.
     target: Vec<f32>,
+    /// The best level of every number of every agent's next action.
+    best: Vec<usize>,
     grad_output: Vec<f32>,
     /// Each agent's value and its slope; what the mixer's network is to learn.
     q: Vec<f32>,
@@ -191,6 +193,7 @@ impl Dqn {
     /// [`EnvConfig::memory_limit`].
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: DqnConfig, seed: u64, threads: Threads) -> Result<Self> {
         config.validate()?;
+        Experience::check(env)?;
         let env = EnvConfig { n_env: config.n_env, seed, ..config.seen(env) };
         let team = config.mixer != Mixer::None;
         let shards = shards_if(make, &env, config.shard, |first, n| {
@@ -227,8 +230,7 @@ impl Dqn {
             work.value_next(shapes, (net, mixer.as_ref()), config.double, unit);
             work.judge(shapes, (net, mixer.as_ref()), config.huber as f32);
         });
-        let stride =
-            Stride { clip: config.max_grad_norm, rate: config.learning_rate.at(progress), follow: config.follow };
+        let stride = Stride { clip: config.max_grad_norm, rate: config.learning_rate.at(progress), tau: config.tau };
         net.descend(&shapes.network, self.work.iter().map(|own| &own.gradient[..]), stride);
         if let (Some(mixer), Some(mlp)) = (mixer, shapes.mixing.as_ref().and_then(|mixing| mixing.weights.as_ref())) {
             mixer.descend(mlp, self.work.iter().map(|own| &own.mixer_gradient[..]), stride);
@@ -244,11 +246,11 @@ impl Dqn {
     fn measure(&mut self) -> Result<()> {
         let (before, values) = (self.norm.unit(), self.shapes.values);
         let n = if self.shapes.mixing.is_some() { 1 } else { values.quantiles };
-        let targets: Vec<f32> = self
-            .work
-            .iter()
-            .flat_map(|work| work.target[..work.block.rows * n].iter().map(|y| before.denormalise(*y)))
-            .collect();
+        let mut targets = Vec::with_capacity(self.config.batch * n);
+        for work in &self.work {
+            let counted = work.target.chunks_exact(n).zip(&work.block.weight).filter(|(_, weight)| **weight > 0.0);
+            targets.extend(counted.flat_map(|(own, _)| own).map(|y| before.denormalise(*y)));
+        }
         self.norm.update(&targets);
         if self.shapes.mixing.is_some() {
             return Ok(());
@@ -300,6 +302,7 @@ impl Shapes {
                 scratch: self.network.scratch(rows),
                 of_mixer: self.mixer().map(|mlp| (mlp.memory(block.rows), mlp.scratch(block.rows))),
                 target: vec![0.0; rows * self.values.quantiles],
+                best: vec![0; rows * self.values.branches],
                 grad_output: vec![0.0; rows * self.values.n_output()],
                 q: vec![0.0; rows],
                 grad_q: vec![0.0; self.agents],
@@ -342,9 +345,11 @@ impl Work {
         let chosen = double.then(|| shapes.network.forward(&net.parameters, &self.block.next, rows * agents, of_net));
         for k in 0..rows * agents {
             let (output, by) = (said.row(k), chosen.as_ref().map_or(said.row(k), |own: &Output<'_>| own.row(k)));
+            let best = &mut self.best[k * values.branches..][..values.branches];
+            best.iter_mut().enumerate().for_each(|(branch, level)| *level = values.best(by, branch));
             for q in 0..values.quantiles {
-                let best = |branch| values.quantile(output, branch, values.best(by, branch), q);
-                let value = (0..values.branches).map(best).sum::<f32>() / values.branches as f32;
+                let of = |(branch, level): (usize, &usize)| values.quantile(output, branch, *level, q);
+                let value = best.iter().enumerate().map(of).sum::<f32>() / values.branches as f32;
                 self.target[k * values.quantiles + q] = value;
             }
         }
@@ -416,6 +421,9 @@ impl Work {
     }
 }
 
+/// Where errors of quantiles begin to count linearly, in deviations of the targets: wide ones would make expectiles of them.
+const QUANTILE_KINK: f32 = 0.02;
+
 /// An error's loss and its slope: Huber's, or nothing where it is not finite.
 struct Huber {
     loss: f32,
@@ -483,17 +491,14 @@ impl Block {
                     let middle = (q as f32 + 0.5) / n as f32;
                     let mut slope = 0.0;
                     for y in target {
-                        let error = Huber::of(own - y, self.weight[k], huber);
                         // of a mean alone both sides count alike
-                        let side = if n == 1 {
-                            1.0
-                        } else if own > *y {
-                            2.0 * (1.0 - middle)
-                        } else {
-                            2.0 * middle
+                        let (side, kink, unit) = match n {
+                            1 => (1.0, huber, 1.0),
+                            _ => (if own > *y { 1.0 - middle } else { middle }, QUANTILE_KINK, QUANTILE_KINK),
                         };
-                        slope += side * error.slope;
-                        sums[0] += f64::from(side * error.loss * share * shapes.batch as f32);
+                        let error = Huber::of(own - y, self.weight[k], kink);
+                        slope += side * error.slope / unit;
+                        sums[0] += f64::from(side * error.loss / unit * share * shapes.batch as f32);
                         mean += (own - y) / (n * n) as f32;
                     }
                     values.pull((branch, level, q), slope * share, grad_output);
@@ -501,7 +506,7 @@ impl Block {
                 sums[1] += f64::from(values.value(output, branch, level) * self.weight[k] / values.branches as f32);
                 worst = worst.max(mean.abs());
             }
-            self.error[k] = worst;
+            self.error[k] = if self.weight[k] > 0.0 { worst } else { 0.0 };
         }
     }
 }

@@ -7,14 +7,14 @@ use super::checkpoint::Tensors;
 use super::learner::Episodes;
 use super::nn::{Memory, Network};
 use super::policy::ROWS;
-use super::priorities::Priorities;
+use super::priorities::{MOST, Priorities};
 use super::replay::{ReplayConfig, Ring, Widths};
 use super::shards::{Shard, begin_statistics, episodes, set_difficulty};
 use super::state;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
-use crate::tasks::{Env, Space, Statistics};
+use crate::tasks::{Env, EnvConfig, Space, Stage, Statistics};
 
 /// How actions are chosen while experience is gathered.
 pub trait Explore: Sync {
@@ -119,7 +119,7 @@ impl Experience {
 
     /// Whether enough is kept to learn from.
     pub fn suffices(&self) -> bool {
-        self.len() >= self.config.random.max(1)
+        self.len() >= self.config.learning_starts.max(1)
     }
 
     /// Flies `steps` steps on: with actions drawn evenly until enough is kept, then as `explore` says. `update` numbers the call.
@@ -189,8 +189,9 @@ impl Experience {
             Some(priorities) => {
                 let id = priorities.find(stream.unit() * priorities.total());
                 let share = priorities.get(id) * n as f64 / priorities.total();
-                let beta = self.config.correction + (1.0 - self.config.correction) * progress;
-                (id, share.max(1e-12).powf(-beta) as f32)
+                let beta = self.config.beta + (1.0 - self.config.beta) * progress;
+                // of a rare row at most ten times an even one's
+                (id, share.max(0.1).powf(-beta) as f32)
             }
         };
         let (slot, of_slot) = (id / (self.n_env * per_env), id % (self.n_env * per_env));
@@ -206,11 +207,9 @@ impl Experience {
         let Some(priorities) = &mut self.priorities else { return };
         for block in blocks {
             for (id, error) in block.ids.iter().zip(&block.error) {
+                let known = if error.is_finite() { f64::from(*error).abs() } else { 0.0 };
                 // none is never drawn again
-                let p = (f64::from(*error).abs() + 1e-6).min(1e6).powf(self.config.priority);
-                if p.is_finite() {
-                    priorities.set(*id as usize, p);
-                }
+                priorities.set(*id as usize, (known + 1e-6).min(MOST).powf(self.config.priority));
             }
         }
     }
@@ -243,6 +242,18 @@ impl Experience {
         Ok(())
     }
 
+    /// Refuses environments whose observations change their meaning while they are kept.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a stage `normalise`.
+    pub fn check(env: &EnvConfig) -> Result<()> {
+        if env.observation.iter().any(|stage| matches!(stage, Stage::Normalise { .. })) {
+            let remedy = "Leave it out: what is kept would be of another scale than what is seen.";
+            return Err(Error::value("env.observation", "normalise", "other stages for this algorithm", remedy));
+        }
+        Ok(())
+    }
+
     /// Environments and what is kept, into a checkpoint.
     ///
     /// # Errors
@@ -265,6 +276,12 @@ impl Experience {
     pub fn load(&mut self, from: &Tensors) -> Result<()> {
         for (k, worker) in self.workers.iter_mut().enumerate() {
             worker.ring.load(k, from)?;
+        }
+        let place = |worker: &Worker| (worker.ring.head(), worker.ring.len());
+        if let Some(other) = self.workers.iter().find(|worker| place(worker) != place(&self.workers[0])) {
+            let remedy = "The checkpoint is damaged or forged: go on from an earlier one.";
+            let limit = format!("{:?}, as of all shards", place(&self.workers[0]));
+            return Err(Error::value("place in the replay", format!("{:?}", place(other)), limit, remedy));
         }
         if let Some(priorities) = &mut self.priorities {
             let n = from.tensor("replay.priorities")?.shape().iter().product();

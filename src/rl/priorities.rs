@@ -2,9 +2,13 @@
 
 use crate::error::{Error, Result};
 
+/// Most that a row's priority is.
+pub const MOST: f64 = 1e6;
+
 /// Priorities of so many rows, and their sums: changed and drawn from in log₂ n steps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Priorities {
+    rows: usize,
     /// A power of two.
     leaves: usize,
     /// The sum of all at 1, those of the node k's children at 2 k and 2 k + 1, rows from `leaves` on.
@@ -17,7 +21,7 @@ impl Priorities {
     /// Of `n` rows, none of which is drawn.
     pub fn new(n: usize) -> Self {
         let leaves = n.next_power_of_two();
-        Self { leaves, sums: vec![0.0; 2 * leaves], most: 1.0 }
+        Self { rows: n, leaves, sums: vec![0.0; 2 * leaves], most: 1.0 }
     }
 
     /// Σ of all.
@@ -64,7 +68,7 @@ impl Priorities {
 
     /// All of them, and the largest so far.
     pub fn save(&self) -> Vec<f64> {
-        let mut out = self.sums[self.leaves..].to_vec();
+        let mut out = self.sums[self.leaves..][..self.rows].to_vec();
         out.push(self.most);
         out
     }
@@ -75,14 +79,14 @@ impl Priorities {
     /// [`Error::Value`] for another number of them, or one that is negative or not finite.
     pub fn load(&mut self, saved: &[f64]) -> Result<()> {
         let remedy = "The checkpoint is damaged or forged: go on from an earlier one.";
-        if saved.len() != self.leaves + 1 {
-            return Err(Error::value("priorities", saved.len(), (self.leaves + 1).to_string(), remedy));
+        if saved.len() != self.rows + 1 {
+            return Err(Error::value("priorities", saved.len(), (self.rows + 1).to_string(), remedy));
         }
-        if let Some(p) = saved.iter().find(|p| !(p.is_finite() && **p >= 0.0)) {
-            return Err(Error::value("a priority", p, "finite and ≥ 0", remedy));
+        if let Some(p) = saved.iter().find(|p| !(0.0..=MOST).contains(*p)) {
+            return Err(Error::value("a priority", p, format!("within [0, {MOST:e}]"), remedy));
         }
-        let (own, most) = saved.split_at(self.leaves);
-        self.sums[self.leaves..].copy_from_slice(own);
+        let (own, most) = saved.split_at(self.rows);
+        self.sums[self.leaves..][..self.rows].copy_from_slice(own);
         self.most = most[0];
         for node in (1..self.leaves).rev() {
             self.sums[node] = self.sums[2 * node] + self.sums[2 * node + 1];
@@ -122,7 +126,11 @@ mod tests {
         other.load(&tree.save()).unwrap();
         assert_eq!(tree, other);
         let refused = |saved: &[f64]| Priorities::new(2).load(saved).unwrap_err().to_string();
-        assert!(refused(&[1.0, -1.0, 1.0]).contains("≥ 0") && refused(&[1.0]).contains('3'));
+        assert!(
+            refused(&[1.0, -1.0, 1.0]).contains("within")
+                && refused(&[1e300, 1.0, 1.0]).contains("within")
+                && refused(&[1.0]).contains('3')
+        );
     }
 
     #[test]

@@ -18,18 +18,18 @@ pub struct ReplayConfig {
     /// Steps of environments that are kept.
     pub capacity: usize,
     /// Steps that are flown before the first is learnt from, with actions drawn evenly.
-    pub random: usize,
+    pub learning_starts: usize,
     /// n, steps whose rewards a target adds up before it asks for a value.
     pub n_step: usize,
     /// α: a row is drawn as often as its last error to this power; 0 for all alike (Schaul et al. 2016).
     pub priority: f64,
     /// β of the weights that make up for it, rising to 1 over the run.
-    pub correction: f64,
+    pub beta: f64,
 }
 
 impl Default for ReplayConfig {
     fn default() -> Self {
-        Self { capacity: 200_000, random: 4000, n_step: 1, priority: 0.0, correction: 0.4 }
+        Self { capacity: 200_000, learning_starts: 4000, n_step: 1, priority: 0.0, beta: 0.4 }
     }
 }
 
@@ -48,14 +48,19 @@ impl ReplayConfig {
             let limit = format!("2 to {MAX_CAPACITY}");
             return Err(Error::limit("replay.capacity", self.capacity, limit, "100 000 to a million are usual."));
         }
-        if self.random >= self.capacity {
+        if self.learning_starts >= self.capacity {
             let limit = format!("below replay.capacity, {}", self.capacity);
-            return Err(Error::limit("replay.random", self.random, limit, "A few thousand are usual."));
+            return Err(Error::limit(
+                "replay.learning_starts",
+                self.learning_starts,
+                limit,
+                "A few thousand are usual.",
+            ));
         }
         if !(1..=MAX_N_STEP).contains(&self.n_step) {
             return Err(Error::limit("replay.n_step", self.n_step, format!("1 to {MAX_N_STEP}"), "1 to 5 are usual."));
         }
-        for (what, x) in [("replay.priority", self.priority), ("replay.correction", self.correction)] {
+        for (what, x) in [("replay.priority", self.priority), ("replay.beta", self.beta)] {
             if !(0.0..=1.0).contains(&x) {
                 return Err(Error::value(what, x, "within [0, 1]", "0 or 0.6, and 0.4, are usual."));
             }
@@ -88,7 +93,12 @@ impl ReplayConfig {
     /// [`Error::Limit`] if they do not.
     pub fn fits(&self, spec: &Spec, n: usize, central: bool) -> Result<()> {
         let rows = self.slots(spec.n_env * n) as u128 * (spec.n_env * n) as u128;
-        let bytes = Widths::of(spec, central).bytes() * rows;
+        let widths = Widths::of(spec, central);
+        // what is seen last in an episode, and a tree of sums over priorities
+        let lasts =
+            4 * (widths.seen() + widths.n_state) as u128 * (rows / spec.horizon.max(1) as u128 + spec.n_env as u128);
+        let tree = if self.priority > 0.0 { 32 * widths.n_agent as u128 * rows } else { 0 };
+        let bytes = widths.bytes() * rows + lasts + tree;
         within_memory("replay.capacity", self.capacity, bytes, spec.config.memory_limit)
     }
 }
@@ -401,8 +411,17 @@ impl Ring {
         let n_lasts = count("lasts")?;
         let kept = n_lasts / width;
         let outside = |place: &u64| *place >= kept as u64;
-        let lost = |(end, place): (&u8, &u64)| *end == end::TRUNCATED && outside(place);
-        if head >= self.slots || len >= self.slots || free.iter().any(outside) || end.iter().zip(last).any(lost) {
+        let aside = |end: u8| end == end::TRUNCATED;
+        let lost = |(end, place): (&u8, &u64)| if aside(*end) { outside(place) } else { *place != u64::from(NONE) };
+        let mut used = vec![false; kept];
+        let places = free.iter().chain(last).filter(|place| !outside(place));
+        let twice = places.fold(false, |twice, place| twice | std::mem::replace(&mut used[*place as usize], true));
+        if twice
+            || head >= self.slots
+            || len >= self.slots
+            || free.iter().any(outside)
+            || end.iter().zip(last).any(lost)
+        {
             let remedy = "The checkpoint is damaged or forged: go on from an earlier one.";
             return Err(Error::value(name("place"), format!("{head}, {len}"), "places within the ring", remedy));
         }

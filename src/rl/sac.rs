@@ -54,7 +54,7 @@ impl Exploration for Entropy {
             gradient_steps: 32,
             batch: 256,
             discount: 0.985,
-            follow: 0.01,
+            tau: 0.01,
             critics: 2,
             actor_delay: 1,
             central_critic: false,

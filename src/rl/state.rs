@@ -10,8 +10,18 @@ use crate::error::{Error, Result};
 const MOST: u64 = 1 << 53;
 
 /// Beginnings of the names of what the learners of this crate keep.
-const OURS: [&str; 8] =
-    ["actor.", "critic.", "target.", "start", "value_norm", "rate_scale", "counters", "earlier_steps"];
+const OURS: [&str; 10] = [
+    "actor.",
+    "critic.",
+    "learner.",
+    "mixer.",
+    "target.",
+    "start",
+    "value_norm",
+    "rate_scale",
+    "counters",
+    "earlier_steps",
+];
 
 /// Refuses numbers that no run can have come to, whoever wrote them under a hash that fits: what is not finite, negative
 /// squares, a rate's factor of nought or less, counters that would wrap. What environments look like is left to them: a

@@ -30,7 +30,7 @@ pub struct Stride {
     /// Learning rate.
     pub rate: f64,
     /// Share of the way to the weights that the target network goes.
-    pub follow: f64,
+    pub tau: f64,
 }
 
 impl NetWithTarget {
@@ -64,7 +64,7 @@ impl NetWithTarget {
         self.adam.descend(&mut self.parameters, &self.gradient, stride.rate);
         network.transpose(&self.parameters, &mut self.transposed);
         if !self.following.is_empty() {
-            approach(&mut self.following, &self.parameters, stride.follow as f32);
+            approach(&mut self.following, &self.parameters, stride.tau as f32);
         }
     }
 

@@ -2,7 +2,7 @@
 //! (Lillicrap et al. 2016), for teams with a central critic MATD3 and MADDPG (Lowe et al. 2017).
 //!
 //! The policy is tanh of the network. It is flown with noise, of another scale in every environment (Seo et al. 2025), and
-//! valued with noise that is cut: values of neighbouring actions are to be alike.
+//! valued with noise that is noise_clip: values of neighbouring actions are to be alike.
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
 use super::nn::{Activation, Init, Layers};
@@ -23,16 +23,16 @@ pub type Td3 = ActorCritic<ActionNoise>;
 #[serde(deny_unknown_fields, default)]
 pub struct ActionNoise {
     /// Least and largest σ of what is flown; environments lie evenly between them.
-    pub flown: [f64; 2],
+    pub noise: [f64; 2],
     /// σ of what is valued.
-    pub valued: f64,
+    pub target_noise: f64,
     /// Where that is cut.
-    pub cut: f64,
+    pub noise_clip: f64,
 }
 
 impl Default for ActionNoise {
     fn default() -> Self {
-        Self { flown: [0.05, 0.4], valued: 0.2, cut: 0.5 }
+        Self { noise: [0.05, 0.4], target_noise: 0.2, noise_clip: 0.5 }
     }
 }
 
@@ -54,7 +54,7 @@ impl Exploration for ActionNoise {
             gradient_steps: 32,
             batch: 256,
             discount: 0.985,
-            follow: 0.01,
+            tau: 0.01,
             critics: 2,
             actor_delay: 2,
             central_critic: false,
@@ -72,19 +72,19 @@ impl Exploration for ActionNoise {
 
     fn validate(&self) -> Result<()> {
         let all = [
-            ("exploration.flown", self.flown[0]),
-            ("exploration.flown", self.flown[1]),
-            ("exploration.valued", self.valued),
-            ("exploration.cut", self.cut),
+            ("exploration.noise", self.noise[0]),
+            ("exploration.noise", self.noise[1]),
+            ("exploration.target_noise", self.target_noise),
+            ("exploration.noise_clip", self.noise_clip),
         ];
         for (what, x) in all {
             if !(0.0..=10.0).contains(&x) {
                 return Err(Error::value(what, x, "within [0, 10]", "[0.05, 0.4], 0.2 and 0.5 are usual."));
             }
         }
-        if self.flown[0] > self.flown[1] {
-            let value = format!("{:?}", self.flown);
-            return Err(Error::value("exploration.flown", value, "the lesser one first", "Exchange them."));
+        if self.noise[0] > self.noise[1] {
+            let value = format!("{:?}", self.noise);
+            return Err(Error::value("exploration.noise", value, "the lesser one first", "Exchange them."));
         }
         Ok(())
     }
@@ -107,7 +107,7 @@ impl Kind for ActionNoise {
     }
 
     fn explore(&self, output: &[f32], environment: u64, stream: &mut Stream, action: &mut [f32]) {
-        let [least, most] = self.flown;
+        let [least, most] = self.noise;
         let scale = least + (most - least) * (environment as f64 * GOLDEN_RATIO).fract();
         for (a, y) in action.iter_mut().zip(output) {
             *a = (f64::from(*y) + scale * stream.normal()).clamp(-1.0, 1.0) as f32;
@@ -115,7 +115,7 @@ impl Kind for ActionNoise {
     }
 
     fn next(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32 {
-        let (scale, cut) = (self.valued as f32, self.cut as f32);
+        let (scale, cut) = (self.target_noise as f32, self.noise_clip as f32);
         for (a, y) in action.iter_mut().zip(output) {
             *a = (y + (scale * noise.normal()).clamp(-cut, cut)).clamp(-1.0, 1.0);
         }

@@ -3,8 +3,8 @@
 //!
 //! The critic learns (target − mean)/std, whatever the scale of the rewards. Its numbers are denormalised before
 //! anything is computed from them, with the statistics of the moment at which the network was asked; targets are
-//! normalised after the update. (PopArt also rewrites the critic's last layer so that its denormalised output stays;
-//! here the critic follows.)
+//! normalised after the update. PopArt also rewrites the critic's last layer so that its denormalised output stays: those of
+//! kept experience do so ([`Unit::into_other`]), those of rollouts follow by learning.
 
 use crate::error::{Error, Result, finite};
 

@@ -69,7 +69,7 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
 }
 
 fn replay() -> ReplayConfig {
-    ReplayConfig { capacity: 4000, random: 320, ..ReplayConfig::default() }
+    ReplayConfig { capacity: 4000, learning_starts: 320, ..ReplayConfig::default() }
 }
 
 fn kept<E: Exploration>() -> ActorCriticConfig<E> {
@@ -292,13 +292,13 @@ fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<
 }
 
 fn regulating_sac() -> SacConfig {
-    // less and less random: the optimum is not
+    // less and less learning_starts: the optimum is not
     let exploration = Entropy { target: -3.0, ..Entropy::default() };
     SacConfig { exploration, ..regulating(SacConfig::default()) }
 }
 
 fn regulating_td3() -> Td3Config {
-    let exploration = ActionNoise { flown: [0.02, 0.2], valued: 0.05, cut: 0.1 };
+    let exploration = ActionNoise { noise: [0.02, 0.2], target_noise: 0.05, noise_clip: 0.1 };
     Td3Config { exploration, ..regulating(Td3Config::default()) }
 }
 

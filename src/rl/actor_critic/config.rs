@@ -54,7 +54,7 @@ pub struct ActorCriticConfig<E> {
     /// γ.
     pub discount: f64,
     /// τ, share of the way to the learnt weights that target networks go in a gradient step.
-    pub follow: f64,
+    pub tau: f64,
     /// Critics, the least of whose values counts: two (Fujimoto et al. 2018), one for DDPG.
     pub critics: usize,
     /// Steps of the critics for one of the actor.
@@ -113,8 +113,8 @@ impl<E: Exploration> ActorCriticConfig<E> {
         if !(0.0..1.0).contains(&self.discount) {
             return Err(Error::value("discount", self.discount, "within [0, 1)", "0.98 to 0.995 are usual."));
         }
-        if !(self.follow > 0.0 && self.follow <= 1.0) {
-            return Err(Error::value("follow", self.follow, "within (0, 1]", "0.005 to 0.05 are usual."));
+        if !(self.tau > 0.0 && self.tau <= 1.0) {
+            return Err(Error::value("tau", self.tau, "within (0, 1]", "0.005 to 0.05 are usual."));
         }
         for (what, x) in [("max_grad_norm", self.max_grad_norm), ("huber", self.huber)] {
             if x.is_nan() || x <= 0.0 {
@@ -124,6 +124,10 @@ impl<E: Exploration> ActorCriticConfig<E> {
         self.learning_rate.validate("learning_rate")?;
         self.critic_learning_rate.validate("critic_learning_rate")?;
         self.replay.validate_for(self.n_env)?;
+        if self.central_critic && self.replay.priority > 0.0 {
+            let remedy = "Leave it out: rows of a team are drawn alike.";
+            return Err(Error::value("replay.priority", self.replay.priority, "0 with a central critic", remedy));
+        }
         self.exploration.validate()?;
         self.adam.validate()?;
         self.network.validate()?;

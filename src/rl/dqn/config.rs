@@ -46,7 +46,7 @@ pub struct DqnConfig {
     /// γ.
     pub discount: f64,
     /// τ, share of the way to the learnt weights that the target network goes in a gradient step.
-    pub follow: f64,
+    pub tau: f64,
     /// ε, share of actions drawn evenly, over the run.
     pub epsilon: Schedule,
     /// Whether the learnt network chooses the action whose value the target network gives (van Hasselt et al. 2016).
@@ -84,7 +84,7 @@ impl Default for DqnConfig {
             gradient_steps: 32,
             batch: 256,
             discount: 0.985,
-            follow: 0.01,
+            tau: 0.01,
             epsilon: Schedule::Linear { from: 1.0, to: 0.02, warm_up: 0.0 },
             double: true,
             duelling: false,
@@ -147,8 +147,8 @@ impl DqnConfig {
         if !(0.0..1.0).contains(&self.discount) {
             return Err(Error::value("discount", self.discount, "within [0, 1)", "0.98 to 0.995 are usual."));
         }
-        if !(self.follow > 0.0 && self.follow <= 1.0) {
-            return Err(Error::value("follow", self.follow, "within (0, 1]", "0.005 to 0.05 are usual."));
+        if !(self.tau > 0.0 && self.tau <= 1.0) {
+            return Err(Error::value("tau", self.tau, "within (0, 1]", "0.005 to 0.05 are usual."));
         }
         for (what, x) in [("max_grad_norm", self.max_grad_norm), ("huber", self.huber)] {
             if x.is_nan() || x <= 0.0 {

@@ -154,13 +154,17 @@ fn a_ring_that_was_saved_goes_on_alike_and_one_that_was_forged_is_refused() {
         assert!(refused.contains("within the ring"), "{refused}");
     }
     let mut forged = Tensors::new();
+    let place = ring.free.first().copied().unwrap_or(0);
+    Ring { free: vec![place; 3], ..ring.clone() }.save(3, &mut forged).unwrap();
+    assert!(Ring::new(WIDTHS, ENVS, 16).load(3, &forged).is_err(), "one place twice");
+    let mut forged = Tensors::new();
     Ring { lasts: Vec::new(), free: Vec::new(), ..ring }.save(3, &mut forged).unwrap();
     assert!(Ring::new(WIDTHS, ENVS, 16).load(3, &forged).is_err(), "an observation that is not there");
 }
 
 #[test]
 fn settings_that_hold_no_path_are_refused() {
-    let of = |capacity, n_step| ReplayConfig { capacity, n_step, random: 0, ..ReplayConfig::default() };
+    let of = |capacity, n_step| ReplayConfig { capacity, n_step, learning_starts: 0, ..ReplayConfig::default() };
     assert!(of(1000, 3).validate_for(64).is_ok());
     for (config, says) in [(of(1000, 9), "1216"), (of(1, 1), "capacity"), (of(1000, 65), "n_step")] {
         let refused = config.validate_for(64).unwrap_err().to_string();
