@@ -61,7 +61,9 @@ impl Recall {
         let output = actor.mlp.forward(network, &self.joined[..rows * (n_seen + n)], rows, memory);
         for (k, state) in state.chunks_exact_mut(n).enumerate() {
             state.copy_from_slice(&output.row(k)[n_out..]);
-            let lost = state.iter().any(|h| !h.is_finite());
+            // gates that are saturated by what is not finite may leave a state that is
+            let seen = &x[k * n_seen..][..n_seen];
+            let lost = state.iter().chain(seen).any(|h| !h.is_finite());
             if lost {
                 state.fill(0.0);
             }

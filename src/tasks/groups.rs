@@ -109,8 +109,8 @@ impl Spec {
         let mut n = self.n_observation;
         for stage in self.config.observation.iter().rev() {
             match stage {
-                Stage::History { steps } => return Some([*steps, n / steps]),
-                Stage::Privileged {} => n -= self.privileged.len(),
+                Stage::History { steps } => return Some([*steps, n / (*steps).max(1)]),
+                Stage::Privileged {} => n = n.saturating_sub(self.privileged.len()),
                 Stage::Noise { .. } | Stage::Normalise { .. } => (),
             }
         }

@@ -80,6 +80,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         }
     };
     files::check_new(&path, a.force)?;
+    files::make_parent(&path)?;
     let spinner = progress::spinner("flying", a.json);
     let flown: Vec<(Flown, Recording)> = fliers.iter_mut().map(|flier| one(flier, a.envs)).collect::<Result<_>>()?;
     spinner.finish_and_clear();

@@ -62,9 +62,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let mut flier = Flier::new(&a.shown, &a.environment, a.envs)?;
     let mut server = Server::new(a.port)?;
-    if !a.json {
-        let _ = writeln!(std::io::stderr(), "{} at {}   Ctrl-C ends it", shown(&a.shown), server.address());
-    }
+    let _ = writeln!(std::io::stderr(), "{} at {}   Ctrl-C ends it", shown(&a.shown), server.address());
     let begun = Instant::now();
     let over = || a.duration.is_some_and(|seconds| begun.elapsed().as_secs_f64() >= seconds);
     let (mut episodes, mut frames, mut most) = (0, 0_u64, 0);

@@ -53,7 +53,8 @@ fn record(plant: &Plant, flight: &Flight, steered: bool) -> Recording {
         weight: look.weight,
         ended: None,
     };
-    let (errors, n) = (log.error_norm(), plant.hover_state().map_or(0, |state| state.len()).max(1));
+    let errors = log.error_norm();
+    let n = (flight.states.len() / errors.len().max(1)).max(1);
     let mut recording = Recording::new(plant.name(), stride as f64 * sample, vec![look], vec![actor]);
     for (k, state) in flight.states.chunks_exact(n).enumerate().step_by(stride) {
         let moment = Moment {

@@ -16,6 +16,8 @@ use std::time::{Duration, Instant};
 const MAX_REQUEST: usize = 8192;
 /// Longest time for a request to arrive whole.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// How long who was answered may take to read the page.
+const READING: Duration = Duration::from_secs(30);
 /// Most connections at once.
 const MAX_CLIENTS: usize = 32;
 /// Who has not fetched so much is dropped, bytes: a browser comes back by itself and gets all there is.
@@ -95,7 +97,8 @@ impl Server {
 
     /// Takes in who comes, answers, sends; `now` is what those get to see who come in the middle. Never waits.
     pub fn pump(&mut self, now: Option<&Recording>) {
-        while let Ok((stream, _)) = self.listener.accept() {
+        for _ in 0..MAX_CLIENTS {
+            let Ok((stream, _)) = self.listener.accept() else { break };
             if self.clients.len() < MAX_CLIENTS && stream.set_nonblocking(true).is_ok() {
                 let _ = stream.set_nodelay(true);
                 let (came, talk) = (Instant::now(), Talk::Asking);
@@ -167,7 +170,8 @@ impl Client {
             }
         }
         self.waiting.drain(..sent);
-        if self.waiting.len() > MAX_BEHIND || self.talk == Talk::Answered && self.waiting.is_empty() {
+        let slow = self.talk == Talk::Answered && self.came.elapsed() > PATIENCE + READING;
+        if slow || self.waiting.len() > MAX_BEHIND || self.talk == Talk::Answered && self.waiting.is_empty() {
             self.talk = Talk::Gone;
         }
     }
@@ -189,7 +193,10 @@ fn answer(request: &[u8], port: u16, page: &str, now: Option<&Recording>) -> Opt
         .map(|(_, value)| value.trim())
         .collect();
     let own = [format!("127.0.0.1:{port}"), format!("localhost:{port}")];
-    if hosts.len() != 1 || !own.iter().any(|name| name.eq_ignore_ascii_case(hosts[0])) {
+    // of the usual port browsers say nothing
+    let bare: &[&str] = if port == 80 { &["127.0.0.1", "localhost"] } else { &[] };
+    let mut names = own.iter().map(String::as_str).chain(bare.iter().copied());
+    if hosts.len() != 1 || !names.any(|name| name.eq_ignore_ascii_case(hosts[0])) {
         return Some(empty("403 Forbidden"));
     }
     if method != "GET" {

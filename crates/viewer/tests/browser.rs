@@ -49,7 +49,7 @@ fn open(browser: &Path, home: &Path, address: &str, more: &[&str]) -> Command {
     command
 }
 
-/// Standard output of a browser, which is stopped after a minute.
+/// Standard output of a browser, which is stopped after two minutes.
 fn said(mut command: Command) -> String {
     let mut child: Child = command.spawn().expect("the browser starts");
     let out = child.stdout.take().expect("piped");
