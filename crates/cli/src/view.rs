@@ -24,7 +24,8 @@ Examples:
   omnidrones view DragonHover --envs 1 --port 8765
   omnidrones view Hover --duration 5             for five seconds
 
-The address stands on standard error. On another machine: ssh -L 8765:127.0.0.1:8765 MACHINE, then the same address.
+The address stands on standard error; --json is silent there: name --port with it. On another machine: \
+ssh -L 8765:127.0.0.1:8765 MACHINE, then the same address.
 
 Exit codes: 0 shown until --duration was over; 2 unusable input or arguments; 130 stopped.";
 
@@ -62,7 +63,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let mut flier = Flier::new(&a.shown, &a.environment, a.envs)?;
     let mut server = Server::new(a.port)?;
-    let _ = writeln!(std::io::stderr(), "{} at {}   Ctrl-C ends it", shown(&a.shown), server.address());
+    if !a.json {
+        let _ = writeln!(std::io::stderr(), "{} at {}   Ctrl-C ends it", shown(&a.shown), server.address());
+    }
     let begun = Instant::now();
     let over = || a.duration.is_some_and(|seconds| begun.elapsed().as_secs_f64() >= seconds);
     let (mut episodes, mut frames, mut most) = (0, 0_u64, 0);
