@@ -145,16 +145,14 @@ fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
     };
     let memory = Some(Recurrence::Gru { units: 16, window: 16 });
     let remembers = PpoConfig { network: Layers { memory, ..ppo.network.clone() }, ..ppo.clone() };
-    let sac = SacConfig { updates: 200, ..regulating_sac() };
-    let td3 = Td3Config { updates: 200, ..regulating_td3() };
     let make = &crate::regulate::make_poisoned;
     let learners: [(&str, Box<dyn Learner>); 6] = [
         ("apg", Box::new(Apg::with(make, &env, apg, 1, threads(2)).unwrap())),
         ("shac", Box::new(Shac::with(make, &env, shac, 1, threads(2)).unwrap())),
         ("ppo", Box::new(Ppo::with(make, &env, ppo, 1, threads(2)).unwrap())),
         ("ppo with memory", Box::new(Ppo::with(make, &env, remembers, 1, threads(2)).unwrap())),
-        ("sac", Box::new(Sac::with(make, &env, sac, 1, threads(2)).unwrap())),
-        ("td3", Box::new(Td3::with(make, &env, td3, 1, threads(2)).unwrap())),
+        ("sac", Box::new(Sac::with(make, &env, regulating_sac(), 1, threads(2)).unwrap())),
+        ("td3", Box::new(Td3::with(make, &env, regulating_td3(), 1, threads(2)).unwrap())),
     ];
     for (name, mut learner) in learners {
         let paid = |learner: &dyn Learner| {
@@ -288,7 +286,17 @@ fn ppo_regulates(seed: u64, most: f64) {
 
 fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<E> {
     let network = Layers { hidden: Vec::new(), ..usual.network.clone() };
-    ActorCriticConfig { discount: 0.97, updates: 1000, network, ..usual }
+    let replay = ReplayConfig { n_step: 1, learning_starts: 512, ..usual.replay.clone() };
+    ActorCriticConfig {
+        discount: 0.97,
+        updates: 200,
+        tau: 0.02,
+        learning_rate: Schedule::constant(3e-3),
+        critic_learning_rate: Schedule::constant(3e-3),
+        network,
+        replay,
+        ..usual
+    }
 }
 
 fn regulating_sac() -> SacConfig {
