@@ -578,7 +578,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
             ("critic_loss", learnt.sums[0] / per_critic),
             ("value", f64::from(unit.denormalise((learnt.sums[1] / per_critic) as f32))),
             ("value_std", f64::from(unit.std)),
-            ("kept", self.experience.len() as f64),
+            ("kept", self.experience.kept() as f64),
             ("rows_left_out", learnt.left_out),
         ];
         extra.extend(self.kind.figures());

@@ -544,7 +544,7 @@ impl Learner for Dqn {
                 ("value", f64::from(unit.denormalise((sums[1] / rows) as f32))),
                 ("value_std", f64::from(unit.std)),
                 ("epsilon", epsilon),
-                ("kept", self.experience.len() as f64),
+                ("kept", self.experience.kept() as f64),
                 ("rows_left_out", sums[3]),
             ],
             phases: vec![("fly", flying), ("learn", learning)],

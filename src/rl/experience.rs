@@ -113,13 +113,13 @@ impl Experience {
     }
 
     /// Steps of environments that are kept.
-    pub fn len(&self) -> usize {
-        self.workers[0].ring.len() * self.n_env
+    pub fn kept(&self) -> usize {
+        self.workers[0].ring.kept() * self.n_env
     }
 
     /// Whether enough is kept to learn from.
     pub fn suffices(&self) -> bool {
-        self.len() >= self.config.learning_starts.max(1)
+        self.kept() >= self.config.learning_starts.max(1)
     }
 
     /// Flies `steps` steps on: with actions drawn evenly until enough is kept, then as `explore` says. `update` numbers the call.
@@ -151,7 +151,7 @@ impl Experience {
         let Some(priorities) = &mut self.priorities else { return };
         let ring = &self.workers[0].ring;
         let rows = self.n_env * self.widths.n_agent;
-        let (most, len, head) = (priorities.most(), ring.len(), ring.head());
+        let (most, len, head) = (priorities.most(), ring.kept(), ring.head());
         for k in len - steps.min(len)..len {
             let slot = ring.slot(k);
             (slot * rows..(slot + 1) * rows).for_each(|row| priorities.set(row, most));
@@ -177,7 +177,7 @@ impl Experience {
 
     /// Rows of a block that has one row per environment or one per agent.
     fn draw(&self, block: &mut Block, k: usize, stream: &mut Stream, progress: f64) {
-        let (w, len) = (self.widths, self.workers[0].ring.len());
+        let (w, len) = (self.widths, self.workers[0].ring.kept());
         let per_env = if block.team { 1 } else { w.n_agent };
         let n = len * self.n_env * per_env;
         let (id, weight) = match &self.priorities {
@@ -277,7 +277,7 @@ impl Experience {
         for (k, worker) in self.workers.iter_mut().enumerate() {
             worker.ring.load(k, from)?;
         }
-        let place = |worker: &Worker| (worker.ring.head(), worker.ring.len());
+        let place = |worker: &Worker| (worker.ring.head(), worker.ring.kept());
         if let Some(other) = self.workers.iter().find(|worker| place(worker) != place(&self.workers[0])) {
             let remedy = "The checkpoint is damaged or forged: go on from an earlier one.";
             let limit = format!("{:?}, as of all shards", place(&self.workers[0]));

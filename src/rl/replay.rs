@@ -224,7 +224,7 @@ impl Ring {
     }
 
     /// Whole steps that each of them has here.
-    pub fn len(&self) -> usize {
+    pub fn kept(&self) -> usize {
         self.len
     }
 

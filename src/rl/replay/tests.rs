@@ -75,8 +75,8 @@ fn check(ring: &Ring, all: &[Vec<Told>], n: usize) -> usize {
     let (steps, gamma) = (all[0].len(), 0.9_f64);
     let mut asides = 0;
     for (env, told) in all.iter().enumerate() {
-        for k in 0..ring.len() {
-            let (slot, from) = (ring.slot(k), steps - ring.len() + k);
+        for k in 0..ring.kept() {
+            let (slot, from) = (ring.slot(k), steps - ring.kept() + k);
             let own = &told[from];
             assert_eq!((ring.observation(slot, env), ring.state(slot, env)), (&own.seen[..], &own.state[..]));
             assert_eq!(ring.action(slot, env), own.action);
@@ -124,7 +124,7 @@ fn last_seen(ring: &Ring, env: usize) -> (Vec<f32>, Vec<f32>) {
 fn paths_are_those_of_who_keeps_everything_round_and_round_the_ring() {
     for (slots, steps) in [(50, 20), (16, 15), (16, 16), (16, 100), (7, 60)] {
         let (ring, all) = flown(slots, steps);
-        assert_eq!(ring.len(), steps.min(slots - 1));
+        assert_eq!(ring.kept(), steps.min(slots - 1));
         for n in [1, 2, 3, 5, 40] {
             assert!(check(&ring, &all, n) > 0, "no episode ran out of time");
         }
