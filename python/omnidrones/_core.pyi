@@ -1084,7 +1084,7 @@ def train(name: str, /, config: Any | None = None, *, algorithm: str | None = No
     config : dict or path or str, optional
         Settings of the run over the task's recipe, as `omnidrones train TASK --toml` prints them: a dict, a TOML file, or TOML.
     algorithm : str, optional
-        "apg", "shac", "ppo", "dagger"; the task's recipe knows which by default.
+        "apg", "shac", "ppo", "sac", "td3", "dqn", "dagger" or a variant such as "qmix"; the task's recipe knows which by default.
     seed : int, optional
         Of all that is drawn, up to 2^63 - 1.
     threads : int, optional
