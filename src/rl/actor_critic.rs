@@ -305,14 +305,8 @@ impl<E: Exploration> ActorCritic<E> {
 
     /// Takes the last targets into the unit, in which critics then say the same.
     fn measure(&mut self) -> Result<()> {
-        let before = self.norm.unit();
-        let mut targets = Vec::with_capacity(self.config.batch);
-        for work in &self.work {
-            let counted = work.target.iter().zip(&work.block.weight).filter(|(_, weight)| **weight > 0.0);
-            targets.extend(counted.map(|(y, _)| before.denormalise(*y)));
-        }
-        self.norm.update(&targets);
-        let change = before.into_other(self.norm.unit());
+        let targets = self.work.iter().flat_map(|work| work.block.counting(&work.target, 1));
+        let change = self.norm.move_unit(targets);
         self.critics.iter_mut().try_for_each(|critic| critic.rescale(&self.shapes.critic, |_| change))
     }
 
@@ -628,7 +622,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
             critic.save(out, &format!("critic.{k}"), &self.shapes.critic)?;
         }
         state::put_counters(out, [self.update, self.env_steps, self.step])?;
-        out.insert("value_norm", &[4], self.norm.save().to_vec())?;
+        state::put_value_norm(out, &self.norm)?;
         let own = self.kind.save();
         out.insert("kind", &[own.len()], own)?;
         self.experience.save(out)
@@ -641,9 +635,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
             critic.load(from, &format!("critic.{k}"), &self.shapes.critic)?;
         }
         self.kind.load(from.get::<f64>("kind", &[self.kind.save().len()])?)?;
-        let mut norm = [0.0; 4];
-        norm.copy_from_slice(from.get::<f64>("value_norm", &[4])?);
-        self.norm.load(norm)?;
+        state::load_value_norm(from, &mut self.norm)?;
         self.experience.load(from)?;
         (self.update, self.env_steps, self.step) = (update, env_steps, step);
         Ok(())

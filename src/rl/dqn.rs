@@ -244,18 +244,13 @@ impl Dqn {
 
     /// Takes the last targets into the unit, in which values then say the same; those of a team follow by learning.
     fn measure(&mut self) -> Result<()> {
-        let (before, values) = (self.norm.unit(), self.shapes.values);
+        let values = self.shapes.values;
         let n = if self.shapes.mixing.is_some() { 1 } else { values.quantiles };
-        let mut targets = Vec::with_capacity(self.config.batch * n);
-        for work in &self.work {
-            let counted = work.target.chunks_exact(n).zip(&work.block.weight).filter(|(_, weight)| **weight > 0.0);
-            targets.extend(counted.flat_map(|(own, _)| own).map(|y| before.denormalise(*y)));
-        }
-        self.norm.update(&targets);
+        let targets = self.work.iter().flat_map(|work| work.block.counting(&work.target, n));
+        let (factor, shift) = self.norm.move_unit(targets);
         if self.shapes.mixing.is_some() {
             return Ok(());
         }
-        let (factor, shift) = before.into_other(self.norm.unit());
         let of_state = values.n_action() * values.quantiles;
         // what the state adds takes the shift where it stands apart
         let moved = |k: usize| if values.duelling && k < of_state { (factor, 0.0) } else { (factor, shift) };
@@ -580,7 +575,7 @@ impl Learner for Dqn {
             net.save(out, "mixer", mlp)?;
         }
         state::put_counters(out, [self.update, self.env_steps, self.step])?;
-        out.insert("value_norm", &[4], self.norm.save().to_vec())?;
+        state::put_value_norm(out, &self.norm)?;
         self.experience.save(out)
     }
 
@@ -590,9 +585,7 @@ impl Learner for Dqn {
         if let (Some(net), Some(mlp)) = (&mut self.mixer, self.shapes.mixer()) {
             net.load(from, "mixer", mlp)?;
         }
-        let mut norm = [0.0; 4];
-        norm.copy_from_slice(from.get::<f64>("value_norm", &[4])?);
-        self.norm.load(norm)?;
+        state::load_value_norm(from, &mut self.norm)?;
         self.experience.load(from)?;
         (self.update, self.env_steps, self.step) = (update, env_steps, step);
         Ok(())

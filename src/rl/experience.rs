@@ -433,6 +433,11 @@ impl Block {
         }
     }
 
+    /// Of `[rows, n]` numbers those of rows that count.
+    pub fn counting(&self, all: &[f32], n: usize) -> impl Iterator<Item = f32> {
+        all.chunks_exact(n).zip(&self.weight).filter(|(_, weight)| **weight > 0.0).flat_map(|(own, _)| own).copied()
+    }
+
     /// A row of zeros that does not count.
     fn leave_out(&mut self, k: usize) {
         let (seen, done) = (self.agents * self.widths.n_observation, self.agents * self.widths.n_action);

@@ -38,6 +38,17 @@ pub fn part(rows: &[u32], k: usize, n: usize) -> &[u32] {
     &rows[k * rows.len() / n..(k + 1) * rows.len() / n]
 }
 
+/// Gradients and sums of parts, added up in order.
+pub fn fold<'a>(gradient: &mut [f32], parts: impl Iterator<Item = (&'a [f32], Sums)>) -> Sums {
+    let mut total = Sums::default();
+    gradient.fill(0.0);
+    for (own, sums) in parts {
+        add(gradient, own);
+        total.iter_mut().zip(sums).for_each(|(sum, x)| *sum += x);
+    }
+    total
+}
+
 /// Memory for minibatches of one network.
 pub struct Minibatch {
     parts: Vec<Part>,
@@ -91,13 +102,7 @@ impl Minibatch {
             part.sums = Sums::default();
             own.chunks(ROWS).for_each(|rows| part.block(mlp, net, x, rows, loss));
         });
-        let mut sums = Sums::default();
-        self.gradient.fill(0.0);
-        for part in &self.parts[..n_part] {
-            add(&mut self.gradient, &part.gradient);
-            sums.iter_mut().zip(part.sums).for_each(|(sum, x)| *sum += x);
-        }
-        sums
+        fold(&mut self.gradient, self.parts[..n_part].iter().map(|part| (&part.gradient[..], part.sums)))
     }
 }
 

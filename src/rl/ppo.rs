@@ -519,7 +519,7 @@ impl Learner for Ppo {
         state::put_adam(out, "actor", &self.adam)?;
         self.critic.save(out)?;
         state::put_counters(out, [self.update, self.env_steps])?;
-        out.insert("value_norm", &[4], self.norm.save().to_vec())?;
+        state::put_value_norm(out, &self.norm)?;
         out.insert("rate_scale", &[1], vec![self.scale])?;
         state::put_recalls(out, self.collectors.iter().map(|c| &c.recall))?;
         state::put_shards(out, self.collectors.iter().map(|c| &c.shard))
@@ -533,10 +533,8 @@ impl Learner for Ppo {
         }
         let adam = state::adam(from, "actor", self.config.adam, parameters.len())?;
         let [update, env_steps] = state::counters(from)?;
-        let mut norm = [0.0; 4];
-        norm.copy_from_slice(from.get::<f64>("value_norm", &[4])?);
         let scale = from.get::<f64>("rate_scale", &[1])?[0];
-        self.norm.load(norm)?;
+        state::load_value_norm(from, &mut self.norm)?;
         self.critic.load(from)?;
         state::load_recalls(from, self.collectors.iter_mut().map(|c| &mut c.recall))?;
         state::load_shards(from, self.collectors.iter_mut().map(|c| &mut c.shard))?;

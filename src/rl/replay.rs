@@ -228,11 +228,6 @@ impl Ring {
         self.len
     }
 
-    /// Slots.
-    pub fn slots(&self) -> usize {
-        self.slots
-    }
-
     /// The slot of what is seen now.
     pub fn head(&self) -> usize {
         self.head

@@ -4,15 +4,13 @@
 //! is more random than H̄ asks for. What flies is the middle of the distribution, tanh μ.
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
+use super::nn::Activation;
 use super::nn::tanh_gaussian::{draw, pull};
-use super::nn::{Activation, Init, Layers};
-use super::replay::ReplayConfig;
-use super::schedule::Schedule;
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
 
-/// Settings; defaults fly the Hummingbird's Hover from random weights.
+/// Settings.
 pub type SacConfig = ActorCriticConfig<Entropy>;
 
 /// Soft actor-critic, in the middle of a run.
@@ -39,36 +37,7 @@ impl Default for Entropy {
 impl Exploration for Entropy {
     type Kind = Temperature;
     const NAME: &'static str = "sac";
-
-    fn settings() -> SacConfig {
-        let relu = |last| Layers {
-            activation: Activation::Elu,
-            init: Init::Orthogonal { hidden: std::f64::consts::SQRT_2, last },
-            ..Layers::default()
-        };
-        ActorCriticConfig {
-            n_env: 64,
-            shard: 32,
-            steps: 8,
-            updates: 600,
-            gradient_steps: 32,
-            batch: 256,
-            discount: 0.985,
-            tau: 0.01,
-            critics: 2,
-            actor_delay: 1,
-            central_critic: false,
-            learning_rate: Schedule::cosine(1e-3, 1e-5),
-            critic_learning_rate: Schedule::cosine(1e-3, 1e-4),
-            max_grad_norm: 10.0,
-            huber: 10.0,
-            exploration: Self::default(),
-            replay: ReplayConfig::default(),
-            adam: Default::default(),
-            network: relu(0.01),
-            critic: relu(1.0),
-        }
-    }
+    const ACTOR_DELAY: usize = 1;
 
     fn validate(&self) -> Result<()> {
         if !self.target.is_finite() {

@@ -6,8 +6,7 @@
 //! [`ROWS`] sequences go through the network together, step by step, then back. As with [`Minibatch`](super::minibatch::Minibatch)
 //! parts have a size of their own and are folded in order: the bits are the same for any number of threads.
 
-use super::minibatch::{BlockLoss, Sums};
-use super::nn::elementwise::add;
+use super::minibatch::{BlockLoss, Sums, fold};
 use super::nn::{Memory, Network, Output, Pass, Scratch, Weights};
 use super::policy::ROWS;
 use super::rollout::{Rollout, Shape};
@@ -147,13 +146,7 @@ impl Sequences {
                 part.backward(mlp, net, rollout, own, (step, step + 1 == steps));
             }
         });
-        let mut sums = Sums::default();
-        self.gradient.fill(0.0);
-        for part in &self.parts[..n_part] {
-            add(&mut self.gradient, &part.gradient);
-            sums.iter_mut().zip(part.sums).for_each(|(sum, x)| *sum += x);
-        }
-        sums
+        fold(&mut self.gradient, self.parts[..n_part].iter().map(|part| (&part.gradient[..], part.sums)))
     }
 }
 

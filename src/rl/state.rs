@@ -4,6 +4,7 @@ use super::checkpoint::{Data, Tensors};
 use super::nn::{Adam, AdamConfig, Network};
 use super::recall::Recall;
 use super::shards::Shard;
+use super::value_norm::ValueNorm;
 use crate::error::{Error, Result};
 
 /// Most that a counter of a run can have come to: whole numbers that `f64` still counts.
@@ -108,6 +109,24 @@ pub fn counters<const N: usize>(from: &Tensors) -> Result<[u64; N]> {
     let mut counters = [0; N];
     counters.copy_from_slice(from.get::<u64>("counters", &[N])?);
     Ok(counters)
+}
+
+/// The scale of a critic.
+///
+/// # Errors
+/// As [`put_network`].
+pub fn put_value_norm(to: &mut Tensors, norm: &ValueNorm) -> Result<()> {
+    to.insert("value_norm", &[4], norm.save().to_vec())
+}
+
+/// As [`put_value_norm`] saved it.
+///
+/// # Errors
+/// As [`network`] and [`ValueNorm::load`].
+pub fn load_value_norm(from: &Tensors, norm: &mut ValueNorm) -> Result<()> {
+    let mut saved = [0.0; 4];
+    saved.copy_from_slice(from.get::<f64>("value_norm", &[4])?);
+    norm.load(saved)
 }
 
 /// The environments of every shard, and what their policy sees next.

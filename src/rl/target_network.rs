@@ -6,7 +6,7 @@ use super::nn::elementwise::{add, approach};
 use super::nn::fold::in_other_units;
 use super::nn::{Adam, AdamConfig, Network, Transposed, Weights, clip_norm};
 use super::state;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::rng::Stream;
 
 /// Weights that learn, and their copy that follows.
@@ -31,6 +31,25 @@ pub struct Stride {
     pub rate: f64,
     /// Share of the way to the weights that the target network goes.
     pub tau: f64,
+}
+
+/// Checks what learners with target networks have in common.
+///
+/// # Errors
+/// [`Error::Value`] with the number, the rule and the remedy.
+pub fn check_targets(discount: f64, tau: f64, max_grad_norm: f64, huber: f64) -> Result<()> {
+    if !(0.0..1.0).contains(&discount) {
+        return Err(Error::value("discount", discount, "within [0, 1)", "0.98 to 0.995 are usual."));
+    }
+    if !(tau > 0.0 && tau <= 1.0) {
+        return Err(Error::value("tau", tau, "within (0, 1]", "0.005 to 0.05 are usual."));
+    }
+    for (what, x) in [("max_grad_norm", max_grad_norm), ("huber", huber)] {
+        if x.is_nan() || x <= 0.0 {
+            return Err(Error::value(what, x, "> 0", "10 is usual, inf is none."));
+        }
+    }
+    Ok(())
 }
 
 impl NetWithTarget {

@@ -5,14 +5,12 @@
 //! valued with noise that is noise_clip: values of neighbouring actions are to be alike.
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
-use super::nn::{Activation, Init, Layers};
-use super::replay::ReplayConfig;
-use super::schedule::Schedule;
+use super::nn::Activation;
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
 
-/// Settings; defaults fly the Hummingbird's Hover from random weights.
+/// Settings.
 pub type Td3Config = ActorCriticConfig<ActionNoise>;
 
 /// Twin delayed deterministic policy gradients, in the middle of a run.
@@ -39,36 +37,7 @@ impl Default for ActionNoise {
 impl Exploration for ActionNoise {
     type Kind = Self;
     const NAME: &'static str = "td3";
-
-    fn settings() -> Td3Config {
-        let layers = |last| Layers {
-            activation: Activation::Elu,
-            init: Init::Orthogonal { hidden: std::f64::consts::SQRT_2, last },
-            ..Layers::default()
-        };
-        ActorCriticConfig {
-            n_env: 64,
-            shard: 32,
-            steps: 8,
-            updates: 600,
-            gradient_steps: 32,
-            batch: 256,
-            discount: 0.985,
-            tau: 0.01,
-            critics: 2,
-            actor_delay: 2,
-            central_critic: false,
-            learning_rate: Schedule::cosine(1e-3, 1e-5),
-            critic_learning_rate: Schedule::cosine(1e-3, 1e-4),
-            max_grad_norm: 10.0,
-            huber: 10.0,
-            exploration: Self::default(),
-            replay: ReplayConfig::default(),
-            adam: Default::default(),
-            network: layers(0.01),
-            critic: layers(1.0),
-        }
-    }
+    const ACTOR_DELAY: usize = 2;
 
     fn validate(&self) -> Result<()> {
         let all = [

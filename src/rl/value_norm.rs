@@ -104,6 +104,13 @@ impl ValueNorm {
         }
     }
 
+    /// Takes targets in the unit of now into the statistics; gives factor and shift by which numbers say the same in the new one.
+    pub fn move_unit(&mut self, targets: impl Iterator<Item = f32>) -> (f32, f32) {
+        let before = self.unit();
+        self.update(&targets.map(|y| before.denormalise(y)).collect::<Vec<_>>());
+        before.into_other(self.unit())
+    }
+
     /// Of the critic's numbers as they are now.
     pub fn unit(&self) -> Unit {
         Unit { mean: self.mean() as f32, std: self.std() as f32 }

@@ -10,20 +10,22 @@ use crate::rl::policy::Actor;
 use crate::rl::replay::ReplayConfig;
 use crate::rl::schedule::Schedule;
 use crate::rl::shards::Make;
+use crate::rl::target_network::check_targets;
 use crate::tasks::{EnvConfig, Spec};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
 
 /// How an algorithm of this kind explores, with its numbers.
-pub trait Exploration: Clone + Debug + PartialEq + Serialize + DeserializeOwned + Send + Sync + 'static {
+pub trait Exploration:
+    Clone + Debug + Default + PartialEq + Serialize + DeserializeOwned + Send + Sync + 'static
+{
     /// What it does.
     type Kind: Kind + 'static;
     /// Of the algorithm, in files and options.
     const NAME: &'static str;
-
-    /// Settings that fly the Hummingbird's Hover from random weights.
-    fn settings() -> ActorCriticConfig<Self>;
+    /// Steps of the critics for one of the actor, unless settings say otherwise.
+    const ACTOR_DELAY: usize;
 
     /// Checks every number.
     ///
@@ -35,7 +37,7 @@ pub trait Exploration: Clone + Debug + PartialEq + Serialize + DeserializeOwned 
     fn kind(&self, n: usize) -> Self::Kind;
 }
 
-/// Settings; defaults fly the Hummingbird's Hover from random weights.
+/// Settings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, bound = "E: Exploration")]
 pub struct ActorCriticConfig<E> {
@@ -83,7 +85,28 @@ pub struct ActorCriticConfig<E> {
 
 impl<E: Exploration> Default for ActorCriticConfig<E> {
     fn default() -> Self {
-        E::settings()
+        Self {
+            n_env: 64,
+            shard: 32,
+            steps: 8,
+            updates: 600,
+            gradient_steps: 32,
+            batch: 256,
+            discount: 0.985,
+            tau: 0.01,
+            critics: 2,
+            actor_delay: E::ACTOR_DELAY,
+            central_critic: false,
+            learning_rate: Schedule::cosine(1e-3, 1e-5),
+            critic_learning_rate: Schedule::cosine(1e-3, 1e-4),
+            max_grad_norm: 10.0,
+            huber: 10.0,
+            exploration: E::default(),
+            replay: ReplayConfig::default(),
+            adam: AdamConfig::default(),
+            network: Layers::elu(0.01),
+            critic: Layers::elu(1.0),
+        }
     }
 }
 
@@ -110,17 +133,7 @@ impl<E: Exploration> ActorCriticConfig<E> {
                 return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
             }
         }
-        if !(0.0..1.0).contains(&self.discount) {
-            return Err(Error::value("discount", self.discount, "within [0, 1)", "0.98 to 0.995 are usual."));
-        }
-        if !(self.tau > 0.0 && self.tau <= 1.0) {
-            return Err(Error::value("tau", self.tau, "within (0, 1]", "0.005 to 0.05 are usual."));
-        }
-        for (what, x) in [("max_grad_norm", self.max_grad_norm), ("huber", self.huber)] {
-            if x.is_nan() || x <= 0.0 {
-                return Err(Error::value(what, x, "> 0", "10 is usual, inf is none."));
-            }
-        }
+        check_targets(self.discount, self.tau, self.max_grad_norm, self.huber)?;
         self.learning_rate.validate("learning_rate")?;
         self.critic_learning_rate.validate("critic_learning_rate")?;
         self.replay.validate_for(self.n_env)?;

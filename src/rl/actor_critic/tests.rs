@@ -9,7 +9,7 @@ use crate::tasks::probe::Probe;
 
 fn small<E: Exploration>() -> ActorCriticConfig<E> {
     let layers = |own: Layers| Layers { hidden: vec![16, 16], ..own };
-    let usual = E::settings();
+    let usual = ActorCriticConfig::<E>::default();
     ActorCriticConfig {
         n_env: 12,
         shard: 5,

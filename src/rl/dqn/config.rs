@@ -3,9 +3,10 @@
 use super::Dqn;
 use crate::error::{Error, Result};
 use crate::rl::algorithm::built_in;
-use crate::rl::nn::{Activation, AdamConfig, Init, Layers};
+use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::replay::ReplayConfig;
 use crate::rl::schedule::Schedule;
+use crate::rl::target_network::check_targets;
 use crate::tasks::{ActionSpace, EnvConfig};
 use serde::{Deserialize, Serialize};
 
@@ -27,7 +28,7 @@ pub enum Mixer {
     },
 }
 
-/// Settings; defaults fly the Hummingbird's Hover by rotors that are full on or off, or in a few levels.
+/// Settings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DqnConfig {
@@ -75,7 +76,6 @@ pub struct DqnConfig {
 
 impl Default for DqnConfig {
     fn default() -> Self {
-        let init = Init::Orthogonal { hidden: std::f64::consts::SQRT_2, last: 0.1 };
         Self {
             n_env: 64,
             shard: 32,
@@ -96,7 +96,7 @@ impl Default for DqnConfig {
             huber: 10.0,
             replay: ReplayConfig::default(),
             adam: AdamConfig::default(),
-            network: Layers { activation: Activation::Elu, init, ..Layers::default() },
+            network: Layers::elu(0.1),
         }
     }
 }
@@ -144,17 +144,7 @@ impl DqnConfig {
             let remedy = "Leave it out: rows of a team are drawn alike.";
             return Err(Error::value("replay.priority", self.replay.priority, "0 with a mixer", remedy));
         }
-        if !(0.0..1.0).contains(&self.discount) {
-            return Err(Error::value("discount", self.discount, "within [0, 1)", "0.98 to 0.995 are usual."));
-        }
-        if !(self.tau > 0.0 && self.tau <= 1.0) {
-            return Err(Error::value("tau", self.tau, "within (0, 1]", "0.005 to 0.05 are usual."));
-        }
-        for (what, x) in [("max_grad_norm", self.max_grad_norm), ("huber", self.huber)] {
-            if x.is_nan() || x <= 0.0 {
-                return Err(Error::value(what, x, "> 0", "10 is usual, inf is none."));
-            }
-        }
+        check_targets(self.discount, self.tau, self.max_grad_norm, self.huber)?;
         self.epsilon.validate("epsilon")?;
         self.learning_rate.validate("learning_rate")?;
         self.replay.validate_for(self.n_env)?;

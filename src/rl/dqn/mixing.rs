@@ -5,7 +5,7 @@
 
 use super::config::Mixer;
 use crate::error::Result;
-use crate::rl::nn::{Activation, Init, Layers, Mlp};
+use crate::rl::nn::{Activation, Layers, Mlp};
 
 /// Shape of a mixer.
 #[derive(Debug, Clone)]
@@ -26,8 +26,7 @@ impl Mixing {
             Mixer::None => None,
             Mixer::Sum => Some(Self { agents, units: 0, weights: None }),
             Mixer::Monotone { units, hidden } => {
-                let init = Init::Orthogonal { hidden: std::f64::consts::SQRT_2, last: 0.5 };
-                let layers = Layers { hidden: vec![hidden], activation: Activation::Elu, init, ..Layers::default() };
+                let layers = Layers { hidden: vec![hidden], ..Layers::elu(0.5) };
                 let n_output = agents * units + 2 * units + 1;
                 let weights = Mlp::new(n_state, &layers, n_output, Activation::Identity)?;
                 Some(Self { agents, units, weights: Some(weights) })

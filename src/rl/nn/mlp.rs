@@ -15,6 +15,7 @@ use super::stack::Join;
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::SQRT_2;
 use std::ops::Range;
 
 /// What a network is made of.
@@ -62,6 +63,12 @@ const MAX_WEIGHTS: usize = 1 << 25;
 const MAX_LAYERS: usize = 32;
 
 impl Layers {
+    /// ELU between layers; orthogonal weights, of gain √2 in hidden layers and `last` in the output.
+    pub(crate) fn elu(last: f64) -> Self {
+        let init = Init::Orthogonal { hidden: SQRT_2, last };
+        Self { activation: Activation::Elu, init, ..Self::default() }
+    }
+
     /// Checks every number.
     ///
     /// # Errors

@@ -4,12 +4,11 @@ use super::Ppo;
 use crate::error::{Error, Result};
 use crate::rl::algorithm::built_in;
 use crate::rl::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
-use crate::rl::nn::{Activation, AdamConfig, Init, Layers};
+use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::schedule::Schedule;
 use crate::rl::value_norm::ValueNorm;
 use crate::tasks::{EnvConfig, Stage};
 use serde::{Deserialize, Serialize};
-use std::f64::consts::SQRT_2;
 
 /// Settings; defaults fly the Hummingbird's Hover from random weights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -67,12 +66,6 @@ pub struct PpoConfig {
     pub critic: Layers,
 }
 
-/// ELU, orthogonal weights.
-pub(super) fn layers(last: f64) -> Layers {
-    let init = Init::Orthogonal { hidden: SQRT_2, last };
-    Layers { activation: Activation::Elu, init, ..Layers::default() }
-}
-
 impl Default for PpoConfig {
     fn default() -> Self {
         Self {
@@ -98,8 +91,8 @@ impl Default for PpoConfig {
             central_critic: true,
             privileged_critic: true,
             adam: AdamConfig { epsilon: 1e-5, ..AdamConfig::default() },
-            network: layers(0.01),
-            critic: layers(1.0),
+            network: Layers::elu(0.01),
+            critic: Layers::elu(1.0),
         }
     }
 }

@@ -1,4 +1,3 @@
-use super::config::layers;
 use super::*;
 use crate::autodiff::Scalar;
 use crate::dynamics::Effects;
@@ -9,7 +8,7 @@ use crate::tasks::probe::{CUT, Probe};
 use crate::tasks::{Ends, Robot, Start, Task, View, Writer};
 
 fn hidden(n: usize, last: f64) -> Layers {
-    Layers { hidden: vec![n, n], ..layers(last) }
+    Layers { hidden: vec![n, n], ..Layers::elu(last) }
 }
 
 fn small() -> PpoConfig {
