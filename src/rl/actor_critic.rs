@@ -14,9 +14,11 @@ mod config;
 
 pub use config::{ActorCriticConfig, Exploration};
 
+use super::algorithm::Algorithm;
 use super::checkpoint::Tensors;
 use super::experience::{Block, Experience, Explore, Flown, Streams};
 use super::learner::{Learner, Progress, Update};
+use super::nn::elementwise::approach;
 use super::nn::fold::fold;
 use super::nn::{Activation, Memory, Mlp, Network, Pass, Scratch};
 use super::policy::{Actor, Policy, ROWS, network};
@@ -206,12 +208,18 @@ impl Shapes {
 /// What an update leaves of the statistics of the targets.
 const VALUE_BETA: f64 = 0.98;
 
+/// η of the mean of the actor's weights: it is of about the last fifth of its steps.
+const MEAN_DECAY: f64 = 4.0;
+
 /// An actor with critics, in the middle of a run.
 pub struct ActorCritic<E: Exploration> {
     config: ActorCriticConfig<E>,
     kind: E::Kind,
     shapes: Shapes,
     actor: NetWithTarget,
+    /// The mean of the actor's weights over its last steps, each of which went where the critics of its time erred (polynomial
+    /// decay, Shamir and Zhang 2013): what flies.
+    mean: Vec<f32>,
     critics: Vec<NetWithTarget>,
     norm: ValueNorm,
     experience: Experience,
@@ -257,8 +265,8 @@ impl<E: Exploration> ActorCritic<E> {
         threads: Threads,
     ) -> Result<Self> {
         config.validate()?;
-        Experience::check(env)?;
-        let env = EnvConfig { n_env: config.n_env, seed, ..env.clone() };
+        let env = EnvConfig { n_env: config.n_env, seed, ..config.seen(env) };
+        Experience::check(&env)?;
         let shards = shards_if(make, &env, config.shard, |first, n| {
             check_continuous(first.spec())?;
             config.replay.fits(first.spec(), n, config.central_critic)
@@ -271,8 +279,10 @@ impl<E: Exploration> ActorCritic<E> {
         within_memory("batch", config.batch, shapes.bytes(), env.memory_limit)?;
         let stream = |network| Stream::new(seed, 0, network, Purpose::LEARNING);
         let critic = |k| NetWithTarget::new(&shapes.critic, config.adam, true, &mut stream(1 + k));
+        let actor = NetWithTarget::new(&shapes.actor, config.adam, kind.slow_actor(), &mut stream(0));
         Ok(Self {
-            actor: NetWithTarget::new(&shapes.actor, config.adam, kind.slow_actor(), &mut stream(0)),
+            mean: actor.parameters.clone(),
+            actor,
             critics: (0..config.critics as u64).map(critic).collect(),
             experience: Experience::new(shards, &shapes.actor, (&config.replay, config.discount), widths),
             norm: ValueNorm::new(VALUE_BETA)?,
@@ -335,6 +345,9 @@ impl<E: Exploration> ActorCritic<E> {
             self.climb();
             let gradients = self.work.iter().map(|own| &own.gradient[..]);
             self.actor.descend(&self.shapes.actor, gradients, of_actor);
+            let steps = (self.step / self.config.actor_delay as u64) as f64;
+            let share = (MEAN_DECAY + 1.0) / (steps + MEAN_DECAY);
+            approach(&mut self.mean, &self.actor.parameters, share as f32);
             let left_out: usize = self.work.iter().map(|own| own.block.left_out).sum();
             let rows = ((self.config.batch - left_out).max(1) * self.shapes.agents) as f64;
             self.kind.adapt(self.work.iter().map(|own| own.sums[2]).sum::<f64>() / rows);
@@ -372,7 +385,7 @@ impl<E: Exploration> ActorCritic<E> {
 
     /// The weights of what flies: of outputs it has those that are the action.
     fn flown_parameters(&self) -> Result<Vec<f32>> {
-        let own = (&*self.shapes.actor, &self.actor.parameters[..]);
+        let own = (&*self.shapes.actor, &self.mean[..]);
         let mut parameters = fold(own, &*self.flown.mlp, |k| vec![(k, 1.0)])?;
         parameters.resize(self.flown.n_parameter(), 0.0);
         Ok(parameters)
@@ -607,6 +620,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
         }
         let mut own = own.into_iter();
         let parameters = actor.from_parts(&mut |_, _| Ok(own.next().map_or(Vec::new(), |part| part.data)))?;
+        self.mean.clone_from(&parameters);
         self.actor.begin(actor, parameters);
         start.statistics.as_ref().map_or(Ok(()), |known| self.experience.begin_statistics(known))
     }
@@ -618,6 +632,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
         state::put_network(policy, "actor", &self.flown.mlp, &self.flown_parameters()?)?;
         self.actor.save(out, "learner", &self.shapes.actor)?;
+        state::put_network(out, "mean", &self.shapes.actor, &self.mean)?;
         for (k, critic) in self.critics.iter().enumerate() {
             critic.save(out, &format!("critic.{k}"), &self.shapes.critic)?;
         }
@@ -631,6 +646,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
     fn load(&mut self, _: &Tensors, from: &Tensors) -> Result<()> {
         let [update, env_steps, step] = state::counters(from)?;
         self.actor.load(from, "learner", &self.shapes.actor)?;
+        self.mean = state::network(from, "mean", &self.shapes.actor)?;
         for (k, critic) in self.critics.iter_mut().enumerate() {
             critic.load(from, &format!("critic.{k}"), &self.shapes.critic)?;
         }

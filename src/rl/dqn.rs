@@ -193,8 +193,8 @@ impl Dqn {
     /// [`EnvConfig::memory_limit`].
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: DqnConfig, seed: u64, threads: Threads) -> Result<Self> {
         config.validate()?;
-        Experience::check(env)?;
         let env = EnvConfig { n_env: config.n_env, seed, ..config.seen(env) };
+        Experience::check(&env)?;
         let team = config.mixer != Mixer::None;
         let shards = shards_if(make, &env, config.shard, |first, n| {
             Values::of(first.spec(), &config)?;

@@ -4,6 +4,7 @@
 //! differentiated by one thread each, so that results are the same bits for any number of threads.
 
 use super::checkpoint::Tensors;
+use super::input_scale::{InputScale, InputSums};
 use super::learner::Episodes;
 use super::nn::{Memory, Network};
 use super::policy::ROWS;
@@ -14,7 +15,8 @@ use super::state;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
-use crate::tasks::{Env, EnvConfig, Space, Stage, Statistics};
+use crate::tasks::env::VARIANCE_FLOOR;
+use crate::tasks::{Env, EnvConfig, Space, Spec, Stage, Statistics};
 
 /// How actions are chosen while experience is gathered.
 pub trait Explore: Sync {
@@ -138,6 +140,7 @@ impl Experience {
             return Err(error);
         }
         self.rank_new(steps);
+        self.normalise((update + 1) as f64 * (steps * self.n_env * n_agent) as f64)?;
         let mut flown = Flown::default();
         for worker in &self.workers {
             flown.reward += worker.reward;
@@ -242,16 +245,36 @@ impl Experience {
         Ok(())
     }
 
+    /// Gives the normaliser the mean and deviation of what is kept, each time that four times as many rows were seen as when it
+    /// last got them, and brings what is kept to the new scale; what was cut stays at the cut.
+    fn normalise(&mut self, rows: f64) -> Result<()> {
+        let old = self.env().statistics().clone();
+        let n = old.mean.len();
+        if n == 0 || rows < 4.0 * old.count {
+            return Ok(());
+        }
+        let mut kept = InputScale::new(n);
+        let sums: Vec<InputSums> = self.workers.iter().map(|own| kept.sums(own.ring.observations())).collect();
+        kept.take(sums.iter());
+        let new = unscaled(&old, kept.known(), rows);
+        let change = Rescaling::between(&old, &new, clip(self.env().spec()));
+        self.workers.iter_mut().for_each(|worker| worker.ring.each_observation(|x| change.apply(x)));
+        self.begin_statistics(&new)
+    }
+
     /// Refuses environments whose observations change their meaning while they are kept.
     ///
     /// # Errors
-    /// [`Error::Value`] for a stage `normalise`.
+    /// [`Error::Value`] for stages behind a stage `normalise`.
     pub fn check(env: &EnvConfig) -> Result<()> {
-        if env.observation.iter().any(|stage| matches!(stage, Stage::Normalise { .. })) {
-            let remedy = "Leave it out: what is kept would be of another scale than what is seen.";
-            return Err(Error::value("env.observation", "normalise", "other stages for this algorithm", remedy));
+        let normalises = |stage: &Stage| matches!(stage, Stage::Normalise { .. });
+        match env.observation.iter().position(normalises) {
+            Some(k) if k + 1 < env.observation.len() => {
+                let remedy = "Put it last: what is kept is brought to the scale of what is seen.";
+                Err(Error::value("env.observation", "stages behind normalise", "none for this algorithm", remedy))
+            }
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// Environments and what is kept, into a checkpoint.
@@ -327,6 +350,54 @@ impl Worker {
         self.episodes.add(&episodes(env.spec(), out));
         self.ring.push(out);
         Ok(())
+    }
+}
+
+/// ± this is what observations are cut to.
+fn clip(spec: &Spec) -> f32 {
+    let clip = spec.config.observation.iter().find_map(|stage| match stage {
+        Stage::Normalise { clip } => Some(*clip as f32),
+        _ => None,
+    });
+    clip.unwrap_or(f32::INFINITY)
+}
+
+/// Statistics of numbers whose scaled ones have the statistics `of`; `count` is of how many.
+fn unscaled(scale: &Statistics, of: &Statistics, count: f64) -> Statistics {
+    let variance = |k: usize| scale.variance[k] + VARIANCE_FLOOR;
+    let n = scale.mean.len();
+    Statistics {
+        count,
+        mean: (0..n).map(|k| scale.mean[k] + variance(k).sqrt() * of.mean[k]).collect(),
+        variance: (0..n).map(|k| variance(k) * of.variance[k]).collect(),
+    }
+}
+
+/// From observations of one scale to those of another.
+struct Rescaling {
+    slope: Vec<f32>,
+    shift: Vec<f32>,
+    clip: f32,
+}
+
+impl Rescaling {
+    /// x ↦ (x σ + μ − μ')/σ'.
+    fn between(old: &Statistics, new: &Statistics, clip: f32) -> Self {
+        let std = |of: &Statistics, k: usize| (of.variance[k] + VARIANCE_FLOOR).sqrt();
+        let n = old.mean.len();
+        Self {
+            slope: (0..n).map(|k| (std(old, k) / std(new, k)) as f32).collect(),
+            shift: (0..n).map(|k| ((old.mean[k] - new.mean[k]) / std(new, k)) as f32).collect(),
+            clip,
+        }
+    }
+
+    /// Of one agent; what is not finite stays so.
+    fn apply(&self, x: &mut [f32]) {
+        for ((x, slope), shift) in x.iter_mut().zip(&self.slope).zip(&self.shift) {
+            let new = *x * slope + shift;
+            *x = if new.is_finite() { new.clamp(-self.clip, self.clip) } else { new };
+        }
     }
 }
 
@@ -449,5 +520,71 @@ impl Block {
         self.next_state[k * state..][..state].fill(0.0);
         (self.reward[k], self.discount[k], self.weight[k]) = (0.0, 0.0, 0.0);
         self.left_out += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rl::nn::{Activation, Layers, Mlp};
+    use crate::rl::replay::Next;
+    use crate::rl::shards::{shards, with_normaliser};
+
+    struct Never;
+
+    impl Explore for Never {
+        fn act(&self, _: &[f32], _: usize, _: &mut Memory, _: &mut Streams<'_>, _: &mut [f32]) {
+            panic!("nothing is learnt from yet");
+        }
+    }
+
+    /// 160 steps of 12 environments, with actions drawn evenly.
+    fn flown(normalised: bool) -> Experience {
+        let env = with_normaliser(&EnvConfig { n_env: 12, stagger: true, ..EnvConfig::default() }, normalised);
+        let shards = shards(&|own| Env::make("Hover", own), &env, 5).unwrap();
+        let spec = shards[0].env.spec().clone();
+        let actor = Mlp::new(spec.n_observation, &Layers::default(), 4, Activation::Tanh).unwrap();
+        let config = ReplayConfig { capacity: 2000, learning_starts: 1999, ..ReplayConfig::default() };
+        let mut own = Experience::new(shards, &actor, (&config, 0.99), Widths::of(&spec, false));
+        for update in 0..20 {
+            own.fly(&Threads::new(1).unwrap(), 8, update, &Never).unwrap();
+        }
+        own
+    }
+
+    /// Mean and deviation were last taken at 1536 rows of 1920: what came behind is of their scale too.
+    #[test]
+    fn what_is_kept_has_the_scale_of_what_is_seen_and_mean_zero() {
+        let (raw, scaled) = (flown(false), flown(true));
+        let known = scaled.env().statistics();
+        assert_eq!(known.count, 1536.0);
+        let n = known.mean.len();
+        let (mut worst, mut lasts) = (0.0_f32, 0);
+        for (raw, scaled) in raw.workers.iter().zip(&scaled.workers) {
+            let (raw, scaled) = (&raw.ring, &scaled.ring);
+            let place = |x: &[f32], y: &[f32], worst: &mut f32| {
+                for (k, (x, y)) in x.iter().zip(y).enumerate() {
+                    let std = (known.variance[k % n] + VARIANCE_FLOOR).sqrt();
+                    let wanted = ((f64::from(*x) - known.mean[k % n]) / std) as f32;
+                    // what was once beyond the cut is unknown
+                    if wanted.abs() < 5.0 {
+                        *worst = worst.max((wanted - y).abs());
+                    }
+                }
+            };
+            place(raw.observations(), scaled.observations(), &mut worst);
+            for slot in 0..raw.kept() {
+                for env in 0..raw.n_env() {
+                    let [x, y] = [raw, scaled].map(|ring| ring.path(slot, env, 1, 1.0, &mut [0.0]));
+                    assert_eq!(x, y);
+                    if let Next::Aside(_) = x.next {
+                        place(raw.next(x.next, env).0, scaled.next(y.next, env).0, &mut worst);
+                        lasts += 1;
+                    }
+                }
+            }
+        }
+        assert!(worst < 2e-4 && lasts > 0, "{worst:e}, {lasts} last observations");
+        println!("{worst:e}");
     }
 }

@@ -16,6 +16,8 @@ macro_rules! file {
 pub static RECIPES: &[(&str, &str)] = &[
     file!("hover.apg"),
     file!("hover.ppo"),
+    file!("hover.sac"),
+    file!("hover.td3"),
     file!("track.apg"),
     file!("track.ppo"),
     file!("hover_rand.apg"),

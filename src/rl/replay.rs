@@ -253,6 +253,21 @@ impl Ring {
         (&self.observation[self.head * seen..][..seen], &mut self.action[self.head * done..][..done])
     }
 
+    /// What was seen in all steps that are kept, and is seen now.
+    pub fn observations(&self) -> &[f32] {
+        let slots = if self.len + 1 < self.slots { self.len + 1 } else { self.slots };
+        &self.observation[..slots * self.n_env * self.widths.seen()]
+    }
+
+    /// Changes every observation that is kept, of each agent.
+    pub fn each_observation(&mut self, mut change: impl FnMut(&mut [f32])) {
+        let (seen, own) = (self.widths.seen(), self.widths.n_observation);
+        self.observation.chunks_exact_mut(own).for_each(&mut change);
+        for last in self.lasts.chunks_exact_mut(seen + self.widths.n_state) {
+            last[..seen].chunks_exact_mut(own).for_each(&mut change);
+        }
+    }
+
     /// What has just been done.
     pub fn actions(&self) -> &[f32] {
         let done = self.widths.done() * self.n_env;

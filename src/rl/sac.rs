@@ -30,7 +30,7 @@ pub struct Entropy {
 
 impl Default for Entropy {
     fn default() -> Self {
-        Self { target: -1.0, temperature: 0.1, learning_rate: 1e-3 }
+        Self { target: -0.8, temperature: 0.1, learning_rate: 1e-3 }
     }
 }
 

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::memory::Request;
 use crate::parallel::Threads;
 use crate::tasks::env::Pending;
-use crate::tasks::{Autoreset, Buffers, Column, Env, EnvConfig, Spec, Statistics};
+use crate::tasks::{Autoreset, Buffers, Column, Env, EnvConfig, Spec, Stage, Statistics};
 use std::fmt::Display;
 
 /// Makes environments of a configuration: of a built-in task `|config| Env::make("Hover", config)`, or of one's own
@@ -112,6 +112,15 @@ pub fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
         env.observe(&mut out.out())?;
     }
     Ok(())
+}
+
+/// The environments as a policy sees them: with a stage `normalise` behind all others, where `wanted` and there is none.
+pub(crate) fn with_normaliser(env: &EnvConfig, wanted: bool) -> EnvConfig {
+    let mut env = env.clone();
+    if wanted && !env.observation.iter().any(|stage| matches!(stage, Stage::Normalise { .. })) {
+        env.observation.push(Stage::Normalise { clip: 10.0 });
+    }
+    env
 }
 
 /// The difficulty of episodes that begin from now on.

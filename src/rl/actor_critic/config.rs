@@ -9,7 +9,7 @@ use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::policy::Actor;
 use crate::rl::replay::ReplayConfig;
 use crate::rl::schedule::Schedule;
-use crate::rl::shards::Make;
+use crate::rl::shards::{Make, with_normaliser};
 use crate::rl::target_network::check_targets;
 use crate::tasks::{EnvConfig, Spec};
 use serde::de::DeserializeOwned;
@@ -73,6 +73,8 @@ pub struct ActorCriticConfig<E> {
     pub huber: f64,
     /// How it explores.
     pub exploration: E,
+    /// Whether observations are normalised by their running mean and deviation.
+    pub normalise_observation: bool,
     /// Steps that are kept to be learnt from.
     pub replay: ReplayConfig,
     /// The optimiser of all.
@@ -86,26 +88,27 @@ pub struct ActorCriticConfig<E> {
 impl<E: Exploration> Default for ActorCriticConfig<E> {
     fn default() -> Self {
         Self {
-            n_env: 64,
-            shard: 32,
+            n_env: 512,
+            shard: 256,
             steps: 8,
-            updates: 600,
+            updates: 700,
             gradient_steps: 32,
-            batch: 256,
-            discount: 0.985,
-            tau: 0.01,
+            batch: 512,
+            discount: 0.97,
+            tau: 0.005,
             critics: 2,
             actor_delay: E::ACTOR_DELAY,
             central_critic: false,
-            learning_rate: Schedule::cosine(1e-3, 1e-5),
-            critic_learning_rate: Schedule::cosine(1e-3, 1e-4),
+            learning_rate: Schedule::cosine(3e-3, 3e-4),
+            critic_learning_rate: Schedule::cosine(5e-3, 5e-4),
             max_grad_norm: 10.0,
             huber: 10.0,
             exploration: E::default(),
-            replay: ReplayConfig::default(),
+            normalise_observation: true,
+            replay: ReplayConfig { capacity: 400_000, n_step: 10, ..ReplayConfig::default() },
             adam: AdamConfig::default(),
             network: Layers::elu(0.01),
-            critic: Layers::elu(1.0),
+            critic: Layers { hidden: vec![128; 2], layer_norm: true, ..Layers::elu(1.0) },
         }
     }
 }
@@ -129,7 +132,7 @@ impl<E: Exploration> ActorCriticConfig<E> {
             ("actor_delay", self.actor_delay, 1 << 10),
         ] {
             if n == 0 || n > most {
-                let remedy = "64, 32, 8, 32, 256, 2 and 1 are usual.";
+                let remedy = "512, 256, 8, 32, 512, 2 and 1 are usual.";
                 return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
             }
         }
@@ -155,6 +158,10 @@ impl<E: Exploration> ActorCriticConfig<E> {
 impl<E: Exploration> Algorithm for ActorCriticConfig<E> {
     fn name(&self) -> &'static str {
         E::NAME
+    }
+
+    fn seen(&self, env: &EnvConfig) -> EnvConfig {
+        with_normaliser(env, self.normalise_observation)
     }
 
     fn validate(&self) -> Result<()> {

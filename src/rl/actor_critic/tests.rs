@@ -4,8 +4,8 @@ use crate::rl::nn::Layers;
 use crate::rl::replay::ReplayConfig;
 use crate::rl::sac::{Entropy, SacConfig};
 use crate::rl::td3::{ActionNoise, Td3Config};
-use crate::tasks::Env;
 use crate::tasks::probe::Probe;
+use crate::tasks::{Env, Stage};
 
 fn small<E: Exploration>() -> ActorCriticConfig<E> {
     let layers = |own: Layers| Layers { hidden: vec![16, 16], ..own };
@@ -207,8 +207,8 @@ fn actions_of_whole_numbers_and_batches_beyond_memory_are_refused() {
     let replay = ReplayConfig { capacity: 1 << 27, ..ReplayConfig::default() };
     assert!(refused(little.clone(), SacConfig { replay, ..small() }).contains("replay.capacity"));
     assert!(refused(little, SacConfig { batch: 1 << 20, ..small() }).contains("batch"));
-    let scaled = EnvConfig { observation: vec![crate::tasks::Stage::Normalise { clip: 10.0 }], ..EnvConfig::default() };
-    assert!(refused(scaled, small()).contains("normalise"));
+    let stages = vec![Stage::Normalise { clip: 10.0 }, Stage::History { steps: 2 }];
+    assert!(refused(EnvConfig { observation: stages, ..EnvConfig::default() }, small()).contains("behind normalise"));
     let team = ReplayConfig { priority: 0.5, ..small::<Entropy>().replay };
     let central = SacConfig { central_critic: true, replay: team, ..small() };
     assert!(refused(EnvConfig::default(), central).contains("central critic"));

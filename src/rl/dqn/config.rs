@@ -6,6 +6,7 @@ use crate::rl::algorithm::built_in;
 use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::replay::ReplayConfig;
 use crate::rl::schedule::Schedule;
+use crate::rl::shards::with_normaliser;
 use crate::rl::target_network::check_targets;
 use crate::tasks::{ActionSpace, EnvConfig};
 use serde::{Deserialize, Serialize};
@@ -66,6 +67,8 @@ pub struct DqnConfig {
     pub max_grad_norm: f64,
     /// Errors beyond it count linearly.
     pub huber: f64,
+    /// Whether observations are normalised by their running mean and deviation.
+    pub normalise_observation: bool,
     /// Steps that are kept to be learnt from.
     pub replay: ReplayConfig,
     /// The optimiser.
@@ -94,6 +97,7 @@ impl Default for DqnConfig {
             learning_rate: Schedule::cosine(1e-3, 1e-5),
             max_grad_norm: 10.0,
             huber: 10.0,
+            normalise_observation: true,
             replay: ReplayConfig::default(),
             adam: AdamConfig::default(),
             network: Layers::elu(0.1),
@@ -104,7 +108,7 @@ impl Default for DqnConfig {
 impl DqnConfig {
     /// The environments as the policy sees them: with as many `levels` of each number of an action, where it is continuous.
     pub(crate) fn seen(&self, env: &EnvConfig) -> EnvConfig {
-        let mut env = env.clone();
+        let mut env = with_normaliser(env, self.normalise_observation);
         if env.actions == ActionSpace::Continuous {
             env.actions = ActionSpace::MultiDiscrete { levels: self.levels };
         }

@@ -61,13 +61,43 @@ impl Kernel for Exp<'_> {
     }
 }
 
+/// sum ← sum + each row of `a` times that of `b`, number by number, in order.
+pub(crate) fn add_products(sum: &mut [f32], a: &[f32], b: &[f32]) {
+    dispatch(AddProducts { sum, a, b });
+}
+
+struct AddProducts<'a> {
+    sum: &'a mut [f32],
+    a: &'a [f32],
+    b: &'a [f32],
+}
+
+impl Kernel for AddProducts<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let n = self.sum.len();
+        for (a, b) in self.a.chunks_exact(n).zip(self.b.chunks_exact(n)) {
+            for k in 0..n {
+                self.sum[k] += a[k] * b[k];
+            }
+        }
+    }
+}
+
 /// Eight sums side by side, so that it takes one register, then one sum of them.
+#[inline(always)]
 pub(crate) fn sum(x: &[f32]) -> f32 {
     let mut lanes = [0.0; 8];
     let chunks = x.chunks_exact(8);
-    let rest: f32 = chunks.remainder().iter().sum();
+    let mut rest = 0.0;
+    for x in chunks.remainder() {
+        rest += x;
+    }
     for chunk in chunks {
-        lanes.iter_mut().zip(chunk).for_each(|(s, x)| *s += x);
+        for k in 0..8 {
+            lanes[k] += chunk[k];
+        }
     }
     lanes.iter().sum::<f32>() + rest
 }

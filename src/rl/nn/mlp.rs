@@ -6,9 +6,10 @@
 
 use super::activation::Activation;
 use super::aligned::Aligned;
-use super::elementwise::{add, add_rows, sum};
+use super::elementwise::{add_products, add_rows};
 use super::encoder::{Encoder, Recurrence};
 use super::init::Init;
+use super::layer_norm;
 use super::network::{Level, Memory, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
 use super::product::{Begin, Left, PAD, padded, product};
 use super::stack::Join;
@@ -121,14 +122,13 @@ impl Layer {
     fn pull_norm(&self, level: &Level, parameters: &[f32], gradient: &mut [f32], d: &mut [f32]) {
         let Some([gain, shift]) = &self.norm else { return };
         let wide = self.wide();
-        for (row, d) in d.chunks_exact_mut(wide).enumerate() {
-            let normal = &level.normal[row * wide..][..wide];
-            if !gradient.is_empty() {
-                add_product(&mut gradient[gain.clone()], d, normal);
-                add(&mut gradient[shift.clone()], d);
-            }
-            pull_norm(d, normal, level.scale[row], self.n_out, &parameters[gain.clone()]);
+        if !gradient.is_empty() {
+            let of_gain = &mut gradient[gain.start..shift.end];
+            let (of_gain, of_shift) = of_gain.split_at_mut(shift.start - gain.start);
+            add_products(of_gain, d, &level.normal);
+            add_rows(of_shift, d, d.len() / wide);
         }
+        layer_norm::pull(d, &level.normal, &level.scale, (wide, self.n_out), &parameters[gain.clone()]);
     }
 
     /// weight ← weight + (dᵀ x)ᵀ for rows of `x` without gaps; `transposed` holds what is in the brackets.
@@ -303,10 +303,7 @@ impl Mlp {
             product(Left::Rows(x, stride), &parameters[layer.weight.clone()], begin, y, (rows, k, wide));
             if let Some([gain, shift]) = &layer.norm {
                 let [gain, shift] = [&parameters[gain.clone()], &parameters[shift.clone()]];
-                for (row, (y, normal)) in y.chunks_exact_mut(wide).zip(level.normal.chunks_exact_mut(wide)).enumerate()
-                {
-                    level.scale[row] = normalise(y, normal, layer.n_out, gain, shift);
-                }
+                layer_norm::normalise(y, &mut level.normal, &mut level.scale, (wide, layer.n_out), (gain, shift));
             }
             layer.activation.apply(y);
         }
@@ -450,47 +447,6 @@ fn input<'a>(before: &'a [Level], layer: &Layer, x: &'a [f32]) -> (&'a [f32], us
     }
 }
 
-fn add_product(sum: &mut [f32], a: &[f32], b: &[f32]) {
-    sum.iter_mut().zip(a).zip(b).for_each(|((s, a), b)| *s += a * b);
-}
-
-/// Under the variance of a row.
-const NORM_FLOOR: f32 = 1e-5;
-
-/// z ← gain (z − mean)/deviation + shift; keeps the normal numbers and gives 1/deviation.
-fn normalise(z: &mut [f32], normal: &mut [f32], n: usize, gain: &[f32], shift: &[f32]) -> f32 {
-    let mean = sum(&z[..n]) / n as f32;
-    z[..n].iter_mut().for_each(|z| *z -= mean);
-    let scale = 1.0 / (dot(&z[..n], &z[..n]) / n as f32 + NORM_FLOOR).sqrt();
-    for i in 0..n {
-        normal[i] = z[i] * scale;
-        z[i] = gain[i] * normal[i] + shift[i];
-    }
-    scale
-}
-
-/// d ← scale (g − mean g − normal · mean(g · normal)) with g = gain · d.
-fn pull_norm(d: &mut [f32], normal: &[f32], scale: f32, n: usize, gain: &[f32]) {
-    d[..n].iter_mut().zip(gain).for_each(|(d, g)| *d *= g);
-    let mean = sum(&d[..n]) / n as f32;
-    let along = dot(&d[..n], &normal[..n]) / n as f32;
-    for i in 0..n {
-        d[i] = scale * (d[i] - mean - normal[i] * along);
-    }
-}
-
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut lanes = [0.0; 8];
-    let (left, right) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f32 = left.remainder().iter().zip(right.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in left.zip(right) {
-        lanes.iter_mut().zip(a).zip(b).for_each(|((s, a), b)| *s += a * b);
-    }
-    lanes.iter().sum::<f32>() + rest
-}
-
-const _: () = assert!(PAD.is_multiple_of(8));
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -518,7 +474,7 @@ mod tests {
             if let (Some(gain), Some(shift)) = (of("norm.weight"), of("norm.bias")) {
                 let mean = z.iter().sum::<f64>() / z.len() as f64;
                 let variance = z.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / z.len() as f64;
-                let scale = 1.0 / (variance + f64::from(NORM_FLOOR)).sqrt();
+                let scale = 1.0 / (variance + f64::from(layer_norm::NORM_FLOOR)).sqrt();
                 z = z
                     .iter()
                     .enumerate()

@@ -3,7 +3,7 @@
 //! | file | what |
 //! |---|---|
 //! | `network` | what all networks have in common: forward, backward, named parts |
-//! | `mlp` | layers one behind the other |
+//! | `mlp`, `layer_norm` | layers one behind the other, and what is between them |
 //! | `gru` | what is remembered from step to step |
 //! | `conv` | convolutions over histories and images |
 //! | `set` | several alike, in any order |
@@ -31,6 +31,7 @@ pub(crate) mod gaussian;
 pub(crate) mod gru;
 pub(crate) mod head;
 pub(crate) mod init;
+mod layer_norm;
 pub(crate) mod mlp;
 pub(crate) mod network;
 pub(crate) mod product;

@@ -6,8 +6,9 @@ use crate::rl::algorithm::built_in;
 use crate::rl::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
 use crate::rl::nn::{AdamConfig, Layers};
 use crate::rl::schedule::Schedule;
+use crate::rl::shards::with_normaliser;
 use crate::rl::value_norm::ValueNorm;
-use crate::tasks::{EnvConfig, Stage};
+use crate::tasks::EnvConfig;
 use serde::{Deserialize, Serialize};
 
 /// Settings; defaults fly the Hummingbird's Hover from random weights.
@@ -98,13 +99,9 @@ impl Default for PpoConfig {
 }
 
 impl PpoConfig {
-    /// The environments as the policy sees them: with a stage `normalise`, where the settings ask for one and there is none.
+    /// The environments as the policy sees them.
     pub(crate) fn seen(&self, env: &EnvConfig) -> EnvConfig {
-        let mut env = env.clone();
-        if self.normalise_observation && !env.observation.iter().any(|s| matches!(s, Stage::Normalise { .. })) {
-            env.observation.push(Stage::Normalise { clip: 10.0 });
-        }
-        env
+        with_normaliser(env, self.normalise_observation)
     }
 
     /// Checks every number.

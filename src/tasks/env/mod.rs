@@ -52,6 +52,7 @@ pub(crate) mod transition;
 pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Seeds, Sweep, SweepOptions, Tape};
 pub use normaliser::Pending;
+pub(crate) use normaliser::VARIANCE_FLOOR;
 pub use spec::{Column, Info, Space, Spec};
 pub use transition::StepLayout;
 

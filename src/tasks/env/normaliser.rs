@@ -105,4 +105,4 @@ impl Env {
 }
 
 /// Under a normaliser's variances.
-const VARIANCE_FLOOR: f64 = 1e-8;
+pub(crate) const VARIANCE_FLOOR: f64 = 1e-8;
