@@ -169,9 +169,9 @@ impl Kept {
             }
         }
         self.gather_capsules(world);
-        for i in 0..self.capsules.len() {
-            let mut at = 0;
-            while at < LANES {
+        for i in 0..self.capsule_ids.len().div_ceil(LANES) {
+            let (mut at, n) = (0, self.capsule_ids.len() - i * LANES);
+            while at < n.min(LANES) {
                 capsule::<L>(&self.capsules[i], at, eye, view.grid(), &mut self.capsule_pieces[i]);
                 at += L::WIDTH;
             }
@@ -187,9 +187,9 @@ impl Kept {
             }
         }
         self.gather_boxes(world);
-        for i in 0..self.boxes.len() {
-            let mut at = 0;
-            while at < LANES {
+        for i in 0..self.box_ids.len().div_ceil(LANES) {
+            let (mut at, n) = (0, self.box_ids.len() - i * LANES);
+            while at < n.min(LANES) {
                 cuboid::<L>(&self.boxes[i], at, eye, view.grid(), &mut self.box_pieces[i]);
                 at += L::WIDTH;
             }
@@ -201,9 +201,8 @@ impl Kept {
     #[inline(always)]
     fn gather_capsules(&mut self, world: &World) {
         let n = places(&self.keys[..world.capsules.blocks.len()], &mut self.places);
-        self.capsules.clear();
-        self.capsules.resize(n.div_ceil(LANES), CapsuleBlock::EMPTY);
-        self.capsule_pieces.resize(n.div_ceil(LANES), [PieceBlock::EMPTY; 3]);
+        grow(&mut self.capsules, n, &CapsuleBlock::EMPTY);
+        grow(&mut self.capsule_pieces, n, &[PieceBlock::EMPTY; 3]);
         self.capsule_ids.clear();
         for i in 0..n {
             let (place, key) = self.places[i];
@@ -218,9 +217,8 @@ impl Kept {
     #[inline(always)]
     fn gather_boxes(&mut self, world: &World) {
         let n = places(&self.keys[..world.boxes.blocks.len()], &mut self.places);
-        self.boxes.clear();
-        self.boxes.resize(n.div_ceil(LANES), BoxBlock::EMPTY);
-        self.box_pieces.resize(n.div_ceil(LANES), PieceBlock::EMPTY);
+        grow(&mut self.boxes, n, &BoxBlock::EMPTY);
+        grow(&mut self.box_pieces, n, &PieceBlock::EMPTY);
         self.box_ids.clear();
         for i in 0..n {
             let (place, key) = self.places[i];
@@ -240,6 +238,13 @@ fn key<L: Lanes, V: View, const ALL: bool>(view: &V, base: Vec3<L>, axis: Vec3<L
         kept = L::zero().lt(radius);
     }
     L::select(kept, near.max(L::zero()), L::constant(f64::INFINITY))
+}
+
+/// Room for `n` solids. What is there of earlier casts stays: lanes behind the last solid are computed and not looked at.
+fn grow<B: Clone>(blocks: &mut Vec<B>, n: usize, empty: &B) {
+    if blocks.len() * LANES < n {
+        blocks.resize(n.div_ceil(LANES), empty.clone());
+    }
 }
 
 /// Places and keys of the solids that are kept, and how many.
@@ -355,7 +360,7 @@ fn capsule<L: Lanes>(block: &CapsuleBlock, at: usize, eye: &Eye, grid: Option<&G
     let near = (w[0] - r0).min(end[0] - r1);
     let near = if grid.is_some() { near } else { length(nearest) - r0.max(r1) };
     let unseen = L::constant(f64::NAN);
-    let numbers = [rho / radius, L::select(side, gap, unseen), height - half, half];
+    let numbers = [rho / radius, L::select(side, gap, unseen), height - half, half, rho];
     write(&mut out[0], at, &forms, &numbers, L::select(side, near, none));
     ball(w, radius, visible, at, grid.is_some(), &mut out[1]);
     ball(end, radius, visible.and(zero.lt(long)), at, grid.is_some(), &mut out[2]);
@@ -376,7 +381,7 @@ fn capsule<L: Lanes>(block: &CapsuleBlock, at: usize, eye: &Eye, grid: Option<&G
 /// One end of a capsule: the ball about `center`.
 #[inline(always)]
 fn ball<L: Lanes>(center: Vec3<L>, radius: L, visible: L::Mask, at: usize, image: bool, out: &mut PieceBlock) {
-    let rho = length(center);
+    let (rho, zero) = (length(center), L::zero());
     let gap = (rho - radius) * (rho + radius);
     let inverse = rho.max(L::constant(1e-12)).recip();
     let v = scaled(inverse, center);
@@ -387,7 +392,7 @@ fn ball<L: Lanes>(center: Vec3<L>, radius: L, visible: L::Mask, at: usize, image
     let reach = widened(radius, center);
     let near = if image { center[0] - reach } else { rho - reach };
     let near = L::select(visible, near, L::constant(f64::INFINITY));
-    write(out, at, &[scaled(radius, v), scaled(root, a), scaled(root, b)], &[rho / radius, gap], near);
+    write(out, at, &[scaled(radius, v), scaled(root, a), scaled(root, b)], &[rho / radius, gap, zero, zero, rho], near);
 }
 
 /// Two unit vectors across a unit vector and each other (Duff et al. 2017, about x).
@@ -470,6 +475,10 @@ fn cuboid<L: Lanes>(block: &BoxBlock, at: usize, eye: &Eye, grid: Option<&Grid>,
         numbers[k] = numbers[k] + unseen;
     }
     let slack = widened(zero, w) + L::constant(SLACK) * L::load(&block.reach[at..]);
+    let Some(grid) = grid else {
+        write(out, at, &forms, &numbers, L::select(visible, gap - slack, none));
+        return;
+    };
     let (mut nearest, mut low, mut high) = (none, [none; 2], [-none; 2]);
     for corner in 0..8 {
         let mut p = w;
@@ -486,9 +495,7 @@ fn cuboid<L: Lanes>(block: &BoxBlock, at: usize, eye: &Eye, grid: Option<&Grid>,
             high[k] = high[k].max(slope + wide);
         }
     }
-    let near = if grid.is_some() { nearest - slack } else { gap - slack };
-    write(out, at, &forms, &numbers, L::select(visible, near, none));
-    let Some(grid) = grid else { return };
+    write(out, at, &forms, &numbers, L::select(visible, nearest - slack, none));
     let ahead = (slack + slack).lt(nearest);
     for k in 0..2 {
         low[k] = L::select(ahead, low[k], L::constant(-WIDE));

@@ -28,9 +28,21 @@ pub(super) const N_NUMBER: usize = 6;
 pub(super) trait Piece {
     /// (t, whether it counts), from the three forms of directions d and the numbers of the piece. t may be no number.
     fn entry<L: Lanes>(forms: [L; 3], numbers: &[L; N_NUMBER]) -> (L, L::Mask);
+
+    /// Above zero where a direction no farther than `chord` from the unit vector of these forms may enter the piece.
+    fn reach<L: Lanes>(forms: [L; 3], numbers: &[L; N_NUMBER], chord: L) -> L;
 }
 
-/// The round side of a capsule. Forms p, q and d·u; numbers ρ/r, c, then height of the eye above the middle and half the length.
+/// Directions that enter a ball or the side of a capsule have p − ‖(q, s)‖ > 0, the least of forms d·e with ‖e‖ = √(r² + c) = ρ:
+/// along `chord` it changes by no more than `chord` ρ. ρ stands in the fifth number.
+#[inline(always)]
+fn within<L: Lanes>(p: L, across: L, rho: L, chord: L) -> L {
+    let most = fused(chord, rho, p);
+    L::select(L::zero().lt(most), fused(most, most, -across), -L::one())
+}
+
+/// The round side of a capsule. Forms p, q and d·u; numbers ρ/r, c, height of the eye above
+/// the middle, half the length, ρ.
 pub(super) struct Side;
 
 impl Piece for Side {
@@ -41,9 +53,14 @@ impl Piece for Side {
         let height = fused(t, along, numbers[2]).abs();
         (t, height.lt(numbers[3]).and(L::zero().lt(t)))
     }
+
+    #[inline(always)]
+    fn reach<L: Lanes>([p, q, _]: [L; 3], numbers: &[L; N_NUMBER], chord: L) -> L {
+        within(p, q * q, numbers[4], chord)
+    }
 }
 
-/// A ball. Forms p, q and s; numbers ρ/r, c.
+/// A ball. Forms p, q and s; numbers ρ/r, c; the fifth is ρ.
 pub(super) struct Ball;
 
 impl Piece for Ball {
@@ -52,6 +69,11 @@ impl Piece for Ball {
         let root = fused(p, p, -fused(q, q, s * s)).sqrt();
         let t = numbers[1] / fused(numbers[0], p, root);
         (t, L::zero().lt(t))
+    }
+
+    #[inline(always)]
+    fn reach<L: Lanes>([p, q, s]: [L; 3], numbers: &[L; N_NUMBER], chord: L) -> L {
+        within(p, fused(q, q, s * s), numbers[4], chord)
     }
 }
 
@@ -74,6 +96,23 @@ impl Piece for Cuboid {
             exit = exit.min(L::select(flipped, a, b));
         }
         (entry, entry.lt(exit).and(L::zero().lt(entry)))
+    }
+
+    /// The box within a ball: a ray passes its centre w by √(w² − (w·d)²), or by ‖w‖ where it points away, and `chord` ‖w‖ more
+    /// or less.
+    #[inline(always)]
+    fn reach<L: Lanes>(forms: [L; 3], numbers: &[L; N_NUMBER], chord: L) -> L {
+        let (mut ahead, mut squared, mut size) = (L::zero(), L::zero(), L::zero());
+        for k in 0..3 {
+            let (middle, half) = (L::constant(0.5) * (numbers[k] + numbers[3 + k]), numbers[3 + k] - numbers[k]);
+            ahead = fused(middle, forms[k], ahead);
+            squared = fused(middle, middle, squared);
+            size = fused(half, half, size);
+        }
+        let ahead = ahead.max(L::zero());
+        let reach = fused(chord, squared.sqrt(), L::constant(0.5) * size.sqrt());
+        let past = fused(-ahead, ahead, squared);
+        L::select(L::zero().lt(reach), fused(reach, reach, L::constant(1e-5) * squared - past), -L::one())
     }
 }
 

@@ -97,14 +97,21 @@ impl Caster {
         Self::default()
     }
 
-    /// Sixteen misses for each of `n` tiles.
+    /// Makes room for `n` tiles that nothing stands in the way of yet.
     #[inline(always)]
-    fn clear(&mut self, n: usize, most: f32) {
-        let miss = Tile { range: [most; LANES], id: [world::number(NOTHING); LANES] };
-        self.tiles.clear();
-        self.tiles.resize(n, miss);
-        self.far.clear();
-        self.far.resize(n, most);
+    fn prepare(&mut self, n: usize, most: f32) {
+        if self.tiles.len() < n {
+            self.tiles.resize(n, Tile::missed(most));
+            self.far.resize(n, most);
+        }
+        self.far[..n].fill(most);
+    }
+}
+
+impl Tile {
+    /// Sixteen misses.
+    fn missed(most: f32) -> Self {
+        Self { range: [most; LANES], id: [world::number(NOTHING); LANES] }
     }
 }
 

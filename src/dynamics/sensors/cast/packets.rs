@@ -5,7 +5,7 @@
 
 use super::cull::{BOX, Grid, PieceBlock, View, widened};
 use super::hit::{Ball, Cuboid, N_NUMBER, Piece, Side};
-use super::tiles::{largest, nearer};
+use super::tiles::{drop_near, largest, nearer};
 use super::world::{self, GROUND, LANES, NOTHING, Row, World};
 use super::{Caster, Eye, Range, Tile, dot, fused, splat};
 use crate::autodiff::Mask;
@@ -23,6 +23,16 @@ pub struct Rays {
     n: usize,
     range: Range,
     directions: Vec<[Row; 3]>,
+    cones: Vec<Cones>,
+}
+
+/// Around the directions of sixteen packets.
+#[derive(Debug, Clone)]
+struct Cones {
+    /// Unit vectors.
+    middle: [Row; 3],
+    /// The longest vector from there to a direction; far below zero where there is no packet.
+    chord: Row,
 }
 
 impl Rays {
@@ -33,7 +43,7 @@ impl Rays {
     /// refuses.
     pub fn new(directions: &[Vec3<f64>], range: Range) -> Result<Self> {
         range.validate("rays")?;
-        let mut rays = Self { n: 0, range, directions: Vec::new() };
+        let mut rays = Self { n: 0, range, directions: Vec::new(), cones: Vec::new() };
         rays.aim(directions)?;
         Ok(rays)
     }
@@ -81,6 +91,18 @@ impl Rays {
             }
             self.directions.push(packet);
         }
+        self.cones.clear();
+        for sixteen in self.directions.chunks(LANES) {
+            let mut cones = Cones { middle: [[0.0; LANES]; 3], chord: [-1e9; LANES] };
+            for (lane, packet) in sixteen.iter().enumerate() {
+                let (middle, chord) = cone(packet);
+                for k in 0..3 {
+                    cones.middle[k][lane] = middle[k];
+                }
+                cones.chord[lane] = chord;
+            }
+            self.cones.push(cones);
+        }
         Ok(())
     }
 
@@ -99,6 +121,16 @@ impl Rays {
         let packet = &self.directions[index / LANES];
         [0, 1, 2].map(|k| f64::from(packet[k][index % LANES]))
     }
+}
+
+/// The middle of a packet's directions, and the longest vector from there to one of them, and a little.
+fn cone(packet: &[Row; 3]) -> ([f32; 3], f32) {
+    let sum = [0, 1, 2].map(|k| packet[k].iter().map(|x| f64::from(*x)).sum::<f64>());
+    let length = norm(&sum);
+    // directions all around have no middle: any will do, with a chord that excludes nothing
+    let middle = if length > 1e-3 { sum.map(|x| (x / length) as f32) } else { [1.0, 0.0, 0.0] };
+    let to = |lane: usize| norm(&[0, 1, 2].map(|k| f64::from(packet[k][lane] - middle[k])));
+    (middle, (0..LANES).map(to).fold(0.0, f64::max) as f32 + 1e-5)
 }
 
 fn norm(d: &Vec3<f64>) -> f64 {
@@ -188,16 +220,16 @@ impl<const ALL: bool> Kernel for Scan<'_, ALL> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let Self { caster, world, rays, eye, ranges, ids } = self;
-        let most = rays.range.most as f32;
-        caster.clear(rays.directions.len(), most);
-        if let Some((height, up)) = eye.above(world.ground) {
-            // the ground is no nearer than it is below
-            if ALL || height < most {
-                ground::<L>(rays, height, up, &mut caster.tiles);
-            }
-        }
-        caster.kept.look::<L, Rays, ALL>(world, eye, rays);
+        let (n, most) = (rays.directions.len(), rays.range.most as f32);
+        caster.prepare(n, most);
         let Caster { kept, tiles, far } = caster;
+        let tiles = &mut tiles[..n];
+        // the ground is no nearer than it is below
+        match eye.above(world.ground).filter(|(height, _)| ALL || *height < most) {
+            Some((height, up)) => ground::<L>(rays, height, up, tiles),
+            None => tiles.fill(Tile::missed(most)),
+        }
+        kept.look::<L, Rays, ALL>(world, eye, rays);
         for k in 0..kept.order.len() {
             let order = kept.order[k];
             let i = (order & (BOX - 1)) as usize;
@@ -211,14 +243,27 @@ impl<const ALL: bool> Kernel for Scan<'_, ALL> {
                 put::<L, Cuboid, ALL>(rays, &kept.box_pieces[block], lane, kept.box_ids[i], tiles, far);
             }
         }
-        let least = rays.range.least as f32;
-        for i in 0..rays.n {
-            let (tile, lane) = (&tiles[i / LANES], i % LANES);
-            let t = tile.range[lane];
-            let seen = least <= t;
-            ranges[i] = if seen { t } else { most };
-            ids[i] = if seen { world::id(tile.id[lane]) } else { NOTHING };
+        if rays.range.least > 0.0 {
+            drop_near::<L>(rays.range, tiles);
         }
+        write(tiles, ranges, ids);
+    }
+}
+
+/// From packets to rays.
+#[inline(always)]
+fn write(tiles: &[Tile], ranges: &mut [f32], ids: &mut [u32]) {
+    let (whole, last) = ranges.as_chunks_mut::<LANES>();
+    let (whole_ids, last_ids) = ids.as_chunks_mut::<LANES>();
+    for i in 0..whole.len() {
+        whole[i] = tiles[i].range;
+        for k in 0..LANES {
+            whole_ids[i][k] = world::id(tiles[i].id[k]);
+        }
+    }
+    for k in 0..last.len() {
+        last[k] = tiles[whole.len()].range[k];
+        last_ids[k] = world::id(tiles[whole.len()].id[k]);
     }
 }
 
@@ -270,19 +315,42 @@ fn put<L: Lanes, P: Piece, const ALL: bool>(
         }
     }
     let id = splat::<L>(id);
-    for i in 0..rays.directions.len() {
-        if !ALL && far[i] <= near {
-            continue;
-        }
-        let mut farthest = L::zero();
+    for group in 0..rays.cones.len() {
+        let mut open = [1.0; LANES];
         let mut at = 0;
-        while at < LANES {
-            let packet = &rays.directions[i];
-            let values = [form(packet, at, &forms[0]), form(packet, at, &forms[1]), form(packet, at, &forms[2])];
-            let (t, counts) = P::entry(values, &numbers);
-            farthest = farthest.max(nearer(&mut tiles[i], at, t, counts, id));
+        while !ALL && at < LANES {
+            let cones = &rays.cones[group];
+            let middle =
+                [L::load(&cones.middle[0][at..]), L::load(&cones.middle[1][at..]), L::load(&cones.middle[2][at..])];
+            let values = [dot(middle, forms[0]), dot(middle, forms[1]), dot(middle, forms[2])];
+            P::reach(values, &numbers, L::load(&cones.chord[at..])).store(&mut open[at..]);
             at += L::WIDTH;
         }
-        far[i] = largest(farthest);
+        for k in 0..LANES.min(rays.directions.len() - group * LANES) {
+            let i = group * LANES + k;
+            if ALL || (open[k] > 0.0 && far[i] > near) {
+                far[i] = try_packet::<L, P>(&rays.directions[i], &forms, &numbers, id, &mut tiles[i]);
+            }
+        }
     }
+}
+
+/// Tries a piece on sixteen rays; the farthest range then.
+#[inline(always)]
+fn try_packet<L: Lanes, P: Piece>(
+    packet: &[Row; 3],
+    forms: &[Vec3<L>; 3],
+    numbers: &[L; N_NUMBER],
+    id: L,
+    tile: &mut Tile,
+) -> f32 {
+    let mut farthest = L::zero();
+    let mut at = 0;
+    while at < LANES {
+        let values = [form(packet, at, &forms[0]), form(packet, at, &forms[1]), form(packet, at, &forms[2])];
+        let (t, counts) = P::entry(values, numbers);
+        farthest = farthest.max(nearer(tile, at, t, counts, id));
+        at += L::WIDTH;
+    }
+    largest(farthest)
 }

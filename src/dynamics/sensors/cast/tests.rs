@@ -74,9 +74,20 @@ fn any_camera(r: &mut Stream, largest: u64) -> Camera {
         .unwrap_or_else(|_| Camera::new(width.max(4), 4, 1.2, any_range(r)).unwrap())
 }
 
-fn any_rays(r: &mut Stream, most: u64) -> Rays {
-    let directions: Vec<_> = (0..=r.below(most)).map(|_| rotate(attitude(r), [1.0, 0.0, 0.0])).collect();
-    Rays::new(&directions, any_range(r)).unwrap()
+/// All around, within a narrow fan, or a lidar.
+fn any_rays(r: &mut Stream) -> Rays {
+    let range = any_range(r);
+    let (n, spread) = (1 + r.below(100), decades(r, -2.0, 1.0));
+    match r.below(3) {
+        0 => Rays::lidar(n as usize, &[-0.2, 0.0, 0.3, 0.6], range),
+        _ => {
+            let aim = attitude(r);
+            let one = |r: &mut Stream| rotate(aim, [1.0, spread * r.normal(), spread * r.normal()]);
+            let directions: Vec<_> = (0..n).map(|_| one(r)).collect();
+            Rays::new(&directions, range)
+        }
+    }
+    .unwrap()
 }
 
 /// Bits of what an image or a scan holds.
@@ -129,7 +140,7 @@ fn a_scan_is_that_of_all_solids_on_all_rays_bit_for_bit() {
     for which in 0..if cfg!(miri) { 2 } else { 10_000 } {
         let mut r = stream(20_000 + which);
         let world = any_world(&mut r);
-        let (pose, rays) = (any_eye(&mut r, &world), any_rays(&mut r, 100));
+        let (pose, rays) = (any_eye(&mut r, &world), any_rays(&mut r));
         let want = scan(&mut caster, Caster::rays_of_all, &world, &rays, &pose);
         let have = scan(&mut caster, Caster::rays, &world, &rays, &pose);
         assert_eq!(have, want, "scene {which}");
@@ -147,7 +158,7 @@ fn images_and_scans_are_the_same_bits_with_every_instruction_set() {
         let mut r = stream(40_000 + which);
         let world = any_world(&mut r);
         let pose = any_eye(&mut r, &world);
-        let (camera, rays) = (any_camera(&mut r, 40), any_rays(&mut r, 100));
+        let (camera, rays) = (any_camera(&mut r, 40), any_rays(&mut r));
         let mut all = [Set::Avx512, Set::Avx2, Set::OneLane].into_iter().filter(|set| set.is_here()).map(|set| {
             with_set(set, || {
                 (
@@ -194,13 +205,13 @@ fn depths_ranges_and_ids_are_those_of_f64_but_on_silhouettes() {
         let mut r = stream(60_000 + which);
         let world = any_world(&mut r);
         let pose = any_eye(&mut r, &world);
-        let (camera, rays) = (any_camera(&mut r, 40), any_rays(&mut r, 100));
+        let (camera, rays) = (any_camera(&mut r, 40), any_rays(&mut r));
         // whether the eye is in a solid is decided in f32
         if gap(&world, pose.position) < 1e-3 {
             continue;
         }
         let n = camera.size()[0] * camera.size()[1];
-        let (mut t, mut ids) = (vec![0.0; n.max(100)], vec![0; n.max(100)]);
+        let (mut t, mut ids) = (vec![0.0; n.max(rays.n_ray())], vec![0; n.max(rays.n_ray())]);
         caster.image(&world, &camera, &pose, &mut t[..n], &mut ids[..n]);
         for i in 0..n {
             of_images.add(camera.range(), from_pose(&world, &pose, camera.direction(i)), t[i], ids[i]);

@@ -185,12 +185,15 @@ impl<const ALL: bool> Kernel for Image<'_, ALL> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let Self { caster, world, camera, eye, depth, ids } = self;
-        caster.clear(camera.grid.rows * camera.grid.columns, camera.range.most as f32);
-        if let Some((height, up)) = eye.above(world.ground) {
-            ground::<L>(camera, height, up, &mut caster.tiles);
-        }
-        caster.kept.look::<L, Camera, ALL>(world, eye, camera);
+        let (n, most) = (camera.grid.rows * camera.grid.columns, camera.range.most as f32);
+        caster.prepare(n, most);
         let Caster { kept, tiles, far } = caster;
+        let tiles = &mut tiles[..n];
+        match eye.above(world.ground) {
+            Some((height, up)) => ground::<L>(camera, height, up, tiles),
+            None => tiles.fill(Tile::missed(most)),
+        }
+        kept.look::<L, Camera, ALL>(world, eye, camera);
         for k in 0..kept.order.len() {
             let order = kept.order[k];
             let i = (order & (BOX - 1)) as usize;
@@ -203,6 +206,9 @@ impl<const ALL: bool> Kernel for Image<'_, ALL> {
             } else {
                 put::<L, Cuboid, ALL>(camera, &kept.box_pieces[block], lane, kept.box_ids[i], tiles, far);
             }
+        }
+        if camera.range.least > 0.0 {
+            drop_near::<L>(camera.range, tiles);
         }
         write(camera, tiles, depth, ids);
     }
@@ -302,7 +308,9 @@ fn span(block: &PieceBlock, lane: usize, r: usize) -> (usize, usize) {
 /// Puts t and `id` where t counts and is nearer than what is there; the ranges then.
 #[inline(always)]
 pub(super) fn nearer<L: Lanes>(tile: &mut Tile, at: usize, t: L, counts: L::Mask, id: L) -> L {
-    let (range, before) = (L::load(&tile.range[at..]), L::load(&tile.id[at..]));
+    // neither has a sign to lose: of a choice between a number and what is in its place the compiler would make a masked store,
+    // which takes longer than all the rest
+    let (range, before) = (L::load(&tile.range[at..]).abs(), L::load(&tile.id[at..]).abs());
     let hit = counts.and(t.lt(range));
     let range = L::select(hit, t, range);
     range.store(&mut tile.range[at..]);
@@ -325,24 +333,41 @@ pub(super) fn largest<L: Lanes>(x: L) -> f32 {
     lanes[0]
 }
 
-/// From tiles to rows of pixels; what is too near becomes a miss.
+/// Makes misses of what is too near.
+#[inline(always)]
+pub(super) fn drop_near<L: Lanes>(range: Range, tiles: &mut [Tile]) {
+    let (least, most) = (splat::<L>(range.least as f32), splat::<L>(range.most as f32));
+    for i in 0..tiles.len() {
+        let mut at = 0;
+        while at < LANES {
+            let (t, id) = (L::load(&tiles[i].range[at..]).abs(), L::load(&tiles[i].id[at..]).abs());
+            let near = t.lt(least);
+            L::select(near, most, t).store(&mut tiles[i].range[at..]);
+            L::select(near, splat(world::number(NOTHING)), id).store(&mut tiles[i].id[at..]);
+            at += L::WIDTH;
+        }
+    }
+}
+
+/// From tiles to rows of pixels.
 #[inline(always)]
 fn write(camera: &Camera, tiles: &[Tile], depth: &mut [f32], ids: &mut [u32]) {
-    let (least, most) = (camera.range.least as f32, camera.range.most as f32);
+    let (width, whole) = (camera.width, camera.width / SIDE);
     for i in 0..camera.height {
-        let row = &tiles[i / SIDE * camera.grid.columns..];
+        let row = &tiles[i / SIDE * camera.grid.columns..][..camera.grid.columns];
         let from = i % SIDE * SIDE;
-        let depth = &mut depth[i * camera.width..(i + 1) * camera.width];
-        let ids = &mut ids[i * camera.width..(i + 1) * camera.width];
-        for c in 0..camera.grid.columns {
-            let n = SIDE.min(camera.width - c * SIDE);
-            let tile = &row[c];
-            for k in 0..n {
-                let t = tile.range[from + k];
-                let seen = least <= t;
-                depth[c * SIDE + k] = if seen { t } else { most };
-                ids[c * SIDE + k] = if seen { world::id(tile.id[from + k]) } else { NOTHING };
+        let (depth, ids) = (&mut depth[i * width..][..width], &mut ids[i * width..][..width]);
+        let (depths, last_depths) = depth.as_chunks_mut::<SIDE>();
+        let (all_ids, last_ids) = ids.as_chunks_mut::<SIDE>();
+        for c in 0..whole {
+            for k in 0..SIDE {
+                depths[c][k] = row[c].range[from + k];
+                all_ids[c][k] = world::id(row[c].id[from + k]);
             }
+        }
+        for k in 0..last_depths.len() {
+            last_depths[k] = row[whole].range[from + k];
+            last_ids[k] = world::id(row[whole].id[from + k]);
         }
     }
 }
