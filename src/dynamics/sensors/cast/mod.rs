@@ -3,7 +3,8 @@
 //! | file | what |
 //! |---|---|
 //! | [`world`] | capsules, boxes and ground, as numbers for lanes |
-//! | `cull` | which of them an eye can see, and their numbers in its frame |
+//! | `cull` | which of them an eye can see, nearest first |
+//! | `pieces` | their numbers in the frame of the eye, and the tiles of an image that they can touch |
 //! | `hit` | the ray's number at which it enters a solid |
 //! | [`tiles`] | depth images: 4×4 pixels at a time |
 //! | [`packets`] | rays of any directions: sixteen at a time |
@@ -29,6 +30,7 @@ mod cull;
 mod hit;
 pub mod normal;
 pub mod packets;
+mod pieces;
 #[cfg(test)]
 mod reference;
 #[cfg(test)]
@@ -75,6 +77,31 @@ impl Range {
 }
 
 /// Working memory of casts: of one thread. It grows to the largest image and world it has met, and then allocates no more.
+///
+/// ```
+/// use omnidrones::dynamics::sensors::cast::{Camera, Caster, GROUND, NOTHING, Range, Rays, World};
+/// use omnidrones::dynamics::scene::Scene;
+/// use omnidrones::dynamics::shape::Pose;
+///
+/// let mut world = World::default();
+/// world.fill(&Scene::grounded(), &[])?;
+/// let ball = world.push_capsule([[3.0, 0.0, 1.0]; 2], 0.5, 0)?;
+/// let eye = Pose { position: [0.0, 0.0, 1.0], attitude: [1.0, 0.0, 0.0, 0.0] };
+/// let range = Range { least: 0.1, most: 10.0 };
+/// let mut caster = Caster::new();
+///
+/// // straight ahead, straight down, straight up
+/// let rays = Rays::new(&[[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], range)?;
+/// let (mut ranges, mut ids) = ([0.0; 3], [0; 3]);
+/// caster.rays(&world, &rays, &eye, &mut ranges, &mut ids);
+/// assert_eq!((ranges, ids), ([2.5, 1.0, 10.0], [ball, GROUND, NOTHING]));
+///
+/// let camera = Camera::new(64, 48, 1.5, range)?;
+/// let (mut depth, mut ids) = (vec![0.0; 64 * 48], vec![0; 64 * 48]);
+/// caster.image(&world, &camera, &eye, &mut depth, &mut ids);
+/// assert_eq!((ids[0], ids[24 * 64 + 32], ids[47 * 64]), (NOTHING, ball, GROUND));
+/// # Ok::<(), omnidrones::error::Error>(())
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Caster {
     kept: cull::Kept,

@@ -45,8 +45,10 @@ impl World {
     fn capsule_normal(&self, i: usize, point: Vec3<f64>) -> Vec3<f64> {
         let (block, lane) = (&self.capsules.blocks[i / LANES], i % LANES);
         let axis = vector(&block.axis, lane);
+        // f32 keeps its length to 10⁻⁷, which a thin capsule's end would show
+        let axis = scale(1.0 / dot(axis, axis).sqrt(), axis);
         let w = sub(point, vector(&block.base, lane));
-        let along = (dot(w, axis) / dot(axis, axis)).clamp(0.0, f64::from(block.length[lane]).max(0.0));
+        let along = dot(w, axis).clamp(0.0, f64::from(block.length[lane]).max(0.0));
         let away = axpy(w, -along, axis);
         let length = dot(away, away).sqrt();
         // on the axis itself any direction is as good

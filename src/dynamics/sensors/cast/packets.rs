@@ -3,8 +3,9 @@
 //! Directions have unit length, so t is the **distance**. Solids within range are kept, nearest first, and tried on each packet
 //! whose farthest range they could shorten and whose cone of directions they reach into.
 
-use super::cull::{BOX, Grid, PieceBlock, View, widened};
+use super::cull::{BOX, View};
 use super::hit::{Ball, Cuboid, N_NUMBER, Piece, Side};
+use super::pieces::{Grid, PieceBlock, widened};
 use super::tiles::{drop_near, largest, nearer};
 use super::world::{self, GROUND, LANES, NOTHING, Row, World};
 use super::{Caster, Eye, Range, Tile, dot, fused, splat};
@@ -104,6 +105,12 @@ impl Rays {
             self.cones.push(cones);
         }
         Ok(())
+    }
+
+    /// Places that are there without a further allocation.
+    #[cfg(test)]
+    pub(super) fn room(&self) -> [usize; 2] {
+        [self.directions.capacity(), self.cones.capacity()]
     }
 
     /// How many.

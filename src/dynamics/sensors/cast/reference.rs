@@ -46,7 +46,7 @@ fn cuboid(world: &World, i: usize) -> (Vec3<f64>, [Vec3<f64>; 3], Vec3<f64>) {
     (vector(&block.center), [0, 1, 2].map(|k| vector(&block.axes[k])), vector(&block.half))
 }
 
-/// The smaller root of |o + t d|² = r² across the axis; the ends as balls.
+/// The side where it is entered between the ends, or one of these as balls.
 fn into_capsule(o: Vec3<f64>, d: Vec3<f64>, base: Vec3<f64>, axis: Vec3<f64>, length: f64, radius: f64) -> Option<f64> {
     let w = sub(o, base);
     let s = dot(w, axis).clamp(0.0, length);
@@ -63,10 +63,13 @@ fn into_capsule(o: Vec3<f64>, d: Vec3<f64>, base: Vec3<f64>, axis: Vec3<f64>, le
     [side, ends[0], ends[1]].into_iter().flatten().filter(|t| *t > 0.0).min_by(f64::total_cmp)
 }
 
+/// Back from where the line passes the centre by half a chord, √(r² − passing²).
 fn root(w: Vec3<f64>, d: Vec3<f64>, radius: f64) -> Option<f64> {
-    let (a, b, c) = (dot(d, d), dot(d, w), dot(w, w) - radius * radius);
-    let discriminant = b * b - a * c;
-    (discriminant > 0.0 && a > 0.0).then(|| (-b - discriminant.sqrt()) / a)
+    let squared = dot(d, d);
+    let passing = -dot(d, w) / squared;
+    let across = axpy(w, passing, d);
+    let chord = radius * radius - dot(across, across);
+    (chord > 0.0 && squared > 0.0).then(|| passing - (chord / squared).sqrt())
 }
 
 /// Face by face: the point where the ray meets its plane lies within the others.

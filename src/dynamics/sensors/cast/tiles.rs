@@ -4,8 +4,9 @@
 //! once its part in b is known for the row. Solids are drawn nearest first into the tiles of their windows; a tile whose
 //! farthest depth is nearer than a piece can be is left alone. Ground comes first: it is a quotient.
 
-use super::cull::{BOX, Grid, PieceBlock, View, widened};
+use super::cull::{BOX, View};
 use super::hit::{Ball, Cuboid, N_NUMBER, Piece, Side};
+use super::pieces::{Grid, PieceBlock, widened};
 use super::world::{self, GROUND, LANES, NOTHING, Row, World};
 use super::{Caster, Eye, Range, Tile, fused, splat};
 use crate::autodiff::Mask;

@@ -275,6 +275,13 @@ impl World {
         Ok(box_id(at))
     }
 
+    /// Places that are there without a further allocation.
+    #[cfg(test)]
+    pub(super) fn room(&self) -> [usize; 4] {
+        let (capsules, boxes) = (&self.capsules, &self.boxes);
+        [capsules.blocks.capacity(), capsules.owners.capacity(), boxes.blocks.capacity(), boxes.owners.capacity()]
+    }
+
     /// Capsules and boxes.
     pub fn n_solid(&self) -> usize {
         self.capsules.len() + self.boxes.len()
