@@ -231,18 +231,26 @@ pub(super) fn capsule<L: Lanes>(
     write(&mut out[0], at, &forms, &numbers, L::select(side, near, none));
     ball(w, radius, visible, at, grid.is_some(), &mut out[1]);
     ball(end, radius, visible.and(zero.lt(long)), at, grid.is_some(), &mut out[2]);
-    let Some(grid) = grid else { return };
-    write_window(&mut out[1], at, grid, covered(grid, w, r0));
-    write_window(&mut out[2], at, grid, covered(grid, end, r1));
+    if let Some(grid) = grid {
+        write_windows(out, at, grid, [(w, r0), (end, r1)]);
+        write_edges(&mut out[0], at, grid, &forms, rho);
+    }
+}
+
+/// The windows of the three pieces of capsules, from their two balls.
+#[inline(always)]
+fn write_windows<L: Lanes>(out: &mut [PieceBlock; 3], at: usize, grid: &Grid, balls: [(Vec3<L>, L); 2]) {
+    let [(a, r0), (b, r1)] = balls;
+    write_window(&mut out[1], at, grid, covered(grid, a, r0));
+    write_window(&mut out[2], at, grid, covered(grid, b, r1));
     // with an end beside the eye or behind it, the side may be anywhere
-    let ahead = r0.lt(w[0]).and(r1.lt(end[0]));
-    let (mut all, other) = (tangents(w, r0), tangents(end, r1));
+    let ahead = r0.lt(a[0]).and(r1.lt(b[0]));
+    let (mut all, other) = (tangents(a, r0), tangents(b, r1));
     for k in 0..2 {
         all.low[k] = L::select(ahead, all.low[k].min(other.low[k]), L::constant(-WIDE));
         all.high[k] = L::select(ahead, all.high[k].max(other.high[k]), L::constant(WIDE));
     }
     write_window(&mut out[0], at, grid, all);
-    write_edges(&mut out[0], at, grid, &forms, rho);
 }
 
 /// One end of a capsule: the ball about `center`.
@@ -338,7 +346,7 @@ pub(super) fn cuboid<L: Lanes>(block: &BoxBlock, at: usize, eye: &Eye, grid: Opt
     let visible = zero.lt(gap);
     let unseen = L::select(visible, zero, L::constant(f64::NAN));
     for k in 0..N_NUMBER {
-        numbers[k] = numbers[k] + unseen;
+        numbers[k] += unseen;
     }
     let slack = widened(zero, w) + L::constant(SLACK) * L::load(&block.reach[at..]);
     let Some(grid) = grid else {

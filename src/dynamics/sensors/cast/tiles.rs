@@ -41,7 +41,7 @@ impl Camera {
     /// 20; a range as [`Range::validate`] refuses.
     pub fn new(width: usize, height: usize, field_of_view: f64, range: Range) -> Result<Self> {
         range.validate("camera")?;
-        let pixels = width.checked_mul(height).unwrap_or(usize::MAX);
+        let pixels = width.saturating_mul(height);
         if pixels == 0 || pixels > MAX_PIXELS {
             let remedy = "Take a smaller image, or several cameras.";
             return Err(Error::limit("camera: pixels", pixels, format!("1 to {MAX_PIXELS}"), remedy));
@@ -248,6 +248,9 @@ fn put<L: Lanes, P: Piece, const ALL: bool>(
     far: &mut [f32],
 ) {
     let near = block.near[lane];
+    if !ALL && near == f32::INFINITY {
+        return;
+    }
     let columns = camera.grid.columns;
     let mut rows = [block.window[0][lane] as usize, block.window[2][lane] as usize];
     if ALL {
