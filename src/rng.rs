@@ -42,6 +42,13 @@ impl Purpose {
     pub const fn user(n: u32) -> Self {
         Self((1 << 32) | n as u64)
     }
+
+    /// The errors of the sensor of that name, clear of all others: the upper bit, then 63 of its FNV-1a hash (Fowler, Noll and
+    /// Vo 1991).
+    pub fn sensor(name: &str) -> Self {
+        let hash = |h: u64, byte: u8| (h ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        Self((1 << 63) | name.bytes().fold(0xcbf2_9ce4_8422_2325, hash))
+    }
 }
 
 /// A reproducible sequence of random numbers; see the module for why there are many.

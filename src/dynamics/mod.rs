@@ -22,6 +22,7 @@
 //! | [`batch`] | many environments in lanes |
 //! | [`shape`] | spheres, capsules and boxes: volume, inertia, pose |
 //! | [`scene`] | ground, gates and obstacles; distance to them |
+//! | [`sensors`] | what parts on a body read: errors, rates, latencies |
 //! | [`spatial`] | vectors and quaternions over any scalar |
 
 pub mod aero;
@@ -39,6 +40,7 @@ pub(crate) mod plant;
 pub mod rigid;
 pub mod rotor;
 pub mod scene;
+pub mod sensors;
 pub mod shape;
 pub mod spatial;
 pub mod tree;
