@@ -237,6 +237,14 @@ mod tests {
     }
 
     #[test]
+    fn purposes_of_sensors_are_hashes_of_their_names_clear_of_all_others() {
+        // published: FNV-1a of "a" is af63dc4c8601ec8c, of "foobar" 85944171f73967e8; both have the upper bit
+        assert_eq!(Purpose::sensor("a").0, 0xaf63_dc4c_8601_ec8c);
+        assert_eq!(Purpose::sensor("foobar").0, 0x8594_4171_f739_67e8);
+        assert!(["", "imu", "gps", "b"].iter().all(|name| Purpose::sensor(name).0 > Purpose::user(u32::MAX).0));
+    }
+
+    #[test]
     fn uniform_stays_in_its_interval_and_below_in_its_range() {
         let mut s = Stream::new(5, 0, 0, Purpose::TASK);
         let mut seen = [false; 6];

@@ -104,12 +104,11 @@ impl ErrorModel {
             settings::positive(&at("bias_time"), time, "Leave it out for a random walk.")?;
         }
         let [low, high] = self.limits.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
-        // written so that NaN is refused
-        if !(low < high) {
-            let remedy = "Leave limits out for none.";
-            return Err(Error::value(at("limits"), format!("[{low}, {high}]"), "[low, high] with low < high", remedy));
+        if low < high {
+            return within(&at("resolution"), self.resolution, 0.0, MAX_FIGURE.min(high - low));
         }
-        within(&at("resolution"), self.resolution, 0.0, MAX_FIGURE.min(high - low))
+        let remedy = "Leave limits out for none.";
+        Err(Error::value(at("limits"), format!("[{low}, {high}]"), "[low, high] with low < high", remedy))
     }
 }
 
@@ -269,7 +268,7 @@ impl Line {
 
     /// Whether a sample is taken in this step.
     pub(crate) fn is_due(&self) -> bool {
-        self.step % self.every == 0
+        self.step.is_multiple_of(self.every)
     }
 
     /// Takes `sample` where one is due and goes on to the next step.
@@ -290,7 +289,7 @@ impl Line {
     /// Whether that sample was not read before.
     pub(crate) fn is_new(&self) -> bool {
         let last = self.step.saturating_sub(1);
-        last == 0 || last > self.latency && (last - self.latency) % self.every == 0
+        last == 0 || last > self.latency && (last - self.latency).is_multiple_of(self.every)
     }
 
     /// Number of the sample that is read.

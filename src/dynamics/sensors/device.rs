@@ -1,6 +1,5 @@
 //! What every kind of sensor does, and the kinds.
 
-use super::chain;
 use super::field::{Barometer, BarometerDevice, Magnetometer, MagnetometerDevice};
 use super::gnss::{Gnss, GnssDevice, MotionCapture, MotionCaptureDevice};
 use super::ground::{Flow, FlowDevice, Range, RangeDevice};
@@ -141,10 +140,4 @@ kinds! {
     "motion_capture", MotionCapture, MotionCaptureDevice, "Pose in the world, at times unseen.";
     "range", Range, RangeDevice, "Distance to level ground along -z of the mount.";
     "flow", Flow, FlowDevice, "Motion of level ground through a picture, along -z of the mount.";
-}
-
-/// Keys of the parts of an error model, for documentation: all that [`chain::ErrorModel`] has.
-pub(crate) fn error_keys() -> Vec<String> {
-    let full = chain::ErrorModel { bias_time: Some(1.0), limits: Some([-1.0, 1.0]), ..Default::default() };
-    table(&full).keys().cloned().collect()
 }

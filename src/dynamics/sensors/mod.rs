@@ -15,6 +15,7 @@
 //! | `ground` | range finder and optical flow over level ground |
 //! | [`presets`] | real parts |
 //! | `settings` | `[[sensor]]` tables |
+//! | `aboard` | sensors on the bodies of a plant |
 //!
 //! A sensor draws from streams of its own, found from (seed, environment, episode, its name): what it reads depends on these,
 //! on its settings and on the truth, not on threads, on the place in a batch or on other sensors. Stepping allocates nothing.
@@ -34,6 +35,7 @@
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
+mod aboard;
 mod chain;
 mod device;
 mod field;
@@ -44,6 +46,7 @@ mod mount;
 pub mod presets;
 mod settings;
 
+pub use aboard::Aboard;
 pub use chain::{ErrorModel, PerAxis};
 pub use device::{KINDS, Kind, Model};
 pub use field::{Barometer, Magnetometer};

@@ -108,12 +108,11 @@ impl Mount {
             within(&format!("{what}: position"), x, -MAX_LEVER, MAX_LEVER)?;
         }
         let norm = rotation.iter().map(|x| x * x).sum::<f64>().sqrt();
-        // written so that NaN is refused
-        if !((norm - 1.0).abs() <= 1e-6) {
-            let remedy = "Divide [w, x, y, z] by its length.";
-            return Err(Error::value(format!("{what}: length of rotation"), norm, "1 to within 1e-6", remedy));
+        if (norm - 1.0).abs() <= 1e-6 {
+            return Ok(Self { position, rotation });
         }
-        Ok(Self { position, rotation })
+        let remedy = "Divide [w, x, y, z] by its length.";
+        Err(Error::value(format!("{what}: length of rotation"), norm, "1 to within 1e-6", remedy))
     }
 
     /// v_s = v + R (ω × r); f = Mᵀ(R_mᵀ(v̇ − g) + ω̇ × r + ω × (ω × r)) with means over the step, R_m that of its middle: the

@@ -114,7 +114,11 @@ impl SensorConfig {
     }
 
     /// Steps from one sample to the next where a step takes `dt` seconds.
-    pub(crate) fn steps_between(&self, dt: f64) -> Result<u64> {
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] for `every` and `rate` together, and for steps and rates that are none or do not
+    /// come within a quarter of a whole number of steps.
+    pub fn steps_between(&self, dt: f64) -> Result<u64> {
         match (self.every, self.rate) {
             (Some(_), Some(_)) => Err(self.twice("every and rate")),
             (None, None) => Ok(1),
@@ -131,7 +135,10 @@ impl SensorConfig {
     }
 
     /// Steps from a sample to its reading where a step takes `dt` seconds.
-    pub(crate) fn steps_late(&self, dt: f64) -> Result<u64> {
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] for `latency` and `delay` together, and for those that are none or too long.
+    pub fn steps_late(&self, dt: f64) -> Result<u64> {
         match (self.latency, self.delay) {
             (Some(_), Some(_)) => Err(self.twice("latency and delay")),
             (None, None) => Ok(0),

@@ -660,3 +660,23 @@ fn a_truth_that_is_no_number_spoils_its_readings_alone() {
     sensors.step(&[broken]);
     assert!(sensors.step(&[wandering(2)]).iter().all(|x| x.is_finite()));
 }
+
+#[test]
+fn every_setting_kind_and_preset_stands_in_the_document() {
+    let text = include_str!("../../../docs/sensors.md");
+    let said = |word: &str| assert!(text.contains(&format!("`{word}`")), "docs/sensors.md does not tell `{word}`");
+    settings::COMMON.iter().for_each(|key| said(key));
+    presets::REGISTRY.iter().for_each(|preset| said(preset.name));
+    for kind in KINDS {
+        said(kind.name);
+        kind.ideal().table().keys().for_each(|key| said(key));
+        kind.channels
+            .iter()
+            .for_each(|(name, _)| said(name.trim_end_matches(['x', 'y', 'z', 'w']).trim_end_matches('_')));
+    }
+    for file in [include_str!("chain.rs"), include_str!("ground.rs")] {
+        for name in ["ErrorModel", "Growth"] {
+            crate::documented::fields(file, name).iter().for_each(|(key, _)| said(key));
+        }
+    }
+}
