@@ -3,10 +3,10 @@
 mod read;
 
 use crate::autodiff::System;
-use crate::dynamics::Plant;
 use crate::dynamics::rotor::LEAST_THRUST;
 use crate::dynamics::spatial::{Quat, Vec3, to_euler, up_axis};
 use crate::dynamics::vehicle::GRAVITY;
+use crate::dynamics::{Plant, Quantity};
 use crate::error::{Error, Result};
 use serde::Serialize;
 
@@ -92,6 +92,10 @@ pub struct FlightLog {
     pub asked_angles: Vec<[f64; 3]>,
     /// Of a cascade; empty where what flew has no such levels.
     pub commanded: Vec<Commanded>,
+    /// What sensors read, by name and unit; empty without any.
+    pub sensor_channels: Vec<Quantity>,
+    /// Their readings, row-major `[sample, channel]`.
+    pub sensor_readings: Vec<f64>,
 }
 
 /// The key figures of a flight.
@@ -127,10 +131,10 @@ pub struct FlightSummary {
 }
 
 impl FlightLog {
-    /// Memory of one sample of a flight of this plant, with its state, bytes.
-    pub(crate) fn bytes_of_sample(plant: &Plant) -> usize {
+    /// Memory of one sample of a flight of this plant, with its state and `n_reading` numbers of sensors, bytes.
+    pub(crate) fn bytes_of_sample(plant: &Plant, n_reading: usize) -> usize {
         let fixed = size_of::<FlightSample<'_>>() + size_of::<Commanded>();
-        fixed + (3 * plant.rotors().len() + plant.n_state()) * size_of::<f64>()
+        fixed + (3 * plant.rotors().len() + plant.n_state() + n_reading) * size_of::<f64>()
     }
 
     /// An empty log of a vehicle whose rotors reach `max_rotor_speed` (rad/s, one per rotor).
@@ -348,6 +352,7 @@ impl FlightLog {
             header.extend(["w", "x", "y", "z"].map(|c| format!("commanded_attitude_{c} [-]")));
             header.extend(xyz("commanded_angular_velocity", "rad/s"));
         }
+        header.extend(self.sensor_channels.iter().map(|channel| format!("{} [{}]", channel.name, channel.unit)));
         header
     }
 
@@ -373,6 +378,8 @@ impl FlightLog {
             row.extend(asked.attitude);
             row.extend(asked.angular_velocity);
         }
+        let width = self.sensor_channels.len();
+        row.extend_from_slice(&self.sensor_readings[i * width..(i + 1) * width]);
     }
 
     /// The columns of the CSV by name, units in brackets.

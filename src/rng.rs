@@ -42,6 +42,13 @@ impl Purpose {
     pub const fn user(n: u32) -> Self {
         Self((1 << 32) | n as u64)
     }
+
+    /// The errors of the sensor of that name, clear of all others: the upper bit, then 63 of its FNV-1a hash (Fowler, Noll and
+    /// Vo 1991).
+    pub fn sensor(name: &str) -> Self {
+        let hash = |h: u64, byte: u8| (h ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        Self((1 << 63) | name.bytes().fold(0xcbf2_9ce4_8422_2325, hash))
+    }
 }
 
 /// A reproducible sequence of random numbers; see the module for why there are many.
@@ -227,6 +234,14 @@ mod tests {
         for (got, (want, bound)) in m.iter().zip([(0.0, 0.0064), (1.0, 0.009), (0.0, 0.0245), (3.0, 0.062)]) {
             assert!((got - want).abs() < bound, "{m:?}");
         }
+    }
+
+    #[test]
+    fn purposes_of_sensors_are_hashes_of_their_names_clear_of_all_others() {
+        // published: FNV-1a of "a" is af63dc4c8601ec8c, of "foobar" 85944171f73967e8; both have the upper bit
+        assert_eq!(Purpose::sensor("a").0, 0xaf63_dc4c_8601_ec8c);
+        assert_eq!(Purpose::sensor("foobar").0, 0x8594_4171_f739_67e8);
+        assert!(["", "imu", "gps", "b"].iter().all(|name| Purpose::sensor(name).0 > Purpose::user(u32::MAX).0));
     }
 
     #[test]

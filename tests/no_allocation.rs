@@ -17,8 +17,9 @@ use omnidrones::controllers::kinematics::Kinematics;
 use omnidrones::controllers::reference::Setpoint;
 use omnidrones::controllers::{Cascade, Measurement, Reference, Setup, Target, default_controller, start_on};
 use omnidrones::dynamics::configurations::REGISTRY;
+use omnidrones::dynamics::sensors::{Aboard, SensorConfig, presets};
 use omnidrones::dynamics::tree::Multibody;
-use omnidrones::dynamics::{Effects, Multirotor, Physics, Plant, World, vehicles};
+use omnidrones::dynamics::{Effects, Multirotor, Physics, Plant, World, configurations, vehicles};
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
@@ -156,6 +157,7 @@ fn stepping_evaluating_and_differentiating_allocate_nothing_after_warm_up_and_gr
     }
     custom_functions_are_called_without_allocating();
     articulated_systems_step_without_allocating();
+    sensors_read_without_allocating();
     controllers_tick_without_allocating();
     environments_step_without_allocating();
     gradients_grow_with_the_root_of_the_horizon();
@@ -220,6 +222,27 @@ const REQUESTS: [(&str, u64); 7] = [
 ];
 
 /// Every controller that is a plant's default, as it flies a course that never rests. Those of [`REQUESTS`] do allocate.
+fn sensors_read_without_allocating() {
+    let list = presets::REGISTRY.iter().map(|p| SensorConfig::of_preset(format!("{}.{}", p.kind, p.name), p));
+    let list: Vec<_> = list.collect();
+    let model = configurations::by_name("payload").unwrap();
+    for plant in [
+        Plant::of_vehicle(&vehicles::hummingbird::vehicle(), Physics::default()).unwrap(),
+        Plant::of_model(&model, Physics::default()).unwrap(),
+    ] {
+        let mut sensors = Aboard::new(&list, &plant).unwrap();
+        let state = plant.hover_state().unwrap();
+        sensors.read(&state, &state);
+        let count = allocations(|| {
+            sensors.reset(1, 2, 3);
+            for _ in 0..200 {
+                sensors.read(&state, &state);
+            }
+        });
+        assert_eq!(count, 0, "Aboard::read on {}", plant.name());
+    }
+}
+
 fn controllers_tick_without_allocating() {
     let physics = Physics::default();
     let rigid = vehicles::all().into_iter().map(|vehicle| Plant::of_vehicle(&vehicle, physics).unwrap());

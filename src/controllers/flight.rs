@@ -11,6 +11,7 @@ use crate::autodiff::safe;
 use crate::dynamics::aero::wind::{Wind, WindState};
 use crate::dynamics::batch::EXPLODED;
 use crate::dynamics::rotor::commanded_speed;
+use crate::dynamics::sensors::{Aboard, SensorConfig};
 use crate::dynamics::spatial::{from_matrix, to_euler};
 use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
@@ -38,7 +39,7 @@ pub struct FlightPlan {
     pub rates: Rates,
     /// Wind along the flight.
     pub wind: Wind,
-    /// Of the wind.
+    /// Of the wind and of what sensors read.
     pub seed: u64,
     /// Rotors that weaken or stop on the way.
     pub failures: Vec<RotorFailure>,
@@ -46,6 +47,8 @@ pub struct FlightPlan {
     pub detection_delay: f64,
     /// Steps by which commands act late.
     pub latency: usize,
+    /// What reads along, into the log; controllers are given the truth.
+    pub sensors: Vec<SensorConfig>,
 }
 
 impl Default for FlightPlan {
@@ -62,6 +65,7 @@ impl Default for FlightPlan {
             failures: Vec::new(),
             detection_delay: 0.05,
             latency: 0,
+            sensors: Vec::new(),
         }
     }
 }
@@ -172,8 +176,9 @@ impl FlightPlan {
 
 /// The log and the states of a flight fit.
 fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
+    let n_reading = plan.sensors.iter().map(|sensor| sensor.model.channels().len()).sum();
     // columns double where they are full
-    let bytes = 2 * u128::from(n_step) * FlightLog::bytes_of_sample(plant) as u128;
+    let bytes = 2 * u128::from(n_step) * FlightLog::bytes_of_sample(plant, n_reading) as u128;
     let (value, less) = (format!("{} s", plan.duration), "Fly shorter, or with a larger dt");
     let request = Request { what: "duration", value, bytes, limit: u64::MAX, setting: "it", less };
     request.check(|limit| format!("{:.0} s", plan.duration * limit as f64 / bytes as f64))
@@ -187,7 +192,8 @@ fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if the plan is not valid, or not for this plant and this controller: other physics
-/// (but for the effect `disturbance`), other rates, wind without that effect, a tilt that is not held.
+/// (but for the effect `disturbance`), other rates, wind without that effect, a tilt that is not held. As [`Aboard::new`] for
+/// its sensors.
 pub fn fly(
     plant: &Plant,
     controller: &mut dyn Controller,
@@ -225,6 +231,9 @@ pub fn fly_from(
     let mut wind = WindState::new(plan.wind.clone(), Stream::new(plan.seed, 0, 0, Purpose::WIND))?;
     let target = Target { reference: &plan.reference, tilt: &plan.tilt };
     let mut outside = Outside::none();
+    let mut sensors = Aboard::new(&plan.sensors, plant)?;
+    sensors.reset(plan.seed, 0, 0);
+    log.sensor_channels = sensors.channels();
 
     let (mut x, mut next) = (state.to_vec(), state.to_vec());
     let (mut states, mut memory) = (Vec::new(), Vec::new());
@@ -239,6 +248,7 @@ pub fn fly_from(
         system.advance(&x, target, &outside, &mut next)?;
         record(&mut log, &system, time, &x, &target.sample(time), outside.air.wind)?;
         log.commanded.extend(system.controller().commanded());
+        log.sensor_readings.extend_from_slice(sensors.read(&x, &next));
         if holds_tilt {
             log.asked_angles.push(to_euler(from_matrix(target.orientation(time).attitude)));
         }

@@ -22,7 +22,7 @@
 //! | [`batch`] | many environments in lanes |
 //! | [`shape`] | spheres, capsules and boxes: volume, inertia, pose |
 //! | [`scene`] | ground, gates and obstacles; distance to them |
-//! | [`sensors`] | what vehicles sense of a scene: rays |
+//! | [`sensors`] | what vehicles sense: parts with their errors, and rays at a scene |
 //! | [`spatial`] | vectors and quaternions over any scalar |
 
 pub mod aero;

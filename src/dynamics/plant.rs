@@ -299,6 +299,14 @@ impl Plant {
         }
     }
 
+    /// Names of the bodies, in the order of their frames; a vehicle in closed form is one body with its own name.
+    pub fn body_names(&self) -> Vec<String> {
+        match self {
+            Self::Rigid(m) => vec![m.vehicle().name.clone()],
+            Self::Tree(m) => m.model().bodies().iter().map(|body| body.name.clone()).collect(),
+        }
+    }
+
     /// Motion of every body along world axes, `FRAME` numbers each, in a state with these
     /// physical parameters.
     pub fn write_frames<S: Scalar>(&self, parameters: &[S], state: &[S], frames: &mut [S]) {

@@ -12,6 +12,7 @@ mod lqr;
 mod over_actuated;
 mod recovery;
 mod robustness;
+mod sensors;
 mod six_axis;
 mod tilting;
 mod tracking;

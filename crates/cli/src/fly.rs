@@ -19,12 +19,13 @@ use omnidrones::controllers::{
     ChainRamp, ChainShape, Controller, FlightPlan, Reference, Setup, Tilt, Vectored, default_controller, fly, vectored,
 };
 use omnidrones::dynamics::aero::wind::Wind;
+use omnidrones::dynamics::sensors::{SensorConfig, SensorFile};
 use omnidrones::dynamics::{Effects, Gains, Plant};
 use omnidrones::error::{Error, Result};
 use omnidrones::rl::{PolicyController, load_policy};
 use omnidrones_plot::model;
 use omnidrones_plot::robot::joints;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Seconds left out of the RMSE: the reference starts with a jump of acceleration.
@@ -67,12 +68,13 @@ Examples:
   omnidrones fly firefly --controller lqi --wind 4,0,0   optimal state feedback with integrators
   omnidrones fly iris --csv --out before              every step, in before/flight.csv
   omnidrones fly iris --gains derived --beside before/flight.csv --out after   what that changes
+  omnidrones fly iris --csv --sensors imu:bmi088,barometer   what these read, in flight.csv
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly dragon --shape arc:30 --replay       a page for a browser, to turn it around and look
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
 
 Files in --out: overview, path, error, rotors, attitude, rates (.png or .svg), and with --csv flight.csv (one line per step, \
-units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv, replay.html.
+units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded; with --sensors their readings). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv, replay.html.
 
 The tracking RMSE is the root mean square distance to the reference after the first 2 s (over the whole flight if it is \
 no longer than that).
@@ -134,7 +136,7 @@ pub struct Arguments {
     #[arg(long, value_name = "WIND", default_value = "none", value_parser = arguments::wind, allow_hyphen_values = true,
           help_heading = "Flight")]
     wind: Wind,
-    /// Seed of the gusts, and of the start of a drop
+    /// Seed of the gusts, of what sensors read, and of the start of a drop
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Flight")]
     seed: u64,
     #[command(flatten)]
@@ -152,6 +154,31 @@ pub struct Arguments {
     /// Write every step to flight.csv
     #[arg(long, help_heading = "Output")]
     csv: bool,
+    /// What sensors read, into flight.csv: KIND[:PRESET],…, or a TOML file with [[sensor]] tables
+    ///
+    /// Kinds and presets, without which a sensor has no errors:
+    ///   imu (adis16448, mpu6000, bmi088), magnetometer (pegasus), barometer (px4, ms5611),
+    ///   gnss (single_point), motion_capture (optical), range (vl53l1x), flow (pmw3901)
+    /// A file says more (docs/sensors.md):
+    ///   [[sensor]]
+    ///   name = "imu"                     # its noise depends on it and on --seed
+    ///   kind = "imu"
+    ///   preset = "bmi088"
+    ///   on = "hummingbird"               # body; the first unless told otherwise
+    ///   position = [0.02, 0.0, 0.0]      # m, body; and rotation = [w, x, y, z]
+    ///   every = 2                        # steps, or rate in Hz
+    ///   latency = 1                      # steps, or delay in s
+    ///   gyroscope = { density = 3e-4 }   # over what the preset says
+    /// Controllers are given the true state.
+    #[arg(
+        long,
+        value_name = "LIST|FILE.toml",
+        requires = "csv",
+        conflicts_with = "drop",
+        help_heading = "Output",
+        verbatim_doc_comment
+    )]
+    sensors: Option<String>,
     /// Write replay.html: the flight in space, a page for any browser
     #[arg(long, help_heading = "Output")]
     replay: bool,
@@ -251,6 +278,7 @@ fn vehicle(a: &Arguments) -> Result<Flyer> {
     plan.n_step()?;
     let plant = Plant::of_vehicle(&source.vehicle, plan.air_physics())?;
     fail(a, &plant, &mut plan)?;
+    plan.sensors = sensors(a)?;
     arguments::check_gains(&a.flight, a.controller.as_deref(), true)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let usual = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
@@ -272,8 +300,18 @@ fn configured(a: &Arguments, robot: Robot) -> Result<Flyer> {
     plan.n_step()?;
     plan.tilt = a.tilt()?;
     fail(a, &plant, &mut plan)?;
+    plan.sensors = sensors(a)?;
     let controller = model_controller(a, &plant, &plan)?;
     Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(robot)) })
+}
+
+/// The sensors of the arguments.
+fn sensors(a: &Arguments) -> Result<Vec<SensorConfig>> {
+    match a.sensors.as_deref() {
+        None => Ok(Vec::new()),
+        Some(file) if arguments::is_path(file) => Ok(files::read_toml::<SensorFile>(Path::new(file))?.sensor),
+        Some(list) => SensorConfig::parse_list(list),
+    }
 }
 
 /// The policy of the arguments.

@@ -14,6 +14,7 @@ use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{Flight, FlightPlan, Note, Reference, RotorFailure};
 use omnidrones::dynamics::Plant;
 use omnidrones::dynamics::aero::wind::Wind;
+use omnidrones::dynamics::sensors::SensorConfig;
 use omnidrones::dynamics::tree::{Motion, Multibody};
 use omnidrones::error::Result;
 use omnidrones::flight::{FlightSummary, LOST};
@@ -236,6 +237,7 @@ impl Flown {
             facts.push(Fact::new("wind", kind).note(wind));
         }
         facts.extend(self.failure_facts());
+        facts.extend(self.plan.sensors.iter().map(|sensor| self.sensor_fact(sensor)));
         let from =
             if s.rmse_after > 0.0 { format!("after the first {} s", s.rmse_after) } else { "whole flight".into() };
         let with_start = match (s.max_error, s.max_error_overall) {
@@ -310,6 +312,23 @@ impl Flown {
             hz(rates.attitude),
             hz(rates.velocity)
         ))
+    }
+
+    /// What a sensor reads, how often, how late.
+    fn sensor_fact(&self, sensor: &SensorConfig) -> Fact {
+        let kind = sensor.model.kind();
+        let body = sensor.on.as_deref().map_or_else(String::new, |on| format!(" on {on}"));
+        let n = sensor.model.channels().len();
+        let columns = if n == 1 { "1 column".into() } else { format!("{n} columns") };
+        let dt = self.plan.physics.dt;
+        // a flight that was flown had steps for both
+        let every = sensor.steps_between(dt).map_or(f64::NAN, |n| n as f64 * dt);
+        let late = match sensor.steps_late(dt) {
+            Ok(n) if n > 0 => format!("{} late", duration(n as f64 * dt)),
+            _ => "at once".into(),
+        };
+        let note = format!("{} Hz, {late}; {columns} of flight.csv", short(1.0 / every, 4));
+        Fact::new(format!("sensor '{}'", sensor.name), format!("{kind}{body}")).note(note)
     }
 
     /// What failed of a configuration; a vehicle has a story of it.

@@ -136,6 +136,41 @@ fn a_flight_is_compared_with_an_earlier_one() {
 }
 
 #[test]
+fn a_flight_records_what_sensors_read() {
+    let folder = temporary();
+    let tables = "[[sensor]]\nname = \"imu\"\nkind = \"imu\"\npreset = \"bmi088\"\nposition = [0.02, 0.0, 0.0]\nevery = 2\n\
+                  [[sensor]]\nname = \"gps\"\nkind = \"gnss\"\npreset = \"single_point\"\n";
+    std::fs::write(folder.path().join("sensors.toml"), tables).expect("written");
+    let iris = ["fly", "iris", "--duration", "2", "--no-plots", "--csv", "--sensors"];
+    let told = json(folder.path(), &[&iris[..], &["sensors.toml"]].concat());
+    assert_eq!(told["plan"]["sensors"][1]["name"], "gps");
+    let text = std::fs::read_to_string(folder.path().join("out/iris/flight.csv")).expect("written");
+    let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+    let place = |name: &str| lines[0].iter().position(|own| *own == name).expect(name);
+    let (force, fix) = (place("imu.accelerometer_z [m/s^2]"), place("gps.position_x [m]"));
+    let changes = |column: usize| lines[1..].windows(2).filter(|pair| pair[0][column] != pair[1][column]).count();
+    // of 1000 steps every second, but for those that 16 bits do not tell apart; at 5 Hz after 0.12 s
+    println!("{} and {} changes", changes(force), changes(fix));
+    assert!((400..=500).contains(&changes(force)) && changes(fix) == 9); // 471
+    let list = [&iris[..], &["imu:mpu6000,barometer:ms5611"]].concat();
+    let (page, _) = exits(0, folder.path(), &list);
+    assert!(page.contains("sensor 'barometer'") && page.contains("1 column of flight.csv"), "{page}");
+    for (given, word) in [("imu:mpu600", "mpu6000"), ("imi", "magnetometer"), ("none.toml", "none.toml")] {
+        let (out, err) = exits(2, folder.path(), &[&iris[..], &[given]].concat());
+        assert!(out.is_empty() && err.contains(word), "{given}: {err}");
+    }
+    exits(2, folder.path(), &["fly", "iris", "--sensors", "imu"]);
+}
+
+#[test]
+fn kinds_and_presets_of_sensors_stand_in_the_help() {
+    let (help, _) = exits(0, temporary().path(), &["fly", "--help"]);
+    let kinds = omnidrones::dynamics::sensors::KINDS.iter().map(|kind| kind.name);
+    let presets = omnidrones::dynamics::sensors::presets::REGISTRY.iter().map(|preset| preset.name);
+    kinds.chain(presets).for_each(|name| assert!(help.contains(name), "{name}"));
+}
+
+#[test]
 fn what_is_no_earlier_flight_is_refused_before_one_is_flown() {
     let folder = temporary();
     std::fs::write(folder.path().join("other.csv"), "a,b\n1,2\n").expect("written");

@@ -1,0 +1,85 @@
+//! Sensors on the bodies of a plant, read from its states.
+
+use super::{SensorConfig, SensorSet, Truth};
+use crate::dynamics::frame::{FRAME, Frame};
+use crate::dynamics::plant::{Plant, Quantity};
+use crate::error::Result;
+
+/// A [`SensorSet`] that finds the truth in the states of a [`Plant`].
+#[derive(Debug, Clone)]
+pub struct Aboard {
+    plant: Plant,
+    /// The plant's physical numbers; gravity is the first.
+    parameters: Vec<f64>,
+    set: SensorSet,
+    /// Of every body, as `Plant::write_frames` writes them: of the state now, and of that beside it.
+    now: Vec<f64>,
+    beside: Vec<f64>,
+    truths: Vec<Truth>,
+    is_first: bool,
+}
+
+impl Aboard {
+    /// Sensors on the bodies that [`Plant::body_names`] lists, at the beginning of episode 0 of environment 0 of seed 0.
+    ///
+    /// # Errors
+    /// As [`SensorSet::new`].
+    pub fn new(configs: &[SensorConfig], plant: &Plant) -> Result<Self> {
+        let set = SensorSet::new(configs, plant.physics().dt, &plant.body_names())?;
+        let (plant, parameters) = (plant.clone(), plant.parameters());
+        let frames = vec![0.0; FRAME * plant.n_frame()];
+        let truths = Vec::with_capacity(plant.n_frame());
+        Ok(Self { plant, parameters, set, now: frames.clone(), beside: frames, truths, is_first: true })
+    }
+
+    /// Begins an episode.
+    pub fn reset(&mut self, seed: u64, environment: u64, episode: u64) {
+        self.set.reset(seed, environment, episode);
+        self.is_first = true;
+    }
+
+    /// Reads all in `state`. Accelerations are means over the step from the state read before; of the first of an episode, over
+    /// the step to `next`.
+    ///
+    /// # Panics
+    /// On states of another length than the plant's.
+    pub fn read(&mut self, state: &[f64], next: &[f64]) -> &[f64] {
+        if self.set.sensors().is_empty() {
+            return &[];
+        }
+        std::mem::swap(&mut self.now, &mut self.beside);
+        self.plant.write_frames(&self.parameters, state, &mut self.now);
+        let truth = if self.is_first {
+            self.plant.write_frames(&self.parameters, next, &mut self.beside);
+            Truth::ahead
+        } else {
+            after
+        };
+        let (dt, gravity) = (self.plant.physics().dt, self.parameters[0]);
+        let pairs = self.now.chunks_exact(FRAME).zip(self.beside.chunks_exact(FRAME));
+        self.truths.clear();
+        self.truths.extend(pairs.map(|(now, beside)| truth(&frame(now), &frame(beside), dt, gravity)));
+        self.is_first = false;
+        self.set.step(&self.truths)
+    }
+
+    /// The sensors.
+    pub fn set(&self) -> &SensorSet {
+        &self.set
+    }
+
+    /// Names and units of all readings, in order.
+    pub fn channels(&self) -> Vec<Quantity> {
+        self.set.channels()
+    }
+}
+
+/// [`Truth::between`], the later frame first.
+fn after(now: &Frame<f64>, before: &Frame<f64>, dt: f64, gravity: f64) -> Truth {
+    Truth::between(before, now, dt, gravity)
+}
+
+/// From 13 numbers.
+fn frame(numbers: &[f64]) -> Frame<f64> {
+    Frame::read(&crate::autodiff::StridedView::of(numbers))
+}

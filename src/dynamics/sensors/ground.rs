@@ -1,0 +1,210 @@
+//! Sensors that look down on level ground, in closed form: range finder and optical flow.
+//!
+//! Both look along −z of their mount: with the rotation [1, 0, 0, 0] straight down from a level body. They see the plane z =
+//! `ground` and nothing else.
+
+use super::chain::{ErrorModel, Errors};
+use super::device::Device;
+use super::mount::Motion;
+use super::settings::{MAX_DISTANCE, within};
+use crate::dynamics::spatial::{rotate_back, up_axis};
+use crate::error::{Error, Result};
+use crate::rng::Stream;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// White noise that grows with distance: by 1 + factor^((d − from)/(until − from)).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Growth {
+    /// Where it has doubled, m.
+    pub from: f64,
+    /// Where it is 1 + `factor` times as strong, m.
+    pub until: f64,
+    /// At least 1.
+    pub factor: f64,
+}
+
+impl Growth {
+    /// At distance d, m.
+    fn share(&self, d: f64) -> f64 {
+        1.0 + self.factor.powf((d - self.from) / (self.until - self.from))
+    }
+
+    fn validate(&self, what: &str) -> Result<()> {
+        within(&format!("{what}.from"), self.from, 0.0, MAX_DISTANCE)?;
+        within(&format!("{what}.factor"), self.factor, 1.0, 1e6)?;
+        if self.until - self.from >= 1e-3 && self.until <= MAX_DISTANCE {
+            return Ok(());
+        }
+        let limit = format!("between {} m, 1 mm beyond from, and {MAX_DISTANCE:e} m", self.from + 1e-3);
+        Err(Error::value(format!("{what}.until"), self.until, limit, "Leave growth out for the same noise everywhere."))
+    }
+}
+
+/// Distance to the ground along −z of the mount, of a cone the nearest: h/cos(max(θ − α, 0)), θ the angle between the axis and
+/// the vertical, α half of `cone`. Out of range it reads `farthest`, and `valid` is 0.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Range {
+    /// Height of the ground, m, world.
+    pub ground: f64,
+    /// Full angle of the cone that it sees, rad; 0 for a ray.
+    pub cone: f64,
+    /// Least distance that it measures, m.
+    pub nearest: f64,
+    /// Largest distance that it measures, m.
+    pub farthest: f64,
+    /// How the white noise of `error` grows; without it, not at all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub growth: Option<Growth>,
+    /// u is m.
+    pub error: ErrorModel,
+}
+
+impl Default for Range {
+    fn default() -> Self {
+        Self { ground: 0.0, cone: 0.0, nearest: 0.0, farthest: 40.0, growth: None, error: ErrorModel::default() }
+    }
+}
+
+impl Range {
+    pub(crate) const CHANNELS: &[(&str, &str)] = &[("distance", "m"), ("valid", "-")];
+
+    pub(crate) fn validate(&self, what: &str) -> Result<()> {
+        within(&format!("{what}: cone"), self.cone, 0.0, PI)?;
+        seen(what, self.ground, self.nearest, self.farthest)?;
+        self.growth.map_or(Ok(()), |growth| growth.validate(&format!("{what}: growth")))?;
+        self.error.validate(&format!("{what}: error"), 1)
+    }
+}
+
+/// Refuses what nothing can see.
+fn seen(what: &str, ground: f64, nearest: f64, farthest: f64) -> Result<()> {
+    within(&format!("{what}: ground"), ground, -MAX_DISTANCE, MAX_DISTANCE)?;
+    within(&format!("{what}: nearest"), nearest, 0.0, MAX_DISTANCE)?;
+    within(&format!("{what}: farthest"), farthest, 0.0, MAX_DISTANCE)?;
+    if nearest < farthest {
+        return Ok(());
+    }
+    let limit = format!("> {nearest} m, the nearest");
+    Err(Error::value(format!("{what}: farthest"), farthest, limit, "Give nearest < farthest in metres."))
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct RangeDevice {
+    settings: Range,
+    errors: Errors<1>,
+}
+
+impl RangeDevice {
+    pub(crate) fn new(settings: &Range, between: f64) -> Self {
+        Self { settings: settings.clone(), errors: Errors::new(&settings.error, between) }
+    }
+
+    /// The nearest ground in the cone, m; infinite where there is none in it.
+    fn distance(&self, at: &Motion) -> f64 {
+        let height = at.position[2] - self.settings.ground;
+        let tilt = up_axis(at.attitude)[2].clamp(-1.0, 1.0).acos();
+        let nearest = (tilt - 0.5 * self.settings.cone).max(0.0);
+        if height >= 0.0 && nearest < FRAC_PI_2 { height / nearest.cos() } else { f64::INFINITY }
+    }
+}
+
+impl Device for RangeDevice {
+    fn draw(&mut self, stream: &mut Stream) {
+        self.errors.draw(stream);
+    }
+
+    fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]) {
+        let (distance, farthest) = (self.distance(at), self.settings.farthest);
+        let valid = (self.settings.nearest..=farthest).contains(&distance);
+        let shown = if valid { distance } else { farthest };
+        let share = self.settings.growth.map_or(1.0, |growth| growth.share(shown));
+        let [measured] = self.errors.apply_with([shown], share, stream);
+        out.copy_from_slice(&if valid { [measured, 1.0] } else { [farthest, 0.0] });
+    }
+
+    fn each(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.errors.each(visit);
+    }
+}
+
+/// Pixels by which the ground moves through the picture between two samples, counted as the sensor's own motion:
+///
+/// ```text
+/// n_x = Δt (N/θ)(v_x/d − ω_y)        n_y = Δt (N/θ)(v_y/d + ω_x)
+/// ```
+///
+/// v and ω along mount axes, d the distance to the ground along −z, N `pixels` over the angle θ `aperture`: the model of the
+/// Crazyflie's estimator. Where no ground is in range both read 0, and `valid` is 0.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Flow {
+    /// Height of the ground, m, world.
+    pub ground: f64,
+    /// N, across the picture.
+    pub pixels: f64,
+    /// θ, of the picture, rad.
+    pub aperture: f64,
+    /// Least distance at which it sees texture, m.
+    pub nearest: f64,
+    /// Largest distance at which it does, m.
+    pub farthest: f64,
+    /// u is a pixel.
+    pub error: ErrorModel,
+}
+
+impl Default for Flow {
+    fn default() -> Self {
+        let error = ErrorModel::default();
+        Self { ground: 0.0, pixels: 35.0, aperture: 0.717, nearest: 0.08, farthest: MAX_DISTANCE, error }
+    }
+}
+
+impl Flow {
+    pub(crate) const CHANNELS: &[(&str, &str)] = &[("pixels_x", "-"), ("pixels_y", "-"), ("valid", "-")];
+
+    pub(crate) fn validate(&self, what: &str) -> Result<()> {
+        seen(what, self.ground, self.nearest, self.farthest)?;
+        within(&format!("{what}: pixels"), self.pixels, 1.0, 1e5)?;
+        within(&format!("{what}: aperture"), self.aperture, 1e-3, PI)?;
+        self.error.validate(&format!("{what}: error"), 2)
+    }
+}
+
+#[derive(Debug, Clone)]
+pub(crate) struct FlowDevice {
+    settings: Flow,
+    /// Δt N/θ, pixels per rad/s.
+    gain: f64,
+    errors: Errors<2>,
+}
+
+impl FlowDevice {
+    pub(crate) fn new(settings: &Flow, between: f64) -> Self {
+        let gain = between * settings.pixels / settings.aperture;
+        Self { settings: settings.clone(), gain, errors: Errors::new(&settings.error, between) }
+    }
+}
+
+impl Device for FlowDevice {
+    fn draw(&mut self, stream: &mut Stream) {
+        self.errors.draw(stream);
+    }
+
+    fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]) {
+        let cosine = up_axis(at.attitude)[2];
+        let distance = if cosine > 0.0 { (at.position[2] - self.settings.ground) / cosine } else { f64::INFINITY };
+        let valid = distance > 0.0 && (self.settings.nearest..=self.settings.farthest).contains(&distance);
+        let (v, w) = (rotate_back(at.attitude, at.velocity), at.angular_velocity);
+        let pixels = [v[0] / distance - w[1], v[1] / distance + w[0]].map(|rate| self.gain * rate);
+        // drawn in any case: the noise of later samples does not depend on what was seen
+        let [x, y] = self.errors.apply(if valid { pixels } else { [0.0; 2] }, stream);
+        out.copy_from_slice(&if valid { [x, y, 1.0] } else { [0.0; 3] });
+    }
+
+    fn each(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.errors.each(visit);
+    }
+}

@@ -1,0 +1,301 @@
+//! Settings of a sensor, as a `[[sensor]]` table of a TOML file.
+
+use super::device::{Kind, Model};
+use super::presets::{Preset, preset};
+use crate::dynamics::spatial::{Quat, Vec3};
+use crate::error::{Error, Result, finite};
+use serde::{Deserialize, Serialize};
+
+/// Farthest place of a sensor from the origin of its body, m.
+pub(crate) const MAX_LEVER: f64 = 100.0;
+/// Largest distance and height, m.
+pub(crate) const MAX_DISTANCE: f64 = 1e5;
+/// Largest number of steps between two samples.
+const MAX_EVERY: u64 = 1_000_000;
+/// Largest latency, steps.
+const MAX_LATENCY: u64 = 1_000_000;
+/// By how much of itself the time between samples may miss a whole number of steps.
+const MISSED: f64 = 0.25;
+/// Longest name, characters.
+const MAX_NAME: usize = 64;
+
+/// Checks that a finite `value` lies in [`least`, `most`].
+pub(crate) fn within(what: &str, value: f64, least: f64, most: f64) -> Result<()> {
+    finite(what, &[value])?;
+    if (least..=most).contains(&value) {
+        return Ok(());
+    }
+    let limit = format!("between {least:e} and {most:e} in SI units");
+    Err(Error::value(what, value, limit, "Check its sign and units."))
+}
+
+/// Checks that `value` is above 0; it may be infinite.
+pub(crate) fn positive(what: &str, value: f64, remedy: &str) -> Result<()> {
+    if value > 0.0 { Ok(()) } else { Err(Error::value(what, value, "> 0", remedy)) }
+}
+
+/// One sensor: what it measures, where, how often, how late, how wrongly.
+///
+/// As TOML, the keys below beside those of its kind; what a `preset` says holds unless the table says otherwise, and without
+/// one a sensor has no errors.
+///
+/// ```
+/// use omnidrones::dynamics::sensors::SensorConfig;
+///
+/// let imu: SensorConfig = toml::from_str(r#"
+///     name = "imu"
+///     kind = "imu"
+///     preset = "bmi088"
+///     position = [0.02, 0.0, 0.01]
+///     latency = 1
+///     accelerometer = { density = 2e-3 }
+/// "#).unwrap();
+/// assert_eq!(imu.latency, Some(1));
+/// assert!(toml::from_str::<SensorConfig>("name = 'imu'\nkind = 'imu'\npreset = 'bmi880'").is_err());
+/// ```
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "toml::Table", into = "toml::Table")]
+pub struct SensorConfig {
+    /// Unique among the sensors; begins the names of its columns. Its noise depends on this name, not on its place.
+    pub name: String,
+    /// Body that carries it; the first unless told otherwise.
+    pub on: Option<String>,
+    /// Of the mount, from the body's origin, m, body axes.
+    pub position: Vec3<f64>,
+    /// Unit quaternion `[w, x, y, z]`, mount → body.
+    pub rotation: Quat<f64>,
+    /// Steps from one sample to the next; 1 where there is no `rate` either.
+    pub every: Option<u64>,
+    /// The same in Hz, to the nearest whole number of steps.
+    pub rate: Option<f64>,
+    /// Steps from a sample to its reading; 0 where there is no `delay` either.
+    pub latency: Option<u64>,
+    /// The same in s, to the nearest whole number of steps.
+    pub delay: Option<f64>,
+    /// What it measures and how wrongly.
+    pub model: Model,
+}
+
+impl SensorConfig {
+    /// A sensor at the origin of the first body, in every step, at once.
+    pub fn new(name: impl Into<String>, model: Model) -> Self {
+        Self {
+            name: name.into(),
+            on: None,
+            position: [0.0; 3],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            every: None,
+            rate: None,
+            latency: None,
+            delay: None,
+            model,
+        }
+    }
+
+    /// As a preset says, with its rate and delay.
+    pub fn of_preset(name: impl Into<String>, preset: &Preset) -> Self {
+        Self { rate: preset.rate, delay: preset.delay, ..Self::new(name, (preset.model)()) }
+    }
+
+    /// Sensors in short: `imu:bmi088,gnss`, each a kind and, after a colon, a preset; named after their kinds.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] for a kind or a preset that nobody knows.
+    pub fn parse_list(text: &str) -> Result<Vec<Self>> {
+        let one = |item: &str| {
+            let (kind, part) = item.split_once(':').map_or((item, None), |(kind, part)| (kind, Some(part)));
+            let kind = Kind::by_name(kind.trim())?;
+            Ok(match part {
+                Some(part) => Self::of_preset(kind.name, preset(kind.name, part.trim())?),
+                None => Self::new(kind.name, kind.ideal()),
+            })
+        };
+        text.split(',').map(one).collect()
+    }
+
+    /// Steps from one sample to the next where a step takes `dt` seconds.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] for `every` and `rate` together, and for steps and rates that are none or do not
+    /// come within a quarter of a whole number of steps.
+    pub fn steps_between(&self, dt: f64) -> Result<u64> {
+        match (self.every, self.rate) {
+            (Some(_), Some(_)) => Err(self.twice("every and rate")),
+            (None, None) => Ok(1),
+            (Some(every), None) if (1..=MAX_EVERY).contains(&every) => Ok(every),
+            (Some(every), None) => {
+                let limit = format!("1 to {MAX_EVERY}");
+                Err(Error::limit(self.at("every"), every, limit, "Give steps from one sample to the next."))
+            }
+            (None, Some(rate)) => {
+                positive(&self.at("rate"), rate, "Give samples per second.")?;
+                self.at_rate(rate, dt)
+            }
+        }
+    }
+
+    /// Steps from a sample to its reading where a step takes `dt` seconds.
+    ///
+    /// # Errors
+    /// [`Error::Value`] or [`Error::Limit`] for `latency` and `delay` together, and for those that are none or too long.
+    pub fn steps_late(&self, dt: f64) -> Result<u64> {
+        match (self.latency, self.delay) {
+            (Some(_), Some(_)) => Err(self.twice("latency and delay")),
+            (None, None) => Ok(0),
+            (Some(latency), None) if latency <= MAX_LATENCY => Ok(latency),
+            (Some(latency), None) => {
+                let limit = format!("0 to {MAX_LATENCY}");
+                Err(Error::limit(self.at("latency"), latency, limit, "Give steps from a sample to its reading."))
+            }
+            (None, Some(delay)) => {
+                within(&self.at("delay"), delay, 0.0, MAX_LATENCY as f64 * dt)?;
+                Ok((delay / dt).round() as u64)
+            }
+        }
+    }
+
+    /// The nearest whole number of steps, unless that is another rate altogether.
+    fn at_rate(&self, rate: f64, dt: f64) -> Result<u64> {
+        let steps = 1.0 / (rate * dt);
+        let whole = steps.round().max(1.0);
+        if whole <= MAX_EVERY as f64 && (whole - steps).abs() <= MISSED * steps {
+            return Ok(whole as u64);
+        }
+        let limit = format!("{} to {} Hz, to within a quarter", 1.0 / (MAX_EVERY as f64 * dt), 1.0 / dt);
+        let remedy = "Give a smaller dt, or every, the number of steps between two samples.";
+        Err(Error::value(self.at("rate"), format!("{rate} Hz"), limit, remedy))
+    }
+
+    fn twice(&self, keys: &str) -> Error {
+        let remedy = "Leave one out: they say the same in steps and in SI units.";
+        Error::value(self.at(keys), "both given", "one of them", remedy)
+    }
+
+    fn at(&self, key: &str) -> String {
+        format!("{}: {key}", self.place())
+    }
+
+    /// How errors call it.
+    pub(crate) fn place(&self) -> String {
+        format!("sensor '{}'", self.name)
+    }
+
+    /// Refuses names that cannot stand in the head of a table.
+    pub(crate) fn check_name(&self) -> Result<()> {
+        let fits = |c: char| c.is_ascii_alphanumeric() || "_-./".contains(c);
+        if (1..=MAX_NAME).contains(&self.name.len()) && self.name.chars().all(fits) {
+            return Ok(());
+        }
+        let limit = format!("1 to {MAX_NAME} of A-Z, a-z, 0-9, _ - . /");
+        let name = self.name.chars().take(2 * MAX_NAME).collect::<String>();
+        Err(Error::value("sensor: name", format!("'{name}'"), limit, "It begins the names of its columns."))
+    }
+}
+
+/// The keys that every kind has.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Common {
+    name: String,
+    kind: String,
+    preset: Option<String>,
+    on: Option<String>,
+    position: Option<Vec3<f64>>,
+    rotation: Option<Quat<f64>>,
+    every: Option<u64>,
+    rate: Option<f64>,
+    latency: Option<u64>,
+    delay: Option<f64>,
+}
+
+/// Of [`Common`].
+pub(crate) const COMMON: [&str; 10] =
+    ["name", "kind", "preset", "on", "position", "rotation", "every", "rate", "latency", "delay"];
+
+impl TryFrom<toml::Table> for SensorConfig {
+    type Error = Error;
+
+    fn try_from(mut table: toml::Table) -> Result<Self> {
+        let named = table.get("name").and_then(toml::Value::as_str).unwrap_or("without a name");
+        let place = format!("[[sensor]] '{named}'");
+        let mut common = toml::Table::new();
+        for key in COMMON {
+            if let Some(value) = table.remove(key) {
+                common.insert(key.into(), value);
+            }
+        }
+        let common = Common::deserialize(toml::Value::Table(common)).map_err(|e| Error::of_toml(&e, "", &place))?;
+        let kind = Kind::by_name(&common.kind)?;
+        let base = match &common.preset {
+            Some(name) => Self::of_preset(&common.name, preset(kind.name, name)?),
+            None => Self::new(&common.name, kind.ideal()),
+        };
+        let mut settings = base.model.table();
+        known_keys(&place, kind, &table)?;
+        lay_over(&mut settings, table);
+        Ok(Self {
+            on: common.on,
+            position: common.position.unwrap_or(base.position),
+            rotation: common.rotation.unwrap_or(base.rotation),
+            // who counts in steps does not want the preset's seconds
+            rate: common.rate.or(base.rate.filter(|_| common.every.is_none())),
+            delay: common.delay.or(base.delay.filter(|_| common.latency.is_none())),
+            every: common.every,
+            latency: common.latency,
+            model: kind.read(settings, &place)?,
+            name: common.name,
+        })
+    }
+}
+
+/// Refuses a key that neither the kind nor all kinds have.
+fn known_keys(place: &str, kind: &Kind, table: &toml::Table) -> Result<()> {
+    let optional = ["growth"].iter().filter(|_| kind.name == "range");
+    let own = kind.ideal().table();
+    let known: Vec<String> =
+        own.keys().map(String::as_str).chain(optional.copied()).chain(COMMON).map(String::from).collect();
+    match table.keys().find(|key| !known.contains(key)) {
+        None => Ok(()),
+        Some(key) => Err(Error::unknown_key(place, key, &known)),
+    }
+}
+
+/// Key by key, tables within tables.
+fn lay_over(below: &mut toml::Table, above: toml::Table) {
+    for (key, value) in above {
+        match (below.get_mut(&key), value) {
+            (Some(toml::Value::Table(below)), toml::Value::Table(above)) => lay_over(below, above),
+            (_, value) => {
+                below.insert(key, value);
+            }
+        }
+    }
+}
+
+impl From<SensorConfig> for toml::Table {
+    fn from(config: SensorConfig) -> Self {
+        let common = Common {
+            kind: config.model.kind().into(),
+            preset: None,
+            name: config.name,
+            on: config.on,
+            position: Some(config.position),
+            rotation: Some(config.rotation),
+            every: config.every,
+            rate: config.rate,
+            latency: config.latency,
+            delay: config.delay,
+        };
+        let mut table = Self::try_from(&common).unwrap_or_default();
+        table.extend(config.model.table());
+        table
+    }
+}
+
+/// A file of sensors: `[[sensor]]` tables.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorFile {
+    /// In the order of their columns.
+    pub sensor: Vec<SensorConfig>,
+}
