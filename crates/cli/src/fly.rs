@@ -19,7 +19,7 @@ use omnidrones::controllers::{
     ChainRamp, ChainShape, Controller, FlightPlan, Reference, Setup, Tilt, Vectored, default_controller, fly, vectored,
 };
 use omnidrones::dynamics::aero::wind::Wind;
-use omnidrones::dynamics::sensors::{SensorConfig, SensorFile};
+use omnidrones::dynamics::sensors::{SensorConfig, SensorFile, SensorSet};
 use omnidrones::dynamics::{Effects, Gains, Plant};
 use omnidrones::error::{Error, Result};
 use omnidrones::rl::{PolicyController, load_policy};
@@ -278,7 +278,7 @@ fn vehicle(a: &Arguments) -> Result<Flyer> {
     plan.n_step()?;
     let plant = Plant::of_vehicle(&source.vehicle, plan.air_physics())?;
     fail(a, &plant, &mut plan)?;
-    plan.sensors = sensors(a)?;
+    plan.sensors = sensors(a, &plant)?;
     arguments::check_gains(&a.flight, a.controller.as_deref(), true)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let usual = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
@@ -300,18 +300,20 @@ fn configured(a: &Arguments, robot: Robot) -> Result<Flyer> {
     plan.n_step()?;
     plan.tilt = a.tilt()?;
     fail(a, &plant, &mut plan)?;
-    plan.sensors = sensors(a)?;
+    plan.sensors = sensors(a, &plant)?;
     let controller = model_controller(a, &plant, &plan)?;
     Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(robot)) })
 }
 
-/// The sensors of the arguments.
-fn sensors(a: &Arguments) -> Result<Vec<SensorConfig>> {
-    match a.sensors.as_deref() {
-        None => Ok(Vec::new()),
-        Some(file) if arguments::is_path(file) => Ok(files::read_toml::<SensorFile>(Path::new(file))?.sensor),
-        Some(list) => SensorConfig::parse_list(list),
-    }
+/// The sensors of the arguments, refused before anything is made where the plant cannot carry them.
+fn sensors(a: &Arguments, plant: &Plant) -> Result<Vec<SensorConfig>> {
+    let list = match a.sensors.as_deref() {
+        None => Vec::new(),
+        Some(file) if arguments::is_path(file) => SensorFile::of(files::read_toml(Path::new(file))?, file)?.sensor,
+        Some(list) => SensorConfig::parse_list(list)?,
+    };
+    SensorSet::new(&list, plant.physics().dt, &plant.body_names())?;
+    Ok(list)
 }
 
 /// The policy of the arguments.

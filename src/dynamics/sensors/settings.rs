@@ -299,3 +299,31 @@ pub struct SensorFile {
     /// In the order of their columns.
     pub sensor: Vec<SensorConfig>,
 }
+
+impl SensorFile {
+    /// The tables of a file that was read; `file` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for keys that mean nothing there and values of another type; [`Error::Unknown`] for a kind or a preset
+    /// that nobody knows.
+    pub fn of(mut table: toml::Table, file: &str) -> Result<Self> {
+        let tables = table.remove("sensor").unwrap_or_else(|| toml::Value::Array(Vec::new()));
+        if let Some(key) = table.keys().next() {
+            return Err(Error::unknown_key(file, key, &["sensor".into()]));
+        }
+        let tables = Vec::<toml::Table>::deserialize(tables).map_err(|e| Error::of_toml(&e, "", file))?;
+        // the table's own error, told as what it is and not as a word of the parser
+        let read = |table| SensorConfig::try_from(table).map_err(|error| in_file(error, file));
+        Ok(Self { sensor: tables.into_iter().map(read).collect::<Result<_>>()? })
+    }
+}
+
+/// With the name of the file before that of the table.
+fn in_file(error: Error, name: &str) -> Error {
+    match error {
+        Error::Format { file, place, rule, remedy } => {
+            Error::Format { file: format!("{name}: {file}"), place, rule, remedy }
+        }
+        other => other,
+    }
+}

@@ -635,6 +635,15 @@ fn what_no_sensor_has_is_refused_with_value_limit_and_remedy() {
     refused("name = 'a'\nkind = 'range'\nnearest = 5.0\nfarthest = 4.0", &["farthest", "nearest"]);
     refused("name = 'a'\nkind = 'range'\ngrowth = { from = 2, until = 1, factor = 80 }", &["until", "growth"]);
     refused("name = 'a'\nkind = 'flow'\naperture = 0.0", &["aperture"]);
+    let of_file = |text: &str| SensorFile::of(text.parse().unwrap(), "s.toml").map(|file| file.sensor.len());
+    assert_eq!(of_file("[[sensor]]\nname = 'a'\nkind = 'imu'\n[[sensor]]\nname = 'b'\nkind = 'gnss'").unwrap(), 2);
+    let said = of_file("[[sensor]]\nname = 'a'\nkind = 'imu'\nlatencyy = 2").unwrap_err().to_string();
+    assert!(
+        said.starts_with("s.toml: [[sensor]] 'a': latencyy") && said.ends_with("Did you mean `latency`?"),
+        "{said}"
+    );
+    assert!(of_file("[[sensors]]\nname = 'a'").unwrap_err().to_string().contains("`sensor`"));
+    assert!(of_file("sensor = 3").unwrap_err().is_format());
     let twice = [ideal("imu"), ideal("imu")];
     let said = SensorSet::new(&twice, 0.002, &["drone".into()]).unwrap_err().to_string();
     assert!(said.contains("'imu' twice"), "{said}");

@@ -155,10 +155,14 @@ fn a_flight_records_what_sensors_read() {
     let list = [&iris[..], &["imu:mpu6000,barometer:ms5611"]].concat();
     let (page, _) = exits(0, folder.path(), &list);
     assert!(page.contains("sensor 'barometer'") && page.contains("1 column of flight.csv"), "{page}");
-    for (given, word) in [("imu:mpu600", "mpu6000"), ("imi", "magnetometer"), ("none.toml", "none.toml")] {
-        let (out, err) = exits(2, folder.path(), &[&iris[..], &[given]].concat());
+    std::fs::write(folder.path().join("lost.toml"), tables.replace("every", "on = \"load\"\nevery")).expect("written");
+    for (given, word) in
+        [("imu:mpu600", "mpu6000"), ("imi", "magnetometer"), ("none.toml", "none.toml"), ("lost.toml", "Known: iris")]
+    {
+        let (out, err) = exits(2, folder.path(), &[&iris[..], &[given, "--out", "refused"]].concat());
         assert!(out.is_empty() && err.contains(word), "{given}: {err}");
     }
+    assert!(!folder.path().join("refused").exists());
     exits(2, folder.path(), &["fly", "iris", "--sensors", "imu"]);
 }
 
