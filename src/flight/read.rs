@@ -51,6 +51,8 @@ impl FlightLog {
 
     /// Without a sample, with the columns that a header tells: as many rotors, and one blank row of commands where it has them.
     fn like(header: &[String]) -> Self {
+        // columns of sensors have a dot in their names
+        let header: Vec<&String> = header.iter().filter(|name| !name.contains('.')).collect();
         let n_rotor = header.iter().filter(|name| name.starts_with("rotor_speed_")).count();
         let mut log = Self::new("", &vec![f64::NAN; n_rotor]);
         if header.iter().any(|name| name.starts_with("commanded_")) {

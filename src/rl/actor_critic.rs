@@ -220,6 +220,8 @@ pub struct ActorCritic<E: Exploration> {
     /// The mean of the actor's weights over its last steps, each of which went where the critics of its time erred (polynomial
     /// decay, Shamir and Zhang 2013): what flies.
     mean: Vec<f32>,
+    /// Gradient step behind which weights are of the scale of observations in force, and count for the mean.
+    mean_from: u64,
     critics: Vec<NetWithTarget>,
     norm: ValueNorm,
     experience: Experience,
@@ -282,6 +284,7 @@ impl<E: Exploration> ActorCritic<E> {
         let actor = NetWithTarget::new(&shapes.actor, config.adam, kind.slow_actor(), &mut stream(0));
         Ok(Self {
             mean: actor.parameters.clone(),
+            mean_from: 0,
             actor,
             critics: (0..config.critics as u64).map(critic).collect(),
             experience: Experience::new(shards, &shapes.actor, (&config.replay, config.discount), widths),
@@ -310,7 +313,7 @@ impl<E: Exploration> ActorCritic<E> {
             parameters: &self.actor.parameters,
             n_action: self.shapes.widths.n_action,
         };
-        self.experience.fly(&self.threads, self.config.steps, self.update, &explore)
+        self.experience.fly(&self.threads, self.config.steps, (self.update, self.progress_of_run()), &explore)
     }
 
     /// Takes the last targets into the unit, in which critics then say the same.
@@ -345,7 +348,7 @@ impl<E: Exploration> ActorCritic<E> {
             self.climb();
             let gradients = self.work.iter().map(|own| &own.gradient[..]);
             self.actor.descend(&self.shapes.actor, gradients, of_actor);
-            let steps = (self.step / self.config.actor_delay as u64) as f64;
+            let steps = ((self.step - self.mean_from) as f64 / self.config.actor_delay as f64).max(1.0);
             let share = (MEAN_DECAY + 1.0) / (steps + MEAN_DECAY);
             approach(&mut self.mean, &self.actor.parameters, share as f32);
             let left_out: usize = self.work.iter().map(|own| own.block.left_out).sum();
@@ -567,6 +570,9 @@ impl<E: Exploration> Learner for ActorCritic<E> {
     fn update(&mut self) -> Result<Update> {
         let begun = Instant::now();
         let flown = self.fly()?;
+        if flown.rescaled {
+            self.mean_from = self.step;
+        }
         let flying = begun.elapsed();
         let unit = self.norm.unit();
         let mut learnt = Learnt::default();
@@ -633,6 +639,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
         state::put_network(policy, "actor", &self.flown.mlp, &self.flown_parameters()?)?;
         self.actor.save(out, "learner", &self.shapes.actor)?;
         state::put_network(out, "mean", &self.shapes.actor, &self.mean)?;
+        out.insert("mean.from", &[1], vec![self.mean_from])?;
         for (k, critic) in self.critics.iter().enumerate() {
             critic.save(out, &format!("critic.{k}"), &self.shapes.critic)?;
         }
@@ -654,6 +661,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
         state::load_value_norm(from, &mut self.norm)?;
         self.experience.load(from)?;
         (self.update, self.env_steps, self.step) = (update, env_steps, step);
+        self.mean_from = from.get::<u64>("mean.from", &[1])?[0].min(step);
         Ok(())
     }
 }

@@ -512,7 +512,7 @@ impl Learner for Dqn {
         let progress = self.update as f64 / self.config.updates.max(1) as f64;
         let epsilon = self.config.epsilon.at(progress);
         let explore = Greedy { shapes: &self.shapes, parameters: &self.net.parameters, epsilon };
-        let flown = self.experience.fly(&self.threads, self.config.steps, self.update, &explore)?;
+        let flown = self.experience.fly(&self.threads, self.config.steps, (self.update, progress), &explore)?;
         let flying = begun.elapsed();
         let (mut sums, mut steps) = ([0.0; 4], 0.0_f64);
         while self.experience.suffices() && steps < self.config.gradient_steps as f64 {

@@ -30,11 +30,6 @@ impl InputScale {
         Self { known: Statistics::of_nothing(n) }
     }
 
-    /// What is known of the rows.
-    pub fn known(&self) -> &Statistics {
-        &self.known
-    }
-
     /// Sums over the rows of `x`; those with a number that is not finite do not count.
     pub fn sums(&self, x: &[f32]) -> InputSums {
         let n = self.known.mean.len();

@@ -58,7 +58,7 @@ impl ReplayConfig {
             ));
         }
         if !(1..=MAX_N_STEP).contains(&self.n_step) {
-            return Err(Error::limit("replay.n_step", self.n_step, format!("1 to {MAX_N_STEP}"), "1 to 5 are usual."));
+            return Err(Error::limit("replay.n_step", self.n_step, format!("1 to {MAX_N_STEP}"), "1 to 10 are usual."));
         }
         for (what, x) in [("replay.priority", self.priority), ("replay.beta", self.beta)] {
             if !(0.0..=1.0).contains(&x) {
@@ -254,6 +254,7 @@ impl Ring {
     }
 
     /// What was seen in all steps that are kept, and is seen now.
+    #[cfg(test)]
     pub fn observations(&self) -> &[f32] {
         let slots = if self.len + 1 < self.slots { self.len + 1 } else { self.slots };
         &self.observation[..slots * self.n_env * self.widths.seen()]

@@ -92,6 +92,19 @@ pub fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
     if statistics.mean.is_empty() {
         return Ok(());
     }
+    if let Some(Pending { count, sums, squares }) = &pending(shards)? {
+        statistics.merge(*count, sums, squares);
+    }
+    for Shard { env, out } in shards {
+        env.set_statistics(statistics.clone())?;
+        env.set_collecting(true);
+        env.observe(&mut out.out())?;
+    }
+    Ok(())
+}
+
+/// Takes out what all shards collected about their mean in force, in order; sums that are not finite are left out.
+pub(crate) fn pending(shards: &mut [&mut Shard]) -> Result<Option<Pending>> {
     let mut all: Option<Pending> = None;
     for shard in shards.iter_mut() {
         let own = shard.env.take_pending();
@@ -103,15 +116,7 @@ pub fn normalise(shards: &mut [&mut Shard]) -> Result<()> {
             None => all = Some(own),
         }
     }
-    if let Some(Pending { count, sums, squares }) = &all {
-        statistics.merge(*count, sums, squares);
-    }
-    for Shard { env, out } in shards {
-        env.set_statistics(statistics.clone())?;
-        env.set_collecting(true);
-        env.observe(&mut out.out())?;
-    }
-    Ok(())
+    Ok(all.filter(|all| all.count > 0.0))
 }
 
 /// The environments as a policy sees them: with a stage `normalise` behind all others, where `wanted` and there is none.

@@ -288,9 +288,13 @@ fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<
     let network = Layers { hidden: Vec::new(), ..usual.network.clone() };
     let replay = ReplayConfig { n_step: 1, learning_starts: 512, ..usual.replay.clone() };
     ActorCriticConfig {
+        n_env: 64,
+        shard: 32,
+        batch: 256,
         discount: 0.97,
         updates: 200,
         tau: 0.02,
+        normalise_observation: false,
         learning_rate: Schedule::constant(3e-3),
         critic_learning_rate: Schedule::constant(3e-3),
         network,

@@ -255,7 +255,7 @@ impl Line {
         let slots = latency.div_ceil(every) + 1;
         let held = u128::from(slots) * width as u128;
         if held > MAX_HELD as u128 {
-            let limit = format!("{} steps", (MAX_HELD / width) as u64 * every);
+            let limit = format!("{} steps", (MAX_HELD / width - 1) as u64 * every);
             let remedy = "Give a shorter latency or a lower rate.";
             return Err(Error::limit(format!("{what}: latency"), format!("{latency} steps"), limit, remedy));
         }
@@ -264,6 +264,7 @@ impl Line {
 
     pub(crate) fn restart(&mut self) {
         self.step = 0;
+        self.ring.fill(0.0);
     }
 
     /// Whether a sample is taken in this step.

@@ -96,7 +96,9 @@ impl Barometer {
 
 /// Pa, at a height above sea level, m; 0 where the troposphere's law has no air left (44 km).
 fn pressure(height: f64) -> f64 {
-    SEA_LEVEL * (1.0 - LAPSE * height / TEMPERATURE).max(0.0).powf(EXPONENT)
+    let share = 1.0 - LAPSE * height / TEMPERATURE;
+    // a height that is no number stays one
+    SEA_LEVEL * if share < 0.0 { 0.0 } else { share.powf(EXPONENT) }
 }
 
 #[derive(Debug, Clone)]

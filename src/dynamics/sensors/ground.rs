@@ -26,9 +26,9 @@ pub struct Growth {
 }
 
 impl Growth {
-    /// At distance d, m.
+    /// At distance d, m; beyond `until` as there.
     fn share(&self, d: f64) -> f64 {
-        1.0 + self.factor.powf((d - self.from) / (self.until - self.from))
+        1.0 + self.factor.powf(((d - self.from) / (self.until - self.from)).min(1.0))
     }
 
     fn validate(&self, what: &str) -> Result<()> {
@@ -38,12 +38,18 @@ impl Growth {
             return Ok(());
         }
         let limit = format!("between {} m, 1 mm beyond from, and {MAX_DISTANCE:e} m", self.from + 1e-3);
-        Err(Error::value(format!("{what}.until"), self.until, limit, "Leave growth out for the same noise everywhere."))
+        Err(Error::value(
+            format!("{what}.until"),
+            self.until,
+            limit,
+            "Leave growth out, and a preset that has one, for the same noise everywhere.",
+        ))
     }
 }
 
 /// Distance to the ground along −z of the mount, of a cone the nearest: h/cos(max(θ − α, 0)), θ the angle between the axis and
-/// the vertical, α half of `cone`. Out of range it reads `farthest`, and `valid` is 0.
+/// the vertical, α half of `cone`. Out of range, by itself or by its noise, it reads
+/// `farthest`, and `valid` is 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Range {
@@ -118,10 +124,11 @@ impl Device for RangeDevice {
 
     fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]) {
         let (distance, farthest) = (self.distance(at), self.settings.farthest);
-        let valid = (self.settings.nearest..=farthest).contains(&distance);
-        let shown = if valid { distance } else { farthest };
+        let measures = |d: f64| (self.settings.nearest..=farthest).contains(&d);
+        let shown = if measures(distance) { distance } else { farthest };
         let share = self.settings.growth.map_or(1.0, |growth| growth.share(shown));
         let [measured] = self.errors.apply_with([shown], share, stream);
+        let valid = measures(distance) && measures(measured);
         out.copy_from_slice(&if valid { [measured, 1.0] } else { [farthest, 0.0] });
     }
 

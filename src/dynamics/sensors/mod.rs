@@ -267,7 +267,12 @@ impl SensorSet {
         for (i, config) in configs.iter().enumerate() {
             if configs[..i].iter().any(|other| other.name == config.name) {
                 let value = format!("'{}' twice", config.name);
-                return Err(Error::value("sensor: name", value, "unique", "Rename one: noise depends on it."));
+                return Err(Error::value(
+                    "sensor: name",
+                    value,
+                    "unique",
+                    "Rename one, in a file of [[sensor]] tables: noise depends on it.",
+                ));
             }
         }
         let sensors = configs.iter().map(|config| Sensor::new(config, dt, bodies)).collect::<Result<Vec<_>>>()?;
@@ -278,6 +283,7 @@ impl SensorSet {
     /// Begins an episode of all.
     pub fn reset(&mut self, seed: u64, environment: u64, episode: u64) {
         self.sensors.iter_mut().for_each(|sensor| sensor.reset(seed, environment, episode));
+        self.readings.fill(0.0);
     }
 
     /// Reads all, sensor by sensor; `truths` are body by body.

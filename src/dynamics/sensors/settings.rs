@@ -162,7 +162,7 @@ impl SensorConfig {
             return Ok(whole as u64);
         }
         let limit = format!("{} to {} Hz, to within a quarter", 1.0 / (MAX_EVERY as f64 * dt), 1.0 / dt);
-        let remedy = "Give a smaller dt, or every, the number of steps between two samples.";
+        let remedy = "Give a smaller dt, or in a table every, the number of steps between two samples.";
         Err(Error::value(self.at("rate"), format!("{rate} Hz"), limit, remedy))
     }
 

@@ -164,6 +164,7 @@ fn worth_of_forever<E: Exploration>(exploration: E, n_step: usize) -> f64 {
         exploration,
         discount: 0.99,
         tau: 0.1,
+        normalise_observation: false, // of the one that there is nothing would be left
         gradient_steps: 32,
         updates: 1000,
         batch: 32,

@@ -80,27 +80,27 @@ pub struct DqnConfig {
 impl Default for DqnConfig {
     fn default() -> Self {
         Self {
-            n_env: 64,
-            shard: 32,
+            n_env: 512,
+            shard: 256,
             steps: 8,
             updates: 1000,
             gradient_steps: 32,
-            batch: 256,
-            discount: 0.985,
-            tau: 0.01,
+            batch: 512,
+            discount: 0.97,
+            tau: 0.005,
             epsilon: Schedule::Linear { from: 1.0, to: 0.02, warm_up: 0.0 },
             double: true,
             duelling: false,
             quantiles: 1,
             mixer: Mixer::None,
             levels: 3,
-            learning_rate: Schedule::cosine(1e-3, 1e-5),
+            learning_rate: Schedule::cosine(3e-3, 1e-5),
             max_grad_norm: 10.0,
             huber: 10.0,
             normalise_observation: true,
-            replay: ReplayConfig::default(),
+            replay: ReplayConfig { capacity: 400_000, n_step: 10, ..ReplayConfig::default() },
             adam: AdamConfig::default(),
-            network: Layers::elu(0.1),
+            network: Layers { hidden: vec![128; 2], layer_norm: true, ..Layers::elu(0.1) },
         }
     }
 }
@@ -136,7 +136,7 @@ impl DqnConfig {
             ("mixer.hidden", hidden, 4096),
         ] {
             if n == 0 || n > most {
-                let remedy = "64, 32, 8, 32, 256, 1, 3, 32 and 64 are usual.";
+                let remedy = "512, 256, 8, 32, 512, 1, 3, 32 and 64 are usual.";
                 return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
             }
         }

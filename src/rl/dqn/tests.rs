@@ -167,6 +167,7 @@ fn time_that_runs_out_is_not_death() {
     let config = DqnConfig {
         discount: 0.99,
         tau: 0.2,
+        normalise_observation: false, // of the one that there is nothing would be left
         gradient_steps: 32,
         updates: 400,
         batch: 32,
