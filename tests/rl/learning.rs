@@ -286,6 +286,7 @@ fn ppo_regulates(seed: u64, most: f64) {
 
 fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<E> {
     let network = Layers { hidden: Vec::new(), ..usual.network.clone() };
+    let critic = Layers { hidden: vec![64; 2], layer_norm: false, ..usual.critic.clone() };
     let replay = ReplayConfig { n_step: 1, learning_starts: 512, ..usual.replay.clone() };
     ActorCriticConfig {
         n_env: 64,
@@ -298,6 +299,7 @@ fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<
         learning_rate: Schedule::constant(3e-3),
         critic_learning_rate: Schedule::constant(3e-3),
         network,
+        critic,
         replay,
         ..usual
     }

@@ -15,7 +15,8 @@ fn small() -> DqnConfig {
         gradient_steps: 4,
         batch: 100,
         replay: ReplayConfig { capacity: 2000, learning_starts: 96, n_step: 3, ..ReplayConfig::default() },
-        network: Layers { hidden: vec![16, 16], ..usual.network.clone() },
+        tau: 0.01,
+        network: Layers { hidden: vec![16, 16], layer_norm: false, ..usual.network.clone() },
         ..usual
     }
 }
