@@ -72,7 +72,7 @@ fn white_noise_has_the_allan_deviation_of_its_density_and_the_slope_of_minus_one
     let axes = gyroscope_at_rest(ErrorModel { density: PerAxis::Same(sigma), ..ErrorModel::default() }, dt, 200_000);
     let levels: Vec<f64> = [1, 10, 100].iter().map(|m| allan_deviation(&axes, *m)).collect();
     for (m, level) in [1.0, 10.0, 100.0].into_iter().zip(&levels) {
-        let ratio = level / (sigma / (m * dt as f64).sqrt());
+        let ratio = level / (sigma / (m * dt).sqrt());
         println!("white noise, T = {} s: Allan deviation over σ/√T {ratio:.4}", m * dt);
         assert!((ratio - 1.0).abs() < 0.05, "{m}: {ratio}"); // 1.0005, 1.0013, 1.0049
     }
@@ -127,7 +127,7 @@ fn a_gauss_markov_bias_keeps_its_variance_and_forgets_over_its_correlation_time(
             n += 1.0;
         }
     }
-    let (deviation, correlation) = ((variance / n as f64).sqrt(), covariance / variance);
+    let (deviation, correlation) = ((variance / n).sqrt(), covariance / variance);
     println!("deviation over that given {:.4}, correlation after τ {correlation:.4}", deviation / spread);
     assert!((deviation / spread - 1.0).abs() < 0.03, "{deviation}"); // 0.9951
     assert!((correlation - (-1.0_f64).exp()).abs() < 0.02, "{correlation}"); // 0.3613 of 0.3679
@@ -569,7 +569,7 @@ fn every_preset_of_the_registry_validates_reads_finite_numbers_and_survives_a_fi
         }
         let text = toml::to_string(&SensorFile { sensor: vec![config.clone()] }).unwrap();
         let back: SensorFile = toml::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}\n{text}", preset.name));
-        assert_eq!(back.sensor, [config.clone()], "{text}");
+        assert_eq!(back.sensor, std::slice::from_ref(&config), "{text}");
         let json = serde_json::to_string(&config).unwrap();
         assert_eq!(serde_json::from_str::<SensorConfig>(&json).unwrap(), config);
         let own: Vec<_> = presets::REGISTRY.iter().filter(|p| (p.name, p.kind) == (preset.name, preset.kind)).collect();
