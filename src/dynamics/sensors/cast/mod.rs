@@ -3,6 +3,7 @@
 //! | file | what |
 //! |---|---|
 //! | [`world`] | capsules, boxes and ground, as numbers for lanes |
+//! | `pattern` | ground, then solid by solid, then readings: what images and scans share |
 //! | `cull` | which of them an eye can see, nearest first |
 //! | `pieces` | their numbers in the frame of the eye, and the tiles of an image that they can touch |
 //! | `hit` | the ray's number at which it enters a solid |
@@ -30,6 +31,7 @@ mod cull;
 mod hit;
 pub mod normal;
 pub mod packets;
+mod pattern;
 mod pieces;
 #[cfg(test)]
 mod reference;

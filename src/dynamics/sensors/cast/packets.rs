@@ -3,14 +3,14 @@
 //! Directions have unit length, so t is the **distance**. Solids within range are kept, nearest first, and tried on each packet
 //! whose farthest range they could shorten and whose cone of directions they reach into.
 
-use super::cull::{BOX, View};
-use super::hit::{Ball, Cuboid, N_NUMBER, Piece, Side};
-use super::pieces::{Grid, PieceBlock, widened};
-use super::tiles::{drop_near, largest, nearer};
+use super::cull::View;
+use super::hit::{N_NUMBER, Piece};
+use super::pattern::{OnePiece, Pattern, largest, nearer};
+use super::pieces::{Grid, widened};
 use super::world::{self, GROUND, LANES, NOTHING, Row, World};
-use super::{Caster, Eye, Range, Tile, dot, fused, splat};
+use super::{Caster, Range, Tile, dot, fused, splat};
 use crate::autodiff::Mask;
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use crate::autodiff::lanes::Lanes;
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::Vec3;
 use crate::error::{Error, Result, finite};
@@ -177,7 +177,7 @@ impl Caster {
     /// # Panics
     /// On slices of another length than there are rays.
     pub fn rays(&mut self, world: &World, rays: &Rays, pose: &Pose<f64>, ranges: &mut [f32], ids: &mut [u32]) {
-        self.scan::<false>(world, rays, pose, ranges, ids);
+        self.cast::<Rays, false>(world, rays, pose, ranges, ids);
     }
 
     /// The same by trying all solids on all rays.
@@ -190,103 +190,83 @@ impl Caster {
         ranges: &mut [f32],
         ids: &mut [u32],
     ) {
-        self.scan::<true>(world, rays, pose, ranges, ids);
-    }
-
-    fn scan<const ALL: bool>(
-        &mut self,
-        world: &World,
-        rays: &Rays,
-        pose: &Pose<f64>,
-        ranges: &mut [f32],
-        ids: &mut [u32],
-    ) {
-        let n = rays.n;
-        assert!(ranges.len() == n && ids.len() == n, "{} ranges, {} ids for {n} rays", ranges.len(), ids.len());
-        match Eye::new(pose) {
-            Some(eye) => dispatch(Scan::<ALL> { caster: self, world, rays, eye: &eye, ranges, ids }),
-            None => {
-                ranges.fill(rays.range.most as f32);
-                ids.fill(NOTHING);
-            }
-        }
+        self.cast::<Rays, true>(world, rays, pose, ranges, ids);
     }
 }
 
-struct Scan<'a, const ALL: bool> {
-    caster: &'a mut Caster,
-    world: &'a World,
-    rays: &'a Rays,
-    eye: &'a Eye,
-    ranges: &'a mut [f32],
-    ids: &'a mut [u32],
-}
-
-impl<const ALL: bool> Kernel for Scan<'_, ALL> {
-    type Output = ();
+impl Pattern for Rays {
     #[inline(always)]
-    fn run<L: Lanes>(self) {
-        let Self { caster, world, rays, eye, ranges, ids } = self;
-        let (n, most) = (rays.directions.len(), rays.range.most as f32);
-        caster.prepare(n, most);
-        let Caster { kept, tiles, far } = caster;
-        let tiles = &mut tiles[..n];
-        // the ground is no nearer than it is below
-        match eye.above(world.ground).filter(|(height, _)| ALL || *height < most) {
-            Some((height, up)) => ground::<L>(rays, height, up, tiles),
-            None => tiles.fill(Tile::missed(most)),
+    fn n_reading(&self) -> usize {
+        self.n
+    }
+
+    #[inline(always)]
+    fn n_tile(&self) -> usize {
+        self.directions.len()
+    }
+
+    #[inline(always)]
+    fn range(&self) -> Range {
+        self.range
+    }
+
+    #[inline(always)]
+    fn ground<L: Lanes>(&self, height: f32, up: [f32; 3], tiles: &mut [Tile]) {
+        // along no ray is it nearer than below
+        if height >= self.range.most as f32 {
+            tiles.fill(Tile::missed(self.range.most as f32));
+            return;
         }
-        kept.look::<L, Rays, ALL>(world, eye, rays);
-        for k in 0..kept.order.len() {
-            let order = kept.order[k];
-            let i = (order & (BOX - 1)) as usize;
-            let (block, lane) = (i / LANES, i % LANES);
-            if order & BOX == 0 {
-                let (pieces, id) = (&kept.capsule_pieces[block], kept.capsule_ids[i]);
-                put::<L, Side, ALL>(rays, &pieces[0], lane, id, tiles, far);
-                put::<L, Ball, ALL>(rays, &pieces[1], lane, id, tiles, far);
-                put::<L, Ball, ALL>(rays, &pieces[2], lane, id, tiles, far);
-            } else {
-                put::<L, Cuboid, ALL>(rays, &kept.box_pieces[block], lane, kept.box_ids[i], tiles, far);
+        let (most, id) = (splat::<L>(self.range.most as f32), splat::<L>(world::number(GROUND)));
+        let up = [splat::<L>(up[0]), splat(up[1]), splat(up[2])];
+        for i in 0..self.directions.len() {
+            let mut at = 0;
+            while at < LANES {
+                let t = splat::<L>(-height) / form(&self.directions[i], at, &up);
+                let hit = L::zero().lt(t).and(t.lt(most));
+                L::select(hit, t, most).store(&mut tiles[i].range[at..]);
+                L::select(hit, id, splat(world::number(NOTHING))).store(&mut tiles[i].id[at..]);
+                at += L::WIDTH;
             }
         }
-        if rays.range.least > 0.0 {
-            drop_near::<L>(rays.range, tiles);
-        }
-        write(tiles, ranges, ids);
     }
-}
 
-/// From packets to rays.
-#[inline(always)]
-fn write(tiles: &[Tile], ranges: &mut [f32], ids: &mut [u32]) {
-    let (whole, last) = ranges.as_chunks_mut::<LANES>();
-    let (whole_ids, last_ids) = ids.as_chunks_mut::<LANES>();
-    for i in 0..whole.len() {
-        whole[i] = tiles[i].range;
-        for k in 0..LANES {
-            whole_ids[i][k] = world::id(tiles[i].id[k]);
+    #[inline(always)]
+    fn put<L: Lanes, P: Piece, const ALL: bool>(&self, piece: &OnePiece<'_, L>, tiles: &mut [Tile], far: &mut [f32]) {
+        let OnePiece { numbers, forms, id, near, .. } = piece;
+        for group in 0..self.cones.len() {
+            let mut open = [1.0; LANES];
+            let mut at = 0;
+            while !ALL && at < LANES {
+                let cones = &self.cones[group];
+                let middle =
+                    [L::load(&cones.middle[0][at..]), L::load(&cones.middle[1][at..]), L::load(&cones.middle[2][at..])];
+                let values = [dot(middle, forms[0]), dot(middle, forms[1]), dot(middle, forms[2])];
+                P::reach(values, numbers, L::load(&cones.chord[at..])).store(&mut open[at..]);
+                at += L::WIDTH;
+            }
+            for k in 0..LANES.min(self.directions.len() - group * LANES) {
+                let i = group * LANES + k;
+                if ALL || (open[k] > 0.0 && far[i] > *near) {
+                    far[i] = try_packet::<L, P>(&self.directions[i], forms, numbers, *id, &mut tiles[i]);
+                }
+            }
         }
     }
-    for k in 0..last.len() {
-        last[k] = tiles[whole.len()].range[k];
-        last_ids[k] = world::id(tiles[whole.len()].id[k]);
-    }
-}
 
-/// The plane below the eye: t = −h/d_z where that is ahead and in range.
-#[inline(always)]
-fn ground<L: Lanes>(rays: &Rays, height: f32, up: [f32; 3], tiles: &mut [Tile]) {
-    let (most, id) = (splat::<L>(rays.range.most as f32), splat::<L>(world::number(GROUND)));
-    let up = [splat::<L>(up[0]), splat(up[1]), splat(up[2])];
-    for i in 0..rays.directions.len() {
-        let mut at = 0;
-        while at < LANES {
-            let t = splat::<L>(-height) / form(&rays.directions[i], at, &up);
-            let hit = L::zero().lt(t).and(t.lt(most));
-            L::select(hit, t, most).store(&mut tiles[i].range[at..]);
-            L::select(hit, id, splat(world::number(NOTHING))).store(&mut tiles[i].id[at..]);
-            at += L::WIDTH;
+    #[inline(always)]
+    fn write(&self, tiles: &[Tile], ranges: &mut [f32], ids: &mut [u32]) {
+        let (whole, last) = ranges.as_chunks_mut::<LANES>();
+        let (whole_ids, last_ids) = ids.as_chunks_mut::<LANES>();
+        for i in 0..whole.len() {
+            whole[i] = tiles[i].range;
+            for k in 0..LANES {
+                whole_ids[i][k] = world::id(tiles[i].id[k]);
+            }
+        }
+        for k in 0..last.len() {
+            last[k] = tiles[whole.len()].range[k];
+            last_ids[k] = world::id(tiles[whole.len()].id[k]);
         }
     }
 }
@@ -296,50 +276,6 @@ fn ground<L: Lanes>(rays: &Rays, height: f32, up: [f32; 3], tiles: &mut [Tile]) 
 fn form<L: Lanes>(packet: &[Row; 3], at: usize, of: &Vec3<L>) -> L {
     let d = [L::load(&packet[0][at..]), L::load(&packet[1][at..]), L::load(&packet[2][at..])];
     dot(d, *of)
-}
-
-/// Puts piece `lane` of a block onto all packets that it can reach.
-#[inline(always)]
-fn put<L: Lanes, P: Piece, const ALL: bool>(
-    rays: &Rays,
-    block: &PieceBlock,
-    lane: usize,
-    id: f32,
-    tiles: &mut [Tile],
-    far: &mut [f32],
-) {
-    let near = block.near[lane];
-    if !ALL && near == f32::INFINITY {
-        return;
-    }
-    let (mut numbers, mut forms) = ([L::zero(); N_NUMBER], [[L::zero(); 3]; 3]);
-    for k in 0..N_NUMBER {
-        numbers[k] = splat(block.numbers[k][lane]);
-    }
-    for i in 0..3 {
-        for k in 0..3 {
-            forms[i][k] = splat(block.forms[i][k][lane]);
-        }
-    }
-    let id = splat::<L>(id);
-    for group in 0..rays.cones.len() {
-        let mut open = [1.0; LANES];
-        let mut at = 0;
-        while !ALL && at < LANES {
-            let cones = &rays.cones[group];
-            let middle =
-                [L::load(&cones.middle[0][at..]), L::load(&cones.middle[1][at..]), L::load(&cones.middle[2][at..])];
-            let values = [dot(middle, forms[0]), dot(middle, forms[1]), dot(middle, forms[2])];
-            P::reach(values, &numbers, L::load(&cones.chord[at..])).store(&mut open[at..]);
-            at += L::WIDTH;
-        }
-        for k in 0..LANES.min(rays.directions.len() - group * LANES) {
-            let i = group * LANES + k;
-            if ALL || (open[k] > 0.0 && far[i] > near) {
-                far[i] = try_packet::<L, P>(&rays.directions[i], &forms, &numbers, id, &mut tiles[i]);
-            }
-        }
-    }
 }
 
 /// Tries a piece on sixteen rays; the farthest range then.

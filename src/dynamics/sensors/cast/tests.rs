@@ -558,9 +558,9 @@ fn forest(r: &mut Stream, side: f64, n: usize) -> Scene {
     scene
 }
 
-/// Frames and scans per second of one core: `cargo test --release -- --ignored --nocapture casts_per_second`.
+/// Frames and scans per second of one core.
 #[test]
-#[ignore = "a measurement"]
+#[ignore = "cargo test --release --lib casts_per_second -- --ignored --nocapture: a measurement"]
 fn casts_per_second() {
     for (name, side) in [("dense, 20 m", 20.0), ("sparse, 40 m", 40.0)] {
         let mut r = stream(1);

@@ -4,13 +4,14 @@
 //! once its part in b is known for the row. Solids are drawn nearest first into the tiles of their windows; a tile whose
 //! farthest depth is nearer than a piece can be is left alone. Ground comes first: it is a quotient.
 
-use super::cull::{BOX, View};
-use super::hit::{Ball, Cuboid, N_NUMBER, Piece, Side};
+use super::cull::View;
+use super::hit::Piece;
+use super::pattern::{OnePiece, Pattern, largest, nearer};
 use super::pieces::{Grid, PieceBlock, widened};
 use super::world::{self, GROUND, LANES, NOTHING, Row, World};
-use super::{Caster, Eye, Range, Tile, fused, splat};
+use super::{Caster, Range, Tile, fused, splat};
 use crate::autodiff::Mask;
-use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use crate::autodiff::lanes::Lanes;
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::Vec3;
 use crate::error::{Error, Result, finite};
@@ -136,7 +137,7 @@ impl Caster {
     /// # Panics
     /// On slices of another length than width × height.
     pub fn image(&mut self, world: &World, camera: &Camera, pose: &Pose<f64>, depth: &mut [f32], ids: &mut [u32]) {
-        self.draw::<false>(world, camera, pose, depth, ids);
+        self.cast::<Camera, false>(world, camera, pose, depth, ids);
     }
 
     /// The same by trying all solids at all pixels.
@@ -149,152 +150,107 @@ impl Caster {
         depth: &mut [f32],
         ids: &mut [u32],
     ) {
-        self.draw::<true>(world, camera, pose, depth, ids);
-    }
-
-    fn draw<const ALL: bool>(
-        &mut self,
-        world: &World,
-        camera: &Camera,
-        pose: &Pose<f64>,
-        depth: &mut [f32],
-        ids: &mut [u32],
-    ) {
-        let n = camera.width * camera.height;
-        assert!(depth.len() == n && ids.len() == n, "{} depths, {} ids for {n} pixels", depth.len(), ids.len());
-        match Eye::new(pose) {
-            Some(eye) => dispatch(Image::<ALL> { caster: self, world, camera, eye: &eye, depth, ids }),
-            None => {
-                depth.fill(camera.range.most as f32);
-                ids.fill(NOTHING);
-            }
-        }
+        self.cast::<Camera, true>(world, camera, pose, depth, ids);
     }
 }
 
-struct Image<'a, const ALL: bool> {
-    caster: &'a mut Caster,
-    world: &'a World,
-    camera: &'a Camera,
-    eye: &'a Eye,
-    depth: &'a mut [f32],
-    ids: &'a mut [u32],
-}
-
-impl<const ALL: bool> Kernel for Image<'_, ALL> {
-    type Output = ();
+impl Pattern for Camera {
     #[inline(always)]
-    fn run<L: Lanes>(self) {
-        let Self { caster, world, camera, eye, depth, ids } = self;
-        let (n, most) = (camera.grid.rows * camera.grid.columns, camera.range.most as f32);
-        caster.prepare(n, most);
-        let Caster { kept, tiles, far } = caster;
-        let tiles = &mut tiles[..n];
-        match eye.above(world.ground) {
-            Some((height, up)) => ground::<L>(camera, height, up, tiles),
-            None => tiles.fill(Tile::missed(most)),
-        }
-        kept.look::<L, Camera, ALL>(world, eye, camera);
-        for k in 0..kept.order.len() {
-            let order = kept.order[k];
-            let i = (order & (BOX - 1)) as usize;
-            let (block, lane) = (i / LANES, i % LANES);
-            if order & BOX == 0 {
-                let (pieces, id) = (&kept.capsule_pieces[block], kept.capsule_ids[i]);
-                put::<L, Side, ALL>(camera, &pieces[0], lane, id, tiles, far);
-                put::<L, Ball, ALL>(camera, &pieces[1], lane, id, tiles, far);
-                put::<L, Ball, ALL>(camera, &pieces[2], lane, id, tiles, far);
-            } else {
-                put::<L, Cuboid, ALL>(camera, &kept.box_pieces[block], lane, kept.box_ids[i], tiles, far);
-            }
-        }
-        if camera.range.least > 0.0 {
-            drop_near::<L>(camera.range, tiles);
-        }
-        write(camera, tiles, depth, ids);
+    fn n_reading(&self) -> usize {
+        self.width * self.height
     }
-}
 
-/// The plane below the eye: t = −h/d_z where that is ahead and in range.
-#[inline(always)]
-fn ground<L: Lanes>(camera: &Camera, height: f32, up: [f32; 3], tiles: &mut [Tile]) {
-    let (most, id) = (splat::<L>(camera.range.most as f32), splat::<L>(world::number(GROUND)));
-    let columns = camera.grid.columns;
-    for r in 0..camera.grid.rows {
-        let mut at = 0;
-        while at < LANES {
-            let rising = fused(L::load(&camera.up[r][at..]), splat(up[2]), splat(up[0]));
-            for c in 0..columns {
-                let tile = &mut tiles[r * columns + c];
-                let rising = fused(L::load(&camera.left[c][at..]), splat(up[1]), rising);
-                let t = splat::<L>(-height) / rising;
-                let hit = L::zero().lt(t).and(t.lt(most));
-                L::select(hit, t, most).store(&mut tile.range[at..]);
-                L::select(hit, id, splat(world::number(NOTHING))).store(&mut tile.id[at..]);
-            }
-            at += L::WIDTH;
-        }
+    #[inline(always)]
+    fn n_tile(&self) -> usize {
+        self.grid.rows * self.grid.columns
     }
-}
 
-/// Puts piece `lane` of a block into the tiles of its window.
-#[inline(always)]
-fn put<L: Lanes, P: Piece, const ALL: bool>(
-    camera: &Camera,
-    block: &PieceBlock,
-    lane: usize,
-    id: f32,
-    tiles: &mut [Tile],
-    far: &mut [f32],
-) {
-    let near = block.near[lane];
-    if !ALL && near == f32::INFINITY {
-        return;
+    #[inline(always)]
+    fn range(&self) -> Range {
+        self.range
     }
-    let columns = camera.grid.columns;
-    let mut rows = [block.window[0][lane] as usize, block.window[2][lane] as usize];
-    if ALL {
-        rows = [0, camera.grid.rows];
-    }
-    let (mut numbers, mut forms) = ([L::zero(); N_NUMBER], [[L::zero(); 3]; 3]);
-    for k in 0..N_NUMBER {
-        numbers[k] = splat(block.numbers[k][lane]);
-    }
-    for i in 0..3 {
-        for k in 0..3 {
-            forms[i][k] = splat(block.forms[i][k][lane]);
-        }
-    }
-    let id = splat::<L>(id);
-    for r in rows[0]..rows[1].min(camera.grid.rows) {
-        let (first, behind) = if ALL { (0, columns) } else { span(block, lane, r) };
-        let mut partial = [[0.0; LANES]; 3];
-        let mut at = 0;
-        while at < LANES {
-            let up = L::load(&camera.up[r][at..]);
-            for i in 0..3 {
-                fused(up, forms[i][2], forms[i][0]).store(&mut partial[i][at..]);
-            }
-            at += L::WIDTH;
-        }
-        for c in first..behind.min(columns) {
-            let place = r * columns + c;
-            if !ALL && far[place] <= near {
-                continue;
-            }
-            let (tile, mut farthest) = (&mut tiles[place], L::zero());
+
+    #[inline(always)]
+    fn ground<L: Lanes>(&self, height: f32, up: [f32; 3], tiles: &mut [Tile]) {
+        let (most, id) = (splat::<L>(self.range.most as f32), splat::<L>(world::number(GROUND)));
+        let columns = self.grid.columns;
+        for r in 0..self.grid.rows {
             let mut at = 0;
             while at < LANES {
-                let left = L::load(&camera.left[c][at..]);
-                let mut values = [L::zero(); 3];
-                for i in 0..3 {
-                    values[i] = fused(left, forms[i][1], L::load(&partial[i][at..]));
+                let rising = fused(L::load(&self.up[r][at..]), splat(up[2]), splat(up[0]));
+                for c in 0..columns {
+                    let tile = &mut tiles[r * columns + c];
+                    let rising = fused(L::load(&self.left[c][at..]), splat(up[1]), rising);
+                    let t = splat::<L>(-height) / rising;
+                    let hit = L::zero().lt(t).and(t.lt(most));
+                    L::select(hit, t, most).store(&mut tile.range[at..]);
+                    L::select(hit, id, splat(world::number(NOTHING))).store(&mut tile.id[at..]);
                 }
-                let (t, counts) = P::entry(values, &numbers);
-                farthest = farthest.max(nearer(tile, at, t, counts, id));
                 at += L::WIDTH;
             }
-            far[place] = largest(farthest);
+        }
+    }
+
+    #[inline(always)]
+    fn put<L: Lanes, P: Piece, const ALL: bool>(&self, piece: &OnePiece<'_, L>, tiles: &mut [Tile], far: &mut [f32]) {
+        let OnePiece { block, lane, numbers, forms, id, near } = piece;
+        let columns = self.grid.columns;
+        let mut rows = [block.window[0][*lane] as usize, block.window[2][*lane] as usize];
+        if ALL {
+            rows = [0, self.grid.rows];
+        }
+        for r in rows[0]..rows[1].min(self.grid.rows) {
+            let (first, behind) = if ALL { (0, columns) } else { span(block, *lane, r) };
+            let mut partial = [[0.0; LANES]; 3];
+            let mut at = 0;
+            while at < LANES {
+                let up = L::load(&self.up[r][at..]);
+                for i in 0..3 {
+                    fused(up, forms[i][2], forms[i][0]).store(&mut partial[i][at..]);
+                }
+                at += L::WIDTH;
+            }
+            for c in first..behind.min(columns) {
+                let place = r * columns + c;
+                if !ALL && far[place] <= *near {
+                    continue;
+                }
+                let (tile, mut farthest) = (&mut tiles[place], L::zero());
+                let mut at = 0;
+                while at < LANES {
+                    let left = L::load(&self.left[c][at..]);
+                    let mut values = [L::zero(); 3];
+                    for i in 0..3 {
+                        values[i] = fused(left, forms[i][1], L::load(&partial[i][at..]));
+                    }
+                    let (t, counts) = P::entry(values, numbers);
+                    farthest = farthest.max(nearer(tile, at, t, counts, *id));
+                    at += L::WIDTH;
+                }
+                far[place] = largest(farthest);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn write(&self, tiles: &[Tile], depth: &mut [f32], ids: &mut [u32]) {
+        let (width, whole) = (self.width, self.width / SIDE);
+        for i in 0..self.height {
+            let row = &tiles[i / SIDE * self.grid.columns..][..self.grid.columns];
+            let from = i % SIDE * SIDE;
+            let (depth, ids) = (&mut depth[i * width..][..width], &mut ids[i * width..][..width]);
+            let (depths, last_depths) = depth.as_chunks_mut::<SIDE>();
+            let (all_ids, last_ids) = ids.as_chunks_mut::<SIDE>();
+            for c in 0..whole {
+                for k in 0..SIDE {
+                    depths[c][k] = row[c].range[from + k];
+                    all_ids[c][k] = world::id(row[c].id[from + k]);
+                }
+            }
+            for k in 0..last_depths.len() {
+                last_depths[k] = row[whole].range[from + k];
+                last_ids[k] = world::id(row[whole].id[from + k]);
+            }
         }
     }
 }
@@ -307,71 +263,4 @@ fn span(block: &PieceBlock, lane: usize, r: usize) -> (usize, usize) {
     let low = block.window[1][lane].max(edge(0)).max(edge(2));
     let high = block.window[3][lane].min(edge(4)).min(edge(6));
     (low as usize, high as usize)
-}
-
-/// Puts t and `id` where t counts and is nearer than what is there; the ranges then.
-#[inline(always)]
-pub(super) fn nearer<L: Lanes>(tile: &mut Tile, at: usize, t: L, counts: L::Mask, id: L) -> L {
-    // neither has a sign to lose: of a choice between a number and what is in its place the compiler would make a masked store,
-    // which takes longer than all the rest
-    let (range, before) = (L::load(&tile.range[at..]).abs(), L::load(&tile.id[at..]).abs());
-    let hit = counts.and(t.lt(range));
-    let range = L::select(hit, t, range);
-    range.store(&mut tile.range[at..]);
-    L::select(hit, id, before).store(&mut tile.id[at..]);
-    range
-}
-
-/// The largest lane of numbers ≥ 0.
-#[inline(always)]
-pub(super) fn largest<L: Lanes>(x: L) -> f32 {
-    let mut lanes = [0.0; LANES];
-    x.store(&mut lanes);
-    let mut n = L::WIDTH;
-    while n > 1 {
-        n /= 2;
-        for k in 0..n {
-            lanes[k] = if lanes[k] < lanes[k + n] { lanes[k + n] } else { lanes[k] };
-        }
-    }
-    lanes[0]
-}
-
-/// Makes misses of what is too near.
-#[inline(always)]
-pub(super) fn drop_near<L: Lanes>(range: Range, tiles: &mut [Tile]) {
-    let (least, most) = (splat::<L>(range.least as f32), splat::<L>(range.most as f32));
-    for i in 0..tiles.len() {
-        let mut at = 0;
-        while at < LANES {
-            let (t, id) = (L::load(&tiles[i].range[at..]).abs(), L::load(&tiles[i].id[at..]).abs());
-            let near = t.lt(least);
-            L::select(near, most, t).store(&mut tiles[i].range[at..]);
-            L::select(near, splat(world::number(NOTHING)), id).store(&mut tiles[i].id[at..]);
-            at += L::WIDTH;
-        }
-    }
-}
-
-/// From tiles to rows of pixels.
-#[inline(always)]
-fn write(camera: &Camera, tiles: &[Tile], depth: &mut [f32], ids: &mut [u32]) {
-    let (width, whole) = (camera.width, camera.width / SIDE);
-    for i in 0..camera.height {
-        let row = &tiles[i / SIDE * camera.grid.columns..][..camera.grid.columns];
-        let from = i % SIDE * SIDE;
-        let (depth, ids) = (&mut depth[i * width..][..width], &mut ids[i * width..][..width]);
-        let (depths, last_depths) = depth.as_chunks_mut::<SIDE>();
-        let (all_ids, last_ids) = ids.as_chunks_mut::<SIDE>();
-        for c in 0..whole {
-            for k in 0..SIDE {
-                depths[c][k] = row[c].range[from + k];
-                all_ids[c][k] = world::id(row[c].id[from + k]);
-            }
-        }
-        for k in 0..last_depths.len() {
-            last_depths[k] = row[whole].range[from + k];
-            last_ids[k] = world::id(row[whole].id[from + k]);
-        }
-    }
 }
