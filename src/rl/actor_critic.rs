@@ -17,7 +17,7 @@ pub use config::{ActorCriticConfig, Exploration};
 use super::algorithm::Algorithm;
 use super::checkpoint::Tensors;
 use super::experience::{Block, Experience, Explore, Flown, Streams};
-use super::learner::{Learner, Progress, Update};
+use super::learner::{Learner, Progress, Update, share_done};
 use super::nn::elementwise::approach;
 use super::nn::fold::fold;
 use super::nn::{Activation, Memory, Mlp, Network, Pass, Scratch};
@@ -302,7 +302,7 @@ impl<E: Exploration> ActorCritic<E> {
     }
 
     fn progress_of_run(&self) -> f64 {
-        self.update as f64 / self.config.updates.max(1) as f64
+        share_done(self.update, self.config.updates)
     }
 
     /// Flies on.

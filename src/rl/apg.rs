@@ -21,7 +21,7 @@
 
 use super::algorithm::built_in;
 use super::checkpoint::Tensors;
-use super::learner::{Learner, Progress, Update};
+use super::learner::{Learner, Progress, Update, share_done};
 use super::nn::{AdamConfig, Layers};
 use super::policy::{Actor, Policy};
 use super::policy_optimiser::{PolicyOptimiser, check_optimiser};
@@ -199,7 +199,7 @@ impl Learner for Apg {
         let flown = self.workers.iter_mut().map(|worker| (&worker.window, worker.failed.take()));
         let seen = gather(flown, &mut self.optimiser.gradient)?;
         let windows = begun.elapsed();
-        let rate = self.optimiser.rate(config.learning_rate.at(self.update as f64 / config.updates.max(1) as f64));
+        let rate = self.optimiser.rate(config.learning_rate.at(share_done(self.update, config.updates)));
         let norm = self.optimiser.descend(config.max_grad_norm, rate);
         normalise(&mut self.workers.iter_mut().map(|w| &mut w.window.shard).collect::<Vec<_>>())?;
         self.update += 1;

@@ -15,7 +15,7 @@
 use super::algorithm::built_in;
 use super::checkpoint::Tensors;
 use super::critic::shuffle;
-use super::learner::{Episodes, Learner, Progress, Update};
+use super::learner::{Episodes, Learner, Progress, Update, share_done};
 use super::minibatch::{Minibatch, Sums, part};
 use super::nn::{AdamConfig, Layers, Memory};
 use super::policy::{Actor, Policy, ROWS};
@@ -373,7 +373,7 @@ impl Dagger {
 impl Learner for Dagger {
     fn update(&mut self) -> Result<Update> {
         let begun = Instant::now();
-        let progress = self.update as f64 / self.config.updates.max(1) as f64;
+        let progress = share_done(self.update, self.config.updates);
         let by_teacher = self.config.teacher_share.at(progress).clamp(0.0, 1.0);
         self.fly(by_teacher)?;
         let flown = begun.elapsed();

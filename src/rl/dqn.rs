@@ -17,7 +17,7 @@ pub use config::{DqnConfig, Mixer};
 
 use super::checkpoint::Tensors;
 use super::experience::{Block, Experience, Explore, Streams};
-use super::learner::{Learner, Progress, Update};
+use super::learner::{Learner, Progress, Update, share_done};
 use super::nn::fold::fold;
 use super::nn::{Activation, Memory, Mlp, Network, Output, Pass, Scratch};
 use super::policy::{Actor, Policy, ROWS, network};
@@ -222,7 +222,7 @@ impl Dqn {
     }
 
     fn improve(&mut self) -> [f64; 4] {
-        let progress = self.update as f64 / self.config.updates.max(1) as f64;
+        let progress = share_done(self.update, self.config.updates);
         let Self { shapes, net, mixer, experience, config, step, norm, .. } = self;
         let unit = norm.unit();
         self.threads.for_each(&mut self.work, |number, work| {
@@ -509,7 +509,7 @@ impl Block {
 impl Learner for Dqn {
     fn update(&mut self) -> Result<Update> {
         let begun = Instant::now();
-        let progress = self.update as f64 / self.config.updates.max(1) as f64;
+        let progress = share_done(self.update, self.config.updates);
         let epsilon = self.config.epsilon.at(progress);
         let explore = Greedy { shapes: &self.shapes, parameters: &self.net.parameters, epsilon };
         let flown = self.experience.fly(&self.threads, self.config.steps, (self.update, progress), &explore)?;

@@ -79,6 +79,11 @@ pub struct Progress {
     pub env_steps: u64,
 }
 
+/// Share of a run that is done behind `update` of `updates` updates.
+pub(crate) fn share_done(update: u64, updates: u64) -> f64 {
+    update as f64 / updates.max(1) as f64
+}
+
 /// What one update did.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Update {

@@ -28,7 +28,7 @@ pub use config::PpoConfig;
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
 use super::input_scale::InputScale;
-use super::learner::{Episodes, Learner, Progress, Update};
+use super::learner::{Episodes, Learner, Progress, Update, share_done};
 use super::minibatch::{BlockLoss, Minibatch, Sums, part};
 use super::nn::elementwise::{self, exp};
 use super::nn::gaussian::Gaussians;
@@ -313,7 +313,7 @@ impl Ppo {
     /// All passes over the rollout; gives the sums of the actor, of its gradient's norm and of the critic's loss, and
     /// the time of the critic.
     fn learn(&mut self) -> Learnt {
-        let progress = self.update as f64 / self.config.updates.max(1) as f64;
+        let progress = share_done(self.update, self.config.updates);
         let fit = Fit {
             rate: self.config.critic_learning_rate.at(progress),
             clip: self.config.max_grad_norm,
@@ -464,7 +464,7 @@ impl Learner for Ppo {
         let all = times.iter().sum::<f64>().max(f64::MIN_POSITIVE);
         let [acting, stepping, valuing] = times.map(|time| collected.mul_f64(time / all));
         let mean = |k: usize| learnt.sums[k] / learnt.sums[sum::COUNT].max(1.0);
-        let progress = (self.update - 1) as f64 / self.config.updates.max(1) as f64;
+        let progress = share_done(self.update - 1, self.config.updates);
         Ok(Update {
             loss: mean(sum::SURROGATE) - self.config.entropy.at(progress) * mean(sum::ENTROPY),
             reward: reward / n_step,

@@ -21,7 +21,7 @@ use super::algorithm::built_in;
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
 use super::gae::{Steps, advantages};
-use super::learner::{Learner, Progress, Update};
+use super::learner::{Learner, Progress, Update, share_done};
 use super::minibatch::part;
 use super::nn::{Activation, AdamConfig, Layers, Memory, Scratch};
 use super::policy::{Actor, Policy};
@@ -509,7 +509,7 @@ impl Learner for Shac {
     fn update(&mut self) -> Result<Update> {
         let begun = Instant::now();
         let config = &self.config;
-        let progress = self.update as f64 / config.updates.max(1) as f64;
+        let progress = share_done(self.update, config.updates);
         let (optimiser, critic) = (&self.optimiser, &self.critic);
         let n_step = (config.n_env * config.horizon) as f64;
         let ramp = if config.ramp > 0.0 { (progress / config.ramp).min(1.0) } else { 1.0 };
