@@ -1,8 +1,11 @@
 //! Sensors on the bodies of a plant, read from its states.
 
-use super::{SensorConfig, SensorSet, Truth};
+use super::cast::World;
+use super::solids::{Solids, Surroundings};
+use super::{Eyes, SensorConfig, SensorSet, Sight, Truth};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::plant::{Plant, Quantity};
+use crate::dynamics::scene::Scene;
 use crate::error::Result;
 
 /// A [`SensorSet`] that finds the truth in the states of a [`Plant`].
@@ -16,20 +19,29 @@ pub struct Aboard {
     now: Vec<f64>,
     beside: Vec<f64>,
     truths: Vec<Truth>,
+    world: World,
+    solids: Solids,
+    eyes: Eyes,
     is_first: bool,
 }
 
 impl Aboard {
-    /// Sensors on the bodies that [`Plant::body_names`] lists, at the beginning of episode 0 of environment 0 of seed 0.
+    /// Sensors on the bodies that [`Plant::body_names`] lists, at the beginning of episode 0 of environment 0 of seed 0. They
+    /// see the plant's ground, what stands still in it, and the shapes of all bodies but their own.
     ///
     /// # Errors
-    /// As [`SensorSet::new`].
+    /// As [`SensorSet::new`] and [`World::fill`].
     pub fn new(configs: &[SensorConfig], plant: &Plant) -> Result<Self> {
         let set = SensorSet::new(configs, plant.physics().dt, &plant.body_names())?;
         let (plant, parameters) = (plant.clone(), plant.parameters());
         let frames = vec![0.0; FRAME * plant.n_frame()];
         let truths = Vec::with_capacity(plant.n_frame());
-        Ok(Self { plant, parameters, set, now: frames.clone(), beside: frames, truths, is_first: true })
+        let scene = Surroundings::of(&Scene { ground: ground(&plant), ..Scene::default() }, &plant).scene;
+        let mut world = World::default();
+        world.fill(&scene, &scene.nominal_placement())?;
+        let (solids, eyes) = (Solids::of(&plant), Eyes::default());
+        let (now, beside) = (frames.clone(), frames);
+        Ok(Self { plant, parameters, set, now, beside, truths, world, solids, eyes, is_first: true })
     }
 
     /// Begins an episode.
@@ -60,7 +72,9 @@ impl Aboard {
         self.truths.clear();
         self.truths.extend(pairs.map(|(now, beside)| truth(&frame(now), &frame(beside), dt, gravity)));
         self.is_first = false;
-        self.set.step(&self.truths)
+        let now = &self.now;
+        let solids = self.solids.at(|body| frame(&now[body * FRAME..]));
+        self.set.step(&self.truths, &mut Sight::new(&mut self.world, solids, &mut self.eyes))
     }
 
     /// The sensors.
@@ -72,6 +86,11 @@ impl Aboard {
     pub fn channels(&self) -> Vec<Quantity> {
         self.set.channels()
     }
+}
+
+/// Height of the plane that a plant touches, m; a vehicle that touches nothing flies over one at z = 0.
+fn ground(plant: &Plant) -> Option<f64> {
+    plant.tree().map_or(Some(0.0), |own| own.model().parts().contact.ground)
 }
 
 /// [`Truth::between`], the later frame first.

@@ -1,14 +1,18 @@
 //! What every kind of sensor does, and the kinds.
 
+use super::camera::{Camera, CameraDevice};
 use super::field::{Barometer, BarometerDevice, Magnetometer, MagnetometerDevice};
 use super::gnss::{Gnss, GnssDevice, MotionCapture, MotionCaptureDevice};
 use super::ground::{Flow, FlowDevice, Range, RangeDevice};
 use super::inertial::{Imu, ImuDevice};
+use super::lidar::{Lidar, LidarDevice};
 use super::mount::Motion;
+use super::sight::Sight;
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::borrow::Cow;
 
 /// A sensor at work. The numbers that it draws in a sample do not depend on what it measures.
 pub(crate) trait Device {
@@ -16,10 +20,57 @@ pub(crate) trait Device {
     fn draw(&mut self, stream: &mut Stream);
 
     /// Measures; `out` holds the sample before.
-    fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]);
+    fn sample(&mut self, at: &Motion, sight: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]);
 
     /// Visits what changes from sample to sample.
     fn each(&mut self, visit: &mut dyn FnMut(&mut f64));
+}
+
+/// Name and unit of a number that a sensor reads.
+pub type Channel = (Cow<'static, str>, &'static str);
+
+/// How the numbers of a reading lie about each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Layout {
+    /// One behind the other.
+    Vector,
+    /// Rows of pixels from above, all channels of a pixel together.
+    Image {
+        /// Rows.
+        height: usize,
+        /// Pixels of a row.
+        width: usize,
+        /// Numbers of a pixel.
+        channels: usize,
+    },
+    /// Distances along beams, row by row.
+    Lidar {
+        /// Rows of beams.
+        rows: usize,
+        /// Beams of a row.
+        columns: usize,
+    },
+}
+
+/// What the settings of a kind tell of it.
+pub(crate) trait KindSettings {
+    /// Names and units of readings that are always the same.
+    const CHANNELS: &[(&'static str, &'static str)] = &[];
+    /// Keys that stand in a table only where they are given.
+    const OPTIONAL: &[&'static str] = &[];
+
+    /// Names and units of its readings, in order.
+    fn channels(&self) -> Vec<Channel> {
+        Self::CHANNELS.iter().map(|(name, unit)| (Cow::Borrowed(*name), *unit)).collect()
+    }
+
+    /// How they lie.
+    fn layout(&self) -> Layout {
+        Layout::Vector
+    }
+
+    /// Refuses numbers that no such part has; `what` names the sensor.
+    fn validate(&self, what: &str) -> Result<()>;
 }
 
 /// One kind of sensor, as a line of [`KINDS`].
@@ -29,8 +80,8 @@ pub struct Kind {
     pub name: &'static str,
     /// What it measures.
     pub about: &'static str,
-    /// Names and units of what it reads, in order.
-    pub channels: &'static [(&'static str, &'static str)],
+    /// Keys that stand in a table only where they are given.
+    pub(crate) optional: &'static [&'static str],
     read: fn(toml::Table, &str) -> Result<Model>,
     ideal: fn() -> Model,
 }
@@ -87,7 +138,7 @@ macro_rules! kinds {
             $(Kind {
                 name: $name,
                 about: $about,
-                channels: $kind::CHANNELS,
+                optional: $kind::OPTIONAL,
                 read: |table, place| read(table, place).map(Model::$kind),
                 ideal: || Model::$kind($kind::default()),
             },)+
@@ -100,8 +151,13 @@ macro_rules! kinds {
             }
 
             /// Names and units of what it reads, in order.
-            pub fn channels(&self) -> &'static [(&'static str, &'static str)] {
-                match self { $(Self::$kind(_) => $kind::CHANNELS,)+ }
+            pub fn channels(&self) -> Vec<Channel> {
+                match self { $(Self::$kind(settings) => settings.channels(),)+ }
+            }
+
+            /// How they lie about each other.
+            pub fn layout(&self) -> Layout {
+                match self { $(Self::$kind(settings) => settings.layout(),)+ }
             }
 
             /// Refuses numbers that no such part has; `what` names the sensor.
@@ -113,8 +169,8 @@ macro_rules! kinds {
                 match self { $(Self::$kind(settings) => table(settings),)+ }
             }
 
-            pub(crate) fn at_work(&self, between: f64) -> AtWork {
-                match self { $(Self::$kind(settings) => AtWork::$kind($device::new(settings, between)),)+ }
+            pub(crate) fn at_work(&self, between: f64) -> Result<AtWork> {
+                Ok(match self { $(Self::$kind(settings) => AtWork::$kind($device::new(settings, between)?),)+ })
             }
         }
 
@@ -138,6 +194,8 @@ kinds! {
     "barometer", Barometer, BarometerDevice, "Static pressure at its height.";
     "gnss", Gnss, GnssDevice, "Position and velocity of an antenna, world axes.";
     "motion_capture", MotionCapture, MotionCaptureDevice, "Pose in the world, at times unseen.";
-    "range", Range, RangeDevice, "Distance to level ground along -z of the mount.";
+    "range", Range, RangeDevice, "Distance to the ground, or what stands in the way, along -z of the mount.";
     "flow", Flow, FlowDevice, "Motion of level ground through a picture, along -z of the mount.";
+    "lidar", Lidar, LidarDevice, "Distances along beams.";
+    "camera", Camera, CameraDevice, "Depth, what is seen, surfaces or colours, pixel by pixel.";
 }

@@ -1,9 +1,10 @@
 //! Sensors of fields that fill the world: magnetometer and barometer.
 
 use super::chain::{ErrorModel, Errors};
-use super::device::Device;
+use super::device::{Device, KindSettings};
 use super::mount::Motion;
 use super::settings::{MAX_DISTANCE, within};
+use super::sight::Sight;
 use crate::dynamics::spatial::{Vec3, rotate_back};
 use crate::error::Result;
 use crate::rng::Stream;
@@ -26,10 +27,10 @@ impl Default for Magnetometer {
     }
 }
 
-impl Magnetometer {
-    pub(crate) const CHANNELS: &[(&str, &str)] = &[("field_x", "T"), ("field_y", "T"), ("field_z", "T")];
+impl KindSettings for Magnetometer {
+    const CHANNELS: &[(&'static str, &'static str)] = &[("field_x", "T"), ("field_y", "T"), ("field_z", "T")];
 
-    pub(crate) fn validate(&self, what: &str) -> Result<()> {
+    fn validate(&self, what: &str) -> Result<()> {
         // the strongest magnets of laboratories are below 100 T
         self.field.iter().try_for_each(|b| within(&format!("{what}: field"), *b, -100.0, 100.0))?;
         self.error.validate(&format!("{what}: error"), 3)
@@ -43,8 +44,8 @@ pub(crate) struct MagnetometerDevice {
 }
 
 impl MagnetometerDevice {
-    pub(crate) fn new(settings: &Magnetometer, between: f64) -> Self {
-        Self { field: settings.field, errors: Errors::new(&settings.error, between) }
+    pub(crate) fn new(settings: &Magnetometer, between: f64) -> Result<Self> {
+        Ok(Self { field: settings.field, errors: Errors::new(&settings.error, between) })
     }
 }
 
@@ -53,7 +54,7 @@ impl Device for MagnetometerDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
         out.copy_from_slice(&self.errors.apply(rotate_back(at.attitude, self.field), stream));
     }
 
@@ -84,10 +85,10 @@ pub struct Barometer {
     pub error: ErrorModel,
 }
 
-impl Barometer {
-    pub(crate) const CHANNELS: &[(&str, &str)] = &[("pressure", "Pa")];
+impl KindSettings for Barometer {
+    const CHANNELS: &[(&'static str, &'static str)] = &[("pressure", "Pa")];
 
-    pub(crate) fn validate(&self, what: &str) -> Result<()> {
+    fn validate(&self, what: &str) -> Result<()> {
         within(&format!("{what}: altitude"), self.altitude, -MAX_DISTANCE, MAX_DISTANCE)?;
         within(&format!("{what}: drift"), self.drift, -SEA_LEVEL, SEA_LEVEL)?;
         self.error.validate(&format!("{what}: error"), 1)
@@ -112,9 +113,9 @@ pub(crate) struct BarometerDevice {
 }
 
 impl BarometerDevice {
-    pub(crate) fn new(settings: &Barometer, between: f64) -> Self {
+    pub(crate) fn new(settings: &Barometer, between: f64) -> Result<Self> {
         let errors = Errors::new(&settings.error, between);
-        Self { altitude: settings.altitude, drift: settings.drift * between, count: 0.0, errors }
+        Ok(Self { altitude: settings.altitude, drift: settings.drift * between, count: 0.0, errors })
     }
 }
 
@@ -124,7 +125,7 @@ impl Device for BarometerDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
         let air = pressure(self.altitude + at.position[2]) + self.count * self.drift;
         self.count += 1.0;
         out.copy_from_slice(&self.errors.apply([air], stream));

@@ -1,9 +1,10 @@
 //! Sensors that tell where something is: satellite receiver and motion capture.
 
 use super::chain::{Dropout, ErrorModel, Errors};
-use super::device::Device;
+use super::device::{Device, KindSettings};
 use super::mount::Motion;
 use super::settings::within;
+use super::sight::Sight;
 use crate::dynamics::spatial::{exponential, multiply};
 use crate::error::Result;
 use crate::rng::Stream;
@@ -19,8 +20,8 @@ pub struct Gnss {
     pub velocity_error: ErrorModel,
 }
 
-impl Gnss {
-    pub(crate) const CHANNELS: &[(&str, &str)] = &[
+impl KindSettings for Gnss {
+    const CHANNELS: &[(&'static str, &'static str)] = &[
         ("position_x", "m"),
         ("position_y", "m"),
         ("position_z", "m"),
@@ -29,7 +30,7 @@ impl Gnss {
         ("velocity_z", "m/s"),
     ];
 
-    pub(crate) fn validate(&self, what: &str) -> Result<()> {
+    fn validate(&self, what: &str) -> Result<()> {
         self.position_error.validate(&format!("{what}: position_error"), 3)?;
         self.velocity_error.validate(&format!("{what}: velocity_error"), 3)
     }
@@ -42,11 +43,11 @@ pub(crate) struct GnssDevice {
 }
 
 impl GnssDevice {
-    pub(crate) fn new(settings: &Gnss, between: f64) -> Self {
-        Self {
+    pub(crate) fn new(settings: &Gnss, between: f64) -> Result<Self> {
+        Ok(Self {
             position: Errors::new(&settings.position_error, between),
             velocity: Errors::new(&settings.velocity_error, between),
-        }
+        })
     }
 }
 
@@ -56,7 +57,7 @@ impl Device for GnssDevice {
         self.velocity.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
         out[..3].copy_from_slice(&self.position.apply(at.position, stream));
         out[3..].copy_from_slice(&self.velocity.apply(at.velocity, stream));
     }
@@ -83,8 +84,8 @@ pub struct MotionCapture {
     pub dropout_time: f64,
 }
 
-impl MotionCapture {
-    pub(crate) const CHANNELS: &[(&str, &str)] = &[
+impl KindSettings for MotionCapture {
+    const CHANNELS: &[(&'static str, &'static str)] = &[
         ("position_x", "m"),
         ("position_y", "m"),
         ("position_z", "m"),
@@ -95,7 +96,7 @@ impl MotionCapture {
         ("valid", "-"),
     ];
 
-    pub(crate) fn validate(&self, what: &str) -> Result<()> {
+    fn validate(&self, what: &str) -> Result<()> {
         self.position_error.validate(&format!("{what}: position_error"), 3)?;
         self.attitude_error.validate(&format!("{what}: attitude_error"), 3)?;
         within(&format!("{what}: dropout"), self.dropout, 0.0, Dropout::MOST)?;
@@ -111,12 +112,12 @@ pub(crate) struct MotionCaptureDevice {
 }
 
 impl MotionCaptureDevice {
-    pub(crate) fn new(settings: &MotionCapture, between: f64) -> Self {
-        Self {
+    pub(crate) fn new(settings: &MotionCapture, between: f64) -> Result<Self> {
+        Ok(Self {
             position: Errors::new(&settings.position_error, between),
             attitude: Errors::new(&settings.attitude_error, between),
             dropout: Dropout::new(settings.dropout, settings.dropout_time / between),
-        }
+        })
     }
 }
 
@@ -127,7 +128,7 @@ impl Device for MotionCaptureDevice {
         self.dropout.draw();
     }
 
-    fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
         let lost = self.dropout.next(stream);
         let position = self.position.apply(at.position, stream);
         let attitude = multiply(at.attitude, exponential(self.attitude.apply([0.0; 3], stream)));

@@ -4,9 +4,10 @@
 //! `ground` and nothing else.
 
 use super::chain::{ErrorModel, Errors};
-use super::device::Device;
+use super::device::{Device, KindSettings};
 use super::mount::Motion;
 use super::settings::{MAX_DISTANCE, within};
+use super::sight::Sight;
 use crate::dynamics::spatial::{rotate_back, up_axis};
 use crate::error::{Error, Result};
 use crate::rng::Stream;
@@ -74,10 +75,11 @@ impl Default for Range {
     }
 }
 
-impl Range {
-    pub(crate) const CHANNELS: &[(&str, &str)] = &[("distance", "m"), ("valid", "-")];
+impl KindSettings for Range {
+    const OPTIONAL: &[&'static str] = &["growth"];
+    const CHANNELS: &[(&'static str, &'static str)] = &[("distance", "m"), ("valid", "-")];
 
-    pub(crate) fn validate(&self, what: &str) -> Result<()> {
+    fn validate(&self, what: &str) -> Result<()> {
         within(&format!("{what}: cone"), self.cone, 0.0, PI)?;
         seen(what, self.ground, self.nearest, self.farthest)?;
         self.growth.map_or(Ok(()), |growth| growth.validate(&format!("{what}: growth")))?;
@@ -104,8 +106,8 @@ pub(crate) struct RangeDevice {
 }
 
 impl RangeDevice {
-    pub(crate) fn new(settings: &Range, between: f64) -> Self {
-        Self { settings: settings.clone(), errors: Errors::new(&settings.error, between) }
+    pub(crate) fn new(settings: &Range, between: f64) -> Result<Self> {
+        Ok(Self { settings: settings.clone(), errors: Errors::new(&settings.error, between) })
     }
 
     /// The nearest ground in the cone, m; infinite where there is none in it.
@@ -122,7 +124,7 @@ impl Device for RangeDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
         let (distance, farthest) = (self.distance(at), self.settings.farthest);
         let measures = |d: f64| (self.settings.nearest..=farthest).contains(&d);
         let shown = if measures(distance) { distance } else { farthest };
@@ -169,10 +171,10 @@ impl Default for Flow {
     }
 }
 
-impl Flow {
-    pub(crate) const CHANNELS: &[(&str, &str)] = &[("pixels_x", "-"), ("pixels_y", "-"), ("valid", "-")];
+impl KindSettings for Flow {
+    const CHANNELS: &[(&'static str, &'static str)] = &[("pixels_x", "-"), ("pixels_y", "-"), ("valid", "-")];
 
-    pub(crate) fn validate(&self, what: &str) -> Result<()> {
+    fn validate(&self, what: &str) -> Result<()> {
         seen(what, self.ground, self.nearest, self.farthest)?;
         within(&format!("{what}: pixels"), self.pixels, 1.0, 1e5)?;
         within(&format!("{what}: aperture"), self.aperture, 1e-3, PI)?;
@@ -189,9 +191,9 @@ pub(crate) struct FlowDevice {
 }
 
 impl FlowDevice {
-    pub(crate) fn new(settings: &Flow, between: f64) -> Self {
+    pub(crate) fn new(settings: &Flow, between: f64) -> Result<Self> {
         let gain = between * settings.pixels / settings.aperture;
-        Self { settings: settings.clone(), gain, errors: Errors::new(&settings.error, between) }
+        Ok(Self { settings: settings.clone(), gain, errors: Errors::new(&settings.error, between) })
     }
 }
 
@@ -200,7 +202,7 @@ impl Device for FlowDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
         let cosine = up_axis(at.attitude)[2];
         let distance = if cosine > 0.0 { (at.position[2] - self.settings.ground) / cosine } else { f64::INFINITY };
         let valid = distance > 0.0 && (self.settings.nearest..=self.settings.farthest).contains(&distance);

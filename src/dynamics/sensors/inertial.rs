@@ -1,8 +1,9 @@
 //! Inertial measurement unit: accelerometer and gyroscope.
 
 use super::chain::{ErrorModel, Errors};
-use super::device::Device;
+use super::device::{Device, KindSettings};
 use super::mount::Motion;
+use super::sight::Sight;
 use crate::error::Result;
 use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
@@ -18,8 +19,8 @@ pub struct Imu {
     pub gyroscope: ErrorModel,
 }
 
-impl Imu {
-    pub(crate) const CHANNELS: &[(&str, &str)] = &[
+impl KindSettings for Imu {
+    const CHANNELS: &[(&'static str, &'static str)] = &[
         ("accelerometer_x", "m/s^2"),
         ("accelerometer_y", "m/s^2"),
         ("accelerometer_z", "m/s^2"),
@@ -28,7 +29,7 @@ impl Imu {
         ("gyroscope_z", "rad/s"),
     ];
 
-    pub(crate) fn validate(&self, what: &str) -> Result<()> {
+    fn validate(&self, what: &str) -> Result<()> {
         self.accelerometer.validate(&format!("{what}: accelerometer"), 3)?;
         self.gyroscope.validate(&format!("{what}: gyroscope"), 3)
     }
@@ -41,11 +42,11 @@ pub(crate) struct ImuDevice {
 }
 
 impl ImuDevice {
-    pub(crate) fn new(settings: &Imu, between: f64) -> Self {
-        Self {
+    pub(crate) fn new(settings: &Imu, between: f64) -> Result<Self> {
+        Ok(Self {
             accelerometer: Errors::new(&settings.accelerometer, between),
             gyroscope: Errors::new(&settings.gyroscope, between),
-        }
+        })
     }
 }
 
@@ -55,7 +56,7 @@ impl Device for ImuDevice {
         self.gyroscope.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, stream: &mut Stream, out: &mut [f64]) {
+    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
         out[..3].copy_from_slice(&self.accelerometer.apply(at.specific_force, stream));
         out[3..].copy_from_slice(&self.gyroscope.apply(at.angular_velocity, stream));
     }

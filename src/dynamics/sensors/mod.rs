@@ -12,7 +12,14 @@
 //! | `inertial` | accelerometer and gyroscope |
 //! | `field` | magnetometer, barometer |
 //! | `gnss` | satellite receiver, motion capture |
-//! | `ground` | range finder and optical flow over level ground |
+//! | `ground` | range finder, and optical flow over level ground |
+//! | `lidar` | beams, in a grid or scattered |
+//! | `camera` | depth, what is seen, surfaces, colours; stereo's noise and holes |
+//! | `shade` | colours of what a camera sees |
+//! | `reading` | how distances are told |
+//! | `grain` | noise of many pixels |
+//! | `sight` | what looks, from where, at what |
+//! | `solids` | bodies, and what stands around them, as rays hit them |
 //! | [`presets`] | real parts |
 //! | `settings` | `[[sensor]]` tables |
 //! | `aboard` | sensors on the bodies of a plant |
@@ -23,41 +30,56 @@
 //! All is in `f64`; readings have no derivatives.
 //!
 //! ```
-//! use omnidrones::dynamics::sensors::{SensorConfig, SensorSet, Truth};
+//! use omnidrones::dynamics::sensors::cast::World;
+//! use omnidrones::dynamics::sensors::{Eyes, SensorConfig, SensorSet, Sight, Truth};
 //! use omnidrones::dynamics::Frame;
 //!
 //! let list = SensorConfig::parse_list("imu,barometer:px4")?;
 //! let mut sensors = SensorSet::new(&list, 0.002, &["drone".to_string()])?;
 //! sensors.reset(7, 0, 1);
 //! let still = Frame { position: [0.0; 3], velocity: [0.0; 3], attitude: [1.0, 0.0, 0.0, 0.0], angular_velocity: [0.0; 3] };
-//! let readings = sensors.step(&[Truth::at(&still, [0.0; 3], [0.0; 3], 9.81)]);
+//! let (mut world, mut eyes) = (World::default(), Eyes::default()); // nothing in sight
+//! let truths = [Truth::at(&still, [0.0; 3], [0.0; 3], 9.81)];
+//! let readings = sensors.step(&truths, &mut Sight::new(&mut world, &[], &mut eyes));
 //! assert_eq!(readings[2], 9.81); // at rest an accelerometer reads +g upwards
 //! assert_eq!(sensors.channels()[2].name, "imu.accelerometer_z");
 //! # Ok::<(), omnidrones::error::Error>(())
 //! ```
 
 mod aboard;
+mod camera;
 pub mod cast;
 mod chain;
 mod device;
 mod field;
 mod gnss;
+mod grain;
 mod ground;
 mod inertial;
+mod lidar;
 mod mount;
 pub mod presets;
+mod reading;
 mod settings;
+mod shade;
+mod sight;
+pub(crate) mod solids;
 
 pub use aboard::Aboard;
+pub use camera::{Camera, Show, Stereo};
 pub use chain::{ErrorModel, PerAxis};
-pub use device::{KINDS, Kind, Model};
+pub use device::{Channel, KINDS, Kind, Layout, Model};
 pub use field::{Barometer, Magnetometer};
 pub use gnss::{Gnss, MotionCapture};
 pub use ground::{Flow, Growth, Range};
 pub use inertial::Imu;
+pub use lidar::{Lidar, Pattern};
 pub use mount::Truth;
 pub use presets::Preset;
+pub use reading::Form;
 pub use settings::{SensorConfig, SensorFile};
+pub use sight::{Eyes, Sight};
+pub use solids::Solid;
 
 use super::plant::Quantity;
 use crate::error::{Error, Result};
@@ -100,18 +122,19 @@ impl Sensor {
         config.model.validate(&place)?;
         let (every, latency) = (config.steps_between(dt)?, config.steps_late(dt)?);
         let named = config.model.channels();
-        let channels =
-            named.iter().map(|(name, unit)| Quantity { name: format!("{}.{name}", config.name), unit }).collect();
+        let width = named.len();
+        let channel = |(name, unit)| Quantity { name: format!("{}.{name}", config.name), unit };
+        let channels = named.into_iter().map(channel).collect();
         let purpose = Purpose::sensor(&config.name);
         let mut sensor = Self {
             channels,
             body: body(config, bodies)?,
             purpose,
             mount: Mount::new(&place, config.position, config.rotation)?,
-            device: config.model.at_work(dt * every as f64),
-            line: Line::new(&place, every, latency, named.len())?,
+            device: config.model.at_work(dt * every as f64)?,
+            line: Line::new(&place, every, latency, width)?,
             stream: Stream::new(0, 0, 0, purpose),
-            sample: vec![0.0; named.len()],
+            sample: vec![0.0; width],
             n_saved: HEAD,
         };
         let mut n_saved = HEAD;
@@ -129,11 +152,13 @@ impl Sensor {
         self.sample.fill(0.0);
     }
 
-    /// Reads after a step, or at the beginning of the episode, what [`channels`](Self::channels) names.
-    pub fn step(&mut self, truth: &Truth) -> &[f64] {
+    /// Reads after a step, or at the beginning of the episode, what [`channels`](Self::channels) names: of what stands in
+    /// `sight` too.
+    pub fn step(&mut self, truth: &Truth, sight: &mut Sight<'_>) -> &[f64] {
         if self.line.is_due() {
             let motion = self.mount.motion(truth);
-            self.device.device().sample(&motion, &mut self.stream, &mut self.sample);
+            sight.look_from(self.body);
+            self.device.device().sample(&motion, sight, &mut self.stream, &mut self.sample);
         }
         self.line.advance(&self.sample);
         self.line.reading()
@@ -290,10 +315,10 @@ impl SensorSet {
     ///
     /// # Panics
     /// On fewer truths than there were bodies.
-    pub fn step(&mut self, truths: &[Truth]) -> &[f64] {
+    pub fn step(&mut self, truths: &[Truth], sight: &mut Sight<'_>) -> &[f64] {
         let mut at = 0;
         for sensor in &mut self.sensors {
-            let reading = sensor.step(&truths[sensor.body]);
+            let reading = sensor.step(&truths[sensor.body], sight);
             self.readings[at..at + reading.len()].copy_from_slice(reading);
             at += reading.len();
         }

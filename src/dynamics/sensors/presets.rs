@@ -3,12 +3,15 @@
 //! Figures without a source of their own are ours and say so. Biases of parts whose source gives none begin at 0, as after a
 //! calibration.
 
+use super::camera::{Camera, Stereo};
 use super::chain::{ErrorModel, PerAxis};
 use super::device::Model;
 use super::field::{Barometer, Magnetometer};
 use super::gnss::{Gnss, MotionCapture};
 use super::ground::{Flow, Growth, Range};
 use super::inertial::Imu;
+use super::lidar::{Lidar, Pattern};
+use super::reading::Form;
 use crate::error::{Error, Result};
 use PerAxis::{Each, Same};
 
@@ -176,6 +179,82 @@ pub const REGISTRY: &[Preset] = &[
         model: || {
             let error = ErrorModel { deviation: Same(0.2), resolution: 0.1, ..ErrorModel::default() };
             Model::Flow(Flow { error, ..Flow::default() })
+        },
+    },
+    Preset {
+        name: "omnidrones",
+        kind: "lidar",
+        source: "OmniDrones' Forest: 36 x 4 beams of 4 m, told as 4 m less the distance, without errors",
+        rate: None,
+        delay: None,
+        model: || Model::Lidar(Lidar { form: Form::Proximity, ..Lidar::default() }),
+    },
+    Preset {
+        name: "os0",
+        kind: "lidar",
+        source: "Ouster OS0-128 as Aerial Gym has it: 512 x 128 beams, +-45 deg, 35 m, noise growing with distance; 10 Hz",
+        rate: Some(10.0),
+        delay: None,
+        model: || {
+            let step = 90_f64.to_radians() / 127.0;
+            Model::Lidar(Lidar {
+                beams: 512,
+                elevations: (0..128).map(|i| 45_f64.to_radians() - step * i as f64).collect(),
+                nearest: 0.3,
+                farthest: 35.0,
+                noise: [9.6e-3, -0.32e-3, 3.4e-5],
+                ..Lidar::default()
+            })
+        },
+    },
+    Preset {
+        name: "mid360",
+        kind: "lidar",
+        source: "Livox Mid-360, data sheet: 360 deg by -7 to 52 deg, 0.1 to 40 m, 200 000 points/s, 2 cm (1 sigma at 10 m); its pattern as a sequence that does not repeat, 2000 points at 100 Hz ours",
+        rate: Some(100.0),
+        delay: None,
+        model: || {
+            Model::Lidar(Lidar {
+                beams: 1000,
+                elevations: [-7.0, 52.0].map(f64::to_radians).to_vec(),
+                pattern: Pattern::Scatter,
+                nearest: 0.1,
+                farthest: 40.0,
+                noise: [0.02, 0.0, 0.0],
+                ..Lidar::default()
+            })
+        },
+    },
+    Preset {
+        name: "d435",
+        kind: "camera",
+        source: "Intel RealSense D435 at 848 x 480: 87 deg, 50 mm, 0.08 px rms in steps of 1/32 px, 0.18 to 10 m, 1 % lost; 30 Hz; told by 64 x 48 pixels, ours",
+        rate: Some(30.0),
+        delay: None,
+        model: || {
+            Model::Camera(Camera {
+                field_of_view: 87_f64.to_radians(),
+                nearest: 0.18,
+                stereo: Some(Stereo { focal: 447.0, baseline: 0.05, deviation: 0.08, resolution: 1.0 / 32.0 }),
+                dropout: 0.01,
+                ..Camera::default()
+            })
+        },
+    },
+    Preset {
+        name: "diffphysdrone",
+        kind: "camera",
+        source: "DiffPhysDrone: 64 x 48 pixels over 90 deg, inverse depth within 0.3 to 24 m, the nearest of 4 x 4 pixels; exact",
+        rate: None,
+        delay: None,
+        model: || {
+            Model::Camera(Camera {
+                field_of_view: 90_f64.to_radians(),
+                farthest: 24.0,
+                form: Form::Inverse,
+                pool: 4,
+                ..Camera::default()
+            })
         },
     },
 ];

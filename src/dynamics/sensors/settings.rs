@@ -250,10 +250,9 @@ impl TryFrom<toml::Table> for SensorConfig {
 
 /// Refuses a key that neither the kind nor all kinds have.
 fn known_keys(place: &str, kind: &Kind, table: &toml::Table) -> Result<()> {
-    let optional = ["growth"].iter().filter(|_| kind.name == "range");
     let own = kind.ideal().table();
     let known: Vec<String> =
-        own.keys().map(String::as_str).chain(optional.copied()).chain(COMMON).map(String::from).collect();
+        own.keys().map(String::as_str).chain(kind.optional.iter().copied()).chain(COMMON).map(String::from).collect();
     match table.keys().find(|key| !known.contains(key)) {
         None => Ok(()),
         Some(key) => Err(Error::unknown_key(place, key, &known)),

@@ -1,0 +1,50 @@
+//! How distances are told, and what goes wrong with them.
+
+use super::grain::Grain;
+use crate::error::{Error, Result};
+use serde::{Deserialize, Serialize};
+
+/// How a distance d becomes a reading. What sees nothing in range counts as `farthest`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Form {
+    /// d, m.
+    #[default]
+    Distance,
+    /// `farthest` − d, m: nought where nothing is near, as OmniDrones' Forest shows its lidar.
+    Proximity,
+    /// 3/d − 0.6 with d in m held within 0.3 … 24: −0.5 far away, 9.4 close by (DiffPhysDrone).
+    Inverse,
+}
+
+impl Form {
+    /// Of a distance within `farthest`.
+    pub(crate) fn of(self, d: f64, farthest: f64) -> f64 {
+        match self {
+            Self::Distance => d,
+            Self::Proximity => farthest - d,
+            Self::Inverse => 3.0 / d.clamp(0.3, 24.0) - 0.6,
+        }
+    }
+
+    /// Unit of readings.
+    pub(crate) fn unit(self) -> &'static str {
+        match self {
+            Self::Distance | Self::Proximity => "m",
+            Self::Inverse => "-",
+        }
+    }
+}
+
+/// Largest share of readings that may be lost.
+pub(crate) const MOST_LOST: f64 = 0.9;
+
+/// Lost readings see nothing: number `i` with the chance `share`.
+pub(crate) fn is_lost(grain: Grain, i: usize, share: f64) -> bool {
+    share > 0.0 && grain.unit(i) < share
+}
+
+/// Refuses a number of readings that nobody can hold.
+pub(crate) fn check_count(what: &str, n: usize, most: usize, remedy: &str) -> Result<()> {
+    if (1..=most).contains(&n) { Ok(()) } else { Err(Error::limit(what, n, format!("1 to {most}"), remedy)) }
+}
