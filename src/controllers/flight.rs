@@ -13,6 +13,7 @@ use crate::dynamics::batch::EXPLODED;
 use crate::dynamics::rotor::commanded_speed;
 use crate::dynamics::sensors::{Aboard, SensorConfig};
 use crate::dynamics::spatial::{from_matrix, to_euler};
+use crate::dynamics::tree::check_start;
 use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
 use crate::flight::{self, FlightLog};
@@ -193,7 +194,7 @@ fn check_memory(plan: &FlightPlan, n_step: u64, plant: &Plant) -> Result<()> {
 /// # Errors
 /// [`Error::Value`] or [`Error::Limit`] if the plan is not valid, or not for this plant and this controller: other physics
 /// (but for the effect `disturbance`), other rates, wind without that effect, a tilt that is not held. As [`Aboard::new`] for
-/// its sensors.
+/// its sensors, and as [`check_start`] where the reference begins inside of something.
 pub fn fly(
     plant: &Plant,
     controller: &mut dyn Controller,
@@ -207,7 +208,7 @@ pub fn fly(
 /// As [`fly`], from any state of the plant.
 ///
 /// # Errors
-/// As [`fly`]; [`Error::Value`] if the state is not finite or not of the plant's length.
+/// As [`fly`]; [`Error::Value`] if the state is not finite or not of the plant's length; as [`check_start`].
 pub fn fly_from(
     plant: &Plant,
     controller: &mut dyn Controller,
@@ -217,6 +218,7 @@ pub fn fly_from(
 ) -> Result<Flight> {
     let n_step = plan.n_step()?;
     plant.check_state(state)?;
+    plant.tree().map_or(Ok(()), |system| check_start(system, state))?;
     check_memory(plan, n_step, plant)?;
     fits(plant, controller, plan)?;
     let (dt, windy) = (plan.physics.dt, plan.wind != Wind::Calm);

@@ -10,10 +10,16 @@
 //! | per obstacle, in order: 3 | offset of its position, world, m |
 //!
 //! Zeros are the nominal placement. A placement of another length is a mistake of the program: kernels panic.
+//!
+//! Scenes come from seeds ([`Generator`]: forests, corridors, rooms, gates, rubble) and from files
+//! ([`Scene::from_toml_file`]); [`environment`](crate::dynamics::configurations::environment()) lets them push back.
 
+mod file;
 mod gate;
+mod generate;
 
 pub use gate::{Gate, Passage, Slide};
+pub use generate::{Corridor, Course, Forest, Generator, KINDS, Rooms, Rubble};
 
 use super::contact::distance::{self, plane_distance};
 use super::shape::{Geometry, MAX_SIZE, Pose, Shape, within};

@@ -79,7 +79,7 @@ fn format_error(file: &str, place: &str, rule: &str, remedy: &str) -> Error {
 }
 
 /// The same complaint with the file in front.
-fn in_file(error: Error, file_name: &str) -> Error {
+pub(crate) fn in_file(error: Error, file_name: &str) -> Error {
     match error {
         Error::Value { what, value, limit, remedy } => {
             format_error(file_name, &what, &format!("is {value}, but it must be {limit}"), &remedy)

@@ -1,10 +1,12 @@
 //! `omnidrones fly`: a vehicle or a configuration along a reference, its flight drawn; of a vehicle its derivatives certified.
 
+mod around;
 mod beside;
 mod derivatives;
 mod drop;
 mod flown;
 
+use self::around::Around;
 use self::beside::Beside;
 use self::derivatives::Derivatives;
 use self::flown::{Flown, write};
@@ -19,6 +21,7 @@ use omnidrones::controllers::{
     ChainRamp, ChainShape, Controller, FlightPlan, Reference, Setup, Tilt, Vectored, default_controller, fly, vectored,
 };
 use omnidrones::dynamics::aero::wind::Wind;
+use omnidrones::dynamics::configurations::environment::vehicle_in;
 use omnidrones::dynamics::sensors::{SensorConfig, SensorFile, SensorSet};
 use omnidrones::dynamics::{Effects, Gains, Plant};
 use omnidrones::error::{Error, Result};
@@ -72,6 +75,8 @@ Examples:
   omnidrones fly payload --effects downwash,contact   with these effects
   omnidrones fly dragon --shape arc:30 --replay       a page for a browser, to turn it around and look
   omnidrones fly payload --drop=0.5                   falls half a metre to the ground
+  omnidrones fly hummingbird --scene forest:3 --reference hover   a forest in front of it
+  omnidrones fly hummingbird --scene rubble:1 --drop  falls onto blocks
 
 Files in --out: overview, path, error, rotors, attitude, rates (.png or .svg), and with --csv flight.csv (one line per step, \
 units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded; with --sensors their readings). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv, replay.html.
@@ -125,6 +130,12 @@ pub struct Arguments {
     /// Shape that a chain takes in flight: straight, arc, zigzag, or arc:DEGREES [default: straight]; dragon only
     #[arg(long, value_name = "SHAPE", help_heading = "Flight")]
     shape: Option<String>,
+    /// What stands around, and pushes back: KIND[:SEED] or a TOML file
+    ///
+    /// Kinds: forest, corridor, rooms, gates, rubble, from x = 0 along +x. A file holds [[generate]], [[gates]] and
+    /// [[obstacles]] tables (docs/flying.md). Switches the effect 'contact' on.
+    #[arg(long, value_name = "KIND[:SEED]|FILE.toml", help_heading = "Flight")]
+    scene: Option<String>,
     /// Length of the flight [s] [default: 15, or to 2 s after the last waypoint; configurations 20, drops 3]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Flight")]
     duration: Option<f64>,
@@ -232,13 +243,17 @@ pub fn run(a: &Arguments) -> Result<Report> {
     a.flight.check()?;
     let configuration = a.named().is_some_and(|named| robot::configuration(named).is_some());
     if !configuration && a.drop.is_none() {
-        return flown(a, vehicle(a)?);
+        return flown(a, vehicle(a, Around::of(a)?)?);
     }
-    let robot = robot::load(a.named().unwrap_or("hummingbird"), &a.rotors)?;
+    let mut robot = robot::load(a.named().unwrap_or("hummingbird"), &a.rotors)?;
+    let around = Around::of(a)?;
+    if let Some(around) = &around {
+        robot.model = around.with(robot.model)?;
+    }
     // what nobody steers yet falls
     let alone = !robot.model.drones().is_empty() && !steerable(&robot.model);
     if a.drop.is_none() && !alone {
-        return flown(a, configured(a, robot)?);
+        return flown(a, configured(a, robot, around)?);
     }
     if !a.failure.fail.is_empty() {
         return Err(Error::value("--fail", "a drop", "something that flies", "Leave it out: rotors idle."));
@@ -258,6 +273,7 @@ struct Flyer {
     controller: Box<dyn Controller>,
     plan: FlightPlan,
     what: What,
+    around: Option<Around>,
 }
 
 /// Where it comes from.
@@ -266,33 +282,42 @@ enum What {
     Model(Box<Robot>),
 }
 
-/// A single vehicle.
-fn vehicle(a: &Arguments) -> Result<Flyer> {
+/// A single vehicle. Where something stands around it, its controller still believes that it flies alone.
+fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
     a.level()?;
     if let Some(named) = &a.vehicle {
         robot::known(named)?;
     }
-    alone(&a.flight.physics().effects)?;
+    if around.is_none() {
+        alone(&a.flight.physics().effects)?;
+    }
     let source = source::load(a.vehicle.as_deref(), &a.rotors)?;
     let mut plan = a.flight.plan(a.duration, a.wind.clone(), a.seed)?;
     plan.n_step()?;
-    let plant = Plant::of_vehicle(&source.vehicle, plan.air_physics())?;
+    plan.physics.effects.contact = false;
+    let believed = Plant::of_vehicle(&source.vehicle, plan.air_physics())?;
+    let mut plant = believed.clone();
+    if let Some(around) = &around {
+        plan.physics.effects.contact = true;
+        plant = Plant::of_model(&vehicle_in(&source.vehicle, &around.scene)?, plan.air_physics())?;
+    }
     fail(a, &plant, &mut plan)?;
     plan.sensors = sensors(a, &plant)?;
     arguments::check_gains(&a.flight, a.controller.as_deref(), true)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let usual = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
     let name = a.controller.as_deref().unwrap_or(usual);
-    let controller = match policy(a, &plant)? {
+    let controller = match policy(a, &believed)? {
         Some(policy) => policy,
-        None => controller(name, &plant, &Setup::new(Some(&gains), &plan.rates))?,
+        None => controller(name, &believed, &Setup::new(Some(&gains), &plan.rates))?,
     };
-    Ok(Flyer { plant, controller, plan, what: What::Vehicle { source: Box::new(source), gains, gains_name } })
+    let what = What::Vehicle { source: Box::new(source), gains, gains_name };
+    Ok(Flyer { plant, controller, plan, what, around })
 }
 
 /// A configuration.
-fn configured(a: &Arguments, robot: Robot) -> Result<Flyer> {
-    let plant = model_plant(a, &robot, false)?;
+fn configured(a: &Arguments, robot: Robot, around: Option<Around>) -> Result<Flyer> {
+    let plant = model_plant(a, &robot, around.is_some())?;
     let reference = reference(a, &plant)?;
     let usual = reference.duration().map_or(20.0, |end| end + 2.0);
     let mut plan = a.flight.plan(Some(a.duration.unwrap_or(usual)), a.wind.clone(), a.seed)?;
@@ -302,7 +327,7 @@ fn configured(a: &Arguments, robot: Robot) -> Result<Flyer> {
     fail(a, &plant, &mut plan)?;
     plan.sensors = sensors(a, &plant)?;
     let controller = model_controller(a, &plant, &plan)?;
-    Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(robot)) })
+    Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(robot)), around })
 }
 
 /// The sensors of the arguments, refused before anything is made where the plant cannot carry them.
@@ -392,7 +417,7 @@ fn alone(effects: &Effects) -> Result<()> {
 }
 
 fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
-    let Flyer { plant, mut controller, plan, what } = flyer;
+    let Flyer { plant, mut controller, plan, what, around } = flyer;
     let earlier = a.beside.as_deref().map(Beside::read).transpose()?;
     let folder = folder(a, plant.name())?;
     let bar = progress::bar(plan.n_step()?, "flying", a.output.json);
@@ -409,7 +434,12 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
     let (mut derivatives, mut story) = (None, None);
     if let What::Vehicle { source, gains, .. } = &what {
         if a.policy.is_none() && !arguments::is_optimal(controller.name()) {
-            derivatives = Some(Derivatives::of(&source.vehicle, gains, &plan, &flight)?);
+            let alone = around.is_none();
+            derivatives = Some(if alone {
+                Derivatives::of(&source.vehicle, gains, &plan, &flight)?
+            } else {
+                Derivatives::none()
+            });
         }
         story = Story::of(&source.vehicle, &plan, &flight)?;
     }
@@ -419,11 +449,12 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         earlier.figure(&flight.log).save(&path)?;
         written.push(path);
     }
-    let (mut histories, mut lowest) = (Vec::new(), None);
+    let (mut histories, mut lowest, mut approach) = (Vec::new(), None, None);
     if let Some(system) = plant.tree() {
         let rows = flight.states.chunks_exact(system.rest_state().len()).step_by(5);
         lowest = Some(rows.map(|row| model::lowest(system, row)).fold(f64::INFINITY, f64::min));
         histories = joints(system, &flight.states);
+        approach = around.and_then(|around| around.approach(system, &flight));
     }
     let mut result = Flown {
         controller: [controller.name().into(), controller.description()],
@@ -432,6 +463,7 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         beside: earlier.map(|earlier| earlier.compare(&flight.log, after)),
         joints: histories,
         lowest,
+        approach,
         learnt: a.policy.is_some(),
         derivatives,
         story,

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 /// One model of a group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Member {
-    /// All its names get this and `/` before them; unique within the group.
+    /// All its names get this and `/` before them, or stay as they are where it is empty; unique within the group.
     pub prefix: String,
     /// What to add.
     pub model: Model,
@@ -65,7 +65,7 @@ pub fn group(name: impl Into<String>, members: &[Member]) -> Result<Model> {
 fn append(all: &mut ModelParts, member: &Member) {
     let Member { prefix, model, place } = member;
     let (body_0, rotor_0) = (all.bodies.len(), all.rotors.len());
-    let named = |name: &str| format!("{prefix}/{name}");
+    let named = |name: &str| if prefix.is_empty() { name.into() } else { format!("{prefix}/{name}") };
     let mut own = model.parts().clone();
     for body in &mut own.bodies {
         (body.name, body.joint.name) = (named(&body.name), named(&body.joint.name));

@@ -30,6 +30,7 @@ pub(crate) mod multibody;
 pub(crate) mod parameters;
 pub(crate) mod rnea;
 pub(crate) mod scratch;
+mod start;
 pub(crate) mod step;
 pub(crate) mod topology;
 mod torque;
@@ -46,6 +47,7 @@ pub use parameters::{
     CONTACT_PARAMETERS, LINK_PARAMETERS, model_parameter_domains, model_parameter_names, model_parameters,
 };
 pub use rnea::inverse_dynamics;
+pub use start::check_start;
 
 #[cfg(test)]
 mod tests;

@@ -29,6 +29,12 @@ pub struct Derivatives {
 }
 
 impl Derivatives {
+    /// Of a flight among obstacles: gradients would pass through whatever it touched.
+    pub fn none() -> Self {
+        let remark = "what was flown is not the vehicle alone: fly without --scene for derivatives";
+        Self { certificates: Vec::new(), through: None, left_out: vec![remark.into()] }
+    }
+
     /// Of a flight of a vehicle with these gains.
     pub fn of(vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan, flight: &Flight) -> Result<Self> {
         let mut d = Self { certificates: Vec::new(), through: None, left_out: Vec::new() };

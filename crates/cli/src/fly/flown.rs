@@ -1,5 +1,6 @@
 //! What came of a flight: whether it held its reference, its figures and tables, its page and JSON.
 
+use super::around::Approach;
 use super::beside::Comparison;
 use super::derivatives::Derivatives;
 use super::{Arguments, What};
@@ -108,6 +109,8 @@ pub(super) struct Flown {
     pub joints: Vec<JointHistory>,
     /// Of a configuration, m.
     pub lowest: Option<f64>,
+    /// Where something stands around it.
+    pub approach: Option<Approach>,
     /// Whether a policy flew.
     pub learnt: bool,
     pub wall_time: f64,
@@ -261,6 +264,7 @@ impl Flown {
             };
             facts.push(Fact::new("lowest point", format!("{} m", short(lowest, 3))).note(ground));
         }
+        facts.extend(self.approach.iter().map(Approach::fact));
         if let Some(step) = self.step() {
             let seconds = |t: f64| if t.is_finite() { format!("{} s", short(t, 3)) } else { "never".into() };
             facts.push(Fact::new("step: rise time", seconds(step.rise_time)).note(format!(
@@ -380,6 +384,9 @@ impl Flown {
                 value["joints"] = self.joints.iter().map(joint).collect();
                 value["lowest"] = json!(self.lowest);
             }
+        }
+        if let Some(approach) = &self.approach {
+            value["scene"] = approach.json();
         }
         if let Some(beside) = &self.beside {
             value["beside"] = beside.json();
