@@ -192,7 +192,7 @@ impl Jacobian {
     }
 
     /// Places by name, as slices: of arguments and results `state`, `task_state`, `line`, `history`; of arguments `action`,
-    /// `parameters`, `time`, `goal`, `next_goal`, `wind`, `noise`, `statistics`; of results `observation`, `central`, `reward`, `loss`.
+    /// `parameters`, `time`, `goal`, `next_goal`, `wind`, `readings`, `noise`, `statistics`; of results `observation`, `central`, `reward`, `loss`.
     #[getter]
     fn layout<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         places(py, &self.0.layout)
@@ -214,6 +214,7 @@ pub fn places<'py>(py: Python<'py>, p: &StepLayout) -> PyResult<Bound<'py, PyDic
         ("goal", &p.goal),
         ("next_goal", &p.next_goal),
         ("wind", &p.wind),
+        ("readings", &p.readings),
         ("noise", &p.noise),
         ("statistics", &p.statistics),
         ("observation", &p.observation),

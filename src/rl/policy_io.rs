@@ -73,7 +73,7 @@ fn strange(then: &Spec, now: &Spec) -> String {
 
 /// What of a configuration a policy can meet: what is drawn only where it sees the numbers that are.
 fn bare(env: &EnvConfig) -> Result<toml::Table> {
-    let EnvConfig { control, action_scale, actions, dt, observation, mut randomise, own_vehicle, task, .. } =
+    let EnvConfig { control, action_scale, actions, dt, observation, mut randomise, sensor, own_vehicle, task, .. } =
         env.clone();
     if !observation.iter().any(|stage| matches!(stage, Stage::Privileged {})) {
         randomise = None;
@@ -85,6 +85,7 @@ fn bare(env: &EnvConfig) -> Result<toml::Table> {
         dt,
         observation,
         randomise,
+        sensor,
         own_vehicle,
         task,
         ..EnvConfig::default()

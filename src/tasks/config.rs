@@ -9,6 +9,7 @@ use crate::controllers::action::ActionScale;
 use crate::controllers::cascade::Level;
 use crate::dynamics::configurations::Omav;
 use crate::dynamics::integrate::Integrator;
+use crate::dynamics::sensors::SensorConfig;
 use crate::dynamics::{Effects, Physics, Vehicle, vehicles};
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer};
@@ -114,6 +115,10 @@ pub struct EnvConfig {
     /// What differs between environments and episodes; none for the task's own, an empty list for nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub randomise: Option<Vec<Change>>,
+    /// Sensors of every agent, whose readings stand behind the task's own numbers in its observation; none for the task's own,
+    /// an empty list for none at all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<Vec<SensorConfig>>,
     /// Share of it, 0 to 1: where a curriculum begins.
     pub difficulty: f64,
     /// Beyond which a simulation has exploded.
@@ -156,6 +161,7 @@ impl Default for EnvConfig {
             integrator: Integrator::RungeKutta4,
             observation: Vec::new(),
             randomise: None,
+            sensor: None,
             difficulty: 1.0,
             bounds: Bounds::default(),
             autoreset: Autoreset::SameStep,
@@ -200,7 +206,7 @@ impl EnvConfig {
 
     /// The names of its settings.
     pub fn keys() -> Vec<String> {
-        let whole = Self { randomise: Some(Vec::new()), residual: 1.0, ..Self::default() };
+        let whole = Self { randomise: Some(Vec::new()), sensor: Some(Vec::new()), residual: 1.0, ..Self::default() };
         let told = toml::Table::try_from(whole).unwrap_or_default();
         told.keys().cloned().chain(["own_vehicle".into()]).collect()
     }
@@ -208,6 +214,11 @@ impl EnvConfig {
     /// The changes between environments and episodes, as far as the configuration says.
     pub fn changes(&self) -> &[Change] {
         self.randomise.as_deref().unwrap_or_default()
+    }
+
+    /// The sensors of every agent, as far as the configuration says.
+    pub fn sensors(&self) -> &[SensorConfig] {
+        self.sensor.as_deref().unwrap_or_default()
     }
 
     /// Checks every number but the size of the batch, which needs the task.

@@ -4,6 +4,7 @@ use super::config::EnvConfig;
 use super::env::Env;
 use super::suite::dragon_hover::DragonHover;
 use super::suite::fly_through::FlyThrough;
+use super::suite::forest::Forest;
 use super::suite::formation::Formation;
 use super::suite::hover::Hover;
 use super::suite::over_fly_through::OverFlyThrough;
@@ -71,6 +72,7 @@ const PENDULUM: &str = "a ball that stands on a bar";
 const PAYLOAD: &str = "a slung ball";
 const OVER: &str = "an over-actuated platform";
 const TRANSPORT: &str = "a box carried by a team";
+const AROUND: &str = "a way past what sensors see";
 const TEAM: &str = "a team of single drones";
 const TILTING: &str = "thrusters that tilt";
 
@@ -97,18 +99,20 @@ pub static REGISTRY: &[Entry] = &[
     entry::<TransportHover>("TransportHover", TRANSPORT, "bring a box on bars to a point and hold it"),
     entry::<TransportTrack>("TransportTrack", TRANSPORT, "carry a box on bars along a lemniscate"),
     entry::<TransportFlyThrough>("TransportFlyThrough", TRANSPORT, "take a box on bars between two beams"),
+    entry::<Forest>("Forest", AROUND, "cross a forest, another one in every episode").variant(variants::FOREST),
     entry::<Formation>("Formation", TEAM, "form a figure in each other's downwash"),
 ];
 
 impl Entry {
     /// The environment of a configuration over the task's own defaults: they hold for settings of `task` that it does not
-    /// name, and for `randomise` where it is none.
+    /// name, and for `randomise` and `sensor` where they are none.
     ///
     /// # Errors
     /// As [`Env::of`].
     pub fn env(&self, config: &EnvConfig) -> Result<Env> {
         let (mut own, usual) = (config.clone(), self.default_config()?);
         own.randomise = own.randomise.or(usual.randomise);
+        own.sensor = own.sensor.or(usual.sensor);
         for (key, value) in usual.task {
             own.task.entry(key).or_insert(value);
         }
@@ -202,7 +206,11 @@ mod tests {
     fn the_defaults_of_a_task_are_changes_and_settings_of_the_task() {
         for entry in REGISTRY {
             let table = entry.default_table().unwrap();
-            assert!(table.keys().all(|key| key == "randomise" || key == "task"), "{}: {table}", entry.name);
+            assert!(
+                table.keys().all(|key| ["randomise", "sensor", "task"].contains(&key.as_str())),
+                "{}: {table}",
+                entry.name
+            );
         }
     }
 

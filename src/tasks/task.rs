@@ -14,6 +14,7 @@ use super::task_spec::Success;
 use crate::autodiff::{Scalar, StridedView, safe};
 use crate::controllers::reference::{Hover, Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::frame::{FRAME, Frame};
+use crate::dynamics::scene::Scene;
 use crate::dynamics::spatial::{Quat, Vec3, from_euler, rotate, sub};
 use crate::rng::{Purpose, Stream};
 use std::f64::consts::{PI, TAU};
@@ -44,6 +45,14 @@ pub trait Task: Send + Sync + 'static {
     fn about(&self) -> &'static str {
         ""
     }
+
+    /// What stands around, beside the shapes of the robot's model: sensors see both. Level ground unless said otherwise.
+    fn scene(&self) -> Scene {
+        Scene::grounded()
+    }
+
+    /// Where gates and obstacles of the scene stand with this goal: writes its [placement](crate::dynamics::scene), of zeros.
+    fn place_scene(&self, _goal: &[f64], _placement: &mut [f64]) {}
 
     /// Draws the goal and the first state of an episode.
     fn start(&self, start: &mut Start<'_>);

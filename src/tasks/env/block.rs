@@ -2,6 +2,7 @@
 
 use super::residual::Lead;
 use super::restart::Draft;
+use super::sensing::{Senses, Sensors};
 use super::spec::Column;
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::{Block, Culprit, Plant};
@@ -63,6 +64,8 @@ pub(crate) struct Sizes {
     /// Of one agent, before and after the transforms.
     pub raw: usize,
     pub observation: usize,
+    /// Of one agent, of those before the transforms: what its sensors read, behind what the task shows.
+    pub reading: usize,
     /// Memory of the transforms of all agents.
     pub history: usize,
     pub central: usize,
@@ -90,6 +93,11 @@ impl Sizes {
     }
 }
 
+/// Numbers of one lane.
+pub(crate) fn take(rows: &[[f32; BLOCK]], lane: usize, values: &mut [f64]) {
+    values.iter_mut().zip(rows).for_each(|(value, row)| *value = f64::from(row[lane]));
+}
+
 /// Sixty-four environments.
 #[derive(Debug, Clone)]
 pub(crate) struct EnvBlock {
@@ -102,6 +110,10 @@ pub(crate) struct EnvBlock {
     pub air: Columns,
     pub line: Columns,
     pub history: Columns,
+    /// What sensors read, agent by agent.
+    pub readings: Columns,
+    /// One per environment, or none.
+    pub sensors: Vec<Sensors>,
     /// See [`Sizes::beginning`].
     pub beginning: Columns,
     /// What controllers track, from the first step of an episode on; one per lane or none. Follows from `beginning`.
@@ -130,6 +142,8 @@ impl EnvBlock {
             air: Columns::zeros(s.air),
             line: Columns::zeros(s.delay * s.command),
             history: Columns::zeros(s.history),
+            readings: Columns::zeros(s.agent * s.reading),
+            sensors: Vec::new(),
             beginning: Columns::zeros(s.beginning),
             references: vec![None; if s.beginning > 0 { BLOCK } else { 0 }],
             seed: [0; BLOCK],
@@ -153,6 +167,7 @@ impl EnvBlock {
             &self.air,
             &self.line,
             &self.history,
+            &self.readings,
             &self.beginning,
         ];
         self.plant.rows.iter().chain(numbers).chain(own.into_iter().flatten())
@@ -169,6 +184,7 @@ impl EnvBlock {
             &mut self.air,
             &mut self.line,
             &mut self.history,
+            &mut self.readings,
             &mut self.beginning,
         ];
         self.plant.rows.iter_mut().chain(numbers).chain(own.into_iter().flatten())
@@ -205,6 +221,8 @@ pub(crate) struct Workspace {
     pub draft: Draft,
     /// Controllers that actions change the commands of.
     pub lead: Option<Lead>,
+    /// What sensors are read with.
+    pub senses: Option<Senses>,
 }
 
 /// Rows of [`Workspace::signals`].
@@ -242,6 +260,7 @@ impl Workspace {
             after: Columns::zeros(plant.n_row()),
             draft,
             lead,
+            senses: None,
         }
     }
 }

@@ -5,6 +5,7 @@ use super::control::Control;
 use super::engine::Engine;
 use super::residual::Residual;
 use super::restart::Draft;
+use super::sensing::Sensing;
 use super::transition::{Setting, StepLayout};
 use crate::autodiff::{Program, Recording};
 use crate::dynamics::batch::Plant;
@@ -23,6 +24,9 @@ pub(crate) struct Core {
     pub control: Control,
     /// Controllers that actions change the commands of.
     pub residual: Option<Residual>,
+    pub sensing: Option<Sensing>,
+    /// With which rotors hold the speeds of rest.
+    pub hover_input: Vec<f64>,
     pub bounds: Bounds,
     /// Rows of the state that are bounded.
     pub limits: Vec<(usize, f32)>,
@@ -75,6 +79,7 @@ impl Core {
     pub(crate) fn workspace(&self) -> Workspace {
         let noise = self.sizes.agent * self.pipeline.noise;
         let lead = self.residual.as_ref().map(|residual| residual.lead(self.robot()));
-        Workspace::new(&self.sizes, &self.plant, noise, Draft::new(self), lead)
+        let senses = self.sensing.as_ref().map(|sensing| sensing.senses(self));
+        Workspace { senses, ..Workspace::new(&self.sizes, &self.plant, noise, Draft::new(self), lead) }
     }
 }

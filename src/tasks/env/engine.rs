@@ -7,6 +7,7 @@ use super::restart::Draft;
 use super::transition::{Setting, first_sight, ideal, ideal_terms, transition, view};
 use crate::autodiff::lanes::{each_register, each_register_of, first_lanes};
 use crate::autodiff::{Recording, Scalar, Trace};
+use crate::dynamics::scene::Scene;
 use crate::tasks::robot::Robot;
 use crate::tasks::task::{Start, Task, TaskReference};
 use crate::tasks::task_spec::TaskSpec;
@@ -19,6 +20,10 @@ pub(crate) trait Engine: Send + Sync {
     fn n_agent(&self) -> usize;
     fn start(&self, start: &mut Start<'_>);
     fn event(&self, start: &mut Start<'_>);
+    /// What stands around.
+    fn scene(&self) -> Scene;
+    /// Where it stands with a goal.
+    fn place_scene(&self, goal: &[f64], placement: &mut [f64]);
     /// For one environment at the start of an episode.
     fn reference(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference>;
     /// The task's ideal state.
@@ -56,6 +61,12 @@ impl<T: Task> Engine for (T, TaskSpec) {
     }
     fn event(&self, start: &mut Start<'_>) {
         self.0.event(start);
+    }
+    fn scene(&self) -> Scene {
+        self.0.scene()
+    }
+    fn place_scene(&self, goal: &[f64], placement: &mut [f64]) {
+        self.0.place_scene(goal, placement);
     }
     fn reference(&self, core: &Core, state: &[f64], goal: &[f64]) -> Option<TaskReference> {
         let (frames, speeds, task_state) = first_sight(core, state);

@@ -74,7 +74,12 @@ impl Slot {
     pub(crate) fn close(&mut self, p: &StepLayout, block: &EnvBlock, work: &Workspace, ended: u64, alive: u64) {
         self.ended = ended;
         self.running &= alive;
-        for (place, rows) in [(&p.action, &work.action), (&p.next_goal, &block.goal), (&p.noise, &work.noise)] {
+        for (place, rows) in [
+            (&p.action, &work.action),
+            (&p.next_goal, &block.goal),
+            (&p.readings, &block.readings),
+            (&p.noise, &work.noise),
+        ] {
             copy(&mut self.arguments[place.clone()], rows, block.plant.occupied);
         }
     }

@@ -14,6 +14,7 @@
 //! | `evaluate_step` | the task's part of a step |
 //! | `transform` | delay lines, transforms of observations |
 //! | `restart` | episodes begin, goals change |
+//! | `sensing` | sensors of the agents |
 //! | `rows` | columns of a block into rows of the caller |
 //! | `mask` | sets of environments of a block |
 //! | `normaliser` | statistics of observations: collect, freeze, merge |
@@ -39,6 +40,7 @@ mod normaliser;
 pub(crate) mod residual;
 mod restart;
 mod rows;
+mod sensing;
 pub(crate) mod single;
 mod snapshot;
 pub(crate) mod spec;
@@ -64,6 +66,7 @@ use self::engine::Engine;
 use self::gradient::BlockTape;
 use self::limits::{bytes_per_env, check_memory, out_bytes};
 use self::residual::{Residual, check_reference};
+use self::sensing::Sensing;
 use self::spec::spec_of;
 use self::stepper::Stepper;
 use self::transition::{config_hash, exposed};
@@ -129,7 +132,11 @@ impl Env {
     /// [`EnvConfig::memory_limit`]; [`Error::Value`] for settings that do not fit the task.
     pub fn of(task: impl Task, name: &str, config: &EnvConfig) -> Result<Self> {
         // what a configuration leaves to the task, a task of one's own leaves out
-        let config = &EnvConfig { randomise: Some(config.changes().to_vec()), ..config.clone() };
+        let config = &EnvConfig {
+            randomise: Some(config.changes().to_vec()),
+            sensor: Some(config.sensors().to_vec()),
+            ..config.clone()
+        };
         config.validate()?;
         EnvConfig::check_horizon(task.horizon())?;
         let task_spec = declare(&task)?;
@@ -152,7 +159,10 @@ impl Env {
         let nominal = robot.parameters();
         let (names, domains) = (robot.parameter_names(), robot.parameter_domains());
         let theta: Vec<_> = varied.iter().map(|k| (names[*k].clone(), nominal[*k], domains[*k])).collect();
-        let extent = Extent::of(&config.observation, total(&own.observation), theta.len())?;
+        let sensing = Sensing::of(config, &*engine)?;
+        let (mut shown, reading) = (own.observation.clone(), sensing.as_ref().map_or(0, |sensing| sensing.n));
+        shown.extend(sensing.iter().flat_map(|sensing| sensing.fields.iter().cloned()));
+        let extent = Extent::of(&config.observation, total(&shown), theta.len())?;
         let residual = Residual::of(config, robot)?;
         let control = Control::new(config, robot)?;
         let n_agent = engine.n_agent();
@@ -170,7 +180,8 @@ impl Env {
             command: n_agent * control.n_command,
             action: n_agent * control.n_action(),
             delay: if config.delay.max > 0 { config.delay.max + 1 } else { 0 },
-            raw: total(&own.observation),
+            raw: total(&shown),
+            reading,
             observation: extent.observation,
             history: n_agent * extent.memory,
             central: total(&own.central),
@@ -187,16 +198,16 @@ impl Env {
             crate::dynamics::Plant::Tree(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
         };
         let n_env = config.n_env;
-        let bytes = bytes_per_env(&plant, &sizes);
+        let bytes = bytes_per_env(&plant, &sizes) + sensing.as_ref().map_or(0, Sensing::bytes);
         check_memory(n_env, bytes + out_bytes(&sizes), config.memory_limit)?;
-        let pipeline = Pipeline::new(&config.observation, &own.observation, &theta)?;
+        let pipeline = Pipeline::new(&config.observation, &shown, &theta)?;
         let speeds = robot.drones().iter().flat_map(|d| d.rotors.iter().map(|r| r.speed)).collect();
         let disturbance_rows = robot.disturbances().iter().map(|k| plant.input_row(*k)).collect();
         let privileged = theta.into_iter().map(|(name, value, _)| (name, value)).collect();
         let spec = spec_of(name, config, &*engine, &sizes, &pipeline, &control, privileged, bytes);
         let statistics = Statistics::of_nothing(sizes.normalised);
         let rest = robot.rest().to_vec();
-        let limits = config.bounds.limits(robot.plant());
+        let (limits, hover_input) = (config.bounds.limits(robot.plant()), robot.hover_input());
         let core = Core {
             exposed: exposed(&*engine, !varied.is_empty()),
             statistics: statistics.clone(),
@@ -212,6 +223,8 @@ impl Env {
             plant,
             control,
             residual,
+            sensing,
+            hover_input,
             bounds: config.bounds,
             limits,
             sizes,
@@ -237,6 +250,9 @@ impl Env {
         let mut blocks = vec![block; n_env.div_ceil(BLOCK)];
         if let Some(last) = blocks.last_mut() {
             last.plant.occupied = n_env - (n_env - 1) / BLOCK * BLOCK;
+        }
+        if let Some(sensing) = &core.sensing {
+            blocks.iter_mut().for_each(|block| block.sensors = vec![sensing.sensors(); block.plant.occupied]);
         }
         let mut env = Self { core, spec, blocks, pool: Mutex::new(Vec::new()), threads: Threads::default() };
         env.freeze(statistics);

@@ -4,10 +4,10 @@
 //! The controller is the task's own ([`Crew`]), as it is in [`Baseline`](crate::tasks::Baseline) but for one thing: it knows
 //! the nominal numbers, not those of the episode. What differs is there to be learnt.
 
+use super::block::take;
 use super::block::{EnvBlock, episode_state};
 use super::core::Core;
 use super::mask::lanes_of;
-use super::restart::take;
 use crate::autodiff::program::BLOCK;
 use crate::controllers::cascade::Level;
 use crate::error::{Error, Result};

@@ -1,6 +1,6 @@
 //! What happens to single environments of a block: episodes begin, goals change. In `f64`, one after the other.
 
-use super::block::episode_state;
+use super::block::{episode_state, take};
 use super::core::Core;
 use super::mask::lanes_of;
 use super::stepper::Stepper;
@@ -54,16 +54,12 @@ fn put(rows: &mut [[f32; BLOCK]], lane: usize, values: &[f64]) {
     rows.iter_mut().zip(values).for_each(|(row, value)| row[lane] = *value as f32);
 }
 
-/// Numbers of one lane.
-pub(crate) fn take(rows: &[[f32; BLOCK]], lane: usize, values: &mut [f64]) {
-    values.iter_mut().zip(rows).for_each(|(value, row)| *value = f64::from(row[lane]));
-}
-
 impl Stepper<'_> {
     /// Begins the next episode of these lanes and looks at them.
     pub(crate) fn begin(&mut self, lanes: u64) {
         if lanes != 0 {
             lanes_of(lanes).for_each(|lane| self.restart(lane));
+            self.sense_first(lanes);
             self.look(lanes);
             self.transformed(lanes, lanes);
         }
@@ -153,6 +149,7 @@ impl Stepper<'_> {
         if changed {
             core.plant.set_numbers(&mut block.plant, lane, &draft.numbers, &core.varied);
         }
+        self.look_around(lane);
     }
 }
 

@@ -21,6 +21,11 @@ impl Env {
             block.seed.iter().chain(&block.episode).chain([&block.started]).for_each(|x| bytes.extend(x.to_le_bytes()));
             bytes.extend(block.count.to_le_bytes());
             block.sums.iter().flatten().for_each(|x| bytes.extend(x.to_le_bytes()));
+            for set in block.sensors.iter().flat_map(|own| &own.sets) {
+                let mut saved = vec![0.0; set.n_saved()];
+                set.save(&mut saved);
+                saved.iter().for_each(|x| bytes.extend(x.to_le_bytes()));
+            }
         }
         bytes.extend(self.core.difficulty.to_le_bytes());
         bytes.extend(u64::from(self.core.collects).to_le_bytes());
@@ -60,6 +65,10 @@ impl Env {
             block.references.fill(None);
             block.count = f64::from_le_bytes(words.take());
             block.sums.iter_mut().flatten().for_each(|x| *x = f64::from_le_bytes(words.take()));
+            for set in block.sensors.iter_mut().flat_map(|own| &mut own.sets) {
+                let saved: Vec<f64> = (0..set.n_saved()).map(|_| f64::from_le_bytes(words.take())).collect();
+                set.restore(&saved)?;
+            }
         }
         self.core.difficulty = f64::from_le_bytes(words.take());
         self.core.collects = u64::from_le_bytes(words.take()) != 0;
@@ -67,6 +76,7 @@ impl Env {
         s.mean.iter_mut().chain(&mut s.variance).for_each(|x| *x = f64::from_le_bytes(words.take()));
         s.count = f64::from_le_bytes(words.take());
         self.freeze(s);
+        self.look_around();
         Ok(())
     }
 
@@ -77,8 +87,9 @@ impl Env {
             rows + (2 * BLOCK + 2 + 2 * block.sums.len()) * size_of::<u64>()
         };
         let blocks = self.blocks.first().map_or(0, of_block) * self.blocks.len();
+        let sensors = self.core.sensing.as_ref().map_or(0, |own| own.n_saved()) * self.spec.n_env;
         // magic, fingerprint; difficulty, whether it collects, statistics, sum
-        16 + blocks + (2 * self.core.sizes.normalised + 4) * size_of::<u64>()
+        16 + blocks + (sensors + 2 * self.core.sizes.normalised + 4) * size_of::<u64>()
     }
 
     /// Of everything that decides what saved numbers mean.

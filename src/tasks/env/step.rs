@@ -17,6 +17,8 @@ pub(crate) trait Phases {
     fn physics(&mut self);
     /// The state at rest stands in where physics gave up.
     fn contain(&mut self) {}
+    /// What sensors read behind the physics.
+    fn sense(&mut self) {}
     /// Time, task state, reward, ends.
     fn evaluate_step(&mut self);
     /// The reward was for the old goal, the next action is for the new one.
@@ -46,6 +48,7 @@ pub(crate) fn step(core: &Core, phases: &mut impl Phases) {
     }
     phases.contain();
     phases.frames();
+    phases.sense();
     phases.evaluate_step();
     phases.change_goals();
     phases.observe();

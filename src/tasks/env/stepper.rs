@@ -41,6 +41,7 @@ impl Stepper<'_> {
             slot.open(layout, self.block, self.running);
         }
         self.block.moved = if slot.is_some() { 0 } else { u64::MAX };
+        self.keep_frames();
         step(core, self);
         if let Some((layout, slot)) = slot {
             slot.close(layout, self.block, self.work, self.ended, self.alive());
@@ -81,7 +82,17 @@ impl Stepper<'_> {
     /// Frames, observations and central states of the registers of these lanes: what did not change keeps its bits.
     pub(crate) fn look(&mut self, lanes: u64) {
         self.core.plant.frames(&self.block.plant, lanes, &mut self.work.frames);
-        self.core.engine.observe(&self.core.sizes, self.block, self.work, lanes);
+        self.show_all(lanes);
+    }
+
+    /// What tasks show, and behind it what sensors read.
+    fn show_all(&mut self, lanes: u64) {
+        let s = &self.core.sizes;
+        self.core.engine.observe(s, self.block, self.work, lanes);
+        for agent in 0..s.agent {
+            let rows = &mut self.work.raw[agent * s.raw..][s.raw - s.reading..s.raw];
+            rows.copy_from_slice(&self.block.readings[agent * s.reading..][..s.reading]);
+        }
     }
 
     fn alive(&self) -> u64 {
@@ -162,6 +173,10 @@ impl Phases for Stepper<'_> {
         }
     }
 
+    fn sense(&mut self) {
+        self.sense_after(self.running);
+    }
+
     fn evaluate_step(&mut self) {
         self.core.engine.evaluate_step(self.core, self.block, self.work);
         let signals = &self.work.signals;
@@ -178,7 +193,7 @@ impl Phases for Stepper<'_> {
     }
 
     fn observe(&mut self) {
-        self.core.engine.observe(&self.core.sizes, self.block, self.work, u64::MAX);
+        self.show_all(u64::MAX);
     }
 
     fn transform(&mut self) {

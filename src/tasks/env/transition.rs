@@ -46,7 +46,9 @@ pub struct StepLayout {
     pub next_goal: Range<usize>,
     /// Randomised wind, m/s.
     pub wind: Range<usize>,
-    /// Normal draws of the sensors.
+    /// What sensors read behind the step, agent by agent.
+    pub readings: Range<usize>,
+    /// Normal draws of the noise of observations.
     pub noise: Range<usize>,
     /// Of the normaliser: means, then 1/standard deviations.
     pub statistics: Range<usize>,
@@ -74,6 +76,7 @@ impl StepLayout {
         let (line, history) = (next(s.delay * s.command), next(s.history));
         let (action, parameters) = (next(s.command), next(s.theta));
         let (time, goal, next_goal, wind) = (next(3), next(s.goal), next(s.goal), next(s.air));
+        let readings = next(s.agent * s.reading);
         let (noise, statistics) = (next(s.agent * core.pipeline.noise), next(2 * s.normalised));
         at = history.end;
         let mut next = |n: usize| {
@@ -93,6 +96,7 @@ impl StepLayout {
             goal,
             next_goal,
             wind,
+            readings,
             noise,
             statistics,
             observation,
@@ -300,6 +304,10 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
         observe(self.task, s, &self.view(), &mut StridedViewMut::of(&mut raw));
         if s.central > 0 {
             self.task.central(&self.view(), &mut StridedViewMut::of(&mut raw).writer(s.agent * s.raw));
+        }
+        for agent in 0..s.agent {
+            let read = &self.z[self.p.readings.clone()][agent * s.reading..][..s.reading];
+            raw[agent * s.raw..][s.raw - s.reading..s.raw].copy_from_slice(read);
         }
         let (raw, central) = raw.split_at(s.agent * s.raw);
         for agent in 0..s.agent {

@@ -7,6 +7,7 @@
 mod assignment;
 pub mod dragon_hover;
 pub mod fly_through;
+pub mod forest;
 pub mod formation;
 pub mod hover;
 pub(crate) mod load;

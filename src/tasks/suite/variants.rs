@@ -51,6 +51,13 @@ randomise = [
      a hidden load that it carries.",
 );
 
+/// Forest, with the published lidar.
+pub(crate) const FOREST: Variant = (
+    "[[sensor]]\nname = 'lidar'\nkind = 'lidar'\npreset = 'omnidrones'",
+    "Behind these numbers stand the readings of a lidar of 36 × 4 beams, 4 m less the distance, or of the sensors of the \
+     configuration.",
+);
+
 /// TrackRand.
 pub(crate) const TRACK_RAND: Variant = (
     r#"

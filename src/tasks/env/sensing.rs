@@ -1,0 +1,300 @@
+//! Sensors of the agents: what stands behind the task's own numbers in every observation.
+//!
+//! Every agent carries the sensors of the configuration, by default on its own drone. They read in `f64`, environment by
+//! environment, after the physics of a step and where an episode begins; tasks do not see what they read, and gradients take it
+//! for constants.
+
+use super::Env;
+use super::block::{Columns, EnvBlock, take};
+use super::core::Core;
+use super::engine::Engine;
+use super::mask::lanes_of;
+use super::stepper::Stepper;
+use crate::autodiff::program::BLOCK;
+use crate::autodiff::{StridedView, System};
+use crate::dynamics::frame::{FRAME, Frame};
+use crate::dynamics::sensors::cast::World;
+use crate::dynamics::sensors::solids::{Solids, Surroundings};
+use crate::dynamics::sensors::{self, Eyes, SensorConfig, SensorSet, Sight, Truth};
+use crate::error::{Error, Result};
+use crate::tasks::config::EnvConfig;
+use crate::tasks::task_spec::{Field, Layout, Smoothness};
+
+/// Most numbers that one agent's sensors read.
+const MAX_READINGS: usize = 4096;
+
+/// Sensors of one environment, and what they look at.
+#[derive(Debug, Clone)]
+pub(crate) struct Sensors {
+    /// One set per agent.
+    pub sets: Vec<SensorSet>,
+    world: World,
+}
+
+/// What all environments share of their sensors.
+#[derive(Debug)]
+pub(crate) struct Sensing {
+    template: Sensors,
+    around: Surroundings,
+    solids: Solids,
+    /// Frames that carry sensors.
+    carriers: Vec<usize>,
+    /// Of one step of an environment, s.
+    dt: f64,
+    /// Numbers that one agent reads.
+    pub n: usize,
+    /// What they are.
+    pub fields: Vec<Field>,
+}
+
+/// What a worker needs to read sensors.
+#[derive(Debug, Default)]
+pub(crate) struct Senses {
+    /// Frames before the step.
+    pub before: Columns,
+    solids: Solids,
+    eyes: Eyes,
+    truths: Vec<Truth>,
+    state: Vec<f64>,
+    next: Vec<f64>,
+    frames: Vec<f64>,
+    numbers: Vec<f64>,
+    goal: Vec<f64>,
+    placement: Vec<f64>,
+}
+
+impl Sensing {
+    /// The sensors of a configuration; `None` without any.
+    ///
+    /// # Errors
+    /// As [`SensorSet::new`]; [`Error::Limit`] for more than [`MAX_READINGS`] numbers.
+    pub(crate) fn of(config: &EnvConfig, engine: &dyn Engine) -> Result<Option<Self>> {
+        let (configs, robot) = (config.sensors(), engine.robot());
+        if configs.is_empty() {
+            return Ok(None);
+        }
+        let bodies = robot.plant().body_names();
+        let own = |agent: usize| {
+            let drone = &robot.drones()[agent.min(robot.drones().len() - 1)];
+            let of_agent = |config: &SensorConfig| SensorConfig {
+                // noise depends on the name, and no two agents hear the same
+                name: if agent == 0 { config.name.clone() } else { format!("{}/{agent}", config.name) },
+                on: config.on.clone().or_else(|| bodies.get(drone.frame).cloned()),
+                ..config.clone()
+            };
+            SensorSet::new(&configs.iter().map(of_agent).collect::<Vec<_>>(), config.dt, &bodies)
+        };
+        let sets = (0..engine.n_agent()).map(own).collect::<Result<Vec<_>>>()?;
+        let n = sets[0].readings().len();
+        if n > MAX_READINGS {
+            let remedy = "Take fewer beams or pixels, or let a camera pool them.";
+            return Err(Error::limit("sensor: numbers that one agent reads", n, MAX_READINGS, remedy));
+        }
+        let around = Surroundings::of(&engine.scene(), robot.plant());
+        let mut world = World::default();
+        world.fill(&around.scene, &around.scene.nominal_placement())?;
+        let mut carriers: Vec<usize> = sets.iter().flat_map(|set| set.sensors().iter().map(|s| s.body())).collect();
+        carriers.sort_unstable();
+        carriers.dedup();
+        let fields = configs.iter().flat_map(fields).collect();
+        let solids = Solids::of(robot.plant()).without_lone_body();
+        Ok(Some(Self { template: Sensors { sets, world }, around, solids, carriers, dt: config.dt, n, fields }))
+    }
+
+    /// Of one environment, at the beginning of nothing.
+    pub(crate) fn sensors(&self) -> Sensors {
+        self.template.clone()
+    }
+
+    /// Numbers of the saved sensors of one environment.
+    pub(crate) fn n_saved(&self) -> usize {
+        self.template.sets.iter().map(SensorSet::n_saved).sum()
+    }
+
+    /// Memory of one environment, bytes, about.
+    pub(crate) fn bytes(&self) -> usize {
+        let samples = 3 * self.n_saved() * size_of::<f64>();
+        let readings = self.template.sets.len() * self.n * size_of::<f32>();
+        samples + readings + 96 * self.template.world.n_solid() + size_of::<Sensors>()
+    }
+
+    /// Memory of one worker.
+    pub(crate) fn senses(&self, core: &Core) -> Senses {
+        let robot = core.robot();
+        let frames = robot.n_frame() * FRAME;
+        let still = Frame {
+            position: [0.0; 3],
+            velocity: [0.0; 3],
+            attitude: [1.0, 0.0, 0.0, 0.0],
+            angular_velocity: [0.0; 3],
+        };
+        Senses {
+            before: Columns::zeros(frames),
+            solids: self.solids.clone(),
+            eyes: Eyes::default(),
+            truths: vec![Truth::at(&still, [0.0; 3], [0.0; 3], 0.0); robot.n_frame()],
+            state: vec![0.0; robot.n_state()],
+            next: vec![0.0; robot.n_state()],
+            frames: vec![0.0; frames],
+            numbers: core.nominal.clone(),
+            goal: vec![0.0; core.sizes.goal],
+            placement: Vec::with_capacity(self.around.scene.n_placement()),
+        }
+    }
+
+    /// Looks around with all sensors of one environment, whose truths are known, and keeps what they read.
+    fn read(&self, sensors: &mut Sensors, senses: &mut Senses, frames: &[[f32; BLOCK]], lane: usize) {
+        let solids = senses.solids.at(|body| frame(frames, body, lane));
+        let mut sight = Sight::new(&mut sensors.world, solids, &mut senses.eyes);
+        for set in &mut sensors.sets {
+            set.step(&senses.truths, &mut sight);
+        }
+    }
+}
+
+/// Motion of a body in one lane.
+fn frame(frames: &[[f32; BLOCK]], body: usize, lane: usize) -> Frame<f64> {
+    let mut numbers = [0.0; FRAME];
+    take(&frames[body * FRAME..][..FRAME], lane, &mut numbers);
+    Frame::read(&StridedView::of(&numbers))
+}
+
+/// What a sensor reads, as fields of the observation: an image or scan is one, other numbers are one per quantity.
+fn fields(config: &SensorConfig) -> Vec<Field> {
+    let (channels, about) = (config.model.channels(), format!("read by the sensor '{}'", config.name));
+    let field = |name: String, size: usize, unit: &str, layout: Layout| Field {
+        name,
+        size,
+        unit: unit.into(),
+        meaning: about.clone(),
+        low: f64::NEG_INFINITY,
+        high: f64::INFINITY,
+        smoothness: Smoothness::NonSmooth,
+        layout,
+    };
+    let whole = match config.model.layout() {
+        sensors::Layout::Vector => {
+            let mut fields: Vec<Field> = Vec::new();
+            for (name, unit) in &channels {
+                let name = format!("{}.{}", config.name, quantity(name));
+                match fields.last_mut() {
+                    Some(last) if last.name == name => last.size += 1,
+                    _ => fields.push(field(name, 1, unit, Layout::Vector)),
+                }
+            }
+            return fields;
+        }
+        sensors::Layout::Image { height, width, channels } => Layout::Image { height, width, channels },
+        sensors::Layout::Lidar { rows, columns } => Layout::Lidar { rows, columns },
+    };
+    vec![field(config.name.clone(), channels.len(), channels.first().map_or("-", |c| c.1), whole)]
+}
+
+/// `accelerometer` of `accelerometer_x`.
+fn quantity(channel: &str) -> &str {
+    match channel.rsplit_once('_') {
+        Some((name, "w" | "x" | "y" | "z")) => name,
+        _ => channel,
+    }
+}
+
+impl Stepper<'_> {
+    /// Keeps where bodies are before a step, as accelerations are means over it.
+    pub(crate) fn keep_frames(&mut self) {
+        if let Some(senses) = &mut self.work.senses {
+            self.core.plant.frames(&self.block.plant, u64::MAX, &mut senses.before);
+        }
+    }
+
+    /// Reads the sensors of these lanes behind a step.
+    pub(crate) fn sense_after(&mut self, lanes: u64) {
+        let (Some(sensing), Some(senses)) = (&self.core.sensing, &mut self.work.senses) else { return };
+        for lane in lanes_of(lanes) {
+            let gravity = self.core.gravity(self.block, lane);
+            for body in &sensing.carriers {
+                let (before, after) = (frame(&senses.before, *body, lane), frame(&self.work.frames, *body, lane));
+                senses.truths[*body] = Truth::between(&before, &after, sensing.dt, gravity);
+            }
+            sensing.read(&mut self.block.sensors[lane], senses, &self.work.frames, lane);
+            self.block.keep_readings(sensing.n, lane);
+        }
+    }
+
+    /// Begins an episode of the sensors of these lanes, and reads them at rest in its first state: with the accelerations of a
+    /// step in which rotors hold their speeds.
+    pub(crate) fn sense_first(&mut self, lanes: u64) {
+        let core = self.core;
+        let Some(sensing) = &core.sensing else { return };
+        core.plant.frames(&self.block.plant, lanes, &mut self.work.frames);
+        for lane in lanes_of(lanes) {
+            self.look_around(lane);
+            let [seed, environment, episode] = self.key(lane);
+            let Some(senses) = &mut self.work.senses else { return };
+            let theta = if core.varied.is_empty() { &[] } else { &senses.numbers[..] };
+            core.exposed.step(&senses.state, &core.hover_input, theta, &mut senses.next);
+            core.exposed.write_frames(&senses.numbers, &senses.next, &mut senses.frames);
+            let (dt, gravity) = (core.exposed.physics().dt, senses.numbers[0]);
+            for body in &sensing.carriers {
+                let now = frame(&self.work.frames, *body, lane);
+                let next = Frame::read(&StridedView::of(&senses.frames[body * FRAME..][..FRAME]));
+                senses.truths[*body] = Truth::ahead(&now, &next, dt, gravity);
+            }
+            let own = &mut self.block.sensors[lane];
+            own.sets.iter_mut().for_each(|set| set.reset(seed, environment, episode));
+            sensing.read(own, senses, &self.work.frames, lane);
+            self.block.keep_readings(sensing.n, lane);
+        }
+    }
+
+    /// Finds out anew what stands around one environment: where an episode began, its goal changed, or it was loaded. From what
+    /// a block holds and not from what was drawn, so that a restored environment sees the same bits.
+    pub(crate) fn look_around(&mut self, lane: usize) {
+        let core = self.core;
+        let (Some(sensing), Some(senses)) = (&core.sensing, &mut self.work.senses) else { return };
+        take(&self.block.plant.rows, lane, &mut senses.state);
+        take(&self.block.goal, lane, &mut senses.goal);
+        senses.numbers.copy_from_slice(&core.nominal);
+        for (row, k) in self.block.theta.iter().zip(&core.varied) {
+            senses.numbers[*k] = f64::from(row[lane]);
+        }
+        let Senses { numbers, goal, placement, .. } = senses;
+        sensing.around.place(numbers, placement, |own| core.engine.place_scene(goal, own));
+        // as many solids as were taken when the environment was made
+        let _ = self.block.sensors[lane].world.fill(&sensing.around.scene, placement);
+    }
+}
+
+impl Env {
+    /// Finds out anew what stands around every environment.
+    pub(crate) fn look_around(&mut self) {
+        if self.core.sensing.is_none() {
+            return;
+        }
+        let (core, mut own) = (&self.core, self.core.workspace());
+        for (i, block) in self.blocks.iter_mut().enumerate() {
+            let (work, first) = (&mut own, i * BLOCK);
+            let mut stepper = Stepper { core, block, work, first, actions: &[], running: 0, ended: 0 };
+            (0..stepper.n()).for_each(|lane| stepper.look_around(lane));
+        }
+    }
+}
+
+impl EnvBlock {
+    /// What one environment's sensors read, into its rows.
+    fn keep_readings(&mut self, n: usize, lane: usize) {
+        for (agent, set) in self.sensors[lane].sets.iter().enumerate() {
+            let rows = &mut self.readings[agent * n..][..n];
+            rows.iter_mut().zip(set.readings()).for_each(|(row, x)| row[lane] = *x as f32);
+        }
+    }
+}
+
+impl Core {
+    /// That of one environment, m/s².
+    fn gravity(&self, block: &EnvBlock, lane: usize) -> f64 {
+        match self.varied.first() {
+            Some(0) => f64::from(block.theta[0][lane]),
+            _ => self.nominal[0],
+        }
+    }
+}

@@ -1,0 +1,328 @@
+//! Forest: cross a forest, which is another one in every episode, by what sensors see of it.
+//!
+//! The sensors are those of the configuration, unless it says otherwise the published lidar of 36 × 4 beams; their readings stand
+//! behind what is written here. Reward and ends know the trunks: they do not depend on which sensor flies.
+//!
+//! - DIFFERENCE: trunks are columns that reach higher than one may fly, at random in a corridor of 24 m × 12 m, anew in every
+//!   episode; the published terrain is one for all environments, half of its obstacles are pits and half of the others lower
+//!   than the flight.
+//! - DIFFERENCE: T = 1000 steps for 24 m; the published 48 m in 12.8 s ask for more than the speed that ends an episode.
+//! - DIFFERENCE: height and distance to the target are observed.
+//! - DIFFERENCE: touch ends an episode, wherever on the vehicle it is; published is a beam below 0.3 m, so what no beam met did not
+//!   count. The term safety is of the clearance, not of the mean beam.
+//! - DIFFERENCE: the term progress falls no further than its bound is high.
+
+use super::obstacles::rounded;
+use super::{
+    StartAttitude, StartRange, farther, latch, less, made_of, more, nearer, rate_cost, speed_cost, squared,
+    succeeds_once, times,
+};
+use crate::autodiff::{Mask, Scalar, safe};
+use crate::dynamics::scene::{self, Scene};
+use crate::dynamics::shape::{Geometry, Pose};
+use crate::dynamics::spatial::{Vec3, constants, scale, sub};
+use crate::dynamics::vehicle::Vehicle;
+use crate::error::{Error, Result};
+use crate::settings;
+use crate::tasks::config::EnvConfig;
+use crate::tasks::declare::{Ends, Loss, Writer};
+use crate::tasks::registry::BuiltIn;
+use crate::tasks::reward::upright;
+use crate::tasks::robot::Robot;
+use crate::tasks::task::{Start, Task, View};
+
+/// Most trunks of a forest.
+const MAX_TRUNKS: usize = 256;
+/// Where trunks stand that an episode leaves out, x, m.
+const ELSEWHERE: f64 = -1000.0;
+/// Farther than this everything is as far, m.
+const REACH: f64 = 10.0;
+/// Between which clearances the term safety is one of them, m.
+const SAFETY: [f64; 2] = [0.05, 4.0];
+/// Behind the start and beyond the target the corridor goes on, m.
+const MARGIN: f64 = 2.0;
+
+/// Where starts are.
+fn start_range() -> StartRange {
+    StartRange { position: [[0.0, 0.5], [-4.0, 4.0], [1.8, 2.2]], attitude: StartAttitude::default() }
+}
+
+settings! {
+    /// Settings of [`Forest`].
+    pub(crate) struct ForestSettings {
+        vehicle: String = "hummingbird".into() => ("", "what flies", Any);
+        horizon: usize = 1000 => ("steps", "T", Any);
+        length: f64 = 24.0 => ("m", "of the corridor along x", Positive);
+        width: f64 = 12.0 => ("m", "of the corridor along y", Positive);
+        trunks: usize = 45 => ("", "trunks in the corridor", Any);
+        trunks_ease: f64 = 1.0 => ("-", "share of the trunks at difficulty 0", Share);
+        radius: [f64; 2] = [0.2, 0.3] => ("m", "of trunks, least and largest", PositiveOrdered);
+        gap: f64 = 0.8 => ("m", "least way between two trunks", NotNegative);
+        clear: [f64; 2] = [2.0, 1.0] => ("m", "without trunks at the beginning and at the end", Any);
+        target: [[f64; 2]; 3] = [[24.0, 24.0], [-4.0, 4.0], [2.0, 2.0]]
+            => ("m, world", "p_t, lowest and highest per axis", Ordered);
+        start: StartRange = start_range() => group;
+        start_along: f64 = 0.0 => ("-", "share of episodes that begin anywhere on the way to the target", Share);
+        speed: f64 = 2.0 => ("m/s", "beyond which haste is worth no more", Positive);
+        max_speed: f64 = 2.5 => ("m/s", "faster ends the episode", Positive);
+        min_height: f64 = 0.2 => ("m", "lower is a crash", Any);
+        max_height: f64 = 4.0 => ("m", "higher ends the episode", Any);
+        success_distance: f64 = 0.5 => ("m", "position error of a success", Positive);
+        reward_progress: f64 = 1.0 => ("s/m", "weight of the term progress", NotNegative);
+        reward_up: f64 = 1.0 => ("-", "weight of the term up", NotNegative);
+        reward_alive: f64 = 1.0 => ("-", "of every step that does not end", NotNegative);
+        reward_safety: f64 = 0.2 => ("-", "weight of the term safety", NotNegative);
+        loss_pace: f64 = 0.3 => ("s²/m", "weight of the error of the velocity in the loss", NotNegative);
+        loss_clearance: f64 = 3.0 => ("m", "weight of the clearance in the loss", NotNegative);
+        loss_reach: f64 = 0.2 => ("m", "over which it falls by e", Positive);
+        loss_up: f64 = 0.1 => ("m", "weight of ‖e_z − u‖² in the loss", NotNegative);
+        loss_rate: f64 = 0.005 => ("m s²/rad²", "weight of the angular velocity in the loss", NotNegative);
+    }
+}
+
+/// See the [module](self).
+#[derive(Debug, Clone)]
+pub struct Forest {
+    robot: Robot,
+    settings: ForestSettings,
+    forest: scene::Forest,
+    scene: Scene,
+    /// Radii of the trunks, m.
+    radii: Vec<f64>,
+    bars: Vec<Bar>,
+}
+
+/// What touches: all points within `radius` of the segment between two points of the vehicle.
+#[derive(Debug, Clone)]
+struct Bar {
+    ends: [Vec3<f64>; 2],
+    radius: f64,
+}
+
+impl BuiltIn for Forest {
+    fn new(config: &EnvConfig) -> Result<Self> {
+        let settings: ForestSettings = config.settings()?;
+        if settings.trunks > MAX_TRUNKS {
+            let remedy = "Take fewer trunks, or a wider gap.";
+            return Err(Error::limit("task.trunks", settings.trunks, MAX_TRUNKS, remedy));
+        }
+        let forest = scene::Forest {
+            seed: 0,
+            length: settings.length,
+            width: settings.width,
+            clear: settings.clear,
+            trunks: settings.trunks,
+            radius: settings.radius,
+            height: settings.max_height + 1.0,
+            gap: settings.gap,
+        };
+        let scene = forest.scene()?;
+        let radius = |geometry: &Geometry| if let Geometry::Capsule { radius, .. } = geometry { *radius } else { 0.0 };
+        let radii = scene.obstacles.iter().map(|trunk| radius(&trunk.shape.geometry)).collect();
+        let bars = bars(&config.vehicle(&settings.vehicle)?);
+        let robot = config.single_robot(&settings.vehicle)?;
+        Ok(Self { robot, settings, forest, scene, radii, bars })
+    }
+}
+
+/// Capsules and balls of a vehicle; of its boxes the diagonals.
+fn bars(vehicle: &Vehicle) -> Vec<Bar> {
+    let bar = |shape: &crate::dynamics::shape::Shape| {
+        let (radius, length) = match shape.geometry {
+            Geometry::Capsule { radius, length } => (radius, length),
+            Geometry::Sphere { radius } => (radius, 0.0),
+            Geometry::Box { size } => (0.5 * size.into_iter().fold(f64::INFINITY, f64::min), 0.0),
+        };
+        let pose = Pose { position: shape.position, attitude: shape.rotation };
+        Bar { ends: [-0.5, 0.5].map(|share| pose.point([0.0, 0.0, share * length])), radius }
+    };
+    rounded(vehicle).shapes.iter().map(bar).collect()
+}
+
+impl Forest {
+    /// p_t − p.
+    #[inline(always)]
+    fn error<S: Scalar>(view: &View<'_, S>) -> Vec3<S> {
+        sub(view.goal.array(0), view.drone(0).position)
+    }
+
+    /// (p_t − p)/d.
+    #[inline(always)]
+    fn direction<S: Scalar>(error: Vec3<S>) -> Vec3<S> {
+        scale(safe::recip_sqrt(safe::squared_norm(error), safe::SQUARED_NORM_FLOOR), error)
+    }
+
+    /// Least distance between the vehicle and a trunk, m: below the trunks' tops that of their outlines from above.
+    #[inline(always)]
+    fn clearance<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        let drone = view.drone(0);
+        let (zero, one) = (S::zero(), S::one());
+        let mut least = S::constant(REACH);
+        for k in 0..self.bars.len() {
+            let bar = &self.bars[k];
+            let (a, b) = (drone.point(constants(bar.ends[0])).0, drone.point(constants(bar.ends[1])).0);
+            let along = [b[0] - a[0], b[1] - a[1]];
+            let inverse = safe::squared_norm(along).max(S::constant(1e-9)).recip();
+            for i in 0..self.radii.len() {
+                let way = [view.goal.get(3 + 2 * i) - a[0], view.goal.get(4 + 2 * i) - a[1]];
+                let share = (along[0].mul_add(way[0], along[1] * way[1]) * inverse).max(zero).min(one);
+                let away = [(-share).mul_add(along[0], way[0]), (-share).mul_add(along[1], way[1])];
+                least = least.min(safe::norm(away) - S::constant(self.radii[i] + bar.radius));
+            }
+        }
+        least
+    }
+
+    /// Keeps p_t, then the places of the trunks, of which the first `standing` are drawn.
+    fn set_goal(&self, start: &mut Start<'_>, target: Vec3<f64>, standing: usize) {
+        let mut offsets = [0.0; 3 * MAX_TRUNKS];
+        let n = self.radii.len();
+        if standing > 0 {
+            self.forest.place(&self.scene.obstacles, standing, &mut start.task, &mut offsets[..3 * n]);
+        }
+        start.goal.field("target", "m, world", "p_t").array(target);
+        start.goal.field("trunks", "m, world", "(x, y) of every trunk");
+        for (i, trunk) in self.scene.obstacles.iter().enumerate() {
+            let [x, y, _] = trunk.shape.position;
+            let place = [x + offsets[3 * i], y + offsets[3 * i + 1]];
+            start.goal.array(if i < standing { place } else { [ELSEWHERE, 0.0] });
+        }
+    }
+}
+
+impl Task for Forest {
+    made_of!(self: self.robot, self.settings);
+
+    fn about(&self) -> &'static str {
+        "p drone, v, ω velocity and angular velocity (world), u = R e_z, c least distance between drone and trunks, up to \
+         10 m, d = ‖p_t − p‖, n = (p_t − p)/d. {trunks} trunks of radius {radius} m stand in a corridor of {length} m × \
+         {width} m, {gap} m or more apart. Target: p_t uniform in {target} m. Start: p uniform in {start_position} m, \
+         roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest."
+    }
+
+    fn scene(&self) -> Scene {
+        self.scene.clone()
+    }
+
+    fn place_scene(&self, goal: &[f64], placement: &mut [f64]) {
+        for (i, trunk) in self.scene.obstacles.iter().enumerate() {
+            placement[3 * i] = goal[3 + 2 * i] - trunk.shape.position[0];
+            placement[3 * i + 1] = goal[4 + 2 * i] - trunk.shape.position[1];
+        }
+    }
+
+    fn start(&self, start: &mut Start<'_>) {
+        let own = &self.settings;
+        let target = own.target.map(|[low, high]| start.task.uniform(low, high));
+        let share = super::eased(own.trunks_ease, start.difficulty);
+        let standing = (share * own.trunks as f64).round() as usize;
+        self.set_goal(start, target, standing);
+        let (position, attitude) = own.start.draw(start);
+        let position = self.along(start, position, target);
+        start.place(0, position, attitude);
+    }
+
+    #[inline(always)]
+    fn remember<S: Scalar>(&self, view: &View<'_, S>, task_state: &mut impl Writer<S>) {
+        let reached = latch(view.task_state.get(0), nearer(Self::error(view), self.settings.success_distance));
+        task_state.field("reached", "-", "1 once d < {success_distance} m").number(reached);
+    }
+
+    #[inline(always)]
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, _: usize, out: &mut impl Writer<S>) {
+        let error = Self::error(view);
+        out.field("direction", "-, world", "n").within(-1.0, 1.0).array(Self::direction(error));
+        view.observe_drone(0, out);
+        out.field("height", "m, world", "z").number(view.drone(0).position[2]);
+        out.field("distance", "m", "d").number(safe::norm(error));
+    }
+
+    #[inline(always)]
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        let (drone, own) = (view.drone(0), &self.settings);
+        let n = Self::direction(Self::error(view));
+        let v = drone.velocity;
+        let towards = n[0].mul_add(v[0], n[1].mul_add(v[1], n[2] * v[2]));
+        let towards = towards.min(S::constant(own.speed)).max(S::constant(-own.speed));
+        let most = own.reward_progress * own.speed;
+        terms.term("progress", "{×reward_progress}min(v·n, {speed} m/s), no less than −{speed} m/s", most);
+        terms.within(-most, most).piecewise().number(times(own.reward_progress, towards));
+        terms.term("up", "{×reward_up}((u_z + 1)/2)²", own.reward_up).number(times(own.reward_up, upright(drone.up())));
+        terms.term("alive", "{×reward_alive}1", own.reward_alive).number(S::constant(own.reward_alive));
+        let clearance = self.clearance(view).max(S::constant(SAFETY[0])).min(S::constant(SAFETY[1]));
+        let [low, high] = SAFETY.map(|c| own.reward_safety * c.ln());
+        terms.term("safety", "{×reward_safety}ln(c/m), c held within 0.05 to 4 m", high);
+        terms.within(low, high).piecewise().number(times(own.reward_safety, clearance.ln()));
+    }
+
+    #[inline(always)]
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+        let (drone, own) = (view.drone(0), &self.settings);
+        let [x, y, z] = drone.position;
+        ends.when("crash", "z < {min_height} m", less(z, own.min_height));
+        ends.when("high", "z > {max_height} m", more(z, own.max_height));
+        ends.when("fast", "‖v‖ > {max_speed} m/s", farther(drone.velocity, own.max_speed));
+        let beyond = less(x, -MARGIN).or(more(x, own.length + MARGIN));
+        let outside = more(y.abs(), 0.5 * own.width).or(beyond);
+        ends.when("corridor", "2 m before or behind the corridor of {length} m, or beside its {width} m", outside);
+        ends.when("contact", "c < 0", less(self.clearance(view), 0.0));
+    }
+
+    #[inline(always)]
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.metric("position_error", "m", safe::norm(Self::error(view)));
+        out.metric("uprightness", "-", view.drone(0).up()[2]);
+        out.metric("clearance", "m", self.clearance(view));
+        out.metric("speed", "m/s", safe::norm(view.drone(0).velocity));
+    }
+
+    succeeds_once!(self, view: view.task_state.get(0), self.settings.success_distance);
+
+    #[inline(always)]
+    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+        let (drone, own, error) = (view.drone(0), &self.settings, Self::error(view));
+        // a second before the target it slows down
+        let slow = S::constant(own.speed * own.speed);
+        let pace = S::constant(own.speed) * (safe::squared_norm(error) + slow).sqrt().recip();
+        loss.add(
+            "{×loss_pace}h₅(v − v_t), v_t = {speed} m/s (p_t − p)/√(d² + ({speed} m)²)",
+            speed_cost(own.loss_pace, sub(drone.velocity, scale(pace, error))),
+        );
+        let clearance = self.clearance(view).max(S::constant(-0.2));
+        let near = (S::constant(-1.0 / own.loss_reach) * clearance).exp();
+        loss.add("{×loss_clearance}e^{−max(c, −0.2 m)/{loss_reach} m}", times(own.loss_clearance, near));
+        let lean = sub(constants([0.0, 0.0, 1.0]), drone.up());
+        loss.add("{×loss_up}‖e_z − u‖²", squared(own.loss_up, lean));
+        loss.add("{×loss_rate}h₁₀(ω)", rate_cost(own.loss_rate, drone.angular_velocity));
+    }
+
+    fn ideal(&self, start: &mut Start<'_>) {
+        self.set_goal(start, [self.settings.length, 0.0, 2.0], 0);
+        start.place(0, [0.5 * self.settings.length, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]);
+        let at = self.robot.roots()[0];
+        start.state[at + 3] = self.settings.speed;
+    }
+}
+
+impl Forest {
+    /// Where an episode begins that should begin at `from`: in a share of episodes anywhere on the straight way to `to` where
+    /// nothing is near.
+    fn along(&self, start: &mut Start<'_>, from: Vec3<f64>, to: Vec3<f64>) -> Vec3<f64> {
+        if self.settings.start_along == 0.0 || start.reset.unit() >= self.settings.start_along {
+            return from;
+        }
+        for _ in 0..20 {
+            let share = start.reset.unit();
+            let place = [0, 1, 2].map(|i| from[i] + share * (to[i] - from[i]));
+            let trunks = start.goal[3..].chunks_exact(2).zip(&self.radii);
+            let free = |(at, radius): (&[f64], &f64)| (at[0] - place[0]).hypot(at[1] - place[1]) > radius + CLEAR;
+            if trunks.map(free).all(|free| free) {
+                return place;
+            }
+        }
+        from
+    }
+}
+
+/// Starts among trunks are no nearer to them, m.
+const CLEAR: f64 = 0.6;
