@@ -9,6 +9,7 @@ mod probes;
 mod residual;
 mod robustness;
 mod sendable;
+mod sensing;
 #[cfg(debug_assertions)] // products that wrap are told there alone
 mod sizes;
 mod transforms;

@@ -1,18 +1,21 @@
-//! Sensors that look down on level ground, in closed form: range finder and optical flow.
+//! Sensors that look down: range finder and optical flow.
 //!
 //! Both look along −z of their mount: with the rotation [1, 0, 0, 0] straight down from a level body. They see the plane z =
-//! `ground` and nothing else.
+//! `ground`, in closed form; a range finder also what stands in its way.
 
+use super::cast::{self, Rays};
 use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
 use super::mount::Motion;
 use super::settings::{MAX_DISTANCE, within};
 use super::sight::Sight;
+use crate::dynamics::shape::{MAX_SIZE, Pose};
 use crate::dynamics::spatial::{rotate_back, up_axis};
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::sync::Arc;
 
 /// White noise that grows with distance: by 1 + factor^((d − from)/(until − from)).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -49,7 +52,7 @@ impl Growth {
 }
 
 /// Distance to the ground along −z of the mount, of a cone the nearest: h/cos(max(θ − α, 0)), θ the angle between the axis and
-/// the vertical, α half of `cone`. Out of range, by itself or by its noise, it reads
+/// the vertical, α half of `cone`. What else stands in the cone is met by seven rays of it, by one where it has no angle. Out of range, by itself or by its noise, it reads
 /// `farthest`, and `valid` is 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -102,12 +105,31 @@ fn seen(what: &str, ground: f64, nearest: f64, farthest: f64) -> Result<()> {
 #[derive(Debug, Clone)]
 pub(crate) struct RangeDevice {
     settings: Range,
+    /// Its axis, and six on the rim of its cone.
+    rays: Arc<Rays>,
     errors: Errors<1>,
 }
 
 impl RangeDevice {
     pub(crate) fn new(settings: &Range, between: f64) -> Result<Self> {
-        Ok(Self { settings: settings.clone(), errors: Errors::new(&settings.error, between) })
+        let (sin, cos) = (0.5 * settings.cone).sin_cos();
+        let rim = (0..6).map(|k| {
+            let (side, ahead) = (TAU / 6.0 * f64::from(k)).sin_cos();
+            [sin * ahead, sin * side, -cos]
+        });
+        let n = if settings.cone > 0.0 { 6 } else { 0 };
+        let directions: Vec<_> = std::iter::once([0.0, 0.0, -1.0]).chain(rim.take(n)).collect();
+        let range = cast::Range { least: 0.0, most: settings.farthest.min(MAX_SIZE) };
+        let rays = Arc::new(Rays::new(&directions, range)?);
+        Ok(Self { settings: settings.clone(), rays, errors: Errors::new(&settings.error, between) })
+    }
+
+    /// The nearest of all that is in the cone, m; infinite where there is nothing.
+    fn nearest(&self, at: &Motion, sight: &mut Sight<'_>) -> f64 {
+        let pose = Pose { position: at.position, attitude: at.attitude };
+        let most = self.rays.range().most;
+        let ranges = sight.rays(&self.rays, &pose).ranges.iter().map(|d| f64::from(*d));
+        ranges.filter(|d| *d < most).fold(self.distance(at), f64::min)
     }
 
     /// The nearest ground in the cone, m; infinite where there is none in it.
@@ -124,8 +146,8 @@ impl Device for RangeDevice {
         self.errors.draw(stream);
     }
 
-    fn sample(&mut self, at: &Motion, _: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
-        let (distance, farthest) = (self.distance(at), self.settings.farthest);
+    fn sample(&mut self, at: &Motion, sight: &mut Sight<'_>, stream: &mut Stream, out: &mut [f64]) {
+        let (distance, farthest) = (self.nearest(at, sight), self.settings.farthest);
         let measures = |d: f64| (self.settings.nearest..=farthest).contains(&d);
         let shown = if measures(distance) { distance } else { farthest };
         let share = self.settings.growth.map_or(1.0, |growth| growth.share(shown));

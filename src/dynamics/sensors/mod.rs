@@ -384,4 +384,6 @@ impl SensorSet {
 }
 
 #[cfg(test)]
+mod looking_tests;
+#[cfg(test)]
 mod tests;

@@ -1,3 +1,4 @@
+use super::cast::World;
 use super::presets::preset;
 use super::*;
 use crate::dynamics::Frame;
@@ -30,6 +31,23 @@ fn of_toml(text: &str) -> std::result::Result<SensorConfig, toml::de::Error> {
     toml::from_str(text)
 }
 
+/// Reads where nothing is in sight.
+trait Blind<T: ?Sized> {
+    fn read(&mut self, truth: &T) -> &[f64];
+}
+
+impl Blind<Truth> for Sensor {
+    fn read(&mut self, truth: &Truth) -> &[f64] {
+        self.step(truth, &mut Sight::new(&mut World::default(), &[], &mut Eyes::default()))
+    }
+}
+
+impl Blind<[Truth]> for SensorSet {
+    fn read(&mut self, truths: &[Truth]) -> &[f64] {
+        self.step(truths, &mut Sight::new(&mut World::default(), &[], &mut Eyes::default()))
+    }
+}
+
 /// Any motion, for tests of what does not depend on it.
 fn wandering(k: u64) -> Truth {
     let t = 0.002 * k as f64;
@@ -45,7 +63,7 @@ fn gyroscope_at_rest(error: ErrorModel, dt: f64, n: usize) -> [Vec<f64>; 3] {
     let truth = resting([0.0; 3], UPRIGHT);
     let mut axes = [const { Vec::new() }; 3];
     for _ in 0..n {
-        let reading = sensor.step(&truth);
+        let reading = sensor.read(&truth);
         for (axis, values) in axes.iter_mut().enumerate() {
             values.push(reading[3 + axis]);
         }
@@ -148,7 +166,7 @@ fn biases_scales_and_misalignments_are_drawn_per_episode_with_the_spreads_given(
         let mut read = |rate: [f64; 3]| -> [f64; 3] {
             sensor.reset(1, 0, episode);
             let moving = frame([0.0; 3], [0.0; 3], UPRIGHT, rate);
-            sensor.step(&Truth::at(&moving, [0.0; 3], [0.0; 3], G))[3..].try_into().unwrap()
+            sensor.read(&Truth::at(&moving, [0.0; 3], [0.0; 3], G))[3..].try_into().unwrap()
         };
         let (still, turning) = (read([0.0; 3]), read([1.0, 0.0, 0.0]));
         for k in 0..3 {
@@ -165,13 +183,13 @@ fn biases_scales_and_misalignments_are_drawn_per_episode_with_the_spreads_given(
 #[test]
 fn an_imu_at_rest_reads_gravity_upwards_and_no_rate() {
     let mut sensor = made(&ideal("imu"), 0.002);
-    assert_eq!(sensor.step(&resting([1.0, 2.0, 3.0], UPRIGHT)), [0.0, 0.0, G, 0.0, 0.0, 0.0]);
+    assert_eq!(sensor.read(&resting([1.0, 2.0, 3.0], UPRIGHT)), [0.0, 0.0, G, 0.0, 0.0, 0.0]);
     // on its side: body y points down, so that it reads −g along it
-    let reading = sensor.step(&resting([0.0; 3], from_euler(-0.5 * std::f64::consts::PI, 0.0, 0.0))).to_vec();
+    let reading = sensor.read(&resting([0.0; 3], from_euler(-0.5 * std::f64::consts::PI, 0.0, 0.0))).to_vec();
     assert!((reading[1] + G).abs() < 1e-12 && reading[2].abs() < 1e-12, "{reading:?}");
     // and through a mount that is turned by a quarter about x: its z is body −y
     let turned = SensorConfig { rotation: from_euler(0.5 * std::f64::consts::PI, 0.0, 0.0), ..ideal("imu") };
-    let reading = made(&turned, 0.002).step(&resting([0.0; 3], UPRIGHT)).to_vec();
+    let reading = made(&turned, 0.002).read(&resting([0.0; 3], UPRIGHT)).to_vec();
     assert!((reading[1] - G).abs() < 1e-12 && reading[2].abs() < 1e-12, "{reading:?}");
 }
 
@@ -179,7 +197,7 @@ fn an_imu_at_rest_reads_gravity_upwards_and_no_rate() {
 fn falling_freely_an_accelerometer_reads_nothing() {
     let mut sensor = made(&SensorConfig { position: [0.1, 0.2, 0.3], ..ideal("imu") }, 0.01);
     let at = |v: f64| frame([0.0; 3], [1.0, 0.0, v], from_euler(0.4, 0.2, 1.0), [0.0; 3]);
-    let reading = sensor.step(&Truth::between(&at(0.0), &at(-G * 0.01), 0.01, G)).to_vec();
+    let reading = sensor.read(&Truth::between(&at(0.0), &at(-G * 0.01), 0.01, G)).to_vec();
     assert!(reading.iter().all(|x| x.abs() < 1e-12), "{reading:?}");
 }
 
@@ -201,7 +219,7 @@ fn on_a_spinning_arm_an_accelerometer_reads_the_closed_form() {
         for k in 1..500 {
             let t = k as f64 * dt;
             let [before, after] = [t - dt, t].map(|t| spinning(axis, centre, rate, gain, t));
-            let read = sensor.step(&Truth::between(&before, &after, dt, G)).to_vec();
+            let read = sensor.read(&Truth::between(&before, &after, dt, G)).to_vec();
             // all in body axes, where the place is constant; of the middle of the step
             let (place, w) = (add(centre, r), rate + gain * (t - 0.5 * dt));
             let want = [-w * w * place[0] - gain * place[1], -w * w * place[1] + gain * place[0], G];
@@ -232,10 +250,10 @@ fn a_first_reading_is_that_of_the_dynamics_and_a_mean_one_turns_with_the_body() 
         v = add(v, impulse);
         let after = frame_at(v, t + dt);
         if k == 0 {
-            let read = sensor.step(&Truth::ahead(&before, &after, dt, G)).to_vec();
+            let read = sensor.read(&Truth::ahead(&before, &after, dt, G)).to_vec();
             assert!((read[2] - thrust).abs() < 0.1 && read[0].abs() < 0.1, "{read:?}");
         }
-        let read = sensor.step(&Truth::between(&before, &after, dt, G)).to_vec();
+        let read = sensor.read(&Truth::between(&before, &after, dt, G)).to_vec();
         for (got, want) in read.iter().zip([0.0, 0.0, thrust]) {
             worst = worst.max((got - want).abs());
         }
@@ -248,7 +266,7 @@ fn a_first_reading_is_that_of_the_dynamics_and_a_mean_one_turns_with_the_body() 
 fn delayed(every: u64, latency: u64, steps: u64) -> (Vec<f64>, Vec<bool>) {
     let config = SensorConfig { every: Some(every), latency: Some(latency), ..ideal("gnss") };
     let mut sensor = made(&config, 0.01);
-    (0..steps).map(|k| (sensor.step(&resting([k as f64, 0.0, 0.0], UPRIGHT))[0], sensor.is_new())).unzip()
+    (0..steps).map(|k| (sensor.read(&resting([k as f64, 0.0, 0.0], UPRIGHT))[0], sensor.is_new())).unzip()
 }
 
 #[test]
@@ -290,7 +308,7 @@ fn readings_are_clipped_and_are_multiples_of_the_least_significant_bit() {
     for k in 0..2000 {
         let rate = 4.0 * (0.01 * f64::from(k)).sin();
         let moving = frame([0.0; 3], [0.0; 3], UPRIGHT, [rate, 0.1, 0.0]);
-        let reading = sensor.step(&Truth::at(&moving, [0.0; 3], [0.0; 3], G));
+        let reading = sensor.read(&Truth::at(&moving, [0.0; 3], [0.0; 3], G));
         let x = reading[3];
         assert!((-1.0..=2.0).contains(&x) && (x / 0.125).fract() == 0.0, "{x}");
         assert!((-1.0..=2.0).contains(&rate) || x == rate.clamp(-1.0, 2.0) || (rate - x).abs() < 1.5, "{rate}: {x}");
@@ -300,7 +318,7 @@ fn readings_are_clipped_and_are_multiples_of_the_least_significant_bit() {
     // without noise, the nearest multiple
     let mut sensor = made(&gyroscope(ErrorModel { density: PerAxis::Same(0.0), ..error }), 0.01);
     let moving = frame([0.0; 3], [0.0; 3], UPRIGHT, [0.19, -0.07, 9.0]);
-    assert_eq!(sensor.step(&Truth::at(&moving, [0.0; 3], [0.0; 3], G))[3..], [0.25, -0.125, 2.0]);
+    assert_eq!(sensor.read(&Truth::at(&moving, [0.0; 3], [0.0; 3], G))[3..], [0.25, -0.125, 2.0]);
 }
 
 #[test]
@@ -316,7 +334,7 @@ fn a_saved_sensor_goes_on_with_the_same_bits() {
     sensors.reset(u64::MAX - 3, 1 << 40, 12);
     for at in [0, 1, 13, 1000] {
         for k in 0..at {
-            sensors.step(&[wandering(k)]);
+            sensors.read(&[wandering(k)]);
         }
         let mut saved = vec![0.0; sensors.n_saved()];
         sensors.save(&mut saved);
@@ -324,7 +342,7 @@ fn a_saved_sensor_goes_on_with_the_same_bits() {
         other.restore(&saved).unwrap();
         let mut ahead = sensors.clone();
         for k in at..at + 500 {
-            let (a, b) = (ahead.step(&[wandering(k)]).to_vec(), other.step(&[wandering(k)]).to_vec());
+            let (a, b) = (ahead.read(&[wandering(k)]).to_vec(), other.read(&[wandering(k)]).to_vec());
             assert!(
                 a.iter().zip(&b).all(|(a, b)| a.to_bits() == b.to_bits()),
                 "saved after {at}, step {k}: {a:?} {b:?}"
@@ -346,11 +364,11 @@ fn readings_depend_on_seed_environment_episode_and_name_and_on_nothing_else() {
         let mut sensors = SensorSet::new(configs, 0.002, &["drone".to_string()]).unwrap();
         // what was before does not matter
         sensors.reset(99, 99, 99);
-        sensors.step(&[wandering(5)]);
+        sensors.read(&[wandering(5)]);
         sensors.reset(seed, environment, episode);
         let mut all = vec![Vec::new(); configs.len()];
         for k in 0..300 {
-            sensors.step(&[wandering(k)]);
+            sensors.read(&[wandering(k)]);
             for (own, sensor) in all.iter_mut().zip(sensors.sensors()) {
                 own.extend(sensor.reading().iter().map(|x| x.to_bits()));
             }
@@ -385,7 +403,7 @@ fn motion_capture_loses_the_share_given_in_runs_of_the_length_given_and_holds_th
     let n = 200_000;
     let (mut lost, mut runs, mut held) = (0.0, 0.0, [0.0; 8]);
     for k in 0..n {
-        let reading: [f64; 8] = sensor.step(&resting([f64::from(k), 0.0, 0.0], UPRIGHT)).try_into().unwrap();
+        let reading: [f64; 8] = sensor.read(&resting([f64::from(k), 0.0, 0.0], UPRIGHT)).try_into().unwrap();
         if reading[7] == 0.0 {
             lost += 1.0;
             runs += held[7];
@@ -408,7 +426,7 @@ fn motion_capture_turns_by_its_error_about_mount_axes() {
     let q = from_euler(0.3, -0.4, 2.9);
     let mut square = [0.0; 3];
     for _ in 0..20_000 {
-        let reading = sensor.step(&resting([0.0; 3], q)).to_vec();
+        let reading = sensor.read(&resting([0.0; 3], q)).to_vec();
         assert!(reading[3] >= 0.0);
         // rotated back by the truth, a small rotation remains: twice its vector part, with the sign of w
         let [w, x, y, z] =
@@ -427,19 +445,19 @@ fn a_barometer_reads_the_standard_atmosphere_and_drifts() {
     let model = Model::Barometer(Barometer { altitude: 488.0, drift: 2.0, ..Barometer::default() });
     let mut sensor = made(&SensorConfig { every: Some(2), ..SensorConfig::new("baro", model) }, 0.5);
     for k in 0..5_i32 {
-        let read = sensor.step(&resting([0.0, 0.0, 12.0], UPRIGHT))[0];
+        let read = sensor.read(&resting([0.0, 0.0, 12.0], UPRIGHT))[0];
         let want = 101_325.0 * (1.0 - 0.0065 * 500.0 / 288.0_f64).powf(5.256) + 2.0 * f64::from(k / 2);
         assert!((read - want).abs() < 1e-9, "{read} {want}");
     }
     // ISA tables: 95 461 Pa at 500 m, with 288.15 K
     let read =
         made(&SensorConfig::new("b", Model::Barometer(Barometer { altitude: 500.0, ..Barometer::default() })), 1.0)
-            .step(&resting([0.0; 3], UPRIGHT))[0];
+            .read(&resting([0.0; 3], UPRIGHT))[0];
     println!("pressure at 500 m {read:.1} Pa");
     assert!((read - 95_461.0).abs() < 5.0, "{read}"); // 95 457.7
     // above the air and far below the sea nothing breaks
     for z in [1e6, -1e4, f64::NAN] {
-        let read = made(&ideal("barometer"), 1.0).step(&resting([0.0, 0.0, z], UPRIGHT))[0];
+        let read = made(&ideal("barometer"), 1.0).read(&resting([0.0, 0.0, z], UPRIGHT))[0];
         assert!(read >= 0.0 && read.is_finite() || z.is_nan(), "{read}");
     }
 }
@@ -452,7 +470,7 @@ fn a_magnetometer_reads_the_field_along_its_axes_plus_hard_iron() {
     let rotation = from_euler(0.0, 0.0, 0.5);
     let config =
         SensorConfig { rotation, ..SensorConfig::new("mag", Model::Magnetometer(Magnetometer { field, error })) };
-    let read = made(&config, 0.01).step(&resting([0.0; 3], q)).to_vec();
+    let read = made(&config, 0.01).read(&resting([0.0; 3], q)).to_vec();
     let want = add(rotate_back(rotation, rotate_back(q, field)), [1e-6, 2e-6, 3e-6]);
     for (got, want) in read.iter().zip(want) {
         assert!((got - want).abs() < 1e-18, "{got:e} {want:e}");
@@ -465,7 +483,7 @@ fn an_antenna_on_a_mast_moves_with_its_lever() {
     let spin = [0.4, -0.5, 2.0];
     let mut sensor = made(&SensorConfig { position: [0.1, 0.0, 0.4], ..ideal("gnss") }, 0.01);
     let truth = Truth::at(&frame([1.0, 2.0, 3.0], [0.5, 0.0, -0.1], q, spin), [0.0; 3], [0.0; 3], G);
-    let read = sensor.step(&truth).to_vec();
+    let read = sensor.read(&truth).to_vec();
     let lever = rotate(q, [0.1, 0.0, 0.4]);
     let want = [add([1.0, 2.0, 3.0], lever), add([0.5, 0.0, -0.1], cross(spin, lever))].concat();
     for (got, want) in read.iter().zip(want) {
@@ -482,9 +500,9 @@ fn position_errors_of_a_receiver_keep_their_spread_from_the_start_on() {
         for episode in 0..2000 {
             sensor.reset(1, 0, episode);
             for _ in 0..late {
-                sensor.step(&resting([0.0; 3], UPRIGHT));
+                sensor.read(&resting([0.0; 3], UPRIGHT));
             }
-            let read = sensor.step(&resting([0.0; 3], UPRIGHT));
+            let read = sensor.read(&resting([0.0; 3], UPRIGHT));
             for k in 0..3 {
                 square[k] += read[k] * read[k] / 2000.0;
             }
@@ -500,7 +518,7 @@ fn a_range_finder_reads_the_closed_form_over_level_ground() {
     let model = |cone: f64| Model::Range(Range { ground: 0.5, cone, nearest: 0.1, farthest: 4.0, ..Range::default() });
     let read = |cone: f64, z: f64, tilt: f64| -> [f64; 2] {
         made(&SensorConfig::new("down", model(cone)), 0.01)
-            .step(&resting([0.0, 0.0, z], from_euler(0.0, tilt, 0.7)))
+            .read(&resting([0.0, 0.0, z], from_euler(0.0, tilt, 0.7)))
             .try_into()
             .unwrap()
     };
@@ -521,7 +539,7 @@ fn a_range_finder_s_noise_grows_as_given() {
         [(1.0, 0.0025 * (1.0 + 80_f64.powf(-1.0))), (2.5, 0.005), (3.5, 0.0025 * (1.0 + 80_f64.powf(1.0 / 1.5)))]
     {
         let mut sensor = made(&config, 0.02);
-        let square: f64 = (0..20_000).map(|_| (sensor.step(&resting([0.0, 0.0, d], UPRIGHT))[0] - d).powi(2)).sum();
+        let square: f64 = (0..20_000).map(|_| (sensor.read(&resting([0.0, 0.0, d], UPRIGHT))[0] - d).powi(2)).sum();
         let deviation = (square / 20_000.0).sqrt();
         println!("range noise at {d} m: {:.2} mm of {:.2}", 1e3 * deviation, 1e3 * want);
         // readings in mm add 0.29 mm, in squares
@@ -535,7 +553,7 @@ fn optical_flow_is_how_the_point_below_moves_through_the_picture() {
     let spin = [0.4, 0.7, -1.1];
     let mut sensor = made(&ideal("flow"), dt);
     let truth = Truth::at(&frame(p, v, q, rotate(q, spin)), [0.0; 3], [0.0; 3], G);
-    let read = sensor.step(&truth).to_vec();
+    let read = sensor.read(&truth).to_vec();
     // the point of the ground on the axis, and where it is seen a moment later: its slope x/d, y/d
     let axis = rotate(q, [0.0, 0.0, -1.0]);
     let d = -p[2] / axis[2];
@@ -551,7 +569,7 @@ fn optical_flow_is_how_the_point_below_moves_through_the_picture() {
     }
     assert_eq!(read[2], 1.0);
     let near = resting([0.0, 0.0, 0.07], UPRIGHT);
-    assert_eq!(made(&ideal("flow"), dt).step(&near), [0.0; 3]);
+    assert_eq!(made(&ideal("flow"), dt).read(&near), [0.0; 3]);
 }
 
 #[test]
@@ -563,7 +581,7 @@ fn every_preset_of_the_registry_validates_reads_finite_numbers_and_survives_a_fi
             let mut sensor = made(&config, dt);
             sensor.reset(1, 2, 3);
             for k in 0..200 {
-                let reading = sensor.step(&wandering(k));
+                let reading = sensor.read(&wandering(k));
                 assert!(reading.iter().all(|x| x.is_finite()), "{}: {reading:?}", preset.name);
             }
         }
@@ -666,8 +684,8 @@ fn a_truth_that_is_no_number_spoils_its_readings_alone() {
     let mut sensors = SensorSet::new(&configs, 0.002, &["drone".into()]).unwrap();
     let mut broken = wandering(1);
     (broken.position, broken.velocity, broken.mean_acceleration) = ([f64::NAN; 3], [f64::INFINITY; 3], [f64::NAN; 3]);
-    sensors.step(&[broken]);
-    assert!(sensors.step(&[wandering(2)]).iter().all(|x| x.is_finite()));
+    sensors.read(&[broken]);
+    assert!(sensors.read(&[wandering(2)]).iter().all(|x| x.is_finite()));
 }
 
 #[test]
@@ -679,12 +697,14 @@ fn every_setting_kind_and_preset_stands_in_the_document() {
     for kind in KINDS {
         said(kind.name);
         kind.ideal().table().keys().for_each(|key| said(key));
-        kind.channels
-            .iter()
-            .for_each(|(name, _)| said(name.trim_end_matches(['x', 'y', 'z', 'w']).trim_end_matches('_')));
+        kind.optional.iter().for_each(|key| said(key));
+        let numbered = |c: char| c.is_ascii_digit() || c == '_';
+        for (name, _) in kind.ideal().channels() {
+            said(name.trim_end_matches(['x', 'y', 'z', 'w']).trim_end_matches(numbered));
+        }
     }
-    for file in [include_str!("chain.rs"), include_str!("ground.rs")] {
-        for name in ["ErrorModel", "Growth"] {
+    for file in [include_str!("chain.rs"), include_str!("ground.rs"), include_str!("camera.rs")] {
+        for name in ["ErrorModel", "Growth", "Stereo"] {
             crate::documented::fields(file, name).iter().for_each(|(key, _)| said(key));
         }
     }

@@ -12,12 +12,14 @@
 //!   count. The term safety is of the clearance, not of the mean beam.
 //! - DIFFERENCE: the term progress falls no further than its bound is high.
 
+use super::clear_path::clear_path;
 use super::obstacles::rounded;
 use super::{
     StartAttitude, StartRange, farther, latch, less, made_of, more, nearer, rate_cost, speed_cost, squared,
     succeeds_once, times,
 };
 use crate::autodiff::{Mask, Scalar, safe};
+use crate::controllers::reference::{Reference, Waypoint, Waypoints};
 use crate::dynamics::scene::{self, Scene};
 use crate::dynamics::shape::{Geometry, Pose};
 use crate::dynamics::spatial::{Vec3, constants, scale, sub};
@@ -29,7 +31,7 @@ use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::upright;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, View};
+use crate::tasks::task::{Start, Task, TaskReference, View};
 
 /// Most trunks of a forest.
 const MAX_TRUNKS: usize = 256;
@@ -39,6 +41,10 @@ const ELSEWHERE: f64 = -1000.0;
 const REACH: f64 = 10.0;
 /// Between which clearances the term safety is one of them, m.
 const SAFETY: [f64; 2] = [0.05, 4.0];
+/// More than its own reach that a controller keeps from trunks, m.
+const ROOM: f64 = 0.08;
+/// Share of the rewarded speed that a controller flies at.
+const STEADY: f64 = 0.85;
 /// Behind the start and beyond the target the corridor goes on, m.
 const MARGIN: f64 = 2.0;
 
@@ -75,6 +81,7 @@ settings! {
         loss_pace: f64 = 0.3 => ("s²/m", "weight of the error of the velocity in the loss", NotNegative);
         loss_clearance: f64 = 3.0 => ("m", "weight of the clearance in the loss", NotNegative);
         loss_reach: f64 = 0.2 => ("m", "over which it falls by e", Positive);
+        loss_heading: f64 = 0.2 => ("m", "weight of ‖h − n‖² in the loss: beams ahead then look where it goes", NotNegative);
         loss_up: f64 = 0.1 => ("m", "weight of ‖e_z − u‖² in the loss", NotNegative);
         loss_rate: f64 = 0.005 => ("m s²/rad²", "weight of the angular velocity in the loss", NotNegative);
     }
@@ -194,7 +201,7 @@ impl Task for Forest {
     made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
-        "p drone, v, ω velocity and angular velocity (world), u = R e_z, c least distance between drone and trunks, up to \
+        "p drone, v, ω velocity and angular velocity (world), h = R e_x, u = R e_z, c least distance between drone and trunks, up to \
          10 m, d = ‖p_t − p‖, n = (p_t − p)/d. {trunks} trunks of radius {radius} m stand in a corridor of {length} m × \
          {width} m, {gap} m or more apart. Target: p_t uniform in {target} m. Start: p uniform in {start_position} m, \
          roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest."
@@ -291,9 +298,32 @@ impl Task for Forest {
         let clearance = self.clearance(view).max(S::constant(-0.2));
         let near = (S::constant(-1.0 / own.loss_reach) * clearance).exp();
         loss.add("{×loss_clearance}e^{−max(c, −0.2 m)/{loss_reach} m}", times(own.loss_clearance, near));
+        let turn = sub(drone.heading(), Self::direction(error));
+        loss.add("{×loss_heading}‖h − n‖²", squared(own.loss_heading, turn));
         let lean = sub(constants([0.0, 0.0, 1.0]), drone.up());
         loss.add("{×loss_up}‖e_z − u‖²", squared(own.loss_up, lean));
         loss.add("{×loss_rate}h₁₀(ω)", rate_cost(own.loss_rate, drone.angular_velocity));
+    }
+
+    /// Along a path that keeps away from all trunks, at a steady pace: by a controller that knows where they stand.
+    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
+        let (from, to) = (view.drone(0).position, view.goal.array::<3>(0));
+        let reach = self.bars.iter().flat_map(|bar| bar.ends.map(|end| safe::norm(end) + bar.radius));
+        let reach = reach.fold(0.0, f64::max) + ROOM;
+        let circle = |i: usize| [view.goal.get(3 + 2 * i), view.goal.get(4 + 2 * i), self.radii[i] + reach];
+        let circles: Vec<_> = (0..self.radii.len()).map(circle).collect();
+        let side = 0.5 * self.settings.width - reach;
+        let bounds = [[from[0].min(to[0]) - 1.0, -side], [from[0].max(to[0]), side]];
+        let path = clear_path([from[0], from[1]], [to[0], to[1]], bounds, &circles)?;
+        let way: f64 = path.windows(2).map(|pair| safe::norm(sub2(pair[1], pair[0]))).sum();
+        let (yaw, mut gone, mut points) = (view.drone(0).yaw(), 0.0, Vec::with_capacity(path.len()));
+        for (i, at) in path.iter().enumerate() {
+            gone += if i > 0 { safe::norm(sub2(*at, path[i - 1])) } else { 0.0 };
+            let share = gone / way.max(1e-9);
+            let position = [at[0], at[1], from[2] + share * (to[2] - from[2])];
+            points.push(Waypoint { time: gone / (STEADY * self.settings.speed), position, yaw });
+        }
+        Waypoints::new(points).ok().map(|way| TaskReference::one(Reference::Waypoints(way)))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
@@ -322,6 +352,10 @@ impl Forest {
         }
         from
     }
+}
+
+fn sub2(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0] - b[0], a[1] - b[1]]
 }
 
 /// Starts among trunks are no nearer to them, m.

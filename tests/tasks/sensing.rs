@@ -1,0 +1,127 @@
+//! Sensors that agents of a batch carry.
+
+use omnidrones::dynamics::scene::Scene;
+use omnidrones::dynamics::sensors::cast::{Caster, Range, Rays, World};
+use omnidrones::dynamics::shape::Pose;
+use omnidrones::parallel::Threads;
+use omnidrones::tasks::{Buffers, Env, EnvConfig, GroupKind};
+
+fn made(task: &str, text: &str) -> (Env, Buffers) {
+    let mut env = Env::make(task, &EnvConfig::from_toml(text, "test").unwrap()).unwrap();
+    let mut out = Buffers::new(env.spec());
+    env.reset(None, None, &mut out.out()).unwrap();
+    (env, out)
+}
+
+fn steps(env: &mut Env, out: &mut Buffers, n: u64) {
+    let mut actions = vec![0.0; env.spec().n_env * env.spec().n_agent * env.spec().action.len()];
+    for t in 0..n {
+        env.sample(t, &mut actions);
+        env.step(&actions, &mut out.out()).unwrap();
+    }
+}
+
+const IMU: &str = "[[sensor]]\nname = 'imu'\nkind = 'imu'\n";
+const NOISY: &str = "[[sensor]]\nname = 'imu'\nkind = 'imu'\npreset = 'bmi088'\nlatency = 2\n\
+                     [[sensor]]\nname = 'gps'\nkind = 'gnss'\npreset = 'single_point'\nevery = 3\nlatency = 1\n\
+                     [[sensor]]\nname = 'front'\nkind = 'camera'\nsize = [8, 8]\npreset = 'd435'\nevery = 2\nlatency = 0\n";
+
+#[test]
+fn readings_stand_behind_what_a_task_shows_and_an_episode_begins_with_fresh_ones() {
+    let (plain, _) = made("Hover", "n_env = 70");
+    let (env, out) = made("Hover", &format!("n_env = 70\n{IMU}[task]\nstart_tilt = 0.0"));
+    let (n, own) = (env.spec().n_observation, plain.spec().n_observation);
+    assert_eq!(n, own + 6);
+    assert_eq!(env.spec().observation_range("imu.accelerometer").unwrap(), own..own + 3);
+    for row in out.observation.chunks(n) {
+        // rotors at hover, level, at rest: +g upwards, and nothing turns
+        let [x, y, z, wx, wy, wz] = row[own..].try_into().unwrap();
+        assert!((z - 9.81_f32).abs() < 2e-3 && [x, y, wx, wy, wz].iter().all(|v: &f32| v.abs() < 2e-3), "{row:?}");
+    }
+}
+
+#[test]
+fn every_drone_of_a_team_reads_its_own_place_with_noise_of_its_own() {
+    let text = "n_env = 3\n[[sensor]]\nname = 'gps'\nkind = 'gnss'\n";
+    let (ideal, truth) = made("Formation", text);
+    let (_, noisy) = made("Formation", &format!("{text}preset = 'single_point'"));
+    let (n, at) = (ideal.spec().n_observation, ideal.spec().observation_range("gps.position").unwrap());
+    let rows = |out: &Buffers| out.observation.chunks(n).map(|row| row[at.start + 2]).collect::<Vec<f32>>();
+    let (truth, noisy) = (rows(&truth), rows(&noisy));
+    let mut errors: Vec<f32> = noisy.iter().zip(&truth).map(|(a, b)| a - b).collect();
+    // a drone's frame is its root: its height is the third of its numbers in the state
+    let roots = ideal.state(0).unwrap().len() / ideal.spec().n_agent;
+    for agent in 0..ideal.spec().n_agent {
+        assert!((ideal.state(0).unwrap()[agent * roots + 2] - truth[agent]).abs() < 1e-5);
+    }
+    errors.sort_by(f32::total_cmp);
+    assert!(errors.windows(2).all(|pair| pair[1] - pair[0] > 1e-4), "{errors:?}");
+}
+
+#[test]
+fn readings_do_not_depend_on_threads_batch_or_a_restore() {
+    let text = |n: usize, first: u64| format!("n_env = {n}\nfirst_environment = {first}\nseed = 5\n{NOISY}");
+    let (mut whole, mut a) = made("Hover", &text(300, 0));
+    let (mut part, mut b) = made("Hover", &text(40, 250));
+    whole.set_threads(Threads::new(2).unwrap());
+    steps(&mut whole, &mut a, 30);
+    steps(&mut part, &mut b, 30);
+    let n = whole.spec().n_observation;
+    assert_eq!(a.observation[250 * n..290 * n], b.observation[..]);
+    let saved = part.save();
+    let (mut other, mut c) = made("Hover", &text(40, 250));
+    other.load(&saved).unwrap();
+    steps(&mut part, &mut b, 200);
+    steps(&mut other, &mut c, 200);
+    assert_eq!(b.observation, c.observation);
+    assert_eq!(part.save(), other.save());
+}
+
+#[test]
+fn a_forest_is_seen_where_its_goal_says_that_it_stands() {
+    let (mut env, mut out) = made("Forest", "n_env = 5\nseed = 3");
+    steps(&mut env, &mut out, 20);
+    let group = env.spec().group("lidar").unwrap();
+    assert_eq!((group.kind, &group.shape[..]), (GroupKind::Lidar, &[36, 4][..]));
+    let elevations = [-10.0_f64, 0.0, 10.0, 20.0].map(f64::to_radians);
+    let rays = Rays::lidar(36, &elevations, Range { least: 0.0, most: 4.0 }).unwrap();
+    let (mut caster, mut ranges, mut ids) = (Caster::new(), vec![0.0; 144], vec![0; 144]);
+    let mut seen = 0;
+    for i in 0..5 {
+        let (state, goal) = (env.state(i).unwrap(), env.goal(i).unwrap());
+        let mut world = World::default();
+        world.fill(&Scene::grounded(), &[]).unwrap();
+        // the radius of a trunk is the same in all episodes: found from the nearest beam that meets it
+        let pose = Pose {
+            position: [0, 1, 2].map(|k| f64::from(state[k])),
+            attitude: [6, 7, 8, 9].map(|k| f64::from(state[k])),
+        };
+        for at in goal[3..].chunks(2).map(|at| [f64::from(at[0]), f64::from(at[1])]) {
+            world.push_capsule([[at[0], at[1], 0.0], [at[0], at[1], 5.0]], 0.2, 0).unwrap();
+        }
+        caster.rays(&world, &rays, &pose, &mut ranges, &mut ids);
+        let read = &out.observation[i * env.spec().n_observation..][group.columns.clone()];
+        for (told, thin) in read.iter().zip(&ranges) {
+            // trunks are 0.2 to 0.3 m thick: never farther than those of 0.2 m, and what is hit of these is nearer by a little
+            let d = 4.0 - told;
+            assert!(d <= thin + 1e-4, "{d} {thin}");
+            seen += usize::from(*told > 0.0);
+        }
+    }
+    assert!(seen > 20, "{seen}");
+}
+
+#[test]
+fn sensors_of_a_task_are_taken_away_by_an_empty_list_and_refused_by_name() {
+    let (env, _) = made("Forest", "n_env = 1\nsensor = []");
+    assert_eq!(env.spec().n_observation, 3 + 20 + 2);
+    let said = |text: &str| {
+        Env::make("Hover", &EnvConfig { n_env: 1, ..EnvConfig::from_toml(text, "test").unwrap() })
+            .unwrap_err()
+            .to_string()
+    };
+    let large = said("[[sensor]]\nname = 'a'\nkind = 'camera'\nsize = [100, 100]");
+    assert!(large.contains("10000") && large.contains("4096") && large.contains("pool"), "{large}");
+    let lost = said("[[sensor]]\nname = 'a'\nkind = 'imu'\non = 'tail'");
+    assert!(lost.contains("'tail'"), "{lost}");
+}
