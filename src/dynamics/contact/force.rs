@@ -21,6 +21,16 @@ pub fn normal_force<S: Scalar>(material: &Material<S>, depth: S, rate: S) -> S {
     elastic * damping
 }
 
+/// Slip speed per second of a step, m/s²: friction that is smoother than this times the step is resolved by explicit stages.
+pub(crate) const RESOLVED: f64 = 50.0;
+
+/// Friction −μ F_n v_t/√(v_t² + v_s²), N, at the part `slip` of a velocity across the normal.
+#[inline(always)]
+pub(crate) fn friction<S: Scalar>(material: &Material<S>, normal: S, slip: Vec3<S>) -> Vec3<S> {
+    let squared = material.slip_speed.mul_add(material.slip_speed, safe::squared_norm(slip));
+    scale(-(material.friction * normal * safe::recip_sqrt(squared, safe::SQUARED_NORM_FLOOR)), slip)
+}
+
 /// Force on the first body at `contact.point`, N, world; the second takes its opposite there.
 ///
 /// F = F_n n − μ F_n v_t/√(v_t² + v_s²), with `velocity` that of the first body's material at the point relative to the

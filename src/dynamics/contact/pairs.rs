@@ -5,8 +5,9 @@
 
 use super::closest::{direction, point_on_segment, points_of_segments};
 use crate::autodiff::Scalar;
+use crate::dynamics::relief::Relief;
 use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{Vec3, axpy, constants, sub};
+use crate::dynamics::spatial::{Mat3, Vec3, axpy, constants, mat_vec, sub, transpose};
 
 /// Most points at which one pair touches: the corners of a box.
 pub const MAX_CONTACTS: usize = 8;
@@ -110,6 +111,55 @@ pub fn corners<S: Scalar>(pose: &Pose<S>, size: Vec3<S>) -> [Vec3<S>; 8] {
         corners[i] = pose.point(local);
     }
     corners
+}
+
+/// A sphere on or above uneven ground, which pushes it along the normal below its lowest point.
+#[inline(always)]
+pub(crate) fn sphere_relief<S: Scalar>(center: Vec3<S>, radius: S, height: S, relief: &Relief) -> Contact<S> {
+    let (_, below) = relief.surface(center, height);
+    let bottom = axpy(center, -radius, below);
+    let (distance, normal) = relief.surface(bottom, height);
+    Contact { point: axpy(bottom, distance * S::constant(-0.5), normal), normal, depth: -distance }
+}
+
+/// A sphere and the box of half edges `half` at `position` with the world axes `rotation`, which pushes the sphere out along
+/// the nearest way.
+#[inline(always)]
+pub(crate) fn sphere_box<S: Scalar>(
+    center: Vec3<S>,
+    radius: S,
+    (position, rotation): (Vec3<S>, &Mat3<S>),
+    half: Vec3<S>,
+) -> Contact<S> {
+    let local = mat_vec(transpose(*rotation), sub(center, position));
+    let (zero, one) = (S::zero(), S::one());
+    let (mut beyond, mut depth) = ([zero; 3], [zero; 3]);
+    let mut side = [one; 3];
+    for k in 0..3 {
+        side[k] = S::select(local[k].lt(zero), -one, one);
+        depth[k] = local[k].abs() - half[k];
+        beyond[k] = depth[k].max(zero) * side[k];
+    }
+    // outside of the box from the nearest point of its surface to the centre, inside through the nearest face
+    let is_inside = depth[0].max(depth[1]).max(depth[2]).lt(S::constant(1e-9));
+    let (out, gap) = direction(beyond);
+    let first = depth[1].max(depth[2]).lt(depth[0]);
+    let second = depth[2].lt(depth[1]);
+    let through = [
+        S::select(first, side[0], zero),
+        S::select(first, zero, S::select(second, side[1], zero)),
+        S::select(first, zero, S::select(second, zero, side[2])),
+    ];
+    let distance = S::select(is_inside, depth[0].max(depth[1]).max(depth[2]), gap);
+    let mut normal = out;
+    for k in 0..3 {
+        normal[k] = S::select(is_inside, through[k], out[k]);
+    }
+    let normal = mat_vec(*rotation, normal);
+    let overlap = radius - distance;
+    // half way between the two surfaces
+    let reach = overlap.mul_add(S::constant(0.5), -radius);
+    Contact { point: axpy(center, reach, normal), normal, depth: overlap }
 }
 
 /// A box on the plane z = `height`: one contact per corner.
