@@ -27,7 +27,8 @@ pub struct ContactMaterial {
     /// μ, coefficient of sliding friction.
     pub friction: f64,
     /// v_s, m/s: at slip v_s friction reaches 71 % of μ F_n. Below, it is viscous: a body at rest on a slope of angle α
-    /// creeps at v_s r/√(1 − r²), r = tan α/μ.
+    /// creeps at v_s r/√(1 − r²), r = tan α/μ. Where friction sticks, as in a
+    /// [`Multibody`](crate::dynamics::tree::Multibody) that does not resolve v_s, at v_s r/(1 − r⁴)^{1/4}.
     pub slip_speed: f64,
 }
 

@@ -287,6 +287,39 @@ mod tests {
     }
 
     #[test]
+    fn a_ball_on_a_box_is_pushed_out_the_nearest_way_as_deep_as_it_overlaps() {
+        let mut r = Stream::new(33, 0, 0, Purpose::user(9));
+        let size = [0.4, 0.6, 0.8];
+        let (mut inside, mut outside) = (0, 0);
+        for case in 0..600 {
+            let frame = pose(&mut r);
+            let center = frame.point([r.uniform(-0.5, 0.5), r.uniform(-0.5, 0.5), r.uniform(-0.5, 0.5)]);
+            let rotation = crate::dynamics::spatial::matrix(frame.attitude);
+            let c = sphere_box(center, 0.1, (frame.position, &rotation), size.map(|edge| 0.5 * edge));
+            let distance = point(center, &Geometry::Box { size }, &frame);
+            assert!((c.depth - (0.1 - distance)).abs() < 2e-9, "case {case}: {} at {distance}", c.depth);
+            assert!((dot(c.normal, c.normal) - 1.0).abs() < 1e-12, "case {case}: {:?}", c.normal);
+            // along the normal the box is left as fast as can be
+            let further = point(axpy(center, 1e-4, c.normal), &Geometry::Box { size }, &frame);
+            assert!((further - distance - 1e-4).abs() < 1e-9, "case {case}: {further} after {distance}");
+            inside += usize::from(distance < 0.0);
+            outside += usize::from(distance > 0.0);
+        }
+        assert!(inside > 100 && outside > 100, "{inside} inside, {outside} outside");
+    }
+
+    #[test]
+    fn a_ball_on_a_slope_is_as_deep_as_geometry_says() {
+        let relief = crate::dynamics::Relief::inclined(0.3);
+        // its centre 8 cm above the ground along the normal
+        let center = [1.0 - 0.08 * 0.3_f64.sin(), 2.0, 1.0 * 0.3_f64.tan() + 0.08 * 0.3_f64.cos() + 0.5];
+        let c = sphere_relief(center, 0.1, 0.5, &relief);
+        assert!((c.depth - 0.02).abs() < 1e-14 && (c.normal[0] + 0.3_f64.sin()).abs() < 1e-14, "{c:?}");
+        // half way between the two surfaces
+        assert!((relief.surface(c.point, 0.5).0 + 0.01).abs() < 1e-14);
+    }
+
+    #[test]
     fn the_deepest_contact_with_the_plane_is_as_deep_as_the_body() {
         let mut r = Stream::new(32, 0, 0, Purpose::user(9));
         for (geometry, count) in [(SHAPES[0], 1), (SHAPES[1], 2), (SHAPES[2], 8)] {

@@ -6,8 +6,10 @@
 //! **Friction that sticks.** A body at rest creeps at a share of the slip speed v_s, so v_s is small, and friction, with a
 //! slope of up to μ F_n/v_s, far steeper than the stages of a step resolve. Against what stands still it is sampled at the
 //! start of a substep h: the articulated-body algorithm finds the accelerations a under −(μ F_n/v_s)(v_t + h a_t) at all
-//! points of contact at once (h μ F_n/v_s across the normal adds to the inertia of what touches), then each point holds
-//! the friction of the law at v_t + h a_t through the substep. Never steeper than 1/h in the velocity, it is stable for any
+//! points of contact at once (h μ F_n/v_s across the normal adds to the inertia of what touches). What acts, held through the
+//! substep, is −μ F_n u/(1 + U⁴)^{1/4} with u = (v_t + h a_t)/v_s and U² the mean of u² over the points of the tree, weighed
+//! by μ F_n: one factor for all of them, since forces that are cut one by one could drive. So their sum never exceeds
+//! Σ μ F_n, and where all slip alike each obeys Coulomb. Never steeper than 1/h in the velocity, it is stable for any
 //! v_s, does not turn slip around, and never exceeds μ F_n. Between two bodies that both move it stays explicit, at a slip
 //! speed that the stages resolve.
 
@@ -37,6 +39,8 @@ pub(crate) enum Friction {
 #[derive(Clone, Copy)]
 struct Visit<S> {
     friction: Friction,
+    /// Of the topology.
+    sticks: bool,
     /// Forces are being found from accelerations that a sample gave; else forces and inertias are being added.
     settles: bool,
     gravity: S,
@@ -64,8 +68,11 @@ pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
             }
         }
     }
-    visit(t, numbers, Visit { friction, settles: false, gravity: numbers.get(0) }, bodies);
+    visit(t, numbers, Visit { friction, sticks: t.sticks, settles: false, gravity: numbers.get(0) }, bodies);
 }
+
+/// Least load of a tree's contacts that counts, N.
+const LEAST_LOAD: f64 = 1e-9;
 
 /// Finds the friction that is held through a substep of `step` s, from the accelerations of a sample.
 #[inline(always)]
@@ -77,9 +84,23 @@ pub(crate) fn settle<S: Scalar, P: ParameterView<S>>(
 ) {
     for i in 0..t.n_body() {
         bodies[i].grip = Wrench::zero();
+        bodies[i].slip = [S::zero(); 2];
     }
-    let visit_all = Visit { friction: Friction::Sampled(step), settles: true, gravity: numbers.get(0) };
+    let visit_all = Visit { friction: Friction::Sampled(step), sticks: true, settles: true, gravity: numbers.get(0) };
     visit(t, numbers, visit_all, bodies);
+    for k in 0..t.layout.trees.len() {
+        let (first, end) = (t.layout.trees[k].bodies.start, t.layout.trees[k].bodies.end);
+        let mut sum = [S::zero(); 2];
+        for i in first..end {
+            sum = add(sum, bodies[i].slip);
+        }
+        let mean = sum[1] * sum[0].max(S::constant(LEAST_LOAD)).recip();
+        let share = force::share(mean);
+        for i in first..end {
+            let grip = &mut bodies[i].grip;
+            (grip.force, grip.moment) = (scale(share, grip.force), scale(share, grip.moment));
+        }
+    }
 }
 
 #[inline(always)]
@@ -159,7 +180,14 @@ fn touch<S: Scalar>(
             if let Some(b) = second {
                 relative = sub(relative, velocity_at(&bodies[b], contact.point));
             }
-            let pushed = force::force(&material, contact, relative);
+            let pushed = if at.sticks && (first.is_none() || second.is_none()) {
+                let leaving = dot(contact.normal, relative);
+                let normal = force::normal_force(&material, contact.depth, -leaving);
+                let friction = force::sticking(&material, normal, axpy(relative, -leaving, contact.normal));
+                axpy(friction, normal, contact.normal)
+            } else {
+                force::force(&material, contact, relative)
+            };
             if let Some(b) = first {
                 push(&mut bodies[b], contact.point, pushed);
             }
@@ -196,9 +224,12 @@ fn grip<S: Scalar>(at: Visit<S>, step: f64, material: &Material<S>, contact: &Co
     if at.settles {
         let more = add(body.acceleration, cross(body.angular_acceleration, lever));
         let ahead = axpy(ahead, h, more);
-        let held = force::friction(material, normal, axpy(ahead, -dot(n, ahead), n));
+        let (load, slip) =
+            (material.friction * normal, scale(material.slip_speed.recip(), axpy(ahead, -dot(n, ahead), n)));
+        let held = scale(-load, slip);
         body.grip.force = add(body.grip.force, held);
         body.grip.moment = add(body.grip.moment, cross(lever, held));
+        body.slip = add(body.slip, [load, load * safe::squared_norm(slip)]);
         return;
     }
     let damping = material.friction * normal * material.slip_speed.recip();

@@ -79,6 +79,8 @@ pub(crate) struct BodyScratch<S> {
     pub contact: Vec3<S>,
     /// Friction against what stands still, held through a substep; about the origin, world axes.
     pub grip: Wrench<S>,
+    /// Σ μ F_n and Σ μ F_n u² of what grips it, u the slip over the slip speed.
+    pub slip: [S; 2],
     /// Wakes of other drones on the one at this body, held through a substep.
     pub wake: Vec3<S>,
 }
@@ -112,6 +114,7 @@ impl<S: Scalar> BodyScratch<S> {
             held: (o, o),
             contact: v,
             grip: Wrench { force: v, moment: v },
+            slip: [o; 2],
             wake: v,
         }
     }
