@@ -65,7 +65,10 @@ pub fn clearance(system: &Multibody, state: &[f64]) -> Option<f64> {
         let carrier = &poses[s.body?];
         let attitude = from_matrix(carrier.rotation);
         let pose = s.shape.pose(&shape::Pose { position: carrier.position, attitude });
-        Some(contact::plane_distance(&s.shape.geometry, &pose, height))
+        Some(match &model.parts().contact.relief {
+            None => contact::plane_distance(&s.shape.geometry, &pose, height),
+            Some(relief) => contact::ground_distance(&s.shape.geometry, &pose, height, relief),
+        })
     });
     gaps.min_by(f64::total_cmp)
 }

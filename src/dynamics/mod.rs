@@ -21,6 +21,7 @@
 //! | [`aero`] | ground effect, downwash, wind |
 //! | [`batch`] | many environments in lanes |
 //! | [`shape`] | spheres, capsules and boxes: volume, inertia, pose |
+//! | `relief` | uneven ground: a slope with waves on it |
 //! | [`scene`] | ground, gates and obstacles; distance to them |
 //! | [`sensors`] | what vehicles sense: parts with their errors, and rays at a scene |
 //! | [`spatial`] | vectors and quaternions over any scalar |
@@ -37,6 +38,7 @@ pub mod gains;
 pub mod integrate;
 pub mod multirotor;
 pub(crate) mod plant;
+pub(crate) mod relief;
 pub mod rigid;
 pub mod rotor;
 pub mod scene;
@@ -56,5 +58,6 @@ pub use frame::Frame;
 pub use integrate::Integrator;
 pub use multirotor::{Multirotor, Physics};
 pub use plant::{Plant, Quantity};
+pub use relief::{Relief, Wave};
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};
 pub use vehicle::*;

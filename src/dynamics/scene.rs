@@ -11,7 +11,7 @@
 //!
 //! Zeros are the nominal placement. A placement of another length is a mistake of the program: kernels panic.
 //!
-//! Scenes come from seeds ([`Generator`]: forests, corridors, rooms, gates, rubble) and from files
+//! Scenes come from seeds ([`Generator`]: forests, corridors, rooms, gates, rubble, terrain) and from files
 //! ([`Scene::from_toml_file`]); [`environment`](crate::dynamics::configurations::environment()) lets them push back.
 
 mod file;
@@ -19,18 +19,22 @@ mod gate;
 mod generate;
 
 pub use gate::{Gate, Passage, Slide};
-pub use generate::{Corridor, Course, Forest, Generator, KINDS, Rooms, Rubble};
+pub use generate::{Corridor, Course, Forest, Generator, KINDS, Rooms, Rubble, Terrain};
 
-use super::contact::distance::{self, plane_distance};
+use super::contact::ContactMaterial;
+use super::contact::distance::{self, ground_distance, plane_distance};
+use super::relief::Relief;
 use super::shape::{Geometry, MAX_SIZE, Pose, Shape, within};
 use super::spatial::{Vec3, add, constants};
 use crate::autodiff::Scalar;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 
 /// Most gates, and most obstacles, of one scene.
 pub(crate) const MAX_ELEMENTS: usize = 4096;
+/// Keys of [`Scene::materials`] that stand for all elements of a kind.
+const KINDS_OF_ELEMENTS: [&str; 3] = ["ground", "gates", "obstacles"];
 /// Distance to a scene without elements, m.
 pub const FAR: f64 = 1e6;
 
@@ -48,19 +52,26 @@ pub struct Obstacle {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Scene {
-    /// Height of the ground, a level plane, m; `None` for none.
+    /// Height of the ground, m; `None` for none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ground: Option<f64>,
+    /// What rises over that height; `None` for a level plane.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relief: Option<Relief>,
     /// Fixed and sliding.
     pub gates: Vec<Gate>,
     /// Capsules, boxes, spheres.
     pub obstacles: Vec<Obstacle>,
+    /// What things are made of, where it is not the material of what flies: by the name of a gate or obstacle, or for all of
+    /// a kind under `ground`, `gates`, `obstacles`.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub materials: BTreeMap<String, ContactMaterial>,
 }
 
 /// One thing of a [`Scene`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Element {
-    /// The plane.
+    /// The plane, or what rises over it.
     Ground,
     /// By its index in [`Scene::gates`].
     Gate(usize),
@@ -72,6 +83,26 @@ impl Scene {
     /// Level ground at z = 0 and nothing else.
     pub fn grounded() -> Self {
         Self { ground: Some(0.0), ..Self::default() }
+    }
+
+    /// What a thing is made of: by its own name, else by its kind; `None` for what it touches.
+    pub fn material(&self, element: Element) -> Option<ContactMaterial> {
+        let (name, kind) = match element {
+            Element::Ground => (KINDS_OF_ELEMENTS[0], KINDS_OF_ELEMENTS[0]),
+            Element::Gate(i) => (self.gates[i].name.as_str(), KINDS_OF_ELEMENTS[1]),
+            Element::Obstacle(i) => (self.obstacles[i].name.as_str(), KINDS_OF_ELEMENTS[2]),
+        };
+        self.materials.get(name).or_else(|| self.materials.get(kind)).copied()
+    }
+
+    /// Signed distance of a world point to the ground, m, where there is one. With waves as exact as [`Relief::surface`].
+    #[inline(always)]
+    fn over_ground<S: Scalar>(&self, point: Vec3<S>) -> Option<S> {
+        let height = S::constant(self.ground?);
+        Some(match &self.relief {
+            None => point[2] - height,
+            Some(relief) => relief.surface(point, height).0,
+        })
     }
 
     /// Numbers of a placement.
@@ -152,8 +183,8 @@ impl Scene {
     pub fn distance<S: Scalar>(&self, placement: &[S], point: Vec3<S>) -> S {
         self.check(placement.len());
         let mut least = S::constant(FAR);
-        if let Some(height) = self.ground {
-            least = least.min(point[2] - S::constant(height));
+        if let Some(distance) = self.over_ground(point) {
+            least = least.min(distance);
         }
         let mut at = 0;
         for i in 0..self.gates.len() {
@@ -176,7 +207,11 @@ impl Scene {
         self.check(placement.len());
         let mut least = S::constant(FAR);
         if let Some(height) = self.ground {
-            least = least.min(plane_distance(geometry, pose, S::constant(height)));
+            let height = S::constant(height);
+            least = least.min(match &self.relief {
+                None => plane_distance(geometry, pose, height),
+                Some(relief) => ground_distance(geometry, pose, height, relief),
+            });
         }
         let mut at = 0;
         for i in 0..self.gates.len() {
@@ -201,7 +236,7 @@ impl Scene {
     /// On a placement of another length than [`n_placement`](Self::n_placement).
     pub fn nearest(&self, placement: &[f64], point: Vec3<f64>) -> Option<(Element, f64)> {
         self.check(placement.len());
-        let ground = self.ground.map(|height| (Element::Ground, point[2] - height));
+        let ground = self.over_ground(point).map(|distance| (Element::Ground, distance));
         let gates = self
             .gates
             .iter()
@@ -236,6 +271,13 @@ impl Scene {
         if let Some(height) = self.ground {
             within("scene: ground", height, -MAX_SIZE, MAX_SIZE)?;
         }
+        if let Some(relief) = &self.relief {
+            relief.validate("scene: relief")?;
+            if self.ground.is_none() {
+                let (what, rule) = ("scene: ground", "the height that the relief rises over");
+                return Err(Error::value(what, "none", rule, "Give ground = 0.0, or leave out the relief."));
+            }
+        }
         for (what, count) in [("gates", self.gates.len()), ("obstacles", self.obstacles.len())] {
             if count > MAX_ELEMENTS {
                 let remedy = "Leave out what no vehicle can reach.";
@@ -249,7 +291,20 @@ impl Scene {
             obstacle.shape.validate(&format!("obstacle '{}'", obstacle.name))?;
         }
         unique("gate", self.gates.iter().map(|gate| gate.name.as_str()))?;
-        unique("obstacle", self.obstacles.iter().map(|obstacle| obstacle.name.as_str()))
+        unique("obstacle", self.obstacles.iter().map(|obstacle| obstacle.name.as_str()))?;
+        self.check_materials()
+    }
+
+    fn check_materials(&self) -> Result<()> {
+        let names = self.gates.iter().map(|g| &g.name).chain(self.obstacles.iter().map(|o| &o.name));
+        let known: Vec<String> = KINDS_OF_ELEMENTS.iter().map(|kind| kind.to_string()).chain(names.cloned()).collect();
+        for (name, material) in &self.materials {
+            if !known.contains(name) {
+                return Err(Error::Unknown { kind: "element of a scene", name: name.clone(), known });
+            }
+            material.validate(&format!("material of '{name}'"))?;
+        }
+        Ok(())
     }
 }
 

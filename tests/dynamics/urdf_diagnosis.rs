@@ -570,7 +570,8 @@ fn a_moving_link_without_mass_is_taken_where_what_is_welded_to_it_resists_its_jo
 fn collision_shapes_are_those_of_the_vehicle_or_named_as_left_out() {
     let shapes = "<collision><origin xyz='0 0 0.1' rpy='0 0 1.5707963267948966'/><geometry><box size='1 2 3'/></geometry>\
                   </collision><collision><geometry><sphere radius='0.1'/></geometry></collision>\
-                  <collision><geometry><cylinder radius='0.1' length='1'/></geometry></collision>";
+                  <collision><geometry><cylinder radius='0.1' length='1'/></geometry></collision>\
+                  <collision><geometry><mesh filename='hull.stl'/></geometry></collision>";
     let text = sound().replacen("<link name='box'>", &format!("<link name='box'>{shapes}"), 1);
     let text = text.replace("<axis", "<safety_controller k_velocity='1'/><axis");
     let read = import(&text, ROTORS).unwrap();
@@ -578,10 +579,21 @@ fn collision_shapes_are_those_of_the_vehicle_or_named_as_left_out() {
     assert_eq!(vehicle.shapes[0].geometry, Geometry::Box { size: [1.0, 2.0, 3.0] });
     assert_eq!(vehicle.shapes[0].position, [0.0, 0.0, 0.11]);
     assert!((vehicle.shapes[0].rotation[3] - 0.5_f64.sqrt()).abs() < 1e-15);
-    assert_eq!((vehicle.shapes.len(), vehicle.shapes[1].position), (2, [0.0, 0.0, 0.01]));
-    let cylinder =
-        "The cylinders or meshes (1) in the collision geometry of 'box' touch nothing: use boxes, spheres or capsules.";
-    assert!(read.assumptions.iter().any(|s| s == cylinder), "{:?}", read.assumptions);
+    // a cylinder longer than wide is two boxes and a capsule within it
+    assert_eq!((vehicle.shapes.len(), vehicle.shapes[1].position), (5, [0.0, 0.0, 0.01]));
+    for k in [2, 3] {
+        let Geometry::Box { size } = vehicle.shapes[k].geometry else { panic!("{:?}", vehicle.shapes[k]) };
+        assert!((size[0].hypot(size[1]) - 0.2).abs() < 1e-15 && size[2] == 1.0, "{size:?}");
+    }
+    assert_eq!(vehicle.shapes[4].geometry, Geometry::Capsule { radius: 0.1, length: 0.8 });
+    for said in [
+        "The cylinders (1) in the collision geometry of 'box' touch by what fits into them: two boxes turned by 45°, which \
+         stand on eight points of the rim, and where longer than wide a capsule, which rolls.",
+        "The meshes (1) in the collision geometry of 'box' touch nothing, since none is opened: use boxes, cylinders, spheres \
+         or capsules.",
+    ] {
+        assert!(read.assumptions.iter().any(|s| s == said), "{:?}", read.assumptions);
+    }
     assert!(read.warnings.iter().any(|w| w.element == "<safety_controller> in <joint>"), "{:?}", read.warnings);
     // and survive the way out and back
     let (urdf, toml) = export(vehicle).unwrap();

@@ -48,7 +48,7 @@ pub(super) fn emit(assembly: &Assembly, tree: &Tree) -> Result<Draft> {
     let mass: f64 = emitter.bodies.iter().map(|b| b.mass).sum();
     // sinks by 0.5 mm on four points whatever it weighs, so that one step size suits all
     let material = ContactMaterial::resting(mass, 4, 5e-4);
-    let contact = ContactSettings { material, ..assembly.contact };
+    let contact = ContactSettings { material, ..assembly.contact.clone() };
     let parts = ModelParts {
         name: assembly.name.clone(),
         gravity: assembly.gravity,
@@ -296,6 +296,7 @@ impl<'a> Emitter<'a> {
                 part: name.clone(),
                 shape: moved(shape, &place),
                 collides: solid.collides(),
+                material: None,
             };
             shapes.extend(solid.shapes().iter().map(on));
         }

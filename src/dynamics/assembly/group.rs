@@ -103,7 +103,7 @@ fn append(all: &mut ModelParts, member: &Member) {
 
 /// Ground and flags of the first, the softest material of all: the lightest member sets the step.
 fn contact_of(members: &[Member], first: &Member) -> ContactSettings {
-    let mut contact = first.model.parts().contact;
+    let mut contact = first.model.parts().contact.clone();
     for member in members {
         let own = member.model.parts().contact.material;
         if own.stiffness < contact.material.stiffness {

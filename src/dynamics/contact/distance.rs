@@ -11,8 +11,9 @@
 //! that pair is unique.
 
 use super::closest::point_on_segment;
-use super::pairs::{capsule_capsule, round, round_contact, segment};
+use super::pairs::{capsule_capsule, corners, round, round_contact, segment, sphere_relief};
 use crate::autodiff::{Mask, Scalar, safe};
+use crate::dynamics::relief::Relief;
 use crate::dynamics::shape::{Geometry, Pose};
 use crate::dynamics::spatial::{Vec3, axpy, constants, cross, dot, mat_mul, mat_vec, matrix, scale, sub, transpose};
 
@@ -78,6 +79,28 @@ pub fn plane_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S)
         Geometry::Box { size } => support(up, constants(half(size))),
     };
     pose.position[2] - height - reach
+}
+
+/// Distance of a geometry at `pose` to uneven ground that rises over z = `height`, m: that of the points by which it touches
+/// it, a capsule's ends and a box's corners. As exact there as [`Relief::surface`].
+#[inline(always)]
+pub fn ground_distance<S: Scalar>(geometry: &Geometry, pose: &Pose<S>, height: S, relief: &Relief) -> S {
+    match *geometry {
+        Geometry::Sphere { radius } => -sphere_relief(pose.position, S::constant(radius), height, relief).depth,
+        Geometry::Capsule { radius, length } => {
+            let [a, b] = segment(pose, length);
+            let r = S::constant(radius);
+            -sphere_relief(a, r, height, relief).depth.max(sphere_relief(b, r, height, relief).depth)
+        }
+        Geometry::Box { size } => {
+            let corners = corners(pose, constants(size));
+            let mut least = relief.surface(corners[0], height).0;
+            for i in 1..8 {
+                least = least.min(relief.surface(corners[i], height).0);
+            }
+            least
+        }
+    }
 }
 
 /// Distance between two geometries at their poses, m; see the table above for how exact.
@@ -203,7 +226,6 @@ fn half(size: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::contact::pairs::corners;
     use crate::dynamics::spatial::from_euler;
     use crate::rng::{Purpose, Stream};
     use num_dual::Dual64;

@@ -21,6 +21,24 @@ pub fn normal_force<S: Scalar>(material: &Material<S>, depth: S, rate: S) -> S {
     elastic * damping
 }
 
+/// Slip speed per second of a step, m/s²: friction that is smoother than this times the step is resolved by explicit stages.
+pub(crate) const RESOLVED: f64 = 50.0;
+
+/// (1 + u⁴)^{−1/4} of the square of a slip u over the slip speed: what is left of viscous friction −μ F_n u. To 1 % all of it up
+/// to 45 % of μ F_n, so that a step which takes it as viscous finds the creep at rest.
+#[inline(always)]
+pub(crate) fn share<S: Scalar>(squared: S) -> S {
+    let fourth = squared.mul_add(squared, S::one());
+    safe::recip_sqrt(safe::sqrt(fourth, 1.0), 1.0)
+}
+
+/// Friction that sticks, −μ F_n u (1 + u⁴)^{−1/4} with u = v_t/v_s, N, at the part `slip` of a velocity across the normal.
+#[inline(always)]
+pub(crate) fn sticking<S: Scalar>(material: &Material<S>, normal: S, slip: Vec3<S>) -> Vec3<S> {
+    let slip = scale(material.slip_speed.recip(), slip);
+    scale(-(material.friction * normal * share(safe::squared_norm(slip))), slip)
+}
+
 /// Force on the first body at `contact.point`, N, world; the second takes its opposite there.
 ///
 /// F = F_n n − μ F_n v_t/√(v_t² + v_s²), with `velocity` that of the first body's material at the point relative to the

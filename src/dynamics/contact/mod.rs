@@ -28,7 +28,7 @@ pub(crate) mod force;
 pub(crate) mod material;
 pub(crate) mod pairs;
 
-pub use distance::{distance, plane_distance};
+pub use distance::{distance, ground_distance, plane_distance};
 pub use material::{ContactMaterial, Material};
 pub use pairs::{Contact, Contacts, MAX_CONTACTS, between, with_plane};
 

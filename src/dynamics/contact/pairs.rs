@@ -5,8 +5,9 @@
 
 use super::closest::{direction, point_on_segment, points_of_segments};
 use crate::autodiff::Scalar;
+use crate::dynamics::relief::Relief;
 use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{Vec3, axpy, constants, sub};
+use crate::dynamics::spatial::{Mat3, Vec3, axpy, constants, mat_vec, sub, transpose};
 
 /// Most points at which one pair touches: the corners of a box.
 pub const MAX_CONTACTS: usize = 8;
@@ -110,6 +111,55 @@ pub fn corners<S: Scalar>(pose: &Pose<S>, size: Vec3<S>) -> [Vec3<S>; 8] {
         corners[i] = pose.point(local);
     }
     corners
+}
+
+/// A sphere on or above uneven ground, which pushes it along the normal below its lowest point.
+#[inline(always)]
+pub(crate) fn sphere_relief<S: Scalar>(center: Vec3<S>, radius: S, height: S, relief: &Relief) -> Contact<S> {
+    let (_, below) = relief.surface(center, height);
+    let bottom = axpy(center, -radius, below);
+    let (distance, normal) = relief.surface(bottom, height);
+    Contact { point: axpy(bottom, distance * S::constant(-0.5), normal), normal, depth: -distance }
+}
+
+/// A sphere and the box of half edges `half` at `position` with the world axes `rotation`, which pushes the sphere out along
+/// the nearest way.
+#[inline(always)]
+pub(crate) fn sphere_box<S: Scalar>(
+    center: Vec3<S>,
+    radius: S,
+    (position, rotation): (Vec3<S>, &Mat3<S>),
+    half: Vec3<S>,
+) -> Contact<S> {
+    let local = mat_vec(transpose(*rotation), sub(center, position));
+    let (zero, one) = (S::zero(), S::one());
+    let (mut beyond, mut depth) = ([zero; 3], [zero; 3]);
+    let mut side = [one; 3];
+    for k in 0..3 {
+        side[k] = S::select(local[k].lt(zero), -one, one);
+        depth[k] = local[k].abs() - half[k];
+        beyond[k] = depth[k].max(zero) * side[k];
+    }
+    // outside of the box from the nearest point of its surface to the centre, inside through the nearest face
+    let is_inside = depth[0].max(depth[1]).max(depth[2]).lt(S::constant(1e-9));
+    let (out, gap) = direction(beyond);
+    let first = depth[1].max(depth[2]).lt(depth[0]);
+    let second = depth[2].lt(depth[1]);
+    let through = [
+        S::select(first, side[0], zero),
+        S::select(first, zero, S::select(second, side[1], zero)),
+        S::select(first, zero, S::select(second, zero, side[2])),
+    ];
+    let distance = S::select(is_inside, depth[0].max(depth[1]).max(depth[2]), gap);
+    let mut normal = out;
+    for k in 0..3 {
+        normal[k] = S::select(is_inside, through[k], out[k]);
+    }
+    let normal = mat_vec(*rotation, normal);
+    let overlap = radius - distance;
+    // half way between the two surfaces
+    let reach = overlap.mul_add(S::constant(0.5), -radius);
+    Contact { point: axpy(center, reach, normal), normal, depth: overlap }
 }
 
 /// A box on the plane z = `height`: one contact per corner.
@@ -234,6 +284,39 @@ mod tests {
             assert!(point(out, &two, &q) > point(c.point, &two, &q), "case {case}");
         }
         assert_eq!(between(&SHAPES[2], &pose(&mut r), &SHAPES[0], &pose(&mut r)).count, 0);
+    }
+
+    #[test]
+    fn a_ball_on_a_box_is_pushed_out_the_nearest_way_as_deep_as_it_overlaps() {
+        let mut r = Stream::new(33, 0, 0, Purpose::user(9));
+        let size = [0.4, 0.6, 0.8];
+        let (mut inside, mut outside) = (0, 0);
+        for case in 0..600 {
+            let frame = pose(&mut r);
+            let center = frame.point([r.uniform(-0.5, 0.5), r.uniform(-0.5, 0.5), r.uniform(-0.5, 0.5)]);
+            let rotation = crate::dynamics::spatial::matrix(frame.attitude);
+            let c = sphere_box(center, 0.1, (frame.position, &rotation), size.map(|edge| 0.5 * edge));
+            let distance = point(center, &Geometry::Box { size }, &frame);
+            assert!((c.depth - (0.1 - distance)).abs() < 2e-9, "case {case}: {} at {distance}", c.depth);
+            assert!((dot(c.normal, c.normal) - 1.0).abs() < 1e-12, "case {case}: {:?}", c.normal);
+            // along the normal the box is left as fast as can be
+            let further = point(axpy(center, 1e-4, c.normal), &Geometry::Box { size }, &frame);
+            assert!((further - distance - 1e-4).abs() < 1e-9, "case {case}: {further} after {distance}");
+            inside += usize::from(distance < 0.0);
+            outside += usize::from(distance > 0.0);
+        }
+        assert!(inside > 100 && outside > 100, "{inside} inside, {outside} outside");
+    }
+
+    #[test]
+    fn a_ball_on_a_slope_is_as_deep_as_geometry_says() {
+        let relief = crate::dynamics::Relief::inclined(0.3);
+        // its centre 8 cm above the ground along the normal
+        let center = [1.0 - 0.08 * 0.3_f64.sin(), 2.0, 1.0 * 0.3_f64.tan() + 0.08 * 0.3_f64.cos() + 0.5];
+        let c = sphere_relief(center, 0.1, 0.5, &relief);
+        assert!((c.depth - 0.02).abs() < 1e-14 && (c.normal[0] + 0.3_f64.sin()).abs() < 1e-14, "{c:?}");
+        // half way between the two surfaces
+        assert!((relief.surface(c.point, 0.5).0 + 0.01).abs() < 1e-14);
     }
 
     #[test]

@@ -1,9 +1,12 @@
 //! Scenes as TOML: the fields of [`Scene`] by their own names, SI units, and `[[generate]]` tables that are drawn from seeds.
 
 use super::{Gate, Generator, Obstacle, Scene};
+use crate::dynamics::contact::ContactMaterial;
+use crate::dynamics::relief::Relief;
 use crate::dynamics::vehicle_file::in_file;
 use crate::error::{Error, Result};
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Largest scene file, bytes.
@@ -15,14 +18,16 @@ const MAX_FILE_BYTES: u64 = 16 << 20;
 struct SceneFile {
     generate: Vec<Generator>,
     ground: Option<f64>,
+    relief: Option<Relief>,
     gates: Vec<Gate>,
     obstacles: Vec<Obstacle>,
+    materials: BTreeMap<String, ContactMaterial>,
 }
 
 impl Scene {
     /// Reads and checks a scene; `file_name` is for messages. What is drawn comes first, in the order of its tables; where
-    /// there are several of them, names begin with kind and number of the table: `forest 1/trunk 3`. The ground is that of
-    /// the file, or else what is drawn stands on.
+    /// there are several of them, names begin with kind and number of the table: `forest 1/trunk 3`. Ground and relief are
+    /// those of the file, or else the first that is drawn.
     ///
     /// ```
     /// use omnidrones::dynamics::scene::Scene;
@@ -69,10 +74,13 @@ impl SceneFile {
                 drawn.gates.iter_mut().map(|g| &mut g.name).chain(drawn.obstacles.iter_mut().map(|o| &mut o.name));
             names.filter(|_| several).for_each(|name| *name = format!("{} {i}/{name}", generator.kind()));
             all.ground = all.ground.or(drawn.ground);
+            all.relief = all.relief.or(drawn.relief);
             all.gates.append(&mut drawn.gates);
             all.obstacles.append(&mut drawn.obstacles);
         }
         all.ground = self.ground.or(all.ground);
+        all.relief = self.relief.or(all.relief);
+        all.materials = self.materials;
         all.gates.extend(self.gates);
         all.obstacles.extend(self.obstacles);
         all.validate()?;

@@ -31,6 +31,7 @@ fn scene() -> Scene {
                 shape: Shape::new(Geometry::Box { size: [0.5, 0.8, 0.6] }).at([-1.0, -1.0, 0.8]).turned(turned),
             },
         ],
+        ..Scene::default()
     }
 }
 

@@ -12,6 +12,7 @@
 //!
 //! Accelerations in the scratch are proper ones (what an accelerometer reads): gravity is the world's upward acceleration.
 
+use super::contact_loads::Friction;
 use super::parameters::{ParameterView, at, link_parameters};
 use super::scratch::{Articulated, BodyScratch};
 use super::topology::{Kind, Topology};
@@ -34,7 +35,11 @@ pub(crate) fn accelerate<S: Scalar, P: ParameterView<S>>(
     rate: &mut [S],
 ) {
     for i in 0..t.n_body() {
+        let grip = bodies[i].inertia;
         own_inertia(t, i, numbers, pass.implicit, &mut bodies[i]);
+        if let Friction::Sampled(_) = pass.friction {
+            bodies[i].inertia.add(&grip);
+        }
     }
     for i in (0..t.n_body()).rev() {
         to_parent(t, i, numbers, x, input, pass, bodies);

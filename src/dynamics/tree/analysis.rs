@@ -1,6 +1,6 @@
 //! Energy, momentum, mass matrix, poses and Jacobians of an articulated system.
 
-use super::contact_loads;
+use super::contact_loads::{self, Friction};
 use super::kinematics::forward;
 use super::model::{Frame, Model, Motion};
 use super::multibody::Multibody;
@@ -141,7 +141,7 @@ pub fn contact_forces<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Vec3<S>
     scratch_on_stack!(scratch, t, S);
     forward(t, numbers, state, scratch.bodies);
     if t.effects.contact {
-        contact_loads::apply(t, numbers, scratch.bodies);
+        contact_loads::apply(t, numbers, Friction::Explicit, scratch.bodies);
     }
     scratch.bodies[..t.n_body()].iter().map(|b| b.contact).collect()
 }
@@ -173,7 +173,11 @@ pub fn separations<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Separation
     for (n, &i) in shapes.iter().enumerate() {
         let first = &model.shapes()[i];
         if let (Some(_), Some(height)) = (first.body, model.parts().contact.ground) {
-            let distance = contact::plane_distance(&first.shape.geometry, &pose(i), S::constant(height));
+            let (geometry, height) = (&first.shape.geometry, S::constant(height));
+            let distance = match &model.parts().contact.relief {
+                None => contact::plane_distance(geometry, &pose(i), height),
+                Some(relief) => contact::ground_distance(geometry, &pose(i), height, relief),
+            };
             list.push(Separation { shapes: (i, None), distance });
         }
         for &j in &shapes[n + 1..] {

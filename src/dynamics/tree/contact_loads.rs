@@ -2,50 +2,255 @@
 //!
 //! The law is that of [`contact`](crate::dynamics::contact); here is which shape touches which, and on which body the
 //! force then acts. Needs kinematics.
+//!
+//! **Friction that sticks.** A body at rest creeps at a share of the slip speed v_s, so v_s is small, and friction, with a
+//! slope of up to μ F_n/v_s, far steeper than the stages of a step resolve. Against what stands still it is sampled at the
+//! start of a substep h: the articulated-body algorithm finds the accelerations a under −(μ F_n/v_s)(v_t + h a_t) at all
+//! points of contact at once (h μ F_n/v_s across the normal adds to the inertia of what touches). What acts, held through the
+//! substep, is −μ F_n u/(1 + U⁴)^{1/4} with u = (v_t + h a_t)/v_s and U² the mean of u² over the points of the tree, weighed
+//! by μ F_n: one factor for all of them, since forces that are cut one by one could drive. So their sum never exceeds
+//! Σ μ F_n, and where all slip alike each obeys Coulomb. Never steeper than 1/h in the velocity, it is stable for any
+//! v_s, does not turn slip around, and never exceeds μ F_n. Between two bodies that both move it stays explicit, at a slip
+//! speed that the stages resolve.
 
 use super::parameters::{ParameterView, contact_parameters, static_parameters};
-use super::scratch::BodyScratch;
-use super::topology::{Feature, Form, Topology};
+use super::scratch::{Articulated, BodyScratch};
+use super::topology::{Ball, Block, Feature, Form, Topology};
 use crate::autodiff::{Scalar, safe};
-use crate::dynamics::contact::pairs::{capsule_capsule, sphere_capsule, sphere_plane, sphere_sphere};
-use crate::dynamics::contact::{Contact, Material, force};
+use crate::dynamics::contact::pairs::{
+    capsule_capsule, sphere_box, sphere_capsule, sphere_plane, sphere_relief, sphere_sphere,
+};
+use crate::dynamics::contact::{Contact, ContactMaterial, Material, force};
+use crate::dynamics::rigid::symmetric;
 use crate::dynamics::spatial::*;
 
-/// Adds contact forces to the outside loads of every body, and to its net contact force.
+/// How an evaluation treats friction against what stands still.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Friction {
+    /// As the law says at the velocity of the moment.
+    Explicit,
+    /// Linear and implicit over a step of so many seconds.
+    Sampled(f64),
+    /// What was found from that, over a step of so many seconds.
+    Held(f64),
+}
+
+/// What is done at each contact.
+#[derive(Clone, Copy)]
+struct Visit<S> {
+    friction: Friction,
+    /// Of the topology.
+    sticks: bool,
+    /// Forces are being found from accelerations that a sample gave; else forces and inertias are being added.
+    settles: bool,
+    gravity: S,
+}
+
+/// Adds contact forces to the outside loads of every body, and to its net contact force. A sample adds to inertias too: they
+/// are zeroed here.
 #[inline(always)]
-pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, bodies: &mut [BodyScratch<S>]) {
+pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
+    t: &Topology,
+    numbers: P,
+    friction: Friction,
+    bodies: &mut [BodyScratch<S>],
+) {
+    for i in 0..t.n_body() {
+        let body = &mut bodies[i];
+        body.contact = [S::zero(); 3];
+        match friction {
+            Friction::Explicit => {}
+            Friction::Sampled(_) => body.inertia = Articulated::zero(),
+            Friction::Held(_) => {
+                body.contact = body.grip.force;
+                body.force = add(body.force, body.grip.force);
+                body.moment = add(body.moment, body.grip.moment);
+            }
+        }
+    }
+    visit(t, numbers, Visit { friction, sticks: t.sticks, settles: false, gravity: numbers.get(0) }, bodies);
+}
+
+/// Least load of a tree's contacts that counts, N.
+const LEAST_LOAD: f64 = 1e-9;
+
+/// Finds the friction that is held through a substep of `step` s, from the accelerations of a sample.
+#[inline(always)]
+pub(crate) fn settle<S: Scalar, P: ParameterView<S>>(
+    t: &Topology,
+    numbers: P,
+    step: f64,
+    bodies: &mut [BodyScratch<S>],
+) {
+    for i in 0..t.n_body() {
+        bodies[i].grip = Wrench::zero();
+        bodies[i].slip = [S::zero(); 2];
+    }
+    let visit_all = Visit { friction: Friction::Sampled(step), sticks: true, settles: true, gravity: numbers.get(0) };
+    visit(t, numbers, visit_all, bodies);
+    for k in 0..t.layout.trees.len() {
+        let (first, end) = (t.layout.trees[k].bodies.start, t.layout.trees[k].bodies.end);
+        let mut sum = [S::zero(); 2];
+        for i in first..end {
+            sum = add(sum, bodies[i].slip);
+        }
+        let mean = sum[1] * sum[0].max(S::constant(LEAST_LOAD)).recip();
+        let share = force::share(mean);
+        for i in first..end {
+            let grip = &mut bodies[i].grip;
+            (grip.force, grip.moment) = (scale(share, grip.force), scale(share, grip.moment));
+        }
+    }
+}
+
+#[inline(always)]
+fn visit<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, at: Visit<S>, bodies: &mut [BodyScratch<S>]) {
     let n = contact_parameters(t.n_body(), t.n_rotor());
-    let material = Material {
+    let usual = Material {
         stiffness: numbers.get(n),
         dissipation: numbers.get(n + 1),
         friction: numbers.get(n + 2),
         slip_speed: numbers.get(n + 3),
     };
     let ground = numbers.get(n + 4);
-    for i in 0..t.n_body() {
-        bodies[i].contact = [S::zero(); 3];
-    }
     for k in 0..t.on_ground.len() {
-        let feature = &t.features[t.on_ground[k]];
+        let feature = &t.features[t.on_ground[k].what];
+        let material = material_of(&t.on_ground[k].material, &usual);
         if let Some(body) = feature.body {
-            on_ground(feature, &material, ground, &mut bodies[body]);
+            let points = feature.form.points();
+            for i in 0..points.len() {
+                let contact = ground_contact(t, world(&bodies[body], points[i]), feature.radius, ground);
+                touch(at, &material, &contact, (Some(body), None), bodies);
+            }
         }
     }
     for k in 0..t.pairs.len() {
-        let (i, j) = t.pairs[k];
-        between(t, (i, j), numbers, &material, bodies);
+        let (i, j) = t.pairs[k].what;
+        let material = material_of(&t.pairs[k].material, &usual);
+        let (first, second) = (&t.features[i], &t.features[j]);
+        let both = (first.body, second.body);
+        if let Form::Box(block) = &second.form {
+            for b in 0..first.balls.len() {
+                let contact = box_contact(t, (first, first.balls[b]), (second, block), numbers, bodies);
+                touch(at, &material, &contact, both, bodies);
+            }
+        } else {
+            let contact = contact_of(t, (i, j), numbers, bodies);
+            touch(at, &material, &contact, both, bodies);
+        }
     }
 }
 
 #[inline(always)]
-fn on_ground<S: Scalar>(feature: &Feature, material: &Material<S>, ground: S, body: &mut BodyScratch<S>) {
-    let radius = S::constant(feature.radius);
-    let points = feature.form.points();
-    for k in 0..points.len() {
-        let center = world(body, points[k]);
-        let contact = sphere_plane(center, radius, ground);
-        let pushed = force::force(material, &contact, velocity_at(body, contact.point));
-        push(body, contact.point, pushed);
+fn material_of<S: Scalar>(own: &Option<ContactMaterial>, usual: &Material<S>) -> Material<S> {
+    match own {
+        Some(material) => material.cast(),
+        None => *usual,
+    }
+}
+
+/// Force and inertia at one contact of a first with a second body; `None` stands still.
+#[inline(always)]
+fn touch<S: Scalar>(
+    at: Visit<S>,
+    material: &Material<S>,
+    contact: &Contact<S>,
+    (first, second): (Option<usize>, Option<usize>),
+    bodies: &mut [BodyScratch<S>],
+) {
+    match (at.friction, first, second) {
+        (Friction::Sampled(step), Some(body), None) => grip(at, step, material, contact, &mut bodies[body]),
+        (Friction::Sampled(step), None, Some(body)) => {
+            grip(at, step, material, &opposite(*contact), &mut bodies[body]);
+        }
+        (Friction::Held(_), Some(body), None) => hold(material, contact, &mut bodies[body]),
+        (Friction::Held(_), None, Some(body)) => hold(material, &opposite(*contact), &mut bodies[body]),
+        (friction, ..) => {
+            if at.settles {
+                return;
+            }
+            let mut material = *material;
+            if let Friction::Sampled(step) | Friction::Held(step) = friction {
+                material.slip_speed = material.slip_speed.max(S::constant(force::RESOLVED * step));
+            }
+            let mut relative = [S::zero(); 3];
+            if let Some(b) = first {
+                relative = velocity_at(&bodies[b], contact.point);
+            }
+            if let Some(b) = second {
+                relative = sub(relative, velocity_at(&bodies[b], contact.point));
+            }
+            let pushed = if at.sticks && (first.is_none() || second.is_none()) {
+                let leaving = dot(contact.normal, relative);
+                let normal = force::normal_force(&material, contact.depth, -leaving);
+                let friction = force::sticking(&material, normal, axpy(relative, -leaving, contact.normal));
+                axpy(friction, normal, contact.normal)
+            } else {
+                force::force(&material, contact, relative)
+            };
+            if let Some(b) = first {
+                push(&mut bodies[b], contact.point, pushed);
+            }
+            if let Some(b) = second {
+                push(&mut bodies[b], contact.point, neg(pushed));
+            }
+        }
+    }
+}
+
+/// F_n, and the velocity that it goes with, of a body that something still pushes.
+#[inline(always)]
+fn normal_of<S: Scalar>(material: &Material<S>, contact: &Contact<S>, body: &BodyScratch<S>) -> (S, Vec3<S>) {
+    let velocity = velocity_at(body, contact.point);
+    (force::normal_force(material, contact.depth, -dot(contact.normal, velocity)), velocity)
+}
+
+/// The normal force alone: friction is held.
+#[inline(always)]
+fn hold<S: Scalar>(material: &Material<S>, contact: &Contact<S>, body: &mut BodyScratch<S>) {
+    let (normal, _) = normal_of(material, contact, body);
+    push(body, contact.point, scale(normal, contact.normal));
+}
+
+/// Friction over a step: as inertia and force on the way to accelerations, as a force held once they are known.
+#[inline(always)]
+fn grip<S: Scalar>(at: Visit<S>, step: f64, material: &Material<S>, contact: &Contact<S>, body: &mut BodyScratch<S>) {
+    let (n, h) = (contact.normal, S::constant(step));
+    let (normal, velocity) = normal_of(material, contact, body);
+    let lever = sub(contact.point, body.position);
+    let w = body.angular_velocity;
+    let mut ahead = axpy(velocity, h, cross(w, cross(w, lever)));
+    ahead[2] -= h * at.gravity;
+    if at.settles {
+        let more = add(body.acceleration, cross(body.angular_acceleration, lever));
+        let ahead = axpy(ahead, h, more);
+        let (load, slip) =
+            (material.friction * normal, scale(material.slip_speed.recip(), axpy(ahead, -dot(n, ahead), n)));
+        let held = scale(-load, slip);
+        body.grip.force = add(body.grip.force, held);
+        body.grip.moment = add(body.grip.moment, cross(lever, held));
+        body.slip = add(body.slip, [load, load * safe::squared_norm(slip)]);
+        return;
+    }
+    let damping = material.friction * normal * material.slip_speed.recip();
+    let held = scale(-damping, axpy(ahead, -dot(n, ahead), n));
+    let pushed = axpy(held, normal, n);
+    body.force = add(body.force, pushed);
+    body.moment = add(body.moment, cross(lever, pushed));
+    let k = h * damping;
+    let kn = scale(k, n);
+    let across = [
+        [k - kn[0] * n[0], -(kn[0] * n[1]), -(kn[0] * n[2])],
+        [-(kn[0] * n[1]), k - kn[1] * n[1], -(kn[1] * n[2])],
+        [-(kn[0] * n[2]), -(kn[1] * n[2]), k - kn[2] * n[2]],
+    ];
+    // [r]K by rows, and [r]K[r]ᵀ
+    let turned = transpose([cross(lever, across[0]), cross(lever, across[1]), cross(lever, across[2])]);
+    let about = [cross(lever, turned[0]), cross(lever, turned[1]), cross(lever, turned[2])];
+    body.inertia.d = add(body.inertia.d, symmetric(across));
+    body.inertia.a = add(body.inertia.a, symmetric(about));
+    for row in 0..3 {
+        body.inertia.b[row] = add(body.inertia.b[row], turned[row]);
     }
 }
 
@@ -67,6 +272,49 @@ fn push<S: Scalar>(body: &mut BodyScratch<S>, point: Vec3<S>, force: Vec3<S>) {
     body.moment = add(body.moment, cross(sub(point, body.position), force));
 }
 
+/// A ball about `center` on the ground.
+#[inline(always)]
+fn ground_contact<S: Scalar>(t: &Topology, center: Vec3<S>, radius: f64, ground: S) -> Contact<S> {
+    match &t.relief {
+        None => sphere_plane(center, S::constant(radius), ground),
+        Some(relief) => sphere_relief(center, S::constant(radius), ground, relief),
+    }
+}
+
+/// A point of a feature in the world.
+#[inline(always)]
+fn place<S: Scalar, P: ParameterView<S>>(
+    t: &Topology,
+    feature: &Feature,
+    point: [f64; 3],
+    numbers: P,
+    bodies: &[BodyScratch<S>],
+) -> Vec3<S> {
+    match feature.body {
+        Some(body) => world(&bodies[body], point),
+        None => add(numbers.vector(static_parameters(t.n_body(), t.n_rotor(), feature.still)), constants(point)),
+    }
+}
+
+/// A ball of a first feature against a second's box.
+#[inline(always)]
+fn box_contact<S: Scalar, P: ParameterView<S>>(
+    t: &Topology,
+    (first, ball): (&Feature, Ball),
+    (second, block): (&Feature, &Block),
+    numbers: P,
+    bodies: &[BodyScratch<S>],
+) -> Contact<S> {
+    let center = place(t, first, ball.center, numbers, bodies);
+    let position = place(t, second, block.center, numbers, bodies);
+    let own = [constants(block.rotation[0]), constants(block.rotation[1]), constants(block.rotation[2])];
+    let rotation = match second.body {
+        Some(body) => mat_mul(bodies[body].rotation, own),
+        None => own,
+    };
+    sphere_box(center, S::constant(ball.radius), (position, &rotation), constants(block.half))
+}
+
 /// Where a rounded feature's points are in the world.
 #[inline(always)]
 fn ends<S: Scalar, P: ParameterView<S>>(
@@ -75,19 +323,9 @@ fn ends<S: Scalar, P: ParameterView<S>>(
     numbers: P,
     bodies: &[BodyScratch<S>],
 ) -> [Vec3<S>; 2] {
-    let (a, b) = match &feature.form {
-        Form::Sphere(point) => (*point, *point),
-        Form::Capsule([a, b]) => (*a, *b),
-        // boxes have no pairs
-        Form::Box(corners) => (corners[0], corners[7]),
-    };
-    match feature.body {
-        Some(body) => [world(&bodies[body], a), world(&bodies[body], b)],
-        None => {
-            let origin = numbers.vector(static_parameters(t.n_body(), t.n_rotor(), feature.still));
-            [add(origin, constants(a)), add(origin, constants(b))]
-        }
-    }
+    let points = feature.form.points();
+    let last = points.len() - 1;
+    [place(t, feature, points[0], numbers, bodies), place(t, feature, points[last], numbers, bodies)]
 }
 
 /// Where and how two rounded features touch, the first pushed along the normal.
@@ -109,32 +347,6 @@ fn contact_of<S: Scalar, P: ParameterView<S>>(
     }
 }
 
-#[inline(always)]
-fn between<S: Scalar, P: ParameterView<S>>(
-    t: &Topology,
-    (i, j): (usize, usize),
-    numbers: P,
-    material: &Material<S>,
-    bodies: &mut [BodyScratch<S>],
-) {
-    let (first, second) = (&t.features[i], &t.features[j]);
-    let contact = contact_of(t, (i, j), numbers, bodies);
-    let mut relative = [S::zero(); 3];
-    if let Some(b) = first.body {
-        relative = velocity_at(&bodies[b], contact.point);
-    }
-    if let Some(b) = second.body {
-        relative = sub(relative, velocity_at(&bodies[b], contact.point));
-    }
-    let pushed = force::force(material, &contact, relative);
-    if let Some(b) = first.body {
-        push(&mut bodies[b], contact.point, pushed);
-    }
-    if let Some(b) = second.body {
-        push(&mut bodies[b], contact.point, neg(pushed));
-    }
-}
-
 /// The same contact seen from the other body.
 #[inline(always)]
 fn opposite<S: Scalar>(contact: Contact<S>) -> Contact<S> {
@@ -144,20 +356,31 @@ fn opposite<S: Scalar>(contact: Contact<S>) -> Contact<S> {
 /// Energy ⅖ k δ^{5/2} stored in all contacts, J. Needs kinematics.
 pub(crate) fn elastic_energy<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, bodies: &[BodyScratch<S>]) -> S {
     let n = contact_parameters(t.n_body(), t.n_rotor());
-    let (stiffness, ground): (S, S) = (numbers.get(n), numbers.get(n + 4));
+    let (usual, ground): (S, S) = (numbers.get(n), numbers.get(n + 4));
+    let stiffness = |own: &Option<ContactMaterial>| own.map_or(usual, |m| S::constant(m.stiffness));
     let mut sum = S::zero();
-    for k in &t.on_ground {
-        let feature = &t.features[*k];
+    for touch in &t.on_ground {
+        let feature = &t.features[touch.what];
         let Some(body) = feature.body else { continue };
         for point in feature.form.points() {
-            let contact = sphere_plane(world(&bodies[body], *point), S::constant(feature.radius), ground);
-            sum += stored(contact.depth);
+            let contact = ground_contact(t, world(&bodies[body], *point), feature.radius, ground);
+            sum += stiffness(&touch.material) * stored(contact.depth);
         }
     }
     for pair in &t.pairs {
-        sum += stored(contact_of(t, *pair, numbers, bodies).depth);
+        let (i, j) = pair.what;
+        let (first, second) = (&t.features[i], &t.features[j]);
+        let mut own = S::zero();
+        if let Form::Box(block) = &second.form {
+            for ball in &first.balls {
+                own += stored(box_contact(t, (first, *ball), (second, block), numbers, bodies).depth);
+            }
+        } else {
+            own = stored(contact_of(t, (i, j), numbers, bodies).depth);
+        }
+        sum += stiffness(&pair.material) * own;
     }
-    stiffness * sum
+    sum
 }
 
 /// ⅖ δ^{5/2}.

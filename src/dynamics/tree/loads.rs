@@ -3,7 +3,7 @@
 //! The same equations as of the closed-form multirotor ([`rigid`](crate::dynamics::rigid)), body by body: wrenches are
 //! summed in the body's frame about its origin, then turned into world axes once.
 
-use super::contact_loads;
+use super::contact_loads::{self, Friction};
 use super::parameters::{ParameterView, at, contact_parameters, link_parameters, rotor_parameters};
 use super::scratch::{BodyScratch, RotorScratch};
 use super::topology::{Link, Topology};
@@ -66,6 +66,7 @@ pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     numbers: P,
     input: &[S],
+    friction: Friction,
     bodies: &mut [BodyScratch<S>],
     rotors: &[RotorScratch<S>],
 ) {
@@ -97,7 +98,7 @@ pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
         }
     }
     if effects.contact {
-        contact_loads::apply(t, numbers, bodies);
+        contact_loads::apply(t, numbers, friction, bodies);
     }
     if effects.downwash && t.sources.len() > 1 {
         for s in 0..t.sources.len() {

@@ -6,6 +6,7 @@
 
 use super::layout::Layout;
 use crate::dynamics::contact::ContactMaterial;
+use crate::dynamics::relief::Relief;
 use crate::dynamics::shape::Shape;
 use crate::dynamics::vehicle::{Drag, Inertia, Rotor};
 use crate::error::{Error, Result, finite};
@@ -183,16 +184,26 @@ pub struct BodyShape {
     pub shape: Shape,
     /// Whether it touches others; else it is drawn only.
     pub collides: bool,
+    /// Its own, where it is not that of the model: see [`ContactMaterial::against`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub material: Option<ContactMaterial>,
 }
 
 /// What contact is like in an environment; it acts with the effect `contact`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ContactSettings {
-    /// Of every pair that touches.
+    /// Of every pair that touches, but for shapes and ground with one of their own. Its numbers are parameters of the model;
+    /// where one of the two has its own, the pair's are constants.
     pub material: ContactMaterial,
     /// Height of the ground in the world, m; `None` for no ground.
     pub ground: Option<f64>,
+    /// What rises over that height; `None` for level ground.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relief: Option<Relief>,
+    /// Of the ground, where it is not that of the model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ground_material: Option<ContactMaterial>,
     /// Whether bodies of one tree touch each other, those joined to each other apart.
     pub self_collision: bool,
 }
@@ -200,7 +211,13 @@ pub struct ContactSettings {
 impl Default for ContactSettings {
     /// Ground at z = 0, the default material, no contact within a tree.
     fn default() -> Self {
-        Self { material: ContactMaterial::default(), ground: Some(0.0), self_collision: false }
+        Self {
+            material: ContactMaterial::default(),
+            ground: Some(0.0),
+            relief: None,
+            ground_material: None,
+            self_collision: false,
+        }
     }
 }
 
@@ -380,10 +397,15 @@ impl Check<'_> {
         }
         for shape in &p.shapes {
             self.exists("shape", &shape.part, shape.body.unwrap_or(0))?;
-            shape.shape.validate(&self.at(&format!("shape of '{}'", shape.part)))?;
+            let what = self.at(&format!("shape of '{}'", shape.part));
+            shape.shape.validate(&what)?;
+            shape.material.map_or(Ok(()), |m| m.validate(&format!("{what}: material")))?;
         }
         p.contact.material.validate(&self.at("contact.material"))?;
+        let of_ground = p.contact.ground_material;
+        of_ground.map_or(Ok(()), |m| m.validate(&self.at("contact.ground_material")))?;
         finite(&self.at("contact.ground"), &[p.contact.ground.unwrap_or(0.0)])?;
+        p.contact.relief.as_ref().map_or(Ok(()), |r| r.validate(&self.at("contact.relief")))?;
         for drone in &p.drones {
             self.exists("drone", &drone.name, drone.body)?;
             finite(&self.at(&format!("drone '{}': position", drone.name)), &drone.position)?;

@@ -3,6 +3,7 @@
 //! Featherstone (2008, chapter 5) in the axes and accelerations of `kinematics`. With the loads left
 //! out and accelerations zero it gives the bias h(q, ν); with loads, the generalised force that joints must supply.
 
+use super::contact_loads::Friction;
 use super::kinematics::forward;
 use super::loads;
 use super::multibody::Multibody;
@@ -30,7 +31,7 @@ pub fn inverse_dynamics<S: Scalar>(system: &Multibody, state: &[S], input: &[S],
     loads::start_rotors(t, numbers, 1.0, state, scratch.rotors);
     forward(t, numbers, state, scratch.bodies);
     loads::hold_wakes(t, scratch.bodies, scratch.rotors);
-    loads::apply(t, numbers, input, scratch.bodies, scratch.rotors);
+    loads::apply(t, numbers, input, Friction::Explicit, scratch.bodies, scratch.rotors);
     newton_euler(t, numbers, acceleration, scratch.bodies, force);
 }
 

@@ -7,7 +7,7 @@ use super::topology::Topology;
 use crate::autodiff::Scalar;
 use crate::dynamics::rigid::Symmetric;
 use crate::dynamics::rotor::{Lag, RotorModel};
-use crate::dynamics::spatial::{Mat3, Vec3};
+use crate::dynamics::spatial::{Mat3, Vec3, Wrench};
 
 /// Articulated inertia `[A B; Bᵀ D]`: (moment, force) about a point from the (angular, linear) acceleration of that
 /// point; A and D are symmetric.
@@ -23,6 +23,20 @@ impl<S: Scalar> Articulated<S> {
     pub(crate) fn zero() -> Self {
         let o = S::zero();
         Self { a: [o; 6], b: [[o; 3]; 3], d: [o; 6] }
+    }
+
+    /// Another one, about the same point.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, more: &Self) {
+        for k in 0..6 {
+            self.a[k] += more.a[k];
+            self.d[k] += more.d[k];
+        }
+        for row in 0..3 {
+            for column in 0..3 {
+                self.b[row][column] += more.b[row][column];
+            }
+        }
     }
 }
 
@@ -63,6 +77,10 @@ pub(crate) struct BodyScratch<S> {
     pub held: (S, S),
     /// Net contact force.
     pub contact: Vec3<S>,
+    /// Friction against what stands still, held through a substep; about the origin, world axes.
+    pub grip: Wrench<S>,
+    /// Σ μ F_n and Σ μ F_n u² of what grips it, u the slip over the slip speed.
+    pub slip: [S; 2],
     /// Wakes of other drones on the one at this body, held through a substep.
     pub wake: Vec3<S>,
 }
@@ -95,6 +113,8 @@ impl<S: Scalar> BodyScratch<S> {
             angular_acceleration: v,
             held: (o, o),
             contact: v,
+            grip: Wrench { force: v, moment: v },
+            slip: [o; 2],
             wake: v,
         }
     }

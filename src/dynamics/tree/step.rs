@@ -4,13 +4,14 @@
 //! damping, springs and limits implicit. Rotor lag has its closed form. Drives are sampled once per substep: an implicit
 //! evaluation (h d + h² k added to the inertia that each drive moves) finds the torques, a second one those of the others
 //! where some have reached their bound; then they are held, so that a stiff servo is stable at any step. Damping and
-//! springs of hinges and slides too fast for RK4 are sampled with them; those of ball joints are explicit in RK4. Wakes are
-//! held through a substep too.
+//! springs of hinges and slides too fast for RK4 are sampled with them; those of ball joints are explicit in RK4. Friction
+//! that sticks is sampled and held alike (see `contact_loads`). Wakes are held through a substep too.
 //!
 //! Everything evaluates accelerations at one place, in a loop over stages: the kernels are large, and each copy of them
 //! would be compiled again for every scalar.
 
 use super::aba::accelerate;
+use super::contact_loads::{self, Friction};
 use super::kinematics::forward;
 use super::loads;
 use super::parameters::ParameterView;
@@ -45,7 +46,8 @@ pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task
         Task::Derivative => (1.0, 1, 1),
     };
     let semi_implicit = n_stage == 1 && task != Task::Derivative;
-    let begin = if t.holds_torque && task != Task::Derivative { SAMPLE } else { FIRST };
+    let sticks = t.sticks && task != Task::Derivative;
+    let begin = if (t.holds_torque || sticks) && task != Task::Derivative { SAMPLE } else { FIRST };
     loads::prepare_rotors(t, numbers, s.input, s.rotors);
     for _ in 0..substeps {
         loads::start_rotors(t, numbers, h, s.end, s.rotors);
@@ -54,16 +56,21 @@ pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task
             s.at[k] = s.end[k];
         }
         for stage in begin..FIRST + n_stage {
-            if semi_implicit && stage == SETTLE {
+            if (semi_implicit || !t.holds_torque) && stage == SETTLE {
                 continue;
             }
             if semi_implicit && stage == FIRST {
                 loads::advance_rotors(t, s.rotors);
             }
+            let friction = match sticks {
+                false => Friction::Explicit,
+                true if stage == SAMPLE => Friction::Sampled(h),
+                true => Friction::Held(h),
+            };
             let pass = match task {
-                Task::Derivative => Pass { implicit: 0.0, drives: Drives::Continuous },
-                Task::Step(_) if stage == SAMPLE => Pass { implicit: 0.0, drives: Drives::Sampled(h) },
-                Task::Step(_) => Pass { implicit: if semi_implicit { h } else { 0.0 }, drives: Drives::Held },
+                Task::Derivative => Pass { implicit: 0.0, drives: Drives::Continuous, friction },
+                Task::Step(_) if stage == SAMPLE => Pass { implicit: 0.0, drives: Drives::Sampled(h), friction },
+                Task::Step(_) => Pass { implicit: if semi_implicit { h } else { 0.0 }, drives: Drives::Held, friction },
             };
             // up to the first stage the state stays as it was
             if stage == begin || stage > FIRST {
@@ -72,8 +79,11 @@ pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task
             if stage == begin {
                 loads::hold_wakes(t, s.bodies, s.rotors);
             }
-            loads::apply(t, numbers, s.input, s.bodies, s.rotors);
+            loads::apply(t, numbers, s.input, friction, s.bodies, s.rotors);
             accelerate(t, numbers, s.at, s.input, pass, s.bodies, s.rate);
+            if sticks && stage == SAMPLE {
+                contact_loads::settle(t, numbers, h, s.bodies);
+            }
             if stage < FIRST {
                 hold_torques(t, numbers, stage, h, s);
             } else if semi_implicit {

@@ -6,10 +6,14 @@
 use super::analysis::mass_matrix_at_rest;
 use super::layout::Layout;
 use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion};
+use crate::dynamics::contact::ContactMaterial;
+use crate::dynamics::contact::force::RESOLVED;
 use crate::dynamics::contact::pairs::{corners, segment};
 use crate::dynamics::integrate::{Grid, Integrator};
+use crate::dynamics::relief::Relief;
 use crate::dynamics::rigid::Effects;
 use crate::dynamics::shape::{Geometry, Pose};
+use crate::dynamics::spatial::matrix;
 
 /// Axis of a hinge or slide in its joint's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,6 +107,10 @@ pub(crate) struct Feature {
     pub still: usize,
     pub form: Form,
     pub radius: f64,
+    /// By which it touches boxes.
+    pub balls: Vec<Ball>,
+    /// Its own.
+    pub material: Option<ContactMaterial>,
 }
 
 /// Points in the body's frame, or about a still shape's position.
@@ -110,7 +118,31 @@ pub(crate) struct Feature {
 pub(crate) enum Form {
     Sphere([f64; 3]),
     Capsule([[f64; 3]; 2]),
-    Box([[f64; 3]; 8]),
+    Box(Block),
+}
+
+/// A ball within a feature, in the body's frame; a point of a box's surface where it has no radius.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Ball {
+    pub center: [f64; 3],
+    pub radius: f64,
+}
+
+/// A box.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Block {
+    pub corners: [[f64; 3]; 8],
+    pub center: [f64; 3],
+    /// By rows, box → body.
+    pub rotation: [[f64; 3]; 3],
+    pub half: [f64; 3],
+}
+
+/// What a feature touches, and the material where it is not the model's.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Touch<W> {
+    pub what: W,
+    pub material: Option<ContactMaterial>,
 }
 
 impl Form {
@@ -119,7 +151,7 @@ impl Form {
         match self {
             Self::Sphere(point) => std::slice::from_ref(point),
             Self::Capsule(points) => points,
-            Self::Box(points) => points,
+            Self::Box(block) => &block.corners,
         }
     }
 }
@@ -144,9 +176,13 @@ pub(crate) struct Topology {
     pub holds_torque: bool,
     pub features: Vec<Feature>,
     /// Features of bodies, where there is a ground.
-    pub on_ground: Vec<usize>,
-    /// Features that push on each other.
-    pub pairs: Vec<(usize, usize)>,
+    pub on_ground: Vec<Touch<usize>>,
+    /// Features that push on each other; where one is a box, the second is.
+    pub pairs: Vec<Touch<(usize, usize)>>,
+    /// What rises over the ground.
+    pub relief: Option<Relief>,
+    /// Friction is steeper than the stages of a step resolve: sampled implicitly at its start and held.
+    pub sticks: bool,
 }
 
 impl Topology {
@@ -162,7 +198,9 @@ impl Topology {
         if grid.integrator == Integrator::RungeKutta4 {
             mark_stiff(model, grid.substep, &mut links);
         }
-        Self::with_links(model, effects, links)
+        let mut topology = Self::with_links(model, effects, links);
+        topology.sticks = effects.contact && least_slip_speed(model) < RESOLVED * grid.substep;
+        topology
     }
 
     fn links(model: &Model, effects: Effects, general: bool) -> Vec<Link> {
@@ -194,6 +232,8 @@ impl Topology {
         Self {
             on_ground: on_ground(model, &features),
             pairs: pairs(model, &features),
+            sticks: false,
+            relief: model.parts().contact.relief.clone(),
             features,
             holds_torque: links.iter().any(|l| l.drive.is_some() || l.stiff),
             links,
@@ -215,6 +255,7 @@ impl Topology {
         for (own, link) in self.links.iter_mut().zip(&other.links) {
             own.stiff = link.stiff;
         }
+        self.sticks = other.sticks;
     }
 
     /// What another model has differently than numbers, if anything.
@@ -231,7 +272,8 @@ impl Topology {
         let same = (!e.ground_effect || self.rotor_radius == other.rotor_radius)
             && (!e.downwash || self.sources == other.sources)
             && (!e.contact
-                || (&self.features, &self.on_ground, &self.pairs) == (&other.features, &other.on_ground, &other.pairs));
+                || (&self.features, &self.on_ground, &self.pairs, &self.relief)
+                    == (&other.features, &other.on_ground, &other.pairs, &other.relief));
         (!same).then(|| "with other rotor radii, drones or shapes".into())
     }
 
@@ -328,27 +370,50 @@ fn features(model: &Model) -> Vec<Feature> {
     list
 }
 
-fn on_ground(model: &Model, features: &[Feature]) -> Vec<usize> {
-    let falls = |f: &usize| features[*f].body.is_some() && model.parts().contact.ground.is_some();
-    (0..features.len()).filter(falls).collect()
+fn on_ground(model: &Model, features: &[Feature]) -> Vec<Touch<usize>> {
+    let contact = &model.parts().contact;
+    let falls = |f: &usize| features[*f].body.is_some() && contact.ground.is_some();
+    let touch =
+        |f: usize| Touch { what: f, material: own_material(model, features[f].material, contact.ground_material) };
+    (0..features.len()).filter(falls).map(touch).collect()
 }
 
-/// Pairs with a force: spheres and capsules of different trees, of a tree and the world, and of one tree where it
-/// collides with itself, those joined to each other (massless bodies between not counted) apart.
-fn pairs(model: &Model, features: &[Feature]) -> Vec<(usize, usize)> {
+/// Of two things of which one at least has its own.
+fn own_material(
+    model: &Model,
+    first: Option<ContactMaterial>,
+    second: Option<ContactMaterial>,
+) -> Option<ContactMaterial> {
+    let usual = model.parts().contact.material;
+    (first.is_some() || second.is_some()).then(|| first.unwrap_or(usual).against(&second.unwrap_or(usual)))
+}
+
+/// Least slip speed of the model's materials, m/s.
+fn least_slip_speed(model: &Model) -> f64 {
+    let contact = &model.parts().contact;
+    let own = model.shapes().iter().filter_map(|s| s.material).chain(contact.ground_material);
+    own.fold(contact.material.slip_speed, |least, m| least.min(m.slip_speed))
+}
+
+/// Pairs with a force: of different trees, of a tree and the world, and of one tree where it collides
+/// with itself, those joined to each other (massless bodies between not counted) apart.
+fn pairs(model: &Model, features: &[Feature]) -> Vec<Touch<(usize, usize)>> {
     let roots = super::model::root_of(model.bodies());
     let mut list = Vec::new();
     for i in 0..features.len() {
         for j in i + 1..features.len() {
-            let rounded = [i, j].iter().all(|k| !matches!(features[*k].form, Form::Box(_)));
+            let is_box = |k: usize| matches!(features[k].form, Form::Box(_));
             let may = match (features[i].body, features[j].body) {
                 (None, None) => false,
                 (None, Some(_)) | (Some(_), None) => true,
                 (Some(a), Some(b)) if roots[a] != roots[b] => true,
                 (Some(a), Some(b)) => model.parts().contact.self_collision && a != b && !joined(model, a, b),
             };
-            if rounded && may {
-                list.push((i, j));
+            if may {
+                // of two boxes what moves touches by its balls
+                let turned = is_box(i) && (!is_box(j) || features[i].body.is_none());
+                let what = if turned { (j, i) } else { (i, j) };
+                list.push(Touch { what, material: own_material(model, features[i].material, features[j].material) });
             }
         }
     }
@@ -378,13 +443,55 @@ impl Feature {
         let own = Pose::<f64> { position: shape.shape.position, attitude: shape.shape.rotation };
         // a still shape's position is a number of the model, so its points count from there
         let pose = if shape.body.is_none() { Pose { position: [0.0; 3], ..own } } else { own };
-        let (form, radius) = match shape.shape.geometry {
-            Geometry::Sphere { radius } => (Form::Sphere(pose.position), radius),
-            Geometry::Capsule { radius, length } => (Form::Capsule(segment(&pose, length)), radius),
-            Geometry::Box { size } => (Form::Box(corners(&pose, size)), 0.0),
+        let (form, radius, balls) = match shape.shape.geometry {
+            Geometry::Sphere { radius } => {
+                (Form::Sphere(pose.position), radius, vec![Ball { center: pose.position, radius }])
+            }
+            Geometry::Capsule { radius, length } => {
+                let ends = segment(&pose, length);
+                (Form::Capsule(ends), radius, balls_of_capsule(ends, radius))
+            }
+            Geometry::Box { size } => {
+                let (rotation, half) = (matrix(pose.attitude), size.map(|edge| 0.5 * edge));
+                let corners = corners(&pose, size);
+                let balls = balls_of_box(&pose, &corners, half);
+                (Form::Box(Block { corners, center: pose.position, rotation, half }), 0.0, balls)
+            }
         };
-        Self { body: shape.body, still, form, radius }
+        Self { body: shape.body, still, form, radius, balls, material: shape.material }
     }
+}
+
+/// Way between the balls by which a shape touches boxes, over their radius: what lies between two is at most 0.073 of it too
+/// deep.
+const BALLS: f64 = 0.75;
+/// Most gaps between balls along a capsule, and along an edge of a box.
+const MAX_GAPS: [f64; 2] = [64.0, 8.0];
+
+/// Balls along the axis of a capsule, its ends included.
+fn balls_of_capsule([a, b]: [[f64; 3]; 2], radius: f64) -> Vec<Ball> {
+    let along = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+    let length = along.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let gaps = (length / (BALLS * radius)).ceil().clamp(1.0, MAX_GAPS[0]) as usize;
+    let at = |i: usize| std::array::from_fn(|k| a[k] + along[k] * i as f64 / gaps as f64);
+    (0..=gaps).map(|i| Ball { center: at(i), radius }).collect()
+}
+
+/// The corners of a box, and balls within it as thick as it is.
+fn balls_of_box(pose: &Pose<f64>, corners: &[[f64; 3]; 8], half: [f64; 3]) -> Vec<Ball> {
+    let mut balls: Vec<Ball> = corners.iter().map(|c| Ball { center: *c, radius: 0.0 }).collect();
+    let radius = half[0].min(half[1]).min(half[2]);
+    let room = half.map(|h| h - radius);
+    let gaps = room.map(|room| (2.0 * room / (BALLS * radius)).ceil().min(MAX_GAPS[1]) as usize);
+    let at = |k: usize, i: usize| if gaps[k] == 0 { 0.0 } else { room[k] * (2.0 * i as f64 / gaps[k] as f64 - 1.0) };
+    for x in 0..=gaps[0] {
+        for y in 0..=gaps[1] {
+            for z in 0..=gaps[2] {
+                balls.push(Ball { center: pose.point([at(0, x), at(1, y), at(2, z)]), radius });
+            }
+        }
+    }
+    balls
 }
 
 impl Servo {

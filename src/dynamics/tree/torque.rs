@@ -3,6 +3,7 @@
 //! Each torque comes as a pair (τ, s): the value, and how much an acceleration over the step ahead changes it, so that
 //! the joint obeys τ − s q̈. With s = 0 the torque is explicit; the inertia of a geared motor is an s of its own.
 
+use super::contact_loads::Friction;
 use super::parameters::{ParameterView, at, link_parameters};
 use super::topology::{Link, Servo};
 use crate::autodiff::Scalar;
@@ -14,6 +15,7 @@ pub(crate) struct Pass {
     /// Step over which damping, springs, limits and gyroscopic moments act implicitly, s; 0 for explicit.
     pub implicit: f64,
     pub drives: Drives,
+    pub friction: Friction,
 }
 
 /// How an evaluation treats drives.

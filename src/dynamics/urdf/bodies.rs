@@ -4,6 +4,7 @@ use super::tree::Tree;
 use super::{clean, fault, few, in_file};
 use crate::dynamics::assembly::Placement;
 use crate::dynamics::shape::{Geometry, Pose, Shape};
+use crate::dynamics::spatial::multiply;
 use crate::dynamics::vehicle::Inertia;
 use crate::error::Result;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -27,8 +28,10 @@ pub(super) struct Body {
     pub joint: Option<Joint>,
     /// What of its collision geometry this crate has, in the link's frame.
     pub shapes: Vec<Shape>,
-    /// How many of its collision geometries this crate has not: cylinders and meshes.
-    pub other_shapes: usize,
+    /// How many of its collision geometries this crate has not: meshes.
+    pub meshes: usize,
+    /// How many of them are cylinders, which stand among `shapes` by what fits into them.
+    pub cylinders: usize,
 }
 
 /// The joint of a [`Body`].
@@ -85,13 +88,21 @@ impl Body {
 /// move.
 pub(super) fn left_out(bodies: &[Body], held: impl Fn(usize) -> bool) -> Vec<String> {
     let mut said = Vec::new();
-    let odd: Vec<&Body> = bodies.iter().filter(|b| b.other_shapes > 0).collect();
-    let count: usize = odd.iter().map(|b| b.other_shapes).sum();
-    if count > 0 {
+    let having = |number: fn(&Body) -> usize| {
+        let odd: Vec<&Body> = bodies.iter().filter(|b| number(b) > 0).collect();
         let names: Vec<&str> = odd.iter().map(|b| b.name.as_str()).collect();
+        let count: usize = odd.iter().map(|b| number(b)).sum();
+        (count > 0).then(|| format!("({count}) in the collision geometry of {}", few(&names)))
+    };
+    if let Some(whose) = having(|b| b.cylinders) {
         said.push(format!(
-            "The cylinders or meshes ({count}) in the collision geometry of {} touch nothing: use boxes, spheres or capsules.",
-            few(&names)
+            "The cylinders {whose} touch by what fits into them: two boxes turned by 45°, which stand on eight points of \
+             the rim, and where longer than wide a capsule, which rolls."
+        ));
+    }
+    if let Some(whose) = having(|b| b.meshes) {
+        said.push(format!(
+            "The meshes {whose} touch nothing, since none is opened: use boxes, cylinders, spheres or capsules."
         ));
     }
     let bounded = |(i, b): (usize, &Body)| {
@@ -123,21 +134,39 @@ fn placement(pose: &urdf_rs::Pose) -> Placement {
     Placement { position: pose.xyz.0, rotation: [q.w, q.i, q.j, q.k] }
 }
 
-/// Boxes, balls and capsules of a link's collision geometry, and how many others there are.
-fn shapes(link: &urdf_rs::Link) -> (Vec<Shape>, usize) {
-    let found = link.collision.iter().filter_map(|collision| {
-        let geometry = match &collision.geometry {
-            urdf_rs::Geometry::Box { size } => Geometry::Box { size: size.0 },
-            urdf_rs::Geometry::Sphere { radius } => Geometry::Sphere { radius: *radius },
-            urdf_rs::Geometry::Capsule { radius, length } => Geometry::Capsule { radius: *radius, length: *length },
-            urdf_rs::Geometry::Cylinder { .. } | urdf_rs::Geometry::Mesh { .. } => return None,
-        };
+/// A link's collision geometry in shapes that touch, and how many meshes and cylinders it has.
+fn shapes(link: &urdf_rs::Link) -> (Vec<Shape>, [usize; 2]) {
+    let (mut shapes, mut meshes, mut cylinders) = (Vec::new(), 0, 0);
+    for collision in &link.collision {
         let Placement { position, rotation } = placement(&collision.origin);
-        Some(Shape { geometry, position, rotation })
-    });
-    let shapes: Vec<Shape> = found.collect();
-    let others = link.collision.len() - shapes.len();
-    (shapes, others)
+        let here = |geometry| Shape { geometry, position, rotation };
+        match &collision.geometry {
+            urdf_rs::Geometry::Box { size } => shapes.push(here(Geometry::Box { size: size.0 })),
+            urdf_rs::Geometry::Sphere { radius } => shapes.push(here(Geometry::Sphere { radius: *radius })),
+            urdf_rs::Geometry::Capsule { radius, length } => {
+                shapes.push(here(Geometry::Capsule { radius: *radius, length: *length }));
+            }
+            urdf_rs::Geometry::Cylinder { radius, length } => {
+                shapes.extend(within_cylinder(*radius, *length, &here));
+                cylinders += 1;
+            }
+            urdf_rs::Geometry::Mesh { .. } => meshes += 1,
+        }
+    }
+    (shapes, [meshes, cylinders])
+}
+
+/// What fits into a cylinder along z: two boxes with their long edges on its side, turned by 45° against each other, and, where
+/// it is longer than wide, a capsule between its ends.
+fn within_cylinder(radius: f64, length: f64, here: &impl Fn(Geometry) -> Shape) -> Vec<Shape> {
+    let edge = std::f64::consts::SQRT_2 * radius;
+    let block = here(Geometry::Box { size: [edge, edge, length] });
+    let (s, c) = std::f64::consts::FRAC_PI_8.sin_cos();
+    let mut shapes = vec![block, block.turned(multiply(block.rotation, [c, 0.0, 0.0, s]))];
+    if length > 2.0 * radius {
+        shapes.push(here(Geometry::Capsule { radius, length: length - 2.0 * radius }));
+    }
+    shapes
 }
 
 /// Places all links, in the order of the file.
@@ -198,10 +227,11 @@ fn body(
     own.validate("it").map_err(|e| in_file(e, file, &place))?;
     let (turn, offset) = pose(&link.inertial.origin);
     let to_base = rotation * turn;
-    let (shapes, other_shapes) = shapes(link);
+    let (shapes, [meshes, cylinders]) = shapes(link);
     Ok(Body {
         shapes,
-        other_shapes,
+        meshes,
+        cylinders,
         name: link.name.clone(),
         line,
         origin,

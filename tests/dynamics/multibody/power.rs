@@ -61,7 +61,7 @@ fn powers(system: &Multibody, x: &[f64], u: &[f64]) -> (f64, f64) {
 
 /// Of the ground, without what its springs store.
 fn contact_loss(system: &Multibody, poses: &[Pose<f64>]) -> f64 {
-    let settings = system.model().parts().contact;
+    let settings = &system.model().parts().contact;
     let (Some(ground), true) = (settings.ground, system.physics().effects.contact) else { return 0.0 };
     let mut loss = 0.0;
     for shape in system.model().shapes() {

@@ -167,7 +167,7 @@ fn import_drafts_rotor_data_once_and_says_what_it_assumed() {
     let (out, err) = exits(0, folder.path(), &["import", "plain_x.urdf"]);
     assert_eq!(err, "writing plain_x.rotors.toml: a draft of its rotors\n", "said before");
     for words in [
-        "The cylinders or meshes (1) in the collision geometry of 'body' touch nothing",
+        "The cylinders (1) in the collision geometry of 'body' touch by what fits into them",
         "DRAFT",
         "Assumed, not read",
         "thrust_coefficient",

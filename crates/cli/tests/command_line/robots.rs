@@ -123,3 +123,39 @@ fn mistakes_are_answered_with_value_limit_and_remedy() {
     }
     assert!(!folder.path().join("out").exists(), "a mistake leaves no folder");
 }
+
+#[test]
+fn a_scene_stands_around_what_flies_and_what_begins_inside_of_it_is_refused() {
+    let folder = temporary();
+    let quick = ["--no-plots", "--duration", "2", "--reference", "hover"];
+    let fly = |named: &'static str| [&["fly", "hummingbird", "--scene", named], &quick[..]].concat();
+    let flown = json(folder.path(), &fly("forest:3"));
+    assert_eq!(flown["success"], true);
+    let nearest = &flown["scene"]["nearest"];
+    assert!(nearest["part"].as_str().is_some_and(|part| part.starts_with("trunk ")), "{nearest}");
+    assert!(nearest["distance"].as_f64().is_some_and(|d| d > 1.0), "{nearest}");
+    let (page, _) = exits(0, folder.path(), &fly("gates:1"));
+    assert!(page.contains("gates:1") && page.contains("10 gates; nearest"), "{page}");
+    let (_, err) = exits(2, folder.path(), &fly("forrest"));
+    assert!(err.contains("did you mean 'forest'?"), "{err}");
+    let block = "[[obstacles]]\nname = 'block'\nshape = { geometry = { box = { size = [4.0, 4.0, 4.0] } } }";
+    std::fs::write(folder.path().join("block.toml"), block).expect("written");
+    let (_, err) = exits(2, folder.path(), &fly("block.toml"));
+    assert!(
+        err.contains("start: distance of 'hummingbird' to 'block' is -") && err.contains("move the start"),
+        "{err}"
+    );
+    let text = "[[generate]]\nkind = 'forest'\ntrunks = 500";
+    std::fs::write(folder.path().join("dense.toml"), text).expect("written");
+    let (_, err) = exits(2, folder.path(), &fly("dense.toml"));
+    assert!(err.contains("forest: trunks: is 500, over the limit of 135") && err.contains("fewer trunks"), "{err}");
+}
+
+#[test]
+fn what_falls_onto_blocks_and_hills_rests_there() {
+    let folder = temporary();
+    for scene in ["rubble:1", "terrain:2"] {
+        let fallen = json(folder.path(), &["fly", "crazyflie", "--scene", scene, "--drop", "--no-plots"]);
+        assert_eq!(fallen["success"], true, "{scene}: {fallen}");
+    }
+}

@@ -173,13 +173,17 @@ impl World {
     /// Takes over ground, gates and obstacles of a scene where `placement` puts them, instead of all there was.
     ///
     /// # Errors
-    /// More than [`MAX_SOLIDS`] capsules or boxes.
+    /// More than [`MAX_SOLIDS`] capsules or boxes; uneven ground, which rays do not see.
     ///
     /// # Panics
     /// On a placement of another length than [`Scene::n_placement`].
     pub fn fill(&mut self, scene: &Scene, placement: &[f64]) -> Result<()> {
         let want = scene.n_placement();
         assert!(placement.len() == want, "a placement of {} numbers for a scene of {want}", placement.len());
+        if scene.relief.is_some() {
+            let remedy = "Leave it out where rays are cast, or cast them at level ground.";
+            return Err(Error::value("scene: relief", "uneven ground", "none: rays see level ground only", remedy));
+        }
         self.still = [0; 2];
         self.clear_moving();
         self.ground = scene.ground.map(|height| height as f32);
