@@ -8,7 +8,7 @@
 //!   than the flight.
 //! - DIFFERENCE: T = 1000 steps for 24 m; the published 48 m in 12.8 s ask for more than the speed that ends an episode.
 //! - DIFFERENCE: height and distance to the target are observed.
-//! - DIFFERENCE: touch ends an episode, wherever on the vehicle it is; published is a beam below 0.3 m, so what no beam met did not
+//! - DIFFERENCE: touch ends an episode, wherever on the vehicle it is, a ball about every propeller included; published is a beam below 0.3 m, so what no beam met did not
 //!   count. The term safety is of the clearance, not of the mean beam.
 //! - DIFFERENCE: the term progress falls no further than its bound is high.
 
@@ -132,7 +132,7 @@ impl BuiltIn for Forest {
     }
 }
 
-/// Capsules and balls of a vehicle; of its boxes the diagonals.
+/// Capsules and balls of a vehicle, of its boxes the diagonals, and a ball about every propeller.
 fn bars(vehicle: &Vehicle) -> Vec<Bar> {
     let bar = |shape: &crate::dynamics::shape::Shape| {
         let (radius, length) = match shape.geometry {
@@ -143,7 +143,8 @@ fn bars(vehicle: &Vehicle) -> Vec<Bar> {
         let pose = Pose { position: shape.position, attitude: shape.rotation };
         Bar { ends: [-0.5, 0.5].map(|share| pose.point([0.0, 0.0, share * length])), radius }
     };
-    rounded(vehicle).shapes.iter().map(bar).collect()
+    let propellers = vehicle.rotors.iter().map(|rotor| Bar { ends: [rotor.position; 2], radius: rotor.radius });
+    rounded(vehicle).shapes.iter().map(bar).chain(propellers).collect()
 }
 
 impl Forest {
@@ -167,13 +168,17 @@ impl Forest {
         let mut least = S::constant(REACH);
         for k in 0..self.bars.len() {
             let bar = &self.bars[k];
-            let (a, b) = (drone.point(constants(bar.ends[0])).0, drone.point(constants(bar.ends[1])).0);
+            let is_ball = bar.ends[0] == bar.ends[1];
+            let a = drone.point(constants(bar.ends[0])).0;
+            let b = if is_ball { a } else { drone.point(constants(bar.ends[1])).0 };
             let along = [b[0] - a[0], b[1] - a[1]];
             let inverse = safe::squared_norm(along).max(S::constant(1e-9)).recip();
             for i in 0..self.radii.len() {
-                let way = [view.goal.get(3 + 2 * i) - a[0], view.goal.get(4 + 2 * i) - a[1]];
-                let share = (along[0].mul_add(way[0], along[1] * way[1]) * inverse).max(zero).min(one);
-                let away = [(-share).mul_add(along[0], way[0]), (-share).mul_add(along[1], way[1])];
+                let mut away = [view.goal.get(3 + 2 * i) - a[0], view.goal.get(4 + 2 * i) - a[1]];
+                if !is_ball {
+                    let share = (along[0].mul_add(away[0], along[1] * away[1]) * inverse).max(zero).min(one);
+                    away = [(-share).mul_add(along[0], away[0]), (-share).mul_add(along[1], away[1])];
+                }
                 least = least.min(safe::norm(away) - S::constant(self.radii[i] + bar.radius));
             }
         }
@@ -201,8 +206,8 @@ impl Task for Forest {
     made_of!(self: self.robot, self.settings);
 
     fn about(&self) -> &'static str {
-        "p drone, v, ω velocity and angular velocity (world), h = R e_x, u = R e_z, c least distance between drone and trunks, up to \
-         10 m, d = ‖p_t − p‖, n = (p_t − p)/d. {trunks} trunks of radius {radius} m stand in a corridor of {length} m × \
+        "p drone, v, ω velocity and angular velocity (world), h = R e_x, u = R e_z, c least distance between trunks and \
+         drone, propellers included, up to 10 m, d = ‖p_t − p‖, n = (p_t − p)/d. {trunks} trunks of radius {radius} m stand in a corridor of {length} m × \
          {width} m, {gap} m or more apart. Target: p_t uniform in {target} m. Start: p uniform in {start_position} m, \
          roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest."
     }

@@ -23,6 +23,7 @@ pub mod payload_track;
 pub mod pendulum_fly_through;
 pub mod pendulum_hover;
 pub mod pendulum_track;
+pub mod pinball;
 pub(crate) mod team;
 pub mod track;
 pub(crate) mod transport;
