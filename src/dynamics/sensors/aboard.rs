@@ -2,10 +2,12 @@
 
 use super::cast::World;
 use super::solids::{Solids, Surroundings};
-use super::{Eyes, SensorConfig, SensorSet, Sight, Truth};
+use super::touch::check_contact;
+use super::{Eyes, Model, SensorConfig, SensorSet, Sight, Truth};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::plant::{Plant, Quantity};
 use crate::dynamics::scene::Scene;
+use crate::dynamics::tree::contact_forces;
 use crate::error::Result;
 
 /// A [`SensorSet`] that finds the truth in the states of a [`Plant`].
@@ -22,6 +24,8 @@ pub struct Aboard {
     world: World,
     solids: Solids,
     eyes: Eyes,
+    /// Whether forces of contact are read.
+    feels: bool,
     is_first: bool,
 }
 
@@ -30,7 +34,7 @@ impl Aboard {
     /// see the plant's ground, what stands still in it, and the shapes of all bodies but their own.
     ///
     /// # Errors
-    /// As [`SensorSet::new`] and [`World::fill`].
+    /// As [`SensorSet::new`] and [`World::fill`]; [`Error::Value`](crate::error::Error::Value) for a sensor of contact where nothing touches.
     pub fn new(configs: &[SensorConfig], plant: &Plant) -> Result<Self> {
         let set = SensorSet::new(configs, plant.physics().dt, &plant.body_names())?;
         let (plant, parameters) = (plant.clone(), plant.parameters());
@@ -39,9 +43,11 @@ impl Aboard {
         let scene = Surroundings::of(&Scene { ground: ground(&plant), ..Scene::default() }, &plant).scene;
         let mut world = World::default();
         world.fill(&scene, &scene.nominal_placement())?;
-        let (solids, eyes) = (Solids::of(&plant), Eyes::default());
+        let touching = || configs.iter().filter(|config| matches!(config.model, Model::Contact(_)));
+        touching().try_for_each(|config| check_contact(&config.place(), &plant))?;
+        let (solids, eyes, feels) = (Solids::of(&plant), Eyes::default(), touching().next().is_some());
         let (now, beside) = (frames.clone(), frames);
-        Ok(Self { plant, parameters, set, now, beside, truths, world, solids, eyes, is_first: true })
+        Ok(Self { plant, parameters, set, now, beside, truths, world, solids, eyes, feels, is_first: true })
     }
 
     /// Begins an episode.
@@ -72,6 +78,10 @@ impl Aboard {
         self.truths.clear();
         self.truths.extend(pairs.map(|(now, beside)| truth(&frame(now), &frame(beside), dt, gravity)));
         self.is_first = false;
+        if let Some(system) = self.plant.tree().filter(|_| self.feels) {
+            let forces = contact_forces(system, state);
+            self.truths.iter_mut().zip(forces).for_each(|(truth, force)| truth.contact_force = force);
+        }
         let now = &self.now;
         let solids = self.solids.at(|body| frame(&now[body * FRAME..]));
         self.set.step(&self.truths, &mut Sight::new(&mut self.world, solids, &mut self.eyes))

@@ -8,6 +8,7 @@ use super::inertial::{Imu, ImuDevice};
 use super::lidar::{Lidar, LidarDevice};
 use super::mount::Motion;
 use super::sight::Sight;
+use super::touch::{Contact, ContactDevice};
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::Serialize;
@@ -196,6 +197,7 @@ kinds! {
     "motion_capture", MotionCapture, MotionCaptureDevice, "Pose in the world, at times unseen.";
     "range", Range, RangeDevice, "Distance to the ground, or what stands in the way, along -z of the mount.";
     "flow", Flow, FlowDevice, "Motion of level ground through a picture, along -z of the mount.";
+    "contact", Contact, ContactDevice, "Net force of all contacts on its body, along mount axes.";
     "lidar", Lidar, LidarDevice, "Distances along beams.";
     "camera", Camera, CameraDevice, "Depth, what is seen, surfaces or colours, pixel by pixel.";
 }

@@ -2,6 +2,7 @@
 
 use super::cast::World;
 use super::*;
+use crate::autodiff::System;
 use crate::dynamics::configurations;
 use crate::dynamics::plant::Plant;
 use crate::dynamics::scene::Scene;
@@ -240,4 +241,38 @@ fn sensors_that_look_refuse_what_nothing_can_see() {
     refused("name = 'a'\nkind = 'lidar'\nelevations = [2.0]", &["elevations", "2"]);
     refused("name = 'a'\nkind = 'lidar'\npattern = 'scatter'\nelevations = [0.1]", &["elevations", "band"]);
     refused("name = 'a'\nkind = 'lidar'\non = 'drome'", &["body", "'drome'", "drone"]);
+}
+
+#[test]
+fn at_rest_forces_of_contact_sum_to_the_weight() {
+    let mut config = SensorConfig::new("feet", Model::Contact(Contact::default()));
+    let vehicle = crate::dynamics::vehicles::by_name("hummingbird").unwrap();
+    let mut physics = Physics { dt: 0.002, ..Physics::default() };
+    let lone = Plant::of_vehicle(&vehicle, physics).unwrap();
+    let said = Aboard::new(&[config.clone()], &lone).map(|_| ()).unwrap_err().to_string();
+    assert!(said.contains("'feet'") && said.contains("effect contact"), "{said}");
+
+    physics.effects.contact = true;
+    let model = configurations::environment::vehicle_in(&vehicle, &Scene::grounded()).unwrap();
+    let plant = Plant::of_model(&model, physics).unwrap();
+    config.rotation = [0.0, 1.0, 0.0, 0.0];
+    let mut aboard = Aboard::new(&[config], &plant).unwrap();
+    let mut state = plant.hover_state().unwrap();
+    for rotor in plant.rotor_places() {
+        state[rotor.speed] = 0.0;
+    }
+    state[2] = 0.07;
+    let mut input = vec![0.0; plant.n_input()];
+    plant.rotor_places().iter().for_each(|rotor| input[rotor.action] = -1.0);
+    let mut next = state.clone();
+    for _ in 0..1500 {
+        plant.step(&state, &input, &[], &mut next);
+        std::mem::swap(&mut state, &mut next);
+    }
+    let read = aboard.read(&state, &state).to_vec();
+    let weight = vehicle.mass_properties().mass * 9.81;
+    // turned by half a turn about x, its z axis looks down; idle rotors still lift a little
+    assert!((read[2] / -weight - 1.0).abs() < 0.01 && read[3] == 1.0, "{read:?} {weight}");
+    state[2] += 1.0;
+    assert_eq!(aboard.read(&state, &state), [0.0, 0.0, 0.0, 0.0]);
 }

@@ -13,6 +13,7 @@
 //! | `field` | magnetometer, barometer |
 //! | `gnss` | satellite receiver, motion capture |
 //! | `ground` | range finder, and optical flow over level ground |
+//! | `touch` | forces of contact |
 //! | `lidar` | beams, in a grid or scattered |
 //! | `camera` | depth, what is seen, surfaces, colours; stereo's noise and holes |
 //! | `shade` | colours of what a camera sees |
@@ -64,6 +65,7 @@ mod settings;
 mod shade;
 mod sight;
 pub(crate) mod solids;
+pub(crate) mod touch;
 
 pub use aboard::Aboard;
 pub use camera::{Camera, Show, Stereo};
@@ -80,6 +82,7 @@ pub use reading::Form;
 pub use settings::{SensorConfig, SensorFile};
 pub use sight::{Eyes, Sight};
 pub use solids::Solid;
+pub use touch::Contact;
 
 use super::plant::Quantity;
 use crate::error::{Error, Result};

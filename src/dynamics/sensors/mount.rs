@@ -26,6 +26,8 @@ pub struct Truth {
     pub mean_angular_acceleration: Vec3<f64>,
     /// m/s², along −z of the world.
     pub gravity: f64,
+    /// Of all contacts on the body at the end of the step, N, world; noughts unless told.
+    pub contact_force: Vec3<f64>,
 }
 
 impl Truth {
@@ -43,6 +45,7 @@ impl Truth {
             mean_angular_velocity: angular_velocity,
             mean_angular_acceleration: angular_acceleration,
             gravity,
+            contact_force: [0.0; 3],
         }
     }
 
@@ -98,6 +101,8 @@ pub(crate) struct Motion {
     pub angular_velocity: Vec3<f64>,
     /// Acceleration less gravity, mean over the step, m/s², mount axes.
     pub specific_force: Vec3<f64>,
+    /// Of all contacts on the body, N, mount axes.
+    pub contact_force: Vec3<f64>,
 }
 
 impl Mount {
@@ -129,6 +134,7 @@ impl Mount {
             attitude: multiply(q, self.rotation),
             angular_velocity: rotate_back(self.rotation, truth.angular_velocity),
             specific_force: rotate_back(self.rotation, force),
+            contact_force: rotate_back(multiply(q, self.rotation), truth.contact_force),
         }
     }
 }

@@ -137,7 +137,12 @@ pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
 
 /// Net contact force on every body, N, world: zero without the effect `contact`.
 pub fn contact_forces<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Vec3<S>> {
-    let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
+    contact_forces_with(system, system.parameters(), state)
+}
+
+/// As [`contact_forces`] with these numbers of the model.
+pub(crate) fn contact_forces_with<S: Scalar>(system: &Multibody, numbers: &[f64], state: &[S]) -> Vec<Vec3<S>> {
+    let (t, numbers) = (system.topology(), Source::Constants(numbers));
     scratch_on_stack!(scratch, t, S);
     forward(t, numbers, state, scratch.bodies);
     if t.effects.contact {

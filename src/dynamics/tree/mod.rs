@@ -35,11 +35,11 @@ pub(crate) mod step;
 pub(crate) mod topology;
 mod torque;
 
-pub(crate) use analysis::body_poses_into;
 pub use analysis::{
     Momentum, Pose, Separation, body_poses, center_of_mass, contact_forces, frame_jacobian, frame_pose, kinetic_energy,
     mass_matrix, momentum, potential_energy, separations,
 };
+pub(crate) use analysis::{body_poses_into, contact_forces_with};
 pub use layout::{BodyPlace, Layout, TreePlace};
 pub use model::*;
 pub use multibody::{Multibody, rest_state};

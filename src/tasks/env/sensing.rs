@@ -15,7 +15,9 @@ use crate::autodiff::{StridedView, System};
 use crate::dynamics::frame::{FRAME, Frame};
 use crate::dynamics::sensors::cast::World;
 use crate::dynamics::sensors::solids::{Solids, Surroundings};
+use crate::dynamics::sensors::touch::check_contact;
 use crate::dynamics::sensors::{self, Eyes, SensorConfig, SensorSet, Sight, Truth};
+use crate::dynamics::tree::contact_forces_with;
 use crate::error::{Error, Result};
 use crate::tasks::config::EnvConfig;
 use crate::tasks::task_spec::{Field, Layout, Smoothness};
@@ -39,6 +41,8 @@ pub(crate) struct Sensing {
     solids: Solids,
     /// Frames that carry sensors.
     carriers: Vec<usize>,
+    /// Whether forces of contact are read.
+    feels: bool,
     /// Of one step of an environment, s.
     dt: f64,
     /// Numbers that one agent reads.
@@ -96,9 +100,12 @@ impl Sensing {
         let mut carriers: Vec<usize> = sets.iter().flat_map(|set| set.sensors().iter().map(|s| s.body())).collect();
         carriers.sort_unstable();
         carriers.dedup();
+        let mut touching = configs.iter().filter(|config| matches!(config.model, sensors::Model::Contact(_)));
+        touching.clone().try_for_each(|config| check_contact(&config.place(), robot.plant()))?;
+        let feels = touching.next().is_some();
         let fields = configs.iter().flat_map(fields).collect();
         let solids = Solids::of(robot.plant()).without_lone_body();
-        Ok(Some(Self { template: Sensors { sets, world }, around, solids, carriers, dt: config.dt, n, fields }))
+        Ok(Some(Self { template: Sensors { sets, world }, around, solids, carriers, feels, dt: config.dt, n, fields }))
     }
 
     /// Of one environment, at the beginning of nothing.
@@ -142,13 +149,21 @@ impl Sensing {
         }
     }
 
-    /// Looks around with all sensors of one environment, whose truths are known, and keeps what they read.
-    fn read(&self, sensors: &mut Sensors, senses: &mut Senses, frames: &[[f32; BLOCK]], lane: usize) {
+    /// Reads all sensors of one environment, of whose bodies it is known how they move.
+    fn read(&self, core: &Core, block: &mut EnvBlock, senses: &mut Senses, frames: &[[f32; BLOCK]], lane: usize) {
+        if let Some(system) = core.exposed.tree().filter(|_| self.feels) {
+            take(&block.plant.rows, lane, &mut senses.state);
+            core.numbers_of(block, lane, &mut senses.numbers);
+            let forces = contact_forces_with(system, &senses.numbers, &senses.state);
+            senses.truths.iter_mut().zip(forces).for_each(|(truth, force)| truth.contact_force = force);
+        }
+        let sensors = &mut block.sensors[lane];
         let solids = senses.solids.at(|body| frame(frames, body, lane));
         let mut sight = Sight::new(&mut sensors.world, solids, &mut senses.eyes);
         for set in &mut sensors.sets {
             set.step(&senses.truths, &mut sight);
         }
+        block.keep_readings(self.n, lane);
     }
 }
 
@@ -208,15 +223,15 @@ impl Stepper<'_> {
 
     /// Reads the sensors of these lanes behind a step.
     pub(crate) fn sense_after(&mut self, lanes: u64) {
-        let (Some(sensing), Some(senses)) = (&self.core.sensing, &mut self.work.senses) else { return };
+        let core = self.core;
+        let (Some(sensing), Some(senses)) = (&core.sensing, &mut self.work.senses) else { return };
         for lane in lanes_of(lanes) {
-            let gravity = self.core.gravity(self.block, lane);
+            let gravity = core.gravity(self.block, lane);
             for body in &sensing.carriers {
                 let (before, after) = (frame(&senses.before, *body, lane), frame(&self.work.frames, *body, lane));
                 senses.truths[*body] = Truth::between(&before, &after, sensing.dt, gravity);
             }
-            sensing.read(&mut self.block.sensors[lane], senses, &self.work.frames, lane);
-            self.block.keep_readings(sensing.n, lane);
+            sensing.read(core, self.block, senses, &self.work.frames, lane);
         }
     }
 
@@ -241,8 +256,7 @@ impl Stepper<'_> {
             }
             let own = &mut self.block.sensors[lane];
             own.sets.iter_mut().for_each(|set| set.reset(seed, environment, episode));
-            sensing.read(own, senses, &self.work.frames, lane);
-            self.block.keep_readings(sensing.n, lane);
+            sensing.read(core, self.block, senses, &self.work.frames, lane);
         }
     }
 
@@ -253,10 +267,7 @@ impl Stepper<'_> {
         let (Some(sensing), Some(senses)) = (&core.sensing, &mut self.work.senses) else { return };
         take(&self.block.plant.rows, lane, &mut senses.state);
         take(&self.block.goal, lane, &mut senses.goal);
-        senses.numbers.copy_from_slice(&core.nominal);
-        for (row, k) in self.block.theta.iter().zip(&core.varied) {
-            senses.numbers[*k] = f64::from(row[lane]);
-        }
+        core.numbers_of(self.block, lane, &mut senses.numbers);
         let Senses { numbers, goal, placement, .. } = senses;
         sensing.around.place(numbers, placement, |own| core.engine.place_scene(goal, own));
         // as many solids as were taken when the environment was made
@@ -290,6 +301,14 @@ impl EnvBlock {
 }
 
 impl Core {
+    /// All physical numbers of one environment.
+    fn numbers_of(&self, block: &EnvBlock, lane: usize, numbers: &mut [f64]) {
+        numbers.copy_from_slice(&self.nominal);
+        for (row, k) in block.theta.iter().zip(&self.varied) {
+            numbers[*k] = f64::from(row[lane]);
+        }
+    }
+
     /// That of one environment, m/s².
     fn gravity(&self, block: &EnvBlock, lane: usize) -> f64 {
         match self.varied.first() {
