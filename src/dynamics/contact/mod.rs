@@ -8,8 +8,9 @@
 //! | `force` | from there to forces, and their sum per body |
 //! | `distance` | signed distance of every pair, those without a force included |
 //!
-//! Spheres and capsules push against plane, sphere and capsule; a box pushes with its eight corners against the plane.
-//! Every other pair has a signed distance: a collision flag without a force.
+//! Spheres and capsules push against plane, sphere and capsule; a box pushes with its eight corners against the plane. Other
+//! pairs with a box have a signed distance here; in a [`Multibody`](crate::dynamics::tree::Multibody) they push too, one of
+//! the two by balls within it.
 //!
 //! The force in time is passive: what it gives back on the way out is at most what it took on the way in, and friction
 //! always opposes slip. An integrator keeps that only while its step resolves the contact: see

@@ -15,7 +15,7 @@
 
 use super::parameters::{ParameterView, contact_parameters, static_parameters};
 use super::scratch::{Articulated, BodyScratch};
-use super::topology::{Ball, Block, Feature, Form, Topology};
+use super::topology::{Ball, Feature, Form, Pair, Topology};
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::contact::pairs::{
     capsule_capsule, sphere_box, sphere_capsule, sphere_plane, sphere_relief, sphere_sphere,
@@ -125,17 +125,17 @@ fn visit<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, at: Visit<S>,
         }
     }
     for k in 0..t.pairs.len() {
-        let (i, j) = t.pairs[k].what;
+        let pair = t.pairs[k].what;
         let material = material_of(&t.pairs[k].material, &usual);
-        let (first, second) = (&t.features[i], &t.features[j]);
+        let (first, second) = (&t.features[pair.first], &t.features[pair.second]);
         let both = (first.body, second.body);
-        if let Form::Box(block) = &second.form {
+        if pair.by_balls {
             for b in 0..first.balls.len() {
-                let contact = box_contact(t, (first, first.balls[b]), (second, block), numbers, bodies);
+                let contact = ball_contact(t, (first, first.balls[b]), second, numbers, bodies);
                 touch(at, &material, &contact, both, bodies);
             }
         } else {
-            let contact = contact_of(t, (i, j), numbers, bodies);
+            let contact = contact_of(t, pair, numbers, bodies);
             touch(at, &material, &contact, both, bodies);
         }
     }
@@ -296,23 +296,27 @@ fn place<S: Scalar, P: ParameterView<S>>(
     }
 }
 
-/// A ball of a first feature against a second's box.
+/// A ball of a first feature against a second.
 #[inline(always)]
-fn box_contact<S: Scalar, P: ParameterView<S>>(
+fn ball_contact<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
     (first, ball): (&Feature, Ball),
-    (second, block): (&Feature, &Block),
+    second: &Feature,
     numbers: P,
     bodies: &[BodyScratch<S>],
 ) -> Contact<S> {
-    let center = place(t, first, ball.center, numbers, bodies);
+    let (center, radius) = (place(t, first, ball.center, numbers, bodies), S::constant(ball.radius));
+    let Form::Box(block) = &second.form else {
+        let [a, b] = ends(t, second, numbers, bodies);
+        return sphere_capsule(center, radius, a, b, S::constant(second.radius));
+    };
     let position = place(t, second, block.center, numbers, bodies);
     let own = [constants(block.rotation[0]), constants(block.rotation[1]), constants(block.rotation[2])];
     let rotation = match second.body {
         Some(body) => mat_mul(bodies[body].rotation, own),
         None => own,
     };
-    sphere_box(center, S::constant(ball.radius), (position, &rotation), constants(block.half))
+    sphere_box(center, radius, (position, &rotation), constants(block.half))
 }
 
 /// Where a rounded feature's points are in the world.
@@ -332,11 +336,11 @@ fn ends<S: Scalar, P: ParameterView<S>>(
 #[inline(always)]
 fn contact_of<S: Scalar, P: ParameterView<S>>(
     t: &Topology,
-    (i, j): (usize, usize),
+    pair: Pair,
     numbers: P,
     bodies: &[BodyScratch<S>],
 ) -> Contact<S> {
-    let (first, second) = (&t.features[i], &t.features[j]);
+    let (first, second) = (&t.features[pair.first], &t.features[pair.second]);
     let ([a1, b1], [a2, b2]) = (ends(t, first, numbers, bodies), ends(t, second, numbers, bodies));
     let (r1, r2) = (S::constant(first.radius), S::constant(second.radius));
     match (matches!(first.form, Form::Sphere(_)), matches!(second.form, Form::Sphere(_))) {
@@ -368,15 +372,14 @@ pub(crate) fn elastic_energy<S: Scalar, P: ParameterView<S>>(t: &Topology, numbe
         }
     }
     for pair in &t.pairs {
-        let (i, j) = pair.what;
-        let (first, second) = (&t.features[i], &t.features[j]);
+        let (first, second) = (&t.features[pair.what.first], &t.features[pair.what.second]);
         let mut own = S::zero();
-        if let Form::Box(block) = &second.form {
+        if pair.what.by_balls {
             for ball in &first.balls {
-                own += stored(box_contact(t, (first, *ball), (second, block), numbers, bodies).depth);
+                own += stored(ball_contact(t, (first, *ball), second, numbers, bodies).depth);
             }
         } else {
-            own = stored(contact_of(t, (i, j), numbers, bodies).depth);
+            own = stored(contact_of(t, pair.what, numbers, bodies).depth);
         }
         sum += stiffness(&pair.material) * own;
     }

@@ -107,7 +107,7 @@ pub(crate) struct Feature {
     pub still: usize,
     pub form: Form,
     pub radius: f64,
-    /// By which it touches boxes.
+    /// By which it touches where boxes are.
     pub balls: Vec<Ball>,
     /// Its own.
     pub material: Option<ContactMaterial>,
@@ -121,7 +121,7 @@ pub(crate) enum Form {
     Box(Block),
 }
 
-/// A ball within a feature, in the body's frame; a point of a box's surface where it has no radius.
+/// A ball within a feature, in the body's frame; a corner of a box where it has no radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Ball {
     pub center: [f64; 3],
@@ -138,7 +138,16 @@ pub(crate) struct Block {
     pub half: [f64; 3],
 }
 
-/// What a feature touches, and the material where it is not the model's.
+/// Two features that push on each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Pair {
+    pub first: usize,
+    pub second: usize,
+    /// The first touches by its balls: one of the two is a box. It is what moves, or else what is no box.
+    pub by_balls: bool,
+}
+
+/// What touches, and the material where it is not the model's.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Touch<W> {
     pub what: W,
@@ -177,8 +186,8 @@ pub(crate) struct Topology {
     pub features: Vec<Feature>,
     /// Features of bodies, where there is a ground.
     pub on_ground: Vec<Touch<usize>>,
-    /// Features that push on each other; where one is a box, the second is.
-    pub pairs: Vec<Touch<(usize, usize)>>,
+    /// Features that push on each other.
+    pub pairs: Vec<Touch<Pair>>,
     /// What rises over the ground.
     pub relief: Option<Relief>,
     /// Friction is steeper than the stages of a step resolve: sampled implicitly at its start and held.
@@ -397,7 +406,7 @@ fn least_slip_speed(model: &Model) -> f64 {
 
 /// Pairs with a force: of different trees, of a tree and the world, and of one tree where it collides
 /// with itself, those joined to each other (massless bodies between not counted) apart.
-fn pairs(model: &Model, features: &[Feature]) -> Vec<Touch<(usize, usize)>> {
+fn pairs(model: &Model, features: &[Feature]) -> Vec<Touch<Pair>> {
     let roots = super::model::root_of(model.bodies());
     let mut list = Vec::new();
     for i in 0..features.len() {
@@ -410,9 +419,11 @@ fn pairs(model: &Model, features: &[Feature]) -> Vec<Touch<(usize, usize)>> {
                 (Some(a), Some(b)) => model.parts().contact.self_collision && a != b && !joined(model, a, b),
             };
             if may {
-                // of two boxes what moves touches by its balls
-                let turned = is_box(i) && (!is_box(j) || features[i].body.is_none());
-                let what = if turned { (j, i) } else { (i, j) };
+                let by_balls = is_box(i) || is_box(j);
+                let both_move = features[i].body.is_some() && features[j].body.is_some();
+                let turned = if both_move { is_box(i) && !is_box(j) } else { features[i].body.is_none() };
+                let (first, second) = if by_balls && turned { (j, i) } else { (i, j) };
+                let what = Pair { first, second, by_balls };
                 list.push(Touch { what, material: own_material(model, features[i].material, features[j].material) });
             }
         }
