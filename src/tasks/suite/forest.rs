@@ -310,7 +310,8 @@ impl Task for Forest {
         loss.add("{×loss_rate}h₁₀(ω)", rate_cost(own.loss_rate, drone.angular_velocity));
     }
 
-    /// Along a path that keeps away from all trunks, at a steady pace: by a controller that knows where they stand.
+    /// Along a path that keeps away from all trunks, at a steady pace: by a controller that knows where they stand. Straight ahead
+    /// where there is none.
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
         let (from, to) = (view.drone(0).position, view.goal.array::<3>(0));
         let reach = self.bars.iter().flat_map(|bar| bar.ends.map(|end| safe::norm(end) + bar.radius));
@@ -319,9 +320,12 @@ impl Task for Forest {
         let circles: Vec<_> = (0..self.radii.len()).map(circle).collect();
         let side = 0.5 * self.settings.width - reach;
         let bounds = [[from[0].min(to[0]) - 1.0, -side], [from[0].max(to[0]), side]];
-        let path = clear_path([from[0], from[1]], [to[0], to[1]], bounds, &circles)?;
+        let yaw = view.drone(0).yaw();
+        let Some(path) = clear_path([from[0], from[1]], [to[0], to[1]], bounds, &circles) else {
+            return Some(TaskReference::way(&view.drone(0), to, yaw, 1.0));
+        };
         let way: f64 = path.windows(2).map(|pair| safe::norm(sub2(pair[1], pair[0]))).sum();
-        let (yaw, mut gone, mut points) = (view.drone(0).yaw(), 0.0, Vec::with_capacity(path.len()));
+        let (mut gone, mut points) = (0.0, Vec::with_capacity(path.len()));
         for (i, at) in path.iter().enumerate() {
             gone += if i > 0 { safe::norm(sub2(*at, path[i - 1])) } else { 0.0 };
             let share = gone / way.max(1e-9);
