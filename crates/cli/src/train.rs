@@ -367,6 +367,33 @@ pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option
     Some((name, told))
 }
 
+/// Who flew how well, a row each; errors in this unit.
+pub fn results<'a>(unit: &str, flown: impl IntoIterator<Item = &'a (String, Evaluation)>) -> Table {
+    let mut table = Table::new(&[
+        ("flown by", Align::Left),
+        ("success", Align::Right),
+        ("crashed", Align::Right),
+        (&format!("final error [{unit}]"), Align::Right),
+        (&format!("mean error [{unit}]"), Align::Right),
+        ("return", Align::Right),
+        ("share of bound", Align::Right),
+        ("length", Align::Right),
+    ]);
+    for (name, e) in flown {
+        let numbers = [
+            percent(e.success),
+            share_of(e.crashed, e.n_episode),
+            short(e.final_error, 3),
+            short(e.mean_error, 3),
+            short(e.return_mean, 4),
+            percent(e.share_of_bound),
+            short(e.length, 4),
+        ];
+        table.row([name.clone()].into_iter().chain(numbers));
+    }
+    table
+}
+
 /// A run that is over.
 pub struct Trained<'a> {
     entry: &'a Entry,
@@ -489,34 +516,8 @@ impl Trained<'_> {
     }
 
     fn table(&self) -> Table {
-        let unit = &self.error.unit;
-        let mut table = Table::new(&[
-            ("flown by", Align::Left),
-            ("success", Align::Right),
-            ("crashed", Align::Right),
-            (&format!("final error [{unit}]"), Align::Right),
-            (&format!("mean error [{unit}]"), Align::Right),
-            ("return", Align::Right),
-            ("share of bound", Align::Right),
-            ("length", Align::Right),
-        ]);
-        let mut row = |name: &str, e: &Evaluation| {
-            let numbers = [
-                percent(e.success),
-                share_of(e.crashed, e.n_episode),
-                short(e.final_error, 3),
-                short(e.mean_error, 3),
-                short(e.return_mean, 4),
-                percent(e.share_of_bound),
-                short(e.length, 4),
-            ];
-            table.row([name.to_string()].into_iter().chain(numbers));
-        };
-        row(&format!("policy ({})", self.algorithm), &self.outcome.evaluation);
-        if let Some((name, e)) = &self.baseline {
-            row(name, e);
-        }
-        table
+        let own = (format!("policy ({})", self.algorithm), self.outcome.evaluation.clone());
+        results(&self.error.unit, std::iter::once(&own).chain(&self.baseline))
     }
 
     fn json(&self) -> Value {
