@@ -458,6 +458,12 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         wall_time,
         written,
     };
+    #[cfg(feature = "mcap")]
+    if a.mcap {
+        let path = folder.join("flight.mcap");
+        result.write_mcap(&path)?;
+        result.written.push(path);
+    }
     let verdict = result.verdict(a.max_rmse);
     if a.replay {
         let path = folder.join("replay.html");

@@ -438,9 +438,11 @@ impl Told<'_> {
         let bar = progress::bar(horizon as u64, "flying", output.json);
         let kept = if logs { arguments.trajectories } else { 0 };
         let mut seen = Seen::new(if *replay { SHOWN } else { 0 });
+        let mut logged = Seen::new(if arguments.mcap() { kept } else { 0 });
         let flown = fly(kept, &mut |watched| {
             bar.set_position(watched.step as u64);
             seen.see(watched);
+            logged.see(watched);
         })?;
         bar.finish_and_clear();
         let mut written = Vec::new();
@@ -460,6 +462,12 @@ impl Told<'_> {
         if *npz {
             let path = folder.join("trajectories.npz");
             flown.trajectories.write_npz(&path)?;
+            written.push(path);
+        }
+        #[cfg(feature = "mcap")]
+        if arguments.mcap {
+            let path = folder.join("trajectories.mcap");
+            flown.trajectories.write_mcap(&path, &logged.recording(&flown)?)?;
             written.push(path);
         }
         if *replay {

@@ -6,8 +6,14 @@
 use super::npz::Npz;
 use super::rollout_files::write_table;
 use omnidrones::controllers::Reference;
+#[cfg(feature = "mcap")]
+use omnidrones::dynamics::Plant;
 use omnidrones::error::{Error, Result};
+#[cfg(feature = "mcap")]
+use omnidrones::internals::replace_with;
 use omnidrones::tasks::{Buffers, Env, Field, Spec, Watched};
+#[cfg(feature = "mcap")]
+use omnidrones_viewer::{Recording, Track, goal, write_mcap};
 use std::path::Path;
 
 /// Most numbers that are kept: 1 GiB.
@@ -17,6 +23,8 @@ const MAX_NUMBERS: usize = 1 << 28;
 #[derive(Debug)]
 pub struct Trajectories {
     spec: Spec,
+    #[cfg(feature = "mcap")]
+    plant: Plant,
     state: Vec<String>,
     episodes: Vec<Episode>,
     refused: Option<Error>,
@@ -56,6 +64,8 @@ impl Trajectories {
         Ok(Self {
             state: quantities.iter().map(|q| format!("{} [{}]", q.name, q.unit)).collect(),
             episodes: (0..n).map(|_| Episode::default()).collect(),
+            #[cfg(feature = "mcap")]
+            plant: env.robot().plant().clone(),
             refused: None,
             spec,
         })
@@ -95,9 +105,22 @@ impl Trajectories {
         }
     }
 
-    /// The episodes, and the time of a step, s.
-    pub fn episodes(&self) -> (&[Episode], f64) {
-        (&self.episodes, self.spec.dt)
+    /// Frames, shapes, targets and all numbers of the episodes, for Foxglove and rerun; `recording` tells who they are.
+    #[cfg(feature = "mcap")]
+    pub fn write_mcap(&self, path: &Path, recording: &Recording) -> Result<()> {
+        let n = self.state.len();
+        let track = |episode: &Episode| {
+            let times: Vec<f64> = (0..episode.length).map(|t| t as f64 * self.spec.dt).collect();
+            let wide = |row: &[f32]| row.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
+            Track {
+                states: episode.state.chunks_exact(n).map(wide).collect(),
+                goals: times.iter().map(|t| episode.wanted.iter().map(|r| goal(r, *t)).collect()).collect(),
+                numbers: (0..episode.length).map(|t| wide(&self.row(episode, t))).collect(),
+                times,
+            }
+        };
+        let tracks: Vec<Track> = self.episodes.iter().map(track).collect();
+        mcap(path, &self.plant, recording, &self.columns(), &tracks)
     }
 
     /// An error of the record is told.
@@ -215,6 +238,15 @@ impl Trajectories {
             npz.texts("info_columns", &[info.len()], &self.info_columns())
         })
     }
+}
+
+/// Writes a log for Foxglove and rerun.
+#[cfg(feature = "mcap")]
+pub fn mcap(path: &Path, plant: &Plant, recording: &Recording, columns: &[String], tracks: &[Track]) -> Result<()> {
+    replace_with(path, |file| {
+        let sink = std::io::BufWriter::new(file);
+        write_mcap(sink, plant, recording, columns, tracks).map_err(|error| Error::file(path, error))
+    })
 }
 
 /// A name for every number of fields.

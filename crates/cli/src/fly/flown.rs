@@ -204,6 +204,22 @@ impl Flown {
         omnidrones_viewer::page(&format!("{}: a flight", self.plant.name()), &[recording])
     }
 
+    /// The flight for Foxglove and rerun.
+    #[cfg(feature = "mcap")]
+    pub fn write_mcap(&self, path: &Path) -> Result<()> {
+        let (log, flight) = (&self.flight.log, &self.flight);
+        let (columns, values): (Vec<String>, Vec<Vec<f64>>) = log.columns().into_iter().unzip();
+        let n = (flight.states.len() / log.len().max(1)).max(1);
+        let track = omnidrones_viewer::Track {
+            times: log.time.clone(),
+            states: flight.states.chunks_exact(n).map(<[f64]>::to_vec).collect(),
+            goals: log.reference_position.iter().map(|at| vec![*at]).collect(),
+            numbers: (0..log.len()).map(|k| values.iter().map(|column| column[k]).collect()).collect(),
+        };
+        let recording = omnidrones_viewer::flight(&self.plant, flight, &self.plan);
+        crate::trajectories::mcap(path, &self.plant, &recording, &columns, &[track])
+    }
+
     /// Simulated over real time.
     fn speed(&self) -> f64 {
         self.summary.duration / self.wall_time.max(1e-9)
