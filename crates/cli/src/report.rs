@@ -24,7 +24,7 @@ over time, and the policy in flight to turn around and look at. Several runs sta
 const EXAMPLES: &str = "\
 Examples:
   omnidrones report runs/Hover-apg-s0                      a run, to runs/Hover-apg-s0/report.html
-  omnidrones report runs/Hover-apg-s0 --out hover.html     to another file
+  omnidrones report runs/Hover-apg-s0 --out mine.html      to another file
   omnidrones report runs/Hover-apg-s0 --no-replay          without the flight: a small file
 
 A folder of 'train' is a run; two or more are compared: their curves in the same panels, the settings that differ, and up to four \

@@ -50,4 +50,4 @@ pub use look::Look;
 #[cfg(feature = "mcap")]
 pub use mcap::{Track, write_mcap};
 pub use page::page;
-pub use recording::{Actor, Ended, Event, Measure, Moment, Recording};
+pub use recording::{Actor, Ended, Event, Measure, Moment, Mount, Recording, View};

@@ -4,7 +4,7 @@ import {
   IncrementStencilOp, LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Quaternion, Scene, Vector3,
 } from 'three'
 import { Trail } from './trail.js'
-import { Propellers, SHADOWS, Vehicle, arrow, nth, obstacle, point, target } from './vehicle.js'
+import { Propellers, SHADOWS, Vehicle, arrow, nth, obstacle, point, sensor, target } from './vehicle.js'
 
 /** Ground and sky are one: what covers the whole picture costs most of it where a processor draws. */
 export const SKY = '#e4e9ee'
@@ -68,6 +68,7 @@ class Player {
     this.paths = this.goals.map(() => new Trail('#7b8794', 1.6, { dashed: true, dashSize: 0.12, gapSize: 0.09 }))
     this.thrusts = this.vehicle.rotors.map(() => arrow('#0a9396'))
     this.contacts = actor.contact ? look.bodies.map(() => arrow('#c1121f')) : []
+    this.mounts = []
     this.root.add(...[...this.trails, ...this.paths].map((trail) => trail.line), ...this.contacts)
     this.vehicle.rotors.forEach((r, i) => r.group.add(this.thrusts[i]))
     this.weight = Math.max(actor.weight, 1e-3)
@@ -127,6 +128,7 @@ class Player {
       goal.visible = options.reference
       flight.goal(actor, i, frame, goal.position)
     })
+    for (const mount of this.mounts) mount.visible = options.sensors
     for (const path of this.paths) path.show(options.reference)
     this.contacts.forEach((made, i) => {
       flight.force(actor, i, at, V)
@@ -149,6 +151,13 @@ class Player {
       material.color.copy(material.userData.own)
       if (lost && material.userData.tinted) material.color.lerp(new Color('#9aa4ae'), 0.8)
     })
+  }
+
+  /** Sensors: when the size of who carries them has been taken. */
+  mount() {
+    const { mounts = [], look } = this.actor
+    this.mounts = mounts.map((mount) => sensor(mount, look.size))
+    mounts.forEach(({ body }, i) => this.vehicle.bodies[body].add(this.mounts[i]))
   }
 
   /** Where drone i is, and how it is turned. */
@@ -177,8 +186,9 @@ export class Stage {
     this.propellers = new Propellers(this.players.map(({ vehicle, root }) => ({ rotors: vehicle.rotors, root })))
     this.scene.add(this.propellers.group)
     this.drones = this.players.flatMap((player) => player.traced.map((_, i) => [player, i]))
-    this.show(0, { trails: true, forces: false, reference: true }, 0)
+    this.show(0, { trails: true, forces: false, reference: true, sensors: true }, 0)
     this.frameAll()
+    for (const player of this.players) player.mount()
   }
 
   show(time, options, seconds) {

@@ -285,6 +285,37 @@ export class Vehicle {
   }
 }
 
+/** Longest view that is drawn, m. */
+const SEEN = 3
+
+/** A sensor: a little box with its axes, and the edges of what it sees along its -z. */
+export function sensor({ position, rotation, view }, size) {
+  const d = 0.12 * size
+  const ends = [[-d, 0, 0, d, 0, 0], [0, -d, 0, 0, d, 0], [0, 0, -d, 0, 0, d]]
+  if (view) {
+    const reach = Math.min(view.reach, SEEN)
+    const wide = Math.tan(Math.min(view.angle, 2.8) / 2) * reach
+    const corners = Array.from({ length: view.corners || 16 }, (_, k) => {
+      const turn = (2 * Math.PI * (k + (view.corners ? 0.5 : 0))) / (view.corners || 16)
+      // a picture is as wide as its sides, not as its corners
+      const far = view.corners ? Math.SQRT2 * wide : wide
+      return [far * Math.cos(turn), far * Math.sin(turn), -reach]
+    })
+    corners.forEach((corner, k) => {
+      ends.push([...corner, ...corners[(k + 1) % corners.length]])
+      if (view.corners || k % 4 === 0) ends.push([0, 0, 0, ...corner])
+    })
+  }
+  const geometry = new BufferGeometry().setAttribute('position', new Float32BufferAttribute(ends.flat(), 3))
+  const group = new Group()
+  group.add(new LineSegments(geometry, new LineBasicMaterial({ color: '#7b2cbf' })))
+  group.add(new Mesh(new BoxGeometry(0.6 * d, 0.6 * d, 0.6 * d), new MeshBasicMaterial({ color: '#7b2cbf' })))
+  const [w, x, y, z] = rotation
+  group.position.set(...position)
+  group.quaternion.set(x, y, z, w)
+  return group
+}
+
 /** What stands still. */
 export function obstacle(shape) {
   return solid(shape, STILL)
