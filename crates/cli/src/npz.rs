@@ -103,7 +103,7 @@ mod tests {
     fn a_header_ends_where_arrays_are_aligned() {
         for (kind, shape, said) in [("<f4", &[3, 2][..], "(3,2,)"), ("<U7", &[4], "(4,)"), ("|b1", &[], "()")] {
             let bytes = header(kind, shape);
-            assert!(bytes.len() % 64 == 0 && bytes.ends_with(b"\n"), "{}", bytes.len());
+            assert!(bytes.len().is_multiple_of(64) && bytes.ends_with(b"\n"), "{}", bytes.len());
             assert_eq!(usize::from(u16::from_le_bytes([bytes[8], bytes[9]])), bytes.len() - 10);
             let text = std::str::from_utf8(&bytes[10..]).unwrap();
             assert!(

@@ -49,7 +49,7 @@ pub struct Arguments {
     /// Leave the flight in space out
     #[arg(long)]
     no_replay: bool,
-    /// The page [default: report.html in the folder of the run, of several runs out/report.html]
+    /// The page [default: report.html in the folder of the run, of several reports.html in that of the first]
     #[arg(long, value_name = "FILE.html", help_heading = "Output")]
     out: Option<PathBuf>,
     /// Replace a file that exists
@@ -102,8 +102,6 @@ pub fn run(a: &Arguments) -> Result<Report> {
         html.finish()
     };
     spinner.finish_and_clear();
-    // where it goes was asked before the flights
-    files::make_parent(&path)?;
     files::write_new(&path, &text, a.force)?;
     if a.json {
         let value = json!({
@@ -127,17 +125,9 @@ fn place(a: &Arguments) -> Result<PathBuf> {
         let value = format!("'{}'", path.display());
         return Err(Error::value("page", value, "a name that ends in .html", "Add .html to it."));
     }
-    let path = match (&a.out, &a.runs[..]) {
-        (Some(path), _) => path.clone(),
-        (None, [one]) => one.join("report.html"),
-        (None, _) => {
-            files::prepare(Path::new("out"), a.force)?;
-            Path::new("out/report.html").into()
-        }
-    };
-    if path.parent().is_none_or(|folder| a.runs.iter().all(|run| run != folder)) || a.out.is_some() {
-        files::check_new(&path, a.force)?;
-    }
+    let name = if a.runs.len() == 1 { "report.html" } else { "reports.html" };
+    let path = a.out.clone().unwrap_or_else(|| a.runs[0].join(name));
+    files::check_new(&path, a.force)?;
     Ok(path)
 }
 

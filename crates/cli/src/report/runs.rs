@@ -22,7 +22,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Most flights beside each other under one clock.
-const BESIDE: usize = 4;
+pub const BESIDE: usize = 4;
 
 /// A run whose policy has flown.
 pub struct Told {

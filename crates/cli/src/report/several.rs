@@ -1,6 +1,6 @@
 //! Folders of several runs: seeds, a search over settings, every task.
 
-use super::runs::{self, Told, differing, dotted};
+use super::runs::{self, BESIDE, Told, differing, dotted};
 use super::{Kind, Telling};
 use crate::files;
 use crate::html::Html;
@@ -20,8 +20,6 @@ use std::path::{Path, PathBuf};
 
 /// Largest file that is read, bytes.
 const MAX_JSON: u64 = 64 << 20;
-/// Most flights beside each other.
-const BESIDE: usize = 4;
 
 /// Whether a folder holds rows of 'train-all'.
 pub fn has_rows(folder: &Path) -> bool {
