@@ -200,6 +200,9 @@ class Viewer {
 
   /** Fewer pixels where pictures take too long. */
   ease(seconds) {
+    // the first ones wait for programs that are compiled
+    this.eased = (this.eased ?? 0) + 1
+    if (this.eased < 40) return
     this.mean = 0.95 * (this.mean ?? 0.016) + 0.05 * Math.min(seconds, 0.2)
     if (this.mean < SLOW || this.plain) return
     this.plain = true
