@@ -16,7 +16,7 @@ use std::path::PathBuf;
 use toml::Value;
 
 /// How environments are set up. Options win over the file, the file over the task's own defaults.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 #[command(next_help_heading = "Environment")]
 pub struct EnvArguments {
     /// Settings; options win over it

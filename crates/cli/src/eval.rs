@@ -34,7 +34,7 @@ A policy flies environments that show and take the same numbers: other control l
 are refused. Without options the environments, their number and their starts are those that training evaluated on.";
 
 const FILES: &str = "\
-Files in --out: eval (.png or .svg), with --csv steps.csv and episodes.csv, with --replay replay.html, as of 'omnidrones rollout'.
+Files in --out: eval (.png or .svg), with --csv steps.csv, episodes.csv and trajectories.csv, with --npz trajectories.npz, with --replay replay.html, as of 'omnidrones rollout'.
 
 JSON: SI units; shares from 0 to 1; null where a number does not exist.
 
@@ -59,7 +59,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let mut ready = Ready::new(&a.run, &own.environment, own.envs, &own.threads.threads()?)?;
     let (horizon, by) = (ready.env.spec().horizon, ready.saved.manifest.algorithm.clone());
     let told = Told { command: "eval", by: &by, usual: a.run.join("eval") };
-    told.of(own, horizon, |watch| ready.fly(watch))
+    told.of(own, horizon, |kept, watch| ready.fly(kept, watch))
 }
 
 /// Most runs that an error names.
@@ -109,12 +109,12 @@ impl Ready {
         Ok(Self { saved, env })
     }
 
-    /// One episode of every environment; `watch` sees every step.
-    pub fn fly(&mut self, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
+    /// One episode of every environment, of which the first `kept` are kept step by step; `watch` sees every step.
+    pub fn fly(&mut self, kept: usize, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
         let (manifest, policy) = (&self.saved.manifest, &mut self.saved.policy);
         policy.reset();
         let mut record = Record::new(&self.env, LINES);
-        let (begun, commands) = (Instant::now(), Commands::new(&self.env));
+        let (begun, commands) = (Instant::now(), Commands::new(&self.env, kept)?);
         let mut see = |watched: &Watched<'_>| {
             record.see(watched);
             commands.see(watched);
@@ -128,8 +128,8 @@ impl Ready {
             self.saved.skipped.first().map(|first| {
                 format!("an older checkpoint flew: {} is damaged ({})", first.folder.display(), first.why)
             });
-        let commands = commands.told();
+        let (commands, trajectories) = commands.told()?;
         let wall_time = begun.elapsed().as_secs_f64();
-        Ok(Flown { record, controller, evaluation, commands, unflown, plan: None, wall_time })
+        Ok(Flown { record, controller, evaluation, commands, trajectories, unflown, plan: None, wall_time })
     }
 }

@@ -79,7 +79,7 @@ Examples:
   omnidrones fly hummingbird --scene rubble:1 --drop  falls onto blocks
 
 Files in --out: overview, path, error, rotors, attitude, rates (.png or .svg), and with --csv flight.csv (one line per step, \
-units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded; with --sensors their readings). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv, replay.html.
+units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded; with --sensors their readings), with --npz flight.npz (the same as arrays, and the state). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv, replay.html.
 
 The tracking RMSE is the root mean square distance to the reference after the first 2 s (over the whole flight if it is \
 no longer than that).
@@ -93,6 +93,7 @@ RMSE is not finite or above --max-rmse; 2 unusable input or arguments.";
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 #[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: out/VEHICLE]")))]
+#[command(group = clap::ArgGroup::new("logged").multiple(true))]
 pub struct Arguments {
     /// A vehicle ('omnidrones models'), a configuration ('omnidrones show'), or a file FILE.toml or FILE.urdf
     ///
@@ -163,9 +164,16 @@ pub struct Arguments {
     #[command(flatten)]
     output: OutputArguments,
     /// Write every step to flight.csv
-    #[arg(long, help_heading = "Output")]
+    #[arg(long, group = "logged", help_heading = "Output")]
     csv: bool,
-    /// What sensors read, into flight.csv: KIND[:PRESET],…, or a TOML file with [[sensor]] tables
+    /// Write every step to flight.npz, for NumPy; the whole state too
+    #[arg(long, group = "logged", conflicts_with = "drop", help_heading = "Output")]
+    npz: bool,
+    /// Write flight.mcap, for Foxglove and rerun
+    #[cfg(feature = "mcap")]
+    #[arg(long, group = "logged", conflicts_with = "drop", help_heading = "Output")]
+    mcap: bool,
+    /// What sensors read, into the log (--csv, --npz): KIND[:PRESET],…, or a TOML file with [[sensor]] tables
     ///
     /// Kinds and presets, without which a sensor has no errors:
     ///   imu (adis16448, mpu6000, bmi088), magnetometer (pegasus), barometer (px4, ms5611),
@@ -184,7 +192,7 @@ pub struct Arguments {
     #[arg(
         long,
         value_name = "LIST|FILE.toml",
-        requires = "csv",
+        requires = "logged",
         conflicts_with = "drop",
         help_heading = "Output",
         verbatim_doc_comment
@@ -204,6 +212,14 @@ impl Arguments {
             }
             named => named,
         }
+    }
+
+    /// Whether a log for Foxglove and rerun is wanted.
+    fn mcap(&self) -> bool {
+        #[cfg(feature = "mcap")]
+        return self.mcap;
+        #[cfg(not(feature = "mcap"))]
+        return false;
     }
 
     fn turns(&self) -> bool {
@@ -264,7 +280,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
 /// Where the files of a flight go; made if there will be any.
 fn folder(a: &Arguments, name: &str) -> Result<PathBuf> {
     let usual = files::default_folder(name);
-    if a.csv || a.replay || !a.output.no_plots { a.output.folder(usual) } else { Ok(usual) }
+    if a.csv || a.npz || a.mcap() || a.replay || !a.output.no_plots { a.output.folder(usual) } else { Ok(usual) }
 }
 
 /// What flies, under whom, along what.
@@ -474,6 +490,12 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         wall_time,
         written,
     };
+    #[cfg(feature = "mcap")]
+    if a.mcap {
+        let path = folder.join("flight.mcap");
+        result.write_mcap(&path)?;
+        result.written.push(path);
+    }
     let verdict = result.verdict(a.max_rmse);
     if a.replay {
         let path = folder.join("replay.html");

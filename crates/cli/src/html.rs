@@ -1,4 +1,4 @@
-//! A page for a browser or a printer: one file without scripts that asks no other file for anything.
+//! A page for a browser or a printer: one file that asks no other file for anything, and has no scripts but those of pages within.
 
 use super::page::{Fact, shown};
 use super::table::{Align, Table};
@@ -11,7 +11,9 @@ h1{font-size:1.6em;margin:0}h2{font-size:1.15em;margin:1.8em 0 .5em;border-botto
 p{margin:.4em 0}.remark,td.note{color:#5b6168}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
 td,th{padding:.15em .9em .15em 0;text-align:left;vertical-align:top}th{border-bottom:1px solid #adb5bd}\
 td{white-space:nowrap}td.note{white-space:normal}.r{text-align:right}.wide{overflow-x:auto}figure{margin:1em 0}svg{max-width:100%;height:auto}\
-@media print{body{margin:0;max-width:none;font-size:11px}table,figure{break-inside:avoid}h2{break-after:avoid}}";
+h3{font-size:1em;margin:1.2em 0 .3em}pre{background:#f6f8fa;padding:.6em .9em;overflow-x:auto}summary{cursor:pointer}\
+iframe{display:block;width:100%;height:560px;border:1px solid #dee2e6;border-radius:6px}\
+@media print{body{margin:0;max-width:none;font-size:11px}table,figure{break-inside:avoid}h2{break-after:avoid}iframe{display:none}}";
 
 /// A page that is filled from above.
 pub struct Html {
@@ -74,6 +76,29 @@ impl Html {
         self
     }
 
+    /// A heading of less weight.
+    pub fn subheading(&mut self, name: &str) -> &mut Self {
+        let _ = writeln!(self.body, "<h3>{}</h3>", escaped(name));
+        self
+    }
+
+    /// A text of a file as it is, folded away behind a word.
+    pub fn folded(&mut self, summary: &str, text: &str) -> &mut Self {
+        let text: String = text.lines().map(|line| escaped(line) + "\n").collect();
+        let _ = writeln!(self.body, "<details><summary>{}</summary><pre>{text}</pre></details>", escaped(summary));
+        self
+    }
+
+    /// Another whole page within this one, whose scripts see nothing of it.
+    pub fn within(&mut self, title: &str, page: &str) -> &mut Self {
+        let (title, page) = (escaped(title), page.replace('&', "&amp;").replace('"', "&quot;"));
+        let _ = writeln!(
+            self.body,
+            "<iframe sandbox=\"allow-scripts\" allow=\"fullscreen\" loading=\"lazy\" title=\"{title}\" srcdoc=\"{page}\"></iframe>"
+        );
+        self
+    }
+
     /// The whole file.
     pub fn finish(&self) -> String {
         format!(
@@ -112,8 +137,23 @@ mod tests {
         table.row([evil, "2"]);
         let mut page = Html::new(evil, evil);
         page.heading(evil).line(evil).facts(&[Fact::new(evil, evil).note(evil)]).table(&table);
+        page.subheading(evil).folded(evil, evil);
         let text = page.finish();
-        assert!(!text.contains("<script") && text.matches("&lt;script&gt;&amp;&quot;&#39;").count() == 10, "{text}");
+        assert!(!text.contains("<script") && text.matches("&lt;script&gt;&amp;&quot;&#39;").count() == 13, "{text}");
         assert!(text.contains("<td class=\"r\">2</td>"));
+    }
+
+    #[test]
+    fn a_page_within_ends_where_it_ends_and_stands_in_a_sandbox() {
+        let mut page = Html::new("a", "b");
+        page.within("c", "<p title=\"x\">&amp;</p>\"><script>out</script>");
+        let text = page.finish();
+        let (_, rest) = text.split_once("srcdoc=\"").unwrap();
+        let (within, after) = rest.split_once('"').unwrap();
+        assert_eq!(
+            within.replace("&quot;", "\"").replace("&amp;", "&"),
+            "<p title=\"x\">&amp;</p>\"><script>out</script>"
+        );
+        assert!(after.starts_with("></iframe>") && text.contains("sandbox=\"allow-scripts\""));
     }
 }

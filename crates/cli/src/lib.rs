@@ -2,7 +2,7 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `report.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
 //! | `shown.rs` | whose episodes are shown: a run's policy's or a task's controller's |
@@ -11,6 +11,7 @@
 //! | `train_plot.rs`, `train_all_plot.rs` | the learning curves of `train` and `train-all` |
 //! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops |
 //! | `design/` | the figures of `design`, its report |
+//! | `report/` | `report` of single runs, and of folders of several |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `robot.rs` | an articulated system from a name or a vehicle |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
@@ -18,6 +19,7 @@
 //! | `files.rs` | reading and writing behind fences |
 //! | `page.rs`, `table.rs`, `progress.rs` | what a terminal shows |
 //! | `html.rs` | a page for a browser |
+//! | `npz.rs`, `trajectories.rs` | logs for other programs |
 //!
 //! A command returns its whole [`Report`] before a line is printed: a broken pipe or a full disk then meets one write.
 //! The program is [`main`] alone; a library stands behind it so that a fuzzer can call [`outcome`] in its own process.
@@ -38,12 +40,14 @@ mod html;
 mod import;
 mod linearise;
 mod models;
+mod npz;
 mod over_seeds;
 mod page;
 mod plant_box;
 mod progress;
 mod recover;
 mod replay;
+mod report;
 mod robot;
 mod rollout;
 mod rollout_all;
@@ -60,6 +64,7 @@ mod train_all_plot;
 mod train_plot;
 mod train_search;
 mod train_seeds;
+mod trajectories;
 mod tune;
 mod tune_grid;
 mod view;
@@ -116,6 +121,7 @@ Examples:
   omnidrones rollout Hover                  256 episodes flown by our controller, with plots
   omnidrones train Hover                    a policy from random weights, in seconds
   omnidrones eval runs/Hover-apg-s0         fly it from held-out starts, with plots
+  omnidrones report runs/Hover-apg-s0       how it learnt and flies, as one page
   omnidrones replay runs/Hover-apg-s0       see it fly: one page for any browser
   omnidrones view Hover                     the same live, while it flies
   omnidrones watch runs/Hover-apg-s0        the same as a GIF
@@ -183,6 +189,9 @@ enum Command {
     /// Fly a trained policy from held-out starts: returns, errors, crashes, plots
     #[command(long_about = eval::ABOUT)]
     Eval(Box<eval::Arguments>),
+    /// Write what was learnt as one page: settings, curves, tables, a replay
+    #[command(long_about = report::ABOUT)]
+    Report(Box<report::Arguments>),
     /// Write flights as one page for a browser
     #[command(long_about = replay::ABOUT)]
     Replay(Box<replay::Arguments>),
@@ -241,6 +250,7 @@ pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::
         Command::Train(arguments) => train::run(arguments),
         Command::TrainAll(arguments) => train_all::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
+        Command::Report(arguments) => report::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),
         Command::View(arguments) => view::run(arguments),
         Command::Watch(arguments) => watch::run(arguments),

@@ -10,7 +10,7 @@ use omnidrones::error::{Error, Result};
 use omnidrones::tasks::Watched;
 use omnidrones_viewer::{Episodes, Recording, page};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -25,7 +25,7 @@ Examples:
   omnidrones replay TransportHover --envs 1                our controller alone, to out/TransportHover/replay.html
   omnidrones replay runs/Hover-apg-s0 --out page.html      to another file
 
-'fly', 'rollout', 'eval' have --replay, and 'watch' writes the page too.
+'fly', 'rollout', 'eval', 'train' and 'tune' have --replay, and 'watch' writes the page too.
 
 On the page: drag to turn, wheel or two fingers to come nearer. Space plays, arrows step (with shift a second), 1 2 3 choose the \
 camera (orbit, follow, on board), N the next drone, F shows forces, T ways, R targets, I what is flown, + and - the speed. \
@@ -116,6 +116,13 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     page.heading("Written").line(format!("  {}   {} kB", path.display(), text.len() / 1000));
     Ok(Report::done(page.finish()))
+}
+
+/// The page of the first episodes of a run's policy.
+pub fn of_run(folder: &Path) -> Result<String> {
+    let mut flier = Flier::new(&folder.display().to_string(), &EnvArguments::default(), SHOWN)?;
+    let (flown, recording) = one(&mut flier, SHOWN)?;
+    Ok(page(&flown.title(), &[recording]))
 }
 
 /// Flies and records.

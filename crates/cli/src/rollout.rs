@@ -6,6 +6,7 @@ use super::page::{Fact, Page, duration, short};
 use super::replay::{SHOWN, Seen};
 use super::rollout_files::{self as out, LINES, percent, share_of};
 use super::table::{Align, Table};
+use super::trajectories::Trajectories;
 use super::{Report, files, progress, rollout_all};
 use clap::ValueEnum;
 use omnidrones::error::{Error, Result};
@@ -35,6 +36,7 @@ Examples:
   omnidrones rollout Hover --controller planner --envs 8   by plans, which no policy can know
   omnidrones rollout Track --envs 1024 --seed 7        more episodes, other starts
   omnidrones rollout Track --csv --out track           every step and every episode as CSV
+  omnidrones rollout Track --npz --trajectories 256    all its episodes for NumPy: states, observations, actions, rewards
   omnidrones rollout DragonHover --replay              its first episodes to turn around and look at, in a browser
   omnidrones rollout Hover --vehicle crazyflie         with another drone
   omnidrones rollout Hover --randomise mass:0.7:1.3    of another mass in every episode
@@ -50,7 +52,12 @@ What falls over by itself wants shorter plans and larger steps: --plan-steps 64 
 The bound is the best reward of a step times the steps of an episode: nothing reaches it, for the start counts too.
 
 Files in --out: rollout (.png or .svg; spreads as long as a tenth of the episodes goes on), and with --csv steps.csv (one line per step: mean, 10 %, median, 90 % over the \
-episodes that go on) and episodes.csv (one line per episode), with --replay replay.html. Of --all: tasks (.png or .svg).
+episodes that go on), episodes.csv (one line per episode) and trajectories.csv, with --npz trajectories.npz, with --replay replay.html. Of \
+--all: tasks (.png or .svg).
+
+Trajectories are the first episodes (--trajectories) step by step: state and observation before a step, the action, reward and \
+ends that came of it; in the CSV one more line behind each episode for what it ended in, in the NPZ final_state and \
+final_observation. Units stand in the header, in the NPZ in state_columns and its like.
 
 JSON: SI units; shares from 0 to 1; null where a number does not exist.
 
@@ -66,6 +73,8 @@ const MAX_STEPS: usize = 100_000;
 #[command(after_long_help = EXAMPLES)]
 #[command(mut_arg("envs", |envs| envs.help("Environments, one episode each [default: 256; 32 of each task with --all]")))]
 #[command(mut_arg("csv", |csv| csv.conflicts_with("all")))]
+#[command(mut_arg("npz", |npz| npz.conflicts_with("all")))]
+#[cfg_attr(feature = "mcap", command(mut_arg("mcap", |mcap| mcap.conflicts_with("all"))))]
 #[command(mut_arg("replay", |replay| replay.conflicts_with("all")))]
 #[command(mut_arg("out", |out| arguments::out(out, "Folder for what is written [default: out/TASK, out/tasks with --all]")))]
 pub struct Arguments {
@@ -96,12 +105,32 @@ pub struct EpisodeArguments {
     pub environment: EnvArguments,
     #[command(flatten)]
     pub output: OutputArguments,
-    /// Write every step and every episode as CSV
+    /// Write every step and every episode as CSV, and the first episodes step by step
     #[arg(long, help_heading = "Output")]
     pub csv: bool,
+    /// Write the first episodes step by step for NumPy: states, observations, actions, rewards
+    #[arg(long, help_heading = "Output")]
+    pub npz: bool,
+    /// Write the first episodes for Foxglove and rerun
+    #[cfg(feature = "mcap")]
+    #[arg(long, help_heading = "Output")]
+    pub mcap: bool,
+    /// How many episodes --csv, --npz and --mcap keep step by step
+    #[arg(long, value_name = "N", default_value_t = 16, help_heading = "Output")]
+    pub trajectories: usize,
     /// Write replay.html: the first 4 episodes in space, a page for any browser
     #[arg(long, help_heading = "Output")]
     pub replay: bool,
+}
+
+impl EpisodeArguments {
+    /// Whether a log for Foxglove and rerun is wanted.
+    fn mcap(&self) -> bool {
+        #[cfg(feature = "mcap")]
+        return self.mcap;
+        #[cfg(not(feature = "mcap"))]
+        return false;
+    }
 }
 
 /// Names of controllers.
@@ -207,6 +236,8 @@ pub struct Flown {
     pub evaluation: Evaluation,
     /// Step by step, of every command of one agent.
     pub commands: Vec<Vec<Spread>>,
+    /// The first episodes, where they were to be kept.
+    pub trajectories: Trajectories,
     /// How many episodes no controller could be made for, and why.
     pub(super) unflown: Option<String>,
     /// How the planner planned, where it did.
@@ -231,17 +262,20 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
 }
 
-/// Watches what is commanded: the actions of a step are gone when it is over.
+/// Watches what is commanded: the actions of a step are gone when it is over. Keeps the first episodes step by step.
 pub struct Commands {
     n_command: usize,
     given: RefCell<Vec<f32>>,
     steps: RefCell<Vec<Vec<Spread>>>,
+    kept: RefCell<Trajectories>,
 }
 
 impl Commands {
-    pub fn new(env: &Env) -> Self {
+    /// Which keeps so many episodes.
+    pub fn new(env: &Env, kept: usize) -> Result<Self> {
         let n_command = env.spec().action.len();
-        Self { n_command, given: RefCell::default(), steps: RefCell::default() }
+        let kept = RefCell::new(Trajectories::new(env, kept)?);
+        Ok(Self { n_command, given: RefCell::default(), steps: RefCell::default(), kept })
     }
 
     /// The policy, watched.
@@ -251,12 +285,14 @@ impl Commands {
             let mut given = self.given.borrow_mut();
             given.clear();
             given.extend_from_slice(actions);
+            self.kept.borrow_mut().before(env, out, actions);
             Ok(())
         }
     }
 
     /// Takes a step in: its commands over all agents whose episode it belonged to.
     pub fn see(&self, watched: &Watched<'_>) {
+        self.kept.borrow_mut().after(watched);
         let given = self.given.borrow();
         let agents = given.chunks_exact(self.n_command.max(1));
         let each = (agents.len() / watched.flying.len().max(1)).max(1);
@@ -266,9 +302,9 @@ impl Commands {
         self.steps.borrow_mut().push((0..self.n_command).map(spread).collect());
     }
 
-    /// Step by step.
-    pub fn told(self) -> Vec<Vec<Spread>> {
-        self.steps.into_inner()
+    /// Commands step by step, and the episodes that were kept.
+    pub fn told(self) -> Result<(Vec<Vec<Spread>>, Trajectories)> {
+        Ok((self.steps.into_inner(), self.kept.into_inner().checked()?))
     }
 }
 
@@ -325,15 +361,15 @@ impl Ready {
         Ok(Self { env, pilot })
     }
 
-    /// One episode of every environment; `watch` sees every step.
-    pub(super) fn fly(&mut self, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
+    /// One episode of every environment, of which the first `kept` are kept step by step; `watch` sees every step.
+    pub(super) fn fly(&mut self, kept: usize, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
         if let Pilot::Baseline(own) = &mut self.pilot {
             // it learns the numbers of an episode once
             *own = Baseline::new(&self.env)?;
         }
         let mut record = Record::new(&self.env, LINES);
         let (seed, start) = (self.env.spec().config.seed, Instant::now());
-        let commands = Commands::new(&self.env);
+        let commands = Commands::new(&self.env, kept)?;
         let mut watch = |watched: &Watched<'_>| {
             record.see(watched);
             commands.see(watched);
@@ -356,7 +392,7 @@ impl Ready {
                 ("planner".into(), evaluate(&mut self.env, &mut commands.of(&mut plan), &mut watch)?)
             }
         };
-        let commands = commands.told();
+        let (commands, trajectories) = commands.told()?;
         let (failures, plan) = match &self.pilot {
             Pilot::Baseline(own) => (own.failures(), None),
             Pilot::Random => (&[][..], None),
@@ -366,7 +402,7 @@ impl Ready {
             format!("{} of the episodes could not be flown, the first because: {first}", failures.len())
         });
         let wall_time = start.elapsed().as_secs_f64();
-        Ok(Flown { record, controller, evaluation, commands, unflown, plan, wall_time })
+        Ok(Flown { record, controller, evaluation, commands, trajectories, unflown, plan, wall_time })
     }
 }
 
@@ -375,7 +411,7 @@ fn one(a: &Arguments, entry: &Entry, config: &EnvConfig, threads: &Threads) -> R
     let mut ready = Ready::new(entry, config, threads, (a.controller, &a.plan))?;
     let horizon = ready.env.spec().horizon;
     let told = Told { command: "rollout", by: a.controller.name(), usual: Path::new("out").join(entry.name) };
-    told.of(&a.episodes, horizon, |watch| ready.fly(watch))
+    told.of(&a.episodes, horizon, |kept, watch| ready.fly(kept, watch))
 }
 
 /// How a command tells of the episodes that it flies.
@@ -392,17 +428,22 @@ impl Told<'_> {
     /// Flies behind a bar of `horizon` steps, draws and writes what the options want, and tells.
     pub fn of(
         self,
-        EpisodeArguments { output, csv, replay, .. }: &EpisodeArguments,
+        arguments: &EpisodeArguments,
         horizon: usize,
-        fly: impl FnOnce(&mut dyn FnMut(&Watched<'_>)) -> Result<Flown>,
+        fly: impl FnOnce(usize, &mut dyn FnMut(&Watched<'_>)) -> Result<Flown>,
     ) -> Result<Report> {
-        let writes = *csv || *replay || !output.no_plots;
+        let EpisodeArguments { output, csv, npz, replay, .. } = arguments;
+        let logs = *csv || *npz || arguments.mcap();
+        let writes = logs || *replay || !output.no_plots;
         let folder = if writes { output.folder(self.usual)? } else { PathBuf::new() };
         let bar = progress::bar(horizon as u64, "flying", output.json);
+        let kept = if logs { arguments.trajectories } else { 0 };
         let mut seen = Seen::new(if *replay { SHOWN } else { 0 });
-        let flown = fly(&mut |watched| {
+        let mut logged = Seen::new(if arguments.mcap() { kept } else { 0 });
+        let flown = fly(kept, &mut |watched| {
             bar.set_position(watched.step as u64);
             seen.see(watched);
+            logged.see(watched);
         })?;
         bar.finish_and_clear();
         let mut written = Vec::new();
@@ -415,6 +456,20 @@ impl Told<'_> {
         }
         if *csv {
             written.extend(out::write_csv(&flown.record, &folder)?);
+            let path = folder.join("trajectories.csv");
+            flown.trajectories.write_csv(&path)?;
+            written.push(path);
+        }
+        if *npz {
+            let path = folder.join("trajectories.npz");
+            flown.trajectories.write_npz(&path)?;
+            written.push(path);
+        }
+        #[cfg(feature = "mcap")]
+        if arguments.mcap {
+            let path = folder.join("trajectories.mcap");
+            flown.trajectories.write_mcap(&path, &logged.recording(&flown)?)?;
+            written.push(path);
         }
         if *replay {
             let path = folder.join("replay.html");

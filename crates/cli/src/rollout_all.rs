@@ -66,7 +66,7 @@ pub fn run(a: &Arguments, config: &EnvConfig, threads: &Threads) -> Result<Repor
 }
 
 fn line(entry: &'static Entry, config: &EnvConfig, threads: &Threads, a: &Arguments) -> Line {
-    match Ready::new(entry, config, threads, (a.controller, &a.plan)).and_then(|mut ready| ready.fly(&mut |_| ())) {
+    match Ready::new(entry, config, threads, (a.controller, &a.plan)).and_then(|mut ready| ready.fly(0, &mut |_| ())) {
         Ok(flown) => {
             let error = &flown.record.spec().info[flown.record.first_metric()];
             let error = (error.name.clone(), error.unit.clone());

@@ -16,8 +16,13 @@ const FALL: f64 = 40.0;
 /// Least share of the episodes over which a spread is drawn.
 const ENOUGH: f64 = 0.1;
 
-/// Draws one task: its error, its returns, its reward.
+/// Draws one task: its error, its returns, its reward, its commands.
 pub fn draw(flown: &Flown, path: &Path) -> Result<()> {
+    figure(flown).save(path)
+}
+
+/// The drawing.
+pub fn figure(flown: &Flown) -> Figure {
     let record = &flown.record;
     let height = if record.steps.iter().any(|s| s.n_flying < record.spec().n_env) { 0.45 } else { 0.0 };
     let mut rows = vec![1.15, 1.0, 0.8];
@@ -37,7 +42,7 @@ pub fn draw(flown: &Flown, path: &Path) -> Result<()> {
     if height > 0.0 {
         figure = figure.place((0, 1), (2, 1), flying(record));
     }
-    figure.save(path)
+    figure
 }
 
 /// Name of the task's first metric as people write it, with its unit.
@@ -176,7 +181,7 @@ pub fn percent(share: f64) -> String {
 /// Writes steps.csv and episodes.csv.
 pub fn write_csv(record: &Record, folder: &Path) -> Result<Vec<PathBuf>> {
     let steps = folder.join("steps.csv");
-    write(
+    write_table(
         &steps,
         step_header(record),
         record.steps.iter().map(|s| {
@@ -191,7 +196,7 @@ pub fn write_csv(record: &Record, folder: &Path) -> Result<Vec<PathBuf>> {
     let units = spec.info.iter().map(|i| format!("{} [{}]", i.name, i.unit));
     let header = ["environment".to_string(), "ended_by".into()].into_iter().chain(units).collect();
     let ends = (0..spec.n_env).map(|i| record.why(i)).collect::<Result<Vec<_>>>()?;
-    write(
+    write_table(
         &episodes,
         header,
         record.last.chunks_exact(spec.info.len()).zip(ends).enumerate().map(|(i, (row, end))| {
@@ -211,7 +216,8 @@ fn step_header(record: &Record) -> Vec<String> {
     header
 }
 
-fn write(path: &Path, header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> Result<()> {
+/// A CSV file: a header, then row by row.
+pub fn write_table(path: &Path, header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> Result<()> {
     let mut text = csv::Writer::from_writer(Vec::new());
     let failed = |e: csv::Error| Error::file(path, std::io::Error::other(e));
     text.write_record(&header).map_err(failed)?;

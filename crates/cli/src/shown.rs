@@ -46,8 +46,8 @@ impl Flier {
     /// One episode of every environment, the next one with every call; `watch` sees every step.
     pub fn fly(&mut self, watch: &mut dyn FnMut(&Watched<'_>)) -> Result<Flown> {
         match self {
-            Self::Policy(ready) => ready.fly(watch),
-            Self::Own(ready) => ready.fly(watch),
+            Self::Policy(ready) => ready.fly(0, watch),
+            Self::Own(ready) => ready.fly(0, watch),
         }
     }
 

@@ -9,7 +9,7 @@ use super::table::{Align, Table};
 use super::train_plot::{self, Curves};
 use super::train_search::{self, axis, combinations};
 use super::train_seeds::{self, Asked};
-use super::{Report, files, progress};
+use super::{Report, files, progress, replay};
 use clap::builder::PossibleValuesParser;
 use omnidrones::controllers::cascade::Level;
 use omnidrones::error::{Error, Result};
@@ -73,7 +73,8 @@ is the largest success, a mean over the seeds. Schedules are those of the whole 
 c0/s0, … per candidate and seed, search.json (what is known), search (the plot), winner.toml (for --config).
 
 Files in --out: config.toml (every setting), log.jsonl, curve.csv and an event file for TensorBoard (the course of the run, one line every few updates), \
-checkpoints (weights as safetensors, state, manifest), curve (.png or .svg), result.json (what --json prints).
+checkpoints (weights as safetensors, state, manifest), curve (.png or .svg), result.json (what --json prints), with --replay \
+replay.html.
 
 JSON: SI units; shares from 0 to 1; null where a number does not exist.
 
@@ -118,6 +119,9 @@ pub struct Arguments {
     /// Do not fly our controller from the same starts for comparison
     #[arg(long, help_heading = "Output")]
     no_baseline: bool,
+    /// Write replay.html: the policy in space, a page for any browser
+    #[arg(long, conflicts_with_all = ["seeds", "search", "toml"], help_heading = "Output")]
+    replay: bool,
     /// Print every setting as a file that --config reads, and do not train
     #[arg(long, conflicts_with = "json", help_heading = "Output")]
     toml: bool,
@@ -174,6 +178,11 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let path = folder.join(format!("curve.{}", a.output.format.extension()));
         train_plot::draw(&trained.curves(), &path)?;
         trained.written.push(path);
+    }
+    if a.replay {
+        let path = folder.join("replay.html");
+        files::replace(&path, replay::of_run(&folder)?)?;
+        trained.written.insert(0, path);
     }
     let (path, text) = (folder.join("result.json"), format!("{:#}\n", trained.json()));
     files::replace(&path, &text)?;
@@ -367,6 +376,33 @@ pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option
     Some((name, told))
 }
 
+/// Who flew how well, a row each; errors in this unit.
+pub fn results<'a>(unit: &str, flown: impl IntoIterator<Item = &'a (String, Evaluation)>) -> Table {
+    let mut table = Table::new(&[
+        ("flown by", Align::Left),
+        ("success", Align::Right),
+        ("crashed", Align::Right),
+        (&format!("final error [{unit}]"), Align::Right),
+        (&format!("mean error [{unit}]"), Align::Right),
+        ("return", Align::Right),
+        ("share of bound", Align::Right),
+        ("length", Align::Right),
+    ]);
+    for (name, e) in flown {
+        let numbers = [
+            percent(e.success),
+            share_of(e.crashed, e.n_episode),
+            short(e.final_error, 3),
+            short(e.mean_error, 3),
+            short(e.return_mean, 4),
+            percent(e.share_of_bound),
+            short(e.length, 4),
+        ];
+        table.row([name.clone()].into_iter().chain(numbers));
+    }
+    table
+}
+
 /// A run that is over.
 pub struct Trained<'a> {
     entry: &'a Entry,
@@ -466,6 +502,7 @@ impl Trained<'_> {
         }
         page.heading("Next");
         page.line(format!("  omnidrones replay {}  the policy in flight, as a page for a browser", folder.display()));
+        page.line(format!("  omnidrones report {}  all of it, as one page", folder.display()));
         page.line(format!("  omnidrones eval {}    errors over time, as plots", folder.display()));
         page.line(format!("  omnidrones watch {}   the policy in flight, as a GIF", folder.display()));
         page.finish()
@@ -489,34 +526,8 @@ impl Trained<'_> {
     }
 
     fn table(&self) -> Table {
-        let unit = &self.error.unit;
-        let mut table = Table::new(&[
-            ("flown by", Align::Left),
-            ("success", Align::Right),
-            ("crashed", Align::Right),
-            (&format!("final error [{unit}]"), Align::Right),
-            (&format!("mean error [{unit}]"), Align::Right),
-            ("return", Align::Right),
-            ("share of bound", Align::Right),
-            ("length", Align::Right),
-        ]);
-        let mut row = |name: &str, e: &Evaluation| {
-            let numbers = [
-                percent(e.success),
-                share_of(e.crashed, e.n_episode),
-                short(e.final_error, 3),
-                short(e.mean_error, 3),
-                short(e.return_mean, 4),
-                percent(e.share_of_bound),
-                short(e.length, 4),
-            ];
-            table.row([name.to_string()].into_iter().chain(numbers));
-        };
-        row(&format!("policy ({})", self.algorithm), &self.outcome.evaluation);
-        if let Some((name, e)) = &self.baseline {
-            row(name, e);
-        }
-        table
+        let own = (format!("policy ({})", self.algorithm), self.outcome.evaluation.clone());
+        results(&self.error.unit, std::iter::once(&own).chain(&self.baseline))
     }
 
     fn json(&self) -> Value {

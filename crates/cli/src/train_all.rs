@@ -19,6 +19,7 @@ use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Largest file of a row, bytes.
@@ -75,7 +76,7 @@ pub struct Arguments {
 }
 
 /// A task by an algorithm: its row, or why there is none; our controller in the last line of a task.
-struct Line {
+pub struct Line {
     entry: &'static Entry,
     algorithm: String,
     /// What its error is; none where it was not trained.
@@ -97,6 +98,63 @@ struct Row {
     commit: Option<String>,
     runs: Vec<Outcome>,
     failed: Vec<Failure>,
+}
+
+/// The rows of a folder in the order of the tasks; our controller's figures from the table there, if there is one, else flown
+/// by `fly`.
+pub fn read(folder: &Path, fly: &dyn Fn(&'static Entry) -> Option<(String, Evaluation)>) -> Vec<Line> {
+    let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let files = names.filter(|path| path.extension().is_some_and(|e| e == "json"));
+    let mut rows: Vec<(&'static Entry, Row)> = files
+        .filter_map(|path| serde_json::from_str::<Row>(&files::read_text(&path, MAX_ROW).ok()?).ok())
+        .filter_map(|row| Some((registry::by_name(&row.task).ok()?, row)))
+        .collect();
+    let place = |entry: &Entry| REGISTRY.iter().position(|e| e.name == entry.name);
+    rows.sort_by(|(a, x), (b, y)| (place(a), &x.algorithm).cmp(&(place(b), &y.algorithm)));
+    let known = known_baselines(&folder.join("table.json"));
+    let line = |(entry, row): (&'static Entry, Row)| {
+        let config = TrainConfig::for_task(entry.name, Some(&row.algorithm), None).ok();
+        let log = |run: &Outcome| log::read(run_folder(folder, &row, run.seed)).ok();
+        Line {
+            entry,
+            algorithm: row.algorithm.clone(),
+            error: config.and_then(|config| spec(entry, &config).ok()).map(|(_, error)| error),
+            curves: row.runs.iter().filter_map(log).collect(),
+            row: Ok(row),
+            baseline: None,
+        }
+    };
+    let mut lines: Vec<Line> = rows.into_iter().map(line).collect();
+    for k in 0..lines.len() {
+        let entry = lines[k].entry;
+        if lines.get(k + 1).is_none_or(|next| next.entry.name != entry.name) {
+            lines[k].baseline = known.get(entry.name).cloned().or_else(|| fly(entry));
+        }
+    }
+    lines
+}
+
+/// Our controller's figures by task, as the table of a folder tells them.
+fn known_baselines(table: &Path) -> BTreeMap<String, (String, Evaluation)> {
+    let text = files::read_text(table, MAX_ROW).unwrap_or_default();
+    let value: Value = serde_json::from_str(&text).unwrap_or_default();
+    let of = |task: &Value| {
+        let (name, told) = (task["task"].as_str()?, &task["baseline"]);
+        let evaluation = serde_json::from_value(told["evaluation"].clone()).ok()?;
+        Some((name.to_string(), (told["flown_by"].as_str()?.to_string(), evaluation)))
+    };
+    value["tasks"].as_array().into_iter().flatten().filter_map(of).collect()
+}
+
+impl Line {
+    /// Where each row comes from, for a table: task, algorithm, seeds, commit, hash; and folders of its runs that are here.
+    pub fn origin(&self, folder: &Path) -> Option<([String; 5], Vec<PathBuf>)> {
+        let row = self.row.as_ref().ok()?;
+        let seeds: Vec<String> = row.runs.iter().map(|run| run.seed.to_string()).collect();
+        let commit = row.commit.clone().unwrap_or("–".into());
+        let runs = row.runs.iter().map(|run| run_folder(folder, row, run.seed)).filter(|path| path.is_dir()).collect();
+        Some(([row.task.clone(), row.algorithm.clone(), seeds.join(", "), commit, row.hash.clone()], runs))
+    }
 }
 
 /// Trains them.
@@ -231,7 +289,8 @@ fn unit<'a>(errors: impl Iterator<Item = &'a Metric>) -> Option<&'a str> {
     units.all(|unit| unit == first).then_some(first)
 }
 
-fn table(lines: &[Line]) -> Table {
+/// A row per algorithm, our controller below those of a task.
+pub fn table(lines: &[Line]) -> Table {
     let unit = unit(lines.iter().filter_map(|line| line.error.as_ref()));
     let head = |name: &str| unit.map_or(name.to_string(), |unit| format!("{name} [{unit}]"));
     let (last, mean) = (head("final error"), head("mean error"));
@@ -288,8 +347,7 @@ fn page(lines: &[Line], a: &Arguments, written: &[PathBuf]) -> String {
     let seeds = if a.seeds == 1 { "1 seed".into() } else { format!("{} seeds", a.seeds) };
     page.title("Learning", &format!("{seeds}, budgets × {}, held-out starts", short(a.budget, 3)));
     page.table(&table(lines));
-    let errors = lines.iter().filter_map(|line| Some((line.entry.name, line.error.as_ref()?.name.as_str())));
-    page.line(format!("\n{}; final: in the last step, also of who crashed.", told_errors(errors)));
+    page.line(format!("\n{}", key(lines)));
     let failed: Vec<String> = lines.iter().flat_map(failures).collect();
     if !failed.is_empty() {
         page.heading("Not trained");
@@ -302,6 +360,12 @@ fn page(lines: &[Line], a: &Arguments, written: &[PathBuf]) -> String {
         page.line(format!("  {}", path.display()));
     }
     page.finish()
+}
+
+/// What the errors of the table are.
+pub fn key(lines: &[Line]) -> String {
+    let errors = lines.iter().filter_map(|line| Some((line.entry.name, line.error.as_ref()?.name.as_str())));
+    format!("{}; final: in the last step, also of who crashed.", told_errors(errors))
 }
 
 /// What was not trained in a line, in words.
@@ -337,7 +401,7 @@ fn value(lines: &[Line], a: &Arguments) -> Value {
 }
 
 /// What is drawn.
-fn learnt(lines: &[Line]) -> Vec<Learnt<'_>> {
+pub fn learnt(lines: &[Line]) -> Vec<Learnt<'_>> {
     fn of<'a>(line: &'a Line, lines: &[Line]) -> Option<Learnt<'a>> {
         let runs: Vec<&[LogLine]> = line.curves.iter().map(|curve| &curve[..]).collect();
         let controller = controller(line, lines).map(|(_, e)| e.success);

@@ -27,7 +27,7 @@ pub fn draw(tasks: &[Learnt<'_>], path: &Path) -> Result<()> {
 }
 
 /// As large as the number of its panels asks for.
-fn figure(tasks: &[Learnt<'_>]) -> Figure {
+pub fn figure(tasks: &[Learnt<'_>]) -> Figure {
     let panels: Vec<Panel> = tasks.iter().map(panel).filter(|panel| !panel.series.is_empty()).collect();
     let columns = columns(panels.len());
     let rows = panels.len().div_ceil(columns).max(1);

@@ -24,9 +24,33 @@ pub struct Curves<'a> {
 
 /// Draws them: panels side by side, two to a row, those without data left out.
 pub fn draw(curves: &Curves<'_>, path: &Path) -> Result<()> {
+    figure(curves).save(path)
+}
+
+/// The drawing.
+pub fn figure(curves: &Curves<'_>) -> Figure {
     let dashed = curves.baseline.map(|(name, _)| format!("   ·   dashed: {name}, our controller"));
     let subtitle = format!("{}{}", curves.subtitle, dashed.unwrap_or_default());
-    figure(&curves.title, &subtitle, panels(curves)).save(path)
+    arranged(&curves.title, &subtitle, panels(curves))
+}
+
+/// Several runs in the same panels: success, error and return from held-out starts; `error` is the name and unit of theirs.
+pub fn beside(title: &str, runs: &[(String, &[Line])], error: &str) -> Figure {
+    let steps = Steps::of(runs.iter().flat_map(|(_, lines)| *lines));
+    let panel = |title: &str, y: &str, column: &str, scale: f64| {
+        let mut panel = steps.panel(title, y);
+        for (i, (name, lines)) in runs.iter().enumerate() {
+            let series = Series::line(name, steps.points(lines, column, scale)).colour(Colour::nth(i));
+            panel = with(panel, series.width(1.8));
+        }
+        panel
+    };
+    let errors = panel("Error in the last step", error, "eval_final_error", 1.0);
+    let errors = if is_wide(&errors) { errors.log_y() } else { errors.from_zero() };
+    let shares = panel("Success", "share of episodes [%]", "eval_success", 100.0).y_range(-2.0, 104.0);
+    let panels = [shares, errors, panel("Return", "return of an episode", "eval_return", 1.0).from_zero()];
+    let panels = panels.into_iter().filter(|panel| !panel.series.is_empty());
+    arranged(title, "from held-out starts", panels.map(|panel| steps.align(panel)).collect())
 }
 
 /// The panels that have something to show.
@@ -37,7 +61,7 @@ fn panels(curves: &Curves<'_>) -> Vec<Panel> {
     panels.map(|panel| steps.align(panel)).collect()
 }
 
-fn figure(title: &str, subtitle: &str, panels: Vec<Panel>) -> Figure {
+fn arranged(title: &str, subtitle: &str, panels: Vec<Panel>) -> Figure {
     let (n, rows) = (panels.len(), panels.len().div_ceil(2));
     let columns = n.clamp(1, 2);
     let size = (HALF * columns.max(2) as f64, 60.0 + ROW * rows.max(1) as f64);
@@ -249,7 +273,7 @@ mod tests {
         assert_eq!(places(3), [((0, 0), 1), ((1, 0), 1), ((0, 1), 2)]);
         assert_eq!(places(4), [((0, 0), 1), ((1, 0), 1), ((0, 1), 1), ((1, 1), 1)]);
         for n in 0..5 {
-            assert!(figure("", "", vec![Panel::new("a", "b", "c"); n]).svg().is_ok(), "{n}");
+            assert!(arranged("", "", vec![Panel::new("a", "b", "c"); n]).svg().is_ok(), "{n}");
         }
     }
 

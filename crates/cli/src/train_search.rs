@@ -13,7 +13,7 @@ use omnidrones::rl::search::{Search, SearchResult, Trial};
 use omnidrones_plot::{Colour, Figure, Panel, Series};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 
 /// Most candidates: each is trained with every seed.
@@ -89,7 +89,7 @@ pub fn run(asked: &Asked<'_>, named: Vec<(String, TrainConfig)>, factor: usize, 
     let mut written = vec![winner, known];
     if let Some(extension) = asked.plot {
         let path = asked.folder.join(format!("search.{extension}"));
-        draw(&told, &names, asked, &path)?;
+        figure(&told, &names, &format!("{}: search by {}", asked.entry.name, asked.algorithm)).save(&path)?;
         written.insert(0, path);
     }
     let success = told.failures.is_empty();
@@ -126,6 +126,27 @@ fn ranked(told: &SearchResult) -> Vec<&Trial> {
     all
 }
 
+/// What the numbers of the table are.
+pub const KEY: &str =
+    "Success, and the share of the reward's bound: means over seeds, after so many updates of a whole run.";
+
+/// Candidates, the best first, with what they came to rung by rung.
+pub fn table(told: &SearchResult, names: &[String]) -> Table {
+    let of = |candidate: usize| told.trials.iter().filter(move |trial| trial.candidate == candidate);
+    let updates: Vec<String> = of(told.winner).map(|trial| format!("after {}", trial.updates)).collect();
+    let heads = updates.iter().map(|text| (text.as_str(), Align::Right));
+    let columns: Vec<(&str, Align)> = [("candidate", Align::Left)].into_iter().chain(heads).collect();
+    let mut table = Table::new(&columns);
+    for last in ranked(told) {
+        let cells = of(last.candidate).map(|trial| {
+            let [success, bound] = trial.mean();
+            format!("{} ({} of bound)", percent(success), percent(bound))
+        });
+        table.row([names[last.candidate].clone()].into_iter().chain(cells));
+    }
+    table
+}
+
 fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_>, written: &[PathBuf]) -> String {
     let mut page = Page::new();
     let (n, seeds) = (names.len(), asked.seeds.len());
@@ -133,23 +154,8 @@ fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_
         asked.entry.name,
         &format!("{}, {n} candidates, {seeds} seeds, one in {} goes on", asked.algorithm, search.factor),
     );
-    let updates: Vec<String> =
-        (0..search.rungs()).map(|rung| format!("after {}", search.updates(told.winner, rung))).collect();
-    let heads = updates.iter().map(|text| (text.as_str(), Align::Right));
-    let columns: Vec<(&str, Align)> = [("candidate", Align::Left)].into_iter().chain(heads).collect();
-    let mut table = Table::new(&columns);
-    for last in ranked(told) {
-        let rungs = told.trials.iter().filter(|trial| trial.candidate == last.candidate);
-        let cells = rungs.map(|trial| {
-            let [success, bound] = trial.mean();
-            format!("{} ({} of bound)", percent(success), percent(bound))
-        });
-        table.row([names[last.candidate].clone()].into_iter().chain(cells));
-    }
-    page.table(&table);
-    page.line(
-        "\nSuccess, and the share of the reward's bound: means over seeds, after so many updates of a whole run.",
-    );
+    page.table(&table(told, names));
+    page.line(format!("\n{KEY}"));
     if !told.failures.is_empty() {
         page.heading("Failed");
         for (candidate, seed, why) in &told.failures {
@@ -170,7 +176,8 @@ fn page(told: &SearchResult, names: &[String], search: &Search, asked: &Asked<'_
     page.finish()
 }
 
-fn draw(told: &SearchResult, names: &[String], asked: &Asked<'_>, path: &Path) -> Result<()> {
+/// Success of the candidates over updates.
+pub fn figure(told: &SearchResult, names: &[String], title: &str) -> Figure {
     let panel = Panel::new("Success of the candidates, rung by rung", "updates", "success [%]").y_range(-2.0, 104.0);
     let panel = ranked(told).into_iter().rev().fold(panel, |panel, last| {
         let rungs = told.trials.iter().filter(|trial| trial.candidate == last.candidate);
@@ -180,9 +187,8 @@ fn draw(told: &SearchResult, names: &[String], asked: &Asked<'_>, path: &Path) -
             if best { (names[told.winner].as_str(), Colour::BLUE, 1.8) } else { ("", Colour::SKY, 0.8) };
         panel.series(Series::line(name, points).colour(colour).width(width).markers())
     });
-    let title = format!("{}: search by {}", asked.entry.name, asked.algorithm);
     let figure = Figure::new(title).subtitle("mean over seeds   ·   thick: the best").size(700.0, 420.0);
-    figure.grid(&[1.0], &[1.0]).place((0, 0), (1, 1), panel).save(path)
+    figure.grid(&[1.0], &[1.0]).place((0, 0), (1, 1), panel)
 }
 
 fn value(told: &SearchResult, names: &[String], asked: &Asked<'_>) -> Value {

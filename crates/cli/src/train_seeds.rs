@@ -117,7 +117,8 @@ fn page(asked: &Asked<'_>, error: &Metric, done: &[Outcome], failed: &[Failure],
 /// A figure of an outcome, how it is printed, and by which factor it is printed larger.
 type Figure = (fn(&Outcome) -> f64, fn(f64) -> String, f64);
 
-fn table(error: &Metric, done: &[Outcome]) -> Table {
+/// A row per seed, then mean, interval, least and largest.
+pub fn table(error: &Metric, done: &[Outcome]) -> Table {
     let (last, mean) = (format!("final error [{}]", error.unit), format!("mean error [{}]", error.unit));
     let mut table = Table::new(&[
         ("seed", Align::Left),

@@ -9,7 +9,7 @@ use omnidrones::controllers::design::tune::{Evaluation, Iteration, TunePlan, Tun
 use omnidrones::controllers::design::{GridCell, Judgement, LoopMargins, MarginGate};
 use omnidrones::controllers::{Flight, FlightPlan, Reference, Share, fly_vehicle};
 use omnidrones::dynamics::aero::wind::Wind;
-use omnidrones::dynamics::{Gains, Vehicle};
+use omnidrones::dynamics::{Gains, Plant, Vehicle};
 use omnidrones::error::{Error, Result};
 use omnidrones_plot::{Bar, Bars, Colour, Figure, Panel, Series};
 use serde_json::json;
@@ -102,6 +102,9 @@ pub struct Arguments {
     disk: f64,
     #[command(flatten)]
     output: OutputArguments,
+    /// Write replay.html: the nominal flight before and after, beside each other, a page for any browser
+    #[arg(long, help_heading = "Output")]
+    replay: bool,
 }
 
 /// Tunes.
@@ -126,11 +129,19 @@ pub fn run(a: &Arguments) -> Result<Report> {
     bar.finish_and_clear();
 
     let mut written = vec![write_gains(&folder, &plan, vehicle, &gains_name, &tuning)?];
-    if !a.output.no_plots {
-        let path = folder.join(format!("tune.{}", a.output.format.extension()));
+    if a.replay || !a.output.no_plots {
         let flight = |gains: &Gains| fly_vehicle(vehicle, gains, &nominal(&plan), &mut |_| {});
-        figure(&vehicle.name, &tuning, &gains, &flight(&gains)?, &flight(&tuning.gains)?).save(&path)?;
-        written.push(path);
+        let [before, after] = [flight(&gains)?, flight(&tuning.gains)?];
+        if !a.output.no_plots {
+            let path = folder.join(format!("tune.{}", a.output.format.extension()));
+            figure(&vehicle.name, &tuning, &gains, &before, &after).save(&path)?;
+            written.push(path);
+        }
+        if a.replay {
+            let path = folder.join("replay.html");
+            files::replace(&path, replay(vehicle, &plan, [("before", &before), ("after", &after)])?)?;
+            written.push(path);
+        }
     }
     let passes = tuning.judged.as_ref().is_none_or(|[_, after]| after.passes);
     let held_out = !tuning.is_worse_held_out() && tuning.held_out.is_none_or(|[_, after]| after.crashed == 0);
@@ -382,6 +393,18 @@ fn write_gains(folder: &Path, plan: &TunePlan, vehicle: &Vehicle, from: &str, tu
 }
 
 /// The descent, the relative change of each gain, and one flight with either set of gains.
+/// Flights of the nominal vehicle beside each other.
+fn replay(vehicle: &Vehicle, plan: &TunePlan, flights: [(&str, &Flight); 2]) -> Result<String> {
+    let nominal = nominal(plan);
+    let plant = Plant::of_vehicle(vehicle, nominal.physics)?;
+    let recordings = flights.map(|(when, flight)| {
+        let mut recording = omnidrones_viewer::flight(&plant, flight, &nominal);
+        recording.title = format!("{} {when} tuning", vehicle.name);
+        recording
+    });
+    Ok(omnidrones_viewer::page(&format!("{}: gains before and after", vehicle.name), &recordings))
+}
+
 fn figure(name: &str, tuning: &Tuning, gains: &Gains, before: &Flight, after: &Flight) -> Figure {
     let history = |of: fn(&Iteration) -> f64, scale: f64| {
         tuning.history.iter().map(|i| (i.iteration as f64, scale * of(i))).collect::<Vec<_>>()

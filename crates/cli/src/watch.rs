@@ -80,7 +80,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     files::make_parent(&path)?;
     let mut replay = Replay::of(&ready)?;
     let mut seen = Seen::new(MAX_SHOWN);
-    let flown = ready.fly(&mut |watched| {
+    let flown = ready.fly(0, &mut |watched| {
         replay.see(watched);
         seen.see(watched);
     })?;

@@ -4,6 +4,7 @@ use super::axis::{Axis, drawable};
 use super::canvas::{Anchor, Area, Canvas, Point};
 use super::font;
 use super::legend::{Entry, Header, Mark};
+use super::shape;
 use super::theme::{Colour, size};
 
 /// One curve.
@@ -197,14 +198,15 @@ impl Panel {
     }
 
     fn entries(&self) -> Vec<Entry> {
-        let line = |s: &Series| match (s.markers, s.width) {
-            (_, width) if width > 0.0 => Mark::Line { dashed: s.dashed, width },
+        let line = |s: &Series, shape: Option<usize>| match (shape, s.width) {
+            (Some(shape), width) if width > 0.0 => Mark::Shaped { shape, width },
+            (None, width) if width > 0.0 => Mark::Line { dashed: s.dashed, width },
             _ => Mark::Dot,
         };
-        let curves = self.series.iter().enumerate().map(|(i, s)| Entry {
+        let curves = self.series.iter().zip(self.shapes()).enumerate().map(|(i, (s, shape))| Entry {
             name: s.name.clone(),
             colour: s.colour.unwrap_or(Colour::nth(i)),
-            mark: line(s),
+            mark: line(s, shape),
         });
         let rules = self.rules.iter().map(|r| Entry {
             name: r.name.clone(),
@@ -223,6 +225,16 @@ impl Panel {
         let mut seen = std::collections::HashSet::new();
         entries.retain(|e| seen.insert(e.name.clone()));
         entries
+    }
+
+    /// The shape of each curve's marks, where it has some: of whole lines that are named and not alone, one for each name.
+    fn shapes(&self) -> Vec<Option<usize>> {
+        let told = |s: &Series| !(s.name.is_empty() || s.dashed || s.width < TOLD || s.points.is_empty());
+        let mut names: Vec<&str> = self.series.iter().filter(|s| told(s)).map(|s| s.name.as_str()).collect();
+        let mut seen = std::collections::HashSet::new();
+        names.retain(|name| seen.insert(*name));
+        let place = |s: &Series| names.iter().position(|name| *name == s.name).filter(|_| told(s) && names.len() > 1);
+        self.series.iter().map(place).collect()
     }
 
     /// Least and largest drawable value of x or y; the empty range is (∞, −∞).
@@ -302,11 +314,14 @@ impl Panel {
             }
         }
         let mut drawn = false;
+        let shapes = self.shapes();
+        let n = 1 + shapes.iter().flatten().max().copied().unwrap_or(0);
         for (i, series) in self.series.iter().enumerate() {
             let colour = series.colour.unwrap_or(Colour::nth(i));
             let points: Vec<Point> = series.points.iter().map(|p| at(x_axis.unit(p.0), y_axis.unit(p.1))).collect();
             drawn |= points.iter().any(|p| p.0.is_finite() && p.1.is_finite());
-            draw_series(canvas, series, &points, colour, plot);
+            let marks = shapes[i].map(|shape| (shape, (shape as f64 + 0.5) / n as f64));
+            draw_series(canvas, (series, marks), &points, colour, plot);
         }
         if !drawn {
             let middle = at(0.5, 0.5);
@@ -319,7 +334,36 @@ impl Panel {
     }
 }
 
-fn draw_series(canvas: &mut Canvas, series: &Series, points: &[Point], colour: Colour, plot: Area) {
+/// Thinner lines than this have no marks, units: they are a crowd or stand behind others.
+const TOLD: f64 = 1.0;
+/// Between two marks of a line, units.
+const APART: f64 = 90.0;
+
+/// Points of a line that bear a mark: the nearest to places that are [`APART`], the first after the share `lead` of that.
+fn marked(points: &[Point], lead: f64, plot: Area) -> Vec<Point> {
+    let mut places = (0..).map(|k| plot.x0 + APART * (f64::from(k) + lead)).take_while(|x| *x < plot.x1).peekable();
+    let mut out = Vec::new();
+    for pair in points.windows(2) {
+        while let Some(x) = places.next_if(|x| *x <= pair[1].0) {
+            let share = (x - pair[0].0) / (pair[1].0 - pair[0].0);
+            let y = pair[0].1 + share * (pair[1].1 - pair[0].1);
+            out.extend(Some((x, y)).filter(|p| share >= 0.0 && p.1.is_finite() && inside(*p, plot)));
+        }
+    }
+    out
+}
+
+/// `marks` are the shape of the line's marks and where the first stands.
+fn draw_series(
+    canvas: &mut Canvas,
+    (series, marks): (&Series, Option<(usize, f64)>),
+    points: &[Point],
+    colour: Colour,
+    plot: Area,
+) {
+    if let Some((shape, lead)) = marks.filter(|_| !series.markers) {
+        marked(points, lead, plot).into_iter().for_each(|p| shape::draw(canvas, shape, p, colour));
+    }
     for run in points.split(|p| !(p.0.is_finite() && p.1.is_finite())) {
         let thin = decimate(run);
         if series.width > 0.0 {
@@ -334,7 +378,10 @@ fn draw_series(canvas: &mut Canvas, series: &Series, points: &[Point], colour: C
         // A single sample has no line: without a dot it would vanish.
         if series.markers || run.len() == 1 {
             for p in thin.iter().filter(|p| inside(**p, plot)) {
-                canvas.disc(*p, series.width.max(1.0) * 1.9, colour);
+                match marks {
+                    Some((shape, _)) => shape::draw(canvas, shape, *p, colour),
+                    None => canvas.disc(*p, series.width.max(1.0) * 1.9, colour),
+                }
             }
         }
     }

@@ -2,12 +2,21 @@
 
 use super::canvas::{Anchor, Area, Canvas};
 use super::font;
+use super::shape;
 use super::theme::{Colour, size};
 
 /// The sample drawn before a name.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Mark {
-    Line { dashed: bool, width: f64 },
+    Line {
+        dashed: bool,
+        width: f64,
+    },
+    /// A line with marks.
+    Shaped {
+        shape: usize,
+        width: f64,
+    },
     Dot,
     Square,
     Band(f64),
@@ -24,7 +33,7 @@ pub(super) struct Entry {
 impl Entry {
     fn swatch(&self) -> f64 {
         match self.mark {
-            Mark::Line { .. } => 18.0,
+            Mark::Line { .. } | Mark::Shaped { .. } => 18.0,
             Mark::Band(_) => 12.0,
             Mark::Dot | Mark::Square => 7.0,
         }
@@ -74,6 +83,10 @@ pub(super) fn draw_row(canvas: &mut Canvas, row: &[Entry], mut x: f64, y: f64) {
             }
             Mark::Line { dashed: true, width } => {
                 canvas.dashed(&[(x, middle), (x + swatch, middle)], entry.colour, width, 4.4, 2.4);
+            }
+            Mark::Shaped { shape, width } => {
+                canvas.line(&[(x, middle), (x + swatch, middle)], entry.colour, width);
+                shape::draw(canvas, shape, (x + 0.5 * swatch, middle), entry.colour);
             }
             Mark::Dot => canvas.disc((x + 3.5, middle), 3.5, entry.colour),
             Mark::Square => {

@@ -40,6 +40,7 @@ pub mod model;
 mod path3d;
 mod projection;
 pub mod robot;
+mod shape;
 mod theme;
 
 pub use bars::{Bar, Bars};

@@ -93,6 +93,7 @@ impl Episodes {
                 contact: self.plant.tree().is_some() && self.plant.physics().effects.contact,
                 error: self.error.as_ref().map(|(measure, _)| measure.clone()),
                 weight: self.look.weight,
+                mounts: Vec::new(),
                 ended: None,
             })
         };

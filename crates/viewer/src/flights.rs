@@ -1,9 +1,10 @@
 //! Recordings of closed-loop flights and of falls.
 
 use super::look::Look;
-use super::recording::{Actor, BETWEEN, Ended, Event, MAX_FRAMES, Measure, Moment, Recording};
+use super::recording::{Actor, BETWEEN, Ended, Event, MAX_FRAMES, Measure, Moment, Mount, Recording, View};
 use omnidrones::controllers::{Flight, FlightPlan};
 use omnidrones::dynamics::Plant;
+use omnidrones::dynamics::sensors::{Model, SensorConfig};
 
 /// A flight along its reference: the reference is the target, rotors that fail are told.
 pub fn flight(plant: &Plant, flight: &Flight, plan: &FlightPlan) -> Recording {
@@ -18,6 +19,7 @@ pub fn flight(plant: &Plant, flight: &Flight, plan: &FlightPlan) -> Recording {
         let text = format!("{} {left} at {} s", rotor.name, failure.at);
         recording.events.push(Event { time: failure.at, text, actor: 0, rotor: Some(failure.rotor) });
     }
+    recording.actors[0].mounts = plan.sensors.iter().filter_map(|s| mount(s, &recording.looks[0], plant)).collect();
     let last = recording.n_frame().saturating_sub(1);
     if let Some(at) = flight.diverged_at {
         recording.actors[0].ended = Some(Ended { frame: last, why: format!("diverged at {at:.3} s") });
@@ -28,6 +30,20 @@ pub fn flight(plant: &Plant, flight: &Flight, plan: &FlightPlan) -> Recording {
     }
     recording.remark = format!("{}, {} s", plan.reference.name(), plan.duration);
     recording
+}
+
+/// A sensor on the body that carries it, where that is to be seen.
+fn mount(sensor: &SensorConfig, look: &Look, plant: &Plant) -> Option<Mount> {
+    let first = plant.body_names().into_iter().next();
+    let on = sensor.on.clone().or(first)?;
+    // a vehicle alone is one body
+    let body = look.bodies.iter().position(|body| body.name == on).or((look.n_body() == 1).then_some(0))?;
+    let view = match &sensor.model {
+        Model::Range(range) => Some(View { angle: range.cone, corners: 0, reach: range.farthest }),
+        Model::Flow(flow) => Some(View { angle: flow.aperture, corners: 4, reach: flow.farthest }),
+        _ => None,
+    };
+    Some(Mount { name: sensor.name.clone(), body, position: sensor.position, rotation: sensor.rotation, view })
 }
 
 /// A fall: nobody steers, nothing is wanted.
@@ -51,6 +67,7 @@ fn record(plant: &Plant, flight: &Flight, steered: bool) -> Recording {
         contact: plant.tree().is_some() && plant.physics().effects.contact,
         error: steered.then(|| Measure { name: "distance to the reference".into(), unit: "m".into() }),
         weight: look.weight,
+        mounts: Vec::new(),
         ended: None,
     };
     let errors = log.error_norm();
@@ -78,4 +95,29 @@ pub(crate) fn speeds(plant: &Plant, state: &[f64]) -> Vec<f64> {
 fn still(plant: &Plant) -> Vec<[f64; 3]> {
     let shapes = plant.tree().into_iter().flat_map(|system| system.model().shapes());
     shapes.filter(|s| s.body.is_none()).map(|s| s.shape.position).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use omnidrones::controllers::{FlightPlan, fly_vehicle};
+    use omnidrones::dynamics::{Physics, vehicles};
+
+    #[test]
+    fn a_sensor_sits_where_its_settings_say_and_sees_what_they_say() {
+        let vehicle = vehicles::by_name("crazyflie").unwrap();
+        let plant = Plant::of_vehicle(&vehicle, Physics::default()).unwrap();
+        let mut sensors = SensorConfig::parse_list("range:vl53l1x,flow:pmw3901,imu").unwrap();
+        sensors[0].position = [0.0, 0.01, -0.02];
+        let plan = FlightPlan { duration: 0.1, sensors, ..FlightPlan::default() };
+        let flown = fly_vehicle(&vehicle, &vehicle.gains(), &plan, &mut |_| {}).unwrap();
+        let recording = flight(&plant, &flown, &plan);
+        let [range, flow, imu] = &recording.actors[0].mounts[..] else { panic!("{:?}", recording.actors[0].mounts) };
+        assert_eq!((range.position, range.body), ([0.0, 0.01, -0.02], 0));
+        let view = range.view.unwrap();
+        // 27° and 4 m, as its data sheet says
+        assert!(view.corners == 0 && (view.angle.to_degrees() - 27.0).abs() < 0.1 && view.reach == 4.0, "{view:?}");
+        assert!(flow.view.is_some_and(|view| view.corners == 4) && imu.view.is_none());
+        assert!(recording.to_json()["actors"][0]["mounts"][0]["view"]["reach"] == 4.0);
+    }
 }

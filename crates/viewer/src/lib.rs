@@ -13,6 +13,8 @@
 //! | `episodes.rs` | recordings of the episodes of a task |
 //! | `page.rs` | the HTML file |
 //! | `live.rs` | a page that is served while something flies |
+//! | `foxglove.rs` | schemas that other viewers know, as protobuf; feature `mcap` |
+//! | `mcap.rs` | logs for Foxglove and rerun; feature `mcap` |
 //! | `web/` | the page's script, its styles, and how they are made |
 //!
 //! ```
@@ -31,8 +33,12 @@
 
 mod episodes;
 mod flights;
+#[cfg(feature = "mcap")]
+mod foxglove;
 mod live;
 mod look;
+#[cfg(feature = "mcap")]
+mod mcap;
 mod pack;
 mod page;
 mod recording;
@@ -41,5 +47,7 @@ pub use episodes::{Episodes, goal};
 pub use flights::{fall, flight};
 pub use live::Server;
 pub use look::Look;
+#[cfg(feature = "mcap")]
+pub use mcap::{Track, write_mcap};
 pub use page::page;
-pub use recording::{Actor, Ended, Event, Measure, Moment, Recording};
+pub use recording::{Actor, Ended, Event, Measure, Moment, Mount, Recording, View};

@@ -18,15 +18,15 @@ pub struct Look {
     pub weight: f64,
     /// Number of rotors of all bodies.
     pub rotors: usize,
-    bodies: Vec<BodyLook>,
+    pub(crate) bodies: Vec<BodyLook>,
     /// What stands still in the world.
-    still: Vec<Shape>,
+    pub(crate) still: Vec<Shape>,
 }
 
 /// A body; all lengths in its frame, m.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-struct BodyLook {
-    name: String,
+pub(crate) struct BodyLook {
+    pub name: String,
     /// Number in the plant.
     #[serde(skip)]
     number: usize,
@@ -34,19 +34,19 @@ struct BodyLook {
     drone: Option<usize>,
     /// Whether a joint ties it to a body that carries rotors: a link of a chain, the core of a machine that tilts.
     beside_rotors: bool,
-    solids: Vec<Shape>,
-    struts: Vec<[[f64; 3]; 2]>,
-    rotors: Vec<RotorLook>,
+    pub solids: Vec<Shape>,
+    pub struts: Vec<[[f64; 3]; 2]>,
+    pub rotors: Vec<RotorLook>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
-struct RotorLook {
+pub(crate) struct RotorLook {
     /// Number in the plant.
     number: usize,
-    position: [f64; 3],
-    axis: [f64; 3],
-    radius: f64,
-    spin: f64,
+    pub position: [f64; 3],
+    pub axis: [f64; 3],
+    pub radius: f64,
+    pub spin: f64,
     /// N, by the nominal coefficient.
     max_thrust: f64,
 }
@@ -153,7 +153,7 @@ impl Look {
 }
 
 /// A body's point in the world.
-fn turned(pose: &[f64; 7], [a, b, c]: [f64; 3]) -> [f64; 3] {
+pub(crate) fn turned(pose: &[f64; 7], [a, b, c]: [f64; 3]) -> [f64; 3] {
     let [x, y, z, w, i, j, k] = *pose;
     // v + 2 q × (q × v + w v)
     let t = [2.0 * (j * c - k * b), 2.0 * (k * a - i * c), 2.0 * (i * b - j * a)];

@@ -50,8 +50,37 @@ pub struct Actor {
     pub error: Option<Measure>,
     /// What forces are drawn against, N.
     pub weight: f64,
+    /// Sensors on it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub mounts: Vec<Mount>,
     /// Where it ended before the recording does.
     pub ended: Option<Ended>,
+}
+
+/// Where a sensor sits on a body.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Mount {
+    /// As in the settings.
+    pub name: String,
+    /// Number of the visible body.
+    pub body: usize,
+    /// m, body.
+    pub position: [f64; 3],
+    /// Mount → body, `[w, x, y, z]`.
+    pub rotation: [f64; 4],
+    /// What it sees along −z of the mount, if it looks.
+    pub view: Option<View>,
+}
+
+/// A cone or a pyramid.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct View {
+    /// Full angle across, rad.
+    pub angle: f64,
+    /// Of a picture 4, of a cone 0.
+    pub corners: usize,
+    /// m.
+    pub reach: f64,
 }
 
 /// A name and a unit.
@@ -235,6 +264,7 @@ mod tests {
             contact: false,
             error: None,
             weight: look.weight,
+            mounts: Vec::new(),
             ended: None,
         };
         Recording::new("one", 0.02, vec![look], vec![actor])

@@ -6,6 +6,7 @@ use super::derivatives::Derivatives;
 use super::{Arguments, What};
 use crate::arguments::is_optimal;
 use crate::failure::Story;
+use crate::npz::Npz;
 use crate::page::{Fact, Page, duration, length, plain_facts, short};
 use crate::sheet::{KeyFigures, key_facts, vector};
 use crate::table::{Align, Table, number};
@@ -13,12 +14,12 @@ use crate::{files, progress};
 use omnidrones::controllers::linear::{StepFigures, step_figures};
 use omnidrones::controllers::reference::Hover;
 use omnidrones::controllers::{Flight, FlightPlan, Note, Reference, RotorFailure};
-use omnidrones::dynamics::Plant;
 use omnidrones::dynamics::aero::wind::Wind;
 use omnidrones::dynamics::sensors::SensorConfig;
 use omnidrones::dynamics::tree::{Motion, Multibody};
+use omnidrones::dynamics::{Plant, Quantity};
 use omnidrones::error::Result;
-use omnidrones::flight::{FlightSummary, LOST};
+use omnidrones::flight::{Commanded, FlightSummary, LOST};
 use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::robot::{JointHistory, RobotFigures};
 use serde_json::{Value, json};
@@ -63,7 +64,55 @@ pub(super) fn write(
         }
         spinner.finish_and_clear();
     }
+    if a.npz {
+        let path = folder.join("flight.npz");
+        write_npz(&path, plant, flight)?;
+        written.push(path);
+    }
     Ok(written)
+}
+
+/// Arrays of all samples, with the whole state.
+fn write_npz(path: &Path, plant: &Plant, flight: &Flight) -> Result<()> {
+    let log = &flight.log;
+    let (n, rotors, channels) = (log.len(), log.n_rotor(), log.sensor_channels.len());
+    let quantities = plant.state_quantities();
+    let named = |all: &[Quantity]| all.iter().map(|q| format!("{} [{}]", q.name, q.unit)).collect::<Vec<String>>();
+    Npz::write(path, |npz| {
+        npz.texts("vehicle", &[], &[&log.vehicle])?;
+        npz.numbers("time", &[n], &log.time)?;
+        for (name, rows) in [
+            ("position", &log.position),
+            ("velocity", &log.velocity),
+            ("angular_velocity", &log.angular_velocity),
+            ("reference_position", &log.reference_position),
+            ("reference_velocity", &log.reference_velocity),
+            ("reference_acceleration", &log.reference_acceleration),
+            ("wind", &log.wind),
+        ] {
+            npz.numbers(name, &[n, 3], rows.as_flattened())?;
+        }
+        npz.numbers("attitude", &[n, 4], log.attitude.as_flattened())?;
+        npz.numbers("reference_yaw", &[n], &log.reference_yaw)?;
+        for (name, rows) in
+            [("rotor_speed", &log.rotor_speed), ("rotor_command", &log.rotor_command), ("thrust", &log.thrust)]
+        {
+            npz.numbers(name, &[n, rotors], rows)?;
+        }
+        npz.texts("rotor_names", &[rotors], &plant.rotors().iter().map(|r| &r.name).collect::<Vec<_>>())?;
+        if !log.commanded.is_empty() {
+            let of = |what: fn(&Commanded) -> Vec<f64>| log.commanded.iter().flat_map(what).collect::<Vec<f64>>();
+            npz.numbers("commanded_thrust", &[n], &of(|c| vec![c.thrust]))?;
+            npz.numbers("commanded_attitude", &[n, 4], &of(|c| c.attitude.to_vec()))?;
+            npz.numbers("commanded_angular_velocity", &[n, 3], &of(|c| c.angular_velocity.to_vec()))?;
+        }
+        if channels > 0 {
+            npz.numbers("sensors", &[n, channels], &log.sensor_readings)?;
+            npz.texts("sensors_columns", &[channels], &named(&log.sensor_channels))?;
+        }
+        npz.numbers("state", &[n, quantities.len()], &flight.states)?;
+        npz.texts("state_columns", &[quantities.len()], &named(&quantities))
+    })
 }
 
 /// Angles and rates of all joints, one line per sample.
@@ -156,6 +205,22 @@ impl Flown {
         recording.remark = format!("{}, flown by {}   ·   {rmse}", self.plan.reference.name(), self.controller[0]);
         recording.facts = plain_facts(&self.facts());
         omnidrones_viewer::page(&format!("{}: a flight", self.plant.name()), &[recording])
+    }
+
+    /// The flight for Foxglove and rerun.
+    #[cfg(feature = "mcap")]
+    pub fn write_mcap(&self, path: &Path) -> Result<()> {
+        let (log, flight) = (&self.flight.log, &self.flight);
+        let (columns, values): (Vec<String>, Vec<Vec<f64>>) = log.columns().into_iter().unzip();
+        let n = (flight.states.len() / log.len().max(1)).max(1);
+        let track = omnidrones_viewer::Track {
+            times: log.time.clone(),
+            states: flight.states.chunks_exact(n).map(<[f64]>::to_vec).collect(),
+            goals: log.reference_position.iter().map(|at| vec![*at]).collect(),
+            numbers: (0..log.len()).map(|k| values.iter().map(|column| column[k]).collect()).collect(),
+        };
+        let recording = omnidrones_viewer::flight(&self.plant, flight, &self.plan);
+        crate::trajectories::mcap(path, &self.plant, &recording, &columns, &[track])
     }
 
     /// Simulated over real time.
@@ -331,7 +396,7 @@ impl Flown {
             Ok(n) if n > 0 => format!("{} late", duration(n as f64 * dt)),
             _ => "at once".into(),
         };
-        let note = format!("{} Hz, {late}; {columns} of flight.csv", short(1.0 / every, 4));
+        let note = format!("{} Hz, {late}; {columns} of the log", short(1.0 / every, 4));
         Fact::new(format!("sensor '{}'", sensor.name), format!("{kind}{body}")).note(note)
     }
 

@@ -154,7 +154,7 @@ fn a_flight_records_what_sensors_read() {
     assert!((400..=500).contains(&changes(force)) && changes(fix) == 9); // 471
     let list = [&iris[..], &["imu:mpu6000,barometer:ms5611"]].concat();
     let (page, _) = exits(0, folder.path(), &list);
-    assert!(page.contains("sensor 'barometer'") && page.contains("1 column of flight.csv"), "{page}");
+    assert!(page.contains("sensor 'barometer'") && page.contains("1 column of the log"), "{page}");
     std::fs::write(folder.path().join("lost.toml"), tables.replace("every", "on = \"load\"\nevery")).expect("written");
     for (given, word) in
         [("imu:mpu600", "mpu6000"), ("imi", "magnetometer"), ("none.toml", "none.toml"), ("lost.toml", "Known: iris")]

@@ -42,7 +42,7 @@ const SMALLER: &[(&str, &str, &str)] = &[
 /// Flights farther from their reference than this are lost, m.
 const LOST: f64 = 10.0;
 
-const COMMANDS: [&str; 19] = [
+const COMMANDS: [&str; 20] = [
     "fly",
     "show",
     "models",
@@ -57,6 +57,7 @@ const COMMANDS: [&str; 19] = [
     "train",
     "train-all",
     "eval",
+    "report",
     "replay",
     "view",
     "watch",

@@ -27,7 +27,7 @@ class Viewer {
     this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: !drawnBySoftware(), stencil: true, powerPreference: 'high-performance' })
     this.renderer.setClearColor(SKY)
     this.renderer.setScissorTest(true)
-    this.options = { trails: true, forces: false, reference: true }
+    this.options = { trails: true, forces: false, reference: true, sensors: true }
     this.speed = 1
     this.playing = false
     this.time = 0
@@ -135,6 +135,7 @@ class Viewer {
       t: () => this.toggle('trails'),
       f: () => this.toggle('forces'),
       r: () => this.toggle('reference'),
+      s: () => this.toggle('sensors'),
       i: () => $('about').click(),
     }
     const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key]
@@ -184,6 +185,7 @@ class Viewer {
     $('speed').textContent = `${this.speed}×`
     CAMERAS.forEach((name, i) => $(`camera${i}`).classList.toggle('on', this.cameras.mode === name))
     for (const [what, on] of Object.entries(this.options)) $(what).classList.toggle('on', on)
+    $('sensors').hidden = this.flights.every((f) => f.actors.every((a) => !a.mounts))
     $('drone').hidden = this.stages.every((s) => s.drones.length < 2)
   }
 
@@ -198,6 +200,9 @@ class Viewer {
 
   /** Fewer pixels where pictures take too long. */
   ease(seconds) {
+    // the first ones wait for programs that are compiled
+    this.eased = (this.eased ?? 0) + 1
+    if (this.eased < 40) return
     this.mean = 0.95 * (this.mean ?? 0.016) + 0.05 * Math.min(seconds, 0.2)
     if (this.mean < SLOW || this.plain) return
     this.plain = true

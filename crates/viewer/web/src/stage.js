@@ -1,12 +1,10 @@
 // One flight in space: ground, light, who flies, where they were and are wanted, what pushes them.
 import {
   Box3, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, EqualStencilFunc, Fog, Group, HemisphereLight,
-  IncrementStencilOp, LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Quaternion, Scene, SphereGeometry, TorusGeometry, Vector3,
+  IncrementStencilOp, LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Quaternion, Scene, Vector3,
 } from 'three'
-import { Line2 } from 'three/addons/lines/Line2.js'
-import { LineGeometry } from 'three/addons/lines/LineGeometry.js'
-import { LineMaterial } from 'three/addons/lines/LineMaterial.js'
-import { SHADOWS, Vehicle, arrow, nth, obstacle, point } from './vehicle.js'
+import { Trail } from './trail.js'
+import { Propellers, SHADOWS, Vehicle, arrow, nth, obstacle, point, sensor, target } from './vehicle.js'
 
 /** Ground and sky are one: what covers the whole picture costs most of it where a processor draws. */
 export const SKY = '#e4e9ee'
@@ -50,24 +48,6 @@ function grid() {
   return new LineSegments(geometry, new LineBasicMaterial({ vertexColors: true, fog: false }))
 }
 
-function fatLine(colour, width, more) {
-  const line = new Line2(new LineGeometry(), new LineMaterial({ color: colour, linewidth: width, ...more }))
-  line.frustumCulled = false
-  line.visible = false
-  return line
-}
-
-/** Where the task or the reference wants somebody: a ball in two rings. */
-function target(colour, radius) {
-  const group = new Group()
-  const light = (opacity) => new MeshBasicMaterial({ color: colour, transparent: true, opacity })
-  const ring = () => new Mesh(new TorusGeometry(1.9 * radius, 0.09 * radius, 8, 40), light(0.85))
-  const upright = ring()
-  upright.rotation.x = Math.PI / 2
-  group.add(new Mesh(new SphereGeometry(0.7 * radius, 16, 12), light(0.9)), ring(), upright)
-  return group
-}
-
 class Player {
   constructor(flight, actor, colour, stage) {
     Object.assign(this, { flight, actor, colour })
@@ -84,11 +64,12 @@ class Player {
     })
     const drones = look.bodies.map((b, i) => (b.drone == null ? -1 : i)).filter((i) => i >= 0)
     this.traced = drones.length ? drones : [0]
-    this.trails = this.traced.map((body) => fatLine(this.tint(look.bodies[body].drone ?? 0), 2.5))
-    this.paths = this.goals.map(() => fatLine('#7b8794', 1.6, { dashed: true, dashSize: 0.12, gapSize: 0.09 }))
+    this.trails = this.traced.map((body) => new Trail(this.tint(look.bodies[body].drone ?? 0), 2.5))
+    this.paths = this.goals.map(() => new Trail('#7b8794', 1.6, { dashed: true, dashSize: 0.12, gapSize: 0.09 }))
     this.thrusts = this.vehicle.rotors.map(() => arrow('#0a9396'))
     this.contacts = actor.contact ? look.bodies.map(() => arrow('#c1121f')) : []
-    this.root.add(...this.trails, ...this.paths, ...this.contacts)
+    this.mounts = []
+    this.root.add(...[...this.trails, ...this.paths].map((trail) => trail.line), ...this.contacts)
     this.vehicle.rotors.forEach((r, i) => r.group.add(this.thrusts[i]))
     this.weight = Math.max(actor.weight, 1e-3)
     actor.still.forEach((at, i) => {
@@ -110,14 +91,11 @@ class Player {
   trace() {
     const { flight, actor } = this
     this.traces = flight.frames
-    const lay = (line, last, of) => {
+    const lay = (trail, last, of) => {
       if (last < 1) return
       const places = new Float32Array(3 * (last + 1))
       for (let k = 0; k <= last; k++) of(k).toArray(places, 3 * k)
-      line.geometry.dispose()
-      line.geometry = new LineGeometry().setPositions(places)
-      if (line.material.dashed) line.computeLineDistances()
-      line.visible = true
+      trail.lay(places)
     }
     const end = flight.last(actor)
     this.traced.forEach((body, i) => {
@@ -150,15 +128,16 @@ class Player {
       goal.visible = options.reference
       flight.goal(actor, i, frame, goal.position)
     })
-    this.paths.forEach((path) => (path.visible = options.reference && path.geometry.instanceCount > 0 && path.geometry.instanceCount < Infinity))
+    for (const mount of this.mounts) mount.visible = options.sensors
+    for (const path of this.paths) path.show(options.reference)
     this.contacts.forEach((made, i) => {
       flight.force(actor, i, at, V)
       point(made, vehicle.bodies[i].position, V, options.forces ? Math.min(1.5, V.length() / this.weight) : 0)
     })
-    for (const trail of this.trails) {
-      trail.visible = options.trails && at >= 1
-      trail.geometry.instanceCount = Math.floor(at)
-    }
+    this.trails.forEach((trail, i) => {
+      trail.show(options.trails && at > 0)
+      if (trail.line.visible) trail.upTo(at, vehicle.bodies[this.traced[i]].position)
+    })
     this.dim(Boolean(ended))
   }
 
@@ -172,6 +151,13 @@ class Player {
       material.color.copy(material.userData.own)
       if (lost && material.userData.tinted) material.color.lerp(new Color('#9aa4ae'), 0.8)
     })
+  }
+
+  /** Sensors: when the size of who carries them has been taken. */
+  mount() {
+    const { mounts = [], look } = this.actor
+    this.mounts = mounts.map((mount) => sensor(mount, look.size))
+    mounts.forEach(({ body }, i) => this.vehicle.bodies[body].add(this.mounts[i]))
   }
 
   /** Where drone i is, and how it is turned. */
@@ -197,9 +183,12 @@ export class Stage {
     this.scene.add(grid())
     this.players = flight.actors.map((actor, i) => new Player(flight, actor, nth(i), this))
     for (const player of this.players) this.scene.add(player.root)
+    this.propellers = new Propellers(this.players.map(({ vehicle, root }) => ({ rotors: vehicle.rotors, root })))
+    this.scene.add(this.propellers.group)
     this.drones = this.players.flatMap((player) => player.traced.map((_, i) => [player, i]))
-    this.show(0, { trails: true, forces: false, reference: true }, 0)
+    this.show(0, { trails: true, forces: false, reference: true, sensors: true }, 0)
     this.frameAll()
+    for (const player of this.players) player.mount()
   }
 
   show(time, options, seconds) {
@@ -228,6 +217,7 @@ export class Stage {
 
   /** The picture, then shadows: all bodies once more, laid flat along the light, each pixel darkened once. */
   draw(renderer, camera) {
+    this.propellers.lay()
     renderer.autoClear = true
     this.scene.overrideMaterial = null
     renderer.render(this.scene, camera)

@@ -1,0 +1,146 @@
+//! `omnidrones report`: trained policies as one page: settings, how they learnt, how they fly beside our controllers, a replay.
+
+mod runs;
+mod several;
+
+use super::html::Html;
+use super::page::Page;
+use super::train::compare;
+use super::{Report, files, progress};
+use omnidrones::error::{Error, Result};
+use omnidrones::parallel::Threads;
+use omnidrones::rl::TrainConfig;
+use omnidrones::tasks::Evaluation;
+use omnidrones::tasks::registry::Entry;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// What the command is for.
+pub const ABOUT: &str = "\
+Write what was learnt as one page for a browser or a printer: settings, learning curves, a table beside our controllers, errors \
+over time, and the policy in flight to turn around and look at. Several runs stand side by side. Folders of 'train --seeds', \
+'train --search' and 'train-all' are told as a whole. The page is one file that asks no network for anything.";
+
+const EXAMPLES: &str = "\
+Examples:
+  omnidrones report runs/Hover-apg-s0                      a run, to runs/Hover-apg-s0/report.html
+  omnidrones report runs/Hover-apg-s0 --out mine.html      to another file
+  omnidrones report runs/Hover-apg-s0 --no-replay          without the flight: a small file
+
+A folder of 'train' is a run; two or more are compared: their curves in the same panels, the settings that differ, and up to four \
+flown beside each other under one clock. A folder of 'train --seeds' is told with means and intervals over seeds, one of \
+'train --search' candidate by candidate, one of 'train-all' (or of its rows alone) task by task.
+
+Policies fly now, with the physics of this program, from the starts of their evaluations; our controllers from the first 256 of \
+these. Rows of 'train-all' are told as they were kept, with the commit that trained them.
+
+Exit codes: 0 written; 2 unusable input or arguments.";
+
+/// Arguments of `report`.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = EXAMPLES)]
+pub struct Arguments {
+    /// Folders of 'train', 'train --seeds', 'train --search', 'train-all'
+    #[arg(value_name = "RUN", required = true)]
+    runs: Vec<PathBuf>,
+    /// Do not fly our controllers for comparison
+    #[arg(long)]
+    no_baseline: bool,
+    /// Leave the flight in space out
+    #[arg(long)]
+    no_replay: bool,
+    /// The page [default: report.html in the folder of the run, of several reports.html in that of the first]
+    #[arg(long, value_name = "FILE.html", help_heading = "Output")]
+    out: Option<PathBuf>,
+    /// Replace a file that exists
+    #[arg(long, help_heading = "Output")]
+    force: bool,
+    /// Print one JSON object and nothing else
+    #[arg(long, help_heading = "Output")]
+    json: bool,
+}
+
+/// What a folder is of.
+enum Kind {
+    Run,
+    Seeds,
+    Search,
+    All,
+}
+
+impl Kind {
+    fn of(folder: &Path) -> Self {
+        let holds = |name: &str| folder.join(name).is_file();
+        match () {
+            () if holds("seeds.json") => Self::Seeds,
+            () if holds("search.json") => Self::Search,
+            () if holds("table.json") || !folder.join("checkpoints").is_dir() && several::has_rows(folder) => Self::All,
+            // what is no run at all is told so by who opens it
+            () => Self::Run,
+        }
+    }
+}
+
+/// Writes.
+pub fn run(a: &Arguments) -> Result<Report> {
+    let path = place(a)?;
+    let spinner = progress::spinner("flying", a.json);
+    let telling = Telling { threads: Threads::default(), baselines: !a.no_baseline, replays: !a.no_replay };
+    let kinds: Vec<Kind> = a.runs.iter().map(|folder| Kind::of(folder)).collect();
+    let origins = a.runs.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ");
+    let remark = format!("{origins}; omnidrones {}", env!("CARGO_PKG_VERSION"));
+    let text = if kinds.iter().all(|kind| matches!(kind, Kind::Run)) {
+        let flown = a.runs.iter().map(|folder| runs::Told::of(folder, &telling)).collect::<Result<Vec<_>>>()?;
+        let mut html = Html::new(&runs::title(&flown), &remark);
+        runs::tell(&mut html, &flown)?;
+        html.finish()
+    } else {
+        let mut html = Html::new("What was learnt", &remark);
+        for (folder, kind) in a.runs.iter().zip(&kinds) {
+            several::tell(&mut html, folder, kind, &telling)?;
+        }
+        html.finish()
+    };
+    spinner.finish_and_clear();
+    files::write_new(&path, &text, a.force)?;
+    if a.json {
+        let value = json!({
+            "command": "report",
+            "version": env!("CARGO_PKG_VERSION"),
+            "runs": files::names(&a.runs),
+            "bytes": text.len(),
+            "files": files::names(&[path]),
+        });
+        return Ok(Report::json(&value, true));
+    }
+    let mut page = Page::new();
+    page.title("Report", &origins);
+    page.heading("Written").line(format!("  {}   {} kB", path.display(), text.len() / 1000));
+    Ok(Report::done(page.finish()))
+}
+
+/// Where the page goes; refused before any work where it cannot.
+fn place(a: &Arguments) -> Result<PathBuf> {
+    if let Some(path) = a.out.as_ref().filter(|p| p.extension().is_none_or(|e| !e.eq_ignore_ascii_case("html"))) {
+        let value = format!("'{}'", path.display());
+        return Err(Error::value("page", value, "a name that ends in .html", "Add .html to it."));
+    }
+    let name = if a.runs.len() == 1 { "report.html" } else { "reports.html" };
+    let path = a.out.clone().unwrap_or_else(|| a.runs[0].join(name));
+    files::check_new(&path, a.force)?;
+    Ok(path)
+}
+
+/// How it is told.
+struct Telling {
+    threads: Threads,
+    baselines: bool,
+    replays: bool,
+}
+
+impl Telling {
+    /// Our controller from the first of the same starts, if it is asked for.
+    fn baseline(&self, entry: &Entry, config: &TrainConfig) -> Option<(String, Evaluation)> {
+        self.baselines.then(|| compare(entry, config, &self.threads)).flatten()
+    }
+}
