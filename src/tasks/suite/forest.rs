@@ -78,10 +78,11 @@ settings! {
         reward_up: f64 = 1.0 => ("-", "weight of the term up", NotNegative);
         reward_alive: f64 = 1.0 => ("-", "of every step that does not end", NotNegative);
         reward_safety: f64 = 0.2 => ("-", "weight of the term safety", NotNegative);
+        loss_speed: f64 = 1.8 => ("m/s", "that the loss asks for", Positive);
         loss_pace: f64 = 0.3 => ("s²/m", "weight of the error of the velocity in the loss", NotNegative);
-        loss_clearance: f64 = 3.0 => ("m", "weight of the clearance in the loss", NotNegative);
-        loss_reach: f64 = 0.2 => ("m", "over which it falls by e", Positive);
-        loss_heading: f64 = 0.2 => ("m", "weight of ‖h − n‖² in the loss: beams ahead then look where it goes", NotNegative);
+        loss_clearance: f64 = 4.0 => ("m", "weight of the clearance in the loss", NotNegative);
+        loss_reach: f64 = 0.3 => ("m", "over which it falls by e", Positive);
+        loss_heading: f64 = 0.3 => ("m", "weight of ‖h − n‖² in the loss: beams ahead then look where it goes", NotNegative);
         loss_up: f64 = 0.1 => ("m", "weight of ‖e_z − u‖² in the loss", NotNegative);
         loss_rate: f64 = 0.005 => ("m s²/rad²", "weight of the angular velocity in the loss", NotNegative);
     }
@@ -294,10 +295,10 @@ impl Task for Forest {
     fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
         let (drone, own, error) = (view.drone(0), &self.settings, Self::error(view));
         // a second before the target it slows down
-        let slow = S::constant(own.speed * own.speed);
-        let pace = S::constant(own.speed) * (safe::squared_norm(error) + slow).sqrt().recip();
+        let slow = S::constant(own.loss_speed * own.loss_speed);
+        let pace = S::constant(own.loss_speed) * (safe::squared_norm(error) + slow).sqrt().recip();
         loss.add(
-            "{×loss_pace}h₅(v − v_t), v_t = {speed} m/s (p_t − p)/√(d² + ({speed} m)²)",
+            "{×loss_pace}h₅(v − v_t), v_t = {loss_speed} m/s (p_t − p)/√(d² + ({loss_speed} m)²)",
             speed_cost(own.loss_pace, sub(drone.velocity, scale(pace, error))),
         );
         let clearance = self.clearance(view).max(S::constant(-0.2));
