@@ -13,6 +13,9 @@ const NARROW: f64 = 2.0;
 /// m.
 const WIDE: f64 = 0.4;
 
+/// Corners that are looked ahead at once.
+const AHEAD: usize = 24;
+
 /// A circle that is to be kept away from: x, y, and the least distance from there, m.
 pub(super) type Circle = [f64; 3];
 
@@ -146,7 +149,7 @@ fn shortened(corners: &[[f64; 2]], circles: &[Circle]) -> Vec<[f64; 2]> {
             own.clamp(0.0, 0.5 * WIDE)
         };
         let straight = |to: &usize| clearance_between(corners[at], corners[*to], circles) >= least(*to);
-        at = (at + 1..corners.len()).take_while(straight).last().unwrap_or(at + 1);
+        at = (at + 1..corners.len()).take(AHEAD).take_while(straight).last().unwrap_or(at + 1);
         kept.push(corners[at]);
     }
     kept
