@@ -1,12 +1,15 @@
 //! Energy, momentum, mass matrix, poses and Jacobians of an articulated system.
 
+use super::aba::accelerate;
 use super::contact_loads::{self, Friction};
 use super::kinematics::forward;
+use super::loads;
 use super::model::{Frame, Model, Motion};
 use super::multibody::Multibody;
 use super::parameters::{ParameterView, Source, at, link_parameters};
-use super::scratch::{BodyScratch, scratch_on_stack};
+use super::scratch::{BodyScratch, Scratch, scratch_on_stack};
 use super::topology::{Kind, Topology, joined};
+use super::torque::{Drives, Pass};
 use crate::autodiff::Scalar;
 use crate::dynamics::rigid::full;
 use crate::dynamics::spatial::*;
@@ -135,7 +138,8 @@ pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     energy
 }
 
-/// Net contact force on every body, N, world: zero without the effect `contact`.
+/// Net contact force on every body, N, world: zero without the effect `contact`. Friction that sticks is what the next substep
+/// would hold, with rotors at their speeds and drives where they are; all else is the law at this state.
 pub fn contact_forces<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Vec3<S>> {
     contact_forces_with(system, system.parameters(), state)
 }
@@ -144,11 +148,42 @@ pub fn contact_forces<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<Vec3<S>
 pub(crate) fn contact_forces_with<S: Scalar>(system: &Multibody, numbers: &[f64], state: &[S]) -> Vec<Vec3<S>> {
     let (t, numbers) = (system.topology(), Source::Constants(numbers));
     scratch_on_stack!(scratch, t, S);
+    let friction = if t.sticks { grip(system, numbers, state, &mut scratch) } else { Friction::Explicit };
     forward(t, numbers, state, scratch.bodies);
     if t.effects.contact {
-        contact_loads::apply(t, numbers, Friction::Explicit, scratch.bodies);
+        contact_loads::apply(t, numbers, friction, scratch.bodies);
     }
     scratch.bodies[..t.n_body()].iter().map(|b| b.contact).collect()
+}
+
+/// Finds the friction that a substep from this state would hold.
+fn grip<S: Scalar, P: ParameterView<S>>(
+    system: &Multibody,
+    numbers: P,
+    state: &[S],
+    scratch: &mut Scratch<'_, S>,
+) -> Friction {
+    let (t, h) = (system.topology(), system.physics().grid().substep);
+    let mut input = vec![S::zero(); t.n_input];
+    for (r, rotor) in system.model().rotors().iter().enumerate() {
+        let share = state[t.rotor_speed[r]] * S::constant(1.0 / rotor.rotor.max_speed);
+        input[t.rotor_action[r]] = S::constant(2.0).mul_add(share.square(), -S::one());
+    }
+    for link in &t.links[..t.n_body()] {
+        if let Some(servo) = link.drive.as_ref().filter(|servo| servo.holds_position) {
+            input[servo.command] = (state[link.position] - S::constant(servo.center)) * S::constant(1.0 / servo.range);
+        }
+    }
+    let friction = Friction::Sampled(h);
+    loads::prepare_rotors(t, numbers, &input, scratch.rotors);
+    loads::start_rotors(t, numbers, h, state, scratch.rotors);
+    forward(t, numbers, state, scratch.bodies);
+    loads::hold_wakes(t, scratch.bodies, scratch.rotors);
+    loads::apply(t, numbers, &input, friction, scratch.bodies, scratch.rotors);
+    let pass = Pass { implicit: 0.0, drives: Drives::Sampled(h), friction };
+    accelerate(t, numbers, state, &input, pass, scratch.bodies, scratch.rate);
+    contact_loads::settle(t, numbers, h, scratch.bodies);
+    Friction::Held(h)
 }
 
 /// Two shapes, or a shape and the ground, and the signed distance between them.

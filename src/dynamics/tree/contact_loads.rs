@@ -11,7 +11,7 @@
 //! by μ F_n: one factor for all of them, since forces that are cut one by one could drive. So their sum never exceeds
 //! Σ μ F_n, and where all slip alike each obeys Coulomb. Never steeper than 1/h in the velocity, it is stable for any
 //! v_s, does not turn slip around, and never exceeds μ F_n. Between two bodies that both move it stays explicit, at a slip
-//! speed that the stages resolve.
+//! speed that the stages resolve, 0.1 m/s at least.
 
 use super::parameters::{ParameterView, contact_parameters, static_parameters};
 use super::scratch::{Articulated, BodyScratch};
@@ -23,6 +23,9 @@ use crate::dynamics::contact::pairs::{
 use crate::dynamics::contact::{Contact, ContactMaterial, Material, force};
 use crate::dynamics::rigid::symmetric;
 use crate::dynamics::spatial::*;
+
+/// Least slip speed between two bodies that both move, m/s: what sticks to what moves is not resolved.
+const LEAST_SLIP: f64 = 0.1;
 
 /// How an evaluation treats friction against what stands still.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -170,6 +173,9 @@ fn touch<S: Scalar>(
                 return;
             }
             let mut material = *material;
+            if first.is_some() && second.is_some() {
+                material.slip_speed = material.slip_speed.max(S::constant(LEAST_SLIP));
+            }
             if let Friction::Sampled(step) | Friction::Held(step) = friction {
                 material.slip_speed = material.slip_speed.max(S::constant(force::RESOLVED * step));
             }
