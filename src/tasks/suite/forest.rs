@@ -322,9 +322,7 @@ impl Task for Forest {
         let side = 0.5 * self.settings.width - reach;
         let bounds = [[from[0].min(to[0]) - 1.0, -side], [from[0].max(to[0]), side]];
         let yaw = view.drone(0).yaw();
-        let Some(path) = clear_path([from[0], from[1]], [to[0], to[1]], bounds, &circles) else {
-            return Some(TaskReference::way(&view.drone(0), to, yaw, 1.0));
-        };
+        let path = clear_path([from[0], from[1]], [to[0], to[1]], bounds, &circles).unwrap_or_default();
         let way: f64 = path.windows(2).map(|pair| safe::norm(sub2(pair[1], pair[0]))).sum();
         let (mut gone, mut points) = (0.0, Vec::with_capacity(path.len()));
         for (i, at) in path.iter().enumerate() {
@@ -333,7 +331,8 @@ impl Task for Forest {
             let position = [at[0], at[1], from[2] + share * (to[2] - from[2])];
             points.push(Waypoint { time: gone / (STEADY * self.settings.speed), position, yaw });
         }
-        Waypoints::new(points).ok().map(|way| TaskReference::one(Reference::Waypoints(way)))
+        let straight = || TaskReference::way(&view.drone(0), to, yaw, 1.0);
+        Some(Waypoints::new(points).map_or_else(|_| straight(), |way| TaskReference::one(Reference::Waypoints(way))))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {
