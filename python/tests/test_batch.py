@@ -241,3 +241,11 @@ def test_nothing_warns():
         env.reset(0)
         env.step(env.sample(0))
         assert "Hover" in repr(env) and "Hover" in repr(env.spec)
+
+
+def test_sensors_of_a_configuration_stand_behind_the_observation():
+    plain = omnidrones.make("Hover", 3)
+    seen = omnidrones.make("Hover", 3, sensor=[{"name": "imu", "kind": "imu"}])
+    assert seen.spec.n_observation == plain.spec.n_observation + 6
+    assert omnidrones.make("Forest", 1).config["sensor"][0]["kind"] == "lidar"
+    assert omnidrones.make("Forest", 1, sensor=[]).config["sensor"] == []

@@ -22,7 +22,7 @@ const MAX_MIXING: f64 = 0.5;
 /// Largest size of any other figure, SI.
 const MAX_FIGURE: f64 = 1e9;
 /// Numbers that a latency may hold back.
-const MAX_HELD: usize = 1 << 16;
+const MAX_HELD: usize = 1 << 20;
 
 /// A number for all axes or one for each.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

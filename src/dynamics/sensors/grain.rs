@@ -23,7 +23,7 @@ impl Grain {
 
     /// 64 bits of number `i`: SplitMix64 (Steele, Lea and Flood 2014) at the i-th state from the key.
     fn bits(self, i: usize) -> u64 {
-        let z = self.key.wrapping_add(STRIDE.wrapping_mul(i as u64 + 1));
+        let z = self.key.wrapping_add(STRIDE.wrapping_mul((i as u64).wrapping_add(1)));
         let z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
         z ^ z >> 31
