@@ -65,14 +65,14 @@ impl ContactMaterial {
     }
 
     /// What acts between a body of this material and one of another: stiffnesses k₁ and k₂ as springs in series, doubled, so
-    /// that equals leave it as it is; the mean dissipation; √(μ₁ μ₂); the larger slip speed.
+    /// that equals leave it as it is; the mean dissipation; √(μ₁ μ₂); the lesser slip speed, so that it is enough for one of them to hold.
     #[must_use]
     pub fn against(&self, other: &Self) -> Self {
         Self {
             stiffness: 2.0 * self.stiffness * other.stiffness / (self.stiffness + other.stiffness),
             dissipation: 0.5 * (self.dissipation + other.dissipation),
             friction: (self.friction * other.friction).sqrt(),
-            slip_speed: self.slip_speed.max(other.slip_speed),
+            slip_speed: self.slip_speed.min(other.slip_speed),
         }
     }
 
