@@ -72,9 +72,9 @@ impl Rays {
     pub fn aim(&mut self, directions: &[Vec3<f64>]) -> Result<()> {
         check(directions.len())?;
         for (i, d) in directions.iter().enumerate() {
-            finite(&format!("rays: direction {i}"), d)?;
             let length = norm(d);
             if !(1e-6..=1e6).contains(&length) {
+                finite(&format!("rays: direction {i}"), d)?;
                 let remedy = "Any vector along the ray will do.";
                 return Err(Error::value(format!("rays: length of direction {i}"), length, "1e-6 to 1e6", remedy));
             }
