@@ -20,7 +20,9 @@ fn column(flight: &Flight, name: &str) -> Vec<f64> {
 
 #[test]
 fn sensors_without_errors_read_the_flight_as_it_was() {
-    let list = KINDS.iter().map(|kind| SensorConfig::new(kind.name, kind.ideal())).collect();
+    // a vehicle alone touches nothing
+    let kinds = KINDS.iter().filter(|kind| kind.name != "contact");
+    let list = kinds.map(|kind| SensorConfig::new(kind.name, kind.ideal())).collect();
     let flight = flown(list, 0);
     let log = &flight.log;
     let axes = |name: &str| ["x", "y", "z"].map(|axis| column(&flight, &format!("{name}_{axis}")));
@@ -51,10 +53,18 @@ fn sensors_without_errors_read_the_flight_as_it_was() {
     assert!((force[2][0] - 9.81).abs() < 0.2, "{}", force[2][0]);
 }
 
+/// 65 536 columns of a flight take half a gigabyte.
+fn is_small(sensor: &SensorConfig) -> bool {
+    sensor.model.channels().len() <= 4096
+}
+
 #[test]
 fn readings_are_late_rare_and_repeatable_and_do_not_disturb_the_flight() {
-    let list: Vec<SensorConfig> =
-        presets::REGISTRY.iter().map(|p| SensorConfig::of_preset(format!("{}.{}", p.kind, p.name), p)).collect();
+    let list: Vec<SensorConfig> = presets::REGISTRY
+        .iter()
+        .map(|p| SensorConfig::of_preset(format!("{}.{}", p.kind, p.name), p))
+        .filter(is_small)
+        .collect();
     let (first, again, other) = (flown(list.clone(), 5), flown(list.clone(), 5), flown(list, 6));
     assert_eq!(first.log.sensor_readings, again.log.sensor_readings);
     assert_ne!(first.log.sensor_readings, other.log.sensor_readings);

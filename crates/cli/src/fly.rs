@@ -177,7 +177,8 @@ pub struct Arguments {
     ///
     /// Kinds and presets, without which a sensor has no errors:
     ///   imu (adis16448, mpu6000, bmi088), magnetometer (pegasus), barometer (px4, ms5611),
-    ///   gnss (single_point), motion_capture (optical), range (vl53l1x), flow (pmw3901)
+    ///   gnss (single_point), motion_capture (optical), range (vl53l1x), flow (pmw3901),
+    ///   contact (where something touches), lidar (omnidrones, os0, mid360), camera (d435, diffphysdrone)
     /// A file says more (docs/sensors.md):
     ///   [[sensor]]
     ///   name = "imu"                     # its noise depends on it and on --seed

@@ -3,7 +3,7 @@
 //! Both look along −z of their mount: with the rotation [1, 0, 0, 0] straight down from a level body. They see the plane z =
 //! `ground`, in closed form; a range finder also what stands in its way.
 
-use super::cast::{self, Rays};
+use super::cast::{self, GROUND, Rays};
 use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
 use super::mount::Motion;
@@ -127,9 +127,10 @@ impl RangeDevice {
     /// The nearest of all that is in the cone, m; infinite where there is nothing.
     fn nearest(&self, at: &Motion, sight: &mut Sight<'_>) -> f64 {
         let pose = Pose { position: at.position, attitude: at.attitude };
-        let most = self.rays.range().most;
-        let ranges = sight.rays(&self.rays, &pose).ranges.iter().map(|d| f64::from(*d));
-        ranges.filter(|d| *d < most).fold(self.distance(at), f64::min)
+        let seen = sight.rays(&self.rays, &pose);
+        // the ground is known in closed form
+        let solid = seen.ranges.iter().zip(seen.ids).filter(|(_, id)| **id > GROUND);
+        solid.map(|(d, _)| f64::from(*d)).fold(self.distance(at), f64::min)
     }
 
     /// The nearest ground in the cone, m; infinite where there is none in it.
