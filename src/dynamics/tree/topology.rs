@@ -115,6 +115,7 @@ pub(crate) struct Feature {
 
 /// Points in the body's frame, or about a still shape's position.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a few per model, read where they lie")]
 pub(crate) enum Form {
     Sphere([f64; 3]),
     Capsule([[f64; 3]; 2]),

@@ -65,7 +65,7 @@ impl Ord for Open {
 
 impl Grid {
     fn new([low, high]: [[f64; 2]; 2], circles: &[Circle]) -> Self {
-        let n = [0, 1].map(|k| ((high[k] - low[k]) / CELL).max(0.0).min(4000.0) as usize + 1);
+        let n = [0, 1].map(|k| ((high[k] - low[k]) / CELL).clamp(0.0, 4000.0) as usize + 1);
         let mut grid = Self { low, n, cost: Vec::new() };
         grid.cost = (0..n[0] * n[1])
             .map(|cell| {

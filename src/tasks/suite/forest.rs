@@ -353,9 +353,9 @@ impl Forest {
         for _ in 0..20 {
             let share = start.reset.unit();
             let place = [0, 1, 2].map(|i| from[i] + share * (to[i] - from[i]));
-            let trunks = start.goal[3..].chunks_exact(2).zip(&self.radii);
+            let mut trunks = start.goal[3..].chunks_exact(2).zip(&self.radii);
             let free = |(at, radius): (&[f64], &f64)| (at[0] - place[0]).hypot(at[1] - place[1]) > radius + CLEAR;
-            if trunks.map(free).all(|free| free) {
+            if trunks.all(free) {
                 return place;
             }
         }
