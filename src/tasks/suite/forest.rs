@@ -12,14 +12,12 @@
 //!   count. The term safety is of the clearance, not of the mean beam.
 //! - DIFFERENCE: the term progress falls no further than its bound is high.
 
-use super::clear_path::clear_path;
 use super::obstacles::rounded;
 use super::{
     StartAttitude, StartRange, farther, latch, less, made_of, more, nearer, rate_cost, speed_cost, squared,
     succeeds_once, times,
 };
 use crate::autodiff::{Mask, Scalar, safe};
-use crate::controllers::reference::{Reference, Waypoint, Waypoints};
 use crate::dynamics::scene::{self, Scene};
 use crate::dynamics::shape::{Geometry, Pose};
 use crate::dynamics::spatial::{Vec3, constants, scale, sub};
@@ -31,7 +29,7 @@ use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::upright;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::task::{Start, Task, View};
 
 /// Most trunks of a forest.
 const MAX_TRUNKS: usize = 256;
@@ -41,10 +39,6 @@ const ELSEWHERE: f64 = -1000.0;
 const REACH: f64 = 10.0;
 /// Between which clearances the term safety is one of them, m.
 const SAFETY: [f64; 2] = [0.05, 4.0];
-/// More than its own reach that a controller keeps from trunks, m.
-const ROOM: f64 = 0.08;
-/// Share of the rewarded speed that a controller flies at.
-const STEADY: f64 = 0.85;
 /// Behind the start and beyond the target the corridor goes on, m.
 const MARGIN: f64 = 2.0;
 
@@ -311,30 +305,6 @@ impl Task for Forest {
         loss.add("{×loss_rate}h₁₀(ω)", rate_cost(own.loss_rate, drone.angular_velocity));
     }
 
-    /// Along a path that keeps away from all trunks, at a steady pace: by a controller that knows where they stand. Straight ahead
-    /// where there is none.
-    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
-        let (from, to) = (view.drone(0).position, view.goal.array::<3>(0));
-        let reach = self.bars.iter().flat_map(|bar| bar.ends.map(|end| safe::norm(end) + bar.radius));
-        let reach = reach.fold(0.0, f64::max) + ROOM;
-        let circle = |i: usize| [view.goal.get(3 + 2 * i), view.goal.get(4 + 2 * i), self.radii[i] + reach];
-        let circles: Vec<_> = (0..self.radii.len()).map(circle).collect();
-        let side = 0.5 * self.settings.width - reach;
-        let bounds = [[from[0].min(to[0]) - 1.0, -side], [from[0].max(to[0]), side]];
-        let yaw = view.drone(0).yaw();
-        let path = clear_path([from[0], from[1]], [to[0], to[1]], bounds, &circles).unwrap_or_default();
-        let way: f64 = path.windows(2).map(|pair| safe::norm(sub2(pair[1], pair[0]))).sum();
-        let (mut gone, mut points) = (0.0, Vec::with_capacity(path.len()));
-        for (i, at) in path.iter().enumerate() {
-            gone += if i > 0 { safe::norm(sub2(*at, path[i - 1])) } else { 0.0 };
-            let share = gone / way.max(1e-9);
-            let position = [at[0], at[1], from[2] + share * (to[2] - from[2])];
-            points.push(Waypoint { time: gone / (STEADY * self.settings.speed), position, yaw });
-        }
-        let straight = || TaskReference::way(&view.drone(0), to, yaw, 1.0);
-        Some(Waypoints::new(points).map_or_else(|_| straight(), |way| TaskReference::one(Reference::Waypoints(way))))
-    }
-
     fn ideal(&self, start: &mut Start<'_>) {
         self.set_goal(start, [self.settings.length, 0.0, 2.0], 0);
         start.place(0, [0.5 * self.settings.length, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]);
@@ -361,10 +331,6 @@ impl Forest {
         }
         from
     }
-}
-
-fn sub2(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
-    [a[0] - b[0], a[1] - b[1]]
 }
 
 /// Starts among trunks are no nearer to them, m.
