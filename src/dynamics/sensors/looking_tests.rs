@@ -279,7 +279,7 @@ fn at_rest_forces_of_contact_sum_to_the_weight() {
     }
     let weight = vehicle.mass_properties().mass * 9.81;
     // turned by half a turn about x, its z axis looks down; idle rotors still lift a little
-    assert!((sum[2] / -weight - 1.0).abs() < 0.01 && sum[3] == 1.0, "{sum:?} {weight}");
+    assert!((sum[2] / -weight - 1.0).abs() < 0.01 && sum[3] > 0.999, "{sum:?} {weight}");
     state[2] += 1.0;
     assert_eq!(aboard.read(&state, &state), [0.0, 0.0, 0.0, 0.0]);
 }
