@@ -111,7 +111,7 @@ fn list(config: &EnvConfig, as_json: bool) -> Result<Report> {
                 spec.n_observation.to_string(),
                 spec.action.len().to_string(),
                 spec.horizon.to_string(),
-                short(spec.reward_bound, 4),
+                short(spec.reward_bound, 3),
                 entry.description.to_string(),
             ]);
         }
