@@ -255,7 +255,7 @@ fn controllers_tick_without_allocating() {
         let mut fly = |ticks: std::ops::Range<u32>| {
             let mut count = 0;
             for k in ticks {
-                let seen = Measurement { time: f64::from(k) * physics.dt, state: &state };
+                let seen = Measurement { time: f64::from(k) * physics.dt, state: &state, readings: &[] };
                 count += allocations(|| own.tick(seen, Target::level(&reference), &mut commands));
                 plant.step(&state, &commands, &[], &mut next);
                 std::mem::swap(&mut state, &mut next);

@@ -3,8 +3,10 @@
 //! ```text
 //! target ─▶ controller ─▶ (+) ─▶ latency ─▶ plant ─▶ state
 //!              ▲           ▲ plant input      ▲         │
-//!              └── (+) ◀── │ ───── wind, force, moment ─┤
-//!                   ▲ plant output                      ▼
+//!              ├── (+) ◀── │ ───── wind, force, moment ─┤
+//!              │    ▲ plant output                      │
+//!              └── sensors ◀────────────────────────────┤
+//!                                                       ▼
 //! ```
 //!
 //! The plant is the truth; what the controller believes about it is what the controller was built for.
@@ -15,6 +17,7 @@ use super::cascade_law::CascadeLaw;
 use super::controller::{Controller, Measurement, Target};
 use super::law::{ControlLaw, Moment, Running};
 use crate::autodiff::{Scalar, System};
+use crate::dynamics::sensors::{Aboard, SensorConfig};
 use crate::dynamics::{Disturbance, Gains, Physics, Plant, Vehicle};
 use crate::error::{Error, Result};
 use std::collections::VecDeque;
@@ -83,6 +86,7 @@ struct Run {
     applied: Vec<f64>,
     line: VecDeque<Vec<f64>>,
     seen: Vec<f64>,
+    sensors: Option<(Aboard, u64)>,
     /// The plant as it is by now, where rotors failed.
     damaged: Option<Plant>,
     health: Vec<f64>,
@@ -123,6 +127,7 @@ impl<C: Controller> ClosedLoop<C> {
             applied: vec![0.0; hover.len()],
             line: VecDeque::new(),
             seen: Vec::new(),
+            sensors: None,
             damaged: None,
             health: whole.clone(),
             known: whole,
@@ -152,6 +157,24 @@ impl<C: Controller> ClosedLoop<C> {
         self.latency = steps;
         self.run.line = self.fresh_line();
         Ok(self)
+    }
+
+    /// Sensors on the plant's bodies, which draw from `seed`: the controller is given what they read beside the state. Of
+    /// [`advance`](Self::advance) alone. The first accelerations of a flight are those under the commands of hover, for nobody
+    /// has commanded yet; all others are means over the step before.
+    ///
+    /// # Errors
+    /// As [`Aboard::new`].
+    pub fn with_sensors(mut self, configs: &[SensorConfig], seed: u64) -> Result<Self> {
+        let mut sensors = Aboard::new(configs, &self.plant)?;
+        sensors.reset(seed, 0, 0);
+        self.run.sensors = (!configs.is_empty()).then_some((sensors, seed));
+        Ok(self)
+    }
+
+    /// Its sensors, which tell what they read last.
+    pub fn sensors(&self) -> Option<&Aboard> {
+        self.run.sensors.as_ref().map(|(sensors, _)| sensors)
     }
 
     /// Rotors that fail on the way; the controller is told so much later, s. Of [`advance`](Self::advance) alone: as a
@@ -200,6 +223,9 @@ impl<C: Controller> ClosedLoop<C> {
         (self.run.health, self.run.known) = (whole.clone(), whole);
         self.run.said.fill(0.0);
         self.run.line = self.fresh_line();
+        if let Some((sensors, seed)) = &mut self.run.sensors {
+            sensors.reset(*seed, 0, 0);
+        }
     }
 
     fn fresh_line(&self) -> VecDeque<Vec<f64>> {
@@ -216,6 +242,7 @@ impl<C: Controller> ClosedLoop<C> {
     pub fn advance(&mut self, state: &[f64], target: Target<'_>, outside: &Outside, next: &mut [f64]) -> Result<()> {
         let dt = self.plant.physics().dt;
         self.fail((self.run.step as f64 + 1e-6) * dt)?; // times are multiples of dt up to rounding
+        self.sense(state, outside, next);
         let run = &mut self.run;
         if run.step.is_multiple_of(self.every) {
             let time = run.step as f64 * dt;
@@ -224,7 +251,8 @@ impl<C: Controller> ClosedLoop<C> {
                 run.seen = add(state, &outside.at_output);
                 seen = &run.seen;
             }
-            self.controller.tick(Measurement { time, state: seen }, target, &mut run.said);
+            let readings = run.sensors.as_ref().map_or(&[][..], |(sensors, _)| sensors.readings());
+            self.controller.tick(Measurement { time, state: seen, readings }, target, &mut run.said);
         }
         let mut given: Vec<f64> = self.commands.iter().map(|k| run.said[*k]).collect();
         if !outside.at_input.is_empty() {
@@ -238,9 +266,29 @@ impl<C: Controller> ClosedLoop<C> {
             outside.air.write(&mut run.applied[*first..]);
         }
         run.step += 1;
-        let theta = if self.plant.n_parameter() > 0 { self.present().parameters() } else { Vec::new() };
-        self.run.damaged.as_ref().unwrap_or(&self.plant).step(state, &self.run.applied, &theta, next);
+        self.move_on(state, &self.run.applied, next);
         Ok(())
+    }
+
+    fn move_on(&self, state: &[f64], input: &[f64], next: &mut [f64]) {
+        let theta = if self.plant.n_parameter() > 0 { self.present().parameters() } else { Vec::new() };
+        self.present().step(state, input, &theta, next);
+    }
+
+    /// Reads the sensors; `next` is written over in the first step.
+    fn sense(&mut self, state: &[f64], outside: &Outside, next: &mut [f64]) {
+        if self.run.sensors.is_none() {
+            return;
+        }
+        if self.run.step == 0 {
+            let mut input = vec![0.0; self.plant.n_input()];
+            self.commands.iter().zip(&self.hover).for_each(|(k, command)| input[*k] = *command);
+            self.disturbances.iter().for_each(|first| outside.air.write(&mut input[*first..]));
+            self.move_on(state, &input, next);
+        }
+        if let Some((sensors, _)) = &mut self.run.sensors {
+            sensors.read(state, next);
+        }
     }
 
     fn fail(&mut self, time: f64) -> Result<()> {

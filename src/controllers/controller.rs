@@ -17,6 +17,8 @@ pub struct Measurement<'a> {
     pub time: f64,
     /// Of the whole plant, in its layout: the truth, unless a [`ClosedLoop`](super::ClosedLoop) puts something between.
     pub state: &'a [f64],
+    /// What the sensors of the loop read, in the order of their channels; empty without any.
+    pub readings: &'a [f64],
 }
 
 /// What a controller is to do: all of the reference, so that it may look ahead.

@@ -229,13 +229,12 @@ pub fn fly_from(
     let mut log = FlightLog::new(plant.name(), &speeds);
     let mut system = ClosedLoop::new(plant.clone(), controller)?
         .with_failures(&plan.failures, plan.detection_delay)?
-        .with_latency(plan.latency)?;
+        .with_latency(plan.latency)?
+        .with_sensors(&plan.sensors, plan.seed)?;
     let mut wind = WindState::new(plan.wind.clone(), Stream::new(plan.seed, 0, 0, Purpose::WIND))?;
     let target = Target { reference: &plan.reference, tilt: &plan.tilt };
     let mut outside = Outside::none();
-    let mut sensors = Aboard::new(&plan.sensors, plant)?;
-    sensors.reset(plan.seed, 0, 0);
-    log.sensor_channels = sensors.channels();
+    log.sensor_channels = system.sensors().map_or_else(Vec::new, Aboard::channels);
 
     let (mut x, mut next) = (state.to_vec(), state.to_vec());
     let (mut states, mut memory) = (Vec::new(), Vec::new());
@@ -250,7 +249,7 @@ pub fn fly_from(
         system.advance(&x, target, &outside, &mut next)?;
         record(&mut log, &system, time, &x, &target.sample(time), outside.air.wind)?;
         log.commanded.extend(system.controller().commanded());
-        log.sensor_readings.extend_from_slice(sensors.read(&x, &next));
+        log.sensor_readings.extend_from_slice(system.sensors().map_or(&[], Aboard::readings));
         if holds_tilt {
             log.asked_angles.push(to_euler(from_matrix(target.orientation(time).attitude)));
         }

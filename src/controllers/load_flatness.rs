@@ -118,7 +118,7 @@ mod tests {
             let bar = [0, 1, 2].map(|i| -lever * poses[2].rotation[i][2]);
             let wanted = way.load(time).position;
             worst = worst.max(safe::norm([0, 1, 2].map(|i| x[i] + bar[i] - wanted[i])));
-            lqr.tick(Measurement { time, state: &x }, Target::level(&reference), &mut input);
+            lqr.tick(Measurement { time, state: &x, readings: &[] }, Target::level(&reference), &mut input);
             system.step(&x, &input, &[], &mut next);
             std::mem::swap(&mut x, &mut next);
         }

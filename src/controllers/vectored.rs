@@ -510,7 +510,7 @@ impl Controller for Vectored {
     }
 
     fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, input: &mut [f64]) {
-        let Measurement { time, state } = seen;
+        let Measurement { time, state, .. } = seen;
         let own = self.tracked(state);
         let [velocity, attitude, rate] = self.schedule.ticks(self.held.step).map(|tick| tick > 0.5);
         self.held.step += 1;

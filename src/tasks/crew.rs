@@ -73,7 +73,7 @@ impl Crew {
             }
             Self::Joined(one) => {
                 let target = Target { reference: &references[0], tilt: &wanted.tilt };
-                one.tick(Measurement { time, state }, target, input);
+                one.tick(Measurement { time, state, readings: &[] }, target, input);
             }
             Self::Nobody => {}
         }

@@ -1,9 +1,13 @@
 //! What sensors read along a flight: the truth where they have no errors, late and rarely as told, in columns of its file.
 
-use omnidrones::controllers::{Flight, FlightPlan, Setup, default_controller, fly, fly_vehicle};
-use omnidrones::dynamics::sensors::{KINDS, SensorConfig, presets};
+use omnidrones::controllers::{
+    ClosedLoop, Controller, Flight, FlightPlan, Measurement, Outside, Setup, Target, default_controller, fly,
+    fly_vehicle,
+};
+use omnidrones::dynamics::sensors::{Aboard, KINDS, SensorConfig, presets};
 use omnidrones::dynamics::spatial::{rotate_back, up_axis};
 use omnidrones::dynamics::{Physics, Plant, configurations, vehicles};
+use std::iter;
 
 fn flown(sensors: Vec<SensorConfig>, seed: u64) -> Flight {
     let hummingbird = vehicles::hummingbird::vehicle();
@@ -112,4 +116,71 @@ fn a_sensor_sits_on_any_body_of_a_configuration() {
     plan.sensors[1].on = Some("lood".into());
     let refused = fly(&plant, &mut controller, &plan, &mut |_| {}).map(drop).unwrap_err().to_string();
     assert!(refused.contains("body") && refused.contains("'lood'"), "{refused}");
+}
+
+/// A controller that is shown what sensors read in place of the state: position and attitude of motion capture, velocity of a
+/// receiver, rates of a gyroscope.
+struct Blindfold<C> {
+    inside: C,
+    state: Vec<f64>,
+    /// Of the state's numbers, which reading each is.
+    from: Vec<(usize, usize)>,
+}
+
+impl<C: Controller> Controller for Blindfold<C> {
+    fn name(&self) -> &str {
+        "blindfold"
+    }
+    fn reset(&mut self) {
+        self.inside.reset();
+    }
+    fn tick(&mut self, seen: Measurement<'_>, target: Target<'_>, commands: &mut [f64]) {
+        self.from.iter().for_each(|(to, reading)| self.state[*to] = seen.readings[*reading]);
+        self.inside.tick(Measurement { state: &self.state, ..seen }, target, commands);
+    }
+}
+
+#[test]
+fn a_controller_may_fly_by_what_its_loop_s_sensors_read_alone() {
+    let hummingbird = vehicles::hummingbird::vehicle();
+    let plan = FlightPlan::default();
+    let plant = Plant::of_vehicle(&hummingbird, plan.physics).unwrap();
+    let (gains, target) = (hummingbird.gains(), Target::level(&plan.reference));
+    let cascade = || default_controller(&plant, &Setup::new(Some(&gains), &plan.rates)).unwrap();
+    let sensors = SensorConfig::parse_list("motion_capture,gnss,imu").unwrap();
+    let mut start = plant.hover_state().unwrap();
+    start[..3].copy_from_slice(&[0.3, -0.2, 1.0]);
+    let fly = |system: &mut dyn FnMut(&[f64], &mut [f64])| {
+        let (mut x, mut next) = (start.clone(), start.clone());
+        for _ in 0..1000 {
+            system(&x, &mut next);
+            std::mem::swap(&mut x, &mut next);
+        }
+        x
+    };
+
+    let mut open = ClosedLoop::new(plant.clone(), cascade()).unwrap();
+    let seeing = fly(&mut |x, next| open.advance(x, target, &Outside::none(), next).unwrap());
+    let blind = |latency: u64| {
+        let late = |sensor: &SensorConfig| SensorConfig { latency: Some(latency), ..sensor.clone() };
+        let sensors: Vec<_> = sensors.iter().map(late).collect();
+        let channels = Aboard::new(&sensors, &plant).unwrap().channels();
+        let first = |name: &str| channels.iter().position(|c| c.name == name).unwrap_or_else(|| panic!("no {name}"));
+        let fields = [
+            (0, 3, "motion_capture.position_x"),
+            (3, 3, "gnss.velocity_x"),
+            (6, 4, "motion_capture.attitude_w"),
+            (10, 3, "imu.gyroscope_x"),
+        ];
+        let numbers =
+            |(at, n, name): (usize, usize, &str)| (0..n).map(move |k| (at + k, k)).zip(iter::repeat(first(name)));
+        let from = fields.into_iter().flat_map(numbers).map(|((to, k), first)| (to, first + k)).collect();
+        let blindfold = Blindfold { inside: cascade(), state: vec![f64::NAN; start.len()], from };
+        let mut closed = ClosedLoop::new(plant.clone(), blindfold).unwrap().with_sensors(&sensors, 0).unwrap();
+        let end = fly(&mut |x, next| closed.advance(x, target, &Outside::none(), next).unwrap());
+        seeing.iter().zip(end).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    let (at_once, late) = (blind(0), blind(10));
+    println!("{at_once:.1e} apart after two seconds, {late:.1e} when sensors are 20 ms late");
+    assert!(at_once < 1e-9 && late > 1e-4);
 }

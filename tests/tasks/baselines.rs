@@ -31,6 +31,10 @@ const CLAIMS: &[(&str, Claim)] = &[
     ("OverTrack", Tracks(0.3)),
     ("TransportHover", Holds(0.1)),
     ("TransportTrack", Survives(0.5, "paths take up to 13 m/s², the drones give 1.7 times the weight")),
+    (
+        "Forest",
+        Survives(0.5, "paths are flown with a controller's error, and the narrowest ways have 13 cm on either side"),
+    ),
     ("Formation", Survives(0.85, "starts as low as 0.6 m, tilted by up to 50°, in each other's wake")),
 ];
 

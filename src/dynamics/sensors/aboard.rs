@@ -87,6 +87,11 @@ impl Aboard {
         self.set.step(&self.truths, &mut Sight::new(&mut self.world, solids, &mut self.eyes))
     }
 
+    /// What was read last, in the order of the [`channels`](Self::channels).
+    pub fn readings(&self) -> &[f64] {
+        self.set.readings()
+    }
+
     /// The sensors.
     pub fn set(&self) -> &SensorSet {
         &self.set
