@@ -79,7 +79,7 @@ Examples:
   omnidrones fly hummingbird --scene rubble:1 --drop  falls onto blocks
 
 Files in --out: overview, path, error, rotors, attitude, rates (.png or .svg), and with --csv flight.csv (one line per step, \
-units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded; with --sensors their readings), with --npz flight.npz (the same as arrays, and the state). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; of a drop only drop, drop.csv, replay.html.
+units in the header; under a cascade with the thrust, attitude and body rates that its levels commanded; with --sensors their readings), with --npz flight.npz (the same as arrays, and the state). With --beside also beside, with --replay replay.html. Of a configuration also joints (angles) and with --csv joints.csv; with --sensors sensor_NAME; of a drop only drop, drop.csv, replay.html.
 
 The tracking RMSE is the root mean square distance to the reference after the first 2 s (over the whole flight if it is \
 no longer than that).
@@ -460,7 +460,7 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
         }
         story = Story::of(&source.vehicle, &plan, &flight)?;
     }
-    let mut written = write(a, &folder, &plant, &flight, after, story.as_ref())?;
+    let mut written = write(a, &folder, &plant, &flight, &plan.sensors, after, story.as_ref())?;
     if let Some(earlier) = earlier.as_ref().filter(|_| !a.output.no_plots) {
         let path = folder.join(format!("beside.{}", a.output.format.extension()));
         earlier.figure(&flight.log).save(&path)?;

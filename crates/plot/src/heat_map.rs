@@ -18,6 +18,8 @@ pub struct HeatMap {
     pub rows: Vec<Vec<f64>>,
     /// Written into each cell where it fits, in the same order; empty for none.
     pub texts: Vec<Vec<String>>,
+    /// Whether cells touch: many, without text.
+    pub seamless: bool,
 }
 
 impl HeatMap {
@@ -29,6 +31,12 @@ impl HeatMap {
     /// With edges of the columns and of the rows from the first to the last.
     pub fn ranges(mut self, x: (f64, f64), y: (f64, f64)) -> Self {
         self.ranges = [x, y];
+        self
+    }
+
+    /// With cells that touch.
+    pub fn seamless(mut self) -> Self {
+        self.seamless = true;
         self
     }
 
@@ -49,10 +57,11 @@ impl HeatMap {
             return;
         }
         let (width, height) = (plot.width() / n_column as f64, plot.height() / self.rows.len() as f64);
+        let gap = if self.seamless { 0.0 } else { 0.4 };
         for (i, row) in self.rows.iter().enumerate() {
             for (j, share) in row.iter().enumerate() {
                 let (x0, y1) = (plot.x0 + j as f64 * width, plot.y1 - i as f64 * height);
-                let cell = Area { x0: x0 + 0.4, y0: y1 - height + 0.4, x1: x0 + width - 0.4, y1: y1 - 0.4 };
+                let cell = Area { x0: x0 + gap, y0: y1 - height + gap, x1: x0 + width - gap, y1: y1 - gap };
                 let colour = if share.is_nan() { Colour::PALE } else { Colour::heat(*share) };
                 canvas.rectangle(cell, colour, 1.0);
                 let text = self.texts.get(i).and_then(|t| t.get(j)).map_or("", String::as_str);

@@ -1,7 +1,7 @@
 //! Figures as PNG or SVG files, without system fonts.
 //!
 //! A [`Figure`] is a grid of charts: [`Panel`] (curves, spreads, bands, limits), [`Path3d`] (a path in space), [`Drawing`] (bodies
-//! in space), [`Bars`], [`HeatMap`]. Axes,
+//! in space), [`Bars`], [`HeatMap`], [`Picture`]. Axes,
 //! ticks, legends and the projection are laid out here, in figure units (one CSS pixel of an SVG, two pixels of a PNG);
 //! plotters paints. [`flight`] makes the figures of a [`FlightLog`](omnidrones::flight::FlightLog).
 //!
@@ -11,9 +11,10 @@
 //! | `canvas.rs` | shapes, replayed into PNG or SVG by plotters |
 //! | `axis.rs`, `legend.rs` | ticks and labels, legends beside or below the title |
 //! | `projection.rs` | space onto the page |
-//! | `chart.rs`, `path3d.rs`, `drawing.rs`, `bars.rs`, `heat_map.rs` | the five charts |
+//! | `chart.rs`, `path3d.rs`, `drawing.rs`, `bars.rs`, `heat_map.rs`, `picture.rs` | the six charts |
 //! | `animation.rs` | figures one after the other as a GIF |
 //! | `flight.rs`, `beside.rs` | the figures of a flight; two flights over each other |
+//! | `sensors.rs` | what sensors read along a flight |
 //! | `model.rs`, `robot.rs` | an articulated system as a drawing; the figures of its flight or fall |
 //!
 //! ```
@@ -38,8 +39,10 @@ mod heat_map;
 mod legend;
 pub mod model;
 mod path3d;
+mod picture;
 mod projection;
 pub mod robot;
+pub mod sensors;
 mod shape;
 mod theme;
 
@@ -48,6 +51,7 @@ pub use chart::{Band, Panel, Ribbon, Rule, Series};
 pub use drawing::{Drawing, Item, Label};
 pub use heat_map::HeatMap;
 pub use path3d::{Heat, Path3d, Pose};
+pub use picture::Picture;
 pub use theme::Colour;
 
 use canvas::{Anchor, Area, Canvas};
@@ -72,6 +76,8 @@ pub enum Chart {
     Bars(Bars),
     /// Coloured cells.
     HeatMap(HeatMap),
+    /// Pixels.
+    Picture(Picture),
 }
 
 impl From<Panel> for Chart {
@@ -101,6 +107,12 @@ impl From<Bars> for Chart {
 impl From<HeatMap> for Chart {
     fn from(map: HeatMap) -> Self {
         Self::HeatMap(map)
+    }
+}
+
+impl From<Picture> for Chart {
+    fn from(picture: Picture) -> Self {
+        Self::Picture(picture)
     }
 }
 
@@ -303,6 +315,7 @@ impl Figure {
                 (Chart::Drawing(drawing), _) => drawing.draw(&mut canvas, area(cell)),
                 (Chart::Bars(bars), _) => bars.draw(&mut canvas, area(cell)),
                 (Chart::HeatMap(map), _) => map.draw(&mut canvas, area(cell)),
+                (Chart::Picture(picture), _) => picture.draw(&mut canvas, area(cell)),
                 _ => {}
             }
         }

@@ -22,6 +22,7 @@ use omnidrones::error::Result;
 use omnidrones::flight::{Commanded, FlightSummary, LOST};
 use omnidrones_plot::flight::FlightFigures;
 use omnidrones_plot::robot::{JointHistory, RobotFigures};
+use omnidrones_plot::sensors::sensor_figures;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -32,6 +33,7 @@ pub(super) fn write(
     folder: &Path,
     plant: &Plant,
     flight: &Flight,
+    sensors: &[SensorConfig],
     after: f64,
     story: Option<&Story>,
 ) -> Result<Vec<PathBuf>> {
@@ -50,6 +52,11 @@ pub(super) fn write(
                 figures.save(folder, a.output.format.extension())?
             }
         });
+        for (name, figure) in sensor_figures(sensors, &flight.log) {
+            let path = folder.join(format!("sensor_{}.{}", name.replace('/', "_"), a.output.format.extension()));
+            figure.save(&path)?;
+            written.push(path);
+        }
         spinner.finish_and_clear();
     }
     if a.csv {

@@ -1,0 +1,144 @@
+//! The figures of what sensors read along a flight: curves, scans over time, pictures.
+
+use super::flight::{timed, without_x_label};
+use super::{Colour, Figure, HeatMap, Panel, Picture, Series};
+use omnidrones::dynamics::sensors::{Channel, Layout, SensorConfig};
+use omnidrones::flight::FlightLog;
+
+/// Most moments of a scan, and most pictures of a camera.
+const MOMENTS: usize = 150;
+const PICTURES: usize = 6;
+/// Most rows of beams that are drawn.
+const SCANS: usize = 4;
+/// Height of a chart over time, units.
+const HEIGHT: f64 = 150.0;
+
+/// One figure per sensor, with its name: quantities below each other, scans beam by beam over time, pictures at equal times.
+/// `sensors` are those of the flight, in order.
+pub fn sensor_figures(sensors: &[SensorConfig], log: &FlightLog) -> Vec<(String, Figure)> {
+    let mut first = 0;
+    let figure = |sensor: &SensorConfig| {
+        let channels = sensor.model.channels();
+        let readings = Readings { log, first, n: channels.len() };
+        first += channels.len();
+        let figure = Figure::new(format!("{}: {}", log.vehicle, sensor.name)).subtitle(sensor.model.kind());
+        let figure = match sensor.model.layout() {
+            Layout::Vector => curves(figure, &channels, &readings),
+            Layout::Lidar { rows, columns } => scans(figure, &channels[0], [rows, columns], &readings),
+            Layout::Image { height, width, channels } => pictures(figure, [height, width, channels], &readings),
+        };
+        (sensor.name.clone(), figure)
+    };
+    sensors.iter().map(figure).collect()
+}
+
+/// What one sensor read.
+struct Readings<'a> {
+    log: &'a FlightLog,
+    first: usize,
+    n: usize,
+}
+
+impl Readings<'_> {
+    fn at(&self, sample: usize) -> &[f64] {
+        let from = sample * self.log.sensor_channels.len() + self.first;
+        &self.log.sensor_readings[from..from + self.n]
+    }
+
+    /// At most `n` samples, as far from each other as can be.
+    fn samples(&self, n: usize) -> Vec<usize> {
+        let (all, n) = (self.log.len(), n.min(self.log.len()));
+        (0..n).map(|i| i * all / n).collect()
+    }
+
+    fn largest(&self) -> f64 {
+        (0..self.log.len()).flat_map(|i| self.at(i)).fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()))
+    }
+}
+
+/// A panel per quantity, with a curve per axis.
+fn curves(figure: Figure, channels: &[Channel], readings: &Readings<'_>) -> Figure {
+    let stem = |k: usize| {
+        let name = channels[k].0.as_ref();
+        ["_x", "_y", "_z", "_w"].iter().find_map(|axis| name.strip_suffix(axis)).unwrap_or(name).to_string()
+    };
+    let mut panels: Vec<(String, Panel)> = Vec::new();
+    for (k, (name, unit)) in channels.iter().enumerate() {
+        let stem = stem(k);
+        if panels.last().is_none_or(|(last, _)| *last != stem) {
+            panels.push((stem.clone(), Panel::new("", "time [s]", format!("{stem} [{unit}]"))));
+        }
+        let Some((_, panel)) = panels.last_mut() else { continue };
+        let axis = name[stem.len()..].trim_start_matches('_');
+        let values = timed(readings.log, (0..readings.log.len()).map(|i| readings.at(i)[k]));
+        let line = Series::line(axis, values).colour(Colour::nth(panel.series.len())).width(1.0);
+        *panel = std::mem::take(panel).series(line);
+    }
+    let last = panels.len() - 1;
+    let figure = figure.size(800.0, 60.0 + HEIGHT * panels.len() as f64);
+    let labelled = |(i, (_, panel)): (usize, (String, Panel))| if i < last { without_x_label(panel) } else { panel };
+    panels.into_iter().enumerate().map(labelled).fold(figure, Figure::chart)
+}
+
+/// Beams from below upwards over time, a map for every elevation.
+fn scans(figure: Figure, (name, unit): &Channel, [rows, columns]: [usize; 2], readings: &Readings<'_>) -> Figure {
+    let (samples, most) = (readings.samples(MOMENTS), readings.largest());
+    let times = readings.log.time.first().copied().zip(readings.log.time.last().copied()).unwrap_or_default();
+    let what = name.trim_end_matches(|c: char| c == '_' || c.is_ascii_digit());
+    let map = |elevation: usize| {
+        let title = format!("Elevation {} of {columns}: {what}, bright {most:.3} {unit}", elevation + 1);
+        let map = HeatMap::new(title, "time [s]", "beam").ranges(times, (0.0, rows as f64)).seamless();
+        (0..rows).fold(map, |map, beam| {
+            let share = |i: &usize| readings.at(*i)[beam * columns + elevation] / most;
+            map.row(samples.iter().map(share).collect(), Vec::new())
+        })
+    };
+    let shown = columns.min(SCANS);
+    (0..shown).map(map).fold(figure.size(800.0, 60.0 + 1.2 * HEIGHT * shown as f64), Figure::chart)
+}
+
+/// Pictures at equal times, three in a row.
+fn pictures(figure: Figure, [height, width, channels]: [usize; 3], readings: &Readings<'_>) -> Figure {
+    let (samples, most) = (readings.samples(PICTURES), readings.largest());
+    let signed = samples.iter().any(|i| readings.at(*i).iter().any(|x| *x < 0.0));
+    let share = |x: f64| if signed { 0.5 + 0.5 * x / most } else { x / most };
+    let colour = |pixel: &[f64]| match pixel {
+        [one] => Colour::heat(share(*one)),
+        _ => {
+            let [red, green, blue] = [0, 1, 2].map(|k| (255.0 * share(pixel[k])).round() as u8);
+            Colour(red, green, blue)
+        }
+    };
+    let picture = |i: &usize| {
+        let row = |row: &[f64]| row.chunks_exact(channels).map(colour).collect();
+        let rows = readings.at(*i).chunks_exact(width * channels).map(row).collect();
+        Picture::new(format!("{:.2} s", readings.log.time[*i]), rows)
+    };
+    let (across, down) = (samples.len().clamp(1, 3), samples.len().div_ceil(3).max(1));
+    let tall = 740.0 / 3.0 * height as f64 / width as f64 + 24.0;
+    let figure = figure.size(800.0, 60.0 + tall * down as f64).grid(&vec![1.0; across], &vec![1.0; down]);
+    let placed = samples.iter().map(picture).enumerate();
+    placed.fold(figure, |figure, (i, picture)| figure.place((i % 3, i / 3), (1, 1), picture))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use omnidrones::dynamics::Quantity;
+
+    #[test]
+    fn every_kind_of_reading_has_its_figure() {
+        let sensors = SensorConfig::parse_list("imu,lidar:omnidrones,camera:diffphysdrone").unwrap();
+        let n: usize = sensors.iter().map(|sensor| sensor.model.channels().len()).sum();
+        let mut log = FlightLog::new("drone", &[]);
+        log.time = vec![0.0, 0.1, 0.2];
+        log.sensor_channels = vec![Quantity { name: "x".into(), unit: "-" }; n];
+        log.sensor_readings = (0..3 * n).map(|i| (0.01 * i as f64).sin().abs()).collect();
+        let figures = sensor_figures(&sensors, &log);
+        let texts: Vec<String> = figures.iter().map(|(_, figure)| figure.svg().unwrap()).collect();
+        assert_eq!(figures.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["imu", "lidar", "camera"]);
+        assert!(texts[0].contains("accelerometer [m/s^2]") && texts[0].contains("gyroscope [rad/s]"), "{}", texts[0]);
+        assert!(texts[1].contains("Elevation 4 of 4") && texts[1].contains("beam"));
+        assert!(texts[2].contains("0.10 s") && texts[2].matches("<rect").count() > 3 * 16 * 12);
+    }
+}
