@@ -12,12 +12,14 @@
 //!   count. The term safety is of the clearance, not of the mean beam.
 //! - DIFFERENCE: the term progress falls no further than its bound is high.
 
+use super::clear_path::clear_path;
 use super::obstacles::rounded;
 use super::{
     StartAttitude, StartRange, farther, latch, less, made_of, more, nearer, rate_cost, speed_cost, squared,
     succeeds_once, times,
 };
 use crate::autodiff::{Mask, Scalar, safe};
+use crate::controllers::reference::{Reference, Waypoint, Waypoints};
 use crate::dynamics::scene::{self, Scene};
 use crate::dynamics::shape::{Geometry, Pose};
 use crate::dynamics::spatial::{Vec3, constants, scale, sub};
@@ -29,7 +31,8 @@ use crate::tasks::declare::{Ends, Loss, Writer};
 use crate::tasks::registry::BuiltIn;
 use crate::tasks::reward::upright;
 use crate::tasks::robot::Robot;
-use crate::tasks::task::{Start, Task, View};
+use crate::tasks::task::{Start, Task, TaskReference, View};
+use std::iter;
 
 /// Most trunks of a forest.
 const MAX_TRUNKS: usize = 256;
@@ -39,8 +42,18 @@ const ELSEWHERE: f64 = -1000.0;
 const REACH: f64 = 10.0;
 /// Between which clearances the term safety is one of them, m.
 const SAFETY: [f64; 2] = [0.05, 4.0];
+/// Starts among trunks are no nearer to them, m.
+const CLEAR: f64 = 0.6;
 /// Behind the start and beyond the target the corridor goes on, m.
 const MARGIN: f64 = 2.0;
+/// More than its own reach that a controller keeps from trunks, m.
+const ROOM: f64 = 0.08;
+/// Share of the rewarded speed that a controller flies at.
+const STEADY: f64 = 0.9;
+/// In which it comes to it, m/s².
+const SPEED_UP: f64 = 1.2;
+/// So far beyond the target it comes to rest, m.
+const BEYOND: f64 = 1.2;
 
 /// Where starts are.
 fn start_range() -> StartRange {
@@ -305,6 +318,30 @@ impl Task for Forest {
         loss.add("{×loss_rate}h₁₀(ω)", rate_cost(own.loss_rate, drone.angular_velocity));
     }
 
+    /// Along a path that keeps away from all trunks, from rest to a steady pace and through the target: by a controller that
+    /// knows where they stand. None where there is no such path.
+    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
+        let (from, to, yaw) = (view.drone(0).position, view.goal.array::<3>(0), view.drone(0).yaw());
+        let mut path = self.path(view, from, to)?;
+        let end = *path.last()?;
+        path.push([end[0] + BEYOND, end[1]]);
+        let gone: Vec<f64> = iter::once(0.0)
+            .chain(path.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1])))
+            .scan(0.0, |sum, way| {
+                *sum += way;
+                Some(*sum)
+            })
+            .collect();
+        let length = *gone.last()?;
+        let point = |(at, gone): (&[f64; 2], &f64)| {
+            let height = from[2] + gone / length * (to[2] - from[2]);
+            let time = time_from_rest_to_rest(*gone, length, STEADY * self.settings.speed, SPEED_UP);
+            Waypoint { time, position: [at[0], at[1], height], yaw }
+        };
+        let way = Waypoints::new(path.iter().zip(&gone).map(point).collect()).ok()?;
+        Some(TaskReference::one(Reference::Waypoints(way)))
+    }
+
     fn ideal(&self, start: &mut Start<'_>) {
         self.set_goal(start, [self.settings.length, 0.0, 2.0], 0);
         start.place(0, [0.5 * self.settings.length, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0]);
@@ -314,6 +351,17 @@ impl Task for Forest {
 }
 
 impl Forest {
+    /// A path in the plane that keeps the whole vehicle away from all trunks, however it is turned.
+    fn path(&self, view: &View<'_, f64>, from: Vec3<f64>, to: Vec3<f64>) -> Option<Vec<[f64; 2]>> {
+        let reach = self.bars.iter().flat_map(|bar| bar.ends.map(|end| safe::norm(end) + bar.radius));
+        let reach = reach.fold(0.0, f64::max) + ROOM;
+        let circle = |i: usize| [view.goal.get(3 + 2 * i), view.goal.get(4 + 2 * i), self.radii[i] + reach];
+        let circles: Vec<_> = (0..self.radii.len()).map(circle).collect();
+        let side = 0.5 * self.settings.width - reach;
+        let bounds = [[from[0].min(to[0]) - 1.0, -side], [from[0].max(to[0]) + 1.0, side]];
+        clear_path([from[0], from[1]], [to[0], to[1]], bounds, &circles)
+    }
+
     /// Where an episode begins that should begin at `from`: in a share of episodes anywhere on the straight way to `to` where
     /// nothing is near.
     fn along(&self, start: &mut Start<'_>, from: Vec3<f64>, to: Vec3<f64>) -> Vec3<f64> {
@@ -333,5 +381,16 @@ impl Forest {
     }
 }
 
-/// Starts among trunks are no nearer to them, m.
-const CLEAR: f64 = 0.6;
+/// When a way of `length` m is `gone` m gone, s: at `speed` after and before constant accelerations from and to rest.
+fn time_from_rest_to_rest(gone: f64, length: f64, speed: f64, acceleration: f64) -> f64 {
+    let speed = speed.min((acceleration * length).sqrt());
+    let ramp = 0.5 * speed * speed / acceleration;
+    let whole = length / speed + speed / acceleration;
+    if gone < ramp {
+        (2.0 * gone / acceleration).sqrt()
+    } else if gone < length - ramp {
+        gone / speed + 0.5 * speed / acceleration
+    } else {
+        whole - (2.0 * (length - gone).max(0.0) / acceleration).sqrt()
+    }
+}

@@ -5,6 +5,7 @@
 //! - DIFFERENCE: metrics are those of the step; published ones are running means from 0, mostly 0.8 old + 0.2 new.
 
 mod assignment;
+mod clear_path;
 pub mod dragon_hover;
 pub mod fly_through;
 pub mod forest;
