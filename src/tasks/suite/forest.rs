@@ -319,12 +319,12 @@ impl Task for Forest {
     }
 
     /// Along a path that keeps away from all trunks, from rest to a steady pace and through the target: by a controller that
-    /// knows where they stand. None where there is no such path.
+    /// knows where they stand. Straight ahead where there is no such path.
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
         let (from, to, yaw) = (view.drone(0).position, view.goal.array::<3>(0), view.drone(0).yaw());
-        let mut path = self.path(view, from, to)?;
-        let end = *path.last()?;
-        path.push([end[0] + BEYOND, end[1]]);
+        let straight = || vec![[from[0], from[1]], [to[0], to[1]]];
+        let mut path = self.path(view, from, to).unwrap_or_else(straight);
+        path.push([to[0] + BEYOND, to[1]]);
         let gone: Vec<f64> = iter::once(0.0)
             .chain(path.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1])))
             .scan(0.0, |sum, way| {
