@@ -17,6 +17,7 @@ use super::suite::pendulum_fly_through::InvPendulumFlyThrough;
 use super::suite::pendulum_hover::InvPendulumHover;
 use super::suite::pendulum_track::InvPendulumTrack;
 use super::suite::pinball::Pinball;
+use super::suite::race::Race;
 use super::suite::track::Track;
 use super::suite::transport_fly_through::TransportFlyThrough;
 use super::suite::transport_hover::TransportHover;
@@ -74,6 +75,7 @@ const PAYLOAD: &str = "a slung ball";
 const OVER: &str = "an over-actuated platform";
 const TRANSPORT: &str = "a box carried by a team";
 const AROUND: &str = "a way past what sensors see";
+const GATES: &str = "gates in order";
 const BALL: &str = "a ball in the air";
 const TEAM: &str = "a team of single drones";
 const TILTING: &str = "thrusters that tilt";
@@ -102,6 +104,7 @@ pub static REGISTRY: &[Entry] = &[
     entry::<TransportTrack>("TransportTrack", TRANSPORT, "carry a box on bars along a lemniscate"),
     entry::<TransportFlyThrough>("TransportFlyThrough", TRANSPORT, "take a box on bars between two beams"),
     entry::<Forest>("Forest", AROUND, "cross a forest, another one in every episode").variant(variants::FOREST),
+    entry::<Race>("Race", GATES, "fly a course of gates, displaced in every episode"),
     entry::<Pinball>("Pinball", BALL, "keep a ball bouncing on a drone"),
     entry::<Formation>("Formation", TEAM, "form a figure in each other's downwash"),
 ];
@@ -265,6 +268,7 @@ mod tests {
         ("OverTrack", true, "our controller holds the frame level, and the path leans"),
         ("TransportHover", true, "the box may be under way for longer"),
         ("DragonHover", true, "the chain may be under way for longer"),
+        ("Race", true, "the course takes longer"),
         ("Formation", true, "the drones may be under way for longer"),
     ];
 

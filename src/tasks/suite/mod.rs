@@ -23,6 +23,7 @@ pub mod pendulum_fly_through;
 pub mod pendulum_hover;
 pub mod pendulum_track;
 pub mod pinball;
+pub mod race;
 pub(crate) mod team;
 pub mod track;
 pub(crate) mod transport;
