@@ -7,6 +7,7 @@ mod events;
 mod gradients;
 mod pinball;
 mod probes;
+mod race;
 mod residual;
 mod robustness;
 mod sendable;

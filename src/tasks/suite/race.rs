@@ -38,10 +38,11 @@ const GATES: [usize; 2] = [2, 30];
 /// Starts are no nearer to the bars of a gate, m.
 const CLEAR: f64 = 0.5;
 /// Our controllers fly straight from so far before a gate to as far behind it, m.
-const STRAIGHT: f64 = 0.4;
-/// Their speed between gates, m/s, and what starting and stopping take beside that, s.
-const PACE: f64 = 2.4;
+const STRAIGHT: f64 = 0.5;
+/// Their speed on straight ways, m/s, what starting and stopping take beside that, s, and turning, s/rad.
+const PACE: f64 = 3.0;
 const EASING: f64 = 1.0;
+const TURNING: f64 = 0.4;
 
 /// Places in the task state.
 const POSITION: usize = 0;
@@ -69,7 +70,7 @@ settings! {
     /// Settings of [`Race`].
     pub(crate) struct RaceSettings {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
-        horizon: usize = 1200 => ("steps", "T", Any);
+        horizon: usize = 1250 => ("steps", "T", Any);
         gates: Vec<[f64; 4]> = course() => ("m, m, m, rad; world", "middle of every gate and direction to fly through it", Any);
         gate_scale: f64 = 1.1 => ("-", "of the frames: 1 has half sizes of 0.56 m × 0.51 m within its bars", Positive);
         gate_offset: [f64; 3] = [0.5, 0.5, 0.1] => ("m", "largest displacement of a gate along x, y and z", NotNegative);
@@ -223,6 +224,15 @@ fn towards<S: Scalar>(way: Vec3<S>, velocity: Vec3<S>) -> S {
     dot(way, velocity) * safe::recip_sqrt(safe::squared_norm(way), safe::SQUARED_NORM_FLOOR)
 }
 
+/// A controller's path goes on to a place: at its pace, and slower by the angles between the way there and `turns`.
+fn go_on(path: &mut Vec<Waypoint>, position: Vec3<f64>, turns: impl Iterator<Item = Vec3<f64>>) {
+    let last = path[path.len() - 1];
+    let way = sub(position, last.position);
+    let length = safe::norm(way);
+    let angles: f64 = turns.map(|turn| safe::acos(dot(turn, way) / length)).sum();
+    path.push(Waypoint { time: last.time + length / PACE + TURNING * angles, position, ..last });
+}
+
 /// e_x of a gate.
 #[inline(always)]
 fn direction<S: Scalar>(gate: &Pose<S>) -> Vec3<S> {
@@ -373,21 +383,20 @@ impl Task for Race {
     fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
         let (drone, n) = (view.drone(0), self.n());
         let first = view.goal.get(3 * n) as usize;
-        let mut points = vec![drone.position];
+        let mut points = vec![Waypoint { time: 0.0, position: drone.position, yaw: drone.yaw() }];
+        let mut behind = None;
         for i in (first..first + n).map(|i| i % n) {
             let gate = self.pose(view, i);
-            points.extend([-STRAIGHT, STRAIGHT].map(|x| gate.point([x, 0.0, 0.0])));
+            let [before, after] = [-STRAIGHT, STRAIGHT].map(|x| gate.point([x, 0.0, 0.0]));
+            let turns = [behind, Some(direction(&gate))].into_iter().flatten();
+            go_on(&mut points, before, turns);
+            go_on(&mut points, after, std::iter::empty());
+            behind = Some(direction(&gate));
         }
-        let (last, yaw, mut time) = (points.len() - 1, drone.yaw(), 0.0);
-        let timed = |(i, position): (usize, &Vec3<f64>)| {
-            if i > 0 {
-                time += safe::norm(sub(*position, points[i - 1])) / PACE;
-                time += if i == 1 || i == last { EASING } else { 0.0 };
-            }
-            Waypoint { time, position: *position, yaw }
-        };
-        let path = Waypoints::new(points.iter().enumerate().map(timed).collect()).ok()?;
-        Some(TaskReference::one(Reference::Waypoints(path)))
+        // it begins and stops at rest
+        points.iter_mut().skip(1).for_each(|point| point.time += EASING);
+        points.last_mut()?.time += EASING;
+        Some(TaskReference::one(Reference::Waypoints(Waypoints::new(points).ok()?)))
     }
 
     fn ideal(&self, start: &mut Start<'_>) {

@@ -48,6 +48,7 @@ fn cases() -> Vec<(&'static str, &'static str)> {
         ("TransportFlyThrough", "n_drone = 6\nreset_on_collision = true"),
         ("Formation", "formation = 'tetragon'"),
         ("Formation", "formation = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [0.0, 2.0, 1.0]]"),
+        ("Race", ""),
         ("HoverRand", ""),
         ("TrackRand", ""),
         ("OmavHover", ""),
