@@ -18,6 +18,7 @@ use super::suite::pendulum_hover::InvPendulumHover;
 use super::suite::pendulum_track::InvPendulumTrack;
 use super::suite::pinball::Pinball;
 use super::suite::race::Race;
+use super::suite::spread::Spread;
 use super::suite::track::Track;
 use super::suite::transport_fly_through::TransportFlyThrough;
 use super::suite::transport_hover::TransportHover;
@@ -107,6 +108,7 @@ pub static REGISTRY: &[Entry] = &[
     entry::<Race>("Race", GATES, "fly a course of gates, displaced in every episode"),
     entry::<Pinball>("Pinball", BALL, "keep a ball bouncing on a drone"),
     entry::<Formation>("Formation", TEAM, "form a figure in each other's downwash"),
+    entry::<Spread>("Spread", TEAM, "share out targets, whoever takes which"),
 ];
 
 impl Entry {

@@ -14,6 +14,7 @@ mod sendable;
 mod sensing;
 #[cfg(debug_assertions)] // products that wrap are told there alone
 mod sizes;
+mod teams;
 mod transforms;
 
 use omnidrones::controllers::cascade::Level;

@@ -24,6 +24,7 @@ pub mod pendulum_hover;
 pub mod pendulum_track;
 pub mod pinball;
 pub mod race;
+pub mod spread;
 pub(crate) mod team;
 pub mod track;
 pub(crate) mod transport;
