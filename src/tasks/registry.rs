@@ -6,6 +6,7 @@ use super::suite::dragon_hover::DragonHover;
 use super::suite::fly_through::FlyThrough;
 use super::suite::forest::Forest;
 use super::suite::formation::Formation;
+use super::suite::gate_switch::GateSwitch;
 use super::suite::hover::Hover;
 use super::suite::over_fly_through::OverFlyThrough;
 use super::suite::over_hover::OverHover;
@@ -109,6 +110,7 @@ pub static REGISTRY: &[Entry] = &[
     entry::<Pinball>("Pinball", BALL, "keep a ball bouncing on a drone"),
     entry::<Formation>("Formation", TEAM, "form a figure in each other's downwash"),
     entry::<Spread>("Spread", TEAM, "share out targets, whoever takes which"),
+    entry::<GateSwitch>("GateSwitch", TEAM, "swap sides through one gate"),
 ];
 
 impl Entry {
@@ -272,6 +274,7 @@ mod tests {
         ("DragonHover", true, "the chain may be under way for longer"),
         ("Race", true, "the course takes longer"),
         ("Formation", true, "the drones may be under way for longer"),
+        ("GateSwitch", true, "the second drone waits for its turn"),
     ];
 
     #[test]

@@ -33,6 +33,7 @@ const CLAIMS: &[(&str, Claim)] = &[
     ("TransportTrack", Survives(0.5, "paths take up to 13 m/s², the drones give 1.7 times the weight")),
     ("Race", Survives(0.9, "gates are displaced by up to 0.5 m, and touch ends")),
     ("Spread", Holds(0.1)),
+    ("GateSwitch", Holds(0.1)),
     ("Formation", Survives(0.85, "starts as low as 0.6 m, tilted by up to 50°, in each other's wake")),
 ];
 

@@ -1,6 +1,6 @@
-//! Tasks of teams of single drones: Spread.
+//! Tasks of teams of single drones: Spread and GateSwitch.
 
-use omnidrones::tasks::{Buffers, Env, EnvConfig};
+use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, evaluate};
 
 fn started(task: &str, text: &str) -> (Env, Buffers) {
     let mut env = Env::make(task, &EnvConfig::from_toml(text, "test").unwrap()).unwrap();
@@ -50,4 +50,69 @@ fn targets_of_spread_are_apart_and_every_drone_takes_one_that_it_sees_where_aske
             assert!((0..3).all(|j| (seen[j] - way(j)).abs() < 1e-5));
         }
     }
+}
+
+#[test]
+fn drones_swap_sides_one_after_the_other() {
+    let config = EnvConfig { n_env: 64, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
+    let mut env = Env::make("GateSwitch", &config).unwrap();
+    let mut own = Baseline::new(&env).unwrap();
+    let (turn, observed) = (env.spec().observation_range("turn").unwrap().start, env.spec().n_observation);
+    let (separation, width) = (env.spec().info_column("separation").unwrap(), env.spec().info.len());
+    let (mut nearest, mut through) = (f32::INFINITY, [[usize::MAX; 2]; 64]);
+    let told = evaluate(&mut env, &mut own.policy(), &mut |watched| {
+        for i in (0..64).filter(|i| watched.flying[*i]) {
+            nearest = nearest.min(watched.out.info[i * width + separation]);
+            let (state, first) = (watched.env.state(i).unwrap(), watched.env.goal(i).unwrap()[6] as usize);
+            let beyond = [state[0], -state[state.len() / 2]];
+            for k in 0..2 {
+                if beyond[k] > 0.0 {
+                    through[i][k] = through[i][k].min(watched.step);
+                }
+                // who goes first may go at once, the other one when the first is 0.6 m behind the gate
+                let may = watched.out.observation[(2 * i + k) * observed + turn];
+                assert!(k != first || may == 1.0);
+                assert!(k == first || may == 0.0 || through[i][first] < watched.step);
+            }
+        }
+    })
+    .unwrap();
+    println!("{:.1} % of 64 starts, no nearer than {nearest:.2} m: {told:?}", 100.0 * told.success);
+    for (i, through) in through.iter().enumerate() {
+        let first = env.goal(i).unwrap()[6] as usize;
+        assert!(through[first] < through[1 - first], "{through:?}");
+    }
+    assert!(told.success >= 0.95 && nearest > 0.5, "{told:?}");
+}
+
+#[test]
+fn the_second_drone_begins_as_the_first_turned_by_half_a_turn() {
+    let (env, out) = started("GateSwitch", "n_env = 64");
+    let (heading, direction) =
+        ["heading", "direction"].map(|name| env.spec().observation_range(name).unwrap().start).into();
+    for i in 0..64 {
+        let state = env.state(i).unwrap();
+        let own = [&state[..], &state[state.len() / 2..]];
+        for (k, sign) in [1.0_f32, -1.0].into_iter().enumerate() {
+            let (x, y, z) = (sign * own[k][0], own[k][1], own[k][2]);
+            assert!((-2.5..=-2.0).contains(&x) && y.abs() <= 0.5 && (1.75..=2.25).contains(&z), "{x} {y} {z}");
+            let row = &out.observation[(2 * i + k) * env.spec().n_observation..];
+            assert!(sign * row[heading] > 0.7 && row[direction] == sign, "each faces the gate");
+        }
+    }
+}
+
+#[test]
+fn a_camera_sees_the_gate_and_the_other_drone() {
+    let camera = "[[sensor]]\nname = 'front'\nkind = 'camera'\nsize = [48, 48]\nshow = 'segmentation'\n";
+    let (env, out) = started("GateSwitch", &format!("n_env = 16\n{camera}[task]\nstart_tilt = 0.0"));
+    let columns = env.spec().group("front").unwrap().columns.clone();
+    let (mut gates, mut drones) = (0, 0);
+    for row in out.observation.chunks(env.spec().n_observation) {
+        let classes = &row[columns.clone()];
+        gates += usize::from(classes.contains(&2.0));
+        drones += usize::from(classes.contains(&4.0));
+    }
+    println!("{gates} of 32 drones see the gate, {drones} the other drone");
+    assert!(gates == 32 && drones > 24, "{gates} {drones}");
 }

@@ -9,6 +9,7 @@ pub mod dragon_hover;
 pub mod fly_through;
 pub mod forest;
 pub mod formation;
+pub mod gate_switch;
 pub mod hover;
 pub(crate) mod load;
 mod obstacles;

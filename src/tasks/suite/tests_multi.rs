@@ -14,7 +14,7 @@ use crate::tasks::task_spec::total;
 use crate::tasks::{Buffers, Env, EnvConfig, Start, Task, View};
 
 /// Name, size of one agent's observation, of the central state, agents.
-const SIZES: [(&str, usize, usize, usize); 9] = [
+const SIZES: [(&str, usize, usize, usize); 10] = [
     ("OverHover", 95, 137, 4),
     ("OverTrack", 101, 143, 4),
     ("OverFlyThrough", 101, 143, 4),
@@ -24,6 +24,7 @@ const SIZES: [(&str, usize, usize, usize); 9] = [
     ("Formation", 27 + 6 * 14, 7 * 23, 7),
     ("DragonHover", 108 + 14, 0, 1),
     ("Spread", 9 + 20 + 4 + 2 * 14, 3 * 29, 3),
+    ("GateSwitch", 20 + 8 + 4 + 14, 2 * 28, 2),
 ];
 
 fn config(n_env: usize, task: &str) -> EnvConfig {
@@ -178,12 +179,13 @@ fn the_ideal_reaches_every_terms_bound() {
     reaches_its_bounds(&formation::Formation::new(&config(1, "formation = 'tetragon'")).unwrap());
     reaches_its_bounds(&dragon_hover::DragonHover::new(&c).unwrap());
     reaches_its_bounds(&spread::Spread::new(&c).unwrap());
+    reaches_its_bounds(&gate_switch::GateSwitch::new(&c).unwrap());
 }
 
 #[test]
 fn bounds_are_the_published_ones() {
-    // of Spread one per target
-    let wanted = [3.25, 3.25, 3.1, 4.3, 4.2, 2.7, 3.4, 1.5, 3.0];
+    // of Spread one per target, of GateSwitch 1.4 + 1 + 1.3 · 1.5 + 0.1
+    let wanted = [3.25, 3.25, 3.1, 4.3, 4.2, 2.7, 3.4, 1.5, 3.0, 4.45];
     for ((name, ..), bound) in SIZES.iter().zip(wanted) {
         let env = Env::make(name, &config(1, "")).unwrap();
         assert!((env.spec().reward_bound - bound).abs() < 1e-12, "{name}: {}", env.spec().reward_bound);
