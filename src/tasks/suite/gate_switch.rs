@@ -188,8 +188,8 @@ impl GateSwitch {
 
     /// Keeps targets, who goes first from here, and where the other one waits.
     fn set_goal(&self, start: &mut Start<'_>, targets: [Vec3<f64>; N], from: [Vec3<f64>; N]) {
-        let [near, far] = from.map(|p| safe::norm(sub(self.gate.position, p)));
-        let first = usize::from(far < near);
+        let ways = from.map(|p| safe::norm(sub(self.gate.position, p)));
+        let first = usize::from(ways[1] < ways[0]);
         let [along, aside] = WAIT;
         let side = -aside.copysign(targets[first][1]);
         let waiting = [sign(first) * along, side, self.gate.position[2]];

@@ -37,6 +37,8 @@ use crate::tasks::task_spec::Success;
 const GATES: [usize; 2] = [2, 30];
 /// Starts are no nearer to the bars of a gate, m.
 const CLEAR: f64 = 0.5;
+/// Within this of the point that the loss aims at, it asks for less speed, m.
+const NEAR: f64 = 0.3;
 /// Our controllers fly straight from so far before a gate to as far behind it, m.
 const STRAIGHT: f64 = 0.5;
 /// Their speed on straight ways, m/s, what starting and stopping take beside that, s, and turning, s/rad.
@@ -247,8 +249,8 @@ impl Task for Race {
          through it, g₂, n₂ of the one after it, c least distance between the bars of all gates and the drone, propellers \
          included. A gate is passed where p crosses its plane along n within its opening; then the next is the one after it, \
          and the first follows the last. Gates stand where the course says, displaced by up to {gate_offset} m. Start: before \
-         any gate, from there as from the first, at x, y, z uniform in {start_place} m of its frame, roll and pitch within \
-         ±{start_tilt} rad, yaw within {start_yaw} rad, at rest."
+         any gate in a share of {start_anywhere}, else before the first, at x, y, z uniform in {start_place} m of its frame, \
+         roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest."
     }
 
     fn scene(&self) -> Scene {
@@ -409,6 +411,3 @@ impl Task for Race {
         start.task_state[SCORED] = 1.0;
     }
 }
-
-/// Within this of the point that the loss aims at, it asks for less speed, m.
-const NEAR: f64 = 0.3;
