@@ -8,8 +8,9 @@ use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, evaluate};
 /// One drone before the first gate, at `place` in its frame, which is along the world's axes; gates where the course says.
 fn before_the_first(place: [f32; 3], text: &str) -> (Env, Buffers) {
     let place = place.map(|x| format!("[{x:.3}, {x:.3}]")).join(", ");
-    let task =
-        format!("gate_offset = [0.0, 0.0, 0.0]\nstart_anywhere = 0.0\nstart_tilt = 0.0\nstart_place = [{place}]");
+    let task = format!(
+        "gate_offset = [0.0, 0.0, 0.0]\nstart_anywhere = 0.0\nstart_tilt = 0.0\nstart_yaw = [0.0, 0.0]\nstart_place = [{place}]"
+    );
     let config =
         EnvConfig::from_toml(&format!("n_env = 1\nautoreset = 'disabled'\n[task]\n{task}\n{text}"), "test").unwrap();
     let mut env = Env::make("Race", &config).unwrap();

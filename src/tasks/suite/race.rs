@@ -230,7 +230,8 @@ fn towards<S: Scalar>(way: Vec3<S>, velocity: Vec3<S>) -> S {
 fn go_on(path: &mut Vec<Waypoint>, position: Vec3<f64>, turns: impl Iterator<Item = Vec3<f64>>) {
     let last = path[path.len() - 1];
     let way = sub(position, last.position);
-    let length = safe::norm(way);
+    // before the first reset all gates are in one place
+    let length = safe::norm(way).max(1e-9);
     let angles: f64 = turns.map(|turn| safe::acos(dot(turn, way) / length)).sum();
     path.push(Waypoint { time: last.time + length / PACE + TURNING * angles, position, ..last });
 }
