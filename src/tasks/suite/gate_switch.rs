@@ -155,7 +155,8 @@ impl GateSwitch {
     /// 1 where drone i may go through, else 0.
     #[inline(always)]
     fn may_go<S: Scalar>(view: &View<'_, S>, i: usize) -> S {
-        Self::goes_first(view, i).max(view.task_state.get(TURN))
+        let first = Self::goes_first(view, i);
+        (S::one() - first).mul_add(view.task_state.get(TURN), first)
     }
 
     /// Where the loss wants drone i, less where it is: at its target, or where it waits.
