@@ -6,6 +6,7 @@ use super::suite::dragon_hover::DragonHover;
 use super::suite::fly_through::FlyThrough;
 use super::suite::forest::Forest;
 use super::suite::formation::Formation;
+use super::suite::gate_switch::GateSwitch;
 use super::suite::hover::Hover;
 use super::suite::over_fly_through::OverFlyThrough;
 use super::suite::over_hover::OverHover;
@@ -17,6 +18,8 @@ use super::suite::pendulum_fly_through::InvPendulumFlyThrough;
 use super::suite::pendulum_hover::InvPendulumHover;
 use super::suite::pendulum_track::InvPendulumTrack;
 use super::suite::pinball::Pinball;
+use super::suite::race::Race;
+use super::suite::spread::Spread;
 use super::suite::track::Track;
 use super::suite::transport_fly_through::TransportFlyThrough;
 use super::suite::transport_hover::TransportHover;
@@ -74,6 +77,7 @@ const PAYLOAD: &str = "a slung ball";
 const OVER: &str = "an over-actuated platform";
 const TRANSPORT: &str = "a box carried by a team";
 const AROUND: &str = "a way past what sensors see";
+const GATES: &str = "gates in order";
 const BALL: &str = "a ball in the air";
 const TEAM: &str = "a team of single drones";
 const TILTING: &str = "thrusters that tilt";
@@ -102,8 +106,11 @@ pub static REGISTRY: &[Entry] = &[
     entry::<TransportTrack>("TransportTrack", TRANSPORT, "carry a box on bars along a lemniscate"),
     entry::<TransportFlyThrough>("TransportFlyThrough", TRANSPORT, "take a box on bars between two beams"),
     entry::<Forest>("Forest", AROUND, "cross a forest, another one in every episode").variant(variants::FOREST),
+    entry::<Race>("Race", GATES, "fly a course of gates, displaced in every episode"),
     entry::<Pinball>("Pinball", BALL, "keep a ball bouncing on a drone"),
     entry::<Formation>("Formation", TEAM, "form a figure in each other's downwash"),
+    entry::<Spread>("Spread", TEAM, "share out targets, whoever takes which"),
+    entry::<GateSwitch>("GateSwitch", TEAM, "swap sides through one gate"),
 ];
 
 impl Entry {
@@ -265,7 +272,9 @@ mod tests {
         ("OverTrack", true, "our controller holds the frame level, and the path leans"),
         ("TransportHover", true, "the box may be under way for longer"),
         ("DragonHover", true, "the chain may be under way for longer"),
+        ("Race", true, "the course takes longer"),
         ("Formation", true, "the drones may be under way for longer"),
+        ("GateSwitch", true, "the second drone waits for its turn"),
     ];
 
     #[test]

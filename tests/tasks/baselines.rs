@@ -35,6 +35,9 @@ const CLAIMS: &[(&str, Claim)] = &[
         "Forest",
         Survives(0.5, "paths are flown with a controller's error, and the narrowest ways have 13 cm on either side"),
     ),
+    ("Race", Survives(0.9, "gates are displaced by up to 0.5 m, and touch ends")),
+    ("Spread", Holds(0.1)),
+    ("GateSwitch", Holds(0.1)),
     ("Formation", Survives(0.85, "starts as low as 0.6 m, tilted by up to 50°, in each other's wake")),
 ];
 

@@ -7,12 +7,14 @@ mod events;
 mod gradients;
 mod pinball;
 mod probes;
+mod race;
 mod residual;
 mod robustness;
 mod sendable;
 mod sensing;
 #[cfg(debug_assertions)] // products that wrap are told there alone
 mod sizes;
+mod teams;
 mod transforms;
 
 use omnidrones::controllers::cascade::Level;

@@ -220,8 +220,8 @@ pub const SUCCESS: &str = "\
 Success is the share of episodes that were not terminated (crashed) and met what the task asks: in the last step an \
 error within its limit, 0.1 m of position in Hover, and where the task asks for an attitude or heading, that within 18°; \
 along a path an error within its limit through the last 2 s; in PayloadHover the error at the end of the longest time \
-without a push; the FlyThrough tasks and Forest ask once in the episode, OverFlyThrough and TransportFlyThrough with all \
-drones beyond x = 0.05 m. The page names the rule, and 'omnidrones tasks TASK' too.";
+without a push; the FlyThrough tasks, Forest, Pinball and Race ask once in the episode, OverFlyThrough and \
+TransportFlyThrough with all drones beyond x = 0.05 m. The page names the rule, and 'omnidrones tasks TASK' too.";
 
 /// What a success is, as a line below a table.
 pub fn success(spec: &Spec) -> String {

@@ -4,11 +4,12 @@
 //! - DIFFERENCE: no contact: drones that come closer than 0.23 m end the episode before they touch.
 
 use super::assignment::{MOST, assign};
-use super::team::{CROWD, apart, crowded, lowest, mean_throttle_difference, observe_others, squared_separation};
+use super::team::{
+    CROWD, apart, crowded, free_team, lowest, mean_throttle_difference, observe_others, squared_separation,
+};
 use super::{PoseLoss, StartAttitude, less, made_of, more, nearer, rate_cost, speed_cost, times};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
-use crate::dynamics::assembly::{Member, group, single};
 use crate::dynamics::spatial::{Vec3, add, constants, scale, sub};
 use crate::error::{Error, Result, finite};
 use crate::settings;
@@ -77,7 +78,7 @@ fn flat(points: &[[f64; 2]]) -> Vec<[f64; 3]> {
 
 /// Which point each drone takes: the assignment of the least sum of squared ways. On straight ways of that sum, flown together,
 /// drones that begin and end apart stay apart (Turpin, Michael and Kumar 2014, theorem 3.1).
-fn places(from: &[Vec3<f64>], to: &[Vec3<f64>]) -> [usize; MOST] {
+pub(super) fn places(from: &[Vec3<f64>], to: &[Vec3<f64>]) -> [usize; MOST] {
     assign(from.len(), |i, j| safe::squared_norm(sub(to[j], from[i])))
 }
 
@@ -88,6 +89,36 @@ settings! {
         step: [f64; 3] = [0.5, 0.5, 0.25] => ("m", "from cell to cell", Positive);
         cells: [u64; 3] = [8, 8, 6] => ("", "cells per axis", Positive);
         attitude: StartAttitude = StartAttitude::default() => flat;
+    }
+}
+
+impl StartGrid {
+    /// Refuses fewer cells than drones.
+    pub fn check(&self, n_drone: usize) -> Result<()> {
+        let cells = self.cells.into_iter().fold(1, u64::saturating_mul);
+        if cells >= n_drone as u64 {
+            return Ok(());
+        }
+        let limit = format!("{n_drone} or more, one per drone");
+        Err(Error::value("task.start_cells", format!("{cells} in all"), limit, "Give more cells."))
+    }
+
+    /// Puts drones into different cells, and says where they are: the first `n_drone` count.
+    pub fn place(&self, start: &mut Start<'_>, n_drone: usize) -> [Vec3<f64>; MOST] {
+        let [nx, ny, nz] = self.cells;
+        let (mut taken, mut from) = ([u64::MAX; MOST], [[0.0; 3]; MOST]);
+        for i in 0..n_drone {
+            let mut cell = start.reset.below(nx * ny * nz);
+            while taken[..i].contains(&cell) {
+                cell = start.reset.below(nx * ny * nz);
+            }
+            taken[i] = cell;
+            let index = [cell % nx, cell / nx % ny, cell / (nx * ny)];
+            from[i] = [0, 1, 2].map(|k| self.first[k] + self.step[k] * index[k] as f64);
+            let attitude = self.attitude.draw(start);
+            start.place(i, from[i], attitude);
+        }
+        from
     }
 }
 
@@ -137,17 +168,8 @@ impl BuiltIn for Formation {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: FormationSettings = config.settings()?;
         let figure = settings.formation.points()?;
-        let cells = settings.start.cells.into_iter().fold(1, u64::saturating_mul);
-        if cells < figure.len() as u64 {
-            let limit = format!("{} or more, one per drone", figure.len());
-            return Err(Error::value("task.start_cells", format!("{cells} in all"), limit, "Give more cells."));
-        }
-        let vehicle = config.vehicle(&settings.vehicle)?;
-        let drone = single(&vehicle)?;
-        let members: Vec<Member> =
-            (0..figure.len()).map(|i| Member::new(format!("drone_{i}"), drone.clone(), [0.0; 3])).collect();
-        let physics = config.physics_with(|e| e.downwash = true);
-        let robot = Robot::of_model(&group("formation", &members)?, physics, Some(&vehicle), |_| Vec::new())?;
+        settings.start.check(figure.len())?;
+        let robot = free_team("formation", config, &settings.vehicle, figure.len())?;
         Ok(Self { robot, settings, figure })
     }
 }
@@ -249,21 +271,7 @@ impl Task for Formation {
     }
 
     fn start(&self, start: &mut Start<'_>) {
-        let grid = &self.settings.start;
-        let [nx, ny, nz] = grid.cells;
-        let (mut taken, mut from) = ([u64::MAX; MOST], [[0.0; 3]; MOST]);
-        for i in 0..self.figure.len() {
-            let mut cell = start.reset.below(nx * ny * nz);
-            while taken[..i].contains(&cell) {
-                cell = start.reset.below(nx * ny * nz);
-            }
-            taken[i] = cell;
-            let index = [cell % nx, cell / nx % ny, cell / (nx * ny)];
-            let position = [0, 1, 2].map(|k| grid.first[k] + grid.step[k] * index[k] as f64);
-            let attitude = grid.attitude.draw(start);
-            start.place(i, position, attitude);
-            from[i] = position;
-        }
+        let from = self.settings.start.place(start, self.figure.len());
         self.take_places(start, &from[..self.figure.len()]);
     }
 

@@ -114,6 +114,29 @@ fn slats(shape: &Shape, size: [f64; 3]) -> Vec<Shape> {
     (0..=gaps as usize).map(slat).collect()
 }
 
+/// A ball on a vehicle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Ball {
+    /// Its middle, body, m.
+    pub centre: Vec3<f64>,
+    /// m.
+    pub radius: f64,
+}
+
+/// What may touch without contact forces: a ball about every propeller and one about every shape of a vehicle.
+pub(super) fn balls(vehicle: &Vehicle) -> Vec<Ball> {
+    let about = |shape: &Shape| {
+        let radius = match shape.geometry {
+            Geometry::Sphere { radius } => radius,
+            Geometry::Capsule { radius, length } => radius + 0.5 * length,
+            Geometry::Box { size } => 0.5 * size.into_iter().fold(0.0, f64::max),
+        };
+        Ball { centre: shape.position, radius }
+    };
+    let propellers = vehicle.rotors.iter().map(|rotor| Ball { centre: rotor.position, radius: rotor.radius });
+    propellers.chain(vehicle.shapes.iter().map(about)).collect()
+}
+
 /// What touches: shapes of one tree, each with the body that carries it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Skin(Vec<(usize, Shape)>);

@@ -3,10 +3,14 @@
 use super::{PoseLoss, more, times};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::Vehicle;
+use crate::dynamics::assembly::{Member, group, single};
 use crate::dynamics::frame::Frame;
 use crate::dynamics::spatial::{Vec3, sub};
+use crate::error::Result;
 use crate::settings;
+use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::Writer;
+use crate::tasks::robot::Robot;
 use crate::tasks::task::View;
 
 settings! {
@@ -23,6 +27,19 @@ settings! {
         pose: PoseLoss = PoseLoss::default() => flat;
         clearance: f64 = 0.5 => ("m", "weight of the clearance in the loss", NotNegative);
     }
+}
+
+/// Drones that are free of each other but for their wakes, with nothing to touch.
+///
+/// # Errors
+/// As [`EnvConfig::vehicle`].
+pub(crate) fn free_team(name: &str, config: &EnvConfig, vehicle: &str, n_drone: usize) -> Result<Robot> {
+    let vehicle = config.vehicle(vehicle)?;
+    let drone = single(&vehicle)?;
+    let member = |i| Member::new(format!("drone_{i}"), drone.clone(), [0.0; 3]);
+    let members: Vec<Member> = (0..n_drone).map(member).collect();
+    let physics = config.physics_with(|e| e.downwash = true);
+    Robot::of_model(&group(name, &members)?, physics, Some(&vehicle), |_| Vec::new())
 }
 
 /// Drone `i` as it sees itself: where it is about its load, ŝ, and which of the team it is.

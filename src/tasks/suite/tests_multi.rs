@@ -14,7 +14,7 @@ use crate::tasks::task_spec::total;
 use crate::tasks::{Buffers, Env, EnvConfig, Start, Task, View};
 
 /// Name, size of one agent's observation, of the central state, agents.
-const SIZES: [(&str, usize, usize, usize); 8] = [
+const SIZES: [(&str, usize, usize, usize); 10] = [
     ("OverHover", 95, 137, 4),
     ("OverTrack", 101, 143, 4),
     ("OverFlyThrough", 101, 143, 4),
@@ -23,6 +23,8 @@ const SIZES: [(&str, usize, usize, usize); 8] = [
     ("TransportFlyThrough", 96, 135, 4),
     ("Formation", 27 + 6 * 14, 7 * 23, 7),
     ("DragonHover", 108 + 14, 0, 1),
+    ("Spread", 9 + 20 + 4 + 2 * 14, 3 * 29, 3),
+    ("GateSwitch", 20 + 8 + 4 + 14, 2 * 28, 2),
 ];
 
 fn config(n_env: usize, task: &str) -> EnvConfig {
@@ -48,6 +50,8 @@ fn cases() -> Vec<(&'static str, &'static str)> {
         ("TransportFlyThrough", "n_drone = 6\nreset_on_collision = true"),
         ("Formation", "formation = 'tetragon'"),
         ("Formation", "formation = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [0.0, 2.0, 1.0]]"),
+        ("Spread", "n_drone = 5\nobserve_place = true"),
+        ("Race", ""),
         ("HoverRand", ""),
         ("TrackRand", ""),
         ("OmavHover", ""),
@@ -57,7 +61,7 @@ fn cases() -> Vec<(&'static str, &'static str)> {
 }
 
 #[test]
-fn observations_and_central_states_have_the_published_sizes_but_for_cosines_and_sines() {
+fn observations_and_central_states_have_the_sizes_that_are_told() {
     for (name, observation, central, agents) in SIZES {
         let env = Env::make(name, &config(1, "")).unwrap();
         let spec = env.spec();
@@ -174,11 +178,14 @@ fn the_ideal_reaches_every_terms_bound() {
     reaches_its_bounds(&formation::Formation::new(&c).unwrap());
     reaches_its_bounds(&formation::Formation::new(&config(1, "formation = 'tetragon'")).unwrap());
     reaches_its_bounds(&dragon_hover::DragonHover::new(&c).unwrap());
+    reaches_its_bounds(&spread::Spread::new(&c).unwrap());
+    reaches_its_bounds(&gate_switch::GateSwitch::new(&c).unwrap());
 }
 
 #[test]
 fn bounds_are_the_published_ones() {
-    let wanted = [3.25, 3.25, 3.1, 4.3, 4.2, 2.7, 3.4, 1.5];
+    // of Spread one per target, of GateSwitch 1.4 + 1 + 1.3 · 1.5 + 0.1
+    let wanted = [3.25, 3.25, 3.1, 4.3, 4.2, 2.7, 3.4, 1.5, 3.0, 4.45];
     for ((name, ..), bound) in SIZES.iter().zip(wanted) {
         let env = Env::make(name, &config(1, "")).unwrap();
         assert!((env.spec().reward_bound - bound).abs() < 1e-12, "{name}: {}", env.spec().reward_bound);

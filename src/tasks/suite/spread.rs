@@ -1,0 +1,271 @@
+//! Spread: drones share out targets, whoever takes which, and keep apart in each other's downwash.
+//!
+//! The published task is an idea of a pull request: its reward is given and nothing else. All else is ours, after
+//! [Formation](super::formation).
+//!
+//! - DIFFERENCE: starts, targets, ends and success are ours; targets are at least `target_gap` apart.
+//! - DIFFERENCE: no contact: drones that come closer than 0.5 m end the episode before they touch.
+
+use super::assignment::MOST;
+use super::formation::{StartGrid, places};
+use super::team::{
+    CROWD, TeamSettings, crowded, free_team, lowest, mean_throttle_difference, observe_others, squared_separation,
+};
+use super::{MotionLoss, less, made_of, more, rate_cost, speed_cost, times};
+use crate::autodiff::{Scalar, safe};
+use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
+use crate::dynamics::spatial::{Vec3, constants, sub};
+use crate::error::{Error, Result};
+use crate::settings;
+use crate::tasks::config::EnvConfig;
+use crate::tasks::declare::{Ends, Loss, Writer};
+use crate::tasks::registry::BuiltIn;
+use crate::tasks::reward::{rational_kernel, smooth_norm};
+use crate::tasks::robot::Robot;
+use crate::tasks::task::{Start, Task, TaskReference, View};
+use crate::tasks::task_spec::Success;
+
+/// When our controllers have every drone at its target, s.
+const ARRIVAL: f64 = 3.5;
+
+/// Cells as far apart as drones that share no air.
+fn start_grid() -> StartGrid {
+    StartGrid { first: [-1.5, -1.5, 1.0], step: [1.0, 1.0, 0.8], cells: [4, 4, 2], ..StartGrid::default() }
+}
+
+settings! {
+    /// Settings of [`Spread`].
+    pub(crate) struct SpreadSettings {
+        team: TeamSettings = TeamSettings { n_drone: 3, ..TeamSettings::default() } => flat;
+        horizon: usize = 500 => ("steps", "T", Any);
+        observe_place: bool = false => ("", "whether each drone sees the way to the target that it takes", Any);
+        target: [[f64; 2]; 3] = [[-2.0, 2.0], [-2.0, 2.0], [1.0, 2.5]]
+            => ("m, world", "q_k, lowest and highest per axis", Ordered);
+        target_gap: f64 = 0.8 => ("m", "least distance of two targets", NotNegative);
+        start: StartGrid = start_grid() => group;
+        center: [f64; 3] = [0.0, 0.0, 1.5] => ("m, world", "p_c", Any);
+        min_height: f64 = 0.2 => ("m", "a lower drone is a crash", Any);
+        min_separation: f64 = 0.5 => ("m", "closer drones touch", Positive);
+        max_distance: f64 = 6.0 => ("m", "a drone farther from p_c ends the episode", Positive);
+        success_distance: f64 = 0.2 => ("m", "of every target from its nearest drone, for a success", Positive);
+        cover_scale: f64 = 1.6 => ("1/m", "how steeply the term cover falls", NotNegative);
+        reward_cover: f64 = 1.0 => ("-", "weight of the term cover, of every target", NotNegative);
+        loss: MotionLoss = MotionLoss::default() => group;
+        loss_crowd: f64 = 1.0 => ("m", "weight of drones too close to each other in the loss", NotNegative);
+        loss_separation: f64 = 0.9 => ("m", "least distance of two drones that costs nothing in the loss", Positive);
+    }
+}
+
+/// See the [module](self).
+#[derive(Debug, Clone)]
+pub struct Spread {
+    robot: Robot,
+    settings: SpreadSettings,
+}
+
+impl BuiltIn for Spread {
+    fn new(config: &EnvConfig) -> Result<Self> {
+        let settings: SpreadSettings = config.settings()?;
+        let n = settings.team.n_drone;
+        if !(2..=MOST).contains(&n) {
+            let limit = format!("2 to {MOST} drones");
+            return Err(Error::limit("task.n_drone", n, limit, "Use Hover for a single drone."));
+        }
+        settings.start.check(n)?;
+        let robot = free_team("spread", config, &settings.team.vehicle, n)?;
+        Ok(Self { robot, settings })
+    }
+}
+
+impl Spread {
+    fn n(&self) -> usize {
+        self.settings.team.n_drone
+    }
+
+    /// q_k − p_i.
+    #[inline(always)]
+    fn way<S: Scalar>(view: &View<'_, S>, i: usize, k: usize) -> Vec3<S> {
+        sub(view.goal.array(3 * k), view.drone(i).position)
+    }
+
+    /// To the target that drone i takes.
+    #[inline(always)]
+    fn own_way<S: Scalar>(&self, view: &View<'_, S>, i: usize) -> Vec3<S> {
+        sub(view.goal.array(3 * (self.n() + i)), view.drone(i).position)
+    }
+
+    /// D_k².
+    #[inline(always)]
+    fn squared_gap<S: Scalar>(&self, view: &View<'_, S>, k: usize) -> S {
+        let mut least = safe::squared_norm(Self::way(view, 0, k));
+        for i in 1..self.n() {
+            least = least.min(safe::squared_norm(Self::way(view, i, k)));
+        }
+        least
+    }
+
+    /// max D_k².
+    #[inline(always)]
+    fn squared_error<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        let mut most = S::zero();
+        for k in 0..self.n() {
+            most = most.max(self.squared_gap(view, k));
+        }
+        most
+    }
+
+    /// max ‖p_i − p_c‖².
+    #[inline(always)]
+    fn squared_distance<S: Scalar>(&self, view: &View<'_, S>) -> S {
+        let mut most = S::zero();
+        for i in 0..self.n() {
+            most = most.max(safe::squared_norm(sub(view.drone(i).position, constants(self.settings.center))));
+        }
+        most
+    }
+
+    /// Keeps the targets, and which of them each drone takes from here.
+    fn set_goal(&self, start: &mut Start<'_>, targets: &[Vec3<f64>], from: &[Vec3<f64>]) {
+        start.goal.field("targets", "m, world", "q of every target");
+        targets.iter().for_each(|q| start.goal.array(*q));
+        let taken = places(from, targets);
+        start.goal.field("places", "m, world", "q of the target that each drone takes");
+        (0..from.len()).for_each(|i| start.goal.array(targets[taken[i]]));
+    }
+
+    /// Targets, each drawn again while it is too near to one before it.
+    fn targets(&self, start: &mut Start<'_>) -> [Vec3<f64>; MOST] {
+        let mut targets = [[0.0; 3]; MOST];
+        for k in 0..self.n() {
+            for _ in 0..1000 {
+                targets[k] = self.settings.target.map(|[low, high]| start.task.uniform(low, high));
+                let gap = |q: &Vec3<f64>| safe::norm(sub(*q, targets[k]));
+                if targets[..k].iter().all(|q| gap(q) >= self.settings.target_gap) {
+                    break;
+                }
+            }
+        }
+        targets
+    }
+
+    /// ŝ and the ways to all targets of a drone.
+    #[inline(always)]
+    fn observe_own<S: Scalar>(&self, view: &View<'_, S>, i: usize, out: &mut impl Writer<S>) {
+        out.field("targets", "m, world", "q_k − p_i for every target").members(self.n());
+        for k in 0..self.n() {
+            out.array(Self::way(view, i, k));
+        }
+        view.observe_drone(i, out);
+    }
+}
+
+impl Task for Spread {
+    made_of!(self: self.robot, self.settings);
+
+    fn about(&self) -> &'static str {
+        "p_i, v_i, ω_i drones (world), q_k as many targets, D_k = min_i ‖q_k − p_i‖ the distance of a target from its nearest \
+         drone, sep the least distance of two drones, p_c = {center} m, k steps. Targets: uniform in {target} m, at least \
+         {target_gap} m apart. Start: different cells of a grid of {start_cells} cells from {start_first} m on in steps of \
+         {start_step} m, at their centres; roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest. There \
+         the drones take targets by the least sum of squared ways, t_i for drone i: the loss asks for those, reward and \
+         success for any."
+    }
+
+    fn start(&self, start: &mut Start<'_>) {
+        let targets = self.targets(start);
+        let from = self.settings.start.place(start, self.n());
+        self.set_goal(start, &targets[..self.n()], &from[..self.n()]);
+    }
+
+    #[inline(always)]
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
+        self.observe_own(view, agent, out);
+        if self.settings.observe_place {
+            out.field("place", "m, world", "t_i − p_i of the target that it takes").array(self.own_way(view, agent));
+        }
+        view.observe_clock(out);
+        observe_others(view, agent, true, out);
+    }
+
+    #[inline(always)]
+    fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.field("drones", "as observed", "targets … throttle of every drone");
+        for i in 0..self.n() {
+            self.observe_own(view, i, &mut out.unnamed());
+        }
+    }
+
+    #[inline(always)]
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        let own = &self.settings;
+        let mut sum = S::zero();
+        for k in 0..self.n() {
+            sum += rational_kernel(own.cover_scale, self.squared_gap(view, k));
+        }
+        let most = own.reward_cover * self.n() as f64;
+        terms.term("cover", "{×reward_cover}Σ_k 1/(1 + ({×cover_scale}D_k)²)", most).piecewise();
+        terms.number(times(own.reward_cover, sum));
+    }
+
+    #[inline(always)]
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+        let own = &self.settings;
+        let (least, most) = (own.min_separation, own.max_distance);
+        ends.when("crash", "min z_i < {min_height} m", less(lowest(view), own.min_height));
+        ends.when("touch", "sep < {min_separation} m", less(squared_separation(view), least * least));
+        ends.when("far", "max ‖p_i − p_c‖ > {max_distance} m", more(self.squared_distance(view), most * most));
+    }
+
+    #[inline(always)]
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        let floor = safe::SQUARED_NORM_FLOOR;
+        out.metric("coverage_error", "m", safe::sqrt(self.squared_error(view), floor));
+        out.metric("separation", "m", safe::sqrt(squared_separation(view), floor));
+        out.metric("throttle_difference", "-", mean_throttle_difference(view));
+    }
+
+    #[inline(always)]
+    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
+        let most = self.settings.success_distance;
+        less(self.squared_error(view), most * most)
+    }
+
+    fn success_rule(&self) -> Success {
+        Success::below("coverage_error", self.settings.success_distance)
+    }
+
+    #[inline(always)]
+    fn loss<S: Scalar>(&self, view: &View<'_, S>, loss: &mut impl Loss<S>) {
+        let (own, w) = (&self.settings, &self.settings.loss);
+        let mut sum = S::zero();
+        for i in 0..self.n() {
+            let drone = view.drone(i);
+            sum += smooth_norm(self.own_way(view, i), w.radius);
+            sum += speed_cost(w.velocity, drone.velocity);
+            sum += rate_cost(w.rate, drone.angular_velocity);
+        }
+        let formula = "mean(√(‖t_i − p_i‖² + {loss_radius}²) + {×loss_velocity}h₅(v_i) + {×loss_rate}h₁₀(ω_i))";
+        loss.add(formula, S::constant(1.0 / self.n() as f64) * sum);
+        loss.add(CROWD, crowded(own.loss_crowd, view, own.loss_separation));
+    }
+
+    fn reference(&self, view: &View<'_, f64>) -> Option<TaskReference> {
+        let way = |i: usize| {
+            let (drone, target) = (view.drone(i), view.goal.array(3 * (self.n() + i)));
+            let start = Waypoint { time: 0.0, position: drone.position, yaw: drone.yaw() };
+            let end = Waypoint { time: ARRIVAL, position: target, yaw: drone.yaw() };
+            Waypoints::new(vec![start, end]).ok().map(Reference::Waypoints)
+        };
+        let references = (0..self.n()).map(way).collect::<Option<Vec<_>>>()?;
+        Some(TaskReference { references, tilt: Tilt::LEVEL, follower: None })
+    }
+
+    fn ideal(&self, start: &mut Start<'_>) {
+        let (n, mut targets) = (self.n(), [[0.0; 3]; MOST]);
+        for k in 0..n {
+            targets[k] = [k as f64 - 0.5 * (n - 1) as f64, 0.0, 1.5];
+            start.place(k, targets[k], [1.0, 0.0, 0.0, 0.0]);
+        }
+        self.set_goal(start, &targets[..n], &targets[..n]);
+    }
+}
