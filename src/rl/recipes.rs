@@ -43,6 +43,7 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("transport_hover.ppo"),
     file!("transport_track.shac"),
     file!("transport_fly_through.shac"),
+    file!("forest.ppo"),
     file!("forest.apg"),
     file!("pinball.apg"),
     file!("formation.apg"),
