@@ -149,7 +149,7 @@ fn a_vehicle_stands_on_a_slope_of_10_degrees_with_at_most_1_mm_per_s_of_creep() 
             run(&system, &mut x, 2.0, &mut |_| {});
             let creep = (0..3).map(|k| (x[k] - from[k]).powi(2)).sum::<f64>().sqrt() / 2.0;
             let off = unbalanced(&system, &mut x, 1.0);
-            // measured SLOPE
+            // measured 0.246 to 0.415 mm/s, forces off by at most 3.4e-4
             println!(
                 "{name} at {dt} s / {substeps}, {integrator:?}: {:.3} mm/s, force off by {:.1e}",
                 1e3 * creep,
