@@ -8,7 +8,7 @@
 //! points and directions, k is at most m g/δ^{3/2} with δ = 6 g h², what bobs at ½/h there (6 g h² = 3g/(2ω²)), and damping at
 //! most m/h (RK4) or m/(2h). The force stays that of a material, conservative but for its damping. Against boxes all balls of
 //! what touches may rest at once (m is that of a quarter of their sum where that is less), and the corners of a box within
-//! another, where the nearest face changes, take an eighth of k.
+//! another, where the nearest face changes, take a sixteenth of k.
 //!
 //! **Friction that sticks.** A body at rest creeps at a share of the slip speed v_s, so v_s is small, and friction, with a
 //! slope of up to μ F_n/v_s, far steeper than the stages of a step resolve. Against what stands still it is sampled at the
