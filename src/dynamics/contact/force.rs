@@ -8,17 +8,20 @@ use crate::dynamics::spatial::{Vec3, axpy, dot, scale};
 /// Floor of the depth under the root, m: below it δ^{3/2} is 1e-6 m^{1/2} · δ.
 const DEPTH_FLOOR: f64 = 1e-12;
 
-/// F_n = k δ₊^{3/2} (1 + 3/2 d δ̇)₊ ≥ 0, N, at `depth` δ that grows at `rate` δ̇ (Hunt and Crossley 1975).
+/// F_n = k δ₊^{3/2} (1 + 3/2 d δ̇)₊ ≥ 0, N, at `depth` δ that grows at `rate` δ̇ (Hunt and Crossley 1975), its slope in rate
+/// 3/2 d k δ^{3/2} held at `most_damping`.
 ///
-/// The elastic part stores ⅖ k δ^{5/2}; the rest is k δ^{3/2} · 3/2 d δ̇² ≥ 0 of power taken out. Where (…)₊ holds a
+/// The elastic part stores ⅖ k δ^{5/2}; the rest is slope · δ̇² ≥ 0 of power taken out. Where (…)₊ holds a
 /// body that leaves faster than 2/(3d), stored energy is dropped, never returned twice. Continuously differentiable at
-/// touch, where slope is 0 in depth and rate; slope in rate jumps at δ̇ = −2/(3d).
+/// touch, where slope is 0 in depth and rate; slope in rate jumps at δ̇ = −2/(3d), slope in depth where damping is held.
 #[inline(always)]
 pub fn normal_force<S: Scalar>(material: &Material<S>, depth: S, rate: S) -> S {
     let depth = depth.max(S::zero());
     let elastic = material.stiffness * depth * safe::sqrt(depth, DEPTH_FLOOR);
-    let damping = (material.dissipation * S::constant(1.5)).mul_add(rate, S::one()).max(S::zero());
-    elastic * damping
+    let loss = material.dissipation * S::constant(1.5);
+    let damping = loss.mul_add(rate, S::one()).max(S::zero());
+    let is_held = material.most_damping.lt(loss * elastic);
+    S::select(is_held, material.most_damping.mul_add(rate, elastic).max(S::zero()), elastic * damping)
 }
 
 /// Slip speed per second of a step, m/s²: friction that is smoother than this times the step is resolved by explicit stages.

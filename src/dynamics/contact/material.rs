@@ -1,6 +1,7 @@
 //! Material of a contact: as data ([`ContactMaterial`]) and as numbers for kernels ([`Material`]).
 
 use crate::autodiff::Scalar;
+use crate::dynamics::integrate::{Grid, Integrator};
 use crate::dynamics::shape::within;
 use crate::dynamics::vehicle::GRAVITY;
 use crate::error::Result;
@@ -11,7 +12,9 @@ use serde::{Deserialize, Serialize};
 /// How stiff it may be is a matter of the step. A body of mass m that rests on n points sinks by
 /// δ₀ = (m g/(n k))^{2/3} and bobs there at ω = √(3g/(2δ₀)), whatever its mass. The default lets 0.7 kg on four
 /// points sink by 0.51 mm: ω = 170 rad/s, ω·dt = 0.34 at 2 ms, where RK4 is stable below 2.8 and accurate below 0.5.
-/// A lighter body sinks less and bobs faster on the same material: [`ContactMaterial::resting`] finds its stiffness.
+/// A lighter body sinks less and bobs faster on the same material: [`ContactMaterial::resting`] finds its stiffness. A
+/// [`Multibody`](crate::dynamics::tree::Multibody) takes no more of it, nor of damping, than its substep resolves
+/// ([`check_contact`](crate::dynamics::tree::check_contact)).
 ///
 /// Impacts are stiffer than rest: from 1 m that body bounces at up to 400 rad/s. Friction damps slip at up to
 /// μ F_n/(m v_s), 8000/s with the default. A step of 2 ms does not resolve the latter, yet it gained at most 5e-5 J in
@@ -96,7 +99,39 @@ impl ContactMaterial {
             dissipation: S::constant(self.dissipation),
             friction: S::constant(self.friction),
             slip_speed: S::constant(self.slip_speed),
+            most_damping: S::constant(Resolved::ANY.damping),
         }
+    }
+}
+
+/// What a substep resolves at a point of contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Resolved {
+    /// Most k, N/m^{3/2}.
+    pub stiffness: f64,
+    /// Most slope of the force in rate, N s/m.
+    pub damping: f64,
+}
+
+impl Resolved {
+    /// No bound. Finite, so that no derivative of it is 0 · ∞.
+    pub(crate) const ANY: Self = Self { stiffness: 1e30, damping: 1e30 };
+    /// ω h.
+    const MOST_ANGLE: f64 = 0.5;
+
+    /// At a point that gives way with `mobility` 1/m, 1/kg, in substeps h: what bobs at ω where m alone rests on it,
+    /// k = m g/δ^{3/2} with δ = 3g/(2ω²), and damping c that takes a speed in the time T = m/c. With ω h ≤ 0.5, and h/T ≤ 1
+    /// for RK4 or ½ for the semi-implicit step, impacts of a few m/s, up to three times as fast, gain no energy.
+    pub(crate) fn of(mobility: f64, grid: Grid) -> Self {
+        if mobility <= 0.0 {
+            return Self::ANY;
+        }
+        let loss = match grid.integrator {
+            Integrator::RungeKutta4 => 1.0,
+            Integrator::SemiImplicit => 0.5,
+        };
+        let (mass, sink) = (mobility.recip(), 1.5 * GRAVITY * (grid.substep / Self::MOST_ANGLE).powi(2));
+        Self { stiffness: ContactMaterial::resting(mass, 1, sink).stiffness, damping: loss * mass / grid.substep }
     }
 }
 
@@ -111,6 +146,20 @@ pub struct Material<S> {
     pub friction: S,
     /// v_s, m/s, > 0.
     pub slip_speed: S,
+    /// Most slope of the normal force in rate, N s/m, > 0: what a step resolves.
+    pub most_damping: S,
+}
+
+impl<S: Scalar> Material<S> {
+    /// No stiffer than a step resolves.
+    #[inline(always)]
+    pub(crate) fn within(self, most: &Resolved) -> Self {
+        Self {
+            stiffness: self.stiffness.min(S::constant(most.stiffness)),
+            most_damping: S::constant(most.damping),
+            ..self
+        }
+    }
 }
 
 #[cfg(test)]

@@ -14,11 +14,12 @@
 //!
 //! The force in time is passive: what it gives back on the way out is at most what it took on the way in, and friction
 //! always opposes slip. An integrator keeps that only while its step resolves the contact: see
-//! [`ContactMaterial`] for the numbers.
+//! [`ContactMaterial`] for the numbers. A [`Multibody`](crate::dynamics::tree::Multibody) takes no more stiffness and damping
+//! than that.
 //!
 //! **Derivatives.** In depth the normal force is continuously differentiable, touch included (δ^{3/2} leaves with zero
-//! slope); its second derivative grows as δ^{−1/2} on the way to touch. It has one kink: where a body leaves faster than
-//! 2/(3d), the force is held at 0 instead of pulling. Friction is smooth in slip, with slope at most μ F_n/v_s. Contact
+//! slope); its second derivative grows as δ^{−1/2} on the way to touch. It has a kink where a body leaves faster than
+//! 2/(3d), and the force is held at 0 instead of pulling, and one where damping reaches what a step resolves. Friction is smooth in slip, with slope at most μ F_n/v_s. Contact
 //! points and normals jump where the nearest point does: at coincident centres, and at a crossing of axes. They do not for
 //! a capsule that lies flat (both ends push) nor for parallel capsules (the middle pushes). A gradient through an impact
 //! is that of the resolved, compliant impact: finite, and as steep as its stiffness.

@@ -335,6 +335,11 @@ pub fn frame_jacobian(model: &Model, state: &[f64], frame: &Frame) -> Result<DMa
     Ok(point_jacobian(model, &poses_of(model, state), frame.body, frame.position))
 }
 
+/// As [`frame_jacobian`] of a point of a body, at [`rest_state`](super::rest_state).
+pub(crate) fn point_jacobian_at_rest(model: &Model, body: usize, point: [f64; 3]) -> DMatrix<f64> {
+    point_jacobian(model, &poses_of(model, &super::rest_state(model)), body, point)
+}
+
 /// Jacobian of a point of a body given in the body's frame.
 fn point_jacobian(model: &Model, poses: &[Pose<f64>], body: usize, point: [f64; 3]) -> DMatrix<f64> {
     let mut j = DMatrix::zeros(6, model.layout().n_velocity());

@@ -3,6 +3,13 @@
 //! The law is that of [`contact`](crate::dynamics::contact); here is which shape touches which, and on which body the
 //! force then acts. Needs kinematics.
 //!
+//! **Stiffness.** An explicit step h gains energy at a contact that is stiffer than it resolves, and throws a light body off. So
+//! every touch has a bound by what its points feel: with the mobility 1/m, the largest eigenvalue of J M⁻¹ Jᵀ at rest over
+//! points and directions, k is at most m g/δ^{3/2} with δ = 6 g h², what bobs at ½/h there (6 g h² = 3g/(2ω²)), and damping at
+//! most m/h (RK4) or m/(2h). The force stays that of a material, conservative but for its damping. Against boxes all balls of
+//! what touches may rest at once (m is that of a quarter of their sum where that is less), and the corners of a box within
+//! another, where the nearest face changes, take a sixteenth of k.
+//!
 //! **Friction that sticks.** A body at rest creeps at a share of the slip speed v_s, so v_s is small, and friction, with a
 //! slope of up to μ F_n/v_s, far steeper than the stages of a step resolve. Against what stands still it is sampled at the
 //! start of a substep h: the articulated-body algorithm finds the accelerations a under −(μ F_n/v_s)(v_t + h a_t) at all
@@ -17,6 +24,7 @@ use super::parameters::{ParameterView, contact_parameters, static_parameters};
 use super::scratch::{Articulated, BodyScratch};
 use super::topology::{Ball, Feature, Form, Pair, Topology};
 use crate::autodiff::{Scalar, safe};
+use crate::dynamics::contact::material::Resolved;
 use crate::dynamics::contact::pairs::{
     capsule_capsule, sphere_box, sphere_capsule, sphere_plane, sphere_relief, sphere_sphere,
 };
@@ -109,16 +117,11 @@ pub(crate) fn settle<S: Scalar, P: ParameterView<S>>(
 #[inline(always)]
 fn visit<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, at: Visit<S>, bodies: &mut [BodyScratch<S>]) {
     let n = contact_parameters(t.n_body(), t.n_rotor());
-    let usual = Material {
-        stiffness: numbers.get(n),
-        dissipation: numbers.get(n + 1),
-        friction: numbers.get(n + 2),
-        slip_speed: numbers.get(n + 3),
-    };
+    let usual = usual_material(numbers, n);
     let ground = numbers.get(n + 4);
     for k in 0..t.on_ground.len() {
         let feature = &t.features[t.on_ground[k].what];
-        let material = material_of(&t.on_ground[k].material, &usual);
+        let material = material_of(&t.on_ground[k].material, &usual).within(&t.resolved.on_ground[k]);
         if let Some(body) = feature.body {
             let points = feature.form.points();
             for i in 0..points.len() {
@@ -129,7 +132,7 @@ fn visit<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, at: Visit<S>,
     }
     for k in 0..t.pairs.len() {
         let pair = t.pairs[k].what;
-        let material = material_of(&t.pairs[k].material, &usual);
+        let material = material_of(&t.pairs[k].material, &usual).within(&t.resolved.pairs[k]);
         let (first, second) = (&t.features[pair.first], &t.features[pair.second]);
         let both = (first.body, second.body);
         if pair.by_balls {
@@ -141,6 +144,18 @@ fn visit<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, at: Visit<S>,
             let contact = contact_of(t, pair, numbers, bodies);
             touch(at, &material, &contact, both, bodies);
         }
+    }
+}
+
+/// Of what has none of its own, from the numbers of contact at `n`.
+#[inline(always)]
+fn usual_material<S: Scalar, P: ParameterView<S>>(numbers: P, n: usize) -> Material<S> {
+    Material {
+        stiffness: numbers.get(n),
+        dissipation: numbers.get(n + 1),
+        friction: numbers.get(n + 2),
+        slip_speed: numbers.get(n + 3),
+        ..ContactMaterial::default().cast()
     }
 }
 
@@ -366,18 +381,18 @@ fn opposite<S: Scalar>(contact: Contact<S>) -> Contact<S> {
 /// Energy ⅖ k δ^{5/2} stored in all contacts, J. Needs kinematics.
 pub(crate) fn elastic_energy<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, bodies: &[BodyScratch<S>]) -> S {
     let n = contact_parameters(t.n_body(), t.n_rotor());
-    let (usual, ground): (S, S) = (numbers.get(n), numbers.get(n + 4));
-    let stiffness = |own: &Option<ContactMaterial>| own.map_or(usual, |m| S::constant(m.stiffness));
+    let (usual, ground) = (usual_material(numbers, n), numbers.get(n + 4));
+    let stiffness = |own: &Option<ContactMaterial>, most: &Resolved| material_of(own, &usual).within(most).stiffness;
     let mut sum = S::zero();
-    for touch in &t.on_ground {
+    for (touch, most) in t.on_ground.iter().zip(&t.resolved.on_ground) {
         let feature = &t.features[touch.what];
         let Some(body) = feature.body else { continue };
         for point in feature.form.points() {
             let contact = ground_contact(t, world(&bodies[body], *point), feature.radius, ground);
-            sum += stiffness(&touch.material) * stored(contact.depth);
+            sum += stiffness(&touch.material, most) * stored(contact.depth);
         }
     }
-    for pair in &t.pairs {
+    for (pair, most) in t.pairs.iter().zip(&t.resolved.pairs) {
         let (first, second) = (&t.features[pair.what.first], &t.features[pair.what.second]);
         let mut own = S::zero();
         if pair.what.by_balls {
@@ -387,7 +402,7 @@ pub(crate) fn elastic_energy<S: Scalar, P: ParameterView<S>>(t: &Topology, numbe
         } else {
             own = stored(contact_of(t, pair.what, numbers, bodies).depth);
         }
-        sum += stiffness(&pair.material) * own;
+        sum += stiffness(&pair.material, most) * own;
     }
     sum
 }

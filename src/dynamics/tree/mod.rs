@@ -47,7 +47,7 @@ pub use parameters::{
     CONTACT_PARAMETERS, LINK_PARAMETERS, model_parameter_domains, model_parameter_names, model_parameters,
 };
 pub use rnea::inverse_dynamics;
-pub use start::check_start;
+pub use start::{check_contact, check_start};
 
 #[cfg(test)]
 mod tests;

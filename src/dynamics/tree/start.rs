@@ -1,8 +1,9 @@
-//! Whether a state is a fair start: nothing is inside of anything.
+//! Whether a state is a fair start, nothing inside of anything, and whether a step resolves what touches.
 
 use super::analysis::separations;
 use super::model::root_of;
 use super::multibody::Multibody;
+use crate::dynamics::contact::ContactMaterial;
 use crate::error::{Error, Result};
 
 /// Refuses a state in which shapes that push each other overlap by more than what rests may sink: its force would throw them
@@ -34,5 +35,36 @@ pub fn check_start(system: &Multibody, state: &[f64]) -> Result<()> {
         format!("{:.4} m", deepest.distance),
         format!("at least {:.4} m, what rests there sinks", -sink),
         "It begins inside: move the start, or what is in its way.",
+    ))
+}
+
+/// Tells whether the substep resolves the stiffness of everything that may touch. What it does not resolve acts no stiffer
+/// than it does, so that nothing gains energy, and sinks in deeper.
+///
+/// # Errors
+/// [`Error::Value`] that names the two that are softened most, their stiffness, and what acts in its place.
+pub fn check_contact(system: &Multibody) -> Result<()> {
+    let (t, parts) = (system.topology(), system.model().parts());
+    if !t.effects.contact {
+        return Ok(());
+    }
+    let usual = parts.contact.material;
+    let stiffness = |own: &Option<ContactMaterial>| own.unwrap_or(usual).stiffness;
+    let on_ground = t.on_ground.iter().zip(&t.resolved.on_ground);
+    let on_ground = on_ground.map(|(touch, most)| (touch.what, None, stiffness(&touch.material), most.stiffness));
+    let pairs = t.pairs.iter().zip(&t.resolved.pairs);
+    let pairs = pairs
+        .map(|(touch, most)| (touch.what.first, Some(touch.what.second), stiffness(&touch.material), most.stiffness));
+    let softest = on_ground.chain(pairs).max_by(|a, b| (a.2 / a.3).total_cmp(&(b.2 / b.3)));
+    let Some((first, second, wanted, most)) = softest.filter(|(_, _, wanted, most)| wanted > most) else {
+        return Ok(());
+    };
+    let names: Vec<&String> = parts.shapes.iter().filter(|s| s.collides).map(|s| &s.part).collect();
+    let second = second.map_or_else(|| "the ground".into(), |k| format!("'{}'", names[k]));
+    Err(Error::value(
+        format!("contact of '{}' with {second}: stiffness", names[first]),
+        format!("{wanted:.3e} N/m^1.5"),
+        format!("at most {most:.3e} to be resolved by substeps of {} s", system.physics().grid().substep),
+        "It acts as soft as that: take more substeps, or give it that stiffness.",
     ))
 }

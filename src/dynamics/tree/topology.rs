@@ -3,11 +3,12 @@
 //! All of it is plain data, equal for every environment and every scalar, so that kernels may branch on it. Flags say
 //! where a number is zero in the model at hand; a batch whose environments differ keeps them general.
 
-use super::analysis::mass_matrix_at_rest;
+use super::analysis::{mass_matrix_at_rest, point_jacobian_at_rest};
 use super::layout::Layout;
 use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion};
 use crate::dynamics::contact::ContactMaterial;
 use crate::dynamics::contact::force::RESOLVED;
+use crate::dynamics::contact::material::Resolved;
 use crate::dynamics::contact::pairs::{corners, segment};
 use crate::dynamics::integrate::{Grid, Integrator};
 use crate::dynamics::relief::Relief;
@@ -193,6 +194,15 @@ pub(crate) struct Topology {
     pub relief: Option<Relief>,
     /// Friction is steeper than the stages of a step resolve: sampled implicitly at its start and held.
     pub sticks: bool,
+    /// What a substep resolves.
+    pub resolved: ResolvedTouches,
+}
+
+/// What a substep resolves of every touch, in their order. Of the nominal masses: a batch keeps its first model's.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct ResolvedTouches {
+    pub on_ground: Vec<Resolved>,
+    pub pairs: Vec<Resolved>,
 }
 
 impl Topology {
@@ -209,7 +219,10 @@ impl Topology {
             mark_stiff(model, grid.substep, &mut links);
         }
         let mut topology = Self::with_links(model, effects, links);
-        topology.sticks = effects.contact && least_slip_speed(model) < RESOLVED * grid.substep;
+        if effects.contact {
+            topology.sticks = least_slip_speed(model) < RESOLVED * grid.substep;
+            topology.resolve(model, grid);
+        }
         topology
     }
 
@@ -238,10 +251,15 @@ impl Topology {
         let layout = Layout::with_disturbance(model.parts(), effects.disturbance);
         let rotor_order = rotor_order(model);
         let features = features(model);
+        let (on_ground, pairs) = (on_ground(model, &features), pairs(model, &features));
         let sources = model.drones().iter().filter(|d| !d.rotors.is_empty());
         Self {
-            on_ground: on_ground(model, &features),
-            pairs: pairs(model, &features),
+            resolved: ResolvedTouches {
+                on_ground: vec![Resolved::ANY; on_ground.len()],
+                pairs: vec![Resolved::ANY; pairs.len()],
+            },
+            on_ground,
+            pairs,
             sticks: false,
             relief: model.parts().contact.relief.clone(),
             features,
@@ -266,6 +284,23 @@ impl Topology {
             own.stiff = link.stiff;
         }
         self.sticks = other.sticks;
+        self.resolved.clone_from(&other.resolved);
+    }
+
+    /// Finds what a substep resolves of every touch.
+    fn resolve(&mut self, model: &Model, grid: Grid) {
+        let mobility = Mobility::of(model, &self.features);
+        let on_ground = |touch: &Touch<usize>| Resolved::of(mobility.of_points[touch.what], grid);
+        let of_pair = |touch: &Touch<Pair>| {
+            let Pair { first, by_balls, .. } = touch.what;
+            let most = Resolved::of(mobility.of_pair(&self.features, touch.what), grid);
+            let has_corners = by_balls && matches!(self.features[first].form, Form::Box(_));
+            if has_corners { Resolved { stiffness: OF_CORNERS * most.stiffness, ..most } } else { most }
+        };
+        self.resolved = ResolvedTouches {
+            on_ground: self.on_ground.iter().map(on_ground).collect(),
+            pairs: self.pairs.iter().map(of_pair).collect(),
+        };
     }
 
     /// What another model has differently than numbers, if anything.
@@ -364,6 +399,46 @@ fn mark_stiff(model: &Model, substep: f64, links: &mut [Link]) {
         let frequency = substep * (body.joint.stiffness * mobility).sqrt();
         let one_axis = matches!(link.kind, Kind::Hinge(_) | Kind::Slide(_));
         link.stiff = one_axis && (rate > STIFF || frequency > STIFF);
+    }
+}
+
+/// Share of the stiffness that a substep resolves between a box and the corners of another, for 0.4 of the rate: the nearest face
+/// changes from one substep to the next.
+const OF_CORNERS: f64 = 1.0 / 16.0;
+
+/// Acceleration per force, 1/kg, that points of each feature give way with at rest: largest eigenvalue of J M⁻¹ Jᵀ with J the
+/// Jacobian of the point; 0 of what stands still. A push on a ball passes through its centre.
+struct Mobility {
+    /// Most of any of its points.
+    of_points: Vec<f64>,
+    /// Of its balls, which may all touch at once: most of any, or a quarter of the sum where that is more, since what one
+    /// step size suits rests on four points.
+    of_balls: Vec<f64>,
+}
+
+impl Mobility {
+    fn of(model: &Model, features: &[Feature]) -> Self {
+        let inverse = mass_matrix_at_rest(model).try_inverse();
+        let at = |feature: &Feature, point: [f64; 3]| {
+            let (Some(body), Some(inverse)) = (feature.body, &inverse) else { return 0.0 };
+            let jacobian = point_jacobian_at_rest(model, body, point);
+            let linear = jacobian.rows(0, 3);
+            (linear * inverse * linear.transpose()).symmetric_eigenvalues().max()
+        };
+        let of_points = |f: &Feature| f.form.points().iter().map(|p| at(f, *p)).fold(0.0, f64::max);
+        let of_balls = |f: &Feature| {
+            let own: Vec<f64> = f.balls.iter().map(|ball| at(f, ball.center)).collect();
+            own.iter().copied().fold(0.25 * own.iter().sum::<f64>(), f64::max)
+        };
+        Self { of_points: features.iter().map(of_points).collect(), of_balls: features.iter().map(of_balls).collect() }
+    }
+
+    fn of_pair(&self, features: &[Feature], Pair { first, second, by_balls }: Pair) -> f64 {
+        if !by_balls {
+            return self.of_points[first] + self.of_points[second];
+        }
+        let at_once = (0.25 * features[first].balls.len() as f64).max(1.0);
+        self.of_balls[first] + at_once * self.of_points[second]
     }
 }
 

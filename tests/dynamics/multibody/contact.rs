@@ -66,8 +66,8 @@ fn a_dropped_box_and_a_bouncing_sphere_come_back_with_less_energy_each_time() {
 }
 
 #[test]
-fn a_step_that_does_not_resolve_the_impact_would_be_seen_to_gain() {
-    // twin: stiffness for a sink of 1 µm at 2 ms
+fn a_stiffness_that_a_step_does_not_resolve_gains_nothing_either() {
+    // for a sink of 1 µm at 2 ms: it acts as softly as a step resolves, and would gain more than a tenth else
     let stiff = changed(&body(SPHERE), |parts| parts.contact.material.stiffness *= 1e5);
     let system = systems(&stiff, rk4(0.002, CONTACT));
     let mut most = 0.0_f64;
@@ -78,7 +78,7 @@ fn a_step_that_does_not_resolve_the_impact_would_be_seen_to_gain() {
         fly(&system, &mut x, &[], 500);
         most = most.max(energy(&system, &x) / start);
     }
-    assert!(most > 1.1, "{most}");
+    at_most("stiff ground: energy after a bounce over that before", most, 1.0);
 }
 
 /// After 25 s to settle from a drop (a Firefly rocks for 15 on its side, at any step): deepest overlap, way moved and angle turned within 10 s.

@@ -9,7 +9,7 @@ use omnidrones::controllers::registry::steerable;
 use omnidrones::controllers::start::{clearance, start_above};
 use omnidrones::controllers::{Flight, Passive, fly_from};
 use omnidrones::dynamics::configurations;
-use omnidrones::dynamics::tree::{Multibody, contact_forces, kinetic_energy, potential_energy};
+use omnidrones::dynamics::tree::{Multibody, check_contact, contact_forces, kinetic_energy, potential_energy};
 use omnidrones::error::{Error, Result};
 use omnidrones_plot::robot::{Fall, fall};
 use serde_json::{Value, json};
@@ -85,6 +85,7 @@ pub fn dropped(a: &Arguments, robot: &Robot) -> Result<Report> {
 /// A fall and what it was like in every sample.
 struct Fallen<'a> {
     robot: &'a Robot,
+    system: &'a Multibody,
     flight: &'a Flight,
     height: f64,
     clearance: Vec<f64>,
@@ -95,13 +96,14 @@ struct Fallen<'a> {
 }
 
 impl<'a> Fallen<'a> {
-    fn of(robot: &'a Robot, system: &Multibody, flight: &'a Flight, height: f64) -> Self {
+    fn of(robot: &'a Robot, system: &'a Multibody, flight: &'a Flight, height: f64) -> Self {
         let rows: Vec<&[f64]> = flight.states.chunks_exact(system.rest_state().len()).collect();
         let weight = robot.model.mass() * robot.model.parts().gravity;
         let force = |row: &&[f64]| contact_forces(system, row).iter().map(|f| f[2]).sum::<f64>() / weight;
         let kinetic = |row: &&[f64]| kinetic_energy(system, row);
         Self {
             robot,
+            system,
             flight,
             height,
             clearance: rows.iter().map(|row| clearance(system, row).unwrap_or(f64::NAN)).collect(),
@@ -172,6 +174,9 @@ impl<'a> Fallen<'a> {
         if ghosts > 0 {
             let all = self.robot.model.shapes().len();
             facts.push(Fact::new("untouchable", format!("{ghosts} of {all}")).note("shapes pass through the ground"));
+        }
+        if let Err(e) = check_contact(self.system) {
+            facts.push(Fact::new("softened", "contact").note(e.to_string()));
         }
         if self.gained() {
             let note = "energy came from nowhere: the step is too long for the ground, try --dt 0.002 or less";
