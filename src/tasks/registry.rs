@@ -272,6 +272,7 @@ mod tests {
         ("OverTrack", true, "our controller holds the frame level, and the path leans"),
         ("TransportHover", true, "the box may be under way for longer"),
         ("DragonHover", true, "the chain may be under way for longer"),
+        ("Forest", true, "the way to the other side takes longer"),
         ("Race", true, "the course takes longer"),
         ("Formation", true, "the drones may be under way for longer"),
         ("GateSwitch", true, "the second drone waits for its turn"),
