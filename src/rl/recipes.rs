@@ -45,6 +45,7 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("transport_fly_through.shac"),
     file!("forest.ppo"),
     file!("forest.apg"),
+    file!("race.ppo"),
     file!("pinball.apg"),
     file!("formation.apg"),
     file!("formation.shac"),
