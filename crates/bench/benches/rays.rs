@@ -91,7 +91,7 @@ fn ours(name: &'static str, side: f64) -> Result<(Told, [f64; 2])> {
     let mut world = World::default();
     world.fill(&scene, &scene.nominal_placement())?;
     let mut caster = Caster::new();
-    let eyes = eyes(&mut r, side, &world, &mut caster)?;
+    let eyes = eyes(&mut r, side, &scene);
     let range = |k: usize| Range { least: 0.0, most: FARTHEST[k] };
     let camera = Camera::new(SIZE[0], SIZE[1], FIELD_OF_VIEW, range(0))?;
     let rays = Rays::lidar(BEAMS, &ELEVATIONS, range(1))?;
@@ -160,20 +160,17 @@ fn turned(by: [f64; 3]) -> [f64; 4] {
 }
 
 /// Eyes at the height of a flight, with nothing nearer than 0.3 m.
-fn eyes(r: &mut Stream, side: f64, world: &World, caster: &mut Caster) -> Result<Vec<Pose<f64>>> {
-    let around = Rays::lidar(72, &[-1.0, -0.5, 0.0, 0.5, 1.0], Range { least: 0.0, most: 1.0 })?;
-    let (mut ranges, mut ids) = (vec![0.0; around.n_ray()], vec![0; around.n_ray()]);
-    let mut eyes = Vec::with_capacity(EYES);
+fn eyes(r: &mut Stream, side: f64, scene: &Scene) -> Vec<Pose<f64>> {
+    let (placement, mut eyes) = (scene.nominal_placement(), Vec::with_capacity(EYES));
     while eyes.len() < EYES {
         let [x, y] = [0; 2].map(|_| r.uniform(-0.3 * side, 0.3 * side));
         let tilt = [0.1 * r.normal(), 0.1 * r.normal(), r.uniform(-3.1, 3.1)];
         let eye = Pose { position: [x, y, r.uniform(1.0, 2.0)], attitude: turned(tilt) };
-        caster.rays(world, &around, &eye, &mut ranges, &mut ids);
-        if ranges.iter().all(|range| *range > 0.3) {
+        if scene.distance(&placement, eye.position) > 0.3 {
             eyes.push(eye);
         }
     }
-    Ok(eyes)
+    eyes
 }
 
 /// What peers take for the same, in their own process on the same core.

@@ -5,7 +5,7 @@
 
 One JSON line per scene, kind and peer: how many a second (the fastest of some repeats, in processor time), and the share of
 distances that are ours within 1 cm. MuJoCo casts rays at the exact capsules and boxes (`mj_multiRay`), PyBullet too
-(`rayTestBatch`) or renders (`getCameraImage`, TinyRenderer); Embree casts single rays at triangles, of which a capsule has about
+(`rayTestBatch`) or renders (`getCameraImage`, TinyRenderer, at other points of its pixels); Embree casts single rays at triangles, of which a capsule has about
 a hundred. Whatever they can share between the rays of an eye they do. Distances are along the direction, whose forward part
 is 1 in an image.
 """
