@@ -295,7 +295,7 @@ impl Task for GateSwitch {
         let (half, most) = (1.0 / N as f64, 1.0 + own.pose_floor);
         terms.term("pose", "{×reward_pose}mean r_p, r_p = e^{−{×pose_scale}d_i}", w.pose).piecewise();
         terms.number(times(half * w.pose, pose));
-        let formula = "{×reward_gate}mean((0.8 − min(|g_y − y_i| + |g_z − z_i|, 5 m)) e^{a_i} for a_i < 0, else 1)";
+        let formula = "{×reward_gate}mean((0.8 − min(|g_y − y_i| + |g_z − z_i|, 5 m)) e^{a_i}, 1 if a_i ≥ 0)";
         terms.term("gate", formula, own.reward_gate);
         terms.within(own.reward_gate * (0.8 - FAR_BESIDE), own.reward_gate).non_smooth();
         terms.number(times(half * own.reward_gate, gate));

@@ -73,7 +73,7 @@ settings! {
     pub(crate) struct RaceSettings {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
         horizon: usize = 1250 => ("steps", "T", Any);
-        gates: Vec<[f64; 4]> = course() => ("m, m, m, rad; world", "middle of every gate and direction to fly through it", Any);
+        gates: Vec<[f64; 4]> = Vec::new() => ("m, m, m, rad; world", "middle of every gate and direction to fly through it; none: the published course", Any);
         gate_scale: f64 = 1.1 => ("-", "of the frames: 1 has half sizes of 0.56 m × 0.51 m within its bars", Positive);
         gate_offset: [f64; 3] = [0.5, 0.5, 0.1] => ("m", "largest displacement of a gate along x, y and z", NotNegative);
         gate_ease: f64 = 1.0 => ("-", "factor of that displacement at difficulty 0", NotNegative);
@@ -112,7 +112,8 @@ pub struct Race {
 impl BuiltIn for Race {
     fn new(config: &EnvConfig) -> Result<Self> {
         let settings: RaceSettings = config.settings()?;
-        let n = settings.gates.len();
+        let gates = if settings.gates.is_empty() { course() } else { settings.gates.clone() };
+        let n = gates.len();
         if !(GATES[0]..=GATES[1]).contains(&n) {
             let limit = format!("{} to {} gates", GATES[0], GATES[1]);
             return Err(Error::limit("task.gates", n, limit, "For a single gate there is FlyThrough."));
@@ -124,7 +125,7 @@ impl BuiltIn for Race {
             scale: settings.gate_scale,
             ..Gate::default()
         };
-        let scene = Scene { gates: settings.gates.iter().enumerate().map(gate).collect(), ..Scene::grounded() };
+        let scene = Scene { gates: gates.iter().enumerate().map(gate).collect(), ..Scene::grounded() };
         scene.validate()?;
         let balls = balls(&config.vehicle(&settings.vehicle)?);
         let robot = config.single_robot(&settings.vehicle)?;
