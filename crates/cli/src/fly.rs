@@ -173,7 +173,7 @@ pub struct Arguments {
     #[cfg(feature = "mcap")]
     #[arg(long, group = "logged", conflicts_with = "drop", help_heading = "Output")]
     mcap: bool,
-    /// What sensors read, into the log (--csv, --npz): KIND[:PRESET],…, or a TOML file with [[sensor]] tables
+    /// What sensors read, as plots and into the log (--csv, --npz): KIND[:PRESET],…, or a TOML file with [[sensor]] tables
     ///
     /// Kinds and presets, without which a sensor has no errors:
     ///   imu (adis16448, mpu6000, bmi088), magnetometer (pegasus), barometer (px4, ms5611),
@@ -190,14 +190,7 @@ pub struct Arguments {
     ///   latency = 1                      # steps, or delay in s
     ///   gyroscope = { density = 3e-4 }   # over what the preset says
     /// Controllers are given the true state.
-    #[arg(
-        long,
-        value_name = "LIST|FILE.toml",
-        requires = "logged",
-        conflicts_with = "drop",
-        help_heading = "Output",
-        verbatim_doc_comment
-    )]
+    #[arg(long, value_name = "LIST|FILE.toml", conflicts_with = "drop", help_heading = "Output", verbatim_doc_comment)]
     sensors: Option<String>,
     /// Write replay.html: the flight in space, a page for any browser
     #[arg(long, help_heading = "Output")]
@@ -355,6 +348,10 @@ fn sensors(a: &Arguments, plant: &Plant) -> Result<Vec<SensorConfig>> {
         Some(list) => SensorConfig::parse_list(list)?,
     };
     SensorSet::new(&list, plant.physics().dt, &plant.body_names())?;
+    if !list.is_empty() && a.output.no_plots && !(a.csv || a.npz || a.mcap()) {
+        let remedy = "Add --csv or --npz, or leave --no-plots out.";
+        return Err(Error::value("--sensors", "neither drawn nor in a log", "to be read by somebody", remedy));
+    }
     Ok(list)
 }
 

@@ -21,11 +21,13 @@ pub fn sensor_figures(sensors: &[SensorConfig], log: &FlightLog) -> Vec<(String,
         let channels = sensor.model.channels();
         let readings = Readings { log, first, n: channels.len() };
         first += channels.len();
-        let figure = Figure::new(format!("{}: {}", log.vehicle, sensor.name)).subtitle(sensor.model.kind());
+        let figure = Figure::new(format!("{}: {}", log.vehicle, sensor.name));
         let figure = match sensor.model.layout() {
             Layout::Vector => curves(figure, &channels, &readings),
             Layout::Lidar { rows, columns } => scans(figure, &channels[0], [rows, columns], &readings),
-            Layout::Image { height, width, channels } => pictures(figure, [height, width, channels], &readings),
+            Layout::Image { height, width, channels: n } => {
+                pictures(figure, &channels[..n], [height, width, n], &readings)
+            }
         };
         (sensor.name.clone(), figure)
     };
@@ -84,9 +86,9 @@ fn curves(figure: Figure, channels: &[Channel], readings: &Readings<'_>) -> Figu
 fn scans(figure: Figure, (name, unit): &Channel, [rows, columns]: [usize; 2], readings: &Readings<'_>) -> Figure {
     let (samples, most) = (readings.samples(MOMENTS), readings.largest());
     let times = readings.log.time.first().copied().zip(readings.log.time.last().copied()).unwrap_or_default();
-    let what = name.trim_end_matches(|c: char| c == '_' || c.is_ascii_digit());
+    let figure = figure.subtitle(told(name, unit, most));
     let map = |elevation: usize| {
-        let title = format!("Elevation {} of {columns}: {what}, bright {most:.3} {unit}", elevation + 1);
+        let title = format!("Elevation {} of {columns}", elevation + 1);
         let map = HeatMap::new(title, "time [s]", "beam").ranges(times, (0.0, rows as f64)).seamless();
         (0..rows).fold(map, |map, beam| {
             let share = |i: &usize| readings.at(*i)[beam * columns + elevation] / most;
@@ -97,9 +99,21 @@ fn scans(figure: Figure, (name, unit): &Channel, [rows, columns]: [usize; 2], re
     (0..shown).map(map).fold(figure.size(800.0, 60.0 + 1.2 * HEIGHT * shown as f64), Figure::chart)
 }
 
-/// Pictures at equal times, three in a row.
-fn pictures(figure: Figure, [height, width, channels]: [usize; 3], readings: &Readings<'_>) -> Figure {
+/// What colours mean.
+fn told(name: &str, unit: &str, most: f64) -> String {
+    let what = name.trim_end_matches(|c: char| c == '_' || c.is_ascii_digit());
+    format!("{what}: dark 0, bright {most:.3} {unit}")
+}
+
+/// Pictures at equal times, three in a row; `pixel` is what one of them tells.
+fn pictures(
+    figure: Figure,
+    pixel: &[Channel],
+    [height, width, channels]: [usize; 3],
+    readings: &Readings<'_>,
+) -> Figure {
     let (samples, most) = (readings.samples(PICTURES), readings.largest());
+    let figure = if let [(name, unit)] = pixel { figure.subtitle(told(name, unit, most)) } else { figure };
     let signed = samples.iter().any(|i| readings.at(*i).iter().any(|x| *x < 0.0));
     let share = |x: f64| if signed { 0.5 + 0.5 * x / most } else { x / most };
     let colour = |pixel: &[f64]| match pixel {

@@ -163,7 +163,14 @@ fn a_flight_records_what_sensors_read() {
         assert!(out.is_empty() && err.contains(word), "{given}: {err}");
     }
     assert!(!folder.path().join("refused").exists());
-    exits(2, folder.path(), &["fly", "iris", "--sensors", "imu"]);
+    let (_, err) = exits(2, folder.path(), &["fly", "iris", "--no-plots", "--sensors", "imu"]);
+    assert!(err.contains("--csv"), "{err}");
+    let short = ["fly", "iris", "--duration", "0.1", "--out", "drawn", "--sensors", "imu,lidar:omnidrones"];
+    let told = json(folder.path(), &short);
+    let drawn = |name: &str| {
+        told["files"].as_array().expect("a list").iter().any(|f| f.as_str().expect("a name").ends_with(name))
+    };
+    assert!(drawn("sensor_imu.png") && drawn("sensor_lidar.png"), "{}", told["files"]);
 }
 
 #[test]
