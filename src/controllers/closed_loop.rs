@@ -161,7 +161,7 @@ impl<C: Controller> ClosedLoop<C> {
 
     /// Sensors on the plant's bodies, which draw from `seed`: the controller is given what they read beside the state. Of
     /// [`advance`](Self::advance) alone. The first accelerations of a flight are those under the commands of hover, for nobody
-    /// has commanded yet; all others are means over the step before.
+    /// has commanded yet; all others are means over the step before. The loop begins anew.
     ///
     /// # Errors
     /// As [`Aboard::new`].
@@ -169,6 +169,7 @@ impl<C: Controller> ClosedLoop<C> {
         let mut sensors = Aboard::new(configs, &self.plant)?;
         sensors.reset(seed, 0, 0);
         self.run.sensors = (!configs.is_empty()).then_some((sensors, seed));
+        self.reset();
         Ok(self)
     }
 

@@ -128,3 +128,12 @@ fn a_camera_sees_the_gate_and_the_other_drone() {
     println!("of 16 either, {gates:?} see the gate, {drones:?} the other drone");
     assert!(gates == [16; 2] && drones.iter().all(|n| *n > 12), "{gates:?} {drones:?}");
 }
+
+#[test]
+fn targets_of_spread_that_cannot_be_so_far_apart_are_refused() {
+    let of =
+        |text: &str| Env::make("Spread", &EnvConfig::from_toml(&format!("n_env = 1\n[task]\n{text}"), "test").unwrap());
+    assert!(of("target_gap = 1.5").is_ok());
+    let error = of("target_gap = 7.0").unwrap_err().to_string();
+    assert!(error.starts_with("task.target_gap is 7") && error.contains("3 targets"), "{error}");
+}

@@ -2,7 +2,7 @@
 
 use super::flight::{timed, without_x_label};
 use super::{Colour, Figure, HeatMap, Panel, Picture, Series};
-use omnidrones::dynamics::sensors::{Channel, Layout, SensorConfig};
+use omnidrones::dynamics::sensors::{Channel, Form, Layout, Model, SensorConfig};
 use omnidrones::flight::FlightLog;
 
 /// Most moments of a scan, and most pictures of a camera.
@@ -24,9 +24,14 @@ pub fn sensor_figures(sensors: &[SensorConfig], log: &FlightLog) -> Vec<(String,
         let figure = Figure::new(format!("{}: {}", log.vehicle, sensor.name));
         let figure = match sensor.model.layout() {
             Layout::Vector => curves(figure, &channels, &readings),
-            Layout::Lidar { rows, columns } => scans(figure, &channels[0], [rows, columns], &readings),
+            Layout::Lidar { rows, columns } => {
+                scans(figure.subtitle(told(&sensor.model, &channels[0], readings.ends())), [rows, columns], &readings)
+            }
             Layout::Image { height, width, channels: n } => {
-                pictures(figure, &channels[..n], [height, width, n], &readings)
+                let one = n == 1;
+                let figure =
+                    if one { figure.subtitle(told(&sensor.model, &channels[0], readings.ends())) } else { figure };
+                pictures(figure, [height, width, n], &readings)
             }
         };
         (sensor.name.clone(), figure)
@@ -53,8 +58,16 @@ impl Readings<'_> {
         (0..n).map(|i| i * all / n).collect()
     }
 
-    fn largest(&self) -> f64 {
-        (0..self.log.len()).flat_map(|i| self.at(i)).fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()))
+    /// Least and largest number of the whole flight.
+    fn ends(&self) -> [f64; 2] {
+        let all = (0..self.log.len()).flat_map(|i| self.at(i));
+        all.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(*x), high.max(*x)])
+    }
+
+    /// Where a number lies between them.
+    fn share(&self) -> impl Fn(f64) -> f64 {
+        let [low, high] = self.ends();
+        move |x| if high > low { (x - low) / (high - low) } else { 0.5 }
     }
 }
 
@@ -82,40 +95,42 @@ fn curves(figure: Figure, channels: &[Channel], readings: &Readings<'_>) -> Figu
     panels.into_iter().enumerate().map(labelled).fold(figure, Figure::chart)
 }
 
-/// Beams from below upwards over time, a map for every elevation.
-fn scans(figure: Figure, (name, unit): &Channel, [rows, columns]: [usize; 2], readings: &Readings<'_>) -> Figure {
-    let (samples, most) = (readings.samples(MOMENTS), readings.largest());
+/// What colours mean: the name of a channel without its number, in the form in which it is told.
+fn told(model: &Model, (name, unit): &Channel, [low, high]: [f64; 2]) -> String {
+    let what = name.trim_end_matches(|c: char| c == '_' || c.is_ascii_digit());
+    let form = match model {
+        Model::Lidar(lidar) => lidar.form,
+        Model::Camera(camera) => camera.form,
+        _ => Form::Distance,
+    };
+    let form = match form {
+        Form::Distance => "",
+        Form::Proximity => ", told as proximity",
+        Form::Inverse => ", told as inverse distance",
+    };
+    format!("{what}{form}: dark {low:.3}, bright {high:.3} {unit}")
+}
+
+/// Beams from below upwards over time, maps of as many elevations as fit.
+fn scans(figure: Figure, [rows, columns]: [usize; 2], readings: &Readings<'_>) -> Figure {
+    let (samples, share_of) = (readings.samples(MOMENTS), readings.share());
     let times = readings.log.time.first().copied().zip(readings.log.time.last().copied()).unwrap_or_default();
-    let figure = figure.subtitle(told(name, unit, most));
-    let map = |elevation: usize| {
+    let shown = columns.min(SCANS);
+    let map = |i: usize| {
+        let elevation = i * columns / shown;
         let title = format!("Elevation {} of {columns}", elevation + 1);
         let map = HeatMap::new(title, "time [s]", "beam").ranges(times, (0.0, rows as f64)).seamless();
         (0..rows).fold(map, |map, beam| {
-            let share = |i: &usize| readings.at(*i)[beam * columns + elevation] / most;
+            let share = |i: &usize| share_of(readings.at(*i)[beam * columns + elevation]);
             map.row(samples.iter().map(share).collect(), Vec::new())
         })
     };
-    let shown = columns.min(SCANS);
     (0..shown).map(map).fold(figure.size(800.0, 60.0 + 1.2 * HEIGHT * shown as f64), Figure::chart)
 }
 
-/// What colours mean.
-fn told(name: &str, unit: &str, most: f64) -> String {
-    let what = name.trim_end_matches(|c: char| c == '_' || c.is_ascii_digit());
-    format!("{what}: dark 0, bright {most:.3} {unit}")
-}
-
-/// Pictures at equal times, three in a row; `pixel` is what one of them tells.
-fn pictures(
-    figure: Figure,
-    pixel: &[Channel],
-    [height, width, channels]: [usize; 3],
-    readings: &Readings<'_>,
-) -> Figure {
-    let (samples, most) = (readings.samples(PICTURES), readings.largest());
-    let figure = if let [(name, unit)] = pixel { figure.subtitle(told(name, unit, most)) } else { figure };
-    let signed = samples.iter().any(|i| readings.at(*i).iter().any(|x| *x < 0.0));
-    let share = |x: f64| if signed { 0.5 + 0.5 * x / most } else { x / most };
+/// Pictures at equal times, three in a row.
+fn pictures(figure: Figure, [height, width, channels]: [usize; 3], readings: &Readings<'_>) -> Figure {
+    let (samples, share) = (readings.samples(PICTURES), readings.share());
     let colour = |pixel: &[f64]| match pixel {
         [one] => Colour::heat(share(*one)),
         _ => {

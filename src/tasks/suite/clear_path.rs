@@ -6,8 +6,9 @@ use std::collections::BinaryHeap;
 
 /// Edge of a cell, m.
 const CELL: f64 = 0.25;
-/// No finer than this are ways told, m.
+/// No finer than this are ways told, m, and by no more parts than these, turns aside.
 const STRIDE: f64 = 1.0;
+const PARTS: f64 = 30.0;
 /// What a step costs where nothing but the least distance is kept, per metre, more than where there is `WIDE` more of it.
 const NARROW: f64 = 2.0;
 /// m.
@@ -157,9 +158,11 @@ fn shortened(corners: &[[f64; 2]], circles: &[Circle]) -> Vec<[f64; 2]> {
 
 /// With corners between those that are more than a stride apart.
 fn subdivided(corners: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let length: f64 = corners.windows(2).map(|pair| distance_of(pair[0], pair[1])).sum();
+    let stride = STRIDE.max(length / PARTS);
     let mut all = vec![corners[0]];
     for pair in corners.windows(2) {
-        let n = (distance_of(pair[0], pair[1]) / STRIDE).ceil().max(1.0) as usize;
+        let n = (distance_of(pair[0], pair[1]) / stride).ceil().max(1.0) as usize;
         all.extend((1..=n).map(|i| [0, 1].map(|k| pair[0][k] + (pair[1][k] - pair[0][k]) * i as f64 / n as f64)));
     }
     all
@@ -181,6 +184,8 @@ mod tests {
             // cells are tested at their middles: what lies between loses an eighth of a cell at most
             assert!(clearance_between(pair[0], pair[1], &circles) > -0.05, "{pair:?}");
         }
+        let far = clear_path([0.0, 0.0], [200.0, 1.0], [[0.0, -6.0], [200.0, 6.0]], &circles).unwrap();
+        assert!(far.len() <= 60, "a controller's path takes 64 points, not {}", far.len()); // 38
         let wall: Vec<Circle> = (0..30).map(|i| [12.0, -6.0 + 0.4 * f64::from(i), 0.5]).collect();
         assert!(clear_path([0.0, 0.0], [24.0, 0.0], bounds, &wall).is_none());
     }

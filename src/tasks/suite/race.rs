@@ -118,6 +118,7 @@ impl BuiltIn for Race {
             let limit = format!("{} to {} gates", GATES[0], GATES[1]);
             return Err(Error::limit("task.gates", n, limit, "For a single gate there is FlyThrough."));
         }
+        check_course(&gates, &settings)?;
         let gate = |(i, [x, y, z, yaw]): (usize, &[f64; 4])| Gate {
             name: format!("gate {i}"),
             position: [*x, *y, *z],
@@ -131,6 +132,30 @@ impl BuiltIn for Race {
         let robot = config.single_robot(&settings.vehicle)?;
         Ok(Self { robot, settings, scene, balls })
     }
+}
+
+/// Refuses a course on which a passage, or a start before a gate, would end the episode.
+fn check_course(gates: &[[f64; 4]], own: &RaceSettings) -> Result<()> {
+    let offset = safe::norm(own.gate_offset);
+    let [lowest, highest] = own.start_place[2];
+    for (i, [x, y, z, _]) in gates.iter().enumerate() {
+        let [to_x, to_y, to_z, _] = gates[(i + 1) % gates.len()];
+        let way = safe::norm([to_x - x, to_y - y, to_z - z]) + 2.0 * offset;
+        if way >= own.max_distance {
+            let (value, limit) =
+                (format!("up to {way:.2} m"), format!("less than max_distance, {} m", own.max_distance));
+            let remedy = "Move them together, or raise task.max_distance.";
+            return Err(Error::value(format!("task.gates: from gate {i} to the next"), value, limit, remedy));
+        }
+        let [low, high] = [z + lowest - own.gate_offset[2], z + highest + own.gate_offset[2]];
+        if low <= own.min_height || high >= own.max_height {
+            let (value, limit) =
+                (format!("{low:.2} to {high:.2} m"), format!("within {} to {} m", own.min_height, own.max_height));
+            let remedy = "Move the gate, or change task.min_height and task.max_height.";
+            return Err(Error::value(format!("task.gates: heights of starts before gate {i}"), value, limit, remedy));
+        }
+    }
+    Ok(())
 }
 
 impl Race {

@@ -16,6 +16,7 @@ use crate::autodiff::{Scalar, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::spatial::{Vec3, constants, sub};
 use crate::error::{Error, Result};
+use crate::rng::{Purpose, Stream};
 use crate::settings;
 use crate::tasks::config::EnvConfig;
 use crate::tasks::declare::{Ends, Loss, Writer};
@@ -72,9 +73,26 @@ impl BuiltIn for Spread {
             return Err(Error::limit("task.n_drone", n, limit, "Use Hover for a single drone."));
         }
         settings.start.check(n)?;
+        if !draw_targets(&settings, &mut Stream::new(0, 0, 0, Purpose(0))).1 {
+            let limit = format!("so little that {n} targets find their places in task.target");
+            let remedy = "Ask for less, or for a larger task.target.";
+            return Err(Error::value("task.target_gap", settings.target_gap, limit, remedy));
+        }
         let robot = free_team("spread", config, &settings.team.vehicle, n)?;
         Ok(Self { robot, settings })
     }
+}
+
+/// Targets, each drawn again while it is too near to one before it, and whether a thousand draws of each were enough.
+fn draw_targets(own: &SpreadSettings, stream: &mut Stream) -> ([Vec3<f64>; MOST], bool) {
+    let (mut targets, mut apart) = ([[0.0; 3]; MOST], true);
+    for k in 0..own.team.n_drone {
+        apart &= (0..1000).any(|_| {
+            targets[k] = own.target.map(|[low, high]| stream.uniform(low, high));
+            targets[..k].iter().all(|q| safe::norm(sub(*q, targets[k])) >= own.target_gap)
+        });
+    }
+    (targets, apart)
 }
 
 impl Spread {
@@ -133,21 +151,6 @@ impl Spread {
         (0..from.len()).for_each(|i| start.goal.array(targets[taken[i]]));
     }
 
-    /// Targets, each drawn again while it is too near to one before it.
-    fn targets(&self, start: &mut Start<'_>) -> [Vec3<f64>; MOST] {
-        let mut targets = [[0.0; 3]; MOST];
-        for k in 0..self.n() {
-            for _ in 0..1000 {
-                targets[k] = self.settings.target.map(|[low, high]| start.task.uniform(low, high));
-                let gap = |q: &Vec3<f64>| safe::norm(sub(*q, targets[k]));
-                if targets[..k].iter().all(|q| gap(q) >= self.settings.target_gap) {
-                    break;
-                }
-            }
-        }
-        targets
-    }
-
     /// ŝ and the ways to all targets of a drone.
     #[inline(always)]
     fn observe_own<S: Scalar>(&self, view: &View<'_, S>, i: usize, out: &mut impl Writer<S>) {
@@ -172,7 +175,7 @@ impl Task for Spread {
     }
 
     fn start(&self, start: &mut Start<'_>) {
-        let targets = self.targets(start);
+        let targets = draw_targets(&self.settings, &mut start.task).0;
         let from = self.settings.start.place(start, self.n());
         self.set_goal(start, &targets[..self.n()], &from[..self.n()]);
     }

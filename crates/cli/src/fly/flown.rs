@@ -53,7 +53,7 @@ pub(super) fn write(
             }
         });
         for (name, figure) in sensor_figures(sensors, &flight.log) {
-            let path = folder.join(format!("sensor_{}.{}", name.replace('/', "_"), a.output.format.extension()));
+            let path = folder.join(format!("sensor_{}.{}", name.replace('/', "~"), a.output.format.extension()));
             figure.save(&path)?;
             written.push(path);
         }
