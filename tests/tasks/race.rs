@@ -164,6 +164,8 @@ fn a_course_of_ones_own_is_flown_and_an_unfit_one_is_refused() {
     assert!(error.contains("from gate 0 to the next is up to 16.43 m") && error.contains("max_distance"), "{error}");
     let error = of("[[0.0, 0.0, 0.6, 0.0], [3.0, 0.0, 1.5, 0.0]]").unwrap_err().to_string();
     assert!(error.contains("starts before gate 0 is 0.20 to 1.00 m"), "{error}");
+    let error = of("[[0.0, 0.0, nan, 0.0], [3.0, 0.0, 1.5, 0.0]]").unwrap_err().to_string();
+    assert!(error.contains("gates"), "{error}");
     let error = of("[[0.0, 0.0, 1.5]]").unwrap_err().to_string();
     assert!(error.contains("gates"), "{error}");
 }
