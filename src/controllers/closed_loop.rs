@@ -166,9 +166,7 @@ impl<C: Controller> ClosedLoop<C> {
     /// # Errors
     /// As [`Aboard::new`].
     pub fn with_sensors(mut self, configs: &[SensorConfig], seed: u64) -> Result<Self> {
-        let mut sensors = Aboard::new(configs, &self.plant)?;
-        sensors.reset(seed, 0, 0);
-        self.run.sensors = (!configs.is_empty()).then_some((sensors, seed));
+        self.run.sensors = if configs.is_empty() { None } else { Some((Aboard::new(configs, &self.plant)?, seed)) };
         self.reset();
         Ok(self)
     }

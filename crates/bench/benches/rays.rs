@@ -13,6 +13,7 @@
 use omnidrones::dynamics::scene::{Obstacle, Scene};
 use omnidrones::dynamics::sensors::cast::{Camera, Caster, Range, Rays, World};
 use omnidrones::dynamics::shape::{Geometry, Pose, Shape};
+use omnidrones::dynamics::spatial::exponential;
 use omnidrones::error::{Error, Result};
 use omnidrones::rng::{Purpose, Stream};
 use serde::{Deserialize, Serialize};
@@ -136,27 +137,20 @@ fn forest(r: &mut Stream, side: f64) -> (Scene, Vec<Capsule>, Vec<Cuboid>) {
         let shape = if i < TRUNKS {
             let (radius, length) = (r.uniform(0.1, 0.3), r.uniform(2.0, 4.0));
             let position = [x, y, 0.5 * length];
-            let attitude = turned([0.1 * r.normal(), 0.1 * r.normal(), 0.0]);
+            let attitude = exponential([0.1 * r.normal(), 0.1 * r.normal(), 0.0]);
             let pose = Pose { position, attitude };
             capsules.push(([-0.5, 0.5].map(|share| pose.point([0.0, 0.0, share * length])), radius));
-            Shape { position, rotation: attitude, ..Shape::new(Geometry::Capsule { radius, length }) }
+            Shape::new(Geometry::Capsule { radius, length }).at(position).turned(attitude)
         } else {
             let size = [0; 3].map(|_| r.uniform(0.5, 1.5));
             let (position, attitude) =
-                ([x, y, 1.0], turned([r.uniform(-3.0, 3.0), r.uniform(-3.0, 3.0), r.uniform(-3.0, 3.0)]));
+                ([x, y, 1.0], exponential([r.uniform(-3.0, 3.0), r.uniform(-3.0, 3.0), r.uniform(-3.0, 3.0)]));
             boxes.push((position, attitude, size));
-            Shape { position, rotation: attitude, ..Shape::new(Geometry::Box { size }) }
+            Shape::new(Geometry::Box { size }).at(position).turned(attitude)
         };
         scene.obstacles.push(Obstacle { name: format!("{i}"), shape });
     }
     (scene, capsules, boxes)
-}
-
-/// A unit quaternion by a turn about an axis: the vector, rad.
-fn turned(by: [f64; 3]) -> [f64; 4] {
-    let angle = by.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let share = if angle > 0.0 { (0.5 * angle).sin() / angle } else { 0.0 };
-    [(0.5 * angle).cos(), share * by[0], share * by[1], share * by[2]]
 }
 
 /// Eyes at the height of a flight, with nothing nearer than 0.3 m.
@@ -165,7 +159,7 @@ fn eyes(r: &mut Stream, side: f64, scene: &Scene) -> Vec<Pose<f64>> {
     while eyes.len() < EYES {
         let [x, y] = [0; 2].map(|_| r.uniform(-0.3 * side, 0.3 * side));
         let tilt = [0.1 * r.normal(), 0.1 * r.normal(), r.uniform(-3.1, 3.1)];
-        let eye = Pose { position: [x, y, r.uniform(1.0, 2.0)], attitude: turned(tilt) };
+        let eye = Pose { position: [x, y, r.uniform(1.0, 2.0)], attitude: exponential(tilt) };
         if scene.distance(&placement, eye.position) > 0.3 {
             eyes.push(eye);
         }

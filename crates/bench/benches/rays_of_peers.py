@@ -1,13 +1,13 @@
-"""Depth images and scans per second of MuJoCo, Embree and PyBullet in the scenes of rays.rs, which calls this and prints ratios.
+"""Depth images and scans per second of MuJoCo, Embree and PyBullet in the scenes of rays.rs, which calls this.
 
     pip install numpy mujoco pybullet embreex
     taskset -c 0 cargo bench -p omnidrones-bench --bench rays -- python
 
-One JSON line per scene, kind and peer: how many a second (the fastest of some repeats, in processor time), and the share of
-distances that are ours within 1 cm. MuJoCo casts rays at the exact capsules and boxes (`mj_multiRay`), PyBullet too
-(`rayTestBatch`) or renders (`getCameraImage`, TinyRenderer, at other points of its pixels); Embree casts single rays at triangles, of which a capsule has about
-a hundred. Whatever they can share between the rays of an eye they do. Distances are along the direction, whose forward part
-is 1 in an image.
+One JSON line per scene, kind and peer: how many a second (the fastest of some repeats, in processor time), and the share
+of distances that are ours within 1 cm. MuJoCo casts rays at the exact capsules and boxes (`mj_multiRay`), PyBullet too
+(`rayTestBatch`), or it renders (`getCameraImage`, TinyRenderer, at other points of its pixels); Embree casts single rays
+at triangles, of which a capsule has about a hundred. Whatever they can share between the rays of an eye they do.
+Distances are along the direction, whose forward part is 1 in an image.
 """
 
 import json
@@ -51,7 +51,8 @@ class MuJoCo:
         ids, distances = np.empty(n, np.int32), np.empty(n)
         # distances of directions of any length are multiples of them
         cutoff = farthest * np.linalg.norm(directions, axis=1).max()
-        self.mj.mj_multiRay(self.model, self.data, eye, directions.ravel(), None, 1, -1, ids, distances, None, n, cutoff)
+        rays = directions.ravel()
+        self.mj.mj_multiRay(self.model, self.data, eye, rays, None, 1, -1, ids, distances, None, n, cutoff)
         return np.where(distances < 0, np.inf, distances)
 
 
@@ -106,7 +107,8 @@ class PyBullet:
 
     def body(self, kind, at, attitude, **shape):
         seen = {"length" if key == "height" else key: value for key, value in shape.items()}
-        self.p.createMultiBody(0, self.p.createCollisionShape(kind, **shape), self.p.createVisualShape(kind, **seen), at, attitude)
+        touched, drawn = self.p.createCollisionShape(kind, **shape), self.p.createVisualShape(kind, **seen)
+        self.p.createMultiBody(0, touched, drawn, at, attitude)
 
     def look(self, eye, directions, farthest):
         n, most = len(directions), self.p.MAX_RAY_INTERSECTION_BATCH_SIZE
@@ -116,7 +118,6 @@ class PyBullet:
             part = ends[first:first + most]
             hits += self.p.rayTestBatch([eye.tolist()] * len(part), part)
         return np.array([hit[2] * farthest if hit[0] >= 0 else np.inf for hit in hits])
-
 
     def draw(self, scene, eye, turn):
         """What TinyRenderer draws: planar depth."""
