@@ -130,8 +130,20 @@ impl Resolved {
             Integrator::RungeKutta4 => 1.0,
             Integrator::SemiImplicit => 0.5,
         };
-        let (mass, sink) = (mobility.recip(), 1.5 * GRAVITY * (grid.substep / Self::MOST_ANGLE).powi(2));
-        Self { stiffness: ContactMaterial::resting(mass, 1, sink).stiffness, damping: loss * mass / grid.substep }
+        let mass = mobility.recip();
+        let stiffness = ContactMaterial::resting(mass, 1, Self::sink(grid)).stiffness;
+        Self { stiffness, damping: loss * mass / grid.substep }
+    }
+
+    /// As [`Self::of`] of a spring, its stiffness in N/m: ω h ≤ 0.5.
+    pub(crate) fn of_spring(mobility: f64, grid: Grid) -> Self {
+        let stiffness = (Self::MOST_ANGLE / grid.substep).powi(2) / mobility.max(f64::MIN_POSITIVE);
+        Self { stiffness: stiffness.min(Self::ANY.stiffness), ..Self::of(mobility, grid) }
+    }
+
+    /// By how much what rests sinks into the softest that [`Self::of`] asks for, m: 6 g h².
+    pub(crate) fn sink(grid: Grid) -> f64 {
+        1.5 * GRAVITY * (grid.substep / Self::MOST_ANGLE).powi(2)
     }
 }
 

@@ -6,7 +6,8 @@
 //! **Stiffness.** An explicit step h gains energy at a contact that is stiffer than it resolves, and throws a light body off. So
 //! every touch has a bound by what its points feel: with the mobility 1/m, the largest eigenvalue of J M⁻¹ Jᵀ at rest over
 //! points and directions, k is at most m g/δ^{3/2} with δ = 6 g h², what bobs at ½/h there (6 g h² = 3g/(2ω²)), and damping at
-//! most m/h (RK4) or m/(2h). The force stays that of a material, conservative but for its damping. Against boxes all balls of
+//! most m/h (RK4) or m/(2h). For the semi-implicit step m on the ground is also at most that of all points of a side of the
+//! body that meet it at once, over their number. The force stays that of a material, conservative but for its damping. Against boxes all balls of
 //! what touches may rest at once (m is that of a quarter of their sum where that is less), and the corners of a box within
 //! another, where the nearest face changes, take a sixteenth of k.
 //!
