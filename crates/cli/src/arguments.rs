@@ -210,6 +210,8 @@ pub enum EffectName {
     GroundEffect,
     /// Wakes of drones on each other; configurations only
     Downwash,
+    /// Wakes of drones on what they carry; configurations only
+    LoadDownwash,
     /// Forces between bodies that touch, and on the ground at z = 0; configurations only, and --drop
     Contact,
 }
@@ -224,6 +226,7 @@ impl EffectName {
             Self::RotorInertia => Effects { rotor_inertia: true, ..effects },
             Self::GroundEffect => Effects { ground_effect: true, ..effects },
             Self::Downwash => Effects { downwash: true, ..effects },
+            Self::LoadDownwash => Effects { load_downwash: true, ..effects },
             Self::Contact => Effects { contact: true, ..effects },
         }
     }

@@ -418,7 +418,11 @@ fn model_controller(a: &Arguments, plant: &Plant, plan: &FlightPlan) -> Result<B
 
 /// Refuses effects that need more than one rigid vehicle.
 fn alone(effects: &Effects) -> Result<()> {
-    let wrong = [("contact", effects.contact, "Drop it with --drop."), ("downwash", effects.downwash, "Leave it out.")];
+    let wrong = [
+        ("contact", effects.contact, "Drop it with --drop."),
+        ("downwash", effects.downwash, "Leave it out."),
+        ("load-downwash", effects.load_downwash, "Leave it out."),
+    ];
     match wrong.into_iter().find(|(_, on, _)| *on) {
         None => Ok(()),
         Some((name, _, remedy)) => Err(Error::value(

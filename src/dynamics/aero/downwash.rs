@@ -5,6 +5,10 @@
 //!
 //! a = exp(−½ (k_r r/z)²)/(1 + k_z z)², force on i: F = −a T_j (OmniDrones `multirotor.py`; k_r 2, k_z 0.3).
 //!
+//! On what has no rotors the force is F = −a T_j S/A with S the area that faces the wake and A that of the source's rotors, S/A at
+//! most 1: by momentum theory the far wake is twice as fast as the air in the discs, v = 2 v_i with T = 2 ρ A v_i², so its dynamic
+//! pressure ½ ρ v² is T/A, and a bluff body's drag coefficient is taken as 1. The effect `load_downwash`, *our model*.
+//!
 //! A cone that widens with z and weakens as a jet does. As published it is 0/0 on the rotor plane's axis and jumps
 //! there from 1 to 0; since no two vehicles can be that close, the last `NEAR` metres below the source fade it in
 //! smoothly, and at z ≥ `NEAR` it is the published formula to rounding.

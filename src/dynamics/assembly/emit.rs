@@ -59,6 +59,7 @@ pub(super) fn emit(assembly: &Assembly, tree: &Tree) -> Result<Draft> {
         shapes,
         contact,
         pushed: Vec::new(),
+        cables: Vec::new(),
     };
     Ok(Draft { parts, source: emitter.source })
 }

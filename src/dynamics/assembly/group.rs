@@ -36,12 +36,20 @@ pub fn group(name: impl Into<String>, members: &[Member]) -> Result<Model> {
     let Some(first) = members.first() else {
         return Err(Error::value(at("number of members"), 0, "≥ 1", "Add a model."));
     };
-    let blank = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    let (bodies, rotors, drones, frames, shapes) = blank;
     let gravity = first.model.parts().gravity;
     let contact = contact_of(members, first);
-    let mut all =
-        ModelParts { name: name.clone(), gravity, bodies, rotors, drones, frames, shapes, contact, pushed: Vec::new() };
+    let mut all = ModelParts {
+        name: name.clone(),
+        gravity,
+        bodies: Vec::new(),
+        rotors: Vec::new(),
+        drones: Vec::new(),
+        frames: Vec::new(),
+        shapes: Vec::new(),
+        contact,
+        pushed: Vec::new(),
+        cables: Vec::new(),
+    };
     for (i, member) in members.iter().enumerate() {
         member.place.validate(&at(&format!("place of '{}'", member.prefix)))?;
         if members[..i].iter().any(|m| m.prefix == member.prefix) {
@@ -93,6 +101,16 @@ fn append(all: &mut ModelParts, member: &Member) {
             None => shape.shape = shape_moved(&shape.shape, &place.isometry()),
         }
     }
+    for cable in &mut own.cables {
+        cable.name = named(&cable.name);
+        for end in &mut cable.ends {
+            match &mut end.body {
+                Some(body) => *body += body_0,
+                None => end.point = (place.isometry() * nalgebra::Point3::from(end.point)).into(),
+            }
+        }
+    }
+    all.cables.append(&mut own.cables);
     all.bodies.append(&mut own.bodies);
     all.rotors.append(&mut own.rotors);
     all.drones.append(&mut own.drones);

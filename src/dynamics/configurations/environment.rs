@@ -12,7 +12,7 @@ use crate::dynamics::contact::ContactMaterial;
 use crate::dynamics::scene::{self, Element, Scene};
 use crate::dynamics::shape::Shape;
 use crate::dynamics::tree::parameters::static_parameters;
-use crate::dynamics::tree::{BodyShape, Model};
+use crate::dynamics::tree::{BodyShape, CABLE_PARAMETERS, Model};
 use crate::error::Result;
 
 /// `members`, then the scene's sliding gates in order under their names, with all that stands still.
@@ -60,7 +60,8 @@ pub fn write_placement(model: &Model, scene: &Scene, placement: &[f64], numbers:
     let own = 4 * fixed + scene.obstacles.len();
     assert!(n_still >= own, "{n_still} still shapes of a model for {own} of a scene");
     let first = static_parameters(model.bodies().len(), model.rotors().len(), n_still - own);
-    assert_eq!(numbers.len(), first + 3 * own, "numbers of a model");
+    let cables = CABLE_PARAMETERS.len() * model.cables().len();
+    assert_eq!(numbers.len(), first + 3 * own + cables, "numbers of a model");
     // still shapes stand last, those of the scene last of them, in its order
     let mut still = model.shapes().iter().filter(|s| s.body.is_none()).skip(n_still - own);
     let mut at = first;

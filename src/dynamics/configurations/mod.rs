@@ -30,6 +30,7 @@ pub mod inverted_pendulum;
 pub mod omav;
 pub mod payload;
 pub mod platform;
+pub mod slung_load;
 pub mod transport;
 
 pub use dragon::{Dragon, DragonLink, DragonMap};
@@ -39,6 +40,7 @@ pub use inverted_pendulum::{InvertedPendulum, InvertedPendulumMap};
 pub use omav::{Omav, OmavMap};
 pub use payload::{Payload, PayloadMap};
 pub use platform::{Platform, PlatformDrone, PlatformMap};
+pub use slung_load::{SlungLoad, SlungLoadMap};
 pub use transport::{Carrier, Transport, TransportMap};
 
 use super::tree::Model;
@@ -100,6 +102,16 @@ pub static REGISTRY: &[Entry] = &[
         name: "payload",
         description: "a drone with a ball on a stiff rope of 1 m",
         build: || Ok(Payload::default().build()?.model),
+    },
+    Entry {
+        name: "slung_load",
+        description: "a drone with a ball on a cable of 1 m that goes slack",
+        build: || Ok(SlungLoad::default().build()?.model),
+    },
+    Entry {
+        name: "slung_load_3",
+        description: "three drones carry a ball on cables that go slack",
+        build: || Ok(SlungLoad { n_drone: 3, ..SlungLoad::default() }.build()?.model),
     },
     Entry {
         name: "inverted_pendulum",

@@ -23,6 +23,9 @@ pub struct Effects {
     /// Wakes of the drones of one environment on each other (`downwash`); in a
     /// [`Multibody`](crate::dynamics::tree::Multibody), or a [`Fleet`](crate::dynamics::Fleet) through its own setting.
     pub downwash: bool,
+    /// Wakes of drones on what they carry and on whatever else has shapes and no rotors, their own loads included: the far wake's
+    /// dynamic pressure T/A on the area that faces it (`aero::downwash`); in a [`Multibody`](crate::dynamics::tree::Multibody) only.
+    pub load_downwash: bool,
     /// Forces between shapes that touch, and on the ground; in a [`Multibody`](crate::dynamics::tree::Multibody) only.
     pub contact: bool,
     /// Set by [`RigidModel::effects_of`](super::RigidModel::effects_of) where a rotor is not along body z; ask for it where rotors of later
@@ -54,6 +57,7 @@ impl Effects {
             ground_effect: false,
             disturbance: false,
             downwash: false,
+            load_downwash: false,
             contact: false,
             tilted_rotors: false,
             products_of_inertia: false,
@@ -71,6 +75,7 @@ impl Effects {
             ground_effect: true,
             disturbance: true,
             downwash: true,
+            load_downwash: true,
             contact: false,
             tilted_rotors: true,
             products_of_inertia: true,

@@ -1,6 +1,7 @@
 //! Energy, momentum, mass matrix, poses and Jacobians of an articulated system.
 
 use super::aba::accelerate;
+use super::cable;
 use super::contact_loads::{self, Friction};
 use super::kinematics::forward;
 use super::loads;
@@ -80,6 +81,14 @@ pub fn frame_pose<S: Scalar>(system: &Multibody, state: &[S], frame: &Frame) -> 
     }
 }
 
+/// Tension of every cable, N, in their order; 0 of one that is slack.
+pub fn cable_tensions<S: Scalar>(system: &Multibody, state: &[S]) -> Vec<S> {
+    let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
+    scratch_on_stack!(scratch, t, S);
+    forward(t, numbers, state, scratch.bodies);
+    cable::tensions(t, numbers, scratch.bodies)
+}
+
 /// Kinetic energy of all bodies and geared motors, J; spinning rotors not counted.
 pub fn kinetic_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
@@ -98,7 +107,7 @@ pub fn kinetic_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     twice * S::constant(0.5)
 }
 
-/// Potential energy of gravity (zero at z = 0), springs, compressed limits and, with that effect, contacts, J; position
+/// Potential energy of gravity (zero at z = 0), springs, cables, compressed limits and, with that effect, contacts, J; position
 /// drives not counted.
 pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
     let (t, numbers) = (system.topology(), Source::Constants(system.parameters()));
@@ -132,6 +141,7 @@ pub fn potential_energy<S: Scalar>(system: &Multibody, state: &[S]) -> S {
             Kind::Floating => {}
         }
     }
+    energy += cable::energy(t, numbers, scratch.bodies);
     if t.effects.contact {
         energy += contact_loads::elastic_energy(t, numbers, scratch.bodies);
     }
@@ -338,6 +348,11 @@ pub fn frame_jacobian(model: &Model, state: &[f64], frame: &Frame) -> Result<DMa
 /// As [`frame_jacobian`] of a point of a body, at [`rest_state`](super::rest_state).
 pub(crate) fn point_jacobian_at_rest(model: &Model, body: usize, point: [f64; 3]) -> DMatrix<f64> {
     point_jacobian(model, &poses_of(model, &super::rest_state(model)), body, point)
+}
+
+/// Of a body, at [`rest_state`](super::rest_state).
+pub(crate) fn pose_at_rest(model: &Model, body: usize) -> Pose<f64> {
+    poses_of(model, &super::rest_state(model))[body]
 }
 
 /// Jacobian of a point of a body given in the body's frame.

@@ -11,6 +11,8 @@
 //! | `frames` | the same by quaternions, for observations |
 //! | `loads` | rotors, air, disturbance, wakes |
 //! | `contact_loads` | contact forces |
+//! | `cable` | what cables pull |
+//! | `mobility` | how points give way, for what a step resolves of contacts |
 //! | `torque` | damping, springs, limits, drives |
 //! | `aba` | accelerations from forces |
 //! | `rnea` | forces from accelerations |
@@ -20,11 +22,13 @@
 
 mod aba;
 pub(crate) mod analysis;
+mod cable;
 mod contact_loads;
 pub(crate) mod frames;
 mod kinematics;
 pub(crate) mod layout;
 mod loads;
+mod mobility;
 pub(crate) mod model;
 pub(crate) mod multibody;
 pub(crate) mod parameters;
@@ -36,18 +40,20 @@ pub(crate) mod topology;
 mod torque;
 
 pub use analysis::{
-    Momentum, Pose, Separation, body_poses, center_of_mass, contact_forces, frame_jacobian, frame_pose, kinetic_energy,
-    mass_matrix, momentum, potential_energy, separations,
+    Momentum, Pose, Separation, body_poses, cable_tensions, center_of_mass, contact_forces, frame_jacobian, frame_pose,
+    kinetic_energy, mass_matrix, momentum, potential_energy, separations,
 };
 pub(crate) use analysis::{body_poses_into, contact_forces_with};
+pub use cable::{Cable, CableEnd, ROUND as CABLE_ROUND};
 pub use layout::{BodyPlace, Layout, TreePlace};
 pub use model::*;
 pub use multibody::{Multibody, rest_state};
 pub use parameters::{
-    CONTACT_PARAMETERS, LINK_PARAMETERS, model_parameter_domains, model_parameter_names, model_parameters,
+    CABLE_PARAMETERS, CONTACT_PARAMETERS, LINK_PARAMETERS, model_parameter_domains, model_parameter_names,
+    model_parameters,
 };
 pub use rnea::inverse_dynamics;
-pub use start::{check_contact, check_start};
+pub use start::{check_cables, check_contact, check_start};
 
 #[cfg(test)]
 mod tests;

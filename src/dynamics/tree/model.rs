@@ -4,6 +4,7 @@
 //! universal joints do not occur here: [`Assembly`](crate::dynamics::assembly::Assembly), which builds models from
 //! vehicles and primitives, merges the former and splits the latter into two hinges with a massless body between.
 
+use super::cable::Cable;
 use super::layout::Layout;
 use crate::dynamics::contact::ContactMaterial;
 use crate::dynamics::relief::Relief;
@@ -247,6 +248,9 @@ pub struct ModelParts {
     /// per tree.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub pushed: Vec<usize>,
+    /// What pulls points together where they are too far apart.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cables: Vec<Cable>,
 }
 
 /// A checked articulated system: a forest of bodies whose roots hang on the world.
@@ -297,6 +301,21 @@ impl Model {
     /// Shapes for contact and drawing.
     pub fn shapes(&self) -> &[BodyShape] {
         &self.parts.shapes
+    }
+
+    /// What pulls points together where they are too far apart.
+    pub fn cables(&self) -> &[Cable] {
+        &self.parts.cables
+    }
+
+    /// The same model with more cables.
+    ///
+    /// # Errors
+    /// As [`Model::new`]: ends on no body or on one, numbers out of bounds, repeated names.
+    pub fn with_cables(&self, cables: impl IntoIterator<Item = Cable>) -> Result<Self> {
+        let mut parts = self.parts.clone();
+        parts.cables.extend(cables);
+        Self::new(parts)
     }
 
     /// Places of all numbers in state and input.
@@ -379,6 +398,8 @@ impl Check<'_> {
         unique(&self.at("rotors"), p.rotors.iter().map(|r| &r.rotor.name))?;
         unique(&self.at("drones"), p.drones.iter().map(|d| &d.name))?;
         unique(&self.at("frames"), p.frames.iter().map(|f| &f.name))?;
+        unique(&self.at("cables"), p.cables.iter().map(|c| &c.name))?;
+        p.cables.iter().try_for_each(|cable| cable.validate(&self.at(""), p.bodies.len()))?;
         for number in 0..p.bodies.len() {
             self.body(number)?;
         }

@@ -1,7 +1,7 @@
 //! The physics of a model as one vector of numbers, and how kernels read it.
 //!
 //! Gravity first; then [`LINK_PARAMETERS`] per body, then [`ROTOR_PARAMETERS`]
-//! per rotor, [`CONTACT_PARAMETERS`], and the position of every shape that stands still in the world. The first twenty entries of a one-body model are those of
+//! per rotor, [`CONTACT_PARAMETERS`], the position of every shape that stands still in the world, and [`CABLE_PARAMETERS`] per cable. The first twenty entries of a one-body model are those of
 //! [`parameter_vector`](crate::dynamics::rigid::parameter_vector). Rotations of joints, axes and topology are not
 //! numbers: they stay as they were built.
 
@@ -43,6 +43,10 @@ pub const CONTACT_PARAMETERS: [(&str, Domain); 5] = [
     ("contact.slip_speed", Positive), ("contact.ground", AnySign),
 ];
 
+/// Physical parameters of a cable, in order, and what each may be.
+pub const CABLE_PARAMETERS: [(&str, Domain); 3] =
+    [("length", Positive), ("stiffness", NonNegative), ("dissipation", NonNegative)];
+
 /// All numbers of a model.
 pub fn model_parameters(model: &Model) -> Vec<f64> {
     let mut p = vec![model.parts().gravity];
@@ -52,6 +56,7 @@ pub fn model_parameters(model: &Model) -> Vec<f64> {
     let m = &contact.material;
     p.extend([m.stiffness, m.dissipation, m.friction, m.slip_speed, contact.ground.unwrap_or(0.0)]);
     still_shapes(model).for_each(|s| p.extend(s.shape.position));
+    model.cables().iter().for_each(|c| p.extend([c.length, c.stiffness, c.dissipation]));
     p
 }
 
@@ -80,7 +85,10 @@ pub fn model_parameter_names(model: &Model) -> Vec<String> {
     let still = still_shapes(model)
         .enumerate()
         .flat_map(|(i, s)| ["x", "y", "z"].iter().map(move |axis| format!("{}.{i}.position_{axis}", s.part)));
-    std::iter::once("gravity".to_string()).chain(bodies).chain(rotors).chain(contact).chain(still).collect()
+    let cables =
+        model.cables().iter().flat_map(|c| CABLE_PARAMETERS.iter().map(move |(n, _)| format!("{}.{n}", c.name)));
+    let first = std::iter::once("gravity".to_string());
+    first.chain(bodies).chain(rotors).chain(contact).chain(still).chain(cables).collect()
 }
 
 /// What each entry of [`model_parameters`] may be.
@@ -90,7 +98,14 @@ pub fn model_parameter_domains(model: &Model) -> Vec<Domain> {
     let rotors = model.rotors().iter().flat_map(|_| ROTOR_PARAMETERS.iter().map(|p| p.domain));
     let still = still_shapes(model).flat_map(|_| [AnySign; 3]);
     let contact = CONTACT_PARAMETERS.iter().map(of);
-    std::iter::once(BODY_PARAMETERS[0].1).chain(bodies).chain(rotors).chain(contact).chain(still).collect()
+    let cables = model.cables().iter().flat_map(|_| CABLE_PARAMETERS.iter().map(of));
+    std::iter::once(BODY_PARAMETERS[0].1)
+        .chain(bodies)
+        .chain(rotors)
+        .chain(contact)
+        .chain(still)
+        .chain(cables)
+        .collect()
 }
 
 /// A source of the numbers over a scalar: constants, parameters that derivatives are taken of, rows of a batch.
@@ -168,4 +183,10 @@ pub(crate) const fn contact_parameters(n_body: usize, n_rotor: usize) -> usize {
 #[inline(always)]
 pub(crate) const fn static_parameters(n_body: usize, n_rotor: usize, shape: usize) -> usize {
     contact_parameters(n_body, n_rotor) + CONTACT_PARAMETERS.len() + 3 * shape
+}
+
+/// Where the numbers of cable `cable` begin in a model with `n_still` shapes that stand still.
+#[inline(always)]
+pub(crate) const fn cable_parameters(n_body: usize, n_rotor: usize, n_still: usize, cable: usize) -> usize {
+    static_parameters(n_body, n_rotor, n_still) + CABLE_PARAMETERS.len() * cable
 }

@@ -83,6 +83,8 @@ pub(crate) struct BodyScratch<S> {
     pub slip: [S; 2],
     /// Wakes of other drones on the one at this body, held through a substep.
     pub wake: Vec3<S>,
+    /// Force and moment about the origin of wakes on a load.
+    pub load_wake: Wrench<S>,
 }
 
 impl<S: Scalar> BodyScratch<S> {
@@ -116,6 +118,7 @@ impl<S: Scalar> BodyScratch<S> {
             grip: Wrench { force: v, moment: v },
             slip: [o; 2],
             wake: v,
+            load_wake: Wrench::zero(),
         }
     }
 }

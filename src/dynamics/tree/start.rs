@@ -38,6 +38,24 @@ pub fn check_start(system: &Multibody, state: &[f64]) -> Result<()> {
     ))
 }
 
+/// Tells whether the substep resolves the stiffness of every cable. One that it does not resolve acts no stiffer than it does.
+///
+/// # Errors
+/// [`Error::Value`] that names the first, its stiffness, and what acts in its place.
+pub fn check_cables(system: &Multibody) -> Result<()> {
+    let most = system.topology().resolved.cables.iter().map(|most| most.stiffness);
+    let stiff = system.model().cables().iter().zip(most).find(|(cable, most)| cable.stiffness > *most);
+    let Some((cable, most)) = stiff else { return Ok(()) };
+    let rule = format!("at most {most:.3e} to be resolved by substeps of {} s", system.physics().grid().substep);
+    let remedy = "It acts as soft as that: take more substeps, or give it that stiffness.";
+    Err(Error::value(
+        format!("cable '{}': stiffness", cable.name),
+        format!("{:.3e} N/m", cable.stiffness),
+        rule,
+        remedy,
+    ))
+}
+
 /// Tells whether the substep resolves the stiffness of everything that may touch. What it does not resolve acts no stiffer
 /// than it does, so that nothing gains energy, and sinks in deeper.
 ///

@@ -29,6 +29,7 @@ pub(crate) fn one_body(vehicle: &Vehicle) -> Model {
         shapes: vec![],
         contact: ContactSettings::default(),
         pushed: vec![],
+        cables: vec![],
     })
     .unwrap()
 }

@@ -3,8 +3,10 @@
 //! All of it is plain data, equal for every environment and every scalar, so that kernels may branch on it. Flags say
 //! where a number is zero in the model at hand; a batch whose environments differ keeps them general.
 
-use super::analysis::{mass_matrix_at_rest, point_jacobian_at_rest};
+use super::analysis::mass_matrix_at_rest;
+use super::cable::CableEnd;
 use super::layout::Layout;
+use super::mobility::{Mobility, of_cables};
 use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion};
 use crate::dynamics::contact::ContactMaterial;
 use crate::dynamics::contact::force::RESOLVED;
@@ -14,7 +16,8 @@ use crate::dynamics::integrate::{Grid, Integrator};
 use crate::dynamics::relief::Relief;
 use crate::dynamics::rigid::Effects;
 use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::matrix;
+use crate::dynamics::spatial::{matrix, transpose};
+use std::f64::consts::PI;
 
 /// Axis of a hinge or slide in its joint's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -167,11 +170,55 @@ impl Form {
     }
 }
 
+/// A shape that wakes push, as kernels see it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Load {
+    pub body: usize,
+    /// In the body's frame, m.
+    pub center: [f64; 3],
+    /// Its axes by rows, in the body's frame.
+    pub axes: [[f64; 3]; 3],
+    /// m² that face a wake along the unit vector d: end + side √(1 − d_z²) + Σ faces |d| along its axes.
+    pub end: f64,
+    pub side: f64,
+    pub faces: [f64; 3],
+}
+
+impl Load {
+    /// Shapes of bodies that carry no rotors, body by body.
+    fn all(model: &Model) -> Vec<Self> {
+        let flies = |body: usize| {
+            model.rotors().iter().any(|r| r.body == body) || model.drones().iter().any(|d| d.body == body)
+        };
+        let loads = model.shapes().iter().filter_map(|s| Some((s.body.filter(|b| !flies(*b))?, s)));
+        let loads = loads.filter(|(body, _)| model.bodies()[*body].mass > 0.0);
+        let mut all: Vec<_> = loads.map(|(body, shape)| Self::of(body, shape)).collect();
+        all.sort_by_key(|load| load.body);
+        all
+    }
+
+    fn of(body: usize, BodyShape { shape, .. }: &BodyShape) -> Self {
+        let (center, axes) = (shape.position, transpose(matrix(shape.rotation)));
+        let none = Self { body, center, axes, end: 0.0, side: 0.0, faces: [0.0; 3] };
+        match shape.geometry {
+            Geometry::Sphere { radius } => Self { end: PI * radius * radius, ..none },
+            Geometry::Capsule { radius, length } => {
+                Self { end: PI * radius * radius, side: 2.0 * radius * length, ..none }
+            }
+            Geometry::Box { size: [x, y, z] } => Self { faces: [y * z, z * x, x * y], ..none },
+        }
+    }
+}
+
 /// The shape of a model under given effects.
 #[derive(Debug, Clone)]
 pub(crate) struct Topology {
     pub links: Vec<Link>,
     pub sources: Vec<Source>,
+    /// Of every source, Σ π r² of its rotors, m².
+    pub source_area: Vec<f64>,
+    /// What wakes push beside drones, where that effect is on.
+    pub loads: Vec<Load>,
     /// Rotor numbers sorted by the body that carries them.
     pub rotor_order: Vec<usize>,
     /// Per rotor.
@@ -190,6 +237,10 @@ pub(crate) struct Topology {
     pub on_ground: Vec<Touch<usize>>,
     /// Features that push on each other.
     pub pairs: Vec<Touch<Pair>>,
+    /// The ends of cables.
+    pub cables: Vec<[CableEnd; 2]>,
+    /// Shapes that stand still in the world.
+    pub n_still: usize,
     /// What rises over the ground.
     pub relief: Option<Relief>,
     /// Friction is steeper than the stages of a step resolve: sampled implicitly at its start and held.
@@ -203,6 +254,8 @@ pub(crate) struct Topology {
 pub(crate) struct ResolvedTouches {
     pub on_ground: Vec<Resolved>,
     pub pairs: Vec<Resolved>,
+    /// Of cables: stiffnesses in N/m.
+    pub cables: Vec<Resolved>,
 }
 
 impl Topology {
@@ -223,6 +276,8 @@ impl Topology {
             topology.sticks = least_slip_speed(model) < RESOLVED * grid.substep;
             topology.resolve(model, grid);
         }
+        let most = |mobility| Resolved::of_spring(mobility, grid);
+        topology.resolved.cables = of_cables(model).into_iter().map(most).collect();
         topology
     }
 
@@ -253,19 +308,28 @@ impl Topology {
         let features = features(model);
         let (on_ground, pairs) = (on_ground(model, &features), pairs(model, &features));
         let sources = model.drones().iter().filter(|d| !d.rotors.is_empty());
+        let disc = |r: &usize| PI * model.rotors()[*r].rotor.radius.powi(2);
         Self {
             resolved: ResolvedTouches {
                 on_ground: vec![Resolved::ANY; on_ground.len()],
                 pairs: vec![Resolved::ANY; pairs.len()],
+                cables: vec![Resolved::ANY; model.cables().len()],
             },
             on_ground,
             pairs,
             sticks: false,
+            cables: model.cables().iter().map(|cable| cable.ends).collect(),
+            n_still: model.shapes().iter().filter(|s| s.body.is_none()).count(),
             relief: model.parts().contact.relief.clone(),
             features,
             holds_torque: links.iter().any(|l| l.drive.is_some() || l.stiff),
             links,
-            sources: sources.map(|d| Source { body: d.body, position: d.position, rotors: d.rotors.clone() }).collect(),
+            sources: sources
+                .clone()
+                .map(|d| Source { body: d.body, position: d.position, rotors: d.rotors.clone() })
+                .collect(),
+            source_area: sources.map(|d| d.rotors.iter().map(disc).sum()).collect(),
+            loads: if effects.load_downwash { Load::all(model) } else { Vec::new() },
             rotor_order,
             rotor_body: model.rotors().iter().map(|r| r.body).collect(),
             rotor_speed: layout.rotor_speed.clone(),
@@ -289,8 +353,13 @@ impl Topology {
 
     /// Finds what a substep resolves of every touch.
     fn resolve(&mut self, model: &Model, grid: Grid) {
-        let mobility = Mobility::of(model, &self.features);
-        let on_ground = |touch: &Touch<usize>| Resolved::of(mobility.of_points[touch.what], grid);
+        let mobility = Mobility::of(model, &self.features, Resolved::sink(grid));
+        // the stages of RK4 take all corners of a box at once with what is stable on one; a step of first order gains energy
+        let of_ground = match grid.integrator {
+            Integrator::RungeKutta4 => &mobility.of_points,
+            Integrator::SemiImplicit => &mobility.on_ground,
+        };
+        let on_ground = |touch: &Touch<usize>| Resolved::of(of_ground[touch.what], grid);
         let of_pair = |touch: &Touch<Pair>| {
             let Pair { first, by_balls, .. } = touch.what;
             let most = Resolved::of(mobility.of_pair(&self.features, touch.what), grid);
@@ -300,11 +369,15 @@ impl Topology {
         self.resolved = ResolvedTouches {
             on_ground: self.on_ground.iter().map(on_ground).collect(),
             pairs: self.pairs.iter().map(of_pair).collect(),
+            cables: Vec::new(),
         };
     }
 
     /// What another model has differently than numbers, if anything.
     pub(crate) fn difference(&self, other: &Self) -> Option<String> {
+        if self.cables != other.cables {
+            return Some("with other cables, or tied elsewhere".into());
+        }
         if self.layout != other.layout || self.rotor_body != other.rotor_body {
             return Some("with other bodies, joints, drives or rotors".into());
         }
@@ -315,7 +388,8 @@ impl Topology {
         // what no effect reads may differ: a rope's length is not its capsule's where nothing touches
         let e = self.effects;
         let same = (!e.ground_effect || self.rotor_radius == other.rotor_radius)
-            && (!e.downwash || self.sources == other.sources)
+            && (!e.downwash && !e.load_downwash || self.sources == other.sources)
+            && self.loads == other.loads
             && (!e.contact
                 || (&self.features, &self.on_ground, &self.pairs, &self.relief)
                     == (&other.features, &other.on_ground, &other.pairs, &other.relief));
@@ -405,42 +479,6 @@ fn mark_stiff(model: &Model, substep: f64, links: &mut [Link]) {
 /// Share of the stiffness that a substep resolves between a box and the corners of another, for 0.4 of the rate: the nearest face
 /// changes from one substep to the next.
 const OF_CORNERS: f64 = 1.0 / 16.0;
-
-/// Acceleration per force, 1/kg, that points of each feature give way with at rest: largest eigenvalue of J M⁻¹ Jᵀ with J the
-/// Jacobian of the point; 0 of what stands still. A push on a ball passes through its centre.
-struct Mobility {
-    /// Most of any of its points.
-    of_points: Vec<f64>,
-    /// Of its balls, which may all touch at once: most of any, or a quarter of the sum where that is more, since what one
-    /// step size suits rests on four points.
-    of_balls: Vec<f64>,
-}
-
-impl Mobility {
-    fn of(model: &Model, features: &[Feature]) -> Self {
-        let inverse = mass_matrix_at_rest(model).try_inverse();
-        let at = |feature: &Feature, point: [f64; 3]| {
-            let (Some(body), Some(inverse)) = (feature.body, &inverse) else { return 0.0 };
-            let jacobian = point_jacobian_at_rest(model, body, point);
-            let linear = jacobian.rows(0, 3);
-            (linear * inverse * linear.transpose()).symmetric_eigenvalues().max()
-        };
-        let of_points = |f: &Feature| f.form.points().iter().map(|p| at(f, *p)).fold(0.0, f64::max);
-        let of_balls = |f: &Feature| {
-            let own: Vec<f64> = f.balls.iter().map(|ball| at(f, ball.center)).collect();
-            own.iter().copied().fold(0.25 * own.iter().sum::<f64>(), f64::max)
-        };
-        Self { of_points: features.iter().map(of_points).collect(), of_balls: features.iter().map(of_balls).collect() }
-    }
-
-    fn of_pair(&self, features: &[Feature], Pair { first, second, by_balls }: Pair) -> f64 {
-        if !by_balls {
-            return self.of_points[first] + self.of_points[second];
-        }
-        let at_once = (0.25 * features[first].balls.len() as f64).max(1.0);
-        self.of_balls[first] + at_once * self.of_points[second]
-    }
-}
 
 /// Colliding shapes of a model, in order.
 fn features(model: &Model) -> Vec<Feature> {
