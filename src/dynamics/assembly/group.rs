@@ -2,6 +2,7 @@
 
 use super::emit::moved as shape_moved;
 use super::placement::{Placement, clean, rows};
+use crate::dynamics::shape::Pose;
 use crate::dynamics::tree::{ContactSettings, Model, ModelParts};
 use crate::error::{Error, Result};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -40,8 +41,18 @@ pub fn group(name: impl Into<String>, members: &[Member]) -> Result<Model> {
     let (bodies, rotors, drones, frames, shapes) = blank;
     let gravity = first.model.parts().gravity;
     let contact = contact_of(members, first);
-    let mut all =
-        ModelParts { name: name.clone(), gravity, bodies, rotors, drones, frames, shapes, contact, pushed: Vec::new() };
+    let mut all = ModelParts {
+        name: name.clone(),
+        gravity,
+        bodies,
+        rotors,
+        drones,
+        frames,
+        shapes,
+        contact,
+        mesh: Vec::new(),
+        pushed: Vec::new(),
+    };
     for (i, member) in members.iter().enumerate() {
         member.place.validate(&at(&format!("place of '{}'", member.prefix)))?;
         if members[..i].iter().any(|m| m.prefix == member.prefix) {
@@ -98,6 +109,12 @@ fn append(all: &mut ModelParts, member: &Member) {
     all.drones.append(&mut own.drones);
     all.frames.append(&mut own.frames);
     all.shapes.append(&mut own.shapes);
+    let outer = Pose { position: place.position, attitude: place.rotation };
+    for mesh in &mut own.mesh {
+        let pose = outer.then(&Pose { position: mesh.position, attitude: mesh.rotation });
+        (mesh.position, mesh.rotation) = (pose.position, pose.attitude);
+    }
+    all.mesh.append(&mut own.mesh);
     all.pushed.append(&mut own.pushed);
 }
 

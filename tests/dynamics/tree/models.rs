@@ -42,7 +42,19 @@ pub fn of_vehicle(vehicle: &Vehicle) -> Model {
 fn model(name: &str, bodies: Vec<Body>, rotors: Vec<MountedRotor>) -> Model {
     let (drones, frames, shapes) = (Vec::new(), Vec::new(), Vec::new());
     let (name, gravity, contact) = (name.into(), GRAVITY, ContactSettings::default());
-    Model::new(ModelParts { name, gravity, bodies, rotors, drones, frames, shapes, contact, pushed: vec![] }).unwrap()
+    Model::new(ModelParts {
+        name,
+        gravity,
+        bodies,
+        rotors,
+        drones,
+        frames,
+        shapes,
+        contact,
+        mesh: vec![],
+        pushed: vec![],
+    })
+    .unwrap()
 }
 
 fn body(name: &str, parent: Option<usize>, joint: Joint, mass: f64) -> Body {
