@@ -323,6 +323,18 @@ fn a_scene_file_names_meshes_from_its_own_folder_and_comes_back_from_its_toml() 
 }
 
 #[test]
+fn the_scene_of_the_documentation_can_be_read() {
+    let text = include_str!("../../../docs/sensors.md");
+    let meshes = text.split("### Meshes").nth(1).unwrap();
+    let table = meshes.split("```toml").nth(1).unwrap().split("```").next().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("hall.stl"), stl(&cuboid([4000.0; 3]), true)).unwrap();
+    std::fs::write(folder.path().join("scene.toml"), table).unwrap();
+    let scene = Scene::from_toml_file(folder.path().join("scene.toml")).unwrap();
+    assert_eq!(scene.mesh.len(), 2);
+}
+
+#[test]
 fn a_scene_file_tells_what_is_wrong_with_its_meshes() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
