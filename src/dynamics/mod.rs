@@ -22,6 +22,7 @@
 //! | [`batch`] | many environments in lanes |
 //! | [`shape`] | spheres, capsules and boxes: volume, inertia, pose |
 //! | `relief` | uneven ground: a slope with waves on it |
+//! | `mesh` | triangle meshes and height fields, which are only seen |
 //! | [`scene`] | ground, gates and obstacles; distance to them |
 //! | [`sensors`] | what vehicles sense: parts with their errors, and rays at a scene |
 //! | [`spatial`] | vectors and quaternions over any scalar |
@@ -36,6 +37,7 @@ pub mod fleet;
 pub(crate) mod frame;
 pub mod gains;
 pub mod integrate;
+pub(crate) mod mesh;
 pub mod multirotor;
 pub(crate) mod plant;
 pub(crate) mod relief;
@@ -56,6 +58,7 @@ pub use domain::Domain;
 pub use fleet::{Downwash, Fleet};
 pub use frame::Frame;
 pub use integrate::Integrator;
+pub use mesh::Mesh;
 pub use multirotor::{Multirotor, Physics};
 pub use plant::{Plant, Quantity};
 pub use relief::{Relief, Wave};

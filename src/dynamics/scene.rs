@@ -23,6 +23,7 @@ pub use generate::{Corridor, Course, Forest, Generator, KINDS, Rooms, Rubble, Te
 
 use super::contact::ContactMaterial;
 use super::contact::distance::{self, ground_distance, plane_distance};
+use super::mesh::Mesh;
 use super::relief::Relief;
 use super::shape::{Geometry, MAX_SIZE, Pose, Shape, within};
 use super::spatial::{Vec3, add, constants};
@@ -48,7 +49,7 @@ pub struct Obstacle {
     pub shape: Shape,
 }
 
-/// Ground, gates and obstacles.
+/// Ground, gates, obstacles, and meshes that are only seen.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Scene {
@@ -62,6 +63,10 @@ pub struct Scene {
     pub gates: Vec<Gate>,
     /// Capsules, boxes, spheres.
     pub obstacles: Vec<Obstacle>,
+    /// Triangle meshes and height fields, which sensors see and nothing touches: distances know nothing of them, and no
+    /// placement moves them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub mesh: Vec<Mesh>,
     /// What things are made of, where it is not the material of what flies: by the name of a gate or obstacle, or for all of
     /// a kind under `ground`, `gates`, `obstacles`.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
@@ -77,6 +82,8 @@ pub enum Element {
     Gate(usize),
     /// By its index in [`Scene::obstacles`].
     Obstacle(usize),
+    /// By its index in [`Scene::mesh`]: seen only.
+    Mesh(usize),
 }
 
 impl Scene {
@@ -91,6 +98,7 @@ impl Scene {
             Element::Ground => (KINDS_OF_ELEMENTS[0], KINDS_OF_ELEMENTS[0]),
             Element::Gate(i) => (self.gates[i].name.as_str(), KINDS_OF_ELEMENTS[1]),
             Element::Obstacle(i) => (self.obstacles[i].name.as_str(), KINDS_OF_ELEMENTS[2]),
+            Element::Mesh(_) => return None,
         };
         self.materials.get(name).or_else(|| self.materials.get(kind)).copied()
     }
@@ -116,13 +124,13 @@ impl Scene {
     }
 
     /// Where in a placement the offset of a gate or obstacle starts; a sliding gate's coordinate follows it. `None` for the
-    /// ground.
+    /// ground and for meshes.
     ///
     /// # Panics
     /// On an index that the scene does not have.
     pub fn placement_index(&self, element: Element) -> Option<usize> {
         match element {
-            Element::Ground => None,
+            Element::Ground | Element::Mesh(_) => None,
             Element::Gate(i) => {
                 assert!(i < self.gates.len(), "gate {i} of {}", self.gates.len());
                 Some(self.gate_start(i))
@@ -265,8 +273,8 @@ impl Scene {
     /// Checks every element; errors name it: `gate 'second'`, `obstacle 'pillar'`.
     ///
     /// # Errors
-    /// Numbers as [`Gate::validate`] and [`Shape::validate`] refuse; a ground beyond `MAX_SIZE`; a name used twice; more
-    /// than `MAX_ELEMENTS` gates or obstacles.
+    /// Numbers as [`Gate::validate`], [`Shape::validate`] and [`Mesh::validate`] refuse; a ground beyond `MAX_SIZE`; a name used twice; more
+    /// than `MAX_ELEMENTS` gates, obstacles or meshes.
     pub fn validate(&self) -> Result<()> {
         if let Some(height) = self.ground {
             within("scene: ground", height, -MAX_SIZE, MAX_SIZE)?;
@@ -278,7 +286,9 @@ impl Scene {
                 return Err(Error::value(what, "none", rule, "Give ground = 0.0, or leave out the relief."));
             }
         }
-        for (what, count) in [("gates", self.gates.len()), ("obstacles", self.obstacles.len())] {
+        for (what, count) in
+            [("gates", self.gates.len()), ("obstacles", self.obstacles.len()), ("meshes", self.mesh.len())]
+        {
             if count > MAX_ELEMENTS {
                 let remedy = "Leave out what no vehicle can reach.";
                 return Err(Error::limit(format!("scene: number of {what}"), count, MAX_ELEMENTS, remedy));
@@ -290,6 +300,10 @@ impl Scene {
         for obstacle in &self.obstacles {
             obstacle.shape.validate(&format!("obstacle '{}'", obstacle.name))?;
         }
+        for mesh in &self.mesh {
+            mesh.validate(&format!("mesh '{}'", mesh.name))?;
+        }
+        unique("mesh", self.mesh.iter().map(|mesh| mesh.name.as_str()))?;
         unique("gate", self.gates.iter().map(|gate| gate.name.as_str()))?;
         unique("obstacle", self.obstacles.iter().map(|obstacle| obstacle.name.as_str()))?;
         self.check_materials()

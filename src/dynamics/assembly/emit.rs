@@ -58,6 +58,7 @@ pub(super) fn emit(assembly: &Assembly, tree: &Tree) -> Result<Draft> {
         frames,
         shapes,
         contact,
+        mesh: Vec::new(),
         pushed: Vec::new(),
         cables: Vec::new(),
     };

@@ -2,6 +2,7 @@
 
 use super::emit::moved as shape_moved;
 use super::placement::{Placement, clean, rows};
+use crate::dynamics::shape::Pose;
 use crate::dynamics::tree::{ContactSettings, Model, ModelParts};
 use crate::error::{Error, Result};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -47,6 +48,7 @@ pub fn group(name: impl Into<String>, members: &[Member]) -> Result<Model> {
         frames: Vec::new(),
         shapes: Vec::new(),
         contact,
+        mesh: Vec::new(),
         pushed: Vec::new(),
         cables: Vec::new(),
     };
@@ -116,6 +118,12 @@ fn append(all: &mut ModelParts, member: &Member) {
     all.drones.append(&mut own.drones);
     all.frames.append(&mut own.frames);
     all.shapes.append(&mut own.shapes);
+    let outer = Pose { position: place.position, attitude: place.rotation };
+    for mesh in &mut own.mesh {
+        let pose = outer.then(&Pose { position: mesh.position, attitude: mesh.rotation });
+        (mesh.position, mesh.rotation) = (pose.position, pose.attitude);
+    }
+    all.mesh.append(&mut own.mesh);
     all.pushed.append(&mut own.pushed);
 }
 

@@ -45,6 +45,7 @@ pub fn environment(name: impl Into<String>, members: &[Member], scene: &Scene) -
     }
     let obstacles = scene.obstacles.iter().enumerate();
     parts.shapes.extend(obstacles.map(|(i, o)| still(&o.name, o.shape, scene.material(Element::Obstacle(i)))));
+    parts.mesh.extend(scene.mesh.iter().cloned());
     Model::new(parts)
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Gate, Generator, Obstacle, Scene};
 use crate::dynamics::contact::ContactMaterial;
+use crate::dynamics::mesh::MeshTable;
 use crate::dynamics::relief::Relief;
 use crate::dynamics::vehicle_file::in_file;
 use crate::error::{Error, Result};
@@ -21,6 +22,7 @@ struct SceneFile {
     relief: Option<Relief>,
     gates: Vec<Gate>,
     obstacles: Vec<Obstacle>,
+    mesh: Vec<MeshTable>,
     materials: BTreeMap<String, ContactMaterial>,
 }
 
@@ -47,25 +49,31 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::Format`] with line or element for what is no TOML, an unknown key, and numbers that
-    /// [`validate`](Self::validate) or a generator refuses.
+    /// [`validate`](Self::validate) or a generator refuses; as [`Mesh`](crate::dynamics::Mesh) for meshes, whose files are
+    /// named from the working folder.
     pub fn from_toml_str(text: &str, file_name: &str) -> Result<Self> {
-        let file: SceneFile = toml::from_str(text).map_err(|error| Error::of_toml(&error, text, file_name))?;
-        file.scene().map_err(|error| in_file(error, file_name))
+        Self::from_text(text, file_name, Path::new(""))
     }
 
-    /// Reads and checks a scene file of at most 16 MiB.
+    /// Names of files in it count from `folder`.
+    fn from_text(text: &str, file_name: &str, folder: &Path) -> Result<Self> {
+        let file: SceneFile = toml::from_str(text).map_err(|error| Error::of_toml(&error, text, file_name))?;
+        file.scene(folder).map_err(|error| in_file(error, file_name))
+    }
+
+    /// Reads and checks a scene file of at most 16 MiB. Files of meshes are named from its folder.
     ///
     /// # Errors
     /// As [`from_toml_str`](Self::from_toml_str); [`Error::File`] and [`Error::Limit`] for what cannot be read.
     pub fn from_toml_file(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let text = crate::file_gate::read_text(path, MAX_FILE_BYTES)?;
-        Self::from_toml_str(&text, &path.display().to_string())
+        Self::from_text(&text, &path.display().to_string(), path.parent().unwrap_or(Path::new("")))
     }
 }
 
 impl SceneFile {
-    fn scene(self) -> Result<Scene> {
+    fn scene(self, folder: &Path) -> Result<Scene> {
         let mut all = Scene::default();
         let several = self.generate.len() > 1;
         for (i, generator) in self.generate.iter().enumerate() {
@@ -83,6 +91,7 @@ impl SceneFile {
         all.materials = self.materials;
         all.gates.extend(self.gates);
         all.obstacles.extend(self.obstacles);
+        all.mesh = self.mesh.into_iter().map(|table| table.mesh(folder)).collect::<Result<_>>()?;
         all.validate()?;
         Ok(all)
     }

@@ -98,7 +98,7 @@ fn a_placement_moves_what_it_names_and_a_slide_goes_along_the_gates_own_y() {
         let position = |placement: &[f64]| match element {
             Element::Gate(i) => scene.gate_pose(placement, i).position,
             Element::Obstacle(i) => scene.obstacle_pose(placement, i).position,
-            Element::Ground => unreachable!(),
+            Element::Ground | Element::Mesh(_) => unreachable!(),
         };
         let (moved, still) = (position(&placement), position(&scene.nominal_placement()));
         for k in 0..3 {

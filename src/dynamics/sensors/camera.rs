@@ -24,7 +24,7 @@ pub enum Show {
     /// Planar depth, as `form` tells it.
     #[default]
     Depth,
-    /// 0 nothing in range, 1 ground, 2 a gate, 3 an obstacle, 4 another body.
+    /// 0 nothing in range, 1 ground, 2 a gate, 3 an obstacle or a mesh, 4 another body.
     Segmentation,
     /// Outward unit normal of the surface along the axes of the camera (x forward, y left, z up); noughts for nothing.
     Normals,
@@ -278,7 +278,7 @@ fn class_of(world: &World, id: u32) -> f64 {
         None => 0.0,
         Some(Owner::Scene(Element::Ground)) => 1.0,
         Some(Owner::Scene(Element::Gate(_))) => 2.0,
-        Some(Owner::Scene(Element::Obstacle(_))) => 3.0,
+        Some(Owner::Scene(Element::Obstacle(_) | Element::Mesh(_))) => 3.0,
         Some(Owner::Moving(_)) => 4.0,
     }
 }

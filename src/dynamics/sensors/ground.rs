@@ -1,7 +1,7 @@
 //! Sensors that look down: range finder and optical flow.
 //!
 //! Both look along −z of their mount: with the rotation [1, 0, 0, 0] straight down from a level body. They see the plane z =
-//! `ground`, in closed form; a range finder also what stands in its way.
+//! `ground`, in closed form; a range finder also what stands in its way, and uneven ground where there is some.
 
 use super::cast::{self, GROUND, Rays};
 use super::chain::{ErrorModel, Errors};
@@ -52,7 +52,7 @@ impl Growth {
 }
 
 /// Distance to the ground along −z of the mount, of a cone the nearest: h/cos(max(θ − α, 0)), θ the angle between the axis and
-/// the vertical, α half of `cone`. What else stands in the cone is met by seven rays of it, by one where it has no angle. Out of range, by itself or by its noise, it reads
+/// the vertical, α half of `cone`. What else stands in the cone is met by seven rays of it, by one where it has no angle; so is ground that is uneven. Out of range, by itself or by its noise, it reads
 /// `farthest`, and `valid` is 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -128,9 +128,11 @@ impl RangeDevice {
     fn nearest(&self, at: &Motion, sight: &mut Sight<'_>) -> f64 {
         let pose = Pose { position: at.position, attitude: at.attitude };
         let seen = sight.rays(&self.rays, &pose);
-        // the ground is known in closed form
-        let solid = seen.ranges.iter().zip(seen.ids).filter(|(_, id)| **id > GROUND);
-        solid.map(|(d, _)| f64::from(*d)).fold(self.distance(at), f64::min)
+        // level ground is known in closed form
+        let (first, ground) =
+            if seen.world.is_uneven() { (GROUND, f64::INFINITY) } else { (GROUND + 1, self.distance(at)) };
+        let met = seen.ranges.iter().zip(seen.ids).filter(|(_, id)| **id >= first);
+        met.map(|(d, _)| f64::from(*d)).fold(ground, f64::min)
     }
 
     /// The nearest ground in the cone, m; infinite where there is none in it.

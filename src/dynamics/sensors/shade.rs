@@ -42,6 +42,7 @@ fn colour(owner: Option<Owner>, point: Vec3<f64>) -> [f64; 3] {
         }
         Some(Owner::Scene(Element::Gate(i))) => (0.05, i),
         Some(Owner::Scene(Element::Obstacle(i))) => (0.30, i),
+        Some(Owner::Scene(Element::Mesh(i))) => (0.80, i),
         Some(Owner::Moving(i)) => (0.60, i as usize),
     };
     hue((family + 0.618_033_988_749_895 * number as f64).fract())

@@ -53,7 +53,8 @@ impl Solids {
     }
 }
 
-/// A scene with the shapes of a plant's model that stand still, behind its own obstacles.
+/// A scene with the shapes of a plant's model that stand still behind its own obstacles, what that model's ground rises by, and its
+/// meshes.
 #[derive(Debug, Clone)]
 pub(crate) struct Surroundings {
     /// All of it.
@@ -69,6 +70,10 @@ impl Surroundings {
         let (mut whole, own) = (scene.clone(), scene.n_placement());
         let mut standing = Vec::new();
         if let Some(model) = plant.tree().map(Multibody::model) {
+            if whole.ground.is_some() && whole.ground == model.parts().contact.ground && whole.relief.is_none() {
+                whole.relief.clone_from(&model.parts().contact.relief);
+            }
+            whole.mesh.extend(model.parts().mesh.iter().cloned());
             let still = model.shapes().iter().filter(|shape| shape.body.is_none());
             for (i, shape) in still.enumerate() {
                 standing.push((static_parameters(model.bodies().len(), model.rotors().len(), i), shape.shape.position));

@@ -7,6 +7,7 @@
 use super::cable::Cable;
 use super::layout::Layout;
 use crate::dynamics::contact::ContactMaterial;
+use crate::dynamics::mesh::Mesh;
 use crate::dynamics::relief::Relief;
 use crate::dynamics::shape::Shape;
 use crate::dynamics::vehicle::{Drag, Inertia, Rotor};
@@ -244,6 +245,9 @@ pub struct ModelParts {
     /// Ground, material, what may touch what.
     #[serde(default)]
     pub contact: ContactSettings,
+    /// Stand still in the world for sensors alone: nothing touches them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub mesh: Vec<Mesh>,
     /// Bodies that take force and moment of their tree's disturbance in place of the root, at their centre of mass; one
     /// per tree.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -426,6 +430,7 @@ impl Check<'_> {
         let of_ground = p.contact.ground_material;
         of_ground.map_or(Ok(()), |m| m.validate(&self.at("contact.ground_material")))?;
         finite(&self.at("contact.ground"), &[p.contact.ground.unwrap_or(0.0)])?;
+        p.mesh.iter().try_for_each(|mesh| mesh.validate(&self.at(&format!("mesh '{}'", mesh.name))))?;
         p.contact.relief.as_ref().map_or(Ok(()), |r| r.validate(&self.at("contact.relief")))?;
         for drone in &p.drones {
             self.exists("drone", &drone.name, drone.body)?;

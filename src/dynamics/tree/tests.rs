@@ -28,6 +28,7 @@ pub(crate) fn one_body(vehicle: &Vehicle) -> Model {
         frames: vec![],
         shapes: vec![],
         contact: ContactSettings::default(),
+        mesh: vec![],
         pushed: vec![],
         cables: vec![],
     })

@@ -51,6 +51,7 @@ fn model(name: &str, bodies: Vec<Body>, rotors: Vec<MountedRotor>) -> Model {
         frames,
         shapes,
         contact,
+        mesh: vec![],
         pushed: vec![],
         cables: vec![],
     })

@@ -148,7 +148,13 @@ impl Kept {
 
 /// How near solids are; ∞ where they are not kept.
 #[inline(always)]
-fn key<L: Lanes, V: View, const ALL: bool>(view: &V, base: Vec3<L>, axis: Vec3<L>, length: L, radius: L) -> L {
+pub(super) fn key<L: Lanes, V: View, const ALL: bool>(
+    view: &V,
+    base: Vec3<L>,
+    axis: Vec3<L>,
+    length: L,
+    radius: L,
+) -> L {
     let (near, mut kept) = view.reaches(base, axis, length, radius);
     if ALL {
         kept = L::zero().lt(radius);

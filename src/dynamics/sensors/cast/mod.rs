@@ -2,7 +2,7 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`world`] | capsules, boxes and ground, as numbers for lanes |
+//! | [`world`] | capsules, boxes, ground and meshes, as numbers for lanes |
 //! | `pattern` | ground, then solid by solid, then readings: what images and scans share |
 //! | `cull` | which of them an eye can see, nearest first |
 //! | `pieces` | their numbers in the frame of the eye, and the tiles of an image that they can touch |
@@ -10,6 +10,8 @@
 //! | [`tiles`] | depth images: 4×4 pixels at a time |
 //! | [`packets`] | rays of any directions: sixteen at a time |
 //! | [`normal`] | normals of hits, and the derivative of a range in the sensor's pose |
+//! | `uneven` | the first place where a ray meets hills |
+//! | `meshes` | triangle meshes, ray by ray, after all that lanes see |
 //! | `reference` | one ray after the other in `f64`, for tests |
 //!
 //! All rays of one call begin at one **eye**, so that whatever a solid and the eye have in common is computed once for both; a
@@ -24,11 +26,15 @@
 //! is left out because it cannot be seen is left out by bounds that are wider than all roundings: an image is that of all
 //! solids at all pixels, bit for bit.
 //!
+//! Uneven ground is a plane where it only slopes, and a bounded march where it has waves ([`Relief`](crate::dynamics::Relief));
+//! of triangle meshes ([`Mesh`](crate::dynamics::Mesh)) every ray that reaches their ball goes down a tree of boxes, in `f64`.
+//!
 //! Numbers are `f32` about the eye: 10⁻³ (1 + t) m of the exact range holds for scenes within some hundred metres of the
 //! origin, whose coordinates `f32` resolves to 10⁻⁵ m.
 
 mod cull;
 mod hit;
+mod meshes;
 pub mod normal;
 pub mod packets;
 mod pattern;
@@ -38,6 +44,9 @@ mod reference;
 #[cfg(test)]
 mod tests;
 pub mod tiles;
+mod uneven;
+#[cfg(test)]
+mod uneven_tests;
 pub mod world;
 
 pub use packets::Rays;
@@ -110,6 +119,8 @@ pub struct Caster {
     tiles: Vec<Tile>,
     /// Of every tile, the farthest of its depths.
     far: Vec<f32>,
+    /// Waves of the ground, from this eye.
+    hills: uneven::Hills,
 }
 
 /// Ranges and ids of sixteen rays while solids are put into them.
@@ -164,11 +175,31 @@ impl Eye {
         sound.then_some(Self { position, axes })
     }
 
-    /// Height of the ground under the eye, m, and the world's z along its axes; `None` from below.
+    /// Distance of the eye from the plane of the ground, m, and that plane's normal along its axes; `None` from below.
     #[inline(always)]
-    fn above(&self, ground: Option<f32>) -> Option<(f32, [f32; 3])> {
-        let height = self.position[2] - ground?;
-        if height > 0.0 { Some((height, [self.axes[0][2], self.axes[1][2], self.axes[2][2]])) } else { None }
+    fn above(&self, ground: Option<f32>, slope: [f64; 2]) -> Option<(f32, [f32; 3])> {
+        let ground = ground?;
+        let (height, up) = if slope == [0.0; 2] {
+            (self.position[2] - ground, [self.axes[0][2], self.axes[1][2], self.axes[2][2]])
+        } else {
+            let (x, y, z) = (self.position[0], self.position[1], self.position[2]);
+            let above = f64::from(z) - f64::from(ground) - slope[0] * f64::from(x) - slope[1] * f64::from(y);
+            let length = (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();
+            ((above / length) as f32, self.along([-slope[0] / length, -slope[1] / length, 1.0 / length]))
+        };
+        if height > 0.0 { Some((height, up)) } else { None }
+    }
+
+    /// A vector of the world along its axes.
+    #[inline(always)]
+    fn along(&self, v: [f64; 3]) -> [f32; 3] {
+        let part = |a: &[f32; 3]| f64::from(a[0]) * v[0] + f64::from(a[1]) * v[1] + f64::from(a[2]) * v[2];
+        [part(&self.axes[0]) as f32, part(&self.axes[1]) as f32, part(&self.axes[2]) as f32]
+    }
+
+    /// A vector of its frame in the world.
+    fn outward(&self, d: [f32; 3]) -> Vec3<f64> {
+        [0, 1, 2].map(|i| (0..3).map(|k| f64::from(self.axes[k][i]) * f64::from(d[k])).sum())
     }
 }
 

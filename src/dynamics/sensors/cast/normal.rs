@@ -34,7 +34,8 @@ impl World {
     pub fn normal(&self, id: u32, point: Vec3<f64>) -> Option<Vec3<f64>> {
         match solid(id) {
             Solid::Nothing => None,
-            Solid::Ground => self.ground.map(|_| [0.0, 0.0, 1.0]),
+            Solid::Ground => self.ground.map(|height| self.relief.surface(point, f64::from(height)).1),
+            Solid::Triangle(id) => self.triangle(id).map(|(i, k)| self.meshes[i].mesh.normal(k)),
             Solid::Capsule(i) if i < self.capsules.len() => Some(self.capsule_normal(i, point)),
             Solid::Box(i) if i < self.boxes.len() => Some(self.box_normal(i, point)),
             _ => None,

@@ -232,6 +232,18 @@ impl Pattern for Rays {
     }
 
     #[inline(always)]
+    fn directions<L: Lanes>(&self, tile: usize, at: usize) -> Vec3<L> {
+        let packet = &self.directions[tile];
+        [L::load(&packet[0][at..]), L::load(&packet[1][at..]), L::load(&packet[2][at..])]
+    }
+
+    #[inline(always)]
+    fn direction_of(&self, tile: usize, lane: usize) -> [f32; 3] {
+        let packet = &self.directions[tile];
+        [packet[0][lane], packet[1][lane], packet[2][lane]]
+    }
+
+    #[inline(always)]
     fn put<L: Lanes, P: Piece, const ALL: bool>(&self, piece: &OnePiece<'_, L>, tiles: &mut [Tile], far: &mut [f32]) {
         let OnePiece { numbers, forms, id, near, .. } = piece;
         for group in 0..self.cones.len() {

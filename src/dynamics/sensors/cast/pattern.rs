@@ -4,7 +4,7 @@ use super::cull::{BOX, View};
 use super::hit::{Ball, Cuboid, N_NUMBER, Piece, Side};
 use super::pieces::PieceBlock;
 use super::world::{self, LANES, NOTHING, World};
-use super::{Caster, Eye, Range, Tile, splat};
+use super::{Caster, Eye, Range, Tile, meshes, splat, uneven};
 use crate::autodiff::Mask;
 use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
 use crate::dynamics::shape::Pose;
@@ -20,6 +20,10 @@ pub(super) trait Pattern: View {
     fn range(&self) -> Range;
     /// The plane below the eye: t = −h/d_z where that is ahead and in range.
     fn ground<L: Lanes>(&self, height: f32, up: [f32; 3], tiles: &mut [Tile]);
+    /// Directions of rays `at` and behind of a tile, in the frame of the eye.
+    fn directions<L: Lanes>(&self, tile: usize, at: usize) -> Vec3<L>;
+    /// The direction of one ray of a tile.
+    fn direction_of(&self, tile: usize, lane: usize) -> [f32; 3];
     /// Puts `piece` into all tiles that it can touch, or into all tiles with `ALL`.
     fn put<L: Lanes, P: Piece, const ALL: bool>(&self, piece: &OnePiece<'_, L>, tiles: &mut [Tile], far: &mut [f32]);
     /// From tiles to readings.
@@ -92,11 +96,17 @@ impl<V: Pattern, const ALL: bool> Kernel for Cast<'_, V, ALL> {
         let Self { caster, world, pattern, eye, ranges, ids } = self;
         let (n, range) = (pattern.n_tile(), pattern.range());
         caster.prepare(n, range.most as f32);
-        let Caster { kept, tiles, far } = caster;
+        let Caster { kept, tiles, far, hills } = caster;
         let tiles = &mut tiles[..n];
-        match eye.above(world.ground) {
-            Some((height, up)) => pattern.ground::<L>(height, up, tiles),
-            None => tiles.fill(Tile::missed(range.most as f32)),
+        if world.relief.waves.is_empty() {
+            match eye.above(world.ground, world.relief.slope) {
+                Some((height, up)) => pattern.ground::<L>(height, up, tiles),
+                None => tiles.fill(Tile::missed(range.most as f32)),
+            }
+        } else if hills.look(world, eye) {
+            uneven::put::<L, V>(pattern, hills, tiles);
+        } else {
+            tiles.fill(Tile::missed(range.most as f32));
         }
         kept.look::<L, V, ALL>(world, eye, pattern);
         for k in 0..kept.order.len() {
@@ -110,6 +120,13 @@ impl<V: Pattern, const ALL: bool> Kernel for Cast<'_, V, ALL> {
                 put::<L, V, Ball, ALL>(pattern, &pieces[2], lane, id, tiles, far);
             } else {
                 put::<L, V, Cuboid, ALL>(pattern, &kept.box_pieces[block], lane, kept.box_ids[i], tiles, far);
+            }
+        }
+        for k in 0..world.meshes.len() {
+            let mesh = &world.meshes[k];
+            let near = meshes::nearness::<L, V, ALL>(pattern, mesh, eye);
+            if near < f32::INFINITY {
+                meshes::put::<V, ALL>(pattern, mesh, eye, near, tiles);
             }
         }
         if range.least > 0.0 {

@@ -9,20 +9,20 @@ use crate::dynamics::shape::{Geometry, Shape};
 use crate::dynamics::spatial::{add, exponential, from_euler, multiply, rotate, scale};
 use crate::rng::{Purpose, Stream};
 
-fn stream(which: u64) -> Stream {
+pub(super) fn stream(which: u64) -> Stream {
     Stream::new(60, which, 0, Purpose::user(60))
 }
 
-fn vector(r: &mut Stream, low: [f64; 3], high: [f64; 3]) -> [f64; 3] {
+pub(super) fn vector(r: &mut Stream, low: [f64; 3], high: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|k| r.uniform(low[k], high[k]))
 }
 
-fn attitude(r: &mut Stream) -> [f64; 4] {
+pub(super) fn attitude(r: &mut Stream) -> [f64; 4] {
     unit([r.normal(), r.normal(), r.normal(), r.normal()])
 }
 
 /// 10 to the power of a uniform number.
-fn decades(r: &mut Stream, low: f64, high: f64) -> f64 {
+pub(super) fn decades(r: &mut Stream, low: f64, high: f64) -> f64 {
     10.0_f64.powf(r.uniform(low, high))
 }
 
@@ -67,7 +67,7 @@ fn any_range(r: &mut Stream) -> Range {
     Range { least: if r.below(2) == 0 { 0.0 } else { r.uniform(0.0, 0.4) }, most: decades(r, 0.3, 1.7) }
 }
 
-fn any_camera(r: &mut Stream, largest: u64) -> Camera {
+pub(super) fn any_camera(r: &mut Stream, largest: u64) -> Camera {
     let (width, height) = (1 + r.below(largest) as usize, 1 + r.below(largest) as usize);
     let flat = (height as f64 / width as f64).clamp(0.2, 5.0);
     Camera::new(width, height, 2.0 * (r.uniform(0.1, 3.0) / flat.max(1.0)).atan(), any_range(r))
@@ -75,7 +75,7 @@ fn any_camera(r: &mut Stream, largest: u64) -> Camera {
 }
 
 /// All around, within a narrow fan, or a lidar.
-fn any_rays(r: &mut Stream) -> Rays {
+pub(super) fn any_rays(r: &mut Stream) -> Rays {
     let range = any_range(r);
     let (n, spread) = (1 + r.below(100), decades(r, -2.0, 1.0));
     match r.below(3) {
@@ -92,22 +92,22 @@ fn any_rays(r: &mut Stream) -> Rays {
 
 /// Bits of what an image or a scan holds.
 #[derive(Debug, PartialEq)]
-struct Seen {
-    t: Vec<u32>,
-    ids: Vec<u32>,
+pub(super) struct Seen {
+    pub t: Vec<u32>,
+    pub ids: Vec<u32>,
 }
 
-type Draw = fn(&mut Caster, &World, &Camera, &Pose<f64>, &mut [f32], &mut [u32]);
-type Scan = fn(&mut Caster, &World, &Rays, &Pose<f64>, &mut [f32], &mut [u32]);
+pub(super) type Draw = fn(&mut Caster, &World, &Camera, &Pose<f64>, &mut [f32], &mut [u32]);
+pub(super) type Scan = fn(&mut Caster, &World, &Rays, &Pose<f64>, &mut [f32], &mut [u32]);
 
-fn image(caster: &mut Caster, draw: Draw, world: &World, camera: &Camera, pose: &Pose<f64>) -> Seen {
+pub(super) fn image(caster: &mut Caster, draw: Draw, world: &World, camera: &Camera, pose: &Pose<f64>) -> Seen {
     let n = camera.size()[0] * camera.size()[1];
     let (mut t, mut ids) = (vec![-1.0; n], vec![u32::MAX; n]);
     draw(caster, world, camera, pose, &mut t, &mut ids);
     Seen { t: t.into_iter().map(f32::to_bits).collect(), ids }
 }
 
-fn scan(caster: &mut Caster, scan: Scan, world: &World, rays: &Rays, pose: &Pose<f64>) -> Seen {
+pub(super) fn scan(caster: &mut Caster, scan: Scan, world: &World, rays: &Rays, pose: &Pose<f64>) -> Seen {
     let (mut t, mut ids) = (vec![-1.0; rays.n_ray()], vec![u32::MAX; rays.n_ray()]);
     scan(caster, world, rays, pose, &mut t, &mut ids);
     Seen { t: t.into_iter().map(f32::to_bits).collect(), ids }

@@ -192,6 +192,17 @@ impl Pattern for Camera {
     }
 
     #[inline(always)]
+    fn directions<L: Lanes>(&self, tile: usize, at: usize) -> Vec3<L> {
+        let (row, column) = (tile / self.grid.columns, tile % self.grid.columns);
+        [L::one(), L::load(&self.left[column][at..]), L::load(&self.up[row][at..])]
+    }
+
+    #[inline(always)]
+    fn direction_of(&self, tile: usize, lane: usize) -> [f32; 3] {
+        [1.0, self.left[tile % self.grid.columns][lane], self.up[tile / self.grid.columns][lane]]
+    }
+
+    #[inline(always)]
     fn put<L: Lanes, P: Piece, const ALL: bool>(&self, piece: &OnePiece<'_, L>, tiles: &mut [Tile], far: &mut [f32]) {
         let OnePiece { block, lane, numbers, forms, id, near } = piece;
         let columns = self.grid.columns;

@@ -1,8 +1,10 @@
-//! What rays can hit: capsules, turned boxes and ground.
+//! What rays can hit: capsules, turned boxes, ground, and triangle meshes.
 //!
 //! A sphere is a capsule without length, a gate is four capsules. Numbers lie side by side, sixteen solids to a block, so that
 //! lanes go over solids where the eye's frame is made, and over rays afterwards.
 
+use crate::dynamics::mesh::{Mesh, PlacedMesh};
+use crate::dynamics::relief::Relief;
 use crate::dynamics::scene::{Element, Scene};
 use crate::dynamics::shape::{Geometry, Pose};
 use crate::dynamics::spatial::{Vec3, add, matrix, rotate, scale, sub, unit};
@@ -19,13 +21,17 @@ pub const NOTHING: u32 = 0;
 pub const GROUND: u32 = 1;
 /// Most capsules, and most boxes, of one world.
 pub const MAX_SOLIDS: usize = 1 << 16;
+/// Id of the first triangle of the first mesh; those of capsules and boxes are below.
+const FIRST_TRIANGLE: u32 = 1 << 18;
+/// Most triangles of all meshes of one world: ids are below 2²³.
+pub const MAX_TRIANGLES: usize = (1 << 23) - (1 << 18);
 /// Beyond this no coordinate or size is taken, m: squares of such numbers are far from the end of `f32`.
 pub(super) const FARTHEST: f32 = 1e6;
 
 /// What a solid belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Owner {
-    /// Ground, a gate or an obstacle of the scene.
+    /// Ground, a gate, an obstacle or a mesh of the scene.
     Scene(Element),
     /// Something else, by the number that it was pushed with: another vehicle, say.
     Moving(u32),
@@ -101,6 +107,14 @@ impl BoxBlock {
     }
 }
 
+/// A mesh in its place.
+#[derive(Debug, Clone)]
+pub(super) struct Placed {
+    pub mesh: PlacedMesh,
+    /// Id of its first triangle.
+    pub first: u32,
+}
+
 /// Blocks of one kind of solid and how many are taken.
 #[derive(Debug, Clone)]
 pub(super) struct Blocks<B> {
@@ -165,28 +179,31 @@ pub struct World {
     pub(super) capsules: Blocks<CapsuleBlock>,
     pub(super) boxes: Blocks<BoxBlock>,
     pub(super) ground: Option<f32>,
+    /// What rises over it: nothing where it is level.
+    pub(super) relief: Relief,
+    pub(super) meshes: Vec<Placed>,
     /// Capsules and boxes of the scene.
     still: [usize; 2],
 }
 
 impl World {
-    /// Takes over ground, gates and obstacles of a scene where `placement` puts them, instead of all there was.
+    /// Takes over ground, gates, obstacles and meshes of a scene where `placement` puts them, instead of all there was.
     ///
     /// # Errors
-    /// More than [`MAX_SOLIDS`] capsules or boxes; uneven ground, which rays do not see.
+    /// More than [`MAX_SOLIDS`] capsules or boxes; more than [`MAX_TRIANGLES`] triangles of all meshes.
     ///
     /// # Panics
     /// On a placement of another length than [`Scene::n_placement`].
     pub fn fill(&mut self, scene: &Scene, placement: &[f64]) -> Result<()> {
         let want = scene.n_placement();
         assert!(placement.len() == want, "a placement of {} numbers for a scene of {want}", placement.len());
-        if scene.relief.is_some() {
-            let remedy = "Leave it out where rays are cast, or cast them at level ground.";
-            return Err(Error::value("scene: relief", "uneven ground", "none: rays see level ground only", remedy));
-        }
         self.still = [0; 2];
         self.clear_moving();
         self.ground = scene.ground.map(|height| height as f32);
+        self.relief.slope = scene.relief.as_ref().map_or([0.0; 2], |relief| relief.slope);
+        self.relief.waves.clear();
+        self.relief.waves.extend(scene.relief.iter().flat_map(|relief| &relief.waves));
+        self.place_meshes(&scene.mesh)?;
         for (i, gate) in scene.gates.iter().enumerate() {
             let owner = Owner::Scene(Element::Gate(i));
             for bar in gate.bars(&scene.gate_pose(placement, i)) {
@@ -199,6 +216,34 @@ impl World {
         }
         self.still = [self.capsules.len(), self.boxes.len()];
         Ok(())
+    }
+
+    /// Puts meshes where they say; their surfaces are shared.
+    fn place_meshes(&mut self, meshes: &[Mesh]) -> Result<()> {
+        self.meshes.clear();
+        let mut first = FIRST_TRIANGLE as usize;
+        for mesh in meshes {
+            let n = mesh.n_triangle();
+            if first + n > FIRST_TRIANGLE as usize + MAX_TRIANGLES {
+                let (all, remedy) = (first + n - FIRST_TRIANGLE as usize, "Simplify meshes, or leave some out.");
+                return Err(Error::limit("world: triangles of all meshes", all, MAX_TRIANGLES, remedy));
+            }
+            self.meshes.push(Placed { mesh: mesh.placed(), first: first as u32 });
+            first += n;
+        }
+        Ok(())
+    }
+
+    /// Which mesh a triangle is of, and its number there.
+    pub(super) fn triangle(&self, id: u32) -> Option<(usize, usize)> {
+        let at = self.meshes.partition_point(|placed| placed.first <= id).checked_sub(1)?;
+        let k = (id - self.meshes[at].first) as usize;
+        (k < self.meshes[at].mesh.n_triangle()).then_some((at, k))
+    }
+
+    /// Whether its ground is anything but a level plane.
+    pub(in crate::dynamics::sensors) fn is_uneven(&self) -> bool {
+        self.ground.is_some() && (self.relief.slope != [0.0; 2] || !self.relief.waves.is_empty())
     }
 
     /// Takes away all that was pushed since [`fill`](Self::fill).
@@ -298,6 +343,7 @@ impl World {
             Solid::Ground => self.ground.map(|_| Owner::Scene(Element::Ground)),
             Solid::Capsule(i) => self.capsules.owners.get(i).copied(),
             Solid::Box(i) => self.boxes.owners.get(i).copied(),
+            Solid::Triangle(id) => self.triangle(id).map(|(i, _)| Owner::Scene(Element::Mesh(i))),
         }
     }
 }
@@ -314,6 +360,8 @@ pub(super) enum Solid {
     Ground,
     Capsule(usize),
     Box(usize),
+    /// By its id.
+    Triangle(u32),
 }
 
 pub(super) fn capsule_id(i: usize) -> u32 {
@@ -328,6 +376,7 @@ pub(super) fn solid(id: u32) -> Solid {
     match id {
         NOTHING => Solid::Nothing,
         GROUND => Solid::Ground,
+        FIRST_TRIANGLE.. => Solid::Triangle(id),
         _ if id.is_multiple_of(2) => Solid::Capsule((id as usize - 2) / 2),
         _ => Solid::Box((id as usize - 3) / 2),
     }

@@ -1,0 +1,161 @@
+//! Meshes as TOML tables, and the files that they name.
+
+use super::check::{Triangles, check_count};
+use super::{MAX_TRIANGLES, Mesh, Source, backend};
+use crate::dynamics::shape::upright;
+use crate::error::{Error, Result};
+use crate::file_gate;
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// Largest STL file, bytes: a million triangles are 50 MB in binary, and some five times as much as text.
+const MAX_STL_BYTES: u64 = 256 << 20;
+/// Largest file of heights, bytes.
+const MAX_CSV_BYTES: u64 = 64 << 20;
+
+/// A `[[mesh]]` of a scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MeshTable {
+    #[serde(default = "unnamed")]
+    name: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    vertices: Option<Vec<[f64; 3]>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    triangles: Option<Vec<[u32; 3]>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    heights: Option<Vec<Vec<f64>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    spacing: Option<[f64; 2]>,
+    #[serde(default)]
+    position: [f64; 3],
+    #[serde(default = "upright")]
+    rotation: [f64; 4],
+    #[serde(default = "one")]
+    scale: f64,
+    #[serde(default = "yes")]
+    contact: bool,
+}
+
+fn unnamed() -> String {
+    "mesh".into()
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl MeshTable {
+    /// The mesh; names of files count from `folder`.
+    pub(crate) fn mesh(self, folder: &Path) -> Result<Mesh> {
+        backend::ready()?;
+        let what = format!("mesh '{}'", self.name);
+        let (name, path) = (self.name.clone(), self.file.as_ref().map(|file| folder.join(file)));
+        let mesh = match (path, self.vertices, self.triangles, self.heights, self.spacing) {
+            (Some(path), None, None, None, spacing) => from_path(name, &path, spacing)?,
+            (None, Some(vertices), Some(triangles), None, None) => Mesh::new(name, vertices, triangles)?,
+            (None, None, None, Some(heights), Some(spacing)) => Mesh::height_field(name, heights, spacing)?,
+            _ => {
+                let rule = "one of file, vertices with triangles, and heights with spacing";
+                return Err(Error::value(what, "none or several of them", rule, "Leave the other keys out."));
+            }
+        };
+        let (position, rotation, scale, contact) = (self.position, self.rotation, self.scale, self.contact);
+        let mesh = Mesh { position, rotation, scale, contact, ..mesh };
+        mesh.validate(&what)?;
+        Ok(mesh)
+    }
+}
+
+/// By the end of its name.
+fn from_path(name: String, path: &Path, spacing: Option<[f64; 2]>) -> Result<Mesh> {
+    let end = path.extension().and_then(|end| end.to_str()).map(str::to_ascii_lowercase);
+    match (end.as_deref(), spacing) {
+        (Some("stl"), None) => Mesh::from_file(name, path),
+        (Some("csv"), Some(spacing)) => Mesh::height_field_from_file(name, path, spacing),
+        _ => {
+            let limit = "a name that ends in .stl, or one in .csv with a spacing";
+            let remedy = "Save triangles as STL; heights as CSV, with spacing = [dx, dy] in metres.";
+            Err(Error::value(format!("mesh '{name}': file"), path.display(), limit, remedy))
+        }
+    }
+}
+
+impl TryFrom<MeshTable> for Mesh {
+    type Error = Error;
+
+    fn try_from(table: MeshTable) -> Result<Self> {
+        table.mesh(Path::new(""))
+    }
+}
+
+impl From<Mesh> for MeshTable {
+    fn from(mesh: Mesh) -> Self {
+        let Mesh { name, position, rotation, scale, contact, source, surface } = mesh;
+        let (file, vertices, triangles, heights, spacing) = (None, None, None, None, None);
+        let blank = Self { name, file, vertices, triangles, heights, spacing, position, rotation, scale, contact };
+        match source {
+            Source::Triangles => {
+                let own = surface.triangles.clone();
+                Self { vertices: Some(own.vertices), triangles: Some(own.triangles), ..blank }
+            }
+            Source::File(path) => Self { file: Some(path), ..blank },
+            Source::HeightFile(path, spacing) => Self { file: Some(path), spacing: Some(spacing), ..blank },
+            Source::Heights(heights, spacing) => {
+                Self { heights: Some(heights.to_vec()), spacing: Some(spacing), ..blank }
+            }
+        }
+    }
+}
+
+/// The triangles of an STL file; corners at the same place are one vertex.
+pub(super) fn read_stl(what: &str, path: &Path) -> Result<Triangles> {
+    let bytes = file_gate::read(path, MAX_STL_BYTES)?;
+    let (mut vertices, mut triangles, mut known) = (Vec::new(), Vec::new(), HashMap::new());
+    let refused = backend::corners_of_stl(bytes, &mut |corners| {
+        let number = corners.map(|corner| {
+            // −0 is the same place
+            let place = corner.map(|x| x + 0.0);
+            *known.entry(place.map(f32::to_bits)).or_insert_with(|| {
+                vertices.push(place.map(f64::from));
+                vertices.len() as u32 - 1
+            })
+        });
+        triangles.push(number);
+        if triangles.len() > MAX_TRIANGLES { check_count(what, triangles.len()) } else { Ok(()) }
+    })?;
+    match refused {
+        None => Ok(Triangles { vertices, triangles }),
+        Some(why) => Err(Error::Format {
+            file: path.display().to_string(),
+            place: format!("triangle {}", triangles.len()),
+            rule: format!("is no STL ({why})"),
+            remedy: "Save the mesh as STL again, binary or text.".into(),
+        }),
+    }
+}
+
+/// The rows of a file of heights.
+pub(super) fn read_heights(path: &Path) -> Result<Vec<Vec<f64>>> {
+    let text = file_gate::read_text(path, MAX_CSV_BYTES)?;
+    let mut rows =
+        csv::ReaderBuilder::new().has_headers(false).flexible(true).trim(csv::Trim::All).from_reader(text.as_bytes());
+    let refused = |i: usize, rule: String| Error::Format {
+        file: path.display().to_string(),
+        place: format!("line {}", i + 1),
+        rule,
+        remedy: "Give numbers alone: a row of heights (m) per line.".into(),
+    };
+    let number = |i: usize, cell: &str| cell.parse::<f64>().map_err(|_| refused(i, format!("'{cell}' is no number")));
+    rows.records()
+        .enumerate()
+        .map(|(i, row)| row.map_err(|e| refused(i, e.to_string()))?.iter().map(|cell| number(i, cell)).collect())
+        .collect()
+}
