@@ -225,5 +225,6 @@ pub fn places<'py>(py: Python<'py>, p: &StepLayout) -> PyResult<Bound<'py, PyDic
     put("carried", 0..p.n_carried())?;
     put("reward", p.reward..p.reward + 1)?;
     put("loss", p.loss..p.loss + 1)?;
+    put("poses", p.poses.clone())?;
     Ok(dict)
 }

@@ -4,7 +4,7 @@ use omnidrones::dynamics::scene::Scene;
 use omnidrones::dynamics::sensors::cast::{Caster, Range, Rays, World};
 use omnidrones::dynamics::shape::Pose;
 use omnidrones::parallel::Threads;
-use omnidrones::tasks::{Buffers, Env, EnvConfig, GroupKind};
+use omnidrones::tasks::{Buffers, Cotangents, Env, EnvConfig, GroupKind, SweepOptions};
 
 fn made(task: &str, text: &str) -> (Env, Buffers) {
     let mut env = Env::make(task, &EnvConfig::from_toml(text, "test").unwrap()).unwrap();
@@ -124,4 +124,48 @@ fn sensors_of_a_task_are_taken_away_by_an_empty_list_and_refused_by_name() {
     assert!(large.contains("10000") && large.contains("4096") && large.contains("pool"), "{large}");
     let lost = said("[[sensor]]\nname = 'a'\nkind = 'imu'\non = 'tail'");
     assert!(lost.contains("'tail'"), "{lost}");
+}
+
+#[test]
+fn gradients_through_readings_do_not_depend_on_threads_and_a_poisoned_environment_stays_alone() {
+    let text = "n_env = 130\nautoreset = 'disabled'\n[[sensor]]\nname = 'lidar'\nkind = 'lidar'\npreset = 'omnidrones'\ngradient = ";
+    let run = |gradient: &str, threads: usize, speed: Option<f32>| {
+        let (mut env, mut out) = made("Forest", &format!("{text}'{gradient}'"));
+        env.set_threads(Threads::new(threads).unwrap());
+        if let Some(speed) = speed {
+            let mut state = env.state(5).unwrap();
+            state[3] = speed;
+            env.set_state(5, &state).unwrap();
+        }
+        let (n, mut tape) = (env.spec().action.len(), env.tape(6).unwrap());
+        for t in 0..6 {
+            let mut actions = vec![0.0; 130 * n];
+            env.sample(t, &mut actions);
+            env.step_recorded(&actions, &mut out.out(), &mut tape).unwrap();
+        }
+        let at = env.spec().group("lidar").unwrap().columns.clone();
+        let mut seen = vec![0.0; out.observation.len()];
+        seen.chunks_exact_mut(env.spec().n_observation).for_each(|row| row[at.clone()].fill(1.0));
+        let (mut sweep, mut all) = (env.adjoint(false).unwrap().sweep(SweepOptions::default()), Vec::new());
+        let up = Cotangents { observation: &seen, ..Cotangents::default() };
+        for t in (0..6).rev() {
+            let mut action = vec![0.0; 130 * n];
+            sweep.pull(&tape, t, &up, &mut action).unwrap();
+            all.push(action);
+        }
+        (all, n, sweep.dropped())
+    };
+    let (one, n, _) = run("pose", 1, None);
+    assert!(one == run("pose", 2, None).0, "threads");
+    let moved = |rows: &[f32]| rows.chunks(n).filter(|row| row.iter().any(|x| *x != 0.0)).count();
+    assert!(moved(&one[5]) > 60, "{} environments see trunks", moved(&one[5]));
+    assert!(one.iter().flatten().all(|x| x.is_finite()));
+    assert!(run("none", 1, None).0.iter().flatten().all(|x| *x == 0.0), "constants");
+    let (poisoned, _, dropped) = run("pose", 1, Some(1e30));
+    assert_eq!(dropped, 0, "known to have diverged, not found so");
+    for (a, b) in one.iter().zip(&poisoned) {
+        let victim = 5 * n..6 * n;
+        assert!(a[..victim.start] == b[..victim.start] && a[victim.end..] == b[victim.end..]);
+        assert!(b[victim].iter().all(|x| x.is_finite()));
+    }
 }

@@ -411,4 +411,6 @@ impl SensorSet {
 #[cfg(test)]
 mod looking_tests;
 #[cfg(test)]
+mod slope_tests;
+#[cfg(test)]
 mod tests;
