@@ -295,27 +295,37 @@ fn environments_step_without_allocating() {
             assert_eq!(count, 0, "Env::step of {}", entry.name);
         }
     }
-    let mut env = registry::by_name("Hover").unwrap().env(&EnvConfig { n_env: 130, ..EnvConfig::default() }).unwrap();
-    env.set_threads(Threads::new(1).unwrap());
-    let mut out = Buffers::new(env.spec());
-    env.reset(None, None, &mut out.out()).unwrap();
-    let mut tape = env.tape(4).unwrap();
-    for _ in 0..4 {
+    let seeing = "[[sensor]]\nname = 'a'\nkind = 'lidar'\ngradient = 'pose'\n\
+                  [[sensor]]\nname = 'b'\nkind = 'camera'\npool = 4\ngradient = 'pose'";
+    for (task, text) in [("Hover", ""), ("Forest", seeing)] {
+        let config = EnvConfig { n_env: 130, ..EnvConfig::from_toml(text, "seeing").unwrap() };
+        let mut env = registry::by_name(task).unwrap().env(&config).unwrap();
+        env.set_threads(Threads::new(1).unwrap());
+        let mut out = Buffers::new(env.spec());
+        env.reset(None, None, &mut out.out()).unwrap();
+        let mut tape = env.tape(4).unwrap();
         env.step_recorded(&[-0.4; 520], &mut out.out(), &mut tape).unwrap();
+        let count = allocations(|| {
+            for _ in 0..3 {
+                env.step_recorded(&[-0.4; 520], &mut out.out(), &mut tape).unwrap();
+            }
+        });
+        assert_eq!(count, 0, "Env::step_recorded of {task}");
+        let adjoint = env.adjoint(true).unwrap();
+        let mut sweep = adjoint.sweep(SweepOptions::default());
+        let (ones, mut action, mut carried) = (vec![1.0; 130], vec![0.0; 520], vec![0.0; 130 * adjoint.n_carried()]);
+        let seen = vec![1.0; 130 * env.spec().n_observation];
+        let count = allocations(|| {
+            sweep.restart();
+            for t in (0..4).rev() {
+                let up = Cotangents { reward: &ones, observation: &seen, ..Cotangents::default() };
+                sweep.pull(&tape, t, &up, &mut action).unwrap();
+            }
+            sweep.carried_into(&mut carried).unwrap();
+            sweep.add_carried(&carried).unwrap();
+        });
+        assert_eq!(count, 0, "Sweep::pull of {task}");
     }
-    let adjoint = env.adjoint(true).unwrap();
-    let mut sweep = adjoint.sweep(SweepOptions::default());
-    let (ones, mut action, mut carried) = (vec![1.0; 130], vec![0.0; 520], vec![0.0; 130 * adjoint.n_carried()]);
-    let count = allocations(|| {
-        sweep.restart();
-        for t in (0..4).rev() {
-            let up = Cotangents { reward: &ones, ..Cotangents::default() };
-            sweep.pull(&tape, t, &up, &mut action).unwrap();
-        }
-        sweep.carried_into(&mut carried).unwrap();
-        sweep.add_carried(&carried).unwrap();
-    });
-    assert_eq!(count, 0, "Sweep::pull");
 }
 
 fn articulated_systems_step_without_allocating() {

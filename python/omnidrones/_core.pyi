@@ -208,7 +208,7 @@ class Jacobian:
     def layout(self, /) -> dict:
         """
         Places by name, as slices: of arguments and results `state`, `task_state`, `line`, `history`; of arguments `action`,
-        `parameters`, `time`, `goal`, `next_goal`, `wind`, `readings`, `noise`, `statistics`; of results `observation`, `central`, `reward`, `loss`.
+        `parameters`, `time`, `goal`, `next_goal`, `wind`, `readings`, `noise`, `statistics`; of results `observation`, `central`, `reward`, `loss`, `poses`.
         """
     @property
     def matrix(self, /) -> Any:

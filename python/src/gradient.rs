@@ -192,7 +192,7 @@ impl Jacobian {
     }
 
     /// Places by name, as slices: of arguments and results `state`, `task_state`, `line`, `history`; of arguments `action`,
-    /// `parameters`, `time`, `goal`, `next_goal`, `wind`, `readings`, `noise`, `statistics`; of results `observation`, `central`, `reward`, `loss`.
+    /// `parameters`, `time`, `goal`, `next_goal`, `wind`, `readings`, `noise`, `statistics`; of results `observation`, `central`, `reward`, `loss`, `poses`.
     #[getter]
     fn layout<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         places(py, &self.0.layout)
@@ -225,5 +225,6 @@ pub fn places<'py>(py: Python<'py>, p: &StepLayout) -> PyResult<Bound<'py, PyDic
     put("carried", 0..p.n_carried())?;
     put("reward", p.reward..p.reward + 1)?;
     put("loss", p.loss..p.loss + 1)?;
+    put("poses", p.poses.clone())?;
     Ok(dict)
 }

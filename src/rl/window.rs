@@ -129,7 +129,7 @@ pub fn gather<'a>(
 pub(crate) fn check_windows(shard: &Env, n_shard: usize, actor: &Actor, horizon: usize) -> Result<()> {
     let spec = shard.spec();
     let row = 3 * spec.n_observation + spec.action.len() + actor.mlp.n_activation();
-    let tape = shard.layout().n_kept().div_ceil(spec.n_agent);
+    let tape = shard.layout().n_taped().div_ceil(spec.n_agent);
     let n_agent = spec.n_env as u128 * spec.n_agent as u128;
     let of_shard = (row + tape) as u128 * n_agent * horizon as u128 + actor.n_parameter() as u128;
     within_memory("window", horizon, 4 * n_shard as u128 * of_shard, spec.config.memory_limit)

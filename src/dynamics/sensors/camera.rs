@@ -9,6 +9,7 @@ use super::reading::{Form, MOST_LOST, check_count, is_lost};
 use super::settings::within;
 use super::shade;
 use super::sight::{Readings, Sight};
+use super::slope::Met;
 use crate::dynamics::scene::Element;
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::rotate_back;
@@ -127,6 +128,12 @@ impl Camera {
         Range { least: self.nearest, most: self.farthest }
     }
 
+    /// Derivative of the reading of a pixel at depth t, measured as z: noise and steps are those of the disparity.
+    fn slope(&self, t: f64, z: f64) -> f64 {
+        let measured = if self.stereo.is_some() { (z / t).powi(2) } else { 1.0 };
+        measured * self.form.slope(z)
+    }
+
     /// Rows and columns of readings.
     fn extent(&self) -> [usize; 2] {
         [self.size[1] / self.pool.max(1), self.size[0] / self.pool.max(1)]
@@ -202,23 +209,28 @@ impl CameraDevice {
     fn show_depth(&self, pose: &Pose<f64>, sight: &mut Sight<'_>, grain: Grain, out: &mut [f64]) {
         let own = &self.settings;
         let ([width, _], [_, columns]) = (own.size, own.extent());
-        let depth = sight.image(&self.camera, pose).ranges;
+        let Readings { ranges: depth, ids, mut met, .. } = sight.image(&self.camera, pose);
         if let Some(stereo) = &own.stereo {
             let focal = 0.5 * width as f64 / (0.5 * own.field_of_view).tan();
             depth.chunks_exact_mut(width).for_each(|row| hide_shadows(row, focal * stereo.baseline, own.farthest));
         }
         out.fill(own.farthest);
+        if let Some(met) = &mut met {
+            met.resize(out.len(), Met::NOTHING);
+        }
         let lost = grain.other();
-        for (i, z) in depth.iter().enumerate() {
-            let mut z = f64::from(*z);
-            if z >= own.farthest || is_lost(lost, i, own.dropout) {
+        for (i, t) in depth.iter().enumerate() {
+            let t = f64::from(*t);
+            if t >= own.farthest || is_lost(lost, i, own.dropout) {
                 continue;
             }
-            if let Some(stereo) = &own.stereo {
-                z = stereo.measured(z, grain.normal(i));
+            let z = own.stereo.as_ref().map_or(t, |stereo| stereo.measured(t, grain.normal(i)));
+            let square = i / width / own.pool * columns + i % width / own.pool;
+            if let Some(met) = met.as_mut().filter(|_| z < out[square]) {
+                let factor = if z < own.nearest { 0.0 } else { own.slope(t, z) };
+                met[square] = Met { id: ids[i], t, direction: self.camera.direction(i), factor };
             }
-            let square = &mut out[i / width / own.pool * columns + i % width / own.pool];
-            *square = square.min(z.max(own.nearest));
+            out[square] = out[square].min(z.max(own.nearest));
         }
         out.iter_mut().for_each(|z| *z = own.form.of(*z, own.farthest));
     }
@@ -231,7 +243,7 @@ impl CameraDevice {
     }
 
     fn show_normals(&self, pose: &Pose<f64>, sight: &mut Sight<'_>, lost: Grain, out: &mut [f64]) {
-        let Readings { ranges: depth, ids, world } = sight.image(&self.camera, pose);
+        let Readings { ranges: depth, ids, world, .. } = sight.image(&self.camera, pose);
         for (i, normal) in out.chunks_exact_mut(3).enumerate() {
             let point = pose.point(self.camera.direction(i).map(|d| f64::from(depth[i]) * d));
             let seen = world.normal(ids[i], point).filter(|_| !is_lost(lost, i, self.settings.dropout));

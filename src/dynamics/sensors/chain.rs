@@ -125,6 +125,8 @@ pub(crate) struct Errors<const N: usize> {
     /// M.
     mixing: [[f64; N]; N],
     bias: [f64; N],
+    /// Of the last sample: which numbers were within the limits.
+    free: [bool; N],
 }
 
 impl<const N: usize> Errors<N> {
@@ -145,7 +147,14 @@ impl<const N: usize> Errors<N> {
             drive: walk.map(|w| w * spread),
             mixing: std::array::from_fn(|i| std::array::from_fn(|k| if i == k { 1.0 } else { 0.0 })),
             bias: [0.0; N],
+            free: [true; N],
         }
+    }
+
+    /// How the last sample changes with what was measured: M, without the rows that were clipped. Rounding is taken for the
+    /// identity.
+    pub(crate) fn slope(&self) -> [[f64; N]; N] {
+        std::array::from_fn(|i| if self.free[i] { self.mixing[i] } else { [0.0; N] })
     }
 
     /// What an episode begins with: M and b₀, N² + N normals.
@@ -172,7 +181,9 @@ impl<const N: usize> Errors<N> {
         for i in 0..N {
             let mixed: f64 = (0..N).map(|k| self.mixing[i][k] * x[k]).sum();
             let noise = share * self.white[i] * stream.normal();
-            y[i] = self.converted(mixed + offset[i] + self.bias[i] + noise);
+            let measured = mixed + offset[i] + self.bias[i] + noise;
+            self.free[i] = self.model.limits.is_none_or(|[low, high]| (low..=high).contains(&measured));
+            y[i] = self.converted(measured);
             self.bias[i] = self.decay * self.bias[i] + self.drive[i] * stream.normal();
         }
         y

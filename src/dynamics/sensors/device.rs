@@ -1,6 +1,6 @@
 //! What every kind of sensor does, and the kinds.
 
-use super::camera::{Camera, CameraDevice};
+use super::camera::{Camera, CameraDevice, Show};
 use super::field::{Barometer, BarometerDevice, Magnetometer, MagnetometerDevice};
 use super::gnss::{Gnss, GnssDevice, MotionCapture, MotionCaptureDevice};
 use super::ground::{Flow, FlowDevice, Range, RangeDevice};
@@ -159,6 +159,15 @@ macro_rules! kinds {
             /// How they lie about each other.
             pub fn layout(&self) -> Layout {
                 match self { $(Self::$kind(settings) => settings.layout(),)+ }
+            }
+
+            /// Whether its readings have slopes in the pose: [`Gradient::Pose`](super::Gradient::Pose).
+            pub fn has_slopes(&self) -> bool {
+                match self {
+                    Self::Lidar(_) | Self::Range(_) => true,
+                    Self::Camera(camera) => camera.show == Show::Depth,
+                    _ => false,
+                }
             }
 
             /// Refuses numbers that no such part has; `what` names the sensor.

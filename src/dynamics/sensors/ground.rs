@@ -8,9 +8,10 @@ use super::chain::{ErrorModel, Errors};
 use super::device::{Device, KindSettings};
 use super::mount::Motion;
 use super::settings::{MAX_DISTANCE, within};
-use super::sight::Sight;
+use super::sight::{Readings, Sight};
+use super::slope::Met;
 use crate::dynamics::shape::{MAX_SIZE, Pose};
-use crate::dynamics::spatial::{rotate_back, up_axis};
+use crate::dynamics::spatial::{Vec3, rotate_back, up_axis};
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
@@ -124,24 +125,50 @@ impl RangeDevice {
         Ok(Self { settings: settings.clone(), rays, errors: Errors::new(&settings.error, between) })
     }
 
-    /// The nearest of all that is in the cone, m; infinite where there is nothing.
+    /// The nearest of all that is in the cone, m; infinite where there is nothing. With the ray that met it, where slopes are
+    /// told.
     fn nearest(&self, at: &Motion, sight: &mut Sight<'_>) -> f64 {
         let pose = Pose { position: at.position, attitude: at.attitude };
-        let seen = sight.rays(&self.rays, &pose);
+        let Readings { ranges, ids, met, world, .. } = sight.rays(&self.rays, &pose);
+        let angle = self.angle(at);
         // level ground is known in closed form
         let (first, ground) =
-            if seen.world.is_uneven() { (GROUND, f64::INFINITY) } else { (GROUND + 1, self.distance(at)) };
-        let met = seen.ranges.iter().zip(seen.ids).filter(|(_, id)| **id >= first);
-        met.map(|(d, _)| f64::from(*d)).fold(ground, f64::min)
+            if world.is_uneven() { (GROUND, f64::INFINITY) } else { (GROUND + 1, self.distance(at, angle)) };
+        let solid = ranges.iter().zip(ids).enumerate().filter(|(_, (_, id))| **id >= first);
+        let of_ray = |(i, (d, _)): (usize, (&f32, _))| (f64::from(*d), Some(i));
+        let least = |a: (f64, _), b: (f64, _)| if b.0 < a.0 { b } else { a };
+        let (distance, ray) = solid.map(of_ray).fold((ground, None), least);
+        if let Some(met) = met {
+            let (id, direction) = match ray {
+                Some(i) => (ids[i], self.rays.direction(i)),
+                None => (GROUND, towards_ground(at, angle)),
+            };
+            met.push(Met { id, t: distance, direction, factor: 1.0 });
+        }
+        distance
     }
 
-    /// The nearest ground in the cone, m; infinite where there is none in it.
-    fn distance(&self, at: &Motion) -> f64 {
-        let height = at.position[2] - self.settings.ground;
+    /// Between the vertical and the nearest ray of the cone to it, rad.
+    fn angle(&self, at: &Motion) -> f64 {
         let tilt = up_axis(at.attitude)[2].clamp(-1.0, 1.0).acos();
-        let nearest = (tilt - 0.5 * self.settings.cone).max(0.0);
-        if height >= 0.0 && nearest < FRAC_PI_2 { height / nearest.cos() } else { f64::INFINITY }
+        (tilt - 0.5 * self.settings.cone).max(0.0)
     }
+
+    /// The ground along a ray at this angle to the vertical, m; infinite where there is none.
+    fn distance(&self, at: &Motion, angle: f64) -> f64 {
+        let height = at.position[2] - self.settings.ground;
+        if height >= 0.0 && angle < FRAC_PI_2 { height / angle.cos() } else { f64::INFINITY }
+    }
+}
+
+/// The ray of a cone that meets the ground first, in the mount's frame, `angle` off the vertical. While the cone turns it stays
+/// with the body, to first order: where the cone holds the vertical it is at the least distance, else at the rim.
+fn towards_ground(at: &Motion, angle: f64) -> Vec3<f64> {
+    let up = up_axis(at.attitude);
+    let flat = [-up[0], -up[1], 0.0];
+    let length = flat[0].hypot(flat[1]).max(f64::MIN_POSITIVE);
+    let (sin, cos) = angle.sin_cos();
+    rotate_back(at.attitude, [sin * flat[0] / length, sin * flat[1] / length, -cos])
 }
 
 impl Device for RangeDevice {
@@ -156,6 +183,11 @@ impl Device for RangeDevice {
         let share = self.settings.growth.map_or(1.0, |growth| growth.share(shown));
         let [measured] = self.errors.apply_with([shown], share, stream);
         let valid = measures(distance) && measures(measured);
+        sight.finish(|met| {
+            let slope = self.errors.slope()[0][0];
+            met.iter_mut().for_each(|met| met.factor *= if valid { slope } else { 0.0 });
+            met.push(Met::NOTHING); // `valid` is a step
+        });
         out.copy_from_slice(&if valid { [measured, 1.0] } else { [farthest, 0.0] });
     }
 

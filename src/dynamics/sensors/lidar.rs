@@ -6,7 +6,8 @@ use super::grain::Grain;
 use super::mount::Motion;
 use super::reading::{Form, MOST_LOST, check_count, is_lost};
 use super::settings::within;
-use super::sight::Sight;
+use super::sight::{Readings, Sight};
+use super::slope::Met;
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::Vec3;
 use crate::error::{Error, Result};
@@ -161,12 +162,19 @@ impl Device for LidarDevice {
         let (own, grain) = (&self.settings, Grain::new(stream.next_u64()));
         let (lost, [a, b, c]) = (grain.other(), own.noise);
         let noisy = own.noise != [0.0; 3];
-        let ranges = sight.rays(&self.rays, &Pose { position: at.position, attitude: at.attitude }).ranges;
+        let seen = sight.rays(&self.rays, &Pose { position: at.position, attitude: at.attitude });
+        let Readings { ranges, ids, mut met, .. } = seen;
         for (i, (reading, range)) in out.iter_mut().zip(ranges).enumerate() {
-            let mut d = f64::from(*range);
+            let t = f64::from(*range);
+            let mut d = t;
             let seen = d < own.farthest && !is_lost(lost, i, own.dropout);
             if noisy && seen {
                 d += (a + d * (b + d * c)).max(0.0) * grain.normal(i);
+            }
+            if let Some(met) = &mut met {
+                let free = seen && (own.nearest..own.farthest).contains(&d);
+                let factor = if free { own.form.slope(d) } else { 0.0 };
+                met.push(Met { id: ids[i], t, direction: self.rays.direction(i), factor });
             }
             let d = if seen { d.clamp(own.nearest, own.farthest) } else { own.farthest };
             *reading = own.form.of(d, own.farthest);

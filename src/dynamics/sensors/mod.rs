@@ -19,6 +19,7 @@
 //! | `shade` | colours of what a camera sees |
 //! | `reading` | how distances are told |
 //! | `grain` | noise of many pixels |
+//! | `slope` | how readings change with the pose of their body |
 //! | `sight` | what looks, from where, at what |
 //! | `solids` | bodies, and what stands around them, as rays hit them |
 //! | [`presets`] | real parts |
@@ -28,7 +29,7 @@
 //!
 //! A sensor draws from streams of its own, found from (seed, environment, episode, its name): what it reads depends on these,
 //! on its settings and on the truth, not on threads, on the place in a batch or on other sensors. Stepping allocates nothing.
-//! All is in `f64`; readings have no derivatives.
+//! All is in `f64`. Readings of rays have derivatives by the pose of their body where [`Gradient::Pose`] asks for them, others none.
 //!
 //! ```
 //! use omnidrones::dynamics::sensors::cast::World;
@@ -64,11 +65,13 @@ mod reading;
 mod settings;
 mod shade;
 mod sight;
+mod slope;
 pub(crate) mod solids;
 pub(crate) mod touch;
 
 pub use aboard::Aboard;
 pub use camera::{Camera, Show, Stereo};
+pub use cast::normal::Slope;
 pub use chain::{ErrorModel, PerAxis};
 pub use device::{Channel, KINDS, Kind, Layout, Model};
 pub use field::{Barometer, Magnetometer};
@@ -81,6 +84,7 @@ pub use presets::Preset;
 pub use reading::Form;
 pub use settings::{SensorConfig, SensorFile};
 pub use sight::{Eyes, Sight};
+pub use slope::Gradient;
 pub use solids::Solid;
 pub use touch::Contact;
 
@@ -108,6 +112,8 @@ pub struct Sensor {
     stream: Stream,
     /// As sampled last; what waits for its latency is in the line.
     sample: Vec<f64>,
+    /// Of the readings of the last step, one each where they are asked for.
+    slopes: Vec<Slope>,
     /// Numbers of a saved state.
     n_saved: usize,
 }
@@ -124,6 +130,7 @@ impl Sensor {
         settings::within("dt", dt, 1e-9, 1e3)?;
         config.model.validate(&place)?;
         let (every, latency) = (config.steps_between(dt)?, config.steps_late(dt)?);
+        config.check_gradient(every, latency)?;
         let named = config.model.channels();
         let width = named.len();
         let channel = |(name, unit)| Quantity { name: format!("{}.{name}", config.name), unit };
@@ -138,6 +145,7 @@ impl Sensor {
             line: Line::new(&place, every, latency, width)?,
             stream: Stream::new(0, 0, 0, purpose),
             sample: vec![0.0; width],
+            slopes: vec![Slope::default(); if config.gradient == Gradient::Pose { width } else { 0 }],
             n_saved: HEAD,
         };
         let mut n_saved = HEAD;
@@ -161,7 +169,14 @@ impl Sensor {
         if self.line.is_due() {
             let motion = self.mount.motion(truth);
             sight.look_from(self.body);
+            let tells = sight.begin(!self.slopes.is_empty());
             self.device.device().sample(&motion, sight, &mut self.stream, &mut self.sample);
+            self.slopes.fill(Slope::default());
+            if tells {
+                let (mount, body) = (self.mount.pose(), truth.pose());
+                let each = self.slopes.iter_mut().zip(sight.met());
+                each.for_each(|(slope, met)| *slope = met.slope(sight.world(), &mount, &body));
+            }
         }
         self.line.advance(&self.sample);
         self.line.reading()
@@ -170,6 +185,13 @@ impl Sensor {
     /// As the last step returned it.
     pub fn reading(&self) -> &[f64] {
         self.line.reading()
+    }
+
+    /// How the readings of the last step change with the pose of the body, reading by reading: ∂/∂position per m along world
+    /// axes, ∂/∂attitude per rad about the body's own. Empty without [`Gradient::Pose`]; noughts where [`Sight::without_slopes`]
+    /// was looked through. Not part of a saved state.
+    pub fn slopes(&self) -> &[Slope] {
+        &self.slopes
     }
 
     /// Whether the last step's reading is a sample that was not read before.
@@ -388,5 +410,7 @@ impl SensorSet {
 
 #[cfg(test)]
 mod looking_tests;
+#[cfg(test)]
+mod slope_tests;
 #[cfg(test)]
 mod tests;

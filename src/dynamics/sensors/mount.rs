@@ -2,6 +2,7 @@
 
 use super::settings::{MAX_LEVER, within};
 use crate::dynamics::Frame;
+use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::{Quat, Vec3, add, axpy, cross, multiply, rotate, rotate_back, scale, sub};
 use crate::error::{Error, Result};
 
@@ -31,6 +32,11 @@ pub struct Truth {
 }
 
 impl Truth {
+    /// Of the body at the end of the step.
+    pub fn pose(&self) -> Pose<f64> {
+        Pose { position: self.position, attitude: self.attitude }
+    }
+
     /// At an instant, of which the dynamics tell the acceleration of the body's origin (world, m/s²) and the angular
     /// acceleration (body, rad/s²): the first of an episode.
     pub fn at(frame: &Frame<f64>, acceleration: Vec3<f64>, angular_acceleration: Vec3<f64>, gravity: f64) -> Self {
@@ -118,6 +124,11 @@ impl Mount {
         }
         let remedy = "Divide [w, x, y, z] by its length.";
         Err(Error::value(format!("{what}: length of rotation"), norm, "1 to within 1e-6", remedy))
+    }
+
+    /// In the frame of its body.
+    pub(crate) fn pose(&self) -> Pose<f64> {
+        Pose { position: self.position, attitude: self.rotation }
     }
 
     /// v_s = v + R (ω × r); f = Mᵀ(R_mᵀ(v̇ − g) + ω̇ × r + ω × (ω × r)) with means over the step, R_m that of its middle: the

@@ -27,6 +27,16 @@ impl Form {
         }
     }
 
+    /// Derivative of [`Form::of`].
+    pub(crate) fn slope(self, d: f64) -> f64 {
+        match self {
+            Self::Distance => 1.0,
+            Self::Proximity => -1.0,
+            Self::Inverse if (0.3..=24.0).contains(&d) => -3.0 / (d * d),
+            Self::Inverse => 0.0,
+        }
+    }
+
     /// Unit of readings.
     pub(crate) fn unit(self) -> &'static str {
         match self {

@@ -2,6 +2,7 @@
 
 use super::device::{Kind, Model};
 use super::presets::{Preset, preset};
+use super::slope::Gradient;
 use crate::dynamics::spatial::{Quat, Vec3};
 use crate::error::{Error, Result, finite};
 use serde::{Deserialize, Serialize};
@@ -72,6 +73,9 @@ pub struct SensorConfig {
     pub latency: Option<u64>,
     /// The same in s, to the nearest whole number of steps.
     pub delay: Option<f64>,
+    /// What gradients know of its readings; more than nothing for lidars, range finders and cameras that show depth, read in
+    /// every step and at once.
+    pub gradient: Gradient,
     /// What it measures and how wrongly.
     pub model: Model,
 }
@@ -88,6 +92,7 @@ impl SensorConfig {
             rate: None,
             latency: None,
             delay: None,
+            gradient: Gradient::None,
             model,
         }
     }
@@ -154,6 +159,29 @@ impl SensorConfig {
         }
     }
 
+    /// Refuses slopes of kinds that have none, and of samples that are read in other steps than they were taken in.
+    pub(crate) fn check_gradient(&self, every: u64, latency: u64) -> Result<()> {
+        if self.gradient == Gradient::None {
+            return Ok(());
+        }
+        if !self.model.has_slopes() {
+            let limit =
+                format!("none for a {}; lidar, range, and camera with show = \"depth\" have pose", self.model.kind());
+            return Err(Error::value(
+                self.at("gradient"),
+                "pose",
+                limit,
+                "Leave gradient out: its readings are constants.",
+            ));
+        }
+        if every == 1 && latency == 0 {
+            return Ok(());
+        }
+        let value = format!("pose, a sample every {every} steps, read {latency} steps later");
+        let remedy = "Give every = 1 and latency = 0, or leave gradient out.";
+        Err(Error::value(self.at("gradient"), value, "pose of what is sampled in every step and read at once", remedy))
+    }
+
     /// The nearest whole number of steps, unless that is another rate altogether.
     fn at_rate(&self, rate: f64, dt: f64) -> Result<u64> {
         let steps = 1.0 / (rate * dt);
@@ -206,11 +234,12 @@ struct Common {
     rate: Option<f64>,
     latency: Option<u64>,
     delay: Option<f64>,
+    gradient: Option<Gradient>,
 }
 
 /// Of [`Common`].
-pub(crate) const COMMON: [&str; 10] =
-    ["name", "kind", "preset", "on", "position", "rotation", "every", "rate", "latency", "delay"];
+pub(crate) const COMMON: [&str; 11] =
+    ["name", "kind", "preset", "on", "position", "rotation", "every", "rate", "latency", "delay", "gradient"];
 
 impl TryFrom<toml::Table> for SensorConfig {
     type Error = Error;
@@ -242,6 +271,7 @@ impl TryFrom<toml::Table> for SensorConfig {
             delay: common.delay.or(base.delay.filter(|_| common.latency.is_none())),
             every: common.every,
             latency: common.latency,
+            gradient: common.gradient.unwrap_or_default(),
             model: kind.read(settings, &place)?,
             name: common.name,
         })
@@ -284,6 +314,8 @@ impl From<SensorConfig> for toml::Table {
             rate: config.rate,
             latency: config.latency,
             delay: config.delay,
+            // what says nothing of gradients is written as it always was
+            gradient: (config.gradient != Gradient::None).then_some(config.gradient),
         };
         let mut table = Self::try_from(&common).unwrap_or_default();
         table.extend(config.model.table());

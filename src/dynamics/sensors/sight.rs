@@ -1,6 +1,7 @@
 //! What sensors that cast rays look at, and what they work with.
 
 use super::cast::{Camera, Caster, Rays, World};
+use super::slope::Met;
 use super::solids::Solid;
 use crate::dynamics::shape::Pose;
 
@@ -11,6 +12,7 @@ pub struct Eyes {
     caster: Caster,
     ranges: Vec<f32>,
     ids: Vec<u32>,
+    met: Vec<Met>,
 }
 
 /// What stands and moves around sensors, and the memory to look at it.
@@ -23,12 +25,21 @@ pub struct Sight<'a> {
     eyes: &'a mut Eyes,
     /// The body whose solids are left out of the world now.
     from: Option<usize>,
+    /// Whether slopes are told to who has them.
+    has_slopes: bool,
+    /// Whether the sensor that looks now tells them.
+    tells: bool,
 }
 
 impl<'a> Sight<'a> {
     /// Of a world as [`World::fill`] made it, with these bodies in it; `eyes` are those of the thread.
     pub fn new(world: &'a mut World, solids: &'a [Solid], eyes: &'a mut Eyes) -> Self {
-        Self { world, solids, eyes, from: None }
+        Self { world, solids, eyes, from: None, has_slopes: true, tells: false }
+    }
+
+    /// Spares sensors with a [`Gradient`](super::Gradient) the work for it: their slopes are noughts.
+    pub fn without_slopes(self) -> Self {
+        Self { has_slopes: false, ..self }
     }
 
     /// The world as the sensor that looks now sees it.
@@ -49,23 +60,44 @@ impl<'a> Sight<'a> {
         }
     }
 
+    /// Whether the sensor that samples next, which `wants` slopes, is to tell what its readings met.
+    pub(crate) fn begin(&mut self, wants: bool) -> bool {
+        self.tells = wants && self.has_slopes;
+        self.eyes.met.clear();
+        self.tells
+    }
+
+    /// Changes what the sensor that samples now told, if it tells.
+    pub(crate) fn finish(&mut self, change: impl FnOnce(&mut Vec<Met>)) {
+        if self.tells {
+            change(&mut self.eyes.met);
+        }
+    }
+
+    /// What gave the readings of the sensor that sampled last, reading by reading, if it tells.
+    pub(crate) fn met(&self) -> &[Met] {
+        &self.eyes.met
+    }
+
     /// Distances along all rays from `pose` (their frame → world), m, and the ids of what they hit.
     pub(crate) fn rays(&mut self, rays: &Rays, pose: &Pose<f64>) -> Readings<'_> {
-        let Eyes { caster, ranges, ids } = self.eyes;
+        let Eyes { caster, ranges, ids, met } = self.eyes;
         let n = rays.n_ray();
         make_room(ranges, ids, n);
         caster.rays(self.world, rays, pose, &mut ranges[..n], &mut ids[..n]);
-        Readings { ranges: &mut ranges[..n], ids: &ids[..n], world: self.world }
+        let met = if self.tells { Some(met) } else { None };
+        Readings { ranges: &mut ranges[..n], ids: &ids[..n], world: self.world, met }
     }
 
     /// Planar depths of all pixels of a camera at `pose`, m, row by row, and the ids of what they see.
     pub(crate) fn image(&mut self, camera: &Camera, pose: &Pose<f64>) -> Readings<'_> {
-        let Eyes { caster, ranges, ids } = self.eyes;
+        let Eyes { caster, ranges, ids, met } = self.eyes;
         let [width, height] = camera.size();
         let n = width * height;
         make_room(ranges, ids, n);
         caster.image(self.world, camera, pose, &mut ranges[..n], &mut ids[..n]);
-        Readings { ranges: &mut ranges[..n], ids: &ids[..n], world: self.world }
+        let met = if self.tells { Some(met) } else { None };
+        Readings { ranges: &mut ranges[..n], ids: &ids[..n], world: self.world, met }
     }
 }
 
@@ -75,6 +107,8 @@ pub(crate) struct Readings<'a> {
     pub ranges: &'a mut [f32],
     pub ids: &'a [u32],
     pub world: &'a World,
+    /// Of one entry per reading, where the sensor is to tell what they met.
+    pub met: Option<&'a mut Vec<Met>>,
 }
 
 fn make_room(ranges: &mut Vec<f32>, ids: &mut Vec<u32>, n: usize) {

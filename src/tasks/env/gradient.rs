@@ -10,10 +10,15 @@
 //! - where the caller moved an environment between two recorded steps: by [`Env::reset`], [`Env::set_state`],
 //!   [`Env::load`], or a step that was not recorded;
 //! - in environments whose physics gave up in a step: that step has the gradient zero.
+//!
+//! What sensors read is a constant, unless a sensor has `gradient = "pose"`. The tape then keeps how its readings change with
+//! the pose of the body that carries it, and what the policy wants of readings is pulled into that pose behind the step. Jumps
+//! at silhouettes are ignored, and what else moves in sight stands still to it: the gradient is biased by both.
 
 use super::Env;
 use super::block::{Columns, EnvBlock, Workspace, episode_state};
 use super::mask::lanes_of;
+use super::sensing::{POSE, SLOPE, Sloped};
 use super::transition::StepLayout;
 use crate::autodiff::Program;
 use crate::autodiff::lanes::{to_columns, to_rows};
@@ -31,6 +36,8 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub(crate) struct Slot {
     arguments: Columns,
+    /// Of readings by poses, behind the step.
+    slopes: Columns,
     /// Lanes that stepped, and whose physics went well.
     running: u64,
     ended: u64,
@@ -48,7 +55,8 @@ fn copy(to: &mut [[f32; BLOCK]], from: &[[f32; BLOCK]], n: usize) {
 
 impl Slot {
     fn new(layout: &StepLayout) -> Self {
-        Self { arguments: Columns::zeros(layout.n_kept()), running: 0, ended: 0, moved: 0 }
+        let (arguments, slopes) = (Columns::zeros(layout.n_kept()), Columns::zeros(layout.n_slope()));
+        Self { arguments, slopes, running: 0, ended: 0, moved: 0 }
     }
 
     /// Before the step.
@@ -81,6 +89,9 @@ impl Slot {
             (&p.noise, &work.noise),
         ] {
             copy(&mut self.arguments[place.clone()], rows, block.plant.occupied);
+        }
+        if let Some(senses) = &work.senses {
+            copy(&mut self.slopes, &senses.slopes, block.plant.occupied);
         }
     }
 }
@@ -131,7 +142,7 @@ impl Tape {
 
 /// What a tape takes: see [`Env::tape`].
 fn tape_bytes(layout: &StepLayout, n_block: usize, horizon: usize) -> u128 {
-    let slot = layout.n_kept() * size_of::<[f32; BLOCK]>() + size_of::<Slot>();
+    let slot = layout.n_taped() * size_of::<[f32; BLOCK]>() + size_of::<Slot>();
     horizon as u128 * (n_block as u128 * slot as u128 + size_of::<Arc<[f64]>>() as u128)
 }
 
@@ -144,11 +155,20 @@ pub struct Adjoint(Arc<Shared>);
 struct Shared {
     layout: StepLayout,
     program: Program,
+    readings: Option<Readings>,
     parameters: bool,
     seeds: Seeds,
     mode: Autoreset,
     threads: Threads,
     n_env: usize,
+}
+
+/// From cotangents of what is observed to those of the readings that gradients follow.
+#[derive(Debug)]
+struct Readings {
+    /// Through the transforms, to those of all readings.
+    program: Program,
+    sloped: Vec<Sloped>,
 }
 
 /// Which results of a step an adjoint takes cotangents of, beside observations and what is carried. What only the others
@@ -225,6 +245,9 @@ struct BlockSweep {
     arguments: Columns,
     results: Columns,
     workspace: BlockWorkspace,
+    /// Cotangents of readings, and the memory to find them; without any where no gradient follows them.
+    readings: Columns,
+    reading_workspace: Option<BlockWorkspace>,
     dropped: usize,
 }
 
@@ -262,8 +285,16 @@ impl Env {
             k if k == layout.loss => seeds.loss,
             _ => true,
         };
+        let sloped = self.core.sensing.as_ref().map_or(&[][..], |sensing| &sensing.sloped);
+        let readings = if sloped.is_empty() {
+            None
+        } else {
+            let program = Program::compile(&recording.adjoint_of(seeded, layout.readings.clone()))?;
+            Some(Readings { program, sloped: sloped.to_vec() })
+        };
         Ok(Adjoint(Arc::new(Shared {
             program: Program::compile(&recording.adjoint_of(seeded, 0..wanted))?,
+            readings,
             parameters,
             seeds,
             mode: self.core.mode,
@@ -283,7 +314,7 @@ impl Env {
     }
 
     /// Memory for `horizon` recorded steps: per step and environment 4 bytes for each number that goes into a step
-    /// ([`StepLayout`] up to `noise`), and 1 byte of book-keeping; for whole blocks of 64 environments.
+    /// ([`StepLayout`] up to `noise`) and six for each reading whose gradient is followed, and 1 byte of book-keeping; for whole blocks of 64 environments.
     ///
     /// # Errors
     /// [`Error::Limit`] before any allocation if that is more than
@@ -321,7 +352,8 @@ impl Env {
     }
 
     /// Exact derivatives of one step of one environment as it stands, by duals in `f64` through the recorded step, which is
-    /// made in the first call; without noise of sensors and without events.
+    /// made in the first call; without noise of sensors and without events. What sensors read is a constant to it: it is read
+    /// behind the step, and [`Sweep`] alone follows it.
     ///
     /// # Errors
     /// As [`Env::adjoint`] and [`Env::state`]; [`Error::Value`] for an action of the wrong length.
@@ -426,7 +458,7 @@ pub struct Jacobian {
     pub arguments: Vec<f64>,
     /// The results themselves.
     pub value: Vec<f64>,
-    /// Rows: carried numbers, observation, central state, reward, loss. Columns: carried numbers, action, parameters.
+    /// Rows: carried numbers, observation, central state, reward, loss, poses. Columns: carried numbers, action, parameters.
     pub matrix: DMatrix<f64>,
     /// What is where, in all three.
     pub layout: StepLayout,
@@ -539,6 +571,8 @@ impl Adjoint {
             arguments: Columns::zeros(program.n_input()),
             results: Columns::zeros(program.n_output()),
             workspace: program.block_workspace(),
+            readings: Columns::zeros(if self.0.readings.is_some() { p.readings.len() } else { 0 }),
+            reading_workspace: self.0.readings.as_ref().map(|own| own.program.block_workspace()),
             dropped: 0,
         };
         let blocks = vec![block; self.0.n_env.div_ceil(BLOCK)];
@@ -749,6 +783,16 @@ fn put(rows: &[f32], i: usize, lane: usize, columns: &mut [[f32; BLOCK]], add: b
     }
 }
 
+/// The cotangent of a turn about body axes, in the first three rows, into that of the quaternion q, in all four: 2 q ⊗ (0, g),
+/// which any dq = ½ q ⊗ (0, δθ) meets as g·δθ, and a change of its length not at all.
+fn turn(rows: &mut [[f32; BLOCK]], q: &[[f32; BLOCK]], lane: usize) {
+    let [gx, gy, gz] = [0, 1, 2].map(|k| 2.0 * rows[k][lane]);
+    let [w, x, y, z] = [0, 1, 2, 3].map(|k| q[k][lane]);
+    let turned =
+        [-x * gx - y * gy - z * gz, w * gx + y * gz - z * gy, w * gy + z * gx - x * gz, w * gz + x * gy - y * gx];
+    rows.iter_mut().zip(turned).for_each(|(row, x)| row[lane] = x);
+}
+
 impl BlockSweep {
     #[expect(clippy::too_many_arguments, reason = "the parts of a pull, named at its only caller")]
     fn pull(
@@ -780,6 +824,8 @@ impl BlockSweep {
             put(up.final_observation, first + lane, lane, &mut seeds[p.observation.clone()], adds);
             put(up.final_central, first + lane, lane, &mut seeds[p.central.clone()], adds);
         }
+        self.pull_readings(a, slot, n);
+        let seeds = &mut self.arguments[p.n_argument()..];
         let live = slot.running;
         for lane in lanes_of(!live) {
             seeds.iter_mut().for_each(|row| row[lane] = 0.0);
@@ -798,6 +844,27 @@ impl BlockSweep {
         }
         if options.clip.is_finite() {
             self.clip(options.clip, n);
+        }
+    }
+
+    /// Cotangents of readings into those of the poses that they were read in.
+    fn pull_readings(&mut self, a: &Shared, slot: &Slot, n: usize) {
+        let (Some(own), Some(workspace)) = (&a.readings, &mut self.reading_workspace) else { return };
+        own.program.evaluate_lanes(n, workspace, &self.arguments, &mut self.readings);
+        let p = &a.layout;
+        let (slopes, attitudes) = slot.slopes.split_at(SLOPE * own.sloped.len());
+        let poses = &mut self.arguments[p.n_argument()..][p.poses.clone()];
+        poses.iter_mut().for_each(|row| *row = [0.0; BLOCK]);
+        for (sloped, slope) in own.sloped.iter().zip(slopes.chunks_exact(SLOPE)) {
+            let (up, pose) = (&self.readings[sloped.reading], &mut poses[sloped.body * POSE..][..SLOPE]);
+            for (row, by) in pose.iter_mut().zip(slope) {
+                for lane in 0..n {
+                    row[lane] += up[lane] * by[lane];
+                }
+            }
+        }
+        for (pose, attitude) in poses.chunks_exact_mut(POSE).zip(attitudes.chunks_exact(4)) {
+            (0..n).for_each(|lane| turn(&mut pose[3..], attitude, lane));
         }
     }
 

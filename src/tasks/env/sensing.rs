@@ -1,8 +1,9 @@
 //! Sensors of the agents: what stands behind the task's own numbers in every observation.
 //!
 //! Every agent carries the sensors of the configuration, by default on its own drone. They read in `f64`, environment by
-//! environment, after the physics of a step and where an episode begins; tasks do not see what they read, and gradients take it
-//! for constants.
+//! environment, after the physics of a step and where an episode begins; tasks do not see what they read. Gradients take it for
+//! constants, unless a sensor has `gradient = "pose"`: then a recorded step keeps how readings change with the poses of the
+//! bodies that carry such sensors.
 
 use super::Env;
 use super::block::{Columns, EnvBlock, take};
@@ -47,9 +48,29 @@ pub(crate) struct Sensing {
     dt: f64,
     /// Numbers that one agent reads.
     pub n: usize,
+    /// Readings of all agents that gradients follow.
+    pub sloped: Vec<Sloped>,
+    /// Frames whose poses these readings depend on.
+    pub posed: Vec<usize>,
     /// What they are.
     pub fields: Vec<Field>,
 }
+
+/// A reading with a slope in the pose of a body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Sloped {
+    /// Its place among the readings of all agents.
+    pub reading: usize,
+    /// The body, as a place in [`Sensing::posed`].
+    pub body: usize,
+}
+
+/// Numbers of a slope: per m along world axes, per rad about body axes.
+pub(crate) const SLOPE: usize = 6;
+/// Numbers of a pose: position, attitude.
+pub(crate) const POSE: usize = 7;
+/// Where the attitude stands in a frame.
+const ATTITUDE: usize = 6;
 
 /// What a worker needs to read sensors.
 #[derive(Debug, Default)]
@@ -65,6 +86,10 @@ pub(crate) struct Senses {
     numbers: Vec<f64>,
     goal: Vec<f64>,
     placement: Vec<f64>,
+    /// Whether the step is recorded, and slopes are kept.
+    pub records: bool,
+    /// Of the [`Sensing::sloped`] readings, then the attitudes of the [`Sensing::posed`] frames, behind the step.
+    pub slopes: Columns,
 }
 
 impl Sensing {
@@ -105,7 +130,14 @@ impl Sensing {
         let feels = touching.next().is_some();
         let fields = configs.iter().flat_map(fields).collect();
         let solids = Solids::of(robot.plant()).without_lone_body();
-        Ok(Some(Self { template: Sensors { sets, world }, around, solids, carriers, feels, dt: config.dt, n, fields }))
+        let (sloped, posed) = sloped(&sets);
+        let (template, dt) = (Sensors { sets, world }, config.dt);
+        Ok(Some(Self { template, around, solids, carriers, feels, dt, n, sloped, posed, fields }))
+    }
+
+    /// Rows that a recorded step keeps of slopes.
+    pub(crate) fn n_slope(&self) -> usize {
+        SLOPE * self.sloped.len() + 4 * self.posed.len()
     }
 
     /// Of one environment, at the beginning of nothing.
@@ -122,7 +154,8 @@ impl Sensing {
     pub(crate) fn bytes(&self) -> usize {
         let samples = 3 * self.n_saved() * size_of::<f64>();
         let readings = self.template.sets.len() * self.n * size_of::<f32>();
-        samples + readings + 96 * self.template.world.n_solid() + size_of::<Sensors>()
+        let slopes = self.sloped.len() * size_of::<sensors::Slope>();
+        samples + readings + slopes + 96 * self.template.world.n_solid() + size_of::<Sensors>()
     }
 
     /// Memory of one worker.
@@ -146,6 +179,8 @@ impl Sensing {
             numbers: core.nominal.clone(),
             goal: vec![0.0; core.sizes.goal],
             placement: Vec::with_capacity(self.around.scene.n_placement()),
+            records: false,
+            slopes: Columns::zeros(self.n_slope()),
         }
     }
 
@@ -160,11 +195,56 @@ impl Sensing {
         let sensors = &mut block.sensors[lane];
         let solids = senses.solids.at(|body| frame(frames, body, lane));
         let mut sight = Sight::new(&mut sensors.world, solids, &mut senses.eyes);
+        if !senses.records {
+            sight = sight.without_slopes();
+        }
         for set in &mut sensors.sets {
             set.step(&senses.truths, &mut sight);
         }
+        if senses.records {
+            self.keep_slopes(&sensors.sets, frames, lane, &mut senses.slopes);
+        }
         block.keep_readings(self.n, lane);
     }
+
+    /// How one environment's readings change with poses, and the attitudes that turns are taken from.
+    fn keep_slopes(&self, sets: &[SensorSet], frames: &[[f32; BLOCK]], lane: usize, rows: &mut [[f32; BLOCK]]) {
+        let (slopes, attitudes) = rows.split_at_mut(SLOPE * self.sloped.len());
+        let all = sets.iter().flat_map(SensorSet::sensors).flat_map(|sensor| sensor.slopes());
+        for (rows, slope) in slopes.chunks_exact_mut(SLOPE).zip(all) {
+            let numbers = slope.position.iter().chain(&slope.attitude);
+            rows.iter_mut().zip(numbers).for_each(|(row, x)| row[lane] = *x as f32);
+        }
+        for (rows, body) in attitudes.chunks_exact_mut(4).zip(&self.posed) {
+            let attitude = &frames[body * FRAME + ATTITUDE..][..4];
+            rows.iter_mut().zip(attitude).for_each(|(row, x)| row[lane] = x[lane]);
+        }
+    }
+
+    /// The poses of all frames that readings depend on, of one environment's `frames`.
+    pub(crate) fn write_poses<S: Copy>(&self, frames: &[S], poses: &mut [S]) {
+        for (pose, body) in poses.chunks_exact_mut(POSE).zip(&self.posed) {
+            let frame = &frames[body * FRAME..][..FRAME];
+            pose[..3].copy_from_slice(&frame[..3]);
+            pose[3..].copy_from_slice(&frame[ATTITUDE..][..4]);
+        }
+    }
+}
+
+/// The readings that gradients follow, in order, and the bodies that they depend on.
+fn sloped(sets: &[SensorSet]) -> (Vec<Sloped>, Vec<usize>) {
+    let (mut sloped, mut posed, mut first) = (Vec::new(), Vec::new(), 0);
+    for sensor in sets.iter().flat_map(SensorSet::sensors) {
+        if !sensor.slopes().is_empty() {
+            let body = posed.iter().position(|body| *body == sensor.body()).unwrap_or_else(|| {
+                posed.push(sensor.body());
+                posed.len() - 1
+            });
+            sloped.extend((0..sensor.slopes().len()).map(|i| Sloped { reading: first + i, body }));
+        }
+        first += sensor.channels().len();
+    }
+    (sloped, posed)
 }
 
 /// Motion of a body in one lane.
@@ -214,9 +294,10 @@ fn quantity(channel: &str) -> &str {
 }
 
 impl Stepper<'_> {
-    /// Keeps where bodies are before a step, as accelerations are means over it.
-    pub(crate) fn keep_frames(&mut self) {
+    /// Keeps where bodies are before a step, as accelerations are means over it; and slopes in it, if it is recorded.
+    pub(crate) fn keep_frames(&mut self, records: bool) {
         if let Some(senses) = &mut self.work.senses {
+            senses.records = records;
             self.core.plant.frames(&self.block.plant, u64::MAX, &mut senses.before);
         }
     }
@@ -245,6 +326,8 @@ impl Stepper<'_> {
             self.look_around(lane);
             let [seed, environment, episode] = self.key(lane);
             let Some(senses) = &mut self.work.senses else { return };
+            // no gradient goes back over a beginning
+            senses.records = false;
             let theta = if core.varied.is_empty() { &[] } else { &senses.numbers[..] };
             core.exposed.step(&senses.state, &core.hover_input, theta, &mut senses.next);
             core.exposed.write_frames(&senses.numbers, &senses.next, &mut senses.frames);

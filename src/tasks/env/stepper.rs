@@ -41,7 +41,7 @@ impl Stepper<'_> {
             slot.open(layout, self.block, self.running);
         }
         self.block.moved = if slot.is_some() { 0 } else { u64::MAX };
-        self.keep_frames();
+        self.keep_frames(slot.is_some());
         step(core, self);
         if let Some((layout, slot)) = slot {
             slot.close(layout, self.block, self.work, self.ended, self.alive());

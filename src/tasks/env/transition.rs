@@ -6,6 +6,7 @@ use super::core::Core;
 use super::engine::Engine;
 use super::evaluate_step::{disturbance, observe, sum};
 use super::restart::Draft;
+use super::sensing::POSE;
 use super::spec::fnv;
 use super::step::{Phases, step};
 use super::transform::shift;
@@ -23,7 +24,7 @@ use std::ops::Range;
 ///
 /// Arguments are, in this order, what is carried from step to step (`state` to `history`), `action`, `parameters`, and
 /// what no derivative is taken of (`time` to `statistics`). Results are what is carried, in the same places, then
-/// `observation`, `central`, `reward`, `loss`.
+/// `observation`, `central`, `reward`, `loss`, `poses`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StepLayout {
     /// Physics, in the layout of the task's robot.
@@ -60,6 +61,11 @@ pub struct StepLayout {
     pub reward: usize,
     /// A result.
     pub loss: usize,
+    /// Position and attitude of every body that carries a sensor with `gradient = "pose"`, when it reads; a result. Readings
+    /// are arguments, so that their gradients come in here.
+    pub poses: Range<usize>,
+    /// Rows of slopes of readings that a tape keeps.
+    slopes: usize,
     /// Of everything that steps and gradients depend on beside numbers of environments.
     config_hash: u64,
 }
@@ -85,6 +91,8 @@ impl StepLayout {
         };
         let (observation, central) = (next(s.agent * s.observation), next(s.central));
         let reward = central.end;
+        let (poses, slopes) = core.sensing.as_ref().map_or((0, 0), |own| (POSE * own.posed.len(), own.n_slope()));
+        let poses = reward + 2..reward + 2 + poses;
         Self {
             state,
             task_state,
@@ -103,6 +111,8 @@ impl StepLayout {
             central,
             reward,
             loss: reward + 1,
+            poses,
+            slopes,
             config_hash: core.config_hash,
         }
     }
@@ -119,7 +129,17 @@ impl StepLayout {
 
     /// Numbers of results.
     pub fn n_result(&self) -> usize {
-        self.loss + 1
+        self.poses.end
+    }
+
+    /// Rows of slopes of readings that a tape keeps.
+    pub(crate) fn n_slope(&self) -> usize {
+        self.slopes
+    }
+
+    /// Numbers that a tape keeps of a step and an environment.
+    pub(crate) fn n_taped(&self) -> usize {
+        self.n_kept() + self.slopes
     }
 
     /// Arguments that differ between environments: those that a tape keeps.
@@ -280,6 +300,13 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
         let mut next = self.state().to_vec();
         self.core.exposed.step(self.state(), &self.input, theta, &mut next);
         self.carried[self.p.state.clone()].copy_from_slice(&next);
+    }
+
+    fn sense(&mut self) {
+        let (core, from) = (self.core, self.p.n_carried());
+        if let Some(sensing) = &core.sensing {
+            sensing.write_poses(&self.frames, &mut self.seen[self.p.poses.start - from..self.p.poses.end - from]);
+        }
     }
 
     fn evaluate_step(&mut self) {

@@ -76,19 +76,30 @@ impl World {
     /// hit the solid `id`. t counts in lengths of `direction`: planar depth where that is a camera's, distance where it is a unit
     /// vector.
     pub fn slope(&self, id: u32, t: f64, direction: Vec3<f64>, mount: &Pose<f64>, body: &Pose<f64>) -> Slope {
-        let along = rotate(mount.attitude, direction);
-        let d = rotate(body.attitude, along);
-        let lever = axpy(mount.position, t, along);
-        let point = body.point(lever);
-        let Some(normal) = self.normal(id, point).filter(|_| point.iter().all(|x| x.is_finite())) else {
-            return Slope::default();
-        };
-        let bound = -GRAZING * dot(d, d).sqrt();
-        // a surface that was entered faces the ray: n·d < 0
-        let factor = -1.0 / dot(normal, d).min(bound);
-        let turn = cross(lever, rotate_back(body.attitude, normal));
-        Slope { position: scale(factor, normal), attitude: scale(factor, turn) }
+        let point = body.point(axpy(mount.position, t, rotate(mount.attitude, direction)));
+        match self.normal(id, point).filter(|_| point.iter().all(|x| x.is_finite())) {
+            Some(normal) => on_surface(normal, t, direction, mount, body),
+            None => Slope::default(),
+        }
     }
+}
+
+/// As [`World::slope`], on a surface with this outward unit normal (world).
+pub(crate) fn on_surface(
+    normal: Vec3<f64>,
+    t: f64,
+    direction: Vec3<f64>,
+    mount: &Pose<f64>,
+    body: &Pose<f64>,
+) -> Slope {
+    let along = rotate(mount.attitude, direction);
+    let d = rotate(body.attitude, along);
+    let lever = axpy(mount.position, t, along);
+    let bound = -GRAZING * dot(d, d).sqrt();
+    // a surface that was entered faces the ray: n·d < 0
+    let factor = -1.0 / dot(normal, d).min(bound);
+    let turn = cross(lever, rotate_back(body.attitude, normal));
+    Slope { position: scale(factor, normal), attitude: scale(factor, turn) }
 }
 
 fn vector(rows: &[[f32; LANES]; 3], lane: usize) -> Vec3<f64> {
