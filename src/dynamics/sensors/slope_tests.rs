@@ -53,8 +53,10 @@ impl Looking {
         let [a, b, c, d, e] = [-2.0, -1.0, 0.0, 1.0, 2.0].map(&mut at);
         let one = |i: usize| {
             let (near, far) = ((d[i] - b[i]) / (2.0 * STEP), (e[i] - a[i]) / (4.0 * STEP));
-            let bend = (d[i] + b[i] - 2.0 * c[i]).abs();
-            if (near - far).abs() < 0.02 && bend < 0.01 { (4.0 * near - far) / 3.0 } else { f64::NAN }
+            // where another pixel or ray becomes the nearest there is a kink: bends that do not grow with the square of the step
+            let (bend, wide) = (d[i] + b[i] - 2.0 * c[i], e[i] + a[i] - 2.0 * c[i]);
+            let is_smooth = (near - far).abs() < 2e-3 && (wide - 4.0 * bend).abs() < 1e-4;
+            if is_smooth { (4.0 * near - far) / 3.0 } else { f64::NAN }
         };
         (0..c.len()).map(one).collect()
     }
@@ -107,7 +109,8 @@ fn slopes_of_readings_are_those_of_differences_off_silhouettes() {
             }
         }
         println!("{what}: {compared} slopes, {sloped} of them not nought: {worst:.1e}");
-        assert!(worst < 5e-3, "{what}: {worst:e}");
+        // readings are cast in f32
+        assert!(worst < 1e-3, "{what}: {worst:e}"); // measured at most 2.0e-4, of pooled squares
         assert!(
             cfg!(miri) || sloped > if what.starts_with("range") { 40 } else { 500 },
             "{what}: {sloped} of {compared}"
