@@ -96,7 +96,7 @@ impl Mesh {
     /// A mesh of `triangles`, by the numbers of their corners among the `vertices` (m): counter-clockwise seen from outside.
     ///
     /// # Errors
-    /// [`Error::Limit`] for fewer than 4 or more than [`MAX_TRIANGLES`]. [`Error::Value`] for vertices that are not finite,
+    /// [`Error::Limit`] for fewer than 4 or more than 10⁶. [`Error::Value`] for vertices that are not finite,
     /// corners that there are not, triangles without area, edges that are not shared by exactly two triangles in opposite
     /// directions, and an outside that is in; without the feature `mesh`.
     pub fn new(name: impl Into<String>, vertices: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self> {

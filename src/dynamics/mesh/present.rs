@@ -86,12 +86,13 @@ fn single(v: Vec3<f64>, over: f64) -> [f32; 3] {
 /// Between which numbers ≥ 0 a ray w + t d is within a ball about the origin.
 fn within_ball(w: Vec3<f64>, d: Vec3<f64>, radius: f64) -> Option<(f64, f64)> {
     let (squared, along) = (dot(d, d), dot(w, d));
-    if !(squared > 1e-300 && squared.is_finite()) {
+    let sound = squared > 1e-300 && squared.is_finite();
+    if !sound {
         return None;
     }
     let nearest = axpy(w, -along / squared, d);
     let chord = radius * radius - dot(nearest, nearest);
-    if !(chord > 0.0) {
+    if chord.is_nan() || chord <= 0.0 {
         return None;
     }
     let half = (chord / squared).sqrt();

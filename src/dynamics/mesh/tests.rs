@@ -253,7 +253,10 @@ fn what_cannot_be_a_mesh_is_told_with_value_limit_and_remedy() {
             told(&points, &faces[1..]),
             "mesh 'it': number of open edges is 3, the first from [-0.5, -0.5, -0.5] to [-0.5, 0.5, -0.5], but it must be 0",
         ),
-        (told(&points, &inside_out), "mesh 'it': volume is -1e0, but it must be above 0: corners go counter-clockwise"),
+        (
+            told(&points, &inside_out),
+            "mesh 'it': volume is -9.999999999999999e-1, but it must be above 0: corners go counter-clockwise",
+        ),
     ] {
         assert!(text.starts_with(start), "{text}");
     }
