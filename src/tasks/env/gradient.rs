@@ -858,9 +858,7 @@ impl BlockSweep {
         for (sloped, slope) in own.sloped.iter().zip(slopes.chunks_exact(SLOPE)) {
             let (up, pose) = (&self.readings[sloped.reading], &mut poses[sloped.body * POSE..][..SLOPE]);
             for (row, by) in pose.iter_mut().zip(slope) {
-                for lane in 0..n {
-                    row[lane] += up[lane] * by[lane];
-                }
+                row[..n].iter_mut().zip(up).zip(by).for_each(|((sum, up), by)| *sum += up * by);
             }
         }
         for (pose, attitude) in poses.chunks_exact_mut(POSE).zip(attitudes.chunks_exact(4)) {
