@@ -79,7 +79,7 @@ fn flat(model: &Model, features: &[Feature], body: usize, inverse: &DMatrix<f64>
     let points: Vec<_> = own().flat_map(|f| f.form.points().iter().map(|p| (*p, f.radius))).collect();
     let rotation = pose_at_rest(model, body).rotation;
     let boxes = own().filter_map(|f| if let Form::Box(block) = &f.form { Some(block.rotation) } else { None });
-    let sides = boxes.chain([IDENTITY]).flat_map(|box_to_body| transpose(box_to_body));
+    let sides = boxes.chain([IDENTITY]).flat_map(transpose);
     let mut most = 0.0_f64;
     for down in sides.flat_map(|axis| [axis, neg(axis)]) {
         let reach = |(point, radius): &([f64; 3], f64)| dot(*point, down) + radius;
