@@ -96,22 +96,12 @@ pub struct Entry {
     pub build: fn() -> Result<Model>,
 }
 
-/// Every built-in configuration.
+/// Every configuration of the benchmark: what commands take by name. [`SlungLoad`] is one more, from Rust.
 pub static REGISTRY: &[Entry] = &[
     Entry {
         name: "payload",
         description: "a drone with a ball on a stiff rope of 1 m",
         build: || Ok(Payload::default().build()?.model),
-    },
-    Entry {
-        name: "slung_load",
-        description: "a drone with a ball on a cable of 1 m that goes slack",
-        build: || Ok(SlungLoad::default().build()?.model),
-    },
-    Entry {
-        name: "slung_load_3",
-        description: "three drones carry a ball on cables that go slack",
-        build: || Ok(SlungLoad { n_drone: 3, ..SlungLoad::default() }.build()?.model),
     },
     Entry {
         name: "inverted_pendulum",

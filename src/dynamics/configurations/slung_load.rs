@@ -16,8 +16,9 @@
 //! Unlike the bar of [`Payload`](super::Payload), a cable pulls and never pushes, and lets the drone turn freely.
 
 use super::{Configuration, DroneMap};
+use crate::dynamics::GRAVITY;
 use crate::dynamics::assembly::{Assembly, Member, Solid, group, single};
-use crate::dynamics::tree::{Cable, CableEnd};
+use crate::dynamics::tree::{CABLE_ROUND, Cable, CableEnd};
 use crate::dynamics::vehicle::Vehicle;
 use crate::dynamics::vehicles::hummingbird;
 use crate::error::{Error, Result};
@@ -72,7 +73,8 @@ pub struct SlungLoadMap {
 }
 
 impl SlungLoad {
-    /// The model `slung_load`: drones `drone_0` …, then the `payload`, with `cable_0` … between them.
+    /// The model `slung_load`, or `slung_load_3` with three: drones `drone_0` …, then the `payload`, with `cable_0` … between them. At rest
+    /// the ball hangs as it does in hover.
     ///
     /// # Errors
     /// [`Error::Limit`] for no drone or more than 8; [`Error::Value`] for a spread of 90° or more; otherwise as
@@ -89,16 +91,17 @@ impl SlungLoad {
         }
         let spread = if n == 1 { 0.0 } else { self.spread };
         let drone = single(&self.drone)?;
+        let taut = self.length + self.stretch(GRAVITY * self.payload_mass / (n as f64 * spread.cos()));
         let at = |i: usize| {
             let (s, c) = (TAU * i as f64 / n as f64).sin_cos();
-            let (out, up) = (self.length * spread.sin(), self.length * spread.cos() - self.length);
-            [out * c, out * s, up]
+            [taut * spread.sin() * c, taut * spread.sin() * s, taut * (spread.cos() - 1.0)]
         };
         let mut members: Vec<_> = (0..n).map(|i| Member::new(format!("drone_{i}"), drone.clone(), at(i))).collect();
         let ball = Solid::sphere(self.payload_radius).mass(self.payload_mass);
         let ball = Assembly::new("payload").part("payload", ball).model()?;
-        members.push(Member::new("", ball, [0.0, 0.0, -self.length]));
-        let apart = group("slung_load", &members)?;
+        members.push(Member::new("", ball, [0.0, 0.0, -taut]));
+        let name = if n == 1 { "slung_load".into() } else { format!("slung_load_{n}") };
+        let apart = group(name, &members)?;
         let payload = apart.body("payload")?;
         let end = |body: usize| CableEnd { body: Some(body), point: [0.0; 3] };
         let (stiffness, dissipation) = (self.stiffness, self.dissipation);
@@ -111,6 +114,12 @@ impl SlungLoad {
         let drones = model.drones().iter().map(map).collect();
         Ok(Configuration { model, map: SlungLoadMap { drones, payload } })
     }
+
+    /// By how much a cable is stretched under a tension (N), m.
+    fn stretch(&self, tension: f64) -> f64 {
+        let (round, straight) = (CABLE_ROUND * self.length, tension / self.stiffness);
+        if straight > 0.5 * round { straight + 0.5 * round } else { (2.0 * round * straight).sqrt() }
+    }
 }
 
 #[cfg(test)]
@@ -121,7 +130,7 @@ mod tests {
     use crate::dynamics::tree::{
         Multibody, cable_tensions, check_cables, kinetic_energy, model_parameter_names, momentum, potential_energy,
     };
-    use crate::dynamics::{Effects, Integrator, Physics};
+    use crate::dynamics::{Effects, Integrator, Physics, World};
 
     const RK4: Integrator = Integrator::RungeKutta4;
     const SEMI: Integrator = Integrator::SemiImplicit;
@@ -261,7 +270,7 @@ mod tests {
         for n_drone in [1, 3] {
             let load = SlungLoad { n_drone, ..SlungLoad::default() };
             for integrator in [RK4, SEMI] {
-                for lift in [-0.0015, 0.05] {
+                for lift in [0.0, 0.05] {
                     let system = system(&load, 0.002, integrator);
                     let mut x = system.rest_state();
                     let ball = 17 * n_drone;
@@ -276,6 +285,45 @@ mod tests {
         }
         let names = model_parameter_names(&SlungLoad::default().build().unwrap().model);
         assert_eq!(names[names.len() - 3..], ["cable_0.length", "cable_0.stiffness", "cable_0.dissipation"]);
+    }
+
+    #[test]
+    fn lanes_pull_as_single_numbers_do() {
+        let system = system(&SlungLoad::default(), 0.002, RK4);
+        let mut world = World::of_model(system.model(), *system.physics(), 3).unwrap();
+        let mut x = system.rest_state();
+        // up, so that it goes slack and taut again
+        (x[20], x[22]) = (0.5, 1.5);
+        let start: Vec<f32> = x.iter().map(|x| *x as f32).collect();
+        (0..3).for_each(|at| world.set_state(at, &start).unwrap());
+        let mut next = x.clone();
+        let (mut slack, mut taut) = (0, 0);
+        for _ in 0..300 {
+            world.step(&[0.1; 12]).unwrap();
+            system.step(&x, &[0.1; 4], &[], &mut next);
+            std::mem::swap(&mut x, &mut next);
+            let pulls = cable_tensions(&system, &x)[0] > 0.0;
+            (slack, taut) = (slack + usize::from(!pulls), taut + usize::from(pulls));
+        }
+        let lane = world.state(2).unwrap();
+        let worst = (0..x.len()).map(|k| (f64::from(lane[k]) - x[k]).abs() / x[k].abs().max(1.0));
+        let worst = worst.fold(0.0, f64::max);
+        println!("{slack} steps slack, {taut} taut, lanes off by {worst:.1e}");
+        assert!(worst < 1e-3 && slack > 20 && taut > 20, "{worst}, {slack}, {taut}");
+    }
+
+    #[test]
+    fn a_slung_load_hovers_where_it_is_put() {
+        for n_drone in [1, 3] {
+            let load = SlungLoad { n_drone, ..SlungLoad::default() };
+            let system = system(&load, 0.002, RK4);
+            let x = system.rest_state();
+            let lift: f64 = cable_tensions(&system, &x)
+                .iter()
+                .map(|t| t * if n_drone == 1 { 1.0 } else { load.spread.cos() })
+                .sum();
+            assert!((lift / (9.81 * load.payload_mass) - 1.0).abs() < 1e-9, "{n_drone} drones: {lift} N");
+        }
     }
 
     #[test]

@@ -145,11 +145,15 @@ fn a_ball_of_triangles_is_seen_just_inside_the_ball_and_no_ray_slips_through_it(
     let ((t, ids), (want, _)) = (look(&seen, eye, &directions, 10.0), look(&solid, eye, &directions, 10.0));
     let mut worst = 0.0_f32;
     for i in 0..t.len() {
-        assert!(ids[i] != NOTHING && t[i] > want[i] - 1e-5, "{i}: {} {}", t[i], want[i]);
+        let way = dot(directions[i], directions[i]).sqrt() as f32;
+        // it ends where it was aimed at, which is on the surface or behind the ball's
+        assert!(ids[i] != NOTHING && (t[i] - way).abs() < 1e-5, "{i}: {} {way}", t[i]);
+        assert!(t[i] > want[i] - 1e-5, "{i}: {} {}", t[i], want[i]);
         worst = worst.max(t[i] - want[i]);
     }
     println!("{} rays at {} triangles, at most {worst:.1e} m behind the ball", t.len(), faces.len());
-    assert!(worst < 5e-3 && t.len() > 1_000, "{worst}");
+    // an edge sinks by 2.5e-3 m, and is met at up to 83°
+    assert!(worst < 0.02 && t.len() > 1_000, "{worst}");
 }
 
 #[test]

@@ -351,8 +351,10 @@ mod tests {
 
     #[test]
     fn wakes_on_balls_bars_and_boxes_pass_the_gradient_certificate() {
-        for name in ["slung_load", "payload", "transport", "platform"] {
-            let model = by_name(name).unwrap();
+        let slung = SlungLoad::default().build().unwrap().model;
+        let others = ["payload", "transport", "platform"].map(|name| by_name(name).unwrap());
+        for model in [slung].into_iter().chain(others) {
+            let name = model.name().to_string();
             let system = system(&model, true, 0.002);
             let mut x = system.rest_state();
             system.topology().rotor_speed.iter().for_each(|at| x[*at] = 400.0);
