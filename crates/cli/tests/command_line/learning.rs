@@ -32,6 +32,20 @@ fn tiny(more: &[&'static str]) -> Vec<&'static str> {
 }
 
 #[test]
+fn the_files_for_forest_by_a_depth_camera_train_one_behind_the_other() {
+    let folder = temporary();
+    for (name, run) in [("forest_depth_apg", "Forest-apg-s0"), ("forest_depth_ppo", "Forest-ppo-s0")] {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../examples/{name}.toml"));
+        let file = file.to_str().unwrap();
+        let few = ["--updates", "1", "--set", "evaluate={every=0,envs=8}", "--no-plots", "--no-baseline"];
+        let (page, _) = exits(0, folder.path(), &[&["train", "Forest", "--config", file], &few[..]].concat());
+        // 192 depths behind what the task shows, 25 numbers
+        assert!(page.contains("217 numbers in, 4 out"), "{page}");
+        assert!(folder.path().join("runs").join(run).join("result.json").is_file(), "{name}");
+    }
+}
+
+#[test]
 fn a_run_is_trained_kept_flown_and_shown() {
     let folder = temporary();
     let folder = folder.path();
