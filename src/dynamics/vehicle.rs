@@ -136,7 +136,7 @@ pub struct Rotor {
     /// Moment of inertia of rotor and motor bell about the axis, kg m²; 0 leaves its torques out.
     #[serde(default)]
     pub inertia: f64,
-    /// Blade tip radius, m; 0 leaves the ground effect out.
+    /// Blade tip radius, m; 0 leaves the ground effect out, and wakes on loads.
     #[serde(default)]
     pub radius: f64,
     /// Rotor drag across the axis: F = −Ω k_d v⊥, N s²/(m rad).

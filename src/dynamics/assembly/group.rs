@@ -121,6 +121,7 @@ fn append(all: &mut ModelParts, member: &Member) {
     let outer = Pose { position: place.position, attitude: place.rotation };
     for mesh in &mut own.mesh {
         let pose = outer.then(&Pose { position: mesh.position, attitude: mesh.rotation });
+        mesh.name = named(&mesh.name);
         (mesh.position, mesh.rotation) = (pose.position, pose.attitude);
     }
     all.mesh.append(&mut own.mesh);

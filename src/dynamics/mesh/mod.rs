@@ -190,6 +190,12 @@ impl Mesh {
         within(&format!("{what}: size times scale"), 2.0 * self.surface.radius * self.scale, 0.0, MAX_SIZE)
     }
 
+    /// Whether it is the same surface in the same place.
+    pub(crate) fn is_that(&self, other: &Self) -> bool {
+        let place = |mesh: &Self| (mesh.position, mesh.rotation, mesh.scale);
+        Arc::ptr_eq(&self.surface, &other.surface) && place(self) == place(other)
+    }
+
     /// Where rays meet it.
     pub(crate) fn placed(&self) -> PlacedMesh {
         let pose = Pose { position: self.position, attitude: unit(self.rotation) };

@@ -109,6 +109,9 @@ pub(super) fn corners_of_stl(
     if count.is_some_and(|n| bytes.len() as u64 == 84 + 50 * u64::from(n)) {
         // headers of binary files may begin as text does
         bytes[..5].fill(0);
+    } else if bytes.split(|b| *b == b'\n').filter(|line| line.trim_ascii_start().starts_with(b"endsolid")).count() > 1 {
+        // the reader ends with the first
+        return Ok(Some("holds several solids: make one of them, or a file of each".into()));
     }
     let mut from = std::io::Cursor::new(bytes);
     let reader = match stl_io::create_stl_reader(&mut from) {

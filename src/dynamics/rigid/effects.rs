@@ -24,7 +24,7 @@ pub struct Effects {
     /// [`Multibody`](crate::dynamics::tree::Multibody), or a [`Fleet`](crate::dynamics::Fleet) through its own setting.
     pub downwash: bool,
     /// Wakes of drones on what they carry and on whatever else has shapes and no rotors, their own loads included: the far wake's
-    /// dynamic pressure T/A on the area that faces it (`aero::downwash`); in a [`Multibody`](crate::dynamics::tree::Multibody) only.
+    /// dynamic pressure T/A on the area that faces it, of rotors that have a radius (`aero::downwash`); in a [`Multibody`](crate::dynamics::tree::Multibody) only.
     pub load_downwash: bool,
     /// Forces between shapes that touch, and on the ground; in a [`Multibody`](crate::dynamics::tree::Multibody) only.
     pub contact: bool,

@@ -219,9 +219,11 @@ impl CameraDevice {
             met.resize(out.len(), Met::NOTHING);
         }
         let lost = grain.other();
+        // as rays tell it
+        let farthest = f64::from(own.farthest as f32);
         for (i, t) in depth.iter().enumerate() {
             let t = f64::from(*t);
-            if t >= own.farthest || is_lost(lost, i, own.dropout) {
+            if t >= farthest || is_lost(lost, i, own.dropout) {
                 continue;
             }
             let z = own.stereo.as_ref().map_or(t, |stereo| stereo.measured(t, grain.normal(i)));

@@ -161,13 +161,15 @@ impl Device for LidarDevice {
         }
         let (own, grain) = (&self.settings, Grain::new(stream.next_u64()));
         let (lost, [a, b, c]) = (grain.other(), own.noise);
+        // as rays tell it
+        let farthest = f64::from(own.farthest as f32);
         let noisy = own.noise != [0.0; 3];
         let seen = sight.rays(&self.rays, &Pose { position: at.position, attitude: at.attitude });
         let Readings { ranges, ids, mut met, .. } = seen;
         for (i, (reading, range)) in out.iter_mut().zip(ranges).enumerate() {
             let t = f64::from(*range);
             let mut d = t;
-            let seen = d < own.farthest && !is_lost(lost, i, own.dropout);
+            let seen = d < farthest && !is_lost(lost, i, own.dropout);
             if noisy && seen {
                 d += (a + d * (b + d * c)).max(0.0) * grain.normal(i);
             }

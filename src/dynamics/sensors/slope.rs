@@ -48,7 +48,7 @@ impl Met {
         }
         let slope = match self.id {
             // a range finder has a ground of its own, where its world may have none
-            GROUND => on_surface([0.0, 0.0, 1.0], self.t, self.direction, mount, body),
+            GROUND if !world.is_uneven() => on_surface([0.0, 0.0, 1.0], self.t, self.direction, mount, body),
             id => world.slope(id, self.t, self.direction, mount, body),
         };
         Slope { position: slope.position.map(|x| self.factor * x), attitude: slope.attitude.map(|x| self.factor * x) }

@@ -3,6 +3,7 @@
 use super::cast::World;
 use super::*;
 use crate::dynamics::Frame;
+use crate::dynamics::relief::{Relief, Wave};
 use crate::dynamics::scene::Scene;
 use crate::dynamics::spatial::{Quat, Vec3, add, exponential, multiply};
 use crate::rng::{Purpose, Stream};
@@ -19,6 +20,16 @@ fn room() -> World {
         [[obstacles]]\nname = 'ball'\nshape = { geometry = { sphere = { radius = 1.0 } }, position = [-2.5, 0.5, 2] }\n\
         [[obstacles]]\nname = 'trunk'\nshape = { geometry = { capsule = { radius = 0.6, length = 8.0 } }, position = [0.5, 3, 2] }\n";
     let scene: Scene = toml::from_str(text).unwrap_or_else(|e| panic!("{e}\n{text}"));
+    let mut world = World::default();
+    world.fill(&scene, &scene.nominal_placement()).unwrap();
+    world
+}
+
+/// The same on a slope with waves.
+fn hills() -> World {
+    let mut scene = Scene::grounded();
+    let wave = Wave { amplitude: 0.15, number: [0.9, 0.5], phase: 0.4 };
+    scene.relief = Some(Relief { slope: [0.3, -0.2], waves: vec![wave] });
     let mut world = World::default();
     world.fill(&scene, &scene.nominal_placement()).unwrap();
     world
@@ -68,8 +79,12 @@ fn slopes_of_readings_are_those_of_differences_off_silhouettes() {
     let lidar = "kind = 'lidar'\nbeams = 24\nelevations = [-0.5, 0.0, 0.4]\nfarthest = 12.0";
     let camera = "kind = 'camera'\nsize = [16, 12]\nfarthest = 12.0";
     let down = "kind = 'range'\ngradient = 'pose'\nposition = [0.1, -0.05, 0.08]";
+    let low = "kind = 'lidar'\nbeams = 24\nelevations = [-1.2, -0.9, -0.7]\nfarthest = 12.0";
     for (what, text) in [
         ("lidar", format!("{lidar}\n{mount}")),
+        ("lidar on hills", format!("{low}\n{mount}")),
+        ("camera on hills", format!("{camera}\n{mount}")),
+        ("range on hills", format!("{down}\ncone = 0.0")),
         ("lidar, noise, lost", format!("{lidar}\n{mount}\nnoise = [0.02, 0, 0]\ndropout = 0.1\nnearest = 0.5")),
         ("lidar, proximity", format!("{lidar}\n{mount}\nform = 'proximity'")),
         ("lidar, inverse", format!("{lidar}\n{mount}\nform = 'inverse'")),
@@ -86,7 +101,8 @@ fn slopes_of_readings_are_those_of_differences_off_silhouettes() {
         ("range, cone", format!("{down}\ncone = 0.3")),
     ] {
         let sensor = Sensor::new(&config(&text), 0.01, &["drone".into()]).unwrap();
-        let mut looking = Looking { sensor, world: room(), eyes: Eyes::default() };
+        let world = if what.ends_with("hills") { hills() } else { room() };
+        let mut looking = Looking { sensor, world, eyes: Eyes::default() };
         let mut draws = Stream::new(7, 0, 0, Purpose::LEARNING);
         let (mut worst, mut compared, mut sloped) = (0.0_f64, 0, 0);
         for _ in 0..if cfg!(miri) { 1 } else { 12 } {

@@ -73,7 +73,9 @@ impl Surroundings {
             if whole.ground.is_some() && whole.ground == model.parts().contact.ground && whole.relief.is_none() {
                 whole.relief.clone_from(&model.parts().contact.relief);
             }
-            whole.mesh.extend(model.parts().mesh.iter().cloned());
+            let own = scene.mesh.iter();
+            let others = model.parts().mesh.iter().filter(|mesh| !own.clone().any(|known| known.is_that(mesh)));
+            whole.mesh.extend(others.cloned());
             let still = model.shapes().iter().filter(|shape| shape.body.is_none());
             for (i, shape) in still.enumerate() {
                 standing.push((static_parameters(model.bodies().len(), model.rotors().len(), i), shape.shape.position));

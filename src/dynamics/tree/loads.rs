@@ -248,7 +248,7 @@ fn hold_wakes_on_load<S: Scalar>(t: &Topology, load: &Load, bodies: &mut [BodySc
         let source = &t.sources[s];
         let thrust = thrust_of(source, bodies, rotors, t);
         let along = mat_vec(transpose(rotation), safe::normalise(thrust));
-        let share = (facing(load, along) * S::constant(t.source_area[s].recip())).min(S::one());
+        let share = (facing(load, along) * S::constant(t.per_area[s])).min(S::one());
         let separation = sub(source_position(source, bodies), add(position, lever));
         force = axpy(force, share, downwash::force(separation, thrust, k_r, k_z));
     }
@@ -344,6 +344,10 @@ mod tests {
         let beside = force(&load, [0.99, 0.0, -0.05]);
         let above = force(&load, [0.0, 0.0, 0.5]);
         assert!(beside[2].abs() < 1e-9 && above == [0.0; 3], "{beside:?}, {above:?}");
+        // rotors without a radius are unknown to wakes
+        let mut unknown = load.clone();
+        unknown.drone.rotors.iter_mut().for_each(|rotor| rotor.radius = 0.0);
+        assert_eq!(force(&unknown, [0.0, 0.0, -1.0]), [0.0; 3]);
         // a load wider than the rotors takes no more than the thrust
         let wide = force(&SlungLoad { payload_radius: 0.5, ..load }, [0.0, 0.0, -1.0]);
         assert!((wide[2] + thrust / 1.69).abs() < 1e-4 * thrust, "{wide:?} against {thrust}");

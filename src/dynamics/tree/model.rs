@@ -430,6 +430,7 @@ impl Check<'_> {
         let of_ground = p.contact.ground_material;
         of_ground.map_or(Ok(()), |m| m.validate(&self.at("contact.ground_material")))?;
         finite(&self.at("contact.ground"), &[p.contact.ground.unwrap_or(0.0)])?;
+        unique(&self.at("meshes"), p.mesh.iter().map(|mesh| &mesh.name))?;
         p.mesh.iter().try_for_each(|mesh| mesh.validate(&self.at(&format!("mesh '{}'", mesh.name))))?;
         p.contact.relief.as_ref().map_or(Ok(()), |r| r.validate(&self.at("contact.relief")))?;
         for drone in &p.drones {

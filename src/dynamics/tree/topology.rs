@@ -215,8 +215,8 @@ impl Load {
 pub(crate) struct Topology {
     pub links: Vec<Link>,
     pub sources: Vec<Source>,
-    /// Of every source, Σ π r² of its rotors, m².
-    pub source_area: Vec<f64>,
+    /// Of every source, 1/A of the A = Σ π r² of its rotors, 1/m²; 0 where they have no radius.
+    pub per_area: Vec<f64>,
     /// What wakes push beside drones, where that effect is on.
     pub loads: Vec<Load>,
     /// Rotor numbers sorted by the body that carries them.
@@ -308,6 +308,7 @@ impl Topology {
         let features = features(model);
         let (on_ground, pairs) = (on_ground(model, &features), pairs(model, &features));
         let sources = model.drones().iter().filter(|d| !d.rotors.is_empty());
+        let per = |area: f64| if area > 0.0 { area.recip() } else { 0.0 };
         let disc = |r: &usize| PI * model.rotors()[*r].rotor.radius.powi(2);
         Self {
             resolved: ResolvedTouches {
@@ -328,7 +329,7 @@ impl Topology {
                 .clone()
                 .map(|d| Source { body: d.body, position: d.position, rotors: d.rotors.clone() })
                 .collect(),
-            source_area: sources.map(|d| d.rotors.iter().map(disc).sum()).collect(),
+            per_area: sources.map(|d| d.rotors.iter().map(disc).sum()).map(per).collect(),
             loads: if effects.load_downwash { Load::all(model) } else { Vec::new() },
             rotor_order,
             rotor_body: model.rotors().iter().map(|r| r.body).collect(),
@@ -389,7 +390,7 @@ impl Topology {
         let e = self.effects;
         let same = (!e.ground_effect || self.rotor_radius == other.rotor_radius)
             && (!e.downwash && !e.load_downwash || self.sources == other.sources)
-            && self.loads == other.loads
+            && (!e.load_downwash || (&self.loads, &self.per_area) == (&other.loads, &other.per_area))
             && (!e.contact
                 || (&self.features, &self.on_ground, &self.pairs, &self.relief)
                     == (&other.features, &other.on_ground, &other.pairs, &other.relief));

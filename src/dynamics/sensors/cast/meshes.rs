@@ -12,8 +12,9 @@ use crate::autodiff::lanes::Lanes;
 pub(super) fn nearness<L: Lanes, V: Pattern, const ALL: bool>(pattern: &V, placed: &Placed, eye: &Eye) -> f32 {
     let (center, radius) = placed.mesh.ball();
     let none = [L::zero(); 3];
-    // rounded up
-    let radius = splat::<L>(radius as f32 * 1.000_001 + f32::MIN_POSITIVE);
+    // rounded up, with what its centre loses
+    let rounding = 1.2e-7 * center.iter().map(|x| x.abs()).sum::<f64>();
+    let radius = splat::<L>((radius + rounding) as f32 * 1.000_001 + f32::MIN_POSITIVE);
     let center = seen(eye, [splat(center[0] as f32), splat(center[1] as f32), splat(center[2] as f32)]);
     let mut lanes = [0.0; LANES];
     key::<L, V, ALL>(pattern, center, none, L::zero(), radius).store(&mut lanes);
