@@ -152,7 +152,7 @@ fn a_ball_of_triangles_is_seen_just_inside_the_ball_and_no_ray_slips_through_it(
         worst = worst.max(t[i] - want[i]);
     }
     println!("{} rays at {} triangles, at most {worst:.1e} m behind the ball", t.len(), faces.len());
-    // an edge sinks by 2.5e-3 m, and is met at up to 83°
+    // measured 6.3e-3: an edge sinks by 2.5e-3 m, and is met at up to 83°
     assert!(worst < 0.02 && t.len() > 1_000, "{worst}");
 }
 
