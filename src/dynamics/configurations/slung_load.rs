@@ -127,9 +127,8 @@ mod tests {
     use super::*;
     use crate::autodiff::certificate::Bounds;
     use crate::autodiff::{System, certify};
-    use crate::dynamics::tree::{
-        Multibody, cable_tensions, check_cables, kinetic_energy, model_parameter_names, momentum, potential_energy,
-    };
+    use crate::dynamics::tree::free_motion::{energy, run};
+    use crate::dynamics::tree::{Multibody, cable_tensions, check_cables, model_parameter_names, momentum};
     use crate::dynamics::{Effects, Integrator, Physics, World};
 
     const RK4: Integrator = Integrator::RungeKutta4;
@@ -147,19 +146,6 @@ mod tests {
         let cable = Cable { name: "cable".into(), ends, length: 1.0, stiffness: 2000.0, dissipation };
         let model = ball.with_cables([cable]).unwrap();
         Multibody::new(&model, Physics { dt, substeps: 1, integrator, effects: Effects::none() }).unwrap()
-    }
-
-    fn run(system: &Multibody, x: &mut Vec<f64>, seconds: f64, each: &mut dyn FnMut(&[f64])) {
-        let (input, mut next) = (vec![-1.0; system.n_input()], x.clone());
-        for _ in 0..(seconds / system.physics().dt).round() as usize {
-            system.step(x, &input, &[], &mut next);
-            std::mem::swap(x, &mut next);
-            each(x);
-        }
-    }
-
-    fn energy(system: &Multibody, x: &[f64]) -> f64 {
-        kinetic_energy(system, x) + potential_energy(system, x)
     }
 
     #[test]

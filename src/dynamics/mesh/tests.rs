@@ -399,7 +399,7 @@ fn a_flight_in_a_scene_sees_its_meshes_and_nothing_touches_them() {
 }
 
 #[test]
-#[ignore = "a measurement: rays per second at a mesh of 5120 triangles"]
+#[ignore = "a measurement: cargo test --workspace --lib rays_per_second_at_five_thousand_triangles -- --ignored --nocapture"]
 fn rays_per_second_at_five_thousand_triangles() {
     let world = world_of(vec![mesh("ball", ball(4, 1.0))]);
     let camera = Camera::new(64, 48, 0.8, Range { least: 0.0, most: 10.0 }).unwrap();

@@ -11,6 +11,7 @@ use super::parameters::{ParameterView, Source, at, link_parameters};
 use super::scratch::{BodyScratch, Scratch, scratch_on_stack};
 use super::topology::{Kind, Topology, joined};
 use super::torque::{Drives, Pass};
+use super::wakes;
 use crate::autodiff::Scalar;
 use crate::dynamics::rigid::full;
 use crate::dynamics::spatial::*;
@@ -188,7 +189,7 @@ fn grip<S: Scalar, P: ParameterView<S>>(
     loads::prepare_rotors(t, numbers, &input, scratch.rotors);
     loads::start_rotors(t, numbers, h, state, scratch.rotors);
     forward(t, numbers, state, scratch.bodies);
-    loads::hold_wakes(t, scratch.bodies, scratch.rotors);
+    wakes::hold(t, scratch.bodies, scratch.rotors);
     loads::apply(t, numbers, &input, friction, scratch.bodies, scratch.rotors);
     let pass = Pass { implicit: 0.0, drives: Drives::Sampled(h), friction };
     accelerate(t, numbers, state, &input, pass, scratch.bodies, scratch.rate);

@@ -7,9 +7,9 @@ use super::cable;
 use super::contact_loads::{self, Friction};
 use super::parameters::{ParameterView, at, contact_parameters, link_parameters, rotor_parameters};
 use super::scratch::{BodyScratch, RotorScratch};
-use super::topology::{Link, Load, Topology};
+use super::topology::{Link, Topology};
+use super::wakes;
 use crate::autodiff::{Scalar, safe};
-use crate::dynamics::aero::downwash;
 use crate::dynamics::rotor::{self, Lag, Motor, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use crate::dynamics::spatial::*;
 
@@ -102,23 +102,7 @@ pub(crate) fn apply<S: Scalar, P: ParameterView<S>>(
         contact_loads::apply(t, numbers, friction, bodies);
     }
     cable::apply(t, numbers, bodies);
-    let mut pushed = None;
-    for k in 0..t.loads.len() {
-        if pushed != Some(t.loads[k].body) {
-            pushed = Some(t.loads[k].body);
-            let body = &mut bodies[t.loads[k].body];
-            body.force = add(body.force, body.load_wake.force);
-            body.moment = add(body.moment, body.load_wake.moment);
-        }
-    }
-    if effects.downwash && t.sources.len() > 1 {
-        for s in 0..t.sources.len() {
-            let body = &mut bodies[t.sources[s].body];
-            let lever = mat_vec(body.rotation, constants(t.sources[s].position));
-            body.force = add(body.force, body.wake);
-            body.moment = add(body.moment, cross(lever, body.wake));
-        }
-    }
+    wakes::apply(t, bodies);
 }
 
 /// About the body's origin, body axes.
@@ -199,180 +183,5 @@ fn rotor_air<S: Scalar>(
     }
     if t.effects.rotor_inertia {
         wrench.moment = sub(sub(wrench.moment, rate), cross(w, momentum));
-    }
-}
-
-/// Wakes of all drones on all others and on loads, held through a substep as commands are. Needs kinematics.
-#[inline(always)]
-pub(crate) fn hold_wakes<S: Scalar>(t: &Topology, bodies: &mut [BodyScratch<S>], rotors: &[RotorScratch<S>]) {
-    if t.effects.downwash && t.sources.len() > 1 {
-        hold_wakes_on_drones(t, bodies, rotors);
-    }
-    for k in 0..t.loads.len() {
-        bodies[t.loads[k].body].load_wake = Wrench::zero();
-    }
-    for k in 0..t.loads.len() {
-        hold_wakes_on_load(t, &t.loads[k], bodies, rotors);
-    }
-}
-
-#[inline(always)]
-fn hold_wakes_on_drones<S: Scalar>(t: &Topology, bodies: &mut [BodyScratch<S>], rotors: &[RotorScratch<S>]) {
-    let (k_r, k_z) = (S::constant(downwash::DEFAULT_RADIAL), S::constant(downwash::DEFAULT_AXIAL));
-    for s in 0..t.sources.len() {
-        bodies[t.sources[s].body].wake = [S::zero(); 3];
-    }
-    for s in 0..t.sources.len() {
-        let source = &t.sources[s];
-        let thrust = thrust_of(source, bodies, rotors, t);
-        let from = source_position(source, bodies);
-        for other in 0..t.sources.len() {
-            if other != s {
-                let to = source_position(&t.sources[other], bodies);
-                let force = downwash::force(sub(from, to), thrust, k_r, k_z);
-                let body = &mut bodies[t.sources[other].body];
-                body.wake = add(body.wake, force);
-            }
-        }
-    }
-}
-
-/// −a T S(T̂)/A of every source, A the area of its rotors and S that of the load as the wake sees it, S/A at most 1.
-#[inline(always)]
-fn hold_wakes_on_load<S: Scalar>(t: &Topology, load: &Load, bodies: &mut [BodyScratch<S>], rotors: &[RotorScratch<S>]) {
-    let (k_r, k_z) = (S::constant(downwash::DEFAULT_RADIAL), S::constant(downwash::DEFAULT_AXIAL));
-    let (rotation, position) = (bodies[load.body].rotation, bodies[load.body].position);
-    let lever = mat_vec(rotation, constants(load.center));
-    let mut force = [S::zero(); 3];
-    for s in 0..t.sources.len() {
-        let source = &t.sources[s];
-        let thrust = thrust_of(source, bodies, rotors, t);
-        let along = mat_vec(transpose(rotation), safe::normalise(thrust));
-        let share = (facing(load, along) * S::constant(t.per_area[s])).min(S::one());
-        let separation = sub(source_position(source, bodies), add(position, lever));
-        force = axpy(force, share, downwash::force(separation, thrust, k_r, k_z));
-    }
-    let held = &mut bodies[load.body].load_wake;
-    held.force = add(held.force, force);
-    held.moment = add(held.moment, cross(lever, force));
-}
-
-/// Area of a load seen along a unit vector of its body's frame, m².
-#[inline(always)]
-fn facing<S: Scalar>(load: &Load, along: Vec3<S>) -> S {
-    let mut area = S::constant(load.end);
-    for k in 0..3 {
-        let part = dot(constants(load.axes[k]), along);
-        if load.faces[k] > 0.0 {
-            area = S::constant(load.faces[k]).mul_add(part.abs(), area);
-        }
-        if k == 2 && load.side > 0.0 {
-            let across = safe::sqrt((S::one() - part * part).max(S::zero()), 1e-6);
-            area = S::constant(load.side).mul_add(across, area);
-        }
-    }
-    area
-}
-
-#[inline(always)]
-fn source_position<S: Scalar>(source: &super::topology::Source, bodies: &[BodyScratch<S>]) -> Vec3<S> {
-    let body = &bodies[source.body];
-    add(body.position, mat_vec(body.rotation, constants(source.position)))
-}
-
-/// Σ k_f Ω² n of a drone's rotors, world.
-#[inline(always)]
-fn thrust_of<S: Scalar>(
-    source: &super::topology::Source,
-    bodies: &[BodyScratch<S>],
-    rotors: &[RotorScratch<S>],
-    t: &Topology,
-) -> Vec3<S> {
-    let mut thrust = [S::zero(); 3];
-    for k in 0..source.rotors.len() {
-        let r = source.rotors[k];
-        let (rotor, body) = (&rotors[r], &bodies[t.rotor_body[r]]);
-        let force = scale(rotor.speed * rotor.speed, rotor.model.force);
-        thrust = add(thrust, mat_vec(body.rotation, force));
-    }
-    thrust
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::autodiff::certificate::Bounds;
-    use crate::autodiff::{System, certify};
-    use crate::dynamics::configurations::{SlungLoad, by_name};
-    use crate::dynamics::tree::{Model, Multibody};
-    use crate::dynamics::{Effects, Integrator, Physics};
-    use std::f64::consts::PI;
-
-    fn system(model: &Model, load_downwash: bool, dt: f64) -> Multibody {
-        let effects = Effects { load_downwash, ..Effects::none() };
-        let physics = Physics { dt, substeps: 1, integrator: Integrator::SemiImplicit, effects };
-        Multibody::new(model, physics).unwrap()
-    }
-
-    /// What wakes add to the velocity of the ball in a step, over the step, times its mass: N.
-    fn force(load: &SlungLoad, place: [f64; 3]) -> [f64; 3] {
-        let model = load.build().unwrap().model;
-        let mut after = [[0.0; 3]; 2];
-        for (on, after) in [false, true].into_iter().zip(&mut after) {
-            let system = system(&model, on, 1e-6);
-            let mut x = system.rest_state();
-            x[17..20].copy_from_slice(&place);
-            x[13..17].fill(500.0);
-            let mut next = x.clone();
-            system.step(&x, &[0.0; 4], &[], &mut next);
-            after.copy_from_slice(&next[20..23]);
-        }
-        [0, 1, 2].map(|k| (after[1][k] - after[0][k]) / 1e-6 * load.payload_mass)
-    }
-
-    #[test]
-    fn a_load_under_its_drone_is_pushed_by_the_pressure_of_the_wake_on_the_area_that_faces_it() {
-        let load = SlungLoad::default();
-        let rotors = &load.drone.rotors;
-        let thrust: f64 = rotors.iter().map(|r| r.thrust_coefficient * 500.0 * 500.0).sum();
-        let area: f64 = rotors.iter().map(|r| PI * r.radius * r.radius).sum();
-        let want = thrust / 1.3_f64.powi(2) * PI * 0.04 * 0.04 / area;
-        let got = force(&load, [0.0, 0.0, -1.0]);
-        println!("pushed by {:.6} N of {want:.6} N, thrust {thrust:.3} N", -got[2]);
-        // what rotors gain in the step, 1.5e-5
-        assert!((got[2] + want).abs() < 1e-4 * want && got[0].abs() + got[1].abs() < 1e-9, "{got:?} against {want}");
-        // beside the cone and above the drone nothing is felt
-        let beside = force(&load, [0.99, 0.0, -0.05]);
-        let above = force(&load, [0.0, 0.0, 0.5]);
-        assert!(beside[2].abs() < 1e-9 && above == [0.0; 3], "{beside:?}, {above:?}");
-        // rotors without a radius are unknown to wakes
-        let mut unknown = load.clone();
-        unknown.drone.rotors.iter_mut().for_each(|rotor| rotor.radius = 0.0);
-        assert_eq!(force(&unknown, [0.0, 0.0, -1.0]), [0.0; 3]);
-        // a load wider than the rotors takes no more than the thrust
-        let wide = force(&SlungLoad { payload_radius: 0.5, ..load }, [0.0, 0.0, -1.0]);
-        assert!((wide[2] + thrust / 1.69).abs() < 1e-4 * thrust, "{wide:?} against {thrust}");
-    }
-
-    #[test]
-    fn wakes_on_balls_bars_and_boxes_pass_the_gradient_certificate() {
-        let slung = SlungLoad::default().build().unwrap().model;
-        let others = ["payload", "transport", "platform"].map(|name| by_name(name).unwrap());
-        for model in [slung].into_iter().chain(others) {
-            let name = model.name().to_string();
-            let system = system(&model, true, 0.002);
-            let mut x = system.rest_state();
-            system.topology().rotor_speed.iter().for_each(|at| x[*at] = 400.0);
-            x[3] = 0.2;
-            if name == "slung_load" {
-                // away from where the cable goes taut, where differences see both sides
-                x[19] += 0.05;
-            }
-            let input = vec![0.1; system.n_input()];
-            let pushed = system.topology().loads.len();
-            let certificate = certify(&system, &x, &input, &[]).unwrap();
-            println!("{name}: {pushed} shapes in the wakes");
-            assert!(certificate.holds(Bounds::default()), "{name}: {certificate:?}");
-            assert!(pushed > 0, "{name}");
-        }
     }
 }

@@ -19,17 +19,20 @@ pub(super) struct Mobility {
     of_balls: Vec<f64>,
 }
 
-/// Of cables, N/m of which one metre asks: acceleration per tension with which their ends part, where all cables of a tree pull at
+/// Of one point of a body, largest over its directions.
+fn of_point(model: &Model, inverse: &DMatrix<f64>, body: Option<usize>, point: [f64; 3]) -> f64 {
+    let Some(body) = body else { return 0.0 };
+    let jacobian = point_jacobian_at_rest(model, body, point);
+    let linear = jacobian.rows(0, 3);
+    (linear * inverse * linear.transpose()).symmetric_eigenvalues().max()
+}
+
+/// Of cables: acceleration per tension with which their ends part, where all cables of a tree pull at
 /// once.
 pub(super) fn of_cables(model: &Model) -> Vec<f64> {
     let Some(inverse) = mass_matrix_at_rest(model).try_inverse() else { return vec![0.0; model.cables().len()] };
     let roots = super::model::root_of(model.bodies());
-    let of_end = |end: &CableEnd| {
-        let Some(body) = end.body else { return 0.0 };
-        let jacobian = point_jacobian_at_rest(model, body, end.point);
-        let linear = jacobian.rows(0, 3);
-        (linear * &inverse * linear.transpose()).symmetric_eigenvalues().max()
-    };
+    let of_end = |end: &CableEnd| of_point(model, &inverse, end.body, end.point);
     let all: Vec<_> =
         model.cables().iter().flat_map(|c| &c.ends).map(|e| (e.body.map(|b| roots[b]), of_end(e))).collect();
     let of_tree = |tree: Option<usize>| all.iter().filter(|(own, _)| *own == tree).map(|(_, m)| m).sum::<f64>();
@@ -44,12 +47,7 @@ impl Mobility {
             let none = vec![0.0; features.len()];
             return Self { of_points: none.clone(), on_ground: none.clone(), of_balls: none };
         };
-        let at = |feature: &Feature, point: [f64; 3]| {
-            let Some(body) = feature.body else { return 0.0 };
-            let jacobian = point_jacobian_at_rest(model, body, point);
-            let linear = jacobian.rows(0, 3);
-            (linear * &inverse * linear.transpose()).symmetric_eigenvalues().max()
-        };
+        let at = |feature: &Feature, point: [f64; 3]| of_point(model, &inverse, feature.body, point);
         let of_points = |f: &Feature| f.form.points().iter().map(|p| at(f, *p)).fold(0.0, f64::max);
         let of_balls = |f: &Feature| {
             let own: Vec<f64> = f.balls.iter().map(|ball| at(f, ball.center)).collect();

@@ -9,7 +9,8 @@
 //! | `scratch` | memory of one evaluation |
 //! | `kinematics` | where every body is and how it moves |
 //! | `frames` | the same by quaternions, for observations |
-//! | `loads` | rotors, air, disturbance, wakes |
+//! | `loads` | rotors, air, disturbance |
+//! | `wakes` | wakes of drones on each other and on loads |
 //! | `contact_loads` | contact forces |
 //! | `cable` | what cables pull |
 //! | `mobility` | how points give way, for what a step resolves of contacts |
@@ -25,6 +26,8 @@ pub(crate) mod analysis;
 mod cable;
 mod contact_loads;
 pub(crate) mod frames;
+#[cfg(test)]
+pub(crate) mod free_motion;
 mod kinematics;
 pub(crate) mod layout;
 mod loads;
@@ -38,6 +41,7 @@ mod start;
 pub(crate) mod step;
 pub(crate) mod topology;
 mod torque;
+mod wakes;
 
 pub use analysis::{
     Momentum, Pose, Separation, body_poses, cable_tensions, center_of_mass, contact_forces, frame_jacobian, frame_pose,

@@ -10,6 +10,7 @@ use super::multibody::Multibody;
 use super::parameters::{ParameterView, Source, at, link_parameters};
 use super::scratch::{BodyScratch, scratch_on_stack};
 use super::topology::{Kind, Topology};
+use super::wakes;
 use crate::autodiff::Scalar;
 use crate::dynamics::rigid::full;
 use crate::dynamics::spatial::*;
@@ -30,7 +31,7 @@ pub fn inverse_dynamics<S: Scalar>(system: &Multibody, state: &[S], input: &[S],
     loads::prepare_rotors(t, numbers, input, scratch.rotors);
     loads::start_rotors(t, numbers, 1.0, state, scratch.rotors);
     forward(t, numbers, state, scratch.bodies);
-    loads::hold_wakes(t, scratch.bodies, scratch.rotors);
+    wakes::hold(t, scratch.bodies, scratch.rotors);
     loads::apply(t, numbers, input, Friction::Explicit, scratch.bodies, scratch.rotors);
     newton_euler(t, numbers, acceleration, scratch.bodies, force);
 }

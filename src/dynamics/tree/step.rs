@@ -18,6 +18,7 @@ use super::parameters::ParameterView;
 use super::scratch::Scratch;
 use super::topology::{Kind, Topology};
 use super::torque::{self, Drives, Pass};
+use super::wakes;
 use crate::autodiff::Scalar;
 use crate::dynamics::integrate::{Grid, Integrator};
 use crate::dynamics::spatial::{derivative, unit};
@@ -77,7 +78,7 @@ pub(crate) fn run<S: Scalar, P: ParameterView<S>>(t: &Topology, numbers: P, task
                 forward(t, numbers, s.at, s.bodies);
             }
             if stage == begin {
-                loads::hold_wakes(t, s.bodies, s.rotors);
+                wakes::hold(t, s.bodies, s.rotors);
             }
             loads::apply(t, numbers, s.input, friction, s.bodies, s.rotors);
             accelerate(t, numbers, s.at, s.input, pass, s.bodies, s.rate);

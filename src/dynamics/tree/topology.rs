@@ -8,6 +8,7 @@ use super::cable::CableEnd;
 use super::layout::Layout;
 use super::mobility::{Mobility, of_cables};
 use super::model::{Body, BodyShape, Drive, IDENTITY, Model, Motion};
+use super::wakes::Load;
 use crate::dynamics::contact::ContactMaterial;
 use crate::dynamics::contact::force::RESOLVED;
 use crate::dynamics::contact::material::Resolved;
@@ -16,7 +17,7 @@ use crate::dynamics::integrate::{Grid, Integrator};
 use crate::dynamics::relief::Relief;
 use crate::dynamics::rigid::Effects;
 use crate::dynamics::shape::{Geometry, Pose};
-use crate::dynamics::spatial::{matrix, transpose};
+use crate::dynamics::spatial::matrix;
 use std::f64::consts::PI;
 
 /// Axis of a hinge or slide in its joint's frame.
@@ -170,46 +171,6 @@ impl Form {
     }
 }
 
-/// A shape that wakes push, as kernels see it.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Load {
-    pub body: usize,
-    /// In the body's frame, m.
-    pub center: [f64; 3],
-    /// Its axes by rows, in the body's frame.
-    pub axes: [[f64; 3]; 3],
-    /// m² that face a wake along the unit vector d: end + side √(1 − d_z²) + Σ faces |d| along its axes.
-    pub end: f64,
-    pub side: f64,
-    pub faces: [f64; 3],
-}
-
-impl Load {
-    /// Shapes of bodies that carry no rotors, body by body.
-    fn all(model: &Model) -> Vec<Self> {
-        let flies = |body: usize| {
-            model.rotors().iter().any(|r| r.body == body) || model.drones().iter().any(|d| d.body == body)
-        };
-        let loads = model.shapes().iter().filter_map(|s| Some((s.body.filter(|b| !flies(*b))?, s)));
-        let loads = loads.filter(|(body, _)| model.bodies()[*body].mass > 0.0);
-        let mut all: Vec<_> = loads.map(|(body, shape)| Self::of(body, shape)).collect();
-        all.sort_by_key(|load| load.body);
-        all
-    }
-
-    fn of(body: usize, BodyShape { shape, .. }: &BodyShape) -> Self {
-        let (center, axes) = (shape.position, transpose(matrix(shape.rotation)));
-        let none = Self { body, center, axes, end: 0.0, side: 0.0, faces: [0.0; 3] };
-        match shape.geometry {
-            Geometry::Sphere { radius } => Self { end: PI * radius * radius, ..none },
-            Geometry::Capsule { radius, length } => {
-                Self { end: PI * radius * radius, side: 2.0 * radius * length, ..none }
-            }
-            Geometry::Box { size: [x, y, z] } => Self { faces: [y * z, z * x, x * y], ..none },
-        }
-    }
-}
-
 /// The shape of a model under given effects.
 #[derive(Debug, Clone)]
 pub(crate) struct Topology {
@@ -217,8 +178,10 @@ pub(crate) struct Topology {
     pub sources: Vec<Source>,
     /// Of every source, 1/A of the A = Σ π r² of its rotors, 1/m²; 0 where they have no radius.
     pub per_area: Vec<f64>,
-    /// What wakes push beside drones, where that effect is on.
+    /// What wakes push beside drones, where that effect is on, body by body.
     pub loads: Vec<Load>,
+    /// The bodies of these.
+    pub loaded: Vec<usize>,
     /// Rotor numbers sorted by the body that carries them.
     pub rotor_order: Vec<usize>,
     /// Per rotor.
@@ -308,6 +271,9 @@ impl Topology {
         let features = features(model);
         let (on_ground, pairs) = (on_ground(model, &features), pairs(model, &features));
         let sources = model.drones().iter().filter(|d| !d.rotors.is_empty());
+        let loads = if effects.load_downwash { Load::all(model) } else { Vec::new() };
+        let mut loaded: Vec<usize> = loads.iter().map(|load| load.body).collect();
+        loaded.dedup();
         let per = |area: f64| if area > 0.0 { area.recip() } else { 0.0 };
         let disc = |r: &usize| PI * model.rotors()[*r].rotor.radius.powi(2);
         Self {
@@ -330,7 +296,8 @@ impl Topology {
                 .map(|d| Source { body: d.body, position: d.position, rotors: d.rotors.clone() })
                 .collect(),
             per_area: sources.map(|d| d.rotors.iter().map(disc).sum()).map(per).collect(),
-            loads: if effects.load_downwash { Load::all(model) } else { Vec::new() },
+            loaded,
+            loads,
             rotor_order,
             rotor_body: model.rotors().iter().map(|r| r.body).collect(),
             rotor_speed: layout.rotor_speed.clone(),

@@ -6,10 +6,8 @@ use crate::dynamics::relief::{Relief, Wave};
 use crate::dynamics::scene::{Forest, Rubble, Terrain};
 use crate::dynamics::shape::Geometry;
 use crate::dynamics::spatial::from_euler;
-use crate::dynamics::tree::{
-    Multibody, check_contact, check_start, contact_forces, kinetic_energy, model_parameters, potential_energy,
-    separations,
-};
+use crate::dynamics::tree::free_motion::{energy, run};
+use crate::dynamics::tree::{Multibody, check_contact, check_start, contact_forces, model_parameters, separations};
 use crate::dynamics::{Effects, Integrator, Multirotor, Physics, World, vehicles};
 use crate::rng::{Purpose, Stream};
 
@@ -104,19 +102,6 @@ fn on_slope(system: &Multibody, x: &mut [f64], angle: f64) {
     let mut material = contact.ground_material.map_or(contact.material, |own| own.against(&contact.material));
     material.stiffness = material.stiffness.min(system.topology().resolved.on_ground[0].stiffness);
     x[2] -= (gap + material.sink(system.model().mass() * angle.cos(), 4)) / angle.cos();
-}
-
-fn run(system: &Multibody, x: &mut Vec<f64>, seconds: f64, each: &mut dyn FnMut(&[f64])) {
-    let (input, mut next) = (vec![-1.0; system.n_input()], x.clone());
-    for _ in 0..(seconds / system.physics().dt).round() as usize {
-        system.step(x, &input, &[], &mut next);
-        std::mem::swap(x, &mut next);
-        each(x);
-    }
-}
-
-fn energy(system: &Multibody, x: &[f64]) -> f64 {
-    kinetic_energy(system, x) + potential_energy(system, x)
 }
 
 fn weight(system: &Multibody) -> f64 {

@@ -171,7 +171,7 @@ fn normals_and_slopes_of_hills_are_those_of_the_ground() {
 }
 
 #[test]
-#[ignore = "a measurement: how long an image of hills takes"]
+#[ignore = "a measurement: cargo test --workspace --lib images_of_hills_per_second -- --ignored --nocapture"]
 fn images_of_hills_per_second() {
     let scene = Generator::parse("terrain:2").unwrap().scene().unwrap();
     let (mut caster, mut world) = (Caster::new(), World::default());
