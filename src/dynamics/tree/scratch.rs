@@ -81,10 +81,10 @@ pub(crate) struct BodyScratch<S> {
     pub grip: Wrench<S>,
     /// Σ μ F_n and Σ μ F_n u² of what grips it, u the slip over the slip speed.
     pub slip: [S; 2],
-    /// Wakes of other drones on the one at this body, held through a substep.
+    /// Wakes of drones on the one at this body, or on this load, held through a substep.
     pub wake: Vec3<S>,
-    /// Force and moment about the origin of wakes on a load.
-    pub load_wake: Wrench<S>,
+    /// Moment about the origin of wakes on a load.
+    pub wake_moment: Vec3<S>,
 }
 
 impl<S: Scalar> BodyScratch<S> {
@@ -118,7 +118,7 @@ impl<S: Scalar> BodyScratch<S> {
             grip: Wrench { force: v, moment: v },
             slip: [o; 2],
             wake: v,
-            load_wake: Wrench::zero(),
+            wake_moment: v,
         }
     }
 }

@@ -62,7 +62,8 @@ pub(super) fn hold<S: Scalar>(t: &Topology, bodies: &mut [BodyScratch<S>], rotor
         bodies[t.sources[s].body].wake = [S::zero(); 3];
     }
     for k in 0..t.loaded.len() {
-        bodies[t.loaded[k]].load_wake = Wrench::zero();
+        let body = &mut bodies[t.loaded[k]];
+        (body.wake, body.wake_moment) = ([S::zero(); 3], [S::zero(); 3]);
     }
     for s in 0..t.sources.len() {
         let thrust = thrust_of(&t.sources[s], bodies, rotors, t);
@@ -89,8 +90,8 @@ pub(super) fn apply<S: Scalar>(t: &Topology, bodies: &mut [BodyScratch<S>]) {
     }
     for k in 0..t.loaded.len() {
         let body = &mut bodies[t.loaded[k]];
-        body.force = add(body.force, body.load_wake.force);
-        body.moment = add(body.moment, body.load_wake.moment);
+        body.force = add(body.force, body.wake);
+        body.moment = add(body.moment, body.wake_moment);
     }
 }
 
@@ -124,8 +125,8 @@ fn push_load<S: Scalar>(load: &Load, per_area: f64, (from, thrust): (Vec3<S>, Ve
     let share = (facing(load, along) * S::constant(per_area)).min(S::one());
     let wake = downwash::force(sub(from, add(body.position, lever)), thrust, k_r, k_z);
     let force = scale(share, wake);
-    body.load_wake.force = add(body.load_wake.force, force);
-    body.load_wake.moment = add(body.load_wake.moment, cross(lever, force));
+    body.wake = add(body.wake, force);
+    body.wake_moment = add(body.wake_moment, cross(lever, force));
 }
 
 /// Area of a load seen along a unit vector of its body's frame, m².
