@@ -133,8 +133,8 @@ pub struct Arguments {
     shape: Option<String>,
     /// What stands around, and pushes back: KIND[:SEED] or a TOML file
     ///
-    /// Kinds: forest, corridor, rooms, gates, rubble, from x = 0 along +x. A file holds [[generate]], [[gates]] and
-    /// [[obstacles]] tables (docs/flying.md). Switches the effect 'contact' on.
+    /// Kinds: forest, corridor, rooms, gates, rubble, from x = 0 along +x, and terrain. A file holds [[generate]], [[gates]],
+    /// [[obstacles]] and [[mesh]] tables (docs/flying.md). Switches the effect 'contact' on.
     #[arg(long, value_name = "KIND[:SEED]|FILE.toml", help_heading = "Flight")]
     scene: Option<String>,
     /// Length of the flight [s] [default: 15, or to 2 s after the last waypoint; configurations 20, drops 3]

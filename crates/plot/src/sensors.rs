@@ -2,7 +2,7 @@
 
 use super::flight::{timed, without_x_label};
 use super::{Colour, Figure, HeatMap, Panel, Picture, Series};
-use omnidrones::dynamics::sensors::{Channel, Form, Layout, Model, SensorConfig};
+use omnidrones::dynamics::sensors::{Channel, Form, Layout, Model, Pattern, SensorConfig};
 use omnidrones::flight::FlightLog;
 
 /// Most moments of a scan, and most pictures of a camera.
@@ -13,7 +13,8 @@ const SCANS: usize = 4;
 /// Height of a chart over time, units.
 const HEIGHT: f64 = 150.0;
 
-/// One figure per sensor, with its name: quantities below each other, scans beam by beam over time, pictures at equal times.
+/// One figure per sensor, with its name: quantities below each other, scans beam by beam over time, of scattered beams how many are how
+/// near, pictures at equal times.
 /// `sensors` are those of the flight, in order.
 pub fn sensor_figures(sensors: &[SensorConfig], log: &FlightLog) -> Vec<(String, Figure)> {
     let mut first = 0;
@@ -24,6 +25,9 @@ pub fn sensor_figures(sensors: &[SensorConfig], log: &FlightLog) -> Vec<(String,
         let figure = Figure::new(format!("{}: {}", log.vehicle, sensor.name));
         let figure = match sensor.model.layout() {
             Layout::Vector => curves(figure, &channels, &readings),
+            Layout::Lidar { .. } if scatters(&sensor.model) => {
+                quantiles(figure, &sensor.model, &channels[0], &readings)
+            }
             Layout::Lidar { rows, columns } => {
                 scans(figure.subtitle(told(&sensor.model, &channels[0], readings.ends())), [rows, columns], &readings)
             }
@@ -95,8 +99,47 @@ fn curves(figure: Figure, channels: &[Channel], readings: &Readings<'_>) -> Figu
     panels.into_iter().enumerate().map(labelled).fold(figure, Figure::chart)
 }
 
-/// What colours mean: the name of a channel without its number, in the form in which it is told.
-fn told(model: &Model, (name, unit): &Channel, [low, high]: [f64; 2]) -> String {
+/// Whether beams point elsewhere in every scan.
+fn scatters(model: &Model) -> bool {
+    matches!(model, Model::Lidar(lidar) if lidar.pattern == Pattern::Scatter)
+}
+
+/// Shares of a scan's readings that curves are drawn of.
+const SHARES: [(f64, &str); 4] =
+    [(0.0, "least"), (0.1, "a tenth below"), (0.5, "half below"), (0.9, "nine tenths below")];
+
+/// A curve per share of all beams: where each of them points is another direction in every scan.
+fn quantiles(figure: Figure, model: &Model, channel: &Channel, readings: &Readings<'_>) -> Figure {
+    let mut curves = vec![Vec::with_capacity(readings.log.len()); SHARES.len()];
+    let mut scan = Vec::with_capacity(readings.n);
+    for i in 0..readings.log.len() {
+        scan.clear();
+        scan.extend_from_slice(readings.at(i));
+        scan.sort_by(f64::total_cmp);
+        for (curve, (share, _)) in curves.iter_mut().zip(SHARES) {
+            curve.push(scan[(share * (scan.len() - 1) as f64).round() as usize]);
+        }
+    }
+    let panel = Panel::new("", "time [s]", format!("{} [{}]", named(model, channel), channel.1));
+    let line = |(k, (curve, (_, share))): (usize, (Vec<f64>, (f64, &str)))| {
+        Series::line(share, timed(readings.log, curve.into_iter())).colour(Colour::nth(k)).width(1.0)
+    };
+    let panel = curves.into_iter().zip(SHARES).enumerate().map(line).fold(panel, Panel::series);
+    figure.subtitle(format!("{} beams, scattered anew in every scan", readings.n)).size(800.0, 320.0).chart(panel)
+}
+
+/// What colours mean.
+fn told(model: &Model, channel: &Channel, [low, high]: [f64; 2]) -> String {
+    let (what, unit) = (named(model, channel), &channel.1);
+    if low < high {
+        format!("{what}: dark {low:.3}, bright {high:.3} {unit}")
+    } else {
+        format!("{what}: all {low:.3} {unit}")
+    }
+}
+
+/// The name of a channel without its number, and the form in which it is told.
+fn named(model: &Model, (name, _): &Channel) -> String {
     let what = name.trim_end_matches(|c: char| c == '_' || c.is_ascii_digit());
     let form = match model {
         Model::Lidar(lidar) => lidar.form,
@@ -108,7 +151,7 @@ fn told(model: &Model, (name, unit): &Channel, [low, high]: [f64; 2]) -> String 
         Form::Proximity => ", told as proximity",
         Form::Inverse => ", told as inverse distance",
     };
-    format!("{what}{form}: dark {low:.3}, bright {high:.3} {unit}")
+    format!("{what}{form}")
 }
 
 /// Beams from below upwards over time, maps of as many elevations as fit.
@@ -158,16 +201,28 @@ mod tests {
     #[test]
     fn every_kind_of_reading_has_its_figure() {
         let sensors = SensorConfig::parse_list("imu,lidar:omnidrones,camera:diffphysdrone").unwrap();
+        let texts = drawn(&sensors);
+        assert!(texts[0].contains("accelerometer [m/s^2]") && texts[0].contains("gyroscope [rad/s]"), "{}", texts[0]);
+        assert!(texts[1].contains("Elevation 4 of 4") && texts[1].contains("beam"));
+        assert!(texts[2].contains("0.10 s") && texts[2].matches("<rect").count() > 3 * 16 * 12);
+    }
+
+    #[test]
+    fn scattered_beams_are_told_by_how_many_are_how_near_and_not_as_a_grid() {
+        let texts = drawn(&SensorConfig::parse_list("lidar:mid360").unwrap());
+        assert!(texts[0].contains("half below") && texts[0].contains("beams, scattered"), "{}", texts[0]);
+        assert!(texts[0].contains("range [m]") && !texts[0].contains("Elevation"), "{}", texts[0]);
+    }
+
+    /// The figures of a flight of three samples.
+    fn drawn(sensors: &[SensorConfig]) -> Vec<String> {
         let n: usize = sensors.iter().map(|sensor| sensor.model.channels().len()).sum();
         let mut log = FlightLog::new("drone", &[]);
         log.time = vec![0.0, 0.1, 0.2];
         log.sensor_channels = vec![Quantity { name: "x".into(), unit: "-" }; n];
         log.sensor_readings = (0..3 * n).map(|i| (0.01 * i as f64).sin().abs()).collect();
-        let figures = sensor_figures(&sensors, &log);
-        let texts: Vec<String> = figures.iter().map(|(_, figure)| figure.svg().unwrap()).collect();
-        assert_eq!(figures.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["imu", "lidar", "camera"]);
-        assert!(texts[0].contains("accelerometer [m/s^2]") && texts[0].contains("gyroscope [rad/s]"), "{}", texts[0]);
-        assert!(texts[1].contains("Elevation 4 of 4") && texts[1].contains("beam"));
-        assert!(texts[2].contains("0.10 s") && texts[2].matches("<rect").count() > 3 * 16 * 12);
+        let figures = sensor_figures(sensors, &log);
+        assert!(figures.iter().zip(sensors).all(|((name, _), sensor)| *name == sensor.name));
+        figures.iter().map(|(_, figure)| figure.svg().unwrap()).collect()
     }
 }
