@@ -24,6 +24,7 @@
 //! | [`policy`] | what was learnt |
 //! | [`checkpoint`] | files that survive a kill |
 //! | [`planner`] | what can be flown at all, by plans through the simulator |
+//! | [`refine`] | how much more return an episode held than a policy took from it |
 //! | [`parts`] | what algorithms are built of, for one's own |
 //! | `learner` | what all algorithms have in common |
 //! | [`nn`] | networks, distributions, Adam |
@@ -96,6 +97,7 @@ pub(crate) mod predecessor;
 pub(crate) mod priorities;
 pub(crate) mod recall;
 pub mod recipes;
+pub mod refine;
 pub(crate) mod renamed;
 pub mod replay;
 pub(crate) mod rollout;

@@ -4,10 +4,11 @@ use super::arguments;
 use super::environment::EnvArguments;
 use super::rollout::{Commands, EpisodeArguments, Flown, SUCCESS, Told, check_horizon};
 use super::rollout_files::LINES;
-use super::{Report, files};
+use super::{Report, files, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::policy_io::{SavedPolicy, load_policy};
+use omnidrones::rl::refine::{RefineConfig, Refined, refine};
 use omnidrones::rl::{Starts, eval_env};
 use omnidrones::tasks::registry;
 use omnidrones::tasks::{Env, EnvConfig, Record, Watched, evaluate};
@@ -27,6 +28,7 @@ Examples:
   omnidrones eval runs/Hover-apg-s0 --envs 4096 --seed 5      more episodes, other starts
   omnidrones eval runs/Hover-apg-s0 --vehicle crazyflie       on a drone that it has not met
   omnidrones eval runs/Hover-apg-s0 --randomise mass:0.7:1.3  on heavier and lighter ones
+  omnidrones eval runs/Hover-apg-s0 --refine 100 --envs 64    beside the best flights of these episodes
   omnidrones eval runs/Hover-apg-s0 --csv                     every step and every episode as CSV
   omnidrones eval runs/Hover-apg-s0 --replay                  the first episodes in space, for a browser
 
@@ -49,17 +51,28 @@ pub struct Arguments {
     /// Folder of a run, or of one of its checkpoints
     #[arg(value_name = "RUN")]
     run: PathBuf,
+    /// Search N times for more return along each flight, with the policy in the loop and all of the episode known: what is in reach
+    #[arg(long, value_name = "N")]
+    refine: Option<usize>,
     #[command(flatten)]
     episodes: EpisodeArguments,
 }
 
 /// Flies.
 pub fn run(a: &Arguments) -> Result<Report> {
-    let own = &a.episodes;
-    let mut ready = Ready::new(&a.run, &own.environment, own.envs, &own.threads.threads()?)?;
+    let (own, threads) = (&a.episodes, a.episodes.threads.threads()?);
+    let ready = || Ready::new(&a.run, &own.environment, own.envs, &threads);
+    let mut again = a.refine.map(|n| Ok((n, ready()?))).transpose()?;
+    let mut ready = ready()?;
     let (horizon, by) = (ready.env.spec().horizon, ready.saved.manifest.algorithm.clone());
     let told = Told { command: "eval", by: &by, usual: a.run.join("eval") };
-    told.of(own, horizon, |kept, watch| ready.fly(kept, watch))
+    told.of(own, horizon, |kept, watch| {
+        let mut flown = ready.fly(kept, watch)?;
+        if let Some((n, ready)) = &mut again {
+            flown.refined = Some(ready.refine(*n, &threads, own.output.json)?);
+        }
+        Ok(flown)
+    })
 }
 
 /// Most runs that an error names.
@@ -130,6 +143,25 @@ impl Ready {
             });
         let (commands, trajectories) = commands.told()?;
         let wall_time = begun.elapsed().as_secs_f64();
-        Ok(Flown { record, controller, evaluation, commands, trajectories, unflown, plan: None, wall_time })
+        Ok(Flown {
+            record,
+            controller,
+            evaluation,
+            commands,
+            trajectories,
+            unflown,
+            plan: None,
+            refined: None,
+            wall_time,
+        })
+    }
+
+    /// What more the episodes held, by `iterations` steps up the gradient of the return.
+    fn refine(&mut self, iterations: usize, threads: &Threads, quiet: bool) -> Result<Refined> {
+        let bar = progress::bar(iterations as u64 + 1, "refining", quiet);
+        let config = RefineConfig { iterations, ..RefineConfig::default() };
+        let told = refine(&self.saved.policy, &mut self.env, threads, &config, &mut |n| bar.set_position(n as u64));
+        bar.finish_and_clear();
+        told
     }
 }

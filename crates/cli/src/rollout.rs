@@ -13,6 +13,7 @@ use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::parts::Objective;
 use omnidrones::rl::planner::{Planner, PlannerConfig};
+use omnidrones::rl::refine::Refined;
 use omnidrones::tasks::registry::{self, Entry};
 use omnidrones::tasks::{
     Act, Autoreset, Baseline, Buffers, Env, EnvConfig, Evaluation, Record, Spec, Spread, Watched, evaluate,
@@ -242,6 +243,8 @@ pub struct Flown {
     pub(super) unflown: Option<String>,
     /// How the planner planned, where it did.
     pub(super) plan: Option<PlannerConfig>,
+    /// What more the episodes held, where that was asked for.
+    pub(super) refined: Option<Refined>,
     pub(super) wall_time: f64,
 }
 
@@ -402,7 +405,7 @@ impl Ready {
             format!("{} of the episodes could not be flown, the first because: {first}", failures.len())
         });
         let wall_time = start.elapsed().as_secs_f64();
-        Ok(Flown { record, controller, evaluation, commands, trajectories, unflown, plan, wall_time })
+        Ok(Flown { record, controller, evaluation, commands, trajectories, unflown, plan, refined: None, wall_time })
     }
 }
 
@@ -544,7 +547,13 @@ impl Flown {
         let with_unit = |v: f64| format!("{} {}", short(v, 3), error.unit);
         let bound = spec.reward_bound * spec.horizon as f64;
         let rate = self.n_step() as f64 / self.wall_time.max(1e-9);
-        vec![
+        let reached = self.refined.as_ref().map(|refined| {
+            Fact::new("share of what is in reach", percent(refined.share())).note(format!(
+                "{}: the best flights that were found near its own, by one who knows the episode",
+                short(refined.means().1, 4)
+            ))
+        });
+        let mut facts = vec![
             Fact::new("return", format!("{} ± {}", short(e.return_mean, 4), short(e.return_std, 3)))
                 .note("mean and standard deviation over the episodes"),
             Fact::new("share of the bound", percent(e.share_of_bound)).note(format!(
@@ -570,7 +579,9 @@ impl Flown {
             Fact::new("in the last step", with_unit(e.final_error)).note("mean, crashed episodes included"),
             Fact::new("took", duration(self.wall_time))
                 .note(format!("{} k steps per second, the controller included", short(1e-3 * rate, 3))),
-        ]
+        ];
+        facts.splice(2..2, reached);
+        facts
     }
 
     fn ends(&self) -> Table {
@@ -633,6 +644,9 @@ impl Flown {
         let ends: serde_json::Map<_, _> = names.zip(&e.ends).map(|(name, share)| (name.into(), json!(share))).collect();
         let terms = spec.reward.iter().zip(&e.terms);
         let terms: serde_json::Map<_, _> = terms.map(|(t, mean)| (t.name.clone(), json!(mean))).collect();
+        let refined = self.refined.as_ref().map(|refined| {
+            json!({ "return_mean": refined.means().1, "share": refined.share(), "flown": refined.flown, "best": refined.best })
+        });
         let metrics: serde_json::Map<_, _> =
             self.final_spreads().map(|(name, unit, s)| (name.into(), json!({ "unit": unit, "last": s }))).collect();
         json!({
@@ -642,6 +656,7 @@ impl Flown {
             "controller": controller,
             "flown_by": self.controller,
             "plan": self.plan,
+            "refined": refined,
             "evaluation": e,
             "ends": ends,
             "terms": terms,
