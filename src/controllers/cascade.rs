@@ -240,13 +240,15 @@ impl<const R: usize> CascadeModel<f64, R> {
             *slot = rotor.max_thrust();
         }
         let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
-        if mixer.authority.dropped.contains(&super::Axis::Thrust) || lift <= 0.0 {
-            return Err(Error::value(
-                format!("vehicle '{}': thrust along body z", vehicle.name),
-                format!("{lift} N"),
-                "> 0 N and independent of the moments",
-                "Turn the rotor axes upwards.",
-            ));
+        if lift <= 0.0 {
+            let what = format!("vehicle '{}': thrust along body z", vehicle.name);
+            return Err(Error::value(what, format!("{lift:.3} N"), "> 0 N", "Turn the rotor axes upwards."));
+        }
+        if mixer.authority.dropped.contains(&super::Axis::Thrust) {
+            let what = format!("vehicle '{}': thrust along body z", vehicle.name);
+            let (value, remedy) =
+                ("one with a moment", "Let half of the rotors spin the other way, and set them around the centre.");
+            return Err(Error::value(what, value, "to be had without any moment", remedy));
         }
         let body = BodyModel::of(vehicle);
         let weight = body.mass * body.gravity;

@@ -163,7 +163,11 @@ impl FlightPlan {
         check_delay(self.detection_delay)?;
         check_latency(self.latency)?;
         let steps = (self.duration / self.physics.dt).round();
-        if !(1.0..=MAX_STEPS).contains(&steps) {
+        if steps.is_nan() || steps < 1.0 {
+            let (value, limit) = (format!("{} s", self.duration), format!("a step of {} s at least", self.physics.dt));
+            return Err(Error::value("duration", value, limit, "Give seconds: 15 is usual."));
+        }
+        if steps > MAX_STEPS {
             return Err(Error::limit(
                 "duration",
                 format!("{} s ({steps} steps of {} s)", self.duration, self.physics.dt),

@@ -68,7 +68,9 @@ impl Entry {
             return (self.build)(plant, setup);
         }
         let what = format!("controller '{}' for '{}'", self.name, plant.name());
-        Err(Error::value(what, "of another make", self.flies, "Let controllers::default_controller choose."))
+        let others = REGISTRY.iter().filter(|entry| entry.suits(plant)).map(|entry| entry.name);
+        let remedy = format!("Leave it out, or take one that flies it: {}.", others.collect::<Vec<_>>().join(", "));
+        Err(Error::value(what, "of another make", self.flies, remedy))
     }
 }
 

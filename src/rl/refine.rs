@@ -16,7 +16,7 @@ use super::policy::{Policy, ROWS};
 use super::shards::within_memory;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
-use crate::tasks::{Autoreset, Buffers, Cotangents, Env, Seeds, Sweep, SweepOptions, Tape};
+use crate::tasks::{Autoreset, Buffers, Column, Cotangents, Env, Seeds, Sweep, SweepOptions, Tape};
 use serde::{Deserialize, Serialize};
 
 /// Settings; the defaults suit every task of the registry.
@@ -56,13 +56,15 @@ impl RefineConfig {
     }
 }
 
-/// Returns of the episodes, one per environment.
+/// What the episodes came to, one per environment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Refined {
     /// As the policy flew.
     pub flown: Vec<f64>,
     /// Of the best flight that was found.
     pub best: Vec<f64>,
+    /// Whether that flight was a success.
+    pub success: Vec<bool>,
 }
 
 impl Refined {
@@ -70,6 +72,11 @@ impl Refined {
     pub fn means(&self) -> (f64, f64) {
         let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
         (mean(&self.flown), mean(&self.best))
+    }
+
+    /// Share of the best flights that were a success.
+    pub fn success(&self) -> f64 {
+        self.success.iter().filter(|reached| **reached).count() as f64 / self.success.len() as f64
     }
 
     /// How much of the mean of the best flights the policy's own mean is.
@@ -103,7 +110,7 @@ pub fn refine(
             flights.climb(config.learning_rate * (1.0 - 0.9 * done))?;
         }
     }
-    Ok(Refined { flown: flights.flown, best: flights.best })
+    Ok(Refined { flown: flights.flown, best: flights.best, success: flights.success })
 }
 
 /// The episodes, their offsets, and what a flight and its gradient need.
@@ -135,6 +142,7 @@ struct Flights<'a> {
     passes: Vec<(Memory, Scratch)>,
     flown: Vec<f64>,
     best: Vec<f64>,
+    success: Vec<bool>,
 }
 
 impl<'a> Flights<'a> {
@@ -184,6 +192,7 @@ impl<'a> Flights<'a> {
             passes: (0..rows.div_ceil(ROWS)).map(|_| (actor.mlp.memory(ROWS), actor.mlp.scratch(ROWS))).collect(),
             flown: Vec::new(),
             best: vec![f64::NEG_INFINITY; spec.n_env],
+            success: vec![false; spec.n_env],
             out,
         })
     }
@@ -195,7 +204,8 @@ impl<'a> Flights<'a> {
         self.out.observation.copy_from_slice(&self.from.1);
         let (n_env, n_agent) = (env.spec().n_env, env.spec().n_agent);
         let (n_seen, n_action) = (self.d_observation.len(), self.d_action.len());
-        let (mut total, mut ended) = (vec![0.0_f64; n_env], vec![false; n_env]);
+        let (n_info, reached) = (env.spec().info.len(), Column::Success.index());
+        let (mut total, mut ended, mut success) = (vec![0.0_f64; n_env], vec![false; n_env], vec![false; n_env]);
         self.n_step = 0;
         for t in 0..env.spec().horizon {
             self.observation[t * n_seen..][..n_seen].copy_from_slice(&self.out.observation);
@@ -211,6 +221,7 @@ impl<'a> Flights<'a> {
                 self.flying[t * n_env + i] = !ended[i];
                 if !ended[i] {
                     total[i] += f64::from(self.out.reward[i * n_agent]);
+                    success[i] = self.out.terminated[i] == 0 && self.out.info[i * n_info + reached] > 0.5;
                     ended[i] = self.out.terminated[i] == 1 || self.out.truncated[i] == 1;
                 }
             }
@@ -222,8 +233,12 @@ impl<'a> Flights<'a> {
         if self.flown.is_empty() {
             self.flown.clone_from(&total);
         }
-        // a NaN is no maximum
-        self.best.iter_mut().zip(total).for_each(|(best, own)| *best = best.max(own));
+        for i in 0..n_env {
+            // a NaN is no maximum
+            if total[i] > self.best[i] {
+                (self.best[i], self.success[i]) = (total[i], success[i]);
+            }
+        }
         Ok(())
     }
 
@@ -314,6 +329,7 @@ mod tests {
             let (flown, best) = told.means();
             println!("{task} {flown} {best}");
             assert!((flown - seen.unwrap().return_mean).abs() < 1e-4 * flown.abs());
+            assert_eq!(told.success.len(), N_ENV);
             assert!(told.flown.iter().zip(&told.best).all(|(flown, best)| best > flown));
             assert!(told.share() < 0.98, "{task}: {}", told.share());
         }

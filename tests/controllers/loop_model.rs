@@ -89,6 +89,28 @@ fn a_disk_margin_of_all_commands_is_at_most_that_of_each() {
     }
 }
 
+/// A factor of the disk is a gain and phase like any other: so no margin that is searched for is smaller. And a slow level that
+/// runs more often than it must changes little.
+#[test]
+fn disk_margins_of_a_loop_of_several_rates_are_within_its_gain_and_phase_and_near_those_of_one_rate() {
+    let vehicle = vehicles::by_name("hummingbird").unwrap();
+    let of = |rates: &Rates| model(&vehicle, &vehicle.gains(), rates, 0).unwrap();
+    let (several, one) = (of(&Rates::default()), of(&ONE_RATE));
+    assert!(several.period() > 1);
+    for i in 0..12 {
+        let (m, single) =
+            (several.margins(Point::Measurement(i)).unwrap(), one.margins(Point::Measurement(i)).unwrap());
+        let (name, ratio) = (&several.measurements[i].name, m.disk.alpha / single.disk.alpha);
+        println!(
+            "{name}: {:.3} of {:.3}, at {:.2} and {:.2} rad/s",
+            m.disk.alpha, single.disk.alpha, m.disk.omega, single.disk.omega
+        );
+        assert!(m.disk.gain.1 <= m.gain_up * (1.0 + 1e-6) && m.disk.gain.0 >= m.gain_down * (1.0 - 1e-6), "{name}");
+        assert!(m.disk.phase <= m.phase + 1e-6, "{name}");
+        assert!((0.7..1.1).contains(&ratio), "{name}: {ratio}");
+    }
+}
+
 #[test]
 fn a_moving_target_is_refused() {
     let vehicle = vehicles::by_name("hummingbird").unwrap();

@@ -293,7 +293,7 @@ fn thrusts(subject: &Subject, answer: &Answer) -> Table {
             number(u, 3),
             number(limit, 3),
             share,
-            format!("{:+.3}", 2.0 * u / subject.largest[i] - 1.0),
+            if limit > 0.0 { format!("{:+.3}", 2.0 * u / limit - 1.0) } else { "–".into() },
             state(subject, answer, i).to_string(),
             number(answer.clipped[i], 3),
         ]);

@@ -29,7 +29,7 @@ pub struct VehicleArguments {
 /// What is flown, how finely, in what air.
 #[derive(Debug, Clone, Args)]
 pub struct FlightArguments {
-    /// What to track: hover, step, circle, lemniscate, waypoints, or a TOML file [default: lemniscate]
+    /// What to track: hover, step, circle, ellipse, lemniscate, waypoints, or a TOML file [default: lemniscate]
     ///
     /// A file holds the kind and any of its numbers:
     ///   kind = "circle"        # center, radius [m], rate [rad/s], spin_up [s], along_path, yaw
@@ -128,8 +128,8 @@ impl FlightArguments {
                 Some(gains) => Ok((gains, "published".into())),
                 None => Err(Error::value(
                     "--gains",
-                    format!("published, but nobody published gains for '{}'", vehicle.name),
-                    "derived or a TOML file for this vehicle",
+                    "published",
+                    format!("derived or a TOML file: nobody published gains for '{}'", vehicle.name),
                     "Leave the option out for derived gains.",
                 )),
             },

@@ -28,7 +28,7 @@ use std::path::PathBuf;
 pub const ABOUT: &str = "\
 Report what a control engineer asks of a vehicle: the steady flight (hover, or hover in a wind), the modes of the vehicle \
 alone, the poles of its control loop, and gain, phase, delay and disk margins at every command, at all commands at once and \
-at what is measured. The loop is the one that flies: sampled, with the rate of every level, its holds and its latency.";
+at what is measured. The loop is that of the cascade as it flies: sampled, with the rate of every level, its holds and its latency.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -219,7 +219,12 @@ fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: b
     page.heading("Modes of the vehicle alone").table(&modes_table(&found.modes, &found.plant));
     page.line(format!("  {}", reach(found)));
     page.heading("Control loop").facts(&loop_facts(gains, a, found, stable));
-    page.heading("Margins").table(&margins_table(found));
+    if stable {
+        page.heading("Margins").table(&margins_table(found));
+        page.line(format!("  Searched up to factors of 100 and delays of {} steps.", LoopModel::MOST_DELAY));
+    } else {
+        page.line("\nFAILED: the loop is not stable, so that there are no margins.");
+    }
 }
 
 /// What holds it there.
@@ -232,7 +237,7 @@ fn trim_facts(a: &Arguments, found: &Findings) -> Vec<Fact> {
     });
     vec![
         Fact::new("hover in", air),
-        Fact::new("roll, pitch", format!("{}, {} °", short(roll, 3), short(pitch, 3))),
+        Fact::new("roll, pitch", format!("{}, {} °", short(tidy(roll), 3), short(tidy(pitch), 3))),
         Fact::new("commands", commands.join(", ")).note("−1 stands, 1 is full thrust"),
         Fact::new("at a limit", trim.limited.len().to_string()),
     ]
@@ -252,7 +257,10 @@ fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec
         Fact::new("period of all rates", format!("{} steps of {} ms", model.period(), short(model.dt * 1e3, 3))),
         Fact::new("latency", format!("{} steps", a.latency)),
         Fact::new("stable", if stable { "yes" } else { "NO" }),
-        Fact::new("slowest pole decays in", format!("{} s", unlimited(lasting, 3))).note("to 1/e"),
+        match stable {
+            true => Fact::new("slowest pole decays in", format!("{} s", unlimited(lasting, 3))).note("to 1/e"),
+            false => Fact::new("worst pole grows in", format!("{} s", unlimited(-lasting, 3))).note("by e"),
+        },
         Fact::new("disk margin, all commands", short(all.alpha, 3)).note(format!(
             "gains {} to {} or phases of {} ° in every command at once, met at {} rad/s",
             short(all.gain.0, 3),
@@ -274,18 +282,26 @@ fn margins_table(found: &Findings) -> Table {
         ("disk", Align::Right),
         ("at [rad/s]", Align::Right),
     ]);
+    let longest = LoopModel::MOST_DELAY as f64 * found.model.dt * 1e3;
     for (name, m) in &found.rows {
         table.row([
             name.clone(),
             short(m.gain_down, 3),
-            unlimited(m.gain_up, 3),
+            beyond(m.gain_up, 100.0),
             unlimited(degrees(m.phase), 3),
-            unlimited(m.delay * 1e3, 3),
+            beyond(m.delay * 1e3, longest),
             short(m.disk.alpha, 3),
             unlimited(m.disk.omega, 3),
         ]);
     }
     table
+}
+
+/// Below it a rate or an angle is what rounding left of 0.
+const NOTHING: f64 = 1e-9;
+
+fn tidy(value: f64) -> f64 {
+    if value.abs() < NOTHING { 0.0 } else { value }
 }
 
 /// Rate, frequency, damping and time constant of each mode, and the states that take part most.
@@ -302,13 +318,13 @@ pub fn modes_table(modes: &[Mode], plant: &StateSpace) -> Table {
         let rate = if mode.rate.im.abs() > 1e-9 {
             format!("{} ± {}j", short(mode.rate.re, 3), short(mode.rate.im, 3))
         } else {
-            short(mode.rate.re, 3)
+            short(tidy(mode.rate.re), 3)
         };
         table.row([
             rate,
-            short(mode.frequency, 3),
-            short(mode.damping, 2),
-            unlimited(mode.time_constant, 3),
+            short(tidy(mode.frequency), 3),
+            if mode.frequency < NOTHING { "–".into() } else { short(mode.damping, 2) },
+            unlimited(if mode.frequency < NOTHING { f64::INFINITY } else { mode.time_constant }, 3),
             names.join(", "),
         ]);
     }
@@ -345,6 +361,11 @@ fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool, writt
 
 fn degrees(radians: f64) -> f64 {
     radians * 180.0 / PI
+}
+
+/// What was not found up to `most`.
+fn beyond(value: f64, most: f64) -> String {
+    if value.is_finite() { short(value, 3) } else { format!("> {}", short(most, 3)) }
 }
 
 fn unlimited(value: f64, digits: usize) -> String {

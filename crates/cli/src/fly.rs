@@ -240,8 +240,8 @@ impl Arguments {
         if !self.turns() && self.shape.is_none() {
             return Ok(());
         }
-        let (value, rule) = ("for what does not tilt its thrusters", "left out");
-        Err(Error::value(what, value, rule, "omav_tilting, dragon and platform hold a tilt, dragon takes a shape."))
+        let rule = "left out for what does not tilt its thrusters";
+        Err(Error::value(what, "given", rule, "omav_tilting, dragon and platform hold a tilt, dragon takes a shape."))
     }
 }
 
@@ -266,7 +266,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return flown(a, configured(a, robot, around)?);
     }
     if !a.failure.fail.is_empty() {
-        return Err(Error::value("--fail", "a drop", "something that flies", "Leave it out: rotors idle."));
+        return Err(Error::value("--fail", "given", "left out for what is dropped", "Its rotors idle anyway."));
     }
     drop::dropped(a, &robot)
 }
@@ -365,6 +365,10 @@ fn policy(a: &Arguments, plant: &Plant) -> Result<Option<Box<dyn Controller>>> {
 fn fail(a: &Arguments, plant: &Plant, plan: &mut FlightPlan) -> Result<()> {
     let names: Vec<String> = plant.rotors().iter().map(|r| r.name.clone()).collect();
     (plan.failures, plan.detection_delay) = (a.failure.of(&names)?, a.failure.detection);
+    if let Some(late) = plan.failures.iter().find(|failure| failure.at >= plan.duration) {
+        let (value, limit) = (format!("{} s", late.at), format!("before the end of the flight at {} s", plan.duration));
+        return Err(Error::value("--at", value, limit, "Fly longer (--duration), or let it fail earlier."));
+    }
     Ok(())
 }
 
@@ -451,7 +455,7 @@ fn flown(a: &Arguments, flyer: Flyer) -> Result<Report> {
     let after = if plan.duration > TRANSIENT { TRANSIENT } else { 0.0 };
     let (mut derivatives, mut story) = (None, None);
     if let What::Vehicle { source, gains, .. } = &what {
-        if a.policy.is_none() && !arguments::is_optimal(controller.name()) {
+        if a.policy.is_none() && controller.name() == "cascade" {
             let alone = around.is_none();
             derivatives = Some(if alone {
                 Derivatives::of(&source.vehicle, gains, &plan, &flight)?

@@ -549,8 +549,9 @@ impl Flown {
         let rate = self.n_step() as f64 / self.wall_time.max(1e-9);
         let reached = self.refined.as_ref().map(|refined| {
             Fact::new("share of what is in reach", percent(refined.share())).note(format!(
-                "{}: the best flights that were found near its own, by one who knows the episode",
-                short(refined.means().1, 4)
+                "{}, {} of them a success: the best flights found near its own, by one who knows the episode",
+                short(refined.means().1, 4),
+                percent(refined.success())
             ))
         });
         let mut facts = vec![
@@ -645,7 +646,8 @@ impl Flown {
         let terms = spec.reward.iter().zip(&e.terms);
         let terms: serde_json::Map<_, _> = terms.map(|(t, mean)| (t.name.clone(), json!(mean))).collect();
         let refined = self.refined.as_ref().map(|refined| {
-            json!({ "return_mean": refined.means().1, "share": refined.share(), "flown": refined.flown, "best": refined.best })
+            let (mean, share, success) = (refined.means().1, refined.share(), refined.success());
+            json!({ "return_mean": mean, "share": share, "success": success, "flown": refined.flown, "best": refined.best })
         });
         let metrics: serde_json::Map<_, _> =
             self.final_spreads().map(|(name, unit, s)| (name.into(), json!({ "unit": unit, "last": s }))).collect();

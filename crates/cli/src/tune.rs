@@ -254,8 +254,8 @@ fn warnings(tuning: &Tuning) -> Vec<String> {
     }
     if tuning.is_worse_elsewhere() {
         all.push(
-            "elsewhere (another reference, commands 10 ms late, other masses, rotors and motors) the tuned gains do worse than \
-             those they started from"
+            "elsewhere (another reference, commands 10 ms late, other masses, rotors and motors) the tuned gains lose more \
+             flights, or their worst error is larger, than with those they started from"
                 .into(),
         );
     }

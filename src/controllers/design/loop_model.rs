@@ -13,7 +13,7 @@ use crate::controllers::closed_loop::ClosedLoop;
 use crate::controllers::controller::Target;
 use crate::controllers::law::{ControlLaw, Running};
 use crate::controllers::linear::dense::{Complexes, complex_spectral_radius};
-use crate::controllers::linear::disk::{bound_at, disk_margin_of};
+use crate::controllers::linear::disk::{bound_at, disk_margin_of, folded_disk_margin_of};
 use crate::controllers::linear::{DiskMargin, Signal, StateSpace, eigenvalues, minimal};
 use crate::dynamics::Disturbance;
 use crate::error::{Error, Result};
@@ -26,8 +26,6 @@ use std::f64::consts::PI;
 const SETTLE: u64 = 200_000;
 /// Largest change of a state over a period that counts as none.
 const STEADY: f64 = 1e-9;
-/// Most steps of delay that are tried, a power of two.
-const MOST_DELAY: usize = 128;
 /// Directions of the lifted model weaker than this are left out: they are neither reached nor seen.
 const WEAK: f64 = 1e-9;
 
@@ -72,6 +70,9 @@ struct Step {
 }
 
 impl LoopModel {
+    /// Most steps of delay that [`margins`](Self::margins) tries, a power of two.
+    pub const MOST_DELAY: usize = 128;
+
     /// The model of a loop that holds a target that stands still, in steady air, from a state of the plant near that flight: the
     /// loop is flown until it is steady, then one period of all its rates is linearised by duals. Motors slow down: their lag is
     /// the longer one.
@@ -253,17 +254,20 @@ impl LoopModel {
         })
     }
 
-    /// The disk margin at a point; of all commands at once each has a factor of its own. Factors may differ between the steps of
-    /// a period, and for loops of several rates the margin of all commands is a bound from below, a few percent less than it
-    /// might be.
+    /// The disk margin at a point; of all commands at once each has a factor of its own, which in loops of several rates may differ
+    /// between the steps of a period: their margin is then a bound from below, a few percent less than it might be. At a point of one
+    /// signal the factor is that of a filter, the same in all steps.
     ///
     /// # Errors
     /// As [`sensitivity`](Self::sensitivity).
     pub fn disk_margin(&self, point: Point, skew: f64) -> Result<DiskMargin> {
         let s = self.sensitivity(point)?;
-        let width = self.signals(point)?.len();
+        let (width, period) = (self.signals(point)?.len(), self.period());
+        if width == 1 && period > 1 {
+            return folded_disk_margin_of(&s, period, skew);
+        }
         let block: Vec<usize> = (0..s.n_input()).map(|k| k % width).collect();
-        disk_margin_of(&s, &block, skew, self.period() == 1)
+        disk_margin_of(&s, &block, skew, period == 1)
     }
 
     /// The disk margin of all commands at once without what sampling folds from one frequency to others: S is what answers at
@@ -300,7 +304,7 @@ impl LoopModel {
     }
 
     /// A delay, in whole steps, at which the loop is no longer stable though it is with one step less, s: the least if stability
-    /// does not come back in between. Infinite beyond [`MOST_DELAY`] steps.
+    /// does not come back in between. Infinite beyond [`Self::MOST_DELAY`] steps.
     fn delay(&self, open: &StateSpace) -> Result<f64> {
         let width = open.n_input() / self.period();
         let holds = |steps: usize| -> Result<bool> {
@@ -309,7 +313,7 @@ impl LoopModel {
         };
         let (mut low, mut high) = (0, 1);
         while holds(high)? {
-            if high >= MOST_DELAY {
+            if high >= Self::MOST_DELAY {
                 return Ok(f64::INFINITY);
             }
             (low, high) = (high, 2 * high);

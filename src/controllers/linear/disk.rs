@@ -15,6 +15,7 @@ use super::state_space::StateSpace;
 use crate::error::Result;
 use nalgebra::{Complex, DMatrix, DVector};
 use serde::Serialize;
+use std::f64::consts::TAU;
 
 /// What a loop, or all loops at once, bear.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -84,6 +85,36 @@ pub(crate) fn disk_margin_of(sensitivity: &StateSpace, block: &[usize], skew: f6
     let (most, omega) =
         [worst, middle, 0.0].into_iter().map(|w| (mu(w), w)).fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a });
     Ok(DiskMargin::new(1.0 / most, omega, skew))
+}
+
+/// α of one signal from its S over a period of `period` steps, inputs and outputs step by step, where the factor is that of a filter:
+/// of the frequencies that sampling folds onto one, w + 2πn/(period dt), each has a factor of its own, and Osborne's D. (One full
+/// factor over the steps of a period could move what it meets between frequencies, as no change of gain or phase does.)
+pub(crate) fn folded_disk_margin_of(sensitivity: &StateSpace, period: usize, skew: f64) -> Result<DiskMargin> {
+    if !sensitivity.is_stable()? {
+        return Ok(DiskMargin::new(0.0, f64::NAN, skew));
+    }
+    let every = sensitivity.dt().unwrap_or(1.0);
+    let (base, dt) = (TAU / every, every / period as f64);
+    let even = 1.0 / (period as f64).sqrt();
+    let folded = |omega: f64| {
+        let wave = |k: usize, n: usize| Complex::from_polar(even, (omega + n as f64 * base) * k as f64 * dt);
+        let waves = Complexes::from_fn(period, period, wave);
+        waves.adjoint() * sensitivity.at(sensitivity.on_axis(omega)) * waves
+    };
+    let mu = |omega: f64| bound_at(folded(omega), skew);
+    let mut grid = frequencies(sensitivity, 300)?;
+    grid.insert(0, 0.0);
+    let sizes: Vec<f64> = grid.iter().map(|omega| mu(*omega)).collect();
+    let at = (0..grid.len()).fold(0, |best, k| if sizes[k] > sizes[best] { k } else { best });
+    let middle = top(&mu, (grid[at.saturating_sub(1)], grid[(at + 1).min(grid.len() - 1)]), 40);
+    let (most, omega) = if mu(middle) > sizes[at] { (mu(middle), middle) } else { (sizes[at], grid[at]) };
+    // of the folded frequencies the one that answers most
+    let m = folded(omega);
+    let size = |n: usize| (m[(n, n)] - 0.5 * (1.0 - skew)).norm();
+    let n = (0..period).fold(0, |best, n| if size(n) > size(best) { n } else { best });
+    let alias = if 2 * n > period { n as f64 - period as f64 } else { n as f64 };
+    Ok(DiskMargin::new(1.0 / most, (omega + alias * base).abs(), skew))
 }
 
 /// The bound 1/α of a loop of several factors at one frequency, from its S there, with Osborne's D.

@@ -194,9 +194,13 @@ impl Flown {
             let at = short(at, 4);
             let far = length(far);
             return Err(match &self.what {
-                What::Vehicle { .. } => format!("the vehicle was lost at {at} s, {far} from its reference{left}"),
+                What::Vehicle { .. } => {
+                    format!(
+                        "the vehicle was lost at {at} s, too far from its reference, and came as far as {far} from it{left}"
+                    )
+                }
                 What::Model(robot) => format!(
-                    "the vehicle was lost at {at} s: '{}' came {far} from its reference; try a slower --reference, hover, or \
+                    "the vehicle was lost at {at} s: '{}' came as far as {far} from its reference; try a slower --reference, hover, or \
                      less of --roll, --pitch or --shape",
                     robot.model.name()
                 ),
@@ -310,6 +314,14 @@ impl Flown {
         }
         if let Some((kind, wind)) = describe_wind(&plan.wind) {
             facts.push(Fact::new("wind", kind).note(wind));
+            if let What::Vehicle { source, .. } = &self.what
+                && is_slippery(&source.vehicle)
+            {
+                facts.push(
+                    Fact::new("", "moves nothing")
+                        .note("the vehicle has no drag: give its rotors or its airframe some"),
+                );
+            }
         }
         facts.extend(self.failure_facts());
         facts.extend(self.plan.sensors.iter().map(|sensor| self.sensor_fact(sensor)));
@@ -470,6 +482,14 @@ impl Flown {
         }
         value
     }
+}
+
+/// Whether no wind can push it.
+fn is_slippery(vehicle: &omnidrones::dynamics::Vehicle) -> bool {
+    let rotors = vehicle.rotors.iter();
+    let of_rotors = rotors.flat_map(|r| [r.drag_coefficient, r.axial_drag_coefficient, r.rolling_coefficient]);
+    let (linear, quadratic) = (vehicle.drag.linear, vehicle.drag.quadratic);
+    linear.into_iter().chain(quadratic).chain(of_rotors).all(|k| k == 0.0)
 }
 
 fn describe_wind(wind: &Wind) -> Option<(&'static str, String)> {
