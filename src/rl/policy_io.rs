@@ -34,7 +34,8 @@ impl SavedPolicy {
             Ok(Env::make(&self.manifest.task, &EnvConfig { n_env: 1, ..env.clone() })?.spec().clone())
         };
         let (then, now) = (spec(&self.config.seen_env())?, spec(asked)?);
-        if then.hash() == now.hash() {
+        // a residual keeps all numbers and changes what they do
+        if then.hash() == now.hash() && then.config.residual == now.config.residual {
             return Ok(());
         }
         let settings = config_diff(&bare(&then.config)?, &bare(&now.config)?);

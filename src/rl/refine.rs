@@ -59,6 +59,8 @@ impl RefineConfig {
 /// What the episodes came to, one per environment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Refined {
+    /// Steps up the gradient.
+    pub iterations: usize,
     /// As the policy flew.
     pub flown: Vec<f64>,
     /// Of the best flight that was found.
@@ -110,7 +112,8 @@ pub fn refine(
             flights.climb(config.learning_rate * (1.0 - 0.9 * done))?;
         }
     }
-    Ok(Refined { flown: flights.flown, best: flights.best, success: flights.success })
+    let Flights { flown, best, success, .. } = flights;
+    Ok(Refined { iterations: config.iterations, flown, best, success })
 }
 
 /// The episodes, their offsets, and what a flight and its gradient need.

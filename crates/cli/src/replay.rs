@@ -67,8 +67,12 @@ pub fn run(a: &Arguments) -> Result<Report> {
         let value = format!("'{}'", path.display());
         return Err(Error::value("page", value, "a name that ends in .html", "Add .html to it."));
     }
-    let mut fliers: Vec<Flier> =
-        a.shown.iter().map(|named| Flier::new(named, &a.environment, a.envs)).collect::<Result<_>>()?;
+    let flier = |named: &String, beside: Option<&Flier>| Flier::new(named, &a.environment, a.envs, beside);
+    let mut fliers = a.shown.iter().map(|named| flier(named, None)).collect::<Result<Vec<_>>>()?;
+    if let [one, other] = &fliers[..] {
+        let beside = [flier(&a.shown[0], Some(other))?, flier(&a.shown[1], Some(one))?];
+        fliers = beside.into();
+    }
     let path = match &a.out {
         Some(path) => path.clone(),
         None => {
@@ -120,7 +124,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
 
 /// The page of the first episodes of a run's policy.
 pub fn of_run(folder: &Path) -> Result<String> {
-    let mut flier = Flier::new(&folder.display().to_string(), &EnvArguments::default(), SHOWN)?;
+    let mut flier = Flier::new(&folder.display().to_string(), &EnvArguments::default(), SHOWN, None)?;
     let (flown, recording) = one(&mut flier, SHOWN)?;
     Ok(page(&flown.title(), &[recording]))
 }

@@ -90,7 +90,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let origins = a.runs.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ");
     let remark = format!("{origins}; omnidrones {}", env!("CARGO_PKG_VERSION"));
     let text = if kinds.iter().all(|kind| matches!(kind, Kind::Run)) {
-        let flown = a.runs.iter().map(|folder| runs::Told::of(folder, &telling)).collect::<Result<Vec<_>>>()?;
+        let mut flown = a.runs.iter().map(|folder| runs::Told::of(folder, &telling)).collect::<Result<Vec<_>>>()?;
+        runs::tell_apart(&mut flown);
         let mut html = Html::new(&runs::title(&flown), &remark);
         runs::tell(&mut html, &flown)?;
         html.finish()

@@ -253,7 +253,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let usual = EnvConfig { n_env: if a.all { 32 } else { 256 }, ..EnvConfig::default() };
     let entry = a.task.as_deref().map(registry::by_name).transpose()?;
     let config = a.episodes.environment.config(&usual, entry)?;
-    let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: a.episodes.envs.unwrap_or(config.n_env), ..config };
+    let n_env = a.episodes.envs.unwrap_or(config.n_env);
+    let config = EnvConfig { autoreset: Autoreset::Disabled, stagger: false, n_env, ..config };
     if !(1..=MAX_EPISODES).contains(&config.n_env) {
         let limit = format!("1 to {MAX_EPISODES}");
         return Err(Error::limit("n_env", config.n_env, limit, "256 episodes tell a mean return to a few percent."));
@@ -549,8 +550,9 @@ impl Flown {
         let rate = self.n_step() as f64 / self.wall_time.max(1e-9);
         let reached = self.refined.as_ref().map(|refined| {
             Fact::new("share of what is in reach", percent(refined.share())).note(format!(
-                "{}, {} of them a success: the best flights found near its own, by one who knows the episode",
+                "{} after {} steps up its gradient, {} of them a success: the best flights near its own, by one who knows the episode",
                 short(refined.means().1, 4),
+                refined.iterations,
                 percent(refined.success())
             ))
         });
@@ -647,7 +649,7 @@ impl Flown {
         let terms: serde_json::Map<_, _> = terms.map(|(t, mean)| (t.name.clone(), json!(mean))).collect();
         let refined = self.refined.as_ref().map(|refined| {
             let (mean, share, success) = (refined.means().1, refined.share(), refined.success());
-            json!({ "return_mean": mean, "share": share, "success": success, "flown": refined.flown, "best": refined.best })
+            json!({ "iterations": refined.iterations, "return_mean": mean, "share": share, "success": success, "flown": refined.flown, "best": refined.best })
         });
         let metrics: serde_json::Map<_, _> =
             self.final_spreads().map(|(name, unit, s)| (name.into(), json!({ "unit": unit, "last": s }))).collect();

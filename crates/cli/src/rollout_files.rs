@@ -87,7 +87,7 @@ fn commands(flown: &Flown) -> Panel {
     let n = flown.commands.first().map_or(0, Vec::len);
     let mut panel = Panel::new("Commands, median over the episodes that go on", "time [s]", "command [-]");
     let line = |k: usize, of: fn(&Spread) -> f64| {
-        let steps = record.steps.iter().zip(&flown.commands);
+        let steps = crowded(record).zip(&flown.commands);
         steps.map(|(s, spreads)| (s.time, of(&spreads[k]))).collect::<Vec<(f64, f64)>>()
     };
     for k in 0..n {

@@ -2,7 +2,7 @@
 
 use super::environment::EnvArguments;
 use super::rollout::{ControllerName, Flown, PlanArguments};
-use super::{eval, rollout};
+use super::{eval, rollout, train};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::tasks::{Autoreset, EnvConfig, Watched, registry};
@@ -29,14 +29,20 @@ pub enum Flier {
 }
 
 impl Flier {
-    /// What `named` means: a task by its name unless there is a folder of that name, else a run.
-    pub fn new(named: &str, options: &EnvArguments, envs: usize) -> Result<Self> {
+    /// What `named` means: a task by its name unless there is a folder of that name, else a run. A task stands beside the run
+    /// `beside`, if that is of it: the same starts in the same environments.
+    pub fn new(named: &str, options: &EnvArguments, envs: usize, beside: Option<&Self>) -> Result<Self> {
         let threads = Threads::default();
         let path = Path::new(named);
         if let (false, Ok(entry)) = (path.exists(), registry::by_name(named)) {
-            let usual = EnvConfig { n_env: envs, ..EnvConfig::default() };
+            let usual = match beside {
+                Some(Self::Policy(ready)) if ready.saved.manifest.task == entry.name => {
+                    train::for_controller(&ready.saved.config)
+                }
+                _ => EnvConfig::default(),
+            };
             let config = options.config(&usual, Some(entry))?;
-            let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: envs, ..config };
+            let config = EnvConfig { autoreset: Autoreset::Disabled, stagger: false, n_env: envs, ..config };
             let by = (ControllerName::Default, &PlanArguments::default());
             return Ok(Self::Own(Box::new(rollout::Ready::new(entry, &config, &threads, by)?)));
         }

@@ -149,11 +149,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let folder = a.output.out.clone().map_or_else(|| default_folder(entry, &config, a.algo.as_deref()), Ok)?;
     if let Some(own) = own_settings(&folder)?.filter(|_| a.resume) {
-        // what options ask for must be what the run is, but for its length
-        let given = a.changes_settings();
-        let seed = a.environment.seed().unwrap_or(own.seed);
-        let length = a.updates.unwrap_or(own.updates());
-        config = if given { TrainConfig { seed, ..config } } else { own }.with_updates(length);
+        config = a.going_on(config, own);
     }
     // before any folder is made
     let trainer = Trainer::new(entry.name, config, threads.clone())?;
@@ -200,12 +196,15 @@ fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads
     let n = a.seeds.unwrap_or(if searches { 3 } else { 1 });
     let usual = default_folder(entry, config, a.algo.as_deref())?;
     let what = if searches { "search" } else { "seeds" };
+    let folder = a.output.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}-{what}", usual.display())));
+    let first = own_settings(&folder.join(format!("s{}", config.seed)))?.filter(|_| a.resume && !searches);
+    let config = &first.map_or_else(|| config.clone(), |own| a.going_on(config.clone(), own));
     let asked = Asked {
         entry,
         algorithm: a.algo.as_deref().unwrap_or(config.algorithm.name()),
         config,
         seeds: (config.seed..config.seed.saturating_add(n)).collect(),
-        folder: a.output.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}-{what}", usual.display()))),
+        folder,
         resume: a.resume,
         force: a.output.force,
         json: a.output.json,
@@ -214,6 +213,10 @@ fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads
     if !searches {
         return train_seeds::run(&asked, threads);
     }
+    if let Some((key, values)) = a.search.iter().find(|(key, _)| key == "seed") {
+        let remedy = "Every candidate is trained with the same seeds: --seeds 5 gives it five.";
+        return Err(Error::value("--search", format!("{key} = {}", values.len()), "a setting, no seed", remedy));
+    }
     let axes = a.search.iter().map(|(key, values)| Ok((environment::place(key, Some(entry))?, values.clone())));
     let combinations = combinations(&axes.collect::<Result<Vec<_>>>()?)?;
     let named = combinations.into_iter().map(|(name, layers)| Ok((name, a.config(entry, &layers)?)));
@@ -221,6 +224,13 @@ fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads
 }
 
 impl Arguments {
+    /// The settings with which a run of the settings `own` goes on: what options ask for must be what it is, but for its length.
+    fn going_on(&self, config: TrainConfig, own: TrainConfig) -> TrainConfig {
+        let seed = self.environment.seed().unwrap_or(own.seed);
+        let length = self.updates.unwrap_or(own.updates());
+        if self.changes_settings() { TrainConfig { seed, ..config } } else { own }.with_updates(length)
+    }
+
     /// Defaults, recipe, file, options, then `more`.
     fn config(&self, entry: &Entry, more: &[Layer]) -> Result<TrainConfig> {
         let file = self.environment.file(&format!("omnidrones train {} --toml", entry.name))?;
@@ -356,22 +366,42 @@ pub fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, Metric)> {
     Ok((env.spec().clone(), error.unwrap_or(Metric { name: "error".into(), unit: "–".into() })))
 }
 
-/// Our controller from the first of the same starts, on the rotors; none if there is no controller for the task.
-pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option<(String, Evaluation)> {
-    let env = EnvConfig {
+/// The environments of a run's evaluations for one of our controllers, which acts on the rotors. One that stands beside a policy of
+/// velocities, say, which is asked a few times a second, is asked as often as a rotor must be, for as long.
+pub fn for_controller(config: &TrainConfig) -> EnvConfig {
+    let mut env = EnvConfig {
         n_env: config.evaluate.envs.min(MAX_COMPARED),
         seed: config.evaluate.seed,
         autoreset: Autoreset::Disabled,
         stagger: false,
         control: Level::Rotor,
+        residual: 0.0,
         actions: Default::default(),
         observation: Vec::new(),
         ..config.env.clone()
     };
+    let usual = EnvConfig::default();
+    if config.env.control != Level::Rotor && env.dt > usual.dt {
+        if let Some(horizon) = env.task.get("horizon").and_then(toml::Value::as_integer) {
+            let steps = (horizon as f64 * env.dt / usual.dt).round();
+            env.task.insert("horizon".into(), (steps as i64).into());
+        }
+        (env.dt, env.control_rate) = (usual.dt, usual.control_rate);
+    }
+    env
+}
+
+/// Our controller from the first of the same starts; none if there is no controller for the task.
+pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option<(String, Evaluation)> {
+    let env = for_controller(config);
+    let slower = config.env.dt / env.dt;
     let mut env = entry.env(&env).ok()?;
     env.set_threads(threads.clone());
     let mut own = Baseline::new(&env).ok()?;
-    let name = own.name().to_string();
+    let mut name = own.name().to_string();
+    if slower > 1.0 {
+        name += &format!(", every {} ms", short(1e3 * env.spec().dt, 3));
+    }
     let told = evaluate(&mut env, &mut own.policy(), &mut |_| {}).ok()?;
     Some((name, told))
 }

@@ -48,6 +48,11 @@ pub fn run(asked: &Asked<'_>, threads: &Threads) -> Result<Report> {
     let told = train(&all, threads, &bar);
     bar.finish_and_clear();
     let (done, failed) = split(&asked.seeds, &told);
+    // what earlier calls came to stays
+    if done.is_empty() && asked.resume && asked.folder.join("seeds.json").exists() {
+        let first = told.into_iter().find_map(Result::err);
+        return Err(first.unwrap_or_else(|| Error::value("seeds", 0, "≥ 1", "Give --seeds 5.")));
+    }
     let mut written: Vec<PathBuf> = asked.seeds.iter().map(own).collect();
     if let Some(extension) = asked.plot {
         let path = asked.folder.join(format!("curve.{extension}"));

@@ -61,7 +61,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     if let Some(seconds) = a.duration.filter(|s| !(*s >= 0.0 && *s < 1e9)) {
         return Err(Error::value("--duration", seconds, "0 to 1e9 s", "Leave it out to show it until it is stopped."));
     }
-    let mut flier = Flier::new(&a.shown, &a.environment, a.envs)?;
+    let mut flier = Flier::new(&a.shown, &a.environment, a.envs, None)?;
     let mut server = Server::new(a.port)?;
     if !a.json {
         let _ = writeln!(std::io::stderr(), "{} at {}   Ctrl-C ends it", shown(&a.shown), server.address());

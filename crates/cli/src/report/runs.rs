@@ -28,6 +28,7 @@ pub const BESIDE: usize = 4;
 pub struct Told {
     folder: PathBuf,
     entry: &'static Entry,
+    name: String,
     manifest: Manifest,
     config: TrainConfig,
     lines: Vec<Line>,
@@ -54,6 +55,7 @@ impl Told {
             lines: log::read(folder).unwrap_or_default(),
             folder: folder.into(),
             entry,
+            name: format!("{} {} s{}", entry.name, manifest.algorithm, manifest.seed),
             manifest,
             config,
             spec,
@@ -72,9 +74,9 @@ impl Told {
         self.baseline.as_ref()
     }
 
-    /// `Hover apg s0`.
+    /// `Hover apg s0`, or its folder where another run is called so.
     fn name(&self) -> String {
-        format!("{} {} s{}", self.entry.name, self.manifest.algorithm, self.manifest.seed)
+        self.name.clone()
     }
 
     /// Its settings by their dotted names.
@@ -107,6 +109,14 @@ impl Told {
             error: &self.error,
             baseline: self.baseline.as_ref(),
         }
+    }
+}
+
+/// Names runs that are called alike by their folders.
+pub fn tell_apart(runs: &mut [Told]) {
+    let names: Vec<String> = runs.iter().map(Told::name).collect();
+    for run in runs.iter_mut().filter(|run| names.iter().filter(|name| **name == run.name).count() > 1) {
+        run.name = run.folder.file_name().map_or(run.name.clone(), |folder| folder.to_string_lossy().into());
     }
 }
 

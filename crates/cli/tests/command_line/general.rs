@@ -483,6 +483,18 @@ fn examples_in_the_help_are_real_commands() {
 
 #[cfg(unix)]
 #[test]
+fn a_failure_behind_the_end_of_a_flight_is_refused_and_wind_without_drag_is_told() {
+    let folder = temporary();
+    let (_, err) = exits(2, folder.path(), &["fly", "hummingbird", "--fail", "1", "--at", "20"]);
+    assert!(err.contains("--at is 20 s") && err.contains("--duration"), "{err}");
+    let (_, err) = exits(2, folder.path(), &["fly", "hummingbird", "--duration", "0"]);
+    assert!(err.contains("duration is 0 s") && !err.contains("shorter"), "{err}");
+    let (page, _) =
+        exits(0, folder.path(), &["fly", "hummingbird", "--controller", "indi", "--no-plots", "--duration", "3"]);
+    assert!(!page.contains("Derivatives"), "{page}");
+}
+
+#[test]
 fn a_reader_that_leaves_is_no_failure_and_a_full_disk_is_one() {
     let folder = temporary();
     for arguments in [&["models"][..], &["--help"], &["fly", "--json", "--no-plots"]] {

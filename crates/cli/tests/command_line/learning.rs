@@ -5,6 +5,7 @@ use omnidrones::rl::checkpoint::{Found, Store};
 use omnidrones::rl::{load_policy, log};
 use omnidrones::rng::{Purpose, Stream};
 use serde_json::Value;
+use std::fs;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -384,6 +385,43 @@ fn seeds_train_side_by_side_and_one_that_fails_leaves_the_others() {
         "{told}"
     );
     assert!(told["success"]["half_width"].is_number());
+}
+
+#[test]
+fn seeds_go_on_with_their_own_settings_and_a_refusal_loses_nothing() {
+    let folder = temporary();
+    let folder = folder.path();
+    exits(0, folder, &tiny(&["--seeds", "2", "--threads", "1"]));
+    let told = || fs::read_to_string(folder.join("runs/Hover-apg-s0-seeds/seeds.json")).unwrap();
+    let before = told();
+    let (_, err) = exits(2, folder, &tiny(&["--seeds", "2", "--resume", "--set", "apg.horizon=3"]));
+    assert!(err.contains("apg.horizon"), "{err}");
+    assert_eq!(told(), before);
+    // without options the runs stay as long as they were
+    exits(0, folder, &["train", "Hover", "--seeds", "2", "--resume", "--no-plots"]);
+    let after: Value = serde_json::from_str(&told()).unwrap();
+    let before: Value = serde_json::from_str(&before).unwrap();
+    assert_eq!(after["runs"][0]["updates"], before["runs"][0]["updates"]);
+    let (_, err) = exits(2, folder, &["train", "Hover", "--search", "seed=1,2"]);
+    assert!(err.contains("--seeds"), "{err}");
+}
+
+#[test]
+fn what_a_policy_does_not_know_is_refused_and_what_training_alone_wants_is_left_out() {
+    let folder = temporary();
+    let folder = folder.path();
+    exits(0, folder, &tiny(&["--no-baseline", "--no-plots"]));
+    let (_, err) = exits(2, folder, &["eval", "runs/Hover-apg-s0", "--set", "residual=0.3", "--envs", "4"]);
+    assert!(err.contains("residual"), "{err}");
+    let (file, _) = exits(0, folder, &["train", "Hover", "--toml"]);
+    assert!(file.contains("stagger = true"));
+    fs::write(folder.join("full.toml"), file).unwrap();
+    let flown = |more: &[&str]| {
+        let (told, _) =
+            exits(0, folder, &[&["rollout", "Hover", "--envs", "8", "--no-plots", "--json"][..], more].concat());
+        serde_json::from_str::<Value>(&told).unwrap()["evaluation"].clone()
+    };
+    assert_eq!(flown(&["--config", "full.toml", "--seed", "0"]), flown(&["--seed", "0"]));
 }
 
 #[test]
