@@ -34,8 +34,13 @@ impl SavedPolicy {
             Ok(Env::make(&self.manifest.task, &EnvConfig { n_env: 1, ..env.clone() })?.spec().clone())
         };
         let (then, now) = (spec(&self.config.seen_env())?, spec(asked)?);
-        // a residual keeps all numbers and changes what they do
-        if then.hash() == now.hash() && then.config.residual == now.config.residual {
+        // keeps all numbers and changes what they do
+        let residual = [&then, &now].map(|spec| spec.config.residual);
+        if residual[0] != residual[1] {
+            let limit = format!("{}, as in training", residual[0]);
+            return Err(Error::value("residual", residual[1], limit, "Leave it as it was in training."));
+        }
+        if then.hash() == now.hash() {
             return Ok(());
         }
         let settings = config_diff(&bare(&then.config)?, &bare(&now.config)?);
