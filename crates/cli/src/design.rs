@@ -252,7 +252,7 @@ fn reach(found: &Findings) -> String {
 fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec<Fact> {
     let (model, all) = (&found.model, &found.all);
     let lasting = found.poles.first().map_or(0.0, |p| -(model.dt * model.period() as f64) / p.norm().ln());
-    vec![
+    let mut facts = vec![
         Fact::new("gains", gains),
         Fact::new("period of all rates", format!("{} steps of {} ms", model.period(), short(model.dt * 1e3, 3))),
         Fact::new("latency", format!("{} steps", a.latency)),
@@ -268,7 +268,11 @@ fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec
             short(degrees(all.phase), 3),
             short(all.omega, 3)
         )),
-    ]
+    ];
+    if !stable {
+        facts.pop();
+    }
+    facts
 }
 
 /// What the loop bears, broken at one point.
@@ -354,7 +358,7 @@ fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool, writt
         "trim": { "state": found.trim.state, "input": found.trim.input, "residual": found.trim.residual, "limited": found.trim.limited },
         "modes": found.modes.iter().map(mode_json(&found.plant)).collect::<Vec<_>>(),
         "poles": found.poles.iter().map(|p| [p.re, p.im]).collect::<Vec<_>>(),
-        "all_commands": disk(&found.all), "margins": rows,
+        "all_commands": stable.then(|| disk(&found.all)), "margins": stable.then_some(rows),
         "files": files::names(written),
     })
 }

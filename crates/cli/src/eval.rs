@@ -66,13 +66,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let mut ready = ready()?;
     let (horizon, by) = (ready.env.spec().horizon, ready.saved.manifest.algorithm.clone());
     let told = Told { command: "eval", by: &by, usual: a.run.join("eval") };
-    told.of(own, horizon, |kept, watch| {
-        let mut flown = ready.fly(kept, watch)?;
-        if let Some((n, ready)) = &mut again {
-            flown.refined = Some(ready.refine(*n, &threads, own.output.json)?);
-        }
-        Ok(flown)
-    })
+    // before any folder is made
+    let refined = again.as_mut().map(|(n, ready)| ready.refine(*n, &threads, own.output.json)).transpose()?;
+    told.of(own, horizon, |kept, watch| Ok(Flown { refined, ..ready.fly(kept, watch)? }))
 }
 
 /// Most runs that an error names.

@@ -549,7 +549,7 @@ impl Flown {
         let bound = spec.reward_bound * spec.horizon as f64;
         let rate = self.n_step() as f64 / self.wall_time.max(1e-9);
         let reached = self.refined.as_ref().map(|refined| {
-            Fact::new("share of what is in reach", percent(refined.share())).note(format!(
+            Fact::new("share of what is in reach", refined.share().map_or("–".into(), percent)).note(format!(
                 "{} after {} steps up its gradient, {} of them a success: the best flights near its own, by one who knows the episode",
                 short(refined.means().1, 4),
                 refined.iterations,

@@ -37,7 +37,7 @@ impl Flier {
         if let (false, Ok(entry)) = (path.exists(), registry::by_name(named)) {
             let usual = match beside {
                 Some(Self::Policy(ready)) if ready.saved.manifest.task == entry.name => {
-                    train::for_controller(&ready.saved.config)
+                    train::for_controller(entry, &ready.saved.config)
                 }
                 _ => EnvConfig::default(),
             };

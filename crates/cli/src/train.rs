@@ -197,12 +197,16 @@ fn several(a: &Arguments, entry: &Entry, config: &TrainConfig, threads: &Threads
     let usual = default_folder(entry, config, a.algo.as_deref())?;
     let what = if searches { "search" } else { "seeds" };
     let folder = a.output.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}-{what}", usual.display())));
-    let first = own_settings(&folder.join(format!("s{}", config.seed)))?.filter(|_| a.resume && !searches);
-    let config = &first.map_or_else(|| config.clone(), |own| a.going_on(config.clone(), own));
+    let settings = |folder: &Path, seed: u64| {
+        let fresh = TrainConfig { seed, ..config.clone() };
+        let own = own_settings(folder)?.filter(|_| a.resume);
+        Ok(own.map_or(fresh.clone(), |own| TrainConfig { seed, ..a.going_on(fresh, own) }))
+    };
     let asked = Asked {
         entry,
         algorithm: a.algo.as_deref().unwrap_or(config.algorithm.name()),
         config,
+        settings: &settings,
         seeds: (config.seed..config.seed.saturating_add(n)).collect(),
         folder,
         resume: a.resume,
@@ -368,10 +372,11 @@ pub fn spec(entry: &Entry, config: &TrainConfig) -> Result<(Spec, Metric)> {
 
 /// The environments of a run's evaluations for one of our controllers, which acts on the rotors. One that stands beside a policy of
 /// velocities, say, which is asked a few times a second, is asked as often as a rotor must be, for as long.
-pub fn for_controller(config: &TrainConfig) -> EnvConfig {
+pub fn for_controller(entry: &Entry, config: &TrainConfig) -> EnvConfig {
     let mut env = EnvConfig {
         n_env: config.evaluate.envs.min(MAX_COMPARED),
         seed: config.evaluate.seed,
+        first_environment: 0,
         autoreset: Autoreset::Disabled,
         stagger: false,
         control: Level::Rotor,
@@ -382,8 +387,8 @@ pub fn for_controller(config: &TrainConfig) -> EnvConfig {
     };
     let usual = EnvConfig::default();
     if config.env.control != Level::Rotor && env.dt > usual.dt {
-        if let Some(horizon) = env.task.get("horizon").and_then(toml::Value::as_integer) {
-            let steps = (horizon as f64 * env.dt / usual.dt).round();
+        if let Ok(made) = entry.env(&EnvConfig { n_env: 1, ..env.clone() }) {
+            let steps = (made.spec().horizon as f64 * env.dt / usual.dt).round();
             env.task.insert("horizon".into(), (steps as i64).into());
         }
         (env.dt, env.control_rate) = (usual.dt, usual.control_rate);
@@ -393,7 +398,7 @@ pub fn for_controller(config: &TrainConfig) -> EnvConfig {
 
 /// Our controller from the first of the same starts; none if there is no controller for the task.
 pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option<(String, Evaluation)> {
-    let env = for_controller(config);
+    let env = for_controller(entry, config);
     let slower = config.env.dt / env.dt;
     let mut env = entry.env(&env).ok()?;
     env.set_threads(threads.clone());
@@ -402,7 +407,12 @@ pub fn compare(entry: &Entry, config: &TrainConfig, threads: &Threads) -> Option
     if slower > 1.0 {
         name += &format!(", every {} ms", short(1e3 * env.spec().dt, 3));
     }
-    let told = evaluate(&mut env, &mut own.policy(), &mut |_| {}).ok()?;
+    let mut told = evaluate(&mut env, &mut own.policy(), &mut |_| {}).ok()?;
+    if slower > 1.0 {
+        // sums over steps, as over those of the policy beside it
+        let sums = [&mut told.return_mean, &mut told.return_std, &mut told.length];
+        sums.into_iter().chain(&mut told.terms).for_each(|sum| *sum /= slower);
+    }
     Some((name, told))
 }
 

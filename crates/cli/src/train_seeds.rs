@@ -22,6 +22,8 @@ pub struct Asked<'a> {
     pub entry: &'a Entry,
     pub algorithm: &'a str,
     pub config: &'a TrainConfig,
+    /// Those with which the run of a seed in a folder begins or goes on.
+    pub settings: &'a dyn Fn(&Path, u64) -> Result<TrainConfig>,
     pub seeds: Vec<u64>,
     pub folder: PathBuf,
     pub resume: bool,
@@ -38,13 +40,12 @@ pub fn run(asked: &Asked<'_>, threads: &Threads) -> Result<Report> {
     for folder in asked.seeds.iter().map(own) {
         begin(&folder, asked.resume, asked.force)?;
     }
-    let run = |seed: &u64| Run {
-        config: TrainConfig { seed: *seed, ..asked.config.clone() },
-        folder: own(seed),
-        until: u64::MAX,
+    let run = |seed: &u64| {
+        let folder = own(seed);
+        Ok(Run { config: (asked.settings)(&folder, *seed)?, folder, until: u64::MAX })
     };
-    let all: Vec<Run> = asked.seeds.iter().map(run).collect();
-    let bar = progress::bar(asked.config.updates() * all.len() as u64, "training", asked.json);
+    let all = asked.seeds.iter().map(run).collect::<Result<Vec<Run>>>()?;
+    let bar = progress::bar(all.iter().map(|run| run.config.updates()).sum(), "training", asked.json);
     let told = train(&all, threads, &bar);
     bar.finish_and_clear();
     let (done, failed) = split(&asked.seeds, &told);

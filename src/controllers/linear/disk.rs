@@ -113,7 +113,7 @@ pub(crate) fn folded_disk_margin_of(sensitivity: &StateSpace, period: usize, ske
     let m = folded(omega);
     let size = |n: usize| (m[(n, n)] - 0.5 * (1.0 - skew)).norm();
     let n = (0..period).fold(0, |best, n| if size(n) > size(best) { n } else { best });
-    let alias = if 2 * n > period { n as f64 - period as f64 } else { n as f64 };
+    let alias = if 2 * n >= period { n as f64 - period as f64 } else { n as f64 };
     Ok(DiskMargin::new(1.0 / most, (omega + alias * base).abs(), skew))
 }
 

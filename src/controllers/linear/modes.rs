@@ -55,8 +55,8 @@ pub fn modes(system: &StateSpace) -> Result<Vec<Mode>> {
     Ok(all)
 }
 
-/// Largest condition of D with which it is inverted.
-const WELL_CONDITIONED: f64 = 1e6;
+/// B D⁻¹ C beyond so many times A says that D is too small to be inverted: zeros would drown in it.
+const NOT_SMALL: f64 = 1e3;
 
 /// Transmission zeros: where [A − zI, B; C, D] loses rank. For as many inputs as outputs.
 ///
@@ -72,10 +72,9 @@ pub fn zeros(system: &StateSpace) -> Result<Vec<Complex<f64>>> {
         return Ok(Vec::new());
     }
     // where D has an inverse they are the poles of the inverse system, found a hundred times faster than those of a pencil
-    if let Some(back) = system.d().clone().try_inverse()
-        && back.norm() * system.d().norm() < WELL_CONDITIONED
-    {
-        let mut zeros = eigenvalues(&(system.a() - system.b() * back * system.c()))?;
+    let through = system.d().clone().try_inverse().map(|back| system.b() * back * system.c());
+    if let Some(through) = through.filter(|through| through.norm() < NOT_SMALL * system.a().norm()) {
+        let mut zeros = eigenvalues(&(system.a() - through))?;
         zeros.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
         return Ok(zeros);
     }

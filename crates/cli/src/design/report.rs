@@ -50,10 +50,12 @@ impl Subject<'_> {
         page.heading("Modes of the vehicle alone").table(&modes_table(&found.modes, &found.plant)).line(&reach(found));
         page.heading("Gains").table(&gains_table(vehicle, &[(self.gains_name, *self.gains)]));
         page.heading("Control loop").facts(&loop_facts(self.gains_name, a, found, self.stable));
-        page.heading("Margins").table(&margins_table(found)).line(
-            "Each of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and \
-             phase at once: 0.5 stands for a factor of 0.6 to 1.67 or 28°.",
-        );
+        if self.stable {
+            page.heading("Margins").table(&margins_table(found)).line(
+                "Each of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and \
+                 phase at once: 0.5 stands for a factor of 0.6 to 1.67 or 28°.",
+            );
+        }
         if let Some(plants) = self.plants {
             page.heading(plant_box::HEADING).facts(&plant_box::facts(plants)).table(&plant_box::table(plants));
             plant_box::flaws(plants).iter().for_each(|line| {

@@ -116,7 +116,7 @@ impl Told {
 pub fn tell_apart(runs: &mut [Told]) {
     let names: Vec<String> = runs.iter().map(Told::name).collect();
     for run in runs.iter_mut().filter(|run| names.iter().filter(|name| **name == run.name).count() > 1) {
-        run.name = run.folder.file_name().map_or(run.name.clone(), |folder| folder.to_string_lossy().into());
+        run.name = run.folder.display().to_string();
     }
 }
 

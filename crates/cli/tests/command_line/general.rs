@@ -481,9 +481,8 @@ fn examples_in_the_help_are_real_commands() {
     assert!(seen >= 20, "{seen}");
 }
 
-#[cfg(unix)]
 #[test]
-fn a_failure_behind_the_end_of_a_flight_is_refused_and_wind_without_drag_is_told() {
+fn a_failure_behind_the_end_of_a_flight_is_refused_and_derivatives_are_of_the_cascade_alone() {
     let folder = temporary();
     let (_, err) = exits(2, folder.path(), &["fly", "hummingbird", "--fail", "1", "--at", "20"]);
     assert!(err.contains("--at is 20 s") && err.contains("--duration"), "{err}");
@@ -494,6 +493,7 @@ fn a_failure_behind_the_end_of_a_flight_is_refused_and_wind_without_drag_is_told
     assert!(!page.contains("Derivatives"), "{page}");
 }
 
+#[cfg(unix)]
 #[test]
 fn a_reader_that_leaves_is_no_failure_and_a_full_disk_is_one() {
     let folder = temporary();

@@ -413,6 +413,12 @@ fn what_a_policy_does_not_know_is_refused_and_what_training_alone_wants_is_left_
     exits(0, folder, &tiny(&["--no-baseline", "--no-plots"]));
     let (_, err) = exits(2, folder, &["eval", "runs/Hover-apg-s0", "--set", "residual=0.3", "--envs", "4"]);
     assert!(err.contains("residual"), "{err}");
+    let told = json(folder, &["eval", "runs/Hover-apg-s0", "--refine", "2", "--envs", "4", "--no-plots"]);
+    let [flown, best] =
+        ["/evaluation/return_mean", "/refined/return_mean"].map(|at| told.pointer(at).unwrap().as_f64().unwrap());
+    assert!(best > flown && told["refined"]["best"].as_array().unwrap().len() == 4, "{told}");
+    let (_, err) = exits(2, folder, &["eval", "runs/Hover-apg-s0", "--refine", "0", "--out", "none"]);
+    assert!(err.contains("iterations is 0") && !folder.join("none").exists(), "{err}");
     let (file, _) = exits(0, folder, &["train", "Hover", "--toml"]);
     assert!(file.contains("stagger = true"));
     fs::write(folder.join("full.toml"), file).unwrap();
