@@ -1,14 +1,13 @@
 //! How much more an episode held than a policy took from it: its flight, refined through the simulator.
 //!
-//! Offsets δ of every action of whole episodes, u_t = π(o_t) + δ_t, climb the exact gradient of the return
+//! Offsets δ of every action of whole episodes, u_t = π(o_t) + δ_t, climb the gradient of the return
 //!
 //!   ∂R/∂δ_t = ∂R/∂u_t, where what lies behind depends on u_t through physics, observation and π,
 //!
 //! with all that is random in the episode known in advance. It is cut where it explodes ([`RefineConfig::adjoint_clip`]), and
 //! silent about what readings of sensors without a gradient and an earlier end of the episode change.
 //!
-//! The policy stays in the loop: it catches what an offset disturbs,
-//! so that gradients stay tame over hundreds of steps, where those of bare actions explode. The best flight of every episode
+//! The policy stays in the loop: it catches what an offset disturbs, so that gradients stay tame over hundreds of steps, where those of bare actions explode. The best flight of every episode
 //! is kept; so no return is below the policy's own.
 //!
 //! What is found is in reach of one who knows the future, a local optimum: a mark from below for the best return there is, and

@@ -261,16 +261,15 @@ fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec
             true => Fact::new("slowest pole decays in", format!("{} s", unlimited(lasting, 3))).note("to 1/e"),
             false => Fact::new("worst pole grows in", format!("{} s", unlimited(-lasting, 3))).note("by e"),
         },
-        Fact::new("disk margin, all commands", short(all.alpha, 3)).note(format!(
+    ];
+    if stable {
+        facts.push(Fact::new("disk margin, all commands", short(all.alpha, 3)).note(format!(
             "gains {} to {} or phases of {} ° in every command at once, met at {} rad/s",
             short(all.gain.0, 3),
             unlimited(all.gain.1, 3),
             short(degrees(all.phase), 3),
             short(all.omega, 3)
-        )),
-    ];
-    if !stable {
-        facts.pop();
+        )));
     }
     facts
 }

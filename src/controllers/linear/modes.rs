@@ -73,14 +73,14 @@ pub fn zeros(system: &StateSpace) -> Result<Vec<Complex<f64>>> {
     }
     // where D has an inverse they are the poles of the inverse system, found a hundred times faster than those of a pencil
     let through = system.d().clone().try_inverse().map(|back| system.b() * back * system.c());
-    if let Some(through) = through.filter(|through| through.norm() < NOT_SMALL * system.a().norm()) {
-        let mut zeros = eigenvalues(&(system.a() - through))?;
-        zeros.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
-        return Ok(zeros);
-    }
-    let pencil = blocks(system.a(), system.b(), system.c(), system.d());
-    let mass = DMatrix::from_fn(n + m, n + m, |i, j| f64::from(u8::from(i == j && i < n)));
-    let mut zeros = pencil_eigenvalues(&pencil, &mass)?;
+    let mut zeros = match through.filter(|through| through.norm() < NOT_SMALL * system.a().norm()) {
+        Some(through) => eigenvalues(&(system.a() - through))?,
+        None => {
+            let pencil = blocks(system.a(), system.b(), system.c(), system.d());
+            let mass = DMatrix::from_fn(n + m, n + m, |i, j| f64::from(u8::from(i == j && i < n)));
+            pencil_eigenvalues(&pencil, &mass)?
+        }
+    };
     zeros.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
     Ok(zeros)
 }
