@@ -78,10 +78,11 @@ pub trait Algorithm: Plain + Send + Sync {
 }
 
 /// An [`Algorithm`] of this crate: its name, settings (with `validate`, `updates` and `network`) and learner (with `with`),
-/// whether its policy's outputs pass tanh, what its loss is, whether it learns memories (no, unless said), the file of the settings; then what it does otherwise.
+/// whether its policy's outputs pass tanh, what its loss is, the file of the settings, the shape of its policy where that is not
+/// one without memory that agents share; then what it does otherwise.
 macro_rules! built_in {
     ($name:literal: $config:ident => $learner:ident, squashed: $squashed:literal, loss: $loss:literal, in: $file:literal
-     $(, remembers: $remembers:literal)?;
+     $(, actor: $actor:path)?;
      $($more:tt)*) => {
         impl $crate::rl::algorithm::Algorithm for $config {
             fn name(&self) -> &'static str {
@@ -101,10 +102,9 @@ macro_rules! built_in {
             }
 
             fn actor(&self, spec: &$crate::tasks::Spec) -> $crate::error::Result<$crate::rl::policy::Actor> {
-                let remembers = false $(|| $remembers)?;
-                let make =
-                    if remembers { $crate::rl::policy::Actor::with_memory } else { $crate::rl::policy::Actor::new };
-                make(spec, &self.network, $squashed)
+                $(return $actor(self, spec);)?
+                #[allow(unreachable_code, reason = "behind the shape that was given")]
+                $crate::rl::policy::Actor::new(spec, &self.network, $squashed)
             }
 
             fn learner(
@@ -225,8 +225,9 @@ pub struct Variant {
 }
 
 /// All such names.
-pub static VARIANTS: [Variant; 6] = [
+pub static VARIANTS: [Variant; 7] = [
     Variant { name: "mappo", of: "ppo", settings: "ppo.central_critic = true" },
+    Variant { name: "happo", of: "ppo", settings: "ppo = { central_critic = true, team = 'sequential' }" },
     Variant {
         name: "ddpg",
         of: "td3",

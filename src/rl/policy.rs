@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// Rows that go through a network together: their activations stay in the second-level cache.
 pub const ROWS: usize = 64;
 
-/// The shape of an actor: one network for all agents.
+/// The shape of an actor: one network for all agents, or one of that shape for each.
 #[derive(Debug, Clone)]
 pub struct Actor {
     /// From one agent's observation to outputs of the head: a perceptron, or what stands before one too.
@@ -19,6 +19,38 @@ pub struct Actor {
     /// From outputs to actions.
     pub head: Head,
     n_action: usize,
+    /// Sets of parameters.
+    n_set: usize,
+}
+
+/// Up to [`ROWS`] rows that one set of parameters acts on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Block {
+    /// Which set.
+    pub set: usize,
+    /// Its first row.
+    pub first: usize,
+    /// From one row to the next: the number of sets.
+    pub stride: usize,
+    /// Rows.
+    pub rows: usize,
+}
+
+impl Block {
+    /// Row `k` of the block among all.
+    pub fn row(&self, k: usize) -> usize {
+        self.first + k * self.stride
+    }
+
+    /// Its rows of `x`, `width` numbers each, side by side: in `x` itself, or else in `gathered`.
+    pub fn of<'a>(&self, x: &'a [f32], width: usize, gathered: &'a mut Vec<f32>) -> &'a [f32] {
+        if self.stride == 1 {
+            return &x[self.first * width..][..self.rows * width];
+        }
+        gathered.clear();
+        (0..self.rows).for_each(|k| gathered.extend_from_slice(&x[self.row(k) * width..][..width]));
+        gathered
+    }
 }
 
 impl Actor {
@@ -47,7 +79,24 @@ impl Actor {
         };
         let output = if squashed { Activation::Tanh } else { Activation::Identity };
         let mlp = network(spec, layers, head.n_output(), output)?;
-        Ok(Self { mlp, head, n_action: spec.action.len() })
+        Ok(Self { mlp, head, n_action: spec.action.len(), n_set: 1 })
+    }
+
+    /// With parameters for each of `n_agent` agents, whose rows follow each other agent by agent.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a network with a memory.
+    pub fn for_each(self, n_agent: usize) -> Result<Self> {
+        if self.mlp.n_state() > 0 && n_agent > 1 {
+            let remedy = "Share the policy, or show a history instead (a stage `history`, an encoder of kind conv1d).";
+            return Err(Error::value("network.memory", "given", "left out where every agent has its own", remedy));
+        }
+        Ok(Self { n_set: n_agent, ..self })
+    }
+
+    /// Sets of parameters: 1, or one for each agent.
+    pub fn n_set(&self) -> usize {
+        self.n_set
     }
 
     /// Numbers of one agent's action.
@@ -60,12 +109,40 @@ impl Actor {
         self.mlp.n_input() - self.mlp.n_state()
     }
 
-    /// Network parameters, then those of the head.
+    /// Network parameters, then those of the head; of one agent after the other where each has its own.
     pub fn n_parameter(&self) -> usize {
+        self.n_set * self.n_parameter_of_set()
+    }
+
+    /// Those of one set.
+    pub fn n_parameter_of_set(&self) -> usize {
         self.mlp.n_parameter() + self.head.n_extra()
     }
 
-    /// Deterministic actions `[rows, action]` for observations `[rows, observation]`, of an actor without memory.
+    /// Of one set those of the network, and those of the head.
+    pub fn set<'a>(&self, parameters: &'a [f32], k: usize) -> (&'a [f32], &'a [f32]) {
+        let n = self.n_parameter_of_set();
+        parameters[k * n..(k + 1) * n].split_at(self.mlp.n_parameter())
+    }
+
+    /// What a set of parameters is called among tensors.
+    pub(crate) fn set_name(&self, k: usize) -> String {
+        if self.n_set == 1 { "actor".into() } else { format!("actor.agent{k}") }
+    }
+
+    /// All of `rows` rows `[environment, agent]`, block by block.
+    pub fn blocks(&self, rows: usize) -> impl Iterator<Item = Block> {
+        let (stride, of_set) = (self.n_set, rows / self.n_set);
+        let firsts = move |set| (0..of_set).step_by(ROWS).map(move |k| (set, k));
+        (0..stride).flat_map(firsts).map(move |(set, k)| Block {
+            set,
+            first: set + k * stride,
+            stride,
+            rows: ROWS.min(of_set - k),
+        })
+    }
+
+    /// Deterministic actions `[rows, action]` for observations `[rows, observation]`, of a shared actor without memory.
     pub fn modes(&self, parameters: &[f32], x: &[f32], memory: &mut Memory, actions: &mut [f32]) {
         let (network, extra) = parameters.split_at(self.mlp.n_parameter());
         let rows = x.len() / self.mlp.n_input();
@@ -109,10 +186,18 @@ pub struct Policy {
     parameters: Vec<f32>,
     statistics: Option<Statistics>,
     spec_hash: u64,
-    memory: Vec<(Memory, Recall)>,
+    memory: Vec<Acting>,
     /// Rows of the last act.
     rows: usize,
     threads: Threads,
+}
+
+/// What one thread acts with, on its part of the rows.
+#[derive(Debug, Clone)]
+struct Acting {
+    memory: Memory,
+    recall: Recall,
+    gathered: Vec<f32>,
 }
 
 impl Policy {
@@ -204,7 +289,7 @@ impl Policy {
 
     /// All episodes begin anew: nothing is remembered.
     pub fn reset(&mut self) {
-        self.memory.iter_mut().for_each(|(_, recall)| recall.forget_all());
+        self.memory.iter_mut().for_each(|own| own.recall.forget_all());
     }
 
     /// The episodes of these environments begin anew: `[E]`, not 0 where one does. Before the first act it does nothing.
@@ -221,7 +306,8 @@ impl Policy {
         }
         let agents = self.rows / begins.len();
         for row in (0..self.rows).filter(|row| begins[row / agents] != 0) {
-            self.memory[row / ROWS].1.forget(row % ROWS);
+            let of_part = self.actor.n_set * ROWS;
+            self.memory[row / of_part].recall.forget(row % of_part);
         }
         Ok(())
     }
@@ -229,7 +315,8 @@ impl Policy {
     /// Actions `[E, A, action]` for observations `[E, A, observation]`.
     ///
     /// # Errors
-    /// [`Error::Value`] for arrays that are not of whole rows, or not of equally many.
+    /// [`Error::Value`] for arrays that are not of whole rows, or not of equally many, or not of whole teams where every agent
+    /// has its own parameters.
     pub fn act(&mut self, observation: &[f32], actions: &mut [f32]) -> Result<()> {
         let (n_in, n_out) = (self.actor.n_observation(), self.actor.n_action);
         let rows = observation.len() / n_in;
@@ -243,22 +330,32 @@ impl Policy {
                 return Err(Error::value(what, got, limit, remedy));
             }
         }
-        let parts = actions.len().div_ceil(n_out * ROWS);
-        let missing = parts.saturating_sub(self.memory.len());
-        let fresh = |_| (self.actor.mlp.memory(ROWS), Recall::new(&self.actor, ROWS, ROWS));
+        if !rows.is_multiple_of(self.actor.n_set) {
+            let limit = format!("a multiple of {}: every agent has its own network", self.actor.n_set);
+            return Err(Error::value("rows", rows, limit, "Show the whole team."));
+        }
+        let of_part = self.actor.n_set * ROWS;
+        let missing = rows.div_ceil(of_part).saturating_sub(self.memory.len());
+        let fresh = |_| Acting {
+            memory: self.actor.mlp.memory(ROWS),
+            recall: Recall::new(&self.actor, of_part, ROWS),
+            gathered: Vec::new(),
+        };
         self.memory.extend((0..missing).map(fresh));
         if rows != self.rows {
             self.reset();
             self.rows = rows;
         }
         let (actor, parameters) = (&self.actor, &self.parameters);
-        let own = observation.chunks(n_in * ROWS).zip(actions.chunks_mut(n_out * ROWS)).zip(&mut self.memory);
-        let mut own: Vec<_> = own.collect();
-        let (network, extra) = parameters.split_at(actor.mlp.n_parameter());
-        self.threads.for_each(&mut own, |_, ((x, actions), (memory, recall))| {
-            let output = recall.forward(actor, network, x, 0, memory);
-            for (row, action) in actions.chunks_exact_mut(n_out).enumerate() {
-                actor.head.mode(output.row(row), extra, action);
+        let parts = observation.chunks(n_in * of_part).zip(actions.chunks_mut(n_out * of_part));
+        let mut own: Vec<_> = parts.zip(&mut self.memory).collect();
+        self.threads.for_each(&mut own, |_, ((x, actions), Acting { memory, recall, gathered })| {
+            for block in actor.blocks(actions.len() / n_out) {
+                let (network, extra) = actor.set(parameters, block.set);
+                let output = recall.forward(actor, network, block.of(x, n_in, gathered), 0, memory);
+                for k in 0..block.rows {
+                    actor.head.mode(output.row(k), extra, &mut actions[block.row(k) * n_out..][..n_out]);
+                }
             }
         });
         Ok(())

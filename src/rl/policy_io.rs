@@ -143,8 +143,8 @@ const COUNT: &str = "normaliser.count";
 /// Adds to what the learner saved: the parameters of the head and the statistics, rounded among the weights for other
 /// programs, whole in the state.
 pub(crate) fn put_policy(own: &Policy, policy: &mut Tensors, state: &mut Tensors) -> Result<()> {
-    let head = &own.parameters()[own.actor().mlp.n_parameter()..];
-    if !head.is_empty() && policy.tensor(HEAD).is_err() {
+    let head = own.actor().set(own.parameters(), 0).1;
+    if !head.is_empty() && own.actor().n_set() == 1 && policy.tensor(HEAD).is_err() {
         policy.insert(HEAD, &[head.len()], head.to_vec())?;
     }
     let Some(Statistics { count, mean, variance }) = own.statistics() else { return Ok(()) };
@@ -157,11 +157,7 @@ pub(crate) fn put_policy(own: &Policy, policy: &mut Tensors, state: &mut Tensors
 
 fn policy_of(config: &TrainConfig, spec: &Spec, policy: &Tensors, state: &Tensors) -> Result<Policy> {
     let actor = config.algorithm.actor(spec)?;
-    let mut parameters = state::network(policy, "actor", &actor.mlp)?;
-    let n_head = actor.head.n_extra();
-    if n_head > 0 {
-        parameters.extend_from_slice(policy.get::<f32>(HEAD, &[n_head])?);
-    }
+    let parameters = state::actor(policy, &actor)?;
     let statistics = match state.tensor(MEAN) {
         Err(_) => None,
         Ok(mean) => {

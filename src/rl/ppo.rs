@@ -8,8 +8,10 @@
 //!    L = −E[min(ρ A, clip(ρ, 1 − ε, 1 + ε) A)] − β E[H(π)] with ρ = π(a|o)/π_old(a|o), and fits the critic to A + V_old
 //!    by Huber's loss on the scale of `ValueNorm`.
 //!
-//! Actor and critic have a network, an optimiser and a gradient limit each. The agents of a team share their parameters;
-//! where the environment has a central state, the critic sees that (centralised training, decentralised execution).
+//! Actor and critic have a network, an optimiser and a gradient limit each. The agents of a team share their parameters, or
+//! have their own ([`Team`]), and learn at once or one after the other: HAPPO (Kuba et al. 2022, algorithm 4). Then agent i,
+//! in a drawn order, takes its passes with A times Π π_j/π_old,j of those before it, as they stand behind theirs. Where the
+//! environment has a central state, the critic sees that (centralised training, decentralised execution).
 //!
 //! A policy with memory ([`Layers::memory`](super::nn::Layers::memory)) learns from sequences instead of rows: minibatches
 //! are of whole windows, and gradients flow back through each. The critic has no memory.
@@ -20,10 +22,13 @@
 //! twice the target, × 3/2 below half of it (Schulman et al. 2017, section 4, as in Rudin et al. 2022).
 
 mod config;
+mod ratios;
 #[cfg(test)]
 mod tests;
 
-pub use config::PpoConfig;
+pub use config::{PpoConfig, Team};
+
+use ratios::Ratios;
 
 use super::checkpoint::Tensors;
 use super::critic::{Critic, Fit, shuffle};
@@ -53,13 +58,13 @@ pub struct Ppo {
     actor: Actor,
     spec: Spec,
     parameters: Vec<f32>,
-    transposed: Transposed,
-    adam: Adam,
+    /// One for each set of the actor's parameters.
+    descents: Vec<Descent>,
     batch: Minibatch,
     /// In place of rows, where the policy has a memory.
     windows: Option<Windows>,
-    /// Of the actor, if its actions are continuous.
-    gaussians: Option<Gaussians>,
+    /// Of a team that learns one after the other.
+    ratios: Option<Ratios>,
     critic: Critic,
     norm: ValueNorm,
     collectors: Vec<Collector>,
@@ -68,12 +73,25 @@ pub struct Ppo {
     seed: u64,
     update: u64,
     env_steps: u64,
-    /// On the actor's rate: see [`PpoConfig::target_kl`].
-    scale: f64,
     /// Rows of the actor and of the critic that take part, an order of them, and targets.
     rows: [Vec<u32>; 2],
     order: [Vec<u32>; 2],
     targets: Vec<f32>,
+    /// A of every row of the actor.
+    advantage: Vec<f32>,
+    /// Sets of the actor's parameters in the order in which they learn, and the rows of the one whose turn it is.
+    turns: Vec<u32>,
+    own: Vec<u32>,
+}
+
+/// What one set of the actor's parameters goes down with.
+struct Descent {
+    transposed: Transposed,
+    adam: Adam,
+    /// If actions are continuous.
+    gaussians: Option<Gaussians>,
+    /// On the rate: see [`PpoConfig::target_kl`].
+    scale: f64,
 }
 
 /// What a policy with memory learns from.
@@ -104,6 +122,7 @@ struct Loss<'a> {
     gaussians: Option<&'a Gaussians>,
     extra: &'a [f32],
     rollout: &'a Rollout,
+    advantage: &'a [f32],
     clip_epsilon: f64,
     entropy: f64,
     /// 1/rows of the minibatch.
@@ -139,7 +158,7 @@ impl Loss<'_> {
         for (k, row) in rows.iter().map(|row| *row as usize).enumerate() {
             // within what f32 can weigh
             log_ratio[k] = (log_probs[k] - self.rollout.log_prob[row]).clamp(-30.0, 30.0);
-            advantage[k] = self.rollout.advantage[self.rollout.shape.judged(row)];
+            advantage[k] = self.advantage[row];
         }
         let mut ratio = log_ratio;
         exp(&mut ratio);
@@ -168,7 +187,7 @@ impl Loss<'_> {
     fn row(&self, row: usize, output: &[f32], grad_output: &mut [f32], d_extra: &mut [f32], sums: &mut Sums) {
         let (n, extra) = (self.rollout.shape.n_action, self.extra);
         let action = &self.rollout.action[row * n..][..n];
-        let advantage = f64::from(self.rollout.advantage[self.rollout.shape.judged(row)]);
+        let advantage = f64::from(self.advantage[row]);
         // within what f32 can weigh
         let log_ratio = (self.head.log_prob(output, extra, action) - self.rollout.log_prob[row]).clamp(-30.0, 30.0);
         let log_ratio = f64::from(log_ratio);
@@ -217,10 +236,16 @@ impl Ppo {
             shards_if(make, &env, config.shard, |first, _| shape(first.spec()).check(config.n_env, env.memory_limit))?;
         let spec = shards[0].env.spec().clone();
         let shape = shape(&spec);
-        let actor = Actor::with_memory(&spec, &config.network, false)?;
+        let actor = config.actor(&spec)?;
         let stream = |episode| Stream::new(seed, 0, episode, Purpose::LEARNING);
-        let mut parameters = actor.mlp.init(&mut stream(0));
-        parameters.resize(actor.n_parameter(), config.log_std as f32);
+        let (n_set, n_of_set) = (actor.n_set(), actor.n_parameter_of_set());
+        let mut parameters = Vec::with_capacity(actor.n_parameter());
+        for k in 0..n_set {
+            // number 1 is the critic's
+            let number = if k == 0 { 0 } else { u64::MAX - k as u64 };
+            parameters.extend(actor.mlp.init(&mut stream(number)));
+            parameters.resize((k + 1) * n_of_set, config.log_std as f32);
+        }
         let part = |rows: usize| (config.n_env * config.steps * rows).div_ceil(config.minibatches);
         let judged = (part(shape.n_judged), env.memory_limit);
         let mut critic = Critic::new(shape.n_critic(), &config.critic, config.adam, judged, &mut stream(1))?;
@@ -235,22 +260,30 @@ impl Ppo {
             Ok(Windows { order: (0..all.len() as u32).collect(), chosen: Vec::with_capacity(size.0), all, batch })
         });
         let windows: Option<Windows> = windows.transpose()?;
-        let rows = if windows.is_some() { 0 } else { part(shape.n_agent) };
+        let rows = if windows.is_some() { 0 } else { part(shape.n_agent / n_set) };
         let mut ppo = Self {
-            adam: Adam::new(config.adam, parameters.len()),
+            descents: (0..n_set)
+                .map(|_| Descent {
+                    transposed: Transposed::default(),
+                    adam: Adam::new(config.adam, n_of_set),
+                    gaussians: Gaussians::of(actor.head),
+                    scale: 1.0,
+                })
+                .collect(),
+            ratios: (config.team == Team::Sequential && n_set > 1).then(Ratios::default),
             batch: Minibatch::new(&*actor.mlp, actor.head.n_extra(), rows, env.memory_limit)?,
             windows,
-            gaussians: Gaussians::of(actor.head),
             norm: ValueNorm::new(config.value_beta)?,
             collectors: shards.into_iter().map(|shard| Collector::new(shard, &actor, &critic)).collect(),
             rollout: Rollout::new(shape, config.n_env),
-            transposed: Transposed::default(),
-            scale: 1.0,
             update: 0,
             env_steps: 0,
             rows: Default::default(),
             order: Default::default(),
             targets: Vec::new(),
+            advantage: Vec::new(),
+            turns: (0..n_set as u32).collect(),
+            own: Vec::new(),
             actor,
             spec,
             parameters,
@@ -259,8 +292,15 @@ impl Ppo {
             seed,
             config,
         };
-        ppo.actor.mlp.transpose(&ppo.parameters, &mut ppo.transposed);
+        ppo.transpose();
         Ok(ppo)
+    }
+
+    /// Weights as backward passes read them.
+    fn transpose(&mut self) {
+        for (k, own) in self.descents.iter_mut().enumerate() {
+            self.actor.mlp.transpose(self.actor.set(&self.parameters, k).0, &mut own.transposed);
+        }
     }
 
     /// Of a shard: its `config` is the one that evaluations take, normaliser and all.
@@ -288,7 +328,7 @@ impl Ppo {
     /// Which rows take part; advantages and targets on the scales that are learnt. Gives the share of the targets'
     /// variance that the critic explained.
     fn prepare(&mut self) -> f64 {
-        let Self { rollout: r, rows: [actors, judged], targets, .. } = self;
+        let Self { rollout: r, rows: [actors, judged], targets, advantage, .. } = self;
         judged.clear();
         judged.extend((0..r.target.len() as u32).filter(|k| {
             let k = *k as usize;
@@ -305,33 +345,60 @@ impl Ppo {
         let explained = 1.0 - variance / moments(targets.iter().copied())[1].max(f64::MIN_POSITIVE);
         let inverse = 1.0 / (variance.sqrt() + 1e-8);
         r.advantage.iter_mut().for_each(|a| *a = ((f64::from(*a) - mean) * inverse) as f32);
+        advantage.clear();
+        advantage.extend((0..r.log_prob.len()).map(|row| r.advantage[r.shape.judged(row)]));
         self.norm.update(targets);
         self.norm.normalise(&mut r.target);
         explained
     }
 
     /// All passes over the rollout; gives the sums of the actor, of its gradient's norm and of the critic's loss, and
-    /// the time of the critic.
+    /// the time of the critic, which learns beside the first set of the actor's parameters.
     fn learn(&mut self) -> Learnt {
+        let mut learnt = Learnt::default();
+        if self.ratios.is_some() {
+            let mut stream = Stream::new(self.seed, self.update, u64::MAX, Purpose::LEARNING);
+            shuffle(&mut self.turns, self.actor.n_set(), &mut stream);
+        }
+        for turn in 0..self.turns.len() {
+            let set = self.turns[turn] as usize;
+            let n_set = self.actor.n_set();
+            self.own.clear();
+            self.own.extend(self.rows[0].iter().filter(|row| **row as usize % n_set == set));
+            self.take_turn(turn, set, &mut learnt);
+            if let Some(ratios) = self.ratios.as_mut().filter(|_| turn + 1 < n_set) {
+                let parameters = self.actor.set(&self.parameters, set);
+                ratios.find(&self.threads, &self.actor, parameters, &self.rollout, &self.own);
+                for (row, ratio) in self.own.iter().zip(&ratios.all) {
+                    let first = *row as usize - set;
+                    self.turns[turn + 1..].iter().for_each(|later| self.advantage[first + *later as usize] *= ratio);
+                }
+            }
+        }
+        learnt
+    }
+
+    /// All passes of one set of the actor's parameters.
+    fn take_turn(&mut self, turn: usize, set: usize, learnt: &mut Learnt) {
         let progress = share_done(self.update, self.config.updates);
         let fit = Fit {
             rate: self.config.critic_learning_rate.at(progress),
             clip: self.config.max_grad_norm,
             huber: self.config.huber as f32,
         };
-        let mut learnt = Learnt::default();
-        for epoch in 0..self.config.epochs as u64 {
-            let mut stream = Stream::new(self.seed, self.update, 2 + epoch, Purpose::LEARNING);
-            let [actors, judged] = &self.rows;
-            let actors = self.windows.as_ref().map_or(actors, |windows| &windows.order);
-            for (order, rows) in self.order.iter_mut().zip([actors, judged]) {
+        let epochs = self.config.epochs as u64;
+        for epoch in 0..epochs {
+            let mut stream = Stream::new(self.seed, self.update, 2 + turn as u64 * epochs + epoch, Purpose::LEARNING);
+            let judged = if turn == 0 { &self.rows[1][..] } else { &[] };
+            let actors = self.windows.as_ref().map_or(&self.own, |windows| &windows.order);
+            for (order, rows) in self.order.iter_mut().zip([&actors[..], judged]) {
                 shuffle(order, rows.len(), &mut stream);
                 order.iter_mut().for_each(|k| *k = rows[*k as usize]);
             }
             let [actors, judged] = std::mem::take(&mut self.order);
             let before = learnt.sums;
             for k in 0..self.config.minibatches {
-                self.improve(part(&actors, k, self.config.minibatches), progress, &mut learnt);
+                self.improve(set, part(&actors, k, self.config.minibatches), progress, learnt);
                 let begun = Instant::now();
                 let Rollout { target, .. } = &self.rollout;
                 let of_critic = part(&judged, k, self.config.minibatches);
@@ -345,11 +412,10 @@ impl Ppo {
                 break;
             }
         }
-        learnt
     }
 
-    /// One step of the actor, from rows or, with memory, from sequences.
-    fn improve(&mut self, chosen: &[u32], progress: f64, learnt: &mut Learnt) {
+    /// One step of a set of the actor's parameters, from rows or, with memory, from sequences.
+    fn improve(&mut self, set: usize, chosen: &[u32], progress: f64, learnt: &mut Learnt) {
         let rollout = &self.rollout;
         let counts =
             |row: usize| rollout.log_prob[row].is_finite() && rollout.advantage[rollout.shape.judged(row)].is_finite();
@@ -364,26 +430,26 @@ impl Ppo {
         if n_row == 0 {
             return;
         }
-        let (network, extra) = self.parameters.split_at(self.actor.mlp.n_parameter());
-        if let Some(gaussians) = &mut self.gaussians {
-            gaussians.set(extra);
-        }
+        let (network, extra) = self.actor.set(&self.parameters, set);
+        let descent = &mut self.descents[set];
+        descent.gaussians.iter_mut().for_each(|gaussians| gaussians.set(extra));
         let loss = Loss {
             head: self.actor.head,
-            gaussians: self.gaussians.as_ref(),
+            gaussians: descent.gaussians.as_ref(),
             extra,
             rollout: &self.rollout,
+            advantage: &self.advantage,
             clip_epsilon: self.config.clip_epsilon,
             entropy: self.config.entropy.at(progress),
             share: 1.0 / n_row as f64,
         };
-        let net = Weights { parameters: network, transposed: &self.transposed };
+        let net = Weights { parameters: network, transposed: &descent.transposed };
         let (threads, mlp) = (&self.threads, &*self.actor.mlp);
         let sums = match &mut self.windows {
             None => self.batch.gradient(threads, mlp, net, &rollout.observation, chosen, &loss),
             Some(own) => own.batch.gradient(threads, mlp, net, rollout, &own.chosen, &counts, &loss),
         };
-        let rate = self.rate(progress, sums[sum::KL] / sums[sum::COUNT]);
+        let rate = self.rate(set, progress, sums[sum::KL] / sums[sum::COUNT]);
         let gradient = match &mut self.windows {
             None => &mut self.batch.gradient,
             Some(own) => &mut own.batch.gradient,
@@ -392,31 +458,34 @@ impl Ppo {
         learnt.sums.iter_mut().zip(sums).for_each(|(all, own)| *all += own);
         learnt.rate = rate;
         learnt.actor_steps += 1.0;
-        self.adam.descend(&mut self.parameters, gradient, rate);
-        let (network, extra) = self.parameters.split_at_mut(self.actor.mlp.n_parameter());
+        let n = self.actor.n_parameter_of_set();
+        let (own, descent) = (&mut self.parameters[set * n..(set + 1) * n], &mut self.descents[set]);
+        descent.adam.descend(own, gradient, rate);
+        let (network, extra) = own.split_at_mut(self.actor.mlp.n_parameter());
         self.actor.head.clamp_extra(extra);
-        self.actor.mlp.transpose(network, &mut self.transposed);
+        self.actor.mlp.transpose(network, &mut descent.transposed);
     }
 
-    /// Learning rate of the actor's next step, behind a divergence of `kl`.
-    fn rate(&mut self, progress: f64, kl: f64) -> f64 {
+    /// Learning rate of the next step of a set of the actor's parameters, behind a divergence of `kl`.
+    fn rate(&mut self, set: usize, progress: f64, kl: f64) -> f64 {
         let base = self.config.learning_rate.at(progress);
         let Some(target) = self.config.target_kl else {
             return base;
         };
+        let scale = &mut self.descents[set].scale;
         if kl > 2.0 * target {
-            self.scale /= 1.5;
+            *scale /= 1.5;
         } else if kl < 0.5 * target {
-            self.scale *= 1.5;
+            *scale *= 1.5;
         }
-        self.scale = self.scale.clamp(1e-2, 10.0);
-        base * self.scale
+        *scale = scale.clamp(1e-2, 10.0);
+        base * *scale
     }
 
     /// Standard deviation of continuous actions, a mean over their numbers; 0 of others.
     fn deviation(&self) -> f64 {
-        let extra = &self.parameters[self.actor.mlp.n_parameter()..];
-        extra.iter().map(|x| f64::from(*x).exp()).sum::<f64>() / extra.len().max(1) as f64
+        let extra = || (0..self.actor.n_set()).flat_map(|k| self.actor.set(&self.parameters, k).1);
+        extra().map(|x| f64::from(*x).exp()).sum::<f64>() / extra().count().max(1) as f64
     }
 }
 
@@ -500,8 +569,11 @@ impl Learner for Ppo {
 
     fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
         start.check(&self.actor)?;
-        self.parameters[..start.parameters.len()].copy_from_slice(&start.parameters);
-        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        let (n, n_of_set) = (self.actor.mlp.n_parameter(), self.actor.n_parameter_of_set());
+        for (to, from) in self.parameters.chunks_exact_mut(n_of_set).zip(start.parameters.chunks_exact(n)) {
+            to[..n].copy_from_slice(from);
+        }
+        self.transpose();
         let shards = self.collectors.iter_mut().map(|c| &mut c.shard);
         start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))
     }
@@ -511,36 +583,34 @@ impl Learner for Ppo {
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
-        state::put_network(policy, "actor", &self.actor.mlp, &self.parameters)?;
-        let extra = &self.parameters[self.actor.mlp.n_parameter()..];
-        if !extra.is_empty() {
-            policy.insert("actor.log_std", &[extra.len()], extra.to_vec())?;
+        state::put_actor(policy, &self.actor, &self.parameters)?;
+        for (k, own) in self.descents.iter().enumerate() {
+            state::put_adam(out, &self.actor.set_name(k), &own.adam)?;
         }
-        state::put_adam(out, "actor", &self.adam)?;
         self.critic.save(out)?;
         state::put_counters(out, [self.update, self.env_steps])?;
         state::put_value_norm(out, &self.norm)?;
-        out.insert("rate_scale", &[1], vec![self.scale])?;
+        out.insert("rate_scale", &[self.descents.len()], self.descents.iter().map(|own| own.scale).collect())?;
         state::put_recalls(out, self.collectors.iter().map(|c| &c.recall))?;
         state::put_shards(out, self.collectors.iter().map(|c| &c.shard))
     }
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
-        let mut parameters = state::network(policy, "actor", &self.actor.mlp)?;
-        let n_extra = self.actor.head.n_extra();
-        if n_extra > 0 {
-            parameters.extend(policy.get::<f32>("actor.log_std", &[n_extra])?);
-        }
-        let adam = state::adam(from, "actor", self.config.adam, parameters.len())?;
+        let parameters = state::actor(policy, &self.actor)?;
+        let (n_set, n) = (self.actor.n_set(), self.actor.n_parameter_of_set());
+        let adam = (0..n_set).map(|k| state::adam(from, &self.actor.set_name(k), self.config.adam, n));
+        let adam = adam.collect::<Result<Vec<_>>>()?;
         let [update, env_steps] = state::counters(from)?;
-        let scale = from.get::<f64>("rate_scale", &[1])?[0];
+        let scales = from.get::<f64>("rate_scale", &[n_set])?.to_vec();
         state::load_value_norm(from, &mut self.norm)?;
         self.critic.load(from)?;
         state::load_recalls(from, self.collectors.iter_mut().map(|c| &mut c.recall))?;
         state::load_shards(from, self.collectors.iter_mut().map(|c| &mut c.shard))?;
-        (self.parameters, self.adam, self.scale) = (parameters, adam, scale);
-        (self.update, self.env_steps) = (update, env_steps);
-        self.actor.mlp.transpose(&self.parameters, &mut self.transposed);
+        for (own, (adam, scale)) in self.descents.iter_mut().zip(adam.into_iter().zip(scales)) {
+            (own.adam, own.scale) = (adam, scale);
+        }
+        (self.parameters, self.update, self.env_steps) = (parameters, update, env_steps);
+        self.transpose();
         Ok(())
     }
 }

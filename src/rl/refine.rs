@@ -95,7 +95,7 @@ impl Refined {
 ///
 /// # Errors
 /// As [`RefineConfig::validate`], [`Policy::fits`], [`Env::adjoint`] and [`Env::tape`]; [`Error::Value`] for a policy with a
-/// memory and for environments that restart by themselves; [`Error::Limit`] for episodes beyond
+/// memory or of a network for each agent and for environments that restart by themselves; [`Error::Limit`] for episodes beyond
 /// [`EnvConfig::memory_limit`](crate::tasks::EnvConfig::memory_limit).
 pub fn refine(
     policy: &Policy,
@@ -157,6 +157,10 @@ impl<'a> Flights<'a> {
         if policy.n_state() > 0 {
             let remedy = "Refine a policy that sees a history instead.";
             return Err(Error::value("numbers that the policy remembers", policy.n_state(), "0 to refine", remedy));
+        }
+        if policy.actor().n_set() > 1 {
+            let (sets, remedy) = (policy.actor().n_set(), "Refine a policy that agents share.");
+            return Err(Error::value("networks of the policy", sets, "1 to refine", remedy));
         }
         if spec.config.autoreset != Autoreset::Disabled {
             return Err(Error::value(

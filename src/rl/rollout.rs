@@ -330,8 +330,10 @@ pub struct Collector {
     pub failed: Option<Error>,
     /// Noise of every environment.
     streams: Vec<Stream>,
-    /// Of the actor, if its actions are continuous.
-    gaussians: Option<Gaussians>,
+    /// Of the actor, one for each set of its parameters, if its actions are continuous.
+    gaussians: Vec<Gaussians>,
+    /// What agents see that act side by side, where they do not stand so.
+    gathered: Vec<f32>,
     /// What the policy remembers of every agent.
     pub(crate) recall: Recall,
     of_actor: Memory,
@@ -366,7 +368,8 @@ impl Collector {
             recall: Recall::new(actor, rows, ROWS),
             failed: None,
             streams: Vec::with_capacity(shard.env.spec().n_env),
-            gaussians: Gaussians::of(actor.head),
+            gaussians: (0..actor.n_set()).filter_map(|_| Gaussians::of(actor.head)).collect(),
+            gathered: Vec::new(),
             of_actor: actor.mlp.memory(ROWS),
             of_critic: critic.mlp.memory(ROWS),
             ends: Vec::new(),
@@ -394,8 +397,8 @@ impl Collector {
         self.streams.clear();
         let stream = |i| Stream::new(how.seed, first.wrapping_add(i as u64), how.update, Purpose::POLICY);
         self.streams.extend((0..n_env).map(stream));
-        if let Some(gaussians) = &mut self.gaussians {
-            gaussians.set(&how.parameters[how.actor.mlp.n_parameter()..]);
+        for (k, gaussians) in self.gaussians.iter_mut().enumerate() {
+            gaussians.set(how.actor.set(how.parameters, k).1);
         }
         part.observation[..n_seen].copy_from_slice(&self.shard.out.observation);
         let Shard { env, out } = &self.shard;
@@ -420,26 +423,27 @@ impl Collector {
         let (now, next) = part.observation[t * rows * s.n_observation..].split_at_mut(rows * s.n_observation);
         let actions = &mut part.action[t * rows * s.n_action..][..rows * s.n_action];
         let log_probs = &mut part.log_prob[t * rows..][..rows];
-        let (network, extra) = how.parameters.split_at(how.actor.mlp.n_parameter());
         if s.n_state > 0 {
             part.state[t * rows * s.n_state..][..rows * s.n_state].copy_from_slice(&self.recall.state);
             part.begins[t * rows..][..rows].copy_from_slice(&self.recall.begins);
         }
-        for (block, x) in now.chunks(ROWS * s.n_observation).enumerate() {
-            let (first, n) = (block * ROWS, x.len() / s.n_observation);
-            let output = self.recall.forward(how.actor, network, x, first, &mut self.of_actor);
-            let actions = &mut actions[first * s.n_action..][..n * s.n_action];
-            let log_probs = &mut log_probs[first..][..n];
-            for (k, action) in actions.chunks_exact_mut(s.n_action).enumerate() {
-                let stream = &mut self.streams[(first + k) / s.n_agent];
-                match &self.gaussians {
+        for block in how.actor.blocks(rows) {
+            let (network, extra) = how.actor.set(how.parameters, block.set);
+            let x = block.of(now, s.n_observation, &mut self.gathered);
+            let output = self.recall.forward(how.actor, network, x, block.first, &mut self.of_actor);
+            let gaussians = self.gaussians.get(block.set);
+            for (k, row) in (0..block.rows).map(|k| (k, block.row(k))) {
+                let stream = &mut self.streams[row / s.n_agent];
+                let action = &mut actions[row * s.n_action..][..s.n_action];
+                match gaussians {
                     Some(gaussians) => gaussians.sample(output.row(k), stream, action),
-                    None => log_probs[k] = how.actor.head.sample(output.row(k), extra, stream, action),
+                    None => log_probs[row] = how.actor.head.sample(output.row(k), extra, stream, action),
                 }
             }
-            if let Some(gaussians) = &self.gaussians {
-                let all = gaussians.log_probs(n, output, &|k| &actions[k * s.n_action..][..s.n_action]);
-                log_probs.copy_from_slice(&all[..n]);
+            if let Some(gaussians) = gaussians {
+                let action = |k: usize| &actions[block.row(k) * s.n_action..][..s.n_action];
+                let all = gaussians.log_probs(block.rows, output, &action);
+                (0..block.rows).for_each(|k| log_probs[block.row(k)] = all[k]);
             }
         }
         let acted = Instant::now();

@@ -2,6 +2,7 @@
 
 use super::checkpoint::{Data, Tensors};
 use super::nn::{Adam, AdamConfig, Network};
+use super::policy::Actor;
 use super::recall::Recall;
 use super::shards::Shard;
 use super::value_norm::ValueNorm;
@@ -70,6 +71,34 @@ pub fn put_network(to: &mut Tensors, name: &str, mlp: &dyn Network, parameters: 
 /// As [`Tensors::get`], as all that get.
 pub fn network(from: &Tensors, name: &str, mlp: &dyn Network) -> Result<Vec<f32>> {
     mlp.from_parts(&mut |part, shape| Ok(from.get::<f32>(&format!("{name}.{part}"), shape)?.to_vec()))
+}
+
+/// The parameters of an actor: of each set the network, and `<name>.log_std` of its head.
+///
+/// # Errors
+/// As [`put_network`].
+pub fn put_actor(to: &mut Tensors, actor: &Actor, parameters: &[f32]) -> Result<()> {
+    (0..actor.n_set()).try_for_each(|k| {
+        let (name, (network, head)) = (actor.set_name(k), actor.set(parameters, k));
+        put_network(to, &name, &actor.mlp, network)?;
+        if head.is_empty() { Ok(()) } else { to.insert(format!("{name}.log_std"), &[head.len()], head.to_vec()) }
+    })
+}
+
+/// The parameters that [`put_actor`] put there.
+///
+/// # Errors
+/// As [`network`].
+pub fn actor(from: &Tensors, actor: &Actor) -> Result<Vec<f32>> {
+    let n_head = actor.head.n_extra();
+    let mut parameters = Vec::with_capacity(actor.n_parameter());
+    for name in (0..actor.n_set()).map(|k| actor.set_name(k)) {
+        parameters.extend(network(from, &name, &actor.mlp)?);
+        if n_head > 0 {
+            parameters.extend_from_slice(from.get::<f32>(&format!("{name}.log_std"), &[n_head])?);
+        }
+    }
+    Ok(parameters)
 }
 
 /// The state of an optimiser, as `<name>.adam.mean` and so on.

@@ -13,7 +13,7 @@ use crate::tasks::{Spec, Stage, Statistics};
 /// What a learner begins with.
 #[derive(Debug, Clone)]
 pub struct WarmStart {
-    /// Of the network; how far the new policy explores is its own affair.
+    /// Of the network, of one agent's after the other where each has its own; how far the new policy explores is its own affair.
     pub parameters: Vec<f32>,
     /// Of a stage `normalise`, where the policy was trained behind one.
     pub statistics: Option<Statistics>,
@@ -29,7 +29,7 @@ impl WarmStart {
     /// For an actor in environments like `spec`, from a policy that flew in those like `of`.
     ///
     /// # Errors
-    /// [`Error::Value`] if hidden layers or actions differ.
+    /// [`Error::Value`] if hidden layers or actions differ, or if each of so many agents has a network there and not here.
     pub fn new(policy: &Policy, of: &Spec, actor: &Actor, spec: &Spec) -> Result<Self> {
         let normalised = |spec: &Spec| spec.config.observation.iter().any(|s| matches!(s, Stage::Normalise { .. }));
         let width = policy.statistics().map_or(of.n_observation, |s| s.mean.len());
@@ -39,7 +39,14 @@ impl WarmStart {
             return Err(Error::value("observation of the policy to begin from", "on another scale", limit, remedy));
         }
         let columns = columns(of, spec);
-        let parameters = network(&*policy.actor().mlp, policy.parameters(), &*actor.mlp, &columns)?;
+        let (n_set, n_old) = (actor.n_set(), policy.actor().n_set());
+        if n_old != 1 && n_old != n_set {
+            let remedy = "Begin from a policy that agents share, or from one of as many agents with a network each.";
+            return Err(Error::value("networks of the policy to begin from", n_old, format!("1 or {n_set}"), remedy));
+        }
+        let own = (0..n_set).map(|k| policy.actor().set(policy.parameters(), k % n_old).0);
+        let own = own.map(|own| network(&*policy.actor().mlp, own, &*actor.mlp, &columns));
+        let parameters = own.collect::<Result<Vec<_>>>()?.concat();
         let statistics = policy.statistics().map(|s| Statistics {
             count: s.count.min(MOST_SEEN),
             mean: columns.iter().map(|c| c.map_or(0.0, |k| s.mean[k])).collect(),
@@ -55,15 +62,20 @@ impl WarmStart {
     /// # Errors
     /// As [`Network::from_parts`].
     pub fn at(actor: &Actor, parameters: &[f32], command: &[f64]) -> Result<Self> {
-        let parts = actor.mlp.parts(parameters);
-        let last = parts.iter().rev().find(|part| part.name.ends_with(".bias") && part.shape == [command.len()]);
-        let last = last.filter(|_| matches!(actor.head, Head::Gaussian { .. })).map(|part| part.name.clone());
-        let parameters = actor.mlp.from_parts(&mut |name, _| {
-            if last.as_deref() == Some(name) {
-                return Ok(command.iter().map(|c| actor.mlp.bias_for(*c) as f32).collect());
-            }
-            Ok(parts.iter().find(|part| part.name == name).map(|part| part.data.clone()).unwrap_or_default())
-        })?;
+        let begin = |parameters: &[f32]| {
+            let parts = actor.mlp.parts(parameters);
+            let last = parts.iter().rev().find(|part| part.name.ends_with(".bias") && part.shape == [command.len()]);
+            let last = last.filter(|_| matches!(actor.head, Head::Gaussian { .. })).map(|part| part.name.clone());
+            actor.mlp.from_parts(&mut |name, _| {
+                if last.as_deref() == Some(name) {
+                    return Ok(command.iter().map(|c| actor.mlp.bias_for(*c) as f32).collect());
+                }
+                Ok(parts.iter().find(|part| part.name == name).map(|part| part.data.clone()).unwrap_or_default())
+            })
+        };
+        // random weights may come without the head's parameters
+        let own = (0..actor.n_set()).map(|k| if k == 0 { parameters } else { actor.set(parameters, k).0 });
+        let parameters = own.map(begin).collect::<Result<Vec<_>>>()?.concat();
         Ok(Self { parameters, statistics: None })
     }
 
@@ -72,7 +84,7 @@ impl WarmStart {
     /// # Errors
     /// [`Error::Value`] for another number of weights.
     pub(crate) fn check(&self, actor: &Actor) -> Result<()> {
-        let (got, wanted) = (self.parameters.len(), actor.mlp.n_parameter());
+        let (got, wanted) = (self.parameters.len(), actor.n_set() * actor.mlp.n_parameter());
         if got == wanted {
             return Ok(());
         }

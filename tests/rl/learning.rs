@@ -9,7 +9,7 @@ use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::dagger::{Dagger, DaggerConfig};
 use omnidrones::rl::dqn::{Dqn, DqnConfig, Mixer};
 use omnidrones::rl::nn::{AdamConfig, Layers, Recurrence};
-use omnidrones::rl::ppo::{Ppo, PpoConfig};
+use omnidrones::rl::ppo::{Ppo, PpoConfig, Team};
 use omnidrones::rl::replay::ReplayConfig;
 use omnidrones::rl::sac::{Entropy, Sac, SacConfig};
 use omnidrones::rl::schedule::Schedule;
@@ -43,6 +43,10 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
         }
         "mappo" => {
             let config = PpoConfig { central_critic: true, ..ppo };
+            Box::new(Ppo::new("OverHover", &env, config, 3, threads).unwrap())
+        }
+        "happo" => {
+            let config = PpoConfig { team: Team::Sequential, ..ppo };
             Box::new(Ppo::new("OverHover", &env, config, 3, threads).unwrap())
         }
         "dagger" => {
@@ -81,8 +85,8 @@ fn values(mixer: Mixer) -> DqnConfig {
 }
 
 /// PPO of a team whose critic sees all of it is called mappo, TD3 of such a team maddpg.
-const ALGORITHMS: [&str; 11] =
-    ["apg", "shac", "ppo", "ppo with memory", "mappo", "dagger", "sac", "td3", "maddpg", "dqn", "qmix"];
+const ALGORITHMS: [&str; 12] =
+    ["apg", "shac", "ppo", "ppo with memory", "mappo", "happo", "dagger", "sac", "td3", "maddpg", "dqn", "qmix"];
 
 fn bits(learner: &dyn Learner) -> Vec<u32> {
     learner.policy().unwrap().parameters().iter().map(|x| x.to_bits()).collect()

@@ -5,11 +5,34 @@ use crate::error::{Error, Result};
 use crate::rl::algorithm::built_in;
 use crate::rl::nn::head::{LOG_STD_MAX, LOG_STD_MIN};
 use crate::rl::nn::{AdamConfig, Layers};
+use crate::rl::policy::Actor;
 use crate::rl::schedule::Schedule;
 use crate::rl::shards::with_normaliser;
 use crate::rl::value_norm::ValueNorm;
-use crate::tasks::EnvConfig;
+use crate::tasks::{EnvConfig, Spec};
 use serde::{Deserialize, Serialize};
+
+/// Whose policy the agents of a team fly, and how they learn it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Team {
+    /// All one and the same.
+    #[default]
+    Shared,
+    /// Each its own; all learn from the same advantages.
+    Separate,
+    /// Each its own; one learns after the other, in an order that is drawn anew in every update, from advantages times the
+    /// ratios π/π_old of those before it: HAPPO (Kuba et al. 2022), whose updates never lower the team's return where they
+    /// are small enough.
+    Sequential,
+}
+
+impl Team {
+    /// Left out of files where nothing is said: settings of before keep their text, and rows of `train-all` their hash.
+    fn is_shared(&self) -> bool {
+        *self == Self::Shared
+    }
+}
 
 /// Settings; defaults fly the Hummingbird's Hover from random weights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -55,6 +78,9 @@ pub struct PpoConfig {
     pub log_std: f64,
     /// Whether observations are normalised by their running mean and deviation, frozen during a rollout.
     pub normalise_observation: bool,
+    /// Whose policy agents of a team fly, and how they learn it: `shared`, `separate` or `sequential`.
+    #[serde(skip_serializing_if = "Team::is_shared")]
+    pub team: Team,
     /// Whether the critic sees the central state where there is one.
     pub central_critic: bool,
     /// Whether the critic sees the numbers that differ between environments, where there are any: it is not flown.
@@ -89,6 +115,7 @@ impl Default for PpoConfig {
             value_beta: 0.995,
             log_std: -0.5,
             normalise_observation: true,
+            team: Team::Shared,
             central_critic: true,
             privileged_critic: true,
             adam: AdamConfig { epsilon: 1e-5, ..AdamConfig::default() },
@@ -99,6 +126,12 @@ impl Default for PpoConfig {
 }
 
 impl PpoConfig {
+    /// The shape of the policy.
+    pub(super) fn actor(&self, spec: &Spec) -> Result<Actor> {
+        let actor = Actor::with_memory(spec, &self.network, false)?;
+        if self.team == Team::Shared { Ok(actor) } else { actor.for_each(spec.n_agent) }
+    }
+
     /// The environments as the policy sees them.
     pub(crate) fn seen(&self, env: &EnvConfig) -> EnvConfig {
         with_normaliser(env, self.normalise_observation)
@@ -161,7 +194,7 @@ impl PpoConfig {
 }
 
 built_in! {
-    "ppo": PpoConfig => Ppo, squashed: false, loss: "−(clipped surrogate + entropy bonus)", in: "config.rs", remembers: true;
+    "ppo": PpoConfig => Ppo, squashed: false, loss: "−(clipped surrogate + entropy bonus)", in: "config.rs", actor: PpoConfig::actor;
 
     fn seen(&self, env: &EnvConfig) -> EnvConfig {
         PpoConfig::seen(self, env)

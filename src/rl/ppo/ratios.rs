@@ -1,0 +1,53 @@
+//! What the agents that learnt before change for those that learn after: π/π_old of every row, as it stands then.
+
+use crate::parallel::Threads;
+use crate::rl::nn::Memory;
+use crate::rl::policy::{Actor, ROWS};
+use crate::rl::rollout::Rollout;
+
+/// Largest ratio, and one over the least: one row must not outweigh all others in the turns behind.
+const MOST: f32 = 10.0;
+
+/// Ratios of one agent's rows.
+#[derive(Default)]
+pub(super) struct Ratios {
+    /// Of the rows that were asked of last.
+    pub all: Vec<f32>,
+    workers: Vec<Worker>,
+}
+
+struct Worker {
+    memory: Memory,
+    x: Vec<f32>,
+}
+
+impl Ratios {
+    /// Those of `rows` of the rollout, all of one agent, whose parameters are now those of (network, head).
+    pub fn find(
+        &mut self,
+        threads: &Threads,
+        actor: &Actor,
+        (network, extra): (&[f32], &[f32]),
+        rollout: &Rollout,
+        rows: &[u32],
+    ) {
+        let (n_in, n_action) = (actor.n_observation(), actor.n_action());
+        let missing = rows.len().div_ceil(ROWS).saturating_sub(self.workers.len());
+        let fresh = |_| Worker { memory: actor.mlp.memory(ROWS), x: vec![0.0; ROWS * n_in] };
+        self.workers.extend((0..missing).map(fresh));
+        self.all.resize(rows.len(), 1.0);
+        let parts = rows.chunks(ROWS).zip(self.all.chunks_mut(ROWS)).zip(&mut self.workers);
+        let mut parts: Vec<_> = parts.collect();
+        threads.for_each(&mut parts, |_, ((rows, ratios), Worker { memory, x })| {
+            for (to, row) in x.chunks_exact_mut(n_in).zip(*rows) {
+                to.copy_from_slice(&rollout.observation[*row as usize * n_in..][..n_in]);
+            }
+            let output = actor.mlp.forward(network, x, rows.len(), memory);
+            for (k, (ratio, row)) in ratios.iter_mut().zip(*rows).enumerate() {
+                let action = &rollout.action[*row as usize * n_action..][..n_action];
+                let log_ratio = actor.head.log_prob(output.row(k), extra, action) - rollout.log_prob[*row as usize];
+                *ratio = log_ratio.exp().clamp(1.0 / MOST, MOST);
+            }
+        });
+    }
+}
