@@ -102,9 +102,7 @@ macro_rules! built_in {
             }
 
             fn actor(&self, spec: &$crate::tasks::Spec) -> $crate::error::Result<$crate::rl::policy::Actor> {
-                $(return $actor(self, spec);)?
-                #[allow(unreachable_code, reason = "behind the shape that was given")]
-                $crate::rl::policy::Actor::new(spec, &self.network, $squashed)
+                $crate::rl::algorithm::built_in!(@actor self, spec, $squashed $(, $actor)?)
             }
 
             fn learner(
@@ -127,6 +125,12 @@ macro_rules! built_in {
 
             $($more)*
         }
+    };
+    (@actor $own:ident, $spec:ident, $squashed:literal) => {
+        $crate::rl::policy::Actor::new($spec, &$own.network, $squashed)
+    };
+    (@actor $own:ident, $spec:ident, $squashed:literal, $actor:path) => {
+        $actor($own, $spec)
     };
 }
 pub(super) use built_in;

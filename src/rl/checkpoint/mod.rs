@@ -10,7 +10,7 @@
 //! convention is `<network>.<layer>.weight` of shape `[out, in]` and `<network>.<layer>.bias` of shape `[out]`,
 //! row-major, layers counted from 0. So PyTorch flies a policy of APG or SHAC in five lines (PPO's
 //! has ELU between its layers and none behind the last; its `normaliser.mean` and `normaliser.variance` in the same file go
-//! before the first):
+//! before the first; where every agent has its own, names begin with `actor.agent0`, `actor.agent1` and so on):
 //!
 //! ```python
 //! from safetensors.torch import load_file

@@ -32,21 +32,25 @@ impl Ratios {
         rows: &[u32],
     ) {
         let (n_in, n_action) = (actor.n_observation(), actor.n_action());
-        let missing = rows.len().div_ceil(ROWS).saturating_sub(self.workers.len());
+        // no row depends on which others go with it: as many parts as threads
+        let of_part = rows.len().div_ceil(threads.count()).max(1);
+        let missing = rows.len().div_ceil(of_part).saturating_sub(self.workers.len());
         let fresh = |_| Worker { memory: actor.mlp.memory(ROWS), x: vec![0.0; ROWS * n_in] };
         self.workers.extend((0..missing).map(fresh));
         self.all.resize(rows.len(), 1.0);
-        let parts = rows.chunks(ROWS).zip(self.all.chunks_mut(ROWS)).zip(&mut self.workers);
+        let parts = rows.chunks(of_part).zip(self.all.chunks_mut(of_part)).zip(&mut self.workers);
         let mut parts: Vec<_> = parts.collect();
         threads.for_each(&mut parts, |_, ((rows, ratios), Worker { memory, x })| {
-            for (to, row) in x.chunks_exact_mut(n_in).zip(*rows) {
-                to.copy_from_slice(&rollout.observation[*row as usize * n_in..][..n_in]);
-            }
-            let output = actor.mlp.forward(network, x, rows.len(), memory);
-            for (k, (ratio, row)) in ratios.iter_mut().zip(*rows).enumerate() {
-                let action = &rollout.action[*row as usize * n_action..][..n_action];
-                let log_ratio = actor.head.log_prob(output.row(k), extra, action) - rollout.log_prob[*row as usize];
-                *ratio = log_ratio.exp().clamp(1.0 / MOST, MOST);
+            for (rows, ratios) in rows.chunks(ROWS).zip(ratios.chunks_mut(ROWS)) {
+                for (to, row) in x.chunks_exact_mut(n_in).zip(rows) {
+                    to.copy_from_slice(&rollout.observation[*row as usize * n_in..][..n_in]);
+                }
+                let output = actor.mlp.forward(network, x, rows.len(), memory);
+                for (k, (ratio, row)) in ratios.iter_mut().zip(rows).enumerate() {
+                    let action = &rollout.action[*row as usize * n_action..][..n_action];
+                    let log_ratio = actor.head.log_prob(output.row(k), extra, action) - rollout.log_prob[*row as usize];
+                    *ratio = log_ratio.exp().clamp(1.0 / MOST, MOST);
+                }
             }
         });
     }
