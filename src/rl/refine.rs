@@ -160,7 +160,7 @@ impl<'a> Flights<'a> {
         }
         if policy.actor().n_set() > 1 {
             let (sets, remedy) = (policy.actor().n_set(), "Refine a policy that agents share.");
-            return Err(Error::value("networks of the policy", sets, "1 to refine", remedy));
+            return Err(Error::value("number of networks of the policy", sets, "1 to refine", remedy));
         }
         if spec.config.autoreset != Autoreset::Disabled {
             return Err(Error::value(

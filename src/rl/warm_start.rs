@@ -42,7 +42,12 @@ impl WarmStart {
         let (n_set, n_old) = (actor.n_set(), policy.actor().n_set());
         if n_old != 1 && n_old != n_set {
             let remedy = "Begin from a policy that agents share, or from one of as many agents with a network each.";
-            return Err(Error::value("networks of the policy to begin from", n_old, format!("1 or {n_set}"), remedy));
+            return Err(Error::value(
+                "number of networks of the policy to begin from",
+                n_old,
+                format!("1 or {n_set}"),
+                remedy,
+            ));
         }
         let own = (0..n_set).map(|k| policy.actor().set(policy.parameters(), k % n_old).0);
         let own = own.map(|own| network(&*policy.actor().mlp, own, &*actor.mlp, &columns));
