@@ -12,6 +12,7 @@
 //! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops |
 //! | `design/` | the figures of `design`, its report |
 //! | `report/` | `report` of single runs, and of folders of several |
+//! | `rows.rs` | rows of tables of runs, kept in files |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `robot.rs` | an articulated system from a name or a vehicle |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
@@ -52,6 +53,7 @@ mod robot;
 mod rollout;
 mod rollout_all;
 mod rollout_files;
+mod rows;
 mod sheet;
 mod show;
 mod shown;

@@ -1,29 +1,25 @@
 //! `omnidrones train-all`: every task by its recipe, several seeds, one table beside our controllers.
 
 use super::arguments::{self, OutputArguments, ThreadArguments};
-use super::over_seeds::{Failure, Outcome, shown, split, spread};
+use super::over_seeds::{Failure, Outcome, shown, spread};
 use super::page::{Page, duration, short};
 use super::rollout_all::told_errors;
 use super::rollout_files::percent;
+use super::rows::{self, MAX_ROW, Row};
 use super::table::{Align, Table};
 use super::train::{algorithms, compare, count, spec};
 use super::train_all_plot::{self, Learnt};
-use super::{Report, files, over_seeds, progress, train_seeds};
+use super::{Report, files, over_seeds, progress};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::{self, Line as LogLine};
 use omnidrones::rl::recipes::recipes_of;
-use omnidrones::rl::runs::{Run, fingerprint};
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
-use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// Largest file of a row, bytes.
-const MAX_ROW: u64 = 16 << 20;
 
 /// What the command is for.
 pub const ABOUT: &str = "\
@@ -87,19 +83,6 @@ pub struct Line {
     baseline: Option<(String, Evaluation)>,
 }
 
-/// What is kept of a line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Row {
-    task: String,
-    algorithm: String,
-    /// Of settings, task and physics.
-    hash: String,
-    /// That trained it, if it is known.
-    commit: Option<String>,
-    runs: Vec<Outcome>,
-    failed: Vec<Failure>,
-}
-
 /// The rows of a folder in the order of the tasks; our controller's figures from the table there, if there is one, else flown
 /// by `fly`.
 pub fn read(folder: &Path, fly: &dyn Fn(&'static Entry) -> Option<(String, Evaluation)>) -> Vec<Line> {
@@ -114,7 +97,7 @@ pub fn read(folder: &Path, fly: &dyn Fn(&'static Entry) -> Option<(String, Evalu
     let known = known_baselines(&folder.join("table.json"));
     let line = |(entry, row): (&'static Entry, Row)| {
         let config = TrainConfig::for_task(entry.name, Some(&row.algorithm), None).ok();
-        let log = |run: &Outcome| log::read(run_folder(folder, &row, run.seed)).ok();
+        let log = |run: &Outcome| log::read(row.run_folder(folder, run.seed)).ok();
         Line {
             entry,
             algorithm: row.algorithm.clone(),
@@ -152,7 +135,7 @@ impl Line {
         let row = self.row.as_ref().ok()?;
         let seeds: Vec<String> = row.runs.iter().map(|run| run.seed.to_string()).collect();
         let commit = row.commit.clone().unwrap_or("–".into());
-        let runs = row.runs.iter().map(|run| run_folder(folder, row, run.seed)).filter(|path| path.is_dir()).collect();
+        let runs = row.runs.iter().map(|run| row.run_folder(folder, run.seed)).filter(|path| path.is_dir()).collect();
         Some(([row.task.clone(), row.algorithm.clone(), seeds.join(", "), commit, row.hash.clone()], runs))
     }
 }
@@ -218,68 +201,16 @@ fn line(
         config.with_updates(updates)
     });
     line.error = config.as_ref().ok().and_then(|config| spec(entry, config).ok()).map(|(_, error)| error);
-    line.row = config
-        .and_then(|config| row((entry, algorithm), &config, a, folder, threads, bar))
-        .map_err(|error| error.to_string());
+    let train = |config: TrainConfig| {
+        let asked = rows::Asked { algorithm, setting: "", config: &config, seeds: a.seeds };
+        rows::train(&asked, folder, threads, bar)
+    };
+    line.row = config.and_then(train).map_err(|error| error.to_string());
     if let Ok(row) = &line.row {
-        let log = |run: &Outcome| log::read(run_folder(folder, row, run.seed)).ok();
+        let log = |run: &Outcome| log::read(row.run_folder(folder, run.seed)).ok();
         line.curves = row.runs.iter().filter_map(log).collect();
     }
     line
-}
-
-/// A run's folder bears the hash of its row: other physics begin elsewhere.
-fn run_folder(folder: &Path, row: &Row, seed: u64) -> PathBuf {
-    folder.join(format!("{}-{}-{}-s{seed}", row.task, row.algorithm, row.hash))
-}
-
-/// The row as it is kept, with the seeds that are missing trained.
-fn row(
-    (entry, algorithm): (&Entry, &str),
-    config: &TrainConfig,
-    a: &Arguments,
-    folder: &Path,
-    threads: &Threads,
-    bar: &indicatif::ProgressBar,
-) -> Result<Row> {
-    let path = folder.join(format!("{}-{algorithm}-u{}.json", entry.name, config.updates()));
-    let hash = fingerprint(config)?;
-    let fresh = Row {
-        task: entry.name.into(),
-        algorithm: algorithm.into(),
-        hash,
-        commit: option_env!("OMNIDRONES_COMMIT").map(String::from),
-        runs: Vec::new(),
-        failed: Vec::new(),
-    };
-    let known = kept(&path, &fresh);
-    let mut row = known.clone().unwrap_or(fresh);
-    row.failed.clear();
-    let missing: Vec<u64> = (0..a.seeds).filter(|seed| row.runs.iter().all(|run| run.seed != *seed)).collect();
-    let run = |seed: &u64| Run {
-        config: TrainConfig { seed: *seed, ..config.clone() },
-        folder: run_folder(folder, &row, *seed),
-        until: u64::MAX,
-    };
-    let all: Vec<Run> = missing.iter().map(run).collect();
-    bar.set_length(config.updates() * all.len() as u64);
-    progress::say(bar, &format!("{} · {algorithm}", entry.name));
-    let (done, failed) = split(&missing, &train_seeds::train(&all, threads, bar));
-    row.runs.extend(done);
-    row.runs.sort_by_key(|run| run.seed);
-    row.failed = failed;
-    if known.as_ref() != Some(&row) {
-        let text = serde_json::to_string_pretty(&row).unwrap_or_default();
-        files::replace(&path, &(text + "\n"))?;
-    }
-    row.runs.retain(|run| run.seed < a.seeds);
-    Ok(row)
-}
-
-/// The row of a file, unless it is stale.
-fn kept(path: &Path, fresh: &Row) -> Option<Row> {
-    let row: Row = serde_json::from_str(&files::read_text(path, MAX_ROW).ok()?).ok()?;
-    (row.hash == fresh.hash).then_some(row)
 }
 
 /// The unit of all errors in the table, if it is one: then it stands in the head, else with every number.
@@ -418,24 +349,6 @@ fn controller<'a>(line: &Line, lines: &'a [Line]) -> Option<&'a (String, Evaluat
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_finished_row_is_kept_until_its_hash_changes() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("row.json");
-        let row = |hash: &str| Row {
-            task: "Hover".into(),
-            algorithm: "apg".into(),
-            hash: hash.into(),
-            commit: Some("abc".into()),
-            runs: Vec::new(),
-            failed: vec![Failure { seed: 3, why: "no".into() }],
-        };
-        assert_eq!(kept(&path, &row("1")), None);
-        std::fs::write(&path, serde_json::to_string(&row("1")).unwrap()).unwrap();
-        assert_eq!(kept(&path, &row("1")), Some(row("1")));
-        assert_eq!(kept(&path, &row("2")), None);
-    }
 
     #[test]
     fn a_unit_that_all_errors_share_stands_in_the_head() {

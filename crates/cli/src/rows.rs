@@ -1,0 +1,151 @@
+//! Rows of tables of runs: one configuration, several seeds, kept in a file of its own that a later call goes on with.
+
+use super::over_seeds::{Failure, Outcome, split};
+use super::{files, progress, train_seeds};
+use omnidrones::error::Result;
+use omnidrones::parallel::Threads;
+use omnidrones::rl::TrainConfig;
+use omnidrones::rl::runs::{Run, fingerprint};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Largest file of a row, bytes.
+pub const MAX_ROW: u64 = 16 << 20;
+
+/// What is kept of a configuration and its seeds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    pub task: String,
+    pub algorithm: String,
+    /// What sets it apart from others of its task and algorithm, as part of a name.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub setting: String,
+    /// Of settings, task and physics.
+    pub hash: String,
+    /// That trained it, if it is known.
+    pub commit: Option<String>,
+    pub runs: Vec<Outcome>,
+    pub failed: Vec<Failure>,
+}
+
+/// A row that is asked for.
+pub struct Asked<'a> {
+    pub algorithm: &'a str,
+    pub setting: &'a str,
+    pub config: &'a TrainConfig,
+    pub seeds: u64,
+}
+
+impl Row {
+    fn new(asked: &Asked<'_>) -> Result<Self> {
+        Ok(Self {
+            task: asked.config.task.clone(),
+            algorithm: asked.algorithm.into(),
+            setting: asked.setting.into(),
+            hash: fingerprint(asked.config)?,
+            commit: option_env!("OMNIDRONES_COMMIT").map(String::from),
+            runs: Vec::new(),
+            failed: Vec::new(),
+        })
+    }
+
+    /// Task, algorithm and setting, as in names of files.
+    fn stem(&self) -> String {
+        let parts = [&self.task, &self.algorithm, &self.setting];
+        parts.into_iter().filter(|part| !part.is_empty()).cloned().collect::<Vec<_>>().join("-")
+    }
+
+    /// A run's folder bears the hash of its row: other physics begin elsewhere.
+    pub fn run_folder(&self, folder: &Path, seed: u64) -> PathBuf {
+        folder.join(format!("{}-{}-s{seed}", self.stem(), self.hash))
+    }
+
+    fn path(&self, folder: &Path, updates: u64) -> PathBuf {
+        folder.join(format!("{}-u{updates}.json", self.stem()))
+    }
+}
+
+/// The row as it is kept in `folder`, with no run that was not asked for; none that is stale.
+///
+/// # Errors
+/// As [`fingerprint`].
+pub fn known(asked: &Asked<'_>, folder: &Path) -> Result<Row> {
+    let fresh = Row::new(asked)?;
+    let mut row = kept(&fresh.path(folder, asked.config.updates()), &fresh).unwrap_or(fresh);
+    row.runs.retain(|run| run.seed < asked.seeds);
+    Ok(row)
+}
+
+/// The row as it is kept in `folder`, with the seeds that are missing trained.
+///
+/// # Errors
+/// As [`fingerprint`], and of the file of the row.
+pub fn train(asked: &Asked<'_>, folder: &Path, threads: &Threads, bar: &indicatif::ProgressBar) -> Result<Row> {
+    let fresh = Row::new(asked)?;
+    let config = asked.config;
+    let path = fresh.path(folder, config.updates());
+    let known = kept(&path, &fresh);
+    let mut row = known.clone().unwrap_or(fresh);
+    row.failed.clear();
+    let missing: Vec<u64> = (0..asked.seeds).filter(|seed| row.runs.iter().all(|run| run.seed != *seed)).collect();
+    let run = |seed: &u64| Run {
+        config: TrainConfig { seed: *seed, ..config.clone() },
+        folder: row.run_folder(folder, *seed),
+        until: u64::MAX,
+    };
+    let all: Vec<Run> = missing.iter().map(run).collect();
+    bar.set_length(config.updates() * all.len() as u64);
+    progress::say(bar, &format!("{} · {}", row.task, asked.algorithm));
+    let (done, failed) = split(&missing, &train_seeds::train(&all, threads, bar));
+    row.runs.extend(done);
+    row.runs.sort_by_key(|run| run.seed);
+    row.failed = failed;
+    if known.as_ref() != Some(&row) {
+        let text = serde_json::to_string_pretty(&row).unwrap_or_default();
+        files::replace(&path, &(text + "\n"))?;
+    }
+    row.runs.retain(|run| run.seed < asked.seeds);
+    Ok(row)
+}
+
+/// The row of a file, unless it is stale.
+fn kept(path: &Path, fresh: &Row) -> Option<Row> {
+    let row: Row = serde_json::from_str(&files::read_text(path, MAX_ROW).ok()?).ok()?;
+    (row.hash == fresh.hash).then_some(row)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_finished_row_is_kept_until_its_hash_changes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("row.json");
+        let row = |hash: &str| Row {
+            task: "Hover".into(),
+            algorithm: "apg".into(),
+            setting: String::new(),
+            hash: hash.into(),
+            commit: Some("abc".into()),
+            runs: Vec::new(),
+            failed: vec![Failure { seed: 3, why: "no".into() }],
+        };
+        assert_eq!(kept(&path, &row("1")), None);
+        std::fs::write(&path, serde_json::to_string(&row("1")).unwrap()).unwrap();
+        assert_eq!(kept(&path, &row("1")), Some(row("1")));
+        assert_eq!(kept(&path, &row("2")), None);
+    }
+
+    #[test]
+    fn names_of_files_hold_the_setting_where_there_is_one() {
+        let of = |setting: &str| {
+            let config = TrainConfig::for_task("Hover", Some("dqn"), None).unwrap();
+            Row::new(&Asked { algorithm: "dqn", setting, config: &config, seeds: 1 }).unwrap()
+        };
+        let folder = Path::new("f");
+        assert_eq!(of("").path(folder, 3), Path::new("f/Hover-dqn-u3.json"));
+        assert_eq!(of("joint").path(folder, 3), Path::new("f/Hover-dqn-joint-u3.json"));
+        assert_ne!(of("").run_folder(folder, 0), of("joint").run_folder(folder, 0));
+    }
+}
