@@ -2,7 +2,7 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `eval.rs`, `watch.rs`, `report.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
+//! | `fly.rs`, `allocate.rs`, `show.rs`, `models.rs`, `import.rs`, `design.rs`, `linearise.rs`, `recover.rs`, `tune.rs`, `tasks.rs`, `rollout.rs`, `train.rs`, `train_all.rs`, `study.rs`, `eval.rs`, `watch.rs`, `report.rs`, `replay.rs`, `view.rs`, `bench.rs` | one command each |
 //! | `arguments.rs` | arguments that commands share, and how they are read |
 //! | `environment.rs` | which environments: shared by `tasks`, `rollout`, `eval`, `watch` and `bench` |
 //! | `shown.rs` | whose episodes are shown: a run's policy's or a task's controller's |
@@ -12,7 +12,8 @@
 //! | `fly/` | derivatives of what was flown; an earlier flight beside it; drops |
 //! | `design/` | the figures of `design`, its report |
 //! | `report/` | `report` of single runs, and of folders of several |
-//! | `rows.rs` | rows of tables of runs, kept in files |
+//! | `rows.rs` | rows of tables of runs, kept in files: what `train-all` and `study` train |
+//! | `study/` | what a study compares; its report and curves |
 //! | `source.rs` | a vehicle from a name, a TOML or a URDF |
 //! | `robot.rs` | an articulated system from a name or a vehicle |
 //! | `sheet.rs` | a vehicle's numbers as tables and JSON |
@@ -58,6 +59,7 @@ mod sheet;
 mod show;
 mod shown;
 mod source;
+mod study;
 mod table;
 mod tasks;
 mod train;
@@ -188,6 +190,9 @@ enum Command {
     /// Train every task by its recipe: one table beside our controllers
     #[command(long_about = train_all::ABOUT)]
     TrainAll(Box<train_all::Arguments>),
+    /// Compare algorithms over tasks and seeds: a report
+    #[command(long_about = study::ABOUT)]
+    Study(Box<study::Arguments>),
     /// Fly a trained policy from held-out starts: returns, errors, crashes, plots
     #[command(long_about = eval::ABOUT)]
     Eval(Box<eval::Arguments>),
@@ -251,6 +256,7 @@ pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::
         Command::Rollout(arguments) => rollout::run(arguments),
         Command::Train(arguments) => train::run(arguments),
         Command::TrainAll(arguments) => train_all::run(arguments),
+        Command::Study(arguments) => study::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Replay(arguments) => replay::run(arguments),

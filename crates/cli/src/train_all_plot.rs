@@ -43,7 +43,7 @@ pub fn figure(tasks: &[Learnt<'_>]) -> Figure {
 }
 
 /// The number of columns, up to the most, that leaves the fewest places empty; about a square.
-fn columns(n: usize) -> usize {
+pub fn columns(n: usize) -> usize {
     let least = (1..MOST_COLUMNS).find(|c| c * c >= n).unwrap_or(MOST_COLUMNS);
     (least..=MOST_COLUMNS).min_by_key(|c| n.div_ceil(*c) * c - n).unwrap_or(MOST_COLUMNS)
 }
@@ -86,7 +86,7 @@ fn seconds(runs: &[&[Line]]) -> f64 {
 
 /// Mean steps and success, and the edges of the interval of the latter, at the updates after which at least half of the runs
 /// were evaluated.
-fn over_seeds(runs: &[&[Line]]) -> Vec<Line> {
+pub fn over_seeds(runs: &[&[Line]]) -> Vec<Line> {
     let mut updates: Vec<u64> = runs.iter().flat_map(|run| run.iter().filter_map(evaluated)).collect();
     updates.sort_unstable();
     updates.dedup();

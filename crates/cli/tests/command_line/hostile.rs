@@ -98,6 +98,7 @@ fn sound(command: &str) -> &'static [&'static str] {
     match command {
         "train" => &["Hover", "--updates", "1", "--no-baseline", "--no-plots"],
         "train-all" => &["--budget", "1e-9", "--tasks", "Hover", "--algo", "apg", "--seeds", "1", "--no-plots"],
+        "study" => &["paper", "--budget", "1e-9", "--tasks", "Hover", "--algos", "dqn", "--seeds", "1", "--no-plots"],
         "rollout" => &["Hover", "--envs", "2", "--horizon", "3", "--no-plots"],
         // what it measures takes its time: it is only refused here
         "bench" => &["Hover", "--envs", "-1"],

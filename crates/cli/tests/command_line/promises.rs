@@ -29,6 +29,10 @@ const SMALLER: &[(&str, &str, &str)] = &[
     ("train-all", "--tasks", "Hover"),
     ("train-all", "--seeds", "1"),
     ("train-all", "--budget", "0.002"),
+    ("study", "--tasks", "Hover"),
+    ("study", "--algos", "dqn"),
+    ("study", "--seeds", "1"),
+    ("study", "--budget", "0.002"),
     ("recover", "--cells", "3,2"),
     ("recover", "--starts", "2"),
     ("tune", "--iterations", "2"),
@@ -42,7 +46,7 @@ const SMALLER: &[(&str, &str, &str)] = &[
 /// Flights farther from their reference than this are lost, m.
 const LOST: f64 = 10.0;
 
-const COMMANDS: [&str; 20] = [
+const COMMANDS: [&str; 21] = [
     "fly",
     "show",
     "models",
@@ -56,6 +60,7 @@ const COMMANDS: [&str; 20] = [
     "rollout",
     "train",
     "train-all",
+    "study",
     "eval",
     "report",
     "replay",
@@ -177,7 +182,8 @@ fn refit(line: &mut [String]) {
 
 /// Whether the lines of a command take minutes.
 fn is_long(line: &[String]) -> bool {
-    ["bench", "benchmark", "train-all", "tune"].contains(&line[0].as_str()) || line.iter().any(|word| word == "--all")
+    ["bench", "benchmark", "train-all", "study", "tune"].contains(&line[0].as_str())
+        || line.iter().any(|word| word == "--all")
 }
 
 /// Runs a line; what it broke of its promise.
