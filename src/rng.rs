@@ -29,6 +29,8 @@ impl Purpose {
     pub const WIND: Self = Self(2);
     /// Sensor noise.
     pub const SENSORS: Self = Self(3);
+    /// What exploration noise keeps for several steps.
+    pub const EXPLORATION: Self = Self(4);
     /// Goals, references, obstacles.
     pub const TASK: Self = Self(5);
     /// Pushes and other disturbances.

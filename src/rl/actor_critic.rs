@@ -45,7 +45,7 @@ pub trait Kind: Send + Sync {
     fn output(&self) -> Activation;
 
     /// An action to fly, of an agent of environment `environment`.
-    fn explore(&self, output: &[f32], environment: u64, stream: &mut Stream, action: &mut [f32]);
+    fn explore(&self, output: &[f32], environment: u64, noise: &mut Noise<'_>, action: &mut [f32]);
 
     /// An action to value, and what is added to its value.
     fn next(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32;
@@ -90,17 +90,18 @@ pub trait Kind: Send + Sync {
 }
 
 /// Standard normal numbers.
-pub struct Noise<'a>(&'a mut Stream);
+pub struct Noise<'a> {
+    stream: &'a mut Stream,
+    /// Numbers that stay the same for several steps, and ρ of what is drawn with them.
+    held: Option<(Stream, f64)>,
+}
 
-impl<'a> Noise<'a> {
-    /// Of a stream.
-    pub fn new(stream: &'a mut Stream) -> Self {
-        Self(stream)
-    }
-
-    /// The next one.
+impl Noise<'_> {
+    /// The next one: ξ, or √ρ ξ_held + √(1 − ρ) ξ.
     pub fn normal(&mut self) -> f32 {
-        self.0.normal() as f32
+        let own = self.stream.normal();
+        let held = self.held.as_mut().map(|(held, rho)| rho.sqrt() * held.normal() + (1.0 - *rho).sqrt() * own);
+        held.unwrap_or(own) as f32
     }
 }
 
@@ -238,6 +239,8 @@ pub struct ActorCritic<E: Exploration> {
 /// The actor while it explores.
 struct Exploring<'a, K> {
     kind: &'a K,
+    /// ρ of noise in the steps of an update.
+    correlation: f64,
     network: &'a dyn Network,
     parameters: &'a [f32],
     n_action: usize,
@@ -248,7 +251,9 @@ impl<K: Kind> Explore for Exploring<'_, K> {
         let output = self.network.forward(self.parameters, x, x.len() / self.network.n_input(), memory);
         for (k, action) in actions.chunks_exact_mut(self.n_action).enumerate() {
             let environment = streams.environment(first + k);
-            self.kind.explore(output.row(k), environment, streams.of(first + k), action);
+            let held = (self.correlation > 0.0).then(|| (streams.held(first + k, self.n_action), self.correlation));
+            let mut noise = Noise { stream: streams.of(first + k), held };
+            self.kind.explore(output.row(k), environment, &mut noise, action);
         }
     }
 }
@@ -309,6 +314,7 @@ impl<E: Exploration> ActorCritic<E> {
     fn fly(&mut self) -> Result<Flown> {
         let explore = Exploring {
             kind: &self.kind,
+            correlation: self.config.correlation,
             network: &*self.shapes.actor,
             parameters: &self.actor.parameters,
             n_action: self.shapes.widths.n_action,
@@ -423,7 +429,7 @@ impl Work {
         let (rows, n) = (self.block.rows, shapes.widths.n_action);
         let output = shapes.actor.forward(follows, &self.block.next, rows * shapes.agents, &mut self.actor);
         self.target.fill(0.0);
-        let mut noise = Noise(&mut self.block.stream);
+        let mut noise = Noise { stream: &mut self.block.stream, held: None };
         for (k, action) in self.actions.chunks_exact_mut(n).enumerate() {
             self.target[k / shapes.agents] += kind.next(output.row(k), &mut noise, action);
         }

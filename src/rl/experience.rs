@@ -28,6 +28,9 @@ pub trait Explore: Sync {
 pub struct Streams<'a> {
     own: &'a mut [Stream],
     n_agent: usize,
+    /// Of the run and its update.
+    seed: u64,
+    update: u64,
     /// Number of the first environment in the whole batch.
     pub first_environment: u64,
 }
@@ -38,11 +41,20 @@ impl Streams<'_> {
         &mut self.own[agent / self.n_agent]
     }
 
+    /// One that gives an agent the same `n` normal numbers in every step of an update.
+    pub fn held(&self, agent: usize, n: usize) -> Stream {
+        let stream = Stream::new(self.seed, self.environment(agent), self.update, Purpose::EXPLORATION);
+        Stream::restore(stream.key(), (WORDS * (agent % self.n_agent) * n) as u64)
+    }
+
     /// The environment of an agent, in the whole batch.
     pub fn environment(&self, agent: usize) -> u64 {
         self.first_environment.wrapping_add((agent / self.n_agent) as u64)
     }
 }
+
+/// Words of a stream in a normal number.
+const WORDS: usize = 4;
 
 /// A shard, what is kept of it, and what its policy works in.
 struct Worker {
@@ -147,7 +159,7 @@ impl Experience {
         let random = (!self.suffices()).then_some(&self.space);
         threads.for_each(&mut self.workers, |_, worker| {
             worker.begin(seed, update);
-            let fly = (0..steps).try_for_each(|_| worker.step(n_agent, random, explore));
+            let fly = (0..steps).try_for_each(|_| worker.step(n_agent, (seed, update), random, explore));
             worker.failed = fly.err();
         });
         if let Some(error) = self.workers.iter_mut().find_map(|worker| worker.failed.take()) {
@@ -218,7 +230,7 @@ impl Experience {
         let (ring, env) = self.place(environment);
         let agents = if block.team { 0..w.n_agent } else { agent..agent + 1 };
         (block.ids[k], block.weight[k]) = (id as u32, weight);
-        block.take(k, ring, (slot, env), agents, (self.config.n_step, self.discount));
+        block.take(k, ring, (slot, env), agents, (self.config.n_step.at(progress).round() as usize, self.discount));
     }
 
     /// How surprising the rows of blocks were.
@@ -345,12 +357,18 @@ impl Worker {
         (self.reward, self.episodes) = (0.0, Episodes::default());
     }
 
-    fn step(&mut self, n_agent: usize, random: Option<&Space>, explore: &impl Explore) -> Result<()> {
+    fn step(
+        &mut self,
+        n_agent: usize,
+        (seed, update): (u64, u64),
+        random: Option<&Space>,
+        explore: &impl Explore,
+    ) -> Result<()> {
         let Shard { env, out } = &mut self.shard;
         let spec = env.spec();
         let first_environment = spec.config.first_environment;
         let (seen, actions) = self.ring.now();
-        let mut streams = Streams { own: &mut self.streams, n_agent, first_environment };
+        let mut streams = Streams { own: &mut self.streams, n_agent, seed, update, first_environment };
         let (n_seen, n_action) = (spec.n_observation, spec.action.len());
         match random {
             Some(space) => {
@@ -545,6 +563,23 @@ mod tests {
     impl Explore for Never {
         fn act(&self, _: &[f32], _: usize, _: &mut Memory, _: &mut Streams<'_>, _: &mut [f32]) {
             panic!("nothing is learnt from yet");
+        }
+    }
+
+    #[test]
+    fn agents_of_an_environment_hold_numbers_of_their_own_in_every_step_of_an_update() {
+        let (seed, update, n) = (3, 8, 5);
+        let streams = Streams { own: &mut [], n_agent: 4, seed, update, first_environment: 10 };
+        let of = |agent: usize| {
+            let mut held = streams.held(agent, n);
+            (0..n).map(|_| held.normal()).collect::<Vec<f64>>()
+        };
+        for environment in 0..2 {
+            let mut whole = Stream::new(seed, 10 + environment, update, Purpose::EXPLORATION);
+            let whole: Vec<f64> = (0..4 * n).map(|_| whole.normal()).collect();
+            let agents = 4 * environment as usize..4 * environment as usize + 4;
+            assert_eq!(agents.clone().flat_map(of).collect::<Vec<f64>>(), whole);
+            assert_eq!(agents.flat_map(of).collect::<Vec<f64>>(), whole, "again");
         }
     }
 

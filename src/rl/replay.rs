@@ -6,6 +6,7 @@
 //! of two.
 
 use super::checkpoint::Tensors;
+use super::schedule::Schedule;
 use super::shards::within_memory;
 use crate::error::{Error, Result};
 use crate::tasks::{Buffers, Spec};
@@ -19,8 +20,9 @@ pub struct ReplayConfig {
     pub capacity: usize,
     /// Steps that are flown before the first is learnt from, with actions drawn evenly.
     pub learning_starts: usize,
-    /// n, steps whose rewards a target adds up before it asks for a value.
-    pub n_step: usize,
+    /// n over the run, rounded: steps whose rewards a target adds up before it asks for a value. Many tell soon what follows, but
+    /// of what was done then, noise and all; few are as exact as the value that they ask for (Schwarzer et al. 2023, section 3).
+    pub n_step: Schedule,
     /// α: a row is drawn as often as its last error to this power; 0 for all alike (Schaul et al. 2016).
     pub priority: f64,
     /// β of the weights that make up for it, rising to 1 over the run.
@@ -29,14 +31,14 @@ pub struct ReplayConfig {
 
 impl Default for ReplayConfig {
     fn default() -> Self {
-        Self { capacity: 200_000, learning_starts: 4000, n_step: 1, priority: 0.0, beta: 0.4 }
+        Self { capacity: 200_000, learning_starts: 4000, n_step: Schedule::constant(1.0), priority: 0.0, beta: 0.4 }
     }
 }
 
 /// Most steps of a ring.
 const MAX_CAPACITY: usize = 1 << 28;
 /// Most steps of a target.
-const MAX_N_STEP: usize = 64;
+const MAX_N_STEP: f64 = 64.0;
 
 impl ReplayConfig {
     /// Checks every number.
@@ -57,8 +59,11 @@ impl ReplayConfig {
                 "A few thousand are usual.",
             ));
         }
-        if !(1..=MAX_N_STEP).contains(&self.n_step) {
-            return Err(Error::limit("replay.n_step", self.n_step, format!("1 to {MAX_N_STEP}"), "1 to 10 are usual."));
+        self.n_step.validate("replay.n_step")?;
+        for n in [self.n_step.at(0.0), self.n_step.at(1.0)] {
+            if !(1.0..=MAX_N_STEP).contains(&n) {
+                return Err(Error::limit("replay.n_step", n, format!("1 to {MAX_N_STEP}"), "1 to 10 are usual."));
+            }
         }
         for (what, x) in [("replay.priority", self.priority), ("replay.beta", self.beta)] {
             if !(0.0..=1.0).contains(&x) {
@@ -74,7 +79,8 @@ impl ReplayConfig {
     /// As there; [`Error::Limit`] for rings that are too short for a target.
     pub fn validate_for(&self, n_env: usize) -> Result<()> {
         self.validate()?;
-        let least = n_env.saturating_mul(2 * self.n_step + 1);
+        let most = self.n_step.at(0.0).max(self.n_step.at(1.0)).round() as usize;
+        let least = n_env.saturating_mul(2 * most + 1);
         if self.capacity < least {
             let limit = format!("≥ {least} for {n_env} environments");
             return Err(Error::limit("replay.capacity", self.capacity, limit, "Keep more, or fly fewer environments."));

@@ -7,7 +7,6 @@ use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noi
 use super::nn::Activation;
 use super::nn::tanh_gaussian::{draw, pull};
 use crate::error::{Error, Result};
-use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// Settings.
@@ -20,7 +19,7 @@ pub type Sac = ActorCritic<Entropy>;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Entropy {
-    /// H̄ for each number of an action, nats: −1 leaves a width of about a third of the range.
+    /// H̄ for each number of an action, nats: −1 leaves a deviation of about 0.09, e^H̄/√(2πe).
     pub target: f64,
     /// First α.
     pub temperature: f64,
@@ -30,7 +29,7 @@ pub struct Entropy {
 
 impl Default for Entropy {
     fn default() -> Self {
-        Self { target: -0.8, temperature: 0.1, learning_rate: 1e-3 }
+        Self { target: -1.0, temperature: 0.1, learning_rate: 1e-3 }
     }
 }
 
@@ -108,10 +107,10 @@ impl Kind for Temperature {
         MAX_ACTION
     }
 
-    fn explore(&self, output: &[f32], _: u64, stream: &mut Stream, action: &mut [f32]) {
+    fn explore(&self, output: &[f32], _: u64, noise: &mut Noise<'_>, action: &mut [f32]) {
         let mut own = [0.0; MAX_ACTION];
         let n = action.len();
-        draw(output, normal(&mut Noise::new(stream), &mut own, n), action);
+        draw(output, normal(noise, &mut own, n), action);
     }
 
     fn next(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32 {

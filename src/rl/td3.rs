@@ -2,12 +2,11 @@
 //! (Lillicrap et al. 2016), for teams with a central critic MATD3 and MADDPG (Lowe et al. 2017).
 //!
 //! The policy is tanh of the network. It is flown with noise, of another scale in every environment (Seo et al. 2025), and
-//! valued with noise that is noise_clip: values of neighbouring actions are to be alike.
+//! valued with noise that is cut: values of neighbouring actions are to be alike.
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
 use super::nn::Activation;
 use crate::error::{Error, Result};
-use crate::rng::Stream;
 use serde::{Deserialize, Serialize};
 
 /// Settings.
@@ -30,7 +29,7 @@ pub struct ActionNoise {
 
 impl Default for ActionNoise {
     fn default() -> Self {
-        Self { noise: [0.05, 0.4], target_noise: 0.2, noise_clip: 0.5 }
+        Self { noise: [0.05, 0.3], target_noise: 0.2, noise_clip: 0.5 }
     }
 }
 
@@ -48,7 +47,7 @@ impl Exploration for ActionNoise {
         ];
         for (what, x) in all {
             if !(0.0..=10.0).contains(&x) {
-                return Err(Error::value(what, x, "within [0, 10]", "[0.05, 0.4], 0.2 and 0.5 are usual."));
+                return Err(Error::value(what, x, "within [0, 10]", "[0.05, 0.3], 0.2 and 0.5 are usual."));
             }
         }
         if self.noise[0] > self.noise[1] {
@@ -75,11 +74,11 @@ impl Kind for ActionNoise {
         Activation::Tanh
     }
 
-    fn explore(&self, output: &[f32], environment: u64, stream: &mut Stream, action: &mut [f32]) {
+    fn explore(&self, output: &[f32], environment: u64, noise: &mut Noise<'_>, action: &mut [f32]) {
         let [least, most] = self.noise;
-        let scale = least + (most - least) * (environment as f64 * GOLDEN_RATIO).fract();
+        let scale = (least + (most - least) * (environment as f64 * GOLDEN_RATIO).fract()) as f32;
         for (a, y) in action.iter_mut().zip(output) {
-            *a = (f64::from(*y) + scale * stream.normal()).clamp(-1.0, 1.0) as f32;
+            *a = (y + scale * noise.normal()).clamp(-1.0, 1.0);
         }
     }
 

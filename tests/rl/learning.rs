@@ -291,7 +291,7 @@ fn ppo_regulates(seed: u64, most: f64) {
 fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<E> {
     let network = Layers { hidden: Vec::new(), ..usual.network.clone() };
     let critic = Layers { hidden: vec![64; 2], layer_norm: false, ..usual.critic.clone() };
-    let replay = ReplayConfig { n_step: 1, learning_starts: 512, ..usual.replay.clone() };
+    let replay = ReplayConfig { n_step: 1.0.into(), learning_starts: 512, ..usual.replay.clone() };
     ActorCriticConfig {
         n_env: 64,
         shard: 32,
@@ -299,6 +299,7 @@ fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<
         discount: 0.97,
         updates: 200,
         tau: 0.02,
+        correlation: 0.0,
         normalise_observation: false,
         learning_rate: Schedule::constant(3e-3),
         critic_learning_rate: Schedule::constant(3e-3),
@@ -310,7 +311,7 @@ fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<
 }
 
 fn regulating_sac() -> SacConfig {
-    // less and less learning_starts: the optimum is not
+    // less and less random: the optimum is not
     let exploration = Entropy { target: -3.0, ..Entropy::default() };
     SacConfig { exploration, ..regulating(SacConfig::default()) }
 }

@@ -73,6 +73,9 @@ pub struct ActorCriticConfig<E> {
     pub huber: f64,
     /// How it explores.
     pub exploration: E,
+    /// ρ, correlation of the noise of two steps of an update. A drone hardly feels an action of one step, and its critics tell
+    /// the better one from the worse only where noise lasts (Eberhard et al. 2023).
+    pub correlation: f64,
     /// Whether observations are normalised by their running mean and deviation.
     pub normalise_observation: bool,
     /// Steps that are kept to be learnt from.
@@ -99,13 +102,14 @@ impl<E: Exploration> Default for ActorCriticConfig<E> {
             critics: 2,
             actor_delay: E::ACTOR_DELAY,
             central_critic: false,
-            learning_rate: Schedule::cosine(3e-3, 3e-4),
-            critic_learning_rate: Schedule::cosine(5e-3, 5e-4),
+            learning_rate: Schedule::cosine(3e-3, 1.5e-3),
+            critic_learning_rate: Schedule::cosine(5e-3, 2e-3),
             max_grad_norm: 10.0,
             huber: 10.0,
             exploration: E::default(),
+            correlation: 0.8,
             normalise_observation: true,
-            replay: ReplayConfig { capacity: 400_000, n_step: 10, ..ReplayConfig::default() },
+            replay: ReplayConfig { capacity: 400_000, n_step: Schedule::cosine(10.0, 3.0), ..ReplayConfig::default() },
             adam: AdamConfig::default(),
             network: Layers::elu(0.01),
             critic: Layers { hidden: vec![128; 2], layer_norm: true, ..Layers::elu(1.0) },
@@ -145,6 +149,9 @@ impl<E: Exploration> ActorCriticConfig<E> {
             return Err(Error::value("replay.priority", self.replay.priority, "0 with a central critic", remedy));
         }
         self.exploration.validate()?;
+        if !(0.0..=1.0).contains(&self.correlation) {
+            return Err(Error::value("correlation", self.correlation, "within [0, 1]", "0 to 0.9 are usual."));
+        }
         self.adam.validate()?;
         self.network.validate()?;
         if !self.critic.is_plain() {

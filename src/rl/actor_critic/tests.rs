@@ -18,7 +18,7 @@ fn small<E: Exploration>() -> ActorCriticConfig<E> {
         gradient_steps: 4,
         batch: 100,
         discount: 0.97,
-        replay: ReplayConfig { capacity: 2000, learning_starts: 96, n_step: 3, ..ReplayConfig::default() },
+        replay: ReplayConfig { capacity: 2000, learning_starts: 96, n_step: 3.0.into(), ..ReplayConfig::default() },
         network: layers(usual.network.clone()),
         critic: layers(usual.critic.clone()),
         ..usual
@@ -155,9 +155,9 @@ fn results_are_the_same_bits_for_any_number_of_threads_and_go_on_with_them() {
     check("OverHover", Td3Config { central_critic: true, ..small() });
 }
 
-/// Of the one state there is, with reward 1 for ever and episodes that are noise_clip: 100 at γ = 0.99. Taking time-outs for deaths
+/// Of the one state there is, with reward 1 for ever and episodes that are cut short: 100 at γ = 0.99. Taking time-outs for deaths
 /// gives less than 10.
-fn worth_of_forever<E: Exploration>(exploration: E, n_step: usize) -> f64 {
+fn worth_of_forever<E: Exploration>(exploration: E, n_step: f64) -> f64 {
     let linear = |own: &Layers| Layers { hidden: vec![], ..own.clone() };
     let usual = small::<E>();
     let config = ActorCriticConfig {
@@ -172,7 +172,7 @@ fn worth_of_forever<E: Exploration>(exploration: E, n_step: usize) -> f64 {
         max_grad_norm: f64::INFINITY,
         network: linear(&usual.network),
         critic: linear(&usual.critic),
-        replay: ReplayConfig { n_step, ..usual.replay.clone() },
+        replay: ReplayConfig { n_step: n_step.into(), ..usual.replay.clone() },
         ..usual
     };
     let env = EnvConfig { stagger: true, ..EnvConfig::default() };
@@ -186,7 +186,7 @@ fn worth_of_forever<E: Exploration>(exploration: E, n_step: usize) -> f64 {
 #[test]
 fn time_that_runs_out_is_not_death() {
     let cold = Entropy { temperature: 1e-6, learning_rate: 0.0, ..Entropy::default() };
-    for n_step in [1, 4] {
+    for n_step in [1.0, 4.0] {
         let found = [worth_of_forever(cold.clone(), n_step), worth_of_forever(ActionNoise::default(), n_step)];
         println!("n = {n_step}: {found:?}");
         for worth in found {
@@ -213,4 +213,22 @@ fn actions_of_whole_numbers_and_batches_beyond_memory_are_refused() {
     let team = ReplayConfig { priority: 0.5, ..small::<Entropy>().replay };
     let central = SacConfig { central_critic: true, replay: team, ..small() };
     assert!(refused(EnvConfig::default(), central).contains("central critic"));
+}
+
+/// What is held is that of an agent and an update, and ρ is the correlation of two steps.
+#[test]
+fn noise_lasts_for_an_update_as_its_correlation_says() {
+    let rho = 0.8;
+    let drawn = |environment: u64, update: u64, step: u64| {
+        let mut own = Stream::new(3, environment, 100 * update + step, Purpose::POLICY);
+        let held = Stream::new(3, environment, update, Purpose::EXPLORATION);
+        f64::from(Noise { stream: &mut own, held: Some((held, rho)) }.normal())
+    };
+    let n = 20_000;
+    let mean = |of: &dyn Fn(u64) -> f64| (0..n).map(of).sum::<f64>() / n as f64;
+    let same = mean(&|i| drawn(i, 0, 0) * drawn(i, 0, 1));
+    let later = mean(&|i| drawn(i, 0, 0) * drawn(i, 1, 0));
+    let square = mean(&|i| drawn(i, 0, 0).powi(2));
+    println!("correlation {same:.3} in an update, {later:.3} of two, variance {square:.3}");
+    assert!((same - rho).abs() < 0.03 && later.abs() < 0.03 && (square - 1.0).abs() < 0.03, "{same} {later} {square}");
 }

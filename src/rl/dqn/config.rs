@@ -98,7 +98,7 @@ impl Default for DqnConfig {
             max_grad_norm: 10.0,
             huber: 10.0,
             normalise_observation: true,
-            replay: ReplayConfig { capacity: 400_000, n_step: 10, ..ReplayConfig::default() },
+            replay: ReplayConfig { capacity: 400_000, n_step: 10.0.into(), ..ReplayConfig::default() },
             adam: AdamConfig::default(),
             network: Layers { hidden: vec![128; 2], layer_norm: true, ..Layers::elu(0.1) },
         }

@@ -14,7 +14,7 @@ fn small() -> DqnConfig {
         updates: 20,
         gradient_steps: 4,
         batch: 100,
-        replay: ReplayConfig { capacity: 2000, learning_starts: 96, n_step: 3, ..ReplayConfig::default() },
+        replay: ReplayConfig { capacity: 2000, learning_starts: 96, n_step: 3.0.into(), ..ReplayConfig::default() },
         tau: 0.01,
         network: Layers { hidden: vec![16, 16], layer_norm: false, ..usual.network.clone() },
         ..usual
@@ -197,7 +197,7 @@ fn quantiles_of_a_coin_are_its_two_sides() {
         epsilon: Schedule::constant(1.0),
         updates: 3000,
         learning_rate: Schedule::cosine(5e-3, 1e-5),
-        replay: ReplayConfig { n_step: 1, ..small().replay },
+        replay: ReplayConfig { n_step: 1.0.into(), ..small().replay },
         network: Layers { hidden: vec![8], ..small().network },
         ..small()
     };
@@ -236,7 +236,7 @@ fn values_of_a_corridor_are_those_of_its_table() {
         tau: 0.05,
         updates: 3000,
         learning_rate: Schedule::cosine(3e-3, 1e-5),
-        replay: ReplayConfig { n_step: 1, ..small().replay },
+        replay: ReplayConfig { n_step: 1.0.into(), ..small().replay },
         network: Layers { hidden: vec![32], ..small().network },
         ..small()
     };
@@ -300,7 +300,7 @@ fn settle(mixer: Mixer, payoff: [[f32; 3]; 3]) -> ((usize, usize), f32) {
         epsilon: Schedule::constant(1.0),
         updates: 4000,
         learning_rate: Schedule::cosine(5e-3, 1e-5),
-        replay: ReplayConfig { n_step: 1, ..small().replay },
+        replay: ReplayConfig { n_step: 1.0.into(), ..small().replay },
         network: Layers { hidden: vec![16], ..small().network },
         ..small()
     };

@@ -164,9 +164,14 @@ fn a_ring_that_was_saved_goes_on_alike_and_one_that_was_forged_is_refused() {
 
 #[test]
 fn settings_that_hold_no_path_are_refused() {
-    let of = |capacity, n_step| ReplayConfig { capacity, n_step, learning_starts: 0, ..ReplayConfig::default() };
-    assert!(of(1000, 3).validate_for(64).is_ok());
-    for (config, says) in [(of(1000, 9), "1216"), (of(1, 1), "capacity"), (of(1000, 65), "n_step")] {
+    let of = |capacity, n_step: f64| ReplayConfig {
+        capacity,
+        n_step: n_step.into(),
+        learning_starts: 0,
+        ..ReplayConfig::default()
+    };
+    assert!(of(1000, 3.0).validate_for(64).is_ok());
+    for (config, says) in [(of(1000, 9.0), "1216"), (of(1, 1.0), "capacity"), (of(1000, 65.0), "n_step")] {
         let refused = config.validate_for(64).unwrap_err().to_string();
         assert!(refused.contains(says), "{refused}");
     }
