@@ -37,6 +37,7 @@ impl Exploration for Entropy {
     type Kind = Temperature;
     const NAME: &'static str = "sac";
     const ACTOR_DELAY: usize = 1;
+    const WARM_UP: f64 = 0.0;
 
     fn validate(&self) -> Result<()> {
         if !self.target.is_finite() {

@@ -37,6 +37,8 @@ impl Exploration for ActionNoise {
     type Kind = Self;
     const NAME: &'static str = "td3";
     const ACTOR_DELAY: usize = 2;
+    // critics that know nothing yet drive the actor into a corner of its range, from which tanh leaves no way
+    const WARM_UP: f64 = 0.1;
 
     fn validate(&self) -> Result<()> {
         let all = [

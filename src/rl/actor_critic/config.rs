@@ -26,6 +26,8 @@ pub trait Exploration:
     const NAME: &'static str;
     /// Steps of the critics for one of the actor, unless settings say otherwise.
     const ACTOR_DELAY: usize;
+    /// Share of the run in which the rate of the actor rises, likewise.
+    const WARM_UP: f64;
 
     /// Checks every number.
     ///
@@ -102,7 +104,7 @@ impl<E: Exploration> Default for ActorCriticConfig<E> {
             critics: 2,
             actor_delay: E::ACTOR_DELAY,
             central_critic: false,
-            learning_rate: Schedule::cosine(3e-3, 1.5e-3),
+            learning_rate: Schedule::Cosine { from: 3e-3, to: 1.5e-3, warm_up: E::WARM_UP },
             critic_learning_rate: Schedule::cosine(5e-3, 2e-3),
             max_grad_norm: 10.0,
             huber: 10.0,
