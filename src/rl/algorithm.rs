@@ -243,8 +243,12 @@ pub static VARIANTS: [Variant; 7] = [
         settings: "td3 = { central_critic = true, critics = 1, actor_delay = 1, exploration = { target_noise = 0.0 } }",
     },
     Variant { name: "matd3", of: "td3", settings: "td3.central_critic = true" },
-    Variant { name: "vdn", of: "dqn", settings: "dqn.mixer = { kind = 'sum' }" },
-    Variant { name: "qmix", of: "dqn", settings: "dqn.mixer = { kind = 'monotone', units = 32, hidden = 64 }" },
+    Variant { name: "vdn", of: "dqn", settings: "dqn = { mixer = { kind = 'sum' }, quantiles = 1 }" },
+    Variant {
+        name: "qmix",
+        of: "dqn",
+        settings: "dqn = { mixer = { kind = 'monotone', units = 32, hidden = 64 }, quantiles = 1 }",
+    },
 ];
 
 /// The variant of that name (case does not matter), if it is one.

@@ -257,11 +257,11 @@ impl Dqn {
         self.net.rescale(&self.shapes.network, moved)
     }
 
-    /// The weights of what flies: one output per action, its value.
+    /// The weights of what flies, those that follow slowly: one output per action, its value.
     fn flown_parameters(&self) -> Result<Vec<f32>> {
         let values = self.shapes.values;
         let share = 1.0 / values.quantiles as f32;
-        fold((&*self.shapes.network, &self.net.parameters), &*self.flown.mlp, |k| {
+        fold((&*self.shapes.network, &self.net.following), &*self.flown.mlp, |k| {
             let all = (0..values.quantiles).flat_map(|q| values.parts(k / values.levels, k % values.levels, q));
             all.map(|(j, w)| (j, share * w)).collect()
         })

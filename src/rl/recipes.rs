@@ -18,6 +18,7 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("hover.ppo"),
     file!("hover.sac"),
     file!("hover.td3"),
+    file!("hover.dqn"),
     file!("track.apg"),
     file!("track.ppo"),
     file!("hover_rand.apg"),

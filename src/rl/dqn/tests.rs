@@ -16,6 +16,7 @@ fn small() -> DqnConfig {
         batch: 100,
         replay: ReplayConfig { capacity: 2000, learning_starts: 96, n_step: 3.0.into(), ..ReplayConfig::default() },
         tau: 0.01,
+        duelling: false,
         network: Layers { hidden: vec![16, 16], layer_norm: false, ..usual.network.clone() },
         ..usual
     }

@@ -464,7 +464,7 @@ fn tasks_are_trained_together_and_a_table_that_was_stopped_goes_on() {
     let tasks = told["tasks"].as_array().expect("tasks");
     let named: Vec<_> = tasks.iter().map(|t| (t["task"].as_str(), t["algorithm"].as_str())).collect();
     let by = |task, algorithm| (Some(task), Some(algorithm));
-    let hover = ["apg", "ppo", "sac", "td3"].map(|algorithm| by("Hover", algorithm));
+    let hover = ["apg", "ppo", "sac", "td3", "dqn"].map(|algorithm| by("Hover", algorithm));
     assert_eq!(named, [&hover[..], &[by("Track", "apg"), by("Track", "ppo")]].concat());
     for task in tasks {
         assert_eq!(task["runs"].as_array().map(Vec::len), Some(2), "{task}");
@@ -507,8 +507,8 @@ fn a_study_is_made_in_parts_and_its_report_tells_all_that_is_there() {
         named,
         [
             by("ppo", ""),
-            by("dqn", ""),
             by("dqn", "joint"),
+            by("dqn", "apart"),
             by("ppo", "rate"),
             by("ppo", "attitude"),
             by("ppo", "velocity")
