@@ -124,6 +124,7 @@ Examples:
   omnidrones tasks Hover                    what an agent sees, commands and is rewarded for
   omnidrones rollout Hover                  256 episodes flown by our controller, with plots
   omnidrones train Hover                    a policy from random weights, in seconds
+  omnidrones study paper                    learning algorithms beside each other, in hours
   omnidrones eval runs/Hover-apg-s0         fly it from held-out starts, with plots
   omnidrones report runs/Hover-apg-s0       how it learnt and flies, as one page
   omnidrones replay runs/Hover-apg-s0       see it fly: one page for any browser
