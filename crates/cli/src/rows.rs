@@ -49,6 +49,11 @@ impl Row {
         })
     }
 
+    /// `dqn, joint`.
+    pub fn label(&self) -> String {
+        label(&self.algorithm, &self.setting)
+    }
+
     /// Task, algorithm and setting, as in names of files.
     fn stem(&self) -> String {
         let parts = [&self.task, &self.algorithm, &self.setting];
@@ -65,15 +70,18 @@ impl Row {
     }
 }
 
-/// The row as it is kept in `folder`, with no run that was not asked for; none that is stale.
+/// An algorithm with what sets a row of it apart.
+pub fn label(algorithm: &str, setting: &str) -> String {
+    if setting.is_empty() { algorithm.into() } else { format!("{algorithm}, {setting}") }
+}
+
+/// The row as it is kept in `folder`, with all of its seeds; an empty one where it is not there or stale.
 ///
 /// # Errors
 /// As [`fingerprint`].
 pub fn known(asked: &Asked<'_>, folder: &Path) -> Result<Row> {
     let fresh = Row::new(asked)?;
-    let mut row = kept(&fresh.path(folder, asked.config.updates()), &fresh).unwrap_or(fresh);
-    row.runs.retain(|run| run.seed < asked.seeds);
-    Ok(row)
+    Ok(kept(&fresh.path(folder, asked.config.updates()), &fresh).unwrap_or(fresh))
 }
 
 /// The row as it is kept in `folder`, with the seeds that are missing trained.
@@ -94,7 +102,7 @@ pub fn train(asked: &Asked<'_>, folder: &Path, threads: &Threads, bar: &indicati
         until: u64::MAX,
     };
     let all: Vec<Run> = missing.iter().map(run).collect();
-    bar.set_length(config.updates() * all.len() as u64);
+    bar.set_length(config.updates().saturating_mul(all.len() as u64));
     progress::say(bar, &format!("{} · {}", row.task, asked.algorithm));
     let (done, failed) = split(&missing, &train_seeds::train(&all, threads, bar));
     row.runs.extend(done);

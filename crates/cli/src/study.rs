@@ -17,6 +17,7 @@ use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::{self, Line};
+use omnidrones::rl::runs::OverSeeds;
 use omnidrones::tasks::Evaluation;
 use omnidrones::tasks::registry;
 use plan::{Cell, Claim, Plan};
@@ -36,14 +37,14 @@ Examples:
   omnidrones study paper --tasks Hover --algos ppo,dqn    some of its rows; the report tells all that are there
   omnidrones study paper --no-train                   the report of what is there
 
-A row is a task by an algorithm, each with the settings of its recipe and those of the study. A figure is the mean over seeds, ± \
-half the width of its 95 % confidence interval (Student's t), in brackets the least and the largest. Who keeps three quarters of \
-what our controller returns from the same starts counts as flying the task.
+A row is a task by an algorithm, each with the settings of its recipe and those of the study. Success and return beside ours are \
+means over seeds, ± half the width of the 95 % confidence interval (Student's t), in brackets the least and the largest. Who keeps \
+three quarters of what our controller returns from the first 256 of the same starts counts as flying the task.
 
 Exit codes: 0 all that was asked for is trained; 1 something was not; 2 unusable input or arguments.
 
 Files in --out: a row per task and algorithm (TASK-ALGO-uUPDATES.json), a folder per run, study.md and study.html (the report), \
-study.json (what --json prints), curves.svg.";
+study.json (what --json prints), curves (.png or .svg).";
 
 /// Arguments of `study`.
 #[derive(Debug, clap::Args)]
@@ -77,7 +78,7 @@ pub struct Arguments {
 /// A row of the study and what is known of it.
 pub struct Told {
     cell: Cell,
-    row: std::result::Result<Row, String>,
+    row: Row,
     /// The log of every seed that is here.
     curves: Vec<Vec<Line>>,
 }
@@ -87,9 +88,15 @@ type Controllers = BTreeMap<String, (String, Evaluation)>;
 
 /// A whole study.
 struct Study {
+    name: String,
     plan: Plan,
+    budget: f64,
+    /// With so many a row is whole.
+    seeds: u64,
     rows: Vec<Told>,
     controllers: Controllers,
+    /// What was asked for and not trained, in words.
+    failed: Vec<String>,
 }
 
 /// Trains what is asked for and missing, and tells all that is there.
@@ -108,13 +115,13 @@ pub fn run(a: &Arguments) -> Result<Report> {
         failed = asked.iter().flat_map(|cell| train(cell, seeds, &folder, &threads, &bar)).collect();
         bar.finish_and_clear();
     }
-    let study = Study::read(plan, &folder, a, seeds, &threads)?;
+    let study = Study { failed, ..Study::read(plan, &folder, a, seeds, &threads)? };
     let written = study.write(&folder, a)?;
-    let success = failed.is_empty();
+    let success = study.failed.is_empty();
     if a.output.json {
-        return Ok(Report::json(&study.value(a, &failed), success));
+        return Ok(Report::json(&study.value(), success));
     }
-    Ok(Report { text: study.page(&failed, &written), success })
+    Ok(Report { text: study.page(&written), success })
 }
 
 /// What failed of a row, in words.
@@ -133,21 +140,17 @@ impl Cell {
 }
 
 impl Told {
-    fn read(cell: Cell, folder: &Path, seeds: u64) -> Self {
-        let row = rows::known(&cell.asked(seeds), folder).map_err(|error| error.to_string());
-        let logs = row.iter().flat_map(|row| row.runs.iter().map(|run| row.run_folder(folder, run.seed)));
+    fn read(cell: Cell, folder: &Path, seeds: u64) -> Result<Self> {
+        let row = rows::known(&cell.asked(seeds), folder)?;
+        let logs = row.runs.iter().map(|run| row.run_folder(folder, run.seed));
         let curves = logs.filter_map(|run| log::read(run).ok()).collect();
-        Self { cell, row, curves }
+        Ok(Self { cell, row, curves })
     }
 
-    fn runs(&self) -> &[over_seeds::Outcome] {
-        self.row.as_ref().map_or(&[], |row| &row.runs)
-    }
-
-    /// Mean return as a share of that of our controller.
-    fn beside(&self, controllers: &Controllers) -> Option<f64> {
+    /// Return as a share of that of our controller.
+    fn beside(&self, controllers: &Controllers) -> Option<OverSeeds> {
         let (_, controller) = controllers.get(&self.cell.config.task)?;
-        Some(spread(self.runs(), |run| run.evaluation.return_mean)?.mean / controller.return_mean)
+        spread(&self.row.runs, |run| run.evaluation.return_mean / controller.return_mean)
     }
 }
 
@@ -155,48 +158,59 @@ impl Study {
     /// All rows of the plan, as they are kept in `folder`.
     fn read(plan: Plan, folder: &Path, a: &Arguments, seeds: u64, threads: &Threads) -> Result<Self> {
         let cells = plan.cells(&[], &[], a.budget)?;
-        let rows: Vec<Told> = cells.into_iter().map(|cell| Told::read(cell, folder, seeds)).collect();
+        let rows = cells.into_iter().map(|cell| Told::read(cell, folder, seeds)).collect::<Result<Vec<_>>>()?;
         let mut controllers = Controllers::new();
-        for task in rows.iter().filter(|row| !row.runs().is_empty()).map(|row| &row.cell.config.task) {
+        for task in rows.iter().filter(|row| !row.row.runs.is_empty()).map(|row| &row.cell.config.task) {
             if !controllers.contains_key(task) {
                 let flown = compare(registry::by_name(task)?, &TrainConfig::for_task(task, None, None)?, threads);
                 controllers.extend(flown.map(|flown| (task.clone(), flown)));
             }
         }
-        Ok(Self { plan, rows, controllers })
+        Ok(Self { name: a.name.clone(), plan, budget: a.budget, seeds, rows, controllers, failed: Vec::new() })
     }
 
     fn write(&self, folder: &Path, a: &Arguments) -> Result<Vec<PathBuf>> {
         let file = |name: &str| folder.join(name);
         let drawn = if a.output.no_plots { None } else { figure::figure(&self.plan.title, &self.rows) };
-        let drawn = drawn.map(|figure| figure.svg()).transpose()?;
+        let curves = format!("curves.{}", a.output.format.extension());
         let mut written = Vec::new();
-        let mut put = |name: &str, text: &str| {
-            written.push(file(name));
-            files::replace(&file(name), text)
-        };
-        if let Some(svg) = &drawn {
-            put("curves.svg", svg)?;
+        if let Some(figure) = &drawn {
+            figure.save(file(&curves))?;
+            written.push(file(&curves));
         }
-        let document = self.document(drawn);
-        put("study.md", &document.markdown())?;
-        put("study.html", &document.html())?;
-        put("study.json", &format!("{:#}\n", self.value(a, &[])))?;
+        let svg = drawn.map(|figure| figure.svg()).transpose()?;
+        let document = self.document(svg.map(|svg| (svg, &curves[..])));
+        let texts = [
+            ("study.md", document.markdown()),
+            ("study.html", document.html()),
+            ("study.json", format!("{:#}\n", self.value())),
+        ];
+        for (name, text) in texts {
+            files::replace(&file(name), &text)?;
+            written.push(file(name));
+        }
         Ok(written)
+    }
+
+    /// Whether all seeds of a row are there.
+    fn is_whole(&self, row: &Told) -> bool {
+        row.row.runs.len() as u64 >= self.seeds
     }
 
     /// How much of it is there.
     fn made(&self) -> String {
-        let done = self.rows.iter().filter(|row| !row.runs().is_empty()).count();
-        format!("{done} of {} rows are trained.", self.rows.len())
+        let (done, all) = (self.rows.iter().filter(|row| self.is_whole(row)).count(), self.rows.len());
+        let budget = if self.budget == 1.0 { String::new() } else { format!(", updates × {}", short(self.budget, 3)) };
+        format!("{done} of {all} rows are trained ({} seeds each{budget}).", self.seeds)
     }
 
-    fn document(&self, curves: Option<String>) -> Document {
+    fn document(&self, curves: Option<(String, &str)>) -> Document {
         let remark = format!("{} omnidrones {}.", self.made(), env!("CARGO_PKG_VERSION"));
         let mut document = Document::new(&self.plan.title, &remark);
         document.heading("Statements").line(
             "What was published of each algorithm, and whether the rows below bear it out. A task counts as flown where the mean \
-             return over seeds is three quarters of our controller's from the same starts.",
+             return over seeds is three quarters of our controller's from the first 256 of the same starts. Budgets differ, as the \
+             column of steps says: who fails here may need more.",
         );
         document.table(self.statements());
         for claim in self.plan.claims.iter().filter(|claim| !claim.why.is_empty()) {
@@ -205,14 +219,18 @@ impl Study {
         for part in &self.plan.parts {
             let table = self.table(&part.name);
             if !table.is_empty() {
-                let mut name = part.name.clone();
-                name[..1].make_ascii_uppercase();
-                document.heading(&name).table(table);
+                document.heading(&part.name).table(table);
             }
         }
         document.line(KEY);
-        if let Some(svg) = curves {
-            document.heading("Learning curves").figure(svg, "curves.svg");
+        if let Some((svg, file)) = curves {
+            document.heading("Learning curves").figure(svg, file);
+        }
+        if !self.failed.is_empty() {
+            document.heading("Not trained");
+            for words in &self.failed {
+                document.line(words);
+            }
         }
         document.heading("Where the rows come from").table(self.origins());
         document
@@ -224,9 +242,10 @@ impl Study {
         let mut columns = vec![("task", Align::Left), ("by", Align::Left)];
         columns.extend(heads.map(|name| (name, Align::Right)));
         let mut table = Table::new(&columns);
-        let own: Vec<&Told> = self.rows.iter().filter(|row| row.cell.part == part && !row.runs().is_empty()).collect();
+        let own: Vec<&Told> =
+            self.rows.iter().filter(|row| row.cell.part == part && !row.row.runs.is_empty()).collect();
         for (k, row) in own.iter().enumerate() {
-            let (task, runs) = (&row.cell.config.task, row.runs());
+            let (task, runs) = (&row.cell.config.task, &row.row.runs);
             let mean = |of: fn(&over_seeds::Outcome) -> f64, show: &dyn Fn(f64) -> String| {
                 spread(runs, of).map_or("–".into(), |all| show(all.mean))
             };
@@ -236,7 +255,7 @@ impl Study {
                 shown(spread(runs, |run| run.evaluation.success), percent, 100.0),
                 mean(|run| run.evaluation.crashed, &percent),
                 mean(|run| run.evaluation.return_mean, &|x| short(x, 4)),
-                row.beside(&self.controllers).map_or("–".into(), percent),
+                shown(row.beside(&self.controllers), percent, 100.0),
                 runs.len().to_string(),
                 mean(|run| run.seconds, &duration),
                 mean(|run| run.env_steps as f64, &count),
@@ -263,10 +282,11 @@ impl Study {
 
     /// Whether a statement holds, and on how many tasks each of its algorithms flies.
     fn judge(&self, claim: &Claim) -> (&'static str, String) {
-        let own = |row: &&Told| row.cell.part == claim.part && claim.algorithms.contains(&row.cell.algorithm);
+        let own = |row: &&Told| claim.parts.contains(&row.cell.part) && claim.algorithms.contains(&row.cell.algorithm);
         let mut flown: Vec<(String, Vec<Option<f64>>)> = Vec::new();
         for row in self.rows.iter().filter(own) {
-            let (label, share) = (row.cell.label(), row.beside(&self.controllers));
+            let share = row.beside(&self.controllers).filter(|_| self.is_whole(row)).map(|share| share.mean);
+            let label = row.cell.label();
             match flown.iter_mut().find(|(name, _)| *name == label) {
                 Some((_, shares)) => shares.push(share),
                 None => flown.push((label, vec![share])),
@@ -278,7 +298,7 @@ impl Study {
         };
         let found = flown.iter().map(told).collect::<Vec<_>>().join("; ");
         if flown.iter().any(|(_, shares)| shares.iter().any(Option::is_none)) {
-            return ("not decided: rows are missing", found);
+            return ("not decided: rows or our controllers are missing", found);
         }
         let mut each = flown.iter().map(|(_, shares)| (count(shares), shares.len()));
         let holds = if claim.flies { each.all(|(n, of)| 2 * n > of) } else { each.all(|(n, _)| n == 0) };
@@ -288,17 +308,15 @@ impl Study {
     fn origins(&self) -> Table {
         let heads = ["task", "by", "seeds", "commit", "hash of settings, task and physics"];
         let mut table = Table::new(&heads.map(|name| (name, Align::Left)));
-        for (told, row) in self.rows.iter().filter_map(|told| Some((told, told.row.as_ref().ok()?))) {
-            if !row.runs.is_empty() {
-                let seeds: Vec<String> = row.runs.iter().map(|run| run.seed.to_string()).collect();
-                let commit = row.commit.clone().unwrap_or("–".into());
-                table.row([row.task.clone(), told.cell.label(), seeds.join(", "), commit, row.hash.clone()]);
-            }
+        for row in self.rows.iter().map(|told| &told.row).filter(|row| !row.runs.is_empty()) {
+            let seeds: Vec<String> = row.runs.iter().map(|run| run.seed.to_string()).collect();
+            let commit = row.commit.clone().unwrap_or("–".into());
+            table.row([row.task.clone(), row.label(), seeds.join(", "), commit, row.hash.clone()]);
         }
         table
     }
 
-    fn page(&self, failed: &[String], written: &[PathBuf]) -> String {
+    fn page(&self, written: &[PathBuf]) -> String {
         let mut page = Page::new();
         page.title("Study", &self.plan.title);
         for part in &self.plan.parts {
@@ -313,9 +331,9 @@ impl Study {
             let (verdict, found) = self.judge(claim);
             page.line(format!("  {}\n    {verdict}: {found}", claim.says));
         }
-        if !failed.is_empty() {
+        if !self.failed.is_empty() {
             page.heading("Not trained");
-            for words in failed {
+            for words in &self.failed {
                 page.line(format!("  {words}"));
             }
         }
@@ -326,10 +344,9 @@ impl Study {
         page.finish()
     }
 
-    fn value(&self, a: &Arguments, failed: &[String]) -> Value {
+    fn value(&self) -> Value {
         let row = |told: &Told| {
-            let (runs, failed) = told.row.as_ref().map_or((&[][..], &[][..]), |row| (&row.runs, &row.failed));
-            let mut value = over_seeds::value(runs, failed);
+            let mut value = over_seeds::value(&told.row.runs, &told.row.failed);
             value["part"] = told.cell.part.as_str().into();
             value["task"] = told.cell.config.task.as_str().into();
             value["algorithm"] = told.cell.algorithm.as_str().into();
@@ -348,12 +365,13 @@ impl Study {
         json!({
             "command": "study",
             "version": env!("CARGO_PKG_VERSION"),
-            "study": a.name,
-            "budget": a.budget,
+            "study": self.name,
+            "budget": self.budget,
+            "seeds": self.seeds,
             "rows": self.rows.iter().map(row).collect::<Vec<_>>(),
             "controllers": controllers.collect::<serde_json::Map<_, _>>(),
             "claims": self.plan.claims.iter().map(claim).collect::<Vec<_>>(),
-            "not_trained": failed,
+            "not_trained": self.failed,
         })
     }
 }
@@ -362,3 +380,58 @@ impl Study {
 const KEY: &str = "\
 Success and return: mean over seeds, from held-out starts; success ± half the width of its 95 % interval (least–largest).
 Beside ours: return over that of our controller. Time: of training, on the threads that it had.";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The study with rows of these algorithms of single drones, whose returns are that share of our controller's.
+    fn study(shares: &[(&str, f64)], seeds: u64) -> Study {
+        let plan = Plan::by_name("paper").unwrap();
+        let told = |return_mean: f64| Evaluation { return_mean, ..serde_json::from_str(FLOWN).unwrap() };
+        let row = |cell: Cell| {
+            let share = shares.iter().find(|(name, _)| *name == cell.algorithm).map(|(_, share)| 100.0 * share);
+            let run = |seed: u64, share| over_seeds::Outcome {
+                seed,
+                evaluation: told(share),
+                seconds: 1.0,
+                env_steps: 1,
+                updates: 1,
+            };
+            let runs = share.into_iter().flat_map(|share| (0..seeds).map(move |seed| run(seed, share))).collect();
+            let row = Row {
+                task: cell.config.task.clone(),
+                algorithm: cell.algorithm.clone(),
+                setting: cell.setting.clone(),
+                hash: String::new(),
+                commit: None,
+                runs,
+                failed: Vec::new(),
+            };
+            Told { cell, row, curves: Vec::new() }
+        };
+        let rows: Vec<Told> = plan.cells(&[], &[], 1.0).unwrap().into_iter().map(row).collect();
+        let tasks = rows.iter().map(|row| row.cell.config.task.clone());
+        let controllers = tasks.map(|task| (task, ("ours".to_string(), told(100.0)))).collect();
+        Study { name: "paper".into(), plan, budget: 1.0, seeds: 3, rows, controllers, failed: Vec::new() }
+    }
+
+    const FLOWN: &str = r#"{"n_episode": 1, "return_mean": 0, "return_std": 0, "share_of_bound": 0, "terms": [], "success": 0,
+        "success_interval": [0, 0], "success_by_last_error": 0, "crashed": 0, "length": 0, "final_metrics": [],
+        "final_error": 0, "mean_error": 0, "ends": []}"#;
+
+    fn verdict(study: &Study, begins: &str) -> &'static str {
+        study.judge(study.plan.claims.iter().find(|claim| claim.says.starts_with(begins)).unwrap()).0
+    }
+
+    #[test]
+    fn statements_are_judged_by_whole_rows_of_their_algorithms_alone() {
+        let well = study(&[("ppo", 0.9), ("sac", 0.8), ("td3", 0.76), ("dqn", 0.7), ("ddpg", 0.1)], 3);
+        assert_eq!((verdict(&well, "PPO, SAC"), verdict(&well, "DQN")), ("holds", "holds"));
+        let ill = study(&[("ppo", 0.9), ("sac", 0.74), ("td3", 0.8), ("dqn", 0.8)], 3);
+        assert_eq!((verdict(&ill, "PPO, SAC"), verdict(&ill, "DQN")), ("does not hold", "does not hold"));
+        assert!(verdict(&well, "QMIX").starts_with("not decided"));
+        let half = study(&[("ppo", 0.9), ("sac", 0.8), ("td3", 0.76)], 2);
+        assert!(verdict(&half, "PPO, SAC").starts_with("not decided"), "two seeds of three");
+    }
+}

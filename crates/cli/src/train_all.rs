@@ -93,14 +93,14 @@ pub fn read(folder: &Path, fly: &dyn Fn(&'static Entry) -> Option<(String, Evalu
         .filter_map(|row| Some((registry::by_name(&row.task).ok()?, row)))
         .collect();
     let place = |entry: &Entry| REGISTRY.iter().position(|e| e.name == entry.name);
-    rows.sort_by(|(a, x), (b, y)| (place(a), &x.algorithm).cmp(&(place(b), &y.algorithm)));
+    rows.sort_by_key(|(entry, row)| (place(entry), row.label()));
     let known = known_baselines(&folder.join("table.json"));
     let line = |(entry, row): (&'static Entry, Row)| {
         let config = TrainConfig::for_task(entry.name, Some(&row.algorithm), None).ok();
         let log = |run: &Outcome| log::read(row.run_folder(folder, run.seed)).ok();
         Line {
             entry,
-            algorithm: row.algorithm.clone(),
+            algorithm: row.label(),
             error: config.and_then(|config| spec(entry, &config).ok()).map(|(_, error)| error),
             curves: row.runs.iter().filter_map(log).collect(),
             row: Ok(row),
@@ -136,7 +136,7 @@ impl Line {
         let seeds: Vec<String> = row.runs.iter().map(|run| run.seed.to_string()).collect();
         let commit = row.commit.clone().unwrap_or("–".into());
         let runs = row.runs.iter().map(|run| row.run_folder(folder, run.seed)).filter(|path| path.is_dir()).collect();
-        Some(([row.task.clone(), row.algorithm.clone(), seeds.join(", "), commit, row.hash.clone()], runs))
+        Some(([row.task.clone(), row.label(), seeds.join(", "), commit, row.hash.clone()], runs))
     }
 }
 

@@ -1,5 +1,6 @@
 //! What a study compares, as data: rows of tasks by algorithms, and statements that they bear on.
 
+use crate::rows;
 use omnidrones::error::{Error, Result};
 use omnidrones::layers::Layer;
 use omnidrones::rl::TrainConfig;
@@ -59,7 +60,7 @@ struct Entry {
 #[serde(deny_unknown_fields)]
 pub struct Claim {
     pub says: String,
-    pub part: String,
+    pub parts: Vec<String>,
     pub algorithms: Vec<String>,
     /// Whether it says that they fly their tasks, or that they fail to.
     pub flies: bool,
@@ -78,7 +79,7 @@ pub struct Cell {
 impl Cell {
     /// `dqn, joint`.
     pub fn label(&self) -> String {
-        if self.setting.is_empty() { self.algorithm.clone() } else { format!("{}, {}", self.algorithm, self.setting) }
+        rows::label(&self.algorithm, &self.setting)
     }
 }
 
@@ -100,7 +101,8 @@ impl Plan {
     /// Its rows of these tasks and algorithms (of all for none), with a factor on their updates.
     ///
     /// # Errors
-    /// [`Error::Unknown`] for names that the study does not have, and as [`TrainConfig::layered`].
+    /// [`Error::Unknown`] for names that the study does not have, [`Error::Value`] for some that no row has together, and as
+    /// [`TrainConfig::layered`].
     pub fn cells(&self, tasks: &[String], algorithms: &[String], budget: f64) -> Result<Vec<Cell>> {
         let every = |names: Vec<&String>| names.into_iter().cloned().collect::<Vec<_>>();
         let known = every(self.parts.iter().flat_map(|part| &part.tasks).collect());
@@ -115,6 +117,11 @@ impl Plan {
                     cells.push(part.cell(task, entry, budget)?);
                 }
             }
+        }
+        if cells.is_empty() {
+            let value = format!("{} by {}", tasks.join(","), algorithms.join(","));
+            let remedy = "Leave --tasks or --algos out to see what there is.";
+            return Err(Error::value("rows of the study", value, "a task and an algorithm of the same part", remedy));
         }
         Ok(cells)
     }
@@ -168,8 +175,9 @@ mod tests {
             names.dedup();
             assert_eq!(names.len(), n, "{name}");
             for claim in &plan.claims {
-                let of = |own: &str| cells.iter().any(|cell| cell.part == claim.part && cell.algorithm == own);
-                assert!(claim.algorithms.iter().all(|own| of(own)), "{}", claim.says);
+                let of = |part: &str, own: &str| cells.iter().any(|cell| cell.part == part && cell.algorithm == own);
+                let all = |part: &String| claim.algorithms.iter().all(|own| of(part, own));
+                assert!(!claim.parts.is_empty() && claim.parts.iter().all(all), "{}", claim.says);
             }
         }
     }
@@ -186,6 +194,7 @@ mod tests {
         let whole = &plan.cells(&[], &["dqn".into()], 1.0).unwrap()[0];
         assert_eq!(2 * cells[0].config.updates(), whole.config.updates());
         assert!(of(&["Hoover"], &[]).err().unwrap().to_string().contains("'Hover'"));
+        assert!(of(&["Track"], &["mappo"]).err().unwrap().to_string().contains("'Track by mappo'"));
         assert!(of(&[], &["apg"]).err().unwrap().to_string().contains("algorithm of the study"));
         assert!(Plan::by_name("papr").err().unwrap().to_string().contains("'paper'"));
     }
