@@ -299,7 +299,6 @@ fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<
         discount: 0.97,
         updates: 200,
         tau: 0.02,
-        correlation: 0.0,
         normalise_observation: false,
         learning_rate: Schedule::constant(3e-3),
         critic_learning_rate: Schedule::constant(3e-3),

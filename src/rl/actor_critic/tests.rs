@@ -111,7 +111,7 @@ fn gradients_of_actor_and_critics_are_those_of_differences_alone_and_in_teams() 
 fn targets_are_what_a_row_by_itself_is_worth() {
     let exploration = ActionNoise { target_noise: 0.0, ..ActionNoise::default() };
     let mut own = of("Hover", Td3Config { exploration, critics: 2, ..small() }, 1);
-    (0..12).for_each(|_| drop(own.update().unwrap()));
+    (0..18).for_each(|_| drop(own.update().unwrap()));
     own.judge(0.0);
     let (mut actor, mut critic) = (own.shapes.actor.memory(1), own.shapes.critic.memory(1));
     let (n, unit, mut ended) = (own.shapes.widths.n_observation, own.norm.unit(), 0);
@@ -231,4 +231,24 @@ fn noise_lasts_for_an_update_as_its_correlation_says() {
     let square = mean(&|i| drawn(i, 0, 0).powi(2));
     println!("correlation {same:.3} in an update, {later:.3} of two, variance {square:.3}");
     assert!((same - rho).abs() < 0.03 && later.abs() < 0.03 && (square - 1.0).abs() < 0.03, "{same} {later} {square}");
+}
+
+#[test]
+fn what_is_flown_keeps_its_noise_for_an_update() {
+    let wander = |correlation: f64| {
+        let exploration = ActionNoise { noise: [0.2, 0.2], ..ActionNoise::default() };
+        let mut own = of("Hover", Td3Config { correlation, exploration, ..small() }, 1);
+        (0..2).for_each(|_| drop(own.update().unwrap())); // the first with actions drawn evenly
+        let mut done = vec![Vec::new(); 12];
+        own.experience.retell(|env, _, action| {
+            done[env].push(action.to_vec());
+            (0.0, false)
+        });
+        let steps = done.iter().flat_map(|own| own[own.len() - 9..own.len() - 1].windows(2));
+        let (n, sum) = steps.fold((0, 0.0), |(n, sum), pair| (n + 1, sum + f64::from((pair[1][0] - pair[0][0]).abs())));
+        sum / f64::from(n)
+    };
+    let (fresh, held) = (wander(0.0), wander(1.0));
+    println!("an action moves by {fresh:.3} a step, by {held:.3} with noise that is held"); // 0.199, 0.001
+    assert!(held < 0.25 * fresh, "{held} {fresh}");
 }
