@@ -116,7 +116,7 @@ fn results_are_the_same_bits_for_any_number_of_threads_and_go_on_with_them() {
     }
 }
 
-/// What flies says of an observation what the network that learns does: the mean of each action's quantiles.
+/// What flies says of an observation what the network that follows does: the mean of each action's quantiles.
 #[test]
 fn what_flies_gives_the_values_that_were_learnt() {
     for (task, config) in kinds() {
@@ -125,7 +125,7 @@ fn what_flies_gives_the_values_that_were_learnt() {
         let flown = own.flown_parameters().unwrap();
         let x = vec![0.3; own.shapes.network.n_input()];
         let mut memory = own.shapes.network.memory(1);
-        let output = own.shapes.network.forward(&own.net.parameters, &x, 1, &mut memory).row(0).to_vec();
+        let output = own.shapes.network.forward(&own.net.following, &x, 1, &mut memory).row(0).to_vec();
         let mut memory = own.flown.mlp.memory(1);
         let said = own.flown.mlp.forward(&flown, &x, 1, &mut memory).row(0).to_vec();
         let values = own.shapes.values;

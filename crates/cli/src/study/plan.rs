@@ -190,7 +190,7 @@ mod tests {
             plan.cells(&own(tasks), &own(algorithms), 0.5)
         };
         let cells = of(&["hover"], &["dqn"]).unwrap();
-        assert_eq!(cells.iter().map(Cell::label).collect::<Vec<_>>(), ["dqn", "dqn, joint"]);
+        assert_eq!(cells.iter().map(Cell::label).collect::<Vec<_>>(), ["dqn, joint", "dqn, apart"]);
         let whole = &plan.cells(&[], &["dqn".into()], 1.0).unwrap()[0];
         assert_eq!(2 * cells[0].config.updates(), whole.config.updates());
         assert!(of(&["Hoover"], &[]).err().unwrap().to_string().contains("'Hover'"));
