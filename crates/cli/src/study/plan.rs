@@ -194,7 +194,7 @@ mod tests {
         let whole = &plan.cells(&[], &["dqn".into()], 1.0).unwrap()[0];
         assert_eq!(2 * cells[0].config.updates(), whole.config.updates());
         assert!(of(&["Hoover"], &[]).err().unwrap().to_string().contains("'Hover'"));
-        assert!(of(&["Track"], &["mappo"]).err().unwrap().to_string().contains("'Track by mappo'"));
+        assert!(of(&["Track"], &["mappo"]).err().unwrap().to_string().contains("Track by mappo"));
         assert!(of(&[], &["apg"]).err().unwrap().to_string().contains("algorithm of the study"));
         assert!(Plan::by_name("papr").err().unwrap().to_string().contains("'paper'"));
     }
