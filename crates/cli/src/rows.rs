@@ -2,7 +2,7 @@
 
 use super::over_seeds::{Failure, Outcome, split};
 use super::{files, progress, train_seeds};
-use omnidrones::error::Result;
+use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::runs::{Run, fingerprint};
@@ -34,6 +34,23 @@ pub struct Asked<'a> {
     pub setting: &'a str,
     pub config: &'a TrainConfig,
     pub seeds: u64,
+}
+
+/// Refuses factors on updates that mean nothing.
+///
+/// # Errors
+/// [`Error::Value`].
+pub fn check_budget(factor: f64) -> Result<()> {
+    if factor.is_finite() && factor > 0.0 {
+        return Ok(());
+    }
+    Err(Error::value("--budget", factor, "finite and > 0", "1 takes the updates as they are."))
+}
+
+/// With so many times the updates, one at least.
+pub fn budgeted(config: TrainConfig, factor: f64) -> TrainConfig {
+    let updates = (config.updates() as f64 * factor).ceil().max(1.0) as u64;
+    config.with_updates(updates)
 }
 
 impl Row {

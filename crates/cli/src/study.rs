@@ -13,7 +13,7 @@ use super::table::{Align, Table};
 use super::train::{algorithms, compare, count};
 use super::{Report, files, over_seeds, progress};
 use document::Document;
-use omnidrones::error::{Error, Result};
+use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::{self, Line};
@@ -101,9 +101,7 @@ struct Study {
 
 /// Trains what is asked for and missing, and tells all that is there.
 pub fn run(a: &Arguments) -> Result<Report> {
-    if !(a.budget.is_finite() && a.budget > 0.0) {
-        return Err(Error::value("--budget", a.budget, "finite and > 0", "1 takes the updates of the study."));
-    }
+    rows::check_budget(a.budget)?;
     let threads = a.threads.threads()?;
     let plan = Plan::by_name(&a.name)?;
     let asked = plan.cells(&a.tasks, &a.algos, a.budget)?;

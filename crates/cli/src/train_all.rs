@@ -10,7 +10,7 @@ use super::table::{Align, Table};
 use super::train::{algorithms, compare, count, spec};
 use super::train_all_plot::{self, Learnt};
 use super::{Report, files, over_seeds, progress};
-use omnidrones::error::{Error, Result};
+use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
 use omnidrones::rl::log::{self, Line as LogLine};
@@ -142,9 +142,7 @@ impl Line {
 
 /// Trains them.
 pub fn run(a: &Arguments) -> Result<Report> {
-    if !(a.budget.is_finite() && a.budget > 0.0) {
-        return Err(Error::value("--budget", a.budget, "finite and > 0", "1 takes the recipes' updates."));
-    }
+    rows::check_budget(a.budget)?;
     let threads = a.threads.threads()?;
     let entries = match &a.tasks[..] {
         [] => REGISTRY.iter().collect(),
@@ -196,10 +194,8 @@ fn line(
         curves: Vec::new(),
         baseline: None,
     };
-    let config = TrainConfig::for_task(entry.name, Some(algorithm), None).map(|config| {
-        let updates = (config.updates() as f64 * a.budget).ceil().max(1.0) as u64;
-        config.with_updates(updates)
-    });
+    let config =
+        TrainConfig::for_task(entry.name, Some(algorithm), None).map(|config| rows::budgeted(config, a.budget));
     line.error = config.as_ref().ok().and_then(|config| spec(entry, config).ok()).map(|(_, error)| error);
     let train = |config: TrainConfig| {
         let asked = rows::Asked { algorithm, setting: "", config: &config, seeds: a.seeds };

@@ -5,7 +5,7 @@ use omnidrones::error::{Error, Result};
 use omnidrones::layers::Layer;
 use omnidrones::rl::TrainConfig;
 use serde::Deserialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Studies by name.
 const STUDIES: [(&str, &str); 1] = [("paper", include_str!("paper.toml"))];
@@ -104,11 +104,9 @@ impl Plan {
     /// [`Error::Unknown`] for names that the study does not have, [`Error::Value`] for some that no row has together, and as
     /// [`TrainConfig::layered`].
     pub fn cells(&self, tasks: &[String], algorithms: &[String], budget: f64) -> Result<Vec<Cell>> {
-        let every = |names: Vec<&String>| names.into_iter().cloned().collect::<Vec<_>>();
-        let known = every(self.parts.iter().flat_map(|part| &part.tasks).collect());
-        check("task of the study", tasks, &known)?;
-        let own = self.parts.iter().flat_map(|part| part.entries.iter().map(|entry| &entry.algorithm));
-        check("algorithm of the study", algorithms, &every(own.collect()))?;
+        let entries = self.parts.iter().flat_map(|part| &part.entries);
+        check("task of the study", tasks, self.parts.iter().flat_map(|part| &part.tasks))?;
+        check("algorithm of the study", algorithms, entries.map(|entry| &entry.algorithm))?;
         let asked = |names: &[String], name: &String| names.is_empty() || names.iter().any(|own| same(own, name));
         let mut cells = Vec::new();
         for part in &self.parts {
@@ -133,12 +131,11 @@ impl Part {
         let texts = [self.settings.as_str(), of_task, entry.settings.as_str()];
         let layers = texts.map(|text| Layer::of_text(text, &self.name)).into_iter().collect::<Result<Vec<_>>>()?;
         let config = TrainConfig::layered(task, Some(&entry.algorithm), &layers)?;
-        let updates = (config.updates() as f64 * budget).ceil().max(1.0) as u64;
         Ok(Cell {
             part: self.name.clone(),
             algorithm: entry.algorithm.clone(),
             setting: entry.setting.clone(),
-            config: config.with_updates(updates),
+            config: rows::budgeted(config, budget),
         })
     }
 }
@@ -147,15 +144,12 @@ fn same(a: &str, b: &str) -> bool {
     a.eq_ignore_ascii_case(b)
 }
 
-fn check(kind: &'static str, asked: &[String], known: &[String]) -> Result<()> {
+/// Refuses a name that is not known.
+fn check<'a>(kind: &'static str, asked: &[String], known: impl Iterator<Item = &'a String>) -> Result<()> {
+    let known: BTreeSet<&String> = known.collect();
     match asked.iter().find(|name| !known.iter().any(|own| same(own, name))) {
         None => Ok(()),
-        Some(name) => {
-            let mut known = known.to_vec();
-            known.sort_unstable();
-            known.dedup();
-            Err(Error::Unknown { kind, name: name.clone(), known })
-        }
+        Some(name) => Err(Error::Unknown { kind, name: name.clone(), known: known.into_iter().cloned().collect() }),
     }
 }
 

@@ -9,5 +9,6 @@ mod logs;
 mod promises;
 mod reports;
 mod robots;
+mod study;
 mod tasks;
 mod viewing;

@@ -1,0 +1,82 @@
+use super::*;
+use crate::rl::nn::{Activation, Layers, Mlp};
+use crate::rl::replay::Next;
+use crate::rl::shards::shards;
+
+struct Never;
+
+impl Explore for Never {
+    fn act(&self, _: &[f32], _: usize, _: &mut Memory, _: &mut Streams<'_>, _: &mut [f32]) {
+        panic!("nothing is learnt from yet");
+    }
+}
+
+#[test]
+fn agents_of_an_environment_hold_numbers_of_their_own_in_every_step_of_an_update() {
+    let (seed, update, n) = (3, 8, 5);
+    let streams = Streams { own: &mut [], n_agent: 4, seed, update, first_environment: 10 };
+    let of = |agent: usize| {
+        let mut held = streams.held(agent, n);
+        (0..n).map(|_| held.normal()).collect::<Vec<f64>>()
+    };
+    for environment in 0..2 {
+        let mut whole = Stream::new(seed, 10 + environment, update, Purpose::EXPLORATION);
+        let whole: Vec<f64> = (0..4 * n).map(|_| whole.normal()).collect();
+        let agents = 4 * environment as usize..4 * environment as usize + 4;
+        assert_eq!(agents.clone().flat_map(of).collect::<Vec<f64>>(), whole);
+        assert_eq!(agents.flat_map(of).collect::<Vec<f64>>(), whole, "again");
+    }
+}
+
+/// 160 steps of 12 environments, with actions drawn evenly; observations are normalised and cut at `clip`.
+fn flown(clip: Option<f64>) -> Experience {
+    let mut env: EnvConfig = toml::from_str("n_env = 12\nstagger = true\ntask.horizon = 30").unwrap();
+    env.observation.extend(clip.map(|clip| Stage::Normalise { clip }));
+    let shards = shards(&|own| Env::make("Hover", own), &env, 5).unwrap();
+    let spec = shards[0].env.spec().clone();
+    let actor = Mlp::new(spec.n_observation, &Layers::default(), 4, Activation::Tanh).unwrap();
+    let config = ReplayConfig { capacity: 2000, learning_starts: 1999, ..ReplayConfig::default() };
+    let mut own = Experience::new(shards, &actor, (&config, 0.99), Widths::of(&spec, false));
+    for update in 0..20 {
+        own.fly(&Threads::new(1).unwrap(), 8, (update, 0.0), &Never).unwrap();
+    }
+    own
+}
+
+/// Mean and deviation were last taken at 1536 rows of 1920: what came behind is of their scale too. They do not depend on
+/// where numbers are cut.
+#[test]
+fn what_is_kept_has_the_scale_of_what_is_seen() {
+    let (raw, scaled) = (flown(None), flown(Some(1e9)));
+    let known = scaled.env().statistics();
+    assert_eq!(known, flown(Some(0.5)).env().statistics());
+    assert_eq!(known.count, 1536.0);
+    assert!(!scaled.measures(6143.0, 0.1) && scaled.measures(6144.0, 0.1) && !scaled.measures(6144.0, 0.5));
+    let n = known.mean.len();
+    let (mut worst, mut lasts) = (0.0_f64, 0);
+    let mut compare = |x: &[f32], y: &[f32]| {
+        for (k, (x, y)) in x.iter().zip(y).enumerate() {
+            let std = (known.variance[k % n] + VARIANCE_FLOOR).sqrt();
+            let wanted = (f64::from(*x) - known.mean[k % n]) / std;
+            // rounding is that of the number itself
+            let unit = 1.0 + f64::from(x.abs()) / std;
+            worst = worst.max((wanted - f64::from(*y)).abs() / unit);
+        }
+    };
+    for (raw, scaled) in raw.workers.iter().zip(&scaled.workers) {
+        let (raw, scaled) = (&raw.ring, &scaled.ring);
+        compare(raw.observations(), scaled.observations());
+        for slot in 0..raw.kept() {
+            for env in 0..raw.n_env() {
+                let [x, y] = [raw, scaled].map(|ring| ring.path(slot, env, 1, 1.0, &mut [0.0]));
+                assert_eq!(x, y);
+                if let Next::Aside(_) = x.next {
+                    compare(raw.next(x.next, env).0, scaled.next(y.next, env).0);
+                    lasts += 1;
+                }
+            }
+        }
+    }
+    println!("{worst:e}, {lasts} last observations");
+    assert!(worst < 1e-5 && lasts > 0, "{worst:e}, {lasts} last observations");
+}
