@@ -33,9 +33,10 @@ hours can be made in parts.";
 
 const EXAMPLES: &str = "\
 Examples:
-  omnidrones study paper                              the comparison of the OmniDrones paper, 3 seeds a row: hours
-  omnidrones study paper --tasks Hover --algos ppo,dqn    some of its rows; the report tells all that are there
-  omnidrones study paper --no-train                   the report of what is there
+  omnidrones study paper                      all of it, 3 seeds a row: hours
+  omnidrones study paper --tasks Hover        a part; the report tells all that is there
+  omnidrones study paper --algos ppo,sac      another part
+  omnidrones study paper --no-train           the report alone
 
 A row is a task by an algorithm, each with the settings of its recipe and those of the study. Success and return beside ours are \
 means over seeds, ± half the width of the 95 % confidence interval (Student's t), in brackets the least and the largest. Who keeps \
