@@ -160,6 +160,15 @@ impl KindSettings for Camera {
         Layout::Image { height, width, channels: self.show.channels() }
     }
 
+    fn bounds(&self) -> [f64; 2] {
+        match self.show {
+            Show::Depth => self.form.bounds(self.nearest, self.farthest),
+            Show::Segmentation => [0.0, 4.0],
+            Show::Normals => [-1.0, 1.0],
+            Show::Rgb => [0.0, 1.0],
+        }
+    }
+
     fn validate(&self, what: &str) -> Result<()> {
         let [width, height] = self.size;
         let numbers = width.saturating_mul(height).saturating_mul(self.show.channels());

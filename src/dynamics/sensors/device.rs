@@ -70,6 +70,11 @@ pub(crate) trait KindSettings {
         Layout::Vector
     }
 
+    /// Least and largest reading; infinite where there is none.
+    fn bounds(&self) -> [f64; 2] {
+        [f64::NEG_INFINITY, f64::INFINITY]
+    }
+
     /// Refuses numbers that no such part has; `what` names the sensor.
     fn validate(&self, what: &str) -> Result<()>;
 }
@@ -159,6 +164,11 @@ macro_rules! kinds {
             /// How they lie about each other.
             pub fn layout(&self) -> Layout {
                 match self { $(Self::$kind(settings) => settings.layout(),)+ }
+            }
+
+            /// Least and largest reading; infinite where there is none.
+            pub fn bounds(&self) -> [f64; 2] {
+                match self { $(Self::$kind(settings) => settings.bounds(),)+ }
             }
 
             /// Whether its readings have slopes in the pose: [`Gradient::Pose`](super::Gradient::Pose).

@@ -96,6 +96,10 @@ impl KindSettings for Lidar {
         Layout::Lidar { rows: self.beams, columns: self.elevations.len() }
     }
 
+    fn bounds(&self) -> [f64; 2] {
+        self.form.bounds(self.nearest, self.farthest)
+    }
+
     fn validate(&self, what: &str) -> Result<()> {
         let remedy = "Split them into several sensors, or take fewer at a higher rate.";
         check_count(&format!("{what}: beams times elevations"), self.count(), MAX_BEAMS, remedy)?;

@@ -27,6 +27,12 @@ impl Form {
         }
     }
 
+    /// Least and largest reading of distances from `nearest` to `farthest`.
+    pub(crate) fn bounds(self, nearest: f64, farthest: f64) -> [f64; 2] {
+        let [a, b] = [nearest, farthest].map(|d| self.of(d, farthest));
+        [a.min(b), a.max(b)]
+    }
+
     /// Derivative of [`Form::of`].
     pub(crate) fn slope(self, d: f64) -> f64 {
         match self {

@@ -257,13 +257,14 @@ fn frame(frames: &[[f32; BLOCK]], body: usize, lane: usize) -> Frame<f64> {
 /// What a sensor reads, as fields of the observation: an image or scan is one, other numbers are one per quantity.
 fn fields(config: &SensorConfig) -> Vec<Field> {
     let (channels, about) = (config.model.channels(), format!("read by the sensor '{}'", config.name));
+    let [low, high] = config.model.bounds();
     let field = |name: String, size: usize, unit: &str, layout: Layout| Field {
         name,
         size,
         unit: unit.into(),
         meaning: about.clone(),
-        low: f64::NEG_INFINITY,
-        high: f64::INFINITY,
+        low,
+        high,
         smoothness: Smoothness::NonSmooth,
         layout,
     };
