@@ -292,7 +292,7 @@ impl<E: Exploration> ActorCritic<E> {
             mean_from: 0,
             actor,
             critics: (0..config.critics as u64).map(critic).collect(),
-            experience: Experience::new(shards, &shapes.actor, (&config.replay, config.discount), widths),
+            experience: Experience::new(shards, &shapes.actor, (&config.replay, config.discount), widths)?,
             norm: ValueNorm::new(VALUE_BETA)?,
             work: shapes.work(config.central_critic),
             flown: Actor::new(&spec, &config.network, true)?,

@@ -208,7 +208,7 @@ impl Dqn {
         Ok(Self {
             net: NetWithTarget::new(&shapes.network, config.adam, true, &mut stream(0)),
             mixer: mixer.map(|mlp| NetWithTarget::new(mlp, config.adam, true, &mut stream(1))),
-            experience: Experience::new(shards, &shapes.network, (&config.replay, config.discount), shapes.widths),
+            experience: Experience::new(shards, &shapes.network, (&config.replay, config.discount), shapes.widths)?,
             norm: ValueNorm::new(VALUE_BETA)?,
             work: shapes.work(team),
             flown: Actor::new(&spec, &config.network, false)?,

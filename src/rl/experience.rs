@@ -8,7 +8,7 @@ use super::learner::Episodes;
 use super::nn::{Memory, Network};
 use super::policy::ROWS;
 use super::priorities::{MOST, Priorities};
-use super::replay::{ReplayConfig, Ring, Widths};
+use super::replay::{Code, ReplayConfig, Ring, Widths};
 use super::shards::{Shard, begin_statistics, episodes, pending, set_difficulty};
 use super::state;
 use crate::error::{Error, Result};
@@ -93,19 +93,23 @@ pub struct Flown {
 
 impl Experience {
     /// Of these shards, flown by a network like `actor`; `discount` is γ of what paths add up.
+    ///
+    /// # Errors
+    /// As [`Code::of`].
     pub fn new(
         shards: Vec<Shard>,
         actor: &dyn Network,
         (config, discount): (&ReplayConfig, f64),
         widths: Widths,
-    ) -> Self {
+    ) -> Result<Self> {
         let n_env: usize = shards.iter().map(|shard| shard.env.spec().n_env).sum();
         let slots = config.slots(n_env);
         let spec = shards[0].env.spec();
         let (space, seed) = (spec.action.clone(), spec.config.seed);
+        let code = Code::of(spec, config.images)?;
         let worker = |shard: Shard| {
             let n_env = shard.env.spec().n_env;
-            let mut ring = Ring::new(widths, n_env, slots);
+            let mut ring = Ring::new(widths, code.clone(), n_env, slots);
             ring.begin(&shard.out);
             Worker {
                 ring,
@@ -119,7 +123,7 @@ impl Experience {
         };
         let workers = shards.into_iter().map(worker).collect();
         let priorities = (config.priority > 0.0).then(|| Priorities::new(slots * n_env * widths.n_agent));
-        Self { workers, priorities, widths, space, n_env, discount, seed, config: config.clone() }
+        Ok(Self { workers, priorities, widths, space, n_env, discount, seed, config: config.clone() })
     }
 
     /// Environments of one shard: the first's.
@@ -367,7 +371,7 @@ impl Worker {
         let Shard { env, out } = &mut self.shard;
         let spec = env.spec();
         let first_environment = spec.config.first_environment;
-        let (seen, actions) = self.ring.now();
+        let (seen, actions) = (&out.observation, self.ring.actions_mut());
         let mut streams = Streams { own: &mut self.streams, n_agent, seed, update, first_environment };
         let (n_seen, n_action) = (spec.n_observation, spec.action.len());
         match random {
@@ -513,16 +517,14 @@ impl Block {
         let own = &self.rewards[agents.clone()];
         self.reward[k] = own.iter().sum::<f32>() / own.len() as f32;
         self.discount[k] = path.discount;
-        let part = |all: &[f32], width: usize, to: &mut [f32]| {
-            let own = &all[agents.start * width..agents.end * width];
-            to[k * own.len()..][..own.len()].copy_from_slice(own);
-            own.iter().all(|x| x.is_finite())
-        };
-        let (next, next_state) = ring.next(path.next, env);
+        let n_seen = agents.len() * seen;
+        let (own, next) = (&mut self.observation[k * n_seen..][..n_seen], &mut self.next[k * n_seen..][..n_seen]);
+        ring.observation(slot, env, &agents, own);
+        let next_state = ring.next(path.next, env, &agents, next);
+        let acted = &ring.action(slot, env)[agents.start * done..agents.end * done];
+        self.action[k * acted.len()..][..acted.len()].copy_from_slice(acted);
         let mut finite = self.reward[k].is_finite();
-        finite &= part(ring.observation(slot, env), seen, &mut self.observation);
-        finite &= part(ring.action(slot, env), done, &mut self.action);
-        finite &= part(next, seen, &mut self.next);
+        [own, next, acted].into_iter().for_each(|all: &[f32]| finite &= all.iter().all(|x| x.is_finite()));
         for (all, to) in [(ring.state(slot, env), &mut self.state), (next_state, &mut self.next_state)] {
             to[k * state..][..state].copy_from_slice(all);
             finite &= all.iter().all(|x| x.is_finite());

@@ -5,12 +5,16 @@
 //! aside, for the next slot then holds the beginning of another episode. So a step takes the memory of one observation, not
 //! of two.
 
+mod seen;
+
 use super::checkpoint::Tensors;
 use super::schedule::Schedule;
 use super::shards::within_memory;
 use crate::error::{Error, Result};
 use crate::tasks::{Buffers, Spec};
+pub use seen::{Code, Precision, Seen};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Settings of the steps that are kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,11 +31,21 @@ pub struct ReplayConfig {
     pub priority: f64,
     /// β of the weights that make up for it, rising to 1 over the run.
     pub beta: f64,
+    /// How images and lidars are kept: `f32`, or `u8` in a quarter of the memory.
+    #[serde(skip_serializing_if = "Precision::is_f32")]
+    pub images: Precision,
 }
 
 impl Default for ReplayConfig {
     fn default() -> Self {
-        Self { capacity: 200_000, learning_starts: 4000, n_step: Schedule::constant(1.0), priority: 0.0, beta: 0.4 }
+        Self {
+            capacity: 200_000,
+            learning_starts: 4000,
+            n_step: Schedule::constant(1.0),
+            priority: 0.0,
+            beta: 0.4,
+            images: Precision::F32,
+        }
     }
 }
 
@@ -96,7 +110,7 @@ impl ReplayConfig {
     /// Whether the rings of `n` shards like the one of `spec` fit.
     ///
     /// # Errors
-    /// [`Error::Limit`] if they do not.
+    /// [`Error::Limit`] if they do not; as [`Code::of`].
     pub fn fits(&self, spec: &Spec, n: usize, central: bool) -> Result<()> {
         let rows = self.slots(spec.n_env * n) as u128 * (spec.n_env * n) as u128;
         let widths = Widths::of(spec, central);
@@ -104,7 +118,7 @@ impl ReplayConfig {
         let lasts =
             4 * (widths.seen() + widths.n_state) as u128 * (rows / spec.horizon.max(1) as u128 + spec.n_env as u128);
         let tree = if self.priority > 0.0 { 32 * widths.n_agent as u128 * rows } else { 0 };
-        let bytes = widths.bytes() * rows + lasts + tree;
+        let bytes = widths.bytes(&Code::of(spec, self.images)?) * rows + lasts + tree;
         within_memory("replay.capacity", self.capacity, bytes, spec.config.memory_limit)
     }
 }
@@ -144,8 +158,8 @@ impl Widths {
     }
 
     /// Bytes of one environment's step.
-    fn bytes(&self) -> u128 {
-        4 * (self.seen() + self.done() + self.n_state + self.n_agent) as u128 + 5
+    fn bytes(&self, code: &Code) -> u128 {
+        (self.n_agent * code.bytes() + 4 * (self.done() + self.n_state + self.n_agent) + 5) as u128
     }
 }
 
@@ -171,7 +185,7 @@ pub struct Ring {
     head: usize,
     /// Whole steps behind it.
     len: usize,
-    observation: Vec<f32>,
+    observation: Seen,
     state: Vec<f32>,
     action: Vec<f32>,
     reward: Vec<f32>,
@@ -205,10 +219,10 @@ pub enum Next {
 
 impl Ring {
     /// For `n_env` environments and `slots` steps, one of which is the one that is being flown.
-    pub fn new(widths: Widths, n_env: usize, slots: usize) -> Self {
+    pub fn new(widths: Widths, code: Code, n_env: usize, slots: usize) -> Self {
         let rows = slots * n_env;
         Self {
-            observation: vec![0.0; rows * widths.seen()],
+            observation: Seen::new(code, rows * widths.n_agent),
             state: vec![0.0; rows * widths.n_state],
             action: vec![0.0; rows * widths.done()],
             reward: vec![0.0; rows * widths.n_agent],
@@ -247,29 +261,29 @@ impl Ring {
     /// Begins with what environments show first.
     pub fn begin(&mut self, out: &Buffers) {
         let row = self.head * self.n_env;
-        self.observation[row * self.widths.seen()..][..out.observation.len()].copy_from_slice(&out.observation);
+        self.observation.put(row * self.widths.n_agent, &out.observation);
         if self.widths.n_state > 0 {
             self.state[row * self.widths.n_state..][..out.central.len()].copy_from_slice(&out.central);
         }
     }
 
-    /// What is seen now, and where what is done goes.
-    pub fn now(&mut self) -> (&[f32], &mut [f32]) {
-        let (seen, done) = (self.widths.seen() * self.n_env, self.widths.done() * self.n_env);
-        (&self.observation[self.head * seen..][..seen], &mut self.action[self.head * done..][..done])
+    /// Where what is done now goes.
+    pub fn actions_mut(&mut self) -> &mut [f32] {
+        let done = self.widths.done() * self.n_env;
+        &mut self.action[self.head * done..][..done]
     }
 
     /// What was seen in all steps that are kept, and is seen now.
     #[cfg(test)]
     pub fn observations(&self) -> &[f32] {
         let slots = if self.len + 1 < self.slots { self.len + 1 } else { self.slots };
-        &self.observation[..slots * self.n_env * self.widths.seen()]
+        &self.observation.floats[..slots * self.n_env * self.widths.seen()]
     }
 
     /// Changes every observation that is kept, of each agent.
     pub fn each_observation(&mut self, mut change: impl FnMut(&mut [f32])) {
         let (seen, own) = (self.widths.seen(), self.widths.n_observation);
-        self.observation.chunks_exact_mut(own).for_each(&mut change);
+        self.observation.each(&mut change);
         for last in self.lasts.chunks_exact_mut(seen + self.widths.n_state) {
             last[..seen].chunks_exact_mut(own).for_each(&mut change);
         }
@@ -346,9 +360,9 @@ impl Ring {
         Path { next: Next::Slot(at), discount: weight as f32, steps: n.min(known) }
     }
 
-    /// What all agents of `env` saw in `slot`.
-    pub fn observation(&self, slot: usize, env: usize) -> &[f32] {
-        &self.observation[(slot * self.n_env + env) * self.widths.seen()..][..self.widths.seen()]
+    /// Writes what `agents` of `env` saw in `slot`.
+    pub fn observation(&self, slot: usize, env: usize, agents: &Range<usize>, to: &mut [f32]) {
+        self.observation.get((slot * self.n_env + env) * self.widths.n_agent + agents.start, to);
     }
 
     /// What they did.
@@ -361,13 +375,18 @@ impl Ring {
         &self.state[(slot * self.n_env + env) * self.widths.n_state..][..self.widths.n_state]
     }
 
-    /// What all agents saw behind a path, and the central state.
-    pub fn next(&self, next: Next, env: usize) -> (&[f32], &[f32]) {
+    /// Writes what `agents` saw behind a path, and gives the central state.
+    pub fn next(&self, next: Next, env: usize, agents: &Range<usize>, to: &mut [f32]) -> &[f32] {
         match next {
-            Next::Slot(slot) => (self.observation(slot, env), self.state(slot, env)),
+            Next::Slot(slot) => {
+                self.observation(slot, env, agents, to);
+                self.state(slot, env)
+            }
             Next::Aside(k) => {
-                let width = self.widths.seen() + self.widths.n_state;
-                self.lasts[k * width..][..width].split_at(self.widths.seen())
+                let (width, own) = (self.widths.seen() + self.widths.n_state, self.widths.n_observation);
+                let (seen, state) = self.lasts[k * width..][..width].split_at(self.widths.seen());
+                to.copy_from_slice(&seen[agents.start * own..agents.end * own]);
+                state
             }
         }
     }
@@ -381,7 +400,7 @@ impl Ring {
             for k in 0..=self.len {
                 let row = self.slot(k) * self.n_env + env;
                 let (reward, ended) =
-                    tell(env, &mut self.observation[row * seen..][..seen], &self.action[row * done..][..done]);
+                    tell(env, &mut self.observation.floats[row * seen..][..seen], &self.action[row * done..][..done]);
                 self.reward[row * agents..][..agents].fill(reward);
                 self.end[row] = if ended { end::TERMINATED } else { end::NOT };
                 self.state[row * self.widths.n_state..][..self.widths.n_state].fill(1.0);
@@ -396,13 +415,17 @@ impl Ring {
     pub fn save(&self, k: usize, to: &mut Tensors) -> Result<()> {
         let name = |what: &str| format!("replay.{k}.{what}");
         for (what, x) in [
-            ("observation", &self.observation),
+            ("observation", &self.observation.floats),
             ("state", &self.state),
             ("action", &self.action),
             ("reward", &self.reward),
             ("lasts", &self.lasts),
         ] {
             to.insert(name(what), &[x.len()], x.clone())?;
+        }
+        let bytes = &self.observation.bytes;
+        if !bytes.is_empty() {
+            to.insert(name("bytes"), &[bytes.len()], bytes.clone())?;
         }
         to.insert(name("end"), &[self.end.len()], self.end.clone())?;
         for (what, places) in [("last", &self.last), ("free", &self.free)] {
@@ -443,13 +466,18 @@ impl Ring {
             return Err(Error::value(name("place"), format!("{head}, {len}"), "places within the ring", remedy));
         }
         for (what, own) in [
-            ("observation", &mut self.observation),
+            ("observation", &mut self.observation.floats),
             ("state", &mut self.state),
             ("action", &mut self.action),
             ("reward", &mut self.reward),
         ] {
             let n = own.len();
             own.copy_from_slice(from.get::<f32>(&name(what), &[n])?);
+        }
+        let bytes = &mut self.observation.bytes;
+        let n = bytes.len();
+        if n > 0 {
+            bytes.copy_from_slice(from.get::<u8>(&name("bytes"), &[n])?);
         }
         self.lasts = from.get::<f32>(&name("lasts"), &[n_lasts])?.to_vec();
         self.free = free.iter().map(|x| *x as u32).collect();

@@ -87,6 +87,11 @@ impl Field {
     pub fn within(self, low: f64, high: f64) -> Self {
         Self { low, high, ..self }
     }
+
+    /// Whether its numbers are what rays meet: pixels, or beams of a lidar.
+    pub fn is_of_rays(&self) -> bool {
+        matches!(self.layout, Layout::Image { .. } | Layout::Lidar { .. })
+    }
 }
 
 impl Default for Field {

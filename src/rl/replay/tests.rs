@@ -33,9 +33,16 @@ fn buffers() -> Buffers {
     out
 }
 
+/// What all agents of an environment saw.
+fn seen(ring: &Ring, slot: usize, env: usize) -> Vec<f32> {
+    let mut all = vec![0.0; WIDTHS.seen()];
+    ring.observation(slot, env, &(0..WIDTHS.n_agent), &mut all);
+    all
+}
+
 /// A ring that went round some times, and all that happened to each environment.
 fn flown(slots: usize, steps: usize) -> (Ring, Vec<Vec<Told>>) {
-    let (mut ring, mut out) = (Ring::new(WIDTHS, ENVS, slots), buffers());
+    let (mut ring, mut out) = (Ring::new(WIDTHS, Code::plain(3), ENVS, slots), buffers());
     let mut stream = Stream::new(7, 0, 0, Purpose::LEARNING);
     let mut draw = |x: &mut [f32]| x.iter_mut().for_each(|x| *x = stream.normal() as f32);
     draw(&mut out.observation);
@@ -45,7 +52,7 @@ fn flown(slots: usize, steps: usize) -> (Ring, Vec<Vec<Told>>) {
     let mut all = vec![Vec::new(); ENVS];
     for _ in 0..steps {
         let (seen, state) = (out.observation.clone(), out.central.clone());
-        draw(ring.now().1);
+        draw(ring.actions_mut());
         let done = ring.actions().to_vec();
         [&mut out.observation, &mut out.central, &mut out.reward].into_iter().for_each(|own| draw(own));
         draw(&mut out.final_observation);
@@ -78,7 +85,7 @@ fn check(ring: &Ring, all: &[Vec<Told>], n: usize) -> usize {
         for k in 0..ring.kept() {
             let (slot, from) = (ring.slot(k), steps - ring.kept() + k);
             let own = &told[from];
-            assert_eq!((ring.observation(slot, env), ring.state(slot, env)), (&own.seen[..], &own.state[..]));
+            assert_eq!((seen(ring, slot, env), ring.state(slot, env)), (own.seen.clone(), &own.state[..]));
             assert_eq!(ring.action(slot, env), own.action);
             let mut reward = [0.0_f32; 2];
             let path = ring.path(slot, env, n, gamma, &mut reward);
@@ -107,7 +114,11 @@ fn check(ring: &Ring, all: &[Vec<Told>], n: usize) -> usize {
                 None => assert_eq!(path.discount, 0.0),
                 Some((seen, state)) => {
                     assert!((f64::from(path.discount) - weight).abs() < 1e-7);
-                    assert_eq!(ring.next(path.next, env), (&seen[..], &state[..]));
+                    let mut next = vec![0.0; 6];
+                    assert_eq!(ring.next(path.next, env, &(0..2), &mut next), &state[..]);
+                    assert_eq!(next, seen);
+                    assert_eq!(ring.next(path.next, env, &(1..2), &mut next[3..]), &state[..]);
+                    assert_eq!(next, seen, "of one agent alone");
                 }
             }
         }
@@ -117,7 +128,7 @@ fn check(ring: &Ring, all: &[Vec<Told>], n: usize) -> usize {
 
 /// What is seen now.
 fn last_seen(ring: &Ring, env: usize) -> (Vec<f32>, Vec<f32>) {
-    (ring.observation(ring.head(), env).to_vec(), ring.state(ring.head(), env).to_vec())
+    (seen(ring, ring.head(), env), ring.state(ring.head(), env).to_vec())
 }
 
 #[test]
@@ -142,7 +153,7 @@ fn a_ring_that_was_saved_goes_on_alike_and_one_that_was_forged_is_refused() {
     let (ring, all) = flown(16, 100);
     let mut tensors = Tensors::new();
     ring.save(3, &mut tensors).unwrap();
-    let mut other = Ring::new(WIDTHS, ENVS, 16);
+    let mut other = Ring::new(WIDTHS, Code::plain(3), ENVS, 16);
     other.load(3, &tensors).unwrap();
     check(&other, &all, 3);
     assert_eq!((other.lasts, other.free), (ring.lasts.clone(), ring.free.clone()));
@@ -150,16 +161,16 @@ fn a_ring_that_was_saved_goes_on_alike_and_one_that_was_forged_is_refused() {
         let mut forged = Tensors::new();
         let own = Ring { head, len, ..ring.clone() };
         own.save(3, &mut forged).unwrap();
-        let refused = Ring::new(WIDTHS, ENVS, 16).load(3, &forged).unwrap_err().to_string();
+        let refused = Ring::new(WIDTHS, Code::plain(3), ENVS, 16).load(3, &forged).unwrap_err().to_string();
         assert!(refused.contains("within the ring"), "{refused}");
     }
     let mut forged = Tensors::new();
     let place = ring.free.first().copied().unwrap_or(0);
     Ring { free: vec![place; 3], ..ring.clone() }.save(3, &mut forged).unwrap();
-    assert!(Ring::new(WIDTHS, ENVS, 16).load(3, &forged).is_err(), "one place twice");
+    assert!(Ring::new(WIDTHS, Code::plain(3), ENVS, 16).load(3, &forged).is_err(), "one place twice");
     let mut forged = Tensors::new();
     Ring { lasts: Vec::new(), free: Vec::new(), ..ring }.save(3, &mut forged).unwrap();
-    assert!(Ring::new(WIDTHS, ENVS, 16).load(3, &forged).is_err(), "an observation that is not there");
+    assert!(Ring::new(WIDTHS, Code::plain(3), ENVS, 16).load(3, &forged).is_err(), "an observation that is not there");
 }
 
 #[test]
