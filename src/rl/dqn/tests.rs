@@ -1,5 +1,6 @@
 use super::*;
 use crate::rl::nn::Layers;
+use crate::rl::nn::elementwise::approach;
 use crate::rl::replay::ReplayConfig;
 use crate::rl::schedule::Schedule;
 use crate::tasks::probe::Probe;
@@ -52,11 +53,17 @@ fn kinds() -> Vec<(&'static str, DqnConfig)> {
 
 /// The loss of the batch that is drawn next, and its gradients.
 fn descent(own: &mut Dqn) -> (f64, [Vec<f32>; 2]) {
+    descent_but(own, |_| ())
+}
+
+/// Likewise, but for what `spoil` does to rows whose targets are known.
+fn descent_but(own: &mut Dqn, spoil: fn(&mut Block)) -> (f64, [Vec<f32>; 2]) {
     let Dqn { shapes, net, mixer, experience, config, step, work, norm, .. } = own;
     let unit = norm.unit();
     for (number, work) in work.iter_mut().enumerate() {
         experience.gather(&mut work.block, (*step, number), 0.0);
         work.value_next(shapes, (net, mixer.as_ref()), config.double, unit);
+        spoil(&mut work.block);
         work.judge(shapes, (net, mixer.as_ref()), config.huber as f32);
     }
     let fold = |of: &dyn Fn(&Work) -> &[f32]| {
@@ -224,9 +231,9 @@ fn quantiles_of_a_coin_are_its_two_sides() {
     }
 }
 
-/// A corridor of five cells: left or right, 1 for its end on the right, 0.3 for that on the left.
-#[test]
-fn values_of_a_corridor_are_those_of_its_table() {
+/// A corridor of five cells: left or right, 1 for its end on the right, 0.3 for that on the left. How far the values that 4000
+/// times `learn` lead to are from those of its table.
+fn values_of_a_corridor(learn: fn(&mut Dqn)) -> f64 {
     const CELLS: usize = 5;
     let env = EnvConfig { actions: ActionSpace::Discrete { levels: 2 }, ..staggered() };
     let config = DqnConfig {
@@ -271,9 +278,7 @@ fn values_of_a_corridor_are_those_of_its_table() {
         let right = |cell: usize| if cell == CELLS - 1 { 1.0 } else { 0.9 * best(cell + 1) };
         table = std::array::from_fn(|cell| [left(cell), right(cell)]);
     }
-    for _ in 0..4000 {
-        own.improve();
-    }
+    (0..4000).for_each(|_| learn(&mut own));
     let mut memory = own.shapes.network.memory(1);
     let mut worst = 0.0_f64;
     for (cell, wanted) in table.iter().enumerate() {
@@ -285,12 +290,34 @@ fn values_of_a_corridor_are_those_of_its_table() {
                 .max((f64::from(own.norm.unit().denormalise(said[action])) - wanted[usize::from(action >= 8)]).abs());
         }
     }
+    worst
+}
+
+#[test]
+fn values_of_a_corridor_are_those_of_its_table() {
+    let worst = values_of_a_corridor(improve);
     println!("{worst}");
     assert!(worst < 0.02, "{worst}");
 }
 
-/// A game of one step for the first two agents of a team with `payoff`: the joint action that they settle on, and its value.
-fn settle(mixer: Mixer, payoff: [[f32; 3]; 3]) -> ((usize, usize), f32) {
+/// The published DQN takes Q of the next observation for that of this one: what an action is worth is nowhere learnt.
+#[test]
+fn dqn_that_fits_the_value_of_the_next_observation_learns_no_values() {
+    let worst = values_of_a_corridor(|own| {
+        let (_, [gradient, _]) = descent_but(own, |block| block.observation.copy_from_slice(&block.next));
+        let Dqn { net, shapes, config, step, .. } = own;
+        let rate = config.learning_rate.at(0.0);
+        let stride = Stride { clip: config.max_grad_norm, rate, tau: config.tau };
+        net.descend(&shapes.network, [&gradient[..]].into_iter(), stride);
+        *step += 1;
+    });
+    println!("{worst}");
+    assert!(worst > 0.5, "{worst}");
+}
+
+/// A game of one step for the first two agents of a team with `payoff`: the joint action that they settle on, and its value, after
+/// 4000 times `learn`.
+fn settle(mixer: Mixer, payoff: [[f32; 3]; 3], learn: fn(&mut Dqn)) -> ((usize, usize), f32) {
     let env = EnvConfig { actions: ActionSpace::Discrete { levels: 2 }, ..staggered() };
     let config = DqnConfig {
         n_env: 40,
@@ -316,7 +343,7 @@ fn settle(mixer: Mixer, payoff: [[f32; 3]; 3]) -> ((usize, usize), f32) {
     });
     for update in 0..own.config.updates {
         own.update = update;
-        own.improve();
+        learn(&mut own);
     }
     let mut memory = own.shapes.network.memory(1);
     let (n, agents) = (own.shapes.network.n_input(), own.shapes.agents);
@@ -342,17 +369,44 @@ fn settle(mixer: Mixer, payoff: [[f32; 3]; 3]) -> ((usize, usize), f32) {
     ((best[0] % 3, best[1] % 3), own.norm.unit().denormalise(worth))
 }
 
+fn improve(own: &mut Dqn) {
+    own.improve();
+}
+
+/// Worth more where both do the last, and monotone in each.
+const TOGETHER: [[f32; 3]; 3] = [[0.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 8.0]];
+
 /// Where the best of each is the best of both, QMIX finds the optimum and what it is worth; a sum finds it, but not its worth
 /// where the two are worth more together (Rashid et al. 2018, their two-step game).
 #[test]
 fn teams_settle_on_the_optimum_of_games_that_are_monotone() {
-    let together = [[0.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 8.0]];
-    let (choice, worth) = settle(QMIX, together);
+    let (choice, worth) = settle(QMIX, TOGETHER, improve);
     println!("QMIX {choice:?} {worth}");
     assert!(choice == (2, 2) && (worth - 8.0).abs() < 0.2, "{choice:?} {worth}");
-    let (choice, worth) = settle(Mixer::Sum, together);
+    let (choice, worth) = settle(Mixer::Sum, TOGETHER, improve);
     println!("VDN {choice:?} {worth}");
     assert!(choice == (2, 2) && worth < 7.0, "{choice:?} {worth}");
+}
+
+/// The published QMIX exchanges the arguments of its soft update: targets stay at the first weights, and what learns is pulled
+/// to them.
+#[test]
+fn qmix_whose_targets_pull_the_learnt_weights_finds_no_worth() {
+    let (choice, worth) = settle(QMIX, TOGETHER, |own| {
+        let held = [&own.net, own.mixer.as_ref().unwrap()].map(|net| net.following.clone());
+        own.improve();
+        let Dqn { net, mixer, shapes, config, .. } = own;
+        let mlp = shapes.mixer().unwrap();
+        let nets: [(&mut NetWithTarget, &dyn Network); 2] = [(net, &shapes.network), (mixer.as_mut().unwrap(), mlp)];
+        for ((net, network), held) in nets.into_iter().zip(held) {
+            let mut pulled = net.parameters.clone();
+            approach(&mut pulled, &held, config.tau as f32);
+            net.begin(network, pulled);
+            net.following = held;
+        }
+    });
+    println!("{choice:?} {worth}");
+    assert!((worth - 8.0).abs() > 3.0, "{choice:?} {worth}");
 }
 
 /// The best of both, 4, stands among −12. Of all tables that are monotone in both agents the nearest in the mean square has
@@ -360,7 +414,7 @@ fn teams_settle_on_the_optimum_of_games_that_are_monotone() {
 #[test]
 fn qmix_misses_what_is_best_together_where_it_is_bad_alone() {
     let alone = [[4.0, -12.0, -12.0], [-12.0, 0.0, 0.0], [-12.0, 0.0, 0.0]];
-    let (choice, worth) = settle(QMIX, alone);
+    let (choice, worth) = settle(QMIX, alone, improve);
     println!("{choice:?} {worth}");
     assert!(choice.0 != 0 && choice.1 != 0, "{choice:?} {worth}");
 }
