@@ -60,6 +60,11 @@ pub trait Algorithm: Plain + Send + Sync {
         env.clone()
     }
 
+    /// Whether the policy that the run begins from teaches it ([`Learner::teach`]); otherwise its weights are the first ones.
+    fn is_taught(&self) -> bool {
+        false
+    }
+
     /// Updates between two evaluations, unless settings say otherwise.
     fn evaluate_every(&self) -> u64 {
         100
@@ -229,7 +234,7 @@ pub struct Variant {
 }
 
 /// All such names.
-pub static VARIANTS: [Variant; 7] = [
+pub static VARIANTS: [Variant; 8] = [
     Variant { name: "mappo", of: "ppo", settings: "ppo.central_critic = true" },
     Variant { name: "happo", of: "ppo", settings: "ppo = { central_critic = true, team = 'sequential' }" },
     Variant {
@@ -243,6 +248,19 @@ pub static VARIANTS: [Variant; 7] = [
         settings: "td3 = { central_critic = true, critics = 1, actor_delay = 1, exploration = { target_noise = 0.0 } }",
     },
     Variant { name: "matd3", of: "td3", settings: "td3.central_critic = true" },
+    Variant {
+        name: "rma",
+        of: "dagger",
+        settings: "from = '/apg'
+            env.observation = [{ kind = 'history', steps = 16 }]
+            [from_settings]
+            observation = [{ kind = 'privileged' }]
+            apg.network.encoder = [{ kind = 'mlp', group = 'parameters', units = [32, 8] }]
+            [dagger]
+            imitate = 'latent'
+            teacher_share = 0.0
+            network.encoder = [{ kind = 'mlp', group = 'past', units = [64, 8] }]",
+    },
     Variant { name: "vdn", of: "dqn", settings: "dqn = { mixer = { kind = 'sum' }, quantiles = 1 }" },
     Variant {
         name: "qmix",

@@ -21,6 +21,7 @@ use super::apg::ApgConfig;
 use super::config_diff::{ConfigDifference, config_diff};
 use super::curriculum::Curriculum;
 use super::learner::Learner;
+use super::predecessor::SAFE;
 use super::recipes::recipe;
 use super::renamed::renamed;
 use crate::documented::fields;
@@ -98,6 +99,9 @@ pub struct TrainConfig {
     /// which is trained first by its recipe. Or `safe_command`: random weights that act about the command that carries the
     /// weight, where actions are continuous.
     pub from: String,
+    /// Settings of the run that is trained first, over its recipe: `from_settings.apg.updates = 300`.
+    #[serde(skip_serializing_if = "Table::is_empty")]
+    pub from_settings: Table,
     /// Whether an event file for TensorBoard stands beside the log: 1 or 2 kB per line.
     pub tensorboard: bool,
     /// How well the policy does.
@@ -118,6 +122,7 @@ impl Default for TrainConfig {
             seed: 0,
             log_every: 10,
             from: String::new(),
+            from_settings: Table::new(),
             tensorboard: true,
             evaluate: Evaluate::default(),
             checkpoint: Checkpoints::default(),
@@ -128,7 +133,7 @@ impl Default for TrainConfig {
 }
 
 /// Settings of an environment that a run sets itself, and where they are given instead.
-const NOT_OF_ENV: [(&str, &str); 4] = [
+pub(super) const NOT_OF_ENV: [(&str, &str); 4] = [
     ("n_env", "Give n_env in the table of the algorithm."),
     ("seed", "Give seed at the top of the file."),
     ("first_environment", "Remove it: a run numbers its environments itself."),
@@ -171,6 +176,7 @@ impl TrainConfig {
         let variant = asked.and_then(algorithm::variant);
         let algorithm = asked.map(|name| algorithm::by_name(algorithm::base(name))).transpose()?;
         let of_variant = variant.and_then(|own| recipe(task, Some(own.name)));
+        let own_recipe = of_variant.is_some();
         let known = of_variant.or_else(|| recipe(task, algorithm.as_ref().map(|own| own.name())));
         let (usual, text) = known.unwrap_or((USUAL, ""));
         let own = algorithm.map_or_else(|| algorithm::by_name(usual), Ok)?;
@@ -178,8 +184,12 @@ impl TrainConfig {
         merge(&mut base, layers::at("env", Value::Table(entry.default_table()?)));
         let every = i64::try_from(own.evaluate_every()).unwrap_or(i64::MAX);
         merge(&mut base, layers::at("evaluate.every", every.into()));
-        merge(&mut base, Layer::of_text(text, &format!("recipe of {task}"))?.table().clone());
-        merge(&mut base, settings_of(variant)?);
+        let recipe = Layer::of_text(text, &format!("recipe of {task}"))?.table().clone();
+        let of_variant_itself = settings_of(variant)?;
+        // a variant goes over the recipe of what it is a variant of, and its own recipe goes over it
+        let (first, then) = if own_recipe { (of_variant_itself, recipe) } else { (recipe, of_variant_itself) };
+        merge(&mut base, first);
+        merge(&mut base, then);
         let config = Self { task: task.into(), ..Self::read(base, &user, own.name())? };
         config.validate()?;
         Ok(config)
@@ -261,7 +271,7 @@ impl TrainConfig {
     /// The names of the settings that all runs have.
     pub(super) fn own_keys() -> Vec<String> {
         let own = Self::default().own_table().unwrap_or_default();
-        own.keys().cloned().chain(["algorithm".into()]).collect()
+        own.keys().cloned().chain(["algorithm", "from_settings"].map(String::from)).collect()
     }
 
     /// What a setting means, by its table and key as in a file: `apg.network`, `hidden`.
@@ -349,6 +359,17 @@ impl TrainConfig {
         if self.seed == self.evaluate.seed {
             let remedy = "Starts must be new to the policy.";
             return Err(Error::value("evaluate.seed", self.evaluate.seed, "another one than seed", remedy));
+        }
+        if self.from.is_empty() || self.from == SAFE {
+            let from = || format!("'{}'", self.from);
+            if self.algorithm.is_taught() {
+                let remedy = "Name the teacher: a run that is there, or '/apg', which is trained first.";
+                return Err(Error::value("from", from(), "a policy, which teaches", remedy));
+            }
+            if !self.from_settings.is_empty() {
+                let remedy = "Name what is trained first, 'Hover/apg', or leave from_settings out.";
+                return Err(Error::value("from", from(), "a task where there are from_settings", remedy));
+            }
         }
         if self.log_every == 0 {
             return Err(Error::value("log_every", 0, "≥ 1 update", "1 logs every update."));

@@ -11,6 +11,13 @@
 //! ([`DaggerConfig::teacher`]), which may see what the student does not: noise-free or privileged observations, where the
 //! student has a history. It then flies in a twin of every environment, which takes the same actions and shows what the
 //! teacher was trained to see (Chen et al. 2020; Lee et al. 2020).
+//!
+//! Rapid motor adaptation (`rma`; Kumar, Fu, Pathak and Malik 2021) imitates less: [`Imitate::Latent`]. The teacher is the policy that
+//! the run begins from, π(o, μ(θ)), whose last encoder μ reads the physical numbers θ. The student is π(o, φ(past)) with the same π,
+//! which stays as it is; its last encoder φ reads what came before, flies itself, and descends ½ ‖φ(past) − μ(θ)‖².
+
+mod learnt;
+mod teacher;
 
 use super::algorithm::built_in;
 use super::checkpoint::Tensors;
@@ -19,7 +26,6 @@ use super::learner::{Episodes, Learner, Progress, Update, share_done};
 use super::minibatch::{Minibatch, Sums, part};
 use super::nn::{AdamConfig, Layers, Memory};
 use super::policy::{Actor, Policy, ROWS};
-use super::policy_io::load_policy;
 use super::policy_optimiser::PolicyOptimiser;
 use super::schedule::Schedule;
 use super::shards::{Make, Shard, begin_statistics, episodes, normalise, set_difficulty, shards_if, within_memory};
@@ -29,10 +35,22 @@ use super::window::mask_nonfinite;
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
-use crate::tasks::{Baseline, Buffers, Env, EnvConfig, Spec};
+use crate::tasks::{EnvConfig, Spec};
+use learnt::Learnt;
 use serde::{Deserialize, Serialize};
-use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
+use teacher::Teacher;
+
+/// What of a teacher is imitated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Imitate {
+    /// Its actions, by the whole policy.
+    #[default]
+    Action,
+    /// What its last encoder gives, by the policy's last encoder; all else is taken over from it and stays.
+    Latent,
+}
 
 /// Settings; defaults clone a cascade within a minute.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -46,7 +64,9 @@ pub struct DaggerConfig {
     pub steps: usize,
     /// Updates of a run.
     pub updates: u64,
-    /// Folder of the run whose policy teaches; empty for our controller of the task.
+    /// `action`, or `latent` of the policy that the run begins from.
+    pub imitate: Imitate,
+    /// Folder of the run whose policy teaches actions; empty for our controller of the task.
     pub teacher: String,
     /// β, share of the environments that the teacher flies, over the run.
     pub teacher_share: Schedule,
@@ -71,6 +91,7 @@ impl Default for DaggerConfig {
             shard: 32,
             steps: 250,
             updates: 100,
+            imitate: Imitate::Action,
             teacher: String::new(),
             teacher_share: Schedule::Linear { from: 1.0, to: 0.0, warm_up: 0.0 },
             epochs: 4,
@@ -104,6 +125,15 @@ impl DaggerConfig {
         if !(self.max_grad_norm.is_finite() && self.max_grad_norm > 0.0) {
             return Err(Error::value("max_grad_norm", self.max_grad_norm, "finite and > 0", "1 is usual."));
         }
+        if self.imitate == Imitate::Latent && !self.teacher.is_empty() {
+            let remedy = "Name the run in `from`: its weights are taken over too.";
+            return Err(Error::value(
+                "teacher",
+                format!("'{}'", self.teacher),
+                "left out where a latent is imitated",
+                remedy,
+            ));
+        }
         self.teacher_share.validate("teacher_share")?;
         self.learning_rate.validate("learning_rate")?;
         self.adam.validate()?;
@@ -112,7 +142,11 @@ impl DaggerConfig {
 }
 
 built_in! {
-    "dagger": DaggerConfig => Dagger, squashed: true, loss: "half the squared error of an action", in: "dagger.rs";
+    "dagger": DaggerConfig => Dagger, squashed: true, loss: "half the squared error of what is imitated", in: "dagger.rs";
+
+    fn is_taught(&self) -> bool {
+        self.imitate == Imitate::Latent
+    }
 
     /// Updates are few and long.
     fn evaluate_every(&self) -> u64 {
@@ -124,9 +158,10 @@ built_in! {
 pub struct Dagger {
     config: DaggerConfig,
     optimiser: PolicyOptimiser,
+    learnt: Learnt,
     batch: Minibatch,
     workers: Vec<Worker>,
-    /// Rows of an update, worker by worker: what was seen, what the teacher would do (NaN where there is nothing to learn).
+    /// Rows of an update, worker by worker: what was seen, what the teacher would give (NaN where there is nothing to learn).
     observation: Vec<f32>,
     label: Vec<f32>,
     order: Vec<u32>,
@@ -141,6 +176,7 @@ struct Worker {
     shard: Shard,
     teacher: Teacher,
     memory: Memory,
+    seen: Vec<f32>,
     own: Vec<f32>,
     taught: Vec<f32>,
     masked: Vec<usize>,
@@ -157,71 +193,6 @@ fn twin(shard: usize) -> String {
 /// Its multiples lie evenly between whole numbers.
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 
-/// Who shows how it is done.
-enum Teacher {
-    /// Controllers may be sent to threads, but not shared.
-    Controller(Mutex<Baseline>),
-    /// A policy, and the environments as it sees them.
-    Policy(Box<(Policy, Env, Buffers)>),
-}
-
-impl Teacher {
-    fn new(shard: &Shard, config: &DaggerConfig, make: &Make<'_>) -> Result<Self> {
-        if config.teacher.is_empty() {
-            return Ok(Self::Controller(Mutex::new(Baseline::new(&shard.env)?)));
-        }
-        let saved = load_policy(&config.teacher)?;
-        let observation = saved.config.seen_env().observation;
-        let mut twin = make(&EnvConfig { observation, ..shard.env.spec().config.clone() })?;
-        saved.policy.fits(twin.spec())?;
-        if let Some(known) = saved.policy.statistics() {
-            twin.set_statistics(known.clone())?;
-        }
-        let one = Threads::new(1)?;
-        twin.set_threads(one.clone());
-        let mut policy = saved.policy;
-        policy.set_threads(one);
-        let mut out = Buffers::new(twin.spec());
-        twin.reset(None, None, &mut out.out())?;
-        Ok(Self::Policy(Box::new((policy, twin, out))))
-    }
-
-    /// Fresh episodes, those that `env` has just begun.
-    fn reset(&mut self, env: &Env) -> Result<()> {
-        match self {
-            Self::Controller(own) => *own = Mutex::new(Baseline::new(env)?),
-            Self::Policy(own) => {
-                own.0.reset();
-                own.1.reset(None, None, &mut own.2.out())?;
-            }
-        }
-        Ok(())
-    }
-
-    fn act(&mut self, env: &Env, actions: &mut [f32]) -> Result<()> {
-        match self {
-            Self::Controller(own) => own.get_mut().unwrap_or_else(PoisonError::into_inner).act(env, actions),
-            Self::Policy(own) => own.0.act(&own.2.observation, actions),
-        }
-    }
-
-    /// The step that `actions` made, which ended the episodes marked in `ended`.
-    fn follow(&mut self, actions: &[f32], ended: impl Iterator<Item = bool>) -> Result<()> {
-        match self {
-            Self::Controller(own) => {
-                let own = own.get_mut().unwrap_or_else(PoisonError::into_inner);
-                ended.enumerate().filter(|(_, ended)| *ended).for_each(|(i, _)| own.forget(i));
-                Ok(())
-            }
-            Self::Policy(own) => {
-                let begins: Vec<u8> = ended.map(u8::from).collect();
-                own.0.forget(&begins)?;
-                own.1.step(actions, &mut own.2.out())
-            }
-        }
-    }
-}
-
 impl Worker {
     fn new(shard: Shard, actor: &Actor, config: &DaggerConfig, make: &Make<'_>) -> Result<Self> {
         let spec = shard.env.spec();
@@ -229,6 +200,7 @@ impl Worker {
         Ok(Self {
             teacher: Teacher::new(&shard, config, make)?,
             memory: actor.mlp.memory(ROWS),
+            seen: shard.out.observation.clone(),
             own: vec![0.0; n_action],
             taught: vec![0.0; n_action],
             masked: Vec::new(),
@@ -240,29 +212,34 @@ impl Worker {
     }
 
     /// Flies fresh episodes, the share `by_teacher` of all environments by the teacher, and keeps what was seen and what it
-    /// would do.
+    /// would give.
     fn fly(
         &mut self,
         optimiser: &PolicyOptimiser,
+        learnt: &Learnt,
         by_teacher: f64,
         observation: &mut [f32],
         label: &mut [f32],
     ) -> Result<()> {
-        let Self { shard: Shard { env, out }, teacher, memory, own, taught, masked, .. } = self;
+        let Self { shard: Shard { env, out }, teacher, memory, seen, own, taught, masked, .. } = self;
         let (n_env, n_agent, n_seen) = (env.spec().n_env, env.spec().n_agent, env.spec().n_observation);
         let (rows, n_action) = (n_env * n_agent, own.len() / (n_env * n_agent));
+        let (n_read, n_label) = (learnt.columns.len(), learnt.network.n_output());
         let first = env.spec().config.first_environment;
         // spread evenly over all shards
         let taught_one = |i: usize| (first.wrapping_add(i as u64) as f64 * GOLDEN_RATIO).fract() < by_teacher;
         (self.reward, self.episodes) = (0.0, Episodes::default());
         env.reset(None, None, &mut out.out())?;
         teacher.reset(env)?;
-        for (seen, label) in observation.chunks_exact_mut(rows * n_seen).zip(label.chunks_exact_mut(rows * n_action)) {
+        for (read, label) in observation.chunks_exact_mut(rows * n_read).zip(label.chunks_exact_mut(rows * n_label)) {
             seen.copy_from_slice(&out.observation);
             mask_nonfinite(seen, rows, masked);
             teacher.act(env, taught)?;
-            label.copy_from_slice(taught);
-            masked.iter().for_each(|row| label[row * n_action..][..n_action].fill(f32::NAN));
+            teacher.label(taught, label);
+            masked.iter().for_each(|row| label[row * n_label..][..n_label].fill(f32::NAN));
+            for (to, row) in read.chunks_exact_mut(n_read).zip(seen.chunks_exact(n_seen)) {
+                to.copy_from_slice(&row[learnt.columns.clone()]);
+            }
             for (x, actions) in seen.chunks(ROWS * n_seen).zip(own.chunks_mut(ROWS * n_action)) {
                 optimiser.actor.modes(optimiser.net().parameters, x, memory, actions);
             }
@@ -293,19 +270,21 @@ impl Dagger {
         let rows = |spec: &Spec| config.n_env as u128 * spec.n_agent as u128 * config.steps as u128;
         let shards = shards_if(make, &env, config.shard, |first, _| {
             let spec = first.spec();
-            let each = (spec.n_observation + spec.action.len()) as u128;
+            let learnt = Learnt::new(&Actor::new(spec, &config.network, true)?, config.imitate)?;
+            let each = (learnt.columns.len() + learnt.network.n_output()) as u128;
             within_memory("rows of an update", rows(spec), 4 * rows(spec) * each, env.memory_limit)
         })?;
         let spec = shards[0].env.spec().clone();
         let actor = Actor::new(&spec, &config.network, true)?;
+        let learnt = Learnt::new(&actor, config.imitate)?;
         let rows = rows(&spec) as usize;
-        let per_batch = rows.div_ceil(config.minibatches);
-        let batch = Minibatch::new(&actor.mlp, actor.head.n_extra(), per_batch, env.memory_limit)?;
+        let batch = Minibatch::new(&learnt.network, 0, rows.div_ceil(config.minibatches), env.memory_limit)?;
         let workers = shards.into_iter().map(|shard| Worker::new(shard, &actor, &config, make));
         Ok(Self {
             workers: workers.collect::<Result<_>>()?,
-            observation: vec![0.0; rows * spec.n_observation],
-            label: vec![0.0; rows * spec.action.len()],
+            observation: vec![0.0; rows * learnt.columns.len()],
+            label: vec![0.0; rows * learnt.network.n_output()],
+            learnt,
             order: Vec::new(),
             optimiser: PolicyOptimiser::new(actor, config.adam, seed),
             batch,
@@ -319,25 +298,26 @@ impl Dagger {
 
     /// Fresh episodes of all environments.
     fn fly(&mut self, by_teacher: f64) -> Result<()> {
-        let (optimiser, steps) = (&self.optimiser, self.config.steps);
+        let (optimiser, learnt, steps) = (&self.optimiser, &self.learnt, self.config.steps);
         let (mut seen, mut label) = (&mut self.observation[..], &mut self.label[..]);
         let mut parts = Vec::with_capacity(self.workers.len());
         for worker in &mut self.workers {
-            let (n_seen, n_action) = (worker.shard.out.observation.len(), worker.own.len());
-            let (own, behind) = seen.split_at_mut(n_seen * steps);
-            let (taught, rest) = label.split_at_mut(n_action * steps);
+            let spec = worker.shard.env.spec();
+            let rows = spec.n_env * spec.n_agent * steps;
+            let (own, behind) = seen.split_at_mut(rows * learnt.columns.len());
+            let (taught, rest) = label.split_at_mut(rows * learnt.network.n_output());
             parts.push((worker, own, taught));
             (seen, label) = (behind, rest);
         }
         self.threads.for_each(&mut parts, |_, (worker, seen, label)| {
-            worker.failed = worker.fly(optimiser, by_teacher, seen, label).err();
+            worker.failed = worker.fly(optimiser, learnt, by_teacher, seen, label).err();
         });
         self.workers.iter_mut().find_map(|worker| worker.failed.take()).map_or(Ok(()), Err)
     }
 
     /// All passes over the rows; gives the mean loss and the mean norm of its gradients.
     fn imitate(&mut self, rate: f64) -> [f64; 2] {
-        let n = self.optimiser.actor.n_action();
+        let n = self.learnt.network.n_output();
         let rows = self.label.len() / n;
         let (mut loss, mut count, mut norms, mut steps) = (0.0, 0.0, 0.0, 0.0);
         for epoch in 0..self.config.epochs as u64 {
@@ -346,12 +326,12 @@ impl Dagger {
                 let chosen = part(&self.order, k, self.config.minibatches);
                 let share = 1.0 / chosen.len().max(1) as f32;
                 let label = &self.label;
-                let own = |row: usize, action: &[f32], up: &mut [f32], _: &mut [f32], sums: &mut Sums| {
+                let own = |row: usize, given: &[f32], up: &mut [f32], _: &mut [f32], sums: &mut Sums| {
                     let taught = &label[row * n..][..n];
                     if taught.iter().any(|a| !a.is_finite()) {
                         return;
                     }
-                    for ((up, a), wanted) in up.iter_mut().zip(action).zip(taught) {
+                    for ((up, a), wanted) in up.iter_mut().zip(given).zip(taught) {
                         let error = a - wanted;
                         let bounded = error.clamp(-1.0, 1.0);
                         *up = share * bounded;
@@ -359,9 +339,10 @@ impl Dagger {
                     }
                     sums[1] += 1.0;
                 };
-                let (mlp, net) = (&self.optimiser.actor.mlp, self.optimiser.net());
-                let sums = self.batch.gradient(&self.threads, mlp, net, &self.observation, chosen, &own);
-                self.optimiser.gradient.copy_from_slice(&self.batch.gradient);
+                let net = self.learnt.weights(&self.optimiser.actor, self.optimiser.net());
+                let network = &self.learnt.network;
+                let sums = self.batch.gradient(&self.threads, network, net, &self.observation, chosen, &own);
+                self.optimiser.gradient[self.learnt.place.clone()].copy_from_slice(&self.batch.gradient);
                 norms += self.optimiser.descend(self.config.max_grad_norm, rate);
                 (loss, count, steps) = (loss + sums[0], count + sums[1], steps + 1.0);
             }
@@ -379,7 +360,10 @@ impl Learner for Dagger {
         let flown = begun.elapsed();
         let rate = self.config.learning_rate.at(progress);
         let [loss, gradient_norm] = self.imitate(rate);
-        normalise(&mut self.workers.iter_mut().map(|worker| &mut worker.shard).collect::<Vec<_>>())?;
+        if self.config.imitate == Imitate::Action {
+            // what was taken over knows its observations on the teacher's scale
+            normalise(&mut self.workers.iter_mut().map(|worker| &mut worker.shard).collect::<Vec<_>>())?;
+        }
         let n_step = (self.config.n_env * self.config.steps) as u64;
         (self.update, self.env_steps) = (self.update + 1, self.env_steps + n_step);
         let (mut episodes, mut reward) = (Episodes::default(), 0.0);
@@ -398,8 +382,8 @@ impl Learner for Dagger {
 
     fn set_difficulty(&mut self, share: f64) -> Result<()> {
         for worker in &mut self.workers {
-            if let Teacher::Policy(own) = &mut worker.teacher {
-                own.1.set_difficulty(share)?;
+            if let Some(twin) = worker.teacher.twin_mut() {
+                twin.set_difficulty(share)?;
             }
         }
         set_difficulty(self.workers.iter_mut().map(|worker| &mut worker.shard), share)
@@ -411,6 +395,21 @@ impl Learner for Dagger {
         start.statistics.as_ref().map_or(Ok(()), |known| begin_statistics(shards, known))
     }
 
+    fn teach(&mut self, teacher: Policy, of: &Spec, make: &Make<'_>) -> Result<()> {
+        let (actor, spec) = (&self.optimiser.actor, self.workers[0].shard.env.spec());
+        self.warm_start(&WarmStart::but_for_the_last_encoder(
+            &teacher,
+            of,
+            actor,
+            self.optimiser.net().parameters,
+            spec,
+        )?)?;
+        for worker in &mut self.workers {
+            worker.teacher = Teacher::of_latent(teacher.clone(), of, &worker.shard, make)?;
+        }
+        Ok(())
+    }
+
     fn policy(&self) -> Result<Policy> {
         self.optimiser.policy(&self.workers[0].shard.env)
     }
@@ -419,8 +418,8 @@ impl Learner for Dagger {
         self.optimiser.save(policy, out)?;
         state::put_counters(out, [self.update, self.env_steps])?;
         for (k, worker) in self.workers.iter().enumerate() {
-            if let Teacher::Policy(own) = &worker.teacher {
-                let bytes = own.1.save();
+            if let Some(own) = worker.teacher.twin() {
+                let bytes = own.save();
                 out.insert(twin(k), &[bytes.len()], bytes)?;
             }
         }
@@ -432,9 +431,9 @@ impl Learner for Dagger {
         self.optimiser.load(policy, from, 0)?;
         state::load_shards(from, self.workers.iter_mut().map(|worker| &mut worker.shard))?;
         for (k, worker) in self.workers.iter_mut().enumerate() {
-            if let Teacher::Policy(own) = &mut worker.teacher {
+            if let Some(own) = worker.teacher.twin_mut() {
                 let n = from.tensor(&twin(k))?.shape().iter().product();
-                own.1.load(from.get::<u8>(&twin(k), &[n])?)?;
+                own.load(from.get::<u8>(&twin(k), &[n])?)?;
             }
         }
         (self.update, self.env_steps) = (update, env_steps);

@@ -2,8 +2,10 @@
 
 use super::checkpoint::Tensors;
 use super::policy::Policy;
+use super::shards::Make;
 use super::warm_start::WarmStart;
 use crate::error::{Error, Result};
+use crate::tasks::Spec;
 use serde::Serialize;
 use std::time::Duration;
 
@@ -47,6 +49,15 @@ pub trait Learner: Send + Sync {
     /// [`Error::Value`] for another number of weights, and unless the algorithm can begin from a policy.
     fn warm_start(&mut self, _start: &WarmStart) -> Result<()> {
         Err(Error::value("from", "a policy", "random weights for this algorithm", "Leave `from` out."))
+    }
+
+    /// Learns from `teacher` from now on, a policy of environments like `of`, which flies in those that `make` makes; before the
+    /// first update, and before [`Learner::load`].
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a teacher that does not fit, and unless the algorithm is [taught](super::Algorithm::is_taught).
+    fn teach(&mut self, _teacher: Policy, _of: &Spec, _make: &Make<'_>) -> Result<()> {
+        Err(Error::value("teacher", "a policy", "none for this algorithm", "Train with rma or dagger."))
     }
 
     /// The policy as it is.

@@ -1,6 +1,6 @@
 //! The policy that a run begins from: that of another run, or one that is trained first by its recipe.
 
-use super::config::{TrainConfig, USUAL};
+use super::config::{NOT_OF_ENV, TrainConfig, USUAL};
 use super::policy::Policy;
 use super::policy_io::load_policy;
 use super::recipes::recipes_of;
@@ -29,7 +29,7 @@ pub(crate) struct Predecessor {
 }
 
 /// What [`TrainConfig::from`] names: the folder of a run or checkpoint; or `Task`, `Task/algorithm` or `/algorithm`, which is
-/// trained by its recipe, with the seed, vehicle and control mode of `config`, and kept in `folder` where there is one, so
+/// trained by its recipe and [`TrainConfig::from_settings`], with the seed, vehicle and control mode of `config`, and kept in `folder` where there is one, so
 /// that it goes on behind a kill.
 ///
 /// # Errors
@@ -58,10 +58,14 @@ pub(crate) fn predecessor(
 /// Task and settings of the run that is trained first; none where there is nothing to train: random weights, or a folder.
 ///
 /// # Errors
-/// As [`TrainConfig::layered`]; [`Error::Value`] for what is neither a folder nor a task.
+/// As [`TrainConfig::layered`]; [`Error::Value`] for what is neither a folder nor a task, and for settings of what is trained already.
 pub(crate) fn predecessor_config(config: &TrainConfig) -> Result<Option<(String, TrainConfig)>> {
     let from = &config.from;
     if from.is_empty() || from == SAFE || Path::new(from).is_dir() {
+        if !config.from_settings.is_empty() {
+            let remedy = "Leave from_settings out: what is there has its own.";
+            return Err(Error::value("from", format!("'{from}'"), "a task where there are from_settings", remedy));
+        }
         return Ok(None);
     }
     let (task, algorithm) = from.split_once('/').unwrap_or((from, ""));
@@ -72,7 +76,8 @@ pub(crate) fn predecessor_config(config: &TrainConfig) -> Result<Option<(String,
     }
     let algorithm = Some(algorithm).filter(|name| !name.is_empty());
     let usual = recipes_of(task).into_iter().next().unwrap_or(USUAL);
-    let own = TrainConfig::layered(task, algorithm, &[inherited(config, algorithm.unwrap_or(usual))?])?;
+    let settings = Layer::of_table("from_settings", config.from_settings.clone());
+    let own = TrainConfig::layered(task, algorithm, &[inherited(config, algorithm.unwrap_or(usual))?, settings])?;
     Ok(Some((task.into(), own)))
 }
 
@@ -80,15 +85,21 @@ fn spec(task: &str, config: &TrainConfig) -> Result<Spec> {
     Ok(Env::make(task, &EnvConfig { n_env: 1, ..config.seen_env() })?.spec().clone())
 }
 
-/// The settings that go over to a run's predecessor by `algorithm`: who flies, how actions enter, hidden layers, the seed.
+/// Settings of environments that go over to a run's predecessor: how actions enter.
+const INHERITED: [&str; 7] = ["control", "own_vehicle", "dt", "action_scale", "actions", "delay", "control_rate"];
+
+/// The settings that go over to a run's predecessor by `algorithm`: who flies, how actions enter, hidden layers, the seed. To a
+/// teacher all of the environments but what it sees of them.
 fn inherited(config: &TrainConfig, algorithm: &str) -> Result<Layer> {
     let mut table = Table::new();
     let seed = i64::try_from(config.seed).unwrap_or(i64::MAX);
     merge(&mut table, layers::at("seed", seed.into()));
     let env = Table::try_from(&config.env).map_err(super::algorithm::unwritable)?;
-    for key in ["control", "own_vehicle", "dt", "action_scale", "actions", "delay", "control_rate"] {
-        if let Some(value) = env.get(key) {
-            merge(&mut table, layers::at(&format!("env.{key}"), value.clone()));
+    let teaches = config.algorithm.is_taught();
+    let own_affair = |key: &str| key == "observation" || NOT_OF_ENV.iter().any(|(own, _)| *own == key);
+    for (key, value) in env {
+        if INHERITED.contains(&&*key) || teaches && !own_affair(&key) {
+            merge(&mut table, layers::at(&format!("env.{key}"), value));
         }
     }
     let hidden = config.algorithm.table()?.get("network").and_then(|own| own.get("hidden")).cloned();

@@ -22,7 +22,9 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("track.apg"),
     file!("track.ppo"),
     file!("hover_rand.apg"),
+    file!("hover_rand.rma"),
     file!("track_rand.apg"),
+    file!("track_rand.rma"),
     file!("fly_through.ppo"),
     file!("fly_through.apg"),
     file!("payload_hover.ppo"),
@@ -94,7 +96,7 @@ mod tests {
             let (task, algorithm) = name.split_once('.').unwrap();
             let task = names().into_iter().find(|own| snake(own) == task).unwrap_or_else(|| panic!("{name}"));
             let config = TrainConfig::for_task(task, Some(algorithm), None).unwrap_or_else(|e| panic!("{text}\n{e}"));
-            assert_eq!(config.algorithm.name(), algorithm);
+            assert_eq!(config.algorithm.name(), crate::rl::algorithm::base(algorithm));
             assert_eq!(TrainConfig::from_toml(&config.to_toml().unwrap(), task).unwrap(), config);
             let tables: toml::Table = toml::from_str(text).unwrap();
             assert!(config.unused(&tables).is_empty(), "{name}");

@@ -30,7 +30,7 @@ use super::learner::{Episodes, Learner, Update};
 use super::log::{Curve, Line, Log};
 use super::policy::Policy;
 use super::policy_io::put_policy;
-use super::predecessor::{SAFE, predecessor, predecessor_config};
+use super::predecessor::{Predecessor, SAFE, predecessor, predecessor_config};
 use super::state;
 use super::warm_start::WarmStart;
 use crate::autodiff::lanes::instruction_set;
@@ -80,6 +80,9 @@ pub struct Trainer {
     other_instructions: Option<String>,
     files: Option<Files>,
 }
+
+/// Within a run's folder that of the run that it begins from.
+const FROM: &str = "from";
 
 /// Name of the steps before a run in its checkpoints.
 const EARLIER: &str = "earlier_steps";
@@ -204,7 +207,7 @@ impl Trainer {
         let skipped = match found {
             None => Vec::new(),
             Some(found) => {
-                self.go_on(&found.checkpoint, &found.folder)?;
+                self.go_on(&found.checkpoint, &found.folder, folder)?;
                 found.skipped
             }
         };
@@ -217,9 +220,9 @@ impl Trainer {
         Ok(self)
     }
 
-    fn go_on(&mut self, checkpoint: &Checkpoint, folder: &Path) -> Result<()> {
+    fn go_on(&mut self, checkpoint: &Checkpoint, at: &Path, folder: &Path) -> Result<()> {
         let Checkpoint { manifest, policy, state } = checkpoint;
-        let file = folder.join("manifest.json").display().to_string();
+        let file = at.join("manifest.json").display().to_string();
         let then = TrainConfig { task: manifest.task.clone(), ..TrainConfig::from_toml(&manifest.config, &file)? };
         let differences = then.differences(&self.config)?;
         if !differences.is_empty() {
@@ -231,6 +234,11 @@ impl Trainer {
             });
         }
         [policy, state].into_iter().try_for_each(|tensors| state::check_sense(tensors, &file))?;
+        if self.config.algorithm.is_taught() && manifest.update > 0 {
+            let go_on = &mut |_: &Progress<'_>| ControlFlow::Continue(());
+            let from = predecessor(&self.config, Some(&folder.join(FROM)), &self.threads, go_on)?;
+            self.teach(from)?;
+        }
         self.learner.load(policy, state)?;
         if let Some(difficulty) = &mut self.difficulty {
             difficulty.load(state)?;
@@ -342,19 +350,28 @@ impl Trainer {
             return Ok(false);
         }
         let begun = Instant::now();
-        let folder = self.folder().map(|folder| folder.join("from"));
+        let folder = self.folder().map(|folder| folder.join(FROM));
         let from = predecessor(&self.config, folder.as_deref(), &self.threads, watch)?;
         if from.stopped {
             // its time and steps count when it is done
             self.clock.pause(begun.elapsed());
             return Ok(true);
         }
-        self.learner.warm_start(&WarmStart::new(&from.policy, &from.spec, &actor, env.spec())?)?;
+        let (seconds, env_steps) = (from.seconds, from.env_steps);
+        if self.config.algorithm.is_taught() {
+            self.teach(from)?;
+        } else {
+            self.learner.warm_start(&WarmStart::new(&from.policy, &from.spec, &actor, env.spec())?)?;
+        }
         self.clock.pause(begun.elapsed());
-        self.clock.before += from.seconds;
-        self.earlier_steps = from.env_steps;
+        self.clock.before += seconds;
+        self.earlier_steps = env_steps;
         self.since = Since::new(self.env_steps(), self.clock.seconds());
         Ok(false)
+    }
+
+    fn teach(&mut self, teacher: Predecessor) -> Result<()> {
+        self.learner.teach(teacher.policy, &teacher.spec, &|config| Env::make(self.task, config))
     }
 
     /// The curriculum behind an update, and its figure in the log.

@@ -4,8 +4,8 @@
 //! number; what the old policy did not see begins at weight 0. Where all that is new is such, the new policy acts at first
 //! as the old one did. Look-ahead points begin with the present one, so a `path` takes the place of a `target`.
 
-use super::nn::Network;
 use super::nn::head::Head;
+use super::nn::{Network, Stack, last_encoder};
 use super::policy::{Actor, Policy};
 use crate::error::{Error, Result};
 use crate::tasks::{Spec, Stage, Statistics};
@@ -31,14 +31,8 @@ impl WarmStart {
     /// # Errors
     /// [`Error::Value`] if hidden layers or actions differ, or if each of so many agents has a network there and not here.
     pub fn new(policy: &Policy, of: &Spec, actor: &Actor, spec: &Spec) -> Result<Self> {
-        let normalised = |spec: &Spec| spec.config.observation.iter().any(|s| matches!(s, Stage::Normalise { .. }));
-        let width = policy.statistics().map_or(of.n_observation, |s| s.mean.len());
-        if normalised(of) != normalised(spec) || width != of.n_observation {
-            let limit = "normalised in both runs or in neither, as the last stage";
-            let remedy = "Begin from a run whose policy saw its observations as this one does, or leave `from` out.";
-            return Err(Error::value("observation of the policy to begin from", "on another scale", limit, remedy));
-        }
         let columns = columns(of, spec);
+        let statistics = statistics(policy, of, spec, &columns)?;
         let (n_set, n_old) = (actor.n_set(), policy.actor().n_set());
         if n_old != 1 && n_old != n_set {
             let remedy = "Begin from a policy that agents share, or from one of as many agents with a network each.";
@@ -52,11 +46,6 @@ impl WarmStart {
         let own = (0..n_set).map(|k| policy.actor().set(policy.parameters(), k % n_old).0);
         let own = own.map(|own| network(&*policy.actor().mlp, own, &*actor.mlp, &columns));
         let parameters = own.collect::<Result<Vec<_>>>()?.concat();
-        let statistics = policy.statistics().map(|s| Statistics {
-            count: s.count.min(MOST_SEEN),
-            mean: columns.iter().map(|c| c.map_or(0.0, |k| s.mean[k])).collect(),
-            variance: columns.iter().map(|c| c.map_or(1.0, |k| s.variance[k])).collect(),
-        });
         Ok(Self { parameters, statistics })
     }
 
@@ -84,6 +73,51 @@ impl WarmStart {
         Ok(Self { parameters, statistics: None })
     }
 
+    /// As [`WarmStart::new`], but for the last encoder: it stays as it is among `random` weights of `actor`, and may read other
+    /// things than the policy's, as long as it gives as many numbers. All else sees the same.
+    ///
+    /// # Errors
+    /// As there; [`Error::Value`] for networks without encoders or of other shapes behind them, and for other fields beside what
+    /// the last encoder reads.
+    pub fn but_for_the_last_encoder(
+        policy: &Policy,
+        of: &Spec,
+        actor: &Actor,
+        random: &[f32],
+        spec: &Spec,
+    ) -> Result<Self> {
+        let columns = columns(of, spec);
+        let ((from, last), (to, own)) = (last_encoder(&*policy.actor().mlp)?, last_encoder(&*actor.mlp)?);
+        let beside = |stack: &Stack, last: usize| -> Vec<usize> {
+            let read = &stack.encoders()[last].columns;
+            (0..stack.n_input()).filter(|k| !read.contains(k)).collect()
+        };
+        let seen: Vec<_> = beside(to, own).into_iter().map(|k| columns[k]).collect();
+        if last != own || seen != beside(from, last).into_iter().map(Some).collect::<Vec<_>>() {
+            let limit = "the same fields, encoder by encoder";
+            let remedy =
+                "Let both observe alike, but for a stage `privileged` of the teacher and a `history` of the student.";
+            return Err(Error::value(
+                "what teacher and student see beside their last encoders",
+                "unlike",
+                limit,
+                remedy,
+            ));
+        }
+        let prefix = format!("encoder.{last}.");
+        let (parts, fresh) = (from.parts(policy.parameters()), to.parts(random));
+        let parameters = to.from_parts(&mut |name, shape| {
+            let of = if name.starts_with(&prefix) { &fresh } else { &parts };
+            let own = of.iter().find(|part| part.name == name && part.shape == shape);
+            own.map(|part| part.data.clone()).ok_or_else(|| {
+                let remedy =
+                    "Give teacher and student the same hidden layers, and last encoders that give as many numbers.";
+                Error::value(format!("{name} of the teacher"), "of another shape", format!("{shape:?}"), remedy)
+            })
+        })?;
+        Ok(Self { parameters, statistics: statistics(policy, of, spec, &columns)? })
+    }
+
     /// Whether it fits an actor.
     ///
     /// # Errors
@@ -96,6 +130,25 @@ impl WarmStart {
         let remedy = "Make them for this actor: WarmStart::new.";
         Err(Error::value("weights to begin with", got, wanted.to_string(), remedy))
     }
+}
+
+/// Statistics of a policy's normaliser, for an observation of these columns of its own.
+///
+/// # Errors
+/// [`Error::Value`] unless both observations are normalised last, or neither is.
+fn statistics(policy: &Policy, of: &Spec, spec: &Spec, columns: &[Option<usize>]) -> Result<Option<Statistics>> {
+    let normalised = |spec: &Spec| spec.config.observation.iter().any(|s| matches!(s, Stage::Normalise { .. }));
+    let width = policy.statistics().map_or(of.n_observation, |s| s.mean.len());
+    if normalised(of) != normalised(spec) || width != of.n_observation {
+        let limit = "normalised in both runs or in neither, as the last stage";
+        let remedy = "Begin from a run whose policy saw its observations as this one does, or leave `from` out.";
+        return Err(Error::value("observation of the policy to begin from", "on another scale", limit, remedy));
+    }
+    Ok(policy.statistics().map(|s| Statistics {
+        count: s.count.min(MOST_SEEN),
+        mean: columns.iter().map(|c| c.map_or(0.0, |k| s.mean[k])).collect(),
+        variance: columns.iter().map(|c| c.map_or(1.0, |k| s.variance[k])).collect(),
+    }))
 }
 
 /// For every number of `spec`'s observation its place in that of `of`, if it has one.

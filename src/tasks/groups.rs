@@ -37,7 +37,7 @@ pub enum Dtype {
 /// Numbers that belong together.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Group {
-    /// `actor`, `critic`, `privileged`, `history`, or the field's.
+    /// `actor`, `critic`, `privileged`, `history`, `past`, `parameters`, or the field's.
     pub name: String,
     /// What they are.
     pub kind: GroupKind,
@@ -69,7 +69,8 @@ impl Group {
 impl Spec {
     /// All of them: `actor` is the whole observation of an agent, `critic` the central state and `privileged` the numbers
     /// that differ between environments, where there are any; `history` is the block `[steps, n]` of a stage of that name,
-    /// newest first; images and lidars go by the names of their fields.
+    /// newest first, and `past` what it holds beside the newest; `parameters` is what a stage `privileged` shows; images and
+    /// lidars go by the names of their fields.
     pub fn groups(&self) -> Vec<Group> {
         let mut groups = vec![Group::new("actor", GroupKind::Actor, vec![self.n_observation], 0)];
         for (name, kind, n) in [
@@ -80,7 +81,12 @@ impl Spec {
                 groups.push(Group::new(name, kind, vec![n], 0));
             }
         }
-        groups.extend(self.history().map(|shape| Group::new("history", GroupKind::Actor, shape.into(), 0)));
+        let Stages { history, parameters } = self.stages();
+        if let Some([steps, n]) = history {
+            groups.push(Group::new("history", GroupKind::Actor, vec![steps, n], 0));
+            groups.push(Group::new("past", GroupKind::Actor, vec![steps - 1, n], n));
+        }
+        groups.extend(parameters.map(|own| Group::new("parameters", GroupKind::Actor, vec![own.len()], own.start)));
         groups.extend(self.fields().filter(|own| matches!(own.kind, GroupKind::Image | GroupKind::Lidar)));
         groups
     }
@@ -104,18 +110,34 @@ impl Spec {
         self.observation.iter().enumerate().map(move |(k, field)| Group::of_field(field, first(k)))
     }
 
-    /// Steps and numbers of the last stage `history`; what stages behind it add stands behind its block.
-    fn history(&self) -> Option<[usize; 2]> {
-        let mut n = self.n_observation;
+    /// Where the last stages of a kind stand: what stages behind one add stands behind its block.
+    fn stages(&self) -> Stages {
+        let (mut n, mut found) = (self.n_observation, Stages::default());
         for stage in self.config.observation.iter().rev() {
             match stage {
-                Stage::History { steps } => return Some([*steps, n / (*steps).max(1)]),
-                Stage::Privileged {} => n = n.saturating_sub(self.privileged.len()),
+                Stage::History { steps } => {
+                    found.history = Some([*steps, n / (*steps).max(1)]);
+                    break;
+                }
+                Stage::Privileged {} => {
+                    let first = n.saturating_sub(self.privileged.len());
+                    found.parameters = found.parameters.or((first < n).then_some(first..n));
+                    n = first;
+                }
                 Stage::Noise { .. } | Stage::Normalise { .. } => (),
             }
         }
-        None
+        found
     }
+}
+
+/// What stages made of an observation.
+#[derive(Default)]
+struct Stages {
+    /// Steps and numbers of each.
+    history: Option<[usize; 2]>,
+    /// Columns of what a stage `privileged` shows.
+    parameters: Option<Range<usize>>,
 }
 
 #[cfg(test)]
@@ -142,6 +164,16 @@ mod tests {
         let privileged = own.group("privileged").unwrap();
         assert_eq!((privileged.kind, privileged.shape), (GroupKind::Privileged, vec![known]));
         assert!(known > 0);
+        let (past, shown) = (own.group("past").unwrap(), own.group("parameters").unwrap());
+        assert_eq!(
+            (past.shape, past.columns),
+            (vec![2, plain.n_observation], plain.n_observation..3 * plain.n_observation)
+        );
+        assert_eq!((shown.kind, shown.columns), (GroupKind::Actor, 3 * plain.n_observation..own.n_observation));
+        assert!(
+            spec("Hover", "observation = [{ kind = 'privileged' }]").group("parameters").is_err(),
+            "nothing varies"
+        );
     }
 
     #[test]

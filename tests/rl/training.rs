@@ -12,7 +12,7 @@ use omnidrones::tasks::EnvConfig;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-const ALGORITHMS: [&str; 4] = ["apg", "shac", "ppo", "dagger"];
+const ALGORITHMS: [&str; 5] = ["apg", "shac", "ppo", "dagger", "rma"];
 
 /// Small enough for a second, large enough to have two shards, minibatches and ends of episodes.
 fn tiny(algorithm: &str) -> TrainConfig {
@@ -20,6 +20,10 @@ fn tiny(algorithm: &str) -> TrainConfig {
         "ppo" => "[ppo]\nn_env = 24\nshard = 16\nsteps = 6\nminibatches = 3\nupdates = 9\nnormalise_observation = true"
             .into(),
         "dagger" => "[dagger]\nn_env = 24\nshard = 16\nsteps = 6\nminibatches = 3\nupdates = 9".into(),
+        "rma" => "env.randomise = [{ what = 'mass', range = [0.8, 1.2] }]\n\
+                  from_settings.apg = { n_env = 16, horizon = 6, updates = 2 }\n\
+                  [dagger]\nn_env = 24\nshard = 16\nsteps = 6\nminibatches = 3\nupdates = 9"
+            .into(),
         other => format!("[{other}]\nn_env = 24\nshard = 16\nhorizon = 6\nupdates = 9"),
     };
     let text = format!(
@@ -147,6 +151,24 @@ fn a_policy_to_begin_from_is_trained_first_where_no_run_is_named() {
         let error = track.in_folder(&other, false).err().expect("a refusal").to_string();
         assert!(error.contains(told) && !other.exists(), "{error}");
     }
+}
+
+#[test]
+fn what_is_trained_first_takes_settings_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let [run, other] = ["run", "other"].map(|name| folder.path().join(name));
+    let of = |from: &str| {
+        let from_settings = toml::from_str("apg.updates = 2").unwrap();
+        TrainConfig { from: from.into(), from_settings, ..onwards("Hover/apg") }
+    };
+    let track = |from: &str| Trainer::new("Track", of(from), Threads::default());
+    track("Hover/apg").unwrap().in_folder(&run, false).unwrap().run(&mut |_| ControlFlow::Continue(())).unwrap();
+    let first = run.join("from");
+    assert_eq!(newest(&first).manifest.update, 2);
+    let there = track(first.to_str().unwrap()).unwrap().in_folder(&other, false).err().unwrap().to_string();
+    assert!(there.contains("Leave from_settings out"), "{there}");
+    let nothing = track("").err().unwrap().to_string();
+    assert!(nothing.contains("from is '', but it must be a task where there are from_settings"), "{nothing}");
 }
 
 #[test]

@@ -14,7 +14,7 @@ const WORDS: &[&str] = &[
     "--gradient", "--help", "--", "-", "-1", "0", "1", "2:0.5", "1e300", "-1e300", "1e-300", "nan", "inf",
     "18446744073709551616", "0,0,0,0,0,0", "0,0,9.81,0,0,0.01", "nan,0,0,0,0,0", "horizon=100", "horizon=0",
     "a=/dev/zero", "apg.learning_rate.from=nan", "apg.hidden=[1000000000]", "env.n_env=1000000000000",
-    "from=/dev/zero", "mass:0.5:2", "mass:2:0.5", "wind:-1:1", "delay:0:nan", "ppo", "apg", "shac", "mappo", "happo", "dagger", "sac", "td3", "qmix",
+    "from=/dev/zero", "mass:0.5:2", "mass:2:0.5", "wind:-1:1", "delay:0:nan", "ppo", "apg", "shac", "mappo", "happo", "dagger", "rma", "sac", "td3", "qmix",
     "rate", "velocity", "attitude", "rk4", "/dev/zero", "/nowhere", ".", "=", ":",
 ];
 

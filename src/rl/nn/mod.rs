@@ -49,4 +49,5 @@ pub use init::Init;
 pub use mlp::{Layers, Mlp};
 pub use network::{Memory, Named, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
 pub use set::{Pool, Set};
+pub(crate) use stack::last_encoder;
 pub use stack::{Encoded, Join, Stack};

@@ -6,6 +6,7 @@
 use super::aligned::Aligned;
 use super::mlp::Mlp;
 use super::product::padded;
+use super::stack::Stack;
 use crate::error::{Error, Result};
 use crate::rng::Stream;
 use std::fmt::Debug;
@@ -86,6 +87,11 @@ pub trait Network: Debug + Send + Sync {
         None
     }
 
+    /// The network of networks that it is, if it is one.
+    fn as_stack(&self) -> Option<&Stack> {
+        None
+    }
+
     /// Share of the hidden units under tanh with |y| > `limit` in the memory's last forward pass; 0 where there are none.
     fn saturated(&self, _memory: &Memory, _rows: usize, _limit: f32) -> f64 {
         0.0
@@ -140,6 +146,7 @@ impl<N: Network + ?Sized> Network for Arc<N> {
         (**self).backward(net, x, rows, memory, grad_output, pass);
     }
     fn as_mlp(&self) -> Option<&Mlp> { (**self).as_mlp() }
+    fn as_stack(&self) -> Option<&Stack> { (**self).as_stack() }
     fn saturated(&self, memory: &Memory, rows: usize, limit: f32) -> f64 { (**self).saturated(memory, rows, limit) }
     fn bias_for(&self, y: f64) -> f64 { (**self).bias_for(y) }
 }

@@ -108,6 +108,28 @@ impl Stack {
         Ok(own)
     }
 
+    /// The encoders.
+    pub fn encoders(&self) -> &[Encoded] {
+        &self.encoders
+    }
+
+    /// Encoder `k` of a network of `net`: its own numbers.
+    ///
+    /// # Panics
+    /// Unless there are so many encoders.
+    pub fn encoder_weights<'a>(&self, net: Weights<'a>, k: usize) -> Weights<'a> {
+        let (parameters, transposed) = (&net.parameters[self.places[k].clone()], &net.transposed.parts[k]);
+        Weights { parameters, transposed }
+    }
+
+    /// Where the parameters of encoder `k` stand among all.
+    ///
+    /// # Panics
+    /// Unless there are so many encoders.
+    pub fn encoder_place(&self, k: usize) -> Range<usize> {
+        self.places[k].clone()
+    }
+
     /// Numbers that encoders and what they leave give.
     fn n_feature(&self) -> usize {
         self.trunk.n_input() - self.n_state()
@@ -132,6 +154,18 @@ impl Stack {
         };
         self.n_rest() + before
     }
+}
+
+/// A network of networks, and which of its encoders is the last.
+///
+/// # Errors
+/// [`Error::Value`] for a network without encoders.
+pub(crate) fn last_encoder(network: &dyn Network) -> Result<(&Stack, usize)> {
+    let stack = network.as_stack().filter(|stack| !stack.encoders.is_empty());
+    let remedy =
+        "Give teacher and student network.encoder: the teacher's last reads 'parameters', the student's 'past'.";
+    let stack = stack.ok_or_else(|| Error::value("encoders of a policy whose latent is imitated", 0, "≥ 1", remedy))?;
+    Ok((stack, stack.encoders.len() - 1))
 }
 
 /// Runs of columns that nobody read.
@@ -337,6 +371,10 @@ impl Network for Stack {
                 to[columns.clone()].iter_mut().zip(read).for_each(|(to, d)| *to += d);
             }
         }
+    }
+
+    fn as_stack(&self) -> Option<&Self> {
+        Some(self)
     }
 
     fn saturated(&self, memory: &Memory, rows: usize, limit: f32) -> f64 {

@@ -1,0 +1,43 @@
+//! The part of a policy that imitates.
+
+use super::Imitate;
+use crate::error::Result;
+use crate::rl::nn::{Network, Weights, last_encoder};
+use crate::rl::policy::Actor;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// All of it, or its last encoder.
+pub(super) struct Learnt {
+    /// What learns.
+    pub network: Arc<dyn Network>,
+    /// What it reads of an observation.
+    pub columns: Range<usize>,
+    /// Its parameters among the policy's.
+    pub place: Range<usize>,
+    imitate: Imitate,
+}
+
+impl Learnt {
+    /// # Errors
+    /// As [`last_encoder`], where that learns.
+    pub(super) fn new(actor: &Actor, imitate: Imitate) -> Result<Self> {
+        let network = &actor.mlp;
+        if imitate == Imitate::Action {
+            let (columns, place) = (0..network.n_input(), 0..network.n_parameter());
+            return Ok(Self { network: network.clone(), columns, place, imitate });
+        }
+        let (stack, last) = last_encoder(&**network)?;
+        let own = &stack.encoders()[last];
+        let (network, columns, place) = (own.network.clone(), own.columns.clone(), stack.encoder_place(last));
+        Ok(Self { network, columns, place, imitate })
+    }
+
+    /// Its numbers, of those of the whole policy.
+    pub(super) fn weights<'a>(&self, actor: &Actor, net: Weights<'a>) -> Weights<'a> {
+        match (self.imitate, actor.mlp.as_stack()) {
+            (Imitate::Latent, Some(stack)) => stack.encoder_weights(net, stack.encoders().len() - 1),
+            _ => net,
+        }
+    }
+}
