@@ -1,5 +1,6 @@
 //! Gradient steps per second of SAC and DQN on all cores: `cargo bench -p omnidrones-bench --bench updates`. PyTorch's of the
-//! same networks and batches: `python crates/bench/benches/torch_updates.py`, right before or after.
+//! same networks (layers without norms, values without an advantage apart) and batches, right before or after:
+//! `python crates/bench/benches/torch_updates.py`.
 
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
@@ -11,22 +12,35 @@ use omnidrones::rl::{Algorithm, TrainConfig};
 
 /// Steps that are kept, before the first is learnt from.
 const KEPT: usize = 100_000;
+/// Rows of a gradient step.
+const BATCH: usize = 256;
 /// Gradient steps of an update.
 const STEPS: usize = 200;
 /// Of which the fastest counts.
 const ROUNDS: usize = 12;
 
 fn sac(hidden: &[usize]) -> Box<dyn Algorithm> {
-    let layers = |own: Layers| Layers { hidden: hidden.to_vec(), ..own };
+    let layers = |own: Layers| Layers { hidden: hidden.to_vec(), layer_norm: false, ..own };
     let usual = SacConfig::default();
     let (network, critic) = (layers(usual.network.clone()), layers(usual.critic.clone()));
-    Box::new(SacConfig { n_env: 64, steps: 100, gradient_steps: STEPS, replay: replay(), network, critic, ..usual })
+    Box::new(SacConfig {
+        n_env: 64,
+        steps: 100,
+        gradient_steps: STEPS,
+        batch: BATCH,
+        replay: replay(),
+        network,
+        critic,
+        ..usual
+    })
 }
 
 fn dqn(hidden: &[usize]) -> Box<dyn Algorithm> {
     let usual = DqnConfig::default();
-    let network = Layers { hidden: hidden.to_vec(), ..usual.network.clone() };
-    Box::new(DqnConfig { n_env: 64, steps: 100, gradient_steps: STEPS, replay: replay(), network, ..usual })
+    let network = Layers { hidden: hidden.to_vec(), layer_norm: false, ..usual.network.clone() };
+    let own =
+        DqnConfig { n_env: 64, steps: 100, gradient_steps: STEPS, batch: BATCH, replay: replay(), network, ..usual };
+    Box::new(DqnConfig { duelling: false, ..own })
 }
 
 fn replay() -> ReplayConfig {

@@ -169,7 +169,7 @@ fn worth_of_forever<E: Exploration>(exploration: E, n_step: f64, cuts_are_deaths
         batch: 32,
         critic_learning_rate: Schedule::cosine(5e-3, 1e-5),
         // an actor that climbs finds actions after which few rows of a story that repeats happen to end
-        learning_rate: if cuts_are_deaths { Schedule::constant(1e-9) } else { usual.learning_rate.clone() },
+        learning_rate: if cuts_are_deaths { Schedule::constant(1e-9) } else { usual.learning_rate },
         max_grad_norm: f64::INFINITY,
         network: linear(&usual.network),
         critic: linear(&usual.critic),
