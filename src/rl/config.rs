@@ -99,7 +99,8 @@ pub struct TrainConfig {
     /// which is trained first by its recipe. Or `safe_command`: random weights that act about the command that carries the
     /// weight, where actions are continuous.
     pub from: String,
-    /// Settings of the run that is trained first, over its recipe: `from_settings.apg.updates = 300`.
+    /// Settings of the run that is trained first, over its recipe: `from_settings.apg.updates = 300`. Who names another `from` than
+    /// the recipe gives those too.
     #[serde(skip_serializing_if = "Table::is_empty")]
     pub from_settings: Table,
     /// Whether an event file for TensorBoard stands beside the log: 1 or 2 kB per line.
@@ -190,6 +191,9 @@ impl TrainConfig {
         let (first, then) = if own_recipe { (of_variant_itself, recipe) } else { (recipe, of_variant_itself) };
         merge(&mut base, first);
         merge(&mut base, then);
+        if user.iter().any(|layer| layer.table().contains_key("from")) {
+            base.remove("from_settings");
+        }
         let config = Self { task: task.into(), ..Self::read(base, &user, own.name())? };
         config.validate()?;
         Ok(config)

@@ -134,6 +134,15 @@ impl DaggerConfig {
                 remedy,
             ));
         }
+        if self.imitate == Imitate::Latent && self.adam.weight_decay > 0.0 {
+            let remedy = "Leave it out: what is taken over from the teacher stays as it is.";
+            return Err(Error::value(
+                "adam.weight_decay",
+                self.adam.weight_decay,
+                "0 where a latent is imitated",
+                remedy,
+            ));
+        }
         self.teacher_share.validate("teacher_share")?;
         self.learning_rate.validate("learning_rate")?;
         self.adam.validate()?;
@@ -228,14 +237,17 @@ impl Worker {
         let first = env.spec().config.first_environment;
         // spread evenly over all shards
         let taught_one = |i: usize| (first.wrapping_add(i as u64) as f64 * GOLDEN_RATIO).fract() < by_teacher;
+        let acts = teacher.teaches_actions() || (0..n_env).any(taught_one);
         (self.reward, self.episodes) = (0.0, Episodes::default());
         env.reset(None, None, &mut out.out())?;
         teacher.reset(env)?;
         for (read, label) in observation.chunks_exact_mut(rows * n_read).zip(label.chunks_exact_mut(rows * n_label)) {
             seen.copy_from_slice(&out.observation);
             mask_nonfinite(seen, rows, masked);
-            teacher.act(env, taught)?;
-            teacher.label(taught, label);
+            if acts {
+                teacher.act(env, taught)?;
+            }
+            teacher.label(taught, label)?;
             masked.iter().for_each(|row| label[row * n_label..][..n_label].fill(f32::NAN));
             for (to, row) in read.chunks_exact_mut(n_read).zip(seen.chunks_exact(n_seen)) {
                 to.copy_from_slice(&row[learnt.columns.clone()]);
@@ -429,6 +441,13 @@ impl Learner for Dagger {
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
         let [update, env_steps] = state::counters(from)?;
+        if self.workers[0].teacher.twin().is_some()
+            && self.config.imitate == Imitate::Latent
+            && !self.optimiser.begins_as(from)?
+        {
+            let remedy = "Put it back as it was, or begin a run in another folder.";
+            return Err(Error::value("teacher of the run", "another one", "the one that it was begun with", remedy));
+        }
         self.optimiser.load(policy, from, 0)?;
         state::load_shards(from, self.workers.iter_mut().map(|worker| &mut worker.shard))?;
         for (k, worker) in self.workers.iter_mut().enumerate() {

@@ -131,6 +131,14 @@ impl PolicyOptimiser {
         state::put_adam(out, "actor", &self.adam)
     }
 
+    /// Whether it begins with the weights that a checkpoint's run began with.
+    ///
+    /// # Errors
+    /// As [`Tensors::get`].
+    pub fn begins_as(&self, from: &Tensors) -> Result<bool> {
+        Ok(from.get::<f32>(START, &[self.start.len()])?[..] == self.start[..])
+    }
+
     /// As saved; `restarts` is the caller's to count.
     ///
     /// # Errors

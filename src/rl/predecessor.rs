@@ -1,10 +1,11 @@
 //! The policy that a run begins from: that of another run, or one that is trained first by its recipe.
 
 use super::config::{NOT_OF_ENV, TrainConfig, USUAL};
-use super::policy::Policy;
+use super::policy::{Actor, Policy};
 use super::policy_io::load_policy;
 use super::recipes::recipes_of;
 use super::trainer::{Trainer, Watch};
+use super::warm_start::WarmStart;
 use crate::error::{Error, Result};
 use crate::layers::{self, Layer, merge};
 use crate::parallel::Threads;
@@ -40,6 +41,7 @@ pub(crate) fn predecessor(
     threads: &Threads,
     watch: &mut Watch<'_>,
 ) -> Result<Predecessor> {
+    check(config)?;
     let Some((task, own)) = predecessor_config(config)? else {
         let saved = load_policy(&config.from)?;
         let spec = spec(&saved.manifest.task, &saved.config)?;
@@ -53,6 +55,28 @@ pub(crate) fn predecessor(
     let told = trainer.run(watch)?;
     let (seconds, env_steps, stopped) = (told.seconds, told.env_steps, told.stopped);
     Ok(Predecessor { policy: told.policy, spec, seconds, env_steps, stopped })
+}
+
+/// Refuses what would be trained in vain: settings as in [`predecessor_config`], and a teacher that does not fit.
+///
+/// # Errors
+/// As there, [`Algorithm::actor`](super::Algorithm::actor) and [`WarmStart::but_for_the_last_encoder`]; [`Error::Value`] for a teacher of
+/// another task.
+pub(crate) fn check(config: &TrainConfig) -> Result<()> {
+    let Some((task, own)) = predecessor_config(config)? else { return Ok(()) };
+    if !config.algorithm.is_taught() {
+        return Ok(());
+    }
+    if task != config.task {
+        let remedy = "Name it '/apg', or the folder of a run of the same task.";
+        return Err(Error::value("task of the teacher", task, format!("{}, that of the run", config.task), remedy));
+    }
+    let (of, seen) = (spec(&task, &own)?, spec(&task, config)?);
+    let (teacher, student) = (own.algorithm.actor(&of)?, config.algorithm.actor(&seen)?);
+    let nothing = |actor: &Actor| vec![0.0; actor.n_parameter()];
+    let policy = Policy::new(teacher.clone(), nothing(&teacher), None, &of)?;
+    let weights = nothing(&student);
+    WarmStart::but_for_the_last_encoder(&policy, &of, &student, &weights[..student.mlp.n_parameter()], &seen).map(drop)
 }
 
 /// Task and settings of the run that is trained first; none where there is nothing to train: random weights, or a folder.

@@ -30,7 +30,7 @@ use super::learner::{Episodes, Learner, Update};
 use super::log::{Curve, Line, Log};
 use super::policy::Policy;
 use super::policy_io::put_policy;
-use super::predecessor::{Predecessor, SAFE, predecessor, predecessor_config};
+use super::predecessor::{self, Predecessor, SAFE, predecessor};
 use super::state;
 use super::warm_start::WarmStart;
 use crate::autodiff::lanes::instruction_set;
@@ -200,7 +200,7 @@ impl Trainer {
         check_own(folder)?;
         if !is_run(folder) {
             // before a folder is made; a run that is there may outlive what it began from
-            predecessor_config(&self.config)?;
+            predecessor::check(&self.config)?;
         }
         let mut writer = Store::open_to_write(folder, self.config.checkpoint.keep)?;
         let found = writer.latest()?;
@@ -234,7 +234,8 @@ impl Trainer {
             });
         }
         [policy, state].into_iter().try_for_each(|tensors| state::check_sense(tensors, &file))?;
-        if self.config.algorithm.is_taught() && manifest.update > 0 {
+        // who is done needs no teacher any more
+        if self.config.algorithm.is_taught() && (1..self.config.updates()).contains(&manifest.update) {
             let go_on = &mut |_: &Progress<'_>| ControlFlow::Continue(());
             let from = predecessor(&self.config, Some(&folder.join(FROM)), &self.threads, go_on)?;
             self.teach(from)?;

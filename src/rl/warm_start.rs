@@ -5,7 +5,7 @@
 //! as the old one did. Look-ahead points begin with the present one, so a `path` takes the place of a `target`.
 
 use super::nn::head::Head;
-use super::nn::{Network, Stack, last_encoder};
+use super::nn::{Network, last_encoder};
 use super::policy::{Actor, Policy};
 use crate::error::{Error, Result};
 use crate::tasks::{Spec, Stage, Statistics};
@@ -31,8 +31,8 @@ impl WarmStart {
     /// # Errors
     /// [`Error::Value`] if hidden layers or actions differ, or if each of so many agents has a network there and not here.
     pub fn new(policy: &Policy, of: &Spec, actor: &Actor, spec: &Spec) -> Result<Self> {
-        let columns = columns(of, spec);
-        let statistics = statistics(policy, of, spec, &columns)?;
+        let columns = columns(of, spec, |name| name);
+        let statistics = statistics(policy, of, spec)?;
         let (n_set, n_old) = (actor.n_set(), policy.actor().n_set());
         if n_old != 1 && n_old != n_set {
             let remedy = "Begin from a policy that agents share, or from one of as many agents with a network each.";
@@ -77,8 +77,7 @@ impl WarmStart {
     /// things than the policy's, as long as it gives as many numbers. All else sees the same.
     ///
     /// # Errors
-    /// As there; [`Error::Value`] for networks without encoders or of other shapes behind them, and for other fields beside what
-    /// the last encoder reads.
+    /// As there; [`Error::Value`] for networks without encoders, and unless all but the last one is alike.
     pub fn but_for_the_last_encoder(
         policy: &Policy,
         of: &Spec,
@@ -86,36 +85,23 @@ impl WarmStart {
         random: &[f32],
         spec: &Spec,
     ) -> Result<Self> {
-        let columns = columns(of, spec);
-        let ((from, last), (to, own)) = (last_encoder(&*policy.actor().mlp)?, last_encoder(&*actor.mlp)?);
-        let beside = |stack: &Stack, last: usize| -> Vec<usize> {
-            let read = &stack.encoders()[last].columns;
-            (0..stack.n_input()).filter(|k| !read.contains(k)).collect()
-        };
-        let seen: Vec<_> = beside(to, own).into_iter().map(|k| columns[k]).collect();
-        if last != own || seen != beside(from, last).into_iter().map(Some).collect::<Vec<_>>() {
-            let limit = "the same fields, encoder by encoder";
-            let remedy =
-                "Let both observe alike, but for a stage `privileged` of the teacher and a `history` of the student.";
-            return Err(Error::value(
-                "what teacher and student see beside their last encoders",
-                "unlike",
-                limit,
-                remedy,
-            ));
+        let columns = columns(of, spec, |name| name);
+        let ((from, _), (to, last)) = (last_encoder(&*policy.actor().mlp)?, last_encoder(&*actor.mlp)?);
+        if policy.actor().n_set() != 1 || !to.is_alike_but_for_the_last_encoder(from, |k| columns[k]) {
+            let limit = "the same layers, activations and fields but for the last encoder, one policy for all agents";
+            let remedy = "Teach by apg or shac, with the student's network.hidden and activation; let both observe alike but for a stage \
+                          `privileged` of the teacher and a `history` of the student, and end both lists of encoders with as many units.";
+            return Err(Error::value("policy of the teacher", "unlike the student's", limit, remedy));
         }
         let prefix = format!("encoder.{last}.");
         let (parts, fresh) = (from.parts(policy.parameters()), to.parts(random));
         let parameters = to.from_parts(&mut |name, shape| {
             let of = if name.starts_with(&prefix) { &fresh } else { &parts };
             let own = of.iter().find(|part| part.name == name && part.shape == shape);
-            own.map(|part| part.data.clone()).ok_or_else(|| {
-                let remedy =
-                    "Give teacher and student the same hidden layers, and last encoders that give as many numbers.";
-                Error::value(format!("{name} of the teacher"), "of another shape", format!("{shape:?}"), remedy)
-            })
+            // alike networks have the same parts
+            Ok(own.map(|part| part.data.clone()).unwrap_or_default())
         })?;
-        Ok(Self { parameters, statistics: statistics(policy, of, spec, &columns)? })
+        Ok(Self { parameters, statistics: statistics(policy, of, spec)? })
     }
 
     /// Whether it fits an actor.
@@ -132,11 +118,11 @@ impl WarmStart {
     }
 }
 
-/// Statistics of a policy's normaliser, for an observation of these columns of its own.
+/// Statistics of a policy's normaliser, for the fields of `spec` that it knows.
 ///
 /// # Errors
 /// [`Error::Value`] unless both observations are normalised last, or neither is.
-fn statistics(policy: &Policy, of: &Spec, spec: &Spec, columns: &[Option<usize>]) -> Result<Option<Statistics>> {
+fn statistics(policy: &Policy, of: &Spec, spec: &Spec) -> Result<Option<Statistics>> {
     let normalised = |spec: &Spec| spec.config.observation.iter().any(|s| matches!(s, Stage::Normalise { .. }));
     let width = policy.statistics().map_or(of.n_observation, |s| s.mean.len());
     if normalised(of) != normalised(spec) || width != of.n_observation {
@@ -144,19 +130,28 @@ fn statistics(policy: &Policy, of: &Spec, spec: &Spec, columns: &[Option<usize>]
         let remedy = "Begin from a run whose policy saw its observations as this one does, or leave `from` out.";
         return Err(Error::value("observation of the policy to begin from", "on another scale", limit, remedy));
     }
+    // what was seen before is of the scale of what is seen now
+    let of_scale = columns(of, spec, newest);
     Ok(policy.statistics().map(|s| Statistics {
         count: s.count.min(MOST_SEEN),
-        mean: columns.iter().map(|c| c.map_or(0.0, |k| s.mean[k])).collect(),
-        variance: columns.iter().map(|c| c.map_or(1.0, |k| s.variance[k])).collect(),
+        mean: of_scale.iter().map(|c| c.map_or(0.0, |k| s.mean[k])).collect(),
+        variance: of_scale.iter().map(|c| c.map_or(1.0, |k| s.variance[k])).collect(),
     }))
 }
 
-/// For every number of `spec`'s observation its place in that of `of`, if it has one.
-fn columns(of: &Spec, spec: &Spec) -> Vec<Option<usize>> {
+/// `velocity` of `velocity_3_ago`.
+fn newest(name: &str) -> &str {
+    let before = name.strip_suffix("_ago").and_then(|name| name.rsplit_once('_'));
+    before.filter(|(_, steps)| steps.parse::<usize>().is_ok()).map_or(name, |(newest, _)| newest)
+}
+
+/// For every number of `spec`'s observation its place in that of `of`, if it has one; fields are called there as `known` says.
+fn columns(of: &Spec, spec: &Spec, known: fn(&str) -> &str) -> Vec<Option<usize>> {
     let mut columns = Vec::with_capacity(spec.n_observation);
     for field in &spec.observation {
-        let stands_for = STANDS_FOR.iter().find(|(name, _)| *name == field.name).map(|(_, old)| *old);
-        let old = of.observation_range(&field.name).or_else(|| of.observation_range(stands_for?));
+        let name = known(&field.name);
+        let stands_for = STANDS_FOR.iter().find(|(new, _)| *new == name).map(|(_, old)| *old);
+        let old = of.observation_range(name).or_else(|| of.observation_range(stands_for?));
         columns.extend((0..field.size).map(|k| old.clone().and_then(|range| range.clone().nth(k))));
     }
     columns

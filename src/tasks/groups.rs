@@ -94,13 +94,27 @@ impl Spec {
     /// The group of that name, or the field of the observation.
     ///
     /// # Errors
-    /// [`Error::Unknown`] with the nearest.
+    /// [`Error::Unknown`] with the nearest; [`Error::Value`] for a group that is empty.
     pub fn group(&self, name: &str) -> Result<Group> {
         let all = || self.groups().into_iter().chain(self.fields());
-        all().find(|own| own.name == name).ok_or_else(|| Error::Unknown {
-            kind: "group of the observation",
-            name: name.into(),
-            known: all().map(|own| own.name).collect(),
+        all().find(|own| own.name == name).ok_or_else(|| match name {
+            "parameters" => Error::value(
+                "group 'parameters'",
+                "empty",
+                "numbers that differ between environments, and a stage `privileged` that shows them",
+                "Draw some (randomise = [{ what = 'mass', range = [0.7, 1.3] }]), or take HoverRand or TrackRand.",
+            ),
+            "history" | "past" => Error::value(
+                format!("group '{name}'"),
+                "empty",
+                "what a stage `history` keeps",
+                "Add it: observation = [{ kind = 'history', steps = 8 }].",
+            ),
+            _ => Error::Unknown {
+                kind: "group of the observation",
+                name: name.into(),
+                known: all().map(|own| own.name).collect(),
+            },
         })
     }
 

@@ -171,6 +171,68 @@ fn what_is_trained_first_takes_settings_of_its_own() {
     assert!(nothing.contains("from is '', but it must be a task where there are from_settings"), "{nothing}");
 }
 
+const OF_MASSES: &str = "env = { randomise = [{ what = 'mass', range = [0.8, 1.2] }], task.horizon = 20 }\n\
+                         evaluate = { every = 0, envs = 8, seed = 1 }";
+
+/// Three updates of a student of varied masses.
+fn student(settings: &str) -> TrainConfig {
+    let own = "n_env = 24\nshard = 16\nsteps = 6\nminibatches = 3\nupdates = 3\nnetwork.hidden = [12]";
+    let text = format!("{settings}\n{OF_MASSES}\n[dagger]\n{own}");
+    TrainConfig::for_task("Hover", Some("rma"), Some((&text, "student"))).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+#[test]
+fn a_teacher_that_is_there_teaches_and_goes_on_only_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let [there, run] = ["there", "run"].map(|name| folder.path().join(name));
+    let teacher = |seed: u64| {
+        let own = "n_env = 16\nhorizon = 6\nupdates = 2\nnetwork.hidden = [12]\n\
+                   network.encoder = [{ kind = 'mlp', group = 'parameters', units = [32, 8] }]";
+        let text = format!("seed = {seed}\nobservation = [{{ kind = 'privileged' }}]\n{OF_MASSES}\n[apg]\n{own}");
+        let config = TrainConfig::for_task("Hover", Some("apg"), Some((&text, "teacher"))).unwrap();
+        train(trainer(config, 1).in_folder(&there, false).unwrap(), u64::MAX).unwrap();
+    };
+    teacher(4);
+    let of = || trainer(student(&format!("from = '{}'", there.display())), 1);
+    assert_eq!(train(of().in_folder(&run, false).unwrap(), 1).unwrap().updates, 1);
+    std::fs::remove_dir_all(&there).unwrap();
+    teacher(5);
+    let other = of().in_folder(&run, true).err().unwrap().to_string();
+    assert!(other.contains("the one that it was begun with"), "{other}");
+    std::fs::remove_dir_all(&there).unwrap();
+    teacher(4);
+    assert_eq!(train(of().in_folder(&run, true).unwrap(), u64::MAX).unwrap().updates, 3);
+    // who is done needs no teacher
+    std::fs::remove_dir_all(&there).unwrap();
+    assert!(load_policy(&run).is_ok());
+}
+
+#[test]
+fn a_teacher_that_does_not_fit_is_refused_before_it_is_trained() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let refused = |config: TrainConfig| {
+        let told = trainer(config, 1).in_folder(&run, false).err().unwrap().to_string();
+        assert!(!run.exists(), "{told}");
+        told
+    };
+    let told = |of: &str, network: &str| {
+        let seen = "observation = [{ kind = 'privileged' }]";
+        refused(student(&format!("from = '{of}'\nfrom_settings = {{ {seen}, apg.network = {{ {network} }} }}")))
+    };
+    let reads = |units: &str| format!("encoder = [{{ kind = 'mlp', group = 'parameters', units = [{units}] }}]");
+    let elu = told("/apg", &format!("activation = 'elu', {}", reads("4, 8")));
+    assert!(elu.contains("policy of the teacher is unlike the student's"), "{elu}");
+    assert!(told("/apg", &reads("4, 7")).contains("policy of the teacher is unlike the student's"));
+    assert!(told("/apg", "").contains("encoders of a policy whose latent is imitated is 0"));
+    assert!(told("Track/apg", &reads("4, 8")).contains("task of the teacher is Track"));
+    let same = TrainConfig::for_task("Hover", Some("rma"), Some(("", "none"))).unwrap();
+    assert!(refused(same).contains("group 'parameters' is empty"));
+    let decays = "[dagger]\nadam.weight_decay = 0.1";
+    let decays = TrainConfig::for_task("HoverRand", Some("rma"), Some((decays, "decays"))).unwrap_err().to_string();
+    assert!(decays.contains("adam.weight_decay is 0.1, but it must be 0 where a latent is imitated"), "{decays}");
+}
+
 #[test]
 fn work_since_the_last_checkpoint_is_done_again_and_the_log_tells_it_once() {
     for algorithm in ALGORITHMS {

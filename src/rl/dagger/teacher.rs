@@ -30,6 +30,10 @@ pub(super) struct Expert {
     read: Vec<f32>,
 }
 
+fn awaited() -> Error {
+    Error::value("teacher", "none", "told before the first update", "Call Learner::teach.")
+}
+
 impl Expert {
     /// In twins of a shard's environments with the observation of its training.
     fn new(policy: Policy, observation: Vec<Stage>, shard: &Shard, make: &Make<'_>) -> Result<Self> {
@@ -90,6 +94,15 @@ impl Teacher {
         Ok(())
     }
 
+    /// Whether its actions are what is to be imitated.
+    pub(super) fn teaches_actions(&self) -> bool {
+        match self {
+            Self::Awaited => false,
+            Self::Controller(_) => true,
+            Self::Policy(own) => own.latent.is_none(),
+        }
+    }
+
     /// What it would do now.
     pub(super) fn act(&mut self, env: &Env, actions: &mut [f32]) -> Result<()> {
         match self {
@@ -102,10 +115,14 @@ impl Teacher {
     }
 
     /// What is to be imitated where it would do `actions`.
-    pub(super) fn label(&mut self, actions: &[f32], label: &mut [f32]) {
-        let Self::Policy(own) = self else { return label.copy_from_slice(actions) };
+    pub(super) fn label(&mut self, actions: &[f32], label: &mut [f32]) -> Result<()> {
+        if self.teaches_actions() {
+            label.copy_from_slice(actions);
+            return Ok(());
+        }
+        let Self::Policy(own) = self else { return Err(awaited()) };
         let Expert { policy, twin, out, latent: Some((encoder, place, memory)), read } = &mut **own else {
-            return label.copy_from_slice(actions);
+            return Err(awaited());
         };
         let (n_seen, n_label) = (twin.spec().n_observation, encoder.network.n_output());
         let parameters = &policy.parameters()[place.clone()];
@@ -114,6 +131,7 @@ impl Teacher {
             seen.chunks_exact(n_seen).for_each(|row| read.extend_from_slice(&row[encoder.columns.clone()]));
             encoder.network.forward(parameters, read, seen.len() / n_seen, memory).write(label);
         }
+        Ok(())
     }
 
     /// The step that `actions` made, which ended the episodes marked in `ended`.

@@ -242,6 +242,11 @@ impl Mlp {
         self.layers[0].activation
     }
 
+    /// Whether it has the same layers as `other`, whatever their first weights.
+    pub(crate) fn has_layers_of(&self, other: &Self) -> bool {
+        self.layers == other.layers
+    }
+
     /// The last bias at which an output is `y` where all weights are zero; tanh at most at ±0.99.
     pub(crate) fn bias_for(&self, y: f64) -> f64 {
         if self.last().activation == Activation::Tanh { y.clamp(-0.99, 0.99).atanh() } else { y }

@@ -130,6 +130,26 @@ impl Stack {
         self.places[k].clone()
     }
 
+    /// Whether it is the same function as `other` but for what the last encoder reads and how, whatever their weights: `column`
+    /// says where a column stands there.
+    pub(crate) fn is_alike_but_for_the_last_encoder(
+        &self,
+        other: &Self,
+        column: impl Fn(usize) -> Option<usize>,
+    ) -> bool {
+        let there = |columns: &Range<usize>| columns.clone().map(&column).collect::<Vec<_>>();
+        let here = |columns: &Range<usize>| columns.clone().map(Some).collect::<Vec<_>>();
+        let same = |(a, b): (&Encoded, &Encoded)| {
+            there(&a.columns) == here(&b.columns) && format!("{:?}", a.network) == format!("{:?}", b.network)
+        };
+        let (n, memories) = (self.encoders.len(), [self, other].map(Network::n_state));
+        n == other.encoders.len()
+            && (self.join, memories[0]) == (other.join, memories[1])
+            && self.encoders.iter().zip(&other.encoders).take(n.saturating_sub(1)).all(same)
+            && self.rest.iter().flat_map(there).eq(other.rest.iter().flat_map(here))
+            && self.trunk.has_layers_of(&other.trunk)
+    }
+
     /// Numbers that encoders and what they leave give.
     fn n_feature(&self) -> usize {
         self.trunk.n_input() - self.n_state()

@@ -15,7 +15,7 @@ pub enum Precision {
     /// As they are.
     #[default]
     F32,
-    /// In 256 steps between the bounds of their field.
+    /// In 256 steps between the bounds of their field; a pixel that is not a number is its least.
     U8,
 }
 
@@ -54,7 +54,7 @@ impl Code {
         if spec.config.observation.iter().any(|stage| matches!(stage, Stage::Normalise { .. })) {
             return refuse(
                 "f32 for normalised observations",
-                "Set normalise_observation = false: images are in [0, 1] already.",
+                "Set normalise_observation = false in the table of the algorithm.",
             );
         }
         let (mut first, mut fields) = (0, Vec::new());
