@@ -388,7 +388,7 @@ fn regulating_td3() -> Td3Config {
 /// Targets of six steps, and a ring that forgets what flew before: costs of a policy that falls are a thousand times the optimum's.
 fn kept_briefly<E: Exploration>(usual: ActorCriticConfig<E>, rate: f64) -> ActorCriticConfig<E> {
     ActorCriticConfig {
-        updates: 2000,
+        updates: 3000,
         learning_rate: Schedule::cosine(rate, 1e-5),
         critic_learning_rate: Schedule::cosine(rate, 1e-5),
         replay: ReplayConfig { capacity: 30_000, n_step: 6.0.into(), ..usual.replay.clone() },
@@ -405,7 +405,10 @@ fn kept_regulates<E: Exploration>(config: ActorCriticConfig<E>, seed: u64, most:
 }
 
 fn sac_regulates(seed: u64, most: f64) {
-    kept_regulates(kept_briefly(regulating_sac(), 3e-3), seed, most);
+    // a temperature that follows fast: what it pays for randomness is no cost of the regulator's
+    let exploration = Entropy { target: -3.0, learning_rate: 5e-3, ..Entropy::default() };
+    let config = SacConfig { exploration, batch: 512, ..kept_briefly(regulating_sac(), 5e-3) };
+    kept_regulates(config, seed, most);
 }
 
 fn td3_regulates(seed: u64, most: f64) {
@@ -462,8 +465,8 @@ fn every_algorithm_finds_what_is_known_from_each_of_five_seeds_within_a_minute()
 #[ignore = "cargo test --release --test rl learning -- --ignored --nocapture: minutes"]
 fn sac_and_td3_come_near_the_linear_regulator_from_each_of_three_seeds() {
     for seed in 1..=3 {
-        td3_regulates(seed, 0.05);
-        sac_regulates(seed, 0.15);
+        sac_regulates(seed, 0.15); // 14.7, 3.2, 8.5 %
+        td3_regulates(seed, 0.05); // 1.0, 1.2, 2.5 %
     }
 }
 
