@@ -237,7 +237,7 @@ impl Worker {
         let first = env.spec().config.first_environment;
         // spread evenly over all shards
         let taught_one = |i: usize| (first.wrapping_add(i as u64) as f64 * GOLDEN_RATIO).fract() < by_teacher;
-        let acts = teacher.teaches_actions() || (0..n_env).any(taught_one);
+        let acts = !teacher.teaches_latent() || (0..n_env).any(taught_one);
         (self.reward, self.episodes) = (0.0, Episodes::default());
         env.reset(None, None, &mut out.out())?;
         teacher.reset(env)?;
@@ -247,7 +247,7 @@ impl Worker {
             if acts {
                 teacher.act(env, taught)?;
             }
-            teacher.label(taught, label)?;
+            teacher.label(taught, label);
             masked.iter().for_each(|row| label[row * n_label..][..n_label].fill(f32::NAN));
             for (to, row) in read.chunks_exact_mut(n_read).zip(seen.chunks_exact(n_seen)) {
                 to.copy_from_slice(&row[learnt.columns.clone()]);
@@ -441,10 +441,7 @@ impl Learner for Dagger {
 
     fn load(&mut self, policy: &Tensors, from: &Tensors) -> Result<()> {
         let [update, env_steps] = state::counters(from)?;
-        if self.workers[0].teacher.twin().is_some()
-            && self.config.imitate == Imitate::Latent
-            && !self.optimiser.begins_as(from)?
-        {
+        if self.workers[0].teacher.teaches_latent() && !self.optimiser.begins_as(from)? {
             let remedy = "Put it back as it was, or begin a run in another folder.";
             return Err(Error::value("teacher of the run", "another one", "the one that it was begun with", remedy));
         }

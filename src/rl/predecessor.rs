@@ -41,8 +41,7 @@ pub(crate) fn predecessor(
     threads: &Threads,
     watch: &mut Watch<'_>,
 ) -> Result<Predecessor> {
-    check(config)?;
-    let Some((task, own)) = predecessor_config(config)? else {
+    let Some((task, own)) = checked(config)? else {
         let saved = load_policy(&config.from)?;
         let spec = spec(&saved.manifest.task, &saved.config)?;
         return Ok(Predecessor { policy: saved.policy, spec, seconds: 0.0, env_steps: 0, stopped: false });
@@ -57,26 +56,25 @@ pub(crate) fn predecessor(
     Ok(Predecessor { policy: told.policy, spec, seconds, env_steps, stopped })
 }
 
-/// Refuses what would be trained in vain: settings as in [`predecessor_config`], and a teacher that does not fit.
+/// As [`predecessor_config`], but refuses a teacher that does not fit, which would be trained in vain.
 ///
 /// # Errors
 /// As there, [`Algorithm::actor`](super::Algorithm::actor) and [`WarmStart::but_for_the_last_encoder`]; [`Error::Value`] for a teacher of
 /// another task.
-pub(crate) fn check(config: &TrainConfig) -> Result<()> {
-    let Some((task, own)) = predecessor_config(config)? else { return Ok(()) };
-    if !config.algorithm.is_taught() {
-        return Ok(());
+pub(crate) fn checked(config: &TrainConfig) -> Result<Option<(String, TrainConfig)>> {
+    let Some((task, own)) = predecessor_config(config)? else { return Ok(None) };
+    if config.algorithm.is_taught() {
+        if task != config.task {
+            let remedy = "Name it '/apg', or the folder of a run of the same task.";
+            return Err(Error::value("task of the teacher", task, format!("{}, that of the run", config.task), remedy));
+        }
+        let (of, seen) = (spec(&task, &own)?, spec(&task, config)?);
+        let (teacher, student) = (own.algorithm.actor(&of)?, config.algorithm.actor(&seen)?);
+        let nothing = |actor: &Actor| vec![0.0; actor.n_parameter()];
+        let policy = Policy::new(teacher.clone(), nothing(&teacher), None, &of)?;
+        WarmStart::but_for_the_last_encoder(&policy, &of, &student, &nothing(&student), &seen)?;
     }
-    if task != config.task {
-        let remedy = "Name it '/apg', or the folder of a run of the same task.";
-        return Err(Error::value("task of the teacher", task, format!("{}, that of the run", config.task), remedy));
-    }
-    let (of, seen) = (spec(&task, &own)?, spec(&task, config)?);
-    let (teacher, student) = (own.algorithm.actor(&of)?, config.algorithm.actor(&seen)?);
-    let nothing = |actor: &Actor| vec![0.0; actor.n_parameter()];
-    let policy = Policy::new(teacher.clone(), nothing(&teacher), None, &of)?;
-    let weights = nothing(&student);
-    WarmStart::but_for_the_last_encoder(&policy, &of, &student, &weights[..student.mlp.n_parameter()], &seen).map(drop)
+    Ok(Some((task, own)))
 }
 
 /// Task and settings of the run that is trained first; none where there is nothing to train: random weights, or a folder.

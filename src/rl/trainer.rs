@@ -200,7 +200,7 @@ impl Trainer {
         check_own(folder)?;
         if !is_run(folder) {
             // before a folder is made; a run that is there may outlive what it began from
-            predecessor::check(&self.config)?;
+            predecessor::checked(&self.config)?;
         }
         let mut writer = Store::open_to_write(folder, self.config.checkpoint.keep)?;
         let found = writer.latest()?;

@@ -145,13 +145,15 @@ fn newest(name: &str) -> &str {
     before.filter(|(_, steps)| steps.parse::<usize>().is_ok()).map_or(name, |(newest, _)| newest)
 }
 
-/// For every number of `spec`'s observation its place in that of `of`, if it has one; fields are called there as `known` says.
+/// For every number of `spec`'s observation its place in that of `of`, if it has one: by the field's name, else by what `known` makes
+/// of it.
 fn columns(of: &Spec, spec: &Spec, known: fn(&str) -> &str) -> Vec<Option<usize>> {
     let mut columns = Vec::with_capacity(spec.n_observation);
     for field in &spec.observation {
-        let name = known(&field.name);
-        let stands_for = STANDS_FOR.iter().find(|(new, _)| *new == name).map(|(_, old)| *old);
-        let old = of.observation_range(name).or_else(|| of.observation_range(stands_for?));
+        let known = known(&field.name);
+        let stands_for = STANDS_FOR.iter().find(|(new, _)| *new == known).map(|(_, old)| *old);
+        let names = [Some(&*field.name), Some(known), stands_for];
+        let old = names.into_iter().flatten().find_map(|name| of.observation_range(name));
         columns.extend((0..field.size).map(|k| old.clone().and_then(|range| range.clone().nth(k))));
     }
     columns
@@ -276,6 +278,25 @@ mod tests {
             (&own.mean[path.clone()][..4], &own.variance[path][..4]),
             (&[0.5, 0.5, 0.5, 0.0][..], &[4.0, 4.0, 4.0, 1.0][..])
         );
+    }
+
+    #[test]
+    fn what_was_seen_before_takes_the_scale_of_what_is_seen_now_unless_it_has_one() {
+        let spec = |steps: Option<usize>| {
+            let history = steps.map(|steps| Stage::History { steps });
+            let observation = history.into_iter().chain([Stage::Normalise { clip: 10.0 }]).collect();
+            spec("Hover", &EnvConfig { observation, ..EnvConfig::default() })
+        };
+        let (plain, two, three) = (spec(None), spec(Some(2)), spec(Some(3)));
+        let counting = |n: usize| (0..n).map(|k| k as f64).collect::<Vec<_>>();
+        let n = plain.n_observation;
+        let from = |of: &Spec| {
+            let all = of.n_observation;
+            let known = Statistics { count: 1e3, mean: counting(all), variance: vec![1.0; all] };
+            statistics(&random(of, &[8], Some(known)), of, &three).unwrap().unwrap().mean
+        };
+        assert_eq!(from(&plain), [counting(n), counting(n), counting(n)].concat());
+        assert_eq!(from(&two), [counting(2 * n), counting(n)].concat());
     }
 
     #[test]

@@ -15,7 +15,8 @@ pub(super) struct Learnt {
     pub columns: Range<usize>,
     /// Its parameters among the policy's.
     pub place: Range<usize>,
-    imitate: Imitate,
+    /// Which encoder it is; none if it is the whole policy.
+    encoder: Option<usize>,
 }
 
 impl Learnt {
@@ -25,18 +26,18 @@ impl Learnt {
         let network = &actor.mlp;
         if imitate == Imitate::Action {
             let (columns, place) = (0..network.n_input(), 0..network.n_parameter());
-            return Ok(Self { network: network.clone(), columns, place, imitate });
+            return Ok(Self { network: network.clone(), columns, place, encoder: None });
         }
         let (stack, last) = last_encoder(&**network)?;
         let own = &stack.encoders()[last];
         let (network, columns, place) = (own.network.clone(), own.columns.clone(), stack.encoder_place(last));
-        Ok(Self { network, columns, place, imitate })
+        Ok(Self { network, columns, place, encoder: Some(last) })
     }
 
     /// Its numbers, of those of the whole policy.
     pub(super) fn weights<'a>(&self, actor: &Actor, net: Weights<'a>) -> Weights<'a> {
-        match (self.imitate, actor.mlp.as_stack()) {
-            (Imitate::Latent, Some(stack)) => stack.encoder_weights(net, stack.encoders().len() - 1),
+        match (self.encoder, actor.mlp.as_stack()) {
+            (Some(k), Some(stack)) => stack.encoder_weights(net, k),
             _ => net,
         }
     }

@@ -30,13 +30,9 @@ pub(super) struct Expert {
     read: Vec<f32>,
 }
 
-fn awaited() -> Error {
-    Error::value("teacher", "none", "told before the first update", "Call Learner::teach.")
-}
-
 impl Expert {
     /// In twins of a shard's environments with the observation of its training.
-    fn new(policy: Policy, observation: Vec<Stage>, shard: &Shard, make: &Make<'_>) -> Result<Self> {
+    fn new(mut policy: Policy, observation: Vec<Stage>, shard: &Shard, make: &Make<'_>) -> Result<Self> {
         let mut twin = make(&EnvConfig { observation, ..shard.env.spec().config.clone() })?;
         policy.fits(twin.spec())?;
         if let Some(known) = policy.statistics() {
@@ -44,11 +40,22 @@ impl Expert {
         }
         let one = Threads::new(1)?;
         twin.set_threads(one.clone());
-        let mut policy = policy;
         policy.set_threads(one);
         let mut out = Buffers::new(twin.spec());
         twin.reset(None, None, &mut out.out())?;
         Ok(Self { policy, twin, out, latent: None, read: Vec::new() })
+    }
+
+    /// What its last encoder gives now, where that is taught.
+    fn say(&mut self, label: &mut [f32]) {
+        let Some((encoder, place, memory)) = &mut self.latent else { return };
+        let (n_seen, n_label) = (self.twin.spec().n_observation, encoder.network.n_output());
+        let parameters = &self.policy.parameters()[place.clone()];
+        for (seen, label) in self.out.observation.chunks(ROWS * n_seen).zip(label.chunks_mut(ROWS * n_label)) {
+            self.read.clear();
+            seen.chunks_exact(n_seen).for_each(|row| self.read.extend_from_slice(&row[encoder.columns.clone()]));
+            encoder.network.forward(parameters, &self.read, seen.len() / n_seen, memory).write(label);
+        }
     }
 }
 
@@ -94,13 +101,9 @@ impl Teacher {
         Ok(())
     }
 
-    /// Whether its actions are what is to be imitated.
-    pub(super) fn teaches_actions(&self) -> bool {
-        match self {
-            Self::Awaited => false,
-            Self::Controller(_) => true,
-            Self::Policy(own) => own.latent.is_none(),
-        }
+    /// Whether what its last encoder gives is to be imitated, not its actions.
+    pub(super) fn teaches_latent(&self) -> bool {
+        matches!(self, Self::Policy(own) if own.latent.is_some())
     }
 
     /// What it would do now.
@@ -115,23 +118,11 @@ impl Teacher {
     }
 
     /// What is to be imitated where it would do `actions`.
-    pub(super) fn label(&mut self, actions: &[f32], label: &mut [f32]) -> Result<()> {
-        if self.teaches_actions() {
-            label.copy_from_slice(actions);
-            return Ok(());
+    pub(super) fn label(&mut self, actions: &[f32], label: &mut [f32]) {
+        match self {
+            Self::Policy(own) if own.latent.is_some() => own.say(label),
+            _ => label.copy_from_slice(actions),
         }
-        let Self::Policy(own) = self else { return Err(awaited()) };
-        let Expert { policy, twin, out, latent: Some((encoder, place, memory)), read } = &mut **own else {
-            return Err(awaited());
-        };
-        let (n_seen, n_label) = (twin.spec().n_observation, encoder.network.n_output());
-        let parameters = &policy.parameters()[place.clone()];
-        for (seen, label) in out.observation.chunks(ROWS * n_seen).zip(label.chunks_mut(ROWS * n_label)) {
-            read.clear();
-            seen.chunks_exact(n_seen).for_each(|row| read.extend_from_slice(&row[encoder.columns.clone()]));
-            encoder.network.forward(parameters, read, seen.len() / n_seen, memory).write(label);
-        }
-        Ok(())
     }
 
     /// The step that `actions` made, which ended the episodes marked in `ended`.

@@ -1,5 +1,6 @@
 //! The command line as a stranger meets it, through the built binary.
 
+mod adaptation;
 mod command;
 mod control;
 mod general;
