@@ -469,7 +469,7 @@ impl Trained<'_> {
 
     /// Updates of the task's recipe.
     fn recipe(&self) -> Option<u64> {
-        Some(TrainConfig::for_task(self.entry.name, Some(self.config.algorithm.name()), None).ok()?.updates())
+        Some(TrainConfig::for_task(self.entry.name, Some(&self.algorithm), None).ok()?.updates())
     }
 
     /// Share of each phase in the time of training.
@@ -527,7 +527,7 @@ impl Trained<'_> {
             ));
         }
         if let Some(recipe) = self.recipe().filter(|recipe| *recipe > o.updates) {
-            page.line(format!("  The recipe trains for {recipe} updates: {} are a first look.", o.updates));
+            page.line(format!("  The recipe trains for {recipe} updates: a first look, behind {}.", o.updates));
         }
         page.notes("damaged", &self.notes, 3, "see the folder");
         let starts = Starts { n_env: self.config.evaluate.envs, seed: self.config.evaluate.seed };
