@@ -23,7 +23,7 @@ use super::apg::ApgConfig;
 use super::config_diff::{ConfigDifference, config_diff};
 use super::curriculum::Curriculum;
 use super::learner::Learner;
-use super::predecessor::SAFE;
+use super::predecessor::{self, SAFE};
 use super::recipes::recipe;
 use super::renamed::renamed;
 use crate::documented::fields;
@@ -396,6 +396,16 @@ impl TrainConfig {
             EnvConfig::check_horizon(usize::try_from(*horizon).unwrap_or(0))?;
         }
         self.algorithm.validate()
+    }
+
+    /// Refuses what would be trained in vain before the run: settings of its predecessor that are none, and a teacher that does not fit.
+    /// Nothing is said of a folder, which is read when the run begins.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a `from` that is neither a folder nor a task, and for a teacher of another task, or of other layers; as
+    /// [`layered`](Self::layered) and the algorithms.
+    pub fn validate_from(&self) -> Result<()> {
+        predecessor::checked(self).map(drop)
     }
 
     /// Updates of the run.

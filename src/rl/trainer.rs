@@ -30,7 +30,7 @@ use super::learner::{Episodes, Learner, Update};
 use super::log::{Curve, Line, Log};
 use super::policy::Policy;
 use super::policy_io::put_policy;
-use super::predecessor::{self, Predecessor, SAFE, predecessor};
+use super::predecessor::{Predecessor, SAFE, predecessor};
 use super::state;
 use super::warm_start::WarmStart;
 use crate::autodiff::lanes::instruction_set;
@@ -200,7 +200,7 @@ impl Trainer {
         check_own(folder)?;
         if !is_run(folder) {
             // before a folder is made; a run that is there may outlive what it began from
-            predecessor::checked(&self.config)?;
+            self.config.validate_from()?;
         }
         let mut writer = Store::open_to_write(folder, self.config.checkpoint.keep)?;
         let found = writer.latest()?;

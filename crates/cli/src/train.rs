@@ -145,6 +145,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Ok(Report::done(environment::run_file(entry, &config)?));
     }
     let threads = a.threads.map_or_else(|| Ok(Threads::default()), Threads::new)?;
+    if !a.resume {
+        // before any folder is made
+        config.validate_from()?;
+    }
     if a.seeds.is_some() || !a.search.is_empty() {
         return several(a, entry, &config, &threads);
     }
