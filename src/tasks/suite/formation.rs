@@ -10,7 +10,7 @@ use super::team::{
 use super::{PoseLoss, StartAttitude, less, made_of, more, nearer, rate_cost, speed_cost, times};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
-use crate::dynamics::spatial::{Vec3, add, constants, scale, sub};
+use crate::dynamics::spatial::{Quat, Vec3, add, constants, scale, sub};
 use crate::error::{Error, Result, finite};
 use crate::settings;
 use crate::tasks::config::EnvConfig;
@@ -103,10 +103,11 @@ impl StartGrid {
         Err(Error::value("task.start_cells", format!("{cells} in all"), limit, "Give more cells."))
     }
 
-    /// Puts drones into different cells, and says where they are: the first `n_drone` count.
-    pub fn place(&self, start: &mut Start<'_>, n_drone: usize) -> [Vec3<f64>; MOST] {
+    /// Different cells and attitudes for drones: the first `n_drone` count.
+    pub fn draw(&self, start: &mut Start<'_>, n_drone: usize) -> ([Vec3<f64>; MOST], [Quat<f64>; MOST]) {
         let [nx, ny, nz] = self.cells;
         let (mut taken, mut from) = ([u64::MAX; MOST], [[0.0; 3]; MOST]);
+        let mut attitudes = [Quat::default(); MOST];
         for i in 0..n_drone {
             let mut cell = start.reset.below(nx * ny * nz);
             while taken[..i].contains(&cell) {
@@ -115,10 +116,17 @@ impl StartGrid {
             taken[i] = cell;
             let index = [cell % nx, cell / nx % ny, cell / (nx * ny)];
             from[i] = [0, 1, 2].map(|k| self.first[k] + self.step[k] * index[k] as f64);
-            let attitude = self.attitude.draw(start);
-            start.place(i, from[i], attitude);
+            attitudes[i] = self.attitude.draw(start);
         }
-        from
+        (from, attitudes)
+    }
+
+    /// Puts drone i at `from[i]`, or where a curriculum makes that easier on the straight way to its place `to[i]`.
+    pub fn place(&self, start: &mut Start<'_>, from: &[Vec3<f64>], attitudes: &[Quat<f64>], to: &[Vec3<f64>]) {
+        let gone = 1.0 - self.attitude.share(start);
+        for (i, ((from, attitude), to)) in from.iter().zip(attitudes).zip(to).enumerate() {
+            start.place(i, add(*from, scale(gone, sub(*to, *from))), *attitude);
+        }
     }
 }
 
@@ -228,14 +236,14 @@ impl Formation {
         sub(place, view.drone(i).position)
     }
 
-    /// Keeps the point of the figure that each drone takes from here.
-    fn take_places(&self, start: &mut Start<'_>, from: &[Vec3<f64>]) {
-        let to = self.figure.iter().map(|f| add(self.settings.center, *f));
+    /// Keeps the point of the figure that each drone takes from here, and says where those are.
+    fn take_places(&self, start: &mut Start<'_>, from: &[Vec3<f64>]) -> [Vec3<f64>; MOST] {
         let mut points = [[0.0; 3]; MOST];
-        points.iter_mut().zip(to).for_each(|(point, to)| *point = to);
+        points.iter_mut().zip(&self.figure).for_each(|(point, f)| *point = add(self.settings.center, *f));
         let taken = places(from, &points[..from.len()]);
         start.goal.field("places", "m", "f of the point that each drone takes, less the figure's mean");
         (0..from.len()).for_each(|i| start.goal.array(self.figure[taken[i]]));
+        taken.map(|point| points[point])
     }
 
     /// Mean of h_x.
@@ -271,8 +279,10 @@ impl Task for Formation {
     }
 
     fn start(&self, start: &mut Start<'_>) {
-        let from = self.settings.start.place(start, self.figure.len());
-        self.take_places(start, &from[..self.figure.len()]);
+        let n = self.figure.len();
+        let (from, attitudes) = self.settings.start.draw(start, n);
+        let to = self.take_places(start, &from[..n]);
+        self.settings.start.place(start, &from[..n], &attitudes, &to);
     }
 
     #[inline(always)]

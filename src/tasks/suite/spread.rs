@@ -142,13 +142,16 @@ impl Spread {
         most
     }
 
-    /// Keeps the targets, and which of them each drone takes from here.
-    fn set_goal(&self, start: &mut Start<'_>, targets: &[Vec3<f64>], from: &[Vec3<f64>]) {
+    /// Keeps the targets, and which of them each drone takes from here, and says where those are.
+    fn set_goal(&self, start: &mut Start<'_>, targets: &[Vec3<f64>], from: &[Vec3<f64>]) -> [Vec3<f64>; MOST] {
         start.goal.field("targets", "m, world", "q of every target");
         targets.iter().for_each(|q| start.goal.array(*q));
         let taken = places(from, targets);
         start.goal.field("places", "m, world", "q of the target that each drone takes");
-        (0..from.len()).for_each(|i| start.goal.array(targets[taken[i]]));
+        let mut to = [[0.0; 3]; MOST];
+        to.iter_mut().zip(&taken[..from.len()]).for_each(|(to, k)| *to = targets[*k]);
+        to[..from.len()].iter().for_each(|place| start.goal.array(*place));
+        to
     }
 
     /// ŝ and the ways to all targets of a drone.
@@ -176,8 +179,10 @@ impl Task for Spread {
 
     fn start(&self, start: &mut Start<'_>) {
         let targets = draw_targets(&self.settings, &mut start.task).0;
-        let from = self.settings.start.place(start, self.n());
-        self.set_goal(start, &targets[..self.n()], &from[..self.n()]);
+        let n = self.n();
+        let (from, attitudes) = self.settings.start.draw(start, n);
+        let to = self.set_goal(start, &targets[..n], &from[..n]);
+        self.settings.start.place(start, &from[..n], &attitudes, &to);
     }
 
     #[inline(always)]

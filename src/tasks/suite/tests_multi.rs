@@ -418,3 +418,26 @@ fn every_drone_of_a_formation_has_a_point_of_its_own_and_sees_it_where_asked() {
         }
     }
 }
+
+#[test]
+fn drones_of_a_figure_start_as_near_their_places_as_the_difficulty_wants_them() {
+    for task in ["Formation", "Spread"] {
+        let ways = |difficulty: f64, text: &str| {
+            let config = EnvConfig { difficulty, ..config(8, &format!("observe_place = true\n{text}")) };
+            let mut env = Env::make(task, &config).unwrap();
+            let mut buffers = Buffers::new(env.spec());
+            env.reset(None, None, &mut buffers.out()).unwrap();
+            let (place, n) = (env.spec().observation_range("place").unwrap(), env.spec().n_observation);
+            let rows = buffers.observation.chunks_exact(n).map(|row| row[place.clone()].to_vec());
+            rows.collect::<Vec<_>>().concat()
+        };
+        let usual = ways(1.0, "");
+        assert_eq!(ways(0.0, ""), usual);
+        assert_eq!(ways(1.0, "start_ease = 0.0"), usual);
+        for (difficulty, ease, share) in [(0.0, 0.0, 0.0), (0.5, 0.0, 0.5), (0.0, 0.25, 0.25)] {
+            let eased = ways(difficulty, &format!("start_ease = {ease}"));
+            let gap = eased.iter().zip(&usual).map(|(own, usual)| (own - share * usual).abs()).fold(0.0, f32::max);
+            assert!(gap < 1e-6, "{task} {difficulty} {ease}: {gap}");
+        }
+    }
+}
