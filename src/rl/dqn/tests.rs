@@ -315,6 +315,22 @@ fn dqn_that_fits_the_value_of_the_next_observation_learns_no_values() {
     assert!(worst > 0.5, "{worst}");
 }
 
+/// The published DQN moves its target network in three of four steps where one was meant: this alone spoils no value.
+#[test]
+fn dqn_whose_target_moves_in_three_of_four_steps_or_in_one_finds_the_same_values() {
+    fn improve_but(own: &mut Dqn, moves: impl Fn(u64) -> bool) {
+        let held = own.net.following.clone();
+        own.improve();
+        if !moves(own.step) {
+            own.net.following = held;
+        }
+    }
+    let three = values_of_a_corridor(|own| improve_but(own, |step| !step.is_multiple_of(4)));
+    let one = values_of_a_corridor(|own| improve_but(own, |step| step.is_multiple_of(4)));
+    println!("{three} {one}");
+    assert!(three < 0.02 && one < 0.02, "{three} {one}");
+}
+
 /// A game of one step for the first two agents of a team with `payoff`: the joint action that they settle on, and its value, after
 /// 4000 times `learn`.
 fn settle(mixer: Mixer, payoff: [[f32; 3]; 3], learn: fn(&mut Dqn)) -> ((usize, usize), f32) {
