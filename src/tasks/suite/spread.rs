@@ -146,10 +146,8 @@ impl Spread {
     fn set_goal(&self, start: &mut Start<'_>, targets: &[Vec3<f64>], from: &[Vec3<f64>]) -> [Vec3<f64>; MOST] {
         start.goal.field("targets", "m, world", "q of every target");
         targets.iter().for_each(|q| start.goal.array(*q));
-        let taken = places(from, targets);
+        let to = places(from, targets).map(|k| targets[k]);
         start.goal.field("places", "m, world", "q of the target that each drone takes");
-        let mut to = [[0.0; 3]; MOST];
-        to.iter_mut().zip(&taken[..from.len()]).for_each(|(to, k)| *to = targets[*k]);
         to[..from.len()].iter().for_each(|place| start.goal.array(*place));
         to
     }
