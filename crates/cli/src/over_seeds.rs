@@ -2,11 +2,15 @@
 
 use super::page::short;
 use omnidrones::error::Result;
+use omnidrones::rl::log::Line;
 use omnidrones::rl::runs::OverSeeds;
 use omnidrones::rl::trainer::TrainResult;
 use omnidrones::tasks::Evaluation;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+
+/// Most points that are kept of a run's curve.
+const CURVE: usize = 64;
 
 /// What is kept of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -16,14 +20,47 @@ pub struct Outcome {
     pub seconds: f64,
     pub env_steps: u64,
     pub updates: u64,
+    /// Updates, environment steps and the share of successes from held-out starts after them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub curve: Vec<(u64, u64, f64)>,
 }
 
 impl Outcome {
     /// Of a run that is over.
     pub fn of(seed: u64, result: &TrainResult) -> Self {
-        let TrainResult { evaluation, seconds, env_steps, updates, .. } = result;
-        Self { seed, evaluation: evaluation.clone(), seconds: *seconds, env_steps: *env_steps, updates: *updates }
+        let TrainResult { evaluation, seconds, env_steps, updates, curve, .. } = result;
+        Self {
+            seed,
+            evaluation: evaluation.clone(),
+            seconds: *seconds,
+            env_steps: *env_steps,
+            updates: *updates,
+            curve: thinned(curve),
+        }
     }
+
+    /// Its curve as lines of a log.
+    pub fn lines(&self) -> Vec<Line> {
+        let line = |(update, env_steps, success): &(u64, u64, f64)| {
+            let mut line = Line::new(*update);
+            line.put("env_steps", *env_steps as f64);
+            line.put("seconds", self.seconds * *update as f64 / self.updates.max(1) as f64);
+            line.put("eval_success", *success);
+            line
+        };
+        self.curve.iter().map(line).collect()
+    }
+}
+
+/// Evaluations of a log: every one, or every so many as leave [`CURVE`], and the last.
+fn thinned(log: &[Line]) -> Vec<(u64, u64, f64)> {
+    let point = |line: &Line| {
+        let of = |name| line.get(name);
+        Some((of("update")? as u64, of("env_steps")? as u64, of("eval_success")?))
+    };
+    let all: Vec<_> = log.iter().filter_map(point).collect();
+    let every = all.len().div_ceil(CURVE).max(1);
+    all.iter().rev().step_by(every).rev().copied().collect()
 }
 
 /// A seed that failed, and why.
@@ -81,6 +118,21 @@ pub fn value(runs: &[Outcome], failed: &[Failure]) -> Value {
 mod tests {
     use super::super::rollout_files::percent;
     use super::*;
+
+    #[test]
+    fn a_curve_is_thinned_to_few_evaluations_and_keeps_the_last() {
+        let line = |update: u64| {
+            let mut line = Line::new(update);
+            line.put("env_steps", 10.0 * update as f64);
+            line.put("eval_success", if update.is_multiple_of(2) { 0.5 } else { f64::NAN });
+            line
+        };
+        let of = |n: u64| thinned(&(1..=n).map(line).collect::<Vec<_>>());
+        assert_eq!(of(5), [(2, 20, 0.5), (4, 40, 0.5)]);
+        let long = of(400);
+        assert_eq!((long.len(), long.last()), (50, Some(&(400, 4000, 0.5)))); // 200 evaluations, every 4th
+        assert!(of(0).is_empty());
+    }
 
     #[test]
     fn a_figure_shows_its_edges_and_its_interval_only_where_seeds_differ() {

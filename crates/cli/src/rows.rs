@@ -5,6 +5,7 @@ use super::{files, progress, train_seeds};
 use omnidrones::error::{Error, Result};
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
+use omnidrones::rl::log::{self, Line};
 use omnidrones::rl::runs::{Run, fingerprint};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -80,6 +81,12 @@ impl Row {
     /// A run's folder bears the hash of its row: other physics begin elsewhere.
     pub fn run_folder(&self, folder: &Path, seed: u64) -> PathBuf {
         folder.join(format!("{}-{}-s{seed}", self.stem(), self.hash))
+    }
+
+    /// The course of its runs: their logs where they are here, else what is kept of them.
+    pub fn curves(&self, folder: &Path) -> Vec<Vec<Line>> {
+        let course = |run: &Outcome| log::read(self.run_folder(folder, run.seed)).unwrap_or_else(|_| run.lines());
+        self.runs.iter().map(course).filter(|lines| !lines.is_empty()).collect()
     }
 
     fn path(&self, folder: &Path, updates: u64) -> PathBuf {

@@ -16,7 +16,7 @@ use document::Document;
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
-use omnidrones::rl::log::{self, Line};
+use omnidrones::rl::log::Line;
 use omnidrones::rl::runs::OverSeeds;
 use omnidrones::tasks::Evaluation;
 use omnidrones::tasks::registry;
@@ -80,7 +80,7 @@ pub struct Arguments {
 pub struct Told {
     cell: Cell,
     row: Row,
-    /// The log of every seed that is here.
+    /// The course of every seed.
     curves: Vec<Vec<Line>>,
 }
 
@@ -141,8 +141,7 @@ impl Cell {
 impl Told {
     fn read(cell: Cell, folder: &Path, seeds: u64) -> Result<Self> {
         let row = rows::known(&cell.asked(seeds), folder)?;
-        let logs = row.runs.iter().map(|run| row.run_folder(folder, run.seed));
-        let curves = logs.filter_map(|run| log::read(run).ok()).collect();
+        let curves = row.curves(folder);
         Ok(Self { cell, row, curves })
     }
 
@@ -396,6 +395,7 @@ mod tests {
                 seconds: 1.0,
                 env_steps: 1,
                 updates: 1,
+                curve: vec![(1, 1, share)],
             };
             let runs = share.into_iter().flat_map(|share| (0..seeds).map(move |seed| run(seed, share))).collect();
             let row = Row {
@@ -407,7 +407,8 @@ mod tests {
                 runs,
                 failed: Vec::new(),
             };
-            Told { cell, row, curves: Vec::new() }
+            let curves = row.curves(Path::new("no-folder"));
+            Told { cell, row, curves }
         };
         let rows: Vec<Told> = plan.cells(&[], &[], 1.0).unwrap().into_iter().map(row).collect();
         let tasks = rows.iter().map(|row| row.cell.config.task.clone());
@@ -421,6 +422,14 @@ mod tests {
 
     fn verdict(study: &Study, begins: &str) -> &'static str {
         study.judge(study.plan.claims.iter().find(|claim| claim.says.starts_with(begins)).unwrap()).0
+    }
+
+    #[test]
+    fn curves_are_drawn_of_rows_whose_logs_are_elsewhere() {
+        let some = study(&[("ppo", 0.9), ("sac", 0.8)], 2);
+        let svg = figure::figure("Title", &some.rows).expect("two rows a task").svg().unwrap();
+        assert!(["Hover: single drones", "ppo", "sac"].iter().all(|name| svg.contains(name)), "{svg}");
+        assert!(figure::figure("Title", &study(&[], 2).rows).is_none());
     }
 
     #[test]

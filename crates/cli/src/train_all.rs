@@ -1,7 +1,7 @@
 //! `omnidrones train-all`: every task by its recipe, several seeds, one table beside our controllers.
 
 use super::arguments::{self, OutputArguments, ThreadArguments};
-use super::over_seeds::{Failure, Outcome, shown, spread};
+use super::over_seeds::{Failure, shown, spread};
 use super::page::{Page, duration, short};
 use super::rollout_all::told_errors;
 use super::rollout_files::percent;
@@ -13,7 +13,7 @@ use super::{Report, files, over_seeds, progress};
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::TrainConfig;
-use omnidrones::rl::log::{self, Line as LogLine};
+use omnidrones::rl::log::Line as LogLine;
 use omnidrones::rl::recipes::recipes_of;
 use omnidrones::tasks::registry::{self, Entry, REGISTRY};
 use omnidrones::tasks::{Evaluation, Metric};
@@ -78,7 +78,7 @@ pub struct Line {
     /// What its error is; none where it was not trained.
     error: Option<Metric>,
     row: std::result::Result<Row, String>,
-    /// The log of every seed that is here.
+    /// The course of every seed.
     curves: Vec<Vec<LogLine>>,
     baseline: Option<(String, Evaluation)>,
 }
@@ -97,12 +97,11 @@ pub fn read(folder: &Path, fly: &dyn Fn(&'static Entry) -> Option<(String, Evalu
     let known = known_baselines(&folder.join("table.json"));
     let line = |(entry, row): (&'static Entry, Row)| {
         let config = TrainConfig::for_task(entry.name, Some(&row.algorithm), None).ok();
-        let log = |run: &Outcome| log::read(row.run_folder(folder, run.seed)).ok();
         Line {
             entry,
             algorithm: row.label(),
             error: config.and_then(|config| spec(entry, &config).ok()).map(|(_, error)| error),
-            curves: row.runs.iter().filter_map(log).collect(),
+            curves: row.curves(folder),
             row: Ok(row),
             baseline: None,
         }
@@ -203,8 +202,7 @@ fn line(
     };
     line.row = config.and_then(train).map_err(|error| error.to_string());
     if let Ok(row) = &line.row {
-        let log = |run: &Outcome| log::read(row.run_folder(folder, run.seed)).ok();
-        line.curves = row.runs.iter().filter_map(log).collect();
+        line.curves = row.curves(folder);
     }
     line
 }

@@ -9,7 +9,7 @@ use omnidrones_plot::{Colour, Figure, Panel, Series};
 /// Curves beyond so many in a panel are dashed: colours begin anew.
 const N_COLOUR: usize = 6;
 
-/// Of the rows whose logs are here; none if there are none.
+/// Of the rows whose curves are known; none if there are none.
 pub fn figure(title: &str, rows: &[Told]) -> Option<Figure> {
     let mut names: Vec<(&str, &str)> = rows.iter().map(|row| (&row.cell.part[..], &row.cell.config.task[..])).collect();
     names.dedup();
