@@ -3,7 +3,8 @@
 //! Tasks and randomisation take a difficulty d between 0 and 1 ([`Env::set_difficulty`](crate::tasks::Env::set_difficulty)):
 //! starts near the goal, wide gates, the nominal drone at 0, the task itself at 1. Over each [`Curriculum::episodes`]
 //! episodes that ended, d rises by [`Curriculum::step`] if more than [`Curriculum::raise`] of them went well, and falls by it
-//! if fewer than [`Curriculum::lower`] did. It never falls behind a line from [`Curriculum::from`] at the start to 1 at
+//! if fewer than [`Curriculum::lower`] did; or their mean return, as a share of the largest, is what is compared
+//! ([`GoodEpisode::Return`]), where episodes last long before they are flown well. It never falls behind a line from [`Curriculum::from`] at the start to 1 at
 //! [`Curriculum::full`] of the run, so that every run ends on the task itself. (Akkaya et al. 2019 move the ranges of
 //! randomisation by such thresholds; Rudin et al. 2022 the terrain.)
 
@@ -12,15 +13,17 @@ use super::learner::Episodes;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// When an episode of a curriculum went well.
+/// What of episodes says how well they went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GoodEpisode {
-    /// The task did not end it.
+    /// The share of them that the task did not end.
     #[default]
     Survival,
-    /// Its last step was a success too.
+    /// The share of them whose last step was a success too.
     Success,
+    /// Their mean return, as a share of the largest reward of a step times the steps of an episode.
+    Return,
 }
 
 /// Settings.
@@ -31,11 +34,11 @@ pub struct Curriculum {
     pub from: f64,
     /// Share of the run behind which the difficulty is 1 in any case.
     pub full: f64,
-    /// What an episode must have done to count as good: "survival" or "success".
+    /// What tells how many episodes went well: "survival", "success", or "return", the mean return as a share of the largest.
     pub good: GoodEpisode,
-    /// Share of good episodes above which the difficulty rises.
+    /// Share of good episodes, or of return, above which the difficulty rises.
     pub raise: f64,
-    /// Share of good episodes below which it falls.
+    /// Share below which it falls.
     pub lower: f64,
     /// How far it moves.
     pub step: f64,
@@ -85,8 +88,11 @@ impl Curriculum {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Difficulty {
     settings: Curriculum,
+    /// Of an episode.
+    largest_return: f64,
     share: f64,
-    good: u64,
+    /// Sum over episodes, 1 for one that went well.
+    good: f64,
     count: u64,
 }
 
@@ -94,9 +100,9 @@ pub(crate) struct Difficulty {
 const TENSOR: &str = "curriculum";
 
 impl Difficulty {
-    /// At the start of a run.
-    pub fn new(settings: &Curriculum) -> Self {
-        Self { share: settings.from, settings: settings.clone(), good: 0, count: 0 }
+    /// At the start of a run in a task of that largest return of an episode.
+    pub fn new(settings: &Curriculum, largest_return: f64) -> Self {
+        Self { share: settings.from, largest_return, settings: settings.clone(), good: 0.0, count: 0 }
     }
 
     /// Of episodes that begin now.
@@ -110,13 +116,14 @@ impl Difficulty {
         let before = self.share;
         self.count += ended.count;
         self.good += match own.good {
-            GoodEpisode::Survival => ended.count - ended.crashed,
-            GoodEpisode::Success => ended.succeeded,
+            GoodEpisode::Survival => (ended.count - ended.crashed) as f64,
+            GoodEpisode::Success => ended.succeeded as f64,
+            GoodEpisode::Return => (ended.total_return / self.largest_return).clamp(0.0, ended.count as f64),
         };
         if self.count >= own.episodes {
-            let good = self.good as f64 / self.count as f64;
+            let good = self.good / self.count as f64;
             self.share += own.step * (f64::from(good > own.raise) - f64::from(good < own.lower));
-            (self.good, self.count) = (0, 0);
+            (self.good, self.count) = (0.0, 0);
         }
         let line = if progress >= own.full { 1.0 } else { own.from + (1.0 - own.from) * progress / own.full };
         self.share = self.share.clamp(line, 1.0);
@@ -128,7 +135,7 @@ impl Difficulty {
     /// # Errors
     /// None for a name that is used once.
     pub fn save(&self, to: &mut Tensors) -> Result<()> {
-        to.insert(TENSOR, &[3], vec![self.share, self.good as f64, self.count as f64])
+        to.insert(TENSOR, &[3], vec![self.share, self.good, self.count as f64])
     }
 
     /// Goes on as saved.
@@ -147,7 +154,7 @@ impl Difficulty {
                 "Load an earlier one.",
             ));
         }
-        (self.share, self.good, self.count) = (share, good as u64, count as u64);
+        (self.share, self.good, self.count) = (share, good, count as u64);
         Ok(())
     }
 }
@@ -163,7 +170,7 @@ mod tests {
     #[test]
     fn difficulty_follows_the_share_of_good_episodes_and_never_falls_behind_its_line() {
         let settings = Curriculum { from: 0.25, step: 0.125, episodes: 10, full: 0.5, ..Curriculum::default() };
-        let mut own = Difficulty::new(&settings);
+        let mut own = Difficulty::new(&settings, 100.0);
         assert!(!own.take(&ended(9, 0, 0), 0.0) && own.share() == 0.25); // too few to tell
         assert!(own.take(&ended(1, 0, 0), 0.0) && own.share() == 0.375);
         assert!(!own.take(&ended(10, 4, 0), 0.0)); // between the limits
@@ -172,26 +179,31 @@ mod tests {
         assert!(own.take(&ended(10, 10, 0), 0.25) && own.share() == 0.625); // halfway up the line
         assert!(own.take(&ended(0, 0, 0), 0.5) && own.share() == 1.0);
         let settings = Curriculum { good: GoodEpisode::Success, ..settings };
-        let mut own = Difficulty::new(&settings);
+        let mut own = Difficulty::new(&settings, 100.0);
         assert!(!own.take(&ended(10, 0, 7), 0.0)); // survived all, reached seven
         assert!(own.take(&ended(10, 0, 9), 0.0));
+        let settings = Curriculum { good: GoodEpisode::Return, raise: 0.5, ..settings };
+        let mut own = Difficulty::new(&settings, 100.0);
+        let returned = |total_return| Episodes { total_return, ..ended(10, 0, 10) };
+        assert!(!own.take(&returned(490.0), 0.0) && own.take(&returned(510.0), 0.0)); // 49, 51 of 100 an episode
+        assert!(own.take(&returned(-1e9), 0.0) && own.share() == settings.from);
     }
 
     #[test]
     fn a_curriculum_goes_on_as_saved_and_refuses_forged_numbers() {
         let settings = Curriculum { from: 0.0, ..Curriculum::default() };
-        let mut own = Difficulty::new(&settings);
+        let mut own = Difficulty::new(&settings, 100.0);
         own.take(&ended(300, 0, 0), 0.01);
         own.take(&ended(100, 3, 0), 0.01);
         let mut saved = Tensors::new();
         own.save(&mut saved).unwrap();
-        let mut again = Difficulty::new(&settings);
+        let mut again = Difficulty::new(&settings, 100.0);
         again.load(&saved).unwrap();
         assert_eq!(again, own);
         for forged in [[2.0, 0.0, 0.0], [f64::NAN, 0.0, 0.0], [0.5, 3.0, 2.0], [0.5, -1.0, 2.0]] {
             let mut saved = Tensors::new();
             saved.insert(TENSOR, &[3], forged.to_vec()).unwrap();
-            assert!(Difficulty::new(&settings).load(&saved).is_err(), "{forged:?}");
+            assert!(Difficulty::new(&settings, 100.0).load(&saved).is_err(), "{forged:?}");
         }
     }
 

@@ -24,7 +24,7 @@
 use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer};
 use super::config::TrainConfig;
 use super::config_diff::described;
-use super::curriculum::Difficulty;
+use super::curriculum::{Difficulty, GoodEpisode};
 use super::evaluate::{Starts, evaluate};
 use super::learner::{Episodes, Learner, Update};
 use super::log::{Curve, Line, Log};
@@ -162,7 +162,7 @@ impl Trainer {
         let config = TrainConfig { task: task.into(), ..config };
         let learner = config.learner(task, &threads)?;
         let since = Since::new(0, 0.0);
-        let difficulty = config.curriculum.is_on().then(|| Difficulty::new(&config.curriculum));
+        let difficulty = difficulty(task, &config)?;
         let (curve, evaluation, files) = (Curve::default(), None, None);
         let phases = Phases::default();
         let (update, earlier_steps) = (0, 0);
@@ -524,6 +524,20 @@ fn check_own(folder: &Path) -> Result<()> {
     let Some(name) = foreign.filter(|_| !folder.join("checkpoints").is_dir()) else { return Ok(()) };
     let value = format!("'{}', whose {name} is of no run", folder.display());
     Err(Error::value("folder of the run", value, "new, empty or that of a run", "Name another folder."))
+}
+
+/// The curriculum of a run, where it has one.
+fn difficulty(task: &str, config: &TrainConfig) -> Result<Option<Difficulty>> {
+    if !config.curriculum.is_on() {
+        return Ok(None);
+    }
+    let env = Env::make(task, &EnvConfig { n_env: 1, ..config.env.clone() })?;
+    let largest = env.spec().reward_bound * env.spec().horizon as f64;
+    if config.curriculum.good == GoodEpisode::Return && !(largest.is_finite() && largest > 0.0) {
+        let limit = "of a task whose reward has a largest value above 0";
+        return Err(Error::value("curriculum.good", format!("return, up to {largest}"), limit, "Take \"survival\"."));
+    }
+    Ok(Some(Difficulty::new(&config.curriculum, largest)))
 }
 
 fn write_text(path: &Path, text: &str) -> Result<()> {

@@ -256,12 +256,15 @@ impl Formation {
         sum * S::constant(1.0 / self.figure.len() as f64)
     }
 
-    /// p_c − p_i and ŝ of a drone.
+    /// p_c − p_i and ŝ of a drone, and the way to its place where that is told.
     #[inline(always)]
     fn observe_own<S: Scalar>(&self, view: &View<'_, S>, i: usize, out: &mut impl Writer<S>) {
         let to_center = sub(constants(self.settings.center), view.drone(i).position);
         out.field("center", "m, world", "p_c − p_i").array(to_center);
         view.observe_drone(i, out);
+        if self.settings.observe_place {
+            out.field("place", "m, world", "p_c + f_i − p_i of the point that it takes").array(self.way(view, i));
+        }
     }
 }
 
@@ -275,7 +278,8 @@ impl Task for Formation {
          which place, neither turned nor scaled. c = ‖p̄ − p_c‖ with the centre p_c = {center} m. Start: different cells of a \
          grid of {start_cells} cells from {start_first} m on in steps of {start_step} m, at their centres; roll and \
          pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest. There the drones take points by the least \
-         sum of squared ways, f_i for drone i: the loss asks for those, reward and success for any."
+         sum of squared ways, f_i for drone i: the loss asks for those, reward and success for any. At difficulty d of a \
+         curriculum drones begin the share 1 − (1 − {start_ease})(1 − d) of the way from their points to those cells."
     }
 
     fn start(&self, start: &mut Start<'_>) {
@@ -288,16 +292,13 @@ impl Task for Formation {
     #[inline(always)]
     fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
         self.observe_own(view, agent, out);
-        if self.settings.observe_place {
-            out.field("place", "m, world", "p_c + f_i − p_i of the point that it takes").array(self.way(view, agent));
-        }
         view.observe_clock(out);
         observe_others(view, agent, true, out);
     }
 
     #[inline(always)]
     fn central<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
-        out.field("drones", "as observed", "center … throttle of every drone");
+        out.field("drones", "as observed", "center … of every drone");
         for i in 0..self.figure.len() {
             self.observe_own(view, i, &mut out.unnamed());
         }
