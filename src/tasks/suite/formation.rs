@@ -7,7 +7,7 @@ use super::assignment::{MOST, assign};
 use super::team::{
     CROWD, apart, crowded, free_team, lowest, mean_throttle_difference, observe_others, squared_separation,
 };
-use super::{PoseLoss, StartAttitude, less, made_of, more, nearer, rate_cost, speed_cost, times};
+use super::{PoseLoss, StartAttitude, eased, less, made_of, more, nearer, rate_cost, speed_cost, times};
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::controllers::reference::{Reference, Tilt, Waypoint, Waypoints};
 use crate::dynamics::spatial::{Quat, Vec3, add, constants, scale, sub};
@@ -88,6 +88,8 @@ settings! {
         first: [f64; 3] = [-1.75, -1.75, 0.625] => ("m, world", "centre of the first cell that drones start in", Any);
         step: [f64; 3] = [0.5, 0.5, 0.25] => ("m", "from cell to cell", Positive);
         cells: [u64; 3] = [8, 8, 6] => ("", "cells per axis", Positive);
+        way_ease: f64 = 1.0
+            => ("-", "share of the way from a drone's place to its cell at which it starts at difficulty 0", Share);
         attitude: StartAttitude = StartAttitude::default() => flat;
     }
 }
@@ -123,7 +125,7 @@ impl StartGrid {
 
     /// Puts drone i at `from[i]`, or where a curriculum makes that easier on the straight way to its place `to[i]`.
     pub fn place(&self, start: &mut Start<'_>, from: &[Vec3<f64>], attitudes: &[Quat<f64>], to: &[Vec3<f64>]) {
-        let gone = 1.0 - self.attitude.share(start);
+        let gone = 1.0 - eased(self.way_ease, start.difficulty);
         for (i, ((from, attitude), to)) in from.iter().zip(attitudes).zip(to).enumerate() {
             start.place(i, add(*from, scale(gone, sub(*to, *from))), *attitude);
         }
@@ -146,7 +148,7 @@ settings! {
         vehicle: String = "hummingbird".into() => ("", "what flies", Any);
         formation: Figure = Figure::Named(Named::Hexagon)
             => ("m", "one drone per point: \"hexagon\" (7), \"tetragon\" (5) or a list of points", Any);
-        observe_place: bool = false => ("", "whether each drone sees the way to the point that it takes", Any);
+        observe_place: bool = false => ("", "whether each drone, and the state of all, is told the way to the point that it takes", Any);
         horizon: usize = 600 => ("steps", "T", Any);
         center: [f64; 3] = [0.0, 0.0, 1.5] => ("m, world", "p_c", Any);
         start: StartGrid = StartGrid::default() => group;
@@ -279,7 +281,7 @@ impl Task for Formation {
          grid of {start_cells} cells from {start_first} m on in steps of {start_step} m, at their centres; roll and \
          pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest. There the drones take points by the least \
          sum of squared ways, f_i for drone i: the loss asks for those, reward and success for any. At difficulty d of a \
-         curriculum drones begin the share 1 − (1 − {start_ease})(1 − d) of the way from their points to those cells."
+         curriculum drones begin the share 1 − (1 − {start_way_ease})(1 − d) of the way from their points to those cells."
     }
 
     fn start(&self, start: &mut Start<'_>) {

@@ -172,7 +172,7 @@ impl Task for Spread {
          {target_gap} m apart. Start: different cells of a grid of {start_cells} cells from {start_first} m on in steps of \
          {start_step} m, at their centres; roll and pitch within ±{start_tilt} rad, yaw within {start_yaw} rad, at rest. There \
          the drones take targets by the least sum of squared ways, t_i for drone i: the loss asks for those, reward and \
-         success for any. At difficulty d of a curriculum drones begin the share 1 − (1 − {start_ease})(1 − d) of the way from \
+         success for any. At difficulty d of a curriculum drones begin the share 1 − (1 − {start_way_ease})(1 − d) of the way from \
          their targets to those cells."
     }
 

@@ -415,6 +415,12 @@ fn every_drone_of_a_formation_has_a_point_of_its_own_and_sees_it_where_asked() {
             let seen = &buffers.observation[(7 * environment + i) * env.spec().n_observation..][place.clone()];
             let way = [own[0] - state[at], own[1] - state[at + 1], own[2] + 1.5 - state[at + 2]];
             assert!((0..3).all(|k| (seen[k] - way[k]).abs() < 1e-5), "{seen:?} for {way:?}");
+            let n_own = env.spec().n_central / 7;
+            let told = &buffers.central[(7 * environment + i + 1) * n_own - 3..][..3];
+            assert_eq!(
+                told, seen,
+                "a critic of all that is not told who takes which point fits distances it cannot see"
+            );
         }
     }
 }
@@ -433,9 +439,9 @@ fn drones_of_a_figure_start_as_near_their_places_as_the_difficulty_wants_them() 
         };
         let usual = ways(1.0, "");
         assert_eq!(ways(0.0, ""), usual);
-        assert_eq!(ways(1.0, "start_ease = 0.0"), usual);
+        assert_eq!(ways(1.0, "start_way_ease = 0.0"), usual);
         for (difficulty, ease, share) in [(0.0, 0.0, 0.0), (0.5, 0.0, 0.5), (0.0, 0.25, 0.25)] {
-            let eased = ways(difficulty, &format!("start_ease = {ease}"));
+            let eased = ways(difficulty, &format!("start_way_ease = {ease}"));
             let gap = eased.iter().zip(&usual).map(|(own, usual)| (own - share * usual).abs()).fold(0.0, f32::max);
             assert!(gap < 1e-6, "{task} {difficulty} {ease}: {gap}");
         }
