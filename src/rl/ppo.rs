@@ -19,7 +19,8 @@
 //! Rows in which anything is not finite take no part, neither in weights nor in statistics, and are counted.
 //!
 //! With [`PpoConfig::target_kl`] the actor's rate follows the divergence KL(π_old, π) that minibatches find: × 2/3 above
-//! twice the target, × 3/2 below half of it (Schulman et al. 2017, section 4, as in Rudin et al. 2022).
+//! twice the target, × 3/2 below half of it (Schulman et al. 2017, section 4, as in Rudin et al. 2022). A target that falls over
+//! the run lets steps shrink where the rate alone would not: what follows a divergence undoes a schedule of the rate.
 
 mod config;
 mod ratios;
@@ -469,7 +470,7 @@ impl Ppo {
     /// Learning rate of the next step of a set of the actor's parameters, behind a divergence of `kl`.
     fn rate(&mut self, set: usize, progress: f64, kl: f64) -> f64 {
         let base = self.config.learning_rate.at(progress);
-        let Some(target) = self.config.target_kl else {
+        let Some(target) = self.config.target_kl.map(|target| target.at(progress)) else {
             return base;
         };
         let scale = &mut self.descents[set].scale;

@@ -54,9 +54,9 @@ pub struct PpoConfig {
     pub learning_rate: Schedule,
     /// Learning rate of the critic over the run.
     pub critic_learning_rate: Schedule,
-    /// KL divergence that the actor's rate follows.
+    /// KL divergence that the actor's rate follows, over the run.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub target_kl: Option<f64>,
+    pub target_kl: Option<Schedule>,
     /// Mean KL divergence of a pass behind which no other follows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stop_kl: Option<f64>,
@@ -161,7 +161,8 @@ impl PpoConfig {
                 return Err(Error::value(what, x, "finite and > 0", "0.2, 1 and 10 are usual."));
             }
         }
-        for (what, x) in [("target_kl", self.target_kl), ("stop_kl", self.stop_kl)] {
+        let ends = self.target_kl.map_or([None; 2], |target| [0.0, 1.0].map(|progress| Some(target.at(progress))));
+        for (what, x) in [("target_kl", ends[0]), ("target_kl", ends[1]), ("stop_kl", self.stop_kl)] {
             if let Some(x) = x.filter(|x| !(x.is_finite() && *x > 0.0)) {
                 return Err(Error::value(what, x, "finite and > 0", "0.01 is usual, or leave it out."));
             }

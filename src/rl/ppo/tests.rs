@@ -551,7 +551,7 @@ fn the_rate_follows_the_divergence() {
     let mut ppo = ppo(
         "Hover",
         &EnvConfig::default(),
-        PpoConfig { learning_rate: 1e-3.into(), target_kl: Some(0.01), ..small() },
+        PpoConfig { learning_rate: 1e-3.into(), target_kl: Some(0.01.into()), ..small() },
         1,
     );
     let target = 0.01;
@@ -562,6 +562,9 @@ fn the_rate_follows_the_divergence() {
         ppo.rate(0, 0.0, 0.0);
     }
     assert_eq!(ppo.rate(0, 0.0, target), 0.01);
+    ppo.config.target_kl = Some(Schedule::cosine(target, 1e-3));
+    assert_eq!(ppo.rate(0, 0.0, target), 0.01);
+    assert_eq!(ppo.rate(0, 1.0, target), 1e-3 * (10.0 / 1.5));
     ppo.config.target_kl = None;
     assert_eq!(ppo.rate(0, 0.0, 3.0 * target), 1e-3);
 }
@@ -585,6 +588,7 @@ fn settings_survive_their_text_and_what_cannot_be_meant_is_named() {
         ("lambda = 1.5", "lambda is 1.5"),
         ("log_std = 9.0", "log_std is 9"),
         ("target_kl = -1.0", "target_kl is -1"),
+        ("target_kl = { kind = 'linear', from = 0.01, to = 0.0 }", "target_kl is 0"),
         ("value_beta = 1.0", "beta of the value norm is 1"),
         ("n_env = 2048\nsteps = 65536", "rows of a rollout is "),
     ] {
