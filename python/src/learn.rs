@@ -351,8 +351,7 @@ impl Shard {
             seed: self.seed,
             first_environment: self.first_environment,
             autoreset: Autoreset::Disabled,
-            stagger: false,
-            ..config
+            ..config.whole_episodes()
         })
     }
 }

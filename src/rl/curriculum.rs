@@ -4,9 +4,9 @@
 //! starts near the goal, wide gates, the nominal drone at 0, the task itself at 1. Over each [`Curriculum::episodes`]
 //! episodes that ended, d rises by [`Curriculum::step`] if more than [`Curriculum::raise`] of them went well, and falls by it
 //! if fewer than [`Curriculum::lower`] did; or their mean return, as a share of the largest, is what is compared
-//! ([`GoodEpisode::Return`]), where episodes last long before they are flown well. It never falls behind a line from [`Curriculum::from`] at the start to 1 at
-//! [`Curriculum::full`] of the run, so that every run ends on the task itself. (Akkaya et al. 2019 move the ranges of
-//! randomisation by such thresholds; Rudin et al. 2022 the terrain.)
+//! ([`GoodEpisode::Return`]), where episodes last long before they are flown well. It never falls behind a line from
+//! [`Curriculum::from`] at the start to 1 at [`Curriculum::full`] of the run, so that every run ends on the task itself.
+//! (Akkaya et al. 2019 move the ranges of randomisation by such thresholds; Rudin et al. 2022 the terrain.)
 
 use super::checkpoint::Tensors;
 use super::learner::Episodes;

@@ -25,8 +25,7 @@ pub fn eval_env(policy: &Policy, task: &str, env: &EnvConfig, starts: Starts, th
         seed: starts.seed,
         first_environment: 0,
         autoreset: Autoreset::Disabled,
-        stagger: false,
-        ..env.clone()
+        ..env.clone().whole_episodes()
     };
     let mut env = Env::make(task, &config)?;
     policy.fits(env.spec())?;
@@ -73,7 +72,7 @@ mod tests {
     }
 
     fn short() -> EnvConfig {
-        EnvConfig::from_toml("stagger = true\ntask.horizon = 40", "short").unwrap()
+        EnvConfig::from_toml("stagger = true\ntruncate_after = 10\ntask.horizon = 40", "short").unwrap()
     }
 
     #[test]
@@ -87,7 +86,7 @@ mod tests {
         let (told, steps) = fly(&short(), 1);
         assert_eq!((told.n_episode, steps), (70, 40));
         assert!(told.length > 5.0 && told.return_mean.is_finite());
-        assert_eq!(fly(&EnvConfig { seed: 9, n_env: 3, first_environment: 7, ..short() }, 2), (told, 40));
+        assert_eq!(fly(&EnvConfig { seed: 9, n_env: 3, first_environment: 7, truncate_after: 0, ..short() }, 2), (told, 40));
     }
 
     #[test]

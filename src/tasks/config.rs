@@ -95,7 +95,7 @@ pub struct EnvConfig {
     /// How far an action of 1 changes what the task's own controller commands, of a rotor's or drive's range of [−1, 1]:
     /// u = u_c + residual · a, clipped. The controller sees the true state but the nominal numbers, and reacts without
     /// `delay`. 0: no controller, actions are the commands.
-    #[serde(skip_serializing_if = "is_zero")]
+    #[serde(skip_serializing_if = "is_default")]
     pub residual: f64,
     /// Numbers of an action.
     pub actions: ActionSpace,
@@ -127,6 +127,11 @@ pub struct EnvConfig {
     pub autoreset: Autoreset,
     /// Whether first episodes begin anywhere in time, so that time-outs do not come together.
     pub stagger: bool,
+    /// Mean number of steps after which episodes are truncated at random, m: every step is the last with a probability of 1/m, and
+    /// at the horizon time is over as ever. 0: at the horizon alone. Learners, who know truncation from an end, see more of how
+    /// episodes begin than of what comes when all is flown: where flying there is hard and staying is not, that is what they need.
+    #[serde(skip_serializing_if = "is_default")]
+    pub truncate_after: usize,
     /// Most memory, bytes.
     pub memory_limit: u64,
     /// A vehicle of one's own, which the task's setting `vehicle` names like a built-in one.
@@ -166,6 +171,7 @@ impl Default for EnvConfig {
             bounds: Bounds::default(),
             autoreset: Autoreset::SameStep,
             stagger: false,
+            truncate_after: 0,
             memory_limit: MEMORY_LIMIT,
             own_vehicle: None,
             task: toml::Table::new(),
@@ -173,8 +179,8 @@ impl Default for EnvConfig {
     }
 }
 
-fn is_zero(x: &f64) -> bool {
-    *x == 0.0
+fn is_default<T: Default + PartialEq>(x: &T) -> bool {
+    *x == T::default()
 }
 
 /// A count that may be written as `1e6`; what it cannot be, the message says.
@@ -206,7 +212,7 @@ impl EnvConfig {
 
     /// The names of its settings.
     pub fn keys() -> Vec<String> {
-        let whole = Self { randomise: Some(Vec::new()), sensor: Some(Vec::new()), residual: 1.0, ..Self::default() };
+        let whole = Self { randomise: Some(Vec::new()), sensor: Some(Vec::new()), residual: 1.0, truncate_after: 1, ..Self::default() };
         let told = toml::Table::try_from(whole).unwrap_or_default();
         told.keys().cloned().chain(["own_vehicle".into()]).collect()
     }
@@ -219,6 +225,13 @@ impl EnvConfig {
     /// The sensors of every agent, as far as the configuration says.
     pub fn sensors(&self) -> &[SensorConfig] {
         self.sensor.as_deref().unwrap_or_default()
+    }
+
+    /// The same with episodes that are flown from their start to their end: neither [`stagger`](Self::stagger) nor
+    /// [`truncate_after`](Self::truncate_after), which are for learners.
+    #[must_use]
+    pub fn whole_episodes(self) -> Self {
+        Self { stagger: false, truncate_after: 0, ..self }
     }
 
     /// Checks every number but the size of the batch, which needs the task.

@@ -336,6 +336,7 @@ const KEYS: &[(&str, &str)] = &[
     ("bounds", ""),
     ("autoreset", "same_step, next_step, disabled"),
     ("stagger", "whether first episodes begin anywhere in time"),
+    ("truncate_after", "mean steps after which episodes are truncated at random; 0: at the horizon alone"),
     ("memory_limit", "bytes"),
 ];
 

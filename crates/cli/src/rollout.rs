@@ -254,7 +254,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let entry = a.task.as_deref().map(registry::by_name).transpose()?;
     let config = a.episodes.environment.config(&usual, entry)?;
     let n_env = a.episodes.envs.unwrap_or(config.n_env);
-    let config = EnvConfig { autoreset: Autoreset::Disabled, stagger: false, n_env, ..config };
+    let config = EnvConfig { autoreset: Autoreset::Disabled, n_env, ..config.whole_episodes() };
     if !(1..=MAX_EPISODES).contains(&config.n_env) {
         let limit = format!("1 to {MAX_EPISODES}");
         return Err(Error::limit("n_env", config.n_env, limit, "256 episodes tell a mean return to a few percent."));

@@ -42,7 +42,7 @@ impl Flier {
                 _ => EnvConfig::default(),
             };
             let config = options.config(&usual, Some(entry))?;
-            let config = EnvConfig { autoreset: Autoreset::Disabled, stagger: false, n_env: envs, ..config };
+            let config = EnvConfig { autoreset: Autoreset::Disabled, n_env: envs, ..config.whole_episodes() };
             let by = (ControllerName::Default, &PlanArguments::default());
             return Ok(Self::Own(Box::new(rollout::Ready::new(entry, &config, &threads, by)?)));
         }

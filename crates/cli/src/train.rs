@@ -383,12 +383,11 @@ pub fn for_controller(entry: &Entry, config: &TrainConfig) -> EnvConfig {
         seed: config.evaluate.seed,
         first_environment: 0,
         autoreset: Autoreset::Disabled,
-        stagger: false,
         control: Level::Rotor,
         residual: 0.0,
         actions: Default::default(),
         observation: Vec::new(),
-        ..config.env.clone()
+        ..config.env.clone().whole_episodes()
     };
     let usual = EnvConfig::default();
     if config.env.control != Level::Rotor && env.dt > usual.dt {

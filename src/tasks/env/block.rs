@@ -23,18 +23,20 @@ pub(crate) mod episode_state {
     pub(crate) const TRUNCATED: usize = 3;
     /// Steps of delay of the actions.
     pub(crate) const DELAY: usize = 4;
+    /// Step with which time is over.
+    pub(crate) const LAST: usize = 5;
     /// Sum of rewards.
-    pub(crate) const RETURN: usize = 5;
+    pub(crate) const RETURN: usize = 6;
     /// Steps since the episode began.
-    pub(crate) const STEP: usize = 6;
+    pub(crate) const STEP: usize = 7;
     /// Numbers of the last action that were clipped or not finite.
-    pub(crate) const CLIPPED: usize = 7;
+    pub(crate) const CLIPPED: usize = 8;
     /// Why the episode terminated: 0 not, n the n-th reason, one more than there are: diverged.
-    pub(crate) const REASON: usize = 8;
+    pub(crate) const REASON: usize = 9;
     /// Rows that are told as they are.
     pub(crate) const INFO: std::ops::Range<usize> = RETURN..TERMS;
     /// Sums of the reward's terms follow, then, where a success must hold for a while, the steps that it has.
-    pub(crate) const TERMS: usize = 9;
+    pub(crate) const TERMS: usize = 10;
 }
 
 /// Numbers of one environment beside its physics.

@@ -42,7 +42,7 @@ pub fn check_env_for(
     make: &dyn Fn(&EnvConfig) -> Result<Env>,
     config: &EnvConfig,
 ) -> Result<Vec<Finding>> {
-    let config = EnvConfig { n_env: N_ENV, stagger: false, ..config.clone() };
+    let config = EnvConfig { n_env: N_ENV, ..config.clone().whole_episodes() };
     let maker = Maker { steps, make, config };
     type Check = fn(&Maker<'_>) -> Result<Option<String>>;
     let checks: [(&'static str, Check); 9] = [

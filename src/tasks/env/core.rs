@@ -49,6 +49,7 @@ pub(crate) struct Core {
     pub delay: (usize, usize),
     pub mode: Autoreset,
     pub stagger: bool,
+    pub truncate_after: usize,
     pub first_environment: u64,
     /// See [`config_hash`](super::transition::config_hash).
     pub config_hash: u64,

@@ -70,7 +70,7 @@ impl<T: Task> RegisterKernel for (&T, EvaluateStep<'_>) {
         let (robot, horizon) = (task.robot(), task.horizon() as f64);
         let (half, zero) = (L::constant(0.5), L::zero());
         let mut episode = L::rows_mut(&mut block.episode_state, at);
-        let (was, offset) = (episode.get(episode_state::RUNNING), episode.get(episode_state::OFFSET));
+        let (was, last) = (episode.get(episode_state::RUNNING), episode.get(episode_state::LAST));
         let running = half.lt(was);
         episode.set(episode_state::STEP, episode.get(episode_state::STEP) + was);
 
@@ -94,7 +94,7 @@ impl<T: Task> RegisterKernel for (&T, EvaluateStep<'_>) {
         let diverged = alive.lt(L::constant(f64::from(ALIVE) - 0.5));
         let code = L::select(diverged, L::constant((sizes.end + 1) as f64), code);
         // in counts, which are exact up to MAX_HORIZON; shares of the time are not
-        let over = (view.step + offset).lt(L::constant(horizon)).not();
+        let over = view.step.lt(last).not();
         let terms = L::rows(&work.terms, at);
         let counts = running.and(diverged.not());
         let reward = L::select(counts, sum(&terms, sizes.term), zero);

@@ -216,6 +216,7 @@ impl Env {
             delay: (config.delay.min, config.delay.max),
             mode: config.autoreset,
             stagger: config.stagger,
+            truncate_after: config.truncate_after,
             first_environment: config.first_environment,
             config_hash: config_hash(name, config, &varied),
             program: OnceLock::new(),

@@ -12,6 +12,7 @@ use crate::tasks::task::{Start, streams};
 
 const STAGGER: Purpose = Purpose::user(0x57a6);
 const DELAY: Purpose = Purpose::user(0xde1a);
+const TRUNCATE: Purpose = Purpose::user(0x7c07);
 
 /// Numbers of one environment where an episode begins, a goal changes, or all is ideal.
 #[derive(Debug, Clone)]
@@ -84,7 +85,9 @@ impl Stepper<'_> {
         for row in &mut block.episode_state {
             row[lane] = 0.0;
         }
-        block.episode_state[episode_state::OFFSET][lane] = core.offset(key);
+        let offset = core.offset(key);
+        block.episode_state[episode_state::OFFSET][lane] = offset;
+        block.episode_state[episode_state::LAST][lane] = core.last_step(key, offset);
         block.episode_state[episode_state::RUNNING][lane] = 1.0;
         block.episode_state[episode_state::EVENT][lane] = event_at.min(f64::from(f32::MAX)) as f32;
         block.episode_state[episode_state::DELAY][lane] = core.delay_of(key);
@@ -160,6 +163,18 @@ impl Core {
             return 0.0;
         }
         Stream::new(seed, environment, episode, STAGGER).below(self.engine.horizon() as u64) as f32
+    }
+
+    /// The step with which time is over: that at which the clock comes to T, or an earlier one drawn from the geometric
+    /// distribution of mean `truncate_after`.
+    fn last_step(&self, [seed, environment, episode]: [u64; 3], offset: f32) -> f32 {
+        let left = self.engine.horizon() as f32 - offset;
+        if self.truncate_after == 0 {
+            return left;
+        }
+        let more = 1.0 - Stream::new(seed, environment, episode, TRUNCATE).unit();
+        let drawn = (more.ln() / (-1.0 / self.truncate_after as f64).ln_1p()).ceil();
+        drawn.clamp(1.0, f64::from(left)) as f32
     }
 
     /// Steps of delay of an episode.

@@ -7,7 +7,7 @@ use crate::autodiff::program::BLOCK;
 use crate::error::{Error, Result};
 use crate::tasks::config::EnvConfig;
 
-const MAGIC: [u8; 8] = *b"omnienv3";
+const MAGIC: [u8; 8] = *b"omnienv4";
 
 impl Env {
     /// The exact state of all environments: physics, goals, episodes, random streams, transforms, statistics. Continuing

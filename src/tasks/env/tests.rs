@@ -17,7 +17,9 @@ fn the_longest_episodes_are_cut_at_their_last_step() {
         let mut env = hover(1, horizon);
         let mut out = Buffers::new(env.spec());
         env.reset(None, None, &mut out.out()).unwrap();
-        env.blocks[0].episode_state[episode_state::OFFSET][0] = (horizon - 3) as f32;
+        let block = &mut env.blocks[0];
+        assert_eq!(block.episode_state[episode_state::LAST][0], horizon as f32);
+        block.episode_state[episode_state::STEP][0] = (horizon - 3) as f32;
         let cut: Vec<u8> = (0..3)
             .map(|_| {
                 env.step(&[f32::NAN; 4], &mut out.out()).unwrap();
@@ -25,6 +27,38 @@ fn the_longest_episodes_are_cut_at_their_last_step() {
             })
             .collect();
         assert_eq!(cut, [0, 0, 1], "{horizon}");
+    }
+}
+
+#[test]
+fn episodes_truncated_at_random_have_their_mean_and_the_horizon_as_their_limit() {
+    let level = "n_env = 512\nseed = 3\ntruncate_after = 20\n[task]\nhorizon = 60\nstart_tilt = 0.0";
+    let truncated = EnvConfig::from_toml(level, "level starts").unwrap();
+    for (config, least, mean, most) in [
+        (truncated.clone(), 1, 20.0 * (1.0 - 0.95_f64.powi(60)), 60), // Σ (1 − 1/m)^k over k < T
+        (EnvConfig { truncate_after: 1, ..truncated.clone() }, 1, 1.0, 1),
+        (truncated.whole_episodes(), 60, 60.0, 60),
+    ] {
+        let mut env = Env::make("Hover", &config).unwrap();
+        let mut out = Buffers::new(env.spec());
+        env.reset(None, None, &mut out.out()).unwrap();
+        let (mut lengths, mut steps) = (Vec::new(), vec![0; 512]);
+        let actions = vec![f32::NAN; 4 * 512];
+        for _ in 0..600 {
+            env.step(&actions, &mut out.out()).unwrap();
+            for (i, step) in steps.iter_mut().enumerate() {
+                *step += 1;
+                if out.truncated[i] == 1 {
+                    lengths.push(*step);
+                }
+                if out.truncated[i] == 1 || out.terminated[i] == 1 {
+                    *step = 0;
+                }
+            }
+        }
+        assert!(lengths.iter().min() == Some(&least) && lengths.iter().max() == Some(&most), "{lengths:?}");
+        let measured = lengths.iter().sum::<i32>() as f64 / lengths.len() as f64;
+        assert!((measured / mean - 1.0).abs() < 0.03, "{measured} of {mean}"); // 0.6 %
     }
 }
 

@@ -157,9 +157,8 @@ pub(crate) fn config_hash(name: &str, config: &EnvConfig, varied: &[usize]) -> u
         first_environment: 0,
         randomise: None,
         difficulty: 0.0,
-        stagger: false,
         memory_limit: 0,
-        ..config.clone()
+        ..config.clone().whole_episodes()
     };
     fnv(serde_json::to_string(&(name, config, varied)).unwrap_or_default().as_bytes())
 }

@@ -350,6 +350,15 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("train Hover --set env.task.horizon=1000000000000000", "over the limit of 1 to 16777216"),
         ("train Hover --threads 0", "number of threads is 0"),
         ("train Hover --seed 18446744073709551615", "over the limit of 9223372036854775807"),
+        (
+            "train Formation --algo ppo --set env.task.reward_shape=0 --set env.task.reward_place=0 \
+             --set env.task.reward_heading=0 --set env.task.reward_center=0",
+            "curriculum.good is return, up to 0",
+        ),
+        (
+            "train Hover --set curriculum.from=0 --set curriculum.good=return --set env.truncate_after=50",
+            "without env.truncate_after",
+        ),
         ("train", "<TASK>"),
         ("eval nowhere", "nowhere"),
         ("eval empty", "empty"),
