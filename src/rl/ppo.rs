@@ -315,7 +315,8 @@ impl Ppo {
         let how = How { actor, parameters, critic, norm: &self.norm, seed: self.seed, update: self.update };
         let parts = self.rollout.parts(self.collectors.iter().map(|c| c.shard.env.spec().n_env));
         let mut own: Vec<_> = self.collectors.iter_mut().zip(parts).collect();
-        let (discount, lambda) = (self.config.discount, self.config.lambda);
+        let progress = share_done(self.update, self.config.updates);
+        let (discount, lambda) = (self.config.discount, self.config.lambda.at(progress));
         self.threads.for_each(&mut own, |_, (collector, part)| {
             let done = collector.collect(part, how).and_then(|()| part.judge(discount, lambda));
             collector.failed = done.err();

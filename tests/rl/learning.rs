@@ -339,7 +339,7 @@ fn ppo_regulates(seed: u64, most: f64) {
     let config = PpoConfig {
         updates: 800,
         discount: 0.97,
-        lambda: 0.95,
+        lambda: 0.95.into(),
         log_std: -1.5,
         normalise_observation: false,
         entropy: Schedule::constant(0.0),

@@ -62,8 +62,8 @@ pub struct PpoConfig {
     pub stop_kl: Option<f64>,
     /// γ.
     pub discount: f64,
-    /// λ of advantages and of the critic's targets.
-    pub lambda: f64,
+    /// λ of advantages and of the critic's targets, over the run.
+    pub lambda: Schedule,
     /// ε.
     pub clip_epsilon: f64,
     /// β, over the run.
@@ -107,7 +107,7 @@ impl Default for PpoConfig {
             target_kl: None,
             stop_kl: None,
             discount: 0.985,
-            lambda: 0.98,
+            lambda: Schedule::constant(0.98),
             clip_epsilon: 0.2,
             entropy: Schedule::cosine(5e-3, 1e-3),
             max_grad_norm: 1.0,
@@ -167,7 +167,8 @@ impl PpoConfig {
                 return Err(Error::value(what, x, "finite and > 0", "0.01 is usual, or leave it out."));
             }
         }
-        for (what, x) in [("discount", self.discount), ("lambda", self.lambda)] {
+        let [first, last] = [0.0, 1.0].map(|progress| self.lambda.at(progress));
+        for (what, x) in [("discount", self.discount), ("lambda", first), ("lambda", last)] {
             if !(0.0..=1.0).contains(&x) {
                 return Err(Error::value(what, x, "within [0, 1]", "0.99 and 0.95 are usual."));
             }
@@ -178,6 +179,7 @@ impl PpoConfig {
         }
         for (what, schedule) in [
             ("learning_rate", self.learning_rate),
+            ("lambda", self.lambda),
             ("critic_learning_rate", self.critic_learning_rate),
             ("entropy", self.entropy),
         ] {

@@ -20,7 +20,7 @@ fn small() -> PpoConfig {
         minibatches: 3,
         updates: 10,
         discount: 0.99,
-        lambda: 0.95,
+        lambda: 0.95.into(),
         normalise_observation: false,
         network: hidden(16, 0.5),
         critic: hidden(16, 1.0),
@@ -209,7 +209,7 @@ fn learnt_value(make: &dyn Fn(&EnvConfig) -> Result<Env>, updates: usize, as_dea
             for k in 0..ppo.rollout.terminated.len() {
                 ppo.rollout.terminated[k] |= ppo.rollout.truncated[k];
             }
-            let (discount, lambda) = (ppo.config.discount, ppo.config.lambda);
+            let (discount, lambda) = (ppo.config.discount, ppo.config.lambda.at(0.0));
             for mut part in ppo.rollout.parts([16, 16, 8].into_iter()) {
                 part.judge(discount, lambda).unwrap();
             }
@@ -586,6 +586,7 @@ fn settings_survive_their_text_and_what_cannot_be_meant_is_named() {
         ("clip_epsilon = 0.0", "clip_epsilon is 0"),
         ("huber = nan", "huber is NaN"),
         ("lambda = 1.5", "lambda is 1.5"),
+        ("lambda = { kind = 'linear', from = 0.9, to = 1.1 }", "lambda is 1.1"),
         ("log_std = 9.0", "log_std is 9"),
         ("target_kl = -1.0", "target_kl is -1"),
         ("target_kl = { kind = 'linear', from = 0.01, to = 0.0 }", "target_kl is 0"),
