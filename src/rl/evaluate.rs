@@ -86,7 +86,10 @@ mod tests {
         let (told, steps) = fly(&short(), 1);
         assert_eq!((told.n_episode, steps), (70, 40));
         assert!(told.length > 5.0 && told.return_mean.is_finite());
-        assert_eq!(fly(&EnvConfig { seed: 9, n_env: 3, first_environment: 7, truncate_after: 0, ..short() }, 2), (told, 40));
+        assert_eq!(
+            fly(&EnvConfig { seed: 9, n_env: 3, first_environment: 7, truncate_after: 0, ..short() }, 2),
+            (told, 40)
+        );
     }
 
     #[test]

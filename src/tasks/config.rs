@@ -212,7 +212,13 @@ impl EnvConfig {
 
     /// The names of its settings.
     pub fn keys() -> Vec<String> {
-        let whole = Self { randomise: Some(Vec::new()), sensor: Some(Vec::new()), residual: 1.0, truncate_after: 1, ..Self::default() };
+        let whole = Self {
+            randomise: Some(Vec::new()),
+            sensor: Some(Vec::new()),
+            residual: 1.0,
+            truncate_after: 1,
+            ..Self::default()
+        };
         let told = toml::Table::try_from(whole).unwrap_or_default();
         told.keys().cloned().chain(["own_vehicle".into()]).collect()
     }

@@ -351,7 +351,7 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("train Hover --threads 0", "number of threads is 0"),
         ("train Hover --seed 18446744073709551615", "over the limit of 9223372036854775807"),
         (
-            "train Formation --algo ppo --set env.task.reward_shape=0 --set env.task.reward_place=0 \
+            "train Formation --algo ppo --set curriculum.good=return --set env.task.reward_shape=0 --set env.task.reward_place=0 \
              --set env.task.reward_heading=0 --set env.task.reward_center=0",
             "curriculum.good is return, up to 0",
         ),
