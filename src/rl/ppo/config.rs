@@ -182,7 +182,10 @@ impl PpoConfig {
             ("lambda", self.lambda),
             ("critic_learning_rate", self.critic_learning_rate),
             ("entropy", self.entropy),
-        ] {
+        ]
+        .into_iter()
+        .chain(self.target_kl.map(|target| ("target_kl", target)))
+        {
             schedule.validate(what)?;
         }
         ValueNorm::new(self.value_beta)?;

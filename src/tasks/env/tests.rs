@@ -58,7 +58,7 @@ fn episodes_truncated_at_random_have_their_mean_and_the_horizon_as_their_limit()
         }
         assert!(lengths.iter().min() == Some(&least) && lengths.iter().max() == Some(&most), "{lengths:?}");
         let measured = lengths.iter().sum::<i32>() as f64 / lengths.len() as f64;
-        assert!((measured / mean - 1.0).abs() < 0.03, "{measured} of {mean}"); // 0.6 %
+        assert!((measured / mean - 1.0).abs() < 0.03, "{measured} of {mean}"); // 16 000 lengths: a standard error of 0.8 %
     }
 }
 
