@@ -122,8 +122,11 @@ fn bench_of_a_task_compares_batches_with_one_environment() {
     assert!(groups.contains(&"rotor, RK4") && groups.contains(&"rate, RK4"), "{groups:?}");
     let of = |name: &str| rows.iter().find(|r| r["name"] == name).unwrap_or_else(|| panic!("{name}\n{told}"));
     assert_eq!(of("physics of one in a plain loop, f64")["ratio"], 1.0);
-    assert!(of("one environment in a loop")["ratio"].as_f64().is_some_and(|r| r > 0.0));
-    assert!(of("256 environments, 1 thread")["ratio"].as_f64().is_some_and(|r| r > 2.0), "{told}");
+    let ratio = |name: &str| of(name)["ratio"].as_f64().expect("a ratio");
+    let (alone, batch) = (ratio("one environment in a loop"), ratio("256 environments, 1 thread"));
+    // of builds for tests, which vectorise less: 10.4 to 11.4 and 2.2 to 2.4 on a quiet machine, 9.9 and 1.7 beside a
+    // test that loads the other core
+    assert!(alone > 0.0 && batch / alone > 5.0 && batch > 1.0, "{told}");
     assert!(of("memory of an environment")["value"].as_f64().is_some_and(|b| b > 100.0));
     assert!(of("steps that end an episode")["value"].as_f64().is_some_and(|s| (0.0..20.0).contains(&s)));
     assert!(size(folder.path(), "out/bench/Hover.png") > 1000);
