@@ -55,11 +55,7 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
             let config = PpoConfig { team: Team::Sequential, ..ppo };
             Box::new(Ppo::new("OverHover", &env, config, 3, threads).unwrap())
         }
-        "dagger" => {
-            let config =
-                DaggerConfig { n_env: 40, shard: 16, steps: 8, updates: 20, minibatches: 2, ..DaggerConfig::default() };
-            Box::new(Dagger::with(&|own| Env::make(HOVER, own), &env, config, 3, threads).unwrap())
-        }
+        "dagger" => Box::new(imitator(&env, threads)),
         "rma" => Box::new(taught(&env, threads)),
         "sac" => Box::new(Sac::with(&|own| Env::make(HOVER, own), &env, kept(), 3, threads).unwrap()),
         "td3" => Box::new(Td3::with(&|own| Env::make(HOVER, own), &env, kept(), 3, threads).unwrap()),
@@ -77,6 +73,26 @@ fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
             Box::new(Shac::new(HOVER, &env, config, 3, threads).unwrap())
         }
     }
+}
+
+/// Who does as our controller does.
+fn imitator(env: &EnvConfig, threads: Threads) -> Dagger {
+    let config =
+        DaggerConfig { n_env: 40, shard: 16, steps: 8, updates: 20, minibatches: 2, ..DaggerConfig::default() };
+    Dagger::with(&|own| Env::make(HOVER, own), env, config, 3, threads).unwrap()
+}
+
+/// Teachers are flown from the start of episodes on, wherever learners by rewards would begin and be cut.
+#[test]
+fn imitation_flies_whole_episodes() {
+    let learnt = |env: EnvConfig| {
+        let mut learner = imitator(&env, threads(1));
+        (0..3).for_each(|_| drop(learner.update().unwrap()));
+        learner.policy().unwrap().parameters().to_vec()
+    };
+    let whole = env_of_masses().whole_episodes();
+    let cut = EnvConfig { stagger: true, truncate_after: 2, ..whole.clone() };
+    assert!(learnt(whole) == learnt(cut));
 }
 
 /// A history that learns to say what a random encoder of the masses says.
