@@ -125,8 +125,9 @@ fn bench_of_a_task_compares_batches_with_one_environment() {
     let ratio = |name: &str| of(name)["ratio"].as_f64().expect("a ratio");
     let (alone, batch) = (ratio("one environment in a loop"), ratio("256 environments, 1 thread"));
     // of builds for tests, which vectorise less: 10.4 to 11.4 and 2.2 to 2.4 on a quiet machine, 9.9 and 1.7 beside a
-    // test that loads the other core
-    assert!(alone > 0.0 && batch / alone > 5.0 && batch > 1.0, "{told}");
+    // test that loads the other core; of release builds the second is 3.6 to 4.6
+    let least = if cfg!(debug_assertions) { 1.0 } else { 2.0 };
+    assert!(alone > 0.0 && batch / alone > 5.0 && batch > least, "{told}");
     assert!(of("memory of an environment")["value"].as_f64().is_some_and(|b| b > 100.0));
     assert!(of("steps that end an episode")["value"].as_f64().is_some_and(|s| (0.0..20.0).contains(&s)));
     assert!(size(folder.path(), "out/bench/Hover.png") > 1000);
