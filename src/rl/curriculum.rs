@@ -6,6 +6,7 @@
 //! if fewer than [`Curriculum::lower`] did; or their mean return, as a share of the largest, is what is compared
 //! ([`GoodEpisode::Return`]), where episodes last long before they are flown well. It never falls behind a line from
 //! [`Curriculum::from`] at the start to 1 at [`Curriculum::full`] of the run, so that every run ends on the task itself.
+//! [`EnvConfig::easier`](crate::tasks::EnvConfig::easier) mixes easier episodes in.
 //! (Akkaya et al. 2019 move the ranges of randomisation by such thresholds; Rudin et al. 2022 the terrain.)
 
 use super::checkpoint::Tensors;

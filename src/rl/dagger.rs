@@ -279,7 +279,7 @@ impl Dagger {
     /// a run's; [`Error::Limit`] for rows beyond [`EnvConfig::memory_limit`].
     pub fn with(make: &Make<'_>, env: &EnvConfig, config: DaggerConfig, seed: u64, threads: Threads) -> Result<Self> {
         config.validate()?;
-        let env = EnvConfig { n_env: config.n_env, seed, ..env.clone().whole_episodes() };
+        let env = EnvConfig { n_env: config.n_env, seed, easier: env.easier, ..env.clone().whole_episodes() };
         let rows = |spec: &Spec| config.n_env as u128 * spec.n_agent as u128 * config.steps as u128;
         let shards = shards_if(make, &env, config.shard, |first, _| {
             let spec = first.spec();

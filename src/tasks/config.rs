@@ -121,6 +121,10 @@ pub struct EnvConfig {
     pub sensor: Option<Vec<SensorConfig>>,
     /// Share of it, 0 to 1: where a curriculum begins.
     pub difficulty: f64,
+    /// Share of the episodes whose difficulty is drawn, uniformly between 0 and [`difficulty`](Self::difficulty); the others have
+    /// that one. Where hard episodes end early, a learner whose difficulty rises goes on seeing how good ones go on.
+    #[serde(skip_serializing_if = "is_default")]
+    pub easier: f64,
     /// Beyond which a simulation has exploded.
     pub bounds: Bounds,
     /// What a done environment does.
@@ -168,6 +172,7 @@ impl Default for EnvConfig {
             randomise: None,
             sensor: None,
             difficulty: 1.0,
+            easier: 0.0,
             bounds: Bounds::default(),
             autoreset: Autoreset::SameStep,
             stagger: false,
@@ -217,6 +222,7 @@ impl EnvConfig {
             sensor: Some(Vec::new()),
             residual: 1.0,
             truncate_after: 1,
+            easier: 1.0,
             ..Self::default()
         };
         let told = toml::Table::try_from(whole).unwrap_or_default();
@@ -233,11 +239,11 @@ impl EnvConfig {
         self.sensor.as_deref().unwrap_or_default()
     }
 
-    /// The same with episodes that are flown from their start to their end: neither [`stagger`](Self::stagger) nor
-    /// [`truncate_after`](Self::truncate_after), which are for learners.
+    /// The same with episodes that are flown from their start to their end and none of them made easier: without
+    /// [`stagger`](Self::stagger), [`truncate_after`](Self::truncate_after) and [`easier`](Self::easier), which are for learners.
     #[must_use]
     pub fn whole_episodes(self) -> Self {
-        Self { stagger: false, truncate_after: 0, ..self }
+        Self { stagger: false, truncate_after: 0, easier: 0.0, ..self }
     }
 
     /// Checks every number but the size of the batch, which needs the task.
@@ -265,6 +271,10 @@ impl EnvConfig {
             return Err(Error::limit("actions.levels", levels, "2 to 1024", "Use continuous actions."));
         }
         check_difficulty(self.difficulty)?;
+        if !(0.0..=1.0).contains(&self.easier) {
+            let remedy = "1 draws the difficulty of every episode, 0 of none.";
+            return Err(Error::value("easier", self.easier, "within [0, 1]", remedy));
+        }
         if !(0.0..=2.0).contains(&self.residual) {
             let remedy = "0 leaves the controller out, 2 reaches every command from every other.";
             return Err(Error::value("residual", self.residual, "within [0, 2]", remedy));

@@ -172,3 +172,35 @@ fn every_setting_of_an_entry_is_a_default_that_a_configuration_may_change() {
     // a list replaces the list
     assert_eq!((own.dt, own.changes().len(), own.task["reset_distance"].as_float()), (0.01, 1, Some(0.7)));
 }
+
+#[test]
+fn a_share_of_the_episodes_is_easier_in_all_that_difficulty_moves() {
+    let text = "n_env = 4000\ntask.start_ease = 0.0\nrandomise = [{ what = 'mass', range = [1.5, 2.0] }]";
+    let usual = EnvConfig::from_toml(text, "starts and masses").unwrap();
+    // how far environments start from the middle, and how much heavier they are than nominal
+    let begun = |config: EnvConfig, resets: usize| -> Vec<[f64; 2]> {
+        let mut env = Env::make("Hover", &config).unwrap();
+        let mut out = Buffers::new(env.spec());
+        (0..resets).for_each(|_| env.reset(None, None, &mut out.out()).unwrap());
+        let nominal = env.robot().parameters()[1];
+        (0..4000)
+            .map(|i| [f64::from(env.state(i).unwrap()[0]), env.parameters(i).unwrap()[1] / nominal - 1.0])
+            .collect()
+    };
+    let mixed = EnvConfig { difficulty: 0.8, easier: 0.4, ..usual.clone() };
+    let shares = |resets: usize| -> Vec<f64> {
+        let both = begun(mixed.clone(), resets).into_iter().zip(begun(usual.clone(), resets));
+        let of_start_and_mass = both.map(|(own, full)| [own[0] / full[0], own[1] / full[1]]);
+        of_start_and_mass.inspect(|[start, mass]| assert!((start - mass).abs() < 1e-5)).map(|[_, mass]| mass).collect()
+    };
+    let first = shares(1);
+    assert!(first.iter().all(|s| (0.0..0.8 + 1e-5).contains(s)));
+    let easier: Vec<f64> = first.iter().copied().filter(|s| *s < 0.8 - 1e-5).collect();
+    let (share, mean) = (easier.len() as f64 / 4000.0, easier.iter().sum::<f64>() / easier.len() as f64);
+    println!("{share:.3} of 0.4 are easier, by {mean:.3} of 0.4");
+    assert!((share - 0.4).abs() < 0.031 && (mean - 0.4).abs() < 0.024); // four standard errors
+    assert!(first != shares(2), "every episode draws its own");
+    assert!(begun(mixed.clone().whole_episodes(), 1) == begun(EnvConfig { easier: 0.0, ..mixed }, 1));
+    let refused = Env::make("Hover", &EnvConfig { easier: 1.5, ..usual }).err().unwrap().to_string();
+    assert!(refused.starts_with("easier is 1.5, but it must be within [0, 1]"), "{refused}");
+}

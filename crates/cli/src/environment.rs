@@ -333,6 +333,7 @@ const KEYS: &[(&str, &str)] = &[
     ("observation", "transforms: history, noise, normalise, privileged"),
     ("randomise", "what differs between episodes"),
     ("difficulty", "share of it, 0 to 1: where a curriculum begins"),
+    ("easier", "share of the episodes whose difficulty is drawn between 0 and that"),
     ("bounds", ""),
     ("autoreset", "same_step, next_step, disabled"),
     ("stagger", "whether first episodes begin anywhere in time"),

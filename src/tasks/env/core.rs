@@ -35,6 +35,8 @@ pub(crate) struct Core {
     pub randomiser: Randomiser,
     /// Share of what makes episodes hard, 0 to 1.
     pub difficulty: f64,
+    /// Share of the episodes that have less.
+    pub easier: f64,
     /// Numbers that vary between environments.
     pub varied: Vec<usize>,
     pub nominal: Vec<f64>,

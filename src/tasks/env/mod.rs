@@ -232,6 +232,7 @@ impl Env {
             pipeline,
             randomiser,
             difficulty: config.difficulty,
+            easier: config.easier,
             varied,
             nominal,
             disturbance_rows,
@@ -312,7 +313,7 @@ impl Env {
 
     /// The curriculum's hook: from the next restarts on, episodes take this share of all randomisation, between the nominal
     /// numbers (0) and the ranges of the configuration (1); tasks see it as [`Start::difficulty`](super::Start::difficulty).
-    /// Saved with the state.
+    /// A share of [`EnvConfig::easier`] has less. Saved with the state.
     ///
     /// # Errors
     /// [`Error::Value`] outside [0, 1].

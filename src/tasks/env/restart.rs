@@ -13,6 +13,7 @@ use crate::tasks::task::{Start, streams};
 const STAGGER: Purpose = Purpose::user(0x57a6);
 const DELAY: Purpose = Purpose::user(0xde1a);
 const TRUNCATE: Purpose = Purpose::user(0x7c07);
+const EASIER: Purpose = Purpose::user(0xea51);
 
 /// Numbers of one environment where an episode begins, a goal changes, or all is ideal.
 #[derive(Debug, Clone)]
@@ -43,9 +44,10 @@ impl Draft {
         core: &'a Core,
         [reset, task, once]: [Stream; 3],
         event_at: f64,
+        difficulty: f64,
     ) -> Start<'a> {
         let Self { state, goal, task_state, numbers } = self;
-        let (robot, goal, difficulty) = (core.robot(), Goal::over(goal), core.difficulty);
+        let (robot, goal) = (core.robot(), Goal::over(goal));
         Start { robot, state, goal, task_state, numbers, reset, task, once, event_at, difficulty }
     }
 }
@@ -75,12 +77,12 @@ impl Stepper<'_> {
     fn restart(&mut self, lane: usize) {
         self.block.episode[lane] = self.block.episode[lane].wrapping_add(1);
         let (core, key) = (self.core, self.key(lane));
-        let (block, draft) = (&mut *self.block, &mut self.work.draft);
+        let (block, draft, difficulty) = (&mut *self.block, &mut self.work.draft, core.difficulty_of(key));
         draft.clear(core);
-        let mut start = draft.start(core, streams(key[0], key[1], key[2]), f64::INFINITY);
+        let mut start = draft.start(core, streams(key[0], key[1], key[2]), f64::INFINITY, difficulty);
         core.engine.start(&mut start);
         let (event_at, mut wind) = (start.event_at, [0.0; 3]);
-        core.randomiser.apply(key, core.difficulty, &mut draft.numbers, &mut wind);
+        core.randomiser.apply(key, difficulty, &mut draft.numbers, &mut wind);
         core.randomiser.hover(core.robot().rest(), &draft.numbers, &mut draft.state);
         for row in &mut block.episode_state {
             row[lane] = 0.0;
@@ -121,7 +123,8 @@ impl Stepper<'_> {
 
     /// A task's event in one lane: its goal may change, its task state, and the numbers that vary.
     pub(crate) fn event(&mut self, lane: usize) {
-        let (core, [seed, environment, episode]) = (self.core, self.key(lane));
+        let (core, key) = (self.core, self.key(lane));
+        let [seed, environment, episode] = key;
         let (block, draft) = (&mut *self.block, &mut self.work.draft);
         let step = block.episode_state[episode_state::STEP][lane];
         // an event draws far fewer than 256 words
@@ -135,7 +138,7 @@ impl Stepper<'_> {
         }
         let streams = [Purpose::user(0x0e11), Purpose::DISTURBANCE, Purpose::user(0x0e12)].map(stream);
         // the step count, for tasks that say when the next one comes
-        let mut start = draft.start(core, streams, f64::from(step));
+        let mut start = draft.start(core, streams, f64::from(step), core.difficulty_of(key));
         core.engine.event(&mut start);
         let next = start.event_at;
         block.episode_state[episode_state::EVENT][lane] =
@@ -175,6 +178,14 @@ impl Core {
         let more = 1.0 - Stream::new(seed, environment, episode, TRUNCATE).unit();
         let drawn = (more.ln() / (-1.0 / self.truncate_after as f64).ln_1p()).ceil();
         drawn.clamp(1.0, f64::from(left)) as f32
+    }
+
+    /// Difficulty of an episode: d min(1, u / s) with u uniform in [0, 1), for a share s of easier ones.
+    fn difficulty_of(&self, [seed, environment, episode]: [u64; 3]) -> f64 {
+        if self.easier == 0.0 {
+            return self.difficulty;
+        }
+        self.difficulty * (Stream::new(seed, environment, episode, EASIER).unit() / self.easier).min(1.0)
     }
 
     /// Steps of delay of an episode.

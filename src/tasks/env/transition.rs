@@ -166,8 +166,7 @@ pub(crate) fn config_hash(name: &str, config: &EnvConfig, varied: &[usize]) -> u
 /// What a task calls ideal.
 pub(crate) fn ideal<T: Task>(task: &T, core: &Core) -> Draft {
     let mut own = Draft::new(core);
-    let mut start = own.start(core, streams(0, 0, 0), f64::INFINITY);
-    start.difficulty = 1.0;
+    let mut start = own.start(core, streams(0, 0, 0), f64::INFINITY, 1.0);
     task.ideal(&mut start);
     own
 }
