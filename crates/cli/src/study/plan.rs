@@ -156,6 +156,7 @@ fn check<'a>(kind: &'static str, asked: &[String], known: impl Iterator<Item = &
 #[cfg(test)]
 mod tests {
     use super::*;
+    use omnidrones::controllers::cascade::Level;
 
     #[test]
     fn every_row_of_every_study_has_settings_and_a_name_of_its_own() {
@@ -174,6 +175,15 @@ mod tests {
                 assert!(!claim.parts.is_empty() && claim.parts.iter().all(all), "{}", claim.says);
             }
         }
+    }
+
+    #[test]
+    fn velocities_that_rows_of_track_command_reach_those_of_its_path() {
+        let cells = Plan::by_name("paper").unwrap().cells(&["Track".into()], &[], 1.0).unwrap();
+        let commanded = cells.iter().map(|cell| &cell.config.env).filter(|env| env.control == Level::Velocity);
+        let most: Vec<f64> = commanded.map(|env| env.action_scale.velocity).collect();
+        // the lemniscate's largest scale by its largest rate; at 1 m/s no flight reached its end
+        assert!(!most.is_empty() && most.iter().all(|most| *most >= 3.2 * 1.1), "{most:?}");
     }
 
     #[test]
