@@ -827,7 +827,7 @@ impl BlockSweep {
         self.pull_readings(a, slot, n);
         let seeds = &mut self.arguments[p.n_argument()..];
         let live = slot.running;
-        for lane in lanes_of(!live) {
+        for lane in lanes_of(!live).take_while(|lane| *lane < n) {
             seeds.iter_mut().for_each(|row| row[lane] = 0.0);
         }
         a.program.evaluate_lanes(n, &mut self.workspace, &self.arguments, &mut self.results);
