@@ -1,6 +1,7 @@
 //! Sums of arrays and exponentials in lanes, number by number: the same bits in registers of any width.
 
 use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use crate::autodiff::unrolled::unrolled;
 
 /// sum ← sum + x.
 pub(crate) fn add(sum: &mut [f32], x: &[f32]) {
@@ -111,19 +112,10 @@ struct AddRows<'a> {
 impl Kernel for AddRows<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: Lanes>(mut self) {
+        let mut column = self.panels::<L, 4>(0);
+        column = self.panels::<L, 1>(column);
         let Self { sum, x, width } = self;
-        let mut column = 0;
-        while column + L::WIDTH <= width {
-            let mut own = L::load(&sum[column..]);
-            let mut at = column;
-            while at < x.len() {
-                own += L::load(&x[at..]);
-                at += width;
-            }
-            own.store(&mut sum[column..]);
-            column += L::WIDTH;
-        }
         while column < width {
             let mut at = column;
             while at < x.len() {
@@ -132,6 +124,32 @@ impl Kernel for AddRows<'_> {
             }
             column += 1;
         }
+    }
+}
+
+impl AddRows<'_> {
+    /// `N` registers of columns from `column` on while they fit, side by side so that no sum waits for the one before; the
+    /// next column.
+    #[inline(always)]
+    fn panels<L: Lanes, const N: usize>(&mut self, mut column: usize) -> usize {
+        let panel = N * L::WIDTH;
+        while column + panel <= self.width {
+            let mut own = [L::zero(); N];
+            unrolled!(j in 0..N {
+                own[j] = L::load(&self.sum[column + j * L::WIDTH..]);
+            });
+            for row in self.x.chunks_exact(self.width) {
+                let row = &row[column..column + panel];
+                unrolled!(j in 0..N {
+                    own[j] += L::load(&row[j * L::WIDTH..]);
+                });
+            }
+            unrolled!(j in 0..N {
+                own[j].store(&mut self.sum[column + j * L::WIDTH..]);
+            });
+            column += panel;
+        }
+        column
     }
 }
 

@@ -87,17 +87,17 @@ impl Product<'_> {
     #[inline(always)]
     fn tiles<L: Lanes, const M: usize, const N: usize>(&mut self, mut i: usize, column: usize) -> usize {
         while i + M <= self.m {
-            let (b, c) = (&self.b[column..], &mut self.c[i * self.n + column..]);
+            let (b, c, k, n) = (&self.b[..self.k * self.n], &mut self.c[i * self.n + column..], self.k, self.n);
             let begin = match self.begin {
                 Begin::With(row) => Begin::With(&row[column..]),
                 other => other,
             };
             match self.a {
                 Left::Rows(a, stride) => {
-                    RowTile::<M, N> { a: &a[i * stride..], stride, b, begin, c, k: self.k, n: self.n }.outlined::<L>();
+                    RowTile::<M, N> { a: &a[i * stride..], stride, b, column, begin, c, k, n }.outlined::<L>();
                 }
                 Left::Columns(a, stride) => {
-                    ColumnTile::<M, N> { a: &a[i..], stride, b, begin, c, k: self.k, n: self.n }.outlined::<L>();
+                    ColumnTile::<M, N> { a: &a[..k * stride], stride, i, b, column, begin, c, n }.outlined::<L>();
                 }
             }
             i += M;
@@ -106,11 +106,13 @@ impl Product<'_> {
     }
 }
 
-/// M rows by N registers of C; every slice begins at the tile.
+/// M rows by N registers of C, whose slice begins at the tile, as that of A does. B is whole: rows of one length need no
+/// check each.
 struct RowTile<'a, const M: usize, const N: usize> {
     a: &'a [f32],
     stride: usize,
     b: &'a [f32],
+    column: usize,
     begin: Begin<'a>,
     c: &'a mut [f32],
     k: usize,
@@ -126,8 +128,8 @@ impl<const M: usize, const N: usize> Kernel for RowTile<'_, M, N> {
         unrolled!(r in 0..M {
             rows[r] = &self.a[r * self.stride..][..self.k];
         });
-        for (at, b) in self.b.chunks(self.n).take(self.k).enumerate() {
-            let x = registers::<L, N>(b);
+        for (at, b) in self.b.chunks_exact(self.n).take(self.k).enumerate() {
+            let x = registers::<L, N>(&b[self.column..]);
             unrolled!(r in 0..M {
                 let own = broadcast::<L>(rows[r][at]);
                 unrolled!(j in 0..N {
@@ -139,14 +141,15 @@ impl<const M: usize, const N: usize> Kernel for RowTile<'_, M, N> {
     }
 }
 
-/// As [`RowTile`], of a transposed A.
+/// As [`RowTile`], of a transposed A, whole too: rows of C from `i` on.
 struct ColumnTile<'a, const M: usize, const N: usize> {
     a: &'a [f32],
     stride: usize,
+    i: usize,
     b: &'a [f32],
+    column: usize,
     begin: Begin<'a>,
     c: &'a mut [f32],
-    k: usize,
     n: usize,
 }
 
@@ -155,8 +158,8 @@ impl<const M: usize, const N: usize> Kernel for ColumnTile<'_, M, N> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let mut sums = first::<L, M, N>(self.begin, self.c, self.n);
-        for (a, b) in self.a.chunks(self.stride).zip(self.b.chunks(self.n)).take(self.k) {
-            let (own, x) = (&a[..M], registers::<L, N>(b));
+        for (a, b) in self.a.chunks_exact(self.stride).zip(self.b.chunks_exact(self.n)) {
+            let (own, x) = (&a[self.i..self.i + M], registers::<L, N>(&b[self.column..]));
             unrolled!(r in 0..M {
                 let own = broadcast::<L>(own[r]);
                 unrolled!(j in 0..N {
