@@ -17,7 +17,7 @@ use std::f64::consts::{FRAC_PI_3, PI};
 pub struct ActionScale {
     /// Offset of the target from the present position in position mode, per axis, m. Default 1.
     pub position: f64,
-    /// Velocity per axis, m/s. Default 1, as in the paper.
+    /// Velocity per axis, m/s. Default 1, as in the paper; the path of Track runs at up to 3.5 m/s, beyond what that commands.
     pub velocity: f64,
     /// Yaw in velocity and position mode, rad. Default π, as in the paper.
     pub yaw: f64,

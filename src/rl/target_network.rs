@@ -42,7 +42,7 @@ pub fn check_targets(discount: f64, tau: f64, max_grad_norm: f64, huber: f64) ->
         return Err(Error::value("discount", discount, "within [0, 1)", "0.98 to 0.995 are usual."));
     }
     if !(tau > 0.0 && tau <= 1.0) {
-        return Err(Error::value("tau", tau, "within (0, 1]", "0.005 to 0.05 are usual."));
+        return Err(Error::value("tau", tau, "within (0, 1]", "0.002 to 0.05 are usual."));
     }
     for (what, x) in [("max_grad_norm", max_grad_norm), ("huber", huber)] {
         if x.is_nan() || x <= 0.0 {
