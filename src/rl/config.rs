@@ -698,10 +698,14 @@ mod tests {
             "seed = -1",
             "seed = 1e300",
         ] {
-            let begun = Instant::now();
-            let refused = hover(text).and_then(|c| c.learner("Hover", &Threads::new(1)?).map(drop));
-            let took = begun.elapsed();
-            assert!(refused.is_err(), "{text}");
+            // the quickest of five: a scheduler that gives the processor to others takes longer than what is measured
+            let tries = (0..5).map(|_| {
+                let begun = Instant::now();
+                let refused = hover(text).and_then(|c| c.learner("Hover", &Threads::new(1)?).map(drop));
+                assert!(refused.is_err(), "{text}");
+                begun.elapsed()
+            });
+            let took = tries.min().unwrap();
             assert!(took < Duration::from_millis(10), "{text}: {took:?}"); // 0.34 ms
         }
     }
