@@ -146,6 +146,12 @@ fn settings_of(variant: Option<&Variant>) -> Result<Table> {
     variant.map_or_else(|| Ok(Table::new()), |own| Ok(Layer::of_text(own.settings, own.name)?.table().clone()))
 }
 
+/// What a recipe of a task sets, if it has that one.
+fn table_of(task: &str, recipe: Option<(&str, &str)>) -> Result<Table> {
+    let text = recipe.map_or("", |(_, text)| text);
+    Ok(Layer::of_text(text, &format!("recipe of {task}"))?.table().clone())
+}
+
 /// Most environments of an evaluation.
 const MAX_EVALUATED: usize = 1 << 20;
 /// Most checkpoints kept.
@@ -176,21 +182,16 @@ impl TrainConfig {
         let asked = algorithm.or(named);
         let variant = asked.and_then(algorithm::variant);
         let algorithm = asked.map(|name| algorithm::by_name(algorithm::base(name))).transpose()?;
-        let of_variant = variant.and_then(|own| recipe(task, Some(own.name)));
-        let own_recipe = of_variant.is_some();
-        let known = of_variant.or_else(|| recipe(task, algorithm.as_ref().map(|own| own.name())));
-        let (usual, text) = known.unwrap_or((USUAL, ""));
-        let own = algorithm.map_or_else(|| algorithm::by_name(usual), Ok)?;
+        let known = recipe(task, algorithm.as_ref().map(|own| own.name()));
+        let own = algorithm.map_or_else(|| algorithm::by_name(known.map_or(USUAL, |(usual, _)| usual)), Ok)?;
         let mut base = Self::every_table()?;
         merge(&mut base, layers::at("env", Value::Table(entry.default_table()?)));
         let every = i64::try_from(own.evaluate_every()).unwrap_or(i64::MAX);
         merge(&mut base, layers::at("evaluate.every", every.into()));
-        let recipe = Layer::of_text(text, &format!("recipe of {task}"))?.table().clone();
-        let of_variant_itself = settings_of(variant)?;
-        // a variant goes over the recipe of what it is a variant of, and its own recipe goes over it
-        let (first, then) = if own_recipe { (of_variant_itself, recipe) } else { (recipe, of_variant_itself) };
-        merge(&mut base, first);
-        merge(&mut base, then);
+        // a variant goes over the recipe of what it is a variant of, and its own recipe goes over both
+        merge(&mut base, table_of(task, known)?);
+        merge(&mut base, settings_of(variant)?);
+        merge(&mut base, table_of(task, variant.and_then(|own| recipe(task, Some(own.name))))?);
         if user.iter().any(|layer| layer.table().contains_key("from")) {
             base.remove("from_settings");
         }
@@ -554,6 +555,24 @@ mod tests {
         let usual = ApgConfig::default().n_env;
         assert_ne!(apg(&of("OmavHover", "")).n_env, usual);
         assert_eq!(apg(&of("OmavHover", &format!("apg.n_env = {usual}"))).n_env, usual);
+    }
+
+    #[test]
+    fn a_recipe_of_a_variant_goes_over_that_of_its_algorithm_and_a_user_over_both() {
+        let of = |name, user: &str| {
+            let config = TrainConfig::for_task("Hover", Some(name), Some((user, "my.toml"))).unwrap();
+            let text: Table = toml::from_str(&config.to_toml().unwrap()).unwrap();
+            let dqn = text["dqn"].as_table().unwrap().clone();
+            (
+                dqn["tau"].as_float().unwrap(),
+                dqn["quantiles"].as_integer().unwrap(),
+                dqn["updates"].as_integer().unwrap(),
+            )
+        };
+        assert_eq!(of("dqn", ""), (0.002, 16, 1500));
+        assert_eq!(of("vdn", ""), (0.002, 1, 1500));
+        assert_eq!(of("qmix", ""), (0.001, 1, 1500));
+        assert_eq!(of("qmix", "dqn.tau = 0.01"), (0.01, 1, 1500));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Settings that are known to train a task: one file per task and algorithm in `recipes/`, with a line of why.
 //!
-//! A recipe is TOML over the defaults of [`TrainConfig`](super::config::TrainConfig); a user's file goes over the recipe.
+//! A recipe is TOML over the defaults of [`TrainConfig`](super::config::TrainConfig); a user's file goes over the recipe. That
+//! of a [variant](super::algorithm::VARIANTS) goes over the variant's settings, which go over the recipe of its algorithm.
 //! Where a pair of task and algorithm has none, the defaults hold.
 
 use super::config::USUAL;
@@ -19,6 +20,7 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("hover.sac"),
     file!("hover.td3"),
     file!("hover.dqn"),
+    file!("hover.qmix"),
     file!("track.apg"),
     file!("track.ppo"),
     file!("hover_rand.apg"),
