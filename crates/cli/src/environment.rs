@@ -254,8 +254,10 @@ pub fn place(key: &str, task: Option<&Entry>) -> Result<String> {
             let own = task.map(settings_of).transpose()?;
             match own {
                 Some(own) if !has(&own) => {
-                    let known = own.into_iter().chain(env).chain(run).collect();
-                    Err(Error::Unknown { kind: "setting", name: key.into(), known })
+                    let mut known: Vec<String> = own.into_iter().chain(env).chain(run).collect();
+                    known.sort();
+                    known.dedup();
+                    Err(Error::Unknown { kind: "setting", name: first.into(), known })
                 }
                 _ => Ok(format!("env.task.{key}")),
             }
@@ -476,5 +478,15 @@ mod tests {
         assert_eq!(setting("n_drone=6"), Ok(("n_drone".into(), toml::Value::Integer(6))));
         assert_eq!(setting("formation=hexagon"), Ok(("formation".into(), "hexagon".into())));
         assert!(setting("=3").is_err());
+    }
+
+    #[test]
+    fn an_unknown_setting_names_the_part_that_is_unknown_and_each_known_one_once() {
+        let hover = omnidrones::tasks::registry::by_name("Hover").unwrap();
+        let Error::Unknown { name, known, .. } = place("envv.control", Some(hover)).unwrap_err() else {
+            panic!("it is known");
+        };
+        assert_eq!(name, "envv");
+        assert!(known.iter().any(|key| key == "env") && known.is_sorted_by(|a, b| a < b), "{known:?}");
     }
 }
