@@ -162,3 +162,23 @@ impl Kind for Temperature {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// ln α goes down ln α · (H − H̄), by its rate times the entropy that is too much.
+    #[test]
+    fn the_temperature_falls_where_the_policy_is_more_random_than_asked_and_rises_where_less() {
+        let exploration = Entropy { target: -1.0, temperature: 0.2, learning_rate: 0.01 };
+        for (log_prob, too_much) in [(-0.5, 2.5), (2.0, 0.0), (3.0, -1.0)] {
+            let mut own = exploration.kind(2);
+            own.adapt(log_prob);
+            let wanted = 0.2 * f64::exp(-0.01 * too_much);
+            assert!((own.alpha() - wanted).abs() < 1e-12, "{log_prob}: {} {wanted}", own.alpha());
+        }
+        let mut own = exploration.kind(2);
+        own.adapt(f64::NAN);
+        assert_eq!(own, exploration.kind(2), "what is not finite moves nothing");
+    }
+}

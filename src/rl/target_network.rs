@@ -134,3 +134,27 @@ impl NetWithTarget {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rl::nn::{Activation, Layers, Mlp};
+    use crate::rng::Purpose;
+
+    /// θ̄ ← θ̄ + τ (θ − θ̄): what follows comes nearer, and what learns is not drawn to it.
+    #[test]
+    fn what_follows_goes_a_share_of_the_way_and_what_learns_stays() {
+        let mlp = Mlp::new(2, &Layers { hidden: vec![], ..Layers::default() }, 1, Activation::Identity).unwrap();
+        let mut stream = Stream::new(1, 0, 0, Purpose::LEARNING);
+        let mut net = NetWithTarget::new(&mlp, AdamConfig::default(), true, &mut stream);
+        assert_eq!(net.following, net.parameters);
+        let (learnt, nothing) = (vec![1.0, -2.0, 4.0], vec![0.0; 3]);
+        net.parameters.clone_from(&learnt);
+        net.following.fill(0.0);
+        for share in [0.25, 0.4375] {
+            net.descend(&mlp, [&nothing[..]].into_iter(), Stride { clip: 1.0, rate: 0.1, tau: 0.25 });
+            assert_eq!(net.parameters, learnt);
+            assert_eq!(net.following, learnt.iter().map(|x| share * x).collect::<Vec<f32>>());
+        }
+    }
+}

@@ -106,31 +106,94 @@ fn gradients_of_actor_and_critics_are_those_of_differences_alone_and_in_teams() 
     check_gradients("OverHover", Td3Config { central_critic: true, ..small() }, 0.0);
 }
 
-/// y = r + γ Q̄(o', π̄(o')) by one row at a time, for steps that go on and that end.
-#[test]
-fn targets_are_what_a_row_by_itself_is_worth() {
-    let exploration = ActionNoise { target_noise: 0.0, ..ActionNoise::default() };
-    let mut own = of("Hover", Td3Config { exploration, critics: 2, ..small() }, 1);
+/// y = r + γᵏ (minᵢ Q̄ᵢ(o', a') + b) by one row at a time, for steps that go on and that end; `next` writes a' and gives b.
+fn check_targets<E: Exploration>(
+    task: &str,
+    config: ActorCriticConfig<E>,
+    next: impl Fn(&[f32], &mut Stream, &mut [f32]) -> f64,
+) {
+    let mut own = of(task, ActorCriticConfig { critics: 2, ..config }, 1);
     (0..18).for_each(|_| drop(own.update().unwrap()));
     own.judge(0.0);
-    let (mut actor, mut critic) = (own.shapes.actor.memory(1), own.shapes.critic.memory(1));
-    let (n, unit, mut ended) = (own.shapes.widths.n_observation, own.norm.unit(), 0);
-    for work in &own.work {
-        for k in 0..work.block.rows {
-            let next = &work.block.next[k * n..][..n];
-            let action = own.shapes.actor.forward(&own.actor.following, next, 1, &mut actor).row(0).to_vec();
-            let x = [next.to_vec(), action].concat();
-            let said = |net: &NetWithTarget, memory: &mut Memory| {
-                own.shapes.critic.forward(&net.following, &x, 1, memory).row(0)[0]
-            };
-            let least = own.critics.iter().map(|net| said(net, &mut critic)).fold(f32::INFINITY, f32::min);
-            let wanted = work.block.reward[k] + work.block.discount[k] * unit.denormalise(least);
-            let got = unit.denormalise(work.target[k]);
-            assert!((got - wanted).abs() < 1e-4, "{got} {wanted}");
-            ended += usize::from(work.block.discount[k] == 0.0);
+    let ActorCritic { kind, shapes, actor, critics, experience, work, norm, step, .. } = &mut own;
+    let follows = if kind.slow_actor() { &actor.following } else { &actor.parameters };
+    let (mut of_actor, mut of_critic) = (shapes.actor.memory(1), shapes.critic.memory(1));
+    let (n, n_base, unit) = (shapes.widths.n_observation, shapes.n_base, norm.unit());
+    let (mut ended, mut most) = (0, 0.0_f64);
+    for (number, Work { block, target, .. }) in work.iter_mut().enumerate() {
+        // the same rows, and their stream as it was
+        experience.gather(block, (*step, number), 0.0);
+        for k in 0..block.rows {
+            let (mut x, mut added) = (Vec::new(), 0.0);
+            let base = if shapes.widths.n_state > 0 { &block.next_state } else { &block.next };
+            x.extend_from_slice(&base[k * n_base..][..n_base]);
+            for agent in k * shapes.agents..(k + 1) * shapes.agents {
+                let seen = &block.next[agent * n..][..n];
+                let output = shapes.actor.forward(follows, seen, 1, &mut of_actor).row(0).to_vec();
+                let mut action = vec![0.0; shapes.widths.n_action];
+                added += next(&output, &mut block.stream, &mut action);
+                x.extend(action);
+            }
+            let mut said = |net: &NetWithTarget| shapes.critic.forward(&net.following, &x, 1, &mut of_critic).row(0)[0];
+            let least = critics.iter().map(&mut said).fold(f32::INFINITY, f32::min);
+            let later = f64::from(unit.denormalise(least)) + added;
+            let wanted = f64::from(block.reward[k]) + f64::from(block.discount[k]) * later;
+            let got = f64::from(unit.denormalise(target[k]));
+            most = most.max((got - wanted).abs() / (1.0 + wanted.abs()));
+            ended += usize::from(block.discount[k] == 0.0);
         }
     }
-    assert!(ended > 0, "nothing ended");
+    println!("{} on {task}: {most:.1e}, {ended} ended", E::NAME);
+    assert!(most < 1e-4 && ended > 0, "{} on {task}: {most:e}, {ended} ended", E::NAME);
+}
+
+/// SAC adds α times the entropy of what it draws: −α ln π(a'), of a Gaussian behind tanh (Haarnoja et al. 2018, appendix C). TD3
+/// adds nothing, and its slow actor is off by a little (Fujimoto et al. 2018).
+#[test]
+fn targets_are_what_a_row_by_itself_is_worth() {
+    const ALPHA: f64 = 0.3;
+    fn soft(output: &[f32], stream: &mut Stream, action: &mut [f32]) -> f64 {
+        let n = action.len();
+        let mut log_prob = 0.0;
+        for (i, a) in action.iter_mut().enumerate() {
+            let log_std = -5.0 + 3.5 * (1.0 + f64::from(output[n + i]).tanh());
+            let noise = f64::from(stream.normal() as f32);
+            let drawn = (f64::from(output[i]) + log_std.exp() * noise).tanh();
+            *a = drawn as f32;
+            log_prob -= 0.5 * (noise * noise + std::f64::consts::TAU.ln()) + log_std + (1.0 - drawn * drawn).ln();
+        }
+        -ALPHA * log_prob
+    }
+    fn slow(output: &[f32], stream: &mut Stream, action: &mut [f32]) -> f64 {
+        for (a, y) in action.iter_mut().zip(output) {
+            *a = (y + (0.2 * stream.normal() as f32).clamp(-0.3, 0.3)).clamp(-1.0, 1.0);
+        }
+        0.0
+    }
+    let entropy = Entropy { temperature: ALPHA, learning_rate: 0.0, ..Entropy::default() };
+    let noise = ActionNoise { target_noise: 0.2, noise_clip: 0.3, ..ActionNoise::default() };
+    for (task, central_critic) in [("Hover", false), ("OverHover", true)] {
+        check_targets(task, SacConfig { exploration: entropy.clone(), central_critic, ..small() }, soft);
+        check_targets(task, Td3Config { exploration: noise.clone(), central_critic, ..small() }, slow);
+    }
+}
+
+/// Fujimoto et al. 2018, section 5.2.
+#[test]
+fn the_actor_of_td3_and_all_that_follows_wait_for_every_second_step() {
+    let mut own = of("Hover", Td3Config { actor_delay: 2, tau: 0.1, ..small() }, 1);
+    (0..3).for_each(|_| drop(own.update().unwrap()));
+    for _ in 0..4 {
+        let all = |own: &ActorCritic<ActionNoise>| {
+            let critic = &own.critics[0];
+            [&own.actor.parameters, &own.actor.following, &critic.following, &critic.parameters].map(Vec::clone)
+        };
+        let before = all(&own);
+        own.improve(&mut Learnt::default());
+        let climbs = own.step.is_multiple_of(2);
+        let moved: Vec<bool> = before.iter().zip(&all(&own)).map(|(then, now)| then != now).collect();
+        assert_eq!(moved, [climbs, climbs, climbs, true], "step {}", own.step);
+    }
 }
 
 #[test]

@@ -171,6 +171,54 @@ fn double_targets_value_what_the_learnt_network_chooses() {
     }
 }
 
+/// y = r + γᵏ Q̄(s', a') of a team by one row at a time: each agent chooses by the learnt network, target networks say what that is
+/// worth alone and together.
+#[test]
+fn targets_of_a_team_are_what_its_target_networks_say_of_what_its_agents_choose() {
+    for mixer in [Mixer::Sum, QMIX] {
+        let env = EnvConfig { actions: ActionSpace::Discrete { levels: 2 }, ..staggered() };
+        let mut own = of("OverHover", &env, DqnConfig { mixer, tau: 0.05, ..small() }, 1);
+        (0..18).for_each(|_| drop(own.update().unwrap()));
+        descent(&mut own);
+        let Dqn { shapes, net, mixer: of_team, work, norm, .. } = &own;
+        let (values, widths, unit) = (shapes.values, shapes.widths, norm.unit());
+        let (n, agents, n_state) = (widths.n_observation, shapes.agents, widths.n_state);
+        let mut memory = shapes.network.memory(1);
+        let (mut ended, mut most, mut learnt) = (0, 0.0_f32, 0.0_f32);
+        for Work { block, target, .. } in work {
+            for k in 0..block.rows {
+                let mut said = |parameters: &[f32], agent: usize| {
+                    let next = &block.next[(k * agents + agent) * n..][..n];
+                    shapes.network.forward(parameters, next, 1, &mut memory).row(0).to_vec()
+                };
+                let mut worth = |agent: usize| {
+                    let best = values.best(&said(&net.parameters, agent), 0);
+                    values.value(&said(&net.following, agent), 0, best)
+                };
+                let q: Vec<f32> = (0..agents).map(&mut worth).collect();
+                let together = |parameters: fn(&NetWithTarget) -> &[f32]| match (of_team, shapes.mixer()) {
+                    (Some(net), Some(mlp)) => {
+                        let (seen, width) =
+                            if n_state > 0 { (&block.next_state, n_state) } else { (&block.next, agents * n) };
+                        let mut memory = mlp.memory(1);
+                        let weights = mlp.forward(parameters(net), &seen[k * width..][..width], 1, &mut memory);
+                        shapes.mixing.as_ref().unwrap().mix(&q, weights.row(0))
+                    }
+                    _ => q.iter().sum(),
+                };
+                let of = |team: f32| block.reward[k] + block.discount[k] * unit.denormalise(team);
+                let (wanted, got) = (of(together(|net| &net.following)), unit.denormalise(target[k]));
+                most = most.max((wanted - got).abs() / (1.0 + wanted.abs()));
+                learnt = learnt.max((of(together(|net| &net.parameters)) - got).abs());
+                ended += usize::from(block.discount[k] == 0.0);
+            }
+        }
+        println!("{mixer:?}: {most:.1e}, {learnt:.1e} by the mixer that learns, {ended} ended");
+        assert!(most < 1e-3 && ended > 0, "{mixer:?}: {most:e}, {ended} ended");
+        assert!(mixer == Mixer::Sum || learnt > 1e-2, "both mixers say the same");
+    }
+}
+
 #[test]
 fn time_that_runs_out_is_not_death() {
     let config = DqnConfig {
