@@ -188,7 +188,7 @@ fn a_run_with_a_vehicle_of_a_file_needs_the_file_no_more() {
 fn a_run_shorter_than_its_recipe_says_so_and_mappo_is_called_mappo() {
     let folder = temporary();
     let (page, _) = exits(0, folder.path(), &tiny(&["--no-plots", "--no-baseline"]));
-    assert!(page.contains("The recipe trains for 1150 updates"), "{page}");
+    assert!(page.contains("The recipe trains for 1000 updates"), "{page}");
     let small = ["--set", "ppo.n_env=8", "--set", "ppo.steps=4", "--set", "ppo.minibatches=2", "--set", "horizon=10"];
     let rest = ["--set", "evaluate={every=0,envs=4}", "--updates", "1", "--no-plots", "--no-baseline"];
     let (page, _) = exits(0, folder.path(), &[&["train", "OverHover", "--algo", "mappo"][..], &small, &rest].concat());
