@@ -4,19 +4,20 @@ use nalgebra::DVector;
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::rl::actor_critic::{ActorCritic, ActorCriticConfig, Exploration};
+use omnidrones::rl::algorithm;
 use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::dagger::{Dagger, DaggerConfig, Imitate};
 use omnidrones::rl::dqn::{Dqn, DqnConfig, Mixer};
 use omnidrones::rl::nn::{AdamConfig, Encoder, Layers, Recurrence};
 use omnidrones::rl::policy::Actor;
-use omnidrones::rl::ppo::{Ppo, PpoConfig, Team};
+use omnidrones::rl::ppo::{Ppo, PpoConfig};
 use omnidrones::rl::replay::ReplayConfig;
 use omnidrones::rl::sac::{Entropy, Sac, SacConfig};
 use omnidrones::rl::schedule::Schedule;
 use omnidrones::rl::shac::{Shac, ShacConfig};
 use omnidrones::rl::td3::{ActionNoise, Td3, Td3Config};
-use omnidrones::rl::{Learner, Policy};
+use omnidrones::rl::{Learner, Policy, TrainConfig};
 use omnidrones::rng::{Purpose, Stream};
 use omnidrones::tasks::{Autoreset, Baseline, Buffers, Env, EnvConfig, Stage, evaluate};
 use std::time::{Duration, Instant};
@@ -27,53 +28,40 @@ fn threads(n: usize) -> Threads {
     Threads::new(n).unwrap()
 }
 
+const MASSES: &str = "stagger = true\nrandomise = [{ what = 'mass', range = [0.9, 1.1] }]";
+
 /// Critics see the masses.
 fn env_of_masses() -> EnvConfig {
-    let text = "stagger = true\nrandomise = [{ what = 'mass', range = [0.9, 1.1] }]";
-    EnvConfig::from_toml(text, "small").unwrap()
+    EnvConfig::from_toml(MASSES, "small").unwrap()
 }
 
-/// Every algorithm with a budget of a blink.
-fn small(algorithm: &str, n_thread: usize) -> Box<dyn Learner> {
-    let (env, threads) = (env_of_masses(), threads(n_thread));
-    let ppo = PpoConfig { n_env: 40, shard: 16, steps: 8, updates: 20, minibatches: 2, ..PpoConfig::default() };
+/// Every algorithm, and every name for settings of one, with a budget of a blink; teams where it is for teams.
+fn small(name: &str, n_thread: usize) -> Box<dyn Learner> {
+    let (algorithm, memory) = (name.trim_end_matches(WITH_MEMORY), name.ends_with(WITH_MEMORY));
     match algorithm {
-        "apg" => {
-            let config = ApgConfig { n_env: 40, shard: 16, horizon: 8, updates: 20, ..ApgConfig::default() };
-            Box::new(Apg::new(HOVER, &env, config, 3, threads).unwrap())
-        }
-        "ppo" => Box::new(Ppo::new(HOVER, &env, ppo, 3, threads).unwrap()),
-        "ppo with memory" => {
-            let network = Layers { memory: Some(Recurrence::Gru { units: 8, window: 3 }), ..ppo.network.clone() };
-            Box::new(Ppo::new(HOVER, &env, PpoConfig { network, ..ppo }, 3, threads).unwrap())
-        }
-        "mappo" => {
-            let config = PpoConfig { central_critic: true, ..ppo };
-            Box::new(Ppo::new("OverHover", &env, config, 3, threads).unwrap())
-        }
-        "happo" => {
-            let config = PpoConfig { team: Team::Sequential, ..ppo };
-            Box::new(Ppo::new("OverHover", &env, config, 3, threads).unwrap())
-        }
-        "dagger" => Box::new(imitator(&env, threads)),
-        "rma" => Box::new(taught(&env, threads)),
-        "sac" => Box::new(Sac::with(&|own| Env::make(HOVER, own), &env, kept(), 3, threads).unwrap()),
-        "td3" => Box::new(Td3::with(&|own| Env::make(HOVER, own), &env, kept(), 3, threads).unwrap()),
-        "maddpg" => {
-            let config = Td3Config { central_critic: true, ..kept() };
-            Box::new(Td3::with(&|own| Env::make("OverHover", own), &env, config, 3, threads).unwrap())
-        }
-        "dqn" => Box::new(Dqn::with(&|own| Env::make(HOVER, own), &env, values(Mixer::None), 3, threads).unwrap()),
-        "qmix" => {
-            let config = values(Mixer::Monotone { units: 8, hidden: 16 });
-            Box::new(Dqn::with(&|own| Env::make("OverHover", own), &env, config, 3, threads).unwrap())
-        }
-        _ => {
-            let config = ShacConfig { n_env: 40, shard: 16, horizon: 8, updates: 20, ..ShacConfig::default() };
-            Box::new(Shac::new(HOVER, &env, config, 3, threads).unwrap())
-        }
+        "dagger" => return Box::new(imitator(&env_of_masses(), threads(n_thread))),
+        "rma" => return Box::new(taught(&env_of_masses(), threads(n_thread))),
+        _ => (),
     }
+    let own = algorithm::base(algorithm);
+    let budget = match own {
+        "apg" | "shac" => "horizon = 8",
+        "ppo" => "steps = 8\nminibatches = 2",
+        "sac" | "td3" | "dqn" => "gradient_steps = 4\nreplay = { capacity = 4000, learning_starts = 320 }",
+        _ => panic!("say how {own} is made small"),
+    };
+    let memory = if memory { "network.memory = { kind = 'gru', units = 8, window = 3 }" } else { "" };
+    let text = format!("{MASSES}\n[{own}]\nn_env = 40\nshard = 16\nupdates = 20\n{budget}\n{memory}");
+    let alone = !TEAMS.contains(&algorithm);
+    let task = if alone { HOVER } else { "OverHover" };
+    let config = TrainConfig::for_task(task, Some(algorithm), Some((&text, "small"))).unwrap();
+    let make = |own: &EnvConfig| Env::make(task, own);
+    config.algorithm.learner(&make, &config.env, 3, threads(n_thread)).unwrap()
 }
+
+/// Names for settings of teams.
+const TEAMS: [&str; 6] = ["mappo", "happo", "maddpg", "matd3", "vdn", "qmix"];
+const WITH_MEMORY: &str = " with memory";
 
 /// Who does as our controller does.
 fn imitator(env: &EnvConfig, threads: Threads) -> Dagger {
@@ -153,21 +141,12 @@ fn a_teacher_that_sees_other_things_is_refused_with_the_remedy() {
     assert!(told.contains("encoders of a policy") && told.contains("'parameters'"), "{told}");
 }
 
-fn replay() -> ReplayConfig {
-    ReplayConfig { capacity: 4000, learning_starts: 320, ..ReplayConfig::default() }
+/// All that are registered, by every name that they have.
+fn algorithms() -> Vec<String> {
+    let variants = algorithm::VARIANTS.iter().map(|own| own.name.to_string());
+    let known = algorithm::names().into_iter().map(String::from).chain(variants);
+    known.chain([format!("ppo{WITH_MEMORY}")]).collect()
 }
-
-fn kept<E: Exploration>() -> ActorCriticConfig<E> {
-    ActorCriticConfig { n_env: 40, shard: 16, gradient_steps: 4, updates: 20, replay: replay(), ..Default::default() }
-}
-
-fn values(mixer: Mixer) -> DqnConfig {
-    DqnConfig { n_env: 40, shard: 16, gradient_steps: 4, updates: 20, mixer, replay: replay(), ..DqnConfig::default() }
-}
-
-/// PPO of a team whose critic sees all of it is called mappo, TD3 of such a team maddpg.
-const ALGORITHMS: [&str; 13] =
-    ["apg", "shac", "ppo", "ppo with memory", "mappo", "happo", "dagger", "rma", "sac", "td3", "maddpg", "dqn", "qmix"];
 
 fn bits(learner: &dyn Learner) -> Vec<u32> {
     learner.policy().unwrap().parameters().iter().map(|x| x.to_bits()).collect()
@@ -181,9 +160,9 @@ fn run(learner: &mut dyn Learner, updates: u64) {
 
 #[test]
 fn the_same_seed_gives_the_same_bits_for_any_number_of_threads() {
-    for algorithm in ALGORITHMS {
+    for algorithm in algorithms() {
         let of = |n| {
-            let mut learner = small(algorithm, n);
+            let mut learner = small(&algorithm, n);
             run(&mut *learner, 20);
             bits(&*learner)
         };
@@ -196,13 +175,13 @@ fn the_same_seed_gives_the_same_bits_for_any_number_of_threads() {
 
 #[test]
 fn a_run_goes_on_from_saved_tensors_with_the_same_bits() {
-    for algorithm in ALGORITHMS {
-        let mut whole = small(algorithm, 2);
+    for algorithm in algorithms() {
+        let mut whole = small(&algorithm, 2);
         run(&mut *whole, 5);
         let (mut policy, mut state) = (Tensors::new(), Tensors::new());
         whole.save(&mut policy, &mut state).unwrap();
         run(&mut *whole, 7);
-        let mut resumed = small(algorithm, 1);
+        let mut resumed = small(&algorithm, 1);
         resumed.load(&policy, &state).unwrap();
         assert_eq!(resumed.n_update(), 5);
         run(&mut *resumed, 7);
@@ -231,13 +210,17 @@ fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
     let memory = Some(Recurrence::Gru { units: 16, window: 16 });
     let remembers = PpoConfig { network: Layers { memory, ..ppo.network.clone() }, ..ppo.clone() };
     let make = &crate::regulate::make_poisoned;
-    let learners: [(&str, Box<dyn Learner>); 6] = [
+    let values = |mixer| DqnConfig { levels: 9, mixer, ..regulating_values() };
+    let mixed = values(Mixer::Monotone { units: 8, hidden: 16 });
+    let learners: [(&str, Box<dyn Learner>); 8] = [
         ("apg", Box::new(Apg::with(make, &env, apg, 1, threads(2)).unwrap())),
         ("shac", Box::new(Shac::with(make, &env, shac, 1, threads(2)).unwrap())),
         ("ppo", Box::new(Ppo::with(make, &env, ppo, 1, threads(2)).unwrap())),
         ("ppo with memory", Box::new(Ppo::with(make, &env, remembers, 1, threads(2)).unwrap())),
         ("sac", Box::new(Sac::with(make, &env, regulating_sac(), 1, threads(2)).unwrap())),
         ("td3", Box::new(Td3::with(make, &env, regulating_td3(), 1, threads(2)).unwrap())),
+        ("dqn", Box::new(Dqn::with(make, &env, values(Mixer::None), 1, threads(2)).unwrap())),
+        ("qmix", Box::new(Dqn::with(make, &env, mixed, 1, threads(2)).unwrap())),
     ];
     for (name, mut learner) in learners {
         let paid = |learner: &dyn Learner| {
@@ -386,6 +369,18 @@ fn regulating<E: Exploration>(usual: ActorCriticConfig<E>) -> ActorCriticConfig<
         network,
         critic,
         replay,
+        ..usual
+    }
+}
+
+fn regulating_values() -> DqnConfig {
+    let usual = DqnConfig::default();
+    DqnConfig {
+        n_env: 64,
+        shard: 32,
+        updates: 200,
+        normalise_observation: false,
+        replay: ReplayConfig { n_step: 1.0.into(), learning_starts: 512, ..usual.replay.clone() },
         ..usual
     }
 }
