@@ -58,9 +58,9 @@
 //! # Time-outs are not deaths
 //!
 //! At time t the target is r + γ (1 − terminated) V(next), with the true final observation as next where an episode
-//! ended, and traces are cut by both kinds of end. Every critic passes the ten-fold test of it
-//! (`tests/learning.rs`, `ppo/tests.rs`; APG has none): one state, reward 1, a time limit of ten steps, γ = 0.99; right is
-//! 100, and taking time-outs for deaths gives 5 to 9.
+//! ended, and traces are cut by both kinds of end. Critics that see what one agent sees pass the ten-fold test of it (in the
+//! tests of `ppo`, `shac`, `actor_critic` and `dqn`; APG has none): one state, reward 1, a time limit of ten steps, γ = 0.99;
+//! right is 100, and taking time-outs for deaths gives 5 to 12.
 //!
 //! # The same bits
 //!
