@@ -8,7 +8,7 @@
 //! rewards are measured in does not matter.
 //!
 //! Where critics see the whole team (`central_critic`, Lowe et al. 2017), a row is an environment: they judge what all agents
-//! saw and did, and each agent's own action alone carries its gradient.
+//! saw and did, and each agent's own action alone carries its gradient. Agents then may have an actor each (`separate_actors`).
 
 mod config;
 
@@ -20,7 +20,7 @@ use super::experience::{Block, Experience, Explore, Flown, Streams};
 use super::learner::{Learner, Progress, Update, share_done};
 use super::nn::elementwise::approach;
 use super::nn::fold::fold;
-use super::nn::{Activation, Memory, Mlp, Network, Pass, Scratch};
+use super::nn::{Activation, Memory, Mlp, Network, Pass, PerAgent, Scratch};
 use super::policy::{Actor, Policy, ROWS, network};
 use super::replay::Widths;
 use super::schedule::Schedule;
@@ -133,7 +133,10 @@ struct Work {
 
 /// Networks' shapes, and how many rows they learn from.
 struct Shapes {
+    /// Of all agents, row by row.
     actor: Arc<dyn Network>,
+    /// That of one set of parameters.
+    of_set: Arc<dyn Network>,
     critic: Mlp,
     n_critic: usize,
     batch: usize,
@@ -148,9 +151,12 @@ impl Shapes {
         let widths = Widths::of(spec, settings.central_critic);
         let agents = if settings.central_critic { widths.n_agent } else { 1 };
         let n_base = if widths.n_state > 0 { widths.n_state } else { agents * widths.n_observation };
-        let n_output = kind.n_output(widths.n_action);
+        let of_set = network(spec, &settings.network, kind.n_output(widths.n_action), kind.output())?;
+        let each =
+            |own: &Arc<dyn Network>| PerAgent::new(own.clone(), agents).map(|all| Arc::new(all) as Arc<dyn Network>);
         Ok(Self {
-            actor: network(spec, &settings.network, n_output, kind.output())?,
+            actor: if settings.separate_actors { each(&of_set)? } else { of_set.clone() },
+            of_set,
             critic: Mlp::new(n_base + agents * widths.n_action, &settings.critic, 1, Activation::Identity)?,
             n_critic: settings.critics,
             batch: settings.batch,
@@ -295,7 +301,7 @@ impl<E: Exploration> ActorCritic<E> {
             experience: Experience::new(shards, &shapes.actor, (&config.replay, config.discount), widths)?,
             norm: ValueNorm::new(VALUE_BETA)?,
             work: shapes.work(config.central_critic),
-            flown: Actor::new(&spec, &config.network, true)?,
+            flown: Algorithm::actor(&config, &spec)?,
             shapes,
             kind,
             config,
@@ -394,9 +400,12 @@ impl<E: Exploration> ActorCritic<E> {
 
     /// The weights of what flies: of outputs it has those that are the action.
     fn flown_parameters(&self) -> Result<Vec<f32>> {
-        let own = (&*self.shapes.actor, &self.mean[..]);
-        let mut parameters = fold(own, &*self.flown.mlp, |k| vec![(k, 1.0)])?;
-        parameters.resize(self.flown.n_parameter(), 0.0);
+        let Self { shapes: Shapes { of_set, .. }, flown, .. } = self;
+        let mut parameters = Vec::with_capacity(flown.n_parameter());
+        for (k, own) in self.mean.chunks_exact(of_set.n_parameter()).enumerate() {
+            parameters.extend(fold((&**of_set, own), &*flown.mlp, |k| vec![(k, 1.0)])?);
+            parameters.resize((k + 1) * flown.n_parameter_of_set(), 0.0);
+        }
         Ok(parameters)
     }
 }
@@ -622,16 +631,19 @@ impl<E: Exploration> Learner for ActorCritic<E> {
 
     fn warm_start(&mut self, start: &WarmStart) -> Result<()> {
         start.check(&self.flown)?;
-        let Self { shapes: Shapes { actor, .. }, flown, .. } = self;
-        let known = flown.mlp.parts(&start.parameters);
-        let mut own = actor.parts(&self.actor.parameters);
-        // outputs beyond those that fly keep their first weights
-        for (to, from) in own.iter_mut().zip(&known) {
-            let n = from.data.len().min(to.data.len());
-            to.data[..n].copy_from_slice(&from.data[..n]);
-        }
-        let mut own = own.into_iter();
-        let parameters = actor.from_parts(&mut |_, _| Ok(own.next().map_or(Vec::new(), |part| part.data)))?;
+        let Self { shapes: Shapes { actor, of_set, .. }, flown, .. } = self;
+        let sets = self.actor.parameters.chunks_exact(of_set.n_parameter());
+        let begun = sets.zip(start.parameters.chunks_exact(flown.mlp.n_parameter())).map(|(random, start)| {
+            let (known, mut own) = (flown.mlp.parts(start), of_set.parts(random));
+            // outputs beyond those that fly keep their first weights
+            for (to, from) in own.iter_mut().zip(&known) {
+                let n = from.data.len().min(to.data.len());
+                to.data[..n].copy_from_slice(&from.data[..n]);
+            }
+            let mut own = own.into_iter();
+            of_set.from_parts(&mut |_, _| Ok(own.next().map_or(Vec::new(), |part| part.data)))
+        });
+        let parameters = begun.collect::<Result<Vec<_>>>()?.concat();
         self.mean.clone_from(&parameters);
         self.actor.begin(actor, parameters);
         start.statistics.as_ref().map_or(Ok(()), |known| self.experience.begin_statistics(known))
@@ -642,7 +654,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
-        state::put_network(policy, "actor", &self.flown.mlp, &self.flown_parameters()?)?;
+        state::put_actor(policy, &self.flown, &self.flown_parameters()?)?;
         self.actor.save(out, "learner", &self.shapes.actor)?;
         state::put_network(out, "mean", &self.shapes.actor, &self.mean)?;
         out.insert("mean.from", &[1], vec![self.mean_from])?;

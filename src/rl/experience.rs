@@ -19,8 +19,8 @@ use crate::tasks::{Env, EnvConfig, Space, Spec, Stage, Statistics};
 
 /// How actions are chosen while experience is gathered.
 pub trait Explore: Sync {
-    /// Actions of up to [`ROWS`] agents, one after the other, who see `x`: the first is agent `first` of all of a shard's. Each
-    /// environment has its stream.
+    /// Actions of whole teams, about [`ROWS`] agents one after the other, who see `x`: the first is agent `first` of all of a
+    /// shard's. Each environment has its stream.
     fn act(&self, x: &[f32], first: usize, memory: &mut Memory, streams: &mut Streams<'_>, actions: &mut [f32]);
 }
 
@@ -113,7 +113,7 @@ impl Experience {
             ring.begin(&shard.out);
             Worker {
                 ring,
-                memory: actor.memory(ROWS),
+                memory: actor.memory(whole_teams(widths.n_agent)),
                 streams: Vec::with_capacity(n_env),
                 reward: 0.0,
                 episodes: Episodes::default(),
@@ -381,9 +381,10 @@ impl Worker {
                 }
             }
             None => {
-                let blocks = seen.chunks(ROWS * n_seen).zip(actions.chunks_mut(ROWS * n_action));
+                let rows = whole_teams(n_agent);
+                let blocks = seen.chunks(rows * n_seen).zip(actions.chunks_mut(rows * n_action));
                 for (block, (x, actions)) in blocks.enumerate() {
-                    explore.act(x, block * ROWS, &mut self.memory, &mut streams, actions);
+                    explore.act(x, block * rows, &mut self.memory, &mut streams, actions);
                 }
             }
         }
@@ -394,6 +395,11 @@ impl Worker {
         self.ring.push(out);
         Ok(())
     }
+}
+
+/// Rows that go through a network together: of teams of `n_agent`, none of them cut in two.
+fn whole_teams(n_agent: usize) -> usize {
+    (ROWS / n_agent).max(1) * n_agent
 }
 
 /// ± this is what observations are cut to.

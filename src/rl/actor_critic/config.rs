@@ -65,6 +65,9 @@ pub struct ActorCriticConfig<E> {
     pub actor_delay: usize,
     /// Whether critics see what all agents of a team see and do (Lowe et al. 2017).
     pub central_critic: bool,
+    /// Whether every agent of a team has an actor of its own (Lowe et al. 2017); critics then see the whole team.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub separate_actors: bool,
     /// Learning rate of the actor over the run.
     pub learning_rate: Schedule,
     /// Learning rate of the critics over the run.
@@ -104,6 +107,7 @@ impl<E: Exploration> Default for ActorCriticConfig<E> {
             critics: 2,
             actor_delay: E::ACTOR_DELAY,
             central_critic: false,
+            separate_actors: false,
             learning_rate: Schedule::Cosine { from: 3e-3, to: 1.5e-3, warm_up: E::WARM_UP },
             critic_learning_rate: Schedule::cosine(5e-3, 2e-3),
             max_grad_norm: 10.0,
@@ -150,6 +154,10 @@ impl<E: Exploration> ActorCriticConfig<E> {
             let remedy = "Leave it out: rows of a team are drawn alike.";
             return Err(Error::value("replay.priority", self.replay.priority, "0 with a central critic", remedy));
         }
+        if self.separate_actors && !self.central_critic {
+            let remedy = "Set central_critic = true: rows of a team are drawn together then, agent by agent.";
+            return Err(Error::value("separate_actors", true, "false without a central critic", remedy));
+        }
         self.exploration.validate()?;
         if !(0.0..=1.0).contains(&self.correlation) {
             return Err(Error::value("correlation", self.correlation, "within [0, 1]", "0 to 0.9 are usual."));
@@ -186,7 +194,8 @@ impl<E: Exploration> Algorithm for ActorCriticConfig<E> {
     }
 
     fn actor(&self, spec: &Spec) -> Result<Actor> {
-        Actor::new(spec, &self.network, true)
+        let actor = Actor::new(spec, &self.network, true)?;
+        if self.separate_actors { actor.for_each(spec.n_agent) } else { Ok(actor) }
     }
 
     fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {

@@ -36,6 +36,11 @@ fn saved(learner: &dyn Learner) -> (Tensors, Tensors) {
     (policy, state)
 }
 
+/// A team whose agents have an actor each.
+fn each_its_own() -> Td3Config {
+    Td3Config { central_critic: true, separate_actors: true, ..small() }
+}
+
 /// What the critics and the actor of a batch minimise, with the noise that the batch was drawn with, and their gradients.
 struct Descent {
     losses: [f64; 2],
@@ -104,6 +109,7 @@ fn gradients_of_actor_and_critics_are_those_of_differences_alone_and_in_teams() 
     check_gradients("Hover", Td3Config { ..small() }, 0.0);
     check_gradients("OverHover", SacConfig { exploration: still, central_critic: true, ..small() }, 0.3);
     check_gradients("OverHover", Td3Config { central_critic: true, ..small() }, 0.0);
+    check_gradients("OverHover", each_its_own(), 0.0);
 }
 
 /// y = r + γᵏ (minᵢ Q̄ᵢ(o', a') + b) by one row at a time, for steps that go on and that end; `next` writes a' and gives b.
@@ -117,7 +123,8 @@ fn check_targets<E: Exploration>(
     own.judge(0.0);
     let ActorCritic { kind, shapes, actor, critics, experience, work, norm, step, .. } = &mut own;
     let follows = if kind.slow_actor() { &actor.following } else { &actor.parameters };
-    let (mut of_actor, mut of_critic) = (shapes.actor.memory(1), shapes.critic.memory(1));
+    let (mut of_actor, mut of_critic) = (shapes.of_set.memory(1), shapes.critic.memory(1));
+    let sets: Vec<&[f32]> = follows.chunks_exact(shapes.of_set.n_parameter()).collect();
     let (n, n_base, unit) = (shapes.widths.n_observation, shapes.n_base, norm.unit());
     let (mut ended, mut most) = (0, 0.0_f64);
     for (number, Work { block, target, .. }) in work.iter_mut().enumerate() {
@@ -129,7 +136,8 @@ fn check_targets<E: Exploration>(
             x.extend_from_slice(&base[k * n_base..][..n_base]);
             for agent in k * shapes.agents..(k + 1) * shapes.agents {
                 let seen = &block.next[agent * n..][..n];
-                let output = shapes.actor.forward(follows, seen, 1, &mut of_actor).row(0).to_vec();
+                let own = sets[agent % sets.len()];
+                let output = shapes.of_set.forward(own, seen, 1, &mut of_actor).row(0).to_vec();
                 let mut action = vec![0.0; shapes.widths.n_action];
                 added += next(&output, &mut block.stream, &mut action);
                 x.extend(action);
@@ -176,6 +184,29 @@ fn targets_are_what_a_row_by_itself_is_worth() {
         check_targets(task, SacConfig { exploration: entropy.clone(), central_critic, ..small() }, soft);
         check_targets(task, Td3Config { exploration: noise.clone(), central_critic, ..small() }, slow);
     }
+    check_targets("OverHover", Td3Config { exploration: noise, ..each_its_own() }, slow);
+}
+
+/// Lowe et al. 2017: unlike first weights, unlike gradients, and a policy that says of each row what its agent's actor does.
+#[test]
+fn agents_with_an_actor_each_fly_as_theirs_says() {
+    let mut own = of("OverHover", each_its_own(), 2);
+    (0..4).for_each(|_| drop(own.update().unwrap()));
+    let (shapes, n) = (&own.shapes, own.shapes.of_set.n_parameter());
+    let sets: Vec<&[f32]> = own.mean.chunks_exact(n).collect();
+    assert!(sets.len() == 4 && sets[0] != sets[1]);
+    let (n_seen, n_action, rows) = (shapes.widths.n_observation, shapes.widths.n_action, 8);
+    let seen: Vec<f32> = (0..rows * n_seen).map(|k| (0.37 * k as f32).sin()).collect();
+    let mut actions = vec![f32::NAN; rows * n_action];
+    own.policy().unwrap().act(&seen, &mut actions).unwrap();
+    let mut memory = shapes.of_set.memory(1);
+    for row in 0..rows {
+        let said = shapes.of_set.forward(sets[row % 4], &seen[row * n_seen..][..n_seen], 1, &mut memory);
+        let of_row = &actions[row * n_action..][..n_action];
+        assert!(said.row(0).iter().zip(of_row).all(|(a, b)| (a - b).abs() < 1e-6), "row {row}");
+    }
+    let refused = Td3Config { central_critic: false, ..each_its_own() }.validate().unwrap_err().to_string();
+    assert!(refused.contains("separate_actors") && refused.contains("central_critic = true"), "{refused}");
 }
 
 /// Fujimoto et al. 2018, section 5.2.
@@ -216,6 +247,7 @@ fn results_are_the_same_bits_for_any_number_of_threads_and_go_on_with_them() {
     check("Hover", SacConfig { replay: prioritised, ..small() });
     check("Hover", Td3Config { ..small() });
     check("OverHover", Td3Config { central_critic: true, ..small() });
+    check("OverHover", each_its_own());
 }
 
 /// Of the one state there is, with reward 1 for ever and episodes that are cut short: 100 at γ = 0.99. Unless cuts are kept as deaths.

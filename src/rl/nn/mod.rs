@@ -8,6 +8,7 @@
 //! | `conv` | convolutions over histories and images |
 //! | `set` | several alike, in any order |
 //! | `stack` | encoders, memory and layers as one network |
+//! | `per_agent` | one of a shape for each agent of a team |
 //! | `encoder` | encoders and memory as settings |
 //! | `product`, `aligned` | the one matrix product behind them, and where its numbers stand |
 //! | `elementwise` | sums of arrays, exponentials |
@@ -34,6 +35,7 @@ pub(crate) mod init;
 mod layer_norm;
 pub(crate) mod mlp;
 pub(crate) mod network;
+pub(crate) mod per_agent;
 pub(crate) mod product;
 pub(crate) mod set;
 pub(crate) mod stack;
@@ -48,6 +50,7 @@ pub use head::Head;
 pub use init::Init;
 pub use mlp::{Layers, Mlp};
 pub use network::{Memory, Named, Network, Output, Part, Pass, Scratch, Slot, Transposed, Weights};
+pub use per_agent::PerAgent;
 pub use set::{Pool, Set};
 pub(crate) use stack::last_encoder;
 pub use stack::{Encoded, Join, Stack};
