@@ -109,9 +109,12 @@ pub use nalgebra;
 /// Duals that implement [`Scalar`](autodiff::Scalar) are of this version.
 pub use num_dual;
 
-#[doc = include_str!("../CONVENTIONS.md")]
+// read by documentation alone: a word in them compiles nothing anew
+/// Units, frames, orders of arrays, and what holds everywhere.
+#[cfg_attr(any(doc, doctest), doc = "", doc = include_str!("../CONVENTIONS.md"))]
 pub mod conventions {}
-#[doc = include_str!("../CHANGELOG.md")]
+/// What every version changed.
+#[cfg_attr(any(doc, doctest), doc = "", doc = include_str!("../CHANGELOG.md"))]
 pub mod changelog {}
 
 /// The examples of the README and of `docs/`, run with the documentation's: a module per file that has any.
