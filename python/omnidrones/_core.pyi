@@ -300,7 +300,7 @@ class Policy:
     def weights(self, /) -> dict:
         """
         Weights by name, new float32 arrays: "0.weight" [out, in], "0.bias" [out], per layer, as PyTorch has them; "log_std" where
-        actions are continuous and drawn.
+        actions are continuous and drawn. Where every agent has its own, "agent0." and so on stands before the name.
         """
 
 @final

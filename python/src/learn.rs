@@ -91,15 +91,18 @@ impl Policy {
     }
 
     /// Weights by name, new float32 arrays: "0.weight" [out, in], "0.bias" [out], per layer, as PyTorch has them; "log_std" where
-    /// actions are continuous and drawn.
+    /// actions are continuous and drawn. Where every agent has its own, "agent0." and so on stands before the name.
     fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let (actor, dict) = (self.policy.actor(), PyDict::new(py));
-        let (network, extra) = self.policy.parameters().split_at(actor.mlp.n_parameter());
-        for part in actor.mlp.parts(network) {
-            dict.set_item(&part.name, array(py, part.data, &part.shape)?)?;
-        }
-        if matches!(actor.head, Head::Gaussian { .. }) && !extra.is_empty() {
-            dict.set_item("log_std", array(py, extra.to_vec(), &[extra.len()])?)?;
+        for k in 0..actor.n_set() {
+            let (network, extra) = actor.set(self.policy.parameters(), k);
+            let of = if actor.n_set() == 1 { String::new() } else { format!("agent{k}.") };
+            for part in actor.mlp.parts(network) {
+                dict.set_item(format!("{of}{}", part.name), array(py, part.data, &part.shape)?)?;
+            }
+            if matches!(actor.head, Head::Gaussian { .. }) && !extra.is_empty() {
+                dict.set_item(format!("{of}log_std"), array(py, extra.to_vec(), &[extra.len()])?)?;
+            }
         }
         Ok(dict)
     }

@@ -208,7 +208,9 @@ impl Shapes {
         let row = 2 * (self.critic.n_activation() + self.critic.n_input())
             + self.agents * (2 * self.actor.n_activation() + 4 * self.actor.n_input());
         let networks = self.n_critic * self.critic.n_parameter() + self.actor.n_parameter();
-        4 * (self.batch as u128 * row as u128 + self.batch.div_ceil(ROWS) as u128 * networks as u128)
+        // beside a gradient per block: weights, those transposed, two moments, what follows, the whole gradient, their mean
+        let copies = self.batch.div_ceil(ROWS) as u128 + 7;
+        4 * (self.batch as u128 * row as u128 + copies * networks as u128)
     }
 }
 

@@ -397,7 +397,7 @@ impl Worker {
     }
 }
 
-/// Rows that go through a network together: of teams of `n_agent`, none of them cut in two.
+/// Rows that go through a network together: about [`ROWS`] of teams of `n_agent`, none of them cut in two.
 fn whole_teams(n_agent: usize) -> usize {
     (ROWS / n_agent).max(1) * n_agent
 }

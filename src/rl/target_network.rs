@@ -148,7 +148,8 @@ mod tests {
         let mut stream = Stream::new(1, 0, 0, Purpose::LEARNING);
         let mut net = NetWithTarget::new(&mlp, AdamConfig::default(), true, &mut stream);
         assert_eq!(net.following, net.parameters);
-        let (learnt, nothing) = (vec![1.0, -2.0, 4.0], vec![0.0; 3]);
+        let n = mlp.n_parameter();
+        let (learnt, nothing): (Vec<f32>, _) = ((0..n).map(|k| k as f32 - 20.0).collect(), vec![0.0; n]);
         net.parameters.clone_from(&learnt);
         net.following.fill(0.0);
         for share in [0.25, 0.4375] {

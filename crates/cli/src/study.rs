@@ -231,7 +231,13 @@ impl Study {
         }
         document.line(KEY);
         if let Some((svg, file)) = curves {
-            document.heading("Learning curves").figure(svg, file);
+            let trained = self.rows.iter().filter(|told| !told.row.runs.is_empty()).count();
+            let drawn = self.rows.iter().filter(|told| !told.curves.is_empty()).count();
+            document.heading("Learning curves");
+            if drawn < trained {
+                document.line(&format!("Of the {drawn} rows whose curves were kept."));
+            }
+            document.figure(svg, file);
         }
         if !self.failed.is_empty() {
             document.heading("Not trained");
@@ -302,7 +308,7 @@ impl Study {
         let told = |(name, all): &(String, Vec<Option<Found>>)| {
             let early = match count(all, Found::FailsEarly) {
                 0 => String::new(),
-                n => format!(", and of {n} others had fewer steps than a row that does"),
+                n => format!(" ({n} of the others by fewer steps than a row that does)"),
             };
             format!("{name} flies {} of {}{early}", count(all, Found::Flies), all.iter().flatten().count())
         };
@@ -323,20 +329,22 @@ impl Study {
         (verdict, words)
     }
 
-    /// How a whole row with our controller beside it did.
+    /// How a whole row with our controller beside it did; a failure is known to be one when all rows of the task are whole.
     fn found(&self, row: &Told) -> Option<Found> {
         let flies = |row: &Told| {
             let share = row.beside(&self.controllers).filter(|_| self.is_whole(row))?;
             Some(share.mean >= self.plan.flies)
         };
         let steps = |row: &Told| spread(&row.row.runs, |run| run.env_steps as f64).map_or(0.0, |all| all.mean);
+        if flies(row)? {
+            return Some(Found::Flies);
+        }
         let alike = |other: &&Told| other.cell.part == row.cell.part && other.cell.config.task == row.cell.config.task;
-        let later = |other: &Told| flies(other) == Some(true) && steps(other) > steps(row);
-        Some(match flies(row)? {
-            true => Found::Flies,
-            false if self.rows.iter().filter(alike).any(later) => Found::FailsEarly,
-            false => Found::Fails,
-        })
+        let mut later = false;
+        for other in self.rows.iter().filter(alike) {
+            later |= flies(other)? && steps(other) > steps(row);
+        }
+        Some(if later { Found::FailsEarly } else { Found::Fails })
     }
 
     fn origins(&self) -> Table {
@@ -476,10 +484,10 @@ mod tests {
     }
 
     #[test]
-    fn statements_are_judged_by_whole_rows_of_their_algorithms_alone() {
+    fn statements_are_judged_by_whole_rows_of_their_algorithms() {
         let well = study(&[("ppo", 0.9), ("sac", 0.8), ("td3", 0.76), ("dqn", 0.7), ("ddpg", 0.1)], 3);
         assert_eq!((verdict(&well, "PPO, SAC"), verdict(&well, "DQN")), ("holds", "holds"));
-        let ill = study(&[("ppo", 0.9), ("sac", 0.74), ("td3", 0.8), ("dqn", 0.8)], 3);
+        let ill = study(&[("ppo", 0.9), ("sac", 0.74), ("td3", 0.8), ("dqn", 0.8), ("ddpg", 0.1)], 3);
         assert_eq!((verdict(&ill, "PPO, SAC"), verdict(&ill, "DQN")), ("does not hold", "does not hold"));
         assert!(verdict(&well, "QMIX").starts_with("not decided"));
         let half = study(&[("ppo", 0.9), ("sac", 0.8), ("td3", 0.76)], 2);
@@ -488,10 +496,12 @@ mod tests {
 
     #[test]
     fn who_had_fewer_steps_than_another_that_flies_is_not_said_to_fail() {
-        let of = |qmix: u64| study_of(&[("mappo", 0.9, 16), ("qmix", 0.6, qmix)], 3);
-        assert_eq!(verdict(&of(4), "QMIX"), "not decided: others that fly had more steps");
-        assert_eq!(verdict(&of(16), "QMIX"), "holds");
-        let none_flies = study_of(&[("mappo", 0.7, 16), ("qmix", 0.6, 4)], 3);
-        assert_eq!(verdict(&none_flies, "QMIX"), "holds");
+        let others = ["happo", "ppo", "sac", "td3", "maddpg", "matd3", "dqn", "vdn"].map(|name| (name, 0.1, 1));
+        let of = |own: &[(&'static str, f64, u64)]| verdict(&study_of(&[own, &others].concat(), 3), "QMIX");
+        assert_eq!(of(&[("mappo", 0.9, 16), ("qmix", 0.6, 4)]), "not decided: others that fly had more steps");
+        assert_eq!(of(&[("mappo", 0.9, 16), ("qmix", 0.6, 16)]), "holds");
+        assert_eq!(of(&[("mappo", 0.7, 16), ("qmix", 0.6, 4)]), "holds");
+        assert_eq!(of(&[("qmix", 0.6, 4)]), "not decided: rows or our controllers are missing");
+        assert_eq!(of(&[("qmix", 0.8, 4)]), "not decided: rows or our controllers are missing");
     }
 }

@@ -65,8 +65,8 @@ pub struct ActorCriticConfig<E> {
     pub actor_delay: usize,
     /// Whether critics see what all agents of a team see and do (Lowe et al. 2017).
     pub central_critic: bool,
-    /// Whether every agent of a team has an actor of its own (Lowe et al. 2017); critics then see the whole team.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    /// Whether every agent of a team has an actor of its own (Lowe et al. 2017); needs `central_critic`.
+    #[serde(skip_serializing_if = "is_false")]
     pub separate_actors: bool,
     /// Learning rate of the actor over the run.
     pub learning_rate: Schedule,
@@ -121,6 +121,10 @@ impl<E: Exploration> Default for ActorCriticConfig<E> {
             critic: Layers { hidden: vec![128; 2], layer_norm: true, ..Layers::elu(1.0) },
         }
     }
+}
+
+fn is_false(x: &bool) -> bool {
+    !x
 }
 
 /// Most gradient steps of an update, and steps of an environment.

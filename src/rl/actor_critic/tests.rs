@@ -187,14 +187,18 @@ fn targets_are_what_a_row_by_itself_is_worth() {
     check_targets("OverHover", Td3Config { exploration: noise, ..each_its_own() }, slow);
 }
 
-/// Lowe et al. 2017: unlike first weights, unlike gradients, and a policy that says of each row what its agent's actor does.
+/// Lowe et al. 2017: unlike first weights, unlike steps, and a policy that says of each row what its agent's actor does.
 #[test]
 fn agents_with_an_actor_each_fly_as_theirs_says() {
     let mut own = of("OverHover", each_its_own(), 2);
+    let first = own.actor.parameters.clone();
     (0..4).for_each(|_| drop(own.update().unwrap()));
     let (shapes, n) = (&own.shapes, own.shapes.of_set.n_parameter());
+    let steps: Vec<f32> = own.actor.parameters.iter().zip(&first).map(|(now, then)| now - then).collect();
+    let moved = steps.chunks_exact(n).all(|own| own.iter().any(|x| *x != 0.0));
+    assert!(moved && first[..n] != first[n..2 * n] && steps[..n] != steps[n..2 * n]);
     let sets: Vec<&[f32]> = own.mean.chunks_exact(n).collect();
-    assert!(sets.len() == 4 && sets[0] != sets[1]);
+    assert_eq!(sets.len(), 4);
     let (n_seen, n_action, rows) = (shapes.widths.n_observation, shapes.widths.n_action, 8);
     let seen: Vec<f32> = (0..rows * n_seen).map(|k| (0.37 * k as f32).sin()).collect();
     let mut actions = vec![f32::NAN; rows * n_action];
@@ -205,6 +209,9 @@ fn agents_with_an_actor_each_fly_as_theirs_says() {
         let of_row = &actions[row * n_action..][..n_action];
         assert!(said.row(0).iter().zip(of_row).all(|(a, b)| (a - b).abs() < 1e-6), "row {row}");
     }
+    // seven do not divide what goes through a network together
+    let mut seven = of("Formation", Td3Config { shard: 12, ..each_its_own() }, 1);
+    (0..3).for_each(|_| drop(seven.update().unwrap()));
     let refused = Td3Config { central_critic: false, ..each_its_own() }.validate().unwrap_err().to_string();
     assert!(refused.contains("separate_actors") && refused.contains("central_critic = true"), "{refused}");
 }
@@ -225,6 +232,23 @@ fn the_actor_of_td3_and_all_that_follows_wait_for_every_second_step() {
         let moved: Vec<bool> = before.iter().zip(&all(&own)).map(|(then, now)| then != now).collect();
         assert_eq!(moved, [climbs, climbs, climbs, true], "step {}", own.step);
     }
+}
+
+/// What is saved is what flies, and a run that begins from it flies likewise: of SAC the half of the outputs that is an action.
+#[test]
+fn policies_with_an_actor_for_each_agent_are_saved_and_begun_from() {
+    fn check<E: Exploration>(config: ActorCriticConfig<E>) {
+        let mut own = of("OverHover", config.clone(), 1);
+        (0..4).for_each(|_| drop(own.update().unwrap()));
+        let (saved, policy) = (saved(&own).0, own.policy().unwrap());
+        assert_eq!(state::actor(&saved, &own.flown).unwrap(), policy.parameters(), "{}", E::NAME);
+        let mut begun = of("OverHover", config, 1);
+        let spec = own.experience.env().spec();
+        begun.warm_start(&WarmStart::new(&policy, spec, &begun.flown, spec).unwrap()).unwrap();
+        assert_eq!(begun.policy().unwrap().parameters(), policy.parameters(), "{}", E::NAME);
+    }
+    check(each_its_own());
+    check(SacConfig { central_critic: true, separate_actors: true, ..small() });
 }
 
 #[test]

@@ -7,6 +7,9 @@ use crate::rng::Stream;
 use std::sync::Arc;
 
 /// Networks that take turns: row k goes through number k mod n. Their parameters follow each other.
+///
+/// # Panics
+/// [`Network::forward`] and [`Network::backward`] for rows that are not of whole teams, beside what they panic for themselves.
 #[derive(Debug, Clone)]
 pub struct PerAgent {
     network: Arc<dyn Network>,
@@ -27,11 +30,6 @@ impl PerAgent {
             return Err(Error::value("network.memory", "given", "left out where every agent has its own", remedy));
         }
         Ok(Self { network, agents })
-    }
-
-    /// That of every agent.
-    pub fn network(&self) -> &Arc<dyn Network> {
-        &self.network
     }
 
     /// Rows of each agent among `rows`.
@@ -106,7 +104,7 @@ impl Network for PerAgent {
         let (given, seen) = (&mut given[0].y, &mut seen[0].y);
         for (k, part) in parts.iter_mut().enumerate() {
             let seen = &mut seen[k * each * n_in..][..each * n_in];
-            self.gather(x, k, n_in, seen);
+            self.gather(&x[..rows * n_in], k, n_in, seen);
             let own = self.network.forward(self.of(parameters, k), seen, each, part);
             for row in 0..each {
                 given[(row * self.agents + k) * n_out..][..n_out].copy_from_slice(own.row(row));
@@ -123,7 +121,7 @@ impl Network for PerAgent {
         let pulled = &mut pulled[0][..each * n_out];
         let moved = if grad_input.is_empty() { &mut [][..] } else { &mut moved[0][..each * n_in] };
         for (k, part) in memory.parts.iter().enumerate() {
-            self.gather(grad_output, k, n_out, pulled);
+            self.gather(&grad_output[..rows * n_out], k, n_out, pulled);
             let own = if gradient.is_empty() { &mut [][..] } else { &mut gradient[k * n..(k + 1) * n] };
             let weights = Weights { parameters: self.of(net.parameters, k), transposed: &net.transposed.parts[k] };
             let pass = Pass { gradient: own, grad_input: &mut *moved, scratch: &mut parts[0] };
