@@ -242,19 +242,21 @@ impl Dqn {
         [sum(0), sum(1), net.gradient_norm, left_out as f64]
     }
 
-    /// Takes the last targets into the unit, in which values then say the same; those of a team follow by learning.
+    /// Takes the last targets into the unit, in which values then say the same: those that agents add up to a team's each by its
+    /// share, mixed ones by what mixes them.
     fn measure(&mut self) -> Result<()> {
-        let values = self.shapes.values;
-        let n = if self.shapes.mixing.is_some() { 1 } else { values.quantiles };
-        let targets = self.work.iter().flat_map(|work| work.block.counting(&work.target, n));
-        let (factor, shift) = self.norm.move_unit(targets);
-        if self.shapes.mixing.is_some() {
-            return Ok(());
+        let Self { shapes, net, mixer, norm, work, .. } = self;
+        let values = shapes.values;
+        let n = if shapes.mixing.is_some() { 1 } else { values.quantiles };
+        let targets = work.iter().flat_map(|work| work.block.counting(&work.target, n));
+        let (factor, shift) = norm.move_unit(targets);
+        if let (Some(mixer), Some(mixing), Some(mlp)) = (mixer, &shapes.mixing, shapes.mixer()) {
+            return mixer.rescale(mlp, |k| mixing.moved(k, (factor, shift)));
         }
-        let of_state = values.n_action() * values.quantiles;
+        let (of_state, share) = (values.n_action() * values.quantiles, shift / shapes.agents as f32);
         // what the state adds takes the shift where it stands apart
-        let moved = |k: usize| if values.duelling && k < of_state { (factor, 0.0) } else { (factor, shift) };
-        self.net.rescale(&self.shapes.network, moved)
+        let moved = |k: usize| if values.duelling && k < of_state { (factor, 0.0) } else { (factor, share) };
+        net.rescale(&shapes.network, moved)
     }
 
     /// The weights of what flies, those that follow slowly: one output per action, its value.

@@ -230,7 +230,8 @@ fn what_is_not_finite_reaches_no_weight_and_learning_goes_on() {
         let (mut late, before, mut left_out) = (Vec::new(), paid(&*learner), 0.0);
         for update in 0..200 {
             let told = learner.update().unwrap();
-            assert!(told.reward.is_finite(), "{name}: reward in update {update}");
+            let bounded = told.extra.iter().all(|(_, x)| x.is_finite());
+            assert!(told.reward.is_finite() && bounded, "{name}: reward or figures in update {update}");
             let counted = told.extra.iter().find(|(k, _)| ["gradients_dropped", "rows_left_out"].contains(k)).unwrap();
             left_out += counted.1;
             if update == 150 {

@@ -53,6 +53,17 @@ impl Mixing {
         total
     }
 
+    /// What becomes of output `k` of the network of the state, by factor and shift, where the team's value is to be factor · Q +
+    /// shift: the outer weights and the last bias bear it.
+    pub fn moved(&self, k: usize, (factor, shift): (f32, f32)) -> (f32, f32) {
+        let [_, _, outer] = self.place(0);
+        match k {
+            k if k < outer => (1.0, 0.0),
+            k if k < outer + self.units => (factor, 0.0),
+            _ => (factor, shift),
+        }
+    }
+
     /// ∂mix/∂q, and `up` · ∂mix/∂weights.
     pub fn pull(&self, q: &[f32], weights: &[f32], up: f32, grad_q: &mut [f32], grad_weights: &mut [f32]) {
         if weights.is_empty() {
