@@ -502,6 +502,6 @@ mod tests {
         assert_eq!(of(&[("mappo", 0.9, 16), ("qmix", 0.6, 16)]), "holds");
         assert_eq!(of(&[("mappo", 0.7, 16), ("qmix", 0.6, 4)]), "holds");
         assert_eq!(of(&[("qmix", 0.6, 4)]), "not decided: rows or our controllers are missing");
-        assert_eq!(of(&[("qmix", 0.8, 4)]), "not decided: rows or our controllers are missing");
+        assert_eq!(of(&[("qmix", 0.8, 4)]), "does not hold", "who flies needs nobody beside it");
     }
 }
