@@ -33,6 +33,16 @@ def test_a_policy_hovers_after_a_training_from_random_weights():
     assert figures["success"] == run.evaluation["success"]
 
 
+def test_weights_of_agents_with_an_actor_each_have_names_of_their_own():
+    td3 = {"n_env": 16, "shard": 16, "updates": 1, "separate_actors": True}
+    run = omnidrones.train("OverHover", algorithm="matd3", seed=1, td3=td3, evaluate={"envs": 16})
+    weights = run.policy.weights()
+    heads = {name.split(".")[0] for name in weights}
+    assert heads == {"agent0", "agent1", "agent2", "agent3"}
+    first, second = weights["agent0.0.weight"], weights["agent1.0.weight"]
+    assert first.shape == second.shape and not np.array_equal(first, second)
+
+
 def test_watchers_see_every_update_and_may_stop():
     seen = []
     run = omnidrones.train("Hover", watch=lambda p: seen.append((p.update, p.budget, p.loss)) or p.update < 3, **SMALL)
@@ -86,7 +96,7 @@ def test_the_librarys_controller_flies_a_batch():
 
 
 def test_recipes_name_the_algorithms_of_a_task():
-    assert omnidrones.recipes("hover") == ["apg", "ppo", "sac", "td3", "dqn"]
+    assert omnidrones.recipes("hover") == ["apg", "ppo", "sac", "td3", "dqn", "qmix"]
     with pytest.raises(ValueError, match="Hover"):
         omnidrones.recipes("Hovr")
 
