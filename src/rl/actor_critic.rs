@@ -152,10 +152,12 @@ impl Shapes {
         let agents = if settings.central_critic { widths.n_agent } else { 1 };
         let n_base = if widths.n_state > 0 { widths.n_state } else { agents * widths.n_observation };
         let of_set = network(spec, &settings.network, kind.n_output(widths.n_action), kind.output())?;
-        let each =
-            |own: &Arc<dyn Network>| PerAgent::new(own.clone(), agents).map(|all| Arc::new(all) as Arc<dyn Network>);
         Ok(Self {
-            actor: if settings.separate_actors { each(&of_set)? } else { of_set.clone() },
+            actor: if settings.separate_actors {
+                Arc::new(PerAgent::new(of_set.clone(), agents)?)
+            } else {
+                of_set.clone()
+            },
             of_set,
             critic: Mlp::new(n_base + agents * widths.n_action, &settings.critic, 1, Activation::Identity)?,
             n_critic: settings.critics,
