@@ -44,7 +44,8 @@ pub trait Kind: Send + Sync {
     /// What the actor's outputs pass through.
     fn output(&self) -> Activation;
 
-    /// An action to fly, of an agent of environment `environment`.
+    /// An action to fly, of an agent of environment `environment`. Here and below an action may have fewer numbers than
+    /// outputs are for, where agents are unlike: the first ones count.
     fn explore(&self, output: &[f32], environment: u64, noise: &mut Noise<'_>, action: &mut [f32]);
 
     /// An action to value, and what is added to its value.
@@ -143,6 +144,8 @@ struct Shapes {
     /// Numbers of what critics see before the actions.
     n_base: usize,
     agents: usize,
+    /// Numbers of the action of each of them; what stands behind them in its row is 0.
+    done: Vec<usize>,
     widths: Widths,
 }
 
@@ -164,8 +167,15 @@ impl Shapes {
             batch: settings.batch,
             n_base,
             agents,
+            done: (0..agents).map(|agent| spec.n_action_of(agent)).collect(),
             widths,
         })
+    }
+
+    /// Of every action of `x`, agent by agent, the numbers that its agent has.
+    fn each<'a>(&'a self, x: &'a mut [f32]) -> impl Iterator<Item = &'a mut [f32]> {
+        let own = self.done.iter().cycle();
+        x.chunks_exact_mut(self.widths.n_action).zip(own).map(|(x, n)| &mut x[..*n])
     }
 
     /// Rows of what critics see: `base` beside `actions`.
@@ -253,15 +263,16 @@ struct Exploring<'a, K> {
     correlation: f64,
     network: &'a dyn Network,
     parameters: &'a [f32],
-    n_action: usize,
+    shapes: &'a Shapes,
 }
 
 impl<K: Kind> Explore for Exploring<'_, K> {
     fn act(&self, x: &[f32], first: usize, memory: &mut Memory, streams: &mut Streams<'_>, actions: &mut [f32]) {
         let output = self.network.forward(self.parameters, x, x.len() / self.network.n_input(), memory);
-        for (k, action) in actions.chunks_exact_mut(self.n_action).enumerate() {
+        let n_action = self.shapes.widths.n_action;
+        for (k, action) in self.shapes.each(actions).enumerate() {
             let environment = streams.environment(first + k);
-            let held = (self.correlation > 0.0).then(|| (streams.held(first + k, self.n_action), self.correlation));
+            let held = (self.correlation > 0.0).then(|| (streams.held(first + k, n_action), self.correlation));
             let mut noise = Noise { stream: streams.of(first + k), held };
             self.kind.explore(output.row(k), environment, &mut noise, action);
         }
@@ -289,7 +300,8 @@ impl<E: Exploration> ActorCritic<E> {
             config.replay.fits(first.spec(), n, config.central_critic)
         })?;
         let spec = shards[0].env.spec().clone();
-        let kind = config.exploration.kind(spec.action.len());
+        let done = (0..spec.n_agent).map(|agent| spec.n_action_of(agent) as f64).sum::<f64>();
+        let kind = config.exploration.kind(done / spec.n_agent as f64);
         check_few(&spec, kind.most_action())?;
         let shapes = Shapes::new(&config, &kind, &spec)?;
         let widths = shapes.widths;
@@ -327,7 +339,7 @@ impl<E: Exploration> ActorCritic<E> {
             correlation: self.config.correlation,
             network: &*self.shapes.actor,
             parameters: &self.actor.parameters,
-            n_action: self.shapes.widths.n_action,
+            shapes: &self.shapes,
         };
         self.experience.fly(&self.threads, self.config.steps, (self.update, self.progress_of_run()), &explore)
     }
@@ -439,11 +451,11 @@ impl Work {
         (follows, critics): (&[f32], &[NetWithTarget]),
         unit: Unit,
     ) {
-        let (rows, n) = (self.block.rows, shapes.widths.n_action);
+        let rows = self.block.rows;
         let output = shapes.actor.forward(follows, &self.block.next, rows * shapes.agents, &mut self.actor);
         self.target.fill(0.0);
         let mut noise = Noise { stream: &mut self.block.stream, held: None };
-        for (k, action) in self.actions.chunks_exact_mut(n).enumerate() {
+        for (k, action) in shapes.each(&mut self.actions).enumerate() {
             self.target[k / shapes.agents] += kind.next(output.row(k), &mut noise, action);
         }
         let base = if shapes.widths.n_state > 0 { &self.block.next_state } else { &self.block.next };
@@ -497,7 +509,7 @@ impl Work {
         let n_output = shapes.actor.n_output();
         let output = shapes.actor.forward(&actor.parameters, &self.block.observation, rows * agents, &mut self.actor);
         self.noise.iter_mut().for_each(|e| *e = self.block.stream.normal() as f32);
-        for (k, action) in self.actions.chunks_exact_mut(n).enumerate() {
+        for (k, action) in shapes.each(&mut self.actions).enumerate() {
             let noise = &self.noise[k * n..][..n];
             self.sums[2] += f64::from(kind.draw(output.row(k), noise, action) * live(self.block.weight[k / agents]));
         }
@@ -512,7 +524,7 @@ impl Work {
             );
         }
         for (k, own) in self.grad_output.chunks_exact_mut(n_output).enumerate() {
-            let [noise, slope] = [&self.noise, &self.grad_action].map(|all| &all[k * n..][..n]);
+            let [noise, slope] = [&self.noise, &self.grad_action].map(|all| &all[k * n..][..shapes.done[k % agents]]);
             kind.pull(output.row(k), noise, std, slope, own);
             let share = live(self.block.weight[k / agents]) / (shapes.batch * agents) as f32;
             own.iter_mut().for_each(|x| *x *= share);

@@ -185,6 +185,8 @@ impl Explore for Greedy<'_> {
     }
 }
 
+const UNLIKE: &str = "Train by happo, by matd3 with td3.separate_actors = true, or by apg or shac.";
+
 impl Dqn {
     /// A run from random weights; `make` builds each shard's environments from its configuration.
     ///
@@ -211,7 +213,7 @@ impl Dqn {
             experience: Experience::new(shards, &shapes.network, (&config.replay, config.discount), shapes.widths)?,
             norm: ValueNorm::new(VALUE_BETA)?,
             work: shapes.work(team),
-            flown: Actor::new(&spec, &config.network, false)?,
+            flown: Actor::new(&spec, &config.network, false)?.fits_unlike(&spec, UNLIKE)?,
             shapes,
             config,
             threads,

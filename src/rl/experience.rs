@@ -377,6 +377,7 @@ impl Worker {
         match random {
             Some(space) => {
                 for (agent, action) in actions.chunks_exact_mut(n_action).enumerate() {
+                    let action = &mut action[..spec.n_action_of(agent % n_agent)];
                     action.iter_mut().for_each(|a| *a = evenly(space, streams.of(agent)));
                 }
             }

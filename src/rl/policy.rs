@@ -19,8 +19,8 @@ pub struct Actor {
     /// From outputs to actions.
     pub head: Head,
     n_action: usize,
-    /// Sets of parameters.
-    n_set: usize,
+    /// Of each set of parameters: from the first of the outputs to the first numbers of an action, where its agent has no more.
+    heads: Vec<Head>,
 }
 
 /// Up to [`ROWS`] rows that one set of parameters acts on.
@@ -79,24 +79,43 @@ impl Actor {
         };
         let output = if squashed { Activation::Tanh } else { Activation::Identity };
         let mlp = network(spec, layers, head.n_output(), output)?;
-        Ok(Self { mlp, head, n_action: spec.action.len(), n_set: 1 })
+        Ok(Self { mlp, head, n_action: spec.action.len(), heads: vec![head] })
     }
 
-    /// With parameters for each of `n_agent` agents, whose rows follow each other agent by agent.
+    /// With parameters for each agent of `spec`, whose rows follow each other agent by agent.
     ///
     /// # Errors
     /// [`Error::Value`] for a network with a memory.
-    pub fn for_each(self, n_agent: usize) -> Result<Self> {
-        if self.mlp.n_state() > 0 && n_agent > 1 {
+    pub fn for_each(self, spec: &Spec) -> Result<Self> {
+        if self.mlp.n_state() > 0 && spec.n_agent > 1 {
             let remedy = "Share the policy, or show a history instead (a stage `history`, an encoder of kind conv1d).";
             return Err(Error::value("network.memory", "given", "left out where every agent has its own", remedy));
         }
-        Ok(Self { n_set: n_agent, ..self })
+        let heads = (0..spec.n_agent).map(|agent| self.head.of_first(spec.n_action_of(agent))).collect();
+        Ok(Self { heads, ..self })
+    }
+
+    /// For learners that weigh actions by their probability or fit values of them: numbers that move nothing must take no part.
+    ///
+    /// # Errors
+    /// [`Error::Value`] where agents are unlike and share parameters.
+    pub(crate) fn fits_unlike(self, spec: &Spec, remedy: &str) -> Result<Self> {
+        if spec.unlike.is_empty() || self.n_set() == spec.n_agent {
+            return Ok(self);
+        }
+        let widths = spec.unlike.iter().map(|own| format!("{} seen, {} done", own.observation, own.action));
+        let value = widths.collect::<Vec<_>>().join("; ");
+        Err(Error::value("agents of the team", value, "alike where they share a policy", remedy))
     }
 
     /// Sets of parameters: 1, or one for each agent.
     pub fn n_set(&self) -> usize {
-        self.n_set
+        self.heads.len()
+    }
+
+    /// From outputs of set `set` to actions.
+    pub fn head_of(&self, set: usize) -> Head {
+        self.heads[set]
     }
 
     /// Numbers of one agent's action.
@@ -111,7 +130,7 @@ impl Actor {
 
     /// Network parameters, then those of the head; of one agent after the other where each has its own.
     pub fn n_parameter(&self) -> usize {
-        self.n_set * self.n_parameter_of_set()
+        self.n_set() * self.n_parameter_of_set()
     }
 
     /// Those of one set.
@@ -127,12 +146,12 @@ impl Actor {
 
     /// What a set of parameters is called among tensors.
     pub(crate) fn set_name(&self, k: usize) -> String {
-        if self.n_set == 1 { "actor".into() } else { format!("actor.agent{k}") }
+        if self.n_set() == 1 { "actor".into() } else { format!("actor.agent{k}") }
     }
 
     /// All of `rows` rows `[environment, agent]`, block by block.
     pub fn blocks(&self, rows: usize) -> impl Iterator<Item = Block> {
-        let (stride, of_set) = (self.n_set, rows / self.n_set);
+        let (stride, of_set) = (self.n_set(), rows / self.n_set());
         let firsts = move |set| (0..of_set).step_by(ROWS).map(move |k| (set, k));
         (0..stride).flat_map(firsts).map(move |(set, k)| Block {
             set,
@@ -306,7 +325,7 @@ impl Policy {
         }
         let agents = self.rows / begins.len();
         for row in (0..self.rows).filter(|row| begins[row / agents] != 0) {
-            let of_part = self.actor.n_set * ROWS;
+            let of_part = self.actor.n_set() * ROWS;
             self.memory[row / of_part].recall.forget(row % of_part);
         }
         Ok(())
@@ -330,11 +349,11 @@ impl Policy {
                 return Err(Error::value(what, got, limit, remedy));
             }
         }
-        if !rows.is_multiple_of(self.actor.n_set) {
-            let limit = format!("a multiple of {}: every agent has its own network", self.actor.n_set);
+        if !rows.is_multiple_of(self.actor.n_set()) {
+            let limit = format!("a multiple of {}: every agent has its own network", self.actor.n_set());
             return Err(Error::value("rows", rows, limit, "Show the whole team."));
         }
-        let of_part = self.actor.n_set * ROWS;
+        let of_part = self.actor.n_set() * ROWS;
         let missing = rows.div_ceil(of_part).saturating_sub(self.memory.len());
         let fresh = |_| Acting {
             memory: self.actor.mlp.memory(ROWS),
@@ -354,7 +373,9 @@ impl Policy {
                 let (network, extra) = actor.set(parameters, block.set);
                 let output = recall.forward(actor, network, block.of(x, n_in, gathered), 0, memory);
                 for k in 0..block.rows {
-                    actor.head.mode(output.row(k), extra, &mut actions[block.row(k) * n_out..][..n_out]);
+                    let action = &mut actions[block.row(k) * n_out..][..n_out];
+                    action.fill(0.0);
+                    actor.head_of(block.set).mode(output.row(k), extra, action);
                 }
             }
         });

@@ -135,7 +135,7 @@ impl BlockLoss for Loss<'_> {
         if let Some(gaussians) = self.gaussians {
             return self.block_of(gaussians, rows, output, (grad_output, d_extra), sums);
         }
-        let n_out = self.head.n_output();
+        let n_out = grad_output.len() / rows.len().max(1);
         for (k, (grad_output, row)) in grad_output.chunks_exact_mut(n_out).zip(rows).enumerate() {
             self.row(*row as usize, output.row(k), grad_output, d_extra, sums);
         }
@@ -264,10 +264,10 @@ impl Ppo {
         let rows = if windows.is_some() { 0 } else { part(shape.n_agent / n_set) };
         let mut ppo = Self {
             descents: (0..n_set)
-                .map(|_| Descent {
+                .map(|k| Descent {
                     transposed: Transposed::default(),
                     adam: Adam::new(config.adam, n_of_set),
-                    gaussians: Gaussians::of(actor.head),
+                    gaussians: Gaussians::of(actor.head_of(k)),
                     scale: 1.0,
                 })
                 .collect(),
@@ -369,8 +369,7 @@ impl Ppo {
             self.own.extend(self.rows[0].iter().filter(|row| **row as usize % n_set == set));
             self.take_turn(turn, set, &mut learnt);
             if let Some(ratios) = self.ratios.as_mut().filter(|_| turn + 1 < n_set) {
-                let parameters = self.actor.set(&self.parameters, set);
-                ratios.find(&self.threads, &self.actor, parameters, &self.rollout, &self.own);
+                ratios.find(&self.threads, (&self.actor, &self.parameters, set), &self.rollout, &self.own);
                 for (row, ratio) in self.own.iter().zip(&ratios.all) {
                     let first = *row as usize - set;
                     self.turns[turn + 1..].iter().for_each(|later| self.advantage[first + *later as usize] *= ratio);
@@ -436,7 +435,7 @@ impl Ppo {
         let descent = &mut self.descents[set];
         descent.gaussians.iter_mut().for_each(|gaussians| gaussians.set(extra));
         let loss = Loss {
-            head: self.actor.head,
+            head: self.actor.head_of(set),
             gaussians: descent.gaussians.as_ref(),
             extra,
             rollout: &self.rollout,

@@ -368,7 +368,7 @@ impl Collector {
             recall: Recall::new(actor, rows, ROWS),
             failed: None,
             streams: Vec::with_capacity(shard.env.spec().n_env),
-            gaussians: (0..actor.n_set()).filter_map(|_| Gaussians::of(actor.head)).collect(),
+            gaussians: (0..actor.n_set()).filter_map(|k| Gaussians::of(actor.head_of(k))).collect(),
             gathered: Vec::new(),
             of_actor: actor.mlp.memory(ROWS),
             of_critic: critic.mlp.memory(ROWS),
@@ -431,13 +431,13 @@ impl Collector {
             let (network, extra) = how.actor.set(how.parameters, block.set);
             let x = block.of(now, s.n_observation, &mut self.gathered);
             let output = self.recall.forward(how.actor, network, x, block.first, &mut self.of_actor);
-            let gaussians = self.gaussians.get(block.set);
+            let (head, gaussians) = (how.actor.head_of(block.set), self.gaussians.get(block.set));
             for (k, row) in (0..block.rows).map(|k| (k, block.row(k))) {
                 let stream = &mut self.streams[row / s.n_agent];
                 let action = &mut actions[row * s.n_action..][..s.n_action];
                 match gaussians {
                     Some(gaussians) => gaussians.sample(output.row(k), stream, action),
-                    None => log_probs[row] = how.actor.head.sample(output.row(k), extra, stream, action),
+                    None => log_probs[row] = head.sample(output.row(k), extra, stream, action),
                 }
             }
             if let Some(gaussians) = gaussians {

@@ -55,10 +55,10 @@ impl Exploration for Entropy {
         Ok(())
     }
 
-    fn kind(&self, n: usize) -> Temperature {
+    fn kind(&self, n: f64) -> Temperature {
         Temperature {
             log_alpha: self.temperature.ln(),
-            target: self.target * n as f64,
+            target: self.target * n,
             rate: self.learning_rate,
             entropy: 0.0,
         }
@@ -172,13 +172,13 @@ mod tests {
     fn the_temperature_falls_where_the_policy_is_more_random_than_asked_and_rises_where_less() {
         let exploration = Entropy { target: -1.0, temperature: 0.2, learning_rate: 0.01 };
         for (log_prob, too_much) in [(-0.5, 2.5), (2.0, 0.0), (3.0, -1.0)] {
-            let mut own = exploration.kind(2);
+            let mut own = exploration.kind(2.0);
             own.adapt(log_prob);
             let wanted = 0.2 * f64::exp(-0.01 * too_much);
             assert!((own.alpha() - wanted).abs() < 1e-12, "{log_prob}: {} {wanted}", own.alpha());
         }
-        let mut own = exploration.kind(2);
+        let mut own = exploration.kind(2.0);
         own.adapt(f64::NAN);
-        assert_eq!(own, exploration.kind(2), "what is not finite moves nothing");
+        assert_eq!(own, exploration.kind(2.0), "what is not finite moves nothing");
     }
 }

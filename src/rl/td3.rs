@@ -59,7 +59,7 @@ impl Exploration for ActionNoise {
         Ok(())
     }
 
-    fn kind(&self, _: usize) -> Self {
+    fn kind(&self, _: f64) -> Self {
         self.clone()
     }
 }
@@ -93,12 +93,12 @@ impl Kind for ActionNoise {
     }
 
     fn draw(&self, output: &[f32], _: &[f32], action: &mut [f32]) -> f32 {
-        action.copy_from_slice(output);
+        action.copy_from_slice(&output[..action.len()]);
         0.0
     }
 
     fn pull(&self, _: &[f32], _: &[f32], _: f32, grad_action: &[f32], grad_output: &mut [f32]) {
-        grad_output.copy_from_slice(grad_action);
+        grad_output[..grad_action.len()].copy_from_slice(grad_action);
     }
 
     fn climbed(&self, _: usize) -> usize {

@@ -49,14 +49,15 @@ impl WarmStart {
         Ok(Self { parameters, statistics })
     }
 
-    /// Random weights `parameters` with such last biases that an actor of continuous actions begins about one command, which
-    /// carries the weight for example: episodes last longer from the first update on. Other actors begin as they are. A run that
-    /// begins again takes the same weights.
+    /// Random weights `parameters` with such last biases that an actor of continuous actions begins about a command, of
+    /// `commands` (`[agent, command]`) that of its agent, or of the first where all share it; what carries the weight for
+    /// example: episodes last longer from the first update on. Other actors begin as they are. A run that begins again takes
+    /// the same weights.
     ///
     /// # Errors
     /// As [`Network::from_parts`].
-    pub fn at(actor: &Actor, parameters: &[f32], command: &[f64]) -> Result<Self> {
-        let begin = |parameters: &[f32]| {
+    pub fn at(actor: &Actor, parameters: &[f32], commands: &[f64]) -> Result<Self> {
+        let begin = |(parameters, command): (&[f32], &[f64])| {
             let parts = actor.mlp.parts(parameters);
             let last = parts.iter().rev().find(|part| part.name.ends_with(".bias") && part.shape == [command.len()]);
             let last = last.filter(|_| matches!(actor.head, Head::Gaussian { .. })).map(|part| part.name.clone());
@@ -69,7 +70,7 @@ impl WarmStart {
         };
         // random weights may come without the head's parameters
         let own = (0..actor.n_set()).map(|k| if k == 0 { parameters } else { actor.set(parameters, k).0 });
-        let parameters = own.map(begin).collect::<Result<Vec<_>>>()?.concat();
+        let parameters = own.zip(commands.chunks(actor.n_action())).map(begin).collect::<Result<Vec<_>>>()?.concat();
         Ok(Self { parameters, statistics: None })
     }
 

@@ -6,7 +6,7 @@
 
 use super::crew::Crew;
 use super::env::{Buffers, Env};
-use super::robot::{DronePlace, Robot};
+use super::robot::Robot;
 use super::task::TaskReference;
 use crate::controllers::cascade::Level;
 use crate::error::{Error, Result};
@@ -80,9 +80,9 @@ impl Baseline {
             }
             let Some(seat) = &mut self.seats[i] else { continue };
             seat.fly(env.robot(), &state, self.dt);
-            let places = env.robot().drones().iter().flat_map(DronePlace::commands);
+            let places = env.robot().command_places(env.spec().action.len());
             let own = actions[i * self.n_action..].iter_mut();
-            places.zip(own).for_each(|(place, a)| *a = seat.input[place].clamp(-1.0, 1.0) as f32);
+            places.zip(own).for_each(|(place, a)| *a = place.map_or(0.0, |k| seat.input[k].clamp(-1.0, 1.0) as f32));
         }
         Ok(())
     }

@@ -380,9 +380,15 @@ pub(crate) fn declare<T: Task>(task: &T) -> Result<TaskSpec> {
         })?;
         limit.unit.clone_from(&metric.unit);
     }
+    let seen = (0..task.n_agent().max(1)).map(|agent| list("observation", &|out| task.observe(&view, agent, out)));
+    let seen = seen.collect::<Result<Vec<_>>>()?;
+    let observation_of: Vec<usize> = seen.iter().map(|fields| total(fields)).collect();
+    let widest = observation_of.iter().copied().fold(0, usize::max);
+    let observation = seen.into_iter().find(|fields| total(fields) == widest).unwrap_or_default();
     Ok(TaskSpec {
         about: filled(task.about(), &settings),
-        observation: list("observation", &|out| task.observe(&view, 0, out))?,
+        observation,
+        observation_of,
         central: list("central state", &|out| task.central(&view, out))?,
         reward: reward.into_iter().map(term).collect(),
         ends,

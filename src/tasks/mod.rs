@@ -160,8 +160,8 @@ pub use declare::{Ends, Goal, Loss, Writer};
 pub use env::check::{Finding, check_env};
 pub use env::single::{SingleEnv, SingleStep};
 pub use env::{
-    Adjoint, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Seeds, Space, Spec, StepLayout, StepOut, Sweep,
-    SweepOptions, Tape,
+    Adjoint, AgentWidths, Buffers, Column, Cotangents, Env, Info, Jacobian, Pending, Seeds, Space, Spec, StepLayout,
+    StepOut, Sweep, SweepOptions, Tape,
 };
 pub use evaluate::{Act, EpisodeRows, Evaluation, Watched, evaluate, wilson};
 pub use groups::{Dtype, Group, GroupKind};

@@ -158,6 +158,14 @@ impl Robot {
         &self.drones
     }
 
+    /// Where the commands of all agents go in the input, in rows of `width`; nowhere behind an agent's own.
+    pub(crate) fn command_places(&self, width: usize) -> impl Iterator<Item = Option<usize>> + '_ {
+        self.drones.iter().flat_map(move |drone| {
+            let none = width.saturating_sub(drone.n_action());
+            drone.commands().map(Some).chain(std::iter::repeat_n(None, none))
+        })
+    }
+
     /// Drone 0.
     pub fn drone(&self) -> &DronePlace {
         &self.drones[0]

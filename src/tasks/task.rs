@@ -31,7 +31,8 @@ pub trait Task: Send + Sync + 'static {
     /// Steps until truncation, T.
     fn horizon(&self) -> usize;
 
-    /// Agents, one per drone unless said otherwise; each acts with its drone's rotors and drives.
+    /// Agents, one per drone unless said otherwise; each acts with its drone's rotors and drives. Drones may be unlike: rows
+    /// of actions are as wide as the widest one's, and what stands behind an agent's own numbers moves nothing.
     fn n_agent(&self) -> usize {
         self.robot().drones().len()
     }
@@ -73,7 +74,8 @@ pub trait Task: Send + Sync + 'static {
     #[inline(always)]
     fn remember<S: Scalar>(&self, _view: &View<'_, S>, _task_state: &mut impl Writer<S>) {}
 
-    /// One agent's observation.
+    /// One agent's observation. Agents may see unlike things: rows are as wide as the widest one's, and who writes fewer
+    /// numbers sees 0 behind them. Fields are named after the first of those that see most, so what all see comes first.
     fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>);
 
     /// The central state, for critics that see everything.

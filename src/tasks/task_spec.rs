@@ -288,8 +288,10 @@ impl Success {
 pub struct TaskSpec {
     /// Symbols, target and start of an episode, in words.
     pub about: String,
-    /// One agent's observation, in order.
+    /// One agent's observation, in order; of the first of those that see most, where agents are unlike.
     pub observation: Vec<Field>,
+    /// Numbers that each agent sees.
+    pub observation_of: Vec<usize>,
     /// The central state, in order; empty where there is none.
     pub central: Vec<Field>,
     /// The reward's summands.

@@ -5,3 +5,4 @@ mod memory;
 mod mutated_settings;
 mod regulate;
 mod training;
+mod unlike;

@@ -35,8 +35,8 @@ pub trait Exploration:
     /// [`Error::Value`] with the number, the rule and the remedy.
     fn validate(&self) -> Result<()>;
 
-    /// For actions of `n` numbers.
-    fn kind(&self, n: usize) -> Self::Kind;
+    /// For actions of `n` numbers in the mean over agents.
+    fn kind(&self, n: f64) -> Self::Kind;
 }
 
 /// Settings.
@@ -199,7 +199,8 @@ impl<E: Exploration> Algorithm for ActorCriticConfig<E> {
 
     fn actor(&self, spec: &Spec) -> Result<Actor> {
         let actor = Actor::new(spec, &self.network, true)?;
-        if self.separate_actors { actor.for_each(spec.n_agent) } else { Ok(actor) }
+        let actor = if self.separate_actors { actor.for_each(spec)? } else { actor };
+        actor.fits_unlike(spec, "Set central_critic and separate_actors = true, or train by happo, apg or shac.")
     }
 
     fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {

@@ -35,6 +35,7 @@ impl Gaussians {
 
     /// Takes over log standard deviations.
     pub fn set(&mut self, extra: &[f32]) {
+        let extra = &extra[..self.std.len()];
         let mut total = 0.0;
         for (i, given) in extra.iter().map(|x| f64::from(*x)).enumerate() {
             let log_std = given.clamp(LOG_STD_MIN, LOG_STD_MAX);
@@ -49,8 +50,8 @@ impl Gaussians {
 
     /// Draws the action of one row.
     pub fn sample(&self, output: &[f32], stream: &mut Stream, action: &mut [f32]) {
-        for (i, action) in action.iter_mut().enumerate() {
-            *action = (f64::from(output[i]) + self.std[i] * stream.normal()) as f32;
+        for (i, std) in self.std.iter().enumerate() {
+            action[i] = (f64::from(output[i]) + std * stream.normal()) as f32;
         }
     }
 
@@ -79,7 +80,7 @@ impl Gaussians {
         squares.map(|sum| self.most - 0.5 * sum)
     }
 
-    /// Writes ∂/∂output of Σ `weight` · log p, and adds ∂/∂extra of it and of `grad_entropy` · entropy to `d_extra`; of the
+    /// Writes ∂/∂output of Σ `weight` · log p as far as there are Gaussians, and adds ∂/∂extra of it and of `grad_entropy` · entropy to `d_extra`; of the
     /// first `n` rows.
     pub fn gradient<'a>(
         &self,
@@ -89,11 +90,10 @@ impl Gaussians {
         (weight, grad_entropy): (&[f32; BLOCK], f32),
         (d_output, d_extra): (&mut [f32], &mut [f32]),
     ) {
-        let width = self.std.len();
-        for i in 0..width {
+        for i in 0..self.std.len() {
             let z = self.deviations(i, n, output, action);
             let mut d_log_std = [0.0; BLOCK];
-            for (k, d) in d_output[i..].iter_mut().step_by(width).take(n).enumerate() {
+            for (k, d) in d_output[i..].iter_mut().step_by(output.n).take(n).enumerate() {
                 *d = weight[k] * z[k] * self.inverse_std[i];
             }
             for k in 0..n {

@@ -71,6 +71,15 @@ impl Head {
         Err(Error::limit("outputs of the head", outputs, format!("1 to {MAX_OUTPUT}"), remedy))
     }
 
+    /// The same for the first `n` numbers of an action alone, where it has as many.
+    pub fn of_first(self, n: usize) -> Self {
+        match self {
+            Self::Gaussian { n: all } => Self::Gaussian { n: all.min(n) },
+            Self::Categorical { n } => Self::Categorical { n },
+            Self::MultiCategorical { n: all, levels } => Self::MultiCategorical { n: all.min(n), levels },
+        }
+    }
+
     /// Numbers that the network gives per row.
     pub fn n_output(&self) -> usize {
         match self.family() {
@@ -195,20 +204,20 @@ impl Gaussian {
 
 impl Normal {
     fn gaussian<T: Copy + Into<f64>>(&self, output: &[T], extra: &[T], i: usize) -> Gaussian {
-        assert_eq!((output.len(), extra.len()), (self.n, self.n), "lengths of output and extra");
+        assert!(output.len() >= self.n && extra.len() >= self.n, "lengths of output and extra");
         let given: f64 = extra[i].into();
         let clamp_slope = if (LOG_STD_MIN..=LOG_STD_MAX).contains(&given) { 1.0 } else { 0.0 };
         Gaussian { mean: output[i].into(), log_std: given.clamp(LOG_STD_MIN, LOG_STD_MAX), clamp_slope }
     }
 
     fn add(&self, i: usize, d_mean: f64, d_log_std: f64, d_output: &mut [f32], d_extra: &mut [f32]) {
-        assert_eq!((d_output.len(), d_extra.len()), (self.n, self.n), "lengths of the gradients");
+        assert!(d_output.len() >= self.n && d_extra.len() >= self.n, "lengths of the gradients");
         d_output[i] += d_mean as f32;
         d_extra[i] += d_log_std as f32;
     }
 
     fn sample(&self, output: &[f32], extra: &[f32], stream: &mut Stream, action: &mut [f32]) {
-        assert_eq!(action.len(), self.n, "length of the action");
+        assert!(action.len() >= self.n, "length of the action");
         for i in 0..self.n {
             let gaussian = self.gaussian(output, extra, i);
             action[i] = (gaussian.mean + gaussian.log_std.exp() * stream.normal()) as f32;
@@ -216,14 +225,14 @@ impl Normal {
     }
 
     fn mode(&self, output: &[f32], extra: &[f32], action: &mut [f32]) {
-        assert_eq!(action.len(), self.n, "length of the action");
+        assert!(action.len() >= self.n, "length of the action");
         for i in 0..self.n {
             action[i] = self.gaussian(output, extra, i).mean as f32;
         }
     }
 
     fn log_prob<T: Copy + Into<f64>>(&self, output: &[T], extra: &[T], action: &[T]) -> f64 {
-        assert_eq!(action.len(), self.n, "length of the action");
+        assert!(action.len() >= self.n, "length of the action");
         let mut total = 0.0;
         for i in 0..self.n {
             let gaussian = self.gaussian(output, extra, i);
@@ -251,7 +260,7 @@ impl Normal {
         d_output: &mut [f32],
         d_extra: &mut [f32],
     ) {
-        assert_eq!(action.len(), self.n, "length of the action");
+        assert!(action.len() >= self.n, "length of the action");
         for i in 0..self.n {
             let gaussian = self.gaussian(output, extra, i);
             let inverse_std = (-gaussian.log_std).exp();
@@ -277,8 +286,7 @@ struct Weights {
 
 impl Choice {
     fn logits<'a, T>(&self, output: &'a [T]) -> std::slice::ChunksExact<'a, T> {
-        assert_eq!(output.len(), self.n * self.levels, "length of the output");
-        output.chunks_exact(self.levels)
+        output[..self.n * self.levels].chunks_exact(self.levels)
     }
 
     /// The value that an action's number stands for.
@@ -287,14 +295,14 @@ impl Choice {
     }
 
     fn sample(&self, output: &[f32], stream: &mut Stream, action: &mut [f32]) {
-        assert_eq!(action.len(), self.n, "length of the action");
+        assert!(action.len() >= self.n, "length of the action");
         for (logits, action) in self.logits(output).zip(action) {
             *action = invert(logits, stream.unit()) as f32;
         }
     }
 
     fn mode(&self, output: &[f32], action: &mut [f32]) {
-        assert_eq!(action.len(), self.n, "length of the action");
+        assert!(action.len() >= self.n, "length of the action");
         for (logits, action) in self.logits(output).zip(action) {
             let mut best = 0;
             for k in 1..logits.len() {
@@ -307,7 +315,7 @@ impl Choice {
     }
 
     fn log_prob<T: Copy + Into<f64>>(&self, output: &[T], action: &[T]) -> f64 {
-        assert_eq!(action.len(), self.n, "length of the action");
+        assert!(action.len() >= self.n, "length of the action");
         self.logits(output).zip(action).map(|(x, a)| x[self.value(*a)].into() - weigh(x).shift).sum()
     }
 
@@ -323,7 +331,7 @@ impl Choice {
         (grad_log_prob, grad_entropy): (f64, f64),
         d_output: &mut [f32],
     ) {
-        assert_eq!((action.len(), d_output.len()), (self.n, output.len()), "lengths of action and gradient");
+        assert!(action.len() >= self.n && d_output.len() == output.len(), "lengths of action and gradient");
         let rows = d_output.chunks_exact_mut(self.levels);
         for ((logits, action), d_logits) in self.logits(output).zip(action).zip(rows) {
             let weights = weigh(logits);

@@ -1,6 +1,6 @@
 //! Gaussians behind tanh, drawn so that gradients pass: a = tanh(μ + σ ε), ε ~ N(0, 1) (Haarnoja et al. 2018, appendix C).
 //!
-//! A row of outputs is `[μ n, s n]`; ln σ = −5 + 3.5 (1 + tanh s) stays within [−5, 2] and its slope never vanishes for good.
+//! A row of outputs is `[μ n, s n]`, of which an action has the first numbers of each half; ln σ = −5 + 3.5 (1 + tanh s) stays within [−5, 2] and its slope never vanishes for good.
 
 use super::head::{LOG_STD_MAX, LOG_STD_MIN};
 use std::f64::consts::{LN_2, TAU};
@@ -15,10 +15,10 @@ fn log_std(s: f64) -> f64 {
 
 /// Writes the action of `noise`, and gives ln π of it, summed over its numbers.
 pub fn draw(output: &[f32], noise: &[f32], action: &mut [f32]) -> f32 {
-    let n = action.len();
+    let half = output.len() / 2;
     let mut total = 0.0;
-    for i in 0..n {
-        let (mean, log_std, e) = (f64::from(output[i]), log_std(output[n + i].into()), f64::from(noise[i]));
+    for i in 0..action.len() {
+        let (mean, log_std, e) = (f64::from(output[i]), log_std(output[half + i].into()), f64::from(noise[i]));
         let u = mean + log_std.exp() * e;
         action[i] = u.tanh() as f32;
         // ln(1 − tanh² u), which tanh itself rounds to ln 0
@@ -35,16 +35,16 @@ fn softplus(x: f64) -> f64 {
 
 /// ∂/∂output of `alpha` · ln π(a) + Σ `grad_action` · a, along a = tanh(μ + σ ε) with ε held.
 pub fn pull(output: &[f32], noise: &[f32], alpha: f64, grad_action: &[f32], grad_output: &mut [f32]) {
-    let n = noise.len();
-    for i in 0..n {
-        let (s, e) = (f64::from(output[n + i]), f64::from(noise[i]));
+    let half = output.len() / 2;
+    for i in 0..grad_action.len() {
+        let (s, e) = (f64::from(output[half + i]), f64::from(noise[i]));
         let std = log_std(s).exp();
         let a = (f64::from(output[i]) + std * e).tanh();
         let grad_mean = 2.0 * alpha * a + f64::from(grad_action[i]) * (1.0 - a * a);
         let grad_log_std = grad_mean * std * e - alpha;
         let slope = HALF * (1.0 - s.tanh().powi(2));
         grad_output[i] = grad_mean as f32;
-        grad_output[n + i] = (grad_log_std * slope) as f32;
+        grad_output[half + i] = (grad_log_std * slope) as f32;
     }
 }
 

@@ -129,7 +129,8 @@ impl PpoConfig {
     /// The shape of the policy.
     pub(super) fn actor(&self, spec: &Spec) -> Result<Actor> {
         let actor = Actor::with_memory(spec, &self.network, false)?;
-        if self.team == Team::Shared { Ok(actor) } else { actor.for_each(spec.n_agent) }
+        let actor = if self.team == Team::Shared { actor } else { actor.for_each(spec)? };
+        actor.fits_unlike(spec, "Set ppo.team = 'separate' or 'sequential' (happo), or train by apg or shac.")
     }
 
     /// The environments as the policy sees them.

@@ -22,16 +22,16 @@ struct Worker {
 }
 
 impl Ratios {
-    /// Those of `rows` of the rollout, all of one agent, whose parameters are now those of (network, head).
+    /// Those of `rows` of the rollout, all of the agent of set `set` of the parameters as they are now.
     pub fn find(
         &mut self,
         threads: &Threads,
-        actor: &Actor,
-        (network, extra): (&[f32], &[f32]),
+        (actor, parameters, set): (&Actor, &[f32], usize),
         rollout: &Rollout,
         rows: &[u32],
     ) {
         let (n_in, n_action) = (actor.n_observation(), actor.n_action());
+        let (head, (network, extra)) = (actor.head_of(set), actor.set(parameters, set));
         // no row depends on which others go with it: as many parts as threads
         let of_part = rows.len().div_ceil(threads.count()).max(1);
         let missing = rows.len().div_ceil(of_part).saturating_sub(self.workers.len());
@@ -48,7 +48,7 @@ impl Ratios {
                 let output = actor.mlp.forward(network, x, rows.len(), memory);
                 for (k, (ratio, row)) in ratios.iter_mut().zip(rows).enumerate() {
                     let action = &rollout.action[*row as usize * n_action..][..n_action];
-                    let log_ratio = actor.head.log_prob(output.row(k), extra, action) - rollout.log_prob[*row as usize];
+                    let log_ratio = head.log_prob(output.row(k), extra, action) - rollout.log_prob[*row as usize];
                     *ratio = log_ratio.exp().clamp(1.0 / MOST, MOST);
                 }
             }

@@ -338,7 +338,9 @@ fn survives(maker: &Maker<'_>) -> Result<Option<String>> {
         }
         let ended = b.ended();
         for (i, own) in b.actions.chunks(n).enumerate() {
-            let wanted = own.iter().filter(|a| !fits(a)).count();
+            let agents = own.chunks(spec.action.len()).enumerate();
+            let moving = agents.flat_map(|(agent, own)| &own[..spec.n_action_of(agent)]);
+            let wanted = moving.filter(|a| !fits(a)).count();
             let counted = b.out.info[i * width + clipped] as usize;
             if counted != wanted {
                 let when = if ended[i] { "an episode\'s last step" } else { "a step" };

@@ -16,7 +16,7 @@ use crate::dynamics::rotor::{holding_action, thrust_action};
 use crate::dynamics::spatial::rotate_back;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
-use crate::tasks::robot::Robot;
+use crate::tasks::robot::{DronePlace, Robot};
 
 /// Rotor slots of the compiled cascades.
 #[derive(Debug, Clone)]
@@ -36,11 +36,13 @@ pub(crate) struct Control {
     cascades: Option<Cascades>,
     /// The same cascade for recordings, which come out alike for any number of slots.
     recorded: Option<Box<CascadeModel<f64, MAX_SLOTS>>>,
-    /// Commands of one agent.
+    /// Commands of the agent that has most.
     pub n_command: usize,
-    /// What one agent does where its action is not a number.
+    /// Those of each agent; what stands behind them in its row moves nothing.
+    pub n_command_of: Vec<usize>,
+    /// What agents do where their action is not a number: a row for each.
     pub safe: Vec<f64>,
-    /// Names of one agent's commands.
+    /// Names of the commands of the agent that has most.
     pub names: Vec<String>,
     /// Per agent: places of its rotors, then drives, in the input.
     inputs: Vec<Vec<usize>>,
@@ -59,6 +61,7 @@ impl Control {
             cascades: None,
             recorded: None,
             n_command: 4,
+            n_command_of: vec![4; robot.drones().len()],
             safe: Vec::new(),
             names: Vec::new(),
             inputs,
@@ -73,20 +76,17 @@ impl Control {
     }
 
     fn direct(&mut self, robot: &Robot, residual: bool) -> Result<()> {
-        let first = robot.drone();
-        let counts = robot.drones().iter().map(|d| (d.rotors.len(), d.drives.len()));
-        if let Some(other) = counts.into_iter().find(|c| *c != (first.rotors.len(), first.drives.len())) {
-            let value = format!("{} rotors and {} drives", other.0, other.1);
-            let limit = format!("{} and {} as its first", first.rotors.len(), first.drives.len());
-            return Err(Error::value("a drone of the robot", value, limit, "Agents of a team act alike."));
+        self.n_command_of = robot.drones().iter().map(DronePlace::n_action).collect();
+        self.n_command = self.n_command_of.iter().copied().fold(0, usize::max);
+        let widest = robot.drones().iter().find(|drone| drone.n_action() == self.n_command);
+        let (rotors, drives) = widest.map_or((0, 0), |drone| (drone.rotors.len(), drone.drives.len()));
+        self.names.extend((0..rotors).map(|i| format!("rotor_{i}")));
+        self.names.extend((0..drives).map(|i| format!("drive_{i}")));
+        for drone in robot.drones() {
+            let first = self.safe.len();
+            self.safe.extend(drone.rotors.iter().map(|r| holding_action(r.max_speed, robot.rest()[r.speed])));
+            self.safe.resize(first + self.n_command, 0.0);
         }
-        self.n_command = first.n_action();
-        for (i, rotor) in first.rotors.iter().enumerate() {
-            self.safe.push(holding_action(rotor.max_speed, robot.rest()[rotor.speed]));
-            self.names.push(format!("rotor_{i}"));
-        }
-        self.names.extend((0..first.drives.len()).map(|i| format!("drive_{i}")));
-        self.safe.resize(self.n_command, 0.0);
         if residual {
             self.safe.fill(0.0);
         }
@@ -115,7 +115,7 @@ impl Control {
             _ => (["offset_x", "offset_y", "offset_z", "yaw"], [0.0; 4]),
         };
         self.names = names.map(String::from).to_vec();
-        self.safe = safe.to_vec();
+        self.safe = safe.repeat(self.inputs.len());
         Ok(())
     }
 
@@ -127,6 +127,11 @@ impl Control {
                 let value = format!("{levels} levels of {} commands, {values:.0} values", self.n_command);
                 let remedy = "Use actions = { kind = 'multi_discrete', levels = .. }.";
                 return Err(Error::limit("discrete actions", value, format!("{MAX_VALUES} values"), remedy));
+            }
+            if self.n_command_of.iter().any(|n| *n != self.n_command) {
+                let value = format!("one choice for {:?} commands of the agents", self.n_command_of);
+                let remedy = "Use actions = { kind = 'multi_discrete', levels = .. }.";
+                return Err(Error::value("discrete actions", value, "agents with equally many commands", remedy));
             }
         }
         Ok(())
@@ -161,7 +166,7 @@ impl Control {
                     for agent in 0..n_agent {
                         let own = &row[agent * self.n_action()..(agent + 1) * self.n_action()];
                         let out = &mut work.command[agent * self.n_command..(agent + 1) * self.n_command];
-                        changed += self.pick(own, levels, joint, |k, x| out[k][lane] = x);
+                        changed += self.pick(agent, own, levels, joint, |k, x| out[k][lane] = x);
                     }
                     episode[episode_state::CLIPPED][lane] = changed as f32;
                 }
@@ -170,17 +175,18 @@ impl Control {
     }
 
     /// Commands of one agent's whole numbers; returns how many were out of range.
-    fn pick(&self, own: &[f32], levels: usize, joint: bool, mut put: impl FnMut(usize, f32)) -> usize {
+    fn pick(&self, agent: usize, own: &[f32], levels: usize, joint: bool, mut put: impl FnMut(usize, f32)) -> usize {
+        let safe = &self.safe[agent * self.n_command..];
         let most = if joint { levels.pow(self.n_command as u32) } else { levels } - 1;
         let level = |digit: usize| 2.0 * digit as f32 / (levels - 1) as f32 - 1.0;
         let mut changed = 0;
-        for (i, number) in own.iter().enumerate() {
+        for (i, number) in own.iter().take(self.n_command_of[agent]).enumerate() {
             let whole = number.round().clamp(0.0, most as f32);
             changed += usize::from(*number != whole);
             let mut rest = whole as usize;
             if !number.is_finite() {
                 let which = if joint { 0..self.n_command } else { i..i + 1 };
-                which.for_each(|k| put(k, self.safe[k] as f32));
+                which.for_each(|k| put(k, safe[k] as f32));
             } else if joint {
                 for k in (0..self.n_command).rev() {
                     put(k, level(rest % levels));
@@ -335,10 +341,13 @@ impl RegisterKernel for Clip<'_> {
         let mut commands = L::rows_mut(self.command, at);
         let mut changed = L::zero();
         for agent in 0..self.control.inputs.len() {
-            for k in 0..n {
-                let (used, differs) = clipped(actions.get(agent * n + k), self.control.safe[k]);
+            for k in 0..self.control.n_command_of[agent] {
+                let (used, differs) = clipped(actions.get(agent * n + k), self.control.safe[agent * n + k]);
                 commands.set(agent * n + k, used);
                 changed += L::select(differs, L::one(), L::zero());
+            }
+            for k in self.control.n_command_of[agent]..n {
+                commands.set(agent * n + k, L::zero());
             }
         }
         L::rows_mut(self.episode, at).set(episode_state::CLIPPED, changed);

@@ -55,7 +55,7 @@ pub use buffers::{Buffers, StepOut};
 pub use gradient::{Adjoint, Cotangents, Jacobian, Seeds, Sweep, SweepOptions, Tape};
 pub use normaliser::Pending;
 pub(crate) use normaliser::VARIANCE_FLOOR;
-pub use spec::{Column, Info, Space, Spec};
+pub use spec::{AgentWidths, Column, Info, Space, Spec};
 pub use transition::StepLayout;
 
 use self::block::{EnvBlock, Sizes, Workspace};
@@ -547,8 +547,8 @@ impl Env {
         self.core.config_hash
     }
 
-    /// The command that an action stands for which is no number: rotors carry the weight, drives and setpoints rest, and
-    /// controllers beside the actions are left alone.
+    /// The commands that actions stand for which are no numbers, `[A, command]`: rotors carry the weight, drives and setpoints
+    /// rest, and controllers beside the actions are left alone.
     pub fn safe_command(&self) -> &[f64] {
         &self.core.control.safe
     }

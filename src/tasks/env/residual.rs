@@ -22,8 +22,8 @@ const WITHOUT: &str = "Leave it out: actions are then the commands themselves.";
 #[derive(Debug, Clone)]
 pub(crate) struct Residual {
     share: f32,
-    /// Of all agents' commands in the input.
-    places: Vec<usize>,
+    /// Of all agents' commands in the input, in rows of the widest one's.
+    places: Vec<Option<usize>>,
     dt: f64,
 }
 
@@ -42,7 +42,8 @@ impl Residual {
         if config.control != Level::Rotor {
             return refuse(format!("{share} with control '{}'", config.control.name()), "with control 'rotor'");
         }
-        let places = robot.drones().iter().flat_map(DronePlace::commands).collect();
+        let widest = robot.drones().iter().map(DronePlace::n_action).fold(0, usize::max);
+        let places = robot.command_places(widest).collect();
         let own = Self { share: share as f32, places, dt: config.dt };
         let crew = own.crew(robot)?;
         if crew.remembers() {
@@ -82,6 +83,7 @@ impl Lead {
             take(&block.plant.rows, lane, &mut self.state);
             self.crew.fly(core.robot(), reference, time, &self.state, &mut self.input);
             for (row, place) in command.iter_mut().zip(&own.places) {
+                let Some(place) = place else { continue };
                 row[lane] = (self.input[*place] as f32 + own.share * row[lane]).clamp(-1.0, 1.0);
             }
         }

@@ -94,7 +94,7 @@ impl Stepper<'_> {
         block.episode_state[episode_state::EVENT][lane] = event_at.min(f64::from(f32::MAX)) as f32;
         block.episode_state[episode_state::DELAY][lane] = core.delay_of(key);
         for (k, row) in block.line.iter_mut().enumerate() {
-            row[lane] = core.control.safe[k % core.control.n_command] as f32;
+            row[lane] = core.control.safe[k % core.control.safe.len()] as f32;
         }
         block.history.iter_mut().for_each(|row| row[lane] = 0.0);
         block.started |= 1 << lane;

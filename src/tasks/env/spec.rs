@@ -6,7 +6,7 @@ use super::engine::Engine;
 use crate::error::{Error, Result};
 use crate::tasks::config::{ActionSpace, EnvConfig};
 use crate::tasks::observation::{LEAST_NOMINAL, Pipeline};
-use crate::tasks::task_spec::{DIVERGED, End, Field, Success, Term, below, total};
+use crate::tasks::task_spec::{DIVERGED, End, Field, Success, TaskSpec, Term, below, total};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -121,6 +121,15 @@ impl Column {
     }
 }
 
+/// Numbers of one agent of a team of unlike ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AgentWidths {
+    /// That it sees, before the stages of the observation.
+    pub observation: usize,
+    /// Of its action.
+    pub action: usize,
+}
+
 /// A batch of environments as data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Spec {
@@ -130,14 +139,18 @@ pub struct Spec {
     pub n_env: usize,
     /// A, drones as a rule. All share the reward of the team.
     pub n_agent: usize,
-    /// Numbers of one agent's observation.
+    /// Numbers of one agent's observation; of the widest one's, where agents are unlike ([`Spec::unlike`]).
     pub n_observation: usize,
     /// Its fields, in order.
     pub observation: Vec<Field>,
-    /// One agent's actions.
+    /// One agent's actions; the widest one's, where agents are unlike.
     pub action: Space,
     /// Commands that one agent's actions become, in [−1, 1].
     pub commands: Vec<String>,
+    /// What each agent sees and does of these widths, where they are not all the same; empty otherwise. What an agent's row
+    /// has behind its own numbers is shown as 0 before the stages of the observation, and moves nothing among actions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unlike: Vec<AgentWidths>,
     /// Numbers of the central state.
     pub n_central: usize,
     /// Its fields, in order.
@@ -200,7 +213,13 @@ impl Spec {
         let done =
             (&self.action, &self.commands, &self.config.control, &self.config.action_scale, &self.config.actions);
         let text = serde_json::to_string(&(seen, done, self.n_agent, self.dt)).unwrap_or_default();
-        fnv(text.as_bytes())
+        let unlike = if self.unlike.is_empty() { String::new() } else { format!("{:?}", self.unlike) };
+        fnv((text + &unlike).as_bytes())
+    }
+
+    /// Numbers of the action of agent `agent`.
+    pub fn n_action_of(&self, agent: usize) -> usize {
+        self.unlike.get(agent).map_or(self.action.len(), |own| own.action)
     }
 
     /// From JSON.
@@ -257,6 +276,15 @@ pub(crate) fn fnv(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3))
 }
 
+/// Widths of all agents, unless they are the same.
+fn unlike(task: &TaskSpec, control: &Control) -> Vec<AgentWidths> {
+    let both = task.observation_of.iter().zip(&control.n_command_of);
+    // one choice stands for all commands only where agents have equally many
+    let action = |n: usize| n.min(control.n_action());
+    let all: Vec<_> = both.map(|(n, m)| AgentWidths { observation: *n, action: action(*m) }).collect();
+    if all.windows(2).all(|two| two[0] == two[1]) { Vec::new() } else { all }
+}
+
 #[expect(clippy::too_many_arguments, reason = "the parts of an environment, named at its only caller")]
 pub(crate) fn spec_of(
     name: &str,
@@ -282,6 +310,7 @@ pub(crate) fn spec_of(
         observation: fields,
         action: Space::of(config.actions, control.n_command),
         commands: control.names.clone(),
+        unlike: unlike(own, control),
         n_central: s.central,
         central: own.central.clone(),
         privileged,

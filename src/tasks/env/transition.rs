@@ -264,7 +264,7 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
     fn command(&mut self) {
         let (control, s) = (&self.core.control, &self.core.sizes);
         for (k, command) in self.commands.iter_mut().enumerate() {
-            *command = clipped(*command, control.safe[k % control.n_command]).0;
+            *command = clipped(*command, control.safe[k]).0;
         }
         if s.delay > 0 {
             let (mut line, delay) =

@@ -1,0 +1,241 @@
+//! A team of unlike agents: a drone of four rotors and one of six, each to its height; the second is told the time too.
+
+use omnidrones::autodiff::Mask;
+use omnidrones::dynamics::assembly::{Member, group, single};
+use omnidrones::error::Result;
+use omnidrones::parallel::Threads;
+use omnidrones::prelude::*;
+use omnidrones::rl::checkpoint::Tensors;
+use omnidrones::rl::{Learner, TrainConfig};
+use omnidrones::tasks::task_spec::Success;
+use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Evaluation, Spec, check_env, evaluate};
+
+struct Pair {
+    robot: Robot,
+}
+
+/// Of both drones, m.
+const HEIGHTS: [f64; 2] = [1.5, 2.5];
+const FEW: usize = 13;
+
+#[inline(always)]
+fn off<S: Scalar>(view: &View<'_, S>, agent: usize) -> S {
+    view.drone(agent).position[2] - S::constant(HEIGHTS[agent])
+}
+
+#[rustfmt::skip]
+impl Task for Pair {
+    fn robot(&self) -> &Robot { &self.robot }
+    fn horizon(&self) -> usize { 100 }
+    fn start(&self, start: &mut Start<'_>) {
+        for (i, z) in HEIGHTS.into_iter().enumerate() {
+            let position = [2.0 * i as f64, 0.0, z + start.reset.uniform(-0.5, 0.5)];
+            start.place(i, position, [1.0, 0.0, 0.0, 0.0]);
+        }
+    }
+    fn observe<S: Scalar>(&self, view: &View<'_, S>, agent: usize, out: &mut impl Writer<S>) {
+        let own = view.drone(agent);
+        out.field("off", "m, world", "z − z_t").number(off(view, agent));
+        out.field("velocity", "m/s, world", "v").array(own.velocity);
+        out.field("up", "-, world", "u").array(own.up());
+        out.field("turning", "rad/s, world", "ω").array(own.angular_velocity);
+        out.field("heading", "-, world", "h").array(own.heading());
+        if agent == 1 {
+            out.field("clock", "-", "k/T").number(view.clock);
+        }
+    }
+    fn reward<S: Scalar>(&self, view: &View<'_, S>, terms: &mut impl Writer<S>) {
+        for (i, name) in ["low", "high"].into_iter().enumerate() {
+            let off = off(view, i);
+            terms.term(name, "½/(1 + 4 Δz²)", 0.5);
+            terms.number(S::constant(0.5) / (S::one() + S::constant(4.0) * off * off));
+        }
+    }
+    fn ends<S: Scalar>(&self, view: &View<'_, S>, ends: &mut impl Ends<S>) {
+        let far = |i| S::constant(1.2).lt(off(view, i).abs());
+        ends.when("far", "|Δz| > 1.2 m", far(0).or(far(1)));
+    }
+    fn metrics<S: Scalar>(&self, view: &View<'_, S>, out: &mut impl Writer<S>) {
+        out.metric("error", "m", off(view, 0).abs().max(off(view, 1).abs()));
+    }
+    fn success<S: Scalar>(&self, view: &View<'_, S>) -> S::Mask {
+        off(view, 0).abs().max(off(view, 1).abs()).lt(S::constant(0.1))
+    }
+    fn success_rule(&self) -> Success { Success::below("error", 0.1) }
+    fn ideal(&self, start: &mut Start<'_>) {
+        HEIGHTS.into_iter().enumerate().for_each(|(i, z)| start.place(i, [2.0 * i as f64, 0.0, z], [1.0, 0.0, 0.0, 0.0]));
+    }
+}
+
+fn make(config: &EnvConfig) -> Result<Env> {
+    let drone = |name: &str| Ok(Member::new(name, single(&config.vehicle(name)?)?, [0.0; 3]));
+    let model = group("pair", &[drone("hummingbird")?, drone("firefly")?])?;
+    Env::of(Pair { robot: Robot::of_model(&model, config.physics(), None, |_| Vec::new())? }, "Pair", config)
+}
+
+#[test]
+fn rows_of_unlike_agents_are_as_wide_as_the_widest_and_zero_behind_their_own() {
+    let mut env = make(&EnvConfig { n_env: 70, ..EnvConfig::default() }).unwrap();
+    let spec = env.spec().clone();
+    let widths: Vec<_> = spec.unlike.iter().map(|own| (own.observation, own.action)).collect();
+    assert_eq!((widths, spec.n_observation, spec.action.len()), (vec![(FEW, 4), (FEW + 1, 6)], FEW + 1, 6));
+    assert_eq!((spec.commands.len(), spec.n_action_of(0), spec.n_action_of(1)), (6, 4, 6));
+    assert_eq!(env.safe_command().len(), 12);
+    assert_eq!(Spec::from_json(&spec.to_json()).unwrap(), spec);
+    let mut out = Buffers::new(&spec);
+    env.reset(None, None, &mut out.out()).unwrap();
+    let mut actions = vec![0.3; 70 * 12];
+    for t in 0..5 {
+        env.sample(t, &mut actions);
+        env.step(&actions, &mut out.out()).unwrap();
+        assert!(out.observation.chunks(2 * (FEW + 1)).all(|team| team[FEW] == 0.0 && team[2 * FEW + 1] > 0.0));
+    }
+}
+
+#[test]
+fn numbers_behind_an_agents_own_move_nothing() {
+    let config = EnvConfig { n_env: 70, ..EnvConfig::default() };
+    for actions in [ActionSpace::Continuous, ActionSpace::MultiDiscrete { levels: 3 }] {
+        let config = EnvConfig { actions, ..config.clone() };
+        let flown = |behind: f32| {
+            let mut env = make(&config).unwrap();
+            let mut out = Buffers::new(env.spec());
+            env.reset(None, None, &mut out.out()).unwrap();
+            let mut all = vec![0.0; 70 * 12];
+            for t in 0..20 {
+                env.sample(t, &mut all);
+                all.chunks_mut(12).for_each(|team| team[4..6].fill(behind));
+                env.step(&all, &mut out.out()).unwrap();
+            }
+            assert!((0..70).all(|i| out.info[i * env.spec().info.len() + 2] == 0.0), "nothing was clipped");
+            (env.save(), out.observation, out.reward)
+        };
+        let wanted = flown(0.0);
+        for behind in [1.0, -7.0, f32::NAN, f32::INFINITY] {
+            assert!(flown(behind) == wanted, "{behind}");
+        }
+    }
+    let one = EnvConfig { actions: ActionSpace::Discrete { levels: 2 }, ..config };
+    let said = make(&one).unwrap_err().to_string();
+    assert!(said.contains("[4, 6]") && said.contains("multi_discrete"), "{said}");
+}
+
+#[test]
+fn a_team_of_unlike_agents_keeps_the_contract_of_environments_and_its_recording_is_the_step() {
+    let config = EnvConfig { n_env: 70, ..EnvConfig::default() };
+    for found in check_env(&|own| make(own), &config).unwrap() {
+        assert!(found.objection.is_none(), "{}: {:?}", found.claim, found.objection);
+    }
+    let mut env = make(&EnvConfig { n_env: 3, ..config }).unwrap();
+    let mut out = Buffers::new(env.spec());
+    env.reset(None, None, &mut out.out()).unwrap();
+    let action: Vec<f32> = (0..12).map(|k| 0.1 * k as f32 - 0.5).collect();
+    let wide: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
+    let jacobian = env.jacobian(1, &wide).unwrap();
+    let column = |k: usize| jacobian.matrix.column(jacobian.layout.action.start + k).amax();
+    for k in 0..12 {
+        assert_eq!(column(k) == 0.0, k == 4 || k == 5, "{k}");
+    }
+    env.step(&action.repeat(3), &mut out.out()).unwrap();
+    let seen = &jacobian.value[jacobian.layout.observation.clone()];
+    let gap = seen.iter().zip(&out.observation[seen.len()..]).map(|(a, b)| (a - f64::from(*b)).abs());
+    let gap = gap.fold(0.0, f64::max);
+    println!("{gap:.1e}");
+    assert!(gap < 1e-5, "{gap:e}");
+}
+
+type Learning = Box<dyn Learner>;
+
+fn begun(algorithm: &str, settings: &str, threads: usize) -> Result<(Learning, EnvConfig)> {
+    let config = TrainConfig::for_task("Hover", Some(algorithm), Some((settings, "own")))?;
+    let seen = config.algorithm.seen(&EnvConfig::default());
+    let threads = Threads::new(threads)?;
+    Ok((config.algorithm.learner(&|own| make(own), &EnvConfig::default(), 3, threads)?, seen))
+}
+
+fn learnt(learner: &mut Learning) {
+    while learner.progress().update < learner.progress().budget {
+        learner.update().unwrap();
+    }
+}
+
+/// 256 starts that no training saw.
+fn flown(learner: &Learning, seen: &EnvConfig) -> Evaluation {
+    let mut policy = learner.policy().unwrap();
+    let own = EnvConfig { n_env: 256, seed: 77, autoreset: Autoreset::Disabled, ..seen.clone() };
+    let mut env = make(&own).unwrap();
+    if let Some(statistics) = policy.statistics() {
+        env.set_statistics(statistics.clone()).unwrap();
+    }
+    let act = &mut |_: &Env, out: &Buffers, actions: &mut [f32]| policy.act(&out.observation, actions);
+    evaluate(&mut env, act, &mut |_| {}).unwrap()
+}
+
+/// What learns with a policy for each agent, and what shares one and needs no probabilities.
+const LEARNERS: [(&str, &str); 5] = [
+    ("happo", "ppo = { n_env = 64, shard = 32, steps = 32, updates = 60, epochs = 4, minibatches = 4 }"),
+    (
+        "ppo",
+        "ppo = { team = 'separate', n_env = 64, shard = 32, steps = 32, updates = 60, epochs = 4, minibatches = 4 }",
+    ),
+    ("matd3", "td3 = { separate_actors = true, n_env = 64, shard = 32, updates = 150, batch = 256 }"),
+    (
+        "sac",
+        "sac = { central_critic = true, separate_actors = true, n_env = 64, shard = 32, updates = 150, batch = 256 }",
+    ),
+    ("apg", "apg = { n_env = 64, shard = 32, updates = 150 }"),
+];
+
+#[test]
+fn unlike_agents_learn_with_a_policy_each_or_along_gradients() {
+    for (algorithm, settings) in LEARNERS {
+        let (mut learner, seen) = begun(algorithm, settings, 2).unwrap();
+        let before = flown(&learner, &seen).return_mean;
+        learnt(&mut learner);
+        let after = flown(&learner, &seen).return_mean;
+        println!("{algorithm}: {before:.1} {after:.1}");
+        assert!(before < 40.0 && after > 70.0, "{algorithm}: {before} {after}");
+    }
+}
+
+/// Outputs that an agent has no command for have neither probability nor entropy nor slope.
+#[test]
+fn weights_of_what_an_agent_cannot_do_stay_as_they_began() {
+    for (algorithm, settings) in &LEARNERS[..4] {
+        let (mut learner, _) = begun(algorithm, settings, 2).unwrap();
+        let before = learner.policy().unwrap();
+        (0..20).for_each(|_| drop(learner.update().unwrap()));
+        let after = learner.policy().unwrap();
+        let of_first = |policy: &Policy| {
+            let (network, extra) = policy.actor().set(policy.parameters(), 0);
+            let last = policy.actor().mlp.parts(network).pop().unwrap();
+            (last.data, extra.to_vec())
+        };
+        let ((was, spread), (is, wide)) = (of_first(&before), of_first(&after));
+        assert_eq!(was.len(), 6, "{algorithm}: biases of the outputs");
+        assert!(was[4..] == is[4..] && was[..4] != is[..4], "{algorithm}: {was:?} {is:?}");
+        assert!(spread[4..] == wide[4..], "{algorithm}");
+    }
+}
+
+#[test]
+fn unlike_teams_have_the_same_bits_for_any_number_of_threads() {
+    for (algorithm, settings) in LEARNERS {
+        let run = |threads| {
+            let (mut learner, _) = begun(algorithm, settings, threads).unwrap();
+            (0..12).for_each(|_| drop(learner.update().unwrap()));
+            let (mut policy, mut state) = (Tensors::new(), Tensors::new());
+            learner.save(&mut policy, &mut state).unwrap();
+            (policy, state)
+        };
+        assert!(run(1) == run(2), "{algorithm}");
+    }
+}
+
+#[test]
+fn unlike_agents_that_share_a_policy_are_refused_where_probabilities_or_values_of_actions_count() {
+    for algorithm in ["ppo", "mappo", "sac", "td3", "matd3"] {
+        let said = begun(algorithm, "", 1).err().expect(algorithm).to_string();
+        assert!(said.contains("13 seen, 4 done; 14 seen, 6 done") && said.contains("apg"), "{said}");
+    }
+}
