@@ -1,7 +1,8 @@
 //! An actor that climbs what critics say of kept experience: what SAC and TD3 share, for one drone or a team.
 //!
 //! A gradient step draws a batch, fits every critic Q(o, a) to y = Σ γʲ rⱼ + γᵏ (minᵢ Q̄ᵢ(o', a') + b), with the slowly following
-//! Q̄ and an action a' that the algorithm chooses (and what it adds for it, b), then moves the actor up Q(o, π(o)). The two
+//! Q̄ and an action a' that the algorithm chooses (and what it adds for it, b), then moves the actor up Q(o, π(o)). Critics that
+//! tell quantiles are compared by their means, and fit all of those of the least one (Seo et al. 2025). The two
 //! phases go through the batch block by block: everything of a block happens on one thread while it is in cache.
 //!
 //! Critics speak in a running unit of their targets, and say the same when it changes (PopArt, van Hasselt et al. 2016): what
@@ -27,6 +28,7 @@ use super::schedule::Schedule;
 use super::shards::{Make, shards_if, within_memory};
 use super::state;
 use super::target_network::{NetWithTarget, Stride};
+use super::value_loss::judge;
 use super::value_norm::{Unit, ValueNorm};
 use super::warm_start::WarmStart;
 use crate::error::{Error, Result};
@@ -120,8 +122,10 @@ struct Work {
     actions: Vec<f32>,
     grad_action: Vec<f32>,
     grad_output: Vec<f32>,
+    /// Of every row what is added to the value behind it, and what critics are fitted to, `[rows, quantiles]`.
+    bonus: Vec<f32>,
     target: Vec<f32>,
-    /// What each critic said, `[critics, rows]`.
+    /// What each critic said, in the mean over quantiles: `[critics, rows]`.
     q: Vec<f32>,
     grad_q: Vec<f32>,
     grad_x: Vec<f32>,
@@ -140,6 +144,7 @@ struct Shapes {
     of_set: Arc<dyn Network>,
     critic: Mlp,
     n_critic: usize,
+    quantiles: usize,
     batch: usize,
     /// Numbers of what critics see before the actions.
     n_base: usize,
@@ -162,8 +167,14 @@ impl Shapes {
                 of_set.clone()
             },
             of_set,
-            critic: Mlp::new(n_base + agents * widths.n_action, &settings.critic, 1, Activation::Identity)?,
+            critic: Mlp::new(
+                n_base + agents * widths.n_action,
+                &settings.critic,
+                settings.quantiles,
+                Activation::Identity,
+            )?,
             n_critic: settings.critics,
+            quantiles: settings.quantiles,
             batch: settings.batch,
             n_base,
             agents,
@@ -202,9 +213,10 @@ impl Shapes {
                 actions: vec![0.0; agents * self.widths.n_action],
                 grad_action: vec![0.0; agents * self.widths.n_action],
                 grad_output: vec![0.0; agents * self.actor.n_output()],
-                target: vec![0.0; rows],
+                bonus: vec![0.0; rows],
+                target: vec![0.0; rows * self.quantiles],
                 q: vec![0.0; self.n_critic * rows],
-                grad_q: vec![0.0; rows],
+                grad_q: vec![0.0; rows * self.quantiles],
                 grad_x: vec![0.0; rows * n_x],
                 gradients: vec![vec![0.0; self.critic.n_parameter()]; self.n_critic],
                 gradient: vec![0.0; self.actor.n_parameter()],
@@ -346,7 +358,7 @@ impl<E: Exploration> ActorCritic<E> {
 
     /// Takes the last targets into the unit, in which critics then say the same.
     fn measure(&mut self) -> Result<()> {
-        let targets = self.work.iter().flat_map(|work| work.block.counting(&work.target, 1));
+        let targets = self.work.iter().flat_map(|work| work.block.counting(&work.target, self.shapes.quantiles));
         let change = self.norm.move_unit(targets);
         self.critics.iter_mut().try_for_each(|critic| critic.rescale(&self.shapes.critic, |_| change))
     }
@@ -451,45 +463,56 @@ impl Work {
         (follows, critics): (&[f32], &[NetWithTarget]),
         unit: Unit,
     ) {
-        let rows = self.block.rows;
+        let (rows, n) = (self.block.rows, shapes.quantiles);
         let output = shapes.actor.forward(follows, &self.block.next, rows * shapes.agents, &mut self.actor);
-        self.target.fill(0.0);
+        self.bonus.fill(0.0);
         let mut noise = Noise { stream: &mut self.block.stream, held: None };
         for (k, action) in shapes.each(&mut self.actions).enumerate() {
-            self.target[k / shapes.agents] += kind.next(output.row(k), &mut noise, action);
+            self.bonus[k / shapes.agents] += kind.next(output.row(k), &mut noise, action);
         }
         let base = if shapes.widths.n_state > 0 { &self.block.next_state } else { &self.block.next };
         shapes.join(base, &self.actions, &mut self.x);
         self.q[..rows].fill(f32::INFINITY);
+        self.target.fill(f32::INFINITY);
         for critic in critics {
             let said = shapes.critic.forward(&critic.following, &self.x, rows, &mut self.critic);
-            for (k, least) in self.q[..rows].iter_mut().enumerate() {
-                *least = least.min(said.row(k)[0]);
+            for (k, (least, target)) in self.q[..rows].iter_mut().zip(self.target.chunks_exact_mut(n)).enumerate() {
+                let mean = mean(said.row(k));
+                if mean < *least {
+                    *least = mean;
+                    target.copy_from_slice(said.row(k));
+                }
             }
         }
-        for k in 0..rows {
-            let next = unit.denormalise(self.q[k]) + self.target[k];
-            self.target[k] = unit.normalise(self.block.reward[k] + self.block.discount[k] * next);
+        for (k, target) in self.target.iter_mut().enumerate() {
+            let row = k / n;
+            let next = unit.denormalise(*target) + self.bonus[row];
+            *target = unit.normalise(self.block.reward[row] + self.block.discount[row] * next);
         }
     }
 
     /// Gradients of Σ weight · loss(Q − y)/batch for every critic.
     fn judge(&mut self, shapes: &Shapes, critics: &[NetWithTarget], huber: f32) {
-        let rows = self.block.rows;
+        let (rows, n) = (self.block.rows, shapes.quantiles);
+        let share = 1.0 / (shapes.batch * n * n) as f32;
         let base = if shapes.widths.n_state > 0 { &self.block.state } else { &self.block.observation };
         shapes.join(base, &self.block.action, &mut self.x);
         self.sums = [0.0; 4];
         self.block.error.fill(0.0);
         for (critic, gradient) in critics.iter().zip(&mut self.gradients) {
             let said = shapes.critic.forward(&critic.parameters, &self.x, rows, &mut self.critic);
-            for k in 0..rows {
-                let error = said.row(k)[0] - self.target[k];
-                let (weight, error) = if error.is_finite() { (self.block.weight[k], error) } else { (0.0, 0.0) };
-                let bounded = error.clamp(-huber, huber);
-                self.grad_q[k] = weight * bounded / shapes.batch as f32;
-                self.block.error[k] = self.block.error[k].max(if weight > 0.0 { error.abs() } else { 0.0 });
-                self.sums[0] += f64::from(weight * bounded * (error - 0.5 * bounded));
-                self.sums[1] += f64::from(said.row(k)[0]);
+            for (k, grad_q) in self.grad_q.chunks_exact_mut(n).enumerate() {
+                let (target, weight) = (&self.target[k * n..][..n], self.block.weight[k]);
+                let mut error = 0.0;
+                for (i, (own, grad)) in said.row(k).iter().zip(grad_q).enumerate() {
+                    let judged = judge(*own, i, target, weight, huber);
+                    *grad = judged.slope * share;
+                    error += judged.error;
+                    self.sums[0] += f64::from(judged.loss) / (n * n) as f64;
+                }
+                let known = weight > 0.0 && error.is_finite();
+                self.block.error[k] = self.block.error[k].max(if known { error.abs() / (n * n) as f32 } else { 0.0 });
+                self.sums[1] += f64::from(mean(said.row(k)));
             }
             gradient.fill(0.0);
             let pass = Pass { gradient, grad_input: &mut [], scratch: &mut self.of_critic };
@@ -536,6 +559,11 @@ impl Work {
     }
 }
 
+/// Of quantiles.
+fn mean(of: &[f32]) -> f32 {
+    of.iter().sum::<f32>() / of.len() as f32
+}
+
 /// Rows that do not count are left out here; others count alike.
 fn live(weight: f32) -> f32 {
     if weight > 0.0 { 1.0 } else { 0.0 }
@@ -560,14 +588,14 @@ fn slopes(
     // which critic says least is known when all have spoken; but for the last, each says it again for its slope
     for (critic, q) in critics.iter().zip(q.chunks_exact_mut(rows)) {
         let said = shapes.critic.forward(&critic.parameters, x, rows, memory);
-        q.iter_mut().enumerate().for_each(|(k, q)| *q = said.row(k)[0]);
+        q.iter_mut().enumerate().for_each(|(k, q)| *q = mean(said.row(k)));
     }
     let least = |k: usize| (0..critics.len()).min_by(|a, b| q[a * rows + k].total_cmp(&q[b * rows + k])).unwrap_or(0);
-    let mut total = 0.0;
+    let (mut total, share) = (0.0, 1.0 / shapes.quantiles as f32);
     for (i, critic) in critics.iter().enumerate().rev() {
         for k in 0..rows {
             let chosen = least(k) == i;
-            grad_q[k] = if chosen { -1.0 } else { 0.0 };
+            grad_q[k * shapes.quantiles..][..shapes.quantiles].fill(if chosen { -share } else { 0.0 });
             total += if chosen { f64::from(q[i * rows + k] * live(block.weight[k])) } else { 0.0 };
         }
         if i + 1 < critics.len() {

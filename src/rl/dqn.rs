@@ -25,6 +25,7 @@ use super::replay::Widths;
 use super::shards::{Make, shards_if, within_memory};
 use super::state;
 use super::target_network::{NetWithTarget, Stride};
+use super::value_loss::{Huber, judge};
 use super::value_norm::{Unit, ValueNorm};
 use super::warm_start::WarmStart;
 use crate::error::{Error, Result};
@@ -420,25 +421,6 @@ impl Work {
     }
 }
 
-/// Where errors of quantiles begin to count linearly, in deviations of the targets: wide ones would make expectiles of them.
-const QUANTILE_KINK: f32 = 0.02;
-
-/// An error's loss and its slope: Huber's, or nothing where it is not finite.
-struct Huber {
-    loss: f32,
-    slope: f32,
-}
-
-impl Huber {
-    fn of(error: f32, weight: f32, huber: f32) -> Self {
-        if !error.is_finite() {
-            return Self { loss: 0.0, slope: 0.0 };
-        }
-        let bounded = error.clamp(-huber, huber);
-        Self { loss: weight * bounded * (error - 0.5 * bounded), slope: weight * bounded }
-    }
-}
-
 impl Shapes {
     /// The value of what an agent did, the mean over the numbers of its action.
     fn of_chosen(&self, output: &[f32], action: &[f32]) -> f32 {
@@ -486,21 +468,10 @@ impl Block {
                 let level = shapes.level(self.done(k)[branch]);
                 let mut mean = 0.0;
                 for q in 0..n {
-                    let own = values.quantile(output, branch, level, q);
-                    let middle = (q as f32 + 0.5) / n as f32;
-                    let mut slope = 0.0;
-                    for y in target {
-                        // of a mean alone both sides count alike
-                        let (side, kink, unit) = match n {
-                            1 => (1.0, huber, 1.0),
-                            _ => (if own > *y { 1.0 - middle } else { middle }, QUANTILE_KINK, QUANTILE_KINK),
-                        };
-                        let error = Huber::of(own - y, self.weight[k], kink);
-                        slope += side * error.slope / unit;
-                        sums[0] += f64::from(side * error.loss / unit * share * shapes.batch as f32);
-                        mean += (own - y) / (n * n) as f32;
-                    }
-                    values.pull((branch, level, q), slope * share, grad_output);
+                    let own = judge(values.quantile(output, branch, level, q), q, target, self.weight[k], huber);
+                    sums[0] += f64::from(own.loss * share * shapes.batch as f32);
+                    mean += own.error / (n * n) as f32;
+                    values.pull((branch, level, q), own.slope * share, grad_output);
                 }
                 sums[1] += f64::from(values.value(output, branch, level) * self.weight[k] / values.branches as f32);
                 worst = worst.max(mean.abs());

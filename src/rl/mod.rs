@@ -36,7 +36,7 @@
 //! | [`replay`], `priorities`, `experience` | steps that are kept, how often they are drawn, who flies and draws them |
 //! | `target_network` | a network with the one that follows it |
 //! | `sequences`, `recall` | the gradient through time; what policies with memory remember |
-//! | `gae`, `value_norm`, [`schedule`] | advantages, scales, rates |
+//! | `gae`, `value_loss`, `value_norm`, [`schedule`] | advantages, losses and scales of values, rates |
 //!
 //! ```
 //! use omnidrones::parallel::Threads;
@@ -113,6 +113,7 @@ pub(crate) mod target_network;
 pub mod td3;
 pub(crate) mod tensorboard;
 pub mod trainer;
+pub(crate) mod value_loss;
 pub(crate) mod value_norm;
 pub(crate) mod warm_start;
 pub(crate) mod window;

@@ -61,6 +61,9 @@ pub struct ActorCriticConfig<E> {
     pub tau: f64,
     /// Critics, the least of whose values counts: two (Fujimoto et al. 2018), one for DDPG.
     pub critics: usize,
+    /// Quantiles of the return that each critic tells instead of its mean (Dabney et al. 2018); 1 for the mean alone.
+    #[serde(skip_serializing_if = "is_one")]
+    pub quantiles: usize,
     /// Steps of the critics for one of the actor.
     pub actor_delay: usize,
     /// Whether critics see what all agents of a team see and do (Lowe et al. 2017).
@@ -105,6 +108,7 @@ impl<E: Exploration> Default for ActorCriticConfig<E> {
             discount: 0.97,
             tau: 0.005,
             critics: 2,
+            quantiles: 1,
             actor_delay: E::ACTOR_DELAY,
             central_critic: false,
             separate_actors: false,
@@ -127,6 +131,10 @@ fn is_false(x: &bool) -> bool {
     !x
 }
 
+fn is_one(n: &usize) -> bool {
+    *n == 1
+}
+
 /// Most gradient steps of an update, and steps of an environment.
 const MAX_STEPS: usize = 1 << 16;
 
@@ -143,10 +151,11 @@ impl<E: Exploration> ActorCriticConfig<E> {
             ("gradient_steps", self.gradient_steps, MAX_STEPS),
             ("batch", self.batch, 1 << 20),
             ("critics", self.critics, 64),
+            ("quantiles", self.quantiles, 1 << 10),
             ("actor_delay", self.actor_delay, 1 << 10),
         ] {
             if n == 0 || n > most {
-                let remedy = "512, 256, 8, 32, 512, 2 and 1 are usual.";
+                let remedy = "512, 256, 8, 32, 512, 2, 1 and 1 are usual.";
                 return Err(Error::limit(what, n, format!("1 to {most}"), remedy));
             }
         }
