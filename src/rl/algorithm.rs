@@ -234,13 +234,25 @@ pub struct Variant {
 }
 
 /// All such names.
-pub static VARIANTS: [Variant; 8] = [
+pub static VARIANTS: [Variant; 9] = [
     Variant { name: "mappo", of: "ppo", settings: "ppo.central_critic = true" },
     Variant { name: "happo", of: "ppo", settings: "ppo = { central_critic = true, team = 'sequential' }" },
     Variant {
         name: "ddpg",
         of: "td3",
         settings: "td3 = { critics = 1, actor_delay = 1, exploration = { target_noise = 0.0 } }",
+    },
+    Variant {
+        name: "fasttd3",
+        of: "td3",
+        settings: "[td3]
+            n_env = 2048
+            steps = 4
+            gradient_steps = 8
+            batch = 2048
+            tau = 0.02
+            quantiles = 25
+            replay.capacity = 1_000_000",
     },
     Variant {
         name: "maddpg",
