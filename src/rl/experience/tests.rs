@@ -84,23 +84,99 @@ fn what_is_kept_has_the_scale_of_what_is_seen() {
     assert!(worst < 1e-5 && lasts > 0, "{worst:e}, {lasts} last observations");
 }
 
+/// Twelve environments of a task, 160 steps of each kept as `config` says; or none yet.
+fn keeping(task: &str, config: &ReplayConfig, flies: bool) -> Experience {
+    let env: EnvConfig = toml::from_str("n_env = 12\nstagger = true\ntask.horizon = 30").unwrap();
+    let shards = shards(&|own| Env::make(task, own), &env, 5).unwrap();
+    let spec = shards[0].env.spec().clone();
+    let actor = Mlp::new(spec.n_observation, &Layers::default(), 4, Activation::Tanh).unwrap();
+    let mut own = Experience::new(shards, &actor, (config, 0.99), Widths::of(&spec, false)).unwrap();
+    for update in 0..if flies { 20 } else { 0 } {
+        own.fly(&Threads::new(1).unwrap(), 8, (update, 0.0), &Never).unwrap();
+    }
+    own
+}
+
+/// Rows drawn for gradient step 0.
+fn drawn(own: &Experience, rows: usize, progress: f64) -> Vec<Block> {
+    let mut blocks = Block::cut(own.widths, rows, false);
+    blocks.iter_mut().enumerate().for_each(|(k, block)| own.gather(block, (0, k), progress));
+    blocks
+}
+
+/// Schaul et al. 2016, section 3.4: a row weighs (n p/Σ p)^−β. At β = 1 that makes up for how often it is drawn: weighted means over
+/// what is drawn are those over all that is kept.
+#[test]
+fn rows_that_are_drawn_more_often_weigh_as_much_less() {
+    let prior = ReplayConfig { priority: 1.0, beta: 0.4, capacity: 2000, learning_starts: 1999, ..Default::default() };
+    let mut own = keeping("Hover", &prior, true);
+    let known = own.priorities.clone().unwrap();
+    let ids: Vec<u32> =
+        (0..2100).filter(|id| *id < known.save().len() - 1 && known.get(*id) > 0.0).map(|id| id as u32).collect();
+    assert_eq!(ids.len(), 160 * 12);
+    let surprise = |id: u32| 1.0 + (id % 7) as f32;
+    let mut rest = &ids[..];
+    let mut told = Block::cut(own.widths, ids.len(), false);
+    for block in &mut told {
+        let (now, later) = rest.split_at(block.rows);
+        block.ids.copy_from_slice(now);
+        block.error.iter_mut().zip(now).for_each(|(error, id)| *error = surprise(*id));
+        rest = later;
+    }
+    own.rank(told.iter());
+    let total: f64 = ids.iter().map(|id| f64::from(surprise(*id)) + 1e-6).sum();
+    let mut worst = 0.0_f64;
+    for progress in [0.0, 0.5, 1.0] {
+        for block in drawn(&own, 500, progress) {
+            for (id, weight) in block.ids.iter().zip(&block.weight) {
+                let share = (f64::from(surprise(*id)) + 1e-6) * ids.len() as f64 / total;
+                let wanted = share.powf(-(0.4 + 0.6 * progress));
+                worst = worst.max((f64::from(*weight) / wanted - 1.0).abs());
+            }
+        }
+    }
+    println!("{worst:.1e}");
+    assert!(worst < 1e-6, "{worst:e}"); // measured 6e-8
+    let (mut mean, mut plain, rows) = (0.0, 0.0, 100_000);
+    for block in drawn(&own, rows, 1.0) {
+        for (id, weight) in block.ids.iter().zip(&block.weight) {
+            let x = f64::from(surprise(*id)) / rows as f64;
+            (mean, plain) = (mean + f64::from(*weight) * x, plain + x);
+        }
+    }
+    let wanted = ids.iter().map(|id| f64::from(surprise(*id))).sum::<f64>() / ids.len() as f64;
+    println!("{mean} of {wanted}, unweighted {plain}");
+    assert!((mean - wanted).abs() < 0.02 && plain > wanted + 0.8, "{mean} {wanted} {plain}"); // measured
+}
+
+/// From the same starts: what was kept as bytes is what it was behind a save, and so is what is drawn of it.
+#[test]
+fn beams_kept_as_bytes_are_the_same_bytes_behind_a_save() {
+    let config = ReplayConfig { capacity: 2000, learning_starts: 1999, images: Precision::U8, ..Default::default() };
+    let flown = keeping("Forest", &config, true);
+    let mut saved = Tensors::new();
+    flown.save(&mut saved).unwrap();
+    let mut resumed = keeping("Forest", &config, false);
+    resumed.load(&saved).unwrap();
+    for (was, is) in drawn(&flown, 500, 0.0).iter().zip(&drawn(&resumed, 500, 0.0)) {
+        assert_eq!((&was.ids, &was.observation, &was.next), (&is.ids, &is.observation, &is.next));
+        assert_eq!((&was.action, &was.reward, &was.discount), (&is.action, &is.reward, &is.discount));
+    }
+    let mut again = Tensors::new();
+    resumed.save(&mut again).unwrap();
+    assert!(again == saved);
+    let exact = ReplayConfig { images: Precision::F32, ..config };
+    let told = keeping("Forest", &exact, false).load(&saved).unwrap_err().to_string();
+    assert!(told.contains("replay"), "{told}");
+}
+
 /// What a flight among trees showed, from the same starts: beams as bytes are off by half a step, all else is the same.
 #[test]
 fn beams_kept_as_bytes_are_off_by_half_a_step() {
     let of = |images| {
-        let env: EnvConfig = toml::from_str("n_env = 12\nstagger = true\ntask.horizon = 30").unwrap();
-        let shards = shards(&|own| Env::make("Forest", own), &env, 5).unwrap();
-        let spec = shards[0].env.spec().clone();
-        let actor = Mlp::new(spec.n_observation, &Layers::default(), 4, Activation::Tanh).unwrap();
         let config = ReplayConfig { capacity: 2000, learning_starts: 1999, images, ..ReplayConfig::default() };
-        let widths = Widths::of(&spec, false);
-        let mut own = Experience::new(shards, &actor, (&config, 0.99), widths).unwrap();
-        (0..20).for_each(|update| {
-            own.fly(&Threads::new(1).unwrap(), 8, (update, 0.0), &Never).unwrap();
-        });
-        let mut blocks = Block::cut(widths, 500, false);
-        blocks.iter_mut().enumerate().for_each(|(k, block)| own.gather(block, (0, k), 0.0));
-        (spec, blocks)
+        let own = keeping("Forest", &config, true);
+        (own.env().spec().clone(), drawn(&own, 500, 0.0))
     };
     let ((spec, exact), (_, bytes)) = (of(Precision::F32), of(Precision::U8));
     let (code, n) = (Code::of(&spec, Precision::U8).unwrap(), spec.n_observation);

@@ -441,20 +441,29 @@ fn agents_of_their_own_learn_from_their_own_rows_alone_and_fly_as_they_learnt() 
     assert!(told.contains("a multiple of 4"), "{told}");
 }
 
-/// What a team of four that sees nothing is paid in the mean, after learning by `pays` for four choices of two, and how random it
-/// is, nats. Where nothing pays, nothing is better than anything else.
-fn blind(of: Team, entropy: f64, pays: Option<fn([usize; 4]) -> f32>) -> (f64, f64) {
+/// A team of four that sees nothing.
+#[derive(Default)]
+struct Blind {
+    /// What it is paid in the mean after learning, and was in every update.
+    paid: f64,
+    course: Vec<f64>,
+    /// How random it is, nats.
+    nats: f64,
+}
+
+/// After learning by `pays` for four choices of two. Where nothing pays, nothing is better than anything else.
+fn blind(of: Team, entropy: f64, rate: f64, pays: Option<fn([usize; 4]) -> f32>) -> Blind {
     let config = PpoConfig {
         n_env: 32,
         minibatches: 1,
         epochs: 4,
         discount: 0.0,
-        learning_rate: Schedule::constant(5e-3),
+        learning_rate: Schedule::constant(rate),
         ..small()
     };
     let mut ppo = team(of, config);
     ppo.config.entropy = Schedule::constant(entropy);
-    let (mut paid, mut nats) = (0.0, 0.0);
+    let Blind { mut paid, mut course, mut nats } = Blind::default();
     for update in 0..300 {
         ppo.update = update;
         ppo.collect().unwrap();
@@ -480,13 +489,14 @@ fn blind(of: Team, entropy: f64, pays: Option<fn([usize; 4]) -> f32>) -> (f64, f
             part.judge(0.0, 0.95).unwrap();
         }
         paid = ppo.rollout.reward.iter().map(|x| f64::from(*x)).sum::<f64>() / ppo.rollout.reward.len() as f64;
+        course.push(paid);
         ppo.prepare();
         if pays.is_none() {
             ppo.advantage.fill(0.0);
         }
         ppo.learn();
     }
-    (paid, nats)
+    Blind { paid, course, nats }
 }
 
 /// 1 where two and two act otherwise, agents 0 and 1 alike and 2 and 3 alike.
@@ -497,16 +507,39 @@ fn two_halves(choices: [usize; 4]) -> f32 {
 /// Kuba et al. 2022, proposition 1, with four agents: who shares a policy and sees nothing is paid 2/2⁴ at most.
 #[test]
 fn a_team_that_shares_its_policy_cannot_split_in_two_and_one_that_learns_in_turn_does() {
-    let [shared, in_turn] = [Team::Shared, Team::Sequential].map(|of| blind(of, 0.01, Some(two_halves)).0);
+    let [shared, in_turn] = [Team::Shared, Team::Sequential].map(|of| blind(of, 0.01, 5e-3, Some(two_halves)).paid);
     println!("shared {shared}, in turn {in_turn}");
     assert!(shared < 0.2, "{shared}"); // 0.132: 0.125 and what chance adds
     assert!(in_turn > 0.9, "{in_turn}"); // 1
 }
 
+/// 1 where one acts and the others leave it to that one.
+fn one_leads(choices: [usize; 4]) -> f32 {
+    f32::from(u8::from(choices.iter().sum::<usize>() == 1))
+}
+
+/// The published HAPPO weighs by ratios of before the update, which are all 1: agents then learn at once (`Team::Separate`), each as if
+/// the others stayed. What all of them find worth doing, nobody is paid for once all do it.
+#[test]
+fn ratios_of_before_the_update_let_agents_run_after_the_same_thing_together() {
+    for rate in [5e-3, 2e-2, 5e-2] {
+        for of in [Team::Sequential, Team::Separate] {
+            let own = blind(of, 0.0, rate, Some(one_leads));
+            let falls: f64 = own.course.windows(2).map(|two| (two[0] - two[1]).max(0.0)).sum();
+            let sure = own.course.iter().position(|paid| *paid > 0.9);
+            println!(
+                "{of:?} at {rate}: {:.3} at last, fell by {falls:.2}, sure at {sure:?}, {:?}",
+                own.paid,
+                &own.course[..12]
+            );
+        }
+    }
+}
+
 /// The published HAPPO takes the entropy with the wrong sign: who is paid for nothing stays random, and by that sign does not.
 #[test]
 fn the_wrong_sign_of_the_entropy_settles_on_an_action_that_nothing_speaks_for() {
-    let [right, wrong] = [0.01, -0.01].map(|entropy| blind(Team::Sequential, entropy, None).1);
+    let [right, wrong] = [0.01, -0.01].map(|entropy| blind(Team::Sequential, entropy, 5e-3, None).nats);
     println!("{right} and {wrong} of ln 16 = {} nats", 16.0_f64.ln());
     assert!(right > 0.99 * 16.0_f64.ln() && wrong < 0.1 * 16.0_f64.ln(), "{right} {wrong}");
 }
