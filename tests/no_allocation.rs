@@ -341,7 +341,6 @@ fn updates_take_no_memory_again_but_for_their_figures() {
         };
         let team = ["mappo", "happo", "maddpg", "vdn", "qmix"].contains(&name);
         let task = if team { "OverHover" } else { "Hover" };
-        // no episode ends: who keeps last observations takes room for them as they come
         let text = format!("[{base}]\nn_env = 128\nshard = 64\nupdates = 40\n{own}");
         let config = TrainConfig::for_task(task, Some(name), Some((&text, "small"))).unwrap();
         let one = Threads::new(1).unwrap();
@@ -350,7 +349,10 @@ fn updates_take_no_memory_again_but_for_their_figures() {
         let held = HELD.get();
         let mut pieces = 0;
         let most = largest(|| pieces = allocations(|| (0..10).for_each(|_| drop(learner.update().unwrap()))));
-        println!("{name}: {pieces} pieces in ten updates, the largest of {most} bytes; {} stay", HELD.get() - held);
+        let stays = HELD.get() - held;
+        println!("{name}: {pieces} pieces in ten updates, the largest of {most} bytes; {stays} stay");
+        // measured
+        assert!(most <= 2048 && stays == 0, "{name}: the largest of {most} bytes, {stays} stay");
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::checkpoint::Tensors;
 use super::nn::elementwise::{add, approach};
-use super::nn::fold::in_other_units;
+use super::nn::fold::OutputLayer;
 use super::nn::{Adam, AdamConfig, Network, Transposed, Weights, clip_norm};
 use super::state;
 use crate::error::{Error, Result};
@@ -18,6 +18,7 @@ pub struct NetWithTarget {
     /// Its target network's; empty where there is none.
     pub following: Vec<f32>,
     gradient: Vec<f32>,
+    output: Option<OutputLayer>,
     /// Of the last step, before it was clipped.
     pub gradient_norm: f64,
 }
@@ -61,6 +62,7 @@ impl NetWithTarget {
             adam: Adam::new(adam, network.n_parameter()),
             following: Vec::new(),
             gradient: vec![0.0; network.n_parameter()],
+            output: OutputLayer::of(network),
             gradient_norm: 0.0,
         };
         if follows {
@@ -99,10 +101,13 @@ impl NetWithTarget {
     /// Says the same in other units, and its target network too.
     ///
     /// # Errors
-    /// As [`in_other_units`].
+    /// As [`OutputLayer::rescale`].
     pub fn rescale(&mut self, network: &dyn Network, of: impl Fn(usize) -> (f32, f32)) -> Result<()> {
-        self.following = in_other_units(network, &self.following, &of)?;
-        self.parameters = in_other_units(network, &self.parameters, &of)?;
+        let Some(output) = &self.output else { return Ok(()) };
+        output.rescale(&mut self.parameters, &of)?;
+        if !self.following.is_empty() {
+            output.rescale(&mut self.following, &of)?;
+        }
         network.transpose(&self.parameters, &mut self.transposed);
         Ok(())
     }

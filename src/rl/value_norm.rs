@@ -74,13 +74,21 @@ impl ValueNorm {
     /// Takes in the targets of an iteration, summed in their order in `f64`. Those that are not finite are left out and
     /// counted; a slice without a finite one changes nothing else.
     pub fn update(&mut self, targets: &[f32]) {
+        self.take_in(targets.iter().copied());
+    }
+
+    fn take_in(&mut self, targets: impl Iterator<Item = f32>) {
         let (mut n, mut sum, mut squares) = (0_u64, 0.0, 0.0);
-        for target in targets.iter().copied().filter(|x| x.is_finite()).map(f64::from) {
+        for target in targets {
+            if !target.is_finite() {
+                self.ignored += 1;
+                continue;
+            }
+            let target = f64::from(target);
             n += 1;
             sum += target;
             squares += target * target;
         }
-        self.ignored += targets.len() as u64 - n;
         if n == 0 {
             return;
         }
@@ -107,7 +115,7 @@ impl ValueNorm {
     /// Takes targets in the unit of now into the statistics; gives factor and shift by which numbers say the same in the new one.
     pub fn move_unit(&mut self, targets: impl Iterator<Item = f32>) -> (f32, f32) {
         let before = self.unit();
-        self.update(&targets.map(|y| before.denormalise(y)).collect::<Vec<_>>());
+        self.take_in(targets.map(|y| before.denormalise(y)));
         before.into_other(self.unit())
     }
 

@@ -1,7 +1,7 @@
 //! Networks that say the same otherwise: with fewer outputs, each a sum of some of another's; or in other units.
 
-use super::network::{Network, Part};
-use crate::error::Result;
+use super::network::{Network, Part, Slot};
+use crate::error::{Error, Result};
 
 /// The parameters of `narrow`, whose output k is Σ w · (output j of `wide`) over the `(j, w)` that `sums` gives for k. Both are
 /// alike but for the number of outputs and what these pass through.
@@ -28,21 +28,37 @@ pub fn fold(
     joined(narrow, parts)
 }
 
-/// The parameters of `network` with factor · y + shift in place of the output y number k, by the (factor, shift) of `of`(k).
-///
-/// # Errors
-/// As [`Network::from_parts`], for numbers that are not finite.
-pub fn in_other_units(network: &dyn Network, parameters: &[f32], of: impl Fn(usize) -> (f32, f32)) -> Result<Vec<f32>> {
-    let mut parts = network.parts(parameters);
-    let n = network.n_output();
-    let [weight, bias] = last_layer(&mut parts) else { return joined(network, parts) };
-    let width = weight.data.len() / n;
-    for k in 0..n {
-        let (factor, shift) = of(k);
-        weight.data[k * width..][..width].iter_mut().for_each(|w| *w *= factor);
-        bias.data[k] = factor * bias.data[k] + shift;
+/// Weight, `[out, in]`, and bias of the layer that gives a network's outputs.
+#[derive(Debug, Clone)]
+pub struct OutputLayer([Slot; 2]);
+
+impl OutputLayer {
+    /// Of a network whose last two slots they are, which all but those of several agents are.
+    pub fn of(network: &dyn Network) -> Option<Self> {
+        let mut slots = network.slots();
+        let bias = slots.pop()?;
+        Some(Self([slots.pop()?, bias]))
     }
-    joined(network, parts)
+
+    /// Puts factor · y + shift in place of the output y number k, by the (factor, shift) of `of`(k).
+    ///
+    /// # Errors
+    /// [`Error::Value`] for parameters that are not finite, be it before or behind.
+    pub fn rescale(&self, parameters: &mut [f32], of: impl Fn(usize) -> (f32, f32)) -> Result<()> {
+        let Self([weight, bias]) = self;
+        for k in 0..bias.shape[0] {
+            let (factor, shift) = of(k);
+            weight.row(k).for_each(|at| parameters[at] *= factor);
+            bias.row(k).for_each(|at| parameters[at] = factor * parameters[at] + shift);
+        }
+        match parameters.iter().find(|x| !x.is_finite()) {
+            None => Ok(()),
+            Some(x) => {
+                let remedy = "Lower the learning rate, or go on from an earlier checkpoint.";
+                Err(Error::value("a weight of a network of values", x, "finite", remedy))
+            }
+        }
+    }
 }
 
 /// Weight, `[out, in]`, and bias of the layer that gives the outputs.
@@ -85,7 +101,8 @@ mod tests {
         let layers = Layers { hidden: vec![6], ..Layers::default() };
         let mlp = Mlp::new(3, &layers, 2, Activation::Identity).unwrap();
         let weights: Vec<f32> = mlp.init(&mut Stream::new(5, 0, 0, Purpose::LEARNING));
-        let other = in_other_units(&mlp, &weights, |k| (2.0, k as f32)).unwrap();
+        let (layer, mut other) = (OutputLayer::of(&mlp).unwrap(), weights.clone());
+        layer.rescale(&mut other, |k| (2.0, k as f32)).unwrap();
         let mut memory = mlp.memory(1);
         let x = [0.3, -0.2, 0.9];
         let before = mlp.forward(&weights, &x, 1, &mut memory).row(0).to_vec();
@@ -93,5 +110,8 @@ mod tests {
         for k in 0..2 {
             assert!((after[k] - (2.0 * before[k] + k as f32)).abs() < 1e-6, "{before:?} {after:?}");
         }
+        other[0] = f32::NAN;
+        let told = layer.rescale(&mut other, |_| (1.0, 0.0)).unwrap_err().to_string();
+        assert!(told.contains("a weight of a network of values is NaN"), "{told}");
     }
 }

@@ -187,6 +187,12 @@ impl Slot {
         self.shape.iter().product()
     }
 
+    /// Places of the numbers of the tensor's row `k` among the parameters.
+    pub(crate) fn row(&self, k: usize) -> impl Iterator<Item = usize> + '_ {
+        let n = self.len() / self.shape[0];
+        (k * n..(k + 1) * n).map(|at| self.place(at))
+    }
+
     /// Writes numbers of the tensor, row-major.
     pub(crate) fn fill(&self, data: impl Iterator<Item = f32>, parameters: &mut [f32]) {
         data.enumerate().for_each(|(at, x)| parameters[self.place(at)] = x);

@@ -452,7 +452,7 @@ struct Blind {
 }
 
 /// After learning by `pays` for four choices of two. Where nothing pays, nothing is better than anything else.
-fn blind(of: Team, entropy: f64, rate: f64, pays: Option<fn([usize; 4]) -> f32>) -> Blind {
+fn blind(of: Team, (seed, entropy, rate): (u64, f64, f64), pays: Option<fn([usize; 4]) -> f32>) -> Blind {
     let config = PpoConfig {
         n_env: 32,
         minibatches: 1,
@@ -467,7 +467,7 @@ fn blind(of: Team, entropy: f64, rate: f64, pays: Option<fn([usize; 4]) -> f32>)
     for update in 0..300 {
         ppo.update = update;
         ppo.collect().unwrap();
-        let mut stream = Stream::new(9, update, 0, Purpose::LEARNING);
+        let mut stream = Stream::new(seed, update, 0, Purpose::LEARNING);
         let r = &mut ppo.rollout;
         r.observation.fill(1.0);
         let mut memory = ppo.actor.mlp.memory(1);
@@ -490,6 +490,9 @@ fn blind(of: Team, entropy: f64, rate: f64, pays: Option<fn([usize; 4]) -> f32>)
         }
         paid = ppo.rollout.reward.iter().map(|x| f64::from(*x)).sum::<f64>() / ppo.rollout.reward.len() as f64;
         course.push(paid);
+        if paid > 0.99 {
+            break;
+        }
         ppo.prepare();
         if pays.is_none() {
             ppo.advantage.fill(0.0);
@@ -507,7 +510,8 @@ fn two_halves(choices: [usize; 4]) -> f32 {
 /// Kuba et al. 2022, proposition 1, with four agents: who shares a policy and sees nothing is paid 2/2⁴ at most.
 #[test]
 fn a_team_that_shares_its_policy_cannot_split_in_two_and_one_that_learns_in_turn_does() {
-    let [shared, in_turn] = [Team::Shared, Team::Sequential].map(|of| blind(of, 0.01, 5e-3, Some(two_halves)).paid);
+    let [shared, in_turn] =
+        [Team::Shared, Team::Sequential].map(|of| blind(of, (9, 0.01, 5e-3), Some(two_halves)).paid);
     println!("shared {shared}, in turn {in_turn}");
     assert!(shared < 0.2, "{shared}"); // 0.132: 0.125 and what chance adds
     assert!(in_turn > 0.9, "{in_turn}"); // 1
@@ -518,28 +522,28 @@ fn one_leads(choices: [usize; 4]) -> f32 {
     f32::from(u8::from(choices.iter().sum::<usize>() == 1))
 }
 
+/// Updates until nine in ten are paid for.
+fn until_sure(own: &Blind) -> usize {
+    own.course.iter().position(|paid| *paid > 0.9).unwrap_or(own.course.len())
+}
+
 /// The published HAPPO weighs by ratios of before the update, which are all 1: agents then learn at once (`Team::Separate`), each as if
 /// the others stayed. What all of them find worth doing, nobody is paid for once all do it.
 #[test]
 fn ratios_of_before_the_update_let_agents_run_after_the_same_thing_together() {
-    for rate in [5e-3, 2e-2, 5e-2] {
-        for of in [Team::Sequential, Team::Separate] {
-            let own = blind(of, 0.0, rate, Some(one_leads));
-            let falls: f64 = own.course.windows(2).map(|two| (two[0] - two[1]).max(0.0)).sum();
-            let sure = own.course.iter().position(|paid| *paid > 0.9);
-            println!(
-                "{of:?} at {rate}: {:.3} at last, fell by {falls:.2}, sure at {sure:?}, {:?}",
-                own.paid,
-                &own.course[..12]
-            );
-        }
-    }
+    let updates = |of| -> usize {
+        let each = (1..=6).map(|seed| until_sure(&blind(of, (seed, 0.0, 2e-2), Some(one_leads))));
+        each.inspect(|n| print!("{n} ")).sum()
+    };
+    let [in_turn, at_once] = [Team::Sequential, Team::Separate].map(updates);
+    println!("updates: in turn {in_turn}, at once {at_once}");
+    assert!(4 * at_once > 5 * in_turn, "{in_turn} {at_once}"); // measured
 }
 
 /// The published HAPPO takes the entropy with the wrong sign: who is paid for nothing stays random, and by that sign does not.
 #[test]
 fn the_wrong_sign_of_the_entropy_settles_on_an_action_that_nothing_speaks_for() {
-    let [right, wrong] = [0.01, -0.01].map(|entropy| blind(Team::Sequential, entropy, 5e-3, None).nats);
+    let [right, wrong] = [0.01, -0.01].map(|entropy| blind(Team::Sequential, (9, entropy, 5e-3), None).nats);
     println!("{right} and {wrong} of ln 16 = {} nats", 16.0_f64.ln());
     assert!(right > 0.99 * 16.0_f64.ln() && wrong < 0.1 * 16.0_f64.ln(), "{right} {wrong}");
 }
