@@ -248,6 +248,7 @@ pub static VARIANTS: [Variant; 9] = [
         settings: "[td3]
             n_env = 2048
             steps = 4
+            updates = 1000
             gradient_steps = 8
             batch = 2048
             tau = 0.02

@@ -451,23 +451,36 @@ struct Blind {
     nats: f64,
 }
 
+/// How it learns.
+struct Blindly {
+    seed: u64,
+    entropy: f64,
+    rate: f64,
+    clip_epsilon: f64,
+    epochs: usize,
+    updates: u64,
+}
+
+const GENTLY: Blindly = Blindly { seed: 9, entropy: 0.01, rate: 5e-3, clip_epsilon: 0.2, epochs: 4, updates: 300 };
+
 /// After learning by `pays` for four choices of two. Where nothing pays, nothing is better than anything else.
-fn blind(of: Team, (seed, entropy, rate): (u64, f64, f64), pays: Option<fn([usize; 4]) -> f32>) -> Blind {
+fn blind(of: Team, how: &Blindly, pays: Option<fn([usize; 4]) -> f32>) -> Blind {
     let config = PpoConfig {
         n_env: 32,
         minibatches: 1,
-        epochs: 4,
+        epochs: how.epochs,
+        clip_epsilon: how.clip_epsilon,
         discount: 0.0,
-        learning_rate: Schedule::constant(rate),
+        learning_rate: Schedule::constant(how.rate),
         ..small()
     };
     let mut ppo = team(of, config);
-    ppo.config.entropy = Schedule::constant(entropy);
+    ppo.config.entropy = Schedule::constant(how.entropy);
     let Blind { mut paid, mut course, mut nats } = Blind::default();
-    for update in 0..300 {
+    for update in 0..how.updates {
         ppo.update = update;
         ppo.collect().unwrap();
-        let mut stream = Stream::new(seed, update, 0, Purpose::LEARNING);
+        let mut stream = Stream::new(how.seed, update, 0, Purpose::LEARNING);
         let r = &mut ppo.rollout;
         r.observation.fill(1.0);
         let mut memory = ppo.actor.mlp.memory(1);
@@ -490,9 +503,6 @@ fn blind(of: Team, (seed, entropy, rate): (u64, f64, f64), pays: Option<fn([usiz
         }
         paid = ppo.rollout.reward.iter().map(|x| f64::from(*x)).sum::<f64>() / ppo.rollout.reward.len() as f64;
         course.push(paid);
-        if paid > 0.99 {
-            break;
-        }
         ppo.prepare();
         if pays.is_none() {
             ppo.advantage.fill(0.0);
@@ -510,8 +520,7 @@ fn two_halves(choices: [usize; 4]) -> f32 {
 /// Kuba et al. 2022, proposition 1, with four agents: who shares a policy and sees nothing is paid 2/2⁴ at most.
 #[test]
 fn a_team_that_shares_its_policy_cannot_split_in_two_and_one_that_learns_in_turn_does() {
-    let [shared, in_turn] =
-        [Team::Shared, Team::Sequential].map(|of| blind(of, (9, 0.01, 5e-3), Some(two_halves)).paid);
+    let [shared, in_turn] = [Team::Shared, Team::Sequential].map(|of| blind(of, &GENTLY, Some(two_halves)).paid);
     println!("shared {shared}, in turn {in_turn}");
     assert!(shared < 0.2, "{shared}"); // 0.132: 0.125 and what chance adds
     assert!(in_turn > 0.9, "{in_turn}"); // 1
@@ -522,28 +531,27 @@ fn one_leads(choices: [usize; 4]) -> f32 {
     f32::from(u8::from(choices.iter().sum::<usize>() == 1))
 }
 
-/// Updates until nine in ten are paid for.
-fn until_sure(own: &Blind) -> usize {
-    own.course.iter().position(|paid| *paid > 0.9).unwrap_or(own.course.len())
-}
-
 /// The published HAPPO weighs by ratios of before the update, which are all 1: agents then learn at once (`Team::Separate`), each as if
-/// the others stayed. What all of them find worth doing, nobody is paid for once all do it.
+/// the others stayed. At first it is worth little to act, for three others may; all leave it then, and nobody is paid. Steps are as long
+/// as they can be: clipped ones hide it.
 #[test]
-fn ratios_of_before_the_update_let_agents_run_after_the_same_thing_together() {
-    let updates = |of| -> usize {
-        let each = (1..=6).map(|seed| until_sure(&blind(of, (seed, 0.0, 2e-2), Some(one_leads))));
-        each.inspect(|n| print!("{n} ")).sum()
+fn ratios_of_before_the_update_let_agents_leave_the_same_thing_together() {
+    let boldly = |seed| Blindly { seed, entropy: 0.0, rate: 2e-2, clip_epsilon: 0.9, epochs: 20, updates: 20 };
+    let mean = |of| {
+        let each = (1..=4).map(|seed| blind(of, &boldly(seed), Some(one_leads)).course);
+        let all: Vec<f64> = each.inspect(|course| println!("{of:?} {course:.2?}")).flatten().collect();
+        all.iter().sum::<f64>() / all.len() as f64
     };
-    let [in_turn, at_once] = [Team::Sequential, Team::Separate].map(updates);
-    println!("updates: in turn {in_turn}, at once {at_once}");
-    assert!(4 * at_once > 5 * in_turn, "{in_turn} {at_once}"); // measured
+    let [in_turn, at_once] = [Team::Sequential, Team::Separate].map(mean);
+    println!("paid in twenty updates: in turn {in_turn:.3}, at once {at_once:.3}");
+    assert!(in_turn > at_once + 0.2, "{in_turn} {at_once}"); // measured
 }
 
 /// The published HAPPO takes the entropy with the wrong sign: who is paid for nothing stays random, and by that sign does not.
 #[test]
 fn the_wrong_sign_of_the_entropy_settles_on_an_action_that_nothing_speaks_for() {
-    let [right, wrong] = [0.01, -0.01].map(|entropy| blind(Team::Sequential, (9, entropy, 5e-3), None).nats);
+    let [right, wrong] =
+        [0.01, -0.01].map(|entropy| blind(Team::Sequential, &Blindly { entropy, ..GENTLY }, None).nats);
     println!("{right} and {wrong} of ln 16 = {} nats", 16.0_f64.ln());
     assert!(right > 0.99 * 16.0_f64.ln() && wrong < 0.1 * 16.0_f64.ln(), "{right} {wrong}");
 }
