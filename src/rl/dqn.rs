@@ -20,7 +20,7 @@ use super::experience::{Block, Experience, Explore, Streams};
 use super::learner::{Learner, Progress, Update, share_done};
 use super::nn::fold::fold;
 use super::nn::{Activation, Memory, Mlp, Network, Output, Pass, Scratch};
-use super::policy::{Actor, Policy, ROWS, network};
+use super::policy::{Actor, Policy, ROWS, UNLIKE, network};
 use super::replay::Widths;
 use super::shards::{Make, shards_if, within_memory};
 use super::state;
@@ -185,8 +185,6 @@ impl Explore for Greedy<'_> {
         }
     }
 }
-
-const UNLIKE: &str = "Train by happo, by matd3 with td3.separate_actors = true, or by apg or shac.";
 
 impl Dqn {
     /// A run from random weights; `make` builds each shard's environments from its configuration.

@@ -8,6 +8,9 @@ use crate::parallel::Threads;
 use crate::tasks::{Env, GroupKind, Space, Spec, Statistics};
 use std::sync::Arc;
 
+/// What a learner says that has one policy for all agents.
+pub(crate) const UNLIKE: &str = "Train by happo, by matd3 with td3.separate_actors = true, or by apg or shac.";
+
 /// Rows that go through a network together: their activations stay in the second-level cache.
 pub const ROWS: usize = 64;
 
@@ -95,17 +98,18 @@ impl Actor {
         Ok(Self { heads, ..self })
     }
 
-    /// For learners that weigh actions by their probability or fit values of them: numbers that move nothing must take no part.
+    /// For learners that weigh actions by their probability, fit values of them or imitate them: numbers that move nothing must
+    /// take no part.
     ///
     /// # Errors
-    /// [`Error::Value`] where agents are unlike and share parameters.
+    /// [`Error::Value`] where agents with unlike numbers of actions share parameters.
     pub(crate) fn fits_unlike(self, spec: &Spec, remedy: &str) -> Result<Self> {
-        if spec.unlike.is_empty() || self.n_set() == spec.n_agent {
+        let widths: Vec<usize> = (0..spec.n_agent).map(|agent| spec.n_action_of(agent)).collect();
+        if self.n_set() == spec.n_agent || widths.iter().all(|n| *n == self.n_action) {
             return Ok(self);
         }
-        let widths = spec.unlike.iter().map(|own| format!("{} seen, {} done", own.observation, own.action));
-        let value = widths.collect::<Vec<_>>().join("; ");
-        Err(Error::value("agents of the team", value, "alike where they share a policy", remedy))
+        let value = format!("{widths:?}");
+        Err(Error::value("numbers of the agents' actions", value, "equal where agents share a policy", remedy))
     }
 
     /// Sets of parameters: 1, or one for each agent.

@@ -347,7 +347,7 @@ impl Trainer {
         let actor = self.config.algorithm.actor(env.spec())?;
         if self.config.from == SAFE {
             let own = self.learner.policy()?;
-            self.learner.warm_start(&WarmStart::at(&actor, own.parameters(), env.safe_command())?)?;
+            self.learner.warm_start(&WarmStart::at(&actor, own.parameters(), &env)?)?;
             return Ok(false);
         }
         let begun = Instant::now();

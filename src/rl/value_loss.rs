@@ -62,7 +62,7 @@ pub fn judge(own: f32, i: usize, target: &[f32], weight: f32, huber: f32) -> Jud
 mod tests {
     use super::*;
 
-    /// Down its slope the quantiles of ten even numbers are found, and a single value finds their mean.
+    /// Down its slope the quantiles of five even numbers are found; of a single value it is Huber's.
     #[test]
     fn quantiles_come_to_lie_where_their_shares_of_the_target_end() {
         let target: Vec<f32> = (0..5).map(|k| k as f32).collect();

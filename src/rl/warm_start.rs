@@ -8,7 +8,7 @@ use super::nn::head::Head;
 use super::nn::{Network, last_encoder};
 use super::policy::{Actor, Policy};
 use crate::error::{Error, Result};
-use crate::tasks::{Spec, Stage, Statistics};
+use crate::tasks::{Env, Spec, Stage, Statistics};
 
 /// What a learner begins with.
 #[derive(Debug, Clone)]
@@ -49,15 +49,22 @@ impl WarmStart {
         Ok(Self { parameters, statistics })
     }
 
-    /// Random weights `parameters` with such last biases that an actor of continuous actions begins about a command, of
-    /// `commands` (`[agent, command]`) that of its agent, or of the first where all share it; what carries the weight for
-    /// example: episodes last longer from the first update on. Other actors begin as they are. A run that begins again takes
-    /// the same weights.
+    /// Random weights `parameters` with such last biases that an actor of continuous actions begins about the
+    /// [safe command](Env::safe_command) of its agent, or where all share it, in each number, of the first agent that has it:
+    /// episodes last longer from the first update on. Other actors begin as they are. A run that begins again takes the same
+    /// weights.
     ///
     /// # Errors
     /// As [`Network::from_parts`].
-    pub fn at(actor: &Actor, parameters: &[f32], commands: &[f64]) -> Result<Self> {
-        let begin = |(parameters, command): (&[f32], &[f64])| {
+    pub fn at(actor: &Actor, parameters: &[f32], env: &Env) -> Result<Self> {
+        let (spec, n) = (env.spec(), actor.n_action());
+        let has = |agent: usize, k: usize| k < spec.n_action_of(agent);
+        let who = |set: usize, k: usize| match actor.n_set() {
+            1 => (0..spec.n_agent).find(|agent| has(*agent, k)).unwrap_or(0),
+            _ => set,
+        };
+        let begin = |(set, parameters): (usize, &[f32])| {
+            let command: Vec<f64> = (0..n).map(|k| env.safe_command()[who(set, k) * n + k]).collect();
             let parts = actor.mlp.parts(parameters);
             let last = parts.iter().rev().find(|part| part.name.ends_with(".bias") && part.shape == [command.len()]);
             let last = last.filter(|_| matches!(actor.head, Head::Gaussian { .. })).map(|part| part.name.clone());
@@ -70,7 +77,7 @@ impl WarmStart {
         };
         // random weights may come without the head's parameters
         let own = (0..actor.n_set()).map(|k| if k == 0 { parameters } else { actor.set(parameters, k).0 });
-        let parameters = own.zip(commands.chunks(actor.n_action())).map(begin).collect::<Result<Vec<_>>>()?.concat();
+        let parameters = own.enumerate().map(begin).collect::<Result<Vec<_>>>()?.concat();
         Ok(Self { parameters, statistics: None })
     }
 
@@ -206,7 +213,7 @@ mod tests {
     use super::*;
     use crate::rl::nn::{Activation, Layers};
     use crate::rng::{Purpose, Stream};
-    use crate::tasks::{Env, EnvConfig};
+    use crate::tasks::EnvConfig;
 
     fn spec(task: &str, config: &EnvConfig) -> Spec {
         Env::make(task, &EnvConfig { n_env: 1, ..config.clone() }).unwrap().spec().clone()
@@ -225,7 +232,7 @@ mod tests {
             let env = Env::make("Hover", &EnvConfig { n_env: 1, ..EnvConfig::default() }).unwrap();
             let actor = Actor::new(env.spec(), &Layers::default(), squashed).unwrap();
             let mut parameters = actor.mlp.init(&mut Stream::new(3, 0, 0, Purpose::LEARNING));
-            let start = WarmStart::at(&actor, &parameters, env.safe_command()).unwrap();
+            let start = WarmStart::at(&actor, &parameters, &env).unwrap();
             parameters.clone_from(&start.parameters);
             parameters.resize(actor.n_parameter(), -0.5);
             let mut policy = Policy::new(actor, parameters, None, env.spec()).unwrap();

@@ -9,7 +9,7 @@ pub use crate::dynamics::plant::RotorPlace;
 use crate::dynamics::rotor::holding_action;
 use crate::dynamics::tree::{Model, Multibody};
 use crate::dynamics::{Effects, Inertia, Physics, Plant, Vehicle, tree};
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 /// Time constant of the motors in the benchmark tasks, s: the paper's filter of 0.43 per 16 ms.
 pub const MOTOR_TIME_CONSTANT: f64 = 0.02846;
@@ -102,10 +102,10 @@ impl Robot {
     }
 
     /// A model: each of its drones is one, with the drives that `drives` gives it. Rotors rest at the share of weight that
-    /// falls on them.
+    /// falls on them. `vehicle` is what every drone is, if they are alike: control modes and controllers are built from it.
     ///
     /// # Errors
-    /// As [`Multibody::new`].
+    /// As [`Multibody::new`]; [`Error::Value`] for a vehicle with other numbers of rotors than a drone.
     pub fn of_model(
         model: &Model,
         physics: Physics,
@@ -114,7 +114,14 @@ impl Robot {
     ) -> Result<Self> {
         let system = Multibody::new(model, physics)?;
         let own = |(i, drone): (usize, &tree::Drone)| place(&system, drone.body, &drone.rotors, &drives(i));
-        let drones = model.drones().iter().enumerate().map(own).collect();
+        let drones: Vec<DronePlace> = model.drones().iter().enumerate().map(own).collect();
+        for n in drones.iter().map(|drone| drone.rotors.len()) {
+            if let Some(vehicle) = vehicle.filter(|vehicle| vehicle.n_rotor() != n) {
+                let limit = format!("{n}, as of every drone that it stands for");
+                let remedy = "Give no vehicle where drones are unlike.";
+                return Err(Error::value("rotors of the vehicle", vehicle.n_rotor(), limit, remedy));
+            }
+        }
         Self::of_plant(system.into(), drones, vehicle.cloned())
     }
 

@@ -1,14 +1,16 @@
 //! A team of unlike agents: a drone of four rotors and one of six, each to its height; the second is told the time too.
 
 use omnidrones::autodiff::Mask;
+use omnidrones::controllers::cascade::Level;
 use omnidrones::dynamics::assembly::{Member, group, single};
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
 use omnidrones::prelude::*;
+use omnidrones::rl::algorithm;
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::{Learner, TrainConfig};
 use omnidrones::tasks::task_spec::Success;
-use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Evaluation, Spec, check_env, evaluate};
+use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Delay, Evaluation, Spec, check_env, evaluate};
 
 struct Pair {
     robot: Robot,
@@ -126,9 +128,12 @@ fn a_team_of_unlike_agents_keeps_the_contract_of_environments_and_its_recording_
     for found in check_env(&|own| make(own), &config).unwrap() {
         assert!(found.objection.is_none(), "{}: {:?}", found.claim, found.objection);
     }
-    let mut env = make(&EnvConfig { n_env: 3, ..config }).unwrap();
+    let late = EnvConfig { n_env: 3, delay: Delay { min: 1, max: 1 }, ..config.clone() };
+    let jacobian = started(&late).jacobian(1, &[0.3; 12]).unwrap();
+    let line = &jacobian.value[jacobian.layout.line.clone()];
+    assert!(line.chunks(12).all(|row| row[4..6] == [0.0; 2]) && line.contains(&f64::from(0.3_f32)), "{line:?}");
+    let mut env = started(&EnvConfig { n_env: 3, ..config });
     let mut out = Buffers::new(env.spec());
-    env.reset(None, None, &mut out.out()).unwrap();
     let action: Vec<f32> = (0..12).map(|k| 0.1 * k as f32 - 0.5).collect();
     let wide: Vec<f64> = action.iter().map(|a| f64::from(*a)).collect();
     let jacobian = env.jacobian(1, &wide).unwrap();
@@ -144,13 +149,34 @@ fn a_team_of_unlike_agents_keeps_the_contract_of_environments_and_its_recording_
     assert!(gap < 1e-5, "{gap:e}");
 }
 
+fn started(config: &EnvConfig) -> Env {
+    let mut env = make(config).unwrap();
+    let mut out = Buffers::new(env.spec());
+    env.reset(None, None, &mut out.out()).unwrap();
+    env
+}
+
+/// Controllers and control modes are those of one vehicle.
+#[test]
+fn a_vehicle_that_not_every_drone_is_is_refused() {
+    let config = EnvConfig::default();
+    let drone = |name: &str| Member::new(name, single(&config.vehicle(name).unwrap()).unwrap(), [0.0; 3]);
+    let model = group("pair", &[drone("hummingbird"), drone("firefly")]).unwrap();
+    let vehicle = config.vehicle("hummingbird").unwrap();
+    let said = Robot::of_model(&model, config.physics(), Some(&vehicle), |_| Vec::new()).unwrap_err().to_string();
+    assert!(said.contains("rotors of the vehicle is 4") && said.contains("6, as of every drone"), "{said}");
+    let said = make(&EnvConfig { control: Level::Rate, ..config }).unwrap_err().to_string();
+    assert!(said.contains("control = 'rotor'"), "{said}");
+}
+
 type Learning = Box<dyn Learner>;
 
 fn begun(algorithm: &str, settings: &str, threads: usize) -> Result<(Learning, EnvConfig)> {
     let config = TrainConfig::for_task("Hover", Some(algorithm), Some((settings, "own")))?;
-    let seen = config.algorithm.seen(&EnvConfig::default());
+    let env = EnvConfig { actions: config.env.actions, ..EnvConfig::default() };
+    let seen = config.algorithm.seen(&env);
     let threads = Threads::new(threads)?;
-    Ok((config.algorithm.learner(&|own| make(own), &EnvConfig::default(), 3, threads)?, seen))
+    Ok((config.algorithm.learner(&|own| make(own), &env, 3, threads)?, seen))
 }
 
 fn learnt(learner: &mut Learning) {
@@ -172,7 +198,7 @@ fn flown(learner: &Learning, seen: &EnvConfig) -> Evaluation {
 }
 
 /// What learns with a policy for each agent, and what shares one and needs no probabilities.
-const LEARNERS: [(&str, &str); 5] = [
+const LEARNERS: [(&str, &str); 6] = [
     ("happo", "ppo = { n_env = 64, shard = 32, steps = 32, updates = 60, epochs = 4, minibatches = 4 }"),
     (
         "ppo",
@@ -182,6 +208,10 @@ const LEARNERS: [(&str, &str); 5] = [
     (
         "sac",
         "sac = { central_critic = true, separate_actors = true, n_env = 64, shard = 32, updates = 150, batch = 256 }",
+    ),
+    (
+        "happo",
+        "env.actions = { kind = 'multi_discrete', levels = 5 }\nppo = { n_env = 64, shard = 32, steps = 32, updates = 60 }",
     ),
     ("apg", "apg = { n_env = 64, shard = 32, updates = 150 }"),
 ];
@@ -201,20 +231,37 @@ fn unlike_agents_learn_with_a_policy_each_or_along_gradients() {
 /// Outputs that an agent has no command for have neither probability nor entropy nor slope.
 #[test]
 fn weights_of_what_an_agent_cannot_do_stay_as_they_began() {
-    for (algorithm, settings) in &LEARNERS[..4] {
+    for (algorithm, settings) in &LEARNERS[..5] {
         let (mut learner, _) = begun(algorithm, settings, 2).unwrap();
-        let before = learner.policy().unwrap();
-        (0..20).for_each(|_| drop(learner.update().unwrap()));
-        let after = learner.policy().unwrap();
-        let of_first = |policy: &Policy| {
-            let (network, extra) = policy.actor().set(policy.parameters(), 0);
-            let last = policy.actor().mlp.parts(network).pop().unwrap();
-            (last.data, extra.to_vec())
+        // of off-policy learners what learns, not the half of it that flies
+        let of_first = |learner: &Learning| {
+            let (mut policy, mut state) = (Tensors::new(), Tensors::new());
+            learner.save(&mut policy, &mut state).unwrap();
+            let learns = state.tensor("learner.agent0.0.weight").is_ok();
+            let (all, prefix) = if learns { (&state, "learner.agent0") } else { (&policy, "actor.agent0") };
+            let numbers = |name: &str| {
+                let tensor = all.tensor(name).unwrap();
+                (tensor.shape().to_vec(), all.get::<f32>(name, tensor.shape()).unwrap().to_vec())
+            };
+            let layers = (0..).take_while(|k| all.tensor(&format!("{prefix}.{k}.weight")).is_ok()).count();
+            let mut own = vec![("weight", numbers(&format!("{prefix}.{}.weight", layers - 1)))];
+            own.push(("bias", numbers(&format!("{prefix}.{}.bias", layers - 1))));
+            let log_std = format!("{prefix}.log_std");
+            own.extend(all.tensor(&log_std).is_ok().then(|| ("log_std", numbers(&log_std))));
+            own
         };
-        let ((was, spread), (is, wide)) = (of_first(&before), of_first(&after));
-        assert_eq!(was.len(), 6, "{algorithm}: biases of the outputs");
-        assert!(was[4..] == is[4..] && was[..4] != is[..4], "{algorithm}: {was:?} {is:?}");
-        assert!(spread[4..] == wide[4..], "{algorithm}");
+        let before = of_first(&learner);
+        (0..20).for_each(|_| drop(learner.update().unwrap()));
+        for ((what, (shape, was)), (_, (_, is))) in before.into_iter().zip(of_first(&learner)) {
+            // one, two (means and deviations) or five numbers (levels) for each of six
+            let (rows, width) = (shape[0], was.len() / shape[0]);
+            let (halves, of_number) = if *algorithm == "sac" { (2, 1) } else { (1, rows / 6) };
+            for row in 0..rows {
+                let number = row % (rows / halves) / of_number;
+                let same = was[row * width..][..width] == is[row * width..][..width];
+                assert_eq!(same, number >= 4, "{algorithm}, {what}: number {number} of row {row}");
+            }
+        }
     }
 }
 
@@ -234,8 +281,10 @@ fn unlike_teams_have_the_same_bits_for_any_number_of_threads() {
 
 #[test]
 fn unlike_agents_that_share_a_policy_are_refused_where_probabilities_or_values_of_actions_count() {
-    for algorithm in ["ppo", "mappo", "sac", "td3", "matd3"] {
-        let said = begun(algorithm, "", 1).err().expect(algorithm).to_string();
-        assert!(said.contains("13 seen, 4 done; 14 seen, 6 done") && said.contains("apg"), "{said}");
+    let levels = "env.actions = { kind = 'multi_discrete', levels = 3 }";
+    for algorithm in ["ppo", "mappo", "sac", "td3", "matd3", "fasttd3", "dqn", "vdn", "qmix"] {
+        let settings = if algorithm::base(algorithm) == "dqn" { levels } else { "" };
+        let said = begun(algorithm, settings, 1).err().expect(algorithm).to_string();
+        assert!(said.contains("[4, 6]") && said.contains("apg"), "{algorithm}: {said}");
     }
 }

@@ -300,9 +300,11 @@ impl Commands {
         let given = self.given.borrow();
         let agents = given.chunks_exact(self.n_command.max(1));
         let each = (agents.len() / watched.flying.len().max(1)).max(1);
-        let flying: Vec<&[f32]> =
-            agents.enumerate().filter(|(k, _)| watched.flying[k / each]).map(|(_, a)| a).collect();
-        let spread = |k: usize| Spread::of(&mut flying.iter().map(|a| a[k]).collect::<Vec<f32>>());
+        let flying: Vec<(usize, &[f32])> = agents.enumerate().filter(|(row, _)| watched.flying[row / each]).collect();
+        let spread = |k: usize| {
+            let moves = flying.iter().filter(|(row, _)| k < watched.env.spec().n_action_of(row % each));
+            Spread::of(&mut moves.map(|(_, a)| a[k]).collect::<Vec<f32>>())
+        };
         self.steps.borrow_mut().push((0..self.n_command).map(spread).collect());
     }
 

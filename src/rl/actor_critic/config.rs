@@ -77,7 +77,7 @@ pub struct ActorCriticConfig<E> {
     pub critic_learning_rate: Schedule,
     /// Largest norm of the gradients of actor and critics.
     pub max_grad_norm: f64,
-    /// Errors of the critics beyond it count linearly.
+    /// Errors of the critics beyond it count linearly; those of quantiles beyond 0.02 deviations of the targets.
     pub huber: f64,
     /// How it explores.
     pub exploration: E,

@@ -194,6 +194,8 @@ fn targets_are_what_a_row_by_itself_is_worth() {
     }
     check_targets("OverHover", Td3Config { exploration: noise.clone(), ..each_its_own() }, slow);
     check_targets("Hover", Td3Config { exploration: noise, quantiles: 5, ..small() }, slow);
+    check_targets("Hover", SacConfig { exploration: entropy.clone(), quantiles: 5, ..small() }, soft);
+    check_targets("OverHover", SacConfig { exploration: entropy, central_critic: true, quantiles: 3, ..small() }, soft);
 }
 
 /// Lowe et al. 2017: unlike first weights, unlike steps, and a policy that says of each row what its agent's actor does.

@@ -33,7 +33,7 @@ pub fn fold(
 pub struct OutputLayer([Slot; 2]);
 
 impl OutputLayer {
-    /// Of a network whose last two slots they are, which all but those of several agents are.
+    /// The last two slots of a network; of a network of several agents' that is the last one's alone.
     pub fn of(network: &dyn Network) -> Option<Self> {
         let mut slots = network.slots();
         let bias = slots.pop()?;

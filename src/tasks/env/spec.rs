@@ -124,7 +124,7 @@ impl Column {
 /// Numbers of one agent of a team of unlike ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AgentWidths {
-    /// That it sees, before the stages of the observation.
+    /// That the task shows it, before the stages of the observation; what sensors read stands at the end of the widest row.
     pub observation: usize,
     /// Of its action.
     pub action: usize,
@@ -147,8 +147,9 @@ pub struct Spec {
     pub action: Space,
     /// Commands that one agent's actions become, in [−1, 1].
     pub commands: Vec<String>,
-    /// What each agent sees and does of these widths, where they are not all the same; empty otherwise. What an agent's row
-    /// has behind its own numbers is shown as 0 before the stages of the observation, and moves nothing among actions.
+    /// What each agent is shown and does of these widths, where they are not all the same; empty otherwise. Behind an agent's
+    /// own numbers stand zeros, to which stages of the observation do what they do to all (statistics are of all agents);
+    /// among actions they move nothing.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub unlike: Vec<AgentWidths>,
     /// Numbers of the central state.

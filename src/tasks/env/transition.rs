@@ -264,7 +264,9 @@ impl<S: Scalar, T: Task> Phases for Single<'_, S, T> {
     fn command(&mut self) {
         let (control, s) = (&self.core.control, &self.core.sizes);
         for (k, command) in self.commands.iter_mut().enumerate() {
-            *command = clipped(*command, control.safe[k]).0;
+            let (agent, own) = (k / control.n_command, k % control.n_command);
+            let moves = own < control.n_command_of[agent];
+            *command = if moves { clipped(*command, control.safe[k]).0 } else { S::zero() };
         }
         if s.delay > 0 {
             let (mut line, delay) =
