@@ -131,7 +131,7 @@ fn a_team_of_unlike_agents_keeps_the_contract_of_environments_and_its_recording_
     let late = EnvConfig { n_env: 3, delay: Delay { min: 1, max: 1 }, ..config.clone() };
     let jacobian = started(&late).jacobian(1, &[0.3; 12]).unwrap();
     let line = &jacobian.value[jacobian.layout.line.clone()];
-    assert!(line.chunks(12).all(|row| row[4..6] == [0.0; 2]) && line.contains(&f64::from(0.3_f32)), "{line:?}");
+    assert!(line.chunks(12).all(|row| row[4..6] == [0.0; 2]) && line.contains(&0.3), "{line:?}");
     let mut env = started(&EnvConfig { n_env: 3, ..config });
     let mut out = Buffers::new(env.spec());
     let action: Vec<f32> = (0..12).map(|k| 0.1 * k as f32 - 0.5).collect();
@@ -146,7 +146,7 @@ fn a_team_of_unlike_agents_keeps_the_contract_of_environments_and_its_recording_
     let gap = seen.iter().zip(&out.observation[seen.len()..]).map(|(a, b)| (a - f64::from(*b)).abs());
     let gap = gap.fold(0.0, f64::max);
     println!("{gap:.1e}");
-    assert!(gap < 1e-5, "{gap:e}");
+    assert!(gap < 1e-5, "{gap:e}"); // measured 1e-6 or less: f32 beside f64
 }
 
 fn started(config: &EnvConfig) -> Env {
@@ -224,7 +224,8 @@ fn unlike_agents_learn_with_a_policy_each_or_along_gradients() {
         learnt(&mut learner);
         let after = flown(&learner, &seen).return_mean;
         println!("{algorithm}: {before:.1} {after:.1}");
-        assert!(before < 40.0 && after > 70.0, "{algorithm}: {before} {after}");
+        // measured 27 and 95.5 to 97.6 of 100
+        assert!(before < 40.0 && after > 90.0, "{algorithm}: {before} {after}");
     }
 }
 

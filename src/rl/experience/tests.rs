@@ -146,7 +146,7 @@ fn rows_that_are_drawn_more_often_weigh_as_much_less() {
     }
     let wanted = ids.iter().map(|id| f64::from(surprise(*id))).sum::<f64>() / ids.len() as f64;
     println!("{mean} of {wanted}, unweighted {plain}");
-    assert!((mean - wanted).abs() < 0.02 && plain > wanted + 0.8, "{mean} {wanted} {plain}"); // measured
+    assert!((mean - wanted).abs() < 0.02 && plain > wanted + 0.8, "{mean} {wanted} {plain}"); // measured 3.9974 twice, and 4.9989
 }
 
 /// From the same starts: what was kept as bytes is what it was behind a save, and so is what is drawn of it.

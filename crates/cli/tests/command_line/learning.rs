@@ -334,7 +334,7 @@ fn unusable_arguments_name_value_limit_and_remedy() {
         ("train Hove", "did you mean 'Hover'?"),
         (
             "train Hover --algo sacc",
-            "[possible values: apg, shac, ppo, sac, td3, dqn, dagger, mappo, happo, ddpg, maddpg, matd3, rma, vdn, qmix]",
+            "[possible values: apg, shac, ppo, sac, td3, dqn, dagger, mappo, happo, ddpg, fasttd3, maddpg, matd3, rma, vdn, qmix]",
         ),
         ("train Hover --algo rma", "group 'parameters' is empty"),
         ("train Hover --config bad.toml", "bad.toml: line 2, column 1: unknown field `horizons`"),
