@@ -16,6 +16,9 @@ const CURVE: usize = 64;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     pub seed: u64,
+    /// That trained it, if it is known.
+    #[serde(default)]
+    pub commit: Option<String>,
     pub evaluation: Evaluation,
     pub seconds: f64,
     pub env_steps: u64,
@@ -31,6 +34,7 @@ impl Outcome {
         let TrainResult { evaluation, seconds, env_steps, updates, curve, .. } = result;
         Self {
             seed,
+            commit: option_env!("OMNIDRONES_COMMIT").map(String::from),
             evaluation: evaluation.clone(),
             seconds: *seconds,
             env_steps: *env_steps,

@@ -32,7 +32,7 @@ flown beside each other under one clock. A folder of 'train --seeds' is told wit
 'train --search' candidate by candidate, one of 'train-all' (or of its rows alone) task by task.
 
 Policies fly now, with the physics of this program, from the starts of their evaluations; our controllers from the first 256 of \
-these. Rows of 'train-all' are told as they were kept, with the commit that trained them.
+these. Rows of 'train-all' are told as they were kept, with the commits that trained them.
 
 Exit codes: 0 written; 2 unusable input or arguments.";
 

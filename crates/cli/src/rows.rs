@@ -23,8 +23,6 @@ pub struct Row {
     pub setting: String,
     /// Of settings, task and physics.
     pub hash: String,
-    /// That trained it, if it is known.
-    pub commit: Option<String>,
     pub runs: Vec<Outcome>,
     pub failed: Vec<Failure>,
 }
@@ -61,7 +59,6 @@ impl Row {
             algorithm: asked.algorithm.into(),
             setting: asked.setting.into(),
             hash: fingerprint(asked.config)?,
-            commit: option_env!("OMNIDRONES_COMMIT").map(String::from),
             runs: Vec::new(),
             failed: Vec::new(),
         })
@@ -70,6 +67,14 @@ impl Row {
     /// `dqn, joint`.
     pub fn label(&self) -> String {
         label(&self.algorithm, &self.setting)
+    }
+
+    /// Task, algorithm, seeds, commits that trained them and hash: where it comes from, for a table.
+    pub fn origin(&self) -> [String; 5] {
+        let seeds: Vec<String> = self.runs.iter().map(|run| run.seed.to_string()).collect();
+        let mut commits: Vec<&str> = self.runs.iter().map(|run| run.commit.as_deref().unwrap_or("–")).collect();
+        commits.dedup();
+        [self.task.clone(), self.label(), seeds.join(", "), commits.join(", "), self.hash.clone()]
     }
 
     /// Task, algorithm and setting, as in names of files.
@@ -159,7 +164,6 @@ mod tests {
             algorithm: "apg".into(),
             setting: String::new(),
             hash: hash.into(),
-            commit: Some("abc".into()),
             runs: Vec::new(),
             failed: vec![Failure { seed: 3, why: "no".into() }],
         };
@@ -167,6 +171,22 @@ mod tests {
         std::fs::write(&path, serde_json::to_string(&row("1")).unwrap()).unwrap();
         assert_eq!(kept(&path, &row("1")), Some(row("1")));
         assert_eq!(kept(&path, &row("2")), None);
+    }
+
+    #[test]
+    fn a_row_whose_seeds_came_later_tells_each_commit_once() {
+        let run = |seed: u64, commit: &str| {
+            format!(
+                r#"{{"seed": {seed}, "commit": {commit}, "seconds": 1, "env_steps": 1, "updates": 1, "evaluation": {{
+                "n_episode": 1, "return_mean": 0, "return_std": 0, "share_of_bound": 0, "terms": [], "success": 0,
+                "success_interval": [0, 0], "success_by_last_error": 0, "crashed": 0, "length": 0, "final_metrics": [],
+                "final_error": 0, "mean_error": 0, "ends": []}}}}"#
+            )
+        };
+        let runs = [run(0, r#""abc""#), run(1, r#""def""#), run(2, r#""def""#), run(3, "null")].join(",");
+        let text = format!(r#"{{"task": "Hover", "algorithm": "apg", "hash": "1", "runs": [{runs}], "failed": []}}"#);
+        let row: Row = serde_json::from_str(&text).unwrap();
+        assert_eq!(row.origin(), ["Hover", "apg", "0, 1, 2, 3", "abc, def, –", "1"].map(String::from));
     }
 
     #[test]

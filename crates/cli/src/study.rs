@@ -351,9 +351,7 @@ impl Study {
         let heads = ["task", "by", "seeds", "commit", "hash of settings, task and physics"];
         let mut table = Table::new(&heads.map(|name| (name, Align::Left)));
         for row in self.rows.iter().map(|told| &told.row).filter(|row| !row.runs.is_empty()) {
-            let seeds: Vec<String> = row.runs.iter().map(|run| run.seed.to_string()).collect();
-            let commit = row.commit.clone().unwrap_or("–".into());
-            table.row([row.task.clone(), row.label(), seeds.join(", "), commit, row.hash.clone()]);
+            table.row(row.origin());
         }
         table
     }
@@ -442,6 +440,7 @@ mod tests {
                 shares.iter().find(|(name, ..)| *name == cell.algorithm).map(|(_, share, n)| (100.0 * share, *n));
             let run = |seed: u64, (share, steps)| over_seeds::Outcome {
                 seed,
+                commit: None,
                 evaluation: told(share),
                 seconds: 1.0,
                 env_steps: steps,
@@ -454,7 +453,6 @@ mod tests {
                 algorithm: cell.algorithm.clone(),
                 setting: cell.setting.clone(),
                 hash: String::new(),
-                commit: None,
                 runs,
                 failed: Vec::new(),
             };

@@ -39,7 +39,7 @@ A figure is the mean over seeds, ± half the width of its 95 % confidence interv
 largest. Time is that of training alone; share is the mean return over the largest reward of a step times the steps of an \
 episode.
 
-A row that is finished stands in a file of its own, with the commit that trained it and a hash of its settings, task and \
+A row that is finished stands in a file of its own, with the commit that trained each seed and a hash of its settings, task and \
 physics. It is kept the next time, and trained anew where the hash has changed; seeds that are missing are added. A seed that \
 fails leaves the others alone.
 
@@ -129,13 +129,11 @@ fn known_baselines(table: &Path) -> BTreeMap<String, (String, Evaluation)> {
 }
 
 impl Line {
-    /// Where each row comes from, for a table: task, algorithm, seeds, commit, hash; and folders of its runs that are here.
+    /// Where each row comes from, for a table, and folders of its runs that are here.
     pub fn origin(&self, folder: &Path) -> Option<([String; 5], Vec<PathBuf>)> {
         let row = self.row.as_ref().ok()?;
-        let seeds: Vec<String> = row.runs.iter().map(|run| run.seed.to_string()).collect();
-        let commit = row.commit.clone().unwrap_or("–".into());
         let runs = row.runs.iter().map(|run| row.run_folder(folder, run.seed)).filter(|path| path.is_dir()).collect();
-        Some(([row.task.clone(), row.label(), seeds.join(", "), commit, row.hash.clone()], runs))
+        Some((row.origin(), runs))
     }
 }
 
@@ -310,7 +308,6 @@ fn value(lines: &[Line], a: &Arguments) -> Value {
         told["algorithm"] = line.algorithm.as_str().into();
         told["error"] = json!(line.error);
         told["hash"] = json!(line.row.as_ref().ok().map(|row| &row.hash));
-        told["commit"] = json!(line.row.as_ref().ok().and_then(|row| row.commit.as_ref()));
         told["not_trained"] = json!(line.row.as_ref().err());
         let baseline = controller(line, lines).map(|(name, e)| json!({ "flown_by": name, "evaluation": e }));
         told["baseline"] = json!(baseline);
