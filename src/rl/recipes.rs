@@ -39,6 +39,7 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("inv_pendulum_hover.apg"),
     file!("inv_pendulum_track.ppo"),
     file!("inv_pendulum_track.apg"),
+    file!("inv_pendulum_fly_through.ppo"),
     file!("inv_pendulum_fly_through.apg"),
     file!("omav_hover.apg"),
     file!("omav_track.apg"),
