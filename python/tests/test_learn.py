@@ -33,9 +33,13 @@ def test_a_policy_hovers_after_a_training_from_random_weights():
     assert figures["success"] == run.evaluation["success"]
 
 
-def test_weights_of_agents_with_an_actor_each_have_names_of_their_own():
-    td3 = {"n_env": 16, "shard": 16, "updates": 1, "separate_actors": True}
-    run = omnidrones.train("OverHover", algorithm="matd3", seed=1, td3=td3, evaluate={"envs": 16})
+@pytest.mark.parametrize("algorithm, settings", [
+    ("matd3", {"td3": {"separate_actors": True}}),
+    ("qmix", {"dqn": {"separate_values": True}}),
+])
+def test_weights_of_agents_with_a_network_each_have_names_of_their_own(algorithm, settings):
+    settings = {name: {"n_env": 16, "shard": 16, "updates": 1, **own} for name, own in settings.items()}
+    run = omnidrones.train("OverHover", algorithm=algorithm, seed=1, evaluate={"envs": 16}, **settings)
     weights = run.policy.weights()
     heads = {name.split(".")[0] for name in weights}
     assert heads == {"agent0", "agent1", "agent2", "agent3"}

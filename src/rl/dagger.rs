@@ -25,7 +25,7 @@ use super::critic::shuffle;
 use super::learner::{Episodes, Learner, Progress, Update, share_done};
 use super::minibatch::{Minibatch, Sums, part};
 use super::nn::{AdamConfig, Layers, Memory};
-use super::policy::{Actor, Policy, ROWS, UNLIKE};
+use super::policy::{Actor, Policy, ROWS};
 use super::policy_optimiser::PolicyOptimiser;
 use super::schedule::Schedule;
 use super::shards::{Make, Shard, begin_statistics, episodes, normalise, set_difficulty, shards_if, within_memory};
@@ -288,7 +288,7 @@ impl Dagger {
             within_memory("rows of an update", rows(spec), 4 * rows(spec) * each, env.memory_limit)
         })?;
         let spec = shards[0].env.spec().clone();
-        let actor = Actor::new(&spec, &config.network, true)?.fits_unlike(&spec, UNLIKE)?;
+        let actor = Actor::new(&spec, &config.network, true)?.fits_unlike(&spec)?;
         let learnt = Learnt::new(&actor, config.imitate)?;
         let rows = rows(&spec) as usize;
         let batch = Minibatch::new(&learnt.network, 0, rows.div_ceil(config.minibatches), env.memory_limit)?;

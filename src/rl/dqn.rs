@@ -19,8 +19,8 @@ use super::checkpoint::Tensors;
 use super::experience::{Block, Experience, Explore, Streams};
 use super::learner::{Learner, Progress, Update, share_done};
 use super::nn::fold::fold;
-use super::nn::{Activation, Memory, Mlp, Network, Output, Pass, Scratch};
-use super::policy::{Actor, Policy, ROWS, UNLIKE, network};
+use super::nn::{Activation, Memory, Mlp, Network, Output, Pass, PerAgent, Scratch};
+use super::policy::{Actor, Policy, ROWS, network};
 use super::replay::Widths;
 use super::shards::{Make, shards_if, within_memory};
 use super::state;
@@ -111,7 +111,12 @@ impl Values {
 /// Shapes of the networks.
 struct Shapes {
     values: Values,
+    /// Of all agents, row by row.
     network: Arc<dyn Network>,
+    /// That of one set of parameters.
+    of_set: Arc<dyn Network>,
+    /// Numbers of the action of each agent of a row; those behind them move nothing.
+    branches: Vec<usize>,
     mixing: Option<Mixing>,
     agents: usize,
     widths: Widths,
@@ -212,7 +217,7 @@ impl Dqn {
             experience: Experience::new(shards, &shapes.network, (&config.replay, config.discount), shapes.widths)?,
             norm: ValueNorm::new(VALUE_BETA)?,
             work: shapes.work(team),
-            flown: Actor::new(&spec, &config.network, false)?.fits_unlike(&spec, UNLIKE)?,
+            flown: config.actor(&spec)?,
             shapes,
             config,
             threads,
@@ -264,10 +269,14 @@ impl Dqn {
     fn flown_parameters(&self) -> Result<Vec<f32>> {
         let values = self.shapes.values;
         let share = 1.0 / values.quantiles as f32;
-        fold((&*self.shapes.network, &self.net.following), &*self.flown.mlp, |k| {
-            let all = (0..values.quantiles).flat_map(|q| values.parts(k / values.levels, k % values.levels, q));
-            all.map(|(j, w)| (j, share * w)).collect()
-        })
+        let of_set = &*self.shapes.of_set;
+        let folded = self.net.following.chunks_exact(of_set.n_parameter()).map(|own| {
+            fold((of_set, own), &*self.flown.mlp, |k| {
+                let all = (0..values.quantiles).flat_map(|q| values.parts(k / values.levels, k % values.levels, q));
+                all.map(|(j, w)| (j, share * w)).collect()
+            })
+        });
+        Ok(folded.collect::<Result<Vec<_>>>()?.concat())
     }
 }
 
@@ -277,8 +286,15 @@ impl Shapes {
         let widths = Widths::of(spec, team);
         let agents = if team { widths.n_agent } else { 1 };
         let n_state = if widths.n_state > 0 { widths.n_state } else { widths.seen() };
+        let of_set = network(spec, &config.network, values.n_output(), Activation::Identity)?;
         Ok(Self {
-            network: network(spec, &config.network, values.n_output(), Activation::Identity)?,
+            network: if config.separate_values {
+                Arc::new(PerAgent::new(of_set.clone(), agents)?)
+            } else {
+                of_set.clone()
+            },
+            of_set,
+            branches: (0..agents).map(|agent| spec.n_action_of(agent)).collect(),
             mixing: Mixing::new(config.mixer, agents, n_state)?,
             batch: config.batch,
             values,
@@ -343,11 +359,11 @@ impl Work {
         let chosen = double.then(|| shapes.network.forward(&net.parameters, &self.block.next, rows * agents, of_net));
         for k in 0..rows * agents {
             let (output, by) = (said.row(k), chosen.as_ref().map_or(said.row(k), |own: &Output<'_>| own.row(k)));
-            let best = &mut self.best[k * values.branches..][..values.branches];
+            let best = &mut self.best[k * values.branches..][..shapes.branches[k % agents]];
             best.iter_mut().enumerate().for_each(|(branch, level)| *level = values.best(by, branch));
             for q in 0..values.quantiles {
                 let of = |(branch, level): (usize, &usize)| values.quantile(output, branch, *level, q);
-                let value = best.iter().enumerate().map(of).sum::<f32>() / values.branches as f32;
+                let value = best.iter().enumerate().map(of).sum::<f32>() / best.len() as f32;
                 self.target[k * values.quantiles + q] = value;
             }
         }
@@ -390,7 +406,7 @@ impl Work {
                     let own = weights.as_ref().map_or(&[][..], |all| all.row(k));
                     let q = &mut self.q[k * agents..(k + 1) * agents];
                     for (i, q) in q.iter_mut().enumerate() {
-                        *q = shapes.of_chosen(said.row(k * agents + i), self.block.done(k * agents + i));
+                        *q = shapes.of_chosen(said.row(k * agents + i), self.block.done(k * agents + i, shapes));
                     }
                     let team = mixing.mix(q, own);
                     let error = Huber::of(team - self.target[k], self.block.weight[k], huber);
@@ -400,7 +416,7 @@ impl Work {
                     for i in 0..agents {
                         let n_output = shapes.values.n_output();
                         let to = &mut self.grad_output[(k * agents + i) * n_output..][..n_output];
-                        shapes.pull_chosen(self.block.done(k * agents + i), up * self.grad_q[i], to);
+                        shapes.pull_chosen(self.block.done(k * agents + i, shapes), up * self.grad_q[i], to);
                     }
                     self.sums[0] += f64::from(error.loss);
                     self.sums[1] += f64::from(team * self.block.weight[k]);
@@ -423,12 +439,12 @@ impl Shapes {
     /// The value of what an agent did, the mean over the numbers of its action.
     fn of_chosen(&self, output: &[f32], action: &[f32]) -> f32 {
         let of = |(branch, a): (usize, &f32)| self.values.value(output, branch, self.level(*a));
-        action.iter().enumerate().map(of).sum::<f32>() / self.values.branches as f32
+        action.iter().enumerate().map(of).sum::<f32>() / action.len() as f32
     }
 
     /// Adds `up` · ∂(that value)/∂output.
     fn pull_chosen(&self, action: &[f32], up: f32, grad_output: &mut [f32]) {
-        let share = up / (self.values.branches * self.values.quantiles) as f32;
+        let share = up / (action.len() * self.values.quantiles) as f32;
         for (branch, a) in action.iter().enumerate() {
             (0..self.values.quantiles).for_each(|q| self.values.pull((branch, self.level(*a), q), share, grad_output));
         }
@@ -441,9 +457,8 @@ impl Shapes {
 
 impl Block {
     /// What agent `k` of the block did.
-    fn done(&self, k: usize) -> &[f32] {
-        let n = self.action.len() / (self.rows * self.agents);
-        &self.action[k * n..][..n]
+    fn done(&self, k: usize, shapes: &Shapes) -> &[f32] {
+        &self.action[k * shapes.widths.n_action..][..shapes.branches[k % self.agents]]
     }
 
     /// Every number of an action by itself against the target of the row; with quantiles the quantile Huber loss, each
@@ -463,7 +478,7 @@ impl Block {
             let grad_output = &mut grad_output[k * n_output..][..n_output];
             let mut worst: f32 = 0.0;
             for branch in 0..values.branches {
-                let level = shapes.level(self.done(k)[branch]);
+                let level = shapes.level(self.done(k, shapes)[branch]);
                 let mut mean = 0.0;
                 for q in 0..n {
                     let own = judge(values.quantile(output, branch, level, q), q, target, self.weight[k], huber);
@@ -542,7 +557,7 @@ impl Learner for Dqn {
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
-        state::put_network(policy, "actor", &self.flown.mlp, &self.flown_parameters()?)?;
+        state::put_actor(policy, &self.flown, &self.flown_parameters()?)?;
         self.net.save(out, "learner", &self.shapes.network)?;
         if let (Some(net), Some(mlp)) = (&self.mixer, self.shapes.mixer()) {
             net.save(out, "mixer", mlp)?;

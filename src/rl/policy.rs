@@ -9,7 +9,7 @@ use crate::tasks::{Env, GroupKind, Space, Spec, Statistics};
 use std::sync::Arc;
 
 /// What a learner says that has one policy for all agents.
-pub(crate) const UNLIKE: &str = "Train by happo, by matd3 with td3.separate_actors = true, or by apg or shac.";
+const UNLIKE: &str = "Train by happo, by matd3 with td3.separate_actors = true, by vdn or qmix with dqn.separate_values = true, or by apg or shac.";
 
 /// Rows that go through a network together: their activations stay in the second-level cache.
 pub const ROWS: usize = 64;
@@ -103,13 +103,13 @@ impl Actor {
     ///
     /// # Errors
     /// [`Error::Value`] where agents with unlike numbers of actions share parameters.
-    pub(crate) fn fits_unlike(self, spec: &Spec, remedy: &str) -> Result<Self> {
+    pub(crate) fn fits_unlike(self, spec: &Spec) -> Result<Self> {
         let widths: Vec<usize> = (0..spec.n_agent).map(|agent| spec.n_action_of(agent)).collect();
         if self.n_set() == spec.n_agent || widths.iter().all(|n| *n == self.n_action) {
             return Ok(self);
         }
         let value = format!("{widths:?}");
-        Err(Error::value("numbers of the agents' actions", value, "equal where agents share a policy", remedy))
+        Err(Error::value("numbers of the agents' actions", value, "equal where agents share a policy", UNLIKE))
     }
 
     /// Sets of parameters: 1, or one for each agent.

@@ -18,7 +18,7 @@ pub struct NetWithTarget {
     /// Its target network's; empty where there is none.
     pub following: Vec<f32>,
     gradient: Vec<f32>,
-    output: Option<OutputLayer>,
+    output: OutputLayer,
     /// Of the last step, before it was clipped.
     pub gradient_norm: f64,
 }
@@ -103,10 +103,9 @@ impl NetWithTarget {
     /// # Errors
     /// As [`OutputLayer::rescale`].
     pub fn rescale(&mut self, network: &dyn Network, of: impl Fn(usize) -> (f32, f32)) -> Result<()> {
-        let Some(output) = &self.output else { return Ok(()) };
-        output.rescale(&mut self.parameters, &of)?;
+        self.output.rescale(&mut self.parameters, &of)?;
         if !self.following.is_empty() {
-            output.rescale(&mut self.following, &of)?;
+            self.output.rescale(&mut self.following, &of)?;
         }
         network.transpose(&self.parameters, &mut self.transposed);
         Ok(())

@@ -198,7 +198,7 @@ fn flown(learner: &Learning, seen: &EnvConfig) -> Evaluation {
 }
 
 /// What learns with a policy for each agent, and what shares one and needs no probabilities.
-const LEARNERS: [(&str, &str); 6] = [
+const LEARNERS: [(&str, &str); 8] = [
     ("happo", "ppo = { n_env = 64, shard = 32, steps = 32, updates = 60, epochs = 4, minibatches = 4 }"),
     (
         "ppo",
@@ -214,6 +214,14 @@ const LEARNERS: [(&str, &str); 6] = [
         "env.actions = { kind = 'multi_discrete', levels = 5 }\nppo = { n_env = 64, shard = 32, steps = 32, updates = 60 }",
     ),
     ("apg", "apg = { n_env = 64, shard = 32, updates = 150 }"),
+    (
+        "vdn",
+        "env.actions = { kind = 'multi_discrete', levels = 5 }\ndqn = { separate_values = true, n_env = 64, shard = 32, updates = 300, batch = 256 }",
+    ),
+    (
+        "qmix",
+        "env.actions = { kind = 'multi_discrete', levels = 5 }\ndqn = { separate_values = true, n_env = 64, shard = 32, updates = 300, batch = 256 }",
+    ),
 ];
 
 #[test]

@@ -69,7 +69,7 @@ pub struct ActorCriticConfig<E> {
     /// Whether critics see what all agents of a team see and do (Lowe et al. 2017).
     pub central_critic: bool,
     /// Whether every agent of a team has an actor of its own (Lowe et al. 2017); needs `central_critic`.
-    #[serde(skip_serializing_if = "is_false")]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub separate_actors: bool,
     /// Learning rate of the actor over the run.
     pub learning_rate: Schedule,
@@ -125,10 +125,6 @@ impl<E: Exploration> Default for ActorCriticConfig<E> {
             critic: Layers { hidden: vec![128; 2], layer_norm: true, ..Layers::elu(1.0) },
         }
     }
-}
-
-fn is_false(x: &bool) -> bool {
-    !x
 }
 
 fn is_one(n: &usize) -> bool {
@@ -209,7 +205,7 @@ impl<E: Exploration> Algorithm for ActorCriticConfig<E> {
     fn actor(&self, spec: &Spec) -> Result<Actor> {
         let actor = Actor::new(spec, &self.network, true)?;
         let actor = if self.separate_actors { actor.for_each(spec)? } else { actor };
-        actor.fits_unlike(spec, "Set central_critic and separate_actors = true, or train by happo, apg or shac.")
+        actor.fits_unlike(spec)
     }
 
     fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {

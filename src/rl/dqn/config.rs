@@ -4,11 +4,12 @@ use super::Dqn;
 use crate::error::{Error, Result};
 use crate::rl::algorithm::built_in;
 use crate::rl::nn::{AdamConfig, Layers};
+use crate::rl::policy::Actor;
 use crate::rl::replay::ReplayConfig;
 use crate::rl::schedule::Schedule;
 use crate::rl::shards::with_normaliser;
 use crate::rl::target_network::check_targets;
-use crate::tasks::{ActionSpace, EnvConfig};
+use crate::tasks::{ActionSpace, EnvConfig, Spec};
 use serde::{Deserialize, Serialize};
 
 /// How the values of a team's agents make one of the team.
@@ -59,6 +60,9 @@ pub struct DqnConfig {
     pub quantiles: usize,
     /// How the values of a team's agents make one of the team.
     pub mixer: Mixer,
+    /// Whether every agent of a team has a network of its own; needs a `mixer`.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub separate_values: bool,
     /// Values of each number of an action, where `env.actions` leaves them continuous.
     pub levels: usize,
     /// Learning rate over the run.
@@ -93,6 +97,7 @@ impl Default for DqnConfig {
             duelling: true,
             quantiles: 1,
             mixer: Mixer::None,
+            separate_values: false,
             levels: 3,
             learning_rate: Schedule::cosine(3e-3, 3e-4),
             max_grad_norm: 10.0,
@@ -113,6 +118,13 @@ impl DqnConfig {
             env.actions = ActionSpace::MultiDiscrete { levels: self.levels };
         }
         env
+    }
+
+    /// What flies.
+    pub(crate) fn actor(&self, spec: &Spec) -> Result<Actor> {
+        let actor = Actor::new(spec, &self.network, false)?;
+        let actor = if self.separate_values { actor.for_each(spec)? } else { actor };
+        actor.fits_unlike(spec)
     }
 
     /// Checks every number.
@@ -148,6 +160,10 @@ impl DqnConfig {
             let remedy = "Leave it out: rows of a team are drawn alike.";
             return Err(Error::value("replay.priority", self.replay.priority, "0 with a mixer", remedy));
         }
+        if self.mixer == Mixer::None && self.separate_values {
+            let remedy = "Set mixer = { kind = 'sum' } or { kind = 'monotone', units = 32, hidden = 64 }: rows of a team are drawn together then, agent by agent.";
+            return Err(Error::value("separate_values", true, "false without a mixer", remedy));
+        }
         check_targets(self.discount, self.tau, self.max_grad_norm, self.huber)?;
         self.epsilon.validate("epsilon")?;
         self.learning_rate.validate("learning_rate")?;
@@ -158,7 +174,7 @@ impl DqnConfig {
 }
 
 built_in! {
-    "dqn": DqnConfig => Dqn, squashed: false, loss: "error of the values", in: "config.rs";
+    "dqn": DqnConfig => Dqn, squashed: false, loss: "error of the values", in: "config.rs", actor: DqnConfig::actor;
 
     fn seen(&self, env: &EnvConfig) -> EnvConfig {
         DqnConfig::seen(self, env)

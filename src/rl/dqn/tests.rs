@@ -48,7 +48,16 @@ fn kinds() -> Vec<(&'static str, DqnConfig)> {
         ("Hover", DqnConfig { quantiles: 5, duelling: true, ..small() }),
         ("OverHover", DqnConfig { mixer: Mixer::Sum, ..small() }),
         ("OverHover", DqnConfig { mixer: QMIX, ..small() }),
+        ("OverHover", DqnConfig { mixer: Mixer::Sum, duelling: true, separate_values: true, ..small() }),
+        ("OverHover", DqnConfig { mixer: QMIX, separate_values: true, ..small() }),
     ]
+}
+
+/// What the network of agent `agent` says of `x`, by the parameters of all.
+fn said_of(shapes: &Shapes, parameters: &[f32], agent: usize, x: &[f32]) -> Vec<f32> {
+    let n = shapes.of_set.n_parameter();
+    let set = agent % (parameters.len() / n);
+    shapes.of_set.forward(&parameters[set * n..][..n], x, 1, &mut shapes.of_set.memory(1)).row(0).to_vec()
 }
 
 /// The loss of the batch that is drawn next, and its gradients.
@@ -131,14 +140,15 @@ fn what_flies_gives_the_values_that_were_learnt() {
         (0..6).for_each(|_| drop(own.update().unwrap()));
         let flown = own.flown_parameters().unwrap();
         let x = vec![0.3; own.shapes.network.n_input()];
-        let mut memory = own.shapes.network.memory(1);
-        let output = own.shapes.network.forward(&own.net.following, &x, 1, &mut memory).row(0).to_vec();
         let mut memory = own.flown.mlp.memory(1);
-        let said = own.flown.mlp.forward(&flown, &x, 1, &mut memory).row(0).to_vec();
         let values = own.shapes.values;
-        for (k, q) in said.iter().enumerate() {
-            let learnt = values.value(&output, k / values.levels, k % values.levels);
-            assert!((q - learnt).abs() < 1e-4, "{q} {learnt}");
+        assert_eq!(flown.len(), own.flown.n_parameter());
+        for (agent, flown) in flown.chunks_exact(own.flown.mlp.n_parameter()).enumerate() {
+            let output = said_of(&own.shapes, &own.net.following, agent, &x);
+            for (k, q) in own.flown.mlp.forward(flown, &x, 1, &mut memory).row(0).iter().enumerate() {
+                let learnt = values.value(&output, k / values.levels, k % values.levels);
+                assert!((q - learnt).abs() < 1e-4, "{q} {learnt}");
+            }
         }
     }
 }
@@ -175,27 +185,25 @@ fn double_targets_value_what_the_learnt_network_chooses() {
 /// worth alone and together.
 #[test]
 fn targets_of_a_team_are_what_its_target_networks_say_of_what_its_agents_choose() {
-    for mixer in [Mixer::Sum, QMIX] {
+    for (mixer, separate_values) in [(Mixer::Sum, false), (QMIX, false), (Mixer::Sum, true), (QMIX, true)] {
         let env = EnvConfig { actions: ActionSpace::Discrete { levels: 2 }, ..staggered() };
-        let mut own = of("OverHover", &env, DqnConfig { mixer, tau: 0.05, ..small() }, 1);
+        let mut own = of("OverHover", &env, DqnConfig { mixer, separate_values, tau: 0.05, ..small() }, 1);
         (0..18).for_each(|_| drop(own.update().unwrap()));
         descent(&mut own);
         let Dqn { shapes, net, mixer: of_team, work, norm, .. } = &own;
         let (values, widths, unit) = (shapes.values, shapes.widths, norm.unit());
         let (n, agents, n_state) = (widths.n_observation, shapes.agents, widths.n_state);
-        let mut memory = shapes.network.memory(1);
         let (mut ended, mut most, mut learnt) = (0, 0.0_f32, 0.0_f32);
         for Work { block, target, .. } in work {
             for k in 0..block.rows {
-                let mut said = |parameters: &[f32], agent: usize| {
-                    let next = &block.next[(k * agents + agent) * n..][..n];
-                    shapes.network.forward(parameters, next, 1, &mut memory).row(0).to_vec()
+                let said = |parameters: &[f32], agent: usize| {
+                    said_of(shapes, parameters, agent, &block.next[(k * agents + agent) * n..][..n])
                 };
-                let mut worth = |agent: usize| {
+                let worth = |agent: usize| {
                     let best = values.best(&said(&net.parameters, agent), 0);
                     values.value(&said(&net.following, agent), 0, best)
                 };
-                let q: Vec<f32> = (0..agents).map(&mut worth).collect();
+                let q: Vec<f32> = (0..agents).map(worth).collect();
                 let together = |parameters: fn(&NetWithTarget) -> &[f32]| match (of_team, shapes.mixer()) {
                     (Some(net), Some(mlp)) => {
                         let (seen, width) =
@@ -492,17 +500,15 @@ fn values_say_the_same_in_another_unit() {
         (0..3).for_each(|_| drop(own.update().unwrap()));
         descent(&mut own);
         let x = vec![0.3; own.shapes.network.n_input()];
-        let mut memory = own.shapes.network.memory(1);
-        let mut told = |own: &Dqn| {
-            let output = own.shapes.network.forward(&own.net.parameters, &x, 1, &mut memory).row(0).to_vec();
-            let q = own.shapes.values.value(&output, 1, 2);
+        let told = |own: &Dqn| {
+            let of = |agent| own.shapes.values.value(&said_of(&own.shapes, &own.net.parameters, agent, &x), 1, 2);
+            let all: Vec<f32> = (0..own.shapes.agents).map(of).collect();
             let together = |mixing: &Mixing| {
-                let all = vec![q; own.shapes.agents];
                 let (Some(net), Some(mlp)) = (&own.mixer, own.shapes.mixer()) else { return mixing.mix(&all, &[]) };
                 let state = vec![0.2; mlp.n_input()];
                 mixing.mix(&all, mlp.forward(&net.parameters, &state, 1, &mut mlp.memory(1)).row(0))
             };
-            own.norm.unit().denormalise(own.shapes.mixing.as_ref().map_or(q, together))
+            own.norm.unit().denormalise(own.shapes.mixing.as_ref().map_or(all[0], together))
         };
         let (before, unit) = (told(&own), own.norm.unit());
         own.work[0].target.fill(50.0);
@@ -518,6 +524,7 @@ fn mixers_take_no_quantiles_and_continuous_actions_get_levels() {
     assert!(refused(DqnConfig { mixer: QMIX, quantiles: 5, ..small() }).contains("quantiles"));
     let priority = ReplayConfig { priority: 0.5, ..small().replay };
     assert!(refused(DqnConfig { mixer: QMIX, replay: priority, ..small() }).contains("priority"));
+    assert!(refused(DqnConfig { separate_values: true, ..small() }).contains("separate_values"));
     let own = of("Hover", &EnvConfig::default(), DqnConfig { levels: 5, ..small() }, 1);
     assert_eq!(own.experience.env().spec().action, Space::MultiDiscrete { n: 4, levels: 5 });
 }

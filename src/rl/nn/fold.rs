@@ -28,16 +28,16 @@ pub fn fold(
     joined(narrow, parts)
 }
 
-/// Weight, `[out, in]`, and bias of the layer that gives a network's outputs.
+/// Weight, `[out, in]`, and bias of the layer that gives a network's outputs; of each network, where agents have their own.
 #[derive(Debug, Clone)]
-pub struct OutputLayer([Slot; 2]);
+pub struct OutputLayer(Vec<[Slot; 2]>);
 
 impl OutputLayer {
-    /// The last two slots of a network; of a network of several agents' that is the last one's alone.
-    pub fn of(network: &dyn Network) -> Option<Self> {
-        let mut slots = network.slots();
-        let bias = slots.pop()?;
-        Some(Self([slots.pop()?, bias]))
+    /// The last two slots of a network, of each of several agents'.
+    pub fn of(network: &dyn Network) -> Self {
+        let slots = network.slots();
+        let last = |own: &[Slot]| own.last_chunk().cloned();
+        Self(slots.chunks((slots.len() / network.n_set()).max(1)).filter_map(last).collect())
     }
 
     /// Puts factor · y + shift in place of the output y number k, by the (factor, shift) of `of`(k).
@@ -45,11 +45,12 @@ impl OutputLayer {
     /// # Errors
     /// [`Error::Value`] for parameters that are not finite, be it before or behind.
     pub fn rescale(&self, parameters: &mut [f32], of: impl Fn(usize) -> (f32, f32)) -> Result<()> {
-        let Self([weight, bias]) = self;
-        for k in 0..bias.shape[0] {
-            let (factor, shift) = of(k);
-            weight.row(k).for_each(|at| parameters[at] *= factor);
-            bias.row(k).for_each(|at| parameters[at] = factor * parameters[at] + shift);
+        for [weight, bias] in &self.0 {
+            for k in 0..bias.shape[0] {
+                let (factor, shift) = of(k);
+                weight.row(k).for_each(|at| parameters[at] *= factor);
+                bias.row(k).for_each(|at| parameters[at] = factor * parameters[at] + shift);
+            }
         }
         match parameters.iter().find(|x| !x.is_finite()) {
             None => Ok(()),
@@ -101,7 +102,7 @@ mod tests {
         let layers = Layers { hidden: vec![6], ..Layers::default() };
         let mlp = Mlp::new(3, &layers, 2, Activation::Identity).unwrap();
         let weights: Vec<f32> = mlp.init(&mut Stream::new(5, 0, 0, Purpose::LEARNING));
-        let (layer, mut other) = (OutputLayer::of(&mlp).unwrap(), weights.clone());
+        let (layer, mut other) = (OutputLayer::of(&mlp), weights.clone());
         layer.rescale(&mut other, |k| (2.0, k as f32)).unwrap();
         let mut memory = mlp.memory(1);
         let x = [0.3, -0.2, 0.9];

@@ -97,6 +97,11 @@ pub trait Network: Debug + Send + Sync {
         0.0
     }
 
+    /// Sets of parameters, which rows take in turn: more than one where agents have networks of their own.
+    fn n_set(&self) -> usize {
+        1
+    }
+
     /// The last bias at which an output is `y` where all weights are zero.
     fn bias_for(&self, y: f64) -> f64 {
         y
@@ -148,6 +153,7 @@ impl<N: Network + ?Sized> Network for Arc<N> {
     fn as_mlp(&self) -> Option<&Mlp> { (**self).as_mlp() }
     fn as_stack(&self) -> Option<&Stack> { (**self).as_stack() }
     fn saturated(&self, memory: &Memory, rows: usize, limit: f32) -> f64 { (**self).saturated(memory, rows, limit) }
+    fn n_set(&self) -> usize { (**self).n_set() }
     fn bias_for(&self, y: f64) -> f64 { (**self).bias_for(y) }
 }
 

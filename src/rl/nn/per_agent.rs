@@ -137,6 +137,10 @@ impl Network for PerAgent {
         memory.parts.iter().map(|own| self.network.saturated(own, each, limit)).sum::<f64>() / self.agents as f64
     }
 
+    fn n_set(&self) -> usize {
+        self.agents
+    }
+
     fn bias_for(&self, y: f64) -> f64 {
         self.network.bias_for(y)
     }

@@ -130,7 +130,7 @@ impl PpoConfig {
     pub(super) fn actor(&self, spec: &Spec) -> Result<Actor> {
         let actor = Actor::with_memory(spec, &self.network, false)?;
         let actor = if self.team == Team::Shared { actor } else { actor.for_each(spec)? };
-        actor.fits_unlike(spec, "Set ppo.team = 'separate' or 'sequential' (happo), or train by apg or shac.")
+        actor.fits_unlike(spec)
     }
 
     /// The environments as the policy sees them.
