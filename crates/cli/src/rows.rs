@@ -72,8 +72,12 @@ impl Row {
     /// Task, algorithm, seeds, commits that trained them and hash: where it comes from, for a table.
     pub fn origin(&self) -> [String; 5] {
         let seeds: Vec<String> = self.runs.iter().map(|run| run.seed.to_string()).collect();
-        let mut commits: Vec<&str> = self.runs.iter().map(|run| run.commit.as_deref().unwrap_or("–")).collect();
-        commits.dedup();
+        let mut commits: Vec<&str> = Vec::new();
+        for commit in self.runs.iter().map(|run| run.commit.as_deref().unwrap_or("–")) {
+            if !commits.contains(&commit) {
+                commits.push(commit);
+            }
+        }
         [self.task.clone(), self.label(), seeds.join(", "), commits.join(", "), self.hash.clone()]
     }
 
@@ -183,7 +187,7 @@ mod tests {
                 "final_error": 0, "mean_error": 0, "ends": []}}}}"#
             )
         };
-        let runs = [run(0, r#""abc""#), run(1, r#""def""#), run(2, r#""def""#), run(3, "null")].join(",");
+        let runs = [run(0, r#""abc""#), run(1, r#""def""#), run(2, r#""abc""#), run(3, "null")].join(",");
         let text = format!(r#"{{"task": "Hover", "algorithm": "apg", "hash": "1", "runs": [{runs}], "failed": []}}"#);
         let row: Row = serde_json::from_str(&text).unwrap();
         assert_eq!(row.origin(), ["Hover", "apg", "0, 1, 2, 3", "abc, def, –", "1"].map(String::from));
