@@ -40,11 +40,8 @@ use std::time::{Duration, Instant};
 
 /// What an algorithm of this kind chooses for itself.
 pub trait Kind: Send + Sync {
-    /// Numbers that the actor gives for an action of `n`.
+    /// Numbers that the actor gives for an action of `n`; of the first n tanh is the action, or its middle.
     fn n_output(&self, n: usize) -> usize;
-
-    /// What the actor's outputs pass through.
-    fn output(&self) -> Activation;
 
     /// An action to fly, of an agent of environment `environment`. Here and below an action may have fewer numbers than
     /// outputs are for, where agents are unlike: the first ones count.
@@ -132,8 +129,8 @@ struct Work {
     /// One for each critic.
     gradients: Vec<Vec<f32>>,
     gradient: Vec<f32>,
-    /// Σ of the critics' losses, of values, of ln π, of the actor's −Q.
-    sums: [f64; 4],
+    /// Σ of the critics' losses, of values, of ln π, of the actor's −Q, of the mean square of what tanh takes in.
+    sums: [f64; 5],
 }
 
 /// Networks' shapes, and how many rows they learn from.
@@ -159,7 +156,7 @@ impl Shapes {
         let widths = Widths::of(spec, settings.central_critic);
         let agents = if settings.central_critic { widths.n_agent } else { 1 };
         let n_base = if widths.n_state > 0 { widths.n_state } else { agents * widths.n_observation };
-        let of_set = network(spec, &settings.network, kind.n_output(widths.n_action), kind.output())?;
+        let of_set = network(spec, &settings.network, kind.n_output(widths.n_action), Activation::Identity)?;
         Ok(Self {
             actor: if settings.separate_actors {
                 Arc::new(PerAgent::new(of_set.clone(), agents)?)
@@ -220,7 +217,7 @@ impl Shapes {
                 grad_x: vec![0.0; rows * n_x],
                 gradients: vec![vec![0.0; self.critic.n_parameter()]; self.n_critic],
                 gradient: vec![0.0; self.actor.n_parameter()],
-                sums: [0.0; 4],
+                sums: [0.0; 5],
                 block,
             }
         };
@@ -418,11 +415,11 @@ impl<E: Exploration> ActorCritic<E> {
 
     /// The actor's gradient on the batch.
     fn climb(&mut self) {
-        let Self { kind, shapes, actor, critics, norm, .. } = self;
-        let std = norm.unit().std;
+        let Self { kind, shapes, actor, critics, norm, config, .. } = self;
+        let (std, penalty) = (norm.unit().std, config.saturation_penalty as f32);
         let climbed = &critics[..kind.climbed(critics.len())];
         self.threads.for_each(&mut self.work, |_, work| {
-            work.climb(kind, shapes, (actor, climbed), std);
+            work.climb(kind, shapes, (actor, climbed), (std, penalty));
         });
     }
 
@@ -497,7 +494,7 @@ impl Work {
         let share = 1.0 / (shapes.batch * n * n) as f32;
         let base = if shapes.widths.n_state > 0 { &self.block.state } else { &self.block.observation };
         shapes.join(base, &self.block.action, &mut self.x);
-        self.sums = [0.0; 4];
+        self.sums = [0.0; 5];
         self.block.error.fill(0.0);
         for (critic, gradient) in critics.iter().zip(&mut self.gradients) {
             let said = shapes.critic.forward(&critic.parameters, &self.x, rows, &mut self.critic);
@@ -526,7 +523,7 @@ impl Work {
         kind: &K,
         shapes: &Shapes,
         (actor, critics): (&NetWithTarget, &[NetWithTarget]),
-        std: f32,
+        (std, penalty): (f32, f32),
     ) {
         let (rows, n, agents) = (self.block.rows, shapes.widths.n_action, shapes.agents);
         let n_output = shapes.actor.n_output();
@@ -549,7 +546,11 @@ impl Work {
         for (k, own) in self.grad_output.chunks_exact_mut(n_output).enumerate() {
             let [noise, slope] = [&self.noise, &self.grad_action].map(|all| &all[k * n..][..shapes.done[k % agents]]);
             kind.pull(output.row(k), noise, std, slope, own);
-            let share = live(self.block.weight[k / agents]) / (shapes.batch * agents) as f32;
+            let (before, counts) = (&output.row(k)[..slope.len()], live(self.block.weight[k / agents]));
+            let each = 1.0 / slope.len() as f32;
+            own.iter_mut().zip(before).for_each(|(x, y)| *x += 2.0 * penalty * each * y);
+            self.sums[4] += f64::from(counts * each * before.iter().map(|y| y * y).sum::<f32>());
+            let share = counts / (shapes.batch * agents) as f32;
             own.iter_mut().for_each(|x| *x *= share);
         }
         self.gradient.fill(0.0);
@@ -617,7 +618,7 @@ fn slopes(
 /// Sums over the gradient steps of an update.
 #[derive(Default)]
 struct Learnt {
-    sums: [f64; 4],
+    sums: [f64; 5],
     critic_steps: f64,
     actor_steps: f64,
     gradient_norm: f64,
@@ -652,6 +653,7 @@ impl<E: Exploration> Learner for ActorCritic<E> {
             ("value_std", f64::from(unit.std)),
             ("kept", self.experience.kept() as f64),
             ("rows_left_out", learnt.left_out),
+            ("before_tanh", (learnt.sums[4] / acted).sqrt()),
         ];
         extra.extend(self.kind.figures());
         Ok(Update {

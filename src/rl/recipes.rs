@@ -46,6 +46,7 @@ pub static RECIPES: &[(&str, &str)] = &[
     file!("dragon_hover.shac"),
     file!("over_hover.shac"),
     file!("over_hover.ppo"),
+    file!("over_hover.td3"),
     file!("over_track.shac"),
     file!("over_fly_through.shac"),
     file!("transport_hover.shac"),

@@ -4,7 +4,6 @@
 //! is more random than H̄ asks for. What flies is the middle of the distribution, tanh μ.
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
-use super::nn::Activation;
 use super::nn::tanh_gaussian::{draw, pull};
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -98,10 +97,6 @@ const MAX_ACTION: usize = 64;
 impl Kind for Temperature {
     fn n_output(&self, n: usize) -> usize {
         2 * n
-    }
-
-    fn output(&self) -> Activation {
-        Activation::Identity
     }
 
     fn most_action(&self) -> usize {

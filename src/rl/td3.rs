@@ -1,11 +1,10 @@
 //! TD3: twin delayed deterministic policy gradients (Fujimoto et al. 2018); with one critic, no delay and no smoothing DDPG
 //! (Lillicrap et al. 2016), for teams with a central critic MATD3 and MADDPG (Lowe et al. 2017).
 //!
-//! The policy is tanh of the network. It is flown with noise, of another scale in every environment (Seo et al. 2025), and
+//! The policy is tanh of the network's outputs. It is flown with noise, of another scale in every environment (Seo et al. 2025), and
 //! valued with noise that is cut: values of neighbouring actions are to be alike.
 
 use super::actor_critic::{ActorCritic, ActorCriticConfig, Exploration, Kind, Noise};
-use super::nn::Activation;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -37,7 +36,8 @@ impl Exploration for ActionNoise {
     type Kind = Self;
     const NAME: &'static str = "td3";
     const ACTOR_DELAY: usize = 2;
-    // critics that know nothing yet drive the actor into a corner of its range, from which tanh leaves no way
+    // critics that know nothing yet drive the actor into a corner of its range, from which tanh leaves no way; where this is not
+    // enough, `saturation_penalty` is
     const WARM_UP: f64 = 0.1;
 
     fn validate(&self) -> Result<()> {
@@ -72,33 +72,31 @@ impl Kind for ActionNoise {
         n
     }
 
-    fn output(&self) -> Activation {
-        Activation::Tanh
-    }
-
     fn explore(&self, output: &[f32], environment: u64, noise: &mut Noise<'_>, action: &mut [f32]) {
         let [least, most] = self.noise;
         let scale = (least + (most - least) * (environment as f64 * GOLDEN_RATIO).fract()) as f32;
         for (a, y) in action.iter_mut().zip(output) {
-            *a = (y + scale * noise.normal()).clamp(-1.0, 1.0);
+            *a = (y.tanh() + scale * noise.normal()).clamp(-1.0, 1.0);
         }
     }
 
     fn next(&self, output: &[f32], noise: &mut Noise<'_>, action: &mut [f32]) -> f32 {
         let (scale, cut) = (self.target_noise as f32, self.noise_clip as f32);
         for (a, y) in action.iter_mut().zip(output) {
-            *a = (y + (scale * noise.normal()).clamp(-cut, cut)).clamp(-1.0, 1.0);
+            *a = (y.tanh() + (scale * noise.normal()).clamp(-cut, cut)).clamp(-1.0, 1.0);
         }
         0.0
     }
 
     fn draw(&self, output: &[f32], _: &[f32], action: &mut [f32]) -> f32 {
-        action.copy_from_slice(&output[..action.len()]);
+        action.iter_mut().zip(output).for_each(|(a, y)| *a = y.tanh());
         0.0
     }
 
-    fn pull(&self, _: &[f32], _: &[f32], _: f32, grad_action: &[f32], grad_output: &mut [f32]) {
-        grad_output[..grad_action.len()].copy_from_slice(grad_action);
+    fn pull(&self, output: &[f32], _: &[f32], _: f32, grad_action: &[f32], grad_output: &mut [f32]) {
+        for ((own, slope), y) in grad_output.iter_mut().zip(grad_action).zip(output) {
+            *own = slope * (1.0 - y.tanh().powi(2));
+        }
     }
 
     fn climbed(&self, _: usize) -> usize {

@@ -77,6 +77,11 @@ pub struct ActorCriticConfig<E> {
     pub critic_learning_rate: Schedule,
     /// Largest norm of the gradients of actor and critics.
     pub max_grad_norm: f64,
+    /// c: the actor goes down −Q, in deviations of the targets, + c · the mean square of what its tanh takes in (of means, for SAC).
+    /// Critics that know nothing yet drive it into a corner of its range, where tanh is flat and it learns no more; 1e-3 in the code
+    /// of Lowe et al. (2017).
+    #[serde(skip_serializing_if = "is_zero")]
+    pub saturation_penalty: f64,
     /// Errors of the critics beyond it count linearly; those of quantiles beyond 0.02 deviations of the targets.
     pub huber: f64,
     /// How it explores.
@@ -115,6 +120,7 @@ impl<E: Exploration> Default for ActorCriticConfig<E> {
             learning_rate: Schedule::Cosine { from: 3e-3, to: 1.5e-3, warm_up: E::WARM_UP },
             critic_learning_rate: Schedule::cosine(5e-3, 2e-3),
             max_grad_norm: 10.0,
+            saturation_penalty: 0.0,
             huber: 10.0,
             exploration: E::default(),
             correlation: 0.8,
@@ -129,6 +135,10 @@ impl<E: Exploration> Default for ActorCriticConfig<E> {
 
 fn is_one(n: &usize) -> bool {
     *n == 1
+}
+
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
 }
 
 /// Most gradient steps of an update, and steps of an environment.
@@ -166,6 +176,10 @@ impl<E: Exploration> ActorCriticConfig<E> {
         if self.separate_actors && !self.central_critic {
             let remedy = "Set central_critic = true: rows of a team are drawn together then, agent by agent.";
             return Err(Error::value("separate_actors", true, "false without a central critic", remedy));
+        }
+        if !(0.0..=1e3).contains(&self.saturation_penalty) {
+            let remedy = "0 leaves it out; 0.001 to 0.1 are usual.";
+            return Err(Error::value("saturation_penalty", self.saturation_penalty, "within [0, 1000]", remedy));
         }
         self.exploration.validate()?;
         if !(0.0..=1.0).contains(&self.correlation) {

@@ -49,7 +49,7 @@ struct Descent {
 
 fn descent<E: Exploration>(own: &mut ActorCritic<E>, alpha: f64) -> Descent {
     own.judge(0.0);
-    let judged: Vec<[f64; 4]> = own.work.iter().map(|work| work.sums).collect();
+    let judged: Vec<[f64; 5]> = own.work.iter().map(|work| work.sums).collect();
     own.climb();
     let (batch, agents) = (own.config.batch as f64, (own.config.batch * own.shapes.agents) as f64);
     let sum = |k: usize| own.work.iter().map(|work| work.sums[k]).sum::<f64>();
@@ -59,7 +59,10 @@ fn descent<E: Exploration>(own: &mut ActorCritic<E>, alpha: f64) -> Descent {
         (0..all[0].len()).map(|k| all.iter().map(|g| g[k]).sum()).collect::<Vec<f32>>()
     };
     Descent {
-        losses: [judged.iter().map(|sums| sums[0]).sum::<f64>() / batch, (sum(3) + alpha / std * sum(2)) / agents],
+        losses: [
+            judged.iter().map(|sums| sums[0]).sum::<f64>() / batch,
+            (sum(3) + alpha / std * sum(2) + own.config.saturation_penalty * sum(4)) / agents,
+        ],
         gradients: [fold(&|work| work.gradients[0].clone()), fold(&|work| work.gradient.clone())],
     }
 }
@@ -101,16 +104,18 @@ fn check_gradients<E: Exploration>(task: &str, config: ActorCriticConfig<E>, alp
     assert!(critic < 2e-3 && actor < 5e-3, "{name} on {task}: {critic:e} {actor:e}");
 }
 
-/// Where no temperature moves, −Q + α ln π is what the actor goes down, and half the squared error what critics do.
+/// Where no temperature moves, −Q + α ln π + c · mean square before tanh is what the actor goes down, and half the squared error what critics do.
 #[test]
 fn gradients_of_actor_and_critics_are_those_of_differences_alone_and_in_teams() {
     let still = Entropy { temperature: 0.3, learning_rate: 0.0, ..Entropy::default() };
     check_gradients("Hover", SacConfig { exploration: still.clone(), ..small() }, 0.3);
     check_gradients("Hover", Td3Config { ..small() }, 0.0);
+    check_gradients("Hover", SacConfig { exploration: still.clone(), saturation_penalty: 5.0, ..small() }, 0.3);
     check_gradients("OverHover", SacConfig { exploration: still, central_critic: true, ..small() }, 0.3);
     check_gradients("OverHover", Td3Config { central_critic: true, ..small() }, 0.0);
     check_gradients("OverHover", each_its_own(), 0.0);
     check_gradients("Hover", Td3Config { quantiles: 5, ..small() }, 0.0);
+    check_gradients("OverHover", Td3Config { saturation_penalty: 5.0, ..each_its_own() }, 0.0);
 }
 
 /// y = r + γᵏ (minᵢ Q̄ᵢ(o', a') + b) by one row at a time, for steps that go on and that end; `next` writes a' and gives b. Of critics
@@ -182,7 +187,7 @@ fn targets_are_what_a_row_by_itself_is_worth() {
     }
     fn slow(output: &[f32], stream: &mut Stream, action: &mut [f32]) -> f64 {
         for (a, y) in action.iter_mut().zip(output) {
-            *a = (y + (0.2 * stream.normal() as f32).clamp(-0.3, 0.3)).clamp(-1.0, 1.0);
+            *a = (y.tanh() + (0.2 * stream.normal() as f32).clamp(-0.3, 0.3)).clamp(-1.0, 1.0);
         }
         0.0
     }
@@ -218,13 +223,34 @@ fn agents_with_an_actor_each_fly_as_theirs_says() {
     for row in 0..rows {
         let said = shapes.of_set.forward(sets[row % 4], &seen[row * n_seen..][..n_seen], 1, &mut memory);
         let of_row = &actions[row * n_action..][..n_action];
-        assert!(said.row(0).iter().zip(of_row).all(|(a, b)| (a - b).abs() < 1e-6), "row {row}");
+        assert!(said.row(0).iter().zip(of_row).all(|(y, a)| (y.tanh() - a).abs() < 1e-6), "row {row}");
     }
     // seven do not divide what goes through a network together
     let mut seven = of("Formation", Td3Config { shard: 12, ..each_its_own() }, 1);
     (0..3).for_each(|_| drop(seven.update().unwrap()));
     let refused = Td3Config { central_critic: false, ..each_its_own() }.validate().unwrap_err().to_string();
     assert!(refused.contains("separate_actors") && refused.contains("central_critic = true"), "{refused}");
+}
+
+/// Where tanh is 1 to the last bit: by −Q alone an actor stays there for ever.
+#[test]
+fn a_saturated_actor_is_led_back_by_the_penalty_alone() {
+    let before_tanh = |saturation_penalty: f64| {
+        let config = Td3Config { saturation_penalty, central_critic: true, learning_rate: 0.1.into(), ..small() };
+        let mut own = of("OverHover", config, 1);
+        let shapes = &own.shapes;
+        let mut first = shapes.actor.parts(&own.actor.parameters).into_iter();
+        let corner = shapes.actor.from_parts(&mut |_, shape| {
+            let known = first.next().unwrap().data;
+            Ok(if shape == [shapes.widths.n_action] { vec![12.0; shapes.widths.n_action] } else { known })
+        });
+        own.actor.begin(&shapes.actor, corner.unwrap());
+        let update = (0..18).map(|_| own.update().unwrap()).last().unwrap();
+        update.extra.iter().find(|(name, _)| *name == "before_tanh").unwrap().1
+    };
+    let [stays, returns] = [0.0, 0.1].map(before_tanh);
+    println!("{stays:.3} and {returns:.3}");
+    assert!((stays - 12.0).abs() < 0.2 && returns < 4.0, "{stays} {returns}");
 }
 
 /// Fujimoto et al. 2018, section 5.2.
