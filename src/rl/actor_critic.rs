@@ -382,7 +382,7 @@ impl<E: Exploration> ActorCritic<E> {
         self.step += 1;
         learnt.critic_steps += 1.0;
         if climbs {
-            self.climb();
+            self.climb(progress);
             let gradients = self.work.iter().map(|own| &own.gradient[..]);
             self.actor.descend(&self.shapes.actor, gradients, of_actor);
             let steps = ((self.step - self.mean_from) as f64 / self.config.actor_delay as f64).max(1.0);
@@ -414,9 +414,9 @@ impl<E: Exploration> ActorCritic<E> {
     }
 
     /// The actor's gradient on the batch.
-    fn climb(&mut self) {
+    fn climb(&mut self, progress: f64) {
         let Self { kind, shapes, actor, critics, norm, config, .. } = self;
-        let (std, penalty) = (norm.unit().std, config.saturation_penalty as f32);
+        let (std, penalty) = (norm.unit().std, config.saturation_penalty.at(progress) as f32);
         let climbed = &critics[..kind.climbed(critics.len())];
         self.threads.for_each(&mut self.work, |_, work| {
             work.climb(kind, shapes, (actor, climbed), (std, penalty));

@@ -79,9 +79,9 @@ pub struct ActorCriticConfig<E> {
     pub max_grad_norm: f64,
     /// c: the actor goes down −Q, in deviations of the targets, + c · the mean square of what its tanh takes in (of means, for SAC).
     /// Critics that know nothing yet drive it into a corner of its range, where tanh is flat and it learns no more; 1e-3 in the code
-    /// of Lowe et al. (2017).
+    /// of Lowe et al. (2017). Over the run.
     #[serde(skip_serializing_if = "is_zero")]
-    pub saturation_penalty: f64,
+    pub saturation_penalty: Schedule,
     /// Errors of the critics beyond it count linearly; those of quantiles beyond 0.02 deviations of the targets.
     pub huber: f64,
     /// How it explores.
@@ -120,7 +120,7 @@ impl<E: Exploration> Default for ActorCriticConfig<E> {
             learning_rate: Schedule::Cosine { from: 3e-3, to: 1.5e-3, warm_up: E::WARM_UP },
             critic_learning_rate: Schedule::cosine(5e-3, 2e-3),
             max_grad_norm: 10.0,
-            saturation_penalty: 0.0,
+            saturation_penalty: Schedule::constant(0.0),
             huber: 10.0,
             exploration: E::default(),
             correlation: 0.8,
@@ -137,8 +137,8 @@ fn is_one(n: &usize) -> bool {
     *n == 1
 }
 
-fn is_zero(x: &f64) -> bool {
-    *x == 0.0
+fn is_zero(x: &Schedule) -> bool {
+    *x == Schedule::constant(0.0)
 }
 
 /// Most gradient steps of an update, and steps of an environment.
@@ -177,9 +177,11 @@ impl<E: Exploration> ActorCriticConfig<E> {
             let remedy = "Set central_critic = true: rows of a team are drawn together then, agent by agent.";
             return Err(Error::value("separate_actors", true, "false without a central critic", remedy));
         }
-        if !(0.0..=1e3).contains(&self.saturation_penalty) {
+        self.saturation_penalty.validate("saturation_penalty")?;
+        let penalties = [0.0, 1.0].map(|progress| self.saturation_penalty.at(progress));
+        if penalties.iter().any(|c| *c < 0.0) {
             let remedy = "0 leaves it out; 0.001 to 0.1 are usual.";
-            return Err(Error::value("saturation_penalty", self.saturation_penalty, "within [0, 1000]", remedy));
+            return Err(Error::value("saturation_penalty", format!("{penalties:?}"), "≥ 0", remedy));
         }
         self.exploration.validate()?;
         if !(0.0..=1.0).contains(&self.correlation) {

@@ -50,7 +50,7 @@ struct Descent {
 fn descent<E: Exploration>(own: &mut ActorCritic<E>, alpha: f64) -> Descent {
     own.judge(0.0);
     let judged: Vec<[f64; 5]> = own.work.iter().map(|work| work.sums).collect();
-    own.climb();
+    own.climb(0.0);
     let (batch, agents) = (own.config.batch as f64, (own.config.batch * own.shapes.agents) as f64);
     let sum = |k: usize| own.work.iter().map(|work| work.sums[k]).sum::<f64>();
     let std = f64::from(own.norm.unit().std);
@@ -61,7 +61,7 @@ fn descent<E: Exploration>(own: &mut ActorCritic<E>, alpha: f64) -> Descent {
     Descent {
         losses: [
             judged.iter().map(|sums| sums[0]).sum::<f64>() / batch,
-            (sum(3) + alpha / std * sum(2) + own.config.saturation_penalty * sum(4)) / agents,
+            (sum(3) + alpha / std * sum(2) + own.config.saturation_penalty.at(0.0) * sum(4)) / agents,
         ],
         gradients: [fold(&|work| work.gradients[0].clone()), fold(&|work| work.gradient.clone())],
     }
@@ -110,12 +110,12 @@ fn gradients_of_actor_and_critics_are_those_of_differences_alone_and_in_teams() 
     let still = Entropy { temperature: 0.3, learning_rate: 0.0, ..Entropy::default() };
     check_gradients("Hover", SacConfig { exploration: still.clone(), ..small() }, 0.3);
     check_gradients("Hover", Td3Config { ..small() }, 0.0);
-    check_gradients("Hover", SacConfig { exploration: still.clone(), saturation_penalty: 5.0, ..small() }, 0.3);
+    check_gradients("Hover", SacConfig { exploration: still.clone(), saturation_penalty: 5.0.into(), ..small() }, 0.3);
     check_gradients("OverHover", SacConfig { exploration: still, central_critic: true, ..small() }, 0.3);
     check_gradients("OverHover", Td3Config { central_critic: true, ..small() }, 0.0);
     check_gradients("OverHover", each_its_own(), 0.0);
     check_gradients("Hover", Td3Config { quantiles: 5, ..small() }, 0.0);
-    check_gradients("OverHover", Td3Config { saturation_penalty: 5.0, ..each_its_own() }, 0.0);
+    check_gradients("OverHover", Td3Config { saturation_penalty: 5.0.into(), ..each_its_own() }, 0.0);
 }
 
 /// y = r + γᵏ (minᵢ Q̄ᵢ(o', a') + b) by one row at a time, for steps that go on and that end; `next` writes a' and gives b. Of critics
@@ -236,7 +236,12 @@ fn agents_with_an_actor_each_fly_as_theirs_says() {
 #[test]
 fn a_saturated_actor_is_led_back_by_the_penalty_alone() {
     let before_tanh = |saturation_penalty: f64| {
-        let config = Td3Config { saturation_penalty, central_critic: true, learning_rate: 0.1.into(), ..small() };
+        let config = Td3Config {
+            saturation_penalty: saturation_penalty.into(),
+            central_critic: true,
+            learning_rate: 0.1.into(),
+            ..small()
+        };
         let mut own = of("OverHover", config, 1);
         let shapes = &own.shapes;
         let mut first = shapes.actor.parts(&own.actor.parameters).into_iter();
