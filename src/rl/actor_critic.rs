@@ -158,11 +158,7 @@ impl Shapes {
         let n_base = if widths.n_state > 0 { widths.n_state } else { agents * widths.n_observation };
         let of_set = network(spec, &settings.network, kind.n_output(widths.n_action), Activation::Identity)?;
         Ok(Self {
-            actor: if settings.separate_actors {
-                Arc::new(PerAgent::new(of_set.clone(), agents)?)
-            } else {
-                of_set.clone()
-            },
+            actor: PerAgent::of_team(&of_set, agents, settings.separate_actors)?,
             of_set,
             critic: Mlp::new(
                 n_base + agents * widths.n_action,

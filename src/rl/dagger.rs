@@ -288,7 +288,7 @@ impl Dagger {
             within_memory("rows of an update", rows(spec), 4 * rows(spec) * each, env.memory_limit)
         })?;
         let spec = shards[0].env.spec().clone();
-        let actor = Actor::new(&spec, &config.network, true)?.fits_unlike(&spec)?;
+        let actor = Actor::new(&spec, &config.network, true)?.for_team(&spec, false)?;
         let learnt = Learnt::new(&actor, config.imitate)?;
         let rows = rows(&spec) as usize;
         let batch = Minibatch::new(&learnt.network, 0, rows.div_ceil(config.minibatches), env.memory_limit)?;

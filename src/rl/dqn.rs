@@ -288,11 +288,7 @@ impl Shapes {
         let n_state = if widths.n_state > 0 { widths.n_state } else { widths.seen() };
         let of_set = network(spec, &config.network, values.n_output(), Activation::Identity)?;
         Ok(Self {
-            network: if config.separate_values {
-                Arc::new(PerAgent::new(of_set.clone(), agents)?)
-            } else {
-                of_set.clone()
-            },
+            network: PerAgent::of_team(&of_set, agents, config.separate_values)?,
             of_set,
             branches: (0..agents).map(|agent| spec.n_action_of(agent)).collect(),
             mixing: Mixing::new(config.mixer, agents, n_state)?,

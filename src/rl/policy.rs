@@ -85,31 +85,32 @@ impl Actor {
         Ok(Self { mlp, head, n_action: spec.action.len(), heads: vec![head] })
     }
 
-    /// With parameters for each agent of `spec`, whose rows follow each other agent by agent.
+    /// With parameters for each agent of `spec` where they are `separate`: rows then follow each other agent by agent. For learners
+    /// that weigh actions by their probability, fit values of them or imitate them: numbers that move nothing must take no part, so
+    /// that agents who share parameters must have equally many.
     ///
     /// # Errors
-    /// [`Error::Value`] for a network with a memory.
-    pub fn for_each(self, spec: &Spec) -> Result<Self> {
-        if self.mlp.n_state() > 0 && spec.n_agent > 1 {
+    /// [`Error::Value`] for a network with a memory for each agent, and for unlike agents who share one.
+    pub fn for_team(self, spec: &Spec, separate: bool) -> Result<Self> {
+        let widths: Vec<usize> = (0..spec.n_agent).map(|agent| spec.n_action_of(agent)).collect();
+        if separate && spec.n_agent > 1 && self.mlp.n_state() > 0 {
             let remedy = "Share the policy, or show a history instead (a stage `history`, an encoder of kind conv1d).";
             return Err(Error::value("network.memory", "given", "left out where every agent has its own", remedy));
         }
-        let heads = (0..spec.n_agent).map(|agent| self.head.of_first(spec.n_action_of(agent))).collect();
-        Ok(Self { heads, ..self })
-    }
-
-    /// For learners that weigh actions by their probability, fit values of them or imitate them: numbers that move nothing must
-    /// take no part.
-    ///
-    /// # Errors
-    /// [`Error::Value`] where agents with unlike numbers of actions share parameters.
-    pub(crate) fn fits_unlike(self, spec: &Spec) -> Result<Self> {
-        let widths: Vec<usize> = (0..spec.n_agent).map(|agent| spec.n_action_of(agent)).collect();
-        if self.n_set() == spec.n_agent || widths.iter().all(|n| *n == self.n_action) {
-            return Ok(self);
+        if separate {
+            let heads = widths.iter().map(|n| self.head.of_first(*n)).collect();
+            return Ok(Self { heads, ..self });
         }
-        let value = format!("{widths:?}");
-        Err(Error::value("numbers of the agents' actions", value, "equal where agents share a policy", UNLIKE))
+        if widths.iter().any(|n| *n != self.n_action) {
+            let value = format!("{widths:?}");
+            return Err(Error::value(
+                "numbers of the agents' actions",
+                value,
+                "equal where agents share a policy",
+                UNLIKE,
+            ));
+        }
+        Ok(self)
     }
 
     /// Sets of parameters: 1, or one for each agent.

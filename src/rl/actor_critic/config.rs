@@ -219,9 +219,7 @@ impl<E: Exploration> Algorithm for ActorCriticConfig<E> {
     }
 
     fn actor(&self, spec: &Spec) -> Result<Actor> {
-        let actor = Actor::new(spec, &self.network, true)?;
-        let actor = if self.separate_actors { actor.for_each(spec)? } else { actor };
-        actor.fits_unlike(spec)
+        Actor::new(spec, &self.network, true)?.for_team(spec, self.separate_actors)
     }
 
     fn learner(&self, make: &Make<'_>, env: &EnvConfig, seed: u64, threads: Threads) -> Result<Box<dyn Learner>> {

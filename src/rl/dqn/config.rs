@@ -122,9 +122,7 @@ impl DqnConfig {
 
     /// What flies.
     pub(crate) fn actor(&self, spec: &Spec) -> Result<Actor> {
-        let actor = Actor::new(spec, &self.network, false)?;
-        let actor = if self.separate_values { actor.for_each(spec)? } else { actor };
-        actor.fits_unlike(spec)
+        Actor::new(spec, &self.network, false)?.for_team(spec, self.separate_values)
     }
 
     /// Checks every number.

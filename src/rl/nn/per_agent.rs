@@ -32,6 +32,14 @@ impl PerAgent {
         Ok(Self { network, agents })
     }
 
+    /// One like `network` for each of `agents` agents where they are `separate`, else `network` for all.
+    ///
+    /// # Errors
+    /// As [`PerAgent::new`].
+    pub fn of_team(network: &Arc<dyn Network>, agents: usize, separate: bool) -> Result<Arc<dyn Network>> {
+        Ok(if separate { Arc::new(Self::new(network.clone(), agents)?) } else { network.clone() })
+    }
+
     /// Rows of each agent among `rows`.
     fn rows(&self, rows: usize) -> usize {
         assert!(rows.is_multiple_of(self.agents), "{rows} rows of teams of {}", self.agents);

@@ -128,9 +128,7 @@ impl Default for PpoConfig {
 impl PpoConfig {
     /// The shape of the policy.
     pub(super) fn actor(&self, spec: &Spec) -> Result<Actor> {
-        let actor = Actor::with_memory(spec, &self.network, false)?;
-        let actor = if self.team == Team::Shared { actor } else { actor.for_each(spec)? };
-        actor.fits_unlike(spec)
+        Actor::with_memory(spec, &self.network, false)?.for_team(spec, self.team != Team::Shared)
     }
 
     /// The environments as the policy sees them.
