@@ -543,7 +543,7 @@ impl Work {
             let [noise, slope] = [&self.noise, &self.grad_action].map(|all| &all[k * n..][..shapes.done[k % agents]]);
             kind.pull(output.row(k), noise, std, slope, own);
             let (before, counts) = (&output.row(k)[..slope.len()], live(self.block.weight[k / agents]));
-            let each = 1.0 / slope.len() as f32;
+            let each = 1.0 / slope.len().max(1) as f32;
             own.iter_mut().zip(before).for_each(|(x, y)| *x += 2.0 * penalty * each * y);
             self.sums[4] += f64::from(counts * each * before.iter().map(|y| y * y).sum::<f32>());
             let share = counts / (shapes.batch * agents) as f32;

@@ -77,9 +77,9 @@ pub struct ActorCriticConfig<E> {
     pub critic_learning_rate: Schedule,
     /// Largest norm of the gradients of actor and critics.
     pub max_grad_norm: f64,
-    /// c: the actor goes down −Q, in deviations of the targets, + c · the mean square of what its tanh takes in (of means, for SAC).
-    /// Critics that know nothing yet drive it into a corner of its range, where tanh is flat and it learns no more; 1e-3 in the code
-    /// of Lowe et al. (2017). Over the run.
+    /// Weight, over the run, of the mean square of what tanh takes in (of means, for SAC) beside −Q, in deviations of the targets, in
+    /// what the actor goes down. Critics that know nothing yet drive it into a corner of its range, where tanh is flat and it learns no
+    /// more; 1e-3 in the code of Lowe et al. (2017).
     #[serde(skip_serializing_if = "is_zero")]
     pub saturation_penalty: Schedule,
     /// Errors of the critics beyond it count linearly; those of quantiles beyond 0.02 deviations of the targets.
@@ -178,7 +178,8 @@ impl<E: Exploration> ActorCriticConfig<E> {
             return Err(Error::value("separate_actors", true, "false without a central critic", remedy));
         }
         self.saturation_penalty.validate("saturation_penalty")?;
-        let penalties = [0.0, 1.0].map(|progress| self.saturation_penalty.at(progress));
+        // not at the very start, where a warm-up hides the sign
+        let penalties = [1e-9, 1.0].map(|progress| self.saturation_penalty.at(progress));
         if penalties.iter().any(|c| *c < 0.0) {
             let remedy = "0 leaves it out; 0.001 to 0.1 are usual.";
             return Err(Error::value("saturation_penalty", format!("{penalties:?}"), "≥ 0", remedy));

@@ -258,6 +258,15 @@ fn a_saturated_actor_is_led_back_by_the_penalty_alone() {
     assert!((stays - 12.0).abs() < 0.2 && returns < 4.0, "{stays} {returns}");
 }
 
+#[test]
+fn a_penalty_that_drives_into_the_corner_is_refused_behind_a_warm_up_too() {
+    for (from, to, warm_up) in [(-0.1, 0.1, 0.0), (-0.1, 0.1, 0.2), (0.1, -0.1, 0.0)] {
+        let saturation_penalty = Schedule::Linear { from, to, warm_up };
+        let refused = Td3Config { saturation_penalty, ..small() }.validate().unwrap_err().to_string();
+        assert!(refused.contains("saturation_penalty") && refused.contains("≥ 0"), "{refused}");
+    }
+}
+
 /// Fujimoto et al. 2018, section 5.2.
 #[test]
 fn the_actor_of_td3_and_all_that_follows_wait_for_every_second_step() {
