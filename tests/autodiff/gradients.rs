@@ -1,6 +1,7 @@
 //! Every gradient is right, finite, and cheap to check: adjoint, duals and differences agree.
 
 use crate::Worst;
+use crate::common::measure::larger;
 use crate::common::{airframe, cases, input, state, stream};
 use omnidrones::autodiff::{
     Bounds, Certificate, CompiledJacobian, JacobianScratch, Objective, Rollout, Scalar, System, certify, jacobian,
@@ -96,7 +97,7 @@ fn the_adjoint_of_a_rollout_is_its_dual_gradient_through_motor_saturation() {
                 assert_eq!(cost, same, "the cost is the same number either way");
                 assert_eq!(cost, rollout.cost(&x, &u, &[]));
                 let error = distance(&forward.state, &reverse.state);
-                worst = worst.max(error);
+                worst = larger(worst, error);
                 assert!(error <= 1e-11, "{} {integrator:?} {steps} steps, seed 22: {error:e}", vehicle.name);
             }
         }
@@ -132,7 +133,7 @@ fn the_adjoint_of_a_closed_loop_is_its_dual_gradient_in_state_and_gains() {
             assert_eq!(cost, same);
             let error =
                 distance(&forward.state, &reverse.state).max(distance(&forward.parameters, &reverse.parameters));
-            worst = worst.max(error);
+            worst = larger(worst, error);
             assert!(error <= 1e-11, "{} {steps} steps: {error:e}", vehicle.name);
             assert!(steps < 100 || reverse.parameters.iter().any(|g| g.abs() > 1e-6), "gains must matter");
         }
@@ -159,7 +160,7 @@ fn the_adjoint_of_a_rollout_is_its_dual_gradient_in_every_physical_parameter() {
             };
             let error = distance(&worth(&forward.parameters), &worth(&reverse.parameters))
                 .max(distance(&forward.state, &reverse.state));
-            worst = worst.max(error);
+            worst = larger(worst, error);
             assert!(error <= 1e-11, "{} {steps} steps, seed 23: {error:e}", vehicle.name);
         }
     }
@@ -191,7 +192,7 @@ fn the_adjoint_in_the_inputs_is_that_of_central_differences_and_zero_where_satur
                 let minus = rollout.cost(&x, &u, &[]);
                 u[k] = at;
                 let error = ((plus - minus) / (2.0 * h) - gradient.inputs[k]).abs() / scale;
-                worst = worst.max(error);
+                worst = larger(worst, error);
                 assert!(error <= 1e-6, "{} {steps} steps, entry {k}, seed 24: {error:e}", vehicle.name);
                 if at.abs() > 1.0 {
                     let effort = 0.02 * at;
@@ -264,7 +265,7 @@ fn no_gradient_is_nan_on_a_corner() {
                 assert!(finite, "duals of {name}: {corner}");
                 let (_, forward) = rollout.gradient_forward(&x, &u, &theta);
                 let error = distance(&forward.state, &g.state);
-                worst = worst.max(error);
+                worst = larger(worst, error);
                 assert!(error <= 1e-10, "{name}: {corner}: {error:e}");
             }
         }
@@ -375,7 +376,7 @@ fn the_compiled_jacobian_is_that_of_the_duals_for_every_vehicle() {
         jacobian(&system, &x, &u, &[], &mut JacobianScratch::new(&system), &mut dual);
         CompiledJacobian::new(&system).unwrap().evaluate(&x, &u, &[], &mut compiled);
         let scale = dual.iter().fold(1.0, |a: f64, b| a.max(b.abs()));
-        let worst = dual.iter().zip(&compiled).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / scale;
+        let worst = dual.iter().zip(&compiled).map(|(a, b)| (a - b).abs()).fold(0.0, larger) / scale;
         println!("{}: {worst:.1e}", vehicle.name);
         assert!(worst <= 1e-13, "{}: {worst:.1e}", vehicle.name); // measured 1.4e-15
     }
@@ -397,9 +398,9 @@ fn the_compiled_jacobian_is_that_of_the_duals_for_every_configuration() {
         jacobian(&system, &x, &u, &[], &mut JacobianScratch::new(&system), &mut dual);
         CompiledJacobian::new(&system).unwrap().evaluate(&x, &u, &[], &mut compiled);
         let columns = dual.chunks_exact(x.len()).zip(compiled.chunks_exact(x.len()));
-        let own = columns.map(|(a, b)| distance(a, b)).fold(0.0, f64::max);
+        let own = columns.map(|(a, b)| distance(a, b)).fold(0.0, larger);
         println!("{}: {own:.1e}", model.name());
-        worst = worst.max(own);
+        worst = larger(worst, own);
     }
     assert!(worst <= 1e-12, "{worst:e}"); // measured 8.0e-13 of dragon, 3.5e-13 of platform_2, 2.4e-15 of the others
 }

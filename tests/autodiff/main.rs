@@ -7,6 +7,7 @@ mod gradients;
 mod multibody_gradients;
 mod one_source;
 
+use crate::common::measure::larger;
 use omnidrones::autodiff::{Bounds, System, certify};
 
 /// What our own systems keep; users are held to less.
@@ -37,10 +38,10 @@ impl Worst {
     ) {
         let c = certify(system, x, u, theta).unwrap();
         assert!(c.holds(bounds), "{name}: {c}");
-        self.adjoint = self.adjoint.max(c.adjoint_error);
-        self.difference = self.difference.max(c.difference_error);
+        self.adjoint = larger(self.adjoint, c.adjoint_error);
+        self.difference = larger(self.difference, c.difference_error);
         if let Some(order) = c.taylor_order {
-            self.taylor = self.taylor.max((order - 2.0).abs());
+            self.taylor = larger(self.taylor, (order - 2.0).abs());
         }
     }
 

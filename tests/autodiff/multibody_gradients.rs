@@ -1,5 +1,6 @@
 //! Gradients of articulated systems: every configuration, integrator and effect, in flight and on the ground.
 
+use crate::common::measure::larger;
 use crate::common::stream;
 use crate::{BOUNDS, Worst};
 use omnidrones::autodiff::{Bounds, Objective, Rollout, Scalar, System};
@@ -136,7 +137,7 @@ fn the_adjoint_of_a_rollout_is_its_dual_gradient_for_every_configuration() {
             assert_eq!(cost, same, "the cost is the same number either way");
             let error = distance(&forward.state, &reverse.state);
             assert!(error <= 1e-11, "{} {integrator:?}: {error:e}", model.name());
-            worst = worst.max(error);
+            worst = larger(worst, error);
         }
     }
     println!("reverse against forward over 50 steps: {worst:.1e}"); // measured 7.4e-14

@@ -3,6 +3,7 @@
 //! Hyperduals, wide duals and Taylor series take minutes to compile for every rotor count: they are compared for one, in
 //! the tests of `dynamics::integrate`.
 
+use crate::common::measure::larger;
 use crate::common::{cases, input, relative, state, stream};
 use num_dual::Dual64;
 use omnidrones::autodiff::{Program, Recording, Scalar, System, Trace};
@@ -64,7 +65,7 @@ fn the_program_of_a_step_computes_the_plain_step() {
             let (x, u) = (state(vehicle, &mut r), input(vehicle, physics, &mut r));
             program.evaluate(&mut workspace, &[&x[..], &u].concat(), &mut next);
             let error = relative(&next, &step_f64(&system, &x, &u));
-            worst = worst.max(error);
+            worst = larger(worst, error);
             assert!(error <= 1e-14, "{name}, seed 14, state {k}: {error:e}");
         }
     }
@@ -78,7 +79,7 @@ fn a_single_precision_step_is_the_double_one_to_single_precision() {
         let (x, u) = (rounded(x), rounded(u));
         let single: Vec<f64> = step(system, &x, &u, |_, v| v as f32).into_iter().map(f64::from).collect();
         let error = relative(&single, &step_f64(system, &x, &u));
-        worst = worst.max(error);
+        worst = larger(worst, error);
         assert!(error <= 1e-5, "{name}: {error:e}");
     });
     println!("f32 against f64: {worst:.1e}"); // measured 5.1e-7
@@ -100,7 +101,7 @@ fn a_step_in_lanes_is_the_scalar_single_precision_step_to_rounding() {
         let mut r = stream(16, case as u64);
         let samples: Vec<_> = (0..STATES).map(|_| (state(vehicle, &mut r), input(vehicle, physics, &mut r))).collect();
         let error = lanes_against_scalar(vehicle, *physics, &samples);
-        worst = worst.max(error);
+        worst = larger(worst, error);
         assert!(error <= 1e-5, "{name}, seed 16: {error:e}");
     }
     println!("lanes against scalar f32: {worst:.1e}"); // measured 1.8e-7
@@ -123,7 +124,7 @@ fn lanes_against_scalar(vehicle: &Vehicle, physics: Physics, samples: &[(Vec<f64
     for (k, (x, u)) in samples.iter().enumerate() {
         let lane: Vec<f64> = world.state(k).unwrap().into_iter().map(f64::from).collect();
         let scalar: Vec<f64> = step(&system, x, u, |_, v| v as f32).into_iter().map(f64::from).collect();
-        worst = worst.max(relative(&lane, &scalar));
+        worst = larger(worst, relative(&lane, &scalar));
     }
     worst
 }

@@ -416,6 +416,7 @@ fn the_square_is_flown_on_without_any_rotor_whose_loss_leaves_a_vehicle_capable(
     let reference = Reference::by_name("waypoints").unwrap();
     // measured, worst of every rotor: firefly 0.018 m in height, 0.029 m across, 16.7°; neo11 0.016 m, 0.139 m, 19.8°; omav
     // 0.010 m, 0.022 m, 16.2°
+    let mut flights = 0;
     for vehicle in vehicles::all() {
         let table = FailureTable::of(&vehicle).unwrap();
         for rotor in (0..vehicle.n_rotor()).filter(|i| holds(&table.single[*i])) {
@@ -424,8 +425,11 @@ fn the_square_is_flown_on_without_any_rotor_whose_loss_leaves_a_vehicle_capable(
             let worst = Worst::of(&flown(&vehicle, &plan));
             println!("{} without {rotor}: {worst:.3?}", vehicle.name);
             assert!(worst.is_kept(), "{} without {rotor}: {worst:?}", vehicle.name);
+            flights += 1;
         }
     }
+    println!("{flights} flights");
+    assert!(flights >= 12, "{flights}");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Every configuration of the registry: its mass, names, rest pose, and that its servos hold at 16 ms.
 
+use crate::common::measure::larger;
 use nalgebra::{Matrix3, Vector3};
 use omnidrones::autodiff::System;
 use omnidrones::dynamics::configurations::*;
@@ -298,7 +299,7 @@ fn every_servo_stays_bounded_at_full_command_whatever_the_step() {
                 println!("{:18} {integrator:?} at {dt} s: fastest driven joint {fastest:.1} rad/s", entry.name);
                 // a whipping chain turns its gimbals faster than 2 N m hold: 44 rad/s after 0.53 s as dt → 0
                 assert!(fastest < 100.0, "{} {integrator:?} at {dt} s: {fastest}", entry.name);
-                worst = worst.max(fastest);
+                worst = larger(worst, fastest);
             }
         }
     }
@@ -321,7 +322,7 @@ fn swing(model: &Model, physics: Physics) -> f64 {
         std::mem::swap(&mut x, &mut next);
         assert!(x.iter().all(|v| v.is_finite()), "{} {physics:?}: step {step}", model.name());
         for (place, _) in layout.bodies.iter().zip(&layout.drive).filter(|(_, d)| d.is_some()) {
-            fastest = fastest.max(x[place.velocity].abs());
+            fastest = larger(fastest, x[place.velocity].abs());
         }
     }
     fastest

@@ -1,5 +1,6 @@
 //! Several vehicles in each other's downwash.
 
+use crate::common::measure::larger;
 use omnidrones::autodiff::{Bounds, System, certify, linearise};
 use omnidrones::dynamics::{Downwash, Effects, Fleet, GRAVITY, Multirotor, Physics, vehicles};
 
@@ -29,7 +30,7 @@ fn a_drone_a_metre_under_another_loses_height_by_the_closed_form_force() {
         velocity += acceleration * dt;
         fleet.step(&x, &u, &[], &mut next);
         std::mem::swap(&mut x, &mut next);
-        worst = worst.max((x[N + 2] - height).abs()).max((x[N + 5] - velocity).abs());
+        worst = larger(larger(worst, (x[N + 2] - height).abs()), (x[N + 5] - velocity).abs());
     }
     assert!(worst < 1e-12, "{worst:e}"); // measured 2.7e-15
     assert!(height < 0.5, "half a second under a wake costs more than half a metre: {height}");

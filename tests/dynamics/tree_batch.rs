@@ -2,6 +2,7 @@
 //! the size; for every built-in configuration.
 
 use crate::common::INTEGRATORS;
+use crate::common::measure::larger;
 use crate::common::relative;
 use crate::common::tree::{everything, stream};
 use crate::poison::Poison;
@@ -575,7 +576,7 @@ fn a_step_in_lanes_is_the_step_of_a_single_system_to_single_precision() {
                         (&mut worst[0], 1e-3)
                     };
                     for (worst, error) in worst.iter_mut().zip(errors) {
-                        *worst = worst.max(error);
+                        *worst = larger(*worst, error);
                     }
                     assert!(errors.iter().all(|e| *e <= bound), "{name} {physics:?}, {k}: {errors:?}");
                 }

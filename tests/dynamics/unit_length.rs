@@ -1,6 +1,7 @@
 //! Contract: attitudes keep unit length after every step in every path of a state: of one body, of trees, in lanes.
 
 use crate::common::INTEGRATORS;
+use crate::common::measure::larger;
 use crate::common::tree::{state, stream};
 use crate::multibody::common::{configuration, still, weightless};
 use crate::physics::common::{at_most, inert};
@@ -35,7 +36,7 @@ fn farthest(system: &impl System, mut x: Vec<f64>, places: &[usize], steps: usiz
     for _ in 0..steps {
         system.step::<f64>(&x, &u, &[], &mut next);
         std::mem::swap(&mut x, &mut next);
-        worst = worst.max(off(&x, places));
+        worst = larger(worst, off(&x, places));
     }
     worst
 }
@@ -54,7 +55,7 @@ fn farthest_in_lanes(model: &Model, physics: Physics, steps: usize) -> f64 {
         world.read_states(&mut rows).unwrap();
         for row in rows.chunks(world.n_state()) {
             let x: Vec<f64> = row.iter().map(|x| f64::from(*x)).collect();
-            worst = worst.max(off(&x, &places));
+            worst = larger(worst, off(&x, &places));
         }
     }
     assert!(world.failures().is_empty(), "{}: {:?}", model.name(), world.failures());

@@ -2,6 +2,7 @@
 //! pushed.
 
 use super::common::*;
+use crate::common::measure::larger;
 use crate::common::tree::{attitude, stream};
 use omnidrones::dynamics::assembly::{Assembly, Join, Kind, Member, Solid, WORLD, group, single};
 use omnidrones::dynamics::shape::{Geometry, Shape};
@@ -54,7 +55,7 @@ fn a_dropped_box_and_a_bouncing_sphere_come_back_with_less_energy_each_time() {
                         continue;
                     }
                     let now = energy(&system, &x);
-                    gain = gain.max(now - last);
+                    gain = larger(gain, now - last);
                     assert!(now <= last + 1e-9, "{name}, {dt} s, case {case}, step {step}: {now} J after {last} J");
                     last = now;
                 }
@@ -76,7 +77,7 @@ fn a_stiffness_that_a_step_does_not_resolve_gains_nothing_either() {
         x[2] = 0.5 + 0.01 * f64::from(case);
         let start = energy(&system, &x);
         fly(&system, &mut x, &[], 500);
-        most = most.max(energy(&system, &x) / start);
+        most = larger(most, energy(&system, &x) / start);
     }
     at_most("stiff ground: energy after a bounce over that before", most, 1.0);
 }
@@ -91,8 +92,8 @@ fn rest(model: &Model, effects: Effects, height: f64, q: [f64; 4]) -> (Multibody
     let (from, mut deepest, mut moved) = (x.clone(), 0.0_f64, 0.0_f64);
     for _ in 0..100 {
         fly(&system, &mut x, &u, 50);
-        deepest = deepest.max(depth(&system, &x));
-        moved = moved.max(apart(&x[..3], &from[..3]));
+        deepest = larger(deepest, depth(&system, &x));
+        moved = larger(moved, apart(&x[..3], &from[..3]));
     }
     let turned = 2.0 * apart(&x[6..10], &from[6..10]);
     (system, x, [deepest, moved, turned])
@@ -108,7 +109,7 @@ fn every_vehicle_dropped_at_any_tilt_rests_within_2_mm_and_creeps_less_than_1_mm
             let effects = Effects { contact: true, ..Effects::default() };
             let (system, x, seen) = rest(&model, effects, 0.4, from_euler(roll, pitch, 0.7));
             for (worst, seen) in worst.iter_mut().zip(seen) {
-                *worst = worst.max(seen);
+                *worst = larger(*worst, seen);
             }
             // idling rotors carry a ten-thousandth of what they could
             let weight = model.mass() * 9.81;

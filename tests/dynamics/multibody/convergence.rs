@@ -4,6 +4,7 @@
 //! Drives are left out: they are sampled once per step by design.
 
 use super::common::*;
+use crate::common::measure::larger;
 use nalgebra::{DVector, Quaternion};
 use omnidrones::dynamics::tree::{Model, Motion, Multibody, inverse_dynamics, mass_matrix};
 use omnidrones::dynamics::{Effects, Physics};
@@ -67,7 +68,7 @@ fn trajectory_error(name: &str, reference: fn(&Multibody, Vec<f64>) -> Vec<f64>)
     let start = in_motion(&system, 5, 0.8);
     let mut x = start.clone();
     fly(&system, &mut x, &[], 10_000);
-    x.iter().zip(reference(&system, start)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    x.iter().zip(reference(&system, start)).map(|(a, b)| (a - b).abs()).fold(0.0, larger)
 }
 
 /// The same system at a quarter of the step.

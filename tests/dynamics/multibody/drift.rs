@@ -1,6 +1,7 @@
 //! Contract: what nothing pushes keeps its energy and its momenta, for as long as anyone will simulate it.
 
 use super::common::*;
+use crate::common::measure::larger;
 use omnidrones::dynamics::assembly::{Assembly, Join, Kind, Solid, WORLD};
 use omnidrones::dynamics::tree::{Model, Motion, Multibody, momentum};
 use omnidrones::dynamics::{Effects, Physics};
@@ -23,16 +24,16 @@ fn drift(model: &Model, physics: Physics, steps: usize) -> Drift {
     for _ in 0..100 {
         fly(&system, &mut x, &[], steps / 100);
         let now = momentum(&system, &x);
-        worst.energy = worst.energy.max((energy(&system, &x) / start - 1.0).abs());
-        worst.angular = worst.angular.max(apart(&now.angular, &before.angular) / norm(&before.angular));
-        worst.linear = worst.linear.max(apart(&now.linear, &before.linear) / norm(&before.linear));
+        worst.energy = larger(worst.energy, (energy(&system, &x) / start - 1.0).abs());
+        worst.angular = larger(worst.angular, apart(&now.angular, &before.angular) / norm(&before.angular));
+        worst.linear = larger(worst.linear, apart(&now.linear, &before.linear) / norm(&before.linear));
         for (body, place) in model.bodies().iter().zip(&model.layout().bodies) {
             let q = match body.joint.motion {
                 Motion::Floating => place.position + 6,
                 Motion::Ball => place.position,
                 Motion::Revolute(_) | Motion::Prismatic(_) => continue,
             };
-            worst.norm = worst.norm.max((norm(&x[q..q + 4]) - 1.0).abs());
+            worst.norm = larger(worst.norm, (norm(&x[q..q + 4]) - 1.0).abs());
         }
     }
     worst

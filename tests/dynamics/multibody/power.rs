@@ -3,6 +3,7 @@
 //! Every power is written down here from the conventions, with nothing of the dynamics but poses and motor lag.
 
 use super::common::*;
+use crate::common::measure::larger;
 use crate::common::tree::{lower, stream};
 use nalgebra::{Matrix3, Vector3};
 use omnidrones::dynamics::assembly::single;
@@ -89,7 +90,7 @@ fn imbalance(system: &Multibody, mut x: Vec<f64>, u: &[f64], steps: usize) -> (f
         let weight = if k == 0 || k == steps { 1.0 } else { 2.0 * (1 + k % 2) as f64 };
         work += weight * h / 3.0 * (input + loss);
         throughput += weight * h / 3.0 * (input.abs() + loss.abs());
-        gain = gain.max(loss);
+        gain = larger(gain, loss);
         if k < steps {
             fly(system, &mut x, u, 1);
         }

@@ -1,6 +1,7 @@
 //! Contract: rate servos lag by their time constant, every servo is stable at any step and gain, and none exceeds its bound.
 
 use super::common::*;
+use crate::common::measure::larger;
 use crate::common::tree::{state, stream};
 use omnidrones::autodiff::System;
 use omnidrones::dynamics::configurations::Dragon;
@@ -84,7 +85,7 @@ fn chatter(model: &Model, physics: Physics) -> [f64; 3] {
     let mut r = stream(30, 0);
     let hinges = |x: &[f64]| {
         let places = model.layout().bodies.iter().filter(|p| p.n_freedom == 1);
-        places.map(|p| x[p.velocity].abs()).fold(0.0, f64::max)
+        places.map(|p| x[p.velocity].abs()).fold(0.0, larger)
     };
     let (mut bound, mut rate) = (0.0_f64, 0.0_f64);
     let (n, held) = ((10.0 / physics.dt) as usize, (0.16 / physics.dt) as usize);
@@ -96,8 +97,8 @@ fn chatter(model: &Model, physics: Physics) -> [f64; 3] {
         }
         system.step::<f64>(&x, &u, &[], &mut next);
         assert!(next.iter().all(|v| v.is_finite()), "step {k}");
-        bound = bound.max(torque_over_bound(&system, &x, &next, &u));
-        rate = rate.max(hinges(&next));
+        bound = larger(bound, torque_over_bound(&system, &x, &next, &u));
+        rate = larger(rate, hinges(&next));
         std::mem::swap(&mut x, &mut next);
     }
     fly(&system, &mut x, &system.rest_input(), (10.0 / physics.dt) as usize);
@@ -121,7 +122,7 @@ fn torque_over_bound(system: &Multibody, x: &[f64], next: &[f64], u: &[f64]) -> 
         Some(drive) => torque[place.freedom].abs() / drive.max_torque,
         None => 0.0,
     });
-    over.fold(0.0, f64::max)
+    over.fold(0.0, larger)
 }
 
 #[test]
@@ -156,7 +157,7 @@ fn a_damper_too_fast_for_the_step_is_taken_implicitly() {
         let system = Multibody::new(&weightless(&still(&damped)), physics).unwrap();
         let mut x = state(system.model(), &mut stream(31, 0));
         fly(&system, &mut x, &[], 600);
-        let fastest = system.layout().bodies[1..].iter().map(|p| x[p.velocity].abs()).fold(0.0, f64::max);
+        let fastest = system.layout().bodies[1..].iter().map(|p| x[p.velocity].abs()).fold(0.0, larger);
         // measured 0.13: the chain turns on
         at_most(&format!("{:?}: hinge rate after 10 s", physics.integrator), fastest, 1.0);
     }

@@ -1,6 +1,7 @@
 //! Contract: where the equations have a solution in closed form, five seconds of flight agree with it to 1e-9.
 
 use super::common::*;
+use crate::common::measure::larger;
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use omnidrones::dynamics::{Drag, Effects, Inertia, Vehicle, vehicles};
 
@@ -28,9 +29,10 @@ fn a_torque_free_symmetric_top_precesses_as_in_the_textbook() {
             let angle = w0.z * (1.0 - 0.012 / 0.007) * t;
             let own = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
             let q = precession * q0 * own;
-            worst = worst.max((q.to_rotation_matrix().matrix() - attitude(&x).to_rotation_matrix().matrix()).norm());
-            worst = worst.max((own.inverse() * w0 - vector(&x, 10)).norm());
-            worst = worst.max((place + speed * t - body.position(&x)).norm());
+            worst =
+                larger(worst, (q.to_rotation_matrix().matrix() - attitude(&x).to_rotation_matrix().matrix()).norm());
+            worst = larger(worst, (own.inverse() * w0 - vector(&x, 10)).norm());
+            worst = larger(worst, (place + speed * t - body.position(&x)).norm());
         }
         // measured 3.0e-13
         at_most("symmetric top: attitude, ω and centre of mass", worst, 1e-9);
@@ -51,8 +53,8 @@ fn fall(drag: Drag, velocity: impl Fn(f64) -> f64, height: impl Fn(f64) -> f64) 
     for step in 1..=2500 {
         x = flight.step(&x, &[-1.0; 4]);
         let t = 0.002 * f64::from(step);
-        worst = worst.max((x[5] - velocity(t)).abs() / 9.81);
-        worst = worst.max((x[2] - height(t)).abs() / 9.81);
+        worst = larger(worst, (x[5] - velocity(t)).abs() / 9.81);
+        worst = larger(worst, (x[2] - height(t)).abs() / 9.81);
     }
     worst
 }
@@ -102,9 +104,9 @@ fn body_and_rotors_keep_their_total_angular_momentum_while_rotors_change_speed()
             for _ in 0..2000 {
                 x = flight.step(&x, &u);
                 let total = body.angular_momentum(&x, rotor_momentum(&vehicle, &x));
-                worst = worst.max((total - first).norm() / size);
+                worst = larger(worst, (total - first).norm() / size);
                 let alone = body.angular_momentum(&x, Vector3::zeros());
-                body_alone = body_alone.max((alone - first).norm() / size);
+                body_alone = larger(body_alone, (alone - first).norm() / size);
             }
         }
         // measured 9.0e-11, Crazyflie
@@ -132,7 +134,7 @@ fn a_rotor_that_spins_up_turns_the_body_the_other_way_by_the_ratio_of_inertias()
                 let speed = rotor.max_speed * -(-t / rotor.time_constant_up).exp_m1();
                 let wanted = Unit::new_normalize(Vector3::from(rotor.axis)).into_inner()
                     * (-rotor.spin * rotor.inertia / 0.01 * speed);
-                worst = worst.max((vector(&x, 10) - wanted).norm());
+                worst = larger(worst, (vector(&x, 10) - wanted).norm());
             }
             // measured 6.9e-11, Omav
             at_most(&format!("{} rotor {i}: reaction to spin-up, rad/s", vehicle.name), worst, 1e-9);

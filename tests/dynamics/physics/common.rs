@@ -1,5 +1,6 @@
 //! Flights, bodies, random states, and the energies and momenta that the claims are about.
 
+use crate::common::measure::larger;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use omnidrones::autodiff::System;
 use omnidrones::dynamics::{Drag, Effects, Inertia, Integrator, Multirotor, Part, Physics, Vehicle, vehicles};
@@ -139,7 +140,7 @@ pub fn with_everything(vehicle: &Vehicle) -> Vehicle {
         quadratic: [0.02 * m, 0.03 * m, 0.05 * m],
         angular: [0.2 * j[(0, 0)], 0.3 * j[(1, 1)], 0.4 * j[(2, 2)]],
     };
-    let arm = vehicle.rotors.iter().map(|r| Vector3::from(r.position).norm()).fold(0.0, f64::max);
+    let arm = vehicle.rotors.iter().map(|r| Vector3::from(r.position).norm()).fold(0.0, larger);
     let ballast = Inertia::diagonal(0.01 * j[(0, 0)], 0.01 * j[(1, 1)], 0.01 * j[(2, 2)]);
     vehicle.parts.push(Part::new("ballast", 0.1 * m, [0.3 * arm, -0.2 * arm, 0.1 * arm], ballast));
     for rotor in &mut vehicle.rotors {
@@ -197,7 +198,7 @@ pub fn random_input(system: &Multirotor, stream: &mut Stream) -> Vec<f64> {
 
 /// Largest |a − b| / max(1, |a|).
 pub fn difference(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).abs() / a.abs().max(1.0)).fold(0.0, f64::max)
+    a.iter().zip(b).map(|(a, b)| (a - b).abs() / a.abs().max(1.0)).fold(0.0, larger)
 }
 
 /// Defect for twins: free rotation by the usual explicit form ω⁺ = ω − h J⁻¹ (ω × Jω).

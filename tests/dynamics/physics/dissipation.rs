@@ -1,6 +1,7 @@
 //! Contract: in still air drag takes power, never gives it.
 
 use super::common::*;
+use crate::common::measure::larger;
 use nalgebra::Vector3;
 use omnidrones::dynamics::{Effects, Vehicle, vehicles};
 
@@ -18,7 +19,7 @@ fn largest_power(vehicle: &Vehicle, effects: Effects, cases: usize) -> f64 {
         let (v, w) = (attitude(&x).inverse() * body.velocity(&x), vector(&x, 10));
         let (f, m): (Vector3<f64>, Vector3<f64>) = (vector(&d, 0), vector(&d, 3));
         let size = f.norm() * v.norm() + m.norm() * w.norm();
-        largest = largest.max((f.dot(&v) + m.dot(&w)) / size.max(1e-300));
+        largest = larger(largest, (f.dot(&v) + m.dot(&w)) / size.max(1e-300));
     }
     largest
 }

@@ -1,6 +1,7 @@
 //! Contract: −ω × (Jω + H) turns the body and does no work; all power has a source that can be named.
 
 use super::common::*;
+use crate::common::measure::larger;
 use nalgebra::Vector3;
 use omnidrones::dynamics::{Effects, Vehicle, vehicles};
 
@@ -23,13 +24,13 @@ fn gyroscopic_terms_of_body_and_rotors_do_no_work() {
             let spin = rotor_momentum(&vehicle, &x);
             let size = w.norm_squared() * (body.inertia * w + spin).norm();
             let power = w.dot(&(body.inertia * a)).abs() / size;
-            worst = worst.max(power);
+            worst = larger(worst, power);
             assert!(power <= 1e-12, "{}, case {case}: {power:.3e}", vehicle.name);
             let turning = (body.inertia * a + w.cross(&(body.inertia * w + spin))).norm() / (size / w.norm());
-            largest = largest.max(turning);
+            largest = larger(largest, turning);
             // twin: −(ω + δ) × H, as with a rotor frame that is not the body's
             let wrong = w.dot(&(w + 1e-3 * w.norm() * Vector3::x()).cross(&spin)).abs();
-            defect = defect.max(wrong / size);
+            defect = larger(defect, wrong / size);
         }
         assert!(defect > 1e-12, "{}: {defect:.3e}", vehicle.name);
         // ω̇ is −J⁻¹ ω × (Jω + H) and nothing else

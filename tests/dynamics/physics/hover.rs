@@ -1,6 +1,7 @@
 //! Contract: hover is an equilibrium, whatever the step, the number of substeps and the integrator.
 
 use super::common::*;
+use crate::common::measure::larger;
 use omnidrones::dynamics::{Effects, Integrator, Physics, Vehicle, vehicles};
 
 /// Where one second of hover leads from (1, −2, 3): largest |x − x₀| of the rigid part.
@@ -12,7 +13,7 @@ fn drift(vehicle: &Vehicle, physics: Physics, excess: f64) -> f64 {
         *action += excess * (*action + 1.0);
     }
     let end = flight.after(&x, &u, (1.0 / physics.dt).round() as usize);
-    end.iter().zip(&x).take(13).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    end.iter().zip(&x).take(13).map(|(a, b)| (a - b).abs()).fold(0.0, larger)
 }
 
 #[test]
@@ -25,7 +26,7 @@ fn hover_holds_for_every_vehicle_step_number_of_substeps_and_integrator() {
                 let effects = Effects { ground_effect: false, ..effects };
                 for dt in [0.001, 0.016] {
                     for substeps in [1, 2, 4, 16] {
-                        worst = worst.max(drift(&vehicle, Physics { dt, substeps, integrator, effects }, 0.0));
+                        worst = larger(worst, drift(&vehicle, Physics { dt, substeps, integrator, effects }, 0.0));
                     }
                 }
             }

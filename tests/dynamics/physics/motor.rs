@@ -1,6 +1,7 @@
 //! Contract: a rotor's speed follows Ω(t) = Ω_cmd + (Ω₀ − Ω_cmd) e^{−t/τ}, with its own τ up and down, at any step.
 
 use super::common::*;
+use crate::common::measure::larger;
 use omnidrones::dynamics::{Effects, Integrator, Physics, Vehicle, vehicles};
 
 /// Speeds over 0.48 s at every 16 ms: up for a third, then down, then in between.
@@ -19,8 +20,8 @@ fn response(vehicle: &Vehicle, dt: f64, substeps: usize, integrator: Integrator)
 }
 
 fn gap(vehicle: &Vehicle, a: &[f64], b: &[f64]) -> f64 {
-    let largest = vehicle.rotors.iter().map(|r| r.max_speed).fold(0.0, f64::max);
-    a.iter().zip(b).map(|(a, b)| (a - b).abs() / largest).fold(0.0, f64::max)
+    let largest = vehicle.rotors.iter().map(|r| r.max_speed).fold(0.0, larger);
+    a.iter().zip(b).map(|(a, b)| (a - b).abs() / largest).fold(0.0, larger)
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! (σ = +1) yaws the body clockwise (−).
 
 use super::common::*;
+use crate::common::measure::larger;
 use omnidrones::dynamics::{Effects, Vehicle, vehicles};
 
 /// Signs of (roll, pitch, yaw, climb) by rotor, written from the drawings of each vehicle.
@@ -39,7 +40,7 @@ fn drawn(name: &str) -> Option<Vec<[i8; 4]>> {
 /// The rule above with each rotor's tilt, for vehicles without a drawing.
 fn ruled(vehicle: &Vehicle) -> Vec<[i8; 4]> {
     let c = vehicle.mass_properties().center_of_mass;
-    let arm = vehicle.rotors.iter().map(|r| r.position[0].hypot(r.position[1])).fold(0.0, f64::max);
+    let arm = vehicle.rotors.iter().map(|r| r.position[0].hypot(r.position[1])).fold(0.0, larger);
     let sign = |x: f64| if x.abs() < 1e-6 * arm { 0 } else { x.signum() as i8 };
     let row = |r: &omnidrones::dynamics::Rotor| {
         let ([x, y, z], [a, b, c]) = ([r.position[0] - c.x, r.position[1] - c.y, r.position[2] - c.z], r.axis);
@@ -62,7 +63,7 @@ fn flown(vehicle: &Vehicle, effects: Effects) -> Vec<[i8; 4]> {
             [y[10], y[11], y[12], y[5]]
         })
         .collect();
-    let largest: [f64; 4] = std::array::from_fn(|k| rates.iter().map(|r| r[k].abs()).fold(0.0, f64::max));
+    let largest: [f64; 4] = std::array::from_fn(|k| rates.iter().map(|r| r[k].abs()).fold(0.0, larger));
     let sign = |x: f64, size: f64| if x.abs() < 1e-4 * size { 0 } else { x.signum() as i8 };
     rates.iter().map(|r| std::array::from_fn(|k| sign(r[k], largest[k]))).collect()
 }

@@ -4,6 +4,7 @@
 //! 170 random cases per vehicle and law, each 20 steps long, every effect on.
 
 use super::common::*;
+use crate::common::measure::larger;
 use nalgebra::{UnitQuaternion, Vector3};
 use omnidrones::autodiff::System;
 use omnidrones::dynamics::{Effects, Multirotor, Physics, Vehicle, vehicles};
@@ -33,7 +34,7 @@ fn largest_gap(
             image(&vehicle, 0.0, &mut y, &mut v, &mut images.clone());
             let (mut wanted, mut unused) = (end, u.clone());
             image(&vehicle, 0.004 * STEPS as f64, &mut wanted, &mut unused, &mut images);
-            worst = worst.max(difference(&wanted, &there.after(&y, &v, STEPS)));
+            worst = larger(worst, difference(&wanted, &there.after(&y, &v, STEPS)));
             stream.next_u64();
         }
     }
@@ -223,7 +224,7 @@ fn the_choice_of_units_does_not_matter() {
                 there.step::<f64>(&y, &v, &parameters, &mut next);
                 y = next;
             }
-            worst = worst.max(difference(&wanted, &y));
+            worst = larger(worst, difference(&wanted, &y));
         }
     }
     // measured 8.0e-15

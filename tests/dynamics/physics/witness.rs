@@ -5,6 +5,7 @@
 //! `tests/oracle/mujoco_rigid.py`, which says how. Its vehicles are copies: editing a vehicle needs no new file.
 
 use super::common::*;
+use crate::common::measure::larger;
 use omnidrones::dynamics::{Effects, Vehicle, vehicles};
 use serde::Deserialize;
 
@@ -37,7 +38,7 @@ fn largest_gap(case: &Case, effects: Effects) -> f64 {
         let rate = flight.derivative(&x, u);
         for (at, from) in [(3, 0), (10, 3)] {
             let gap = (vector(&rate, at) - vector(wanted, from)).norm() / vector(wanted, from).norm();
-            worst = worst.max(gap);
+            worst = larger(worst, gap);
         }
     }
     worst

@@ -11,6 +11,7 @@
 
 use super::common::*;
 use super::models;
+use crate::common::measure::larger;
 use nalgebra::{DMatrix, DVector};
 use omnidrones::dynamics::tree::{Model, Motion, mass_matrix};
 use std::path::{Path, PathBuf};
@@ -36,9 +37,9 @@ impl Gaps {
         let acceleration = gap(ours, wanted);
         let apart = mass * (DVector::from_column_slice(ours) - DVector::from_column_slice(wanted));
         let force = apart.amax() / (mass.abs() * DVector::from_column_slice(wanted).abs()).amax();
-        self.acceleration = self.acceleration.max(acceleration);
-        self.share = self.share.max(acceleration / allowed);
-        self.force = self.force.max(force);
+        self.acceleration = larger(self.acceleration, acceleration);
+        self.share = larger(self.share, acceleration / allowed);
+        self.force = larger(self.force, force);
     }
 
     #[track_caller]

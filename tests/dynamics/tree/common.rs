@@ -1,5 +1,6 @@
 //! Stripped models, random states, bounds that print what was measured.
 
+use crate::common::measure::larger;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use omnidrones::dynamics::tree::{Model, ModelParts, Motion, Multibody};
 use omnidrones::dynamics::{Effects, Physics};
@@ -41,7 +42,7 @@ pub fn accelerations(system: &Multibody, rate: &[f64]) -> Vec<f64> {
 /// Largest difference over the largest acceleration of the state.
 pub fn gap(got: &[f64], wanted: &[f64]) -> f64 {
     let scale = wanted.iter().fold(0.0_f64, |m, a| m.max(a.abs()));
-    got.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / scale
+    got.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, larger) / scale
 }
 
 /// Any attitude, ±2 m, ±3 m/s, ±3 rad/s, hinges ±π, slides ±0.5 m, rotors up to full speed.

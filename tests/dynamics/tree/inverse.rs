@@ -5,6 +5,7 @@
 
 use super::common::*;
 use super::models;
+use crate::common::measure::larger;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use omnidrones::dynamics::tree::{Body, BodyPlace, Motion, Multibody};
 
@@ -139,7 +140,7 @@ fn residual(system: &Multibody, x: &[f64], rate: &[f64]) -> f64 {
         let (force, moment) = loads[i];
         scale = scale.max(force.norm()).max(moment.norm());
         let frame = joint_frame(&up, &bodies[i]);
-        worst = worst.max(unbalanced(&bodies[i], &places[i], (x, rate), &frame, &frames[i].rotation, loads[i]));
+        worst = larger(worst, unbalanced(&bodies[i], &places[i], (x, rate), &frame, &frames[i].rotation, loads[i]));
         if let Some(k) = bodies[i].parent {
             let arm = frames[i].position - frames[k].position;
             loads[k].0 += force;
@@ -157,7 +158,7 @@ fn inverse_dynamics_of_our_accelerations_gives_back_what_acted() {
         let mut worst = 0.0_f64;
         for _ in 0..1000 {
             let x = random_state(&system, &mut stream);
-            worst = worst.max(residual(&system, &x, &derivative(&system, &x)));
+            worst = larger(worst, residual(&system, &x, &derivative(&system, &x)));
         }
         // measured 1.1e-13, the pendulum on a Crazyflie
         at_most(&format!("{}: RNEA of ABA", model.name()), worst, 1e-12);

@@ -2,6 +2,7 @@
 
 use super::common::*;
 use super::models;
+use crate::common::measure::larger;
 use omnidrones::autodiff::System;
 use omnidrones::dynamics::tree::Multibody;
 use omnidrones::dynamics::{Effects, Integrator, Multirotor, Physics, Vehicle, vehicle::GRAVITY, vehicles};
@@ -48,7 +49,7 @@ fn largest_gap(vehicle: &Vehicle, ours: Effects, theirs: Effects) -> f64 {
         pair.tree.derivative::<f64>(&x, &u, &[], &mut got);
         pair.closed.derivative::<f64>(&x, &u, &[], &mut wanted);
         for part in [0..3, 3..6, 6..10, 10..13, 13..x.len()] {
-            worst = worst.max(gap(&got[part.clone()], &wanted[part]));
+            worst = larger(worst, gap(&got[part.clone()], &wanted[part]));
         }
     }
     worst
@@ -136,7 +137,7 @@ fn largest_gap_of_a_step(vehicle: &Vehicle, integrator: Integrator, dt: f64) -> 
             (got[k], wanted[k]) = (got[k] - x[k], wanted[k] - x[k]);
         }
         for part in [0..3, 3..6, 6..10, 10..13, 13..x.len()] {
-            worst = worst.max(gap(&got[part.clone()], &wanted[part]));
+            worst = larger(worst, gap(&got[part.clone()], &wanted[part]));
         }
     }
     worst
