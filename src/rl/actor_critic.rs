@@ -513,7 +513,8 @@ impl Work {
         }
     }
 
-    /// The gradient of the mean of −Q(o, π(o)) + what the algorithm adds, as far as the agents of this block go.
+    /// The gradient of the mean of −Q(o, π(o)) + what the algorithm adds + what keeps tanh from its corners, as far as the agents of
+    /// this block go.
     fn climb<K: Kind>(
         &mut self,
         kind: &K,
@@ -649,7 +650,8 @@ impl<E: Exploration> Learner for ActorCritic<E> {
             ("value_std", f64::from(unit.std)),
             ("kept", self.experience.kept() as f64),
             ("rows_left_out", learnt.left_out),
-            ("before_tanh", (learnt.sums[4] / acted).sqrt()),
+            // none where the actor did not learn
+            ("before_tanh", (learnt.sums[4] / (acted * f64::from(learnt.actor_steps > 0.0))).sqrt()),
         ];
         extra.extend(self.kind.figures());
         Ok(Update {
@@ -693,6 +695,10 @@ impl<E: Exploration> Learner for ActorCritic<E> {
 
     fn policy(&self) -> Result<Policy> {
         Policy::of(&self.flown, &self.flown_parameters()?, self.experience.env())
+    }
+
+    fn kept_bytes(&self) -> u64 {
+        self.experience.saved_bytes()
     }
 
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {

@@ -141,6 +141,39 @@ pub(super) const NOT_OF_ENV: [(&str, &str); 4] = [
     ("autoreset", "Remove it: environments restart in the same step while training."),
 ];
 
+/// Settings that came after rows were trained, whose defaults change nothing.
+const LATER: [&str; 16] = [
+    "env.residual",
+    "env.easier",
+    "env.truncate_after",
+    "ppo.team",
+    "ppo.target_kl",
+    "ppo.stop_kl",
+    "sac.quantiles",
+    "sac.separate_actors",
+    "sac.saturation_penalty",
+    "sac.replay.images",
+    "td3.quantiles",
+    "td3.separate_actors",
+    "td3.saturation_penalty",
+    "td3.replay.images",
+    "dqn.separate_values",
+    "dqn.replay.images",
+];
+
+/// Removes what stands at `path` if it is the usual value.
+fn leave_out(table: &mut Table, usual: &Table, path: &str) {
+    let Some((first, rest)) = path.split_once('.') else {
+        if table.get(path) == usual.get(path) {
+            table.remove(path);
+        }
+        return;
+    };
+    if let (Some(Value::Table(own)), Some(Value::Table(usual))) = (table.get_mut(first), usual.get(first)) {
+        leave_out(own, usual, rest);
+    }
+}
+
 /// What a variant of an algorithm sets.
 fn settings_of(variant: Option<&Variant>) -> Result<Table> {
     variant.map_or_else(|| Ok(Table::new()), |own| Ok(Layer::of_text(own.settings, own.name)?.table().clone()))
@@ -310,7 +343,20 @@ impl TrainConfig {
     /// # Errors
     /// [`Error::Value`] for a whole number above 2⁶³ − 1.
     pub fn to_toml(&self) -> Result<String> {
-        let mut table = self.table()?;
+        self.text(self.table()?)
+    }
+
+    /// What a row of `train-all` or `study` is known by: the text without its seed, and without settings that came after the first
+    /// rows where they are as if they were not there.
+    pub(super) fn text_of_rows(&self) -> Result<String> {
+        let mut table = Self { seed: 0, ..self.clone() }.table()?;
+        let usual = Self::every_table()?;
+        LATER.iter().for_each(|path| leave_out(&mut table, &usual, path));
+        self.text(table)
+    }
+
+    /// The task first, if there is one.
+    fn text(&self, mut table: Table) -> Result<String> {
         let task = table.remove("task").filter(|_| !self.task.is_empty());
         let first = task.map_or_else(String::new, |task| format!("task = {task}\n"));
         toml::to_string(&table).map(|rest| first + &rest).map_err(unwritable)

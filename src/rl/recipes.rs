@@ -110,6 +110,20 @@ mod tests {
         }
     }
 
+    /// What a recipe sets a file can take back, setting by setting: a text that says all says it under a recipe too.
+    #[test]
+    fn the_text_of_a_configuration_makes_it_again_over_every_recipe() {
+        for (name, _) in RECIPES {
+            let (task, algorithm) = name.split_once('.').unwrap();
+            let task = names().into_iter().find(|own| snake(own) == task).unwrap();
+            let usual = format!("task = '{task}'\nalgorithm = '{algorithm}'");
+            let usual = TrainConfig::from_toml(&usual, "usual").unwrap();
+            let text = usual.to_toml().unwrap();
+            let again = TrainConfig::for_task(task, Some(algorithm), Some((&text, "text"))).unwrap();
+            assert_eq!(again.to_toml().unwrap(), text, "{name}");
+        }
+    }
+
     #[test]
     fn every_file_of_the_folder_is_listed_once_and_begins_with_why() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/rl/recipes");

@@ -70,7 +70,7 @@ fn one(run: &Run, threads: Threads, watch: &mut dyn FnMut(&Progress<'_>)) -> Res
 /// As [`Env::make`].
 pub fn fingerprint(config: &TrainConfig) -> Result<String> {
     let mut hash = Sha256::new();
-    hash.update(TrainConfig { seed: 0, ..config.clone() }.to_toml()?);
+    hash.update(config.text_of_rows()?);
     // a folder that is gone has taught what it could
     if let Ok(Some((_, own))) = predecessor_config(config) {
         hash.update(fingerprint(&own)?);

@@ -109,6 +109,12 @@ impl Schedule {
         Ok(())
     }
 
+    /// First number behind the warm-up, and last number: all others lie between 0 and these.
+    pub(crate) fn ends(&self) -> [f64; 2] {
+        let (first, last, _) = self.parts();
+        [first, last]
+    }
+
     /// First number behind the warm-up, last number, warm-up.
     fn parts(&self) -> (f64, f64, f64) {
         match *self {

@@ -95,7 +95,6 @@ pub struct EnvConfig {
     /// How far an action of 1 changes what the task's own controller commands, of a rotor's or drive's range of [−1, 1]:
     /// u = u_c + residual · a, clipped. The controller sees the true state but the nominal numbers, and reacts without
     /// `delay`. 0: no controller, actions are the commands.
-    #[serde(skip_serializing_if = "is_default")]
     pub residual: f64,
     /// Numbers of an action.
     pub actions: ActionSpace,
@@ -123,7 +122,6 @@ pub struct EnvConfig {
     pub difficulty: f64,
     /// Share of the episodes whose difficulty is drawn, uniformly between 0 and [`difficulty`](Self::difficulty); the others have
     /// that one. Where hard episodes end early, a learner whose difficulty rises goes on seeing how good ones go on.
-    #[serde(skip_serializing_if = "is_default")]
     pub easier: f64,
     /// Beyond which a simulation has exploded.
     pub bounds: Bounds,
@@ -134,7 +132,6 @@ pub struct EnvConfig {
     /// Mean number of steps after which episodes are truncated at random, m: every step is the last with a probability of 1/m, and
     /// at the horizon time is over as ever. 0: at the horizon alone. Learners, who know truncation from an end, see more of how
     /// episodes begin than of what comes when all is flown: where flying there is hard and staying is not, that is what they need.
-    #[serde(skip_serializing_if = "is_default")]
     pub truncate_after: usize,
     /// Most memory, bytes.
     pub memory_limit: u64,
@@ -182,10 +179,6 @@ impl Default for EnvConfig {
             task: toml::Table::new(),
         }
     }
-}
-
-fn is_default<T: Default + PartialEq>(x: &T) -> bool {
-    *x == T::default()
 }
 
 /// A count that may be written as `1e6`; what it cannot be, the message says.

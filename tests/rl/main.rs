@@ -4,5 +4,6 @@ mod learning;
 mod memory;
 mod mutated_settings;
 mod regulate;
+mod rows;
 mod training;
 mod unlike;

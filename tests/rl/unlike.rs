@@ -204,10 +204,13 @@ const LEARNERS: [(&str, &str); 8] = [
         "ppo",
         "ppo = { team = 'separate', n_env = 64, shard = 32, steps = 32, updates = 60, epochs = 4, minibatches = 4 }",
     ),
-    ("matd3", "td3 = { separate_actors = true, n_env = 64, shard = 32, updates = 150, batch = 256 }"),
+    (
+        "matd3",
+        "td3 = { separate_actors = true, saturation_penalty = 0.001, n_env = 64, shard = 32, updates = 150, batch = 256 }",
+    ),
     (
         "sac",
-        "sac = { central_critic = true, separate_actors = true, n_env = 64, shard = 32, updates = 150, batch = 256 }",
+        "sac = { central_critic = true, separate_actors = true, saturation_penalty = 0.001, n_env = 64, shard = 32, updates = 150, batch = 256 }",
     ),
     (
         "happo",

@@ -62,14 +62,12 @@ pub struct ActorCriticConfig<E> {
     /// Critics, the least of whose values counts: two (Fujimoto et al. 2018), one for DDPG.
     pub critics: usize,
     /// Quantiles of the return that each critic tells instead of its mean (Dabney et al. 2018); 1 for the mean alone.
-    #[serde(skip_serializing_if = "is_one")]
     pub quantiles: usize,
     /// Steps of the critics for one of the actor.
     pub actor_delay: usize,
     /// Whether critics see what all agents of a team see and do (Lowe et al. 2017).
     pub central_critic: bool,
     /// Whether every agent of a team has an actor of its own (Lowe et al. 2017); needs `central_critic`.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub separate_actors: bool,
     /// Learning rate of the actor over the run.
     pub learning_rate: Schedule,
@@ -78,9 +76,8 @@ pub struct ActorCriticConfig<E> {
     /// Largest norm of the gradients of actor and critics.
     pub max_grad_norm: f64,
     /// Weight, over the run, of the mean square of what tanh takes in (of means, for SAC) beside −Q, in deviations of the targets, in
-    /// what the actor goes down. Critics that know nothing yet drive it into a corner of its range, where tanh is flat and it learns no
-    /// more; 1e-3 in the code of Lowe et al. (2017).
-    #[serde(skip_serializing_if = "is_zero")]
+    /// what the actor goes down; 0 for none. Critics that know nothing yet drive it into a corner of its range, where tanh is flat and
+    /// it learns no more. The code of Lowe et al. (2017) adds such a term, 1e-3 of it beside a Q on the scale of its rewards.
     pub saturation_penalty: Schedule,
     /// Errors of the critics beyond it count linearly; those of quantiles beyond 0.02 deviations of the targets.
     pub huber: f64,
@@ -133,16 +130,10 @@ impl<E: Exploration> Default for ActorCriticConfig<E> {
     }
 }
 
-fn is_one(n: &usize) -> bool {
-    *n == 1
-}
-
-fn is_zero(x: &Schedule) -> bool {
-    *x == Schedule::constant(0.0)
-}
-
 /// Most gradient steps of an update, and steps of an environment.
 const MAX_STEPS: usize = 1 << 16;
+/// Largest weight of what tanh takes in: beyond it nothing else is learnt.
+const MAX_PENALTY: f64 = 1e3;
 
 impl<E: Exploration> ActorCriticConfig<E> {
     /// Checks every number.
@@ -178,11 +169,9 @@ impl<E: Exploration> ActorCriticConfig<E> {
             return Err(Error::value("separate_actors", true, "false without a central critic", remedy));
         }
         self.saturation_penalty.validate("saturation_penalty")?;
-        // not at the very start, where a warm-up hides the sign
-        let penalties = [1e-9, 1.0].map(|progress| self.saturation_penalty.at(progress));
-        if penalties.iter().any(|c| *c < 0.0) {
+        if let Some(c) = self.saturation_penalty.ends().into_iter().find(|c| !(0.0..=MAX_PENALTY).contains(c)) {
             let remedy = "0 leaves it out; 0.001 to 0.1 are usual.";
-            return Err(Error::value("saturation_penalty", format!("{penalties:?}"), "≥ 0", remedy));
+            return Err(Error::value("saturation_penalty", c, format!("within [0, {MAX_PENALTY}]"), remedy));
         }
         self.exploration.validate()?;
         if !(0.0..=1.0).contains(&self.correlation) {

@@ -260,11 +260,46 @@ fn a_saturated_actor_is_led_back_by_the_penalty_alone() {
 
 #[test]
 fn a_penalty_that_drives_into_the_corner_is_refused_behind_a_warm_up_too() {
-    for (from, to, warm_up) in [(-0.1, 0.1, 0.0), (-0.1, 0.1, 0.2), (0.1, -0.1, 0.0)] {
+    for (from, to, warm_up) in [(-0.1, 0.1, 0.0), (-1e-10, 0.1, 0.2), (0.1, -0.1, 0.0), (0.1, 1e39, 0.0)] {
         let saturation_penalty = Schedule::Linear { from, to, warm_up };
         let refused = Td3Config { saturation_penalty, ..small() }.validate().unwrap_err().to_string();
-        assert!(refused.contains("saturation_penalty") && refused.contains("≥ 0"), "{refused}");
+        let told = if from < 0.0 { from } else { to };
+        assert!(
+            refused.contains(&format!("saturation_penalty is {told}")) && refused.contains("[0, 1000]"),
+            "{refused}"
+        );
     }
+}
+
+/// By its end a penalty that fades to 0 is none; at the beginning it is that of its first number. Of SAC it holds means alone, not
+/// deviations, and the log tells the root of their mean square.
+#[test]
+fn the_penalty_follows_its_schedule_and_holds_the_means_of_sac_alone() {
+    let mut own = of("Hover", SacConfig { ..small() }, 1);
+    (0..3).for_each(|_| drop(own.update().unwrap()));
+    let n = own.shapes.widths.n_action;
+    let mut gradient = |penalty: Schedule, progress: f64| {
+        own.config.saturation_penalty = penalty;
+        own.judge(0.0);
+        own.climb(progress);
+        let (mut squares, mut rows) = (0.0, 0.0);
+        for Work { block, .. } in &own.work {
+            let mut memory = own.shapes.actor.memory(block.rows);
+            let output = own.shapes.actor.forward(&own.actor.parameters, &block.observation, block.rows, &mut memory);
+            for k in (0..block.rows).filter(|k| block.weight[*k] > 0.0) {
+                squares += output.row(k)[..n].iter().map(|y| f64::from(y * y)).sum::<f64>() / n as f64;
+                rows += 1.0;
+            }
+        }
+        let told: f64 = own.work.iter().map(|work| work.sums[4]).sum();
+        assert!((told - squares).abs() < 1e-4 * squares && rows > 50.0, "{told} {squares} of {rows}");
+        own.work.iter().map(|work| work.gradient.clone()).collect::<Vec<_>>()
+    };
+    let fades = Schedule::Linear { from: 5.0, to: 0.0, warm_up: 0.0 };
+    let [none, five] = [0.0, 5.0].map(|penalty| gradient(penalty.into(), 0.5));
+    assert!(none != five);
+    assert_eq!(gradient(fades, 1.0), none);
+    assert_eq!(gradient(fades, 0.0), five);
 }
 
 /// Fujimoto et al. 2018, section 5.2.

@@ -61,7 +61,6 @@ pub struct DqnConfig {
     /// How the values of a team's agents make one of the team.
     pub mixer: Mixer,
     /// Whether every agent of a team has a network of its own; needs a `mixer`.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub separate_values: bool,
     /// Values of each number of an action, where `env.actions` leaves them continuous.
     pub levels: usize,

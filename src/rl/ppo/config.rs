@@ -27,13 +27,6 @@ pub enum Team {
     Sequential,
 }
 
-impl Team {
-    /// Left out of files where nothing is said: settings of before keep their text, and rows of `train-all` their hash.
-    fn is_shared(&self) -> bool {
-        *self == Self::Shared
-    }
-}
-
 /// Settings; defaults fly the Hummingbird's Hover from random weights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -54,11 +47,11 @@ pub struct PpoConfig {
     pub learning_rate: Schedule,
     /// Learning rate of the critic over the run.
     pub critic_learning_rate: Schedule,
-    /// KL divergence that the actor's rate follows, over the run.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// KL divergence that the actor's rate follows, over the run; in files 0 for none.
+    #[serde(with = "none_is_zero")]
     pub target_kl: Option<Schedule>,
-    /// Mean KL divergence of a pass behind which no other follows.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// Mean KL divergence of a pass behind which no other follows; in files 0 for none.
+    #[serde(with = "none_is_zero")]
     pub stop_kl: Option<f64>,
     /// γ.
     pub discount: f64,
@@ -79,7 +72,6 @@ pub struct PpoConfig {
     /// Whether observations are normalised by their running mean and deviation, frozen during a rollout.
     pub normalise_observation: bool,
     /// Whose policy agents of a team fly, and how they learn it: `shared`, `separate` or `sequential`.
-    #[serde(skip_serializing_if = "Team::is_shared")]
     pub team: Team,
     /// Whether the critic sees the central state where there is one.
     pub central_critic: bool,
@@ -163,7 +155,7 @@ impl PpoConfig {
         let ends = self.target_kl.map_or([None; 2], |target| [0.0, 1.0].map(|progress| Some(target.at(progress))));
         for (what, x) in [("target_kl", ends[0]), ("target_kl", ends[1]), ("stop_kl", self.stop_kl)] {
             if let Some(x) = x.filter(|x| !(x.is_finite() && *x > 0.0)) {
-                return Err(Error::value(what, x, "finite and > 0", "0.01 is usual, or leave it out."));
+                return Err(Error::value(what, x, "finite and > 0", "0.01 is usual, or 0 for none."));
             }
         }
         let [first, last] = [0.0, 1.0].map(|progress| self.lambda.at(progress));
@@ -195,6 +187,26 @@ impl PpoConfig {
         }
         self.network.validate()?;
         self.critic.validate()
+    }
+}
+
+/// `None` as 0, so that a file can take away what a recipe gives: TOML has no word for nothing.
+mod none_is_zero {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<T: Serialize, S: Serializer>(x: &Option<T>, to: S) -> Result<S::Ok, S::Error> {
+        match x {
+            None => to.serialize_f64(0.0),
+            Some(x) => x.serialize(to),
+        }
+    }
+
+    pub fn deserialize<'de, T, D>(from: D) -> Result<Option<T>, D::Error>
+    where
+        T: Deserialize<'de> + PartialEq + From<f64>,
+        D: Deserializer<'de>,
+    {
+        T::deserialize(from).map(|x| Some(x).filter(|x| *x != T::from(0.0)))
     }
 }
 

@@ -19,12 +19,6 @@ pub enum Precision {
     U8,
 }
 
-impl Precision {
-    pub(super) fn is_f32(&self) -> bool {
-        *self == Self::F32
-    }
-}
-
 /// Which numbers of an agent's observation are bytes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Code {
@@ -47,7 +41,7 @@ impl Code {
     /// which has others.
     pub fn of(spec: &Spec, precision: Precision) -> Result<Self> {
         let n = spec.n_observation;
-        if precision.is_f32() {
+        if precision == Precision::F32 {
             return Ok(Self::plain(n));
         }
         let refuse = |limit: &str, remedy: &str| Err(Error::value("replay.images", "u8", limit, remedy));
