@@ -110,6 +110,21 @@ pub(crate) fn append(path: &Path) -> Result<File> {
     OpenOptions::new().create(true).append(true).open(path).map_err(|e| Error::file(path, e))
 }
 
+/// Bytes that are left for this user where `folder` is or will be; `None` where the system does not tell.
+pub(crate) fn left(folder: &Path) -> Option<u64> {
+    #[cfg(unix)]
+    {
+        let named = |own: &Path| if own.as_os_str().is_empty() { PathBuf::from(".") } else { own.to_path_buf() };
+        let about = folder.ancestors().find_map(|own| rustix::fs::statvfs(named(own)).ok())?;
+        Some(about.f_bavail.saturating_mul(about.f_frsize))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = folder;
+        None
+    }
+}
+
 /// Beginning of the names of files that are being written.
 pub const UNFINISHED_NAME: &str = ".omnidrones-";
 
@@ -133,12 +148,17 @@ fn remove(all: &mut BTreeSet<PathBuf>) {
     }
 }
 
+/// Where a file lies.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// What is written before it has its name.
 struct Unfinished(tempfile::NamedTempFile);
 
 impl Unfinished {
     fn beside(path: &Path) -> Result<Self> {
-        let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(path);
         std::fs::create_dir_all(folder).map_err(|e| Error::file(folder, e))?;
         let mut with = tempfile::Builder::new();
         with.prefix(UNFINISHED_NAME);
@@ -176,7 +196,12 @@ pub fn replace_with(path: &Path, write: impl FnOnce(&mut File) -> Result<()>) ->
     let mut new = Unfinished::beside(path)?;
     write(new.0.as_file_mut())?;
     new.0.as_file().sync_all().map_err(refused)?;
-    std::fs::rename(new.0.path(), path).map_err(refused)
+    std::fs::rename(new.0.path(), path).map_err(refused)?;
+    if cfg!(unix) {
+        // a name that is lost with the power was none; some file systems of others cannot do it, and lose nothing by that
+        let _ = File::open(folder_of(path)).and_then(|folder| folder.sync_all());
+    }
+    Ok(())
 }
 
 /// As [`replace_with`], with these bytes.

@@ -566,6 +566,10 @@ fn bombs_are_refused_before_a_mebibyte_is_asked_for() {
         ("a rollout", &|| train("algorithm = 'ppo'\nppo.steps = 100000000000")),
         ("a rollout of many", &|| train("algorithm = 'ppo'\nppo = { n_env = 4096, shard = 64, steps = 65536 }")),
         ("rows to imitate", &|| train("algorithm = 'dagger'\ndagger = { n_env = 4096, shard = 64, steps = 65536 }")),
+        ("steps to keep", &|| train("algorithm = 'sac'\nsac.replay.capacity = 268435456")),
+        ("more steps to keep", &|| train("algorithm = 'td3'\ntd3.replay.capacity = 100000000000")),
+        ("steps to value", &|| train("algorithm = 'dqn'\ndqn.replay.capacity = 268435456")),
+        ("a batch", &|| train("algorithm = 'sac'\nsac.batch = 1000000000000")),
         ("a header", &|| Checkpoint::load(run.path()).map(drop)),
     ];
     for (name, bomb) in bombs {

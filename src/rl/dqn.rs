@@ -552,6 +552,10 @@ impl Learner for Dqn {
         Policy::of(&self.flown, &self.flown_parameters()?, self.experience.env())
     }
 
+    fn kept_bytes(&self) -> u64 {
+        self.experience.saved_bytes()
+    }
+
     fn save(&self, policy: &mut Tensors, out: &mut Tensors) -> Result<()> {
         state::put_actor(policy, &self.flown, &self.flown_parameters()?)?;
         self.net.save(out, "learner", &self.shapes.network)?;

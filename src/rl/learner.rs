@@ -60,6 +60,11 @@ pub trait Learner: Send + Sync {
         Err(Error::value("teacher", "a policy", "none for this algorithm", "Train with rma or dagger."))
     }
 
+    /// Bytes that steps which are kept to be learnt from take in a checkpoint, beside weights.
+    fn kept_bytes(&self) -> u64 {
+        0
+    }
+
     /// The policy as it is.
     ///
     /// # Errors

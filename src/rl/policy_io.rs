@@ -1,6 +1,6 @@
 //! A policy from the files of a run, ready to fly, without the learner that made it.
 
-use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors};
+use super::checkpoint::{Checkpoint, MAX_BYTES, Manifest, Skipped, Store, Tensors, flies};
 use super::config::TrainConfig;
 use super::config_diff::{config_diff, described};
 use super::policy::Policy;
@@ -107,12 +107,12 @@ fn bare(env: &EnvConfig) -> Result<toml::Table> {
 pub fn load_policy(path: impl AsRef<Path>) -> Result<SavedPolicy> {
     let path = path.as_ref();
     let (checkpoint, folder, skipped) = if path.join("manifest.json").exists() {
-        (Checkpoint::load(path)?, path.to_path_buf(), Vec::new())
+        (Checkpoint::load_wanted(path, MAX_BYTES, &flies)?, path.to_path_buf(), Vec::new())
     } else {
         if !path.join("checkpoints").is_dir() {
             return Err(no_run(path));
         }
-        let found = Store::open(path)?.latest()?.ok_or_else(|| no_run(path))?;
+        let found = Store::open(path)?.latest_to_fly()?.ok_or_else(|| no_run(path))?;
         (found.checkpoint, found.folder, found.skipped)
     };
     let Checkpoint { manifest, policy, state } = checkpoint;

@@ -32,7 +32,6 @@ pub struct ReplayConfig {
     /// β of the weights that make up for it, rising to 1 over the run.
     pub beta: f64,
     /// How images and lidars are kept: `f32`, or `u8` in a quarter of the memory.
-    #[serde(skip_serializing_if = "Precision::is_f32")]
     pub images: Precision,
 }
 
@@ -49,6 +48,8 @@ impl Default for ReplayConfig {
     }
 }
 
+/// Beginning of the names that kept steps have in a checkpoint.
+pub(crate) const KEPT: &str = "replay.";
 /// Most steps of a ring.
 const MAX_CAPACITY: usize = 1 << 28;
 /// Most steps of a target.
@@ -107,7 +108,7 @@ impl ReplayConfig {
         self.capacity.div_ceil(n_env.max(1)) + 1
     }
 
-    /// Whether the rings of `n` shards like the one of `spec` fit.
+    /// Whether the rings of `n` shards like the one of `spec` fit, twice: a checkpoint is made of a copy.
     ///
     /// # Errors
     /// [`Error::Limit`] if they do not; as [`Code::of`].
@@ -118,7 +119,7 @@ impl ReplayConfig {
         let lasts =
             4 * (widths.seen() + widths.n_state) as u128 * (rows / spec.horizon.max(1) as u128 + spec.n_env as u128);
         let tree = if self.priority > 0.0 { 32 * widths.n_agent as u128 * rows } else { 0 };
-        let bytes = widths.bytes(&Code::of(spec, self.images)?) * rows + lasts + tree;
+        let bytes = 2 * (widths.bytes(&Code::of(spec, self.images)?) * rows + lasts) + tree;
         within_memory("replay.capacity", self.capacity, bytes, spec.config.memory_limit)
     }
 }
@@ -408,12 +409,20 @@ impl Ring {
         }
     }
 
+    /// Bytes that a checkpoint takes for it.
+    pub fn saved_bytes(&self) -> u64 {
+        let numbers = [&self.observation.floats, &self.state, &self.action, &self.reward, &self.lasts];
+        let places = self.last.len() + self.free.len() + 2;
+        let numbers = numbers.iter().map(|x| x.len()).sum::<usize>();
+        (4 * numbers + self.observation.bytes.len() + self.end.len() + 8 * places) as u64
+    }
+
     /// Into a checkpoint, as `replay.<k>.…`.
     ///
     /// # Errors
     /// None for a number that is used once.
     pub fn save(&self, k: usize, to: &mut Tensors) -> Result<()> {
-        let name = |what: &str| format!("replay.{k}.{what}");
+        let name = |what: &str| format!("{KEPT}{k}.{what}");
         for (what, x) in [
             ("observation", &self.observation.floats),
             ("state", &self.state),
@@ -439,7 +448,7 @@ impl Ring {
     /// # Errors
     /// As [`Tensors::get`]; [`Error::Value`] for places outside the ring.
     pub fn load(&mut self, k: usize, from: &Tensors) -> Result<()> {
-        let name = |what: &str| format!("replay.{k}.{what}");
+        let name = |what: &str| format!("{KEPT}{k}.{what}");
         let count = |what: &str| Ok::<usize, Error>(from.tensor(&name(what))?.shape().iter().product());
         let place = from.get::<u64>(&name("place"), &[2])?.to_vec();
         let (head, len) = (place[0] as usize, place[1] as usize);

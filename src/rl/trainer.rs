@@ -21,7 +21,7 @@
 //! | `eval_…` | figures of an [`Evaluation`], where one was made |
 //! | `time_…` | share of each phase in the time since the last line |
 
-use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer};
+use super::checkpoint::{Checkpoint, Manifest, Skipped, Store, Tensors, Writer, check_room};
 use super::config::TrainConfig;
 use super::config_diff::described;
 use super::curriculum::{Difficulty, GoodEpisode};
@@ -190,7 +190,8 @@ impl Trainer {
     /// # Errors
     /// [`Error::Value`] for a folder with files of another kind, without `resume` if there is a run already, with it if that has other settings (number of
     /// updates, logs, evaluations and checkpoints may differ) or is longer, and if another process writes there;
-    /// [`Error::Format`] if no checkpoint is whole; [`Error::File`] if the disk refuses.
+    /// [`Error::Format`] if no checkpoint is whole; [`Error::Limit`] if the disk has no room for what they keep; [`Error::File`] if it
+    /// refuses.
     pub fn in_folder(mut self, folder: impl AsRef<Path>, resume: bool) -> Result<Self> {
         let folder = folder.as_ref();
         if !resume && is_run(folder) {
@@ -202,6 +203,9 @@ impl Trainer {
             // before a folder is made; a run that is there may outlive what it began from
             self.config.validate_from()?;
         }
+        let known = Store::open(folder).and_then(|store| store.updates()).map_or(0, |updates| updates.len());
+        // the oldest goes when the newest is there
+        check_room(folder, self.learner.kept_bytes(), (self.config.checkpoint.keep + 1).saturating_sub(known))?;
         let mut writer = Store::open_to_write(folder, self.config.checkpoint.keep)?;
         let found = writer.latest()?;
         let skipped = match found {
@@ -285,6 +289,11 @@ impl Trainer {
     /// The settings.
     pub fn config(&self) -> &TrainConfig {
         &self.config
+    }
+
+    /// Bytes that steps which are kept to be learnt from take in each checkpoint; 0 for learners that keep none.
+    pub fn kept_bytes(&self) -> u64 {
+        self.learner.kept_bytes()
     }
 
     /// Checkpoints that were damaged when the run went on.

@@ -170,6 +170,22 @@ fn record(env: &mut Env, steps: usize) -> (Tape, Vec<Vec<f32>>, Vec<Buffers>) {
     (tape, all, outs)
 }
 
+/// What is recorded is what flies: states, streams, statistics and all that is seen.
+#[test]
+fn a_step_that_is_recorded_is_the_step_to_the_bit_in_every_task() {
+    everywhere(5, 12, |name, make, config| {
+        let (mut plain, mut recorded) = (make(config), make(config));
+        let (_, actions, outs) = record(&mut recorded, 20);
+        let mut out = Buffers::new(plain.spec());
+        plain.reset(None, None, &mut out.out()).unwrap();
+        for (t, (actions, own)) in actions.iter().zip(&outs).enumerate() {
+            plain.step(actions, &mut out.out()).unwrap();
+            assert!(out == *own, "{name}: step {t}");
+        }
+        assert!(plain.save() == recorded.save(), "{name}");
+    });
+}
+
 /// Gradient of the sum of all rewards with respect to the actions.
 fn return_gradient(env: &Env, tape: &Tape, options: SweepOptions) -> (Vec<Vec<f32>>, Vec<f32>, usize) {
     let before = env.save();

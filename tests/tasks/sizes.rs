@@ -4,12 +4,16 @@ use crate::count;
 use omnidrones::dynamics::{Fleet, Physics, World, vehicles};
 use omnidrones::error::Result;
 use omnidrones::parallel::Threads;
+use omnidrones::rl::actor_critic::ActorCritic;
 use omnidrones::rl::apg::{Apg, ApgConfig};
 use omnidrones::rl::checkpoint::Tensors;
 use omnidrones::rl::dagger::{Dagger, DaggerConfig};
+use omnidrones::rl::dqn::{Dqn, DqnConfig};
 use omnidrones::rl::nn::{Activation, Conv, Filter, Gru, Init, Layers, Mlp, Network, Pool, Set};
 use omnidrones::rl::planner::{Planner, PlannerConfig};
 use omnidrones::rl::ppo::{Ppo, PpoConfig};
+use omnidrones::rl::replay::ReplayConfig;
+use omnidrones::rl::sac::SacConfig;
 use omnidrones::rl::shac::{Shac, ShacConfig};
 use omnidrones::rng::{Purpose, Stream};
 use omnidrones::tasks::{ActionSpace, Autoreset, Delay, Env, EnvConfig, Stage};
@@ -87,7 +91,7 @@ const FAST: [(&str, Attempt); 7] = [
 ];
 
 /// Builds environments first.
-const SLOW: [(&str, Attempt); 7] = [
+const SLOW: [(&str, Attempt); 9] = [
     ("Env", |s| Env::make("Hover", &s.env()).map(drop)),
     ("Tape", |s| {
         Env::make("Hover", &EnvConfig { memory_limit: LIMIT, ..EnvConfig::default() })?.tape(s.next()).map(drop)
@@ -115,6 +119,18 @@ const SLOW: [(&str, Attempt); 7] = [
         let (n_env, shard, steps, minibatches, network) = (s.next(), s.next(), s.next(), s.next(), s.hidden());
         let config = DaggerConfig { n_env, shard, steps, minibatches, network, ..DaggerConfig::default() };
         Dagger::with(&|own| Env::make("Hover", own), &s.env(), config, 1, Threads::default()).map(drop)
+    }),
+    ("Sac", |s| {
+        let (n_env, shard, steps, batch, network) = (s.next(), s.next(), s.next(), s.next(), s.hidden());
+        let replay = ReplayConfig { capacity: s.next(), learning_starts: 1, ..ReplayConfig::default() };
+        let config = SacConfig { n_env, shard, steps, batch, network, replay, ..SacConfig::default() };
+        ActorCritic::with(&|own| Env::make("Hover", own), &s.env(), config, 1, Threads::default()).map(drop)
+    }),
+    ("Dqn", |s| {
+        let (n_env, shard, steps, batch, network) = (s.next(), s.next(), s.next(), s.next(), s.hidden());
+        let replay = ReplayConfig { capacity: s.next(), learning_starts: 1, ..ReplayConfig::default() };
+        let config = DqnConfig { n_env, shard, steps, batch, network, replay, ..DqnConfig::default() };
+        Dqn::with(&|own| Env::make("Hover", own), &s.env(), config, 1, Threads::default()).map(drop)
     }),
 ];
 

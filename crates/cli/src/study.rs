@@ -45,7 +45,8 @@ three quarters of what our controller returns from the first 256 of the same sta
 Exit codes: 0 all that was asked for is trained; 1 something was not; 2 unusable input or arguments.
 
 Files in --out: a row per task and algorithm (TASK-ALGO-uUPDATES.json), a folder per run, study.md and study.html (the report), \
-study.json (what --json prints), curves (.png or .svg).";
+study.json (what --json prints), curves (.png or .svg). A row holds its curves: the folders of its runs, of sac, td3 and dqn up to \
+gigabytes each, may be removed.";
 
 /// Arguments of `study`.
 #[derive(Debug, clap::Args)]

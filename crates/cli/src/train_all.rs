@@ -46,7 +46,8 @@ fails leaves the others alone.
 Exit codes: 0 all trained; 1 something was not; 2 unusable input or arguments.
 
 Files in --out: a row per task and algorithm (TASK-ALGO-uUPDATES.json), a folder per run, table.json (what --json prints), \
-curves (.png or .svg: success over environment steps).";
+curves (.png or .svg: success over environment steps). A row holds its curves: the folders of its runs, of sac, td3 and dqn up to \
+gigabytes each, may be removed.";
 
 /// Arguments of `train-all`.
 #[derive(Debug, clap::Args)]

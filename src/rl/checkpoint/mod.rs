@@ -71,6 +71,14 @@ pub(crate) const MAX_HEADER: u64 = 1 << 20;
 /// Both files of tensors together, bytes, unless another limit is given.
 pub(crate) const MAX_BYTES: u64 = 8 << 30;
 
+/// Which tensors of a checkpoint are wanted, by their names.
+pub(crate) type Wanted<'a> = &'a dyn Fn(&str) -> bool;
+
+/// What it takes to fly: all but the steps that are kept to be learnt from, which may be a thousand times as large.
+pub(crate) fn flies(tensor: &str) -> bool {
+    !tensor.starts_with(super::replay::KEPT)
+}
+
 const MANIFEST: &str = "manifest.json";
 const POLICY: &str = "policy.safetensors";
 const STATE: &str = "state.safetensors";
@@ -101,14 +109,18 @@ impl Checkpoint {
     /// [`Error::File`] if a file cannot be read, [`Error::Limit`] if one is too long, [`Error::Format`] if one is
     /// damaged or of another format.
     pub fn load_within(folder: impl AsRef<Path>, max_bytes: u64) -> Result<Self> {
-        let folder = folder.as_ref();
+        Self::load_wanted(folder.as_ref(), max_bytes, &|_| true)
+    }
+
+    /// As [`load_within`](Self::load_within), with those tensors alone that are wanted; checked is all.
+    pub(crate) fn load_wanted(folder: &Path, max_bytes: u64, wanted: Wanted<'_>) -> Result<Self> {
         let path = folder.join(MANIFEST);
         let manifest = Manifest::unseal(&read_text(&path)?, &path)?;
         let Files { policy, state } = &manifest.files;
         check_total(folder, policy.bytes.saturating_add(state.bytes), max_bytes)?;
-        let policy = file::read(&folder.join(POLICY), policy)?;
+        let policy = file::read(&folder.join(POLICY), policy, wanted)?;
         check_policy(&policy)?;
-        let state = file::read(&folder.join(STATE), state)?;
+        let state = file::read(&folder.join(STATE), state, wanted)?;
         Ok(Self { manifest, policy, state })
     }
 
@@ -130,6 +142,28 @@ impl Checkpoint {
         sink.write(text.as_bytes())?;
         sink.finish()?;
         disk.sync_folder(folder)
+    }
+}
+
+/// Refuses a run in `folder` whose checkpoints, of at least `bytes` each, could not be loaded again or of which the disk cannot hold
+/// `copies` more.
+///
+/// # Errors
+/// [`Error::Limit`].
+pub(crate) fn check_room(folder: &Path, bytes: u64, copies: usize) -> Result<()> {
+    let what = "bytes of steps that a checkpoint keeps";
+    if bytes > MAX_BYTES {
+        return Err(Error::limit(what, bytes, MAX_BYTES, "Keep fewer steps: replay.capacity."));
+    }
+    let need = bytes.saturating_mul(copies as u64);
+    match file_gate::left(folder) {
+        Some(left) if need > left => {
+            let what = format!("{what}, times {copies} at once,");
+            let limit = format!("{left}, which the disk of {} has left", folder.display());
+            let remedy = "Make room, train in another folder, or keep fewer steps: replay.capacity.";
+            Err(Error::limit(what, need, limit, remedy))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -280,6 +314,21 @@ mod tests {
         sample(1, 1).write(&folder, &Disk::default(), n_byte).unwrap();
         Checkpoint::load_within(&folder, n_byte).unwrap();
         assert!(Checkpoint::load_within(&folder, n_byte - 1).unwrap_err().to_string().contains("over the limit"));
+    }
+
+    #[test]
+    fn what_the_disk_cannot_hold_is_refused_before_it_is_written() {
+        let run = tempfile::tempdir().unwrap();
+        let folder = run.path().join("new/run");
+        check_room(&folder, 1 << 10, 3).unwrap();
+        let refused = |bytes, copies| check_room(&folder, bytes, copies).unwrap_err().to_string();
+        let too_long = refused(MAX_BYTES + 1, 3);
+        assert!(too_long.contains("limit of 8589934592") && too_long.contains("replay.capacity"), "{too_long}");
+        if cfg!(unix) {
+            let full = refused(MAX_BYTES, usize::MAX);
+            assert!(full.contains("has left. Make room, train in another folder, or keep fewer steps"), "{full}");
+        }
+        assert!(!folder.exists());
     }
 
     #[test]

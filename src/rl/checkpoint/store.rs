@@ -1,7 +1,7 @@
 //! The checkpoints of a run: the newest that is whole, and one writer at a time.
 
 use super::disk::Disk;
-use super::{Checkpoint, MAX_BYTES, damaged};
+use super::{Checkpoint, MAX_BYTES, Wanted, damaged, flies};
 use crate::error::{Error, Result};
 use crate::file_gate;
 use std::collections::BTreeSet;
@@ -67,6 +67,10 @@ impl Store {
         // an empty path joins to this folder, but cannot be opened
         let run = if run.as_ref() == Path::new("") { Path::new(".") } else { run.as_ref() };
         let folder = run.join("checkpoints");
+        // old checkpoints are removed here, and a link may lead to those of another run
+        if std::fs::symlink_metadata(&folder).is_ok_and(|about| !about.is_dir()) {
+            return Err(damaged(&folder, "the name", "it is no folder, or a link to one"));
+        }
         std::fs::create_dir_all(&folder).map_err(|e| Error::file(&folder, e))?;
         let lock = lock(&folder)?;
         let (store, disk) = (Self { folder, max_bytes: MAX_BYTES }, Disk::default());
@@ -109,8 +113,12 @@ impl Store {
     /// # Errors
     /// As [`Checkpoint::load_within`], and [`Error::Format`] if it is of another update.
     pub fn load(&self, update: u64) -> Result<Checkpoint> {
+        self.load_wanted(update, &|_| true)
+    }
+
+    fn load_wanted(&self, update: u64, wanted: Wanted<'_>) -> Result<Checkpoint> {
         let folder = self.path(update);
-        let checkpoint = Checkpoint::load_within(&folder, self.max_bytes)?;
+        let checkpoint = Checkpoint::load_wanted(&folder, self.max_bytes, wanted)?;
         match checkpoint.manifest.update {
             own if own == update => Ok(checkpoint),
             own => Err(damaged(&folder, "the name", format!("the checkpoint in it is of update {own}"))),
@@ -123,10 +131,18 @@ impl Store {
     /// # Errors
     /// [`Error::Format`] if there are some but none passes, [`Error::File`] if the folder cannot be read.
     pub fn latest(&self) -> Result<Option<Found>> {
-        self.latest_of(|| self.updates())
+        self.latest_of(&|_| true, || self.updates())
     }
 
-    fn latest_of(&self, mut list: impl FnMut() -> Result<Vec<u64>>) -> Result<Option<Found>> {
+    /// As [`Store::latest`], with what it takes to fly alone.
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn latest_to_fly(&self) -> Result<Option<Found>> {
+        self.latest_of(&flies, || self.updates())
+    }
+
+    fn latest_of(&self, wanted: Wanted<'_>, mut list: impl FnMut() -> Result<Vec<u64>>) -> Result<Option<Found>> {
         let mut skipped: Vec<Skipped> = Vec::new();
         // a writer at work may have removed what was just listed: look again
         for _ in 0..3 {
@@ -135,7 +151,7 @@ impl Store {
                 if skipped.iter().any(|s| s.folder == folder) {
                     continue;
                 }
-                match self.load(update) {
+                match self.load_wanted(update, wanted) {
                     Err(why) => skipped.push(Skipped { folder, why }),
                     Ok(checkpoint) => {
                         skipped.retain(|s| s.folder.exists());
@@ -254,7 +270,7 @@ impl Writer {
     }
 
     fn is_whole(&mut self, update: u64) -> bool {
-        let whole = self.whole.contains(&update) || self.store.load(update).is_ok();
+        let whole = self.whole.contains(&update) || self.store.load_wanted(update, &|_| false).is_ok();
         if whole {
             self.whole.insert(update);
         }
@@ -407,6 +423,35 @@ mod tests {
     }
 
     #[test]
+    fn who_flies_reads_no_steps_that_are_kept_but_finds_damage_in_them() {
+        let run = tempfile::tempdir().unwrap();
+        let mut writer = Store::open_to_write(run.path(), 2).unwrap();
+        for update in [1, 2] {
+            let mut kept = sample(update, 20);
+            kept.state.insert("replay.0.reward", &[1 << 16], vec![0.5f32; 1 << 16]).unwrap();
+            writer.save(&kept).unwrap();
+        }
+        let found = writer.store().latest_to_fly().unwrap().unwrap().checkpoint;
+        assert!(same(&found, &sample(2, 20)));
+        damage(writer.store(), 2);
+        let found = writer.store().latest_to_fly().unwrap().unwrap();
+        assert!(same(&found.checkpoint, &sample(1, 20)) && found.skipped.len() == 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_to_the_checkpoints_of_another_run_is_refused() {
+        let runs = tempfile::tempdir().unwrap();
+        let [own, other] = ["own", "other"].map(|name| runs.path().join(name));
+        drop(store_with(&other, &[1, 2]));
+        std::fs::create_dir(&own).unwrap();
+        std::os::unix::fs::symlink(other.join("checkpoints"), own.join("checkpoints")).unwrap();
+        let refused = Store::open_to_write(&own, 2).unwrap_err().to_string();
+        assert!(refused.contains("a link"), "{refused}");
+        assert_eq!(names(&other), [".lock", "000000001", "000000002"]);
+    }
+
+    #[test]
     fn other_names_are_no_checkpoints() {
         let run = tempfile::tempdir().unwrap();
         let writer = store_with(run.path(), &[1, 2]);
@@ -422,7 +467,7 @@ mod tests {
         let run = tempfile::tempdir().unwrap();
         let writer = store_with(run.path(), &[1, 2, 3, 4]);
         let mut lists = [vec![1, 2], vec![3, 4]].into_iter();
-        let found = writer.store().latest_of(|| Ok(lists.next().unwrap())).unwrap().unwrap();
+        let found = writer.store().latest_of(&|_| true, || Ok(lists.next().unwrap())).unwrap().unwrap();
         assert!(same(&found.checkpoint, &sample(4, 20)) && found.skipped.is_empty());
     }
 
