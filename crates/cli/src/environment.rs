@@ -326,6 +326,7 @@ const KEYS: &[(&str, &str)] = &[
     ("first_environment", "number of the first: a shard of a larger batch gives its own"),
     ("control", "where actions enter: rotor, rate, attitude, velocity, position"),
     ("action_scale", ""),
+    ("residual", "how far an action of 1 changes what our controller commands, of [-1, 1]; 0: no controller"),
     ("actions", "or kind = \"discrete\", \"multi_discrete\" with levels = 3"),
     ("delay", "steps between an action and its effect, drawn for every episode"),
     ("dt", "s per step"),
