@@ -17,7 +17,10 @@ pub(crate) fn fields(source: &str, name: &str) -> Vec<(String, String)> {
 
 /// Up to its first full stop, without marks of code and links.
 fn sentence(text: &str) -> String {
-    let text = text.trim().split(". ").next().unwrap_or_default();
+    let text = text.trim();
+    // authors and others are no end
+    let ends = text.match_indices(". ").map(|(at, _)| at).find(|at| !text[..*at].ends_with("et al"));
+    let text = &text[..ends.unwrap_or(text.len())];
     let linked = text
         .split("](")
         .enumerate()
@@ -33,5 +36,7 @@ mod tests {
     fn the_first_sentence_beside_a_field_is_its_meaning() {
         let source = "pub struct A {\n    /// Share of `x`, up to\n    /// [`MAX`]. More.\n    #[serde(default)]\n    pub a: f64,\n}\npub struct B {\n    /// No.\n    pub b: f64,\n}";
         assert_eq!(fields(source, "A"), [("a".to_string(), "Share of x, up to MAX".to_string())]);
+        let source = "pub struct A {\n    /// As (Lowe et al. 2017) has it. More.\n    pub a: f64,\n}";
+        assert_eq!(fields(source, "A")[0].1, "As (Lowe et al. 2017) has it");
     }
 }
