@@ -316,7 +316,7 @@ impl Experience {
 
     /// Bytes that what is kept takes in a checkpoint.
     pub fn saved_bytes(&self) -> u64 {
-        let priorities = self.priorities.as_ref().map_or(0, |all| size_of_val(&all.save()[..]) as u64);
+        let priorities = self.priorities.as_ref().map_or(0, Priorities::saved_bytes);
         priorities + self.workers.iter().map(|worker| worker.ring.saved_bytes()).sum::<u64>()
     }
 

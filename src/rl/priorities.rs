@@ -66,6 +66,11 @@ impl Priorities {
         node - self.leaves
     }
 
+    /// Bytes that they take in a checkpoint.
+    pub fn saved_bytes(&self) -> u64 {
+        (size_of::<f64>() * (self.rows + 1)) as u64
+    }
+
     /// All of them, and the largest so far.
     pub fn save(&self) -> Vec<f64> {
         let mut out = self.sums[self.leaves..][..self.rows].to_vec();

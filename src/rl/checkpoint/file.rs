@@ -168,36 +168,39 @@ impl Source {
         Ok(metadata)
     }
 
-    /// Reads past the next tensor of the file.
-    fn pass(&mut self, info: &TensorInfo) -> Result<()> {
-        let mut left = info.data_offsets.1.saturating_sub(info.data_offsets.0);
+    /// Reads the next `left` bytes, a part after the other.
+    fn parts(&mut self, mut left: usize, mut each: impl FnMut(&[u8])) -> Result<()> {
         let mut buffer = vec![0; CHUNK.min(left)];
         while left > 0 {
             let part = &mut buffer[..left.min(CHUNK)];
             self.fill(part)?;
+            each(part);
             left -= part.len();
         }
         Ok(())
     }
 
+    /// Reads past the next tensor of the file.
+    fn pass(&mut self, info: &TensorInfo) -> Result<()> {
+        self.parts(bytes(info), |_| ())
+    }
+
     /// The next tensor of the file.
     fn tensor<T: Element>(&mut self, name: String, info: &TensorInfo, tensors: &mut Tensors) -> Result<()> {
-        let n = info.data_offsets.1.saturating_sub(info.data_offsets.0) / size_of::<T>();
+        let n = bytes(info) / size_of::<T>();
         let mut values: Vec<T> = Vec::new();
         if values.try_reserve_exact(n).is_err() {
             let what = format!("{}: numbers of tensor {name}", self.path.display());
             return Err(Error::limit(what, n, "the free memory", "Free some, or load on a larger machine."));
         }
-        let mut buffer = vec![0; CHUNK.min(n * size_of::<T>())];
-        let mut left = n * size_of::<T>();
-        while left > 0 {
-            let part = &mut buffer[..left.min(CHUNK)];
-            self.fill(part)?;
-            T::decode(part, &mut values);
-            left -= part.len();
-        }
+        self.parts(n * size_of::<T>(), |part| T::decode(part, &mut values))?;
         tensors.insert(name, &info.shape, values)
     }
+}
+
+/// What a tensor takes of a file.
+fn bytes(info: &TensorInfo) -> usize {
+    info.data_offsets.1.saturating_sub(info.data_offsets.0)
 }
 
 #[cfg(test)]
