@@ -9,26 +9,24 @@ use omnidrones::dynamics::urdf::{ImportOptions, import_file};
 use omnidrones::dynamics::{Effects, Physics, Plant, Vehicle, vehicle, vehicles};
 use std::path::{Path, PathBuf};
 
-/// Largest RMSE of a good flight after the first 2 s, m.
-const BOUND: f64 = 0.10;
-
 fn flown(vehicle: &Vehicle, plan: &FlightPlan) -> Flight {
     fly_vehicle(vehicle, &vehicle.gains(), plan, &mut |_| {}).unwrap()
 }
 
-fn assert_tracks(vehicle: &Vehicle) {
+/// Asserts that the RMSE after the first 2 s is at most `bound`, m.
+fn assert_tracks(vehicle: &Vehicle, bound: f64) {
     let flight = flown(vehicle, &FlightPlan::default());
     let rmse = flight.log.rmse(2.0);
     println!("{}: RMSE {rmse:?} m", vehicle.name);
     assert_eq!(flight.diverged_at, None, "{} diverged", vehicle.name);
-    assert!(rmse.is_some_and(|r| r <= BOUND), "{}: RMSE {rmse:?} m", vehicle.name);
+    assert!(rmse.is_some_and(|r| r <= bound), "{}: RMSE {rmse:?} m", vehicle.name);
 }
 
 #[test]
-fn every_vehicle_tracks_the_lemniscate_within_ten_centimetres() {
-    // measured, mm: crazyflie 6.1, hummingbird 25.0, iris 9.9, firefly 13.7, neo11 13.0, omav 13.9
+fn every_vehicle_tracks_the_lemniscate_within_fifteen_millimetres() {
+    // measured, mm: crazyflie 6.4, hummingbird 10.8, iris 5.3, firefly 6.5, neo11 6.9, omav 6.6
     for vehicle in vehicles::all() {
-        assert_tracks(&vehicle);
+        assert_tracks(&vehicle, 0.015);
     }
 }
 
@@ -48,8 +46,8 @@ fn a_vehicle_with_little_thrust_holds_its_height() {
             FlightPlan { reference: Reference::by_name("hover").unwrap(), duration: 6.0, ..FlightPlan::default() };
         let flight = flown(&vehicle, &plan);
         let off = flight.log.tracking_error().iter().fold(0.0_f64, |m, e| m.max(e[2].abs()));
-        println!("thrust over weight {over_weight}: {:.1} mm off its height", 1e3 * off);
-        assert!(off < 0.05, "{over_weight}: {off} m");
+        println!("thrust over weight {over_weight}: {:.1} mm off its height", 1e3 * off); // measured 0.0
+        assert!(off < 1e-3, "{over_weight}: {off} m");
         assert_eq!(flight.log.lost_at(), None);
     }
 }
@@ -90,9 +88,9 @@ fn root() -> PathBuf {
 fn our_own_urdf_corpus_flies() {
     let files = urdf_files(&root().join("assets/urdf"));
     assert!(files.len() >= 3, "{files:?}");
-    // measured, mm: bare 12.9, hexa 8.6, plain_x 8.5, pocket 94.0 (a slow motor, and drag off its centre of mass)
+    // measured, mm: bare 11.9, hexa 8.6, plain_x 4.3, pocket 84.1 (a slow motor, and drag off its centre of mass)
     for file in files {
-        assert_tracks(&import_file(&file, &ImportOptions::default()).unwrap().vehicle);
+        assert_tracks(&import_file(&file, &ImportOptions::default()).unwrap().vehicle, 0.1);
     }
 }
 
@@ -104,9 +102,9 @@ fn real_urdf_files_by_others_fly() {
     let files = urdf_files(&folder);
     assert!(files.len() >= 7, "{files:?} in {}: name a folder in OMNIDRONES_URDF_DIR", folder.display());
     let options = ImportOptions { rotors: Some(root().join("assets/rotors")), ..Default::default() };
-    // measured, mm: aerialgym 41.8, cf2p 60.1, cf2x 48.0, hector 9.1, iris 18.5, racer 16.5, x500 11.0
+    // measured, mm: aerialgym 24.2, cf2p 61.3, cf2x 64.0, hector 5.8, iris 11.9, racer 10.6, x500 5.4
     for file in files {
-        assert_tracks(&import_file(&file, &options).unwrap().vehicle);
+        assert_tracks(&import_file(&file, &options).unwrap().vehicle, 0.1);
     }
 }
 
@@ -126,14 +124,14 @@ fn wind_costs_tracking_but_not_the_flight() {
     let wind = Wind::Constant { velocity: [4.0, 0.0, 0.0] };
     let calm = flown(&vehicle, &FlightPlan::default()).log.rmse(2.0).unwrap();
     let windy = flown(&vehicle, &FlightPlan { wind, ..Default::default() }).log.rmse(2.0).unwrap();
-    println!("calm {calm:.4} m, 4 m/s {windy:.4} m");
-    assert!(calm < windy && windy < 0.5);
+    println!("calm {calm:.4} m, 4 m/s {windy:.4} m"); // measured 0.0065 and 0.0134
+    assert!(calm < windy && windy < 0.02);
 }
 
 #[test]
 fn drag_that_is_not_simulated_is_not_fed_forward() {
-    // measured, mm without and with drag: crazyflie 5.7, 6.1; hummingbird 19.7, 25.0; iris 9.5, 9.9; firefly 12.8, 13.7;
-    // neo11 14.3, 13.0; omav 12.9, 13.9. Fed forward all the same, the hummingbird's drag made 117
+    // measured, mm without and with drag: crazyflie 5.1, 6.4; hummingbird 9.7, 10.8; iris 5.6, 5.3; firefly 5.8, 6.5;
+    // neo11 8.4, 6.9; omav 6.6, 6.6. Fed forward all the same, the hummingbird's drag made 117 when that was found
     for vehicle in vehicles::all() {
         let physics = Physics { effects: Effects::none(), ..Default::default() };
         let bare = flown(&vehicle, &FlightPlan { physics, ..Default::default() }).log.rmse(2.0).unwrap();
@@ -160,8 +158,8 @@ fn every_reference_is_flown_by_every_vehicle() {
             let plan = FlightPlan { reference: Reference::by_name(name).unwrap(), ..Default::default() };
             let flight = flown(&vehicle, &plan);
             let last = *flight.log.error_norm().last().unwrap();
-            println!("{} {name}: last error {last:.4} m", vehicle.name);
-            assert!(flight.diverged_at.is_none() && last < 0.25, "{} {name}: {last} m", vehicle.name);
+            println!("{} {name}: last error {last:.4} m", vehicle.name); // measured 0.0094 at most
+            assert!(flight.diverged_at.is_none() && last < 0.02, "{} {name}: {last} m", vehicle.name);
         }
     }
 }
