@@ -2,8 +2,9 @@
 
 use crate::command::{command, exits, size, temporary};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Output, Stdio};
+use std::process::{Command, Output, Stdio};
 
 fn run(folder: &Path, arguments: &[&str]) -> Output {
     command(folder, arguments).output().expect("the binary starts")
@@ -510,6 +511,42 @@ fn a_reader_that_leaves_is_no_failure_and_a_full_disk_is_one() {
         assert_eq!(output.status.code(), Some(2));
         assert!(text(&output.stderr).contains("standard output"), "{}", text(&output.stderr));
     }
+}
+
+/// A disk that fills is played by a limit on the size of files, in 512 bytes, whose signal is ignored: a write fails midway.
+#[cfg(unix)]
+#[test]
+fn a_disk_that_fills_under_flights_and_reports_is_a_failure_that_leaves_every_file_whole() {
+    let folder = temporary();
+    let fly = ["fly", "hummingbird", "--reference", "hover", "--csv", "--no-plots", "--out", "flight", "--force"];
+    let study = ["study", "paper", "--no-train", "--out", "study", "--force"];
+    for (arguments, named) in [(&fly[..], "flight"), (&study, "study")] {
+        exits(0, folder.path(), arguments);
+        let whole = contents(&folder.path().join(named));
+        for limit in [0, 1, 16] {
+            let line = format!("trap '' XFSZ; ulimit -f {limit}; exec \"$0\" \"$@\"");
+            let output = Command::new("sh")
+                .args(["-c", &line, env!("CARGO_BIN_EXE_omnidrones")])
+                .args(arguments)
+                .current_dir(folder.path())
+                .output()
+                .expect("a shell");
+            let told = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{arguments:?} at {limit}: {told}");
+            assert!(told.contains(named) && told.contains("too large"), "{arguments:?} at {limit}: {told}");
+            let left = contents(&folder.path().join(named));
+            assert!(left.keys().eq(whole.keys()), "{arguments:?} at {limit}: {:?}", left.keys());
+            let cut = left.iter().find(|(path, bytes)| bytes.len() < whole[*path].len());
+            assert!(cut.is_none(), "{arguments:?} at {limit}: {:?} is cut", cut.map(|(path, _)| path));
+        }
+    }
+}
+
+/// All files of a folder.
+#[cfg(unix)]
+fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let paths = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
+    paths.map(|path| (path.clone(), std::fs::read(&path).expect("a file"))).collect()
 }
 
 #[test]
