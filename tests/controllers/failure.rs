@@ -65,9 +65,9 @@ fn the_margin_is_the_radius_of_the_largest_ball_that_the_allocator_reaches() {
         least_outside = least_outside.min(miss(&mut allocator, &set, &beyond) / margin.distance);
     }
     // 5 % beyond the weakest direction is missed by 5 % exactly
-    // measured: 5.9e-8 within the ball
+    // measured: 5.9e-8 within the ball, 0.0500 beyond it
     println!("measured: miss within the ball {worst_inside:.1e}, 5 % beyond it {least_outside:.4} of the margin");
-    assert!(worst_inside < 1e-6 && (least_outside - 0.05).abs() < 1e-4);
+    assert!(worst_inside < 3e-7 && (least_outside - 0.05).abs() < 1e-4);
 }
 
 #[test]
@@ -258,7 +258,12 @@ impl Worst {
     }
 
     fn is_kept(&self) -> bool {
-        self.height < 0.5 && self.across < 2.0 && self.tilt < 45.0
+        self.is_within(0.5, 2.0, 45.0)
+    }
+
+    /// m, m, °.
+    fn is_within(&self, height: f64, across: f64, tilt: f64) -> bool {
+        self.height < height && self.across < across && self.tilt < tilt
     }
 }
 
@@ -280,7 +285,7 @@ fn the_firefly_hovers_on_any_five_rotors() {
     for rotor in 0..6 {
         let worst = Worst::of(&flown(&vehicle, &hovering(vec![RotorFailure::lost(rotor, 1.0)])));
         println!("rotor {rotor}: {worst:.3?}");
-        assert!(worst.is_kept(), "rotor {rotor}: {worst:?}");
+        assert!(worst.is_within(0.02, 0.05, 5.0) && worst.yaw_rate < 0.15, "rotor {rotor}: {worst:?}");
     }
 }
 
@@ -329,7 +334,7 @@ fn a_hundred_disturbed_starts_survive_the_loss_of_a_rotor() {
     // known of only after 0.2 s, measured: 0.41 m, 0.60 m, 34.1°
     let (worst, kept, _) = hundred(&firefly, 1.0, 0.2);
     assert!(kept == 100, "{worst:?}");
-    // three times as disturbed (60° about each axis, 3 rad/s), measured: 2.36 m, 3.55 m, 80.8°, and all come back
+    // three times as disturbed (60° about each axis, 3 rad/s), measured: 2.23 m, 3.42 m, 79.0°, and all come back
     let (worst, _, back) = hundred(&firefly, 3.0, 0.05);
     assert!(back == 100 && worst.height < 3.0, "{worst:?}");
 }
@@ -351,7 +356,7 @@ fn every_vehicle_flies_after_every_loss_that_leaves_it_capable() {
             let flight = flown(&vehicle, &hovering(failures));
             let one = Worst::of(&flight);
             println!("{} {:?} {:?}: {one:.3?}", vehicle.name, a.broken(), a.capability);
-            assert!(one.is_kept(), "{} without {:?}: {one:?}", vehicle.name, a.broken());
+            assert!(one.is_within(0.06, 0.2, 10.0), "{} without {:?}: {one:?}", vehicle.name, a.broken());
             worst = worst.and(one);
         }
         println!("{}: {worst:.3?}", vehicle.name);
@@ -367,21 +372,22 @@ fn a_hexarotor_with_paired_spins_keeps_its_yaw() {
     let table = FailureTable::of(&vehicle).unwrap();
     let kept: Vec<bool> = table.single.iter().map(|a| a.capability == Capability::Full).collect();
     assert_eq!(kept, [true, true, true, true, false, false]);
-    // measured, worst of four: heading off by 0.014 rad, 1.9e-4 rad after 20 s; 0.027 m across
+    // measured, worst of four: heading off by 0.014 rad, 1.9e-4 rad after 20 s; 0.012 m in height, 0.027 m across, 2.6°
     for a in table.single.iter().filter(|a| a.capability == Capability::Full) {
         let plan = hovering(vec![RotorFailure::lost(a.broken()[0], 1.0)]);
         let flight = flown(&vehicle, &plan);
         let yaw = flight.log.euler_angles().iter().map(|e| e[2].abs()).fold(0.0, f64::max);
         let last = flight.log.euler_angles().last().unwrap()[2];
-        println!("{:?}: {:.3?}, heading off by {yaw:.3} rad, at the end {last:.1e}", a.broken(), Worst::of(&flight));
-        assert!(Worst::of(&flight).is_kept() && yaw < 0.05 && last.abs() < 1e-3, "{:?}", a.broken());
+        let worst = Worst::of(&flight);
+        println!("{:?}: {worst:.3?}, heading off by {yaw:.3} rad, at the end {last:.1e}", a.broken());
+        assert!(worst.is_within(0.02, 0.05, 5.0) && yaw < 0.03 && last.abs() < 4e-4, "{:?}", a.broken());
     }
 }
 
 #[test]
 fn a_quadrotor_with_a_rotor_at_sixty_per_cent_flies_where_that_carries_it() {
-    // measured: crazyflie 0.072 m across and 8.1°, hummingbird 0.025 m, both with their heading; iris has not the thrust
-    // for it (3.60 N of 3.73 N) and gives up yaw: 0.026 m, 0.63 rad/s
+    // measured: crazyflie 0.011 m in height, 0.072 m across and 8.1°, hummingbird 0.025 m across, both with their heading;
+    // iris has not the thrust for it (3.60 N of 3.73 N) and gives up yaw: 0.026 m, 0.63 rad/s
     for vehicle in vehicles::all().into_iter().filter(|v| v.n_rotor() == 4) {
         for rotor in 0..4 {
             let mut health = [1.0; 4];
@@ -395,7 +401,7 @@ fn a_quadrotor_with_a_rotor_at_sixty_per_cent_flies_where_that_carries_it() {
             let flight = flown(&vehicle, &plan);
             let (worst, heading) = (Worst::of(&flight), flight.log.euler_angles().last().unwrap()[2]);
             println!("{} {rotor} {:?}: {worst:.3?}, heading {heading:.1e}", vehicle.name, left.capability);
-            assert!(worst.is_kept() && worst.across < 0.1, "{} {rotor}: {worst:?}", vehicle.name);
+            assert!(worst.is_within(0.02, 0.1, 15.0), "{} {rotor}: {worst:?}", vehicle.name);
         }
     }
 }
@@ -424,7 +430,7 @@ fn the_square_is_flown_on_without_any_rotor_whose_loss_leaves_a_vehicle_capable(
             let plan = FlightPlan { reference: reference.clone(), failures, ..Default::default() };
             let worst = Worst::of(&flown(&vehicle, &plan));
             println!("{} without {rotor}: {worst:.3?}", vehicle.name);
-            assert!(worst.is_kept(), "{} without {rotor}: {worst:?}", vehicle.name);
+            assert!(worst.is_within(0.03, 0.2, 30.0), "{} without {rotor}: {worst:?}", vehicle.name);
             flights += 1;
         }
     }
@@ -480,11 +486,11 @@ fn every_level_of_control_carries_on() {
         }
         let tilt = omnidrones::dynamics::spatial::up_axis([x[6], x[7], x[8], x[9]])[2].acos();
         println!("{level}: velocity {:.3?}, tilt {tilt:.4}, rates {:.4?}", &x[3..6], &x[10..13]);
-        // measured: 0.506 m/s of 0.5; tilt below 1e-4; rates below 0.002 rad/s
+        // measured: 0.506 m/s of 0.5; tilt below 5e-5; rates of 0.0015 rad/s at a tilt of 0.032
         let good = match level {
-            "velocity" => (x[3] - 0.5).abs() < 0.05 && x[4].abs() < 0.05 && x[5].abs() < 0.05,
-            "attitude" => tilt < 0.01,
-            _ => x[10].hypot(x[11]) < 0.02 && tilt < 0.3,
+            "velocity" => (x[3] - 0.5).abs() < 0.012 && x[4].abs() < 0.012 && x[5].abs() < 0.012,
+            "attitude" => tilt < 2e-4,
+            _ => x[10].hypot(x[11]) < 0.004 && tilt < 0.06,
         };
         assert!(good, "{level}: {x:?}");
         let counts = controller.counts().unwrap();
@@ -495,8 +501,8 @@ fn every_level_of_control_carries_on() {
 #[test]
 fn the_thrust_is_steered_while_the_body_spins() {
     let vehicle = vehicles::by_name("firefly").unwrap();
-    // measured: 8.3 to 8.5° of tilt, never farther than the start; 1.3 rad/s are left of 15 after 20 s. Without the lead
-    // for the motors' lag 15 rad/s end 76 m low, without the turning of the rate command 9 m low
+    // measured: 8.3 to 8.5° of tilt, 0.022 m in height, never farther than the start; 1.3 rad/s are left of 15 after 20 s.
+    // Without the lead for the motors' lag 15 rad/s end 76 m low, without the turning of the rate command 9 m low
     for spin in [5.0, 10.0, 15.0] {
         let at = Reference::by_name("hover").unwrap().sample(0.0).position;
         let mut x =
@@ -507,7 +513,7 @@ fn the_thrust_is_steered_while_the_body_spins() {
         let worst = Worst::of(&flight);
         let last = flight.log.angular_velocity.last().unwrap()[2];
         println!("{spin} rad/s: {worst:.3?}, {last:.2} rad/s after 20 s");
-        assert!(worst.is_kept() && worst.across < 0.55, "{spin} rad/s: {worst:?}");
+        assert!(worst.is_within(0.04, 0.55, 15.0), "{spin} rad/s: {worst:?}");
     }
 }
 
@@ -536,7 +542,7 @@ fn what_is_said_to_fly_while_it_spins_does() {
             let off = *flight.log.error_norm().last().unwrap();
             println!("{} without {:?}: {off:.4} m off at last", vehicle.name, left.broken());
             // measured: 9 mm
-            assert!(off < 0.1, "{} without {:?}: {off} m", vehicle.name, left.broken());
+            assert!(off < 0.02, "{} without {:?}: {off} m", vehicle.name, left.broken());
             n += 1;
         }
     }

@@ -86,7 +86,8 @@ fn integrators_take_away_a_constant_push() {
     }
     let poles = spectral_radius(&found.closed_loop).unwrap();
     println!("{:.1e} m left, radius {poles:.4}", x[0]);
-    assert!(x[0].abs() < 1e-12 && poles < 1.0);
+    // measured: 1.4e-16
+    assert!(x[0].abs() < 1e-14 && poles < 1.0);
     let wide = Matrix::zeros(1, 3);
     assert!(lqi(&a, &b, &wide, &q, &r, 0.05).unwrap_err().to_string().contains("columns of C"));
 }
@@ -103,7 +104,8 @@ fn value_iteration_ends_where_doubling_does() {
     }
     let error = (&found.cost - &x).norm() / x.norm();
     println!("against value iteration {error:.1e}, {} doublings", found.doublings);
-    assert!(error < 1e-11, "{error:e}");
+    // measured: 5.6e-16
+    assert!(error < 5e-14, "{error:e}");
     // continuous double integrator with unit weights: X = [[√3, 1], [1, √3]]
     let rows = |v: [f64; 4]| Matrix::from_row_slice(2, 2, &v);
     let (a, b) = (rows([0.0, 1.0, 0.0, 0.0]), Matrix::from_column_slice(2, 1, &[0.0, 1.0]));
@@ -135,8 +137,9 @@ fn random_plants_are_stabilised_with_small_residuals() {
     println!("residual, continuous, radius, cost of the loop: {n_kind:?} {worst:?}");
     assert_eq!(n_kind, [99, 1]);
     // measured: 9.2e-13, 1.2e-10, 0.955, 7.9e-12
-    assert!(worst[0][0] < 1e-10 && worst[0][1] < 1e-9 && worst[0][2] < 1.0 && worst[0][3] < 1e-9, "{worst:?}");
-    assert!(worst[1][0] < 1e-8 && worst[1][1] < 1e-8 && worst[1][2] < 1.0, "{worst:?}");
+    assert!(worst[0][0] < 8e-11 && worst[0][1] < 1e-9 && worst[0][2] < 1.0 && worst[0][3] < 6e-10, "{worst:?}");
+    // measured: 2.7e-9, 1.8e-15, 0.887
+    assert!(worst[1][0] < 1e-8 && worst[1][1] < 2e-13 && worst[1][2] < 1.0, "{worst:?}");
 }
 
 #[test]
@@ -154,7 +157,8 @@ fn the_derivative_of_the_solution_by_duals_meets_differences() {
     let exact = riccati::discrete(&a, &b, &weight, &r.map(Dual64::from)).expect("solved").matrix.map(|v| v.eps);
     let error = (&exact - &difference).norm() / difference.norm();
     println!("dX/dQ against differences {error:.1e}");
-    assert!(error < 1e-6, "{error:e}");
+    // measured: 1.9e-11
+    assert!(error < 1e-9, "{error:e}");
 }
 
 #[test]
@@ -225,8 +229,8 @@ fn the_error_state_goes_there_and_back_and_linearises_as_differences_say() {
     };
     let worst = (0..20).map(|k| (a.column(k) - column(k)).norm()).fold(0.0, f64::max);
     println!("A of the error against differences {worst:.1e}");
-    // per column, SI units
-    assert!(worst < 1e-6, "{worst:e}");
+    // per column, SI units; measured: 6.1e-8
+    assert!(worst < 3e-7, "{worst:e}");
 }
 
 #[test]
@@ -247,7 +251,8 @@ fn every_vehicle_has_a_feedback_of_its_rotors() {
         worst = [worst[0].max(found.residual), worst[1].max(found.poles[0].norm())];
     }
     println!("worst residual {:.1e}, radius {:.5}", worst[0], worst[1]);
-    assert!(worst[0] < 1e-10 && worst[1] < 1.0, "{worst:?}");
+    // measured: 8.0e-15, 0.998
+    assert!(worst[0] < 8e-13 && worst[1] < 1.0, "{worst:?}");
 }
 
 fn start_on(system: &Multibody, controller: &dyn Controller, reference: &Reference) -> Vec<f64> {
@@ -292,13 +297,13 @@ fn optimal_feedback_tracks_closer_than_the_cascade_alone() {
     for (name, reference, limit) in [
         // measured: 26.3 → 12.7 mm
         ("payload", lemniscate(0.5), 0.015),
-        // measured: falls → 9.3 mm
+        // measured: 109 → 9.3 mm
         ("inverted_pendulum", lemniscate(0.5), 0.011),
         // measured: 216 → 154 mm
         ("payload", lemniscate(1.0), 0.18),
-        // measured: falls → 131 mm
+        // measured: 227 → 131 mm
         ("inverted_pendulum", lemniscate(1.0), 0.16),
-        // measured: falls → 73 mm: the step is seen ahead
+        // measured: 247 → 73 mm: the step is seen ahead
         ("inverted_pendulum", step, 0.09),
     ] {
         let system = robot(name);
@@ -312,8 +317,8 @@ fn optimal_feedback_tracks_closer_than_the_cascade_alone() {
 fn loads_come_to_rest_from_fifty_random_starts() {
     let point = [0.0, 0.0, 4.0];
     let reference = Reference::Hover(Hover { position: point, yaw: 0.0 });
-    // measured: 5.8 mm and 0.0 mm after 8 s, 1.43 m at the farthest
-    for (name, limit) in [("payload", 0.02), ("inverted_pendulum", 0.001)] {
+    // measured: 5.8 mm and less than 0.05 mm after 8 s, 1.43 m at the farthest
+    for (name, limit) in [("payload", 0.02), ("inverted_pendulum", 1e-4)] {
         let system = robot(name);
         let controller = Lqr::new(&system, None, &Rates::default()).expect("designed");
         assert!(controller.regulator().residual < 1e-10 && controller.regulator().poles[0].norm() < 1.0);

@@ -68,7 +68,7 @@ fn indi_follows_a_reference_that_falls_faster_than_a_stone() {
         "{rmse:.3} m, body z at least {lowest:.2} upwards; under the cascade {:.2?} m",
         flown("cascade").log.rmse(4.0)
     );
-    // measured: 0.03 m and −0.99
+    // measured: 0.036 m and −1.00
     assert!(rmse < 0.06 && lowest < -0.9, "{rmse} m, {lowest}");
 }
 
@@ -99,7 +99,8 @@ fn indi_brings_every_vehicle_back_from_every_tilt_at_rest() {
             }
         }
         println!("{}: {worst:.1e} m, {turned_away:.1e} rad left, from 60° {sunk:.2} m lost", vehicle.name);
-        assert!(worst < 0.1 && turned_away < 0.2, "{}: {worst} m, {turned_away} rad", vehicle.name);
+        // measured: 1.0e-4 m (neo11), 9.6e-7 rad (hummingbird)
+        assert!(worst < 3e-4 && turned_away < 3e-6, "{}: {worst} m, {turned_away} rad", vehicle.name);
     }
 }
 
@@ -129,6 +130,7 @@ fn indi_holds_under_a_moment_without_integral_action_where_the_cascade_does_not(
         };
         let [held, plain] = ["indi", "cascade"].map(|name| after(name, &gains));
         println!("{}: {:.1} mm under indi, {:.1} mm under the cascade", vehicle.name, 1e3 * held, 1e3 * plain);
-        assert!(held < 0.02 && held < 0.2 * plain, "{}: {held} {plain}", vehicle.name);
+        // measured: 0.5 mm of 384 mm (neo11), 0.1 mm and less elsewhere
+        assert!(held < 0.001 && held < 0.01 * plain, "{}: {held} {plain}", vehicle.name);
     }
 }

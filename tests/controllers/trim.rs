@@ -40,7 +40,8 @@ fn hover_of_every_vehicle_is_level_with_its_known_commands() {
         let found = trim(&plant, &TrimTarget::hover()).unwrap();
         let worst = m.hover_input().unwrap().iter().zip(&found.input).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         println!("{name}: {worst:.1e}, tilt {:?}", angles(&found.state));
-        assert!(worst < 1e-9 && found.residual < 1e-8 && found.limited.is_empty(), "{name}: {worst:e}, {found:?}");
+        // measured 2.2e-16
+        assert!(worst < 2e-14 && found.residual < 1e-8 && found.limited.is_empty(), "{name}: {worst:e}, {found:?}");
     }
 }
 
@@ -75,7 +76,7 @@ fn a_turn_without_drag_banks_by_speed_times_rate_over_gravity() {
     // forward flight into a left turn: the thrust leans left
     let bank = -(speed * rate / 9.81).atan();
     println!("roll {roll:.6} against {bank:.6}, pitch {pitch:.1e}, yaw {yaw:.1e}");
-    assert!((roll - bank).abs() < 1e-4, "{roll} against {bank}"); // the step's own error: 2 ms of a turn
+    assert!((roll - bank).abs() < 1e-4, "{roll} against {bank}"); // measured 2.8e-5, the step's own error: 2 ms of a turn
 }
 
 #[test]
@@ -86,7 +87,7 @@ fn systems_of_many_bodies_hover() {
         let off = drift(&plant, &found.state, &found.input);
         println!("{name}: residual {:.1e}, drift {off:.1e}", found.residual);
         // the inverted pendulum is left where it would fall from
-        assert!(found.residual < 1e-8 && off < 1e-6, "{name}: {off:e}"); // measured 2.8e-14, 7.1e-16
+        assert!(found.residual < 2e-12 && off < 7e-14, "{name}: {off:e}"); // measured 2.8e-14, 7.1e-16
     }
 }
 
@@ -125,8 +126,9 @@ fn a_quadrotor_on_three_rotors_has_a_steady_turn_that_mueller_and_dandrea_descri
         (0..3).for_each(|k| left = left.max((velocity[k] - x[3 + k]).abs()).max((next[10 + k] - x[10 + k]).abs()));
         (0..4).for_each(|k| left = left.max((attitude[k] - x[6 + k]).abs()));
         println!("without {lost}: {turn:.2?} rad/s, {thrust:.3?} N carry {carried:.4}, a step leaves {left:.1e}");
+        // measured 2.6e-11, 1.0000
         assert!(found.residual < 1e-8 && found.limited.is_empty() && left < 1e-10, "{found:?}");
-        assert!(turn[0].hypot(turn[1]) < 1e-6 * turn[2].abs() && (carried - 1.0).abs() < 0.01, "{turn:?} {carried}");
+        assert!(turn[0].hypot(turn[1]) < 1e-6 * turn[2].abs() && (carried - 1.0).abs() < 1e-4, "{turn:?} {carried}");
         assert!(thrust[lost] < 1e-3 && thrust[(lost + 2) % 4] > 0.1, "{thrust:?}");
     }
 }
@@ -161,6 +163,7 @@ fn the_model_of_a_turn_says_where_disturbed_flights_go() {
         }
         let off = (&flown - &predicted).amax() / predicted.amax();
         println!("{:.2} rad/s: {off:.1e} of {:.1e}", found.yaw_rate, predicted.amax());
-        assert!(off < 1e-3, "{} rad/s: {off:e}", found.yaw_rate);
+        // measured 3.5e-7
+        assert!(off < 1e-6, "{} rad/s: {off:e}", found.yaw_rate);
     }
 }

@@ -283,7 +283,8 @@ fn a_rate_servo_follows_its_command_with_its_lag_at_16_ms() {
         }
         // one implicit step of 16 ms with a lag of 20 ms: 16/36 of the way
         println!("{integrator:?}: {:.4} {:.4} {:.4} … {:.6} rad/s", rates[0], rates[1], rates[2], rates[29]);
-        assert!((rates[0] / 10.0 - 16.0 / 36.0).abs() < 0.02, "{}", rates[0]);
+        // measured 6.7e-4 and 4.0e-3
+        assert!((rates[0] / 10.0 - 16.0 / 36.0).abs() < 1.5e-3, "{}", rates[0]);
         assert!((rates[29] / 10.0 - 1.0).abs() < 0.02, "{}", rates[29]);
         assert!(rates.windows(2).all(|w| w[1] > w[0] - 0.05), "without overshoot: {rates:?}");
     }
@@ -297,13 +298,12 @@ fn every_servo_stays_bounded_at_full_command_whatever_the_step() {
             for dt in [0.001, 0.004, 0.016] {
                 let fastest = swing(&(entry.build)().unwrap(), Physics { dt, ..coarse(integrator) });
                 println!("{:18} {integrator:?} at {dt} s: fastest driven joint {fastest:.1} rad/s", entry.name);
-                // a whipping chain turns its gimbals faster than 2 N m hold: 44 rad/s after 0.53 s as dt → 0
-                assert!(fastest < 100.0, "{} {integrator:?} at {dt} s: {fastest}", entry.name);
+                assert!(fastest < 20.0, "{} {integrator:?} at {dt} s: {fastest}", entry.name);
                 worst = larger(worst, fastest);
             }
         }
     }
-    println!("fastest {worst:.1} rad/s"); // measured 63.4
+    println!("fastest {worst:.1} rad/s"); // measured 10.2, the Dragon
 }
 
 /// Fastest driven joint, rad/s, while every drive swings between its ends for 4 s.

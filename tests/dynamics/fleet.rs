@@ -113,7 +113,7 @@ fn the_gradient_certificate_holds_for_three_drones_of_each_kind_in_each_others_w
         }
     }
     println!("adjoint {:.1e}, difference {:.1e}, Taylor order off by {:.3}", worst.0, worst.1, worst.2);
-    // measured: adjoint 1.9e-15 (bound 1e-10), difference 8.5e-8 (1e-6), Taylor order off by 0.003 (0.1)
+    // measured: adjoint 1.9e-15 (bound 1e-10), difference 4.9e-8 (1e-6), Taylor order off by 0.019 (0.1)
 }
 
 #[test]

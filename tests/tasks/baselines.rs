@@ -14,27 +14,29 @@ enum Claim {
 
 use Claim::*;
 
-/// By task; every one with a reference has a line.
+/// By task; every one with a reference has a line. Measured on 64 and on 256 starts at most: Hover and OmavHover below
+/// 0.5 mm, TransportHover 1 mm, OverHover 5 mm, GateSwitch 14 mm, Track 19 mm, HoverRand 19 mm, OmavTrack 29 mm, Spread
+/// 36 mm, InvPendulumHover 52 mm, OverTrack 70 mm, DragonHover 93 mm, PayloadTrack 103 mm.
 const CLAIMS: &[(&str, Claim)] = &[
-    ("Hover", Holds(0.1)),
-    ("Track", Tracks(0.3)),
+    ("Hover", Holds(0.001)),
+    ("Track", Tracks(0.04)),
     ("InvPendulumHover", Holds(0.1)),
     ("InvPendulumTrack", Survives(0.3, "the ball starts up to 0.46 m off, falling outwards, and may leave by 0.8 m")),
     ("PayloadHover", Survives(0.95, "the ball is pushed by about 1 m/s every 2 s: it swings 0.3 m and more")),
     ("PayloadTrack", Tracks(0.3)),
     ("HoverRand", Holds(0.1)),
     ("TrackRand", Survives(0.85, "motors lag up to 72 ms, each its own, and the drone starts tilted by up to 50°")),
-    ("OmavHover", Holds(0.1)),
-    ("OmavTrack", Tracks(0.3)),
+    ("OmavHover", Holds(0.001)),
+    ("OmavTrack", Tracks(0.06)),
     ("DragonHover", Holds(0.1)),
-    ("OverHover", Holds(0.1)),
+    ("OverHover", Holds(0.01)),
     ("OverTrack", Tracks(0.3)),
-    ("TransportHover", Holds(0.1)),
+    ("TransportHover", Holds(0.003)),
     ("TransportTrack", Survives(0.5, "paths take up to 13 m/s², the drones give 1.7 times the weight")),
     ("Forest", Survives(0.95, "paths keep 8 cm beside what the drone reaches, its start is tilted by up to 36°")),
     ("Race", Survives(0.9, "gates are displaced by up to 0.5 m, and touch ends")),
     ("Spread", Holds(0.1)),
-    ("GateSwitch", Holds(0.1)),
+    ("GateSwitch", Holds(0.03)),
     ("Formation", Survives(0.85, "starts as low as 0.6 m, tilted by up to 50°, in each other's wake")),
 ];
 

@@ -36,6 +36,7 @@ struct Gaps {
 
 impl Gaps {
     fn hold(&self, name: &str) {
+        // three times and more what two hundred states come to, below
         assert!(self.duals <= 1e-11, "{name}: {:e}", self.duals);
         assert!(self.differences <= 1e-7, "{name}: {:e}", self.differences);
         assert!(self.products <= 1e-12, "{name}: {:e}", self.products);
@@ -95,7 +96,7 @@ fn certify(name: &str, env: &mut Env) -> Gaps {
 
 #[test]
 fn the_adjoint_of_every_task_is_that_of_duals_and_differences() {
-    // measured 1.7e-13, 1.9e-9, 8.9e-15
+    // measured 1.7e-13, 3.1e-9, 8.9e-15
     everywhere(3, 400, |name, make, config| certify(name, &mut make(config)).hold(name));
 }
 
@@ -238,7 +239,8 @@ fn a_sweep_through_twenty_steps_is_the_difference_of_two_episodes() {
         }
     }
     println!("sweep against differences {worst:.1e}");
-    assert!(worst < 2e-3, "{worst:e}");
+    // measured 6.6e-6
+    assert!(worst < 3e-5, "{worst:e}");
 }
 
 #[test]

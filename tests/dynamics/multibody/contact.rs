@@ -34,7 +34,7 @@ fn depth(system: &Multibody, x: &[f64]) -> f64 {
 
 #[test]
 fn a_dropped_box_and_a_bouncing_sphere_come_back_with_less_energy_each_time() {
-    for (name, geometry) in [("sphere", SPHERE), ("capsule", CAPSULE), ("box", BOX)] {
+    for (name, geometry, most) in [("sphere", SPHERE, 3e-14), ("capsule", CAPSULE, 3e-14), ("box", BOX, 3e-10)] {
         let mut gain = f64::NEG_INFINITY;
         for dt in [0.002, 0.001] {
             let system = systems(&body(geometry), rk4(dt, CONTACT));
@@ -56,13 +56,13 @@ fn a_dropped_box_and_a_bouncing_sphere_come_back_with_less_energy_each_time() {
                     }
                     let now = energy(&system, &x);
                     gain = larger(gain, now - last);
-                    assert!(now <= last + 1e-9, "{name}, {dt} s, case {case}, step {step}: {now} J after {last} J");
+                    assert!(now <= last + most, "{name}, {dt} s, case {case}, step {step}: {now} J after {last} J");
                     last = now;
                 }
             }
         }
-        // measured 4.6e-11 box, 3.6e-15 others
-        at_most(&format!("{name}: gain from flight to flight, J"), gain, 1e-9);
+        // measured 5.5e-11 box, 3.6e-15 others
+        at_most(&format!("{name}: gain from flight to flight, J"), gain, most);
     }
 }
 
@@ -79,6 +79,7 @@ fn a_stiffness_that_a_step_does_not_resolve_gains_nothing_either() {
         fly(&system, &mut x, &[], 500);
         most = larger(most, energy(&system, &x) / start);
     }
+    // measured 0.24
     at_most("stiff ground: energy after a bounce over that before", most, 1.0);
 }
 
@@ -111,12 +112,12 @@ fn every_vehicle_dropped_at_any_tilt_rests_within_2_mm_and_creeps_less_than_1_mm
             for (worst, seen) in worst.iter_mut().zip(seen) {
                 *worst = larger(*worst, seen);
             }
-            // idling rotors carry a ten-thousandth of what they could
+            // idling rotors carry a ten-thousandth of what they could; measured 6.3e-4 both, Omav
             let weight = model.mass() * 9.81;
             let force = contact_forces(&system, &x)[0];
             let what = format!("{} from {roll}, {pitch}", vehicle.name);
-            at_most(&format!("{what}: contact force off its weight"), (force[2] / weight - 1.0).abs(), 1e-2);
-            at_most(&format!("{what}: sideways"), norm(&force[..2]) / weight, 1e-2);
+            at_most(&format!("{what}: contact force off its weight"), (force[2] / weight - 1.0).abs(), 1.2e-3);
+            at_most(&format!("{what}: sideways"), norm(&force[..2]) / weight, 1.2e-3);
         }
         let [deep, moved, turned] = worst;
         // measured 0.67 mm Firefly, 0.50 mm others
@@ -124,6 +125,7 @@ fn every_vehicle_dropped_at_any_tilt_rests_within_2_mm_and_creeps_less_than_1_mm
         // on its side a vehicle creeps under its idling rotors at v_s T/(μ m g): 0.68 mm Hummingbird, 1.26 mm Omav
         let most = if vehicle.name == "omav" { 1.5e-3 } else { 1e-3 };
         at_most(&format!("{}: creep in 10 s, m", vehicle.name), moved, most);
+        // measured 1.7e-3, Firefly
         at_most(&format!("{}: turn in 10 s, rad", vehicle.name), turned, 1e-2);
     }
 }
@@ -131,10 +133,10 @@ fn every_vehicle_dropped_at_any_tilt_rests_within_2_mm_and_creeps_less_than_1_mm
 #[test]
 fn a_capsule_rests_on_its_two_ends() {
     let (system, x, [deep, moved, _]) = rest(&body(CAPSULE), CONTACT, 0.3, from_euler(0.0, 1.2, 0.3));
-    // measured 0.79 mm, 0 and 1e-9
+    // measured 0.79 mm, 0 and below 1e-9
     at_most("capsule: penetration at rest, m", deep, 2e-3);
-    at_most("capsule: creep in 10 s, m", moved, 1e-3);
-    near("capsule: contact force, N", contact_forces(&system, &x)[0][2], 0.7 * 9.81, 1e-6);
+    at_most("capsule: creep in 10 s, m", moved, 1e-11);
+    near("capsule: contact force, N", contact_forces(&system, &x)[0][2], 0.7 * 9.81, 5e-9);
 }
 
 /// A ball over three balls or bars that stand still.
@@ -164,10 +166,10 @@ fn a_ball_rests_in_a_cradle_of_balls_and_on_two_rails() {
         [("balls", cradle(&[ball(0.2), ball(2.3), ball(4.4)])), ("rails", cradle(&[rail(0.07), rail(-0.07)]))]
     {
         let (system, x, [deep, moved, _]) = rest(&model, CONTACT, 0.16, [1.0, 0.0, 0.0, 0.0]);
-        // measured 0.69 mm balls, 0.89 mm rails, and 4e-18 m
+        // measured 0.69 mm balls, 0.89 mm rails, 4e-18 m and below 1e-9 N
         at_most(&format!("{name}: penetration at rest, m"), deep, 2e-3);
-        at_most(&format!("{name}: creep in 10 s, m"), moved, 1e-3);
-        near(&format!("{name}: contact force, N"), contact_forces(&system, &x)[0][2], 0.7 * 9.81, 1e-3);
+        at_most(&format!("{name}: creep in 10 s, m"), moved, 1e-11);
+        near(&format!("{name}: contact force, N"), contact_forces(&system, &x)[0][2], 0.7 * 9.81, 5e-9);
     }
 }
 
@@ -209,9 +211,9 @@ fn a_collision_keeps_both_momenta_and_loses_energy() {
     }
     assert!(hits > 1000, "{hits} steps in touch");
     // measured 6.1e-16, 1.8e-10 and no gain
-    at_most("collision: momentum, kg m/s", worst[0], 1e-13);
+    at_most("collision: momentum, kg m/s", worst[0], 5e-14);
     at_most("collision: angular momentum, kg m²/s", worst[1], 1e-8);
-    at_most("collision: gain of energy", worst[2], 1e-9);
+    at_most("collision: gain of energy", worst[2], 1e-13);
 }
 
 #[test]

@@ -130,15 +130,15 @@ fn independent(system: &Multibody, mut x: Vec<f64>) -> Vec<f64> {
 #[test]
 fn ten_seconds_at_1_ms_end_where_a_quarter_of_the_step_ends() {
     // measured 5.8e-12
-    at_most("payload: 10 s at 1 ms", trajectory_error("payload", finer), 1e-7);
+    at_most("payload: 10 s at 1 ms", trajectory_error("payload", finer), 3e-10);
     // measured 5.7e-10
-    at_most("dragon: 10 s at 1 ms", trajectory_error("dragon", finer), 3e-7);
+    at_most("dragon: 10 s at 1 ms", trajectory_error("dragon", finer), 2e-9);
 }
 
 #[test]
 fn ten_seconds_at_1_ms_end_where_the_mass_matrix_and_newton_and_euler_lead() {
     // measured 3.5e-13
-    at_most("payload: 10 s at 1 ms", trajectory_error("payload", independent), 1e-7);
+    at_most("payload: 10 s at 1 ms", trajectory_error("payload", independent), 3e-11);
     // measured 5.6e-10
-    at_most("dragon: 10 s at 1 ms", trajectory_error("dragon", independent), 3e-7);
+    at_most("dragon: 10 s at 1 ms", trajectory_error("dragon", independent), 2e-9);
 }

@@ -118,8 +118,8 @@ fn energy_changes_by_the_work_of_rotors_drag_and_damping() {
             _ => 2000,
         };
         let (error, gain) = imbalance(&system, x, &u, steps);
-        // measured 1.2e-12 payload, 1.1e-8 platform_2, 1.6e-9 and less elsewhere
-        at_most(&format!("{name}: energy not accounted for in {} s", 0.001 * steps as f64), error, 1e-6);
+        // measured 2.4e-8 platform_2, 3.5e-9 dragon, 1.6e-9 and less elsewhere
+        at_most(&format!("{name}: energy not accounted for in {} s", 0.001 * steps as f64), error, 1e-7);
         at_most(&format!("{name}: power of drag and damping"), gain, 0.0);
     }
 }
@@ -142,7 +142,7 @@ fn energy_lost_in_a_slide_is_the_work_of_the_ground() {
         let (error, gain) = imbalance(&system, x, &system.rest_input(), 40_000);
         // measured 2.9e-7 Omav, 2.3e-7 Neo11, 6.4e-8 and less elsewhere
         at_most(&format!("{}: energy not accounted for in 10 s", vehicle.name), error, 1e-6);
-        at_most(&format!("{}: power of a loss", vehicle.name), gain, 1e-9);
+        at_most(&format!("{}: power of a loss", vehicle.name), gain, 1e-11);
     }
 }
 
@@ -157,6 +157,6 @@ fn energy_lost_in_a_fall_is_the_work_of_the_ground() {
         let (error, gain) = imbalance(&system, x, &system.rest_input(), 10_000);
         // measured 2.4e-5 Iris, 1.1e-5 and less elsewhere
         at_most(&format!("{}: energy not accounted for", vehicle.name), error, 1e-4);
-        at_most(&format!("{}: power of a loss", vehicle.name), gain, 1e-9);
+        at_most(&format!("{}: power of a loss", vehicle.name), gain, 1e-11);
     }
 }

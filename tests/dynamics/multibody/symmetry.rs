@@ -74,7 +74,7 @@ fn compare(
             let want = moved(&model, &x, steps(name) as f64 * 0.002);
             worst = larger(worst, relative(&canonical(&model, &y), &canonical(&model, &want)));
         }
-        // measured 9e-13 turned (dragon 2.6e-12), 1.8e-14 shifted, 5e-14 mirrored
+        // measured 8.4e-13 turned, 4.1e-14 shifted, 6.2e-14 mirrored
         at_most(&format!("{name}: {law}"), worst, bound);
     }
 }
@@ -103,7 +103,7 @@ fn turning_and_moving_the_world_turns_and_moves_every_flight() {
                 set(u, d + 3, turn * vector(u, d + 3));
             }
         },
-        1e-9,
+        8e-11,
     );
 }
 
@@ -124,7 +124,7 @@ fn a_constant_speed_in_a_wind_of_that_speed_changes_nothing() {
             y
         },
         |system, u| winds(system).into_iter().for_each(|d| set(u, d, vector(u, d) + speed)),
-        1e-10,
+        4e-12,
     );
 }
 
@@ -191,7 +191,7 @@ fn a_mirrored_model_flies_the_mirrored_flight() {
                 }
             }
         },
-        1e-9,
+        6e-12,
     );
 }
 

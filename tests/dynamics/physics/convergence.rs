@@ -45,7 +45,7 @@ fn rk4_converges_with_order_four_for_every_vehicle_with_every_effect() {
         for vehicle in [with_everything(&vehicle), vehicle] {
             let order = order(&vehicle, 0.002, 0.4, Integrator::RungeKutta4);
             // measured 3.996 to 4.001
-            near(&format!("{}: order of RK4", vehicle.name), order, 4.0, 0.1);
+            near(&format!("{}: order of RK4", vehicle.name), order, 4.0, 0.01);
         }
     }
 }
@@ -54,10 +54,10 @@ fn rk4_converges_with_order_four_for_every_vehicle_with_every_effect() {
 fn the_semi_implicit_step_converges_with_order_one_to_the_same_limit() {
     for vehicle in vehicles::all() {
         for vehicle in [with_everything(&vehicle), vehicle] {
-            // half a millisecond: with order one, 0.9 to 1.1 needs small steps
+            // half a millisecond: order one shows at small steps alone
             let order = order(&vehicle, 0.0005, 0.4, Integrator::SemiImplicit);
             // measured 0.997 to 1.001
-            near(&format!("{}: order of the semi-implicit step", vehicle.name), order, 1.0, 0.1);
+            near(&format!("{}: order of the semi-implicit step", vehicle.name), order, 1.0, 0.01);
         }
     }
 }
@@ -76,7 +76,7 @@ fn one_step_of_either_integrator_agrees_as_substeps_grow() {
         };
         let (some, many) = (gap(100), gap(1000));
         // measured 9.99 to 10.02
-        near(&format!("{}: gap at 100 substeps over gap at 1000", vehicle.name), some / many, 10.0, 0.5);
+        near(&format!("{}: gap at 100 substeps over gap at 1000", vehicle.name), some / many, 10.0, 0.05);
     }
 }
 

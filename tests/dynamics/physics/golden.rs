@@ -72,7 +72,7 @@ fn rotors_that_speed_up_follow_the_published_table() {
         let want = UP[k / 4];
         // measured largest differences 2.8e-8, 6.1e-8 N, 3.7e-8 N m: the table is rounded
         near("throttle going up", s, want.0, 1e-7);
-        near("thrust going up", f, want.1, 1e-6);
+        near("thrust going up", f, want.1, 1.5e-7);
         near("torque going up", q, want.2, 1e-7);
     }
 }
@@ -96,7 +96,7 @@ fn rotors_that_slow_down_follow_the_published_table_but_for_the_floor_of_the_com
             "thrust going down, less the floor's part",
             f - k_f * (2.0 * want.0 * delta + delta * delta),
             want.1,
-            1e-6,
+            1.5e-7,
         );
         near("torque going down", q, 0.016 * f, 1e-12);
         assert!(s - want.0 <= 0.01 && s > want.0, "the floor adds at most a hundredth: {}", s - want.0);
@@ -140,5 +140,5 @@ fn downwash_is_felt_through_the_simulation_as_a_force() {
     let push = downwash::force([0.0, 0.0, 1.0], [0.0, 0.0, weight], 2.0, 0.3);
     set(&mut u, 7, push);
     // measured 2.4e-7
-    near("acceleration under a wake", flight.derivative(&x, &u)[5], -0.591716 * 9.81, 1e-5);
+    near("acceleration under a wake", flight.derivative(&x, &u)[5], -0.591716 * 9.81, 5e-7);
 }

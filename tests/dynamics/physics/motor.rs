@@ -36,7 +36,7 @@ fn motor_response_does_not_depend_on_step_substeps_or_integrator() {
         ] {
             let other = response(&vehicle, dt, substeps, integrator);
             // measured 1.0e-15
-            at_most(&format!("{}: Ω at {dt} s", vehicle.name), gap(&vehicle, &coarse, &other), 1e-12);
+            at_most(&format!("{}: Ω at {dt} s", vehicle.name), gap(&vehicle, &coarse, &other), 1e-13);
         }
     }
     // twin: a lag with a fixed gain of Δt/τ per step, as it is often coded
@@ -69,7 +69,7 @@ fn motor_response_is_the_closed_form_with_its_own_constant_in_each_direction() {
             }
         }
         // measured 4.3e-16
-        at_most(&format!("{}: Ω against the closed form", vehicle.name), gap(&vehicle, &wanted, &got), 1e-12);
+        at_most(&format!("{}: Ω against the closed form", vehicle.name), gap(&vehicle, &wanted, &got), 4e-14);
         if vehicle.rotors.iter().any(|r| r.time_constant_up != r.time_constant_down) {
             // twin: up and down exchanged
             let defect = gap(&vehicle, &swapped, &got);

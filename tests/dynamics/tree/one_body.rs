@@ -59,8 +59,8 @@ fn largest_gap(vehicle: &Vehicle, ours: Effects, theirs: Effects) -> f64 {
 fn a_tree_of_one_body_accelerates_as_the_closed_form() {
     let all = Effects::all();
     for vehicle in vehicles::all() {
-        // measured 3.8e-15 with all effects, 1.3e-14 without, Iris
-        at_most(&format!("{}: all effects", vehicle.name), largest_gap(&vehicle, all, all), 1e-12);
+        // measured 3.8e-15 with all effects, Crazyflie, 1.3e-14 without, Iris
+        at_most(&format!("{}: all effects", vehicle.name), largest_gap(&vehicle, all, all), 3e-13);
         let none = Effects::none();
         at_most(&format!("{}: no effects", vehicle.name), largest_gap(&vehicle, none, none), 1e-12);
     }
@@ -114,7 +114,8 @@ fn one_rotor_alone_pushes_and_lags_as_in_the_closed_form() {
             pair.closed.derivative::<f64>(&x, &u, &[], &mut wanted);
             for part in [3..6, 10..13] {
                 let off = gap(&got[part.clone()], &wanted[part]);
-                at_most(&format!("{}: rotor {own} alone", vehicle.name), off, 1e-12);
+                // measured 7.5e-16, Iris
+                at_most(&format!("{}: rotor {own} alone", vehicle.name), off, 7e-14);
             }
             pair.tree.step::<f64>(&x, &u, &[], &mut got);
             pair.closed.step::<f64>(&x, &u, &[], &mut wanted);
@@ -148,7 +149,7 @@ fn largest_gap_of_a_step(vehicle: &Vehicle, integrator: Integrator, dt: f64) -> 
 #[test]
 fn a_tree_of_one_body_steps_as_the_closed_form_but_for_the_integrators_error() {
     for (integrator, least_ratio, bound) in
-        [(Integrator::RungeKutta4, 12.0, 1e-6), (Integrator::SemiImplicit, 1.7, 0.1)]
+        [(Integrator::RungeKutta4, 12.0, 1.5e-7), (Integrator::SemiImplicit, 1.7, 0.1)]
     {
         for vehicle in vehicles::all() {
             let [long, short] = [2e-3, 1e-3].map(|dt| largest_gap_of_a_step(&vehicle, integrator, dt));
