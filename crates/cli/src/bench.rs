@@ -210,8 +210,8 @@ fn policy_figure(hidden: &[usize], rows: &[BenchRow]) -> Figure {
 
 /// What it ran on.
 fn machine() -> String {
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    format!("{threads} threads, {} lanes of f32 per SIMD register", lane_width())
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    format!("a machine of {cores} cores, {} lanes of f32 per SIMD register", lane_width())
 }
 
 /// Throughput of batches, and every other figure as a multiple of its baseline.
