@@ -35,7 +35,7 @@ Examples:
   omnidrones tune iris --gains derived --json --no-plots    from derived gains, for a program
   omnidrones tune hummingbird --grid --randomise 0.3        on circles and plants, judged on others
 
-Files in --out: gains.toml (fly with them: omnidrones fly VEHICLE --gains out/VEHICLE/gains.toml), and tune.png or \
+Files in --out: gains.toml where they are better (fly with them: omnidrones fly VEHICLE --gains out/VEHICLE/gains.toml), and tune.png or \
 tune.svg: the descent, and one flight before and after.
 
 JSON: SI units; \"before\" and \"after\" are held-out flights: mean and worst RMSE (the start included), and crashes \
@@ -64,7 +64,7 @@ pub struct Arguments {
     #[command(flatten)]
     flight: FlightArguments,
     /// Length of each training flight [s] [default: 6, with --grid 3]
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Flight")]
+    #[arg(long, value_name = "SECONDS", help_heading = "Flight")]
     duration: Option<f64>,
     /// Descent steps
     #[arg(long, value_name = "N", default_value_t = TunePlan::default().iterations, help_heading = "Tuning")]
@@ -77,7 +77,7 @@ pub struct Arguments {
     held_out: Option<usize>,
     /// Relative change of a gain per step, at first
     #[arg(long, value_name = "SHARE", default_value_t = TunePlan::default().learning_rate,
-          allow_negative_numbers = true, help_heading = "Tuning")]
+          help_heading = "Tuning")]
     learning_rate: f64,
     /// Seed of the starts
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Tuning")]
@@ -89,7 +89,7 @@ pub struct Arguments {
     #[arg(long, value_name = "STEPS", default_value_t = 0, help_heading = "Tuning")]
     latency: usize,
     /// Fly plants whose mass, inertia and motor lag are drawn within 1 ± SHARE of what is believed
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Tuning")]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, help_heading = "Tuning")]
     randomise: f64,
     #[command(flatten)]
     grid: GridArguments,
@@ -98,7 +98,7 @@ pub struct Arguments {
     margins: bool,
     /// The least disk margin of all commands at once
     #[arg(long, value_name = "ALPHA", default_value_t = MarginGate::default().disk, requires = "margins",
-          allow_negative_numbers = true, help_heading = "Margins")]
+          help_heading = "Margins")]
     disk: f64,
     #[command(flatten)]
     output: OutputArguments,
@@ -128,7 +128,12 @@ pub fn run(a: &Arguments) -> Result<Report> {
     let wall_time = start.elapsed().as_secs_f64();
     bar.finish_and_clear();
 
-    let mut written = vec![write_gains(&folder, &plan, vehicle, &gains_name, &tuning)?];
+    let passes = tuning.judged.as_ref().is_none_or(|[_, after]| after.passes);
+    let held_out = !tuning.is_worse_held_out() && tuning.held_out.is_none_or(|[_, after]| after.crashed == 0);
+    let better = passes && held_out && tuning.after.crashed == 0 && tuning.after.rmse < tuning.before.rmse;
+    // gains of before, which may be better, are not written over by a tuning that failed
+    let mut written =
+        if better { vec![write_gains(&folder, &plan, vehicle, &gains_name, &tuning)?] } else { Vec::new() };
     if a.replay || !a.output.no_plots {
         let flight = |gains: &Gains| fly_vehicle(vehicle, gains, &nominal(&plan), &mut |_| {});
         let [before, after] = [flight(&gains)?, flight(&tuning.gains)?];
@@ -143,9 +148,6 @@ pub fn run(a: &Arguments) -> Result<Report> {
             written.push(path);
         }
     }
-    let passes = tuning.judged.as_ref().is_none_or(|[_, after]| after.passes);
-    let held_out = !tuning.is_worse_held_out() && tuning.held_out.is_none_or(|[_, after]| after.crashed == 0);
-    let better = passes && held_out && tuning.after.crashed == 0 && tuning.after.rmse < tuning.before.rmse;
     if a.output.json {
         let value = json!({
             "command": "tune",
@@ -199,9 +201,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
         page.line(format!("Fly with them: omnidrones fly {} --gains {gains}", a.vehicle));
     } else {
         page.line(if passes {
-            "FAILED: not better on all that was held out, or not without a crash; try more --starts, or a smaller --learning-rate"
+            "FAILED: not better on all that was held out, or not without a crash; no gains.toml is written. Try more --starts, or a smaller --learning-rate"
         } else {
-            "FAILED: no gains on the way bear what --margins asks for, so those it started from are kept; try a smaller --disk"
+            "FAILED: no gains on the way bear what --margins asks for, so those it started from are kept; no gains.toml is written. Try a smaller --disk"
         });
     }
     Ok(Report { text: page.finish(), success: better })
@@ -359,12 +361,16 @@ fn facts(plan: &TunePlan, tuning: &Tuning, wall_time: f64) -> Vec<Fact> {
             );
         }
         let passes = |j: &Judgement| if j.passes { "passed" } else { "failed" };
-        let asked = plan.margins.as_ref().map_or(0.0, |gate| 1e3 * gate.latency);
-        let late = if last.bears_latency { "at least the" } else { "less than the" };
-        let borne = if last.delay.is_finite() { format!("{} ms", short(1e3 * last.delay, 3)) } else { "any".into() };
+        let (disk, latency) = plan.margins.as_ref().map_or((0.0, 0.0), |gate| (gate.disk, 1e3 * gate.latency));
         facts.push(
             Fact::new("gate", format!("{} → {}", passes(first), passes(last)))
-                .note(format!("latency that ends stability at hover: {borne}, {late} {asked} ms that are asked")),
+                .note(format!("a disk margin of {disk} is asked for in every corner")),
+        );
+        let borne = if last.delay.is_finite() { format!("{} ms", short(1e3 * last.delay, 3)) } else { "none".into() };
+        let late = if last.bears_latency { "bears" } else { "does not bear" };
+        facts.push(
+            Fact::new("latency that ends stability", borne)
+                .note(format!("at hover, which {late} {latency} ms; the gate does not ask for it")),
         );
     }
     facts
@@ -379,7 +385,7 @@ fn write_gains(folder: &Path, plan: &TunePlan, vehicle: &Vehicle, from: &str, tu
         length(tuning.before.rmse),
         length(tuning.after.rmse),
         tuning.after.n,
-        names(plan).escape_default(),
+        names(plan),
         plan.duration
     );
     text += &toml::to_string(&tuning.gains).map_err(|e| Error::Format {
