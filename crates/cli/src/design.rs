@@ -10,7 +10,7 @@ use super::page::{Fact, Page, short};
 use super::plant_box::{self, PlantArguments};
 use super::source::{self, Source};
 use super::table::{Align, Table};
-use super::{Report, files};
+use super::{Report, files, progress};
 use nalgebra::Complex;
 use omnidrones::controllers::cascade::Rates;
 use omnidrones::controllers::design::{ErrorState, LoopMargins, LoopModel, Point, Robustness, Trim, TrimTarget, trim};
@@ -27,8 +27,8 @@ use std::path::PathBuf;
 /// What the command is for.
 pub const ABOUT: &str = "\
 Report what a control engineer asks of a vehicle: the steady flight (hover, or hover in a wind), the modes of the vehicle \
-alone, the poles of its control loop, and gain, phase, delay and disk margins at every command, at all commands at once and \
-at what is measured. The loop is that of the cascade as it flies: sampled, with the rate of every level, its holds and its latency.";
+alone, the poles of its control loop, gain, phase, delay and disk margins at every command and at what is measured, and the disk \
+margin of all commands at once. The loop is that of the cascade as it flies: sampled, with the rate of every level, its holds and its latency.";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -43,7 +43,7 @@ Examples:
 
 Margins are of the loop broken at one point while all other paths stay closed. A disk margin is a change of gain and phase \
 at once, in all commands together where it says so (Seiler, Packard and Gahinet 2020): 0.5 stands for a factor of 0.6 to 1.67 \
-or 28°. The delay is in whole steps.
+or 28°. The delay is the first that ends stability, in whole steps: one step less is borne.
 
 --spread judges the same loop on other plants than the law believes in: of random ones the share that is stable, with exact bounds \
 (Clopper and Pearson 1934), and the least disk margin at the corners of the box and by a search from the worst of them, with the \
@@ -73,7 +73,7 @@ pub struct Arguments {
     /// Steady wind [m/s] in which the vehicle holds its place
     #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_hyphen_values = true, help_heading = "Flight")]
     wind: Option<Vec<f64>>,
-    /// Steps by which commands act late
+    /// Steps of dt by which commands act late
     #[arg(long, value_name = "STEPS", default_value_t = 0, help_heading = "Controller")]
     latency: usize,
     /// Write the linear plant into this file (.json or .csv)
@@ -96,7 +96,8 @@ struct Findings {
     hidden: usize,
     model: LoopModel,
     rows: Vec<(String, LoopMargins)>,
-    all: DiskMargin,
+    /// Of all commands at once, where the loop is stable.
+    all: Option<DiskMargin>,
     poles: Vec<Complex<f64>>,
 }
 
@@ -124,8 +125,13 @@ pub fn run(a: &Arguments) -> Result<Report> {
         }
     };
     let rates = a.flight.rates();
-    let found = findings(&source.vehicle, physics, &gains, &rates, a.latency, &air)?;
-    let stable = found.rows.iter().all(|(_, margins)| margins.stable);
+    if a.latency > LoopModel::MOST_DELAY {
+        let most = format!("0 to {} steps", LoopModel::MOST_DELAY);
+        let remedy = format!("It counts steps of dt, here {} ms, not milliseconds.", short(1e3 * physics.dt, 3));
+        return Err(Error::limit("--latency", a.latency, most, &remedy));
+    }
+    let found = findings(&source.vehicle, physics, (&gains, &rates), a.latency, &air, a.output.json)?;
+    let stable = found.all.is_some();
     let plants = a.plants.judge(&source.vehicle, &gains, (&physics, &rates), (a.latency, &air))?;
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", found.plant.to_json()) } else { found.plant.to_csv() };
@@ -186,10 +192,10 @@ fn draw(
 fn findings(
     vehicle: &Vehicle,
     physics: Physics,
-    gains: &Gains,
-    rates: &Rates,
+    (gains, rates): (&Gains, &Rates),
     latency: usize,
     air: &Disturbance<f64>,
+    quiet: bool,
 ) -> Result<Findings> {
     let plant = Plant::of_vehicle(vehicle, physics)?;
     let trim = trim(&plant, &TrimTarget { air: *air, ..TrimTarget::hover() })?;
@@ -197,21 +203,38 @@ fn findings(
     let hover = Reference::Hover(Hover { position: [0.0; 3], yaw: 0.0 });
     let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_latency(latency)?;
     let model = LoopModel::new(closed, Target::level(&hover), air, &trim.state)?;
-    let commands = (0..model.commands.len()).map(|i| (model.commands[i].name.clone(), Point::Command(i)));
-    let measured =
-        (0..model.measurements.len().min(12)).map(|i| (model.measurements[i].name.clone(), Point::Measurement(i)));
-    let rows =
-        commands.chain(measured).map(|(name, point)| Ok((name, model.margins(point)?))).collect::<Result<_>>()?;
+    let poles = model.poles()?;
+    // a loop that is not stable has no margins, and hundreds of loops would be looked at before that is known
+    let unstable = poles.first().is_some_and(|p| p.norm() > 1.0 + 1e-6);
+    let rows = if unstable { Vec::new() } else { margins(&model, quiet)? };
+    let stable = !unstable && rows.iter().all(|(_, margins)| margins.stable);
     Ok(Findings {
         modes: modes(&linear)?,
         hidden: unreachable(&linear, 1e-9)?.len(),
-        all: model.disk_margin(Point::Commands, 0.0)?,
-        poles: model.poles()?,
+        all: if stable { Some(model.disk_margin(Point::Commands, 0.0)?) } else { None },
+        poles,
         plant: linear,
         trim,
         model,
         rows,
     })
+}
+
+/// What the loop bears at every command and at the first dozen of measurements.
+fn margins(model: &LoopModel, quiet: bool) -> Result<Vec<(String, LoopMargins)>> {
+    let commands = (0..model.commands.len()).map(|i| (model.commands[i].name.clone(), Point::Command(i)));
+    let measured =
+        (0..model.measurements.len().min(12)).map(|i| (model.measurements[i].name.clone(), Point::Measurement(i)));
+    let all: Vec<(String, Point)> = commands.chain(measured).collect();
+    let bar = progress::bar(all.len() as u64, "margins", quiet);
+    let rows = all.into_iter().map(|(name, point)| {
+        let found = (name, model.margins(point)?);
+        bar.inc(1);
+        Ok(found)
+    });
+    let rows = rows.collect();
+    bar.finish_and_clear();
+    rows
 }
 
 fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: bool) {
@@ -250,7 +273,7 @@ fn reach(found: &Findings) -> String {
 
 /// Its clock, whether it is stable, what all commands together bear.
 fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec<Fact> {
-    let (model, all) = (&found.model, &found.all);
+    let model = &found.model;
     let lasting = found.poles.first().map_or(0.0, |p| -(model.dt * model.period() as f64) / p.norm().ln());
     let mut facts = vec![
         Fact::new("gains", gains),
@@ -262,7 +285,7 @@ fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec
             false => Fact::new("worst pole grows in", format!("{} s", unlimited(-lasting, 3))).note("by e"),
         },
     ];
-    if stable {
+    if let Some(all) = &found.all {
         facts.push(Fact::new("disk margin, all commands", short(all.alpha, 3)).note(format!(
             "gains {} to {} or phases of {} ° in every command at once, met at {} rad/s",
             short(all.gain.0, 3),
@@ -357,7 +380,7 @@ fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool, writt
         "trim": { "state": found.trim.state, "input": found.trim.input, "residual": found.trim.residual, "limited": found.trim.limited },
         "modes": found.modes.iter().map(mode_json(&found.plant)).collect::<Vec<_>>(),
         "poles": found.poles.iter().map(|p| [p.re, p.im]).collect::<Vec<_>>(),
-        "all_commands": stable.then(|| disk(&found.all)), "margins": stable.then_some(rows),
+        "all_commands": found.all.as_ref().map(disk), "margins": stable.then_some(rows),
         "files": files::names(written),
     })
 }
