@@ -40,13 +40,7 @@ pub struct FlightArguments {
     #[arg(long, value_name = "NAME|FILE.toml", help_heading = "Flight", verbatim_doc_comment)]
     pub reference: Option<String>,
     /// Simulation step [s], above 0 and at most 1; commands are held within a step
-    #[arg(
-        long,
-        value_name = "SECONDS",
-        default_value_t = 0.002,
-        allow_negative_numbers = true,
-        help_heading = "Simulation"
-    )]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.002, help_heading = "Simulation")]
     pub dt: f64,
     /// Integrator steps within a simulation step, 1 to 1000
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Simulation")]

@@ -38,7 +38,7 @@ pub struct EnvArguments {
     #[arg(long, value_name = "NAME")]
     integrator: Option<IntegratorName>,
     /// Time of a step [s] [default: 0.016]
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS")]
     dt: Option<f64>,
     /// Steps of an episode [default: the task's, 500 or 600]
     #[arg(long, value_name = "STEPS")]

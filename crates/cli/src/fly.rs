@@ -117,13 +117,13 @@ pub struct Arguments {
     ///
     /// Bodies touch the ground at z = 0 and what is not joined to them. --seed disturbs the start a little.
     #[arg(long, value_name = "METRES", num_args = 0..=1, require_equals = true, default_missing_value = "1",
-          allow_negative_numbers = true, help_heading = "Flight")]
+          help_heading = "Flight")]
     drop: Option<f64>,
     /// Roll to hold beside the reference, -180 to 180 [degrees]; omav, dragon and platform only
-    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Flight")]
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, help_heading = "Flight")]
     roll: f64,
     /// Pitch to hold beside the reference, -90 to 90 [degrees]; omav, dragon and platform only
-    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Flight")]
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, help_heading = "Flight")]
     pitch: f64,
     /// When to turn to --roll and --pitch, and over how long [s]; a step unless told how long
     #[arg(long, value_name = "AT[:RAMP]", default_value = "1", value_parser = arguments::tilt_at, help_heading = "Flight")]
@@ -138,7 +138,7 @@ pub struct Arguments {
     #[arg(long, value_name = "KIND[:SEED]|FILE.toml", help_heading = "Flight")]
     scene: Option<String>,
     /// Length of the flight [s] [default: 15, or to 2 s after the last waypoint; configurations 20, drops 3]
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Flight")]
+    #[arg(long, value_name = "SECONDS", help_heading = "Flight")]
     duration: Option<f64>,
     /// Wind [m/s]: none, X,Y,Z, dryden:W20, or dryden:W20:X,Y,Z
     ///
@@ -159,7 +159,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE.csv", conflicts_with = "drop", help_heading = "Output")]
     beside: Option<PathBuf>,
     /// Exit with 1 if the tracking RMSE exceeds this [m]
-    #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Flight")]
+    #[arg(long, value_name = "METRES", help_heading = "Flight")]
     max_rmse: Option<f64>,
     #[command(flatten)]
     output: OutputArguments,

@@ -74,7 +74,7 @@ mod tune_grid;
 mod view;
 mod watch;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
@@ -222,6 +222,8 @@ pub fn main() -> ExitCode {
     // half a file is nobody's; who is to outlive a signal (nohup) goes on to
     let _ = ctrlc::try_set_handler(|| {
         let _writes_end = omnidrones::internals::remove_unfinished();
+        let _ =
+            writeln!(std::io::stderr(), "interrupted: no file is left half written; a training goes on by --resume");
         std::process::exit(130);
     });
     match outcome(std::env::args_os()) {
@@ -238,12 +240,21 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// The commands, whose options take negative numbers: what is below its range is then named with its limits, not as an unknown option.
+fn command() -> clap::Command {
+    fn open(command: clap::Command) -> clap::Command {
+        let takes = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
+        command.mut_args(|arg| if takes(&arg) { arg.allow_negative_numbers(true) } else { arg }).mut_subcommands(open)
+    }
+    open(Cli::command())
+}
+
 /// What the command line `words`, the program's name first, leads to: a report, or an error with which it exits.
 ///
 /// # Errors
 /// What clap says of words that it cannot read, and of those that ask for help or the version.
 pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::error::Result<Report>, clap::Error> {
-    Ok(match &Cli::try_parse_from(words)?.command {
+    Ok(match &Cli::from_arg_matches(&command().try_get_matches_from(words)?)?.command {
         Command::Fly(arguments) => fly::run(arguments),
         Command::Show(arguments) => show::run(arguments),
         Command::Models(arguments) => models::run(arguments),

@@ -14,10 +14,10 @@ use omnidrones::parallel::Threads;
 #[command(next_help_heading = "Plants")]
 pub struct PlantArguments {
     /// Judge the loop on plants whose mass, inertia and motor lag lie within 1 ± SHARE of what is believed
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true)]
+    #[arg(long, value_name = "SHARE")]
     spread: Option<f64>,
     /// How far the centre of mass may lie off, forward and to the left [m]
-    #[arg(long, value_name = "METRES", default_value_t = 0.0, requires = "spread", allow_negative_numbers = true)]
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, requires = "spread")]
     shift: f64,
     /// Random plants
     #[arg(long, value_name = "N", default_value_t = PlantBox::default().samples, requires = "spread")]

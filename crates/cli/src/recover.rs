@@ -55,19 +55,13 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", help_heading = "Controller")]
     controller: Option<String>,
     /// Largest tilt [degrees]
-    #[arg(
-        long,
-        value_name = "DEGREES",
-        default_value_t = 180.0,
-        allow_negative_numbers = true,
-        help_heading = "Starts"
-    )]
+    #[arg(long, value_name = "DEGREES", default_value_t = 180.0, help_heading = "Starts")]
     tilt: f64,
     /// Largest body rate [rad/s]
-    #[arg(long, value_name = "RATE", default_value_t = 12.0, allow_negative_numbers = true, help_heading = "Starts")]
+    #[arg(long, value_name = "RATE", default_value_t = 12.0, help_heading = "Starts")]
     rate: f64,
     /// Largest speed [m/s], in a random direction
-    #[arg(long, value_name = "SPEED", default_value_t = 0.0, allow_negative_numbers = true, help_heading = "Starts")]
+    #[arg(long, value_name = "SPEED", default_value_t = 0.0, help_heading = "Starts")]
     speed: f64,
     /// Intervals of tilt and of rate
     #[arg(long, value_name = "TILTS,RATES", value_delimiter = ',', default_values_t = [18, 6], help_heading = "Starts")]
@@ -76,7 +70,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 64, help_heading = "Starts")]
     starts: usize,
     /// Longest flight [s]
-    #[arg(long, value_name = "SECONDS", default_value_t = 6.0, allow_negative_numbers = true, help_heading = "Starts")]
+    #[arg(long, value_name = "SECONDS", default_value_t = 6.0, help_heading = "Starts")]
     duration: f64,
     /// Seed of the starts
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Starts")]

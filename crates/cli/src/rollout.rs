@@ -166,10 +166,10 @@ pub struct PlanArguments {
     #[arg(long, value_name = "N", help_heading = "Planner")]
     plan_iterations: Option<usize>,
     /// Size of such a step, of actions between -1 and 1 [default: 0.005]
-    #[arg(long, value_name = "X", help_heading = "Planner", allow_negative_numbers = true)]
+    #[arg(long, value_name = "X", help_heading = "Planner")]
     plan_rate: Option<f64>,
     /// Steps that the last one of a plan stands for [default: 20]
-    #[arg(long, value_name = "N", help_heading = "Planner", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", help_heading = "Planner")]
     plan_beyond: Option<f32>,
     /// Plan for the reward, not for the training loss
     #[arg(long, help_heading = "Planner")]

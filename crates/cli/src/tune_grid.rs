@@ -14,12 +14,10 @@ pub struct GridArguments {
     #[arg(long)]
     grid: bool,
     /// Accelerations of the circles [m/s²], separated by commas
-    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "grid", allow_negative_numbers = true,
-          default_values_t = FlightGrid::default().accelerations)]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "grid", default_values_t = FlightGrid::default().accelerations)]
     accelerations: Vec<f64>,
     /// Speeds of the circles [m/s], separated by commas
-    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "grid", allow_negative_numbers = true,
-          default_values_t = FlightGrid::default().speeds)]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "grid", default_values_t = FlightGrid::default().speeds)]
     speeds: Vec<f64>,
 }
 

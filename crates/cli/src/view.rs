@@ -46,7 +46,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 0)]
     port: u16,
     /// End after this long [s] [default: when it is stopped]
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
     #[command(flatten)]
     environment: EnvArguments,
