@@ -220,16 +220,17 @@ fn headline(subject: &Subject, answer: &Answer) -> String {
 }
 
 fn held(subject: &Subject, answer: &Answer) -> usize {
-    (0..subject.rotors.len()).filter(|i| state(subject, answer, *i) != "free").count()
+    (0..subject.rotors.len()).filter(|i| !["free", "lost"].contains(&state(subject, answer, *i))).count()
 }
 
 fn state(subject: &Subject, answer: &Answer, i: usize) -> &'static str {
     let (u, p) = (answer.solution.inputs[i], &subject.problem);
+    let at = |limit: f64| (u - limit).abs() <= 1e-9 * subject.largest[i];
     match () {
         () if p.upper[i] == 0.0 => "lost",
-        () if u == p.upper[i] && p.upper[i] < subject.largest[i] => "at its weakened limit",
-        () if u == p.upper[i] => "at its largest",
-        () if u == p.lower[i] => "at rest",
+        () if at(p.upper[i]) && p.upper[i] < subject.largest[i] => "at its weakened limit",
+        () if at(p.upper[i]) => "at its largest",
+        () if at(p.lower[i]) => "at rest",
         () => "free",
     }
 }
@@ -254,7 +255,7 @@ fn facts(subject: &Subject, answer: &Answer, a: &Arguments) -> Vec<Fact> {
         let what = match margin {
             m if m.abs() < 1e-9 * subject.weight => "on the edge of what the rotors can make",
             m if m > 0.0 => "inside what the rotors can make",
-            _ => "outside what the rotors can make",
+            _ => "outside what the rotors can make, by at least that",
         };
         let note = format!("{what}; nearest limit {}", reach.weakest());
         let size = if margin.abs() < 1e-9 * subject.weight { 0.0 } else { margin };

@@ -22,16 +22,10 @@ pub struct FailureArguments {
     #[arg(long, value_name = "ROTOR[:SHARE]", help_heading = "Failure")]
     pub fail: Vec<String>,
     /// When it fails [s]: once for all, or once for each --fail in order [default: 3]
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, requires = "fail", help_heading = "Failure")]
+    #[arg(long, value_name = "SECONDS", requires = "fail", help_heading = "Failure")]
     pub at: Vec<f64>,
     /// How long after a failure the controller knows of it [s]
-    #[arg(
-        long,
-        value_name = "SECONDS",
-        default_value_t = 0.05,
-        allow_negative_numbers = true,
-        help_heading = "Failure"
-    )]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.05, help_heading = "Failure")]
     pub detection: f64,
 }
 
@@ -211,7 +205,7 @@ fn explanation(left: &Assessment) -> String {
         ),
         Capability::Spinning => left.spin.as_ref().map_or_else(String::new, |spin| {
             format!(
-                "it spins at {} rad/s about an axis {}° from its thrust, and flies on as it does",
+                "it spins, without the air's drag at {} rad/s about an axis {}° from its thrust, and flies on as it does",
                 number((spin.rate / spin.axis[2]).abs(), 1),
                 number(spin.axis[2].acos().to_degrees(), 0)
             )

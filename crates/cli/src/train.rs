@@ -540,6 +540,15 @@ impl Trained<'_> {
                  --resume --updates N goes on to N."
             ));
         }
+        let restarts = o.curve.last().and_then(|line| line.get("restarts")).unwrap_or(0.0);
+        if restarts > 0.0 {
+            let times = if restarts == 1.0 { "once".into() } else { format!("{} times", short(restarts, 3)) };
+            page.line(format!(
+                "  It began again {times}, with other weights, since actions stood at their limits: {} of {} updates led here.",
+                self.config.updates().min(o.updates),
+                o.updates
+            ));
+        }
         if let Some(recipe) = self.recipe().filter(|recipe| *recipe > o.updates) {
             page.line(format!("  The recipe trains for {recipe} updates: a first look, behind {}.", o.updates));
         }

@@ -90,7 +90,7 @@ impl Derivatives {
         let all = levels.chain(learnt);
         let (name, axis, most) = all.max_by(|a, b| a.2.abs().total_cmp(&b.2.abs()))?;
         Some(format!(
-            "  gradient of the RMSE over {} gains, backwards through {} closed-loop steps: {}\n  \
+            "  gradient of the RMSE of the whole flight, its start included, over {} gains, backwards through {} closed-loop steps: {}\n  \
              most felt: {name} gain {axis}, {:+.2} mm for 10 % more",
             g.flat().len(),
             s.steps,
