@@ -57,6 +57,9 @@ pub struct Arguments {
     json: bool,
 }
 
+/// What drafts write behind their guesses.
+const GUESS: &str = "# assumed";
+
 struct Imported {
     import: Import,
     rotors_from: String,
@@ -100,8 +103,9 @@ fn import(a: &Arguments, options: &ImportOptions, written: &mut Vec<PathBuf>) ->
     let found = source::rotor_file(&a.file, options);
     if !a.draft {
         match import_file(&a.file, options) {
-            Ok(import) => {
+            Ok(mut import) => {
                 let rotors_from = source::rotor_source(&a.file, options);
+                import.assumptions.extend(found.as_deref().map(unedited).transpose()?.flatten());
                 return Ok(Imported { import, rotors_from, drafted: false });
             }
             // without a rotor file the reason may be just that: a draft fails for every other
@@ -122,6 +126,13 @@ fn import(a: &Arguments, options: &ImportOptions, written: &mut Vec<PathBuf>) ->
     import.assumptions.retain(|known| !assumptions.contains(known));
     import.assumptions.splice(0..0, assumptions);
     Ok(Imported { import, rotors_from: file_name, drafted: true })
+}
+
+/// How many guesses of a draft still stand in a rotor file.
+fn unedited(rotors: &Path) -> Result<Option<String>> {
+    let guesses = files::read_text(rotors, files::MAX_CONFIG_BYTES)?.matches(GUESS).count();
+    let told = || format!("{guesses} numbers of {} are marked '{GUESS}', as its draft was written", rotors.display());
+    Ok((guesses > 0).then(told))
 }
 
 /// Says what will be written, before it is.

@@ -3,7 +3,7 @@
 use super::arguments::{VehicleArguments, is_path};
 use super::page::Page;
 use omnidrones::dynamics::urdf::{Import, ImportOptions, RotorFile, import_file, import_text, rotor_file_beside};
-use omnidrones::dynamics::{Vehicle, vehicles};
+use omnidrones::dynamics::{Vehicle, configurations, vehicles};
 use omnidrones::error::{Error, Result};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -38,6 +38,12 @@ pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source>
     let path = Path::new(named);
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     let known = vehicles::names().iter().any(|name| name.eq_ignore_ascii_case(named));
+    if let Some(name) = configurations::names().into_iter().find(|name| !known && name.eq_ignore_ascii_case(named)) {
+        let remedy = format!(
+            "It is an articulated system: 'omnidrones fly {name}', 'show {name}' and 'linearise {name}' take it."
+        );
+        return Err(Error::value("vehicle", format!("'{name}'"), "a rigid vehicle", &remedy));
+    }
     if known || !is_path(named) {
         no_rotor_file(named, arguments)?;
         let vehicle = vehicles::by_name(named)?;
