@@ -8,6 +8,7 @@ use super::{Report, files, robot, source};
 use omnidrones::controllers::RotorFailure;
 use omnidrones::controllers::design::{ErrorState, Trim, TrimTarget, trim, trim_damaged};
 use omnidrones::controllers::linear::{Mode, modes, unobservable, unreachable};
+use omnidrones::dynamics::spatial::to_euler;
 use omnidrones::dynamics::{Disturbance, Physics, Plant, Vehicle};
 use omnidrones::error::{Error, Result};
 use serde_json::json;
@@ -58,19 +59,13 @@ pub struct Arguments {
     )]
     velocity: Option<Vec<f64>>,
     /// Rate about the vertical [rad/s]
-    #[arg(
-        long,
-        value_name = "RATE",
-        default_value_t = 0.0,
-        allow_negative_numbers = true,
-        help_heading = "Steady flight"
-    )]
+    #[arg(long, value_name = "RATE", default_value_t = 0.0, help_heading = "Steady flight")]
     yaw_rate: f64,
     /// Roll to hold [degrees]; found where it is not given
-    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = "Steady flight")]
+    #[arg(long, value_name = "DEGREES", help_heading = "Steady flight")]
     roll: Option<f64>,
     /// Pitch to hold [degrees]; found where it is not given
-    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = "Steady flight")]
+    #[arg(long, value_name = "DEGREES", help_heading = "Steady flight")]
     pitch: Option<f64>,
     /// Without this rotor, or with a share of it (1:0.6); what must spin to stay up is found in its turn, in place
     #[arg(long, value_name = "ROTOR[:SHARE]", help_heading = "Steady flight")]
@@ -150,6 +145,10 @@ pub fn run(a: &Arguments) -> Result<Report> {
             a.steady_flight(&vehicle, physics)?
         }
     };
+    if plant.rotors().is_empty() {
+        let remedy = "Take one that flies: 'omnidrones show' lists all.";
+        return Err(Error::value("configuration", format!("'{}'", plant.name()), "one with rotors", remedy));
+    }
     let step = ErrorState::of_plant(&plant)?.state_space(&plant, &found.state, &found.input, found.yaw_rate)?;
     let (modes, hidden): (Vec<Mode>, usize) = (modes(&step)?, unreachable(&step, 1e-9)?.len());
     let unseen = unobservable(&step, 1e-9)?.len();
@@ -171,10 +170,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         plant.name(),
         if a.continuous { "dx/dt about a steady flight" } else { "one step about a steady flight" },
     );
-    page.heading("Steady flight").facts(&[
-        Fact::new("residual", short(found.residual, 2)).note("largest rate of change that is left, SI units"),
-        Fact::new("commands at a limit", found.limited.len().to_string()),
-    ]);
+    page.heading("Steady flight").facts(&steady(&plant, &found));
     page.heading("Linear model").facts(&[
         Fact::new("states", model.n_state().to_string()).note("of the error: a rotation counts three"),
         Fact::new("inputs", model.n_input().to_string()),
@@ -187,4 +183,41 @@ pub fn run(a: &Arguments) -> Result<Report> {
         page.heading("Written").line(format!("  {}", file.display()));
     }
     Ok(Report::done(page.finish()))
+}
+
+/// Where the model is taken: how it moves, leans and turns, and what holds it there.
+fn steady(plant: &Plant, found: &Trim) -> Vec<Fact> {
+    let list = |numbers: &[f64]| {
+        let tidy = |x: f64| if x.abs() < 1e-9 { 0.0 } else { x };
+        numbers.iter().map(|x| short(tidy(*x), 3)).collect::<Vec<_>>().join(", ")
+    };
+    let is_command = |name: &str| name.ends_with(".action") || name.ends_with(".command");
+    let commands: Vec<f64> = plant
+        .input_quantities()
+        .iter()
+        .zip(&found.input)
+        .filter(|(q, _)| is_command(&q.name))
+        .map(|(_, u)| *u)
+        .collect();
+    let mut facts = Vec::new();
+    if let Some(root) = plant.roots().first() {
+        let [roll, pitch, _] = to_euler([6, 7, 8, 9].map(|k| found.state[root + k]));
+        facts.push(Fact::new("velocity", format!("{} m/s", list(&found.state[root + 3..root + 6]))));
+        facts.push(Fact::new("roll, pitch", format!("{} °", list(&[roll, pitch].map(f64::to_degrees)))));
+    }
+    facts.push(
+        Fact::new("commands", list(&commands))
+            .note("of rotors −1 stands, 1 is full thrust; of joints the ends of their range"),
+    );
+    if found.yaw_rate.abs() > 1e-9 {
+        facts.push(
+            Fact::new("turns", format!("{} rad/s", short(found.yaw_rate, 3)))
+                .note("about the vertical; the model is seen from a frame that turns with it"),
+        );
+    }
+    facts.extend([
+        Fact::new("residual", short(found.residual, 2)).note("largest rate of change that is left, SI units"),
+        Fact::new("commands at a limit", found.limited.len().to_string()),
+    ]);
+    facts
 }
