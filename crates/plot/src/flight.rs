@@ -430,7 +430,7 @@ fn rate_panels(log: &FlightLog) -> [Panel; 3] {
 }
 
 /// All angles, behind them what was commanded, or what the reference asks where nothing is known of commands.
-fn attitude_panel(log: &FlightLog) -> Panel {
+pub(super) fn attitude_panel(log: &FlightLog) -> Panel {
     let (actual, commanded) = (log.euler_angles(), log.commanded_euler_angles());
     let (name, asked) =
         if commanded.is_empty() { ("reference", log.reference_euler_angles()) } else { (COMMANDED, commanded) };

@@ -2,7 +2,8 @@
 
 use super::drawing::{Drawing, Item};
 use super::flight::{
-    FlightFigures, beside, error_panel, key_figures, path_chart, position_panel, rotor_panel, wind_panel,
+    FlightFigures, attitude_panel, beside, error_panel, key_figures, path_chart, position_panel, rotor_panel,
+    wind_panel,
 };
 use super::model::{items, rotor_ring, sticks};
 use super::{Colour, Figure, Panel, Path3d, Series};
@@ -49,13 +50,13 @@ pub fn joints(system: &Multibody, states: &[f64]) -> Vec<JointHistory> {
     groups.into_iter().map(history).collect()
 }
 
-/// The figures of a flight with those of its joints: `overview`, `path`, `error`, `rotors`, `attitude`, `rates`, `joints`.
+/// The figures of a flight with those of its joints: `overview`, `path`, `error`, `rotors`, `attitude`, `rates`, `joints` where it has some.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotFigures {
     /// As of a single vehicle, the path with what hangs on it.
     pub flight: FlightFigures,
-    /// Deflections over time.
-    pub joints: Figure,
+    /// Deflections over time; none of what has no joints, as a vehicle among obstacles.
+    pub joints: Option<Figure>,
 }
 
 impl RobotFigures {
@@ -71,18 +72,21 @@ impl RobotFigures {
         let tall = Path3d { elevation_deg: 32.0, azimuth_deg: -52.0, ..path.clone() };
         let panel = joint_panel(system, log, states);
         let mut flight = FlightFigures::new(log, after);
-        let panels = [position_panel(log), error_panel(log, after, true), rotor_panel(log), panel.clone()];
+        let last = panel.clone().unwrap_or_else(|| attitude_panel(log));
+        let panels = [position_panel(log), error_panel(log, after, true), rotor_panel(log), last];
         flight.overview = beside(figure("closed-loop flight"), tall, panels.into_iter().chain(wind_panel(log)));
         flight.path = figure("path").size(800.0, 560.0).chart(Path3d { title: String::new(), ..path });
-        Self { flight, joints: figure("joints").chart(panel) }
+        Self { flight, joints: panel.map(|panel| figure("joints").chart(panel)) }
     }
 
-    /// Writes all seven into `folder`, as `png` or `svg`; returns their paths.
+    /// Writes all of them into `folder`, as `png` or `svg`; returns their paths.
     pub fn save(&self, folder: impl AsRef<Path>, extension: &str) -> Result<Vec<PathBuf>> {
         let mut written = self.flight.save(&folder, extension)?;
-        let path = folder.as_ref().join(format!("joints.{extension}"));
-        self.joints.save(&path)?;
-        written.push(path);
+        if let Some(joints) = &self.joints {
+            let path = folder.as_ref().join(format!("joints.{extension}"));
+            joints.save(&path)?;
+            written.push(path);
+        }
         Ok(written)
     }
 }
@@ -122,8 +126,11 @@ fn along<'a>(system: &Multibody, states: &'a [f64]) -> Vec<&'a [f64]> {
     picked
 }
 
-fn joint_panel(system: &Multibody, log: &FlightLog, states: &[f64]) -> Panel {
+fn joint_panel(system: &Multibody, log: &FlightLog, states: &[f64]) -> Option<Panel> {
     let histories = joints(system, states);
+    if histories.is_empty() {
+        return None;
+    }
     let turns = histories.iter().all(|h| h.turns);
     let mut panel = Panel::new("Joints", "time [s]", if turns { "angle [°]" } else { "angle [°] or way [cm]" });
     for (i, h) in histories.iter().enumerate() {
@@ -132,7 +139,7 @@ fn joint_panel(system: &Multibody, log: &FlightLog, states: &[f64]) -> Panel {
         let line = Series::line(h.name.clone(), points).colour(Colour::nth(i)).width(1.2);
         panel = panel.series(if i < 7 { line } else { line.dashed() });
     }
-    panel
+    Some(panel)
 }
 
 /// What a fall is drawn from.
@@ -168,10 +175,9 @@ pub fn fall(system: &Multibody, fall: Fall<'_>) -> Figure {
     let clearance = panel("Lowest point above the ground", "height [cm]", fall.clearance, 100.0, Colour::BLUE);
     let load = panel("Force of the ground", "force / weight [-]", fall.load, 1.0, Colour::VERMILLION);
     let mut energy = panel("Energy", "energy [J]", fall.energy, 1.0, Colour::GREEN);
-    let angles = joint_panel(system, fall.log, fall.states);
     let title = format!("{}: drop", fall.log.vehicle);
     let figure = Figure::new(title).size(1000.0, 600.0);
-    if angles.series.is_empty() {
+    let Some(angles) = joint_panel(system, fall.log, fall.states) else {
         energy.x_label = "time [s]".into();
         let grid = figure.grid(&[1.0, 1.1], &[1.0; 6]);
         return grid
@@ -180,7 +186,7 @@ pub fn fall(system: &Multibody, fall: Fall<'_>) -> Figure {
             .place((1, 0), (1, 2), clearance)
             .place((1, 2), (1, 2), load)
             .place((1, 4), (1, 2), energy);
-    }
+    };
     figure
         .grid(&[1.0, 1.1], &[1.0; 4])
         .place((0, 0), (1, 2), drawing("at the start", rows.first()))

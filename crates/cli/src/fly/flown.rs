@@ -21,7 +21,7 @@ use omnidrones::dynamics::{Plant, Quantity};
 use omnidrones::error::Result;
 use omnidrones::flight::{Commanded, FlightSummary, LOST};
 use omnidrones_plot::flight::FlightFigures;
-use omnidrones_plot::robot::{JointHistory, RobotFigures};
+use omnidrones_plot::robot::{JointHistory, RobotFigures, joints};
 use omnidrones_plot::sensors::sensor_figures;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -64,7 +64,7 @@ pub(super) fn write(
         let path = folder.join("flight.csv");
         flight.log.write_csv(&path)?;
         written.push(path);
-        if let Some(system) = plant.tree() {
+        if let Some(system) = plant.tree().filter(|system| !joints(system, &flight.states).is_empty()) {
             let path = folder.join("joints.csv");
             files::replace(&path, joint_csv(system, flight))?;
             written.push(path);

@@ -136,6 +136,13 @@ fn a_scene_stands_around_what_flies_and_what_begins_inside_of_it_is_refused() {
     assert!(nearest["distance"].as_f64().is_some_and(|d| d > 1.0), "{nearest}");
     let (page, _) = exits(0, folder.path(), &fly("gates:1"));
     assert!(page.contains("gates:1") && page.contains("10 gates; nearest"), "{page}");
+    // what has no joints has no figure of them
+    let drawn =
+        ["fly", "hummingbird", "--scene", "gates:1", "--duration", "2", "--reference", "hover", "--out", "drawn"];
+    exits(0, folder.path(), &drawn);
+    assert!(
+        ["overview.png", "joints.png"].map(|name| folder.path().join("drawn").join(name).exists()) == [true, false]
+    );
     let (_, err) = exits(2, folder.path(), &fly("forrest"));
     assert!(err.contains("did you mean 'forest'?"), "{err}");
     let block = "[[obstacles]]\nname = 'block'\nshape = { geometry = { box = { size = [4.0, 4.0, 4.0] } } }";
