@@ -205,7 +205,7 @@ fn explanation(left: &Assessment) -> String {
         ),
         Capability::Spinning => left.spin.as_ref().map_or_else(String::new, |spin| {
             format!(
-                "it spins, without the air's drag at {} rad/s about an axis {}° from its thrust, and flies on as it does",
+                "it spins at {} rad/s (reckoned without drag) about an axis {}° from its thrust, and flies on as it does",
                 number((spin.rate / spin.axis[2]).abs(), 1),
                 number(spin.axis[2].acos().to_degrees(), 0)
             )

@@ -131,7 +131,7 @@ fn import(a: &Arguments, options: &ImportOptions, written: &mut Vec<PathBuf>) ->
 /// How many guesses of a draft still stand in a rotor file.
 fn unedited(rotors: &Path) -> Result<Option<String>> {
     let guesses = files::read_text(rotors, files::MAX_CONFIG_BYTES)?.matches(GUESS).count();
-    let told = || format!("{guesses} numbers of {} are marked '{GUESS}', as its draft was written", rotors.display());
+    let told = || format!("{guesses} lines of {} are marked '{GUESS}', as its draft was written", rotors.display());
     Ok((guesses > 0).then(told))
 }
 

@@ -74,9 +74,10 @@ mod tune_grid;
 mod view;
 mod watch;
 
+use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;
-use std::io::{ErrorKind, Write};
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::process::ExitCode;
 
 /// What a command leaves behind.
@@ -222,8 +223,10 @@ pub fn main() -> ExitCode {
     // half a file is nobody's; who is to outlive a signal (nohup) goes on to
     let _ = ctrlc::try_set_handler(|| {
         let _writes_end = omnidrones::internals::remove_unfinished();
-        let _ =
-            writeln!(std::io::stderr(), "interrupted: no file is left half written; a training goes on by --resume");
+        if std::io::stderr().is_terminal() {
+            let told = "stopped: no file is left half written, and a training goes on by --resume";
+            let _ = writeln!(std::io::stderr(), "{told}");
+        }
         std::process::exit(130);
     });
     match outcome(std::env::args_os()) {
@@ -249,12 +252,30 @@ fn command() -> clap::Command {
     open(Cli::command())
 }
 
+/// With a word of what is asked for, where a number has its unit behind it or may not be negative.
+fn with_tip(mut error: clap::Error) -> clap::Error {
+    let Some(ContextValue::String(value)) = error.get(ContextKind::InvalidValue) else { return error };
+    let number = value.trim_end_matches(|c: char| c.is_alphabetic() || "°/²".contains(c));
+    let source = std::error::Error::source(&error);
+    let whole = source.is_some_and(|e| e.is::<std::num::ParseIntError>());
+    let real = source.is_some_and(|e| e.is::<std::num::ParseFloatError>());
+    let tip = match () {
+        () if (whole || real) && number != value && number.parse::<f64>().is_ok() => {
+            "leave the unit out, and give the number in the unit that --help names"
+        }
+        () if whole && value.parse::<i64>().is_ok_and(|n| n < 0) => "it counts: no number below 0",
+        () => return error,
+    };
+    error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    error
+}
+
 /// What the command line `words`, the program's name first, leads to: a report, or an error with which it exits.
 ///
 /// # Errors
 /// What clap says of words that it cannot read, and of those that ask for help or the version.
 pub fn outcome(words: impl IntoIterator<Item = OsString>) -> Result<omnidrones::error::Result<Report>, clap::Error> {
-    Ok(match &Cli::from_arg_matches(&command().try_get_matches_from(words)?)?.command {
+    Ok(match &Cli::from_arg_matches(&command().try_get_matches_from(words).map_err(with_tip)?)?.command {
         Command::Fly(arguments) => fly::run(arguments),
         Command::Show(arguments) => show::run(arguments),
         Command::Models(arguments) => models::run(arguments),

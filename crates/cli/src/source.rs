@@ -40,7 +40,7 @@ pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source>
     let known = vehicles::names().iter().any(|name| name.eq_ignore_ascii_case(named));
     if let Some(name) = configurations::names().into_iter().find(|name| !known && name.eq_ignore_ascii_case(named)) {
         let remedy = format!(
-            "It is an articulated system: 'omnidrones fly {name}', 'show {name}' and 'linearise {name}' take it."
+            "It is an articulated system: 'omnidrones show {name}' shows it; 'fly' and 'linearise' take those with rotors."
         );
         return Err(Error::value("vehicle", format!("'{name}'"), "a rigid vehicle", &remedy));
     }

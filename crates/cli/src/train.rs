@@ -543,11 +543,9 @@ impl Trained<'_> {
         let restarts = o.curve.last().and_then(|line| line.get("restarts")).unwrap_or(0.0);
         if restarts > 0.0 {
             let times = if restarts == 1.0 { "once".into() } else { format!("{} times", short(restarts, 3)) };
-            page.line(format!(
-                "  It began again {times}, with other weights, since actions stood at their limits: {} of {} updates led here.",
-                self.config.updates().min(o.updates),
-                o.updates
-            ));
+            let led = self.config.updates().min(o.updates);
+            let led = if o.stopped { String::new() } else { format!(": {led} of {} updates led here", o.updates) };
+            page.line(format!("  It began again {times}, with other weights, since hidden units were saturated{led}."));
         }
         if let Some(recipe) = self.recipe().filter(|recipe| *recipe > o.updates) {
             page.line(format!("  The recipe trains for {recipe} updates: a first look, behind {}.", o.updates));

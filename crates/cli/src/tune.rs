@@ -35,7 +35,7 @@ Examples:
   omnidrones tune iris --gains derived --json --no-plots    from derived gains, for a program
   omnidrones tune hummingbird --grid --randomise 0.3        on circles and plants, judged on others
 
-Files in --out: gains.toml where they are better (fly with them: omnidrones fly VEHICLE --gains out/VEHICLE/gains.toml), and tune.png or \
+Files in --out: gains.toml where they are better, else one of before stays (fly with them: omnidrones fly VEHICLE --gains out/VEHICLE/gains.toml), and tune.png or \
 tune.svg: the descent, and one flight before and after.
 
 JSON: SI units; \"before\" and \"after\" are held-out flights: mean and worst RMSE (the start included), and crashes \
@@ -188,9 +188,11 @@ pub fn run(a: &Arguments) -> Result<Report> {
         page.heading("Cells").table(&tune_grid::table(&cells, &tuning));
     }
     page.heading("Gains").table(&sheet::gains_table(vehicle, &[(&gains_name, gains), ("tuned", tuning.gains)]));
-    page.heading("Written");
-    for path in &written {
-        page.line(format!("  {}", path.display()));
+    if !written.is_empty() {
+        page.heading("Written");
+        for path in &written {
+            page.line(format!("  {}", path.display()));
+        }
     }
     page.line("");
     for warning in warnings(&tuning) {
@@ -201,9 +203,9 @@ pub fn run(a: &Arguments) -> Result<Report> {
         page.line(format!("Fly with them: omnidrones fly {} --gains {gains}", a.vehicle));
     } else {
         page.line(if passes {
-            "FAILED: not better on all that was held out, or not without a crash; no gains.toml is written. Try more --starts, or a smaller --learning-rate"
+            "FAILED: not better on all that was held out, or not without a crash; no gains.toml is written, and one of before is left. Try more --starts, or a smaller --learning-rate"
         } else {
-            "FAILED: no gains on the way bear what --margins asks for, so those it started from are kept; no gains.toml is written. Try a smaller --disk"
+            "FAILED: no gains on the way bear what --margins asks for, so those it started from are kept; no gains.toml is written, and one of before is left. Try a smaller --disk"
         });
     }
     Ok(Report { text: page.finish(), success: better })

@@ -39,6 +39,9 @@ fn linearise_writes_models_with_named_signals() {
     assert_eq!(told["model"], saved);
     let (page, _) = exits(0, folder.path(), &["linearise", "iris", "--velocity", "8,0,1", "--continuous"]);
     assert!(page.contains("continuous") && page.contains("Modes"), "{page}");
+    assert!(page.contains("8, 0, 1 m/s") && page.contains("roll, pitch") && !page.contains("turns"), "{page}");
+    let (page, _) = exits(0, folder.path(), &["linearise", "hummingbird", "--fail", "1"]);
+    assert!(page.contains("a frame that turns with it"), "{page}");
 }
 
 #[test]
@@ -57,8 +60,26 @@ fn tune_tells_margins_and_holds_none_that_it_cannot() {
         "0.5",
         "--no-plots",
     ];
-    let (page, _) = exits(1, folder.path(), &[&short[..], &["--margins", "--disk", "1.5"]].concat());
+    let refused = [&short[..], &["--margins", "--disk", "1.5"]].concat();
+    let (page, _) = exits(1, folder.path(), &refused);
     assert!(page.contains("disk margin at hover") && page.contains("FAILED: no gains on the way bear"), "{page}");
+    assert!(page.contains("a disk margin of 1.5 is asked for") && page.contains("the gate does not ask"), "{page}");
+    // gains of a tuning before are not written over by those that this one began with
+    let gains = folder.path().join("out/hummingbird/gains.toml");
+    assert!(!gains.exists());
+    std::fs::write(&gains, "# better").expect("written");
+    exits(1, folder.path(), &refused);
+    assert_eq!(std::fs::read_to_string(&gains).expect("kept"), "# better");
+}
+
+#[test]
+fn a_loop_that_is_not_stable_is_told_without_a_search_for_its_margins() {
+    let folder = temporary();
+    let begun = std::time::Instant::now();
+    let (page, _) = exits(1, folder.path(), &["design", "iris", "--latency", "100"]);
+    assert!(page.contains("FAILED: the loop is not stable"), "{page}");
+    // measured 1.0 s; the search took longer than a minute
+    assert!(begun.elapsed().as_secs() < 30, "{:?}", begun.elapsed());
 }
 
 #[test]
@@ -89,7 +110,13 @@ fn tune_on_a_grid_judges_the_other_half_on_plants_of_its_own() {
 #[test]
 fn what_does_not_fit_is_refused_by_name() {
     let folder = temporary();
-    let cases: [(&[&str], &str); 13] = [
+    let cases: [(&[&str], &str); 19] = [
+        (&["design", "iris", "--latency", "1000"], "0 to 128 steps"),
+        (&["design", "payload"], "articulated"),
+        (&["linearise", "gate"], "with rotors"),
+        (&["tune", "iris", "--iterations", "-3"], "invalid value '-3' for '--iterations"),
+        (&["fly", "iris", "--seed", "-1"], "tip: it counts: no number below 0"),
+        (&["fly", "iris", "--dt", "2ms"], "tip: leave the unit out"),
         (&["recover", "iris", "--tilt", "200"], "--tilt"),
         (&["recover", "iris", "--cells", "4"], "--cells"),
         (&["recover", "iris", "--cells", "1,10000000", "--starts", "1"], "intervals of body rate"),

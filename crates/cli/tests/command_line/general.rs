@@ -182,6 +182,7 @@ fn import_drafts_rotor_data_once_and_says_what_it_assumed() {
 
     let (again, _) = exits(0, folder.path(), &["import", "plain_x.urdf"]);
     assert!(!again.contains("DRAFT") && again.contains("drafted from names"), "{again}");
+    assert!(again.contains("are marked '# assumed'"), "{again}");
     let (_, err) = exits(2, folder.path(), &["import", "plain_x.urdf", "--draft"]);
     assert!(err.contains("which exists") && err.contains("--force"), "{err}");
     let (out, _) = exits(0, folder.path(), &["import", "plain_x.urdf", "--draft", "--out", "new"]);
@@ -229,6 +230,14 @@ fn bench_measures_every_group() {
     let rows = measured["rows"].as_array().expect("a list");
     assert!(rows.len() > 5);
     assert!(rows.iter().all(|r| r["value"].as_f64().is_some_and(|v| v > 0.0)), "{measured}");
+    // a step that takes longer than the plain one is dear, and one of many in lanes is cheap: rates and times alike
+    let in_lanes: Vec<_> = rows.iter().filter(|r| r["group"] == "derivative" && r["unit"] == "M/s").collect();
+    assert_eq!(in_lanes.len(), 2, "{measured}");
+    for row in in_lanes {
+        let faster = 1e-3 * row["value"].as_f64().unwrap() * rows[0]["value"].as_f64().unwrap();
+        // the plain step may have been slower when it was measured first
+        assert!((0.3..1.01).contains(&(row["ratio"].as_f64().unwrap() / faster)), "{row}: {faster} times as fast");
+    }
     assert!(is_file(folder.path().join("out/bench/bench.png")));
 }
 
