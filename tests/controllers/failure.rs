@@ -67,7 +67,7 @@ fn the_margin_is_the_radius_of_the_largest_ball_that_the_allocator_reaches() {
     // 5 % beyond the weakest direction is missed by 5 % exactly
     // measured: 5.9e-8 within the ball, 0.0500 beyond it
     println!("measured: miss within the ball {worst_inside:.1e}, 5 % beyond it {least_outside:.4} of the margin");
-    assert!(worst_inside < 3e-7 && (least_outside - 0.05).abs() < 1e-4);
+    assert!(worst_inside < 1e-6 && (least_outside - 0.05).abs() < 1e-4);
 }
 
 #[test]

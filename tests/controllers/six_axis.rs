@@ -135,7 +135,7 @@ fn assert_certified(robot: &Robot) {
     println!("residuals {worst:?}, {counts:?}");
     assert!(counts.iter().all(|c| c.of(Solver::Held) == 0), "{counts:?}");
     // measured: at most 3.8e-16 (clarabel), 8.1e-16 (box)
-    assert!(worst.iter().all(|w| *w <= 1e-12), "{worst:?}");
+    assert!(worst.iter().all(|w| *w <= 1e-10), "{worst:?}");
 }
 
 fn assert_servos_in_range(robot: &Robot, flight: &Flight) {

