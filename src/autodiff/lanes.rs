@@ -107,8 +107,9 @@ impl<K: Kernel> WithSimd for Entry<K> {
     }
 }
 
-/// A local of this type makes a function begin its frame with a cache line. Frames begin at any sixteenth byte else, registers that
-/// are kept there cross lines at three of four places, and a step costs a quarter more by chance of who calls it.
+/// A local of this type makes a function begin its frame with a cache line. Frames begin at any sixteenth byte else (which is all that
+/// NEON and one lane ask for), registers that are kept there cross lines at three of four places, and a step costs a quarter more by
+/// chance of who calls it.
 #[repr(align(64))]
 struct CacheLine {
     _bytes: [u8; 64],
