@@ -326,7 +326,8 @@ fn margins_table(found: &Findings) -> Table {
 /// Below it a rate or an angle is what rounding left of 0.
 const NOTHING: f64 = 1e-9;
 
-fn tidy(value: f64) -> f64 {
+/// The value, or 0 for what rounding left of it.
+pub fn tidy(value: f64) -> f64 {
     if value.abs() < NOTHING { 0.0 } else { value }
 }
 

@@ -1,7 +1,7 @@
 //! `omnidrones linearise`: the exact linear model of a vehicle or a configuration about a steady flight.
 
 use super::arguments::{FlightArguments, VehicleArguments};
-use super::design::modes_table;
+use super::design::{modes_table, tidy};
 use super::failure::named;
 use super::page::{Fact, Page, short};
 use super::{Report, files, robot, source};
@@ -187,10 +187,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
 
 /// Where the model is taken: how it moves, leans and turns, and what holds it there.
 fn steady(plant: &Plant, found: &Trim) -> Vec<Fact> {
-    let list = |numbers: &[f64]| {
-        let tidy = |x: f64| if x.abs() < 1e-9 { 0.0 } else { x };
-        numbers.iter().map(|x| short(tidy(*x), 3)).collect::<Vec<_>>().join(", ")
-    };
+    let list = |numbers: &[f64]| numbers.iter().map(|x| short(tidy(*x), 3)).collect::<Vec<_>>().join(", ");
     let is_command = |name: &str| name.ends_with(".action") || name.ends_with(".command");
     let commands: Vec<f64> = plant
         .input_quantities()
@@ -209,7 +206,7 @@ fn steady(plant: &Plant, found: &Trim) -> Vec<Fact> {
         Fact::new("commands", list(&commands))
             .note("of rotors −1 stands, 1 is full thrust; of joints the ends of their range"),
     );
-    if found.yaw_rate.abs() > 1e-9 {
+    if tidy(found.yaw_rate) != 0.0 {
         facts.push(
             Fact::new("turns", format!("{} rad/s", short(found.yaw_rate, 3)))
                 .note("about the vertical; the model is seen from a frame that turns with it"),

@@ -64,7 +64,7 @@ pub(super) fn write(
         let path = folder.join("flight.csv");
         flight.log.write_csv(&path)?;
         written.push(path);
-        if let Some(system) = plant.tree().filter(|system| !joints(system, &flight.states).is_empty()) {
+        if let Some(system) = plant.tree().filter(|system| !joints(system, &[]).is_empty()) {
             let path = folder.join("joints.csv");
             files::replace(&path, joint_csv(system, flight))?;
             written.push(path);
