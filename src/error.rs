@@ -158,7 +158,7 @@ impl Error {
                 )
             }
         };
-        let rule = error.message().lines().collect::<Vec<_>>().join(" ");
+        let rule = in_words(&error.message().lines().collect::<Vec<_>>().join(" "));
         let remedy = unknown_key_remedy(&rule).unwrap_or_else(|| "Correct it there.".into());
         Self::Format { file: file.into(), place, rule, remedy }
     }
@@ -195,11 +195,21 @@ fn side(value: &str, limit: &str) -> &'static str {
 fn unknown_key_remedy(message: &str) -> Option<String> {
     let mut quoted = message.strip_prefix("unknown field ")?.split('`').skip(1).step_by(2);
     let key = quoted.next()?;
-    let nearest = quoted.map(|known| (edit_distance(key, known), known)).min();
-    Some(match nearest {
-        Some((distance, known)) if 2 * distance <= known.len() => format!("Did you mean `{known}`?"),
-        _ => "Remove the key: it has no meaning there.".into(),
+    Some(match nearest(key, quoted) {
+        Some(known) => format!("Did you mean `{known}`?"),
+        None => "Remove the key: it has no meaning there.".into(),
     })
+}
+
+/// What the parser says with Rust's names of types, in those of numbers, and without the full stop that the sentence gets.
+fn in_words(said: &str) -> String {
+    let whole = ["usize", "u64", "u32", "u16", "u8"].map(|kind| (kind, "a whole number from 0"));
+    let real = ["f64", "f32"].map(|kind| (kind, "a number"));
+    let named = whole.into_iter().chain(real).find(|(kind, _)| said.ends_with(&format!("expected {kind}")));
+    match named {
+        Some((kind, words)) => format!("{}{words}", said.trim_end_matches(kind)),
+        None => said.trim_end_matches('.').into(),
+    }
 }
 
 /// A number of hundreds of digits in scientific notation; any other text as it is.
@@ -221,14 +231,22 @@ pub(crate) fn finite(what: &str, values: &[f64]) -> Result<()> {
     }
 }
 
-/// ` (did you mean 'x'?)` for the nearest known name within two edits, else nothing.
+/// ` (did you mean 'x'?)` for the [`nearest`] known name, else nothing.
 pub(crate) fn suggestion(name: &str, known: &[String]) -> String {
-    known
-        .iter()
-        .map(|k| (edit_distance(&name.to_lowercase(), &k.to_lowercase()), k))
-        .min()
-        .filter(|(d, _)| *d <= 2)
-        .map_or(String::new(), |(_, k)| format!(" (did you mean '{k}'?)"))
+    nearest(name, known.iter().map(String::as_str)).map_or(String::new(), |k| format!(" (did you mean '{k}'?)"))
+}
+
+/// The known name that `name` begins, from three letters on, or that is fewest edits away, at most half of either's letters.
+fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let name = name.to_lowercase();
+    let ranked = known.map(|k| {
+        let lower = k.to_lowercase();
+        let begins = name.len() >= 3 && lower.starts_with(&name);
+        (!begins, edit_distance(&name, &lower), k)
+    });
+    let (no_beginning, edits, k) = ranked.min()?;
+    let near = 2 * edits <= name.chars().count().min(k.chars().count());
+    (near || !no_beginning).then_some(k)
 }
 
 /// Levenshtein distance, by one row of the usual table.
@@ -259,6 +277,28 @@ mod tests {
             text,
             "no vehicle is called 'humingbird' (did you mean 'hummingbird'?). Known: hummingbird, firefly"
         );
+    }
+
+    #[test]
+    fn a_beginning_is_suggested_whole_and_a_letter_is_no_name() {
+        let known = ["learning_rate".to_string(), "updates".into(), "0".into()];
+        assert_eq!(suggestion("learn", &known), " (did you mean 'learning_rate'?)");
+        assert_eq!(suggestion("Udpates", &known), " (did you mean 'updates'?)");
+        assert_eq!(suggestion("x", &known), "");
+        assert_eq!(suggestion("up", &known), "");
+    }
+
+    #[test]
+    fn the_parser_speaks_of_numbers_not_of_types() {
+        #[derive(Debug, serde::Deserialize)]
+        struct Settings {
+            #[expect(dead_code)]
+            updates: usize,
+        }
+        let text = "updates = 'many'";
+        let said = Error::of_toml(&toml::from_str::<Settings>(text).unwrap_err(), text, "my.toml").to_string();
+        assert!(said.contains("expected a whole number from 0. Correct it there."), "{said}");
+        assert_eq!(in_words("it has no rotors."), "it has no rotors");
     }
 
     #[test]
