@@ -68,7 +68,7 @@ pub struct DqnConfig {
     pub learning_rate: Schedule,
     /// Largest norm of the gradient.
     pub max_grad_norm: f64,
-    /// Errors beyond it count linearly.
+    /// Errors of means beyond it count linearly (those of quantiles beyond 0.02, whatever stands here).
     pub huber: f64,
     /// Whether observations are normalised by their running mean and deviation.
     pub normalise_observation: bool,
