@@ -24,6 +24,16 @@ fn radius(model: &LoopModel) -> f64 {
 }
 
 #[test]
+fn a_loop_that_is_not_stable_bears_nothing() {
+    let vehicle = vehicles::by_name("iris").unwrap();
+    let late = model(&vehicle, &vehicle.gains(), &ONE_RATE, 100).unwrap();
+    assert!(radius(&late) > 1.0);
+    let told = late.margins(Point::Command(0)).unwrap();
+    assert!(!told.stable && (told.gain_up, told.gain_down) == (1.0, 1.0), "{told:?}");
+    assert!((told.phase, told.delay, told.disk.alpha) == (0.0, 0.0, 0.0), "{told:?}");
+}
+
+#[test]
 fn at_one_rate_margins_are_those_of_the_plain_loop() {
     for name in vehicles::names() {
         let vehicle = vehicles::by_name(name).unwrap();

@@ -231,13 +231,16 @@ impl LoopModel {
         Ok(omega.iter().map(|w| at(*w)).collect())
     }
 
-    /// How much the loop bears at one point.
+    /// How much the loop bears at one point: nothing, told without a search, where it is not stable.
     ///
     /// # Errors
     /// As [`sensitivity`](Self::sensitivity).
     pub fn margins(&self, point: Point) -> Result<LoopMargins> {
         let open = self.open(point)?;
         let holds = |factor: Complex<f64>| stable_with(&open, factor);
+        if !holds(Complex::new(1.0, 0.0)) {
+            return Ok(LoopMargins::NONE);
+        }
         let along = |path: &dyn Fn(f64) -> Complex<f64>, end: f64| first_failure(&|t| holds(path(t)), end);
         // factors from 1 up to 100 and down to 0, by their logarithms
         let up = along(&|t| Complex::new(t.exp(), 0.0), 100.0_f64.ln()).map_or(f64::INFINITY, f64::exp);
@@ -245,7 +248,7 @@ impl LoopModel {
         let lag = along(&|t| Complex::from_polar(1.0, -t), PI);
         let lead = along(&|t| Complex::from_polar(1.0, t), PI);
         Ok(LoopMargins {
-            stable: holds(Complex::new(1.0, 0.0)),
+            stable: true,
             gain_up: up,
             gain_down: down,
             phase: lag.unwrap_or(f64::INFINITY).min(lead.unwrap_or(f64::INFINITY)),
@@ -357,6 +360,12 @@ pub struct LoopMargins {
     pub delay: f64,
     /// Gain and phase at once.
     pub disk: DiskMargin,
+}
+
+impl LoopMargins {
+    /// What a loop that is not stable bears.
+    const NONE: Self =
+        Self { stable: false, gain_up: 1.0, gain_down: 1.0, phase: 0.0, delay: 0.0, disk: DiskMargin::NONE };
 }
 
 /// Inputs of the steps of one period: as many as it takes until they come again, up to the slowest rate of 1 Hz.

@@ -31,6 +31,9 @@ pub struct DiskMargin {
 }
 
 impl DiskMargin {
+    /// That of a loop that is not stable.
+    pub(crate) const NONE: Self = Self { alpha: 0.0, omega: 0.0, gain: (1.0, 1.0), phase: 0.0 };
+
     fn new(alpha: f64, omega: f64, skew: f64) -> Self {
         let low = (2.0 - alpha * (1.0 - skew)) / (2.0 + alpha * (1.0 + skew));
         let most = 2.0 - alpha * (1.0 + skew);
