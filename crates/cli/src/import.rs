@@ -57,9 +57,6 @@ pub struct Arguments {
     json: bool,
 }
 
-/// What drafts write behind their guesses.
-const GUESS: &str = "# assumed";
-
 struct Imported {
     import: Import,
     rotors_from: String,
@@ -130,8 +127,9 @@ fn import(a: &Arguments, options: &ImportOptions, written: &mut Vec<PathBuf>) ->
 
 /// How many guesses of a draft still stand in a rotor file.
 fn unedited(rotors: &Path) -> Result<Option<String>> {
-    let guesses = files::read_text(rotors, files::MAX_CONFIG_BYTES)?.matches(GUESS).count();
-    let told = || format!("{guesses} lines of {} are marked '{GUESS}', as its draft was written", rotors.display());
+    let guesses = files::read_text(rotors, files::MAX_CONFIG_BYTES)?.matches(Draft::GUESS).count();
+    let (file, mark) = (rotors.display(), Draft::GUESS);
+    let told = || format!("{guesses} lines of {file} are marked '{mark}', as its draft was written");
     Ok((guesses > 0).then(told))
 }
 

@@ -19,6 +19,11 @@ pub struct Draft {
     pub assumptions: Vec<String>,
 }
 
+impl Draft {
+    /// Begins the comment behind every guess.
+    pub const GUESS: &str = "# assumed";
+}
+
 /// Drafts the rotor file of a URDF text.
 ///
 /// Rotor links are recognised by name (rotor, prop, propeller, motor), spins alternate by angle, and the coefficients
@@ -42,7 +47,7 @@ pub fn draft_rotors(text: &str, file_name: &str, options: &ImportOptions) -> Res
             shapes: vec![],
             published_gains: None,
         };
-        let notes: String = read.assumptions.iter().map(|a| format!("# assumed: {a}\n")).collect();
+        let notes: String = read.assumptions.iter().map(|a| format!("{}: {a}\n", Draft::GUESS)).collect();
         return Ok(Draft { toml: notes + &export::rotor_file(&vehicle).to_toml()?, assumptions: read.assumptions });
     }
     if links.len() > MAX_ROTORS {
@@ -72,23 +77,24 @@ fn guess(read: &Read, links: &[usize]) -> Draft {
     if spins.iter().sum::<f64>() != 0.0 {
         assumptions.push("The spins do not cancel: an odd number of rotors turns the vehicle in hover.".into());
     }
+    let mark = Draft::GUESS;
     let mut toml = format!("# Draft for {}: every line marked 'assumed' is a guess.\n", super::clean(&read.file));
     let _ = write!(toml, "source = \"drafted from names and mass; nothing measured\"\n\n[defaults]\n");
     for line in &lines {
-        let _ = writeln!(toml, "{} = {:?} # assumed: {}", line.key, line.value, line.why);
+        let _ = writeln!(toml, "{} = {:?} {mark}: {}", line.key, line.value, line.why);
     }
     for (i, (position, spin)) in positions.iter().zip(&spins).enumerate() {
         let _ = write!(toml, "\n[[rotors]]\n");
         match on.get(i).filter(|_| from_links) {
             Some(body) => {
-                let _ = writeln!(toml, "link = {} # assumed: by its name", toml::Value::from(body.name.as_str()));
+                let _ = writeln!(toml, "link = {} {mark}: by its name", toml::Value::from(body.name.as_str()));
             }
             None => {
                 let [x, y, z]: [f64; 3] = (*position).into();
-                let _ = writeln!(toml, "position = [{x:.6}, {y:.6}, {z:.6}] # assumed: no link is named like a rotor");
+                let _ = writeln!(toml, "position = [{x:.6}, {y:.6}, {z:.6}] {mark}: no link is named like a rotor");
             }
         }
-        let _ = writeln!(toml, "spin = {spin:.0} # assumed: alternating");
+        let _ = writeln!(toml, "spin = {spin:.0} {mark}: alternating");
     }
     Draft { toml, assumptions }
 }
