@@ -86,9 +86,10 @@ pub(crate) fn keeps(name: &str, measured: &Measured, mut work: impl FnMut()) {
 fn deeper(place: usize, work: &mut dyn FnMut() -> f64) -> f64 {
     #[inline(never)]
     fn below<const N: usize>(work: &mut dyn FnMut() -> f64) -> f64 {
-        let room = black_box([0_u8; N]);
+        let mut room = [0_u8; N];
+        black_box(&mut room);
         let told = work();
-        black_box(&room);
+        black_box(&mut room);
         told
     }
     match place {
