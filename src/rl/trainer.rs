@@ -543,14 +543,14 @@ fn difficulty(task: &str, config: &TrainConfig) -> Result<Option<Difficulty>> {
     let env = Env::make(task, &EnvConfig { n_env: 1, ..config.env.clone() })?;
     let largest = env.spec().reward_bound * env.spec().horizon as f64;
     if config.curriculum.good == GoodEpisode::Return {
-        let (value, remedy) = (format!("return, up to {largest}"), "Take \"survival\".");
-        if !(largest.is_finite() && largest > 0.0) {
-            let limit = "of a task whose reward has a largest value above 0";
-            return Err(Error::value("curriculum.good", value, limit, remedy));
-        }
-        if config.env.truncate_after > 0 {
-            let limit = "of whole episodes, without env.truncate_after";
-            return Err(Error::value("curriculum.good", value, limit, remedy));
+        let limit = match config.env.truncate_after {
+            _ if !(largest.is_finite() && largest > 0.0) => Some("of a task whose reward has a largest value above 0"),
+            0 => None,
+            _ => Some("of whole episodes, without env.truncate_after"),
+        };
+        if let Some(limit) = limit {
+            let value = format!("return, up to {largest}");
+            return Err(Error::value("curriculum.good", value, limit, "Take \"survival\"."));
         }
     }
     Ok(Some(Difficulty::new(&config.curriculum, largest)))
