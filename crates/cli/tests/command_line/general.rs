@@ -533,13 +533,7 @@ fn a_disk_that_fills_under_flights_and_reports_is_a_failure_that_leaves_every_fi
         exits(0, folder.path(), arguments);
         let whole = contents(&folder.path().join(named));
         for limit in [0, 1, 16] {
-            let line = format!("trap '' XFSZ; ulimit -f {limit}; exec \"$0\" \"$@\"");
-            let output = Command::new("sh")
-                .args(["-c", &line, env!("CARGO_BIN_EXE_omnidrones")])
-                .args(arguments)
-                .current_dir(folder.path())
-                .output()
-                .expect("a shell");
+            let output = within_files_of(limit, folder.path(), arguments);
             let told = text(&output.stderr);
             assert_eq!(output.status.code(), Some(2), "{arguments:?} at {limit}: {told}");
             assert!(told.contains(named) && told.contains("too large"), "{arguments:?} at {limit}: {told}");
@@ -549,6 +543,54 @@ fn a_disk_that_fills_under_flights_and_reports_is_a_failure_that_leaves_every_fi
             assert!(cut.is_none(), "{arguments:?} at {limit}: {:?} is cut", cut.map(|(path, _)| path));
         }
     }
+}
+
+#[test]
+#[cfg(unix)]
+fn a_disk_that_fills_under_a_table_of_trainings_keeps_the_rows_that_were_there() {
+    let folder = temporary();
+    let seeds = |n: &'static str| {
+        [
+            "train-all",
+            "--tasks",
+            "Hover",
+            "--algo",
+            "apg",
+            "--budget",
+            "0.002",
+            "--no-plots",
+            "--out",
+            "rows",
+            "--seeds",
+            n,
+        ]
+    };
+    exits(0, folder.path(), &seeds("1"));
+    let row = folder.path().join("rows/Hover-apg-u2.json");
+    let whole = std::fs::read(&row).expect("a row");
+    // the second seed's run fits neither, its failure fits the row of the larger one
+    for limit in [1, 8] {
+        let output = within_files_of(limit, folder.path(), &seeds("2"));
+        let told = text(&output.stdout) + &text(&output.stderr);
+        assert!(matches!(output.status.code(), Some(1 | 2)) && told.contains("too large"), "{limit}: {told}");
+        let left: serde_json::Value = serde_json::from_slice(&std::fs::read(&row).expect("kept")).expect("whole");
+        let was: serde_json::Value = serde_json::from_slice(&whole).expect("whole");
+        assert_eq!(left["runs"][0], was["runs"][0], "{limit}: {told}");
+    }
+    exits(0, folder.path(), &seeds("2"));
+    let both: serde_json::Value = serde_json::from_slice(&std::fs::read(&row).expect("written")).expect("whole");
+    assert_eq!(both["runs"].as_array().map(Vec::len), Some(2), "{both}");
+}
+
+/// Runs a command none of whose files may become larger than so many blocks of 512 bytes.
+#[cfg(unix)]
+fn within_files_of(limit: u32, folder: &Path, arguments: &[&str]) -> std::process::Output {
+    Command::new("sh")
+        .args(["-c", &format!("trap '' XFSZ; ulimit -f {limit}; exec \"$0\" \"$@\""), env!("CARGO_BIN_EXE_omnidrones")])
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .expect("a shell")
 }
 
 /// All files of a folder.
