@@ -236,17 +236,15 @@ pub(crate) fn suggestion(name: &str, known: &[String]) -> String {
     nearest(name, known.iter().map(String::as_str)).map_or(String::new(), |k| format!(" (did you mean '{k}'?)"))
 }
 
-/// The known name that `name` begins, from three letters on, or that is fewest edits away, at most half of either's letters.
+/// The known name that is fewest edits away, at most half of either's letters; else the shortest that `name` begins, from three
+/// letters on.
 fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let name = name.to_lowercase();
-    let ranked = known.map(|k| {
-        let lower = k.to_lowercase();
-        let begins = name.len() >= 3 && lower.starts_with(&name);
-        (!begins, edit_distance(&name, &lower), k)
-    });
-    let (no_beginning, edits, k) = ranked.min()?;
-    let near = 2 * edits <= name.chars().count().min(k.chars().count());
-    (near || !no_beginning).then_some(k)
+    let letters = name.chars().count();
+    let ranked: Vec<_> = known.map(|k| (edit_distance(&name, &k.to_lowercase()), k)).collect();
+    let near = ranked.iter().filter(|(edits, k)| 2 * edits <= letters.min(k.chars().count())).min();
+    let begun = || ranked.iter().filter(|(_, k)| letters >= 3 && k.to_lowercase().starts_with(&name)).min();
+    near.or_else(begun).map(|(_, k)| *k)
 }
 
 /// Levenshtein distance, by one row of the usual table.
@@ -281,8 +279,9 @@ mod tests {
 
     #[test]
     fn a_beginning_is_suggested_whole_and_a_letter_is_no_name() {
-        let known = ["learning_rate".to_string(), "updates".into(), "0".into()];
+        let known = ["learning_rate", "updates", "0", "Hover", "HoverRand"].map(String::from);
         assert_eq!(suggestion("learn", &known), " (did you mean 'learning_rate'?)");
+        assert_eq!(suggestion("hoverr", &known), " (did you mean 'Hover'?)");
         assert_eq!(suggestion("Udpates", &known), " (did you mean 'updates'?)");
         assert_eq!(suggestion("x", &known), "");
         assert_eq!(suggestion("up", &known), "");
