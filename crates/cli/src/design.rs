@@ -204,7 +204,7 @@ fn findings(
     let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_latency(latency)?;
     let model = LoopModel::new(closed, Target::level(&hover), air, &trim.state)?;
     let poles = model.poles()?;
-    // a loop that is not stable has no margins, and hundreds of loops would be looked at before that is known
+    // a loop that is not stable has no margins to list
     let unstable = poles.first().is_some_and(|p| p.norm() > 1.0 + 1e-6);
     let rows = if unstable { Vec::new() } else { margins(&model, quiet)? };
     let stable = !unstable && rows.iter().all(|(_, margins)| margins.stable);

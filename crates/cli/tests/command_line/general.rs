@@ -549,36 +549,23 @@ fn a_disk_that_fills_under_flights_and_reports_is_a_failure_that_leaves_every_fi
 #[cfg(unix)]
 fn a_disk_that_fills_under_a_table_of_trainings_keeps_the_rows_that_were_there() {
     let folder = temporary();
-    let seeds = |n: &'static str| {
-        [
-            "train-all",
-            "--tasks",
-            "Hover",
-            "--algo",
-            "apg",
-            "--budget",
-            "0.002",
-            "--no-plots",
-            "--out",
-            "rows",
-            "--seeds",
-            n,
-        ]
+    let row = ["train-all", "--tasks", "Hover", "--algo", "apg", "--budget", "0.002", "--no-plots", "--out", "rows"];
+    let seeds = |n: &'static str| [&row[..], &["--seeds", n]].concat();
+    let kept = || -> serde_json::Value {
+        let bytes = std::fs::read(folder.path().join("rows/Hover-apg-u2.json")).expect("a row");
+        serde_json::from_slice(&bytes).expect("whole")
     };
     exits(0, folder.path(), &seeds("1"));
-    let row = folder.path().join("rows/Hover-apg-u2.json");
-    let whole = std::fs::read(&row).expect("a row");
+    let was = kept();
     // the second seed's run fits neither, its failure fits the row of the larger one
     for limit in [1, 8] {
         let output = within_files_of(limit, folder.path(), &seeds("2"));
         let told = text(&output.stdout) + &text(&output.stderr);
         assert!(matches!(output.status.code(), Some(1 | 2)) && told.contains("too large"), "{limit}: {told}");
-        let left: serde_json::Value = serde_json::from_slice(&std::fs::read(&row).expect("kept")).expect("whole");
-        let was: serde_json::Value = serde_json::from_slice(&whole).expect("whole");
-        assert_eq!(left["runs"][0], was["runs"][0], "{limit}: {told}");
+        assert_eq!(kept()["runs"][0], was["runs"][0], "{limit}: {told}");
     }
     exits(0, folder.path(), &seeds("2"));
-    let both: serde_json::Value = serde_json::from_slice(&std::fs::read(&row).expect("written")).expect("whole");
+    let both = kept();
     assert_eq!(both["runs"].as_array().map(Vec::len), Some(2), "{both}");
 }
 
