@@ -31,8 +31,8 @@ pub struct DiskMargin {
 }
 
 impl DiskMargin {
-    /// That of a loop that is not stable.
-    pub(crate) const NONE: Self = Self { alpha: 0.0, omega: 0.0, gain: (1.0, 1.0), phase: 0.0 };
+    /// That of a loop that is not stable: no frequency, no room, by any skew.
+    pub(crate) const NONE: Self = Self { alpha: 0.0, omega: f64::NAN, gain: (1.0, 1.0), phase: 0.0 };
 
     fn new(alpha: f64, omega: f64, skew: f64) -> Self {
         let low = (2.0 - alpha * (1.0 - skew)) / (2.0 + alpha * (1.0 + skew));
@@ -66,7 +66,7 @@ pub fn multiloop_disk_margin(system: &StateSpace, skew: f64) -> Result<DiskMargi
 pub(crate) fn disk_margin_of(sensitivity: &StateSpace, block: &[usize], skew: f64, best: bool) -> Result<DiskMargin> {
     let m = moved(sensitivity, skew)?;
     if !m.is_stable()? {
-        return Ok(DiskMargin::new(0.0, f64::NAN, skew));
+        return Ok(DiskMargin::NONE);
     }
     let n_block = block.iter().max().map_or(0, |most| most + 1);
     if n_block == 1 {
@@ -95,7 +95,7 @@ pub(crate) fn disk_margin_of(sensitivity: &StateSpace, block: &[usize], skew: f6
 /// factor over the steps of a period could move what it meets between frequencies, as no change of gain or phase does.)
 pub(crate) fn folded_disk_margin_of(sensitivity: &StateSpace, period: usize, skew: f64) -> Result<DiskMargin> {
     if !sensitivity.is_stable()? {
-        return Ok(DiskMargin::new(0.0, f64::NAN, skew));
+        return Ok(DiskMargin::NONE);
     }
     let every = sensitivity.dt().unwrap_or(1.0);
     let (base, dt) = (TAU / every, every / period as f64);
