@@ -59,6 +59,7 @@ Examples:
   omnidrones fly drone.urdf --rotors drone.toml       your vehicle, with these rotor data
   omnidrones fly iris --wind 4,0,0                    a steady wind of 4 m/s along x
   omnidrones fly iris --wind dryden:7.7 --seed 3      7.7 m/s with gusts (light turbulence)
+  omnidrones fly iris --latency 5                     commands 10 ms late
   omnidrones fly firefly --gains out/firefly/gains.toml --format svg
   omnidrones fly hummingbird --json --no-plots --max-rmse 0.1
   omnidrones fly firefly --reference hover --fail 1   a rotor stops at 3 s; it flies on, without yaw
@@ -151,6 +152,9 @@ pub struct Arguments {
     /// Seed of the gusts, of what sensors read, and of the start of a drop
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = "Flight")]
     seed: u64,
+    /// Steps of dt by which commands act late
+    #[arg(long, value_name = "STEPS", default_value_t = 0, conflicts_with = "drop", help_heading = "Flight")]
+    latency: usize,
     #[command(flatten)]
     failure: FailureArguments,
     /// Compare with an earlier flight: the flight.csv that --csv wrote, of any vehicle
@@ -312,7 +316,7 @@ fn vehicle(a: &Arguments, around: Option<Around>) -> Result<Flyer> {
         plant = Plant::of_model(&vehicle_in(&source.vehicle, &around.scene)?, plan.air_physics())?;
     }
     fail(a, &plant, &mut plan)?;
-    plan.sensors = sensors(a, &plant)?;
+    (plan.latency, plan.sensors) = (a.latency, sensors(a, &plant)?);
     arguments::check_gains(&a.flight, a.controller.as_deref(), true)?;
     let (gains, gains_name) = a.flight.gains(&source.vehicle)?;
     let usual = if plan.failures.is_empty() { "cascade" } else { "fault_tolerant" };
@@ -335,7 +339,7 @@ fn configured(a: &Arguments, robot: Robot, around: Option<Around>) -> Result<Fly
     plan.n_step()?;
     plan.tilt = a.tilt()?;
     fail(a, &plant, &mut plan)?;
-    plan.sensors = sensors(a, &plant)?;
+    (plan.latency, plan.sensors) = (a.latency, sensors(a, &plant)?);
     let controller = model_controller(a, &plant, &plan)?;
     Ok(Flyer { plant, controller, plan, what: What::Model(Box::new(robot)), around })
 }

@@ -323,6 +323,12 @@ impl Flown {
                 );
             }
         }
+        if plan.latency > 0 {
+            let late = duration(plan.physics.dt * plan.latency as f64);
+            facts.push(
+                Fact::new("latency", format!("{} steps", plan.latency)).note(format!("commands act {late} late")),
+            );
+        }
         facts.extend(self.failure_facts());
         facts.extend(self.plan.sensors.iter().map(|sensor| self.sensor_fact(sensor)));
         let from =

@@ -83,6 +83,16 @@ fn a_loop_that_is_not_stable_is_told_without_a_search_for_its_margins() {
 }
 
 #[test]
+fn a_flight_with_late_commands_is_lost_where_design_says_that_the_loop_is_not_stable() {
+    let folder = temporary();
+    for (late, code) in [("20", 0), ("36", 1)] {
+        exits(code, folder.path(), &["design", "iris", "--latency", late]);
+        let (page, _) = exits(code, folder.path(), &["fly", "iris", "--latency", late, "--no-plots"]);
+        assert!(page.contains(&format!("{late} steps")) && page.contains("commands act"), "{page}");
+    }
+}
+
+#[test]
 fn design_judges_a_box_of_plants_with_bounds_and_names_the_worst() {
     let folder = temporary();
     let asked = ["design", "hummingbird", "--spread", "0.2", "--samples", "8"];
