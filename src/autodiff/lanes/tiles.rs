@@ -68,6 +68,17 @@ mod avx2 {
         }
     }
 
+    /// The first N numbers. To copy slices of them calls a function that is inlined by optimisation at link time alone.
+    #[inline(always)]
+    fn chunk<const N: usize>(row: &[f32]) -> &[f32; N] {
+        row.first_chunk().expect("a tile lies within its rows")
+    }
+
+    #[inline(always)]
+    fn chunk_mut<const N: usize>(row: &mut [f32]) -> &mut [f32; N] {
+        row.first_chunk_mut().expect("a tile lies within its rows")
+    }
+
     /// The transposes of the lower halves and of the upper halves.
     #[inline(always)]
     fn transposed(v3: V3, x: [[f32; HIGH]; SIDE]) -> [[f32; HIGH]; SIDE] {
@@ -108,12 +119,12 @@ mod avx2 {
                     let tile = &columns[k..k + SIDE];
                     let mut x = [[0.0; HIGH]; SIDE];
                     for i in 0..SIDE {
-                        x[i].copy_from_slice(&tile[i][lane..lane + HIGH]);
+                        x[i] = *chunk(&tile[i][lane..]);
                     }
                     let x = transposed(v3, x);
                     for i in 0..SIDE {
-                        eight[i][k..k + SIDE].copy_from_slice(&x[i][..SIDE]);
-                        eight[SIDE + i][k..k + SIDE].copy_from_slice(&x[i][SIDE..]);
+                        *chunk_mut(&mut eight[i][k..]) = *chunk::<SIDE>(&x[i]);
+                        *chunk_mut(&mut eight[SIDE + i][k..]) = *chunk::<SIDE>(&x[i][SIDE..]);
                     }
                     next += SIDE;
                 }
@@ -145,13 +156,13 @@ mod avx2 {
                     let k = next.min(width - SIDE);
                     let mut x = [[0.0; HIGH]; SIDE];
                     for i in 0..SIDE {
-                        x[i][..SIDE].copy_from_slice(&eight[i][k..k + SIDE]);
-                        x[i][SIDE..].copy_from_slice(&eight[SIDE + i][k..k + SIDE]);
+                        *chunk_mut(&mut x[i]) = *chunk::<SIDE>(&eight[i][k..]);
+                        *chunk_mut(&mut x[i][SIDE..]) = *chunk::<SIDE>(&eight[SIDE + i][k..]);
                     }
                     let x = transposed(v3, x);
                     let tile = &mut columns[k..k + SIDE];
                     for i in 0..SIDE {
-                        tile[i][lane..lane + HIGH].copy_from_slice(&x[i]);
+                        *chunk_mut(&mut tile[i][lane..]) = x[i];
                     }
                     next += SIDE;
                 }
@@ -173,11 +184,9 @@ mod avx2 {
             let (avx, row) = (self.v3.avx, self.row);
             let half = avx._mm256_set1_ps(0.5);
             let mut mask = 0;
-            for lane in (0..BLOCK).step_by(8) {
-                let mut eight = [0.0_f32; 8];
-                eight.copy_from_slice(&row[lane..lane + 8]);
+            for lane in (0..BLOCK).step_by(HIGH) {
                 // 0x1E: greater, false for NaN, without a signal
-                let greater = avx._mm256_cmp_ps::<0x1E>(cast(eight), half);
+                let greater = avx._mm256_cmp_ps::<0x1E>(cast(*chunk::<HIGH>(&row[lane..])), half);
                 mask |= (avx._mm256_movemask_ps(greater) as u64 & 0xFF) << lane;
             }
             mask

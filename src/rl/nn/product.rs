@@ -158,8 +158,9 @@ impl<const M: usize, const N: usize> Kernel for ColumnTile<'_, M, N> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let mut sums = first::<L, M, N>(self.begin, self.c, self.n);
-        for (a, b) in self.a.chunks_exact(self.stride).zip(self.b.chunks_exact(self.n)) {
-            let (own, x) = (&a[self.i..self.i + M], registers::<L, N>(&b[self.column..]));
+        // not zipped: what a pair of chunks calls is inlined by optimisation at link time alone
+        for (at, b) in self.b.chunks_exact(self.n).enumerate() {
+            let (own, x) = (&self.a[at * self.stride + self.i..][..M], registers::<L, N>(&b[self.column..]));
             unrolled!(r in 0..M {
                 let own = broadcast::<L>(own[r]);
                 unrolled!(j in 0..N {
