@@ -5,6 +5,7 @@
 
 use super::custom::Operation;
 use super::scalar::Scalar;
+use super::unrolled::unrolled;
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
 /// x(t₀ + h) = Σ cₖ hᵏ, k < N: the k-th derivative is k!·cₖ.
@@ -71,9 +72,11 @@ impl<S: Scalar, const N: usize> Jet<S, N> {
 #[inline(always)]
 fn integral<S: Scalar, const N: usize>(a: &[S; N], b: &[S; N], k: usize) -> S {
     let mut sum = a[1] * b[k - 1];
-    for i in 2..k + 1 {
-        sum = (S::constant(i as f64) * a[i]).mul_add(b[k - i], sum);
-    }
+    unrolled!(i in 1..N {
+        if 1 < i && i <= k {
+            sum = (S::constant(i as f64) * a[i]).mul_add(b[k - i], sum);
+        }
+    });
     if k == 1 { sum } else { sum * S::constant(1.0 / k as f64) }
 }
 
@@ -101,13 +104,15 @@ impl<S: Scalar, const N: usize> Mul for Jet<S, N> {
     fn mul(self, other: Self) -> Self {
         let (a, b) = (&self.coefficients, &other.coefficients);
         let mut c = [S::zero(); N];
-        for k in 0..N {
+        unrolled!(k in 0..N {
             let mut sum = a[0] * b[k];
-            for i in 1..k + 1 {
-                sum = a[i].mul_add(b[k - i], sum);
-            }
+            unrolled!(i in 1..N {
+                if i <= k {
+                    sum = a[i].mul_add(b[k - i], sum);
+                }
+            });
             c[k] = sum;
-        }
+        });
         Self { coefficients: c }
     }
 }
@@ -120,13 +125,15 @@ impl<S: Scalar, const N: usize> Div for Jet<S, N> {
         let mut c = [S::zero(); N];
         c[0] = a[0] / b[0];
         let scale = b[0].recip();
-        for k in 1..N {
-            let mut rest = a[k];
-            for i in 0..k {
-                rest -= c[i] * b[k - i];
-            }
+        unrolled!(k in 1..N {
+            let mut rest = a[k] - c[0] * b[k];
+            unrolled!(i in 1..N {
+                if i < k {
+                    rest -= c[i] * b[k - i];
+                }
+            });
             c[k] = rest * scale;
-        }
+        });
         Self { coefficients: c }
     }
 }
@@ -136,9 +143,9 @@ impl<S: Scalar, const N: usize> Neg for Jet<S, N> {
     #[inline(always)]
     fn neg(self) -> Self {
         let mut c = self.coefficients;
-        for k in 0..N {
+        unrolled!(k in 0..N {
             c[k] = -c[k];
-        }
+        });
         Self { coefficients: c }
     }
 }
@@ -146,18 +153,18 @@ impl<S: Scalar, const N: usize> Neg for Jet<S, N> {
 impl<S: Scalar, const N: usize> AddAssign for Jet<S, N> {
     #[inline(always)]
     fn add_assign(&mut self, other: Self) {
-        for k in 0..N {
+        unrolled!(k in 0..N {
             self.coefficients[k] += other.coefficients[k];
-        }
+        });
     }
 }
 
 impl<S: Scalar, const N: usize> SubAssign for Jet<S, N> {
     #[inline(always)]
     fn sub_assign(&mut self, other: Self) {
-        for k in 0..N {
+        unrolled!(k in 0..N {
             self.coefficients[k] -= other.coefficients[k];
-        }
+        });
     }
 }
 
@@ -182,13 +189,15 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
         let mut c = [S::zero(); N];
         c[0] = a[0].sqrt();
         let scale = (c[0] + c[0]).recip();
-        for k in 1..N {
+        unrolled!(k in 1..N {
             let mut rest = a[k];
-            for i in 1..k {
-                rest -= c[i] * c[k - i];
-            }
+            unrolled!(i in 1..N {
+                if i < k {
+                    rest -= c[i] * c[k - i];
+                }
+            });
             c[k] = rest * scale;
-        }
+        });
         Self { coefficients: c }
     }
 
@@ -197,10 +206,10 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
         let a = &self.coefficients;
         let (mut s, mut c) = ([S::zero(); N], [S::zero(); N]);
         (s[0], c[0]) = a[0].sin_cos();
-        for k in 1..N {
+        unrolled!(k in 1..N {
             s[k] = integral(a, &c, k);
             c[k] = -integral(a, &s, k);
-        }
+        });
         (Self { coefficients: s }, Self { coefficients: c })
     }
 
@@ -209,9 +218,9 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
         let a = &self.coefficients;
         let mut c = [S::zero(); N];
         c[0] = a[0].exp();
-        for k in 1..N {
+        unrolled!(k in 1..N {
             c[k] = integral(a, &c, k);
-        }
+        });
         Self { coefficients: c }
     }
 
@@ -221,13 +230,15 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
         let mut c = [S::zero(); N];
         c[0] = a[0].ln();
         let scale = a[0].recip();
-        for k in 1..N {
+        unrolled!(k in 1..N {
             let mut rest = a[k];
-            for i in 1..k {
-                rest -= S::constant(i as f64 / k as f64) * c[i] * a[k - i];
-            }
+            unrolled!(i in 1..N {
+                if i < k {
+                    rest -= S::constant(i as f64 / k as f64) * c[i] * a[k - i];
+                }
+            });
             c[k] = rest * scale;
-        }
+        });
         Self { coefficients: c }
     }
 
@@ -237,12 +248,15 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
         let (mut c, mut slope) = ([S::zero(); N], [S::zero(); N]);
         c[0] = a[0].tanh();
         slope[0] = S::one() - c[0] * c[0];
-        for k in 1..N {
+        unrolled!(k in 1..N {
             c[k] = integral(a, &slope, k);
-            for i in 0..k + 1 {
-                slope[k] -= c[i] * c[k - i];
-            }
-        }
+            slope[k] -= c[0] * c[k];
+            unrolled!(i in 1..N {
+                if i <= k {
+                    slope[k] -= c[i] * c[k - i];
+                }
+            });
+        });
         Self { coefficients: c }
     }
 
@@ -253,23 +267,30 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
         angle[0] = y[0].atan2(x[0]);
         // θ′ r² = x y′ − y x′ with r² = x² + y²; `rate` holds the coefficients of θ′.
         let (mut r2, mut rate) = ([S::zero(); N], [S::zero(); N]);
-        for k in 0..N {
-            for i in 0..k + 1 {
-                r2[k] += x[i] * x[k - i] + y[i] * y[k - i];
-            }
-        }
+        unrolled!(k in 0..N {
+            r2[k] += x[0] * x[k] + y[0] * y[k];
+            unrolled!(i in 1..N {
+                if i <= k {
+                    r2[k] += x[i] * x[k - i] + y[i] * y[k - i];
+                }
+            });
+        });
         let scale = r2[0].recip();
-        for k in 1..N {
+        unrolled!(k in 1..N {
             let mut rest = S::zero();
-            for i in 1..k + 1 {
-                rest += S::constant(i as f64) * (x[k - i] * y[i] - y[k - i] * x[i]);
-            }
-            for i in 0..k - 1 {
-                rest -= rate[i] * r2[k - 1 - i];
-            }
+            unrolled!(i in 1..N {
+                if i <= k {
+                    rest += S::constant(i as f64) * (x[k - i] * y[i] - y[k - i] * x[i]);
+                }
+            });
+            unrolled!(i in 1..N {
+                if i < k {
+                    rest -= rate[i - 1] * r2[k - i];
+                }
+            });
             rate[k - 1] = rest * scale;
             angle[k] = rate[k - 1] * S::constant(1.0 / k as f64);
-        }
+        });
         Self { coefficients: angle }
     }
 
@@ -281,9 +302,9 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
     #[inline(always)]
     fn select(mask: S::Mask, yes: Self, no: Self) -> Self {
         let mut c = no.coefficients;
-        for k in 0..N {
+        unrolled!(k in 0..N {
             c[k] = S::select(mask, yes.coefficients[k], no.coefficients[k]);
-        }
+        });
         Self { coefficients: c }
     }
 
@@ -298,7 +319,7 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
         let (n, m) = (inputs.len(), outputs.len());
         let (mut x, mut y) = (vec![S::zero(); 2 * n], vec![S::zero(); m]);
         let mut moved = S::zero();
-        for k in 0..N {
+        unrolled!(k in 0..N {
             let order = if k == 0 { operation } else { operation.tangent() };
             for i in 0..n {
                 x[if k == 0 { i } else { n + i }] = inputs[i].coefficients[k];
@@ -311,18 +332,21 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
             for i in 0..if k == 0 { 0 } else { n } {
                 moved += inputs[i].coefficients[k].abs();
             }
-        }
+        });
     }
 
     #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {
         let (x, y) = (&self.coefficients, &a.coefficients);
         let mut c = b.coefficients;
-        for k in 0..N {
-            for i in 0..k + 1 {
-                c[k] = x[i].mul_add(y[k - i], c[k]);
-            }
-        }
+        unrolled!(k in 0..N {
+            c[k] = x[0].mul_add(y[k], c[k]);
+            unrolled!(i in 1..N {
+                if i <= k {
+                    c[k] = x[i].mul_add(y[k - i], c[k]);
+                }
+            });
+        });
         Self { coefficients: c }
     }
 }

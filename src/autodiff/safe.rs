@@ -93,8 +93,8 @@ pub fn is_bounded<S: Scalar>(x: S, limit: f64) -> S::Mask {
 #[inline(always)]
 pub fn squared_norm<S: Scalar, const N: usize>(v: [S; N]) -> S {
     let mut sum = v[0] * v[0];
-    for i in 1..N {
+    unrolled!(i in 1..N {
         sum = v[i].mul_add(v[i], sum);
-    }
+    });
     sum
 }

@@ -3,6 +3,7 @@
 use super::parameters::GainSet;
 use super::rate::RateCommand;
 use crate::autodiff::jet::Jet;
+use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{
     Mat3, Quat, Vec3, cross, dot, from_euler, mat_mul, mat_vec, matrix, scale, sub, transpose,
@@ -49,15 +50,15 @@ impl<S: Scalar> Orientation<S> {
         // Columns b₁, b₂, b₃ with their first and second derivatives: d[k][j] is b_j⁽ᵏ⁾.
         let mut d = [[[S::zero(); 3]; 3]; 3];
         let mut attitude = [[S::zero(); 3]; 3];
-        for row in 0..3 {
-            for column in 0..3 {
+        unrolled!(row in 0..3 {
+            unrolled!(column in 0..3 {
                 let entry = r[row][column];
                 attitude[row][column] = entry.value();
-                for k in 0..3 {
+                unrolled!(k in 0..3 {
                     d[k][column][row] = entry.derivative(k);
-                }
-            }
-        }
+                });
+            });
+        });
         let angular_velocity = [dot(d[0][2], d[1][1]), dot(d[0][0], d[1][2]), dot(d[0][1], d[1][0])];
         let angular_acceleration = [
             dot(d[0][2], d[2][1]) + dot(d[1][2], d[1][1]),
@@ -104,13 +105,13 @@ impl<S: Scalar> AttitudeCommand<S> {
     #[inline(always)]
     pub fn write(&self, out: &mut [S]) {
         out[0] = self.thrust;
-        for i in 0..3 {
-            for j in 0..3 {
+        unrolled!(i in 0..3 {
+            unrolled!(j in 0..3 {
                 out[1 + 3 * i + j] = self.attitude[i][j];
-            }
+            });
             out[10 + i] = self.angular_velocity[i];
             out[13 + i] = self.angular_acceleration[i];
-        }
+        });
     }
 
     /// The inverse of [`write`](Self::write).
@@ -140,9 +141,9 @@ pub fn attitude_error<S: Scalar>(desired: Mat3<S>, actual: Mat3<S>) -> Vec3<S> {
     let far = cosine.lt(S::zero());
     let axis = turn_axis(&e, cosine, sine);
     let mut error = sine;
-    for i in 0..3 {
+    unrolled!(i in 0..3 {
         error[i] = S::select(far, axis[i], sine[i]);
-    }
+    });
     error
 }
 
@@ -156,10 +157,10 @@ fn turn_axis<S: Scalar>(e: &Mat3<S>, cosine: S, sine: Vec3<S>) -> Vec3<S> {
     let y_below_z = square[1].lt(square[2]);
     let columns = [[square[0], xy, xz], [xy, square[1], yz], [xz, yz, square[2]]];
     let mut column = columns[0];
-    for i in 0..3 {
+    unrolled!(i in 0..3 {
         let of_y_or_z = S::select(y_below_z, columns[2][i], columns[1][i]);
         column[i] = S::select(x_below_y, of_y_or_z, S::select(x_below_z, columns[2][i], columns[0][i]));
-    }
+    });
     let sense = S::select(dot(column, sine).lt(S::zero()), -S::one(), S::one());
     scale(sense, safe::normalise(column))
 }
@@ -179,9 +180,9 @@ pub fn rate_command<S: Scalar>(
     let to_body = mat_mul(transpose(r), command.attitude);
     let turn = mat_vec(to_body, command.angular_velocity);
     let mut rate = turn;
-    for i in 0..3 {
+    unrolled!(i in 0..3 {
         rate[i] -= safe::div(gains.attitude[i], gains.rate[i], GAIN_FLOOR) * error[i];
-    }
+    });
     let acceleration = sub(mat_vec(to_body, command.angular_acceleration), cross(angular_velocity, turn));
     RateCommand { thrust: command.thrust, angular_velocity: rate, angular_acceleration: acceleration }
 }

@@ -10,6 +10,7 @@ use super::rate::{RateCommand, moment};
 use super::reference::Setpoint;
 use super::velocity::{VelocityCommand, attitude_command};
 use crate::autodiff::Scalar;
+use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::spatial::{add, from_matrix, mat_vec, rotate_back, sub};
 use crate::dynamics::{Gains, MAX_ROTORS, Vehicle};
 use crate::error::{Error, Result};
@@ -285,9 +286,9 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         };
         let (mut mixer, mut max_thrust) = ([[S::zero(); 4]; R], [S::zero(); R]);
         for i in 0..R {
-            for k in 0..4 {
+            unrolled!(k in 0..4 {
                 mixer[i][k] = S::constant(model.mixer[i][k]);
-            }
+            });
             max_thrust[i] = S::constant(model.max_thrust[i]);
         }
         Self {

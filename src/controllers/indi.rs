@@ -36,6 +36,7 @@ use super::parameters::{GainSet, validate_gains};
 use super::position::add_drag;
 use super::velocity::{VelocityCommand, desired_attitude};
 use crate::autodiff::jet::Jet;
+use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::rotor::thrust_action;
 use crate::dynamics::spatial::{
@@ -92,17 +93,17 @@ impl<S: Scalar> Memory<S> {
     #[inline(always)]
     fn read(x: &[S]) -> Self {
         let (mut filters, mut last) = ([[S::zero(); 2]; 6], [S::zero(); 6]);
-        for k in 0..6 {
+        unrolled!(k in 0..6 {
             (filters[k], last[k]) = ([x[2 * k], x[2 * k + 1]], x[12 + k]);
-        }
+        });
         Self { filters, last, missing: Missing::read(&x[Self::FILTERS..]) }
     }
 
     #[inline(always)]
     fn write(&self, x: &mut [S]) {
-        for k in 0..6 {
+        unrolled!(k in 0..6 {
             (x[2 * k], x[2 * k + 1], x[12 + k]) = (self.filters[k][0], self.filters[k][1], self.last[k]);
-        }
+        });
         self.missing.write(&mut x[Self::FILTERS..]);
     }
 
@@ -111,17 +112,17 @@ impl<S: Scalar> Memory<S> {
     fn filtered(&mut self, filter: &LowPass, now: [S; 6], period: f64) -> ([S; 6], [S; 6]) {
         let first = self.missing.started.lt(S::constant(0.5));
         let (mut mean, mut slope) = (now, now);
-        for k in 0..6 {
+        unrolled!(k in 0..6 {
             let rest = filter.rest(now[k]);
-            for j in 0..2 {
+            unrolled!(j in 0..2 {
                 self.filters[k][j] = S::select(first, rest[j], self.filters[k][j]);
-            }
+            });
             let last = S::select(first, now[k], self.last[k]);
             let next = filter.next(&mut self.filters[k], now[k]);
             mean[k] = S::constant(0.5) * (next + last);
             slope[k] = S::constant(1.0 / period) * (next - last);
             self.last[k] = next;
-        }
+        });
         (mean, slope)
     }
 }

@@ -21,6 +21,7 @@
 use super::believed::Believed;
 use super::kinematics::Kinematics;
 use crate::autodiff::Scalar;
+use crate::autodiff::unrolled::unrolled;
 
 /// The memory of integral action.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,17 +41,17 @@ impl<S: Scalar> Missing<S> {
     #[inline(always)]
     pub(super) fn read(x: &[S]) -> Self {
         let (mut expected, mut estimate) = ([S::zero(); 6], [S::zero(); 6]);
-        for k in 0..6 {
+        unrolled!(k in 0..6 {
             (expected[k], estimate[k]) = (x[k], x[6 + k]);
-        }
+        });
         Self { expected, estimate, started: x[12] }
     }
 
     #[inline(always)]
     pub(super) fn write(&self, out: &mut [S]) {
-        for k in 0..6 {
+        unrolled!(k in 0..6 {
             (out[k], out[6 + k]) = (self.expected[k], self.estimate[k]);
-        }
+        });
         out[12] = self.started;
     }
 
@@ -59,13 +60,13 @@ impl<S: Scalar> Missing<S> {
     pub(super) fn observe(&mut self, tick: S, state: &Kinematics<S>, rates: [S; 2], period: f64) {
         let due = S::constant(0.5).lt(tick * self.started);
         let per_period = S::constant(1.0 / period);
-        for k in 0..6 {
+        unrolled!(k in 0..6 {
             let now = if k < 3 { state.velocity[k] } else { state.angular_velocity[k - 3] };
             let share = S::one() - (rates[k / 3] * S::constant(-period)).exp();
             let fresh = (now - self.expected[k]) * per_period;
             let learnt = share.mul_add(fresh - self.estimate[k], self.estimate[k]);
             self.estimate[k] = S::select(due, learnt, self.estimate[k]);
-        }
+        });
     }
 
     /// What is expected at the next tick, with the wrench [F_z, M] that the rotors give from now on.
@@ -73,11 +74,11 @@ impl<S: Scalar> Missing<S> {
     pub(super) fn expect(&mut self, tick: S, state: &Kinematics<S>, believed: &Believed, rotors: [S; 4], period: f64) {
         let due = S::constant(0.5).lt(tick);
         let gained = believed.acceleration(state, rotors);
-        for k in 0..6 {
+        unrolled!(k in 0..6 {
             let now = if k < 3 { state.velocity[k] } else { state.angular_velocity[k - 3] };
             let next = gained[k].mul_add(S::constant(period), now);
             self.expected[k] = S::select(due, next, self.expected[k]);
-        }
+        });
         self.started = S::one();
     }
 

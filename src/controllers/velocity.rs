@@ -5,6 +5,7 @@ use super::kinematics::Kinematics;
 use super::parameters::{BodyModel, ForceLimits, GainSet};
 use super::reference::Setpoint;
 use crate::autodiff::jet::Jet;
+use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{Mat3, Vec3, cross, dot, up_axis};
 
@@ -46,9 +47,9 @@ impl<S: Scalar> VelocityCommand<S> {
     #[inline(always)]
     pub(super) fn force_series(&self, force: Vec3<S>) -> Vec3<Jet<S, 3>> {
         let mut series = [Jet::<S, 3>::fixed(force[0]); 3];
-        for i in 0..3 {
+        unrolled!(i in 0..3 {
             series[i] = Jet::from_derivatives([force[i], self.jerk[i], self.snap[i]]);
-        }
+        });
         series
     }
 
@@ -76,9 +77,9 @@ pub fn specific_force<S: Scalar>(
 ) -> Vec3<S> {
     let mut f = command.acceleration;
     f[2] += gravity;
-    for i in 0..3 {
+    unrolled!(i in 0..3 {
         f[i] = gains.velocity[i].mul_add(command.velocity[i] - velocity[i], f[i]);
-    }
+    });
     f
 }
 

@@ -23,6 +23,7 @@ pub use parameters::{parameter_domains, parameter_names, parameter_vector, vehic
 use super::rotor::{Lag, Motors, N_ROTOR_PARAMETER, RotorModel, commanded_speed};
 use super::spatial::*;
 use super::vehicle::Vehicle;
+use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, safe};
 
 /// Position and velocity of the base origin (world), attitude (body → world), angular velocity (body), rotor speeds.
@@ -68,14 +69,14 @@ impl<S: Scalar, const R: usize> RigidState<S, R> {
     /// Into a slice of 13 + n numbers, n ≤ R.
     #[inline(always)]
     pub fn write(&self, x: &mut [S]) {
-        for i in 0..3 {
+        unrolled!(i in 0..3 {
             x[i] = self.position[i];
             x[3 + i] = self.velocity[i];
             x[10 + i] = self.angular_velocity[i];
-        }
-        for i in 0..4 {
+        });
+        unrolled!(i in 0..4 {
             x[6 + i] = self.attitude[i];
-        }
+        });
         let n = x.len() - RIGID_DIM;
         for i in 0..R {
             if i < n {

@@ -7,6 +7,7 @@
 use super::settings::{Setting, filled};
 use super::task::{Start, Task, View, streams};
 use super::task_spec::{End, Field, Layout, Metric, Smoothness, TaskSpec, Term, total};
+use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, StridedView, StridedWriter};
 use crate::dynamics::frame::FRAME;
 use crate::error::{Error, Result};
@@ -26,9 +27,9 @@ pub trait Writer<S: Scalar>: Sized {
     /// The next N numbers.
     #[inline(always)]
     fn array<const N: usize>(&mut self, values: [S; N]) {
-        for i in 0..N {
+        unrolled!(i in 0..N {
             self.number(values[i]);
-        }
+        });
     }
 
     /// The numbers to come are a field of this name, unit (with the frame) and meaning.

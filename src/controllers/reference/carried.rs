@@ -5,6 +5,7 @@ use super::lemniscate::Lemniscate;
 use super::setpoint::Setpoint;
 use super::waypoints::Waypoints;
 use crate::autodiff::jet::Jet;
+use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Scalar, safe};
 use crate::dynamics::GRAVITY;
 use crate::dynamics::spatial::{Vec3, add, axpy};
@@ -52,9 +53,9 @@ impl Carried {
     pub fn bar<S: Scalar>(&self, t: S) -> Vec3<S> {
         let load = self.path.position_and_yaw(Jet::<S, 3>::variable(t)).0;
         let mut pull = [S::zero(); 3];
-        for i in 0..3 {
+        unrolled!(i in 0..3 {
             pull[i] = load[i].derivative(2);
-        }
+        });
         safe::normalise(add(pull, [S::zero(), S::zero(), S::constant(GRAVITY)]))
     }
 
@@ -91,9 +92,9 @@ impl Curve for Carried {
     fn position<S: Scalar>(&self, t: S) -> Vec3<S> {
         let load = self.path.position_and_yaw(Jet::<S, 3>::variable(t)).0;
         let mut position = [S::zero(); 3];
-        for i in 0..3 {
+        unrolled!(i in 0..3 {
             position[i] = load[i].value();
-        }
+        });
         axpy(position, S::constant(self.lever), self.bar(t))
     }
 

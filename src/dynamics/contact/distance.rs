@@ -12,6 +12,7 @@
 
 use super::closest::point_on_segment;
 use super::pairs::{capsule_capsule, corners, round, round_contact, segment, sphere_relief};
+use crate::autodiff::unrolled::unrolled;
 use crate::autodiff::{Mask, Scalar, safe};
 use crate::dynamics::relief::Relief;
 use crate::dynamics::shape::{Geometry, Pose};
@@ -43,10 +44,10 @@ pub(crate) fn point_box<S: Scalar>(local: Vec3<S>, half: Vec3<S>) -> S {
     let zero = S::zero();
     let mut q = half;
     let mut outside = half;
-    for k in 0..3 {
+    unrolled!(k in 0..3 {
         q[k] = local[k].abs() - half[k];
         outside[k] = q[k].max(zero);
-    }
+    });
     let largest = q[0].max(q[1]).max(q[2]);
     let second = q[0].min(q[1]).max(q[0].max(q[1]).min(q[2]));
     // beyond one face the distance is that to the face; beyond two or three it is that to the edge or corner
@@ -181,24 +182,24 @@ fn box_box<S: Scalar>(pose1: &Pose<S>, size1: [f64; 3], pose2: &Pose<S>, size2: 
     let axes2 = mat_mul(transpose(matrix(pose2.attitude)), transpose(axes1));
     let way = mat_vec(axes1, sub(pose2.position, pose1.position));
     let mut largest = S::constant(LOWEST);
-    for i in 0..3 {
+    unrolled!(i in 0..3 {
         let mut e = [S::zero(); 3];
         e[i] = S::one();
         largest = largest.max(gap(e, way, half1, axes2, half2));
         largest = largest.max(gap(axes2[i], way, half1, axes2, half2));
-    }
-    for i in 0..3 {
+    });
+    unrolled!(i in 0..3 {
         let mut e = [S::zero(); 3];
         e[i] = S::one();
-        for k in 0..3 {
+        unrolled!(k in 0..3 {
             let axis = cross(e, axes2[k]);
             let squared = safe::squared_norm(axis);
             let parallel = squared.lt(S::constant(PARALLEL));
             let unit = scale(safe::recip_sqrt(squared, PARALLEL), axis);
             let found = gap(unit, way, half1, axes2, half2);
             largest = S::select(parallel.or(found.lt(largest)), largest, found);
-        }
-    }
+        });
+    });
     largest
 }
 

@@ -18,6 +18,7 @@ use super::scratch::{Articulated, BodyScratch};
 use super::topology::{Kind, Topology};
 use super::torque::{self, Pass};
 use crate::autodiff::Scalar;
+use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::integrate::gyroscopic_jacobian;
 use crate::dynamics::rigid::{Symmetric, full, symmetric};
 use crate::dynamics::spatial::*;
@@ -177,9 +178,9 @@ fn eliminate_axis<S: Scalar>(body: &mut BodyScratch<S>, torque: S, slope: S, tur
     let (a, b, d) = (&mut body.inertia.a, &mut body.inertia.b, &mut body.inertia.d);
     *a = minus_outer(*a, mi, moment);
     *d = minus_outer(*d, fi, force);
-    for row in 0..3 {
+    unrolled!(row in 0..3 {
         b[row] = axpy(b[row], -mi[row], force);
-    }
+    });
     body.bias_moment = axpy(body.bias_moment, u, mi);
     body.bias_force = axpy(body.bias_force, u, fi);
 }
@@ -201,9 +202,9 @@ fn minus_outer<S: Scalar>(m: Symmetric<S>, a: Vec3<S>, b: Vec3<S>) -> Symmetric<
 fn eliminate_ball<S: Scalar>(body: &mut BodyScratch<S>, torque: Vec3<S>, slope: S) {
     let (a, b) = (full(body.inertia.a), body.inertia.b);
     let mut stiffened = body.inertia.a;
-    for k in 0..3 {
+    unrolled!(k in 0..3 {
         stiffened[k] += slope;
-    }
+    });
     let inverse = symmetric(inverse(full(stiffened)));
     let u = sub(torque, body.bias_moment);
     body.column_moment = a;
@@ -216,9 +217,9 @@ fn eliminate_ball<S: Scalar>(body: &mut BodyScratch<S>, torque: Vec3<S>, slope: 
     let (aa, ab, bb) = (mat_mul(a, ga), mat_mul(a, gb), mat_mul(back, gb));
     body.inertia.a = sub(body.inertia.a, symmetric(aa));
     body.inertia.d = sub(body.inertia.d, symmetric(bb));
-    for row in 0..3 {
+    unrolled!(row in 0..3 {
         body.inertia.b[row] = sub(b[row], ab[row]);
-    }
+    });
     let gu = mat_vec(gain, u);
     body.bias_moment = add(body.bias_moment, mat_vec(a, gu));
     body.bias_force = add(body.bias_force, mat_vec(back, gu));
@@ -235,9 +236,9 @@ fn add_shifted<S: Scalar>(parent: &mut BodyScratch<S>, body: &BodyScratch<S>, co
     target.d = add(target.d, i.d);
     if coincident {
         target.a = add(target.a, i.a);
-        for row in 0..3 {
+        unrolled!(row in 0..3 {
             target.b[row] = add(target.b[row], i.b[row]);
-        }
+        });
     } else {
         moment = add(moment, mat_vec(i.b, cv));
         force = add(force, times(&i.d, cv));
@@ -245,12 +246,12 @@ fn add_shifted<S: Scalar>(parent: &mut BodyScratch<S>, body: &BodyScratch<S>, co
         // B' = B + [r]D, column by column; A' = A − B[r] + [r]B'ᵀ
         let columns = [cross(r, d[0]), cross(r, d[1]), cross(r, d[2])];
         let mut shifted = i.b;
-        for row in 0..3 {
-            for column in 0..3 {
+        unrolled!(row in 0..3 {
+            unrolled!(column in 0..3 {
                 shifted[row][column] += columns[column][row];
-            }
+            });
             target.b[row] = add(target.b[row], shifted[row]);
-        }
+        });
         let left = [cross(r, i.b[0]), cross(r, i.b[1]), cross(r, i.b[2])];
         let right = [cross(r, shifted[0]), cross(r, shifted[1]), cross(r, shifted[2])];
         let more = [
@@ -306,12 +307,12 @@ fn from_parent<S: Scalar>(t: &Topology, i: usize, gravity: S, x: &[S], bodies: &
             let own = mat_vec(transpose(body.rotation), relative);
             let w = [x[velocity], x[velocity + 1], x[velocity + 2]];
             let turning = derivative([x[position], x[position + 1], x[position + 2], x[position + 3]], w);
-            for k in 0..3 {
+            unrolled!(k in 0..3 {
                 rate[velocity + k] = own[k];
-            }
-            for k in 0..4 {
+            });
+            unrolled!(k in 0..4 {
                 rate[position + k] = turning[k];
-            }
+            });
         }
     }
 }
@@ -324,15 +325,15 @@ fn float<S: Scalar>(body: &mut BodyScratch<S>, gravity: S, x: &[S], at: usize, r
     let own = mat_vec(transpose(body.rotation), angular);
     let w = [x[at + 10], x[at + 11], x[at + 12]];
     let turning = derivative([x[at + 6], x[at + 7], x[at + 8], x[at + 9]], w);
-    for k in 0..3 {
+    unrolled!(k in 0..3 {
         rate[at + k] = x[at + 3 + k];
         rate[at + 3 + k] = linear[k];
         rate[at + 10 + k] = own[k];
-    }
+    });
     rate[at + 5] -= gravity;
-    for k in 0..4 {
+    unrolled!(k in 0..4 {
         rate[at + 6 + k] = turning[k];
-    }
+    });
 }
 
 /// (a, α) of `[D Bᵀ; B A]` (a, α) = (f, n), by L D Lᵀ without pivoting: the matrix is positive definite.
@@ -340,17 +341,17 @@ fn float<S: Scalar>(body: &mut BodyScratch<S>, gravity: S, x: &[S], at: usize, r
 fn solve<S: Scalar>(i: &Articulated<S>, force: Vec3<S>, moment: Vec3<S>) -> (Vec3<S>, Vec3<S>) {
     let (a, d) = (full(i.a), full(i.d));
     let mut l = [[S::zero(); 6]; 6];
-    for row in 0..3 {
-        for column in 0..3 {
+    unrolled!(row in 0..3 {
+        unrolled!(column in 0..3 {
             l[row][column] = d[row][column];
             l[row + 3][column] = i.b[row][column];
             l[row + 3][column + 3] = a[row][column];
-        }
-    }
+        });
+    });
     let mut y = [force[0], force[1], force[2], moment[0], moment[1], moment[2]];
     let mut inverse = [S::zero(); 6];
     // after column k, l[row][k] holds L·D and is divided where it is used
-    for k in 0..6 {
+    unrolled!(k in 0..6 {
         inverse[k] = l[k][k].recip();
         for row in k + 1..6 {
             let factor = l[row][k] * inverse[k];
@@ -359,14 +360,14 @@ fn solve<S: Scalar>(i: &Articulated<S>, force: Vec3<S>, moment: Vec3<S>) -> (Vec
             }
             y[row] = (-factor).mul_add(y[k], y[row]);
         }
-    }
-    for k in 0..6 {
+    });
+    unrolled!(k in 0..6 {
         let row = 5 - k;
         let mut sum = y[row];
         for below in row + 1..6 {
             sum = (-l[below][row]).mul_add(y[below], sum);
         }
         y[row] = sum * inverse[row];
-    }
+    });
     ([y[0], y[1], y[2]], [y[3], y[4], y[5]])
 }

@@ -14,6 +14,7 @@ use super::parameters::{ParameterView, at, link_parameters};
 use super::scratch::BodyScratch;
 use super::topology::{Axis, Kind, Link, Topology};
 use crate::autodiff::Scalar;
+use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::spatial::*;
 
 /// Fills position, rotation, velocities, axes and biases of every body from a state.
@@ -157,12 +158,12 @@ fn turned<S: Scalar>(frame: &Mat3<S>, axis: Axis, (s, c): (S, S)) -> Mat3<S> {
         Axis::General(a) => {
             let (a, versine): (Vec3<S>, S) = (constants(a), S::one() - c);
             let mut own = skew(scale(s, a));
-            for i in 0..3 {
-                for j in 0..3 {
+            unrolled!(i in 0..3 {
+                unrolled!(j in 0..3 {
                     own[i][j] = (versine * a[i]).mul_add(a[j], own[i][j]);
-                }
+                });
                 own[i][i] += c;
-            }
+            });
             r = mat_mul(*frame, own);
         }
     }
@@ -172,11 +173,11 @@ fn turned<S: Scalar>(frame: &Mat3<S>, axis: Axis, (s, c): (S, S)) -> Mat3<S> {
 /// Columns i and j turned into each other: cᵢ ← c cᵢ + s cⱼ, cⱼ ← c cⱼ − s cᵢ.
 #[inline(always)]
 fn mix<S: Scalar>(r: &mut Mat3<S>, i: usize, j: usize, s: S, c: S) {
-    for row in 0..3 {
+    unrolled!(row in 0..3 {
         let (a, b) = (r[row][i], r[row][j]);
         r[row][i] = c.mul_add(a, s * b);
         r[row][j] = c.mul_add(b, -(s * a));
-    }
+    });
 }
 
 #[inline(always)]

@@ -5,6 +5,7 @@
 use super::model::{MAX_BODIES, MAX_TREE_ROTORS};
 use super::topology::Topology;
 use crate::autodiff::Scalar;
+use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::rigid::Symmetric;
 use crate::dynamics::rotor::{Lag, RotorModel};
 use crate::dynamics::spatial::{Mat3, Vec3, Wrench};
@@ -28,15 +29,15 @@ impl<S: Scalar> Articulated<S> {
     /// Another one, about the same point.
     #[inline(always)]
     pub(crate) fn add(&mut self, more: &Self) {
-        for k in 0..6 {
+        unrolled!(k in 0..6 {
             self.a[k] += more.a[k];
             self.d[k] += more.d[k];
-        }
-        for row in 0..3 {
-            for column in 0..3 {
+        });
+        unrolled!(row in 0..3 {
+            unrolled!(column in 0..3 {
                 self.b[row][column] += more.b[row][column];
-            }
-        }
+            });
+        });
     }
 }
 

@@ -20,6 +20,7 @@ use super::topology::{Kind, Topology};
 use super::torque::{self, Drives, Pass};
 use super::wakes;
 use crate::autodiff::Scalar;
+use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::integrate::{Grid, Integrator};
 use crate::dynamics::spatial::{derivative, unit};
 
@@ -150,11 +151,11 @@ fn velocities_then_positions<S: Scalar>(t: &Topology, h: f64, s: &mut Scratch<'_
         let (p, v) = (t.links[i].position, t.links[i].velocity);
         match t.links[i].kind {
             Kind::Floating => {
-                for k in 0..3 {
+                unrolled!(k in 0..3 {
                     s.end[p + 3 + k] = step.mul_add(s.rate[p + 3 + k], s.at[p + 3 + k]);
                     s.end[p + 10 + k] = step.mul_add(s.rate[p + 10 + k], s.at[p + 10 + k]);
                     s.end[p + k] = step.mul_add(s.end[p + 3 + k], s.at[p + k]);
-                }
+                });
                 turn(s, p + 6, p + 10, step);
             }
             Kind::Hinge(_) | Kind::Slide(_) => {
@@ -162,9 +163,9 @@ fn velocities_then_positions<S: Scalar>(t: &Topology, h: f64, s: &mut Scratch<'_
                 s.end[p] = step.mul_add(s.end[v], s.at[p]);
             }
             Kind::Ball => {
-                for k in 0..3 {
+                unrolled!(k in 0..3 {
                     s.end[v + k] = step.mul_add(s.rate[v + k], s.at[v + k]);
-                }
+                });
                 turn(s, p, v, step);
             }
         }
@@ -176,9 +177,9 @@ fn velocities_then_positions<S: Scalar>(t: &Topology, h: f64, s: &mut Scratch<'_
 fn turn<S: Scalar>(s: &mut Scratch<'_, S>, q: usize, w: usize, step: S) {
     let attitude = [s.at[q], s.at[q + 1], s.at[q + 2], s.at[q + 3]];
     let turning = derivative(attitude, [s.end[w], s.end[w + 1], s.end[w + 2]]);
-    for k in 0..4 {
+    unrolled!(k in 0..4 {
         s.end[q + k] = step.mul_add(turning[k], attitude[k]);
-    }
+    });
 }
 
 /// Unit quaternions, and the rotor speeds that their closed form has reached.
@@ -191,9 +192,9 @@ fn finish<S: Scalar>(t: &Topology, s: &mut Scratch<'_, S>) {
             Kind::Hinge(_) | Kind::Slide(_) => continue,
         };
         let attitude = unit([s.end[q], s.end[q + 1], s.end[q + 2], s.end[q + 3]]);
-        for k in 0..4 {
+        unrolled!(k in 0..4 {
             s.end[q + k] = attitude[k];
-        }
+        });
     }
     for r in 0..t.n_rotor() {
         s.end[t.rotor_speed[r]] = s.rotors[r].speed;

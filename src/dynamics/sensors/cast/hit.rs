@@ -20,6 +20,7 @@
 use super::fused;
 use crate::autodiff::Mask;
 use crate::autodiff::lanes::Lanes;
+use crate::autodiff::unrolled::unrolled;
 
 /// Numbers of a piece beside its three forms.
 pub(super) const N_NUMBER: usize = 6;
@@ -86,7 +87,7 @@ impl Piece for Cuboid {
     fn entry<L: Lanes>(forms: [L; 3], numbers: &[L; N_NUMBER]) -> (L, L::Mask) {
         let mut entry = L::constant(-1e30);
         let mut exit = L::constant(1e30);
-        for k in 0..3 {
+        unrolled!(k in 0..3 {
             // a ray along a slab stays inside it or outside it, never between 0 and ∞ of 0 times ∞
             let d = L::select(forms[k].abs().lt(L::constant(TINY)), L::constant(TINY), forms[k]);
             let inverse = d.recip();
@@ -94,7 +95,7 @@ impl Piece for Cuboid {
             let flipped = b.lt(a);
             entry = entry.max(L::select(flipped, b, a));
             exit = exit.min(L::select(flipped, a, b));
-        }
+        });
         (entry, entry.lt(exit).and(L::zero().lt(entry)))
     }
 
@@ -103,12 +104,12 @@ impl Piece for Cuboid {
     #[inline(always)]
     fn reach<L: Lanes>(forms: [L; 3], numbers: &[L; N_NUMBER], chord: L) -> L {
         let (mut ahead, mut squared, mut size) = (L::zero(), L::zero(), L::zero());
-        for k in 0..3 {
+        unrolled!(k in 0..3 {
             let (middle, half) = (L::constant(0.5) * (numbers[k] + numbers[3 + k]), numbers[3 + k] - numbers[k]);
             ahead = fused(middle, forms[k], ahead);
             squared = fused(middle, middle, squared);
             size = fused(half, half, size);
-        }
+        });
         let ahead = ahead.max(L::zero());
         let reach = fused(chord, squared.sqrt(), L::constant(0.5) * size.sqrt());
         let past = fused(-ahead, ahead, squared);

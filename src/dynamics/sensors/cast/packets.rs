@@ -11,6 +11,7 @@ use super::world::{self, GROUND, LANES, NOTHING, Row, World};
 use super::{Caster, Range, Tile, dot, fused, splat};
 use crate::autodiff::Mask;
 use crate::autodiff::lanes::Lanes;
+use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::Vec3;
 use crate::error::{Error, Result, finite};
@@ -86,9 +87,9 @@ impl Rays {
             for lane in 0..LANES {
                 // a packet that is not full repeats its last ray
                 let d = &sixteen[lane.min(sixteen.len() - 1)];
-                for k in 0..3 {
+                unrolled!(k in 0..3 {
                     packet[k][lane] = (d[k] / norm(d)) as f32;
-                }
+                });
             }
             self.directions.push(packet);
         }
@@ -97,9 +98,9 @@ impl Rays {
             let mut cones = Cones { middle: [[0.0; LANES]; 3], chord: [-1e9; LANES] };
             for (lane, packet) in sixteen.iter().enumerate() {
                 let (middle, chord) = cone(packet);
-                for k in 0..3 {
+                unrolled!(k in 0..3 {
                     cones.middle[k][lane] = middle[k];
-                }
+                });
                 cones.chord[lane] = chord;
             }
             self.cones.push(cones);
@@ -156,9 +157,9 @@ impl View for Rays {
     fn reaches<L: Lanes>(&self, base: Vec3<L>, axis: Vec3<L>, length: L, radius: L) -> (L, L::Mask) {
         let along = (-dot(base, axis)).max(L::zero()).min(length);
         let mut nearest = base;
-        for k in 0..3 {
+        unrolled!(k in 0..3 {
             nearest[k] = fused(along, axis[k], base[k]);
-        }
+        });
         // what rounds is relative to the far end, from which the nearest point was computed
         let near = dot(nearest, nearest).sqrt() - widened(widened(radius, base), nearest);
         (near, near.lt(splat(self.range.most as f32)))

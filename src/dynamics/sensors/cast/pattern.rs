@@ -7,6 +7,7 @@ use super::world::{self, LANES, NOTHING, World};
 use super::{Caster, Eye, Range, Tile, meshes, splat, uneven};
 use crate::autodiff::Mask;
 use crate::autodiff::lanes::{Kernel, Lanes, dispatch};
+use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::Vec3;
 
@@ -49,11 +50,11 @@ impl<'a, L: Lanes> OnePiece<'a, L> {
         for k in 0..N_NUMBER {
             numbers[k] = splat(block.numbers[k][lane]);
         }
-        for i in 0..3 {
-            for k in 0..3 {
+        unrolled!(i in 0..3 {
+            unrolled!(k in 0..3 {
                 forms[i][k] = splat(block.forms[i][k][lane]);
-            }
-        }
+            });
+        });
         Self { block, lane, numbers, forms, id: splat(id), near: block.near[lane] }
     }
 }

@@ -9,6 +9,7 @@ use super::world::{BoxBlock, CapsuleBlock, LANES, Row};
 use super::{Eye, dot, fused, splat};
 use crate::autodiff::Mask;
 use crate::autodiff::lanes::Lanes;
+use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::spatial::Vec3;
 
 /// Roundings of a position in the eye's frame, relative to its distance; 2⁻²³ is 1.2e-7, and some ten of them add up.
@@ -67,10 +68,10 @@ impl Grid {
     #[inline(always)]
     pub(super) fn outside<L: Lanes>(&self, center: Vec3<L>, radius: L) -> L::Mask {
         let mut out = (center[0] + radius).lt(L::zero());
-        for k in 0..2 {
+        unrolled!(k in 0..2 {
             let beyond = fused(splat(-self.side[k]), center[0], center[1 + k].abs());
             out = out.or((radius * splat(self.slant[k])).lt(beyond));
-        }
+        });
         out
     }
 }
@@ -89,10 +90,10 @@ pub(super) fn load<L: Lanes, const N: usize>(rows: &[Row; N], at: usize) -> [L; 
 #[inline(always)]
 pub(super) fn turned<L: Lanes>(eye: &Eye, v: Vec3<L>) -> Vec3<L> {
     let mut out = [L::zero(); 3];
-    for k in 0..3 {
+    unrolled!(k in 0..3 {
         let axis = [splat(eye.axes[k][0]), splat(eye.axes[k][1]), splat(eye.axes[k][2])];
         out[k] = dot(axis, v);
-    }
+    });
     out
 }
 
@@ -100,9 +101,9 @@ pub(super) fn turned<L: Lanes>(eye: &Eye, v: Vec3<L>) -> Vec3<L> {
 #[inline(always)]
 pub(super) fn seen<L: Lanes>(eye: &Eye, p: Vec3<L>) -> Vec3<L> {
     let mut from = [L::zero(); 3];
-    for k in 0..3 {
+    unrolled!(k in 0..3 {
         from[k] = p[k] - splat(eye.position[k]);
-    }
+    });
     turned(eye, from)
 }
 
@@ -128,11 +129,11 @@ pub(super) fn widened<L: Lanes>(radius: L, center: Vec3<L>) -> L {
 /// One register of a piece, into its block.
 #[inline(always)]
 fn write<L: Lanes>(out: &mut PieceBlock, at: usize, forms: &[Vec3<L>; 3], numbers: &[L], near: L) {
-    for i in 0..3 {
-        for k in 0..3 {
+    unrolled!(i in 0..3 {
+        unrolled!(k in 0..3 {
             forms[i][k].store(&mut out.forms[i][k][at..]);
-        }
-    }
+        });
+    });
     for k in 0..numbers.len() {
         numbers[k].store(&mut out.numbers[k][at..]);
     }
@@ -151,13 +152,13 @@ struct Slopes<L> {
 fn tangents<L: Lanes>(center: Vec3<L>, radius: L) -> Slopes<L> {
     let inverse = ((center[0] - radius) * (center[0] + radius)).recip();
     let mut s = Slopes { low: [L::zero(); 2], high: [L::zero(); 2] };
-    for k in 0..2 {
+    unrolled!(k in 0..2 {
         let y = center[1 + k];
         let root = fused(center[0], center[0], fused(y, y, -(radius * radius))).max(L::zero()).sqrt();
         let (middle, half) = (center[0] * y * inverse, radius * root * inverse);
         s.low[k] = middle - half;
         s.high[k] = middle + half;
-    }
+    });
     s
 }
 
@@ -167,10 +168,10 @@ fn covered<L: Lanes>(grid: &Grid, center: Vec3<L>, radius: L) -> Slopes<L> {
     let mut s = tangents(center, radius);
     let (ahead, out) = (radius.lt(center[0]), grid.outside(center, radius));
     let wide = L::constant(WIDE);
-    for k in 0..2 {
+    unrolled!(k in 0..2 {
         s.low[k] = L::select(out, wide, L::select(ahead, s.low[k], -wide));
         s.high[k] = L::select(out, -wide, L::select(ahead, s.high[k], wide));
-    }
+    });
     s
 }
 
@@ -183,7 +184,7 @@ fn write_window<L: Lanes>(out: &mut PieceBlock, at: usize, grid: &Grid, slopes: 
     let per_tile = 0.25 / grid.step;
     let first = [grid.top, grid.left];
     let count = [grid.rows, grid.columns];
-    for k in 0..2 {
+    unrolled!(k in 0..2 {
         let (from, to) = (slopes.high[1 - k], slopes.low[1 - k]);
         // in tiles; the first pixel at or behind a place is its place rounded up, the last one is rounded down
         let start = splat::<L>(first[k] * per_tile);
@@ -192,7 +193,7 @@ fn write_window<L: Lanes>(out: &mut PieceBlock, at: usize, grid: &Grid, slopes: 
         let last = L::constant(count[k] as f64);
         low.max(L::zero()).min(last).store(&mut out.window[k][at..]);
         high.max(L::zero()).min(last).store(&mut out.window[2 + k][at..]);
-    }
+    });
 }
 
 /// By how much of a pixel bounds are widened.
@@ -246,10 +247,10 @@ fn write_windows<L: Lanes>(out: &mut [PieceBlock; 3], at: usize, grid: &Grid, ba
     // with an end beside the eye or behind it, the side may be anywhere
     let ahead = r0.lt(a[0]).and(r1.lt(b[0]));
     let (mut all, other) = (tangents(a, r0), tangents(b, r1));
-    for k in 0..2 {
+    unrolled!(k in 0..2 {
         all.low[k] = L::select(ahead, all.low[k].min(other.low[k]), L::constant(-WIDE));
         all.high[k] = L::select(ahead, all.high[k].max(other.high[k]), L::constant(WIDE));
-    }
+    });
     write_window(&mut out[0], at, grid, all);
 }
 
@@ -290,10 +291,10 @@ fn scaled<L: Lanes>(s: L, v: Vec3<L>) -> Vec3<L> {
 #[inline(always)]
 fn cross<L: Lanes>(a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
     let mut out = [L::zero(); 3];
-    for k in 0..3 {
+    unrolled!(k in 0..3 {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
         out[k] = fused(a[i], b[j], -(a[j] * b[i]));
-    }
+    });
     out
 }
 
@@ -303,11 +304,11 @@ fn cross<L: Lanes>(a: Vec3<L>, b: Vec3<L>) -> Vec3<L> {
 fn write_edges<L: Lanes>(out: &mut PieceBlock, at: usize, grid: &Grid, forms: &[Vec3<L>; 3], rho: L) {
     let (zero, step) = (L::zero(), splat::<L>(grid.step));
     let reach = splat::<L>(1.0 + grid.side[0] + grid.side[1]);
-    for i in 0..2 {
+    unrolled!(i in 0..2 {
         let mut e = [zero; 3];
-        for k in 0..3 {
+        unrolled!(k in 0..3 {
             e[k] = if i == 0 { forms[0][k] - forms[1][k] } else { forms[0][k] + forms[1][k] };
-        }
+        });
         let first = fused(splat(grid.left), e[1], fused(splat(grid.top), e[2], e[0]));
         let (column, row) = (-(step * e[1]), -(step * e[2]));
         // the most that it is in the four rows of a tile, and what rounds
@@ -325,7 +326,7 @@ fn write_edges<L: Lanes>(out: &mut PieceBlock, at: usize, grid: &Grid, forms: &[
         L::select(begins, per_row, zero).store(&mut out.edges[2 * i + 1][at..]);
         L::select(ends, high, L::constant(grid.columns as f64)).store(&mut out.edges[4 + 2 * i][at..]);
         L::select(ends, per_row, zero).store(&mut out.edges[4 + 2 * i + 1][at..]);
-    }
+    });
 }
 
 /// Boxes.
@@ -336,13 +337,13 @@ pub(super) fn cuboid<L: Lanes>(block: &BoxBlock, at: usize, eye: &Eye, grid: Opt
     let half = load::<L, 3>(&block.half, at);
     let (mut forms, mut numbers) = ([[zero; 3]; 3], [zero; N_NUMBER]);
     let mut gap = L::constant(-1e30);
-    for k in 0..3 {
+    unrolled!(k in 0..3 {
         forms[k] = turned(eye, load(&block.axes[k], at));
         let middle = dot(w, forms[k]);
         numbers[k] = middle - half[k];
         numbers[3 + k] = middle + half[k];
         gap = gap.max(middle.abs() - half[k]);
-    }
+    });
     let visible = zero.lt(gap);
     let unseen = L::select(visible, zero, L::constant(f64::NAN));
     for k in 0..N_NUMBER {
@@ -356,24 +357,24 @@ pub(super) fn cuboid<L: Lanes>(block: &BoxBlock, at: usize, eye: &Eye, grid: Opt
     let (mut nearest, mut low, mut high) = (none, [none; 2], [-none; 2]);
     for corner in 0..8 {
         let mut p = w;
-        for k in 0..3 {
+        unrolled!(k in 0..3 {
             let edge = if corner >> k & 1 == 0 { half[k] } else { -half[k] };
             p = along(p, edge, forms[k]);
-        }
+        });
         nearest = nearest.min(p[0]);
         let inverse = p[0].recip();
-        for k in 0..2 {
+        unrolled!(k in 0..2 {
             let slope = p[1 + k] * inverse;
             let wide = slack * inverse * (L::one() + slope.abs());
             low[k] = low[k].min(slope - wide);
             high[k] = high[k].max(slope + wide);
-        }
+        });
     }
     write(out, at, &forms, &numbers, L::select(visible, nearest - slack, none));
     let ahead = (slack + slack).lt(nearest);
-    for k in 0..2 {
+    unrolled!(k in 0..2 {
         low[k] = L::select(ahead, low[k], L::constant(-WIDE));
         high[k] = L::select(ahead, high[k], L::constant(WIDE));
-    }
+    });
     write_window(out, at, grid, Slopes { low, high });
 }

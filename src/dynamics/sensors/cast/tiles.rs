@@ -12,6 +12,7 @@ use super::world::{self, GROUND, LANES, NOTHING, Row, World};
 use super::{Caster, Range, Tile, fused, splat};
 use crate::autodiff::Mask;
 use crate::autodiff::lanes::Lanes;
+use crate::autodiff::unrolled::unrolled;
 use crate::dynamics::shape::Pose;
 use crate::dynamics::spatial::Vec3;
 use crate::error::{Error, Result, finite};
@@ -106,21 +107,21 @@ impl View for Camera {
     #[inline(always)]
     fn reaches<L: Lanes>(&self, base: Vec3<L>, axis: Vec3<L>, length: L, radius: L) -> (L, L::Mask) {
         let mut end = base;
-        for k in 0..3 {
+        unrolled!(k in 0..3 {
             end[k] = fused(length, axis[k], base[k]);
-        }
+        });
         let (r0, r1) = (widened(radius, base), widened(radius, end));
         let near = (base[0] - r0).min(end[0] - r1);
         let far = (base[0] + r0).max(end[0] + r1);
         let mut seen = near.lt(splat(self.range.most as f32)).and(L::zero().lt(far));
-        for k in 0..2 {
+        unrolled!(k in 0..2 {
             let (side, slant) = (splat::<L>(-self.grid.side[k]), splat::<L>(-self.grid.slant[k]));
             // by how much either end is inside either side
             let (a, b) = (fused(side, base[0], slant * r0), fused(side, end[0], slant * r1));
             let left = (base[1 + k] + a).min(end[1 + k] + b);
             let right = (a - base[1 + k]).min(b - end[1 + k]);
             seen = seen.and(left.lt(L::zero())).and(right.lt(L::zero()));
-        }
+        });
         (near, seen)
     }
 
@@ -216,9 +217,9 @@ impl Pattern for Camera {
             let mut at = 0;
             while at < LANES {
                 let up = L::load(&self.up[r][at..]);
-                for i in 0..3 {
+                unrolled!(i in 0..3 {
                     fused(up, forms[i][2], forms[i][0]).store(&mut partial[i][at..]);
-                }
+                });
                 at += L::WIDTH;
             }
             for c in first..behind.min(columns) {
@@ -231,9 +232,9 @@ impl Pattern for Camera {
                 while at < LANES {
                     let left = L::load(&self.left[c][at..]);
                     let mut values = [L::zero(); 3];
-                    for i in 0..3 {
+                    unrolled!(i in 0..3 {
                         values[i] = fused(left, forms[i][1], L::load(&partial[i][at..]));
-                    }
+                    });
                     let (t, counts) = P::entry(values, numbers);
                     farthest = farthest.max(nearer(tile, at, t, counts, *id));
                     at += L::WIDTH;
