@@ -46,6 +46,11 @@ impl Derivatives {
             d.left_out.push("the control law switches at a failure: fly without --fail for derivatives".into());
             return Ok(d);
         }
+        if plan.latency > 0 {
+            d.left_out.push("steps whose commands act late are not certified: fly without --latency".into());
+            d.go_through(vehicle, gains, plan)?;
+            return Ok(d);
+        }
         if flight.smoothest.margin < 0.0 {
             d.left_out.push("no step lies away from every kink: there is no point to differentiate at".into());
             return Ok(d);
@@ -59,10 +64,16 @@ impl Derivatives {
         let closed = certified("one step of the closed loop", &system, state, &outside, &system.parameters());
         let closed = d.small_enough(closed)?;
         d.certificates.extend(step.into_iter().chain(closed));
-        let start = Instant::now();
-        let through = d.small_enough(sensitivity(vehicle, gains, plan))?;
-        d.through = through.map(|s| (s, start.elapsed().as_secs_f64()));
+        d.go_through(vehicle, gains, plan)?;
         Ok(d)
+    }
+
+    /// Finds the gradient through the whole flight.
+    fn go_through(&mut self, vehicle: &Vehicle, gains: &Gains, plan: &FlightPlan) -> Result<()> {
+        let start = Instant::now();
+        let through = self.small_enough(sensitivity(vehicle, gains, plan))?;
+        self.through = through.map(|s| (s, start.elapsed().as_secs_f64()));
+        Ok(())
     }
 
     /// `None` with a remark where something is too large to record, or a gain is zero.
