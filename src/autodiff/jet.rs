@@ -319,7 +319,7 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
         let (n, m) = (inputs.len(), outputs.len());
         let (mut x, mut y) = (vec![S::zero(); 2 * n], vec![S::zero(); m]);
         let mut moved = S::zero();
-        unrolled!(k in 0..N {
+        for k in 0..N {
             let order = if k == 0 { operation } else { operation.tangent() };
             for i in 0..n {
                 x[if k == 0 { i } else { n + i }] = inputs[i].coefficients[k];
@@ -332,7 +332,7 @@ impl<S: Scalar, const N: usize> Scalar for Jet<S, N> {
             for i in 0..if k == 0 { 0 } else { n } {
                 moved += inputs[i].coefficients[k].abs();
             }
-        });
+        }
     }
 
     #[inline(always)]

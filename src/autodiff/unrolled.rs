@@ -2,7 +2,8 @@
 //!
 //! A kernel has thousands of loops over three or four components. The compiler unrolls them all, but analyses each as a
 //! loop first, in functions of tens of thousands of instructions: more than half of the time that this crate took to
-//! compile, and once more a tenth where series were left as loops. Numbers that live in such an array stay in registers only once it is unrolled, too.
+//! compile, and once more a tenth where series were left as loops. Numbers that live in such an array stay in registers
+//! only once it is unrolled, too.
 
 /// `for i in 0..N` or `1..N` for a constant N, as N copies of the body; a loop beyond the sixteenth, or the seventh from 1 on.
 macro_rules! unrolled {

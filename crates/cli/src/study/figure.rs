@@ -42,13 +42,14 @@ fn styles<P: PartialEq, L: Ord + Clone>(rows: impl Iterator<Item = (P, L)>) -> B
     let rows: Vec<(P, L)> = rows.collect();
     let mut styles = BTreeMap::<L, usize>::new();
     for (_, label) in &rows {
+        if styles.contains_key(label) {
+            continue;
+        }
         let beside = |panel: &P| rows.iter().any(|(other, own)| other == panel && own == label);
         let taken: Vec<usize> =
             rows.iter().filter(|(panel, _)| beside(panel)).filter_map(|(_, own)| styles.get(own).copied()).collect();
-        if !styles.contains_key(label) {
-            let free = (0..).find(|style| !taken.contains(style)).unwrap_or_default();
-            styles.insert(label.clone(), free);
-        }
+        let free = (0..).find(|style| !taken.contains(style)).unwrap_or_default();
+        styles.insert(label.clone(), free);
     }
     styles
 }
