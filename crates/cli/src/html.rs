@@ -10,7 +10,7 @@ body{font:14px/1.45 system-ui,sans-serif;color:#212529;background:#fff;max-width
 h1{font-size:1.6em;margin:0}h2{font-size:1.15em;margin:1.8em 0 .5em;border-bottom:1px solid #dee2e6}\
 p{margin:.4em 0}.remark,td.note{color:#5b6168}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
 td,th{padding:.15em .9em .15em 0;text-align:left;vertical-align:top}th{border-bottom:1px solid #adb5bd}\
-td{white-space:nowrap}td.note{white-space:normal}.r{text-align:right}.wide{overflow-x:auto}figure{margin:1em 0}svg{max-width:100%;height:auto}\
+td{white-space:nowrap}td.note,td:last-child:not(.r){white-space:normal}.r{text-align:right}.wide{overflow-x:auto}figure{margin:1em 0}svg{max-width:100%;height:auto}\
 h3{font-size:1em;margin:1.2em 0 .3em}pre{background:#f6f8fa;padding:.6em .9em;overflow-x:auto}summary{cursor:pointer}\
 iframe{display:block;width:100%;height:560px;border:1px solid #dee2e6;border-radius:6px}\
 @media print{body{margin:0;max-width:none;font-size:11px}table,figure{break-inside:avoid}h2{break-after:avoid}iframe{display:none}}";

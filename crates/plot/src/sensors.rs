@@ -75,7 +75,16 @@ impl Readings<'_> {
     }
 }
 
-/// A panel per quantity, with a curve per axis.
+/// What a position or velocity is read of, in the world: the vehicle's, by its own point.
+fn flown<'a>(log: &'a FlightLog, stem: &str) -> &'a [[f64; 3]] {
+    match stem {
+        "position" => &log.position,
+        "velocity" => &log.velocity,
+        _ => &[],
+    }
+}
+
+/// A panel per quantity, with a curve per axis; of positions and velocities also the vehicle's, dashed.
 fn curves(figure: Figure, channels: &[Channel], readings: &Readings<'_>) -> Figure {
     let stem = |k: usize| {
         let name = channels[k].0.as_ref();
@@ -90,8 +99,14 @@ fn curves(figure: Figure, channels: &[Channel], readings: &Readings<'_>) -> Figu
         let Some((_, panel)) = panels.last_mut() else { continue };
         let axis = name[stem.len()..].trim_start_matches('_');
         let values = timed(readings.log, (0..readings.log.len()).map(|i| readings.at(i)[k]));
-        let line = Series::line(axis, values).colour(Colour::nth(panel.series.len())).width(1.0);
+        let shown = panel.series.iter().filter(|s| !s.dashed).count();
+        let line = Series::line(axis, values).colour(Colour::nth(shown)).width(1.0);
         *panel = std::mem::take(panel).series(line);
+        let flown = flown(readings.log, &stem);
+        if !flown.is_empty() {
+            let line = Series::line("flown", timed(readings.log, flown.iter().map(|at| at[shown])));
+            *panel = std::mem::take(panel).series(line.colour(Colour::INK).dashed().width(0.8));
+        }
     }
     let last = panels.len() - 1;
     let figure = figure.size(800.0, 60.0 + HEIGHT * panels.len() as f64);
@@ -214,11 +229,20 @@ mod tests {
         assert!(texts[0].contains("range [m]") && !texts[0].contains("Elevation"), "{}", texts[0]);
     }
 
+    #[test]
+    fn a_position_stands_beside_the_one_that_was_flown() {
+        let texts = drawn(&SensorConfig::parse_list("gnss:single_point,imu").unwrap());
+        assert_eq!(texts[0].matches(">flown<").count(), 2, "position and velocity: {}", texts[0]);
+        assert!(!texts[1].contains(">flown<"), "{}", texts[1]);
+    }
+
     /// The figures of a flight of three samples.
     fn drawn(sensors: &[SensorConfig]) -> Vec<String> {
         let n: usize = sensors.iter().map(|sensor| sensor.model.channels().len()).sum();
         let mut log = FlightLog::new("drone", &[]);
         log.time = vec![0.0, 0.1, 0.2];
+        log.position = vec![[0.0, 0.0, 1.0]; 3];
+        log.velocity = vec![[0.1, 0.0, 0.0]; 3];
         log.sensor_channels = vec![Quantity { name: "x".into(), unit: "-" }; n];
         log.sensor_readings = (0..3 * n).map(|i| (0.01 * i as f64).sin().abs()).collect();
         let figures = sensor_figures(sensors, &log);
