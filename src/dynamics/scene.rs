@@ -21,6 +21,7 @@ mod generate;
 pub use gate::{Gate, Passage, Slide};
 pub use generate::{Corridor, Course, Forest, Generator, KINDS, Rooms, Rubble, Terrain};
 
+use super::assembly::rod;
 use super::contact::ContactMaterial;
 use super::contact::distance::{self, ground_distance, plane_distance};
 use super::mesh::Mesh;
@@ -180,6 +181,16 @@ impl Scene {
         let shape = &self.obstacles[i].shape;
         let offset = [placement[at], placement[at + 1], placement[at + 2]];
         Pose { position: add(constants(shape.position), offset), attitude: constants(shape.rotation) }
+    }
+
+    /// Gates, as their four bars each, then obstacles, where a placement puts them in the world. Neither ground nor meshes.
+    pub fn solids(&self, placement: &[f64]) -> Vec<Shape> {
+        let bars = |(i, gate): (usize, &Gate)| {
+            gate.bars(&self.gate_pose(placement, i)).map(|[from, to]| rod(from, to, gate.bar_radius()))
+        };
+        let obstacle = |(i, own): (usize, &Obstacle)| own.shape.at(self.obstacle_pose(placement, i).position);
+        let gates = self.gates.iter().enumerate().flat_map(bars);
+        gates.chain(self.obstacles.iter().enumerate().map(obstacle)).collect()
     }
 
     /// Signed distance of a world point to the nearest element, m: negative inside; [`FAR`] at most.

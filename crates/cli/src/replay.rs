@@ -160,17 +160,17 @@ impl Seen {
         if self.most == 0 || self.refused.is_some() {
             return false;
         }
+        self.seen(watched).unwrap_or_else(|error| {
+            self.refused = Some(error);
+            false
+        })
+    }
+
+    fn seen(&mut self, watched: &Watched<'_>) -> Result<bool> {
         if watched.step == 1 {
-            self.episodes = Some(Episodes::new(watched.env, self.most));
+            self.episodes = Some(Episodes::new(watched.env, self.most)?);
         }
-        match self.episodes.as_mut().map(|episodes| episodes.see(watched)) {
-            Some(Ok(due)) => due,
-            Some(Err(error)) => {
-                self.refused = Some(error);
-                false
-            }
-            None => false,
-        }
+        self.episodes.as_mut().map_or(Ok(false), |episodes| episodes.see(watched))
     }
 
     /// What was recorded up to now.

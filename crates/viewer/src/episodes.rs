@@ -20,6 +20,8 @@ pub struct Episodes {
     n: usize,
     stride: usize,
     look: Look,
+    /// Shapes of the robot's model that stand still; those of the task's scene are behind them.
+    own_still: usize,
     wanted: Vec<Vec<Reference>>,
     error: Option<(Measure, usize)>,
     recording: Option<Recording>,
@@ -27,22 +29,29 @@ pub struct Episodes {
 
 impl Episodes {
     /// Of the first `most` environments.
-    pub fn new(env: &Env, most: usize) -> Self {
+    ///
+    /// # Errors
+    /// As of [`Env::solids`].
+    pub fn new(env: &Env, most: usize) -> Result<Self> {
         let spec = env.spec().clone();
         let plant = env.robot().plant().clone();
+        let mut look = Look::of(&plant);
+        let own_still = look.n_still();
+        look.still.extend(env.solids(0)?);
         let first = spec.metric_columns().start;
         let measure = |m: &omnidrones::tasks::Info| Measure { name: m.name.replace('_', " "), unit: m.unit.clone() };
         let stride = ((BETWEEN / spec.dt).round() as usize).max(spec.horizon.div_ceil(MAX_FRAMES)).max(1);
-        Self {
+        Ok(Self {
             n: spec.n_env.min(most),
             stride,
-            look: Look::of(&plant),
+            look,
+            own_still,
             wanted: Vec::new(),
             error: spec.info.get(first).map(|m| (measure(m), first)),
             recording: None,
             plant,
             spec,
-        }
+        })
     }
 
     /// Time between two frames, s.
@@ -78,17 +87,15 @@ impl Episodes {
     fn begin(&mut self, env: &Env) -> Result<()> {
         let references = |i| Ok(env.reference(i)?.map_or_else(Vec::new, |led| led.references));
         self.wanted = (0..self.n).map(references).collect::<Result<_>>()?;
-        let offsets = self.offsets(env)?;
+        let still = (0..self.n).map(|i| self.still(env, i)).collect::<Result<Vec<_>>>()?;
+        let offsets = self.offsets(env, &still)?;
         let goals = self.wanted.iter().map(Vec::len).max().unwrap_or(0);
-        let still = 3 * self.look.n_still();
-        let actor = |i: usize| {
-            let numbers = env.parameters(i)?;
-            let places = &numbers[numbers.len() - still..];
+        let actor = |(i, still): (usize, Vec<[f64; 3]>)| {
             Ok(Actor {
                 name: format!("episode {i}"),
                 look: 0,
                 offset: offsets[i],
-                still: places.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect(),
+                still,
                 goals,
                 contact: self.plant.tree().is_some() && self.plant.physics().effects.contact,
                 error: self.error.as_ref().map(|(measure, _)| measure.clone()),
@@ -97,22 +104,32 @@ impl Episodes {
                 ended: None,
             })
         };
-        let actors = (0..self.n).map(actor).collect::<Result<Vec<Actor>>>()?;
+        let actors = still.into_iter().enumerate().map(actor).collect::<Result<Vec<Actor>>>()?;
         let task = &self.spec.task;
         self.recording = Some(Recording::new(task, self.interval(), vec![self.look.clone()], actors));
         Ok(())
     }
 
-    /// Single drones share their room; systems stand in a square, each with the room that all of them need.
-    fn offsets(&self, env: &Env) -> Result<Vec<[f64; 3]>> {
-        if self.plant.tree().is_none() || self.n == 1 {
+    /// Where an episode's shapes stand that stand still: by the numbers of the model, then by the task's scene.
+    fn still(&self, env: &Env, i: usize) -> Result<Vec<[f64; 3]>> {
+        let numbers = env.parameters(i)?;
+        let own = numbers[numbers.len() - 3 * self.own_still..].chunks_exact(3).map(|p| [p[0], p[1], p[2]]);
+        Ok(own.chain(env.solids(i)?.into_iter().map(|solid| solid.position)).collect())
+    }
+
+    /// Single drones share their room, where the same things stand in it; others stand in a square, each with the room that all
+    /// of them need.
+    fn offsets(&self, env: &Env, still: &[Vec<[f64; 3]>]) -> Result<Vec<[f64; 3]>> {
+        let alike = still.windows(2).all(|pair| pair[0] == pair[1]);
+        if self.plant.tree().is_none() && alike || self.n == 1 {
             return Ok(vec![[0.0; 3]; self.n]);
         }
         let (mut lo, mut hi) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for i in 0..self.n {
             let poses = self.look.poses(&self.plant, &self.state(env, i)?);
             let goals = self.wanted[i].iter().map(|r| goal(r, 0.0));
-            for place in poses.iter().map(|p| [p[0], p[1], p[2]]).chain(goals) {
+            let standing = still[i][self.own_still..].iter().copied();
+            for place in poses.iter().map(|p| [p[0], p[1], p[2]]).chain(goals).chain(standing) {
                 for k in (0..2).filter(|k| place[*k].is_finite()) {
                     (lo[k], hi[k]) = (lo[k].min(place[k]), hi[k].max(place[k]));
                 }
@@ -184,6 +201,36 @@ pub fn goal(reference: &Reference, time: f64) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The first frame of two episodes.
+    fn begun(task: &str) -> Recording {
+        use omnidrones::tasks::{Buffers, EnvConfig, evaluate};
+        let config = EnvConfig { n_env: 2, ..EnvConfig::default() };
+        let mut config =
+            omnidrones::tasks::registry::by_name(task).unwrap().env(&config).unwrap().spec().config.clone();
+        config.task.insert("horizon".into(), 2.into());
+        let mut env = Env::make(task, &config).unwrap();
+        let mut seen = Episodes::new(&env, 2).unwrap();
+        let mut rest = |_: &Env, _: &Buffers, actions: &mut [f32]| {
+            actions.fill(0.0);
+            Ok(())
+        };
+        evaluate(&mut env, &mut rest, &mut |watched| assert!(seen.see(watched).is_ok())).unwrap();
+        seen.recording().unwrap()
+    }
+
+    #[test]
+    fn trunks_and_gates_stand_where_each_episode_has_them_and_episodes_beside_each_other() {
+        for (task, solids) in [("Forest", 45), ("Race", 4 * 7)] {
+            let recording = begun(task);
+            let [one, other] = &recording.actors[..] else { panic!("two actors") };
+            assert!(one.still.len() == solids && other.still.len() == solids, "{task}: {}", one.still.len());
+            assert!(one.still != other.still && one.offset != other.offset, "{task}");
+            assert_eq!(recording.looks[0].n_still(), solids, "{task}");
+        }
+        let recording = begun("Hover");
+        assert!(recording.actors.iter().all(|actor| actor.still.is_empty() && actor.offset == [0.0; 3]));
+    }
 
     #[test]
     fn a_target_is_where_the_task_wants_it_not_where_the_controller_is_on_its_way() {

@@ -186,7 +186,7 @@ fn episodes(task: &str, n: usize, horizon: u32) -> Recording {
     let mut config = omnidrones::tasks::registry::by_name(task).unwrap().env(&config).unwrap().spec().config.clone();
     config.task.insert("horizon".into(), horizon.into());
     let mut env = Env::make(task, &config).unwrap();
-    let mut seen = Episodes::new(&env, n);
+    let mut seen = Episodes::new(&env, n).unwrap();
     let mut see = |watched: &Watched<'_>| assert!(seen.see(watched).is_ok());
     // what no controller of ours can fly is left to chance
     let mut chance = |env: &Env, _: &Buffers, actions: &mut [f32]| {

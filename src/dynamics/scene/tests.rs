@@ -87,6 +87,28 @@ fn the_distance_to_a_gate_is_that_to_the_nearest_of_its_four_bars() {
 }
 
 #[test]
+fn solids_of_a_placement_are_as_far_from_a_point_as_the_scene() {
+    let scene = Scene { ground: None, ..scene() };
+    let mut r = stream(11);
+    let point = Geometry::Sphere { radius: 0.0 };
+    let mut worst = 0.0f64;
+    for _ in 0..200 {
+        let placement: Vec<f64> = (0..13).map(|_| r.uniform(-0.5, 0.5)).collect();
+        let (solids, p) = (scene.solids(&placement), random(&mut r));
+        assert_eq!(solids.len(), 2 * 4 + 2);
+        let at = Pose { position: p, attitude: [1.0, 0.0, 0.0, 0.0] };
+        let far = |solid: &Shape| {
+            let pose = Pose { position: solid.position, attitude: solid.rotation };
+            distance::distance(&point, &at, &solid.geometry, &pose)
+        };
+        let least = solids.iter().map(far).fold(f64::INFINITY, f64::min);
+        worst = worst.max((least - scene.distance(&placement, p)).abs());
+    }
+    // inside of boxes and bars too
+    assert!(worst < 1e-12, "{worst:e}");
+}
+
+#[test]
 fn a_placement_moves_what_it_names_and_a_slide_goes_along_the_gates_own_y() {
     let scene = scene();
     let mut r = stream(1);

@@ -73,6 +73,7 @@ use self::transition::{config_hash, exposed};
 use crate::autodiff::lanes::{first_lanes, to_rows};
 use crate::autodiff::program::BLOCK;
 use crate::dynamics::batch::{Breach, Plant, STOPPED};
+use crate::dynamics::shape::Shape;
 use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
 use crate::rng::{Purpose, Stream};
@@ -454,6 +455,19 @@ impl Env {
         self.check_environment(environment)?;
         let (block, lane) = (&self.blocks[environment / BLOCK], environment % BLOCK);
         Ok(block.goal.iter().map(|row| row[lane]).collect())
+    }
+
+    /// What stands around in one environment, world: [`Scene::solids`](crate::dynamics::scene::Scene::solids) of the task's
+    /// scene, where the goal puts them. What the robot's model holds is not among it.
+    ///
+    /// # Errors
+    /// As [`Env::state`].
+    pub fn solids(&self, environment: usize) -> Result<Vec<Shape>> {
+        let goal: Vec<f64> = self.goal(environment)?.into_iter().map(f64::from).collect();
+        let scene = self.core.engine.scene();
+        let mut placement = scene.nominal_placement();
+        self.core.engine.place_scene(&goal, &mut placement);
+        Ok(scene.solids(&placement))
     }
 
     /// The physical numbers that are in force in one environment, in the order of [`Robot::parameter_names`](super::Robot::parameter_names).
