@@ -9,11 +9,15 @@ use std::sync::{Arc, OnceLock};
 
 /// Most threads of a pool.
 const MOST: usize = 1024;
+/// Of a thread, bytes, without optimisation: a step of a tree in lanes then takes 7 MiB of stack, more than callers have (a
+/// test 2, a program 8). With it a step takes less than threads have anyhow.
+const UNOPTIMISED_STACK: usize = 64 << 20;
 
 /// Threads to run on: those that all of the process share, or a number of one's own.
 ///
 /// They start at the first work for more than one. A process made by `fork` starts its own: threads of the parent do not
-/// exist in it. Where the system refuses threads, work runs on the caller's.
+/// exist in it. Where the system refuses threads, work runs on the caller's. A library that is compiled without optimisation
+/// needs more stack than a caller has, and runs one thread's work on a thread of its own.
 #[derive(Debug, Clone, Default)]
 pub struct Threads(Option<Arc<Crew>>);
 
@@ -46,7 +50,7 @@ impl Threads {
     /// The pool of this process for so many parts of work; `None` where they run on the caller's thread.
     fn pool(&self, n_part: usize) -> Option<&rayon::ThreadPool> {
         let crew = self.crew();
-        if n_part > 1 && crew.size > 1 { crew.pool() } else { None }
+        if cfg!(unoptimised) || n_part > 1 && crew.size > 1 { crew.pool() } else { None }
     }
 
     /// `work(index, item)` for every item, in any order.
@@ -114,7 +118,11 @@ impl Crew {
                 Some(pool) if pool.process == process => return pool.threads.as_ref(),
                 Some(pool) => place = &pool.next,
                 None => {
-                    let threads = rayon::ThreadPoolBuilder::new().num_threads(self.size).build().ok();
+                    let mut threads = rayon::ThreadPoolBuilder::new().num_threads(self.size);
+                    if cfg!(unoptimised) {
+                        threads = threads.stack_size(UNOPTIMISED_STACK);
+                    }
+                    let threads = threads.build().ok();
                     // made before it is set, so that a fork meanwhile finds nothing half done; who comes second drops its own
                     let _ = place.set(Box::new(Pool { process, threads, next: OnceLock::new() }));
                 }

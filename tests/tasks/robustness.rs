@@ -2,6 +2,7 @@
 
 use crate::{config, count, everywhere};
 use omnidrones::error::Result;
+use omnidrones::parallel::Threads;
 use omnidrones::rng::{Purpose, Stream};
 use omnidrones::tasks::{ActionSpace, Autoreset, Buffers, Domain, Env, EnvConfig, registry};
 use std::time::Instant;
@@ -52,6 +53,28 @@ fn ten_million_hostile_steps_give_finite_numbers_and_every_clip_is_counted() {
     });
     println!("{steps} steps");
     assert!(steps >= times * 10_000_000);
+}
+
+/// A library without optimisation, as most programs have it first, has frames of megabytes: `.ci/nightly debug`.
+#[test]
+fn every_task_steps_on_the_two_mebibytes_of_stack_that_a_test_has() {
+    let steps = || {
+        for entry in registry::REGISTRY {
+            for n_thread in [1, 2] {
+                let mut env = entry.env(&EnvConfig { n_env: 65, ..EnvConfig::default() }).unwrap();
+                env.set_threads(Threads::new(n_thread).unwrap());
+                let mut out = Buffers::new(env.spec());
+                env.reset(None, None, &mut out.out()).unwrap();
+                let mut actions = vec![0.0; 65 * env.spec().n_agent * env.spec().action.len()];
+                for seed in 0..2 {
+                    env.sample(seed, &mut actions);
+                    env.step(&actions, &mut out.out()).unwrap();
+                }
+                assert!(out.reward.iter().all(|r| r.is_finite()), "{}", entry.name);
+            }
+        }
+    };
+    std::thread::Builder::new().stack_size(2 << 20).spawn(steps).unwrap().join().unwrap();
 }
 
 /// Lowest reward, highest loss and share of episodes that diverged in `steps` steps of `n` environments: a quarter each of
