@@ -232,8 +232,8 @@ mod tests {
     #[test]
     fn a_position_stands_beside_the_one_that_was_flown() {
         let texts = drawn(&SensorConfig::parse_list("gnss:single_point,imu").unwrap());
-        assert_eq!(texts[0].matches(">flown<").count(), 2, "position and velocity: {}", texts[0]);
-        assert!(!texts[1].contains(">flown<"), "{}", texts[1]);
+        assert_eq!(texts[0].matches("\nflown\n").count(), 2, "position and velocity: {}", texts[0]);
+        assert!(!texts[1].contains("flown"), "{}", texts[1]);
     }
 
     /// The figures of a flight of three samples.

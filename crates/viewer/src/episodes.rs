@@ -204,8 +204,8 @@ mod tests {
 
     /// The first frame of two episodes.
     fn begun(task: &str) -> Recording {
-        use omnidrones::tasks::{Buffers, EnvConfig, evaluate};
-        let config = EnvConfig { n_env: 2, ..EnvConfig::default() };
+        use omnidrones::tasks::{Autoreset, Buffers, EnvConfig, evaluate};
+        let config = EnvConfig { n_env: 2, autoreset: Autoreset::Disabled, ..EnvConfig::default() };
         let mut config =
             omnidrones::tasks::registry::by_name(task).unwrap().env(&config).unwrap().spec().config.clone();
         config.task.insert("horizon".into(), 2.into());
