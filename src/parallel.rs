@@ -9,8 +9,8 @@ use std::sync::{Arc, OnceLock};
 
 /// Most threads of a pool.
 const MOST: usize = 1024;
-/// Of a thread, bytes, without optimisation: a step of a tree in lanes then takes 7 MiB of stack, more than callers have (a
-/// test 2, a program 8). With it a step takes less than threads have anyhow.
+/// Of a thread, bytes, without optimisation: a step of a tree in lanes then takes 8 to 16 MiB of stack, more than callers have
+/// (a test 2, a program 8).
 const UNOPTIMISED_STACK: usize = 64 << 20;
 
 /// Threads to run on: those that all of the process share, or a number of one's own.
