@@ -295,9 +295,7 @@ impl Plant {
                 "Give the environment a vehicle with World::set_vehicle, or build the world with World::of_model.",
             ));
         };
-        let mut own = Topology::new(model, p.topology.effects, p.grid, p.general);
-        own.keep_stiffness_of(&p.topology);
-        if let Some(difference) = p.topology.difference(&own) {
+        if let Some(difference) = p.topology.difference(model, p.general) {
             return Err(Error::value(
                 format!("model '{}'", model.name()),
                 difference,

@@ -310,15 +310,6 @@ impl Topology {
         }
     }
 
-    /// Samples the joints that `other` samples: within a batch that is the batch's choice.
-    pub(crate) fn keep_stiffness_of(&mut self, other: &Self) {
-        for (own, link) in self.links.iter_mut().zip(&other.links) {
-            own.stiff = link.stiff;
-        }
-        self.sticks = other.sticks;
-        self.resolved.clone_from(&other.resolved);
-    }
-
     /// Finds what a substep resolves of every touch.
     fn resolve(&mut self, model: &Model, grid: Grid) {
         let mobility = Mobility::of(model, &self.features, Resolved::sink(grid));
@@ -341,8 +332,14 @@ impl Topology {
         };
     }
 
-    /// What another model has differently than numbers, if anything.
-    pub(crate) fn difference(&self, other: &Self) -> Option<String> {
+    /// What another model has differently than numbers, if anything; `general` as in [`Topology::new`].
+    pub(crate) fn difference(&self, model: &Model, general: bool) -> Option<String> {
+        let mut links = Self::links(model, self.effects, general);
+        // which joints are stiff follows from numbers, and is the batch's choice
+        for (own, link) in links.iter_mut().zip(&self.links) {
+            own.stiff = link.stiff;
+        }
+        let other = Self::with_links(model, self.effects, links);
         if self.cables != other.cables {
             return Some("with other cables, or tied elsewhere".into());
         }
