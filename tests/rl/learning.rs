@@ -47,7 +47,7 @@ fn small(name: &str, n_thread: usize) -> Box<dyn Learner> {
     let budget = match own {
         "apg" | "shac" => "horizon = 8",
         "ppo" => "steps = 8\nminibatches = 2",
-        "sac" | "td3" | "dqn" => "gradient_steps = 4\nreplay = { capacity = 4000, learning_starts = 320 }",
+        "sac" | "td3" | "dqn" => "gradient_steps = 4\nbatch = 128\nreplay = { capacity = 4000, learning_starts = 320 }",
         _ => panic!("say how {own} is made small"),
     };
     let memory = if memory { "network.memory = { kind = 'gru', units = 8, window = 3 }" } else { "" };
@@ -167,7 +167,6 @@ fn the_same_seed_gives_the_same_bits_for_any_number_of_threads() {
             bits(&*learner)
         };
         let one = of(1);
-        assert_eq!(one, of(1), "{algorithm}, twice");
         assert_eq!(one, of(2), "{algorithm}, 2 threads");
         assert_eq!(one, of(8), "{algorithm}, 8 threads");
     }
@@ -321,8 +320,8 @@ fn apg_regulates(seed: u64, most: f64) {
 
 fn shac_regulates(seed: u64, most: f64) {
     let config = ShacConfig {
-        n_env: 64,
-        shard: 32,
+        n_env: 32,
+        shard: 16,
         horizon: 60,
         updates: 2000,
         discount: 0.97,
@@ -341,8 +340,13 @@ fn shac_regulates(seed: u64, most: f64) {
 }
 
 fn ppo_regulates(seed: u64, most: f64) {
+    // many small batches: a quarter of the time of fewer large ones, and half as far off
     let config = PpoConfig {
-        updates: 800,
+        n_env: 32,
+        shard: 16,
+        steps: 32,
+        minibatches: 4,
+        updates: 5000,
         discount: 0.97,
         lambda: 0.95.into(),
         log_std: -1.5,
@@ -385,7 +389,9 @@ fn regulating_values() -> DqnConfig {
         n_env: 64,
         shard: 32,
         updates: 200,
+        batch: 128,
         normalise_observation: false,
+        network: Layers { hidden: vec![32; 2], ..usual.network.clone() },
         replay: ReplayConfig { n_step: 1.0.into(), learning_starts: 512, ..usual.replay.clone() },
         ..usual
     }
@@ -454,12 +460,12 @@ fn apg_finds_the_linear_regulator() {
 
 #[test]
 fn shac_finds_the_linear_regulator() {
-    shac_regulates(1, 0.01);
+    shac_regulates(1, 0.01); // 0.3 %
 }
 
 #[test]
 fn ppo_finds_the_linear_regulator() {
-    ppo_regulates(1, 0.05);
+    ppo_regulates(1, 0.03); // 1.5 %
 }
 
 #[test]
@@ -469,7 +475,7 @@ fn every_algorithm_finds_what_is_known_from_each_of_five_seeds_within_a_minute()
     for learn in [apg_regulates, shac_regulates, ppo_regulates, dagger_imitates] {
         for seed in 1..=5 {
             let begun = Instant::now();
-            // measured at most: APG 4.6 %, SHAC 0.5 %, PPO 4.0 %, DAgger 4.8 %
+            // measured at most: APG 4.6 %, SHAC 0.4 %, PPO 1.5 %, DAgger 4.8 %
             learn(seed, 0.05);
             println!("    seed {seed}: {:?}", begun.elapsed());
             slowest = slowest.max(begun.elapsed());

@@ -206,11 +206,11 @@ const LEARNERS: [(&str, &str); 8] = [
     ),
     (
         "matd3",
-        "td3 = { separate_actors = true, saturation_penalty = 0.001, n_env = 64, shard = 32, updates = 150, batch = 256 }",
+        "td3 = { separate_actors = true, saturation_penalty = 0.001, n_env = 64, shard = 32, updates = 200, batch = 128, network.hidden = [32, 32], critic.hidden = [64, 64] }",
     ),
     (
         "sac",
-        "sac = { central_critic = true, separate_actors = true, saturation_penalty = 0.001, n_env = 64, shard = 32, updates = 150, batch = 256 }",
+        "sac = { central_critic = true, separate_actors = true, saturation_penalty = 0.001, n_env = 64, shard = 32, updates = 150, batch = 128, network.hidden = [32, 32], critic.hidden = [64, 64] }",
     ),
     (
         "happo",
@@ -219,11 +219,11 @@ const LEARNERS: [(&str, &str); 8] = [
     ("apg", "apg = { n_env = 64, shard = 32, updates = 150 }"),
     (
         "vdn",
-        "env.actions = { kind = 'multi_discrete', levels = 5 }\ndqn = { separate_values = true, n_env = 64, shard = 32, updates = 300, batch = 256 }",
+        "env.actions = { kind = 'multi_discrete', levels = 5 }\ndqn = { separate_values = true, n_env = 64, shard = 32, updates = 300, batch = 128, network.hidden = [32, 32] }",
     ),
     (
         "qmix",
-        "env.actions = { kind = 'multi_discrete', levels = 5 }\ndqn = { separate_values = true, n_env = 64, shard = 32, updates = 300, batch = 256 }",
+        "env.actions = { kind = 'multi_discrete', levels = 5 }\ndqn = { separate_values = true, n_env = 64, shard = 32, updates = 300, batch = 128, network.hidden = [32, 32] }",
     ),
 ];
 
@@ -235,7 +235,7 @@ fn unlike_agents_learn_with_a_policy_each_or_along_gradients() {
         learnt(&mut learner);
         let after = flown(&learner, &seen).return_mean;
         println!("{algorithm}: {before:.1} {after:.1}");
-        // measured 27 and 95.5 to 97.6 of 100
+        // measured 27 to 28 and 94.9 to 97.6 of 100
         assert!(before < 40.0 && after > 90.0, "{algorithm}: {before} {after}");
     }
 }
