@@ -10,8 +10,9 @@ use omnidrones::tasks::{ActionSpace, Autoreset, Baseline, Buffers, Delay, Env, E
 
 #[test]
 fn every_task_keeps_the_contract_in_every_control_mode() {
-    everywhere(70, 40, |name, make, config| {
-        for finding in check_env(&|c| Ok(make(c)), config).unwrap() {
+    // three episodes each
+    everywhere(70, 20, |name, make, config| {
+        for finding in check_env_for(60, &|c| Ok(make(c)), config).unwrap() {
             assert_eq!(finding.objection, None, "{name}: {}", finding.claim);
         }
     });
