@@ -12,12 +12,12 @@ use crate::autodiff::{System, linearise};
 use crate::controllers::closed_loop::ClosedLoop;
 use crate::controllers::controller::Target;
 use crate::controllers::law::{ControlLaw, Running};
-use crate::controllers::linear::dense::{Complexes, complex_spectral_radius};
+use crate::controllers::linear::dense::{Complexes, complex_spectral_radius, spectral_radius};
 use crate::controllers::linear::disk::{bound_at, disk_margin_of, folded_disk_margin_of};
 use crate::controllers::linear::{DiskMargin, Signal, StateSpace, eigenvalues, minimal};
 use crate::dynamics::Disturbance;
 use crate::error::{Error, Result};
-use nalgebra::{Complex, DMatrix};
+use nalgebra::{Complex, ComplexField, DMatrix};
 use num_dual::Dual64;
 use serde::Serialize;
 use std::f64::consts::PI;
@@ -401,14 +401,21 @@ fn slope_of_commands<L: ControlLaw>(
     slope
 }
 
-/// Whether the loop around `open` is stable with a factor in it.
+/// Whether the loop around `open` is stable with a factor in it: by eigenvalues.
 fn stable_with(open: &StateSpace, factor: Complex<f64>) -> bool {
-    let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
+    if factor.im == 0.0 {
+        // of real matrices they are found sooner
+        return closed_with(open, factor.re).and_then(|a| spectral_radius(&a).ok()).is_some_and(|size| size < 1.0);
+    }
+    closed_with(open, factor).is_some_and(|a| complex_spectral_radius(&a) < 1.0)
+}
+
+/// The matrix A of the loop around `open` with a factor in it; none where the loop has no solution.
+fn closed_with<T: ComplexField<RealField = f64> + Copy>(open: &StateSpace, factor: T) -> Option<DMatrix<T>> {
+    let of = |m: &DMatrix<f64>| m.map(T::from_real);
     let n = open.n_input();
-    let direct = Complexes::identity(n, n) + complex(open.d()) * factor;
-    let Some(back) = direct.try_inverse() else { return false };
-    let closed = complex(open.a()) - complex(open.b()) * factor * back * complex(open.c());
-    complex_spectral_radius(&closed) < 1.0
+    let back = (DMatrix::identity(n, n) + of(open.d()) * factor).try_inverse()?;
+    Some(of(open.a()) - of(open.b()) * factor * back * of(open.c()))
 }
 
 /// How far along a path, from 0, stability lasts: found by 80 steps and bisection; none if up to the end.
