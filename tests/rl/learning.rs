@@ -167,6 +167,7 @@ fn the_same_seed_gives_the_same_bits_for_any_number_of_threads() {
             bits(&*learner)
         };
         let one = of(1);
+        assert_eq!(one, of(1), "{algorithm}, twice");
         assert_eq!(one, of(2), "{algorithm}, 2 threads");
         assert_eq!(one, of(8), "{algorithm}, 8 threads");
     }
