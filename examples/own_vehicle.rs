@@ -47,7 +47,7 @@ fn main() -> Result<()> {
     let total = vehicle.mass_properties();
     println!("{:.3} kg, centre of mass {:?} m", total.mass, total.center_of_mass.as_slice());
     println!("thrust to weight {:.2}", vehicle.thrust_to_weight());
-    println!("hover thrusts {:.3?} N: the battery sits behind the middle", vehicle.hover_thrusts()?);
+    println!("hover thrusts {:.3?} N: the battery sits behind the middle", vehicle.hover()?.thrusts);
     println!("derived gains {:.4?}", vehicle.gains());
     let flight = fly_vehicle(&vehicle, &vehicle.gains(), &FlightPlan::default(), &mut |_| ())?;
     println!("lemniscate: RMSE {:.4?} m after 2 s", flight.log.rmse(2.0));

@@ -3,6 +3,7 @@
 use super::allocation::pseudo_inverse::fits;
 use super::allocation::{Authority, Mixer, allocate_yaw_last, thrust_to_command};
 use super::attitude::{AttitudeCommand, rate_command};
+use super::hover_axes::HoverAxes;
 use super::kinematics::Kinematics;
 use super::parameters::{BodyModel, CommandLimits, ForceLimits, GainSet, LEAST_LIFT, validate_gains};
 use super::position::{add_drag, velocity_command};
@@ -207,7 +208,8 @@ pub(super) fn hold_rate<S: Scalar>(tick: S, fresh: &RateCommand<S>, held: &RateC
 /// Each entry maps (state, memory, command, ticks) to the new memory, whose `rotors` are the actions to apply; nothing
 /// else is kept. Ticks are numbers (1 compute, 0 hold; velocity and position, attitude, rate), so that a whole closed
 /// loop is one branch-free function that can be traced and differentiated. Slots behind the vehicle's own rotors have
-/// zero mixer rows and T_max = 1: their action is −1. A NaN command gives NaN actions, never a panic; it is out of the
+/// zero mixer rows and T_max = 1: their action is −1. Attitude and rates, measured and commanded, are those of the axes in which the
+/// vehicle hovers level ([`CascadeModel::own`]). A NaN command gives NaN actions, never a panic; it is out of the
 /// memory as soon as every level has computed again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CascadeModel<S, const R: usize> {
@@ -221,20 +223,32 @@ pub struct CascadeModel<S, const R: usize> {
     pub mixer: [[S; 4]; R],
     /// T_max per rotor, N.
     pub max_thrust: [S; R],
+    /// In which it hovers level: the body's unless hover leans.
+    pub axes: HoverAxes<S>,
 }
 
 impl<const R: usize> CascadeModel<f64, R> {
     /// For a vehicle with its own mass, inertia, geometry and drag, and default [`CommandLimits`].
+    ///
+    /// # Errors
+    /// As [`with_limits`](Self::with_limits).
     pub fn new(vehicle: &Vehicle, gains: &Gains) -> Result<Self> {
         Self::with_limits(vehicle, gains, &CommandLimits::default())
     }
 
     /// Likewise, with given limits.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for axes that its rotors do not turn apart, for less than 1.05 of the weight in thrust, and for a vehicle, gains or
+    /// limits that are not valid.
     pub fn with_limits(vehicle: &Vehicle, gains: &Gains, limits: &CommandLimits) -> Result<Self> {
         vehicle.validate()?;
+        vehicle.check_steerable()?;
         validate_gains(gains)?;
         limits.validate()?;
         fits(vehicle.n_rotor(), R)?;
+        let axes = HoverAxes::of(vehicle);
+        let vehicle = &vehicle.upright();
         let mixer = Mixer::new(vehicle)?;
         let mut max_thrust = [1.0; R];
         for (slot, rotor) in max_thrust.iter_mut().zip(&vehicle.rotors) {
@@ -244,12 +258,6 @@ impl<const R: usize> CascadeModel<f64, R> {
         if lift <= 0.0 {
             let what = format!("vehicle '{}': thrust along body z", vehicle.name);
             return Err(Error::value(what, format!("{lift:.3} N"), "> 0 N", "Turn the rotor axes upwards."));
-        }
-        if mixer.authority.dropped.contains(&super::Axis::Thrust) {
-            let what = format!("vehicle '{}': thrust along body z", vehicle.name);
-            let (value, remedy) =
-                ("one with a moment", "Let half of the rotors spin the other way, and set them around the centre.");
-            return Err(Error::value(what, value, "to be had without any moment", remedy));
         }
         let body = BodyModel::of(vehicle);
         let weight = body.mass * body.gravity;
@@ -265,8 +273,9 @@ impl<const R: usize> CascadeModel<f64, R> {
             gains: GainSet::constant(gains),
             limits: ForceLimits::constant(limits, lift, weight),
             body,
-            mixer: mixer.padded()?,
+            mixer: mixer.carrying(vehicle).padded()?,
             max_thrust,
+            axes,
         })
     }
 }
@@ -297,7 +306,14 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
             limits: limits.cast(),
             mixer,
             max_thrust,
+            axes: HoverAxes::constant(&model.axes),
         }
+    }
+
+    /// A measured motion with attitude and rates of the axes in which the vehicle hovers level: what the levels take.
+    #[inline(always)]
+    pub fn own(&self, body: &Kinematics<S>) -> Kinematics<S> {
+        self.axes.kinematics(body)
     }
 
     /// Memory before the first step: level, hovering.
@@ -345,9 +361,29 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         sample: &Setpoint<S>,
         ticks: [S; 3],
     ) -> AttitudeCommand<S> {
-        let command = velocity_command(&self.gains, sample, state);
+        self.attitude_of_force(state, held, &self.force_of_position(state, sample), ticks)
+    }
+
+    /// Likewise, with an acceleration taken off that the body has beside its thrust, m/s²: not of the motion, so drag does not follow it.
+    #[inline(always)]
+    pub(super) fn attitude_without(
+        &self,
+        state: &Kinematics<S>,
+        held: &Latched<S, R>,
+        sample: &Setpoint<S>,
+        surplus: [S; 3],
+        ticks: [S; 3],
+    ) -> AttitudeCommand<S> {
+        let mut command = self.force_of_position(state, sample);
+        command.acceleration = sub(command.acceleration, surplus);
+        self.attitude_of_force(state, held, &command, ticks)
+    }
+
+    /// Velocity command of a sample, with the drag of its motion fed forward.
+    #[inline(always)]
+    fn force_of_position(&self, state: &Kinematics<S>, sample: &Setpoint<S>) -> VelocityCommand<S> {
         let wanted = [sample.velocity, sample.acceleration, sample.jerk];
-        self.attitude_of_force(state, held, &add_drag(&self.body, state, wanted, &command), ticks)
+        add_drag(&self.body, state, wanted, &velocity_command(&self.gains, sample, state))
     }
 
     /// What the velocity level asks of the attitude level.
@@ -401,9 +437,9 @@ impl<S: Scalar, const R: usize> CascadeModel<S, R> {
         hold_rate(ticks[1], &fresh, &held.rate)
     }
 
-    /// Likewise, with an angular acceleration taken off that the body has beside its moments, rad/s².
+    /// Enters at the attitude level, with an angular acceleration taken off that the body has beside its moments, rad/s².
     #[inline(always)]
-    pub(super) fn attitude_without(
+    pub(super) fn rotors_without(
         &self,
         state: &Kinematics<S>,
         held: &Latched<S, R>,
@@ -491,28 +527,28 @@ impl<const R: usize> Cascade<R> {
     /// One step towards a sample of a reference; returns rotor actions in [−1, 1].
     pub fn position(&mut self, state: &Kinematics<f64>, sample: &Setpoint<f64>) -> [f64; R] {
         let ticks = self.tick();
-        self.held = self.model.position(state, &self.held, sample, ticks);
+        self.held = self.model.position(&self.model.own(state), &self.held, sample, ticks);
         self.held.rotors
     }
 
     /// One step of a velocity command.
     pub fn velocity(&mut self, state: &Kinematics<f64>, command: &VelocityCommand<f64>) -> [f64; R] {
         let ticks = self.tick();
-        self.held = self.model.velocity(state, &self.held, command, ticks);
+        self.held = self.model.velocity(&self.model.own(state), &self.held, command, ticks);
         self.held.rotors
     }
 
     /// One step of an attitude command.
     pub fn attitude(&mut self, state: &Kinematics<f64>, command: &AttitudeCommand<f64>) -> [f64; R] {
         let ticks = self.tick();
-        self.held = self.model.attitude(state, &self.held, command, ticks);
+        self.held = self.model.attitude(&self.model.own(state), &self.held, command, ticks);
         self.held.rotors
     }
 
     /// One step of a rate command.
     pub fn rate(&mut self, state: &Kinematics<f64>, command: &RateCommand<f64>) -> [f64; R] {
         let ticks = self.tick();
-        self.held = self.model.rate(state, &self.held, command, ticks);
+        self.held = self.model.rate(&self.model.own(state), &self.held, command, ticks);
         self.held.rotors
     }
 

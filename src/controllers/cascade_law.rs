@@ -7,7 +7,6 @@ use super::law::{ControlLaw, Moment, Running};
 use super::parameters::GainSet;
 use crate::autodiff::Scalar;
 use crate::dynamics::multirotor::MAX_PADDED;
-use crate::dynamics::spatial::sub;
 use crate::dynamics::{Effects, Gains, Physics, Vehicle};
 use crate::error::Result;
 use crate::flight::Commanded;
@@ -49,7 +48,7 @@ impl CascadeLaw {
             _ => AnyCascade::Sixteen(CascadeModel::new(&vehicle, gains)?),
         };
         let schedule = Schedule::new(rates, physics.dt)?;
-        let believed = if gains.is_integral() { Some(Believed::new(&vehicle)?) } else { None };
+        let believed = if gains.is_integral() { Some(Believed::new(&vehicle.upright())?) } else { None };
         let period = schedule.every[2] as f64 * physics.dt;
         Ok(Self { cascade, gains: *gains, schedule, n_rotor: vehicle.n_rotor(), believed, period })
     }
@@ -72,7 +71,7 @@ impl CascadeLaw {
             cascade.gains = GainSet::read(now.parameters);
         }
         let ticks = [now.ticks[0], now.ticks[1], now.ticks[2]];
-        let (state, mut sample) = (now.kinematics(), now.sample());
+        let (state, sample) = (cascade.own(&now.kinematics()), now.sample());
         let (latched, learnt) = memory.split_at_mut(self.n_latched());
         let held = read_latched::<S, R>(latched);
         let new = match &self.believed {
@@ -80,9 +79,8 @@ impl CascadeLaw {
             Some(believed) => {
                 let mut missing = Missing::read(learnt);
                 missing.observe(ticks[2], &state, self.integral_rates(now.parameters), self.period);
-                sample.acceleration = sub(sample.acceleration, missing.acceleration());
-                let attitude = cascade.attitude_of_position(&state, &held, &sample, ticks);
-                let new = cascade.attitude_without(&state, &held, &attitude, missing.angular_acceleration(), ticks);
+                let attitude = cascade.attitude_without(&state, &held, &sample, missing.acceleration(), ticks);
+                let new = cascade.rotors_without(&state, &held, &attitude, missing.angular_acceleration(), ticks);
                 let rotors = believed.wrench_of_actions(&new.rotors[..self.n_rotor]);
                 missing.expect(ticks[2], &state, believed, rotors, self.period);
                 missing.write(learnt);
@@ -141,7 +139,11 @@ impl ControlLaw for CascadeLaw {
     }
 
     fn commanded(&self, memory: &[f64]) -> Option<Commanded> {
-        Some(read_latched::<f64, MAX_PADDED>(&memory[..self.n_latched()]).commanded())
+        let commanded = read_latched::<f64, MAX_PADDED>(&memory[..self.n_latched()]).commanded();
+        Some(match &self.cascade {
+            AnyCascade::Four(c) => c.axes.commanded(commanded),
+            AnyCascade::Sixteen(c) => c.axes.commanded(commanded),
+        })
     }
 
     fn parameters(&self) -> Vec<f64> {

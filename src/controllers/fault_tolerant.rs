@@ -113,7 +113,7 @@ impl FaultTolerant {
     pub fn new(vehicle: &Vehicle, gains: &Gains, rates: &Rates, dt: f64) -> Result<Self> {
         let model = CascadeModel::new(vehicle, gains)?;
         Ok(Self {
-            vehicle: vehicle.clone(),
+            vehicle: vehicle.upright(),
             model,
             whole: model,
             schedule: Schedule::new(rates, dt)?,
@@ -165,20 +165,25 @@ impl FaultTolerant {
     /// One step towards a sample of a reference; returns rotor actions in [−1, 1], of a failed rotor −1, of a weakened
     /// one in its own range.
     pub fn position(&mut self, state: &Kinematics<f64>, sample: &Setpoint<f64>) -> [f64; MAX_ROTORS] {
-        let ticks = self.schedule.ticks(self.step);
+        let (state, ticks) = (&self.model.own(state), self.schedule.ticks(self.step));
         let command = self.model.attitude_of_position(state, &self.held, sample, ticks);
-        self.attitude(state, &command)
+        self.turned(state, &command)
     }
 
     /// One step of a velocity command.
     pub fn velocity(&mut self, state: &Kinematics<f64>, command: &VelocityCommand<f64>) -> [f64; MAX_ROTORS] {
-        let ticks = self.schedule.ticks(self.step);
+        let (state, ticks) = (&self.model.own(state), self.schedule.ticks(self.step));
         let command = self.model.attitude_of_velocity(state, &self.held, command, ticks);
-        self.attitude(state, &command)
+        self.turned(state, &command)
     }
 
     /// One step of an attitude command. Where yaw is lost, only the direction of its thrust counts.
     pub fn attitude(&mut self, state: &Kinematics<f64>, command: &AttitudeCommand<f64>) -> [f64; MAX_ROTORS] {
+        self.turned(&self.model.own(state), command)
+    }
+
+    /// From the attitude level down, in the axes of the model.
+    fn turned(&mut self, state: &Kinematics<f64>, command: &AttitudeCommand<f64>) -> [f64; MAX_ROTORS] {
         let ticks = self.schedule.ticks(self.step);
         let (q, w) = (state.attitude, state.angular_velocity);
         let fresh = match &self.broken {
@@ -187,11 +192,16 @@ impl FaultTolerant {
         };
         let command_of_rate = hold_rate(ticks[1], &fresh, &self.held.rate);
         self.held.attitude = *command;
-        self.rate(state, &command_of_rate)
+        self.turning(state, &command_of_rate)
     }
 
     /// One step of a rate command. Where yaw is lost, its yaw rate is followed as far as the bounds allow.
     pub fn rate(&mut self, state: &Kinematics<f64>, command: &RateCommand<f64>) -> [f64; MAX_ROTORS] {
+        self.turning(&self.model.own(state), command)
+    }
+
+    /// From the rate level down, in the axes of the model.
+    fn turning(&mut self, state: &Kinematics<f64>, command: &RateCommand<f64>) -> [f64; MAX_ROTORS] {
         let ticks = self.schedule.ticks(self.step);
         self.step += 1;
         match &mut self.broken {
@@ -265,7 +275,7 @@ impl Controller for FaultTolerant {
     }
 
     fn commanded(&self) -> Option<Commanded> {
-        Some(self.held.commanded())
+        Some(self.model.axes.commanded(self.held.commanded()))
     }
 
     fn tell(&mut self, effectiveness: &[f64]) -> Result<()> {

@@ -13,8 +13,8 @@ use super::reference::{Reference, Setpoint};
 use crate::autodiff::Scalar;
 use crate::autodiff::jet::Jet;
 use crate::dynamics::spatial::{from_matrix, mat_vec, to_euler, transpose};
-use crate::dynamics::tree::{Model, Multibody, body_poses};
-use crate::dynamics::{Gains, Inertia, MAX_ROTORS, Part, Vehicle};
+use crate::dynamics::tree::{Multibody, body_poses, carrier};
+use crate::dynamics::{Gains, MAX_ROTORS};
 use crate::error::{Error, Result};
 
 /// Such drones with the memory of their cascades.
@@ -170,7 +170,7 @@ impl ControlLaw for FormationLaw {
             let memory = &mut memory[LATCHED * i..LATCHED * (i + 1)];
             let wanted = Setpoint::read(&now.target[SETPOINT * i..]);
             let ticks = [now.ticks[0], now.ticks[1], now.ticks[2]];
-            let held = cascade.position(&own, &Latched::read(memory), &wanted, ticks);
+            let held = cascade.position(&cascade.own(&own), &Latched::read(memory), &wanted, ticks);
             held.write(memory);
             for (at, action) in member.actions.iter().zip(held.rotors) {
                 commands[*at] = action;
@@ -192,32 +192,4 @@ fn place(reference: &Reference, time: f64, offset: [f64; 3], yaw: f64) -> Setpoi
 /// The root of a model as a controller sees it.
 pub(super) fn root(system: &Multibody, state: &[f64]) -> Kinematics<f64> {
     Kinematics::read(&state[system.layout().bodies[0].position..])
-}
-
-/// The body of a drone with its rotors as a vehicle of its own: what its cascade believes to fly.
-///
-/// # Errors
-/// [`Error::Value`] where the drone has rotors on other bodies.
-pub fn carrier(model: &Model, number: usize) -> Result<Vehicle> {
-    let drone = &model.drones()[number];
-    let body = &model.bodies()[drone.body];
-    let away = drone.rotors.iter().find(|r| model.rotors()[**r].body != drone.body);
-    if let Some(rotor) = away {
-        return Err(Error::value(
-            format!("drone '{}': rotor '{}'", drone.name, model.rotors()[*rotor].rotor.name),
-            "on another body",
-            "on the drone's own body",
-            "Steer it as one rigid vehicle: controllers::LockedJoints.",
-        ));
-    }
-    let inertia = Inertia { ..body.inertia };
-    Ok(Vehicle {
-        name: drone.name.clone(),
-        source: format!("model '{}'", model.name()),
-        parts: vec![Part::new(&body.name, body.mass, body.center_of_mass, inertia)],
-        rotors: drone.rotors.iter().map(|r| model.rotors()[*r].rotor.clone()).collect(),
-        drag: body.drag,
-        shapes: Vec::new(),
-        published_gains: None,
-    })
 }

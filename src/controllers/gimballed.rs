@@ -20,7 +20,6 @@
 
 use super::attitude::{AttitudeCommand, Orientation};
 use super::cascade::{Cascade, Rates};
-use super::formation::carrier;
 use super::kinematics::Kinematics;
 use super::parameters::BodyModel;
 use crate::autodiff::jet::Jet;
@@ -28,7 +27,7 @@ use crate::autodiff::{Scalar, safe};
 use crate::dynamics::spatial::{
     Mat3, Vec3, add, axpy, cross, dot, from_matrix, inverse, mat_mul, mat_vec, scale, sub, transpose,
 };
-use crate::dynamics::tree::{Model, Motion, Multibody, Pose};
+use crate::dynamics::tree::{Model, Motion, Multibody, Pose, carrier};
 use crate::dynamics::{Gains, Vehicle};
 use crate::error::{Error, Result};
 

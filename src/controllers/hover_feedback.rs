@@ -12,6 +12,7 @@
 //! allows, and z waits while a rotor is at a limit or the position is far (a third of the reach), so that it does not wind up. The rotor speeds are measured.
 
 use super::cascade::{CascadeModel, Rates, Schedule};
+use super::hover_axes::HoverAxes;
 use super::design::{ErrorState, Regulator, TrimTarget, bryson, lqi, lqr, trim};
 use super::kinematics::Kinematics;
 use super::law::{ControlLaw, Moment};
@@ -21,7 +22,7 @@ use super::velocity::{VelocityCommand, attitude_command};
 use crate::autodiff::{Scalar, System, linearise, safe};
 use crate::dynamics::multirotor::MAX_PADDED;
 use crate::dynamics::spatial::{conjugate, from_matrix, mat_mul, mat_vec, matrix, multiply, sub, transpose};
-use crate::dynamics::{Plant, Vehicle};
+use crate::dynamics::Plant;
 use crate::error::{Error, Result};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -108,7 +109,11 @@ impl HoverFeedback {
             let rule = "one rigid vehicle";
             return Err(Error::value(format!("plant '{}'", plant.name()), "articulated", rule, "Use 'lqr' of chains."));
         };
-        let vehicle: &Vehicle = &super::cascade_law::with_drag_of(multirotor.vehicle(), plant.physics().effects);
+        let vehicle = super::cascade_law::with_drag_of(multirotor.vehicle(), plant.physics().effects);
+        let model = CascadeModel::new(&vehicle, &vehicle.derived_gains())?;
+        let axes = HoverAxes::of(&vehicle);
+        let leaning = if axes.leans() { Some(Plant::of_vehicle(&vehicle.upright(), *plant.physics())?) } else { None };
+        let plant = leaning.as_ref().unwrap_or(plant);
         let every = Schedule::new(rates, plant.physics().dt)?.every[2];
         let period = every as f64 * plant.physics().dt;
         let (a, b) = sampled(plant, vehicle.n_rotor(), every)?;
@@ -116,7 +121,7 @@ impl HoverFeedback {
         let regulator =
             if integrates { lqi(&a, &b, &integrated(a.nrows()), &q, &r, period)? } else { lqr(&a, &b, &q, &r)? };
         Ok(Self {
-            model: CascadeModel::new(vehicle, &vehicle.derived_gains())?,
+            model,
             max_speed: vehicle.rotors.iter().map(|r| r.max_speed).collect(),
             regulator,
             integrates,
@@ -264,7 +269,7 @@ impl ControlLaw for HoverFeedback {
     }
 
     fn tick<S: Scalar>(&self, now: &Moment<'_, S>, memory: &mut [S], commands: &mut [S]) {
-        let state = now.kinematics();
+        let state = HoverAxes::constant(&self.model.axes).kinematics(&now.kinematics());
         let flat = self.flat(&state, now);
         let error = self.error(&state, now, &flat);
         let (s, c) = flat.yaw.sin_cos();

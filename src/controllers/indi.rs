@@ -24,10 +24,11 @@
 //! and D'Andrea 2018); Smeur, Chu, de Croon 2016 (equal filters); the thrust of a falling vehicle is at least zero.
 
 use super::allocation::problem::{Problem, WRENCH};
-use super::allocation::{AllocationFunction, Axis, Mixer};
+use super::allocation::AllocationFunction;
 use super::attitude::Orientation;
 use super::believed::Believed;
 use super::cascade::{Rates, Schedule};
+use super::hover_axes::HoverAxes;
 use super::integral::Missing;
 use super::kinematics::Kinematics;
 use super::law::{ControlLaw, Moment};
@@ -43,7 +44,7 @@ use crate::dynamics::spatial::{
     Mat3, Vec3, add, cross, dot, hadamard, mat_mul, mat_vec, matrix, rotate, scale, sub, transpose,
 };
 use crate::dynamics::{Gains, MAX_ROTORS, Physics, Vehicle};
-use crate::error::{Error, Result};
+use crate::error::Result;
 
 /// Of the filters of moment and angular velocity, Hz.
 pub const CUTOFF: f64 = 12.0;
@@ -64,6 +65,7 @@ const ALONG_HEADING: f64 = 0.3;
 #[derive(Clone)]
 pub struct IndiLaw {
     believed: Believed,
+    axes: HoverAxes<f64>,
     gains: Gains,
     /// k_f and T_max of every rotor.
     coefficient: Vec<f64>,
@@ -131,22 +133,21 @@ impl IndiLaw {
     /// For the vehicle it believes to fly.
     ///
     /// # Errors
-    /// [`Error::Value`] if vehicle or gains are not valid, a rate does not divide 1/dt, or the rotors cannot push along body z
-    /// apart from their moments.
+    /// [`Error::Value`](crate::error::Error::Value) if vehicle or gains are not valid, a rate does not divide 1/dt, or the rotors do not turn
+    /// thrust, roll, pitch and yaw apart.
     pub fn new(believed: &Vehicle, physics: &Physics, gains: &Gains, rates: &Rates) -> Result<Self> {
-        let vehicle = &super::cascade_law::with_drag_of(believed, physics.effects);
+        let vehicle = super::cascade_law::with_drag_of(believed, physics.effects);
         vehicle.validate()?;
+        vehicle.check_steerable()?;
         validate_gains(gains)?;
-        let at = |what: &str| format!("vehicle '{}': {what}", vehicle.name);
-        if Mixer::new(vehicle)?.authority.dropped.contains(&Axis::Thrust) {
-            let rule = "independent of the moments";
-            return Err(Error::value(at("thrust along body z"), "none", rule, "Turn the rotor axes upwards."));
-        }
+        let axes = HoverAxes::of(&vehicle);
+        let vehicle = &vehicle.upright();
         let every = Schedule::new(rates, physics.dt)?.every[2];
         let period = every as f64 * physics.dt;
         let problem = Problem::of_vehicle(vehicle)?.with_priorities(&PRIORITIES);
         Ok(Self {
             believed: Believed::new(vehicle)?,
+            axes,
             gains: *gains,
             coefficient: vehicle.rotors.iter().map(|r| r.thrust_coefficient).collect(),
             max_thrust: vehicle.rotors.iter().map(|r| r.max_thrust()).collect(),
@@ -274,7 +275,7 @@ impl ControlLaw for IndiLaw {
         let n = self.max_thrust.len();
         let gains =
             if now.parameters.is_empty() { GainSet::constant(&self.gains) } else { GainSet::read(now.parameters) };
-        let state = now.kinematics();
+        let state = HoverAxes::constant(&self.axes).kinematics(&now.kinematics());
         let rotors = self.believed.wrench(|i| {
             let speed = now.state[13 + i];
             S::constant(self.coefficient[i]) * speed * speed

@@ -3,6 +3,7 @@
 //! | file | idea |
 //! |---|---|
 //! | [`kinematics`] | the state a controller sees |
+//! | [`hover_axes`] | the axes in which a vehicle hovers level |
 //! | [`mod@reference`] | hover, step, circle, lemniscate, waypoints, with exact derivatives up to snap |
 //! | [`parameters`] | gains, body and limits as scalars, so that they can be traced, dual or per lane |
 //! | [`position`] | position error → velocity command |
@@ -65,6 +66,7 @@ pub mod fault_tolerant;
 pub mod flight;
 pub mod formation;
 pub(crate) mod gimballed;
+pub mod hover_axes;
 pub mod hover_feedback;
 pub mod indi;
 pub(crate) mod integral;
@@ -102,6 +104,7 @@ pub use controller::{Controller, Measurement, Note, Passive, Target};
 pub use fault_tolerant::FaultTolerant;
 pub use flight::{Flight, FlightPlan, SmoothPoint, fly, fly_from, fly_vehicle};
 pub use formation::{FormationController, FormationLaw};
+pub use hover_axes::HoverAxes;
 pub use hover_feedback::{HoverFeedback, HoverWeights};
 pub use indi::IndiLaw;
 pub use kinematics::Kinematics;

@@ -16,7 +16,7 @@ use super::reference::{Hover, Reference};
 use super::start::start_on;
 use crate::autodiff::System;
 use crate::autodiff::program::BLOCK;
-use crate::dynamics::spatial::{exponential, up_axis};
+use crate::dynamics::spatial::{exponential, multiply, up_axis};
 use crate::dynamics::{Disturbance, Plant};
 use crate::error::{Error, Result};
 use crate::parallel::Threads;
@@ -107,7 +107,9 @@ impl RecoveryPlan {
         let (tilt, rate) = (within(self.tilt, row, tilt), within(self.rate, column, rate));
         let about = stream.uniform(-PI, PI);
         let mut state = hover.to_vec();
-        state[root + 6..root + 10].copy_from_slice(&exponential([tilt * about.cos(), tilt * about.sin(), 0.0]));
+        let hover = [6, 7, 8, 9].map(|k| state[root + k]);
+        let tilted = exponential([tilt * about.cos(), tilt * about.sin(), 0.0]);
+        state[root + 6..root + 10].copy_from_slice(&multiply(tilted, hover));
         let mut direction = || {
             let v = [stream.normal(), stream.normal(), stream.normal()];
             let length = v.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);

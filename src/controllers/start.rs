@@ -2,14 +2,14 @@
 
 use super::controller::Controller;
 use super::reference::Reference;
-use crate::dynamics::spatial::{from_euler, from_matrix, rotate};
+use crate::dynamics::spatial::{from_euler, from_matrix, multiply, rotate};
 use crate::dynamics::tree::{Model, Motion, Multibody, body_poses};
 use crate::dynamics::{Plant, contact, shape};
 use crate::error::{Error, Result};
 use crate::rng::{Purpose, Stream};
 
-/// The state in which the tracked point starts on the reference, at rest, with all joints at rest and rotors that carry the
-/// weight.
+/// The state in which the tracked point starts on the reference, at rest, in the attitude of hover turned to the reference's yaw, with
+/// all joints at rest and rotors that carry the weight.
 ///
 /// # Errors
 /// As [`Plant::hover_state`].
@@ -18,7 +18,8 @@ pub fn start_on(plant: &Plant, controller: &dyn Controller, reference: &Referenc
     let (own, wanted) = (controller.tracked(&state), reference.sample(0.0));
     let (s, c) = (0.5 * wanted.yaw).sin_cos();
     let turn = [c, 0.0, 0.0, s];
-    state[root + 6..root + 10].copy_from_slice(&turn);
+    let hover = [6, 7, 8, 9].map(|k| state[root + k]);
+    state[root + 6..root + 10].copy_from_slice(&multiply(turn, hover));
     // the root lies behind the tracked point, turned with it
     let offset = rotate(turn, [0, 1, 2].map(|k| state[root + k] - own.position[k]));
     for k in 0..3 {

@@ -24,7 +24,6 @@
 use super::cascade::{Cascade, CascadeModel, Rates, Schedule};
 use super::controller::{Controller, Measurement, Target};
 use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr};
-use super::formation::carrier;
 use super::kinematics::Kinematics;
 use super::linear::spectral_radius;
 use super::load_flatness::LoadFlatness;
@@ -33,7 +32,7 @@ use super::velocity::VelocityCommand;
 use crate::autodiff::{Scalar, System, linearise, safe};
 use crate::dynamics::rotor::commanded_speed;
 use crate::dynamics::spatial::{matrix, multiply, sub};
-use crate::dynamics::tree::{Model, Motion, Multibody};
+use crate::dynamics::tree::{Model, Motion, Multibody, carrier};
 use crate::dynamics::{Gains, MAX_ROTORS};
 use crate::error::{Error, Result};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
@@ -410,7 +409,7 @@ impl System for Inner<'_> {
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], _: &[S], next: &mut [S]) {
         let cascade = CascadeModel::<S, MAX_ROTORS>::constant(&self.cascade);
-        let own = Kinematics::read(state);
+        let own = cascade.own(&Kinematics::read(state));
         let mut command = VelocityCommand::constant(own.velocity, S::zero());
         command.acceleration = [input[0], input[1], input[2]];
         let held = cascade.velocity(&own, &cascade.initial(), &command, [S::one(); 3]);

@@ -40,11 +40,12 @@ impl Vehicle {
 
     /// Gains from inertia, motor lag and authority; see the [module](self) for the equations.
     ///
-    /// An axis about which no rotor has a moment gets zero gains: there is nothing to control it with.
+    /// Axes are those in which it hovers level ([`Vehicle::upright`]). One about which no rotor has a moment gets zero gains: there is nothing to control it with.
     pub fn derived_gains(&self) -> Gains {
-        let total = self.mass_properties();
-        let limit = self.bandwidth_limit();
-        let authority = self.hover_authority();
+        let vehicle = self.upright();
+        let total = vehicle.mass_properties();
+        let limit = vehicle.bandwidth_limit();
+        let authority = vehicle.hover_authority();
         let mut attitude = [0.0; 3];
         let mut rate = [0.0; 3];
         let mut bandwidth = [limit, limit, 0.5 * limit];

@@ -5,6 +5,8 @@
 //! | [`vehicle`] | a multirotor as plain data: parts, rotors, drag, gains |
 //! | [`vehicles`] | the built-in ones, one file each |
 //! | `vehicle_file` | vehicles as TOML |
+//! | [`hover`] | attitude and thrusts at which force and moment vanish |
+//! | [`authority`] | what a vehicle's rotors can do: rank, weakest direction, axes that do not turn apart |
 //! | [`gains`] | gains derived from inertia and motor lag |
 //! | [`rotor`] | one rotor: command, lag, wrench, and the table of its numbers |
 //! | `domain` | what a physical number may be |
@@ -29,6 +31,7 @@
 
 pub mod aero;
 pub mod assembly;
+pub mod authority;
 pub mod batch;
 pub mod configurations;
 pub mod contact;
@@ -36,6 +39,7 @@ pub(crate) mod domain;
 pub mod fleet;
 pub(crate) mod frame;
 pub mod gains;
+pub mod hover;
 pub mod integrate;
 pub(crate) mod mesh;
 pub mod multirotor;
@@ -57,6 +61,7 @@ pub use batch::World;
 pub use domain::Domain;
 pub use fleet::{Downwash, Fleet};
 pub use frame::Frame;
+pub use hover::Hover;
 pub use integrate::Integrator;
 pub use mesh::Mesh;
 pub use multirotor::{Multirotor, Physics};

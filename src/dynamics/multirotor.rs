@@ -4,7 +4,7 @@ use super::integrate::{Grid, Integrator, step};
 use super::rigid::{BODY_PARAMETERS, Disturbance, Effects, RIGID_DIM, RigidModel, RigidState, parameter_vector};
 use super::rotor::{N_ROTOR_PARAMETER, thrust_action};
 use super::spatial::{Vec3, add, axpy, constants, rotate};
-use super::vehicle::{GRAVITY, Vehicle};
+use super::vehicle::Vehicle;
 use crate::autodiff::{Scalar, System};
 use crate::error::{Error, Result, finite};
 use serde::{Deserialize, Serialize};
@@ -149,17 +149,16 @@ impl Multirotor {
         &self.physics
     }
 
-    /// Level hover at `position` with yaw 0: rotors at the speeds of [`Vehicle::hover_thrusts`].
+    /// Hover at `position` with yaw 0: attitude and rotor speeds of [`Vehicle::hover`].
     ///
     /// # Errors
     /// [`Error::Value`] if the vehicle cannot hover.
     pub fn hover_state(&self, position: [f64; 3]) -> Result<Vec<f64>> {
+        let hover = self.vehicle.hover()?;
         let mut x = vec![0.0; self.n_state()];
         x[..3].copy_from_slice(&position);
-        x[6] = 1.0;
-        for ((speed, thrust), rotor) in
-            x[RIGID_DIM..].iter_mut().zip(self.vehicle.hover_thrusts()?).zip(&self.vehicle.rotors)
-        {
+        x[6..10].copy_from_slice(&hover.attitude);
+        for ((speed, thrust), rotor) in x[RIGID_DIM..].iter_mut().zip(hover.thrusts).zip(&self.vehicle.rotors) {
             *speed = (thrust / rotor.thrust_coefficient).sqrt();
         }
         Ok(x)
@@ -170,7 +169,7 @@ impl Multirotor {
     /// # Errors
     /// [`Error::Value`] if the vehicle cannot hover.
     pub fn hover_input(&self) -> Result<Vec<f64>> {
-        let thrusts = self.vehicle.hover_thrusts()?;
+        let thrusts = self.vehicle.hover()?.thrusts;
         let rotors = thrusts.iter().zip(&self.vehicle.rotors);
         let mut u: Vec<f64> = rotors.map(|(t, r)| thrust_action(t / r.max_thrust())).collect();
         u.resize(self.n_input(), 0.0);
@@ -298,43 +297,5 @@ impl System for Multirotor {
     }
     fn step<S: Scalar>(&self, state: &[S], input: &[S], parameters: &[S], next: &mut [S]) {
         self.step_any(state, input, parameters, None, next);
-    }
-}
-
-impl Vehicle {
-    /// Thrust of each rotor in level hover, N: the least-norm solution of B u = (0, 0, m g, 0, 0, 0). Rows of upright
-    /// rotors' horizontal forces are zero and drop out; tilted rotors balance theirs.
-    ///
-    /// # Errors
-    /// [`Error::Value`] if weight and moments cannot be balanced within 0 ≤ T ≤ T_max.
-    pub fn hover_thrusts(&self) -> Result<Vec<f64>> {
-        let b = self.allocation_matrix();
-        let weight = self.mass_properties().mass * GRAVITY;
-        let wanted = nalgebra::DVector::from_vec(vec![0.0, 0.0, weight, 0.0, 0.0, 0.0]);
-        let svd = b.clone().svd(true, true);
-        let tolerance = 1e-9 * svd.singular_values.max();
-        let cannot = |why: String| {
-            Err(Error::value(
-                format!("vehicle '{}': hover", self.name),
-                why,
-                "a balance of weight and moments within the rotors' limits",
-                "Check rotor positions, spins, thrust coefficients and the mass.",
-            ))
-        };
-        let Ok(u) = svd.solve(&wanted, tolerance) else { return cannot("without a solution".into()) };
-        let residual = (&b * &u - &wanted).norm();
-        if residual > 1e-6 * weight {
-            return cannot(format!("off balance by {residual:.3e} N or N m"));
-        }
-        for (thrust, rotor) in u.iter().zip(&self.rotors) {
-            if *thrust < 0.0 || *thrust > rotor.max_thrust() {
-                return cannot(format!(
-                    "{thrust:.3} N on rotor '{}' of at most {:.3} N",
-                    rotor.name,
-                    rotor.max_thrust()
-                ));
-            }
-        }
-        Ok(u.iter().copied().collect())
     }
 }

@@ -2,9 +2,11 @@
 
 use super::domain::Domain;
 use super::frame::Frame;
+use super::hover::BALANCED;
 use super::multirotor::{Multirotor, Physics};
 use super::rigid::{self, RIGID_DIM};
-use super::tree::{self, Model, Motion, Multibody};
+use super::spatial::multiply;
+use super::tree::{self, Model, Motion, Multibody, TreePlace, carrier};
 use super::vehicle::{Rotor, Vehicle};
 use crate::autodiff::{Scalar, StridedView, StridedViewMut, System};
 use crate::error::{Error, Result};
@@ -317,8 +319,9 @@ impl Plant {
         }
     }
 
-    /// Every joint at rest, level at the origin (or where the model says), rotors at the speeds that carry the weight: of
-    /// a vehicle those of [`Vehicle::hover_thrusts`], of a tree the same share of every rotor's largest thrust.
+    /// Every joint at rest at the origin (or where the model says), rotors at the speeds that carry the weight: of a vehicle, also one
+    /// that is a body of a tree alone, attitude and thrusts of [`Vehicle::hover`]; of other trees level, with the same share of every rotor's
+    /// largest thrust.
     ///
     /// # Errors
     /// [`Error::Value`] for a vehicle that cannot hover.
@@ -333,8 +336,20 @@ impl Plant {
             let mass: f64 = model.bodies()[tree.bodies.clone()].iter().map(|b| b.mass).sum();
             let weight = mass * model.parts().gravity;
             let lift: f64 = model.rotors()[tree.rotors.clone()].iter().map(|r| r.rotor.max_thrust()).sum();
-            for r in tree.rotors.clone() {
-                let share = (weight / lift).clamp(0.0, 1.0);
+            let mut shares = vec![(weight / lift).clamp(0.0, 1.0); tree.rotors.len()];
+            if let Some(vehicle) = lone_vehicle(model, tree) {
+                let hover = vehicle.hover()?;
+                if !hover.is_level() {
+                    let root = tree.state.start;
+                    let turned = multiply(array(&state[root + 6..]), hover.attitude);
+                    state[root + 6..root + 10].copy_from_slice(&turned);
+                }
+                for (share, (thrust, rotor)) in shares.iter_mut().zip(hover.thrusts.iter().zip(&vehicle.rotors)) {
+                    let own = thrust / rotor.max_thrust();
+                    *share = if (own - *share).abs() <= BALANCED { *share } else { own };
+                }
+            }
+            for (r, share) in tree.rotors.clone().zip(shares) {
                 state[layout.rotor_speed[r]] = model.rotors()[r].rotor.max_speed * share.sqrt();
             }
         }
@@ -380,6 +395,19 @@ impl System for Plant {
             Self::Tree(m) => m.step(state, input, parameters, next),
         }
     }
+}
+
+/// A drone that is a floating tree by itself, as a vehicle.
+fn lone_vehicle(model: &Model, tree: &TreePlace) -> Option<Vehicle> {
+    let root = tree.bodies.start;
+    let floats = model.bodies()[root].joint.motion == Motion::Floating;
+    let number = model.drones().iter().position(|drone| drone.body == root)?;
+    let lone = tree.bodies.len() == 1 && model.drones()[number].rotors.len() == tree.rotors.len();
+    (floats && lone).then(|| carrier(model, number).ok()).flatten()
+}
+
+fn array(x: &[f64]) -> [f64; 4] {
+    [x[0], x[1], x[2], x[3]]
 }
 
 /// What has a number of the state.

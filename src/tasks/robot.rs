@@ -7,6 +7,7 @@ use crate::autodiff::System;
 use crate::dynamics::domain::Domain;
 pub use crate::dynamics::plant::RotorPlace;
 use crate::dynamics::rotor::holding_action;
+use crate::dynamics::spatial::{Quat, conjugate, multiply, up_axis};
 use crate::dynamics::tree::{Model, Multibody};
 use crate::dynamics::{Effects, Inertia, Physics, Plant, Vehicle, tree};
 use crate::error::{Error, Result};
@@ -86,6 +87,8 @@ pub struct Robot {
     rest: Vec<f64>,
     /// First of each tree's numbers in the state.
     roots: Vec<usize>,
+    /// Per tree: how a vehicle that does not hover level leans, as a turn from the axes in which it does.
+    leans: Vec<Option<Quat<f64>>>,
     /// Numbers that differ between environments, ascending.
     varied: Vec<usize>,
 }
@@ -138,7 +141,25 @@ impl Robot {
     }
 
     fn of_plant(plant: Plant, drones: Vec<DronePlace>, vehicle: Option<Vehicle>) -> Result<Self> {
-        Ok(Self { rest: plant.hover_state()?, roots: plant.roots(), plant, vehicle, drones, varied: Vec::new() })
+        let (rest, roots) = (plant.hover_state()?, plant.roots());
+        let at = |state: &[f64], root: usize| [6, 7, 8, 9].map(|k| state[root + k]);
+        let level = plant.tree().map_or_else(|| [[0.0; 6], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]].concat(), Multibody::rest_state);
+        let lean = |root: &usize| {
+            let floats = root + 10 <= level.len();
+            let turn = floats.then(|| (at(&level, *root), at(&rest, *root))).filter(|(level, own)| level != own)?;
+            Some(multiply(conjugate(turn.0), turn.1))
+        };
+        Ok(Self { leans: roots.iter().map(lean).collect(), rest, roots, plant, vehicle, drones, varied: Vec::new() })
+    }
+
+    /// The attitude of a tree's root for one of the axes in which it hovers level.
+    pub(crate) fn attitude_of_body(&self, tree: usize, attitude: Quat<f64>) -> Quat<f64> {
+        self.leans[tree].map_or(attitude, |turn| multiply(attitude, turn))
+    }
+
+    /// The inverse of [`attitude_of_body`](Self::attitude_of_body).
+    pub(crate) fn attitude_of_hover_axes(&self, tree: usize, attitude: Quat<f64>) -> Quat<f64> {
+        self.leans[tree].map_or(attitude, |turn| multiply(attitude, conjugate(turn)))
     }
 
     /// The same robot with these numbers ([`Robot::parameters`]) differing between environments.
@@ -211,6 +232,13 @@ impl Robot {
     /// Every joint at rest, rotors at hover: where [`Start`](super::Start) begins.
     pub fn rest(&self) -> &[f64] {
         &self.rest
+    }
+
+    /// The largest angle by which a vehicle leans in hover ([`Hover::lean`](crate::dynamics::Hover::lean)), rad: starts have it, and
+    /// what a task rewards along body z is missed by its cosine.
+    pub fn hover_lean(&self) -> f64 {
+        let lean = |turn: &Quat<f64>| up_axis(*turn)[2].clamp(-1.0, 1.0).acos();
+        self.leans.iter().flatten().map(lean).fold(0.0, f64::max)
     }
 
     /// Input that holds the rotors at the speeds of [`Robot::rest`], all else 0.

@@ -327,12 +327,14 @@ pub struct Start<'a> {
 }
 
 impl Start<'_> {
-    /// Moves the root of tree `tree`: position, world, m, and attitude.
+    /// Moves the root of tree `tree`: position, world, m, and attitude, of the axes in which it hovers level
+    /// ([`Vehicle::upright`](crate::dynamics::Vehicle::upright)): a vehicle that leans in hover leans so from there.
     ///
     /// # Panics
     /// If there is no such tree.
     pub fn place(&mut self, tree: usize, position: Vec3<f64>, attitude: Quat<f64>) {
         let at = self.robot.roots()[tree];
+        let attitude = self.robot.attitude_of_body(tree, attitude);
         self.state[at..at + 3].copy_from_slice(&position);
         self.state[at + 6..at + 10].copy_from_slice(&attitude);
     }
@@ -342,7 +344,7 @@ impl Start<'_> {
     /// # Panics
     /// If there is no such tree.
     pub fn place_point(&mut self, tree: usize, local: Vec3<f64>, point: Vec3<f64>, attitude: Quat<f64>) {
-        let lever = rotate(attitude, local);
+        let lever = rotate(self.robot.attitude_of_body(tree, attitude), local);
         self.place(tree, [0, 1, 2].map(|i| point[i] - lever[i]), attitude);
     }
 

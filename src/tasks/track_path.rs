@@ -127,13 +127,15 @@ impl TrackPath {
         let half_step = 0.5 / self.dt;
         let up_rate = scale(half_step, sub(self.lean(&view, 1.0).0, self.lean(&view, -1.0).0));
         let (up, pull) = self.lean(&view, 0.0);
-        let yaw = to_euler(std::array::from_fn(|k| start.state[root + 6 + k]))[2];
+        let own = std::array::from_fn(|k| start.state[root + 6 + k]);
+        let yaw = to_euler(start.robot.attitude_of_hover_axes(0, own))[2];
         // the shortest turn from e_z to the lean, after the yaw
         let lean = safe::normalise([1.0 + up[2], -up[1], up[0], 0.0]);
         let attitude = multiply(lean, from_euler(0.0, 0.0, yaw));
         start.place(0, add(position, scale(lever, up)), attitude);
         start.state[root + 3..root + 6].copy_from_slice(&add(velocity, scale(lever, up_rate)));
-        start.state[root + 10..root + 13].copy_from_slice(&rotate_back(attitude, cross(up, up_rate)));
+        let rate = rotate_back(start.robot.attitude_of_body(0, attitude), cross(up, up_rate));
+        start.state[root + 10..root + 13].copy_from_slice(&rate);
         for rotor in start.robot.drones().iter().flat_map(|d| &d.rotors) {
             start.state[rotor.speed] = (start.state[rotor.speed] * pull.sqrt()).min(rotor.max_speed);
         }

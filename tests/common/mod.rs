@@ -4,6 +4,7 @@
 use omnidrones::dynamics::{Effects, Integrator, Physics, Vehicle, vehicles};
 use omnidrones::rng::{Purpose, Stream};
 
+pub mod geometry;
 pub mod measure;
 pub mod tree;
 pub use measure::relative;

@@ -3,6 +3,7 @@
 mod allocation;
 mod closed_loop;
 mod failure;
+mod hover;
 mod flight;
 mod flight_log;
 mod integral;

@@ -6,6 +6,7 @@ mod batch;
 mod common;
 mod configurations;
 mod fleet;
+mod hover;
 mod multibody;
 mod physics;
 mod poison;

@@ -7,7 +7,7 @@ use super::page::{Fact, Page, short};
 use super::robot;
 use super::source;
 use super::table::{Align, Table, number};
-use omnidrones::controllers::allocation::geometry::characteristic_length;
+use omnidrones::controllers::allocation::characteristic_length;
 use omnidrones::controllers::allocation::problem::{Problem, WRENCH, balanced_weights};
 use omnidrones::controllers::allocation::{
     AllocationSensitivity, AllocationSolution, Allocator, AttainableWrenches, Axis, PrioritisedAllocator, Variation,

@@ -5,8 +5,9 @@ use super::table::{Align, Table, number};
 use nalgebra::DMatrix;
 use omnidrones::controllers::Mixer;
 use omnidrones::dynamics::rotor::ROTOR_PARAMETERS;
-use omnidrones::dynamics::{GRAVITY, Gains, Rotor, Vehicle};
-use omnidrones::error::Result;
+use omnidrones::dynamics::{GRAVITY, Gains, Hover, Rotor, Vehicle};
+use omnidrones::dynamics::spatial::to_euler;
+use omnidrones::error::{Error, Result};
 use serde_json::{Value, json};
 
 /// What characterises a vehicle; `None` where it cannot hover.
@@ -15,6 +16,8 @@ pub struct KeyFigures {
     pub thrust_to_weight: f64,
     /// Mean thrust of the rotors in hover over their largest, 0 to 1.
     pub hover_thrust: Option<f64>,
+    /// The hover, or why there is none.
+    pub hover: Result<Hover>,
     /// Slowest time constants of the motors, up and down, s.
     pub time_constants: [f64; 2],
     /// 1/(4τ), rad/s.
@@ -24,14 +27,16 @@ pub struct KeyFigures {
 impl KeyFigures {
     pub fn of(vehicle: &Vehicle) -> Self {
         let slowest = |of: fn(&Rotor) -> f64| vehicle.rotors.iter().map(of).fold(0.0, f64::max);
-        let share = |thrusts: Vec<f64>| {
+        let hover = vehicle.hover();
+        let share = |thrusts: &[f64]| {
             let shares = thrusts.iter().zip(&vehicle.rotors).map(|(t, r)| t / r.max_thrust());
             shares.sum::<f64>() / vehicle.n_rotor() as f64
         };
         Self {
             mass: vehicle.mass_properties().mass,
             thrust_to_weight: vehicle.thrust_to_weight(),
-            hover_thrust: vehicle.hover_thrusts().ok().map(share),
+            hover_thrust: hover.as_ref().ok().map(|hover| share(&hover.thrusts)),
+            hover,
             time_constants: [slowest(|r| r.time_constant_up), slowest(|r| r.time_constant_down)],
             bandwidth_limit: vehicle.bandwidth_limit(),
         }
@@ -58,6 +63,8 @@ impl KeyFigures {
             "max_thrust": vehicle.max_thrust(),
             "hover_thrust": self.hover_thrust,
             "hover_command": self.hover_command(),
+            "hover_lean": self.hover.as_ref().ok().map(Hover::lean),
+            "hover_reserve": self.hover.as_ref().ok().map(|hover| hover.reserve),
             "motor_time_constant_up": self.time_constants[0],
             "motor_time_constant_down": self.time_constants[1],
             "bandwidth_limit": self.bandwidth_limit,
@@ -69,29 +76,50 @@ impl KeyFigures {
 pub fn key_facts(vehicle: &Vehicle) -> Vec<Fact> {
     let key = KeyFigures::of(vehicle);
     let weight = key.mass * GRAVITY;
-    let hover = match (key.hover_thrust, key.hover_command()) {
-        (Some(t), Some(a)) => Fact::new("hover", format!("{} %", number(100.0 * t, 1)))
-            .note(format!("of full thrust, rotor command {a:+.3}")),
-        _ => Fact::new("hover", "impossible").note("the rotors cannot balance weight and moments"),
-    };
     let motor =
         if key.time_constants[0] == key.time_constants[1] { "time constant" } else { "time constant up / down" };
-    vec![
+    let mut facts = vec![
         Fact::new("mass", format!("{} kg", short(key.mass, 4))).note(format!("weight {} N", short(weight, 4))),
         Fact::new("rotors", vehicle.n_rotor().to_string())
             .note(format!("{} N together at full speed", short(vehicle.max_thrust(), 4))),
         Fact::new("thrust / weight", number(key.thrust_to_weight, 2)),
-        hover,
+    ];
+    facts.extend(hover_facts(&key, vehicle));
+    facts.push(
         Fact::new("motor lag", format!("{} ms", key.motor()))
             .note(format!("{motor}; carries an attitude loop of {} rad/s", short(key.bandwidth_limit, 3))),
-    ]
+    );
+    facts
+}
+
+/// Thrust, lean and least reserve of hover, or the row that cannot be met.
+fn hover_facts(key: &KeyFigures, vehicle: &Vehicle) -> Vec<Fact> {
+    let hover = match &key.hover {
+        Ok(hover) => hover,
+        Err(Error::Value { value, .. }) => return vec![Fact::new("hover", "impossible").note(value)],
+        Err(error) => return vec![Fact::new("hover", "impossible").note(error.to_string())],
+    };
+    let (share, command) = (key.hover_thrust.unwrap_or(0.0), key.hover_command().unwrap_or(-1.0));
+    let tightest = &vehicle.rotors[hover.tightest].name;
+    let mut facts = vec![
+        Fact::new("hover", format!("{} %", number(100.0 * share, 1)))
+            .note(format!("of full thrust, rotor command {command:+.3}")),
+        Fact::new("least reserve", format!("{} %", number(100.0 * hover.reserve, 1)))
+            .note(format!("of full thrust, to either limit: rotor '{tightest}'")),
+    ];
+    if !hover.is_level() {
+        let [roll, pitch, _] = to_euler(hover.attitude).map(f64::to_degrees);
+        let angles = format!("roll {} °, pitch {} °", short(roll, 3), short(pitch, 3));
+        facts.push(Fact::new("leans in hover", format!("{} °", short(hover.lean().to_degrees(), 3))).note(angles));
+    }
+    facts
 }
 
 /// Centre of mass, inertia, drag, authority, gains, then parts, rotors and allocation as tables.
 pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
     let total = vehicle.mass_properties();
     let j = total.inertia;
-    let authority = Mixer::new(vehicle)?.authority;
+    let authority = vehicle.authority();
     let drag = &vehicle.drag;
     let mut facts = key_facts(vehicle);
     facts.push(Fact::new("centre of mass", vector(total.center_of_mass.as_slice(), 3)).note("m, in the base frame"));
@@ -112,7 +140,7 @@ pub fn sheet(page: &mut Page, vehicle: &Vehicle) -> Result<()> {
     let control = match authority.dropped.as_slice() {
         [] if authority.full_rank == 6 => "thrust, roll, pitch, yaw and sideways force".to_string(),
         [] => "thrust, roll, pitch, yaw".into(),
-        lost => format!("not {lost:?}"),
+        _ => authority.shortcomings(),
     };
     facts.push(Fact::new("steered axes", control).note(format!("allocation of rank {}", authority.full_rank)));
     page.facts(&facts);

@@ -253,6 +253,12 @@ impl Described {
             Fact::new("motors and drag", format!("lag {} ms, fades at {DAMPING} 1/s", 1e3 * MOTOR_TIME_CONSTANT))
                 .note("the benchmark's; mass, inertia and rotors are the vehicle's own"),
         );
+        let lean = self.env.robot().hover_lean();
+        if lean > 0.0 {
+            let most = 0.25 * (1.0 + lean.cos()).powi(2);
+            let note = format!("in hover, where episodes start: what is rewarded for body z upright is {} of its most", short(most, 4));
+            facts.push(Fact::new("leans", format!("{} °", short(lean.to_degrees(), 3))).note(note));
+        }
         if spec.n_central > 0 {
             facts.push(Fact::new("central state", format!("{} numbers", spec.n_central)));
         }

@@ -9,7 +9,7 @@
 //! fast is not part of the analysis.
 
 use super::attainable_wrench::{AttainableWrenches, WrenchMargin};
-use super::geometry::Axis;
+use super::Axis;
 use super::problem::{Problem, WRENCH};
 use super::spin::Spin;
 pub use crate::dynamics::plant::damaged;
@@ -144,6 +144,7 @@ impl Assessment {
     /// # Errors
     /// As [`problem`] and [`AttainableWrenches::of`].
     pub fn of(vehicle: &Vehicle, health: &[f64]) -> Result<Self> {
+        let vehicle = &vehicle.upright();
         let problem = problem(vehicle, health)?;
         let hover = hover(vehicle);
         let weight = hover[2];

@@ -3,7 +3,6 @@
 //! | file | idea |
 //! |---|---|
 //! | `articulated` | what the rotors of a system of many bodies can do in its present shape |
-//! | [`geometry`] | what a vehicle's rotors can do: rank, weakest direction, lost axes |
 //! | [`pseudo_inverse`] | the mixer: least thrusts, clipped, yaw last |
 //! | [`problem`] | the bounded problem: quadratic cost, bounds, cones |
 //! | `allocator` | its solvers behind one interface, with certificate, fallback and counts |
@@ -29,7 +28,6 @@ pub mod conic;
 pub mod failure;
 pub(crate) mod fast;
 pub mod function;
-pub mod geometry;
 pub mod gradient;
 pub mod null_space;
 pub mod prioritised;
@@ -45,7 +43,7 @@ pub use attainable_wrench::{AttainableWrenches, Facet, Margin, WrenchMargin};
 pub use batch::{BatchAllocator, BatchReport};
 pub use failure::{Assessment, Capability, FailureTable, RotorFailure};
 pub use function::AllocationFunction;
-pub use geometry::{Authority, Axis};
+pub use crate::dynamics::authority::{Authority, Axis, characteristic_length};
 pub use gradient::AllocationSensitivity;
 pub use null_space::NullSpaceAllocator;
 pub use prioritised::{PrioritisedAllocator, PrioritisedCounts, PrioritisedSolution};

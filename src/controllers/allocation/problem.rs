@@ -8,7 +8,7 @@
 //! u are thrusts (N), one per rotor, or components of the force of a thruster that can turn. ρ > 0 makes the answer
 //! unique, so that it has derivatives.
 
-use super::geometry::characteristic_length;
+use super::characteristic_length;
 use crate::dynamics::Vehicle;
 use crate::error::{Error, Result, finite};
 use nalgebra::{DMatrix, DVector};

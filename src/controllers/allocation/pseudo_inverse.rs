@@ -1,11 +1,15 @@
 //! The mixer: least thrusts that make a wrench.
 
-use super::geometry::{Authority, Axis, RANK_TOLERANCE, decompose};
+use super::{Authority, Axis};
+use crate::dynamics::authority::{RANK_TOLERANCE, decompose};
 use crate::autodiff::Scalar;
-use crate::dynamics::Vehicle;
+use crate::dynamics::{GRAVITY, Vehicle};
 use crate::dynamics::rotor::thrust_action;
 use crate::dynamics::spatial::dot;
 use crate::error::{Error, Result};
+
+/// Thrusts nearer than this share of T_max are the same: rounding differs by 1e-15.
+const SAME: f64 = 1e-9;
 
 /// P of T = P [F_z, M_x, M_y, M_z], one row per rotor, with what it can and cannot do.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,6 +50,20 @@ impl Mixer {
             }
         }
         Ok(Self { rows: mixer, authority })
+    }
+
+    /// The same with thrust shared as in the hover of a vehicle that hovers level, T = T_hover F_z/(m g), where least thrusts do not hover:
+    /// a load off the centre would ask some rotors for less than nothing.
+    pub(crate) fn carrying(mut self, vehicle: &Vehicle) -> Self {
+        let weight = vehicle.mass_properties().mass * GRAVITY;
+        let Ok(hover) = vehicle.hover() else { return self };
+        let other = |(i, thrust): (usize, &f64)| {
+            (thrust - self.rows[i][0] * weight).abs() > SAME * vehicle.rotors[i].max_thrust()
+        };
+        if hover.thrusts.iter().enumerate().any(other) {
+            self.rows.iter_mut().zip(&hover.thrusts).for_each(|(row, thrust)| row[0] = thrust / weight);
+        }
+        self
     }
 
     /// For a kernel of `R` rotors: the vehicle's rows first, zero rows behind them.

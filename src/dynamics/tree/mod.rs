@@ -12,6 +12,7 @@
 //! | `loads` | rotors, air, disturbance |
 //! | `wakes` | wakes of drones on each other and on loads |
 //! | `contact_loads` | contact forces |
+//! | `carrier` | a drone of a model as the vehicle that it is alone |
 //! | `cable` | what cables pull |
 //! | `mobility` | how points give way, for what a step resolves of contacts |
 //! | `torque` | damping, springs, limits, drives |
@@ -24,6 +25,7 @@
 mod aba;
 pub(crate) mod analysis;
 mod cable;
+mod carrier;
 mod contact_loads;
 pub(crate) mod frames;
 #[cfg(test)]
@@ -49,6 +51,7 @@ pub use analysis::{
 };
 pub(crate) use analysis::{body_poses_into, contact_forces_with};
 pub use cable::{Cable, CableEnd, ROUND as CABLE_ROUND};
+pub use carrier::carrier;
 pub use layout::{BodyPlace, Layout, TreePlace};
 pub use model::*;
 pub use multibody::{Multibody, rest_state};

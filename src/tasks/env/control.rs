@@ -106,7 +106,7 @@ impl Control {
         });
         self.recorded = Some(Box::new(CascadeModel::new(vehicle, &gains)?));
         let weight = vehicle.mass_properties().mass * GRAVITY;
-        let lift: f64 = vehicle.rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
+        let lift: f64 = vehicle.upright().rotors.iter().map(|r| r.max_thrust() * r.axis[2]).sum();
         let hover = thrust_action(weight / lift);
         let (names, safe) = match self.level {
             Level::Rate => (["rate_x", "rate_y", "rate_z", "thrust"], [0.0, 0.0, 0.0, hover]),
@@ -279,7 +279,7 @@ impl Control {
         command: [S; 4],
         held: &Latched<S, R>,
     ) -> Latched<S, R> {
-        let state = kinematics(frame);
+        let state = model.own(&kinematics(frame));
         let one = S::one();
         let first = if step == 0 { one } else { S::zero() };
         let ticks = [first, one, one];

@@ -72,7 +72,10 @@ use self::stepper::Stepper;
 use self::transition::{config_hash, exposed};
 use crate::autodiff::lanes::{first_lanes, to_rows};
 use crate::autodiff::program::BLOCK;
+use crate::dynamics::Physics;
 use crate::dynamics::batch::{Breach, Plant, STOPPED};
+use crate::dynamics::rigid::BODY_PARAMETERS;
+use crate::dynamics::rotor::{N_ROTOR_PARAMETER, at};
 use crate::dynamics::shape::Shape;
 use crate::error::{Error, Result, finite};
 use crate::parallel::Threads;
@@ -194,7 +197,7 @@ impl Env {
         // numbers that vary may leave zero, so nothing may be left out
         let plant = match robot.plant() {
             crate::dynamics::Plant::Rigid(m) => {
-                Plant::rigid(m.vehicle(), vary_effects(*m.physics(), !varied.is_empty()))?.0
+                Plant::rigid(m.vehicle(), vary_effects(*m.physics(), &varied))?.0
             }
             crate::dynamics::Plant::Tree(m) => Plant::tree(m.model(), *m.physics(), !varied.is_empty())?.0,
         };
@@ -598,10 +601,13 @@ impl Env {
     }
 }
 
-/// Effects with every path open that numbers of other environments may need.
-fn vary_effects(mut physics: crate::dynamics::Physics, varies: bool) -> crate::dynamics::Physics {
-    if varies {
-        physics.effects.products_of_inertia = true;
-    }
+/// Effects with every path open that numbers of other environments may need: of a rotor's axis that is upright now, also sideways.
+fn vary_effects(mut physics: Physics, varied: &[usize]) -> Physics {
+    let of_axis = |k: &usize| {
+        let own = k.checked_sub(BODY_PARAMETERS.len()).map(|k| k % N_ROTOR_PARAMETER);
+        matches!(own, Some(at::axis_x | at::axis_y | at::axis_z))
+    };
+    physics.effects.products_of_inertia |= !varied.is_empty();
+    physics.effects.tilted_rotors |= varied.iter().any(of_axis);
     physics
 }

@@ -1,11 +1,14 @@
 //! What the rotors of a vehicle can do: rank, weakest direction, lost axes.
 
-use crate::dynamics::Vehicle;
+use super::vehicle::Vehicle;
+use crate::error::{Error, Result};
 use nalgebra::{DMatrix, DVector, SVD};
 
 /// Singular values below this share of the largest count as zero. A direction is dropped rather than bought at more
 /// than a thousand times the thrust of the strongest one.
 pub(crate) const RANK_TOLERANCE: f64 = 1e-3;
+/// Cosine between two axes from which on they count as tied; its square is what is lost of either. Rounding makes 1e-15.
+const TIED: f64 = 3e-5;
 /// The lateral forces join the allocation (all six rows) where the weakest of the six directions has at least this
 /// share of the strongest; below, forcing them to zero would cost more thrust than they are worth.
 pub(crate) const FULL_TOLERANCE: f64 = 2e-2;
@@ -69,6 +72,8 @@ pub struct Authority {
     pub length: f64,
     /// Steered axes that cannot be commanded on their own; the mixer answers them as nearly as the rotors can.
     pub dropped: Vec<Axis>,
+    /// The same in groups: of one axis that no rotor moves, or of several that move only together.
+    pub tied: Vec<Vec<Axis>>,
 }
 
 impl Authority {
@@ -76,10 +81,52 @@ impl Authority {
     pub fn is_complete(&self) -> bool {
         self.dropped.is_empty()
     }
+
+    /// What of the steered axes the rotors cannot do: "pitch not at all", "roll and yaw only together".
+    pub fn shortcomings(&self) -> String {
+        let words = |axes: &Vec<Axis>| match axes.as_slice() {
+            [axis] => format!("{} not at all", axis.name()),
+            [rest @ .., last] => {
+                let rest: Vec<_> = rest.iter().map(|axis| axis.name()).collect();
+                format!("{} and {} only together", rest.join(", "), last.name())
+            }
+            [] => String::new(),
+        };
+        self.tied.iter().map(words).collect::<Vec<_>>().join(", ")
+    }
+}
+
+impl Vehicle {
+    /// What its rotors can do, in the axes in which it hovers level.
+    pub fn authority(&self) -> Authority {
+        decompose(&self.upright()).1
+    }
+
+    /// Refuses a vehicle that cannot be steered: thrust, roll, pitch and yaw have to be commanded each apart from the others.
+    ///
+    /// # Errors
+    /// [`Error::Value`] that names the axes.
+    pub fn check_steerable(&self) -> Result<()> {
+        self.upright().check_own_axes()
+    }
+
+    /// The same in the axes in which it is described.
+    pub(super) fn check_own_axes(&self) -> Result<()> {
+        let authority = decompose(self).1;
+        if authority.is_complete() {
+            return Ok(());
+        }
+        Err(Error::value(
+            format!("vehicle '{}': what its rotors turn", self.name),
+            authority.shortcomings(),
+            "thrust, roll, pitch and yaw, each apart from the others",
+            "Set rotors around the centre of mass and let neighbours spin opposite ways: position, axis, spin.",
+        ))
+    }
 }
 
 /// The decomposed rows of one choice of axes.
-pub(super) struct Rows {
+pub(crate) struct Rows {
     pub axes: Vec<Axis>,
     pub svd: SVD<f64, nalgebra::Dyn, nalgebra::Dyn>,
     /// What each row was divided by.
@@ -110,16 +157,41 @@ impl Rows {
 
     /// Rows that cannot be commanded on their own.
     pub fn dropped(&self) -> Vec<Axis> {
-        (0..self.axes.len()).filter(|row| self.reach(*row) < 1.0 - 1e-9).map(|row| self.axes[row]).collect()
+        (0..self.axes.len()).filter(|row| self.reach(*row) < 1.0 - TIED * TIED).map(|row| self.axes[row]).collect()
+    }
+
+    /// The dropped rows among `steered` in groups that only move together: those tied by the projection onto what the rotors make.
+    fn tied(&self, dropped: &[Axis]) -> Vec<Vec<Axis>> {
+        let mut groups: Vec<Vec<Axis>> = Vec::new();
+        let row = |axis: &Axis| self.axes.iter().position(|a| a == axis);
+        for axis in dropped {
+            let ties = |other: &Axis| match (row(axis), row(other)) {
+                (Some(i), Some(j)) => self.projection(i, j).abs() > TIED,
+                _ => false,
+            };
+            let (mut own, others): (Vec<_>, Vec<_>) =
+                groups.into_iter().partition(|group: &Vec<Axis>| group.iter().any(ties));
+            groups = others;
+            let mut group = own.drain(..).flatten().collect::<Vec<_>>();
+            group.push(*axis);
+            groups.push(group);
+        }
+        groups.sort_by_key(|group| group[0] as usize);
+        groups
     }
 
     /// Share of a unit wrench along `row` that the rotors can make: the squared length of its projection.
     fn reach(&self, row: usize) -> f64 {
+        self.projection(row, row)
+    }
+
+    /// Entry of the projection onto the wrenches that the rotors can make.
+    fn projection(&self, row: usize, column: usize) -> f64 {
         let floor = RANK_TOLERANCE * self.largest();
         let Some(u) = &self.svd.u else { return 0.0 };
         (0..self.svd.singular_values.len())
             .filter(|k| self.svd.singular_values[*k] > floor)
-            .map(|k| u[(row, k)] * u[(row, k)])
+            .map(|k| u[(row, k)] * u[(column, k)])
             .sum()
     }
 }
@@ -133,14 +205,14 @@ pub fn characteristic_length(geometry: &DMatrix<f64>) -> f64 {
 }
 
 /// Chooses the rows to allocate: all six where the vehicle is well able to hold them, else thrust and moments.
-pub(super) fn decompose(vehicle: &Vehicle) -> (Rows, Authority) {
+pub(crate) fn decompose(vehicle: &Vehicle) -> (Rows, Authority) {
     let geometry = vehicle.allocation_matrix();
     let length = characteristic_length(&geometry);
     let six = Rows::new(&geometry, &Axis::ALL, length);
     let full_rank = six.rank();
     let full = six.smallest() > FULL_TOLERANCE * six.largest();
     let rows = if full { six } else { Rows::new(&geometry, &Axis::STEERED, length) };
-    let dropped = rows.dropped().into_iter().filter(|axis| Axis::STEERED.contains(axis)).collect();
+    let dropped: Vec<Axis> = rows.dropped().into_iter().filter(|axis| Axis::STEERED.contains(axis)).collect();
     let authority = Authority {
         full_rank,
         full,
@@ -148,6 +220,7 @@ pub(super) fn decompose(vehicle: &Vehicle) -> (Rows, Authority) {
         smallest_singular_value: rows.smallest(),
         largest_singular_value: rows.largest(),
         length,
+        tied: rows.tied(&dropped),
         dropped,
     };
     (rows, authority)

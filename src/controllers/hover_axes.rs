@@ -1,0 +1,75 @@
+//! The axes in which a vehicle hovers level: what a controller of rigid vehicles calls the body's.
+//!
+//! Where hover leans ([`Hover`]), a controller is built for the vehicle [`upright`](crate::dynamics::Vehicle::upright), and sees its
+//! motion in those axes: q_h = q ⊗ q*_hover, ω_h = R_hover ω. Position and velocity are those of the base origin as ever. Of a
+//! vehicle that hovers level they are the body's axes, and nothing is computed.
+
+use super::kinematics::Kinematics;
+use crate::autodiff::Scalar;
+use crate::dynamics::spatial::{Quat, Vec3, conjugate, identity, multiply, rotate, rotate_back};
+use crate::dynamics::{Hover, Vehicle};
+use crate::flight::Commanded;
+
+/// From body axes to those in which a vehicle hovers level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HoverAxes<S> {
+    leans: bool,
+    /// Body → hover axes.
+    turn: Quat<S>,
+}
+
+impl HoverAxes<f64> {
+    /// Of a vehicle; those of the body where it does not hover.
+    pub fn of(vehicle: &Vehicle) -> Self {
+        vehicle.hover().map_or(Self { leans: false, turn: identity() }, |hover| Self::at(&hover))
+    }
+
+    /// Of a hover.
+    pub fn at(hover: &Hover) -> Self {
+        Self { leans: !hover.is_level(), turn: hover.attitude }
+    }
+
+    /// Whether hover leans.
+    pub fn leans(&self) -> bool {
+        self.leans
+    }
+
+    /// What levels commanded, of the body.
+    pub fn commanded(&self, of_hover_axes: Commanded) -> Commanded {
+        let attitude = self.attitude(of_hover_axes.attitude);
+        Commanded { attitude, angular_velocity: self.to_body(of_hover_axes.angular_velocity), ..of_hover_axes }
+    }
+}
+
+impl<S: Scalar> HoverAxes<S> {
+    /// The same in every lane.
+    #[inline(always)]
+    pub fn constant(axes: &HoverAxes<f64>) -> Self {
+        Self { leans: axes.leans, turn: axes.turn.map(S::constant) }
+    }
+
+    /// The motion of the body, attitude and rates of its hover axes.
+    #[inline(always)]
+    pub fn kinematics(&self, body: &Kinematics<S>) -> Kinematics<S> {
+        if !self.leans {
+            return *body;
+        }
+        Kinematics {
+            attitude: multiply(body.attitude, conjugate(self.turn)),
+            angular_velocity: rotate(self.turn, body.angular_velocity),
+            ..*body
+        }
+    }
+
+    /// The body's attitude for one of the hover axes.
+    #[inline(always)]
+    pub fn attitude(&self, of_hover_axes: Quat<S>) -> Quat<S> {
+        if self.leans { multiply(of_hover_axes, self.turn) } else { of_hover_axes }
+    }
+
+    /// A vector in body axes.
+    #[inline(always)]
+    pub fn to_body(&self, of_hover_axes: Vec3<S>) -> Vec3<S> {
+        if self.leans { rotate_back(self.turn, of_hover_axes) } else { of_hover_axes }
+    }
+}
