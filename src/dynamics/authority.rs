@@ -117,9 +117,9 @@ impl Vehicle {
             return Ok(());
         }
         Err(Error::value(
-            format!("vehicle '{}': what its rotors turn", self.name),
-            authority.shortcomings(),
-            "thrust, roll, pitch and yaw, each apart from the others",
+            format!("vehicle '{}': steering", self.name),
+            format!("incomplete (its rotors move {})", authority.shortcomings()),
+            "of thrust, roll, pitch and yaw, each apart from the others",
             "Set rotors around the centre of mass and let neighbours spin opposite ways: position, axis, spin.",
         ))
     }

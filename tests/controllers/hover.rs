@@ -136,7 +136,8 @@ fn one_answer(vehicle: &Vehicle) {
         assert!(hovers && steered.is_ok(), "{name}: {whole:?}");
     }
     if hovers && steered.is_ok() && vehicle.hover().unwrap().reserve > 0.05 {
-        assert_eq!(whole.capability, Capability::Full, "{name}");
+        // yaw within a hundredth of the weight counts as sacrificed
+        assert!(matches!(whole.capability, Capability::Full | Capability::YawSacrificed), "{name}");
     }
 }
 

@@ -8,6 +8,7 @@ use super::robot;
 use super::source;
 use super::table::{Align, Table, number};
 use omnidrones::controllers::allocation::characteristic_length;
+use omnidrones::controllers::allocation::failure;
 use omnidrones::controllers::allocation::problem::{Problem, WRENCH, balanced_weights};
 use omnidrones::controllers::allocation::{
     AllocationSensitivity, AllocationSolution, Allocator, AttainableWrenches, Axis, PrioritisedAllocator, Variation,
@@ -81,6 +82,10 @@ struct Subject {
     /// Of whole rotors, N.
     largest: Vec<f64>,
     weight: f64,
+    /// What holds the weight: of a vehicle in the attitude of its hover, body axes.
+    hover: [f64; WRENCH],
+    /// What is wrong with it, whatever the wrench.
+    warnings: Vec<String>,
 }
 
 impl Subject {
@@ -92,8 +97,11 @@ impl Subject {
         let vehicle = source::load(Some(&a.vehicle), &a.rotors)?.vehicle;
         let problem = Problem::of_vehicle(&vehicle)?;
         let weight = vehicle.mass_properties().mass * GRAVITY;
+        let hover = failure::hover(&vehicle);
+        let warnings = source::verdicts(&vehicle);
         let rotors = vehicle.rotors.iter().map(|r| r.name.clone()).collect();
-        Ok(Self { name: vehicle.name, rotors, largest: problem.upper.clone(), problem, weight })
+        let largest = problem.upper.clone();
+        Ok(Self { name: vehicle.name, rotors, largest, problem, weight, hover, warnings })
     }
 
     fn robot(a: &Arguments) -> Result<Self> {
@@ -107,7 +115,9 @@ impl Subject {
         let weights = balanced_weights(characteristic_length(&geometry));
         let problem = Problem::boxed(geometry, weights, largest.clone())?;
         let rotors = model.rotors().iter().map(|r| r.rotor.name.clone()).collect();
-        Ok(Self { name: model.name().into(), rotors, problem, largest, weight: model.mass() * GRAVITY })
+        let weight = model.mass() * GRAVITY;
+        let hover = [0.0, 0.0, weight, 0.0, 0.0, 0.0];
+        Ok(Self { name: model.name().into(), rotors, problem, largest, weight, hover, warnings: Vec::new() })
     }
 
     /// Lowers the upper bounds of what fails.
@@ -159,7 +169,7 @@ impl Answer {
         // too many rotors to enumerate: the answer stands without a margin
         let set = AttainableWrenches::of(problem, axes).ok();
         let reach = set.as_ref().map(|set| WrenchMargin::within(problem, set, &wanted)).transpose()?;
-        let hover = [0.0, 0.0, subject.weight, 0.0, 0.0, 0.0];
+        let hover = subject.hover;
         let away: [f64; WRENCH] = std::array::from_fn(|k| wanted[k] - hover[k]);
         let share = set.and_then(|set| set.farthest(&hover, &away));
         Ok(Self { wanted, solution, delivered, clipped, clipped_wrench, reach, share, length })
@@ -177,7 +187,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     a.output.check()?;
     let mut subject = Subject::load(a)?;
     subject.fail(&a.fail)?;
-    let wanted = a.wrench.unwrap_or([0.0, 0.0, subject.weight, 0.0, 0.0, 0.0]);
+    let wanted = a.wrench.unwrap_or(subject.hover);
     let answer = Answer::of(&subject, wanted, a.yaw_last)?;
     if let Some(file) = &a.output.plot {
         figure(&subject, &answer).save(file)?;
@@ -187,6 +197,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     let mut page = Page::new();
     page.title(&subject.name, &headline(&subject, &answer));
+    page.notes("warning", &subject.warnings, 3, "");
     page.facts(&facts(&subject, &answer, a));
     page.heading("Thrusts").table(&thrusts(&subject, &answer));
     page.heading("Wrench").table(&wrenches(&answer));
@@ -391,6 +402,7 @@ fn as_json(subject: &Subject, answer: &Answer) -> Value {
     json!({
         "command": "allocate",
         "name": subject.name,
+        "warnings": subject.warnings,
         "rotors": subject.rotors,
         "wanted": answer.wanted,
         "delivered": answer.delivered,

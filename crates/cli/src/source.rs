@@ -76,6 +76,12 @@ pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source>
     }
 }
 
+/// What keeps a vehicle from being flown: axes that its rotors do not turn apart, or no hover.
+pub fn verdicts(vehicle: &Vehicle) -> Vec<String> {
+    let refused = vehicle.check_steerable().and_then(|()| vehicle.hover().map(drop));
+    refused.err().iter().map(ToString::to_string).collect()
+}
+
 /// Import options from the arguments.
 pub fn options(arguments: &VehicleArguments) -> ImportOptions {
     ImportOptions {

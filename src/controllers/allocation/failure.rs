@@ -208,7 +208,14 @@ impl FailureTable {
     }
 }
 
-/// The hover wrench of a vehicle, N: its weight along body z.
+/// The wrench that holds a vehicle in [`Vehicle::hover`], N, body axes: its weight along body z where it hovers level, or not at all.
 pub fn hover(vehicle: &Vehicle) -> [f64; WRENCH] {
-    [0.0, 0.0, vehicle.mass_properties().mass * GRAVITY, 0.0, 0.0, 0.0]
+    let weight = vehicle.mass_properties().mass * GRAVITY;
+    match vehicle.hover() {
+        Ok(hover) if !hover.is_level() => {
+            let [x, y, z] = hover.up;
+            [x * weight, y * weight, z * weight, 0.0, 0.0, 0.0]
+        }
+        _ => [0.0, 0.0, weight, 0.0, 0.0, 0.0],
+    }
 }

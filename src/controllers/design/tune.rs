@@ -234,6 +234,7 @@ pub fn tune(
     plan: &TunePlan,
     watch: &mut dyn FnMut(&Iteration) -> ControlFlow<()>,
 ) -> Result<Tuning> {
+    vehicle.check_steerable()?;
     validate_gains(gains)?;
     let threads = Threads::default();
     let training = Training::new(vehicle, gains, plan)?;
