@@ -191,21 +191,28 @@ fn every_controller_holds_a_vehicle_that_leans_or_is_loaded_off_the_centre() {
     }
 }
 
-/// A steady wind is learnt: nothing of it is left.
+/// A steady wind is learnt: nothing of it is left. Neo11's published gains leave a mode of 6.4 rad/s in 10 m/s that takes 4.4 s to fall
+/// to 1/e (`omnidrones design neo11 --wind 10,0,0`): it still swings, about nothing.
 #[test]
 fn a_steady_wind_leaves_no_offset() {
     for vehicle in vehicles::all() {
         for speed in [5.0, 10.0] {
             let plan = FlightPlan {
                 reference: Reference::by_name("hover").unwrap(),
-                duration: 15.0,
+                duration: 17.0,
                 wind: Wind::Constant { velocity: [speed, 0.0, 0.0] },
                 ..FlightPlan::default()
             };
             let flight = omnidrones::controllers::fly_vehicle(&vehicle, &vehicle.gains(), &plan, &mut |_| {}).unwrap();
-            let off = flight.log.tracking_error().last().unwrap().iter().map(|e| e * e).sum::<f64>().sqrt();
-            println!("{} in {speed} m/s: {:.4} mm", vehicle.name, 1e3 * off);
-            assert!(off < 1e-4, "{} in {speed} m/s: {off} m", vehicle.name);
+            let errors = flight.log.tracking_error();
+            let after: Vec<_> = errors.iter().zip(&flight.log.time).filter(|(_, t)| **t > 15.0).map(|(e, _)| *e).collect();
+            let size = |e: &[f64; 3]| e.iter().map(|e| e * e).sum::<f64>().sqrt();
+            let mean = [0, 1, 2].map(|k| after.iter().map(|e| e[k]).sum::<f64>() / after.len() as f64);
+            let (offset, most) = (size(&mean), after.iter().map(size).fold(0.0, f64::max));
+            println!("{} in {speed} m/s: {:.4} mm, at most {:.4} mm", vehicle.name, 1e3 * offset, 1e3 * most);
+            let swings = vehicle.name == "neo11" && speed > 5.0;
+            assert!(most < if swings { 3e-3 } else { 1e-4 }, "{} in {speed} m/s: {most} m", vehicle.name);
+            assert!(offset < 1e-4, "{} in {speed} m/s: {offset} m", vehicle.name);
         }
     }
 }

@@ -638,10 +638,16 @@ fn every_number_that_is_randomised_moves_the_environment_as_it_moves_the_step_th
     let (mut asked, mut worst) = (0, 0.0_f64);
     for (name, value) in nominal.robot().parameter_names().into_iter().zip(nominal.robot().parameters()) {
         let by = if value == 0.0 { "by = 'add'\nrange = [0.02, 0.05]" } else { "range = [0.93, 0.97]" };
-        let text = format!("n_env = 3\n[[randomise]]\nwhat = '{name}'\n{by}");
-        let Ok(config) = EnvConfig::from_toml(&text, "one number") else { continue };
+        let text = format!("n_env = 3\n[[randomise]]\nwhat = {{ number = '{name}' }}\n{by}");
+        let config = EnvConfig::from_toml(&text, "one number").unwrap();
         // what may not leave its bounds is refused: spins, an axis without its length
-        let Ok(mut env) = Env::make("Hover", &config) else { continue };
+        let mut env = match Env::make("Hover", &config) {
+            Ok(env) => env,
+            Err(error) => {
+                println!("{error}");
+                continue;
+            }
+        };
         asked += 1;
         let mut out = Buffers::new(env.spec());
         let actions = warm_up(&mut env, &mut out, 3);
@@ -651,12 +657,13 @@ fn every_number_that_is_randomised_moves_the_environment_as_it_moves_the_step_th
             let told = env.jacobian(i, &action).unwrap();
             let snapshot = env.save();
             env.step(&actions, &mut out.out()).unwrap();
-            let flown = env.state(i).unwrap();
-            worst = worst.max(relative(&told.value[..flown.len()], &flown));
+            let flown: Vec<f64> = env.state(i).unwrap().into_iter().map(f64::from).collect();
+            let apart = told.value.iter().zip(&flown).map(|(a, b)| (a - b).abs() / b.abs().max(1.0));
+            worst = apart.fold(worst, f64::max);
             env.load(&snapshot).unwrap();
         }
-        // f32 against f64; measured: 1.2e-7 at most, 2e-2 for an axis before it moved both
-        assert!(worst < 2e-6, "{name}: {worst:e}");
+        // f32 against f64; measured: 1.1e-6 at most, 2e-3 for an axis that moved one of them
+        assert!(worst < 1e-5, "{name}: {worst:e}");
     }
     println!("{asked} numbers, {worst:.1e}");
     assert!(asked > 40, "{asked} of the numbers were asked");
