@@ -12,4 +12,5 @@ mod reports;
 mod robots;
 mod study;
 mod tasks;
+mod verdicts;
 mod viewing;

@@ -1,0 +1,97 @@
+//! One vehicle, all commands: whether it hovers and can be steered is told alike by everybody.
+
+use crate::command::{exits, json, temporary};
+use omnidrones::dynamics::{Vehicle, vehicles};
+use std::path::Path;
+
+/// Commands that need a vehicle that flies.
+const FLYING: [&[&str]; 5] = [
+    &["fly", "--no-plots", "--duration", "1", "--reference", "hover", "--out", "flown"],
+    &["design"],
+    &["tune", "--no-plots", "--iterations", "1", "--starts", "2", "--held-out", "2", "--duration", "0.2", "--out", "tuned"],
+    &["recover", "--starts", "1", "--cells", "1,1"],
+    &["fly", "--no-plots", "--duration", "1", "--reference", "hover", "--controller", "lqr", "--out", "regulated"],
+];
+/// Commands that tell of any vehicle.
+const TELLING: [&[&str]; 3] = [&["models"], &["linearise"], &["allocate"]];
+
+fn of<'a>(command: &[&'a str], file: &'a str) -> Vec<&'a str> {
+    [&command[..1], &[file], &command[1..]].concat()
+}
+
+fn written(folder: &Path, vehicle: &Vehicle) -> String {
+    let name = format!("{}.toml", vehicle.name);
+    std::fs::write(folder.join(&name), vehicle.to_toml().expect("a valid vehicle")).expect("written");
+    name
+}
+
+/// Hummingbird with changed rotors and load.
+fn changed(name: &str, change: impl Fn(&mut Vehicle)) -> Vehicle {
+    let mut vehicle = vehicles::by_name("hummingbird").expect("built in");
+    vehicle.name = name.into();
+    change(&mut vehicle);
+    vehicle
+}
+
+#[test]
+fn what_cannot_be_steered_is_told_in_the_same_words_by_every_command() {
+    let folder = temporary();
+    let spun = changed("spun", |v| v.rotors.iter_mut().zip([1.0, 1.0, -1.0, -1.0]).for_each(|(r, s)| r.spin = s));
+    let alike = changed("alike", |v| v.rotors.iter_mut().for_each(|r| r.spin = 1.0));
+    let two = changed("two", |v| drop(v.rotors.drain(2..)));
+    for vehicle in [spun, alike, two] {
+        let file = written(folder.path(), &vehicle);
+        let words = vehicle.authority().shortcomings();
+        assert!(words.contains("only together") || words.contains("not at all"), "{words}");
+        for command in FLYING {
+            let (_, error) = exits(2, folder.path(), &of(command, &file));
+            assert!(error.contains(&words), "{command:?} {file}: {error}\n{words}");
+        }
+        let (page, _) = exits(0, folder.path(), &of(TELLING[0], &file));
+        assert!(page.contains(&words), "models {file}: {page}");
+    }
+}
+
+#[test]
+fn what_does_not_balance_is_told_with_the_same_row_by_every_command() {
+    let folder = temporary();
+    let heavy = changed("heavy", |v| v.parts[0].mass += 3.0);
+    let ahead = changed("ahead", |v| v.parts[0].position[0] += 0.3);
+    let beside = changed("beside", |v| v.parts[0].position[1] -= 0.4);
+    for (vehicle, row) in [(heavy, "short of lift"), (ahead, "pitch moment"), (beside, "roll moment")] {
+        let file = written(folder.path(), &vehicle);
+        for command in FLYING.iter().chain(&TELLING[1..2]) {
+            let (_, error) = exits(2, folder.path(), &of(command, &file));
+            assert!(error.contains(row), "{command:?} {file}: {error}");
+        }
+        for command in [TELLING[0], TELLING[2]] {
+            let (page, _) = exits(0, folder.path(), &of(command, &file));
+            assert!(page.contains(row), "{command:?} {file}: {page}");
+        }
+    }
+}
+
+#[test]
+fn what_leans_in_hover_is_flown_and_told_by_every_command() {
+    let folder = temporary();
+    let crooked = |degrees: f64| {
+        changed("crooked", |v| {
+            let (s, c) = degrees.to_radians().sin_cos();
+            v.rotors[0].axis = [s, 0.0, c];
+        })
+    };
+    for degrees in [0.05, 3.0] {
+        let vehicle = crooked(degrees);
+        let file = written(folder.path(), &vehicle);
+        for command in FLYING.iter().chain(&TELLING) {
+            exits(0, folder.path(), &of(command, &file));
+        }
+        let told = json(folder.path(), &["models", &file]);
+        let lean = told["hover_lean"].as_f64().or_else(|| told["model"]["hover_lean"].as_f64()).expect("a lean");
+        let hover = vehicle.hover().expect("hovers");
+        assert!((lean - hover.lean()).abs() < 1e-12 && lean > 0.0, "{lean}");
+        let (page, _) = exits(0, folder.path(), &["tasks", "Hover", "--vehicle", &file]);
+        assert!(page.contains("leans"), "{page}");
+        exits(0, folder.path(), &["rollout", "Hover", "--vehicle", &file, "--envs", "2", "--horizon", "40", "--no-plots"]);
+    }
+}
