@@ -2,6 +2,7 @@
 
 mod allocation;
 mod closed_loop;
+mod endless;
 mod failure;
 mod flight;
 mod flight_log;
@@ -14,6 +15,7 @@ mod recovery;
 mod robustness;
 mod sensors;
 mod six_axis;
+mod structure;
 mod tilting;
 mod tracking;
 mod trim;

@@ -6,8 +6,9 @@
 //! they say holds.
 
 use super::loop_model::LoopModel;
-use crate::controllers::linear::structure::{Hidden, ON_CIRCLE, Staircase};
-use crate::controllers::linear::{Signal, StateSpace, eigenvalues};
+use crate::controllers::linear::dense::eigenvectors;
+use crate::controllers::linear::structure::{Hidden, ON_CIRCLE, parts};
+use crate::controllers::linear::{Signal, StateSpace};
 use crate::error::Result;
 use nalgebra::Complex;
 use serde::Serialize;
@@ -70,37 +71,45 @@ impl LoopModel {
         }
         let all = self.all_commands()?;
         let period = self.dt * self.period() as f64;
-        let (moved, shown) = (Staircase::of(all.a(), all.b())?, seen(&all)?);
+        let (hidden, poles) = parts(&all)?;
         let mut unsettled = Vec::new();
-        for lasting in [moved.lasting()?, shown.lasting()?].into_iter().flatten() {
+        for lasting in hidden.into_iter().flatten() {
             let largest = lasting.poles[0];
             if largest.norm() > 1.0 + rounding(lasting.poles.len()) {
                 return Ok(Stability::unstable(largest, period));
             }
             unsettled.extend(self.of_the_vehicle(&lasting));
         }
-        let (a, back) = moved.reached();
-        let rest = Staircase::of(&a.transpose(), &(all.c() * back).transpose())?.reached().0;
-        let poles = eigenvalues(&rest)?;
         match poles.first() {
             Some(largest) if largest.norm() > 1.0 + ON_CIRCLE => return Ok(Stability::unstable(*largest, period)),
-            Some(_) if unsettled.is_empty() && !settles(&poles) => unsettled.push("a slow motion".into()),
+            Some(slowest) if !settles(&poles) => unsettled.push(self.most_of(&all, *slowest)?),
             _ => (),
         }
+        unsettled.sort();
         unsettled.dedup();
         Ok(if unsettled.is_empty() { Stability::Stable } else { Stability::Marginal(unsettled) })
     }
 
+    /// The state that takes most part in the motion of a pole.
+    fn most_of(&self, all: &StateSpace, pole: Complex<f64>) -> Result<String> {
+        let (values, right, left) = eigenvectors(all.a())?;
+        let apart = |j: &usize| (values[*j] - pole).norm();
+        let mode = (0..values.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0);
+        let share = |i: usize| (left[(i, mode)].conj() * right[(i, mode)]).norm();
+        let states = self.states();
+        let most = (0..states.len()).max_by(|a, b| share(*a).total_cmp(&share(*b))).unwrap_or(0);
+        Ok(states[most].name.clone())
+    }
+
+    fn states(&self) -> Vec<Signal> {
+        let memory = (0..self.n_state() - self.measurements.len()).map(|k| Signal::new(format!("memory {k}"), ""));
+        self.measurements.iter().cloned().chain(memory).collect()
+    }
+
     /// Names of what is not of the controller's memory alone: a sum that nothing adds to, or that nobody asks for, does no harm.
     fn of_the_vehicle(&self, hidden: &Hidden) -> Vec<String> {
-        let (own, n) = (self.measurements.len(), self.n_state());
-        let memory = (own..n).map(|k| Signal::new(format!("memory {}", k - own), ""));
-        let states: Vec<Signal> = self.measurements.iter().cloned().chain(memory).collect();
-        let names = hidden.names(&states).into_iter().zip(&hidden.directions);
+        let own = self.measurements.len();
+        let names = hidden.names(&self.states()).into_iter().zip(&hidden.directions);
         names.filter(|(_, direction)| direction.iter().any(|(i, _)| *i < own)).map(|(name, _)| name).collect()
     }
-}
-
-fn seen(system: &StateSpace) -> Result<Staircase> {
-    Staircase::of(&system.a().transpose(), &system.c().transpose())
 }

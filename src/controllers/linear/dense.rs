@@ -166,3 +166,42 @@ fn dense(matrix: &DMatrix<f64>) -> Mat<f64> {
 fn not_found(what: &str) -> Error {
     Error::value(what, "not found", "found by the QR algorithm", "Scale the matrix.")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A delay of n samples under a weak feedback: λⁿ = ε. All eigenvalues are as large: faer's early deflation swaps pairs of them
+    /// for ever.
+    #[test]
+    fn eigenvalues_of_a_ring_are_found_in_bounded_time() {
+        for (n, weak) in [(30, 1e-8), (76, 1e-4), (110, 1e-8), (140, 1e-15)] {
+            let ring = DMatrix::from_fn(n, n, |i, j| match (i, j) {
+                (0, last) if last + 1 == n => weak,
+                _ => f64::from(u8::from(i == j + 1)),
+            });
+            let radius = weak.powf(1.0 / n as f64);
+            let off = |size: f64| (size / radius - 1.0).abs();
+            let values = eigenvalues(&ring).unwrap();
+            let (vectors, _, _) = eigenvectors(&ring).unwrap();
+            let turned = ring.map(|v| Complex::new(0.0, v));
+            let pencil = pencil_eigenvalues(&ring, &DMatrix::identity(n, n)).unwrap();
+            assert_eq!((values.len(), vectors.len(), pencil.len()), (n, n, n));
+            let all = values.iter().chain(&vectors).chain(&pencil).map(|l| l.norm());
+            let worst = all.chain([complex_spectral_radius(&turned)]).map(off).fold(0.0, f64::max);
+            // measured MEASURED
+            assert!(worst < 1e-3, "{n}: {worst:e}");
+        }
+    }
+
+    #[test]
+    fn matrices_without_rows_or_of_any_size_of_numbers_have_eigenvalues() {
+        assert!(eigenvalues(&DMatrix::zeros(0, 0)).unwrap().is_empty());
+        assert_eq!(complex_spectral_radius(&Complexes::zeros(0, 0)), 0.0);
+        for size in [1e-300, 1e-160, 1.0, 1e150] {
+            let matrix = DMatrix::from_row_slice(2, 2, &[0.0, size, -size, 0.0]);
+            let radius = spectral_radius(&matrix).unwrap();
+            assert!((radius / size - 1.0).abs() < 1e-12, "{size:e}: {radius:e}");
+        }
+    }
+}

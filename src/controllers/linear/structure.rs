@@ -109,7 +109,7 @@ impl Staircase {
     }
 
     /// A and an orthonormal basis of what is reached; the matrix from there to the states.
-    pub fn reached(&self) -> (DMatrix<f64>, DMatrix<f64>) {
+    fn reached(&self) -> (DMatrix<f64>, DMatrix<f64>) {
         let a = self.reached.tr_mul(&(&self.a * &self.reached));
         let back = DMatrix::from_fn(self.scale.len(), a.nrows(), |i, j| self.scale[i] * self.reached[(i, j)]);
         (a, back)
@@ -117,52 +117,82 @@ impl Staircase {
 
     fn hidden(&self) -> Result<Hidden> {
         let poles = eigenvalues(&self.own())?;
-        Ok(Hidden { reached: self.reached.ncols(), poles, directions: self.combinations(&self.rest) })
+        let directions = combinations(&self.in_own_units(&self.rest), &self.scale);
+        Ok(Hidden { reached: self.reached.ncols(), poles, directions })
+    }
+
+    /// Columns that combine states of comparable size, as combinations of the states themselves.
+    fn in_own_units(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(columns.nrows(), columns.ncols(), |i, j| columns[(i, j)] / self.scale[i])
     }
 
     /// What of a sampled system is not reached and does not decay; none where all of it does.
     pub fn lasting(&self) -> Result<Option<Hidden>> {
+        let Some((poles, basis)) = self.lasting_basis()? else { return Ok(None) };
+        let directions = combinations(&basis, &self.scale);
+        Ok(Some(Hidden { reached: self.reached.ncols(), poles, directions }))
+    }
+
+    /// Its poles and a basis of its combinations of states.
+    fn lasting_basis(&self) -> Result<Option<(Vec<Complex<f64>>, DMatrix<f64>)>> {
         let own = self.own();
         let poles: Vec<Complex<f64>> = eigenvalues(&own)?;
         if poles.first().is_none_or(|p| p.norm() < 1.0 - ON_CIRCLE) {
             return Ok(None);
         }
-        // what is left of it after 2¹⁴ samples
+        // what is left of it after 2¹⁰ samples
         let mut power = own;
-        for _ in 0..14 {
+        for _ in 0..10 {
             power = &power * &power;
             power /= power.norm().max(f64::MIN_POSITIVE);
         }
         let (_, sizes, right) = svd(&power)?;
-        let left = sizes.iter().filter(|s| **s > 1e-6 * sizes[0]).count();
-        let lasts = &self.rest * right.columns(0, left);
-        let poles = poles.into_iter().take(left).collect();
-        Ok(Some(Hidden { reached: self.reached.ncols(), poles, directions: self.combinations(&lasts) }))
+        let left = sizes.iter().filter(|s| **s > 1e-12 * sizes[0]).count();
+        let lasts = self.in_own_units(&(&self.rest * right.columns(0, left)));
+        Ok(Some((poles.into_iter().take(left).collect(), lasts)))
     }
+}
 
-    /// Combinations of few states each that span the same as the columns of `basis`: each has one state that no other has.
-    fn combinations(&self, basis: &DMatrix<f64>) -> Vec<Vec<(usize, f64)>> {
-        let (n, mut left) = (basis.nrows(), basis.transpose());
-        let mut pivots: Vec<usize> = Vec::new();
-        for _ in 0..basis.ncols() {
-            // of equal ones the first, whatever rounding made of them
-            let size = |j: usize| (left.column(j).norm() * 1e6).round();
-            let most = (0..n).reduce(|best, j| if size(j) > size(best) { j } else { best }).unwrap_or(0);
-            let along = left.column(most).normalize();
-            left -= &along * along.tr_mul(&left);
-            pivots.push(most);
-        }
-        pivots.sort_unstable();
-        let basis = basis.transpose();
-        let Some(rows) = basis.select_columns(&pivots).lu().solve(&basis) else { return Vec::new() };
-        let combination = |k: usize| {
-            let pivot = pivots[k];
-            let mut parts: Vec<usize> = (0..n).filter(|j| *j == pivot || rows[(k, *j)].abs() > 1e-6).collect();
-            parts.sort_by_key(|j| *j != pivot);
-            parts.into_iter().map(|j| (j, rows[(k, j)] * self.scale[pivot] / self.scale[j])).collect()
-        };
-        (0..pivots.len()).map(combination).collect()
+/// Combinations of few states each that span the same as the columns of `basis`: each has one state that no other has. States
+/// count by their factors times `weight`.
+fn combinations(basis: &DMatrix<f64>, weight: &[f64]) -> Vec<Vec<(usize, f64)>> {
+    let n = basis.nrows();
+    let basis = DMatrix::from_fn(basis.ncols(), n, |i, j| basis[(j, i)] * weight[j]);
+    if basis.is_empty() {
+        return Vec::new();
     }
+    let mut left = basis.clone();
+    let mut pivots: Vec<usize> = Vec::new();
+    for _ in 0..basis.nrows() {
+        // of equal ones the first, whatever rounding made of them
+        let size = |j: usize| (left.column(j).norm() * 1e6).round();
+        let most = (0..n).reduce(|best, j| if size(j) > size(best) { j } else { best }).unwrap_or(0);
+        let along = left.column(most).normalize();
+        left -= &along * along.tr_mul(&left);
+        pivots.push(most);
+    }
+    pivots.sort_unstable();
+    let Some(rows) = basis.select_columns(&pivots).lu().solve(&basis) else { return Vec::new() };
+    let combination = |k: usize| {
+        let pivot = pivots[k];
+        let mut parts: Vec<usize> = (0..n).filter(|j| *j == pivot || rows[(k, *j)].abs() > 1e-6).collect();
+        parts.sort_by_key(|j| *j != pivot);
+        parts.into_iter().map(|j| (j, rows[(k, j)] * weight[pivot] / weight[j])).collect()
+    };
+    (0..pivots.len()).map(combination).collect()
+}
+
+/// What does not decay of a sampled system whose inputs are alone what moves it, and whose outputs are alone what is asked of
+/// it: what inputs do not move, then what else outputs do not show; and the poles of the rest.
+pub(crate) fn parts(system: &StateSpace) -> Result<([Option<Hidden>; 2], Vec<Complex<f64>>)> {
+    let outer = Staircase::of(system.a(), system.b())?;
+    let (a, back) = outer.reached();
+    let inner = Staircase::of(&a.transpose(), &(system.c() * &back).transpose())?;
+    let unseen = inner.lasting_basis()?.map(|(poles, basis)| {
+        let weight: Vec<f64> = outer.scale.iter().map(|s| 1.0 / s).collect();
+        Hidden { reached: inner.reached.ncols(), poles, directions: combinations(&(back * basis), &weight) }
+    });
+    Ok(([outer.lasting()?, unseen], eigenvalues(&inner.reached().0)?))
 }
 
 fn scaled(value: f64, power: f64) -> f64 {
