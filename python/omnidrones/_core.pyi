@@ -133,6 +133,11 @@ class Design:
         The sensitivity at a point over frequencies (rad/s, up to pi/dt), complex128 [frequency]: S = 1/(1 + L), so the loop is 1/S - 1.
         """
     @property
+    def stability(self, /) -> str:
+        """
+        Whether it settles: "stable", "marginal: ..." with the combinations of states that commands do not settle, or "unstable: ...".
+        """
+    @property
     def trim(self, /) -> Trim:
         """
         The steady flight, and the linear model of the plant alone.
@@ -474,6 +479,14 @@ class StateSpace:
     def to_scipy(self, /) -> Any:
         """
         As `scipy.signal.StateSpace`, without names.
+        """
+    def unobservable(self, /) -> list[str]:
+        """
+        Combinations of states that no output shows, by their names; none where outputs show them all.
+        """
+    def unreachable(self, /) -> list[str]:
+        """
+        Combinations of states that no input moves, by their names; none where inputs reach them all.
         """
 
 @final

@@ -324,6 +324,16 @@ impl StateSpace {
         Ok(Self(self.0.continuous().or_raise()?))
     }
 
+    /// Combinations of states that no input moves, by their names; none where inputs reach them all.
+    fn unreachable(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        Ok(py.detach(|| linear::unreachable(&self.0)).or_raise()?.names(self.0.states()))
+    }
+
+    /// Combinations of states that no output shows, by their names; none where outputs show them all.
+    fn unobservable(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        Ok(py.detach(|| linear::unobservable(&self.0)).or_raise()?.names(self.0.states()))
+    }
+
     /// As `control.StateSpace` of python-control, with the names of all signals.
     fn to_control<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let how = PyDict::new(py);

@@ -86,6 +86,12 @@ impl Design {
         complex(py, py.detach(|| self.model.poles()).or_raise()?)
     }
 
+    /// Whether it settles: "stable", "marginal: ..." with the combinations of states that commands do not settle, or "unstable: ...".
+    #[getter]
+    fn stability(&self, py: Python<'_>) -> PyResult<String> {
+        Ok(py.detach(|| self.model.stability()).or_raise()?.to_string())
+    }
+
     /// Steps of that period.
     #[getter]
     fn period(&self) -> usize {
@@ -190,7 +196,7 @@ pub fn lqr<'py>(
         Ok(DMatrix::from_row_slice(n, n, slice(&read(name, given, &[n, n])?)?))
     };
     let (q, r) = (square("Q", Q, own.n_state())?, square("R", R, own.n_input())?);
-    let found = py.detach(|| library::lqr(own.a(), own.b(), &q, &r)).or_raise()?;
+    let found = py.detach(|| library::lqr_of(own.states(), own.a(), own.b(), &q, &r)).or_raise()?;
     Ok(Regulator {
         gain: matrix(py, &found.gain)?.unbind(),
         cost: matrix(py, &found.cost)?.unbind(),

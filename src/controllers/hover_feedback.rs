@@ -12,8 +12,8 @@
 //! allows, and z waits while a rotor is at a limit or the position is far (a third of the reach), so that it does not wind up. The rotor speeds are measured.
 
 use super::cascade::{CascadeModel, Rates, Schedule};
+use super::design::{ErrorState, Regulator, TrimTarget, bryson, lqi_of, lqr_of, trim};
 use super::hover_axes::HoverAxes;
-use super::design::{ErrorState, Regulator, TrimTarget, bryson, lqi, lqr, trim};
 use super::kinematics::Kinematics;
 use super::law::{ControlLaw, Moment};
 use super::position::add_drag;
@@ -118,8 +118,12 @@ impl HoverFeedback {
         let period = every as f64 * plant.physics().dt;
         let (a, b) = sampled(plant, vehicle.n_rotor(), every)?;
         let (q, r) = weights.costs(vehicle.n_rotor(), integrates)?;
-        let regulator =
-            if integrates { lqi(&a, &b, &integrated(a.nrows()), &q, &r, period)? } else { lqr(&a, &b, &q, &r)? };
+        let states = ErrorState::of_plant(plant)?.signals(plant);
+        let regulator = if integrates {
+            lqi_of(&states, &a, &b, &integrated(a.nrows()), &q, &r, period)?
+        } else {
+            lqr_of(&states, &a, &b, &q, &r)?
+        };
         Ok(Self {
             model,
             max_speed: vehicle.rotors.iter().map(|r| r.max_speed).collect(),

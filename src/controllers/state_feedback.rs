@@ -23,7 +23,7 @@
 
 use super::cascade::{Cascade, CascadeModel, Rates, Schedule};
 use super::controller::{Controller, Measurement, Target};
-use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr};
+use super::design::{ErrorState, Following, Regulator, bryson, follow, lqr_of};
 use super::kinematics::Kinematics;
 use super::linear::spectral_radius;
 use super::load_flatness::LoadFlatness;
@@ -33,7 +33,7 @@ use crate::autodiff::{Scalar, System, linearise, safe};
 use crate::dynamics::rotor::commanded_speed;
 use crate::dynamics::spatial::{matrix, multiply, sub};
 use crate::dynamics::tree::{Model, Motion, Multibody, carrier};
-use crate::dynamics::{Gains, MAX_ROTORS};
+use crate::dynamics::{Gains, MAX_ROTORS, Plant};
 use crate::error::{Error, Result};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
@@ -175,7 +175,7 @@ impl Lqr {
         let (errors, hover) = (ErrorState::of(system), plant.hover());
         let (a, b) = plant.linearised(&errors, &hover, cascade.schedule.every[0])?;
         let (q, r) = costs(system, &errors, weights)?;
-        let regulator = lqr(&a, &b, &q, &r)?;
+        let regulator = lqr_of(&errors.signals(&Plant::Tree(system.clone())), &a, &b, &q, &r)?;
         let period = cascade.schedule.every[0] as f64 * system.physics().dt;
         let position = DMatrix::identity(3, errors.n_error());
         let following = follow(&a, &b, &position, period, N_FORWARD / 3)?;

@@ -2,6 +2,7 @@
 
 mod allocation;
 mod closed_loop;
+mod endless;
 mod failure;
 mod hover;
 mod flight;
@@ -15,6 +16,7 @@ mod recovery;
 mod robustness;
 mod sensors;
 mod six_axis;
+mod structure;
 mod tilting;
 mod tracking;
 mod trim;

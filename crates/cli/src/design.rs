@@ -13,8 +13,12 @@ use super::table::{Align, Table};
 use super::{Report, files, progress};
 use nalgebra::Complex;
 use omnidrones::controllers::cascade::Rates;
-use omnidrones::controllers::design::{ErrorState, LoopMargins, LoopModel, Point, Robustness, Trim, TrimTarget, trim};
-use omnidrones::controllers::linear::{DiskMargin, Mode, StateSpace, modes, unreachable};
+use omnidrones::controllers::design::{
+    ErrorState, LoopMargins, LoopModel, Point, Robustness, Stability, Trim, TrimTarget, trim,
+};
+use omnidrones::controllers::linear::{
+    DiskMargin, Hidden, Mode, ON_CIRCLE, Signal, StateSpace, modes, unreachable,
+};
 use omnidrones::controllers::reference::{Hover, Reference};
 use omnidrones::controllers::{ClosedLoop, Target};
 use omnidrones::dynamics::spatial::to_euler;
@@ -93,8 +97,9 @@ struct Findings {
     trim: Trim,
     plant: StateSpace,
     modes: Vec<Mode>,
-    hidden: usize,
+    hidden: Hidden,
     model: LoopModel,
+    stability: Stability,
     rows: Vec<(String, LoopMargins)>,
     /// Of all commands at once, where the loop is stable.
     all: Option<DiskMargin>,
@@ -131,7 +136,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Err(Error::limit("--latency", a.latency, most, &remedy));
     }
     let found = findings(&source.vehicle, physics, (&gains, &rates), a.latency, &air, a.output.json)?;
-    let stable = found.all.is_some();
+    let stable = found.stability.is_stable();
     let plants = a.plants.judge(&source.vehicle, &gains, (&physics, &rates), (a.latency, &air))?;
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", found.plant.to_json()) } else { found.plant.to_csv() };
@@ -204,13 +209,14 @@ fn findings(
     let closed = ClosedLoop::of_vehicle(vehicle, physics, gains, rates)?.with_latency(latency)?;
     let model = LoopModel::new(closed, Target::level(&hover), air, &trim.state)?;
     let poles = model.poles()?;
+    let stability = model.stability()?;
     // a loop that is not stable has no margins to list
-    let unstable = poles.first().is_some_and(|p| p.norm() > 1.0 + 1e-6);
-    let rows = if unstable { Vec::new() } else { margins(&model, quiet)? };
-    let stable = !unstable && rows.iter().all(|(_, margins)| margins.stable);
+    let stable = stability.is_stable();
+    let rows = if stable { margins(&model, quiet)? } else { Vec::new() };
     Ok(Findings {
         modes: modes(&linear)?,
-        hidden: unreachable(&linear, 1e-9)?.len(),
+        hidden: out_of_reach(&linear)?,
+        stability,
         all: if stable { Some(model.disk_margin(Point::Commands, 0.0)?) } else { None },
         poles,
         plant: linear,
@@ -240,13 +246,13 @@ fn margins(model: &LoopModel, quiet: bool) -> Result<Vec<(String, LoopMargins)>>
 fn tell(page: &mut Page, gains: &str, a: &Arguments, found: &Findings, stable: bool) {
     page.heading("Steady flight").facts(&trim_facts(a, found));
     page.heading("Modes of the vehicle alone").table(&modes_table(&found.modes, &found.plant));
-    page.line(format!("  {}", reach(found)));
+    page.line(format!("  {}", reach(&found.hidden, &found.plant)));
     page.heading("Control loop").facts(&loop_facts(gains, a, found, stable));
     if stable {
         page.heading("Margins").table(&margins_table(found));
         page.line(format!("  Searched up to factors of 100 and delays of {} steps.", LoopModel::MOST_DELAY));
     } else {
-        page.line("\nFAILED: the loop is not stable, so that there are no margins.");
+        page.line(failed(&found.stability));
     }
 }
 
@@ -266,23 +272,55 @@ fn trim_facts(a: &Arguments, found: &Findings) -> Vec<Fact> {
     ]
 }
 
-/// One sentence about modes that no command moves.
-fn reach(found: &Findings) -> String {
-    format!("{} of {} modes are out of the commands' reach", found.hidden, found.modes.len())
+/// Why there are no margins.
+fn failed(stability: &Stability) -> String {
+    let why = match stability {
+        Stability::Marginal(_) => format!("the loop is {stability}"),
+        _ => "the loop is not stable".into(),
+    };
+    format!("\nFAILED: {why}, so that there are no margins.")
+}
+
+/// What commands do not reach: gusts, which are inputs too, command nothing.
+pub fn out_of_reach(plant: &StateSpace) -> Result<Hidden> {
+    let names = |signals: &[Signal]| signals.iter().map(|s| s.name.clone()).collect::<Vec<_>>();
+    let (inputs, outputs) = (names(plant.inputs()), names(plant.outputs()));
+    let commands: Vec<&str> = inputs.iter().map(String::as_str).filter(|name| is_command(name)).collect();
+    unreachable(&plant.select(&commands, &outputs.iter().map(String::as_str).collect::<Vec<_>>())?)
+}
+
+/// Whether an input of a plant is a command.
+pub fn is_command(name: &str) -> bool {
+    name.ends_with(".action") || name.ends_with(".command")
+}
+
+/// What commands reach of the state, and which combinations they do not.
+pub fn reach(hidden: &Hidden, plant: &StateSpace) -> String {
+    let all = format!("commands reach {} of {} directions of the state", hidden.reached, plant.n_state());
+    match hidden.names(plant.states()) {
+        names if names.is_empty() => all,
+        names => format!("{all}, not {}", names.join(", ")),
+    }
 }
 
 /// Its clock, whether it is stable, what all commands together bear.
 fn loop_facts(gains: &str, a: &Arguments, found: &Findings, stable: bool) -> Vec<Fact> {
     let model = &found.model;
-    let lasting = found.poles.first().map_or(0.0, |p| -(model.dt * model.period() as f64) / p.norm().ln());
     let mut facts = vec![
         Fact::new("gains", gains),
         Fact::new("period of all rates", format!("{} steps of {} ms", model.period(), short(model.dt * 1e3, 3))),
         Fact::new("latency", format!("{} steps", a.latency)),
         Fact::new("stable", if stable { "yes" } else { "NO" }),
-        match stable {
-            true => Fact::new("slowest pole decays in", format!("{} s", unlimited(lasting, 3))).note("to 1/e"),
-            false => Fact::new("worst pole grows in", format!("{} s", unlimited(-lasting, 3))).note("by e"),
+        match &found.stability {
+            Stability::Stable => {
+                let decay = found.poles.iter().map(|p| p.norm()).filter(|p| *p < 1.0 - ON_CIRCLE).fold(0.0, f64::max);
+                let lasting = -model.dt * model.period() as f64 / decay.ln();
+                Fact::new("slowest pole decays in", format!("{} s", unlimited(lasting, 3))).note("to 1/e")
+            }
+            Stability::Marginal(what) => Fact::new("does not settle", what.join(", ")),
+            Stability::Unstable { growth, .. } => {
+                Fact::new("worst pole grows in", format!("{} s", unlimited(1.0 / growth, 3))).note("by e")
+            }
         },
     ];
     if let Some(all) = &found.all {
@@ -377,9 +415,10 @@ fn as_json(vehicle: &Vehicle, gains: &str, found: &Findings, stable: bool, writt
         })
     }).collect();
     json!({
-        "command": "design", "vehicle": vehicle.name, "gains": gains, "stable": stable, "dt": found.model.dt, "period": found.model.period(),
+        "command": "design", "vehicle": vehicle.name, "gains": gains, "stable": stable, "stability": found.stability, "dt": found.model.dt, "period": found.model.period(),
         "trim": { "state": found.trim.state, "input": found.trim.input, "residual": found.trim.residual, "limited": found.trim.limited },
         "modes": found.modes.iter().map(mode_json(&found.plant)).collect::<Vec<_>>(),
+        "reached": found.hidden.reached, "out_of_reach": found.hidden.names(found.plant.states()),
         "poles": found.poles.iter().map(|p| [p.re, p.im]).collect::<Vec<_>>(),
         "all_commands": found.all.as_ref().map(disk), "margins": stable.then_some(rows),
         "files": files::names(written),

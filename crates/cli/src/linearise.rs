@@ -1,13 +1,13 @@
 //! `omnidrones linearise`: the exact linear model of a vehicle or a configuration about a steady flight.
 
 use super::arguments::{FlightArguments, VehicleArguments};
-use super::design::{modes_table, tidy};
+use super::design::{is_command, modes_table, out_of_reach, reach, tidy};
 use super::failure::named;
 use super::page::{Fact, Page, short};
 use super::{Report, files, robot, source};
 use omnidrones::controllers::RotorFailure;
 use omnidrones::controllers::design::{ErrorState, Trim, TrimTarget, trim, trim_damaged};
-use omnidrones::controllers::linear::{Mode, modes, unobservable, unreachable};
+use omnidrones::controllers::linear::{Mode, modes, unobservable};
 use omnidrones::dynamics::spatial::to_euler;
 use omnidrones::dynamics::{Disturbance, Physics, Plant, Vehicle};
 use omnidrones::error::{Error, Result};
@@ -150,8 +150,8 @@ pub fn run(a: &Arguments) -> Result<Report> {
         return Err(Error::value("configuration", format!("'{}'", plant.name()), "one with rotors", remedy));
     }
     let step = ErrorState::of_plant(&plant)?.state_space(&plant, &found.state, &found.input, found.yaw_rate)?;
-    let (modes, hidden): (Vec<Mode>, usize) = (modes(&step)?, unreachable(&step, 1e-9)?.len());
-    let unseen = unobservable(&step, 1e-9)?.len();
+    let (modes, hidden): (Vec<Mode>, _) = (modes(&step)?, out_of_reach(&step)?);
+    let unseen = unobservable(&step)?;
     let model = if a.continuous { step.continuous()? } else { step };
     if let Some((file, as_json)) = save {
         let text = if as_json { format!("{:#}\n", model.to_json()) } else { model.to_csv() };
@@ -159,7 +159,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     if a.json {
         let value = json!({
-            "command": "linearise", "version": env!("CARGO_PKG_VERSION"), "success": true, "plant": plant.name(), "model": model.to_json(), "out_of_reach": hidden,
+            "command": "linearise", "version": env!("CARGO_PKG_VERSION"), "success": true, "plant": plant.name(), "model": model.to_json(), "reached": hidden.reached, "out_of_reach": hidden.names(model.states()),
             "trim": { "state": found.state, "input": found.input, "residual": found.residual, "limited": found.limited },
             "modes": modes.iter().map(super::design::mode_json(&model)).collect::<Vec<_>>(),
         });
@@ -171,13 +171,17 @@ pub fn run(a: &Arguments) -> Result<Report> {
         if a.continuous { "dx/dt about a steady flight" } else { "one step about a steady flight" },
     );
     page.heading("Steady flight").facts(&steady(&plant, &found));
+    let of_all = |n: usize| format!("{n} of {} directions", model.n_state());
     page.heading("Linear model").facts(&[
         Fact::new("states", model.n_state().to_string()).note("of the error: a rotation counts three"),
         Fact::new("inputs", model.n_input().to_string()),
         Fact::new("step", model.dt().map_or("continuous".into(), |dt| format!("{} ms", short(1e3 * dt, 3)))),
-        Fact::new("out of the commands' reach", format!("{hidden} modes")),
-        Fact::new("unseen", format!("{unseen} modes")).note("with the whole state measured"),
+        Fact::new("reached by commands", of_all(hidden.reached)),
+        Fact::new("shown", of_all(unseen.reached)).note("with the whole state measured"),
     ]);
+    if !hidden.directions.is_empty() {
+        page.line(format!("  {}", reach(&hidden, &model)));
+    }
     page.heading("Modes").table(&modes_table(&modes, &model));
     if let Some(file) = &a.save {
         page.heading("Written").line(format!("  {}", file.display()));
@@ -188,7 +192,6 @@ pub fn run(a: &Arguments) -> Result<Report> {
 /// Where the model is taken: how it moves, leans and turns, and what holds it there.
 fn steady(plant: &Plant, found: &Trim) -> Vec<Fact> {
     let list = |numbers: &[f64]| numbers.iter().map(|x| short(tidy(*x), 3)).collect::<Vec<_>>().join(", ");
-    let is_command = |name: &str| name.ends_with(".action") || name.ends_with(".command");
     let commands: Vec<f64> = plant
         .input_quantities()
         .iter()

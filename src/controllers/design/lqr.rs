@@ -13,7 +13,8 @@
 //! Source: Anderson and Moore 1990, sections 2 and 4.
 
 use super::riccati;
-use crate::controllers::linear::eigenvalues;
+use crate::controllers::linear::structure::Staircase;
+use crate::controllers::linear::{Signal, eigenvalues};
 use crate::error::{Error, Result};
 use nalgebra::{Complex, DMatrix};
 
@@ -39,10 +40,29 @@ pub struct Regulator {
 /// The feedback of least cost for x⁺ = A x + B u.
 ///
 /// # Errors
-/// As [`riccati::discrete`]; where a mode of A that does not decay is out of reach of B, or unseen by Q, its eigenvalue is
-/// named.
+/// As [`riccati::discrete`]; where combinations of states that do not decay are out of reach of B, or unseen by Q, they are
+/// named: `x0`, `x1`, ….
 pub fn lqr(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>, r: &DMatrix<f64>) -> Result<Regulator> {
-    let solution = riccati::discrete(a, b, q, r).map_err(|error| reason(a, b, q).unwrap_or(error))?;
+    lqr_of(&Signal::numbered("x", a.nrows()), a, b, q, r)
+}
+
+/// [`lqr`] of states that have names, for what it says of them.
+///
+/// # Errors
+/// As [`lqr`].
+pub fn lqr_of(
+    states: &[Signal],
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+) -> Result<Regulator> {
+    riccati::check(a, b, q, r)?;
+    let remedy = "Give the system an input that moves them, or leave their states out.";
+    all_settle(states, &Staircase::of(a, b)?, "reached by an input", remedy)?;
+    let remedy = "Weigh a state that takes part in them.";
+    all_settle(states, &Staircase::of(&a.transpose(), q)?, "seen by Q", remedy)?;
+    let solution = riccati::discrete(a, b, q, r)?;
     let x = solution.matrix;
     let inner = r + b.tr_mul(&(&x * b));
     let Some(inner) = inner.cholesky() else {
@@ -100,6 +120,22 @@ pub fn lqi(
     r: &DMatrix<f64>,
     period: f64,
 ) -> Result<Regulator> {
+    lqi_of(&Signal::numbered("x", a.nrows()), a, b, c, q, r, period)
+}
+
+/// [`lqi`] of states that have names, for what it says of them.
+///
+/// # Errors
+/// As [`lqi`].
+pub fn lqi_of(
+    states: &[Signal],
+    a: &DMatrix<f64>,
+    b: &DMatrix<f64>,
+    c: &DMatrix<f64>,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    period: f64,
+) -> Result<Regulator> {
     let (n, p) = (a.nrows(), c.nrows());
     if a.ncols() != n || b.nrows() != n {
         let value = format!("A {:?}, B {:?}", a.shape(), b.shape());
@@ -117,7 +153,9 @@ pub fn lqi(
     state.view_mut((n, 0), (p, n)).copy_from(&(c * period));
     let mut input = DMatrix::zeros(n + p, b.ncols());
     input.rows_mut(0, n).copy_from(b);
-    lqr(&state, &input, q, r)
+    let integrals = (0..p).map(|i| Signal::new(format!("integral {i}"), ""));
+    let states: Vec<Signal> = states.iter().cloned().chain(integrals).collect();
+    lqr_of(&states, &state, &input, q, r)
 }
 
 /// Feedback of least cost over N steps, x⁺ = A x + B u: u(k) = −K(k) x(k).
@@ -187,34 +225,10 @@ pub fn bryson(deviations: &[f64]) -> Result<DMatrix<f64>> {
     Ok(DMatrix::from_diagonal(&weights.into()))
 }
 
-/// Why no feedback was found: the mode that does not decay and is not reached by B, or not seen by Q (Popov, Belevitch,
-/// Hautus).
-fn reason(a: &DMatrix<f64>, b: &DMatrix<f64>, q: &DMatrix<f64>) -> Option<Error> {
-    let lasting = eigenvalues(a).ok()?.into_iter().filter(|l| l.norm() > 1.0 - 1e-9);
-    for mode in lasting {
-        let complaint = if hides(a, mode, b) {
-            ("reached by an input", "Give the system an input that moves it, or leave its states out.")
-        } else if hides(&a.transpose(), mode.conj(), q) {
-            ("seen by Q", "Weigh a state that takes part in it.")
-        } else {
-            continue;
-        };
-        let value = format!("{:.6}{:+.6}i and out of reach", mode.re, mode.im);
-        return Some(Error::value("a mode of A that does not decay", value, complaint.0, complaint.1));
-    }
-    None
-}
-
-/// Whether [A − λI, B] loses rank: its least singular value is below 1e-9 of its largest.
-fn hides(a: &DMatrix<f64>, mode: Complex<f64>, b: &DMatrix<f64>) -> bool {
-    let (n, m) = (a.nrows(), b.ncols());
-    let pencil = faer::Mat::from_fn(n, n + m, |i, j| {
-        let shift = if i == j { mode } else { Complex::new(0.0, 0.0) };
-        let value = if j < n { a[(i, j)] } else { b[(i, j - n)] };
-        faer::c64::new(value - shift.re, -shift.im)
-    });
-    match pencil.singular_values() {
-        Ok(values) => values.last().zip(values.first()).is_some_and(|(least, most)| *least <= 1e-9 * most),
-        Err(_) => false,
-    }
+/// Refuses what a staircase does not reach and what does not decay: no feedback ends it, and none has a least cost.
+fn all_settle(states: &[Signal], staircase: &Staircase, rule: &str, remedy: &str) -> Result<()> {
+    let Some(lasting) = staircase.lasting()? else { return Ok(()) };
+    let n = lasting.directions.len();
+    let what = format!("what does not decay, {n} of {} directions of the state", states.len());
+    Err(Error::value(what, lasting.names(states).join(", "), rule, remedy))
 }

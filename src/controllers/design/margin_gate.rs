@@ -7,6 +7,7 @@
 //! loop at hover is stable with the latency is told beside it.
 
 use super::loop_model::{LoopMargins, LoopModel, Point};
+use super::stability::Stability;
 use super::trim::{Trim, TrimTarget, trim};
 use crate::controllers::cascade::Rates;
 use crate::controllers::cascade_law::CascadeLaw;
@@ -74,6 +75,8 @@ impl Corner {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Flaw {
+    /// Combinations of states neither settle nor grow: commands do not move them, or do not depend on them.
+    Marginal(Vec<String>),
     /// A pole lies outside the unit circle: how fast it grows, 1/s, and turns, rad/s.
     Unstable {
         /// 1/s.
@@ -90,8 +93,9 @@ pub enum Flaw {
 impl std::fmt::Display for Flaw {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
+            Self::Marginal(what) => Stability::Marginal(what.clone()).fmt(f),
             Self::Unstable { growth, frequency } => {
-                write!(f, "unstable: a motion at {frequency:.1} rad/s grows by e in {:.2} s", 1.0 / growth)
+                Stability::Unstable { growth: *growth, frequency: *frequency }.fmt(f)
             }
             Self::NoTrim(why) => write!(f, "no steady flight: {why}"),
             Self::NotSteady(why) => write!(f, "does not come to rest: {why}"),
@@ -215,13 +219,10 @@ impl<'a> Flown<'a> {
         let plant = self.plant(corner).map_err(not_steady)?;
         let steady = self.steady(&plant, corner).map_err(|e| Flaw::NoTrim(e.to_string()))?;
         let model = self.model(plant, &steady, corner).map_err(not_steady)?;
-        let poles = model.poles().map_err(not_steady)?;
-        match poles.first().filter(|p| p.norm() >= 1.0) {
-            None => Ok(model),
-            Some(pole) => {
-                let rate = pole.ln() / (model.dt * model.period() as f64);
-                Err(Flaw::Unstable { growth: rate.re, frequency: rate.im.abs() })
-            }
+        match model.stability().map_err(not_steady)? {
+            Stability::Stable => Ok(model),
+            Stability::Marginal(what) => Err(Flaw::Marginal(what)),
+            Stability::Unstable { growth, frequency } => Err(Flaw::Unstable { growth, frequency }),
         }
     }
 

@@ -13,6 +13,7 @@
 //! | [`flight_grid`] | circles on a grid of acceleration and speed, half to tune on, half to judge on |
 //! | [`gain_sensitivity`] | how the error of one flight depends on each gain |
 //! | [`mod@robustness`] | a box of plants: the share of stable ones, the least margin in it |
+//! | `stability` | whether a loop settles, grows, or neither |
 //! | [`mod@trim`] | steady flights: hover, forward flight, turns, spins |
 //! | [`mod@tune`] | gains by descent on flights |
 //! | `tuned_loop` | those flights: the loop over ln K, starts, plants |
@@ -28,6 +29,7 @@ mod margin_constraint;
 pub mod margin_gate;
 pub mod riccati;
 pub mod robustness;
+mod stability;
 pub mod trim;
 pub mod tune;
 mod tuned_loop;
@@ -37,9 +39,10 @@ pub use flight_grid::{FlightGrid, GridCell};
 pub use follow::{Following, follow};
 pub use gain_sensitivity::{GainSensitivity, sensitivity};
 pub use loop_model::{LoopMargins, LoopModel, Point};
-pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqr};
+pub use lqr::{FiniteHorizon, Regulator, bryson, finite_horizon, lqi, lqi_of, lqr, lqr_of};
 pub(crate) use margin_gate::truth;
 pub use margin_gate::{Corner, Flaw, Judgement, MarginGate};
 pub use robustness::{JudgedPlant, PlantBox, Robustness};
+pub use stability::Stability;
 pub use trim::{Trim, TrimTarget, trim, trim_damaged, trim_from, trim_spin};
 pub use tune::{AlongReference, Descent, Evaluation, Iteration, TunePlan, Tuning, tune};

@@ -12,6 +12,7 @@ use super::margins::sensitivity;
 use super::norms::{h_infinity, top};
 use super::response::frequencies;
 use super::state_space::StateSpace;
+use super::swept::Swept;
 use crate::error::Result;
 use nalgebra::{Complex, DMatrix, DVector};
 use serde::Serialize;
@@ -74,15 +75,16 @@ pub(crate) fn disk_margin_of(sensitivity: &StateSpace, block: &[usize], skew: f6
         return Ok(DiskMargin::new(1.0 / peak.gain, peak.omega, skew));
     }
     let mut search = Scaling { block, n_block, searches: best, best: 0.0 };
+    let swept = Swept::of(&m);
     let mut worst = 0.0;
     let mut grid = frequencies(&m, 300)?;
     grid.insert(0, 0.0);
     for omega in &grid {
-        if search.exceeds(&m.at(m.on_axis(*omega)), 1e-4) {
+        if search.exceeds(&swept.at(m.on_axis(*omega)), 1e-4) {
             worst = *omega;
         }
     }
-    let mu = |omega: f64| search.upper_bound(&m.at(m.on_axis(omega)), 1e-9);
+    let mu = |omega: f64| search.upper_bound(&swept.at(m.on_axis(omega)), 1e-9);
     let at = grid.iter().position(|w| *w == worst).unwrap_or(0);
     let middle = top(&mu, (grid[at.saturating_sub(1)], grid[(at + 1).min(grid.len() - 1)]), 40);
     let (most, omega) =
@@ -100,10 +102,11 @@ pub(crate) fn folded_disk_margin_of(sensitivity: &StateSpace, period: usize, ske
     let every = sensitivity.dt().unwrap_or(1.0);
     let (base, dt) = (TAU / every, every / period as f64);
     let even = 1.0 / (period as f64).sqrt();
+    let swept = Swept::of(sensitivity);
     let folded = |omega: f64| {
         let wave = |k: usize, n: usize| Complex::from_polar(even, (omega + n as f64 * base) * k as f64 * dt);
         let waves = Complexes::from_fn(period, period, wave);
-        waves.adjoint() * sensitivity.at(sensitivity.on_axis(omega)) * waves
+        waves.adjoint() * swept.driven(sensitivity.on_axis(omega), &waves)
     };
     let mu = |omega: f64| bound_at(folded(omega), skew);
     let mut grid = frequencies(sensitivity, 300)?;
@@ -210,8 +213,9 @@ impl Scaling<'_> {
 
     /// σ_max(exp(d) M exp(−d)) and its gradient, σ (|uᵢ|² − |vᵢ|²) summed over each loop.
     fn value(&self, m: &Complexes, d: &DVector<f64>) -> (f64, DVector<f64>) {
-        let svd = self.scaled(m, d).svd(true, true);
         let mut slope = DVector::zeros(self.n_block);
+        let bound = 100 * m.nrows();
+        let Some(svd) = self.scaled(m, d).try_svd(true, true, f64::EPSILON, bound) else { return (f64::NAN, slope) };
         let (Some(u), Some(vt)) = (&svd.u, &svd.v_t) else { return (f64::NAN, slope) };
         let top = svd.singular_values.imax();
         let sigma = svd.singular_values[top];

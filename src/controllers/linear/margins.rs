@@ -8,6 +8,7 @@ use super::dense::pencil_eigenvalues;
 use super::norms::h_infinity;
 use super::response::frequencies;
 use super::state_space::{StateSpace, blocks};
+use super::swept::Swept;
 use crate::error::{Error, Result};
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::TAU;
@@ -52,7 +53,8 @@ pub fn margins(system: &StateSpace) -> Result<Margins> {
     let stable = closed.is_stable()?;
     let bent = system.continuous()?;
     let grid = frequencies(&bent, 400)?;
-    let response = |w: f64| bent.at(Complex::new(0.0, w))[(0, 0)];
+    let swept = Swept::of(&bent);
+    let response = |w: f64| swept.at(Complex::new(0.0, w))[(0, 0)];
 
     let mut gains = Vec::new();
     let mut real: Vec<f64> = axis_zeros(&mirrored(&bent, false)?, &grid, &|w| response(w).im);

@@ -10,6 +10,7 @@
 //! | [`mod@margins`] | gain, phase and delay margins of one loop |
 //! | [`norms`] | peaks over frequency (H∞), energy of the impulse response (H₂) |
 //! | [`disk`] | disk margins, of one loop and of several at once |
+//! | `swept` | one system at many frequencies |
 //! | `dense` | eigenvalues and singular values, from faer |
 
 pub(crate) mod dense;
@@ -21,6 +22,7 @@ pub mod response;
 pub mod sampling;
 pub mod state_space;
 pub mod structure;
+pub(crate) mod swept;
 
 pub use dense::{eigenvalues, spectral_radius};
 pub use disk::{DiskMargin, disk_margin, multiloop_disk_margin};
@@ -30,4 +32,4 @@ pub use norms::{Peak, h_infinity, h2_norm};
 pub use response::{FrequencyResponse, StepFigures, frequencies, frequency_response, step_figures, step_response};
 pub use sampling::Hold;
 pub use state_space::{Signal, StateSpace};
-pub use structure::{Hidden, minimal, unobservable, unreachable};
+pub use structure::{Hidden, NO_COUPLING, ON_CIRCLE, minimal, unobservable, unreachable};

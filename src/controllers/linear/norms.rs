@@ -2,6 +2,7 @@
 
 use super::dense::{eigenvalues, singular_values};
 use super::state_space::{StateSpace, blocks};
+use super::swept::Swept;
 use crate::controllers::design::riccati;
 use crate::error::{Error, Result};
 use nalgebra::DMatrix;
@@ -32,7 +33,8 @@ pub fn h_infinity(system: &StateSpace) -> Result<Peak> {
         return Ok(Peak { gain: f64::INFINITY, omega: f64::NAN });
     }
     let bent = system.continuous()?;
-    let gain = |omega: f64| singular_values(&bent.at(bent.on_axis(omega))).first().copied().unwrap_or(0.0);
+    let swept = Swept::of(&bent);
+    let gain = |omega: f64| singular_values(&swept.at(bent.on_axis(omega))).first().copied().unwrap_or(0.0);
     let direct = singular_values(&bent.d().map(|v| v.into())).first().copied().unwrap_or(0.0);
     let mut best = Peak { gain: direct, omega: f64::INFINITY };
     let rise = |best: &mut Peak, omega: f64| {

@@ -4,6 +4,7 @@ use super::dense::{Complexes, singular_values};
 use super::modes::{poles, zeros};
 use super::sampling::Hold;
 use super::state_space::StateSpace;
+use super::swept::Swept;
 use crate::error::{Error, Result};
 use nalgebra::{Complex, DMatrix, DVector};
 use serde::Serialize;
@@ -31,7 +32,8 @@ impl FrequencyResponse {
 
 /// The response at these frequencies, rad/s.
 pub fn frequency_response(system: &StateSpace, omega: &[f64]) -> FrequencyResponse {
-    let values = omega.iter().map(|w| system.at(system.on_axis(*w))).collect();
+    let swept = Swept::of(system);
+    let values = omega.iter().map(|w| swept.at(system.on_axis(*w))).collect();
     FrequencyResponse { omega: omega.to_vec(), values }
 }
 

@@ -1,6 +1,7 @@
 //! Linear systems with named signals, and their connections.
 
 use super::dense::Complexes;
+use super::structure::{ON_CIRCLE, ROUNDED};
 use crate::error::{Error, Result};
 use nalgebra::{Complex, DMatrix};
 use serde::{Deserialize, Serialize};
@@ -289,6 +290,9 @@ impl StateSpace {
 
     /// C (s I − A)⁻¹ B + D at a complex s, or z for a sampled system; NaN at a pole.
     pub fn at(&self, s: Complex<f64>) -> Complexes {
+        if self.n_state() == 0 {
+            return self.d.map(|v| Complex::new(v, 0.0));
+        }
         let complex = |m: &DMatrix<f64>| m.map(|v| Complex::new(v, 0.0));
         let mut pencil = -complex(&self.a);
         for i in 0..self.n_state() {
@@ -313,13 +317,15 @@ impl StateSpace {
         self.at(self.on_axis(0.0)).map(|v| v.re)
     }
 
-    /// Whether all poles lie within the left half plane, or the unit circle.
+    /// Whether all poles lie within the left half plane, or the unit circle, by more than rounding and
+    /// [`ON_CIRCLE`](super::structure::ON_CIRCLE) of it.
     ///
     /// # Errors
     /// Where eigenvalues are not found.
     pub fn is_stable(&self) -> Result<bool> {
         let poles = super::dense::eigenvalues(&self.a)?;
-        Ok(poles.iter().all(|p| if self.dt.is_some() { p.norm() < 1.0 } else { p.re < 0.0 }))
+        let near = poles.first().map_or(0.0, |p| p.norm()) * ROUNDED;
+        Ok(poles.iter().all(|p| if self.dt.is_some() { p.norm() < 1.0 - ON_CIRCLE } else { p.re < -near }))
     }
 
     /// Matrices, names, units and sample time as JSON; rows of numbers.

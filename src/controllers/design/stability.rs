@@ -1,0 +1,115 @@
+//! Whether a loop settles: by structure first, then by its poles.
+//!
+//! What no command moves, or no command depends on, no gain can settle: there the loop is as the vehicle alone. Its poles are
+//! those of integrators in a row, which rounding moves off the unit circle by as much as 1e-4, either way, so that their modulus
+//! says nothing. They are set apart by [rank](crate::controllers::linear::structure); the other poles are simple ones, and what
+//! they say holds.
+
+use super::loop_model::LoopModel;
+use crate::controllers::linear::dense::eigenvectors;
+use crate::controllers::linear::structure::{Hidden, ON_CIRCLE, parts};
+use crate::controllers::linear::{Signal, StateSpace};
+use crate::error::Result;
+use nalgebra::Complex;
+use serde::Serialize;
+
+/// How a loop behaves when it is left alone.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stability {
+    /// It settles.
+    Stable,
+    /// It neither settles nor grows by e: commands do not move these combinations of states, or do not depend on them.
+    Marginal(Vec<String>),
+    /// A motion grows.
+    Unstable {
+        /// 1/s.
+        growth: f64,
+        /// rad/s.
+        frequency: f64,
+    },
+}
+
+impl Stability {
+    /// Whether it settles.
+    pub fn is_stable(&self) -> bool {
+        *self == Self::Stable
+    }
+
+    fn unstable(pole: Complex<f64>, period: f64) -> Self {
+        let rate = pole.ln() / period;
+        Self::Unstable { growth: rate.re, frequency: rate.im.abs() }
+    }
+}
+
+impl std::fmt::Display for Stability {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Stable => f.write_str("stable"),
+            Self::Marginal(what) => write!(f, "marginal: {} does not settle", what.join(", ")),
+            Self::Unstable { growth, frequency } => {
+                write!(f, "unstable: a motion at {frequency:.1} rad/s grows by e in {:.2} s", 1.0 / growth)
+            }
+        }
+    }
+}
+
+/// How far rounding moves a pole off the circle that comes from `n` integrators in a row.
+fn rounding(n: usize) -> f64 {
+    1e-12_f64.powf(1.0 / n.max(1) as f64).max(ON_CIRCLE)
+}
+
+impl LoopModel {
+    /// Whether the loop settles, grows, or neither.
+    ///
+    /// # Errors
+    /// Where singular values or eigenvalues are not found.
+    pub fn stability(&self) -> Result<Stability> {
+        let settles = |poles: &[Complex<f64>]| poles.first().is_none_or(|p| p.norm() < 1.0 - ON_CIRCLE);
+        if settles(&self.poles()?) {
+            return Ok(Stability::Stable);
+        }
+        let all = self.all_commands()?;
+        let period = self.dt * self.period() as f64;
+        let (hidden, poles) = parts(&all)?;
+        let mut unsettled = Vec::new();
+        for lasting in hidden.into_iter().flatten() {
+            let largest = lasting.poles[0];
+            if largest.norm() > 1.0 + rounding(lasting.poles.len()) {
+                return Ok(Stability::unstable(largest, period));
+            }
+            unsettled.extend(self.of_the_vehicle(&lasting));
+        }
+        match poles.first() {
+            Some(largest) if largest.norm() > 1.0 + ON_CIRCLE => return Ok(Stability::unstable(*largest, period)),
+            Some(slowest) if !settles(&poles) => unsettled.push(self.most_of(&all, *slowest)?),
+            _ => (),
+        }
+        unsettled.sort();
+        unsettled.dedup();
+        Ok(if unsettled.is_empty() { Stability::Stable } else { Stability::Marginal(unsettled) })
+    }
+
+    /// The state that takes most part in the motion of a pole.
+    fn most_of(&self, all: &StateSpace, pole: Complex<f64>) -> Result<String> {
+        let (values, right, left) = eigenvectors(all.a())?;
+        let apart = |j: &usize| (values[*j] - pole).norm();
+        let mode = (0..values.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0);
+        let share = |i: usize| (left[(i, mode)].conj() * right[(i, mode)]).norm();
+        let states = self.states();
+        let most = (0..states.len()).max_by(|a, b| share(*a).total_cmp(&share(*b))).unwrap_or(0);
+        Ok(states[most].name.clone())
+    }
+
+    fn states(&self) -> Vec<Signal> {
+        let memory = (0..self.n_state() - self.measurements.len()).map(|k| Signal::new(format!("memory {k}"), ""));
+        self.measurements.iter().cloned().chain(memory).collect()
+    }
+
+    /// Names of what is not of the controller's memory alone: a sum that nothing adds to, or that nobody asks for, does no harm.
+    fn of_the_vehicle(&self, hidden: &Hidden) -> Vec<String> {
+        let own = self.measurements.len();
+        let names = hidden.names(&self.states()).into_iter().zip(&hidden.directions);
+        names.filter(|(_, direction)| direction.iter().any(|(i, _)| *i < own)).map(|(name, _)| name).collect()
+    }
+}
