@@ -159,7 +159,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
     }
     if a.json {
         let value = json!({
-            "command": "linearise", "version": env!("CARGO_PKG_VERSION"), "success": true, "plant": plant.name(), "model": model.to_json(), "reached": hidden.reached, "out_of_reach": hidden.names(model.states()),
+            "command": "linearise", "version": env!("CARGO_PKG_VERSION"), "success": true, "plant": plant.name(), "warnings": warnings(&plant), "model": model.to_json(), "reached": hidden.reached, "out_of_reach": hidden.names(model.states()),
             "trim": { "state": found.state, "input": found.input, "residual": found.residual, "limited": found.limited },
             "modes": modes.iter().map(super::design::mode_json(&model)).collect::<Vec<_>>(),
         });
@@ -170,6 +170,7 @@ pub fn run(a: &Arguments) -> Result<Report> {
         plant.name(),
         if a.continuous { "dx/dt about a steady flight" } else { "one step about a steady flight" },
     );
+    page.notes("warning", &warnings(&plant), 3, "");
     page.heading("Steady flight").facts(&steady(&plant, &found));
     let of_all = |n: usize| format!("{n} of {} directions", model.n_state());
     page.heading("Linear model").facts(&[
@@ -187,6 +188,14 @@ pub fn run(a: &Arguments) -> Result<Report> {
         page.heading("Written").line(format!("  {}", file.display()));
     }
     Ok(Report::done(page.finish()))
+}
+
+/// What keeps the vehicle from being steered.
+fn warnings(plant: &Plant) -> Vec<String> {
+    match plant {
+        Plant::Rigid(m) => source::verdicts(m.vehicle()),
+        Plant::Tree(_) => Vec::new(),
+    }
 }
 
 /// Where the model is taken: how it moves, leans and turns, and what holds it there.
