@@ -1,6 +1,7 @@
 //! A vehicle from whatever the user typed: a built-in name, a vehicle TOML, a URDF, or nothing.
 
 use super::arguments::{VehicleArguments, is_path};
+use super::files;
 use super::page::Page;
 use omnidrones::dynamics::urdf::{Import, ImportOptions, RotorFile, import_file, import_text, rotor_file_beside};
 use omnidrones::dynamics::{Vehicle, configurations, vehicles};
@@ -31,7 +32,7 @@ pub struct Source {
 pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source> {
     let Some(named) = named else {
         let rotors = RotorFile::parse(DEFAULT_ROTORS.1, DEFAULT_ROTORS.0)?;
-        let import = import_text(DEFAULT_URDF.1, DEFAULT_URDF.0, Some(&rotors), &options(arguments))?;
+        let import = import_text(DEFAULT_URDF.1, DEFAULT_URDF.0, Some(&rotors), &options(arguments)?)?;
         let origin = format!("URDF {} with {}, carried in this program", DEFAULT_URDF.0, DEFAULT_ROTORS.0);
         return Ok(imported(import, origin, None));
     };
@@ -55,10 +56,12 @@ pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source>
             if named.ends_with(".rotors.toml") {
                 return Err(format(named, "is the rotor file of a URDF, not a vehicle", "Name the URDF beside it."));
             }
+            files::check_there(path)?;
             Ok(told(Vehicle::from_toml_file(path)?, format!("vehicle file {named}"), Some(path)))
         }
         Some("urdf" | "xml") => {
-            let options = options(arguments);
+            let options = options(arguments)?;
+            files::check_there(path)?;
             let import = import_file(path, &options)?;
             let origin = format!("URDF {named} with {}", rotor_source(path, &options));
             Ok(imported(import, origin, Some(path)))
@@ -76,13 +79,14 @@ pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source>
     }
 }
 
-/// Import options from the arguments.
-pub fn options(arguments: &VehicleArguments) -> ImportOptions {
-    ImportOptions {
+/// Import options from the arguments; `--rotors` is there.
+pub fn options(arguments: &VehicleArguments) -> Result<ImportOptions> {
+    arguments.rotors.as_deref().map(files::check_there).transpose()?;
+    Ok(ImportOptions {
         rotors: arguments.rotors.clone(),
         packages: arguments.package.iter().cloned().collect(),
         ..ImportOptions::default()
-    }
+    })
 }
 
 /// The rotor file that an import reads, if any.
@@ -139,7 +143,7 @@ impl Source {
         if !self.vehicle.source.is_empty() {
             page.line(format!("  numbers from: {}", self.vehicle.source));
         }
-        let more = self.file.as_ref().map_or(String::new(), |f| format!("omnidrones import {}", f.display()));
+        let more = self.file.as_ref().map_or(String::new(), |f| format!("omnidrones import {}", files::word(f)));
         page.notes("warning", &self.warnings, 3, &more);
         page.notes("assumed", &self.assumptions, 3, &more);
     }

@@ -191,6 +191,19 @@ fn import_drafts_rotor_data_once_and_says_what_it_assumed() {
 }
 
 #[test]
+fn import_prints_a_command_that_a_shell_takes() {
+    let folder = temporary();
+    let name = "quad ä's.urdf";
+    std::fs::copy(asset("pocket.urdf"), folder.path().join(name)).expect("copied");
+    let (out, _) = exits(0, folder.path(), &["import", name]);
+    let printed = out.lines().find_map(|line| line.strip_prefix("Fly it: omnidrones fly ")).expect("a command");
+    let echoed = Command::new("sh").args(["-c", &format!("printf %s {printed}")]).output().expect("a shell");
+    assert_eq!(text(&echoed.stdout), name, "{printed}");
+    let (out, _) = exits(0, folder.path(), &["import", &asset("plain_x.urdf"), "--out", "new", "--draft"]);
+    assert!(out.contains("plain_x.urdf --rotors new/plain_x.rotors.toml"), "{out}");
+}
+
+#[test]
 fn import_writes_one_vehicle_file_that_flies_the_same() {
     let folder = temporary();
     copy(folder.path(), "pocket", false);
@@ -297,8 +310,10 @@ fn unusable_input_names_value_limit_and_remedy_and_exits_with_2() {
         ("fly crazyflie --gains published", "nobody published gains for 'crazyflie'"),
         ("fly --reference bad.toml", "unknown field `radios`"),
         ("fly --max-rmse -1", "--max-rmse is -1"),
-        ("fly missing.urdf", "missing.urdf: No such file"),
-        ("fly missing.toml", "missing.toml: No such file"),
+        ("fly missing.urdf", "missing.urdf: No such file: looked for from"),
+        ("fly missing.toml", "missing.toml: No such file: looked for from"),
+        ("fly not.urdf --rotors missing.toml", "missing.toml: No such file: looked for from"),
+        ("import not.urdf --rotors missing.toml", "missing.toml: No such file: looked for from"),
         ("fly folder.toml", "folder.toml: the file: is not a regular file"),
         ("fly empty.toml", "missing field"),
         ("fly not.urdf", "not.urdf: line 1"),
