@@ -5,6 +5,7 @@
 //! | [`vehicle`] | a multirotor as plain data: parts, rotors, drag, gains |
 //! | [`vehicles`] | the built-in ones, one file each |
 //! | `vehicle_file` | vehicles as TOML |
+//! | `oddities` | what of a vehicle's numbers is probably not meant |
 //! | [`gains`] | gains derived from inertia and motor lag |
 //! | [`rotor`] | one rotor: command, lag, wrench, and the table of its numbers |
 //! | `domain` | what a physical number may be |
@@ -39,6 +40,7 @@ pub mod gains;
 pub mod integrate;
 pub(crate) mod mesh;
 pub mod multirotor;
+pub(crate) mod oddities;
 pub(crate) mod plant;
 pub(crate) mod relief;
 pub mod rigid;
@@ -60,6 +62,7 @@ pub use frame::Frame;
 pub use integrate::Integrator;
 pub use mesh::Mesh;
 pub use multirotor::{Multirotor, Physics};
+pub use oddities::Oddity;
 pub use plant::{Plant, Quantity};
 pub use relief::{Relief, Wave};
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};

@@ -2,7 +2,7 @@
 
 use super::arguments::{VehicleArguments, is_path};
 use super::files;
-use super::page::Page;
+use super::page::{Page, shown};
 use omnidrones::dynamics::urdf::{Import, ImportOptions, RotorFile, import_file, import_text, rotor_file_beside};
 use omnidrones::dynamics::{Vehicle, configurations, vehicles};
 use omnidrones::error::{Error, Result};
@@ -20,7 +20,7 @@ pub struct Source {
     pub vehicle: Vehicle,
     /// `built in`, `vehicle file x.toml`, `URDF x.urdf with x.rotors.toml`.
     pub origin: String,
-    /// Oddities of a URDF.
+    /// Oddities of a URDF, and of the vehicle itself.
     pub warnings: Vec<String>,
     /// What a URDF import concluded rather than read.
     pub assumptions: Vec<String>,
@@ -117,7 +117,8 @@ fn imported(import: Import, origin: String, file: Option<&Path>) -> Source {
 
 fn told(vehicle: Vehicle, origin: String, file: Option<&Path>) -> Source {
     let file = file.map(Path::to_path_buf);
-    Source { vehicle, origin, warnings: Vec::new(), assumptions: Vec::new(), file }
+    let warnings = vehicle.oddities().iter().map(ToString::to_string).collect();
+    Source { vehicle, origin, warnings, assumptions: Vec::new(), file }
 }
 
 fn no_rotor_file(named: &str, arguments: &VehicleArguments) -> Result<()> {
@@ -146,6 +147,13 @@ impl Source {
         let more = self.file.as_ref().map_or(String::new(), |f| format!("omnidrones import {}", files::word(f)));
         page.notes("warning", &self.warnings, 3, &more);
         page.notes("assumed", &self.assumptions, 3, &more);
+    }
+
+    /// Says what is odd about the vehicle before something is done with it, which may fail for that very reason.
+    pub fn warn(&self) {
+        for odd in self.vehicle.oddities() {
+            eprintln!("warning: {}", shown(&odd.to_string()));
+        }
     }
 
     /// Origin, warnings and assumptions for JSON.
