@@ -7,6 +7,7 @@
 //! | `vehicle_file` | vehicles as TOML |
 //! | [`hover`] | attitude and thrusts at which force and moment vanish |
 //! | [`authority`] | what a vehicle's rotors can do: rank, weakest direction, axes that do not turn apart |
+//! | `oddities` | what of a vehicle's numbers is probably not meant |
 //! | [`gains`] | gains derived from inertia and motor lag |
 //! | [`rotor`] | one rotor: command, lag, wrench, and the table of its numbers |
 //! | `domain` | what a physical number may be |
@@ -43,6 +44,7 @@ pub mod hover;
 pub mod integrate;
 pub(crate) mod mesh;
 pub mod multirotor;
+pub(crate) mod oddities;
 pub(crate) mod plant;
 pub(crate) mod relief;
 pub mod rigid;
@@ -65,6 +67,7 @@ pub use hover::Hover;
 pub use integrate::Integrator;
 pub use mesh::Mesh;
 pub use multirotor::{Multirotor, Physics};
+pub use oddities::Oddity;
 pub use plant::{Plant, Quantity};
 pub use relief::{Relief, Wave};
 pub use rigid::{Disturbance, Effects, RigidModel, RigidState};

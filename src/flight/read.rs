@@ -23,6 +23,9 @@ impl FlightLog {
             Ok(names) => names.iter().map(|name| name.trim().to_string()).collect(),
             Err(error) => return Err(unlike(path, "line 1".into(), error.to_string())),
         };
+        if let Some(separator) = foreign_separator(&header) {
+            return Err(unlike_columns(path, separator));
+        }
         let mut log = Self::like(&header);
         let names = log.csv_header();
         let places = names.iter().map(|name| {
@@ -39,7 +42,7 @@ impl FlightLog {
             for (name, at) in names.iter().zip(&places) {
                 let cell = record.get(*at).unwrap_or_default();
                 let number = cell.trim().parse::<f64>();
-                row.push(number.map_err(|_| unlike(path, line.clone(), format!("has '{cell}' as its {name}")))?);
+                row.push(number.map_err(|_| unlike(path, line.clone(), unlike_number(cell, name)))?);
             }
             if !(row[0].is_finite() && log.time.last().is_none_or(|last| *last < row[0])) {
                 return Err(unlike(path, line, format!("has the time {} s, which is not after the last", row[0])));
@@ -106,6 +109,32 @@ impl<'a> Cells<'a> {
     fn take<const N: usize>(&mut self) -> [f64; N] {
         let head = self.slice(N);
         std::array::from_fn(|i| head[i])
+    }
+}
+
+/// What separates the columns of a header that was read as one column.
+fn foreign_separator(header: &[String]) -> Option<&'static str> {
+    let [whole] = header else { return None };
+    [(';', "semicolons"), ('\t', "tabs"), ('|', "bars")]
+        .into_iter()
+        .find(|(c, _)| whole.contains(*c))
+        .map(|(_, name)| name)
+}
+
+/// What is wrong with a cell that is no number.
+fn unlike_number(cell: &str, name: &str) -> String {
+    let decimal = cell.trim().replacen(',', ".", 1).parse::<f64>().is_ok();
+    format!("has '{cell}' as its {name}{}", if decimal { ", with a decimal comma where a point must be" } else { "" })
+}
+
+fn unlike_columns(path: &Path, separator: &str) -> Error {
+    Error::Format {
+        file: path.display().to_string(),
+        place: "line 1".into(),
+        rule: format!("separates its columns by {separator}"),
+        remedy:
+            "Save it with commas between columns and a decimal point in numbers, as omnidrones fly --csv writes it."
+                .into(),
     }
 }
 

@@ -139,10 +139,20 @@ fn what_is_no_flight_is_refused_with_its_line_and_column() {
         (format!("{whole}{second}\n"), "not after the last"),
         (format!("{whole}1,2\n"), "line 12"),
         (whole.lines().next().unwrap().to_string(), "no samples"),
+        (whole.replace(',', ";"), "line 1: separates its columns by semicolons. Save it with commas"),
+        (format!("\u{feff}{}", whole.replace(',', ";").replace('.', ",")), "separates its columns by semicolons"),
+        (whole.replace(',', "\t"), "separates its columns by tabs"),
+        (
+            whole.replacen("\n1,", "\n\"1,0\",", 1),
+            "has '1,0' as its time [s], with a decimal comma where a point must be",
+        ),
     ] {
         std::fs::write(&path, text).unwrap();
         let error = FlightLog::read_csv(&path).unwrap_err().to_string();
         assert!(error.contains(words) && error.contains("flight.csv"), "{words}: {error}");
     }
     assert!(FlightLog::read_csv(folder.path()).is_err());
+    // what a spreadsheet puts first is no part of a name
+    std::fs::write(&path, format!("\u{feff}{whole}")).unwrap();
+    assert_eq!(FlightLog::read_csv(&path).unwrap().len(), 10);
 }

@@ -17,3 +17,4 @@ mod urdf_articulated;
 mod urdf_diagnosis;
 mod urdf_fuzz;
 mod urdf_import;
+mod urdf_units;

@@ -79,6 +79,37 @@ const WRONG_URDF: &[Row] = &[
         ["<mass> of link 'body'", "'${m}', which is not a number", "plain"],
     ),
     (
+        "xacro argument",
+        "xyz='0 0 0'",
+        "xyz='0 0 $(arg z)'",
+        ["<origin> of link 'body'", "'$(arg', which is not a number", "run xacro, and import its output"],
+    ),
+    ("decimal comma", "value='1.0'", "value='1,1'", ["<mass> of link 'body'", "'1,1'", "a decimal point, not a comma"]),
+    (
+        "three decimal commas",
+        "xyz='0 0.2 0.01'",
+        "xyz='0,0 0,2 0,01'",
+        ["<origin> of joint 'rotor_0_joint'", "'0,0'", "a decimal point, not a comma"],
+    ),
+    (
+        "decimal commas and semicolons",
+        "xyz='0 0.2 0.01'",
+        "xyz='0;0,2;0,01'",
+        ["<origin> of joint 'rotor_0_joint'", "'0;0,2;0,01'", "a decimal point, not a comma, and separated by blanks"],
+    ),
+    (
+        "commas between numbers",
+        "xyz='0 0.2 0.01'",
+        "xyz='0,0.2,0.01'",
+        ["<origin> of joint 'rotor_0_joint'", "'0,0.2,0.01'", "separated by blanks, not by commas"],
+    ),
+    (
+        "commas and blanks between numbers",
+        "xyz='0 0.2 0.01'",
+        "xyz='0, 0.2, 0.01'",
+        ["<origin> of joint 'rotor_0_joint'", "'0,'", "separated by blanks, not by commas"],
+    ),
+    (
         "mass without value",
         "<mass value='1.0'/>",
         "<mass/>",
@@ -564,6 +595,55 @@ fn a_moving_link_without_mass_is_taken_where_what_is_welded_to_it_resists_its_jo
     }
     // on the axis, nothing resists
     assert!(import(&tip("0"), ROTORS).unwrap_err().to_string().contains("carries no inertia"));
+}
+
+/// The sound file under a root called `world`, on a joint of that kind.
+fn under_world(kind: &str) -> String {
+    let joint =
+        format!("<link name='world'/><joint name='tie' type='{kind}'><parent link='world'/><child link='body'/>");
+    sound().replacen(BODY, &format!("{joint}<axis xyz='0 0 1'/></joint>{BODY}"), 1)
+}
+
+#[test]
+fn a_joint_to_the_world_is_told_unless_it_lets_the_vehicle_float() {
+    for kind in ["fixed", "revolute", "prismatic"] {
+        let read = import(&under_world(kind), ROTORS).unwrap();
+        let told: Vec<String> = read.warnings.iter().map(ToString::to_string).collect();
+        let rule =
+            format!("v.urdf:2: joint 'tie': a {kind} joint ties link 'body' to the root 'world', which stands still.");
+        let of_tie = told.iter().find(|line| line.starts_with(&rule));
+        assert!(of_tie.is_some_and(|line| line.contains("flies freely all the same")), "{told:?}");
+    }
+    let free = import(&under_world("floating"), ROTORS).unwrap();
+    assert!(free.warnings.is_empty(), "{:?}", free.warnings);
+    assert_eq!(free.vehicle.rotors, import(&sound(), ROTORS).unwrap().vehicle.rotors);
+    // as a model it floats or stands still, as both say
+    let rotors = RotorFile::parse(ROTORS, "v.rotors.toml").unwrap();
+    let model = |kind| import_model_text(&under_world(kind), "v.urdf", Some(&rotors), &ImportOptions::default());
+    assert!(model("floating").is_ok());
+}
+
+#[test]
+fn a_floating_joint_elsewhere_is_told_to_be_welded() {
+    let told = import(&sound().replace("type='fixed'", "type='floating'"), ROTORS).unwrap().warnings;
+    assert!(told.len() == 1 && told[0].rule.starts_with("a floating joint under a link that moves"), "{told:?}");
+    assert!(told[0].remedy.starts_with("It is welded here: use two files"), "{told:?}");
+}
+
+#[test]
+fn expressions_of_xacro_that_nobody_expanded_are_told_wherever_they_stand() {
+    let mesh = "<visual><geometry><mesh filename='$(find hull)/hull.stl'/></geometry></visual>";
+    for (text, value, count) in [
+        (sound().replace("'body'", "'${prefix}body'"), "name '${prefix}body'", ", 4 times"),
+        (sound().replace("<robot name='r'>", "<robot name='$(arg name)'>"), "name '$(arg name)'", "."),
+        (sound().replacen("<link name='box'>", &format!("<link name='box'>{mesh}"), 1), "filename '$(find hull)", "."),
+    ] {
+        let told = import(&text, ROTORS).unwrap().warnings;
+        assert!(told.len() == 1 && told[0].element == "xacro", "{told:?}");
+        let line = told[0].to_string();
+        let words = [value, "holds an expression that nobody expanded", count, "run xacro, and import its output"];
+        assert!(words.iter().all(|word| line.contains(word)), "{line}");
+    }
 }
 
 #[test]

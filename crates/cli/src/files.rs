@@ -38,10 +38,17 @@ fn unreadable(path: &Path, error: std::io::Error, remedy: &str) -> Error {
     }
 }
 
+/// A path as one word of a command that may be copied into a shell.
+pub fn word(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = |c: char| c.is_alphanumeric() || "_-./+:,=@%".contains(c);
+    if !text.is_empty() && text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }
+}
+
 /// Text of a file of settings; where there is none, `maker` is the command that prints one.
 pub fn read_settings(path: &Path, maker: &str) -> Result<String> {
     if let Err(error) = std::fs::metadata(path) {
-        let remedy = format!("Correct its name, or make it: {maker} > {}", path.display());
+        let remedy = format!("Correct its name, or make it: {maker} > {}", word(path));
         return Err(unreadable(path, error, &remedy));
     }
     read_text(path, MAX_CONFIG_BYTES)

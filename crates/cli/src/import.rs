@@ -65,7 +65,7 @@ struct Imported {
 
 /// Imports.
 pub fn run(a: &Arguments) -> Result<Report> {
-    let options = source::options(&a.rotors);
+    let options = source::options(&a.rotors)?;
     if let Some(to) = a.to.as_ref().filter(|to| to.extension().is_none_or(|e| e != "toml")) {
         let value = format!("'{}'", to.display());
         return Err(Error::value("--to", value, "a file that ends in .toml", "Name it so: 'fly' knows it by that."));
@@ -187,8 +187,9 @@ fn gains(vehicle: &Vehicle) -> (&'static str, omnidrones::dynamics::Gains) {
 fn fly(a: &Arguments, imported: &Imported) -> String {
     let beside = rotor_file_beside(&a.file).display().to_string();
     let found = imported.rotors_from == beside || imported.rotors_from == "its <properties>";
-    let rotors = if found { String::new() } else { format!(" --rotors {}", imported.rotors_from) };
-    format!("omnidrones fly {}{rotors}", a.file.display())
+    let rotors =
+        if found { String::new() } else { format!(" --rotors {}", files::word(Path::new(&imported.rotors_from))) };
+    format!("omnidrones fly {}{rotors}", files::word(&a.file))
 }
 
 fn list(page: &mut Page, heading: &str, none: &str, texts: &[String]) {

@@ -1,7 +1,8 @@
 //! A vehicle from whatever the user typed: a built-in name, a vehicle TOML, a URDF, or nothing.
 
 use super::arguments::{VehicleArguments, is_path};
-use super::page::Page;
+use super::files;
+use super::page::{Page, shown};
 use omnidrones::dynamics::urdf::{Import, ImportOptions, RotorFile, import_file, import_text, rotor_file_beside};
 use omnidrones::dynamics::{Vehicle, configurations, vehicles};
 use omnidrones::error::{Error, Result};
@@ -19,7 +20,7 @@ pub struct Source {
     pub vehicle: Vehicle,
     /// `built in`, `vehicle file x.toml`, `URDF x.urdf with x.rotors.toml`.
     pub origin: String,
-    /// Oddities of a URDF.
+    /// Oddities of a URDF, and of the vehicle itself.
     pub warnings: Vec<String>,
     /// What a URDF import concluded rather than read.
     pub assumptions: Vec<String>,
@@ -31,7 +32,7 @@ pub struct Source {
 pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source> {
     let Some(named) = named else {
         let rotors = RotorFile::parse(DEFAULT_ROTORS.1, DEFAULT_ROTORS.0)?;
-        let import = import_text(DEFAULT_URDF.1, DEFAULT_URDF.0, Some(&rotors), &options(arguments))?;
+        let import = import_text(DEFAULT_URDF.1, DEFAULT_URDF.0, Some(&rotors), &options(arguments)?)?;
         let origin = format!("URDF {} with {}, carried in this program", DEFAULT_URDF.0, DEFAULT_ROTORS.0);
         return Ok(imported(import, origin, None));
     };
@@ -55,10 +56,12 @@ pub fn load(named: Option<&str>, arguments: &VehicleArguments) -> Result<Source>
             if named.ends_with(".rotors.toml") {
                 return Err(format(named, "is the rotor file of a URDF, not a vehicle", "Name the URDF beside it."));
             }
+            files::check_there(path)?;
             Ok(told(Vehicle::from_toml_file(path)?, format!("vehicle file {named}"), Some(path)))
         }
         Some("urdf" | "xml") => {
-            let options = options(arguments);
+            let options = options(arguments)?;
+            files::check_there(path)?;
             let import = import_file(path, &options)?;
             let origin = format!("URDF {named} with {}", rotor_source(path, &options));
             Ok(imported(import, origin, Some(path)))
@@ -82,13 +85,14 @@ pub fn verdicts(vehicle: &Vehicle) -> Vec<String> {
     refused.err().iter().map(ToString::to_string).collect()
 }
 
-/// Import options from the arguments.
-pub fn options(arguments: &VehicleArguments) -> ImportOptions {
-    ImportOptions {
+/// Import options from the arguments; `--rotors` is there.
+pub fn options(arguments: &VehicleArguments) -> Result<ImportOptions> {
+    arguments.rotors.as_deref().map(files::check_there).transpose()?;
+    Ok(ImportOptions {
         rotors: arguments.rotors.clone(),
         packages: arguments.package.iter().cloned().collect(),
         ..ImportOptions::default()
-    }
+    })
 }
 
 /// The rotor file that an import reads, if any.
@@ -119,7 +123,8 @@ fn imported(import: Import, origin: String, file: Option<&Path>) -> Source {
 
 fn told(vehicle: Vehicle, origin: String, file: Option<&Path>) -> Source {
     let file = file.map(Path::to_path_buf);
-    Source { vehicle, origin, warnings: Vec::new(), assumptions: Vec::new(), file }
+    let warnings = vehicle.oddities().iter().map(ToString::to_string).collect();
+    Source { vehicle, origin, warnings, assumptions: Vec::new(), file }
 }
 
 fn no_rotor_file(named: &str, arguments: &VehicleArguments) -> Result<()> {
@@ -145,9 +150,16 @@ impl Source {
         if !self.vehicle.source.is_empty() {
             page.line(format!("  numbers from: {}", self.vehicle.source));
         }
-        let more = self.file.as_ref().map_or(String::new(), |f| format!("omnidrones import {}", f.display()));
+        let more = self.file.as_ref().map_or(String::new(), |f| format!("omnidrones import {}", files::word(f)));
         page.notes("warning", &self.warnings, 3, &more);
         page.notes("assumed", &self.assumptions, 3, &more);
+    }
+
+    /// Says what is odd about the vehicle before something is done with it, which may fail for that very reason.
+    pub fn warn(&self) {
+        for odd in self.vehicle.oddities() {
+            eprintln!("warning: {}", shown(&odd.to_string()));
+        }
     }
 
     /// Origin, warnings and assumptions for JSON.

@@ -3,7 +3,7 @@
 use super::bodies::{Body, Joint, NO_LIMIT, left_out, total_mass};
 use super::import::{Read, check_part_names, read, read_files};
 use super::{ImportOptions, RotorFile, Warning, clean, fault, few, in_file, resolve};
-use crate::dynamics::assembly::{Assembly, Join, Kind, Solid, WORLD};
+use crate::dynamics::assembly::{Assembly, Join, Kind, Solid};
 use crate::dynamics::tree::Model;
 use crate::dynamics::vehicle::{Inertia, Rotor};
 use crate::error::Result;
@@ -67,7 +67,7 @@ pub fn import_model_text(
     extras(&mut assembly, &read, rotors);
     let carriers: Vec<String> = mounts.iter().filter_map(|m| read.bodies.get(m.body)).map(|b| b.name.clone()).collect();
     if let (Some(root), Some(first)) = (root(&read.bodies), carriers.first()) {
-        let center = if root.name == WORLD { first.clone() } else { root.name.clone() };
+        let center = if root.is_world() { first.clone() } else { root.name.clone() };
         assembly.drone(name, center, [0.0; 3], carriers);
         assembly.rotor_order(mounts.iter().map(|m| m.rotor.name.clone()));
     }
@@ -152,7 +152,7 @@ fn remark(read: &mut Read, mounts: &[Mount]) {
 fn links(assembly: &mut Assembly, read: &Read, mounts: &[Mount], file: Option<&RotorFile>) {
     for (i, body) in read.bodies.iter().enumerate() {
         let is_root = body.joint.is_none();
-        if is_root && body.name == WORLD {
+        if body.is_world() {
             continue;
         }
         let back = body.rotation.transpose();
@@ -203,7 +203,7 @@ fn kind(joint: &Joint, parent: &Body, file: &str) -> Result<Kind> {
         "revolute" | "continuous" => Ok(Kind::Revolute(joint.own_axis)),
         "prismatic" => Ok(Kind::Prismatic(joint.own_axis)),
         "spherical" => Ok(Kind::Ball),
-        "floating" if parent.joint.is_none() && parent.name == WORLD => Ok(Kind::Floating),
+        "floating" if parent.is_world() => Ok(Kind::Floating),
         "floating" => {
             let rule = "a floating joint under a link that moves";
             Err(fault(file, place(), rule, "Only a root link called 'world' lets others float: use two files."))

@@ -2,7 +2,7 @@
 
 use super::tree::Tree;
 use super::{clean, fault, few, in_file};
-use crate::dynamics::assembly::Placement;
+use crate::dynamics::assembly::{Placement, WORLD};
 use crate::dynamics::shape::{Geometry, Pose, Shape};
 use crate::dynamics::spatial::multiply;
 use crate::dynamics::vehicle::Inertia;
@@ -64,6 +64,11 @@ pub(super) struct Joint {
 pub(super) const NO_LIMIT: f64 = 1e6;
 
 impl Body {
+    /// Whether it is the root that stands still in a model.
+    pub fn is_world(&self) -> bool {
+        self.joint.is_none() && self.name == WORLD
+    }
+
     pub fn has_inertia(&self) -> bool {
         self.inertia != Inertia::zero()
     }

@@ -137,7 +137,13 @@ impl Diagnosis<'_> {
 
     fn content(&mut self, node: Node, name: &str, value: &str, kind: Kind) -> Result<()> {
         match kind {
-            Kind::Text => text(self.file, node, name, value, &self.options.limits),
+            Kind::Text => {
+                if is_xacro(value) {
+                    let rule = format!("{name} '{}' holds an expression that nobody expanded", clean(value));
+                    self.odd(node, "xacro".into(), rule, "It is taken as it stands: run xacro, and import its output.");
+                }
+                text(self.file, node, name, value, &self.options.limits)
+            }
             Kind::Numbers(count) => {
                 let numbers = numbers(self.file, node, name, value, count)?;
                 match numbers.iter().find(|x| x.abs() > LARGEST) {
@@ -330,6 +336,11 @@ fn text(file: &str, node: Node, name: &str, value: &str, limits: &InputLimits) -
     Ok(())
 }
 
+/// Whether a text holds what xacro would have replaced.
+fn is_xacro(text: &str) -> bool {
+    text.contains("${") || text.contains("$(")
+}
+
 /// Reads exactly `count` finite numbers from an attribute.
 pub(super) fn numbers(file: &str, node: Node, name: &str, value: &str, count: usize) -> Result<Vec<f64>> {
     let mut numbers = Vec::with_capacity(count);
@@ -342,7 +353,7 @@ pub(super) fn numbers(file: &str, node: Node, name: &str, value: &str, count: us
             }
             Err(_) => {
                 let rule = format!("{name} holds '{}', which is not a number", clean(word));
-                return Err(fault(file, place(node), rule, "Write plain numbers, separated by blanks."));
+                return Err(fault(file, place(node), rule, plain_numbers(value, count)));
             }
         }
     }
@@ -351,4 +362,22 @@ pub(super) fn numbers(file: &str, node: Node, name: &str, value: &str, count: us
     }
     let rule = format!("{name}=\"{}\" must hold {count} number{}", clean(value), if count == 1 { "" } else { "s" });
     Err(fault(file, place(node), rule, "Correct the count."))
+}
+
+/// How to write `count` numbers, for whoever wrote `value`.
+fn plain_numbers(value: &str, count: usize) -> &'static str {
+    let read = |points: &str, blanks: &[char]| {
+        let text = value.replace(blanks, " ").replace(points, ".");
+        let mut words = text.split_whitespace();
+        words.by_ref().take(count).filter(|word| word.parse::<f64>().is_ok()).count() == count && words.next().is_none()
+    };
+    if is_xacro(value) {
+        "It is an expression of xacro, which nobody expanded: run xacro, and import its output. Write plain numbers."
+    } else if read(".", &[',', ';']) {
+        "Write plain numbers, separated by blanks, not by commas or semicolons."
+    } else if read(",", &[';']) {
+        "Write plain numbers, with a decimal point, not a comma, and separated by blanks."
+    } else {
+        "Write plain numbers, separated by blanks."
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::bodies::{Body, hubs, total_mass};
 use super::import::{ImportOptions, Read, check_masses, read};
-use super::recognise::{alternating_spins, rotor_links, spacing};
+use super::recognise::{alternating_spins, rotor_links, seen_along, spacing};
 use super::{export, fault, few, resolve};
 use crate::dynamics::vehicle::{GRAVITY, MAX_ROTORS, Vehicle};
 use crate::error::Result;
@@ -70,12 +70,19 @@ fn guess(read: &Read, links: &[usize]) -> Draft {
     let on: Vec<&Body> = links.iter().filter_map(|i| read.bodies.get(*i)).collect();
     let mut assumptions = read.assumptions.clone();
     let (positions, from_links) = place(&on, mass, &mut assumptions);
-    let lines = values(mass, &positions);
-    let spins = alternating_spins(&positions);
+    let seen = seen_along(&thrust(&on), &positions);
+    let lines = values(mass, &seen);
+    let spins = alternating_spins(&seen);
     assumptions.extend(lines.iter().map(|l| format!("{} = {:?}: {}.", l.key, l.value, l.why)));
     assumptions.push("Spins alternate around the vehicle; check them against the real propellers.".into());
-    if spins.iter().sum::<f64>() != 0.0 {
-        assumptions.push("The spins do not cancel: an odd number of rotors turns the vehicle in hover.".into());
+    let left = spins.iter().filter(|spin| **spin > 0.0).count();
+    let right = spins.len() - left;
+    if left != right {
+        assumptions.push(format!(
+            "The spins do not cancel: {left} of {} rotors turn counter-clockwise and {right} clockwise, so that equal thrusts \
+             turn the vehicle.",
+            spins.len()
+        ));
     }
     let mark = Draft::GUESS;
     let mut toml = format!("# Draft for {}: every line marked 'assumed' is a guess.\n", super::clean(&read.file));
@@ -99,6 +106,12 @@ fn guess(read: &Read, links: &[usize]) -> Draft {
     Draft { toml, assumptions }
 }
 
+/// The direction in which rotors push, not of unit length; up where there is none.
+fn thrust(on: &[&Body]) -> Vector3<f64> {
+    let sum: Vector3<f64> = on.iter().map(|body| resolve::axis(body, &mut Vec::new())).sum();
+    if sum.norm() > 1e-6 { sum } else { Vector3::z() }
+}
+
 /// Hubs from the links, or four around the origin at the arm of a Hummingbird scaled by mass.
 fn place(on: &[&Body], mass: f64, assumptions: &mut Vec<String>) -> (Vec<Vector3<f64>>, bool) {
     if !on.is_empty() {
@@ -119,10 +132,10 @@ fn place(on: &[&Body], mass: f64, assumptions: &mut Vec<String>) -> (Vec<Vector3
     (corners.iter().map(|(x, y)| Vector3::new(*x, *y, 0.0)).collect(), false)
 }
 
-/// Propellers of C_T = 0.1 (thrust C_T ρ n² D⁴) that leave a gap of a fifth between hubs.
-fn values(mass: f64, positions: &[Vector3<f64>]) -> Vec<Line> {
-    let n = positions.len().max(1) as f64;
-    let gap = spacing(positions).unwrap_or(0.24 * (mass / 0.716).cbrt());
+/// Propellers of C_T = 0.1 (thrust C_T ρ n² D⁴) that leave a gap of a fifth between hubs, as seen along the thrust.
+fn values(mass: f64, seen: &[Vector3<f64>]) -> Vec<Line> {
+    let n = seen.len().max(1) as f64;
+    let gap = spacing(seen).unwrap_or(0.24 * (mass / 0.716).cbrt());
     let radius = 0.4 * gap.clamp(0.01, 10.0);
     let thrust_coefficient = 0.1 * 1.225 * (2.0 * radius).powi(4) / (TAU * TAU);
     let thrust = 2.25 * mass * GRAVITY / n;

@@ -4,6 +4,7 @@ use super::bodies::{self, Body, Joint, left_out, total_mass};
 use super::input_limits::{self, InputLimits};
 use super::properties::{self, Properties};
 use super::{RotorFile, Vehicle, Warning, clean, diagnose, fault, few, in_file, resolve, tree};
+use crate::dynamics::assembly::WORLD;
 use crate::dynamics::vehicle::{Part, Rotor};
 use crate::error::Result;
 use nalgebra::Vector3;
@@ -87,13 +88,15 @@ pub fn import_text(text: &str, file_name: &str, rotors: Option<&RotorFile>, opti
         (None, None) => return Err(no_rotors(file_name)),
     };
     check_masses(&mut read, &rotor_links)?;
+    check_root(&mut read);
     if let Some(file) = rotors {
         check_part_names(&read.bodies, file)?;
     }
     let list = read.rotors(rotors)?;
     let vehicle = read.vehicle(rotors, list);
     vehicle.validate().map_err(|e| in_file(e, rotors.map_or(file_name, |r| &r.file), "vehicle"))?;
-    Ok(Import { vehicle, warnings: read.warnings, assumptions: read.assumptions })
+    let told = vehicle.oddities().into_iter().map(|odd| Warning::of(odd, file_name));
+    Ok(Import { warnings: told.chain(read.warnings).collect(), vehicle, assumptions: read.assumptions })
 }
 
 /// Parts of the rotor file may not bear the name of a link or of each other.
@@ -199,13 +202,27 @@ pub(super) fn check_masses(read: &mut Read, rotors: &[usize]) -> Result<()> {
     // joints of other links are held, which check_moving tells
     let said = left_out(&read.bodies, |i| !rotors.contains(&i));
     read.assumptions.extend(said);
-    let massless = |b: &&Body| b.mass <= 0.0 && !b.has_inertia();
+    let massless = |b: &&Body| b.mass <= 0.0 && !b.has_inertia() && !b.is_world();
     let ghost = |b: &&Body| b.mass <= 0.0 && b.has_inertia();
     let point = |b: &&Body| b.mass > 0.0 && !b.has_inertia();
     gather(read, massless, "without mass", "Merged into the rest of the vehicle, to which it adds nothing.");
     gather(read, ghost, "with inertia but no mass", "The inertia is kept; give the link its mass.");
     gather(read, point, "with mass but no inertia", "Merged into the rest as a point mass at its centre of mass.");
     Ok(())
+}
+
+/// A word on joints to a root called `world`: in a model they hold the vehicle, here nothing does.
+fn check_root(read: &mut Read) {
+    let world = read.bodies.iter().position(Body::is_world);
+    let ties = |b: &&Body| b.joint.as_ref().is_some_and(|j| Some(j.parent) == world && j.kind != "floating");
+    let Some((joint, link)) = read.bodies.iter().find(ties).and_then(|b| Some((b.joint.as_ref()?, &b.name))) else {
+        return;
+    };
+    let element = format!("joint '{}'", clean(&joint.name));
+    let rule = format!("a {} joint ties link '{}' to the root '{WORLD}', which stands still", joint.kind, clean(link));
+    let remedy = "Here the vehicle flies freely all the same: remove link and joint, or make the joint floating. As a model \
+                  (import_model_file) it is held.";
+    read.warn(joint.line, element, rule, remedy);
 }
 
 /// One warning for all links that pass `test`.
@@ -240,15 +257,34 @@ fn check_moving(read: &mut Read, rotors: &[usize]) -> Result<()> {
             let remedy = "Give it an <inertial>, make the joint fixed, or declare the link a rotor.";
             return Err(fault(&read.file, place, rule, remedy));
         }
-        let rule = format!("a {} joint that is no rotor's is held at zero", joint.kind);
-        warnings.push((joint.line, format!("joint '{}'", clean(&joint.name)), rule));
+        let element = format!("joint '{}'", clean(&joint.name));
+        match (joint.kind.as_str(), read.bodies.get(joint.parent)) {
+            // so a file says that a vehicle is free
+            ("floating", Some(parent)) if parent.is_world() => {}
+            ("floating", _) => {
+                let rule =
+                    "a floating joint under a link that moves: what hangs on it is a body of its own".to_string();
+                let remedy = "It is welded here: use two files, or make the joint fixed. Only a root link called 'world' lets \
+                              others float.";
+                warnings.push((joint.line, element, rule, remedy));
+            }
+            (kind, _) => {
+                let remedy = "Import it as a model (import_model_file) to let it move, or make it fixed.";
+                warnings.push((
+                    joint.line,
+                    element,
+                    format!("a {kind} joint that is no rotor's is held at zero"),
+                    remedy,
+                ));
+            }
+        }
     }
     if !held.is_empty() {
         let text = format!("Rotor joints {} are held still: rotor speed is a state of the rotor model.", few(&held));
         read.assumptions.push(text);
     }
-    for (line, element, rule) in warnings {
-        read.warn(line, element, rule, "Import it as a model (import_model_file) to let it move, or make it fixed.");
+    for (line, element, rule, remedy) in warnings {
+        read.warn(line, element, rule, remedy);
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `fence.rs` | sizes and depth, counted before any recursive parser sees the text |
+//! | `input_limits.rs` | sizes and depth, counted before any recursive parser sees the text |
 //! | `schema.rs` | which elements, attributes and numbers URDF has |
 //! | `diagnose.rs` | the text against the schema, with line numbers |
 //! | `tree.rs` | links and joints: duplicates, dangling names, two roots, cycles |
@@ -54,6 +54,7 @@ pub use import::{Import, ImportOptions, import_file, import_text, rotor_file_bes
 pub use input_limits::InputLimits;
 pub use rotors::{RotorEntry, RotorFile};
 
+use super::Oddity;
 use super::vehicle::Vehicle;
 use crate::error::Error;
 
@@ -80,6 +81,14 @@ impl std::fmt::Display for Warning {
             write!(f, ":{line}")?;
         }
         write!(f, ": {}: {}. {}", self.element, self.rule, self.remedy)
+    }
+}
+
+impl Warning {
+    /// What is odd about the vehicle as a whole.
+    fn of(odd: Oddity, file: &str) -> Self {
+        let Oddity { what, rule, remedy } = odd;
+        Self { file: file.to_string(), line: None, element: what, rule, remedy }
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::bodies::{Body, hubs, total_mass};
 use super::diagnose::{Lines, numbers, place};
-use super::recognise::{rotor_links, spacing};
+use super::recognise::{rotor_links, seen_along, spacing};
 use super::schema::LARGEST;
 use super::{Warning, clean, fault, resolve};
 use crate::dynamics::vehicle::{GRAVITY, Rotor};
@@ -149,7 +149,7 @@ impl Properties {
     /// Propellers that would cut each other, but not at half the size, are a diameter written as a radius.
     fn radius(&self, positions: &[nalgebra::Vector3<f64>], assumptions: &mut Vec<String>) -> f64 {
         let radius = self.get("prop_radius");
-        match spacing(positions) {
+        match spacing(&seen_along(&nalgebra::Vector3::z(), positions)) {
             Some(d) if 2.0 * radius > d && radius <= d => {
                 assumptions.push(format!(
                     "Odd: with prop_radius {radius} m the propellers would overlap (hubs {d:.4} m apart), so it is read as \

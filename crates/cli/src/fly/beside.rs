@@ -3,7 +3,7 @@
 use crate::files;
 use crate::page::{Page, length, short};
 use crate::table::{Align, Table, number};
-use omnidrones::error::Result;
+use omnidrones::error::{Error, Result};
 use omnidrones::flight::{FlightLog, FlightSummary};
 use omnidrones_plot::Figure;
 use omnidrones_plot::beside::{Named, beside};
@@ -35,6 +35,15 @@ impl Beside {
     /// Reads a file that `fly --csv` wrote.
     pub fn read(file: &Path) -> Result<Self> {
         files::check_there(file)?;
+        let end = file.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        if let Some(end) = end.filter(|end| matches!(end.as_str(), "npz" | "mcap")) {
+            return Err(Error::Format {
+                file: file.display().to_string(),
+                place: "the file".into(),
+                rule: format!("is {end}, not CSV"),
+                remedy: "Name a flight.csv: omnidrones fly --csv writes what is read.".into(),
+            });
+        }
         Ok(Self { file: file.to_path_buf(), log: FlightLog::read_csv(file)? })
     }
 

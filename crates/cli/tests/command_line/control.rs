@@ -226,7 +226,11 @@ fn what_is_no_earlier_flight_is_refused_before_one_is_flown() {
     let folder = temporary();
     std::fs::write(folder.path().join("other.csv"), "a,b\n1,2\n").expect("written");
     std::fs::write(folder.path().join("cut.csv"), "time [s],position_x [m]\n0,1\n").expect("written");
+    std::fs::write(folder.path().join("semicolon.csv"), "time [s];position_x [m]\n0,5;1,5\n").expect("written");
+    std::fs::write(folder.path().join("flight.npz"), "PK\u{3}\u{4}").expect("written");
     for (file, word) in [
+        ("semicolon.csv", "separates its columns by semicolons"),
+        ("flight.npz", "is npz, not CSV. Name a flight.csv: omnidrones fly --csv writes what is read"),
         ("none.csv", "looked for from"),
         ("other.csv", "no column 'time [s]'"),
         ("cut.csv", "no column 'position_y [m]'"),

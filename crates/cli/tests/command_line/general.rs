@@ -191,6 +191,55 @@ fn import_drafts_rotor_data_once_and_says_what_it_assumed() {
 }
 
 #[test]
+fn import_prints_a_command_that_a_shell_takes() {
+    let folder = temporary();
+    let name = "quad ä's.urdf";
+    std::fs::copy(asset("pocket.urdf"), folder.path().join(name)).expect("copied");
+    let (out, _) = exits(0, folder.path(), &["import", name]);
+    let printed = out.lines().find_map(|line| line.strip_prefix("Fly it: omnidrones fly ")).expect("a command");
+    let echoed = Command::new("sh").args(["-c", &format!("printf %s {printed}")]).output().expect("a shell");
+    assert_eq!(text(&echoed.stdout), name, "{printed}");
+    let (out, _) = exits(0, folder.path(), &["import", &asset("plain_x.urdf"), "--out", "new", "--draft"]);
+    assert!(out.contains("plain_x.urdf --rotors new/plain_x.rotors.toml"), "{out}");
+}
+
+#[test]
+fn units_that_make_no_sense_are_told_by_every_command_before_it_flies() {
+    let folder = temporary();
+    let (toml, _) = exits(0, folder.path(), &["models", "hummingbird", "--toml"]);
+    let grams = toml.replace("mass = 0.68", "mass = 680.0").replace("mass = 0.009", "mass = 9.0");
+    assert!(grams != toml);
+    std::fs::write(folder.path().join("grams.toml"), grams).expect("written");
+    let told = "mass: 716 kg on arms of 0.17 m make 146000 kg/m³ over the cube of the arm, above 8000 (steel). \
+                Read as grams, 0.716 kg. Write kilograms and metres.";
+    let (page, _) = exits(0, folder.path(), &["models", "grams.toml"]);
+    assert!(page.contains(&format!("warning {told}")), "{page}");
+    // it cannot hover, which is told after what is the matter
+    let (_, err) = exits(2, folder.path(), &["fly", "grams.toml", "--no-plots", "--duration", "1"]);
+    assert!(err.starts_with(&format!("warning: {told}\n")) && err.contains("error"), "{err}");
+
+    // of a URDF whose rotors are drafted from the same mass, which flies
+    copy(folder.path(), "plain_x", false);
+    let urdf = std::fs::read_to_string(folder.path().join("plain_x.urdf")).expect("read");
+    let heavy = urdf.replace("mass value=\"0.62\"", "mass value=\"620\"").replace("value=\"0.012\"", "value=\"12\"");
+    assert!(heavy != urdf);
+    std::fs::write(folder.path().join("plain_x.urdf"), heavy).expect("written");
+    let (page, _) = exits(0, folder.path(), &["import", "plain_x.urdf"]);
+    assert!(page.contains("- plain_x.urdf: mass: ") && page.contains("Read as grams, "), "{page}");
+    let (page, err) = exits(0, folder.path(), &["fly", "plain_x.urdf", "--no-plots", "--duration", "1"]);
+    assert!(err.starts_with("warning: mass: ") && page.contains("warning plain_x.urdf: mass: "), "{err}\n{page}");
+    let flown = json(0, folder.path(), &["fly", "plain_x.urdf", "--no-plots", "--duration", "1", "--json"]);
+    let warnings = flown["source"]["warnings"].as_array().expect("a list");
+    assert!(warnings.iter().any(|w| w.as_str().is_some_and(|w| w.contains("Read as grams"))), "{flown}");
+
+    // and nothing of those that are built in
+    for name in omnidrones::dynamics::vehicles::names() {
+        let (page, err) = exits(0, folder.path(), &["models", name]);
+        assert!(!page.contains("warning") && err.is_empty(), "{page}\n{err}");
+    }
+}
+
+#[test]
 fn import_writes_one_vehicle_file_that_flies_the_same() {
     let folder = temporary();
     copy(folder.path(), "pocket", false);
@@ -297,8 +346,10 @@ fn unusable_input_names_value_limit_and_remedy_and_exits_with_2() {
         ("fly crazyflie --gains published", "nobody published gains for 'crazyflie'"),
         ("fly --reference bad.toml", "unknown field `radios`"),
         ("fly --max-rmse -1", "--max-rmse is -1"),
-        ("fly missing.urdf", "missing.urdf: No such file"),
-        ("fly missing.toml", "missing.toml: No such file"),
+        ("fly missing.urdf", "missing.urdf: No such file: looked for from"),
+        ("fly missing.toml", "missing.toml: No such file: looked for from"),
+        ("fly not.urdf --rotors missing.toml", "missing.toml: No such file: looked for from"),
+        ("import not.urdf --rotors missing.toml", "missing.toml: No such file: looked for from"),
         ("fly folder.toml", "folder.toml: the file: is not a regular file"),
         ("fly empty.toml", "missing field"),
         ("fly not.urdf", "not.urdf: line 1"),
