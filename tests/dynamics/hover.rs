@@ -51,7 +51,7 @@ fn a_rotor_that_leans_by_any_angle_is_held_by_a_vehicle_that_leans() {
                 let (off, lean) = (left(&vehicle, &hover), hover.lean().to_degrees());
                 // measured: 7e-16 where it leans; what counts as level leaves 4e-11 of 1e-8°
                 assert!(off < 1e-9, "{degrees}° {six}: {off:e}");
-                assert!(lean < degrees && hover.reserve > 0.1, "{degrees}°: leans by {lean}°, {hover:?}");
+                assert!(lean < degrees && hover.reserve > 0.08, "{degrees}°: leans by {lean}°, {hover:?}");
                 assert!(hover.is_level() || off < 1e-14, "{degrees}°: {off:e}");
                 assert_eq!(hover.is_level(), degrees < 1e-6, "{degrees}°: {hover:?}");
             }
