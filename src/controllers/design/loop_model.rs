@@ -14,6 +14,7 @@ use crate::controllers::controller::Target;
 use crate::controllers::law::{ControlLaw, Running};
 use crate::controllers::linear::dense::{Complexes, complex_spectral_radius};
 use crate::controllers::linear::disk::{bound_at, disk_margin_of, folded_disk_margin_of};
+use crate::controllers::linear::state_space::{beside, stacked};
 use crate::controllers::linear::swept::Swept;
 use crate::controllers::linear::{DiskMargin, Signal, StateSpace, eigenvalues, minimal, spectral_radius};
 use crate::dynamics::Disturbance;
@@ -155,8 +156,24 @@ impl LoopModel {
     /// # Errors
     /// Where eigenvalues are not found.
     pub fn poles(&self) -> Result<Vec<Complex<f64>>> {
+        eigenvalues(&self.over_a_period())
+    }
+
+    /// A of all steps of a period together.
+    pub(super) fn over_a_period(&self) -> DMatrix<f64> {
         let n = self.n_state();
-        eigenvalues(&self.steps.iter().fold(DMatrix::identity(n, n), |all, step| &step.a * all))
+        self.steps.iter().fold(DMatrix::identity(n, n), |all, step| &step.a * all)
+    }
+
+    /// The vehicle in its first step, in which all levels of the controller compute: its inputs are all that acts on it, commands and
+    /// memory; its outputs all that is made of it.
+    pub(super) fn vehicle(&self) -> Result<StateSpace> {
+        let (step, own, n) = (&self.steps[0], self.measurements.len(), self.n_state());
+        let a = step.a.view((0, 0), (own, own)).into_owned();
+        let b = beside(&step.a.view((0, own), (own, n - own)).into_owned(), &step.by_command.rows(0, own).into_owned());
+        let c = stacked(&step.a.view((own, 0), (n - own, own)).into_owned(), &step.commanded.columns(0, own).into_owned());
+        let d = DMatrix::zeros(c.nrows(), b.ncols());
+        StateSpace::new(a, b, c, d, Some(self.dt))
     }
 
     /// Numbers of the state of the loop's error.
@@ -164,20 +181,11 @@ impl LoopModel {
         self.steps[0].a.nrows()
     }
 
-    /// S of all commands over a period, with what is neither reached nor seen.
-    pub(super) fn all_commands(&self) -> Result<StateSpace> {
-        self.lifted(Point::Commands)
-    }
-
     /// S at a point, over a period: inputs and outputs step by step. What is neither reached nor seen there is left out.
     ///
     /// # Errors
     /// [`Error::Value`] for a point that the loop does not have, or where singular values are not found.
     pub fn sensitivity(&self, point: Point) -> Result<StateSpace> {
-        minimal(&self.lifted(point)?, WEAK)
-    }
-
-    fn lifted(&self, point: Point) -> Result<StateSpace> {
         let (n, signals) = (self.n_state(), self.signals(point)?);
         let width = signals.len();
         let all = width * self.period();
@@ -209,7 +217,7 @@ impl LoopModel {
                 },
             )
             .collect();
-        lifted.named(Signal::numbered("x", n), names.clone(), names)
+        minimal(&lifted.named(Signal::numbered("x", n), names.clone(), names)?, WEAK)
     }
 
     /// L at a point, over a period, to be closed with −1 (−I): S⁻¹ − I.

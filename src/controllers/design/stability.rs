@@ -7,10 +7,11 @@
 
 use super::loop_model::LoopModel;
 use crate::controllers::linear::dense::eigenvectors;
-use crate::controllers::linear::structure::{Hidden, ON_CIRCLE, parts};
-use crate::controllers::linear::{Signal, StateSpace};
+use crate::controllers::linear::eigenvalues;
+use crate::controllers::linear::state_space::blocks;
+use crate::controllers::linear::structure::{ON_CIRCLE, Parts};
 use crate::error::Result;
-use nalgebra::Complex;
+use nalgebra::{Complex, DMatrix};
 use serde::Serialize;
 
 /// How a loop behaves when it is left alone.
@@ -69,20 +70,25 @@ impl LoopModel {
         if settles(&self.poles()?) {
             return Ok(Stability::Stable);
         }
-        let all = self.all_commands()?;
-        let period = self.dt * self.period() as f64;
-        let (hidden, poles) = parts(&all)?;
+        let (own, n, period) = (self.measurements.len(), self.n_state(), self.dt * self.period() as f64);
+        let parts = Parts::of(&self.vehicle()?)?;
         let mut unsettled = Vec::new();
-        for lasting in hidden.into_iter().flatten() {
+        for lasting in parts.lasting.iter().flatten() {
             let largest = lasting.poles[0];
             if largest.norm() > 1.0 + rounding(lasting.poles.len()) {
-                return Ok(Stability::unstable(largest, period));
+                return Ok(Stability::unstable(largest, self.dt));
             }
-            unsettled.extend(self.of_the_vehicle(&lasting));
+            unsettled.extend(lasting.names(&self.measurements));
         }
+        let all = self.over_a_period();
+        let memory = DMatrix::identity(n - own, n - own);
+        let diagonal = |m: &DMatrix<f64>| {
+            blocks(m, &DMatrix::zeros(m.nrows(), n - own), &DMatrix::zeros(n - own, m.ncols()), &memory)
+        };
+        let poles = eigenvalues(&(diagonal(&parts.to) * &all * diagonal(&parts.back)))?;
         match poles.first() {
             Some(largest) if largest.norm() > 1.0 + ON_CIRCLE => return Ok(Stability::unstable(*largest, period)),
-            Some(slowest) if !settles(&poles) => unsettled.push(self.most_of(&all, *slowest)?),
+            Some(slowest) if !settles(&poles) => unsettled.extend(self.most_of(&all, *slowest)?),
             _ => (),
         }
         unsettled.sort();
@@ -90,26 +96,14 @@ impl LoopModel {
         Ok(if unsettled.is_empty() { Stability::Stable } else { Stability::Marginal(unsettled) })
     }
 
-    /// The state that takes most part in the motion of a pole.
-    fn most_of(&self, all: &StateSpace, pole: Complex<f64>) -> Result<String> {
-        let (values, right, left) = eigenvectors(all.a())?;
+    /// The state of the vehicle that takes most part in the motion of a pole; none where only the controller's memory does: a sum that
+    /// nothing adds to, or that nobody asks for, does no harm.
+    fn most_of(&self, all: &DMatrix<f64>, pole: Complex<f64>) -> Result<Option<String>> {
+        let (values, right, left) = eigenvectors(all)?;
         let apart = |j: &usize| (values[*j] - pole).norm();
         let mode = (0..values.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0);
         let share = |i: usize| (left[(i, mode)].conj() * right[(i, mode)]).norm();
-        let states = self.states();
-        let most = (0..states.len()).max_by(|a, b| share(*a).total_cmp(&share(*b))).unwrap_or(0);
-        Ok(states[most].name.clone())
-    }
-
-    fn states(&self) -> Vec<Signal> {
-        let memory = (0..self.n_state() - self.measurements.len()).map(|k| Signal::new(format!("memory {k}"), ""));
-        self.measurements.iter().cloned().chain(memory).collect()
-    }
-
-    /// Names of what is not of the controller's memory alone: a sum that nothing adds to, or that nobody asks for, does no harm.
-    fn of_the_vehicle(&self, hidden: &Hidden) -> Vec<String> {
-        let own = self.measurements.len();
-        let names = hidden.names(&self.states()).into_iter().zip(&hidden.directions);
-        names.filter(|(_, direction)| direction.iter().any(|(i, _)| *i < own)).map(|(name, _)| name).collect()
+        let most = (0..values.len()).max_by(|a, b| share(*a).total_cmp(&share(*b))).unwrap_or(0);
+        Ok(self.measurements.get(most).map(|state| state.name.clone()))
     }
 }

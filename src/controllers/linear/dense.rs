@@ -153,10 +153,13 @@ pub(crate) fn singular_values(matrix: &Complexes) -> Vec<f64> {
 /// Singular values of a real matrix with left and right vectors as columns, largest first.
 pub(crate) fn svd(matrix: &DMatrix<f64>) -> Result<(DMatrix<f64>, Vec<f64>, DMatrix<f64>)> {
     let (n, m) = matrix.shape();
-    let Ok(found) = dense(matrix).svd() else { return Err(not_found("singular values")) };
+    // their squares shall neither overflow nor vanish
+    let size = matrix.amax();
+    let unit = if size > 0.0 && size.is_finite() { size } else { 1.0 };
+    let Ok(found) = dense(&(matrix / unit)).svd() else { return Err(not_found("singular values")) };
     let left = DMatrix::from_fn(n, n, |i, j| found.U()[(i, j)]);
     let right = DMatrix::from_fn(m, m, |i, j| found.V()[(i, j)]);
-    Ok((left, found.S().column_vector().iter().copied().collect(), right))
+    Ok((left, found.S().column_vector().iter().map(|v| v * unit).collect(), right))
 }
 
 fn dense(matrix: &DMatrix<f64>) -> Mat<f64> {

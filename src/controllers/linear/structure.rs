@@ -108,13 +108,6 @@ impl Staircase {
         self.rest.tr_mul(&(&self.a * &self.rest))
     }
 
-    /// A and an orthonormal basis of what is reached; the matrix from there to the states.
-    fn reached(&self) -> (DMatrix<f64>, DMatrix<f64>) {
-        let a = self.reached.tr_mul(&(&self.a * &self.reached));
-        let back = DMatrix::from_fn(self.scale.len(), a.nrows(), |i, j| self.scale[i] * self.reached[(i, j)]);
-        (a, back)
-    }
-
     fn hidden(&self) -> Result<Hidden> {
         let poles = eigenvalues(&self.own())?;
         let directions = combinations(&self.in_own_units(&self.rest), &self.scale);
@@ -182,17 +175,33 @@ fn combinations(basis: &DMatrix<f64>, weight: &[f64]) -> Vec<Vec<(usize, f64)>> 
     (0..pivots.len()).map(combination).collect()
 }
 
-/// What does not decay of a sampled system whose inputs are alone what moves it, and whose outputs are alone what is asked of
-/// it: what inputs do not move, then what else outputs do not show; and the poles of the rest.
-pub(crate) fn parts(system: &StateSpace) -> Result<([Option<Hidden>; 2], Vec<Complex<f64>>)> {
-    let outer = Staircase::of(system.a(), system.b())?;
-    let (a, back) = outer.reached();
-    let inner = Staircase::of(&a.transpose(), &(system.c() * &back).transpose())?;
-    let unseen = inner.lasting_basis()?.map(|(poles, basis)| {
-        let weight: Vec<f64> = outer.scale.iter().map(|s| 1.0 / s).collect();
-        Hidden { reached: inner.reached.ncols(), poles, directions: combinations(&(back * basis), &weight) }
-    });
-    Ok(([outer.lasting()?, unseen], eigenvalues(&inner.reached().0)?))
+/// A sampled system, taken apart.
+pub(crate) struct Parts {
+    /// What does not decay and inputs do not move, then what else does not decay and outputs do not show.
+    pub lasting: [Option<Hidden>; 2],
+    /// To the coordinates of what is both reached and shown, and back to states.
+    pub to: DMatrix<f64>,
+    pub back: DMatrix<f64>,
+}
+
+impl Parts {
+    pub fn of(system: &StateSpace) -> Result<Self> {
+        let outer = Staircase::of(system.a(), system.b())?;
+        let diagonal = |values: Vec<f64>| DMatrix::from_diagonal(&values.into());
+        let inverse = |scale: &[f64]| diagonal(scale.iter().map(|s| 1.0 / s).collect());
+        let (to, back) = (outer.reached.transpose() * inverse(&outer.scale), diagonal(outer.scale.clone()) * &outer.reached);
+        let (a, c) = (&to * system.a() * &back, system.c() * &back);
+        let inner = Staircase::of(&a.transpose(), &c.transpose())?;
+        let unseen = inner.lasting_basis()?.map(|(poles, basis)| {
+            let weight: Vec<f64> = outer.scale.iter().map(|s| 1.0 / s).collect();
+            Hidden { reached: inner.reached.ncols(), poles, directions: combinations(&(&back * basis), &weight) }
+        });
+        Ok(Self {
+            lasting: [outer.lasting()?, unseen],
+            to: inner.reached.transpose() * diagonal(inner.scale.clone()) * to,
+            back: back * inverse(&inner.scale) * &inner.reached,
+        })
+    }
 }
 
 fn scaled(value: f64, power: f64) -> f64 {
